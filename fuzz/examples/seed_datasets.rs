@@ -1,6 +1,5 @@
-//! Writes the small models of gs-io's tests as each target's first corpus.
-//!
-//! `cargo run --example seed_datasets`, in the folder `fuzz`.
+//! Writes the small models of gs-io's tests as each target's first corpus: `cargo run --example
+//! seed_datasets`, in this folder.
 
 use std::{fs, io, path::Path};
 
@@ -18,7 +17,7 @@ fn main() -> io::Result<()> {
         let parameters = camera.parameters.iter().flat_map(|v| v.to_le_bytes());
         write("lens", &std::iter::once(camera.model.id() as u8).chain(parameters).collect::<Vec<u8>>())?;
     }
-    let frame = r#"{"file_path": "./a.png", "transform_matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,4],[0,0,0,1]]}"#;
+    let pass = r#"{"file_path": "./a.png", "transform_matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,4],[0,0,0,1]]}"#;
     for camera in [
         r#""fl_x": 30, "w": 20, "h": 10, "k1": 0.01, "p1": -0.002, "camera_model": "OPENCV""#,
         r#""camera_angle_x": 0.7, "is_fisheye": true, "k2": -0.02, "applied_scale": 2.0, "test_filenames": ["a.png"]"#,

@@ -1,6 +1,5 @@
-//! Writes the small files of gs-io's tests as each target's first corpus.
-//!
-//! `cargo run --example seed_scenes`, in the folder `fuzz`.
+//! Writes the small files of gs-io's tests as each target's first corpus: `cargo run --example
+//! seed_scenes`, in this folder.
 
 use std::{fs, io, path::Path};
 

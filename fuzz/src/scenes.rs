@@ -1,4 +1,4 @@
-//! What the targets that draw scenes do: what gs-conformance says that a backend owes a drawn scene is asked of gs-cpu.
+//! The targets that draw scenes: they check gs-cpu with gs-conformance's requirements.
 
 use std::sync::LazyLock;
 
@@ -12,12 +12,12 @@ static RASTERIZER: LazyLock<CpuRasterizer> = LazyLock::new(|| {
 
 /// A 2D scene from bytes.
 pub fn scene_2d(bytes: &[u8]) {
-    sound(fuzzed::owes(&*RASTERIZER, &fuzzed::scene_2d(bytes)));
+    sound(fuzzed::check_backend(&*RASTERIZER, &fuzzed::scene_2d(bytes)));
 }
 
 /// A 3D scene from bytes.
 pub fn scene_3d(bytes: &[u8]) {
-    sound(fuzzed::owes(&*RASTERIZER, &fuzzed::scene_3d(bytes)));
+    sound(fuzzed::check_backend(&*RASTERIZER, &fuzzed::scene_3d(bytes)));
 }
 
 fn sound(result: Result<(), Failure>) {

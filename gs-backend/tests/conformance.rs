@@ -9,7 +9,7 @@ const CASES: [&str; 8] = [
     "scenes_come_back",
     "restored_splats_continue_bit_for_bit",
     "fused_steps_match_their_stages",
-    "steps_under_way_are_seen_by_everything",
+    "every_call_sees_pending_steps",
     "noise_moves_means_and_nothing_else",
     "incomplete_targets_are_completed",
     "edits_carry_everything_along",

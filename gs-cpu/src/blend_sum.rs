@@ -5,7 +5,7 @@
 //!
 //! Down a column, w = exp(e₀ − ½ c u²) with u = dy − slope·dx grows by a factor that itself shrinks
 //! by the constant factor exp(−c): two fused multiply-adds a row instead of an exponential. The
-//! recurrence starts afresh every `restart_rows` rows.
+//! recurrence starts again every `restart_rows` rows.
 //!
 //! Legend: K = the sums for a statistic (`collect`); t = w·v_w; S, Sx, Su, Sxx, Sxu, Suu = Σ over
 //! the entry's pixels of t times 1, dx, u, dx², dx·u, u².

@@ -18,6 +18,7 @@ use gs_core::{
 use crate::{
     stage::Stage,
     target::Target,
+    unsupported::unsupported,
     workspace::{Pool, Workspace},
 };
 
@@ -51,7 +52,9 @@ pub trait SceneKind: sealed::Sealed + Scene + 'static {
 
     /// Fails for Adam settings that this kind does not support.
     #[doc(hidden)]
-    fn check_rates(rates: &AdamRates) -> Result<(), Error>;
+    fn check_rates(_rates: &AdamRates) -> Result<(), Error> {
+        Ok(())
+    }
 
     /// Columns and rows of a view's image.
     #[doc(hidden)]
@@ -131,17 +134,21 @@ pub trait SceneKind: sealed::Sealed + Scene + 'static {
 
     /// Fails where the image is not linear in the colours, or no solver exists for this kind.
     #[doc(hidden)]
-    fn check_solve_colors(settings: &RenderSettings) -> Result<(), Error>;
+    fn check_solve_colors(_settings: &RenderSettings) -> Result<(), Error> {
+        Err(unsupported("solving for the colours of 3D scenes"))
+    }
 
     /// Solves for the colours; `workspace` has been prepared.
     #[doc(hidden)]
     fn solve_colors(
-        workspace: &mut Workspace<Self::Own>,
-        splats: &mut Self::Splats,
-        target: &Target,
-        level: Level,
-        iterations: u32,
-    ) -> Result<(), Error>;
+        _workspace: &mut Workspace<Self::Own>,
+        _splats: &mut Self::Splats,
+        _target: &Target,
+        _level: Level,
+        _iterations: u32,
+    ) -> Result<(), Error> {
+        Self::check_solve_colors(&RenderSettings::default())
+    }
 }
 
 /// The part of the splats that both kinds share.

@@ -1,4 +1,5 @@
-//! Adam in `f64` from Kingma & Ba 2015, algorithm 1, with a step count per Gaussian: what a backend's stage `adam` is held against.
+//! Adam in `f64` (Kingma & Ba 2015, algorithm 1) with a step count per Gaussian: the reference for
+//! a backend's stage `adam`.
 
 use gs_core::adam::{AdamRates, Rate};
 
@@ -23,7 +24,7 @@ impl AdamReference {
         Self { steps: vec![0; zeros.len()], first: zeros.clone(), second: zeros, scene }
     }
 
-    /// Goes on from moments and step counts.
+    /// Starts at a scene with these moments and step counts.
     pub fn resumed(scene: OracleScene, first: Vec<Parameters>, second: Vec<Parameters>, steps: Vec<i32>) -> Self {
         Self { scene, first, second, steps }
     }
@@ -36,13 +37,13 @@ impl AdamReference {
         self.scene.gaussians.push(gaussian);
     }
 
-    /// One step of all Gaussians.
+    /// Moves all Gaussians by one step.
     pub fn step(&mut self, gradients: &[Parameters], rates: &AdamRates) {
         let all: Vec<usize> = (0..self.steps.len()).collect();
         self.step_some(&all, gradients, rates);
     }
 
-    /// One step of some Gaussians, by index; the others keep even their step counts.
+    /// Moves some Gaussians by one step, by index. The others keep their step counts, too.
     pub fn step_some(&mut self, which: &[usize], gradients: &[Parameters], rates: &AdamRates) {
         let (floor, ceiling) = (f64::from(rates.min_scale).ln(), f64::from(rates.max_scale).ln());
         for &g in which {
@@ -71,12 +72,12 @@ impl AdamReference {
     }
 }
 
-/// Where the ln-scales are in a row of `length`.
+/// The indices of the ln-scales in a row of `length`.
 fn scales(length: usize) -> std::ops::Range<usize> {
     if length == PARAMETER_NAMES.len() { 2..ROTATION } else { 3..QUATERNION }
 }
 
-/// The rate of the group that parameter `index` of a row of `length` belongs to.
+/// The rate for parameter `index` of a row of `length`.
 pub fn rate_of(index: usize, length: usize, rates: &AdamRates) -> &Rate {
     if length == PARAMETER_NAMES.len() {
         return match index {

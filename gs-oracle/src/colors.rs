@@ -1,5 +1,5 @@
-//! What pixels show, and nothing besides: the same definitions as [`pixel`](super::pixel), without the analysis of roundings and without
-//! derivatives, for scenes of so many Gaussians that a pixel should not take milliseconds.
+//! Colours of pixels by the definitions of [`pixel`](super::pixel), without derivatives and without
+//! an analysis of roundings: fast enough for scenes of many Gaussians.
 
 use gs_core::{
     RenderSettings,
@@ -10,7 +10,9 @@ use gs_core::{
 use super::{Oracle, OracleView, Projection, Splat, pixel::cut_of};
 
 impl<V: OracleView> Oracle<V> {
-    /// The colours, not clamped, of the pixels in these columns and rows, of Gaussians that [`Self::project`] has projected.
+    /// The unclamped colours of the pixels in these columns and rows.
+    ///
+    /// `projected` is the result of [`Self::project`].
     pub fn colors_at(&self, projected: &[Projection<V::Splat>], pixels: &[[u32; 2]]) -> Vec<[f64; 3]> {
         pixels.iter().map(|&[x, y]| self.color(projected, [f64::from(x) + 0.5, f64::from(y) + 0.5])).collect()
     }

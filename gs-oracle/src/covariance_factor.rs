@@ -1,5 +1,8 @@
-//! Adam in `f64` in the covariance factors of 3D Gaussians, as [`Parameterization::CovarianceFactor`](gs_core::Parameterization::CovarianceFactor) defines it: Σ = M Mᵀ,
-//! μ ← μ + M ξ, M ← M (I + η + η²/2). The axes of M are found by way of Σ's eigenvectors, and gradients by η from those by Σ.
+//! Adam in `f64` on the covariance factors of 3D Gaussians.
+//!
+//! [`Parameterization::CovarianceFactor`](gs_core::Parameterization::CovarianceFactor) defines it:
+//! Σ = M Mᵀ, μ ← μ + M ξ, M ← M (I + η + η²/2). The axes of M come from the eigenvectors of Σ, and
+//! gradients by η from those by Σ.
 
 use glam::{DMat3, DQuat, DVec3};
 use gs_core::{
@@ -9,13 +12,13 @@ use gs_core::{
 
 use super::parameters::{OracleScene, Parameters, QUATERNION, SPATIAL_OPACITY, SPATIAL_SH};
 
-/// Numbers that move the geometry: ξ, and η₀₀, η₀₁, η₀₂, η₁₁, η₁₂, η₂₂.
+/// Count of the numbers that move the geometry: ξ, and η₀₀, η₀₁, η₀₂, η₁₁, η₁₂, η₂₂.
 const STEPS: usize = 9;
 
-/// Which entries of η a number of a step is.
+/// Row and column in η of each of its six numbers.
 const ENTRIES: [(usize, usize); 6] = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
 
-/// A 3D Gaussian in its own factor, with its moments.
+/// A 3D Gaussian with its covariance factor and moments.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FactoredReference {
     /// μ.
@@ -24,16 +27,16 @@ pub struct FactoredReference {
     pub factor: DMat3,
     /// The opacity's logit, then the SH coefficients, each R, G, B.
     pub rest: Vec<f64>,
-    /// By ξ 3, η 6, opacity, SH.
+    /// First moments: by ξ 3, η 6, opacity, SH.
     pub first: Vec<f64>,
-    /// The same.
+    /// Second moments.
     pub second: Vec<f64>,
-    /// Steps taken.
+    /// Number of steps.
     pub steps: i32,
 }
 
 impl FactoredReference {
-    /// A row of a scene, with zero moments.
+    /// A Gaussian from a row of a scene, with zero moments.
     pub fn new(row: &Parameters) -> Self {
         let scales = DVec3::from_slice(&row[3..QUATERNION]).map(f64::exp);
         let factor = rotation(row) * DMat3::from_diagonal(scales);
@@ -42,7 +45,9 @@ impl FactoredReference {
         Self { mean: DVec3::from_slice(row), factor, rest, first: zeros.clone(), second: zeros, steps: 0 }
     }
 
-    /// The row of a scene that it is: ln-scales and quaternion are those of Σ's eigenvectors, in the order nearest to M's columns.
+    /// The Gaussian as a row of a scene.
+    ///
+    /// Ln-scales and quaternion come from Σ's eigenvectors, in the order nearest to M's columns.
     pub fn row(&self) -> Parameters {
         let (axes, variances) = eigenvectors(self.factor * self.factor.transpose());
         let q = DQuat::from_mat3(&axes);
@@ -51,7 +56,10 @@ impl FactoredReference {
         geometry.chain(self.rest.iter().copied()).collect()
     }
 
-    /// One step along `gradient`, which is by the numbers of `row`: a row of this Gaussian with some order and sign of its axes.
+    /// Moves by one step along `gradient`.
+    ///
+    /// The gradient is by the numbers of `row`, a row of this Gaussian with any order and sign of
+    /// axes.
     pub fn step(&mut self, row: &Parameters, gradient: &Parameters, rates: &AdamRates) {
         self.steps += 1;
         let by_xi = self.factor.transpose() * DVec3::from_slice(gradient);
@@ -71,7 +79,7 @@ impl FactoredReference {
         self.rest.iter_mut().zip(&moved[STEPS..]).for_each(|(value, moved)| *value -= moved);
     }
 
-    /// Moves scales that are out of their bounds to them, along the axes that they have.
+    /// Clamps the scales to their bounds, with the same axes.
     fn bound(&mut self, floor: f64, ceiling: f64) {
         let (axes, variances) = eigenvectors(self.factor * self.factor.transpose());
         let scales = variances.map(f64::sqrt);
@@ -81,7 +89,7 @@ impl FactoredReference {
         }
     }
 
-    /// What number `i` of a step moves by along the negative of its slope.
+    /// The change of number `i` in a step along `slope`.
     fn moved(&mut self, i: usize, slope: f64, rates: &AdamRates) -> f64 {
         let Rate { learning_rate, beta1, beta2 } = *rate_of(i, rates);
         let [rate, beta1, beta2] = [learning_rate, beta1, beta2].map(f64::from);
@@ -92,12 +100,13 @@ impl FactoredReference {
         rate * m / (v.sqrt() + f64::from(rates.epsilon))
     }
 
-    /// 2 Mᵀ (∂L/∂Σ) M, where ∂L/∂Σ is what gives these slopes by ln-scales and quaternion.
+    /// 2 Mᵀ (∂L/∂Σ) M, with ∂L/∂Σ from the gradient by ln-scales and quaternion.
     fn by_eta(&self, row: &Parameters, gradient: &Parameters) -> [f64; 6] {
         let axes = rotation(row);
         let [a, b, c] = [3, 4, 5].map(|i| (2.0 * row[i]).exp());
         let [by_a, by_b, by_c] = [3, 4, 5].map(|i| gradient[i]);
-        // d(ln s) moves s² along its axis by 2 s²; a turn about an axis moves Σ by the difference of the other two variances.
+        // d(ln s) changes s² along its axis by 2 s². A rotation about an axis changes Σ by the
+        // difference of the other two variances.
         let turn = axes.transpose() * by_turn(row, gradient);
         let (xy, yz, zx) = (turn.z / (a - b), turn.x / (b - c), turn.y / (c - a));
         let by_sigma = DMat3::from_cols_array_2d(&[
@@ -111,8 +120,8 @@ impl FactoredReference {
     }
 }
 
-/// A scene of such Gaussians.
-pub fn framed_scene(gaussians: &[FactoredReference]) -> OracleScene {
+/// The Gaussians as a scene.
+pub fn factored_scene(gaussians: &[FactoredReference]) -> OracleScene {
     OracleScene { gaussians: gaussians.iter().map(FactoredReference::row).collect() }
 }
 
@@ -135,13 +144,14 @@ fn rotation(row: &Parameters) -> DMat3 {
     DMat3::from_quat(quaternion(row).normalize())
 }
 
-/// The slope by a turn about the world's axes: each moves q along ½ (0, axis) q.
+/// The gradient by a rotation about the world's axes: each moves q along ½ (0, axis) q.
 fn by_turn(row: &Parameters, gradient: &Parameters) -> DVec3 {
     let (q, by_q) = (quaternion(row), quaternion(gradient));
     DVec3::from_array(DVec3::AXES.map(|axis| 0.5 * by_q.dot(DQuat::from_xyzw(axis.x, axis.y, axis.z, 0.0) * q)))
 }
 
-/// The eigenvectors of a symmetric matrix, a rotation's columns, and its eigenvalues, by Jacobi's method.
+/// The eigenvectors of a symmetric matrix, a rotation's columns, and its eigenvalues, by Jacobi's
+/// method.
 fn eigenvectors(mut matrix: DMat3) -> (DMat3, DVec3) {
     let mut axes = DMat3::IDENTITY;
     for _ in 0..60 {
@@ -155,7 +165,7 @@ fn eigenvectors(mut matrix: DMat3) -> (DMat3, DVec3) {
             break;
         }
         let angle = 0.5 * (2.0 * m[i][j]).atan2(m[i][i] - m[j][j]);
-        // The smaller of the two turns that make the entry 0 leaves the axes in their order.
+        // Two rotations make the entry 0. The smaller one keeps the order of the axes.
         let quarter = std::f64::consts::FRAC_PI_2;
         let angle = if angle.abs() > 0.5 * quarter { angle - quarter.copysign(angle) } else { angle };
         let (sin, cos) = angle.sin_cos();
@@ -189,9 +199,9 @@ mod tests {
         assert!((rotation(&again.row()).determinant() - 1.0).abs() < 1e-14);
     }
 
-    /// Of any smooth function of Σ, the slopes by η are central differences.
+    /// For any smooth function of Σ, the gradient by η equals central differences.
     #[test]
-    fn slopes_by_a_stretch_are_central_differences() {
+    fn gradients_by_eta_are_central_differences() {
         let weights =
             DMat3::from_cols(DVec3::new(0.4, 0.1, -0.3), DVec3::new(0.1, 0.7, 0.2), DVec3::new(-0.3, 0.2, 0.5));
         let loss = |g: &FactoredReference| {

@@ -1,15 +1,17 @@
-//! The best colours for a target under `Sum`, by dense normal equations: what a backend's `solve_colors` is held against.
+//! The best colours for a target under `Sum` by dense normal equations: the reference for a
+//! backend's `solve_colors`.
 
 use gs_core::{Error, Image, effects::Blend};
 
 use super::{COLOR, Oracle, OracleScene};
 
-/// The scene with the colours that minimise Σ (C − Y)², all else fixed; colours of Gaussians that touch no pixel are kept.
+/// The scene with the colours that minimise Σ (C − Y)². Gaussians that touch no pixel keep theirs.
 ///
 /// Normal equations (Aᵀ A) c = Aᵀ (Y − background), A the weights, solved by Gaussian elimination.
 ///
 /// # Errors
-/// [`Error::Unsupported`] under another blending than `Sum`; [`Error::SizesDiffer`] where the target has not the canvas's size.
+/// [`Error::Unsupported`] for any blending but `Sum`; [`Error::SizesDiffer`] if the target does not
+/// have the canvas's size.
 pub fn best_colors(oracle: &Oracle, scene: &OracleScene, target: &Image) -> Result<OracleScene, Error> {
     oracle.check_target(target)?;
     let settings = oracle.settings();
@@ -40,7 +42,8 @@ pub fn best_colors(oracle: &Oracle, scene: &OracleScene, target: &Image) -> Resu
     Ok(best)
 }
 
-/// Gauss–Jordan elimination with partial pivoting: leaves the solutions in the columns after the square.
+/// Gauss–Jordan elimination with partial pivoting: leaves the solutions in the columns after the
+/// square.
 fn eliminate(rows: &mut [Vec<f64>]) {
     for column in 0..rows.len() {
         let pivot = (column..rows.len()).max_by(|&a, &b| rows[a][column].abs().total_cmp(&rows[b][column].abs()));

@@ -33,7 +33,7 @@ use gs_core::{
 
 pub use self::{
     adam::{AdamReference, rate_of},
-    covariance_factor::{FactoredReference, framed_scene},
+    covariance_factor::{FactoredReference, factored_scene},
     least_squares::best_colors,
     parameters::{
         COLOR, OPACITY, OracleScene, PARAMETER_NAMES, Parameters, QUATERNION, ROTATION, SPATIAL_OPACITY, SPATIAL_SH,
@@ -47,14 +47,16 @@ pub use self::{
 };
 use self::{pixel::Pixel, splat::Share};
 
-/// Most roundings that an image, a loss or a gradient may be off.
+/// Tolerance of images, losses and gradients, in roundings.
 ///
-/// Worst measured, gs-cpu at four SIMD levels and gs-wgpu with three kinds of kernels, 30 scenes of each kind and blend (24 Gaussians on
-/// 35×26 px): images 5.6, which are 5.7e-6; gradients 14.2 (`Opaque` under `Over`, L1), 9.2 (the same, L2), 5.2 (all else), all within
-/// 1.8e-4 of the largest by the same parameter. `cargo run -p gs-conformance --example worst_cases` measures it.
+/// Largest deviations over 30 scenes of each kind and blend (24 Gaussians on 35×26 px), with gs-cpu
+/// at four SIMD levels and gs-wgpu with three kinds of kernels: images 5.6 (5.7e-6); gradients 14.2
+/// (`Opaque` under `Over`, L1), 9.2 (the same, L2) and 5.2 (all others), all within 1.8e-4 of the
+/// largest gradient by the same parameter. `cargo run -p gs-conformance --example worst_cases`
+/// measures them.
 pub const ROUNDINGS: f64 = 24.0;
 
-/// A decision is near when its value is within this, relative, of its threshold (or within [`ROUNDINGS`], where that is more).
+/// Relative distance from its threshold within which a decision is near; at least [`ROUNDINGS`].
 pub const NEAR_CUT: f64 = 1e-3;
 
 /// Renders scenes through one view with one set of settings, and differentiates the result.
@@ -73,13 +75,13 @@ pub struct Rendering {
     pub height: u32,
     /// RGB, not clamped.
     pub pixels: Vec<[f64; 3]>,
-    /// What `f32` may change each value by, in roundings: the tolerance is a multiple of it.
+    /// Uncertainty of each value in `f32`, in roundings. The tolerance is a multiple of it.
     pub rounding: Vec<[f64; 3]>,
-    /// What decisions within rounding of their threshold may change each value by; 0 at all but a few pixels.
+    /// Change of each value by decisions within rounding of their threshold; 0 at most pixels.
     pub flip: Vec<[f64; 3]>,
-    /// Gaussians left out, by cause; `outside` are those without a pixel centre above the cut.
+    /// Number of culled Gaussians by cause; `outside`: no pixel centre is above the cut.
     pub culled: Culled,
-    /// Whether each Gaussian counts at some pixel, `[N]`.
+    /// Whether each Gaussian contributes to some pixel, `[N]`.
     pub drawn: Vec<bool>,
 }
 
@@ -88,15 +90,15 @@ pub struct Rendering {
 pub struct Gradients {
     /// The loss.
     pub loss: f64,
-    /// What `f32` may change the loss by, in roundings.
+    /// Uncertainty of the loss in `f32`, in roundings.
     pub loss_rounding: f64,
-    /// What decisions within rounding may change the loss by.
+    /// Change of the loss by decisions within rounding.
     pub loss_flip: f64,
     /// ∂L/∂(parameter), `[N]`.
     pub values: Vec<Parameters>,
-    /// What `f32` may change each by, in roundings, `[N]`.
+    /// Uncertainty of each gradient in `f32`, in roundings, `[N]`.
     pub rounding: Vec<Parameters>,
-    /// What decisions within rounding may change each by, `[N]`.
+    /// Change of each gradient by decisions within rounding, `[N]`.
     pub flip: Vec<Parameters>,
 }
 
@@ -120,20 +122,20 @@ impl<V: OracleView> Oracle<V> {
     /// An oracle for one view.
     ///
     /// # Errors
-    /// [`Error::Size`] or [`Error::Setting`] for an impossible view or settings; [`Error::Unsupported`] for effects that there are no
-    /// definitions of.
+    /// [`Error::Size`] or [`Error::Setting`] for an invalid view or settings;
+    /// [`Error::Unsupported`] for effects without a definition here.
     pub fn new(view: V, settings: RenderSettings) -> Result<Self, Error> {
         settings.validate()?;
         view.check(&settings)?;
         Ok(Self { view, settings })
     }
 
-    /// The view it looks through.
+    /// The view.
     pub fn view(&self) -> V {
         self.view
     }
 
-    /// The settings it renders with.
+    /// The settings.
     pub fn settings(&self) -> RenderSettings {
         self.settings
     }
@@ -143,13 +145,14 @@ impl<V: OracleView> Oracle<V> {
         self.rendering(scene, &self.blend(scene, Lean::Exact))
     }
 
-    /// Whether a Gaussian, were it alone, would count at each pixel, `[H · W]`; where that is within rounding, it is said to.
+    /// Whether a single Gaussian would contribute to each pixel, `[H · W]`; true if within
+    /// rounding.
     pub fn footprint(&self, gaussian: &Parameters) -> Vec<bool> {
         let alone = OracleScene { gaussians: vec![gaussian.clone()] };
         self.blend(&alone, Lean::More).iter().map(|pixel| pixel.near > 0 || pixel.touched().next().is_some()).collect()
     }
 
-    /// What each Gaussian is on the image, or why it is left out by a guard; `[N]`.
+    /// The projection of each Gaussian, or the reason why it is culled; `[N]`.
     pub fn project(&self, scene: &OracleScene) -> Vec<Projection<V::Splat>> {
         scene.gaussians.iter().map(|g| self.view.project(g, &self.settings, Lean::Exact)).collect()
     }
@@ -157,7 +160,7 @@ impl<V: OracleView> Oracle<V> {
     /// The loss of a scene, without its gradients.
     ///
     /// # Errors
-    /// [`Error::SizesDiffer`] where the target has not the view's size.
+    /// [`Error::SizesDiffer`] if the target does not have the view's size.
     pub fn loss(&self, scene: &OracleScene, target: &Image, loss: &Loss) -> Result<f64, Error> {
         self.check_target(target)?;
         let image = self.render(scene);
@@ -168,7 +171,7 @@ impl<V: OracleView> Oracle<V> {
     /// The loss of a scene and its gradients with respect to every parameter.
     ///
     /// # Errors
-    /// [`Error::SizesDiffer`] where the target has not the view's size.
+    /// [`Error::SizesDiffer`] if the target does not have the view's size.
     pub fn gradients(&self, scene: &OracleScene, target: &Image, loss: &Loss) -> Result<Gradients, Error> {
         self.check_target(target)?;
         let exact = self.blend(scene, Lean::Exact);
@@ -200,7 +203,7 @@ impl<V: OracleView> Oracle<V> {
             rounding,
             flip: scene.gaussians.iter().map(|g| vec![0.0; g.len()]).collect(),
         };
-        // A second opinion from either side: every decision within rounding taken the other way.
+        // Again with every decision within rounding taken to either side.
         for (lean, direction) in [(Lean::More, 1.0), (Lean::Fewer, -1.0)] {
             let other = self.blend(scene, lean);
             let pixels: Vec<_> = other.iter().map(|pixel| pixel.color).collect();
@@ -272,15 +275,17 @@ impl<V: OracleView> Oracle<V> {
         }
     }
 
-    /// The weights of all Gaussians at every pixel, `[H · W]` lists of (Gaussian, w); [`Blend::Sum`].
+    /// The weights of all Gaussians at every pixel, `[H · W]` lists of (Gaussian, w);
+    /// [`Blend::Sum`].
     fn weights(&self, scene: &OracleScene) -> Vec<Vec<(usize, f64)>> {
         self.blend(scene, Lean::Exact).iter().map(|pixel| pixel.weights().collect()).collect()
     }
 }
 
-/// From what Gaussians are on the image to their parameters.
+/// The Jacobians of the projected Gaussians by their parameters.
 struct Chain {
-    /// ∂(share)/∂(parameters) of each Gaussian, a row for each parameter; zeros where it is left out.
+    /// ∂(share)/∂(parameters) of each Gaussian, a row for each parameter; zeros for culled
+    /// Gaussians.
     jacobians: Vec<Vec<[Rounded; 9]>>,
 }
 
@@ -293,12 +298,13 @@ impl Chain {
         Self { jacobians: jacobians.collect() }
     }
 
-    /// A share of Gaussian `g` in its parameters.
+    /// The gradient by the parameters of Gaussian `g` from that by its share.
     fn parameters(&self, g: usize, share: &Share) -> Parameters {
         self.jacobians[g].iter().map(|row| (0..9).map(|j| row[j].value * share[j]).sum()).collect()
     }
 
-    /// What an uncertain share of one pixel may change [`Self::parameters`] by; see [`Pixel::gradient_rounding`].
+    /// Adds the uncertainty of [`Self::parameters`] from that of one pixel's share; see
+    /// [`Pixel::gradient_rounding`].
     fn add_rounding(&self, g: usize, together: &[Share; 3], own: &Share, rounding: &mut Parameters) {
         for (sum, row) in rounding.iter_mut().zip(&self.jacobians[g]) {
             for part in together {
@@ -308,7 +314,7 @@ impl Chain {
         }
     }
 
-    /// What the uncertain derivatives themselves may change it by.
+    /// Adds the uncertainty from the derivatives themselves.
     fn add_own_rounding(&self, g: usize, share: &Share, rounding: &mut Parameters) {
         for (sum, row) in rounding.iter_mut().zip(&self.jacobians[g]) {
             *sum += (0..9).map(|j| row[j].error * share[j].abs()).sum::<f64>();
@@ -322,7 +328,7 @@ fn add(sums: &mut [Share], shares: &[(usize, Share)]) {
     }
 }
 
-/// What the second list has more than the first, for each Gaussian in either.
+/// The second list minus the first, for each Gaussian in either.
 fn differences(first: &[(usize, Share)], second: &[(usize, Share)]) -> Vec<(usize, Share)> {
     let mut all: std::collections::BTreeMap<usize, Share> = std::collections::BTreeMap::new();
     for (shares, sign) in [(first, -1.0), (second, 1.0)] {

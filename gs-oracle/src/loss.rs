@@ -13,12 +13,13 @@ pub(crate) struct LossAt {
     pub(crate) value: f64,
     /// `[H · W]`.
     pub(crate) v_color: Vec<[f64; 3]>,
-    /// What `f32` may change `v_color` by, in roundings.
+    /// Uncertainty of `v_color` in `f32`, in roundings.
     pub(crate) v_rounding: Vec<[f64; 3]>,
 }
 
-/// Evaluates `loss` for an image of `width` columns that rounding may change by `rounding`. Where |C − Y| has its kink, C is taken
-/// `lean` roundings brighter.
+/// Evaluates `loss` for an image of `width` columns with an uncertainty of `rounding`.
+///
+/// At the kink of |C − Y|, it uses a C that is `lean` roundings brighter.
 pub(crate) fn evaluate(
     loss: &Loss,
     width: usize,

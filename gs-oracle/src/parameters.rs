@@ -1,13 +1,16 @@
-//! Scenes in `f64`: a row of numbers for each Gaussian, so that finite differences can nudge any of them.
+//! Scenes in `f64`: a row of numbers for each Gaussian, so that finite differences can vary any
+//! number.
 
 use gs_core::{Scene, Scene2d, Scene3d};
 
-/// All parameters of one Gaussian. Of 2D scenes: mean x, mean y (px of the plane), ln-scale 1, ln-scale 2 (ln px), rotation (rad),
-/// opacity logit, red, green, blue. Of 3D scenes: mean x, y, z (world units), ln-scale 1 to 3, quaternion w, x, y, z, opacity logit,
-/// then the SH coefficients, each red, green, blue. Also used for whatever exists once per parameter: gradients, moments, tolerances.
+/// All parameters of one Gaussian, or numbers per parameter: gradients, moments, tolerances.
+///
+/// In 2D: mean x, mean y (px of the plane), ln-scale 1, ln-scale 2 (ln px), rotation (rad), opacity
+/// logit, red, green, blue. In 3D: mean x, y, z (world units), ln-scale 1 to 3, quaternion w, x, y,
+/// z, opacity logit, then the SH coefficients, each red, green, blue.
 pub type Parameters = Vec<f64>;
 
-/// What each entry of a 2D Gaussian's [`Parameters`] is.
+/// Names of the entries of a 2D Gaussian's [`Parameters`].
 pub const PARAMETER_NAMES: [&str; 9] =
     ["mean x", "mean y", "ln-scale 1", "ln-scale 2", "rotation", "opacity logit", "red", "green", "blue"];
 
@@ -30,10 +33,10 @@ pub(crate) fn sh_len(row: &[f64]) -> usize {
     row.len().saturating_sub(SPATIAL_SH) / 3
 }
 
-/// A scene as the oracle sees it.
+/// A scene in `f64`.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct OracleScene {
-    /// The Gaussians in order; without stored opacities their logits are +∞.
+    /// The Gaussians in order. Without stored opacities their logits are +∞.
     pub gaussians: Vec<Parameters>,
 }
 
@@ -60,7 +63,7 @@ impl From<&Scene3d> for OracleScene {
     }
 }
 
-/// The gradients that a backend downloaded (a scene of derivatives) as rows; a missing opacity gradient is 0.
+/// A backend's gradients (a scene of derivatives) as rows. A missing opacity gradient is 0.
 pub fn rows_of_gradients(gradients: &Scene2d) -> Vec<Parameters> {
     let mut rows = OracleScene::from(gradients).gaussians;
     if !gradients.has_opacity() {

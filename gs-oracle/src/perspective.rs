@@ -1,8 +1,9 @@
-//! One Gaussian seen through a camera, in `f64`: its centre, precision matrix, depth and colour at the image (paper eq. 4, 5). The way back to
-//! its parameters is in `perspective_bwd`.
+//! The projection of a 3D Gaussian in `f64`: centre, precision matrix, depth and colour on the
+//! image (paper eq. 4, 5). `perspective_bwd` has its derivatives.
 //!
-//! Legend: μ = mean, p = W μ + t, J = the perspective's Jacobian at p with clamped slopes, R = rotation of q/|q|, S = diag(scales),
-//! N = W R S, M′ = J N, Σ = M′ M′ᵀ before antialiasing, Σ′ after; `v_x` = ∂L/∂x.
+//! Legend: μ = mean, p = W μ + t, J = the perspective's Jacobian at p with clamped slopes, R =
+//! rotation of q/|q|, S = diag(scales), N = W R S, M′ = J N, Σ = M′ M′ᵀ before antialiasing, Σ′
+//! after; `v_x` = ∂L/∂x.
 
 use gs_core::{
     Camera, Error, RenderSettings,
@@ -20,7 +21,8 @@ use super::{
 };
 use crate::ROUNDINGS;
 
-/// How far beyond the image's edge slopes are followed, as a share of half the image: 3DGS's 1.3 times the tangent of half the field of view.
+/// Margin beyond the image's edge within which slopes are not clamped, as a share of half the
+/// image: 3DGS's 1.3 times the tangent of half the field of view.
 const MARGIN: f64 = 0.3;
 
 /// Roundings of a term of σ, or of a depth: those of Σ′⁻¹, of the offset, of the products.
@@ -29,8 +31,10 @@ const TERMS: f64 = 2.0;
 /// Roundings of a derivative of σ, in its own terms.
 const OPERATIONS: f64 = 8.0;
 
-/// A Gaussian in pixels of a camera. Its share of a pixel is in its centre u, v, in Σ′ as (uu, uv, vv), where uv stands for both of the
-/// equal entries, in its compensated opacity, and in its colour.
+/// A projected 3D Gaussian, px.
+///
+/// Its share is by its centre u, v, by Σ′ as (uu, uv, vv), where uv stands for both equal entries,
+/// by its compensated opacity, and by its colour.
 #[derive(Debug, Clone)]
 pub struct Splat3d {
     /// u, v, px.
@@ -87,7 +91,7 @@ impl OracleView for Camera {
     }
 }
 
-/// What a camera sees of a Gaussian, or why it is left out.
+/// The projection of a Gaussian, or the reason why it is culled.
 fn projected(camera: &Camera, g: &[f64], effects: Effects, lean: Lean) -> Result<Splat3d, Cause> {
     let finite = g.iter().enumerate().filter(|&(i, _)| i != SPATIAL_OPACITY).all(|(_, v)| v.is_finite());
     if !finite || g[SPATIAL_OPACITY].is_nan() {
@@ -177,7 +181,8 @@ impl Pinhole {
         std::array::from_fn(|i| self.focal[i] * point[i] / point[2] + self.principal[i])
     }
 
-    /// tx, ty at which J is taken: those of p, clamped to the image and its margin; and which of them are clamped.
+    /// The tx, ty of J: those of p, clamped to the image and its margin; and whether each is
+    /// clamped.
     fn slopes(&self, point: &[Rounded; 3]) -> ([Rounded; 2], [bool; 2]) {
         let Self { focal, principal, size, .. } = self;
         let (mut slopes, mut clamped) = ([Rounded::ZERO; 2], [false; 2]);
@@ -204,7 +209,8 @@ impl Pinhole {
         [[fx / z, Rounded::ZERO, -(fx * slopes[0] / z)], [Rounded::ZERO, fy / z, -(fy * slopes[1] / z)]]
     }
 
-    /// Unit vector from the camera to a mean, and how far that is; forward, where the mean is at the camera.
+    /// Unit vector from the camera to a mean, and the distance; forward, if the mean is at the
+    /// camera.
     fn direction(&self, mean: &[Rounded; 3]) -> ([Rounded; 3], Rounded) {
         let position = applied(&transposed(&self.world), &self.translation).map(|v| -v);
         let away: [Rounded; 3] = std::array::from_fn(|i| mean[i] - position[i]);
@@ -258,7 +264,7 @@ struct Covariance {
 }
 
 impl Covariance {
-    /// Of M′ and the centre, which must be finite, too.
+    /// The covariance from M′. The centre must be finite, too.
     fn new(
         footprint: &Matrix<2, 3>,
         center: &[Rounded; 2],
@@ -273,11 +279,11 @@ impl Covariance {
             Antialias::Mip => f64::from(MIP_DILATION_PX2),
         });
         let (uu, uv, vv) = (spread(0, 0), spread(0, 1), spread(1, 1));
-        // Cauchy–Binet: nothing cancels but within a minor.
+        // Cauchy–Binet: cancellation is only possible within a minor.
         let thin = minor(0, 1).squared() + minor(0, 2).squared() + minor(1, 2).squared();
         let determinant = thin + dilation * (uu + vv) + dilation.squared();
         let (wide_uu, wide_vv) = (uu + dilation, vv + dilation);
-        // The product, too: what is finite is so in all that backends make of it.
+        // The product must be finite, too, because backends compute it.
         let guarded = [wide_uu, uv, wide_vv, wide_uu * wide_vv, determinant, center[0], center[1]];
         if !guarded.into_iter().all(Rounded::is_finite) {
             return Err(Cause::NotFinite);
@@ -289,7 +295,8 @@ impl Covariance {
         Ok(Self { spread: [uu, uv, vv], thin, determinant, precision })
     }
 
-    /// ρ = √(det Σ / det Σ′) of Mip and Compensated and ∂ρ/∂Σ, where uv stands for both entries; 1 and 0 without.
+    /// ρ = √(det Σ / det Σ′) of Mip and Compensated and ∂ρ/∂Σ, where uv stands for both entries; 1
+    /// and 0 without.
     fn compensation(&self, antialias: Antialias) -> (Rounded, [Rounded; 3]) {
         let &Self { spread: [uu, uv, vv], thin, determinant, precision } = self;
         if !matches!(antialias, Antialias::Mip | Antialias::Compensated) {
@@ -306,16 +313,16 @@ impl Covariance {
     }
 }
 
-/// How opaque a Gaussian is.
+/// A Gaussian's opacity.
 struct Opacity {
     /// sigmoid(logit), or 1.
     stored: Rounded,
     compensation: Rounded,
     /// ∂(compensation)/∂Σ, where uv stands for both entries.
     compensation_slope: [Rounded; 3],
-    /// What pixels have of it.
+    /// The opacity in pixels.
     shown: Rounded,
-    /// ∂(shown)/∂(what stands for the opacity in a share).
+    /// ∂(shown)/∂(the opacity's entry of a share).
     slope: f64,
 }
 
@@ -334,9 +341,9 @@ impl Opacity {
     }
 }
 
-/// A Gaussian's colour from where the camera is.
+/// A Gaussian's colour as seen from the camera.
 struct Shading {
-    /// Coefficients that are evaluated, `[k][channel]`.
+    /// Evaluated coefficients, `[k][channel]`.
     sh: Vec<[f64; 3]>,
     /// RGB, clamped at 0.
     color: [Rounded; 3],
@@ -350,10 +357,10 @@ impl Shading {
         let sh: Vec<[f64; 3]> =
             (0..evaluated).map(|k| [0, 1, 2].map(|channel| g[SPATIAL_SH + 3 * k + channel])).collect();
         let color = [0, 1, 2].map(|channel| {
-            let harmonics = (0..evaluated)
+            let sum = (0..evaluated)
                 .map(|k| Rounded::exact(sh[k][channel]) * spherical_harmonics::basis(k, direction))
                 .sum::<Rounded>();
-            Rounded::exact(0.5) + harmonics
+            Rounded::exact(0.5) + sum
         });
         if !color.into_iter().all(Rounded::is_finite) {
             return Err(Cause::NotFinite);
@@ -399,8 +406,8 @@ fn rotation_of(&[w, x, y, z]: &[Rounded; 4]) -> Matrix<3, 3> {
 impl Splat for Splat3d {
     /// With q = Σ′⁻¹ d: ∂σ/∂(u, v) = −q and ∂σ/∂Σ′ = −½ q qᵀ.
     ///
-    /// What `f32` may change: the sums of the textbook's formulas, of which needles' are small differences of large terms; and, by first
-    /// order, what the errors of u, v and M′ do together: dσ = −q·d(u, v) − (qᵀ dM′)(M′ᵀ q).
+    /// The uncertainty in `f32` includes the sums of the textbook's formulas, which cancel in
+    /// needles, and to first order the errors of u, v and M′: dσ = −q·d(u, v) − (qᵀ dM′)(M′ᵀ q).
     fn exponent(&self, p: [f64; 2]) -> Exponent {
         let d = self.offset(p);
         let ([qx, qy], magnitude) = self.whitened(d);
@@ -437,7 +444,8 @@ impl Splat for Splat3d {
         &self.appearance
     }
 
-    /// z of the mean; for [`Order::PerPixel`] the mean of z given that the ray goes through `p`, z + cov(z, (u, v)) Σ′⁻¹ d.
+    /// z of the mean; for [`Order::PerPixel`] the mean of z given that the ray goes through `p`,
+    /// z + cov(z, (u, v)) Σ′⁻¹ d.
     fn depth(&self, p: [f64; 2], order: Order) -> Depth {
         let [x, y, z] = self.point;
         let mut origin = [x.value, y.value, z.value, 0.0, 0.0, 0.0, 0.0, 0.0];
@@ -452,7 +460,8 @@ impl Splat for Splat3d {
         let inherited: f64 = (0..2).map(|i| k[i].error * q[i].abs()).sum();
         Depth {
             value: z.value + k[0].value * q[0] + k[1].value * q[1],
-            // The sum is rounded at the size of the depth, however small the slope's share.
+            // The sum has a rounding error relative to the depth, even if the slope's term is
+            // small.
             rounding: z.error + TERMS * F32_ROUNDING * (z.value.abs() + textbook) + inherited,
             origin,
         }

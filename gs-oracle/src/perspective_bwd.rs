@@ -1,6 +1,4 @@
-//! From what a 3D Gaussian is on the image back to its parameters, by hand: the vector-Jacobian product of `perspective`.
-//!
-//! Legend as there.
+//! The vector-Jacobian product of `perspective`, with its legend, derived by hand.
 
 use super::{
     parameters::SPATIAL_SH,
@@ -9,7 +7,7 @@ use super::{
     splat::{COLOR_SHARE, OPACITY_SHARE},
 };
 
-/// What the derivatives need besides.
+/// Intermediate results of `perspective` that the derivatives need.
 #[derive(Debug, Clone)]
 pub(super) struct Chain {
     /// W.
@@ -38,9 +36,9 @@ pub(super) struct Chain {
     /// Unit vector from the camera.
     pub(super) direction: [Rounded; 3],
     pub(super) distance: Rounded,
-    /// Coefficients that are evaluated, `[k][channel]`.
+    /// Evaluated coefficients, `[k][channel]`.
     pub(super) sh: Vec<[f64; 3]>,
-    /// Coefficients that there are.
+    /// Number of stored coefficients.
     pub(super) sh_len: usize,
     /// Channels whose colour is not clamped at 0.
     pub(super) shows: [bool; 3],
@@ -113,7 +111,7 @@ impl Chain {
 
 /// ∂L/∂(w, x, y, z) of the rotation of a unit quaternion from v_R, as if the four were free.
 fn rotation_vjp(&[w, x, y, z]: &[Rounded; 4], v: &Matrix<3, 3>) -> [Rounded; 4] {
-    // The antisymmetric and symmetric parts of v_R are all that counts off the diagonal.
+    // Off the diagonal, only the antisymmetric and symmetric parts of v_R matter.
     let turn = [v[2][1] - v[1][2], v[0][2] - v[2][0], v[1][0] - v[0][1]];
     let [yz, zx, xy] = [v[2][1] + v[1][2], v[0][2] + v[2][0], v[1][0] + v[0][1]];
     [

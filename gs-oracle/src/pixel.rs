@@ -1,8 +1,8 @@
-//! One pixel, all Gaussians: what it shows, what each Gaussian has to do with that, and how near it is to a discontinuity. The same for all
-//! kinds of views.
+//! One pixel and all Gaussians: its colour, each Gaussian's gradient, and the distance to a
+//! discontinuity, for 2D and 3D views alike.
 //!
-//! Legend: w = weight, o = opacity, α = min(o·w, α_max), T = transmittance in front of a Gaussian, B = what is seen behind it,
-//! `v_x` = ∂L/∂x.
+//! Legend: w = weight, o = opacity, α = min(o·w, α_max), T = transmittance in front of a Gaussian,
+//! B = colour behind it, `v_x` = ∂L/∂x.
 
 use gs_core::{
     RenderSettings,
@@ -16,10 +16,10 @@ use super::{
 };
 use crate::{NEAR_CUT, ROUNDINGS};
 
-/// Roundings of one weight besides those of its σ: the exponential, products, sums.
+/// Roundings of a weight in addition to those of its σ: the exponential, products, sums.
 const OPERATIONS: f64 = 8.0;
 
-/// One Gaussian that counts at a pixel.
+/// A Gaussian that contributes to a pixel.
 #[derive(Debug, Clone, Copy)]
 struct Touch {
     index: usize,
@@ -33,7 +33,7 @@ struct Touch {
     value: f64,
     /// `value`, clamped under `Over`.
     alpha: f64,
-    /// Whether the clamp takes the gradient.
+    /// Whether the clamp makes the gradient 0.
     clamped: bool,
     /// T; 1 under `Sum`.
     transmittance: f64,
@@ -43,7 +43,7 @@ struct Touch {
     transmittance_rounding: f64,
 }
 
-/// One Gaussian that may count at a pixel.
+/// A Gaussian that may contribute to a pixel.
 struct Candidate<'s, T> {
     index: usize,
     splat: &'s T,
@@ -63,18 +63,18 @@ pub(crate) struct Pixel {
     touches: Vec<Touch>,
     blend: Blend,
     background: [f64; 3],
-    /// What it shows, background included.
+    /// The colour, background included.
     pub(crate) color: [f64; 3],
-    /// What blending in `f32` may change `color` by, in roundings.
+    /// Uncertainty of `color` in `f32`, in roundings.
     pub(crate) rounding: [f64; 3],
-    /// What decisions that are within rounding may change `color` by.
+    /// Change of `color` by decisions within rounding.
     pub(crate) flip: [f64; 3],
-    /// How many decisions (guard, order, cut, full, clamp) are within rounding.
+    /// Number of decisions (guard, order, cut, full, clamp) within rounding.
     pub(crate) near: u32,
 }
 
 impl Pixel {
-    /// Blends all Gaussians, in the order that the settings ask for, at the pixel centre `p`.
+    /// Blends all Gaussians at the pixel centre `p`, in the order of the settings.
     pub(crate) fn blend<T: Splat>(splats: &[Option<T>], p: [f64; 2], settings: &RenderSettings, lean: Lean) -> Self {
         let background = settings.background_color().map(f64::from);
         let mut pixel = Self {
@@ -109,7 +109,7 @@ impl Pixel {
             if !self.survives_cut(w, 1.0, value_rounding, accuracy, lean, change) {
                 continue;
             }
-            self.take_note(seen.undecided, change);
+            self.count_decision(seen.undecided, change);
             for k in 0..3 {
                 self.color[k] += w * seen.color[k];
                 self.rounding[k] += w * (seen.color[k].abs() * value_rounding + seen.color_rounding[k]);
@@ -143,12 +143,12 @@ impl Pixel {
         let mut run_start = 0;
         for (place, candidate) in candidates.iter().enumerate() {
             let (seen, value, value_rounding) = (candidate.splat.appearance(), candidate.value, candidate.rounding);
-            // Including it or not replaces α of what is behind by its own colour.
+            // This decides whether a share α of the colour behind becomes its own colour.
             let change = brightest.map(|b| 2.0 * t * value * b);
             if !self.survives_cut(value, seen.opacity, value_rounding, accuracy, lean, change) {
                 continue;
             }
-            self.take_note(seen.undecided, change);
+            self.count_decision(seen.undecided, change);
             let alpha = value.min(alpha_max);
             // Here the image is continuous, but the gradient is not.
             let clamp_band = ROUNDINGS * value_rounding;
@@ -160,24 +160,25 @@ impl Pixel {
             let behind_rounding = t_rounding + alpha_rounding * alpha / (1.0 - alpha) + F32_ROUNDING;
             let full_band = NEAR_CUT.max(ROUNDINGS * behind_rounding);
             if (behind - minimum).abs() <= full_band * minimum {
-                self.take_note(true, brightest.map(|b| 2.0 * t * b));
+                self.count_decision(true, brightest.map(|b| 2.0 * t * b));
             }
             if !lean.reaches(behind, minimum, full_band) {
-                // Which of neighbours that may change places fills the pixel decides about all of them.
+                // If neighbours may swap places, the one that fills the pixel decides about all of
+                // them.
                 let next_is_tied = candidates.get(place + 1).is_some_and(|next| next.tied);
                 if candidate.tied || next_is_tied {
                     let first = self.touches.get(run_start).filter(|_| candidate.tied);
                     let before = first.map_or(t, |touch| touch.transmittance);
-                    self.take_note(true, brightest.map(|b| 2.0 * before * b));
+                    self.count_decision(true, brightest.map(|b| 2.0 * before * b));
                 }
                 break;
             }
-            // Two neighbours that change places change the pixel by T αᵢ αⱼ (cᵢ − cⱼ).
+            // Swapping two neighbours changes the pixel by T αᵢ αⱼ (cᵢ − cⱼ).
             run_start = if candidate.tied { run_start } else { self.touches.len() };
             for swapped in run_start..self.touches.len() {
                 let other = self.touches[swapped];
                 let both = other.transmittance * other.alpha * alpha;
-                self.take_note(true, [0, 1, 2].map(|k| both * (other.color[k] - seen.color[k]).abs()));
+                self.count_decision(true, [0, 1, 2].map(|k| both * (other.color[k] - seen.color[k]).abs()));
             }
             for k in 0..3 {
                 let relative = alpha_rounding + t_rounding + F32_ROUNDING;
@@ -206,7 +207,8 @@ impl Pixel {
         }
     }
 
-    /// The cut, taking note where it is within rounding; `change` is what it decides about.
+    /// Applies the cut, and counts decisions within rounding; `change` is the colour that depends
+    /// on it.
     fn survives_cut(
         &mut self,
         value: f64,
@@ -221,24 +223,24 @@ impl Pixel {
         }
         let cut = cut_of(accuracy, opacity);
         let band = NEAR_CUT.max(ROUNDINGS * rounding);
-        self.take_note((value / cut - 1.0).abs() <= band, change);
+        self.count_decision((value / cut - 1.0).abs() <= band, change);
         lean.reaches(value, cut, band)
     }
 
-    /// Counts a decision about `change` that is within rounding.
-    fn take_note(&mut self, within_rounding: bool, change: [f64; 3]) {
+    /// Counts a decision about `change` if it is within rounding.
+    fn count_decision(&mut self, within_rounding: bool, change: [f64; 3]) {
         if within_rounding {
             self.near += 1;
             (0..3).for_each(|k| self.flip[k] += change[k]);
         }
     }
 
-    /// The Gaussians that count.
+    /// The Gaussians that contribute.
     pub(crate) fn touched(&self) -> impl Iterator<Item = usize> + '_ {
         self.touches.iter().map(|touch| touch.index)
     }
 
-    /// (Gaussian, what the pixel shows of it): T α, under `Sum` w.
+    /// (Gaussian, its share of the pixel): T α, under `Sum` w.
     pub(crate) fn shown(&self) -> impl Iterator<Item = (usize, f64)> + '_ {
         self.touches.iter().map(|touch| (touch.index, touch.transmittance * touch.alpha))
     }
@@ -248,9 +250,10 @@ impl Pixel {
         self.touches.iter().map(|touch| (touch.index, touch.value))
     }
 
-    /// This pixel's shares, per Gaussian that counts, from v_C.
+    /// The gradients by the shares of the Gaussians that contribute, from v_C.
     ///
-    /// Under `Over`, C = … + T (α c + (1 − α) B), so v_α = T (c − B) · v_C, with B gathered from the back.
+    /// Under `Over`, C = … + T (α c + (1 − α) B), so v_α = T (c − B) · v_C, with B gathered from
+    /// the back.
     pub(crate) fn gradients(&self, v_color: [f64; 3]) -> Vec<(usize, Share)> {
         let mut behind = self.background;
         let mut shares: Vec<_> = self
@@ -278,10 +281,12 @@ impl Pixel {
         shares
     }
 
-    /// What `f32` may change [`Self::gradients`] by, in roundings, where v_C itself is uncertain by `v_rounding`: parts that change all
-    /// numbers of a share together (what it is multiplied with, and the centre's two coordinates), and a part of each number's own.
+    /// Uncertainty of [`Self::gradients`] in `f32`, in roundings, if v_C is uncertain by
+    /// `v_rounding`.
     ///
-    /// Allows for the usual way to find B: the finished colour less what is in front, divided by T (1 − α).
+    /// Three parts change all numbers of a share together (its factor, and the centre's
+    /// coordinates); the last part is of each number alone. It allows for the usual computation of
+    /// B: the finished colour minus that in front, divided by T (1 − α).
     pub(crate) fn gradient_rounding(&self, v_color: [f64; 3], v_rounding: [f64; 3]) -> Vec<(usize, [Share; 3], Share)> {
         let mut behind = self.background.map(f64::abs);
         let mut behind_rounding = [0.0; 3];
@@ -337,7 +342,7 @@ impl Pixel {
     }
 }
 
-/// What o·w of a Gaussian of this opacity must reach to count.
+/// The smallest o·w with which a Gaussian of this opacity contributes.
 pub(crate) fn cut_of(accuracy: &Accuracy, opacity: f64) -> f64 {
     let cut = f64::from(accuracy.alpha_cut);
     match accuracy.extent {
@@ -346,7 +351,7 @@ pub(crate) fn cut_of(accuracy: &Accuracy, opacity: f64) -> f64 {
     }
 }
 
-/// All that may survive the cut at the pixel centre `p`, in the order of the scene.
+/// All Gaussians that may survive the cut at the pixel centre `p`, in the order of the scene.
 fn candidates<'s, T: Splat>(splats: &'s [Option<T>], p: [f64; 2], accuracy: &Accuracy) -> Vec<Candidate<'s, T>> {
     let there = splats.iter().enumerate().filter_map(|(i, splat)| splat.as_ref().map(|s| (i, s)));
     let all = there.map(|(index, splat)| {
@@ -363,7 +368,8 @@ fn candidates<'s, T: Splat>(splats: &'s [Option<T>], p: [f64; 2], accuracy: &Acc
     .collect()
 }
 
-/// Puts them in order, and takes note of neighbours whose order is within rounding; these are reversed where decisions lean either way.
+/// Sorts the candidates and marks neighbours whose order is within rounding. With a `lean`, these
+/// are reversed.
 fn arrange<T: Splat>(candidates: &mut Vec<Candidate<'_, T>>, p: [f64; 2], order: Order, lean: Lean) {
     if order == Order::Index {
         return;

@@ -1,25 +1,30 @@
-//! Numbers in `f64` that know what computing them in `f32` may have changed: running error analysis (Wilkinson; Higham, Accuracy and
-//! Stability of Numerical Algorithms, §3.3). What the 3D projection and its derivatives are written in, so that a surfel seen edge-on is
-//! allowed more than a ball without a separate analysis that could differ from the formula.
+//! Numbers in `f64` with the error of their computation in `f32`: running error analysis
+//! (Wilkinson; Higham, Accuracy and Stability of Numerical Algorithms, §3.3).
+//!
+//! The 3D projection and its derivatives use them. A surfel seen edge-on thus has a larger
+//! tolerance than a ball, without a separate analysis that could differ from the formula.
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
 /// Half the distance between neighbouring `f32` numbers, relative: the rounding of one operation.
 pub(crate) const F32_ROUNDING: f64 = 5.960_464_477_539_063e-8;
 
-/// What is counted for one operation, relative. Single roundings are at most [`F32_ROUNDING`] and seldom all fall to one side, as this
-/// analysis adds them up; with an eighth of it for each, the same [`ROUNDINGS`](crate::ROUNDINGS) fit both kinds of scenes.
+/// Relative error that the analysis counts for one operation.
+///
+/// A rounding is at most [`F32_ROUNDING`]. The analysis adds magnitudes, but roundings rarely all
+/// have one sign. With an eighth for each, the same [`ROUNDINGS`](crate::ROUNDINGS) fit 2D and 3D
+/// scenes.
 const OPERATION: f64 = F32_ROUNDING / 8.0;
 
 /// Roundings of a square root or an exponential.
 const FUNCTION: f64 = 2.0 * OPERATION;
 
-/// A number and what `f32` may change it by.
+/// A number and its uncertainty in `f32`.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Rounded {
     /// The number.
     pub value: f64,
-    /// What rounding may change it by; a tolerance is a multiple of it.
+    /// The uncertainty; a tolerance is a multiple of it.
     pub error: f64,
 }
 
@@ -27,12 +32,14 @@ impl Rounded {
     pub(crate) const ZERO: Self = Self::exact(0.0);
     pub(crate) const ONE: Self = Self::exact(1.0);
 
-    /// A number that `f32` holds as it is: a parameter, an intrinsic, a small integer.
+    /// A number that is exact in `f32`: a parameter, an intrinsic, a small integer.
     pub(crate) const fn exact(value: f64) -> Self {
         Self { value, error: 0.0 }
     }
 
-    /// A result whose operands contribute `inherited`. Of exact operands, a result that `f32` holds is exact too.
+    /// A result whose operands contribute `inherited`.
+    ///
+    /// If the operands are exact and `f32` can represent the result, it is exact, too.
     fn result(value: f64, inherited: f64) -> Self {
         let exact = inherited == 0.0 && f64::from(value as f32) == value;
         Self { value, error: if exact { 0.0 } else { inherited + OPERATION * value.abs() } }
@@ -42,7 +49,7 @@ impl Rounded {
         self * self
     }
 
-    /// √, of what is not negative.
+    /// The square root of a number that is not negative.
     pub(crate) fn sqrt(self) -> Self {
         let value = self.value.sqrt();
         let inherited = if value > 0.0 { 0.5 * self.error / value } else { self.error.sqrt() };
@@ -59,7 +66,7 @@ impl Rounded {
         self.value.abs() <= f64::from(f32::MAX) // NaN fails
     }
 
-    /// Its error as a share of it; 0 for 0.
+    /// The relative error; 0 for 0.
     pub(crate) fn relative(self) -> f64 {
         if self.value == 0.0 { 0.0 } else { self.error / self.value.abs() }
     }
@@ -152,7 +159,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_f32_does_is_within_a_few_of_what_is_counted() {
+    fn errors_in_f32_are_within_the_analysis() {
         // A sum with cancellation, a quotient and a root, in f32 and with its analysis.
         let mut worst: f64 = 0.0;
         for i in 1..200 {

@@ -1,5 +1,5 @@
-//! One Gaussian seen through a canvas, in `f64`: its centre and precision matrix in pixels, and how σ = ½ dᵀ Σ′⁻¹ d depends on
-//! each of its parameters (paper eq. 3, 5, 7).
+//! The projection of a 2D Gaussian in `f64`: centre and precision matrix in pixels, and the
+//! derivatives of σ = ½ dᵀ Σ′⁻¹ d by each of its parameters (paper eq. 3, 5, 7).
 
 use std::f64::consts::PI;
 
@@ -19,15 +19,15 @@ use super::{
 /// Roundings of a derivative of σ, in its own terms.
 const OPERATIONS: f64 = 8.0;
 
-/// Of these, what sums that are turned into other axes are counted for: a few operations, seldom rounded to one side.
+/// Roundings for sums that are rotated into other axes: a few operations, rarely all of one sign.
 const TURNING: f64 = 1.0 / 64.0;
 
-/// A Gaussian in pixels of the canvas. Its share of a pixel is in its parameters as they are.
+/// A projected 2D Gaussian, px. Its share is by its parameters.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Splat2d {
     /// Centre, px.
     center: [f64; 2],
-    /// What rounding to `f32` may move the centre by, px.
+    /// Uncertainty of the centre in `f32`, px.
     center_rounding: [f64; 2],
     /// Σ′⁻¹ as (xx, xy, yy), px⁻².
     precision: [f64; 3],
@@ -37,9 +37,9 @@ pub struct Splat2d {
     variances: [f64; 2],
     /// Pixels per unit of the plane.
     zoom: [f64; 2],
-    /// Whether Σ′ is wider than the scales say.
+    /// Whether Σ′ is dilated.
     dilated: bool,
-    /// Where the opacity makes up for that: ∂o/∂(ln s₁, ln s₂, θ, logit).
+    /// ∂o/∂(ln s₁, ln s₂, θ, logit), if the opacity compensates for the dilation.
     compensated: Option<[Rounded; 4]>,
     appearance: Appearance,
 }
@@ -90,7 +90,7 @@ impl OracleView for Canvas {
         let thin = variances[0] * variances[1] * (zoom[0] * zoom[1]).powi(2);
         let determinant = thin + dilation * (entry(0, 0) + entry(1, 1)) + dilation * dilation;
         let (xx, xy, yy) = (entry(0, 0) + dilation, entry(0, 1), entry(1, 1) + dilation);
-        // The product, too: what is finite is so in all that backends make of it.
+        // The product must be finite, too, because backends compute it.
         if ![xx, xy, yy, xx * yy, determinant].into_iter().all(finite_in_f32) {
             return Projection::Left(Cause::NotFinite);
         }
@@ -102,7 +102,8 @@ impl OracleView for Canvas {
         let compensates = matches!(antialias, Antialias::Mip | Antialias::Compensated);
         let compensates = compensates && settings.effects.blend == Blend::Over;
         let opacity = if compensates { stored * (thin / determinant).sqrt() } else { stored };
-        // ln ρ = ½ (ln D − ln D′), and D′ = D + δ tr + δ²: ∂(ln ρ)/∂(ln sₖ) = 1 − (D + δ ∂(½ tr)/∂(ln sₖ))/D′.
+        // ln ρ = ½ (ln D − ln D′), and D′ = D + δ tr + δ²: ∂(ln ρ)/∂(ln sₖ) = 1 − (D + δ ∂(½
+        // tr)/∂(ln sₖ))/D′.
         let compensated = compensates.then(|| {
             let [thin, determinant] = [thin, determinant].map(Rounded::exact);
             let along = |k: usize, l: usize| (0..2).map(|i| zoom[i].powi(2) * axes[k][i] * axes[l][i]).sum::<f64>();
@@ -134,19 +135,20 @@ impl OracleView for Canvas {
     }
 }
 
-/// Sine and cosine, 0 where they are no more than rounding of the angle: a needle along an axis of the canvas has no extent across but its width.
+/// Sine and cosine, 0 within the rounding of the angle: a needle along an axis of the canvas must
+/// not gain extent across it.
 fn sin_cos(angle: f64) -> (f64, f64) {
     let rounding = f64::EPSILON * angle.abs().min(PI);
-    let told = |v: f64| if v.abs() < rounding { 0.0 } else { v };
+    let significant = |v: f64| if v.abs() < rounding { 0.0 } else { v };
     let (sin, cos) = angle.sin_cos();
-    (told(sin), told(cos))
+    (significant(sin), significant(cos))
 }
 
 impl Splat for Splat2d {
     /// σ at the pixel centre `p`.
     ///
-    /// With q = Σ′⁻¹ d: ∂σ/∂u = −q and ∂σ/∂Σ′ = −½ q qᵀ. Written in 2D, q becomes `zoom · q`; ∂Σ/∂(ln sₖ) = 2 sₖ² rₖ rₖᵀ and
-    /// ∂Σ/∂θ = (s₁² − s₂²)(r₁ r₂ᵀ + r₂ r₁ᵀ).
+    /// With q = Σ′⁻¹ d: ∂σ/∂u = −q and ∂σ/∂Σ′ = −½ q qᵀ. Written in 2D, q becomes `zoom · q`;
+    /// ∂Σ/∂(ln sₖ) = 2 sₖ² rₖ rₖᵀ and ∂Σ/∂θ = (s₁² − s₂²)(r₁ r₂ᵀ + r₂ r₁ᵀ).
     fn exponent(&self, p: [f64; 2]) -> Exponent {
         let [a, b, c] = self.precision;
         let d = [p[0] - self.center[0], p[1] - self.center[1]];
@@ -167,8 +169,8 @@ impl Splat for Splat2d {
         });
         let [v1, v2] = self.variances;
         let sigma = 0.5 * (q[0] * d[0] + q[1] * d[1]);
-        // Sums over pixels may be kept in other axes than the Gaussian's own, and turned into these at the end: what is next to nothing along one
-        // of them is then a difference of numbers as large as 2σ.
+        // Backends may sum over pixels in other axes and rotate the sums at the end. A number that
+        // is nearly 0 along one axis is then a difference of numbers as large as 2σ.
         let turned = TURNING * 2.0 * sigma;
         let magnitudes = [
             plane_magnitude[0],
@@ -209,7 +211,7 @@ impl Splat for Splat2d {
     fn jacobian(&self) -> Vec<[Rounded; 9]> {
         let mut rows: Vec<[Rounded; 9]> =
             (0..9).map(|i| std::array::from_fn(|j| if i == j { Rounded::ONE } else { Rounded::ZERO })).collect();
-        // Of what is compensated, a share is in the opacity itself.
+        // With compensation, the opacity depends on the shape.
         for (parameter, by) in [2, 3, ROTATION, OPACITY].into_iter().zip(self.compensated.into_iter().flatten()) {
             rows[parameter][OPACITY] = by;
         }
@@ -229,9 +231,9 @@ mod tests {
     }
 
     #[test]
-    fn what_only_the_product_of_variances_takes_beyond_f32_is_left_out() {
-        // Turned by 45°, Σ′xx = Σ′yy = ½ s₁², and det Σ′ = s₁² s₂². Of these the product ¼ s₁⁴ is beyond f32 from s₁ = e^22.5 on, ½ s₁² from
-        // e^44.7 on, and det Σ′ from e^64.3 on.
+    fn a_product_of_variances_beyond_f32_is_culled() {
+        // Rotated by 45°, Σ′xx = Σ′yy = ½ s₁², and det Σ′ = s₁² s₂². Of these the product ¼ s₁⁴ is
+        // beyond f32 from s₁ = e^22.5 on, ½ s₁² from e^44.7 on, and det Σ′ from e^64.3 on.
         assert!(matches!(projected([22.0, -20.0], FRAC_PI_4), Projection::Drawable(_)));
         for long in [23.0, 43.0] {
             assert_eq!(projected([long, -20.0], FRAC_PI_4), Projection::Left(Cause::NotFinite));
@@ -239,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn the_product_of_variances_is_not_that_of_an_angle_s_rounding() {
+    fn the_rounding_of_an_angle_adds_no_variance() {
         // s₁² s₂² is finite in f32. With a sine of 10⁻¹⁶ for that of π, Σ′yy would be 10⁶.
         for quarter in -4..=4 {
             let needle = projected([43.75, -0.5], f64::from(quarter) * FRAC_PI_2);

@@ -1,5 +1,5 @@
-//! Real spherical harmonics up to degree 3 with the signs of 3DGS, as polynomials of the unit direction: sums of monomials, so that the
-//! gradient follows from the table by the rule for powers.
+//! SH up to degree 3 with the signs of 3DGS, as polynomials of the unit direction. They are sums of
+//! monomials, so that the gradient follows from the table by the power rule.
 
 use std::f64::consts::PI;
 
@@ -36,7 +36,7 @@ pub(crate) fn basis(k: usize, d: &[Rounded; 3]) -> Rounded {
     factor(k) * monomials.iter().map(|&(c, powers)| c * power(d, powers)).sum()
 }
 
-/// ∂Y_k/∂d of the polynomial; only what is tangent to the sphere means anything.
+/// ∂Y_k/∂d of the polynomial; only its component tangent to the sphere is meaningful.
 pub(crate) fn gradient(k: usize, d: &[Rounded; 3]) -> [Rounded; 3] {
     let (_, monomials) = BASIS[k];
     std::array::from_fn(|axis| {
@@ -61,7 +61,8 @@ fn power(d: &[Rounded; 3], powers: [i32; 3]) -> Rounded {
 mod tests {
     use super::*;
 
-    /// Gauss–Legendre nodes of order 4 in z (exact to degree 7) times 8 equal angles (exact to degree 7).
+    /// Gauss–Legendre nodes of order 4 in z (exact to degree 7) times 8 equal angles (exact to
+    /// degree 7).
     fn quadrature() -> Vec<([f64; 3], f64)> {
         let nodes =
             [(0.339_981_043_584_856_26, 0.652_145_154_862_546_1), (0.861_136_311_594_052_6, 0.347_854_845_137_453_9)];

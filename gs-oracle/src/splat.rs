@@ -1,5 +1,5 @@
-//! What the oracle must know about a kind of view: how one Gaussian looks through it, in `f64`, and how that depends on its parameters. The
-//! rest, pixels, losses and statistics, is the same for all kinds.
+//! The interface of a view: the projection of one Gaussian in `f64`, and its derivatives. Pixels,
+//! losses and statistics are the same for all views.
 
 use std::fmt::Debug;
 
@@ -8,8 +8,8 @@ use gs_core::{Error, RenderSettings, effects::Order, statistics::Cause};
 use super::rounded::Rounded;
 use crate::ROUNDINGS;
 
-/// What one Gaussian is on the image, or what there is once for each of that: five numbers of its shape, which of them
-/// [`Exponent::derivatives`] says, then its opacity ([`Appearance::opacity_slope`]), red, green, blue.
+/// The numbers of one projected Gaussian, or derivatives by them: five of its shape as in
+/// [`Exponent::derivatives`], then opacity ([`Appearance::opacity_slope`]), red, green, blue.
 pub(crate) type Share = [f64; 9];
 
 /// Index of the opacity in a [`Share`].
@@ -17,12 +17,13 @@ pub(crate) const OPACITY_SHARE: usize = 5;
 /// Index of red in a [`Share`]; green and blue follow.
 pub(crate) const COLOR_SHARE: usize = 6;
 
-/// What the oracle looks through.
+/// A canvas or a camera.
 pub trait OracleView: Copy + Debug + Send + Sync {
-    /// One Gaussian as it is seen.
+    /// A projected Gaussian.
     type Splat: Splat + Send + Sync;
 
-    /// Fails for an impossible view, and for effects that the oracle does not have for this kind of view.
+    /// Fails for an invalid view, and for effects that the oracle does not have for this kind of
+    /// view.
     ///
     /// # Errors
     /// [`Error::Size`], [`Error::Setting`] or [`Error::Unsupported`].
@@ -34,16 +35,16 @@ pub trait OracleView: Copy + Debug + Send + Sync {
     /// Normalised device units per unit of the first two numbers of a share, along x and y.
     fn device_units(&self) -> [f64; 2];
 
-    /// What the guards make of a Gaussian, whose parameters are a row of [`OracleScene`](super::OracleScene).
+    /// Projects a Gaussian, whose parameters are a row of [`OracleScene`](super::OracleScene).
     fn project(&self, gaussian: &[f64], settings: &RenderSettings, lean: Lean) -> Projection<Self::Splat>;
 }
 
-/// What the guards make of a Gaussian.
+/// The result of the guards for a Gaussian.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Projection<T> {
     /// It can be drawn.
     Drawable(T),
-    /// It cannot, because.
+    /// It is culled for this cause.
     Left(Cause),
 }
 
@@ -52,13 +53,13 @@ pub trait Splat: Debug + Clone {
     /// σ at the pixel centre `p`.
     fn exponent(&self, p: [f64; 2]) -> Exponent;
 
-    /// σ at the pixel centre `p`, and nothing of its derivatives.
+    /// σ at the pixel centre `p`, without derivatives.
     fn sigma(&self, p: [f64; 2]) -> f64;
 
-    /// What does not depend on the pixel.
+    /// The properties that do not depend on the pixel.
     fn appearance(&self) -> &Appearance;
 
-    /// What it is ordered by at the pixel centre `p`.
+    /// The depth by which it is sorted at the pixel centre `p`.
     fn depth(&self, p: [f64; 2], order: Order) -> Depth;
 
     /// ∂(share)/∂(parameters): a row for each parameter.
@@ -70,30 +71,30 @@ pub trait Splat: Debug + Clone {
 pub struct Exponent {
     /// σ = ½ dᵀ Σ′⁻¹ d.
     pub sigma: f64,
-    /// What evaluating σ in `f32` by its textbook formula may change it by.
+    /// Uncertainty of σ by its textbook formula in `f32`.
     pub rounding: f64,
     /// ∂σ/∂(the five numbers of the shape).
     pub derivatives: [f64; 5],
-    /// What `f32` may change each by on its own.
+    /// Uncertainty of each derivative alone.
     pub derivative_rounding: [f64; 5],
-    /// What an uncertain centre changes all of them by together, along x and along y.
+    /// Common change of the derivatives by an uncertain centre, along x and along y.
     pub displaced: [[f64; 5]; 2],
 }
 
-/// What a Gaussian has to show, the same at every pixel.
+/// The properties of a Gaussian that are the same at every pixel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Appearance {
     /// o, with antialiasing's compensation.
     pub opacity: f64,
-    /// What `f32` may change it by, relative.
+    /// Relative uncertainty of the opacity in `f32`.
     pub opacity_rounding: f64,
-    /// ∂o/∂(what stands for the opacity in a share).
+    /// ∂o/∂(the opacity's entry of a share).
     pub opacity_slope: f64,
     /// RGB.
     pub color: [f64; 3],
-    /// What `f32` may change the colour by.
+    /// Uncertainty of the colour in `f32`.
     pub color_rounding: [f64; 3],
-    /// Whether a guard that let it through, or nearly did not, is within rounding.
+    /// Whether the decision of a guard is within rounding.
     pub undecided: bool,
 }
 
@@ -102,28 +103,28 @@ pub struct Appearance {
 pub struct Depth {
     /// The depth; smaller is in front.
     pub value: f64,
-    /// What `f32` may change it by.
+    /// Uncertainty of the depth in `f32`.
     pub rounding: f64,
-    /// All that it was computed from: of equal origins, depths are equal however they are computed.
+    /// The numbers that it was computed from. Depths of equal origins are equal in any arithmetic.
     pub origin: [f64; 8],
 }
 
 impl Depth {
-    /// Whether rounding may put two depths in either order.
+    /// Whether the order of two depths is within rounding.
     pub(crate) fn is_tied_with(&self, other: &Self) -> bool {
         let band = ROUNDINGS * (self.rounding + other.rounding);
         band > 0.0 && (self.value - other.value).abs() <= band && self.origin != other.origin
     }
 }
 
-/// To which side decisions fall that are within rounding of their threshold.
+/// The side to which decisions within rounding fall.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Lean {
-    /// As `f64` has it.
+    /// The side of the `f64` value.
     Exact,
-    /// Whatever nearly counts, counts.
+    /// A Gaussian that nearly contributes does.
     More,
-    /// Whatever nearly does not count, does not.
+    /// A Gaussian that nearly does not contribute does not.
     Fewer,
 }
 

@@ -1,4 +1,5 @@
-//! The SSIM map with zero-padded borders and its derivative, in `f64`, one window at a time (Wang et al. 2004, as 3DGS uses it).
+//! The SSIM map with zero-padded borders and its derivative, in `f64`, one window at a time (Wang
+//! et al. 2004, as 3DGS uses it).
 
 use gs_core::constants::{SSIM_C1, SSIM_C2, SSIM_SIGMA, SSIM_WINDOW};
 
@@ -16,20 +17,20 @@ pub(crate) struct Channel<'a> {
     pub(crate) height: usize,
     /// The image that the derivative is with respect to.
     pub(crate) rendered: &'a [f64],
-    /// The other.
+    /// The other image.
     pub(crate) target: &'a [f64],
-    /// What rounding may change `rendered` by.
+    /// Uncertainty of `rendered`.
     pub(crate) rounding: &'a [f64],
 }
 
-/// SSIM at every pixel of a channel, and what its derivative is made of.
+/// SSIM at every pixel of a channel, and the terms of its derivative.
 #[derive(Debug, Clone)]
 pub(crate) struct Map {
     pub(crate) ssim: Vec<f64>,
     slopes: Vec<Slopes>,
 }
 
-/// How SSIM under one window depends on each pixel x that the window sees with weight w:
+/// The derivative of SSIM under one window by a pixel x of weight w:
 /// ∂SSIM/∂x = w (luminance + own (x − μx) + other (y − μy)).
 #[derive(Debug, Clone, Copy)]
 struct Slopes {
@@ -37,7 +38,8 @@ struct Slopes {
     luminance: f64,
     own: f64,
     other: f64,
-    /// Relative rounding of the three: variances come of a difference of moments, which is small where the image is flat.
+    /// Relative rounding of the three. Variances are differences of moments, which cancel where the
+    /// image is flat.
     rounding: f64,
 }
 
@@ -56,7 +58,7 @@ fn window() -> Vec<(isize, isize, f64)> {
 }
 
 impl Channel<'_> {
-    /// The pixels under the window centred at `index`; beyond the border there is nothing to add.
+    /// The pixels of the image under the window centred at `index`.
     fn under<'w>(
         &self,
         window: &'w [(isize, isize, f64)],
@@ -110,19 +112,20 @@ impl Channel<'_> {
         map
     }
 
-    /// ∂(Σ SSIM)/∂(rendered) at every pixel, and what rounding may change it by.
+    /// ∂(Σ SSIM)/∂(rendered) at every pixel, and its uncertainty.
     pub(crate) fn derivative(&self, map: &Map) -> Vec<(f64, f64)> {
         let window = window();
         (0..self.rendered.len())
             .map(|p| {
                 let (x, y) = (self.rendered[p], self.target[p]);
                 let (mut value, mut rounding) = (0.0, 0.0);
-                // The window is even, so those that see p are those that p's window sees.
+                // The window is symmetric, so the windows that contain p are centred in p's window.
                 for (q, w) in self.under(&window, p) {
                     let Slopes { means: [mx, my], luminance, own, other, rounding: relative } = map.slopes[q];
                     let terms = [luminance, own * (x - mx), other * (y - my)];
                     value += w * terms.iter().sum::<f64>();
-                    // Moments that are not centred round as their sums before the means are taken off.
+                    // Uncentred moments have the rounding of their sums before the means are
+                    // subtracted.
                     let raw = own.abs() * (x.abs() + mx.abs()) + other.abs() * (y.abs() + my.abs());
                     rounding += w
                         * (relative * terms.iter().map(|v| v.abs()).sum::<f64>()

@@ -1,25 +1,27 @@
-//! The density statistics of one step, pixel by pixel, as [`Statistics`](gs_core::effects::Statistics) defines them.
+//! The densification statistics of one step by the definitions of
+//! [`Statistics`](gs_core::effects::Statistics).
 
 use gs_core::{Error, Image, Loss};
 
 use super::{Lean, Oracle, OracleScene, OracleView, loss};
 
-/// What one step adds to each statistic, `[N]` each.
+/// The contribution of one step to each statistic, `[N]` each.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StepStatistics {
     /// ‖(∂L/∂u · W/2, ∂L/∂v · H/2)‖, normalised device units.
     pub mean_gradient: Vec<f64>,
-    /// ‖(Σ|share of ∂L/∂u| · W/2, Σ|share of ∂L/∂v| · H/2)‖ over the pixels, normalised device units.
+    /// ‖(Σ|share of ∂L/∂u| · W/2, Σ|share of ∂L/∂v| · H/2)‖ over the pixels, normalised device
+    /// units.
     pub absolute_gradient: Vec<f64>,
     /// Σ T α e over the pixels, px.
     pub pixel_error: Vec<f64>,
 }
 
 impl<V: OracleView> Oracle<V> {
-    /// The statistics that one step of training collects.
+    /// The statistics of one training step.
     ///
     /// # Errors
-    /// [`Error::SizesDiffer`] where the target has not the view's size.
+    /// [`Error::SizesDiffer`] if the target does not have the view's size.
     pub fn statistics(&self, scene: &OracleScene, target: &Image, loss: &Loss) -> Result<StepStatistics, Error> {
         self.check_target(target)?;
         let count = scene.gaussians.len();

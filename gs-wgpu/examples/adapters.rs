@@ -1,6 +1,4 @@
-//! Lists the graphics adapters of this machine; fails if there is none.
-//!
-//! `cargo run -p gs-wgpu --example adapters`
+//! Lists the adapters of this machine; fails without one.
 
 #![allow(clippy::print_stdout)]
 

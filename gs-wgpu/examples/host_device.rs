@@ -1,7 +1,5 @@
-//! A program with a device of its own: the rasterizer shares the device and draws into a texture of
-//! the program, which then writes it to a file.
-//!
-//! `cargo run -p gs-wgpu --example host_device -- drawn.png`
+//! A program that shares its device with the rasterizer, which draws into a texture of the program.
+//! The program then writes the texture to a file: `cargo run --example host_device -- drawn.png`.
 
 #![allow(clippy::print_stdout)]
 
@@ -21,7 +19,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 }
 
 async fn draw(path: &Path) -> Result<(), Box<dyn Error>> {
-    // What a program that shows a window has anyway.
+    // A program with a window already has these.
     let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
     let adapter = instance.request_adapter(&wgpu::RequestAdapterOptions::default()).await?;
     let (device, queue) = adapter.request_device(&wgpu::DeviceDescriptor::default()).await?;
@@ -44,7 +42,7 @@ async fn draw(path: &Path) -> Result<(), Box<dyn Error>> {
     write(path, &pixels(&device, &queue, &texture)?)
 }
 
-/// Twelve Gaussians around the middle, each in front of the last.
+/// Twelve Gaussians in a ring, each in front of the next.
 fn ring() -> Scene2d {
     let gaussian = |i: u32| {
         let turn = i as f32 / 12.0;
@@ -60,7 +58,7 @@ fn ring() -> Scene2d {
     (0..12).map(gaussian).collect()
 }
 
-/// The texture's pixels, row by row: what only a program that writes a file must wait for.
+/// Reads the texture's pixels, row by row. A program that shows the texture does not need this.
 fn pixels(device: &wgpu::Device, queue: &wgpu::Queue, texture: &wgpu::Texture) -> Result<Vec<u8>, Box<dyn Error>> {
     let size = texture.size();
     let buffer = device.create_buffer(&wgpu::BufferDescriptor {

@@ -1,19 +1,20 @@
-// Stage `bin`: one entry per Gaussian and tile that it touches, those of a Gaussian side by side. One invocation a Gaussian.
+// Stage `bin`: writes one entry per Gaussian and tile that it touches; the entries of a Gaussian
+// are neighbours. One invocation per Gaussian.
 
 @group(0) @binding(1) var<storage, read> projected: array<Splat>;
 @group(0) @binding(2) var<storage, read> offsets: array<u32>;
-// Tile of each entry.
+// The tile of each entry.
 @group(0) @binding(3) var<storage, read_write> keys: array<u32>;
-// Each entry's own number, which sorting moves with the key.
+// The number of each entry, which the sort moves with the key.
 @group(0) @binding(4) var<storage, read_write> order: array<u32>;
-// The Gaussian, and the tile's rows that it touches: first | end << 16.
+// The Gaussian, and the rows of the tile that it touches: first | end << 16.
 @group(0) @binding(5) var<storage, read_write> entries: array<vec2u>;
-#if PIXEL_DEPTH
+#if PER_PIXEL
 // By place: depth, its slope, and the bits of the index.
 @group(0) @binding(6) var<storage, read> depths: array<vec4f>;
 
-// A tile's entries are sorted by their least depths, between 2^-8 and 2^24, as finely as the key has bits for. Any order is right, but a
-// good one makes pixels hold less.
+// The depth bits of an entry's key: its least depth, between 2^-8 and 2^24. Any order is correct,
+// but a good one lets pixels hold fewer Gaussians.
 fn depth_key(s: Splat, depth: vec4f, tile: u32) -> u32 {
     let corner = vec2u(tile % step.tiles.x, tile / step.tiles.x) * vec2u(TILE_COLUMNS, TILE_ROWS);
     let least = clamp(least_depth(s, depth.x, depth.yz, corner), 0.00390625, 16777215.0);
@@ -44,7 +45,7 @@ fn bin(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec
             let last = min(rows.y, (band + 1u) * TILE_ROWS) - band * TILE_ROWS;
             let tile = band * step.tiles.x + column;
             keys[at] = tile;
-#if PIXEL_DEPTH
+#if PER_PIXEL
             keys[at] = (tile << step.depth_bits) | depth_key(splat, depths[index], tile);
 #endif
             order[at] = at;
@@ -52,7 +53,7 @@ fn bin(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec
             at++;
         }
     }
-    // Should the compiler have rounded differently here than in `project`: entries without rows.
+    // If the compiler rounds differently here than in `project`, the entries have no rows.
     for (; at < end; at++) {
         keys[at] = 0u;
         order[at] = at;

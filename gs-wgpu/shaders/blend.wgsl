@@ -1,8 +1,8 @@
-// Stage `blend`: the image, from the sorted entries of each tile. A work group a tile; an invocation has four rows of a column of
-// it, as one vector.
+// Stage `blend`: draws the image from the sorted entries of each tile. One work group per tile; an
+// invocation has four rows of a column, as one vector.
 //
-// Under `Over`, a pixel that is full keeps its transmittance with the sign turned, so that every later Gaussian fails the test against
-// the minimum.
+// Under `Over`, a full pixel stores its transmittance with a negative sign, so that every later
+// Gaussian fails the test against the minimum.
 
 @group(0) @binding(1) var<storage, read> tile_start: array<u32>;
 @group(0) @binding(2) var<storage, read> order: array<u32>;

@@ -1,10 +1,12 @@
-// Stage `blend_bwd`: what each entry's Gaussian receives from v_image, the image's gradient. A work group a tile, as in `blend`; sums over
-// an invocation's rows in registers, over the tile's in work-group memory, in a fixed order, a few entries at a time. Nothing is added
-// across work groups: each entry has a slot of its own.
+// Stage `blend_bwd`: computes the gradient of each entry from v_image, the image's gradient. One
+// work group per tile, as in `blend`. It sums over an invocation's rows in registers, and over the
+// tile in work-group memory, a few entries at a time, in a fixed order. Each entry has a slot of
+// its own, so work groups do not share sums.
 //
-// Legend: t = w v_w (under `Over` alpha v_alpha); S = sum over the entry's pixels of t times 1, dx, u, dx², dx u, u².
-// A slot: v_colour 3, Sx, Su, Sxx, Sxu, Suu; under `Over` also S; then what statistics need: with ABSOLUTE the sums of the magnitudes of
-// t Sigma'^-1 d, with ERROR of what a pixel shows of the Gaussian times the pixel's error.
+// Legend: t = w v_w (under `Over` alpha v_alpha); S = sum over the entry's pixels of t times 1, dx,
+// u, dx², dx u, u². A slot: v_colour 3, Sx, Su, Sxx, Sxu, Suu; under `Over` also S; then the sums
+// for statistics: with ABSOLUTE the magnitudes of t Sigma'^-1 d, with ERROR each pixel's share of
+// the Gaussian times its error.
 
 @group(0) @binding(1) var<storage, read> tile_start: array<u32>;
 @group(0) @binding(2) var<storage, read> order: array<u32>;
@@ -21,18 +23,18 @@
 
 const INVOCATIONS: u32 = TILE_COLUMNS * (TILE_ROWS / ROWS);
 
-// Four rows of the column.
+// Four rows of a column.
 struct Rows {
     v_red: vec4f,
     v_green: vec4f,
     v_blue: vec4f,
-    // Under `Over`: the transmittance in front, and v_C . (what is behind).
+    // Under `Over`: the transmittance in front, and v_C . (the colour behind).
     transmittance: vec4f,
     rest: vec4f,
     error: vec4f,
 }
 
-// Of one column.
+// The state of one column.
 struct Sums {
     color: vec3f,
     t: f32,
@@ -42,13 +44,13 @@ struct Sums {
 }
 
 #if SUBGROUPS
-// A subgroup has four invocations at least.
+// A subgroup has at least four invocations.
 const PARTS: u32 = INVOCATIONS / 4u;
 #else
 const PARTS: u32 = INVOCATIONS;
 #endif
 
-// Sums of an invocation or of a subgroup.
+// The sums of each invocation or subgroup.
 var<workgroup> partial: array<f32, BATCH * STRIDE * PARTS>;
 
 fn load(column: u32, row: u32) -> Rows {
@@ -111,7 +113,7 @@ fn gather_rows(rows: ptr<function, Rows>, sums: ptr<function, Sums>, s: Splat, d
 #endif
 }
 
-// What a part of the tile contributes to an entry of the batch.
+// The contribution of a part of the tile to an entry of the batch.
 fn keep(entry: u32, part: u32, color: vec3f, first: vec3f, second: vec2f, t: f32, collected: vec2f) {
     let at = entry * STRIDE * PARTS + part;
     partial[at] = color.x;

@@ -1,16 +1,17 @@
-// Stages `blend` and `blend_bwd` under `Over` in the order of depth at each pixel: exact, whatever interpenetrates. A work group a tile, an
-// invocation a pixel.
+// Stages `blend` and `blend_bwd` under `Over` with a sort at each pixel, which is exact even where
+// Gaussians interpenetrate. One work group per tile, one invocation per pixel.
 //
-// A pixel walks along its tile's queue, which is almost in its own order, and holds the HELD nearest Gaussians that it met and has not
-// blended. When another comes while it holds as many, the nearest is blended, if nothing further along the queue can be nearer; otherwise
-// the farthest is put off, and with it all that are farther, to the next walk, which begins at the first that was put off. Each walk
-// blends HELD Gaussians at least, so there are few.
+// A pixel walks along its tile's queue, which is nearly in the pixel's own order. It holds the HELD
+// nearest Gaussians that it has not blended yet. When another arrives, the pixel blends the nearest
+// if no later entry of the queue can be nearer. Otherwise it postpones the farthest, and all that
+// are farther, to the next walk, which begins at the first postponed entry. Each walk blends at
+// least HELD Gaussians, so there are few walks.
 //
-// BACKWARD: pixels come to an entry in any order, but a sum of integers does not depend on it. So what an entry's Gaussian receives is
-// summed in fixed-point numbers of 64 bits, whose units `units` has found; lengths in them are in powers of two of px, so that nothing is
-// rounded but to those units.
+// BACKWARD: pixels reach an entry in any order. The gradients of an entry are therefore summed as
+// 64-bit fixed-point numbers, whose sum does not depend on the order. `units` computes their units.
+// Lengths are scaled by powers of two, so that only the conversion to these units rounds.
 //
-// Legend: as in `blend_bwd`.
+// Legend: that of `blend_bwd`.
 
 @group(0) @binding(1) var<storage, read> tile_start: array<u32>;
 @group(0) @binding(2) var<storage, read> queue: array<Queued>;
@@ -19,7 +20,7 @@
 @group(0) @binding(4) var<storage, read> v_image: array<vec4f>;
 @group(0) @binding(5) var<storage, read> image: array<vec4f>;
 @group(0) @binding(6) var<storage, read_write> slots: array<f32>;
-// [entries, WORDS], by their place in the queue.
+// [entries, WORDS], by place in the queue.
 @group(0) @binding(7) var<storage, read_write> totals: array<atomic<u32>>;
 #if ERROR
 @group(0) @binding(8) var<storage, read> target_image: array<vec4f>;
@@ -29,22 +30,22 @@
 @group(0) @binding(4) var<storage, read_write> image: array<vec4f>;
 #endif
 
-// Times that a pixel goes round its loops before it gives up. Software drivers end all loops after 65,535 rounds, of an invocation or its
-// neighbours in a vector: a pixel that finds itself out of a loop and not done has met with that.
+// Largest number of iterations of a pixel. Software drivers end all loops of a vector of
+// invocations after 65,535 iterations; a pixel that leaves its loop too early is unfinished.
 const MOST_STEPS: u32 = 56000u;
 
-// A Gaussian as a pixel sees it.
+// A Gaussian at one pixel.
 struct Seen {
     depth: f32,
-    // In the scene, which decides ties.
+    // Index in the scene, which decides ties.
     index: u32,
-    // Its place in the queue.
+    // Place in the queue.
     at: u32,
     // Opacity times weight.
     uncut: f32,
 }
 
-fn nobody() -> Seen {
+fn empty() -> Seen {
     return Seen(NO_DEPTH, 0xffffffffu, 0u, 0.0);
 }
 
@@ -64,13 +65,13 @@ fn seen_at(at: u32, q: Queued, d: vec2f) -> Seen {
     return Seen(select(clamp(depth, -FARTHEST, FARTHEST), FARTHEST, is_nan(depth)), q.index, at, w * q.opacity);
 }
 
-// What the pixel has, and what it is still to get.
+// The state of a pixel.
 struct Pixel {
     center: vec2f,
     transmittance: f32,
 #if BACKWARD
     v: vec3f,
-    // v_C . (what is behind).
+    // v_C . (the colour behind).
     rest: f32,
 #if ERROR
     error: f32,
@@ -81,12 +82,12 @@ struct Pixel {
 }
 
 #if BACKWARD
-// The power of two next below the square root, or that itself.
+// The largest power of two that is at most the square root.
 fn binary_root(x: f32) -> f32 {
     return bitcast<f32>((((bitcast<u32>(x) >> 23u) + 127u) >> 1u) << 23u);
 }
 
-// Lengths of a Gaussian, in powers of two of px: by which dx and u, and the halves of Sigma'^-1 d, are multiplied.
+// Powers of two by which dx and u, and the halves of Sigma'^-1 d, are multiplied.
 struct Lengths {
     whiten: vec2f,
     pull: vec2f,
@@ -98,9 +99,9 @@ fn lengths_of(q: Queued) -> Lengths {
     return Lengths(whiten, vec2f(power_of_two(126 - i32(bitcast<u32>(across) >> 23u)), 0.5 / whiten.y));
 }
 
-// `x`: in units. `total`: where the sum's low half stands.
+// `x`: in units. `total`: the position of the sum's low half.
 fn add(total: u32, x: f32) {
-    // Twice what it should be at most; more is an overflow, which the sum then is, too.
+    // At most twice the expected bound. A larger number overflows, and so does the sum.
     let most = 18014398509481984.0;
     let y = select(most, abs(x), abs(x) <= most);
     let above = floor(y * (1.0 / 4294967296.0));
@@ -133,7 +134,7 @@ fn sum_of(total: u32, unit: Unit) -> f32 {
 }
 #endif
 
-// Blends a Gaussian behind what is there; whether that was possible without the pixel being full.
+// Blends a Gaussian behind the earlier ones. Returns whether the pixel was not full.
 fn blend_one(pixel: ptr<function, Pixel>, seen: Seen) -> bool {
     let q = queue[seen.at];
     let alpha = min(seen.uncut, step.alpha_max);
@@ -213,19 +214,21 @@ fn blend_by_depth(
 #endif
     }
 #endif
-    // Held, nearest first.
+    // The held Gaussians, nearest first.
     var held: array<Seen, HELD>;
 #each k HELD
-    held[@k] = nobody();
+    held[@k] = empty();
 #end
-    // The nearest that was put off; where the first of those stands; and the one that this walk begins with.
-    var put_off = nobody();
+    // The nearest postponed Gaussian, the first place of a postponed one, and the first place of
+    // this walk.
+    var put_off = empty();
     var resume = end;
     var nearest = Seen(-NO_DEPTH, 0u, 0u, 0.0);
     var cursor = start;
     var is_done = !is_inside || start == end;
     var steps = 0u;
-    // Walk after walk, eight entries at a time. Loops end at their tails, because software drivers run their bodies once more otherwise.
+    // All walks, eight entries at a time. Loops test at their ends, because software drivers
+    // otherwise run their bodies once more.
     if !is_done {
         loop {
             let first = cursor;
@@ -238,11 +241,12 @@ fn blend_by_depth(
             }
 #end
             cursor += 8u;
-            // Nothing further along can come before what was put off.
+            // No later entry can be nearer than the postponed ones.
             let ends = cursor >= end || queue[min(cursor, end - 1u)].lower > put_off.depth;
-            // Each of the eight that reaches the pixel; at the end of a walk also all that are held.
+            // Each of the eight entries that reaches the pixel; at the end of a walk, also all held
+            // Gaussians.
             loop {
-                var next = nobody();
+                var next = empty();
                 var lower = NO_DEPTH;
                 if reaching != 0u {
                     let at = first + firstTrailingBit(reaching);
@@ -262,7 +266,7 @@ fn blend_by_depth(
 #each k HELD_LESS_ONE
                     held[@k] = held[@k + 1];
 #end
-                    held[HELD - 1u] = nobody();
+                    held[HELD - 1u] = empty();
                 }
                 if is_next {
                     let comes_before = is_nearer(next, put_off);
@@ -290,7 +294,7 @@ fn blend_by_depth(
                 is_done = !is_somebody(put_off);
                 nearest = put_off;
                 cursor = resume;
-                put_off = nobody();
+                put_off = empty();
                 resume = end;
             }
             steps++;

@@ -1,7 +1,8 @@
-// A target completed: before the background where it is transparent, and as it is rendered where it does not count. One invocation a pixel.
+// Completes a masked target: blended with the background, and equal to the rendering where the mask
+// excludes a pixel. One invocation per pixel.
 
 @group(0) @binding(1) var<storage, read> image: array<vec4f>;
-// Colours, and in place of a fourth the alpha, or -1 where a pixel does not count.
+// Colours, and as fourth number the alpha, or -1 where the mask excludes the pixel.
 @group(0) @binding(2) var<storage, read> target_image: array<vec4f>;
 @group(0) @binding(3) var<storage, read_write> completed: array<vec4f>;
 

@@ -1,6 +1,6 @@
-// `Status` as those stages see it that count in it, and what makes projected: those that are left out, and the tiles that the others touch.
+// `Status` with atomic counts, and projected splats: the causes of culling, and the touched tiles.
 
-// `Status`, where many add to it.
+// `Status` with atomics.
 struct Counted {
     entries: u32,
     overflow: atomic<u32>,
@@ -18,7 +18,7 @@ fn culled() -> Splat {
     return Splat(vec2f(0.0), 1.0, 0.0, 1.0, 0.0, 0.0, -1.0, vec3f(0.0), 0.0);
 }
 
-// From Sigma' (xx, xy, yy) and its determinant, for an opacity no less than the cut.
+// A splat from Sigma' (xx, xy, yy) and its determinant, for an opacity that is at least the cut.
 fn splat_of(mean: vec2f, covariance: vec3f, det: f32, opacity: f32, color: vec3f) -> Splat {
     let xx = covariance.x;
     let xy = covariance.y;
@@ -27,7 +27,7 @@ fn splat_of(mean: vec2f, covariance: vec3f, det: f32, opacity: f32, color: vec3f
     return Splat(mean, 1.0 / xx, xy / xx, xx / det, opacity, reach, sqrt(reach * xx), color, xy / yy * sqrt(reach * yy));
 }
 
-// How many tiles a splat touches.
+// Number of tiles that a splat touches.
 fn tiles_of(splat: Splat) -> u32 {
     var touched = 0u;
     let columns = tile_columns(splat);

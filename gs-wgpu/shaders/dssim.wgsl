@@ -1,20 +1,23 @@
-// Stage `loss` where D-SSIM is in it: L1, 1 - SSIM and their gradient (Wang et al. 2004; borders padded with zeros, as 3DGS has it).
+// Stage `loss` for L1 + D-SSIM: the loss and its gradient (Wang et al. 2004; borders padded with
+// zeros as in 3DGS). D-SSIM is 1 - SSIM.
 //
-// With b(.) the blur by the 11x11 Gaussian window, which is its own adjoint, x the image and y the target, S depends on x through
-// b(x), b(x² + y²) and b(xy); so v_x = b(dS/db(x)) + 2x b(dS/db(x² + y²)) + y b(dS/db(xy)). Each blur is one down the columns and one
-// along the rows: moments down, `dssim_moments`; along, their derivatives, and those along again, `dssim_derivatives`; and down,
-// `dssim_gradient`, which has x and y at hand and so does L1, too.
+// With b(.) the blur by the 11x11 Gaussian window, which is its own adjoint, x the image and y the
+// target, S depends on x through b(x), b(x² + y²) and b(xy); so v_x = b(dS/db(x)) + 2x b(dS/db(x² +
+// y²)) + y b(dS/db(xy)). Each blur has one part down the columns and one along the rows.
+// `dssim_moments` blurs the moments down; `dssim_derivatives` blurs them along, takes the
+// derivatives and blurs these along; `dssim_gradient` blurs these down, and adds L1.
 //
-// An invocation has one channel of a segment of SSIM_SEGMENT pixels, and walks through it, SSIM_BLOCK pixels a step, with what the
-// window spans in registers: so a number is read once a segment, and once more where two meet. A place is a channel of a column.
+// An invocation goes through SSIM_SEGMENT pixels of one channel, SSIM_BLOCK pixels per iteration.
+// It keeps the numbers under the window in registers, so a number is read once per segment, and
+// again where two segments meet. A place is a channel of a column.
 
-// Four floats a pixel, of which three are the channels.
+// Four floats per pixel, of which three are the channels.
 @group(0) @binding(1) var<storage, read> image: array<f32>;
 @group(0) @binding(2) var<storage, read> target_image: array<f32>;
 // x, y, x² + y², xy, blurred down the columns: row by row, place by place.
 @group(0) @binding(3) var<storage, read_write> moments: array<vec4f>;
-// Derivatives by b(x), b(x² + y²), b(xy), blurred along the rows: in strips of 8 places, and there row by row, so that who walks down
-// reads on and on. From row to row of an image a CPU would wait for its memory.
+// Derivatives by b(x), b(x² + y²), b(xy), blurred along the rows. They are in strips of 8 places,
+// row by row, so that a walk down reads consecutive memory, which CPUs need.
 @group(0) @binding(4) var<storage, read_write> derivatives: array<vec3f>;
 @group(0) @binding(5) var<storage, read_write> v_image: array<f32>;
 // The loss of each work group of `dssim_derivatives`, then of `dssim_gradient`.
@@ -22,12 +25,12 @@
 
 const SPAN: u32 = 2u * SSIM_RADIUS;
 
-// What the window spans before a block, and the block.
+// The numbers under the window before a block, and the block.
 alias Held = array<vec4f, SPAN + SSIM_BLOCK>;
 
 var<workgroup> lanes: array<f32, DSSIM_GROUP>;
 
-// Makes room for the next block.
+// Moves the numbers to make room for the next block.
 fn advance(held: ptr<function, Held>) {
 #each t SSIM_SPAN
     (*held)[@tu] = (*held)[@tu + SSIM_BLOCK];
@@ -43,7 +46,7 @@ fn blur(held: ptr<function, Held>, at: u32) -> vec4f {
     return sum;
 }
 
-// An invocation's part of a column or row, whose number is `line`.
+// An invocation's segment of column or row `line`.
 struct Segment {
     line: u32,
     channel: u32,
@@ -51,7 +54,8 @@ struct Segment {
     end: u32,
 }
 
-// Neighbours have neighbouring lines, whichever way they walk; beyond the last one `first` is not less than `length`.
+// Neighbouring invocations have neighbouring lines. After the last line, `first` is at least
+// `length`.
 fn segment_of(id: u32, lines: u32, length: u32) -> Segment {
     let first = id / (3u * lines) * SSIM_SEGMENT;
     return Segment(id % (3u * lines) / 3u, id % 3u, first, min(first + SSIM_SEGMENT, length));
@@ -96,7 +100,8 @@ fn dssim_moments(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) g
     }
     let place = s.line * 3u + s.channel;
     var held: Held;
-    // Of the block's first pixel. Before the image it has wrapped around, and is beyond it.
+    // Position of the block's first pixel. Before the image it has wrapped around, and is beyond
+    // the image.
     var row = s.first - SSIM_RADIUS;
     loop {
         advance(&held);
@@ -115,12 +120,13 @@ fn dssim_moments(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) g
     }
 }
 
-// From blurred moments to the derivatives by them, and SSIM itself.
+// SSIM and its derivatives by the blurred moments.
 fn ssim(m: vec4f) -> vec4f {
     let product = m.x * m.y;
     let squares = m.x * m.x + m.y * m.y;
     let a = 2.0 * product + SSIM_C1;
-    // What rounding leaves of large numbers where a window is nearly constant: bounded as by its definition, so that SSIM stays within ±1.
+    // In a window that is nearly constant, these are rounding errors of large numbers. The exact
+    // values satisfy these bounds, and with them SSIM stays within ±1.
     let variances = max(m.z - squares, 0.0);
     let covariance = 2.0 * (m.w - product);
     let b = clamp(covariance, -variances, variances) + SSIM_C2;
@@ -142,7 +148,7 @@ fn dssim_derivatives(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroup
     if s.first < step.size.x {
         var held: Held;
         var by: Held;
-        // As in `dssim_moments`; derivatives lag behind by half a window, and their blur by a whole one.
+        // As in `dssim_moments`. Derivatives lag by half a window, and their blur by a whole one.
         var column = s.first - SPAN;
         loop {
             advance(&held);

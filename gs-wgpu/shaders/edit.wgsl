@@ -1,4 +1,4 @@
-// Stage `edit`: every slot of the edited arrays takes what its source says, in all arrays alike. One invocation a slot.
+// Stage `edit`: fills every slot of the edited arrays from its source. One invocation per slot.
 
 #if SCENE_3D
 alias Parameters = Ellipsoid;
@@ -19,8 +19,9 @@ alias Moved = Moments;
 
 #if SCENE_3D
 #else
-#if LOCAL_FRAME
-// Of all factors of one Sigma, the one nearest to `parent`, in whose coordinates moments were gathered: as `whitened::aligned` in gs-core.
+#if COVARIANCE_FACTOR
+// Of all factors of Sigma, the one nearest to `parent`, in whose coordinates the moments are: as
+// `whitened::aligned` in gs-core.
 fn aligned(factor: mat2x2f, parent: mat2x2f) -> mat2x2f {
     let a = transpose(factor) * parent;
     let side = select(1.0, -1.0, determinant(a) < 0.0);
@@ -47,7 +48,7 @@ fn edit(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: ve
         g = fresh[source.parameters];
 #if SCENE_3D
 #else
-#if LOCAL_FRAME
+#if COVARIANCE_FACTOR
         if source.moments != NONE {
             let factor = aligned(factor_of(g.shape), factor_of(gaussians[source.moments].shape));
             g.shape = vec4f(factor[0], factor[1]);
@@ -69,7 +70,7 @@ fn edit(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: ve
     if source.statistics != NONE {
         s = statistics[source.statistics];
     }
-    // An opacity reset: the pointwise ceiling is an infinite logit where there is none.
+    // An opacity reset. Without one, the ceiling is an infinite logit.
     if step.collect == 1u {
         if !(g.opacity_logit <= step.alpha_max) {
             g.opacity_logit = step.alpha_max;

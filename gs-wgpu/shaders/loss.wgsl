@@ -1,15 +1,16 @@
-// Stage `loss`: the pointwise loss of each pixel and its gradient, `loss`, and the sum of everybody's, `loss_sum`, in a fixed order.
-// KIND: 0, the difference itself (for solving colours); 1, its square (L2); 2, its absolute value (L1). Pixels are summed by blocks.
+// Stage `loss`: `loss` computes each pixel's loss and gradient, and `loss_sum` the total, in a
+// fixed order. KIND: 0, the difference (for solving colours); 1, its square (L2); 2, its absolute
+// value (L1).
 
 @group(0) @binding(1) var<storage, read> image: array<vec4f>;
 @group(0) @binding(2) var<storage, read> target_image: array<vec4f>;
 @group(0) @binding(3) var<storage, read_write> v_image: array<vec4f>;
-// One number a work group of `loss`, or what SUM_OF says.
+// One number per work group of `loss`, or the partial sums of SUM_OF.
 @group(0) @binding(4) var<storage, read_write> partial: array<f32>;
 @group(0) @binding(5) var<storage, read_write> status: Status;
 
 override KIND: u32 = 1u;
-// Whose partial sums make the loss: 0, those of `loss`; 1, D-SSIM's, which are weighted.
+// The partial sums of the loss: 0, those of `loss`; 1, those of D-SSIM, which are weighted.
 override SUM_OF: u32 = 0u;
 
 const PER_LANE: u32 = 4u;
@@ -28,7 +29,7 @@ fn sum_group(lane: u32, value: f32) -> f32 {
     return lanes[0];
 }
 
-// A pixel's loss before it is scaled; its gradient goes into `v_image`.
+// A pixel's unscaled loss. Writes its gradient into `v_image`.
 fn compare(pixel: u32) -> f32 {
     let d = image[pixel].xyz - target_image[pixel].xyz;
     var v = d;

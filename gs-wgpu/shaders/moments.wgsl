@@ -1,6 +1,6 @@
-// Adam's moments, which every kind of Gaussian's parameters move by.
+// Adam's moments, for the parameters of 2D and 3D Gaussians.
 
-// Adam's numbers of four parameters.
+// Adam's settings for four parameters.
 struct Rates {
     rate: vec4f,
     beta1: vec4f,
@@ -28,7 +28,7 @@ fn rates_of(groups: vec4u, steps: f32) -> Rates {
 }
 
 fn moved(first: ptr<function, vec4f>, second: ptr<function, vec4f>, gradient: vec4f, r: Rates) -> vec4f {
-    // The square of a larger one is infinite. NaN stays: it must be seen and pruned.
+    // The square of a larger one is infinite. NaN stays, so that the Gaussian is pruned.
     let g = select(gradient, sign(gradient) * MAX_DERIVATIVE, abs(gradient) > vec4f(MAX_DERIVATIVE));
     let m = r.beta1 * *first + r.rest1 * g;
     let v = r.beta2 * *second + r.rest2 * g * g;

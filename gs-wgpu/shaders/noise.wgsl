@@ -1,4 +1,5 @@
-// Noise on the means, as `MeanNoise` of gs-core defines it: eta is a function of the seed, the step and the Gaussian's index.
+// Noise on the means, as `MeanNoise` of gs-core defines it: eta is a function of the seed, the step
+// and the Gaussian's index.
 
 struct Noise {
     scale: f32,

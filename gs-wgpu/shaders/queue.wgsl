@@ -1,5 +1,6 @@
-// Stage `queue`, which only the order of depth at each pixel has: the tiles' sorted entries as `blend_by_depth` reads them, one after
-// another, each with the least depth that it or any behind it in the queue has at a pixel of the tile. A work group a tile, from its end.
+// Stage `queue`, for the sort at each pixel: the tiles' sorted entries as `blend_by_depth` reads
+// them, each with the least depth of itself and all later entries in the tile. One work group per
+// tile, which starts at the end of the list.
 
 @group(0) @binding(1) var<storage, read> tile_start: array<u32>;
 @group(0) @binding(2) var<storage, read> order: array<u32>;
@@ -32,7 +33,8 @@ fn queue_up(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups
             let entry = entries[slot];
             let s = projected[entry.x];
             let d = depths[entry.x];
-            // An entry without rows reaches nothing. Others reach a little further here than they do: the pixels decide exactly.
+            // An entry without rows reaches nothing. The bounds of others have a margin; the pixels
+            // decide exactly.
             let is_there = entry.y != 0u;
             let reach = select(-1.0, s.reach * 1.0001 + 1e-4, is_there);
             let lower = select(NO_DEPTH, least_depth(s, d.x, d.yz, corner), is_there);

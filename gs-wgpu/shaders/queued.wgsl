@@ -1,19 +1,20 @@
-// What the stages share that walk along tiles' queues: whether an entry reaches a pixel, and in backward, in which units its sums are.
+// Queued entries: whether one reaches a pixel, and the units of its sums in the backward pass.
 //
-// An entry's sums are integers, so that they do not depend on the order of the pixels, and each is of units of 2^-53 of the most that one of
-// the pixels can give which the entry reaches: no Gaussian that shares none of these has a say in it, however bright.
+// An entry's sums are integers, so that they do not depend on the order of the pixels. A unit is
+// 2^-53 of the largest contribution of a pixel that the entry reaches. It does not depend on
+// Gaussians that share no pixel with the entry, however bright.
 
-// Twice sigma at d from the mean.
+// Twice sigma at distance d from the mean.
 fn twice_sigma(q: Queued, d: vec2f) -> f32 {
     let u = d.y - q.slope * d.x;
     return d.x * d.x * q.inverse_xx + u * u * q.c;
 }
 
-// Words of `totals` that an entry has: low and high halves of its sums, and `units`.
+// Words of `totals` per entry: low and high halves of its sums, and `units`.
 const WORDS: u32 = 2u * STRIDE + 1u;
 
-// Where in them the units stand: the exponents, as f32 has them, of what a pixel gives at most to the colour's gradient, to those of the shape
-// and the opacity, and to the error.
+// Position of the units in these words. They are the f32 exponents of a pixel's largest
+// contribution to the gradient of the colour, to those of shape and opacity, and to the error.
 const UNITS: u32 = 2u * STRIDE;
 
 fn power_of_two(exponent: i32) -> f32 {
@@ -25,13 +26,13 @@ fn packed_units(most: vec3f) -> u32 {
     return exponents.x | (exponents.y << 8u) | (exponents.z << 16u);
 }
 
-// A unit's inverse, and the unit.
+// The inverse of a unit, and the unit.
 struct Unit {
     scale: f32,
     size: f32,
 }
 
-// The k-th of packed units: numbers of such an exponent come to 2^53 at most.
+// The k-th of the packed units. Numbers with that exponent are at most 2^53 units.
 fn unit_of(packed: u32, k: u32) -> Unit {
     let exponent = clamp(53 + 126 - i32((packed >> (8u * k)) & 0xffu), -126, 126);
     return Unit(power_of_two(exponent), power_of_two(-exponent));

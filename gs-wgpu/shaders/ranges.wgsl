@@ -1,4 +1,5 @@
-// Stage `ranges`: where each tile's entries stand in the sorted list. An invocation a tile, which looks its lists up by halves.
+// Stage `ranges`: finds each tile's entries in the sorted list by binary search. One invocation per
+// tile.
 
 @group(0) @binding(1) var<storage, read_write> status: Counted;
 @group(0) @binding(2) var<storage, read> keys: array<u32>;
@@ -7,7 +8,7 @@
 // As in `sizes.wgsl`.
 @group(0) @binding(4) var<storage, read_write> indirect: array<atomic<u32>>;
 
-// The first place, from `low` on, of an entry of this list or of a later one.
+// The first place, from `low` on, of an entry of this list or a later one.
 fn place_of(list: u32, low: u32) -> u32 {
     var first = low;
     var end = status.entries;
@@ -35,7 +36,8 @@ fn ranges(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: 
         tile_start[tile + 1u] = end;
     }
     if end - start > step.longest_list {
-        // As where entries do not fit, Adam changes nothing, in this pass or those behind it, until the host knows.
+        // As for entries that do not fit: Adam changes nothing in this pass and the pending ones
+        // after it.
         atomicMax(&status.longest, end - start);
         atomicMax(&status.overflow, status.entries);
         for (var axis = 0u; axis < 3u; axis++) {

@@ -1,4 +1,4 @@
-// What a Gaussian received from the pixels: the sums over its entries' slots, which stand side by side.
+// The gradient of a splat: the sum over its entries' slots, which are neighbours.
 
 @group(0) @binding(2) var<storage, read> projected: array<Splat>;
 @group(0) @binding(3) var<storage, read> offsets: array<u32>;
@@ -10,11 +10,11 @@ struct Received {
     first: vec2f,
     second: vec3f,
     zeroth: f32,
-    // What is collected besides.
+    // Further sums for the statistic.
     collected: vec2f,
 }
 
-// What is collected of an entry.
+// The further sums of an entry.
 fn collected_of(e: u32) -> vec2f {
 #if ABSOLUTE
     return vec2f(slots[e * STRIDE + GRADIENTS], slots[e * STRIDE + GRADIENTS + 1u]);
@@ -33,7 +33,7 @@ struct Sums {
     collected: vec2f,
 }
 
-// Of splat `place`, by one invocation.
+// The sums of splat `place`, by one invocation.
 fn sums_of(place: u32) -> Sums {
     var sums: Sums;
     let end = offsets[place + 1u];
@@ -49,7 +49,7 @@ fn sums_of(place: u32) -> Sums {
     return sums;
 }
 
-// What splat `place` received.
+// The gradient of splat `place`.
 fn received(place: u32) -> Received {
     let sums = sums_of(place);
     let s = sums.gradients;
@@ -61,7 +61,7 @@ fn received(place: u32) -> Received {
     return Received(vec3f(s[0], s[1], s[2]), vec2f(s[3], s[4]), vec3f(s[5], s[6], s[7]), zeroth, sums.collected);
 }
 
-// The statistic that a training step collects of a Gaussian, from v_mean, px^-1.
+// A Gaussian's contribution to the densification statistic, from v_mean, px^-1.
 fn statistic_of(sums: Received, v_mean: vec2f) -> f32 {
 #if ABSOLUTE
     return length(sums.collected * vec2f(step.size) * 0.5);

@@ -1,6 +1,7 @@
-// Exclusive prefix sums, in place, in blocks of 1,024: `scan_blocks` sums each block, `scan_sums` turns those
-// into where each block begins, `scan_spread` finishes inside the blocks. WHICH picks whose length it is: 0, the tile counts of all
-// Gaussians and a closing 0; 1, the histograms of a sorting pass over entries; 2, over Gaussians.
+// Exclusive prefix sums in place, in blocks of 1,024. `scan_blocks` sums each block, `scan_sums`
+// computes the start of each block, and `scan_spread` finishes the blocks. WHICH selects the input:
+// 0, the tile counts of all Gaussians and a final 0; 1, the histograms of a sort of entries; 2,
+// those of a sort of Gaussians.
 
 @group(0) @binding(1) var<storage, read_write> data: array<u32>;
 @group(0) @binding(2) var<storage, read_write> sums: array<u32>;
@@ -8,7 +9,7 @@
 
 override WHICH: u32 = 0u;
 
-// Sums that do not fit stay at the most there is, which is more than there is room for.
+// Sums saturate at the largest number, which exceeds every capacity.
 fn add(a: u32, b: u32) -> u32 {
     return select(a + b, 0xffffffffu, a + b < a);
 }
@@ -23,7 +24,7 @@ fn length() -> u32 {
     return 16u * ((sorted + SORT_BLOCK - 1u) / SORT_BLOCK);
 }
 
-// The exclusive prefix sum of a number a lane.
+// The exclusive prefix sum of one number per lane.
 fn scan_group(lane: u32, value: u32) -> u32 {
     shared_sums[lane] = value;
     workgroupBarrier();

@@ -1,7 +1,9 @@
-// What all stages share: the layouts that `src/layout.rs` mirrors, and arithmetic whose precision WGSL leaves open.
+// Shared by all stages: the layouts that `src/layout.rs` mirrors, and arithmetic whose precision
+// WGSL leaves open.
 
 struct Step {
-    // View: plane coordinates of the canvas' corner, pixels per plane unit, size in px, size in tiles.
+    // View: plane coordinates of the canvas' corner, pixels per plane unit, size in px, size in
+    // tiles.
     origin: vec2f,
     pixels_per_unit: vec2f,
     size: vec2u,
@@ -12,31 +14,33 @@ struct Step {
     alpha_max: f32,
     transmittance_min: f32,
     entry_capacity: u32,
-    // Weights of the pointwise loss and of D-SSIM, each times the gradient's 1/(number of values); the value's 1/(number of values).
+    // Weights of the pointwise loss and of D-SSIM, each times the gradient's 1/(number of values);
+    // the value's 1/(number of values).
     pointwise_scale: f32,
     dssim_scale: f32,
     per_value: f32,
     epsilon: f32,
     min_scale: f32,
     max_scale: f32,
-    // 1 where all Gaussians are opaque; where statistics are collected.
+    // 1 if all Gaussians are opaque; 1 if statistics are collected.
     opaque: u32,
     collect: u32,
-    // 1 where Adam moves those alone that some tile lists.
+    // 1 if Adam moves only Gaussians that some tile lists.
     visible_only: u32,
-    // Of spherical harmonics: coefficients a Gaussian has (2D scenes: 0), and the degree that is evaluated.
+    // SH: coefficients per Gaussian (2D scenes: 0), and the evaluated degree.
     coefficients: u32,
     sh_degree: u32,
-    // Low bits of a tile's entries' keys that are their depth.
+    // Number of low bits of an entry's key that hold its depth.
     depth_bits: u32,
-    // Entries of a tile that this pass's kernels can loop over.
+    // Longest list that this pass's kernels can loop over.
     longest_list: u32,
-    // Of 2D scenes: what is added to the diagonal of Sigma', px², and 1 where the opacity makes up for it.
+    // 2D scenes: the dilation of Sigma', px², and 1 if the opacity compensates for it.
     dilation: f32,
     compensates: u32,
     unused: u32,
-    // Adam: mean, scale, rotation, opacity, colour, SH above degree 0. Learning rate, beta1, beta2, and 1 - beta1; ln beta1, ln beta2, 1 - beta2,
-    // and of scales and opacities what one number's penalty weighs.
+    // Adam: mean, scale, rotation, opacity, colour, SH above degree 0. Learning rate, beta1, beta2,
+    // 1 - beta1; ln beta1, ln beta2, 1 - beta2, and for scales and opacities the penalty's weight
+    // per number.
     rates: array<vec4f, 6>,
     decays: array<vec4f, 6>,
 }
@@ -46,14 +50,15 @@ struct Gaussian {
     opacity_logit: f32,
     // Adam steps taken.
     steps: u32,
-    // Parameterization ScaleRotation: ln-scales and rotation. Parameterization CovarianceFactor: the columns of L.
+    // ScaleRotation: ln-scales and rotation. CovarianceFactor: the columns of L.
     shape: vec4f,
     color: vec3f,
     unused: f32,
 }
 
 struct Moments {
-    // First moments: mean 2, shape 2; shape 1, colour 3. Then the second ones, then both of the opacity.
+    // First moments: mean 2, shape 2; shape 1, colour 3. Then second moments, then both of the
+    // opacity.
     first: array<vec4f, 2>,
     second: array<vec4f, 2>,
     opacity: vec4f,
@@ -71,7 +76,7 @@ struct Splat {
     slope: f32,
     c: f32,
     opacity: f32,
-    // 2 ln(opacity/cut): what twice sigma is on the ellipse outside which nothing is added.
+    // 2 ln(opacity/cut): twice sigma on the ellipse outside which nothing is added.
     reach: f32,
     // Half that ellipse's extent along x; negative for a culled Gaussian.
     half_x: f32,
@@ -91,7 +96,7 @@ struct Gradient {
     unused: u32,
 }
 
-// A 3D Gaussian but for its colour.
+// A 3D Gaussian without its colour.
 struct Ellipsoid {
     mean: vec3f,
     opacity_logit: f32,
@@ -109,75 +114,76 @@ struct EllipsoidGradient {
     log_scale: vec3f,
     device_norm: f32,
     rotation: vec4f,
-    // 1 where some tile lists it; else all is 0, but the gradients of its SH coefficients, which have a buffer of their own, are anything.
+    // 1 if some tile lists it. Otherwise all is 0, and the gradients of its SH are unspecified.
     visible: u32,
     unused: array<u32, 3>,
 }
 
 struct EllipsoidMoments {
-    // Of mean and opacity, log-scale, rotation.
+    // Moments of mean and opacity, log-scale, rotation.
     first: array<vec4f, 3>,
     second: array<vec4f, 3>,
 }
 
-// A tile's entry where pixels are blended in the order of their own depths, with all that they need of its Gaussian.
+// A queued entry of a tile, for the sort at each pixel, with the data of its Gaussian.
 struct Queued {
     mean: vec2f,
     inverse_xx: f32,
     slope: f32,
     c: f32,
     opacity: f32,
-    // What twice sigma is no more than where anything is added.
+    // Upper bound of twice sigma where the Gaussian adds anything.
     reach: f32,
-    // No more than the depth, at any pixel of the tile, of this entry and of all behind it.
+    // Lower bound of the depth of this entry and all later ones at the tile's pixels.
     lower: f32,
-    // By px.
+    // Slope of the depth per px.
     depth_slope: vec2f,
-    // At the mean.
+    // Depth at the mean.
     depth: f32,
-    // In the scene.
+    // Index in the scene.
     index: u32,
     color: vec3f,
-    // The entry's own.
+    // Number of the entry.
     slot: u32,
 }
 
-// The largest depth, and a larger number.
+// The largest depth, and a number beyond it.
 const FARTHEST: f32 = 3.4e38;
 const NO_DEPTH: f32 = 3.402e38;
 
-// What the host reads, late.
+// The status that the host reads later.
 struct Status {
     entries: u32,
-    // Entries that were asked for, once they were more than there is room for; 0 otherwise. Nothing is trained while it is not 0.
+    // Number of entries if they exceed the capacity, else 0. If it is not 0, nothing is trained.
     overflow: u32,
-    // Entries of the longest list, where a tile's was longer than the pass's dispatches walk along: then `overflow` is not 0, either.
+    // Length of the longest list if it exceeds `longest_list`, else 0. Then `overflow` is not 0,
+    // either.
     longest: u32,
     loss: f32,
     near: u32,
     not_finite: u32,
     degenerate: u32,
     transparent: u32,
-    // Pixels that gave up on putting their Gaussians in order.
+    // Number of pixels that could not sort their Gaussians.
     unfinished: u32,
     outside: u32,
 }
 
 @group(0) @binding(0) var<uniform> step: Step;
 
-// SH coefficients of the degree that is evaluated.
+// Number of SH coefficients of the evaluated degree.
 fn evaluated() -> u32 {
     return (step.sh_degree + 1u) * (step.sh_degree + 1u);
 }
 
 const LOG2_E: f32 = 1.4426950408889634;
 
-// Work groups come as rows of at most 65,535.
+// The number of a work group in a dispatch of several rows.
 fn flat(group: vec3u, groups: vec3u) -> u32 {
     return group.y * groups.x + group.x;
 }
 
-// Work groups of D-SSIM's walk along so many lines of such a length.
+// Work groups of D-SSIM's kernels for lines of a length.
 fn dssim_groups(lines: u32, length: u32) -> u32 {
     return (3u * lines * ((length + SSIM_SEGMENT - 1u) / SSIM_SEGMENT) + DSSIM_GROUP - 1u) / DSSIM_GROUP;
 }
@@ -214,7 +220,7 @@ fn exp2_exact4(x: vec4f) -> vec4f {
     return select(vec4f(0.0), p * power, x >= vec4f(-MAX_EXPONENT_2));
 }
 
-// 2^x of x within [-126, 126], and outside of the nearer bound.
+// 2^x, with x clamped to [-126, 126].
 fn exp2_within(x: f32) -> f32 {
     let y = clamp(x, -MAX_EXPONENT_2, MAX_EXPONENT_2);
     let n = round(y);
@@ -255,7 +261,7 @@ fn exp_exact(x: f32) -> f32 {
     return e * bitcast<f32>(u32(i32(n) + 127) << 23u);
 }
 
-// 1 - e^x for x <= 0, to its own precision.
+// 1 - e^x for x <= 0, without cancellation.
 fn one_less_exp(x: f32) -> f32 {
     if x < -0.34 {
         return 1.0 - exp_exact(x);
@@ -268,7 +274,7 @@ fn one_less_exp(x: f32) -> f32 {
     return -fma(p, x * x, x);
 }
 
-// An angle less a multiple of pi/2, and that multiple modulo 4.
+// An angle minus a multiple of pi/2, and that multiple modulo 4.
 struct Reduced {
     rest: f32,
     quarter: u32,
@@ -279,8 +285,8 @@ const TWO_OVER_PI = array<u32, 7>(
     0u, 0xA2F9836Eu, 0x4E441529u, 0xFC2757D1u, 0xF534DDC0u, 0xDB629599u, 0x3C439041u,
 );
 
-// Of an angle of more than 10^4, whose multiple of pi/2 has too many digits for f32 (Payne and Hanek 1983): of its product with 2/pi, 64 bits
-// are computed, from that on which stands for 2.
+// For angles above 10^4, whose multiple of pi/2 has too many digits for f32 (Payne and Hanek 1983).
+// It computes 64 bits of the product with 2/pi, beginning with the bit of 2.
 fn reduced_exactly(angle: f32) -> Reduced {
     if !is_finite(angle) {
         return Reduced(angle, 0u);
@@ -336,7 +342,7 @@ fn sigmoid(x: f32) -> f32 {
 
 // L with Sigma = L L^T.
 fn factor_of(shape: vec4f) -> mat2x2f {
-#if LOCAL_FRAME
+#if COVARIANCE_FACTOR
     return mat2x2f(shape.xy, shape.zw);
 #else
     let d = direction(shape.z);
@@ -353,8 +359,8 @@ fn solve_transposed(l: mat2x2f, v: vec2f) -> vec2f {
     return vec2f(l[1].y * v.x - l[0].y * v.y, l[0].x * v.y - l[1].x * v.x) / determinant_of(l);
 }
 
-// The pixels whose centres lie within [mean - before, mean + after]: first and end. A thousandth of a pixel more, so that rounding
-// never loses one; the blend kernels decide exactly.
+// The pixels whose centres lie within [mean - before, mean + after]: first and end. The margin of a
+// thousandth of a pixel keeps rounding from losing one; the blend kernels decide exactly.
 fn pixels_between(mean: f32, before: f32, after: f32, side: u32) -> vec2u {
     let first = clamp(ceil(mean - before - 0.5 - 1e-3), 0.0, f32(side));
     let end = clamp(floor(mean + after - 0.5 + 1e-3) + 1.0, 0.0, f32(side));

@@ -1,8 +1,8 @@
-// An image onto a texture of its size: one triangle that covers it, and a pixel's colour for each of its own. Complete as it stands.
+// Copies an image to a texture of its size with one triangle that covers it. Needs no shared file.
 
 struct Shown {
     width: u32,
-    // 1 where the texture's format encodes sRGB itself, so that it wants linear values.
+    // 1 if the texture's format encodes sRGB, and so needs linear values.
     encodes: u32,
     unused: vec2u,
 }

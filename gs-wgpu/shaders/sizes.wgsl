@@ -1,12 +1,13 @@
-// Stage `sizes`: how many entries there are, whether they fit, and the sizes of the dispatches that depend on it; and, before `adam`, whether
-// the step is taken. One invocation each.
+// Stage `sizes`: counts the entries, checks that they fit, and sets the sizes of the dispatches
+// that depend on them. Before `adam`, `stop_unfinished` decides whether the step is taken. One
+// invocation each.
 
 @group(0) @binding(1) var<storage, read> offsets: array<u32>;
 @group(0) @binding(2) var<storage, read_write> status: Status;
-// Groups along x, y, z, from each of the BY_… on.
+// Work groups along x, y, z, at each of the BY_… offsets.
 @group(0) @binding(3) var<storage, read_write> indirect: array<u32>;
 
-// Most groups along an axis.
+// Largest number of work groups along an axis.
 override MOST_GROUPS: u32 = 65535u;
 
 fn put(at: u32, groups: u32) {
@@ -37,8 +38,8 @@ fn sizes() {
     put(BY_COEFFICIENT, (step.gaussians * step.coefficients + 63u) / 64u);
 }
 
-// Before `adam`, in the order of depth at each pixel: if a pixel gave up, as where entries do not fit, nothing changes in this pass or those
-// behind it.
+// Before `adam`, with a sort at each pixel: an unfinished pixel stops this step and the pending
+// ones after it.
 @compute @workgroup_size(1)
 fn stop_unfinished() {
     if status.unfinished != 0u {

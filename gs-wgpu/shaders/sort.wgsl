@@ -1,6 +1,7 @@
-// Stage `sort`: one pass of a stable radix sort by four bits, of the tiles' entries (WHICH 1) or of the Gaussians by depth (WHICH 2). `sort_count` counts the digits of every block of 1,024 entries; after a
-// scan over (digit, block), `sort_scatter` moves each entry to its place. A lane keeps 16 entries in a row, so order within a digit is
-// that of the input.
+// Stage `sort`: one pass of a stable radix sort by four bits, of the tiles' entries (WHICH 1) or of
+// the Gaussians by depth (WHICH 2). `sort_count` counts the digits of every block of 1,024 entries;
+// after a scan over (digit, block), `sort_scatter` moves each entry to its place. A lane has 16
+// consecutive entries, which keeps the order within a digit.
 
 struct Pass {
     shift: u32,

@@ -1,6 +1,7 @@
-// Where edited arrays take their contents from.
+// The sources of edited arrays.
 
-// Where a slot's parameters, moments, step count and statistics come from: a Gaussian before, or (parameters) one of `fresh`; NONE leaves 0.
+// Sources of a slot's parameters, moments, step count and statistics: a Gaussian before the edit,
+// or (parameters) one of `fresh`. NONE leaves 0.
 struct Source {
     parameters: u32,
     moments: u32,

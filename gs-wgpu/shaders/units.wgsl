@@ -1,27 +1,29 @@
-// The first part of `blend_bwd` in the order of depth at each pixel: the units that each entry's sums are counted in, from what the pixels can
-// give which it reaches. A work group a tile, an invocation a pixel; then an entry, which looks at all pixels.
+// The first part of `blend_bwd` with a sort at each pixel: the units of each entry's sums, from the
+// largest contributions of the pixels that it reaches. One work group per tile; one invocation per
+// pixel, then per entry, which reads all pixels.
 
 @group(0) @binding(1) var<storage, read> tile_start: array<u32>;
 @group(0) @binding(2) var<storage, read> queue: array<Queued>;
 @group(0) @binding(3) var<storage, read> v_image: array<vec4f>;
 // RGB and transmittance.
 @group(0) @binding(4) var<storage, read> image: array<vec4f>;
-// [entries, WORDS], by their place in the queue.
+// [entries, WORDS], by place in the queue.
 @group(0) @binding(5) var<storage, read_write> totals: array<u32>;
 #if ERROR
 @group(0) @binding(6) var<storage, read> target_image: array<vec4f>;
 #endif
 
-// What each pixel can give at most, in the order of `packed_units`.
+// The largest contribution of each pixel, in the order of `packed_units`.
 var<workgroup> most: array<vec3f, TILE_COLUMNS * TILE_ROWS>;
 
 fn largest(v: vec3f) -> f32 {
     return max(max(v.x, v.y), v.z);
 }
 
-// Of `blend_one`'s numbers. Colours are not negative: all that is behind a Gaussian, times the transmittance there, is no more than the pixel's
-// colour C; so |t| <= 3 |v| C (1 + alpha/(1 - alpha)), and 1 - alpha is no less than what a pixel keeps of its transmittance. t is
-// multiplied by no more than twice sigma.
+// Bounds of the numbers of `blend_one`. Colours are not negative, so the colour behind a Gaussian
+// times the transmittance there is at most the pixel's colour C. Hence |t| <= 3 |v| C (1 +
+// alpha/(1 - alpha)), and 1 - alpha is at least the remaining share of the pixel's transmittance. t
+// is multiplied by at most twice sigma.
 fn most_of(place: u32) -> vec3f {
     let v = largest(abs(v_image[place].xyz));
     let shown = image[place];
@@ -35,7 +37,7 @@ fn most_of(place: u32) -> vec3f {
     let error = 0.0;
 #endif
     let found = vec3f(v, t, error);
-    // What overflows itself is too large for these units, too, and so are its sums.
+    // A contribution that overflows is too large for these units, too, and so are its sums.
     return select(vec3f(3.4e38), found, found <= vec3f(3.4e38));
 }
 
@@ -61,7 +63,8 @@ fn units(
     for (var at = tile_start[tile] + invocation; at < end; at += TILE_COLUMNS * TILE_ROWS) {
         let q = queue[at];
         var found = vec3f(0.0);
-        // Eight pixels at a time, so that software drivers do not end the loops before those of `blend_by_depth`.
+        // Eight pixels per iteration, so that software drivers do not end the loops before those of
+        // `blend_by_depth`.
         for (var first = 0u; first < TILE_COLUMNS * TILE_ROWS; first += 8u) {
             let before = vec2f(corner + vec2u(first % TILE_COLUMNS, first / TILE_COLUMNS)) + 0.5 - q.mean;
 #each k EIGHT

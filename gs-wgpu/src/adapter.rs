@@ -1,4 +1,4 @@
-//! The adapters of a machine: which there are, which one is taken, and which kernels it runs.
+//! The adapters of a machine, and the choice of an adapter and its kernels.
 
 use std::fmt;
 
@@ -6,14 +6,14 @@ use gs_core::Error;
 
 use crate::{gpu::backend_error, shaders::Kernels};
 
-/// What to install where there is no adapter at all.
+/// The advice for a machine without adapters.
 const INSTALL: &str = "install a graphics driver with Vulkan, Metal or DirectX 12; without a GPU, a software one will do \
                        (Debian and Ubuntu: apt-get install mesa-vulkan-drivers)";
 
-/// Invocations of a subgroup that `blend_bwd.wgsl` has room for the sums of.
+/// Smallest subgroup for which `blend_bwd.wgsl` has enough work-group memory, invocations.
 const LEAST_SUBGROUP: u32 = 4;
 
-/// An adapter that was found.
+/// An adapter of this machine.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct AdapterSummary {
     /// Its name, by which [`WgpuSettings::adapter`](crate::WgpuSettings::adapter) finds it.
@@ -33,11 +33,12 @@ impl fmt::Display for AdapterSummary {
 }
 
 fn instance() -> wgpu::Instance {
-    // Not OpenGL: as a silent fallback it takes minutes to compile what it then runs slowly.
+    // Not OpenGL: it takes minutes to compile the shaders, and runs them slowly.
     let backends =
         wgpu::Backends::VULKAN | wgpu::Backends::METAL | wgpu::Backends::DX12 | wgpu::Backends::BROWSER_WEBGPU;
     let defaults = wgpu::InstanceDescriptor::new_without_display_handle();
-    // Indirect dispatches are ours alone, and `sizes.wgsl` keeps them within limits; checking each would take a dispatch of its own.
+    // `sizes.wgsl` keeps the sizes of indirect dispatches within limits. wgpu's validation would
+    // add a dispatch to each.
     let flags = defaults.flags.difference(wgpu::InstanceFlags::VALIDATION_INDIRECT_CALL);
     let descriptor = wgpu::InstanceDescriptor { backends, flags, ..defaults };
     wgpu::Instance::new(descriptor)
@@ -55,7 +56,7 @@ pub(crate) fn summary_of(info: &wgpu::AdapterInfo) -> AdapterSummary {
     AdapterSummary { name: info.name.clone(), kind, interface: info.backend.to_str().to_owned(), driver }
 }
 
-/// How much an adapter is worth: a GPU before a driver that computes on the CPU.
+/// The order of preference of adapters: GPUs before software drivers.
 fn rank(info: &wgpu::AdapterInfo) -> u32 {
     match info.device_type {
         wgpu::DeviceType::DiscreteGpu => 0,
@@ -66,7 +67,7 @@ fn rank(info: &wgpu::AdapterInfo) -> u32 {
     }
 }
 
-/// What a device must allow.
+/// The limits that a device must have.
 pub(crate) fn least_limits() -> wgpu::Limits {
     wgpu::Limits::default()
 }
@@ -77,12 +78,12 @@ async fn found(instance: &wgpu::Instance) -> Vec<wgpu::Adapter> {
     adapters
 }
 
-/// The adapters of this machine, the one that is taken unless another is named first.
+/// The adapters of this machine. The first one is the default.
 pub async fn adapters() -> Vec<AdapterSummary> {
     found(&instance()).await.iter().map(|a| summary_of(&a.get_info())).collect()
 }
 
-/// The adapter whose name contains `wanted`, or the fastest kind there is; and why it.
+/// The adapter whose name contains `wanted`, or the fastest kind, and the reason of the choice.
 pub(crate) async fn choose(wanted: Option<&str>) -> Result<(wgpu::Adapter, String), Error> {
     let mut adapters = found(&instance()).await;
     let (index, reason) = match wanted {
@@ -111,7 +112,7 @@ fn choice_reason(adapters: &[wgpu::Adapter]) -> String {
     }
 }
 
-/// The kernels that were asked for, or the fastest.
+/// The requested kernels, or the fastest.
 pub(crate) fn kernels(
     wanted: Option<Kernels>,
     info: &wgpu::AdapterInfo,

@@ -1,5 +1,5 @@
-//! What the device answers, as futures: nothing here waits, but on native platforms a thread of the device's own polls it while answers
-//! are pending. In a browser, the browser does.
+//! Answers of the device as futures. On native platforms a thread polls the device while answers
+//! are pending; in a browser, the browser does.
 
 use std::{
     future::poll_fn,
@@ -7,7 +7,7 @@ use std::{
     task::{Poll, Waker},
 };
 
-/// Whether something could be done, once the device has said so.
+/// A future answer of the device: whether an operation succeeded.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Answer(Arc<Mutex<State>>);
 
@@ -18,7 +18,7 @@ struct State {
 }
 
 impl Answer {
-    /// Gives the answer, unless there is one.
+    /// Sets the answer, unless it is already set.
     pub(crate) fn give(&self, answer: bool) {
         let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         state.given.get_or_insert(answer);
@@ -29,12 +29,12 @@ impl Answer {
         }
     }
 
-    /// The answer, if it is there.
+    /// The answer, if it has arrived.
     pub(crate) fn given(&self) -> Option<bool> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).given
     }
 
-    /// The answer, once it is there.
+    /// Waits for the answer.
     pub(crate) async fn wait(&self) -> bool {
         poll_fn(|context| {
             let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
@@ -67,24 +67,24 @@ mod native {
     use super::Answer;
     use crate::gpu::Faults;
 
-    /// A driver that does not answer for so long never will: drivers give up on a single submission far earlier.
+    /// Longest wait for a submission. Drivers abort a submission much earlier.
     const LONGEST_WAIT: Duration = Duration::from_secs(600);
 
-    /// How long the device may take to hand over what it has finished.
+    /// Longest wait for the callbacks of a finished submission.
     const MOST_PATIENCE: Duration = Duration::from_secs(60);
 
-    /// An answer that comes when a submission has been done.
+    /// A submission, and the answer that arrives when it is done.
     type Pending = (wgpu::SubmissionIndex, Answer);
 
-    /// Where answers are asked for, and the thread that waits for them; nothing where none can be started.
+    /// The channel to the polling thread, and the thread; `None` if it could not be started.
     type Running = Option<(Sender<Pending>, JoinHandle<()>)>;
 
-    /// A thread that waits for the device, so that nobody else has to. It is started when it is first needed, and ends with this.
+    /// A thread that polls the device. It starts on first use and ends when this is dropped.
     #[derive(Debug, Default)]
     pub(crate) struct Poller(OnceLock<Running>);
 
     impl Poller {
-        /// Sees to it that the answer comes.
+        /// Polls the device until the answer arrives.
         pub(crate) fn expect(
             &self,
             device: &wgpu::Device,
@@ -102,7 +102,7 @@ mod native {
             let pending = || (submission.clone(), answer.clone());
             let sent = running.as_ref().is_some_and(|(sender, _)| sender.send(pending()).is_ok());
             if !sent {
-                faults.note("no thread can be started that waits for the device".to_owned());
+                faults.note("cannot start the thread that polls the device".to_owned());
                 answer.give(false);
             }
         }
@@ -112,7 +112,7 @@ mod native {
         fn drop(&mut self) {
             if let Some((sender, thread)) = self.0.take().flatten() {
                 drop(sender);
-                // The thread holds the device: drivers want it to be gone before the process is.
+                // The thread holds the device, which must be dropped before the process ends.
                 let _panicked = thread.join();
             }
         }
@@ -125,12 +125,12 @@ mod native {
                 match device.poll(wait) {
                     Ok(_) => {}
                     Err(wgpu::PollError::Timeout) => faults.note(format!(
-                        "the device has not answered for {} s: its driver hangs, start anew",
+                        "the device has not answered for {} s: its driver hangs, restart the program",
                         LONGEST_WAIT.as_secs()
                     )),
                     Err(e) => faults.note(format!("waiting for the device: {e}")),
                 }
-                // Where another thread has polled too, its callbacks come a little later.
+                // If another thread polls, too, its callbacks may run a little later.
                 let end = Instant::now() + MOST_PATIENCE;
                 while answer.given().is_none() && faults.check().is_ok() && Instant::now() < end {
                     thread::sleep(Duration::from_millis(1));

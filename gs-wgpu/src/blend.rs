@@ -1,4 +1,4 @@
-//! The stages that visit every pixel, `blend` and `blend_bwd`, as commands.
+//! Commands of the stages that visit every pixel, `blend` and `blend_bwd`.
 
 use gs_core::{Error, Loss};
 
@@ -11,7 +11,7 @@ use crate::{
     tiles::Tiles,
 };
 
-/// What `blend_bwd` differentiates: the loss by this target, or half the image's square.
+/// The function that `blend_bwd` differentiates: the loss, or half the image's square.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Differentiated<'a> {
     Loss(&'a Target),
@@ -19,7 +19,7 @@ pub(crate) enum Differentiated<'a> {
 }
 
 impl Tiles {
-    /// Stage `blend`.
+    /// Records stage `blend`.
     pub(crate) fn encode_blend(&self, gpu: &Gpu, commands: &mut Commands) {
         if self.orders_by_pixel() {
             let bindings = [&self.step, &self.tile_start.buffer, &self.queue.buffer, &self.status, &self.image.buffer];
@@ -31,7 +31,7 @@ impl Tiles {
         dispatch(gpu, commands, "blend", self.variant(), &bindings, gpu.groups(self.count()).into());
     }
 
-    /// Stage `blend_bwd`, from `v_image`, or from the image itself.
+    /// Records stage `blend_bwd`, from `v_image` or from the image itself.
     pub(crate) fn encode_blend_bwd(
         &mut self,
         gpu: &Gpu,
@@ -41,7 +41,7 @@ impl Tiles {
         self.ensure_slots(gpu)?;
         let variant = Variant { pass: Pass::Backward, ..self.variant() };
         let image = &self.image.buffer;
-        // An image that is differentiated itself is compared with nothing, and nothing is collected of it.
+        // Half the image's square has no target, and no statistics are collected.
         let (v_image, target) = match of {
             Differentiated::Loss(target) => (&self.v_image.buffer, self.compared(target)),
             Differentiated::Image => (image, image),
@@ -71,7 +71,7 @@ impl Tiles {
         Ok(())
     }
 
-    /// Stages `blend` to `blend_bwd` for a training step.
+    /// Records stages `blend` to `blend_bwd` of a training step.
     pub(crate) fn encode_image_and_gradient(
         &mut self,
         gpu: &Gpu,
@@ -84,7 +84,7 @@ impl Tiles {
         self.encode_blend_bwd(gpu, commands, Differentiated::Loss(target))
     }
 
-    /// What every blend kernel reads.
+    /// The buffers that every blend kernel reads.
     fn lists(&self) -> [&wgpu::Buffer; 5] {
         [
             &self.step,

@@ -1,22 +1,22 @@
-//! What the backward kernels sum up besides the gradients, for the statistics that need sums of their own; kernels which collect nothing
-//! are compiled without a trace of it.
+//! The sums over pixels that some densification statistics need besides the gradients. Kernels
+//! without such sums are compiled without code for them.
 
 use gs_core::effects::Statistics;
 
 /// Numbers that follow an entry's gradients in its slot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub(crate) enum Collected {
-    /// None: the gradients are enough.
+    /// No further numbers.
     #[default]
     Nothing,
-    /// Σ|∂L/∂u| and Σ|∂L/∂v|, px⁻¹: the positional gradient's shares through single pixels, by magnitude.
+    /// Σ|∂L/∂u| and Σ|∂L/∂v|, px⁻¹, summed over pixels.
     AbsoluteGradients,
-    /// Σ T α e, e the pixels' errors.
+    /// Σ T α e, where e is the pixel's error.
     PixelErrors,
 }
 
 impl Collected {
-    /// What a statistic needs.
+    /// The numbers that a statistic needs.
     pub(crate) fn of(statistics: Statistics) -> Self {
         match statistics {
             Statistics::None | Statistics::MeanGradient => Self::Nothing,
@@ -25,7 +25,7 @@ impl Collected {
         }
     }
 
-    /// How many numbers.
+    /// Count of the numbers.
     pub(crate) fn numbers(self) -> u32 {
         match self {
             Self::Nothing => 0,

@@ -1,13 +1,13 @@
-//! Commands on their way to the device: dispatches of entry points, in as few passes as can be.
+//! Recording of commands: dispatches of entry points, in as few compute passes as possible.
 
 use crate::{gpu::Gpu, shaders::Variant};
 
-/// How many work groups a dispatch has.
+/// The work groups of a dispatch.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Groups<'a> {
-    /// Along x and y, as the host knows.
+    /// Numbers along x and y that the host knows.
     Direct(u32, u32),
-    /// As the device has written at an offset (bytes) of this buffer.
+    /// Numbers that the device writes at an offset (bytes) of this buffer.
     Indirect(&'a wgpu::Buffer, u64),
 }
 
@@ -17,7 +17,9 @@ impl From<(u32, u32)> for Groups<'_> {
     }
 }
 
-/// Commands of one submission. Dispatches in a row share a pass, because beginning one costs about as much as a small dispatch.
+/// Commands of one submission.
+///
+/// Consecutive dispatches share a compute pass: a pass costs about as much as a small dispatch.
 #[derive(Debug)]
 pub struct Commands {
     encoder: wgpu::CommandEncoder,
@@ -30,7 +32,7 @@ impl Commands {
         Self { encoder, pass: None }
     }
 
-    /// For copies and the like, between passes.
+    /// The encoder for other commands, between compute passes.
     pub(crate) fn encoder(&mut self) -> &mut wgpu::CommandEncoder {
         self.pass = None;
         &mut self.encoder
@@ -60,7 +62,8 @@ pub(crate) fn dispatch(
     dispatch_some(gpu, commands, entry_point, variant, (&numbers, bindings), groups);
 }
 
-/// As [`dispatch`], for an entry point that leaves some bindings of its file unused: numbers and buffers.
+/// Records a dispatch with explicit binding numbers, for an entry point that does not use all
+/// bindings of its file.
 pub(crate) fn dispatch_some(
     gpu: &Gpu,
     commands: &mut Commands,

@@ -1,4 +1,4 @@
-//! What passes leave behind on the device: forward passes, gradients, and the pool that their buffers go back to.
+//! Forward passes and gradients on the device, and the pool of their buffers.
 
 use std::{
     fmt,
@@ -23,7 +23,7 @@ impl<S: SceneKind> Pool<S> {
     pub(crate) fn take(&self, gpu: &Gpu) -> Result<Workspace<S>, Error> {
         match self.0.lock().unwrap_or_else(PoisonError::into_inner).pop() {
             Some(mut workspace) => {
-                // A step with `Binning::Reuse` must not take up the lists of what it served for before.
+                // A step with `Binning::Reuse` must not use another's lists.
                 workspace.edition = None;
                 Ok(workspace)
             }
@@ -36,7 +36,7 @@ impl<S: SceneKind> Pool<S> {
     }
 }
 
-/// One forward pass on the device: the image, and what its backward pass needs.
+/// A forward pass on the device: the image, and what its backward pass needs.
 pub struct ForwardPass<S: SceneKind> {
     /// `Some` until dropped.
     pub(crate) workspace: Option<Workspace<S>>,
@@ -60,7 +60,8 @@ impl<S: SceneKind> ForwardPass<S> {
         self.status.culled()
     }
 
-    /// Entries of all tiles' lists: one per Gaussian and tile of 16×16 px that it touches.
+    /// Number of entries in all tiles' lists: one per Gaussian and tile of 16×16 px that it
+    /// touches.
     pub fn entries(&self) -> usize {
         self.status.entries as usize
     }
@@ -80,19 +81,18 @@ impl<S: SceneKind> fmt::Debug for ForwardPass<S> {
     }
 }
 
-/// The gradients of one backward pass, `[N]`, on the device.
+/// The gradients of a backward pass, `[N]`, on the device.
 #[derive(Debug)]
 pub struct Gradients<S: SceneKind> {
-    /// As many as the kind of scene has.
     pub(crate) buffers: Vec<wgpu::Buffer>,
     pub(crate) len: usize,
-    /// Of the forward pass, for what the device is told in a step of Adam.
+    /// The view of the forward pass, which the uniform of an Adam step needs.
     pub(crate) view: S::View,
     pub(crate) settings: RenderSettings,
 }
 
 impl<S: SceneKind> Gradients<S> {
-    /// Fails unless the gradients are of as many Gaussians as there are splats.
+    /// Fails unless the gradients belong to as many Gaussians as there are splats.
     pub(crate) fn check_len(&self, splats: &Splats<S>) -> Result<(), Error> {
         if self.len == splats.len {
             return Ok(());

@@ -1,4 +1,4 @@
-//! The device: what is asked of an adapter, how its faults become errors, its buffers and pipelines.
+//! The device: its limits, errors, buffers and pipelines.
 
 use std::{
     collections::HashMap,
@@ -24,29 +24,31 @@ use crate::{
 
 pub(crate) const BACKEND: &str = "wgpu";
 
-/// What fresh buffers hold.
+/// The initial contents of buffers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg(feature = "test-hooks")]
 pub enum FreshBuffers {
-    /// Zeros, as WebGPU has it.
+    /// Zeros, as WebGPU specifies.
     #[default]
     Zero,
-    /// NaNs, so that tests find every number that is read before it is written.
+    /// NaNs, so that tests find numbers that are read before they are written.
     Poison,
 }
 
-/// How a [`WgpuRasterizer`](crate::WgpuRasterizer) comes by its device.
+/// How a [`WgpuRasterizer`](crate::WgpuRasterizer) opens its device.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct WgpuSettings {
-    /// The first adapter whose name contains this, letter case aside; `None`: the fastest kind there is.
+    /// Selects the first adapter whose name contains this, ignoring case; `None`: the fastest kind.
     pub adapter: Option<String>,
-    /// What fresh buffers hold.
+    /// The initial contents of buffers.
     #[cfg(feature = "test-hooks")]
     pub fresh_buffers: FreshBuffers,
-    /// How the kernels that visit every pixel are written; `None`: the fastest that the adapter can run.
+    /// The kind of kernels; `None`: the fastest that the adapter supports.
     pub kernels: Option<Kernels>,
-    /// Most work groups along an axis of a dispatch; what has more goes into several rows. `None`, or more than the adapter allows: as
-    /// many as it allows.
+    /// Largest number of work groups along an axis of a dispatch. Larger dispatches have several
+    /// rows.
+    ///
+    /// `None`, or more than the adapter allows: the adapter's limit.
     #[cfg(feature = "test-hooks")]
     pub most_groups: Option<std::num::NonZero<u32>>,
 }
@@ -77,7 +79,7 @@ pub(crate) fn backend_error(message: impl Into<String>) -> Error {
     Error::Backend { backend: BACKEND, message: message.into() }
 }
 
-/// What went wrong on a device, first things first.
+/// The first error of a device.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Faults(Arc<Mutex<Option<String>>>);
 
@@ -86,7 +88,7 @@ impl Faults {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(text);
     }
 
-    /// Fails if anything went wrong.
+    /// Fails if there was an error.
     pub(crate) fn check(&self) -> Result<(), Error> {
         match &*self.0.lock().unwrap_or_else(PoisonError::into_inner) {
             None => Ok(()),
@@ -100,14 +102,14 @@ pub struct Gpu {
     pub(crate) device: wgpu::Device,
     pub(crate) queue: wgpu::Queue,
     pub(crate) adapter: AdapterSummary,
-    /// Why this adapter.
+    /// The reason why this adapter was chosen.
     pub(crate) reason: String,
     limits: wgpu::Limits,
-    /// Most work groups along an axis of a dispatch.
+    /// Largest number of work groups along an axis of a dispatch.
     pub(crate) most_groups: u32,
     /// Whether the adapter computes on a CPU.
     pub(crate) on_cpu: bool,
-    /// How the kernels that visit every pixel are written.
+    /// The kind of kernels.
     pub(crate) kernels: Kernels,
     /// Whether fresh buffers hold NaN instead of zeros.
     poison: bool,
@@ -115,13 +117,13 @@ pub struct Gpu {
     #[cfg(not(target_family = "wasm"))]
     poller: Poller,
     pipelines: Mutex<HashMap<(&'static str, Variant), Arc<wgpu::ComputePipeline>>>,
-    /// Those that write to textures of a format.
+    /// The pipelines that draw into textures, by format.
     pub(crate) shown: Mutex<HashMap<wgpu::TextureFormat, wgpu::RenderPipeline>>,
-    /// One uniform per sorting pass: how far its digit is shifted.
+    /// One uniform per sorting pass: the bit offset of its digit.
     pub(crate) shifts: Vec<wgpu::Buffer>,
-    /// Bytes that were moved between host and device.
+    /// Bytes moved between host and device.
     moved: AtomicU64,
-    /// How often the host has waited for the device.
+    /// Number of times that the host has waited for the device.
     waits: AtomicU64,
 }
 
@@ -137,7 +139,7 @@ impl Gpu {
         let (adapter, reason) = adapter::choose(settings.adapter.as_deref()).await?;
         let info = adapter.get_info();
         let offered = adapter.limits();
-        // More than the defaults only where scenes could not grow otherwise: how large a buffer may be.
+        // The default limits, except for buffer sizes, which bound the size of a scene.
         let limits = wgpu::Limits {
             max_buffer_size: offered.max_buffer_size,
             max_storage_buffer_binding_size: offered.max_storage_buffer_binding_size,
@@ -145,7 +147,7 @@ impl Gpu {
         };
         let descriptor = wgpu::DeviceDescriptor {
             label: Some("gs-wgpu"),
-            // Timestamps are for profiles only.
+            // Only profiles use timestamps.
             required_features: adapter.features() & (wgpu::Features::SUBGROUP | wgpu::Features::TIMESTAMP_QUERY),
             required_limits: limits.clone(),
             ..wgpu::DeviceDescriptor::default()
@@ -153,7 +155,7 @@ impl Gpu {
         let (device, queue) = adapter
             .request_device(&descriptor)
             .await
-            .map_err(|e| backend_error(format!("{} gives no device: {e}", info.name)))?;
+            .map_err(|e| backend_error(format!("{} cannot open a device: {e}", info.name)))?;
         let faults = Faults::default();
         let uncaptured = faults.clone();
         device.on_uncaptured_error(Arc::new(move |e: wgpu::Error| uncaptured.note(e.to_string())));
@@ -164,7 +166,7 @@ impl Gpu {
         Self::on(device, queue, &info, limits, faults, reason, settings)
     }
 
-    /// Shares a device that the host program has opened, with whose own error handlers.
+    /// Shares a device of the host program, which keeps its own error handlers.
     pub(crate) fn shared(device: wgpu::Device, queue: wgpu::Queue, settings: &WgpuSettings) -> Result<Self, Error> {
         let (info, limits) = (device.adapter_info(), device.limits());
         let mut missing = Vec::new();
@@ -173,9 +175,7 @@ impl Gpu {
         });
         if !missing.is_empty() {
             let missing = missing.join(", ");
-            return Err(backend_error(format!(
-                "the device of the host program was opened with too low limits: {missing}"
-            )));
+            return Err(backend_error(format!("the limits of the host program's device are too low: {missing}")));
         }
         let reason = "the host program's device".to_owned();
         Self::on(device, queue, &info, limits, Faults::default(), reason, settings)
@@ -222,26 +222,26 @@ impl Gpu {
         })
     }
 
-    /// Fails if anything went wrong on the device since it was made.
+    /// Fails if there was an error since the device was opened.
     pub(crate) fn check(&self) -> Result<(), Error> {
         self.faults.check()
     }
 
-    /// Makes the device unusable, as a driver that crashes would.
+    /// Makes the device unusable, as a crash of the driver would.
     #[cfg(feature = "test-hooks")]
     pub(crate) fn lose(&self) {
         self.device.destroy();
         self.faults.note("the device was lost: it was destroyed".to_owned());
     }
 
-    /// Work groups for so many, as rows of at most what a dispatch allows.
+    /// Columns and rows of a dispatch of `groups` work groups, within the limit.
     pub(crate) fn groups(&self, groups: u64) -> (u32, u32) {
         let most = u64::from(self.most_groups);
         let across = groups.clamp(1, most);
         (across as u32, groups.div_ceil(across) as u32)
     }
 
-    /// A buffer of its own, or how much was asked for and how much there is.
+    /// A new buffer, or an error with the requested and the available size.
     pub(crate) fn allocate(
         &self,
         label: &'static str,
@@ -253,18 +253,18 @@ impl Gpu {
         let mib = |bytes: u64| bytes.div_ceil(1 << 20);
         if bytes > most {
             return Err(backend_error(format!(
-                "{label} need {} MiB in one buffer, and {} allows {} MiB: use fewer or smaller Gaussians or a smaller \
+                "{label} need {} MiB in one buffer, but {} allows {} MiB: use fewer or smaller Gaussians or a smaller \
                  canvas, or the CPU backend",
                 mib(bytes),
                 self.adapter.name,
                 mib(most)
             )));
         }
-        // No smaller than any struct of the shaders.
+        // At least the size of every struct of the shaders.
         let size = bytes.max(256).next_multiple_of(16);
         let poison = self.poison && !usage.contains(wgpu::BufferUsages::MAP_READ);
-        // A scope, so that a want of memory is an error of this call alone, and the device stays usable. In a browser its outcome is not
-        // known yet when this returns: there a want of memory is an error of a later call.
+        // With a scope, running out of memory is an error of this call alone, and the device stays
+        // usable. In a browser its outcome is not known yet here, and a later call fails.
         let scope = self.device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
         let buffer = self.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some(label),
@@ -275,8 +275,8 @@ impl Gpu {
         let popped = pin!(scope.pop()).poll(&mut Context::from_waker(Waker::noop()));
         if let Poll::Ready(Some(_)) = popped {
             return Err(backend_error(format!(
-                "{label} need {} MiB, and {} has not so much memory left: use fewer or smaller Gaussians or a smaller canvas, or the CPU \
-                 backend",
+                "{label} need {} MiB, but {} has less memory left: use fewer or smaller Gaussians or a smaller canvas, or \
+                 the CPU backend",
                 mib(size),
                 self.adapter.name
             )));
@@ -299,7 +299,7 @@ impl Gpu {
         Ok(buffer)
     }
 
-    /// Host to device.
+    /// Writes bytes from the host to a buffer.
     pub(crate) fn write(&self, buffer: &wgpu::Buffer, bytes: &[u8]) {
         if !bytes.is_empty() {
             self.moved.fetch_add(bytes.len() as u64, Ordering::Relaxed);
@@ -307,7 +307,7 @@ impl Gpu {
         }
     }
 
-    /// Device to host: the first `count` of a buffer, once everything before has been done.
+    /// Reads the first `count` elements of a buffer, after all earlier submissions.
     pub(crate) async fn read<T: bytemuck::Pod>(&self, buffer: &wgpu::Buffer, count: usize) -> Result<Vec<T>, Error> {
         let bytes = (count * size_of::<T>()) as u64;
         if bytes == 0 {
@@ -321,7 +321,8 @@ impl Gpu {
         self.contents(&staging, bytes, mapped, bytemuck::pod_collect_to_vec)
     }
 
-    /// Asks for the first `bytes` of a buffer; to be called when what fills them has been submitted.
+    /// Starts to map the first `bytes` of a buffer. Call it after submitting the commands that fill
+    /// it.
     pub(crate) fn map(staging: &wgpu::Buffer, bytes: u64) -> Answer {
         let answer = Answer::default();
         let mapped = answer.clone();
@@ -329,7 +330,9 @@ impl Gpu {
         answer
     }
 
-    /// Looks at the first `bytes` of a buffer that is `mapped` unless the device was lost, and gives it back to the device.
+    /// Passes the first `bytes` of a mapped buffer to `look`, and unmaps it.
+    ///
+    /// `mapped` is false if the device was lost.
     pub(crate) fn contents<T>(
         &self,
         staging: &wgpu::Buffer,
@@ -339,7 +342,7 @@ impl Gpu {
     ) -> Result<T, Error> {
         self.check()?;
         if !mapped {
-            return Err(backend_error("what the device computed cannot be read: the device was lost"));
+            return Err(backend_error("cannot read results: the device was lost"));
         }
         let view = staging.get_mapped_range(..bytes).map_err(|e| backend_error(e.to_string()))?;
         let found = look(&view);
@@ -349,7 +352,7 @@ impl Gpu {
         Ok(found)
     }
 
-    /// An answer that comes when this, and what was submitted before it, has been done.
+    /// Waits for an answer that arrives once `submission` and all before it are done.
     pub(crate) async fn wait_for(&self, answer: &Answer, submission: &wgpu::SubmissionIndex) -> bool {
         self.waits.fetch_add(1, Ordering::Relaxed);
         #[cfg(not(target_family = "wasm"))]
@@ -359,34 +362,34 @@ impl Gpu {
         answer.wait().await
     }
 
-    /// Until this, and what was submitted before it, has been done.
+    /// Waits until `submission` and all before it are done.
     pub(crate) async fn done(&self, submission: &wgpu::SubmissionIndex) -> Result<(), Error> {
         let answer = Answer::default();
         let done = answer.clone();
         self.queue.on_submitted_work_done(move || done.give(true));
         let done = self.wait_for(&answer, submission).await;
         self.check()?;
-        if done { Ok(()) } else { Err(backend_error("the device was lost while work was under way")) }
+        if done { Ok(()) } else { Err(backend_error("the device was lost during a computation")) }
     }
 
-    /// Takes note of what the device has done, without waiting.
+    /// Polls the device without waiting.
     pub(crate) fn look(&self) -> Result<(), Error> {
         let looked = self.device.poll(wgpu::PollType::Poll);
         self.check()?;
-        looked.map(drop).map_err(|e| backend_error(format!("asking the device: {e}")))
+        looked.map(drop).map_err(|e| backend_error(format!("polling the device: {e}")))
     }
 
-    /// How often the host has waited for the device since it was made.
+    /// Number of times that the host has waited for the device.
     pub(crate) fn waits(&self) -> u64 {
         self.waits.load(Ordering::Relaxed)
     }
 
-    /// Bytes that were moved between host and device since the device was made.
+    /// Bytes moved between host and device.
     pub(crate) fn moved(&self) -> u64 {
         self.moved.load(Ordering::Relaxed)
     }
 
-    /// The pipeline of an entry point, compiled when first asked for.
+    /// The pipeline of an entry point, compiled on first use.
     pub(crate) fn pipeline(&self, entry_point: &'static str, variant: Variant) -> Arc<wgpu::ComputePipeline> {
         let variant = Variant { on_cpu: self.on_cpu, kernels: self.kernels, ..variant };
         let mut pipelines = self.pipelines.lock().unwrap_or_else(PoisonError::into_inner);
@@ -407,14 +410,14 @@ impl Gpu {
                     constants: &constants,
                     zero_initialize_workgroup_memory: false,
                 },
-                // wgpu hands compiled pipelines to another device through `PipelineCache` only, whose constructor is unsafe; drivers
-                // keep a cache of their own.
+                // The constructor of `PipelineCache` is unsafe, and drivers have caches of their
+                // own.
                 cache: None,
             }))
         }))
     }
 }
 
-/// Usage of a buffer that shaders read and write and the host fills and reads.
+/// Usage of a buffer that shaders and the host read and write.
 pub(crate) const STORAGE: wgpu::BufferUsages =
     wgpu::BufferUsages::STORAGE.union(wgpu::BufferUsages::COPY_DST).union(wgpu::BufferUsages::COPY_SRC);

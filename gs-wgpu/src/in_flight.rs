@@ -1,9 +1,11 @@
-//! Training steps that were sent and whose outcome the host does not know yet, so that host and device work at the same time.
+//! Pending training steps: the host submits the next step before it knows the outcome of the last.
 //!
-//! Each step ends by copying its status into a small buffer of its own, which is mapped when the device is done with it. The host reads
-//! them in order, as late as it can. A step whose lists do not fit changes nothing, nor do those behind it (`shaders/sizes.wgsl`): when
-//! the host learns of it, it makes room and sends them all again, so the splats ends as if there had always been room. A step in which a pixel
-//! gives up changes nothing, either, nor do those behind it; it is an error, and sent no more.
+//! Each step ends by copying its status into a small buffer of its own, which is mapped when the
+//! step is done. The host reads the statuses in order, as late as it can. A step whose lists do not
+//! fit changes nothing, and neither do the steps after it (`shaders/sizes.wgsl`). When the host
+//! reads such a status, it enlarges the buffers and submits all these steps again, so the result is
+//! the same as with large buffers. A step with an unfinished pixel changes nothing, either, and is
+//! an error.
 
 use std::{
     collections::VecDeque,
@@ -29,12 +31,14 @@ use crate::{
     workspace::Workspace,
 };
 
-/// Training steps of splats that may be under way at once; before one more is sent, the host waits for the oldest. Two would do to keep
-/// the device at work; with more, a host that is kept busy for a while costs nothing. Each is one more that is sent in vain when buffers
-/// must grow, and losses come by so many steps later.
+/// Largest number of pending training steps of some splats. The host waits for the oldest before it
+/// submits another.
+///
+/// Two would keep the device busy; more cover short delays of the host. When buffers must grow, all
+/// pending steps are repeated, and losses arrive this many steps late.
 pub const STEPS_IN_FLIGHT: usize = 4;
 
-/// All that it takes to send a step, and to send it again.
+/// The arguments of a step, to submit it and to repeat it.
 #[derive(Debug)]
 pub(crate) struct Request<S: SceneKind> {
     view: S::View,
@@ -43,7 +47,7 @@ pub(crate) struct Request<S: SceneKind> {
     loss: Loss,
     rates: AdamRates,
     binning: Binning,
-    /// Added to the means after the step.
+    /// Noise that is added to the means after the step.
     noise: Vec<MeanNoise>,
 }
 
@@ -63,22 +67,22 @@ impl<S: SceneKind> Request<S> {
 
 const STATUS_BYTES: u64 = size_of::<Status>() as u64;
 
-/// A step under way.
+/// A pending step.
 #[derive(Debug)]
 struct Sent<S: SceneKind> {
     request: Request<S>,
-    /// Where its status goes.
+    /// The buffer for its status.
     status: wgpu::Buffer,
-    /// Whether that could be mapped.
+    /// Whether the buffer could be mapped.
     mapped: Answer,
     submission: wgpu::SubmissionIndex,
 }
 
-/// Where the steps under way are, unless somebody waits for them.
+/// The pending steps, unless a future waits for them.
 #[derive(Debug)]
 pub(crate) struct Home<S: SceneKind> {
     in_flight: Option<InFlight<S>>,
-    /// Who else wants them.
+    /// Wakers of other futures that wait for them.
     wakers: Vec<Waker>,
 }
 
@@ -88,7 +92,7 @@ impl<S: SceneKind> Default for Home<S> {
     }
 }
 
-/// The steps under way in the hands of whoever waits for them. They go back when the waiting ends, and where it is given up.
+/// The pending steps while a future waits for them. They go back when this is dropped.
 #[derive(Debug)]
 pub(crate) struct Taken<'a, S: SceneKind> {
     home: &'a Mutex<Home<S>>,
@@ -96,7 +100,7 @@ pub(crate) struct Taken<'a, S: SceneKind> {
 }
 
 impl<'a, S: SceneKind> Taken<'a, S> {
-    /// Takes them, once nobody else has them.
+    /// Takes the pending steps, once no other future has them.
     pub(crate) async fn from(home: &'a Mutex<Home<S>>) -> Self {
         poll_fn(|context| {
             let mut found = home.lock().unwrap_or_else(PoisonError::into_inner);
@@ -137,29 +141,29 @@ impl<S: SceneKind> DerefMut for Taken<'_, S> {
 }
 
 impl<S: SceneKind> Home<S> {
-    /// Steps under way; 0 while somebody waits for them.
+    /// Number of pending steps; 0 while a future waits for them.
     pub(crate) fn len(&self) -> usize {
         self.in_flight.as_ref().map_or(0, |in_flight| in_flight.sent.len())
     }
 
-    /// The steps under way of splats that nobody else can look at.
+    /// The pending steps, through a unique reference.
     pub(crate) fn in_flight(&mut self) -> &mut InFlight<S> {
         self.in_flight.get_or_insert_default()
     }
 }
 
-/// A splats' steps under way, and what they work in.
+/// The pending steps of some splats, and their buffers.
 #[derive(Debug)]
 pub(crate) struct InFlight<S: SceneKind> {
-    /// With the lists of the last step that was sent.
+    /// Buffers with the lists of the last submitted step.
     workspace: Option<Workspace<S>>,
     /// Oldest first.
     sent: VecDeque<Sent<S>>,
-    /// Buffers for statuses.
+    /// Unused buffers for statuses.
     free: Vec<wgpu::Buffer>,
-    /// What the device is told of noise.
+    /// The uniform for noise.
     noise: Option<wgpu::Buffer>,
-    /// Of steps that are done, until they are asked for.
+    /// Losses of finished steps that the caller has not taken yet.
     pub(crate) losses: Vec<f32>,
 }
 
@@ -170,7 +174,7 @@ impl<S: SceneKind> Default for InFlight<S> {
 }
 
 impl<S: SceneKind> InFlight<S> {
-    /// Sends a step, as soon as there are fewer than [`STEPS_IN_FLIGHT`].
+    /// Submits a step, as soon as fewer than [`STEPS_IN_FLIGHT`] are pending.
     pub(crate) async fn train(
         &mut self,
         gpu: &Gpu,
@@ -187,12 +191,12 @@ impl<S: SceneKind> InFlight<S> {
             None => pool.take(gpu)?,
         };
         let sent = self.send(gpu, splats, &mut workspace, step);
-        // Those under way may still need it.
+        // Pending steps may still need it.
         self.workspace = Some(workspace);
         sent.and_then(|()| gpu.check())
     }
 
-    /// Takes note of the steps that are done, or waits until all are.
+    /// Reads the statuses of finished steps, or waits for all steps.
     pub(crate) async fn settle(&mut self, gpu: &Gpu, splats: &Splats<S>, wait: Wait) -> Result<(), Error> {
         gpu.check()?;
         if wait == Wait::Arrived && !self.sent.is_empty() {
@@ -202,8 +206,10 @@ impl<S: SceneKind> InFlight<S> {
         Ok(())
     }
 
-    /// Whether there was something to do: the oldest step is done, or it and all behind it were sent again. After an error none is under
-    /// way.
+    /// Finishes the oldest step, or submits it and all later ones again. Returns whether it did
+    /// either.
+    ///
+    /// After an error no step is pending.
     async fn finish_oldest(&mut self, gpu: &Gpu, splats: &Splats<S>, wait: Wait) -> Result<bool, Error> {
         let finished = self.try_finish_oldest(gpu, splats, wait).await;
         if finished.is_err() {
@@ -214,7 +220,7 @@ impl<S: SceneKind> InFlight<S> {
     }
 
     async fn try_finish_oldest(&mut self, gpu: &Gpu, splats: &Splats<S>, wait: Wait) -> Result<bool, Error> {
-        // It stays in the queue while it is waited for: whoever gives up waiting loses nothing.
+        // The step stays in the queue during the wait, because this future may be dropped.
         let Some(Sent { mapped, submission, .. }) = self.sent.front() else { return Ok(false) };
         let mapped = match (mapped.given(), wait) {
             (Some(mapped), _) => mapped,
@@ -229,9 +235,9 @@ impl<S: SceneKind> InFlight<S> {
             self.free.push(oldest.status);
             return Ok(true);
         }
-        let mut workspace = self.workspace.take().expect("steps under way have a workspace");
+        let mut workspace = self.workspace.take().expect("pending steps have a workspace");
         workspace.make_room(gpu, &status)?;
-        // Buffers of those behind are not free yet, so they are given up.
+        // The status buffers of later steps are still in use, so they are dropped.
         let behind = std::mem::take(&mut self.sent).into_iter().map(|sent| sent.request);
         for request in [oldest.request].into_iter().chain(behind) {
             self.send(gpu, splats, &mut workspace, request)?;
@@ -255,7 +261,7 @@ impl<S: SceneKind> InFlight<S> {
         let usage = wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST;
         let buffer = || gpu.allocate("status to read", STATUS_BYTES, usage);
         let status = self.free.pop().map_or_else(buffer, Ok)?;
-        // Written when this step is submitted, behind those before it: each sees its own.
+        // The queue orders this write after the earlier steps, so each step has its own uniform.
         workspace.write_step(gpu, &workspace.describe(gpu, splats, Some(request.loss), Some(&request.rates)));
         let mut commands = Commands::new(gpu);
         workspace.encode_lists(gpu, &mut commands, splats, fresh);
@@ -265,7 +271,7 @@ impl<S: SceneKind> InFlight<S> {
         workspace.tiles.encode_status(&mut commands, &status);
         let submission = commands.submit(gpu);
         let mapped = Gpu::map(&status, STATUS_BYTES);
-        // If these lists do not fit, whoever makes room forgets them again.
+        // If these lists do not fit, `make_room` resets this.
         workspace.edition = Some(splats.edition);
         for noise in &request.noise {
             self.send_noise(gpu, splats, noise, Some(&workspace.tiles.indirect))?;
@@ -274,7 +280,8 @@ impl<S: SceneKind> InFlight<S> {
         Ok(())
     }
 
-    /// Sends noise behind all steps under way: it is added if the last of them is done, and sent again with it.
+    /// Submits noise after all pending steps. It is added only if the last of them succeeds, and is
+    /// repeated with that step.
     pub(crate) fn add_noise(&mut self, gpu: &Gpu, splats: &Splats<S>, noise: &MeanNoise) -> Result<(), Error> {
         gpu.check()?;
         let indirect = match (self.sent.back_mut(), &self.workspace) {

@@ -1,5 +1,6 @@
-//! What this backend needs to know about a kind of scene: its parameters on the device, and the stages before `scan` and after `blend_bwd`.
-//! All that lies between, and the trait's implementation around it, is written once.
+//! The difference between 2D and 3D scenes: their parameters on the device, and the stages before
+//! `scan` and after `blend_bwd`. The stages in between and the implementation of the traits are
+//! shared.
 
 use std::{fmt::Debug, future::Future, sync::Arc};
 
@@ -13,6 +14,7 @@ use crate::{
     layout::Step,
     splats::{Edit, Splats},
     target::Target,
+    unsupported::unsupported,
     workspace::Workspace,
 };
 
@@ -23,66 +25,75 @@ mod sealed {
     impl Sealed for gs_core::Scene3d {}
 }
 
-/// A kind of scene that [`WgpuRasterizer`] is a rasterizer for: a 2D or a 3D scene.
+/// A kind of scene that [`WgpuRasterizer`] draws and trains.
 ///
-/// Implemented for [`Scene2d`](gs_core::Scene2d) and [`Scene3d`](gs_core::Scene3d), and sealed: what it consists of is a matter of this backend.
+/// Implemented for [`Scene2d`](gs_core::Scene2d) and [`Scene3d`](gs_core::Scene3d), and sealed.
 pub trait SceneKind: sealed::Sealed + Scene<View: PartialEq> + 'static {
     /// Parameters and Adam moments on the device.
     #[doc(hidden)]
     type State: Debug + wgpu::WasmNotSendSync;
-    /// Buffers of the stages that are this kind's own.
+    /// Buffers of the stages that only this kind has.
     #[doc(hidden)]
     type Own: Debug + wgpu::WasmNotSendSync;
 
-    /// Whether lists may serve more than one step: not where each looks through another camera.
+    /// Whether several steps may share lists. False for 3D scenes, where each step has another
+    /// camera.
     #[doc(hidden)]
     const LISTS_LAST: bool;
 
-    /// Fails where the view or an effect is not possible.
+    /// Fails for an invalid view or an unsupported effect.
     #[doc(hidden)]
     fn check(view: &Self::View, settings: &RenderSettings) -> Result<(), Error>;
 
-    /// Fails where an optimiser's setting is not possible.
+    /// Fails for Adam settings that this kind does not support.
     #[doc(hidden)]
-    fn check_rates(rates: &AdamRates) -> Result<(), Error>;
+    fn check_rates(_rates: &AdamRates) -> Result<(), Error> {
+        Ok(())
+    }
 
-    /// Columns and rows.
+    /// Columns and rows of a view's image.
     #[doc(hidden)]
     fn size(view: &Self::View) -> [u32; 2];
 
-    /// Where the rasterizer keeps this kind's workspaces.
+    /// The pool of this kind's workspaces.
     #[doc(hidden)]
     fn pool(rasterizer: &WgpuRasterizer) -> &Arc<Pool<Self>>;
 
-    /// The state of splats of this valid scene.
+    /// The state of a scene's splats.
     #[doc(hidden)]
     fn upload(gpu: &Gpu, scene: &Self, parameterization: Parameterization) -> Result<Self::State, Error>;
 
-    /// Makes what it takes to move or edit the state's `len` Gaussians, but not to look at them; to be called before either.
+    /// Allocates the buffers that moving and editing `len` Gaussians needs, and drawing does not.
     #[doc(hidden)]
-    fn prepare(gpu: &Gpu, state: &mut Self::State, len: usize) -> Result<(), Error>;
+    fn prepare(_gpu: &Gpu, _state: &mut Self::State, _len: usize) -> Result<(), Error> {
+        Ok(())
+    }
 
     /// The parameters of `len` Gaussians.
     #[doc(hidden)]
     fn download(gpu: &Gpu, state: &Self::State, len: usize) -> impl Future<Output = Result<Self, Error>>;
 
-    /// All of the state but the statistics.
+    /// The state without the statistics, to save.
     #[doc(hidden)]
     fn save(gpu: &Gpu, state: &Self::State, len: usize) -> impl Future<Output = Result<SplatsState, Error>>;
 
-    /// That state again, of as many Gaussians as are said.
+    /// A saved state of `len` Gaussians.
     #[doc(hidden)]
     fn restore(gpu: &Gpu, state: &SplatsState, len: usize) -> Result<Self::State, Error>;
 
-    /// Whether opacities are stored once `fresh` Gaussians have come.
+    /// Whether opacities are stored after `fresh` Gaussians were added.
     #[doc(hidden)]
-    fn has_opacity(state: &Self::State, fresh: &[&Self::Gaussian]) -> bool;
+    fn has_opacity(_state: &Self::State, _fresh: &[&Self::Gaussian]) -> bool {
+        true
+    }
 
-    /// SH coefficients of a Gaussian.
+    /// Number of SH coefficients per Gaussian.
     #[doc(hidden)]
-    fn coefficients(state: &Self::State) -> u32;
+    fn coefficients(_state: &Self::State) -> u32 {
+        0
+    }
 
-    /// The edited state, as the commands will make it; those also edit the statistics.
+    /// Records the commands of an edit, including that of the statistics; returns the edited state.
     #[doc(hidden)]
     fn edit(
         gpu: &Gpu,
@@ -91,27 +102,29 @@ pub trait SceneKind: sealed::Sealed + Scene<View: PartialEq> + 'static {
         edit: &Edit<'_, Self::Gaussian>,
     ) -> Result<Self::State, Error>;
 
-    /// Empty buffers of this kind's own stages.
+    /// Empty buffers of the stages that only this kind has.
     #[doc(hidden)]
     fn own(gpu: &Gpu) -> Result<Self::Own, Error>;
 
-    /// Makes room in them for the splats.
+    /// Enlarges these buffers for the splats.
     #[doc(hidden)]
-    fn ensure(workspace: &mut Workspace<Self>, gpu: &Gpu, splats: &Splats<Self>) -> Result<(), Error>;
+    fn ensure(_workspace: &mut Workspace<Self>, _gpu: &Gpu, _splats: &Splats<Self>) -> Result<(), Error> {
+        Ok(())
+    }
 
     /// Bytes of each buffer of gradients.
     #[doc(hidden)]
     fn gradient_bytes(splats: &Splats<Self>) -> Vec<u64>;
 
-    /// Adds to what a pass tells the device.
+    /// Adds this kind's numbers to the uniform of a pass.
     #[doc(hidden)]
     fn describe(view: &Self::View, settings: &RenderSettings, splats: &Splats<Self>, step: &mut Step);
 
-    /// Tells the device of the view what does not stand in [`Step`].
+    /// Writes the parameters of the view that are not in [`Step`].
     #[doc(hidden)]
-    fn write_view(workspace: &Workspace<Self>, gpu: &Gpu, view: &Self::View);
+    fn write_view(_workspace: &Workspace<Self>, _gpu: &Gpu, _view: &Self::View) {}
 
-    /// Stage `project`, and all until projected and their numbers of tiles stand in the order of blending.
+    /// Records stage `project` and those after it that bring the splats into the order of blending.
     #[doc(hidden)]
     fn encode_project(
         workspace: &Workspace<Self>,
@@ -121,11 +134,12 @@ pub trait SceneKind: sealed::Sealed + Scene<View: PartialEq> + 'static {
         lists: bool,
     );
 
-    /// Stage `project_bwd`.
+    /// Records stage `project_bwd`.
     #[doc(hidden)]
     fn encode_project_bwd(workspace: &Workspace<Self>, gpu: &Gpu, commands: &mut Commands, splats: &Splats<Self>);
 
-    /// Stage `adam`; the sizes of its dispatches stand in `indirect`, if the device is to say whether anything is done.
+    /// Records stage `adam`. With `indirect`, the device sets the sizes of its dispatches, 0 to
+    /// skip it.
     #[doc(hidden)]
     fn encode_adam(
         gpu: &Gpu,
@@ -150,16 +164,20 @@ pub trait SceneKind: sealed::Sealed + Scene<View: PartialEq> + 'static {
 
     /// Whether the parameterization is `CovarianceFactor`.
     #[doc(hidden)]
-    fn has_factors(state: &Self::State) -> bool;
+    fn has_factors(_state: &Self::State) -> bool {
+        false
+    }
 
-    /// Solves for the colours, where the image is linear in them.
+    /// Solves for the colours where the image is linear in them.
     #[doc(hidden)]
     fn solve_colors(
-        rasterizer: &WgpuRasterizer,
-        splats: &mut Splats<Self>,
-        view: &Self::View,
-        target: &Target,
-        settings: &RenderSettings,
-        iterations: u32,
-    ) -> impl Future<Output = Result<(), Error>>;
+        _rasterizer: &WgpuRasterizer,
+        _splats: &mut Splats<Self>,
+        _view: &Self::View,
+        _target: &Target,
+        _settings: &RenderSettings,
+        _iterations: u32,
+    ) -> impl Future<Output = Result<(), Error>> {
+        async { Err(unsupported("solving for the colours of 3D scenes")) }
+    }
 }

@@ -1,4 +1,5 @@
-//! The structs that host and shaders share: `shaders/shared.wgsl` declares them again, and a test holds every offset against naga's.
+//! The structs that host and shaders share. `shaders/shared.wgsl` declares them, too, and a test
+//! compares every offset with naga's.
 
 use std::mem::offset_of;
 
@@ -13,15 +14,15 @@ use crate::gpu::backend_error;
 pub(crate) struct Gaussian {
     pub(crate) mean: [f32; 2],
     pub(crate) opacity_logit: f32,
-    /// Adam steps taken.
+    /// Number of Adam steps.
     pub(crate) steps: u32,
-    /// Parameterization `ScaleRotation`: ln-scales and rotation; parameterization `CovarianceFactor`: the columns of L.
+    /// `ScaleRotation`: ln-scales and rotation. `CovarianceFactor`: the columns of L.
     pub(crate) shape: [f32; 4],
     pub(crate) color: [f32; 3],
     pub(crate) unused: f32,
 }
 
-/// A Gaussian's Adam moments: mean 2, shape 3, colour 3, first and second; then those of the opacity.
+/// A 2D Gaussian's Adam moments: of mean 2, shape 3, colour 3; then of the opacity.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
 pub(crate) struct Moments {
@@ -38,7 +39,7 @@ pub(crate) struct Statistics {
     pub(crate) visible: u32,
 }
 
-/// A Gaussian's gradient in its whitened coordinates.
+/// A 2D Gaussian's gradient in its whitened coordinates.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
 pub(crate) struct Gradient {
@@ -51,20 +52,20 @@ pub(crate) struct Gradient {
     pub(crate) unused: u32,
 }
 
-/// A 3D Gaussian's parameters, but its colour.
+/// A 3D Gaussian's parameters without its colour.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
 pub(crate) struct Ellipsoid {
     pub(crate) mean: [f32; 3],
     pub(crate) opacity_logit: f32,
     pub(crate) log_scale: [f32; 3],
-    /// Adam steps taken.
+    /// Number of Adam steps.
     pub(crate) steps: u32,
     /// (w, x, y, z).
     pub(crate) rotation: [f32; 4],
 }
 
-/// A 3D Gaussian's gradient, but its colour's.
+/// A 3D Gaussian's gradient without that of its colour.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
 pub(crate) struct EllipsoidGradient {
@@ -73,12 +74,13 @@ pub(crate) struct EllipsoidGradient {
     pub(crate) log_scale: [f32; 3],
     pub(crate) device_norm: f32,
     pub(crate) rotation: [f32; 4],
-    /// 1 where some tile lists it; else all is 0, and its colour's gradient is anything.
+    /// 1 where some tile lists it. Otherwise all is 0, and its colour's gradient is unspecified.
     pub(crate) visible: u32,
     pub(crate) unused: [u32; 3],
 }
 
-/// A 3D Gaussian's Adam moments, but its colour's: mean 3, opacity; log-scale 3, unused; rotation 4.
+/// A 3D Gaussian's Adam moments without its colour's: mean 3, opacity; log-scale 3, unused;
+/// rotation 4.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
 pub(crate) struct EllipsoidMoments {
@@ -86,11 +88,11 @@ pub(crate) struct EllipsoidMoments {
     pub(crate) second: [f32; 12],
 }
 
-/// The camera that a 3D scene is seen through.
+/// The camera of a 3D scene.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
 pub(crate) struct Camera {
-    /// Rows of W, each with its number of t.
+    /// Rows of W, each with its component of t.
     pub(crate) world_to_camera: [[f32; 4]; 3],
     pub(crate) position: [f32; 3],
     pub(crate) near: f32,
@@ -103,54 +105,55 @@ pub(crate) struct Camera {
     pub(crate) unused: [u32; 2],
 }
 
-/// What the host reads after a pass.
+/// The result that the host reads after a pass.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
 pub(crate) struct Status {
-    /// Entries of all tiles' lists.
+    /// Number of entries in all tiles' lists.
     pub(crate) entries: u32,
-    /// Entries that were asked for where that were more than there is room for; else 0.
+    /// Number of entries if they exceed the capacity; else 0.
     pub(crate) overflow: u32,
-    /// Entries of the longest list, where a tile's was longer than the adapter can loop over; else 0. Then `overflow` is not 0, either.
+    /// Length of the longest list if the adapter cannot loop over it; else 0. If it is not 0,
+    /// neither is `overflow`.
     pub(crate) longest: u32,
     pub(crate) loss: f32,
     pub(crate) near: u32,
     pub(crate) not_finite: u32,
     pub(crate) degenerate: u32,
     pub(crate) transparent: u32,
-    /// Pixels that gave up on putting their Gaussians in order.
+    /// Number of pixels that could not sort their Gaussians.
     pub(crate) unfinished: u32,
     pub(crate) outside: u32,
 }
 
 impl Status {
-    /// What projection left out.
+    /// Number of Gaussians that projection left out, by cause.
     pub(crate) fn culled(&self) -> Culled {
         let Self { not_finite, near, degenerate, transparent, outside, .. } = *self;
         Culled { not_finite, near, degenerate, transparent, outside }
     }
 
-    /// Where the counts begin, bytes.
+    /// Offset of the counts, bytes.
     pub(crate) const COUNTS: u64 = offset_of!(Self, near) as u64;
 
-    /// Bytes of the counts that every pass makes anew; and with the last of them, which it takes new lists to count.
+    /// Bytes of the counts that every pass resets: without new lists, and with them.
     pub(crate) const COUNTS_BYTES: [u64; 2] =
         [offset_of!(Self, outside) as u64 - Self::COUNTS, size_of::<Self>() as u64 - Self::COUNTS];
 
-    /// Fails where pixels could not be finished.
+    /// Fails if pixels stayed unfinished.
     pub(crate) fn check(&self) -> Result<(), Error> {
         if self.unfinished == 0 {
             return Ok(());
         }
         let pixels = self.unfinished;
         Err(backend_error(format!(
-            "{pixels} pixels see more Gaussians than can be put in the order of their depths there: use the order of tile depths, fewer \
-             or smaller Gaussians, or the CPU backend"
+            "{pixels} pixels have more Gaussians than the backend can sort: use the global depth sort, fewer or smaller \
+             Gaussians, or the CPU backend"
         )))
     }
 }
 
-/// Where a slot of edited arrays takes its contents from; [`Source::NONE`] leaves zeros.
+/// The source of a slot of edited arrays; [`Source::NONE`] leaves zeros.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub(crate) struct Source {
@@ -165,7 +168,7 @@ impl Source {
     pub(crate) const NONE: u32 = u32::MAX;
 }
 
-/// Everything that a pass is told: the only thing that crosses to the device in a training step.
+/// The uniform of a pass: the only data that the host sends in a training step.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct Step {
@@ -198,11 +201,12 @@ pub struct Step {
     pub(crate) unused: u32,
     /// Per group: learning rate, β₁, β₂, 1 − β₁.
     pub(crate) rates: [[f32; 4]; 6],
-    /// Per group: ln β₁, ln β₂, 1 − β₂, and of scales and opacities what one number's penalty weighs.
+    /// Per group: ln β₁, ln β₂, 1 − β₂, and for scales and opacities the penalty's weight per
+    /// number.
     pub(crate) decays: [[f32; 4]; 6],
 }
 
-/// What the device is told of noise on the means.
+/// The uniform for noise on the means.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
 pub(crate) struct Noise {
@@ -212,7 +216,7 @@ pub(crate) struct Noise {
     pub(crate) gaussians: u32,
 }
 
-/// What `show.wgsl` is told of a texture.
+/// The uniform of `show.wgsl`.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
 pub(crate) struct Shown {
@@ -244,7 +248,7 @@ mod tests {
         naga::front::wgsl::parse_str(text).unwrap_or_else(|e| panic!("{}", e.emit_to_string(text)))
     }
 
-    /// Offsets and span of a struct, as the shaders have it.
+    /// Offsets and span of a struct in the shaders.
     fn in_shader(module: &naga::Module, name: &str) -> (Vec<(String, u32)>, u32) {
         let found = module.types.iter().find(|(_, t)| t.name.as_deref() == Some(name));
         let (_, found) = found.unwrap_or_else(|| panic!("no struct {name}"));
@@ -342,7 +346,7 @@ mod tests {
 
     #[test]
     #[should_panic(expected = "Gaussian")]
-    fn another_layout_is_noticed() {
+    fn the_comparison_detects_another_layout() {
         #[allow(dead_code)]
         #[repr(C)]
         struct Gaussian {
@@ -352,7 +356,7 @@ mod tests {
         same_layout!(&module(&shader("edit").text(Variant::default())), Gaussian { mean, opacity_logit });
     }
 
-    /// Every combination of the flags that pick lines.
+    /// Every combination of the flags that select lines.
     fn variants() -> impl Iterator<Item = Variant> {
         (0..768).map(|bits: u32| Variant {
             over: bits & 1 != 0,
@@ -379,11 +383,11 @@ mod tests {
                 _ => true,
             };
             if !is_compiled || !seen.insert(text.clone()) {
-                continue; // Or a variant that this shader does not tell apart.
+                continue; // The text is the same as that of another variant.
             }
             let module = module(&text);
             let flags = naga::valid::ValidationFlags::all();
-            // Subgroups are asked for only where the adapter has them.
+            // Only used where the adapter has subgroups.
             let capabilities = match (shader.name, variant.kernels) {
                 ("blend_bwd", Kernels::Subgroups) => naga::valid::Capabilities::SUBGROUP,
                 _ => naga::valid::Capabilities::empty(),

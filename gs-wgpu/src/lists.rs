@@ -1,4 +1,5 @@
-//! The stages that make the tiles' lists, `scan` to `ranges`, as commands; also sorting and prefix sums of what else there is.
+//! Commands of the stages that make the tiles' lists, `scan` to `ranges`, and of sorts and prefix
+//! sums in general.
 
 use crate::{
     dispatch::{Commands, Groups, dispatch, dispatch_some},
@@ -8,14 +9,15 @@ use crate::{
     tiles::{BY_GAUSSIAN, BY_HISTOGRAM, BY_SORT_BLOCK, Growing, Tiles, groups_of},
 };
 
-/// What is sorted or summed up: numbers that `scan.wgsl` and `sort.wgsl` tell apart by their override `WHICH`.
+/// The input of a sort or prefix sum: the values of the override `WHICH` in `scan.wgsl` and
+/// `sort.wgsl`.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Which {
     /// The tile counts of all Gaussians.
     Counts = 0,
-    /// The tiles' entries, and the histograms of sorting them.
+    /// The tiles' entries, and the histograms of their sort.
     Entries = 1,
-    /// The Gaussians, and the histograms of sorting them.
+    /// The Gaussians, and the histograms of their sort.
     Gaussians = 2,
 }
 
@@ -25,27 +27,27 @@ impl Which {
     }
 }
 
-/// What is sorted, stably.
+/// The arguments of a stable sort.
 pub(crate) struct Sorting<'a> {
     pub(crate) which: Which,
     pub(crate) keys: [&'a Growing; 2],
-    /// Numbers that go along.
+    /// Values that move with the keys.
     pub(crate) order: [&'a Growing; 2],
-    /// Digits.
+    /// Number of digits.
     pub(crate) passes: u32,
-    /// A group a block of sorting; a group a block of the scan of its histograms.
+    /// One work group per block of keys, and one per block of histograms.
     pub(crate) groups: [Groups<'a>; 2],
 }
 
 impl Tiles {
-    /// Before the kind's own stages: forgets how many were left out.
+    /// Resets the counts of culled Gaussians, before the first stage.
     pub(crate) fn encode_clear(&self, commands: &mut Commands, lists: bool) {
-        // Without lists it is not known again who touches no tile.
+        // Without new lists, the count of Gaussians that touch no tile stays.
         let bytes = Status::COUNTS_BYTES[usize::from(lists)];
         commands.encoder().clear_buffer(&self.status, Status::COUNTS, Some(bytes));
     }
 
-    /// Stages `scan`, of the counts, and `sizes`.
+    /// Records stages `scan` and `sizes`.
     pub(crate) fn encode_offsets(&self, gpu: &Gpu, commands: &mut Commands) {
         let (step, status, offsets) = (&self.step, &self.status, &self.offsets.buffer);
         let groups = groups_of(gpu, u64::from(self.gaussians) + 1, 1024);
@@ -55,7 +57,7 @@ impl Tiles {
         dispatch(gpu, commands, "sizes", sizes, &bindings, Groups::Direct(1, 1));
     }
 
-    /// Whether `adam` is due, where a pixel may give up on the order of its Gaussians: part of that stage.
+    /// Records the first part of stage `adam`: it skips the step if a pixel stayed unfinished.
     pub(crate) fn encode_stop(&self, gpu: &Gpu, commands: &mut Commands) {
         if self.orders_by_pixel() {
             let (numbers, buffers) = ([2, 3], [&self.status, &self.indirect]);
@@ -64,7 +66,7 @@ impl Tiles {
         }
     }
 
-    /// Stage `bin`.
+    /// Records stage `bin`.
     pub(crate) fn encode_bin(&self, gpu: &Gpu, commands: &mut Commands) {
         let (keys, order) = (&self.keys[0].buffer, &self.order[0].buffer);
         let by_pixel = self.orders_by_pixel();
@@ -77,7 +79,7 @@ impl Tiles {
         dispatch(gpu, commands, "bin", variant, &bindings, self.indirect(BY_GAUSSIAN));
     }
 
-    /// Stage `sort`.
+    /// Records stage `sort`.
     pub(crate) fn encode_sort(&self, gpu: &Gpu, commands: &mut Commands) {
         let groups = [self.indirect(BY_SORT_BLOCK), self.indirect(BY_HISTOGRAM)];
         let (keys, order) = (self.keys.each_ref(), self.order.each_ref());
@@ -85,7 +87,8 @@ impl Tiles {
         self.encode_sorting(gpu, commands, &sorting);
     }
 
-    /// Sorts, by the lowest digits: an even number of passes ends where it began, an odd one in the other buffers.
+    /// Records a sort. The result is in the first buffers after an even number of passes, else in
+    /// the second.
     pub(crate) fn encode_sorting(&self, gpu: &Gpu, commands: &mut Commands, sorting: &Sorting<'_>) {
         let Sorting { which, keys, order, passes, groups: [groups, histogram_groups] } = *sorting;
         let (step, status, histograms) = (&self.step, &self.status, &self.histograms.buffer);
@@ -101,7 +104,7 @@ impl Tiles {
         }
     }
 
-    /// Stage `ranges`, and `queue` where pixels have an order of their own.
+    /// Records stage `ranges`, and `queue` with a sort at each pixel.
     pub(crate) fn encode_ranges(&self, gpu: &Gpu, commands: &mut Commands) {
         let keys = &self.keys[self.sorted()].buffer;
         let bindings = [&self.step, &self.status, keys, &self.tile_start.buffer, &self.indirect];
@@ -115,7 +118,7 @@ impl Tiles {
         }
     }
 
-    /// Which of the two buffers sorting ends in.
+    /// Index of the buffer with the result of the sort.
     pub(crate) fn sorted(&self) -> usize {
         self.sort_passes() as usize % 2
     }

@@ -1,4 +1,4 @@
-//! Stage `loss` as commands: the loss and its gradient by the image, pixel by pixel or with D-SSIM.
+//! Commands of stage `loss`: the loss and its gradient by the image, pointwise or with D-SSIM.
 
 use gs_core::{Error, Loss};
 
@@ -10,23 +10,25 @@ use crate::{
     tiles::{PIXEL_BYTES, Tiles, groups_of},
 };
 
-/// Bytes of a channel of a pixel in D-SSIM's moments, and in its derivatives, which are one number less and room for it.
+/// Bytes per channel and pixel of D-SSIM's moments, and of its derivatives with padding.
 pub(crate) const MOMENTS_BYTES: u64 = 16;
 
-/// Places that D-SSIM's derivatives are kept by.
+/// Width of the strips in which D-SSIM's derivatives are stored.
 const STRIP: u64 = 8;
 
-/// Which partial sums make the loss, as `loss_sum` has it.
+/// The partial sums of the loss: the values of `SUM_OF` in `loss.wgsl`.
 #[derive(Debug, Clone, Copy)]
 enum LossSum {
-    /// Those of `loss`, by blocks of pixels.
+    /// Partial sums of `loss`, by blocks of pixels.
     Pixels = 0,
-    /// Those of `dssim_derivatives` and `dssim_gradient`.
+    /// Partial sums of `dssim_derivatives` and `dssim_gradient`.
     Dssim = 1,
 }
 
 impl Tiles {
-    /// Stage `loss`: the loss into the status, its gradient into `v_image`. `None`: the bare difference, and no loss.
+    /// Records stage `loss`: the loss into the status, its gradient into `v_image`.
+    ///
+    /// With `None`, it writes the difference to the target into `v_image`, and no loss.
     pub(crate) fn encode_loss(
         &mut self,
         gpu: &Gpu,
@@ -59,12 +61,12 @@ impl Tiles {
         Ok(())
     }
 
-    /// The colours that the image is compared with, once stage `loss` has been recorded.
+    /// The colours that the image is compared with, after stage `loss`.
     pub(crate) fn compared<'a>(&'a self, target: &'a Target) -> &'a wgpu::Buffer {
         if target.is_complete { &target.buffer } else { &self.completed.buffer }
     }
 
-    /// Stage `loss`, of L1 and D-SSIM.
+    /// Records stage `loss` for L1 + D-SSIM.
     fn encode_dssim(&mut self, gpu: &Gpu, commands: &mut Commands, target: &wgpu::Buffer) -> Result<(), Error> {
         let [width, height] = self.size.map(u64::from);
         let groups = |lines: u64, length: u64| {

@@ -1,5 +1,7 @@
-//! Where the time of a training step goes, stage by stage: by the device's clock, all stages in one submission; or, where the adapter
-//! has no timestamps, by the host's, each stage sent alone and waited for.
+//! The time of each stage of a training step.
+//!
+//! With timestamps, all stages are one submission. Without them, the host submits each stage alone
+//! and waits for it.
 
 use gs_core::{
     Error, Loss, RenderSettings,
@@ -21,7 +23,7 @@ use crate::{
     workspace::Workspace,
 };
 
-/// The stages in their order; `scan` includes `sizes`.
+/// The stages in order; `scan` includes `sizes`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Stage {
     Project,
@@ -70,7 +72,7 @@ impl Stage {
     }
 }
 
-/// What the stages compute with.
+/// The arguments of the stages.
 struct Pass<'a, S: SceneKind> {
     rasterizer: &'a WgpuRasterizer,
     workspace: Workspace<S>,
@@ -99,7 +101,7 @@ impl<S: SceneKind> Pass<'_, S> {
         Ok(())
     }
 
-    /// Seconds of each stage, all of them in one submission with timestamps between; `None` where those contradict the host's clock.
+    /// Seconds of each stage by timestamps; `None` if these contradict the host's clock.
     async fn by_device(&mut self, timestamps: &Timestamps) -> Result<Option<Vec<f64>>, Error> {
         let gpu = &self.rasterizer.gpu;
         let mut commands = Commands::new(gpu);
@@ -117,7 +119,7 @@ impl<S: SceneKind> Pass<'_, S> {
         Ok(agree(&laps, host).then_some(laps))
     }
 
-    /// Seconds of each stage, each in a submission of its own.
+    /// Seconds of each stage by the host's clock, each in a submission of its own.
     async fn by_host(&mut self) -> Result<Vec<f64>, Error> {
         let gpu = &self.rasterizer.gpu;
         let mut laps = Vec::with_capacity(self.stages.len());
@@ -132,8 +134,8 @@ impl<S: SceneKind> Pass<'_, S> {
         Ok(laps)
     }
 
-    /// Each repetition's seconds of each stage: by the device's clock, if there is one and it can be right in every repetition; by the
-    /// host's otherwise.
+    /// Seconds of each repetition and stage. Uses the device's clock, unless a repetition
+    /// contradicts the host's.
     async fn measure(
         &mut self,
         timestamps: Option<Timestamps>,
@@ -162,14 +164,16 @@ impl<S: SceneKind> Pass<'_, S> {
     }
 }
 
-/// Whether the device's laps can be right, when the host waited so many seconds for all of them: time goes forwards, and not faster than
-/// on the host. Clocks that are a few percent apart are both right.
+/// Whether the device's times are plausible for a wait of `host` seconds.
+///
+/// They must not be negative, and their sum at most 5 % above the host's time.
 fn agree(laps: &[f64], host: f64) -> bool {
     let sum: f64 = laps.iter().sum();
     laps.iter().all(|&lap| lap >= 0.0) && sum > 0.0 && sum <= 1.05 * host
 }
 
-/// Pixel–Gaussian pairs that a blend kernel visits: of a tile, all columns of every four rows of which the entry touches one.
+/// Number of pixel–Gaussian pairs that a blend kernel visits: all columns of each group of four
+/// rows that an entry touches.
 async fn pairs(gpu: &Gpu, tiles: &Tiles, entries: usize) -> Result<u64, Error> {
     if tiles.orders_by_pixel() {
         return Ok(entries as u64 * u64::from(TILE_ROWS * TILE_COLUMNS));
@@ -178,7 +182,7 @@ async fn pairs(gpu: &Gpu, tiles: &Tiles, entries: usize) -> Result<u64, Error> {
     Ok(entries.iter().map(|&[_, rows]| u64::from(rows_visited(rows)) * u64::from(TILE_COLUMNS)).sum())
 }
 
-/// Rows that are visited for an entry with these: first | end << 16.
+/// Number of rows that a kernel visits for an entry with rows first | end << 16.
 fn rows_visited(rows: u32) -> u32 {
     match (rows & 0xffff, rows >> 16) {
         (first, end) if first < end => end.next_multiple_of(ROWS) - first / ROWS * ROWS,
@@ -187,7 +191,7 @@ fn rows_visited(rows: u32) -> u32 {
 }
 
 impl WgpuRasterizer {
-    /// [`Profiler::profile`], by the clock that `timestamps` make for so many marks.
+    /// [`Profiler::profile`] with these timestamps.
     async fn profile_by<S: SceneKind>(
         &self,
         timestamps: impl Fn(&Gpu, u32) -> Result<Option<Timestamps>, Error>,
@@ -205,12 +209,12 @@ impl WgpuRasterizer {
         let mut workspace = S::pool(self).take(gpu)?;
         workspace.set(gpu, splats, view, settings)?;
         let describe = |w: &Workspace<S>| w.describe(gpu, splats, Some(loss), Some(&rates));
-        // All that depends on how many entries there are has room from here on.
+        // From here on, the lists fit.
         let status = self.with_lists(&mut workspace, splats, describe, |_, _| Ok(())).await?;
         workspace.write_step(gpu, &describe(&workspace));
         let stages = Stage::ALL.to_vec();
         let mut pass = Pass { rasterizer: self, workspace, splats, target, loss, stages };
-        // Every pipeline that is measured is there.
+        // Compiles the pipelines.
         pass.by_host().await?;
         let timestamps = timestamps(gpu, pass.stages.len() as u32 + 1)?;
         let (clock, laps) = pass.measure(timestamps, repetitions).await?;
@@ -254,28 +258,28 @@ mod tests {
     use crate::WgpuSettings;
 
     #[test]
-    fn timestamps_that_cannot_be_right_are_not_believed() {
+    fn implausible_timestamps_are_rejected() {
         let laps = [1e-3; 10];
         let sum: f64 = laps.iter().sum();
         assert!(agree(&laps, sum) && agree(&laps, 2.0 * sum));
-        assert!(!agree(&laps, 0.9 * sum), "more than the host waited");
-        assert!(!agree(&[0.0; 10], sum), "none were written");
+        assert!(!agree(&laps, 0.9 * sum), "more than the host's time");
+        assert!(!agree(&[0.0; 10], sum), "all zero");
         let mut backwards = laps;
         backwards[3] = -1e-6;
-        assert!(!agree(&backwards, sum), "backwards");
+        assert!(!agree(&backwards, sum), "negative");
         backwards[3] = f64::NAN;
         assert!(!agree(&backwards, sum));
     }
 
     #[test]
-    fn rows_are_visited_by_fours() {
+    fn rows_are_visited_in_groups_of_four() {
         for (first, end, visited) in [(0, 0, 0), (0, 1, 4), (3, 5, 8), (4, 8, 4), (2, 8, 8), (0, 16, 16), (15, 16, 4)] {
             assert_eq!(rows_visited(first | end << 16), visited, "{first} to {end}");
         }
     }
 
     #[test]
-    fn pairs_are_those_of_the_rows_that_entries_touch() {
+    fn pairs_count_the_rows_that_entries_touch() {
         let wgpu =
             WgpuRasterizer::new(WgpuSettings::default()).block_on().expect("`cargo xtask test` installs a driver");
         let at = |x: f32| Gaussian2d {
@@ -292,7 +296,7 @@ mod tests {
         let settings = RenderSettings::blended(Blend::Sum);
         let profile = wgpu.profile(splats, &Canvas::new(32, 10), &target, &settings, Loss::L2, 1).block_on().unwrap();
         assert_eq!(profile.entries, 3);
-        // σ = 1 px: the cut's ellipse reaches 3.3 px, from row 2 to row 7, which are two fours.
+        // σ = 1 px: the cut's ellipse reaches 3.3 px, from row 2 to row 7, in two groups of four.
         assert_eq!(profile.pairs, 3 * 16 * 8);
         for stage in &profile.stages {
             let expected = if ["blend", "blend_bwd"].contains(&stage.stage) { profile.pairs } else { 0 };
@@ -301,7 +305,7 @@ mod tests {
     }
 
     #[test]
-    fn both_clocks_see_the_same_stages_and_leave_the_gaussians_where_they_are() {
+    fn both_clocks_measure_the_same_stages_and_move_nothing() {
         let wgpu =
             WgpuRasterizer::new(WgpuSettings::default()).block_on().expect("`cargo xtask test` installs a driver");
         let gaussian = |i: u32| Gaussian2d {

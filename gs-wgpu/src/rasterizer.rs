@@ -1,12 +1,10 @@
-//! The trait's implementation: checks what comes in, and sends the stages to the device.
+//! The implementation of the traits: checks the arguments and sends the stages to the device.
 
 use std::sync::{Arc, PoisonError};
 
 use gs_core::{
     AdamRates, Backend, DensityStatistics, EditPlan, Error, Image, Loss, MeanNoise, Optimizer, Parameterization,
-    Rasterizer, RenderSettings, Scene2d, Scene3d, SplatsState, TargetImage, TrainStep, Wait,
-    profile::Profiler,
-    settings::{Cut, Extent},
+    Rasterizer, RenderSettings, Scene2d, Scene3d, SplatsState, TargetImage, TrainStep, Wait, profile::Profiler,
     statistics::Culled,
 };
 
@@ -16,17 +14,18 @@ use crate::{
     blend::Differentiated,
     dispatch::Commands,
     forward_pass::{ForwardPass, Gradients, Pool},
-    gpu::{BACKEND, Gpu, STORAGE},
+    gpu::{Gpu, STORAGE},
     in_flight::Request,
     kind::SceneKind,
     layout::{Status, Step},
     shaders::Kernels,
     splats::{Splats, UNIFORM},
     target::Target,
+    unsupported::unsupported,
     workspace::Workspace,
 };
 
-/// The GPU backend: owns its device, and the buffers that its forward passes use in turn.
+/// The GPU backend. It owns its device and the buffers that its forward passes use in turn.
 #[derive(Debug)]
 pub struct WgpuRasterizer {
     pub(crate) gpu: Gpu,
@@ -38,16 +37,17 @@ impl WgpuRasterizer {
     /// A rasterizer with a device of its own.
     ///
     /// # Errors
-    /// [`Error::Backend`] where there is no adapter, none of that name, or it gives no device.
+    /// [`Error::Backend`] if no adapter is found, none has that name, or it cannot open a device.
     pub async fn new(settings: WgpuSettings) -> Result<Self, Error> {
         Ok(Self::with(Gpu::open(&settings).await?))
     }
 
-    /// A rasterizer on a device that the host program has opened, for instance to draw into its textures.
+    /// A rasterizer on a device of the host program, for instance to draw into its textures.
     ///
-    /// [`WgpuSettings::adapter`] is of no meaning here. Scenes may be as large as the limits on the sizes of buffers allow that the device
-    /// was opened with. Kernels use subgroups where the device has [`wgpu::Features::SUBGROUP`]. The device's handlers of errors stay the
-    /// program's: an error that wgpu reports to them is not an [`Error`] here unless the device is lost.
+    /// [`WgpuSettings::adapter`] has no effect. The device's limits on buffer sizes bound the size
+    /// of a scene. Kernels use subgroups if the device has [`wgpu::Features::SUBGROUP`]. The host
+    /// program keeps its error handlers: an error that wgpu reports to them is not an [`Error`]
+    /// here unless the device is lost.
     ///
     /// # Errors
     /// [`Error::Backend`] naming each limit that is too low: [`wgpu::Limits::default`] is enough.
@@ -59,7 +59,9 @@ impl WgpuRasterizer {
         Self { gpu, pool_2d: Arc::default(), pool_3d: Arc::default() }
     }
 
-    /// This rasterizer for 2D scenes alone, where the types of the arguments do not say which kind of scene is meant.
+    /// This rasterizer for 2D scenes alone.
+    ///
+    /// Use it where the types of the arguments do not determine the kind of scene.
     pub fn for_2d(
         &self,
     ) -> &impl Profiler<Scene2d, Splats = Splats2d, ForwardPass = ForwardPass2d, Gradients = Gradients2d, Target = Target>
@@ -67,7 +69,7 @@ impl WgpuRasterizer {
         self
     }
 
-    /// This rasterizer for 3D scenes alone, as [`Self::for_2d`].
+    /// This rasterizer for 3D scenes alone; see [`Self::for_2d`].
     pub fn for_3d(
         &self,
     ) -> &impl Profiler<Scene3d, Splats = Splats3d, ForwardPass = ForwardPass3d, Gradients = Gradients3d, Target = Target>
@@ -80,34 +82,36 @@ impl WgpuRasterizer {
         &self.gpu.adapter
     }
 
-    /// Why this adapter: "the only adapter".
+    /// The reason why this adapter was chosen, for example "the only adapter".
     pub fn reason(&self) -> &str {
         &self.gpu.reason
     }
 
-    /// How the kernels that visit every pixel are written.
+    /// The kind of kernels in use.
     pub fn kernels(&self) -> Kernels {
         self.gpu.kernels
     }
 
-    /// Bytes that have moved between host and device so far, in both directions, uniforms included.
+    /// Bytes moved between host and device so far, in both directions, including uniforms.
     pub fn bytes_moved(&self) -> u64 {
         self.gpu.moved()
     }
 
-    /// How often the host has waited for the device so far. Training steps wait only where [`STEPS_IN_FLIGHT`](crate::STEPS_IN_FLIGHT) are
-    /// under way already.
+    /// Number of times that the host has waited for the device so far.
+    ///
+    /// A training step waits only if [`STEPS_IN_FLIGHT`](crate::STEPS_IN_FLIGHT) steps are pending.
     pub fn waits(&self) -> u64 {
         self.gpu.waits()
     }
 
-    /// Gives the device up, as if the driver had crashed: every later call is an [`Error::Backend`].
+    /// Destroys the device, as a crash of the driver would. Every later call is an
+    /// [`Error::Backend`].
     #[cfg(feature = "test-hooks")]
     pub fn lose_device(&self) {
         self.gpu.lose();
     }
 
-    /// Runs `encode` on lists made anew, with more room until they fit; what became of it.
+    /// Makes new lists and runs `encode` on them. Repeats with larger buffers until the lists fit.
     pub(crate) async fn with_lists<S: SceneKind>(
         &self,
         workspace: &mut Workspace<S>,
@@ -130,25 +134,6 @@ impl WgpuRasterizer {
             workspace.make_room(&self.gpu, &status)?;
         }
     }
-}
-
-/// An error for an effect that this backend does not offer.
-pub(crate) fn unsupported(effect: impl Into<String>) -> Error {
-    Error::Unsupported { backend: BACKEND, effect: effect.into() }
-}
-
-/// Fails where a setting is not possible for any kind of scene.
-pub(crate) fn check_settings(settings: &RenderSettings) -> Result<(), Error> {
-    settings.validate()?;
-    if settings.accuracy.cut != Cut::Hard {
-        return Err(unsupported("a smooth cut, which would touch every pixel"));
-    }
-    if let Extent::Sigmas(k) = settings.accuracy.extent {
-        return Err(unsupported(format!(
-            "an extent of {k} standard deviations: its kernels have one cut for all Gaussians"
-        )));
-    }
-    Ok(())
 }
 
 impl Backend for WgpuRasterizer {
@@ -211,7 +196,9 @@ impl<S: SceneKind> Rasterizer<S> for WgpuRasterizer {
         let workspace = pass.workspace.as_mut().expect("a forward pass has its workspace until it is dropped");
         target.check_size(workspace.tiles.size)?;
         if workspace.edition != Some(splats.edition) {
-            return Err(Error::State("the forward pass is of other splats, or of these before an edit".to_owned()));
+            return Err(Error::State(
+                "the forward pass was made from other splats, or before an edit of these".to_owned(),
+            ));
         }
         splats.settle(gpu).await?;
         workspace.write_step(gpu, &workspace.describe(gpu, splats, Some(*loss), None));
@@ -338,21 +325,5 @@ impl<S: SceneKind> Optimizer<S> for WgpuRasterizer {
 
     fn restore(&self, state: &SplatsState) -> Result<Splats<S>, Error> {
         Splats::restore(&self.gpu, state)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use gs_core::Accuracy;
-
-    use super::*;
-
-    #[test]
-    fn an_extent_in_standard_deviations_is_refused_by_its_name() {
-        let mut settings = RenderSettings::default();
-        check_settings(&settings).unwrap();
-        settings.accuracy = Accuracy { extent: Extent::Sigmas(3.0), ..Accuracy::default() };
-        let message = check_settings(&settings).unwrap_err().to_string();
-        assert!(message.contains("wgpu") && message.contains("3 standard deviations"), "{message}");
     }
 }

@@ -1,5 +1,7 @@
-//! The shaders: one file a stage, after a prelude printed from gs-core's constants and one file of what all share. `#if NAME`, `#else`,
-//! `#endif` pick variants; numbers that only one entry point needs are WGSL overrides.
+//! The shaders: one file per stage, after a prelude of gs-core's constants and a shared file.
+//!
+//! `#if NAME`, `#else` and `#endif` select the lines of a variant. Numbers that only one entry
+//! point needs are WGSL overrides.
 
 use std::fmt::Write;
 
@@ -20,77 +22,79 @@ pub(crate) const TILE_COLUMNS: u32 = 16;
 /// Rows of a tile.
 pub(crate) const TILE_ROWS: u32 = 16;
 
-/// Rows of an invocation of the blend kernels, as one vector.
+/// Rows per invocation of the blend kernels, as one vector.
 pub(crate) const ROWS: u32 = 4;
 
-/// Pixels that an invocation of D-SSIM walks through.
+/// Pixels per invocation of D-SSIM's kernels.
 pub(crate) const SSIM_SEGMENT: u32 = 16;
 
-/// Pixels of a step of that walk.
+/// Pixels per loop iteration of D-SSIM's kernels.
 const SSIM_BLOCK: u32 = 4;
 
-/// Entries that a work group of `sort` moves.
+/// Entries per work group of `sort`.
 pub(crate) const SORT_BLOCK: u32 = 1024;
 
-/// Digits of a sorting pass: bits.
+/// Bits of a digit of the sort.
 pub(crate) const SORT_BITS: u32 = 4;
 
-/// What a kernel that is for more than one pass does in one over the tiles.
+/// The pass of a kernel that runs in both passes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub(crate) enum Pass {
-    /// The image.
+    /// Draws the image.
     #[default]
     Forward,
-    /// From the image's gradient to those of the entries.
+    /// Computes the gradients of the entries from that of the image.
     Backward,
 }
 
-/// What a pipeline is compiled for; two variants that a shader does not tell apart are compiled once.
+/// The variant of a pipeline.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub(crate) struct Variant {
     /// Blending is `Over`, not `Sum`.
     pub(crate) over: bool,
     /// The parameterization is `CovarianceFactor`.
     pub(crate) covariance_factor: bool,
-    /// `edit` is of 3D Gaussians.
+    /// The scene is 3D, for `edit`.
     pub(crate) scene_3d: bool,
-    /// `project` counts tiles, for lists made anew.
+    /// `project` counts tiles for new lists.
     pub(crate) lists: bool,
-    /// Blending is in the order of depth at each pixel.
+    /// Gaussians are sorted at each pixel.
     pub(crate) by_pixel: bool,
     /// The adapter computes on a CPU.
     pub(crate) on_cpu: bool,
-    /// How the pixels' kernels are written.
+    /// The kind of kernels.
     pub(crate) kernels: Kernels,
-    /// What `blend_by_depth` does in one pass over the tiles.
+    /// The pass of `blend_by_depth`.
     pub(crate) pass: Pass,
-    /// What the backward kernels sum up besides the gradients.
+    /// The further sums of the backward kernels.
     pub(crate) collected: Collected,
     /// The entry point's override, if it has one.
     pub(crate) constant: Option<(&'static str, u32)>,
 }
 
-/// Gaussians that a pixel of `blend_by_depth` holds in the order of its own depths. More take registers, and time at each insertion; fewer
-/// let a pixel walk along its tile's queue more often.
+/// Gaussians that a pixel of `blend_by_depth` holds in the order of its depths.
+///
+/// More need more registers, and more time per insertion. Fewer need more walks along the queue.
 const HELD: u32 = 8;
 
-/// Invocations of a work group of D-SSIM's kernels.
+/// Invocations per work group of D-SSIM's kernels.
 pub(crate) const DSSIM_GROUP: u32 = 64;
 
-/// Pixels of SSIM's window on either side.
+/// Radius of SSIM's window, px.
 const SSIM_RADIUS: u32 = SSIM_WINDOW as u32 / 2;
 
-/// How the kernels that visit every pixel are written. All give the same results, to rounding, and each repeats itself bit for bit.
+/// The kind of kernels that visit every pixel. Results differ by rounding only, and are
+/// deterministic.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Kernels {
-    /// For every adapter that WebGPU allows.
+    /// Kernels for every adapter that WebGPU allows.
     #[default]
     Portable,
-    /// As portable, but sums over pixels are made by subgroups.
+    /// Kernels in which subgroups compute sums over pixels.
     Subgroups,
 }
 
-/// A shader: the stage's file, after those that it shares with others.
+/// A shader: the stage's file after those that it shares with others.
 #[derive(Debug)]
 pub(crate) struct Shader {
     pub(crate) name: &'static str,
@@ -143,7 +147,7 @@ shaders! {
     ],
 }
 
-/// What all shaders share.
+/// The file that all shaders share.
 const SHARED: &str = include_str!("../shaders/shared.wgsl");
 
 /// The shader with an entry point of this name.
@@ -151,18 +155,18 @@ pub(crate) fn shader_of(entry_point: &str) -> &'static Shader {
     SHADERS.iter().find(|s| s.entry_points.contains(&entry_point)).expect("every entry point is listed")
 }
 
-/// Numbers per entry that `blend_bwd` yields.
+/// Numbers per entry that `blend_bwd` writes.
 pub(crate) fn stride(variant: Variant) -> u32 {
     gradients(variant) + variant.collected.numbers()
 }
 
-/// Those of them that are gradients.
+/// Numbers per entry that are gradients.
 fn gradients(variant: Variant) -> u32 {
     if variant.over { 9 } else { 8 }
 }
 
 impl Shader {
-    /// Its text for a variant, complete.
+    /// The complete text of a variant.
     pub(crate) fn text(&self, variant: Variant) -> String {
         let mut text = prelude(variant);
         text += &preprocess(SHARED, variant);
@@ -173,9 +177,9 @@ impl Shader {
     }
 }
 
-/// The constants, printed so that they parse back bit for bit.
+/// The constants, printed so that they parse to the same bits.
 fn prelude(variant: Variant) -> String {
-    // As many entries at a time as their partial sums have room for in 16 KiB.
+    // The partial sums of a batch of entries fit into 16 KiB.
     let (gradients, stride) = (gradients(variant), stride(variant));
     let invocations = TILE_COLUMNS * (TILE_ROWS / ROWS);
     let parts = if variant.kernels == Kernels::Subgroups { invocations / 4 } else { invocations };
@@ -211,7 +215,7 @@ fn prelude(variant: Variant) -> String {
     text
 }
 
-/// What the shaders' guards compare with.
+/// The thresholds of the shaders' guards.
 fn guards(text: &mut String) {
     let [safe_least, safe_most] = SAFE_SQUARES;
     for (name, value) in [
@@ -243,15 +247,15 @@ fn ssim_window() -> [f32; SSIM_WINDOW] {
     raw.map(|v| (v / sum) as f32)
 }
 
-/// Keeps the lines whose conditions hold (`#if NAME`, `#else`, `#endif`), and repeats those between `#each x NAME` and `#end` with `@x`
-/// replaced by 0, 1, … up to the number that NAME stands for.
+/// Keeps the lines whose conditions hold (`#if NAME`, `#else`, `#endif`), and repeats the lines
+/// between `#each x NAME` and `#end` with `@x` replaced by 0, 1, …, NAME − 1.
 fn preprocess(source: &str, variant: Variant) -> String {
     let holds = |name: &str| match name {
         "OVER" => variant.over,
-        "LOCAL_FRAME" => variant.covariance_factor,
+        "COVARIANCE_FACTOR" => variant.covariance_factor,
         "LISTS" => variant.lists,
         "SCENE_3D" => variant.scene_3d,
-        "PIXEL_DEPTH" => variant.by_pixel,
+        "PER_PIXEL" => variant.by_pixel,
         "ON_CPU" => variant.on_cpu,
         "BACKWARD" => variant.pass == Pass::Backward,
         "ABSOLUTE" => variant.collected == Collected::AbsoluteGradients,
@@ -259,7 +263,7 @@ fn preprocess(source: &str, variant: Variant) -> String {
         "COLLECTS" => variant.collected != Collected::Nothing,
         "OVER_OR_ERROR" => variant.over || variant.collected == Collected::PixelErrors,
         "SUBGROUPS" => variant.kernels == Kernels::Subgroups,
-        other => panic!("a shader asks for {other}, which is no variant"),
+        other => panic!("#if {other}: no such condition"),
     };
     let mut conditions: Vec<bool> = Vec::new();
     let mut text = String::with_capacity(source.len());
@@ -268,7 +272,7 @@ fn preprocess(source: &str, variant: Variant) -> String {
         if let Some(name) = trimmed.strip_prefix("#if ") {
             conditions.push(holds(name));
         } else if trimmed == "#else" {
-            let last = conditions.last_mut().expect("#else stands within #if");
+            let last = conditions.last_mut().expect("#else is within #if");
             *last = !*last;
         } else if trimmed == "#endif" {
             conditions.pop().expect("#endif ends an #if");
@@ -281,7 +285,7 @@ fn preprocess(source: &str, variant: Variant) -> String {
     repeat(&text)
 }
 
-/// Repeats what `#each` says; repetitions may stand in repetitions.
+/// Expands `#each`, which may be nested.
 fn repeat(source: &str) -> String {
     let mut text = String::with_capacity(source.len());
     let mut lines = source.lines();
@@ -299,7 +303,7 @@ fn repeat(source: &str) -> String {
             "SSIM_BLOCK" => (0..SSIM_BLOCK).collect(),
             "SSIM_RADIUS" => (0..SSIM_RADIUS).collect(),
             "SSIM_SPAN" => (0..2 * SSIM_RADIUS).collect(),
-            other => panic!("#each {name} {other}, which is no number"),
+            other => panic!("#each {name} {other}: no such number"),
         };
         let mut body = String::new();
         let mut depth = 1;

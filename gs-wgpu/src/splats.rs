@@ -1,5 +1,5 @@
-//! The Gaussians where this backend computes, and what splats of every kind have in common: statistics, training steps under way, and how
-//! edits and checkpoints get there and back.
+//! Splats on the device: the parts that 2D and 3D scenes share. These are statistics, pending
+//! training steps, edits, saving and restoring.
 
 use std::sync::{Mutex, PoisonError};
 
@@ -23,23 +23,23 @@ pub struct Splats<S: SceneKind> {
     pub(crate) len: usize,
     pub(crate) state: S::State,
     pub(crate) statistics: wgpu::Buffer,
-    /// Training steps whose outcome is not known yet; what looks at the splats waits for them, though it may not change it.
+    /// Pending training steps. Methods with `&self` wait for them, too, hence the mutex.
     pub(crate) in_flight: Mutex<Home<S>>,
-    /// Another number for every splats and after every edit, by which lists made for another state are recognised.
+    /// A number that is unique to these splats since their last edit. It identifies invalid lists.
     pub(crate) edition: u64,
 }
 
-/// An edit on its way to the device, for a kind of scene to do with its parameters and moments.
+/// An edit that the host has uploaded, for [`SceneKind::edit`] to apply to parameters and moments.
 #[derive(Debug)]
 pub struct Edit<'a, G> {
-    /// Gaussians after it.
+    /// Number of Gaussians after the edit.
     pub(crate) len: usize,
     pub(crate) step: wgpu::Buffer,
-    /// One [`Source`] a Gaussian after it.
+    /// One [`Source`] per Gaussian after the edit.
     pub(crate) sources: wgpu::Buffer,
-    /// Those that sources mean by fresh ones.
+    /// New and changed Gaussians, to which sources refer as fresh.
     pub(crate) fresh: Vec<&'a G>,
-    /// Before and after.
+    /// Before and after the edit.
     pub(crate) statistics: [&'a wgpu::Buffer; 2],
 }
 
@@ -59,8 +59,9 @@ impl<S: SceneKind> Splats<S> {
         })
     }
 
-    /// Training steps that were sent and whose outcome is not known yet, at most [`STEPS_IN_FLIGHT`](crate::STEPS_IN_FLIGHT); 0 while
-    /// another future waits for them.
+    /// Number of pending training steps, at most [`STEPS_IN_FLIGHT`](crate::STEPS_IN_FLIGHT).
+    ///
+    /// 0 while another future waits for them.
     pub fn steps_in_flight(&self) -> usize {
         self.in_flight.lock().unwrap_or_else(PoisonError::into_inner).len()
     }
@@ -69,7 +70,8 @@ impl<S: SceneKind> Splats<S> {
         Taken::from(&self.in_flight).await
     }
 
-    /// Until all steps that were sent have been done: whatever looks at the splats' buffers begins with this.
+    /// Waits until all pending steps are done. Every access to the splats' buffers begins with
+    /// this.
     pub(crate) async fn settle(&self, gpu: &Gpu) -> Result<(), Error> {
         self.in_flight().await.settle(gpu, self, Wait::All).await
     }
@@ -82,7 +84,7 @@ impl<S: SceneKind> Splats<S> {
         })
     }
 
-    /// One upload of where everything comes from, and of the new Gaussians; the arrays are rebuilt on the device.
+    /// Uploads the sources of all slots and the new Gaussians. The device rebuilds the arrays.
     pub(crate) fn edit(&mut self, gpu: &Gpu, plan: &EditPlan<S::Gaussian>) -> Result<(), Error> {
         let sources = plan.sources(self.len)?;
         let changed = plan.changed.iter().map(|c| &c.gaussian);
@@ -138,12 +140,12 @@ impl<S: SceneKind> Splats<S> {
 /// Usage of a uniform that the host writes.
 pub(crate) const UNIFORM: wgpu::BufferUsages = wgpu::BufferUsages::UNIFORM.union(wgpu::BufferUsages::COPY_DST);
 
-/// Fails where a tensor of a saved state is not of as many Gaussians as there are.
+/// Fails if a tensor of a saved state has the wrong number of Gaussians.
 pub(crate) fn check_len(what: &'static str, expected: usize, found: usize) -> Result<(), Error> {
     if found == expected { Ok(()) } else { Err(Error::Length { what, expected, found }) }
 }
 
-/// What the device is told of one slot of the edited arrays.
+/// The source of one slot of the edited arrays.
 fn record<G>(plan: &EditPlan<G>, source: &From) -> Source {
     let (parameters, is_fresh, statistics) = match *source {
         From::Kept(i) => (i, 0, Some(i)),

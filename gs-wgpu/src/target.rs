@@ -1,17 +1,19 @@
-//! An image to compare with, on the device.
+//! The image that a loss compares with, on the device.
 
 use gs_core::{Error, TargetImage};
 
 use crate::gpu::Gpu;
 
-/// An image to compare with: one `vec4f` a pixel, row by row. A clone is the same image on the device, and costs nothing.
+/// An image that a loss compares with: one `vec4f` per pixel, row by row.
+///
+/// Clones share the image on the device.
 #[derive(Debug, Clone)]
 pub struct Target {
     width: u32,
     height: u32,
     pub(crate) buffer: wgpu::Buffer,
-    /// Whether the colours depend neither on the background nor on the rendering. If they do, the fourth number of a pixel is what
-    /// [`TargetImage::coverage`] says.
+    /// Whether the target has neither alpha nor mask. Otherwise the fourth number of a pixel is its
+    /// [`TargetImage::coverage`].
     pub(crate) is_complete: bool,
 }
 

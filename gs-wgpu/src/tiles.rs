@@ -1,4 +1,5 @@
-//! What passes of every kind of scene have: projected, the tiles' lists, the image, and their buffers, which grow on demand and are used again.
+//! The buffers of a pass that 2D and 3D scenes share: projected splats, tile lists, image. They
+//! grow on demand and are reused.
 
 use gs_core::{AdamRates, Blend, Error, Loss, Participants, RenderSettings, adam::Rate, effects, effects::Order};
 
@@ -12,34 +13,37 @@ use crate::{
     splats::UNIFORM,
 };
 
-/// Where in `indirect` the sizes of a dispatch stand, bytes (in the shaders: words): an invocation a Gaussian, a group a block of sorting, a
-/// group a block of the scan of sorting's histograms, an invocation an SH coefficient.
+/// Offset of dispatch sizes in `indirect`, bytes: one invocation per Gaussian.
 pub(crate) const BY_GAUSSIAN: u64 = 0;
+/// Offset of dispatch sizes in `indirect`, bytes: one work group per block of the sort.
 pub(crate) const BY_SORT_BLOCK: u64 = 12;
+/// Offset of dispatch sizes in `indirect`, bytes: one work group per block of histograms.
 pub(crate) const BY_HISTOGRAM: u64 = 24;
+/// Offset of dispatch sizes in `indirect`, bytes: one invocation per SH coefficient.
 pub(crate) const BY_COEFFICIENT: u64 = 36;
 
-/// Entries there is room for at first, at least.
+/// Smallest initial capacity, entries.
 const FIRST_CAPACITY: u64 = 1 << 14;
 
-/// Bytes of a pixel: RGB and one more.
+/// Bytes of a pixel: RGB and a fourth number.
 pub(crate) const PIXEL_BYTES: u64 = 16;
 
-/// Bytes of a splat's depth: at its mean, its slope, and the index.
+/// Bytes of a splat's depth: at its mean, its slopes, and the index.
 pub(crate) const DEPTH_BYTES: u64 = 16;
 
-/// Steps of 3e-4 of the depth: Gaussians of a surface are not much farther apart.
+/// Fewest depth bits of a sort key: steps of 3e-4 of the depth, about the distance between
+/// neighbours on a surface.
 const LEAST_DEPTH_BITS: u32 = 16;
 
-/// Those of an `f32` between 2⁻⁸ and 2²⁴.
+/// Most depth bits of a sort key: those of an `f32` between 2⁻⁸ and 2²⁴.
 const MOST_DEPTH_BITS: u32 = 28;
 
-/// Bytes of an entry's sums of so many numbers, in fixed-point numbers of 64 bits, and of their units.
+/// Bytes of an entry's `stride` sums as 64-bit fixed-point numbers, and of their units.
 pub(crate) fn totals_bytes(stride: u64) -> u64 {
     8 * stride + 4
 }
 
-/// A buffer that is replaced by a larger one when that is needed; its contents are lost then.
+/// A buffer that is replaced by a larger one on demand. Its contents are lost then.
 #[derive(Debug)]
 pub(crate) struct Growing {
     label: &'static str,
@@ -59,49 +63,51 @@ impl Growing {
     }
 }
 
-/// One pass's tiles, whatever kind of scene is on them.
+/// The buffers of one pass that 2D and 3D scenes share.
 #[derive(Debug)]
 pub(crate) struct Tiles {
     /// Columns and rows of the image.
     pub(crate) size: [u32; 2],
     pub(crate) settings: RenderSettings,
-    /// Gaussians of the pass.
+    /// Number of Gaussians.
     pub(crate) gaussians: u32,
     pub(crate) step: wgpu::Buffer,
     pub(crate) status: wgpu::Buffer,
     pub(crate) indirect: wgpu::Buffer,
-    /// In the order in which they are blended.
+    /// In the order of blending.
     pub(crate) projected: Growing,
     /// First entry of each splat, `[N + 1]`.
     pub(crate) offsets: Growing,
     pub(crate) scan_sums: Growing,
-    /// Tile of each entry, and the entry's number; sorting goes back and forth.
+    /// Tile of each entry, and the entry's number; the sort alternates between two buffers.
     pub(crate) keys: [Growing; 2],
     pub(crate) order: [Growing; 2],
     pub(crate) entries: Growing,
     pub(crate) histograms: Growing,
     pub(crate) tile_start: Growing,
-    /// What each entry's Gaussian receives.
+    /// The gradient of each entry.
     pub(crate) slots: Growing,
-    /// In the order of depth at each pixel: depths of the projected, the tiles' entries in a queue, and what each of those receives, in
-    /// fixed-point numbers.
+    /// With a sort at each pixel: depths of the splats.
     pub(crate) depths: Growing,
+    /// With a sort at each pixel: the tiles' entries in the order of their least depths.
     pub(crate) queue: Growing,
+    /// With a sort at each pixel: the gradients of queued entries, in fixed-point numbers.
     pub(crate) totals: Growing,
     pub(crate) image: Growing,
     pub(crate) v_image: Growing,
     /// Partial sums of the loss, and of dot products.
     pub(crate) partial: Growing,
-    /// Of D-SSIM.
+    /// D-SSIM's moments.
     pub(crate) moments: Growing,
+    /// D-SSIM's derivatives.
     pub(crate) derivatives: Growing,
-    /// A target that this background or rendering had to complete.
+    /// A masked target, completed with the background and the rendering.
     pub(crate) completed: Growing,
-    /// Entries that there is room for.
+    /// Capacity, entries.
     capacity: u64,
 }
 
-/// Work groups of `size` invocations for `count`.
+/// Work groups of `size` invocations for `count` invocations.
 pub(crate) fn groups_of(gpu: &Gpu, count: u64, size: u64) -> Groups<'static> {
     gpu.groups(count.div_ceil(size)).into()
 }
@@ -160,29 +166,29 @@ impl Tiles {
         Variant { over, collected, ..Variant::default() }
     }
 
-    /// Whether each pixel has an order of its own.
+    /// Whether the Gaussians are sorted at each pixel.
     pub(crate) fn orders_by_pixel(&self) -> bool {
         let effects = &self.settings.effects;
         effects.blend == Blend::Over && effects.order == Order::PerPixel
     }
 
-    /// Passes of the sort: as many digits as the last tile's number has, and an entry's depth.
+    /// Number of passes of the sort by tile, and by depth if needed.
     pub(crate) fn sort_passes(&self) -> u32 {
         (self.list_bits() + self.depth_bits()).div_ceil(SORT_BITS)
     }
 
-    /// Of the last list's number.
+    /// Bits of the last tile's number.
     fn list_bits(&self) -> u32 {
         let last = (self.count() - 1) as u32;
         u32::BITS - last.leading_zeros()
     }
 
-    /// By which entries are sorted within a list, where pixels have orders of their own.
+    /// Bits of depth by which a tile's entries are sorted; 0 without a sort at each pixel.
     fn depth_bits(&self) -> u32 {
         if !self.orders_by_pixel() {
             return 0;
         }
-        // As many as the last pass has room for.
+        // As many as fit into the last pass.
         let bits = (self.list_bits() + LEAST_DEPTH_BITS).next_multiple_of(SORT_BITS).min(u32::BITS) - self.list_bits();
         bits.min(MOST_DEPTH_BITS)
     }
@@ -191,7 +197,7 @@ impl Tiles {
         Groups::Indirect(&self.indirect, offset)
     }
 
-    /// Makes the pass one of so many Gaussians on an image of this size.
+    /// Sets the number of Gaussians, the image's size and the settings.
     pub(crate) fn set(
         &mut self,
         gpu: &Gpu,
@@ -212,12 +218,12 @@ impl Tiles {
         }
         match self.capacity {
             0 => self.grow(gpu, FIRST_CAPACITY.max(2 * n)),
-            // Another pass may have needed less of each.
+            // An earlier pass may have needed fewer buffers.
             capacity => self.ensure_entries(gpu, capacity),
         }
     }
 
-    /// Makes room for so many entries; lists that there were are lost.
+    /// Enlarges the capacity. Existing lists are lost.
     fn grow(&mut self, gpu: &Gpu, entries: u64) -> Result<(), Error> {
         for growing in self.keys.iter_mut().chain(&mut self.order) {
             growing.ensure(gpu, entries * 4)?;
@@ -229,26 +235,26 @@ impl Tiles {
         Ok(())
     }
 
-    /// Makes room for what this pass's order needs of so many entries.
+    /// Enlarges the queue, if this pass needs one.
     fn ensure_entries(&mut self, gpu: &Gpu, entries: u64) -> Result<(), Error> {
         if self.orders_by_pixel() { self.queue.ensure(gpu, entries * QUEUED_BYTES) } else { Ok(()) }
     }
 
-    /// Makes room for what all entries' Gaussians receive: a pass that is only looked at needs none.
+    /// Enlarges the buffers of the entries' gradients, which only a backward pass needs.
     pub(crate) fn ensure_slots(&mut self, gpu: &Gpu) -> Result<(), Error> {
         let stride = u64::from(stride(self.variant()));
         self.slots.ensure(gpu, self.capacity * stride * 4)?;
         if self.orders_by_pixel() { self.totals.ensure(gpu, self.capacity * totals_bytes(stride)) } else { Ok(()) }
     }
 
-    /// Makes room to sort so many keys.
+    /// Enlarges the buffers for sorting `keys` keys.
     pub(crate) fn ensure_sorting(&mut self, gpu: &Gpu, keys: u64) -> Result<(), Error> {
         let histograms = keys.div_ceil(u64::from(SORT_BLOCK)) << SORT_BITS;
         self.histograms.ensure(gpu, histograms * 4)?;
         self.scan_sums.ensure(gpu, histograms.div_ceil(1024) * 4)
     }
 
-    /// What this pass tells the device, but for what the kind of scene adds.
+    /// The uniform of this pass without the numbers of the kind of scene.
     pub(crate) fn describe(&self, gpu: &Gpu, loss: Option<Loss>, rates: Option<&AdamRates>) -> Step {
         let (accuracy, values) = (&self.settings.accuracy, 3.0 * self.pixels() as f64);
         let (alpha_max, transmittance_min) = (accuracy.alpha_max, accuracy.transmittance_min);
@@ -289,27 +295,27 @@ impl Tiles {
         step
     }
 
-    /// Copies what became of the pass into a buffer that can be mapped.
+    /// Copies the status of the pass into a buffer that can be mapped.
     pub(crate) fn encode_status(&self, commands: &mut Commands, staging: &wgpu::Buffer) {
         commands.encoder().copy_buffer_to_buffer(&self.status, 0, staging, 0, size_of::<Status>() as u64);
     }
 
-    /// What became of the pass, once it has been done.
+    /// The status of the pass, once it is done.
     pub(crate) async fn read_status(&self, gpu: &Gpu) -> Result<Status, Error> {
         Ok(gpu.read(&self.status, 1).await?[0])
     }
 
-    /// Makes room for what a pass asked for in vain, and forgets that it asked.
+    /// Enlarges the buffers that were too small for a pass, and resets its status.
     ///
     /// # Errors
-    /// Where there is not so much room, or a list is longer than the adapter can loop over.
+    /// Fails if memory runs out, or if a list is longer than the adapter can loop over.
     pub(crate) fn make_room(&mut self, gpu: &Gpu, status: &Status) -> Result<(), Error> {
         gpu.write(&self.status, bytemuck::bytes_of(&Status::default()));
         if status.longest > 0 {
             return Err(too_long(gpu, status.longest, self.orders_by_pixel()));
         }
         let entries = u64::from(status.overflow);
-        // With room for some more, if there is so much memory.
+        // With a reserve, if there is enough memory.
         self.grow(gpu, entries + entries / 4).or_else(|_| self.grow(gpu, entries))
     }
 }

@@ -1,4 +1,4 @@
-//! The device's own clock: timestamps that it writes between stages of one submission, where the adapter has them.
+//! Timestamps of the device between the stages of one submission, if the adapter has them.
 
 use gs_core::Error;
 
@@ -7,11 +7,11 @@ use crate::{
     gpu::{Gpu, STORAGE},
 };
 
-/// Timestamps of one submission, in the order in which they are written.
+/// The timestamps of one submission, in order.
 #[derive(Debug)]
 pub(crate) struct Timestamps {
     queries: wgpu::QuerySet,
-    /// What the queries are turned into, 64 bits each.
+    /// The resolved queries, 64 bits each.
     resolved: wgpu::Buffer,
     count: u32,
     /// Seconds per tick.
@@ -19,7 +19,7 @@ pub(crate) struct Timestamps {
 }
 
 impl Timestamps {
-    /// Room for `count`, or nothing where the adapter offers none.
+    /// `count` timestamps; `None` if the adapter has none.
     ///
     /// # Errors
     /// [`Error::Backend`] where the device is lost.
@@ -37,8 +37,9 @@ impl Timestamps {
         Ok(Some(Self { queries, resolved, count, period: f64::from(gpu.queue.get_timestamp_period()) * 1e-9 }))
     }
 
-    /// Writes timestamp `index` once everything that was recorded before has been done: at the beginning of a pass that does nothing,
-    /// which every adapter with timestamps allows.
+    /// Records timestamp `index`, which the device writes after all earlier commands.
+    ///
+    /// It is at the beginning of an empty pass, which every adapter with timestamps allows.
     pub(crate) fn mark(&self, commands: &mut Commands, index: u32) {
         let timestamp_writes = Some(wgpu::ComputePassTimestampWrites {
             query_set: &self.queries,
@@ -50,12 +51,12 @@ impl Timestamps {
             .begin_compute_pass(&wgpu::ComputePassDescriptor { label: Some("timestamp"), timestamp_writes });
     }
 
-    /// Makes the timestamps readable; the last command of the submission.
+    /// Resolves the timestamps; the last command of the submission.
     pub(crate) fn resolve(&self, commands: &mut Commands) {
         commands.encoder().resolve_query_set(&self.queries, 0..self.count, &self.resolved, 0);
     }
 
-    /// Seconds from each timestamp to the next, once the submission has been done.
+    /// Seconds from each timestamp to the next, after the submission is done.
     ///
     /// # Errors
     /// [`Error::Backend`] where the device is lost.

@@ -1,4 +1,4 @@
-//! One pass through the stages: the tiles, what is the kind of scene's own, and the order in which the stages' commands are recorded.
+//! One pass through the stages: its buffers, and the order in which the stages are recorded.
 
 use gs_core::{AdamRates, Error, Loss, RenderSettings};
 
@@ -15,12 +15,12 @@ use crate::{
 #[derive(Debug)]
 pub struct Workspace<S: SceneKind> {
     pub(crate) tiles: Tiles,
-    /// Once there was a pass.
+    /// `None` before the first pass.
     pub(crate) view: Option<S::View>,
     pub(crate) own: S::Own,
-    /// As many as the kind of scene has, once there was a backward pass.
+    /// Empty before the first backward pass.
     pub(crate) gradients: Vec<Growing>,
-    /// The splats' edition that the lists were made for.
+    /// The edition of the splats that the lists were made for.
     pub(crate) edition: Option<u64>,
 }
 
@@ -29,7 +29,8 @@ impl<S: SceneKind> Workspace<S> {
         Ok(Self { tiles: Tiles::new(gpu)?, view: None, own: S::own(gpu)?, gradients: Vec::new(), edition: None })
     }
 
-    /// Makes the pass one of these splats, view and settings; lists that were made for anything else are forgotten.
+    /// Sets the splats, view and settings of the pass. Lists that were made for others become
+    /// invalid.
     pub(crate) fn set(
         &mut self,
         gpu: &Gpu,
@@ -37,8 +38,8 @@ impl<S: SceneKind> Workspace<S> {
         view: &S::View,
         settings: &RenderSettings,
     ) -> Result<(), Error> {
-        let seen = self.view.as_ref() == Some(view) && self.tiles.settings == *settings;
-        if !(S::LISTS_LAST && seen && self.edition == Some(splats.edition)) {
+        let same_view = self.view.as_ref() == Some(view) && self.tiles.settings == *settings;
+        if !(S::LISTS_LAST && same_view && self.edition == Some(splats.edition)) {
             self.edition = None;
         }
         self.view = Some(view.clone());
@@ -46,7 +47,7 @@ impl<S: SceneKind> Workspace<S> {
         S::ensure(self, gpu, splats)
     }
 
-    /// What this pass tells the device.
+    /// The uniform of this pass.
     pub(crate) fn describe(
         &self,
         gpu: &Gpu,
@@ -68,7 +69,7 @@ impl<S: SceneKind> Workspace<S> {
         }
     }
 
-    /// Stages `project` to `ranges`; without `lists` only `project`, and the last lists stay.
+    /// Records stages `project` to `ranges`; without `lists` only `project`, and the lists stay.
     pub(crate) fn encode_lists(&self, gpu: &Gpu, commands: &mut Commands, splats: &Splats<S>, lists: bool) {
         self.encode_project(gpu, commands, splats, lists);
         if lists {
@@ -79,13 +80,13 @@ impl<S: SceneKind> Workspace<S> {
         }
     }
 
-    /// Stage `project`; with `lists` it counts the tiles that each Gaussian touches.
+    /// Records stage `project`. With `lists` it counts the tiles that each Gaussian touches.
     pub(crate) fn encode_project(&self, gpu: &Gpu, commands: &mut Commands, splats: &Splats<S>, lists: bool) {
         self.tiles.encode_clear(commands, lists);
         S::encode_project(self, gpu, commands, splats, lists);
     }
 
-    /// Stage `project_bwd`, and room for the gradients that it leaves: a pass that is only looked at needs none.
+    /// Records stage `project_bwd`, and allocates its gradients: a pass without it needs none.
     pub(crate) fn encode_project_bwd(
         &mut self,
         gpu: &Gpu,
@@ -103,19 +104,19 @@ impl<S: SceneKind> Workspace<S> {
         Ok(())
     }
 
-    /// The gradients that `project_bwd` leaves.
+    /// The buffers that `project_bwd` writes.
     pub(crate) fn gradient_buffers(&self) -> Vec<&wgpu::Buffer> {
         self.gradients.iter().map(|growing| &growing.buffer).collect()
     }
 
-    /// Stage `adam`, in a pass whose lists may not have fitted, or whose pixels may have given up: then it does nothing.
+    /// Records stage `adam`. It does nothing if the lists did not fit or a pixel stayed unfinished.
     pub(crate) fn encode_adam(&self, gpu: &Gpu, commands: &mut Commands, splats: &Splats<S>) {
         self.tiles.encode_stop(gpu, commands);
         let Tiles { step, indirect, .. } = &self.tiles;
         S::encode_adam(gpu, commands, splats, step, &self.gradient_buffers(), Some(indirect));
     }
 
-    /// Makes room for what a pass asked for in vain, and forgets that it did.
+    /// Enlarges the buffers that were too small for a pass, and resets its status.
     pub(crate) fn make_room(&mut self, gpu: &Gpu, status: &Status) -> Result<(), Error> {
         self.edition = None;
         self.tiles.make_room(gpu, status)
@@ -131,7 +132,7 @@ mod tests {
     use crate::{WgpuRasterizer, WgpuSettings};
 
     #[test]
-    fn what_is_only_looked_at_has_no_room_for_gradients() {
+    fn drawing_allocates_no_gradients() {
         let wgpu =
             WgpuRasterizer::new(WgpuSettings::default()).block_on().expect("`cargo xtask test` installs a driver");
         let gaussian = Gaussian2d {

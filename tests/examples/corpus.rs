@@ -1,11 +1,11 @@
-//! Runs the corpus of hard cases on every backend: gs-cpu at every SIMD level of this machine, gs-wgpu
-//! with every kind of kernels that its adapter has.
+//! Puts every backend of this repository through the corpus of hard cases and prints what became of
+//! each: gs-cpu at every SIMD level of this machine, gs-wgpu with every kind of kernels that its
+//! adapter has. `cargo run --release -p gs-conformance --example corpus [CASES] [BACKENDS]`, where
+//! only cases and backends are run whose names contain the words. Exits with 1 if anything is not
+//! as expected.
 //!
-//! `cargo run --release -p gs-conformance --example corpus [CASES] [BACKENDS]` runs only cases and
-//! backends whose names contain the words. It exits with 1 if any result is unexpected.
-//!
-//! Images are so small that one backend alone leaves cores idle, so as many backends run at a time as
-//! there are cores. Each table is printed when it is complete.
+//! Images are so small that a backend alone keeps no processor busy: so there are as many backends
+//! at a time as there are processors, and each table is printed when it is whole.
 
 #![allow(clippy::print_stdout)]
 

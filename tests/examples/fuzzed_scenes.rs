@@ -1,7 +1,6 @@
-//! Runs random scenes, views and settings through gs-cpu, half of them 2D and half 3D, and prints each
-//! that fails; the first one in full.
-//!
-//! `cargo run --release -p gs-conformance --example fuzzed_scenes -- [COUNT] [SEED]`
+//! Puts random scenes, views and settings through gs-cpu: `cargo run --release -p gs-conformance
+//! --example fuzzed_scenes -- [COUNT] [SEED]`. Half of them are 2D, half in 3D. Tells each that
+//! fails, and of the first all that it is.
 
 #![allow(clippy::print_stdout)]
 
@@ -9,7 +8,7 @@ use std::{env, process::ExitCode, time::Instant};
 
 use gs_conformance::{
     Failure,
-    fuzzed::{Fuzzed, owes, scene_2d, scene_3d},
+    fuzzed::{Fuzzed, check_backend, scene_2d, scene_3d},
 };
 use gs_cpu::{CpuRasterizer, CpuSettings};
 use rand::{RngExt, SeedableRng};
@@ -34,33 +33,33 @@ fn main() -> ExitCode {
             if let Err(failure) = try_one(&cpu, index, &bytes) {
                 eprintln!("scene {index}: {failure}");
                 if failed == 0 {
-                    eprintln!("{}", told(index, &bytes));
+                    eprintln!("{}", message(index, &bytes));
                 }
                 failed += 1;
             }
         }
-        let told =
+        let message =
             format!("{count} scenes from seed {seed}, {failed} failed, {:.1} s", started.elapsed().as_secs_f64());
-        if failed == 0 { Ok(told) } else { Err(told) }
+        if failed == 0 { Ok(message) } else { Err(message) }
     };
     match run() {
-        Ok(told) => {
-            println!("{told}");
+        Ok(message) => {
+            println!("{message}");
             ExitCode::SUCCESS
         }
-        Err(told) => {
-            eprintln!("{told}");
+        Err(message) => {
+            eprintln!("{message}");
             ExitCode::FAILURE
         }
     }
 }
 
 fn try_one(cpu: &CpuRasterizer, index: u64, bytes: &[u8]) -> Result<(), Failure> {
-    if index.is_multiple_of(2) { owes(cpu, &scene_2d(bytes)) } else { owes(cpu, &scene_3d(bytes)) }
+    if index.is_multiple_of(2) { check_backend(cpu, &scene_2d(bytes)) } else { check_backend(cpu, &scene_3d(bytes)) }
 }
 
 /// What was drawn, but for the target, which is long.
-fn told(index: u64, bytes: &[u8]) -> String {
+fn message(index: u64, bytes: &[u8]) -> String {
     if index.is_multiple_of(2) {
         let Fuzzed { scene, view, settings, loss, parameterization, rates, .. } = scene_2d(bytes);
         format!("{scene:#?}\n{view:?}\n{settings:?}\n{loss:?}, {parameterization:?}\n{rates:?}")

@@ -1,10 +1,10 @@
-//! Equality to the bit.
+//! Comparison of states bit by bit.
 
 use std::collections::BTreeMap;
 
 use gs_core::{SplatsState, state::TensorData};
 
-/// All numbers of a state as bits, by the names of its tensors: equal numbers of other bits (0 and −0) differ, NaN is equal to itself.
+/// All numbers of a state as bits, by tensor name. 0 and −0 differ, and NaN equals itself.
 #[must_use]
 pub fn bits(state: &SplatsState) -> BTreeMap<&str, Vec<u32>> {
     let of = |data: &TensorData| match data {

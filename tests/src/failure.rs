@@ -1,62 +1,62 @@
-//! Why a comparison or a conformance case does not pass.
+//! The failure of a comparison or a conformance case.
 
 use gs_core::Error;
 use thiserror::Error as ThisError;
 
-/// A backend does not do what it must.
+/// The failure of a comparison or a conformance case.
 #[derive(Debug, Clone, PartialEq, ThisError)]
 #[non_exhaustive]
 pub enum Failure {
-    /// The comparison would compare nothing, so its success would mean nothing.
+    /// There is nothing to compare, so a success would be meaningless.
     #[error("nothing to compare: {0}")]
     Nothing(String),
-    /// A number is further from the oracle's than the table of tolerances allows.
+    /// A number differs from the oracle's by more than the tolerance.
     #[error("{what}: expected {expected:e} ± {tolerance:e}, found {found:e} (and {others} more)")]
     Differs {
-        /// Which number.
+        /// Name of the number.
         what: String,
-        /// The oracle's.
+        /// The oracle's number.
         expected: f64,
-        /// The backend's.
+        /// The backend's number.
         found: f64,
-        /// How far they may be apart.
+        /// The tolerance.
         tolerance: f64,
-        /// How many further numbers differ too much.
+        /// Count of further numbers that differ too much.
         others: usize,
     },
     /// More numbers than allowed are on the other side of a discontinuity.
     #[error("{what}: {found} of {count} needed the allowance for discontinuities, at most {allowed} may")]
     TooManyFlips {
-        /// Which numbers.
+        /// Name of the numbers.
         what: &'static str,
-        /// How many needed it.
+        /// Count of numbers that needed the allowance.
         found: usize,
-        /// Of how many.
+        /// Count of all numbers.
         count: usize,
-        /// How many may.
+        /// Largest count that is allowed.
         allowed: usize,
     },
-    /// Something that is not a number's distance from another.
+    /// Any other failure.
     #[error("{0}")]
     Broken(String),
-    /// The backend answered with an error where it must not.
+    /// An unexpected error of the backend.
     #[error("unexpected error: {0}")]
     Backend(#[from] Error),
-    /// One of the suite's cases, and why it fails.
+    /// The failure of one of the suite's cases.
     #[error("case {case}: {cause}")]
     Case {
-        /// Its name.
+        /// Name of the case.
         case: &'static str,
-        /// Why.
+        /// The failure.
         cause: Box<Self>,
     },
-    /// Several of the above.
+    /// Several failures.
     #[error("{} failed:{}", .0.len(), .0.iter().map(|f| format!("\n  {f}")).collect::<String>())]
     Several(Vec<Self>),
 }
 
 impl Failure {
-    /// Fails with a text unless `condition` holds.
+    /// Fails with `text` unless `condition` holds.
     ///
     /// # Errors
     /// [`Failure::Broken`].
@@ -64,7 +64,7 @@ impl Failure {
         if condition { Ok(()) } else { Err(Self::Broken(text())) }
     }
 
-    /// The same failure with where it happened in front.
+    /// The same failure with its place in front.
     #[must_use]
     pub fn at(self, place: impl std::fmt::Display) -> Self {
         match self {

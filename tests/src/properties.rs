@@ -1,4 +1,4 @@
-//! What property tests of backends share: how many scenes they draw, and what becomes of a comparison's outcome.
+//! Settings and outcomes of property tests.
 
 use gs_core::Loss;
 use proptest::{
@@ -8,14 +8,24 @@ use proptest::{
 
 use crate::Failure;
 
+/// Under Miri, which is a few thousand times slower, one case in this many is drawn.
+const CASES_PER_CASE_UNDER_MIRI: u32 = 64;
+
+/// Number of cases to draw: all, but few under Miri.
+const fn few_under_miri(cases: u32) -> u32 {
+    if cfg!(miri) { cases.div_ceil(CASES_PER_CASE_UNDER_MIRI) } else { cases }
+}
+
 /// Proptest's own settings with this number of cases.
+///
+/// Under Miri there are few, and no file of failures, which isolation forbids.
 #[must_use]
 pub fn fresh(cases: u32) -> ProptestConfig {
     ProptestConfig { cases, ..ProptestConfig::default() }
 }
 
-/// The same cases in each run, without a file of failures: a failing case fails again, and prints
-/// what it shrank to.
+/// This number of cases with a fixed seed, and no file of failures: a failing case fails again, and
+/// prints its minimal form. Few under Miri.
 #[must_use]
 pub fn repeatable(cases: u32, seed: u64) -> ProptestConfig {
     ProptestConfig {
@@ -28,11 +38,11 @@ pub fn repeatable(cases: u32, seed: u64) -> ProptestConfig {
     }
 }
 
-/// What a property test makes of a comparison: a scene in which there was nothing to compare counts as rejected, of which [`repeatable`]
-/// allows only so many.
+/// Converts a comparison's outcome. A scene with nothing to compare is rejected, and [`repeatable`]
+/// limits the number of rejections.
 ///
 /// # Errors
-/// The failure, or the rejection.
+/// The failure or the rejection.
 pub fn judge<T>(result: Result<T, Failure>) -> Result<(), TestCaseError> {
     match result {
         Ok(_) => Ok(()),
@@ -41,7 +51,7 @@ pub fn judge<T>(result: Result<T, Failure>) -> Result<(), TestCaseError> {
     }
 }
 
-/// Every loss, [`Loss::L1Dssim`] with weights of 0 to 1.
+/// All losses, [`Loss::L1Dssim`] with weights of 0 to 1.
 pub fn losses() -> impl Strategy<Value = Loss> {
     prop_oneof![Just(Loss::L2), Just(Loss::L1), (0.0f32..=1.0).prop_map(|lambda| Loss::L1Dssim { lambda })]
 }

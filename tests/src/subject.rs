@@ -1,4 +1,4 @@
-//! What the suite must know about a kind of scene, so that one case tests backends of either.
+//! The interface of 2D and 3D scenes for the suite, so that one case can test both.
 
 use std::fmt::Debug;
 
@@ -18,54 +18,58 @@ use crate::{
 
 /// A kind of scene that the suite can draw and the oracle can render.
 pub trait Subject: Scene<View: OracleView + PartialEq> {
-    /// What is particular about a drawn scene.
+    /// The kinds of generated scenes.
     type Kind: Copy + Debug + PartialEq;
 
-    /// The parameterizations that backends train in. The first they must offer; another may be refused as unsupported.
-    const CHARTS: &'static [Parameterization];
+    /// The parameterizations. Backends must offer the first, and may refuse others as unsupported.
+    const PARAMETERIZATIONS: &'static [Parameterization];
 
-    /// Numbers of a mean.
+    /// Numbers per mean.
     const DIMENSIONS: usize;
 
-    /// Tensors of a saved state that may be missing: where all are opaque.
+    /// Tensors that a saved state does not have if all Gaussians are opaque.
     const OPTIONAL_TENSORS: &'static [&'static str];
 
     /// Whether backends must solve for colours under [`Blend::Sum`].
     const SOLVES_COLORS: bool;
 
-    /// The column of the opacity in the saved moments of splats in this parameterization.
+    /// The column of the opacity in the saved moments in this parameterization.
     fn opacity_moment(parameterization: Parameterization) -> usize;
 
-    /// Rates that move drawn scenes by a small part of what they are, and limits of the scales that they are within.
+    /// Rates that move generated scenes by little, with limits that include their scales.
     fn adam() -> Adam;
 
-    /// Fails where a view cannot be looked through.
+    /// Fails for an invalid view.
     ///
     /// # Errors
-    /// What gs-core finds.
+    /// The error of gs-core's check.
     fn check_view(view: &Self::View) -> Result<(), Error>;
 
-    /// The scene as the oracle sees it.
+    /// The scene in the oracle's form.
     fn rows(&self) -> OracleScene;
 
-    /// The same with the shapes of these frames, as splats in [`Parameterization::CovarianceFactor`] saves them, in `f64`: in `f32`, a shape that is read from a
-    /// frame has a needle turned by as much as its aspect times the rounding. A frame without extent along an axis leaves the row as it is; one
-    /// that is not finite has scales that are not.
-    fn rows_of_factors(&self, frames: &[f32]) -> OracleScene;
+    /// The scene in the oracle's form with the shapes of these factors, as saved in
+    /// [`Parameterization::CovarianceFactor`].
+    ///
+    /// Computed in `f64`: in `f32`, the rotation of a needle is off by its aspect times the
+    /// rounding. A factor without extent along an axis leaves the row unchanged. One that is not
+    /// finite yields scales that are not finite.
+    fn rows_of_factors(&self, factors: &[f32]) -> OracleScene;
 
-    /// A frame as it is beside moments of this parent, both as splats in [`Parameterization::CovarianceFactor`] saves them.
-    fn aligned(frame: &[f32], parent: &[f32]) -> Vec<f32>;
+    /// The factor that matches a parent's moments, in the form of
+    /// [`Parameterization::CovarianceFactor`].
+    fn aligned(factor: &[f32], parent: &[f32]) -> Vec<f32>;
 
-    /// The logits of all opacities.
+    /// The opacity logits.
     fn opacity_logits_mut(&mut self) -> &mut [f32];
 
-    /// By how much noise moves the means, `[N, DIMENSIONS]`.
+    /// The shifts of the means by noise, `[N, DIMENSIONS]`.
     fn shifts(&self, noise: &MeanNoise) -> Vec<f32>;
 
-    /// No Gaussians of the same kind, SH degree included.
+    /// An empty scene with the same SH degree.
     fn emptied(&self) -> Self;
 
-    /// The Gaussians at some indices, in that order.
+    /// The Gaussians at these indices, in this order.
     fn picked(&self, indices: impl IntoIterator<Item = usize>) -> Self {
         let mut picked = self.emptied();
         indices.into_iter().for_each(|i| picked.push(self.gaussian(i)));
@@ -75,23 +79,24 @@ pub trait Subject: Scene<View: OracleView + PartialEq> {
     /// The rows of a scene of derivatives.
     fn rows_of_gradients(&self) -> Vec<Parameters>;
 
-    /// What entry `index` of a row is.
+    /// The name of entry `index` of a row.
     fn parameter_name(index: usize) -> String;
 
-    /// A seeded scene of the usual kind, `size` px.
+    /// A seeded typical scene, `size` px.
     fn typical(blend: Blend, count: usize, size: (u32, u32), seed: u64) -> Draw<Self>;
 
-    /// A seeded scene in which many Gaussians are at each pixel.
+    /// A seeded scene with many Gaussians at each pixel.
     fn overlapping(blend: Blend, count: usize, size: (u32, u32), seed: u64) -> Draw<Self>;
 
-    /// The same view at another scale: a larger or smaller picture of the same.
+    /// The same view at another resolution.
     fn resized(view: &Self::View, size: (u32, u32)) -> Self::View;
 }
 
 impl Subject for Scene2d {
     type Kind = Kind;
 
-    const CHARTS: &'static [Parameterization] = &[Parameterization::ScaleRotation, Parameterization::CovarianceFactor];
+    const PARAMETERIZATIONS: &'static [Parameterization] =
+        &[Parameterization::ScaleRotation, Parameterization::CovarianceFactor];
     const DIMENSIONS: usize = 2;
     const OPTIONAL_TENSORS: &'static [&'static str] = &["opacity_logit"];
     const SOLVES_COLORS: bool = true;
@@ -125,15 +130,15 @@ impl Subject for Scene2d {
         OracleScene::from(self)
     }
 
-    fn rows_of_factors(&self, frames: &[f32]) -> OracleScene {
+    fn rows_of_factors(&self, factors: &[f32]) -> OracleScene {
         let mut rows = self.rows();
-        for (row, &[a, b, c, d]) in rows.gaussians.iter_mut().zip(frames.as_chunks().0) {
-            let frame = Mat2::from_cols_array(&[a, b, c, d]);
-            let PrincipalAxes { axes, scales, .. } = PrincipalAxes::of(Mat3::from_mat2(frame));
-            if !frame.is_finite() {
+        for (row, &[a, b, c, d]) in rows.gaussians.iter_mut().zip(factors.as_chunks().0) {
+            let factor = Mat2::from_cols_array(&[a, b, c, d]);
+            let PrincipalAxes { axes, scales, .. } = PrincipalAxes::of(Mat3::from_mat2(factor));
+            if !factor.is_finite() {
                 row[2..4].fill(f64::NAN);
             } else if scales.min_element() > 0.0 {
-                // The larger first, as `Gaussian2d::shape_of_factor` has it.
+                // The larger scale first, as in `Gaussian2d::shape_of_factor`.
                 let (large, small, axis) = if scales.x < scales.y {
                     (scales.y, scales.x, axes.y_axis)
                 } else {
@@ -145,9 +150,9 @@ impl Subject for Scene2d {
         rows
     }
 
-    fn aligned(frame: &[f32], parent: &[f32]) -> Vec<f32> {
-        let [frame, parent] = [frame, parent].map(Mat2::from_cols_slice);
-        whitened::aligned(frame, parent).to_cols_array().to_vec()
+    fn aligned(factor: &[f32], parent: &[f32]) -> Vec<f32> {
+        let [factor, parent] = [factor, parent].map(Mat2::from_cols_slice);
+        whitened::aligned(factor, parent).to_cols_array().to_vec()
     }
 
     fn rows_of_gradients(&self) -> Vec<Parameters> {
@@ -174,7 +179,8 @@ impl Subject for Scene2d {
 impl Subject for Scene3d {
     type Kind = Kind3d;
 
-    const CHARTS: &'static [Parameterization] = &[Parameterization::ScaleRotation, Parameterization::CovarianceFactor];
+    const PARAMETERIZATIONS: &'static [Parameterization] =
+        &[Parameterization::ScaleRotation, Parameterization::CovarianceFactor];
     const DIMENSIONS: usize = 3;
     const OPTIONAL_TENSORS: &'static [&'static str] = &[];
     const SOLVES_COLORS: bool = false;
@@ -215,12 +221,12 @@ impl Subject for Scene3d {
         OracleScene::from(self)
     }
 
-    fn rows_of_factors(&self, frames: &[f32]) -> OracleScene {
+    fn rows_of_factors(&self, factors: &[f32]) -> OracleScene {
         let mut rows = self.rows();
-        for (row, frame) in rows.gaussians.iter_mut().zip(frames.as_chunks::<9>().0) {
-            let frame = Mat3::from_cols_array(frame);
-            let PrincipalAxes { axes, scales, .. } = PrincipalAxes::of(frame);
-            if !frame.is_finite() {
+        for (row, factor) in rows.gaussians.iter_mut().zip(factors.as_chunks::<9>().0) {
+            let factor = Mat3::from_cols_array(factor);
+            let PrincipalAxes { axes, scales, .. } = PrincipalAxes::of(factor);
+            if !factor.is_finite() {
                 row[3..6].fill(f64::NAN);
             } else if scales.min_element() > 0.0 {
                 let q = DQuat::from_mat3(&axes);
@@ -231,9 +237,9 @@ impl Subject for Scene3d {
         rows
     }
 
-    fn aligned(frame: &[f32], parent: &[f32]) -> Vec<f32> {
-        let [frame, parent] = [frame, parent].map(Mat3::from_cols_slice);
-        covariance_factor::aligned(frame, parent).to_cols_array().to_vec()
+    fn aligned(factor: &[f32], parent: &[f32]) -> Vec<f32> {
+        let [factor, parent] = [factor, parent].map(Mat3::from_cols_slice);
+        covariance_factor::aligned(factor, parent).to_cols_array().to_vec()
     }
 
     fn rows_of_gradients(&self) -> Vec<Parameters> {

@@ -1,9 +1,10 @@
-//! All tolerances, in one table, each with the worst case measured; and the comparators that use them.
+//! All tolerances with the worst measured cases, and the comparators that use them.
 //!
-//! The oracle analyses, number by number, what one rounding of `f32` in every operation may change ([`Rendering::rounding`],
-//! [`Gradients::rounding`]); the table says how many such roundings are allowed. So a needle, whose σ is a small difference of large
-//! numbers, is allowed more than a disc, and no tolerance is loose everywhere. Only numbers within rounding of a discontinuity are
-//! excused beyond that, by no more than the discontinuity's height, and only so many of them.
+//! The oracle computes the uncertainty of each number by one rounding of `f32` in every operation
+//! ([`Rendering::rounding`], [`Gradients::rounding`]). The tolerances are multiples of it: a
+//! needle, whose σ is a small difference of large numbers, has a larger tolerance than a disc.
+//! Numbers within rounding of a discontinuity may also differ by its height, but only a limited
+//! share of them.
 
 use gs_core::Image;
 pub use gs_oracle::{NEAR_CUT, ROUNDINGS};
@@ -14,39 +15,42 @@ use crate::{
     subject::Subject,
 };
 
-/// Largest share of an image's values that may need the allowance for discontinuities; one pixel's three always may. Worst
-/// measured: one pixel.
+/// Largest share of an image's values that may need the allowance for discontinuities, but at least
+/// one pixel. Worst measured: one pixel.
 pub const IMAGE_FLIP_SHARE: f64 = 1e-3;
 
-/// The same of a scene's gradients: one pixel that flips moves the gradients of all Gaussians there. Worst measured:
-/// 8 of 216, moved by one pixel whose weight is within 2.3e-7, relative, of the cut.
+/// Largest share of a scene's gradients that may need the allowance. One pixel moves the gradients
+/// of all Gaussians there. Worst measured: 8 of 216, by one pixel with a weight within 2.3e-7,
+/// relative, of the cut.
 pub const GRADIENT_FLIP_SHARE: f64 = 0.1;
 
-/// Largest share of an expected gradient's norm that its tolerances' norm may be: beyond it the comparison would say nothing.
+/// Largest norm of the tolerances as a share of the gradient's norm. Beyond it, a comparison is
+/// meaningless.
 pub const MEANINGFUL_SHARE: f64 = 0.1;
 
-/// Largest difference of a parameter from Adam in `f64`, as a share of the step size, per step; beside one rounding of the parameter
-/// itself. gs-cpu is within 1e-5 at every SIMD level.
+/// Largest difference of a parameter from Adam in `f64`, as a share of the step size, per step;
+/// beside one rounding of the parameter itself. gs-cpu is within 1e-5 at every SIMD level.
 pub const ADAM_SHARE: f64 = 1e-4;
 
-/// Largest difference of a 3D Gaussian from Adam in `f64` in covariance factors, seen from its own frame, as a share of the step size, per
-/// step; beside 1e-5. It is that of the gradients downloaded, which are by another parameterization.
+/// Largest difference of a 3D Gaussian from Adam in `f64` on covariance factors, in whitened
+/// coordinates, as a share of the step size, per step; plus 1e-5. It is that of the downloaded
+/// gradients, which are by another parameterization.
 pub const FRAME_SHARE: f64 = 2e-3;
 
-/// Largest relative difference of the losses, and of the parameters as a share of their movement, between fused training steps and
-/// their three stages. gs-cpu is within 2e-5.
+/// Largest relative difference of the losses, and of the parameters as a share of their movement,
+/// between fused training steps and their three stages. gs-cpu is within 2e-5.
 pub const FUSED_SHARE: f64 = 2e-4;
 
-/// How near to the least-squares residual `solve_colors` must come, relative to it and, where it is nearly 0, absolutely (mean
-/// square, colours of 0 to 1). gs-cpu is within 1e-5 and 1e-9.
+/// How near to the least-squares residual `solve_colors` must come, relative to it and, where it is
+/// nearly 0, absolutely (mean square, colours of 0 to 1). gs-cpu is within 1e-5 and 1e-9.
 pub const LEAST_SQUARES: [f64; 2] = [1e-4, 1e-8];
 
-/// Largest relative difference of a statistic from the sum of downloaded gradients; they may stem from a fused step. gs-cpu is within
-/// 1e-5.
+/// Largest relative difference of a statistic from the sum of downloaded gradients; they may stem
+/// from a fused step. gs-cpu is within 1e-5.
 pub const STATISTICS_SHARE: f64 = 1e-4;
 
-/// Largest relative difference of a collected statistic from the oracle's, beside a thousandth of the largest of the scene. gs-cpu is
-/// within 5e-6 at every SIMD level.
+/// Largest relative difference of a collected statistic from the oracle's, beside a thousandth of
+/// the largest of the scene. gs-cpu is within 5e-6 at every SIMD level.
 pub const COLLECTED_SHARE: f64 = 1e-4;
 
 /// How well two sets of numbers agree.
@@ -54,8 +58,8 @@ pub const COLLECTED_SHARE: f64 = 1e-4;
 pub struct Agreement {
     /// The largest difference among numbers that are not near a discontinuity, in roundings.
     pub worst_roundings: f64,
-    /// The largest difference among them: of images and losses as it is, of a gradient as a share of the largest one by the same
-    /// parameter.
+    /// The largest difference among them: of images and losses as it is, of a gradient as a share
+    /// of the largest one by the same parameter.
     pub worst_share: f64,
     /// How many numbers needed the allowance for discontinuities.
     pub flips: usize,
@@ -82,15 +86,15 @@ struct Pair {
     found: f64,
     rounding: f64,
     flip: f64,
-    /// What a difference is a share of.
+    /// The size to which a difference is relative.
     scale: f64,
 }
 
-/// Holds an image against the oracle's.
+/// Compares an image with the oracle's.
 ///
 /// # Errors
-/// [`Failure::Nothing`] where the oracle's image shows no Gaussian or the sizes differ; [`Failure::Differs`] naming the worst value;
-/// [`Failure::TooManyFlips`].
+/// [`Failure::Nothing`] if the oracle's image shows no Gaussian or the sizes differ;
+/// [`Failure::Differs`] with the worst value; [`Failure::TooManyFlips`].
 pub fn compare_images(expected: &Rendering, found: &Image) -> Result<Agreement, Failure> {
     if found.size() != (expected.width, expected.height) {
         let sizes = (found.size(), (expected.width, expected.height));
@@ -114,11 +118,11 @@ pub fn compare_images(expected: &Rendering, found: &Image) -> Result<Agreement, 
     })
 }
 
-/// Holds a backend's downloaded gradients against the oracle's.
+/// Compares a backend's gradients with the oracle's.
 ///
 /// # Errors
-/// [`Failure::Nothing`] where the oracle's gradients are all zero, not of as many Gaussians, or too uncertain to be compared;
-/// [`Failure::Differs`] naming the worst; [`Failure::TooManyFlips`].
+/// [`Failure::Nothing`] if the oracle's gradients are all zero, of another number of Gaussians, or
+/// too uncertain; [`Failure::Differs`] with the worst; [`Failure::TooManyFlips`].
 pub fn compare_gradients<S: Subject>(expected: &Gradients, found: &S) -> Result<Agreement, Failure> {
     let found = found.rows_of_gradients();
     let lengths = |rows: &[Parameters]| rows.iter().map(Vec::len).collect::<Vec<_>>();
@@ -155,10 +159,10 @@ pub fn compare_gradients<S: Subject>(expected: &Gradients, found: &S) -> Result<
     })
 }
 
-/// Holds a backend's loss against the oracle's.
+/// Compares a backend's loss with the oracle's.
 ///
 /// # Errors
-/// [`Failure::Nothing`] where the oracle's loss is 0; [`Failure::Differs`].
+/// [`Failure::Nothing`] if the oracle's loss is 0; [`Failure::Differs`].
 pub fn compare_loss(expected: &Gradients, found: f32) -> Result<Agreement, Failure> {
     if !(expected.loss > 0.0) {
         return Err(Failure::Nothing(format!("a loss of {}", expected.loss)));
@@ -174,7 +178,7 @@ pub fn compare_loss(expected: &Gradients, found: f32) -> Result<Agreement, Failu
     compare([pair].into_iter(), "losses", IMAGE_FLIP_SHARE, |_| "loss".to_owned())
 }
 
-/// Smallest rounding that is believed: numbers that are not normal in `f32` may be flushed to 0.
+/// Smallest rounding: numbers that are subnormal in `f32` may be flushed to 0.
 const FLUSHED: f64 = 1e-37;
 
 fn compare(

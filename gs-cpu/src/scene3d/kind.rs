@@ -23,8 +23,7 @@ use crate::{
     kind::{AllResources, Resources, SceneKind, Shared},
     splat::{CHUNK, PixelDepth, Splat},
     stage::Stage,
-    target::Target,
-    unsupported::{check_settings, unsupported},
+    unsupported::check_settings,
     workspace::Workspace,
 };
 
@@ -37,12 +36,7 @@ impl SceneKind for Scene3d {
 
     fn check(camera: &Camera, settings: &RenderSettings) -> Result<(), Error> {
         camera.validate()?;
-        check_settings(settings)?;
-        Ok(())
-    }
-
-    fn check_rates(_: &AdamRates) -> Result<(), Error> {
-        Ok(())
+        check_settings(settings)
     }
 
     fn size(camera: &Camera) -> (u32, u32) {
@@ -173,13 +167,5 @@ impl SceneKind for Scene3d {
         workspace: &Workspace<Own3d>,
     ) {
         adam::step(splats, bias, rates, level, workspace);
-    }
-
-    fn check_solve_colors(_: &RenderSettings) -> Result<(), Error> {
-        Err(unsupported("solving for the colours of 3D scenes"))
-    }
-
-    fn solve_colors(_: &mut Workspace<Own3d>, _: &mut Splats3d, _: &Target, _: Level, _: u32) -> Result<(), Error> {
-        Self::check_solve_colors(&RenderSettings::default())
     }
 }

@@ -1,4 +1,4 @@
-// Stage `adam`: one step of every Gaussian, and its statistics. One invocation a Gaussian.
+// Stage `adam`: one step of every Gaussian, and its statistics. One invocation per Gaussian.
 
 @group(0) @binding(1) var<storage, read> gradients: array<Gradient>;
 @group(0) @binding(2) var<storage, read_write> gaussians: array<Gaussian>;
@@ -15,9 +15,9 @@ fn half_way(z: vec2f) -> vec2f {
     return vec2f(0.5 * abs(z.y) / s, select(-s, s, z.y >= 0.0));
 }
 
-// L with its scales moved into their bounds, its axes and its right-hand rotation as they are.
+// L with its scales clamped to their bounds, and its axes and right-hand rotation unchanged.
 fn bounded(l: mat2x2f) -> mat2x2f {
-    // Singular values: the lengths of the two rotations-with-scaling that L is the sum of, added and subtracted.
+    // Singular values: L is a sum of two scaled rotations; sum and difference of their lengths.
     let turning = 0.5 * vec2f(l[0].x + l[1].y, l[0].y - l[1].x);
     let mirroring = 0.5 * vec2f(l[0].x - l[1].y, l[0].y + l[1].x);
     let q = length(turning);
@@ -72,7 +72,7 @@ fn adam(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: ve
     var by_mean = vec2f(0.0);
     var by_shape = vec3f(0.0);
     let l = factor_of(g.shape);
-#if LOCAL_FRAME
+#if COVARIANCE_FACTOR
     by_mean = gradient.xi;
     by_shape = gradient.eta;
     let third = 1u;
@@ -96,7 +96,7 @@ fn adam(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: ve
     m.first = array<vec4f, 2>(m0, m1);
     m.second = array<vec4f, 2>(v0, v1);
     g.color -= rest.yzw;
-#if LOCAL_FRAME
+#if COVARIANCE_FACTOR
     g.mean -= l * clamp(place.xy, vec2f(-MAX_XI), vec2f(MAX_XI));
     let turned = turn(l, vec3f(place.zw, rest.x));
     g.shape = vec4f(turned[0], turned[1]);
@@ -105,7 +105,7 @@ fn adam(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: ve
     let floor_ = log(step.min_scale);
     let ceiling = log(step.max_scale);
     var scales = g.shape.xy - place.zw;
-    // NaN stays: it must be seen and pruned.
+    // NaN stays, so that the Gaussian is pruned.
     scales = select(scales, vec2f(floor_), scales < vec2f(floor_));
     scales = select(scales, vec2f(ceiling), scales > vec2f(ceiling));
     g.shape = vec4f(scales, g.shape.z - rest.x, 0.0);

@@ -1,4 +1,4 @@
-// Noise on the means of 2D scenes, an invocation a Gaussian.
+// Noise on the means of 2D scenes. One invocation per Gaussian.
 
 @group(0) @binding(2) var<storage, read_write> gaussians: array<Gaussian>;
 

@@ -1,6 +1,8 @@
-// Stage `project`: every Gaussian's parameters become what the pixels need, and how many tiles it touches. One invocation a Gaussian.
+// Stage `project`: computes every Gaussian's splat, and the number of tiles that it touches. One
+// invocation per Gaussian.
 //
-// Sigma' is held so that the exponent is a sum of squares, without the cancellation that a quadratic form suffers in needles.
+// Sigma' is stored so that the exponent is a sum of squares, without the cancellation that a
+// quadratic form suffers in needles.
 
 @group(0) @binding(1) var<storage, read> gaussians: array<Gaussian>;
 @group(0) @binding(2) var<storage, read_write> projected: array<Splat>;

@@ -1,8 +1,10 @@
-// Stage `project_bwd`: what the entries of a Gaussian received becomes the gradient in its whitened coordinates. One invocation a Gaussian.
+// Stage `project_bwd`: computes the gradient of a Gaussian in its whitened coordinates from those
+// of its entries. One invocation per Gaussian.
 //
-// With z = L'^-1 d, a step mu += L xi, L <- L exp(eta) changes sigma by -z.xi - z.eta z, so v_xi = sum t z and v_eta = sum t z z^T. The sums
-// over (dx, u) are whitened by the lower-triangular root of Sigma', and a rotation leads from there to the factor of L'. Where Sigma' is
-// dilated, L' is not a root of it: there z = L'^T Sigma'^-1 d.
+// With z = L'^-1 d, a step mu += L xi, L <- L exp(eta) changes sigma by -z.xi - z.eta z, so v_xi =
+// sum t z and v_eta = sum t z z^T. The sums over (dx, u) are whitened by the lower-triangular root
+// of Sigma', and a rotation leads from there to the factor of L'. Where Sigma' is dilated, L' is
+// not a root of it: there z = L'^T Sigma'^-1 d.
 
 // In whitened coordinates: v_xi, and v_eta as (xx, xy, yy).
 struct Whitened {
@@ -31,7 +33,8 @@ fn whitened_dilated(s: Splat, l: mat2x2f, sums: Received) -> Whitened {
     let q = transpose(l) * conic;
     var moment = q * mat2x2f(sums.second.xy, sums.second.yz) * transpose(q);
     if step.compensates == 1u {
-        // The compensation's logarithm is half of ln D - ln D', D = det² L', D' = D + delta tr L' L'^T + delta².
+        // ln of the compensation is (ln D - ln D')/2, D = det² L', D' = D + delta tr L' L'^T +
+        // delta².
         let root = determinant_of(l);
         let inverse = 1.0 / (root * root + step.dilation * (dot(l[0], l[0]) + dot(l[1], l[1]) + step.dilation));
         let gram = transpose(l) * l;
@@ -66,7 +69,7 @@ fn project_bwd(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) gro
         gradient.xi = by.xi;
         gradient.eta = by.eta;
         gradient.visible = 1u;
-        // Not 1 - o: of an opacity near 1 nothing is left of that.
+        // Not 1 - o, which cancels for an opacity near 1.
         gradient.opacity_logit = sums.zeroth * sigmoid(-gaussians[index].opacity_logit);
         if step.collect == 1u {
             gradient.device_norm = statistic_of(sums, by.v_mean);

@@ -1,5 +1,6 @@
-// Solving for colours under `Sum`: conjugate gradients on the normal equations, all of it on the device. Every iteration blends the
-// direction, differentiates that image, and comes here; the three channels are three systems with the same matrix.
+// Solves for colours under `Sum`: conjugate gradients on the normal equations, all on the device.
+// Every iteration blends the direction, differentiates that image and runs these kernels. The three
+// channels are three systems with the same matrix.
 
 // The CG vectors of a Gaussian.
 struct Conjugate {
@@ -10,7 +11,7 @@ struct Conjugate {
 }
 
 struct Scalars {
-    // r.z, d.Ad, the step and what of the old direction is kept, per channel.
+    // r.z, d.Ad, the step and the kept share of the old direction, per channel.
     rz: vec4f,
     curvature: vec4f,
     step: vec4f,
@@ -39,7 +40,7 @@ fn sum_group(lane: u32, value: vec4f) -> vec4f {
     return lanes[0];
 }
 
-// A^T of the image that was differentiated.
+// A^T of the differentiated image.
 fn product_of(index: u32) -> vec4f {
     var sum = vec4f(0.0);
     for (var e = offsets[index]; e < offsets[index + 1u]; e++) {
@@ -131,7 +132,8 @@ fn solve_end(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) group
     }
 }
 
-// WHICH scalars the sum of the partial sums makes: 0, r.z of the start; 1, the curvature and the step; 2, the next r.z and what is kept.
+// The scalars that the partial sums yield, by WHICH: 0, r.z of the start; 1, the curvature and the
+// step; 2, the next r.z and the kept share.
 override WHICH: u32 = 0u;
 
 @compute @workgroup_size(256)

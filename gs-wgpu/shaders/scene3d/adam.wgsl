@@ -1,5 +1,5 @@
-// Stage `adam` of 3D scenes: one step of every Gaussian and its statistics, an invocation a Gaussian; then of its colour, an invocation
-// a coefficient.
+// Stage `adam` of 3D scenes: one step of every Gaussian without its colour, and its statistics. One
+// invocation per Gaussian.
 
 @group(0) @binding(1) var<storage, read> gradients: array<EllipsoidGradient>;
 @group(0) @binding(2) var<storage, read_write> ellipsoids: array<Ellipsoid>;
@@ -43,7 +43,7 @@ fn adam_3d(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups:
     let floor_ = vec3f(log(step.min_scale));
     let ceiling = vec3f(log(step.max_scale));
     var scales = e.log_scale - size.xyz;
-    // NaN stays: it must be seen and pruned.
+    // NaN stays, so that the Gaussian is pruned.
     scales = select(scales, floor_, scales < floor_);
     scales = select(scales, ceiling, scales > ceiling);
     e.log_scale = scales;

@@ -1,5 +1,5 @@
-// Stage `adam` of 3D scenes, after the Gaussians' own: one step of every SH coefficient that was evaluated; the others are left where they
-// are, moments included. One invocation a coefficient, its three channels together.
+// Stage `adam` of 3D scenes for colours: one step of every evaluated SH coefficient. The others
+// keep their values and moments. One invocation per coefficient, with its three channels.
 
 @group(0) @binding(1) var<storage, read> gradients: array<EllipsoidGradient>;
 @group(0) @binding(2) var<storage, read> ellipsoids: array<Ellipsoid>;

@@ -1,7 +1,8 @@
-// Stage `edit` of the SH coefficients, as `edit.wgsl` does all else. One invocation a coefficient, its three channels together.
+// Stage `edit` for SH coefficients; `edit.wgsl` has the rest. One invocation per coefficient, with
+// its three channels.
 
 @group(0) @binding(1) var<storage, read> sources: array<Source>;
-// Each [.., coefficients, 3].
+// [.., coefficients, 3] each.
 @group(0) @binding(2) var<storage, read> fresh: array<f32>;
 @group(0) @binding(3) var<storage, read> sh: array<f32>;
 @group(0) @binding(4) var<storage, read> first_moments: array<f32>;

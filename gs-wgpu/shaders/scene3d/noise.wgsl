@@ -1,4 +1,4 @@
-// Noise on the means of 3D scenes, an invocation a Gaussian.
+// Noise on the means of 3D scenes. One invocation per Gaussian.
 
 @group(0) @binding(2) var<storage, read_write> ellipsoids: array<Ellipsoid>;
 

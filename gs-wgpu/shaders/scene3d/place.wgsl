@@ -1,5 +1,5 @@
-// Stage `place` of 3D scenes: projected and their numbers of tiles go where blending meets them. One invocation a Gaussian, and one more
-// for the closing 0.
+// Stage `place` of 3D scenes: moves splats and their tile counts into the order of blending. One
+// invocation per Gaussian, and one more for the final 0.
 
 // Place -> index.
 @group(0) @binding(1) var<storage, read> order: array<u32>;
@@ -8,7 +8,7 @@
 @group(0) @binding(4) var<storage, read_write> placed: array<Splat>;
 // [N + 1]
 @group(0) @binding(5) var<storage, read_write> placed_counts: array<u32>;
-#if PIXEL_DEPTH
+#if PER_PIXEL
 @group(0) @binding(6) var<storage, read> pixel_depths: array<vec4f>;
 @group(0) @binding(7) var<storage, read_write> placed_depths: array<vec4f>;
 #endif
@@ -24,7 +24,7 @@ fn place(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: v
         let index = order[at];
         placed[at] = projected[index];
         count = counts[index];
-#if PIXEL_DEPTH
+#if PER_PIXEL
         placed_depths[at] = pixel_depths[index];
 #endif
     }

@@ -1,5 +1,6 @@
-// Stage `project` of 3D scenes: every Gaussian becomes what the pixels need, how many tiles it touches, and its depth. One invocation
-// a Gaussian; all is by index here, and `place` puts it into the order of blending. Colours are evaluated of those that touch a tile.
+// Stage `project` of 3D scenes: computes every Gaussian's splat, its tile count and its depth, by
+// index; `place` brings them into the order of blending. Colours are only evaluated for Gaussians
+// that touch a tile. One invocation per Gaussian.
 
 @group(0) @binding(1) var<uniform> camera: Camera;
 @group(0) @binding(2) var<storage, read> ellipsoids: array<Ellipsoid>;
@@ -7,11 +8,11 @@
 @group(0) @binding(3) var<storage, read> sh: array<f32>;
 @group(0) @binding(4) var<storage, read_write> projected: array<Splat>;
 @group(0) @binding(5) var<storage, read_write> counts: array<u32>;
-// What sorting by depth begins with: the bits of depths, which are positive, and indices.
+// The input of the sort by depth: the bits of the depths, which are positive, and indices.
 @group(0) @binding(6) var<storage, read_write> depths: array<u32>;
 @group(0) @binding(7) var<storage, read_write> order: array<u32>;
 @group(0) @binding(8) var<storage, read_write> status: Counted;
-#if PIXEL_DEPTH
+#if PER_PIXEL
 // By index: depth of the mean, its slope by px, and the bits of the index.
 @group(0) @binding(9) var<storage, read_write> pixel_depths: array<vec4f>;
 #endif
@@ -24,11 +25,11 @@ fn color_of(index: u32, mean: vec3f) -> vec3f {
         sum += vec3f(sh[at], sh[at + 1u], sh[at + 2u]) * y_k[k];
         at += 3u;
     }
-    // What is not finite stays so: it must be seen, not drawn as black.
+    // Numbers that are not finite stay, so that they are not drawn as black.
     return select(sum, vec3f(0.0), (sum < vec3f(0.0)) & (sum >= vec3f(-3.4028235e38)));
 }
 
-// Without its colour. `depth_slope`: by how much the depth at a pixel grows with a px, where anything is drawn.
+// A splat without its colour. `depth_slope`: change of the depth per px, for drawn Gaussians.
 fn project_one(e: Ellipsoid, p: vec3f, depth_slope: ptr<function, vec2f>) -> Splat {
     let q = quaternion(e.rotation);
     let norm2 = dot(q.scaled, q.scaled);
@@ -74,7 +75,7 @@ fn project_one(e: Ellipsoid, p: vec3f, depth_slope: ptr<function, vec2f>) -> Spl
         atomicAdd(&status.transparent, 1u);
         return culled();
     }
-#if PIXEL_DEPTH
+#if PER_PIXEL
     let undilated_slope = vec2f(dot(i.m[2], cross(i.r1, n)), dot(i.m[2], cross(n, i.r0)));
     *depth_slope = (undilated_slope + delta * vec2f(dot(i.m[2], i.r0), dot(i.m[2], i.r1))) / det;
 #endif
@@ -109,7 +110,7 @@ fn project_3d(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) grou
     counts[index] = touched;
     depths[index] = bitcast<u32>(max(p.z, 0.0));
     order[index] = index;
-#if PIXEL_DEPTH
+#if PER_PIXEL
     pixel_depths[index] = vec4f(p.z, depth_slope, bitcast<f32>(index));
 #endif
 }

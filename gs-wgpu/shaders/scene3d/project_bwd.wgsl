@@ -1,7 +1,8 @@
-// Stage `project_bwd` of 3D scenes: what the entries of a Gaussian received becomes the gradient of its parameters. One invocation a
-// place; gradients are by index.
+// Stage `project_bwd` of 3D scenes: computes the gradient of a Gaussian's parameters from those of
+// its entries. One invocation per place; gradients are by index.
 //
-// With Sigma'^-1 d = A (dx, u): v_mean' = sum t Sigma'^-1 d, v_Sigma' = ½ sum t (Sigma'^-1 d)(Sigma'^-1 d)^T, linear in the slots' sums.
+// With Sigma'^-1 d = A (dx, u): v_mean' = sum t Sigma'^-1 d, v_Sigma' = ½ sum t (Sigma'^-1
+// d)(Sigma'^-1 d)^T, linear in the slots' sums.
 
 @group(0) @binding(1) var<uniform> camera: Camera;
 @group(0) @binding(5) var<storage, read_write> gradients: array<EllipsoidGradient>;
@@ -12,7 +13,7 @@
 // Place -> index.
 @group(0) @binding(9) var<storage, read> order: array<u32>;
 
-// Sum of a_k grad Y_k(d) up to the degree that is evaluated.
+// Sum of a_k grad Y_k(d) up to the evaluated degree.
 fn weighted_gradients(d: vec3f, a: ptr<function, array<f32, 16>>) -> vec3f {
     if step.sh_degree == 0u {
         return vec3f(0.0);
@@ -57,7 +58,7 @@ fn weighted_gradients(d: vec3f, a: ptr<function, array<f32, 16>>) -> vec3f {
     );
 }
 
-// v_sh is written; returns v_mean through the direction.
+// Writes v_sh; returns v_mean through the direction.
 fn color_bwd(index: u32, mean: vec3f, v_color: vec3f) -> vec3f {
     let seen = towards(camera, mean);
     let d = seen.xyz;
@@ -85,18 +86,21 @@ fn color_bwd(index: u32, mean: vec3f, v_color: vec3f) -> vec3f {
     return (v_d - d * dot(d, v_d)) * seen.w;
 }
 
-// From v_mean', v_Sigma' (xx; xy and yx each; yy) and v_(ln o); the mean's part through the colour is not in it.
+// The gradient by the parameters from v_mean', v_Sigma' (xx; xy and yx each; yy) and v_(ln o),
+// without the mean's part through the colour.
 fn geometry_bwd(e: Ellipsoid, v_mean: vec2f, v_covariance: vec3f, v_log_opacity: f32) -> EllipsoidGradient {
     let p = in_camera(camera, e.mean);
     let i = intermediate(camera, e, p);
     var v_r0 = 2.0 * (v_covariance.x * i.r0 + v_covariance.y * i.r1);
     var v_r1 = 2.0 * (v_covariance.y * i.r0 + v_covariance.z * i.r1);
     if camera.compensates == 1u && step.opaque == 0u {
-        // ln of the compensation is ½ (ln D - ln D'), D = |n|², D' = D + delta (|r0|² + |r1|²) + delta².
+        // ln of the compensation is ½ (ln D - ln D'), D = |n|², D' = D + delta (|r0|² + |r1|²) +
+        // delta².
         let n = cross(i.r0, i.r1);
         let det = dot(n, n);
         let delta = camera.dilation;
-        // The compensation is no less than the cut of alpha, or this Gaussian would not be drawn; so D is not 0.
+        // The compensation is at least the cut of alpha, or this Gaussian would not be drawn. So D
+        // is not 0.
         let grown = delta * (dot(i.r0, i.r0) + dot(i.r1, i.r1)) + delta * delta;
         let by_minors = grown / (det * (det + grown));
         let by_trace = delta / (det + grown);
@@ -111,7 +115,7 @@ fn geometry_bwd(e: Ellipsoid, v_mean: vec2f, v_covariance: vec3f, v_log_opacity:
     let v_clamped = -vec2f(dot(v_m0, i.m[2]), dot(v_m1, i.m[2]));
     let v_slope = camera.focal * v_mean + select(vec2f(0.0), v_clamped, i.slope == i.clamped);
     let v_depth = -i.inverse_z * (dot(v_slope, i.slope) + dot(v_r0, i.r0) + dot(v_r1, i.r1));
-    // A turn of the camera's axes, then of the world's.
+    // A rotation about the camera's axes, then about the world's.
     let turn = in_world(camera, vec3f(
         dot(i.m[1], v_m2) - dot(i.m[2], v_m1),
         dot(i.m[2], v_m0) - dot(i.m[0], v_m2),

@@ -1,16 +1,16 @@
-// What the stages of 3D scenes share: the camera, and one Gaussian through it, as gs-core's `perspective` and `sh` have it.
+// The camera, and the projection of a Gaussian, as in gs-core's `perspective` and `sh`.
 
 struct Camera {
-    // Rows of W, each with its number of t.
+    // Rows of W, each with its component of t.
     world_to_camera: array<vec4f, 3>,
     position: vec3f,
     near: f32,
     focal: vec2f,
     center: vec2f,
-    // Between which the Jacobian's slopes are clamped.
+    // Bounds of the Jacobian's slopes.
     least_slope: vec2f,
     most_slope: vec2f,
-    // Added to Sigma', px²; 1 where the opacity makes up for it.
+    // The dilation of Sigma', px², and 1 if the opacity compensates for it.
     dilation: f32,
     compensates: u32,
     unused: vec2u,
@@ -99,7 +99,7 @@ fn towards(camera: Camera, mean: vec3f) -> vec4f {
     return vec4f(scaled * inverse, inverse / largest);
 }
 
-// Y_k(d); of those above the degree that is evaluated, anything.
+// Y_k(d); unspecified above the evaluated degree.
 fn basis(d: vec3f) -> array<f32, 16> {
     let x = d.x;
     let y = d.y;

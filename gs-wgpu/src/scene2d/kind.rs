@@ -1,4 +1,4 @@
-//! What the backend needs to know about 2D scenes.
+//! [`SceneKind`] for 2D scenes.
 
 use std::sync::Arc;
 
@@ -16,11 +16,11 @@ use crate::{
     gpu::Gpu,
     kind::SceneKind,
     layout::{Gaussian, Gradient, Step},
-    rasterizer::{check_settings, unsupported},
     shaders::Variant,
     splats::{Edit, Splats},
     target::Target,
     tiles::{BY_GAUSSIAN, Growing, groups_of},
+    unsupported::{check_settings, unsupported},
     workspace::Workspace,
 };
 
@@ -70,10 +70,6 @@ impl SceneKind for Scene2d {
         State2d::new(gpu, scene, parameterization)
     }
 
-    fn prepare(_: &Gpu, _: &mut State2d, _: usize) -> Result<(), Error> {
-        Ok(())
-    }
-
     async fn download(gpu: &Gpu, state: &State2d, len: usize) -> Result<Self, Error> {
         state.scene(gpu, len).await
     }
@@ -88,10 +84,6 @@ impl SceneKind for Scene2d {
 
     fn has_opacity(state: &State2d, fresh: &[&Gaussian2d]) -> bool {
         state.has_opacity_with(fresh)
-    }
-
-    fn coefficients(_: &State2d) -> u32 {
-        0
     }
 
     fn edit(
@@ -110,10 +102,6 @@ impl SceneKind for Scene2d {
         })
     }
 
-    fn ensure(_: &mut Workspace<Self>, _: &Gpu, _: &Splats<Self>) -> Result<(), Error> {
-        Ok(())
-    }
-
     fn gradient_bytes(splats: &Splats<Self>) -> Vec<u64> {
         vec![(splats.len * size_of::<Gradient>()) as u64]
     }
@@ -126,8 +114,6 @@ impl SceneKind for Scene2d {
         step.dilation = effects.antialias.dilation();
         step.compensates = u32::from(effects.blend == Blend::Over && effects.antialias.compensates());
     }
-
-    fn write_view(_: &Workspace<Self>, _: &Gpu, _: &Canvas) {}
 
     fn encode_project(
         workspace: &Workspace<Self>,

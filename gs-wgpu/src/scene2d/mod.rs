@@ -1,4 +1,4 @@
-//! 2D scenes: what stands before `scan` and after `blend_bwd`.
+//! 2D scenes: the stages before `scan` and after `blend_bwd`.
 
 mod kind;
 mod solve_colors;

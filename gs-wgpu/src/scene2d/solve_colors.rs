@@ -1,4 +1,4 @@
-//! Solving for the colours under `Sum`, as commands: conjugate gradients on the normal equations.
+//! Commands that solve for the colours under `Sum`: conjugate gradients on the normal equations.
 
 use gs_core::{Blend, Canvas, Error, RenderSettings, Scene2d, effects::Statistics};
 
@@ -6,12 +6,13 @@ use crate::{
     WgpuRasterizer,
     blend::Differentiated,
     dispatch::{Commands, Groups, dispatch_some},
-    gpu::{BACKEND, Gpu},
+    gpu::Gpu,
     layout::{CONJUGATE_BYTES, Step},
     shaders::Variant,
     splats::Splats,
     target::Target,
     tiles::groups_of,
+    unsupported::unsupported,
     workspace::Workspace,
 };
 
@@ -25,12 +26,8 @@ pub(crate) async fn solve_colors(
     iterations: u32,
 ) -> Result<(), Error> {
     if settings.effects.blend != Blend::Sum {
-        return Err(Error::Unsupported {
-            backend: BACKEND,
-            effect: "solving for colours under `over`, where the image is not linear in them".to_owned(),
-        });
+        return Err(unsupported("solving for colours under `over`, where the image is not linear in them"));
     }
-    // Nothing is collected.
     let mut settings = *settings;
     settings.effects.statistics = Statistics::None;
     let gpu = &rasterizer.gpu;
@@ -50,7 +47,7 @@ pub(crate) async fn solve_colors(
 }
 
 impl Workspace<Scene2d> {
-    /// Solving for the colours, from lists that are there; `iterations` of conjugate gradients.
+    /// Records `iterations` of conjugate gradients. The lists must exist.
     pub(crate) fn encode_solve(
         &mut self,
         gpu: &Gpu,
@@ -69,7 +66,7 @@ impl Workspace<Scene2d> {
         self.tiles.encode_blend_bwd(gpu, commands, Differentiated::Loss(target))?;
         self.encode_solver(gpu, commands, splats, "solve_start", None);
         self.encode_solver(gpu, commands, splats, "solve_scalars", Some(0));
-        // From here on the image is that of a direction, on nothing.
+        // From here on, the image is that of a direction, without background.
         commands.encoder().copy_buffer_to_buffer(without_background, 0, &self.tiles.step, 0, size_of::<Step>() as u64);
         for _ in 0..iterations {
             self.tiles.encode_blend(gpu, commands);

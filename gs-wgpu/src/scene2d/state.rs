@@ -1,4 +1,4 @@
-//! 2D Gaussians on the device: parameters and Adam moments, and how scenes, edits and checkpoints get there and back.
+//! 2D Gaussians on the device: parameters and Adam moments, with edits, saving and restoring.
 
 use glam::{Mat2, Vec2, Vec3};
 use gs_core::{Error, Gaussian2d, Parameterization, Scene, Scene2d, SplatsState};
@@ -22,7 +22,7 @@ pub struct State2d {
     pub(crate) moments: wgpu::Buffer,
 }
 
-/// A Gaussian's parameters as its parameterization has them.
+/// A Gaussian's parameters in its parameterization.
 fn packed(g: &Gaussian2d, parameterization: Parameterization) -> Gaussian {
     let shape = match parameterization {
         Parameterization::ScaleRotation => [g.log_scale.x, g.log_scale.y, g.rotation, 0.0],
@@ -57,7 +57,7 @@ impl State2d {
         Ok(Self { parameterization, has_opacity, gaussians, moments })
     }
 
-    /// L with Σ = L Lᵀ of a Gaussian as it is held here it.
+    /// L with Σ = L Lᵀ of a Gaussian.
     pub(crate) fn factor(&self, g: &Gaussian) -> Mat2 {
         match self.parameterization {
             Parameterization::CovarianceFactor => Mat2::from_cols_array(&g.shape),
@@ -91,7 +91,7 @@ impl State2d {
         Ok(scene)
     }
 
-    /// Whether opacities are stored once these have come.
+    /// Whether opacities are stored after `fresh` Gaussians were added.
     pub(crate) fn has_opacity_with(&self, fresh: &[&Gaussian2d]) -> bool {
         self.has_opacity || fresh.iter().any(|g| g.opacity_logit != f32::INFINITY)
     }

@@ -1,9 +1,9 @@
-//! What the backend needs to know about 3D scenes.
+//! [`SceneKind`] for 3D scenes.
 
 use std::sync::Arc;
 
 use glam::Vec3;
-use gs_core::{AdamRates, Camera, Error, Gaussian3d, Parameterization, RenderSettings, Scene3d, SplatsState};
+use gs_core::{Camera, Error, Gaussian3d, Parameterization, RenderSettings, Scene3d, SplatsState};
 
 use super::{
     stages::{self, Own3d},
@@ -16,10 +16,9 @@ use crate::{
     gpu::Gpu,
     kind::SceneKind,
     layout::{EllipsoidGradient, SPLAT_BYTES, Step},
-    rasterizer::{check_settings, unsupported},
     splats::{Edit, Splats},
-    target::Target,
     tiles::DEPTH_BYTES,
+    unsupported::check_settings,
     workspace::Workspace,
 };
 
@@ -31,12 +30,7 @@ impl SceneKind for Scene3d {
 
     fn check(camera: &Camera, settings: &RenderSettings) -> Result<(), Error> {
         camera.validate()?;
-        check_settings(settings)?;
-        Ok(())
-    }
-
-    fn check_rates(_: &AdamRates) -> Result<(), Error> {
-        Ok(())
+        check_settings(settings)
     }
 
     fn size(camera: &Camera) -> [u32; 2] {
@@ -65,10 +59,6 @@ impl SceneKind for Scene3d {
 
     fn restore(gpu: &Gpu, state: &SplatsState, len: usize) -> Result<State3d, Error> {
         State3d::restore(gpu, state, len)
-    }
-
-    fn has_opacity(_: &State3d, _: &[&Gaussian3d]) -> bool {
-        true
     }
 
     fn coefficients(state: &State3d) -> u32 {
@@ -100,7 +90,7 @@ impl SceneKind for Scene3d {
         own.depths.iter_mut().chain(&mut own.order).try_for_each(|growing| growing.ensure(gpu, n * 4))
     }
 
-    /// Of what stands in an [`Ellipsoid`]; of SH coefficients.
+    /// Bytes of the gradients by the ellipsoids, and by the SH coefficients.
     fn gradient_bytes(splats: &Splats<Self>) -> Vec<u64> {
         let n = splats.len as u64;
         vec![n * size_of::<EllipsoidGradient>() as u64, n * splats.state.coefficients() as u64 * COLOR_BYTES]
@@ -151,20 +141,5 @@ impl SceneKind for Scene3d {
 
     fn noise(splats: &Splats<Self>) -> (&'static str, &wgpu::Buffer) {
         ("add_noise_3d", &splats.state.ellipsoids)
-    }
-
-    fn has_factors(_: &State3d) -> bool {
-        false
-    }
-
-    async fn solve_colors(
-        _: &WgpuRasterizer,
-        _: &mut Splats<Self>,
-        _: &Camera,
-        _: &Target,
-        _: &RenderSettings,
-        _: u32,
-    ) -> Result<(), Error> {
-        Err(unsupported("solving for the colours of 3D scenes"))
     }
 }

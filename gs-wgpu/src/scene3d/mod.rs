@@ -1,4 +1,4 @@
-//! 3D scenes: what stands before `scan` and after `blend_bwd`.
+//! 3D scenes: the stages before `scan` and after `blend_bwd`.
 
 mod kind;
 mod stages;

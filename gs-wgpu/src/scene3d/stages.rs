@@ -1,4 +1,4 @@
-//! The stages that only 3D scenes have, as commands, and their buffers.
+//! Commands of the stages that only 3D scenes have, and their buffers.
 
 use gs_core::{Camera, Error, RenderSettings, Scene3d, effects::Order, perspective::Perspective};
 
@@ -13,17 +13,18 @@ use crate::{
     workspace::Workspace,
 };
 
-/// Passes of sorting by a depth of 32 bits: an even number, so that it ends where it began.
+/// Number of passes of the sort by 32-bit depths: even, so that the result is in the first buffers.
 const DEPTH_PASSES: u32 = u32::BITS / SORT_BITS;
 
-/// A 3D scene's own buffers.
+/// The buffers that only 3D scenes need.
 #[derive(Debug)]
 pub struct Own3d {
     camera: wgpu::Buffer,
-    /// Splats by index, and how many tiles each touches.
+    /// Splats by index.
     pub(crate) projected: Growing,
+    /// Number of tiles that each splat touches, by index.
     pub(crate) counts: Growing,
-    /// With slopes and indices, for the order of depth at each pixel.
+    /// Depths with slopes and indices, for the sort at each pixel.
     pub(crate) pixel_depths: Growing,
     pub(crate) depths: [Growing; 2],
     /// Place → index.
@@ -43,7 +44,7 @@ impl Own3d {
         })
     }
 
-    /// Tells the device of the camera.
+    /// Writes the uniform of the camera.
     pub(crate) fn write_camera(&self, gpu: &Gpu, camera: &Camera, settings: &RenderSettings) {
         let [least_slope, most_slope] = Perspective::new(camera, settings).slopes();
         let antialias = settings.effects.antialias;
@@ -65,7 +66,7 @@ impl Own3d {
 }
 
 impl Workspace<Scene3d> {
-    /// Stage `project`: projected by index; then sorted by depth, where that matters, and put into their places.
+    /// Records stage `project` by index, the sort by depth if needed, and stage `place`.
     pub(crate) fn encode_splats(&self, gpu: &Gpu, commands: &mut Commands, splats: &Splats<Scene3d>) {
         let Self { tiles, own, .. } = self;
         let n = u64::from(tiles.gaussians);
@@ -108,13 +109,13 @@ impl Workspace<Scene3d> {
         dispatch(gpu, commands, "place", variant, &bindings, groups_of(gpu, n + 1, 64));
     }
 
-    /// Passes of sorting by depth: none where the order is the scene's.
+    /// Number of passes of the sort by depth; 0 for the order of the scene.
     pub(crate) fn depth_passes(&self) -> u32 {
         let by_depth = self.tiles.variant().over && self.tiles.settings.effects.order != Order::Index;
         if by_depth { DEPTH_PASSES } else { 0 }
     }
 
-    /// Stage `project_bwd`.
+    /// Records stage `project_bwd`.
     pub(crate) fn encode_splats_bwd(&self, gpu: &Gpu, commands: &mut Commands, splats: &Splats<Scene3d>) {
         let Self { tiles, own, gradients, .. } = self;
         let bindings = [
@@ -134,7 +135,7 @@ impl Workspace<Scene3d> {
     }
 }
 
-/// Stage `adam`.
+/// Records stage `adam`.
 pub(crate) fn encode_adam(
     gpu: &Gpu,
     commands: &mut Commands,

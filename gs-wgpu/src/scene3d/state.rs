@@ -1,5 +1,5 @@
-//! 3D Gaussians on the device: parameters and Adam moments, SH coefficients in buffers of their own, and how scenes, edits and
-//! checkpoints get there and back.
+//! 3D Gaussians on the device: parameters, SH coefficients and Adam moments, with edits, saving and
+//! restoring.
 
 use glam::Vec3;
 use gs_core::{Error, Gaussian3d, Parameterization, Scene, Scene3d, SplatsState, sh::coefficients};
@@ -8,16 +8,16 @@ use crate::{
     dispatch::{Commands, dispatch},
     gpu::{Gpu, STORAGE},
     layout::{Ellipsoid, EllipsoidMoments},
-    rasterizer::unsupported,
     shaders::Variant,
     splats::{Edit, check_len},
     tiles::groups_of,
+    unsupported::unsupported,
 };
 
-/// Bytes of a coefficient's three channels.
+/// Bytes of an SH coefficient's three channels.
 pub(crate) const COLOR_BYTES: u64 = 12;
 
-/// Numbers of a Gaussian but for its colour, as saved moments have them.
+/// Numbers of a Gaussian without its colour in saved moments.
 const GEOMETRY: usize = 11;
 
 /// Parameters and Adam moments.
@@ -27,7 +27,7 @@ pub struct State3d {
     pub(crate) ellipsoids: wgpu::Buffer,
     /// `[N, K, 3]`.
     pub(crate) sh: wgpu::Buffer,
-    /// Once a step was to be taken: a scene that is only looked at needs none.
+    /// `None` before the first training step: drawing needs no moments.
     moments: Option<Moments>,
 }
 
@@ -35,7 +35,7 @@ pub struct State3d {
 #[derive(Debug)]
 pub(crate) struct Moments {
     pub(crate) geometry: wgpu::Buffer,
-    /// First and second ones, each `[N, K, 3]`: as large a buffer as any that a scene has.
+    /// First and second moments, `[N, K, 3]` each.
     pub(crate) sh: [wgpu::Buffer; 2],
 }
 
@@ -46,7 +46,7 @@ impl Moments {
         Ok(Self { geometry, sh: [sh()?, sh()?] })
     }
 
-    /// Of Gaussians that have not moved yet.
+    /// Moments of zeros.
     fn zeros(gpu: &Gpu, n: u64, coefficients: u64) -> Result<Self, Error> {
         let moments = Self::allocate(gpu, n, coefficients)?;
         let mut commands = Commands::new(gpu);
@@ -58,7 +58,7 @@ impl Moments {
     }
 }
 
-/// A Gaussian as the device holds it, without its colour.
+/// A Gaussian's layout on the device, without its colour.
 fn packed(g: &Gaussian3d) -> Ellipsoid {
     Ellipsoid {
         mean: g.mean.to_array(),
@@ -69,7 +69,7 @@ fn packed(g: &Gaussian3d) -> Ellipsoid {
     }
 }
 
-/// The one parameterization there is for 3D scenes here.
+/// Fails for parameterizations that this backend does not offer for 3D scenes.
 fn check_parameterization(parameterization: Parameterization) -> Result<(), Error> {
     match parameterization {
         Parameterization::ScaleRotation => Ok(()),
@@ -79,19 +79,20 @@ fn check_parameterization(parameterization: Parameterization) -> Result<(), Erro
     }
 }
 
-/// All that a state is made of, on the host.
+/// The parameters on the host.
 struct Parts {
     sh_degree: u8,
     ellipsoids: Vec<Ellipsoid>,
     sh: Vec<[f32; 3]>,
 }
 
-/// Moments of a Gaussian but for its colour, in the order of saved states: mean 3, log-scale 3, rotation 4, opacity 1.
+/// Moments without those of the colour in the order of saved states: mean 3, log-scale 3, rotation
+/// 4, opacity 1.
 fn geometry(m: &[f32; 12]) -> [f32; GEOMETRY] {
     [m[0], m[1], m[2], m[4], m[5], m[6], m[8], m[9], m[10], m[11], m[3]]
 }
 
-/// The other way.
+/// The inverse of [`geometry`].
 fn on_device(m: &[f32]) -> [f32; 12] {
     [m[0], m[1], m[2], m[10], m[3], m[4], m[5], 0.0, m[6], m[7], m[8], m[9]]
 }
@@ -124,7 +125,7 @@ impl State3d {
         })
     }
 
-    /// Makes the moments of `len` Gaussians, if there are none yet.
+    /// Allocates the moments of `len` Gaussians, if there are none yet.
     pub(crate) fn make_moments(&mut self, gpu: &Gpu, len: usize) -> Result<(), Error> {
         if self.moments.is_none() {
             self.moments = Some(Moments::zeros(gpu, len as u64, self.coefficients() as u64)?);
@@ -132,12 +133,12 @@ impl State3d {
         Ok(())
     }
 
-    /// The moments, in whatever moves or edits Gaussians.
+    /// The moments, after [`Self::make_moments`].
     pub(crate) fn moments(&self) -> &Moments {
         self.moments.as_ref().expect("moments are made before Gaussians are moved or edited")
     }
 
-    /// K, of a Gaussian.
+    /// K, the number of SH coefficients per Gaussian.
     pub(crate) fn coefficients(&self) -> usize {
         coefficients(self.sh_degree)
     }
@@ -158,7 +159,7 @@ impl State3d {
     pub(crate) fn edit(&self, gpu: &Gpu, commands: &mut Commands, edit: &Edit<'_, Gaussian3d>) -> Result<Self, Error> {
         let k = self.coefficients();
         let fresh: Vec<Ellipsoid> = edit.fresh.iter().map(|g| packed(g)).collect();
-        // As `Scene::push` has it, a colour is cut or filled with 0 to the splats' degree.
+        // As in `Scene::push`, the SH are cut or padded with 0 to the splats' degree.
         let color = |g: &&Gaussian3d| {
             let mut sh: Vec<[f32; 3]> = g.sh.iter().map(Vec3::to_array).collect();
             sh.resize(k, [0.0; 3]);

@@ -1,4 +1,5 @@
-//! Cases: the parameterization of covariance factors of 3D scenes: what comes back, gradients, and steps against `f64`.
+//! Cases of covariance factors of 3D scenes: upload and download, gradients, and steps against
+//! `f64`.
 
 use glam::{DMat3, DVec3};
 use gs_core::{
@@ -22,20 +23,18 @@ use crate::{
     tolerance::FRAME_SHARE,
 };
 
-/// That a case is skipped, where the backend does not train 3D scenes in covariance factors, which it may refuse.
-fn without_frames<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<Option<Outcome>, Failure> {
+/// The outcome of a skipped case, if the backend does not offer covariance factors for 3D scenes.
+fn without_factors<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<Option<Outcome>, Failure> {
     let offered = parameterizations::<Scene3d, R>(rasterizer)?.contains(&Parameterization::CovarianceFactor);
     Ok((!offered).then(|| {
         Outcome::Skipped(format!("parameterization {} for 3D scenes", Parameterization::CovarianceFactor.name()))
     }))
 }
 
-/// Scenes that are held as factors come back with the same covariances, and all else bit for bit.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
-pub fn forward_passes_come_back_3d<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<Outcome, Failure> {
-    if let Some(skipped) = without_frames(rasterizer)? {
+/// Scenes that were uploaded as factors have the same covariances when downloaded; all else has the
+/// same bits.
+pub fn covariance_factors_come_back_3d<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<Outcome, Failure> {
+    if let Some(skipped) = without_factors(rasterizer)? {
         return Ok(skipped);
     }
     for (seed, kind) in (2700..).zip([Kind3d::Typical, Kind3d::Needles, Kind3d::Opaque]) {
@@ -43,25 +42,24 @@ pub fn forward_passes_come_back_3d<R: Optimizer<Scene3d>>(rasterizer: &R) -> Res
         let splats = rasterizer.upload(&scene, Parameterization::CovarianceFactor)?;
         let back = rasterizer.download(&splats).block_on()?;
         let restored = rasterizer.download(&rasterizer.restore(&rasterizer.save(&splats).block_on()?)?).block_on()?;
-        Failure::unless(back == restored, || format!("{kind:?}: restored as another scene"))?;
+        Failure::unless(back == restored, || format!("{kind:?}: the restored scene differs"))?;
         let same = (&back.means, &back.opacity_logits, &back.sh) == (&scene.means, &scene.opacity_logits, &scene.sh);
-        Failure::unless(same, || format!("{kind:?}: means, opacities or colours come back as others"))?;
+        Failure::unless(same, || format!("{kind:?}: means, opacities or colours differ"))?;
         for (i, (a, b)) in scene.rows().gaussians.iter().zip(&back.rows().gaussians).enumerate() {
             let [a, b] = [a, b].map(|row| FactoredReference::new(row).factor);
             let whitened = a.inverse() * b;
             let same = (whitened * whitened.transpose()).abs_diff_eq(DMat3::IDENTITY, 1e-4);
-            Failure::unless(same, || format!("{kind:?}: Gaussian {i} had the factor {a}, came back with {b}"))?;
+            Failure::unless(same, || {
+                format!("{kind:?}: Gaussian {i} was uploaded with the factor {a} and downloaded with {b}")
+            })?;
         }
     }
     Ok(Outcome::Passed)
 }
 
-/// The gradients are those of the scene's parameters in the parameterization of covariance factors, too.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
+/// Gradients are by the scene's parameters in the parameterization of covariance factors, too.
 pub fn gradients_match_in_covariance_factors_3d<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<Outcome, Failure> {
-    if let Some(skipped) = without_frames(rasterizer)? {
+    if let Some(skipped) = without_factors(rasterizer)? {
         return Ok(skipped);
     }
     for blend in [Blend::Sum, Blend::Over] {
@@ -75,20 +73,17 @@ pub fn gradients_match_in_covariance_factors_3d<R: Optimizer<Scene3d>>(rasterize
     Ok(Outcome::Passed)
 }
 
-/// Six steps in covariance factors, with a Gaussian born after the third, equal Adam in `f64`: ξ along M and η stretching it, each with the
-/// rates, betas and bias of its group; and the scales stay within their bounds.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
-pub fn frame_steps_match_3d<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<Outcome, Failure> {
-    if let Some(skipped) = without_frames(rasterizer)? {
+/// Six steps in covariance factors, with a Gaussian born after the third, equal Adam in `f64`. The
+/// scales stay within their bounds.
+pub fn covariance_factor_steps_match_3d<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<Outcome, Failure> {
+    if let Some(skipped) = without_factors(rasterizer)? {
         return Ok(skipped);
     }
     for blend in [Blend::Sum, Blend::Over] {
         let draw = Scene3d::overlapping(blend, 12, (24, 20), 2723);
         let newborn = Scene3d::overlapping(blend, 1, (24, 20), 2727).scene;
         let target = rasterizer.upload_target(&draw.target()?)?;
-        // ε keeps a step in proportion to a gradient that is hardly more than rounding.
+        // With this ε, a step is in proportion to a gradient that is mere rounding.
         let rates = distinct::<Scene3d>(1e-3);
         let mut splats = rasterizer.upload(&draw.scene, Parameterization::CovarianceFactor)?;
         let mut reference: Vec<_> = draw.scene.rows().gaussians.iter().map(FactoredReference::new).collect();
@@ -120,7 +115,7 @@ pub fn frame_steps_match_3d<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<Out
     bounds_hold(rasterizer).map(Outcome::from)
 }
 
-/// Whether a row is what the reference says, seen from the reference's factor, within a share of what was moved.
+/// Compares a row with the reference in whitened coordinates, relative to the movement.
 fn compare(reference: &FactoredReference, found: &Parameters, rates: &AdamRates) -> Result<(), Failure> {
     let steps = f64::from(reference.steps);
     let whiten = reference.factor.inverse();
@@ -152,7 +147,7 @@ fn compare(reference: &FactoredReference, found: &Parameters, rates: &AdamRates)
     Ok(())
 }
 
-/// Large steps lead no scale out of its bounds.
+/// Large steps keep the scales within their bounds.
 fn bounds_hold<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     let draw = Scene3d::overlapping(Blend::Over, 12, (24, 20), 2733);
     let target = rasterizer.upload_target(&draw.target()?)?;

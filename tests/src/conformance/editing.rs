@@ -1,4 +1,5 @@
-//! Cases: edits, held against a plain reading of the plan, row by row of the saved state's tensors.
+//! Cases of edits, compared with a simple interpretation of the plan, row by row of the saved
+//! tensors.
 
 use pollster::FutureExt as _;
 use std::collections::BTreeMap;
@@ -14,7 +15,7 @@ use gs_core::{
 use super::parameterizations;
 use crate::{failure::Failure, oracle::OracleScene, subject::Subject};
 
-/// All that a state holds about one Gaussian: the numbers of each tensor, integers by their bits.
+/// The state of one Gaussian: the numbers of each tensor, integers by their bits.
 type Row = BTreeMap<String, Vec<f32>>;
 
 const MOMENTS: [&str; 3] = ["moment1", "moment2", "steps"];
@@ -48,7 +49,8 @@ fn with(row: &Row, names: &[&str], from: &Row) -> Row {
     row
 }
 
-/// A new row that inherits moments: in covariance factors, those are in the coordinates of a factor, and so its own is the nearest to that.
+/// A new row that inherits moments. A covariance factor becomes the one nearest to the parent's, in
+/// whose coordinates the moments are.
 fn heir<S: Subject>(new: &Row, parent: &Row) -> Row {
     let mut row = with(new, &MOMENTS, parent);
     if let Some(factor) = row.get_mut("factor") {
@@ -66,7 +68,7 @@ fn without(row: &Row, names: &[&str]) -> Row {
     row
 }
 
-/// splats that has been trained for a few steps, so that all its rows differ.
+/// Splats after a few training steps, so that all rows differ.
 fn trained<S: Subject, R: Optimizer<S>>(
     rasterizer: &R,
     blend: Blend,
@@ -83,13 +85,13 @@ fn trained<S: Subject, R: Optimizer<S>>(
     }
     for row in rows(&rasterizer.save(&splats).block_on()?)? {
         let [first, second, sum] = ["moment1", "moment2", "gradient_sum"].map(|name| row[name][0]);
-        let learned = first != 0.0 && second != 0.0 && row["steps"][0].to_bits() == 3 && sum > 0.0;
-        Failure::unless(learned, || format!("a Gaussian has learned nothing in three steps: {row:?}"))?;
+        let has_moments = first != 0.0 && second != 0.0 && row["steps"][0].to_bits() == 3 && sum > 0.0;
+        Failure::unless(has_moments, || format!("a Gaussian has no moments after three steps: {row:?}"))?;
     }
     Ok(splats)
 }
 
-/// A plan that removes, changes and adds in every way there is.
+/// A plan with every kind of removal, change and addition.
 fn plan<S: Subject>(newcomers: &S, statistics: AfterEdit) -> EditPlan<S::Gaussian> {
     let birth = |k, parent, moments, place| Birth {
         gaussian: newcomers.gaussian(k),
@@ -116,11 +118,8 @@ fn plan<S: Subject>(newcomers: &S, statistics: AfterEdit) -> EditPlan<S::Gaussia
     }
 }
 
-/// Parameters, moments, step counts and statistics follow their Gaussians through removals, changes and births, which stand where the
-/// plan puts them; a ceiling lowers opacities and makes their moments 0.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
+/// Parameters, moments, step counts and statistics follow their Gaussians through an edit. A
+/// ceiling lowers opacities and sets their moments to 0.
 pub fn edits_carry_everything_along<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
     for parameterization in parameterizations::<S, R>(rasterizer)? {
         for blend in [Blend::Sum, Blend::Over] {
@@ -128,11 +127,11 @@ pub fn edits_carry_everything_along<S: Subject, R: Optimizer<S>>(rasterizer: &R)
                 let mut splats = trained::<S, R>(rasterizer, blend, parameterization)?;
                 let before = rows(&rasterizer.save(&splats).block_on()?)?;
                 let newcomers = S::typical(blend, 7, (24, 20), 1807).scene;
-                // A Gaussian that has just been uploaded has learned nothing.
+                // Fresh splats have no moments.
                 let new = rows(&rasterizer.save(&rasterizer.upload(&newcomers, parameterization)?).block_on()?)?;
                 for name in MOMENTS.iter().chain(&STATISTICS) {
                     let zero = new.iter().all(|row| row[*name].iter().all(|&v| v == 0.0));
-                    Failure::unless(zero, || format!("a fresh splats' `{name}` is not zero"))?;
+                    Failure::unless(zero, || format!("`{name}` of fresh splats is not zero"))?;
                 }
                 rasterizer.edit(&mut splats, &plan(&newcomers, statistics)).block_on()?;
                 let mut expected = vec![
@@ -158,7 +157,7 @@ pub fn edits_carry_everything_along<S: Subject, R: Optimizer<S>>(rasterizer: &R)
                 Failure::unless(count == 12, || format!("{place}: {count} Gaussians"))?;
 
                 if blend == Blend::Over {
-                    // A ceiling that some opacities are below and some above.
+                    // Some opacities are below the ceiling, and some above.
                     let ceiling = 0.4;
                     let plan = EditPlan { opacity_ceiling: Some(ceiling), statistics, ..EditPlan::default() };
                     let above = expected.iter().filter(|row| row["opacity_logit"][0] > logit(ceiling)).count();
@@ -182,10 +181,8 @@ pub fn edits_carry_everything_along<S: Subject, R: Optimizer<S>>(rasterizer: &R)
     Ok(())
 }
 
-/// A Gaussian that is changed in place into what it is, and inherits its moments, goes on as if nothing had happened, in every parameterization.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
+/// A Gaussian that is replaced by itself and inherits its moments trains on as without the edit, in
+/// every parameterization.
 pub fn changes_that_inherit_go_on<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
     let draw = S::overlapping(Blend::Over, 9, (24, 20), 1811);
     let target = rasterizer.upload_target(&draw.target()?)?;
@@ -215,15 +212,13 @@ pub fn changes_that_inherit_go_on<S: Subject, R: Optimizer<S>>(rasterizer: &R) -
         };
         let (moved, off) = (apart(&after[0], &before.rows()), apart(&after[0], &after[1]));
         Failure::unless(moved > 0.0 && off <= ASTRAY * moved, || {
-            format!(
-                "{parameterization:?}: where means move by {moved:e}, those that were changed into themselves are {off:e} astray"
-            )
+            format!("{parameterization:?}: means move by {moved:e}, but replaced Gaussians deviate by {off:e}")
         })?;
     }
     Ok(())
 }
 
-/// Share of the way that rounding may lead astray.
+/// Largest deviation as a share of the movement.
 const ASTRAY: f64 = 0.02;
 
 fn compare(expected: &[Row], found: &[Row], place: &str) -> Result<(), Failure> {
@@ -237,9 +232,9 @@ fn compare(expected: &[Row], found: &[Row], place: &str) -> Result<(), Failure> 
         })?;
         for (name, a) in expected {
             let b = &found[name];
-            // Parameters that are set may be rounded once more; all else is moved, bit for bit.
-            let learned = MOMENTS.iter().chain(&STATISTICS).any(|n| n == name);
-            let same = |a: f32, b: f32| match learned {
+            // New parameters may be rounded once more. All else has the same bits.
+            let is_moved = MOMENTS.iter().chain(&STATISTICS).any(|n| n == name);
+            let same = |a: f32, b: f32| match is_moved {
                 true => a.to_bits() == b.to_bits() || (a == 0.0 && b == 0.0),
                 false => a == b || (a - b).abs() <= 1e-5 * a.abs().max(1.0),
             };
@@ -251,10 +246,7 @@ fn compare(expected: &[Row], found: &[Row], place: &str) -> Result<(), Failure> 
     Ok(())
 }
 
-/// A plan that contradicts itself or the splats is refused as [`Error::Plan`], and the splats are as before.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
+/// A contradictory plan is refused as [`Error::Plan`], and the splats do not change.
 pub fn refused_edits_change_nothing<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
     let newcomers = S::typical(Blend::Over, 7, (24, 20), 1807).scene;
     let good = plan(&newcomers, AfterEdit::Restart);

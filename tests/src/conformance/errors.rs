@@ -1,4 +1,4 @@
-//! Cases: what a caller can do wrong is answered with the error that says so.
+//! Cases of wrong arguments, which must be typed errors.
 
 use glam::Vec2;
 use gs_core::{
@@ -20,14 +20,11 @@ pub(crate) fn refused<T>(what: &str, result: Result<T, Error>, right: impl Fn(&E
     match result {
         Ok(_) => Err(Failure::Broken(format!("{what} is accepted"))),
         Err(error) if right(&error) => Ok(()),
-        Err(error) => Err(Failure::Broken(format!("{what} is refused as something else: {error}"))),
+        Err(error) => Err(Failure::Broken(format!("{what} is refused with the wrong error: {error}"))),
     }
 }
 
-/// Scenes with values that are not finite, or arrays of different lengths, are not uploaded.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
+/// Scenes with values that are not finite, or with arrays of different lengths, are refused.
 pub fn scenes_that_are_not_finite_are_refused<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     let scene = Draw::new(Kind::Typical, Blend::Over, 6, (10, 10), 1900).scene;
     let mut wrong = vec![scene; 6];
@@ -49,10 +46,8 @@ pub fn scenes_that_are_not_finite_are_refused<R: Optimizer<Scene2d>>(rasterizer:
     Ok(())
 }
 
-/// Impossible canvases, settings and losses are errors, in a forward pass and in a training step, which then does nothing.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
+/// Invalid canvases, settings and losses are errors, in a forward pass and in a training step,
+/// which then changes nothing.
 pub fn bad_views_and_settings_are_errors<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     let draw = Draw::new(Kind::Typical, Blend::Over, 6, (10, 10), 1900);
     let view = draw.view;
@@ -66,13 +61,13 @@ pub fn bad_views_and_settings_are_errors<R: Optimizer<Scene2d>>(rasterizer: &R) 
     bad_are_errors(rasterizer, &draw, &views)
 }
 
-/// Whether an error says what it should.
+/// A predicate for the expected error.
 pub(super) type Right = fn(&Error) -> bool;
 
 pub(super) const SETTING: Right = |error| matches!(error, Error::Setting { .. });
 pub(super) const SIZE: Right = |error| matches!(error, Error::Size { .. });
 
-/// Refused views, and settings and losses that are impossible for every view.
+/// Checks refused views, and settings and losses that are invalid for every view.
 pub(super) fn bad_are_errors<S: Subject, R: Optimizer<S>>(
     rasterizer: &R,
     draw: &Draw<S>,
@@ -86,7 +81,7 @@ pub(super) fn bad_are_errors<S: Subject, R: Optimizer<S>>(
     cases.push(("a NaN background", view, good.on([0.0, f32::NAN, 0.0]), SETTING));
     let mut degree = good;
     degree.effects.sh_degree = 4;
-    cases.push(("harmonics of degree 4", view, degree, SETTING));
+    cases.push(("SH degree 4", view, degree, SETTING));
     for alpha_cut in [0.0, 0.9, f32::NAN] {
         cases.push(("an impossible cut", view, accuracy(Accuracy { alpha_cut, ..usual }), SETTING));
     }
@@ -107,22 +102,20 @@ pub(super) fn bad_are_errors<S: Subject, R: Optimizer<S>>(
     }
     for lambda in [-0.5, 1.5, f32::NAN] {
         let loss = Loss::L1Dssim { lambda };
-        let frame = rasterizer.forward(&splats, &draw.view, &good).block_on()?;
-        refused("an impossible λ", rasterizer.backward(&splats, frame, &target, &loss).block_on(), SETTING)?;
+        let pass = rasterizer.forward(&splats, &draw.view, &good).block_on()?;
+        refused("an impossible λ", rasterizer.backward(&splats, pass, &target, &loss).block_on(), SETTING)?;
         let step = TrainStep { settings: &good, loss, rates: &rates, binning: Binning::Fresh };
         refused("an impossible λ", rasterizer.train_step(&mut splats, &draw.view, &target, &step).block_on(), SETTING)?;
     }
     let losses = losses_of(rasterizer, &mut splats)?;
-    Failure::unless(losses.is_empty(), || format!("training steps that were refused have losses: {losses:?}"))?;
+    Failure::unless(losses.is_empty(), || format!("refused training steps have losses: {losses:?}"))?;
     Failure::unless(rasterizer.save(&splats).block_on()? == before, || {
         "a refused training step changed the splats".to_owned()
     })
 }
 
-/// Targets of another size, gradients of other splats, states of no splats, colours solved for under `Over`.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
+/// Targets of another size, gradients of other splats, invalid states, and solving for colours
+/// under `Over` are errors.
 pub fn mismatches_are_errors<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
     let draw = S::typical(Blend::Over, 6, (10, 10), 1903);
     let mut splats = rasterizer.upload(&draw.scene, Parameterization::ScaleRotation)?;
@@ -132,8 +125,8 @@ pub fn mismatches_are_errors<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Res
     for (width, height) in [(11, 10), (10, 9), (5, 20), (1, 100)] {
         let target = rasterizer.upload_target(&Image::filled(width, height, [0.5; 3])?)?;
         let what = format!("a target of {width}x{height} px for a canvas of 10x10 px");
-        let frame = rasterizer.forward(&splats, &draw.view, &draw.settings).block_on()?;
-        refused(&what, rasterizer.backward(&splats, frame, &target, &Loss::L2).block_on(), sizes_differ)?;
+        let pass = rasterizer.forward(&splats, &draw.view, &draw.settings).block_on()?;
+        refused(&what, rasterizer.backward(&splats, pass, &target, &Loss::L2).block_on(), sizes_differ)?;
         let step = TrainStep { settings: &draw.settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
         refused(&what, rasterizer.train_step(&mut splats, &draw.view, &target, &step).block_on(), sizes_differ)?;
         if S::SOLVES_COLORS {
@@ -152,8 +145,8 @@ pub fn mismatches_are_errors<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Res
     refused("solving for colours under `Over`", solved.block_on(), unsupported)?;
 
     let mut smaller = rasterizer.upload(&draw.scene.picked(0..5), Parameterization::ScaleRotation)?;
-    let frame = rasterizer.forward(&splats, &draw.view, &draw.settings).block_on()?;
-    let (_, gradients) = rasterizer.backward(&splats, frame, &target, &Loss::L2).block_on()?;
+    let pass = rasterizer.forward(&splats, &draw.view, &draw.settings).block_on()?;
+    let (_, gradients) = rasterizer.backward(&splats, pass, &target, &Loss::L2).block_on()?;
     let is_state = |error: &Error| matches!(error, Error::State(_));
     refused("gradients of other splats", rasterizer.step(&mut smaller, &gradients, &rates).block_on(), is_state)?;
 
@@ -171,9 +164,9 @@ pub fn mismatches_are_errors<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Res
         refused(&format!("a state without `{name}`"), rasterizer.restore(&lacking), of_state)?;
     }
     let other = SplatsState { parameterization: Parameterization::CovarianceFactor, ..before.clone() };
-    let of_parameterization = |error: &Error| of_state(error) || unsupported(error);
-    refused("a state of the other parameterization", rasterizer.restore(&other), of_parameterization)?;
-    Failure::unless(rasterizer.save(&splats).block_on()? == before, || "what was refused changed the splats".to_owned())
+    let is_parameterization_error = |error: &Error| of_state(error) || unsupported(error);
+    refused("a state of the other parameterization", rasterizer.restore(&other), is_parameterization_error)?;
+    Failure::unless(rasterizer.save(&splats).block_on()? == before, || "a refused call changed the splats".to_owned())
 }
 
 fn without_last_row(tensor: &Tensor) -> Tensor {

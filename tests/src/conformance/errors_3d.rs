@@ -1,4 +1,4 @@
-//! Cases: what a caller can do wrong with 3D scenes and cameras is answered with the error that says so.
+//! Cases of wrong arguments with 3D scenes and cameras, which must be typed errors.
 
 use glam::{Mat3, Vec2, Vec3};
 use gs_core::{Camera, Error, Optimizer, Parameterization, Scene3d, effects::Blend};
@@ -13,10 +13,8 @@ fn draw() -> Draw<Scene3d> {
     Draw::for_3d(Kind3d::Typical, Blend::Over, 6, (10, 10), 2403)
 }
 
-/// Scenes with values that are not finite, arrays of different lengths or an impossible degree are not uploaded.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
+/// Scenes with values that are not finite, arrays of different lengths or an invalid degree are
+/// refused.
 pub fn scenes_3d_that_are_not_finite_are_refused<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     let mut wrong = vec![draw().scene; 7];
     wrong[0].means[3].z = f32::NAN;
@@ -39,11 +37,8 @@ pub fn scenes_3d_that_are_not_finite_are_refused<R: Optimizer<Scene3d>>(rasteriz
     Ok(())
 }
 
-/// Impossible cameras, settings and losses are errors, in a forward pass and in a training step, which then does nothing; effects and parameterizations
-/// that a backend does not have are [`Error::Unsupported`].
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
+/// Invalid cameras, settings and losses are errors, in a forward pass and in a training step, which
+/// then changes nothing. Effects and parameterizations without support are [`Error::Unsupported`].
 pub fn bad_cameras_and_settings_are_errors<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     let draw = draw();
     let view = draw.view;

@@ -1,4 +1,4 @@
-//! Cases: losses and gradients against the oracle.
+//! Cases of losses and gradients, compared with the oracle's.
 
 use glam::Vec2;
 use gs_core::{
@@ -6,18 +6,13 @@ use gs_core::{
     effects::{Antialias, Blend},
 };
 
-use super::{LOSSES, check_gradients};
+use super::{LOSSES, check_gradients, images::BLENDS};
 use crate::{
     failure::Failure,
     scenes::{Draw, Kind},
 };
 
-const BLENDS: [Blend; 2] = [Blend::Sum, Blend::Over];
-
-/// Every kind of scene, both blends, every loss.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
+/// Gradients match for every kind of scene, both blends and every loss.
 pub fn gradients_match<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in BLENDS {
         for loss in LOSSES {
@@ -30,10 +25,7 @@ pub fn gradients_match<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Fail
     Ok(())
 }
 
-/// Gradients through a widened Σ′, and through the compensation of the opacity.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
+/// Gradients match through a dilated Σ′, and through the compensation of the opacity.
 pub fn antialiased_gradients_match_2d<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     for (antialias, blend) in [
         (Antialias::Dilate, Blend::Sum),
@@ -41,7 +33,7 @@ pub fn antialiased_gradients_match_2d<R: Optimizer<Scene2d>>(rasterizer: &R) -> 
         (Antialias::Mip, Blend::Over),
         (Antialias::Compensated, Blend::Over),
     ] {
-        // Of dilated needles, sums in the axes of the canvas leave too few digits along their own.
+        // Sums in the axes of the canvas have too few digits along the axes of dilated needles.
         for (seed, kind) in (2950..).zip(Kind::ALL.into_iter().filter(|&kind| kind != Kind::Needles)) {
             let draw = Draw::new(kind, blend, 20, (35, 26), seed).on([0.3, 0.6, 0.2]).antialiased(antialias);
             check_gradients(rasterizer, &draw, &Loss::L2, Parameterization::ScaleRotation)?;
@@ -50,10 +42,7 @@ pub fn antialiased_gradients_match_2d<R: Optimizer<Scene2d>>(rasterizer: &R) -> 
     Ok(())
 }
 
-/// Gradients through canvases of odd sizes and of another scale than the plane's.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
+/// Gradients match through canvases of odd sizes and other scales.
 pub fn gradients_match_through_canvases<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     let views = [
         Canvas::new(1, 1),
@@ -75,10 +64,7 @@ pub fn gradients_match_through_canvases<R: Optimizer<Scene2d>>(rasterizer: &R) -
     Ok(())
 }
 
-/// The gradients are those of the scene's parameters in the parameterization of covariance factors, too.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
+/// Gradients are by the scene's parameters in the parameterization of covariance factors, too.
 pub fn gradients_match_in_covariance_factors<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in BLENDS {
         for (seed, kind) in (700..).zip([Kind::Typical, Kind::OffCanvas, Kind::Opaque]) {

@@ -1,4 +1,4 @@
-//! Cases: losses of 3D scenes and their gradients against the oracle.
+//! Cases of losses and gradients of 3D scenes, compared with the oracle's.
 
 use gs_core::{
     Loss, Optimizer, Parameterization, Scene3d,
@@ -11,10 +11,7 @@ use crate::{
     scenes::{Draw, Kind3d},
 };
 
-/// Every kind of scene, both blends, every loss.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
+/// Gradients match for every kind of scene, both blends and every loss.
 pub fn gradients_match_3d<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in [Blend::Sum, Blend::Over] {
         for loss in LOSSES {
@@ -27,10 +24,8 @@ pub fn gradients_match_3d<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), F
     Ok(())
 }
 
-/// Gradients in the order of the scene and, where the backend does not refuse it, in that of each pixel's depths.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
+/// Gradients match in the order of the scene and, unless the backend refuses it, with a sort at
+/// each pixel.
 pub fn gradients_match_in_all_orders<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     for order in [Order::Index, Order::PerPixel] {
         for (seed, kind) in (2320..).zip([Kind3d::Typical, Kind3d::Needles, Kind3d::Overlapping, Kind3d::Edge]) {
@@ -43,10 +38,7 @@ pub fn gradients_match_in_all_orders<R: Optimizer<Scene3d>>(rasterizer: &R) -> R
     Ok(())
 }
 
-/// Gradients through a widened Σ′, and through the compensation of the opacity.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
+/// Gradients match through a dilated Σ′, and through the compensation of the opacity.
 pub fn antialiased_gradients_match<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     for (antialias, blend) in [
         (Antialias::Dilate, Blend::Over),
@@ -62,10 +54,8 @@ pub fn antialiased_gradients_match<R: Optimizer<Scene3d>>(rasterizer: &R) -> Res
     Ok(())
 }
 
-/// Gradients of all coefficients, and through the direction, where scenes and renderings have other degrees.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
+/// Gradients by all SH coefficients, and through the direction, match if scene and rendering have
+/// different degrees.
 pub fn sh_gradients_match<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     for seed in 2360..2364 {
         for sh_degree in 0..=3 {

@@ -1,4 +1,4 @@
-//! Cases: images, and what a frame left out, against the oracle.
+//! Cases of images and counts of culled Gaussians, compared with the oracle's.
 
 use glam::{Vec2, Vec3};
 use gs_core::{
@@ -14,12 +14,9 @@ use crate::{
     scenes::{Draw, Kind},
 };
 
-const BLENDS: [Blend; 2] = [Blend::Sum, Blend::Over];
+pub(super) const BLENDS: [Blend; 2] = [Blend::Sum, Blend::Over];
 
-/// Every kind of scene, both blends, with and without background.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
+/// Images match for every kind of scene, both blends, with and without background.
 pub fn images_match<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in BLENDS {
         for (seed, kind) in (100..).zip(Kind::ALL) {
@@ -31,10 +28,8 @@ pub fn images_match<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure
     Ok(())
 }
 
-/// Widened Gaussians, with and without what compensates for it, also through canvases that shrink and stretch.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
+/// Images match with dilated Gaussians, with and without compensation, also through scaled
+/// canvases.
 pub fn antialiased_images_match_2d<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     for antialias in [Antialias::Dilate, Antialias::Mip, Antialias::Compensated] {
         for blend in BLENDS {
@@ -48,10 +43,7 @@ pub fn antialiased_images_match_2d<R: Optimizer<Scene2d>>(rasterizer: &R) -> Res
     Ok(())
 }
 
-/// Images of one pixel, of one column, and on either side of a tile's edge.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
+/// Images match for sizes of one pixel, of one column, and on either side of a tile's edge.
 pub fn sizes_match<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     let sizes = [(1, 1), (1, 17), (17, 1), (15, 15), (16, 16), (17, 17), (257, 3), (3, 257), (64, 32), (31, 33)];
     for blend in BLENDS {
@@ -63,10 +55,7 @@ pub fn sizes_match<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure>
     Ok(())
 }
 
-/// Canvases that enlarge, shrink, stretch, and show another part of the plane.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
+/// Images match through canvases that enlarge, shrink, stretch, and show a part of the plane.
 pub fn canvases_match<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     let own = Canvas::new(40, 30);
     let views = [
@@ -86,21 +75,22 @@ pub fn canvases_match<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failu
     Ok(())
 }
 
-/// Other cuts, clamps and minima of transmittance than the defaults.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
-pub fn other_accuracies_match<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+/// Other cuts, clamps and minimum transmittances than the defaults.
+pub(super) fn other_accuracies() -> [Accuracy; 5] {
     let usual = Accuracy::default();
-    let accuracies = [
+    [
         Accuracy { alpha_cut: 1e-6, ..usual },
         Accuracy { alpha_cut: 0.2, ..usual },
         Accuracy { alpha_max: 0.6, ..usual },
         Accuracy { transmittance_min: 0.0, ..usual },
         Accuracy { transmittance_min: 0.3, ..usual },
-    ];
+    ]
+}
+
+/// Images match with other cuts, clamps and minimum transmittances.
+pub fn other_accuracies_match<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in BLENDS {
-        for (seed, accuracy) in (400..).zip(accuracies) {
+        for (seed, accuracy) in (400..).zip(other_accuracies()) {
             for kind in [Kind::Typical, Kind::Opaque] {
                 let mut draw = Draw::new(kind, blend, 30, (40, 30), seed);
                 draw.settings.accuracy = accuracy;
@@ -111,10 +101,7 @@ pub fn other_accuracies_match<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(
     Ok(())
 }
 
-/// Without Gaussians, the background and nothing else.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
+/// An empty scene shows the background only.
 pub fn empty_scenes_show_the_background<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in BLENDS {
         let settings = RenderSettings::blended(blend);
@@ -126,10 +113,7 @@ pub fn empty_scenes_show_the_background<R: Optimizer<Scene2d>>(rasterizer: &R) -
     Ok(())
 }
 
-/// Gaussians left out are counted by cause, and leave the image alone.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
+/// Culled Gaussians are counted by cause, and do not change the image.
 pub fn culled_are_counted<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     let good = Gaussian2d {
         mean: Vec2::new(12.0, 9.0),
@@ -156,11 +140,11 @@ pub fn culled_are_counted<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), F
         let settings = RenderSettings::blended(blend);
         let scene: Scene2d = left_out.iter().chain(transparent).chain([&good]).copied().collect();
         let splats = rasterizer.upload(&scene, Parameterization::ScaleRotation)?;
-        let frame = rasterizer.forward(&splats, &view, &settings).block_on()?;
-        let found = rasterizer.culled(&frame);
+        let pass = rasterizer.forward(&splats, &view, &settings).block_on()?;
+        let found = rasterizer.culled(&pass);
         Failure::unless(found == expected, || format!("{blend:?}: expected {expected:?}, found {found:?}"))?;
         let alone = rasterizer.render(&[good].into_iter().collect(), &view, &settings).block_on()?;
-        let image = rasterizer.image(&frame).block_on()?;
+        let image = rasterizer.image(&pass).block_on()?;
         Failure::unless(image == alone, || format!("{blend:?}: Gaussians that are left out change the image"))?;
     }
     Ok(())

@@ -1,15 +1,19 @@
-//! Cases: images of 3D scenes, and what a frame left out, against the oracle.
+//! Cases of images and counts of culled Gaussians of 3D scenes, compared with the oracle's.
 
 use glam::Vec3;
 use gs_core::{
-    Accuracy, Camera, Gaussian3d, Image, Optimizer, Parameterization, RenderSettings, Scene3d,
+    Camera, Gaussian3d, Image, Optimizer, Parameterization, RenderSettings, Scene3d,
     effects::{Antialias, Blend, Order},
     scene::Scene,
     statistics::Culled,
 };
 use pollster::FutureExt as _;
 
-use super::{check_image, is_refused};
+use super::{
+    check_image,
+    images::{BLENDS, other_accuracies},
+    is_refused,
+};
 use crate::{
     failure::Failure,
     oracle::Oracle,
@@ -17,12 +21,7 @@ use crate::{
     subject::Subject,
 };
 
-const BLENDS: [Blend; 2] = [Blend::Sum, Blend::Over];
-
-/// Every kind of scene, both blends, with and without background.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
+/// Images match for every kind of scene, both blends, with and without background.
 pub fn images_match_3d<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in BLENDS {
         for (seed, kind) in (2100..).zip(Kind3d::ALL) {
@@ -34,10 +33,8 @@ pub fn images_match_3d<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Fail
     Ok(())
 }
 
-/// Every kind of scene in the order of the scene and, where the backend does not refuse it, in that of each pixel's depths.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
+/// Images match in the order of the scene and, unless the backend refuses it, with a sort at each
+/// pixel.
 pub fn orders_match<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     for order in [Order::Index, Order::PerPixel] {
         for (seed, kind) in (2120..).zip(Kind3d::ALL) {
@@ -50,10 +47,7 @@ pub fn orders_match<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure
     Ok(())
 }
 
-/// Every kind of scene with Σ′ widened, and with the opacity compensated.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
+/// Images match for every kind of scene with a dilated Σ′, with and without compensation.
 pub fn antialiased_images_match<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     for (antialias, blend) in [
         (Antialias::Dilate, Blend::Over),
@@ -68,10 +62,7 @@ pub fn antialiased_images_match<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result
     Ok(())
 }
 
-/// Scenes of SH degree 0 to 3, rendered with degree 0 to 3: the lower of the two counts.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
+/// Images match for scenes of SH degree 0 to 3 rendered with degree 0 to 3: the lower one applies.
 pub fn sh_match<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     for seed in 2160..2164 {
         for sh_degree in 0..=3 {
@@ -83,10 +74,7 @@ pub fn sh_match<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Images of one pixel, of one column, and on either side of a tile's edge; of one Gaussian and of many.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
+/// Images match for sizes of one pixel, of one column, and on either side of a tile's edge.
 pub fn sizes_match_3d<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     let sizes = [(1, 1), (1, 17), (17, 1), (15, 15), (16, 16), (17, 17), (129, 3), (3, 129), (64, 32), (31, 33)];
     for blend in BLENDS {
@@ -99,21 +87,10 @@ pub fn sizes_match_3d<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failu
     Ok(())
 }
 
-/// Other cuts, clamps and minima of transmittance than the defaults.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
+/// Images match with other cuts, clamps and minimum transmittances.
 pub fn accuracies_match_3d<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
-    let usual = Accuracy::default();
-    let accuracies = [
-        Accuracy { alpha_cut: 1e-6, ..usual },
-        Accuracy { alpha_cut: 0.2, ..usual },
-        Accuracy { alpha_max: 0.6, ..usual },
-        Accuracy { transmittance_min: 0.0, ..usual },
-        Accuracy { transmittance_min: 0.3, ..usual },
-    ];
     for blend in BLENDS {
-        for (seed, accuracy) in (2240..).zip(accuracies) {
+        for (seed, accuracy) in (2240..).zip(other_accuracies()) {
             for kind in [Kind3d::Typical, Kind3d::Opaque] {
                 let mut draw = Draw::for_3d(kind, blend, 30, (40, 30), seed);
                 draw.settings.accuracy = accuracy;
@@ -124,13 +101,10 @@ pub fn accuracies_match_3d<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), 
     Ok(())
 }
 
-/// Without Gaussians, or with none in view, the background and nothing else.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
+/// A view without Gaussians shows the background only.
 pub fn empty_space_shows_the_background<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     let mut away = Draw::for_3d(Kind3d::Typical, Blend::Over, 9, (19, 18), 2260);
-    // A camera that looks the other way: x and z change their signs.
+    // A camera that looks backwards: x and z change their signs.
     away.view.rotation = glam::Mat3::from_diagonal(Vec3::new(-1.0, 1.0, -1.0)) * away.view.rotation;
     away.view.translation *= Vec3::new(-1.0, 1.0, -1.0);
     for scene in [Scene3d::default(), away.scene.clone()] {
@@ -149,10 +123,7 @@ pub fn empty_space_shows_the_background<R: Optimizer<Scene3d>>(rasterizer: &R) -
     Ok(())
 }
 
-/// Gaussians left out are counted by cause, and leave the image alone.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
+/// Culled Gaussians are counted by cause, and do not change the image.
 pub fn causes_are_counted<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     let view = Camera { near: 0.5, ..Camera::looking_forward(24, 18, 1.2) };
     let good = Gaussian3d {
@@ -186,14 +157,14 @@ pub fn causes_are_counted<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), F
         let oracle = Oracle::new(view, settings)?.render(&scene.rows());
         Failure::unless(oracle.culled == expected, || format!("the oracle counts {:?}", oracle.culled))?;
         let splats = rasterizer.upload(&scene, Parameterization::ScaleRotation)?;
-        let frame = rasterizer.forward(&splats, &view, &settings).block_on()?;
-        let found = rasterizer.culled(&frame);
+        let pass = rasterizer.forward(&splats, &view, &settings).block_on()?;
+        let found = rasterizer.culled(&pass);
         Failure::unless(found == expected, || format!("{blend:?}: expected {expected:?}, found {found:?}"))?;
         let alone = rasterizer.render(&scene_of([&good]), &view, &settings).block_on()?;
-        let image = rasterizer.image(&frame).block_on()?;
+        let image = rasterizer.image(&pass).block_on()?;
         Failure::unless(image == alone, || format!("{blend:?}: Gaussians that are left out change the image"))?;
     }
-    // At the near plane to the bit: z = near is drawn, whatever else is not.
+    // Exactly at the near plane, z = near is drawn.
     let scene = scene_of([&at(Vec3::new(0.0, 0.0, 0.5))]);
     let found = culled(rasterizer, &scene, &view, &RenderSettings::default())?;
     Failure::unless(found == Culled::default(), || format!("at the near plane: {found:?}"))?;
@@ -207,7 +178,7 @@ pub fn causes_are_counted<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), F
         }
         compared += 1;
         let found = culled(rasterizer, &draw.scene, &draw.view, &draw.settings)?;
-        // What reaches between the pixel centres, but to none of them, a backend may look at before it finds out.
+        // A backend may list a Gaussian that touches no pixel centre.
         let expected = Culled { outside: found.outside, ..oracle.culled };
         let right = found == expected && found.outside <= oracle.culled.outside;
         Failure::unless(right, || format!("{kind:?}: expected {:?}, found {found:?}", oracle.culled))?;

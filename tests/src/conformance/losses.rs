@@ -1,4 +1,4 @@
-//! Cases: the losses of training steps come late, but all of them, and nothing else shows that a step is still under way.
+//! Cases of pending training steps: all losses arrive, and every call sees the steps.
 
 use gs_core::{
     Binning, EditPlan, Error, Image, Loss, Optimizer, Parameterization, SplatsState, TrainStep, Wait,
@@ -10,10 +10,10 @@ use pollster::FutureExt as _;
 use super::{losses_of, parameterizations};
 use crate::{failure::Failure, scenes::Draw, subject::Subject};
 
-/// More than any backend can be expected to have under way at once.
+/// More steps than any backend has pending at once.
 const STEPS: usize = 13;
 
-/// splats to train, and how.
+/// A scene, and how to train it.
 struct Training<S: Subject> {
     draw: Draw<S>,
     image: Image,
@@ -32,7 +32,8 @@ impl<S: Subject> Training<S> {
         Ok(rasterizer.upload(&self.draw.scene, self.parameterization)?)
     }
 
-    /// Sends steps with the numbers `steps`, of which every third makes its lists anew, and calls `after` after each.
+    /// Submits steps with the numbers `steps`, every third with new lists, and calls `after` after
+    /// each.
     fn send<R: Optimizer<S>>(
         &self,
         rasterizer: &R,
@@ -42,7 +43,7 @@ impl<S: Subject> Training<S> {
     ) -> Result<(), Failure> {
         let target = rasterizer.upload_target(&self.image)?;
         for number in steps {
-            // Another schedule and loss at every step, so that no step can be taken for another.
+            // Every step has another schedule and loss, so that steps cannot be confused.
             let rates = S::adam().at(number as f32 / STEPS as f32);
             let binning = if number % 3 == 0 { Binning::Fresh } else { Binning::Reuse };
             let loss = [Loss::L2, Loss::L1][number % 2];
@@ -59,12 +60,12 @@ fn same(what: &str, expected: &[f32], found: &[f32]) -> Result<(), Failure> {
     Failure::unless(bits(expected) == bits(found), || format!("{what}: the losses are {found:?}, not {expected:?}"))
 }
 
-/// [`Optimizer::losses`] hands over the loss of each step once and in order, behind what the caller has: the same whether each step is
-/// waited for, those that have arrived are asked for as it goes on, or all are at the end. What was refused has none.
+/// [`Optimizer::losses`] returns the loss of each step once and in order, after the caller's own
+/// list.
 ///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
-pub fn losses_are_told_once_and_in_order<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
+/// The result is the same whether the caller waits for each step, polls, or waits at the end.
+/// Refused steps have no loss.
+pub fn losses_are_reported_once_and_in_order<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in [Blend::Sum, Blend::Over] {
         let training = Training::<S>::new(rasterizer, blend)?;
         let mut splats = training.upload(rasterizer)?;
@@ -77,7 +78,7 @@ pub fn losses_are_told_once_and_in_order<S: Subject, R: Optimizer<S>>(rasterizer
             Ok(())
         })?;
         let distinct = waited_for.iter().map(|v| v.to_bits()).collect::<std::collections::BTreeSet<_>>().len();
-        Failure::unless(distinct == STEPS, || format!("of {STEPS} losses {distinct} differ"))?;
+        Failure::unless(distinct == STEPS, || format!("only {distinct} of {STEPS} losses are distinct"))?;
         same("after the last", &[], &losses_of(rasterizer, &mut splats)?)?;
 
         let mut splats = training.upload(rasterizer)?;
@@ -101,11 +102,8 @@ pub fn losses_are_told_once_and_in_order<S: Subject, R: Optimizer<S>>(rasterizer
     Ok(())
 }
 
-/// Whatever looks at splats sees every step that was sent, and whatever changes it comes after them; neither changes the losses.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
-pub fn steps_under_way_are_seen_by_everything<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
+/// Every call sees all steps that were submitted before it, and leaves the losses unchanged.
+pub fn every_call_sees_pending_steps<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in [Blend::Sum, Blend::Over] {
         let training = Training::<S>::new(rasterizer, blend)?;
         let target = rasterizer.upload_target(&training.image)?;
@@ -132,8 +130,8 @@ pub fn steps_under_way_are_seen_by_everything<S: Subject, R: Optimizer<S>>(raste
                 state(splats)
             }),
             ("step", &|splats| {
-                let frame = rasterizer.forward(splats, view, settings).block_on()?;
-                let (_, gradients) = rasterizer.backward(splats, frame, &target, &Loss::L2).block_on()?;
+                let pass = rasterizer.forward(splats, view, settings).block_on()?;
+                let (_, gradients) = rasterizer.backward(splats, pass, &target, &Loss::L2).block_on()?;
                 rasterizer.step(splats, &gradients, &rates).block_on()?;
                 state(splats)
             }),
@@ -144,7 +142,7 @@ pub fn steps_under_way_are_seen_by_everything<S: Subject, R: Optimizer<S>>(raste
             ("len", &|splats| Ok(vec![rasterizer.len(splats) as f32])),
         ];
         for (what, look) in looks {
-            // Both go on afterwards; steps 5 and 8 would reuse lists, which an edit forbids.
+            // Both train on afterwards. Steps 5 and 8 would reuse lists, which an edit forbids.
             let run = |settled: bool| {
                 let (mut splats, mut losses, mut seen) = (training.upload(rasterizer)?, Vec::new(), Vec::new());
                 for steps in [0..5, 5..8] {

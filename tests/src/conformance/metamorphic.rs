@@ -1,4 +1,4 @@
-//! Cases: changes to a scene or a view that must not change what is seen.
+//! Cases of changes to a scene or a view that must not change the image.
 
 use glam::{Vec2, Vec3};
 use gs_core::{Canvas, Gaussian2d, Image, Optimizer, Scene2d, effects::Blend, scene::logit};
@@ -12,7 +12,7 @@ use crate::{
     tolerance::compare_images,
 };
 
-/// The oracle's error analysis around another image: two images by a backend may each be off.
+/// The oracle's error analysis with another image: two images of a backend are both uncertain.
 pub(super) fn around(image: &Image, analysis: &Rendering) -> Rendering {
     Rendering {
         pixels: image.pixels().iter().map(|p| p.map(f64::from)).collect(),
@@ -25,10 +25,7 @@ pub(super) fn analysis<S: Subject>(draw: &Draw<S>) -> Result<Rendering, Failure>
     Ok(Oracle::new(draw.view, draw.settings)?.render(&draw.scene.rows()))
 }
 
-/// Under `Sum`, Gaussians in another order make the same image.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
+/// Under `Sum`, the order of the Gaussians does not change the image.
 pub fn order_does_not_matter_under_sum<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
     let (size, count) = ((40, 30), 50);
     for draw in [S::typical(Blend::Sum, count, size, 800), S::overlapping(Blend::Sum, count, size, 801)] {
@@ -39,17 +36,16 @@ pub fn order_does_not_matter_under_sum<S: Subject, R: Optimizer<S>>(rasterizer: 
     Ok(())
 }
 
-/// The same Gaussians at other indices: 17 and 50 have no common divisor, so every one comes exactly once, none in its place's parity.
+/// The same Gaussians at other indices. 17 and 50 are coprime, so each appears once.
 pub(super) fn permuted<S: Subject>(scene: &S) -> S {
     scene.picked((0..50).map(|i| (i * 17 + 1) % 50))
 }
 
-/// Two Gaussians where one was, each with half its colour (`Sum`) or opacity 1 − √(1 − o) (`Over`), make the same image.
+/// Two halves of a Gaussian make the same image as the whole: each has half its colour (`Sum`) or
+/// opacity 1 − √(1 − o) (`Over`).
 ///
-/// Under `Over` that is so only where the weight is 1, so the Gaussian that is halved is far larger than the image.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
+/// Under `Over` this holds only where the weight is 1, so the Gaussian is far larger than the
+/// image.
 pub fn halves_make_the_whole<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in [Blend::Sum, Blend::Over] {
         let mut draw = Draw::new(Kind::Typical, blend, 20, (40, 30), 850);
@@ -79,10 +75,7 @@ pub fn halves_make_the_whole<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<()
     Ok(())
 }
 
-/// A canvas that shows a part of the plane, pixel by pixel, shows that part of the whole image.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
+/// A canvas of a part of the plane shows that part of the whole image.
 pub fn crops_are_parts_of_the_image<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in [Blend::Sum, Blend::Over] {
         for (seed, kind) in (900..).zip([Kind::Typical, Kind::Opaque, Kind::Large]) {

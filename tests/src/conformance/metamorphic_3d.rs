@@ -1,4 +1,4 @@
-//! Cases: changes to a 3D scene and its camera that must not change what is seen.
+//! Cases of changes to a 3D scene and its camera that must not change the image.
 
 use glam::{Mat3, Quat, Vec3, Vec4};
 use gs_core::{
@@ -19,10 +19,7 @@ use crate::{
     tolerance::compare_images,
 };
 
-/// In the order of depths, Gaussians at other indices make the same image.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
+/// With a depth sort, the indices of the Gaussians do not change the image.
 pub fn indices_do_not_matter_by_depth<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     for order in [Order::Global, Order::PerPixel] {
         for (seed, kind) in (2500..).zip([Kind3d::Typical, Kind3d::Overlapping, Kind3d::Needles]) {
@@ -39,10 +36,7 @@ pub fn indices_do_not_matter_by_depth<R: Optimizer<Scene3d>>(rasterizer: &R) -> 
     Ok(())
 }
 
-/// Camera and scene moved together, SH turned with them, show the same.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
+/// Moving camera and scene together, with the SH rotated, does not change the image.
 pub fn rigid_motions_change_nothing<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     let turn = Quat::from_axis_angle(Vec3::new(0.6, -0.48, 0.64), 2.1);
     let shift = Vec3::new(3.0, -5.5, 1.25);
@@ -52,7 +46,7 @@ pub fn rigid_motions_change_nothing<R: Optimizer<Scene3d>>(rasterizer: &R) -> Re
         moved.scene.means.iter_mut().for_each(|mean| *mean = matrix * *mean + shift);
         for q in &mut moved.scene.rotations {
             let [w, x, y, z] = *q;
-            // Quat's product of any lengths is that of the lengths.
+            // `Quat`'s product also multiplies the lengths.
             let turned = Vec4::from(turn * Quat::from_vec4(Vec4::new(x, y, z, w)));
             *q = [turned.w, turned.x, turned.y, turned.z];
         }
@@ -81,10 +75,7 @@ pub fn rigid_motions_change_nothing<R: Optimizer<Scene3d>>(rasterizer: &R) -> Re
     Ok(())
 }
 
-/// A world and camera larger by a power of two show the same.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
+/// Scaling scene and camera by a power of two does not change the image.
 pub fn scales_of_the_world_change_nothing<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     for power in [-5, 7] {
         let factor = 2f32.powi(power);
@@ -106,7 +97,7 @@ fn same<R: Optimizer<Scene3d>>(rasterizer: &R, draw: &Draw<Scene3d>, other: &Dra
         [draw, other].map(|draw| rasterizer.render(&draw.scene, &draw.view, &draw.settings).block_on());
     let (first, second) = (analysis(draw)?, analysis(other)?);
     Failure::unless(draw.scene != other.scene && draw.scene.len() == other.scene.len(), || "nothing moved".to_owned())?;
-    // Each image may be off by its own roundings, and the other scene is itself rounded.
+    // Each image has its own roundings, and so does the other scene.
     let sum = |a: &[[f64; 3]], b: &[[f64; 3]]| -> Vec<[f64; 3]> {
         a.iter().zip(b).map(|(a, b)| [0, 1, 2].map(|k| a[k] + b[k])).collect()
     };

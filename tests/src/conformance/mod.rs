@@ -1,8 +1,11 @@
-//! The suite that any `Optimizer<Scene2d>` or `Optimizer<Scene3d>` can be put through: named cases, each usable alone.
+//! The suite that any `Optimizer<Scene2d>` or `Optimizer<Scene3d>` can be put through: named cases,
+//! each usable alone.
 //!
-//! A backend's own tests call [`conformance`] or [`conformance_3d`], or list [`cases`] or [`cases_3d`] to see each by name.
-//! Cases that are generic over [`Subject`] are the same for both kinds of scenes. Every case compares with the oracle, with `f64`
-//! references, or with what the backend itself said before; none needs to know how the backend works.
+//! A backend's own tests call [`conformance`] or [`conformance_3d`], or list [`cases`] or
+//! [`cases_3d`] to see each by name. Cases that are generic over [`Subject`] apply to 2D and 3D
+//! scenes. Every case compares with the oracle, with `f64` references, or with other results of the
+//! backend. Every case fails with a [`Failure`] if the backend does not do what the case's
+//! documentation says.
 //!
 //! ```
 //! use gs_conformance::{Failure, conformance::conformance};
@@ -44,7 +47,7 @@ use gs_core::{
 
 pub use self::{
     covariance_factors_3d::{
-        forward_passes_come_back_3d, frame_steps_match_3d, gradients_match_in_covariance_factors_3d,
+        covariance_factor_steps_match_3d, covariance_factors_come_back_3d, gradients_match_in_covariance_factors_3d,
     },
     editing::{changes_that_inherit_go_on, edits_carry_everything_along, refused_edits_change_nothing},
     errors::{bad_views_and_settings_are_errors, mismatches_are_errors, scenes_that_are_not_finite_are_refused},
@@ -64,7 +67,7 @@ pub use self::{
         accuracies_match_3d, antialiased_images_match, causes_are_counted, empty_space_shows_the_background,
         images_match_3d, orders_match, sh_match, sizes_match_3d,
     },
-    losses::{losses_are_told_once_and_in_order, steps_under_way_are_seen_by_everything},
+    losses::{every_call_sees_pending_steps, losses_are_reported_once_and_in_order},
     metamorphic::{crops_are_parts_of_the_image, halves_make_the_whole, order_does_not_matter_under_sum},
     metamorphic_3d::{
         indices_do_not_matter_by_depth, rigid_motions_change_nothing, scales_of_the_world_change_nothing,
@@ -74,11 +77,11 @@ pub use self::{
     statistics::{absolute_gradients_match, mean_gradients_match, pixel_errors_match},
     targets::incomplete_targets_are_completed,
     training::{
-        first_steps_owe_nothing_to_renderings, fused_steps_match_their_stages, solved_colors_are_the_best,
+        first_steps_do_not_reuse_lists_of_renderings, fused_steps_match_separate_stages, solved_colors_are_the_best,
         statistics_are_the_positional_gradients, steps_decrease_the_loss,
     },
     training_3d::{
-        only_participants_move, reused_lists_are_good_for_what_stands_still, scenes_3d_come_back, visible_are_counted,
+        only_participants_move, reused_lists_change_nothing_without_movement, scenes_3d_come_back, visible_are_counted,
     },
 };
 use crate::{
@@ -89,40 +92,40 @@ use crate::{
     tolerance::{Agreement, compare_gradients, compare_images, compare_loss},
 };
 
-/// The losses that are tested.
+/// The tested losses.
 pub(crate) const LOSSES: [Loss; 3] = [Loss::L2, Loss::L1, Loss::PAPER];
 
 /// A named case.
 #[derive(Debug)]
 pub struct Case<R> {
-    /// Its name: the function's.
+    /// The name of its function.
     pub name: &'static str,
     /// Runs it.
     pub run: fn(&R) -> Result<Outcome, Failure>,
 }
 
-/// What came of a case that did not fail.
+/// The outcome of a case that did not fail.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Outcome {
-    /// The backend does what it must.
+    /// The backend passes.
     Passed,
-    /// The backend refuses, as it may, all that the case would have looked at: what.
+    /// The backend refuses the optional features of this case.
     Skipped(String),
 }
 
-/// Cases that can only pass or fail say nothing.
+/// For cases that cannot be skipped.
 impl From<()> for Outcome {
     fn from((): ()) -> Self {
         Self::Passed
     }
 }
 
-/// A case in which nothing was looked at.
+/// A skipped case.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Skipped {
     /// Its name.
     pub case: &'static str,
-    /// What the backend refuses.
+    /// The features that the backend refuses.
     pub refused: String,
 }
 
@@ -157,10 +160,10 @@ pub fn cases<R: Optimizer<Scene2d>>() -> Vec<Case<R>> {
         steps_decrease_the_loss: steps_decrease_the_loss::<Scene2d, R>,
         adam_matches: adam_matches::<Scene2d, R>,
         covariance_factor_steps_match: covariance_factor_steps_match::<R>,
-        fused_steps_match_their_stages: fused_steps_match_their_stages::<Scene2d, R>,
-        first_steps_owe_nothing_to_renderings: first_steps_owe_nothing_to_renderings::<R>,
-        losses_are_told_once_and_in_order: losses_are_told_once_and_in_order::<Scene2d, R>,
-        steps_under_way_are_seen_by_everything: steps_under_way_are_seen_by_everything::<Scene2d, R>,
+        fused_steps_match_separate_stages: fused_steps_match_separate_stages::<Scene2d, R>,
+        first_steps_do_not_reuse_lists_of_renderings: first_steps_do_not_reuse_lists_of_renderings::<R>,
+        losses_are_reported_once_and_in_order: losses_are_reported_once_and_in_order::<Scene2d, R>,
+        every_call_sees_pending_steps: every_call_sees_pending_steps::<Scene2d, R>,
         statistics_are_the_positional_gradients: statistics_are_the_positional_gradients::<R>,
         absolute_gradients_match: absolute_gradients_match::<Scene2d, R>,
         pixel_errors_match: pixel_errors_match::<Scene2d, R>,
@@ -196,16 +199,16 @@ pub fn cases_3d<R: Optimizer<Scene3d>>() -> Vec<Case<R>> {
         sh_gradients_match: sh_gradients_match::<R>,
         gradients_match_in_covariance_factors_3d: gradients_match_in_covariance_factors_3d::<R>,
         scenes_3d_come_back: scenes_3d_come_back::<R>,
-        forward_passes_come_back_3d: forward_passes_come_back_3d::<R>,
+        covariance_factors_come_back_3d: covariance_factors_come_back_3d::<R>,
         restored_splats_continue_bit_for_bit: restored_splats_continue_bit_for_bit::<Scene3d, R>,
         steps_decrease_the_loss: steps_decrease_the_loss::<Scene3d, R>,
         adam_matches: adam_matches::<Scene3d, R>,
-        frame_steps_match_3d: frame_steps_match_3d::<R>,
+        covariance_factor_steps_match_3d: covariance_factor_steps_match_3d::<R>,
         only_participants_move: only_participants_move::<R>,
-        fused_steps_match_their_stages: fused_steps_match_their_stages::<Scene3d, R>,
-        reused_lists_are_good_for_what_stands_still: reused_lists_are_good_for_what_stands_still::<R>,
-        losses_are_told_once_and_in_order: losses_are_told_once_and_in_order::<Scene3d, R>,
-        steps_under_way_are_seen_by_everything: steps_under_way_are_seen_by_everything::<Scene3d, R>,
+        fused_steps_match_separate_stages: fused_steps_match_separate_stages::<Scene3d, R>,
+        reused_lists_change_nothing_without_movement: reused_lists_change_nothing_without_movement::<R>,
+        losses_are_reported_once_and_in_order: losses_are_reported_once_and_in_order::<Scene3d, R>,
+        every_call_sees_pending_steps: every_call_sees_pending_steps::<Scene3d, R>,
         mean_gradients_match: mean_gradients_match::<Scene3d, R>,
         absolute_gradients_match: absolute_gradients_match::<Scene3d, R>,
         pixel_errors_match: pixel_errors_match::<Scene3d, R>,
@@ -225,18 +228,18 @@ pub fn cases_3d<R: Optimizer<Scene3d>>() -> Vec<Case<R>> {
     ]
 }
 
-/// Runs all cases for 2D scenes, and says which were skipped: none where the backend offers everything.
+/// Runs all cases for 2D scenes, and returns the skipped ones.
 ///
 /// # Errors
-/// [`Failure::Several`] of [`Failure::Case`]s: all that fail.
+/// [`Failure::Several`] with a [`Failure::Case`] for each case that fails.
 pub fn conformance<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<Vec<Skipped>, Failure> {
     run_all(rasterizer, cases::<R>())
 }
 
-/// Runs all cases for 3D scenes, and says which were skipped: none where the backend offers everything.
+/// Runs all cases for 3D scenes, and returns the skipped ones.
 ///
 /// # Errors
-/// [`Failure::Several`] of [`Failure::Case`]s: all that fail.
+/// [`Failure::Several`] with a [`Failure::Case`] for each case that fails.
 pub fn conformance_3d<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<Vec<Skipped>, Failure> {
     run_all(rasterizer, cases_3d::<R>())
 }
@@ -253,21 +256,21 @@ fn run_all<R>(rasterizer: &R, cases: Vec<Case<R>>) -> Result<Vec<Skipped>, Failu
     if failures.is_empty() { Ok(skipped) } else { Err(Failure::Several(failures)) }
 }
 
-/// Renders a drawing and holds its image against the oracle's.
+/// Renders a drawing and compares the image with the oracle's.
 ///
 /// # Errors
-/// [`Failure`] where they differ, or the backend or the comparison fails.
+/// [`Failure`] if they differ, or if the backend or the comparison fails.
 pub fn check_image<S: Subject, R: Optimizer<S>>(rasterizer: &R, draw: &Draw<S>) -> Result<Agreement, Failure> {
     let expected = Oracle::new(draw.view, draw.settings)?.render(&draw.scene.rows());
     let found = rasterizer.render(&draw.scene, &draw.view, &draw.settings).block_on()?;
     compare_images(&expected, &found).map_err(|failure| failure.at(place(draw)))
 }
 
-/// Differentiates a drawing and holds loss and gradients against the oracle's, at the parameters that the backend itself says the
-/// splats have.
+/// Differentiates a drawing and compares loss and gradients with the oracle's, at the parameters of
+/// the backend's splats.
 ///
 /// # Errors
-/// [`Failure`] where they differ, or the backend or the comparison fails.
+/// [`Failure`] if they differ, or if the backend or the comparison fails.
 pub fn check_gradients<S: Subject, R: Optimizer<S>>(
     rasterizer: &R,
     draw: &Draw<S>,
@@ -282,8 +285,9 @@ pub fn check_gradients<S: Subject, R: Optimizer<S>>(
     Ok(agreement.and(compare_gradients(&expected, &backward.gradients).map_err(in_place)?))
 }
 
-/// Whether the backend refuses a drawing's effects, which it may for some: as [`Error::Unsupported`], in a training step as in a forward pass,
-/// and with nothing done.
+/// Whether the backend refuses a drawing's effects as [`Error::Unsupported`].
+///
+/// A training step must refuse them, too, and change nothing.
 fn is_refused<S: Subject, R: Optimizer<S>>(rasterizer: &R, draw: &Draw<S>) -> Result<bool, Failure> {
     let mut splats = rasterizer.upload(&draw.scene, Parameterization::ScaleRotation)?;
     match rasterizer.forward(&splats, &draw.view, &draw.settings).block_on() {
@@ -301,17 +305,17 @@ fn is_refused<S: Subject, R: Optimizer<S>>(rasterizer: &R, draw: &Draw<S>) -> Re
     Ok(true)
 }
 
-/// Those of a kind's parameterizations that the backend offers: the first, and all that it does not refuse as [`Error::Unsupported`] when a scene is
-/// uploaded. What it refuses it must not restore either.
+/// The parameterizations that the backend offers: the first, and all that it does not refuse as
+/// [`Error::Unsupported`]. It must also refuse to restore states in the others.
 pub(crate) fn parameterizations<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<Vec<Parameterization>, Failure> {
     let empty = S::typical(Blend::Over, 1, (8, 8), 1).scene.emptied();
     let mut offered = Vec::new();
-    for &parameterization in S::CHARTS {
+    for &parameterization in S::PARAMETERIZATIONS {
         match rasterizer.upload(&empty, parameterization) {
-            Err(Error::Unsupported { .. }) if parameterization != S::CHARTS[0] => {
+            Err(Error::Unsupported { .. }) if parameterization != S::PARAMETERIZATIONS[0] => {
                 let state = SplatsState {
                     parameterization,
-                    ..rasterizer.save(&rasterizer.upload(&empty, S::CHARTS[0])?).block_on()?
+                    ..rasterizer.save(&rasterizer.upload(&empty, S::PARAMETERIZATIONS[0])?).block_on()?
                 };
                 let refused = matches!(rasterizer.restore(&state), Err(Error::Unsupported { .. }));
                 Failure::unless(refused, || {
@@ -327,9 +331,9 @@ pub(crate) fn parameterizations<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> 
     Ok(offered)
 }
 
-/// One backward pass of a fresh splats.
+/// A backward pass of fresh splats.
 struct Backward<S> {
-    /// The parameters as the backend gives them back.
+    /// The parameters that the backend returns.
     scene: S,
     loss: f32,
     gradients: S,
@@ -345,8 +349,8 @@ impl<S: Subject> Backward<S> {
     ) -> Result<Self, Failure> {
         let splats = rasterizer.upload(&draw.scene, parameterization)?;
         let uploaded = rasterizer.upload_target(target)?;
-        let frame = rasterizer.forward(&splats, &draw.view, &draw.settings).block_on()?;
-        let (loss, gradients) = rasterizer.backward(&splats, frame, &uploaded, loss).block_on()?;
+        let pass = rasterizer.forward(&splats, &draw.view, &draw.settings).block_on()?;
+        let (loss, gradients) = rasterizer.backward(&splats, pass, &uploaded, loss).block_on()?;
         let gradients = rasterizer.gradients(&splats, &gradients).block_on()?;
         Ok(Self { scene: rasterizer.download(&splats).block_on()?, loss, gradients })
     }
@@ -356,14 +360,14 @@ impl<S: Subject> Backward<S> {
     }
 }
 
-/// The losses of all training steps of splats that have not been asked for.
+/// All losses that were not taken yet.
 fn losses_of<S: Subject, R: Optimizer<S>>(rasterizer: &R, splats: &mut R::Splats) -> Result<Vec<f32>, Failure> {
     let mut losses = Vec::new();
     rasterizer.losses(splats, Wait::All, &mut losses).block_on()?;
     Ok(losses)
 }
 
-/// Where in a case something happened.
+/// The place in a case, for messages.
 fn place<S: Subject>(draw: &Draw<S>) -> String {
     format!("{} {:?} through {:?}, {:?}", draw.scene.len(), draw.kind, draw.view, draw.settings.effects)
 }

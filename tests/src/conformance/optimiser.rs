@@ -1,4 +1,4 @@
-//! Cases: stage `adam` against `f64` references, fed with the gradients that the backend itself downloads.
+//! Cases of stage `adam`, compared with `f64` references on the backend's own gradients.
 
 use glam::{DMat2, DVec2};
 use gs_core::{
@@ -17,7 +17,8 @@ use crate::{
     tolerance::ADAM_SHARE,
 };
 
-/// Rates and betas that differ between all groups, and an ε as large as √v̂, so that a wrong one of any shows.
+/// Rates and betas that differ between all groups, and an ε as large as √v̂, so that any wrong one
+/// has an effect.
 pub(super) fn distinct<S: Subject>(epsilon: f32) -> AdamRates {
     let group = |learning_rate, beta1, beta2| Group { beta1, beta2, ..Group::constant(learning_rate) };
     Adam {
@@ -33,7 +34,7 @@ pub(super) fn distinct<S: Subject>(epsilon: f32) -> AdamRates {
     .at(0.0)
 }
 
-/// One step of forward, backward and Adam; returns the gradients it used.
+/// Runs forward, backward and one Adam step; returns the gradients.
 pub(super) fn step<S: Subject, R: Optimizer<S>>(
     rasterizer: &R,
     splats: &mut R::Splats,
@@ -41,18 +42,16 @@ pub(super) fn step<S: Subject, R: Optimizer<S>>(
     target: &R::Target,
     rates: &AdamRates,
 ) -> Result<Vec<Parameters>, Failure> {
-    let frame = rasterizer.forward(splats, &draw.view, &draw.settings).block_on()?;
-    let (_, gradients) = rasterizer.backward(splats, frame, target, &Loss::L2).block_on()?;
+    let pass = rasterizer.forward(splats, &draw.view, &draw.settings).block_on()?;
+    let (_, gradients) = rasterizer.backward(splats, pass, target, &Loss::L2).block_on()?;
     let rows = rasterizer.gradients(splats, &gradients).block_on()?.rows_of_gradients();
     rasterizer.step(splats, &gradients, rates).block_on()?;
     Ok(rows)
 }
 
-/// Six steps in the parameterization of ln-scale and rotation, with a Gaussian born after the third, equal Adam in `f64`: rates and betas of
-/// each group, bias corrected by each Gaussian's own count, ε added to √v̂.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
+/// Six steps in ln-scales and rotation, with a Gaussian born after the third, equal Adam in `f64`:
+/// with the rates and betas of each group, bias correction by each Gaussian's own count, and ε
+/// added to √v̂.
 pub fn adam_matches<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in [Blend::Sum, Blend::Over] {
         for epsilon in [1e-3, 1e-8] {
@@ -108,11 +107,8 @@ pub(super) fn compare_parameters<S: Subject>(
     Ok(())
 }
 
-/// The first step in the parameterization of covariance factors moves by the rate against the sign of each gradient in the Gaussian's own frame:
-/// μ + L ξ and L (I + η + η²/2), η symmetric.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
+/// The first step in covariance factors moves by the rate against the sign of each gradient in
+/// whitened coordinates: μ + L ξ and L (I + η + η²/2), η symmetric.
 pub fn covariance_factor_steps_match<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in [Blend::Sum, Blend::Over] {
         let draw = Draw::new(Kind::Typical, blend, 40, (40, 30), 1300);
@@ -126,10 +122,11 @@ pub fn covariance_factor_steps_match<R: Optimizer<Scene2d>>(rasterizer: &R) -> R
         let after = rasterizer.download(&splats).block_on()?;
         let mut compared = 0;
         for (i, (old, new)) in before.iter().zip(after.iter()).enumerate() {
-            let frame = old.factor().as_dmat2();
+            let factor = old.factor().as_dmat2();
             let (g, s) = (&gradients[i], old.log_scale.to_array().map(|v| f64::from(v).exp()));
-            let toward = frame.transpose() * DVec2::new(g[0], g[1]);
-            // ∂L/∂η₁₂ moves Σ along L (e₁e₂ᵀ + e₂e₁ᵀ) Lᵀ, twice over; θ does by (s₁² − s₂²)/(s₁ s₂) of that.
+            let toward = factor.transpose() * DVec2::new(g[0], g[1]);
+            // ∂L/∂η₁₂ moves Σ along L (e₁e₂ᵀ + e₂e₁ᵀ) Lᵀ, twice over; θ does by (s₁² − s₂²)/(s₁ s₂)
+            // of that.
             let across = 2.0 * s[0] * s[1] / (s[0] * s[0] - s[1] * s[1]) * g[4];
             let slopes = [toward.x, toward.y, g[2], g[3], across];
             let largest = slopes.iter().fold(0.0f64, |m, v| m.max(v.abs()));
@@ -138,11 +135,11 @@ pub fn covariance_factor_steps_match<R: Optimizer<Scene2d>>(rasterizer: &R) -> R
             }
             compared += 1;
             let [xi_x, xi_y] = [slopes[0], slopes[1]].map(|v| -0.12 * v.signum());
-            let moved = frame.inverse() * (new.mean - old.mean).as_dvec2();
+            let moved = factor.inverse() * (new.mean - old.mean).as_dvec2();
             let eta = [slopes[2], slopes[3], slopes[4]].map(|v| -0.07 * v.signum());
             let eta = DMat2::from_cols(DVec2::new(eta[0], eta[2]), DVec2::new(eta[2], eta[1]));
             let factor = DMat2::IDENTITY + eta + eta * eta * 0.5;
-            let whitened = frame.inverse() * new.factor().as_dmat2();
+            let whitened = factor.inverse() * new.factor().as_dmat2();
             let shape = whitened * whitened.transpose();
             let right =
                 moved.abs_diff_eq(DVec2::new(xi_x, xi_y), 1e-3) && shape.abs_diff_eq(factor * factor.transpose(), 1e-3);

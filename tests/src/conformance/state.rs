@@ -1,4 +1,4 @@
-//! Cases: what goes to the backend comes back, scenes and whole states.
+//! Cases of upload and download, of saving and restoring, and of noise.
 
 use gs_core::{
     Binning, Error, Gaussian2d, MeanNoise, Optimizer, Parameterization, Scene, Scene2d, SplatsState, TrainStep,
@@ -14,17 +14,15 @@ use crate::{
     subject::Subject,
 };
 
-/// A scene that is uploaded and downloaded is the same: bit for bit where the parameterization has its parameters, in covariance where not.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
+/// Upload and download return the same scene: the same bits if the parameterization is that of
+/// scenes, else the same covariances.
 pub fn scenes_come_back<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     for (blend, kind) in [(Blend::Sum, Kind::Typical), (Blend::Over, Kind::Opaque), (Blend::Over, Kind::Needles)] {
         let scene = Draw::new(kind, blend, 37, (40, 30), 1000).scene;
         let splats = rasterizer.upload(&scene, Parameterization::ScaleRotation)?;
         Failure::unless(rasterizer.len(&splats) == 37, || format!("{} of 37 Gaussians", rasterizer.len(&splats)))?;
         let back = rasterizer.download(&splats).block_on()?;
-        Failure::unless(back == scene, || format!("{kind:?}: the scene that comes back is another"))?;
+        Failure::unless(back == scene, || format!("{kind:?}: the downloaded scene differs"))?;
 
         let back = rasterizer.download(&rasterizer.upload(&scene, Parameterization::CovarianceFactor)?).block_on()?;
         Failure::unless(back.len() == 37, || format!("{} of 37 Gaussians in covariance factors", back.len()))?;
@@ -37,21 +35,18 @@ pub fn scenes_come_back<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Fai
     }
     let empty = rasterizer.upload(&Scene2d::default(), Parameterization::ScaleRotation)?;
     Failure::unless(rasterizer.download(&empty).block_on()?.is_empty(), || {
-        "an empty scene comes back with Gaussians".to_owned()
+        "an empty scene has Gaussians after download".to_owned()
     })
 }
 
-/// Whether two covariances are the same, seen from the frame of the first.
+/// Whether two covariances are equal in the whitened coordinates of the first.
 fn same_shape(a: &Gaussian2d, b: &Gaussian2d) -> bool {
-    let frame = a.factor().as_dmat2();
-    let whitened = frame.inverse() * b.factor().as_dmat2();
+    let factor = a.factor().as_dmat2();
+    let whitened = factor.inverse() * b.factor().as_dmat2();
     (whitened * whitened.transpose()).abs_diff_eq(glam::DMat2::IDENTITY, 1e-4)
 }
 
-/// A saved state, restored, is the same state, and trains on bit for bit as if it had never been saved.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
+/// Saving and restoring keeps all bits of the state, and of later training steps.
 pub fn restored_splats_continue_bit_for_bit<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
     for parameterization in parameterizations::<S, R>(rasterizer)? {
         for blend in [Blend::Sum, Blend::Over] {
@@ -84,7 +79,7 @@ pub fn restored_splats_continue_bit_for_bit<S: Subject, R: Optimizer<S>>(rasteri
                 let different = state.tensors.iter().find(|(name, tensor)| twin.tensors.get(*name) != Some(tensor));
                 Failure::unless(different.is_none(), || {
                     let names = different.iter().map(|(name, _)| name.as_str()).collect::<String>();
-                    format!("{}: three steps after it was restored, the splats' `{names}` is another", place())
+                    format!("{}: three steps after restoring, `{names}` differs", place())
                 })?;
             }
         }
@@ -92,7 +87,7 @@ pub fn restored_splats_continue_bit_for_bit<S: Subject, R: Optimizer<S>>(rasteri
     Ok(())
 }
 
-/// A state that says that nothing has been learned would make the comparison of two of them meaningless.
+/// Fails if a state has no moments: comparing two such states would be meaningless.
 fn check_moments(state: &SplatsState) -> Result<(), Failure> {
     for name in ["moment1", "moment2"] {
         let any = state.matrix(name)?.1.iter().any(|&v| v != 0.0);
@@ -102,17 +97,14 @@ fn check_moments(state: &SplatsState) -> Result<(), Failure> {
     Failure::unless(steps.iter().all(|&s| s == 3), || format!("after three steps the counts are {steps:?}"))
 }
 
-/// `add_noise` moves the means as [`MeanNoise`] says and leaves all else of the state bit for bit, losses that nobody has asked for included;
-/// between steps under way it makes no difference whether anybody waits.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
+/// `add_noise` moves the means by [`MeanNoise`], and leaves all other numbers and pending losses
+/// unchanged. The result is the same with and without pending steps.
 pub fn noise_moves_means_and_nothing_else<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
     let noise = MeanNoise { scale: 0.05, seed: 11, step: 3 };
     for parameterization in parameterizations::<S, R>(rasterizer)? {
         let mut draw = S::typical(Blend::Over, 9, (34, 20), 1151);
         draw.settings.effects.statistics = Statistics::MeanGradient;
-        // Faint ones move, by more or less; one that is seen stays.
+        // Faint Gaussians move; a visible one does not.
         let logits = draw.scene.opacity_logits_mut();
         logits.iter_mut().enumerate().for_each(|(i, value)| *value = logit(0.004 + 0.002 * i as f32));
         logits[8] = logit(0.7);
@@ -151,7 +143,7 @@ pub fn noise_moves_means_and_nothing_else<S: Subject, R: Optimizer<S>>(rasterize
             Ok(rasterizer.save(&splats).block_on()?)
         };
         Failure::unless(after(true)? == after(false)?, || {
-            format!("{parameterization:?}: noise between steps depends on whether these are waited for")
+            format!("{parameterization:?}: noise between steps depends on pending steps")
         })?;
         let refused = rasterizer.add_noise(&mut splats, &MeanNoise { scale: f32::NAN, ..noise });
         Failure::unless(matches!(refused, Err(Error::Setting { .. })), || "noise of scale NaN is accepted".to_owned())?;

@@ -1,5 +1,6 @@
-//! Cases: what a step collects, against the oracle. A backend may refuse statistics that need sums of their own, but then as
-//! [`Error::Unsupported`], in every pass, and with nothing done.
+//! Cases of densification statistics, compared with the oracle's. A backend may refuse statistics
+//! with sums of their own as [`Error::Unsupported`], but then in every pass, and without changing
+//! anything.
 
 use gs_core::{
     Adam, Binning, Loss, Optimizer, Parameterization, TrainStep,
@@ -17,35 +18,26 @@ use crate::{
     tolerance::COLLECTED_SHARE,
 };
 
-/// [`Statistics::MeanGradient`] is the length of the projected mean's gradient, and of nothing else's that depends on the mean.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
+/// [`Statistics::MeanGradient`] is the length of the gradient by the projected mean alone.
 pub fn mean_gradients_match<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<Outcome, Failure> {
     check(rasterizer, Statistics::MeanGradient, |step| &step.mean_gradient)
 }
 
-/// [`Statistics::AbsoluteGradient`] sums magnitudes pixel by pixel, for both blends, for losses whose steps are fused or not, and through a
-/// view of another scale.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
+/// [`Statistics::AbsoluteGradient`] sums magnitudes pixel by pixel: for both blends, for fused and
+/// separate steps, and through a view of another scale.
 pub fn absolute_gradients_match<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<Outcome, Failure> {
     check(rasterizer, Statistics::AbsoluteGradient, |step| &step.absolute_gradient)
 }
 
-/// [`Statistics::PixelError`] sums what each pixel shows of a Gaussian times the pixel's error.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
+/// [`Statistics::PixelError`] sums each pixel's share of a Gaussian times the pixel's error.
 pub fn pixel_errors_match<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<Outcome, Failure> {
     check(rasterizer, Statistics::PixelError, |step| &step.pixel_error)
 }
 
-/// Gaussians of a drawing.
+/// Number of Gaussians of a drawing.
 const COUNT: usize = 12;
 
-/// What is drawn, and the loss that is differentiated.
+/// Drawings, each with a loss.
 fn drawings<S: Subject>(statistics: Statistics) -> Vec<(Draw<S>, Loss)> {
     let draw = |(blend, loss, through)| {
         let draw = match through {
@@ -72,7 +64,7 @@ fn drawings<S: Subject>(statistics: Statistics) -> Vec<(Draw<S>, Loss)> {
     .into()
 }
 
-/// All drawings, or none of those that the backend draws where nothing is collected.
+/// The statistics are collected for all drawings that the backend offers, or for none.
 fn check<S: Subject, R: Optimizer<S>>(
     rasterizer: &R,
     statistics: Statistics,
@@ -100,7 +92,7 @@ fn check<S: Subject, R: Optimizer<S>>(
     }
 }
 
-/// Two steps of one drawing, one in stages and one whole.
+/// Compares two steps of one drawing, one in separate stages and one fused.
 fn collected_match<S: Subject, R: Optimizer<S>>(
     rasterizer: &R,
     draw: &Draw<S>,
@@ -115,10 +107,10 @@ fn collected_match<S: Subject, R: Optimizer<S>>(
     let mut splats = rasterizer.upload(&draw.scene, Parameterization::ScaleRotation)?;
     let step = TrainStep { settings: &draw.settings, loss, rates: &rates, binning: Binning::Fresh };
 
-    let frame = rasterizer.forward(&splats, &draw.view, &draw.settings).block_on()?;
+    let pass = rasterizer.forward(&splats, &draw.view, &draw.settings).block_on()?;
     let oracle = Oracle::new(draw.view, draw.settings)?;
     let (mut expected, mut drawn) = ([0.0; COUNT], [0u32; COUNT]);
-    let (_, gradients) = rasterizer.backward(&splats, frame, &target, &loss).block_on()?;
+    let (_, gradients) = rasterizer.backward(&splats, pass, &target, &loss).block_on()?;
     for whole in [false, true] {
         let scene = rasterizer.download(&splats).block_on()?.rows();
         let collected = oracle.statistics(&scene, &image, &loss)?;

@@ -10,11 +10,9 @@ use pollster::FutureExt as _;
 use super::{LOSSES, losses_of};
 use crate::{failure::Failure, subject::Subject};
 
-/// A target with an alpha and a mask is one that was completed before: with this pass's background behind it, and as rendered where it does
-/// not count. Losses, gradients, and steps with their statistics are the same, to rounding.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
+/// A target with alpha and mask equals the target that was completed by hand: blended with the
+/// background, and with the rendered colours where the mask excludes a pixel. Losses, gradients,
+/// steps and statistics agree within rounding.
 pub fn incomplete_targets_are_completed<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in [Blend::Sum, Blend::Over] {
         let mut draw = S::typical(blend, 20, (37, 25), 1301).on([0.2, 0.7, 0.4]);

@@ -1,4 +1,4 @@
-//! Cases: what whole training steps do to the loss and to the statistics, and the solver of colours.
+//! Cases of whole training steps: losses, statistics, and solving for colours.
 
 use glam::Vec2;
 use gs_core::{
@@ -17,12 +17,10 @@ use crate::{
     tolerance::{FUSED_SHARE, LEAST_SQUARES, STATISTICS_SHARE},
 };
 
-const CHARTS: [Parameterization; 2] = [Parameterization::ScaleRotation, Parameterization::CovarianceFactor];
+const PARAMETERIZATIONS: [Parameterization; 2] = [Parameterization::ScaleRotation, Parameterization::CovarianceFactor];
 
-/// Ten small steps each decrease the loss, by the oracle's reckoning; the loss that is told is the one before the step.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
+/// Ten small steps each decrease the loss of the oracle. The reported loss is the one before the
+/// step.
 pub fn steps_decrease_the_loss<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
     let group = Group::constant(3e-3);
     let groups = Adam { mean: group, scale: group, rotation: group, ..S::adam() };
@@ -41,11 +39,13 @@ pub fn steps_decrease_the_loss<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> R
                 for steps in 0..10 {
                     let scene = rasterizer.download(&splats).block_on()?.rows();
                     let now = oracle.loss(&scene, &image, &loss)?;
-                    Failure::unless(now < last, || format!("{}: step {steps} led from {last} to {now}", place()))?;
+                    Failure::unless(now < last, || {
+                        format!("{}: step {steps} changed the loss from {last} to {now}", place())
+                    })?;
                     rasterizer.train_step(&mut splats, &draw.view, &target, &step).block_on()?;
-                    let said = losses_of(rasterizer, &mut splats)?;
-                    let right = matches!(said[..], [said] if (f64::from(said) - now).abs() < 1e-3 * now);
-                    Failure::unless(right, || format!("{}: `losses` says {said:?} where it is {now}", place()))?;
+                    let reported = losses_of(rasterizer, &mut splats)?;
+                    let right = matches!(reported[..], [reported] if (f64::from(reported) - now).abs() < 1e-3 * now);
+                    Failure::unless(right, || format!("{}: `losses` reports {reported:?}, not {now}", place()))?;
                     last = now;
                 }
             }
@@ -54,22 +54,19 @@ pub fn steps_decrease_the_loss<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> R
     Ok(())
 }
 
-/// Lists that a rendering left behind are not those of a step with [`Binning::Reuse`] after it: the Gaussians may have moved since. The step
-/// is that of splats which was stored and restored in between, bit for bit.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
-pub fn first_steps_owe_nothing_to_renderings<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
-    // Further than most reach.
+/// A step with [`Binning::Reuse`] does not use lists of an earlier rendering, as Gaussians may have
+/// moved since. It has the same bits as a step after saving and restoring.
+pub fn first_steps_do_not_reuse_lists_of_renderings<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+    // Further than the extent of most Gaussians.
     let rates = Adam { mean: Group::constant(8.0), ..Adam::default() }.at(0.0);
     for blend in [Blend::Sum, Blend::Over] {
         let draw = Draw::new(Kind::Typical, blend, 20, (70, 50), 1603);
         let target = rasterizer.upload_target(&draw.target()?)?;
         let mut rendered = rasterizer.upload(&draw.scene, Parameterization::ScaleRotation)?;
-        let frame = rasterizer.forward(&rendered, &draw.view, &draw.settings).block_on()?;
-        let (_, gradients) = rasterizer.backward(&rendered, frame, &target, &Loss::L2).block_on()?;
+        let pass = rasterizer.forward(&rendered, &draw.view, &draw.settings).block_on()?;
+        let (_, gradients) = rasterizer.backward(&rendered, pass, &target, &Loss::L2).block_on()?;
         rasterizer.step(&mut rendered, &gradients, &rates).block_on()?;
-        // With the gradients goes what held the lists.
+        // Dropping the gradients releases the lists.
         drop(gradients);
         let mut restored = rasterizer.restore(&rasterizer.save(&rendered).block_on()?)?;
         let step = TrainStep { settings: &draw.settings, loss: Loss::L2, rates: &rates, binning: Binning::Reuse };
@@ -84,13 +81,10 @@ pub fn first_steps_owe_nothing_to_renderings<R: Optimizer<Scene2d>>(rasterizer: 
     Ok(())
 }
 
-/// `train_step` does what `forward`, `backward` and `step` do, over five steps, in every parameterization, blend and loss, through a canvas of
-/// another scale too.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
-pub fn fused_steps_match_their_stages<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
-    // ε keeps a step in proportion to a gradient that is hardly more than rounding.
+/// `train_step` equals `forward`, `backward` and `step` over five steps, in every parameterization,
+/// blend and loss, also through a canvas of another scale.
+pub fn fused_steps_match_separate_stages<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
+    // With this ε, a step is in proportion to a gradient that is mere rounding.
     let rates = Adam { epsilon: 1e-3, ..S::adam() }.at(0.0);
     let parameterizations = parameterizations::<S, R>(rasterizer)?;
     let last = parameterizations.last().map(|&parameterization| (parameterization, (43, 31)));
@@ -114,8 +108,8 @@ pub fn fused_steps_match_their_stages<S: Subject, R: Optimizer<S>>(rasterizer: &
                 let count = fused_losses.len();
                 Failure::unless(count == 5, || format!("{place}: {count} losses of 5 steps"))?;
                 for (steps, a) in (1..).zip(fused_losses) {
-                    let frame = rasterizer.forward(&staged, &draw.view, &draw.settings).block_on()?;
-                    let (b, gradients) = rasterizer.backward(&staged, frame, &target, &loss).block_on()?;
+                    let pass = rasterizer.forward(&staged, &draw.view, &draw.settings).block_on()?;
+                    let (b, gradients) = rasterizer.backward(&staged, pass, &target, &loss).block_on()?;
                     rasterizer.step(&mut staged, &gradients, &rates).block_on()?;
                     let close = (a - b).abs() <= FUSED_SHARE as f32 * b;
                     Failure::unless(close, || format!("{place}, step {steps}: the loss is {a} fused, {b} in stages"))?;
@@ -127,7 +121,8 @@ pub fn fused_steps_match_their_stages<S: Subject, R: Optimizer<S>>(rasterizer: &
                 Failure::unless(a != start, || format!("{place}: five steps moved nothing"))?;
                 for (g, (a, b)) in a.gaussians.iter().zip(&b.gaussians).enumerate() {
                     for i in (0..b.len()).filter(|&i| b[i].is_finite()) {
-                        // In covariance factors a step in the mean is as long as the Gaussian, up to 6 px.
+                        // In covariance factors a step in the mean is as long as the Gaussian, up
+                        // to 6 px.
                         let moved =
                             5.0 * f64::from(rate_of(i, b.len(), &rates).learning_rate) * if i < 2 { 6.0 } else { 2.0 };
                         let tolerance = FUSED_SHARE * moved + 4.0 * f64::from(f32::EPSILON) * b[i].abs();
@@ -143,11 +138,8 @@ pub fn fused_steps_match_their_stages<S: Subject, R: Optimizer<S>>(rasterizer: &
     Ok(())
 }
 
-/// The statistics sum ‖(∂L/∂u · W/2, ∂L/∂v · H/2)‖, u and v in pixels of the canvas, over the steps in which a Gaussian is drawn; for
-/// staged and fused steps alike, and not at all where none are asked for.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
+/// The statistics sum ‖(∂L/∂u · W/2, ∂L/∂v · H/2)‖, u and v in pixels of the canvas, over the steps
+/// in which a Gaussian is drawn, in separate and fused steps; nothing without statistics.
 pub fn statistics_are_the_positional_gradients<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     let still = Group::constant(1e-4);
     let rates = Adam { mean: still, scale: still, rotation: still, opacity: still, color: still, ..Adam::default() };
@@ -166,8 +158,8 @@ pub fn statistics_are_the_positional_gradients<R: Optimizer<Scene2d>>(rasterizer
             let pixels = view.scale().as_dvec2();
             let half = [f64::from(view.width) / 2.0, f64::from(view.height) / 2.0];
             for steps in 0..4 {
-                let frame = rasterizer.forward(&splats, &view, &draw.settings).block_on()?;
-                let (_, gradients) = rasterizer.backward(&splats, frame, &target, &Loss::L2).block_on()?;
+                let pass = rasterizer.forward(&splats, &view, &draw.settings).block_on()?;
+                let (_, gradients) = rasterizer.backward(&splats, pass, &target, &Loss::L2).block_on()?;
                 let rows = rows_of_gradients(&rasterizer.gradients(&splats, &gradients).block_on()?);
                 for (sum, row) in expected.iter_mut().zip(&rows) {
                     *sum += (row[0] / pixels.x * half[0]).hypot(row[1] / pixels.y * half[1]);
@@ -196,18 +188,15 @@ pub fn statistics_are_the_positional_gradients<R: Optimizer<Scene2d>>(rasterizer
             let step = TrainStep { settings: &draw.settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
             rasterizer.train_step(&mut splats, &view, &target, &step).block_on()?;
             let none = rasterizer.statistics(&splats).block_on()?.gradient_sum == vec![0.0; 11];
-            Failure::unless(none, || format!("{place}: statistics that nobody asked for"))?;
+            Failure::unless(none, || format!("{place}: statistics that were not enabled"))?;
         }
     }
     Ok(())
 }
 
-/// `solve_colors` comes near the least-squares solution, and leaves all else alone.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
+/// `solve_colors` approaches the least-squares solution, and changes nothing else.
 pub fn solved_colors_are_the_best<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
-    for parameterization in CHARTS {
+    for parameterization in PARAMETERIZATIONS {
         for (kind, count, size) in
             [(Kind::Typical, 16, (24, 18)), (Kind::Overlapping, 5, (20, 20)), (Kind::Tiny, 30, (9, 7))]
         {
@@ -231,7 +220,7 @@ pub fn solved_colors_are_the_best<R: Optimizer<Scene2d>>(rasterizer: &R) -> Resu
             let bound = best * (1.0 + LEAST_SQUARES[0]) + LEAST_SQUARES[1];
             Failure::unless(first > 1.05 * bound && found <= bound, || {
                 format!(
-                    "{parameterization:?}, {kind:?}: solving led from {first:e} to {found:e}, where {best:e} is possible"
+                    "{parameterization:?}, {kind:?}: solving changed the loss from {first:e} to {found:e}, but {best:e} is possible"
                 )
             })?;
         }

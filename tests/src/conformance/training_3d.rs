@@ -1,4 +1,4 @@
-//! Cases: what only 3D training has: views that change from step to step, and Gaussians that are not in view.
+//! Cases of 3D training: views that change from step to step, and Gaussians out of view.
 
 use gs_core::{
     Adam, Binning, Camera, Loss, Optimizer, Parameterization, Participants, Scene3d, TrainStep,
@@ -20,36 +20,30 @@ use crate::{
     tolerance::FUSED_SHARE,
 };
 
-/// Scenes of every SH degree that are uploaded and downloaded are the same, bit for bit.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
+/// Upload and download keep all bits of scenes of every SH degree.
 pub fn scenes_3d_come_back<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     for seed in 2600..2604 {
         let scene = Draw::for_3d(Kind3d::Opaque, Blend::Over, 37, (40, 30), seed).scene;
         let splats = rasterizer.upload(&scene, Parameterization::ScaleRotation)?;
         Failure::unless(rasterizer.len(&splats) == 37, || format!("{} of 37 Gaussians", rasterizer.len(&splats)))?;
         let back = rasterizer.download(&splats).block_on()?;
-        Failure::unless(back == scene, || format!("degree {}: the scene that comes back is another", scene.sh_degree))?;
+        Failure::unless(back == scene, || format!("degree {}: the downloaded scene differs", scene.sh_degree))?;
         let restored = rasterizer.download(&rasterizer.restore(&rasterizer.save(&splats).block_on()?)?).block_on()?;
-        Failure::unless(restored == scene, || format!("degree {}: restored as another", scene.sh_degree))?;
+        Failure::unless(restored == scene, || format!("degree {}: the restored scene differs", scene.sh_degree))?;
         let empty =
             rasterizer.download(&rasterizer.upload(&scene.emptied(), Parameterization::ScaleRotation)?).block_on()?;
-        Failure::unless(empty == scene.emptied(), || "an empty scene comes back as another".to_owned())?;
+        Failure::unless(empty == scene.emptied(), || "an empty scene differs after download".to_owned())?;
     }
     Ok(())
 }
 
-/// A camera that sees only what is further away than `near`.
+/// A camera with another near plane.
 fn beyond(view: Camera, near: f32) -> Camera {
     Camera { near, ..view }
 }
 
-/// With [`Participants::All`] Gaussians out of view move by what they have learned before; with [`Participants::Visible`] nothing of them
-/// changes, step counts included.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
+/// With [`Participants::All`], Gaussians out of view move by their moments. With
+/// [`Participants::Visible`], they do not change, step counts included.
 pub fn only_participants_move<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     for participants in [Participants::All, Participants::Visible] {
         let mut draw = Draw::for_3d(Kind3d::Typical, Blend::Over, 14, (30, 24), 2613);
@@ -82,12 +76,9 @@ pub fn only_participants_move<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(
     Ok(())
 }
 
-/// A step may use the lists of the step before: the same where nothing has moved in between, and where the camera is another, which the
-/// lists were not made for.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
-pub fn reused_lists_are_good_for_what_stands_still<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+/// A step may reuse lists: nothing changes if the Gaussians did not move, or if the camera is
+/// another one, for which the lists are invalid.
+pub fn reused_lists_change_nothing_without_movement<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     let still = Group::constant(0.0);
     let groups = Adam { mean: still, scale: still, rotation: still, opacity: still, ..Scene3d::adam() };
     let rates = Adam { color: still, color_rest: still, ..groups }.at(0.0);
@@ -111,15 +102,12 @@ pub fn reused_lists_are_good_for_what_stands_still<R: Optimizer<Scene3d>>(raster
             largest > 0.0 && a.len() == b.len() && a.iter().zip(b).all(|(a, b)| (a - b).abs() <= share * largest)
         };
         let same = near(&losses, &again, FUSED_SHARE as f32) && near(&moments, &others, FUSED_SHARE as f32);
-        Failure::unless(same, || format!("losses {losses:?} with lists made anew, {again:?} with reused ones"))?;
+        Failure::unless(same, || format!("losses {losses:?} with new lists, {again:?} with reused ones"))?;
     }
     Ok(())
 }
 
 /// `visible` counts the steps in which a Gaussian was in view.
-///
-/// # Errors
-/// [`Failure`] where the backend does not do so.
 pub fn visible_are_counted<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     let mut draw = Draw::for_3d(Kind3d::Typical, Blend::Over, 14, (30, 24), 2633);
     draw.settings.effects.statistics = Statistics::MeanGradient;
@@ -137,7 +125,7 @@ pub fn visible_are_counted<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), 
         rasterizer.train_step(&mut splats, &view, &target, &step).block_on()?;
     }
     let found = rasterizer.statistics(&splats).block_on()?.visible;
-    let telling = (1..=3).all(|count| expected.contains(&count));
-    Failure::unless(telling, || format!("the scene does not tell counts apart: {expected:?}"))?;
+    let distinct = (1..=3).all(|count| expected.contains(&count));
+    Failure::unless(distinct, || format!("the scene does not have all counts: {expected:?}"))?;
     Failure::unless(found == expected, || format!("in view in {found:?} of 3 steps, not {expected:?}"))
 }

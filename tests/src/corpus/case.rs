@@ -1,77 +1,79 @@
-//! What a hard case is: what is drawn, why that is hard and who met it before, and what is expected of every backend.
+//! A hard case: its scene, the reason why it is hard, who met it before, and the expected outcome.
 
 use gs_core::{Adam, Error, Image, Loss, RenderSettings, statistics::Culled};
 
 use crate::{scenes, subject::Subject};
 
-/// Training steps of a case, unless it says otherwise.
+/// Default number of training steps of a case.
 pub const STEPS: usize = 200;
 
-/// Those of a case with thousands of Gaussians at a pixel, whose steps take a hundred times as long.
+/// Number of training steps with thousands of Gaussians at a pixel, which take a hundred times as
+/// long.
 pub(super) const STACK_STEPS: usize = 20;
 
-/// Where it is known from that a case is hard.
+/// The source of a case.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Source {
     /// A section of the paper.
     Paper(&'static str),
-    /// A public report of another engine's trouble with it, by its address.
+    /// The address of a public report about another engine.
     Report(&'static str),
-    /// An item of gs-core whose definition has an edge here.
+    /// An item of gs-core whose definition has an edge case here.
     Definition(&'static str),
 }
 
 /// One hard case.
 #[derive(Debug, Clone)]
 pub struct Case<S: Subject> {
-    /// Its name.
+    /// The name.
     pub name: String,
-    /// Why it is hard: what goes wrong in engines that do not think of it.
+    /// Why it is hard: what goes wrong in engines without protection.
     pub why: &'static str,
-    /// Who met it.
+    /// Who met it before.
     pub source: Source,
     /// The Gaussians.
     pub scene: S,
-    /// What they are seen through.
+    /// The view.
     pub view: S::View,
     /// Effects, accuracy and background.
     pub settings: RenderSettings,
-    /// What training is after.
+    /// The target of training.
     pub goal: Goal,
-    /// What training minimises.
+    /// The loss of training.
     pub loss: Loss,
-    /// How training moves.
+    /// The rates of training.
     pub adam: Adam,
-    /// Training steps in each parameterization; fewer than [`STEPS`] only where one takes long.
+    /// Number of training steps in each parameterization; below [`STEPS`] only if one takes long.
     pub steps: usize,
-    /// What must come of it.
+    /// The expected outcome.
     pub expected: Expected,
 }
 
-/// The image that a case is compared with while it is trained.
+/// The target of training.
 #[derive(Debug, Clone)]
 pub enum Goal {
-    /// A photograph's likeness ([`scenes::target`]) of this seed.
+    /// A photo-like image ([`scenes::target`]) with this seed.
     Likeness(u64),
     /// This image.
     Image(Image),
-    /// What the backend itself shows of the scene, so that the loss is 0.
+    /// The backend's own rendering, so that the loss is 0.
     Itself,
 }
 
-/// What must come of a case.
+/// The expected outcome of a case.
 #[derive(Debug, Clone)]
 pub enum Expected {
-    /// The scene is not accepted, with an error of which this is true.
+    /// The scene is refused with an error that satisfies this.
     Refused(fn(&Error) -> bool),
     /// It is drawn, differentiated and trained.
     Drawn(Drawn),
 }
 
-/// What is expected of a case that is drawn.
+/// The expected outcome of a case that is drawn.
 #[derive(Debug, Clone)]
 pub struct Drawn {
-    /// What the frame leaves out, by cause. All other Gaussians must be drawn: no case is passed by leaving out what is valid.
+    /// Number of culled Gaussians by cause. All others must be drawn: culling valid Gaussians is a
+    /// failure.
     pub culled: Culled,
     /// The image.
     pub picture: Picture,
@@ -81,43 +83,46 @@ pub struct Drawn {
     pub training: Training,
 }
 
-/// What is expected of an image.
+/// The expected image.
 #[derive(Debug, Clone)]
 pub enum Picture {
-    /// The oracle's, within [`ROUNDINGS`](crate::tolerance::ROUNDINGS) of its own analysis of this very scene.
+    /// The oracle's image, within [`ROUNDINGS`](crate::tolerance::ROUNDINGS) of its analysis of
+    /// this scene.
     Oracle,
-    /// Exactly this, to the bit.
+    /// This image, bit by bit.
     Exact(Image),
-    /// This, to a relative error, where the oracle would take too long.
+    /// This image within a relative error, where the oracle would take too long.
     Within(Image, f32),
 }
 
-/// The share of a Gaussian's largest gradient below which its gradients are measured against that.
+/// Gradients below this share of the Gaussian's largest are compared relative to the largest.
 pub const NEGLIGIBLE: f64 = 1e-4;
 
-/// What is expected of gradients.
+/// The expected gradients.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Slopes {
-    /// The oracle's, as images.
+    /// The oracle's gradients.
     Oracle,
-    /// As [`Self::Oracle`], but for what is less than [`NEGLIGIBLE`] of the largest of the same Gaussian, for this reason.
+    /// The oracle's gradients, except for those below [`NEGLIGIBLE`] of the same Gaussian's
+    /// largest, for this reason.
     Leading(&'static str),
-    /// Finite, and no more: rounding may change them beyond what could be compared, for this reason.
+    /// Finite gradients: rounding may change them too much for a comparison, for this reason.
     Finite(&'static str),
-    /// All exactly 0.
+    /// Gradients of exactly 0.
     Zero,
 }
 
-/// What is expected of a training run: losses and parameters that are finite after every number of steps, and this.
+/// The expected training: finite losses and parameters after every step, and this.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Training {
     /// The last loss is no worse than the first.
     Improves,
-    /// Nothing more, for this reason.
+    /// Nothing else, for this reason.
     Finite(&'static str),
     /// No parameter changes, and no loss.
     StandsStill,
-    /// Losses may overflow: +∞, never NaN. Parameters stay finite, and those of every Gaussian still change in the last step.
+    /// Losses may be +∞, never NaN. Parameters stay finite, and those of every Gaussian change in
+    /// the last step.
     Moves,
 }
 
@@ -133,8 +138,8 @@ impl Default for Drawn {
 }
 
 impl<S: Subject> Case<S> {
-    /// A case whose image and gradients are the oracle's, in which all Gaussians are drawn, and whose training after a photograph's likeness
-    /// by [`Loss::L2`] improves.
+    /// A case with the oracle's image and gradients, in which all Gaussians are drawn, and in which
+    /// training towards a photo-like image by [`Loss::L2`] improves the loss.
     pub fn new(
         name: impl Into<String>,
         why: &'static str,
@@ -160,37 +165,37 @@ impl<S: Subject> Case<S> {
         }
     }
 
-    /// The same, of which a frame leaves out these.
+    /// The case with these culled Gaussians.
     #[must_use]
     pub fn leaving_out(self, culled: Culled) -> Self {
         self.with(|drawn| drawn.culled = culled)
     }
 
-    /// The same with another picture expected.
+    /// The case with another expected image.
     #[must_use]
     pub fn showing(self, picture: Picture) -> Self {
         self.with(|drawn| drawn.picture = picture)
     }
 
-    /// The same with other gradients expected.
+    /// The case with other expected gradients.
     #[must_use]
     pub fn sloping(self, slopes: Slopes) -> Self {
         self.with(|drawn| drawn.slopes = slopes)
     }
 
-    /// The same with other training expected.
+    /// The case with another expected training.
     #[must_use]
     pub fn training(self, training: Training) -> Self {
         self.with(|drawn| drawn.training = training)
     }
 
-    /// The same after another goal, by another loss.
+    /// The case with another target and loss.
     #[must_use]
     pub fn after(self, goal: Goal, loss: Loss) -> Self {
         Self { goal, loss, ..self }
     }
 
-    /// The same that is not accepted.
+    /// The case as one that is refused.
     #[must_use]
     pub fn refused(self, right: fn(&Error) -> bool) -> Self {
         Self { expected: Expected::Refused(right), ..self }
@@ -205,7 +210,7 @@ impl<S: Subject> Case<S> {
 }
 
 impl Goal {
-    /// The image, where `shown` is what the backend shows of the scene.
+    /// The target. `shown` is the backend's rendering.
     ///
     /// # Errors
     /// [`Error::Size`] for an impossible size.

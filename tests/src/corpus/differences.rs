@@ -1,12 +1,14 @@
-//! Gradients of hard scenes against central finite differences of the oracle, in `f64` and with the smooth cut.
+//! Gradients of hard scenes, compared with central finite differences of the oracle in `f64` with
+//! the smooth cut.
 //!
-//! Two questions. Are the oracle's derivatives those of its own loss: within [`ORACLE_SHARE`]? Are a backend's: within [`BACKEND_SHARE`], where
-//! the backend, which has no smooth cut, renders with the smallest hard one there is? Two things are taken into account beside that share. A
-//! difference quotient is itself uncertain: of a ladder of steps the one is taken on which two of them agree best, and by how much they
-//! disagree is allowed for. And the function may be ill-conditioned: then not the derivative, but the rounding of numbers on the way to it
-//! decides. The oracle's running error analysis says by how much one rounding of `f32` in every operation may change each gradient, and
-//! [`ROUNDINGS`] of that are allowed for. A gradient of which that is more than its share is counted as ill-conditioned: it is compared, but
-//! says little, and no more than [`ILL_CONDITIONED_SHARE`] of a set of scenes may be so.
+//! Two comparisons: the oracle's gradients must be within [`ORACLE_SHARE`] of its own differences.
+//! A backend's must be within [`BACKEND_SHARE`]; it has no smooth cut, and so renders with the
+//! smallest hard one. Two uncertainties are added. First, that of the difference quotient: of
+//! several step sizes, the one is used whose quotients agree best, and their disagreement is
+//! allowed. Second, that of an ill-conditioned function: the oracle's error analysis gives the
+//! change of each gradient by one rounding of `f32` in every operation, and [`ROUNDINGS`] of that
+//! are allowed. A gradient is ill-conditioned if this exceeds its share. It is still compared, but
+//! at most [`ILL_CONDITIONED_SHARE`] of a set may be so.
 
 use gs_core::{Image, Loss, Optimizer, Parameterization, RenderSettings, settings::Cut};
 use pollster::FutureExt as _;
@@ -26,29 +28,29 @@ pub const ORACLE_SHARE: f64 = 1e-3;
 /// Largest relative difference of a backend's gradients from difference quotients.
 pub const BACKEND_SHARE: f64 = 1e-2;
 
-/// Largest share of a set's gradients that may be uncertain by more than their own share. Worst measured: 0.38 with L2 and 0.44
-/// with L1 and D-SSIM, of needles in 3D and of 3D Gaussians far beyond the field of view.
+/// Largest share of ill-conditioned gradients of a set. Worst measured: 0.38 with L2 and 0.44 with
+/// L1 and D-SSIM, for needles in 3D and 3D Gaussians far outside the field of view.
 pub const ILL_CONDITIONED_SHARE: f64 = 0.5;
 
-/// The smallest hard cut: what is below it in a smooth one is less than a rounding beside what is above.
+/// The smallest hard cut: weights below it are less than a rounding.
 const FINEST_CUT: f32 = 1e-6;
 
 /// Relative rounding of a loss in `f64`, a sum over pixels.
 const LOSS_ROUNDING: f64 = 1e-14;
 
-/// How a set of gradients compares with difference quotients.
+/// The result of a comparison with difference quotients.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Differences {
-    /// Gradients compared.
+    /// Number of compared gradients.
     pub compared: usize,
-    /// Those of them whose uncertainty is more than their share.
+    /// Number of ill-conditioned gradients.
     pub ill_conditioned: usize,
-    /// The largest relative difference of those that are not.
+    /// The largest relative difference of the others.
     pub worst: f64,
 }
 
 impl Differences {
-    /// Both together.
+    /// The sum of two results.
     #[must_use]
     pub fn and(self, other: Self) -> Self {
         Self {
@@ -58,7 +60,7 @@ impl Differences {
         }
     }
 
-    /// Fails where a set of scenes says too little.
+    /// Fails if too many gradients are ill-conditioned.
     ///
     /// # Errors
     /// [`Failure::Nothing`].
@@ -71,23 +73,23 @@ impl Differences {
     }
 }
 
-/// The difference quotients of one drawing, by all parameters of all Gaussians, to hold any number of backends against.
+/// The difference quotients of one drawing by all parameters of all Gaussians.
 #[derive(Debug, Clone)]
 pub struct Quotients<S: Subject> {
     draw: Draw<S>,
     loss: Loss,
     target: Image,
-    /// The oracle's own gradients, and what it says about rounding.
+    /// The oracle's gradients with their uncertainty.
     analysis: Gradients,
-    /// `[N]` rows; none by a parameter that is infinite.
+    /// `[N]` rows; `None` for infinite parameters.
     rows: Vec<Vec<Option<Quotient>>>,
 }
 
 impl<S: Subject> Quotients<S> {
-    /// Those of a drawing's loss.
+    /// The difference quotients of a drawing's loss.
     ///
     /// # Errors
-    /// What the oracle refuses.
+    /// Errors of the oracle.
     pub fn new(draw: Draw<S>, loss: Loss) -> Result<Self, Failure> {
         let oracle = Oracle::new(draw.view, smooth(draw.settings))?;
         let (target, scene) = (draw.target()?, draw.scene.rows());
@@ -104,30 +106,30 @@ impl<S: Subject> Quotients<S> {
         Ok(Self { draw, loss, target, analysis, rows })
     }
 
-    /// Holds the oracle's gradients against them.
+    /// Compares the oracle's gradients with the quotients.
     ///
     /// # Errors
-    /// [`Failure::Differs`] naming the first that is too far off.
+    /// [`Failure::Differs`] with the first that differs too much.
     pub fn check_oracle(&self) -> Result<Differences, Failure> {
         self.compare(&self.analysis.values, (ORACLE_SHARE, 0.0))
     }
 
-    /// Holds a backend's gradients against them.
+    /// Compares a backend's gradients with the quotients.
     ///
     /// # Errors
-    /// [`Failure::Differs`] naming the first that is too far off; what the backend refuses.
+    /// [`Failure::Differs`] with the first that differs too much; errors of the backend.
     pub fn check_backend<R: Optimizer<S>>(&self, rasterizer: &R) -> Result<Differences, Failure> {
         let mut settings = smooth(self.draw.settings);
         (settings.accuracy.cut, settings.accuracy.alpha_cut) = (Cut::Hard, FINEST_CUT);
         let splats = rasterizer.upload(&self.draw.scene, Parameterization::ScaleRotation)?;
-        let frame = rasterizer.forward(&splats, &self.draw.view, &settings).block_on()?;
+        let pass = rasterizer.forward(&splats, &self.draw.view, &settings).block_on()?;
         let target = rasterizer.upload_target(&self.target)?;
-        let (_, gradients) = rasterizer.backward(&splats, frame, &target, &self.loss).block_on()?;
+        let (_, gradients) = rasterizer.backward(&splats, pass, &target, &self.loss).block_on()?;
         let found = rasterizer.gradients(&splats, &gradients).block_on()?.rows_of_gradients();
         self.compare(&found, (BACKEND_SHARE, ROUNDINGS))
     }
 
-    /// `share`, `roundings`: what a gradient may be off by, relative, and in roundings of the analysis.
+    /// `share` and `roundings` are the tolerance: relative, and in roundings of the analysis.
     fn compare(&self, found: &[Vec<f64>], (share, roundings): (f64, f64)) -> Result<Differences, Failure> {
         let Self { analysis, rows, .. } = self;
         let mut differences = Differences::default();
@@ -162,7 +164,7 @@ fn smooth(mut settings: RenderSettings) -> RenderSettings {
     settings
 }
 
-/// A central difference quotient, and how far it is to be believed.
+/// A central difference quotient with its uncertainty.
 #[derive(Debug, Clone, Copy)]
 struct Quotient {
     value: f64,
@@ -170,8 +172,9 @@ struct Quotient {
 }
 
 impl Quotient {
-    /// By entry `i` of Gaussian `g`: of a ladder of steps the one on which a quotient and that of half the step agree best. Their difference is
-    /// three quarters of the larger's error, so the smaller's less a third of it is of fourth order (Richardson).
+    /// The quotient by entry `i` of Gaussian `g`, for the step size at which the quotients of a
+    /// step and half the step agree best. Their difference is three quarters of the larger one's
+    /// error, so subtracting a third of it from the smaller one gives fourth order (Richardson).
     fn of<V: crate::oracle::OracleView>(
         oracle: &Oracle<V>,
         scene: &OracleScene,

@@ -1,5 +1,5 @@
-//! Randomised hard scenes: those of [`scenes`](crate::scenes), made hard in one way each. For comparisons with difference quotients, which want
-//! scenes that no decision is near in.
+//! Randomised hard scenes for comparisons with difference quotients: those of
+//! [`scenes`](crate::scenes), made hard in one way each, without decisions near their thresholds.
 
 use glam::{Vec2, Vec3};
 use gs_core::{
@@ -12,14 +12,14 @@ use rand_pcg::Pcg64;
 
 use crate::scenes::{Draw, Kind, Kind3d};
 
-/// What is made hard about a scene.
+/// The way in which a scene is hard.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Hardship {
     /// Aspects of 10² to 10⁵.
     Needles,
-    /// Scales that differ by a millionth: hardly anything depends on the rotation.
+    /// Scales that differ by a millionth: almost nothing depends on the rotation.
     NearlyRound,
-    /// Short axes of 0.02 to 0.1 px, in 3D of nothing at all.
+    /// Short axes of 0.02 to 0.1 px, in 3D of 0.
     Thin,
     /// Scales of 10³ to 10⁶ px.
     Huge,
@@ -32,18 +32,18 @@ pub enum Hardship {
 }
 
 impl Hardship {
-    /// All of them.
+    /// All hardships.
     pub const ALL: [Self; 7] =
         [Self::Needles, Self::NearlyRound, Self::Thin, Self::Huge, Self::Far, Self::Clamped, Self::Bright];
 }
 
-/// Gaussians of a hard scene.
+/// Number of Gaussians of a hard scene.
 const COUNT: usize = 4;
 
 /// Columns and rows of its image.
 const SIZE: (u32, u32) = (12, 9);
 
-/// A 2D scene that is hard in one way; the same for the same seed.
+/// A 2D scene that is hard in one way, determined by the seed.
 pub fn hard_2d(hardship: Hardship, blend: Blend, seed: u64) -> Draw<Scene2d> {
     let mut draw = Draw::new(Kind::Typical, blend, COUNT, SIZE, seed).on([0.3, 0.9, 0.1]);
     let mut rng = Pcg64::seed_from_u64(seed ^ 0x4a2d);
@@ -57,7 +57,7 @@ pub fn hard_2d(hardship: Hardship, blend: Blend, seed: u64) -> Draw<Scene2d> {
             }
             Hardship::NearlyRound => scene.log_scales[i].y = scene.log_scales[i].x + within(-1e-6, 1e-6),
             Hardship::Thin => {
-                // Where it is seen at all: through the centres of a row of pixels.
+                // Through the centres of a row of pixels, so that it is visible.
                 scene.log_scales[i] = Vec2::new(within(2.0, 4.0), within(0.02, 0.1)).map(f32::ln);
                 scene.rotations[i] = 0.0;
                 scene.means[i].y = scene.means[i].y.floor() + 0.5 + within(-0.02, 0.02);
@@ -81,7 +81,7 @@ pub fn hard_2d(hardship: Hardship, blend: Blend, seed: u64) -> Draw<Scene2d> {
     draw
 }
 
-/// A 3D scene that is hard in one way; the same for the same seed, which also chooses how it is antialiased.
+/// A 3D scene that is hard in one way. The seed also determines its antialiasing.
 pub fn hard_3d(hardship: Hardship, seed: u64) -> Draw<Scene3d> {
     let mut draw = Draw::for_3d(Kind3d::Typical, Blend::Over, COUNT, SIZE, seed).on([0.3, 0.9, 0.1]);
     draw = draw.antialiased(Antialias::ALL[(seed % 4) as usize]);
@@ -95,7 +95,7 @@ pub fn hard_3d(hardship: Hardship, seed: u64) -> Draw<Scene3d> {
             Hardship::NearlyRound => {
                 scene.log_scales[i] = Vec3::splat(scene.log_scales[i].x) + Vec3::new(0.0, within(-1e-6, 1e-6), 1e-6);
             }
-            // Surfels: oblique, they have an area all the same.
+            // Surfels, which have an area when seen obliquely.
             Hardship::Thin => scene.log_scales[i].z = within(-30.0, -10.0),
             Hardship::Huge => scene.log_scales[i] += within(3.0, 5.0) * std::f32::consts::LN_10,
             Hardship::Far => {

@@ -1,9 +1,11 @@
-//! A named corpus of hard cases that any backend can be put through: NaN losses, illegal accesses and silent corruption are what engines of
-//! this field are most often reported for.
+//! A corpus of named hard cases for any backend. NaN losses, illegal accesses and silent corruption
+//! are the most frequent reports about engines of this field.
 //!
-//! Each [`Case`] says why it is hard, who met it before, and what must come of it: an exact outcome, agreement with the oracle within the
-//! roundings that its analysis of this very scene allows, or a typed error. It runs forward, backward and through training, in every parameterization.
-//! `cargo run -p gs-conformance --example corpus` prints the table for the backends of this repository; another backend's tests do:
+//! Each [`Case`] says why it is hard, who met it before, and what is expected: an exact result,
+//! agreement with the oracle within the roundings of its analysis, or a typed error. It runs
+//! forward, backward and through training, in every parameterization. `cargo run -p gs-conformance
+//! --example corpus` prints the table for the backends of this repository; another backend's tests
+//! do:
 //!
 //! ```
 //! use gs_conformance::corpus::{Record, corpus_2d, run};

@@ -1,5 +1,5 @@
-//! Values that nobody would write down, in every slot of every input: they are refused, or drawn as the oracle draws them, or quarantined and
-//! counted; and they change no pixel that the Gaussian does not touch, which holds one.
+//! Hostile values in every slot of every input. They must be refused, drawn as by the oracle, or
+//! culled and counted, and must not change a pixel that the Gaussian does not touch.
 
 mod inputs;
 mod state;
@@ -14,7 +14,8 @@ use crate::{conformance::parameterizations, failure::Failure, subject::Subject};
 
 pub use self::inputs::{Breadth, Inputs, Offered, Slot};
 
-/// What is put into a slot: not numbers, infinities, the ends of `f32`, where exp and squares overflow, zeros, and what is flushed to zero.
+/// The values: NaN, infinities, the ends of `f32`, where exp and squares overflow, zeros, and
+/// subnormals.
 pub const VALUES: [f32; 22] = [
     f32::NAN,
     -f32::NAN,
@@ -40,23 +41,23 @@ pub const VALUES: [f32; 22] = [
     -1e-45,
 ];
 
-/// Puts every value into every slot of 2D inputs; a record for each slot.
+/// Tests every value in every slot of 2D inputs. Returns a record for each slot.
 pub fn poison_2d<R: Optimizer<Scene2d>>(rasterizer: &R) -> Vec<Record> {
     poison_slots_2d(rasterizer, |_| true)
 }
 
-/// [`poison_2d`], but for those slots alone of whose records' names `wanted` is true.
+/// [`poison_2d`] for the slots with a record name for which `wanted` is true.
 pub fn poison_slots_2d<R: Optimizer<Scene2d>>(rasterizer: &R, wanted: impl Fn(&str) -> bool + Copy) -> Vec<Record> {
     let views = inputs::canvas_slots();
     inputs::scene_2d().iter().flat_map(|inputs| poison(rasterizer, inputs, &views, wanted)).collect()
 }
 
-/// Puts every value into every slot of 3D inputs; a record for each slot.
+/// Tests every value in every slot of 3D inputs. Returns a record for each slot.
 pub fn poison_3d<R: Optimizer<Scene3d>>(rasterizer: &R) -> Vec<Record> {
     poison_slots_3d(rasterizer, |_| true)
 }
 
-/// [`poison_3d`], but for those slots alone of whose records' names `wanted` is true.
+/// [`poison_3d`] for the slots with a record name for which `wanted` is true.
 pub fn poison_slots_3d<R: Optimizer<Scene3d>>(rasterizer: &R, wanted: impl Fn(&str) -> bool + Copy) -> Vec<Record> {
     let views = inputs::camera_slots();
     inputs::scene_3d().iter().flat_map(|inputs| poison(rasterizer, inputs, &views, wanted)).collect()
@@ -83,7 +84,7 @@ fn poison<S: Subject, R: Optimizer<S>>(
         Vec::new()
     });
     for parameterization in parameterizations {
-        // Shared by all slots, and made only where one of them is wanted.
+        // Shared by all slots, and only made if one is wanted.
         let clean = OnceCell::new();
         let clean =
             || clean.get_or_init(|| Clean::new(rasterizer, inputs, parameterization)).as_ref().map_err(Failure::clone);
@@ -105,7 +106,7 @@ fn poison<S: Subject, R: Optimizer<S>>(
     records
 }
 
-/// The name of what is done in a parameterization.
+/// The name of a test in a parameterization.
 fn in_parameterization(what: &dyn Display, parameterization: Parameterization) -> String {
     match parameterization {
         Parameterization::ScaleRotation => what.to_string(),

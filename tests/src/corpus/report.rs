@@ -1,45 +1,45 @@
-//! What became of a case on a backend, and a table of that.
+//! The outcome of a case on a backend, and a table of outcomes.
 
 use std::{fmt, time::Duration};
 
 use crate::{Failure, tolerance::Agreement};
 
-/// What became of one case on one backend.
+/// The outcome of one case on one backend.
 #[derive(Debug, Clone)]
 pub struct Record {
     /// The case.
     pub case: String,
-    /// The backend, as it describes itself.
+    /// The backend's description.
     pub backend: String,
-    /// What it did, or how that is not what was expected.
+    /// The observed outcome, or the failure.
     pub outcome: Result<Observed, Failure>,
-    /// How long the case took.
+    /// Duration of the case.
     pub took: Duration,
 }
 
-/// What a backend did that was expected.
+/// An outcome as expected.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Observed {
-    /// How the image agrees with the oracle's, where the two are compared.
+    /// Agreement of the image with the oracle's, if compared.
     pub image: Option<Agreement>,
-    /// How the gradients do.
+    /// Agreement of the gradients with the oracle's, if compared.
     pub gradients: Option<Agreement>,
-    /// Gaussians drawn, and left out.
+    /// Numbers of drawn and culled Gaussians.
     pub drawn: [u64; 2],
     /// Loss before the first training step, and before the last.
     pub losses: Option<[f32; 2]>,
-    /// Runs that were made for this record: more than one where a value is put into many places.
+    /// Number of runs of this record: several for tests of many values.
     pub runs: usize,
 }
 
 impl Record {
-    /// Whether the backend did what was expected.
+    /// Whether the outcome is as expected.
     pub fn is_as_expected(&self) -> bool {
         self.outcome.is_ok()
     }
 }
 
-/// One line of the table: case, outcome, worst errors in roundings and as they are.
+/// A row of the table: case, outcome, worst errors in roundings and absolute.
 impl fmt::Display for Record {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{:58} {:6.2} s  ", self.case, self.took.as_secs_f64())?;
@@ -66,7 +66,7 @@ impl fmt::Display for Observed {
         for (what, agreement) in [("image", self.image), ("gradients", self.gradients)] {
             if let Some(Agreement { worst_roundings, worst_share, .. }) = agreement {
                 write!(f, ", {what} {worst_roundings:.2} roundings")?;
-                // Of a parameter by which all gradients are 0, nothing is a share.
+                // If all gradients by a parameter are 0, there is no relative difference.
                 if worst_share < 1.0 {
                     write!(f, " ({worst_share:.0e})")?;
                 }

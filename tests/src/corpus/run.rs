@@ -1,4 +1,5 @@
-//! Puts a backend through a case: forward, backward, and training in every parameterization that the backend offers.
+//! Runs a case on a backend: forward, backward, and training in every parameterization that it
+//! offers.
 
 use pollster::FutureExt as _;
 use std::{ops::RangeInclusive, time::Instant};
@@ -16,7 +17,7 @@ use crate::{
     tolerance::{Agreement, ROUNDINGS, compare_gradients, compare_images, compare_loss},
 };
 
-/// Puts `rasterizer` through one case.
+/// Runs one case on `rasterizer`.
 pub fn run<S: Subject, R: Optimizer<S>>(rasterizer: &R, case: &Case<S>) -> Record {
     let start = Instant::now();
     let outcome = outcome(rasterizer, case);
@@ -37,12 +38,12 @@ fn outcome<S: Subject, R: Optimizer<S>>(rasterizer: &R, case: &Case<S>) -> Resul
     let mut observed = Observed { runs: 1, ..Observed::default() };
     for parameterization in crate::conformance::parameterizations::<S, R>(rasterizer)? {
         let run = Run { rasterizer, case, drawn, parameterization };
-        run.put_through(&mut observed).map_err(|failure| failure.at(format!("{parameterization:?}")))?;
+        run.run(&mut observed).map_err(|failure| failure.at(format!("{parameterization:?}")))?;
     }
     Ok(observed)
 }
 
-/// A scene's Gaussians as the oracle is to see them, which must be those of the splats that was made of it.
+/// A scene's Gaussians in the oracle's form, which must be those of the splats.
 pub(super) fn rows_of<S: Subject, R: Optimizer<S>>(
     rasterizer: &R,
     scene: &S,
@@ -57,11 +58,11 @@ pub(super) fn rows_of<S: Subject, R: Optimizer<S>>(
     })
 }
 
-/// What ratios of a Gaussian's scales may be for its axes to be read from a rounded factor: those of what is round are any, and those of a needle are
-/// turned by as much as its aspect times the rounding.
+/// Range of a Gaussian's aspect in which its axes can be read from a rounded factor. The axes of a
+/// disc are arbitrary, and those of a needle are rotated by its aspect times the rounding.
 const TELLING_RATIOS: RangeInclusive<f64> = 1.05..=100.0;
 
-/// Whether gradients are by what the rows say, number by number.
+/// Whether gradients by the numbers of the rows are comparable.
 fn is_comparable<S: Subject>(rows: &OracleScene, parameterization: Parameterization) -> bool {
     let has_axes = |row: &Parameters| {
         let mut log_scales = row[S::DIMENSIONS..2 * S::DIMENSIONS].to_vec();
@@ -71,12 +72,12 @@ fn is_comparable<S: Subject>(rows: &OracleScene, parameterization: Parameterizat
     parameterization == Parameterization::ScaleRotation || rows.gaussians.iter().all(has_axes)
 }
 
-/// Takes the agreement in one more parameterization into account.
+/// Adds the agreement in another parameterization.
 fn add(all: &mut Option<Agreement>, more: Agreement) {
     *all = Some(all.map_or(more, |before| before.and(more)));
 }
 
-/// A backend that is put through a case in one parameterization.
+/// A backend and a case in one parameterization.
 struct Run<'r, S: Subject, R> {
     rasterizer: &'r R,
     case: &'r Case<S>,
@@ -85,21 +86,21 @@ struct Run<'r, S: Subject, R> {
 }
 
 impl<S: Subject, R: Optimizer<S>> Run<'_, S, R> {
-    fn put_through(&self, observed: &mut Observed) -> Result<(), Failure> {
+    fn run(&self, observed: &mut Observed) -> Result<(), Failure> {
         let &Self { rasterizer, case, parameterization, .. } = self;
         let splats = rasterizer.upload(&case.scene, parameterization)?;
-        let factor = rasterizer.forward(&splats, &case.view, &case.settings).block_on()?;
-        let shown = self.forward(&splats, &factor, observed)?;
+        let pass = rasterizer.forward(&splats, &case.view, &case.settings).block_on()?;
+        let shown = self.forward(&splats, &pass, observed)?;
         let goal = case.goal.image(&shown)?;
         let target = rasterizer.upload_target(&goal)?;
-        let slopes = self.backward(&splats, factor, (&goal, &target), observed)?;
+        let slopes = self.backward(&splats, pass, (&goal, &target), observed)?;
         self.train(splats, &target, &slopes, observed)
     }
 
     /// The image.
-    fn forward(&self, splats: &R::Splats, factor: &R::ForwardPass, observed: &mut Observed) -> Result<Image, Failure> {
+    fn forward(&self, splats: &R::Splats, pass: &R::ForwardPass, observed: &mut Observed) -> Result<Image, Failure> {
         let &Self { rasterizer, case, drawn, .. } = self;
-        let (image, culled) = (rasterizer.image(factor).block_on()?, rasterizer.culled(factor));
+        let (image, culled) = (rasterizer.image(pass).block_on()?, rasterizer.culled(pass));
         image.check_finite("the image")?;
         Failure::unless(culled == drawn.culled, || format!("left out {culled:?}, expected {:?}", drawn.culled))?;
         observed.drawn = [case.scene.len() as u64 - culled.total(), culled.total()];
@@ -122,7 +123,7 @@ impl<S: Subject, R: Optimizer<S>> Run<'_, S, R> {
         let &Self { rasterizer, case, drawn, parameterization } = self;
         let rows = rows_of(rasterizer, &case.scene, splats, parameterization)?;
         let expected = Oracle::new(case.view, case.settings)?.render(&rows);
-        // To the oracle, those behind full pixels are as much outside as those beyond the image; a backend's lists have them.
+        // The oracle counts Gaussians behind full pixels as outside. A backend lists them.
         let hidden = expected.culled.outside.saturating_sub(drawn.culled.outside);
         let agreed = Culled { outside: expected.culled.outside - hidden, ..expected.culled } == drawn.culled;
         Failure::unless(agreed, || {
@@ -135,16 +136,16 @@ impl<S: Subject, R: Optimizer<S>> Run<'_, S, R> {
         Failure::unless(*image == expected.image(), || "there is more than the background".to_owned())
     }
 
-    /// The gradients, as rows.
+    /// The gradients as rows.
     fn backward(
         &self,
         splats: &R::Splats,
-        factor: R::ForwardPass,
+        pass: R::ForwardPass,
         (goal, target): (&Image, &R::Target),
         observed: &mut Observed,
     ) -> Result<Vec<Parameters>, Failure> {
         let &Self { rasterizer, case, drawn, parameterization } = self;
-        let (loss, gradients) = rasterizer.backward(splats, factor, target, &case.loss).block_on()?;
+        let (loss, gradients) = rasterizer.backward(splats, pass, target, &case.loss).block_on()?;
         let gradients = rasterizer.gradients(splats, &gradients).block_on()?;
         let rows = gradients.rows_of_gradients();
         if drawn.training != Training::Moves {
@@ -191,7 +192,7 @@ impl<S: Subject, R: Optimizer<S>> Run<'_, S, R> {
         }
         let mut losses = Vec::new();
         rasterizer.losses(&mut splats, Wait::All, &mut losses).block_on()?;
-        are_told(case, drawn, &losses)?;
+        check_losses(case, drawn, &losses)?;
         let after = rasterizer.download(&splats).block_on()?;
         self.stay_finite(&splats, &after)?;
         stay_bounded(case, &after)?;
@@ -200,7 +201,8 @@ impl<S: Subject, R: Optimizer<S>> Run<'_, S, R> {
         self.came_to(&losses, [&before, &last_but_one, &after], observed)
     }
 
-    /// Whether losses and Gaussians, of which those before the first and the last step and after it are given, became what is expected.
+    /// Checks the losses, and the Gaussians before the first step, before the last step and after
+    /// it.
     fn came_to(
         &self,
         losses: &[f32],
@@ -226,8 +228,8 @@ impl<S: Subject, R: Optimizer<S>> Run<'_, S, R> {
         }
     }
 
-    /// All Gaussians are finite after training, but those that were left out from the start, because they have no direction or no size; of
-    /// these, those that are not are counted.
+    /// Checks that all Gaussians are finite after training, except for those that were culled from
+    /// the start because of a zero quaternion or size. Such Gaussians must be counted.
     fn stay_finite(&self, splats: &R::Splats, after: &S) -> Result<(), Failure> {
         let &Self { rasterizer, case, drawn, .. } = self;
         if after.validate().is_ok() {
@@ -246,7 +248,7 @@ impl<S: Subject, R: Optimizer<S>> Run<'_, S, R> {
     }
 }
 
-/// Holds an image against an expected one, to a relative error.
+/// Compares an image with an expected one within a relative error.
 fn is_within(image: &Image, expected: &Image, share: f32) -> Result<Agreement, Failure> {
     expected.same_size(image)?;
     let mut agreement = Agreement::default();
@@ -276,8 +278,8 @@ fn allow_for_negligible(expected: &mut Gradients) {
     }
 }
 
-/// There is a loss for each step, and it is a number.
-fn are_told<S: Subject>(case: &Case<S>, drawn: &Drawn, losses: &[f32]) -> Result<(), Failure> {
+/// Checks that each step has a loss that is a number.
+fn check_losses<S: Subject>(case: &Case<S>, drawn: &Drawn, losses: &[f32]) -> Result<(), Failure> {
     Failure::unless(losses.len() == case.steps, || format!("{} losses of {} steps", losses.len(), case.steps))?;
     let wrong = losses.iter().position(|loss| match drawn.training {
         Training::Moves => loss.is_nan(),
@@ -289,8 +291,9 @@ fn are_told<S: Subject>(case: &Case<S>, drawn: &Drawn, losses: &[f32]) -> Result
     })
 }
 
-/// What has a gradient has moved. One that is as large as Adam's ε makes a step of half the learning rate at least, in the first step; a
-/// Gaussian that has one by any of its parameters is not where it was after all of them.
+/// Checks that Gaussians with gradients have moved. In the first step, a gradient as large as
+/// Adam's ε moves a parameter by at least half the learning rate. After all steps, a Gaussian with
+/// any gradient has moved.
 fn have_moved<S: Subject>(case: &Case<S>, slopes: &[Parameters], before: &S, after: &S) -> Result<(), Failure> {
     let least = f64::from(case.adam.epsilon);
     let moves = |row: &Parameters| row.iter().any(|slope| slope.abs() >= least);
@@ -301,7 +304,7 @@ fn have_moved<S: Subject>(case: &Case<S>, slopes: &[Parameters], before: &S, aft
     })
 }
 
-/// All steps are counted, for what Adam's moments are corrected by: also those of a Gaussian without a gradient.
+/// Checks that all steps are counted for the bias correction, also for Gaussians without gradients.
 fn are_counted<S: Subject>(case: &Case<S>, state: &SplatsState) -> Result<(), Failure> {
     let counted = state.integers("steps")?;
     let wrong = counted.iter().find(|&&steps| steps as usize != case.steps);
@@ -310,12 +313,13 @@ fn are_counted<S: Subject>(case: &Case<S>, state: &SplatsState) -> Result<(), Fa
     })
 }
 
-/// How far beyond their bounds scales may be, as a difference of logarithms: those of a factor are found again with roundings, of the smallest as
-/// many times more as the largest is larger. A millionth of a largest scale of 1 is a few dozen roundings.
+/// Largest excess of a scale over its bounds, as a difference of logarithms. The scales of a factor
+/// are rounded relative to the largest one; a millionth of a largest scale of 1 is a few dozen
+/// roundings.
 const BEYOND: f64 = 1e-1;
 
-/// The scales of all Gaussians that are finite are within the optimiser's bounds after training, but of those that have no direction, and so are
-/// never trained.
+/// Checks that scales are within the optimiser's bounds after training, except for Gaussians with a
+/// zero quaternion, which are never trained.
 fn stay_bounded<S: Subject>(case: &Case<S>, after: &S) -> Result<(), Failure> {
     if case.steps == 0 {
         return Ok(());

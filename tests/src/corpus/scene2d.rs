@@ -1,4 +1,4 @@
-//! 2D hard cases by theme, and what they are made of.
+//! 2D hard cases by theme, and their common parts.
 
 mod images;
 mod opacities;
@@ -11,10 +11,10 @@ use gs_core::{Canvas, Gaussian2d, RenderSettings, Scene2d, effects::Blend};
 
 use super::case::{Case, Source};
 
-/// Both blends: their kernels have nothing in common.
+/// Both blends, whose kernels have nothing in common.
 const BLENDS: [Blend; 2] = [Blend::Sum, Blend::Over];
 
-/// Of neither a whole tile nor a whole vector.
+/// An image of neither whole tiles nor whole vectors.
 const VIEW: (u32, u32) = (24, 19);
 
 /// All 2D cases.
@@ -25,7 +25,7 @@ pub fn corpus_2d() -> Vec<Case<Scene2d>> {
         .collect()
 }
 
-/// Half opaque, in the middle of the image, 3 px by 2 px.
+/// A half-opaque Gaussian in the middle of the image, 3 px by 2 px.
 const PLAIN: Gaussian2d = Gaussian2d {
     mean: Vec2::new(11.3, 9.6),
     log_scale: Vec2::new(1.1, 0.7),
@@ -34,7 +34,7 @@ const PLAIN: Gaussian2d = Gaussian2d {
     color: Vec3::new(0.7, 0.4, 0.9),
 };
 
-/// These Gaussians as a blend has them: without opacities under `Sum`.
+/// These Gaussians as a scene, without opacities under `Sum`.
 fn scene(blend: Blend, gaussians: impl IntoIterator<Item = Gaussian2d>) -> Scene2d {
     let opaque = |g: Gaussian2d| match blend {
         Blend::Sum => Gaussian2d { opacity_logit: f32::INFINITY, ..g },
@@ -43,7 +43,7 @@ fn scene(blend: Blend, gaussians: impl IntoIterator<Item = Gaussian2d>) -> Scene
     gaussians.into_iter().map(opaque).collect()
 }
 
-/// A case through [`VIEW`], before a background that is not black.
+/// A case with [`VIEW`] and a background that is not black.
 fn case(
     name: impl std::fmt::Display,
     why: &'static str,

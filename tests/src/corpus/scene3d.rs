@@ -1,4 +1,4 @@
-//! 3D hard cases by theme, and what they are made of.
+//! 3D hard cases by theme, and their common parts.
 
 mod cameras;
 mod colors;
@@ -18,17 +18,17 @@ pub fn corpus_3d() -> Vec<Case<Scene3d>> {
     [shapes::cases(), cameras::cases(), orders::cases(), colors::cases()].into_iter().flatten().collect()
 }
 
-/// All treatments of what is narrower than a pixel.
+/// All kinds of antialiasing.
 const ANTIALIASES: [Antialias; 4] = Antialias::ALL;
 
-/// An unturned camera at the origin, so that camera and world coordinates are the same numbers; 24×19 px, of neither a whole tile nor a whole
-/// vector, focal length 20 px.
+/// A camera at the origin without rotation, so that camera and world coordinates are equal. 24×19
+/// px, which are neither whole tiles nor whole vectors, and a focal length of 20 px.
 fn camera() -> Camera {
     let center = Vec2::new(12.0, 9.5);
     Camera { focal: Vec2::splat(20.0), center, near: 0.2, ..Camera::looking_forward(24, 19, 1.0) }
 }
 
-/// A Gaussian that [`camera`] sees at a pixel, at a depth, of scales in px.
+/// A Gaussian at a pixel of [`camera`], with this depth and these scales in px.
 fn seen(pixel: Vec2, depth: f32, scales_px: Vec3) -> Gaussian3d {
     let camera = camera();
     Gaussian3d {
@@ -40,12 +40,12 @@ fn seen(pixel: Vec2, depth: f32, scales_px: Vec3) -> Gaussian3d {
     }
 }
 
-/// A Gaussian in the middle of what [`camera`] sees, half opaque, of about 3 px.
+/// A half-opaque Gaussian of about 3 px in the middle of the image.
 fn plain() -> Gaussian3d {
     Gaussian3d { rotation: [0.9, 0.2, -0.3, 0.1], ..seen(Vec2::new(11.3, 9.6), 3.0, Vec3::new(3.0, 2.0, 4.0)) }
 }
 
-/// A case seen by [`camera`], in the order of depths, before a background that is not black.
+/// A case with [`camera`], the global depth sort, and a background that is not black.
 fn case(
     name: impl Into<String>,
     why: &'static str,
@@ -62,7 +62,7 @@ fn case(
     Case::new(name, why, source, scene, camera(), settings)
 }
 
-/// The same with another treatment of what is narrower than a pixel, and the name of that.
+/// The case with another antialiasing, which its name includes.
 fn antialiased(mut case: Case<Scene3d>, antialias: Antialias) -> Case<Scene3d> {
     case.settings.effects.antialias = antialias;
     case.name = format!(
@@ -78,7 +78,7 @@ fn antialiased(mut case: Case<Scene3d>, antialias: Antialias) -> Case<Scene3d> {
     case
 }
 
-/// The same in another order, and the name of that.
+/// The case with another order, which its name includes.
 fn ordered(mut case: Case<Scene3d>, order: Order) -> Case<Scene3d> {
     case.settings.effects.order = order;
     case.name = format!(
@@ -93,7 +93,7 @@ fn ordered(mut case: Case<Scene3d>, order: Order) -> Case<Scene3d> {
     case
 }
 
-/// The same under the other blend.
+/// The case under `Sum`.
 fn summed(mut case: Case<Scene3d>) -> Case<Scene3d> {
     case.settings.effects.blend = Blend::Sum;
     case.name = format!("{}, sum", case.name);

@@ -1,4 +1,5 @@
-//! Numbers from bytes. Each takes a fixed number of bytes, whatever they are, so that a fuzzer that changes one byte changes one number.
+//! Numbers from bytes. Each takes a fixed number of bytes, so that changing one byte changes one
+//! number.
 
 use std::ops::Range;
 
@@ -38,7 +39,7 @@ const HOSTILE: [f32; 32] = [
     f32::NAN,
 ];
 
-/// Bytes that are used up from the front; when there are none left, they are 0.
+/// Bytes that are consumed from the front, followed by zeros.
 pub(super) struct Bytes<'a>(&'a [u8]);
 
 impl<'a> Bytes<'a> {
@@ -61,18 +62,18 @@ impl<'a> Bytes<'a> {
         usize::from(self.byte()) % count
     }
 
-    /// One of these.
+    /// One of these choices.
     pub(super) fn pick<T: Copy, const N: usize>(&mut self, choices: [T; N]) -> T {
         choices[self.below(N)]
     }
 
-    /// A tame number: in this range, one of 65,536.
+    /// A number in this range, one of 65,536.
     pub(super) fn within(&mut self, range: Range<f32>) -> f32 {
         let share = f32::from(u16::from_le_bytes([self.byte(), self.byte()])) / 65_536.0;
         range.start + (range.end - range.start) * share
     }
 
-    /// A tame number in one case, a hostile one in another: one in `rarity`.
+    /// A number in the range `tame`, or a hostile one in one of `rarity` cases.
     pub(super) fn wild(&mut self, tame: Range<f32>, rarity: u8) -> f32 {
         let (chance, which) = (self.byte(), self.byte());
         let tame = tame.start + (tame.end - tame.start) * f32::from(which) / 256.0;

@@ -1,4 +1,4 @@
-//! What is drawn from bytes: a scene, what it is seen through, how it is rendered, and how it is trained.
+//! A scene, a view, settings and training from bytes.
 
 use std::array;
 
@@ -13,38 +13,38 @@ use gs_core::{
 
 use super::bytes::Bytes;
 
-/// Images have at most so many columns and rows: a tile of every backend, and a bit of the next.
+/// Largest number of columns and rows: a tile of every backend, and a little more.
 const MOST_COLUMNS: usize = 20;
 const MOST_ROWS: usize = 18;
 
-/// Scenes have at most so many Gaussians.
+/// Largest number of Gaussians.
 const MOST_GAUSSIANS: usize = 6;
 
-/// One number in so many is hostile.
+/// One number in this many is hostile.
 const RARITY: u8 = 16;
 
-/// All that a few training steps depend on. Nothing of it need be possible.
+/// The inputs of a few training steps, which may be invalid.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fuzzed<S: Scene> {
     /// The Gaussians.
     pub scene: S,
-    /// What they are seen through.
+    /// The view.
     pub view: S::View,
     /// Effects, accuracy and background.
     pub settings: RenderSettings,
-    /// What is to be reached; always finite, and of the view's size where that is possible.
+    /// The target: always finite, and of the view's size if that is valid.
     pub target: Image,
-    /// What is minimised.
+    /// The loss.
     pub loss: Loss,
-    /// In which coordinates the optimiser steps.
+    /// The parameterization.
     pub parameterization: Parameterization,
-    /// How it steps.
+    /// The optimiser's rates.
     pub rates: AdamRates,
-    /// Whose tile lists steps after the first take.
+    /// Whether steps after the first reuse lists.
     pub binning: Binning,
 }
 
-/// A 2D scene before a canvas, from bytes.
+/// A 2D scene and a canvas from bytes.
 pub fn scene_2d(bytes: &[u8]) -> Fuzzed<Scene2d> {
     let mut bytes = Bytes::new(bytes);
     let view = canvas(&mut bytes);
@@ -70,7 +70,7 @@ pub fn scene_2d(bytes: &[u8]) -> Fuzzed<Scene2d> {
     Fuzzed { scene, view, settings, target, loss, parameterization, rates, binning }
 }
 
-/// A 3D scene before a camera, from bytes.
+/// A 3D scene and a camera from bytes.
 pub fn scene_3d(bytes: &[u8]) -> Fuzzed<Scene3d> {
     let mut bytes = Bytes::new(bytes);
     let view = camera(&mut bytes);

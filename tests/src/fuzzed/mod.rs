@@ -1,15 +1,16 @@
-//! Scenes, views and settings made of bytes, so that a fuzzer can draw them, and what any backend owes them, however hostile they are.
+//! Scenes, views and settings from bytes, for a fuzzer, and what any backend must do with them.
 //!
-//! Ordinary numbers are mixed with those that break arithmetic: zeros, subnormal numbers, the largest there are, NaN. What is right is not
-//! known from outside, as the oracle knows it of tame scenes; what is always wrong is: a panic, a pixel that no mixture of the colours
-//! can give, the same frame twice with different bits, gradients or a training that are not finite though all that they are made of is
-//! moderate, a scene or a view accepted that is none.
+//! Ordinary numbers are mixed with hostile ones: zeros, subnormal numbers, the largest numbers,
+//! NaN. There is no reference for such scenes, but some outcomes are always wrong: a panic; a pixel
+//! that no mixture of the colours can give; different bits for the same forward pass; gradients or
+//! parameters that are not finite although all inputs are moderate; an invalid scene or view that
+//! is accepted.
 
 mod bytes;
 mod draw;
-mod owed;
+mod requirements;
 
 pub use self::{
     draw::{Fuzzed, scene_2d, scene_3d},
-    owed::{Bounded, image_is_sound, owes},
+    requirements::{Bounded, check_backend, image_is_sound},
 };

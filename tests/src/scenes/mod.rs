@@ -1,4 +1,4 @@
-//! Scenes, views and targets to test with: seeded generators, and proptest strategies over them.
+//! Scenes, views and targets for tests: seeded generators, and proptest strategies.
 
 mod scene2d;
 mod scene3d;
@@ -17,42 +17,42 @@ pub use self::{
 };
 use crate::{oracle::OracleView, subject::Subject};
 
-/// All that an image depends on.
+/// The inputs of a rendering.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Draw<S: Subject = Scene2d> {
-    /// What is particular about the Gaussians.
+    /// The kind of the scene.
     pub kind: S::Kind,
     /// The Gaussians.
     pub scene: S,
-    /// What they are seen through.
+    /// The view.
     pub view: S::View,
     /// Effects, accuracy and background.
     pub settings: RenderSettings,
-    /// For [`target`].
+    /// The seed for [`target`].
     pub target_seed: u64,
 }
 
 impl<S: Subject> Draw<S> {
-    /// The same through another view.
+    /// The drawing with another view.
     #[must_use]
     pub fn through(self, view: S::View) -> Self {
         Self { view, ..self }
     }
 
-    /// The same with another treatment of what is narrower than a pixel.
+    /// The drawing with another antialiasing.
     #[must_use]
     pub fn antialiased(mut self, antialias: Antialias) -> Self {
         self.settings.effects.antialias = antialias;
         self
     }
 
-    /// The same before a solid background.
+    /// The drawing with a solid background.
     #[must_use]
     pub fn on(self, background: [f32; 3]) -> Self {
         Self { settings: self.settings.on(background), ..self }
     }
 
-    /// An image to compare with, of the view's size.
+    /// A target of the view's size.
     ///
     /// # Errors
     /// [`Error::Size`] for an impossible view.
@@ -62,7 +62,8 @@ impl<S: Subject> Draw<S> {
     }
 }
 
-/// A photograph's likeness: soft slopes, a hard edge and a little noise, 0 to 1; the same for the same seed.
+/// A photo-like image: soft gradients, a hard edge and a little noise, 0 to 1. Determined by the
+/// seed.
 ///
 /// # Errors
 /// [`Error::Size`] for an impossible size.
@@ -79,12 +80,13 @@ pub fn target(width: u32, height: u32, seed: u64) -> Result<Image, Error> {
     })
 }
 
-/// Widths and heights from 1 px to these.
+/// Widths and heights of up to this many px. Under Miri, which needs thousands of steps per pixel,
+/// at most two of gs-cpu's strips of 16 columns, and a few rows.
 fn sizes(columns: u32, rows: u32) -> impl Strategy<Value = (u32, u32)> + Clone {
     (1..=columns, 1..=rows)
 }
 
-/// Number of Gaussians in drawn scenes.
+/// Number of Gaussians of drawn scenes: up to 24, under Miri up to 4.
 fn counts() -> impl Strategy<Value = usize> {
     1_usize..=24
 }

@@ -1,4 +1,4 @@
-//! 2D scenes and canvases to test with: seeded generators, and proptest strategies over them.
+//! 2D scenes and canvases for tests: seeded generators, and proptest strategies.
 
 use std::ops::Range;
 
@@ -10,7 +10,7 @@ use rand_pcg::Pcg64;
 
 use super::{Draw, blends, counts, sizes};
 
-/// What is particular about a scene's Gaussians. Scales are standard deviations in px of the plane.
+/// Kinds of scenes. Scales are standard deviations in px of the plane.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Kind {
     /// Scales 0.8 to 6 px, translucent.
@@ -30,7 +30,7 @@ pub enum Kind {
 }
 
 impl Kind {
-    /// All of them.
+    /// All kinds.
     pub const ALL: [Self; 7] =
         [Self::Typical, Self::Large, Self::Tiny, Self::Needles, Self::OffCanvas, Self::Opaque, Self::Overlapping];
 
@@ -45,8 +45,8 @@ impl Kind {
     }
 }
 
-/// `count` Gaussians over a plane of `size` px; the same for the same seed. Colours are 0 to 1 under `Over`, −0.5 to 1 under `Sum`,
-/// where no opacities are stored.
+/// `count` Gaussians over a plane of `size` px, determined by the seed. Colours are 0 to 1 under
+/// `Over`, −0.5 to 1 under `Sum`, where no opacities are stored.
 pub fn scene(kind: Kind, blend: Blend, count: usize, size: Vec2, seed: u64) -> Scene2d {
     let mut rng = Pcg64::seed_from_u64(seed);
     let mut within = |range: Range<f32>| rng.random_range(range);
@@ -84,7 +84,7 @@ pub fn scene(kind: Kind, blend: Blend, count: usize, size: Vec2, seed: u64) -> S
 }
 
 impl Draw<Scene2d> {
-    /// A seeded scene of a kind, through a canvas of its own size.
+    /// A seeded scene of a kind, with a canvas of its own size.
     pub fn new(kind: Kind, blend: Blend, count: usize, size: (u32, u32), seed: u64) -> Self {
         let plane = Vec2::new(size.0 as f32, size.1 as f32);
         Self {
@@ -102,7 +102,8 @@ pub fn kinds() -> impl Strategy<Value = Kind> {
     proptest::sample::select(Kind::ALL.as_slice())
 }
 
-/// Canvases of up to 48 × 40 px (fewer under Miri): of the plane's own size, or a zoomed and shifted part of it.
+/// Canvases of up to 48 × 40 px (fewer under Miri): of the plane's own size, or a zoomed and
+/// shifted part of it.
 pub fn views() -> impl Strategy<Value = Canvas> {
     let own = sizes(48, 40).prop_map(|(w, h)| Canvas::new(w, h));
     let part = (own.clone(), -10.0f32..20.0, -10.0f32..20.0, 0.5f32..2.5, 0.5f32..2.5)
@@ -110,8 +111,8 @@ pub fn views() -> impl Strategy<Value = Canvas> {
     prop_oneof![2 => own, 1 => part]
 }
 
-/// Scenes of up to 24 Gaussians (fewer under Miri) with a view, both blends, with and without background. The Gaussians are spread over the part of the
-/// plane that the view shows.
+/// Scenes of up to 24 Gaussians (fewer under Miri) within a view: both blends, with and without
+/// background.
 pub fn draws() -> impl Strategy<Value = Draw> {
     let background = proptest::option::of(proptest::array::uniform3(0.0f32..1.0));
     (kinds(), blends(), views(), counts(), any::<u64>(), background).prop_map(

@@ -1,5 +1,5 @@
-//! 3D scenes and cameras to test with: seeded generators, and proptest strategies over them. Gaussians are laid out as the camera sees
-//! them, and then put into the world.
+//! 3D scenes and cameras for tests: seeded generators, and proptest strategies. Gaussians are
+//! generated in camera coordinates and then transformed to the world.
 
 use std::ops::Range;
 
@@ -14,7 +14,8 @@ use rand_pcg::Pcg64;
 
 use super::{Draw, blends, counts, sizes};
 
-/// What is particular about a scene and its camera. Scales are standard deviations in px of the image; quaternions are of any length.
+/// Kinds of scenes and cameras. Scales are standard deviations in px of the image; quaternions have
+/// any length.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Kind3d {
     /// Scales 0.8 to 6 px, translucent, 2 to 8 world units away.
@@ -25,7 +26,8 @@ pub enum Kind3d {
     Tiny,
     /// Needles of 10 to 30 times their width, and every third a disc of a twentieth of its width.
     Needles,
-    /// Many beyond the edge of the field of view, where the Jacobian's slopes are clamped, before an off-centre principal point.
+    /// Many beyond the edge of the field of view, where the Jacobian's slopes are clamped, before
+    /// an off-centre principal point.
     Edge,
     /// A third behind the camera, a third between the near plane and four times its distance.
     Near,
@@ -33,12 +35,13 @@ pub enum Kind3d {
     Opaque,
     /// Scales 4 to 9 px in the middle at about the same distance: they interpenetrate.
     Overlapping,
-    /// An unturned camera that sees Gaussians at three depths, equal to the bit, and some of them twice.
+    /// A camera without rotation, and Gaussians at three depths that are equal to the bit, some of
+    /// them twice.
     EqualDepths,
 }
 
 impl Kind3d {
-    /// All of them.
+    /// All kinds.
     pub const ALL: [Self; 9] = [
         Self::Typical,
         Self::Large,
@@ -63,8 +66,9 @@ impl Kind3d {
     }
 }
 
-/// A camera of `size` px somewhere in the world, turned anyhow; the same for the same seed. Its principal point is off the centre by up to a
-/// fifth of the image ([`Kind3d::Edge`]: nearly half), its pixels are not quite square.
+/// A camera of `size` px with any position and rotation, determined by the seed. Its principal
+/// point is off the centre by up to a fifth of the image ([`Kind3d::Edge`]: nearly half), and
+/// pixels are not quite square.
 pub fn camera(kind: Kind3d, size: (u32, u32), seed: u64) -> Camera {
     let mut rng = Pcg64::seed_from_u64(seed ^ 0xcafe);
     let mut within = |range: Range<f32>| rng.random_range(range);
@@ -87,7 +91,7 @@ pub fn camera(kind: Kind3d, size: (u32, u32), seed: u64) -> Camera {
     camera
 }
 
-/// `count` Gaussians before `camera`, with SH of the given degree; the same for the same seed.
+/// `count` Gaussians in front of `camera`, with SH of this degree, determined by the seed.
 pub fn scene_3d(kind: Kind3d, count: usize, camera: &Camera, sh_degree: u8, seed: u64) -> Scene3d {
     let mut rng = Pcg64::seed_from_u64(seed);
     let mut within = |range: Range<f32>| rng.random_range(range);
@@ -129,7 +133,7 @@ pub fn scene_3d(kind: Kind3d, count: usize, camera: &Camera, sh_degree: u8, seed
         };
         // Mean colours of −0.1 to 1, so that some are clamped in some directions.
         let mut color = |scale: Range<f32>| Vec3::new(within(scale.clone()), within(scale.clone()), within(scale));
-        // As many of every degree, so that all else is the same.
+        // The same count for every degree, so that all other numbers are the same.
         let sh = (0..16).map(|k| if k == 0 { color(-2.1..1.7) } else { color(-0.2..0.2) }).collect();
         let log_scale = (scales * world_per_pixel).map(f32::ln);
         let gaussian = Gaussian3d { mean, log_scale, rotation: turn, opacity_logit, sh };
@@ -143,7 +147,8 @@ pub fn scene_3d(kind: Kind3d, count: usize, camera: &Camera, sh_degree: u8, seed
 }
 
 impl Draw<Scene3d> {
-    /// A seeded scene of a kind before a seeded camera, SH of degree 0 to 3 by the seed, in the order of depths.
+    /// A seeded scene and camera of a kind, with SH of degree 0 to 3 by the seed, and the global
+    /// depth sort.
     pub fn for_3d(kind: Kind3d, blend: Blend, count: usize, size: (u32, u32), seed: u64) -> Self {
         let view = camera(kind, size, seed);
         let mut settings = RenderSettings::blended(blend);
@@ -153,7 +158,7 @@ impl Draw<Scene3d> {
         Self { kind, scene: scene_3d(kind, count, &view, degree, seed), view, settings, target_seed: seed }
     }
 
-    /// The same in another order.
+    /// The drawing with another order.
     #[must_use]
     pub fn in_order(mut self, order: Order) -> Self {
         self.settings.effects.order = order;
@@ -166,8 +171,8 @@ pub fn kinds_3d() -> impl Strategy<Value = Kind3d> {
     proptest::sample::select(Kind3d::ALL.as_slice())
 }
 
-/// Scenes of up to 24 Gaussians before cameras of up to 40 × 32 px (fewer of both under Miri): all kinds, blends, orders, treatments of aliasing, degrees of SH in the
-/// scene and in the rendering, with and without background.
+/// Scenes of up to 24 Gaussians and cameras of up to 40 × 32 px (fewer of both under Miri): all
+/// kinds, blends, orders, antialiasings and SH degrees, with and without background.
 pub fn draws_3d() -> impl Strategy<Value = Draw<Scene3d>> {
     let orders = proptest::sample::select([Order::Index, Order::Global, Order::PerPixel].as_slice());
     let antialiases = proptest::sample::select(Antialias::ALL.as_slice());

@@ -76,7 +76,9 @@ fn images_match_a_dense_rendering() {
             (Blend::Over, Order::PerPixel),
             (Blend::Sum, Order::Index),
         ] {
-            for antialias in Antialias::ALL {
+            // Many Gaussians are for full pixels and orders, which do not depend on antialiasing.
+            let antialiases = if count == 400 { &Antialias::ALL[..1] } else { &Antialias::ALL[..] };
+            for &antialias in antialiases {
                 let mut settings = settings(order, 3);
                 settings.effects.blend = blend;
                 settings.effects.antialias = antialias;

@@ -1,4 +1,4 @@
-//! Poison in what comes with each call: views, settings, targets, losses, rates of the optimiser.
+//! Hostile values in the arguments of calls: views, settings, targets, losses, rates.
 
 use glam::{Vec2, Vec3};
 use gs_core::{
@@ -19,43 +19,42 @@ use crate::{
     tolerance::compare_images,
 };
 
-/// Everything that a training step depends on.
+/// The inputs of a training step.
 #[derive(Debug, Clone)]
 pub struct Inputs<S: Scene> {
-    /// Their name.
+    /// Name of the inputs.
     pub name: &'static str,
-    /// How many of their slots are poisoned.
+    /// The slots to test.
     pub breadth: Breadth,
     /// The Gaussians.
     pub scene: S,
-    /// What they are seen through.
+    /// The view.
     pub view: S::View,
     /// Effects, accuracy and background.
     pub settings: RenderSettings,
-    /// What they are compared with.
+    /// The target.
     pub target: Image,
-    /// By what.
+    /// The loss.
     pub loss: Loss,
-    /// How they move.
+    /// The optimiser's rates.
     pub rates: AdamRates,
 }
 
-/// How many slots are poisoned.
+/// The slots to test.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Breadth {
     /// All.
     Whole,
-    /// Those on which pictures and losses depend. The others are the same however Gaussians are blended: what moves them, and what is accepted
-    /// as a scene.
+    /// Only the slots on which images and losses depend. The others do not depend on the blend.
     Pictures,
 }
 
-/// Whether backends must offer what a number is part of.
+/// Whether backends must offer the feature of a number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Offered {
-    /// They must.
+    /// Backends must offer it.
     Always,
-    /// They may refuse it as unsupported; but then with all values that are possible.
+    /// Backends may refuse it as unsupported, but then for all valid values.
     Optionally,
 }
 
@@ -64,16 +63,16 @@ pub enum Offered {
 pub struct Slot<S: Scene> {
     /// Its name.
     pub name: &'static str,
-    /// Whether backends must offer it.
+    /// Whether backends must offer its feature.
     pub offered: Offered,
-    /// Ends of the range in which it is possible, where [`VALUES`] are not on both sides of each.
+    /// Ends of the valid range, if [`VALUES`] are not on both sides of each.
     pub ends: &'static [f32],
-    /// Puts a value there.
+    /// Sets the number.
     pub put: fn(&mut Inputs<S>, f32),
 }
 
 impl<S: Scene> Slot<S> {
-    /// What is put there: [`VALUES`], the ends of its range, and the numbers beside each end.
+    /// The tested values: [`VALUES`], the ends of the range, and the numbers beside each end.
     fn values(&self) -> impl Iterator<Item = f32> {
         let ends = self.ends.iter().flat_map(|end| [end.next_down(), *end, end.next_up()]);
         VALUES.into_iter().chain(ends)
@@ -81,12 +80,12 @@ impl<S: Scene> Slot<S> {
 }
 
 impl<S: Scene> Inputs<S> {
-    /// A training step of all this.
+    /// A training step with these inputs.
     pub(super) fn step(&self) -> TrainStep<'_> {
         TrainStep { settings: &self.settings, loss: self.loss, rates: &self.rates, binning: Binning::Fresh }
     }
 
-    /// The slots that are poisoned, but for those of the view.
+    /// The slots to test, without those of the view.
     pub(super) fn slots(&self) -> Vec<Slot<S>> {
         match self.breadth {
             Breadth::Pictures => pictures(),
@@ -105,12 +104,12 @@ fn inputs<S: Subject>(
 ) -> Inputs<S> {
     let (width, height) = view.size();
     let target = scenes::target(width, height, 3).expect("a possible size");
-    // A gradient that is mere rounding must not become a whole step.
+    // With this ε, a gradient that is mere rounding does not become a whole step.
     let rates = Adam { epsilon: 1e-6, ..S::adam() }.at(0.0);
     Inputs { name, breadth, scene, view, settings: settings.on([0.3, 0.2, 0.4]), target, loss: Loss::L2, rates }
 }
 
-/// Three small Gaussians in a row, so that the poisoned one in the middle touches neither.
+/// Three small Gaussians in a row. The tested one in the middle touches neither of the others.
 pub(super) fn scene_2d() -> Vec<Inputs<Scene2d>> {
     [("sum", Breadth::Pictures, Blend::Sum), ("over", Breadth::Whole, Blend::Over)]
         .map(|(name, breadth, blend)| {
@@ -127,7 +126,7 @@ pub(super) fn scene_2d() -> Vec<Inputs<Scene2d>> {
         .into()
 }
 
-/// The same in 3D, in two orders.
+/// Three small 3D Gaussians, in two orders.
 pub(super) fn scene_3d() -> Vec<Inputs<Scene3d>> {
     let orders =
         [("by mean depth", Breadth::Whole, Order::Global), ("by pixel depth", Breadth::Pictures, Order::PerPixel)];
@@ -159,7 +158,7 @@ macro_rules! slots {
     };
 }
 
-/// What a picture and its loss depend on, whatever the view.
+/// The slots on which an image and its loss depend, without the view.
 fn pictures<S: Scene>() -> Vec<Slot<S>> {
     let slots: [Slot<S>; 10] = slots![
         "alpha_cut" [1e-6, 0.5]: |i, v| i.settings.accuracy.alpha_cut = v,
@@ -177,7 +176,7 @@ fn pictures<S: Scene>() -> Vec<Slot<S>> {
     slots.into_iter().chain(optional(extent)).collect()
 }
 
-/// What a step depends on besides.
+/// The further slots on which a step depends.
 fn rates<S: Scene>() -> Vec<Slot<S>> {
     let slots: [Slot<S>; 21] = slots![
         "learning rate of means": |i, v| i.rates.mean.learning_rate = v,
@@ -209,7 +208,7 @@ fn rates<S: Scene>() -> Vec<Slot<S>> {
     slots.into_iter().chain(optional(penalties)).collect()
 }
 
-/// The same, which backends may refuse.
+/// The slots as ones that backends may refuse.
 fn optional<S: Scene, const N: usize>(slots: [Slot<S>; N]) -> [Slot<S>; N] {
     slots.map(|slot| Slot { offered: Offered::Optionally, ..slot })
 }
@@ -245,7 +244,7 @@ pub(super) fn camera_slots() -> [Slot<Scene3d>; 17] {
     ]
 }
 
-/// What became of the values that were put into a slot.
+/// Counts of the outcomes of the values in a slot.
 #[derive(Debug, Default)]
 struct Tally {
     accepted: usize,
@@ -254,7 +253,7 @@ struct Tally {
 }
 
 impl Tally {
-    /// How many values there were; an error where they say nothing about the slot.
+    /// The number of values, or an error if they do not test the slot.
     fn values(&self, offered: Offered) -> Result<usize, Failure> {
         let &Self { accepted, refused, unsupported } = self;
         let settled = accepted == 0 || unsupported == 0;
@@ -267,8 +266,8 @@ impl Tally {
     }
 }
 
-/// Puts all values into one slot, in every parameterization that the backend offers; how many runs that were. What gs-core says is possible must be accepted,
-/// and what it says is not, refused.
+/// Tests all values in one slot, in every parameterization that the backend offers. Returns the
+/// number of runs. Values that gs-core accepts must be accepted, and others refused.
 pub(super) fn poison<S: Subject, R: Optimizer<S>>(
     rasterizer: &R,
     inputs: &Inputs<S>,
@@ -303,7 +302,7 @@ pub(super) fn poison<S: Subject, R: Optimizer<S>>(
     Ok(runs)
 }
 
-/// Whether gs-core says that all is possible.
+/// Whether gs-core accepts the inputs.
 fn check<S: Subject>(inputs: &Inputs<S>) -> Result<(), Error> {
     check_picture(inputs)?;
     inputs.target.check_finite("the target")?;
@@ -311,7 +310,7 @@ fn check<S: Subject>(inputs: &Inputs<S>) -> Result<(), Error> {
     inputs.rates.validate()
 }
 
-/// What a picture depends on, sizes first.
+/// Whether gs-core accepts the inputs of an image; sizes first.
 fn check_picture<S: Subject>(inputs: &Inputs<S>) -> Result<(), Error> {
     S::check_view(&inputs.view)?;
     inputs.settings.validate()
@@ -322,12 +321,13 @@ fn differ<S: Subject>(a: &Inputs<S>, b: &Inputs<S>) -> bool {
     show_differently(a, b) || a.target != b.target || a.loss != b.loss || a.rates != b.rates
 }
 
-/// Whether their pictures do.
+/// Whether the inputs of the images differ.
 fn show_differently<S: Subject>(a: &Inputs<S>, b: &Inputs<S>) -> bool {
     a.view != b.view || a.settings != b.settings
 }
 
-/// Every call refuses what is not possible, and a step that does leaves the splats as it was.
+/// Checks that every call refuses invalid inputs, and that a refused step leaves the splats
+/// unchanged.
 fn refuses<S: Subject, R: Optimizer<S>>(
     rasterizer: &R,
     inputs: &Inputs<S>,
@@ -341,11 +341,11 @@ fn refuses<S: Subject, R: Optimizer<S>>(
     let target = target?;
     let mut splats = rasterizer.upload(&inputs.scene, parameterization)?;
     let before = rasterizer.save(&splats).block_on()?;
-    let frame = rasterizer.forward(&splats, &inputs.view, &inputs.settings);
+    let pass = rasterizer.forward(&splats, &inputs.view, &inputs.settings);
     if check_picture(inputs).is_err() {
-        refused("a forward pass", frame.block_on(), refusal)?;
+        refused("a forward pass", pass.block_on(), refusal)?;
     } else {
-        let backward = rasterizer.backward(&splats, frame.block_on()?, &target, &inputs.loss);
+        let backward = rasterizer.backward(&splats, pass.block_on()?, &target, &inputs.loss);
         if inputs.loss.validate().is_err() {
             refused("a backward pass", backward.block_on(), refusal)?;
         } else {
@@ -362,8 +362,8 @@ fn refuses<S: Subject, R: Optimizer<S>>(
     Failure::unless(kept, || "a step that was refused changed the splats".to_owned())
 }
 
-/// What is possible is drawn as the oracle draws it, and trained without a loss that is not a number; a Gaussian that does not stay finite is left
-/// out and counted.
+/// Checks that valid inputs are drawn as by the oracle, and trained without NaN losses. Gaussians
+/// that do not stay finite must be culled and counted.
 fn stands<S: Subject, R: Optimizer<S>>(
     rasterizer: &R,
     clean: &Inputs<S>,
@@ -386,8 +386,8 @@ fn stands<S: Subject, R: Optimizer<S>>(
     let mut losses = Vec::new();
     rasterizer.losses(&mut splats, Wait::All, &mut losses).block_on()?;
     Failure::unless(!losses.iter().any(|loss| loss.is_nan()), || format!("losses {losses:?}"))?;
-    let frame = rasterizer.forward(&splats, &inputs.view, &inputs.settings).block_on()?;
-    let (image, culled) = (rasterizer.image(&frame).block_on()?, rasterizer.culled(&frame));
+    let pass = rasterizer.forward(&splats, &inputs.view, &inputs.settings).block_on()?;
+    let (image, culled) = (rasterizer.image(&pass).block_on()?, rasterizer.culled(&pass));
     is_finite(&image).map_err(|failure| failure.at("after two steps"))?;
     let after = rasterizer.download(&splats).block_on()?;
     let broken = (0..after.len()).filter(|&i| after.picked([i]).validate().is_err()).count();
@@ -396,15 +396,15 @@ fn stands<S: Subject, R: Optimizer<S>>(
     })
 }
 
-/// The picture is the oracle's, and so is what it leaves out.
+/// Checks the image and the culled Gaussians against the oracle.
 fn is_drawn<S: Subject, R: Optimizer<S>>(
     rasterizer: &R,
     inputs: &Inputs<S>,
     splats: &R::Splats,
     parameterization: Parameterization,
 ) -> Result<(), Failure> {
-    let frame = rasterizer.forward(splats, &inputs.view, &inputs.settings).block_on()?;
-    let (image, culled) = (rasterizer.image(&frame).block_on()?, rasterizer.culled(&frame));
+    let pass = rasterizer.forward(splats, &inputs.view, &inputs.settings).block_on()?;
+    let (image, culled) = (rasterizer.image(&pass).block_on()?, rasterizer.culled(&pass));
     let rows = rows_of(rasterizer, &inputs.scene, splats, parameterization)?;
     let expected = Oracle::new(inputs.view, inputs.settings)?.render(&rows);
     let same = same_causes(culled, expected.culled);

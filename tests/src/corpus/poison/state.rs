@@ -1,5 +1,5 @@
-//! Poison in splats: in each number that a backend keeps of a Gaussian, parameters, moments and statistics. A training run or a checkpoint may
-//! bring any value there, however carefully scenes are checked.
+//! Hostile values in each number of splats: parameters, moments and statistics. A training run or a
+//! checkpoint may bring any value there, however carefully scenes are checked.
 
 use pollster::FutureExt as _;
 use std::fmt;
@@ -18,13 +18,13 @@ use crate::{
     tolerance::compare_images,
 };
 
-/// The Gaussian that is poisoned.
+/// Index of the tested Gaussian.
 const VICTIM: usize = 1;
 
-/// Training steps after a poisoning.
+/// Number of training steps after a value is set.
 const STEPS: usize = 3;
 
-/// A column of a tensor of a splats' state.
+/// A column of a tensor of a saved state.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct StateSlot {
     tensor: String,
@@ -32,14 +32,14 @@ pub(super) struct StateSlot {
     kept: Kept,
 }
 
-/// What a number that is kept of a Gaussian is.
+/// The meaning of a number in a saved state.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Kept {
     /// An entry of a row of the oracle's parameters.
     Parameter(usize),
-    /// An entry of its frame.
+    /// An entry of its covariance factor.
     Factor(usize),
-    /// No parameter: it has no part in pictures.
+    /// No parameter: images do not depend on it.
     Beside,
 }
 
@@ -49,13 +49,13 @@ impl fmt::Display for StateSlot {
     }
 }
 
-/// What all runs with the same inputs in the same parameterization share.
+/// The common part of all runs with the same inputs in the same parameterization.
 pub(super) struct Clean<S: Subject, R: Optimizer<S>> {
     state: SplatsState,
     target: R::Target,
-    /// The Gaussians as the oracle sees them.
+    /// The Gaussians in the oracle's form.
     rows: OracleScene,
-    /// What becomes of the scene without the victim.
+    /// The training of the scene without the tested Gaussian.
     image: Image,
     stepped: S,
 }
@@ -73,7 +73,7 @@ impl<S: Subject, R: Optimizer<S>> Clean<S, R> {
         Ok(Self { state, target, rows, image, stepped })
     }
 
-    /// The Gaussians with a value in a slot, as the oracle sees them.
+    /// The Gaussians in the oracle's form, with a value in a slot.
     fn rows_with(&self, inputs: &Inputs<S>, slot: &StateSlot, value: f32) -> Result<OracleScene, Failure> {
         let mut rows = self.rows.clone();
         match slot.kept {
@@ -87,10 +87,10 @@ impl<S: Subject, R: Optimizer<S>> Clean<S, R> {
     }
 }
 
-/// The tensor of frames.
+/// The tensor of factors.
 const FACTOR: &str = "factor";
 
-/// What the columns of a tensor are, from the first on.
+/// The meaning of the columns of a tensor.
 fn kept_in<S: Subject>(tensor: &str) -> impl Fn(usize) -> Kept {
     let opacity = (0..).find(|&i| S::parameter_name(i) == "opacity logit").unwrap_or_default();
     let first = match tensor {
@@ -98,19 +98,19 @@ fn kept_in<S: Subject>(tensor: &str) -> impl Fn(usize) -> Kept {
         "log_scale" => Some(S::DIMENSIONS),
         "rotation" => Some(2 * S::DIMENSIONS),
         "opacity_logit" => Some(opacity),
-        // A row of the oracle's has an opacity even where none is stored.
+        // The oracle's rows have opacities even if none are stored.
         "color" | "sh" => Some(opacity + 1),
         _ => None,
     };
-    let is_frame = tensor == FACTOR;
+    let is_factor = tensor == FACTOR;
     move |column| match first {
         Some(first) => Kept::Parameter(first + column),
-        None if is_frame => Kept::Factor(column),
+        None if is_factor => Kept::Factor(column),
         None => Kept::Beside,
     }
 }
 
-/// The numbers that are kept of one Gaussian: all, or those that have a part in pictures.
+/// The numbers of one Gaussian: all, or those on which images depend.
 pub(super) fn slots<S: Subject, R: Optimizer<S>>(
     rasterizer: &R,
     inputs: &Inputs<S>,
@@ -129,7 +129,7 @@ pub(super) fn slots<S: Subject, R: Optimizer<S>>(
     Ok(slots)
 }
 
-/// Puts all values into one slot; how many runs that were.
+/// Tests all values in one slot. Returns the number of runs.
 pub(super) fn poison<S: Subject, R: Optimizer<S>>(
     rasterizer: &R,
     inputs: &Inputs<S>,
@@ -153,17 +153,17 @@ fn with(state: &SplatsState, slot: &StateSlot, value: f32) -> SplatsState {
     state
 }
 
-/// What splats shows, and what that leaves out.
+/// The image and the culled Gaussians.
 fn seen<S: Subject, R: Optimizer<S>>(
     rasterizer: &R,
     inputs: &Inputs<S>,
     splats: &R::Splats,
 ) -> Result<(Image, Culled), Failure> {
-    let frame = rasterizer.forward(splats, &inputs.view, &inputs.settings).block_on()?;
-    Ok((rasterizer.image(&frame).block_on()?, rasterizer.culled(&frame)))
+    let pass = rasterizer.forward(splats, &inputs.view, &inputs.settings).block_on()?;
+    Ok((rasterizer.image(&pass).block_on()?, rasterizer.culled(&pass)))
 }
 
-/// What becomes of splats in training.
+/// The states during training.
 struct Trained<S> {
     /// After the first step.
     stepped: S,
@@ -214,7 +214,7 @@ fn one<S: Subject, R: Optimizer<S>>(
         shown(&oracle, &rows, &seen(rasterizer, inputs, &splats)?, &clean.image)?
     };
 
-    // A Gaussian that shares no pixel with the victim takes the very step that it would have taken without it.
+    // Gaussians that share no pixel with the tested one move as they do without it.
     let trained = Trained::of(rasterizer, inputs, splats, &clean.target, STEPS)?;
     let mut apart = 0;
     for (i, other) in (0..inputs.scene.len()).filter(|&i| i != VICTIM).enumerate() {
@@ -228,7 +228,8 @@ fn one<S: Subject, R: Optimizer<S>>(
     }
     Failure::unless(apart > 0 || footprint.iter().any(|&touched| touched), || "nothing was compared".to_owned())?;
 
-    // Sums that a colour of 10³⁰ makes overflow are what they are; but where the losses are finite, so are the others.
+    // Sums with a colour of 10³⁰ may overflow. But if the losses are finite, the other Gaussians
+    // are, too.
     let Trained { losses, scene, .. } = &trained;
     Failure::unless(!losses.iter().any(|loss| loss.is_nan()), || format!("losses {losses:?}"))?;
     if losses.iter().all(|loss| loss.is_finite()) {
@@ -238,7 +239,8 @@ fn one<S: Subject, R: Optimizer<S>>(
     Ok(())
 }
 
-/// A scene that holds the value is accepted, and comes back to the bit, or refused with an error that says where it is.
+/// Checks that a scene with the value is uploaded with the same bits, or refused with an error that
+/// says where it is.
 fn accepts_what_is_valid<S: Subject, R: Optimizer<S>>(rasterizer: &R, splats: &R::Splats) -> Result<(), Failure> {
     let scene = rasterizer.download(splats).block_on()?;
     match (scene.validate(), rasterizer.upload(&scene, Parameterization::ScaleRotation)) {
@@ -254,8 +256,8 @@ fn accepts_what_is_valid<S: Subject, R: Optimizer<S>>(rasterizer: &R, splats: &R
     }
 }
 
-/// Whether as many are left out for the same causes. A scale of ln 0 is no size as much as it is no number; and a backend may list a Gaussian
-/// that only its bounds let touch a pixel.
+/// Whether the counts by cause are equal. A scale of ln 0 counts as degenerate or as not finite,
+/// and a backend may list a Gaussian that only touches a pixel by its bounds.
 pub(super) fn same_causes(found: Culled, expected: Culled) -> bool {
     let invalid = |culled: Culled| culled.not_finite + culled.degenerate;
     found.near == expected.near
@@ -264,8 +266,8 @@ pub(super) fn same_causes(found: Culled, expected: Culled) -> bool {
         && found.outside <= expected.outside
 }
 
-/// Holds the picture of a poisoned scene against the oracle's, and off the poisoned Gaussian's footprint, to the bit, against the one without it;
-/// the footprint.
+/// Compares the image with the oracle's and, outside the tested Gaussian's footprint, bit by bit
+/// with the image without it. Returns the footprint.
 fn shown<V: OracleView>(
     oracle: &Oracle<V>,
     rows: &OracleScene,

@@ -1,4 +1,4 @@
-//! Images of awkward sizes, counts of Gaussians at either end.
+//! Images of awkward sizes, and very few or very many Gaussians.
 
 use glam::{Vec2, Vec3};
 use gs_core::{Canvas, Gaussian2d, Image, Loss, Scene2d, effects::Blend};
@@ -6,7 +6,8 @@ use gs_core::{Canvas, Gaussian2d, Image, Loss, Scene2d, effects::Blend};
 use super::{BLENDS, PLAIN, case};
 use crate::corpus::case::{Case, Goal, Picture, Slopes, Source, Training};
 
-/// As many entries as one tile is given: 2²⁰. Twice as many Gaussians do not fit the buffers that WebGPU allows by default.
+/// Number of entries in one tile: 2²⁰. Twice as many Gaussians exceed WebGPU's default buffer
+/// sizes.
 const MILLION: usize = 1 << 20;
 
 pub(super) fn cases() -> Vec<Case<Scene2d>> {
@@ -47,10 +48,12 @@ pub(super) fn cases() -> Vec<Case<Scene2d>> {
     cases
 }
 
-/// Entries that a sum of a million may be in error by: weights that come down the rows by recurrence are off by some ulps, all alike.
+/// Tolerance of a sum of a million, in entries: weights of the recurrence are off by some ulps, all
+/// alike.
 const UNSEEN: f32 = 10.0;
 
-/// 2²⁰ equal Gaussians on the centre of one pixel, of which the sum is 1; under `Over` the first fill the pixel.
+/// 2²⁰ equal Gaussians on the centre of one pixel, of which the sum is 1; under `Over` the first
+/// fill the pixel.
 fn million(blend: Blend) -> Case<Scene2d> {
     let gaussian = Gaussian2d {
         mean: Vec2::splat(0.5),

@@ -1,4 +1,4 @@
-//! Opacities, weights and transmittances at the edges of what they are defined by.
+//! Opacities, weights and transmittances at the edges of their definitions.
 
 use glam::{Vec2, Vec3};
 use gs_core::{Canvas, Gaussian2d, Image, Scene, Scene2d, effects::Blend, scene::logit, statistics::Culled};
@@ -32,8 +32,8 @@ fn logits() -> Vec<Case<Scene2d>> {
     ]
 }
 
-/// One pixel with one Gaussian on its centre, so that α is its opacity, exactly or to an ulp: kernels may have it as a power of 2, whose
-/// exponent of −1 or so is rounded by as much.
+/// One pixel with one Gaussian on its centre, so that α is its opacity, exactly or to an ulp:
+/// kernels may have it as a power of 2, whose exponent of −1 or so is rounded by as much.
 fn one_pixel(name: &str, why: &'static str, source: Source, logit: f32, shown: f32) -> Case<Scene2d> {
     let gaussian = Gaussian2d {
         mean: Vec2::splat(0.5),
@@ -48,17 +48,18 @@ fn one_pixel(name: &str, why: &'static str, source: Source, logit: f32, shown: f
     case.showing(Picture::Exact(all(shown)))
 }
 
-/// The one pixel.
+/// An image of one pixel.
 fn all(shown: f32) -> Image {
     Image::filled(1, 1, [shown; 3]).expect("one pixel is a possible size")
 }
 
-/// sigmoid(0) is ½ to the bit, and sigmoid of this is 1/(2 + 2⁻²²): two ulps below ½. No opacity is nearer, as 1 + e⁻ˣ is a number above 2, and
-/// these are 2⁻²² apart.
+/// sigmoid(0) is ½ to the bit, and sigmoid of this is 1/(2 + 2⁻²²): two ulps below ½. No opacity is
+/// nearer, as 1 + e⁻ˣ is a number above 2, and these are 2⁻²² apart.
 const BELOW_HALF: f32 = -2.384_185_8e-7;
 const JUST_BELOW_HALF: f32 = 0.499_999_94;
 
-/// Ulps of an opacity that is a hair beside another. Four are the rounding of a logit of −5.5, as many that of an exponential and a quotient.
+/// Ulps of an opacity that is a hair beside another. Four are the rounding of a logit of −5.5, as
+/// many that of an exponential and a quotient.
 const HAIR_ULPS: f32 = 16.0;
 
 fn edges() -> Vec<Case<Scene2d>> {
@@ -88,7 +89,8 @@ fn edges() -> Vec<Case<Scene2d>> {
             .sloping(uncertain),
         at_clamp("α above the clamp", 1e-3, 0.5),
     ];
-    // At the values that are used, as near as sigmoids can be told from them that are right to a few ulps.
+    // The default values, at the smallest distance at which sigmoids of a few ulps can be distinguished
+    // from them.
     for (name, opacity, transparent) in [("1/255", 1.0 / 255.0, 1), ("0.999", 0.999f32, 0)] {
         let (at, ulp) = (logit(opacity), opacity.next_up() - opacity);
         let hair = HAIR_ULPS * ulp / (opacity * (1.0 - opacity));

@@ -1,4 +1,4 @@
-//! Losses and optimisers at the edges: nothing to gain, everything to lose.
+//! Losses and optimisers at their edge cases.
 
 use glam::Vec2;
 use gs_core::{Adam, Gaussian2d, Image, Loss, Scene2d, adam::Group, effects::Blend, statistics::Culled};
@@ -22,9 +22,10 @@ pub(super) fn cases() -> Vec<Case<Scene2d>> {
     BLENDS.into_iter().flat_map(|blend| [still(blend), constant(blend), steps(blend)]).flatten().collect()
 }
 
-/// Nothing to move.
+/// Training that must not move anything.
 fn still(blend: Blend) -> Vec<Case<Scene2d>> {
-    // A step that sees another image by a rounding has a gradient, and of Adam, whose ε is 1e-15, that is a whole step.
+    // If a step's image differs by a rounding, it has a gradient, which Adam with its ε of 1e-15
+    // turns into a whole step.
     let exact = |(name, loss)| {
         case(
             format!("loss exactly 0 ({name})"),
@@ -79,9 +80,10 @@ fn constant(blend: Blend) -> Vec<Case<Scene2d>> {
     of_units.into_iter().chain([4, 30].map(bright)).chain([background]).collect()
 }
 
-/// Steps and gradients beyond measure.
+/// Huge steps and gradients.
 fn steps(blend: Blend) -> Vec<Case<Scene2d>> {
-    // Nothing but the background is wanted, so that a Gaussian should shrink; alone, so that it is seen whether it does.
+    // The target is the background, so that the Gaussian should shrink. It is alone, to make that
+    // visible.
     let nothing = Image::filled(VIEW.0, VIEW.1, [0.2, 0.3, 0.1]).expect("a possible size");
     let shrinking = case(
         "steps of e⁴ in scale",

@@ -1,4 +1,4 @@
-//! 2D scenes and canvases that are not accepted, and how that is said.
+//! 2D scenes and canvases that are refused, and the errors.
 
 use glam::Vec2;
 use gs_core::{Canvas, Error, Gaussian2d, Scene2d, effects::Blend};
@@ -6,7 +6,7 @@ use gs_core::{Canvas, Error, Gaussian2d, Scene2d, effects::Blend};
 use super::{PLAIN, VIEW, case};
 use crate::corpus::case::{Case, Source};
 
-/// The second Gaussian's number is named.
+/// The error names the second Gaussian.
 const NOT_FINITE: fn(&Error) -> bool = |error| matches!(error, Error::NotFinite { index: 1, .. });
 const LENGTH: fn(&Error) -> bool = |error| matches!(error, Error::Length { .. });
 const SIZE: fn(&Error) -> bool = |error| matches!(error, Error::Size { .. });

@@ -1,4 +1,4 @@
-//! 2D Gaussians of extreme shapes and places.
+//! 2D Gaussians of extreme shapes and positions.
 
 use std::f32::consts::{FRAC_PI_2, PI};
 
@@ -12,7 +12,7 @@ pub(super) fn cases() -> Vec<Case<Scene2d>> {
     BLENDS.into_iter().flat_map(|blend| [thin(blend), needles(blend), sizes(blend), places(blend)]).flatten().collect()
 }
 
-/// Hardly any extent along an axis, or along both.
+/// Gaussians with almost no extent along one or both axes.
 fn thin(blend: Blend) -> Vec<Case<Scene2d>> {
     // exp(-104) is 0 in f32. det Σ′ of the first three is at least 1e-6 px⁴.
     let one_axis = [-2.0, -5.0, -7.5, -20.0, -60.0, -104.0];
@@ -47,7 +47,7 @@ fn thin(blend: Blend) -> Vec<Case<Scene2d>> {
     ]
 }
 
-/// Much longer than wide, or turned by angles at which an off-diagonal is lost.
+/// Needles, and rotations by angles at which an off-diagonal is lost.
 fn needles(blend: Blend) -> Vec<Case<Scene2d>> {
     let cut = Training::Finite("no scale is above 10⁴ px in training: they are cut to it in the first step");
     vec![
@@ -95,9 +95,10 @@ fn needles(blend: Blend) -> Vec<Case<Scene2d>> {
     ]
 }
 
-/// Larger than the image by far, and parameters that are hardly numbers.
+/// Gaussians much larger than the image, and extreme parameters.
 fn sizes(blend: Blend) -> Vec<Case<Scene2d>> {
-    // e^(−1/σ²), by which a weight's growth itself grows from row to row, is half way between 1 and the number below it.
+    // e^(−1/σ²), by which a weight's growth itself grows from row to row, is half way between 1 and
+    // the number below it.
     let wide = case(
         "a wide Gaussian down a tall image",
         "weights that follow from those of the row before multiply roundings with each other, hundreds of rows long",
@@ -135,7 +136,7 @@ fn sizes(blend: Blend) -> Vec<Case<Scene2d>> {
     ]
 }
 
-/// Far from the image, and far from the origin.
+/// Gaussians far from the image, and far from the origin.
 fn places(blend: Blend) -> Vec<Case<Scene2d>> {
     let far = Canvas::new(VIEW.0, VIEW.1).showing(Vec2::splat(16_777_216.0), Vec2::new(24.0, 19.0));
     let whole = case(

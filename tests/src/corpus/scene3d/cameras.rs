@@ -1,4 +1,5 @@
-//! Cameras and what stands where they cannot look: on them, behind them, at the edge of their field of view, far from the origin.
+//! Gaussians at, behind and beside the camera, at the edge of the field of view, and far from the
+//! origin.
 
 use glam::{Mat3, Vec2, Vec3};
 use gs_core::{Camera, Gaussian3d, Loss, Scene3d, statistics::Culled};
@@ -81,11 +82,12 @@ fn edges() -> Vec<Case<Scene3d>> {
     cases
 }
 
-/// Far from the origin, and exactly on it.
+/// Cameras far from the origin, and exactly at a Gaussian.
 fn places() -> Vec<Case<Scene3d>> {
     let mut cases = Vec::new();
     for (name, distance) in [("10⁴", 1e4f32), ("10⁷", 1e7)] {
-        // Camera and scene moved together, by a whole number, so that the picture is that of the origin but for the rounding of means.
+        // Camera and scene moved by a whole number, so that the image is that at the origin except
+        // for the rounding of means.
         let offset = Vec3::new(distance, -0.5 * distance, 2.0 * distance);
         let moved = (0..4).map(|i| {
             let g = seen(Vec2::new(4.0 + 4.0 * i as f32, 9.0), 32.0 + 8.0 * i as f32, Vec3::splat(3.0));
@@ -120,10 +122,11 @@ fn places() -> Vec<Case<Scene3d>> {
     cases
 }
 
-/// Viewing directions that are hardly any.
+/// Viewing directions of nearly zero length.
 fn directions() -> Vec<Case<Scene3d>> {
     let mut cases = Vec::new();
-    // A world of 10⁻²⁵ units: the same picture, were it not for numbers that underflow when squared.
+    // A world of 10⁻²⁵ units: the same picture, were it not for numbers that underflow when
+    // squared.
     let small = 1e-25f32;
     let world = (0..4).map(|i| {
         let g = seen(Vec2::new(4.0 + 4.0 * i as f32, 9.0), 2.0 + 0.5 * i as f32, Vec3::splat(3.0));
@@ -143,8 +146,8 @@ fn directions() -> Vec<Case<Scene3d>> {
         }
         .training(Training::Finite("steps of world units in a world of 10⁻²⁵")),
     );
-    // W may be off a rotation by a thousandth. By half of that it is here, so that 1024 world units from the origin the camera itself, −Wᵀ t, is
-    // 1 in front of the camera, to the bit.
+    // W may be off a rotation by a thousandth. By half of that it is here, so that 1024 world units
+    // from the origin the camera itself, −Wᵀ t, is 1 in front of the camera, to the bit.
     let stretched = 1.0 + 2f32.powi(-11);
     let view =
         Camera { rotation: Mat3::from_diagonal(Vec3::splat(stretched)), translation: Vec3::NEG_Z * 1024.0, ..camera() };

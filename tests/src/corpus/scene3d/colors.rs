@@ -1,4 +1,4 @@
-//! Colours by spherical harmonics at their edges.
+//! SH colours at their edge cases.
 
 use glam::{Vec2, Vec3};
 use gs_core::{Gaussian3d, Scene3d};
@@ -7,7 +7,8 @@ use super::{case, seen};
 use crate::corpus::case::{Case, Source};
 
 pub(super) fn cases() -> Vec<Case<Scene3d>> {
-    // ½ + Y₀ sh is 0 at sh = −1.7725: well below, at, and above, with a tilt that takes some directions across.
+    // ½ + Y₀ sh is 0 at sh = −1.7725: well below, at, and above, with a tilt that takes some
+    // directions across.
     let around_zero = [-10.0, -1.78, -1.772_453_9, -1.76, 0.0].iter().enumerate().map(|(i, &flat)| {
         let sh = (0..16).map(|k| if k == 0 { Vec3::splat(flat) } else { Vec3::new(0.02, -0.02, 0.0) }).collect();
         Gaussian3d { sh, ..seen(Vec2::new(4.0 + 4.0 * i as f32, 9.0), 3.0, Vec3::splat(3.0)) }

@@ -1,4 +1,4 @@
-//! Orders of blending that are hard to tell, and keys at their limits.
+//! Orders of blending that are hard to determine, and extreme sort keys.
 
 use glam::{Vec2, Vec3};
 use gs_core::{Gaussian3d, Scene3d, effects::Order, scene::logit, statistics::Culled};
@@ -8,7 +8,7 @@ use crate::corpus::case::{Case, STACK_STEPS, Slopes, Source, Training};
 
 const ORDERS: [Order; 3] = [Order::Index, Order::Global, Order::PerPixel];
 
-/// Who met stacks.
+/// The source of the stacks.
 const OF_STACKS: Source = Source::Report("https://github.com/nerfstudio-project/gsplat/issues/571");
 
 pub(super) fn cases() -> Vec<Case<Scene3d>> {
@@ -19,7 +19,7 @@ pub(super) fn cases() -> Vec<Case<Scene3d>> {
     by_order.chain([opaque_stack(), faint_stack(), logits_at_their_limits(), coincident()]).collect()
 }
 
-/// Colours of a few hues, so that an order that is wrong is seen.
+/// Colours of a few hues, which make a wrong order visible.
 fn hue(i: usize) -> Vec<Vec3> {
     vec![[Vec3::X, Vec3::Y, Vec3::Z, Vec3::ONE][i % 4] * 1.5]
 }
@@ -27,7 +27,7 @@ fn hue(i: usize) -> Vec<Vec3> {
 fn equal_depths() -> Case<Scene3d> {
     case(
         "equal depths",
-        "of equal keys the order is whatever the sort makes of it: images that flicker",
+        "the sort decides the order of equal keys: images that flicker",
         Source::Report("https://github.com/huggingface/gsplat.js/issues/48"),
         (0..12).map(|i| Gaussian3d {
             sh: hue(i),
@@ -75,7 +75,7 @@ fn faint_stack() -> Case<Scene3d> {
         .sloping(Slopes::Leading("by a mean on a pixel's centre it is 0, or a rounding of the mean"))
 }
 
-/// 10,000 on one pixel.
+/// 10,000 Gaussians on one pixel.
 fn stack(name: &str, opacity_logit: f32, scale_px: f32) -> Case<Scene3d> {
     let gaussians = (0..10_000).map(|i| Gaussian3d {
         opacity_logit,
@@ -107,6 +107,6 @@ fn logits_at_their_limits() -> Case<Scene3d> {
 }
 
 fn coincident() -> Case<Scene3d> {
-    let why = "equal in everything: neither depth nor shape tells them apart";
+    let why = "equal in everything: neither depth nor shape distinguishes them";
     case("coincident", why, OF_STACKS, vec![plain(); 7])
 }

@@ -17,7 +17,8 @@ fn quaternion(q: Quat) -> [f32; 4] {
 }
 
 fn thin() -> Vec<Case<Scene3d>> {
-    // Discs of a scale along their axis that ends at 0 in f32, seen from the front, obliquely and, at the height of the camera, edge-on.
+    // Discs of a scale along their axis that ends at 0 in f32, seen from the front, obliquely and,
+    // at the height of the camera, edge-on.
     let discs = || {
         let thin = [1e-2, 1e-6, 1e-20, 0.0];
         let turns = [0.0, 0.8, 0.5 * PI];
@@ -79,7 +80,8 @@ fn needles() -> Vec<Case<Scene3d>> {
         ..seen(Vec2::new(1.5 + 0.9 * i as f32, 16.0 - 0.6 * i as f32), 3.0, Vec3::new(0.4e6, 0.4, 0.4))
     };
     let across = |i| needle(i, Vec3::Z);
-    // A needle of 10⁵ world units that is turned towards the camera has left the affine approximation, not the mathematics.
+    // A needle of 10⁵ world units that is turned towards the camera has left the affine
+    // approximation, not the mathematics.
     let along = |i| needle(i, Vec3::new(0.2, 1.0, 0.3).normalize());
     let mut cases = Vec::new();
     for antialias in ANTIALIASES {

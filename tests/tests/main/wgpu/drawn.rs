@@ -1,4 +1,5 @@
-//! Drawn scenes: single images, gradients and whole training runs, against the oracle and against gs-cpu.
+//! Drawn scenes: images, gradients and whole training runs, compared with the oracle and with
+//! gs-cpu.
 
 use super::*;
 
@@ -6,13 +7,14 @@ fn cpu() -> CpuRasterizer {
     CpuRasterizer::new(CpuSettings { threads: Some(2), level: None }).unwrap()
 }
 
-/// How far apart (root mean square) the images of two training runs may end, as a share of how far training moved them. Worst measured
-/// of 24 runs: 0.0095 with L1, whose gradient turns its sign where two images cross the target at other pixels; gs-cpu's scalar and
-/// AVX-512 kernels end as far apart (0.0107). Lists are made anew at every step: what reused ones miss depends on the tiles.
+/// Largest difference (root mean square) of the images of two training runs, as a share of the
+/// movement by training. Worst measured of 24 runs: 0.0095 with L1, whose gradient changes its sign
+/// where images cross the target; gs-cpu's scalar and AVX-512 kernels differ as much (0.0107).
+/// Every step has new lists, because the error of reused ones depends on the tiles.
 const MOST_APART: f32 = 0.03;
 
 #[test]
-fn runs_of_other_lengths_are_further_apart_than_that() {
+fn runs_of_different_lengths_differ_more() {
     for loss in [Loss::L2, Loss::L1] {
         let draw = Draw::new(Kind::Typical, Blend::Sum, 40, (48, 40), 285);
         let before = rasterizer().render(&draw.scene, &draw.view, &draw.settings).block_on().unwrap();
@@ -35,7 +37,7 @@ fn root_mean_square(a: &Image, b: &Image) -> f32 {
     (squares.sum::<f32>() / (3 * a.pixels().len()) as f32).sqrt()
 }
 
-/// What the oracle's gradients and its Adam make of a scene in as many steps as [`trained`] does.
+/// The image after as many steps of the oracle's gradients and Adam as in [`trained`].
 fn trained_by_oracle(draw: &Draw, loss: Loss, steps: usize) -> Image {
     let oracle = Oracle::new(draw.view, draw.settings).unwrap();
     let target = draw.target().unwrap();
@@ -50,9 +52,9 @@ fn trained_by_oracle(draw: &Draw, loss: Loss, steps: usize) -> Image {
 proptest! {
     #![proptest_config(repeatable(100, 2027))]
 
-    /// Rounding grows in training, so that images are compared, not parameters.
+    /// Rounding errors grow in training, so images are compared and not parameters.
     #[test]
-    fn fifty_steps_end_at_the_same_image_on_both_backends_and_by_the_oracle(
+    fn fifty_steps_match_the_cpu_and_the_oracle(
         seed in 0u64..1000,
         blend in prop_oneof![Just(Blend::Sum), Just(Blend::Over)],
         loss in losses(),

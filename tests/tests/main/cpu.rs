@@ -1,5 +1,5 @@
-//! gs-cpu: the conformance suite at every SIMD level of this machine with 1, 2 and 7 threads, the same bits for every number of threads,
-//! and drawn scenes against the oracle.
+//! gs-cpu: the conformance suite at every SIMD level with 1, 2 and 7 threads, determinism for every
+//! number of threads, and drawn scenes compared with the oracle.
 
 use gs_conformance::{
     bits::bits,
@@ -20,7 +20,7 @@ use proptest::prelude::*;
 
 const THREADS: [usize; 3] = [1, 2, 7];
 
-fn rasterizer(level: SimdLevel, threads: usize) -> CpuRasterizer {
+pub(crate) fn rasterizer(level: SimdLevel, threads: usize) -> CpuRasterizer {
     CpuRasterizer::new(CpuSettings { threads: Some(threads), level: Some(level) }).unwrap()
 }
 
@@ -41,7 +41,7 @@ fn conforms_at_every_level_and_number_of_threads() {
     assert!(failures.is_empty(), "{}", failures.join("\n"));
 }
 
-/// More Gaussians than a task takes at once, over more tiles than there are threads.
+/// More Gaussians than fit into one task, and more tiles than threads.
 fn many(blend: Blend) -> Draw {
     let mut draw = Draw::new(Kind::Typical, blend, 2500, (173, 141), 42).on([0.1, 0.5, 0.3]);
     draw.settings.effects.statistics = Statistics::MeanGradient;
@@ -49,7 +49,7 @@ fn many(blend: Blend) -> Draw {
 }
 
 #[test]
-fn images_and_gradients_are_the_same_bits_for_every_number_of_threads() {
+fn images_and_gradients_have_the_same_bits_for_every_number_of_threads() {
     for level in SimdLevel::available() {
         for blend in [Blend::Sum, Blend::Over] {
             let draw = many(blend);
@@ -60,9 +60,9 @@ fn images_and_gradients_are_the_same_bits_for_every_number_of_threads() {
                     let r = r.for_2d();
                     let splats = r.upload(&draw.scene, Parameterization::ScaleRotation).unwrap();
                     let target = r.upload_target(&image).unwrap();
-                    let frame = r.forward(&splats, &draw.view, &draw.settings).block_on().unwrap();
-                    let rendered = r.image(&frame).block_on().unwrap();
-                    let (loss, gradients) = r.backward(&splats, frame, &target, &loss).block_on().unwrap();
+                    let pass = r.forward(&splats, &draw.view, &draw.settings).block_on().unwrap();
+                    let rendered = r.image(&pass).block_on().unwrap();
+                    let (loss, gradients) = r.backward(&splats, pass, &target, &loss).block_on().unwrap();
                     let gradients = r.gradients(&splats, &gradients).block_on().unwrap();
                     assert!(gradients.means.iter().any(|g| g.length() > 0.0));
                     let pixels: Vec<u32> = rendered.pixels().as_flattened().iter().map(|v| v.to_bits()).collect();
@@ -74,7 +74,7 @@ fn images_and_gradients_are_the_same_bits_for_every_number_of_threads() {
     }
 }
 
-/// 50 steps with an edit half way, lists reused every other step; the state after them.
+/// The state after 50 steps with an edit half way, in which every other step reuses lists.
 fn trained(
     level: SimdLevel,
     threads: usize,
@@ -112,7 +112,7 @@ fn trained(
 }
 
 #[test]
-fn training_runs_are_the_same_bits_for_every_number_of_threads() {
+fn training_runs_have_the_same_bits_for_every_number_of_threads() {
     let best = SimdLevel::best();
     for blend in [Blend::Sum, Blend::Over] {
         for (parameterization, loss) in [
@@ -132,7 +132,7 @@ fn training_runs_are_the_same_bits_for_every_number_of_threads() {
     }
 }
 
-fn levels() -> impl Strategy<Value = SimdLevel> {
+pub(crate) fn levels() -> impl Strategy<Value = SimdLevel> {
     proptest::sample::select(SimdLevel::available())
 }
 

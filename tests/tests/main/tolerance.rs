@@ -1,4 +1,4 @@
-//! The comparators' negative controls: what they must accept, and every kind of wrong that they must reject.
+//! Tests of the comparators: correct results pass, and every kind of wrong result is rejected.
 
 use glam::{Vec2, Vec3};
 use gs_conformance::{
@@ -20,7 +20,7 @@ fn gradients(blend: Blend, loss: Loss) -> Gradients {
     oracle.gradients(&OracleScene::from(&draw.scene), &draw.target().unwrap(), &loss).unwrap()
 }
 
-/// The gradients as a backend would download them.
+/// The gradients in the form of a backend's download.
 fn downloaded(gradients: &Gradients) -> Scene2d {
     let f = |v: f64| v as f32;
     Scene2d {
@@ -33,7 +33,7 @@ fn downloaded(gradients: &Gradients) -> Scene2d {
 }
 
 #[test]
-fn right_images_pass_and_wrong_ones_do_not() {
+fn only_correct_images_pass() {
     for blend in [Blend::Sum, Blend::Over] {
         let expected = rendering(blend);
         let image = expected.image();
@@ -67,9 +67,10 @@ fn one_wrong_pixel_is_named() {
     assert_eq!((what, others), (format!("pixel ({}, {}), channel 1", index % 40, index / 40), 0));
 }
 
-/// Pixels within rounding of the cut may differ by its height, but no other pixel, not by more, and not too many.
+/// Pixels within rounding of the cut may differ by its height, but no other pixel, not by more, and
+/// not too many.
 #[test]
-fn flips_are_excused_only_where_the_oracle_says_so() {
+fn flips_are_only_allowed_at_discontinuities() {
     let mut expected = rendering(Blend::Sum);
     let image = expected.image();
     expected.flip.iter_mut().for_each(|f| *f = [0.0; 3]);
@@ -93,14 +94,14 @@ fn flips_are_excused_only_where_the_oracle_says_so() {
 }
 
 #[test]
-fn images_that_show_nothing_are_refused() {
+fn empty_images_are_refused() {
     let draw = Draw::new(Kind::Typical, Blend::Over, 0, (8, 8), 1).on([0.5; 3]);
     let nothing = Oracle::new(draw.view, draw.settings).unwrap().render(&OracleScene::default());
     assert!(matches!(compare_images(&nothing, &nothing.image()), Err(Failure::Nothing(_))));
 }
 
 #[test]
-fn right_gradients_pass_and_wrong_ones_do_not() {
+fn only_correct_gradients_pass() {
     for blend in [Blend::Sum, Blend::Over] {
         for loss in [Loss::L2, Loss::L1, Loss::PAPER] {
             let expected = gradients(blend, loss);
@@ -112,7 +113,8 @@ fn right_gradients_pass_and_wrong_ones_do_not() {
             wrong[0].rotations.iter_mut().for_each(|v| *v = -*v);
             wrong[1].means.iter_mut().for_each(|v| *v = Vec2::new(v.y, v.x));
             wrong[2].log_scales[3].x *= 1.02;
-            // Under D-SSIM, whose variances are small differences of large moments, everything is allowed more.
+            // D-SSIM has larger tolerances, because its variances are small differences of large
+            // moments.
             let one = if matches!(loss, Loss::L1Dssim { .. }) { 1e-2 } else { 1e-3 };
             wrong[3].colors[5].z += one * wrong[3].colors[5].length();
             wrong[4].means.iter_mut().for_each(|v| *v *= 1.01);
@@ -135,7 +137,7 @@ fn right_gradients_pass_and_wrong_ones_do_not() {
 }
 
 #[test]
-fn gradients_that_say_nothing_are_refused() {
+fn meaningless_gradients_are_refused() {
     let mut expected = gradients(Blend::Over, Loss::L2);
     let right = downloaded(&expected);
     expected.rounding.iter_mut().for_each(|row| row.iter_mut().for_each(|v| *v *= 1e6));
@@ -157,7 +159,7 @@ fn a_wrong_loss_is_rejected() {
     assert!(matches!(compare_loss(&zero, 0.0), Err(Failure::Nothing(_))));
 }
 
-/// Ill-conditioned Gaussians get more room, well-conditioned ones do not.
+/// Ill-conditioned Gaussians have larger tolerances.
 #[test]
 fn a_needle_is_allowed_more_than_a_disc() {
     let room = |kind| {

@@ -1,5 +1,5 @@
-//! gs-wgpu's 3D scenes: the conformance suite with all kinds of kernels, drawn scenes against the oracle and against gs-cpu, and that
-//! they repeat themselves bit for bit.
+//! gs-wgpu with 3D scenes: the conformance suite with all kernels, drawn scenes compared with the
+//! oracle and with gs-cpu, and determinism.
 
 use gs_core::Rasterizer as _;
 use pollster::FutureExt as _;
@@ -22,7 +22,8 @@ use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_wgpu::{FreshBuffers, Kernels, WgpuRasterizer, WgpuSettings};
 use proptest::prelude::*;
 
-/// A device for each kind of kernels that the adapter can run, with few work groups in a row and fresh buffers full of NaN.
+/// A device for each kind of kernels that the adapter supports, with few work groups per row and
+/// buffers full of NaN.
 fn rasterizers() -> &'static [(Kernels, WgpuRasterizer)] {
     static RASTERIZERS: OnceLock<Vec<(Kernels, WgpuRasterizer)>> = OnceLock::new();
     RASTERIZERS.get_or_init(|| {
@@ -46,7 +47,7 @@ fn rasterizers() -> &'static [(Kernels, WgpuRasterizer)] {
 fn conforms_with_all_kernels() {
     for (kernels, rasterizer) in rasterizers() {
         let skipped = conformance_3d(rasterizer).unwrap_or_else(|failure| panic!("{kernels:?}: {failure}"));
-        // Of what a backend may refuse, it refuses covariance factors alone.
+        // Covariance factors are the only optional feature that it refuses.
         let others: Vec<_> = skipped.iter().filter(|skipped| !skipped.refused.contains("covariance-factor")).collect();
         assert!(others.is_empty(), "{kernels:?}: {others:?}");
     }
@@ -54,7 +55,7 @@ fn conforms_with_all_kernels() {
 
 const ORDERS: [Order; 3] = [Order::Index, Order::Global, Order::PerPixel];
 
-/// More Gaussians than two sorting blocks, of which many cover many tiles.
+/// More Gaussians than two blocks of the sort, many of which cover many tiles.
 fn many(order: Order) -> Draw<Scene3d> {
     let mut draw = Draw::for_3d(Kind3d::Typical, Blend::Over, 2500, (173, 141), 42).on([0.1, 0.5, 0.3]);
     draw.settings.effects.order = order;
@@ -71,9 +72,9 @@ fn root_mean_square(a: &Image, b: &Image) -> f32 {
     (squares.sum::<f32>() / (3 * a.pixels().len()) as f32).sqrt()
 }
 
-/// A wrong order of two Gaussians in a thousand would be seen.
+/// The comparison would detect a wrong order of two Gaussians in a thousand.
 #[test]
-fn images_of_many_are_those_of_the_cpu() {
+fn images_of_many_gaussians_match_the_cpu() {
     for order in ORDERS {
         let draw = many(order);
         let expected = cpu().render(&draw.scene, &draw.view, &draw.settings).block_on().unwrap();
@@ -90,9 +91,10 @@ fn images_of_many_are_those_of_the_cpu() {
     }
 }
 
-/// What no one trains needs no moments, and moments of SH coefficients no larger a buffer than those: software drivers allow 128 MiB.
+/// Drawing needs no moments, and no buffer of moments is larger than that of the SH coefficients:
+/// software drivers allow 128 MiB.
 #[test]
-fn scenes_of_every_size_that_fits_are_drawn_and_trained() {
+fn every_scene_that_fits_is_drawn_and_trained() {
     let (_, r) = &rasterizers()[0];
     let view = Camera::looking_forward(16, 16, 1.0);
     let mut scene = Scene3d { sh_degree: 3, ..Scene3d::default() };
@@ -112,8 +114,8 @@ fn scenes_of_every_size_that_fits_are_drawn_and_trained() {
     let settings = RenderSettings::blended(Blend::Over);
     let target = r.for_3d().upload_target(&Image::filled(16, 16, [0.2; 3]).unwrap()).unwrap();
     let mut splats = r.upload(&scene, Parameterization::ScaleRotation).unwrap();
-    let frame = r.forward(&splats, &view, &settings).block_on().unwrap();
-    let drawn = r.image(&frame).block_on().unwrap();
+    let pass = r.forward(&splats, &view, &settings).block_on().unwrap();
+    let drawn = r.image(&pass).block_on().unwrap();
     assert!(drawn.pixels().iter().any(|p| p[0] > 0.1));
     let rates = Adam::default().at(0.0);
     let step = TrainStep { settings: &settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
@@ -122,13 +124,13 @@ fn scenes_of_every_size_that_fits_are_drawn_and_trained() {
     let after = r.download(&splats).block_on().unwrap();
     assert_ne!(after.sh[0], scene.sh[0]);
     assert_eq!(after.sh[16..], scene.sh[16..]);
-    // And an edit of what was never trained has moments to hand on.
+    // An edit of splats without moments creates them.
     let mut untouched = r.upload(&scene, Parameterization::ScaleRotation).unwrap();
     r.edit(&mut untouched, &EditPlan::default()).block_on().unwrap();
     assert!(r.save(&untouched).block_on().unwrap().matrix("moment1").unwrap().1.iter().all(|&m| m == 0.0));
 }
 
-/// Steps that are small beside the scene, and whose gradients of mere rounding do not become whole steps.
+/// Small steps, which do not turn rounding errors of gradients into whole steps.
 fn rates(participants: Participants) -> AdamRates {
     let mut adam = Adam { epsilon: 1e-6, min_scale: 1e-4, participants, ..Adam::default() };
     adam.mean.learning_rate = 1e-3;
@@ -153,7 +155,7 @@ fn trained<R: Optimizer<Scene3d>>(
 }
 
 #[test]
-fn repeats_itself_bit_for_bit_whether_or_not_steps_have_to_be_sent_again() {
+fn results_have_the_same_bits_with_and_without_repeated_steps() {
     let by_depth = [Order::Global, Order::PerPixel].map(many);
     let kernels = rasterizers().iter().map(|&(kernels, _)| kernels);
     for (kernels, draw) in kernels.flat_map(|kernels| by_depth.iter().map(move |draw| (kernels, draw))) {
@@ -180,14 +182,14 @@ fn image_of(state: &SplatsState, draw: &Draw<Scene3d>) -> Image {
 }
 
 #[test]
-fn ten_steps_end_where_they_do_on_the_cpu() {
+fn ten_steps_match_the_cpu() {
     let draw = Draw::for_3d(Kind3d::Typical, Blend::Over, 60, (60, 44), 11).on([0.3, 0.2, 0.6]);
     let before = cpu().render(&draw.scene, &draw.view, &draw.settings).block_on().unwrap();
     let all = rates(Participants::All);
     let (usual, _) = trained(cpu().for_3d(), &draw, &all, 10);
     let usual = image_of(&usual, &draw);
     let penalised = AdamRates { penalty: Penalty { opacity: 1.0, scale: 1.0 }, ..all };
-    // What each must differ from, or the comparison could not fail.
+    // Negative controls: the comparison must reject these.
     for (rates, other) in [(all, &before), (rates(Participants::Visible), &before), (penalised, &usual)] {
         let (expected, _) = trained(cpu().for_3d(), &draw, &rates, 10);
         let image = image_of(&expected, &draw);
@@ -211,7 +213,7 @@ fn a_training_step_moves_few_bytes_however_many_gaussians_there_are() {
         let mut splats = r.upload(&draw.scene, Parameterization::ScaleRotation).unwrap();
         let rates = rates(Participants::All);
         let step = TrainStep { settings: &draw.settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
-        // Buffers grow in the first.
+        // Buffers grow in the first step.
         r.train_step(&mut splats, &draw.view, &target, &step).block_on().unwrap();
         r.losses(&mut splats, Wait::All, &mut Vec::new()).block_on().unwrap();
         let before = r.bytes_moved();
@@ -226,7 +228,7 @@ fn a_training_step_moves_few_bytes_however_many_gaussians_there_are() {
     assert!(few > 0 && few <= 5 * 512, "{few} bytes in 5 steps");
 }
 
-/// The suite lets a backend refuse them; this one does not.
+/// The suite allows backends to refuse these; this one offers them.
 #[test]
 fn all_orders_and_statistics_are_offered() {
     let (_, r) = &rasterizers()[0];
@@ -239,9 +241,9 @@ fn all_orders_and_statistics_are_offered() {
     }
 }
 
-/// What a step collects in the order of depth at each pixel, whose kernel has sums of its own, against gs-cpu.
+/// The statistics with a sort at each pixel, whose kernel has its own sums, compared with gs-cpu.
 #[test]
-fn statistics_by_pixel_are_those_of_the_cpu() {
+fn statistics_with_a_sort_at_each_pixel_match_the_cpu() {
     let mut draw = Draw::for_3d(Kind3d::Overlapping, Blend::Over, 40, (60, 44), 12).on([0.3, 0.2, 0.6]);
     draw.settings.effects.order = Order::PerPixel;
     let all = rates(Participants::All);
@@ -258,7 +260,7 @@ fn statistics_by_pixel_are_those_of_the_cpu() {
     }
 }
 
-/// 60,000 Gaussians that one pixel sees, all hardly visible: more than it can put in order.
+/// 60,000 faint Gaussians at one pixel: more than it can sort.
 fn too_many_to_order() -> (Scene3d, Camera, RenderSettings) {
     let g = Gaussian3d {
         mean: Vec3::new(0.0, 0.0, 4.0),
@@ -277,16 +279,16 @@ fn too_many_to_order() -> (Scene3d, Camera, RenderSettings) {
 }
 
 #[test]
-fn more_than_a_pixel_can_put_in_order_is_an_error() {
+fn more_gaussians_than_a_pixel_can_sort_are_an_error() {
     let (_, r) = &rasterizers()[0];
     let (scene, view, settings) = too_many_to_order();
     let error = r.render(&scene, &view, &settings).block_on().unwrap_err();
     assert!(error.to_string().contains("order of their depths"), "{error}");
 }
 
-/// Nor do the steps behind it, which were sent before its outcome was known.
+/// Pending steps after it do not change anything, either.
 #[test]
-fn a_step_that_cannot_put_all_in_order_changes_nothing() {
+fn a_step_with_unsorted_pixels_changes_nothing() {
     let (_, r) = &rasterizers()[0];
     let (scene, view, settings) = too_many_to_order();
     let target = r.for_3d().upload_target(&Image::filled(1, 1, [0.5; 3]).unwrap()).unwrap();
@@ -307,7 +309,7 @@ fn a_step_that_cannot_put_all_in_order_changes_nothing() {
     assert!(losses.is_empty());
     assert!(r.save(&splats).block_on().unwrap() == before, "the splats have changed");
 
-    // The splats go on from there: with the usual cut, no list is too long for a software driver.
+    // Training goes on: with the usual cut, no list is too long for a software driver.
     in_order_of_means.accuracy = Accuracy::default();
     let step = TrainStep { settings: &in_order_of_means, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
     r.train_step(&mut splats, &view, &target, &step).block_on().unwrap();
@@ -316,7 +318,7 @@ fn a_step_that_cannot_put_all_in_order_changes_nothing() {
 }
 
 #[test]
-fn what_is_not_offered_is_an_error_that_names_it() {
+fn unsupported_features_are_errors_that_name_them() {
     let (_, r) = &rasterizers()[0];
     let draw = Draw::for_3d(Kind3d::Typical, Blend::Over, 5, (20, 20), 3);
     let mut smooth = draw.settings;

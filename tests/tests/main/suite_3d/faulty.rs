@@ -1,4 +1,4 @@
-//! A backend that is the oracle itself, `f64` inside and `f32` in what it keeps and hands over, with one fault or none.
+//! The oracle as a backend, `f64` inside and `f32` in its results, with one fault or none.
 
 use gs_conformance::{
     oracle::{Oracle, OracleScene, SPATIAL_SH},
@@ -18,15 +18,15 @@ use pollster::FutureExt as _;
 
 mod splats;
 
-use splats::{FACTOR, Frame, Gradients, Splats, narrow, scene_of, tensors};
+use splats::{FACTOR, Gradients, Pass, Splats, narrow, scene_of, tensors};
 
-/// What is wrong with the backend.
+/// The fault of the backend.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Fault {
-    /// Nothing: what passes.
+    /// No fault.
     Faultless,
-    /// Nothing either: a backend may.
-    RefusesFrames,
+    /// No fault, either: a backend may refuse them.
+    RefusesFactors,
     ShiftsImages,
     DimsImages,
     DrawsInTheScenesOrder,
@@ -41,7 +41,7 @@ pub(crate) enum Fault {
     GradientsInWrongUnits,
     HoldsDirectionsFixed,
     NormalisesQuaternions,
-    RoundsFrames,
+    RoundsFactors,
     TurnsTheGradientsAxes,
     MovesInTheWorld,
     ForgetsMomentsOnRestore,
@@ -73,7 +73,7 @@ pub(crate) enum Fault {
 
 use Fault::*;
 
-/// An image to compare with, and what [`TargetImage::coverage`] says of it.
+/// A target with its [`TargetImage::coverage`].
 pub(crate) struct Target {
     image: Image,
     coverage: Option<Vec<f32>>,
@@ -90,7 +90,7 @@ impl Target {
     }
 }
 
-/// The oracle as a backend: `f64` inside, `f32` in what it keeps and hands over.
+/// The oracle as a backend.
 pub(crate) struct Faulty(pub(crate) Fault);
 
 impl Faulty {
@@ -100,14 +100,14 @@ impl Faulty {
 
     fn check_parameterization(&self, parameterization: Parameterization) -> Result<(), Error> {
         match parameterization {
-            Parameterization::CovarianceFactor if self.is(RefusesFrames) => {
+            Parameterization::CovarianceFactor if self.is(RefusesFactors) => {
                 Err(Error::Unsupported { backend: "oracle", effect: "parameterization CovarianceFactor".to_owned() })
             }
             _ => Ok(()),
         }
     }
 
-    /// What it renders with instead of what it is told.
+    /// The inputs after a fault.
     fn altered(
         &self,
         splats: &Splats,
@@ -144,7 +144,7 @@ impl Backend for Faulty {
 
 impl Rasterizer<Scene3d> for Faulty {
     type Splats = Splats;
-    type ForwardPass = Frame;
+    type ForwardPass = Pass;
     type Gradients = Gradients;
     type Target = Target;
 
@@ -160,7 +160,7 @@ impl Rasterizer<Scene3d> for Faulty {
                 *q = glam::Vec4::from_array(*q).normalize().to_array();
             }
         }
-        if self.is(RoundsFrames) && parameterization == Parameterization::CovarianceFactor {
+        if self.is(RoundsFactors) && parameterization == Parameterization::CovarianceFactor {
             scene.log_scales.iter_mut().for_each(|scales| *scales = (*scales * 100.0).round() / 100.0);
         }
         Ok(Splats::of(&scene, parameterization))
@@ -185,15 +185,15 @@ impl Rasterizer<Scene3d> for Faulty {
         Ok(Target { image: target.image.clone(), coverage: target.coverage() })
     }
 
-    async fn forward(&self, splats: &Splats, view: &Camera, settings: &RenderSettings) -> Result<Frame, Error> {
+    async fn forward(&self, splats: &Splats, view: &Camera, settings: &RenderSettings) -> Result<Pass, Error> {
         let (scene, view, settings) = self.altered(splats, view, settings);
         let oracle = Oracle::new(view, settings)?;
         let rendering = oracle.render(&scene);
-        Ok(Frame { oracle, scene, rendering })
+        Ok(Pass { oracle, scene, rendering })
     }
 
-    async fn image(&self, frame: &Frame) -> Result<Image, Error> {
-        let image = frame.rendering.image();
+    async fn image(&self, pass: &Pass) -> Result<Image, Error> {
+        let image = pass.rendering.image();
         let (w, h) = image.size();
         match self.0 {
             ShiftsImages => Image::from_fn(w, h, |x, y| image.pixel((x + 1) % w, (y + 1) % h)),
@@ -202,25 +202,19 @@ impl Rasterizer<Scene3d> for Faulty {
         }
     }
 
-    fn culled(&self, frame: &Frame) -> Culled {
-        let culled = frame.rendering.culled;
+    fn culled(&self, pass: &Pass) -> Culled {
+        let culled = pass.rendering.culled;
         let mistaken = Culled { near: 0, outside: culled.outside + culled.near, ..culled };
         if self.is(MistakesCauses) { mistaken } else { culled }
     }
 
-    async fn backward(
-        &self,
-        _: &Splats,
-        frame: Frame,
-        target: &Target,
-        loss: &Loss,
-    ) -> Result<(f32, Gradients), Error> {
+    async fn backward(&self, _: &Splats, pass: Pass, target: &Target, loss: &Loss) -> Result<(f32, Gradients), Error> {
         loss.validate()?;
-        let Frame { oracle, scene, rendering } = frame;
+        let Pass { oracle, scene, rendering } = pass;
         let target = &target.completed(&rendering.image(), oracle.settings().background_color());
         let mut gradients = oracle.gradients(&scene, target, loss)?;
         if self.is(HoldsDirectionsFixed) {
-            // With SH of degree 0 alone nothing depends on the direction.
+            // With SH of degree 0, nothing depends on the direction.
             let mut settings = oracle.settings();
             settings.effects.sh_degree = 0;
             let flat = Oracle::new(oracle.view(), settings)?.gradients(&scene, target, loss)?;
@@ -353,8 +347,8 @@ impl Optimizer<Scene3d> for Faulty {
     ) -> Result<(), Error> {
         let stale = self.is(UsesListsOfAnotherView) && step.binning == gs_core::Binning::Reuse;
         let seen = splats.last_view.filter(|_| stale).unwrap_or(*view);
-        let frame = self.forward(splats, &seen, step.settings).block_on()?;
-        let (loss, gradients) = self.backward(splats, frame, target, &step.loss).block_on()?;
+        let pass = self.forward(splats, &seen, step.settings).block_on()?;
+        let (loss, gradients) = self.backward(splats, pass, target, &step.loss).block_on()?;
         self.step(splats, &gradients, step.rates).block_on()?;
         if self.is(FusedStepDoesTooMuch) {
             self.step(splats, &gradients, step.rates).block_on()?;
@@ -409,7 +403,7 @@ impl Optimizer<Scene3d> for Faulty {
         let before = splats.parameters.clone();
         splats.parameters = plan.gather(&sources, &before, |g| splats.row_of(g));
         if splats.parameterization == Parameterization::CovarianceFactor {
-            // The frame of an heir is the one in whose coordinates the moments are.
+            // The factor of an heir is the one in whose coordinates the moments are.
             let is_heir = |source: &Source| !matches!(source, Source::Kept(_));
             for (row, source) in splats.parameters.iter_mut().zip(&sources).filter(|(_, source)| is_heir(source)) {
                 if let Some(parent) = plan.origin(source, Moments::heir_of) {

@@ -1,4 +1,5 @@
-//! gs-wgpu: the conformance suite, drawn scenes against the oracle and against gs-cpu, and that it repeats itself bit for bit.
+//! gs-wgpu: the conformance suite, drawn scenes compared with the oracle and with gs-cpu, and
+//! determinism.
 
 use gs_core::Rasterizer as _;
 use pollster::FutureExt as _;
@@ -28,9 +29,9 @@ use proptest::prelude::*;
 
 mod drawn;
 mod long_lists;
-mod steps_under_way;
+mod pending_steps;
 
-/// One device for all tests, with fresh buffers full of NaN.
+/// One device for all tests, with buffers full of NaN.
 fn rasterizer() -> &'static WgpuRasterizer {
     static RASTERIZER: OnceLock<WgpuRasterizer> = OnceLock::new();
     RASTERIZER.get_or_init(|| {
@@ -39,14 +40,14 @@ fn rasterizer() -> &'static WgpuRasterizer {
 }
 
 fn poisoned(kernels: Option<Kernels>) -> Result<WgpuRasterizer, Error> {
-    // With few work groups in a row, every dispatch has more than fit in one: no adapter that is tested has memory for as many as
-    // 65,535, the usual limit.
+    // With few work groups per row, every dispatch has several rows. No tested adapter has memory
+    // for 65,535, the usual limit.
     let most_groups = if kernels.is_some() { NonZero::new(3) } else { None };
     let fresh_buffers = FreshBuffers::Poison;
     WgpuRasterizer::new(WgpuSettings { fresh_buffers, kernels, most_groups, ..WgpuSettings::default() }).block_on()
 }
 
-/// A device for each kind of kernels that the adapter can run.
+/// A device for each kind of kernels that the adapter supports.
 fn rasterizers() -> &'static [(Kernels, WgpuRasterizer)] {
     static RASTERIZERS: OnceLock<Vec<(Kernels, WgpuRasterizer)>> = OnceLock::new();
     RASTERIZERS.get_or_init(|| {
@@ -55,12 +56,12 @@ fn rasterizers() -> &'static [(Kernels, WgpuRasterizer)] {
     })
 }
 
-/// The other device of its own, as a later process would have.
+/// Another device, as a later process has.
 fn another() -> WgpuRasterizer {
     WgpuRasterizer::new(WgpuSettings::default()).block_on().unwrap()
 }
 
-/// The suite lets a backend refuse them; this one does not.
+/// The suite allows backends to refuse these; this one offers them.
 #[test]
 fn all_statistics_are_offered() {
     let mut draw = Draw::new(Kind::Typical, Blend::Over, 5, (20, 20), 3);
@@ -78,8 +79,9 @@ fn conforms_with_all_kernels() {
     }
 }
 
-/// Beside what rounding allows number by number: images within 1e-5, gradients within a thousandth of the largest by the same parameter,
-/// away from the cut. Worst measured: 5.7e-6 and 1.1e-4 (`examples/worst_cases.rs`).
+/// Absolute bounds in addition to the tolerances: images within 1e-5, gradients within a thousandth
+/// of the largest by the same parameter, away from the cut. Worst measured: 5.7e-6 and 1.1e-4
+/// (`examples/worst_cases.rs`).
 #[test]
 fn differences_from_the_oracle_are_small_in_numbers() {
     for (kernels, r) in rasterizers() {
@@ -103,9 +105,9 @@ fn differences_from_the_oracle_are_small_in_numbers() {
     }
 }
 
-/// Gaussians that shrink by a factor of e from step to step have long become others than those that the lists were made for.
+/// Gaussians that shrink by a factor of e in each step soon differ from those of their lists.
 #[test]
-fn lists_that_are_out_of_date_never_make_what_is_not_finite() {
+fn outdated_lists_keep_all_numbers_finite() {
     for (kernels, r) in rasterizers() {
         let draw = Draw::new(Kind::Typical, Blend::Sum, 300, (64, 48), 7);
         let target = r.for_2d().upload_target(&draw.target().unwrap()).unwrap();
@@ -127,7 +129,7 @@ fn lists_that_are_out_of_date_never_make_what_is_not_finite() {
 }
 
 #[test]
-fn kernels_that_the_adapter_cannot_run_are_refused() {
+fn unsupported_kernels_are_refused() {
     let found: Vec<Kernels> = rasterizers().iter().map(|&(kernels, _)| kernels).collect();
     assert_eq!(found[0], Kernels::Portable, "every adapter has these");
     match poisoned(Some(Kernels::Subgroups)) {
@@ -139,19 +141,20 @@ fn kernels_that_the_adapter_cannot_run_are_refused() {
     }
 }
 
-/// More Gaussians than a work group, and more entries than a sorting block and the first buffers hold.
+/// More Gaussians than a work group, and more entries than a block of the sort and the first
+/// buffers.
 fn many(blend: Blend) -> Draw {
     let mut draw = Draw::new(Kind::Large, blend, 2500, (173, 141), 42).on([0.1, 0.5, 0.3]);
     draw.settings.effects.statistics = Statistics::MeanGradient;
     draw
 }
 
-/// A gradient that is mere rounding must not become a whole step.
+/// With this ε, a gradient that is mere rounding does not become a whole step.
 fn rates() -> AdamRates {
     Adam { epsilon: 1e-6, ..Adam::default() }.at(0.0)
 }
 
-/// The state after so many steps, lists being made anew at every `rebin_every`th.
+/// The state after `steps` steps, with new lists at every `rebin_every`th.
 fn trained<R: Optimizer<Scene2d>>(
     r: &R,
     draw: &Draw,
@@ -171,7 +174,7 @@ fn trained<R: Optimizer<Scene2d>>(
 }
 
 #[test]
-fn repeats_itself_bit_for_bit() {
+fn results_have_the_same_bits_on_every_device() {
     let other = another();
     for (blend, loss, parameterization) in [
         (Blend::Sum, Loss::L2, Parameterization::CovarianceFactor),
@@ -188,7 +191,7 @@ fn repeats_itself_bit_for_bit() {
 }
 
 #[test]
-fn an_adapter_is_found_by_its_name_or_not_at_all() {
+fn an_adapter_is_found_by_its_name_only() {
     let first = adapters().block_on().remove(0);
     let by_name =
         |name: &str| WgpuRasterizer::new(WgpuSettings { adapter: Some(name.to_owned()), ..WgpuSettings::default() });
@@ -198,7 +201,7 @@ fn an_adapter_is_found_by_its_name_or_not_at_all() {
 }
 
 #[test]
-fn what_does_not_fit_is_refused_with_numbers() {
+fn scenes_that_do_not_fit_are_errors_with_sizes() {
     let r = another();
     let huge: Scene2d =
         std::iter::repeat_n(Draw::new(Kind::Large, Blend::Sum, 1, (16, 16), 1).scene.gaussian(0), 40_000).collect();

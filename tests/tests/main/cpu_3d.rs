@@ -1,5 +1,5 @@
-//! gs-cpu: the conformance suite for 3D scenes at every SIMD level of this machine with 1, 2 and 7 threads, and drawn scenes against
-//! the oracle.
+//! gs-cpu: the conformance suite for 3D scenes at every SIMD level with 1, 2 and 7 threads, and
+//! drawn scenes compared with the oracle.
 
 use gs_conformance::{
     conformance::{check_gradients, check_image, conformance_3d},
@@ -7,12 +7,10 @@ use gs_conformance::{
     scenes::draws_3d,
 };
 use gs_core::Parameterization;
-use gs_cpu::{CpuRasterizer, CpuSettings, SimdLevel};
+use gs_cpu::SimdLevel;
 use proptest::prelude::*;
 
-fn rasterizer(level: SimdLevel, threads: usize) -> CpuRasterizer {
-    CpuRasterizer::new(CpuSettings { threads: Some(threads), level: Some(level) }).unwrap()
-}
+use super::cpu::{levels, rasterizer};
 
 #[test]
 fn conforms_at_every_level_and_number_of_threads() {
@@ -26,10 +24,6 @@ fn conforms_at_every_level_and_number_of_threads() {
         }
     }
     assert!(failures.is_empty(), "{}", failures.join("\n"));
-}
-
-fn levels() -> impl Strategy<Value = SimdLevel> {
-    proptest::sample::select(SimdLevel::available())
 }
 
 proptest! {

@@ -1,4 +1,4 @@
-//! What a backend owes a drawn scene, whatever it is.
+//! Requirements that a backend must meet for every drawn scene.
 
 use gs_core::{
     Error, Image, Optimizer, RenderSettings, Scene2d, Scene3d, TrainStep, Wait,
@@ -10,19 +10,20 @@ use pollster::FutureExt as _;
 use super::draw::Fuzzed;
 use crate::{bits::bits, failure::Failure, subject::Subject};
 
-/// Training steps of each drawn scene.
+/// Number of training steps of each drawn scene.
 const STEPS: usize = 3;
 
-/// Numbers up to this are moderate, and so is their reciprocal: what is made of them must be finite.
+/// Largest moderate number, and the inverse of the smallest. Results of moderate numbers must be
+/// finite.
 const MODERATE: f32 = 1e4;
 
-/// So are logarithms of scales up to this, either way.
+/// Largest magnitude of the logarithm of a moderate scale.
 const MODERATE_LOG: f32 = 12.0;
 
-/// A rounded mixture may be beyond its bounds by this share of them.
+/// Relative rounding by which a mixture may exceed its bounds.
 const ROUNDING: f64 = 1e-3;
 
-/// |Y| of the real spherical harmonics up to degree 3 is nowhere more than this.
+/// Upper bound of |Y| of the SH up to degree 3.
 const HIGHEST_HARMONIC: f64 = 1.1;
 
 /// A kind of scene whose pixels have known bounds.
@@ -30,10 +31,10 @@ pub trait Bounded: Subject {
     /// The largest magnitude of each Gaussian's colour in any direction.
     fn largest_colors(&self) -> Vec<f64>;
 
-    /// Whether all parameters are moderate; opacities are, whatever they are.
+    /// Whether all parameters except opacities are moderate.
     fn is_moderate(&self) -> bool;
 
-    /// Whether a view has no numbers that are beyond measure.
+    /// Whether all numbers of a view are moderate.
     fn view_is_moderate(view: &Self::View) -> bool;
 
     /// Columns and rows.
@@ -78,7 +79,8 @@ impl Bounded for Scene3d {
     fn is_moderate(&self) -> bool {
         let scales = self.log_scales.iter().all(|log| log.abs().max_element() <= MODERATE_LOG);
         let vectors = self.means.iter().chain(&self.sh).flat_map(|v| v.to_array());
-        // Without a direction a Gaussian has no covariance factor: there it becomes NaN, which draws nothing, is counted and pruned.
+        // A zero quaternion has no covariance factor. It becomes NaN, which draws nothing, is
+        // counted and pruned.
         let turned = self.rotations.iter().all(|q| q.iter().map(|v| v * v).sum::<f32>() >= MIN_QUATERNION_NORM2);
         turned && scales && all_moderate(vectors.chain(self.rotations.iter().flatten().copied()))
     }
@@ -94,12 +96,12 @@ impl Bounded for Scene3d {
     }
 }
 
-/// Puts a drawn scene through a backend: accepted where it is one and refused where it is none, rendered, differentiated, trained for a few
-/// steps, saved and restored.
+/// Checks a backend with a drawn scene: it accepts valid input and refuses invalid input, renders,
+/// differentiates, trains for a few steps, saves and restores.
 ///
 /// # Errors
-/// [`Failure::Broken`] for what must not be; [`Failure::Backend`] for an error where there was no reason for one.
-pub fn owes<S: Bounded, R: Optimizer<S>>(rasterizer: &R, drawn: &Fuzzed<S>) -> Result<(), Failure> {
+/// [`Failure::Broken`] for a wrong outcome; [`Failure::Backend`] for an unexpected error.
+pub fn check_backend<S: Bounded, R: Optimizer<S>>(rasterizer: &R, drawn: &Fuzzed<S>) -> Result<(), Failure> {
     let Fuzzed { scene, view, settings, target, loss, parameterization, rates, binning } = drawn;
     let is_scene = scene.validate().is_ok();
     let mut splats = match rasterizer.upload(scene, *parameterization) {
@@ -110,22 +112,24 @@ pub fn owes<S: Bounded, R: Optimizer<S>>(rasterizer: &R, drawn: &Fuzzed<S>) -> R
         },
     };
     let possible = S::check_view(view).is_ok() && settings.validate().is_ok();
-    let frame = match rasterizer.forward(&splats, view, settings).block_on() {
+    let pass = match rasterizer.forward(&splats, view, settings).block_on() {
         Err(Error::Unsupported { .. }) => return Ok(()),
-        frame => match accepted("the view and the settings", possible, frame)? {
-            Some(frame) => frame,
+        pass => match accepted("the view and the settings", possible, pass)? {
+            Some(pass) => pass,
             None => return Ok(()),
         },
     };
-    let image = rasterizer.image(&frame).block_on()?;
+    let image = rasterizer.image(&pass).block_on()?;
     image_is_sound(scene, S::size(view), settings, &image)?;
     let again = rasterizer.image(&rasterizer.forward(&splats, view, settings).block_on()?).block_on()?;
-    Failure::unless(same_bits(&image, &again), || "the same frame has other bits the second time".to_owned())?;
-    let culled = rasterizer.culled(&frame);
+    Failure::unless(same_bits(&image, &again), || {
+        "the same forward pass has different bits the second time".to_owned()
+    })?;
+    let culled = rasterizer.culled(&pass);
     Failure::unless(culled.total() <= scene.len() as u64, || format!("{culled:?} of {} Gaussians", scene.len()))?;
 
     let target_on = rasterizer.upload_target(target)?;
-    let answer = rasterizer.backward(&splats, frame, &target_on, loss);
+    let answer = rasterizer.backward(&splats, pass, &target_on, loss);
     let Some((value, gradients)) = accepted("the loss", loss.validate().is_ok(), answer.block_on())? else {
         return Ok(());
     };
@@ -144,7 +148,7 @@ pub fn owes<S: Bounded, R: Optimizer<S>>(rasterizer: &R, drawn: &Fuzzed<S>) -> R
     rasterizer.losses(&mut splats, Wait::All, &mut losses).block_on()?;
     Failure::unless(losses.len() == STEPS, || format!("{} losses of {STEPS} steps", losses.len()))?;
     let trained = rasterizer.download(&splats).block_on()?;
-    Failure::unless(trained.len() == scene.len(), || "training alone has changed the count".to_owned())?;
+    Failure::unless(trained.len() == scene.len(), || "training changed the number of Gaussians".to_owned())?;
     if moderate {
         Failure::unless(trained.validate().is_ok(), || format!("after {STEPS} steps: {:?}", trained.validate()))?;
     }
@@ -155,7 +159,7 @@ pub fn owes<S: Bounded, R: Optimizer<S>>(rasterizer: &R, drawn: &Fuzzed<S>) -> R
     })
 }
 
-/// What came of an offer that should be accepted or refused; nothing where it was refused rightly.
+/// The result of a call that must succeed or be refused; `None` if it was refused as it must be.
 fn accepted<T>(what: &str, possible: bool, answer: Result<T, Error>) -> Result<Option<T>, Failure> {
     match (possible, answer) {
         (true, answer) => Ok(Some(answer?)),
@@ -164,8 +168,8 @@ fn accepted<T>(what: &str, possible: bool, answer: Result<T, Error>) -> Result<O
     }
 }
 
-/// Holds an image against what its scene can give: under [`Blend::Over`] every pixel is a mixture of colours and background, under
-/// [`Blend::Sum`] a sum of parts of them.
+/// Checks the bounds of an image: under [`Blend::Over`] every pixel is a mixture of colours and
+/// background, under [`Blend::Sum`] a sum of parts of the colours.
 ///
 /// # Errors
 /// [`Failure::Broken`] for the first pixel that is NaN or out of bounds.
@@ -183,7 +187,7 @@ pub fn image_is_sound<S: Bounded>(
         Blend::Sum => background + colors.iter().sum::<f64>(),
         Blend::Over => colors.into_iter().fold(background, f64::max),
     };
-    // Sums of numbers that are nearly infinite are nobody's to bound.
+    // No bound exists for sums of numbers that are nearly infinite.
     if bound >= f64::from(f32::MAX) / 64.0 {
         return Ok(());
     }

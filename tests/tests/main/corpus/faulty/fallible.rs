@@ -1,4 +1,4 @@
-//! What a faulty backend must know about a kind of scene.
+//! The interface of 2D and 3D scenes for a faulty backend.
 
 use glam::{Vec2, Vec3};
 use gs_conformance::subject::Subject;
@@ -8,16 +8,17 @@ use super::Fault;
 
 /// A kind of scene that a faulty backend can draw.
 pub(crate) trait Fallible: Subject {
-    /// A view as a fault sees it.
+    /// The view after a fault.
     fn altered_view(fault: Fault, view: &Self::View) -> Self::View;
 
-    /// A view of which `view` is the first columns and rows, where the field of view has a part in what is seen there.
+    /// A larger view that contains `view` in its first columns and rows, if the field of view
+    /// matters.
     fn widened(view: &Self::View) -> Option<Self::View>;
 
-    /// The same a little elsewhere.
-    fn crept(gaussian: Self::Gaussian) -> Self::Gaussian;
+    /// The Gaussian with its mean moved a little.
+    fn shifted(gaussian: Self::Gaussian) -> Self::Gaussian;
 
-    /// All parameters 0.
+    /// A Gaussian with all parameters 0.
     fn zero(&self) -> Self::Gaussian;
 }
 
@@ -30,7 +31,7 @@ impl Fallible for Scene2d {
         None
     }
 
-    fn crept(gaussian: Gaussian2d) -> Gaussian2d {
+    fn shifted(gaussian: Gaussian2d) -> Gaussian2d {
         Gaussian2d { mean: gaussian.mean + 1e-3, ..gaussian }
     }
 
@@ -54,7 +55,7 @@ impl Fallible for Scene3d {
         Some(Camera { width: 2 * view.width, height: 2 * view.height, ..*view })
     }
 
-    fn crept(gaussian: Gaussian3d) -> Gaussian3d {
+    fn shifted(gaussian: Gaussian3d) -> Gaussian3d {
         Gaussian3d { mean: gaussian.mean + 1e-3, ..gaussian }
     }
 

@@ -1,6 +1,6 @@
-//! Accuracy as a setting: extents in standard deviations are what the oracle says they are, forward and backward; however the cpu backend goes
-//! about its work, the picture is the same; and the oracle's quick way to colours is its way to pictures. And what the
-//! default's cut-offs change, and finer ones don't.
+//! Accuracy settings: extents in standard deviations match the oracle; tunings of the CPU backend
+//! do not change the image; the oracle's fast and full renderings agree; and the effect of the
+//! default cut-offs.
 
 use gs_conformance::{
     Failure,
@@ -38,7 +38,7 @@ fn scene_3d(blend: Blend, order: Order, seed: u64) -> Draw<Scene3d> {
     draw
 }
 
-/// Images and gradients against the oracle; a drawing in which there is nothing to compare does not count.
+/// Compares image and gradients with the oracle. Drawings with nothing to compare do not count.
 fn check<S: Subject>(cpu: &CpuRasterizer, draw: &Draw<S>) -> usize
 where
     CpuRasterizer: Optimizer<S>,
@@ -73,9 +73,9 @@ fn extents_in_standard_deviations_match_the_oracle() {
     assert!(compared > 12 * SimdLevel::available().len(), "only {compared} comparisons");
 }
 
-/// That the extent does anything: it is the only difference, and cuts what the α cut leaves.
+/// The extent is the only difference, and cuts weights above the α cut.
 #[test]
-fn an_extent_cuts_what_is_beyond_it() {
+fn an_extent_cuts_weights_beyond_it() {
     let draw = scene_2d(Blend::Sum, 7);
     let mut narrow = draw.clone();
     narrow.settings.accuracy.extent = Extent::Sigmas(1.0);
@@ -86,7 +86,7 @@ fn an_extent_cuts_what_is_beyond_it() {
 }
 
 #[test]
-fn however_the_work_is_gone_about_the_picture_is_the_same() {
+fn tunings_do_not_change_the_image() {
     let usual = CpuTuning::default();
     let tunings = [
         CpuTuning { recurrence_rows: 1, ..usual },
@@ -110,9 +110,9 @@ fn however_the_work_is_gone_about_the_picture_is_the_same() {
 }
 
 #[test]
-fn a_longer_recurrence_is_less_exact_and_a_tuning_out_of_range_is_refused() {
+fn a_longer_recurrence_is_less_accurate_and_invalid_tunings_are_refused() {
     let mut draw = scene_2d(Blend::Sum, 5);
-    // Large ones, so that there are rows to go along.
+    // Large Gaussians, which have many rows.
     draw.scene.log_scales.iter_mut().for_each(|s| *s += glam::Vec2::splat(2.5));
     let view = gs_core::Canvas::new(40, 300);
     let draw = draw.through(view);
@@ -136,7 +136,7 @@ fn a_longer_recurrence_is_less_exact_and_a_tuning_out_of_range_is_refused() {
     }
 }
 
-/// Every pixel of a drawing, by both of the oracle's ways.
+/// Compares every pixel of the oracle's two renderings.
 fn same_colors<S: Subject>(draw: &Draw<S>) {
     let oracle = Oracle::new(draw.view, draw.settings).unwrap();
     let rows = draw.scene.rows();
@@ -155,7 +155,7 @@ fn same_colors<S: Subject>(draw: &Draw<S>) {
 }
 
 #[test]
-fn the_oracle_says_the_same_colours_either_way() {
+fn the_oracles_two_renderings_agree() {
     let tightest = Accuracy::TIGHTEST;
     let smooth = Accuracy { cut: Cut::Smooth, ..Accuracy::default() };
     for accuracy in [Accuracy::default(), Accuracy::THREE_DGS, tightest, smooth] {
@@ -172,8 +172,9 @@ fn the_oracle_says_the_same_colours_either_way() {
     }
 }
 
-/// Cut-offs that together stay below half a display step; the default's, which fits and trainings are made with, do not. That no pixel is called full is part of
-/// it: the Gaussian that would fill it does not count, and what is then missing is not the least transmittance but up to 1/(1 − α) times that.
+/// Cut-offs with a total effect below half a display step, unlike the default's. No pixel may count
+/// as full: the Gaussian that would fill it does not contribute, so that up to 1/(1 − α) times the
+/// minimum transmittance is missing.
 const INVISIBLE: Accuracy = Accuracy {
     alpha_cut: 1.0 / 8192.0,
     cut: Cut::Hard,
@@ -182,7 +183,8 @@ const INVISIBLE: Accuracy = Accuracy {
     extent: Extent::AlphaCut,
 };
 
-/// The largest differences that cut-offs make at these pixels, by the oracle: the default's, and those of [`INVISIBLE`].
+/// The largest differences by cut-offs at these pixels in the oracle: the default's, and
+/// [`INVISIBLE`].
 fn cut_off<S: Subject>(scene: &S, view: S::View, settings: RenderSettings, pixels: &[[u32; 2]]) -> [f64; 2] {
     let rows = scene.rows();
     let colors = |accuracy: Accuracy| {
@@ -207,7 +209,8 @@ fn a_cut_of_an_8192nd_changes_no_pixel_by_half_a_display_step() {
         usual = usual.max(default);
         fine = fine.max(invisible);
     };
-    // Where n Gaussians overlap under `Sum`, n cuts add up: no cut is invisible in a crowd that is large enough.
+    // Under `Sum`, the cuts of n overlapping Gaussians add up, so no cut is invisible in every
+    // scene.
     for (seed, blend) in [(11, Blend::Sum), (12, Blend::Over)] {
         let draw = scene_2d(blend, seed);
         note(cut_off(&draw.scene, draw.view, draw.settings, &every_pixel(draw.view.size(), 1)));
@@ -229,6 +232,6 @@ fn a_cut_of_an_8192nd_changes_no_pixel_by_half_a_display_step() {
     assert!(fine < f64::from(HALF_DISPLAY_STEP), "{fine:e}");
     assert!(
         usual > f64::from(HALF_DISPLAY_STEP),
-        "the default cut has become invisible, {usual:e}: what of it is said is no longer true"
+        "the default cut is invisible now, {usual:e}: update its documentation"
     );
 }

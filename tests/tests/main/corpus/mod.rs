@@ -1,5 +1,5 @@
-//! The corpus of hard cases on gs-cpu and gs-wgpu; gradients of hard scenes against difference quotients; and, so that it is known that the
-//! corpus can fail, backends with the faults that it is there to find.
+//! The corpus of hard cases on gs-cpu and gs-wgpu, and gradients of hard scenes compared with
+//! difference quotients. As negative controls, backends with the faults that the corpus must find.
 
 mod faulty;
 
@@ -20,19 +20,19 @@ use gs_wgpu::{FreshBuffers, Kernels, WgpuRasterizer, WgpuSettings};
 
 use self::faulty::{Fault, Faulty};
 
-/// As one thread: what threads would do in images of this size is wait for each other.
+/// One thread: with images of this size, threads would wait for each other.
 fn cpu(level: SimdLevel) -> CpuRasterizer {
     CpuRasterizer::new(CpuSettings { threads: Some(1), level: Some(level) }).unwrap()
 }
 
-/// A device with this kind of kernels, if the adapter can run them, with fresh buffers full of NaN.
+/// A device with this kind of kernels, if the adapter supports them, and with buffers full of NaN.
 fn wgpu_with(kernels: Kernels) -> Option<WgpuRasterizer> {
     let settings =
         WgpuSettings { fresh_buffers: FreshBuffers::Poison, kernels: Some(kernels), ..WgpuSettings::default() };
     WgpuRasterizer::new(settings).block_on().ok()
 }
 
-/// A device for each kind of kernels that the adapter can run.
+/// A device for each kind of kernels that the adapter supports.
 fn wgpu() -> Vec<(Kernels, WgpuRasterizer)> {
     let of = |kernels| Some((kernels, wgpu_with(kernels)?));
     let found: Vec<_> = [Kernels::Portable, Kernels::Subgroups].into_iter().filter_map(of).collect();
@@ -40,14 +40,14 @@ fn wgpu() -> Vec<(Kernels, WgpuRasterizer)> {
     found
 }
 
-/// All cases of a backend.
+/// The records of all cases.
 fn cases<R: Optimizer<Scene2d> + Optimizer<Scene3d>>(rasterizer: &R) -> Vec<Record> {
     let mut records: Vec<Record> = corpus_2d().iter().map(|case| run(rasterizer, case)).collect();
     records.extend(corpus_3d().iter().map(|case| run(rasterizer, case)));
     records
 }
 
-/// All records of a backend, those of poison included.
+/// The records of all cases and hostile values.
 fn records<R: Optimizer<Scene2d> + Optimizer<Scene3d>>(rasterizer: &R) -> Vec<Record> {
     let mut records = cases(rasterizer);
     records.extend(poison_2d(rasterizer));
@@ -60,17 +60,17 @@ fn unexpected(records: &[Record]) -> Vec<String> {
 }
 
 #[test]
-fn the_cpu_stands_all_at_every_level() {
+fn the_cpu_passes_at_every_level() {
     for level in SimdLevel::available() {
         let failures = unexpected(&records(&cpu(level)));
         assert!(failures.is_empty(), "{level}:\n{}", failures.join("\n"));
     }
 }
 
-/// What is not as expected with one kind of kernels, if the adapter has it.
-fn stands(kernels: Kernels, records: fn(&WgpuRasterizer) -> Vec<Record>) {
+/// Fails for records that are not as expected with one kind of kernels, if the adapter supports it.
+fn check(kernels: Kernels, records: fn(&WgpuRasterizer) -> Vec<Record>) {
     let Some(rasterizer) = wgpu_with(kernels) else { return };
-    // A software driver refuses lists that are longer than its loops, by an error that says so.
+    // A software driver refuses lists that are longer than its loops with this error.
     let (refused, failures): (Vec<_>, Vec<_>) =
         unexpected(&records(&rasterizer)).into_iter().partition(|failure| failure.contains("ends loops after"));
     refused.iter().for_each(|record| eprintln!("skipped: {record}"));
@@ -79,29 +79,29 @@ fn stands(kernels: Kernels, records: fn(&WgpuRasterizer) -> Vec<Record>) {
 }
 
 #[test]
-fn the_gpu_stands_all_cases_with_portable_kernels() {
-    stands(Kernels::Portable, cases);
+fn the_gpu_passes_all_cases_with_portable_kernels() {
+    check(Kernels::Portable, cases);
 }
 
 #[test]
-fn the_gpu_stands_all_cases_with_subgroups() {
-    stands(Kernels::Subgroups, cases);
-}
-
-#[test]
-#[ignore = "minutes on a software driver; `cargo xtask test --slow` runs it"]
-fn the_gpu_stands_poison_with_portable_kernels() {
-    stands(Kernels::Portable, records);
+fn the_gpu_passes_all_cases_with_subgroups() {
+    check(Kernels::Subgroups, cases);
 }
 
 #[test]
 #[ignore = "minutes on a software driver; `cargo xtask test --slow` runs it"]
-fn the_gpu_stands_poison_with_subgroups() {
-    stands(Kernels::Subgroups, records);
+fn the_gpu_passes_hostile_values_with_portable_kernels() {
+    check(Kernels::Portable, records);
 }
 
 #[test]
-fn cases_have_names_of_their_own_and_say_who_met_them() {
+#[ignore = "minutes on a software driver; `cargo xtask test --slow` runs it"]
+fn the_gpu_passes_hostile_values_with_subgroups() {
+    check(Kernels::Subgroups, records);
+}
+
+#[test]
+fn cases_have_unique_names_and_sources() {
     let cases = corpus_2d().into_iter().map(|c| (format!("2D: {}", c.name), c.why, c.source));
     let cases = cases.chain(corpus_3d().into_iter().map(|c| (format!("3D: {}", c.name), c.why, c.source)));
     let mut names = HashSet::new();
@@ -119,14 +119,15 @@ fn cases_have_names_of_their_own_and_say_who_met_them() {
     assert!(names.len() > 90, "{}", names.len());
 }
 
-/// What of the corpus finds a fault: cases, or records of poison, whose names have this in them.
+/// The part of the corpus that finds a fault: cases or records of hostile values with this in their
+/// names.
 #[derive(Debug, Clone, Copy)]
 enum By {
     TwoD(&'static str),
     ThreeD(&'static str),
 }
 
-/// Faults, and what of the corpus each must be found by.
+/// Faults, and the part of the corpus that must find each.
 const FOUND_BY: &[(Fault, By)] = {
     use By::*;
     use Fault::*;
@@ -184,7 +185,7 @@ const FOUND_BY: &[(Fault, By)] = {
 };
 
 impl By {
-    /// How many records there are, and those that are not as expected.
+    /// The number of records, and those that are not as expected.
     fn outcome<R: Optimizer<Scene2d> + Optimizer<Scene3d>>(self, rasterizer: &R) -> (usize, Vec<String>) {
         let records = match self {
             Self::TwoD(word) => {
@@ -224,7 +225,7 @@ fn faults_are_found() {
 /// Seeds of each hardship.
 const SEEDS: u64 = 3;
 
-/// Gradients of hard scenes by difference quotients, by what is hard about them.
+/// Difference quotients of hard scenes, by hardship.
 struct Sets {
     scene_2d: Vec<(String, Vec<Quotients<Scene2d>>)>,
     scene_3d: Vec<(String, Vec<Quotients<Scene3d>>)>,
@@ -245,7 +246,7 @@ impl Sets {
     }
 }
 
-/// All of one kind that are not what they should be, and sets that say too little.
+/// Failures of one kind of scene, and sets with too many ill-conditioned gradients.
 fn wrong<S: Subject>(
     sets: &[(String, Vec<Quotients<S>>)],
     check: impl Fn(&Quotients<S>) -> Result<Differences, Failure>,
@@ -265,7 +266,7 @@ fn wrong<S: Subject>(
 }
 
 #[test]
-fn gradients_of_hard_scenes_are_difference_quotients() {
+fn gradients_of_hard_scenes_match_difference_quotients() {
     for loss in [Loss::L2, Loss::PAPER] {
         let sets = Sets::new(loss);
         let mut failures = wrong(&sets.scene_2d, Quotients::check_oracle);
@@ -283,9 +284,9 @@ fn gradients_of_hard_scenes_are_difference_quotients() {
     }
 }
 
-/// The comparison with difference quotients can fail: gradients of one scene are not those of another.
+/// A negative control: gradients of another scene are rejected.
 #[test]
-fn gradients_of_other_scenes_are_not_these_difference_quotients() {
+fn the_comparison_rejects_gradients_of_other_scenes() {
     let inner = cpu(SimdLevel::best());
     let faulty = Faulty::new(&inner, Fault::MixesGradients);
     for hardship in [Hardship::Needles, Hardship::Bright] {

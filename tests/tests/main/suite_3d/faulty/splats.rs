@@ -1,22 +1,22 @@
-//! What the faulty backend keeps: parameters in either parameterization, moments, statistics; and how they are saved and edited.
+//! The splats of the faulty backend, with edits, saving and restoring.
 
 use gs_conformance::{
     oracle::{
         AdamReference, FactoredReference, Oracle, OracleScene, Parameters, Rendering, SPATIAL_OPACITY, SPATIAL_SH,
-        framed_scene,
+        factored_scene,
     },
     subject::Subject,
 };
 use gs_core::{AdamRates, Camera, Gaussian3d, Parameterization, Scene, Scene3d};
 
-/// Where M stands in a row of covariance factors, column by column.
+/// The place of M in a row of covariance factors, column by column.
 pub(super) const FACTOR: std::ops::Range<usize> = 3..12;
 
 #[derive(Clone, Default)]
 pub(crate) struct Splats {
     pub(super) parameterization: Parameterization,
     pub(super) sh_len: usize,
-    /// As the scene has them or, in covariance factors: mean, columns of M, opacity, SH.
+    /// The scene's parameters or, for covariance factors: mean, columns of M, opacity, SH.
     pub(super) parameters: Vec<Vec<f32>>,
     pub(super) first: Vec<Vec<f32>>,
     pub(super) second: Vec<Vec<f32>>,
@@ -27,7 +27,7 @@ pub(crate) struct Splats {
     pub(super) last_view: Option<Camera>,
 }
 
-pub(crate) struct Frame {
+pub(crate) struct Pass {
     pub(super) oracle: Oracle<Camera>,
     pub(super) scene: OracleScene,
     pub(super) rendering: Rendering,
@@ -61,8 +61,8 @@ pub(super) fn scene_of(rows: &[Vec<f32>], sh_len: usize) -> Scene3d {
     scene
 }
 
-/// A Gaussian in its own factor as a row of parameters.
-pub(super) fn framed_row(g: &FactoredReference) -> Vec<f32> {
+/// A Gaussian with its covariance factor as a row of parameters.
+pub(super) fn factored_row(g: &FactoredReference) -> Vec<f32> {
     let geometry = g.mean.to_array().into_iter().chain(g.factor.to_cols_array());
     geometry.chain(g.rest.iter().copied()).map(|v| v as f32).collect()
 }
@@ -98,7 +98,7 @@ impl Splats {
         if self.parameterization == Parameterization::CovarianceFactor { 12 } else { SPATIAL_OPACITY }
     }
 
-    /// Moments of a Gaussian.
+    /// Number of moments of a Gaussian.
     pub(super) fn moments(&self) -> usize {
         Scene3d::opacity_moment(self.parameterization) + 1 + 3 * self.sh_len
     }
@@ -109,14 +109,14 @@ impl Splats {
         let row = scene.rows().gaussians.remove(0);
         match self.parameterization {
             Parameterization::ScaleRotation => row.iter().map(|&v| v as f32).collect(),
-            Parameterization::CovarianceFactor => framed_row(&FactoredReference::new(&row)),
+            Parameterization::CovarianceFactor => factored_row(&FactoredReference::new(&row)),
         }
     }
 
-    /// In their own factors.
-    pub(super) fn framed(&self) -> Vec<FactoredReference> {
+    /// The Gaussians with their covariance factors.
+    pub(super) fn factored(&self) -> Vec<FactoredReference> {
         let wide = |row: &[f32]| row.iter().map(|&v| f64::from(v)).collect::<Vec<_>>();
-        let framed = |g: usize| {
+        let factored = |g: usize| {
             let row = wide(&self.parameters[g]);
             FactoredReference {
                 mean: glam::DVec3::from_slice(&row),
@@ -127,14 +127,14 @@ impl Splats {
                 steps: self.steps[g] as i32,
             }
         };
-        (0..self.parameters.len()).map(framed).collect()
+        (0..self.parameters.len()).map(factored).collect()
     }
 
-    /// As the oracle sees them.
+    /// The Gaussians in the oracle's form.
     pub(super) fn rows(&self) -> OracleScene {
         match self.parameterization {
             Parameterization::ScaleRotation => OracleScene { gaussians: wide(&self.parameters) },
-            Parameterization::CovarianceFactor => framed_scene(&self.framed()),
+            Parameterization::CovarianceFactor => factored_scene(&self.factored()),
         }
     }
 
@@ -143,13 +143,13 @@ impl Splats {
     }
 
     pub(super) fn factors(&mut self, which: &[usize], gradients: &[Parameters], rates: &AdamRates) {
-        let mut framed = self.framed();
+        let mut factored = self.factored();
         for &g in which {
-            let row = framed[g].row();
-            framed[g].step(&row, &gradients[g], rates);
-            self.parameters[g] = framed_row(&framed[g]);
+            let row = factored[g].row();
+            factored[g].step(&row, &gradients[g], rates);
+            self.parameters[g] = factored_row(&factored[g]);
             let narrow = |moments: &[f64]| moments.iter().map(|&v| v as f32).collect();
-            (self.first[g], self.second[g]) = (narrow(&framed[g].first), narrow(&framed[g].second));
+            (self.first[g], self.second[g]) = (narrow(&factored[g].first), narrow(&factored[g].second));
             self.steps[g] += 1;
         }
     }

@@ -1,5 +1,5 @@
-//! Scenes that others have trained and published, where they are there (`$GS_DATA/splats` or `../shared/data/splats`): both backends draw
-//! them as the oracle does, in small windows of a screen, and alike on all of it.
+//! Published scenes, if available (`$GS_DATA/splats` or `../shared/data/splats`): both backends
+//! agree with the oracle in small windows, and with each other on a whole screen.
 
 use glam::{Vec2, Vec3};
 use gs_conformance::{
@@ -16,7 +16,7 @@ use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_wgpu::{WgpuRasterizer, WgpuSettings};
 use pollster::FutureExt as _;
 
-/// 9,080 Gaussians of all degrees of harmonics, whose training was stopped early.
+/// 9,080 Gaussians of SH degree 3, whose training was stopped early.
 const SMALL: &str = "kacytran_iter7000_point_cloud.ply";
 
 /// 152,746 Gaussians: a person without surroundings.
@@ -25,10 +25,10 @@ const PERSON: &str = "biker.compressed.ply";
 /// 124,495 Gaussians: a room, which surrounds the camera.
 const ROOM: &str = "victor_model.splat";
 
-/// A screen's size, px.
+/// Size of a screen, px.
 const SCREEN: (u32, u32) = (640, 480);
 
-/// A scene with its settings; `None`, and a line that says so, where there is no such file.
+/// A scene with its settings. Prints a line and returns `None` if the file is missing.
 fn scene(name: &str) -> Option<(Scene3d, RenderSettings)> {
     let scene = gs_io::read_3d(data::find(&format!("splats/{name}"))?).unwrap().scene;
     let mut settings = RenderSettings::blended(Blend::Over).on([0.2, 0.3, 0.4]);
@@ -38,12 +38,12 @@ fn scene(name: &str) -> Option<(Scene3d, RenderSettings)> {
     Some((scene, settings))
 }
 
-/// The whole from afar.
+/// A view of the whole scene.
 fn overview(scene: &Scene3d, size: (u32, u32)) -> Camera {
     gs_core::view::Bulk::of(scene).unwrap().overview(size.0, size.1, 1.0, Vec3::NEG_Y).unwrap()
 }
 
-/// The middle of it, large.
+/// A close view of the scene's middle.
 fn detail(scene: &Scene3d, size: (u32, u32)) -> Camera {
     let camera = overview(scene, size);
     Camera { focal: camera.focal * 6.0, ..camera }
@@ -66,7 +66,7 @@ fn both(scenes: &[&str], check: impl Fn(&str, &Scene3d, RenderSettings, &CpuRast
     }
 }
 
-fn hold_against_the_oracle(scenes: &[&str]) {
+fn compare_with_the_oracle(scenes: &[&str]) {
     both(scenes, |name, scene, settings, cpu, wgpu| {
         let (whole, near) = (overview(scene, SCREEN), detail(scene, SCREEN));
         let [center, aside] = [Vec2::splat(0.5), Vec2::new(0.45, 0.4)];
@@ -80,17 +80,18 @@ fn hold_against_the_oracle(scenes: &[&str]) {
 
 #[test]
 fn both_backends_draw_a_published_scene_as_the_oracle_does() {
-    hold_against_the_oracle(&[SMALL]);
+    compare_with_the_oracle(&[SMALL]);
 }
 
 #[test]
 #[ignore = "slow: the oracle visits each of 277,000 Gaussians at each pixel; `cargo xtask test --slow` runs it"]
 fn both_backends_draw_large_published_scenes_as_the_oracle_does() {
-    hold_against_the_oracle(&[PERSON, ROOM]);
+    compare_with_the_oracle(&[PERSON, ROOM]);
 }
 
-/// At this size the oracle would take minutes; that two ways of computing agree to a tenth of a display step says as much. What may differ more
-/// are pixels at which a Gaussian is a rounding away from a cut.
+/// The oracle would take minutes at this size. The two backends compute differently, and agree to a
+/// tenth of a display step. Only pixels at which a Gaussian is within rounding of a cut may differ
+/// more.
 #[test]
 fn the_backends_draw_published_scenes_alike_on_a_screen() {
     both(&[SMALL, PERSON, ROOM], |name, scene, settings, cpu, wgpu| {

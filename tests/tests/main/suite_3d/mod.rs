@@ -1,11 +1,11 @@
-//! The suite for 3D scenes tried on a backend that is the oracle itself, and, as negative controls, on the same with one fault: it is
-//! caught by the case that is there for it.
+//! Negative controls of the suite for 3D scenes: the oracle as a backend passes, and with one fault
+//! it fails the case that is meant to find it.
 
 mod faulty;
 
 use gs_conformance::conformance::{Skipped, cases_3d, conformance_3d};
 
-use crate::faulty::{Fault::*, Faulty};
+use self::faulty::{Fault::*, Faulty};
 
 #[test]
 fn every_fault_is_caught_by_its_case() {
@@ -30,20 +30,20 @@ fn every_fault_is_caught_by_its_case() {
         (GradientsInWrongUnits, "gradients_match_3d"),
         (HoldsDirectionsFixed, "sh_gradients_match"),
         (NormalisesQuaternions, "scenes_3d_come_back"),
-        (RoundsFrames, "forward_passes_come_back_3d"),
+        (RoundsFactors, "covariance_factors_come_back_3d"),
         (TurnsTheGradientsAxes, "gradients_match_in_covariance_factors_3d"),
-        (MovesInTheWorld, "frame_steps_match_3d"),
-        (ForgetsBiasCorrection, "frame_steps_match_3d"),
+        (MovesInTheWorld, "covariance_factor_steps_match_3d"),
+        (ForgetsBiasCorrection, "covariance_factor_steps_match_3d"),
         (ForgetsMomentsOnRestore, "restored_splats_continue_bit_for_bit"),
         (StepsUphill, "steps_decrease_the_loss"),
         (OneRateForAllColours, "adam_matches"),
         (ForgetsBiasCorrection, "adam_matches"),
         (MovesAll, "only_participants_move"),
         (MovesOnlyTheVisible, "only_participants_move"),
-        (FusedStepDoesTooMuch, "fused_steps_match_their_stages"),
-        (UsesListsOfAnotherView, "reused_lists_are_good_for_what_stands_still"),
-        (SwapsLosses, "losses_are_told_once_and_in_order"),
-        (ForgetsLossesOnEdit, "steps_under_way_are_seen_by_everything"),
+        (FusedStepDoesTooMuch, "fused_steps_match_separate_stages"),
+        (UsesListsOfAnotherView, "reused_lists_change_nothing_without_movement"),
+        (SwapsLosses, "losses_are_reported_once_and_in_order"),
+        (ForgetsLossesOnEdit, "every_call_sees_pending_steps"),
         (DoublesStatistics, "mean_gradients_match"),
         (LetsGradientsCancel, "absolute_gradients_match"),
         (MistakesErrorsForGradients, "pixel_errors_match"),
@@ -78,17 +78,21 @@ fn every_fault_is_caught_by_its_case() {
 }
 
 #[test]
-fn what_a_backend_refuses_is_skipped_and_not_passed() {
+fn refused_features_are_skipped_not_passed() {
     assert_eq!(conformance_3d(&Faulty(Faultless)), Ok(Vec::new()));
-    let skipped = conformance_3d(&Faulty(RefusesFrames)).unwrap();
+    let skipped = conformance_3d(&Faulty(RefusesFactors)).unwrap();
     let cases: Vec<&str> = skipped.iter().map(|skipped| skipped.case).collect();
     assert_eq!(
         cases,
-        ["gradients_match_in_covariance_factors_3d", "forward_passes_come_back_3d", "frame_steps_match_3d"]
+        [
+            "gradients_match_in_covariance_factors_3d",
+            "covariance_factors_come_back_3d",
+            "covariance_factor_steps_match_3d"
+        ]
     );
-    let told = skipped.first().map(Skipped::to_string).unwrap_or_default();
+    let message = skipped.first().map(Skipped::to_string).unwrap_or_default();
     assert!(
-        told.ends_with("skipped, as the backend refuses parameterization covariance-factor for 3D scenes"),
-        "{told}"
+        message.ends_with("skipped, as the backend refuses parameterization covariance-factor for 3D scenes"),
+        "{message}"
     );
 }

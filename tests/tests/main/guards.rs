@@ -1,4 +1,5 @@
-//! Guards of the arithmetic (`docs/guards.md`) that no case of the corpus needs: only some backends have them, or none.
+//! Guards of the arithmetic (`docs/guards.md`) that the corpus does not cover, because only some
+//! backends have them.
 
 use glam::{Vec2, Vec3};
 use gs_conformance::Failure;
@@ -18,7 +19,7 @@ macro_rules! checks {
         $($(#[$what])*
         #[test]
         fn $test() {
-            // One thread: in images of this size, threads would wait for each other.
+            // One thread: with images of this size, threads would wait for each other.
             let rasterizer = CpuRasterizer::new(CpuSettings { threads: Some(1), level: None }).unwrap();
             ($check)(&rasterizer).unwrap_or_else(|failure: Failure| panic!("{failure}"));
         })*
@@ -34,15 +35,15 @@ checks! {
     gradients_through_flat_factors_are_finite: flat_factors;
     /// Squares of derivatives stay finite.
     second_moments_stay_finite: second_moments;
-    /// A step in a covariance factor goes no further than the Gaussian reaches.
+    /// A step in a covariance factor moves no further than the Gaussian's extent.
     steps_go_no_further_than_a_gaussian_reaches: steps_within_reach;
     /// Moments that no gradient renews do not decay to denormals.
     moments_vanish_before_they_are_denormal: moments_vanish;
     /// An ε of 0 is refused.
     an_epsilon_of_zero_is_refused: epsilon_of_zero;
-    /// What stops being finite in a fit is not in the scene that comes of it.
+    /// Gaussians that are not finite are not in the final scene of a fit.
     what_is_not_finite_is_not_in_a_fits_scene: fits_end_finite;
-    /// A fit whose Gaussians leave the picture ends no worse than it began.
+    /// A fit whose Gaussians leave the image ends with no higher loss than at its start.
     fits_end_no_worse_than_they_began: fits_end_no_worse;
     /// A fit whose loss overflows ends with an error.
     an_infinite_loss_ends_a_fit: infinite_losses;
@@ -116,7 +117,8 @@ fn flat_factors<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     let mut scene = Scene3d::default();
     scene.push(gaussian);
     let mut state = rasterizer.save(&rasterizer.upload(&scene, Parameterization::CovarianceFactor)?).block_on()?;
-    // No scene has a scale of 0, as its logarithm is not finite; but a factor may have lost an axis to rounding.
+    // No scene has a scale of 0, as its logarithm is not finite; but a factor may have lost an axis
+    // to rounding.
     let factor = floats(&mut state, "factor")?;
     factor[6..].fill(0.0);
     let splats = rasterizer.restore(&state)?;
@@ -153,7 +155,7 @@ fn steps_within_reach<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failu
     let target = rasterizer.upload_target(&target()?)?;
     rasterizer.train_step(&mut splats, &Canvas::new(SIZE.0, SIZE.1), &target, &step).block_on()?;
     let moved = (rasterizer.download(&splats).block_on()?.means[0] - before.means[0]).length();
-    // Along both axes, of e¹ px each; what the guard holds back is a step of 20 times that.
+    // Both axes are e¹ px. Without the guard, a step is 20 times that.
     let reach = MAX_XI * std::f32::consts::SQRT_2 * 1f32.exp();
     Failure::unless(moved > 0.0 && moved <= 1.001 * reach, || format!("a step of {moved} px, by a reach of {reach} px"))
 }
@@ -163,7 +165,7 @@ fn moments_vanish<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> 
     let mut state = rasterizer
         .save(&rasterizer.upload(&plain(Vec2::splat(1e4), 1.0), Parameterization::ScaleRotation)?)
         .block_on()?;
-    // A step takes a tenth off, and with it, these are below the least that is kept.
+    // A step reduces these by a tenth, to below the smallest that is kept.
     floats(&mut state, "moment1")?.fill(1.05e-30);
     let mut splats = rasterizer.restore(&state)?;
     let rates = Adam::default().at(0.0);
@@ -172,7 +174,7 @@ fn moments_vanish<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> 
     rasterizer.train_step(&mut splats, &Canvas::new(SIZE.0, SIZE.1), &target, &step).block_on()?;
     let after = rasterizer.save(&splats).block_on()?;
     let (columns, moments) = after.matrix("moment1")?;
-    // The last is that of an opacity, which this scene has not.
+    // The last moment is that of the opacity, which this scene does not have.
     let kept = moments[..columns - 1].iter().find(|moment| **moment != 0.0);
     Failure::unless(kept.is_none(), || format!("a moment of {:e} is kept", kept.copied().unwrap_or_default()))
 }
@@ -207,9 +209,9 @@ fn small_fit_without_rounds() -> FitSettings {
 }
 
 fn fits_end_finite<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
-    // What is not finite goes at the end, whatever the policy.
+    // Gaussians that are not finite are removed at the end with every policy.
     let mut settings = FitSettings { recovery: Recovery::Never, ..small_fit_without_rounds() };
-    // Each step is as long as numbers go: after two, means are infinite.
+    // Each step is as large as `f32` allows: after two, means are infinite.
     settings.adam.mean.learning_rate = 2e38;
     let fitted = fit(rasterizer, &target()?, settings, &mut ())
         .block_on()
@@ -219,7 +221,7 @@ fn fits_end_finite<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure>
 
 fn fits_end_no_worse<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     let mut settings = FitSettings { iterations: 150, ..small_fit_without_rounds() };
-    // Each step is longer than the picture, from which nothing leads back.
+    // Each step is longer than the image, and no gradient leads back.
     settings.adam.mean.learning_rate = 1e3;
     let target = target()?;
     let render = settings.render;

@@ -1,4 +1,5 @@
-//! The oracle for 3D scenes, held against central finite differences, hand calculations, and the pinhole itself.
+//! The oracle for 3D scenes, compared with finite differences, hand calculations, and the pinhole
+//! model.
 
 use glam::{Mat3, Vec2, Vec3};
 use gs_conformance::{
@@ -9,20 +10,14 @@ use gs_conformance::{
 use gs_core::{
     Camera, Error, Gaussian3d, Loss, RenderSettings, Scene, Scene3d,
     effects::{Antialias, Blend, Order},
-    settings::Cut,
 };
+
+use super::oracle::smooth;
 
 const LOSSES: [Loss; 3] = [Loss::L2, Loss::L1, Loss::PAPER];
 
-/// Differentiable settings: no cut, never full.
-fn smooth(settings: RenderSettings) -> RenderSettings {
-    let mut settings = settings;
-    settings.accuracy.cut = Cut::Smooth;
-    settings.accuracy.transmittance_min = 0.0;
-    settings
-}
-
-/// Holds analytic gradients against central finite differences, within 0.1 %; returns how many were not negligible, by parameter.
+/// Compares analytic gradients with central finite differences, within 0.1 %. Returns the number of
+/// gradients that are not negligible, by parameter.
 fn differentiate(draw: &Draw<Scene3d>, loss: &Loss) -> Vec<usize> {
     let oracle = Oracle::new(draw.view, smooth(draw.settings)).unwrap();
     let target = draw.target().unwrap();
@@ -40,7 +35,8 @@ fn differentiate(draw: &Draw<Scene3d>, loss: &Loss) -> Vec<usize> {
             let step = 1e-6;
             let numeric = (at(step) - at(-step)) / (2.0 * step);
             let value = analytic.values[g][i];
-            // The differences themselves are good to 1e-9; what is far below the Gaussian's other gradients is measured against those.
+            // The differences are accurate to 1e-9. Much smaller gradients are compared relative to
+            // the Gaussian's largest.
             let relative = ((value - numeric).abs() - 1e-9) / value.abs().max(1e-4 * size).max(1e-12);
             let name = Scene3d::parameter_name(i);
             let effects = draw.settings.effects;
@@ -63,7 +59,7 @@ fn gradients_are_the_derivatives_of_the_loss() {
             let mut counted = 0;
             for (seed, kind) in (40..).zip(Kind3d::ALL) {
                 let draw = Draw::for_3d(kind, blend, 4, (12, 9), seed).on([0.3, 0.9, 0.1]);
-                // A nudge would change the order of equal depths.
+                // A finite difference would change the order of equal depths.
                 let equal = kind == Kind3d::EqualDepths;
                 let draw = if equal { draw.in_order(Order::Index) } else { draw };
                 counted += differentiate(&draw, &loss).iter().sum::<usize>();
@@ -93,8 +89,8 @@ fn gradients_hold_through_antialiasing_and_in_every_order() {
     }
 }
 
-/// A Gaussian beyond each edge of the field of view, where a slope is clamped, large enough to be seen; before an off-centre principal
-/// point, so that the four clamps differ.
+/// A Gaussian beyond each edge of the field of view, where a slope is clamped, large enough to be
+/// seen; before an off-centre principal point, so that the four clamps differ.
 #[test]
 fn gradients_hold_where_the_jacobian_is_clamped() {
     let mut draw = Draw::for_3d(Kind3d::Typical, Blend::Over, 0, (14, 11), 3);
@@ -124,7 +120,7 @@ fn gradients_hold_where_the_jacobian_is_clamped() {
     }
 }
 
-/// Σ′⁻¹ by what σ is one px away from the centre, along x, y and both.
+/// Σ′⁻¹ from σ at one px from the centre along x, y and both.
 fn precision(splat: &impl Splat) -> [f64; 3] {
     let center = center(splat);
     let sigma = |dx: f64, dy: f64| splat.exponent([center[0] + dx, center[1] + dy]).sigma;
@@ -132,7 +128,7 @@ fn precision(splat: &impl Splat) -> [f64; 3] {
     [xx, sigma(1.0, 1.0) - 0.5 * (xx + yy), yy]
 }
 
-/// Where σ's slope is 0: one Newton step is exact.
+/// The centre, where the gradient of σ is 0: one Newton step is exact.
 fn center(splat: &impl Splat) -> [f64; 2] {
     let at = |p: [f64; 2]| splat.exponent(p).derivatives;
     let [o, x, y] = [at([0.0, 0.0]), at([1.0, 0.0]), at([0.0, 1.0])];
@@ -154,29 +150,31 @@ fn projected(scene: &Scene3d, view: Camera, settings: RenderSettings) -> gs_conf
     }
 }
 
-/// Points of a small Gaussian, put through the pinhole one by one, have the projected mean and covariance, and their depths given the pixel
-/// are those of `Order::PerPixel`.
+/// Points of a small Gaussian, put through the pinhole one by one, have the projected mean and
+/// covariance, and their depths given the pixel are those of `Order::PerPixel`.
 #[test]
 fn a_small_gaussian_falls_where_its_points_fall() {
     let draw = Draw::for_3d(Kind3d::Typical, Blend::Over, 6, (40, 30), 5);
     for g in 0..6 {
-        // A thousandth as large, through a lens a thousand times as long: the affine approximation is then nearly exact.
+        // A thousandth as large, through a lens a thousand times as long: the affine approximation
+        // is then nearly exact.
         let mut gaussian = draw.scene.gaussian(g);
         gaussian.log_scale -= 1000f32.ln();
         let (pixel, _) = draw.view.project(gaussian.mean).unwrap();
         let mut view = Camera { focal: draw.view.focal * 1000.0, ..draw.view };
         view.center += pixel - view.project(gaussian.mean).unwrap().0;
         let splat = projected(&one(gaussian.clone()), view, draw.settings);
-        let frame = gaussian.factor().unwrap().as_dmat3();
+        let factor = gaussian.factor().unwrap().as_dmat3();
         let (rotation, translation) = (view.rotation.as_dmat3(), view.translation.as_dvec3());
         let (focal, principal) = (view.focal.as_dvec2(), view.center.as_dvec2());
-        // Third-order cubature: ±√3 along each axis has the mean and covariance of the Gaussian exactly.
+        // Third-order cubature: ±√3 along each axis has the mean and covariance of the Gaussian
+        // exactly.
         let mut points = Vec::new();
         for axis in 0..3 {
             for sign in [-1.0, 1.0] {
                 let mut offset = glam::DVec3::ZERO;
                 offset[axis] = sign * 3f64.sqrt();
-                let p = rotation * (gaussian.mean.as_dvec3() + frame * offset) + translation;
+                let p = rotation * (gaussian.mean.as_dvec3() + factor * offset) + translation;
                 points.push((focal * p.truncate() / p.z + principal, p.z));
             }
         }
@@ -241,7 +239,8 @@ fn hand_calculation_of_a_sphere_on_the_axis() {
     let dilation = f64::from(0.1f32);
     let alpha = 0.5 * 4.0 / (4.0 + dilation) * (-0.5 * 5.0 / (4.0 + dilation)).exp();
     assert!((image.pixels[5 * 9 + 6][0] - (alpha * red + (1.0 - alpha) * 0.25)).abs() < 1e-9);
-    // With Dilate it is 4.3 I and the opacity stays; with Compensated the opacity is scaled by 4/4.3.
+    // With Dilate it is 4.3 I and the opacity stays; with Compensated the opacity is scaled by
+    // 4/4.3.
     let dilation = f64::from(0.3f32);
     for (antialias, opacity) in [(Antialias::Dilate, 0.5), (Antialias::Compensated, 0.5 * 4.0 / (4.0 + dilation))] {
         settings.effects.antialias = antialias;
@@ -274,7 +273,8 @@ fn orders_are_by_index_by_mean_and_by_pixel() {
     assert!(red_in_front(middle(&scene, Order::Global, 40)));
     assert!(red_in_front(middle(&scene, Order::PerPixel, 40)));
 
-    // Two discs that cross like an X seen from above: each is in front on one side, by the pixel's depth alone.
+    // Two discs that cross like an X seen from above: each is in front on one side, by the pixel's
+    // depth alone.
     let disc = |angle: f32, color: Vec3| Gaussian3d {
         log_scale: Vec3::new(0.0, 0.0, -4.0),
         rotation: [(0.5 * angle).cos(), 0.0, (0.5 * angle).sin(), 0.0],
@@ -290,9 +290,10 @@ fn orders_are_by_index_by_mean_and_by_pixel() {
     assert_eq!([4 * 9 + 2, 4 * 9 + 6].map(|p| red_in_front(middle(&crossed, Order::PerPixel, p))), [false, true]);
 }
 
-/// Two Gaussians whose depths differ by less than rounding may be in either order, and the oracle says where that shows.
+/// Two Gaussians whose depths differ by less than rounding may have either order. The oracle
+/// reports the affected pixels.
 #[test]
-fn orders_within_rounding_are_noticed_and_only_there() {
+fn only_orders_within_rounding_are_reported() {
     let mut draw = Draw::for_3d(Kind3d::Overlapping, Blend::Over, 2, (20, 16), 12);
     let render = |draw: &Draw<Scene3d>| Oracle::new(draw.view, draw.settings).unwrap().render(&draw.scene.rows());
     let apart = render(&draw);
@@ -317,9 +318,10 @@ fn orders_within_rounding_are_noticed_and_only_there() {
     assert!(away(&render(&draw)) < 5);
 }
 
-/// What no finite difference says: the gradient is orthogonal to the quaternion, and 0 above the effective degree and at infinite logits.
+/// Properties that finite differences do not show: the gradient is orthogonal to the quaternion,
+/// and 0 above the effective degree and at infinite logits.
 #[test]
-fn gradients_have_the_structure_that_they_must() {
+fn gradients_have_the_expected_structure() {
     let mut draw = Draw::for_3d(Kind3d::Opaque, Blend::Over, 9, (20, 16), 3);
     draw.settings.effects.sh_degree = 1;
     let scene = draw.scene.rows();
@@ -339,8 +341,8 @@ fn gradients_have_the_structure_that_they_must() {
     assert!(nonzero > 4);
 }
 
-/// [`Statistics`](gs_core::effects::Statistics): the mean gradient is that of the projected mean, which a shift of the principal point
-/// moves for all Gaussians alike.
+/// [`Statistics`](gs_core::effects::Statistics): the mean gradient is that of the projected mean,
+/// which a shift of the principal point moves for all Gaussians alike.
 #[test]
 fn the_mean_gradient_is_that_of_the_pixel_position() {
     let draw = Draw::for_3d(Kind3d::Typical, Blend::Over, 1, (20, 16), 4);
@@ -360,7 +362,7 @@ fn the_mean_gradient_is_that_of_the_pixel_position() {
 }
 
 #[test]
-fn what_the_oracle_cannot_do_is_an_error() {
+fn unsupported_settings_are_errors() {
     let view = Camera::looking_forward(4, 4, 1.0);
     let stretched = Camera { rotation: Mat3::IDENTITY * 2.0, ..view };
     assert!(matches!(Oracle::new(stretched, RenderSettings::default()), Err(Error::Setting { .. })));

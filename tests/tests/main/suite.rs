@@ -1,4 +1,5 @@
-//! Negative controls of the suite itself: a backend with one fault is caught by the case that is there for it.
+//! Negative controls of the suite: a backend with one fault fails the case that is meant to find
+//! it.
 
 use pollster::FutureExt as _;
 use std::ops::{Deref, DerefMut};
@@ -13,10 +14,10 @@ use gs_core::{
 };
 use gs_cpu::{CpuRasterizer, CpuSettings, ForwardPass2d, Gradients2d, Splats2d, Target};
 
-/// What is wrong with the backend.
+/// The fault of the backend.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Fault {
-    /// Nothing: what passes.
+    /// No fault.
     Faultless,
     ShiftsImages,
     DimsImages,
@@ -67,7 +68,7 @@ struct Sabotaged {
     fault: Fault,
 }
 
-/// Sound splats, and the losses that nobody has asked for.
+/// Splats of the correct backend, and losses that the caller has not taken yet.
 struct Kept {
     sound: Splats2d,
     losses: Vec<f32>,
@@ -105,7 +106,7 @@ impl Sabotaged {
         self.fault == fault
     }
 
-    /// Replaces the splats by one in an altered state.
+    /// Replaces the splats by ones with an altered state.
     fn alter(&self, splats: &mut Kept, change: impl Fn(&mut SplatsState)) -> Result<(), Error> {
         let mut state = self.sound().save(splats).block_on()?;
         change(&mut state);
@@ -207,8 +208,8 @@ impl Rasterizer<Scene2d> for Sabotaged {
         self.sound().forward(splats, &view, &settings).block_on()
     }
 
-    async fn image(&self, frame: &Self::ForwardPass) -> Result<Image, Error> {
-        let image = self.sound().image(frame).block_on()?;
+    async fn image(&self, pass: &Self::ForwardPass) -> Result<Image, Error> {
+        let image = self.sound().image(pass).block_on()?;
         let (w, h) = image.size();
         match self.fault {
             ShiftsImages => Image::from_fn(w, h, |x, y| image.pixel((x + 1) % w, y)),
@@ -217,18 +218,18 @@ impl Rasterizer<Scene2d> for Sabotaged {
         }
     }
 
-    fn culled(&self, frame: &Self::ForwardPass) -> Culled {
-        if self.is(CountsNothingCulled) { Culled::default() } else { self.sound().culled(frame) }
+    fn culled(&self, pass: &Self::ForwardPass) -> Culled {
+        if self.is(CountsNothingCulled) { Culled::default() } else { self.sound().culled(pass) }
     }
 
     async fn backward(
         &self,
         splats: &Self::Splats,
-        frame: Self::ForwardPass,
+        pass: Self::ForwardPass,
         target: &Self::Target,
         loss: &Loss,
     ) -> Result<(f32, Self::Gradients), Error> {
-        let (loss, gradients) = self.sound().backward(splats, frame, target, loss).block_on()?;
+        let (loss, gradients) = self.sound().backward(splats, pass, target, loss).block_on()?;
         Ok((if self.is(DoublesLosses) { 2.0 * loss } else { loss }, gradients))
     }
 
@@ -293,8 +294,8 @@ impl Optimizer<Scene2d> for Sabotaged {
         target: &Self::Target,
         step: &TrainStep<'_>,
     ) -> Result<(), Error> {
-        let frame = self.forward(splats, view, step.settings).block_on()?;
-        let (loss, gradients) = self.backward(splats, frame, target, &step.loss).block_on()?;
+        let pass = self.forward(splats, view, step.settings).block_on()?;
+        let (loss, gradients) = self.backward(splats, pass, target, &step.loss).block_on()?;
         self.step(splats, &gradients, step.rates).block_on()?;
         if self.is(FusedStepDoesTooMuch) {
             self.step(splats, &gradients, step.rates).block_on()?;
@@ -384,18 +385,18 @@ fn every_fault_is_caught_by_its_case() {
         (DoublesLosses, "steps_decrease_the_loss"),
         (LosesTheLastGaussian, "scenes_come_back"),
         (ForgetsMomentsOnRestore, "restored_splats_continue_bit_for_bit"),
-        (ForgetsMomentsOnRestore, "first_steps_owe_nothing_to_renderings"),
+        (ForgetsMomentsOnRestore, "first_steps_do_not_reuse_lists_of_renderings"),
         (StepsUphill, "steps_decrease_the_loss"),
         (StepsUphill, "covariance_factor_steps_match"),
         (ForgetsBiasCorrection, "adam_matches"),
         (IgnoresEpsilon, "adam_matches"),
         (SwapsRates, "adam_matches"),
         (SwapsRates, "covariance_factor_steps_match"),
-        (FusedStepDoesTooMuch, "fused_steps_match_their_stages"),
-        (SwapsLosses, "losses_are_told_once_and_in_order"),
-        (DropsLosses, "losses_are_told_once_and_in_order"),
-        (RepeatsLosses, "losses_are_told_once_and_in_order"),
-        (ForgetsLossesOnEdit, "steps_under_way_are_seen_by_everything"),
+        (FusedStepDoesTooMuch, "fused_steps_match_separate_stages"),
+        (SwapsLosses, "losses_are_reported_once_and_in_order"),
+        (DropsLosses, "losses_are_reported_once_and_in_order"),
+        (RepeatsLosses, "losses_are_reported_once_and_in_order"),
+        (ForgetsLossesOnEdit, "every_call_sees_pending_steps"),
         (DoublesStatistics, "statistics_are_the_positional_gradients"),
         (LetsGradientsCancel, "absolute_gradients_match"),
         (MistakesErrorsForGradients, "pixel_errors_match"),

@@ -1,4 +1,4 @@
-//! Tiles' lists that are longer than a software driver can loop over: an error there, never a wrong picture; on GPUs there is no limit.
+//! Lists that are too long for a software driver's loops are errors there. GPUs have no such limit.
 
 use glam::{Vec2, Vec3};
 use gs_core::{Camera, Canvas, Gaussian2d, Gaussian3d, Scene3d, effects::Order};
@@ -16,10 +16,11 @@ impl Numbers {
     }
 }
 
-/// More than any kernels can loop over on Mesa's software driver.
+/// More entries than any kernel can loop over on Mesa's software driver.
 const MANY: usize = 20_000;
 
-/// So many Gaussians in one tile, half a pixel wide and hardly opaque, so that the last ones are seen, too.
+/// `count` Gaussians in one tile, half a pixel wide and nearly transparent, so that the last ones
+/// are visible.
 fn in_one_tile(count: usize) -> (Scene2d, Canvas) {
     let mut numbers = Numbers(1);
     let gaussian = |_| Gaussian2d {
@@ -36,7 +37,7 @@ fn cpu() -> CpuRasterizer {
     CpuRasterizer::new(CpuSettings { threads: Some(2), level: None }).unwrap()
 }
 
-/// How far `found` is from `expected`, as a share of how large that is.
+/// The relative difference of `found` from `expected`.
 fn apart(found: &[f32], expected: &[f32]) -> f64 {
     let (mut squares, mut all) = (0.0, 0.0);
     for (found, expected) in found.iter().zip(expected) {
@@ -47,7 +48,7 @@ fn apart(found: &[f32], expected: &[f32]) -> f64 {
     (squares / all).sqrt()
 }
 
-/// The image, and its loss' gradients by means and colours.
+/// The image, and the gradients by means and colours.
 fn outcome<R: Optimizer<Scene2d>>(
     r: &R,
     (scene, view): &(Scene2d, Canvas),
@@ -63,7 +64,7 @@ fn outcome<R: Optimizer<Scene2d>>(
     Ok([image, means, gradients.colors.iter().flat_map(|color| color.to_array()).collect()])
 }
 
-/// What rounding may come to; 1.9e-6 was the most that was measured.
+/// Tolerance for rounding; the largest measured difference is 1.9e-6.
 const APART: f64 = 1e-5;
 
 fn same(found: [Vec<f32>; 3], expected: &[Vec<f32>; 3], what: &str) {
@@ -82,7 +83,7 @@ fn limit(error: &Error) -> usize {
 }
 
 #[test]
-fn a_longer_list_is_an_error_and_one_of_the_limit_is_drawn_as_on_the_cpu() {
+fn a_list_beyond_the_limit_is_an_error_and_one_at_the_limit_matches_the_cpu() {
     let long = in_one_tile(MANY);
     for blend in [Blend::Sum, Blend::Over] {
         let settings = RenderSettings::blended(blend).on([0.1, 0.2, 0.3]);
@@ -103,7 +104,7 @@ fn a_longer_list_is_an_error_and_one_of_the_limit_is_drawn_as_on_the_cpu() {
     }
 }
 
-/// Nor do the steps behind it, which were sent before its outcome was known.
+/// Pending steps after it do not change anything, either.
 #[test]
 fn a_step_with_a_longer_list_changes_nothing() {
     let (scene, view) = in_one_tile(MANY);
@@ -124,16 +125,16 @@ fn a_step_with_a_longer_list_changes_nothing() {
             "{kernels:?}: the splats have changed"
         );
 
-        // They go on from there, where lists are short.
+        // Training goes on with short lists.
         r.train_step(&mut splats, &aside, &target, &step).block_on().unwrap();
         r.losses(&mut splats, Wait::All, &mut losses).block_on().unwrap();
         assert_eq!(losses.len(), 1, "{kernels:?}");
     }
 }
 
-/// The queues of the order of depth at each pixel are made 256 entries at a time, so that the limit is far off.
+/// With a sort at each pixel, queues are made 256 entries at a time, so the limit is much larger.
 #[test]
-fn by_pixel_depth_a_list_may_be_longer() {
+fn lists_may_be_longer_with_a_sort_at_each_pixel() {
     const MANY: usize = 70_000;
     let view = Camera::looking_forward(16, 16, 1.0);
     let mut scene = Scene3d::default();

@@ -1,4 +1,4 @@
-//! A backend with one of the faults that hard cases bring out in engines, or none, around one without.
+//! A backend with one typical fault of engines, or none, around a correct backend.
 
 mod fallible;
 
@@ -17,68 +17,69 @@ use pollster::FutureExt as _;
 
 use self::fallible::Fallible;
 
-/// What is wrong with the backend.
+/// The fault of the backend.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Fault {
-    /// Nothing: what passes.
+    /// No fault.
     Faultless,
-    /// Gaussians of extreme shapes are dropped when they come in, so that nothing has to be done about them.
+    /// Extreme Gaussians are dropped on upload.
     DropsExtremes,
-    /// The Gaussians left out are not counted.
+    /// Culled Gaussians are not counted.
     CountsNothing,
-    /// What is not finite is left out, and the first pixel with it.
+    /// A Gaussian that is not finite is culled, but changes the first pixel.
     SpreadsToAPixel,
-    /// What is left out changes another pixel by an ulp.
+    /// A culled Gaussian changes another pixel by an ulp.
     SpreadsByAnUlp,
-    /// A colour that is not finite gets through.
+    /// Colours that are not finite are drawn.
     ShowsNan,
     /// Numbers that are not finite are made 0 on the way in.
     Sanitises,
-    /// Targets are not looked at.
+    /// Targets are not validated.
     TakesAnyTarget,
     /// Rates out of range are replaced.
     TakesAnyRates,
     /// Losses out of range are replaced.
     TakesAnyLoss,
-    /// Settings are refused that nobody uses, but that are possible.
+    /// Unusual but valid settings are refused.
     RefusesTheUnusual,
-    /// Gaussians are looked at as far as the cut, whatever number of standard deviations is asked for.
+    /// Extents in standard deviations are ignored.
     IgnoresTheExtent,
-    /// α is clamped elsewhere.
+    /// α is clamped at another value.
     ClampsElsewhere,
     /// The cut is two ulps lower.
     CutsTwoUlpsLower,
-    /// α must be above the cut, not only at it; as α is not a wrapper's, opacities of exactly ½ are two ulps less.
+    /// α must be above the cut instead of at least the cut. A wrapper cannot change α, so it lowers
+    /// opacities of exactly ½ by two ulps.
     CutsWhatIsAtTheCut,
-    /// The gradients of a Gaussian of which one is a thousandth or more are made 0.
+    /// The gradients of a Gaussian are 0 if one of them is at least a thousandth.
     DropsLargeGradients,
-    /// Losses are told as 0 from the hundredth step on.
+    /// Losses are reported as 0 from the hundredth step on.
     LosesItsLosses,
-    /// A loss is not a number in the middle of a run.
+    /// A loss in the middle of a run is NaN.
     LosesItsLoss,
-    /// Means creep, gradient or none.
+    /// Means move even without gradients.
     Creeps,
-    /// Training tells losses, and that is all.
+    /// Training reports losses but does not move anything.
     NeverSteps,
-    /// Gradients are those of other Gaussians.
+    /// Gradients are assigned to other Gaussians.
     MixesGradients,
-    /// What is nearer than the near plane is drawn.
+    /// Gaussians in front of the near plane are drawn.
     IgnoresTheNearPlane,
     /// Gaussians are blended in the scene's order.
     OrdersByIndex,
-    /// One depth is all that a Gaussian has.
+    /// The depth of a Gaussian does not depend on the pixel.
     OrdersByMean,
-    /// The Jacobian is followed further beyond the field of view.
+    /// The Jacobian's slopes are clamped too far outside the field of view.
     FollowsTheJacobian,
-    /// The principal point is taken to be in the middle.
+    /// The principal point is assumed to be in the middle.
     CentresThePrincipalPoint,
-    /// Pixels are taken to be squares.
+    /// Pixels are assumed to be square.
     SquaresPixels,
-    /// Harmonics of the third degree are left out.
+    /// SH of degree 3 are ignored.
     DropsSh,
-    /// Gaussians are dilated, whether that is wanted or not.
+    /// Gaussians are always dilated.
     Dilates,
-    /// What is dilated stays as opaque as it was.
+    /// Compensation is ignored.
     ForgetsCompensation,
 }
 
@@ -88,7 +89,7 @@ use Fault::*;
 pub(crate) struct Faulty<'r, R> {
     pub(crate) inner: &'r R,
     pub(crate) fault: Fault,
-    /// Losses of steps that were not done.
+    /// Losses of steps that were not taken.
     losses: RefCell<Vec<f32>>,
 }
 
@@ -127,19 +128,19 @@ impl<'r, R> Faulty<'r, R> {
         Ok(())
     }
 
-    /// What is in place of a loss.
-    fn heard(&self, loss: Loss) -> Loss {
+    /// The loss after a fault.
+    fn altered_loss(&self, loss: Loss) -> Loss {
         if self.is(TakesAnyLoss) && loss.validate().is_err() { Loss::L2 } else { loss }
     }
 }
 
-/// A frame, and the image that is shown in its place.
-pub(crate) struct Frame<F> {
+/// A forward pass, and the image that replaces its own.
+pub(crate) struct Pass<F> {
     drawn: F,
     instead: Option<Image>,
 }
 
-/// Whether a row of parameters has an axis a thousand times another.
+/// Whether a Gaussian has an axis a thousand times as long as another.
 fn is_extreme(log_scales: &[f64]) -> bool {
     let (least, most) = log_scales.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), &v| (a.min(v), b.max(v)));
     most - least > 6.9
@@ -153,7 +154,7 @@ impl<R: Backend> Backend for Faulty<'_, R> {
 
 impl<S: Fallible, R: Optimizer<S>> Rasterizer<S> for Faulty<'_, R> {
     type Splats = R::Splats;
-    type ForwardPass = Frame<R::ForwardPass>;
+    type ForwardPass = Pass<R::ForwardPass>;
     type Gradients = R::Gradients;
     type Target = R::Target;
 
@@ -209,10 +210,10 @@ impl<S: Fallible, R: Optimizer<S>> Rasterizer<S> for Faulty<'_, R> {
             let (width, height) = self.inner.image(&drawn).block_on()?.size();
             instead = Some(Image::from_fn(width, height, |x, y| image.pixel(x, y))?);
         }
-        Ok(Frame { drawn, instead })
+        Ok(Pass { drawn, instead })
     }
 
-    async fn image(&self, Frame { drawn, instead }: &Self::ForwardPass) -> Result<Image, Error> {
+    async fn image(&self, Pass { drawn, instead }: &Self::ForwardPass) -> Result<Image, Error> {
         let mut image = instead.clone().map_or_else(|| self.inner.image(drawn).block_on(), Ok)?;
         let culled = self.inner.culled(drawn);
         let last = image.pixels().len() - 1;
@@ -226,18 +227,18 @@ impl<S: Fallible, R: Optimizer<S>> Rasterizer<S> for Faulty<'_, R> {
         Ok(image)
     }
 
-    fn culled(&self, frame: &Self::ForwardPass) -> Culled {
-        if self.is(CountsNothing) { Culled::default() } else { self.inner.culled(&frame.drawn) }
+    fn culled(&self, pass: &Self::ForwardPass) -> Culled {
+        if self.is(CountsNothing) { Culled::default() } else { self.inner.culled(&pass.drawn) }
     }
 
     async fn backward(
         &self,
         splats: &R::Splats,
-        frame: Self::ForwardPass,
+        pass: Self::ForwardPass,
         target: &R::Target,
         loss: &Loss,
     ) -> Result<(f32, R::Gradients), Error> {
-        self.inner.backward(splats, frame.drawn, target, &self.heard(*loss)).block_on()
+        self.inner.backward(splats, pass.drawn, target, &self.altered_loss(*loss)).block_on()
     }
 
     async fn gradients(&self, splats: &R::Splats, gradients: &R::Gradients) -> Result<S, Error> {
@@ -291,7 +292,7 @@ impl<S: Fallible, R: Optimizer<S>> Optimizer<S> for Faulty<'_, R> {
         let replaced = self.is(TakesAnyRates) && step.rates.validate().is_err();
         let rates = if replaced { &usual } else { step.rates };
         let (view, settings, loss) =
-            (S::altered_view(self.fault, view), self.altered(step.settings), self.heard(step.loss));
+            (S::altered_view(self.fault, view), self.altered(step.settings), self.altered_loss(step.loss));
         if self.is(NeverSteps) {
             let pass = self.inner.forward(splats, &view, &settings).await?;
             let (loss, _) = self.inner.backward(splats, pass, target, &loss).await?;
@@ -304,7 +305,7 @@ impl<S: Fallible, R: Optimizer<S>> Optimizer<S> for Faulty<'_, R> {
         if self.is(Creeps) {
             let scene = self.inner.download(splats).await?;
             let changed = (0..scene.len()).map(|index| {
-                let gaussian = S::crept(scene.gaussian(index));
+                let gaussian = S::shifted(scene.gaussian(index));
                 Change { index: index as u32, gaussian, moments: Moments::Inherit }
             });
             let plan = EditPlan { changed: changed.collect(), statistics: AfterEdit::Keep, ..EditPlan::default() };

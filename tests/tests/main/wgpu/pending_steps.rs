@@ -1,8 +1,9 @@
-//! Training steps that are sent ahead of the device: when the host waits, what is sent again, and what a lost device does to them.
+//! Pending training steps: when the host waits, which steps are repeated, and the effect of a lost
+//! device.
 
 use super::*;
 
-/// splats that is trained on one device, and how.
+/// Splats in training on one device.
 struct Training<'r> {
     r: &'r WgpuRasterizer,
     draw: Draw,
@@ -17,7 +18,7 @@ impl<'r> Training<'r> {
         Self { r, draw, target, splats }
     }
 
-    /// Sends a step that draws the Gaussians down to this α.
+    /// Submits a step with this α cut.
     fn try_send(&mut self, alpha_cut: f32, binning: Binning) -> Result<(), Error> {
         let mut settings = self.draw.settings;
         settings.accuracy.alpha_cut = alpha_cut;
@@ -37,11 +38,11 @@ impl<'r> Training<'r> {
     }
 }
 
-/// The bytes that `steps` training steps of `gaussians` move.
+/// Bytes moved by `steps` training steps of `gaussians` Gaussians.
 fn bytes_of_steps(gaussians: usize, steps: usize) -> u64 {
     let r = another();
     let mut training = Training::new(&r, Draw::new(Kind::Typical, Blend::Sum, gaussians, (120, 80), 3));
-    // Buffers grow in the first.
+    // Buffers grow in the first step.
     training.send(1);
     assert_eq!(training.losses(Wait::All).len(), 1);
     let before = r.bytes_moved();
@@ -59,7 +60,7 @@ fn a_training_step_moves_few_bytes_however_many_gaussians_there_are() {
 }
 
 #[test]
-fn a_training_step_waits_only_where_enough_are_under_way() {
+fn a_training_step_waits_only_for_the_oldest_of_enough_pending_steps() {
     let r = another();
     let mut training = Training::new(&r, Draw::new(Kind::Typical, Blend::Over, 200, (120, 80), 3));
     training.send(1);
@@ -87,12 +88,12 @@ fn a_training_step_waits_only_where_enough_are_under_way() {
     assert!(r.waits() > waits, "waits are not counted");
 }
 
-/// Whether a device has room for what is drawn on it before it is drawn.
+/// Whether the buffers of a device are large enough from the start.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Room {
-    /// There is: its buffers have come into the pool, from which training takes them.
+    /// They are: the pool has large buffers.
     AtOnce,
-    /// It is made when it turns out not to be enough, and steps are sent again.
+    /// They grow when they are too small, and steps are repeated.
     WhenNeeded,
 }
 
@@ -107,15 +108,15 @@ impl Room {
     }
 }
 
-/// Losses, state and bytes moved after steps of which some need far more room than those before.
+/// Losses, state and bytes moved after steps of which some need much larger buffers.
 fn trained_with_room(blend: Blend, room: Room) -> (Vec<f32>, SplatsState, u64) {
     let draw = Draw::new(Kind::Large, blend, 800, (173, 141), 42).on([0.1, 0.5, 0.3]);
     let r = room.device_for(&draw);
     let mut training = Training::new(&r, draw);
     let before = r.bytes_moved();
     let mut losses = Vec::new();
-    // Under `Over` the first ones fit. Then lists are made for more entries, as those there are were made with another cut, and are used
-    // again; all of that is under way when the host learns of it. Under `Sum` nothing fits.
+    // Under `Over` the first steps fit. Later lists have more entries, as their cut differs, and
+    // are reused; all of that is pending when the host reads the status. Under `Sum` nothing fits.
     for (alpha_cut, fresh) in [(0.5, true), (0.5, false), (ALPHA_CUT, false), (ALPHA_CUT, false), (ALPHA_CUT, false)] {
         training.try_send(alpha_cut, if fresh { Binning::Fresh } else { Binning::Reuse }).unwrap();
     }
@@ -129,7 +130,7 @@ fn trained_with_room(blend: Blend, room: Room) -> (Vec<f32>, SplatsState, u64) {
 }
 
 #[test]
-fn steps_that_have_to_be_sent_again_end_at_the_same_bits() {
+fn repeated_steps_end_at_the_same_bits() {
     for blend in [Blend::Sum, Blend::Over] {
         let (losses, state, bytes) = trained_with_room(blend, Room::AtOnce);
         let (again, found, more_bytes) = trained_with_room(blend, Room::WhenNeeded);
@@ -142,7 +143,7 @@ fn steps_that_have_to_be_sent_again_end_at_the_same_bits() {
     }
 }
 
-/// What is seen of, or done to, splats whose last steps are still under way; gradients are of before.
+/// Calls on splats with pending steps; gradients are from before.
 type Look = fn(&mut Training<'_>, &Gradients2d) -> Vec<f32>;
 
 fn numbers(state: &SplatsState) -> Vec<f32> {
@@ -156,8 +157,8 @@ const LOOKS: [(&str, Look); 7] = [
     }),
     ("statistics", |t, _| t.r.statistics(&t.splats).block_on().unwrap().gradient_sum),
     ("forward", |t, _| {
-        let frame = t.r.forward(&t.splats, &t.draw.view, &t.draw.settings).block_on().unwrap();
-        t.r.image(&frame).block_on().unwrap().pixels().as_flattened().to_vec()
+        let pass = t.r.forward(&t.splats, &t.draw.view, &t.draw.settings).block_on().unwrap();
+        t.r.image(&pass).block_on().unwrap().pixels().as_flattened().to_vec()
     }),
     ("step", |t, gradients| {
         t.r.step(&mut t.splats, gradients, &Adam::default().at(0.0)).block_on().unwrap();
@@ -176,9 +177,9 @@ const LOOKS: [(&str, Look); 7] = [
     }),
 ];
 
-/// What is seen after two steps, by their bits, and the bytes that it took to see it.
+/// The bits of the results after two steps, and the bytes moved.
 fn seen_after_two_steps(look: Look, room: Room) -> (Vec<u32>, u64) {
-    // Each of them touches every tile.
+    // Each Gaussian touches every tile.
     let mut draw = Draw::new(Kind::Large, Blend::Sum, 1200, (160, 144), 43);
     draw.scene.log_scales.fill(glam::Vec2::splat(5.0));
     draw.settings.effects.statistics = Statistics::MeanGradient;
@@ -186,9 +187,9 @@ fn seen_after_two_steps(look: Look, room: Room) -> (Vec<u32>, u64) {
     let mut training = Training::new(&r, draw);
     let Training { draw, target, splats, .. } = &training;
     let elsewhere = draw.view.showing(glam::Vec2::splat(1e5), glam::Vec2::ONE);
-    let frame = r.forward(splats, &elsewhere, &draw.settings).block_on().unwrap();
-    assert_eq!(frame.entries(), 0, "its buffers stay as small as they are");
-    let (_, gradients) = r.backward(splats, frame, target, &Loss::L2).block_on().unwrap();
+    let pass = r.forward(splats, &elsewhere, &draw.settings).block_on().unwrap();
+    assert_eq!(pass.entries(), 0, "its buffers stay small");
+    let (_, gradients) = r.backward(splats, pass, target, &Loss::L2).block_on().unwrap();
     training.send(2);
     assert_eq!(training.splats.steps_in_flight(), 2);
     let before = r.bytes_moved();
@@ -198,7 +199,7 @@ fn seen_after_two_steps(look: Look, room: Room) -> (Vec<u32>, u64) {
 }
 
 #[test]
-fn steps_that_have_to_be_sent_again_are_seen_by_everything() {
+fn every_call_sees_repeated_steps() {
     for (what, look) in LOOKS {
         let (expected, bytes) = seen_after_two_steps(look, Room::AtOnce);
         let (found, more_bytes) = seen_after_two_steps(look, Room::WhenNeeded);
@@ -208,7 +209,7 @@ fn steps_that_have_to_be_sent_again_are_seen_by_everything() {
 }
 
 #[test]
-fn a_splats_can_be_dropped_with_steps_under_way() {
+fn splats_can_be_dropped_with_pending_steps() {
     let r = another();
     let draw = || Draw::new(Kind::Typical, Blend::Sum, 200, (120, 80), 3);
     let mut expected = Training::new(&r, draw());
@@ -225,7 +226,7 @@ fn a_splats_can_be_dropped_with_steps_under_way() {
 }
 
 #[test]
-fn steps_under_way_on_a_lost_device_are_an_error_later() {
+fn pending_steps_on_a_lost_device_are_a_later_error() {
     for wait in [Wait::Arrived, Wait::All] {
         let r = another();
         let mut training = Training::new(&r, Draw::new(Kind::Typical, Blend::Sum, 200, (120, 80), 3));

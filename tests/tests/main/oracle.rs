@@ -1,4 +1,4 @@
-//! The oracle itself, held against central finite differences, a textbook value and hand calculations.
+//! The oracle compared with central finite differences, a textbook value and hand calculations.
 
 use glam::{Vec2, Vec3};
 use gs_conformance::{
@@ -15,15 +15,14 @@ use gs_core::{
 const LOSSES: [Loss; 3] = [Loss::L2, Loss::L1, Loss::PAPER];
 
 /// Differentiable settings: no cut, never full.
-fn smooth(settings: RenderSettings) -> RenderSettings {
-    let mut settings = settings;
+pub(crate) fn smooth(mut settings: RenderSettings) -> RenderSettings {
     settings.accuracy.cut = Cut::Smooth;
     settings.accuracy.transmittance_min = 0.0;
     settings
 }
 
-/// Worst relative difference between analytic gradients and central finite differences of one drawing; `counted` collects how many
-/// gradients were not negligible.
+/// Worst relative difference between analytic gradients and central finite differences of one
+/// drawing. `counted` is the number of gradients that are not negligible.
 fn worst_difference(draw: &Draw, loss: &Loss, counted: &mut usize) -> f64 {
     let oracle = Oracle::new(draw.view, smooth(draw.settings)).unwrap();
     let target = draw.target().unwrap();
@@ -41,7 +40,8 @@ fn worst_difference(draw: &Draw, loss: &Loss, counted: &mut usize) -> f64 {
             let step = 1e-6;
             let numeric = (at(step) - at(-step)) / (2.0 * step);
             let value = analytic.values[g][i];
-            // The differences themselves are good to 1e-9; what is far below the Gaussian's other gradients is measured against those.
+            // The differences are accurate to 1e-9. Much smaller gradients are compared relative to
+            // the Gaussian's largest.
             let off = (value - numeric).abs() - 1e-9;
             let relative = off / value.abs().max(1e-4 * size).max(1e-12);
             assert!(
@@ -102,7 +102,8 @@ fn disc(mean: Vec2, opacity_logit: f32, color: Vec3) -> Gaussian2d {
 
 #[test]
 fn hand_calculation_of_two_discs() {
-    // Two discs of σ = 2 px centred on pixel (1, 1); the pixel to the right is 1 px away: w = exp(−1/8).
+    // Two discs of σ = 2 px centred on pixel (1, 1); the pixel to the right is 1 px away: w =
+    // exp(−1/8).
     let center = Vec2::new(1.5, 1.5);
     let scene = [disc(center, 0.0, Vec3::new(1.0, 0.0, 0.5)), disc(center, f32::INFINITY, Vec3::new(0.0, 1.0, 0.5))];
     let scene = OracleScene::from(&scene.into_iter().collect::<Scene2d>());
@@ -136,7 +137,8 @@ fn the_cut_and_full_pixels_are_where_they_are_defined() {
     assert!(image.pixels[6][0] > 0.011 && image.pixels[7][0] == 0.0, "{:?}", &image.pixels[5..9]);
     assert!((0..32).all(|p| !image.is_near_discontinuity(p)));
 
-    // T after two opaque discs is 1e-6 < 1e-4: the second does not count at the centre, nor does anything behind it.
+    // T after two opaque discs is 1e-6 < 1e-4: the second does not count at the centre, nor does
+    // anything behind it.
     let center = Vec2::new(0.5, 0.5);
     let stack =
         [disc(center, f32::INFINITY, Vec3::X), disc(center, f32::INFINITY, Vec3::Y), disc(center, -2.0, Vec3::Z)];
@@ -147,7 +149,7 @@ fn the_cut_and_full_pixels_are_where_they_are_defined() {
 }
 
 #[test]
-fn discontinuities_are_noticed_and_only_there() {
+fn only_discontinuities_are_reported() {
     // A disc whose weight at pixel 5 is exactly the cut, give or take a rounding of the scale.
     let sigma = 5.0 / (2.0 * 255f32.ln()).sqrt();
     let mut g = disc(Vec2::new(0.5, 0.5), f32::INFINITY, Vec3::ONE);
@@ -160,7 +162,7 @@ fn discontinuities_are_noticed_and_only_there() {
 }
 
 #[test]
-fn guards_leave_out_and_count() {
+fn guards_cull_and_count() {
     let good = disc(Vec2::splat(4.0), 0.0, Vec3::ONE);
     let scene = [
         good,
@@ -182,7 +184,8 @@ fn ssim_is_one_for_equal_images_and_near_zero_for_a_black_one() {
     let empty = OracleScene::default();
     let target = scenes::target(16, 12, 1).unwrap();
     let dssim = Loss::L1Dssim { lambda: 1.0 };
-    // A black image against a target of mean near 0.5 has SSIM near 0; a background equal to a flat target has 1.
+    // A black image against a target of mean near 0.5 has SSIM near 0; a background equal to a flat
+    // target has 1.
     let black = Oracle::new(view, RenderSettings::blended(Blend::Sum)).unwrap();
     assert!(black.loss(&empty, &target, &dssim).unwrap() > 0.9);
     let flat = Image::filled(16, 12, [0.25, 0.5, 0.75]).unwrap();
@@ -222,7 +225,7 @@ fn best_colors_have_no_gradient_left() {
 }
 
 #[test]
-fn what_the_oracle_cannot_do_is_an_error() {
+fn unsupported_settings_are_errors() {
     let mut settings = RenderSettings::default();
     settings.effects.order = Order::Global;
     assert!(matches!(Oracle::new(Canvas::new(4, 4), settings), Err(Error::Unsupported { .. })));

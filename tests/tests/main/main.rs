@@ -1,0 +1,17 @@
+//! The oracle, the conformance suite and the corpus tested themselves, and put to gs-cpu and
+//! gs-wgpu.
+
+mod accuracy;
+mod corpus;
+mod cpu;
+mod cpu_3d;
+mod fuzzed;
+mod guards;
+mod oracle;
+mod oracle_3d;
+mod public_scenes;
+mod suite;
+mod suite_3d;
+mod tolerance;
+mod wgpu;
+mod wgpu_3d;
