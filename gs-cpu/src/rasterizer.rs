@@ -350,7 +350,6 @@ mod tests {
     use crate::{draw::strips_at_once, layout::Grid};
 
     #[test]
-    #[cfg_attr(miri, ignore = "minutes: thousands of pixels, blended again and again")]
     fn too_many_tile_entries_are_an_error_and_leave_the_splats_unchanged() {
         let rasterizer = CpuRasterizer::new(CpuSettings::default()).unwrap();
         let cpu = rasterizer.for_2d();
@@ -400,7 +399,6 @@ mod tests {
     }
 
     #[test]
-    #[cfg_attr(miri, ignore = "minutes: images of 1024 px")]
     fn gaussians_out_of_view_move_only_if_all_participate() {
         let rasterizer = CpuRasterizer::new(CpuSettings::default()).unwrap();
         let cpu = rasterizer.for_2d();
@@ -432,7 +430,6 @@ mod tests {
     }
 
     #[test]
-    #[cfg_attr(miri, ignore = "minutes: an image of thousands of rows")]
     fn draw_and_forward_give_the_same_bits() {
         let rasterizer = CpuRasterizer::new(CpuSettings { threads: Some(2), level: None }).unwrap();
         let cpu = rasterizer.for_2d();

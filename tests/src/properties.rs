@@ -8,24 +8,14 @@ use proptest::{
 
 use crate::Failure;
 
-/// Under Miri, which is a few thousand times slower, one case in this many is drawn.
-const CASES_PER_CASE_UNDER_MIRI: u32 = 64;
-
-/// Number of cases to draw: all, but few under Miri.
-const fn few_under_miri(cases: u32) -> u32 {
-    if cfg!(miri) { cases.div_ceil(CASES_PER_CASE_UNDER_MIRI) } else { cases }
-}
-
 /// Proptest's own settings with this number of cases.
-///
-/// Under Miri there are few, and no file of failures, which isolation forbids.
 #[must_use]
 pub fn fresh(cases: u32) -> ProptestConfig {
     ProptestConfig { cases, ..ProptestConfig::default() }
 }
 
 /// This number of cases with a fixed seed, and no file of failures: a failing case fails again, and
-/// prints its minimal form. Few under Miri.
+/// prints its minimal form.
 #[must_use]
 pub fn repeatable(cases: u32, seed: u64) -> ProptestConfig {
     ProptestConfig {

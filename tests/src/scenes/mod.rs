@@ -80,13 +80,12 @@ pub fn target(width: u32, height: u32, seed: u64) -> Result<Image, Error> {
     })
 }
 
-/// Widths and heights of up to this many px. Under Miri, which needs thousands of steps per pixel,
-/// at most two of gs-cpu's strips of 16 columns, and a few rows.
+/// Widths and heights from 1 px to these.
 fn sizes(columns: u32, rows: u32) -> impl Strategy<Value = (u32, u32)> + Clone {
     (1..=columns, 1..=rows)
 }
 
-/// Number of Gaussians of drawn scenes: up to 24, under Miri up to 4.
+/// Number of Gaussians in drawn scenes.
 fn counts() -> impl Strategy<Value = usize> {
     1_usize..=24
 }

@@ -102,7 +102,7 @@ pub fn kinds() -> impl Strategy<Value = Kind> {
     proptest::sample::select(Kind::ALL.as_slice())
 }
 
-/// Canvases of up to 48 × 40 px (fewer under Miri): of the plane's own size, or a zoomed and
+/// Canvases of up to 48 × 40 px: of the plane's own size, or a zoomed and
 /// shifted part of it.
 pub fn views() -> impl Strategy<Value = Canvas> {
     let own = sizes(48, 40).prop_map(|(w, h)| Canvas::new(w, h));
@@ -111,7 +111,7 @@ pub fn views() -> impl Strategy<Value = Canvas> {
     prop_oneof![2 => own, 1 => part]
 }
 
-/// Scenes of up to 24 Gaussians (fewer under Miri) within a view: both blends, with and without
+/// Scenes of up to 24 Gaussians within a view: both blends, with and without
 /// background.
 pub fn draws() -> impl Strategy<Value = Draw> {
     let background = proptest::option::of(proptest::array::uniform3(0.0f32..1.0));

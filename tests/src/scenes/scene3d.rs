@@ -171,7 +171,7 @@ pub fn kinds_3d() -> impl Strategy<Value = Kind3d> {
     proptest::sample::select(Kind3d::ALL.as_slice())
 }
 
-/// Scenes of up to 24 Gaussians and cameras of up to 40 × 32 px (fewer of both under Miri): all
+/// Scenes of up to 24 Gaussians and cameras of up to 40 × 32 px: all
 /// kinds, blends, orders, antialiasings and SH degrees, with and without background.
 pub fn draws_3d() -> impl Strategy<Value = Draw<Scene3d>> {
     let orders = proptest::sample::select([Order::Index, Order::Global, Order::PerPixel].as_slice());

@@ -9,8 +9,8 @@ use pollster::FutureExt as _;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
-/// Number of scenes of each kind; few under Miri, where one takes half a minute.
-const SCENES: usize = if cfg!(miri) { 4 } else { 3000 };
+/// Number of scenes of each kind.
+const SCENES: usize = 3000;
 
 /// Random inputs of up to 400 bytes, the same in each run.
 fn inputs(count: usize, seed: u64) -> impl Iterator<Item = Vec<u8>> {
@@ -41,7 +41,6 @@ fn the_cpu_backend_is_sound_for_3d_scenes() {
 }
 
 #[test]
-#[cfg_attr(miri, ignore = "drivers are not interpreted")]
 fn the_gpu_backend_is_sound_for_both_kinds_of_scenes() {
     let wgpu = WgpuRasterizer::new(WgpuSettings::default()).block_on().expect("`cargo xtask test` installs a driver");
     for input in inputs(40, 3) {
@@ -52,7 +51,6 @@ fn the_gpu_backend_is_sound_for_both_kinds_of_scenes() {
 }
 
 #[test]
-#[cfg_attr(miri, ignore = "minutes: counts how many of a thousand are")]
 fn drawn_scenes_are_varied() {
     let cpu = cpu();
     let (mut scenes, mut views, mut seen) = (0, 0, 0);
