@@ -138,15 +138,15 @@ pub fn covariance_factor_steps_match<R: Optimizer<Scene2d>>(rasterizer: &R) -> R
             let moved = factor.inverse() * (new.mean - old.mean).as_dvec2();
             let eta = [slopes[2], slopes[3], slopes[4]].map(|v| -0.07 * v.signum());
             let eta = DMat2::from_cols(DVec2::new(eta[0], eta[2]), DVec2::new(eta[2], eta[1]));
-            let factor = DMat2::IDENTITY + eta + eta * eta * 0.5;
+            let stretch = DMat2::IDENTITY + eta + eta * eta * 0.5;
             let whitened = factor.inverse() * new.factor().as_dmat2();
             let shape = whitened * whitened.transpose();
-            let right =
-                moved.abs_diff_eq(DVec2::new(xi_x, xi_y), 1e-3) && shape.abs_diff_eq(factor * factor.transpose(), 1e-3);
+            let right = moved.abs_diff_eq(DVec2::new(xi_x, xi_y), 1e-3)
+                && shape.abs_diff_eq(stretch * stretch.transpose(), 1e-3);
             Failure::unless(right, || {
                 format!(
                     "{blend:?}, Gaussian {i}: whitened move {moved} and covariance {shape} instead of ({xi_x}, {xi_y}) and {}",
-                    factor * factor.transpose()
+                    stretch * stretch.transpose()
                 )
             })?;
         }
