@@ -63,6 +63,6 @@ fn the_reason_names_the_backend_and_says_why() {
     assert!(chosen.reason.starts_with(&chosen.rasterizer.describe()), "{}", chosen.reason);
     let asked = open(&Request { wanted: Wanted::Cpu, ..Request::default() }).block_on().unwrap();
     assert!(asked.reason.contains(": as asked, the fastest SIMD level"), "{}", asked.reason);
-    let compared = open(&Request { wanted: Wanted::Cpu, why: Some("to be compared"), ..Request::default() });
-    assert!(compared.block_on().unwrap().reason.contains(": to be compared, "));
+    let request = Request { wanted: Wanted::Cpu, why: Some("to be compared"), ..Request::default() };
+    assert!(open(&request).block_on().unwrap().reason.contains(": to be compared, "));
 }
