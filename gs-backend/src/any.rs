@@ -9,10 +9,11 @@ use gs_core::{
 
 /// A rasterizer of one of the backends of this build, for scenes of both kinds.
 ///
-/// What it uploads and makes belongs to the backend that it is: with a rasterizer of another backend it is an [`Error::State`].
+/// Its splats, passes, gradients and targets belong to its backend. Using them with a rasterizer of
+/// another backend is an [`Error::State`].
 #[derive(Debug)]
 pub enum AnyRasterizer {
-    /// On the processor.
+    /// On the CPU.
     #[cfg(feature = "cpu")]
     Cpu(Box<gs_cpu::CpuRasterizer>),
     /// On a GPU.
@@ -20,18 +21,18 @@ pub enum AnyRasterizer {
     Wgpu(Box<gs_wgpu::WgpuRasterizer>),
 }
 
-/// What belongs to one of the backends.
+/// A value that belongs to one of the backends.
 #[derive(Debug)]
 pub enum AnyOf<C, W> {
-    /// To that of the processor.
+    /// Of the CPU backend.
     Cpu(C),
-    /// To that of GPUs.
+    /// Of the wgpu backend.
     Wgpu(W),
 }
 
 #[cfg(not(all(feature = "cpu", feature = "wgpu")))]
 mod absent {
-    /// What a backend would have that this build is without.
+    /// A type that stands for one of a backend that this build lacks. It has no value.
     #[derive(Debug)]
     pub struct Absent<S>(std::convert::Infallible, std::marker::PhantomData<S>);
 }
@@ -59,7 +60,8 @@ sides! {
 }
 
 impl AnyRasterizer {
-    /// This rasterizer for 2D scenes alone, where the types of the arguments do not say which kind of scene is meant.
+    /// This rasterizer for 2D scenes alone, where the types of the arguments do not say which kind
+    /// of scene is meant.
     pub fn for_2d(
         &self,
     ) -> &impl Profiler<
@@ -94,13 +96,33 @@ impl AnyRasterizer {
             Self::Wgpu(_) => "wgpu",
         }
     }
+
+    /// The name of the adapter, a GPU or a software driver; `None` on the CPU.
+    pub fn adapter(&self) -> Option<&str> {
+        match self {
+            #[cfg(feature = "cpu")]
+            Self::Cpu(_) => None,
+            #[cfg(feature = "wgpu")]
+            Self::Wgpu(on) => Some(&on.adapter().name),
+        }
+    }
+
+    /// The name of the SIMD level; `None` on a GPU.
+    pub fn simd_level(&self) -> Option<String> {
+        match self {
+            #[cfg(feature = "cpu")]
+            Self::Cpu(on) => Some(on.simd_level().to_string()),
+            #[cfg(feature = "wgpu")]
+            Self::Wgpu(_) => None,
+        }
+    }
 }
 
 fn mismatch() -> Error {
     Error::State("splats, passes, gradients and targets of one backend are used with another".to_owned())
 }
 
-/// Runs `$work` on the backend that this rasterizer and all of `$value` are of.
+/// Runs `$work` if this rasterizer and all of `$value` are of one backend, and `$otherwise` if not.
 macro_rules! on {
     ($self:ident as $on:ident, $($value:ident),+ => $work:expr, else $otherwise:expr) => {
         match ($self, $($value),+) {
@@ -119,7 +141,7 @@ macro_rules! on {
     };
 }
 
-/// Wraps what either backend makes.
+/// Wraps the result of either backend.
 macro_rules! made {
     ($self:ident as $on:ident => $work:expr) => {
         Ok(match $self {

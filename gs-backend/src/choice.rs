@@ -1,101 +1,142 @@
 //! Which backend computes, and why.
 
-use gs_core::{Backend, Error};
+use gs_core::{Backend, Canvas, Error, Parameterization, Rasterizer, RenderSettings, Scene2d, Scene3d};
 #[cfg(feature = "cpu")]
-use gs_cpu::{CpuRasterizer, CpuSettings, CpuTuning};
+use gs_cpu::{CpuRasterizer, CpuSettings, CpuTuning, SimdLevel};
 #[cfg(feature = "wgpu")]
 use gs_wgpu::{WgpuRasterizer, WgpuSettings};
 
-use crate::AnyRasterizer;
+use crate::{AnyRasterizer, threads::Threads};
 
 /// Which backend is wanted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Wanted {
-    /// A GPU where there is one that suits, the processor otherwise.
+    /// A suitable GPU if there is one, otherwise the CPU.
     #[default]
     Fastest,
-    /// The processor.
+    /// The CPU.
     Cpu,
     /// The adapter that [`WgpuSettings`](gs_wgpu::WgpuSettings) name, or the first.
     Wgpu,
 }
 
-/// What is wanted of a backend.
+/// A request for a backend.
 #[derive(Debug, Clone, Default)]
 pub struct Request {
-    /// Which one.
+    /// Which backend.
     pub wanted: Wanted,
-    /// Threads and SIMD level, where the processor computes.
+    /// Why this one, for [`Chosen::reason`]; "as asked" unless something else is given.
+    pub why: Option<&'static str>,
+    /// Threads on the host, at least 1. The default is `RAYON_NUM_THREADS`, or one per core.
+    pub threads: Option<usize>,
+    /// SIMD level of the CPU backend. The default is the fastest of this machine.
     #[cfg(feature = "cpu")]
-    pub cpu: CpuSettings,
-    /// How the processor goes about its work.
+    pub level: Option<SimdLevel>,
+    /// Tuning of the CPU backend.
     #[cfg(feature = "cpu")]
     pub tuning: CpuTuning,
-    /// Adapter and kernels, where a GPU computes.
+    /// Adapter and kernels of the wgpu backend. Under [`Wanted::Fastest`] they are ignored.
     #[cfg(feature = "wgpu")]
     pub wgpu: WgpuSettings,
 }
 
-/// A backend that is ready to compute, and why it is this one.
+impl Request {
+    fn why(&self) -> &'static str {
+        self.why.unwrap_or("as asked")
+    }
+}
+
+/// A backend that is ready to compute, and why it was chosen.
 #[derive(Debug)]
 pub struct Chosen {
     /// The backend.
     pub rasterizer: AnyRasterizer,
-    /// What was chosen and why, one line: "cpu (avx2, 2 threads): no GPU was found".
+    /// What was chosen and why, in one line: "cpu (avx2, 2 threads): no GPU was found, …".
     pub reason: String,
+    /// Threads on the host. The CPU backend computes with them; with a GPU they are for everything
+    /// else.
+    pub threads: usize,
 }
 
-/// Opens the backend that is wanted.
+/// Opens the requested backend.
 ///
 /// # Errors
-/// [`Error::Setting`] for threads or a SIMD level that cannot be, [`Error::Backend`] where there is no such adapter, it gives no device, or
-/// this build is without the backend.
+/// [`Error::Setting`] for impossible threads or a SIMD level that this machine lacks,
+/// [`Error::Backend`] where there is no such adapter, it gives no device, or this build lacks the
+/// backend.
 pub async fn open(request: &Request) -> Result<Chosen, Error> {
     open_for(request, async |_: &AnyRasterizer| Ok(())).await
 }
 
-/// Opens the backend that is wanted; where that is the fastest, a GPU of which `suits` is an error is passed by.
+/// Opens the requested backend. Under [`Wanted::Fastest`], a GPU for which `suits` returns an error
+/// is not used.
+///
+/// [`can_render_2d`] and [`can_train_3d`] are such checks.
 ///
 /// # Errors
-/// As [`open`].
+/// Those of [`open`].
 pub async fn open_for(
     request: &Request,
     suits: impl AsyncFnOnce(&AnyRasterizer) -> Result<(), Error>,
 ) -> Result<Chosen, Error> {
+    let threads = Threads::choose(request.threads)?;
     match request.wanted {
-        Wanted::Cpu => cpu(request, "as asked"),
+        Wanted::Cpu => cpu(request, &threads, request.why()),
         Wanted::Wgpu => {
             let (rasterizer, why) = wgpu(request).await?;
-            Ok(chosen(rasterizer, &format!("as asked, {why}")))
+            Ok(on_gpu(rasterizer, request.why(), &why, &threads))
         }
         Wanted::Fastest => match gpu(request, suits).await {
-            Ok((rasterizer, why)) => Ok(chosen(rasterizer, &format!("a GPU was found, {why}"))),
-            Err(why) => cpu(request, &why),
+            Ok((rasterizer, why)) => Ok(on_gpu(rasterizer, "a GPU was found", &why, &threads)),
+            Err(why) => cpu(request, &threads, &why),
         },
     }
 }
 
-fn chosen(rasterizer: AnyRasterizer, why: &str) -> Chosen {
-    Chosen { reason: format!("{}: {why}", rasterizer.describe()), rasterizer }
+/// Checks whether a backend offers what rendering 2D scenes with these settings needs.
+///
+/// # Errors
+/// Those of [`Rasterizer::forward`].
+pub async fn can_render_2d(rasterizer: &AnyRasterizer, settings: &RenderSettings) -> Result<(), Error> {
+    rasterizer.for_2d().render(&Scene2d::default(), &Canvas::new(1, 1), settings).await.map(drop)
+}
+
+/// Checks whether a backend offers training of 3D scenes in this parameterization.
+///
+/// # Errors
+/// Those of [`Rasterizer::upload`].
+pub async fn can_train_3d(rasterizer: &AnyRasterizer, parameterization: Parameterization) -> Result<(), Error> {
+    rasterizer.upload(&Scene3d::default(), parameterization).map(drop)
+}
+
+fn on_gpu(rasterizer: AnyRasterizer, why: &str, why_adapter: &str, threads: &Threads) -> Chosen {
+    let reason = format!("{}: {why}, {why_adapter}, {} for seeding", rasterizer.describe(), threads.why);
+    Chosen { rasterizer, reason, threads: threads.count }
 }
 
 #[cfg(any(not(feature = "cpu"), not(feature = "wgpu")))]
 fn not_in_this_build(backend: &'static str) -> Error {
-    Error::Backend { backend, message: "this build is without this backend".to_owned() }
+    Error::Backend { backend, message: "this build lacks this backend".to_owned() }
 }
 
 #[cfg(feature = "cpu")]
-fn cpu(request: &Request, why: &str) -> Result<Chosen, Error> {
-    let rasterizer = CpuRasterizer::new(request.cpu)?.with_tuning(request.tuning)?;
-    Ok(chosen(AnyRasterizer::Cpu(Box::new(rasterizer)), why))
+fn cpu(request: &Request, threads: &Threads, why: &str) -> Result<Chosen, Error> {
+    let settings = CpuSettings { threads: Some(threads.count), level: request.level };
+    let rasterizer = CpuRasterizer::new(settings)?.with_tuning(request.tuning)?;
+    let why_level = match request.level {
+        Some(_) => "SIMD level as asked",
+        None => "the fastest SIMD level of this machine",
+    };
+    let reason = format!("{}: {why}, {why_level}, {}", rasterizer.describe(), threads.why);
+    Ok(Chosen { rasterizer: AnyRasterizer::Cpu(Box::new(rasterizer)), reason, threads: threads.count })
 }
 
 #[cfg(not(feature = "cpu"))]
-fn cpu(_: &Request, _: &str) -> Result<Chosen, Error> {
+fn cpu(_: &Request, _: &Threads, _: &str) -> Result<Chosen, Error> {
     Err(not_in_this_build("cpu"))
 }
 
-/// The adapter that the request names, and why it is this one.
+/// The adapter that the request names, and why it was taken.
 #[cfg(feature = "wgpu")]
 async fn wgpu(request: &Request) -> Result<(AnyRasterizer, String), Error> {
     let rasterizer = WgpuRasterizer::new(request.wgpu.clone()).await?;
@@ -108,33 +149,40 @@ async fn wgpu(_: &Request) -> Result<(AnyRasterizer, String), Error> {
     Err(not_in_this_build("wgpu"))
 }
 
-/// A GPU that suits, and why it is this one; or why there is none.
+/// A suitable GPU and why this one, or why there is none.
 #[cfg(feature = "wgpu")]
 async fn gpu(
     request: &Request,
     suits: impl AsyncFnOnce(&AnyRasterizer) -> Result<(), Error>,
 ) -> Result<(AnyRasterizer, String), String> {
     let none = "no GPU was found";
-    if !crate::may_have_gpu(std::path::Path::new("/dev")) {
+    if !crate::gpu::may_have_gpu(std::path::Path::new("/dev")) {
         return Err(none.to_owned());
     }
-    let (rasterizer, why) = match wgpu(request).await {
+    let settings = WgpuSettings { adapter: None, kernels: None, ..request.wgpu.clone() };
+    let rasterizer = match WgpuRasterizer::new(settings).await {
         Ok(found) => found,
         Err(Error::Backend { message, .. }) => return Err(format!("no GPU can be used ({message})")),
         Err(error) => return Err(format!("no GPU can be used ({error})")),
     };
-    let adapter = match &rasterizer {
-        AnyRasterizer::Wgpu(rasterizer) => rasterizer.adapter().clone(),
-        #[cfg(feature = "cpu")]
-        AnyRasterizer::Cpu(_) => return Err(none.to_owned()),
-    };
-    // Adapters are ranked, so that if the first is none, no other is.
-    if adapter.kind == "CPU" {
-        return Err(format!("{none}, only a software driver ({})", adapter.name));
+    // A driver that computes on the CPU is slower than the CPU backend. Adapters are ranked, so
+    // that if the first is one, all are.
+    if rasterizer.adapter().kind == "CPU" {
+        return Err(format!("{none}, only a software driver ({})", rasterizer.adapter().name));
     }
+    if_suitable(rasterizer, suits).await
+}
+
+#[cfg(feature = "wgpu")]
+async fn if_suitable(
+    rasterizer: WgpuRasterizer,
+    suits: impl AsyncFnOnce(&AnyRasterizer) -> Result<(), Error>,
+) -> Result<(AnyRasterizer, String), String> {
+    let (name, why) = (rasterizer.adapter().name.clone(), rasterizer.reason().to_owned());
+    let rasterizer = AnyRasterizer::Wgpu(Box::new(rasterizer));
     match suits(&rasterizer).await {
         Ok(()) => Ok((rasterizer, why)),
-        Err(error) => Err(format!("the GPU {} is not used, as {error}", adapter.name)),
+        Err(error) => Err(format!("the GPU {name} is not used, as {error}")),
     }
 }
 
@@ -143,5 +191,39 @@ async fn gpu(
     _: &Request,
     _: impl AsyncFnOnce(&AnyRasterizer) -> Result<(), Error>,
 ) -> Result<(AnyRasterizer, String), String> {
-    Err("this build is without wgpu".to_owned())
+    Err("this build lacks the wgpu backend".to_owned())
+}
+
+#[cfg(all(test, feature = "wgpu"))]
+mod tests {
+    use gs_core::settings::Cut;
+    use pollster::FutureExt as _;
+
+    use super::*;
+
+    /// The tests' software driver stands in for a GPU.
+    fn why_not(suits: impl AsyncFnOnce(&AnyRasterizer) -> Result<(), Error>) -> Option<String> {
+        let gpu = WgpuRasterizer::new(WgpuSettings::default()).block_on();
+        if_suitable(gpu.expect("`cargo xtask test` installs a driver"), suits).block_on().err()
+    }
+
+    #[test]
+    fn a_gpu_that_lacks_a_parameterization_is_not_used() {
+        let with = |parameterization| why_not(async move |gpu| can_train_3d(gpu, parameterization).await);
+        assert_eq!(with(Parameterization::ScaleRotation), None);
+        let why = with(Parameterization::CovarianceFactor).unwrap();
+        assert!(why.contains("is not used") && why.contains("CovarianceFactor"), "{why}");
+    }
+
+    #[test]
+    fn a_gpu_that_lacks_an_effect_is_not_used() {
+        let with = |cut| {
+            let mut settings = RenderSettings::default();
+            settings.accuracy.cut = cut;
+            why_not(async move |gpu| can_render_2d(gpu, &settings).await)
+        };
+        assert_eq!(with(Cut::Hard), None);
+        let why = with(Cut::Smooth).unwrap();
+        assert!(why.starts_with("the GPU ") && why.contains("does not offer a smooth cut"), "{why}");
+    }
 }

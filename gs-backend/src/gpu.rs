@@ -1,23 +1,26 @@
-//! Whether there is a GPU. A driver that computes on the processor is none: gs-cpu is faster there.
+//! Whether this machine may have a GPU.
 //!
-//! Asking the graphics drivers takes time, and on Linux they may write to standard error about a desktop that is not there. So they are
-//! asked only where the system has a device that may be a GPU.
+//! Asking the graphics drivers takes time, and on Linux they may write to standard error about a
+//! missing desktop. So they are asked only where the system has a device that may be a GPU.
 
 use std::path::Path;
 
-/// How the names of GPUs begin in Linux' device folder: NVIDIA's own driver, Windows' under WSL, and those of phones and boards.
+/// Prefixes of GPU devices in Linux' device folder: NVIDIA's own driver, Windows' under WSL, and
+/// those of phones and boards.
 const GPUS: [&str; 5] = ["nvidia", "dxg", "mali", "kgsl", "pvr"];
 
-/// Whether one of Linux' devices, which are in the folder `/dev`, may be a GPU; on other systems this is not known, and so true. Render nodes
-/// are what Mesa's drivers open; a card without one only shows pictures.
-pub fn may_have_gpu(devices: &Path) -> bool {
-    !cfg!(target_os = "linux") || has_name(&devices.join("dri"), &["renderD"]) || has_name(devices, &GPUS)
+/// Whether one of Linux' devices, which are in the folder `/dev`, may be a GPU. On other systems
+/// this is unknown, and so true.
+///
+/// Mesa's drivers open render nodes. A card without a render node only shows pictures.
+pub(crate) fn may_have_gpu(devices: &Path) -> bool {
+    !cfg!(target_os = "linux") || has_prefix(&devices.join("dri"), &["renderD"]) || has_prefix(devices, &GPUS)
 }
 
-fn has_name(folder: &Path, beginnings: &[&str]) -> bool {
-    let begins = |name: &str| beginnings.iter().any(|beginning| name.starts_with(beginning));
+fn has_prefix(folder: &Path, prefixes: &[&str]) -> bool {
+    let matches = |name: &str| prefixes.iter().any(|prefix| name.starts_with(prefix));
     std::fs::read_dir(folder)
-        .is_ok_and(|entries| entries.flatten().any(|entry| entry.file_name().to_str().is_some_and(begins)))
+        .is_ok_and(|entries| entries.flatten().any(|entry| entry.file_name().to_str().is_some_and(matches)))
 }
 
 #[cfg(all(test, target_os = "linux"))]
@@ -27,7 +30,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn gpus_are_known_by_their_devices() {
+    fn gpus_are_recognised_by_their_devices() {
         let folder = tempfile::tempdir().unwrap();
         let devices = folder.path();
         let make = |name: &str| fs::write(devices.join(name), "").unwrap();

@@ -2,9 +2,11 @@
 
 mod any;
 mod choice;
+#[cfg(feature = "wgpu")]
 mod gpu;
+mod threads;
 
 pub use any::{AnyForwardPass, AnyGradients, AnyOf, AnyRasterizer, AnySplats, AnyTarget};
-pub use choice::{Chosen, Request, Wanted, open, open_for};
-pub use gpu::may_have_gpu;
+pub use choice::{Chosen, Request, Wanted, can_render_2d, can_train_3d, open, open_for};
 pub use pollster::{FutureExt, block_on};
+pub use threads::host_threads;

@@ -1,4 +1,4 @@
-//! The command line: what the program understands, and one line for what it does not.
+//! The command line: its commands and the help of the program. An error is one line.
 
 use std::process::ExitCode;
 
@@ -6,106 +6,102 @@ use clap::{CommandFactory, FromArgMatches, Parser, Subcommand, error::ErrorKind}
 
 use crate::{
     commands::{
-        convert::ConvertArgs, doctor::DoctorArgs, eval::EvalArgs, info::InfoArgs, popping::PoppingArgs,
-        render::RenderArgs,
+        convert::ConvertArgs, doctor::DoctorArgs, effects::EffectsCommandArgs, eval::EvalArgs, fit::FitArgs,
+        frontier::FrontierArgs, info::InfoArgs, paper::PaperArgs, popping::PoppingArgs, profile::ProfileArgs,
+        render::RenderArgs, study::StudyArgs, train::TrainArgs, view::ViewArgs,
     },
-    effects::EffectsCommandArgs,
     failure::Failure,
-    fit::arguments::FitArgs,
-    frontier::FrontierArgs,
-    paper::PaperArgs,
-    profile::ProfileArgs,
-    study::arguments::StudyArgs,
-    train::TrainArgs,
-    view::ViewArgs,
+    help,
 };
 
 const EXAMPLES: &str = "\
 Examples:
-  gs fit                                        the circle and square that need no file, into gs-out/
-  gs fit photo.png -o out --gaussians 9000      a photograph
-  gs fit photo.png -o out --quality best        the same, slower and better
-  gs train photographs/ -o out                  a COLMAP, Nerfstudio or Blender data set, as 3DGS does it
-  gs train photographs/ -o out --preset quick   a first look at what will come of it
-  gs render out/scene.gs2d.safetensors -o big.png --size 3072x2048
-  gs render out/scene.ply -o turn.apng --orbit 60   a 3D scene, all the way round
-  gs view out                                   a fit or a training in a window, to move over or through
-  gs eval photo.png out/reconstruction.png      PSNR, SSIM, MS-SSIM
-  gs eval out photo.png                         the same of the scene of a fit
-  gs eval out/scene.ply photographs/            the same of a 3D scene, view by view
-  gs convert out picture.ply                    the scene of a fit for viewers of 3D Gaussian splats; .svg for browsers
-  gs convert scene.ply scene.spz                a 3D scene in another format, and what that loses
-  gs info out/scene.gs2d.safetensors            what is in a scene
-  gs info photographs/                          what is in a COLMAP, Nerfstudio or Blender data set
-  gs info --adapters                            the GPUs that were found
-  gs doctor scene.ply                           what is wrong with a scene: NaN, needles, duplicates
-  gs doctor scene.ply --fix -o mended.ply       the same, mended
-  gs profile photo.png --backend cpu            where the time of a training step goes
-  gs effects out/scene.ply photographs/         what a scene calls for, and what each effect costs
-  gs profile out/scene.gs2d.safetensors --backend wgpu -o profile
-  gs paper -o paper                             the paper's experiments, as a page
-  gs popping scene.ply -o popping               what jumps in a scene while the camera moves, in both orders of blending
-  gs frontier out/scene.ply -o frontier         what each approximation buys, on this machine
-  gs frontier out/scene.ply --max-error 1/255 -o frontier   the quickest settings that keep it, for gs render --settings
-  gs study absolute-vs-percentile --data photographs -o study   which policy is better, and how sure that is
-  gs study replay study 17                      row 17 of its runs.csv again, the same scene bit for bit
+  gs fit
+      fit Gaussians to a built-in image, into gs-out/
+  gs fit photo.png -o out -n 9000
+      fit 9000 Gaussians to an image; --preset best takes longer and is better
+  gs render out -o big.png --size 3072x2048
+      render the result at another size
+  gs eval photo.png out/reconstruction.png
+      compare two images by PSNR, SSIM and MS-SSIM
+  gs convert out picture.ply
+      make a file for splat viewers of a fit
+  gs info images/
+      show what is in a COLMAP, Nerfstudio or Blender data set
+  gs train images/ -o out
+      train a 3D scene, as in 3DGS; --preset quick is for a first look
+  gs view out
+      show a scene in a window
+  gs render out -o turn.apng --orbit 60
+      render a 3D scene from all sides
+  gs eval out images/
+      measure PSNR, SSIM and L1 over the test views
+  gs convert out scene.spz
+      convert a 3D scene to another format, and show what is lost
+  gs doctor scene.ply --fix -o fixed.ply
+      find and repair broken Gaussians
+  gs info --adapters
+      list the GPUs of this machine
+  gs frontier out --max-error 1/255 -o frontier
+      find the fastest settings for an accuracy, for gs render --settings
+  gs study absolute-vs-percentile --data images/ -o study
+      compare density policies
+
+A scene is a scene file, a checkpoint, or the output folder of gs fit or gs train.
 
 Exit status: 0 done, 1 failed, 2 bad usage, 130 stopped by Ctrl-C.";
 
-/// Fits Gaussians to images and to posed photographs, renders, compares, converts, inspects and profiles the results; repeats the
-/// paper's experiments, and studies which way of growing is better.
+/// Gaussian splatting: fits Gaussians to images, trains 3D scenes from posed images, and renders,
+/// views, compares and converts the results
 #[derive(Debug, Parser)]
-#[command(name = "gs", version, about, after_help = EXAMPLES, arg_required_else_help = true)]
+#[command(name = "gs", version, after_help = EXAMPLES, arg_required_else_help = true)]
 struct CommandLine {
     #[command(subcommand)]
     command: Command,
 }
 
-/// What to do.
+/// A command.
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
-    /// Turn an image into Gaussians
+    /// Fit Gaussians to an image
     Fit(Box<FitArgs>),
-    /// Turn posed photographs into a 3D scene
+    /// Train a 3D scene from posed images
     Train(Box<TrainArgs>),
-    /// Draw a scene as a PNG of any size, or from moving cameras
+    /// Render a scene as a PNG of any size, or from moving cameras
     Render(Box<RenderArgs>),
-    /// Show a scene in a window: pan and zoom a 2D scene, move through a 3D scene
+    /// Show a scene in a window
     View(Box<ViewArgs>),
-    /// Compare two images, or a scene with its image or images: PSNR, SSIM, L1
+    /// Compare two images, or a scene with its image or data set: PSNR, SSIM, L1
     Eval(Box<EvalArgs>),
-    /// Turn a 3D scene into another format (PLY, .splat, SPZ, glTF), or a 2D scene into a flat PLY or an SVG
+    /// Convert a 3D scene to PLY, .splat, SPZ or glTF, or a 2D scene to a flat PLY or an SVG
     Convert(Box<ConvertArgs>),
-    /// Tell what is in a scene, a checkpoint or a data set, or which GPUs there are
+    /// Show what is in a scene, a checkpoint or a data set, or list the GPUs
     Info(InfoArgs),
-    /// Tell what is wrong with a scene, and mend it
+    /// Find broken Gaussians in a scene, and repair them
     Doctor(DoctorArgs),
-    /// Tell where the time of a training step goes, stage by stage
+    /// Measure the time of a training step, stage by stage
     Profile(Box<ProfileArgs>),
-    /// Tell which effects a scene calls for, and what each one costs and changes
+    /// Show which effects a scene requires, and what each one costs and changes
     Effects(Box<EffectsCommandArgs>),
-    /// Repeat the paper's experiments, and set what it says beside what is measured
+    /// Repeat the paper's experiments, and compare its claims with measurements
     Paper(Box<PaperArgs>),
-    /// Tell how much jumps in a 3D scene while the camera moves, by either order of blending
+    /// Measure how much a 3D scene flickers while the camera moves, in both orders of blending
     Popping(Box<PoppingArgs>),
-    /// Tell what accuracy costs in time, and choose settings that keep a budget of either
+    /// Measure what accuracy costs in time, and choose settings for a budget of either
     Frontier(Box<FrontierArgs>),
     /// Compare density policies over images, budgets and seeds, with intervals and a report
     Study(Box<StudyArgs>),
 }
 
-/// What became of the command line.
+/// The parsed command line.
 pub(crate) enum Parsed {
     /// A command to carry out.
     Command(Command),
-    /// Help or the version was asked for and has been printed.
+    /// Help or the version was printed.
     Answered(ExitCode),
 }
 
 /// Reads the program's command line.
-///
-/// # Errors
-/// Bad usage, in one line.
 pub(crate) fn parse() -> Result<Parsed, Failure> {
     let read = command().try_get_matches().and_then(|matches| CommandLine::from_arg_matches(&matches));
     let error = match read {
@@ -124,30 +120,57 @@ pub(crate) fn parse() -> Result<Parsed, Failure> {
         _ => {
             let command = std::env::args().nth(1).filter(|word| COMMANDS.contains(&word.as_str()));
             let help = command.map_or_else(|| "gs --help".to_owned(), |command| format!("gs {command} --help"));
-            Err(Failure::usage(essence(&error.to_string())).mend(format_args!("see {help}")))
+            Err(Failure::usage(essence(&error.to_string())).hint(format_args!("see {help}")))
         }
     }
 }
 
-/// The command line, with "-5" taken for the value of a flag and not for a flag of its own, so that what is wrong with it is said.
+/// The command line. "-5" is the value of a flag rather than a flag, so that the error says what is
+/// wrong with the number.
 fn command() -> clap::Command {
     fn with_negative_numbers(command: clap::Command) -> clap::Command {
         let takes_value = |arg: &clap::Arg| arg.get_action().takes_values() && !arg.is_positional();
         let command = command.mut_args(|arg| if takes_value(&arg) { arg.allow_negative_numbers(true) } else { arg });
         command.mut_subcommands(with_negative_numbers)
     }
-    with_negative_numbers(CommandLine::command())
+    let command = with_negative_numbers(CommandLine::command());
+    let command = command.mut_subcommands(|command| match command.get_name() {
+        "convert" => command.mut_args(requires_dataset),
+        _ => command,
+    });
+    help::wrapped(command)
 }
+
+/// The flag with the requirement of `--dataset`, if it only acts with that.
+fn requires_dataset(arg: clap::Arg) -> clap::Arg {
+    if FOR_DATASET.contains(&arg.get_id().as_str()) { arg.requires("dataset") } else { arg }
+}
+
+/// The flags of `gs convert` that only act with `--dataset`.
+const FOR_DATASET: [&str; 11] = [
+    "holdout",
+    "images",
+    "alpha",
+    "max_size",
+    "allow_outside",
+    "background",
+    "sh_degree",
+    "backend",
+    "adapter",
+    "threads",
+    "simd",
+];
 
 const COMMANDS: [&str; 14] = [
     "fit", "train", "render", "view", "eval", "convert", "info", "doctor", "profile", "effects", "paper", "popping",
     "frontier", "study",
 ];
 
-/// The parser's message without its usage, its pointers to the help and to `--`, and its own "error:".
+/// The parser's message without its usage, its pointers to the help and to `--`, and its own
+/// "error:".
 fn essence(message: &str) -> String {
     let paragraphs = message.split("\n\n").map(str::trim);
-    // That a word could also be given behind `--` helps nobody who has misspelt a flag.
+    // The tip about `--` does not help with a misspelt flag.
     let left_out = ["Usage:", "For more information", "tip: to pass"];
     let kept = paragraphs.filter(|p| !p.is_empty() && !left_out.iter().any(|beginning| p.starts_with(beginning)));
     let text = kept.collect::<Vec<_>>().join(": ");
@@ -166,13 +189,13 @@ mod tests {
     }
 
     #[test]
-    fn a_flag_that_does_not_exist_is_not_said_to_be_a_value() {
+    fn an_unknown_flag_has_no_tip() {
         let error = command().try_get_matches_from(["gs", "fit", "--turbo"]).unwrap_err();
         assert_eq!(essence(&error.to_string()), "unexpected argument '--turbo' found");
     }
 
     #[test]
-    fn of_the_parsers_message_the_essence_stays() {
+    fn the_essence_of_a_message_is_kept() {
         let message = "error: invalid value 'x' for '--policy <P>'\n  [possible values: a, b]\n\n  tip: try a\n\nUsage: gs fit\n\nFor more information, try '--help'.\n";
         assert_eq!(essence(message), "invalid value 'x' for '--policy <P>'\n  [possible values: a, b]: tip: try a");
     }

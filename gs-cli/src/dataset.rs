@@ -1,39 +1,37 @@
-//! How commands read data sets: the flags that all of them have.
+//! The flags of commands that read data sets.
 
 use std::{fmt, num::NonZeroU32, path::Path, str::FromStr};
 
-use clap::Args;
-use gs_io::dataset::{Dataset, DatasetSettings, Remark, read_dataset};
+use clap::{Args, ValueEnum};
+use gs_io::dataset::{AlphaMeaning, Dataset, DatasetSettings, Remark, read_dataset};
 
-use crate::{failure::Failure, output::printable};
+use crate::{failure::Failure, output::printable, values::whole};
 
-/// How the images of a data set are read, whatever for.
+/// How any data set is read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Args)]
-#[command(next_help_heading = "Images of data sets")]
+#[command(next_help_heading = "Data sets")]
 pub(crate) struct ReadingArgs {
-    /// Scale images down whose longer side has more pixels; none leaves them as they are
+    /// Scale down images whose longer side has more pixels; none keeps all pixels
     #[arg(long, value_name = "PX", default_value_t)]
     pub(crate) max_size: MaxSize,
-    /// Read files outside the data set's folder, too, where it names them; links inside it are always followed
+    /// Also read files outside the data set's folder if it names them; links inside it are always
+    /// followed
     #[arg(long)]
     pub(crate) allow_outside: bool,
 }
 
 impl ReadingArgs {
-    /// As the library has it.
+    /// The settings of the library.
     pub(crate) fn settings(&self) -> DatasetSettings {
         DatasetSettings { max_side: self.max_size.0, allow_outside: self.allow_outside, ..DatasetSettings::default() }
     }
 
-    /// Reads a data set of which only cameras and points are of interest.
-    ///
-    /// # Errors
-    /// Where it is none, or a broken one.
+    /// Reads a data set.
     pub(crate) fn read(&self, path: &Path) -> Result<Dataset, Failure> {
         Ok(read_dataset(path, &self.settings())?)
     }
 
-    /// The flags that say the same, where they are not the default; each after a blank.
+    /// The flags that differ from the defaults, each after a space.
     pub(crate) fn flags(&self) -> String {
         let Self { max_size, allow_outside } = self;
         let size = if *max_size == MaxSize::default() { String::new() } else { format!(" --max-size {max_size}") };
@@ -41,10 +39,55 @@ impl ReadingArgs {
     }
 }
 
-/// What is to be said of a data set, with the flag that changes it; one line, whatever the data set's names are.
+/// A remark of the reader as one line, with the flag that changes what it is about.
 pub(crate) fn remark_text(remark: &Remark) -> String {
     let flag = if matches!(remark, Remark::Reduced { .. }) { "; --max-size none reads all pixels" } else { "" };
     printable(&remark.to_string()).into_owned() + flag
+}
+
+/// How a data set is read to train or to evaluate with its images.
+#[derive(Debug, Clone, Args)]
+#[command(next_help_heading = "Data sets")]
+pub(crate) struct DatasetArgs {
+    /// Hold out every N-th view by name for tests, if the data set does not say which; 0 holds out
+    /// none
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = whole::<u32>(0..))]
+    pub(crate) holdout: u32,
+    /// The folder of the data set to take images from, such as images_4 [default: the first that
+    /// there is]
+    #[arg(long, value_name = "FOLDER")]
+    pub(crate) images: Option<String>,
+    /// What the alpha channel of the images means
+    #[arg(long, value_enum, default_value_t)]
+    pub(crate) alpha: AlphaName,
+    #[command(flatten)]
+    pub(crate) reading: ReadingArgs,
+}
+
+impl DatasetArgs {
+    /// Reads a data set.
+    pub(crate) fn read(&self, path: &Path) -> Result<Dataset, Failure> {
+        let settings = DatasetSettings {
+            image_folder: self.images.clone(),
+            test_every: NonZeroU32::new(self.holdout),
+            alpha: match self.alpha {
+                AlphaName::Opacity => AlphaMeaning::Opacity,
+                AlphaName::Mask => AlphaMeaning::Mask,
+            },
+            ..self.reading.settings()
+        };
+        Ok(read_dataset(path, &settings)?)
+    }
+}
+
+/// The meaning of an alpha channel.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
+pub(crate) enum AlphaName {
+    /// How opaque the object is: the scene becomes as transparent
+    #[default]
+    Opacity,
+    /// Which pixels count
+    Mask,
 }
 
 /// The most pixels of an image's longer side, a number or none.
@@ -65,8 +108,8 @@ impl FromStr for MaxSize {
         match text {
             "none" => Ok(Self(None)),
             _ => {
-                let pixels = text.parse().map_err(|_| "write a number of pixels such as 1600, or none".to_owned())?;
-                Ok(Self(NonZeroU32::new(pixels)))
+                let pixels = text.parse().map_err(|_| "must be at least 1 px, such as 1600, or none".to_owned())?;
+                Ok(Self(Some(pixels)))
             }
         }
     }
@@ -88,14 +131,14 @@ mod tests {
     #[test]
     fn sizes_are_numbers_or_none() {
         let size = |pixels| Ok(MaxSize(NonZeroU32::new(pixels)));
-        assert_eq!(("800".parse(), "none".parse(), "0".parse()), (size(800), size(0), size(0)));
-        for bad in ["", "-1", "1600px", "1e3", "full"] {
+        assert_eq!(("800".parse(), "none".parse()), (size(800), size(0)));
+        for bad in ["", "0", "-1", "1600px", "1e3", "full"] {
             assert!(bad.parse::<MaxSize>().is_err(), "{bad}");
         }
     }
 
     #[test]
-    fn only_what_is_not_the_default_is_told() {
+    fn defaults_need_no_flags() {
         let usual = ReadingArgs { max_size: MaxSize::default(), allow_outside: false };
         assert_eq!(usual.flags(), "");
         assert_eq!(

@@ -1,24 +1,25 @@
-//! How a command fails: one line that says what, where and how to mend it, and the exit status that goes with it.
+//! How a command fails: one line that says where, what and what to do, and an exit status.
 
 use std::{fmt::Display, io, process::ExitCode};
 
 /// Exit status of a command that was stopped by Ctrl-C: 128 + SIGINT, as shells have it.
 const INTERRUPTED: u8 = 130;
 
-/// What kind of failure, which decides the exit status.
+/// The kind of a failure decides the exit status.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Kind {
-    /// The command line asks for what cannot be: status 2.
+    /// The command line asks for something impossible: status 2.
     Usage,
     /// The command could not do what it was asked: status 1.
     Failed,
-    /// The backend failed, such as a GPU that is gone: status 1. What was stored before is as good as ever.
+    /// The backend failed, such as a GPU that was lost: status 1. Checkpoints stored before are
+    /// usable.
     Backend,
-    /// The training diverged: status 1. What was stored before is as good as ever.
+    /// The training diverged: status 1. Checkpoints stored before are usable.
     Diverged,
     /// Ctrl-C: status 130.
     Interrupted,
-    /// Whoever read our output has read enough: status 0, and no message.
+    /// The reader of our output has closed it: status 0, and no message.
     BrokenPipe,
 }
 
@@ -30,12 +31,12 @@ pub(crate) struct Failure {
 }
 
 impl Failure {
-    /// The command could not do what it was asked; `message` in the order what: where: how to mend.
+    /// The command could not do what it was asked.
     pub(crate) fn failed(message: impl Display) -> Self {
         Self { kind: Kind::Failed, message: one_line(message) }
     }
 
-    /// The command line asks for what cannot be.
+    /// The command line asks for something impossible.
     pub(crate) fn usage(message: impl Display) -> Self {
         Self { kind: Kind::Usage, message: one_line(message) }
     }
@@ -45,11 +46,11 @@ impl Failure {
         Self { kind: Kind::Interrupted, message: one_line(message) }
     }
 
-    /// A scene could not be read or written; where its content is broken, the doctor mends it.
+    /// A scene could not be read or written. If its content is broken, `gs doctor` can repair it.
     pub(crate) fn of_scene(error: gs_io::Error) -> Self {
         match error {
             gs_io::Error::Content { .. } => {
-                Self::from(error).mend("gs doctor SCENE tells what is broken, and --fix -o OUT mends it")
+                Self::from(error).hint("gs doctor SCENE shows what is broken, and --fix -o OUT repairs it")
             }
             _ => error.into(),
         }
@@ -63,8 +64,8 @@ impl Failure {
         }
     }
 
-    /// Adds how to mend it.
-    pub(crate) fn mend(mut self, how: impl Display) -> Self {
+    /// Adds what to do about it.
+    pub(crate) fn hint(mut self, how: impl Display) -> Self {
         self.message = format!("{}: {}", self.message, one_line(how));
         self
     }
@@ -75,35 +76,32 @@ impl Failure {
         self
     }
 
-    /// Whether the backend failed, and not what it was given.
+    /// Whether the backend failed, rather than its input.
     pub(crate) fn is_of_backend(&self) -> bool {
         self.kind == Kind::Backend
     }
 
-    /// Whether the training diverged, so that going on as before would end as before.
+    /// Whether the training diverged. Continuing with the same settings would diverge again.
     pub(crate) fn is_divergence(&self) -> bool {
         self.kind == Kind::Diverged
     }
 
-    /// The first failure of several pieces of work that were all tried, and how many others failed too.
-    ///
-    /// # Errors
-    /// Where there is one.
+    /// The first of several failures, with the number of the others.
     pub(crate) fn first_of(tried: impl IntoIterator<Item = Result<(), Self>>) -> Result<(), Self> {
         let mut failures = tried.into_iter().filter_map(Result::err);
         let Some(first) = failures.next() else { return Ok(()) };
         match failures.count() {
             0 => Err(first),
-            others => Err(first.mend(format_args!("{others} more of the results failed, too"))),
+            others => Err(first.hint(format_args!("{others} more of the results failed, too"))),
         }
     }
 
-    /// What it says, for a line that goes on.
+    /// The message alone, for a longer line.
     pub(crate) fn message(&self) -> &str {
         &self.message
     }
 
-    /// The line for standard error, without its line break; `None` where nothing needs saying.
+    /// The line for standard error, without its line break; `None` if there is nothing to say.
     pub(crate) fn line(&self) -> Option<String> {
         match self.kind {
             Kind::Usage | Kind::Failed | Kind::Backend | Kind::Diverged => Some(format!("error: {}", self.message)),
@@ -138,15 +136,15 @@ impl From<gs_io::Error> for Failure {
         match error {
             gs_io::Error::UnknownEnding { .. } => Self::usage(error),
             gs_io::Error::LeavesDataset { .. } => Self::failed(error)
-                .mend("or read it all the same with --allow-outside, if you trust whoever made the data set"),
-            gs_io::Error::IsInput { .. } => Self::usage(error).mend("write the results elsewhere"),
+                .hint("or read it anyway with --allow-outside, if you trust the author of the data set"),
+            gs_io::Error::IsInput { .. } => Self::usage(error).hint("write the results elsewhere"),
             gs_io::Error::InTheWay { .. } => {
-                Self::failed(error).mend("choose another folder with --output, or replace such files with --overwrite")
+                Self::failed(error).hint("choose another folder with --output, or replace such files with --overwrite")
             }
             gs_io::Error::Busy { .. } => {
-                Self::failed(error).mend("wait for it, or choose another folder with --output")
+                Self::failed(error).hint("wait for it, or choose another folder with --output")
             }
-            gs_io::Error::Remove { .. } => Self::failed(error).mend("choose another folder with --output"),
+            gs_io::Error::Remove { .. } => Self::failed(error).hint("choose another folder with --output"),
             _ => Self::failed(error),
         }
     }
@@ -178,14 +176,14 @@ impl From<gs_lab::Error> for Failure {
     }
 }
 
-/// Quits at once, as a second Ctrl-C asks. Results are written under temporary names, so none is left in half, and those are
-/// removed.
+/// Quits at once, as a second Ctrl-C asks. Results are written under temporary names, which are
+/// removed, so none is incomplete.
 pub(crate) fn quit_now() -> ! {
     gs_io::abandon_writes();
     std::process::exit(i32::from(INTERRUPTED))
 }
 
-/// Messages of parsers come in several lines; ours are one.
+/// Joins the lines of a message: those of parsers have several.
 fn one_line(message: impl Display) -> String {
     let text = message.to_string();
     text.split_whitespace().collect::<Vec<_>>().join(" ")
@@ -196,13 +194,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_failure_is_one_line_in_the_order_where_what_how() {
-        let failure = Failure::failed("is a\n folder").at("out/x").mend("name a file");
+    fn a_failure_is_one_line_of_where_what_and_hint() {
+        let failure = Failure::failed("is a\n folder").at("out/x").hint("name a file");
         assert_eq!(failure.line().as_deref(), Some("error: out/x: is a folder: name a file"));
     }
 
     #[test]
-    fn of_several_failures_the_first_is_told_and_the_others_counted() {
+    fn the_first_of_several_failures_is_shown_and_the_others_counted() {
         assert_eq!(Failure::first_of([Ok(()), Ok(())]), Ok(()));
         let failed = |name| Err(Failure::failed(name));
         assert_eq!(Failure::first_of([Ok(()), failed("a")]), failed("a"));

@@ -1,13 +1,14 @@
-//! Ctrl-C: the first asks the fit to stop where it can be resumed, a later one quits at once.
+//! Ctrl-C: the first asks the work to stop where it can be resumed, a later one quits at once.
 
 use std::{
     sync::{Arc, OnceLock},
     time::{Duration, Instant},
 };
 
-use crate::{failure, fit::progress::Voice, output};
+use crate::{failure, output, progress_bar::Printer};
 
-/// Signals that come within this time of the first are the same request: `timeout` signals the process and then its whole group.
+/// Signals within this time of the first are the same request: `timeout` signals the process and
+/// then its whole group.
 const SAME_REQUEST: Duration = Duration::from_secs(1);
 
 /// Whether Ctrl-C was pressed, and when first.
@@ -19,42 +20,38 @@ pub(crate) struct Interrupt(Arc<OnceLock<Instant>>);
 enum Request {
     /// To stop where the work can be resumed.
     Stop,
-    /// What has been asked for already.
+    /// The same as the signal before.
     Repeated,
     /// To quit at once.
     Quit,
 }
 
 impl Interrupt {
-    /// Listens for Ctrl-C (and, where the system has them, a polite kill and a closed terminal) from now on; `voice` answers.
-    pub(crate) fn listen(voice: Voice) -> Self {
+    /// Listens for Ctrl-C from now on and, where the system has them, for a polite kill and a
+    /// closed terminal.
+    pub(crate) fn listen(printer: Printer) -> Self {
         let interrupt = Self::default();
         let pressed = interrupt.clone();
-        let listening = ctrlc::set_handler(move || match pressed.hear(Instant::now()) {
-            Request::Stop => {
-                voice.say(
-                    "stopping at the next step that can be resumed; Ctrl-C again, after a second or more, quits at once",
-                );
-            }
+        handle(move || match pressed.receive(Instant::now()) {
+            Request::Stop => printer.print(
+                "stopping at the next step that can be resumed; Ctrl-C again, after a second or more, quits at once",
+            ),
             Request::Repeated => {}
             Request::Quit => {
-                voice.clear();
+                printer.clear_bar();
                 failure::quit_now();
             }
         });
-        if let Err(error) = listening {
-            output::note(format_args!("note: Ctrl-C will not save a checkpoint: {error}"));
-        }
         interrupt
     }
 
-    /// Whether the fit was asked to stop.
+    /// Whether the work was asked to stop.
     pub(crate) fn requested(&self) -> bool {
         self.0.get().is_some()
     }
 
-    /// What a signal asks for that comes now.
-    fn hear(&self, now: Instant) -> Request {
+    /// What a signal asks for that comes at this time.
+    fn receive(&self, now: Instant) -> Request {
         match self.0.get() {
             // Signals are handled one after the other.
             None => {
@@ -67,6 +64,20 @@ impl Interrupt {
     }
 }
 
+/// Quits on Ctrl-C, for work that has nothing to save. Files under way are removed.
+pub(crate) fn quit_on_ctrl_c(printer: Printer) {
+    handle(move || {
+        printer.clear_bar();
+        failure::quit_now();
+    });
+}
+
+fn handle(handler: impl FnMut() + Send + 'static) {
+    if let Err(error) = ctrlc::set_handler(handler) {
+        output::note(format_args!("note: Ctrl-C will end the program at once, without saving anything: {error}"));
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -74,7 +85,7 @@ mod tests {
     #[test]
     fn signals_in_quick_succession_are_one_request() {
         let (interrupt, first) = (Interrupt::default(), Instant::now());
-        let after = |ms| interrupt.hear(first + Duration::from_millis(ms));
+        let after = |ms| interrupt.receive(first + Duration::from_millis(ms));
         assert!(!interrupt.requested());
         assert_eq!(
             [after(0), after(1), after(900), after(1100)],

@@ -1,34 +1,32 @@
-//! The program gs: fits Gaussians to an image, renders them at any size, and compares and inspects the results; converts 3D scenes.
+//! The program gs: fits Gaussians to images, trains 3D scenes, and renders, compares, converts and
+//! inspects them.
 //!
-//! Standard output carries what was asked for, and nothing else; progress and errors go to standard error. Exit status: 0 done,
-//! 1 failed, 2 bad usage, 130 stopped by Ctrl-C; a reader that closes our output early is no failure.
+//! Results go to standard output, progress and errors to standard error. Exit status: 0 done, 1
+//! failed, 2 bad usage, 130 stopped by Ctrl-C. A closed pipe on standard output is not a failure.
+//!
+//! Modules depend on each other in one direction: `commands` use the modules for scenes, flags and
+//! training runs, and these `output`, `failure` and `values`.
 
 mod backend;
 mod cameras;
-mod chosen;
-mod chosen_machine;
 mod command_line;
 mod commands;
 mod dataset;
-mod effects;
+mod effects_args;
 mod failure;
-mod fit;
-mod frontier;
+mod frontier_settings;
+mod help;
+mod image_fit;
 mod interrupt;
 mod memory;
-mod opened;
 mod output;
 mod output_folder;
-mod paper;
-mod profile;
-mod settings_file;
-mod shown;
-mod study;
+mod progress_bar;
+mod render_args;
+mod scene;
 mod text_file;
-mod train;
-mod training_arguments;
+mod training;
 mod values;
-mod view;
 
 use std::process::ExitCode;
 
@@ -50,12 +48,13 @@ fn main() -> ExitCode {
     }
 }
 
-/// Gives Mesa's graphics drivers the folder that they look for. Where there is none, as in containers, each look at the adapters makes them
-/// write a line to standard error.
+/// Sets the folder that Mesa's graphics drivers look for. Without it, as in containers, they write
+/// a line to standard error whenever adapters are listed.
 fn quiet_drivers() {
     const VARIABLE: &str = "XDG_RUNTIME_DIR";
     if cfg!(target_os = "linux") && std::env::var_os(VARIABLE).is_none() {
-        // SAFETY: this is the first thing that the program does: it has one thread, so nobody reads the environment meanwhile.
+        // SAFETY: this is the first action of the program, which has one thread, so nothing else
+        // reads the environment.
         #[expect(unsafe_code, reason = "the drivers read the environment of the process, and setting it is unsafe")]
         unsafe {
             std::env::set_var(VARIABLE, std::env::temp_dir());
@@ -64,22 +63,25 @@ fn quiet_drivers() {
 }
 
 fn run(parsed: Parsed) -> Result<ExitCode, Failure> {
-    match parsed {
+    let command = match parsed {
         Parsed::Answered(status) => return Ok(status),
-        Parsed::Command(Command::Fit(args)) => fit::run(&args),
-        Parsed::Command(Command::Train(args)) => train::run(&args),
-        Parsed::Command(Command::Render(args)) => commands::render::run(&args),
-        Parsed::Command(Command::View(args)) => view::run(&args),
-        Parsed::Command(Command::Eval(args)) => commands::eval::run(&args),
-        Parsed::Command(Command::Convert(args)) => commands::convert::run(&args),
-        Parsed::Command(Command::Info(args)) => commands::info::run(&args),
-        Parsed::Command(Command::Doctor(args)) => commands::doctor::run(&args),
-        Parsed::Command(Command::Profile(args)) => profile::run(&args),
-        Parsed::Command(Command::Effects(args)) => effects::run(&args),
-        Parsed::Command(Command::Paper(args)) => paper::run(&args),
-        Parsed::Command(Command::Popping(args)) => commands::popping::run(&args),
-        Parsed::Command(Command::Study(args)) => study::run(&args),
-        Parsed::Command(Command::Frontier(args)) => frontier::run(&args),
+        Parsed::Command(command) => command,
+    };
+    match command {
+        Command::Fit(args) => commands::fit::run(&args),
+        Command::Train(args) => commands::train::run(&args),
+        Command::Render(args) => commands::render::run(&args),
+        Command::View(args) => commands::view::run(&args),
+        Command::Eval(args) => commands::eval::run(&args),
+        Command::Convert(args) => commands::convert::run(&args),
+        Command::Info(args) => commands::info::run(&args),
+        Command::Doctor(args) => commands::doctor::run(&args),
+        Command::Profile(args) => commands::profile::run(&args),
+        Command::Effects(args) => commands::effects::run(&args),
+        Command::Paper(args) => commands::paper::run(&args),
+        Command::Popping(args) => commands::popping::run(&args),
+        Command::Study(args) => commands::study::run(&args),
+        Command::Frontier(args) => commands::frontier::run(&args),
     }?;
     Ok(ExitCode::SUCCESS)
 }

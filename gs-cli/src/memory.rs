@@ -1,7 +1,7 @@
-//! Whether the memory that a command takes at its peak can be had, asked before it begins: what is short of memory halfway ends as the system
-//! likes, and takes its work with it.
+//! Checks that there is enough memory for a command before it begins. A process that runs out of
+//! memory halfway may be killed, and its work is lost.
 //!
-//! Linux says what a process may have; elsewhere nothing is known, and nothing is refused.
+//! Linux tells how much memory a process may have. On other systems nothing is refused.
 
 use std::{
     fmt::Display,
@@ -14,28 +14,26 @@ use gs_io::{Format3d, format_3d};
 
 use crate::{failure::Failure, output};
 
-/// What takes more is told.
+/// A larger need is printed.
 const LARGE: u64 = 1_000_000_000;
 
-/// Address space that threads which are yet to start reserve for their stacks and heaps. It is not used, but it is counted.
+/// Address space that later threads reserve for their stacks and heaps. It counts even if it is not
+/// used.
 const THREADS_TO_COME: u64 = 2 * 66_000_000;
 
-/// The memory that a piece of work takes at its peak.
+/// The peak memory of a piece of work.
 pub(crate) struct Need<'a> {
     /// The work: "fitting photo.jpg (8000x6000 px)".
     pub(crate) what: String,
     pub(crate) bytes: u64,
-    /// How much of that is taken already.
+    /// How much of it is in use already.
     pub(crate) held: u64,
-    /// How it takes less: "take a smaller image".
+    /// How it would take less: "take a smaller image".
     pub(crate) less: &'a str,
 }
 
 impl Need<'_> {
-    /// Fails where it is more than this process may have.
-    ///
-    /// # Errors
-    /// With the limit that is met first.
+    /// Fails where this process may not have so much.
     pub(crate) fn check(&self) -> Result<(), Failure> {
         let Self { what, bytes, held, less } = self;
         let Some(limit) = limits().into_iter().min_by_key(|limit| limit.left) else { return Ok(()) };
@@ -45,14 +43,11 @@ impl Need<'_> {
         let Limit { whose, all, left } = limit;
         let (needed, left, all) = (amount(*bytes), amount(left), amount(all));
         let message = format_args!("takes about {needed} of memory, but only {left} of {whose} ({all}) are left");
-        Err(Failure::failed(message).at(what).mend(format_args!("{less}, or allow more")))
+        Err(Failure::failed(message).at(what).hint(format_args!("{less}, or allow more")))
     }
 
-    /// The same, and tells what is large.
-    ///
-    /// # Errors
-    /// As [`Self::check`].
-    pub(crate) fn check_aloud(&self) -> Result<(), Failure> {
+    /// The same, and prints a large need.
+    pub(crate) fn check_and_print(&self) -> Result<(), Failure> {
         self.check()?;
         if self.bytes > LARGE {
             output::note(format_args!("{} takes about {} of memory", self.what, amount(self.bytes)));
@@ -62,9 +57,6 @@ impl Need<'_> {
 }
 
 /// Fails where an image is too large to be read.
-///
-/// # Errors
-/// Those of its header, and of [`Need::check`].
 pub(crate) fn check_image(path: &Path) -> Result<(), Failure> {
     let (width, height) = gs_io::read_image_size(path)?;
     let what = format!("reading {} ({width}x{height} px)", path.display());
@@ -72,39 +64,35 @@ pub(crate) fn check_image(path: &Path) -> Result<(), Failure> {
     Need { what, bytes, held: 0, less: "take a smaller image" }.check()
 }
 
-/// Fails where a picture is too large to be drawn; tells what is large.
-///
-/// # Errors
-/// Those of [`Need::check`].
+/// Fails where a picture is too large to be rendered; prints a large need.
 pub(crate) fn check_picture(what: impl Display, (width, height): (u32, u32)) -> Result<(), Failure> {
     let what = format!("a picture of {what} of {width}x{height} px");
     let bytes = gs_train::memory::drawing((width, height));
-    Need { what, bytes, held: 0, less: "make it smaller with --size" }.check_aloud()
+    Need { what, bytes, held: 0, less: "make it smaller with --size" }.check_and_print()
 }
 
-/// Fails where a 3D scene is too large to be read and worked with; what is none is left to its reader.
-///
-/// # Errors
-/// Those of opening it, and of [`Need::check`].
+/// Fails where a 3D scene is too large to be read and processed. Any other file is left to its
+/// reader.
 pub(crate) fn check_3d(path: &Path) -> Result<(), Failure> {
     let Some(format) = format_3d(path)? else { return Ok(()) };
-    // By what a Gaussian takes in the file, and in memory beside it: 56 bytes and 12 for each further coefficient.
+    // A Gaussian takes 56 bytes in memory, and 12 for each SH coefficient above degree 0, besides
+    // its bytes in the file.
     let times = match format {
         Format3d::Splat => 4,
         Format3d::Spz => 14,
         _ => 3,
     };
     let file = fs::metadata(path).map_or(0, |file| file.len());
-    let less = "prune the scene, or give it fewer spherical harmonics";
-    Need { what: format!("reading {}", path.display()), bytes: times * file, held: 0, less }.check_aloud()
+    let less = "prune the scene, or reduce its SH degree";
+    Need { what: format!("reading {}", path.display()), bytes: times * file, held: 0, less }.check_and_print()
 }
 
-/// The most memory that this process has had so far, where the system tells.
+/// The peak memory of this process so far, if the system tells.
 pub(crate) fn peak() -> Option<u64> {
     kib(&text("/proc/self/status")?, "VmHWM")
 }
 
-/// Memory that may not be exceeded.
+/// A limit of memory.
 #[derive(Debug, Clone, PartialEq, Eq)]
 struct Limit {
     /// "the address space of this process".
@@ -119,7 +107,7 @@ impl Limit {
     }
 }
 
-/// All that are known.
+/// All known limits.
 fn limits() -> Vec<Limit> {
     let mut found = Vec::new();
     if let (Some(status), Some(limits)) = (text("/proc/self/status"), text("/proc/self/limits")) {
@@ -133,7 +121,7 @@ fn limits() -> Vec<Limit> {
     found
 }
 
-/// The limits that `ulimit -v` and `ulimit -d` set.
+/// The limits set by `ulimit -v` and `ulimit -d`.
 fn of_process(status: &str, limits: &str) -> Vec<Limit> {
     let address_space = soft_limit(limits, "Max address space").zip(kib(status, "VmSize"));
     let data = soft_limit(limits, "Max data size").zip(kib(status, "VmData"));
@@ -144,13 +132,14 @@ fn of_process(status: &str, limits: &str) -> Vec<Limit> {
     address_space.into_iter().chain(data).collect()
 }
 
-/// The machine's memory, which other programs may use, too: what they use now is no limit, as it may be free in a moment.
+/// The machine's memory. What other programs use now is not subtracted, as it may be free in a
+/// moment.
 fn of_machine(info: &str, used: u64) -> Option<Limit> {
     let all = kib(info, "MemTotal")? + kib(info, "SwapTotal").unwrap_or(0);
     Some(Limit::new("this machine's memory", all, used))
 }
 
-/// The limits of a process's control groups, of version 2 or 1, and of those that they are in.
+/// The limits of a process's control groups, version 2 or 1, and of the groups around them.
 fn of_cgroups(root: &Path, listing: &str) -> Vec<Limit> {
     let mut found = Vec::new();
     for line in listing.lines() {
@@ -175,7 +164,7 @@ fn of_cgroups(root: &Path, listing: &str) -> Vec<Limit> {
 fn of_cgroup(group: &Path, most: &str, used: &str, cache: &str) -> Option<Limit> {
     let number = |name: &str| text(group.join(name))?.trim().parse::<u64>().ok();
     let all = number(most)?;
-    // Pages of files are given back when there is need.
+    // Pages of files are released when memory is short.
     let stat = text(group.join("memory.stat")).unwrap_or_default();
     let cached = stat.lines().find_map(|line| line.strip_prefix(cache)?.trim().parse().ok()).unwrap_or(0);
     Some(Limit::new("this container's memory (cgroup)", all, number(used)?.saturating_sub(cached)))
@@ -191,7 +180,8 @@ fn kib(text: &str, name: &str) -> Option<u64> {
     value.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()?.checked_mul(1024)
 }
 
-/// The soft limit of a line such as "Max data size     unlimited     unlimited     bytes"; none where it is unlimited.
+/// The soft limit of a line such as "Max data size     unlimited     unlimited     bytes"; none
+/// where it is unlimited.
 fn soft_limit(text: &str, name: &str) -> Option<u64> {
     text.lines().find_map(|line| line.strip_prefix(name))?.split_whitespace().next()?.parse().ok()
 }
@@ -206,7 +196,7 @@ mod tests {
         Max address space         4096000000           4096000000           bytes     \n";
 
     #[test]
-    fn limits_of_the_process_are_what_it_has_not_used() {
+    fn limits_of_the_process_exclude_its_use() {
         let [address_space, data] = of_process(STATUS, LIMITS).try_into().unwrap();
         assert_eq!(
             (address_space.all, address_space.left),
@@ -220,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn limits_of_cgroups_are_those_of_all_that_the_process_is_in() {
+    fn limits_of_all_enclosing_cgroups_count() {
         let place = tempfile::tempdir().unwrap();
         let write = |path: &str, text: &str| {
             let path = place.path().join(path);
@@ -244,12 +234,12 @@ mod tests {
 
     #[test]
     #[cfg(target_os = "linux")]
-    fn this_process_has_used_some_and_has_some_left() {
+    fn this_process_has_limits() {
         assert!(peak().unwrap() > 1_000_000);
         let limits = limits();
         assert!(limits.iter().any(|limit| limit.whose.contains("machine") && limit.left > 0 && limit.left < limit.all));
         let need = |bytes| Need { what: "a test".to_owned(), bytes, held: 0, less: "test less" };
-        need(1).check_aloud().unwrap();
+        need(1).check_and_print().unwrap();
         let line = need(u64::MAX).check().unwrap_err().line().unwrap();
         let ends = line.ends_with("are left: test less, or allow more");
         assert!(line.starts_with("error: a test: takes about 18446744073.7 GB of memory, but only ") && ends, "{line}");

@@ -1,32 +1,46 @@
-//! What the program says: results on standard output, everything else on standard error.
+//! Output of the program: results on standard output, everything else on standard error.
 //!
-//! All text leaves through here. Names of files, what data sets hold and what parsers quote was written by others, and could steer the
-//! terminal; so characters that do not show are written as escapes.
+//! All text leaves through here. Names of files, contents of data sets and quotes of parsers were
+//! written by others, and could control the terminal. So invisible characters are written as
+//! escapes.
 
 use std::{
     borrow::Cow,
     fmt::Display,
     io::{self, Write},
+    path::Path,
 };
 
 use serde::Serialize;
 
 use crate::failure::Failure;
 
-/// How a command prints its result.
+/// The format of a command's result.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Format {
-    /// For people.
+    /// Text.
     Text,
     /// One JSON object on standard output and nothing else there.
     Json,
 }
 
-/// Foreign text as one line: control characters, line breaks included, and characters that only change how others are
-/// shown (such as U+202E, which turns the rest of a line round) become escapes such as `\u{1b}`.
+/// How much a long-running command prints.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(crate) enum Verbosity {
+    /// Progress.
+    #[default]
+    Normal,
+    /// Also each round of density control, the Gaussians whose scales reach a bound, and the
+    /// effects that are simulated.
+    Verbose,
+}
+
+/// Foreign text as one line. Control characters, including line breaks, and characters that only
+/// change how others are shown (such as U+202E, which reverses the rest of a line) become escapes
+/// such as `\u{1b}`.
 ///
-/// Everything that is printed goes through it line by line; texts of several lines put what is foreign through it beforehand, so that it
-/// cannot pretend to be a line of theirs.
+/// Everything that is printed goes through this line by line. Texts of several lines call it for
+/// their foreign parts, which might otherwise pretend to be lines of their own.
 pub(crate) fn printable(text: &str) -> Cow<'_, str> {
     escaped(text, |c, line| line.extend(c.escape_default()))
 }
@@ -40,7 +54,8 @@ fn escaped(text: &str, escape: impl Fn(char, &mut String)) -> Cow<'_, str> {
     Cow::Owned(line)
 }
 
-/// Unicode's control and format characters, and its separators of lines and paragraphs (categories Cc, Cf, Zl and Zp).
+/// Unicode's control and format characters, and its separators of lines and paragraphs (categories
+/// Cc, Cf, Zl and Zp).
 fn is_invisible(c: char) -> bool {
     c.is_control()
         || matches!(c,
@@ -56,24 +71,20 @@ fn lines(text: impl Display) -> String {
 }
 
 /// Prints a result to standard output.
-///
-/// # Errors
-/// Where it cannot be written; a closed pipe is the failure that is none.
 pub(crate) fn result(text: impl Display) -> Result<(), Failure> {
     write_result(&lines(text))
 }
 
-/// Prints a result as JSON to standard output. Numbers that JSON has no form for (∞, NaN) become `null`.
-///
-/// # Errors
-/// As [`result`].
+/// Prints a result as JSON to standard output. Numbers that JSON has no form for (∞, NaN) become
+/// `null`.
 pub(crate) fn json(value: &impl Serialize) -> Result<(), Failure> {
     let text = serde_json::to_string_pretty(value).map_err(|error| Failure::failed(error).at("summary"))?;
     let text: Vec<Cow<'_, str>> = text.split('\n').map(json_line).collect();
     write_result(&text.join("\n"))
 }
 
-/// A line of JSON, whose strings may still hold characters that do not show: JSON prescribes escapes for the first 32 only.
+/// A line of JSON with escapes for all invisible characters: JSON prescribes them for the first 32
+/// only.
 fn json_line(line: &str) -> Cow<'_, str> {
     escaped(line, |c, line| c.encode_utf16(&mut [0; 2]).iter().for_each(|unit| *line += &format!("\\u{unit:04x}")))
 }
@@ -83,9 +94,19 @@ fn write_result(text: &str) -> Result<(), Failure> {
     writeln!(stdout, "{text}").and_then(|()| stdout.flush()).map_err(Failure::output)
 }
 
-/// Prints a line to standard error. Where nobody listens there, nothing is lost.
+/// Prints a line to standard error. Errors of writing are ignored.
 pub(crate) fn note(line: impl Display) {
     let _ = writeln!(io::stderr().lock(), "{}", lines(line));
+}
+
+/// A path as one word of a shell's command line.
+pub(crate) fn quoted(path: &Path) -> String {
+    let text = path.display().to_string();
+    let plain = |character: char| character.is_alphanumeric() || "/\\:._-+=@%,".contains(character);
+    match text.chars().all(plain) {
+        true => text,
+        false => format!("'{}'", text.replace('\'', r"'\''")),
+    }
 }
 
 #[cfg(test)]
@@ -93,7 +114,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_does_not_show_is_written_as_an_escape() {
+    fn invisible_characters_are_escaped() {
         assert_eq!(printable("a\u{1b}]0;title\u{7}\r\nb\tc"), r"a\u{1b}]0;title\u{7}\r\nb\tc");
         assert_eq!(
             printable("gnp.\u{202e}exe\u{9b}2J\u{2028}\u{feff}\u{e0041}"),
@@ -103,6 +124,12 @@ mod tests {
             assert!(matches!(printable(shown), Cow::Borrowed(same) if same == shown), "{shown}");
         }
         assert_eq!(lines("one\ntwo\r"), "one\ntwo\\r");
+    }
+
+    #[test]
+    fn paths_are_single_words_of_a_command_line() {
+        assert_eq!(quoted(Path::new("out/a-1.png")), "out/a-1.png");
+        assert_eq!(quoted(Path::new("my pictures/it's.png")), r"'my pictures/it'\''s.png'");
     }
 
     #[test]

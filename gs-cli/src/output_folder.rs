@@ -1,4 +1,4 @@
-//! The folder that a command writes its results into, and the files that it must leave as they are.
+//! The folder that a command writes its results into, and the files that it must not touch.
 
 use std::{
     env,
@@ -9,6 +9,7 @@ use std::{
 
 use clap::Args;
 use gs_io::{FolderClaim, Inputs, remove_leftovers, write_atomically, write_durably};
+use gs_lab::experiments::Findings;
 use serde::Serialize;
 
 use crate::failure::Failure;
@@ -16,15 +17,15 @@ use crate::failure::Failure;
 /// The flag of every command that writes into a folder.
 #[derive(Debug, Clone, Copy, Default, Args)]
 pub(crate) struct OverwriteArgs {
-    /// Replace or remove files that have the name of a result although no run of gs wrote them; without it, such a file stops the
-    /// command before it starts. Files that the command reads are never replaced
+    /// Replace files that have the name of a result even if gs did not write them; without it, such
+    /// a file is an error
     #[arg(long)]
     pub(crate) overwrite: bool,
 }
 
 impl OverwriteArgs {
-    /// A claim to these files in a folder, for a run that reads `inputs`. Nothing is done yet: [`check`] says whether the run may begin,
-    /// and [`OutputFolder::begin`] begins it.
+    /// A claim to these files in a folder, for a run that reads `inputs`. It changes nothing:
+    /// [`check`] says whether the run may begin, and [`OutputFolder::begin`] begins it.
     pub(crate) fn claim<'n>(
         self,
         folder: &Path,
@@ -35,18 +36,13 @@ impl OverwriteArgs {
     }
 }
 
-/// Finds out whether a run may write into its folder, before anything is computed, and changes nothing.
-///
-/// # Errors
-/// Where a file is in the way, another run is at work, or the path is no folder.
+/// Checks that a run may write into its folder, before anything is computed. It changes nothing.
 pub(crate) fn check(claim: &FolderClaim) -> Result<(), Failure> {
     claim.check().map_err(refused)
 }
 
-/// Finds out whether a single file may be written by a run that reads `inputs`; removes what a killed run left half-written beside it.
-///
-/// # Errors
-/// Where it is one of them.
+/// Checks that a single file may be written by a run that reads `inputs`; removes incomplete files
+/// of a killed run beside it.
 pub(crate) fn check_file<P: AsRef<Path>>(file: &Path, inputs: impl IntoIterator<Item = P>) -> Result<(), Failure> {
     inputs.into_iter().collect::<Inputs>().guard(file)?;
     remove_leftovers(folder_of(file));
@@ -62,7 +58,7 @@ fn refused(error: gs_io::Error) -> Failure {
     match error {
         gs_io::Error::Write { path, source } => {
             Failure::failed(format_args!("{}: cannot be written to: {source}", path.display()))
-                .mend("choose another folder with --output")
+                .hint("choose another folder with --output")
         }
         error => error.into(),
     }
@@ -81,18 +77,12 @@ impl Deref for OutputFolder {
 }
 
 impl OutputFolder {
-    /// Makes the folder if it is not there and takes it for this run, before any work is spent on what would be written.
-    ///
-    /// # Errors
-    /// As [`check`], and where the folder takes no files.
+    /// Makes the folder if necessary and locks it for this run.
     pub(crate) fn begin(claim: FolderClaim) -> Result<Self, Failure> {
         claim.begin().map(Self).map_err(refused)
     }
 
-    /// Makes a folder in it.
-    ///
-    /// # Errors
-    /// Where it cannot be made.
+    /// Makes a folder inside.
     pub(crate) fn make(&self, name: &str) -> Result<PathBuf, Failure> {
         let path = self.path().join(name);
         std::fs::create_dir_all(&path)
@@ -100,27 +90,18 @@ impl OutputFolder {
         Ok(path)
     }
 
-    /// Writes a file that can be made again.
-    ///
-    /// # Errors
-    /// Where it cannot be written.
+    /// Writes a file that can be made again easily.
     pub(crate) fn write(&self, name: &str, content: impl AsRef<[u8]>) -> Result<(), Failure> {
         Ok(write_atomically(self.file(name), |file| file.write_all(content.as_ref()))?)
     }
 
-    /// Writes a file of text that the whole work led to, so that it outlasts a power cut.
-    ///
-    /// # Errors
-    /// Where it cannot be written.
+    /// Writes a text file so that it survives a power cut.
     pub(crate) fn write_text_durably(&self, name: &str, text: &str) -> Result<(), Failure> {
         Ok(write_durably(self.file(name), |file| file.write_all(text.as_bytes()))?)
     }
 
-    /// Writes what cannot be made again without doing all the work again. Where the folder does not take it, as on a full disk, it goes into
-    /// the system's folder for temporary files.
-    ///
-    /// # Errors
-    /// Where it cannot be written into this folder, even if it could be saved elsewhere; then the failure says where it is.
+    /// Writes a file that only the whole work could make again. If the folder does not take it, as
+    /// on a full disk, it goes into the system's folder for temporary files.
     pub(crate) fn write_precious(
         &self,
         name: &str,
@@ -129,26 +110,28 @@ impl OutputFolder {
         let Err(error) = write(&self.file(name)) else { return Ok(()) };
         let elsewhere = env::temp_dir().join(format!("gs-{}-{name}", process::id()));
         Err(match write(&elsewhere) {
-            Ok(()) => Failure::from(error).mend(format_args!("it has been saved as {} instead", elsewhere.display())),
+            Ok(()) => Failure::from(error).hint(format_args!("it has been saved as {} instead", elsewhere.display())),
             Err(_) => error.into(),
         })
     }
 
-    /// Writes a value as JSON that outlasts a power cut.
-    ///
-    /// # Errors
-    /// Where it has no such form, or cannot be written.
+    /// Writes a value as JSON so that it survives a power cut.
     pub(crate) fn write_json(&self, name: &str, value: &impl Serialize) -> Result<(), Failure> {
         let json = serde_json::to_string_pretty(value).map_err(|error| Failure::failed(error).at(name))?;
         self.write_text_durably(name, &(json + "\n"))
     }
 
-    /// Removes a file that this run does not write: one of an earlier run would be taken for its.
-    ///
-    /// # Errors
-    /// Where it is there and cannot be removed.
+    /// Removes a file of an earlier run that this run does not write.
     pub(crate) fn leave_out(&self, name: &str) -> Result<(), Failure> {
         Ok(self.remove(name)?)
+    }
+
+    /// Writes tables, figures and pictures of an experiment, whose names in the folder begin with
+    /// `prefix`.
+    pub(crate) fn write_findings(&self, prefix: &str, findings: &Findings) -> Result<(), Failure> {
+        let files = findings.files(prefix)?;
+        self.claim(files.iter().map(|file| file.name.clone()))?;
+        files.into_iter().try_for_each(|file| self.write(&file.name, file.bytes))
     }
 }
 
@@ -162,7 +145,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn a_refusal_says_which_flag_helps() {
+    fn a_refusal_names_the_flag_that_helps() {
         let place = tempfile::tempdir().unwrap();
         let photo = place.path().join("curve.png");
         std::fs::write(&photo, "mine").unwrap();
@@ -184,7 +167,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn a_single_file_does_not_replace_what_it_is_made_of() {
+    fn a_single_file_does_not_replace_its_input() {
         let place = tempfile::tempdir().unwrap();
         let [scene, copy, left] = ["scene.ply", "copy.ply", ".gs-abc123.tmp"].map(|name| place.path().join(name));
         std::fs::write(&scene, "ply").unwrap();

@@ -1,4 +1,5 @@
-//! Text that the user wrote: settings, studies, paths of cameras. It may come through a pipe, but not without end.
+//! Text files that the user wrote: settings, studies, camera paths. They may come through a pipe,
+//! but not without end.
 
 use std::{
     fs::File,
@@ -6,22 +7,22 @@ use std::{
     path::Path,
 };
 
+use gs_train::{parse_settings, settings_to_toml};
+use serde::{Serialize, de::DeserializeOwned};
+
 use crate::failure::Failure;
 
-/// The longest text that is read, bytes; a camera path of 100,000 keys has about 10 MB.
+/// The longest text that is read, bytes. A camera path of 100,000 keys has about 10 MB.
 const MAX_BYTES: u64 = 64 << 20;
 
-/// Reads a file of text; `mend` is what helps where there is none.
-///
-/// # Errors
-/// Where it cannot be read, is no text, or longer than 64 MiB, such as a device that never ends.
-pub(crate) fn read_text(file: &Path, mend: &str) -> Result<String, Failure> {
+/// Reads a text file; `hint` says what to do where there is none.
+pub(crate) fn read_text(file: &Path, hint: &str) -> Result<String, Failure> {
     let read = || -> io::Result<String> {
         let mut text = String::new();
         File::open(file)?.take(MAX_BYTES + 1).read_to_string(&mut text)?;
         Ok(text)
     };
-    let failed = |why: String| Failure::failed(why).at(file.display()).mend(mend);
+    let failed = |why: String| Failure::failed(why).at(file.display()).hint(hint);
     match read() {
         Ok(text) if text.len() as u64 > MAX_BYTES => Err(failed(format!("is longer than {} MiB", MAX_BYTES >> 20))),
         Ok(text) => Ok(text),
@@ -32,12 +33,32 @@ pub(crate) fn read_text(file: &Path, mend: &str) -> Result<String, Failure> {
     }
 }
 
+/// Reads the text of a settings file. It must be read only once: it may be a pipe.
+pub(crate) fn read_settings_text(file: &Path) -> Result<String, Failure> {
+    read_text(file, "name a file of settings")
+}
+
+/// Reads a settings file; `hint` says what to do where its content is wrong.
+pub(crate) fn read_toml<T: DeserializeOwned>(file: &Path, hint: &str) -> Result<T, Failure> {
+    parse_toml(&read_settings_text(file)?, file, hint)
+}
+
+/// Parses the text of a settings file; as [`read_toml`].
+pub(crate) fn parse_toml<T: DeserializeOwned>(text: &str, file: &Path, hint: &str) -> Result<T, Failure> {
+    parse_settings(text, file).map_err(|error| Failure::usage(error).hint(hint))
+}
+
+/// Settings as TOML, for [`read_toml`].
+pub(crate) fn to_toml(settings: &impl Serialize) -> Result<String, Failure> {
+    settings_to_toml(settings).map_err(Failure::failed)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn text_is_read_and_what_is_none_is_refused_with_its_name() {
+    fn text_is_read_and_anything_else_is_refused_with_its_name() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("a.toml");
         std::fs::write(&file, "a = 1\n").unwrap();

@@ -1,4 +1,4 @@
-//! The flags' values that are more than a number or a name: sizes, rectangles, colours.
+//! Values of flags: numbers in a range, sizes, rectangles, colours, views, axes.
 
 use std::{
     fmt,
@@ -12,7 +12,7 @@ use gs_core::Canvas;
 
 use crate::failure::Failure;
 
-/// A parser of whole numbers in this range, whose error says what the number must be.
+/// A parser of whole numbers in this range. Its errors name the range.
 pub(crate) fn whole<T: Copy + Into<i128> + TryFrom<i128>>(
     range: impl RangeBounds<T>,
 ) -> impl Fn(&str) -> Result<T, String> + Clone {
@@ -55,10 +55,7 @@ impl FromStr for Size {
     }
 }
 
-/// The whole of a plane of this size, in as many pixels or as the flag says.
-///
-/// # Errors
-/// Where no canvas is as large as the flag says.
+/// The canvas of a 2D scene of this size, in as many pixels unless a flag gives another number.
 pub(crate) fn canvas((width, height): (u32, u32), size: Option<Size>) -> Result<Canvas, Failure> {
     let whole = Canvas::new(width, height);
     let canvas = size.map_or(whole, |Size { width, height }| whole.resized(width, height));
@@ -118,16 +115,16 @@ impl fmt::Display for Color {
     }
 }
 
-/// What is behind a scene in training, written black, white, random or R,G,B.
+/// The background of a scene in training, written black, white, random or R,G,B.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum Backing {
+pub(crate) enum TrainBackground {
     /// One colour.
     Solid(Color),
     /// Another colour in each step.
     Random,
 }
 
-impl FromStr for Backing {
+impl FromStr for TrainBackground {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
@@ -146,7 +143,7 @@ impl FromStr for Backing {
 pub(crate) struct ViewName {
     /// The data set.
     pub(crate) dataset: PathBuf,
-    /// The view's name in it, or that of its file.
+    /// The view's name in it, or the name of its file without the ending.
     pub(crate) view: String,
 }
 
@@ -154,13 +151,15 @@ impl FromStr for ViewName {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        // The last colon: the first may be that of a drive.
+        // The first colon may be that of a drive.
         match text.rsplit_once(':') {
             Some((dataset, view)) if !dataset.is_empty() && !view.is_empty() => {
                 Ok(Self { dataset: dataset.into(), view: view.to_owned() })
             }
-            _ => Err("write it as DATASET:VIEW, such as photographs:DSC_0042.JPG; gs info tells what is in a data set"
-                .into()),
+            _ => {
+                Err("write it as DATASET:VIEW, such as images/:DSC_0042.JPG; gs info shows what is in a data set"
+                    .into())
+            }
         }
     }
 }
@@ -216,24 +215,24 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_written_right_is_read() {
+    fn values_are_parsed() {
         assert_eq!("1536x1024".parse(), Ok(Size { width: 1536, height: 1024 }));
         assert_eq!("0, -1.5,2,3".parse(), Ok(Region { origin: Vec2::new(0.0, -1.5), extent: Vec2::new(2.0, 3.0) }));
         assert_eq!("1,0.5,0".parse(), Ok(Color([1.0, 0.5, 0.0])));
-        assert_eq!("0,1,0".parse(), Ok(Backing::Solid(Color([0.0, 1.0, 0.0]))));
-        assert_eq!("white".parse(), Ok(Backing::Solid(Color([1.0; 3]))));
-        assert_eq!("random".parse(), Ok(Backing::Random));
+        assert_eq!("0,1,0".parse(), Ok(TrainBackground::Solid(Color([0.0, 1.0, 0.0]))));
+        assert_eq!("white".parse(), Ok(TrainBackground::Solid(Color([1.0; 3]))));
+        assert_eq!("random".parse(), Ok(TrainBackground::Random));
         assert_eq!(("1/250".parse(), "0.004".parse()), (Ok(Tolerance(0.004)), Ok(Tolerance(0.004))));
         for bad in ["1/0", "0", "-1", "x", "nan", "1/"] {
             assert!(bad.parse::<Tolerance>().is_err(), "{bad}");
         }
-        let view = ViewName { dataset: "C:/photographs".into(), view: "a/b.png".to_owned() };
-        assert_eq!("C:/photographs:a/b.png".parse(), Ok(view));
+        let view = ViewName { dataset: "C:/dataset".into(), view: "a/b.png".to_owned() };
+        assert_eq!("C:/dataset:a/b.png".parse(), Ok(view));
         assert_eq!("-y".parse(), Ok(Axis(Vec3::NEG_Y)));
     }
 
     #[test]
-    fn a_whole_number_out_of_its_range_is_told_the_range() {
+    fn errors_of_whole_numbers_name_the_range() {
         let count = whole::<u32>(1..);
         assert_eq!((count("7"), count("1")), (Ok(7), Ok(1)));
         for (text, expected) in [
@@ -251,7 +250,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_is_refused() {
+    fn impossible_values_are_refused() {
         for size in ["", "64", "0x4", "4x0", "-1x4", "4x4x4", "99999999999x1"] {
             assert!(size.parse::<Size>().is_err(), "{size}");
         }
@@ -260,9 +259,9 @@ mod tests {
         }
         for color in ["", "1,1", "2,0,0", "NaN,0,0", "#fff"] {
             assert!(color.parse::<Color>().is_err(), "{color}");
-            assert!(color.parse::<Backing>().is_err(), "{color}");
+            assert!(color.parse::<TrainBackground>().is_err(), "{color}");
         }
-        for view in ["", "photographs", ":a", "photographs:"] {
+        for view in ["", "dataset", ":a", "dataset:"] {
             assert!(view.parse::<ViewName>().is_err(), "{view}");
         }
         assert!("up".parse::<Axis>().is_err());

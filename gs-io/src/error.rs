@@ -8,6 +8,8 @@ use std::{
 
 use thiserror::Error;
 
+use crate::any_scene::SCENE_NAMES;
+
 /// An error of reading or writing a file. Its text is one line that can be shown to the user.
 #[derive(Debug, Error)]
 #[non_exhaustive]
@@ -305,6 +307,12 @@ pub enum Error {
         path: PathBuf,
         /// The missing properties, or the first of them.
         names: Vec<String>,
+    },
+    /// A folder without a scene.
+    #[error("{}: holds no scene: looked for {}; name the scene's file", one_line(path), SCENE_NAMES.join(", "))]
+    NoScene {
+        /// The folder.
+        path: PathBuf,
     },
     /// A scene without Gaussians.
     #[error("{}: a scene without Gaussians, which has nothing to show; at least one is needed", one_line(path))]

@@ -5,7 +5,8 @@
 //! |---|---|---|
 //! | images (PNG, JPEG, BMP, TIFF, WebP, GIF, PNM) | [`read_image`] | [`write_png`] |
 //! | animations (APNG) | – | [`write_animation`] |
-//! | 2D scenes, `.gs2d.safetensors`, lossless | [`read_scene`] | [`write_scene`] |
+//! | a scene of any kind: a scene file, a checkpoint, an output folder | [`read_scene`] | – |
+//! | 2D scenes, `.gs2d.safetensors`, lossless | [`read_2d`] | [`write_2d`] |
 //! | checkpoints of a training run, lossless | [`read_checkpoint`] | [`write_checkpoint`] |
 //! | 2D scenes as a flat 3DGS PLY, for viewers | by [`read_3d`] | [`write_ply`] |
 //! | 2D scenes as SVG | – | [`write_svg`] |
@@ -20,6 +21,7 @@
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
 
 mod animation;
+mod any_scene;
 mod atomic;
 mod checkpoint;
 mod container;
@@ -35,6 +37,7 @@ mod svg;
 
 pub use crate::{
     animation::{Animation, write_animation},
+    any_scene::{AnyScene, SceneFile, Values, is_scene, read_scene, scene_in},
     atomic::{abandon_writes, prepare_folder, remove_leftovers, write_atomically, write_durably},
     checkpoint::{Checkpoint, is_checkpoint, read_checkpoint, write_checkpoint},
     error::Error,
@@ -45,7 +48,7 @@ pub use crate::{
     inputs::Inputs,
     output_folder::{FolderClaim, OutputFolder},
     ply::{PICTURE_DISTANCE_WORLD, PICTURE_WORLD, flat_scene, write_ply},
-    scene_file::{File2d, SCENE_EXTENSION, is_scene, read_scene, read_scene_unchecked, write_scene},
+    scene_file::{File2d, SCENE_EXTENSION, is_2d, read_2d, read_2d_unchecked, write_2d},
     scene3d::{
         ConversionLoss, File3d, Format3d, GltfBuffer, SpzOptions, SpzVersion, TrainedWith, WriteOptions3d, Written3d,
         decode_3d, format_3d, read_3d, read_3d_unchecked, write_3d,

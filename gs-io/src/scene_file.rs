@@ -43,7 +43,7 @@ pub struct File2d {
 }
 
 impl File2d {
-    /// Checks scene, size and settings, as [`write_scene`] and [`read_scene`] do.
+    /// Checks scene, size and settings, as [`write_2d`] and [`read_2d`] do.
     ///
     /// # Errors
     /// Those of [`Scene2d::validate`](Scene::validate), [`check_size`] and [`RenderSettings::validate`].
@@ -69,7 +69,7 @@ struct Content {
 ///
 /// # Errors
 /// [`Error::Content`] where [`File2d::validate`] fails; those of [`write_durably`](crate::write_durably).
-pub fn write_scene(path: impl AsRef<Path>, file: &File2d) -> Result<(), Error> {
+pub fn write_2d(path: impl AsRef<Path>, file: &File2d) -> Result<(), Error> {
     let path = path.as_ref();
     file.validate().map_err(Error::content(path))?;
     let File2d { scene, width, height, settings } = file;
@@ -90,22 +90,22 @@ pub fn write_scene(path: impl AsRef<Path>, file: &File2d) -> Result<(), Error> {
 }
 
 /// Whether a file is a 2D scene. Only its header is read, so the rest may be damaged.
-pub fn is_scene(path: impl AsRef<Path>) -> bool {
+pub fn is_2d(path: impl AsRef<Path>) -> bool {
     container::format_of(path.as_ref()).is_some_and(|format| format == KIND.format)
 }
 
-/// Reads what [`write_scene`] wrote: the same scene, bit for bit. The scene may be empty.
+/// Reads what [`write_2d`] wrote: the same scene, bit for bit. The scene may be empty.
 ///
 /// # Errors
-/// Those of [`read_scene_unchecked`]; [`Error::Content`] for values that are not possible (NaN).
-pub fn read_scene(path: impl AsRef<Path>) -> Result<File2d, Error> {
+/// Those of [`read_2d_unchecked`]; [`Error::Content`] for values that are not possible (NaN).
+pub fn read_2d(path: impl AsRef<Path>) -> Result<File2d, Error> {
     let path = path.as_ref();
-    let file = read_scene_unchecked(path)?;
+    let file = read_2d_unchecked(path)?;
     file.validate().map_err(Error::content(path))?;
     Ok(file)
 }
 
-/// As [`read_scene`], but Gaussians may contain NaN and ∞, for programs that inspect or repair
+/// As [`read_2d`], but Gaussians may contain NaN and ∞, for programs that inspect or repair
 /// broken scenes.
 ///
 /// # Errors
@@ -113,7 +113,7 @@ pub fn read_scene(path: impl AsRef<Path>) -> Result<File2d, Error> {
 /// file or another kind of file, [`Error::TooNew`] for one of a later version, [`Error::Tensor`]
 /// for a tensor of the wrong type or shape, [`Error::Content`] for an impossible canvas or
 /// settings.
-pub fn read_scene_unchecked(path: impl AsRef<Path>) -> Result<File2d, Error> {
+pub fn read_2d_unchecked(path: impl AsRef<Path>) -> Result<File2d, Error> {
     let path = path.as_ref();
     let file = container::read::<Content>(path, &KIND)?;
     let Some(&[n, 2]) = file.shape("mean") else {

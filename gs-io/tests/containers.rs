@@ -12,7 +12,7 @@ use gs_core::{
     Blend, Parameterization, RenderSettings, Scene2d, SplatsState,
     state::{Tensor, TensorData},
 };
-use gs_io::{Checkpoint, Error, File2d, read_checkpoint, read_scene, write_checkpoint, write_scene};
+use gs_io::{Checkpoint, Error, File2d, read_2d, read_checkpoint, write_2d, write_checkpoint};
 use proptest::{collection::vec, prelude::*};
 
 fn finite() -> impl Strategy<Value = f32> {
@@ -98,13 +98,13 @@ fn written(write: impl FnOnce(&Path)) -> Written {
 }
 
 fn small_scene_written() -> Written {
-    written(|path| write_scene(path, &small_file()).unwrap())
+    written(|path| write_2d(path, &small_file()).unwrap())
 }
 
 /// The error of reading these bytes as a scene; its text must be one line that names the file.
 fn refusal(file: &Written, bytes: &[u8]) -> Error {
     fs::write(&file.path, bytes).unwrap();
-    let error = read_scene(&file.path).unwrap_err();
+    let error = read_2d(&file.path).unwrap_err();
     let text = error.to_string();
     assert!(text.contains("a.gs2d.safetensors") && !text.contains('\n'), "{text:?}");
     error
@@ -134,11 +134,11 @@ proptest! {
 
     #[test]
     fn scenes_survive_a_round_trip_bit_for_bit(file in scene_files()) {
-        let first = written(|path| write_scene(path, &file).unwrap());
-        let read = read_scene(&first.path).unwrap();
+        let first = written(|path| write_2d(path, &file).unwrap());
+        let read = read_2d(&first.path).unwrap();
         prop_assert_eq!(bits(&read), bits(&file));
         prop_assert_eq!(&read, &file);
-        let second = written(|path| write_scene(path, &read).unwrap());
+        let second = written(|path| write_2d(path, &read).unwrap());
         prop_assert_eq!(first.bytes, second.bytes, "the same scene gave other bytes");
     }
 
@@ -168,7 +168,7 @@ proptest! {
             bytes[at.index(file.bytes.len())] ^= mask;
             fs::write(&file.path, &bytes).unwrap();
             // A number may change, or the file may be refused.
-            let _ = (read_scene(&file.path), read_checkpoint(&file.path));
+            let _ = (read_2d(&file.path), read_checkpoint(&file.path));
         }
     }
 }
@@ -202,8 +202,8 @@ fn a_checkpoint_keeps_the_payload_of_a_nan() {
 #[test]
 fn a_scene_without_gaussians_is_a_scene() {
     let empty = File2d { scene: Scene2d::default(), ..small_file() };
-    let file = written(|path| write_scene(path, &empty).unwrap());
-    assert_eq!(read_scene(&file.path).unwrap(), empty);
+    let file = written(|path| write_2d(path, &empty).unwrap());
+    assert_eq!(read_2d(&file.path).unwrap(), empty);
 }
 
 #[test]
@@ -225,7 +225,7 @@ fn impossible_scenes_are_neither_written_nor_read() {
     unsettled.settings.background[0] = f32::INFINITY;
     fs::remove_file(&file.path).unwrap();
     for impossible in [nan, uneven, sizeless, unsettled] {
-        let error = write_scene(&file.path, &impossible).unwrap_err();
+        let error = write_2d(&file.path, &impossible).unwrap_err();
         assert!(matches!(error, Error::Content { .. }), "{error}");
         assert!(!file.path.exists());
     }
@@ -298,16 +298,16 @@ fn what_is_no_scene_file_is_said_to_be_none() {
         assert!(error.to_string().contains("not a scene file"), "{error}");
     }
     write_checkpoint(&file.path, &small_checkpoint()).unwrap();
-    let error = read_scene(&file.path).unwrap_err();
+    let error = read_2d(&file.path).unwrap_err();
     assert!(error.to_string().contains("gs-checkpoint"), "{error}");
-    write_scene(&file.path, &small_file()).unwrap();
+    write_2d(&file.path, &small_file()).unwrap();
     let error = read_checkpoint(&file.path).unwrap_err();
     assert!(error.to_string().contains("gs-planar-scene"), "{error}");
 
     let folder = file.path.parent().unwrap();
-    assert!(matches!(read_scene(folder).unwrap_err(), Error::NotAFile { .. }));
-    assert!(matches!(read_scene(folder.join("absent")).unwrap_err(), Error::Missing { .. }));
-    assert!(matches!(write_scene(folder.join("no/a"), &small_file()).unwrap_err(), Error::NoFolder { .. }));
+    assert!(matches!(read_2d(folder).unwrap_err(), Error::NotAFile { .. }));
+    assert!(matches!(read_2d(folder.join("absent")).unwrap_err(), Error::Missing { .. }));
+    assert!(matches!(write_2d(folder.join("no/a"), &small_file()).unwrap_err(), Error::NoFolder { .. }));
 }
 
 #[test]

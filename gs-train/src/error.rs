@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use thiserror::Error;
 
-use crate::{open::SCENE_NAMES, suspect::Suspect};
+use crate::suspect::Suspect;
 
 /// An error of training.
 #[derive(Debug, Error)]
@@ -73,12 +73,6 @@ pub enum Error {
     /// A checkpoint whose metadata are not those of a 2D fit.
     #[error("the checkpoint cannot be used: {0}")]
     Checkpoint(String),
-    /// A folder without a scene.
-    #[error("{}: holds no scene: looked for {}; name the scene's file", path.display(), SCENE_NAMES.join(", "))]
-    NoScene {
-        /// The folder.
-        path: PathBuf,
-    },
     /// A checkpoint was asked for between two of the steps at which a resumed run can go on bit for bit.
     #[error("no checkpoint can be taken at step {step}; the next step at which one can is {next}")]
     BetweenCheckpoints {

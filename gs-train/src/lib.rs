@@ -21,7 +21,6 @@ mod losses;
 pub mod memory;
 mod metrics_log;
 mod observer;
-mod open;
 pub mod presets;
 mod quality;
 pub mod recovery;
@@ -51,7 +50,6 @@ pub use crate::{
     init::Init,
     metrics_log::{MetricsLog, MetricsRow},
     observer::{Control, Observer, Progress, Quality},
-    open::{Opened, OpenedScene, SCENE_NAMES, Values, is_scene, open_scene, scene_in},
     presets::Preset,
     quality::{ImageQuality, l1_and_psnr},
     recovery::{FreshStart, Recovery},

@@ -1,9 +1,9 @@
-//! `gs convert`: a 3D scene from one format into another, or a 2D scene for viewers, and what of it is lost on the way.
+//! `gs convert`: a 3D scene into another format, or a 2D scene into one for viewers, and what is
+//! lost.
 
-pub(crate) mod scene2d;
-
-mod cost;
+mod quality;
 mod rounding;
+mod scene2d;
 
 use std::{
     fmt::Write,
@@ -16,46 +16,46 @@ use gs_core::{
     examination::{self, Repair},
 };
 use gs_io::{
-    ConversionLoss, File3d, Format3d, GltfBuffer, SpzOptions, SpzVersion, TrainedWith, WriteOptions3d, dataset::Dataset,
+    AnyScene, ConversionLoss, File3d, Format3d, GltfBuffer, SceneFile, SpzOptions, SpzVersion, TrainedWith, Values,
+    WriteOptions3d, dataset::Dataset,
 };
-use gs_train::{Opened, OpenedScene, Values};
 use serde::Serialize;
 
 use self::{
-    cost::{Cost, CostArgs},
+    quality::{Quality, QualityArgs},
     rounding::Rounding,
 };
-use crate::{failure::Failure, opened, output, output_folder};
+use crate::{failure::Failure, output, output_folder, scene};
 
 const AFTER_HELP: &str = "\
-A 2D scene becomes a flat 3D scene (.ply) that viewers of 3D Gaussian splats show as the picture, or an SVG of soft ellipses. Viewers \
-blend Gaussians front to back, widen them by 0.3 square pixels, and have no negative colours and no background. So the Gaussians are \
-trained for that first, which takes a second or two for a photograph. The printed PSNR compares the new Gaussians, as a viewer shows \
-them, with the scene.";
+A 2D scene becomes a flat 3D scene (.ply) that splat viewers show as the image, or an SVG of soft ellipses. Viewers blend Gaussians \
+front to back, widen them by 0.3 square pixels, and have no negative colours and no background. So the Gaussians are trained for that \
+first, which takes a second or two for a photograph. The printed PSNR compares the new Gaussians, as a viewer shows them, with the scene.";
 
 /// The flags of `gs convert`.
 #[derive(Debug, Clone, Args)]
 #[command(after_help = AFTER_HELP)]
 pub(crate) struct ConvertArgs {
-    /// The scene: PLY (3DGS or compressed), .splat, SPZ, .gltf or .glb, told by its content; a 2D scene, a checkpoint, or the
-    /// output folder of gs fit or gs train
+    /// The scene: PLY (3DGS or compressed), .splat, SPZ, .gltf or .glb, recognised by content; a 2D
+    /// scene, a checkpoint, or the output folder of gs fit or gs train
     from: PathBuf,
-    /// The file to write; its ending says the format: .ply, .splat, .spz, .gltf or .glb; of a 2D scene .ply or .svg
+    /// The file to write, with the ending of its format: .ply, .splat, .spz, .gltf or .glb; for a
+    /// 2D scene .ply or .svg
     to: PathBuf,
-    /// Version of an SPZ: 4 is smaller, 3 for readers older than 2026
+    /// Version of an SPZ: 4 is smaller, 3 is for readers older than 2026
     #[arg(long, value_name = "VERSION", default_value = "4")]
     spz_version: Version,
-    /// Where the numbers of a .gltf go
+    /// Where to put the numbers of a .gltf
     #[arg(long, value_name = "PLACE", default_value = "inside")]
     gltf_buffer: Buffer,
-    /// Leave out Gaussians that cannot be drawn, and say how many; gs doctor tells which and why
+    /// Leave out Gaussians that cannot be drawn, and print how many; gs doctor shows which and why
     #[arg(long)]
     drop_broken: bool,
     /// Print JSON
     #[arg(long)]
     json: bool,
     #[command(flatten)]
-    cost: CostArgs,
+    quality: QualityArgs,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -90,19 +90,19 @@ struct Conversion {
     sh_degree: u8,
     /// Gaussians that `--drop-broken` left out.
     dropped: usize,
-    /// What of the read file is not in the written one, in words.
+    /// What the written file lacks, in words.
     lost: Vec<String>,
-    /// How far the written numbers are from those that were read.
+    /// How much the numbers have changed.
     rounding: Vec<Rounding>,
-    /// How much further it is from the images of `--dataset`.
-    cost: Option<Cost>,
+    /// The PSNR before and after, with `--dataset`.
+    cost: Option<Quality>,
 }
 
 #[derive(Debug, Serialize)]
 struct Side {
     file: String,
     format: String,
-    /// With the buffer beside a glTF.
+    /// Including the buffer of a glTF.
     bytes: u64,
     bytes_per_gaussian: f64,
 }
@@ -115,18 +115,15 @@ impl Side {
 }
 
 /// Converts a scene.
-///
-/// # Errors
-/// Where it cannot be read, holds what is not finite and is not told to drop it, or cannot be written.
 pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
     if Format3d::to_write(&args.to).is_none() && !scene2d::is_svg(&args.to) {
         return Err(gs_io::Error::UnknownEnding { path: args.to.clone() }.into());
     }
-    let dataset = args.cost.dataset()?;
+    let dataset = args.quality.dataset()?;
     let values = if args.drop_broken { Values::Any } else { Values::Checked };
-    let Opened { path, scene, .. } = opened::open(&args.from, values)?;
+    let SceneFile { path, scene, .. } = scene::read(&args.from, values)?;
     let mut inputs = vec![path.clone()];
-    if let OpenedScene::ThreeD { file, .. } = &scene {
+    if let AnyScene::ThreeD(file) = &scene {
         inputs.extend(file.beside.iter().cloned());
     }
     inputs.extend(dataset.iter().flat_map(Dataset::files));
@@ -135,19 +132,23 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
         output_folder::check_file(&args.to.with_extension("bin"), &inputs)?;
     }
     let mut file = match scene {
-        OpenedScene::TwoD(file) => return scene2d::run(args, &path, *file),
-        OpenedScene::ThreeD { file, .. } => *file,
+        AnyScene::TwoD(_) if dataset.is_some() => {
+            let failure = Failure::usage("--dataset is for 3D scenes, but this is a 2D scene").at(path.display());
+            return Err(failure.hint("leave it out"));
+        }
+        AnyScene::TwoD(file) => return scene2d::run(args, &path, *file),
+        AnyScene::ThreeD(file) => *file,
     };
     if scene2d::is_svg(&args.to) {
         let message = "a 3D scene is not written as SVG, which is for 2D scenes";
-        return Err(Failure::usage(message).at(args.to.display()).mend("gs render draws it as PNG"));
+        return Err(Failure::usage(message).at(args.to.display()).hint("gs render draws it as PNG"));
     }
     let (all, mut losses) = (file.scene.len(), std::mem::take(&mut file.losses));
     if args.drop_broken {
         let Repair { widened, .. } = examination::repair(&mut file.scene)?;
         losses.extend((widened > 0).then_some(ConversionLoss::ZeroScales { gaussians: widened }));
     }
-    file.trained_with = args.cost.trained_with(file.trained_with);
+    file.trained_with = args.quality.render.trained_with(file.trained_with);
     let options = options(args, file.trained_with);
     let File3d { scene, .. } = &file;
     let written = gs_io::write_3d(&args.to, scene, &options).map_err(Failure::of_scene)?;
@@ -162,7 +163,7 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
         dropped: all - scene.len(),
         lost: losses.iter().chain(&written.losses).map(ConversionLoss::to_string).collect(),
         rounding: rounding::between(scene, &after.scene),
-        cost: dataset.map(|dataset| args.cost.measure(&dataset, &file, &after)).transpose()?,
+        cost: dataset.map(|dataset| args.quality.measure(&dataset, &file, &after)).transpose()?,
     };
     if args.json { output::json(&conversion) } else { output::result(text(&conversion)) }
 }

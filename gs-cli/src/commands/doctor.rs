@@ -1,4 +1,4 @@
-//! `gs doctor`: what is wrong with a scene, 2D or 3D, and a copy of it in which that is mended.
+//! `gs doctor`: finds broken and doubtful Gaussians of a scene, and writes a repaired copy.
 
 use std::{
     fmt::Write,
@@ -10,35 +10,33 @@ use gs_core::{
     Scene, counted,
     examination::{Examinable, Examination, Finding, Remedy, Repair, examine, repair},
 };
-use gs_io::{ConversionLoss, Format3d, WriteOptions3d};
-use gs_train::{Opened, OpenedScene, Values};
+use gs_io::{AnyScene, ConversionLoss, Format3d, SceneFile, Values, WriteOptions3d};
 use serde::Serialize;
 
 use crate::{
     failure::Failure,
-    fit::quoted,
-    opened,
-    output::{self, Format},
-    output_folder,
+    output::{self, quoted},
+    output_folder, scene,
 };
 
-const STATUS: &str = "\
-Broken is a Gaussian that draws nothing, or that keeps the scene from being read; doubtful is one that is drawn, but is probably not what was \
-meant. --fix mends what is broken and leaves everything else as it is: in PLY and .gs2d.safetensors bit for bit, in other formats as closely as \
-they hold it, which is told.
+const AFTER_HELP: &str = "\
+A broken Gaussian draws nothing, or keeps the scene from being read. A doubtful one is drawn, but probably not as intended. --fix \
+repairs or removes broken Gaussians and leaves everything else as it is: bit for bit in PLY and .gs2d.safetensors, otherwise as exactly as \
+the format allows. It prints what is lost.
 
-Exit status: 0 nothing is broken, or it has been mended; 1 something is broken, or the scene cannot be read; 2 bad usage.";
+Exit status: 0 nothing is broken, or it was repaired; 1 something is broken, or the scene cannot be read; 2 bad usage.";
 
 /// The flags of `gs doctor`.
 #[derive(Debug, Clone, Args)]
-#[command(after_help = STATUS)]
+#[command(after_help = AFTER_HELP)]
 pub(crate) struct DoctorArgs {
-    /// A scene, 2D or 3D (PLY, .splat, SPZ, glTF), a checkpoint, or the output folder of gs fit or gs train
+    /// The scene: a scene file, a checkpoint, or the output folder of gs fit or gs train
     scene: PathBuf,
-    /// Write a copy in which what is broken is mended
+    /// Write a repaired copy
     #[arg(long, requires = "output")]
     fix: bool,
-    /// The file for the copy, which cannot be SCENE itself; of a 3D scene its ending says the format: .ply, .splat, .spz, .gltf or .glb
+    /// The file for the copy, other than SCENE; for a 3D scene with the ending of its format: .ply,
+    /// .splat, .spz, .gltf or .glb
     #[arg(short, long, value_name = "FILE", requires = "fix")]
     output: Option<PathBuf>,
     /// Print JSON
@@ -67,7 +65,7 @@ struct Line {
     /// In words that complete "a Gaussian whose …".
     meaning: String,
     count: usize,
-    /// The first Gaussian of which it was found.
+    /// The index of the first such Gaussian.
     first: usize,
     remedy: Remedy,
 }
@@ -79,70 +77,60 @@ struct Fixed {
     gaussians: usize,
     #[serde(flatten)]
     repair: Repair,
-    /// What of the examined file is not in the copy besides, in words.
+    /// What else the copy lacks, in words.
     lost: Vec<String>,
 }
 
-/// Examines a scene, and mends it where told to.
-///
-/// # Errors
-/// Where it cannot be read, where something is broken and not to be mended, or where the copy cannot be written.
+/// Examines a scene, and repairs it with `--fix`.
 pub(crate) fn run(args: &DoctorArgs) -> Result<(), Failure> {
-    let scene = opened::file_of(&args.scene);
-    args.output.as_deref().map_or(Ok(()), |output| output_folder::check_file(output, [&scene]))?;
-    let Opened { path, scene: patient, .. } = opened::open(&args.scene, Values::Any)?;
-    let kind = match &patient {
-        OpenedScene::TwoD(_) => "2D scene".to_owned(),
-        OpenedScene::ThreeD { file, .. } => format!("3D scene, {}", file.format),
+    let file = scene::file_of(&args.scene);
+    args.output.as_deref().map_or(Ok(()), |output| output_folder::check_file(output, [&file]))?;
+    let SceneFile { path, scene, .. } = scene::read(&args.scene, Values::Any)?;
+    args.output.as_deref().map(|output| check_ending(output, &scene)).transpose()?;
+    let (kind, examination) = match &scene {
+        AnyScene::TwoD(file) => ("2D scene".to_owned(), examine(&file.scene)?),
+        AnyScene::ThreeD(file) => (format!("3D scene, {}", file.format), examine(&file.scene)?),
     };
-    args.output.as_deref().map(|output| check_ending(output, &patient)).transpose()?;
-    let examination = match &patient {
-        OpenedScene::TwoD(file) => examine(&file.scene)?,
-        OpenedScene::ThreeD { file, .. } => examine(&file.scene)?,
-    };
-    let fixed = args.output.as_deref().map(|output| fix(patient, output)).transpose()?;
-    let mended = fixed.is_some();
+    let fixed = args.output.as_deref().map(|output| fix(scene, output)).transpose()?;
+    let is_fixed = fixed.is_some();
     let report = Report::new(&path, kind, &examination, fixed);
-    match if args.json { Format::Json } else { Format::Text } {
-        Format::Json => output::json(&report)?,
-        Format::Text => output::result(text(&report))?,
-    }
-    if examination.is_sound() || mended {
+    if args.json { output::json(&report) } else { output::result(text(&report)) }?;
+    if examination.is_sound() || is_fixed {
         return Ok(());
     }
     let scene = quoted(&args.scene);
     let what = format_args!("{} of {} are broken", examination.broken(), counted(examination.gaussians, "Gaussian"));
-    let mend = format_args!("gs doctor {scene} --fix -o OUT writes a copy without");
-    Err(Failure::failed(what).at(args.scene.display()).mend(mend))
+    let hint = format_args!("gs doctor {scene} --fix -o OUT writes a copy without");
+    Err(Failure::failed(what).at(args.scene.display()).hint(hint))
 }
 
-/// Refuses a name for the copy that does not say a format of its kind of scene.
-fn check_ending(output: &Path, scene: &OpenedScene) -> Result<(), Failure> {
+/// Refuses a name for the copy without the ending of a format for this kind of scene.
+fn check_ending(output: &Path, scene: &AnyScene) -> Result<(), Failure> {
     match scene {
-        OpenedScene::TwoD(_) => {
+        AnyScene::TwoD(_) => {
             if output.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("safetensors")) {
                 return Ok(());
             }
             let failure = Failure::usage("a 2D scene is not written in this format").at(output.display());
-            Err(failure.mend(format_args!("let its name end in .{}", gs_io::SCENE_EXTENSION)))
+            Err(failure.hint(format_args!("let its name end in .{}", gs_io::SCENE_EXTENSION)))
         }
-        OpenedScene::ThreeD { .. } => match Format3d::to_write(output) {
+        AnyScene::ThreeD(_) => match Format3d::to_write(output) {
             Some(_) => Ok(()),
             None => Err(gs_io::Error::UnknownEnding { path: output.to_owned() }.into()),
         },
     }
 }
 
-/// Mends the scene and writes it.
-fn fix(scene: OpenedScene, output: &Path) -> Result<Fixed, Failure> {
+/// Repairs the scene and writes it.
+fn fix(scene: AnyScene, output: &Path) -> Result<Fixed, Failure> {
     match scene {
-        OpenedScene::TwoD(mut file) => {
-            let repair = mend(&mut file.scene, output)?;
-            gs_io::write_scene(output, &file)?;
+        AnyScene::TwoD(mut file) => {
+            let repair = repaired(&mut file.scene, output)?;
+            gs_io::write_2d(output, &file)?;
             Ok(Fixed::new(output, file.scene.len(), repair, &[]))
         }
-        OpenedScene::ThreeD { mut file, .. } => {
-            let repair = mend(&mut file.scene, output)?;
+        AnyScene::ThreeD(mut file) => {
+            let repair = repaired(&mut file.scene, output)?;
             let options = WriteOptions3d { trained_with: file.trained_with, ..WriteOptions3d::default() };
             let written = gs_io::write_3d(output, &file.scene, &options)?;
             let losses = [file.losses, written.losses].concat();
@@ -151,13 +139,13 @@ fn fix(scene: OpenedScene, output: &Path) -> Result<Fixed, Failure> {
     }
 }
 
-/// Mends a scene of which something must be left to write.
-fn mend<S: Examinable>(scene: &mut S, output: &Path) -> Result<Repair, Failure> {
+/// Repairs a scene, of which a Gaussian must be left.
+fn repaired<S: Examinable>(scene: &mut S, output: &Path) -> Result<Repair, Failure> {
     let repair = repair(scene)?;
     match scene.is_empty() && repair.removed > 0 {
         true => Err(Failure::failed(format_args!("none of {} can be drawn", counted(repair.removed, "Gaussian")))
             .at(output.display())
-            .mend("there is nothing to write; make the scene again")),
+            .hint("there is nothing to write; make the scene again")),
         false => Ok(repair),
     }
 }
@@ -213,7 +201,7 @@ fn text(report: &Report) -> String {
     section("doubtful", "none", false);
     if let Some(Fixed { file, gaussians, repair: Repair { removed, widened }, lost }) = fixed {
         let done = match (removed, widened) {
-            (0, 0) => "nothing to mend".to_owned(),
+            (0, 0) => "nothing to repair".to_owned(),
             (removed, 0) => format!("{removed} removed"),
             (0, widened) => format!("{widened} widened"),
             (removed, widened) => format!("{removed} removed, {widened} widened"),

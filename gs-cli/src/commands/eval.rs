@@ -1,44 +1,43 @@
-//! `gs eval`: how close two images are, a 2D scene is to an image, or a 3D scene is to the images of a data set.
+//! `gs eval`: compares two images, a 2D scene with an image, or a 3D scene with the images of a
+//! data set.
 
-use pollster::FutureExt as _;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use gs_core::{Canvas, Image, Optimizer, RenderSettings, Scene as _, Scene2d, Scene3d, counted};
-use gs_io::{
-    File2d, ImageRemark, LoadedImage,
-    dataset::{may_be_dataset, read_dataset},
-};
+use gs_backend::FutureExt as _;
+use gs_core::{Canvas, Image, Rasterizer as _, Scene as _, counted};
+use gs_io::{AnyScene, File2d, File3d, ImageRemark, LoadedImage, dataset::may_be_dataset, is_scene};
 use gs_train::{
-    ImageQuality, is_scene,
-    train::{Evaluation, PosedView, ViewQuality, Views, evaluate},
+    ImageQuality,
+    train::{ViewQuality, Views, evaluate},
 };
 use serde::Serialize;
 
 use crate::{
-    backend::{Backend, BackendArgs, Task, Task3d},
+    backend::BackendArgs,
+    dataset::DatasetArgs,
     failure::Failure,
     memory,
-    opened::{self, Opened3d, Scene},
     output::{self, printable},
-    shown::{ShownArgs, effects, why_empty},
-    train::DatasetArgs,
+    render_args::{self, RenderArgs3d, why_empty},
+    scene,
 };
 
 /// The flags of `gs eval`.
 #[derive(Debug, Clone, Args)]
 pub(crate) struct EvalArgs {
-    /// An image; or a scene: a file of any kind, a checkpoint, or the output folder of gs fit or gs train
+    /// An image, or a scene: a scene file, a checkpoint, or the output folder of gs fit or gs train
     a: PathBuf,
-    /// The image to compare with, of the same size; for a 3D scene a data set of posed photographs, whose test views judge it
+    /// The image to compare with, of the same size; for a 3D scene, a data set of posed images,
+    /// whose test views are used
     b: PathBuf,
     /// Print JSON
     #[arg(long)]
     json: bool,
     #[command(flatten)]
-    photographs: DatasetArgs,
+    images: DatasetArgs,
     #[command(flatten)]
-    shown: ShownArgs,
+    render: RenderArgs3d,
     #[command(flatten)]
     backend: BackendArgs,
 }
@@ -52,23 +51,20 @@ struct Comparison {
     quality: ImageQuality,
 }
 
-/// Compares two images, or judges a scene.
-///
-/// # Errors
-/// Where one cannot be read, or images differ in size.
+/// Compares two images, or evaluates a scene.
 pub(crate) fn run(args: &EvalArgs) -> Result<(), Failure> {
-    let (a, b) = match is_scene(&args.a)?.then(|| opened::scene(&args.a)).transpose()? {
-        Some(Scene::ThreeD(scene_3d)) => return judge(args, &scene_3d),
-        Some(Scene::TwoD(file)) => rendered(args, &file)?,
-        // Images have no views; what stands in a scene's place is told to be none.
-        None if may_be_dataset(&args.b) => return judge(args, &opened::scene_3d(&args.a)?),
+    let (a, b) = match is_scene(&args.a)?.then(|| scene::read_any(&args.a)).transpose()? {
+        Some(AnyScene::ThreeD(file)) => return evaluate_3d(args, &file),
+        Some(AnyScene::TwoD(file)) => rendered(args, &file)?,
+        // An image has no views: the reader of scenes says that it is not a scene.
+        None if may_be_dataset(&args.b) => return evaluate_3d(args, &scene::read_3d(&args.a)?),
         None => (read(&args.a)?, read(&args.b)?),
     };
     if a.size() != b.size() {
         let size =
             |path: &Path, image: &Image| format!("{} is {}x{} px", path.display(), image.width(), image.height());
         let message = format!("sizes differ: {}, {}", size(&args.a, &a), size(&args.b, &b));
-        return Err(Failure::failed(message).mend("compare images of one size; gs render --size makes one"));
+        return Err(Failure::failed(message).hint("compare images of one size; gs render --size makes one"));
     }
     let (width, height) = a.size();
     let quality = ImageQuality::between(&a, &b)?;
@@ -77,8 +73,9 @@ pub(crate) fn run(args: &EvalArgs) -> Result<(), Failure> {
     }
     let ImageQuality { psnr, ssim, ms_ssim, l1 } = quality;
     let ms_ssim = ms_ssim.map_or_else(|| "none below 161 px a side".to_owned(), |value| format!("{value:.5}"));
+    let psnr = if psnr.is_finite() { format!("{psnr:.3} dB") } else { "inf dB (the images are equal)".to_owned() };
     output::result(format_args!(
-        "size     {width}x{height} px\nPSNR     {psnr:.3} dB\nSSIM     {ssim:.5}\nMS-SSIM  {ms_ssim}\nL1       {l1:.6}"
+        "size     {width}x{height} px\nPSNR     {psnr}\nSSIM     {ssim:.5}\nMS-SSIM  {ms_ssim}\nL1       {l1:.6}"
     ))
 }
 
@@ -90,44 +87,33 @@ fn read(path: &Path) -> Result<Image, Failure> {
     Ok(image)
 }
 
-/// A 2D scene as it is written in 8 bits at its own size, and the image that it is compared with.
+/// A 2D scene rendered at its own size in 8 bits, and the image to compare it with.
 fn rendered(args: &EvalArgs, file: &File2d) -> Result<(Image, Image), Failure> {
-    if may_be_dataset(&args.b) || args.shown.is_some() {
-        let message = "is a 2D scene, which is compared with an image and has no order or background to choose";
-        return Err(Failure::usage(message).at(args.a.display()).mend("gs eval SCENE IMAGE"));
+    if may_be_dataset(&args.b) || args.render.is_some() {
+        let message = "is a 2D scene, which is compared with an image, and has no order or background to choose";
+        return Err(Failure::usage(message).at(args.a.display()).hint("gs eval SCENE IMAGE"));
     }
     let image = read(&args.b)?;
     memory::check_picture(args.a.display(), (file.width, file.height))?;
-    let backend = Backend::start(&args.backend)?;
-    let rendering = backend.run(Draw(file))?;
+    let File2d { scene, width, height, settings } = file;
+    let backend = args.backend.open()?;
+    let rendering = backend.rasterizer.render(scene, &Canvas::new(*width, *height), settings).block_on()?;
     Ok((rendering.rounded_to_8_bits(), image))
 }
 
-struct Draw<'a>(&'a File2d);
-
-impl Task for Draw<'_> {
-    type Output = Result<Image, gs_core::Error>;
-
-    fn run<R: Optimizer<Scene2d>>(self, rasterizer: &R) -> Self::Output {
-        let File2d { scene, width, height, settings } = self.0;
-        rasterizer.render(scene, &Canvas::new(*width, *height), settings).block_on()
-    }
-}
-
-/// Judges a scene by the test views of a data set; by all, where none is held out.
-fn judge(args: &EvalArgs, opened: &Opened3d) -> Result<(), Failure> {
-    let scene = &opened.file.scene;
-    let dataset = read_dataset(&args.b, &args.photographs.settings())?;
-    let render = opened.settings(&args.shown, Some(&dataset));
-    let Views { train, test, .. } = Views::of_dataset(&dataset);
-    let views = if test.is_empty() { train } else { test };
-    let backend = Backend::start(&args.backend)?;
-    let evaluation = backend.run_3d(Judge { scene, views: &views, render: &render })?;
-    opened.note_guess(&args.shown);
-    output::note(format_args!("shown with {}", effects(&render)));
-    if let Some(why) = why_empty(evaluation.culled, scene.len(), views.len()) {
+/// Evaluates a scene with the test views of a data set, or with all views if none is held out.
+fn evaluate_3d(args: &EvalArgs, file: &File3d) -> Result<(), Failure> {
+    let scene = &file.scene;
+    let dataset = args.images.read(&args.b)?;
+    let render = args.render.settings(file, Some(&dataset));
+    let views = Views::of_dataset(&dataset);
+    let backend = args.backend.open()?;
+    let evaluation = evaluate(&backend.rasterizer, scene, views.test_or_train(), &render).block_on()?;
+    args.render.note_guess(file);
+    output::note(format_args!("rendered with {}", render_args::describe(&render)));
+    if let Some(why) = why_empty(evaluation.culled, scene.len(), views.test_or_train().len()) {
         output::note(format_args!(
-            "note: nothing of the scene is in sight of any view: {why}; are its axes and its unit those of the data set?"
+            "note: nothing of the scene is in sight of any view: {why}; does it have the axes and the unit of the data set?"
         ));
     }
     if args.json {
@@ -140,22 +126,10 @@ fn judge(args: &EvalArgs, opened: &Opened3d) -> Result<(), Failure> {
     for ViewQuality { name, psnr, ssim, l1 } in &evaluation.views {
         text += &row(name, *psnr, *ssim, *l1);
     }
-    evaluation.unmeasured.iter().for_each(|name| text += &format!("{:>33}  {}\n", "no pixel counts", printable(name)));
+    evaluation
+        .unmeasured
+        .iter()
+        .for_each(|name| text += &format!("{:>33}  {}\n", "all pixels masked", printable(name)));
     let mean = format!("mean of {}", counted(evaluation.views.len(), "view"));
     output::result(text + row(&mean, evaluation.psnr, evaluation.ssim, evaluation.l1).trim_end())
-}
-
-/// Judges a scene by views of a data set.
-pub(crate) struct Judge<'a> {
-    pub(crate) scene: &'a Scene3d,
-    pub(crate) views: &'a [PosedView],
-    pub(crate) render: &'a RenderSettings,
-}
-
-impl Task3d for Judge<'_> {
-    type Output = Result<Evaluation, gs_train::Error>;
-
-    fn run<R: Optimizer<Scene3d>>(self, rasterizer: &R) -> Self::Output {
-        evaluate(rasterizer, self.scene, self.views, self.render).block_on()
-    }
 }

@@ -1,5 +1,6 @@
-//! `gs info`: what is in a scene, a checkpoint or a data set, or which GPUs there are.
+//! `gs info`: the content of a scene, a checkpoint or a data set, or the GPUs of the machine.
 
+mod adapters;
 mod dataset;
 mod scene3d;
 
@@ -7,27 +8,29 @@ use std::{collections::BTreeMap, fmt::Write, path::PathBuf};
 
 use clap::Args;
 use gs_core::{RenderSettings, Scene, Scene2d, counted, scene::sigmoid};
-use gs_io::dataset::{may_be_dataset, read_dataset};
+use gs_io::{
+    AnyScene, SceneFile, Values,
+    dataset::{may_be_dataset, read_dataset},
+    scene_in,
+};
 use gs_lab::experiments::Cell;
-use gs_train::{Opened, OpenedScene, Values, scene_in};
 use serde::Serialize;
 
 use crate::{
-    commands::adapters,
     dataset::ReadingArgs,
     failure::Failure,
-    opened,
     output::{self, Format, printable},
+    scene,
 };
 
 /// The flags of `gs info`.
 #[derive(Debug, Clone, Args)]
 pub(crate) struct InfoArgs {
-    /// A scene, 2D or 3D (PLY, .splat, SPZ, glTF), a checkpoint, the output folder of gs fit or gs train, or a data set of
-    /// posed photographs
+    /// A scene file, a checkpoint, the output folder of gs fit or gs train, or a data set of posed
+    /// images
     #[arg(required_unless_present = "adapters")]
     file: Option<PathBuf>,
-    /// List the GPUs that were found instead, and what --backend auto takes
+    /// List the GPUs and software drivers of this machine, and the choice of --backend auto
     #[arg(long, conflicts_with = "file")]
     adapters: bool,
     /// Print JSON
@@ -48,13 +51,14 @@ struct Info {
     /// Of the image that the scene was made for, px.
     width: Option<u32>,
     height: Option<u32>,
-    /// How it is rendered.
+    /// How the scene is rendered.
     render: Option<RenderSettings>,
-    /// Ranges over all values that are finite, by parameter.
+    /// Ranges of the finite values, by parameter.
     ranges: BTreeMap<&'static str, Range>,
-    /// How many Gaussians have a parameter that is NaN or infinite (an opacity of exactly 0 or 1 is neither).
+    /// Gaussians with a parameter that is NaN or infinite (an opacity of exactly 0 or 1 is
+    /// neither).
     not_finite: usize,
-    /// What a checkpoint says of itself.
+    /// The metadata of a checkpoint.
     metadata: BTreeMap<String, String>,
 }
 
@@ -72,13 +76,10 @@ struct Range {
     max: f32,
 }
 
-/// Tells what is in a file, or lists the adapters.
-///
-/// # Errors
-/// Where it is none of these.
+/// Prints the content of a file, or lists the adapters.
 pub(crate) fn run(args: &InfoArgs) -> Result<(), Failure> {
     let format = if args.json { Format::Json } else { Format::Text };
-    // The command line has one of the two, the file or --adapters.
+    // The command line has either the file or --adapters.
     let Some(file) = &args.file else {
         return adapters::run(format);
     };
@@ -88,21 +89,21 @@ pub(crate) fn run(args: &InfoArgs) -> Result<(), Failure> {
             dataset => return dataset::print(&dataset?, format),
         }
     }
-    let Opened { path, scene, run, .. } = opened::open(file, Values::Any)?;
+    let SceneFile { path, scene, metadata, .. } = scene::read(file, Values::Any)?;
     let scene_2d = match scene {
-        OpenedScene::ThreeD { file, .. } => return scene3d::print(*file, run, format),
-        OpenedScene::TwoD(scene_2d) => scene_2d,
+        AnyScene::ThreeD(file) => return scene3d::print(*file, metadata, format),
+        AnyScene::TwoD(scene_2d) => scene_2d,
     };
     let bytes = std::fs::metadata(&path).map_or(0, |file| file.len());
-    let kind = if run.is_some() { Kind::Checkpoint } else { Kind::Scene };
-    if run.is_none() {
+    let kind = if metadata.is_some() { Kind::Checkpoint } else { Kind::Scene };
+    if metadata.is_none() {
         scene_2d.validate().map_err(|source| Failure::of_scene(gs_io::Error::Content { path, source }))?;
     }
     let info = Info {
         width: Some(scene_2d.width),
         height: Some(scene_2d.height),
         render: Some(scene_2d.settings),
-        metadata: run.unwrap_or_default(),
+        metadata: metadata.unwrap_or_default(),
         ..Info::of(kind, bytes, &scene_2d.scene)
     };
     match format {
@@ -184,12 +185,12 @@ fn text(info: &Info) -> String {
     text
 }
 
-/// A value of a parameter, in as many digits as tell anything.
+/// A value of a parameter, to five significant digits.
 fn number(value: f32) -> String {
     Cell::Significant(value.into(), 5).to_string()
 }
 
-/// What a checkpoint says of itself, a line for each entry.
+/// The metadata of a checkpoint, a line for each entry.
 fn metadata_text(metadata: &BTreeMap<String, String>) -> String {
     let mut text = String::new();
     for (name, value) in metadata {
@@ -212,7 +213,7 @@ mod tests {
     use gs_core::Gaussian2d;
 
     #[test]
-    fn what_is_not_finite_is_counted_and_left_out_of_the_ranges() {
+    fn values_that_are_not_finite_are_counted_and_left_out_of_the_ranges() {
         let gaussian = |x, red| Gaussian2d {
             mean: Vec2::new(x, 1.0),
             log_scale: Vec2::ZERO,

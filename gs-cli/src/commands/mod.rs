@@ -1,9 +1,16 @@
-//! The commands that answer at once; `fit` has a folder of its own.
+//! The commands.
 
-pub(crate) mod adapters;
 pub(crate) mod convert;
 pub(crate) mod doctor;
+pub(crate) mod effects;
 pub(crate) mod eval;
+pub(crate) mod fit;
+pub(crate) mod frontier;
 pub(crate) mod info;
+pub(crate) mod paper;
 pub(crate) mod popping;
+pub(crate) mod profile;
 pub(crate) mod render;
+pub(crate) mod study;
+pub(crate) mod train;
+pub(crate) mod view;

@@ -165,6 +165,7 @@ fn a_number_out_of_its_range_is_told_the_range() {
         (&["fit", "-n", "-5"][..], "invalid value '-5' for '--gaussians <N>': must be at least 1: see gs fit --help"),
         (&["fit", "--iterations", "-1"], "'--iterations <K>': must be at least 0"),
         (&["train", "x", "--sh-degree", "-2"], "must be from 0 to 3"),
+        (&["train", "x", "--max-size", "0"], "'--max-size <PX>': must be at least 1 px, such as 1600, or none"),
         (&["study", "replay", "x", "1", "--threads", "-1"], "must be from 1 to 1024"),
         (&["frontier", "x", "--max-error", "-1"], "write a positive number"),
         (&["train", "x", "--policy", "residual"], "invalid value 'residual' for '--policy <POLICY>'"),

@@ -105,7 +105,7 @@ fn what_a_conversion_costs_is_measured_on_held_out_views() {
     let told = convert(&scene, &to, &flags).done().stdout;
     assert!(told.contains("PSNR infinite before, ") && told.contains(" dB after, mean over 1 view of "), "{told}");
     let refused = convert(&scene, &to, &["--background", "white"]);
-    assert!(refused.refusal().contains("add --dataset"), "{refused:?}");
+    assert!(refused.status == Some(2) && refused.refusal().contains("--dataset <DATASET>"), "{refused:?}");
     let (other, nowhere) = (place.path().join("b.splat"), place.path().join("nowhere"));
     let refused = convert(&scene, &other, &["--dataset", text(&nowhere)]);
     assert!(refused.refusal().contains("no such file") && !other.exists(), "{refused:?}");

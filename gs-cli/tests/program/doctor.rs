@@ -4,7 +4,7 @@ use std::{fs, path::Path};
 
 use glam::{Vec2, Vec3};
 use gs_core::{Gaussian2d, Gaussian3d, Scene, Scene2d, Scene3d};
-use gs_io::{WriteOptions3d, read_3d, read_scene, write_3d};
+use gs_io::{WriteOptions3d, read_2d, read_3d, write_3d};
 
 use crate::{
     ply::break_ply,
@@ -75,7 +75,7 @@ fn a_broken_scene_is_told_and_mended_and_what_is_sound_stays_bit_for_bit() {
     assert_eq!(fs::read(&path).unwrap(), before);
     let again = place.path().join("again.ply");
     let text = doctor(&copy, &["--fix", "-o", again.to_str().unwrap()]).done().stdout;
-    assert!(text.contains("nothing to mend; 8 Gaussians"), "{text}");
+    assert!(text.contains("nothing to repair; 8 Gaussians"), "{text}");
     assert_eq!(fs::read(&copy).unwrap(), fs::read(&again).unwrap());
 }
 
@@ -107,7 +107,7 @@ fn a_2d_scene_is_mended_too() {
     let marked = 77.125_f32;
     let scene: Scene2d = [1.0, 2.0, marked, 4.0, 4.0].map(gaussian).into_iter().collect();
     let file = gs_io::File2d { scene, width: 8, height: 8, settings: Default::default() };
-    gs_io::write_scene(&path, &file).unwrap();
+    gs_io::write_2d(&path, &file).unwrap();
     let mut bytes = fs::read(&path).unwrap();
     let at = bytes.windows(4).position(|word| word == marked.to_le_bytes()).unwrap();
     bytes[at..at + 4].copy_from_slice(&f32::NAN.to_le_bytes());
@@ -128,7 +128,7 @@ fn a_2d_scene_is_mended_too() {
         "{text}"
     );
     let expected: Scene2d = [1.0, 2.0, 4.0, 4.0].map(gaussian).into_iter().collect();
-    assert_eq!(read_scene(&mended).unwrap(), gs_io::File2d { scene: expected, ..file });
+    assert_eq!(read_2d(&mended).unwrap(), gs_io::File2d { scene: expected, ..file });
 }
 
 #[test]

@@ -38,9 +38,9 @@ fn a_scene_in_space_is_told_what_it_calls_for() {
     assert!(order["change"]["most"].as_f64().unwrap() > 0.1, "the discs pop: {order}");
 
     let text = run(&[]).done().stdout;
-    assert!(text.contains("2 Gaussians, seen through 3 places around it, 48x40 px"), "{text}");
+    assert!(text.contains("2 Gaussians, seen from 3 cameras around it, 48x40 px"), "{text}");
     assert!(text.contains("higher coefficients change no pixel by more than 0.00"), "{text}");
-    assert!(text.contains("proof: in 3 views, both rendered, no pixel differs by more than 0.000"), "{text}");
+    assert!(text.contains("verified in 3 views: no pixel differs by more than 0.000"), "{text}");
 }
 
 #[test]
@@ -92,8 +92,8 @@ fn what_does_not_go_together_is_refused() {
     let place = folder();
     let image = picture(place.path(), 16, 12);
     for (flags, part) in [
-        (vec!["--order", "global"], "is no 3D scene"),
-        (vec!["photographs"], "is no 3D scene"),
+        (vec!["--order", "global"], "is not a 3D scene"),
+        (vec!["photographs"], "is not a 3D scene"),
         (vec!["--size", "99999x9"], "--size"),
         (vec!["--views", "0"], "--views"),
     ] {

@@ -340,7 +340,7 @@ fn two_signals_in_quick_succession_are_one_request() {
     let (status, said) = Endless::start(place.path(), &[]).end("-TERM", 2);
     assert_eq!(status, Some(130), "{said:?}");
     let output = place.path().join("out");
-    gs_io::read_scene(output.join("scene.gs2d.safetensors")).unwrap();
+    gs_io::read_2d(output.join("scene.gs2d.safetensors")).unwrap();
     gs_io::read_checkpoint(output.join("checkpoint.safetensors")).unwrap();
 }
 
@@ -404,7 +404,7 @@ fn results_that_cannot_be_written_do_not_take_the_others_with_them() {
     assert_eq!(status, Some(1), "{said:?}");
     let line = said.last().unwrap();
     assert!(line.contains("reconstruction.png") && line.ends_with("1 more of the results failed, too"), "{line}");
-    gs_io::read_scene(output.join("scene.gs2d.safetensors")).unwrap();
+    gs_io::read_2d(output.join("scene.gs2d.safetensors")).unwrap();
     for name in ["curve.png", "ellipses.png", "metrics.csv", "summary.json"] {
         assert!(output.join(name).is_file(), "{name}");
     }
@@ -419,7 +419,7 @@ fn results_that_cannot_be_written_do_not_take_the_others_with_them() {
     let (_, said) = fit.end("-INT", 1);
     let (_, saved) = said.last().unwrap().split_once("it has been saved as ").unwrap_or_else(|| panic!("{said:?}"));
     let saved = Path::new(saved.split_once(" instead").unwrap().0);
-    assert!(saved.starts_with(place.path()) && !gs_io::read_scene(saved).unwrap().scene.means.is_empty());
+    assert!(saved.starts_with(place.path()) && !gs_io::read_2d(saved).unwrap().scene.means.is_empty());
 }
 
 #[test]

@@ -116,7 +116,7 @@ fn scenes_in_space_have_orders_and_sh_to_choose() {
     let png = place.path().join("a.png");
     let [scene, png, file] = [&scene, &png, &file].map(|path| path.to_str().unwrap());
     let run = gs(["render", scene, "-o", png, "--size", "30x20", "--settings", file, "--verbose"]).done();
-    assert!(run.stderr.contains("as the settings have it"), "{}", run.stderr);
+    assert!(run.stderr.contains("as in --settings"), "{}", run.stderr);
 }
 
 #[test]

@@ -29,7 +29,7 @@ fn files_that_claim_more_memory_than_there_is_are_refused() {
     let (image, scene) = (place.path().join("large.png"), place.path().join("small.gs2d.safetensors"));
     fs::write(&image, png_without_pixels(16_384, 16_384)).unwrap();
     let (width, height, settings) = (16_384, 16_384, RenderSettings::blended(Blend::Sum));
-    gs_io::write_scene(&scene, &gs_io::File2d { scene: Scene2d::default(), width, height, settings }).unwrap();
+    gs_io::write_2d(&scene, &gs_io::File2d { scene: Scene2d::default(), width, height, settings }).unwrap();
     let (image, scene) = (text(&image), text(&scene));
     let output = place.path().join("out");
 

@@ -201,7 +201,7 @@ fn the_table_tells_backend_clock_stages_and_whole_steps() {
 fn nothing_takes_its_time_too() {
     let place = folder();
     let path = place.path().join("empty.gs2d.safetensors");
-    gs_io::write_scene(&path, &gs_io::File2d { width: 1, height: 1, ..Default::default() }).unwrap();
+    gs_io::write_2d(&path, &gs_io::File2d { width: 1, height: 1, ..Default::default() }).unwrap();
     for backend in ["cpu", "wgpu"] {
         let run = profile(&[path.to_str().unwrap(), "--backend", backend]).done();
         assert!(run.stdout.contains(": 0 Gaussians; 1x1 px"), "{run:?}");
@@ -225,7 +225,7 @@ fn what_cannot_be_profiled_is_refused_before_anything_is_written() {
     let cases: [(&[&str], i32, &[&str]); 13] = [
         (&[absent], 1, &[absent, "no such file"]),
         (&[broken], 1, &[broken, "broken"]),
-        (&[text], 1, &[text, "is text, not an image", "or name a scene that"]),
+        (&[text], 1, &[text, "is text, not an image", "or name a scene"]),
         (&[place.path().to_str().unwrap()], 1, &["holds no scene"]),
         (&[&scene, "-n", "9"], 2, &["--gaussians is for images", "leave it out"]),
         (&[&scene, "-i", "9"], 2, &["--iterations is for images", "leave it out"]),

@@ -92,10 +92,11 @@ fn a_training_tells_both_how_held_out_views_and_how_its_own_are_fitted() {
     let summary: Value = serde_json::from_slice(&fs::read(output.join("summary.json")).unwrap()).unwrap();
     let training = summary["training"]["psnr"].as_f64().unwrap();
     assert_eq!(summary["training"]["views"], 2);
-    assert!(run.stderr.contains(&format!("2 held-out views, PSNR {training:.2} dB over 2 views that it trained with")));
+    assert!(
+        run.stderr.contains(&format!("2 held-out views, PSNR {training:.2} dB over 2 views that it was trained with"))
+    );
     let apart = training - summary["evaluation"]["psnr"].as_f64().unwrap();
     assert!(apart > 3.0, "{summary}");
-    let expected =
-        format!("note: the scene fits the views that it trained with {apart:.1} dB better than those held out");
+    let expected = format!("note: the scene fits the training views {apart:.1} dB better than the held-out views");
     assert!(run.stderr.contains(&expected), "{}", run.stderr);
 }

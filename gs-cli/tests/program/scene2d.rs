@@ -117,6 +117,12 @@ fn a_2d_scene_is_judged_by_an_image() {
     let refused = gs(["eval", text(&scene), text(&other)]);
     assert!(refused.refusal().contains("48x32 px") && refused.refusal().contains("32x48 px"), "{refused:?}");
     let (dataset, _) = photographed(place.path());
+    let ply = place.path().join("a.ply");
+    let refused = gs(["convert", text(&scene), text(&ply), "--dataset", text(&dataset)]);
+    assert!(refused.status == Some(2) && refused.refusal().contains("--dataset is for 3D scenes"), "{refused:?}");
+    let equal = gs(["eval", text(&image), text(&image)]).done().stdout;
+    assert!(equal.contains("PSNR     inf dB (the images are equal)"), "{equal}");
+    assert_eq!(gs(["eval", text(&image), text(&image), "--json"]).json()["psnr"], Value::Null);
     let refused = gs(["eval", text(&scene), text(&dataset)]);
     assert_eq!(refused.status, Some(2));
     assert!(refused.refusal().contains("gs eval SCENE IMAGE"), "{refused:?}");
@@ -197,4 +203,8 @@ fn a_checkpoint_of_a_training_is_a_scene() {
     let run = gs(["info", text(&stopped), "--json"]).done();
     assert!(run.stderr.contains("checkpoint.safetensors"), "{run:?}");
     assert_eq!(run.json()["kind"], "checkpoint of a training in 3D");
+    // A training can start from it, too.
+    let again = place.path().join("again");
+    let run = gs(small(&dataset, &again).into_iter().chain(["--start", text(&stopped), "--no-report"])).done();
+    assert!(run.stderr.contains("from the Gaussians of "), "{run:?}");
 }

@@ -120,6 +120,11 @@ impl DatasetKind {
             Self::Blender => "Blender",
         }
     }
+
+    /// The usual background: white for Blender's objects without surroundings, otherwise black.
+    pub fn background(self) -> [f32; 3] {
+        if self == Self::Blender { [1.0; 3] } else { [0.0; 3] }
+    }
 }
 
 /// The purpose of a view.

@@ -32,7 +32,7 @@ use std::{
 };
 
 use glam::Vec3;
-use gs_core::{Scene, Scene3d, examination::Examinable};
+use gs_core::{RenderSettings, Scene, Scene3d, examination::Examinable};
 
 pub use self::{
     conversion_loss::ConversionLoss,
@@ -146,6 +146,8 @@ pub struct File3d {
     pub losses: Vec<ConversionLoss>,
     /// How the scene was trained, as far as the file says.
     pub trained_with: TrainedWith,
+    /// All settings that the scene is rendered with; a checkpoint has them, scene files do not.
+    pub settings: Option<RenderSettings>,
     /// The picture's columns and rows, px, if the scene is a flat one that shows a picture
     /// ([`write_ply`](crate::write_ply)).
     pub picture: Option<(u32, u32)>,
@@ -248,7 +250,7 @@ pub fn decode_3d(format: Format3d, bytes: &[u8], path: &Path) -> Result<File3d, 
     if scene.is_empty() {
         return Err(Error::Empty { path: path.to_owned() });
     }
-    Ok(File3d { scene, format, bytes: size, beside, losses, trained_with, picture })
+    Ok(File3d { scene, format, bytes: size, beside, losses, trained_with, settings: None, picture })
 }
 
 /// Options for writing scenes.

@@ -32,5 +32,3 @@ pub use self::{
     trainer::Trainer3d,
     views::{Counting, ImageSource, PosedView, Views},
 };
-
-pub(crate) use self::task::shown;

@@ -133,6 +133,11 @@ impl Views {
         Self::new(of(Split::Train), of(Split::Test))
     }
 
+    /// The views to evaluate a scene with: those held out, or all if there are none.
+    pub fn test_or_train(&self) -> &[PosedView] {
+        if self.test.is_empty() { &self.train } else { &self.test }
+    }
+
     /// The cameras of the views to train with.
     pub fn train_cameras(&self) -> impl ExactSizeIterator<Item = &Camera> {
         self.train.iter().map(|view| &view.camera)

@@ -1,11 +1,11 @@
-//! How far a conversion moved the numbers of the Gaussians.
+//! How much a conversion changed the numbers of the Gaussians.
 
 use std::fmt;
 
 use gs_core::{Scene3d, constants::SH_C0, scene::sigmoid};
 use serde::Serialize;
 
-/// How far one quantity moved: from Gaussian to Gaussian on average, and at most.
+/// The change of one quantity, on average over the Gaussians and at most.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub(super) struct Rounding {
     quantity: &'static str,
@@ -14,7 +14,8 @@ pub(super) struct Rounding {
     largest: f64,
 }
 
-/// All quantities that moved. The scenes hold the same Gaussians in the same order; of harmonics, those that both have are compared.
+/// All quantities that changed. The scenes hold the same Gaussians in the same order. SH are
+/// compared up to the lower degree.
 pub(super) fn between(before: &Scene3d, after: &Scene3d) -> Vec<Rounding> {
     let all = [
         of("means", " units", before, |i| f64::from(before.means[i].distance(after.means[i]))),
@@ -47,7 +48,7 @@ fn coefficients(before: &Scene3d, after: &Scene3d, i: usize, which: std::ops::Ra
     which.map(|k| f64::from(change(k).abs().max_element())).fold(0.0, f64::max)
 }
 
-/// By how much one rotation has to be turned to be the other, degrees; quaternions are of any length but 0.
+/// The angle between two rotations, degrees. Quaternions may have any length but 0.
 fn angle(a: [f32; 4], b: [f32; 4]) -> f64 {
     let unit = |q: [f32; 4]| {
         let q = q.map(f64::from);
@@ -57,7 +58,8 @@ fn angle(a: [f32; 4], b: [f32; 4]) -> f64 {
     let (a, b) = if a == b { return 0.0 } else { (unit(a), unit(b)) };
     let length = |sign: f64| a.iter().zip(b).map(|(a, b)| (a + sign * b).powi(2)).sum::<f64>().sqrt();
     let (apart, together) = (length(-1.0), length(1.0));
-    // q and −q are the same rotation. Half the angle of the rotation is that between the quaternions.
+    // q and −q are the same rotation. Half the angle of the rotation is that between the
+    // quaternions.
     4.0 * apart.min(together).atan2(apart.max(together)).to_degrees()
 }
 
@@ -68,7 +70,7 @@ impl fmt::Display for Rounding {
     }
 }
 
-/// A number that is not negative, to two digits that count.
+/// A number that is not negative, to two significant digits.
 struct Short(f64);
 
 impl fmt::Display for Short {
@@ -100,7 +102,7 @@ mod tests {
     }
 
     #[test]
-    fn what_moved_is_measured_and_what_did_not_is_left_out() {
+    fn changed_quantities_are_measured_and_others_left_out() {
         let before = scene();
         let mut after = scene();
         assert_eq!(between(&before, &after), []);

@@ -1,16 +1,16 @@
-//! `gs convert` of a 2D scene: into a PLY that splat viewers show as the picture, or into an SVG.
+//! `gs convert` of a 2D scene: into a PLY that splat viewers show as the image, or into an SVG.
 
-use pollster::FutureExt as _;
 use std::path::Path;
 
-use gs_core::{Optimizer, Scene, Scene2d, Scene3d, counted, examination};
+use gs_backend::FutureExt as _;
+use gs_core::{Scene as _, counted, examination};
 use gs_io::{File2d, Format3d, write_ply, write_svg};
 use gs_train::{ColorRange, Viewable, viewable};
 use serde::Serialize;
 
 use super::ConvertArgs;
 use crate::{
-    backend::{Backend, BackendArgs, Choice, Task},
+    backend::{BackendArgs, Choice},
     failure::Failure,
     memory, output,
 };
@@ -29,33 +29,31 @@ struct Conversion {
     gaussians: usize,
     /// Gaussians that `--drop-broken` left out.
     dropped: usize,
-    /// Of the written Gaussians against the scene, as a viewer shows both, dB; `null` where they are equal.
+    /// Of the written Gaussians, as a viewer shows them, against the scene, dB; `null` if they are
+    /// equal.
     psnr: f64,
 }
 
-/// Whether a file is to be an SVG, by its ending.
+/// Whether a file is an SVG by its ending.
 pub(super) fn is_svg(path: &Path) -> bool {
     path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("svg"))
 }
 
 /// Converts a 2D scene that was read from `from`.
-///
-/// # Errors
-/// Where it cannot be drawn, or the file cannot be written.
 pub(super) fn run(args: &ConvertArgs, from: &Path, mut file: File2d) -> Result<(), Failure> {
     let range = match (is_svg(&args.to), Format3d::to_write(&args.to)) {
         (true, _) => ColorRange::Unit,
         (false, Some(Format3d::Ply)) => ColorRange::NotNegative,
         (false, _) => {
             let failure = Failure::usage("a 2D scene is not written in this format").at(args.to.display());
-            return Err(failure.mend("let its name end in .ply or .svg; gs convert makes other formats of the PLY"));
+            return Err(failure.hint("let its name end in .ply or .svg; gs convert makes other formats of the PLY"));
         }
     };
     memory::check_picture(from.display(), (file.width, file.height))?;
     let dropped = if args.drop_broken { examination::repair(&mut file.scene)?.removed } else { 0 };
-    // The result is the same on every machine with this SIMD level; GPUs do not have all that is needed.
-    let backend = Backend::start(&BackendArgs { backend: Choice::Cpu, ..BackendArgs::default() })?;
-    let Viewable { file: made, psnr } = backend.run(ForViewers { file: &file, range })?;
+    // GPUs do not offer all that is needed.
+    let cpu = BackendArgs { backend: Choice::Cpu, ..BackendArgs::default() }.open()?;
+    let Viewable { file: made, psnr } = viewable(&cpu.rasterizer, &file, range).block_on()?;
     match range {
         ColorRange::Unit => write_svg(&args.to, &made)?,
         ColorRange::NotNegative => write_ply(&args.to, &made)?,
@@ -71,20 +69,6 @@ pub(super) fn run(args: &ConvertArgs, from: &Path, mut file: File2d) -> Result<(
         psnr,
     };
     if args.json { output::json(&conversion) } else { output::result(text(&conversion)) }
-}
-
-/// Makes a scene for viewers of a 2D scene.
-pub(crate) struct ForViewers<'a> {
-    pub(crate) file: &'a File2d,
-    pub(crate) range: ColorRange,
-}
-
-impl Task for ForViewers<'_> {
-    type Output = Result<Viewable, gs_train::Error>;
-
-    fn run<R: Optimizer<Scene2d> + Optimizer<Scene3d>>(self, rasterizer: &R) -> Self::Output {
-        viewable(rasterizer, self.file, self.range).block_on()
-    }
 }
 
 fn text(conversion: &Conversion) -> String {

@@ -1,4 +1,4 @@
-//! `gs info` of a data set: its views, cameras and points, and what its reader has to say.
+//! `gs info` of a data set: its views, cameras and points, and the reader's remarks.
 
 use std::fmt::Write;
 
@@ -12,7 +12,7 @@ use crate::{
     output::{self, Format, printable},
 };
 
-/// Cameras that are printed in full; of data sets with one a view, the others are counted.
+/// Cameras that are printed in full. The others are counted.
 const CAMERAS_SHOWN: usize = 4;
 
 /// What `gs info --json` prints of a data set.
@@ -34,21 +34,19 @@ struct Info {
 #[derive(Debug, Serialize)]
 struct CameraInfo {
     views: usize,
-    /// Columns and rows of its photographs, px.
-    photograph: [u32; 2],
-    /// Columns and rows of what they become when they are read, undistorted and scaled down, px.
+    /// Columns and rows of its images, px.
+    #[serde(rename = "photograph")]
+    image: [u32; 2],
+    /// Columns and rows after the images are undistorted and scaled down, px.
     undistorted: [u32; 2],
     /// Focal lengths in x and y, px.
     focal: [f64; 2],
-    /// From side to side and from top to bottom of what they become, degrees.
+    /// Horizontal and vertical after that, degrees.
     field_of_view: [f64; 2],
     lens: &'static str,
 }
 
-/// Tells what is in a data set.
-///
-/// # Errors
-/// Where nothing can be printed.
+/// Prints the content of a data set.
 pub(super) fn print(dataset: &Dataset, format: Format) -> Result<(), Failure> {
     let info = Info::of(dataset);
     match format {
@@ -91,7 +89,7 @@ impl CameraInfo {
         };
         Self {
             views: 1,
-            photograph: [source.width, source.height],
+            image: [source.width, source.height],
             undistorted: [camera.width, camera.height],
             focal: source.focal.to_array(),
             field_of_view: [
@@ -109,10 +107,10 @@ fn text(info: &Info) -> String {
     let splits: Vec<_> = splits.iter().filter(|(_, n)| *n > 0).map(|(name, n)| format!("{n} {name}")).collect();
     rows.push(("views", format!("{}: {}", info.views, splits.join(", "))));
     for camera in info.cameras.iter().take(CAMERAS_SHOWN) {
-        let ([width, height], [fx, fy], [x, y]) = (camera.photograph, camera.focal, camera.field_of_view);
+        let ([width, height], [fx, fy], [x, y]) = (camera.image, camera.focal, camera.field_of_view);
         let mut line =
             format!("{width}x{height} px, focal {fx:.1}, {fy:.1} px, {x:.1} x {y:.1} degrees, {}", camera.lens);
-        if camera.undistorted != camera.photograph {
+        if camera.undistorted != camera.image {
             let [width, height] = camera.undistorted;
             let done = if camera.lens == Distortion::None.name() { "scaled" } else { "undistorted" };
             let _ = write!(line, ", {done} to {width}x{height} px");

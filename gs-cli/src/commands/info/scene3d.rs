@@ -1,4 +1,5 @@
-//! `gs info` of a 3D scene in any format, or of a checkpoint of one: how many Gaussians, where, how large, how opaque.
+//! `gs info` of a 3D scene or a checkpoint of one: number, positions, sizes and opacities of its
+//! Gaussians.
 
 use std::{collections::BTreeMap, fmt::Write};
 
@@ -22,31 +23,32 @@ use crate::{
 #[derive(Debug, Serialize)]
 struct Info {
     kind: &'static str,
-    /// `null` of a checkpoint.
+    /// `null` for a checkpoint.
     format: Option<String>,
-    /// Size of the file, with those beside a glTF.
+    /// Size of the file, including the buffers of a glTF.
     bytes: u64,
-    /// `null` of a checkpoint without Gaussians.
+    /// `null` without Gaussians.
     bytes_per_gaussian: Option<f64>,
     gaussians: usize,
     sh_degree: u8,
-    /// Columns and rows of the picture that a flat scene shows, px.
+    /// Columns and rows of a flat scene's image, px.
     picture: Option<(u32, u32)>,
-    /// Of the means that are finite, world units; `null` where none is.
+    /// Of the finite means, world units; `null` without any.
     bounds: Option<Bounds>,
-    /// Of the values that are finite, by parameter.
+    /// Of the finite values, by parameter.
     quantiles: BTreeMap<&'static str, Quantiles>,
-    /// Gaussians with a parameter that is NaN or infinite, by parameter (an opacity of exactly 0 or 1 is neither).
+    /// Gaussians with a parameter that is NaN or infinite, by parameter (an opacity of exactly 0 or
+    /// 1 is neither).
     not_finite: NotFinite,
-    /// Gaussians whose quaternion is too short to be a rotation: they are never drawn.
+    /// Gaussians whose quaternion is too short for a rotation. They are never drawn.
     without_rotation: usize,
-    /// How the scene was trained, as far as its file says: the treatment of Gaussians narrower than a pixel.
+    /// Antialiasing in training, if the file names it.
     antialias: Option<&'static str>,
-    /// The order of blending.
+    /// Order of blending in training, if the file names it.
     order: Option<&'static str>,
-    /// What of the file is not in the scene.
+    /// What the scene lacks of the file.
     losses: Vec<String>,
-    /// What a checkpoint says of itself.
+    /// The metadata of a checkpoint.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     metadata: BTreeMap<String, String>,
 }
@@ -78,14 +80,11 @@ struct NotFinite {
     colors: usize,
 }
 
-/// Tells what is in a 3D scene, whole or broken, or in a checkpoint of which `run` is what it says of its run.
-///
-/// # Errors
-/// Where nothing can be printed.
-pub(super) fn print(file: File3d, run: Option<BTreeMap<String, String>>, format: Format) -> Result<(), Failure> {
+/// Prints the content of a 3D scene, or of a checkpoint with this metadata.
+pub(super) fn print(file: File3d, metadata: Option<BTreeMap<String, String>>, format: Format) -> Result<(), Failure> {
     let File3d { scene, format: kind, bytes, losses, picture, trained_with, .. } = file;
     let losses = losses.iter().map(ToString::to_string).collect();
-    let info = match run {
+    let info = match metadata {
         Some(metadata) => Info { metadata, ..Info::of("checkpoint of a training in 3D", bytes, &scene) },
         None => Info { format: Some(kind.to_string()), ..Info::of("3D scene", bytes, &scene) },
     };
@@ -221,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_broken_is_counted_and_left_out_of_the_rest() {
+    fn broken_values_are_counted_and_left_out_of_the_rest() {
         let unit = [1.0, 0.0, 0.0, 0.0];
         let broken = scene([(0.0, f32::INFINITY, unit), (f32::NAN, 0.0, [f32::NAN; 4]), (1.0, f32::NAN, [0.0; 4])]);
         let info = Info::of("3D scene", 300, &broken);
@@ -241,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn quantiles_are_values_that_there_are() {
+    fn quantiles_are_values_of_the_scene() {
         let quantiles = Quantiles::of((0..101).map(|v| v as f32).collect()).unwrap();
         assert_eq!(quantiles, Quantiles { min: 0.0, low: 5.0, median: 50.0, high: 95.0, max: 100.0 });
         assert_eq!(Quantiles::of(vec![f32::NAN]), None);

@@ -1,10 +1,10 @@
-//! `gs render` of a 3D scene: the cameras that are asked for, and a picture from each.
+//! `gs render` of a 3D scene: its cameras, and a picture from each.
 
-use pollster::FutureExt as _;
 use std::{fs, path::Path};
 
+use gs_backend::{AnyRasterizer, FutureExt as _};
 use gs_core::{
-    Camera, Image, Optimizer, RenderSettings, Scene, Scene3d, counted,
+    Camera, Image, Parameterization, Rasterizer as _, RenderSettings, Scene as _, Scene3d, counted,
     effects::CalledFor,
     statistics::Culled,
     view::{CameraPath, Orbit},
@@ -13,53 +13,48 @@ use gs_io::{Animation, File3d, FolderClaim, dataset::Dataset, write_animation, w
 
 use super::{CameraArgs, RenderArgs};
 use crate::{
-    backend::{Backend, Task3d},
     cameras::{self, Home},
-    chosen::ChosenSettings,
-    effects::choice::told,
+    effects_args,
     failure::Failure,
-    memory,
-    opened::Opened3d,
-    output,
+    frontier_settings::FrontierSettings,
+    memory, output,
     output_folder::{self, OutputFolder},
-    shown::{effects, why_empty},
+    render_args::{self, why_empty},
     text_file::read_text,
     values::Size,
 };
 
 /// Renders a scene from each camera.
-///
-/// # Errors
-/// Where the data set or the path cannot be read, there is no such view, or a picture cannot be written.
-pub(super) fn run(args: &RenderArgs, opened: &Opened3d) -> Result<(), Failure> {
+pub(super) fn run(args: &RenderArgs, file: &File3d) -> Result<(), Failure> {
     if args.region.is_some() {
-        let message = "--region is for the scene of an image, but this is one in 3D";
-        return Err(Failure::usage(message).at(args.scene.display()).mend("leave it out"));
+        let message = "--region is for 2D scenes, but this is a 3D scene";
+        return Err(Failure::usage(message).at(args.scene.display()).hint("leave it out"));
     }
-    let scene = &opened.file.scene;
-    let (cameras, dataset) = cameras(&args.cameras, args.size, &opened.file)?;
+    let scene = &file.scene;
+    let (cameras, dataset) = cameras(&args.cameras, args.size, file)?;
     for camera in &cameras {
         camera.validate().map_err(|error| Failure::usage(error).at("--camera, --path or --size"))?;
     }
     let claim = claim(args, cameras.len(), dataset.as_ref())?;
     let Camera { width, height, .. } = cameras[0];
     memory::check_picture(args.scene.display(), (width, height))?;
-    let render = opened.settings(&args.shown, dataset.as_ref());
-    let chosen = args.settings.as_deref().map(ChosenSettings::read).transpose()?;
-    let backend = Backend::start(&args.backend.or_chosen(chosen.as_ref().map(|chosen| &chosen.machine)))?;
-    let render = chosen.map_or(render, |chosen| args.shown.overriding(chosen.applied_to(render), &render));
-    let CalledFor { settings, verdicts } = args.effects().choose(scene, &cameras, &render)?;
-    backend.run_3d(Frames { args, scene, cameras: &cameras, render: &settings, claim })?;
+    let frontier = args.settings.as_deref().map(FrontierSettings::read).transpose()?;
+    let backend = args.backend(frontier.as_ref()).open()?;
+    let render = file.render_settings(dataset.as_ref());
+    let render = frontier.map_or(render, |frontier| frontier.applied_to(render));
+    let CalledFor { settings, verdicts } = args.effects().choose(scene, &cameras, &args.render.applied_to(render))?;
+    render_frames(args, &backend.rasterizer, scene, &cameras, &settings, claim)?;
     if args.settings.is_none() {
-        opened.note_guess(&args.shown);
+        args.render.note_guess(file);
     }
-    if let Some(told) = told(&verdicts).filter(|_| args.verbose) {
-        output::note(told);
+    if let Some(effects) = effects_args::describe(&verdicts).filter(|_| args.verbose) {
+        output::note(effects);
     }
     Ok(())
 }
 
-/// What is written, by the name of the output and whether it is a film, which may have a single frame.
+/// What is written, according to the name of the output and the cameras. A film may have a single
+/// frame.
 enum Output {
     Picture,
     Animation,
@@ -77,7 +72,7 @@ impl Output {
             _ if !is_film => Ok(Self::Picture),
             Some("png") => {
                 let message = format!("--output {}: one PNG cannot hold {frames} frames", path.display());
-                Err(Failure::usage(message).mend("name a folder, or an animated PNG that ends in .apng"))
+                Err(Failure::usage(message).hint("name a folder, or an animated PNG that ends in .apng"))
             }
             _ => Ok(Self::Folder),
         }
@@ -89,8 +84,8 @@ fn frame_name(number: usize) -> String {
     format!("frame-{number:05}.png")
 }
 
-/// Refuses, before anything is rendered, an output that cannot hold the frames, or that would replace what it must not. The claim is to the
-/// folder, where there is to be one: to the frames, and to those of a longer film, whose end would be played after them.
+/// Refuses an output that cannot hold the frames, or that must not be replaced. For a folder, the
+/// claim is to the frames and to those of a longer film, which would be played after them.
 fn claim(args: &RenderArgs, frames: usize, dataset: Option<&Dataset>) -> Result<Option<FolderClaim>, Failure> {
     let inputs = args.inputs().chain(dataset.into_iter().flat_map(Dataset::files));
     if !matches!(Output::of(args, frames)?, Output::Folder) {
@@ -105,7 +100,7 @@ fn claim(args: &RenderArgs, frames: usize, dataset: Option<&Dataset>) -> Result<
     Ok(Some(claim))
 }
 
-/// Of the names of files, those of frames that a film of so many would not replace.
+/// The names of frames that a film of `frames` would not replace.
 fn frames_after(frames: usize, names: impl IntoIterator<Item = String>) -> Vec<String> {
     let number = |name: &str| name.strip_prefix("frame-")?.strip_suffix(".png")?.parse::<usize>().ok();
     let is_after = |name: &String| number(name).is_some_and(|n| n >= frames && *name == frame_name(n));
@@ -114,7 +109,7 @@ fn frames_after(frames: usize, names: impl IntoIterator<Item = String>) -> Vec<S
     after
 }
 
-/// The cameras, at least one, and the data set that they are from, if they are.
+/// The cameras, at least one, and their data set, if they have one.
 fn cameras(args: &CameraArgs, size: Option<Size>, file: &File3d) -> Result<(Vec<Camera>, Option<Dataset>), Failure> {
     if let Some(file) = &args.path {
         let cameras = read_path(file)?.cameras().map_err(|error| Failure::usage(error).at(file.display()))?;
@@ -138,7 +133,7 @@ fn cameras(args: &CameraArgs, size: Option<Size>, file: &File3d) -> Result<(Vec<
     Ok((cameras, None))
 }
 
-/// The camera taken around what the cameras of its data set look at.
+/// The camera moved around the point that the cameras of its data set look at.
 fn around(dataset: &Dataset, args: &CameraArgs, frames: u32, camera: &Camera) -> Vec<Camera> {
     let axis = args.up.map_or_else(|| cameras::up_of(dataset), |axis| axis.0);
     Orbit { center: cameras::looked_at(dataset, camera), axis, frames }.cameras(camera)
@@ -147,55 +142,49 @@ fn around(dataset: &Dataset, args: &CameraArgs, frames: u32, camera: &Camera) ->
 fn read_path(file: &Path) -> Result<CameraPath, Failure> {
     let text = read_text(file, "name a path with --path")?;
     serde_json::from_str(&text)
-        .map_err(|error| Failure::usage(error).at(file.display()).mend("gs render --help shows one"))
+        .map_err(|error| Failure::usage(error).at(file.display()).hint("gs render --help shows one"))
 }
 
-struct Frames<'a> {
-    args: &'a RenderArgs,
-    scene: &'a Scene3d,
-    cameras: &'a [Camera],
-    render: &'a RenderSettings,
-    /// To the folder of frames, where there is to be one.
+fn render_frames(
+    args: &RenderArgs,
+    rasterizer: &AnyRasterizer,
+    scene: &Scene3d,
+    cameras: &[Camera],
+    render: &RenderSettings,
     claim: Option<FolderClaim>,
-}
-
-impl Task3d for Frames<'_> {
-    type Output = Result<(), Failure>;
-
-    fn run<R: Optimizer<Scene3d>>(self, rasterizer: &R) -> Result<(), Failure> {
-        let Self { args, scene, cameras, render, claim } = self;
-        let splats = rasterizer.upload(scene, gs_core::Parameterization::ScaleRotation)?;
-        let mut culled = Culled::default();
-        let mut frame = |camera: &Camera| -> Result<Image, Failure> {
-            let (image, left_out) = rasterizer.draw(&splats, camera, render).block_on()?;
-            culled = culled.plus(left_out);
-            Ok(image)
-        };
-        let Camera { width, height, .. } = cameras[0];
-        let output = &args.output;
-        match (claim, Output::of(args, cameras.len())?) {
-            (None, Output::Animation) => {
-                let animation = Animation { width, height, frames: cameras.len() as u32, fps: args.cameras.fps };
-                write_animation(output, animation, |number| frame(&cameras[number as usize]))?;
-            }
-            (None, _) => write_png(output, &frame(&cameras[0])?)?,
-            (Some(claim), _) => {
-                let folder = OutputFolder::begin(claim)?;
-                let longer = frames_after(cameras.len(), folder.claimed("frame-"));
-                longer.iter().try_for_each(|name| folder.leave_out(name))?;
-                for (number, camera) in cameras.iter().enumerate() {
-                    write_png(folder.file(&frame_name(number)), &frame(camera)?)?;
-                }
+) -> Result<(), Failure> {
+    let rasterizer = rasterizer.for_3d();
+    let splats = rasterizer.upload(scene, Parameterization::ScaleRotation)?;
+    let mut culled = Culled::default();
+    let mut frame = |camera: &Camera| -> Result<Image, Failure> {
+        let (image, left_out) = rasterizer.draw(&splats, camera, render).block_on()?;
+        culled = culled.plus(left_out);
+        Ok(image)
+    };
+    let Camera { width, height, .. } = cameras[0];
+    let output = &args.output;
+    match (claim, Output::of(args, cameras.len())?) {
+        (None, Output::Animation) => {
+            let animation = Animation { width, height, frames: cameras.len() as u32, fps: args.cameras.fps };
+            write_animation(output, animation, |number| frame(&cameras[number as usize]))?;
+        }
+        (None, _) => write_png(output, &frame(&cameras[0])?)?,
+        (Some(claim), _) => {
+            let folder = OutputFolder::begin(claim)?;
+            let longer = frames_after(cameras.len(), folder.claimed("frame-"));
+            longer.iter().try_for_each(|name| folder.leave_out(name))?;
+            for (number, camera) in cameras.iter().enumerate() {
+                write_png(folder.file(&frame_name(number)), &frame(camera)?)?;
             }
         }
-        let size = match cameras.len() {
-            1 if matches!(Output::of(args, 1)?, Output::Picture) => format!("{width}x{height} px"),
-            frames => format!("{} of {width}x{height} px", counted(frames, "frame")),
-        };
-        output::note(format_args!("wrote {}, {size}: {}", output.display(), effects(render)));
-        if let Some(why) = why_empty(culled, scene.len(), cameras.len()) {
-            output::note(format_args!("note: nothing of the scene is to be seen: {why}"));
-        }
-        Ok(())
     }
+    let size = match cameras.len() {
+        1 if matches!(Output::of(args, 1)?, Output::Picture) => format!("{width}x{height} px"),
+        frames => format!("{} of {width}x{height} px", counted(frames, "frame")),
+    };
+    output::note(format_args!("wrote {}, {size}: {}", output.display(), render_args::describe(render)));
+    if let Some(why) = why_empty(culled, scene.len(), cameras.len()) {
+        output::note(format_args!("note: nothing of the scene is in sight: {why}"));
+    }
+    Ok(())
 }

@@ -1,0 +1,97 @@
+//! The flags of `gs fit`.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use gs_io::{FolderClaim, Inputs};
+
+use crate::{
+    backend::BackendArgs,
+    effects_args::EffectsArgs,
+    image_fit::FitSettingsArgs,
+    training::{
+        arguments::{CheckpointArgs, OutputArgs},
+        results,
+    },
+};
+
+const AFTER_HELP: &str = "\
+DIR then holds:
+  reconstruction.png      the Gaussians rendered at the image's size
+  scene.gs2d.safetensors  the Gaussians, for gs view, gs render, gs convert and gs info
+  scene.ply               only with --blend over: a flat 3D scene for splat viewers; gs convert makes one of any scene
+  ellipses.png            the most important Gaussians as ellipses over the reconstruction
+  metrics.csv             count, edits and loss over the steps, now and then with L1 and PSNR; metrics.part.csv until the end
+  curve.png               count, loss and PSNR over the steps
+  settings.toml           all settings, to repeat the fit with --settings
+  summary.json            what --json prints
+
+Files of earlier runs of gs in DIR are replaced or removed; checkpoints stay. The list of these files is DIR/.gs-files.json. If any \
+other file has the name of a result, the fit does not start; --overwrite replaces it. Two runs cannot write into one folder at once.
+
+Transparent pixels are fitted as they look on white or on --background. With --blend over, that colour is also the background of the \
+scene, in place of the image's mean colour.
+
+Ctrl-C stops the fit, saves a checkpoint, and writes the results so far. Pressing it again after a second or more quits at once. A \
+resumed fit may write into any folder: its checkpoint holds the rows of metrics.csv so far.";
+
+/// The flags of [`FitSettingsArgs`] that a checkpoint contains. A resumed fit needs the background
+/// for transparent pixels.
+const IN_CHECKPOINT: [&str; 11] = [
+    "preset",
+    "settings",
+    "gaussians",
+    "iterations",
+    "policy",
+    "init",
+    "loss",
+    "blend",
+    "antialias",
+    "parameterization",
+    "seed",
+];
+
+/// The flags of `gs fit`.
+#[derive(Debug, Clone, Args)]
+#[command(after_help = AFTER_HELP)]
+pub(crate) struct FitArgs {
+    /// The image: PNG, JPEG, BMP, TIFF, WebP, GIF or PNM [default: the paper's circle and square,
+    /// 128x128]
+    pub(crate) image: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) output: OutputArgs,
+    #[command(flatten)]
+    pub(crate) settings: FitSettingsArgs,
+    #[command(flatten)]
+    pub(crate) checkpoints: CheckpointArgs,
+    /// Resume a fit from its checkpoint, given the same image; the result is the same as without
+    /// the interruption
+    #[arg(long, value_name = "FILE", conflicts_with_all = IN_CHECKPOINT, conflicts_with = "effects", help_heading = "Checkpoints")]
+    pub(crate) resume: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) effects: EffectsArgs,
+    #[command(flatten)]
+    pub(crate) backend: BackendArgs,
+}
+
+impl FitArgs {
+    /// A claim to the files that the fit writes or removes.
+    pub(crate) fn claim(&self) -> FolderClaim {
+        let inputs: Inputs = [&self.image, &self.settings.settings, &self.resume].into_iter().flatten().collect();
+        self.output.overwrite.claim(&self.output.output, results::FILES, inputs)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Command;
+
+    #[test]
+    fn a_checkpoint_contains_every_setting_but_the_background() {
+        let command = FitSettingsArgs::augment_args(Command::new("fit"));
+        let mut flags: Vec<&str> = command.get_arguments().map(|flag| flag.get_id().as_str()).collect();
+        flags.retain(|&flag| flag != "background");
+        assert_eq!(flags, IN_CHECKPOINT);
+    }
+}

@@ -1,0 +1,225 @@
+//! `gs fit`: an image becomes Gaussians.
+//!
+//! Input, flags and folder are checked before the output folder is changed, and that before the
+//! first step.
+
+mod arguments;
+mod results;
+
+use std::{
+    path::{Path, PathBuf},
+    time::Instant,
+};
+
+use gs_backend::{AnyRasterizer, Chosen, FutureExt as _};
+use gs_core::{RenderSettings, counted};
+use gs_io::{Checkpoint, FolderClaim, read_checkpoint};
+use gs_train::{FitSettings, MetricsLog, Trainer};
+
+pub(crate) use self::arguments::FitArgs;
+use self::results::Results;
+use crate::{
+    failure::Failure,
+    image_fit::{self, SettingsFile, Target},
+    memory::{self, Need},
+    output::{self, quoted},
+    output_folder::{self, OutputFolder},
+    training::{
+        self,
+        checkpoints::{Checkpoints, check_checkpoint_file},
+    },
+};
+
+/// Fits Gaussians to an image and writes the results.
+pub(crate) fn run(args: &FitArgs) -> Result<(), Failure> {
+    let started = Instant::now();
+    let claim = args.claim();
+    check_checkpoint_file(
+        &args.checkpoints,
+        [&args.image, &args.settings.settings].into_iter().flatten(),
+        args.output.overwrite,
+        &claim,
+    )?;
+    output_folder::check(&claim)?;
+    let file = SettingsFile::read(&args.settings)?;
+    args.image.as_deref().map_or(Ok(()), memory::check_image)?;
+    let target = Target::read(args.image.as_deref(), file.background(&args.settings))?;
+    let start = match &args.resume {
+        Some(file) => Start::Resumed(Box::new(read_checkpoint(file)?), file.clone()),
+        None => {
+            let mut settings = image_fit::settings(&args.settings, &file, &target)?;
+            settings.render = args.effects.for_training(&settings.render);
+            Start::Fresh(Box::new(settings))
+        }
+    };
+    let flags = file.machine().map_or_else(|| args.backend.clone(), |machine| machine.unless_given(&args.backend));
+    let backend = flags.open_to_render_2d(&start.render())?;
+    fit(args, &target, start, &backend, claim, started)
+}
+
+/// Where a fit begins.
+enum Start {
+    Fresh(Box<FitSettings>),
+    /// A checkpoint and its file.
+    Resumed(Box<Checkpoint>, PathBuf),
+}
+
+impl Start {
+    /// The render settings of the fit. The default if a checkpoint has none: resuming it will fail.
+    fn render(&self) -> RenderSettings {
+        match self {
+            Self::Fresh(settings) => settings.render,
+            Self::Resumed(checkpoint, _) => {
+                let text = checkpoint.metadata.get("settings").map_or("", String::as_str);
+                toml::from_str::<FitSettings>(text)
+                    .map_or_else(|_| RenderSettings::default(), |settings| settings.render)
+            }
+        }
+    }
+
+    /// The trainer at the start, and its log so far.
+    fn begin<'r>(
+        self,
+        rasterizer: &'r AnyRasterizer,
+        target: &Target,
+    ) -> Result<(Trainer<'r, AnyRasterizer>, MetricsLog), Failure> {
+        match self {
+            Self::Fresh(settings) => {
+                check_memory(target, &settings)?;
+                let log = MetricsLog::for_settings(&settings);
+                Ok((Trainer::new(rasterizer, &target.image, *settings).block_on()?, log))
+            }
+            Self::Resumed(checkpoint, file) => {
+                let failed = |error| not_resumed(error, &file);
+                let metadata = checkpoint.metadata.clone();
+                let trainer = Trainer::resume(rasterizer, &target.image, *checkpoint).map_err(failed)?;
+                check_memory(target, trainer.settings())?;
+                let log = MetricsLog::for_settings(trainer.settings()).resumed(&metadata).map_err(failed)?;
+                Ok((trainer, log))
+            }
+        }
+    }
+}
+
+fn fit(
+    args: &FitArgs,
+    target: &Target,
+    start: Start,
+    backend: &Chosen,
+    claim: FolderClaim,
+    started: Instant,
+) -> Result<(), Failure> {
+    let (trainer, log) = start.begin(&backend.rasterizer, target)?;
+    let folder = OutputFolder::begin(claim)?;
+    let (iterations, resumed) = (trainer.settings().iterations, args.resume.as_deref());
+    let command = command(args, target);
+    let checkpoints = Checkpoints::prepare(&args.checkpoints, &folder, iterations, None, resumed, command)?;
+    announce(args, target, backend, &trainer);
+    let seconds_before = resumed.map_or(0.0, |_| trainer.seconds());
+    let results = Results { args, folder: &folder, target, backend, started, seconds_before };
+    training::run(&args.output, &folder, checkpoints, (trainer, log), |trainer, log, points| {
+        results.write(trainer, log, points)
+    })
+}
+
+/// Fails where there is not enough memory to fit this image.
+fn check_memory(target: &Target, settings: &FitSettings) -> Result<(), Failure> {
+    let (width, height) = target.image.size();
+    let (bytes, held) = (settings.peak_bytes((width, height)), size_of_val(target.image.pixels()) as u64);
+    let what = format!("fitting {} Gaussians to {} ({width}x{height} px)", settings.gaussians, target.name());
+    Need { what, bytes, held, less: "take a smaller image or fewer Gaussians" }.check_and_print()
+}
+
+/// Why a checkpoint cannot be resumed.
+fn not_resumed(error: gs_train::Error, file: &Path) -> Failure {
+    let wrong_target = matches!(error, gs_train::Error::WrongTarget { .. });
+    let failure = Failure::from(error).at(file.display());
+    if wrong_target { failure.hint("give the same image and --background") } else { failure }
+}
+
+fn announce(args: &FitArgs, target: &Target, backend: &Chosen, trainer: &Trainer<'_, AnyRasterizer>) {
+    output::note(&backend.reason);
+    target.remarks.iter().for_each(output::note);
+    let settings = trainer.settings();
+    output::note(format_args!(
+        "fitting {} ({}x{} px) with at most {} in {}, into {}",
+        target.name(),
+        target.image.width(),
+        target.image.height(),
+        counted(settings.gaussians, "Gaussian"),
+        counted(settings.iterations - trainer.step(), "step"),
+        args.output.output.display()
+    ));
+}
+
+/// The command that resumes the fit, without its flag `--resume`.
+fn command(args: &FitArgs, target: &Target) -> String {
+    let image = target.file.as_ref().map_or_else(String::new, |file| format!(" {}", quoted(file)));
+    let background = target.behind.map_or_else(String::new, |color| format!(" --background {color}"));
+    format!("gs fit{image}{background} -o {}", quoted(&args.output.output))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::{process::ExitCode, thread, time::Duration};
+
+    use clap::Parser;
+
+    use super::*;
+    use crate::backend::{BackendArgs, Choice};
+
+    #[derive(Debug, Parser)]
+    struct Flags {
+        #[command(flatten)]
+        fit: FitArgs,
+    }
+
+    fn flags(words: &[&str]) -> FitArgs {
+        Flags::try_parse_from(["fit"].iter().chain(words)).unwrap().fit
+    }
+
+    #[test]
+    fn a_lost_gpu_ends_the_fit_with_one_line_that_says_how_to_go_on() {
+        let place = tempfile::tempdir().unwrap();
+        let (output, state) = (place.path().join("out"), place.path().join("state"));
+        let (output_flag, state_flag) = (output.to_str().unwrap(), state.to_str().unwrap());
+        let words = ["-o", output_flag, "-n", "30", "-i", "1000000", "--checkpoint", state_flag];
+        let args = flags(&[&words[..], &["--checkpoint-every", "10"]].concat());
+        let target = Target::read(None, None).unwrap();
+        let settings = image_fit::settings(&args.settings, &SettingsFile::None, &target).unwrap();
+        let wgpu = BackendArgs { backend: Choice::Wgpu, ..BackendArgs::default() };
+        let backend = wgpu.open().expect("`cargo xtask test` installs a driver");
+        let failure = thread::scope(|scope| {
+            scope.spawn(|| {
+                while !state.exists() {
+                    thread::sleep(Duration::from_millis(5));
+                }
+                let AnyRasterizer::Wgpu(gpu) = &backend.rasterizer else { panic!("another backend") };
+                gpu.lose_device();
+            });
+            let start = Start::Fresh(Box::new(settings));
+            fit(&args, &target, start, &backend, args.claim(), Instant::now()).unwrap_err()
+        });
+        let line = failure.line().unwrap();
+        assert!(line.starts_with("error: backend wgpu: ") && line.contains("the device was lost"), "{line}");
+        assert!(line.ends_with(&format!(": gs fit -o {output_flag} --resume {state_flag}")), "{line}");
+        assert_eq!(failure.status(), ExitCode::FAILURE);
+        assert!(read_checkpoint(&state).is_ok());
+        assert_eq!(place.path().read_dir().unwrap().count(), 2, "the folder and the checkpoint");
+        let names = output.read_dir().unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
+        let left: Vec<_> = names.filter(|name| !name.starts_with(".gs-")).collect();
+        assert_eq!(left, ["metrics.part.csv"], "no results, and no incomplete files");
+        let metrics = std::fs::read_to_string(output.join("metrics.part.csv")).unwrap();
+        assert!(metrics.lines().nth(1).is_some_and(|row| row.starts_with("1,")), "{metrics}");
+    }
+
+    #[test]
+    fn the_hint_about_the_image_is_for_another_image_only() {
+        let line = |error| not_resumed(error, Path::new("state")).line().unwrap();
+        let (expected, found) = ("1x1".to_owned(), "2x2".to_owned());
+        assert!(
+            line(gs_train::Error::WrongTarget { expected, found }).ends_with(": give the same image and --background")
+        );
+        assert!(line(gs_train::Error::Checkpoint("no step".to_owned())).ends_with(": no step"));
+    }
+}

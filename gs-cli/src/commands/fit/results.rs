@@ -1,0 +1,216 @@
+//! The results of a fit. Each file is written completely or not at all, and a failure of one does
+//! not keep the others from being written. Files of an earlier run are removed. The summary comes
+//! last.
+
+use std::{path::Path, thread, time::Instant};
+
+use gs_backend::{AnyRasterizer, Chosen, FutureExt as _};
+use gs_core::{
+    Blend, Canvas, Image, Rasterizer as _, Scene as _, Scene2d, counted, effects::called_for::Verdict,
+    statistics::Culled,
+};
+use gs_io::{File2d, write_2d, write_ply, write_png};
+use gs_lab::figure::{curve::Point, ellipses};
+use gs_train::{ColorRange, FitSummary, MetricsLog, Trainer, Viewable, viewable};
+use serde::Serialize;
+
+use super::FitArgs;
+use crate::{
+    backend::on_cpu,
+    effects_args,
+    failure::Failure,
+    image_fit::Target,
+    output::{self, Verbosity},
+    output_folder::OutputFolder,
+    text_file::to_toml,
+    training::results::{self, Problems, ProgramSummary, without_broken, write_curve, write_table},
+};
+
+/// What `summary.json` holds and `--json` prints.
+#[derive(Debug, Serialize)]
+pub(crate) struct Summary {
+    #[serde(flatten)]
+    fit: FitSummary,
+    #[serde(flatten)]
+    program: ProgramSummary,
+    /// The image; `null` is the paper's circle and square.
+    image: Option<String>,
+    /// Which effects the scene requires at the image's size, and why.
+    effects: Vec<Verdict>,
+}
+
+impl results::Summary for Summary {
+    fn text(&self, folder: &Path, verbosity: Verbosity) -> String {
+        let FitSummary { gaussians, iterations, seconds, psnr, ssim, ms_ssim, culled, clamped, .. } = &self.fit;
+        let shortfall = self.fit.shortfall.as_ref();
+        let shortfall = shortfall.map_or_else(String::new, |shortfall| format!("\nnote: {shortfall}"));
+        let psnr = match psnr.is_finite() {
+            true => format!("{psnr:.2} dB"),
+            false => "infinite (every pixel is exact)".to_owned(),
+        };
+        let problems = Problems::new(verbosity, &self.fit.edits, *culled, *clamped, &self.fit.fresh_starts);
+        let ms_ssim = ms_ssim.map_or_else(String::new, |value| format!(", MS-SSIM {value:.4}"));
+        format!(
+            "{} after {} in {seconds:.2} s ({:.2} s in all): PSNR {psnr}, SSIM {ssim:.4}{ms_ssim}{problems}; see {}{}{shortfall}",
+            counted(*gaussians, "Gaussian"),
+            counted(*iterations, "step"),
+            self.program.total_seconds,
+            folder.display(),
+            effects_args::line_below(verbosity, &self.effects)
+        )
+    }
+}
+
+/// Renderings of the scene.
+struct Renderings {
+    /// At the image's size.
+    reconstruction: Image,
+    /// Gaussians that are not in it.
+    culled: Culled,
+    /// What ellipses are drawn over, and its canvas, if the image is too small for them.
+    background: Option<(Image, Canvas)>,
+}
+
+/// Where results go, and what else they contain.
+pub(crate) struct Results<'a> {
+    pub(crate) args: &'a FitArgs,
+    pub(crate) folder: &'a OutputFolder,
+    pub(crate) target: &'a Target,
+    pub(crate) backend: &'a Chosen,
+    /// When the program began.
+    pub(crate) started: Instant,
+    /// Time before the checkpoint that was resumed, s.
+    pub(crate) seconds_before: f64,
+}
+
+impl Results<'_> {
+    /// Writes them all, the scene first. Pictures are drawn and encoded in parallel with the
+    /// evaluation.
+    pub(crate) fn write(
+        &self,
+        trainer: &Trainer<'_, AnyRasterizer>,
+        log: &MetricsLog,
+        points: &[Point],
+    ) -> Result<Summary, Failure> {
+        let (width, height) = trainer.target().size();
+        let scene = without_broken(trainer.scene().block_on()?)?;
+        let file = File2d { scene, width, height, settings: trainer.shown() };
+        // All other results can be made of the scene.
+        let mut tried = vec![self.folder.write_precious("scene.gs2d.safetensors", |path| write_2d(path, &file))];
+        let mut renderings = self.render(trainer, &file);
+        let background = renderings.as_mut().ok().and_then(|renderings| renderings.background.take());
+        let settings = to_toml(trainer.settings());
+        let title = format!("{}: {}", self.target.title(), counted(trainer.count(), "Gaussian"));
+
+        let fit = thread::scope(|scope| {
+            let (file, renderings) = (&file, renderings.as_ref());
+            let drawn = renderings.ok().map(|made| scope.spawn(move || self.write_renderings(file, made)));
+            let ellipses = background
+                .map(|(picture, canvas)| scope.spawn(move || vec![self.write_ellipses(&file.scene, picture, &canvas)]));
+            let others = scope.spawn(|| {
+                vec![
+                    write_table(self.folder, log),
+                    settings.and_then(|text| self.folder.write("settings.toml", &text)),
+                    match self.explains() {
+                        true => write_curve(self.folder, points, log, &title),
+                        false => ["ellipses.png", "curve.png"].iter().try_for_each(|name| self.folder.leave_out(name)),
+                    },
+                ]
+            });
+            let fit = renderings.map_err(Failure::clone).and_then(|Renderings { reconstruction, culled, .. }| {
+                FitSummary::new(trainer, reconstruction, *culled).block_on().map_err(Failure::from)
+            });
+            for thread in drawn.into_iter().chain([others]).chain(ellipses) {
+                tried.extend(thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)));
+            }
+            fit
+        });
+        if let Ok(Renderings { reconstruction, .. }) = renderings {
+            tried.push(self.write_ellipses_over(&file, reconstruction));
+        }
+        // It would be of an earlier training.
+        tried.push(self.folder.leave_out("evaluation.json"));
+        let summary = fit.and_then(|fit| self.summary(fit, &file));
+        match &summary {
+            Ok(summary) => tried.push(self.folder.write_json("summary.json", summary)),
+            Err(failure) => tried.extend([Err(failure.clone()), self.folder.leave_out("summary.json")]),
+        }
+        Failure::first_of(tried)?;
+        summary
+    }
+
+    /// Whether pictures that explain the result are drawn.
+    fn explains(&self) -> bool {
+        !self.args.output.no_report
+    }
+
+    /// Renders what the pictures need. The backend may fail here.
+    fn render(&self, trainer: &Trainer<'_, AnyRasterizer>, file: &File2d) -> Result<Renderings, Failure> {
+        let (reconstruction, culled) = trainer.render().block_on()?;
+        let large = ellipses::canvas_for(canvas_of(file));
+        let background = match self.explains() && large != canvas_of(file) {
+            true => Some((self.backend.rasterizer.render(&file.scene, &large, &file.settings).block_on()?, large)),
+            false => None,
+        };
+        Ok(Renderings { reconstruction, culled, background })
+    }
+
+    fn summary(&self, fit: FitSummary, file: &File2d) -> Result<Summary, Failure> {
+        let canvas = canvas_of(file);
+        Ok(Summary {
+            fit: FitSummary {
+                // The file has no Gaussians that are not finite.
+                gaussians: file.scene.len() as u32,
+                culled: Culled { not_finite: 0, ..fit.culled },
+                backend: self.backend.rasterizer.name().to_owned(),
+                threads: u32::try_from(self.backend.threads).ok(),
+                ..fit
+            },
+            program: ProgramSummary::new(self.backend, self.started, self.seconds_before),
+            image: self.target.file.as_ref().map(|file| file.display().to_string()),
+            effects: self.args.effects.choose(&file.scene, &[canvas], &file.settings)?.verdicts,
+        })
+    }
+
+    fn write_renderings(&self, file: &File2d, renderings: &Renderings) -> Vec<Result<(), Failure>> {
+        let reconstruction = write_png(self.folder.file("reconstruction.png"), &renderings.reconstruction);
+        vec![reconstruction.map_err(Failure::from), self.write_ply(file)]
+    }
+
+    fn write_ellipses(&self, scene: &Scene2d, mut picture: Image, canvas: &Canvas) -> Result<(), Failure> {
+        ellipses::draw(&mut picture, scene, canvas);
+        Ok(write_png(self.folder.file("ellipses.png"), &picture)?)
+    }
+
+    /// Draws the ellipses over the reconstruction itself if it is large enough. This comes last, so
+    /// that a large image needs no copy.
+    fn write_ellipses_over(&self, file: &File2d, reconstruction: Image) -> Result<(), Failure> {
+        let canvas = canvas_of(file);
+        match self.explains() && ellipses::canvas_for(canvas) == canvas {
+            true => self.write_ellipses(&file.scene, reconstruction, &canvas),
+            false => Ok(()),
+        }
+    }
+
+    /// The scene for splat viewers. For a sum none is written: no viewer can show it, and its
+    /// conversion is a training of its own.
+    fn write_ply(&self, file: &File2d) -> Result<(), Failure> {
+        if file.settings.effects.blend == Blend::Sum {
+            return self.folder.leave_out("scene.ply");
+        }
+        if file.scene.is_empty() {
+            output::note("note: no Gaussian is left, so there is no scene.ply");
+            return self.folder.leave_out("scene.ply");
+        }
+        let Viewable { file, psnr } =
+            on_cpu(self.backend, |cpu| viewable(cpu, file, ColorRange::NotNegative).block_on())??;
+        write_ply(self.folder.file("scene.ply"), &file)?;
+        output::note(format_args!("scene.ply shows the reconstruction in splat viewers, at {psnr:.2} dB"));
+        Ok(())
+    }
+}
+
+/// A canvas of the image's size.
+fn canvas_of(file: &File2d) -> Canvas {
+    Canvas::new(file.width, file.height)
+}

@@ -1,0 +1,143 @@
+//! What is measured: a scene, its render settings, the views of the search, and others to verify
+//! its results.
+
+use std::path::Path;
+
+use glam::Vec2;
+use gs_core::{Camera, Canvas, Effects, RenderSettings, Scene, Scene2d, Scene3d, view::Orbit};
+use gs_io::{AnyScene, File2d, File3d, is_scene};
+use gs_lab::effects::sampled;
+
+use super::FrontierArgs;
+use crate::{
+    cameras,
+    failure::Failure,
+    frontier_settings::FrontierEffects,
+    image_fit::{self, FitSettingsArgs, SettingsFile, Target},
+    scene,
+    values::Size,
+};
+
+/// A scene of either kind.
+pub(crate) enum Subject {
+    TwoD(Seen<Scene2d>),
+    ThreeD(Seen<Scene3d>),
+}
+
+/// A scene and its views.
+pub(crate) struct Seen<S: Scene> {
+    /// The name for messages.
+    pub(crate) name: String,
+    pub(crate) scene: S,
+    pub(crate) render: RenderSettings,
+    /// The views of the search, at least one, all of one size.
+    pub(crate) views: Vec<S::View>,
+    /// Other views.
+    pub(crate) unseen: Vec<S::View>,
+    /// The effects that can be chosen for this kind of scene.
+    pub(crate) effects: fn(&Effects) -> Option<FrontierEffects>,
+}
+
+impl Subject {
+    /// Reads the input; fits an image.
+    pub(crate) fn load(args: &FrontierArgs) -> Result<Self, Failure> {
+        let path = &args.input;
+        let scene_2d = match is_scene(path)?.then(|| scene::read_any(path)).transpose()? {
+            Some(AnyScene::ThreeD(file)) => return scene_3d(args, *file).map(Self::ThreeD),
+            Some(AnyScene::TwoD(file)) => Some(*file),
+            None => None,
+        };
+        if args.dataset.is_some() || args.up.is_some() || args.render.is_some() {
+            let message = "is an image or a 2D scene, which has no data set, order or background to choose";
+            return Err(Failure::usage(message).at(path.display()).hint("leave out the flags for 3D scenes"));
+        }
+        let (scene, render, size) = match scene_2d {
+            Some(File2d { scene, settings, width, height, .. }) => {
+                if args.gaussians.is_some() {
+                    let message = "--gaussians is for images, which are fitted first, but this is a scene";
+                    return Err(Failure::usage(message).at(path.display()).hint("leave it out"));
+                }
+                (scene, settings, (width, height))
+            }
+            None => fitted(args)?,
+        };
+        let own = Canvas::new(size.0, size.1);
+        let canvas = args.size.map_or(own, |Size { width, height }| own.resized(width, height));
+        canvas.validate().map_err(|error| Failure::usage(error).at("--size"))?;
+        Ok(Self::TwoD(Seen {
+            name: name_of(path),
+            scene,
+            render,
+            views: vec![canvas],
+            unseen: other_canvases(canvas),
+            effects: |_| None,
+        }))
+    }
+}
+
+fn name_of(path: &Path) -> String {
+    path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned())
+}
+
+/// The canvas at half the size, and two parts of it at twice the size: other grids of pixels.
+fn other_canvases(canvas: Canvas) -> Vec<Canvas> {
+    let Canvas { width, height, origin, extent } = canvas;
+    let part = |at: Vec2| canvas.showing(origin + at * extent, 0.5 * extent);
+    let half = canvas.resized(width.div_ceil(2), height.div_ceil(2));
+    vec![half, part(Vec2::splat(0.25)), part(Vec2::new(0.47, 0.03))]
+}
+
+/// Gaussians fitted to the image with default settings.
+fn fitted(args: &FrontierArgs) -> Result<(Scene2d, RenderSettings, (u32, u32)), Failure> {
+    let target = Target::read_to_fit_first(Some(&args.input))?;
+    let flags = FitSettingsArgs { gaussians: args.gaussians, ..FitSettingsArgs::default() };
+    let settings = image_fit::settings(&flags, &SettingsFile::None, &target)?;
+    let (render, size) = (settings.render, target.image.size());
+    let backend = args.backend.open_to_render_2d(&render)?;
+    Ok((image_fit::fit_first(&backend.rasterizer, &target, settings)?, render, size))
+}
+
+/// The effects that can be chosen for 3D scenes.
+fn effects_3d(&Effects { order, antialias, sh_degree, .. }: &Effects) -> Option<FrontierEffects> {
+    Some(FrontierEffects { order, antialias, sh_degree })
+}
+
+fn scene_3d(args: &FrontierArgs, file: File3d) -> Result<Seen<Scene3d>, Failure> {
+    if args.gaussians.is_some() {
+        let message = "--gaussians is for images, which are fitted first, but this is a scene";
+        return Err(Failure::usage(message).at(args.input.display()).hint("leave it out"));
+    }
+    let count = args.views as usize;
+    let (all, render): (Vec<Camera>, RenderSettings) = match &args.dataset {
+        Some(path) => {
+            let dataset = args.reading.read(path)?;
+            let cameras: Vec<Camera> = dataset.views.iter().map(|view| view.camera).collect();
+            let even = sampled(&cameras, 2 * count).into_iter();
+            let sized =
+                |camera: Camera| args.size.map_or(camera, |Size { width, height }| camera.resized(width, height));
+            (even.map(sized).collect(), args.render.settings(&file, Some(&dataset)))
+        }
+        None => {
+            let bulk = cameras::bulk_of(&file.scene)?;
+            let axis = args.up.map_or(cameras::UP, |axis| axis.0);
+            let first = cameras::overview(&bulk, args.size, axis)?;
+            let orbit = Orbit { center: bulk.center, axis, frames: 2 * args.views };
+            (orbit.cameras(&first), args.render.settings(&file, None))
+        }
+    };
+    for camera in &all {
+        camera.validate().map_err(|error| Failure::usage(error).at("--dataset or --size"))?;
+    }
+    let every_second = |first: usize| all.iter().copied().skip(first).step_by(2).collect::<Vec<_>>();
+    let (views, mut unseen) = (every_second(0), every_second(1));
+    if views.is_empty() {
+        return Err(Failure::failed("the data set has no view").hint("name another with --dataset"));
+    }
+    if unseen.is_empty() {
+        // The only view at half the size has other pixels.
+        let Camera { width, height, .. } = views[0];
+        unseen.push(views[0].resized(width.div_ceil(2), height.div_ceil(2)));
+    }
+    args.render.note_guess(&file);
+    Ok(Seen { name: name_of(&args.input), scene: file.scene, render, views, unseen, effects: effects_3d })
+}

@@ -1,0 +1,170 @@
+//! The flags of `gs study`.
+
+use std::path::PathBuf;
+
+use clap::{Args, Subcommand};
+use gs_lab::study::Selection;
+
+use crate::{backend::BackendArgs, output_folder::OverwriteArgs, values::whole};
+
+const AFTER_HELP: &str = concat!(
+    "\
+A study is arms (settings that differ) x images x budgets x seeds, in a TOML file; these come with the program:
+  set-up (or: paper)      the paper's experiment, its two criteria one by one, and no growth; needs no file, as the next four
+  cold-start              small Gaussians on the border, and the cure
+  lazy-convergence        the absolute threshold, forced growth and the hybrid on targets of other contrast and frequency
+  instability             the cost of the paper's clamp of scales at 1 px
+  edges                   hard edges and soft ones, with growth and without
+  absolute-vs-percentile  growth above a threshold or by rank, on photographs of the Kodak test set (--data)
+  all-policies            every policy with its source's numbers, on the same photographs
+  accuracy-in-training    what accuracy costs and buys in training: cuts, lists, steps, rounds, losses; on the same photographs
+
+The images of a study are files, or these synthetic targets:
+  paper                   the paper's circle and square; in 8 bits a channel: paper-8bit
+  paper-64px, paper-256px; paper-contrast-50, -25, -10; paper-soft-4px; paper-stripes-20px, -10px, -5px
+  thin-lines, thin-lines-24px
+
+A study file; preset, iterations, policy and settings may be given for all arms or for one:
+
+",
+    include_str!("example.toml"),
+    "
+--images, --budgets, --seeds and --arms run a part of a study. Parts of a study add up in one folder: run another part, or the whole, into it \
+with --resume, and only new runs are computed. Tables and report cover the part of the last command.
+
+DIR then holds:
+  report.html             which arm is better where, with intervals, curves, pictures and all settings; needs no network
+  quality.csv             each arm at each budget: mean over images, spread over seeds
+  differences.csv         every two arms: paired differences with 95 % intervals, and better, worse or can't tell
+  runs.csv                one row per run; gs study replay DIR ROW repeats it
+  results.json            the three tables
+  times.csv, differences-at-time.csv   the tables that depend on time
+  plots/                  the report's curves as SVG and PNG
+  study.toml, machine.json   the study, and the machine that ran it
+  runs/, pictures/        the stored runs
+
+Each finished run is stored, so --resume does not repeat it, whatever has stopped the program. Tables do not depend on \
+interruptions, --jobs and --threads; times are comparable with --jobs 1 on a quiet machine."
+);
+
+/// The flags of `gs study`.
+#[derive(Debug, Clone, Args)]
+#[command(after_help = AFTER_HELP, args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
+pub(crate) struct StudyArgs {
+    #[command(subcommand)]
+    pub(crate) action: Option<StudyAction>,
+    #[command(flatten)]
+    pub(crate) conduct: ConductArgs,
+}
+
+/// Other actions with a study.
+#[derive(Debug, Clone, Subcommand)]
+pub(crate) enum StudyAction {
+    /// Repeat one row of a study, and check that its scene is the same, bit for bit
+    Replay(ReplayArgs),
+}
+
+/// A study to run.
+#[derive(Debug, Clone, Args)]
+pub(crate) struct ConductArgs {
+    /// The study: a TOML file, or the name of one that comes with the program
+    #[arg(required = true)]
+    pub(crate) study: Option<PathBuf>,
+    /// Folder for the results; made if necessary [default: gs-out/NAME]
+    #[arg(short, long, value_name = "DIR")]
+    pub(crate) output: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) overwrite: OverwriteArgs,
+    /// Folder of the images [default: $GS_DATA, or that of the study's file]
+    #[arg(long, value_name = "DIR")]
+    pub(crate) data: Option<PathBuf>,
+    /// Runs in parallel, each with its share of the threads; the tables do not depend on it
+    #[arg(short, long, value_name = "N", default_value_t = 1, value_parser = whole::<u16>(1..=256))]
+    pub(crate) jobs: u16,
+    /// Continue the study in DIR; finished runs are not repeated
+    #[arg(long)]
+    pub(crate) resume: bool,
+    #[command(flatten)]
+    pub(crate) part: PartArgs,
+    #[command(flatten)]
+    pub(crate) backend: BackendArgs,
+}
+
+/// The part of a study to run.
+#[derive(Debug, Clone, Default, Args)]
+#[command(next_help_heading = "Part of the study")]
+pub(crate) struct PartArgs {
+    /// Only these of its images, by name or file name [default: all]
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    pub(crate) images: Vec<String>,
+    /// Only these of its budgets [default: all]
+    #[arg(long, value_name = "COUNTS", value_delimiter = ',', value_parser = whole::<u32>(1..))]
+    pub(crate) budgets: Vec<u32>,
+    /// Only these of its seeds [default: all]
+    #[arg(long, value_name = "SEEDS", value_delimiter = ',', value_parser = whole::<u32>(0..))]
+    pub(crate) seeds: Vec<u32>,
+    /// Only these of its arms [default: all]
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    pub(crate) arms: Vec<String>,
+}
+
+impl PartArgs {
+    /// The selection of the library.
+    pub(crate) fn selection(&self) -> Selection {
+        let Self { images, budgets, seeds, arms } = self.clone();
+        Selection { images, budgets, seeds, arms }
+    }
+}
+
+/// A row to repeat.
+#[derive(Debug, Clone, Args)]
+pub(crate) struct ReplayArgs {
+    /// The folder of the study
+    #[arg(value_name = "DIR")]
+    pub(crate) folder: PathBuf,
+    /// The row of runs.csv, from 1
+    pub(crate) row: usize,
+    /// Folder for the fit: scene, picture, settings and metrics [default: DIR/replay-ROW]
+    #[arg(short, long, value_name = "OUT")]
+    pub(crate) output: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) overwrite: OverwriteArgs,
+    /// Folder of the images [default: $GS_DATA, or that of the study]
+    #[arg(long, value_name = "DIR")]
+    pub(crate) data: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) backend: BackendArgs,
+}
+
+#[cfg(test)]
+mod tests {
+    use gs_lab::{Places, Plan, Study};
+
+    use super::*;
+
+    const EXAMPLE: &str = include_str!("example.toml");
+
+    #[test]
+    fn the_example_in_the_help_is_a_study_that_can_be_run() {
+        assert!(AFTER_HELP.contains(EXAMPLE));
+        let study = Study::from_toml(EXAMPLE, "example.toml").unwrap();
+        assert_eq!((study.arms.len(), study.baseline_arm()), (2, 0));
+        // The photograph of the example does not exist.
+        let part = Selection { images: vec!["paper".to_owned()], ..Selection::default() };
+        assert_eq!(Plan::new(study.select(&part).unwrap(), &Places::default(), "test").unwrap().runs.len(), 20);
+    }
+
+    #[test]
+    fn the_help_names_all_studies_and_synthetic_targets() {
+        for (name, _) in gs_lab::study::BUILT_IN {
+            assert!(AFTER_HELP.contains(&format!("\n  {name} ")), "{name}");
+        }
+        for target in gs_lab::study::SyntheticTarget::ALL {
+            // Of names that differ in their end alone, the first stands there whole.
+            let (start, end) = target.name().rsplit_once('-').unwrap_or((target.name(), ""));
+            let is_there = AFTER_HELP.contains(target.name())
+                || AFTER_HELP.contains(start) && AFTER_HELP.contains(&format!(", -{end}"));
+            assert!(is_there, "{}", target.name());
+        }
+    }
+}

@@ -1,0 +1,149 @@
+//! The progress of a study: runs done and running, and the time left; a bar on a terminal,
+//! otherwise a line now and then.
+
+use std::{
+    sync::{Mutex, PoisonError},
+    time::{Duration, Instant},
+};
+
+use gs_core::counted;
+use gs_lab::{
+    Plan, StudyFolder,
+    study::{Outcome, Run, Watcher},
+};
+use indicatif::ProgressBar;
+
+use crate::{
+    interrupt::Interrupt,
+    output,
+    progress_bar::{Printer, bar, time},
+};
+
+/// Time between two lines if there is no bar.
+const LINE: Duration = Duration::from_secs(10);
+
+/// Shows the progress of a study.
+pub(crate) struct Display<'a> {
+    plan: &'a Plan,
+    bar: Option<ProgressBar>,
+    started: Instant,
+    state: Mutex<State>,
+}
+
+struct State {
+    running: usize,
+    done: usize,
+    failed: usize,
+    /// Work that this process has done, and that is left, in the unit of [`work`].
+    work_done: f64,
+    work_left: f64,
+    printed: Instant,
+}
+
+impl<'a> Display<'a> {
+    /// A display on standard error.
+    pub(crate) fn new(plan: &'a Plan, folder: &StudyFolder) -> Self {
+        let (done, pending): (Vec<&Run>, Vec<&Run>) = plan.runs.iter().partition(|run| folder.is_finished(run));
+        let bar = bar(plan.runs.len() as u64, "{wide_bar} {pos}/{len} runs  {msg}");
+        let bar = bar.map(|bar| bar.with_position(done.len() as u64));
+        let work_left = pending.iter().map(|run| work(plan, run)).sum();
+        let now = Instant::now();
+        let state = State { running: 0, done: done.len(), failed: 0, work_done: 0.0, work_left, printed: now };
+        Self { plan, bar, started: now, state: Mutex::new(state) }
+    }
+
+    /// Prints without disturbing the display.
+    pub(crate) fn printer(&self) -> Printer {
+        Printer::above(self.bar.clone())
+    }
+
+    /// A watcher that also stops on Ctrl-C.
+    pub(crate) fn stopped_by<'b>(&'b self, interrupt: &'b Interrupt) -> Watched<'b> {
+        Watched { display: self, interrupt }
+    }
+
+    fn update(&self, change: impl FnOnce(&mut State)) {
+        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        change(&mut state);
+        let message = state.message(self.started.elapsed());
+        match &self.bar {
+            Some(bar) => {
+                bar.set_position(state.done as u64);
+                bar.set_message(message);
+            }
+            None if state.printed.elapsed() >= LINE || (state.done == self.plan.runs.len() && state.running == 0) => {
+                state.printed = Instant::now();
+                let runs = counted(self.plan.runs.len(), "run");
+                output::note(format_args!("{}/{runs}  {message}", state.done));
+            }
+            None => {}
+        }
+    }
+}
+
+impl State {
+    fn message(&self, elapsed: Duration) -> String {
+        let failed = if self.failed > 0 { format!("{} failed  ", self.failed) } else { String::new() };
+        let left = match self.work_done > 0.0 {
+            true => time(elapsed.as_secs_f64() * self.work_left / self.work_done),
+            false => "some time".to_owned(),
+        };
+        format!("{} running  {failed}{left} left", self.running)
+    }
+}
+
+/// The work of a run: steps times pixels, with about fifty pixels for each Gaussian.
+fn work(plan: &Plan, run: &Run) -> f64 {
+    let pixels = plan.target(run).image.pixels().len() as f64;
+    f64::from(run.settings.iterations.max(1)) * (pixels + 50.0 * f64::from(run.budget))
+}
+
+/// A display that also stops on Ctrl-C.
+pub(crate) struct Watched<'a> {
+    display: &'a Display<'a>,
+    interrupt: &'a Interrupt,
+}
+
+impl Watcher for Watched<'_> {
+    fn begun(&self, _: &Run) {
+        self.display.update(|state| state.running += 1);
+    }
+
+    fn ended(&self, run: &Run, outcome: &Outcome) {
+        let plan = self.display.plan;
+        if let Outcome::Failed { error } = outcome {
+            self.display.printer().print(format_args!("row {} ({}) failed: {error}", run.row, plan.describe(run)));
+        }
+        self.display.update(|state| {
+            let work = work(plan, run);
+            state.running -= 1;
+            state.done += 1;
+            state.failed += usize::from(matches!(outcome, Outcome::Failed { .. }));
+            state.work_done += work;
+            state.work_left -= work;
+        });
+    }
+
+    fn wants_stop(&self) -> bool {
+        self.interrupt.requested()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_time_left_follows_the_work_rather_than_the_number_of_runs() {
+        let state = |work_done, work_left| State {
+            running: 2,
+            done: 5,
+            failed: 1,
+            work_done,
+            work_left,
+            printed: Instant::now(),
+        };
+        assert_eq!(state(1.0, 3.0).message(Duration::from_secs(10)), "2 running  1 failed  30 s left");
+        assert!(state(0.0, 3.0).message(Duration::ZERO).contains("some time left"));
+    }
+}

@@ -1,0 +1,242 @@
+//! The flags of `gs train`.
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum, builder::PossibleValue};
+use gs_io::{FolderClaim, Inputs};
+
+use crate::{
+    backend::BackendArgs,
+    dataset::DatasetArgs,
+    effects_args::EffectsArgs,
+    render_args::{AntialiasName, OrderName},
+    scene,
+    training::{
+        arguments::{CheckpointArgs, LossName, OutputArgs, ParameterizationName, PolicyName},
+        results,
+    },
+    values::{TrainBackground, whole},
+};
+
+const AFTER_HELP: &str = "\
+DATASET is a folder that COLMAP, Nerfstudio or Blender wrote, or a transforms.json; gs info shows what is in it.
+
+DIR then holds:
+  scene.ply        the Gaussians, for any splat viewer; gs convert makes other formats of it
+  views/           each held-out view: the image, and its rendering to the right
+  ellipses.png     the first of these views, with the most important Gaussians drawn over it as ellipses
+  evaluation.json  PSNR, SSIM and L1 of each held-out view, and their means
+  metrics.csv      count, edits and loss over the steps, now and then with PSNR and L1 over the held-out views; \
+metrics.part.csv until the end
+  curve.png        count, loss and PSNR over the steps
+  settings.toml    all settings, to repeat the training with --settings
+  summary.json     what --json prints
+
+Files of earlier runs of gs in DIR are replaced or removed; checkpoints stay. The list of these files is DIR/.gs-files.json. If any \
+other file has the name of a result, the training does not start; --overwrite replaces it. Other files in views/ stay: new pictures \
+get other names. Two runs cannot write into one folder at once. DIR cannot be the folder of the data set or of its images.
+
+If the data set does not say which views are for tests, every 8th is held out (--holdout). If none is held out, the scene is \
+evaluated with some of the views that it was trained with.
+
+Ctrl-C stops the training, saves a checkpoint, and writes the results so far. Pressing it again after a second or more quits at once.";
+
+/// The flags that a checkpoint contains.
+const IN_CHECKPOINT: [&str; 17] = [
+    "preset",
+    "settings",
+    "gaussians",
+    "iterations",
+    "policy",
+    "start",
+    "loss",
+    "parameterization",
+    "sh_degree",
+    "order",
+    "antialias",
+    "background",
+    "coarse",
+    "participants",
+    "opacity_weight",
+    "scale_weight",
+    "seed",
+];
+
+/// The flags of `gs train`.
+#[derive(Debug, Clone, Args)]
+#[command(after_help = AFTER_HELP)]
+pub(crate) struct TrainArgs {
+    /// The data set of posed images
+    pub(crate) dataset: PathBuf,
+    #[command(flatten)]
+    pub(crate) output: OutputArgs,
+    #[command(flatten)]
+    pub(crate) images: DatasetArgs,
+    #[command(flatten)]
+    pub(crate) settings: TrainSettingsArgs,
+    #[command(flatten)]
+    pub(crate) checkpoints: CheckpointArgs,
+    /// Resume a training from its checkpoint, given the same data set; the result is the same as
+    /// without the interruption
+    #[arg(long, value_name = "FILE", conflicts_with_all = IN_CHECKPOINT, conflicts_with = "effects", help_heading = "Checkpoints")]
+    pub(crate) resume: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) effects: EffectsArgs,
+    #[command(flatten)]
+    pub(crate) backend: BackendArgs,
+}
+
+impl TrainArgs {
+    /// The files that the flags name for reading, except for the checkpoint to resume.
+    pub(crate) fn files(&self) -> impl Iterator<Item = PathBuf> {
+        let start = self.settings.start.as_ref().map(|start| scene::file_of(start.as_ref()));
+        [Some(self.dataset.clone()), self.settings.settings.clone(), start].into_iter().flatten()
+    }
+
+    /// A claim to the files that the training writes or removes, given the other files that it
+    /// reads.
+    pub(crate) fn claim(&self, others: impl IntoIterator<Item = PathBuf>) -> FolderClaim {
+        let inputs: Inputs = self.files().chain(self.resume.clone()).chain(others).collect();
+        self.output.overwrite.claim(&self.output.output, results::FILES, inputs)
+    }
+}
+
+/// The settings of a training: a preset or a settings file, and changes to it.
+#[derive(Debug, Clone, Default, Args)]
+#[command(next_help_heading = "Settings")]
+pub(crate) struct TrainSettingsArgs {
+    /// The settings to start from [default: 3dgs]
+    #[arg(long, value_enum, value_name = "PRESET")]
+    pub(crate) preset: Option<TrainPresetName>,
+    /// Settings file, such as the settings.toml of a training; flags override it
+    #[arg(long, value_name = "FILE.toml", conflicts_with_all = ["preset", "iterations"])]
+    pub(crate) settings: Option<PathBuf>,
+    /// The most Gaussians
+    #[arg(short = 'n', long, alias = "max-gaussians", value_name = "N", value_parser = whole::<u32>(1..))]
+    pub(crate) gaussians: Option<u32>,
+    /// Steps of the optimizer, one view each; the preset's schedules follow [default: 30000, short:
+    /// 6000, quick: 2000]
+    #[arg(short, long, value_name = "K", value_parser = whole::<u32>(0..))]
+    pub(crate) iterations: Option<u32>,
+    /// Density control: which Gaussians grow and which are removed
+    #[arg(long, value_enum, value_name = "POLICY")]
+    pub(crate) policy: Option<TrainPolicyName>,
+    /// The initial Gaussians: the points of the data set, random ones, or a scene (a file or an
+    /// output folder) [default: points, or random without points]
+    #[arg(long, value_name = "points|random|SCENE")]
+    pub(crate) start: Option<String>,
+    /// Loss to minimise
+    #[arg(long, value_enum, value_name = "LOSS")]
+    pub(crate) loss: Option<LossName>,
+    /// Coordinates of the optimizer
+    #[arg(long, value_enum, value_name = "NAME", alias = "chart")]
+    pub(crate) parameterization: Option<ParameterizationName>,
+    /// Highest degree of spherical harmonics (SH), 0 to 3
+    #[arg(long, value_name = "D", value_parser = whole::<u8>(0..=3))]
+    pub(crate) sh_degree: Option<u8>,
+    /// Order of blending
+    #[arg(long, value_enum, value_name = "ORDER")]
+    pub(crate) order: Option<OrderName>,
+    /// Treatment of Gaussians narrower than a pixel
+    #[arg(long, value_enum, value_name = "ANTIALIAS")]
+    pub(crate) antialias: Option<AntialiasName>,
+    /// Background: black, white, random (another colour in each step), or R,G,B [default: white for
+    /// Blender, otherwise black]
+    #[arg(long, value_name = "COLOUR")]
+    pub(crate) background: Option<TrainBackground>,
+    /// Train with images of 1/F of their size first, then half of that, and so on: 1, 2, 4 or 8
+    #[arg(long, value_name = "F", value_parser = whole::<u32>(1..=8))]
+    pub(crate) coarse: Option<u32>,
+    /// Which Gaussians a step moves
+    #[arg(long, value_enum, value_name = "WHICH")]
+    pub(crate) participants: Option<ParticipantsName>,
+    /// Weight of the mean opacity in the loss, as in 3DGS-MCMC
+    #[arg(long, value_name = "W")]
+    pub(crate) opacity_weight: Option<f32>,
+    /// Weight of the mean scale in the loss, as in 3DGS-MCMC
+    #[arg(long, value_name = "W")]
+    pub(crate) scale_weight: Option<f32>,
+    /// Seed of all random numbers; the same seed gives the same bits on the same SIMD level or GPU
+    #[arg(long, value_name = "S", value_parser = whole::<u32>(0..))]
+    pub(crate) seed: Option<u32>,
+}
+
+/// A preset.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum TrainPresetName {
+    /// 3D Gaussian Splatting as published
+    #[value(name = "3dgs")]
+    ThreeDgs,
+    /// 3DGS-MCMC: a fixed number of Gaussians, moved to where they are needed
+    Mcmc,
+    /// For runs of minutes: as 3dgs, with larger steps, and all schedules within the run
+    Short,
+    /// For a first look
+    Quick,
+}
+
+/// A density-control policy for 3D scenes: not those that use the residual of one image, residual
+/// and image-gs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct TrainPolicyName(PolicyName);
+
+impl ValueEnum for TrainPolicyName {
+    fn value_variants<'a>() -> &'a [Self] {
+        const ALL: [TrainPolicyName; 13] = [
+            TrainPolicyName(PolicyName::Absolute),
+            TrainPolicyName(PolicyName::AbsGs),
+            TrainPolicyName(PolicyName::AbsoluteError),
+            TrainPolicyName(PolicyName::Percentile),
+            TrainPolicyName(PolicyName::PercentileAbsGs),
+            TrainPolicyName(PolicyName::PercentileError),
+            TrainPolicyName(PolicyName::Hybrid),
+            TrainPolicyName(PolicyName::HybridAbsGs),
+            TrainPolicyName(PolicyName::HybridError),
+            TrainPolicyName(PolicyName::LongAxis),
+            TrainPolicyName(PolicyName::Paper),
+            TrainPolicyName(PolicyName::Mcmc),
+            TrainPolicyName(PolicyName::None),
+        ];
+        &ALL
+    }
+
+    fn to_possible_value(&self) -> Option<PossibleValue> {
+        self.0.to_possible_value()
+    }
+}
+
+/// The Gaussians that a step of Adam moves.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum ParticipantsName {
+    /// All (3DGS)
+    All,
+    /// Those in sight of the step's view
+    Visible,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Command;
+    use gs_density::Policy;
+    use gs_train::TrainPreset;
+
+    #[test]
+    fn the_offered_policies_are_those_that_can_train_3d_scenes() {
+        let offered: Vec<String> = TrainPolicyName::value_variants()
+            .iter()
+            .map(|name| name.to_possible_value().unwrap().get_name().to_owned())
+            .collect();
+        for name in Policy::NAMES {
+            let settings = TrainPreset::default().settings(None).with_policy(Policy::from_name(name).unwrap());
+            assert_eq!(offered.iter().any(|offered| offered == name), settings.validate().is_ok(), "{name}");
+        }
+    }
+
+    #[test]
+    fn a_checkpoint_contains_every_setting() {
+        let command = TrainSettingsArgs::augment_args(Command::new("train"));
+        let flags: Vec<&str> = command.get_arguments().map(|flag| flag.get_id().as_str()).collect();
+        assert_eq!(flags, IN_CHECKPOINT);
+    }
+}

@@ -1,0 +1,189 @@
+//! `gs train`: posed images become a 3D scene.
+//!
+//! Data set, flags and folder are checked before the output folder is changed, and that before the
+//! first step.
+
+mod arguments;
+mod pictures;
+mod results;
+mod settings;
+
+use std::{
+    path::{Path, PathBuf},
+    time::Instant,
+};
+
+use gs_backend::{AnyRasterizer, FutureExt as _};
+use gs_core::{Parameterization, counted};
+use gs_io::{
+    Checkpoint,
+    dataset::{Dataset, Remark, Split},
+    read_checkpoint,
+};
+use gs_train::{
+    MetricsLog, TrainSettings, Trainer3d,
+    train::{Start as Initial, Views},
+};
+
+pub(crate) use self::arguments::TrainArgs;
+use self::results::Results;
+use crate::{
+    dataset::{AlphaName, DatasetArgs, remark_text},
+    failure::Failure,
+    memory::Need,
+    output::{self, quoted},
+    output_folder::{self, OutputFolder},
+    training::{
+        self,
+        checkpoints::{Checkpoints, check_checkpoint_file},
+    },
+};
+
+/// A training of so many steps stores checkpoints by default.
+const LONG: u32 = 2_000;
+
+/// Trains a scene from a data set and writes the results.
+pub(crate) fn run(args: &TrainArgs) -> Result<(), Failure> {
+    let started = Instant::now();
+    output_folder::check(&args.claim([]))?;
+    let dataset = args.images.read(&args.dataset)?;
+    pictures::keep_off(&dataset, &args.output.output)?;
+    let read = dataset.files();
+    let inputs = args.files().chain(read.iter().cloned());
+    check_checkpoint_file(&args.checkpoints, inputs, args.output.overwrite, &args.claim([]))?;
+    let claim = args.claim(read);
+    let start = match &args.resume {
+        Some(file) => Start::Resumed(Box::new(read_checkpoint(file)?), file.clone()),
+        None => {
+            let mut settings = settings::settings(&args.settings, &dataset)?;
+            settings.render = args.effects.for_training(&settings.render);
+            let (initial, description) = settings::initial(&args.settings, &dataset)?;
+            Start::Fresh { settings: Box::new(settings), initial, description }
+        }
+    };
+    let backend = args.backend.open_to_train_3d(start.parameterization())?;
+    output::note(&backend.reason);
+    dataset.remarks.iter().for_each(|remark| output::note(format_args!("note: {}", remark_text(remark))));
+    let (trainer, log, description) = start.begin(&backend.rasterizer, &dataset)?;
+    check_memory(args, &trainer)?;
+    let folder = OutputFolder::begin(claim)?;
+    let iterations = trainer.settings().iterations;
+    let every = (iterations >= LONG).then_some(iterations / 10);
+    let resumed = args.resume.as_deref();
+    let checkpoints = Checkpoints::prepare(&args.checkpoints, &folder, iterations, every, resumed, command(args))?;
+    announce(args, &dataset, &description, &trainer);
+    let seconds_before = resumed.map_or(0.0, |_| trainer.seconds());
+    let results = Results { args, folder: &folder, backend: &backend, started, seconds_before };
+    training::run(&args.output, &folder, checkpoints, (trainer, log), |trainer, log, points| {
+        results.write(trainer, log, points)
+    })
+}
+
+/// Where a training begins.
+enum Start {
+    Fresh {
+        settings: Box<TrainSettings>,
+        initial: Initial,
+        /// The initial Gaussians in words.
+        description: String,
+    },
+    /// A checkpoint and its file.
+    Resumed(Box<Checkpoint>, PathBuf),
+}
+
+impl Start {
+    fn parameterization(&self) -> Parameterization {
+        match self {
+            Self::Fresh { settings, .. } => settings.parameterization,
+            Self::Resumed(checkpoint, _) => checkpoint.state.parameterization,
+        }
+    }
+
+    /// The trainer at the start, its log so far, and the start in words.
+    fn begin<'r>(
+        self,
+        rasterizer: &'r AnyRasterizer,
+        dataset: &Dataset,
+    ) -> Result<(Trainer3d<'r, AnyRasterizer>, MetricsLog, String), Failure> {
+        let views = Views::of_dataset(dataset);
+        match self {
+            Self::Fresh { settings, initial, description } => {
+                let log = MetricsLog::for_steps(settings.iterations);
+                let trainer = Trainer3d::from_views(rasterizer, views, initial, *settings);
+                Ok((trainer.block_on().map_err(|error| not_begun(error, &dataset.root))?, log, description))
+            }
+            Self::Resumed(checkpoint, file) => {
+                let failed = |error| not_resumed(error, &file, dataset);
+                let metadata = checkpoint.metadata.clone();
+                let trainer = Trainer3d::resume_views(rasterizer, views, *checkpoint).map_err(failed)?;
+                let log = MetricsLog::for_steps(trainer.settings().iterations).resumed(&metadata).map_err(failed)?;
+                let description = format!("step {} of {}", trainer.step(), file.display());
+                Ok((trainer, log, description))
+            }
+        }
+    }
+}
+
+/// Fails where there is not enough memory for the views and the initial Gaussians. Prints a note if
+/// there is not enough for the most Gaussians: they need not become so many.
+fn check_memory(args: &TrainArgs, trainer: &Trainer3d<'_, AnyRasterizer>) -> Result<(), Failure> {
+    let (views, settings) = (trainer.views(), trainer.settings());
+    let sizes = || views.train_cameras().map(|camera| (camera.width, camera.height));
+    let need = |gaussians: u32| Need {
+        what: format!("training on {} with {gaussians} Gaussians", args.dataset.display()),
+        bytes: settings.peak_bytes(sizes(), views.keep_bytes, gaussians.into()),
+        held: 0,
+        less: "scale down the images with --max-size, take fewer views, or fewer --gaussians",
+    };
+    need(trainer.count()).check_and_print()?;
+    if let Err(failure) = need(settings.gaussians).check() {
+        output::note(format_args!("note: {}", failure.message()));
+    }
+    Ok(())
+}
+
+/// Why a training cannot begin.
+fn not_begun(error: gs_train::Error, dataset: &Path) -> Failure {
+    let in_dataset = matches!(error, gs_train::Error::NothingInView { .. });
+    let failure = Failure::from(error);
+    if in_dataset { failure.at(dataset.display()).hint("--start random does so") } else { failure }
+}
+
+/// Why a checkpoint cannot be resumed.
+fn not_resumed(error: gs_train::Error, file: &Path, dataset: &Dataset) -> Failure {
+    let wrong_views = matches!(error, gs_train::Error::WrongTarget { .. });
+    let failure = Failure::from(error).at(file.display());
+    if !wrong_views {
+        return failure;
+    }
+    let failure = failure.hint("give the same data set, masks, --holdout, --images, --alpha and --max-size");
+    match dataset.remarks.iter().any(|remark| matches!(remark, Remark::Reduced { .. })) {
+        true => failure.hint("--max-size none if the training used the images at full size"),
+        false => failure,
+    }
+}
+
+fn announce(args: &TrainArgs, dataset: &Dataset, start: &str, trainer: &Trainer3d<'_, AnyRasterizer>) {
+    let settings = trainer.settings();
+    output::note(format_args!(
+        "training on {} of {} of {} ({}, {} held out) from {start}, with at most {} in {}, into {}",
+        trainer.views().train.len(),
+        counted(dataset.views.len(), "view"),
+        args.dataset.display(),
+        dataset.kind.name(),
+        dataset.views_of(Split::Test).count(),
+        counted(settings.gaussians, "Gaussian"),
+        counted(settings.iterations - trainer.step(), "step"),
+        args.output.output.display()
+    ));
+}
+
+/// The command that resumes the training, without its flag `--resume`.
+fn command(args: &TrainArgs) -> String {
+    let DatasetArgs { holdout, images, alpha, reading } = &args.images;
+    let holdout = if *holdout == 8 { String::new() } else { format!(" --holdout {holdout}") };
+    let images = images.as_ref().map_or_else(String::new, |images| format!(" --images {}", quoted(Path::new(images))));
+    let alpha = if *alpha == AlphaName::Mask { " --alpha mask" } else { "" };
+    let (dataset, output, reading) = (quoted(&args.dataset), quoted(&args.output.output), reading.flags());
+    format!("gs train {dataset}{holdout}{images}{alpha}{reading} -o {output}")
+}

@@ -1,0 +1,236 @@
+//! The results of a training. Each file is written completely or not at all, and a failure of one
+//! does not keep the others from being written. The summary comes last.
+
+use std::{path::Path, time::Instant};
+
+use gs_backend::{AnyRasterizer, Chosen, FutureExt as _, block_on};
+use gs_core::{Camera, Canvas, RenderSettings, Scene as _, Scene3d, counted, effects::called_for::Verdict};
+use gs_io::{TrainedWith, WriteOptions3d, write_3d, write_png};
+use gs_lab::{
+    effects::sampled,
+    figure::{curve::Point, ellipses},
+};
+use gs_train::{
+    MetricsLog, Trainer3d,
+    train::{DRIFT_DB, Evaluation, TrainSummary, TrainingViews, Views},
+};
+use serde::Serialize;
+
+use super::{arguments::TrainArgs, pictures::ViewPictures};
+use crate::{
+    effects_args,
+    failure::Failure,
+    output::{self, Verbosity},
+    output_folder::OutputFolder,
+    text_file::to_toml,
+    training::results::{self, Problems, ProgramSummary, without_broken, write_curve, write_table},
+};
+
+/// The most views for which required effects are decided.
+const EFFECT_VIEWS: usize = 8;
+
+/// What `summary.json` holds and `--json` prints.
+#[derive(Debug, Serialize)]
+pub(super) struct Summary {
+    #[serde(flatten)]
+    training: TrainSummary,
+    #[serde(flatten)]
+    program: ProgramSummary,
+    dataset: String,
+    /// Which effects the scene requires in the views that evaluate it, and why.
+    effects: Vec<Verdict>,
+}
+
+impl results::Summary for Summary {
+    fn text(&self, folder: &Path, verbosity: Verbosity) -> String {
+        let TrainSummary {
+            gaussians,
+            iterations,
+            seconds,
+            evaluation,
+            training,
+            test_views,
+            edits,
+            clamped,
+            fresh_starts,
+            shortfall,
+            ..
+        } = &self.training;
+        let problems = Problems::new(verbosity, edits, evaluation.culled, *clamped, fresh_starts);
+        let unmeasured = match evaluation.unmeasured.len() {
+            0 => String::new(),
+            count => format!(", without {count} whose pixels are all masked"),
+        };
+        let evaluated = match test_views {
+            0 => "views that it was trained with".to_owned(),
+            count => counted(*count, "held-out view"),
+        };
+        let trained = match training {
+            Some(TrainingViews { views, psnr: Some(psnr), .. }) if *test_views > 0 => {
+                format!(", PSNR {psnr:.2} dB over {} that it was trained with", counted(*views, "view"))
+            }
+            _ => String::new(),
+        };
+        let drift = self.training.drift().map(|drift| {
+            format!(
+                "the scene fits the training views {drift:.1} dB better than the held-out views, more than {DRIFT_DB} dB: more \
+                 steps or Gaussians may not help; more views, or fewer Gaussians (-n), may"
+            )
+        });
+        let notes = [drift, shortfall.as_ref().map(ToString::to_string)].into_iter().flatten();
+        let notes: String = notes.map(|note| format!("\nnote: {note}")).collect();
+        format!(
+            "{} after {} in {seconds:.1} s ({:.1} s in all): PSNR {:.2} dB, SSIM {:.4} over {evaluated}{unmeasured}{trained}{problems}; \
+             see {}{}{notes}",
+            counted(*gaussians, "Gaussian"),
+            counted(*iterations, "step"),
+            self.program.total_seconds,
+            evaluation.psnr,
+            evaluation.ssim,
+            folder.display(),
+            effects_args::line_below(verbosity, &self.effects)
+        )
+    }
+}
+
+/// Where results go, and what else they contain.
+pub(super) struct Results<'a> {
+    pub(super) args: &'a TrainArgs,
+    pub(super) folder: &'a OutputFolder,
+    pub(super) backend: &'a Chosen,
+    /// When the program began.
+    pub(super) started: Instant,
+    /// Time before the checkpoint that was resumed, s.
+    pub(super) seconds_before: f64,
+}
+
+impl Results<'_> {
+    /// Writes them all, the scene first.
+    pub(super) fn write(
+        &self,
+        trainer: &Trainer3d<'_, AnyRasterizer>,
+        log: &MetricsLog,
+        points: &[Point],
+    ) -> Result<Summary, Failure> {
+        // All other results can be made of the scene.
+        let scene = without_broken(trainer.scene().block_on()?)?;
+        let mut tried = vec![
+            self.write_scene(&scene, &trainer.shown()),
+            write_table(self.folder, log),
+            to_toml(trainer.settings()).and_then(|text| self.folder.write("settings.toml", &text)),
+            // They would be of an earlier fit.
+            ["scene.gs2d.safetensors", "reconstruction.png"].iter().try_for_each(|name| self.folder.leave_out(name)),
+            match self.args.output.no_report {
+                true => ["ellipses.png", "curve.png"].iter().try_for_each(|name| self.folder.leave_out(name)),
+                false => self.write_curve(trainer.count(), points, log),
+            },
+        ];
+        let evaluation = match self.args.output.no_report {
+            true => {
+                tried.push(ViewPictures::clear(self.folder));
+                trainer.evaluate(&mut |_, _| Ok(())).block_on().map_err(Failure::from)
+            }
+            false => {
+                tried.push(self.write_ellipses(trainer, &scene));
+                self.write_views(trainer, &mut tried)
+            }
+        };
+        let summary = evaluation.and_then(|evaluation| {
+            tried.push(self.folder.write_json("evaluation.json", &evaluation));
+            self.summary(trainer, &scene, evaluation)
+        });
+        match &summary {
+            Ok(summary) => tried.push(self.folder.write_json("summary.json", summary)),
+            Err(failure) => tried.extend([
+                Err(failure.clone()),
+                ["evaluation.json", "summary.json"].iter().try_for_each(|name| self.folder.leave_out(name)),
+            ]),
+        }
+        Failure::first_of(tried)?;
+        summary
+    }
+
+    /// Evaluates the scene and writes its views beside their images. Failures of pictures are added
+    /// to `tried`: they do not stop the evaluation.
+    fn write_views(
+        &self,
+        trainer: &Trainer3d<'_, AnyRasterizer>,
+        tried: &mut Vec<Result<(), Failure>>,
+    ) -> Result<Evaluation, Failure> {
+        let background = trainer.shown().background_color();
+        let views = trainer.judges().into_iter().map(|view| view.name.as_str());
+        let (pictures, names) = match ViewPictures::prepare(self.folder, views) {
+            Ok((pictures, names)) => (Some(pictures), names),
+            Err(failure) => {
+                tried.push(Err(failure));
+                (None, Vec::new())
+            }
+        };
+        let mut names = names.iter();
+        let evaluation = block_on(trainer.evaluate(&mut |view, rendered| {
+            if let Some((pictures, name)) = pictures.as_ref().zip(names.next()) {
+                let image = view.photograph()?.over(background);
+                tried.push(pictures.write(name, image, rendered).map_err(Failure::from));
+            }
+            Ok(())
+        }));
+        Ok(evaluation?)
+    }
+
+    fn summary(
+        &self,
+        trainer: &Trainer3d<'_, AnyRasterizer>,
+        scene: &Scene3d,
+        evaluation: Evaluation,
+    ) -> Result<Summary, Failure> {
+        Ok(Summary {
+            training: TrainSummary {
+                // The file has no Gaussians that are not finite.
+                gaussians: scene.len() as u32,
+                backend: self.backend.rasterizer.name().to_owned(),
+                threads: u32::try_from(self.backend.threads).ok(),
+                ..TrainSummary::new(trainer, evaluation).block_on()?
+            },
+            program: ProgramSummary::new(self.backend, self.started, self.seconds_before),
+            dataset: self.args.dataset.display().to_string(),
+            effects: self.args.effects.choose(scene, &cameras(trainer.views()), &trainer.shown())?.verdicts,
+        })
+    }
+
+    /// Draws the first of the views that evaluate the scene, with ellipses over it.
+    fn write_ellipses(&self, trainer: &Trainer3d<'_, AnyRasterizer>, scene: &Scene3d) -> Result<(), Failure> {
+        let Some(view) = trainer.judges().first().map(|view| view.camera) else { return Ok(()) };
+        let Canvas { width, height, .. } = ellipses::canvas_for(Canvas::new(view.width, view.height));
+        let camera = view.resized(width, height);
+        let mut picture = trainer.render_view(&camera).block_on()?.clamped();
+        ellipses::draw_3d(&mut picture, scene, &camera, &trainer.shown());
+        Ok(write_png(self.folder.file("ellipses.png"), &picture)?)
+    }
+
+    fn write_scene(&self, scene: &Scene3d, shown: &RenderSettings) -> Result<(), Failure> {
+        if scene.is_empty() {
+            output::note("note: no Gaussian is left, so there is no scene.ply");
+            return self.folder.leave_out("scene.ply");
+        }
+        let trained_with = TrainedWith { antialias: Some(shown.effects.antialias), order: Some(shown.effects.order) };
+        let options = WriteOptions3d { trained_with, ..WriteOptions3d::default() };
+        let write = |path: &Path| write_3d(path, scene, &options).map(drop);
+        self.folder.write_precious("scene.ply", write)
+    }
+
+    fn write_curve(&self, count: u32, points: &[Point], log: &MetricsLog) -> Result<(), Failure> {
+        let dataset = &self.args.dataset;
+        // Also if the path is `.`.
+        let path = dataset.canonicalize().unwrap_or_else(|_| dataset.clone());
+        let name =
+            path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned());
+        let title = format!("{name}: {}", counted(count, "Gaussian"));
+        write_curve(self.folder, points, log, &title)
+    }
+}
+
+/// Some of the cameras that evaluate a scene.
+fn cameras(views: &Views) -> Vec<Camera> {
+    let all: Vec<Camera> = views.test_or_train().iter().map(|view| view.camera).collect();
+    sampled(&all, EFFECT_VIEWS)
+}

@@ -1,0 +1,93 @@
+//! The settings and the initial Gaussians that the flags of a training ask for.
+
+use std::path::Path;
+
+use gs_core::{Participants, counted};
+use gs_density::Policy;
+use gs_io::dataset::Dataset;
+use gs_train::{
+    TrainPreset, TrainSettings,
+    train::{Resolution, Start, StepBackground},
+};
+
+use super::arguments::{ParticipantsName, TrainPresetName, TrainSettingsArgs};
+use crate::{failure::Failure, scene, text_file::read_toml, training::arguments::name_of, values::TrainBackground};
+
+/// The settings that the flags ask for, for this data set.
+pub(super) fn settings(args: &TrainSettingsArgs, dataset: &Dataset) -> Result<TrainSettings, Failure> {
+    let mut settings = match &args.settings {
+        Some(file) => {
+            let settings: TrainSettings = read_toml(file, "compare it with the settings.toml that a training writes")?;
+            settings.validate().map_err(|error| Failure::usage(error).at(file.display()))?;
+            settings
+        }
+        None => {
+            let settings = args.preset.map_or_else(TrainPreset::default, TrainPreset::from).settings(args.iterations);
+            settings.on(dataset.kind.background())
+        }
+    };
+    if let Some(policy) = args.policy {
+        settings = settings.with_policy(Policy::from_name(&name_of(&policy))?);
+    }
+    settings.gaussians = args.gaussians.unwrap_or(settings.gaussians);
+    settings.loss = args.loss.map_or(settings.loss, Into::into);
+    if let Some(parameterization) = args.parameterization {
+        settings = settings.with_parameterization(parameterization.into());
+    }
+    settings.seed = args.seed.unwrap_or(settings.seed);
+    let effects = &mut settings.render.effects;
+    effects.sh_degree = args.sh_degree.unwrap_or(effects.sh_degree);
+    effects.order = args.order.map_or(effects.order, Into::into);
+    effects.antialias = args.antialias.map_or(effects.antialias, Into::into);
+    match args.background {
+        None => {}
+        Some(TrainBackground::Random) => settings.background = StepBackground::Random,
+        Some(TrainBackground::Solid(color)) => {
+            settings.background = StepBackground::Same;
+            settings = settings.on(color.0);
+        }
+    }
+    if let Some(from) = args.coarse {
+        settings.resolution = Resolution::from_coarse(from);
+    }
+    let adam = &mut settings.adam;
+    adam.participants = args.participants.map_or(adam.participants, Into::into);
+    adam.penalty.opacity = args.opacity_weight.unwrap_or(adam.penalty.opacity);
+    adam.penalty.scale = args.scale_weight.unwrap_or(adam.penalty.scale);
+    settings.validate()?;
+    Ok(settings)
+}
+
+/// The initial Gaussians, and what they are in words.
+pub(super) fn initial(args: &TrainSettingsArgs, dataset: &Dataset) -> Result<(Start, String), Failure> {
+    let points = || (Start::Points(dataset.points.clone()), counted(dataset.points.len(), "point"));
+    match args.start.as_deref() {
+        Some("random") => Ok((Start::Random, "random points".to_owned())),
+        Some("points") if dataset.points.is_empty() => {
+            Err(Failure::usage("--start points: the data set has no points").hint("use --start random"))
+        }
+        None if dataset.points.is_empty() => Ok((Start::Random, "random points, as the data set has none".to_owned())),
+        None | Some("points") => Ok(points()),
+        Some(file) => Ok((Start::Scene(scene::read_3d(Path::new(file))?.scene), format!("the Gaussians of {file}"))),
+    }
+}
+
+impl From<TrainPresetName> for TrainPreset {
+    fn from(name: TrainPresetName) -> Self {
+        match name {
+            TrainPresetName::ThreeDgs => Self::ThreeDgs,
+            TrainPresetName::Mcmc => Self::Mcmc,
+            TrainPresetName::Short => Self::Short,
+            TrainPresetName::Quick => Self::Quick,
+        }
+    }
+}
+
+impl From<ParticipantsName> for Participants {
+    fn from(name: ParticipantsName) -> Self {
+        match name {
+            ParticipantsName::All => Self::All,
+            ParticipantsName::Visible => Self::Visible,
+        }
+    }
+}

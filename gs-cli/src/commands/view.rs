@@ -1,0 +1,157 @@
+//! `gs view`: a scene in a window.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use crate::{
+    backend::BackendArgs,
+    dataset::ReadingArgs,
+    effects_args::EffectsArgs,
+    failure::Failure,
+    render_args::RenderArgs3d,
+    values::{Axis, Size, ViewName},
+};
+
+/// What to do without a window.
+const HINT: &str = "without a display, gs render SCENE -o turn.apng --orbit 60 shows a scene from all sides";
+
+fn after_help() -> String {
+    #[cfg(feature = "viewer")]
+    let keys = gs_viewer::KEYS;
+    #[cfg(not(feature = "viewer"))]
+    let keys = "This program was built without its feature `viewer`, so it has no window.";
+    format!("{keys}\n\nWithout a display, gs render SCENE -o turn.apng --orbit 60 shows the same.")
+}
+
+/// The flags of `gs view`.
+#[derive(Debug, Clone, Args)]
+#[command(after_help = after_help())]
+#[cfg_attr(not(feature = "viewer"), expect(dead_code, reason = "only the window reads them"))]
+pub(crate) struct ViewArgs {
+    /// The scene: a scene file, a checkpoint, or the output folder of gs fit or gs train
+    scene: PathBuf,
+    /// Size of the picture [default: 800x600, or the proportions of the view]
+    #[arg(long, value_name = "WxH")]
+    size: Option<Size>,
+    /// Begin with the camera of a view of a data set
+    #[arg(long, value_name = "DATASET:VIEW", help_heading = "Camera")]
+    camera: Option<ViewName>,
+    /// Up direction, around which the camera turns: x, y, z, -x, -y or -z [default: that of the
+    /// data set, otherwise -y]
+    #[arg(long, value_name = "AXIS", allow_hyphen_values = true, help_heading = "Camera")]
+    up: Option<Axis>,
+    #[command(flatten)]
+    reading: ReadingArgs,
+    #[command(flatten)]
+    effects: EffectsArgs,
+    #[command(flatten)]
+    render: RenderArgs3d,
+    #[command(flatten)]
+    backend: BackendArgs,
+}
+
+/// Fails, as this build has no window.
+#[cfg(not(feature = "viewer"))]
+pub(crate) fn run(_: &ViewArgs) -> Result<(), Failure> {
+    Err(Failure::failed("gs view needs a program built with its feature `viewer`").hint(HINT))
+}
+
+#[cfg(feature = "viewer")]
+pub(crate) use self::window::run;
+
+#[cfg(feature = "viewer")]
+mod window {
+    use gs_core::{effects::CalledFor, image::check_size};
+    use gs_io::{AnyScene, File2d, File3d};
+    use gs_viewer::{Options, Viewed, view};
+
+    use super::*;
+    use crate::{
+        cameras::{self, Home},
+        scene,
+    };
+
+    /// The largest default size of a window, px: images may be larger than screens.
+    const LARGEST: Size = Size { width: 1280, height: 800 };
+
+    /// Shows a scene until its window is closed.
+    pub(crate) fn run(args: &ViewArgs) -> Result<(), Failure> {
+        match scene::read_any(&args.scene)? {
+            AnyScene::TwoD(file) => run_2d(args, &file),
+            AnyScene::ThreeD(file) => run_3d(args, &file),
+        }
+    }
+
+    fn run_2d(args: &ViewArgs, file: &File2d) -> Result<(), Failure> {
+        if args.camera.is_some() || args.up.is_some() || args.render.is_some() {
+            let message = "is a 2D scene, which has no camera, order or background to choose";
+            return Err(Failure::usage(message).at(args.scene.display()).hint("use --size alone"));
+        }
+        let size = size(args, file.width, file.height)?;
+        let backend = args.backend.open()?;
+        let CalledFor { settings, .. } = args.effects.choose(&file.scene, &[], &file.settings)?;
+        let viewed = Viewed::TwoD { scene: &file.scene, width: file.width, height: file.height };
+        view(viewed, &backend.rasterizer, Options { name: name(args), size, settings }).map_err(failure)
+    }
+
+    fn run_3d(args: &ViewArgs, file: &File3d) -> Result<(), Failure> {
+        let scene = &file.scene;
+        let up = args.up.map(|axis| axis.0);
+        let (Home { camera, target, up }, settings) = match &args.camera {
+            None => (Home::of(file, args.size, up)?, args.render.settings(file, None)),
+            Some(name) => {
+                let dataset = args.reading.read(&name.dataset)?;
+                let camera = cameras::of_view(&dataset, name)?;
+                let target = cameras::looked_at(&dataset, &camera);
+                let up = up.unwrap_or_else(|| cameras::up_of(&dataset));
+                (Home { camera, target, up }, args.render.settings(file, Some(&dataset)))
+            }
+        };
+        camera.validate().map_err(|error| Failure::usage(error).at("--camera or --size"))?;
+        let size = size(args, camera.width, camera.height)?;
+        let backend = args.backend.open()?;
+        // The camera may move anywhere, so the effects must be right from everywhere.
+        let CalledFor { settings, .. } = args.effects.choose(scene, &[], &settings)?;
+        let viewed = Viewed::ThreeD { scene, camera, target, up };
+        view(viewed, &backend.rasterizer, Options { name: name(args), size, settings }).map_err(failure)?;
+        args.render.note_guess(file);
+        Ok(())
+    }
+
+    fn name(args: &ViewArgs) -> String {
+        args.scene.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned())
+    }
+
+    fn failure(error: gs_viewer::Error) -> Failure {
+        match error {
+            gs_viewer::Error::Backend(error) => error.into(),
+            error @ (gs_viewer::Error::NoDisplay | gs_viewer::Error::Window { .. }) => {
+                Failure::failed(error).hint(HINT)
+            }
+            error => Failure::failed(error),
+        }
+    }
+
+    /// The size of the window: the flag's, or that of the picture, scaled down if it is too large
+    /// for a screen.
+    fn size(args: &ViewArgs, width: u32, height: u32) -> Result<(u32, u32), Failure> {
+        let Size { width, height } = args.size.unwrap_or_else(|| default_size(width, height));
+        check_size(width, height).map_err(|error| Failure::usage(error).at("--size"))?;
+        Ok((width, height))
+    }
+
+    fn default_size(width: u32, height: u32) -> Size {
+        let (width, height) = (width as f32, height as f32);
+        let scale = (LARGEST.width as f32 / width).min(LARGEST.height as f32 / height).min(1.0);
+        let scaled = |side: f32| ((side * scale).round() as u32).max(1);
+        Size { width: scaled(width), height: scaled(height) }
+    }
+
+    #[test]
+    fn the_default_window_fits_the_screen_and_the_picture() {
+        assert_eq!(default_size(800, 600), Size { width: 800, height: 600 });
+        assert_eq!(default_size(1296, 1936), Size { width: 536, height: 800 });
+        assert_eq!(default_size(16_000, 1), Size { width: 1280, height: 1 });
+    }
+}

@@ -1,0 +1,183 @@
+//! The flag `--effects`: which effects are simulated, and why.
+
+use std::{fmt::Write, str::FromStr};
+
+use clap::Args;
+use gs_core::{
+    Effects, RenderSettings,
+    effects::{
+        CalledFor, Effect,
+        called_for::{Answer, CallsForEffects, Verdict},
+    },
+};
+
+use crate::output::Verbosity;
+
+/// The flag of commands that render.
+#[derive(Debug, Clone, Default, Args)]
+pub(crate) struct EffectsArgs {
+    /// Effects to simulate: auto (those that change a pixel by more than 1/512), all, or a list of
+    /// order, sh-degree, antialias and background; gs effects shows what each one costs [default:
+    /// auto]
+    #[arg(long, value_name = "auto|all|LIST")]
+    effects: Option<Choice>,
+}
+
+/// Which effects are simulated.
+#[derive(Debug, Clone, PartialEq, Eq)]
+enum Choice {
+    /// Those that the scene requires.
+    Auto,
+    /// All.
+    All,
+    /// All that a settings file has.
+    FromFile,
+    /// These. Blending cannot be chosen: a scene is trained for one.
+    Only(Vec<Effect>),
+}
+
+impl FromStr for Choice {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "auto" => return Ok(Self::Auto),
+            "all" => return Ok(Self::All),
+            _ => {}
+        }
+        let named = |name: &str| name.trim().parse().ok().filter(|effect| *effect != Effect::Blend);
+        let list: Option<Vec<Effect>> = text.split(',').map(named).collect();
+        list.map(Self::Only)
+            .ok_or_else(|| "write auto, all, or a list of order, sh-degree, antialias and background".to_owned())
+    }
+}
+
+impl EffectsArgs {
+    /// The flag, if it is given; otherwise all effects of a settings file, whose budget includes
+    /// what they change.
+    pub(crate) fn or_from_file(&self) -> Self {
+        Self { effects: Some(self.effects.clone().unwrap_or(Choice::FromFile)) }
+    }
+
+    fn choice(&self) -> &Choice {
+        self.effects.as_ref().unwrap_or(&Choice::Auto)
+    }
+
+    /// The settings to train a scene with, for which no effect can be decided yet.
+    pub(crate) fn for_training(&self, wanted: &RenderSettings) -> RenderSettings {
+        match self.choice() {
+            Choice::Auto | Choice::All | Choice::FromFile => *wanted,
+            Choice::Only(list) => listed(list, wanted).settings,
+        }
+    }
+
+    /// The settings to render a scene with in these views, or in any view if there are none, and
+    /// the reasons.
+    pub(crate) fn choose<S: CallsForEffects>(
+        &self,
+        scene: &S,
+        views: &[S::View],
+        wanted: &RenderSettings,
+    ) -> Result<CalledFor, gs_core::Error> {
+        Ok(match self.choice() {
+            Choice::Auto => Effects::called_for(scene, views, wanted)?,
+            Choice::All => decided(wanted, |_| Decision { effects: wanted.effects, why: "--effects all" }),
+            Choice::FromFile => decided(wanted, |_| Decision { effects: wanted.effects, why: "as in --settings" }),
+            Choice::Only(list) => listed(list, wanted),
+        })
+    }
+}
+
+fn listed(list: &[Effect], wanted: &RenderSettings) -> CalledFor {
+    decided(wanted, |effect| match effect {
+        Effect::Blend => Decision { effects: wanted.effects, why: "as in training" },
+        _ if list.contains(&effect) => Decision { effects: wanted.effects, why: "in --effects" },
+        _ => Decision { effects: effect.off(&wanted.effects), why: "not in --effects" },
+    })
+}
+
+/// What the flag decides about one effect.
+struct Decision {
+    /// Effects that have it or not.
+    effects: Effects,
+    why: &'static str,
+}
+
+fn decided(wanted: &RenderSettings, decide: impl Fn(Effect) -> Decision) -> CalledFor {
+    let mut settings = *wanted;
+    let verdicts = Effect::ALL.into_iter().map(|effect| {
+        let Decision { effects, why } = decide(effect);
+        settings.effects = effect.copied(&effects, &settings.effects);
+        Verdict::new(effect, &wanted.effects, &effects, why.to_owned())
+    });
+    let verdicts = verdicts.collect();
+    CalledFor { settings, verdicts }
+}
+
+/// Which effects are simulated and which are left out, with reasons; `None` if there is nothing to
+/// simulate.
+pub(crate) fn describe(verdicts: &[Verdict]) -> Option<String> {
+    let mut text = "effects:".to_owned();
+    let mut separator = " ";
+    for Verdict { effect, wanted, value, answer, reason } in verdicts {
+        let written = match answer {
+            Answer::Off => continue,
+            Answer::CalledFor => write!(text, "{separator}{effect} {value} ({reason})"),
+            Answer::InPart => write!(text, "{separator}{effect} {value} instead of {wanted} ({reason})"),
+            Answer::NotCalledFor => write!(text, "{separator}without {effect} {wanted} ({reason})"),
+        };
+        debug_assert!(written.is_ok(), "a string can always be written to");
+        separator = "; ";
+    }
+    (separator != " ").then_some(text)
+}
+
+/// The same as a line below a summary.
+pub(crate) fn line_below(verbosity: Verbosity, verdicts: &[Verdict]) -> String {
+    match verbosity {
+        Verbosity::Normal => String::new(),
+        Verbosity::Verbose => {
+            let none = || "effects: none; the Gaussians at a pixel are added up, in no order".to_owned();
+            format!("\n{}", describe(verdicts).unwrap_or_else(none))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use gs_core::{Blend, Scene2d, effects::Antialias};
+
+    use super::*;
+
+    fn chosen(text: &str) -> CalledFor {
+        let mut wanted = RenderSettings::blended(Blend::Over).on([0.0; 3]);
+        wanted.effects.antialias = Antialias::Mip;
+        wanted.effects.sh_degree = 3;
+        let args = EffectsArgs { effects: Some(text.parse().unwrap()) };
+        args.choose(&Scene2d::default(), &[], &wanted).unwrap()
+    }
+
+    #[test]
+    fn the_flag_chooses_effects() {
+        assert_eq!(chosen("all").settings.effects.sh_degree, 3);
+        let only = chosen("antialias, background").settings.effects;
+        let expected = Effects { antialias: Antialias::Mip, blend: Blend::Over, ..chosen("all").settings.effects };
+        assert_eq!(only, Effects { sh_degree: 0, ..expected });
+        assert_eq!(chosen("order").settings.effects, Effects { blend: Blend::Over, ..Effects::default() });
+        assert_eq!(chosen("auto").settings.effects.sh_degree, 0);
+        for wrong in ["", "none", "blend", "order,", "Auto"] {
+            assert!(wrong.parse::<Choice>().is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn the_description_names_each_effect_with_its_reason() {
+        let text = describe(&chosen("auto").verdicts).unwrap();
+        assert!(text.starts_with("effects: blend over (the scene is empty); without sh-degree 3 ("), "{text}");
+        assert!(text.ends_with("without background solid (black is what none looks like)"), "{text}");
+        let listed = chosen("order").verdicts;
+        assert!(describe(&listed).unwrap().contains("without antialias mip (not in --effects)"));
+        assert_eq!((describe(&[]), line_below(Verbosity::Normal, &listed)), (None, String::new()));
+        assert!(line_below(Verbosity::Verbose, &[]).starts_with("\neffects: none; "));
+    }
+}

@@ -1,0 +1,302 @@
+//! Fits of images: the target, the settings that flags ask for, and a short fit for commands that
+//! take an image in place of a scene.
+
+mod target;
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+use gs_backend::{AnyRasterizer, FutureExt as _};
+use gs_core::{Blend, Scene2d, counted, effects::Background};
+use gs_density::Policy;
+use gs_train::{FitSettings, Init, Preset, Trainer, mean_color};
+
+pub(crate) use self::target::Target;
+use crate::{
+    failure::Failure,
+    frontier_settings::{FrontierMachine, FrontierSettings},
+    output,
+    render_args::AntialiasName,
+    text_file::{parse_toml, read_settings_text},
+    training::arguments::{LossName, ParameterizationName, PolicyName, name_of},
+    values::{Color, whole},
+};
+
+/// The settings of a fit: a preset or a settings file, and changes to it.
+#[derive(Debug, Clone, Default, Args)]
+#[command(next_help_heading = "Settings")]
+pub(crate) struct FitSettingsArgs {
+    /// The settings to start from [default: standard, or paper without an image]
+    #[arg(long, visible_alias = "quality", value_enum, value_name = "PRESET")]
+    pub(crate) preset: Option<PresetName>,
+    /// Settings file: the settings.toml of a fit, or that of gs frontier with accuracy and backend;
+    /// flags override it
+    #[arg(long, value_name = "FILE.toml", conflicts_with = "preset")]
+    pub(crate) settings: Option<PathBuf>,
+    /// The most Gaussians [default: 9000 for each 768x512 px; 600 with preset paper]
+    #[arg(short = 'n', long, alias = "max-gaussians", value_name = "N", value_parser = whole::<u32>(1..))]
+    pub(crate) gaussians: Option<u32>,
+    /// Steps of the optimizer; 0 keeps the initial Gaussians
+    #[arg(short, long, value_name = "K", value_parser = whole::<u32>(0..))]
+    pub(crate) iterations: Option<u32>,
+    /// Density control: which Gaussians grow and which are removed
+    #[arg(long, value_enum, value_name = "POLICY")]
+    pub(crate) policy: Option<PolicyName>,
+    /// Placement of the initial Gaussians
+    #[arg(long, value_enum, value_name = "INIT")]
+    pub(crate) init: Option<InitName>,
+    /// Loss to minimise
+    #[arg(long, value_enum, value_name = "LOSS")]
+    pub(crate) loss: Option<LossName>,
+    /// How the Gaussians at a pixel become its colour
+    #[arg(long, value_enum, value_name = "BLEND")]
+    pub(crate) blend: Option<BlendName>,
+    /// Treatment of Gaussians narrower than a pixel [default: none]
+    #[arg(long, value_enum, value_name = "ANTIALIAS")]
+    pub(crate) antialias: Option<AntialiasName>,
+    /// Coordinates of the optimizer
+    #[arg(long, value_enum, value_name = "NAME", alias = "chart")]
+    pub(crate) parameterization: Option<ParameterizationName>,
+    /// Background colour, each part from 0 to 1, such as 1,1,1 for white; with --resume, for
+    /// transparent pixels only
+    #[arg(long, value_name = "R,G,B")]
+    pub(crate) background: Option<Color>,
+    /// Seed of all random numbers; the same seed gives the same bits on the same SIMD level or GPU
+    #[arg(long, value_name = "S", value_parser = whole::<u32>(0..))]
+    pub(crate) seed: Option<u32>,
+}
+
+/// A preset.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum PresetName {
+    /// The paper's experiment: 20 Gaussians that grow, front-to-back blending
+    Paper,
+    /// For a first look: a fraction of the time
+    Quick,
+    /// For images: the best within a second or so
+    Standard,
+    /// More steps, a little better
+    Best,
+}
+
+/// A placement of the initial Gaussians.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum InitName {
+    /// Anywhere, large
+    Random,
+    /// Along the border of the image
+    Periphery,
+    /// On a grid
+    Grid,
+    /// At the edges of the image
+    Gradient,
+    /// Where a coarse rendering of the image is most wrong
+    Error,
+}
+
+/// A blending.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum BlendName {
+    /// Sum without order or opacity; fastest
+    Sum,
+    /// Front to back with opacities, as in splat viewers
+    Over,
+}
+
+/// The content of a settings file. The file is read once, as it may be a pipe.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) enum SettingsFile {
+    /// No file is named.
+    None,
+    /// All settings of a fit.
+    Fit(Box<FitSettings>),
+    /// Settings of `gs frontier`.
+    Frontier(Box<FrontierSettings>),
+}
+
+impl SettingsFile {
+    /// Reads the file that the flags name.
+    pub(crate) fn read(args: &FitSettingsArgs) -> Result<Self, Failure> {
+        let Some(file) = args.settings.as_deref() else { return Ok(Self::None) };
+        let text = read_settings_text(file)?;
+        if let Some(frontier) = FrontierSettings::parse_if_any(&text, file)? {
+            return Ok(Self::Frontier(Box::new(frontier)));
+        }
+        let settings: FitSettings = parse_toml(&text, file, "compare it with the settings.toml that a fit writes")?;
+        settings.validate().map_err(|error| Failure::usage(error).at(file.display()))?;
+        Ok(Self::Fit(Box::new(settings)))
+    }
+
+    /// The colour behind transparent pixels of the target: the flag's, or that of the settings.
+    pub(crate) fn background(&self, args: &FitSettingsArgs) -> Option<Color> {
+        args.background.or_else(|| match self {
+            Self::Fit(settings) if settings.render.effects.background == Background::Solid => {
+                Some(Color(settings.render.background))
+            }
+            _ => None,
+        })
+    }
+
+    /// The machine that the frontier chose.
+    pub(crate) fn machine(&self) -> Option<&FrontierMachine> {
+        match self {
+            Self::Frontier(frontier) => Some(&frontier.machine),
+            Self::None | Self::Fit(_) => None,
+        }
+    }
+}
+
+/// The settings that the flags and the file ask for, for this target.
+pub(crate) fn settings(args: &FitSettingsArgs, file: &SettingsFile, target: &Target) -> Result<FitSettings, Failure> {
+    let mut settings = match file {
+        SettingsFile::Fit(settings) => {
+            let gaussians = args.gaussians.unwrap_or(settings.gaussians);
+            let iterations = args.iterations.unwrap_or(settings.iterations);
+            settings.as_ref().clone().with_gaussians(gaussians).with_iterations(iterations)
+        }
+        _ => {
+            let preset = args.preset.map_or(target.preset(), Preset::from);
+            FitSettings::from_preset(preset, target.image.size(), args.gaussians, args.iterations)
+        }
+    };
+    if let SettingsFile::Frontier(frontier) = file {
+        settings.render.accuracy = frontier.accuracy;
+    }
+    settings.loss = args.loss.map_or(settings.loss, Into::into);
+    if let Some(parameterization) = args.parameterization {
+        settings = settings.with_parameterization(parameterization.into());
+    }
+    if let Some(blend) = args.blend {
+        // The colour behind transparent pixels. The settings do not hold the target, so this puts
+        // them on the same colour when they are used again.
+        let behind = target.behind.map_or_else(|| mean_color(&target.image), |color| color.0);
+        settings = settings.with_blend(blend.into(), behind);
+    }
+    if let Some(antialias) = args.antialias {
+        settings.render.effects.antialias = antialias.into();
+    }
+    if let Some(color) = args.background {
+        settings.render = settings.render.on(color.0);
+    }
+    if let Some(policy) = args.policy {
+        settings = settings.with_policy(Policy::from_name(&name_of(&policy))?);
+    }
+    if let Some(init) = args.init {
+        settings.init = Init::from_name(&name_of(&init), settings.render.effects.blend)?;
+    }
+    settings.seed = args.seed.unwrap_or(settings.seed);
+    if !matches!(file, SettingsFile::Fit(_)) {
+        settings = before_flat_color(settings, target);
+    }
+    settings.validate()?;
+    Ok(settings)
+}
+
+/// A target of one flat colour, except for details, is fitted before that colour. If its
+/// transparent pixels show another colour, it is not: these settings, used again, would put them on
+/// the flat colour.
+fn before_flat_color(settings: FitSettings, target: &Target) -> FitSettings {
+    let before = settings.clone().before_flat_color(&target.image);
+    match target.behind {
+        Some(behind) if before.render.background_color() != behind.0 => settings,
+        _ => before,
+    }
+}
+
+/// Fits a target with these settings, without results.
+pub(crate) fn fit_first(
+    rasterizer: &AnyRasterizer,
+    target: &Target,
+    settings: FitSettings,
+) -> Result<Scene2d, Failure> {
+    let (width, height) = target.image.size();
+    output::note(format_args!(
+        "fitting {} ({width}x{height} px) with at most {} in {} first",
+        target.name(),
+        counted(settings.gaussians, "Gaussian"),
+        counted(settings.iterations, "step")
+    ));
+    let mut trainer = Trainer::new(rasterizer, &target.image, settings).block_on()?;
+    trainer.run(&mut ()).block_on()?;
+    Ok(trainer.scene().block_on()?)
+}
+
+impl From<PresetName> for Preset {
+    fn from(name: PresetName) -> Self {
+        match name {
+            PresetName::Paper => Self::Paper,
+            PresetName::Quick => Self::Quick,
+            PresetName::Standard => Self::Standard,
+            PresetName::Best => Self::Best,
+        }
+    }
+}
+
+impl From<BlendName> for Blend {
+    fn from(name: BlendName) -> Self {
+        match name {
+            BlendName::Sum => Self::Sum,
+            BlendName::Over => Self::Over,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use gs_core::Image;
+
+    use super::*;
+    use crate::text_file::to_toml;
+
+    fn target() -> Target {
+        let image = Image::from_fn(64, 48, |x, _| [x as f32 / 63.0, 0.5, 0.25]).unwrap();
+        Target { image, file: Some("picture.png".into()), behind: None, remarks: Vec::new() }
+    }
+
+    fn resolved(args: &FitSettingsArgs) -> FitSettings {
+        settings(args, &SettingsFile::None, &target()).unwrap()
+    }
+
+    #[test]
+    fn every_preset_and_every_override_is_read_from_its_toml() {
+        for &preset in PresetName::value_variants() {
+            for &policy in PolicyName::value_variants() {
+                for &init in InitName::value_variants() {
+                    let (preset, policy, init) = (Some(preset), Some(policy), Some(init));
+                    let settings = resolved(&FitSettingsArgs { preset, policy, init, ..FitSettingsArgs::default() });
+                    let text = to_toml(&settings).unwrap();
+                    assert_eq!(toml::from_str::<FitSettings>(&text).unwrap(), settings, "{text}");
+                    assert!(text.contains("alpha-max = 0.999\n"), "meaningless digits: {text}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_flat_picture_is_fitted_before_its_colour_unless_transparent_pixels_show_another() {
+        let flat = |behind| Target { image: Image::filled(9, 7, [1.0; 3]).unwrap(), behind, ..target() };
+        let background = |args: &FitSettingsArgs, target: &Target| {
+            let settings = super::settings(args, &SettingsFile::None, target).unwrap();
+            (settings.render.effects.background == Background::Solid).then_some(settings.render.background)
+        };
+        let usual = FitSettingsArgs::default();
+        assert_eq!(background(&usual, &flat(None)), Some([1.0; 3]));
+        assert_eq!(background(&usual, &flat(Some(Color([1.0; 3])))), Some([1.0; 3]));
+        assert_eq!(background(&usual, &flat(Some(Color([0.0; 3])))), None);
+        assert_eq!(background(&usual, &target()), None);
+        let black = FitSettingsArgs { background: Some(Color([0.0; 3])), ..FitSettingsArgs::default() };
+        assert_eq!(background(&black, &flat(None)), Some([0.0; 3]));
+        let file = SettingsFile::Fit(Box::new(FitSettings::standard(9)));
+        assert_eq!(settings(&usual, &file, &flat(None)).unwrap().render.effects.background, Background::None);
+    }
+
+    #[test]
+    fn every_policy_of_the_library_has_its_flag() {
+        let flags: Vec<_> = PolicyName::value_variants().iter().filter_map(|p| p.to_possible_value()).collect();
+        assert_eq!(flags.iter().map(|flag| flag.get_name()).collect::<Vec<_>>(), Policy::NAMES);
+        for (policy, name) in PolicyName::value_variants().iter().zip(Policy::NAMES) {
+            let settings = resolved(&FitSettingsArgs { policy: Some(*policy), ..FitSettingsArgs::default() });
+            assert_eq!(settings.policy.name(), name);
+        }
+    }
+}

@@ -1,0 +1,74 @@
+//! The target of a fit: an image file, or the paper's image.
+
+use std::path::{Path, PathBuf};
+
+use gs_core::Image;
+use gs_io::{AlphaMode, Transparency, read_image_with};
+use gs_train::{Preset, paper_target};
+
+use crate::{
+    failure::Failure,
+    output::{self, printable},
+    values::Color,
+};
+
+/// The target and where it is from.
+#[derive(Debug)]
+pub(crate) struct Target {
+    pub(crate) image: Image,
+    /// Its file; `None` is the paper's circle and square.
+    pub(crate) file: Option<PathBuf>,
+    /// The colour behind its transparent pixels; `None` if it has none.
+    pub(crate) behind: Option<Color>,
+    /// Remarks about the file, one line each.
+    pub(crate) remarks: Vec<String>,
+}
+
+impl Target {
+    /// Reads the image, with `background` (default: white) behind transparent pixels, or makes the
+    /// paper's target.
+    pub(crate) fn read(file: Option<&Path>, background: Option<Color>) -> Result<Self, gs_io::Error> {
+        let Some(path) = file else {
+            return Ok(Self { image: paper_target(), file: None, behind: None, remarks: Vec::new() });
+        };
+        let behind = background.unwrap_or(Color([1.0; 3]));
+        let loaded = read_image_with(path, AlphaMode::Composite(behind.0))?;
+        let transparent = loaded.transparency != Transparency::None;
+        let mut remarks: Vec<String> =
+            loaded.remarks.iter().map(|remark| format!("note: {}", printable(&remark.to_string()))).collect();
+        remarks.extend(
+            transparent
+                .then(|| format!("note: transparent pixels are fitted as they look on {behind} (--background R,G,B)")),
+        );
+        Ok(Self { image: loaded.image, file: Some(path.to_owned()), behind: transparent.then_some(behind), remarks })
+    }
+
+    /// The same for commands that take an image or a scene; prints the remarks.
+    pub(crate) fn read_to_fit_first(file: Option<&Path>) -> Result<Self, Failure> {
+        let target = Self::read(file, None).map_err(|error| match error {
+            gs_io::Error::NotAnImage { .. } => Failure::from(error).hint("or name a scene"),
+            error => error.into(),
+        })?;
+        target.remarks.iter().for_each(output::note);
+        Ok(target)
+    }
+
+    /// The default preset.
+    pub(super) fn preset(&self) -> Preset {
+        if self.file.is_some() { Preset::Standard } else { Preset::Paper }
+    }
+
+    /// The name for titles: that of the file, without folders.
+    pub(crate) fn title(&self) -> String {
+        let name = self.file.as_deref().and_then(Path::file_name).map(|name| name.to_string_lossy().into_owned());
+        name.unwrap_or_else(|| self.name())
+    }
+
+    /// The name for messages.
+    pub(crate) fn name(&self) -> String {
+        match &self.file {
+            Some(file) => printable(&file.display().to_string()).into_owned(),
+            None => "circle and square".to_owned(),
+        }
+    }
+}

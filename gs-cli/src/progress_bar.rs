@@ -1,0 +1,128 @@
+//! Progress bars on standard error, and lines above them.
+
+use std::{
+    fmt,
+    io::{self, IsTerminal, stderr},
+};
+
+use console::Term;
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle, TermLike};
+
+use crate::output;
+
+/// Redrawings of a bar in a second.
+const REDRAWS: u8 = 10;
+
+/// A bar on standard error; `None` where that is not a terminal.
+pub(crate) fn bar(length: u64, template: &str) -> Option<ProgressBar> {
+    stderr().is_terminal().then(|| {
+        let target = ProgressDrawTarget::term_like_with_hz(Box::new(Terminal::default()), REDRAWS);
+        let bar = ProgressBar::with_draw_target(Some(length), target);
+        bar.set_style(ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()));
+        bar
+    })
+}
+
+/// Prints lines on standard error from any thread, above the bar if there is one.
+#[derive(Debug, Clone)]
+pub(crate) struct Printer(Option<ProgressBar>);
+
+impl Printer {
+    /// Prints above this bar.
+    pub(crate) fn above(bar: Option<ProgressBar>) -> Self {
+        Self(bar)
+    }
+
+    /// Prints one line.
+    pub(crate) fn print(&self, line: impl fmt::Display) {
+        match &self.0 {
+            Some(bar) => bar.suspend(|| output::note(line)),
+            None => output::note(line),
+        }
+    }
+
+    /// Removes the bar.
+    pub(crate) fn clear_bar(&self) {
+        if let Some(bar) = &self.0 {
+            bar.finish_and_clear();
+        }
+    }
+}
+
+/// A time in the unit that suits it: "12 s", "3 min", "2 h 05 min".
+pub(crate) fn time(seconds: f64) -> String {
+    let seconds = seconds.round() as u64;
+    match seconds {
+        0..120 => format!("{seconds} s"),
+        120..7200 => format!("{} min", seconds.div_ceil(60)),
+        _ => format!("{} h {:02} min", seconds / 3600, seconds % 3600 / 60),
+    }
+}
+
+/// Room for what a terminal echoes, columns: that of Ctrl-C twice.
+const ECHO: u16 = 4;
+
+/// Standard error, reported a little narrower than it is.
+///
+/// The bar fills its line. If the terminal echoes Ctrl-C behind it, the line breaks, and the bar
+/// can no longer be removed.
+#[derive(Debug)]
+pub(crate) struct Terminal(Term);
+
+impl Default for Terminal {
+    fn default() -> Self {
+        Self(Term::buffered_stderr())
+    }
+}
+
+impl TermLike for Terminal {
+    fn width(&self) -> u16 {
+        self.0.size().1.saturating_sub(ECHO)
+    }
+
+    fn height(&self) -> u16 {
+        self.0.size().0
+    }
+
+    fn move_cursor_up(&self, n: usize) -> io::Result<()> {
+        self.0.move_cursor_up(n)
+    }
+
+    fn move_cursor_down(&self, n: usize) -> io::Result<()> {
+        self.0.move_cursor_down(n)
+    }
+
+    fn move_cursor_right(&self, n: usize) -> io::Result<()> {
+        self.0.move_cursor_right(n)
+    }
+
+    fn move_cursor_left(&self, n: usize) -> io::Result<()> {
+        self.0.move_cursor_left(n)
+    }
+
+    fn write_line(&self, line: &str) -> io::Result<()> {
+        self.0.write_line(line)
+    }
+
+    fn write_str(&self, text: &str) -> io::Result<()> {
+        self.0.write_str(text)
+    }
+
+    fn clear_line(&self) -> io::Result<()> {
+        self.0.clear_line()
+    }
+
+    fn flush(&self) -> io::Result<()> {
+        self.0.flush()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_have_a_suitable_unit() {
+        assert_eq!(["3 s", "2 min", "100 min", "2 h 05 min"], [3.2, 119.9, 6000.0, 7500.0].map(time));
+    }
+}

@@ -1,0 +1,176 @@
+//! How a 3D scene is rendered: as flags ask, otherwise as it was trained.
+
+use clap::{Args, ValueEnum};
+use gs_core::{
+    RenderSettings, counted,
+    effects::{Antialias, Order},
+    statistics::Culled,
+};
+use gs_io::{File3d, TrainedWith, dataset::Dataset};
+
+use crate::{
+    output,
+    values::{Color, whole},
+};
+
+/// An order of blending.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum OrderName {
+    /// By the depth of the means (3DGS)
+    #[value(alias = "tile-depth")]
+    Global,
+    /// By the depth at each pixel: no popping, slower
+    #[value(alias = "pixel-depth")]
+    PerPixel,
+}
+
+/// Treatment of Gaussians narrower than a pixel.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum AntialiasName {
+    /// No treatment
+    None,
+    /// Widen by 0.3 px² (3DGS)
+    Dilate,
+    /// Widen by 0.1 px² and fade accordingly (Mip-Splatting)
+    Mip,
+    /// Widen by 0.3 px² and fade accordingly (`antialiased` in gsplat and Nerfstudio)
+    Compensated,
+}
+
+impl From<OrderName> for Order {
+    fn from(name: OrderName) -> Self {
+        match name {
+            OrderName::Global => Self::Global,
+            OrderName::PerPixel => Self::PerPixel,
+        }
+    }
+}
+
+impl From<AntialiasName> for Antialias {
+    fn from(name: AntialiasName) -> Self {
+        match name {
+            AntialiasName::None => Self::None,
+            AntialiasName::Dilate => Self::Dilate,
+            AntialiasName::Mip => Self::Mip,
+            AntialiasName::Compensated => Self::Compensated,
+        }
+    }
+}
+
+/// The flags of commands that render a 3D scene.
+#[derive(Debug, Clone, Default, Args)]
+#[command(next_help_heading = "3D scenes")]
+pub(crate) struct RenderArgs3d {
+    /// Background colour: black, white, or R,G,B [default: black; white for a Blender data set]
+    #[arg(long, value_name = "COLOUR")]
+    pub(crate) background: Option<Color>,
+    /// Highest degree of spherical harmonics (SH), 0 to 3 [default: the scene's]
+    #[arg(long, value_name = "D", value_parser = whole::<u8>(0..=3))]
+    pub(crate) sh_degree: Option<u8>,
+    /// Order of blending [default: as the file says, otherwise global]
+    #[arg(long, value_enum, value_name = "ORDER")]
+    pub(crate) order: Option<OrderName>,
+    /// Treatment of Gaussians narrower than a pixel [default: as the file says, otherwise dilate]
+    #[arg(long, value_enum, value_name = "ANTIALIAS")]
+    antialias: Option<AntialiasName>,
+}
+
+impl RenderArgs3d {
+    /// Whether any of them is given.
+    pub(crate) fn is_some(&self) -> bool {
+        let Self { background, sh_degree, order, antialias } = self;
+        background.is_some() || sh_degree.is_some() || order.is_some() || antialias.is_some()
+    }
+
+    /// How a scene was trained: as flags say, otherwise as its file does.
+    pub(crate) fn trained_with(&self, file: TrainedWith) -> TrainedWith {
+        TrainedWith {
+            antialias: self.antialias.map(Into::into).or(file.antialias),
+            order: self.order.map(Into::into).or(file.order),
+        }
+    }
+
+    /// Notes on standard error that the antialiasing is a guess, if neither the file nor a flag
+    /// names it.
+    pub(crate) fn note_guess(&self, file: &File3d) {
+        if self.trained_with(file.trained_with).antialias.is_none() {
+            output::note(
+                "note: the file does not say how the scene was antialiased in training; dilate, as in 3DGS, is assumed: \
+                 --antialias names another",
+            );
+        }
+    }
+
+    /// The settings to render a scene with, beside a data set if there is one.
+    pub(crate) fn settings(&self, file: &File3d, dataset: Option<&Dataset>) -> RenderSettings {
+        self.applied_to(file.render_settings(dataset))
+    }
+
+    /// These settings, with the flags that are given.
+    pub(crate) fn applied_to(&self, mut render: RenderSettings) -> RenderSettings {
+        let effects = &mut render.effects;
+        effects.sh_degree = self.sh_degree.unwrap_or(effects.sh_degree);
+        effects.order = self.order.map_or(effects.order, Into::into);
+        effects.antialias = self.antialias.map_or(effects.antialias, Into::into);
+        self.background.map_or(render, |color| render.on(color.0))
+    }
+}
+
+/// The effects that a scene is rendered with, in the words of the flags.
+pub(crate) fn describe(render: &RenderSettings) -> String {
+    let effects = &render.effects;
+    format!(
+        "order {}, antialias {}, SH degree {}, background {}",
+        effects.order.name(),
+        effects.antialias.name(),
+        effects.sh_degree,
+        Color(render.background_color())
+    )
+}
+
+/// Why nothing of a scene is in sight, if that is so. `culled` is the sum over `views` renderings.
+pub(crate) fn why_empty(culled: Culled, gaussians: usize, views: usize) -> Option<String> {
+    if culled.total() < gaussians as u64 * views as u64 {
+        return None;
+    }
+    let Culled { not_finite, near, degenerate, transparent, outside } = culled;
+    let causes = [
+        (not_finite, "not finite"),
+        (near, "behind the camera or too near"),
+        (degenerate, "without rotation or extent"),
+        (transparent, "transparent"),
+        (outside, "outside of the picture or too faint"),
+    ];
+    let causes: Vec<String> = causes
+        .iter()
+        .filter(|(count, _)| *count > 0)
+        .map(|(count, cause)| format!("{} {cause}", u64::from(*count).div_ceil(views.max(1) as u64)))
+        .collect();
+    Some(format!("of {} {}", counted(gaussians, "Gaussian"), causes.join(", ")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn flags_and_settings_files_have_the_same_names() {
+        let flag = |name: &dyn Fn() -> Option<clap::builder::PossibleValue>| name().unwrap().get_name().to_owned();
+        for name in OrderName::value_variants() {
+            assert_eq!(flag(&|| name.to_possible_value()), Order::from(*name).name());
+        }
+        for name in AntialiasName::value_variants() {
+            assert_eq!(flag(&|| name.to_possible_value()), Antialias::from(*name).name());
+        }
+    }
+
+    #[test]
+    fn an_empty_picture_is_explained() {
+        let culled = Culled { degenerate: 6, transparent: 4, ..Culled::default() };
+        assert_eq!(
+            why_empty(culled, 5, 2).as_deref(),
+            Some("of 5 Gaussians 3 without rotation or extent, 2 transparent")
+        );
+        assert_eq!(why_empty(culled, 6, 2), None, "two are drawn");
+    }
+}

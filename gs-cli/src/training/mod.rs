@@ -1,0 +1,84 @@
+//! What `gs fit` and `gs train` share: arguments, the training run itself, progress, checkpoints,
+//! and common results.
+
+pub(crate) mod arguments;
+pub(crate) mod checkpoints;
+mod observers;
+mod problems;
+mod progress;
+pub(crate) mod results;
+mod status;
+
+use gs_backend::{AnyRasterizer, FutureExt as _};
+use gs_core::Optimizer;
+use gs_lab::figure::curve::Point;
+use gs_train::{MetricsLog, Observer as _, Outcome, RunSettings as _, Trainable, Trainer};
+
+use self::{
+    arguments::OutputArgs,
+    checkpoints::{Checkpoints, StoreCheckpoints},
+    observers::{Curve, LogFile, StopOnInterrupt},
+    progress::Display,
+    results::Summary,
+};
+use crate::{failure::Failure, interrupt::Interrupt, output, output_folder::OutputFolder};
+
+/// Trains to the end, or until Ctrl-C, and writes the results; prints the summary.
+pub(crate) fn run<S: Trainable, T: Summary>(
+    args: &OutputArgs,
+    folder: &OutputFolder,
+    mut checkpoints: Checkpoints,
+    (mut trainer, mut log): (Trainer<'_, AnyRasterizer, S>, MetricsLog),
+    write_results: impl FnOnce(&Trainer<'_, AnyRasterizer, S>, &MetricsLog, &[Point]) -> Result<T, Failure>,
+) -> Result<(), Failure>
+where
+    AnyRasterizer: Optimizer<S>,
+{
+    let trained = train(args, &mut trainer, &mut log, folder, &mut checkpoints).and_then(|(outcome, curve)| {
+        let summary = write_results(&trainer, &log, &curve.0)?;
+        Ok((outcome, summary))
+    });
+    let (outcome, summary) = trained.map_err(|failure| checkpoints.with_resume_hint(failure))?;
+    checkpoints.remove_unrequested(outcome);
+    if args.json {
+        output::json(&summary)?;
+    } else {
+        output::note(summary.text(folder.path(), args.verbosity()));
+    }
+    checkpoints.finish(outcome, trainer.step())
+}
+
+/// Trains with the observers of a run. The curve holds what they saw.
+fn train<S: Trainable>(
+    args: &OutputArgs,
+    trainer: &mut Trainer<'_, AnyRasterizer, S>,
+    log: &mut MetricsLog,
+    folder: &OutputFolder,
+    checkpoints: &mut Checkpoints,
+) -> Result<(Outcome, Curve), Failure>
+where
+    AnyRasterizer: Optimizer<S>,
+{
+    let mut display = Display::new(trainer.step(), trainer.settings().iterations(), args.verbosity());
+    let printer = display.printer();
+    let interrupt = Interrupt::listen(printer.clone());
+    let mut curve = Curve::begun_by(log);
+    let stop = StopOnInterrupt(&interrupt);
+    let mut file = LogFile::begin(folder, log, printer.clone())?;
+    let store = StoreCheckpoints::new(checkpoints, printer.clone());
+    let outcome = trainer.run(&mut ((&mut display, &mut file), (&mut curve, (store, stop)))).block_on();
+    printer.clear_bar();
+    let outcome = outcome?;
+    if outcome == Outcome::Stopped {
+        // The results are written even if this checkpoint fails.
+        let taken = trainer.checkpoint().block_on().and_then(|mut checkpoint| {
+            log.on_checkpoint(&mut checkpoint)?;
+            Ok(checkpoint)
+        });
+        match taken {
+            Ok(checkpoint) => checkpoints.store(&checkpoint),
+            Err(error) => checkpoints.failure = Some(error.into()),
+        }
+    }
+    Ok((outcome, curve))
+}

@@ -1,0 +1,176 @@
+//! The display of a run: a bar on a terminal, a few lines elsewhere.
+
+use std::time::{Duration, Instant};
+
+use gs_core::{counted, edit::EditCounts};
+use gs_train::{Control, FreshStart, Observer, Progress};
+use indicatif::{ProgressBar, TermLike};
+
+use super::{problems::Problems, status::Status};
+use crate::{
+    output::{self, Verbosity},
+    progress_bar::{Printer, Terminal, bar},
+};
+
+/// Time between two drawings of the bar.
+const REDRAW: Duration = Duration::from_millis(100);
+/// The least time between two measurements of the PSNR, which render an image or many, if the loss
+/// gives no estimate.
+const MEASURE: Duration = Duration::from_millis(500);
+/// A measurement may take one part in so many of the time.
+const MEASURE_SHARE: u32 = 40;
+/// The least time between two lines. There is at most one for each tenth of the run.
+const LINE: Duration = Duration::from_secs(1);
+
+/// An observer that shows the progress of a run.
+pub(crate) struct Display {
+    kind: Kind,
+    verbosity: Verbosity,
+    started: Instant,
+    first_step: u32,
+    drawn: Instant,
+    /// When the measurement under way was asked for.
+    measured: Option<Instant>,
+    /// When the next measurement may be.
+    measure_at: Instant,
+    /// The last PSNR, measured or estimated, dB; see [`Status::psnr`].
+    psnr: Option<f64>,
+    problems: Problems,
+    /// The worst problems that were printed above a bar, which has no room for them.
+    reported: Problems,
+}
+
+enum Kind {
+    Bar(ProgressBar),
+    /// Plain lines, and the tenth of the run that the last one was for.
+    Lines(u64),
+}
+
+impl Display {
+    /// A display on standard error for a run that begins after `step` of `iterations` steps.
+    pub(crate) fn new(step: u32, iterations: u32, verbosity: Verbosity) -> Self {
+        // The message has as many words as fit the line: a bar in two lines cannot be removed.
+        let kind = match bar(u64::from(iterations), "{wide_bar} {pos}/{len}  {msg}") {
+            Some(bar) => Kind::Bar(bar.with_position(u64::from(step))),
+            None => Kind::Lines(0),
+        };
+        let now = Instant::now();
+        Self {
+            kind,
+            verbosity,
+            started: now,
+            first_step: step,
+            drawn: now,
+            measured: None,
+            measure_at: now,
+            psnr: None,
+            problems: Problems::none(verbosity),
+            reported: Problems::none(verbosity),
+        }
+    }
+
+    /// Prints without disturbing the display.
+    pub(crate) fn printer(&self) -> Printer {
+        Printer::above(match &self.kind {
+            Kind::Bar(bar) => Some(bar.clone()),
+            Kind::Lines(_) => None,
+        })
+    }
+
+    fn status(&self, progress: &Progress) -> Status {
+        let Progress { step, iterations, count, loss, .. } = *progress;
+        // Of this run, which may have resumed another.
+        let rate = f64::from(step - self.first_step) / self.started.elapsed().as_secs_f64().max(1e-9);
+        let left = f64::from(iterations - step) / rate.max(1e-9);
+        Status { steps: iterations, gaussians: count, loss, psnr: self.psnr, rate, left }
+    }
+
+    fn line(&self, progress: &Progress) -> String {
+        let Progress { step, iterations, .. } = progress;
+        format!("step {step}/{iterations}  {}{}", self.status(progress).whole(), self.problems)
+    }
+
+    /// Prints problems above the bar when they become worse. Lines show them always.
+    fn report_problems(&mut self, progress: &Progress) {
+        if matches!(self.kind, Kind::Bar(_)) && self.problems.exceed(&self.reported) {
+            self.printer().print(format_args!("note: step {}{}", progress.step, self.problems));
+            self.reported = self.problems.worst(&self.reported);
+        }
+    }
+}
+
+/// One line about a round of density control.
+fn round(progress: &Progress, counts: &EditCounts) -> String {
+    let edits = [
+        ("cloned", counts.cloned),
+        ("split", counts.split),
+        ("seeded", counts.seeded),
+        ("pruned as transparent", counts.pruned_transparent),
+        ("pruned as too large", counts.pruned_too_large),
+        ("pruned as not finite", counts.pruned_not_finite),
+        ("pruned as contributing least", counts.pruned_unimportant),
+    ];
+    let edits = edits.iter().filter(|(_, count)| *count > 0).map(|(edit, count)| format!("{count} {edit}"));
+    let edits = edits.collect::<Vec<_>>().join(", ");
+    let edits = if edits.is_empty() { "no change" } else { &edits };
+    format!("step {}: {edits}; {}", progress.step, counted(progress.count, "Gaussian"))
+}
+
+impl Observer for Display {
+    fn on_edit(&mut self, progress: &Progress, counts: &EditCounts) {
+        self.problems.add_edits(counts);
+        if self.verbosity == Verbosity::Verbose {
+            self.printer().print(round(progress, counts));
+        }
+    }
+
+    fn on_fresh_start(&mut self, progress: &Progress, fresh_start: &FreshStart) {
+        // This prints the restart, so it is reported.
+        self.problems.add_restart();
+        self.reported.add_restart();
+        if progress.is_last() {
+            self.printer().print(
+                "note: the last Gaussians are worse than the first, which are the result: lower the learning rates",
+            );
+        } else {
+            self.printer().print(format_args!("note: step {}: {fresh_start}", progress.step));
+        }
+    }
+
+    fn wants_quality(&mut self, progress: &Progress) -> bool {
+        let due = Instant::now() >= self.measure_at;
+        let wanted = progress.psnr_estimate.is_none() && matches!(self.kind, Kind::Bar(_)) && due;
+        self.measured = wanted.then(Instant::now);
+        wanted
+    }
+
+    fn on_step(&mut self, progress: &Progress) -> Control {
+        self.psnr = progress.psnr().or(self.psnr);
+        if let Some(quality) = &progress.quality {
+            self.problems.measure(quality.culled, quality.clamped);
+        }
+        self.report_problems(progress);
+        if let Some(measured) = self.measured.take() {
+            let pause = MEASURE.max(measured.elapsed() * MEASURE_SHARE);
+            self.measure_at = Instant::now() + pause;
+        }
+        let since = self.drawn.elapsed();
+        match &self.kind {
+            Kind::Bar(bar) if since >= REDRAW || progress.is_last() => {
+                bar.set_position(u64::from(progress.step));
+                bar.set_message(self.status(progress).within(Terminal::default().width().into()));
+                self.drawn = Instant::now();
+            }
+            Kind::Lines(last) => {
+                let tenth = u64::from(progress.step) * 10 / u64::from(progress.iterations.max(1));
+                if (tenth > *last && since >= LINE) || progress.is_last() {
+                    output::note(self.line(progress));
+                    self.kind = Kind::Lines(tenth);
+                    self.drawn = Instant::now();
+                }
+            }
+            Kind::Bar(_) => {}
+        }
+        Control::Continue
+    }
+}

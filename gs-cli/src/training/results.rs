@@ -1,0 +1,86 @@
+//! Results that a fit and a training have in common.
+
+use std::{path::Path, time::Instant};
+
+use gs_backend::Chosen;
+use gs_core::examination::{self, Examinable};
+use gs_io::write_png;
+use gs_lab::figure::curve::{self, Point};
+use gs_train::MetricsLog;
+use serde::Serialize;
+
+pub(crate) use super::{observers::write_table, problems::Problems};
+use crate::{
+    failure::Failure,
+    memory,
+    output::{self, Verbosity},
+    output_folder::OutputFolder,
+};
+
+/// The files of a run's results, in which the files of another kind of run must not stay.
+pub(crate) const FILES: [&str; 10] = [
+    "scene.gs2d.safetensors",
+    "scene.ply",
+    "reconstruction.png",
+    "ellipses.png",
+    "evaluation.json",
+    "metrics.csv",
+    "metrics.part.csv",
+    "curve.png",
+    "settings.toml",
+    "summary.json",
+];
+
+/// What `summary.json` holds and `--json` prints.
+pub(crate) trait Summary: Serialize {
+    /// The summary as text.
+    fn text(&self, folder: &Path, verbosity: Verbosity) -> String;
+}
+
+/// The part of a summary that tells of the machine and the program.
+#[derive(Debug, Serialize)]
+pub(crate) struct ProgramSummary {
+    /// The GPU or software driver; `null` on the CPU.
+    adapter: Option<String>,
+    /// SIMD level; `null` on a GPU.
+    simd: Option<String>,
+    /// The whole time of the program, including that of the run before it was resumed, s.
+    pub(crate) total_seconds: f64,
+    /// The peak memory of the program, bytes; `null` where the system does not tell.
+    peak_memory: Option<u64>,
+}
+
+impl ProgramSummary {
+    /// That of a program that began at `started`, after `seconds_before` of the run that it
+    /// resumed.
+    pub(crate) fn new(backend: &Chosen, started: Instant, seconds_before: f64) -> Self {
+        Self {
+            adapter: backend.rasterizer.adapter().map(str::to_owned),
+            simd: backend.rasterizer.simd_level(),
+            total_seconds: seconds_before + started.elapsed().as_secs_f64(),
+            peak_memory: memory::peak(),
+        }
+    }
+}
+
+/// Draws the curve of count, loss and PSNR.
+pub(crate) fn write_curve(
+    folder: &OutputFolder,
+    points: &[Point],
+    log: &MetricsLog,
+    title: &str,
+) -> Result<(), Failure> {
+    let picture = curve::draw(points, &curve::measured(log.rows()), title)?;
+    Ok(write_png(folder.file("curve.png"), &picture)?)
+}
+
+/// The scene without Gaussians that cannot be drawn, which no file accepts; a run that was stopped
+/// may have some. Their number is printed.
+pub(crate) fn without_broken<S: Examinable>(mut scene: S) -> Result<S, Failure> {
+    match examination::repair(&mut scene)?.removed {
+        0 => {}
+        1 => output::note("note: 1 Gaussian is not finite and is left out of the scene"),
+        removed => output::note(format_args!("note: {removed} Gaussians are not finite and are left out of the scene")),
+    }
+    Ok(scene)
+}
