@@ -2,9 +2,8 @@
 
 use clap::Args;
 use gs_core::{
-    Blend, RenderSettings, Scene3d, counted,
+    Blend, Culled, RenderSettings, Scene3d, counted,
     effects::{Antialias, Order},
-    statistics::Culled,
 };
 use gs_io::{TrainedWith, dataset::Dataset};
 

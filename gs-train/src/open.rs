@@ -121,11 +121,11 @@ fn of_checkpoint(path: &Path, checkpoint: Checkpoint, values: Values) -> Result<
         (OpenedScene::ThreeD { file: Box::new(file), shown: Some(shown) }, left_out)
     } else {
         let record = record_of::<Scene2d>(path, &metadata)?;
-        let Some((width, height)) = size_of_fingerprint(&record.pictures) else {
+        let Some((width, height)) = size_of_fingerprint(&record.images) else {
             return Err(Error::Checkpoint("its metadata do not say how large the image is".to_owned()));
         };
         let (scene, left_out) = sound(state.scene_2d().map_err(broken)?, values)?;
-        let settings = RenderSettings { effects: record.effects(), ..record.settings.render };
+        let settings = record.settings.render.with(|s| s.effects = record.effects());
         (OpenedScene::TwoD(Box::new(File2d { scene, width, height, settings })), left_out)
     };
     Ok(Opened { path: path.to_owned(), scene, run: Some(metadata), left_out })

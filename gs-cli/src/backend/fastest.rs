@@ -57,7 +57,7 @@ fn has_name(folder: &Path, beginnings: &[&str]) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use gs_core::{Parameterization, Rasterizer, RenderSettings, Scene3d, settings::Cut};
+    use gs_core::{Cut, Parameterization, Rasterizer, RenderSettings, Scene3d};
 
     use super::*;
     use crate::backend::shows_images;

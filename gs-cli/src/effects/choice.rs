@@ -5,10 +5,7 @@ use std::{fmt::Write, str::FromStr};
 use clap::Args;
 use gs_core::{
     Effects, RenderSettings,
-    effects::{
-        CalledFor, Effect,
-        called_for::{Answer, CallsForEffects, Verdict},
-    },
+    effects::{Effect, EffectDecision, RequiredEffects, Requirement, RequiresEffects},
 };
 
 use crate::training_arguments::Detail;
@@ -73,14 +70,14 @@ impl EffectsArgs {
     ///
     /// # Errors
     /// Where the scene is asked, those of [`RenderSettings::validate`].
-    pub(crate) fn choose<S: CallsForEffects>(
+    pub(crate) fn choose<S: RequiresEffects>(
         &self,
         scene: &S,
         views: &[S::View],
         wanted: &RenderSettings,
-    ) -> Result<CalledFor, gs_core::Error> {
+    ) -> Result<RequiredEffects, gs_core::Error> {
         Ok(match self.choice() {
-            Choice::Auto => Effects::called_for(scene, views, wanted)?,
+            Choice::Auto => Effects::required(scene, views, wanted)?,
             Choice::All => as_said(wanted, |_| Said { stays: wanted.effects, why: "--effects all" }),
             Choice::AsChosen => as_said(wanted, |_| Said { stays: wanted.effects, why: "as the settings have it" }),
             Choice::Only(list) => listed(list, wanted),
@@ -88,7 +85,7 @@ impl EffectsArgs {
     }
 }
 
-fn listed(list: &[Effect], wanted: &RenderSettings) -> CalledFor {
+fn listed(list: &[Effect], wanted: &RenderSettings) -> RequiredEffects {
     as_said(wanted, |effect| match effect {
         Effect::Blend => Said { stays: wanted.effects, why: "as the scene is meant" },
         _ if list.contains(&effect) => Said { stays: wanted.effects, why: "in --effects" },
@@ -102,27 +99,27 @@ struct Said {
     why: &'static str,
 }
 
-fn as_said(wanted: &RenderSettings, said: impl Fn(Effect) -> Said) -> CalledFor {
+fn as_said(wanted: &RenderSettings, said: impl Fn(Effect) -> Said) -> RequiredEffects {
     let mut settings = *wanted;
     let verdicts = Effect::ALL.into_iter().map(|effect| {
         let Said { stays, why } = said(effect);
         settings.effects = effect.copied(&stays, &settings.effects);
-        Verdict::new(effect, &wanted.effects, &stays, why.to_owned())
+        EffectDecision::new(effect, &wanted.effects, &stays, why.to_owned())
     });
     let verdicts = verdicts.collect();
-    CalledFor { settings, verdicts }
+    RequiredEffects { settings, decisions: verdicts }
 }
 
 /// Which effects are simulated and which are left out, each with its reason; nothing where nobody asked for any.
-pub(crate) fn told(verdicts: &[Verdict]) -> Option<String> {
+pub(crate) fn told(verdicts: &[EffectDecision]) -> Option<String> {
     let mut text = "effects:".to_owned();
     let mut separator = " ";
-    for Verdict { effect, wanted, value, answer, reason } in verdicts {
+    for EffectDecision { effect, wanted, value, answer, reason } in verdicts {
         let written = match answer {
-            Answer::Off => continue,
-            Answer::CalledFor => write!(text, "{separator}{effect} {value} ({reason})"),
-            Answer::InPart => write!(text, "{separator}{effect} {value} instead of {wanted} ({reason})"),
-            Answer::NotCalledFor => write!(text, "{separator}without {effect} {wanted} ({reason})"),
+            Requirement::Off => continue,
+            Requirement::Required => write!(text, "{separator}{effect} {value} ({reason})"),
+            Requirement::InPart => write!(text, "{separator}{effect} {value} instead of {wanted} ({reason})"),
+            Requirement::NotRequired => write!(text, "{separator}without {effect} {wanted} ({reason})"),
         };
         debug_assert!(written.is_ok(), "a string can always be written to");
         separator = "; ";
@@ -131,7 +128,7 @@ pub(crate) fn told(verdicts: &[Verdict]) -> Option<String> {
 }
 
 /// The same as a line below a summary, where all is to be said.
-pub(crate) fn told_in(detail: Detail, verdicts: &[Verdict]) -> String {
+pub(crate) fn told_in(detail: Detail, verdicts: &[EffectDecision]) -> String {
     match detail {
         Detail::Steps => String::new(),
         Detail::Rounds => {
@@ -147,7 +144,7 @@ mod tests {
 
     use super::*;
 
-    fn chosen(text: &str) -> CalledFor {
+    fn chosen(text: &str) -> RequiredEffects {
         let mut wanted = RenderSettings::blended(Blend::Over).on([0.0; 3]);
         wanted.effects.antialias = Antialias::Mip;
         wanted.effects.sh_degree = 3;
@@ -170,10 +167,10 @@ mod tests {
 
     #[test]
     fn what_is_told_names_each_with_its_reason() {
-        let text = told(&chosen("auto").verdicts).unwrap();
+        let text = told(&chosen("auto").decisions).unwrap();
         assert!(text.starts_with("effects: blend over (the scene is empty); without sh-degree 3 ("), "{text}");
-        assert!(text.ends_with("without background solid (black is what none looks like)"), "{text}");
-        let listed = chosen("order").verdicts;
+        assert!(text.ends_with("without background solid (black looks the same as none)"), "{text}");
+        let listed = chosen("order").decisions;
         assert!(told(&listed).unwrap().contains("without antialias mip (not in --effects)"));
         assert_eq!((told(&[]), told_in(Detail::Steps, &listed)), (None, String::new()));
         assert!(told_in(Detail::Rounds, &[]).starts_with("\neffects: none; "));

@@ -9,7 +9,7 @@ use std::path::PathBuf;
 use clap::Args;
 use gs_core::{
     Camera, Canvas, Optimizer, Parameterization, RenderSettings, Scene, Scene2d, Scene3d, counted,
-    effects::called_for::CallsForEffects, view::Orbit,
+    effects::RequiresEffects, view::Orbit,
 };
 use gs_lab::effects::{UploadedScene, prices, prove, sampled};
 use gs_train::{
@@ -102,7 +102,7 @@ enum Subject {
 impl Subject {
     fn load(args: &EffectsCommandArgs) -> Result<Self, Failure> {
         let scene_2d = match is_scene(&args.input)?.then(|| opened::scene(&args.input)).transpose()? {
-            Some(opened::Scene::ThreeD(scene_3d)) => return Self::in_space(args, scene_3d),
+            Some(opened::Scene::ThreeD(scene_3d)) => return Self::for_3d(args, scene_3d),
             Some(opened::Scene::TwoD(file)) => Some(file),
             None => None,
         };
@@ -123,7 +123,7 @@ impl Subject {
         Ok(Self::Image { target: Box::new(target), size: args.size })
     }
 
-    fn in_space(args: &EffectsCommandArgs, opened: Opened3d) -> Result<Self, Failure> {
+    fn for_3d(args: &EffectsCommandArgs, opened: Opened3d) -> Result<Self, Failure> {
         opened.note_guess(&args.shown);
         let scene = &opened.file.scene;
         let most = args.views as usize;
@@ -197,7 +197,7 @@ impl Task for Examine<'_> {
     }
 }
 
-fn examine<S: CallsForEffects, R: Optimizer<S>>(
+fn examine<S: RequiresEffects, R: Optimizer<S>>(
     rasterizer: &R,
     scene: &S,
     views: &[S::View],

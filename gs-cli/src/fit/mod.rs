@@ -21,7 +21,7 @@ use std::{
 
 use gs_core::{Optimizer, RenderSettings, Scene2d, counted};
 use gs_io::{Checkpoint, FolderClaim, read_checkpoint};
-use gs_train::{FitSettings, MetricsLog, Observer, Outcome, RunSettings, Trainable, Trainer};
+use gs_train::{FitSettings, MetricsLog, Observer, Outcome, Trainable, Trainer};
 
 use crate::{
     backend::{Backend, Task},
@@ -85,7 +85,7 @@ impl Start {
             Self::Fresh(settings) => settings.render,
             Self::Resumed(checkpoint, _) => {
                 let text = checkpoint.metadata.get("settings").map_or("", String::as_str);
-                toml::from_str::<FitSettings>(text)
+                gs_train::parse_settings::<FitSettings>(text, Path::new("checkpoint"))
                     .map_or_else(|_| RenderSettings::default(), |settings| settings.render)
             }
         }
@@ -100,7 +100,7 @@ impl Start {
         match self {
             Self::Fresh(settings) => {
                 check_memory(target, &settings)?;
-                let log = MetricsLog::for_settings(&settings);
+                let log = MetricsLog::for_steps(settings.iterations);
                 Ok((Trainer::new(rasterizer, &target.image, *settings).block_on()?, log))
             }
             Self::Resumed(checkpoint, file) => {
@@ -108,7 +108,7 @@ impl Start {
                 let metadata = checkpoint.metadata.clone();
                 let trainer = Trainer::resume(rasterizer, &target.image, *checkpoint).map_err(failed)?;
                 check_memory(target, trainer.settings())?;
-                let log = MetricsLog::for_settings(trainer.settings()).resumed(&metadata).map_err(failed)?;
+                let log = MetricsLog::for_steps(trainer.iterations()).resumed(&metadata).map_err(failed)?;
                 Ok((trainer, log))
             }
         }
@@ -162,7 +162,7 @@ pub(crate) fn follow<R: Optimizer<S>, S: Trainable>(
     folder: &OutputFolder,
     checkpoints: &mut Checkpoints,
 ) -> Result<(Outcome, Curve), Failure> {
-    let mut display = Display::new(trainer.step(), trainer.settings().iterations(), detail);
+    let mut display = Display::new(trainer.step(), trainer.iterations(), detail);
     let voice = display.voice();
     let interrupt = Interrupt::listen(voice.clone());
     let mut curve = Curve::begun_by(log);

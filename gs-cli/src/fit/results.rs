@@ -5,10 +5,9 @@ use pollster::FutureExt as _;
 use std::{path::Path, thread, time::Instant};
 
 use gs_core::{
-    Blend, Canvas, Image, Optimizer, Scene, Scene2d, counted,
-    effects::called_for::Verdict,
+    Blend, Canvas, Culled, Image, Optimizer, Scene, Scene2d, counted,
+    effects::EffectDecision,
     examination::{self, Examinable},
-    statistics::Culled,
 };
 use gs_io::{File2d, write_ply, write_png, write_scene};
 use gs_lab::figure::{
@@ -46,7 +45,7 @@ pub(crate) struct Summary {
     /// The image; none is the paper's circle and square.
     image: Option<String>,
     /// Which effects the scene calls for at the image's size, and why.
-    effects: Vec<Verdict>,
+    effects: Vec<EffectDecision>,
 }
 
 impl Summary {
@@ -187,23 +186,21 @@ impl Results<'_> {
         Ok(Looks { reconstruction, culled, background })
     }
 
-    fn summary(&self, fit: FitSummary, file: &File2d) -> Result<Summary, Failure> {
+    fn summary(&self, mut fit: FitSummary, file: &File2d) -> Result<Summary, Failure> {
         let canvas = canvas_of(file);
+        // Those that are not finite are not in the file.
+        fit.gaussians = file.scene.len() as u32;
+        fit.culled.not_finite = 0;
+        fit.backend = self.backend.name.to_owned();
+        fit.threads = u32::try_from(self.backend.threads).ok();
         Ok(Summary {
-            fit: FitSummary {
-                // Those that are not finite are not in the file.
-                gaussians: file.scene.len() as u32,
-                culled: Culled { not_finite: 0, ..fit.culled },
-                backend: self.backend.name.to_owned(),
-                threads: u32::try_from(self.backend.threads).ok(),
-                ..fit
-            },
+            fit,
             adapter: self.backend.adapter.clone(),
             simd: self.backend.simd.clone(),
             total_seconds: self.seconds_before + self.started.elapsed().as_secs_f64(),
             peak_memory: memory::peak(),
             image: self.target.file.as_ref().map(|file| file.display().to_string()),
-            effects: self.effects.choose(&file.scene, &[canvas], &file.settings)?.verdicts,
+            effects: self.effects.choose(&file.scene, &[canvas], &file.settings)?.decisions,
         })
     }
 
@@ -238,7 +235,7 @@ impl Results<'_> {
             return self.folder.leave_out("scene.ply");
         }
         let range = ColorRange::NotNegative;
-        let Viewable { file, psnr } = run_on_processor(self.backend, ForViewers { file, range })??;
+        let Viewable { file, psnr, .. } = run_on_processor(self.backend, ForViewers { file, range })??;
         write_ply(self.folder.file("scene.ply"), &file)?;
         output::note(format_args!("scene.ply shows the reconstruction in splat viewers, at {psnr:.2} dB"));
         Ok(())

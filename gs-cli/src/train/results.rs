@@ -4,7 +4,7 @@
 use pollster::{FutureExt as _, block_on};
 use std::{path::Path, time::Instant};
 
-use gs_core::{Camera, Canvas, Optimizer, RenderSettings, Scene, Scene3d, counted, effects::called_for::Verdict};
+use gs_core::{Camera, Canvas, Optimizer, RenderSettings, Scene, Scene3d, counted, effects::EffectDecision};
 use gs_io::{WriteOptions3d, write_3d, write_png};
 use gs_lab::{
     effects::sampled,
@@ -50,7 +50,7 @@ pub(crate) struct Summary {
     peak_memory: Option<u64>,
     dataset: String,
     /// Which effects the scene calls for in the views that it is judged by, and why.
-    effects: Vec<Verdict>,
+    effects: Vec<EffectDecision>,
 }
 
 impl Summary {
@@ -185,7 +185,7 @@ impl Results<'_> {
         let mut names = names.iter();
         let evaluation = block_on(trainer.evaluate(&mut |view, rendered| {
             if let Some((pictures, name)) = pictures.as_ref().zip(names.next()) {
-                let photograph = view.photograph()?.over(background);
+                let photograph = view.image()?.over(background);
                 tried.push(pictures.write(name, photograph, rendered).map_err(Failure::from));
             }
             Ok(())
@@ -199,20 +199,19 @@ impl Results<'_> {
         scene: &Scene3d,
         evaluation: Evaluation,
     ) -> Result<Summary, Failure> {
+        let mut training = TrainSummary::new(trainer, evaluation).block_on()?;
+        // Those that are not finite are not in the file.
+        training.gaussians = scene.len() as u32;
+        training.backend = self.backend.name.to_owned();
+        training.threads = u32::try_from(self.backend.threads).ok();
         Ok(Summary {
-            training: TrainSummary {
-                // Those that are not finite are not in the file.
-                gaussians: scene.len() as u32,
-                backend: self.backend.name.to_owned(),
-                threads: u32::try_from(self.backend.threads).ok(),
-                ..TrainSummary::new(trainer, evaluation).block_on()?
-            },
+            training,
             adapter: self.backend.adapter.clone(),
             simd: self.backend.simd.clone(),
             total_seconds: self.seconds_before + self.started.elapsed().as_secs_f64(),
             peak_memory: memory::peak(),
             dataset: self.args.dataset.display().to_string(),
-            effects: self.args.effects.choose(scene, &cameras(trainer.views()), &trainer.shown())?.verdicts,
+            effects: self.args.effects.choose(scene, &cameras(trainer.views()), &trainer.shown())?.decisions,
         })
     }
 

@@ -17,7 +17,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use glam::Vec3;
-use gs_core::{Camera, Optimizer, RenderSettings, Scene, Scene3d, effects::CalledFor, image::check_size};
+use gs_core::{Camera, Optimizer, RenderSettings, Scene, Scene3d, check_size, effects::RequiredEffects};
 use gs_io::File2d;
 
 use crate::{
@@ -116,7 +116,7 @@ fn run_2d(args: &ViewArgs, file: &File2d) -> Result<(), Failure> {
     check_size(size.width, size.height).map_err(|error| Failure::usage(error).at("--size"))?;
     let desktop = Desktop::connect()?;
     let backend = Backend::start(&args.backend)?;
-    let CalledFor { settings, .. } = args.effects.choose(&file.scene, &[], &file.settings)?;
+    let RequiredEffects { settings, .. } = args.effects.choose(&file.scene, &[], &file.settings)?;
     let session = Session::new(PlaneNavigator::new(file.width, file.height), settings);
     let subject = subject(args, file.scene.len(), 0, &backend);
     desktop.show(&backend, &file.scene, subject, session, size)
@@ -135,7 +135,7 @@ fn run_3d(args: &ViewArgs, opened: &Opened3d) -> Result<(), Failure> {
     let depth = start.camera.to_camera(start.target).z;
     let distance = if depth > 0.0 { depth } else { bulk.radius };
     // One may move to wherever one likes.
-    let CalledFor { settings, .. } = args.effects.choose(scene, &[], &start.settings)?;
+    let RequiredEffects { settings, .. } = args.effects.choose(scene, &[], &start.settings)?;
     opened.note_guess(&args.shown);
     let session = Session::new(Navigator::new(&start.camera, distance, start.up, bulk), settings);
     let subject = subject(args, scene.len(), scene.sh_degree, &backend);

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use gs_core::{Scene3d, constants::SH_C0, scene::sigmoid};
+use gs_core::{Scene3d, constants::SH_C0, sigmoid};
 use serde::Serialize;
 
 /// How far one quantity moved: from Gaussian to Gaussian on average, and at most.

@@ -55,7 +55,7 @@ pub(super) fn run(args: &ConvertArgs, from: &Path, mut file: File2d) -> Result<(
     let dropped = if args.drop_broken { examination::repair(&mut file.scene)?.removed } else { 0 };
     // The result is the same on every machine with this SIMD level; GPUs do not have all that is needed.
     let backend = Backend::start(&BackendArgs { backend: Choice::Cpu, ..BackendArgs::default() })?;
-    let Viewable { file: made, psnr } = backend.run(ForViewers { file: &file, range })?;
+    let Viewable { file: made, psnr, .. } = backend.run(ForViewers { file: &file, range })?;
     match range {
         ColorRange::Unit => write_svg(&args.to, &made)?,
         ColorRange::NotNegative => write_ply(&args.to, &made)?,

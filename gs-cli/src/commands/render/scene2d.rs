@@ -1,7 +1,7 @@
 //! `gs render` of an image's scene: a picture of any size, or a part of it.
 
 use glam::Vec2;
-use gs_core::{Canvas, Image, Optimizer, RenderSettings, Scene2d, effects::CalledFor};
+use gs_core::{Canvas, Image, Optimizer, RenderSettings, Scene2d, effects::RequiredEffects};
 use gs_io::File2d;
 use pollster::FutureExt as _;
 
@@ -28,7 +28,8 @@ pub(super) fn run(args: &RenderArgs, mut file: File2d) -> Result<(), Failure> {
     if let Some(ChosenSettings { accuracy, .. }) = &chosen {
         file.settings.accuracy = *accuracy;
     }
-    let CalledFor { settings, verdicts } = args.effects().choose(&file.scene, &[canvas], &file.settings)?;
+    let RequiredEffects { settings, decisions: verdicts } =
+        args.effects().choose(&file.scene, &[canvas], &file.settings)?;
     let flags = args.backend.or_chosen(chosen.as_ref().map(|chosen| &chosen.machine));
     let backend = Backend::start_for_image(&flags, &settings)?;
     let image = backend.run(Render { file: &file, canvas: &canvas, settings: &settings })?;

@@ -4,9 +4,8 @@ use pollster::FutureExt as _;
 use std::{fs, path::Path};
 
 use gs_core::{
-    Camera, Image, Optimizer, RenderSettings, Scene, Scene3d, counted,
-    effects::CalledFor,
-    statistics::Culled,
+    Camera, Culled, Image, Optimizer, RenderSettings, Scene, Scene3d, counted,
+    effects::RequiredEffects,
     view::{CameraPath, Orbit},
 };
 use gs_io::{Animation, File3d, FolderClaim, dataset::Dataset, write_animation, write_png};
@@ -48,7 +47,7 @@ pub(super) fn run(args: &RenderArgs, opened: &Opened3d) -> Result<(), Failure> {
     let chosen = args.settings.as_deref().map(ChosenSettings::read).transpose()?;
     let backend = Backend::start(&args.backend.or_chosen(chosen.as_ref().map(|chosen| &chosen.machine)))?;
     let render = chosen.map_or(render, |chosen| args.shown.overriding(chosen.applied_to(render), &render));
-    let CalledFor { settings, verdicts } = args.effects().choose(scene, &cameras, &render)?;
+    let RequiredEffects { settings, decisions: verdicts } = args.effects().choose(scene, &cameras, &render)?;
     backend.run_3d(Frames { args, scene, cameras: &cameras, render: &settings, claim })?;
     if args.settings.is_none() {
         opened.note_guess(&args.shown);
