@@ -1,10 +1,9 @@
 //! Any of the backends behind one type.
 
 use gs_core::{
-    AdamRates, Backend, DensityStatistics, EditPlan, Error, Image, Loss, MeanNoise, Optimizer, Parameterization,
-    Rasterizer, RenderSettings, Scene, Scene2d, Scene3d, SplatsState, TargetImage, TrainStep, Wait,
+    AdamRates, Backend, Culled, DensityStatistics, EditPlan, Error, Image, Loss, MeanNoise, Optimizer,
+    Parameterization, Rasterizer, RenderSettings, Scene, Scene2d, Scene3d, SplatsState, TargetImage, TrainStep, Wait,
     profile::{Profile, Profiler},
-    statistics::Culled,
 };
 
 /// A rasterizer of one of the backends of this build, for scenes of both kinds.

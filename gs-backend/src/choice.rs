@@ -196,7 +196,7 @@ async fn gpu(
 
 #[cfg(all(test, feature = "wgpu"))]
 mod tests {
-    use gs_core::settings::Cut;
+    use gs_core::Cut;
     use pollster::FutureExt as _;
 
     use super::*;

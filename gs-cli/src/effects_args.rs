@@ -5,10 +5,7 @@ use std::{fmt::Write, str::FromStr};
 use clap::Args;
 use gs_core::{
     Effects, RenderSettings,
-    effects::{
-        CalledFor, Effect,
-        called_for::{Answer, CallsForEffects, Verdict},
-    },
+    effects::{Effect, EffectDecision, RequiredEffects, Requirement, RequiresEffects},
 };
 
 use crate::output::Verbosity;
@@ -73,14 +70,14 @@ impl EffectsArgs {
 
     /// The settings to render a scene with in these views, or in any view if there are none, and
     /// the reasons.
-    pub(crate) fn choose<S: CallsForEffects>(
+    pub(crate) fn choose<S: RequiresEffects>(
         &self,
         scene: &S,
         views: &[S::View],
         wanted: &RenderSettings,
-    ) -> Result<CalledFor, gs_core::Error> {
+    ) -> Result<RequiredEffects, gs_core::Error> {
         Ok(match self.choice() {
-            Choice::Auto => Effects::called_for(scene, views, wanted)?,
+            Choice::Auto => Effects::required(scene, views, wanted)?,
             Choice::All => decided(wanted, |_| Decision { effects: wanted.effects, why: "--effects all" }),
             Choice::FromFile => decided(wanted, |_| Decision { effects: wanted.effects, why: "as in --settings" }),
             Choice::Only(list) => listed(list, wanted),
@@ -88,7 +85,7 @@ impl EffectsArgs {
     }
 }
 
-fn listed(list: &[Effect], wanted: &RenderSettings) -> CalledFor {
+fn listed(list: &[Effect], wanted: &RenderSettings) -> RequiredEffects {
     decided(wanted, |effect| match effect {
         Effect::Blend => Decision { effects: wanted.effects, why: "as in training" },
         _ if list.contains(&effect) => Decision { effects: wanted.effects, why: "in --effects" },
@@ -103,28 +100,28 @@ struct Decision {
     why: &'static str,
 }
 
-fn decided(wanted: &RenderSettings, decide: impl Fn(Effect) -> Decision) -> CalledFor {
+fn decided(wanted: &RenderSettings, decide: impl Fn(Effect) -> Decision) -> RequiredEffects {
     let mut settings = *wanted;
-    let verdicts = Effect::ALL.into_iter().map(|effect| {
+    let decisions = Effect::ALL.into_iter().map(|effect| {
         let Decision { effects, why } = decide(effect);
         settings.effects = effect.copied(&effects, &settings.effects);
-        Verdict::new(effect, &wanted.effects, &effects, why.to_owned())
+        EffectDecision::new(effect, &wanted.effects, &effects, why.to_owned())
     });
-    let verdicts = verdicts.collect();
-    CalledFor { settings, verdicts }
+    let decisions = decisions.collect();
+    RequiredEffects { settings, decisions }
 }
 
 /// Which effects are simulated and which are left out, with reasons; `None` if there is nothing to
 /// simulate.
-pub(crate) fn describe(verdicts: &[Verdict]) -> Option<String> {
+pub(crate) fn describe(decisions: &[EffectDecision]) -> Option<String> {
     let mut text = "effects:".to_owned();
     let mut separator = " ";
-    for Verdict { effect, wanted, value, answer, reason } in verdicts {
+    for EffectDecision { effect, wanted, value, answer, reason } in decisions {
         let written = match answer {
-            Answer::Off => continue,
-            Answer::CalledFor => write!(text, "{separator}{effect} {value} ({reason})"),
-            Answer::InPart => write!(text, "{separator}{effect} {value} instead of {wanted} ({reason})"),
-            Answer::NotCalledFor => write!(text, "{separator}without {effect} {wanted} ({reason})"),
+            Requirement::Off => continue,
+            Requirement::Required => write!(text, "{separator}{effect} {value} ({reason})"),
+            Requirement::InPart => write!(text, "{separator}{effect} {value} instead of {wanted} ({reason})"),
+            Requirement::NotRequired => write!(text, "{separator}without {effect} {wanted} ({reason})"),
         };
         debug_assert!(written.is_ok(), "a string can always be written to");
         separator = "; ";
@@ -133,12 +130,12 @@ pub(crate) fn describe(verdicts: &[Verdict]) -> Option<String> {
 }
 
 /// The same as a line below a summary.
-pub(crate) fn line_below(verbosity: Verbosity, verdicts: &[Verdict]) -> String {
+pub(crate) fn line_below(verbosity: Verbosity, decisions: &[EffectDecision]) -> String {
     match verbosity {
         Verbosity::Normal => String::new(),
         Verbosity::Verbose => {
             let none = || "effects: none; the Gaussians at a pixel are added up, in no order".to_owned();
-            format!("\n{}", describe(verdicts).unwrap_or_else(none))
+            format!("\n{}", describe(decisions).unwrap_or_else(none))
         }
     }
 }
@@ -149,7 +146,7 @@ mod tests {
 
     use super::*;
 
-    fn chosen(text: &str) -> CalledFor {
+    fn chosen(text: &str) -> RequiredEffects {
         let mut wanted = RenderSettings::blended(Blend::Over).on([0.0; 3]);
         wanted.effects.antialias = Antialias::Mip;
         wanted.effects.sh_degree = 3;
@@ -172,10 +169,10 @@ mod tests {
 
     #[test]
     fn the_description_names_each_effect_with_its_reason() {
-        let text = describe(&chosen("auto").verdicts).unwrap();
+        let text = describe(&chosen("auto").decisions).unwrap();
         assert!(text.starts_with("effects: blend over (the scene is empty); without sh-degree 3 ("), "{text}");
         assert!(text.ends_with("without background solid (black is what none looks like)"), "{text}");
-        let listed = chosen("order").verdicts;
+        let listed = chosen("order").decisions;
         assert!(describe(&listed).unwrap().contains("without antialias mip (not in --effects)"));
         assert_eq!((describe(&[]), line_below(Verbosity::Normal, &listed)), (None, String::new()));
         assert!(line_below(Verbosity::Verbose, &[]).starts_with("\neffects: none; "));

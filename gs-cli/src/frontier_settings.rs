@@ -165,7 +165,7 @@ impl FrontierMachine {
 mod tests {
     use std::process::ExitCode;
 
-    use gs_core::settings::Extent;
+    use gs_core::Extent;
     use gs_cpu::Bounds;
 
     use super::*;
@@ -173,7 +173,10 @@ mod tests {
 
     #[test]
     fn a_file_is_read_as_it_was_written() {
-        let accuracy = Accuracy { alpha_cut: 1.0 / 1024.0, extent: Extent::Sigmas(3.5), ..Accuracy::default() };
+        let accuracy = Accuracy::default().with(|a| {
+            a.alpha_cut = 1.0 / 1024.0;
+            a.extent = Extent::Sigmas(3.5);
+        });
         let effects = FrontierEffects { order: Order::PerPixel, antialias: Antialias::Mip, sh_degree: 2 };
         let cpu = CpuTuning { bounds: Bounds::Box, tile_rows: Some(16), ..CpuTuning::default() };
         let flags = ["--backend", "cpu"].map(str::to_owned).to_vec();

@@ -2,9 +2,8 @@
 
 use clap::{Args, ValueEnum};
 use gs_core::{
-    RenderSettings, counted,
+    Culled, RenderSettings, counted,
     effects::{Antialias, Order},
-    statistics::Culled,
 };
 use gs_io::{File3d, TrainedWith, dataset::Dataset};
 

@@ -1,4 +1,5 @@
-//! The optimiser's settings: Adam (Kingma & Ba 2015) with rates of its own for every group of parameters.
+//! Settings of the optimiser: Adam (Kingma & Ba 2015) with learning rates for each group of
+//! parameters.
 
 use serde::{Deserialize, Serialize};
 
@@ -7,21 +8,26 @@ use crate::{
     error::Error,
 };
 
-/// In which coordinates the optimiser moves a Gaussian.
+crate::impl_with!(Adam, Group);
+
+/// Coordinates in which the optimiser moves a Gaussian.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Parameterization {
-    /// Mean in px, ln-scale, angle (or quaternion): as the paper and 3DGS do.
+    /// Mean in px (world units), ln-scale, angle (quaternion), as in the paper and in 3DGS.
     #[default]
     ScaleRotation,
-    /// The Gaussian's own whitened coordinates, Σ = L Lᵀ: μ ← μ + L ξ, L ← L (I + η + η²/2) with η symmetric. A step means the same
-    /// fraction of its extent for every Gaussian, however small or thin. In space: [`covariance_factor`](crate::covariance_factor).
+    /// The Gaussian's own whitened coordinates, Σ = L Lᵀ: μ ← μ + L ξ, L ← L (I + η + η²/2) with η
+    /// symmetric.
+    ///
+    /// A step is the same fraction of its extent for every Gaussian, however small or thin. For 3D
+    /// scenes see [`covariance_factor`](crate::math::covariance_factor).
     #[serde(alias = "local-frame")]
     CovarianceFactor,
 }
 
 impl Parameterization {
-    /// As settings files and flags have it.
+    /// Name in settings files and flags.
     pub const fn name(self) -> &'static str {
         match self {
             Self::ScaleRotation => "scale-rotation",
@@ -30,11 +36,12 @@ impl Parameterization {
     }
 }
 
-/// How a learning rate changes over a run, as a factor of its first value.
+/// Change of a learning rate over a run, as a factor of its first value.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum Schedule {
-    /// 1.
+    /// Always 1.
     #[default]
     Constant,
     /// From 1 to `to` along half a cosine.
@@ -61,17 +68,19 @@ impl Schedule {
     }
 }
 
-/// Adam's numbers for one group of parameters.
+/// Settings of Adam for one group of parameters.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+#[non_exhaustive]
 pub struct Group {
-    /// Step size, in the parameter's own unit (in [`Parameterization::CovarianceFactor`]: in standard deviations).
+    /// Step size, in the parameter's own unit (in [`Parameterization::CovarianceFactor`]: in
+    /// standard deviations).
     pub learning_rate: f32,
     /// Decay of the first moment, 0..1.
     pub beta1: f32,
     /// Decay of the second moment, 0..1.
     pub beta2: f32,
-    /// How the rate changes over the run.
+    /// Change of the rate over the run.
     pub schedule: Schedule,
 }
 
@@ -88,21 +97,25 @@ impl Group {
     }
 }
 
-/// Which Gaussians an Adam step moves.
+/// The Gaussians that an Adam step moves. Exhaustive: a backend must handle each value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Participants {
-    /// All: the moments of those out of view decay, and still move them (3DGS).
+    /// All: the moments of Gaussians out of view decay, and still move them (3DGS).
     #[default]
     All,
-    /// Those that some tile of this step's factor lists; of the others nothing changes, step counts included (*source:* sparse Adam, as in
-    /// Taming 3DGS, Mallick et al. 2024). A step then costs what is in view.
+    /// Those that some tile of this step's view lists. The others do not change, and their steps
+    /// are not counted. A step then costs time in proportion to what is in view. *Source:* sparse
+    /// Adam, as in Taming 3DGS, Mallick et al. 2024.
     Visible,
 }
 
-/// What pulls every Gaussian to be fainter and smaller, beside the loss (*source:* 3DGS-MCMC, Kheradmand et al. 2024): with it, Gaussians
-/// that the pictures do not need vanish, and can be put elsewhere. It adds opacity · (mean of all opacities) + scale · (mean of all scales, in
-/// the scene's unit) to what is minimised, but not to the loss that is told. 3D scenes.
+/// Regularisation that makes every Gaussian fainter and smaller. 3D scenes.
+///
+/// It adds opacity · (mean of all opacities) + scale · (mean of all scales, in the scene's unit) to
+/// what is minimised, but not to the loss that is reported. Gaussians that the images do not need
+/// vanish and can be placed elsewhere. *Source:* 3DGS-MCMC, Kheradmand et al. 2024. Exhaustive: a
+/// backend must apply each field.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct Penalty {
@@ -113,35 +126,39 @@ pub struct Penalty {
 }
 
 impl Penalty {
-    /// Nothing pulls.
+    /// No regularisation.
     pub const NONE: Self = Self { opacity: 0.0, scale: 0.0 };
 }
 
-/// Adam's settings. Bias correction counts each Gaussian's own steps, so that one born late starts as the first did.
+/// Settings of Adam.
+///
+/// Bias correction counts each Gaussian's own steps, so that a Gaussian added late starts as the
+/// first ones did.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+#[non_exhaustive]
 pub struct Adam {
-    /// Mean: px (3D scenes: world units), or ξ in the covariance factor.
+    /// Mean, px (3D scenes: world units); ξ in [`Parameterization::CovarianceFactor`].
     pub mean: Group,
-    /// ln-scale, or η in the covariance factor.
+    /// ln-scale; η in [`Parameterization::CovarianceFactor`].
     pub scale: Group,
-    /// Rotation, rad; unused in the covariance factor, where η turns the axes.
+    /// Rotation, rad; unused in [`Parameterization::CovarianceFactor`], where η turns the axes.
     pub rotation: Group,
     /// Opacity logit.
     pub opacity: Group,
-    /// Colour; of 3D scenes the SH coefficient of degree 0.
+    /// Colour; in 3D scenes the SH coefficient of degree 0.
     pub color: Group,
     /// SH coefficients above degree 0. 3D scenes.
     pub color_rest: Group,
     /// Added to √v̂, against division by zero.
     pub epsilon: f32,
-    /// No scale shrinks below this, px (3D scenes: world units).
+    /// Lower bound of every scale, px (3D scenes: world units).
     pub min_scale: f32,
-    /// No scale grows above this, px (3D scenes: world units).
+    /// Upper bound of every scale, px (3D scenes: world units).
     pub max_scale: f32,
-    /// Which Gaussians a step moves.
+    /// The Gaussians that a step moves.
     pub participants: Participants,
-    /// What pulls beside the loss. 3D scenes.
+    /// Regularisation beside the loss. 3D scenes.
     pub penalty: Penalty,
 }
 
@@ -163,10 +180,10 @@ impl Default for Adam {
     }
 }
 
-/// One group's numbers at one step.
+/// Settings of one group at one step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Rate {
-    /// Step size now.
+    /// Step size.
     pub learning_rate: f32,
     /// Decay of the first moment.
     pub beta1: f32,
@@ -174,7 +191,8 @@ pub struct Rate {
     pub beta2: f32,
 }
 
-/// Adam's numbers at one step: [`Adam`] with its schedules evaluated.
+/// Settings of Adam at one step: [`Adam`] with its schedules evaluated. Exhaustive: a backend must
+/// apply each field.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AdamRates {
     /// Mean.
@@ -191,13 +209,13 @@ pub struct AdamRates {
     pub color_rest: Rate,
     /// Added to √v̂.
     pub epsilon: f32,
-    /// Floor of every scale.
+    /// Lower bound of every scale.
     pub min_scale: f32,
-    /// Ceiling of every scale.
+    /// Upper bound of every scale.
     pub max_scale: f32,
-    /// Which Gaussians move.
+    /// The Gaussians that move.
     pub participants: Participants,
-    /// What pulls beside the loss.
+    /// Regularisation beside the loss.
     pub penalty: Penalty,
 }
 
@@ -212,10 +230,10 @@ impl AdamRates {
         self
     }
 
-    /// Fails where a number is outside its range: backends check what they are given before they move anything.
+    /// Checks the ranges. Backends call it before they move anything.
     ///
     /// # Errors
-    /// [`Error::Setting`] naming the first offender.
+    /// [`Error::Setting`] naming the first value outside its range.
     pub fn validate(&self) -> Result<(), Error> {
         let not_negative = |what, value: f32| {
             let right = value >= 0.0 && value.is_finite();
@@ -237,7 +255,7 @@ impl AdamRates {
                 }
             }
         }
-        // Where no gradient has ever been, a step is 0/ε.
+        // A parameter that never had a gradient makes a step of 0/ε.
         if !(self.epsilon >= f32::MIN_POSITIVE && self.epsilon.is_finite()) {
             return Err(Error::setting("epsilon", self.epsilon, "finite and at least 1.2e-38"));
         }
@@ -253,10 +271,10 @@ impl AdamRates {
 }
 
 impl Adam {
-    /// Fails where a number is outside its range: a schedule's, or one that [`AdamRates::validate`] refuses.
+    /// Checks the ranges of schedules and of the rates at the start ([`AdamRates::validate`]).
     ///
     /// # Errors
-    /// [`Error::Setting`] naming the first offender.
+    /// [`Error::Setting`] naming the first value outside its range.
     pub fn validate(&self) -> Result<(), Error> {
         for group in [self.mean, self.scale, self.rotation, self.opacity, self.color, self.color_rest] {
             let (Schedule::Cosine { to } | Schedule::Exponential { to }) = group.schedule else { continue };
@@ -267,7 +285,7 @@ impl Adam {
         self.at(0.0).validate()
     }
 
-    /// The numbers at `progress` in 0..=1 of the run.
+    /// The settings at `progress` in 0..=1 of the run.
     pub fn at(&self, progress: f32) -> AdamRates {
         let rate = |g: &Group| Rate {
             learning_rate: g.learning_rate * g.schedule.factor(progress),
@@ -295,7 +313,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn rates_that_would_make_what_is_not_a_number_are_refused() {
+    fn rates_outside_their_ranges_are_refused() {
         let good = Adam::default();
         good.validate().unwrap();
         Adam { min_scale: 0.0, max_scale: f32::INFINITY, ..good }.at(0.0).validate().unwrap();
@@ -320,7 +338,7 @@ mod tests {
     }
 
     #[test]
-    fn schedules_start_at_one_and_end_where_they_say() {
+    fn schedules_start_at_one_and_end_at_their_last_factor() {
         for (schedule, end) in [
             (Schedule::Constant, 1.0),
             (Schedule::Cosine { to: 0.05 }, 0.05),

@@ -1,4 +1,5 @@
-//! A plan of edits to a set of Gaussians, and the one rule by which parameters, moments and statistics follow it.
+//! Plans of edits to a set of Gaussians, and the one rule by which parameters, moments and
+//! statistics follow them.
 
 use std::fmt::Debug;
 
@@ -9,6 +10,7 @@ use crate::error::Error;
 /// Why a Gaussian was removed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum PruneCause {
     /// Opacity below ε_α (paper §2.2.3).
     Transparent,
@@ -16,120 +18,134 @@ pub enum PruneCause {
     TooLarge,
     /// A parameter is NaN or infinite.
     NotFinite,
-    /// Contributes least: makes room for one that contributes more.
+    /// Among those that contribute least, to make room for others.
     Unimportant,
 }
 
-/// How a Gaussian came to be.
+/// How a Gaussian was added.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum Origin {
     /// A copy of its parent (paper §2.2.2, under-reconstruction).
     Clone,
     /// One of the smaller ones that replace its parent (paper §2.2.2, over-reconstruction).
     Split,
-    /// Put where the residual is, with no parent.
+    /// Placed where the residual is large, without a parent.
     Seed,
 }
 
-/// What becomes of a Gaussian's Adam moments and step count.
+/// What an edit does with a Gaussian's Adam moments and step count. Exhaustive: a backend must
+/// handle each value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Moments {
     /// Start at zero, step count included, so that Adam corrects their bias afresh.
     #[default]
     Fresh,
-    /// Moments start at zero, but the step count is the parent's, so that their bias goes uncorrected: until the second moments have filled, steps
-    /// are longer than the learning rate, at first 3 times, after 10 steps 6 times, after 200 twice (for β₁ = 0.9, β₂ = 0.999). Without a
-    /// parent as [`Self::Fresh`]. *Source:* 3DGS, whose optimiser counts the steps of all Gaussians together, does so with every new one.
+    /// Moments start at zero, but the step count is the parent's, so that their bias is not
+    /// corrected. Without a parent the same as [`Self::Fresh`].
+    ///
+    /// Until the second moments have filled, steps are longer than the learning rate: at first 3
+    /// times, after 10 steps 6 times, after 200 twice (for β₁ = 0.9, β₂ = 0.999). *Source:* 3DGS,
+    /// whose optimiser counts the steps of all Gaussians together.
     Zeroed,
-    /// Those of the parent (of itself, for a change in place).
+    /// Moments and step count of the parent (of itself, for a change in place).
     Inherit,
 }
 
 impl Moments {
-    /// Whose moments these are, of a Gaussian that comes from `from`; nobody's where they start at zero.
+    /// The Gaussian whose moments are inherited, for a Gaussian that comes from `from`; `None`
+    /// where they start at zero.
     pub fn heir_of(self, from: Option<u32>) -> Option<u32> {
         from.filter(|_| self == Self::Inherit)
     }
 
-    /// Whose step count goes on, of a Gaussian that comes from `from`; nobody's where it starts at zero.
+    /// The Gaussian whose step count is continued, for a Gaussian that comes from `from`; `None`
+    /// where it starts at zero.
     pub fn counts_on_from(self, from: Option<u32>) -> Option<u32> {
         from.filter(|_| self != Self::Fresh)
     }
 }
 
-/// Where a new Gaussian stands among the others. Under [`Blend::Over`](crate::effects::Blend::Over) with
-/// [`Order::Index`](crate::effects::Order::Index) that is its depth; elsewhere it changes nothing but indices.
+/// Position of a new Gaussian in the arrays. Under [`Blend::Over`](crate::effects::Blend::Over)
+/// with [`Order::Index`](crate::effects::Order::Index) that is its depth; otherwise it only changes
+/// indices.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Place {
-    /// Right behind its parent (or where that stood, if it is removed), as copies in 3D are; without a parent: last.
+    /// Right behind its parent (or the parent's former place, if it is removed), as copies in 3D
+    /// are; without a parent: last.
     #[default]
     BehindParent,
     /// Behind all others.
     Last,
-    /// In front of all others.
+    /// Before all others.
     First,
 }
 
 /// A Gaussian to remove.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Removal {
-    /// Its index before the edit.
+    /// Index before the edit.
     pub index: u32,
-    /// Why.
+    /// Reason.
     pub cause: PruneCause,
 }
 
-/// A Gaussian to replace where it stands.
+/// A Gaussian to change in place.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Change<G> {
-    /// Its index before the edit.
+    /// Index before the edit.
     pub index: u32,
-    /// What it becomes.
+    /// New parameters.
     pub gaussian: G,
-    /// What becomes of its moments.
+    /// What the edit does with its moments.
     pub moments: Moments,
 }
 
 /// A Gaussian to add.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Birth<G> {
-    /// All its parameters.
+    /// Parameters.
     pub gaussian: G,
-    /// Index, before the edit, of the Gaussian it comes from; its statistics and, if they are inherited, its moments come from there.
+    /// Index before the edit of the Gaussian that it comes from; its statistics and, if inherited,
+    /// its moments come from there.
     pub parent: Option<u32>,
     /// What its moments start from; without a parent always [`Moments::Fresh`].
     pub moments: Moments,
-    /// How it came to be.
+    /// How it is added.
     pub origin: Origin,
-    /// Where it stands.
+    /// Its position in the arrays.
     pub place: Place,
 }
 
-/// What becomes of the statistics of all Gaussians.
+/// What an edit does with the statistics of all Gaussians.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum AfterEdit {
-    /// They start at zero, for survivors too (what 3DGS does).
+    /// All statistics start at zero again (what 3DGS does).
     #[default]
     Restart,
-    /// They stay with their Gaussians; the new ones have their parent's, or zero.
+    /// Statistics stay with their Gaussians; new Gaussians have their parent's, or zero.
     Keep,
 }
 
-/// What a density policy wants done. Survivors keep their order; where the added stand, [`Place`] says, in their own order at each place.
+/// The edits that a density policy wants.
+///
+/// Gaussians that stay keep their order. Added ones stand at their [`Place`], in the order of the
+/// plan.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EditPlan<G> {
-    /// Which Gaussians go.
+    /// Gaussians to remove.
     pub removed: Vec<Removal>,
-    /// Which change in place. A removed Gaussian may not.
+    /// Gaussians to change in place. None of them may be removed, too.
     pub changed: Vec<Change<G>>,
-    /// Which come. Their parents may be removed in the same plan.
+    /// Gaussians to add. Their parents may be removed in the same plan.
     pub added: Vec<Birth<G>>,
-    /// Lowers every opacity to at most this, and zeroes the opacity's moments (paper §2.2.3), after all else.
+    /// Ceiling to which every opacity is lowered after all else; the moments of opacities are then
+    /// zeroed (paper §2.2.3).
     pub opacity_ceiling: Option<f32>,
-    /// What becomes of the statistics.
+    /// What the edit does with the statistics.
     pub statistics: AfterEdit,
 }
 
@@ -145,10 +161,10 @@ impl<G> Default for EditPlan<G> {
     }
 }
 
-/// Where slot `k` of the edited arrays comes from.
+/// Where a slot of the edited arrays comes from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Source {
-    /// The Gaussian at this index before the edit, untouched.
+    /// The Gaussian at this index before the edit, unchanged.
     Kept(u32),
     /// The Gaussian at index `before`, replaced by `plan.changed[change]`.
     Changed {
@@ -157,36 +173,36 @@ pub enum Source {
         /// Index into `plan.changed`.
         change: u32,
     },
-    /// `plan.added[k]`.
+    /// `plan.added` at this index.
     Added(u32),
 }
 
-/// What a plan does, in numbers.
+/// Numbers of Gaussians that a plan adds and removes. Exhaustive: tables have a column for each.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct EditCounts {
     /// Copies added.
     pub cloned: u32,
     /// Gaussians added by splitting, beyond the ones they replace.
     pub split: u32,
-    /// Gaussians put where the residual is.
+    /// Gaussians added where the residual is large.
     pub seeded: u32,
-    /// Removed as transparent.
+    /// Gaussians removed as transparent.
     pub pruned_transparent: u32,
-    /// Removed as too large.
+    /// Gaussians removed as too large.
     pub pruned_too_large: u32,
-    /// Removed as not finite.
+    /// Gaussians removed as not finite.
     pub pruned_not_finite: u32,
-    /// Removed as contributing least.
+    /// Gaussians removed as contributing least.
     pub pruned_unimportant: u32,
 }
 
 impl EditCounts {
-    /// All that were removed.
+    /// Number of Gaussians removed.
     pub fn pruned(&self) -> u32 {
         self.pruned_transparent + self.pruned_too_large + self.pruned_not_finite + self.pruned_unimportant
     }
 
-    /// All that were added.
+    /// Number of Gaussians added.
     pub fn added(&self) -> u32 {
         self.cloned + self.split + self.seeded
     }
@@ -204,17 +220,17 @@ impl EditCounts {
 }
 
 impl<G> EditPlan<G> {
-    /// Whether the plan changes nothing but, perhaps, statistics.
+    /// Whether the plan leaves all Gaussians as they are.
     pub fn is_empty(&self) -> bool {
         self.removed.is_empty() && self.changed.is_empty() && self.added.is_empty() && self.opacity_ceiling.is_none()
     }
 
-    /// Number of Gaussians after the edit of `len`.
+    /// Number of Gaussians after the edit, from their number before.
     pub fn len_after(&self, len: usize) -> usize {
         len - self.removed.len() + self.added.len()
     }
 
-    /// What the plan does, in numbers.
+    /// Numbers of Gaussians that the plan adds and removes.
     pub fn counts(&self) -> EditCounts {
         let mut counts = EditCounts::default();
         for birth in &self.added {
@@ -235,11 +251,13 @@ impl<G> EditPlan<G> {
         counts
     }
 
-    /// Where each slot after the edit of `len` Gaussians comes from, `[len_after]`: the rule by which every array of splats
-    /// (parameters, moments, statistics) is rebuilt.
+    /// Where each slot after the edit of `len` Gaussians comes from, `[len_after]`.
+    ///
+    /// Every array of splats (parameters, moments, statistics) is rebuilt by it.
     ///
     /// # Errors
-    /// [`Error::Plan`] where an index is out of range or a Gaussian is named twice among `removed` and `changed`.
+    /// [`Error::Plan`] where an index is out of range or occurs twice among `removed` and
+    /// `changed`.
     pub fn sources(&self, len: usize) -> Result<Vec<Source>, Error> {
         let mut slots: Vec<Option<Source>> = (0..len as u32).map(|i| Some(Source::Kept(i))).collect();
         for (change, c) in self.changed.iter().enumerate() {
@@ -262,7 +280,7 @@ impl<G> EditPlan<G> {
         Ok(self.arranged(slots))
     }
 
-    /// The survivors with the added between them.
+    /// The Gaussians that stay, with the added ones at their places.
     fn arranged(&self, slots: Vec<Option<Source>>) -> Vec<Source> {
         let place =
             |b: &Birth<G>| if b.parent.is_none() && b.place == Place::BehindParent { Place::Last } else { b.place };
@@ -287,7 +305,8 @@ impl<G> EditPlan<G> {
         sources
     }
 
-    /// Rebuilds one array of splats: `fresh(gaussian)` is the value of a replaced or added Gaussian.
+    /// Rebuilds one array of parameters: `fresh(gaussian)` is the value of a changed or added
+    /// Gaussian.
     pub fn gather<T: Clone>(&self, sources: &[Source], before: &[T], fresh: impl Fn(&G) -> T) -> Vec<T> {
         sources
             .iter()
@@ -319,7 +338,8 @@ impl<G> EditPlan<G> {
         sources.iter().map(|source| of(self.origin(source, from))).collect()
     }
 
-    /// The Gaussian, before the edit, from which a slot takes what `from` speaks of.
+    /// The Gaussian, before the edit, from which a slot takes moments ([`Moments::heir_of`]) or its
+    /// step count ([`Moments::counts_on_from`]).
     pub fn origin(&self, source: &Source, from: fn(Moments, Option<u32>) -> Option<u32>) -> Option<u32> {
         match *source {
             Source::Kept(i) => Some(i),

@@ -1,42 +1,54 @@
-//! Which effects a rendering simulates. An effect that is off costs nothing: backends turn an [`Effects`] value into a
-//! type or a pipeline, never into a branch per pixel. Which ones a scene calls for says [`Effects::called_for`].
+//! The effects that a rendering simulates, and which of them a scene requires
+//! ([`Effects::required`]).
+//!
+//! An effect that is off costs nothing: backends turn an [`Effects`] value into a type or a
+//! pipeline, never into a branch per pixel. [`Order`], [`Blend`], [`Antialias`], [`Background`] and
+//! [`Statistics`] are exhaustive on purpose: every backend must handle each value, and the compiler
+//! finds the places that a new one concerns.
 
-pub mod called_for;
 mod effect;
+mod required;
 
 use serde::{Deserialize, Serialize};
 
-pub use self::{called_for::CalledFor, effect::Effect};
+pub use self::{
+    effect::Effect,
+    required::{EffectDecision, RequiredEffects, Requirement, RequiresEffects},
+};
 use crate::constants::{DILATION_PX2, MIP_DILATION_PX2};
 
-/// In which order Gaussians are blended at a pixel. Matters under [`Blend::Over`] only.
+/// Order in which Gaussians are blended at a pixel. It matters under [`Blend::Over`] only.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Order {
-    /// By their index in the scene, the first in front: all that a 2D scene can need.
+    /// By their index in the scene, the first in front. The only order that a 2D scene can need.
     #[default]
     Index,
     /// By one depth per Gaussian, that of its mean (3DGS, paper §2.3.1); ties by index. 3D scenes.
     #[serde(alias = "tile-depth")]
     Global,
-    /// By their depth along each pixel's ray, ties by index: no popping (paper §5.4). A Gaussian's depth there is the mean of z given that the
-    /// ray goes through the pixel (`perspective::Projection::depth_slope`). 3D scenes.
+    /// By their depth along each pixel's ray, ties by index: no popping (paper §5.4). A Gaussian's
+    /// depth at a pixel is the mean of z given that the ray goes through the pixel
+    /// ([`Projection::depth_slope`]). 3D scenes.
+    ///
+    /// [`Projection::depth_slope`]: crate::math::perspective::Projection::depth_slope
     #[serde(alias = "pixel-depth")]
     PerPixel,
 }
 
-/// How the Gaussians at a pixel become its colour.
+/// How the Gaussians at a pixel are combined into its colour.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Blend {
-    /// C = Σ wᵢ cᵢ: order-free, no opacity (*source:* GaussianImage, ECCV 2024). Colours may be negative.
+    /// C = Σ wᵢ cᵢ: order-free, no opacity (*source:* GaussianImage, ECCV 2024). Colours may be
+    /// negative.
     Sum,
     /// C = Σ cᵢ αᵢ Π_{j<i} (1 − αⱼ), front to back (*source:* paper eq. 2).
     #[default]
     Over,
 }
 
-/// What is done about Gaussians narrower than a pixel.
+/// Treatment of Gaussians narrower than a pixel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Antialias {
@@ -45,26 +57,28 @@ pub enum Antialias {
     None,
     /// Σ′ + 0.3 px² · I (3DGS).
     Dilate,
-    /// Σ′ + 0.1 px² · I with the opacity scaled by √(det Σ′ / det(Σ′ + 0.1 I)) (Mip-Splatting). Under [`Blend::Sum`], which has no
-    /// opacity, nothing is scaled.
+    /// Σ′ + 0.1 px² · I with the opacity scaled by √(det Σ′ / det(Σ′ + 0.1 I)) (Mip-Splatting).
+    /// Under [`Blend::Sum`], which has no opacity, nothing is scaled.
     Mip,
-    /// As [`Self::Mip`], but with 0.3 px² (gsplat's `antialiased`, which Nerfstudio, PlayCanvas and others also have).
+    /// As [`Self::Mip`], but with 0.3 px² (gsplat's `antialiased`, also offered by Nerfstudio,
+    /// PlayCanvas and others).
     Compensated,
 }
 
-/// What is behind the last Gaussian.
+/// Background behind the last Gaussian.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Background {
     /// Black.
     #[default]
     None,
-    /// [`RenderSettings::background`](crate::settings::RenderSettings::background), seen through what transmittance is left.
-    /// Under [`Blend::Sum`], which has no transmittance, it is added to every pixel.
+    /// The colour [`RenderSettings::background`](crate::RenderSettings::background), weighted by
+    /// the transmittance that is left. Under [`Blend::Sum`], which has no transmittance, it is
+    /// added to every pixel.
     Solid,
 }
 
-/// What a training step collects per Gaussian for the density policy.
+/// Statistic that a training step collects per Gaussian for the density policy.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Statistics {
@@ -73,27 +87,32 @@ pub enum Statistics {
     None,
     /// ‖∂L/∂μ′‖ in normalised device units (3DGS; paper §2.2.2).
     MeanGradient,
-    /// ‖Σ |∂L/∂μ′ through one pixel|‖ in normalised device units (*source:* AbsGS, Ye et al. 2024). With μ′ = (u, v) in px of the canvas
-    /// of W×H px: each pixel p has a share ∂L/∂C(p) · ∂C(p)/∂(u, v) in ∂L/∂(u, v); their magnitudes are summed over the pixels, axis by
-    /// axis, and the statistic is ‖(Σ|share u| · W/2, Σ|share v| · H/2)‖. In the mean gradient, the shares of two sides of a large Gaussian
-    /// that is pulled both ways cancel; here they do not, so that it is never below the mean gradient.
+    /// ‖Σ |∂L/∂μ′ through one pixel|‖ in normalised device units (*source:* AbsGS, Ye et al. 2024).
+    ///
+    /// With μ′ = (u, v) in px of a canvas of W×H px, each pixel p contributes ∂L/∂C(p) · ∂C(p)/∂(u,
+    /// v) to ∂L/∂(u, v). The magnitudes of these contributions are summed over the pixels, axis by
+    /// axis, and the statistic is ‖(Σ|u part| · W/2, Σ|v part| · H/2)‖. In the mean gradient, the
+    /// contributions of two sides of a large Gaussian that is pulled both ways cancel; here they do
+    /// not, so it is never below the mean gradient.
     AbsoluteGradient,
-    /// Σ T α e over the pixels, px (*source:* Rota Bulò et al. 2024, with the absolute difference for their auxiliary error): the
-    /// share of the picture's error that falls to a Gaussian. e = the mean of |C − Y| over the three channels, whatever the loss; T α is
-    /// what the pixel shows of the Gaussian, under [`Blend::Sum`] its cut weight w.
+    /// Σ T α e over the pixels, px: the part of the image's error that falls to a Gaussian
+    /// (*source:* Rota Bulò et al. 2024, with the absolute difference for their auxiliary error).
+    ///
+    /// e is the mean of |C − Y| over the three channels, whatever the loss. T α is the Gaussian's
+    /// share of the pixel; under [`Blend::Sum`] it is the cut weight w.
     PixelError,
 }
 
 impl Order {
-    /// All of them.
+    /// All values.
     pub const ALL: [Self; 3] = [Self::Index, Self::Global, Self::PerPixel];
 
-    /// The order of this name; `None` where there is none.
+    /// The order of this name; `None` for an unknown name.
     pub fn named(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|order| order.name() == name)
     }
 
-    /// As settings files and flags have it.
+    /// Name in settings files and flags.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Index => "index",
@@ -104,7 +123,7 @@ impl Order {
 }
 
 impl Blend {
-    /// As settings files and flags have it.
+    /// Name in settings files and flags.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Sum => "sum",
@@ -114,15 +133,15 @@ impl Blend {
 }
 
 impl Antialias {
-    /// All of them.
+    /// All values.
     pub const ALL: [Self; 4] = [Self::None, Self::Dilate, Self::Mip, Self::Compensated];
 
-    /// The treatment of this name; `None` where there is none.
+    /// The treatment of this name; `None` for an unknown name.
     pub fn named(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|antialias| antialias.name() == name)
     }
 
-    /// As settings files and flags have it.
+    /// Name in settings files and flags.
     pub const fn name(self) -> &'static str {
         match self {
             Self::None => "none",
@@ -132,7 +151,7 @@ impl Antialias {
         }
     }
 
-    /// What is added to the diagonal of Σ′, px².
+    /// Variance that is added to the diagonal of Σ′, px².
     pub fn dilation(self) -> f32 {
         match self {
             Self::None => 0.0,
@@ -141,14 +160,15 @@ impl Antialias {
         }
     }
 
-    /// Whether the opacity is scaled by ρ = √(det Σ′ before dilation / det Σ′ after), so that a widened Gaussian adds as much light.
+    /// Whether the opacity is scaled by ρ = √(det Σ′ before dilation / det Σ′ after), so that a
+    /// widened Gaussian adds as much light as before.
     pub const fn compensates(self) -> bool {
         matches!(self, Self::Mip | Self::Compensated)
     }
 }
 
 impl Background {
-    /// As settings files and flags have it.
+    /// Name in settings files and flags.
     pub const fn name(self) -> &'static str {
         match self {
             Self::None => "none",
@@ -157,7 +177,7 @@ impl Background {
     }
 }
 
-/// The effects of a rendering, together.
+/// The effects of a rendering. Exhaustive: a backend must handle or refuse each field.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", try_from = "Stored")]
 pub struct Effects {
@@ -165,17 +185,17 @@ pub struct Effects {
     pub order: Order,
     /// Kind of blending.
     pub blend: Blend,
-    /// Highest degree of spherical harmonics that is evaluated, 0 to 3. 3D scenes.
+    /// Highest SH degree that is evaluated, 0 to 3. 3D scenes.
     pub sh_degree: u8,
     /// Treatment of sub-pixel Gaussians.
     pub antialias: Antialias,
-    /// What is behind.
+    /// Background.
     pub background: Background,
-    /// Statistics collected in training.
+    /// Statistic collected in training.
     pub statistics: Statistics,
 }
 
-/// [`Effects`] as files have them: also with settings of which there has only ever been one value.
+/// [`Effects`] in files, with three keys of earlier versions that only ever had one value.
 #[derive(Default, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 struct Stored {

@@ -1,8 +1,9 @@
-//! What can go wrong that a caller of gs-core, or of a backend, cannot foresee.
+//! Errors that a caller of gs-core, or of a backend, cannot foresee.
 
 use thiserror::Error;
 
-/// An error of the engine: scenes, views, settings and backends. File formats have their own, in gs-io.
+/// An error of the engine: scenes, views, settings and backends. File formats have their own, in
+/// gs-io.
 #[derive(Debug, Clone, PartialEq, Error)]
 #[non_exhaustive]
 pub enum Error {
@@ -23,7 +24,7 @@ pub enum Error {
         what: &'static str,
         /// The Gaussian.
         index: usize,
-        /// The value found.
+        /// Its value.
         value: f32,
     },
     /// A setting outside its range.
@@ -46,7 +47,7 @@ pub enum Error {
         /// The longest side.
         limit: u32,
     },
-    /// Two images or an image and a canvas that should be of one size are not.
+    /// Two images, or an image and a canvas, differ in size.
     #[error("sizes differ: {left_width}x{left_height} px against {right_width}x{right_height} px")]
     SizesDiffer {
         /// Columns of the first.
@@ -63,7 +64,7 @@ pub enum Error {
     Memory {
         /// What the memory was for.
         what: &'static str,
-        /// How much was asked for.
+        /// Bytes requested.
         bytes: u64,
     },
     /// A pixel that must be finite is NaN or infinite.
@@ -75,7 +76,7 @@ pub enum Error {
         column: u32,
         /// The pixel's row, from 0.
         row: u32,
-        /// The value found.
+        /// Its value.
         value: f32,
     },
     /// An edit plan that does not fit its splats.
@@ -89,7 +90,7 @@ pub enum Error {
         /// The effect and its value.
         effect: String,
     },
-    /// A checkpoint or state that does not belong to this kind of splats.
+    /// A saved state that does not fit this kind of splats.
     #[error("state: {0}")]
     State(String),
     /// The backend failed: the device was lost, memory ran out.
@@ -97,13 +98,13 @@ pub enum Error {
     Backend {
         /// The backend.
         backend: &'static str,
-        /// What happened, and what may mend it.
+        /// What happened, and what may help.
         message: String,
     },
 }
 
 impl Error {
-    /// A setting that is out of its range; `allowed` completes "must be …".
+    /// A setting outside its range; `allowed` completes "must be …".
     pub fn setting(what: &'static str, value: impl ToString, allowed: &'static str) -> Self {
         Self::Setting { what, value: value.to_string(), allowed }
     }

@@ -1,4 +1,5 @@
-//! An image in memory: RGB in `f32`, as the image file has it (no linearisation), 0 black, 1 white, not clamped.
+//! Images in memory: RGB in `f32`, as in the image file (no linearisation), 0 black, 1 white, not
+//! clamped.
 
 use std::sync::Arc;
 
@@ -15,7 +16,7 @@ pub struct Image {
 }
 
 impl Image {
-    /// A black image, for [`Self::pixels_mut`] to fill.
+    /// A black image, to fill with [`Self::pixels_mut`].
     ///
     /// ```
     /// let mut image = gs_core::Image::new(3, 2)?;
@@ -33,7 +34,8 @@ impl Image {
     /// An image of one colour.
     ///
     /// # Errors
-    /// [`Error::Size`] when a side is 0 or longer than [`MAX_SIDE_PX`]; [`Error::Memory`].
+    /// [`Error::Size`] where a side is 0 or longer than [`MAX_SIDE_PX`]; [`Error::Memory`] where
+    /// the system refuses.
     pub fn filled(width: u32, height: u32, color: [f32; 3]) -> Result<Self, Error> {
         check_size(width, height)?;
         let pixels = memory::filled(width as usize * height as usize, color, "the pixels of an image")?;
@@ -43,7 +45,8 @@ impl Image {
     /// An image from its pixels, row-major.
     ///
     /// # Errors
-    /// [`Error::Size`] for an impossible size, [`Error::Length`] when `pixels` is not width · height long.
+    /// [`Error::Size`] for an impossible size; [`Error::Length`] where `pixels` is not width ·
+    /// height long.
     pub fn from_pixels(width: u32, height: u32, pixels: Vec<[f32; 3]>) -> Result<Self, Error> {
         check_size(width, height)?;
         let expected = width as usize * height as usize;
@@ -64,17 +67,17 @@ impl Image {
         Ok(Self { width, height, pixels: Arc::new(pixels) })
     }
 
-    /// Columns.
+    /// Number of columns.
     pub fn width(&self) -> u32 {
         self.width
     }
 
-    /// Rows.
+    /// Number of rows.
     pub fn height(&self) -> u32 {
         self.height
     }
 
-    /// (columns, rows).
+    /// Size as (columns, rows).
     pub fn size(&self) -> (u32, u32) {
         (self.width, self.height)
     }
@@ -84,7 +87,7 @@ impl Image {
         &self.pixels
     }
 
-    /// All pixels, to write; copied first where a clone shares them.
+    /// All pixels for writing; copied first where a clone shares them.
     pub fn pixels_mut(&mut self) -> &mut [[f32; 3]] {
         let pixels: &mut Vec<_> = Arc::make_mut(&mut self.pixels);
         pixels
@@ -93,7 +96,7 @@ impl Image {
     /// One row of pixels, `[width]`.
     ///
     /// # Panics
-    /// When it lies outside the image.
+    /// Where it lies outside the image.
     pub fn row(&self, y: u32) -> &[[f32; 3]] {
         &self.pixels[y as usize * self.width as usize..][..self.width as usize]
     }
@@ -101,35 +104,36 @@ impl Image {
     /// The pixel in column `x` and row `y`.
     ///
     /// # Panics
-    /// When it lies outside the image.
+    /// Where it lies outside the image.
     pub fn pixel(&self, x: u32, y: u32) -> [f32; 3] {
         assert!(x < self.width && y < self.height, "pixel ({x}, {y}) of a {}x{} image", self.width, self.height);
         self.pixels[(y * self.width + x) as usize]
     }
 
-    /// The same image with every value in 0..=1.
+    /// The image with every value clamped to 0..=1.
     pub fn clamped(&self) -> Self {
         let pixels: Vec<_> = self.pixels.iter().map(|p| p.map(|v| v.clamp(0.0, 1.0))).collect();
         Self { pixels: Arc::new(pixels), ..*self }
     }
 
-    /// The values in 8 bits a channel, row-major: what an 8-bit file stores of the image.
+    /// The values in 8 bits a channel, row-major, as an 8-bit file stores them.
     ///
-    /// Values are held to 0..=1, multiplied by 255 and rounded, halves up; NaN becomes 0.
+    /// Values are clamped to 0..=1, multiplied by 255 and rounded, halves up; NaN becomes 0.
     pub fn to_8_bits(&self) -> Vec<u8> {
         self.pixels.as_flattened().iter().map(|&value| to_8_bits(value)).collect()
     }
 
-    /// The image as it is written in 8 bits: what reading a file gives that was made of [`Self::to_8_bits`].
+    /// The image rounded to 8 bits a channel: what a program reads from a file of
+    /// [`Self::to_8_bits`].
     pub fn rounded_to_8_bits(&self) -> Self {
         let pixels: Vec<_> = self.pixels.iter().map(|pixel| pixel.map(rounded_to_8_bits)).collect();
         Self { pixels: Arc::new(pixels), ..*self }
     }
 
-    /// Fails unless every value is finite; `what` is what the image is.
+    /// Checks that every value is finite; `what` names the image in the error.
     ///
     /// # Errors
-    /// [`Error::Pixel`] naming the first that is not.
+    /// [`Error::Pixel`] naming the first value that is not.
     pub fn check_finite(&self, what: &'static str) -> Result<(), Error> {
         let Some(at) = self.pixels.as_flattened().iter().position(|v| !v.is_finite()) else { return Ok(()) };
         let (pixel, width) = (at / 3, self.width as usize);
@@ -137,7 +141,7 @@ impl Image {
         Err(Error::Pixel { what, column, row, value: self.pixels[pixel][at % 3] })
     }
 
-    /// Fails unless `other` has the same size.
+    /// Checks that `other` has the same size.
     ///
     /// # Errors
     /// [`Error::SizesDiffer`] with both sizes.
@@ -154,27 +158,27 @@ impl Image {
     }
 }
 
-/// A value of a channel in 8 bits; see [`Image::to_8_bits`].
+/// The value of a channel in 8 bits; see [`Image::to_8_bits`].
 #[inline]
 pub fn to_8_bits(value: f32) -> u8 {
     /// From here on every `f32` is a whole number, so that adding it rounds, halves to even.
     const WHOLE: f32 = (1 << 23) as f32;
-    // `f32::round` is a call to a library on processors of before 2008, for which programs are compiled by default.
+    // `f32::round` is a library call at the default x86-64 target.
     let scaled = value.clamp(0.0, 1.0) * 255.0;
     let even = (scaled + WHOLE) - WHOLE;
     (if scaled - even == 0.5 { even + 1.0 } else { even }) as u8
 }
 
-/// The value that a file of 8 bits a channel has instead of this one.
+/// The value of a channel rounded to 8 bits.
 #[inline]
 pub fn rounded_to_8_bits(value: f32) -> f32 {
     f32::from(to_8_bits(value)) / 255.0
 }
 
-/// Fails unless both sides are 1 to [`MAX_SIDE_PX`].
+/// Checks the size of an image: both sides must be 1 to [`MAX_SIDE_PX`].
 ///
 /// # Errors
-/// [`Error::Size`].
+/// [`Error::Size`] where a side is not.
 pub fn check_size(width: u32, height: u32) -> Result<(), Error> {
     if width == 0 || height == 0 || width > MAX_SIDE_PX || height > MAX_SIDE_PX {
         return Err(Error::Size { width, height, limit: MAX_SIDE_PX });
@@ -199,7 +203,7 @@ mod tests {
     }
 
     #[test]
-    fn rounding_is_what_a_file_does_and_changes_nothing_the_second_time() {
+    fn rounding_gives_what_a_file_holds_and_is_idempotent() {
         let image = Image::from_fn(16, 16, |x, y| [(x + 16 * y) as f32 / 255.0, -0.25, 1.5]).unwrap();
         let rounded = image.rounded_to_8_bits();
         let read: Vec<f32> = image.to_8_bits().into_iter().map(|level| f32::from(level) / 255.0).collect();

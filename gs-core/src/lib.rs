@@ -13,28 +13,24 @@
 
 pub mod adam;
 pub mod constants;
-pub mod covariance_factor;
 pub mod edit;
 pub mod effects;
-pub mod error;
+mod error;
 pub mod examination;
-pub mod image;
-pub mod loss;
+mod image;
+mod loss;
+pub mod math;
 pub mod memory;
 pub mod metrics;
-pub mod noise;
-pub mod perspective;
+mod noise;
 pub mod profile;
-pub mod rasterizer;
-pub mod scene;
-pub mod settings;
-pub mod sh;
-pub mod splat;
-pub mod state;
-pub mod statistics;
-pub mod target;
+mod rasterizer;
+mod scene;
+mod settings;
+mod state;
+mod statistics;
+mod target;
 pub mod view;
-pub mod whitened;
 mod words;
 
 pub use crate::{
@@ -42,14 +38,14 @@ pub use crate::{
     edit::EditPlan,
     effects::{Blend, Effects},
     error::Error,
-    image::Image,
+    image::{Image, check_size, rounded_to_8_bits, to_8_bits},
     loss::Loss,
     noise::MeanNoise,
     rasterizer::{Backend, Binning, Optimizer, Rasterizer, TrainStep, Wait},
-    scene::{Gaussian2d, Gaussian3d, Scene, Scene2d, Scene3d},
-    settings::{Accuracy, RenderSettings},
-    state::SplatsState,
-    statistics::DensityStatistics,
+    scene::{Gaussian2d, Gaussian3d, Scene, Scene2d, Scene3d, logit, sigmoid},
+    settings::{Accuracy, Cut, Extent, RenderSettings},
+    state::{SplatsState, Tensor, TensorData},
+    statistics::{CullCause, Culled, DensityStatistics},
     target::TargetImage,
     view::{Camera, Canvas},
     words::counted,

@@ -1,11 +1,12 @@
-//! What training minimises.
+//! The losses that training can minimise.
 
 use serde::{Deserialize, Serialize};
 
 use crate::{constants::DSSIM_LAMBDA, error::Error};
 
-/// A loss between the rendered image C and the target Y, both `[H, W, 3]`, not clamped. All are means over pixels and channels,
-/// so that gradients do not depend on the unit an image is cut into.
+/// Loss between the rendered image C and the target Y, both `[H, W, 3]`, not clamped.
+///
+/// Every loss is a mean over pixels and channels. Exhaustive: a backend must handle each value.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "kebab-case")]
 pub enum Loss {
@@ -13,8 +14,8 @@ pub enum Loss {
     L2,
     /// mean |C − Y|; its gradient where C = Y is 0.
     L1,
-    /// (1 − λ) L1 + λ (1 − SSIM(C, Y)) (*source:* paper eq. 6, 3DGS), SSIM with an 11×11 Gaussian window of σ 1.5, borders
-    /// padded with zeros as in 3DGS.
+    /// (1 − λ) L1 + λ (1 − SSIM(C, Y)) (*source:* paper eq. 6, 3DGS), SSIM with an 11×11 Gaussian
+    /// window of σ 1.5, borders padded with zeros as in 3DGS.
     L1Dssim {
         /// λ in 0..=1; [`DSSIM_LAMBDA`] in the paper.
         lambda: f32,
@@ -22,10 +23,10 @@ pub enum Loss {
 }
 
 impl Loss {
-    /// The paper's: λ = 0.2.
+    /// The paper's loss: L1 and D-SSIM with λ = 0.2.
     pub const PAPER: Self = Self::L1Dssim { lambda: DSSIM_LAMBDA };
 
-    /// Its kind, as flags have it.
+    /// Name in flags.
     pub const fn name(self) -> &'static str {
         match self {
             Self::L2 => "l2",
@@ -34,10 +35,10 @@ impl Loss {
         }
     }
 
-    /// Fails where λ is outside 0..=1.
+    /// Checks λ.
     ///
     /// # Errors
-    /// [`Error::Setting`].
+    /// [`Error::Setting`] where λ is outside 0..=1.
     pub fn validate(&self) -> Result<(), Error> {
         match *self {
             Self::L1Dssim { lambda } if !(0.0..=1.0).contains(&lambda) => {

@@ -1,8 +1,9 @@
-//! Memory for what is large: a refusal is an error here, where `vec!` and `collect` would abort the process.
+//! Allocation of large arrays: a refusal is an error, where `vec!` and `collect` would abort the
+//! process.
 
 use crate::error::Error;
 
-/// An empty list with room for `len` elements; `what` says what they are.
+/// An empty list with room for `len` elements; `what` names them in the error.
 ///
 /// # Errors
 /// [`Error::Memory`] where the system refuses.
@@ -12,7 +13,7 @@ pub fn reserved<T>(len: usize, what: &'static str) -> Result<Vec<T>, Error> {
     Ok(list)
 }
 
-/// A list of `len` equal elements; `what` says what they are.
+/// A list of `len` equal elements; `what` names them in the error.
 ///
 /// # Errors
 /// [`Error::Memory`] where the system refuses.
@@ -22,7 +23,7 @@ pub fn filled<T: Clone>(len: usize, value: T, what: &'static str) -> Result<Vec<
     Ok(list)
 }
 
-/// Gives a list another length; elements that come to it are `value`, and `what` says what they are.
+/// Changes the length of a list; new elements are `value`, and `what` names them in the error.
 ///
 /// # Errors
 /// [`Error::Memory`] where the system refuses; the list is then as before.
@@ -39,7 +40,7 @@ fn reserve<T>(list: &mut Vec<T>, len: usize, what: &'static str) -> Result<(), E
     list.try_reserve(more).map_err(|_| Error::Memory { what, bytes })
 }
 
-/// So many bytes for people: "512 MB", "6.1 GB".
+/// A number of bytes as text: "512 MB", "6.1 GB".
 pub fn amount(bytes: u64) -> String {
     match bytes {
         0..10_000_000 => format!("{:.1} MB", bytes as f64 * 1e-6),
@@ -53,7 +54,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_cannot_be_had_is_an_error_that_says_how_much_for_what() {
+    fn refused_memory_is_an_error_with_its_amount_and_purpose() {
         let error = filled(1 << 59, 0u64, "a test").unwrap_err();
         assert_eq!(error, Error::Memory { what: "a test", bytes: 1 << 62 });
         let message = error.to_string();
@@ -66,7 +67,7 @@ mod tests {
     }
 
     #[test]
-    fn amounts_have_a_unit_that_suits_them() {
+    fn amounts_have_a_suitable_unit() {
         assert_eq!([500_000, 20_400_000, 6_100_000_000].map(amount), ["0.5 MB", "20 MB", "6.1 GB"]);
     }
 }

@@ -1,5 +1,5 @@
-//! Noise on the means between training steps: what a backend adds where it computes, as a function of a seed, a step and a Gaussian's
-//! index, so that every backend adds the same, to rounding.
+//! Noise on the means between training steps, as a function of a seed, a step and a Gaussian's
+//! index, so that every backend adds the same up to rounding.
 
 use glam::{Mat2, Mat3, Vec2, Vec3};
 
@@ -9,28 +9,31 @@ use crate::{
     scene::sigmoid,
 };
 
-/// Noise by which faint Gaussians explore: each mean moves by `scale` · s(−100 (o − 0.005)) · Σ η, with s the logistic function, o the
-/// opacity, Σ the covariance and η standard normal (*source:* 3DGS-MCMC, Kheradmand et al. 2024). A Gaussian whose shift is not
-/// finite stays where it is.
+/// Noise on the means, by which faint Gaussians explore.
 ///
-/// η is a function of `seed`, `step` and the Gaussian's index: four random words `r` = [`random_words`]`([seed, step, index, 0])` become
-/// uniform numbers u = (⌊r / 2⁸⌋ + 1) / 2²⁴, and those, by the method of Box and Muller, √(−2 ln u₀) cos 2π u₁,
-/// √(−2 ln u₀) sin 2π u₁ and √(−2 ln u₂) cos 2π u₃.
+/// Each mean moves by `scale` · s(−100 (o − 0.005)) · Σ η, with s the logistic function, o the
+/// opacity, Σ the covariance and η standard normal (*source:* 3DGS-MCMC, Kheradmand et al. 2024). A
+/// Gaussian whose shift is not finite does not move.
+///
+/// η is a function of `seed`, `step` and the Gaussian's index: four random words `r` =
+/// [`random_words`]`([seed, step, index, 0])` become uniform numbers u = (⌊r / 2⁸⌋ + 1) / 2²⁴, and
+/// those, by the method of Box and Muller, √(−2 ln u₀) cos 2π u₁, √(−2 ln u₀) sin 2π u₁ and √(−2 ln
+/// u₂) cos 2π u₃.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MeanNoise {
-    /// What multiplies Σ η. Unit: 1/px in 2D scenes, 1/world unit in 3D scenes.
+    /// Factor of Σ η. Unit: 1/px in 2D scenes, 1/world unit in 3D scenes.
     pub scale: f32,
-    /// Which sequence of random numbers.
+    /// Seed of the random numbers.
     pub seed: u32,
-    /// Which place in it.
+    /// Step, which selects the random numbers of the seed.
     pub step: u32,
 }
 
 impl MeanNoise {
-    /// Fails where the scale is not finite.
+    /// Checks the scale.
     ///
     /// # Errors
-    /// [`Error::Setting`].
+    /// [`Error::Setting`] where it is not finite.
     pub fn validate(&self) -> Result<(), Error> {
         match self.scale.is_finite() {
             true => Ok(()),
@@ -38,7 +41,7 @@ impl MeanNoise {
         }
     }
 
-    /// η of Gaussian `index`; in 2D scenes its first two numbers.
+    /// η of Gaussian `index`; 2D scenes use the first two components.
     #[inline]
     pub fn normals(&self, index: u32) -> Vec3 {
         let [a, b, c, d] = random_words([self.seed, self.step, index, 0]).map(uniform);
@@ -47,14 +50,14 @@ impl MeanNoise {
         Vec3::new(radius * cos, radius * sin, other * (std::f32::consts::TAU * d).cos())
     }
 
-    /// What is added to the mean of Gaussian `index` of a 2D scene, px, where Σ = L Lᵀ.
+    /// Shift of the mean of Gaussian `index` in a 2D scene, px, where Σ = L Lᵀ.
     #[inline]
     pub fn shift_2d(&self, index: u32, l: Mat2, opacity_logit: f32) -> Vec2 {
         let shift = l * (l.transpose() * self.normals(index).truncate()) * self.weight(opacity_logit);
         if shift.is_finite() { shift } else { Vec2::ZERO }
     }
 
-    /// What is added to the mean of Gaussian `index` of a 3D scene, world units, where Σ = M Mᵀ.
+    /// Shift of the mean of Gaussian `index` in a 3D scene, world units, where Σ = M Mᵀ.
     #[inline]
     pub fn shift_3d(&self, index: u32, m: Mat3, opacity_logit: f32) -> Vec3 {
         let shift = m * (m.transpose() * self.normals(index)) * self.weight(opacity_logit);
@@ -66,7 +69,8 @@ impl MeanNoise {
     }
 }
 
-/// Four random words from four words that count: the hash `pcg4d` of Jarzynski and Olano, *Hash functions for GPU rendering*, 2020.
+/// Four random words from four counters: the hash `pcg4d` of Jarzynski and Olano, *Hash functions
+/// for GPU rendering*, 2020.
 #[inline]
 pub fn random_words(counter: [u32; 4]) -> [u32; 4] {
     let mut v = counter.map(|word| word.wrapping_mul(1_664_525).wrapping_add(1_013_904_223));
@@ -81,7 +85,7 @@ pub fn random_words(counter: [u32; 4]) -> [u32; 4] {
     v
 }
 
-/// In (0, 1]; exact.
+/// A uniform number in (0, 1]; exact.
 fn uniform(word: u32) -> f32 {
     ((word >> 8) + 1) as f32 / 16_777_216.0
 }
@@ -112,10 +116,11 @@ mod tests {
     }
 
     #[test]
-    fn the_transparent_move_as_their_covariance_says_and_the_opaque_stay() {
+    fn transparent_gaussians_move_by_their_covariance_and_opaque_ones_stay() {
         let count = 20_000;
         let l = Mat2::from_cols(Vec2::new(3.4, 2.9), Vec2::new(-0.8, 0.9));
-        // Half of the strength at the threshold's opacity; in units of the noise's own covariance, whose root is Σ.
+        // Half of the strength at the threshold's opacity; in units of the noise's own covariance,
+        // whose root is Σ.
         let noise = MeanNoise { scale: 0.25, seed: 3, step: 4 };
         let whiten = (l * l.transpose() * 0.125).inverse();
         let mut second = Mat2::ZERO;
@@ -143,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_broken_stays() {
+    fn broken_gaussians_stay() {
         let noise = MeanNoise { scale: 1.0, seed: 1, step: 1 };
         assert_eq!(noise.shift_2d(0, Mat2::NAN, logit(0.001)), Vec2::ZERO);
         assert_eq!(noise.shift_3d(0, Mat3::IDENTITY, f32::NAN), Vec3::ZERO);

@@ -1,4 +1,4 @@
-//! Where the time of a training step goes, stage by stage, as backends report it.
+//! Time of a training step, stage by stage, as backends report it.
 
 use std::{fmt, future::Future};
 
@@ -11,10 +11,12 @@ use crate::{
     settings::RenderSettings,
 };
 
-/// A backend that can say where the time of a training step goes.
+/// A backend that measures the stages of a training step.
 pub trait Profiler<S: Scene>: Optimizer<S> {
-    /// Runs every stage `repetitions` times, interleaved, after once without looking at the clock. The splats stays as it is but for
-    /// its Adam moments, step counts and statistics: the rates are [`still`].
+    /// Runs every stage `repetitions` times, interleaved, after one run that is not measured.
+    ///
+    /// Parameters do not change, as the rates are [`still`]; Adam moments, step counts and
+    /// statistics do.
     ///
     /// # Errors
     /// Those of [`Optimizer::train_step`].
@@ -29,45 +31,47 @@ pub trait Profiler<S: Scene>: Optimizer<S> {
     ) -> impl Future<Output = Result<Profile, Error>>;
 }
 
-/// Adam's numbers for steps that move nothing: all learning rates are 0.
+/// Settings of Adam for steps that move nothing: all learning rates are 0.
 pub fn still() -> AdamRates {
     let mut adam = Adam::default();
     let Adam { mean, scale, rotation, opacity, color, color_rest, .. } = &mut adam;
     for group in [mean, scale, rotation, opacity, color, color_rest] {
         group.learning_rate = 0.0;
     }
-    // Nor do scales where they are beyond a bound.
+    // Scales beyond a bound do not move either.
     (adam.min_scale, adam.max_scale) = (0.0, f32::INFINITY);
     adam.at(0.0)
 }
 
-/// One stage: its time, and what it did in that time.
+/// Time and work of one stage.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StageTime {
-    /// The stage's word: `project`, `bin`, `sort`, `blend`, `loss`, `blend_bwd`, `project_bwd`, `adam`; on a GPU also `scan` and
-    /// `ranges`, which stand before and after sorting; `fused` where a backend does several of them in one pass over the tiles.
+    /// Name of the stage: `project`, `bin`, `sort`, `blend`, `loss`, `blend_bwd`, `project_bwd`,
+    /// `adam`; on a GPU also `scan` and `ranges`, before and after sorting; `fused` where a backend
+    /// does several of them in one pass over the tiles.
     pub stage: &'static str,
-    /// Seconds, one per repetition, in order.
+    /// Seconds of each repetition, in order.
     pub seconds: Vec<f64>,
-    /// Pixel–Gaussian pairs that it visits; 0 where it visits none.
+    /// Number of pixel–Gaussian pairs that it visits.
     pub pairs: u64,
-    /// The stages that a training step with these settings does not run, because it runs this one instead; they are measured for
-    /// comparison.
+    /// The stages that this one replaces in a training step with these settings; they are measured
+    /// for comparison.
     pub replaces: &'static [&'static str],
 }
 
-/// What the seconds were measured by.
+/// Clock by which a profile was measured.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Clock {
-    /// The host's, around each stage, which the host computes itself.
+    /// The host's clock, around stages that the host computes.
     Host,
-    /// The host's; each stage was sent to the device alone and waited for, so that its time is that of its dispatches and of one
-    /// round trip.
+    /// The host's clock, around stages that were sent to the device one by one, so that each
+    /// includes a round trip.
     RoundTrip {
-        /// Why not the device's own clock.
+        /// Why the device's clock was not used.
         why: String,
     },
-    /// Timestamps that the device writes between the stages of one submission, without a round trip.
+    /// Timestamps that the device writes between the stages of one submission, without a round
+    /// trip.
     Device,
 }
 
@@ -81,21 +85,22 @@ impl fmt::Display for Clock {
     }
 }
 
-/// What a profile measured.
+/// Times of all stages of a training step.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Profile {
     /// The stages in their order.
     pub stages: Vec<StageTime>,
-    /// What measured their times.
+    /// Clock by which they were measured.
     pub clock: Clock,
-    /// Pixel–Gaussian pairs that a blend kernel visits, those that a vector covers beyond an ellipse included.
+    /// Number of pixel–Gaussian pairs that a blend kernel visits, including those that a vector
+    /// covers beyond an ellipse.
     pub pairs: u64,
-    /// Entries of all tiles' lists.
+    /// Number of entries in all tiles' lists.
     pub entries: usize,
 }
 
 impl Profile {
-    /// The stages that a training step with fresh lists runs, in their order: all that no other one replaces.
+    /// The stages that a training step with fresh lists runs, in their order.
     pub fn of_a_step(&self) -> impl Iterator<Item = &StageTime> {
         self.stages.iter().filter(|stage| self.replaced_by(stage).is_none())
     }
@@ -106,7 +111,7 @@ impl Profile {
     }
 }
 
-/// The median of some numbers, and how they scatter.
+/// Median and spread of some numbers.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Quantiles {
     /// The 10 % quantile.
@@ -118,7 +123,7 @@ pub struct Quantiles {
 }
 
 impl Quantiles {
-    /// Of these numbers; between two of them, interpolated. NaN of none.
+    /// The quantiles of these numbers, interpolated; NaN without any.
     pub fn of(numbers: &[f64]) -> Self {
         let mut sorted = numbers.to_vec();
         sorted.sort_by(f64::total_cmp);
@@ -130,7 +135,7 @@ impl Quantiles {
         Self { low: at(0.1), median: at(0.5), high: at(0.9) }
     }
 
-    /// All three times a factor.
+    /// All three multiplied by a factor.
     pub fn times(self, factor: f64) -> Self {
         Self { low: self.low * factor, median: self.median * factor, high: self.high * factor }
     }

@@ -1,4 +1,4 @@
-//! How exactly, and with which effects, a forward pass is rendered.
+//! Settings of a rendering: effects and accuracy.
 
 use serde::{Deserialize, Serialize};
 
@@ -8,43 +8,51 @@ use crate::{
     error::Error,
 };
 
-/// What happens at the α cut.
+crate::impl_with!(Accuracy, RenderSettings);
+
+/// Treatment of α below the cut. Exhaustive: a backend must handle or refuse each value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Cut {
-    /// α below [`Accuracy::alpha_cut`] is 0: a step of that height in the image. What every engine does.
+    /// α below [`Accuracy::alpha_cut`] is 0, as in every engine: a step of that height in the
+    /// image.
     #[default]
     Hard,
-    /// No step: α is never cut. For finite differences; backends may refuse it, the oracle offers it.
+    /// α is never cut. For finite differences; backends may refuse it, the oracle offers it.
     Smooth,
 }
 
-/// How far from its mean a Gaussian is looked at.
+/// Distance from its mean up to which a Gaussian is evaluated. Exhaustive: a backend must handle or
+/// refuse each value.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "kebab-case")]
 pub enum Extent {
-    /// To the ellipse on which α falls to [`Accuracy::alpha_cut`]: nothing that is above the cut is lost. It reaches
-    /// √(2 ln(o / cut)) σ, so that a faint Gaussian is a small one.
+    /// Up to the ellipse on which α falls to [`Accuracy::alpha_cut`], so that nothing above the cut
+    /// is lost. It reaches √(2 ln(o / cut)) σ, so a faint Gaussian is small.
     #[default]
     AlphaCut,
-    /// Also to no more than so many standard deviations, 1 to 6: dᵀ Σ′⁻¹ d ≤ k², whatever α is there. 3DGS takes 3 for the square by which
-    /// it picks tiles. Opaque Gaussians get a step of exp(−k²/2) at their edge. Backends may refuse it.
+    /// Also at most this many standard deviations, 1 to 6: dᵀ Σ′⁻¹ d ≤ k². Backends may refuse it.
+    ///
+    /// 3DGS uses 3 for the square by which it picks tiles. Opaque Gaussians have a step of
+    /// exp(−k²/2) at their edge.
     Sigmas(f32),
 }
 
-/// The approximations of a rendering, each with its error and its price.
+/// The approximations of a rendering.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+#[non_exhaustive]
 pub struct Accuracy {
-    /// α (under [`Blend::Sum`]: weight) below this adds nothing. 1e-6..=0.5, default [`ALPHA_CUT`].
+    /// The α cut: α (under [`Blend::Sum`]: weight) below this adds nothing. 1e-6..=0.5, default
+    /// [`ALPHA_CUT`].
     pub alpha_cut: f32,
-    /// Hard or smooth.
+    /// Hard or smooth cut.
     pub cut: Cut,
-    /// α is clamped to this, with zero gradient where it is. 0.5..=0.9999, default [`ALPHA_MAX`].
+    /// Upper bound of α, where its gradient is zero. 0.5..=0.9999, default [`ALPHA_MAX`].
     pub alpha_max: f32,
-    /// A pixel is full when its transmittance would fall below this. 0..=0.5, default [`TRANSMITTANCE_MIN`].
+    /// Transmittance below which a pixel is full. 0..=0.5, default [`TRANSMITTANCE_MIN`].
     pub transmittance_min: f32,
-    /// How far from its mean a Gaussian is looked at. Default: as far as the cut lets it be seen.
+    /// Distance from its mean up to which a Gaussian is evaluated. Default [`Extent::AlphaCut`].
     pub extent: Extent,
 }
 
@@ -61,13 +69,17 @@ impl Default for Accuracy {
 }
 
 impl Accuracy {
-    /// The least approximation that [`RenderSettings::validate`] allows with a hard cut: what errors are measured from. With n Gaussians at
-    /// a pixel, what it cuts off changes the pixel by less than n · 1e-6, and what it clamps, by 1e-4.
+    /// The most accurate settings that [`RenderSettings::validate`] allows with a hard cut, from
+    /// which errors are measured. With n Gaussians at a pixel, the cut changes the pixel by less
+    /// than n · 1e-6 and the bound of α by 1e-4.
     pub const TIGHTEST: Self =
         Self { alpha_cut: 1e-6, cut: Cut::Hard, alpha_max: 0.9999, transmittance_min: 0.0, extent: Extent::AlphaCut };
 
-    /// Those of 3DGS: α up to 0.99, and three standard deviations. *Source:* Kerbl et al. 2023, `forward.cu`. There the three standard
-    /// deviations pick tiles, so that a pixel beyond them is drawn where its tile is listed; here they are sharp.
+    /// The settings of 3DGS: α up to 0.99, and three standard deviations. *Source:* Kerbl et al.
+    /// 2023, `forward.cu`.
+    ///
+    /// There the three standard deviations pick tiles, so pixels beyond them are drawn in listed
+    /// tiles; here they are a sharp bound.
     pub const THREE_DGS: Self = Self {
         alpha_cut: ALPHA_CUT,
         cut: Cut::Hard,
@@ -76,7 +88,8 @@ impl Accuracy {
         extent: Extent::Sigmas(3.0),
     };
 
-    /// What α = o·w of a Gaussian of opacity `o` (under [`Blend::Sum`]: 1) must reach to count: the cut, or its value at the extent's edge.
+    /// Least α = o·w that counts, for a Gaussian of opacity `o` (under [`Blend::Sum`]: 1): the cut,
+    /// or α at the edge of the extent.
     pub fn cut_of(&self, opacity: f32) -> f32 {
         match self.extent {
             Extent::AlphaCut => self.alpha_cut,
@@ -88,29 +101,31 @@ impl Accuracy {
 /// Everything that a rendering depends on besides the scene and the view.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+#[non_exhaustive]
 pub struct RenderSettings {
-    /// Which effects.
+    /// Effects.
     pub effects: Effects,
-    /// How exactly.
+    /// Approximations.
     pub accuracy: Accuracy,
-    /// The colour behind, used when `effects.background` is [`Background::Solid`].
+    /// Background colour, used where `effects.background` is [`Background::Solid`].
     pub background: [f32; 3],
 }
 
 impl RenderSettings {
-    /// The default settings with this blending and nothing behind.
+    /// The default settings with this blending and no background.
     pub fn blended(blend: Blend) -> Self {
         Self { effects: Effects { blend, ..Effects::default() }, ..Self::default() }
     }
 
     /// The same settings before a solid background.
+    #[must_use]
     pub fn on(mut self, background: [f32; 3]) -> Self {
         self.effects.background = Background::Solid;
         self.background = background;
         self
     }
 
-    /// The colour behind: black unless the background effect is on.
+    /// The background colour: black unless the background effect is on.
     pub fn background_color(&self) -> [f32; 3] {
         match self.effects.background {
             Background::Solid => self.background,
@@ -118,10 +133,10 @@ impl RenderSettings {
         }
     }
 
-    /// Fails where a number is outside its range or an effect contradicts another.
+    /// Checks the ranges of all settings.
     ///
     /// # Errors
-    /// [`Error::Setting`] naming the first offender.
+    /// [`Error::Setting`] naming the first value outside its range.
     pub fn validate(&self) -> Result<(), Error> {
         let a = &self.accuracy;
         if !(1e-6..=0.5).contains(&a.alpha_cut) {

@@ -1,4 +1,4 @@
-//! The whole state of splats as named tensors: what a checkpoint holds, and what one backend can hand to another.
+//! The whole state of splats as named tensors, for checkpoints and for exchange between backends.
 
 mod scene;
 
@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 
 use crate::{adam::Parameterization, error::Error};
 
-/// The numbers of a tensor, row-major.
+/// Values of a tensor, row-major.
 #[derive(Debug, Clone, PartialEq)]
 pub enum TensorData {
     /// 32-bit floats.
@@ -15,31 +15,35 @@ pub enum TensorData {
     U32(Vec<u32>),
 }
 
-/// A named array's shape and numbers.
+/// Shape and values of a tensor.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Tensor {
-    /// Its shape; the product is the length of `data`.
+    /// Shape; the product is the length of `data`.
     pub shape: Vec<usize>,
-    /// Its numbers.
+    /// Values.
     pub data: TensorData,
 }
 
-/// A splats' parameters, Adam moments, step counts and statistics, bit for bit as the backend holds them.
+/// Parameters, Adam moments, step counts and statistics of splats, bit for bit as the backend holds
+/// them.
 ///
-/// Names and shapes are part of the contract between backends. For 2D splats: `mean [N,2]`, `factor [N,4]` (columns of L;
-/// [`Parameterization::CovarianceFactor`]) or `log_scale [N,2]` and `rotation [N]`; `color [N,3]`, `opacity_logit [N]` (absent where all are
-/// opaque); `moment1`, `moment2 [N,9]` in the order mean 2, shape 3, colour 3, opacity 1; `steps [N]` (u32);
-/// `gradient_sum [N]` (of whichever statistic is collected), `visible [N]` (u32).
+/// Names and shapes are part of the contract between backends. For 2D splats: `mean [N,2]`,
+/// `factor [N,4]` (columns of L, in [`Parameterization::CovarianceFactor`]) or `log_scale [N,2]`
+/// and `rotation [N]`; `color [N,3]`, `opacity_logit [N]` (absent where all are opaque); `moment1`,
+/// `moment2 [N,9]` in the order mean 2, shape 3, colour 3, opacity 1; `steps [N]` (u32);
+/// `gradient_sum [N]` (of the statistic that is collected), `visible [N]` (u32).
 ///
-/// For 3D splats, with K = (d + 1)² coefficients: `mean [N,3]`, `factor [N,9]` (columns of M; [`Parameterization::CovarianceFactor`]) or
-/// `log_scale [N,3]` and `rotation [N,4]` (w, x, y, z), `opacity_logit [N]`, `sh [N,3K]` (coefficient by coefficient, each R, G, B);
-/// `moment1`, `moment2` in the order mean 3, shape (`[N,11+3K]`: log-scale 3, rotation 4; `[N,10+3K]` of [`Parameterization::CovarianceFactor`]:
-/// η₀₀, η₀₁, η₀₂, η₁₁, η₁₂, η₂₂), opacity 1, SH 3K; `steps`, `gradient_sum` and `visible` as above.
+/// For 3D splats, with K = (d + 1)² coefficients: `mean [N,3]`, `factor [N,9]` (columns of M, in
+/// [`Parameterization::CovarianceFactor`]) or `log_scale [N,3]` and `rotation [N,4]` (w, x, y, z),
+/// `opacity_logit [N]`, `sh [N,3K]` (coefficient by coefficient, each R, G, B); `moment1`,
+/// `moment2` in the order mean 3, shape, opacity 1, SH 3K, where the shape is log-scale 3 and
+/// rotation 4 (`[N,11+3K]`), or in [`Parameterization::CovarianceFactor`] η₀₀, η₀₁, η₀₂, η₁₁, η₁₂,
+/// η₂₂ (`[N,10+3K]`); `steps`, `gradient_sum` and `visible` as above.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SplatsState {
-    /// The coordinates in which the optimiser moves, which decide how the shape is held.
+    /// Coordinates in which the optimiser moves; they decide how the shape is held.
     pub parameterization: Parameterization,
-    /// The tensors by name.
+    /// Tensors by name.
     pub tensors: BTreeMap<String, Tensor>,
 }
 
@@ -59,7 +63,7 @@ impl SplatsState {
     /// Adds `[N, columns]` floats, row-major.
     ///
     /// # Panics
-    /// Where `values` are no whole rows.
+    /// Where `values` are not whole rows.
     pub fn insert_matrix(&mut self, name: &str, columns: usize, values: Vec<f32>) {
         assert!(columns > 0 && values.len().is_multiple_of(columns), "{} values in rows of {columns}", values.len());
         let shape = vec![values.len() / columns, columns];
@@ -93,7 +97,8 @@ impl SplatsState {
     /// The columns of an `[N, columns]` tensor of floats, and its numbers, row-major.
     ///
     /// # Errors
-    /// [`Error::State`] where the tensor is missing, not of two dimensions, of another length than its shape says, or of another type.
+    /// [`Error::State`] where the tensor is missing, not of two dimensions, of another length than
+    /// its shape says, or of another type.
     pub fn matrix(&self, name: &str) -> Result<(usize, &[f32]), Error> {
         match self.get(name)? {
             Tensor { shape, data: TensorData::F32(data) } => match shape[..] {
@@ -115,7 +120,7 @@ impl SplatsState {
         }
     }
 
-    /// Whether a tensor of this name is there.
+    /// Whether there is a tensor of this name.
     pub fn contains(&self, name: &str) -> bool {
         self.tensors.contains_key(name)
     }

@@ -1,15 +1,17 @@
-//! What training collects per Gaussian, for density policies to look at, and what rendering left out.
+//! Statistics that training collects per Gaussian for density policies, and counts of culled
+//! Gaussians.
 
 use serde::{Deserialize, Serialize};
 
 /// Per-Gaussian statistics since the last edit, `[N]` each, in the order of the scene.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct DensityStatistics {
-    /// Σ over steps of what [`Statistics`](crate::effects::Statistics) asks for, one number per step: the positional gradient
-    /// ‖(∂L/∂u · W/2, ∂L/∂v · H/2)‖ in normalised device units (*source:* 3DGS), its absolute variant, or the pixel error in px. Zeros
-    /// where nothing was asked for. There is one sum: two statistics are not to be mixed without an edit between them.
+    /// Sum over steps of the collected statistic: see [`Statistics`](crate::effects::Statistics)
+    /// for its values and units. Zeros where none is collected.
+    ///
+    /// There is one sum: two statistics must not be mixed without an edit between them.
     pub gradient_sum: Vec<f32>,
-    /// Steps in which the Gaussian was drawn.
+    /// Number of steps in which the Gaussian was drawn.
     pub visible: Vec<u32>,
 }
 
@@ -19,16 +21,17 @@ impl DensityStatistics {
         Self { gradient_sum: vec![0.0; len], visible: vec![0; len] }
     }
 
-    /// The mean positional gradient (or whichever statistic was collected) of Gaussian `index` over the steps in which it was drawn, 0
-    /// where there were none.
+    /// Mean of the collected statistic of Gaussian `index` over the steps in which it was drawn; 0
+    /// without such steps.
     pub fn mean_gradient(&self, index: usize) -> f32 {
         self.gradient_sum[index] / self.visible[index].max(1) as f32
     }
 }
 
-/// Why a forward pass leaves a Gaussian out; see the fields of [`Culled`].
+/// Why a forward pass leaves a Gaussian out; see the fields of [`Culled`]. Exhaustive: backends
+/// must agree on all causes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Cause {
+pub enum CullCause {
     /// [`Culled::not_finite`].
     NotFinite,
     /// [`Culled::near`].
@@ -41,8 +44,10 @@ pub enum Cause {
     Outside,
 }
 
-/// Gaussians that a forward pass left out, by cause; each under the first that applies, in the order of
-/// [`perspective`](crate::perspective) for 3D scenes and of the fields for 2D ones.
+/// Numbers of Gaussians that a forward pass left out, by cause.
+///
+/// Each is counted under the first cause that applies, in the order of
+/// [`perspective`](crate::math::perspective) for 3D scenes and of the fields for 2D scenes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Culled {
@@ -50,7 +55,8 @@ pub struct Culled {
     pub not_finite: u32,
     /// Its mean is nearer than the near plane, or behind the camera. 3D scenes.
     pub near: u32,
-    /// det Σ′ below [`MIN_DETERMINANT_PX4`](crate::constants::MIN_DETERMINANT_PX4), or a quaternion without direction.
+    /// det Σ′ below [`MIN_DETERMINANT_PX4`](crate::constants::MIN_DETERMINANT_PX4), or a quaternion
+    /// without direction.
     pub degenerate: u32,
     /// Opacity below the α cut.
     pub transparent: u32,
@@ -59,18 +65,18 @@ pub struct Culled {
 }
 
 impl Culled {
-    /// Counts one more.
-    pub fn count(&mut self, cause: Cause) {
+    /// Counts one more Gaussian.
+    pub fn count(&mut self, cause: CullCause) {
         *match cause {
-            Cause::NotFinite => &mut self.not_finite,
-            Cause::Near => &mut self.near,
-            Cause::Degenerate => &mut self.degenerate,
-            Cause::Transparent => &mut self.transparent,
-            Cause::Outside => &mut self.outside,
+            CullCause::NotFinite => &mut self.not_finite,
+            CullCause::Near => &mut self.near,
+            CullCause::Degenerate => &mut self.degenerate,
+            CullCause::Transparent => &mut self.transparent,
+            CullCause::Outside => &mut self.outside,
         } += 1;
     }
 
-    /// The counts of two parts of a scene, or of two views, together; they stay at the largest number that there is.
+    /// Sums of two counts, such as those of two views, saturating.
     pub fn plus(self, other: Self) -> Self {
         Self {
             not_finite: self.not_finite.saturating_add(other.not_finite),
@@ -81,7 +87,7 @@ impl Culled {
         }
     }
 
-    /// All causes together.
+    /// Number of Gaussians left out for any cause.
     pub fn total(self) -> u64 {
         let Self { not_finite, near, degenerate, transparent, outside } = self;
         [not_finite, near, degenerate, transparent, outside].map(u64::from).iter().sum()

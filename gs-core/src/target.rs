@@ -1,20 +1,23 @@
-//! An image to compare with, as a program hands it to a backend.
+//! Target images as a program passes them to a backend.
 
 use crate::{error::Error, image::Image};
 
-/// An image to compare with, and which of its pixels count.
+/// A target image, with optional alpha and mask.
 ///
-/// An [`Image`] alone converts into one that is opaque and of which every pixel counts. A backend completes the image in each pass, from
-/// the background and the rendering of that pass, so that neither crosses to the device again.
+/// An [`Image`] alone converts into an opaque target of which every pixel counts. A backend
+/// completes the target in each pass from the background and the rendering of that pass, so that
+/// the target is uploaded only once.
 #[derive(Debug, Clone, Copy)]
 pub struct TargetImage<'a> {
-    /// The colours, not premultiplied.
+    /// Colours, not premultiplied.
     pub image: &'a Image,
-    /// The pixels' opacities, `[height · width]`, row-major, 0..=1; where one is below 1, the pass's background shows:
-    /// c·α + background·(1 − α). `None` where all are 1.
+    /// Alpha of each pixel, `[height · width]`, row-major, 0..=1; below 1 the background of the
+    /// pass shows: c·α + background·(1 − α). `None` where all are 1.
     pub alpha: Option<&'a [f32]>,
-    /// Which pixels count, `[height · width]`, row-major. The others are taken to be as they are rendered, so that they add nothing to the
-    /// loss and pull at nothing; the loss stays a mean over all pixels. `None` where all count.
+    /// Whether each pixel counts, `[height · width]`, row-major; `None` where all do.
+    ///
+    /// Pixels that do not count are replaced by the rendering, so they add nothing to the loss and
+    /// have no gradient. The loss stays a mean over all pixels.
     pub mask: Option<&'a [bool]>,
 }
 
@@ -25,10 +28,11 @@ impl<'a> From<&'a Image> for TargetImage<'a> {
 }
 
 impl TargetImage<'_> {
-    /// Fails unless all colours are finite, all opacities within 0..=1, and alpha and mask as long as the image.
+    /// Checks that all colours are finite, all alphas within 0..=1, and alpha and mask as long as
+    /// the image.
     ///
     /// # Errors
-    /// [`Error::Pixel`], [`Error::Setting`] or [`Error::Length`], naming the first offender.
+    /// [`Error::Pixel`], [`Error::Setting`] or [`Error::Length`], naming the first fault.
     pub fn validate(&self) -> Result<(), Error> {
         self.image.check_finite("the target")?;
         let expected = self.image.pixels().len();
@@ -44,8 +48,8 @@ impl TargetImage<'_> {
         }
     }
 
-    /// What a backend needs beside the colours to complete the target: for each pixel its alpha, or −1 where it does not count. `None`
-    /// where the colours are complete.
+    /// Alpha of each pixel, or −1 where it does not count, for [`completed`]. `None` where all
+    /// pixels are opaque and count.
     pub fn coverage(&self) -> Option<Vec<f32>> {
         if self.alpha.is_none() && self.mask.is_none() {
             return None;
@@ -58,7 +62,8 @@ impl TargetImage<'_> {
     }
 }
 
-/// A pixel of a target, completed: `coverage` is as [`TargetImage::coverage`] has it.
+/// A channel of a target's pixel, completed with the background or the rendering; for `coverage`
+/// see [`TargetImage::coverage`].
 #[inline(always)]
 pub fn completed(target: f32, coverage: f32, background: f32, rendered: f32) -> f32 {
     if coverage < 0.0 {

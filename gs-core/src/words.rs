@@ -10,7 +10,7 @@ pub fn counted<N: Display + PartialEq + From<u8>>(count: N, noun: &str) -> Strin
     format!("{count} {noun}{ending}")
 }
 
-/// The same with the verb that goes with it: "1 Gaussian is", "2 Gaussians are".
+/// A count with its noun and verb: "1 Gaussian is", "2 Gaussians are".
 pub(crate) fn there_are(count: usize, noun: &str) -> String {
     format!("{} {}", counted(count, noun), if count == 1 { "is" } else { "are" })
 }
@@ -25,4 +25,21 @@ mod tests {
         assert_eq!(counted(0usize, "step"), "0 steps");
         assert_eq!(counted(21u64, "held-out view"), "21 held-out views");
     }
+}
+
+/// Gives settings types a method `with`, by which code outside of their crate changes fields.
+#[doc(hidden)]
+#[macro_export]
+macro_rules! impl_with {
+    ($($settings:ty),+ $(,)?) => {$(
+        impl $settings {
+            /// The same settings after `change`, which assigns fields:
+            /// `settings.with(|s| s.field = value)`.
+            #[must_use]
+            pub fn with(mut self, change: impl FnOnce(&mut Self)) -> Self {
+                change(&mut self);
+                self
+            }
+        }
+    )+};
 }

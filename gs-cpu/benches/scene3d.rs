@@ -15,11 +15,11 @@ use std::time::Instant;
 use garden::{Random, SEED, garden};
 use glam::Vec3;
 use gs_core::{
-    Blend, Camera, Error, Gaussian3d, Image, Loss, Parameterization, RenderSettings, Scene, Scene3d, TrainStep,
+    Binning, Blend, Camera, Error, Gaussian3d, Image, Loss, Parameterization, RenderSettings, Scene, Scene3d,
+    TrainStep,
     effects::{Antialias, Order, Statistics},
+    logit,
     profile::{Profiler, Quantiles, still},
-    rasterizer::Binning,
-    scene::logit,
 };
 use gs_cpu::{CpuRasterizer, CpuSettings};
 

@@ -9,7 +9,7 @@
 //! Legend: that of `blend_over`.
 
 use fearless_simd::{Level, Simd, dispatch};
-use gs_core::splat::over::{self, Backward, Forward};
+use gs_core::math::splat::over::{self, Backward, Forward};
 
 use crate::{
     blend_over::STRIDE,

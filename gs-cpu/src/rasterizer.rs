@@ -5,9 +5,9 @@ use std::{fmt, sync::PoisonError};
 
 use fearless_simd::Level;
 use gs_core::{
-    AdamRates, Backend, Binning, DensityStatistics, EditPlan, Error, Image, Loss, MeanNoise, Optimizer,
+    AdamRates, Backend, Binning, Culled, DensityStatistics, EditPlan, Error, Image, Loss, MeanNoise, Optimizer,
     Parameterization, Rasterizer, RenderSettings, Scene2d, Scene3d, SplatsState, TargetImage, TrainStep, Wait, counted,
-    profile::Profiler, statistics::Culled,
+    profile::Profiler,
 };
 
 use crate::{
@@ -417,7 +417,7 @@ mod tests {
             // The first step sees both Gaussians, so both have moments.
             let wide = Canvas::new(1024, 16);
             let wide_target = cpu.upload_target(&Image::filled(1024, 16, [0.2; 3]).unwrap()).unwrap();
-            let rates = Adam { participants, ..Adam::default() }.at(0.0);
+            let rates = Adam::default().with(|s| s.participants = participants).at(0.0);
             let step = TrainStep { settings: &settings, loss: Loss::L1, rates: &rates, binning: Binning::Fresh };
             cpu.train_step(&mut splats, &wide, &wide_target, &step).block_on().unwrap();
             let before = cpu.download(&splats).block_on().unwrap();

@@ -2,7 +2,7 @@
 
 use std::sync::OnceLock;
 
-use gs_core::{Error, TargetImage, memory, target};
+use gs_core::{Error, TargetImage, math, memory};
 use rayon::prelude::*;
 
 use crate::{
@@ -53,7 +53,7 @@ impl Target {
         let inputs = self.rows.par_iter().zip(&self.coverage).zip(rendered);
         (completed.rows.par_iter_mut().zip(inputs)).for_each(|(Row(out), ((Row(y), ScalarRow(coverage)), Row(c)))| {
             for k in 0..3 {
-                out[k] = std::array::from_fn(|i| target::completed(y[k][i], coverage[i], background[k], c[k][i]));
+                out[k] = std::array::from_fn(|i| math::completed(y[k][i], coverage[i], background[k], c[k][i]));
             }
         });
         Ok(())

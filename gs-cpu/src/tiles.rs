@@ -6,10 +6,9 @@ use std::ops::Range;
 use fearless_simd::{Level, dispatch};
 use glam::Vec2;
 use gs_core::{
-    Blend, Effects, Error, Loss, RenderSettings,
+    Blend, Culled, Effects, Error, Loss, RenderSettings,
     effects::{Order, Statistics},
     memory,
-    statistics::Culled,
 };
 
 use crate::{

@@ -1,6 +1,6 @@
 //! What this backend refuses, as errors.
 
-use gs_core::{Error, RenderSettings, settings::Cut};
+use gs_core::{Cut, Error, RenderSettings};
 
 /// The backend's name in errors.
 pub(crate) const BACKEND: &str = "cpu";

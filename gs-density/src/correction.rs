@@ -1,28 +1,31 @@
-//! What becomes of the opacity when one Gaussian becomes two.
+//! Correction of opacities where two Gaussians replace one.
 
 use serde::{Deserialize, Serialize};
 
 use crate::gaussian::DensityGaussian;
 
-/// What becomes of the opacity of the two that replace one.
+/// Correction of the opacities of two Gaussians that replace one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum OpacityCorrection {
-    /// Both keep it (what 3DGS does): where they overlap, the two hide more than the one did.
+    /// Both keep the opacity, as in 3DGS: where they overlap, they hide more than the one did.
     #[default]
     None,
-    /// Two that stand on the place of the one, unshrunk, look as it did.
+    /// Two Gaussians in the place of the one, with its scales, look as it did.
     ///
-    /// In a scene with opacities both get 1 − √(1 − α). Blended one right behind the other, they then have the opacity of the one at
-    /// its mean exactly. Elsewhere, at weight w, they have α'² w (1 − w) more, α' being their own opacity (at most a quarter of α'²:
-    /// no two equal Gaussians composite to a Gaussian).
+    /// In a scene with opacities both get 1 − √(1 − α). Blended one right behind the other, they
+    /// have exactly the opacity of the one at its mean. Elsewhere, at weight w, they have α'² w (1
+    /// − w) more, where α' is their own opacity (at most a quarter of α'²: no two equal Gaussians
+    /// composite to a Gaussian).
     ///
-    /// In a scene without opacities, where Gaussians are summed, the colours are halved instead, which is exact everywhere.
+    /// In a scene without opacities, where Gaussians are summed, the colours are halved instead,
+    /// which is exact everywhere.
     Conserve,
 }
 
 impl OpacityCorrection {
-    /// Corrects one of the two, in a scene that has opacities, or has none.
+    /// Corrects one of the two; `has_opacity` is a property of the scene.
     pub(crate) fn apply<G: DensityGaussian>(self, half: &mut G, has_opacity: bool) {
         match (self, has_opacity) {
             (Self::None, _) => {}
@@ -34,8 +37,8 @@ impl OpacityCorrection {
 
 /// The logit of 1 − √(1 − α) from the logit x of α, for −∞ ≤ x ≤ ∞.
 ///
-/// With s = √(1 − α): 1 − s = α / (1 + s), which does not cancel for small α, so the logit is ln α − ln(1 + s) − ln s, where
-/// ln α = −softplus(−x) and ln s = −½ softplus(x).
+/// With s = √(1 − α): 1 − s = α / (1 + s), which does not cancel for small α, so the logit is ln α
+/// − ln(1 + s) − ln s, where ln α = −softplus(−x) and ln s = −½ softplus(x).
 fn logit_of_half(logit: f32) -> f32 {
     if logit.is_infinite() {
         return logit;
@@ -48,7 +51,7 @@ fn logit_of_half(logit: f32) -> f32 {
 
 #[cfg(test)]
 mod tests {
-    use gs_core::scene::{logit, sigmoid};
+    use gs_core::{logit, sigmoid};
 
     use super::*;
 

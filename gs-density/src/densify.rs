@@ -1,13 +1,14 @@
-//! What is done to a Gaussian that grows: cloned where it is small, split where it is large.
+//! Densification of one Gaussian: cloned where it is small, split where it is large.
 //!
-//! One becomes two either way. The *original* keeps its slot in the scene, and so its place in the order of blending; the *copy*
-//! is added right behind it. Ancestors differ in what they do to the two, mostly by accident; here each such point is a setting.
+//! One becomes two either way. The *original* keeps its slot in the scene, and so its place in the
+//! order of blending; the *copy* is added right behind it. Engines differ in the details of both;
+//! here each such detail is a setting.
 
 use gs_core::{
     Error,
     constants::{MIN_SCALE_PX, SPLIT_PHI},
     edit::{Birth, Change, Moments, Origin, Place},
-    scene::{logit, sigmoid},
+    logit, sigmoid,
 };
 use serde::{Deserialize, Serialize};
 
@@ -18,46 +19,56 @@ use crate::{
     size::SizeThreshold,
 };
 
-/// Where the copy stands that cloning adds.
+gs_core::impl_with!(Densify, LongAxisSplit);
+
+/// Position of the copy that cloning adds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum ClonePlacement {
-    /// On the original, which stays (what the code of 3DGS does). The two part only by their different moments, under
-    /// [`Blend::Over`](gs_core::Blend) also by their order.
+    /// On the original, which stays (as in the code of 3DGS). The two separate only by their
+    /// different moments, under [`Blend::Over`](gs_core::Blend) also by their order.
     #[default]
     OnOriginal,
     /// At a point drawn from the original, which stays.
     Drawn,
 }
 
-/// Where the two halves stand that splitting makes.
+/// Positions of the two halves of a split.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum SplitPlacement {
     /// At two points drawn independently from the parent (paper §2.2.2, 3DGS).
     #[default]
     Drawn,
-    /// On the parent's long axis, half of its largest scale to either side of its mean: no luck involved.
+    /// On the parent's long axis, half of its largest scale to either side of its mean.
     LongAxis,
-    /// On the parent's long axis, with sizes and opacity of their own instead of [`Densify::shrink`].
+    /// On the parent's long axis, with sizes and opacity of their own instead of
+    /// [`Densify::shrink`].
     LongAxisSplit(LongAxisSplit),
 }
 
-/// A split after which the two look much as the one did: side by side along its long axis, half as long, a little narrower and fainter
-/// (*source:* Deng et al. 2024, "Efficient Density Control for 3D Gaussian Splatting", and 2025, "Improving Densification in 3D Gaussian
-/// Splatting for High-Fidelity Rendering"; the numbers are those of their code).
+/// A split into two halves side by side along the long axis that together look much like the
+/// parent.
 ///
-/// Drawn halves of 3DGS overlap by chance, hide more than the one did and lose its shape; the optimiser has to mend that first.
+/// The halves are half as long, a little narrower and fainter. The drawn halves of 3DGS overlap by
+/// chance, hide more than the parent did and lose its shape. *Source:* Deng et al. 2024, "Efficient
+/// Density Control for 3D Gaussian Splatting", and 2025, "Improving Densification in 3D Gaussian
+/// Splatting for High-Fidelity Rendering"; the numbers are those of their code.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, rename_all = "kebab-case", deny_unknown_fields)]
+#[non_exhaustive]
 pub struct LongAxisSplit {
-    /// Distance of either half from the parent's mean, in units of its largest scale; not negative. Default 1.5.
+    /// Distance of either half from the parent's mean, in units of its largest scale; not negative.
+    /// Default 1.5.
     pub offset: f32,
-    /// What the largest scale is multiplied by, above 0 and at most 1. Default 0.5.
+    /// Factor of the largest scale, above 0 and at most 1. Default 0.5.
     pub length: f32,
-    /// What the other scales are multiplied by, above 0 and at most 1. Default 0.85.
+    /// Factor of the other scales, above 0 and at most 1. Default 0.85.
     pub width: f32,
-    /// What the opacity (in scenes without: the colour) is multiplied by, above 0 and at most 1. Default 0.6.
+    /// Factor of the opacity (in scenes without opacities: of the colour), above 0 and at most 1.
+    /// Default 0.6.
     pub opacity: f32,
 }
 
@@ -98,7 +109,7 @@ impl LongAxisSplit {
     }
 }
 
-/// Fails for moments that a newcomer cannot start at.
+/// Checks the moments that new Gaussians start with.
 pub(crate) fn check_newcomers(moments: Moments) -> Result<(), Error> {
     if moments == Moments::Inherit {
         return Err(Error::setting("newcomers", "inherit", "fresh or zeroed"));
@@ -106,23 +117,25 @@ pub(crate) fn check_newcomers(moments: Moments) -> Result<(), Error> {
     Ok(())
 }
 
-/// Which of the two keeps the Adam moments of the one; the others start at [`Densify::newcomers`].
+/// Which of the two inherits the Adam moments of the one; the other starts at
+/// [`Densify::newcomers`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum MomentHeir {
-    /// The one that stays in the parent's slot.
+    /// The Gaussian in the parent's slot.
     #[default]
     Original,
-    /// The one that is added.
+    /// The added Gaussian.
     Copy,
     /// Both.
     Both,
-    /// None of them.
+    /// Neither.
     Neither,
 }
 
 impl MomentHeir {
-    /// What becomes of the moments of the original and of the copy, where others start at `newcomers`.
+    /// Moments of the original and of the copy, where others start at `newcomers`.
     fn moments(self, newcomers: Moments) -> (Moments, Moments) {
         match self {
             Self::Original => (Moments::Inherit, newcomers),
@@ -133,28 +146,33 @@ impl MomentHeir {
     }
 }
 
-/// How one Gaussian becomes two. The defaults are those of 3DGS, but for [`Self::newcomers`].
+/// Settings of cloning and splitting. The defaults are those of 3DGS, except [`Self::newcomers`].
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, rename_all = "kebab-case", deny_unknown_fields)]
+#[non_exhaustive]
 pub struct Densify {
-    /// Gaussians larger than this are split, the others cloned. Default 0.01 of the extent (3DGS: `percent_dense`).
+    /// Gaussians larger than this are split, the others cloned. Default 0.01 of the extent (3DGS:
+    /// `percent_dense`).
     pub split_above: SizeThreshold,
-    /// What splitting divides all scales by (φ), at least 1, but for a [`LongAxisSplit`]. Default [`SPLIT_PHI`].
+    /// Factor φ by which splitting divides all scales, at least 1; not used by a [`LongAxisSplit`].
+    /// Default [`SPLIT_PHI`].
     pub shrink: f32,
-    /// Where the halves of a split stand. Default drawn.
+    /// Positions of the halves of a split. Default drawn.
     pub split_placement: SplitPlacement,
-    /// Where a clone stands. Default on its original.
+    /// Position of a clone. Default on its original.
     pub clone_placement: ClonePlacement,
-    /// What becomes of the opacity. Default none.
+    /// Correction of the opacities. Default none.
     pub opacity_correction: OpacityCorrection,
-    /// Which of a split's halves keeps the moments. Default neither: both have moved.
+    /// Which half of a split inherits the moments. Default neither, as both have moved.
     pub split_moments: MomentHeir,
-    /// Which of original and clone keeps the moments. Default the original.
+    /// Which of original and clone inherits the moments. Default the original.
     pub clone_moments: MomentHeir,
-    /// What the moments of those start at that inherit none: afresh, the default, or zeroed, as in the code of 3DGS.
+    /// Moments of Gaussians that inherit none: fresh, the default, or zeroed, as in the code of
+    /// 3DGS.
     pub newcomers: Moments,
-    /// Where the copy stands in the order of blending. Default behind its parent, where a copy in 3D would be; what an engine
-    /// does that appends to its arrays is last, behind the large Gaussians that were there before it.
+    /// Place of the copy in the order of blending. Default behind its parent, as in 3D.
+    ///
+    /// An engine that appends to its arrays puts copies last, behind all large Gaussians.
     pub copy_place: Place,
 }
 
@@ -175,8 +193,8 @@ impl Default for Densify {
 }
 
 impl Densify {
-    /// Every Gaussian that can be is split along its long axis, none cloned (*source:* as at [`LongAxisSplit`]).
-    pub fn along_long_axes() -> Self {
+    /// Splits along the long axis only, without cloning (*source:* as for [`LongAxisSplit`]).
+    pub(crate) fn along_long_axes() -> Self {
         Self {
             split_above: SizeThreshold::Pixels(MIN_SCALE_PX),
             split_placement: SplitPlacement::LongAxisSplit(LongAxisSplit::default()),
@@ -184,11 +202,11 @@ impl Densify {
         }
     }
 
-    /// Makes two of Gaussian `index` of the observed scene: what becomes of the original (`None` where it stays untouched), and
-    /// the copy.
+    /// Makes two of Gaussian `index` of the observed scene: the change of the original (`None`
+    /// where it stays the same), and the copy.
     ///
     /// # Panics
-    /// When the scene has no such Gaussian.
+    /// Where the scene has no such Gaussian.
     pub fn grow<S: DensityScene>(
         &self,
         index: u32,
@@ -211,10 +229,10 @@ impl Densify {
         (change, Birth { gaussian: copy, parent: Some(index), moments: copy_moments, origin, place: self.copy_place })
     }
 
-    /// Fails where a number is outside its range.
+    /// Checks the ranges of all settings.
     ///
     /// # Errors
-    /// [`Error::Setting`] naming the offender.
+    /// [`Error::Setting`] naming the first value outside its range.
     pub fn validate(&self) -> Result<(), Error> {
         if !(self.shrink >= 1.0 && self.shrink.is_finite()) {
             return Err(Error::setting("densify.shrink", self.shrink, "at least 1 and finite"));

@@ -1,11 +1,11 @@
-//! Addition in proportion to the error: Image-GS.
+//! Image-GS: addition in proportion to the error.
 
 use glam::Vec3;
 use gs_core::{
     EditPlan, Error, Gaussian2d, Scene2d,
     edit::{Birth, Moments, Origin, Place},
     effects::Statistics,
-    scene::logit,
+    logit,
 };
 use rand::RngExt;
 use serde::{Deserialize, Serialize};
@@ -16,32 +16,39 @@ use crate::{
     seed::Plane,
 };
 
-/// Starts with half of the budget and adds the rest in four equal parts, at pixels drawn in proportion to a power of their error (*source:*
-/// Image-GS, Zhang et al. 2025, and its code).
+gs_core::impl_with!(ErrorAddition);
+
+/// Image-GS: starts with half of the budget and adds the rest in four parts, at pixels drawn in
+/// proportion to a power of their error (*source:* Zhang et al. 2025, and its code).
 ///
-/// Nothing is cloned, split or pruned, but what is not finite; new Gaussians have no parents, so that they reach where none is. A new
-/// Gaussian is round, of the size that the first ones had, and has as its colour what is missing at its pixel, as in the source; where there
-/// are opacities and colours are painted, not added, the target's. The error is that of the picture as it is shown, held to 0..=1. No pixel is
-/// drawn twice in one addition, unless there are not enough.
+/// Nothing is cloned or split, and only Gaussians that are not finite are pruned. New Gaussians
+/// have no parents, so they can appear anywhere. A new Gaussian is round and of the size of the
+/// first ones. Its colour is the error at its pixel, as in the source; in a scene with opacities it
+/// is the target's colour. The error is that of the image clamped to 0..=1. No pixel is drawn twice
+/// in one addition, unless there are not enough.
 ///
-/// What differs from the source: the target is not blurred before it is compared, which the source does with images above 400 px by a
-/// kernel of 3 px or more; and weights at a pixel are summed, not normalised.
+/// Differences from the source: the target is not blurred before it is compared, which the source
+/// does with images above 400 px by a kernel of 3 px or more; and weights at a pixel are summed,
+/// not normalised.
 ///
-/// An addition is made in the first round after each of so many equal parts of the rounds. The last one meets the budget exactly; with fewer
-/// rounds than additions, several are made at once.
+/// The additions are spread evenly over the rounds. The last one meets the budget exactly; with
+/// fewer rounds than additions, several are made at once.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, rename_all = "kebab-case", deny_unknown_fields)]
+#[non_exhaustive]
 pub struct ErrorAddition {
-    /// What share of the budget there is before the first addition, 0..=1: the share that the scene was initialised with. Default 0.5.
+    /// Share of the budget before the first addition, 0..=1: the share that the scene was
+    /// initialised with. Default 0.5.
     pub start_fraction: f32,
-    /// Additions, at least 1. Default 4.
+    /// Number of additions, at least 1. Default 4.
     pub additions: u32,
-    /// The power of the error, the mean of |target − rendered| over the channels, to which the chance of a pixel is proportional; 0.5..=8.
-    /// Default 2, as in the source's code.
+    /// Power of the error (the mean of |target − rendered| over the channels) to which the chance
+    /// of a pixel is proportional; 0.5..=8. Default 2, as in the source's code.
     pub exponent: f32,
     /// σ of a new Gaussian, px; positive. Default 5.
     pub sigma_px: f32,
-    /// Opacity of a new Gaussian where there are opacities, above 0 and below 1. Image-GS has none; default 0.7, that of other seeds.
+    /// Opacity of a new Gaussian where there are opacities, above 0 and below 1. Image-GS has none;
+    /// default 0.7, that of other seeds.
     pub opacity: f32,
 }
 
@@ -52,10 +59,10 @@ impl Default for ErrorAddition {
 }
 
 impl ErrorAddition {
-    /// Fails where a number is outside its range.
+    /// Checks the ranges of all settings.
     ///
     /// # Errors
-    /// [`Error::Setting`] naming the first offender.
+    /// [`Error::Setting`] naming the first value outside its range.
     pub fn validate(&self) -> Result<(), Error> {
         if !(0.0..=1.0).contains(&self.start_fraction) {
             return Err(Error::setting("start-fraction", self.start_fraction, "0 to 1"));
@@ -75,7 +82,7 @@ impl ErrorAddition {
         Ok(())
     }
 
-    /// How many Gaussians there should be after the round.
+    /// Number of Gaussians wanted after the round.
     fn target(&self, observation: &Observation<'_>) -> usize {
         let additions = f64::from(self.additions);
         // A round's progress is k/R in f32: one that should be whole must not fall short of it.
@@ -116,7 +123,7 @@ impl DensityPolicy for ErrorAddition {
         self.validate()?;
         observation.check_lengths()?;
         let Some(residual) = observation.residual else {
-            return Err(Error::State("addition in proportion to the error was shown no residual".into()));
+            return Err(Error::State("policy `image-gs` needs a residual".into()));
         };
         residual.target.same_size(&residual.rendered)?;
         let scene: &Scene2d = observation.scene;
@@ -142,14 +149,16 @@ impl DensityPolicy for ErrorAddition {
     }
 }
 
-/// A channel as a picture shows it; NaN stays.
+/// A channel as an image shows it; NaN stays.
 fn shown(value: f32) -> f32 {
     value.clamp(0.0, 1.0)
 }
 
-/// `count` pixels drawn in proportion to `weights`, evenly where all are 0. Each at most once, as long as there are pixels.
+/// `count` pixels drawn in proportion to `weights`, evenly where all are 0. Each at most once, as
+/// long as there are pixels.
 ///
-/// By exponential races: the pixel with the smallest −ln(u)/w comes first, which is drawing one after the other without putting back.
+/// By exponential races: the pixel with the smallest −ln(u)/w comes first, which is drawing one
+/// after the other without putting back.
 fn draw(weights: &Plane, count: usize, rng: &mut Rng) -> Vec<usize> {
     let values = weights.values();
     if values.is_empty() {

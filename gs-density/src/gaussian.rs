@@ -1,70 +1,60 @@
-//! What density control asks of a Gaussian and does to it: all that differs between Gaussians in 2D and in 3D. Policies and
-//! actions are written once, on top of this.
+//! What density control needs of Gaussians and scenes: all that differs between 2D and 3D. Policies
+//! and actions are written once, on top of this.
 
 use std::fmt::Debug;
 
 use glam::{Vec2, Vec3};
-use gs_core::{Error, Gaussian2d, Gaussian3d, Scene, Scene2d, Scene3d};
+use gs_core::{Gaussian2d, Gaussian3d, Scene, Scene2d, Scene3d};
 use rand_distr::{Distribution, StandardNormal};
 
 use crate::observation::Rng;
 
 /// A Gaussian whose density can be controlled. Lengths are in the scene's unit: px, or world units.
 pub trait DensityGaussian: Clone + Debug + PartialEq {
-    /// Whether all parameters, and the covariance made of them, are finite. The opacity's logit may be ±∞: opaque, vanishing.
+    /// Whether all parameters and the covariance are finite. The opacity logit may be ±∞: opaque or
+    /// invisible.
     fn is_finite(&self) -> bool;
 
-    /// The opacity's logit.
+    /// Opacity logit.
     fn opacity_logit(&self) -> f32;
 
-    /// Gives it another opacity.
+    /// Changes the opacity logit.
     fn set_opacity_logit(&mut self, logit: f32);
 
-    /// Changes its colour (in 3D each of its SH coefficients), a linear map of it.
+    /// Changes the colour (in 3D each SH coefficient) by a linear map.
     fn map_color(&mut self, map: impl Fn(Vec3) -> Vec3);
 
-    /// The largest of its scales (the standard deviation along its longest axis).
+    /// Largest scale: the standard deviation along the longest axis.
     fn largest_scale(&self) -> f32;
 
-    /// Adds to the ln of all scales.
+    /// Adds `ln_factor` to the ln of all scales.
     fn resize(&mut self, ln_factor: f32);
 
-    /// Multiplies the scale along its longest axis, and those across it. Of equal axes the first counts as the longest.
+    /// Multiplies the scale along the longest axis (the first of equals) by `along`, and the others
+    /// by `across`.
     fn reshape(&mut self, along: f32, across: f32);
 
-    /// The same at a point drawn from it.
+    /// The same Gaussian at a point drawn from it.
     #[must_use]
     fn drawn(&self, rng: &mut Rng) -> Self;
 
-    /// The same, moved so many of its largest scales along its longest axis.
+    /// The same Gaussian, moved along its longest axis by `scales` times its largest scale.
     #[must_use]
     fn moved_along(&self, scales: f32) -> Self;
 }
 
 /// A scene whose density can be controlled.
 pub trait DensityScene: Scene<Gaussian: DensityGaussian> {
-    /// Whether Gaussians have opacities; without them they are summed, and every one is opaque.
+    /// Whether Gaussians have opacities; without them they are opaque and are summed.
     fn has_opacity(&self) -> bool;
 
-    /// The opacity's logit of Gaussian `index`.
+    /// Opacity logit of Gaussian `index`.
     ///
     /// # Panics
-    /// When there is no such Gaussian.
+    /// Where there is no such Gaussian.
     fn opacity_logit(&self, index: usize) -> f32;
 
-    /// Gaussian `index` without its colour: where it is, its shape and its opacity. For what looks at all Gaussians often.
-    ///
-    /// # Panics
-    /// When there is no such Gaussian.
-    fn shape(&self, index: usize) -> Self::Gaussian;
-
-    /// Fails unless all arrays describe the same number of Gaussians. Their values may be anything, NaN too.
-    ///
-    /// # Errors
-    /// [`Error::Length`] naming the first that does not.
-    fn check_lengths(&self) -> Result<(), Error>;
-
-    /// What [`Noise`](crate::Noise) of this strength multiplies Σ η with in a scene of this extent.
+    /// Factor of Σ η for [`Noise`](crate::Noise) of this strength in a scene of this extent.
     fn noise_factor(strength: f32, extent: f32) -> f32;
 }
 
@@ -123,32 +113,14 @@ impl DensityScene for Scene2d {
         if self.has_opacity() { self.opacity_logits[index] } else { f32::INFINITY }
     }
 
-    fn shape(&self, index: usize) -> Gaussian2d {
-        self.gaussian(index)
-    }
-
-    fn check_lengths(&self) -> Result<(), Error> {
-        let expected = self.means.len();
-        let opacity_logits = if self.has_opacity() { self.opacity_logits.len() } else { expected };
-        check_lengths(
-            expected,
-            [
-                ("log_scales", self.log_scales.len()),
-                ("rotations", self.rotations.len()),
-                ("opacity_logits", opacity_logits),
-                ("colors", self.colors.len()),
-            ],
-        )
-    }
-
-    /// strength / extent, so that pictures of any size behave alike.
+    /// strength / extent, so that images of any size behave alike.
     fn noise_factor(strength: f32, extent: f32) -> f32 {
         strength / extent
     }
 }
 
 impl DensityGaussian for Gaussian3d {
-    /// Also whether the rotation has a direction: without one, nothing is finite that is made of it.
+    /// Also false where the quaternion has no direction.
     fn is_finite(&self) -> bool {
         self.mean.is_finite()
             && self.log_scale.is_finite()
@@ -204,40 +176,10 @@ impl DensityScene for Scene3d {
         self.opacity_logits[index]
     }
 
-    fn shape(&self, index: usize) -> Gaussian3d {
-        Gaussian3d {
-            mean: self.means[index],
-            log_scale: self.log_scales[index],
-            rotation: self.rotations[index],
-            opacity_logit: self.opacity_logits[index],
-            sh: Vec::new(),
-        }
-    }
-
-    fn check_lengths(&self) -> Result<(), Error> {
-        let expected = self.means.len();
-        check_lengths(
-            expected,
-            [
-                ("log_scales", self.log_scales.len()),
-                ("rotations", self.rotations.len()),
-                ("opacity_logits", self.opacity_logits.len()),
-            ],
-        )?;
-        check_lengths(expected * self.sh_len(), [("sh", self.sh.len())])
-    }
-
-    /// strength · extent: the code of 3DGS-MCMC multiplies by the position's learning rate, which grows with the extent.
+    /// strength · extent: the code of 3DGS-MCMC multiplies by the learning rate of means, which is
+    /// in units of the extent.
     fn noise_factor(strength: f32, extent: f32) -> f32 {
         strength * extent
-    }
-}
-
-/// Fails unless all these lengths are as expected.
-pub(crate) fn check_lengths<const N: usize>(expected: usize, lengths: [(&'static str, usize); N]) -> Result<(), Error> {
-    match lengths.into_iter().find(|&(_, found)| found != expected) {
-        Some((what, found)) => Err(Error::Length { what, expected, found }),
-        None => Ok(()),
     }
 }
 
@@ -245,7 +187,7 @@ fn is_first_longer(gaussian: &Gaussian2d) -> bool {
     gaussian.log_scale.x >= gaussian.log_scale.y
 }
 
-/// The index of the longest axis, the first of equals.
+/// Index of the longest axis, the first of equals.
 fn longest(gaussian: &Gaussian3d) -> usize {
     let [x, y, z] = gaussian.log_scale.to_array();
     if x >= y && x >= z {

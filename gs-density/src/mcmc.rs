@@ -1,11 +1,11 @@
-//! Relocation and growth with opacity correction: 3DGS as Markov chain Monte Carlo.
+//! 3DGS as Markov chain Monte Carlo: relocation and growth with opacity correction.
 
 use gs_core::{
     EditPlan, Error,
     constants::PRUNE_OPACITY,
     edit::{Birth, Change, Moments, Origin, Place, PruneCause},
     effects::Statistics,
-    scene::{logit, sigmoid},
+    logit, sigmoid,
 };
 use rand::RngExt;
 use serde::{Deserialize, Serialize};
@@ -19,30 +19,38 @@ use crate::{
     prune::Prune,
 };
 
-/// The N up to which eq. 9 is evaluated. *Source:* the code of 3DGS-MCMC, which holds N to one less than the 51 rows of its table of
-/// binomials.
+gs_core::impl_with!(Mcmc);
+
+/// The largest N for which eq. 9 is evaluated. *Source:* the code of 3DGS-MCMC, whose table of
+/// binomials has 51 rows.
 const MOST_PARTS: u32 = 50;
 
-/// Dead Gaussians are put where live ones are, the count rises by a share a round, and whatever becomes N at one place is corrected so that
-/// the picture stays as it was (*source:* 3DGS-MCMC, Kheradmand et al. 2024).
+/// Relocates dead Gaussians to live ones and grows by a share per round, with corrections that keep
+/// the image (*source:* 3DGS-MCMC, Kheradmand et al. 2024).
 ///
-/// No gradient has a say: who is chosen is drawn in proportion to opacity, and [`Noise`] between the steps does the exploring. A Gaussian
-/// that becomes N of them has, N times, the opacity 1 − (1 − o)^(1/N) and its scales shrunk so that the N, blended one behind the other, hide
-/// as much along a line through the mean as the one did (its eq. 9). In a scene without opacities, where Gaussians are summed, none is dead, all
-/// are drawn alike, and colours are divided by N instead, which is exact. But it is of little use there: nothing ever tells the N apart, whose
-/// gradients are equal and which no noise moves, so that N Gaussians do the work of one.
+/// Gradients play no role: Gaussians are drawn in proportion to opacity, and [`Noise`] between the
+/// steps explores. A Gaussian that becomes N of them gets, N times, the opacity 1 − (1 − o)^(1/N),
+/// and scales shrunk so that the N, blended one behind the other, hide as much along a line through
+/// the mean as the one did (its eq. 9). In a scene without opacities, where Gaussians are summed,
+/// none is dead, all are drawn with equal chance, and colours are divided by N instead, which is
+/// exact. But there the policy is of little use: the N have equal gradients and no noise, so they
+/// stay equal.
 ///
-/// What differs from the source: one draw serves relocation and growth; the new stand right behind the one they come from, where the
-/// correction holds, instead of in the dead ones' slots; the share is rounded up, so that few Gaussians grow too; and its losses on opacity
-/// and scale, which are what makes most of its Gaussians transparent, are not part of a policy.
+/// Differences from the source: one draw serves relocation and growth; new Gaussians stand right
+/// behind the one they come from, where the correction holds, instead of in the slots of the dead;
+/// the share is rounded up, so that few Gaussians grow, too; and its losses on opacity and scale
+/// are not part of a policy (see [`Penalty`](gs_core::Penalty)).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, rename_all = "kebab-case", deny_unknown_fields)]
+#[non_exhaustive]
 pub struct Mcmc {
-    /// Gaussians of at most this opacity are dead, unless all are. At least 0 and below 1, default [`PRUNE_OPACITY`].
+    /// Largest opacity of dead Gaussians (unless all are dead). At least 0 and below 1, default
+    /// [`PRUNE_OPACITY`].
     pub dead_opacity: f32,
-    /// The share of the Gaussians by which their number grows in each round, rounded up. 0..=100 %, default 5.
+    /// Share of the Gaussians by which their number grows in each round, rounded up. 0..=100 %,
+    /// default 5.
     pub percent: f32,
-    /// What the moments of all that one became start at: afresh, the default, or zeroed, as in the source's code.
+    /// Moments of all N after a draw: fresh, the default, or zeroed, as in the source's code.
     pub newcomers: Moments,
     /// Noise between steps.
     pub noise: Noise,
@@ -55,10 +63,10 @@ impl Default for Mcmc {
 }
 
 impl Mcmc {
-    /// Fails where a number is outside its range.
+    /// Checks the ranges of all settings.
     ///
     /// # Errors
-    /// [`Error::Setting`] naming the first offender.
+    /// [`Error::Setting`] naming the first value outside its range.
     pub fn validate(&self) -> Result<(), Error> {
         if !(0.0..1.0).contains(&self.dead_opacity) {
             return Err(Error::setting("dead-opacity", self.dead_opacity, "0 or more, and below 1"));
@@ -68,7 +76,7 @@ impl Mcmc {
         self.noise.validate()
     }
 
-    /// How many there should be, of `len` Gaussians.
+    /// Number of Gaussians wanted after a round with `len`.
     fn target(&self, len: usize, budget: usize) -> usize {
         (len + share_of(len, self.percent)).min(budget)
     }
@@ -79,11 +87,11 @@ impl<S: DensityScene> DensityPolicy<S> for Mcmc {
         self.validate()?;
         observation.check_lengths()?;
         let scene = observation.scene;
-        // The first whose opacity exceeds the dead ones' is alive.
+        // Prunes opacities up to and including `dead_opacity`.
         let prune = Prune { opacity: self.dead_opacity.next_up(), ..Prune::NOT_FINITE_ONLY };
         let mut removed = prune.removals(observation);
         if removed.len() == scene.len() {
-            // Nobody is left to be copied: what can recover must stay.
+            // No Gaussian is left to be copied, so those that can recover stay.
             removed.retain(|r| r.cause == PruneCause::NotFinite);
         }
         let mut dead = removed.iter().map(|r| r.index).peekable();
@@ -117,7 +125,8 @@ impl<S: DensityScene> DensityPolicy<S> for Mcmc {
     }
 }
 
-/// `count` draws from `alive` in proportion to opacity, as (Gaussian, how often), in order of the Gaussians.
+/// `count` draws from `alive` in proportion to opacity, as (Gaussian, how often), in order of the
+/// Gaussians.
 fn draw(scene: &impl DensityScene, alive: &[u32], count: usize, rng: &mut Rng) -> Vec<(u32, u32)> {
     let mut total = 0.0;
     let cumulative: Vec<f64> = (alive.iter())
@@ -138,10 +147,10 @@ fn draw(scene: &impl DensityScene, alive: &[u32], count: usize, rng: &mut Rng) -
     alive.iter().copied().zip(times).filter(|&(_, times)| times > 0).collect()
 }
 
-/// One of the N that a Gaussian becomes.
+/// One of the N that replace a Gaussian.
 fn part_of<G: DensityGaussian>(mut gaussian: G, parts: u32, has_opacity: bool) -> G {
     if has_opacity {
-        // More than the source's most are corrected as if they were so many.
+        // More than the source's maximum are corrected as if they were that many.
         let (opacity, shrink) = correction(sigmoid(gaussian.opacity_logit()), parts.min(MOST_PARTS));
         gaussian.set_opacity_logit(logit(opacity));
         gaussian.resize(shrink.ln());
@@ -151,8 +160,8 @@ fn part_of<G: DensityGaussian>(mut gaussian: G, parts: u32, has_opacity: bool) -
     gaussian
 }
 
-/// Eq. 9 of 3DGS-MCMC: the opacity of each of N that replace one of opacity o, and the factor of their scales,
-/// o / Σ_{i=1}^N Σ_{k=0}^{i−1} C(i−1, k) (−1)^k o_new^{k+1} / √(k+1).
+/// Eq. 9 of 3DGS-MCMC: the opacity of each of N that replace one of opacity o, and the factor of
+/// their scales, o / Σ_{i=1}^N Σ_{k=0}^{i−1} C(i−1, k) (−1)^k o_new^{k+1} / √(k+1).
 ///
 /// In `f64`, and with o short of 1: the terms alternate and grow as (1 + o_new)^N.
 fn correction(opacity: f32, parts: u32) -> (f32, f32) {

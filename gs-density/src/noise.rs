@@ -1,25 +1,32 @@
-//! Noise on the means between steps, by which 3DGS-MCMC explores: stochastic gradient Langevin dynamics.
+//! Noise on the means between steps, by which 3DGS-MCMC explores: stochastic gradient Langevin
+//! dynamics.
 
 use gs_core::{Error, MeanNoise};
 use serde::{Deserialize, Serialize};
 
 use crate::gaussian::DensityScene;
 
-/// λ_noise · (the position's learning rate at the start, per extent of the scene) of 3DGS-MCMC's code: 5·10⁵ · 1.6·10⁻⁴.
+gs_core::impl_with!(Noise);
+
+/// λ_noise · (the position's learning rate at the start, per extent of the scene) of 3DGS-MCMC's
+/// code: 5·10⁵ · 1.6·10⁻⁴.
 const STRENGTH: f32 = 80.0;
 
-/// What is added to a mean after a step: [`MeanNoise`] of scale rate · strength · extent (*source:* the noise of 3DGS-MCMC,
-/// Kheradmand et al. 2024, with its code's numbers).
+/// Noise on the means after steps: [`MeanNoise`] of scale rate · strength · extent (*source:*
+/// 3DGS-MCMC, Kheradmand et al. 2024, with the numbers of its code).
 ///
-/// The rate is the position's learning rate relative to its first value. In 2D scenes the noise is divided by the extent, the
-/// image's longer side, so that images of any size behave alike. Only Gaussians that have all but vanished move, by much and mostly along their long axis; those that are seen stay.
-/// In a scene without opacities nothing moves.
+/// The rate is the learning rate of means relative to its first value. In 2D scenes the noise is
+/// divided by the extent, the image's longer side, so that images of any size behave alike. Only
+/// Gaussians that are almost invisible move, mostly along their long axis; visible ones stay. In a
+/// scene without opacities nothing moves.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, rename_all = "kebab-case", deny_unknown_fields)]
+#[non_exhaustive]
 pub struct Noise {
-    /// Strength, not negative; default 80. At 0 there is none.
+    /// Strength, not negative; default 80. 0 means no noise.
     pub strength: f32,
-    /// Steps from one injection to the next, at least 1; default 1. Several steps' noise comes at once, √every times as large.
+    /// Steps from one addition to the next, at least 1; default 1. The noise of several steps is
+    /// added at once, √every times as large.
     pub every: u32,
 }
 
@@ -33,21 +40,21 @@ impl Noise {
     /// No noise.
     pub const NONE: Self = Self { strength: 0.0, every: 1 };
 
-    /// Whether noise follows the step `steps`, counted from 1.
+    /// Whether noise is added after step `steps`, counted from 1.
     pub fn is_due(&self, steps: u32) -> bool {
         self.strength > 0.0 && self.every > 0 && steps.is_multiple_of(self.every)
     }
 
-    /// The noise that follows step `step`, counted from 1, of a run with this seed. `rate` is the position's learning rate now, as a
-    /// factor of its first; `extent` the scene's.
+    /// The noise after step `step`, counted from 1, of a run with this seed. `rate` is the learning
+    /// rate of means relative to its first value; `extent` is that of the scene.
     pub fn of_step<S: DensityScene>(&self, extent: f32, rate: f32, seed: u32, step: u32) -> MeanNoise {
         MeanNoise { scale: S::noise_factor(self.strength * rate * (self.every as f32).sqrt(), extent), seed, step }
     }
 
-    /// Fails where a number is outside its range.
+    /// Checks the ranges of all settings.
     ///
     /// # Errors
-    /// [`Error::Setting`] naming the offender.
+    /// [`Error::Setting`] naming the first value outside its range.
     pub fn validate(&self) -> Result<(), Error> {
         if !(self.strength >= 0.0 && self.strength.is_finite()) {
             return Err(Error::setting("noise.strength", self.strength, "0 or more, and finite"));

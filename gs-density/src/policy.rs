@@ -1,6 +1,6 @@
 //! All policies as one value, for settings files and command lines.
 
-use gs_core::{EditPlan, Error, Gaussian2d, Gaussian3d, Scene2d, Scene3d, edit::Moments, effects::Statistics};
+use gs_core::{EditPlan, Error, Gaussian2d, Gaussian3d, Scene3d, edit::Moments, effects::Statistics};
 use serde::{Deserialize, Serialize};
 
 use crate::{
@@ -18,15 +18,16 @@ use crate::{
     size::SizeThreshold,
 };
 
-/// `long-axis`'s threshold on the absolute gradient. *Source:* the code of Deng et al. 2024, whose schedule of factors that starts at twice
-/// this is left out.
+/// Threshold of `long-axis` on the absolute gradient. *Source:* the code of Deng et al. 2024,
+/// without its schedule of factors.
 const LONG_AXIS_THRESHOLD: f32 = 3.5e-4;
 
-/// `abs-gs`'s bound between clone and split, of the image's longer side: a tenth of 3DGS's, so that nearly all that grow are split. *Source:*
-/// the code of AbsGS. (Its clones are told by the mean gradient, a second statistic; there are hardly any.)
+/// Bound between clone and split of `abs-gs`, as a share of the extent: a tenth of that of 3DGS, so
+/// that nearly all Gaussians that grow are split. *Source:* the code of AbsGS. (It picks clones by
+/// the mean gradient, a second statistic; there are hardly any.)
 const ABS_GS_SPLIT_ABOVE: SizeThreshold = SizeThreshold::ExtentFraction(1e-3);
 
-/// Any of the policies. In a settings file, `kind` names it and stands beside its settings.
+/// Any of the policies. In a settings file, `kind` names the policy, beside its settings.
 ///
 /// ```
 /// use gs_density::{Grow, Policy};
@@ -44,10 +45,10 @@ pub enum Policy {
     Residual(ResidualGrowth),
     /// Relocate and copy by opacity, with noise between steps.
     Mcmc(Mcmc),
-    /// Start with half, add in proportion to the error.
+    /// Start with half of the Gaussians and add in proportion to the error.
     ImageGs(ErrorAddition),
-    /// Grow nothing, and prune only what is not finite. With all Gaussians there from the start, the control that says what growth is
-    /// worth.
+    /// Grow nothing, and prune only Gaussians that are not finite. A control for measuring what
+    /// growth is worth.
     None,
 }
 
@@ -97,7 +98,8 @@ impl From<Policy> for Form {
     }
 }
 
-/// The constructor of [`Grow`] that makes a rule like this one: `paper`, `absolute`, `percentile` or `hybrid`.
+/// The constructor of [`Grow`] that makes a rule like this one: `paper`, `absolute`, `percentile`
+/// or `hybrid`.
 fn kind(grow: &Grow) -> &'static str {
     match grow.combine {
         Combine::Either => "paper",
@@ -108,8 +110,8 @@ fn kind(grow: &Grow) -> &'static str {
 }
 
 impl Policy {
-    /// The names that [`Self::from_name`] knows: the `kind`s of a settings file, and kinds with settings that have a name in the
-    /// literature or differ by what calls for growth ([`Signal`]).
+    /// The names that [`Self::from_name`] accepts: the `kind`s of a settings file, and kinds with
+    /// settings that have a name in the literature or another [`Signal`].
     pub const NAMES: [&'static str; 15] = [
         "absolute",
         "abs-gs",
@@ -130,14 +132,15 @@ impl Policy {
 
     /// The policy of that name, with its default settings:
     ///
-    /// - `absolute`, `abs-gs`, `absolute-error`: [`Grow::absolute`] by mean gradient (3DGS), absolute gradient (AbsGS, which splits
-    ///   what is larger than a thousandth of the image, not a hundredth) or pixel error (Rota Bulò et al. 2024);
+    /// - `absolute`, `abs-gs`, `absolute-error`: [`Grow::absolute`] by mean gradient (3DGS),
+    ///   absolute gradient (AbsGS, which splits what is larger than a thousandth of the image, not
+    ///   a hundredth) or pixel error (Rota Bulò et al. 2024);
     /// - `percentile`, `percentile-abs-gs`, `percentile-error`: [`Grow::percentile`] by the same;
     /// - `hybrid`, `hybrid-abs-gs`, `hybrid-error`: [`Grow::hybrid`] by the same;
-    /// - `long-axis`: [`Grow::absolute`] by the absolute gradient, at its source's threshold of 0.00035, with a
-    ///   [`LongAxisSplit`](crate::LongAxisSplit) for both clone and split;
-    /// - `paper`: [`Grow::paper`]; `mcmc`: [`Mcmc`]; `image-gs`: [`ErrorAddition`]; `residual`: [`ResidualGrowth`];
-    ///   `none`: [`Policy::None`].
+    /// - `long-axis`: [`Grow::absolute`] by the absolute gradient, at its source's threshold of
+    ///   0.00035, with a [`LongAxisSplit`](crate::LongAxisSplit) for both clone and split;
+    /// - `paper`: [`Grow::paper`]; `mcmc`: [`Mcmc`]; `image-gs`: [`ErrorAddition`]; `residual`:
+    ///   [`ResidualGrowth`]; `none`: [`Policy::None`].
     ///
     /// # Errors
     /// [`Error::Setting`], listing the names.
@@ -174,7 +177,7 @@ impl Policy {
         })
     }
 
-    /// The policy's name, as in [`Self::NAMES`]: that of its rule, signal and way to split, whatever its other settings.
+    /// Name of the policy, as in [`Self::NAMES`], by its rule, signal and kind of split.
     pub fn name(&self) -> &'static str {
         use Signal::{AbsoluteGradient, MeanGradient, PixelError};
         match self {
@@ -198,10 +201,10 @@ impl Policy {
         }
     }
 
-    /// Fails where a number is outside its range, before training starts rather than at its first round.
+    /// Checks the ranges of all settings.
     ///
     /// # Errors
-    /// [`Error::Setting`] naming the first offender.
+    /// [`Error::Setting`] naming the first value outside its range.
     pub fn validate(&self) -> Result<(), Error> {
         match self {
             Self::Grow(policy) => policy.validate(),
@@ -212,8 +215,7 @@ impl Policy {
         }
     }
 
-    /// Whether the number of Gaussians that is allowed is one to reach, as far as the rounds go: by a pace, or exactly. Under a threshold it is
-    /// a bound.
+    /// Whether the policy tries to reach the budget. Under a threshold the budget is only a bound.
     pub fn aims_at_budget(&self) -> bool {
         match self {
             Self::Grow(grow) => kind(grow) == "hybrid",
@@ -222,7 +224,7 @@ impl Policy {
         }
     }
 
-    /// What is done to the Gaussians, by policies that choose who grows.
+    /// The actions of a [`Grow`] policy; other policies have none.
     pub fn actions(&self) -> Option<&Actions> {
         match self {
             Self::Grow(policy) => Some(&policy.actions),
@@ -230,7 +232,7 @@ impl Policy {
         }
     }
 
-    /// The same, to change.
+    /// [`Self::actions`], mutable.
     pub fn actions_mut(&mut self) -> Option<&mut Actions> {
         match self {
             Self::Grow(policy) => Some(&mut policy.actions),
@@ -238,10 +240,13 @@ impl Policy {
         }
     }
 
-    /// The same policy for 3D scenes, where sizes in px mean nothing: what was split above one is split whatever its size, and none
-    /// is too large that was so above one. Newcomers' moments are zeroed, as the optimiser of 3DGS and of all that came of it does.
+    /// The same policy for 3D scenes, which have no sizes in px.
+    ///
+    /// A split above a size in px becomes a split of any size, and a pruning bound in px is
+    /// removed. Moments of new Gaussians are zeroed, as in the optimiser of 3DGS and its
+    /// successors.
     #[must_use]
-    pub fn in_space(mut self) -> Self {
+    pub fn for_3d(mut self) -> Self {
         if let Self::Mcmc(mcmc) = &mut self {
             mcmc.newcomers = Moments::Zeroed;
         }
@@ -255,11 +260,10 @@ impl Policy {
         self
     }
 
-    /// Fails for what is of 2D scenes only: policies that put new Gaussians where an image's residual is, and sizes in px. Also where
-    /// [`Self::validate`] does.
+    /// Checks the policy for 3D scenes, where growth by residual and sizes in px are not possible.
     ///
     /// # Errors
-    /// [`Error::Setting`], naming what is possible.
+    /// [`Error::Setting`] naming what is possible; those of [`Self::validate`].
     pub fn validate_3d(&self) -> Result<(), Error> {
         if let Some(Actions { densify, prune, .. }) = self.actions() {
             for bound in [Some(densify.split_above), prune.larger_than].into_iter().flatten() {
@@ -275,17 +279,17 @@ impl Policy {
         Err(Error::setting("policy", format!("`{}`", self.name()), allowed))
     }
 
-    /// The statistics that training must collect for this policy, whatever the scene.
+    /// Statistic that training must collect for this policy, for scenes of either kind.
     pub fn statistics(&self) -> Statistics {
-        DensityPolicy::<Scene2d>::statistics(self)
+        self.of_2d_scenes().statistics()
     }
 
-    /// The noise that training adds to the means between steps, whatever the scene.
+    /// Noise that training adds to the means between steps, for scenes of either kind.
     pub fn noise(&self) -> Option<Noise> {
-        DensityPolicy::<Scene2d>::noise(self)
+        self.of_2d_scenes().noise()
     }
 
-    /// The policy for scenes of any kind; none where it is of 2D scenes only.
+    /// The policy for scenes of any kind; `None` where it is for 2D scenes only.
     fn of_any_scene<S: DensityScene>(&self) -> Option<&dyn DensityPolicy<S>> {
         Some(match self {
             Self::Grow(policy) => policy,
@@ -341,7 +345,7 @@ impl DensityPolicy<Scene3d> for Policy {
     }
 }
 
-/// The defaults, but for how one becomes two.
+/// The default actions with other cloning and splitting.
 fn splitting(densify: Densify) -> Actions {
     Actions { densify, ..Actions::default() }
 }

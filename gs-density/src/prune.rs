@@ -1,10 +1,10 @@
-//! Which Gaussians go: transparent, too large, not finite.
+//! Pruning of transparent, too large and not finite Gaussians.
 
 use gs_core::{
     Error,
     constants::PRUNE_OPACITY,
     edit::{PruneCause, Removal},
-    scene::sigmoid,
+    sigmoid,
 };
 use serde::{Deserialize, Serialize};
 
@@ -14,22 +14,27 @@ use crate::{
     size::SizeThreshold,
 };
 
-/// What is pruned. Gaussians that are not finite always are. *Source:* paper §2.2.3, 3DGS.
+gs_core::impl_with!(Prune);
+
+/// Settings of pruning. Gaussians that are not finite are always pruned. *Source:* paper §2.2.3,
+/// 3DGS.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, rename_all = "kebab-case", deny_unknown_fields)]
+#[non_exhaustive]
 pub struct Prune {
-    /// Gaussians of less opacity go (ε_α). 0..=1, default [`PRUNE_OPACITY`]; 0 spares all. In a scene without opacities every
-    /// Gaussian is opaque.
+    /// Opacity ε_α below which Gaussians are pruned. 0..=1, default [`PRUNE_OPACITY`]; 0 prunes
+    /// none. In a scene without opacities every Gaussian is opaque.
     pub opacity: f32,
-    /// Gaussians whose largest scale exceeds this go. Default none: an image's background may need large ones.
+    /// Size above which Gaussians are pruned. Default none: an image's background may need large
+    /// ones.
     pub larger_than: Option<SizeThreshold>,
-    /// The step, counted from 1, up to which none is too large. Default 0; in 3DGS that of the first opacity reset, before which large
-    /// Gaussians may still be all there is.
+    /// Step, counted from 1, up to which no Gaussian is too large. Default 0; in 3DGS the step of
+    /// the first opacity reset, before which all Gaussians may still be large.
     #[serde(skip_serializing_if = "is_zero")]
     pub larger_after: u32,
 }
 
-/// Settings files and the digests of settings leave out what says nothing.
+/// Settings files and the digests of settings leave out default values.
 fn is_zero(step: &u32) -> bool {
     *step == 0
 }
@@ -41,12 +46,12 @@ impl Default for Prune {
 }
 
 impl Prune {
-    /// Spares all but the Gaussians that are not finite.
-    pub const NOT_FINITE_ONLY: Self = Self { opacity: 0.0, larger_than: None, larger_after: 0 };
+    /// Prunes only Gaussians that are not finite.
+    pub(crate) const NOT_FINITE_ONLY: Self = Self { opacity: 0.0, larger_than: None, larger_after: 0 };
 
-    /// Why a Gaussian must go after step `step`, counted from 1, if it must; the first of: not finite, transparent, too large. `extent` is
-    /// the scene's.
-    pub fn cause(&self, gaussian: &impl DensityGaussian, extent: f32, step: u32) -> Option<PruneCause> {
+    /// Why a Gaussian is pruned after step `step`, counted from 1, if it is; the first of: not
+    /// finite, transparent, too large.
+    fn cause(&self, gaussian: &impl DensityGaussian, extent: f32, step: u32) -> Option<PruneCause> {
         let too_large =
             || step > self.larger_after && self.larger_than.is_some_and(|b| b.is_exceeded(gaussian, extent));
         if !gaussian.is_finite() {
@@ -60,20 +65,20 @@ impl Prune {
         }
     }
 
-    /// All that must go of the scene that is observed, in order of their index.
+    /// All Gaussians of the observed scene that are pruned, by index.
     pub fn removals<S: DensityScene>(&self, observation: &Observation<'_, S>) -> Vec<Removal> {
         let Observation { scene, extent, step, .. } = *observation;
-        let doomed = |index: u32| {
+        let removal = |index: u32| {
             let cause = self.cause(&scene.gaussian(index as usize), extent, step.saturating_add(1))?;
             Some(Removal { index, cause })
         };
-        (0..scene.len() as u32).filter_map(doomed).collect()
+        (0..scene.len() as u32).filter_map(removal).collect()
     }
 
-    /// Fails where a number is outside its range.
+    /// Checks the ranges of all settings.
     ///
     /// # Errors
-    /// [`Error::Setting`] naming the offender.
+    /// [`Error::Setting`] naming the first value outside its range.
     pub fn validate(&self) -> Result<(), Error> {
         if !(0.0..=1.0).contains(&self.opacity) {
             return Err(Error::setting("prune.opacity", self.opacity, "0 to 1"));
@@ -85,7 +90,7 @@ impl Prune {
 #[cfg(test)]
 mod tests {
     use glam::{Vec2, Vec3};
-    use gs_core::{Gaussian2d, Gaussian3d, scene::logit};
+    use gs_core::{Gaussian2d, Gaussian3d, logit};
 
     use super::*;
 

@@ -1,22 +1,26 @@
-//! Gaussians ranked by how much they call for growth; every criterion picks the first few of one ranking.
+//! Rankings of Gaussians by score; every criterion picks the first of one ranking.
 
 use serde::{Deserialize, Serialize};
 
 use crate::grow::share_of;
 
-/// What growth by rank does with Gaussians that have no gradient, among which there is no ranking.
+/// What growth by rank does with Gaussians whose score is 0.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum WhenFlat {
-    /// They don't grow: a Gaussian that was never drawn, or whose image is perfect, has nothing to gain.
+    /// They do not grow: a Gaussian that was never drawn, or whose image is perfect, has nothing to
+    /// gain.
     #[default]
     Nothing,
-    /// They rank behind all others, by index: the count grows whatever happens.
+    /// They rank behind all others, by index, so that the number of Gaussians grows in any case.
     Forced,
 }
 
-/// Candidates for growth, the most urgent first, ties by index. Scores that are NaN, infinite or negative are no candidates, those
-/// of 0 only under [`WhenFlat::Forced`].
+/// Candidates for growth, highest score first, ties by index.
+///
+/// Gaussians whose score is NaN, infinite or negative are no candidates; those with 0 only under
+/// [`WhenFlat::Forced`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Ranking {
     indices: Vec<u32>,
@@ -25,7 +29,8 @@ pub struct Ranking {
 }
 
 impl Ranking {
-    /// Ranks (index, score) pairs. The population, of which [`Self::top_percent`] takes its share, is the number of pairs.
+    /// Ranks (index, score) pairs. The number of pairs is the population of which
+    /// [`Self::top_percent`] takes its share.
     pub fn new(scores: impl IntoIterator<Item = (u32, f32)>, when_flat: WhenFlat) -> Self {
         let mut population = 0;
         let mut pairs: Vec<(u32, f32)> = scores
@@ -50,7 +55,8 @@ impl Ranking {
         &self.indices[..self.scores.partition_point(|&score| score >= threshold)]
     }
 
-    /// The first `percent` % of the population, rounded up (so at least one, unless `percent` is 0), as far as there are candidates.
+    /// The first `percent` % of the population, rounded up (so at least one, unless `percent` is
+    /// 0), as far as there are candidates.
     pub fn top_percent(&self, percent: f32) -> &[u32] {
         &self.indices[..share_of(self.population, percent).min(self.indices.len())]
     }

@@ -1,11 +1,12 @@
-//! Growth by residual: the Gaussians that matter least go, new ones come where the picture is most wrong.
+//! Growth by residual: replaces the least important Gaussians by new ones where the image is most
+//! wrong.
 
 use glam::Vec3;
 use gs_core::{
     EditPlan, Error, Gaussian2d, Scene, Scene2d,
     edit::{AfterEdit, Birth, Moments, Origin, Place, PruneCause, Removal},
     effects::Statistics,
-    scene::{logit, sigmoid},
+    logit, sigmoid,
 };
 use serde::{Deserialize, Serialize};
 
@@ -14,48 +15,57 @@ use crate::{
     seed::{DensityMap, HilbertOrder, Plane, SeedShape, Structure, mean_around, seed_gaussians},
 };
 
+gs_core::impl_with!(ResidualGrowth);
+
 /// Prunes the least important Gaussians and seeds as many, or more, where the residual is large.
 ///
-/// The number of Gaussians rises linearly from `start_fraction` of the budget to all of it over the first `growth_fraction` of the
-/// rounds, and each of these rounds replaces some Gaussians besides; the rounds after only relocate. The budget is met exactly. A
-/// scene that is larger than the line never shrinks, except to the budget. Where the residual is 0 everywhere seeds are spread evenly.
+/// The number of Gaussians rises linearly from `start_fraction` of the budget to all of it over the
+/// first `growth_fraction` of the rounds. These rounds also replace some Gaussians; later rounds
+/// only replace. The budget is met exactly. A scene with more Gaussians than the line never
+/// shrinks, except to the budget. Where the residual is 0 everywhere, seeds are spread evenly.
 ///
-/// Importance is |c|²·det L, the energy that a Gaussian adds to the image, in scenes without opacities ([`Blend::Sum`]); with them
-/// ([`Blend::Over`]) it is o²·det L·(|c − ½|² + ¼), the energy it is expected to change when what lies behind may be any colour.
+/// Importance is |c|²·det L, the energy that a Gaussian adds to the image, in scenes without
+/// opacities ([`Blend::Sum`]). With opacities ([`Blend::Over`]) it is o²·det L·(|c − ½|² + ¼), the
+/// expected change in energy before any background colour.
 ///
-/// New Gaussians stand first in the scene: under `Over` that is in front of all others, where they are seen.
+/// New Gaussians stand first in the scene: under `Over` that is in front of all others, where they
+/// are visible.
 ///
 /// [`Blend::Sum`]: gs_core::Blend::Sum
 /// [`Blend::Over`]: gs_core::Blend::Over
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, rename_all = "kebab-case", deny_unknown_fields)]
+#[non_exhaustive]
 pub struct ResidualGrowth {
-    /// Seeds are spread as |r|^exponent, r the residual's three channels together; 0.5..=8. Smaller ones favour MS-SSIM, larger
-    /// ones PSNR, up to 3.5 (at 9,000 Gaussians 0.1 dB and 0.001 lie between 2.5 and 3.5).
+    /// Exponent of the density of seeds, |r|^exponent, where r is the residual's three channels
+    /// together; 0.5..=8. Smaller values favour MS-SSIM, larger ones PSNR, up to 3.5 (at 9,000
+    /// Gaussians 2.5 and 3.5 differ by 0.1 dB and 0.001).
     pub exponent: f32,
     /// Passes of the (1, 2, 1)/4 kernel over |r|^exponent, at most 64: σ = √(passes/2) px.
     pub smoothing_passes: u32,
-    /// What share of the budget the line of growth starts from, 0..=1: the share that the scene was initialised with.
+    /// Share of the budget from which the number grows, 0..=1: the share that the scene was
+    /// initialised with.
     pub start_fraction: f32,
-    /// The share of the rounds in which the number grows, 0..=1. Late growth sees where the residual stays; the last rounds should
-    /// only relocate.
+    /// Share of the rounds in which the number grows, 0..=1. Late growth sees where the residual
+    /// stays; the last rounds should only replace.
     pub growth_fraction: f32,
-    /// The share of the Gaussians that a growing round replaces, 0..=1.
+    /// Share of the Gaussians that a growing round replaces, 0..=1.
     pub prune_growing: f32,
-    /// The share of the Gaussians that a relocating round replaces, 0..=1.
+    /// Share of the Gaussians that a later round replaces, 0..=1.
     pub prune_relocating: f32,
-    /// Most seeds that a round puts on one pixel, on average; positive.
+    /// Largest average number of seeds per pixel in a round; positive.
     pub max_per_pixel: f32,
-    /// σ of a seed in units of the distance between the seeds of a round: σ = `sigma_factor` / √density. Positive.
+    /// σ of a seed in units of the distance between the seeds of a round: σ = `sigma_factor` /
+    /// √density. Positive.
     pub sigma_factor: f32,
     /// Smallest σ of a seed, px; positive.
     pub min_sigma_px: f32,
     /// Largest σ of a seed, px; not below the smallest.
     pub max_sigma_px: f32,
-    /// How many times longer than broad a seed on an edge may be, at least 1.
+    /// Largest ratio of axes of a seed on an edge, at least 1.
     pub max_aspect: f32,
-    /// The share of the residual around it that a seed takes as its colour, where there are no opacities. With opacities a seed
-    /// takes the target's colour.
+    /// Share of the residual around a seed that becomes its colour in scenes without opacities.
+    /// With opacities a seed has the target's colour.
     pub color_share: f32,
     /// Opacity of a seed where there are opacities, above 0 and below 1.
     pub opacity: f32,
@@ -90,7 +100,7 @@ impl DensityPolicy for ResidualGrowth {
             return Err(Error::Length { what: "density statistics", expected: scene.len(), found });
         }
         let Some(residual) = observation.residual else {
-            return Err(Error::State("growth by residual was shown no residual".into()));
+            return Err(Error::State("policy `residual` needs a residual".into()));
         };
         residual.target.same_size(&residual.rendered)?;
 
@@ -123,10 +133,10 @@ impl DensityPolicy for ResidualGrowth {
 }
 
 impl ResidualGrowth {
-    /// Fails where a setting is outside its range.
+    /// Checks the ranges of all settings.
     ///
     /// # Errors
-    /// [`Error::Setting`] naming the first offender.
+    /// [`Error::Setting`] naming the first value outside its range.
     pub fn validate(&self) -> Result<(), Error> {
         let positive = |what, value: f32| {
             let fine = value > 0.0 && value.is_finite();
@@ -166,7 +176,7 @@ impl ResidualGrowth {
         Ok(())
     }
 
-    /// How many Gaussians a round removes, and how many it adds.
+    /// Numbers of Gaussians that a round removes and adds.
     fn census(&self, observation: &Observation<'_>, not_finite: usize) -> (usize, usize) {
         let (len, budget) = (observation.scene.len(), observation.budget);
         let grown = observation.progress / self.growth_fraction; // NaN for 0/0: all has grown
@@ -220,7 +230,8 @@ impl ResidualGrowth {
             let pixels = y * width as usize..(y + 1) * width as usize;
             let (target, rendered) = (&target.pixels()[pixels.clone()], &rendered.pixels()[pixels]);
             for ((out, t), c) in row.chunks_mut(SPAN).zip(target.chunks(SPAN)).zip(rendered.chunks(SPAN)) {
-                // Channels are squared as one long array and then added up: the first loop vectorises, a loop over pixels does not.
+                // Channels are squared as one long array and then added up: the first loop
+                // vectorises, a loop over pixels does not.
                 let mut squares = [0.0f32; 3 * SPAN];
                 for ((square, t), c) in squares.iter_mut().zip(t.as_flattened()).zip(c.as_flattened()) {
                     *square = (t - c) * (t - c);
@@ -262,7 +273,8 @@ impl Power {
     }
 }
 
-/// Indices of the Gaussians with a NaN or infinite parameter (an infinite opacity logit is legitimate).
+/// Indices of the Gaussians with a NaN or infinite parameter (an infinite opacity logit is
+/// legitimate).
 fn not_finite(scene: &Scene2d) -> impl Iterator<Item = usize> + '_ {
     let finite = |i: usize| {
         scene.means[i].is_finite()
@@ -274,7 +286,8 @@ fn not_finite(scene: &Scene2d) -> impl Iterator<Item = usize> + '_ {
     (0..scene.len()).filter(move |&i| !finite(i))
 }
 
-/// The `count` Gaussians to remove, by index: those that are not finite first, then the least important; among equals the first.
+/// The `count` Gaussians to remove, by index: those that are not finite first, then the least
+/// important; among equals the first.
 fn least_important(scene: &Scene2d, count: usize) -> Vec<Removal> {
     // Importance and index in one number: the bits of a positive `f32` are ordered as its values.
     let mut keys: Vec<u64> = (0..scene.len())
@@ -298,7 +311,8 @@ fn least_important(scene: &Scene2d, count: usize) -> Vec<Removal> {
     removed
 }
 
-/// As described at [`ResidualGrowth`]; may be NaN or infinite where parameters are not finite or huge.
+/// As described at [`ResidualGrowth`]; may be NaN or infinite where parameters are not finite or
+/// huge.
 fn importance(scene: &Scene2d, index: usize) -> f32 {
     let determinant = scene.log_scales[index].element_sum().exp();
     let color = scene.colors[index];

@@ -1,4 +1,5 @@
-//! One round of density control: prune, let the candidates grow as far as the budget goes, reset. What all criteria share.
+//! One round of density control, shared by all criteria: prune, let candidates grow up to the
+//! budget, reset opacities.
 
 use gs_core::{EditPlan, Error, Scene2d, edit::Removal};
 use serde::{Deserialize, Serialize};
@@ -12,23 +13,26 @@ use crate::{
     reset::OpacityReset,
 };
 
-/// What is done to the Gaussians, whoever is chosen to grow.
+gs_core::impl_with!(Actions);
+
+/// Settings of what is done to the Gaussians, whichever are chosen to grow.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default, rename_all = "kebab-case", deny_unknown_fields)]
+#[non_exhaustive]
 pub struct Actions {
-    /// How one becomes two.
+    /// Cloning and splitting.
     pub densify: Densify,
-    /// What is pruned.
+    /// Pruning.
     pub prune: Prune,
-    /// When opacities are reset.
+    /// Opacity resets.
     pub reset: OpacityReset,
 }
 
 impl Actions {
-    /// Fails where a number is outside its range.
+    /// Checks the ranges of all settings.
     ///
     /// # Errors
-    /// [`Error::Setting`] naming the first offender.
+    /// [`Error::Setting`] naming the first value outside its range.
     pub fn validate(&self) -> Result<(), Error> {
         self.densify.validate()?;
         self.prune.validate()?;
@@ -36,7 +40,7 @@ impl Actions {
     }
 }
 
-/// A round under way: what must go is known, what grows is yet to be chosen.
+/// A round in progress: pruning is decided, growth is not.
 #[derive(Debug, Clone)]
 pub struct Round<'a, S = Scene2d> {
     actions: Actions,
@@ -45,11 +49,11 @@ pub struct Round<'a, S = Scene2d> {
 }
 
 impl<'a, S: DensityScene> Round<'a, S> {
-    /// Starts with what must go.
+    /// Starts a round by deciding what to prune.
     ///
     /// # Errors
-    /// [`Error::Setting`] where an action's number is outside its range, [`Error::Length`] where scene and statistics differ in
-    /// length.
+    /// [`Error::Setting`] where a setting of an action is outside its range, [`Error::Length`]
+    /// where scene and statistics differ in length.
     pub fn open(actions: &Actions, observation: &'a Observation<'a, S>) -> Result<Self, Error> {
         actions.validate()?;
         observation.check_lengths()?;
@@ -57,32 +61,34 @@ impl<'a, S: DensityScene> Round<'a, S> {
         Ok(Self { actions: *actions, observation, removed })
     }
 
-    /// The survivors' indices, in order.
+    /// Indices of the Gaussians that are not pruned, in order.
     pub fn survivors(&self) -> impl Iterator<Item = u32> + '_ {
         let mut removed = self.removed.iter().peekable();
         (0..self.observation.scene.len() as u32).filter(move |&index| removed.next_if(|r| r.index == index).is_none())
     }
 
-    /// The survivors ranked by a score of the policy's own, a function of the index.
+    /// Ranks the survivors by a score, a function of the index.
     pub fn rank_by(&self, score: impl Fn(usize) -> f32, when_flat: WhenFlat) -> Ranking {
         Ranking::new(self.survivors().map(|index| (index, score(index as usize))), when_flat)
     }
 
-    /// The survivors ranked by the mean of the statistic that was collected, in its unit.
+    /// Ranks the survivors by the mean of the collected statistic, in its unit.
     pub fn rank_by_statistic(&self, when_flat: WhenFlat) -> Ranking {
         self.rank_by(|index| self.observation.statistics.mean_gradient(index), when_flat)
     }
 
-    /// How many more Gaussians the budget has room for once what must go has gone.
+    /// Number of Gaussians that the budget has room for after pruning.
     pub fn room(&self) -> usize {
         let kept = self.observation.scene.len() - self.removed.len();
         self.observation.budget.saturating_sub(kept)
     }
 
-    /// Ends the round: of `candidates`, distinct survivors with the most urgent first, as many grow as the budget has room for.
+    /// Ends the round: the first of `candidates`, distinct survivors in order of urgency, grow as
+    /// far as the budget allows.
     pub fn grow(self, candidates: &[u32], rng: &mut Rng) -> EditPlan<S::Gaussian> {
         let mut chosen = candidates[..candidates.len().min(self.room())].to_vec();
-        // Children lie in the order of their parents, and the random numbers don't depend on small changes of the ranking.
+        // New Gaussians are in the order of their parents, and random numbers do not depend on
+        // small changes of the ranking.
         chosen.sort_unstable();
         let mut plan =
             EditPlan { opacity_ceiling: self.actions.reset.ceiling(self.observation), ..EditPlan::default() };

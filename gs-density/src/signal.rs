@@ -1,4 +1,4 @@
-//! By which of the collected statistics a policy tells who calls for growth.
+//! The signals by which growth is decided.
 
 use gs_core::{
     constants::{TAU_ABSOLUTE, TAU_ERROR, TAU_POSITION},
@@ -6,23 +6,25 @@ use gs_core::{
 };
 use serde::{Deserialize, Serialize};
 
-/// What a Gaussian's call for growth is measured by: the mean, over the steps in which it was drawn, of one statistic.
+/// Signal by which growth is decided: the mean of one statistic over the steps in which a Gaussian
+/// was drawn. Exhaustive: each is a statistic that backends collect.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Signal {
-    /// The positional gradient of 3DGS, normalised device units: how much a Gaussian is pulled to one side. One that is pulled to all
-    /// sides at once, because it is too large for what it covers, has none.
+    /// The positional gradient of 3DGS, normalised device units. Pulls to opposite sides cancel, so
+    /// a Gaussian that is too large for what it covers may have none.
     #[default]
     MeanGradient,
-    /// The absolute gradient of AbsGS, normalised device units: pulls to opposite sides add up, so that large Gaussians over fine detail
-    /// are seen.
+    /// The absolute gradient of AbsGS, normalised device units. Pulls to opposite sides add up, so
+    /// that large Gaussians over fine detail have a large signal.
     AbsoluteGradient,
-    /// The pixel error of Rota Bulò et al., px: how much of the picture's error a Gaussian stands for, whichever way it is pulled.
+    /// The pixel error of Rota Bulò et al., px: the part of the image's error that falls to a
+    /// Gaussian.
     PixelError,
 }
 
 impl Signal {
-    /// What training must collect for it.
+    /// Statistic that training must collect.
     pub fn statistics(self) -> Statistics {
         match self {
             Self::MeanGradient => Statistics::MeanGradient,
@@ -31,7 +33,8 @@ impl Signal {
         }
     }
 
-    /// The threshold of growth that comes with it, in its unit: [`TAU_POSITION`], [`TAU_ABSOLUTE`] or [`TAU_ERROR`].
+    /// Default growth threshold, in the signal's unit: [`TAU_POSITION`], [`TAU_ABSOLUTE`] or
+    /// [`TAU_ERROR`].
     pub fn threshold(self) -> f32 {
         match self {
             Self::MeanGradient => TAU_POSITION,

@@ -1,38 +1,39 @@
-//! Sizes that divide small Gaussians from large ones, absolute or relative to the scene.
+//! Thresholds on sizes of Gaussians, absolute or relative to the scene.
 
 use gs_core::Error;
 use serde::{Deserialize, Serialize};
 
 use crate::gaussian::DensityGaussian;
 
-/// A bound on the largest of a Gaussian's scales (its standard deviation along the longest axis).
+/// Threshold on a Gaussian's largest scale (its standard deviation along the longest axis).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum SizeThreshold {
-    /// A fraction of the scene's extent ([`Observation::extent`](crate::Observation::extent)), positive. 3DGS has `percent_dense` = 0.01
-    /// of the cameras'; of an image it is the longer side.
+    /// Fraction of the scene's extent ([`Observation::extent`](crate::Observation::extent)),
+    /// positive. `percent_dense` of 3DGS is 0.01.
     ExtentFraction(f32),
-    /// px, positive. 2D scenes.
+    /// Size in px, positive. 2D scenes.
     Pixels(f32),
-    /// World units, positive. 3D scenes.
+    /// Size in world units, positive. 3D scenes.
     WorldUnits(f32),
 }
 
 impl SizeThreshold {
-    /// The bound in a scene of this extent, in the scene's unit.
-    pub fn bound(self, extent: f32) -> f32 {
+    /// The threshold in a scene of this extent, in the scene's unit.
+    pub(crate) fn bound(self, extent: f32) -> f32 {
         match self {
             Self::ExtentFraction(fraction) => fraction * extent,
             Self::Pixels(bound) | Self::WorldUnits(bound) => bound,
         }
     }
 
-    /// Whether a Gaussian's largest scale exceeds the bound.
-    pub fn is_exceeded(self, gaussian: &impl DensityGaussian, extent: f32) -> bool {
+    /// Whether a Gaussian's largest scale exceeds the threshold.
+    pub(crate) fn is_exceeded(self, gaussian: &impl DensityGaussian, extent: f32) -> bool {
         gaussian.largest_scale() > self.bound(extent)
     }
 
-    /// Fails where the bound is not positive.
+    /// Checks that the threshold is positive.
     pub(crate) fn validate(self, what: &'static str) -> Result<(), Error> {
         let (Self::ExtentFraction(value) | Self::Pixels(value) | Self::WorldUnits(value)) = self;
         if value > 0.0 { Ok(()) } else { Err(Error::setting(what, value, "positive")) }

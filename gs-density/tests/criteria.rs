@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use glam::{Vec2, Vec3};
 use gs_conformance::properties::fresh;
-use gs_core::{DensityStatistics, EditPlan, Error, Gaussian2d, Scene2d, constants::TAU_POSITION, scene::logit};
+use gs_core::{DensityStatistics, EditPlan, Error, Gaussian2d, Scene2d, constants::TAU_POSITION, logit};
 use gs_density::{
     Actions, DensityPolicy, Grow, Observation, OpacityReset, Policy, Prune, Rng, Signal::MeanGradient, WhenFlat,
 };
@@ -62,19 +62,31 @@ fn each_criterion_picks_its_own() {
     let first = |n: u32| (0..n).collect::<BTreeSet<u32>>();
 
     assert_eq!(growing(&plan(&Grow::absolute(MeanGradient), &seen)), first(8));
-    assert_eq!(growing(&plan(&Grow { threshold: 0.0, ..Grow::absolute(MeanGradient) }, &seen)), first(29));
+    assert_eq!(growing(&plan(&Grow::absolute(MeanGradient).with(|s| s.threshold = 0.0), &seen)), first(29));
     assert_eq!(growing(&plan(&Grow::percentile(MeanGradient), &seen)), first(3));
-    assert_eq!(growing(&plan(&Grow { percent: 100.0, ..Grow::percentile(MeanGradient) }, &seen)), first(29));
-    let forced = Grow { percent: 100.0, when_flat: WhenFlat::Forced, ..Grow::percentile(MeanGradient) };
+    assert_eq!(growing(&plan(&Grow::percentile(MeanGradient).with(|s| s.percent = 100.0), &seen)), first(29));
+    let forced = Grow::percentile(MeanGradient).with(|s| {
+        s.percent = 100.0;
+        s.when_flat = WhenFlat::Forced;
+    });
     assert_eq!(growing(&plan(&forced, &seen)), first(30));
 
-    let hybrid = |percent| Grow { percent, threshold: TAU_POSITION, ..Grow::hybrid(MeanGradient) };
+    let hybrid = |percent| {
+        Grow::hybrid(MeanGradient).with(|s| {
+            s.percent = percent;
+            s.threshold = TAU_POSITION;
+        })
+    };
     assert_eq!(growing(&plan(&hybrid(10.0), &seen)), first(3));
     assert_eq!(growing(&plan(&hybrid(50.0), &seen)), first(8));
-    let paper = |percent| Grow { percent, ..Grow::paper(MeanGradient) };
+    let paper = |percent| Grow::paper(MeanGradient).with(|s| s.percent = percent);
     assert_eq!(growing(&plan(&paper(10.0), &seen)), first(8));
     assert_eq!(growing(&plan(&paper(50.0), &seen)), first(15));
-    let without_share = Grow { threshold: 0.0, percent: 0.0, when_flat: WhenFlat::Forced, ..Grow::paper(MeanGradient) };
+    let without_share = Grow::paper(MeanGradient).with(|s| {
+        s.threshold = 0.0;
+        s.percent = 0.0;
+        s.when_flat = WhenFlat::Forced;
+    });
     assert_eq!(growing(&plan(&without_share, &seen)), first(29));
 }
 
@@ -86,9 +98,9 @@ fn without_gradients_nothing_grows_unless_forced() {
     for policy in ranking_policies() {
         assert!(plan(&policy, &seen).is_empty(), "{policy:?}");
     }
-    let forced = Grow { when_flat: WhenFlat::Forced, ..Grow::percentile(MeanGradient) };
+    let forced = Grow::percentile(MeanGradient).with(|s| s.when_flat = WhenFlat::Forced);
     assert_eq!(growing(&plan(&forced, &seen)), BTreeSet::from([0, 1, 2]));
-    let forced = Grow { when_flat: WhenFlat::Forced, ..Grow::paper(MeanGradient) };
+    let forced = Grow::paper(MeanGradient).with(|s| s.when_flat = WhenFlat::Forced);
     assert_eq!(growing(&plan(&forced, &seen)), BTreeSet::from([0, 1, 2]));
 }
 
@@ -128,12 +140,12 @@ fn opacities_are_reset_on_time_and_only_where_there_are_some() {
         assert_eq!(ceiling(&policy, &translucent, 8999, 1.0), None);
         assert_eq!(ceiling(&policy, &opaque, 2999, 0.3), None);
     }
-    let reset = OpacityReset { once_after: 500, ..OpacityReset::NEVER };
-    let once = Policy::Grow(Grow::paper(MeanGradient).with_actions(Actions { reset, ..Default::default() }));
+    let reset = OpacityReset::NEVER.with(|s| s.once_after = 500);
+    let once = Policy::Grow(Grow::paper(MeanGradient).with_actions(Actions::default().with(|s| s.reset = reset)));
     assert_eq!(ceiling(&once, &translucent, 499, 0.1), Some(0.01));
     assert_eq!(ceiling(&once, &translucent, 999, 0.2), None);
     assert_eq!(ceiling(&once, &translucent, 499, 1.0), None);
-    let never = Grow::paper(MeanGradient).with_actions(Actions { reset: OpacityReset::NEVER, ..Default::default() });
+    let never = Grow::paper(MeanGradient).with_actions(Actions::default().with(|s| s.reset = OpacityReset::NEVER));
     assert_eq!(ceiling(&Policy::Grow(never), &translucent, 2999, 0.3), None);
     assert_eq!(ceiling(&Policy::None, &translucent, 2999, 0.3), None);
 }
@@ -188,27 +200,36 @@ fn any_scene() -> impl Strategy<Value = (Vec<Gaussian2d>, Vec<f32>)> {
 
 fn any_policy() -> impl Strategy<Value = Policy> {
     let actions = || {
-        let prune = (0f32..0.3).prop_map(|opacity| Prune { opacity, ..Default::default() });
-        prune.prop_map(|prune| Actions { prune, ..Default::default() })
+        let prune = (0f32..0.3).prop_map(|opacity| Prune::default().with(|s| s.opacity = opacity));
+        prune.prop_map(|prune| Actions::default().with(|s| s.prune = prune))
     };
     let threshold = || (-15f32..0.0).prop_map(f32::exp);
     prop_oneof![
-        (threshold(), actions()).prop_map(|(threshold, actions)| Policy::Grow(Grow {
-            threshold,
-            actions,
-            ..Grow::absolute(MeanGradient)
-        })),
+        (threshold(), actions()).prop_map(|(threshold, actions)| Policy::Grow(Grow::absolute(MeanGradient).with(
+            |s| {
+                s.threshold = threshold;
+                s.actions = actions;
+            }
+        ))),
         (0f32..=100.0, actions()).prop_map(|(percent, actions)| {
-            Policy::Grow(Grow { percent, actions, ..Grow::percentile(MeanGradient) })
+            Policy::Grow(Grow::percentile(MeanGradient).with(|s| {
+                s.percent = percent;
+                s.actions = actions;
+            }))
         }),
-        (0f32..=100.0, threshold(), actions()).prop_map(|(percent, threshold, actions)| Policy::Grow(Grow {
-            percent,
-            threshold,
-            actions,
-            ..Grow::hybrid(MeanGradient)
-        })),
+        (0f32..=100.0, threshold(), actions()).prop_map(|(percent, threshold, actions)| Policy::Grow(
+            Grow::hybrid(MeanGradient).with(|s| {
+                s.percent = percent;
+                s.threshold = threshold;
+                s.actions = actions;
+            })
+        )),
         (0f32..=100.0, threshold(), actions()).prop_map(|(percent, threshold, actions)| {
-            Policy::Grow(Grow { percent, threshold, actions, ..Grow::paper(MeanGradient) })
+            Policy::Grow(Grow::paper(MeanGradient).with(|s| {
+                s.percent = percent;
+                s.threshold = threshold;
+                s.actions = actions;
+            }))
         }),
         Just(Policy::None),
     ]

@@ -4,7 +4,7 @@ use glam::{Mat2, Vec2, Vec3};
 use gs_core::{
     DensityStatistics, Gaussian2d, Scene2d,
     edit::{Birth, Change, Moments, Origin, Place},
-    scene::sigmoid,
+    sigmoid,
 };
 use gs_density::{
     ClonePlacement, Densify, MomentHeir, Observation, OpacityCorrection, Rng, SizeThreshold, SplitPlacement,
@@ -47,7 +47,7 @@ fn grow_in(
 }
 
 fn small() -> Densify {
-    Densify { split_above: SizeThreshold::Pixels(1000.0), ..Default::default() }
+    Densify::default().with(|s| s.split_above = SizeThreshold::Pixels(1000.0))
 }
 
 #[test]
@@ -65,7 +65,7 @@ fn a_small_one_is_cloned_and_left_alone() {
         }
     );
 
-    let drawn = Densify { clone_placement: ClonePlacement::Drawn, ..small() };
+    let drawn = small().with(|s| s.clone_placement = ClonePlacement::Drawn);
     let (change, birth) = grow(&drawn, parent(), &mut Rng::new(1, 2));
     assert_eq!(change, None);
     assert_ne!(birth.gaussian.mean, parent().mean);
@@ -95,12 +95,12 @@ fn moments_go_to_the_heir() {
         (MomentHeir::Both, (Inherit, Inherit)),
         (MomentHeir::Neither, (Fresh, Fresh)),
     ] {
-        let split = Densify { split_moments: heir, ..Default::default() };
+        let split = Densify::default().with(|s| s.split_moments = heir);
         let (change, birth) = grow(&split, parent(), &mut Rng::new(1, 2));
         assert_eq!((change.unwrap().moments, birth.moments), expected);
 
         // A cloned original that keeps everything needs no change; one whose moments go does.
-        let clone = Densify { clone_moments: heir, ..small() };
+        let clone = small().with(|s| s.clone_moments = heir);
         let (change, birth) = grow(&clone, parent(), &mut Rng::new(1, 2));
         assert_eq!((change.as_ref().map_or(Inherit, |c| c.moments), birth.moments), expected);
         assert!(change.is_none_or(|c| c.gaussian == parent()));
@@ -134,7 +134,7 @@ fn halves_are_drawn_from_the_parent() {
 
 #[test]
 fn the_long_axis_split_is_symmetric_and_needs_no_luck() {
-    let densify = Densify { split_placement: SplitPlacement::LongAxis, ..Default::default() };
+    let densify = Densify::default().with(|s| s.split_placement = SplitPlacement::LongAxis);
     let (change, birth) = grow(&densify, parent(), &mut Rng::new(1, 2));
     assert_eq!(grow(&densify, parent(), &mut Rng::new(3, 4)), (change.clone(), birth.clone()));
     let (a, b) = (change.unwrap().gaussian.mean, birth.gaussian.mean);
@@ -146,7 +146,7 @@ fn the_long_axis_split_is_symmetric_and_needs_no_luck() {
 
 #[test]
 fn conserved_opacity_composites_to_the_parents() {
-    let conserve = Densify { opacity_correction: OpacityCorrection::Conserve, ..small() };
+    let conserve = small().with(|s| s.opacity_correction = OpacityCorrection::Conserve);
     for opacity_logit in [-6.0, -2.0, 0.0, 0.8, 3.0, 8.0, f32::INFINITY] {
         let parent = Gaussian2d { opacity_logit, ..parent() };
         // A second, translucent Gaussian makes this a scene with opacities even where this one is opaque.
@@ -162,7 +162,7 @@ fn conserved_opacity_composites_to_the_parents() {
 
 #[test]
 fn conserved_colour_adds_up_to_the_parents_where_gaussians_are_summed() {
-    let conserve = Densify { opacity_correction: OpacityCorrection::Conserve, ..small() };
+    let conserve = small().with(|s| s.opacity_correction = OpacityCorrection::Conserve);
     let opaque = Gaussian2d { opacity_logit: f32::INFINITY, ..parent() };
     let (change, birth) = grow(&conserve, opaque, &mut Rng::new(1, 2));
     let original = change.unwrap().gaussian;

@@ -5,7 +5,7 @@ use gs_conformance::properties::fresh;
 use gs_core::{
     DensityStatistics, EditPlan, Error, Gaussian2d, Image, Scene, Scene2d,
     edit::{Moments, Place, PruneCause},
-    scene::{logit, sigmoid},
+    logit, sigmoid,
 };
 use gs_density::{
     DensityPolicy, ErrorAddition, LongAxisSplit, Mcmc, Noise, Observation, Policy, Residual, Rng, SplitPlacement,
@@ -54,7 +54,7 @@ fn residual() -> Residual {
 fn the_dead_move_behind_the_living_and_nothing_else_is_lost() {
     let opacities = [0.9, 0.004, 0.5, 0.001, 0.7];
     let scene: Scene2d = opacities.into_iter().map(gaussian).collect();
-    let still = Mcmc { percent: 0.0, ..Mcmc::default() };
+    let still = Mcmc::default().with(|s| s.percent = 0.0);
     let plan = plan(&still, &scene, None, 0.5, 100);
     assert_eq!(plan.removed.iter().map(|r| r.index).collect::<Vec<_>>(), [1, 3]);
     assert!(plan.removed.iter().all(|r| r.cause == PruneCause::Transparent));
@@ -75,7 +75,7 @@ fn the_dead_move_behind_the_living_and_nothing_else_is_lost() {
 #[test]
 fn copies_go_where_opacity_is() {
     let scene: Scene2d = (0..400).map(|i| gaussian(if i % 2 == 0 { 0.9 } else { 0.1 })).collect();
-    let double = Mcmc { percent: 100.0, ..Mcmc::default() };
+    let double = Mcmc::default().with(|s| s.percent = 100.0);
     let plan = plan(&double, &scene, None, 0.5, 1000);
     assert_eq!(plan.len_after(400), 800);
     let opaque = plan.added.iter().filter(|b| b.parent.unwrap() % 2 == 0).count() as f32;
@@ -87,7 +87,7 @@ fn copies_go_where_opacity_is() {
 fn where_gaussians_are_summed_the_parts_add_up() {
     let opaque = Gaussian2d { opacity_logit: f32::INFINITY, ..gaussian(0.5) };
     let scene: Scene2d = [opaque; 7].into_iter().collect();
-    let plan = plan(&Mcmc { percent: 100.0, ..Mcmc::default() }, &scene, None, 0.5, 1000);
+    let plan = plan(&Mcmc::default().with(|s| s.percent = 100.0), &scene, None, 0.5, 1000);
     assert_eq!(plan.len_after(7), 14);
     let edited = after(&plan, &scene);
     let sum: Vec3 = edited.colors.iter().sum();
@@ -110,7 +110,7 @@ fn only_mcmc_asks_for_noise() {
     for name in Policy::NAMES {
         assert_eq!(Policy::from_name(name).unwrap().noise().is_some(), name == "mcmc", "{name}");
     }
-    assert_eq!(Policy::Mcmc(Mcmc { noise: Noise::NONE, ..Mcmc::default() }).noise(), None);
+    assert_eq!(Policy::Mcmc(Mcmc::default().with(|s| s.noise = Noise::NONE)).noise(), None);
 }
 
 #[test]
@@ -151,7 +151,7 @@ fn image_gs_starts_with_half_and_adds_four_times() {
 #[test]
 fn a_long_axis_split_puts_two_side_by_side() {
     let Policy::Grow(policy) = Policy::from_name("long-axis").unwrap() else { panic!("another kind") };
-    let LongAxisSplit { offset, length, width, opacity } = LongAxisSplit::default();
+    let LongAxisSplit { offset, length, width, opacity, .. } = LongAxisSplit::default();
     assert_eq!(policy.actions.densify.split_placement, SplitPlacement::LongAxisSplit(LongAxisSplit::default()));
     for opaque in [false, true] {
         let mut parent = gaussian(0.5);
@@ -201,7 +201,7 @@ proptest! {
         let finite = opacities.iter().flatten().count();
         let living = opacities.iter().flatten().filter(|&&o| o > 0.005).count();
 
-        let relocated = after(&plan(&Mcmc { percent: percent.into(), ..Mcmc::default() }, &scene, None, progress, budget), &scene);
+        let relocated = after(&plan(&Mcmc::default().with(|s| s.percent = percent.into()), &scene, None, progress, budget), &scene);
         prop_assert!(relocated.means.iter().all(|m| m.is_finite()));
         let growth = (opacities.len() * usize::from(percent)).div_ceil(100);
         let target = (opacities.len() + growth).min(budget);
@@ -213,7 +213,7 @@ proptest! {
         }
 
         let residual = residual();
-        let policy = ErrorAddition { additions, ..ErrorAddition::default() };
+        let policy = ErrorAddition::default().with(|s| s.additions = additions);
         let added = after(&plan(&policy, &scene, Some(&residual), 1.0, budget), &scene);
         prop_assert_eq!(added.len(), budget.max(finite));
         prop_assert!(added.means.iter().all(|m| m.is_finite()));

@@ -4,7 +4,7 @@ use glam::Vec3;
 use gs_core::{
     DensityStatistics, EditPlan, Error, Gaussian3d, Scene, Scene3d,
     edit::{Moments, Origin, PruneCause},
-    scene::{logit, sigmoid},
+    logit, sigmoid,
 };
 use gs_density::{
     Actions, Densify, DensityPolicy, Grow, LongAxisSplit, Mcmc, Observation, Policy, Prune, Rng, Signal, SizeThreshold,
@@ -51,17 +51,14 @@ fn plan_at(policy: &dyn DensityPolicy<Scene3d>, scene: &Scene3d, gradients: &[f3
 
 #[test]
 fn the_rules_of_3dgs() {
-    let rules = Grow {
-        actions: Actions {
-            prune: Prune {
-                larger_than: Some(SizeThreshold::ExtentFraction(0.1)),
-                larger_after: 3000,
-                ..Prune::default()
-            },
-            ..Actions::default()
-        },
-        ..Grow::absolute(Signal::MeanGradient)
-    };
+    let rules = Grow::absolute(Signal::MeanGradient).with(|s| {
+        s.actions = Actions::default().with(|s| {
+            s.prune = Prune::default().with(|s| {
+                s.larger_than = Some(SizeThreshold::ExtentFraction(0.1));
+                s.larger_after = 3000;
+            })
+        })
+    });
     let (small, large) = (0.01 * EXTENT * 0.9, 0.01 * EXTENT * 1.1);
     let before = scene(&[
         gaussian(small, 0.5),
@@ -110,8 +107,8 @@ fn halves_are_drawn_as_their_parent_is_spread() {
 #[test]
 fn a_long_axis_split_puts_two_side_by_side() {
     let split = LongAxisSplit::default();
-    let densify = Densify { split_placement: SplitPlacement::LongAxisSplit(split), ..Densify::default() };
-    let actions = Actions { densify, ..Actions::default() };
+    let densify = Densify::default().with(|s| s.split_placement = SplitPlacement::LongAxisSplit(split));
+    let actions = Actions::default().with(|s| s.densify = densify);
     let policy = Grow::absolute(Signal::MeanGradient).with_actions(actions);
     let parent = gaussian(1.0, 0.5);
     let plan = plan_at(&policy, &scene(std::slice::from_ref(&parent)), &[1.0], 99);
@@ -128,7 +125,7 @@ fn a_long_axis_split_puts_two_side_by_side() {
 #[test]
 fn mcmc_moves_the_dead_to_the_living_and_keeps_the_picture() {
     let before = scene(&[gaussian(0.2, 0.9), gaussian(0.2, 0.003), gaussian(0.2, 0.001)]);
-    let policy = Mcmc { percent: 0.0, ..Mcmc::default() };
+    let policy = Mcmc::default().with(|s| s.percent = 0.0);
     let plan = plan_at(&policy, &before, &[0.0; 3], 99);
     assert_eq!(plan.removed.iter().map(|r| r.index).collect::<Vec<_>>(), [1, 2]);
     assert_eq!((plan.len_after(3), plan.changed.len(), plan.added.len()), (3, 1, 2));
@@ -156,7 +153,7 @@ fn every_policy_but_those_of_the_plane_plans_in_space() {
     for name in Policy::NAMES {
         let flat = Policy::from_name(name).unwrap();
         assert_eq!(flat.validate_3d().is_err(), ["residual", "image-gs", "long-axis"].contains(&name), "{name}");
-        let policy = flat.in_space();
+        let policy = flat.for_3d();
         let plan: Result<EditPlan<Gaussian3d>, Error> = policy.plan(&observation, &mut Rng::new(1, 2));
         if ["residual", "image-gs"].contains(&name) {
             let message = plan.unwrap_err().to_string();

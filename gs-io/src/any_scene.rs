@@ -201,10 +201,7 @@ impl File3d {
 
 #[cfg(test)]
 mod tests {
-    use gs_core::{
-        Parameterization,
-        state::{Tensor, TensorData},
-    };
+    use gs_core::{Parameterization, Tensor, TensorData};
 
     use super::*;
     use crate::checkpoint::write_checkpoint;

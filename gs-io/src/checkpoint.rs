@@ -7,10 +7,7 @@
 
 use std::{collections::BTreeMap, path::Path};
 
-use gs_core::{
-    Parameterization, SplatsState,
-    state::{Tensor, TensorData},
-};
+use gs_core::{Parameterization, SplatsState, Tensor, TensorData};
 use safetensors::Dtype;
 use serde::{Deserialize, Serialize};
 

@@ -14,7 +14,7 @@
 use std::path::Path;
 
 use glam::{Vec2, Vec3};
-use gs_core::{RenderSettings, Scene, Scene2d, image::check_size};
+use gs_core::{RenderSettings, Scene, Scene2d, check_size};
 use serde::{Deserialize, Serialize};
 
 use crate::{

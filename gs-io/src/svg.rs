@@ -10,7 +10,7 @@ use std::{
 };
 
 use glam::{Mat2, Vec2};
-use gs_core::{Blend, Gaussian2d, Scene, effects::Antialias, image::to_8_bits, scene::sigmoid};
+use gs_core::{Blend, Gaussian2d, Scene, effects::Antialias, sigmoid, to_8_bits};
 
 use crate::{File2d, atomic::write_durably, error::Error};
 

@@ -8,10 +8,7 @@ use std::{
 };
 
 use gs_conformance::properties::fresh;
-use gs_core::{
-    Blend, Parameterization, RenderSettings, Scene2d, SplatsState,
-    state::{Tensor, TensorData},
-};
+use gs_core::{Blend, Parameterization, RenderSettings, Scene2d, SplatsState, Tensor, TensorData};
 use gs_io::{Checkpoint, Error, File2d, read_2d, read_checkpoint, write_2d, write_checkpoint};
 use proptest::{collection::vec, prelude::*};
 

@@ -23,8 +23,8 @@ use gs_core::{
     TrainStep, Wait,
     edit::{Birth, Moments, Origin, Place},
     effects::{Antialias, Order, Statistics},
+    logit,
     profile::{Profiler, still},
-    scene::logit,
 };
 use gs_density::Rng;
 use gs_wgpu::{WgpuRasterizer, WgpuSettings};

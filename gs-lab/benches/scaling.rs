@@ -18,7 +18,7 @@ use clap::{Parser, ValueEnum};
 use glam::{Vec2, Vec3};
 use gs_core::{
     Adam, Binning, Blend, Canvas, Gaussian2d, Image, Loss, Parameterization, Rasterizer, RenderSettings, Scene2d,
-    TrainStep, scene::logit,
+    TrainStep, logit,
 };
 use gs_density::Rng;
 use measure::{

@@ -15,9 +15,7 @@ use std::{
 use gs_core::{
     Blend, Canvas, Error as CoreError, Gaussian2d, Image, Optimizer, Parameterization, RenderSettings, Scene2d,
 };
-use gs_train::{
-    Control, Error as FitError, FitSettings, FitSummary, MetricsLog, Observer, Progress, Recovery, Trainer,
-};
+use gs_train::{Control, Error as FitError, FitSummary, MetricsLog, Observer, Progress, Recovery, Trainer};
 
 use crate::{
     digest,
@@ -203,12 +201,12 @@ pub(crate) fn fit<R: Optimizer<Scene2d>>(
     watcher: &dyn Watcher,
 ) -> Result<Option<Replayed>, FitError> {
     // A diverging arm must fail instead of recovering, so that the study shows it.
-    let settings = FitSettings { recovery: Recovery::Never, ..run.settings.clone() };
+    let settings = run.settings.clone().with(|s| s.recovery = Recovery::Never);
     let mut trainer = Trainer::new(rasterizer, &plan.target(run).image, settings).block_on()?;
     if let Some(own) = &plan.arm(run).own_policy {
         trainer = trainer.controlled_by(own.policy.clone());
     }
-    let mut log = MetricsLog::for_settings(&run.settings);
+    let mut log = MetricsLog::for_steps(run.settings.iterations);
     trainer.run(&mut (&mut log, StopWith(watcher))).block_on()?;
     if !trainer.is_finished() {
         return Ok(None);

@@ -67,7 +67,7 @@ mod tests {
     fn parts_are_replaced_and_the_rest_stays() {
         let settings =
             with("initial = { fraction = 0.5 }\nadam.mean.learning-rate = 0.5\npolicy.percent = 20").unwrap();
-        let mut expected = FitSettings { initial: InitialCount::Fraction(0.5), ..FitSettings::paper() };
+        let mut expected = FitSettings::paper().with(|s| s.initial = InitialCount::Fraction(0.5));
         expected.adam.mean.learning_rate = 0.5;
         let Policy::Grow(paper) = &mut expected.policy else { panic!("the paper's policy") };
         paper.percent = 20.0;

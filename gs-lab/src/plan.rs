@@ -67,7 +67,7 @@ impl Plan {
             for &budget in &study.budgets {
                 for (target, image) in targets.iter().enumerate() {
                     for (arm, of) in study.arms.iter().enumerate() {
-                        let settings = FitSettings { seed, ..settings(&study, of, budget, image.image.size())? };
+                        let settings = settings(&study, of, budget, image.image.size())?.with(|s| s.seed = seed);
                         let address = address(of, &settings, image, &machine.name).map_err(|m| wrong(&study, of, m))?;
                         runs.push(Run { row: runs.len() + 1, arm, target, budget, seed, settings, address });
                     }

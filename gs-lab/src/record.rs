@@ -1,6 +1,6 @@
 //! The stored record of a run.
 
-use gs_core::{edit::EditCounts, statistics::Culled};
+use gs_core::{Culled, edit::EditCounts};
 use gs_train::MetricsRow;
 use serde::{Deserialize, Deserializer, Serialize};
 

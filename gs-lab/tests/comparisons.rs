@@ -1,6 +1,6 @@
 //! Verdicts on made-up runs. Each test is a way in which a comparison could be unfair.
 
-use gs_core::{Image, edit::EditCounts, statistics::Culled};
+use gs_core::{Culled, Image, edit::EditCounts};
 use gs_lab::{
     Places, Plan, Results, Study, report,
     study::{Difference, Finished, Matching, Metric, Outcome, Record, Remark, Run, Verdict},

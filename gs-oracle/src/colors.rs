@@ -2,9 +2,8 @@
 //! an analysis of roundings: fast enough for scenes of many Gaussians.
 
 use gs_core::{
-    RenderSettings,
+    Cut, RenderSettings,
     effects::{Blend, Order},
-    settings::Cut,
 };
 
 use super::{Oracle, OracleView, Projection, Splat, pixel::cut_of};

@@ -25,11 +25,7 @@ mod splat;
 mod ssim;
 mod statistics;
 
-use gs_core::{
-    Canvas, Error, Image, Loss, RenderSettings,
-    effects::Blend,
-    statistics::{Cause, Culled},
-};
+use gs_core::{Canvas, CullCause, Culled, Error, Image, Loss, RenderSettings, effects::Blend};
 
 pub use self::{
     adam::{AdamReference, rate_of},
@@ -258,8 +254,8 @@ impl<V: OracleView> Oracle<V> {
         for (g, &drawn) in self.project(scene).iter().zip(&drawn) {
             match g {
                 Projection::Left(cause) => culled.count(*cause),
-                Projection::Drawable(g) if over && g.appearance().opacity < cut => culled.count(Cause::Transparent),
-                Projection::Drawable(_) if !drawn => culled.count(Cause::Outside),
+                Projection::Drawable(g) if over && g.appearance().opacity < cut => culled.count(CullCause::Transparent),
+                Projection::Drawable(_) if !drawn => culled.count(CullCause::Outside),
                 Projection::Drawable(_) => {}
             }
         }

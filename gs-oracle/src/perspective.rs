@@ -6,10 +6,9 @@
 //! after; `v_x` = ∂L/∂x.
 
 use gs_core::{
-    Camera, Error, RenderSettings,
+    Camera, CullCause, Error, RenderSettings,
     constants::{DILATION_PX2, MIN_DETERMINANT_PX4, MIN_QUATERNION_NORM2, MIP_DILATION_PX2},
     effects::{Antialias, Blend, Effects, Order},
-    statistics::Cause,
 };
 
 use super::{
@@ -92,10 +91,10 @@ impl OracleView for Camera {
 }
 
 /// The projection of a Gaussian, or the reason why it is culled.
-fn projected(camera: &Camera, g: &[f64], effects: Effects, lean: Lean) -> Result<Splat3d, Cause> {
+fn projected(camera: &Camera, g: &[f64], effects: Effects, lean: Lean) -> Result<Splat3d, CullCause> {
     let finite = g.iter().enumerate().filter(|&(i, _)| i != SPATIAL_OPACITY).all(|(_, v)| v.is_finite());
     if !finite || g[SPATIAL_OPACITY].is_nan() {
-        return Err(Cause::NotFinite);
+        return Err(CullCause::NotFinite);
     }
     let mut guards = Guards { lean, undecided: false };
     let pinhole = Pinhole::new(camera);
@@ -170,10 +169,10 @@ impl Pinhole {
     }
 
     /// p of a mean that is in front of the near plane.
-    fn in_front(&self, mean: &[Rounded; 3], guards: &mut Guards) -> Result<[Rounded; 3], Cause> {
+    fn in_front(&self, mean: &[Rounded; 3], guards: &mut Guards) -> Result<[Rounded; 3], CullCause> {
         let turned = applied(&self.world, mean);
         let point: [Rounded; 3] = std::array::from_fn(|i| turned[i] + self.translation[i]);
-        if guards.reaches(point[2], self.near) { Ok(point) } else { Err(Cause::Near) }
+        if guards.reaches(point[2], self.near) { Ok(point) } else { Err(CullCause::Near) }
     }
 
     /// u, v of p.
@@ -235,12 +234,12 @@ struct Ellipsoid {
 }
 
 impl Ellipsoid {
-    fn new(g: &[f64], guards: &mut Guards) -> Result<Self, Cause> {
+    fn new(g: &[f64], guards: &mut Guards) -> Result<Self, CullCause> {
         let at = |i: usize| Rounded::exact(g[i]);
         let raw = [at(6), at(7), at(8), at(9)];
         let norm2 = dot(&raw, &raw);
         if !guards.reaches(norm2, f64::from(MIN_QUATERNION_NORM2)) {
-            return Err(Cause::Degenerate);
+            return Err(CullCause::Degenerate);
         }
         let quaternion_length = norm2.sqrt();
         let quaternion = raw.map(|v| v / quaternion_length);
@@ -270,7 +269,7 @@ impl Covariance {
         center: &[Rounded; 2],
         antialias: Antialias,
         guards: &mut Guards,
-    ) -> Result<Self, Cause> {
+    ) -> Result<Self, CullCause> {
         let spread = |i: usize, j: usize| dot(&footprint[i], &footprint[j]);
         let minor = |a: usize, b: usize| footprint[0][a] * footprint[1][b] - footprint[0][b] * footprint[1][a];
         let dilation = Rounded::exact(match antialias {
@@ -286,10 +285,10 @@ impl Covariance {
         // The product must be finite, too, because backends compute it.
         let guarded = [wide_uu, uv, wide_vv, wide_uu * wide_vv, determinant, center[0], center[1]];
         if !guarded.into_iter().all(Rounded::is_finite) {
-            return Err(Cause::NotFinite);
+            return Err(CullCause::NotFinite);
         }
         if !guards.reaches(determinant, f64::from(MIN_DETERMINANT_PX4)) {
-            return Err(Cause::Degenerate);
+            return Err(CullCause::Degenerate);
         }
         let precision = [wide_vv / determinant, -(uv / determinant), wide_uu / determinant];
         Ok(Self { spread: [uu, uv, vv], thin, determinant, precision })
@@ -352,7 +351,7 @@ struct Shading {
 }
 
 impl Shading {
-    fn new(g: &[f64], direction: &[Rounded; 3], degree: u8) -> Result<Self, Cause> {
+    fn new(g: &[f64], direction: &[Rounded; 3], degree: u8) -> Result<Self, CullCause> {
         let evaluated = sh_len(g).min((usize::from(degree) + 1).pow(2));
         let sh: Vec<[f64; 3]> =
             (0..evaluated).map(|k| [0, 1, 2].map(|channel| g[SPATIAL_SH + 3 * k + channel])).collect();
@@ -363,7 +362,7 @@ impl Shading {
             Rounded::exact(0.5) + sum
         });
         if !color.into_iter().all(Rounded::is_finite) {
-            return Err(Cause::NotFinite);
+            return Err(CullCause::NotFinite);
         }
         let shows = color.map(|c| c.value > 0.0);
         let color = [0, 1, 2].map(|k| if shows[k] { color[k] } else { Rounded::ZERO });

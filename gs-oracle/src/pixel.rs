@@ -5,9 +5,8 @@
 //! B = colour behind it, `v_x` = ∂L/∂x.
 
 use gs_core::{
-    RenderSettings,
+    Accuracy, Cut, Extent, RenderSettings,
     effects::{Blend, Order},
-    settings::{Accuracy, Cut, Extent},
 };
 
 use super::{

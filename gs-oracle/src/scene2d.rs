@@ -4,10 +4,9 @@
 use std::f64::consts::PI;
 
 use gs_core::{
-    Canvas, Error, RenderSettings,
+    Canvas, CullCause, Error, RenderSettings,
     constants::{DILATION_PX2, MIN_DETERMINANT_PX4, MIP_DILATION_PX2},
     effects::{Antialias, Blend, Order},
-    statistics::Cause,
 };
 
 use super::{
@@ -69,7 +68,7 @@ impl OracleView for Canvas {
         let finite_in_f32 = |v: f64| v.abs() <= f64::from(f32::MAX); // NaN fails
         let all_but_logit = g.iter().enumerate().filter(|&(i, _)| i != OPACITY).all(|(_, &v)| finite_in_f32(v));
         if !all_but_logit || g[OPACITY].is_nan() {
-            return Projection::Left(Cause::NotFinite);
+            return Projection::Left(CullCause::NotFinite);
         }
         let origin = [f64::from(self.origin.x), f64::from(self.origin.y)];
         let zoom =
@@ -92,10 +91,10 @@ impl OracleView for Canvas {
         let (xx, xy, yy) = (entry(0, 0) + dilation, entry(0, 1), entry(1, 1) + dilation);
         // The product must be finite, too, because backends compute it.
         if ![xx, xy, yy, xx * yy, determinant].into_iter().all(finite_in_f32) {
-            return Projection::Left(Cause::NotFinite);
+            return Projection::Left(CullCause::NotFinite);
         }
         if determinant < f64::from(MIN_DETERMINANT_PX4) {
-            return Projection::Left(Cause::Degenerate);
+            return Projection::Left(CullCause::Degenerate);
         }
         let center = [0, 1].map(|i| (g[i] - origin[i]) * zoom[i]);
         let stored = 1.0 / (1.0 + (-g[OPACITY]).exp());
@@ -236,7 +235,7 @@ mod tests {
         // beyond f32 from s₁ = e^22.5 on, ½ s₁² from e^44.7 on, and det Σ′ from e^64.3 on.
         assert!(matches!(projected([22.0, -20.0], FRAC_PI_4), Projection::Drawable(_)));
         for long in [23.0, 43.0] {
-            assert_eq!(projected([long, -20.0], FRAC_PI_4), Projection::Left(Cause::NotFinite));
+            assert_eq!(projected([long, -20.0], FRAC_PI_4), Projection::Left(CullCause::NotFinite));
         }
     }
 

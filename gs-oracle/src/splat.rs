@@ -3,7 +3,7 @@
 
 use std::fmt::Debug;
 
-use gs_core::{Error, RenderSettings, effects::Order, statistics::Cause};
+use gs_core::{CullCause, Error, RenderSettings, effects::Order};
 
 use super::rounded::Rounded;
 use crate::ROUNDINGS;
@@ -45,7 +45,7 @@ pub enum Projection<T> {
     /// It can be drawn.
     Drawable(T),
     /// It is culled for this cause.
-    Left(Cause),
+    Left(CullCause),
 }
 
 /// A Gaussian that can be drawn.

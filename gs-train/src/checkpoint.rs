@@ -1,4 +1,4 @@
-//! What a checkpoint of a run says besides the splats' state: settings, step, time, counts and which pictures it was for.
+//! Metadata of a checkpoint: settings, step, time, counts and the target images.
 
 use std::{collections::BTreeMap, fmt::Display, str::FromStr};
 
@@ -8,10 +8,11 @@ use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use crate::{
     error::Error,
     recovery::FreshStart,
+    settings_file,
     task::{RunSettings, Trainable},
 };
 
-/// All of a [`Trainer`](crate::Trainer)'s state that is not in its splats.
+/// The state of a [`Trainer`](crate::Trainer) that is not in its splats.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Record<C> {
     pub(crate) settings: C,
@@ -19,19 +20,20 @@ pub(crate) struct Record<C> {
     pub(crate) step: u32,
     pub(crate) seconds: f64,
     pub(crate) edits: EditCounts,
-    /// How often it has begun again.
+    /// Restarts of the run.
     pub(crate) fresh_starts: Vec<FreshStart>,
-    /// What tells the pictures to reach from others, such as the [`fingerprint`] of a target.
-    pub(crate) pictures: String,
+    /// Identifies the target images, such as the [`fingerprint`] of a target.
+    pub(crate) images: String,
 }
 
 impl<C> Record<C> {
-    /// That of a run before its first step.
-    pub(crate) fn beginning(settings: C, pictures: String) -> Self {
-        Self { settings, step: 0, seconds: 0.0, edits: EditCounts::default(), fresh_starts: Vec::new(), pictures }
+    /// The record of a run before its first step.
+    pub(crate) fn beginning(settings: C, images: String) -> Self {
+        Self { settings, step: 0, seconds: 0.0, edits: EditCounts::default(), fresh_starts: Vec::new(), images }
     }
 
-    /// The effects that the scene has been trained with: those of the last step, or of the first one where none is done.
+    /// Effects that the scene has been trained with: those of the last step, or of the first one
+    /// before any step.
     pub(crate) fn effects<S: Trainable<Settings = C>>(&self) -> Effects
     where
         C: RunSettings<S>,
@@ -52,7 +54,7 @@ impl<C> Record<C> {
             ("seconds", format!("{:?}", self.seconds)),
             ("edits", toml::to_string(&self.edits).map_err(unwritable)?),
             ("health", toml::to_string(&Health::of(self)).map_err(unwritable)?),
-            ("target", self.pictures.clone()),
+            ("target", self.images.clone()),
         ]
         .map(|(key, value)| (key.to_owned(), value))
         .into())
@@ -66,7 +68,8 @@ impl<C> Record<C> {
         if format != C::FORMAT {
             return Err(Error::Checkpoint(format!("its format is `{format}`, not `{}`", C::FORMAT)));
         }
-        let settings: C = table(metadata, "settings")?;
+        let settings: C = settings_file::parse(value(metadata, "settings")?)
+            .map_err(|(_, problem)| Error::Checkpoint(format!("its `settings`: {problem}")))?;
         settings.validate()?;
         // Added later.
         let health: Health = table_or_default(metadata, "health")?;
@@ -76,14 +79,14 @@ impl<C> Record<C> {
             seconds: parsed(metadata, "seconds")?,
             edits: table(metadata, "edits")?,
             fresh_starts: health.fresh_starts,
-            pictures: value(metadata, "target")?.to_owned(),
+            images: value(metadata, "target")?.to_owned(),
         };
         if let Some(start) = record.fresh_starts.iter().find(|start| start.step > record.step) {
-            return Err(Error::Checkpoint(format!("it began again at step {}, after its own", start.step)));
+            return Err(Error::Checkpoint(format!("it restarted at step {}, after its own step", start.step)));
         }
         let iterations = record.settings.iterations();
         if record.step > iterations {
-            return Err(Error::Checkpoint(format!("it stands at step {} of {iterations}", record.step)));
+            return Err(Error::Checkpoint(format!("it is at step {} of {iterations}", record.step)));
         }
         if !(record.seconds >= 0.0 && record.seconds.is_finite()) {
             return Err(Error::Checkpoint(format!("its time is {} s", record.seconds)));
@@ -92,7 +95,7 @@ impl<C> Record<C> {
     }
 }
 
-/// Whether a run is going well, as a table of its own.
+/// Restarts of a run, as a table of its own.
 #[derive(Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 struct Health {
@@ -105,7 +108,7 @@ impl Health {
     }
 }
 
-/// The steps done when a checkpoint with this metadata was taken, whatever it is of.
+/// Steps done in a checkpoint with this metadata, of any kind of training.
 pub(crate) fn step_of(metadata: &BTreeMap<String, String>) -> Result<u32, Error> {
     parsed(metadata, "step")
 }
@@ -128,14 +131,14 @@ fn table<T: DeserializeOwned>(metadata: &BTreeMap<String, String>, key: &str) ->
     toml::from_str(value(metadata, key)?).map_err(|e| Error::Checkpoint(format!("its `{key}`: {}", e.message())))
 }
 
-/// Size and content of an image in a few characters: two images that differ in a single bit have, but for a chance of 2⁻⁶⁴,
-/// different ones.
+/// Size and hash of an image as text. Images that differ have different ones, except for a chance
+/// of 2⁻⁶⁴.
 pub(crate) fn fingerprint(image: &Image) -> String {
     let hash = digest(image.pixels().as_flattened().iter().flat_map(|value| value.to_le_bytes()));
     format!("{}x{} px, {hash:016x}", image.width(), image.height())
 }
 
-/// A number that tells these bytes from others. *Source:* FNV-1a, 64 bits.
+/// A hash of bytes. *Source:* FNV-1a, 64 bits.
 pub(crate) fn digest(bytes: impl IntoIterator<Item = u8>) -> u64 {
     bytes
         .into_iter()
@@ -157,13 +160,21 @@ mod tests {
             seconds: 0.1 + 0.2,
             edits: EditCounts { seeded: 7, pruned_unimportant: 2, ..EditCounts::default() },
             fresh_starts: vec![FreshStart { step: 200, loss: 0.1 + 0.2, first: 0.1 }],
-            pictures: "1x1 px, 0".to_owned(),
+            images: "1x1 px, 0".to_owned(),
         }
     }
 
     #[test]
     fn a_record_comes_back_from_its_metadata() {
         assert_eq!(Record::from_metadata::<Scene2d>(&record().to_metadata::<Scene2d>().unwrap()).unwrap(), record());
+    }
+
+    #[test]
+    fn a_record_of_an_earlier_version_is_read() {
+        let mut metadata = record().to_metadata::<Scene2d>().unwrap();
+        let settings = metadata.get_mut("settings").unwrap();
+        settings.insert_str(0, "joining = \"scheduled\"\n");
+        assert_eq!(Record::from_metadata::<Scene2d>(&metadata).unwrap(), record());
     }
 
     #[test]
@@ -194,7 +205,8 @@ mod tests {
         for odd in [1, 12_345, 0x0012_3457].map(|ulps| f32::from_bits(0.1f32.to_bits() + ulps)) {
             for threshold in [odd, f32::INFINITY] {
                 record.settings.adam.mean.learning_rate = odd;
-                record.settings.policy = Policy::Grow(Grow { threshold, ..Grow::absolute(Signal::MeanGradient) });
+                record.settings.policy =
+                    Policy::Grow(Grow::absolute(Signal::MeanGradient).with(|s| s.threshold = threshold));
                 record.seconds = f64::from(odd) / 3.0;
                 let metadata = record.to_metadata::<Scene2d>().unwrap();
                 assert_eq!(Record::from_metadata::<Scene2d>(&metadata).unwrap(), record, "{metadata:?}");

@@ -1,20 +1,23 @@
-//! How many Gaussians the optimiser's bounds of scales hold back.
+//! Counts of Gaussians whose scales are at the optimiser's bounds.
 
 use serde::{Deserialize, Serialize};
 
 use crate::task::{RunSettings, Trainable};
 
-/// A scale within this of a bound, as a difference of logarithms, is at it: scales that are read back from a covariance factor are rounded.
+/// Difference of logarithms within which a scale is at a bound, as scales from a covariance factor
+/// are rounded.
 const AT_BOUND: f32 = 1e-3;
 
-/// Gaussians with a scale at a bound of [`Adam`](gs_core::Adam). They would be smaller, or larger, if they were let; many of the
-/// largest are the mark of learning rates that are too high.
+/// Numbers of Gaussians with a scale at a bound of [`Adam`](gs_core::Adam).
+///
+/// Without the bounds they would be smaller or larger. Many at the upper bound are a sign of
+/// learning rates that are too high.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Clamped {
-    /// Those with a scale at [`Adam::min_scale`](gs_core::Adam).
+    /// Gaussians with a scale at [`Adam::min_scale`](gs_core::Adam).
     pub smallest: u32,
-    /// Those with a scale at [`Adam::max_scale`](gs_core::Adam).
+    /// Gaussians with a scale at [`Adam::max_scale`](gs_core::Adam).
     pub largest: u32,
 }
 
@@ -30,7 +33,7 @@ impl Clamped {
         clamped
     }
 
-    /// Both together; a Gaussian that is at both bounds counts twice.
+    /// Sum of both; a Gaussian at both bounds counts twice.
     pub fn total(self) -> u64 {
         u64::from(self.smallest) + u64::from(self.largest)
     }

@@ -1,4 +1,4 @@
-//! What can go wrong in a fit, beyond what the engine and the files report themselves.
+//! Errors of training, besides those of the engine and of files.
 
 use std::path::PathBuf;
 
@@ -16,7 +16,7 @@ pub enum Error {
     /// A file: see [`gs_io::Error`].
     #[error(transparent)]
     Io(#[from] gs_io::Error),
-    /// A settings file that cannot be understood.
+    /// A settings file that cannot be parsed.
     #[error("{}:{line}: {problem}", file.display())]
     Settings {
         /// The file.
@@ -37,32 +37,32 @@ pub enum Error {
     Diverged {
         /// The step, counted from 1, whose loss it was.
         step: u32,
-        /// NaN or infinite.
+        /// The loss, NaN or infinite.
         loss: f32,
-        /// The Gaussian that most probably did it.
+        /// The Gaussian that most probably caused it.
         suspect: Option<Box<Suspect>>,
     },
-    /// No view that is trained with looks at any of the first Gaussians.
+    /// No training view shows any of the first Gaussians.
     #[error(
         "none of the {gaussians} first Gaussians is in sight of any of the {views} views to train with: the cameras look away, or the \
-         points are in another world than they; mend the poses, or start with Gaussians where the cameras look"
+         points are in other world coordinates; correct the poses, or start with Gaussians where the cameras look"
     )]
     NothingInView {
-        /// First Gaussians.
+        /// Number of first Gaussians.
         gaussians: usize,
-        /// Views that are trained with.
+        /// Number of training views.
         views: usize,
     },
-    /// No pixel counts of any view by which a scene is to be judged.
+    /// The masks of all test views leave out every pixel.
     #[error(
-        "the masks of all {views} views to judge by leave out every pixel, so there is nothing to compare: mend the masks, or hold out \
+        "the masks of all {views} test views leave out every pixel, so there is nothing to compare: correct the masks, or hold out \
          other views"
     )]
     NothingCounts {
-        /// Views to judge by.
+        /// Number of test views.
         views: usize,
     },
-    /// A checkpoint was made for another target than the one given.
+    /// A checkpoint belongs to another target.
     #[error("the checkpoint belongs to another target: it was made for {expected}, but this is {found}")]
     WrongTarget {
         /// Size and fingerprint of the checkpoint's target.
@@ -70,24 +70,24 @@ pub enum Error {
         /// Size and fingerprint of the image given.
         found: String,
     },
-    /// A checkpoint whose metadata are not those of a 2D fit.
+    /// A checkpoint whose metadata are not those of this kind of training.
     #[error("the checkpoint cannot be used: {0}")]
     Checkpoint(String),
-    /// A checkpoint was asked for between two of the steps at which a resumed run can go on bit for bit.
+    /// No checkpoint is possible at this step, as a resumed run would not continue bit for bit.
     #[error("no checkpoint can be taken at step {step}; the next step at which one can is {next}")]
     BetweenCheckpoints {
         /// Steps done.
         step: u32,
-        /// The next possible one.
+        /// Next step at which a checkpoint is possible.
         next: u32,
     },
     /// All steps have been done.
     #[error("the fit has finished: all {iterations} steps are done")]
     Finished {
-        /// How many.
+        /// Number of steps.
         iterations: u32,
     },
-    /// An observer could not do its work.
+    /// An observer failed.
     #[error("observer: {0}")]
     Observer(String),
 }

@@ -1,21 +1,22 @@
-//! Pictures that are of one colour but for details, such as drawings on white.
+//! Images of nearly one colour, such as drawings on white.
 //!
-//! Where Gaussians are summed, nothing but their sum makes a plane of one colour, and it ripples: by one level of 8 bits and more in a short
-//! fit. The plane is better left to the background, which is exact, and the Gaussians to the details.
+//! A sum of Gaussians cannot make a flat colour exactly: it ripples by one level of 8 bits and more
+//! in a short fit. A solid background is exact and leaves the Gaussians to the details.
 
 use gs_core::{Blend, Image, effects::Background};
 
 use crate::settings::FitSettings;
 
-/// A picture is of one colour where at least this share of its pixels has it.
+/// Least share of pixels of one colour in an image of one colour.
 const FLAT_SHARE: f64 = 0.9;
 
-/// In 8 bits, what differs from a colour by no more than this in any channel has it: as much as compression does to a plane.
+/// Largest difference between pixels of one colour in any channel, in levels of 8 bits; compression
+/// changes flat areas by as much.
 const SAME_LEVELS: u8 = 2;
 
-/// The colour that nine tenths of an image's pixels have, to two levels of 8 bits: each channel's median. Nothing where they have none in
-/// common.
-pub fn flat_color(image: &Image) -> Option<[f32; 3]> {
+/// The colour of nine tenths of an image's pixels, to two levels of 8 bits; `None` where they
+/// differ.
+pub(crate) fn flat_color(image: &Image) -> Option<[f32; 3]> {
     let levels = image.to_8_bits();
     let pixels = levels.as_chunks::<3>().0;
     let median = |channel: usize| {
@@ -34,7 +35,7 @@ pub fn flat_color(image: &Image) -> Option<[f32; 3]> {
     (share >= FLAT_SHARE).then(|| color.map(|level| f32::from(level) / 255.0))
 }
 
-/// The mean of an image's pixels.
+/// Mean colour of an image.
 pub fn mean_color(image: &Image) -> [f32; 3] {
     let count = image.pixels().len() as f64;
     let sum = image
@@ -45,8 +46,8 @@ pub fn mean_color(image: &Image) -> [f32; 3] {
 }
 
 impl FitSettings {
-    /// The same fit before the colour that nearly all of the target has ([`flat_color`]), if there is one, Gaussians are summed, and nothing
-    /// else is behind them.
+    /// The same fit with the colour of nine tenths of the target's pixels as background, if they
+    /// have one colour, Gaussians are summed, and there is no background yet.
     #[must_use]
     pub fn before_flat_color(mut self, target: &Image) -> Self {
         let effects = &self.render.effects;

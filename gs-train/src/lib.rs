@@ -12,7 +12,6 @@
 
 mod checkpoint;
 mod clamped;
-mod effect_schedule;
 mod error;
 mod fit;
 mod flat;
@@ -21,9 +20,9 @@ mod losses;
 pub mod memory;
 mod metrics_log;
 mod observer;
-pub mod presets;
+mod presets;
 mod quality;
-pub mod recovery;
+mod recovery;
 mod rounds;
 mod settings;
 mod settings_file;
@@ -44,9 +43,8 @@ struct Readme;
 pub use crate::{
     clamped::Clamped,
     error::Error,
-    fit::task::ImageTask,
     fit::{Fit, fit},
-    flat::{flat_color, mean_color},
+    flat::mean_color,
     init::Init,
     metrics_log::{MetricsLog, MetricsRow},
     observer::{Control, Observer, Progress, Quality},
@@ -54,13 +52,13 @@ pub use crate::{
     quality::{ImageQuality, l1_and_psnr},
     recovery::{FreshStart, Recovery},
     rounds::Rounds,
-    settings::{ColorSolve, FitSettings, InitialCount, gaussians_for},
+    settings::{ColorSolve, FitSettings, InitialCount},
     settings_file::{parse_settings, settings_to_toml},
     shortfall::Shortfall,
     summary::FitSummary,
     suspect::Suspect,
     target::{DiscAndSquare, Fill, PAPER_DISC, PAPER_SIDE_PX, PAPER_SQUARE, paper_target},
-    task::{RunSettings, StepContext, Trainable, TrainingTask},
+    task::Trainable,
     train::{TrainPreset, TrainSettings, Trainer3d},
     trainer::{ForeignPolicy, Outcome, Trainer},
     viewable::{ColorRange, Viewable, viewable},

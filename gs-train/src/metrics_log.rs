@@ -1,8 +1,8 @@
-//! A table of how a fit went: the numbers behind its curves of count, loss and quality.
+//! The table of a run's metrics: the numbers behind its curves of count, loss and quality.
 
 use std::collections::{BTreeMap, VecDeque};
 
-use gs_core::{edit::EditCounts, statistics::Culled};
+use gs_core::{Culled, edit::EditCounts};
 use gs_io::Checkpoint;
 use serde::{Deserialize, Serialize};
 
@@ -12,13 +12,12 @@ use crate::{
     error::Error,
     observer::{Control, Observer, Progress},
     recovery::FreshStart,
-    settings::FitSettings,
 };
 
-/// Where a checkpoint keeps the table.
+/// Key of the table in a checkpoint's metadata.
 const KEY: &str = "metrics";
 
-/// A checkpoint keeps this many rows at most, the last ones; a file's metadata must stay small.
+/// Largest number of rows in a checkpoint, the last ones; a file's metadata must stay small.
 const MOST_KEPT_ROWS: usize = 50_000;
 
 const HEADINGS: &str = "step,seconds,count,cloned,split,seeded,pruned_transparent,pruned_too_large,pruned_not_finite,\
@@ -27,97 +26,98 @@ const HEADINGS: &str = "step,seconds,count,cloned,split,seeded,pruned_transparen
 
 const FRESH_START_HEADINGS: &str = ",began_again_at_loss,first_loss";
 
-/// Columns of tables that earlier versions wrote, after [`RETIRED_FROM`] others: effects that were switched on because the scene required them.
+/// Columns that earlier versions wrote after [`RETIRED_FROM`] others, about effects that were
+/// switched on when required.
 const RETIRED_HEADINGS: &str = ",joined_sh_degree,sh_explains,joined_antialias,narrow,shown";
 const RETIRED_FROM: usize = 20;
 
-/// One row of a [`MetricsLog`].
+/// One row of a [`MetricsLog`]. Exhaustive: tables have a column for each field.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct MetricsRow {
     /// Steps done.
     pub step: u32,
-    /// Time spent fitting, s; see [`Progress::seconds`].
+    /// Training time, s; see [`Progress::seconds`].
     pub seconds: f64,
-    /// Gaussians after the step.
+    /// Number of Gaussians after the step.
     pub count: u32,
-    /// What density control did since the row before.
+    /// Edits of density control since the previous row.
     #[serde(flatten)]
     pub edits: EditCounts,
-    /// The loss before the step.
+    /// Loss before the step.
     pub loss: f32,
-    /// Mean absolute difference of the rendering, as written in 8 bits, from the target after the step; where it was measured.
+    /// Mean absolute difference of the 8-bit rendering from the target after the step, where it was
+    /// measured.
     pub l1: Option<f64>,
-    /// PSNR of the rendering, as written in 8 bits, after the step, dB; where it was measured.
+    /// PSNR of the 8-bit rendering after the step, dB, where it was measured.
     pub psnr: Option<f64>,
-    /// What the renderings by which it was measured left out.
+    /// Gaussians that the measured renderings left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub culled: Option<Culled>,
-    /// Gaussians with a scale at a bound; where it was measured.
+    /// Gaussians with a scale at a bound, where it was measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub clamped: Option<Clamped>,
-    /// That the run began again after the step, and why.
+    /// Restart of the run after the step.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fresh_start: Option<FreshStart>,
 }
 
-/// An observer that keeps a row for the first step, every `every` steps, every round of density control, whenever the run begins again, and
-/// the last step.
+/// An observer that keeps a table of metrics.
 ///
-/// A checkpoint that is taken while it watches holds its rows, so that the log of a resumed fit can go on with them:
-/// [`MetricsLog::resumed`].
+/// It has a row for the first step, every `every` steps, every round of density control, every
+/// restart, and the last step. A checkpoint holds its rows, so that the log of a resumed run can
+/// continue them: [`MetricsLog::resumed`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct MetricsLog {
     every: u32,
     measured_every: u32,
     rows: Vec<MetricsRow>,
-    /// Rows whose loss has not been told yet.
+    /// Rows whose loss has not arrived.
     awaiting: VecDeque<MetricsRow>,
     edits: EditCounts,
 }
 
 impl MetricsLog {
-    /// A log with a row every `every` steps, at least 1, and the quality in each row. Measuring it costs a rendering.
+    /// A log with a row every `every` steps, at least 1, and the quality in each row, which costs a
+    /// rendering.
     pub fn new(every: u32) -> Self {
         let (rows, awaiting) = (Vec::new(), VecDeque::new());
         Self { every: every.max(1), measured_every: 1, rows, awaiting, edits: EditCounts::default() }
     }
 
-    /// A log with about a hundred rows, and those of density control; the quality is measured in about twenty of them: after the
-    /// first step, every twentieth of all steps, and the last. Count and loss cost nothing.
-    pub fn for_settings(settings: &FitSettings) -> Self {
-        Self::for_steps(settings.iterations)
-    }
-
-    /// The same for a run of so many steps, of whatever kind.
+    /// A log with about a hundred rows and those of density control, for a run of so many steps.
+    ///
+    /// The quality is measured in about twenty rows: after the first step, every twentieth of all
+    /// steps, and the last.
     pub fn for_steps(iterations: u32) -> Self {
         let log = Self::new(iterations / 100);
         Self { measured_every: 5 * log.every, ..log }
     }
 
-    /// The log of a fit that goes on from a checkpoint with this metadata: this one's intervals, and the rows up to there. There are
-    /// none where no log watched the fit when the checkpoint was taken.
+    /// The log of a run that is resumed from a checkpoint with this metadata: the intervals of this
+    /// log, and the rows of the checkpoint, if it has any.
     ///
     /// # Errors
-    /// [`Error::Checkpoint`] where its rows cannot be those of its fit.
+    /// [`Error::Checkpoint`] where the rows cannot be those of its run.
     pub fn resumed(self, metadata: &BTreeMap<String, String>) -> Result<Self, Error> {
         let step = step_of(metadata)?;
         let rows = metadata.get(KEY).map_or(Ok(Vec::new()), |csv| rows_of(csv, step))?;
         Ok(Self { rows, ..self })
     }
 
-    /// The rows so far, those whose loss has been told.
+    /// The rows whose loss has arrived.
     pub fn rows(&self) -> &[MetricsRow] {
         &self.rows
     }
 
-    /// The table as comma-separated values, with a line of headings. A PSNR of equal images is `inf`, and a quality that was not
-    /// measured an empty cell.
+    /// The table as comma-separated values with a line of headings. The PSNR of equal images is
+    /// `inf`; a quality that was not measured is an empty cell.
     pub fn to_csv(&self) -> String {
         csv(&self.rows)
     }
 
-    /// The lines of [`Self::to_csv`] from row `first` on, without headings: what there is to add to a table that has the rows before.
+    /// The lines of [`Self::to_csv`] from row `first` on, without headings, to append to a table
+    /// with the earlier rows.
     pub fn csv_from(&self, first: usize) -> String {
         self.rows.iter().skip(first).map(line).collect()
     }
@@ -168,7 +168,7 @@ fn rows_of(csv: &str, last_step: u32) -> Result<Vec<MetricsRow>, Error> {
     let mut lines = csv.lines();
     let headings = lines.next().unwrap_or_default();
     let retired = headings.contains(RETIRED_HEADINGS);
-    // A table of before runs could begin again has no columns for it.
+    // Tables of versions without restarts have no columns for them.
     let missing = match headings.replace(RETIRED_HEADINGS, "").as_str() {
         HEADINGS => "",
         headings if HEADINGS.strip_prefix(headings) == Some(FRESH_START_HEADINGS) => ",,",
@@ -242,7 +242,8 @@ impl Observer for MetricsLog {
 
     fn on_step(&mut self, progress: &Progress) -> Control {
         if self.is_due(progress) {
-            // What another observer asked for is left out, or the table would depend on who else watches.
+            // A quality that another observer requested is left out, so that the table does not
+            // depend on other observers.
             let quality = progress.quality.filter(|_| self.is_measured(progress));
             self.awaiting.push_back(MetricsRow {
                 step: progress.step,

@@ -1,65 +1,70 @@
-//! What a caller sees of a fit while it runs, and how it steers it.
+//! Observers: how a caller watches and stops a run.
 
-use gs_core::{edit::EditCounts, statistics::Culled};
+use gs_core::{Culled, edit::EditCounts};
 use gs_io::Checkpoint;
 
 use crate::{clamped::Clamped, error::Error, recovery::FreshStart};
 
-/// Whether to go on.
+/// Whether a run continues.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Control {
-    /// Go on.
+    /// Continue.
     #[default]
     Continue,
-    /// Stop at the next step at which a checkpoint can be taken; observers go on being called until then.
+    /// Stop at the next step at which a checkpoint is possible; observers are called until then.
     Stop,
 }
 
-/// How close the rendering, as it is written in 8 bits, is to the target. Measuring it costs a rendering.
+/// Quality of the 8-bit rendering against the target. Measuring it costs a rendering.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub struct Quality {
     /// Mean absolute difference.
     pub l1: f64,
-    /// dB; ∞ where there is no difference.
+    /// PSNR, dB; ∞ where there is no difference.
     pub psnr: f64,
     /// Gaussians that the rendering left out.
     pub culled: Culled,
-    /// Gaussians whose scales are held back.
+    /// Gaussians whose scales are at a bound.
     pub clamped: Clamped,
 }
 
-/// Where a fit stands after a step and the density control that may follow it.
+/// State of a run after a step and the density control that may follow it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Progress {
     /// Steps done.
     pub step: u32,
     /// Steps in all.
     pub iterations: u32,
-    /// Time spent fitting, s: initialising, stepping and density control, over all the runs of a resumed fit, but not observers,
-    /// nor the quality and checkpoints they ask for.
+    /// Training time, s: initialisation, steps and density control, over all parts of a resumed
+    /// run, without observers and without the quality and checkpoints that they request.
     pub seconds: f64,
-    /// Gaussians now.
+    /// Number of Gaussians.
     pub count: u32,
-    /// The last loss that is known: that before step `loss_step`. Some backends tell it late, so that they need not wait for the device
-    /// (gs-wgpu by a few steps; gs-cpu never). The loss before `step` itself stands here after the first step of a run, after a round
-    /// of density control, after the last step, and where the quality was measured.
+    /// The last loss that has arrived: that before step `loss_step`.
+    ///
+    /// Some backends report losses late, so that they need not wait for the device (gs-wgpu by a
+    /// few steps; gs-cpu never). It is the loss before `step` after the first step of a run, after
+    /// a round of density control, after the last step, and where the quality was measured.
     pub loss: f32,
-    /// The step, counted from 1, whose loss that is.
+    /// Step, counted from 1, of that loss.
     pub loss_step: u32,
-    /// What density control did after the step, where it ran.
+    /// Edits of density control after the step, where it ran.
     pub edits: Option<EditCounts>,
-    /// That the run begins again after the step, where it has become worse than it was at first; the count is that of the Gaussians it
-    /// goes on with.
+    /// Restart after the step, where the run has diverged; `count` is then that of the Gaussians it
+    /// continues with.
     pub fresh_start: Option<FreshStart>,
-    /// An estimate of PSNR before step `loss_step` from the loss, dB, where the loss is L2. It is that of floats that are not held to 0..=1,
-    /// so it differs a little from [`Quality::psnr`].
+    /// Estimate of PSNR before step `loss_step` from the loss, dB, where the loss is L2.
+    ///
+    /// It is that of floats that are not clamped to 0..=1, so it differs a little from
+    /// [`Quality::psnr`].
     pub psnr_estimate: Option<f32>,
-    /// How good the scene is after all that, where an observer asked.
+    /// Quality of the scene after all that, where an observer requested it.
     pub quality: Option<Quality>,
 }
 
 impl Progress {
-    /// PSNR, dB: as measured, or else as estimated.
+    /// PSNR, dB: measured or else estimated.
     pub fn psnr(&self) -> Option<f64> {
         self.quality.map(|q| q.psnr).or(self.psnr_estimate.map(f64::from))
     }
@@ -70,11 +75,12 @@ impl Progress {
     }
 }
 
-/// Someone who watches a fit. Every method has a default that asks for nothing; `()` is an observer.
+/// An observer of a run. Every method has a default that does nothing; `()` is an observer.
 ///
-/// After each step: [`on_edit`](Self::on_edit) where density control ran,
-/// [`on_fresh_start`](Self::on_fresh_start) where the run begins again, [`wants_quality`](Self::wants_quality),
-/// [`on_step`](Self::on_step), [`wants_checkpoint`](Self::wants_checkpoint) and, at once or a few steps later,
+/// The calls after each step are [`on_edit`](Self::on_edit) where density control ran,
+/// [`on_fresh_start`](Self::on_fresh_start) where the run restarts,
+/// [`wants_quality`](Self::wants_quality), [`on_step`](Self::on_step),
+/// [`wants_checkpoint`](Self::wants_checkpoint) and, at once or a few steps later,
 /// [`on_losses`](Self::on_losses) and [`on_checkpoint`](Self::on_checkpoint).
 pub trait Observer {
     /// Density control ran after the step; `counts` are also in `progress.edits`.
@@ -82,12 +88,12 @@ pub trait Observer {
         let _ = (progress, counts);
     }
 
-    /// The run begins again after the step; `fresh_start` is also in `progress`.
+    /// The run restarts after the step; `fresh_start` is also in `progress`.
     fn on_fresh_start(&mut self, progress: &Progress, fresh_start: &FreshStart) {
         let _ = (progress, fresh_start);
     }
 
-    /// Whether to measure the quality now; it will be in the `progress` of [`on_step`](Self::on_step).
+    /// Whether to measure the quality; it is then in the `progress` of [`on_step`](Self::on_step).
     fn wants_quality(&mut self, progress: &Progress) -> bool {
         let _ = progress;
         false
@@ -99,23 +105,26 @@ pub trait Observer {
         Control::Continue
     }
 
-    /// The losses before the steps from `first_step` on, counted from 1, have become known. Every step's loss is told once, in order, and
-    /// after the step's [`on_step`](Self::on_step); when a checkpoint is made and when a run ends well, all have been told.
+    /// The losses before the steps from `first_step` on, counted from 1, have arrived.
+    ///
+    /// Every step's loss is reported once, in order, and after the step's
+    /// [`on_step`](Self::on_step). All are reported before a checkpoint and before a run ends
+    /// without an error.
     fn on_losses(&mut self, first_step: u32, losses: &[f32]) {
         let _ = (first_step, losses);
     }
 
-    /// Whether to take a checkpoint, now or at the next step at which one can be taken.
+    /// Whether to take a checkpoint, now or at the next step at which one is possible.
     fn wants_checkpoint(&mut self, progress: &Progress) -> bool {
         let _ = progress;
         false
     }
 
-    /// The checkpoint that an observer wanted. Of several observers the first sees it first, and may add to its metadata; whoever
-    /// stores it should come last.
+    /// The checkpoint that an observer requested. Several observers receive it in order and may add
+    /// to its metadata, so the one that stores it should be the last.
     ///
     /// # Errors
-    /// Whatever keeps it from being stored; it ends the run.
+    /// Any error of storing it, which ends the run.
     fn on_checkpoint(&mut self, checkpoint: &mut Checkpoint) -> Result<(), Error> {
         let _ = checkpoint;
         Ok(())
@@ -154,7 +163,7 @@ impl<O: Observer + ?Sized> Observer for &mut O {
     }
 }
 
-/// Two observers side by side; either can stop the run, and both see every checkpoint.
+/// Two observers; either can stop the run, and both receive every checkpoint.
 impl<A: Observer, B: Observer> Observer for (A, B) {
     fn on_edit(&mut self, progress: &Progress, counts: &EditCounts) {
         self.0.on_edit(progress, counts);

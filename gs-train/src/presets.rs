@@ -1,4 +1,4 @@
-//! Settings that are known to work: the paper's experiment, and images at three prices.
+//! Presets of fits: the paper's experiment, and images at three levels of effort.
 
 use std::fmt;
 
@@ -16,17 +16,18 @@ use crate::{
     settings::{ColorSolve, FitSettings, InitialCount},
 };
 
-/// The size of image, px, for which [`FitSettings::quick`], [`FitSettings::standard`] and [`FitSettings::best`] choose their
-/// rates: that of the Kodak test set.
+/// Image size, px, for which [`FitSettings::quick`], [`FitSettings::standard`] and
+/// [`FitSettings::best`] choose learning rates: that of the Kodak test set.
 const REFERENCE_SIZE: (u32, u32) = (768, 512);
 
-/// The share of a run in which density is controlled.
+/// Share of a run in which density is controlled.
 const GROWTH_SHARE: f64 = 0.6;
 
-/// More rounds than this cost more than they bring: a round takes as long as three to five steps.
+/// Largest number of rounds. More cost more than they gain: a round takes as long as three to five
+/// steps.
 const MOST_ROUNDS: f64 = 15.0;
 
-/// Settings by name.
+/// A preset of a fit: settings by name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
@@ -42,10 +43,10 @@ pub enum Preset {
 }
 
 impl Preset {
-    /// All of them, the cheapest first but for the paper's.
+    /// All presets, the paper's first, then by effort.
     pub const ALL: [Self; 4] = [Self::Paper, Self::Quick, Self::Standard, Self::Best];
 
-    /// Its name, in lower case.
+    /// Name in flags.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Paper => "paper",
@@ -55,8 +56,8 @@ impl Preset {
         }
     }
 
-    /// The settings for at most `gaussians` on an image of `size` (columns, rows). The paper's take the budget and ignore the
-    /// size.
+    /// The settings for at most `gaussians` on an image of `size` (columns, rows). The paper's
+    /// ignore the size.
     pub fn settings(self, gaussians: u32, size: (u32, u32)) -> FitSettings {
         match self {
             Self::Paper => FitSettings { gaussians, ..FitSettings::paper() },
@@ -85,13 +86,14 @@ impl Default for FitSettings {
 }
 
 impl FitSettings {
-    /// The paper's experiment (§3): 20 random Gaussians of σ 15 px on white, blended front to back, that forced growth together
-    /// with the absolute threshold, every 100 steps, turns into 600; 2500 steps of Adam in scale and rotation on L1 + D-SSIM.
+    /// The paper's experiment (§3): 20 random Gaussians of σ 15 px on white, blended front to back,
+    /// grow to 600 in 2500 steps.
     ///
-    /// Forced growth alone makes 39 of 20 by step 600, and 234 by step 2400. The union with the threshold, which most Gaussians
-    /// exceed while the picture is blurred, about doubles the count in each round, and reaches 600 between steps 500 and 1000.
-    ///
-    /// Learning rates and initial opacity are not in the paper.
+    /// They grow every 100 steps by forced growth together with the absolute threshold. Adam steps
+    /// in scale and rotation on L1 + D-SSIM. Forced growth alone makes 39 of 20 by step 600, and
+    /// 234 by step 2400. The union with the threshold, which most Gaussians exceed while the image
+    /// is blurred, about doubles the number in each round, and reaches 600 between steps 500
+    /// and 1000. Learning rates and initial opacity are not in the paper.
     pub fn paper() -> Self {
         Self {
             gaussians: 600,
@@ -100,7 +102,6 @@ impl FitSettings {
             seed: 0,
             parameterization: Parameterization::ScaleRotation,
             render: RenderSettings::blended(Blend::Over).on([1.0; 3]),
-            joining: (),
             loss: Loss::PAPER,
             adam: Adam::default(),
             init: Init::Random(Random::default()),
@@ -112,26 +113,26 @@ impl FitSettings {
         }
     }
 
-    /// A first look at an image in 50 steps.
+    /// A quick fit in 50 steps.
     pub fn quick(gaussians: u32) -> Self {
         Preset::Quick.settings(gaussians, REFERENCE_SIZE)
     }
 
-    /// An image in 400 steps: what about a second gives on two cores at 9,000 Gaussians.
+    /// The standard fit in 400 steps: about a second on two cores at 9,000 Gaussians.
     pub fn standard(gaussians: u32) -> Self {
         Preset::Standard.settings(gaussians, REFERENCE_SIZE)
     }
 
-    /// An image in 1500 steps: 0.3 dB better for nearly four times the time.
+    /// The best fit, in 1500 steps: 0.3 dB better than standard in nearly four times the time.
     pub fn best(gaussians: u32) -> Self {
         Preset::Best.settings(gaussians, REFERENCE_SIZE)
     }
 
-    /// An image of `size` (columns, rows) in so many steps: order-free blending, steps in each Gaussian's own frame, and growth
-    /// by residual from 8 % of the budget to all of it.
+    /// A fit of an image of `size` (columns, rows) in so many steps: order-free blending, steps in
+    /// covariance factors, and growth by residual from 8 % of the budget to all of it.
     ///
-    /// Two things follow from the arguments. Dense scenes, whose Gaussians are small and overlap much, take smaller steps and a
-    /// longer memory of squared gradients. Short runs take larger steps with less momentum: there is no time to coast.
+    /// Dense scenes, whose Gaussians are small and overlap much, have smaller steps and a longer
+    /// memory of squared gradients. Short runs have larger steps and less momentum.
     pub fn for_image(gaussians: u32, size: (u32, u32), iterations: u32) -> Self {
         let start = ResidualGrowth::default().start_fraction;
         let density = f64::from(gaussians) / (f64::from(size.0) * f64::from(size.1)).max(1.0);
@@ -139,11 +140,13 @@ impl FitSettings {
         let haste = between(-f64::from(iterations).ln(), -(150f64.ln()), -(50f64.ln()));
         let patience = between(f64::from(iterations).ln(), 150f64.ln(), f64::from(STANDARD_ITERATIONS).ln());
         let hurry = 1.0 + haste / 3.0;
-        let group = |learning_rate: f64| Group {
-            learning_rate: (learning_rate * hurry) as f32,
-            beta1: (0.85 - 0.1 * haste + 0.05 * patience) as f32,
-            beta2: (0.9 + 0.05 * crowding) as f32,
-            schedule: Schedule::Cosine { to: 0.05 },
+        let group = |learning_rate: f64| {
+            Group::default().with(|s| {
+                s.learning_rate = (learning_rate * hurry) as f32;
+                s.beta1 = (0.85 - 0.1 * haste + 0.05 * patience) as f32;
+                s.beta2 = (0.9 + 0.05 * crowding) as f32;
+                s.schedule = Schedule::Cosine { to: 0.05 };
+            })
         };
         let shape = group(0.15 - 0.05 * crowding);
         let color = group(0.03 - 0.01 * crowding);
@@ -156,18 +159,16 @@ impl FitSettings {
             seed: 0,
             parameterization: Parameterization::CovarianceFactor,
             render: RenderSettings::blended(Blend::Sum),
-            joining: (),
             loss: Loss::L2,
-            adam: Adam {
-                mean: shape,
-                scale: shape,
-                rotation: shape,
-                opacity: color,
-                color,
-                epsilon: 1e-12,
-                max_scale: size.0.max(size.1).max(1) as f32,
-                ..Adam::default()
-            },
+            adam: Adam::default().with(|s| {
+                s.mean = shape;
+                s.scale = shape;
+                s.rotation = shape;
+                s.opacity = color;
+                s.color = color;
+                s.epsilon = 1e-12;
+                s.max_scale = size.0.max(size.1).max(1) as f32;
+            }),
             init: Init::default(),
             policy: Policy::Residual(ResidualGrowth::default()),
             rounds: Rounds::until(every, every * rounds as u32),
@@ -177,7 +178,7 @@ impl FitSettings {
         }
     }
 
-    /// The same fit in another number of steps: the rounds of density control move with them.
+    /// The same fit in another number of steps; the rounds of density control are scaled.
     pub fn with_iterations(mut self, iterations: u32) -> Self {
         let scale = |step: u32| {
             let scaled = u64::from(step) * u64::from(iterations) / u64::from(self.iterations.max(1));
@@ -192,12 +193,12 @@ impl FitSettings {
     }
 }
 
-/// Gaussians per pixel up to which rates are those for few, and from which on they are those for many: 9,000 and 70,000 on an
-/// image of 768×512 px, where they were tuned.
+/// Gaussians per pixel between which learning rates are interpolated: 9,000 and 70,000 on an image
+/// of 768×512 px, where they were tuned.
 const SPARSE: f64 = 9_000.0 / (768.0 * 512.0);
 const CROWDED: f64 = 70_000.0 / (768.0 * 512.0);
 
-/// How far `value` has come from `from` to `to`, 0 to 1.
+/// Position of `value` between `from` and `to`, 0 to 1.
 fn between(value: f64, from: f64, to: f64) -> f64 {
     ((value - from) / (to - from)).clamp(0.0, 1.0)
 }

@@ -1,65 +1,68 @@
-//! How close an image is to its target. All figures of this project come from here.
+//! Quality of images against their targets. All figures of this project are computed here.
 //!
-//! A figure of a rendering is that of the 8-bit image that is written of it ([`Image::rounded_to_8_bits`]), held against the target as it
-//! was given: as read from its file, or in floats where a program has made it, such as the paper's circle and square. So whoever compares the
-//! PNG with an image file finds the same figures. Losses, and whatever else steers a training, are of floats.
+//! A figure of a rendering is that of its 8-bit image ([`Image::rounded_to_8_bits`]) against the
+//! target, as read from its file or, where a program has made it, in floats. So a comparison of the
+//! PNG with an image file gives the same figures. Losses, which steer a training, are computed from
+//! floats.
 
 use gs_core::{
     Error, Image,
-    image::rounded_to_8_bits,
     metrics::{self, Comparison},
+    rounded_to_8_bits,
 };
 use serde::{Deserialize, Serialize};
 
 use crate::summary::infinite_where_null;
 
-/// How close two images are.
+/// Measures of how close two images are.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct ImageQuality {
     /// Peak signal-to-noise ratio, dB; ∞ for equal images, which JSON writes as `null`.
     #[serde(deserialize_with = "infinite_where_null")]
     pub psnr: f64,
     /// Structural similarity.
     pub ssim: f64,
-    /// Multi-scale structural similarity; nothing where a side is shorter than 161 px, too small for its five scales.
+    /// Multi-scale structural similarity; `None` where a side is shorter than 161 px, too small for
+    /// its five scales.
     pub ms_ssim: Option<f64>,
     /// Mean absolute difference.
     pub l1: f64,
 }
 
 impl ImageQuality {
-    /// Compares two images as they are, both held to 0..=1.
+    /// Compares two images, both clamped to 0..=1.
     ///
     /// # Errors
-    /// [`Error::SizesDiffer`].
+    /// [`Error::SizesDiffer`] where the images differ in size.
     pub fn between(a: &Image, b: &Image) -> Result<Self, Error> {
         Ok(metrics::compare((a, held), (b, held))?.into())
     }
 
-    /// Compares a rendering, as it is written in 8 bits, with its target.
+    /// Compares a rendering, rounded to 8 bits, with its target.
     ///
     /// # Errors
-    /// [`Error::SizesDiffer`].
+    /// [`Error::SizesDiffer`] where the images differ in size.
     pub fn as_written(rendered: &Image, target: &Image) -> Result<Self, Error> {
         Ok(metrics::compare((rendered, rounded_to_8_bits), (target, held))?.into())
     }
 }
 
 impl From<Comparison> for ImageQuality {
-    fn from(Comparison { psnr, ssim, ms_ssim, l1 }: Comparison) -> Self {
+    fn from(Comparison { psnr, ssim, ms_ssim, l1, .. }: Comparison) -> Self {
         Self { psnr, ssim, ms_ssim, l1 }
     }
 }
 
-/// A value as a display shows it.
+/// A value clamped to 0..=1.
 fn held(value: f32) -> f32 {
     value.clamp(0.0, 1.0)
 }
 
-/// PSNR of a rendering before it is rounded to 8 bits, dB, both held to 0..=1.
+/// PSNR of a rendering before it is rounded to 8 bits, dB, both clamped to 0..=1.
 ///
 /// # Errors
-/// [`Error::SizesDiffer`].
+/// [`Error::SizesDiffer`] where the images differ in size.
 pub(crate) fn psnr_float(rendered: &Image, target: &Image) -> Result<f64, Error> {
     rendered.same_size(target)?;
     let pairs = rendered.pixels().as_flattened().iter().zip(target.pixels().as_flattened());
@@ -67,9 +70,11 @@ pub(crate) fn psnr_float(rendered: &Image, target: &Image) -> Result<f64, Error>
     Ok(-10.0 * (squared / (3 * target.pixels().len()) as f64).log10())
 }
 
-/// L1 (0 to 1) and PSNR (dB) of a rendering, as it is written in 8 bits, against `target`; the images have one size.
+/// L1 (0 to 1) and PSNR (dB) of a rendering, rounded to 8 bits, against `target`; the images must
+/// have one size.
 ///
-/// What [`ImageQuality::as_written`] gives, in one pass over the two images, so that watching a training stays cheap.
+/// The same as [`ImageQuality::as_written`] without the other measures, so that observing a
+/// training stays cheap.
 pub fn l1_and_psnr(rendered: &Image, target: &Image) -> (f64, f64) {
     debug_assert_eq!(rendered.size(), target.size());
     let row = rendered.width() as usize * 3;

@@ -1,18 +1,21 @@
-//! When density is controlled: the rounds of a run, and how far they have come.
+//! The rounds of density control in a run.
 
 use gs_core::Error;
 use serde::{Deserialize, Serialize};
 
-/// The steps after which the density policy is asked: the multiples of `every` in `from..=until`, but never the last step of a
-/// run, after which nothing could adapt to the edit.
+gs_core::impl_with!(Rounds);
+
+/// Steps after which density control runs: the multiples of `every` in `from..=until`, except the
+/// last step of a run, after which nothing could adapt to the edit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "kebab-case")]
+#[non_exhaustive]
 pub struct Rounds {
-    /// Steps from one round to the next; 0 for no density control at all.
+    /// Steps from one round to the next; 0 for no density control.
     pub every: u32,
     /// First step, counted from 1, after which there may be a round.
     pub from: u32,
-    /// Last one.
+    /// Last step, counted from 1, after which there may be a round.
     pub until: u32,
 }
 
@@ -20,20 +23,20 @@ impl Rounds {
     /// No density control.
     pub const NEVER: Self = Self { every: 0, from: 0, until: 0 };
 
-    /// Every `every` steps until `until`.
+    /// A round every `every` steps until step `until`.
     pub const fn until(every: u32, until: u32) -> Self {
         Self { every, from: every, until }
     }
 
-    /// How far the rounds of a run of `iterations` have come with the one after step `step` (counted from 1): from just above 0
-    /// at the first to 1 at the last; nothing where there is none.
+    /// Progress of the rounds of a run of `iterations` with the round after step `step` (counted
+    /// from 1): from just above 0 at the first to 1 at the last; `None` where there is no round.
     pub fn progress(&self, step: u32, iterations: u32) -> Option<f32> {
         let (first, last) = self.span(iterations)?;
         let due = (first * self.every..=last * self.every).contains(&step) && step.is_multiple_of(self.every);
         due.then(|| (step / self.every - first + 1) as f32 / (last - first + 1) as f32)
     }
 
-    /// The step of the last round of a run of `iterations`; 0 where there is none.
+    /// Step of the last round in a run of `iterations`; 0 where there is none.
     pub fn last(&self, iterations: u32) -> u32 {
         self.span(iterations).map_or(0, |(_, last)| last * self.every)
     }
@@ -48,10 +51,10 @@ impl Rounds {
         (first <= last).then_some((first, last))
     }
 
-    /// Fails where the window ends before it begins.
+    /// Checks that the rounds do not end before they begin.
     ///
     /// # Errors
-    /// [`Error::Setting`].
+    /// [`Error::Setting`] where they do.
     pub fn validate(&self) -> Result<(), Error> {
         if self.every > 0 && self.from > self.until {
             let window = format!("from step {} until {}", self.from, self.until);

@@ -1,4 +1,4 @@
-//! Everything that a fit depends on besides the image: one value that can be stored, compared and sent along with a result.
+//! Settings of a 2D fit: everything that it depends on besides the image and the backend.
 
 use gs_core::{Adam, Blend, Error, Loss, Parameterization, RenderSettings, constants::MAX_GAUSSIANS};
 use gs_density::Policy;
@@ -6,84 +6,92 @@ use serde::{Deserialize, Serialize};
 
 use crate::{init::Init, presets::Preset, recovery::Recovery, rounds::Rounds};
 
-/// Step size of opacity logits where a fit without opacities is blended front to back.
+gs_core::impl_with!(FitSettings, ColorSolve);
+
+/// Learning rate of opacity logits where a fit is switched to [`Blend::Over`].
 const OPACITY_RATE: f32 = 0.05;
-/// Step size in standard deviations where a fit is moved to the covariance factor.
+/// Learning rate in standard deviations where a fit is switched to
+/// [`Parameterization::CovarianceFactor`].
 const COVARIANCE_FACTOR_RATE: f32 = 0.15;
 
-/// Images of fewer pixels have a Gaussian for each by default, and larger ones so many at least.
+/// Least default number of Gaussians, unless an image has fewer pixels.
 ///
-/// By the share of larger images, an image of 8x12 px has 2 Gaussians and ends at 18.1 dB, one of 16x24 px at 19.5 dB, one of 32x48 px
-/// at 23.9 dB. With 256 at most they end at 66.1, 64.0 and 39.7 dB, and one of 64x96 px at 31.8 instead of 28.5 dB, in a tenth of a
-/// second. Noise takes one Gaussian a pixel: 3x2 px end at 67.9 dB with 6 and at 33.0 dB with 4, 16x16 px at 67.6 dB with 256 and at
-/// 44.3 dB with 128.
+/// At the share of larger images, an image of 8x12 px would have 2 Gaussians and end at 18.1 dB,
+/// one of 16x24 px at 19.5 dB, one of 32x48 px at 23.9 dB. With 256 or one per pixel they end at
+/// 66.1, 64.0 and 39.7 dB, and one of 64x96 px at 31.8 instead of 28.5 dB, in a tenth of a second.
+/// Noise needs one Gaussian per pixel: 3x2 px end at 67.9 dB with 6 and at 33.0 dB with 4, 16x16 px
+/// at 67.6 dB with 256 and at 44.3 dB with 128.
 const ENOUGH_GAUSSIANS: u64 = 256;
 
-/// How many Gaussians an image of this size (columns, rows) has by default: 9,000 for each 768x512 px, the size of the Kodak test set,
-/// and no fewer than 256 unless it has fewer pixels.
-pub fn gaussians_for((width, height): (u32, u32)) -> u32 {
+/// Default number of Gaussians for an image of this size (columns, rows): 9,000 per 768x512 px, the
+/// size of the Kodak test set, and at least 256 unless it has fewer pixels.
+pub(crate) fn gaussians_for((width, height): (u32, u32)) -> u32 {
     let pixels = u64::from(width) * u64::from(height);
     let count = (pixels * 9_000 / (768 * 512)).max(ENOUGH_GAUSSIANS.min(pixels));
     u32::try_from(count).unwrap_or(u32::MAX)
 }
 
-/// The settings of a 2D fit. Two fits with equal settings, target and backend give equal results, bit for bit.
+/// Settings of a 2D fit. Fits with equal settings, target and backend give equal results, bit for
+/// bit.
 ///
-/// Missing fields of a serialised form take the value of [`FitSettings::default`]; unknown ones are an error.
+/// Missing fields of a serialised form take the value of [`FitSettings::default`]; unknown ones are
+/// an error.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+#[non_exhaustive]
 pub struct FitSettings {
-    /// The most Gaussians there may be, at least 1.
+    /// Largest number of Gaussians, at least 1.
     pub gaussians: u32,
-    /// How many there are at the start.
+    /// Number of Gaussians at the start.
     pub initial: InitialCount,
-    /// Steps of the optimiser; 0 leaves the initial scene as it is.
+    /// Number of steps; 0 leaves the initial scene as it is.
     pub iterations: u32,
-    /// Where all random numbers come from.
+    /// Seed of all random numbers.
     pub seed: u32,
-    /// In which coordinates the optimiser moves.
+    /// Coordinates in which the optimiser moves.
     #[serde(alias = "chart")]
     pub parameterization: Parameterization,
-    /// Blending, background and accuracy. Its `effects.statistics` are overruled by what the policy asks for.
+    /// Blending, background and accuracy. The policy decides about its `effects.statistics`.
     pub render: RenderSettings,
-    #[doc(hidden)]
-    #[serde(skip_serializing, deserialize_with = "crate::effect_schedule::by_the_clock")]
-    pub joining: (),
-    /// What is minimised.
+    /// Loss to minimise.
     pub loss: Loss,
-    /// The optimiser.
+    /// Settings of the optimiser.
     pub adam: Adam,
-    /// Where the first Gaussians are put.
+    /// Initialiser.
     pub init: Init,
-    /// Which Gaussians grow and which go.
+    /// Policy of density control.
     pub policy: Policy,
-    /// When the policy is asked.
+    /// Rounds of density control.
     pub rounds: Rounds,
-    /// The lists of which Gaussian touches which pixels are made anew every so many steps, at least 1, after each round of
-    /// density control, and in each of so many last steps. Between, a pixel that a Gaussian has newly moved to goes without it,
-    /// and training does not see what it does there: 4 saves time for no visible loss, provided that the end is exact (without
-    /// that, a single Gaussian of strong colour that drifted in the very last steps has cost 1.8 dB).
+    /// Steps from one set of new lists of which Gaussian touches which pixels to the next, at
+    /// least 1.
+    ///
+    /// Lists are also new after each round of density control, and in each of as many last steps.
+    /// Between, training ignores pixels that a Gaussian has moved to. 4 saves time without visible
+    /// loss, provided that the last steps are exact (otherwise a single Gaussian of strong colour
+    /// that drifted in the last steps has cost 1.8 dB).
     pub rebin_every: u32,
-    /// What becomes of a fit that has become worse than it was at first.
+    /// What happens to a diverging fit.
     #[serde(skip_serializing_if = "Recovery::is_default")]
     pub recovery: Recovery,
-    /// Least-squares colours; without effect unless blending is [`Blend::Sum`](gs_core::Blend::Sum), where the image is linear in
-    /// them.
+    /// Least-squares colours; used only under [`Blend::Sum`](gs_core::Blend::Sum), where the image
+    /// is linear in them.
     pub color_solve: ColorSolve,
 }
 
-/// How many Gaussians a fit starts with.
+/// Number of Gaussians that a fit starts with.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum InitialCount {
-    /// So many, 1 to the budget.
+    /// This number, 1 to the budget.
     Fixed(u32),
-    /// This part of the budget, above 0 and at most 1, rounded; never less than one Gaussian.
+    /// This fraction of the budget, above 0 and at most 1, rounded, but at least one Gaussian.
     Fraction(f32),
 }
 
 impl InitialCount {
-    /// The number for a budget of `gaussians`.
+    /// The number of Gaussians for a budget of `gaussians`.
     pub fn resolve(self, gaussians: u32) -> u32 {
         match self {
             Self::Fixed(count) => count.clamp(1, gaussians.max(1)),
@@ -97,16 +105,20 @@ impl InitialCount {
 /// Conjugate-gradient iterations of [`Optimizer::solve_colors`](gs_core::Optimizer::solve_colors).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+#[non_exhaustive]
 pub struct ColorSolve {
-    /// Before the first step.
+    /// Iterations before the first step.
     pub at_start: u32,
-    /// After each round of density control.
+    /// Iterations after each round of density control.
     pub after_edit: u32,
 }
 
 impl FitSettings {
-    /// The settings of a preset for an image of `size` (columns, rows), in another number of Gaussians or steps if these are given. The
-    /// number of Gaussians is otherwise that of [`gaussians_for`], or the paper's.
+    /// The settings of a preset for an image of `size` (columns, rows), with another number of
+    /// Gaussians or steps if given.
+    ///
+    /// The default number of Gaussians is 9,000 per 768×512 px, at least 256 or one per pixel; for
+    /// [`Preset::Paper`] the paper's.
     pub fn from_preset(preset: Preset, size: (u32, u32), gaussians: Option<u32>, iterations: Option<u32>) -> Self {
         match (preset, iterations) {
             (Preset::Paper, _) => {
@@ -122,7 +134,7 @@ impl FitSettings {
         }
     }
 
-    /// The same fit with at most so many Gaussians; no more than these are there at the start.
+    /// The same fit with at most this many Gaussians, also at the start.
     #[must_use]
     pub fn with_gaussians(mut self, gaussians: u32) -> Self {
         self.gaussians = gaussians;
@@ -132,8 +144,8 @@ impl FitSettings {
         self
     }
 
-    /// The same fit with steps in another parameterization. Learning rates of mean and shape have other units there, so they become
-    /// those that are known to work.
+    /// The same fit with steps in another parameterization. Learning rates of mean and shape, which
+    /// have other units there, get default values.
     #[must_use]
     pub fn with_parameterization(mut self, parameterization: Parameterization) -> Self {
         if self.parameterization == parameterization {
@@ -154,8 +166,10 @@ impl FitSettings {
         self
     }
 
-    /// The same fit with another blending. Front to back, `background` is put behind, as light that no Gaussian covers must come from
-    /// somewhere, and opacities begin to move; of other effects, none is left.
+    /// The same fit with another blending.
+    ///
+    /// [`Blend::Over`] gets this background, as uncovered pixels need a colour, a learning rate for
+    /// opacities, and no other effects.
     #[must_use]
     pub fn with_blend(mut self, blend: Blend, background: [f32; 3]) -> Self {
         if self.render.effects.blend == blend {
@@ -165,14 +179,15 @@ impl FitSettings {
             Blend::Sum => self.render.effects.blend = blend,
             Blend::Over => {
                 let accuracy = self.render.accuracy;
-                self.render = RenderSettings { accuracy, ..RenderSettings::blended(blend) }.on(background);
+                self.render = RenderSettings::blended(blend).with(|s| s.accuracy = accuracy).on(background);
                 self.adam.opacity.learning_rate = OPACITY_RATE;
             }
         }
         self
     }
 
-    /// The same fit under another policy. It starts with as many Gaussians as the policy asks for: with all of them if it adds none.
+    /// The same fit under another policy. It starts with as many Gaussians as the policy needs:
+    /// with all if it adds none.
     #[must_use]
     pub fn with_policy(mut self, mut policy: Policy) -> Self {
         match &mut policy {
@@ -188,10 +203,10 @@ impl FitSettings {
         self
     }
 
-    /// Fails where a setting is out of its range or contradicts another.
+    /// Checks the ranges of all settings.
     ///
     /// # Errors
-    /// [`Error::Setting`] naming the first offender, its value and what is allowed.
+    /// [`Error::Setting`] naming the first value outside its range, and what is allowed.
     pub fn validate(&self) -> Result<(), Error> {
         if self.gaussians == 0 {
             return Err(Error::setting("the number of Gaussians", 0, "at least 1"));

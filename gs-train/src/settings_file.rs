@@ -1,6 +1,6 @@
-//! Settings in TOML files: read with an error that names the line, the key and the nearest known key.
+//! Settings in TOML files, with errors that name the line, the key and the nearest known key.
 
-use std::{fmt, path::Path};
+use std::{borrow::Cow, fmt, path::Path};
 
 use serde::{Serialize, de::DeserializeOwned};
 use toml::{
@@ -10,7 +10,7 @@ use toml::{
 
 use crate::error::Error;
 
-/// Reads the text of a settings file. `file` is its name, for the error.
+/// Parses the text of a settings file. `file` is its name for the error.
 ///
 /// ```
 /// use gs_train::{FitSettings, parse_settings};
@@ -22,21 +22,47 @@ use crate::error::Error;
 /// ```
 ///
 /// # Errors
-/// [`Error::Settings`] where the text is not TOML, a key is unknown, or a value is of the wrong kind. Ranges are checked by the
-/// settings' own `validate`.
+/// [`Error::Settings`] where the text is not TOML, a key is unknown, or a value has the wrong type.
+/// Ranges are checked by the settings' own `validate`.
 pub fn parse_settings<T: DeserializeOwned>(text: &str, file: &Path) -> Result<T, Error> {
-    toml::from_str(text).map_err(|error| {
-        let start = error.span().map_or(0, |span| span.start.min(text.len()));
-        let (start, problem) = match Unknown::of(error.message(), text, start) {
-            Some(unknown) => (unknown.start, unknown.to_string()),
-            None => (start, error.message().to_owned()),
-        };
+    parse(text).map_err(|(start, problem)| {
         let line = 1 + text[..start].matches('\n').count();
         Error::Settings { file: file.to_owned(), line, problem }
     })
 }
 
-/// The settings as the text of a TOML file, for [`parse_settings`] to read. Numbers have as many digits as tell them apart as `f32`.
+/// Parses settings; an error is the byte at which it is, and what is wrong there.
+pub(crate) fn parse<T: DeserializeOwned>(text: &str) -> Result<T, (usize, String)> {
+    let text = without_joining(text)?;
+    toml::from_str(&text).map_err(|error| {
+        let start = error.span().map_or(0, |span| span.start.min(text.len()));
+        match Unknown::of(error.message(), &text, start) {
+            Some(unknown) => (unknown.start, unknown.to_string()),
+            None => (start, error.message().to_owned()),
+        }
+    })
+}
+
+/// The text without `joining = "scheduled"`, which earlier versions wrote; spaces take its place.
+/// Other values are refused.
+///
+/// `joining` chose between effects by schedule, as today, and effects that were switched on when
+/// the scene required them.
+fn without_joining(text: &str) -> Result<Cow<'_, str>, (usize, String)> {
+    let Ok(document) = DeTable::parse(text) else { return Ok(text.into()) };
+    let Some((key, value)) = document.get_ref().get_key_value("joining") else { return Ok(text.into()) };
+    let start = key.span().start;
+    if value.get_ref().as_str() != Some("scheduled") {
+        let problem = "`joining = when-called-for` is no longer possible: effects that wait until the scene requires them were \
+                       measured to gain nothing. Effects follow a schedule (`sh-degree-every`); remove `joining`";
+        return Err((start, problem.to_owned()));
+    }
+    let end = value.span().end;
+    Ok(format!("{}{}{}", &text[..start], " ".repeat(end - start), &text[end..]).into())
+}
+
+/// The settings as the text of a TOML file, for [`parse_settings`]. Numbers have as many digits as
+/// `f32` needs.
 ///
 /// # Errors
 /// [`Error::UnwritableSettings`] where TOML has no form for them.
@@ -47,7 +73,7 @@ pub fn settings_to_toml(settings: &impl Serialize) -> Result<String, Error> {
     toml::to_string(&value).map_err(unwritable)
 }
 
-/// Every number of the settings is an `f32`, which a wider type shows with digits that mean nothing.
+/// Shortens numbers, which are all `f32`, to the digits that matter.
 fn shorten(value: &mut toml::Value) {
     match value {
         toml::Value::Float(number) => *number = (*number as f32).to_string().parse().unwrap_or(*number),
@@ -57,28 +83,28 @@ fn shorten(value: &mut toml::Value) {
     }
 }
 
-/// A key, or the name of a value, that the settings do not know.
+/// An unknown key, or an unknown name of a value.
 struct Unknown<'a> {
-    /// Whether it is a key or a name.
+    /// "key" or "name".
     what: &'static str,
-    /// The key, or the name.
+    /// The key or the name.
     word: &'a str,
-    /// Where it stands in the text, bytes.
+    /// Its place in the text, bytes.
     start: usize,
-    /// The table that it stands in; empty for the file's own.
+    /// The table that it is in; empty for the file's own.
     table: String,
-    /// The known one that is most like it.
+    /// The most similar known one.
     nearest: Option<&'a str>,
-    /// All names that are known, where it is a name.
+    /// All known names, for an unknown name.
     names: Vec<&'a str>,
 }
 
 impl<'a> Unknown<'a> {
-    /// What the message says, if it is about an unknown key or name, at the first of these from `start` on. The message of a
-    /// table with a `kind` points at the table.
+    /// The unknown key or name of an error message, if it is about one, at its first place from
+    /// `start` on. The message about a table with a `kind` points at the table.
     fn of(message: &'a str, text: &str, start: usize) -> Option<Self> {
         let (what, word, known) = if let Some(rest) = message.strip_prefix("unexpected keys in table: ") {
-            // The toml crate's own words, of the table of an enum's variant.
+            // The toml crate's wording for the table of an enum's variant.
             let (keys, known) = rest.split_once(", available keys: ")?;
             let key = keys.split(", ").next()?;
             ("key", key, known.split(", ").collect::<Vec<_>>())
@@ -116,7 +142,7 @@ impl fmt::Display for Unknown<'_> {
     }
 }
 
-/// The name that is most like `word`, if any is: among equals, the first.
+/// The name most similar to `word`, if any is similar; among equals, the first.
 fn nearest<'a>(word: &str, names: impl Iterator<Item = &'a str>) -> Option<&'a str> {
     let far = 1 + word.chars().count() / 3;
     names
@@ -126,7 +152,8 @@ fn nearest<'a>(word: &str, names: impl Iterator<Item = &'a str>) -> Option<&'a s
         .map(|(_, name)| name)
 }
 
-/// Every place of `word` in a table and those in it, as a key or a text: the byte where it stands, and the path of its table.
+/// All places of `word` in a table and its tables, as a key or a text: the byte, and the path of
+/// its table.
 fn find(table: &DeTable<'_>, word: &str, path: &str, places: &mut Vec<(usize, String)>) {
     for (name, value) in table {
         if name.get_ref() == word || value.get_ref().as_str() == Some(word) {
@@ -147,12 +174,7 @@ fn find_within(value: &Spanned<DeValue<'_>>, word: &str, path: &str, places: &mu
 
 #[cfg(test)]
 mod tests {
-    use gs_core::{
-        Loss, Parameterization,
-        adam::{Group, Schedule},
-        effects::Order,
-        settings::Extent,
-    };
+    use gs_core::{Extent, Loss, Parameterization, adam::Schedule, effects::Order};
     use gs_density::{LongAxisSplit, Policy, SizeThreshold, SplitPlacement};
     use toml::Table;
 
@@ -217,6 +239,23 @@ mod tests {
     }
 
     #[test]
+    fn the_effect_schedule_of_earlier_versions_is_read_and_effects_on_demand_are_refused() {
+        let old = "iterations = 7\njoining = \"scheduled\"\nseed = 3\n";
+        let fit: FitSettings = parse(old).unwrap();
+        assert_eq!((fit.iterations, fit.seed), (7, 3));
+        let training: TrainSettings = parse(old).unwrap();
+        assert_eq!((training.iterations, training.seed), (7, 3));
+        assert!(!settings_to_toml(&fit).unwrap().contains("joining"));
+        let demand = "iterations = 7\n[joining.when-called-for]\nevery = 100\nnarrow = 0.01\nview-dependence = 0.25\n";
+        for message in [parse::<FitSettings>(demand).unwrap_err(), parse::<TrainSettings>(demand).unwrap_err()] {
+            assert!(
+                message.starts_with("settings.toml:2: `joining = when-called-for` is no longer possible"),
+                "{message}"
+            );
+        }
+    }
+
+    #[test]
     fn each_key_of_a_fits_settings_is_known_and_no_other() {
         let inits = [
             Init::Random(Random::default()),
@@ -232,7 +271,7 @@ mod tests {
             settings.policy = policy;
             settings.init = inits[index % inits.len()];
             settings.initial = initials[index % initials.len()];
-            settings.adam.mean = Group { schedule: schedules[index % schedules.len()], ..settings.adam.mean };
+            settings.adam.mean = settings.adam.mean.with(|s| s.schedule = schedules[index % schedules.len()]);
             settings.recovery = Recovery::Never;
             settings.loss = Loss::PAPER;
             settings.render.accuracy.extent = Extent::Sigmas(3.0);

@@ -1,8 +1,8 @@
-//! Why a run ends with fewer Gaussians than it was allowed: its policy could not get there.
+//! Why a run ends with fewer Gaussians than its budget.
 
 use std::fmt;
 
-use gs_core::{Optimizer, edit::EditCounts};
+use gs_core::{Optimizer, counted, edit::EditCounts};
 use gs_density::{Combine, Grow, Policy, Signal, share_of};
 use serde::{Deserialize, Serialize};
 
@@ -12,21 +12,22 @@ use crate::{
     trainer::Trainer,
 };
 
-/// A run has missed its budget where it ends with less than this share of it.
+/// Share of its budget below which a run has missed it.
 const CLEARLY: f64 = 0.9;
 
-/// A run that would need more rounds than this is told none.
+/// Largest number of rounds that is suggested.
 const MOST_ROUNDS: u32 = 10_000;
 
-/// That a finished run has less than nine tenths of the Gaussians it was allowed, and why.
+/// A finished run's shortfall: it has less than nine tenths of the Gaussians of its budget.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub struct Shortfall {
-    /// Gaussians of the scene.
+    /// Number of Gaussians of the scene.
     pub gaussians: u32,
-    /// The most there might have been.
+    /// Largest number of Gaussians allowed.
     pub budget: u32,
-    /// What kept the policy from getting there, in words.
+    /// Why the policy did not reach the budget, in words.
     pub reason: String,
 }
 
@@ -38,7 +39,8 @@ impl fmt::Display for Shortfall {
 }
 
 impl Shortfall {
-    /// That of a run under this policy; nothing where the run is not finished or comes near its budget.
+    /// The shortfall of a run under this policy; `None` where the run is not finished or comes near
+    /// its budget.
     pub(crate) fn of<R: Optimizer<S>, S: Trainable>(trainer: &Trainer<'_, R, S>, policy: &Policy) -> Option<Self> {
         let (gaussians, budget) = (trainer.count(), trainer.settings().budget());
         if !trainer.is_finished() || f64::from(gaussians) >= CLEARLY * f64::from(budget) {
@@ -53,8 +55,8 @@ impl Shortfall {
         };
         let reason = match trainer.fresh_starts().last() {
             Some(FreshStart { step, .. }) => format!(
-                "it went back to its first {} after step {step}, and then {}",
-                plural(growth.first, "Gaussian"),
+                "it restarted with its first {} after step {step}, and then {}",
+                counted(growth.first, "Gaussian"),
                 growth.reason()
             ),
             None => growth.reason(),
@@ -63,11 +65,11 @@ impl Shortfall {
     }
 }
 
-/// How the Gaussians of a scene came about.
+/// Growth of a scene in a run.
 struct Growth<'p> {
-    /// Nothing for one of the caller's own.
+    /// `None` for a policy of the caller's own.
     policy: Option<&'p Policy>,
-    /// Gaussians at first.
+    /// Number of Gaussians at the start.
     first: u32,
     budget: u32,
     /// Rounds of density control.
@@ -79,7 +81,7 @@ impl Growth<'_> {
     fn reason(&self) -> String {
         let Some(policy) = self.policy else { return "its policy, one of the caller's own, added no more".to_owned() };
         let name = policy.name();
-        let rounds = plural(self.rounds, "round");
+        let rounds = counted(self.rounds, "round");
         if *policy == Policy::None {
             return "policy `none` adds no Gaussians".to_owned();
         }
@@ -108,7 +110,8 @@ impl Growth<'_> {
         format!("policy `{name}` {grown}{}", self.pruned())
     }
 
-    /// Of a policy by which a share of the Gaussians grows in each round, of those at most that call for it.
+    /// The reason for a policy that lets a share of the Gaussians grow in each round, among those
+    /// above a threshold if it has one.
     fn by_share(&self, name: &str, percent: f32, calling: Option<String>) -> String {
         let grows = format!("policy `{name}` adds at most {percent} % of the Gaussians in a round");
         let reached = (0..self.rounds).fold(self.first, |count, _| self.next(count, percent));
@@ -116,18 +119,18 @@ impl Growth<'_> {
             let calling = calling.map_or_else(String::new, |calling| format!(", and only those {calling}"));
             return format!("{grows}{calling}{}", self.pruned());
         }
-        let rounds = plural(self.rounds, "round");
+        let rounds = counted(self.rounds, "round");
         let mend = self.mend(percent).map_or_else(String::new, |mend| format!("; {mend}"));
         format!("{grows}, so that {rounds} can turn the initial {} into {reached}{mend}", self.first)
     }
 
-    /// How many a round makes of so many.
+    /// Number of Gaussians after a round with `count`.
     fn next(&self, count: u32, percent: f32) -> u32 {
         let added = share_of(count as usize, percent);
         count.saturating_add(u32::try_from(added).unwrap_or(u32::MAX)).min(self.budget)
     }
 
-    /// How many rounds, or first Gaussians, the budget takes.
+    /// Number of rounds, or of first Gaussians, that reach the budget, in words.
     fn mend(&self, percent: f32) -> Option<String> {
         let mut count = self.first;
         let needed = (1..=MOST_ROUNDS).find(|_| {
@@ -142,7 +145,7 @@ impl Growth<'_> {
     fn pruned(&self) -> String {
         match self.edits.pruned() {
             0 => String::new(),
-            pruned => format!("; {} were pruned", plural(pruned, "Gaussian")),
+            pruned => format!("; {} were pruned", counted(pruned, "Gaussian")),
         }
     }
 }
@@ -153,10 +156,6 @@ fn signal_name(signal: Signal) -> &'static str {
         Signal::AbsoluteGradient => "absolute gradient",
         Signal::PixelError => "pixel error",
     }
-}
-
-fn plural(count: u32, what: &str) -> String {
-    if count == 1 { format!("1 {what}") } else { format!("{count} {what}s") }
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
-//! The result of a fit in one value: what `summary.json` holds.
+//! The summary of a fit, as in `summary.json`.
 
-use gs_core::{Image, Optimizer, Scene2d, edit::EditCounts, statistics::Culled};
+use gs_core::{Culled, Image, Optimizer, Scene2d, edit::EditCounts};
 use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::{
@@ -13,48 +13,50 @@ use crate::{
     trainer::Trainer,
 };
 
-/// What a fit cost and what came of it.
+/// Cost and quality of a fit.
 ///
-/// Figures of quality are those of the 8-bit image that is written of the scene ([`ImageQuality::as_written`]). All numbers but the cost
-/// (steps and seconds) describe the scene as it is, also where the fit returned to its first Gaussians at the end.
+/// Figures of quality are those of the 8-bit image of the scene ([`ImageQuality::as_written`]). All
+/// numbers except the cost (steps and seconds) describe the final scene, also where the fit
+/// returned to its first Gaussians.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct FitSummary {
     /// Columns of the target, px.
     pub width: u32,
     /// Rows of the target, px.
     pub height: u32,
-    /// Gaussians of the scene.
+    /// Number of Gaussians of the scene.
     pub gaussians: u32,
-    /// That there are clearly fewer than the settings allow, and why.
+    /// Why there are clearly fewer Gaussians than the settings allow, where this is so.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub shortfall: Option<Shortfall>,
-    /// Steps done, those before a fresh start included.
+    /// Steps done, those before a restart included.
     pub iterations: u32,
-    /// Time spent fitting, s; see [`Progress::seconds`](crate::Progress::seconds).
+    /// Training time, s; see [`Progress::seconds`](crate::Progress::seconds).
     pub seconds: f64,
     /// Mean absolute difference.
     pub l1: f64,
-    /// dB; ∞ for equal images, which JSON writes as `null`.
+    /// PSNR, dB; ∞ for equal images, which JSON writes as `null`.
     #[serde(deserialize_with = "infinite_where_null")]
     pub psnr: f64,
-    /// PSNR of the rendering before it is rounded to 8 bits, held to 0..=1, dB: what no file has. ∞ as above.
+    /// PSNR of the rendering before it is rounded to 8 bits, clamped to 0..=1, dB. ∞ as above.
     #[serde(default = "unknown", deserialize_with = "infinite_where_null")]
     pub psnr_float: f64,
     /// Structural similarity.
     pub ssim: f64,
-    /// Multi-scale structural similarity; nothing for images too small for it.
+    /// Multi-scale structural similarity; `None` for images too small for it.
     pub ms_ssim: Option<f64>,
-    /// The backend and what it runs on.
+    /// Name of the backend and what it runs on.
     pub backend: String,
-    /// Threads that computed, where the caller knows.
+    /// Number of threads, where the caller knows it.
     pub threads: Option<u32>,
-    /// The seed of all random numbers.
+    /// Seed of all random numbers.
     pub seed: u32,
-    /// The loss of the scene, in the unit of [`FitSettings::loss`].
+    /// Loss of the scene, in the unit of [`FitSettings::loss`].
     pub loss: Option<f32>,
-    /// What density control did to its Gaussians, all rounds together; of those before a fresh start nothing is left.
+    /// Edits of density control since the start or the last restart.
     pub edits: EditCounts,
-    /// How often the fit began again, and why.
+    /// Restarts of the fit.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub fresh_starts: Vec<FreshStart>,
     /// Gaussians that the final rendering left out.
@@ -67,10 +69,12 @@ pub struct FitSummary {
 }
 
 impl FitSummary {
-    /// The summary of a fit as it stands, whose scene looks like `rendered` and from which `culled` were left out.
+    /// The summary of a fit in its current state, whose rendering is `rendered` without the
+    /// `culled` Gaussians.
     ///
     /// # Errors
-    /// [`gs_core::Error::SizesDiffer`] where `rendered` is not of the target's size; those of the backend.
+    /// [`gs_core::Error::SizesDiffer`] where `rendered` is not of the target's size; those of the
+    /// backend.
     pub async fn new<R: Optimizer<Scene2d>>(
         trainer: &Trainer<'_, R>,
         rendered: &Image,
@@ -103,12 +107,12 @@ impl FitSummary {
     }
 }
 
-/// What a summary of before there was such a number says of it.
+/// The value in summaries of versions without this number.
 fn unknown() -> f64 {
     f64::NAN
 }
 
-/// JSON has no infinity: `null` is what becomes of it.
+/// JSON has no infinity and writes `null`.
 pub(crate) fn infinite_where_null<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
     Ok(Option::<f64>::deserialize(deserializer)?.unwrap_or(f64::INFINITY))
 }

@@ -1,4 +1,4 @@
-//! Who is to blame for a loss that is not finite.
+//! The Gaussian that probably caused a loss that is not finite.
 
 use std::fmt;
 
@@ -6,22 +6,24 @@ use gs_density::DensityGaussian;
 
 use crate::task::Trainable;
 
-/// A Gaussian suspected of a divergence: the first whose parameters are not finite, or else the one with the largest.
+/// The Gaussian that probably caused a divergence: the first whose parameters are not finite, or
+/// else the one with the largest.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct Suspect {
-    /// Its index in the scene.
+    /// Index in the scene.
     pub index: usize,
-    /// Its parameters but the opacity, by name and unit, when the loss was seen: after the step, or, where the backend tells losses late, a
-    /// few steps later.
+    /// Parameters except the opacity, by name and unit, after the step or, where the backend
+    /// reports losses late, a few steps later.
     pub parameters: Vec<(&'static str, Vec<f32>)>,
-    /// Its opacity's logit then.
+    /// Opacity logit at that time.
     pub opacity_logit: f32,
-    /// How many Gaussians of the scene have parameters that are not finite.
+    /// Number of Gaussians in the scene with parameters that are not finite.
     pub not_finite: usize,
 }
 
 impl Suspect {
-    /// The Gaussian of a scene to name when the loss is not finite; nothing where there is none.
+    /// The suspect of a scene; `None` for an empty scene.
     pub(crate) fn of<S: Trainable>(scene: &S) -> Option<Self> {
         let worst = |index: usize| {
             let gaussian = scene.gaussian(index);
@@ -45,7 +47,7 @@ impl fmt::Display for Suspect {
         for (name, values) in &self.parameters {
             match values.as_slice() {
                 [value] => write!(f, "{name} {value}, ")?,
-                // Of many, such as SH coefficients, the first few tell enough.
+                // The first few of many, such as SH coefficients.
                 values => write!(f, "{name} {:?}, ", &values[..values.len().min(6)])?,
             }
         }

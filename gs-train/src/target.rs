@@ -1,4 +1,4 @@
-//! The paper's target, which is fitted where no image is given, and variations of it.
+//! The paper's target and variations of it.
 
 use glam::Vec2;
 use gs_core::Image;
@@ -9,13 +9,15 @@ pub const PAPER_SIDE_PX: u32 = 128;
 /// Top-left and bottom-right corner of the paper's square, px.
 pub const PAPER_SQUARE: (Vec2, Vec2) = (Vec2::new(72.0, 68.0), Vec2::new(112.0, 108.0));
 
-/// Centre of the paper's disc, and the radius at which it covers half of a pixel, px.
+/// Centre of the paper's disc and the radius at which it covers half of a pixel, px.
 pub const PAPER_DISC: (Vec2, f32) = (Vec2::new(44.0, 48.0), 24.0);
 
-/// The paper's target (§3.1), 128×128 px: a red disc with a soft edge, and a blue square with a hard one, on white.
+/// The paper's target (§3.1), 128×128 px: a red disc with a soft edge, and a blue square with a
+/// hard one, on white.
 ///
-/// The disc, (0.9, 0.1, 0.1), is centred at (44, 48) and covers sigmoid((24 − r)/2) of a pixel at distance r; the square,
-/// (0.1, 0.2, 0.9), fills 72 < x < 112, 68 < y < 108. Pixel centres lie at j + ½.
+/// The disc, (0.9, 0.1, 0.1), is centred at (44, 48) and covers sigmoid((24 − r)/2) of a pixel at
+/// distance r; the square, (0.1, 0.2, 0.9), fills 72 < x < 112, 68 < y < 108. Pixel centres lie at
+/// j + ½.
 pub fn paper_target() -> Image {
     DiscAndSquare::PAPER.image().expect("128x128 px is a possible size")
 }
@@ -25,22 +27,23 @@ pub fn paper_target() -> Image {
 pub struct DiscAndSquare {
     /// Side of the image, px; all lengths below are scaled by side / 128.
     pub side_px: u32,
-    /// How far the shapes' colours are from white, 1 being the paper's.
+    /// Distance of the shapes' colours from white; 1 is the paper's.
     pub contrast: f32,
-    /// What the square is filled with.
+    /// Fill of the square.
     pub fill: Fill,
-    /// Over how many px of an image of 128 px the square's edge rises from 27 % to 73 %, half of it; 0 is hard.
+    /// Softness of the square's edge, px of an image of 128 px: half the distance over which it
+    /// rises from 27 % to 73 %; 0 is hard.
     pub softness_px: f32,
 }
 
-/// What the square is filled with.
+/// Fill of the square.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Fill {
     /// Blue.
     Plain,
     /// Blue and white stripes down the square: a sine.
     Stripes {
-        /// From one to the next, px of an image of 128 px.
+        /// Distance of the stripes, px of an image of 128 px.
         period_px: f32,
     },
 }
@@ -52,10 +55,10 @@ impl Default for DiscAndSquare {
 }
 
 impl DiscAndSquare {
-    /// The paper's.
+    /// The paper's target.
     pub const PAPER: Self = Self { side_px: PAPER_SIDE_PX, contrast: 1.0, fill: Fill::Plain, softness_px: 0.0 };
 
-    /// The picture.
+    /// Draws the image.
     ///
     /// # Errors
     /// [`gs_core::Error::Size`] where the side is not possible.
@@ -75,7 +78,7 @@ impl DiscAndSquare {
         Image::from_fn(self.side_px, self.side_px, color)
     }
 
-    /// How much of the square's colour is at a place of the paper's plane.
+    /// Share of the square's colour at a place of the paper's plane.
     fn square_coverage(&self, place: Vec2) -> f32 {
         let inside = (place - PAPER_SQUARE.0).min(PAPER_SQUARE.1 - place);
         let stripes = match self.fill {

@@ -1,4 +1,5 @@
-//! What one kind of training adds to the loop that all kinds share: its settings, and its course, which knows the pictures to reach.
+//! What one kind of training adds to the loop that all kinds share: its settings, and its task,
+//! which knows the target images.
 
 use std::{fmt::Debug, future::Future};
 
@@ -8,86 +9,96 @@ use serde::{Serialize, de::DeserializeOwned};
 
 use crate::{error::Error, observer::Quality, recovery::Recovery, rounds::Rounds};
 
-/// A kind of scene that [`Trainer`](crate::Trainer) can train.
-pub trait Trainable: DensityScene {
-    /// Everything that its training depends on besides pictures and backend.
+/// A kind of scene that [`Trainer`](crate::Trainer) can train: [`Scene2d`](gs_core::Scene2d), whose
+/// settings are [`FitSettings`](crate::FitSettings), and [`Scene3d`](gs_core::Scene3d), whose
+/// settings are [`TrainSettings`](crate::TrainSettings).
+///
+/// Sealed: what the training loop needs of a kind of scene changes with the loop.
+pub trait Trainable: SceneTask {}
+
+impl<S: SceneTask> Trainable for S {}
+
+/// The sealed part of [`Trainable`].
+pub trait SceneTask: DensityScene {
+    /// Everything that a run depends on besides images and backend.
     type Settings: RunSettings<Self>;
-    /// Its part of the loop.
+    /// The part of the loop that knows the images.
     type TrainingTask<R: Optimizer<Self>>: TrainingTask<R, Self>;
 
-    /// All parameters of a Gaussian but its opacity, with their names and units, for people.
+    /// All parameters of a Gaussian except its opacity, with names and units for messages.
     fn parameters(gaussian: &Self::Gaussian) -> Vec<(&'static str, Vec<f32>)>;
 
-    /// The smallest and the largest ln-scale of Gaussian `index`.
+    /// Smallest and largest ln-scale of Gaussian `index`.
     ///
     /// # Panics
-    /// When there is no such Gaussian.
+    /// Where there is no such Gaussian.
     fn log_scale_range(&self, index: usize) -> (f32, f32);
 }
 
-/// What the loop must know of a run's settings.
-pub trait RunSettings<S: Trainable>: Clone + Debug + PartialEq + Serialize + DeserializeOwned {
-    /// What a checkpoint says it is of, so that one of another kind of training is refused.
+/// Settings of a run as the loop needs them.
+pub trait RunSettings<S: SceneTask>: Clone + Debug + PartialEq + Serialize + DeserializeOwned {
+    /// Format name in checkpoints, so that a checkpoint of another kind of training is refused.
     const FORMAT: &'static str;
 
-    /// Fails where a setting is out of its range or contradicts another.
+    /// Checks the ranges of all settings.
     ///
     /// # Errors
-    /// [`gs_core::Error::Setting`] naming the first offender.
+    /// [`gs_core::Error::Setting`] naming the first value outside its range.
     fn validate(&self) -> Result<(), gs_core::Error>;
-    /// Steps of the optimiser.
+    /// Number of steps.
     fn iterations(&self) -> u32;
-    /// Where all random numbers come from.
+    /// Seed of all random numbers.
     fn seed(&self) -> u32;
-    /// The most Gaussians there may be.
+    /// Largest number of Gaussians.
     fn budget(&self) -> u32;
-    /// When density is controlled.
+    /// Rounds of density control.
     fn rounds(&self) -> &Rounds;
-    /// In which coordinates the optimiser moves.
+    /// Coordinates in which the optimiser moves.
     fn parameterization(&self) -> Parameterization;
-    /// How it is.
+    /// Policy of density control.
     fn policy(&self) -> &dyn DensityPolicy<S>;
-    /// The effects of the step that follows `step` steps, by the effect schedule; statistics are a matter of the policy.
+    /// Effects of the step after `step` steps, by the effect schedule; the policy decides about
+    /// statistics.
     fn effects_after(&self, step: u32) -> Effects;
-    /// What the position's learning rate has become after `step` steps, as a multiple of what it was at first.
+    /// Learning rate of means after `step` steps, relative to its first value.
     fn mean_factor(&self, step: u32) -> f32;
-    /// Between what the optimiser keeps every scale, in the scene's unit.
+    /// Lower and upper bound of every scale, in the scene's unit.
     fn scale_bounds(&self) -> (f32, f32);
-    /// What is minimised.
+    /// Loss to minimise.
     fn loss(&self) -> Loss;
-    /// An estimate of PSNR from this loss, dB, where there is one.
+    /// Estimate of PSNR from this loss, dB, where there is one.
     fn psnr_estimate(&self, loss: f32) -> Option<f32>;
-    /// What becomes of a run that has become worse than it was at first.
+    /// What happens to a diverging run.
     fn recovery(&self) -> Recovery;
-    /// Whether the step that follows `step` steps makes its lists anew, whatever came before.
+    /// Whether the step after `step` steps always makes new lists.
     fn bins_afresh_after(&self, step: u32) -> bool;
 }
 
-/// What a course is told of the step that it is to send.
+/// Context of a step that a task sends.
 #[derive(Debug, Clone, Copy)]
 pub struct StepContext {
-    /// Steps done before it.
+    /// Steps done before this one.
     pub step: u32,
-    /// The effects of the step, with the statistics that density control wants.
+    /// Effects of the step, with the statistics that density control needs.
     pub effects: Effects,
-    /// What is left of the learning rates of the settings: 1 unless the run had to begin again.
+    /// Learning-rate scale: 1 unless the run has restarted.
     pub lr_scale: f32,
-    /// Whether lists may be used again.
+    /// Fresh or reused lists.
     pub binning: gs_core::Binning,
 }
 
-/// The part of the loop that knows what the pictures are.
-pub trait TrainingTask<R: Optimizer<S>, S: Trainable> {
-    /// The scene's extent as [`Observation`](gs_density::Observation) has it.
+/// The part of the loop that knows the target images.
+pub trait TrainingTask<R: Optimizer<S>, S: SceneTask> {
+    /// Extent of the scene, as in [`Observation::extent`](gs_density::Observation::extent).
     fn extent(&self) -> f32;
 
-    /// How many pictures there are to train with.
-    fn pictures(&self) -> u32;
+    /// Number of images to train with.
+    fn images(&self) -> u32;
 
     /// Sends one step of the optimiser.
     ///
     /// # Errors
-    /// Those of the backend, and of reading a picture.
+    /// Those of the backend, and of reading an image.
     fn send(
         &mut self,
         on: &R,
@@ -96,7 +107,7 @@ pub trait TrainingTask<R: Optimizer<S>, S: Trainable> {
         context: StepContext,
     ) -> impl Future<Output = Result<(), Error>>;
 
-    /// The residual that a policy asks for, where there is one.
+    /// The residual for a policy that needs it, where there is one.
     ///
     /// # Errors
     /// Those of the backend.
@@ -108,7 +119,7 @@ pub trait TrainingTask<R: Optimizer<S>, S: Trainable> {
         effects: &Effects,
     ) -> impl Future<Output = Result<Option<&Residual>, Error>>;
 
-    /// Follows an edit of density control.
+    /// Called after an edit of density control.
     ///
     /// # Errors
     /// Those of the backend.
@@ -120,10 +131,10 @@ pub trait TrainingTask<R: Optimizer<S>, S: Trainable> {
         effects: &Effects,
     ) -> impl Future<Output = Result<(), Error>>;
 
-    /// How good the scene is with these effects; [`Quality::clamped`] is left to the loop.
+    /// Quality of the scene with these effects; the loop adds [`Quality::clamped`].
     ///
     /// # Errors
-    /// Those of the backend, and of reading a picture.
+    /// Those of the backend, and of reading an image.
     fn quality(
         &self,
         on: &R,

@@ -1,5 +1,6 @@
-//! The training loop: steps of the optimiser, rounds of density control between them, and checkpoints from which a run goes on
-//! bit for bit. Shared by every kind of training; what they differ in is their [`TrainingTask`].
+//! The training loop of every kind of training: steps, rounds of density control, and checkpoints
+//! from which a run resumes bit for bit. What differs between kinds of training is their
+//! [`TrainingTask`].
 
 mod density;
 mod fresh_start;
@@ -31,32 +32,33 @@ use crate::{
 pub enum Outcome {
     /// All steps are done.
     Finished,
-    /// An observer asked to stop; the run can be resumed from a checkpoint taken now.
+    /// An observer stopped the run, which can be resumed from a checkpoint taken now.
     Stopped,
 }
 
-/// A training in progress: by default a fit of 2D Gaussians to an image; [`Trainer3d`](crate::Trainer3d) is that of a scene in
-/// space from views.
+/// A training in progress: a fit of 2D Gaussians to an image, or, as
+/// [`Trainer3d`](crate::Trainer3d), the training of a 3D scene from views.
 ///
-/// A run is a function of settings, pictures and backend. What it depends on at a step from which it can be resumed is in the
-/// splats' state, the settings and the step: random numbers are drawn afresh from (seed, step) in each round, and lists of which
-/// Gaussian touches which pixels are never carried over such a step.
+/// A run is a function of settings, images and backend. At a step at which a checkpoint is
+/// possible, it depends only on the splats' state, the settings and the step: random numbers are
+/// drawn anew from (seed, step) in each round, and lists of which Gaussian touches which pixels are
+/// not kept over such a step.
 pub struct Trainer<'a, R: Optimizer<S>, S: Trainable = Scene2d> {
     pub(crate) rasterizer: &'a R,
     pub(crate) record: Record<S::Settings>,
     pub(crate) splats: R::Splats,
     pub(crate) task: S::TrainingTask<R>,
-    /// What the next step does about its lists.
+    /// Whether the next step makes new lists.
     binning: Binning,
     losses: Losses,
-    /// How it goes, and what this run, resumed or not, began with.
+    /// Detection of divergence, and what this run, resumed or not, started with.
     watch: Watch,
     start: Option<Start<S>>,
-    /// In place of the settings' policy.
+    /// Policy in place of that of the settings.
     foreign: Option<ForeignPolicy<S>>,
 }
 
-/// A policy from outside of this project, which settings cannot name.
+/// A policy of the caller's own, which settings cannot name; see [`Trainer::controlled_by`].
 pub type ForeignPolicy<S = Scene2d> = Arc<dyn DensityPolicy<S> + Send + Sync>;
 
 impl<R: Optimizer<S>, S: Trainable> fmt::Debug for Trainer<'_, R, S> {
@@ -70,7 +72,7 @@ impl<R: Optimizer<S>, S: Trainable> fmt::Debug for Trainer<'_, R, S> {
 }
 
 impl<'a, R: Optimizer<S>, S: Trainable> Trainer<'a, R, S> {
-    /// A run that stands where its record says.
+    /// A run in the state of its record.
     pub(crate) fn assemble(
         rasterizer: &'a R,
         record: Record<S::Settings>,
@@ -91,8 +93,9 @@ impl<'a, R: Optimizer<S>, S: Trainable> Trainer<'a, R, S> {
         }
     }
 
-    /// The same run with its density controlled by another policy, one of your own, in place of that of its settings.
-    /// A checkpoint does not hold it: a resumed run must be given it again.
+    /// The same run with a policy of the caller's own in place of that of the settings.
+    ///
+    /// A checkpoint does not hold the policy: pass it again to a resumed run.
     #[must_use]
     pub fn controlled_by(self, policy: ForeignPolicy<S>) -> Self {
         Self { foreign: Some(policy), ..self }
@@ -102,10 +105,10 @@ impl<'a, R: Optimizer<S>, S: Trainable> Trainer<'a, R, S> {
         policy(&self.foreign, &self.record.settings)
     }
 
-    /// Steps until the last, or until an observer stops it.
+    /// Runs until the last step, or until an observer stops the run.
     ///
     /// # Errors
-    /// [`Error::Diverged`], those of the backend, and what an observer returns.
+    /// [`Error::Diverged`], those of the backend, and those of an observer.
     pub async fn run(&mut self, observer: &mut dyn Observer) -> Result<Outcome, Error> {
         let (mut stop, mut checkpoint) = (false, false);
         while !self.is_finished() {
@@ -127,7 +130,7 @@ impl<'a, R: Optimizer<S>, S: Trainable> Trainer<'a, R, S> {
             if ends_here {
                 self.settle().await?;
             }
-            self.tell_losses(observer);
+            self.report_losses(observer);
             if checkpoint && ends_here {
                 observer.on_checkpoint(&mut self.checkpoint().await?)?;
                 checkpoint = false;
@@ -139,27 +142,29 @@ impl<'a, R: Optimizer<S>, S: Trainable> Trainer<'a, R, S> {
         Ok(Outcome::Finished)
     }
 
-    /// One step of the optimiser, and the round of density control that follows it, if one is due. The step itself may still be under
-    /// way; a round, the first step of a run, its last, and those after which it is judged (`Recovery`) wait for all
-    /// that there are.
+    /// One step of the optimiser, and the round of density control that follows it, if one is due.
+    ///
+    /// The step itself may still be under way afterwards. A round, the first and the last step of a
+    /// run, and steps after which divergence is checked ([`Recovery`](crate::Recovery)) wait for
+    /// all steps.
     ///
     /// # Errors
-    /// [`Error::Diverged`] where the loss of this or of an earlier step is not finite, [`Error::Finished`] after the last step, and those
-    /// of the backend.
+    /// [`Error::Diverged`] where the loss of this or of an earlier step is not finite,
+    /// [`Error::Finished`] after the last step, and those of the backend.
     pub async fn step_once(&mut self) -> Result<Progress, Error> {
         let iterations = self.record.settings.iterations();
         if self.is_finished() {
             return Err(Error::Finished { iterations });
         }
         self.check_divergence().await?;
-        self.losses.forget_untold();
+        self.losses.clear_pending();
         let started = Instant::now();
         self.keep_start().await?;
         self.optimise().await?;
         self.record.step += 1;
         let due = self.rounds().progress(self.record.step, iterations);
         let settled = due.is_some() || self.is_judged() || self.is_finished() || self.losses.last().is_none();
-        self.see_losses(if settled { Wait::All } else { Wait::Arrived }).await?;
+        self.collect_losses(if settled { Wait::All } else { Wait::Arrived }).await?;
         let fresh = self.record.settings.bins_afresh_after(self.record.step);
         self.binning = if fresh { Binning::Fresh } else { Binning::Reuse };
         let mut edits = match due {
@@ -170,12 +175,12 @@ impl<'a, R: Optimizer<S>, S: Trainable> Trainer<'a, R, S> {
         if self.is_finished() {
             self.drop_not_finite(&mut edits).await?;
         }
-        let fresh_start = self.begin_again().await?;
+        let fresh_start = self.restart_if_diverged().await?;
         self.record.seconds += started.elapsed().as_secs_f64();
         self.progress(edits, fresh_start)
     }
 
-    /// Where the run stands.
+    /// State of the run for observers.
     fn progress(&self, edits: Option<EditCounts>, fresh_start: Option<FreshStart>) -> Result<Progress, Error> {
         let loss = self.losses.last().ok_or_else(|| self.missing_losses())?;
         Ok(Progress {
@@ -184,7 +189,7 @@ impl<'a, R: Optimizer<S>, S: Trainable> Trainer<'a, R, S> {
             seconds: self.record.seconds,
             count: self.count(),
             loss,
-            loss_step: self.losses.seen(),
+            loss_step: self.losses.arrived(),
             edits,
             fresh_start,
             psnr_estimate: self.record.settings.psnr_estimate(loss),
@@ -192,7 +197,7 @@ impl<'a, R: Optimizer<S>, S: Trainable> Trainer<'a, R, S> {
         })
     }
 
-    /// When density is controlled: no more in a run that has begun again twice.
+    /// Rounds of density control; none in a run that has restarted twice.
     fn rounds(&self) -> &Rounds {
         match self.record.fresh_starts.len() {
             0 | 1 => self.record.settings.rounds(),
@@ -200,27 +205,27 @@ impl<'a, R: Optimizer<S>, S: Trainable> Trainer<'a, R, S> {
         }
     }
 
-    /// Rounds of density control that the Gaussians of the scene have gone through: since the run last began again, if it did.
+    /// Number of rounds of density control since the start or the last restart.
     pub(crate) fn rounds_of_scene(&self) -> u32 {
         let Record { settings, step, fresh_starts, .. } = &self.record;
         let since = fresh_starts.last().map_or(0, |start| start.step);
         (since + 1..=*step).filter(|&at| self.rounds().progress(at, settings.iterations()).is_some()).count() as u32
     }
 
-    /// Whether a policy stands in for that of the settings.
+    /// Whether the run has a policy of the caller's own.
     pub(crate) fn has_foreign_policy(&self) -> bool {
         self.foreign.is_some()
     }
 
-    /// What is left of the settings' learning rates.
+    /// Learning-rate scale.
     fn lr_scale(&self) -> f32 {
         lr_scale(self.record.fresh_starts.len())
     }
 
-    /// Forward, backward and Adam, sent on their way.
+    /// Sends one step of the optimiser.
     async fn optimise(&mut self) -> Result<(), Error> {
         let Record { settings, step, .. } = &self.record;
-        // Statistics that no round will look at are not collected.
+        // Statistics that no later round uses are not collected.
         let statistics = match *step < self.rounds().last(settings.iterations()) {
             true => self.policy().statistics(),
             false => Statistics::None,
@@ -230,31 +235,31 @@ impl<'a, R: Optimizer<S>, S: Trainable> Trainer<'a, R, S> {
         self.task.send(self.rasterizer, &mut self.splats, settings, context).await
     }
 
-    /// Looks at the losses that have come, or waits for all.
-    async fn see_losses(&mut self, wait: Wait) -> Result<(), Error> {
-        let (pictures, watch) = (self.task.pictures(), &mut self.watch);
+    /// Records the losses that have arrived, or waits for all.
+    async fn collect_losses(&mut self, wait: Wait) -> Result<(), Error> {
+        let (images, watch) = (self.task.images(), &mut self.watch);
         let list = self.losses.list();
         let known = list.len();
         let added = self.rasterizer.losses(&mut self.splats, wait, list).await;
-        // What came before an error counts.
-        self.losses.see(known, |step, loss| watch.hear(step, loss, pictures));
+        // Losses that arrived before an error count.
+        self.losses.record(known, |step, loss| watch.record(step, loss, images));
         added?;
         self.check_divergence().await?;
-        match wait == Wait::All && self.losses.seen() != self.record.step {
+        match wait == Wait::All && self.losses.arrived() != self.record.step {
             true => Err(self.missing_losses()),
             false => Ok(()),
         }
     }
 
     fn missing_losses(&self) -> Error {
-        let (seen, step) = (self.losses.seen(), self.record.step);
-        gs_core::Error::State(format!("the backend has told the losses of {seen} steps out of {step}")).into()
+        let (arrived, step) = (self.losses.arrived(), self.record.step);
+        gs_core::Error::State(format!("the backend has reported the losses of {arrived} steps out of {step}")).into()
     }
 
-    /// Waits for the steps under way, which is time spent fitting, and sees their losses.
+    /// Waits for the steps under way, which counts as training time, and records their losses.
     async fn settle(&mut self) -> Result<(), Error> {
         let started = Instant::now();
-        self.see_losses(Wait::All).await?;
+        self.collect_losses(Wait::All).await?;
         self.record.seconds += started.elapsed().as_secs_f64();
         Ok(())
     }
@@ -270,24 +275,24 @@ impl<'a, R: Optimizer<S>, S: Trainable> Trainer<'a, R, S> {
         }
     }
 
-    fn tell_losses(&mut self, observer: &mut dyn Observer) {
-        let (first_step, losses) = self.losses.untold();
+    fn report_losses(&mut self, observer: &mut dyn Observer) {
+        let (first_step, losses) = self.losses.pending();
         if !losses.is_empty() {
             observer.on_losses(first_step, losses);
-            self.losses.forget_untold();
+            self.losses.clear_pending();
         }
     }
 
-    /// How good the scene is now, from renderings made for it.
+    /// Measures the quality of the current scene by rendering it.
     ///
     /// # Errors
-    /// Those of the backend, and of reading a picture.
+    /// Those of the backend, and of reading an image.
     pub async fn quality(&self) -> Result<Quality, Error> {
         let quality = self.task.quality(self.rasterizer, &self.splats, &self.record.settings, &self.effects()).await?;
         Ok(Quality { clamped: self.clamped().await?, ..quality })
     }
 
-    /// How many Gaussians have a scale at one of the optimiser's bounds.
+    /// Counts the Gaussians with a scale at one of the optimiser's bounds.
     ///
     /// # Errors
     /// Those of the backend.
@@ -295,7 +300,7 @@ impl<'a, R: Optimizer<S>, S: Trainable> Trainer<'a, R, S> {
         Ok(Clamped::of(&self.scene().await?, &self.record.settings))
     }
 
-    /// The scene as it is now.
+    /// Downloads the current scene.
     ///
     /// # Errors
     /// Those of the backend.
@@ -303,18 +308,18 @@ impl<'a, R: Optimizer<S>, S: Trainable> Trainer<'a, R, S> {
         Ok(self.rasterizer.download(&self.splats).await?)
     }
 
-    /// Whether the next step makes its lists anew, so that nothing but the splats, the settings and the step matters to it; or
-    /// whether there is no next step.
+    /// Whether a checkpoint is possible: the next step makes new lists, or there is no next step.
     pub fn can_checkpoint(&self) -> bool {
         self.binning == Binning::Fresh || self.is_finished()
     }
 
-    /// All that is needed to go on later, with [`Trainer::resume`]. Waits for the steps under way: a checkpoint is only made of a state
-    /// that finite losses led to.
+    /// Takes a checkpoint, for [`Trainer::resume`]. Waits for the steps under way, as all losses
+    /// before a checkpoint must be finite.
     ///
     /// # Errors
-    /// [`Error::BetweenCheckpoints`] where [`Trainer::can_checkpoint`] is false, [`Error::Diverged`], [`Error::Checkpoint`] for
-    /// settings that cannot be stored, and those of the backend.
+    /// [`Error::BetweenCheckpoints`] where [`Trainer::can_checkpoint`] is false,
+    /// [`Error::Diverged`], [`Error::Checkpoint`] for settings that cannot be stored, and those of
+    /// the backend.
     pub async fn checkpoint(&mut self) -> Result<Checkpoint, Error> {
         if !self.can_checkpoint() {
             let Record { settings, step, .. } = &self.record;
@@ -330,54 +335,62 @@ impl<'a, R: Optimizer<S>, S: Trainable> Trainer<'a, R, S> {
         self.record.step
     }
 
+    /// Steps in all.
+    pub fn iterations(&self) -> u32 {
+        self.record.settings.iterations()
+    }
+
     /// Whether all steps are done.
     pub fn is_finished(&self) -> bool {
         self.record.step >= self.record.settings.iterations()
     }
 
-    /// Gaussians now.
+    /// Number of Gaussians.
     pub fn count(&self) -> u32 {
         self.rasterizer.len(&self.splats) as u32
     }
 
-    /// The settings of this run.
+    /// Settings of the run: [`FitSettings`](crate::FitSettings) or
+    /// [`TrainSettings`](crate::TrainSettings).
     pub fn settings(&self) -> &S::Settings {
         &self.record.settings
     }
 
-    /// The backend's name and what it runs on.
+    /// Name of the backend and what it runs on.
     pub fn backend(&self) -> String {
         self.rasterizer.describe()
     }
 
-    /// What density control has done so far to the Gaussians that there are, all rounds together.
+    /// Edits of density control since the start or the last restart.
     pub fn edits(&self) -> &EditCounts {
         &self.record.edits
     }
 
-    /// The effects that the scene is trained with as it is now: those of the last step, or of the first one where none is done.
+    /// Effects that the scene is trained with: those of the last step, or of the first one before
+    /// any step.
     pub fn effects(&self) -> Effects {
         self.record.effects()
     }
 
-    /// How often the run has begun again, and why; see [`Recovery`](crate::Recovery).
+    /// Restarts of the run; see [`Recovery`](crate::Recovery).
     pub fn fresh_starts(&self) -> &[FreshStart] {
         &self.record.fresh_starts
     }
 
-    /// The loss before the last step whose loss has come, as in [`Progress::loss`]; nothing where this run, resumed or not, has made no
-    /// step yet.
+    /// The last loss that has arrived, as in [`Progress::loss`]; `None` before the first step of
+    /// this run, resumed or not.
     pub fn loss(&self) -> Option<f32> {
         self.losses.last()
     }
 
-    /// The losses that have come since the last [`Trainer::step_once`] began, in the order of their steps, and the first of these steps,
-    /// counted from 1. From step to step they are the losses of all steps, each once; [`Trainer::run`] tells them to its observer.
+    /// The losses that have arrived since the last [`Trainer::step_once`] began, in the order of
+    /// their steps, and the first of these steps, counted from 1. Over all steps they are the
+    /// losses of all steps, each once.
     pub fn new_losses(&self) -> (u32, &[f32]) {
-        self.losses.untold()
+        self.losses.pending()
     }
 
-    /// Time spent fitting so far, s; see [`Progress::seconds`].
+    /// Training time so far, s; see [`Progress::seconds`].
     pub fn seconds(&self) -> f64 {
         self.record.seconds
     }
@@ -393,7 +406,8 @@ fn policy<'p, S: Trainable>(
     }
 }
 
-/// The random numbers of the initialiser (step 0) or of the round after a step (counted from 1).
+/// Random number generator of the initialiser (step 0) or of the round after a step (counted from
+/// 1).
 pub(crate) fn random(seed: u32, step: u32) -> Rng {
     Rng::seed_from_u64(u64::from(seed) << 32 | u64::from(step))
 }

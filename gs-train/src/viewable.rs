@@ -1,8 +1,9 @@
-//! 2D scenes that look right in viewers of 3D splats, whatever their blending.
+//! Conversion of 2D scenes for viewers of 3D splats.
 //!
-//! Viewers blend Gaussians front to back, widen each by 0.3 px², take negative colours for 0, and put nothing behind the scene. A 2D
-//! scene is seldom made for that: most are sums ([`Blend::Sum`]), with negative colours, before a background. So [`viewable`]
-//! trains a scene for viewers. It starts with the Gaussians of the given scene, and its target is the rendering of that scene.
+//! Viewers blend Gaussians front to back, widen each by 0.3 px², clamp negative colours to 0, and
+//! have no background. Most 2D scenes are sums ([`Blend::Sum`]), with negative colours, before a
+//! background. So [`viewable`] trains a scene for viewers, starting from the Gaussians of the given
+//! scene, with its rendering as target.
 
 use std::sync::Arc;
 
@@ -11,41 +12,42 @@ use gs_core::{
     Blend, Canvas, EditPlan, Gaussian2d, Image, Optimizer, Rasterizer, RenderSettings, Scene2d, Scene3d,
     edit::{Change, Moments},
     effects::{Antialias, Order, Statistics},
-    examination, metrics,
-    scene::logit,
+    examination, logit, metrics,
 };
 use gs_density::{DensityPolicy, Observation, Rng};
 use gs_io::{File2d, flat_scene};
 
 use crate::{error::Error, rounds::Rounds, settings::FitSettings, train::Flat, trainer::Trainer};
 
-/// Steps of the optimiser. On photographs they end at 33 to 47 dB; twice as many brought 0.6 dB on the one where that was tried.
+/// Number of steps. Photographs end at 33 to 47 dB; twice as many steps gained 0.6 dB on the one
+/// that was tried.
 const STEPS: u32 = 200;
 
 /// Steps from one correction of colours to the next.
 const STEPS_A_ROUND: u32 = 8;
 
-/// Step size of opacity logits.
+/// Learning rate of opacity logits.
 const OPACITY_RATE: f32 = 0.05;
 
-/// Opacity that the Gaussians of a sum start with.
+/// Initial opacity of the Gaussians of a sum.
 const OPACITY: f32 = 0.7;
 
-/// The share of its own colour that a Gaussian of a sum starts with, besides the picture's colour at its mean.
+/// Share of its own colour in the initial colour of a Gaussian of a sum, added to the image's
+/// colour at its mean.
 const COLOR_SHARE: f32 = 0.5;
 
-/// Logits start between −this and this, where they have a gradient to speak of.
+/// Largest magnitude of initial opacity logits, so that they have a gradient.
 const MAX_LOGIT: f32 = 5.0;
 
-/// Gaussians of the background along the picture's longer side.
+/// Number of background Gaussians along the image's longer side.
 const BACKGROUND_SIDE: u32 = 16;
 
-/// The colours that Gaussians may have.
+/// Range of colours that Gaussians may have.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ColorRange {
-    /// 0 and more: viewers of 3D splats.
+    /// 0 and more, for viewers of 3D splats.
     NotNegative,
-    /// 0 to 1: SVG.
+    /// 0 to 1, for SVG.
     Unit,
 }
 
@@ -58,21 +60,25 @@ impl ColorRange {
     }
 }
 
-/// A scene for viewers, and how well it shows what it was made of.
+/// Result of [`viewable`].
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct Viewable {
-    /// The scene: blended front to back, widened by 0.3 px², without background, its colours in the range.
+    /// The scene: blended front to back, widened by 0.3 px², without background, with colours in
+    /// the range.
     pub file: File2d,
-    /// PSNR of [`flat_scene`] of it, rendered as a 3D scene from the front at the picture's size, against the rendering of the given
-    /// scene, both in 8 bits, dB; ∞ where they are equal.
+    /// PSNR against the rendering of the given scene, both in 8 bits, dB; ∞ where they are equal.
+    ///
+    /// The scene is rendered as a 3D scene ([`flat_scene`]) from the front at the image's size.
     pub psnr: f64,
 }
 
-/// Makes a scene for viewers of a 2D scene. The same scene gives the same result, bit for bit, on the same backend.
+/// Makes a scene for viewers from a 2D scene. The same scene gives the same result, bit for bit, on
+/// the same backend.
 ///
 /// # Errors
-/// [`gs_core::Error::State`] for a scene that shows nothing; [`gs_core::Error::Unsupported`] where the backend has no antialiasing of
-/// 2D scenes; those of [`Trainer`].
+/// [`gs_core::Error::State`] for a scene without Gaussians; [`gs_core::Error::Unsupported`] where
+/// the backend has no antialiasing of 2D scenes; those of [`Trainer`].
 pub async fn viewable<R>(on: &R, file: &File2d, range: ColorRange) -> Result<Viewable, Error>
 where
     R: Optimizer<Scene2d> + Optimizer<Scene3d>,
@@ -106,7 +112,7 @@ async fn psnr_of<R: Optimizer<Scene3d>>(on: &R, file: &File2d, target: &Image) -
     Ok(metrics::psnr(&image.rounded_to_8_bits(), &target.rounded_to_8_bits())?)
 }
 
-/// How a viewer shows 3D scenes.
+/// Render settings of viewers of 3D scenes.
 fn as_viewers_do() -> RenderSettings {
     let mut render = RenderSettings::blended(Blend::Over);
     (render.effects.order, render.effects.antialias) = (Order::Global, Antialias::Dilate);
@@ -128,7 +134,8 @@ fn start(file: &File2d, target: &Image, range: ColorRange) -> Scene2d {
                 g.opacity_logit = logit(OPACITY);
                 g.color = range.nearest(color_at(target, g.mean) + COLOR_SHARE * g.color);
             }
-            // The small ones in front, where the large ones do not hide them. Stable: ties by index.
+            // The small ones in front, where the large ones do not hide them. Stable: ties by
+            // index.
             gaussians.sort_by(|a, b| a.log_scale.element_sum().total_cmp(&b.log_scale.element_sum()));
         }
     }
@@ -139,7 +146,7 @@ fn start(file: &File2d, target: &Image, range: ColorRange) -> Scene2d {
     gaussians.into_iter().collect()
 }
 
-/// A grid of nearly opaque Gaussians over the whole picture: a viewer has nothing else to put behind it.
+/// A grid of nearly opaque Gaussians over the whole image, as viewers have no background.
 fn background((width, height): (u32, u32), color: Vec3) -> Vec<Gaussian2d> {
     let size = Vec2::new(width as f32, height as f32);
     let counts = (size / size.max_element() * BACKGROUND_SIDE as f32).ceil().as_uvec2();
@@ -155,7 +162,7 @@ fn background((width, height): (u32, u32), color: Vec3) -> Vec<Gaussian2d> {
     (0..=counts.y).flat_map(|row| (0..=counts.x).map(move |column| gaussian(place(column, row)))).collect()
 }
 
-/// The picture's colour at a place; outside, that of the nearest pixel.
+/// The image's colour at a place; outside, that of the nearest pixel.
 fn color_at(target: &Image, place: Vec2) -> Vec3 {
     // Saturating casts.
     let (x, y) = (place.x as u32, place.y as u32);
@@ -171,7 +178,8 @@ fn settings(gaussians: u32, size: (u32, u32)) -> FitSettings {
     settings
 }
 
-/// Keeps colours in range while a scene is trained, so that it need not be changed afterwards; no Gaussian comes or goes.
+/// Policy that keeps colours in range while a scene is trained, so that it need not be changed
+/// afterwards.
 #[derive(Debug)]
 struct KeepColors(ColorRange);
 

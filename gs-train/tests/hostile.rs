@@ -18,8 +18,7 @@ use gs_core::{
 };
 use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_train::{
-    Control, Error, FitSettings, InitialCount, Observer, Progress, TrainPreset, TrainSettings, Trainable, Trainer,
-    Trainer3d,
+    Control, Error, FitSettings, InitialCount, Observer, Progress, TrainPreset, Trainable, Trainer, Trainer3d,
     train::{PosedView, Start, Views},
 };
 use pollster::FutureExt as _;
@@ -82,16 +81,15 @@ impl Hostility {
         if !self.is_hasty() {
             return usual;
         }
-        let hasty = |group: Group| Group { learning_rate: 100.0 * group.learning_rate, ..group };
-        Adam {
-            mean: hasty(usual.mean),
-            scale: hasty(usual.scale),
-            rotation: hasty(usual.rotation),
-            opacity: hasty(usual.opacity),
-            color: hasty(usual.color),
-            color_rest: hasty(usual.color_rest),
-            ..usual
-        }
+        let hasty = |group: Group| group.with(|s| s.learning_rate = 100.0 * group.learning_rate);
+        usual.with(|s| {
+            s.mean = hasty(usual.mean);
+            s.scale = hasty(usual.scale);
+            s.rotation = hasty(usual.rotation);
+            s.opacity = hasty(usual.opacity);
+            s.color = hasty(usual.color);
+            s.color_rest = hasty(usual.color_rest);
+        })
     }
 }
 
@@ -129,22 +127,22 @@ impl Observer for TrainingTask {
     }
 }
 
-/// Runs a fit to its end and finds what must not be; how often it began again. `loss_of` tells the loss of a scene over all pictures.
+/// Runs a fit to its end and checks the result; returns the number of restarts. `loss_of` is the loss of a scene over all images.
 fn endure<R: Optimizer<S>, S: Trainable>(
     mut trainer: Trainer<'_, R, S>,
     loss_of: impl Fn(&S) -> Result<f64, Error>,
     budget: u32,
 ) -> Result<usize, String> {
-    let told = |error: Error| error.to_string();
-    let first = trainer.scene().block_on().and_then(|scene| loss_of(&scene)).map_err(told)?;
+    let text = |error: Error| error.to_string();
+    let first = trainer.scene().block_on().and_then(|scene| loss_of(&scene)).map_err(text)?;
     let mut trajectory = TrainingTask::default();
-    trainer.run(&mut trajectory).block_on().map_err(told)?;
-    let scene = trainer.scene().block_on().map_err(told)?;
+    trainer.run(&mut trajectory).block_on().map_err(text)?;
+    let scene = trainer.scene().block_on().map_err(text)?;
     scene.validate().map_err(|error| error.to_string())?;
     if trajectory.most > budget {
         return Err(format!("{} Gaussians, {budget} allowed", trajectory.most));
     }
-    let last = loss_of(&scene).map_err(told)?;
+    let last = loss_of(&scene).map_err(text)?;
     if last <= first * NO_WORSE {
         return Ok(trainer.fresh_starts().len());
     }
@@ -155,19 +153,19 @@ fn endure<R: Optimizer<S>, S: Trainable>(
     ))
 }
 
-/// Runs every hostility from every seed and tells of all that failed, and of fresh starts.
+/// Runs every hostility from every seed and reports all failures and restarts.
 #[expect(clippy::print_stdout, reason = "the numbers of a record")]
 fn endure_all(length: Length, fit: impl Fn(Hostility, u32) -> Result<usize, String>) {
     let mut failures = Vec::new();
     for hostility in Hostility::ALL {
-        let (mut begun_again, mut fresh_starts) = (0, 0);
+        let (mut restarted, mut fresh_starts) = (0, 0);
         for seed in 0..length.seeds {
             match fit(hostility, seed) {
-                Ok(count) => (begun_again, fresh_starts) = (begun_again + usize::from(count > 0), fresh_starts + count),
+                Ok(count) => (restarted, fresh_starts) = (restarted + usize::from(count > 0), fresh_starts + count),
                 Err(failure) => failures.push(format!("{hostility:?}, seed {seed}: {failure}")),
             }
         }
-        println!("{hostility:?}: {begun_again} of {} began again, {fresh_starts} times", length.seeds);
+        println!("{hostility:?}: {restarted} of {} restarted, {fresh_starts} times", length.seeds);
     }
     assert!(failures.is_empty(), "{} fits failed:\n{}", failures.len(), failures.join("\n"));
     let peak = memory::peak().unwrap_or(0);
@@ -188,8 +186,12 @@ fn scene_2d(
         Blend::Sum => FitSettings::for_image(24, PLANE, length.steps),
         Blend::Over => FitSettings::paper().with_iterations(length.steps),
     };
-    let settings =
-        FitSettings { gaussians: 24, initial: InitialCount::Fixed(8), seed, adam: hostility.adam(usual.adam), ..usual };
+    let settings = usual.with(|s| {
+        s.gaussians = 24;
+        s.initial = InitialCount::Fixed(8);
+        s.seed = seed;
+        s.adam = hostility.adam(s.adam);
+    });
     let target = hostility.target(PLANE, seed);
     let trainer = match hostility {
         Hostility::Transparent => {
@@ -233,7 +235,11 @@ fn scene_3d(rasterizer: &CpuRasterizer, hostility: Hostility, length: Length, se
     };
     let target = hostility.target(PLANE, seed);
     let usual = TrainPreset::ThreeDgs.settings(Some(length.steps));
-    let mut settings = TrainSettings { gaussians: 60, seed, adam: hostility.adam(usual.adam), ..usual };
+    let mut settings = usual.with(|s| {
+        s.gaussians = 60;
+        s.seed = seed;
+        s.adam = hostility.adam(s.adam);
+    });
     settings.init.random = 30;
     let mut start = space::thirty();
     if hostility == Hostility::Transparent {

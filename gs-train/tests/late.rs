@@ -3,9 +3,9 @@
 mod scenes;
 
 use gs_core::{
-    AdamRates, Backend, Blend, Canvas, DensityStatistics, EditPlan, Error as CoreError, Gaussian2d, Image, Loss,
-    MeanNoise, Optimizer, Parameterization, Rasterizer, RenderSettings, Scene2d, SplatsState, TargetImage, TrainStep,
-    Wait, statistics::Culled,
+    AdamRates, Backend, Blend, Canvas, Culled, DensityStatistics, EditPlan, Error as CoreError, Gaussian2d, Image,
+    Loss, MeanNoise, Optimizer, Parameterization, Rasterizer, RenderSettings, Scene2d, SplatsState, TargetImage,
+    TrainStep, Wait,
 };
 use gs_cpu::{CpuRasterizer, Splats2d};
 use gs_train::{Control, Error, FitSettings, MetricsLog, Observer, Outcome, Progress, Rounds, Trainer};
@@ -255,8 +255,10 @@ fn losses_that_come_late_make_no_difference() {
 
 #[test]
 fn a_fit_begins_again_at_the_same_step_however_late_its_losses_come() {
-    let mut settings =
-        FitSettings { iterations: 100, parameterization: Parameterization::ScaleRotation, ..small_fit(Blend::Over) };
+    let mut settings = small_fit(Blend::Over).with(|s| {
+        s.iterations = 100;
+        s.parameterization = Parameterization::ScaleRotation;
+    });
     settings.adam.mean.learning_rate = 200.0;
     let (expected, _) = fit(&rasterizer(), settings.clone(), None);
     let begun_again = expected.rows.iter().filter(|row| !row[row.len() - 1].is_empty()).count();
@@ -279,7 +281,7 @@ fn fits_on_a_gpu_repeat_themselves_in_every_row() {
 #[test]
 fn a_divergence_is_that_of_its_step_however_late_it_is_seen() {
     fn diverge<R: Optimizer<Scene2d>>(rasterizer: &R) -> (u32, u32, u32) {
-        let mut settings = FitSettings { rounds: Rounds::NEVER, ..small_fit(Blend::Sum) };
+        let mut settings = small_fit(Blend::Sum).with(|s| s.rounds = Rounds::NEVER);
         settings.adam.color.learning_rate = 1e36;
         let mut trainer = Trainer::new(rasterizer, &small_target(), settings).block_on().unwrap();
         let mut seen = Vec::new();

@@ -1,4 +1,4 @@
-//! A run that has become worse than it was at first begins again, says so wherever a run is told of, and ends no worse.
+//! A diverging run restarts, reports it in progress, metrics, summary and checkpoint, and ends no worse than it began.
 
 mod scenes;
 /// Shared with other tests, which use all of it.
@@ -8,22 +8,21 @@ mod space;
 use gs_core::{Blend, Parameterization, edit::EditCounts};
 use gs_density::Policy;
 use gs_train::{
-    Control, FitSettings, FreshStart, MetricsLog, Observer, Outcome, Progress, Recovery, Rounds, TrainSettings,
-    Trainer, Trainer3d, fit, train::Start,
+    Control, FitSettings, FreshStart, MetricsLog, Observer, Outcome, Progress, Recovery, Rounds, Trainer, Trainer3d,
+    fit, train::Start,
 };
 use pollster::FutureExt as _;
 use scenes::{rasterizer, small_fit, small_target};
 
 /// Two windows, whose first begins with steps longer than the picture.
 fn hasty(recovery: Recovery) -> FitSettings {
-    let mut settings = FitSettings {
-        iterations: 100,
-        recovery,
-        rounds: Rounds::NEVER,
-        policy: Policy::None,
-        parameterization: Parameterization::ScaleRotation,
-        ..small_fit(Blend::Over)
-    };
+    let mut settings = small_fit(Blend::Over).with(|s| {
+        s.iterations = 100;
+        s.recovery = recovery;
+        s.rounds = Rounds::NEVER;
+        s.policy = Policy::None;
+        s.parameterization = Parameterization::ScaleRotation;
+    });
     settings.adam.mean.learning_rate = 200.0;
     settings
 }
@@ -56,7 +55,7 @@ fn a_failed_fit_begins_again_and_says_so() {
 #[test]
 fn a_fit_that_has_failed_at_its_end_ends_with_its_first_gaussians() {
     let (rasterizer, target) = (rasterizer(), small_target());
-    let settings = FitSettings { iterations: 50, ..hasty(Recovery::BeginAgain) };
+    let settings = hasty(Recovery::BeginAgain).with(|s| s.iterations = 50);
     let mut trainer = Trainer::new(&rasterizer, &target, settings).block_on().unwrap();
     let start = trainer.scene().block_on().unwrap();
     trainer.run(&mut ()).block_on().unwrap();
@@ -67,7 +66,7 @@ fn a_fit_that_has_failed_at_its_end_ends_with_its_first_gaussians() {
 #[test]
 fn the_summary_of_a_fit_that_went_back_is_that_of_the_scene_it_went_back_to() {
     let (rasterizer, target) = (rasterizer(), small_target());
-    let mut settings = FitSettings { iterations: 50, ..hasty(Recovery::BeginAgain) };
+    let mut settings = hasty(Recovery::BeginAgain).with(|s| s.iterations = 50);
     (settings.adam.color.learning_rate, settings.adam.mean.learning_rate) = (1e6, 0.2);
     (settings.rounds, settings.policy) = (Rounds::until(10, 40), Policy::from_name("percentile").unwrap());
     let mut trainer = Trainer::new(&rasterizer, &target, settings.clone()).block_on().unwrap();
@@ -82,7 +81,7 @@ fn the_summary_of_a_fit_that_went_back_is_that_of_the_scene_it_went_back_to() {
         (first.psnr, first.ssim, first.clamped, first.culled)
     );
     let shortfall = last.shortfall.expect("20 of 60");
-    assert!(shortfall.reason.starts_with("it went back to its first 20 Gaussians after step 50"), "{shortfall}");
+    assert!(shortfall.reason.starts_with("it restarted with its first 20 Gaussians after step 50"), "{shortfall}");
 }
 
 #[test]
@@ -96,8 +95,8 @@ fn a_scene_that_shows_no_error_has_not_failed() {
 #[test]
 fn a_fit_that_goes_well_is_bit_for_bit_that_which_nobody_watches() {
     for blend in [Blend::Sum, Blend::Over] {
-        let watched = FitSettings { iterations: 120, ..small_fit(blend) };
-        let alone = FitSettings { recovery: Recovery::Never, ..watched.clone() };
+        let watched = small_fit(blend).with(|s| s.iterations = 120);
+        let alone = watched.clone().with(|s| s.recovery = Recovery::Never);
         let [watched, alone] =
             [watched, alone].map(|it| fit(&rasterizer(), &small_target(), it, &mut ()).block_on().unwrap());
         assert_eq!(watched.scene, alone.scene);
@@ -117,10 +116,10 @@ impl Observer for StopAt {
 #[test]
 fn a_training_whose_opacities_are_reset_is_not_taken_for_one_that_failed() {
     let rasterizer = space::rasterizer();
-    let mut settings = TrainSettings { iterations: 1200, ..space::short(1200) };
-    settings.rounds = Rounds { every: 100, from: 100, until: 900 };
+    let mut settings = space::short(1200).with(|s| s.iterations = 1200);
+    settings.rounds = Rounds::until(100, 900);
     settings.policy.actions_mut().expect("that of 3DGS has actions").reset.every = 300;
-    let alone = TrainSettings { recovery: Recovery::Never, ..settings.clone() };
+    let alone = settings.clone().with(|s| s.recovery = Recovery::Never);
     let [watched, alone] = [settings, alone].map(|settings| {
         let views = space::views(&rasterizer);
         let mut trainer = Trainer3d::from_views(&rasterizer, views, Start::Random, settings).block_on().unwrap();
@@ -146,7 +145,7 @@ fn a_fit_that_fails_again_and_again_goes_on_without_density_control() {
             self.fresh_starts.push(progress.step);
         }
     }
-    let mut settings = FitSettings { iterations: 250, ..hasty(Recovery::BeginAgain) };
+    let mut settings = hasty(Recovery::BeginAgain).with(|s| s.iterations = 250);
     settings.rounds = Rounds::until(20, 240);
     settings.adam.mean.learning_rate = 1e6;
     let mut steps = Steps::default();
@@ -162,7 +161,7 @@ fn a_fit_that_fails_again_and_again_goes_on_without_density_control() {
 #[test]
 fn a_fit_that_is_resumed_after_it_began_again_ends_as_one_that_was_not_stopped() {
     let (rasterizer, target) = (rasterizer(), small_target());
-    let settings = FitSettings { rebin_every: 1, ..hasty(Recovery::BeginAgain) };
+    let settings = hasty(Recovery::BeginAgain).with(|s| s.rebin_every = 1);
     let mut trainer = Trainer::new(&rasterizer, &target, settings).block_on().unwrap();
     assert_eq!(trainer.run(&mut StopAt(60)).block_on().unwrap(), Outcome::Stopped);
     assert_eq!(trainer.fresh_starts().len(), 1);
@@ -177,7 +176,10 @@ fn a_fit_that_is_resumed_after_it_began_again_ends_as_one_that_was_not_stopped()
 #[test]
 fn a_resumed_fit_goes_back_to_what_it_was_resumed_with() {
     let (rasterizer, target) = (rasterizer(), small_target());
-    let calm = FitSettings { rebin_every: 1, iterations: 50, ..hasty(Recovery::BeginAgain) };
+    let calm = hasty(Recovery::BeginAgain).with(|s| {
+        s.rebin_every = 1;
+        s.iterations = 50;
+    });
     let mut settings = calm.clone();
     settings.adam.mean.learning_rate = 0.2;
     let mut trainer = Trainer::new(&rasterizer, &target, settings.clone()).block_on().unwrap();

@@ -54,7 +54,11 @@ fn a_resumed_run_ends_bit_identical_in_both_charts_and_blends() {
         for parameterization in [Parameterization::ScaleRotation, Parameterization::CovarianceFactor] {
             for policy in ["residual", "paper", "mcmc", "percentile-error"] {
                 let policy = Policy::from_name(policy).unwrap();
-                let settings = FitSettings { parameterization, policy, seed: 3, ..small_fit(blend) };
+                let settings = small_fit(blend).with(|s| {
+                    s.parameterization = parameterization;
+                    s.policy = policy;
+                    s.seed = 3;
+                });
                 let whole = end_state(settings.clone(), &target);
                 // Within, on and right after rounds (every 10 steps), on and off the steps that bin afresh (every 4).
                 let pieces = end_state_in_pieces(settings, &target, &[1, 10, 23, 37]);
@@ -67,7 +71,7 @@ fn a_resumed_run_ends_bit_identical_in_both_charts_and_blends() {
 #[test]
 fn stopping_waits_for_a_step_that_bins_afresh() {
     let rasterizer = rasterizer();
-    let settings = FitSettings { rounds: Rounds::NEVER, ..small_fit(Blend::Sum) };
+    let settings = small_fit(Blend::Sum).with(|s| s.rounds = Rounds::NEVER);
     let mut trainer = Trainer::new(&rasterizer, &small_target(), settings).block_on().unwrap();
     assert_eq!(trainer.run(&mut StopAt(vec![5])).block_on().unwrap(), Outcome::Stopped);
     assert_eq!(trainer.step(), 8);

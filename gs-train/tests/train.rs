@@ -3,10 +3,7 @@
 
 mod space;
 
-use gs_core::{
-    Adam, Image, Participants, Penalty, Scene, Scene3d, adam::Group, constants::SH_C0, scene::sigmoid,
-    state::TensorData,
-};
+use gs_core::{Adam, Image, Participants, Penalty, Scene, Scene3d, TensorData, adam::Group, constants::SH_C0, sigmoid};
 use gs_density::Policy;
 use gs_io::dataset::{Point, PosedImage};
 use gs_train::{
@@ -35,15 +32,14 @@ fn a_scene_comes_back_from_its_pictures() {
     let mut settings = short(900);
     settings.render.effects.sh_degree = 0;
     // So short a run takes larger steps.
-    let faster = |group: Group| Group { learning_rate: 4.0 * group.learning_rate, ..group };
+    let faster = |group: Group| group.with(|s| s.learning_rate = 4.0 * group.learning_rate);
     let Adam { mean, scale, rotation, color, .. } = settings.adam;
-    settings.adam = Adam {
-        mean: faster(mean),
-        scale: faster(scale),
-        rotation: faster(rotation),
-        color: faster(color),
-        ..settings.adam
-    };
+    settings.adam = settings.adam.with(|s| {
+        s.mean = faster(mean);
+        s.scale = faster(scale);
+        s.rotation = faster(rotation);
+        s.color = faster(color);
+    });
     let (scene, evaluation) = trained(settings, views(&rasterizer()), Start::Random);
     scene.validate().unwrap();
     assert_eq!(evaluation.views.len(), 3);
@@ -55,7 +51,7 @@ fn a_scene_comes_back_from_its_pictures() {
 fn the_true_scene_is_perfect_and_stays_so() {
     let rasterizer = rasterizer();
     let judged = evaluate(&rasterizer, &thirty(), &views(&rasterizer).test, &render()).block_on().unwrap();
-    // Its photographs are floats, from which rounding to 8 bits alone is 58.9 dB away.
+    // Its images are floats, from which rounding to 8 bits alone is 58.9 dB away.
     assert!(judged.psnr > 58.5, "{judged:?}");
     let mut settings = short(30);
     settings.policy = Policy::None;
@@ -67,7 +63,10 @@ fn the_true_scene_is_perfect_and_stays_so() {
 fn equal_seeds_give_equal_scenes_and_watching_changes_nothing() {
     let rasterizer = rasterizer();
     let run = |seed: u32, observer: &mut dyn Observer| {
-        let settings = TrainSettings { seed, background: StepBackground::Random, ..short(60) };
+        let settings = short(60).with(|s| {
+            s.seed = seed;
+            s.background = StepBackground::Random;
+        });
         let mut trainer =
             Trainer3d::from_views(&rasterizer, views(&rasterizer), Start::Random, settings).block_on().unwrap();
         trainer.run(observer).block_on().unwrap();
@@ -144,9 +143,9 @@ fn a_checkpoint_of_other_views_or_of_an_image_is_refused() {
     fewer.train.pop();
     let refused = Trainer3d::resume_views(&rasterizer, fewer, checkpoint.clone()).unwrap_err();
     assert!(matches!(refused, Error::WrongTarget { .. }), "{refused}");
-    let all = |_, photograph: PosedImage| {
-        let mask = Some(vec![true; photograph.image.pixels().len()]);
-        PosedImage { mask, ..photograph }
+    let all = |_, posed: PosedImage| {
+        let mask = Some(vec![true; posed.image.pixels().len()]);
+        PosedImage { mask, ..posed }
     };
     let masked = changed(views(&rasterizer), all);
     let refused = Trainer3d::resume_views(&rasterizer, masked, checkpoint.clone()).unwrap_err();
@@ -160,12 +159,12 @@ fn a_checkpoint_of_other_views_or_of_an_image_is_refused() {
 #[test]
 fn what_is_masked_does_not_count() {
     let rasterizer = rasterizer();
-    // The left half of every photograph is painted over, and masked.
+    // The left half of every image is painted over, and masked.
     let spoiled = |masked: bool| {
-        changed(views(&rasterizer), |_, photograph| {
-            let (width, height) = photograph.image.size();
+        changed(views(&rasterizer), |_, posed| {
+            let (width, height) = posed.image.size();
             let left = |x: u32| x < width / 2;
-            let paint = |x, y| if left(x) { [0.0, 1.0, 0.0] } else { photograph.image.pixel(x, y) };
+            let paint = |x, y| if left(x) { [0.0, 1.0, 0.0] } else { posed.image.pixel(x, y) };
             let image = Image::from_fn(width, height, paint).unwrap();
             let mask = (0..height).flat_map(|_| (0..width).map(left)).map(|painted| !painted).collect();
             PosedImage { image, alpha: None, mask: masked.then_some(mask) }
@@ -181,11 +180,11 @@ fn what_is_masked_does_not_count() {
 }
 
 #[test]
-fn the_loss_of_a_masked_step_is_told_in_its_place() {
+fn the_loss_of_a_masked_step_is_reported_in_its_place() {
     let rasterizer = rasterizer();
-    let half_masked = changed(views(&rasterizer), |i, photograph| {
-        let mask = (i % 2 == 0).then(|| vec![true; photograph.image.pixels().len()]);
-        PosedImage { mask, ..photograph }
+    let half_masked = changed(views(&rasterizer), |i, posed| {
+        let mask = (i % 2 == 0).then(|| vec![true; posed.image.pixels().len()]);
+        PosedImage { mask, ..posed }
     });
     let losses = |views| {
         let mut trainer = Trainer3d::from_views(&rasterizer, views, Start::Random, short(24)).block_on().unwrap();
@@ -206,15 +205,18 @@ fn the_loss_of_a_masked_step_is_told_in_its_place() {
 #[test]
 fn random_backgrounds_make_what_is_transparent_so() {
     let rasterizer = rasterizer();
-    // A photograph of nothing at all, stored as black glass.
+    // An image of nothing at all, stored as black glass.
     let glass = || {
-        changed(views(&rasterizer), |_, photograph| {
-            let alpha = Some(vec![0.0; photograph.image.pixels().len()]);
+        changed(views(&rasterizer), |_, posed| {
+            let alpha = Some(vec![0.0; posed.image.pixels().len()]);
             PosedImage { image: Image::filled(48, 40, [0.0; 3]).unwrap(), alpha, mask: None }
         })
     };
     let opacity = |background| {
-        let settings = TrainSettings { background, policy: Policy::None, ..short(60) };
+        let settings = short(60).with(|s| {
+            s.background = background;
+            s.policy = Policy::None;
+        });
         let mut black = thirty();
         black.sh.fill(glam::Vec3::splat(-0.5 / SH_C0));
         let (scene, _) = trained(settings, glass(), Start::Scene(black));
@@ -230,7 +232,7 @@ fn random_backgrounds_make_what_is_transparent_so() {
 fn every_policy_trains_within_its_budget() {
     let rasterizer = rasterizer();
     let of = |settings: TrainSettings| trained(settings, views(&rasterizer), Start::Random);
-    let before = of(TrainSettings { iterations: 0, ..short(60) }).1.psnr;
+    let before = of(short(60).with(|s| s.iterations = 0)).1.psnr;
     for name in Policy::NAMES {
         let settings = short(60).with_policy(Policy::from_name(name).unwrap());
         if ["residual", "image-gs"].contains(&name) {
@@ -249,7 +251,7 @@ fn every_policy_trains_within_its_budget() {
 fn penalties_make_gaussians_fainter_and_smaller() {
     let rasterizer = rasterizer();
     let means = |penalty| {
-        let mut settings = TrainSettings { policy: Policy::None, ..short(60) };
+        let mut settings = short(60).with(|s| s.policy = Policy::None);
         settings.adam.penalty = penalty;
         let (scene, _) = trained(settings, views(&rasterizer), Start::Random);
         let count = scene.len() as f32;
@@ -300,9 +302,9 @@ fn a_test_view_of_which_no_pixel_counts_is_in_no_mean() {
     let masked = |hidden: usize| {
         let mut views = views(&rasterizer);
         for view in &mut views.test[..hidden] {
-            let photograph = view.photograph().unwrap();
-            let mask = Some(vec![false; photograph.image.pixels().len()]);
-            view.source = Box::new(PosedImage { mask, ..photograph });
+            let posed = view.image().unwrap();
+            let mask = Some(vec![false; posed.image.pixels().len()]);
+            view.source = Box::new(PosedImage { mask, ..posed });
         }
         views
     };
@@ -351,21 +353,21 @@ fn the_summary_holds_how_well_the_views_are_fitted_that_it_trained_with() {
     assert!((training.psnr.unwrap() - judged.psnr).abs() < 1e-3, "{training:?} {judged:?}");
     assert!(usual.loss == Some(training.loss) && training.loss > 0.0 && usual.drift().is_none(), "{training:?}");
 
-    // Held-out photographs that show something else are not fitted, however long it trains.
+    // Held-out images that show something else are not fitted, however long it trains.
     let mut others = views(&rasterizer);
     for view in &mut others.test {
-        let photograph = view.photograph().unwrap();
+        let posed = view.image().unwrap();
         let image = Image::filled(LENS.0, LENS.1, [0.9, 0.1, 0.5]).unwrap();
-        view.source = Box::new(PosedImage { image, ..photograph });
+        view.source = Box::new(PosedImage { image, ..posed });
     }
     let drifted = summary(others, 20);
     let apart = drifted.training.unwrap().psnr.unwrap() - drifted.evaluation.psnr;
     assert!(apart > DRIFT_DB && drifted.drift() == Some(apart), "{apart}");
 
     // A bound that nobody chose is none to reach.
-    let told = drifted.shortfall.as_ref().expect("one round is too few");
-    assert_eq!((told.gaussians, told.budget), (drifted.gaussians, 600));
-    let settings = TrainSettings { gaussians: TrainSettings::default().gaussians, ..short(4) };
+    let shortfall = drifted.shortfall.as_ref().expect("one round is too few");
+    assert_eq!((shortfall.gaussians, shortfall.budget), (drifted.gaussians, 600));
+    let settings = short(4).with(|s| s.gaussians = TrainSettings::default().gaussians);
     let trainer =
         Trainer3d::from_views(&rasterizer, views(&rasterizer), Start::Scene(thirty()), settings).block_on().unwrap();
     let evaluation = trainer.evaluate(&mut |_, _| Ok(())).block_on().unwrap();
@@ -384,7 +386,7 @@ fn a_training_in_space_that_diverges_names_step_and_gaussian() {
     };
     assert!(!loss.is_finite() && (1..=40).contains(&step));
     let suspect = suspect.expect("there are Gaussians");
-    assert!(suspect.index < 30 && suspect.to_string().contains("harmonics"), "{suspect}");
+    assert!(suspect.index < 30 && suspect.to_string().contains("SH"), "{suspect}");
     // No checkpoint is made of what came of it.
     assert!(matches!(trainer.checkpoint().block_on(), Err(Error::Diverged { .. })));
 }

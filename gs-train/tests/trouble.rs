@@ -1,10 +1,10 @@
-//! Trouble in training is counted by cause, wherever a run is told of: in its progress, its metrics and its summary.
+//! Trouble in training is counted by cause in progress, metrics and summary.
 
 mod scenes;
 
 use gs_core::{Blend, Parameterization, Scene};
 use gs_density::Policy;
-use gs_train::{Clamped, Control, FitSettings, MetricsLog, Observer, Progress, Recovery, Rounds, fit};
+use gs_train::{Clamped, Control, MetricsLog, Observer, Progress, Recovery, Rounds, fit};
 use pollster::FutureExt as _;
 use scenes::{rasterizer, small_fit, small_target};
 
@@ -32,8 +32,11 @@ fn gaussians_that_stop_being_finite_are_counted_everywhere_and_removed() {
         for rounds in [Rounds::NEVER, Rounds::until(10, 30)] {
             // Each step is as long as numbers go: after two, means are infinite, and nothing is drawn; the loss is that of an empty image.
             let recovery = Recovery::Never;
-            let mut settings =
-                FitSettings { rounds, recovery, parameterization: Parameterization::ScaleRotation, ..small_fit(blend) };
+            let mut settings = small_fit(blend).with(|s| {
+                s.rounds = rounds;
+                s.recovery = recovery;
+                s.parameterization = Parameterization::ScaleRotation;
+            });
             settings.adam.mean.learning_rate = 2e38;
             let (mut log, mut told) = (MetricsLog::new(1), Told::default());
             let result = fit(&rasterizer(), &small_target(), settings, &mut (&mut log, &mut told)).block_on().unwrap();
@@ -56,7 +59,10 @@ fn gaussians_that_stop_being_finite_are_counted_everywhere_and_removed() {
 #[test]
 fn scales_that_bounds_hold_are_counted() {
     let clamped = |bounds: (f32, f32)| {
-        let mut settings = FitSettings { policy: Policy::None, rounds: Rounds::NEVER, ..small_fit(Blend::Sum) };
+        let mut settings = small_fit(Blend::Sum).with(|s| {
+            s.policy = Policy::None;
+            s.rounds = Rounds::NEVER;
+        });
         (settings.adam.min_scale, settings.adam.max_scale) = bounds;
         let mut log = MetricsLog::new(10);
         let result = fit(&rasterizer(), &small_target(), settings, &mut log).block_on().unwrap();

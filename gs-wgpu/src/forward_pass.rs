@@ -5,7 +5,7 @@ use std::{
     sync::{Arc, Mutex, PoisonError},
 };
 
-use gs_core::{Error, Image, RenderSettings, statistics::Culled};
+use gs_core::{Culled, Error, Image, RenderSettings};
 
 use crate::{gpu::Gpu, kind::SceneKind, layout::Status, splats::Splats, workspace::Workspace};
 

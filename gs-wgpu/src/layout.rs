@@ -4,7 +4,7 @@
 use std::mem::offset_of;
 
 use bytemuck::{Pod, Zeroable};
-use gs_core::{Error, statistics::Culled};
+use gs_core::{Culled, Error};
 
 use crate::gpu::backend_error;
 

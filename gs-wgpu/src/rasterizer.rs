@@ -3,9 +3,9 @@
 use std::sync::{Arc, PoisonError};
 
 use gs_core::{
-    AdamRates, Backend, DensityStatistics, EditPlan, Error, Image, Loss, MeanNoise, Optimizer, Parameterization,
-    Rasterizer, RenderSettings, Scene2d, Scene3d, SplatsState, TargetImage, TrainStep, Wait, profile::Profiler,
-    statistics::Culled,
+    AdamRates, Backend, Culled, DensityStatistics, EditPlan, Error, Image, Loss, MeanNoise, Optimizer,
+    Parameterization, Rasterizer, RenderSettings, Scene2d, Scene3d, SplatsState, TargetImage, TrainStep, Wait,
+    profile::Profiler,
 };
 
 use crate::{

@@ -3,7 +3,7 @@
 
 use std::sync::PoisonError;
 
-use gs_core::{Error, RenderSettings, statistics::Culled};
+use gs_core::{Culled, Error, RenderSettings};
 
 use crate::{
     WgpuRasterizer,

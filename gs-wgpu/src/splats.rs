@@ -6,7 +6,7 @@ use std::sync::{Mutex, PoisonError};
 use gs_core::{
     DensityStatistics, EditPlan, Error, Parameterization, SplatsState, Wait,
     edit::{AfterEdit, Moments as Heritage, Source as From},
-    scene::logit,
+    logit,
 };
 
 use crate::{

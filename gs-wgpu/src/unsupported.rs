@@ -1,9 +1,6 @@
 //! What this backend refuses, as errors.
 
-use gs_core::{
-    Error, RenderSettings,
-    settings::{Cut, Extent},
-};
+use gs_core::{Cut, Error, Extent, RenderSettings};
 
 use crate::gpu::BACKEND;
 
@@ -36,7 +33,7 @@ mod tests {
     fn an_extent_in_standard_deviations_is_refused() {
         let mut settings = RenderSettings::default();
         check_settings(&settings).unwrap();
-        settings.accuracy = Accuracy { extent: Extent::Sigmas(3.0), ..Accuracy::default() };
+        settings.accuracy = Accuracy::default().with(|s| s.extent = Extent::Sigmas(3.0));
         let message = check_settings(&settings).unwrap_err().to_string();
         assert!(message.contains("wgpu") && message.contains("3 standard deviations"), "{message}");
     }

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use gs_core::{SplatsState, state::TensorData};
+use gs_core::{SplatsState, TensorData};
 
 /// All numbers of a state as bits, by tensor name. 0 and −0 differ, and NaN equals itself.
 #[must_use]

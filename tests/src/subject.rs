@@ -6,9 +6,11 @@ use glam::{DQuat, Mat2, Mat3};
 use gs_core::{
     Adam, Error, Gaussian2d, MeanNoise, Parameterization, Scene, Scene2d, Scene3d,
     adam::Group,
-    covariance_factor::{self, PrincipalAxes},
     effects::Blend,
-    whitened,
+    math::{
+        covariance_factor::{self, PrincipalAxes},
+        whitened,
+    },
 };
 
 use crate::{
@@ -194,7 +196,12 @@ impl Subject for Scene3d {
 
     fn adam() -> Adam {
         let color_rest = Group::constant(2e-3);
-        Adam { mean: Group::constant(0.01), color_rest, min_scale: 1e-6, max_scale: 1e6, ..Adam::default() }
+        Adam::default().with(|s| {
+            s.mean = Group::constant(0.01);
+            s.color_rest = color_rest;
+            s.min_scale = 1e-6;
+            s.max_scale = 1e6;
+        })
     }
 
     fn check_view(view: &Self::View) -> Result<(), Error> {
@@ -207,7 +214,7 @@ impl Subject for Scene3d {
 
     fn shifts(&self, noise: &MeanNoise) -> Vec<f32> {
         let shift = |i: usize| {
-            let factor = covariance_factor::frame_of(self.log_scales[i], self.rotations[i]).unwrap_or(Mat3::ZERO);
+            let factor = covariance_factor::factor_of(self.log_scales[i], self.rotations[i]).unwrap_or(Mat3::ZERO);
             noise.shift_3d(i as u32, factor, self.opacity_logits[i]).to_array()
         };
         (0..self.len()).flat_map(shift).collect()

@@ -199,7 +199,7 @@ fn text(report: &Report) -> String {
     };
     section("broken", "none", true);
     section("doubtful", "none", false);
-    if let Some(Fixed { file, gaussians, repair: Repair { removed, widened }, lost }) = fixed {
+    if let Some(Fixed { file, gaussians, repair: Repair { removed, widened, .. }, lost }) = fixed {
         let done = match (removed, widened) {
             (0, 0) => "nothing to repair".to_owned(),
             (removed, 0) => format!("{removed} removed"),

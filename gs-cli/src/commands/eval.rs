@@ -71,7 +71,7 @@ pub(crate) fn run(args: &EvalArgs) -> Result<(), Failure> {
     if args.json {
         return output::json(&Comparison { width, height, quality });
     }
-    let ImageQuality { psnr, ssim, ms_ssim, l1 } = quality;
+    let ImageQuality { psnr, ssim, ms_ssim, l1, .. } = quality;
     let ms_ssim = ms_ssim.map_or_else(|| "none below 161 px a side".to_owned(), |value| format!("{value:.5}"));
     let psnr = if psnr.is_finite() { format!("{psnr:.3} dB") } else { "inf dB (the images are equal)".to_owned() };
     output::result(format_args!(
@@ -123,7 +123,7 @@ fn evaluate_3d(args: &EvalArgs, file: &File3d) -> Result<(), Failure> {
         format!("{psnr:>9.3} dB {ssim:>9.5} {l1:>10.6}  {}\n", printable(name))
     };
     let mut text = format!("{:>12} {:>9} {:>10}\n", "PSNR", "SSIM", "L1");
-    for ViewQuality { name, psnr, ssim, l1 } in &evaluation.views {
+    for ViewQuality { name, psnr, ssim, l1, .. } in &evaluation.views {
         text += &row(name, *psnr, *ssim, *l1);
     }
     evaluation

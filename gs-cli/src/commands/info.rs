@@ -7,7 +7,7 @@ mod scene3d;
 use std::{collections::BTreeMap, fmt::Write, path::PathBuf};
 
 use clap::Args;
-use gs_core::{RenderSettings, Scene, Scene2d, counted, scene::sigmoid};
+use gs_core::{RenderSettings, Scene, Scene2d, counted, sigmoid};
 use gs_io::{
     AnyScene, SceneFile, Values,
     dataset::{may_be_dataset, read_dataset},

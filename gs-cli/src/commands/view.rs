@@ -62,7 +62,7 @@ pub(crate) use self::window::run;
 
 #[cfg(feature = "viewer")]
 mod window {
-    use gs_core::{effects::CalledFor, image::check_size};
+    use gs_core::{check_size, effects::RequiredEffects};
     use gs_io::{AnyScene, File2d, File3d};
     use gs_viewer::{Options, Viewed, view};
 
@@ -90,7 +90,7 @@ mod window {
         }
         let size = size(args, file.width, file.height)?;
         let backend = args.backend.open()?;
-        let CalledFor { settings, .. } = args.effects.choose(&file.scene, &[], &file.settings)?;
+        let RequiredEffects { settings, .. } = args.effects.choose(&file.scene, &[], &file.settings)?;
         let viewed = Viewed::TwoD { scene: &file.scene, width: file.width, height: file.height };
         view(viewed, &backend.rasterizer, Options { name: name(args), size, settings }).map_err(failure)
     }
@@ -112,7 +112,7 @@ mod window {
         let size = size(args, camera.width, camera.height)?;
         let backend = args.backend.open()?;
         // The camera may move anywhere, so the effects must be right from everywhere.
-        let CalledFor { settings, .. } = args.effects.choose(scene, &[], &settings)?;
+        let RequiredEffects { settings, .. } = args.effects.choose(scene, &[], &settings)?;
         let viewed = Viewed::ThreeD { scene, camera, target, up };
         view(viewed, &backend.rasterizer, Options { name: name(args), size, settings }).map_err(failure)?;
         args.render.note_guess(file);

@@ -12,7 +12,7 @@ mod status;
 use gs_backend::{AnyRasterizer, FutureExt as _};
 use gs_core::Optimizer;
 use gs_lab::figure::curve::Point;
-use gs_train::{MetricsLog, Observer as _, Outcome, RunSettings as _, Trainable, Trainer};
+use gs_train::{MetricsLog, Observer as _, Outcome, Trainable, Trainer};
 
 use self::{
     arguments::OutputArgs,
@@ -59,7 +59,7 @@ fn train<S: Trainable>(
 where
     AnyRasterizer: Optimizer<S>,
 {
-    let mut display = Display::new(trainer.step(), trainer.settings().iterations(), args.verbosity());
+    let mut display = Display::new(trainer.step(), trainer.iterations(), args.verbosity());
     let printer = display.printer();
     let interrupt = Interrupt::listen(printer.clone());
     let mut curve = Curve::begun_by(log);

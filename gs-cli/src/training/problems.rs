@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use gs_core::{counted, edit::EditCounts, statistics::Culled};
+use gs_core::{Culled, counted, edit::EditCounts};
 use gs_train::{Clamped, FreshStart};
 
 use crate::output::Verbosity;

@@ -81,7 +81,7 @@ fn images_are_fitted_first_and_their_scenes_taken_as_they_are() {
     let fit = ["fit", image, "-n", "40", "-i", "15", "--no-report", "--blend", "over", "--json", "-o"];
     let summary = gs(fit.iter().chain(&[output.to_str().unwrap()])).json();
     let verdicts = summary["effects"].as_array().unwrap();
-    assert_eq!((verdicts.len(), verdicts[1]["answer"].as_str()), (5, Some("called-for")));
+    assert_eq!((verdicts.len(), verdicts[1]["answer"].as_str()), (5, Some("required")));
     let scene = output.join("scene.gs2d.safetensors");
     let report = gs(["effects", scene.to_str().unwrap(), "--size", "9x7"].iter().chain(&flags)).json();
     assert_eq!((report["width"].as_u64(), report["proof"]["views"].as_u64()), (Some(9), Some(1)));

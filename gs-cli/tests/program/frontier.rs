@@ -21,7 +21,7 @@ fn number(value: &Value) -> f64 {
 }
 
 /// A scene of a few Gaussians in front of each other, as a PLY file.
-fn in_space(place: &Path) -> PathBuf {
+fn for_3d(place: &Path) -> PathBuf {
     let at = |i: u32| Gaussian3d {
         mean: glam::Vec3::new((i % 5) as f32 - 2.0, (i % 7) as f32 - 3.0, 0.3 * i as f32),
         log_scale: glam::Vec3::splat(-0.4),
@@ -101,7 +101,7 @@ fn a_budget_is_answered_by_a_file_that_render_and_fit_take() {
 #[test]
 fn scenes_in_space_have_orders_and_sh_to_choose() {
     let place = folder();
-    let scene = in_space(place.path());
+    let scene = for_3d(place.path());
     let json = frontier(&scene, &["--size", "60x40", "--views", "2", "--json"]).json();
     let axes: Vec<&str> =
         json["rows"].as_array().unwrap().iter().filter_map(|row| row["changes"][0]["axis"].as_str()).collect();
@@ -123,7 +123,7 @@ fn scenes_in_space_have_orders_and_sh_to_choose() {
 fn what_cannot_be_is_refused() {
     let place = folder();
     let image = picture(place.path(), 16, 16);
-    let scene = in_space(place.path());
+    let scene = for_3d(place.path());
     for (input, flags, expected) in [
         (&image, &["--max-error", "0"][..], "positive number"),
         (&image, &["--max-error", "0.1", "--max-ms", "5"], "cannot be used with"),

@@ -1,5 +1,4 @@
-//! The effects one by one: their names, their values in words, and what the next cheaper value is, so that a table or a flag can go through
-//! them all.
+//! The effects one by one: their names, their values as words, and the next cheaper value.
 
 use std::{fmt, str::FromStr};
 
@@ -8,8 +7,8 @@ use serde::{Deserialize, Serialize};
 use super::{Antialias, Background, Blend, Effects, Order};
 use crate::error::Error;
 
-/// One of the effects that a scene may call for. What a caller asks a forward pass for besides (outputs, statistics), and what belongs to the data
-/// set (lens, exposure), are none of these.
+/// One of the effects that a scene may require. Statistics are not among them: they are a matter of
+/// training.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Effect {
@@ -25,14 +24,14 @@ pub enum Effect {
     Background,
 }
 
-/// The degrees of harmonics, in a word.
+/// The SH degrees as words.
 const DEGREES: [&str; 4] = ["0", "1", "2", "3"];
 
 impl Effect {
-    /// All of them.
+    /// All values.
     pub const ALL: [Self; 5] = [Self::Order, Self::Blend, Self::ShDegree, Self::Antialias, Self::Background];
 
-    /// Its name, as flags and files have it.
+    /// Name in settings files and flags.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Order => "order",
@@ -43,7 +42,7 @@ impl Effect {
         }
     }
 
-    /// Its value in `effects`, in a word.
+    /// The effect's value in `effects`, as a word.
     pub fn value(self, effects: &Effects) -> &'static str {
         match self {
             Self::Order => effects.order.name(),
@@ -54,7 +53,7 @@ impl Effect {
         }
     }
 
-    /// The effects with this one a step cheaper; `None` where it is off.
+    /// `effects` with this one a step cheaper; `None` where it is off.
     pub fn cheaper(self, effects: &Effects) -> Option<Effects> {
         let mut cheaper = *effects;
         match self {
@@ -88,7 +87,7 @@ impl Effect {
         Some(cheaper)
     }
 
-    /// The effects with this one off, all the way.
+    /// `effects` with this one off.
     pub fn off(self, effects: &Effects) -> Effects {
         let mut left = *effects;
         while let Some(cheaper) = self.cheaper(&left) {
@@ -97,7 +96,7 @@ impl Effect {
         left
     }
 
-    /// `effects` with this one's value as `source` has it.
+    /// `effects` with this one's value taken from `source`.
     pub fn copied(self, source: &Effects, effects: &Effects) -> Effects {
         let mut copy = *effects;
         match self {

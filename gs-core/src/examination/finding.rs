@@ -1,34 +1,39 @@
-//! What can be wrong with a Gaussian, each with its meaning in words and what a repair does about it.
+//! The findings of an examination, each with its meaning in words and its remedy.
 
 use std::fmt;
 
 use serde::Serialize;
 
-/// A Gaussian whose axes differ more than this is a needle: in 2D the longer against the shorter, in 3D the longest against
-/// the middle one (flat Gaussians are what surfaces are made of). Unit: none.
+/// Ratio of axes above which a Gaussian is a needle. Unit: none.
 ///
-/// This project's choice: a training by 3DGS's own code has none above 54 among 9,080; a scene that another tool has made has 14,456 among 124,495, as
-/// thin as a millionth of their length.
+/// In 2D the longer axis is compared with the shorter, in 3D the longest with the middle one (flat
+/// Gaussians are what surfaces are made of). This project's choice: a scene trained by the code of
+/// 3DGS has none above 54 among 9,080; a scene of another tool has 14,456 among 124,495, as thin as
+/// a millionth of their length.
 pub const NEEDLE_ASPECT: f32 = 1000.0;
 
-/// A Gaussian is an outlier if it is so many times as far from the scene's middle as half of the Gaussians are. Unit: none.
+/// Distance from the scene's middle above which a Gaussian is an outlier, in units of the median
+/// distance. Unit: none.
 ///
-/// This project's choice: what is trained from photographs reaches about as far as the sky is put, tens of times; a mean that has run away is
-/// further off.
+/// This project's choice: in scenes trained from images the sky is tens of times the median away; a
+/// diverged mean is further off.
 pub const OUTLIER_DISTANCES: f32 = 1000.0;
 
-/// A finite opacity logit beyond this, either way, is out of range. Unit: none.
+/// Magnitude above which a finite opacity logit is out of range. Unit: none.
 ///
-/// exp of more overflows `f32`, so the opacity is exactly 0 or 1 and no gradient can move it. ±∞ says the same and is legitimate.
+/// exp of more overflows `f32`, so the opacity is exactly 0 or 1 and no gradient can move it. ±∞ is
+/// legitimate.
 pub const OUT_OF_RANGE_LOGIT: f32 = 88.0;
 
-/// A colour, or an SH coefficient, beyond this, either way, is extreme. Unit: that of colours, whose white is 1.
+/// Magnitude above which a colour or an SH coefficient is extreme. Unit: that of colours, whose
+/// white is 1.
 pub const EXTREME_COLOR: f32 = 1000.0;
 
-/// What a repair makes of a ln-scale of −∞: that of the smallest normal `f32`, as readers of scales do. Unit: ln(px or world units).
+/// ln-scale to which a repair raises −∞: that of the smallest normal `f32`, as readers of scales
+/// do. Unit: ln(px or world units).
 pub const SMALLEST_LOG_SCALE: f32 = -87.336_55;
 
-/// What may be wrong with a Gaussian.
+/// A possible fault of a Gaussian.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
@@ -44,22 +49,25 @@ pub enum Finding {
     /// Its colour, or an SH coefficient, is NaN or infinite.
     ColorNotFinite,
     /// Its quaternion is shorter than
-    /// [`MIN_QUATERNION_NORM2`](crate::constants::MIN_QUATERNION_NORM2) allows: it has no direction. 3D scenes.
+    /// [`MIN_QUATERNION_NORM2`](crate::constants::MIN_QUATERNION_NORM2) allows. 3D scenes.
     NoRotation,
     /// A scale is exactly 0: its ln is −∞.
     ZeroScale,
-    /// Too small to be resolved: its longest axis is shorter than the distance between neighbouring `f32` at its mean, or, in 2D, det Σ is
-    /// below [`MIN_DETERMINANT_PX4`](crate::constants::MIN_DETERMINANT_PX4). It is drawn only if an [`Antialias`](crate::effects::Antialias)
-    /// widens it, or magnified.
+    /// Too small to be resolved: its longest axis is shorter than the distance between neighbouring
+    /// `f32` at its mean, or, in 2D, det Σ is below
+    /// [`MIN_DETERMINANT_PX4`](crate::constants::MIN_DETERMINANT_PX4). It is drawn only if an
+    /// [`Antialias`](crate::effects::Antialias) widens it, or magnified.
     Vanishing,
-    /// So large that its variance is infinite in `f32`, though the scale is not: it is drawn only if it is seen from so far that it is smaller
-    /// in pixels.
+    /// So large that its variance, but not its scale, is infinite in `f32`. It is drawn only from
+    /// afar, where it is smaller in pixels.
     Enormous,
     /// Its axes differ by more than [`NEEDLE_ASPECT`].
     Needle,
-    /// Mean, scales and rotation are those of an earlier Gaussian, bit for bit (0 and −0 are the same); opacity and colour may differ.
+    /// Mean, scales and rotation are those of an earlier Gaussian, bit for bit (0 and −0 are the
+    /// same); opacity and colour may differ.
     Duplicate,
-    /// Its opacity is below [`ALPHA_CUT`](crate::constants::ALPHA_CUT): where Gaussians are blended over each other, it is never seen.
+    /// Its opacity is below [`ALPHA_CUT`](crate::constants::ALPHA_CUT): under `Over` it is never
+    /// visible.
     Transparent,
     /// Its opacity logit is finite, but beyond [`OUT_OF_RANGE_LOGIT`].
     OpacityOutOfRange,
@@ -69,20 +77,20 @@ pub enum Finding {
     Outlier,
 }
 
-/// What a repair does about a finding, the mildest first.
+/// Action of a repair on a finding, the mildest first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Remedy {
-    /// Nothing: the Gaussian is drawn as it stands, and without it the picture would be another.
+    /// None: the Gaussian is drawn, and the image would change without it.
     Leave,
     /// The scale is raised to [`SMALLEST_LOG_SCALE`], which draws the same and can be stored.
     Widen,
-    /// The Gaussian goes. It draws nothing.
+    /// The Gaussian, which draws nothing, is removed.
     Remove,
 }
 
 impl Finding {
-    /// What a repair does about it.
+    /// Action of a repair.
     pub fn remedy(self) -> Remedy {
         match self {
             Self::MeanNotFinite
@@ -103,7 +111,7 @@ impl Finding {
         }
     }
 
-    /// Whether a Gaussian of which this is found is broken.
+    /// Whether a Gaussian with this finding is broken.
     pub fn is_broken(self) -> bool {
         self.remedy() != Remedy::Leave
     }

@@ -1,43 +1,41 @@
-//! The two kinds of scenes as an examination sees them.
+//! What an examination needs of the two kinds of scenes.
 
 use glam::Vec3;
 
 use super::finding::{EXTREME_COLOR, Finding, NEEDLE_ASPECT, OUT_OF_RANGE_LOGIT, SMALLEST_LOG_SCALE};
 use crate::{
     constants::{ALPHA_CUT, MIN_DETERMINANT_PX4, MIN_QUATERNION_NORM2},
-    error::Error,
     scene::{Scene, Scene2d, Scene3d, sigmoid},
 };
 
-/// A scene that can be examined and repaired, however broken its values are.
-pub trait Examinable: Scene {
-    /// Fails unless all arrays describe the same number of Gaussians; the values may be anything.
-    ///
-    /// # Errors
-    /// [`Error::Length`], and [`Error::Setting`] for an impossible degree of harmonics.
-    fn validate_lengths(&self) -> Result<(), Error>;
+/// A scene that can be examined and repaired: [`Scene2d`] and [`Scene3d`].
+///
+/// Sealed: the methods are those that [`examine`](super::examine) and [`repair`](super::repair)
+/// need, and may change.
+pub trait Examinable: Inspect {}
 
-    /// Tells what of Gaussian `index` itself is to be said, without regard to the others.
+impl Examinable for Scene2d {}
+impl Examinable for Scene3d {}
+
+/// The sealed part of [`Examinable`].
+pub trait Inspect: Scene {
+    /// Reports the findings about Gaussian `index` that do not depend on the others.
     fn examine_one(&self, index: usize, found: &mut dyn FnMut(Finding));
 
-    /// Its mean; the third coordinate of a 2D one is 0.
+    /// Mean of Gaussian `index`; the third coordinate of a 2D mean is 0.
     fn place(&self, index: usize) -> Vec3;
 
-    /// Mean, ln-scales and rotation as bits that are equal where the values are; 0 where there is no such number.
+    /// Mean, ln-scales and rotation as bits that are equal where the values are; padded with 0.
     fn shape_bits(&self, index: usize) -> [u32; 10];
 
-    /// Raises the scales that are 0.
+    /// Raises the scales of Gaussian `index` that are 0.
     fn widen(&mut self, index: usize);
 
-    /// Removes the Gaussians that are not to be kept; `[N]`.
+    /// Removes the Gaussians whose entry in `keep`, `[N]`, is false.
     fn retain(&mut self, keep: &[bool]);
 }
 
-impl Examinable for Scene2d {
-    fn validate_lengths(&self) -> Result<(), Error> {
-        self.check_lengths()
-    }
-
+impl Inspect for Scene2d {
     fn examine_one(&self, index: usize, found: &mut dyn FnMut(Finding)) {
         let g = self.gaussian(index);
         let finite = g.mean.is_finite();
@@ -77,11 +75,7 @@ impl Examinable for Scene2d {
     }
 }
 
-impl Examinable for Scene3d {
-    fn validate_lengths(&self) -> Result<(), Error> {
-        self.check_lengths()
-    }
-
+impl Inspect for Scene3d {
     fn examine_one(&self, index: usize, found: &mut dyn FnMut(Finding)) {
         let (mean, rotation) = (self.means[index], self.rotations[index]);
         let finite = mean.is_finite();
@@ -133,7 +127,7 @@ fn found_if(it_is: bool, finding: Finding, found: &mut dyn FnMut(Finding)) {
     }
 }
 
-/// Whether all scales and their ln are finite; otherwise tells why not.
+/// Whether all scales and their ln are finite; otherwise reports why not.
 fn scales_are_sound(log_scales: &[f32], found: &mut dyn FnMut(Finding)) -> bool {
     // −∞ is a scale of 0, and NaN none.
     let not_finite = log_scales.iter().any(|log| !log.exp().is_finite());
@@ -158,7 +152,7 @@ fn examine_color(values: &[Vec3], found: &mut dyn FnMut(Finding)) {
     found_if(finite && extreme, Finding::ExtremeColor, found);
 }
 
-/// How far the next `f32` is from this one, which is not negative; of the largest it is infinite.
+/// Distance from a value that is not negative to the next `f32`; infinite for the largest.
 fn spacing(value: f32) -> f32 {
     value.next_up() - value
 }
@@ -172,7 +166,7 @@ fn widened(log_scale: f32) -> f32 {
     if log_scale == f32::NEG_INFINITY { SMALLEST_LOG_SCALE } else { log_scale }
 }
 
-/// Keeps the values of Gaussians that are to be kept, `of_each` of each.
+/// Keeps the values of the Gaussians in `keep`, `of_each` per Gaussian.
 fn retain<T>(values: &mut Vec<T>, of_each: usize, keep: &[bool]) {
     let mut index = 0;
     values.retain(|_| {

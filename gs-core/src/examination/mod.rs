@@ -1,8 +1,9 @@
-//! What is wrong with a scene that somebody made, Gaussian by Gaussian, and its repair.
+//! Examination and repair of scenes from elsewhere, Gaussian by Gaussian.
 //!
-//! A Gaussian is *broken* where it draws nothing in any view, or where a scene that holds it is refused as not finite; it is *doubtful*
-//! where it is drawn as it stands, but probably is not what its maker meant. [`repair`] mends what is broken and nothing else, so that a
-//! repaired scene looks as the broken one did: what could be drawn is as it was, bit for bit.
+//! A Gaussian is *broken* where it draws nothing in any view, or makes its scene be refused as not
+//! finite. It is *doubtful* where it is drawn, but is probably not what its maker meant. [`repair`]
+//! changes broken Gaussians only, so the repaired scene looks the same: all that could be drawn
+//! stays, bit for bit.
 //!
 //! ```
 //! use gs_core::{Scene, Gaussian3d, Scene3d, examination::{Finding, examine, repair}};
@@ -37,58 +38,63 @@ pub use self::{
     kinds::Examinable,
 };
 use crate::error::Error;
+#[cfg(doc)]
+use crate::scene::Scene;
 
-/// A finding and the Gaussians that it is of.
+/// A finding and how many Gaussians have it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[non_exhaustive]
 pub struct Case {
-    /// What was found.
+    /// The finding.
     pub finding: Finding,
-    /// In how many Gaussians.
+    /// Number of Gaussians that have it.
     pub count: usize,
-    /// The first of them.
+    /// Index of the first of them.
     pub first: usize,
 }
 
-/// What was found in a scene.
+/// Result of [`examine`].
 #[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct Examination {
-    /// Gaussians in all.
+    /// Number of Gaussians in the scene.
     pub gaussians: usize,
-    /// What was found, in the order of [`Finding`]; one Gaussian may be in several.
+    /// The findings, in the order of [`Finding`]; one Gaussian may have several.
     pub cases: Vec<Case>,
-    /// The Gaussians that [`repair`] removes, ascending.
+    /// Indices of the Gaussians that [`repair`] removes, ascending.
     pub removed: Vec<usize>,
-    /// Those that it keeps and widens, ascending.
+    /// Indices of the Gaussians that [`repair`] keeps and widens, ascending.
     pub widened: Vec<usize>,
 }
 
 impl Examination {
-    /// Whether nothing is broken: there is nothing to repair.
+    /// Whether no Gaussian is broken.
     pub fn is_sound(&self) -> bool {
         self.removed.is_empty() && self.widened.is_empty()
     }
 
-    /// Broken Gaussians.
+    /// Number of broken Gaussians.
     pub fn broken(&self) -> usize {
         self.removed.len() + self.widened.len()
     }
 }
 
-/// What [`repair`] has done.
+/// Result of [`repair`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize)]
+#[non_exhaustive]
 pub struct Repair {
-    /// Gaussians that are gone: [`Remedy::Remove`].
+    /// Number of Gaussians removed: [`Remedy::Remove`].
     pub removed: usize,
-    /// Gaussians of which a scale of 0 was raised: [`Remedy::Widen`].
+    /// Number of Gaussians whose scale of 0 was raised: [`Remedy::Widen`].
     pub widened: usize,
 }
 
 /// Examines every Gaussian of a scene. Time O(N log N), memory a few bytes a Gaussian.
 ///
 /// # Errors
-/// [`Error::Length`] and [`Error::Setting`] for arrays that do not describe the same Gaussians, of which none can be said to be broken.
+/// Those of [`Scene::check_lengths`].
 pub fn examine<S: Examinable>(scene: &S) -> Result<Examination, Error> {
-    scene.validate_lengths()?;
+    scene.check_lengths()?;
     let mut cases: Vec<Case> = Vec::new();
     let mut note = |index: usize, finding: Finding| match cases.iter_mut().find(|case| case.finding == finding) {
         Some(case) => {
@@ -111,18 +117,20 @@ pub fn examine<S: Examinable>(scene: &S) -> Result<Examination, Error> {
             Remedy::Leave => drawn.push(index),
         }
     }
-    // Of broken Gaussians no place and no shape is known to compare.
+    // Broken Gaussians have no place or shape to compare.
     whole::duplicates(scene, &drawn, &mut |index| note(index, Finding::Duplicate));
     whole::outliers(scene, &drawn, &mut |index| note(index, Finding::Outlier));
     cases.sort_unstable_by_key(|case| case.finding);
     Ok(Examination { gaussians: scene.len(), cases, removed, widened })
 }
 
-/// Mends what is broken: removes what cannot be drawn, and gives a scale of 0 the smallest that a file can hold. All else stays as it is,
-/// bit for bit and in its order.
+/// Repairs a scene: removes Gaussians that cannot be drawn, and raises scales of 0 to the smallest
+/// that a file can hold.
+///
+/// All other Gaussians stay as they are, bit for bit and in their order.
 ///
 /// # Errors
-/// Those of [`examine`]; the scene is then as it was.
+/// Those of [`examine`]; the scene is then unchanged.
 pub fn repair<S: Examinable>(scene: &mut S) -> Result<Repair, Error> {
     let Examination { removed, widened, .. } = examine(scene)?;
     for &index in &widened {

@@ -1,11 +1,12 @@
-//! Every finding is made where it should be and nowhere else, and a repair touches nothing that can be drawn.
+//! Every finding is made where it should be and nowhere else, and a repair touches nothing that can
+//! be drawn.
 
 use glam::{Vec2, Vec3};
 
 use super::*;
 use crate::{
     effects::Blend,
-    perspective::{Ellipsoid, Perspective},
+    math::perspective::{Ellipsoid, Perspective},
     scene::{Gaussian2d, Gaussian3d, Scene, Scene2d, Scene3d},
     settings::RenderSettings,
     view::Camera,

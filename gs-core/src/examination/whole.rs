@@ -1,10 +1,10 @@
-//! What can be said of a Gaussian only beside the others: that it repeats one, or lies far from them all.
+//! Findings that depend on the other Gaussians: duplicates and outliers.
 
 use glam::Vec3;
 
 use super::{finding::OUTLIER_DISTANCES, kinds::Examinable};
 
-/// Tells which of these Gaussians have mean, scales and rotation of an earlier one.
+/// Reports the Gaussians among these that have mean, scales and rotation of an earlier one.
 pub(super) fn duplicates<S: Examinable>(scene: &S, among: &[usize], found: &mut dyn FnMut(usize)) {
     let mut order = among.to_vec();
     // Equals end up side by side, the earliest of them first.
@@ -16,8 +16,9 @@ pub(super) fn duplicates<S: Examinable>(scene: &S, among: &[usize], found: &mut 
     }
 }
 
-/// Tells which of these Gaussians, whose means are finite, lie [`OUTLIER_DISTANCES`] times as far from their middle as half of them.
-/// The middle is the median of each coordinate, which outliers do not move.
+/// Reports the Gaussians among these, whose means are finite, that are more than
+/// [`OUTLIER_DISTANCES`] times the median distance from the middle. The middle is the median of
+/// each coordinate, which outliers do not move.
 pub(super) fn outliers<S: Examinable>(scene: &S, among: &[usize], found: &mut dyn FnMut(usize)) {
     let coordinate = |axis: usize| median(among.iter().map(|&index| scene.place(index)[axis]).collect());
     let [Some(x), Some(y), Some(z)] = [0, 1, 2].map(coordinate) else { return };

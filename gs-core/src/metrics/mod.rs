@@ -1,4 +1,4 @@
-//! How close an image is to another: mean absolute error, PSNR, SSIM, MS-SSIM.
+//! Measures of how close two images are: mean absolute error, PSNR, SSIM, MS-SSIM.
 
 mod ms_ssim;
 mod ssim;
@@ -19,15 +19,15 @@ pub fn mean(values: impl IntoIterator<Item: Borrow<f64>>) -> f64 {
 /// Mean |a − b| over pixels and channels.
 ///
 /// # Errors
-/// [`Error::SizesDiffer`].
+/// [`Error::SizesDiffer`] where the images differ in size.
 pub fn mean_absolute_error(a: &Image, b: &Image) -> Result<f64, Error> {
     a.same_size(b)?;
     let sum: f64 = differences(a, b).map(f64::abs).sum();
     Ok(sum / (3 * a.pixels().len()) as f64)
 }
 
-/// Peak signal-to-noise ratio, dB: 10 log₁₀(1 / mean (a − b)²), with peak 1; ∞ for equal images. Clamp both images first
-/// ([`Image::clamped`]) for the figure that the field reports.
+/// Peak signal-to-noise ratio, dB: 10 log₁₀(1 / mean (a − b)²), with peak 1; ∞ for equal images.
+/// Clamp both images first ([`Image::clamped`]) for the figure that the field reports.
 ///
 /// # Errors
 /// [`Error::SizesDiffer`].
@@ -39,22 +39,25 @@ pub fn psnr(a: &Image, b: &Image) -> Result<f64, Error> {
 
 /// All measures of how close two images are.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub struct Comparison {
-    /// As [`mean_absolute_error`] has it.
+    /// [`mean_absolute_error`].
     pub l1: f64,
-    /// As [`psnr`] has it, dB.
+    /// [`psnr`], dB.
     pub psnr: f64,
-    /// As [`ssim()`] has it.
+    /// [`ssim()`].
     pub ssim: f64,
-    /// As [`ms_ssim()`] has it.
+    /// [`ms_ssim()`].
     pub ms_ssim: Option<f64>,
 }
 
-/// All measures of two images in one pass over their rows. Each value of an image is taken as its function makes it, such as
-/// `|v| v.clamp(0.0, 1.0)`; no other image is made for it.
+/// All measures of two images in one pass over their rows.
+///
+/// Each value of an image is first mapped by the image's function, such as `|v| v.clamp(0.0, 1.0)`,
+/// without a copy of the image.
 ///
 /// # Errors
-/// [`Error::SizesDiffer`].
+/// [`Error::SizesDiffer`] where the images differ in size.
 pub fn compare(
     (a, value_of_a): (&Image, impl Fn(f32) -> f32),
     (b, value_of_b): (&Image, impl Fn(f32) -> f32),
@@ -114,7 +117,8 @@ mod tests {
 mod test_images {
     use crate::image::Image;
 
-    /// A pattern of edges and ramps, and the same under a quarter of noise, from integer formulas that any language repeats.
+    /// A pattern of edges and ramps, and the same under a quarter of noise, from integer formulas
+    /// that any language repeats.
     pub(super) fn clean_and_noisy(width: u32, height: u32) -> (Image, Image) {
         let clean = Image::from_fn(width, height, |x, y| {
             [0, 1, 2_u32].map(|c| {

@@ -1,4 +1,5 @@
-//! Multi-scale structural similarity (MS-SSIM): SSIM's contrast and structure at five scales, its luminance at the coarsest.
+//! Multi-scale structural similarity (MS-SSIM): SSIM's contrast and structure at five scales, its
+//! luminance at the coarsest.
 
 use super::ssim::{ChannelMeans, RunningSsim};
 use crate::{constants::SSIM_WINDOW, error::Error, image::Image};
@@ -9,14 +10,15 @@ const SCALE_WEIGHTS: [f64; 5] = [0.0448, 0.2856, 0.3001, 0.2363, 0.1333];
 /// The shorter side must be longer than this for the window to fit at the coarsest scale. Unit: px.
 const TOO_SHORT_PX: u32 = (SSIM_WINDOW as u32 - 1) << (SCALE_WEIGHTS.len() - 1);
 
-/// Multi-scale structural similarity of two images, 0 to 1; 1 for equal ones. `None` where it is not defined: the shorter
-/// side is 160 px or less, so that the window does not fit at the fifth scale. Clamp both images first ([`Image::clamped`])
-/// for the figure that the field reports.
+/// Multi-scale structural similarity of two images, 0 to 1; 1 for equal ones. `None` where it is
+/// not defined: the shorter side is 160 px or less, so that the window does not fit at the fifth
+/// scale. Clamp both images first ([`Image::clamped`]) for the figure that the field reports.
 ///
-/// The mean over channels of Π cs₍ⱼ₎^w₍ⱼ₎ · ssim₍₅₎^w₍₅₎, j = 1 to 4, where each factor is a mean over its scale as in
-/// [`ssim`](super::ssim()), raised to 0 where it is negative. Scales are halved by averaging 2×2 pixels; an odd side is
-/// first padded with zeros at both ends, as average pooling with padding does in the deep-learning frameworks whose MS-SSIM the
-/// literature on image fitting reports. NaN where a pixel is NaN.
+/// The mean over channels of Π cs₍ⱼ₎^w₍ⱼ₎ · ssim₍₅₎^w₍₅₎, j = 1 to 4, where each factor is a mean
+/// over its scale as in [`ssim`](super::ssim()), raised to 0 where it is negative. Scales are
+/// halved by averaging 2×2 pixels; an odd side is first padded with zeros at both ends, as average
+/// pooling with padding does in the deep-learning frameworks whose MS-SSIM the literature on image
+/// fitting reports. NaN where a pixel is NaN.
 ///
 /// *Source:* Wang, Simoncelli & Bovik 2003, eq. 7, per colour channel.
 ///
@@ -32,23 +34,25 @@ pub fn ms_ssim(a: &Image, b: &Image) -> Result<Option<f64>, Error> {
     Ok(Some(scales.ms_ssim()))
 }
 
-/// A scale of two images whose rows come one after the other, and the coarser ones after it. A few rows of each are in memory.
+/// A scale of two images whose rows are pushed one by one, and the coarser scales. A few rows of
+/// each are in memory.
 pub(super) struct Scale {
     ssim: RunningSsim,
     height: usize,
-    /// How many rows have come.
+    /// Number of rows pushed.
     rows: usize,
     coarser: Option<Box<Coarser>>,
 }
 
-/// The next coarser scale, and the row of it of each image that is under way.
+/// The next coarser scale, and the row of it that is being averaged, for each image.
 struct Coarser {
     scale: Scale,
     half: [Vec<[f32; 3]>; 2],
 }
 
 impl Scale {
-    /// All five of images of this size; or the finest alone where the window does not fit at the fifth.
+    /// All five scales for images of this size, or the finest alone where the window does not fit
+    /// at the fifth.
     pub(super) fn all(width: usize, height: usize) -> Self {
         let is_defined = width.min(height) > TOO_SHORT_PX as usize;
         Self::of(width, height, if is_defined { SCALE_WEIGHTS.len() - 1 } else { 0 })
@@ -63,7 +67,7 @@ impl Scale {
         Self { ssim: RunningSsim::new(width, height), height, rows: 0, coarser }
     }
 
-    /// The next row of each image.
+    /// Pushes the next row of each image.
     pub(super) fn push(&mut self, a: &[[f32; 3]], b: &[[f32; 3]]) {
         self.ssim.push(a, b);
         let y = self.rows;
@@ -77,7 +81,7 @@ impl Scale {
         }
     }
 
-    /// What the finest scale has found, once all rows have come.
+    /// Means of the finest scale, once all rows are pushed.
     pub(super) fn finest(&self) -> ChannelMeans {
         self.ssim.means()
     }
@@ -87,7 +91,7 @@ impl Scale {
         self.coarser.is_some()
     }
 
-    /// The index over all scales, once all rows have come.
+    /// The index over all scales, once all rows are pushed.
     pub(super) fn ms_ssim(&self) -> f64 {
         let mut product = [1.0; 3];
         let mut scale = Some(self);
@@ -105,8 +109,8 @@ impl Scale {
     }
 }
 
-/// Adds a row to the row of half its length, rounded up, of which it is one of two: a quarter of each two neighbours. Along an odd side the
-/// pairs start one pixel early, at a zero.
+/// Adds a quarter of each two neighbours of a row to a row of half its length, rounded up. Along an
+/// odd side the pairs start one pixel early, at a zero.
 fn add_halved(row: &[[f32; 3]], half: &mut [[f32; 3]]) {
     let (first, pairs) = row.split_at(row.len() % 2);
     let (out_first, out_pairs) = half.split_at_mut(row.len() % 2);
@@ -123,7 +127,8 @@ mod tests {
     use super::*;
     use crate::metrics::test_images::clean_and_noisy;
 
-    /// Expected values: direct 11×11 convolutions and padded 2×2 means in NumPy, in f64, written apart from this file.
+    /// Expected values: direct 11×11 convolutions and padded 2×2 means in NumPy, in f64, written
+    /// apart from this file.
     #[test]
     fn values_agree_with_an_independent_computation() {
         for (width, height, expected) in

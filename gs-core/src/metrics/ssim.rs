@@ -1,8 +1,9 @@
 //! Structural similarity (SSIM), and the per-channel means of its factors that MS-SSIM is made of.
 //!
-//! Each map needs five windowed means: of a, b, a², b² and ab. With s = a + b and d = a − b four are enough, because
-//! ab = (s² − d²)/4 and a² + b² = (s² + d²)/2. Rows stay interleaved (R G B R G B …), so that every loop runs over
-//! contiguous floats whatever the window: taps are one row apart in the vertical pass, three floats apart in the horizontal.
+//! Each map needs five windowed means: of a, b, a², b² and ab. With s = a + b and d = a − b four
+//! are enough, because ab = (s² − d²)/4 and a² + b² = (s² + d²)/2. Rows stay interleaved (R G B R G
+//! B …), so that every loop runs over contiguous floats whatever the window: taps are one row apart
+//! in the vertical pass, three floats apart in the horizontal.
 
 use crate::{
     constants::{SSIM_C1, SSIM_C2, SSIM_SIGMA, SSIM_WINDOW},
@@ -10,12 +11,12 @@ use crate::{
     image::Image,
 };
 
-/// Structural similarity of two images, at most 1; 1 for equal ones. Clamp both images first ([`Image::clamped`]) for the
-/// figure that the field reports.
+/// Structural similarity of two images, at most 1; 1 for equal ones. Clamp both images first
+/// ([`Image::clamped`]) for the figure that the field reports.
 ///
-/// The mean over channels and over all positions at which an 11×11 Gaussian window of σ 1.5 lies inside the image, with a
-/// data range of 1. Where the image's smaller side is shorter than 11 px, the window shrinks to the largest odd side that
-/// fits, σ unchanged. NaN where a pixel is NaN.
+/// The mean over channels and over all positions at which an 11×11 Gaussian window of σ 1.5 lies
+/// inside the image, with a data range of 1. Where the image's smaller side is shorter than 11 px,
+/// the window shrinks to the largest odd side that fits, σ unchanged. NaN where a pixel is NaN.
 ///
 /// *Source:* Wang, Bovik, Sheikh & Simoncelli 2004, eq. 13, per colour channel.
 ///
@@ -30,24 +31,24 @@ pub fn ssim(a: &Image, b: &Image) -> Result<f64, Error> {
 
 /// Means over the image, per channel.
 pub(super) struct ChannelMeans {
-    /// Of the whole index, luminance · contrast · structure.
+    /// Mean of the whole index, luminance · contrast · structure.
     pub(super) ssim: [f64; 3],
-    /// Of contrast · structure alone, `cs` in MS-SSIM.
+    /// Mean of contrast · structure alone, `cs` in MS-SSIM.
     pub(super) contrast_structure: [f64; 3],
 }
 
-/// SSIM at one scale of two images whose rows come one after the other, from the top: what of them is in memory is as many rows as the
-/// window has.
+/// SSIM at one scale of two images whose rows are pushed one by one from the top. As many rows as
+/// the window has are in memory.
 pub(super) struct RunningSsim {
     height: usize,
     window: Vec<f32>,
-    /// The last rows, as many as the window has; that of row y is number y modulo their count.
+    /// The last rows, as many as the window has; row y is at index y modulo their count.
     recent: Vec<Moments>,
     vertical: Moments,
     windowed: Moments,
-    /// Of each column, in f64: the rows of a large image add up without losing the last ones.
+    /// Sums of each column, in f64: the rows of a large image add up without losing the last ones.
     sums: (Vec<f64>, Vec<f64>),
-    /// How many rows have come.
+    /// Number of rows pushed.
     rows: usize,
 }
 
@@ -67,7 +68,7 @@ impl RunningSsim {
         }
     }
 
-    /// The next row of each image.
+    /// Pushes the next row of each image.
     pub(super) fn push(&mut self, a: &[[f32; 3]], b: &[[f32; 3]]) {
         let Self { window, recent, vertical, windowed, sums, .. } = self;
         let (side, columns, y) = (window.len(), sums.0.len(), self.rows);
@@ -77,7 +78,8 @@ impl RunningSsim {
             return;
         }
         for map in 0..Moments::COUNT {
-            // The window is symmetric, so it does not matter at which row the ring starts; but each weight must meet its row.
+            // The window is symmetric, so it does not matter at which row the ring starts; but each
+            // weight must meet its row.
             let rows: Vec<&[f32]> = (0..side).map(|k| &*recent[(y + 1 + k) % side].0[map]).collect();
             weigh_rows(&mut vertical.0[map], &rows, window);
             let taps: Vec<&[f32]> = (0..side).map(|k| &vertical.0[map][3 * k..][..columns]).collect();
@@ -86,7 +88,7 @@ impl RunningSsim {
         add_similarities(sums, windowed);
     }
 
-    /// The means, once all rows have come.
+    /// The means, once all rows are pushed.
     pub(super) fn means(&self) -> ChannelMeans {
         let positions = (self.sums.0.len() / 3 * (self.height + 1 - self.window.len())) as f64;
         let mean = |sums: &[f64]| {
@@ -107,7 +109,8 @@ impl ChannelMeans {
     }
 }
 
-/// The normalised Gaussian window, as long as [`SSIM_WINDOW`] or, if that does not fit, the largest odd number ≤ `fit`.
+/// The normalised Gaussian window, as long as [`SSIM_WINDOW`] or, if that does not fit, the largest
+/// odd number ≤ `fit`.
 fn window(fit: usize) -> Vec<f32> {
     let side = SSIM_WINDOW.min(fit - (fit + 1) % 2);
     let weight = |k: usize| (-0.5 * ((k as f64 - (side / 2) as f64) / f64::from(SSIM_SIGMA)).powi(2)).exp();
@@ -145,7 +148,8 @@ fn weigh_rows(out: &mut [f32], rows: &[&[f32]], weights: &[f32]) {
     }
 }
 
-/// [`weigh_rows`] for the usual window: its length known, the loop over columns has all taps in one body and vectorises.
+/// [`weigh_rows`] for the usual window: its length known, the loop over columns has all taps in one
+/// body and vectorises.
 fn weigh_full_window(out: &mut [f32], rows: &[&[f32]; SSIM_WINDOW], weights: &[f32; SSIM_WINDOW]) {
     let len = out.len();
     let rows: [&[f32]; SSIM_WINDOW] = std::array::from_fn(|k| &rows[k][..len]);
@@ -158,7 +162,8 @@ fn weigh_full_window(out: &mut [f32], rows: &[&[f32]; SSIM_WINDOW], weights: &[f
     }
 }
 
-/// Adds one row of the two maps, SSIM and its contrast · structure part, to the sums of their columns.
+/// Adds one row of the two maps, SSIM and its contrast · structure part, to the sums of their
+/// columns.
 fn add_similarities(sums: &mut (Vec<f64>, Vec<f64>), windowed: &Moments) {
     let columns = sums.0.len();
     let [s, d, s2, d2] = windowed.0.each_ref().map(|row| &row[..columns]);
@@ -179,9 +184,9 @@ mod tests {
     use super::*;
     use crate::metrics::test_images::clean_and_noisy;
 
-    /// Expected values: scikit-image 0.26 `structural_similarity(gaussian_weights=True, sigma=1.5,
-    /// use_sample_covariance=False, data_range=1, channel_axis=2)` in f64; that of 6×9 px, where scikit-image has no window,
-    /// a direct 5×5 convolution in NumPy.
+    /// Expected values: scikit-image 0.26
+    /// `structural_similarity(gaussian_weights=True, sigma=1.5, use_sample_covariance=False, data_range=1, channel_axis=2)`
+    /// in f64; that of 6×9 px, where scikit-image has no window, a direct 5×5 convolution in NumPy.
     #[test]
     fn values_agree_with_scikit_image() {
         for (width, height, expected) in [

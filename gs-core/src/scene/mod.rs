@@ -1,4 +1,5 @@
-//! Scenes on the host: plain, serialisable sets of Gaussians. A backend's copy of one is its `Splats`.
+//! Scenes on the host: plain, serialisable sets of Gaussians. A backend's copy of a scene is its
+//! `Splats`.
 
 mod scene2d;
 mod scene3d;
@@ -10,11 +11,11 @@ pub use scene3d::{Gaussian3d, Scene3d};
 
 use crate::error::Error;
 
-/// A kind of scene: what one Gaussian is, and what it is looked at through.
+/// A kind of scene: its Gaussians and its views.
 pub trait Scene: Clone + Debug + Default + PartialEq + Send + Sync {
-    /// What the scene is looked at through: [`Canvas`](crate::view::Canvas) or [`Camera`](crate::view::Camera).
+    /// A view of the scene: [`Canvas`](crate::Canvas) or [`Camera`](crate::Camera).
     type View: Clone + Debug + Send + Sync;
-    /// One Gaussian, all its parameters.
+    /// One Gaussian with all its parameters.
     type Gaussian: Clone + Debug + PartialEq + Send + Sync;
 
     /// Number of Gaussians, N.
@@ -28,20 +29,29 @@ pub trait Scene: Clone + Debug + Default + PartialEq + Send + Sync {
     /// Gaussian `index`.
     ///
     /// # Panics
-    /// When `index >= len()`.
+    /// Where `index >= len()`.
     fn gaussian(&self, index: usize) -> Self::Gaussian;
 
     /// Appends one Gaussian.
     ///
     /// # Panics
-    /// Where it is not of this scene's kind, such as a 3D one with coefficients of another degree.
+    /// Where a 3D Gaussian has coefficients of another degree than the scene.
     fn push(&mut self, gaussian: Self::Gaussian);
 
-    /// Fails unless all arrays describe the same number of Gaussians and all values are finite (opacity logits may be ±∞:
-    /// they render as opaque and as vanishing).
+    /// Checks that all arrays describe the same number of Gaussians. Their values may be anything,
+    /// even NaN.
     ///
     /// # Errors
-    /// [`Error::Length`] or [`Error::NotFinite`], naming the first offender.
+    /// [`Error::Length`] naming the first array that does not; [`Error::Setting`] for an impossible
+    /// SH degree.
+    fn check_lengths(&self) -> Result<(), Error>;
+
+    /// Checks the lengths of all arrays and that all values are finite. Opacity logits may be ±∞:
+    /// they render as opaque and as invisible.
+    ///
+    /// # Errors
+    /// Those of [`Self::check_lengths`]; [`Error::NotFinite`] naming the first value that is not
+    /// finite.
     fn validate(&self) -> Result<(), Error>;
 }
 

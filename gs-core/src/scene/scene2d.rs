@@ -8,8 +8,8 @@ use crate::{error::Error, view::Canvas};
 
 /// N 2D Gaussians.
 ///
-/// Plane coordinates are pixels of the image the scene was made for: the origin is its top-left corner, y points down, and
-/// the centre of pixel (i, j) is (i + ½, j + ½).
+/// Plane coordinates are pixels of the image the scene was made for: the origin is its top-left
+/// corner, y points down, and the centre of pixel (i, j) is (i + ½, j + ½).
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Scene2d {
     /// Means μ, `[N, 2]`, px.
@@ -18,7 +18,8 @@ pub struct Scene2d {
     pub log_scales: Vec<Vec2>,
     /// Rotation of the first axis, `[N]`, rad, from +x towards +y.
     pub rotations: Vec<f32>,
-    /// Opacity logits, `[N]`; or empty, where every Gaussian is opaque, as [`Blend::Sum`](crate::effects::Blend) has it.
+    /// Opacity logits, `[N]`; or empty where every Gaussian is opaque, as under
+    /// [`Blend::Sum`](crate::effects::Blend).
     pub opacity_logits: Vec<f32>,
     /// Colours, `[N, 3]`, RGB as in the image file; may lie outside 0..=1.
     pub colors: Vec<Vec3>,
@@ -27,35 +28,37 @@ pub struct Scene2d {
 /// One 2D Gaussian; units as in [`Scene2d`].
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Gaussian2d {
-    /// Mean, px.
+    /// Mean μ, px.
     pub mean: Vec2,
-    /// ln(px) along the two axes.
+    /// ln of the scales along the two axes, ln(px).
     pub log_scale: Vec2,
-    /// rad, of the first axis from +x towards +y.
+    /// Rotation of the first axis, rad, from +x towards +y.
     pub rotation: f32,
-    /// Logit; +∞ is opaque.
+    /// Opacity logit; +∞ is opaque.
     pub opacity_logit: f32,
-    /// RGB.
+    /// Colour, RGB.
     pub color: Vec3,
 }
 
 impl Gaussian2d {
-    /// A square root of Σ: L = R(θ) S, so that Σ = L Lᵀ (paper eq. 7). Unit: px.
+    /// Covariance factor L = R(θ) S, so that Σ = L Lᵀ (paper eq. 7). Unit: px.
     pub fn factor(&self) -> Mat2 {
         let (sin, cos) = self.rotation.sin_cos();
         let s = self.log_scale.map(f32::exp);
         Mat2::from_cols(Vec2::new(cos, sin) * s.x, Vec2::new(-sin, cos) * s.y)
     }
 
-    /// Σ = R S Sᵀ Rᵀ (paper eq. 7). Unit: px².
+    /// Covariance Σ = R S Sᵀ Rᵀ (paper eq. 7). Unit: px².
     pub fn covariance(&self) -> Mat2 {
         let l = self.factor();
         l * l.transpose()
     }
 
-    /// ln-scales and rotation of Σ = L Lᵀ, the larger scale first; the rotation lies in (−π/2, π/2].
+    /// ln-scales and rotation of Σ = L Lᵀ, the larger scale first; the rotation lies in (−π/2,
+    /// π/2].
     ///
-    /// Computed in `f64`, from the singular values of L itself, so that needles keep their short axis.
+    /// Computed in `f64`, from the singular values of L itself, so that needles keep their short
+    /// axis.
     pub fn shape_of_factor(l: Mat2) -> (Vec2, f32) {
         let [a, c] = l.x_axis.as_dvec2().to_array(); // first column
         let [b, d] = l.y_axis.as_dvec2().to_array(); // second column
@@ -78,18 +81,6 @@ impl Scene2d {
     /// Whether opacities are stored; without them every Gaussian is opaque.
     pub fn has_opacity(&self) -> bool {
         !self.opacity_logits.is_empty()
-    }
-
-    /// Fails unless all arrays describe the same number of Gaussians.
-    pub(crate) fn check_lengths(&self) -> Result<(), Error> {
-        let n = self.len();
-        check_len("log_scales", n, self.log_scales.len())?;
-        check_len("rotations", n, self.rotations.len())?;
-        check_len("colors", n, self.colors.len())?;
-        if self.has_opacity() {
-            check_len("opacity_logits", n, self.opacity_logits.len())?;
-        }
-        Ok(())
     }
 
     /// All Gaussians in order.
@@ -124,7 +115,8 @@ impl Scene for Scene2d {
         }
     }
 
-    /// Appends one Gaussian. Opacities come into being with the first Gaussian that is not opaque.
+    /// Appends one Gaussian. The scene stores opacities from the first Gaussian on that is not
+    /// opaque.
     fn push(&mut self, g: Gaussian2d) {
         if self.has_opacity() || g.opacity_logit != f32::INFINITY {
             self.opacity_logits.resize(self.means.len(), f32::INFINITY);
@@ -134,6 +126,17 @@ impl Scene for Scene2d {
         self.log_scales.push(g.log_scale);
         self.rotations.push(g.rotation);
         self.colors.push(g.color);
+    }
+
+    fn check_lengths(&self) -> Result<(), Error> {
+        let n = self.len();
+        check_len("log_scales", n, self.log_scales.len())?;
+        check_len("rotations", n, self.rotations.len())?;
+        check_len("colors", n, self.colors.len())?;
+        if self.has_opacity() {
+            check_len("opacity_logits", n, self.opacity_logits.len())?;
+        }
+        Ok(())
     }
 
     fn validate(&self) -> Result<(), Error> {
@@ -154,7 +157,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn shape_of_frame_inverts_frame() {
+    fn shape_of_factor_inverts_factor() {
         for (ls, angle) in [((1.0, -0.5), 0.3), ((2.0, -6.0), -1.2), ((0.5, 0.4), 1.5)] {
             let g = Gaussian2d {
                 mean: Vec2::ZERO,

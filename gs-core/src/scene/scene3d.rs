@@ -4,7 +4,11 @@ use glam::{Mat3, Vec3};
 use serde::{Deserialize, Serialize};
 
 use super::{Scene, check_finite, check_len, check_logit};
-use crate::{covariance_factor::frame_of, error::Error, sh::coefficients, view::Camera};
+use crate::{
+    error::Error,
+    math::{covariance_factor::factor_of, sh::coefficients},
+    view::Camera,
+};
 
 /// N 3D Gaussians.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
@@ -17,68 +21,56 @@ pub struct Scene3d {
     pub rotations: Vec<[f32; 4]>,
     /// Opacity logits, `[N]`; ±∞ is legitimate.
     pub opacity_logits: Vec<f32>,
-    /// Degree d of the spherical harmonics, 0 to 3.
+    /// SH degree d, 0 to 3.
     pub sh_degree: u8,
-    /// Coefficients, `[N, K, 3]` with K = (d + 1)²; colour = ½ + SH(direction), clamped at 0.
+    /// SH coefficients, `[N, K, 3]` with K = (d + 1)²; colour = ½ + SH(direction), clamped at 0.
     pub sh: Vec<Vec3>,
 }
 
 /// One 3D Gaussian; units as in [`Scene3d`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Gaussian3d {
-    /// Mean, world units.
+    /// Mean μ, world units.
     pub mean: Vec3,
-    /// ln(world units) along the three axes.
+    /// ln of the scales along the three axes, ln(world units).
     pub log_scale: Vec3,
-    /// (w, x, y, z), any length but 0.
+    /// Rotation as a quaternion (w, x, y, z), of any length but 0.
     pub rotation: [f32; 4],
-    /// Logit; +∞ is opaque.
+    /// Opacity logit; +∞ is opaque.
     pub opacity_logit: f32,
-    /// `[K, 3]`.
+    /// SH coefficients, `[K, 3]`.
     pub sh: Vec<Vec3>,
 }
 
 impl Gaussian3d {
-    /// A square root of Σ: M = R(q) S, so that Σ = M Mᵀ (paper eq. 5). `None` where q is too short to have a direction
-    /// ([`MIN_QUATERNION_NORM2`](crate::constants::MIN_QUATERNION_NORM2)).
+    /// Covariance factor M = R(q) S, so that Σ = M Mᵀ (paper eq. 5). `None` where q is too short to
+    /// have a direction ([`MIN_QUATERNION_NORM2`](crate::constants::MIN_QUATERNION_NORM2)).
     pub fn factor(&self) -> Option<Mat3> {
-        frame_of(self.log_scale, self.rotation)
+        factor_of(self.log_scale, self.rotation)
     }
 
-    /// The same Gaussian with harmonics of another degree: coefficients beyond it are dropped, those that are missing are 0.
+    /// The same Gaussian with another SH degree: coefficients beyond it are dropped, missing ones
+    /// are 0.
     #[must_use]
     pub fn with_degree(mut self, sh_degree: u8) -> Self {
         self.sh.resize(coefficients(sh_degree), Vec3::ZERO);
         self
     }
 
-    /// Σ = R S Sᵀ Rᵀ (paper eq. 5), world units²; `None` as for [`Self::factor`].
+    /// Covariance Σ = R S Sᵀ Rᵀ (paper eq. 5), world units²; `None` as for [`Self::factor`].
     pub fn covariance(&self) -> Option<Mat3> {
         self.factor().map(|m| m * m.transpose())
     }
 }
 
 impl Scene3d {
-    /// Coefficients per Gaussian and channel, K = (d + 1)².
+    /// Number of SH coefficients per Gaussian and channel, K = (d + 1)².
     pub fn sh_len(&self) -> usize {
         coefficients(self.sh_degree)
     }
-
-    /// Fails unless all arrays describe the same number of Gaussians.
-    pub(crate) fn check_lengths(&self) -> Result<(), Error> {
-        let n = self.len();
-        if self.sh_degree > 3 {
-            return Err(Error::setting("sh_degree", self.sh_degree, "0 to 3"));
-        }
-        check_len("log_scales", n, self.log_scales.len())?;
-        check_len("rotations", n, self.rotations.len())?;
-        check_len("opacity_logits", n, self.opacity_logits.len())?;
-        check_len("sh", n * self.sh_len(), self.sh.len())?;
-        Ok(())
-    }
 }
 
-/// The scene's degree is the highest of its Gaussians'; the coefficients that others lack are 0.
+/// The scene has the highest degree of its Gaussians; missing coefficients are 0.
 impl FromIterator<Gaussian3d> for Scene3d {
     fn from_iter<T: IntoIterator<Item = Gaussian3d>>(gaussians: T) -> Self {
         let gaussians: Vec<Gaussian3d> = gaussians.into_iter().collect();
@@ -112,7 +104,8 @@ impl Scene for Scene3d {
     /// Appends one Gaussian.
     ///
     /// # Panics
-    /// Where it has not exactly [`sh_len`](Scene3d::sh_len) coefficients; [`Gaussian3d::with_degree`] makes them fit.
+    /// Where it does not have [`sh_len`](Scene3d::sh_len) coefficients; see
+    /// [`Gaussian3d::with_degree`].
     fn push(&mut self, g: Gaussian3d) {
         let (found, degree) = (g.sh.len(), self.sh_degree);
         assert_eq!(found, self.sh_len(), "a Gaussian of SH degree {degree} has {} coefficients", self.sh_len());
@@ -121,6 +114,17 @@ impl Scene for Scene3d {
         self.log_scales.push(g.log_scale);
         self.rotations.push(g.rotation);
         self.opacity_logits.push(g.opacity_logit);
+    }
+
+    fn check_lengths(&self) -> Result<(), Error> {
+        let n = self.len();
+        if self.sh_degree > 3 {
+            return Err(Error::setting("sh_degree", self.sh_degree, "0 to 3"));
+        }
+        check_len("log_scales", n, self.log_scales.len())?;
+        check_len("rotations", n, self.rotations.len())?;
+        check_len("opacity_logits", n, self.opacity_logits.len())?;
+        check_len("sh", n * self.sh_len(), self.sh.len())
     }
 
     fn validate(&self) -> Result<(), Error> {

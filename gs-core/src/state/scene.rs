@@ -1,4 +1,4 @@
-//! The scene in a saved state, read without a backend.
+//! Reading the scene of a saved state without a backend.
 
 use glam::{Mat2, Mat3, Vec2, Vec3};
 
@@ -6,8 +6,8 @@ use super::SplatsState;
 use crate::{
     adam::Parameterization,
     error::Error,
-    scene::{Gaussian2d, Gaussian3d, Scene2d, Scene3d},
-    sh::coefficients,
+    math::sh::coefficients,
+    scene::{Gaussian2d, Gaussian3d, Scene, Scene2d, Scene3d},
 };
 
 impl SplatsState {
@@ -16,11 +16,12 @@ impl SplatsState {
         self.contains("sh")
     }
 
-    /// The 2D scene of the state: the same values as a backend that restores the state and downloads its scene. They may be NaN.
+    /// The 2D scene of the state: the same values as those of a backend that restores the state and
+    /// downloads its scene. They may be NaN.
     ///
     /// # Errors
-    /// [`Error::State`] for tensors that are missing or of another type, [`Error::Length`] where they hold different numbers of
-    /// Gaussians.
+    /// [`Error::State`] for tensors that are missing or of another type, [`Error::Length`] where
+    /// they hold different numbers of Gaussians.
     pub fn scene_2d(&self) -> Result<Scene2d, Error> {
         let (log_scales, rotations) = match self.parameterization {
             Parameterization::ScaleRotation => {

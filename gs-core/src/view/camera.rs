@@ -1,4 +1,4 @@
-//! The view of a 3D scene: a posed pinhole camera.
+//! Views of 3D scenes: posed pinhole cameras.
 
 use glam::{Mat3, Vec2, Vec3};
 use serde::{Deserialize, Serialize};
@@ -16,16 +16,17 @@ pub struct Camera {
     pub focal: Vec2,
     /// Principal point (cx, cy), px from the top-left corner.
     pub center: Vec2,
-    /// Columns.
+    /// Columns of the image.
     pub width: u32,
-    /// Rows.
+    /// Rows of the image.
     pub height: u32,
-    /// Nothing nearer than this is drawn, world units.
+    /// Near plane, world units: Gaussians whose mean is nearer are not drawn.
     pub near: f32,
 }
 
 impl Camera {
-    /// A camera at the origin that looks along +z, with its principal point in the middle and a horizontal field of view of `fov_x` rad.
+    /// A camera at the origin that looks along +z, with a central principal point and a horizontal
+    /// field of view of `fov_x` rad.
     pub fn looking_forward(width: u32, height: u32, fov_x: f32) -> Self {
         let focal = 0.5 * width as f32 / (0.5 * fov_x).tan();
         Self {
@@ -39,8 +40,8 @@ impl Camera {
         }
     }
 
-    /// The same camera at `position` (world units), turned towards `target`, with `up` upwards in its image. `None` where these do not
-    /// say how: a target at the position, or straight up or down from it.
+    /// The same camera at `position` (world units), turned towards `target`, with `up` upwards in
+    /// its image. `None` where the target is at the position, or straight up or down from it.
     ///
     /// ```
     /// use glam::{Vec2, Vec3};
@@ -54,7 +55,7 @@ impl Camera {
     pub fn looking_at(&self, position: Vec3, target: Vec3, up: Vec3) -> Option<Self> {
         let forward = (target - position).try_normalize()?;
         let right = forward.cross(up.try_normalize()?).try_normalize().filter(|_| {
-            // Nearly parallel directions have a cross product of roundings.
+            // The cross product of nearly parallel directions is rounding error.
             forward.cross(up.normalize()).length() > 1e-4
         })?;
         let rotation = Mat3::from_cols(right, forward.cross(right), forward).transpose();
@@ -66,29 +67,31 @@ impl Camera {
         self.rotation * world + self.translation
     }
 
-    /// The camera's place in the world, −Wᵀ t.
+    /// Position of the camera, −Wᵀ t, world units.
     pub fn position(&self) -> Vec3 {
         -(self.rotation.transpose() * self.translation)
     }
 
-    /// Where a world point falls on the image, px (u = fx·x/z + cx, compared with pixel centres at j + ½), and its depth z;
-    /// `None` nearer than the near plane.
+    /// Projects a world point: its place on the image, px (u = fx·x/z + cx; pixel centres are at
+    /// j + ½), and its depth z. `None` nearer than the near plane.
     pub fn project(&self, world: Vec3) -> Option<(Vec2, f32)> {
         let p = self.to_camera(world);
         (p.z >= self.near).then(|| (self.focal * p.truncate() / p.z + self.center, p.z))
     }
 
-    /// The camera with another size of image: what it sees across stays, the principal point moves along.
+    /// The same camera with another image size. The field of view stays, and focal lengths and
+    /// principal point are scaled.
     #[must_use]
     pub fn resized(&self, width: u32, height: u32) -> Self {
         let by = Vec2::new(width as f32 / self.width as f32, height as f32 / self.height as f32);
         Self { focal: self.focal * by, center: self.center * by, width, height, ..*self }
     }
 
-    /// Fails unless the size is possible, the pose finite, the rotation orthonormal and no reflection, focal lengths and near plane positive.
+    /// Checks that the size is possible, the pose finite, the rotation a rotation, and focal
+    /// lengths and near plane positive.
     ///
     /// # Errors
-    /// [`Error::Size`] or [`Error::Setting`].
+    /// [`Error::Size`] or [`Error::Setting`] naming the first fault.
     pub fn validate(&self) -> Result<(), Error> {
         check_size(self.width, self.height)?;
         let gram = self.rotation * self.rotation.transpose();

@@ -1,11 +1,11 @@
-//! The view of a 2D scene: a pixel grid over a rectangle of the plane.
+//! Views of 2D scenes: pixel grids over a rectangle of the plane.
 
 use glam::Vec2;
 use serde::{Deserialize, Serialize};
 
 use crate::{error::Error, image::check_size};
 
-/// A pixel grid that shows a rectangle of the plane, so that a fit can be rendered at any size.
+/// A pixel grid over a rectangle of the plane, so that a 2D scene can be rendered at any size.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Canvas {
     /// Columns.
@@ -19,7 +19,7 @@ pub struct Canvas {
 }
 
 impl Canvas {
-    /// The canvas that shows a plane of `width` × `height` px at its own size.
+    /// The canvas of a plane of `width` × `height` px at its own size.
     pub fn new(width: u32, height: u32) -> Self {
         Self { width, height, origin: Vec2::ZERO, extent: Vec2::new(width as f32, height as f32) }
     }
@@ -39,10 +39,10 @@ impl Canvas {
         Vec2::new(self.width as f32, self.height as f32) / self.extent
     }
 
-    /// Fails unless the size is possible and the rectangle is finite with a positive extent.
+    /// Checks that the size is possible and the rectangle is finite with a positive extent.
     ///
     /// # Errors
-    /// [`Error::Size`] or [`Error::Setting`].
+    /// [`Error::Size`] or [`Error::Setting`] naming the first fault.
     pub fn validate(&self) -> Result<(), Error> {
         check_size(self.width, self.height)?;
         if !self.origin.is_finite() || !self.extent.is_finite() || !(self.extent.min_element() > 0.0) {

@@ -1,4 +1,4 @@
-//! What a scene is looked at through.
+//! Views of a scene, and paths of cameras.
 
 mod camera;
 mod canvas;

@@ -1,4 +1,4 @@
-//! Cameras on the move, to look at a scene with: orbits, and paths through key positions.
+//! Moving cameras: orbits, and paths through key positions.
 
 use glam::{Mat3, Quat, Vec3};
 use serde::{Deserialize, Serialize};
@@ -10,35 +10,37 @@ use crate::{
     view::Camera,
 };
 
-/// Most frames of a path; a mistyped number is refused before anything is rendered.
+/// Largest number of frames of a path; a mistyped number is refused before anything is rendered.
 const MOST_FRAMES: u32 = 100_000;
 
-/// How much of an overview's picture is around the bulk's radius: room for the tenth that is outside of it, and for what is nearer than its centre
-/// and so looks larger.
+/// Factor of the bulk's radius that an overview shows: room for the tenth of the Gaussians outside
+/// it and for perspective.
 const AROUND: f32 = 1.35;
 
-/// Standard deviations of a Gaussian that are taken for its extent: beyond two, an opaque one covers less than an eighth.
+/// Extent of a Gaussian in standard deviations: beyond two, an opaque one covers less than an
+/// eighth.
 const REACH: f32 = 2.0;
 
-/// A circle around something, as seen from it all the way round.
+/// An orbit: camera positions on a circle around a point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Orbit {
-    /// What the circle goes around, world units.
+    /// Centre of the circle, world units.
     pub center: Vec3,
-    /// Its axis; any length but 0.
+    /// Axis of the circle; any length but 0.
     pub axis: Vec3,
-    /// How many places on it.
+    /// Number of positions.
     pub frames: u32,
 }
 
 impl Orbit {
-    /// The camera turned around the axis, evenly, once; it is itself the first. Seen from the tip of the axis it goes counter-clockwise.
+    /// One turn of the camera around the axis in equal steps, beginning with the camera itself;
+    /// counter-clockwise as seen from the tip of the axis.
     pub fn cameras(&self, first: &Camera) -> Vec<Camera> {
         let angle = |frame: u32| std::f32::consts::TAU * frame as f32 / self.frames as f32;
         (0..self.frames).map(|frame| self.turned(first, angle(frame))).collect()
     }
 
-    /// The camera turned around the axis by an angle, rad.
+    /// The camera turned around the axis by `angle`, rad.
     pub fn turned(&self, camera: &Camera, angle: f32) -> Camera {
         let turn = Mat3::from_quat(Quat::from_axis_angle(self.axis.normalize_or(Vec3::NEG_Y), angle));
         let rotation = camera.rotation * turn.transpose();
@@ -47,18 +49,19 @@ impl Orbit {
     }
 }
 
-/// Where the bulk of a scene is, however many strays it has.
+/// Place and size of the bulk of a scene, without strays.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bulk {
-    /// The median of the means, axis by axis, world units.
+    /// Median of the means, axis by axis, world units.
     pub center: Vec3,
-    /// The distance from there within which nine tenths of them are, each out to two standard deviations, world units.
+    /// Distance from the centre within which nine tenths of the Gaussians are, each out to two
+    /// standard deviations, world units.
     pub radius: f32,
 }
 
 impl Bulk {
-    /// The bulk of the Gaussians that can be seen (of more than a tenth of opacity; of all where there are none such); `None` without any
-    /// that is finite.
+    /// The bulk of the Gaussians with more than a tenth of opacity, or of all if there are none.
+    /// `None` where no mean is finite.
     pub fn of(scene: &Scene3d) -> Option<Self> {
         let finite = |index: &usize| scene.means[*index].is_finite();
         let mut seen: Vec<usize> = (0..scene.len()).filter(finite).collect();
@@ -78,7 +81,8 @@ impl Bulk {
         Some(Self { center, radius: if radius > 0.0 { radius } else { 1.0 } })
     }
 
-    /// A camera of this size that has the bulk in view, from a little above; `up` as for [`Camera::looking_at`].
+    /// A camera of this image size that has the bulk in view from a little above; `fov_x` in rad,
+    /// `up` as for [`Camera::looking_at`].
     pub fn overview(&self, width: u32, height: u32, fov_x: f32, up: Vec3) -> Option<Camera> {
         let camera = Camera::looking_forward(width, height, fov_x);
         let half_side = 0.5 * width.min(height) as f32 / camera.focal.x;
@@ -90,28 +94,28 @@ impl Bulk {
     }
 }
 
-/// Whether a path comes back to its first key.
+/// Whether a path returns to its first key.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Ends {
-    /// It ends at its last key.
+    /// The path ends at its last key.
     #[default]
     Open,
-    /// From the last key it goes on to the first.
+    /// The path goes from its last key to its first.
     Closed,
 }
 
-/// A place on a path.
+/// A key position of a path.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "kebab-case")]
 pub struct Key {
-    /// Where the camera is, world units.
+    /// Position of the camera, world units.
     pub position: Vec3,
-    /// What it looks at, world units.
+    /// Point that the camera looks at, world units.
     pub target: Vec3,
 }
 
-/// A path of a camera through keys, smooth between them; what `gs render --path` reads.
+/// A smooth path of a camera through key positions; `gs render --path` reads it as JSON.
 ///
 /// ```
 /// let text = r#"{ "width": 800, "height": 600, "fov": 60, "up": [0, -1, 0], "frames": 90,
@@ -123,28 +127,30 @@ pub struct Key {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "kebab-case")]
 pub struct CameraPath {
-    /// Columns.
+    /// Columns of the images.
     pub width: u32,
-    /// Rows.
+    /// Rows of the images.
     pub height: u32,
     /// Horizontal field of view, degrees, above 0 and below 180.
     pub fov: f32,
-    /// What is up in the picture; y points down in data sets of COLMAP, so that up is (0, −1, 0) there.
+    /// Direction that is up in the image; (0, −1, 0) in data sets of COLMAP, where y points down.
     pub up: Vec3,
-    /// How many frames.
+    /// Number of frames, 1 to 100,000.
     pub frames: u32,
-    /// Whether it comes back.
+    /// Whether the path returns to its first key.
     #[serde(default)]
     pub ends: Ends,
-    /// The keys, at least one.
+    /// Key positions, at least one.
     pub keys: Vec<Key>,
 }
 
 impl CameraPath {
-    /// The cameras, evenly spread over the stretches between keys. *Source of the interpolation:* Catmull & Rom 1974.
+    /// The cameras of all frames, evenly spread between the keys. *Source of the interpolation:*
+    /// Catmull & Rom 1974.
     ///
     /// # Errors
-    /// [`Error::Setting`] or [`Error::Size`] where a number is not possible, or a frame would look nowhere.
+    /// [`Error::Setting`] or [`Error::Size`] where a number is not possible, or a frame has no
+    /// viewing direction.
     pub fn cameras(&self) -> Result<Vec<Camera>, Error> {
         self.validate()?;
         let lens = Camera::looking_forward(self.width, self.height, self.fov.to_radians());

@@ -1,7 +1,7 @@
 //! Random numbers, and a random scene that resembles a trained one.
 
 use glam::Vec3;
-use gs_core::{Camera, Gaussian3d, Scene, Scene3d, scene::logit};
+use gs_core::{Camera, Gaussian3d, Scene, Scene3d, logit};
 
 /// The seed of all random numbers.
 pub(crate) const SEED: u64 = 20_261_121;

@@ -285,7 +285,12 @@ mod tests {
 
     #[test]
     fn scales_stay_within_their_bounds() {
-        let rates = gs_core::Adam { min_scale: 0.25, max_scale: 10.0, ..Default::default() }.at(0.0);
+        let rates = gs_core::Adam::default()
+            .with(|s| {
+                s.min_scale = 0.25;
+                s.max_scale = 10.0;
+            })
+            .at(0.0);
         let scales = |l| Gaussian2d::shape_of_factor(l).0.map(f32::exp);
         let needle = Mat2::from_angle(0.7) * Mat2::from_diagonal(Vec2::new(9.9, 0.26)) * Mat2::from_angle(-1.1);
         for moved in [[0.4, -0.3, 0.45], [-0.4, 0.3, -0.45], [-0.5, 0.0, 0.5]] {

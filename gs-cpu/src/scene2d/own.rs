@@ -1,7 +1,7 @@
 //! The buffers that only 2D scenes need.
 
 use glam::Vec2;
-use gs_core::{Canvas, whitened::WhitenedGradient};
+use gs_core::{Canvas, math::whitened::WhitenedGradient};
 
 use crate::workspace::Workspace;
 

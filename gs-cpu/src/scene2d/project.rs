@@ -4,12 +4,7 @@
 //! det² L′ + δ tr + δ², which does not cancel.
 
 use glam::{Mat2, Vec2};
-use gs_core::{
-    Blend, Canvas, RenderSettings,
-    constants::MIN_DETERMINANT_PX4,
-    scene::sigmoid,
-    statistics::{Cause, Culled},
-};
+use gs_core::{Blend, Canvas, CullCause, Culled, RenderSettings, constants::MIN_DETERMINANT_PX4, sigmoid};
 use rayon::prelude::*;
 
 use super::splats::Splats2d;
@@ -31,7 +26,7 @@ fn project(
     color: [f32; 3],
     opacity: f32,
     (settings, longest): (&RenderSettings, f32),
-) -> Result<Splat, Cause> {
+) -> Result<Splat, CullCause> {
     let antialias = settings.effects.antialias;
     let delta = antialias.dilation();
     let xx = l.x_axis.x * l.x_axis.x + l.y_axis.x * l.y_axis.x;
@@ -44,17 +39,17 @@ fn project(
     let sized = determinant.is_finite() && (xx * yy).is_finite();
     let colored = color.iter().all(|c| c.is_finite());
     if !(placed && sized && colored) {
-        return Err(Cause::NotFinite);
+        return Err(CullCause::NotFinite);
     }
     if !(determinant >= MIN_DETERMINANT_PX4) {
-        return Err(Cause::Degenerate);
+        return Err(CullCause::Degenerate);
     }
     let opacity = match (settings.effects.blend, antialias) {
         (Blend::Over, antialias) if antialias.compensates() => opacity * (undilated / determinant).sqrt(),
         _ => opacity,
     };
     if !(opacity >= settings.accuracy.alpha_cut) {
-        return Err(Cause::Transparent);
+        return Err(CullCause::Transparent);
     }
     let cut = settings.accuracy.cut_of(opacity);
     Ok(Splat::new(mean, Covariance { xx, xy, yy, determinant }, color, (opacity, cut), longest))

@@ -9,8 +9,8 @@ use glam::{Mat2, Vec2};
 use gs_core::{
     Blend, Scene2d,
     effects::{Antialias, Statistics},
-    scene::sigmoid,
-    whitened::solve_transposed,
+    math::whitened::solve_transposed,
+    sigmoid,
 };
 use rayon::prelude::*;
 

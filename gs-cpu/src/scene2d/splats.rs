@@ -4,8 +4,9 @@ use glam::{Mat2, Vec2, Vec3};
 use gs_core::{
     DensityStatistics, EditPlan, Error, Gaussian2d, MeanNoise, Parameterization, Scene, Scene2d, SplatsState,
     edit::{Moments, Source},
-    scene::{logit, sigmoid},
-    whitened::aligned,
+    logit,
+    math::whitened::aligned,
+    sigmoid,
 };
 use rayon::prelude::*;
 

@@ -7,9 +7,9 @@ use gs_core::{
     AdamRates, Parameterization, Participants, Penalty,
     adam::Rate,
     constants::{MAX_XI, VANISHING_MOMENT},
-    covariance_factor::{stretched, sum_of_scales_vjp},
     effects::Statistics,
-    scene::sigmoid,
+    math::covariance_factor::{stretched, sum_of_scales_vjp},
+    sigmoid,
 };
 use rayon::prelude::*;
 

@@ -7,7 +7,7 @@ use gs_core::{
     AdamRates, Binning, Blend, Camera, EditPlan, Error, Gaussian3d, MeanNoise, Parameterization, RenderSettings,
     Scene3d, SplatsState,
     effects::Order,
-    perspective::{Ellipsoid, Perspective},
+    math::perspective::{Ellipsoid, Perspective},
 };
 use rayon::prelude::*;
 

@@ -3,10 +3,8 @@
 
 use glam::Vec3;
 use gs_core::{
-    Accuracy, Parameterization,
-    perspective::Perspective,
-    sh,
-    statistics::{Cause, Culled},
+    Accuracy, CullCause, Culled, Parameterization,
+    math::{perspective::Perspective, sh},
 };
 use rayon::prelude::*;
 
@@ -50,7 +48,7 @@ fn project(
     row: &[f32],
     grid: &Grid,
     (accuracy, longest): (&Accuracy, f32),
-) -> Result<(Splat, Depth), Cause> {
+) -> Result<(Splat, Depth), CullCause> {
     let p = match eye.parameterization {
         Parameterization::ScaleRotation => eye.perspective.project(&splats::ellipsoid(row)),
         Parameterization::CovarianceFactor => eye.perspective.project_factored(&splats::factored(row)),
@@ -59,11 +57,11 @@ fn project(
     let covariance = Covariance { xx, xy, yy, determinant: p.determinant };
     let mut splat = Splat::new(p.mean, covariance, [0.0; 3], (p.opacity, accuracy.cut_of(p.opacity)), longest);
     if !touches(&splat, (splat.reach * yy).sqrt(), grid) {
-        return Err(Cause::Outside);
+        return Err(CullCause::Outside);
     }
     splat.color = sh::color(eye.degree, eye.direction(splats::mean(row)), splats::sh(row));
     if !splat.color.iter().all(|c| c.is_finite()) {
-        return Err(Cause::NotFinite);
+        return Err(CullCause::NotFinite);
     }
     Ok((splat, [p.depth, p.depth_slope.x, p.depth_slope.y]))
 }

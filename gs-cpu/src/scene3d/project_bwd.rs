@@ -7,7 +7,11 @@
 use std::sync::atomic::Ordering::Relaxed;
 
 use glam::{Mat2, Vec2};
-use gs_core::{Parameterization, effects::Statistics, perspective::ProjectionGradient, sh};
+use gs_core::{
+    Parameterization,
+    effects::Statistics,
+    math::{perspective::ProjectionGradient, sh},
+};
 use rayon::prelude::*;
 
 use super::{
@@ -79,7 +83,7 @@ fn gradient(
             row[OPACITY] = v.opacity_logit;
         }
         Parameterization::CovarianceFactor => {
-            let v = eye.perspective.project_framed_vjp(&splats::factored(parameters), &upstream);
+            let v = eye.perspective.project_factored_vjp(&splats::factored(parameters), &upstream);
             (v.mean + by_direction).write_to_slice(&mut row[MEAN]);
             row[STRETCH].copy_from_slice(&v.stretch);
             row[STRETCH.end..OPACITY].fill(0.0);

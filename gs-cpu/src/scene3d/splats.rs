@@ -10,11 +10,14 @@ use std::ops::Range;
 use glam::{Mat3, Vec3};
 use gs_core::{
     DensityStatistics, EditPlan, Error, Gaussian3d, MeanNoise, Parameterization, Scene, Scene3d, SplatsState,
-    covariance_factor::{self, Factored, Symmetric3},
     edit::{Moments, Source},
-    perspective::Ellipsoid,
-    scene::{logit, sigmoid},
-    sh::coefficients,
+    logit,
+    math::{
+        covariance_factor::{self, Factored, Symmetric3},
+        perspective::Ellipsoid,
+        sh::coefficients,
+    },
+    sigmoid,
 };
 use rayon::prelude::*;
 
@@ -109,7 +112,7 @@ fn write_shape(parameterization: Parameterization, log_scale: Vec3, rotation: [f
             row[ROTATION].copy_from_slice(&rotation);
         }
         Parameterization::CovarianceFactor => {
-            let factor = covariance_factor::frame_of(log_scale, rotation).unwrap_or(Mat3::ZERO);
+            let factor = covariance_factor::factor_of(log_scale, rotation).unwrap_or(Mat3::ZERO);
             row[FACTOR].copy_from_slice(&factor.to_cols_array());
         }
     }
@@ -207,7 +210,7 @@ impl Splats3d {
             let factor = match parameterization {
                 Parameterization::ScaleRotation => {
                     let Ellipsoid { log_scale, rotation, .. } = ellipsoid(row);
-                    covariance_factor::frame_of(log_scale, rotation).unwrap_or(Mat3::ZERO)
+                    covariance_factor::factor_of(log_scale, rotation).unwrap_or(Mat3::ZERO)
                 }
                 Parameterization::CovarianceFactor => factor(row),
             };

@@ -4,8 +4,8 @@
 use glam::{Vec2, Vec3};
 use gs_core::{
     Blend, Canvas, Gaussian2d, Image, Rasterizer, RenderSettings, Scene2d,
-    scene::sigmoid,
-    splat::{Conic, cut, over, sum, weight},
+    math::splat::{Conic, cut, over, sum, weight},
+    sigmoid,
 };
 use gs_cpu::{CpuRasterizer, CpuSettings, SimdLevel};
 use pollster::FutureExt as _;
@@ -30,7 +30,7 @@ fn scene(count: u32, size: (u32, u32), translucent: bool) -> Scene2d {
 fn dense(scene: &Scene2d, size: (u32, u32), settings: &RenderSettings) -> Image {
     let gaussians: Vec<_> = scene
         .iter()
-        .map(|g| (g, Conic::of_frame(g.factor()).expect("no Gaussian here is degenerate"), sigmoid(g.opacity_logit)))
+        .map(|g| (g, Conic::of_factor(g.factor()).expect("no Gaussian here is degenerate"), sigmoid(g.opacity_logit)))
         .collect();
     Image::from_fn(size.0, size.1, |x, y| {
         let mut pixel = over::Forward::default();

@@ -1,4 +1,5 @@
-//! What growth by residual promises: exact counts, the right ones pruned, seeds where the residual is.
+//! What growth by residual promises: exact counts, the right ones pruned, seeds where the residual
+//! is.
 
 use glam::Vec2;
 use gs_core::{DensityStatistics, Image};

@@ -1,4 +1,4 @@
-//! How many Gaussians each pixel should have, and the drawing of positions from it.
+//! Density of Gaussians per pixel, and drawing of positions from it.
 
 use glam::Vec2;
 use rand::Rng as _;
@@ -6,17 +6,18 @@ use rand::Rng as _;
 use super::{HilbertOrder, Plane};
 use crate::Rng;
 
-/// How often the scale of the weights is refined; each pass saturates the pixels that the one before found too dense, and a
-/// handful suffice.
+/// Largest number of refinements of the weights' scale; each saturates the pixels that the one
+/// before found too dense, and a handful suffice.
 const MAX_CAP_PASSES: usize = 24;
 
-/// What every pixel's weight is raised by, as a share of the mean weight: so that what no capped pixel may hold has somewhere to go.
+/// Amount added to every pixel's weight, as a share of the mean weight, so that the mass that
+/// capped pixels refuse has a place.
 const FLOOR_SHARE: f32 = 1e-6;
 
-/// Pixels along the curve that are summed at once: where no draw lies among them they need not be looked at again.
+/// Pixels along the curve that are summed at once; chunks without a draw need no second pass.
 const CHUNK: usize = 64;
 
-/// The expected number of Gaussians in each pixel, `[H, W]`, px⁻².
+/// Expected number of Gaussians in each pixel, `[H, W]`, px⁻².
 #[derive(Debug, Clone, PartialEq)]
 pub struct DensityMap {
     per_pixel: Plane,
@@ -24,9 +25,11 @@ pub struct DensityMap {
 }
 
 impl DensityMap {
-    /// The density of `count` Gaussians that are spread in proportion to `weights`, but nowhere denser than `max_per_pixel`; what the
-    /// cap refuses goes to the other pixels, in proportion. Where the image is too small for `count` under the cap, the density is
-    /// uniform, above it. Weights that are negative or not finite count as 0; where all are 0 the density is uniform.
+    /// The density of `count` Gaussians in proportion to `weights`, capped at `max_per_pixel`.
+    ///
+    /// The excess of capped pixels goes to the others, in proportion. Where the image is too small
+    /// for `count` under the cap, the density is uniform, above the cap. Weights that are negative
+    /// or not finite count as 0; where all are 0 the density is uniform.
     pub fn from_weights(mut weights: Plane, count: usize, max_per_pixel: f32) -> Self {
         let pixels = weights.values.len();
         let wanted = count as f64;
@@ -43,8 +46,9 @@ impl DensityMap {
         }
         let floor = if sum > 0.0 { (sum / pixels as f64) as f32 * FLOOR_SHARE } else { 1.0 };
 
-        // Newton's method for Σ min(scale · (w + floor), cap) = count: the sum is concave and piecewise linear in the scale, so the
-        // scale grows monotonically, and stops at the solution once no further pixel saturates.
+        // Newton's method for Σ min(scale · (w + floor), cap) = count: the sum is concave and
+        // piecewise linear in the scale, so the scale grows monotonically, and stops at the
+        // solution once no further pixel saturates.
         let scale_for = |open_sum: f64, open: usize| {
             ((wanted - f64::from(cap) * (pixels - open) as f64) / (open_sum + f64::from(floor) * open as f64)) as f32
         };
@@ -62,22 +66,22 @@ impl DensityMap {
         Self { per_pixel: weights, count }
     }
 
-    /// The expected number of Gaussians in each pixel, row-major.
+    /// Expected number of Gaussians in each pixel, row-major.
     pub fn values(&self) -> &[f32] {
         &self.per_pixel.values
     }
 
-    /// (columns, rows).
+    /// Size as (columns, rows).
     pub fn size(&self) -> (u32, u32) {
         self.per_pixel.size()
     }
 
-    /// How many Gaussians the map was made for.
+    /// Number of Gaussians for which the map was made.
     pub fn count(&self) -> usize {
         self.count
     }
 
-    /// The density at a place of the plane, px⁻²; outside the image that of the nearest pixel.
+    /// Density at a place of the plane, px⁻²; outside the image that of the nearest pixel.
     pub fn at(&self, place: Vec2) -> f32 {
         let Plane { width, height, ref values } = self.per_pixel;
         // `as` takes negative numbers and NaN to 0.
@@ -85,12 +89,14 @@ impl DensityMap {
         values[y * width + x]
     }
 
-    /// Exactly [`Self::count`] positions, px, distributed as the density and spread evenly: the mass along `order` is cut into `count`
-    /// equal strata and one position is drawn in each. The positions come in that order, so neighbours in it are neighbours in
-    /// the image. Costs one random number per position.
+    /// Draws exactly [`Self::count`] positions, px, distributed as the density and spread evenly.
+    ///
+    /// The mass along `order` is cut into `count` equal strata, and one position is drawn in each,
+    /// at the cost of one random number. The positions are in that order, so neighbours in it are
+    /// neighbours in the image.
     ///
     /// # Panics
-    /// When `order` is of another size than the map.
+    /// Where `order` is of another size than the map.
     pub fn stratified(&self, order: &HilbertOrder, rng: &mut Rng) -> Vec<Vec2> {
         assert_eq!(order.size(), self.size(), "an order of another size than the density map");
         let mut positions = Vec::with_capacity(self.count);
@@ -108,7 +114,8 @@ impl DensityMap {
         for (pixels, &mass) in order.pixels().chunks(CHUNK).zip(&chunks) {
             let end = reached + f64::from(mass);
             if end > next {
-                // In a chunk where a stratum's draw lies, pixel by pixel; its last pixel takes what rounding leaves.
+                // In a chunk where a stratum's draw lies, pixel by pixel; its last pixel takes what
+                // rounding leaves.
                 let last = pixels.len() - 1;
                 for (i, &pixel) in pixels.iter().enumerate() {
                     reached = if i == last { end } else { reached + f64::from(values[pixel as usize]) };
@@ -131,7 +138,7 @@ impl DensityMap {
     }
 }
 
-/// Mass of up to [`CHUNK`] pixels, in four sums that do not wait for each other.
+/// Mass of up to [`CHUNK`] pixels, in four independent sums.
 fn mass_along(values: &[f32], pixels: &[u32]) -> f32 {
     let mut sums = [0.0f32; 4];
     let (quads, rest) = pixels.as_chunks::<4>();
@@ -188,7 +195,8 @@ fn sanitise(values: &mut [f32]) -> (f64, f32) {
     (sum, largest.into_iter().fold(0.0, f32::max))
 }
 
-/// Sum and number of the values below `limit`, in lanes that the compiler can vectorise; 512 values at a time in `f32`, beyond in `f64`.
+/// Sum and number of the values below `limit`, in lanes that the compiler can vectorise; 512 values
+/// at a time in `f32`, beyond in `f64`.
 fn sum_below(values: &[f32], limit: f32) -> (f64, usize) {
     let mut sum = 0.0f64;
     let mut count = 0usize;
@@ -237,9 +245,11 @@ mod tests {
         let positions = map.stratified(&order, &mut rng(1));
         assert_eq!(positions.len(), 400);
         let left = positions.iter().filter(|p| p.x < 32.0).count();
-        // Independent draws would deviate by 9; strata along the curve by one for each time it crosses the border.
+        // Independent draws would deviate by 9; strata along the curve by one for each time it
+        // crosses the border.
         assert!(left.abs_diff(100) <= 8, "{left} of 400 in the region that should have 100");
-        // χ² over 12 blocks of equal expectation in the denser half: far below what independent draws give (11 degrees of freedom).
+        // χ² over 12 blocks of equal expectation in the denser half: far below what independent
+        // draws give (11 degrees of freedom).
         let mut blocks = [0.0f32; 12];
         for p in positions.iter().filter(|p| p.x >= 32.0) {
             blocks[(p.y as usize / 16) * 4 + (p.x as usize - 32) / 8] += 1.0;

@@ -1,4 +1,4 @@
-//! From positions to Gaussians: how large, how long, which way, and of what colour.
+//! Gaussians at given positions: their size, shape, direction and colour.
 
 use glam::{Vec2, Vec3};
 use gs_core::{Gaussian2d, Image};
@@ -9,25 +9,26 @@ use super::{DensityMap, Structure};
 /// Radius of the largest square of pixels that a seed's colour is the mean of, px.
 const MAX_COLOR_RADIUS_PX: f32 = 4.0;
 
-/// What seeds look like, whatever their place.
+/// Shape of seeds, apart from their positions.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SeedShape {
     /// σ = `sigma_factor` / √density: in units of the distance between seeds. Positive.
     pub sigma_factor: f32,
     /// Smallest and largest σ (the geometric mean of both axes'), px.
     pub sigma_range_px: [f32; 2],
-    /// How many times longer than broad a seed may be, at least 1; 1 makes all round.
+    /// Largest ratio of axes of a seed, at least 1; 1 makes all round.
     pub max_aspect: f32,
     /// Opacity logit; +∞ for scenes without opacities.
     pub opacity_logit: f32,
 }
 
-/// One Gaussian at each position. σ follows the density; the longer axis lies along the edge, longer by [`Orientation::aspect`] and
-/// the shorter one shorter, so that the area is that of a round one.
+/// One Gaussian at each position.
 ///
-/// `color(mean, σ)` is the Gaussian's colour: under `Sum` what it adds at its mean, under `Over` what it paints.
+/// σ follows the density. The longer axis lies along the edge; the ratio of axes is
+/// [`EdgeOrientation::aspect`] at the area of a round Gaussian. `color(mean, σ)` is the Gaussian's
+/// colour.
 ///
-/// [`Orientation::aspect`]: super::Orientation::aspect
+/// [`EdgeOrientation::aspect`]: super::EdgeOrientation::aspect
 pub fn seed_gaussians(
     positions: &[Vec2],
     density: &DensityMap,
@@ -55,12 +56,13 @@ pub fn seed_gaussians(
         .collect()
 }
 
-/// The mean colour of the pixels of `image` within about σ of `mean` (at most 4 px), both px; of the nearest pixel for small σ.
+/// Mean colour of the pixels of `image` within about σ of `mean` (at most 4 px), both px; of the
+/// nearest pixel for small σ.
 pub fn mean_color(image: &Image, mean: Vec2, sigma: f32) -> Vec3 {
     mean_around(image.size(), mean, sigma, |pixel| Vec3::from_array(image.pixels()[pixel]))
 }
 
-/// The mean of `value(row-major index)` over the pixels that [`mean_color`] takes.
+/// Mean of `value(row-major index)` over the pixels of [`mean_color`].
 pub(crate) fn mean_around((width, height): (u32, u32), mean: Vec2, sigma: f32, value: impl Fn(usize) -> Vec3) -> Vec3 {
     let radius = sigma.min(MAX_COLOR_RADIUS_PX) as usize; // NaN becomes 0
     let (x, y) = ((mean.x as usize).min(width as usize - 1), (mean.y as usize).min(height as usize - 1));

@@ -1,5 +1,5 @@
-//! An order of an image's pixels in which neighbours in the order are neighbours in the image: the line along which samples are
-//! spread evenly.
+//! An order of an image's pixels in which neighbours are neighbours in the image, along which
+//! samples are spread evenly.
 
 use std::{
     fmt,
@@ -8,9 +8,9 @@ use std::{
 
 use glam::IVec2;
 
-/// The pixels of an image along a Hilbert curve, generalised to any size (*source:* Hilbert 1891; Červený's recursion for
-/// rectangles). Consecutive pixels share an edge where both sides are even, a power of two above all; an odd side costs at most a
-/// few diagonal steps.
+/// The pixels of an image along a Hilbert curve, generalised to any size (*source:* Hilbert 1891;
+/// Červený's recursion for rectangles). Consecutive pixels share an edge where both sides are even,
+/// a power of two above all; an odd side costs at most a few diagonal steps.
 #[derive(Clone, PartialEq, Eq)]
 pub struct HilbertOrder {
     width: u32,
@@ -18,15 +18,17 @@ pub struct HilbertOrder {
     pixels: Vec<u32>,
 }
 
-/// Orders of more pixels than these are made anew each time: steps on so large an image take longer than making the order does, and 64 MiB is
-/// enough to keep.
+/// Largest number of pixels of an order that is cached, in 64 MiB. With larger images, steps take
+/// longer than making the order.
 const MOST_KEPT_PX: usize = 1 << 24;
 
-/// The order that was asked for last: a fit asks for one size, round after round, and making the order costs more than using it.
+/// The last order: a fit needs one size, round after round, and making the order costs more than
+/// using it.
 static LAST: Mutex<Option<Arc<HilbertOrder>>> = Mutex::new(None);
 
 impl HilbertOrder {
-    /// The order for an image of `width` × `height` px; empty where a side is 0. Four bytes a pixel.
+    /// The order for an image of `width` × `height` px; empty where a side is 0. Four bytes a
+    /// pixel.
     pub fn new(width: u32, height: u32) -> Self {
         let mut pixels = Vec::with_capacity(width as usize * height as usize);
         let (right, down) = (IVec2::new(width as i32, 0), IVec2::new(0, height as i32));
@@ -37,7 +39,7 @@ impl HilbertOrder {
         Self { width, height, pixels }
     }
 
-    /// The same order, kept until another size is asked for if it is of less than 17 megapixels.
+    /// [`Self::new`], cached until another size is requested if it has less than 17 megapixels.
     pub fn shared(width: u32, height: u32) -> Arc<Self> {
         if width as usize * height as usize > MOST_KEPT_PX {
             return Arc::new(Self::new(width, height));
@@ -55,7 +57,7 @@ impl HilbertOrder {
         &self.pixels
     }
 
-    /// (columns, rows).
+    /// Size as (columns, rows).
     pub fn size(&self) -> (u32, u32) {
         (self.width, self.height)
     }
@@ -67,8 +69,8 @@ impl fmt::Debug for HilbertOrder {
     }
 }
 
-/// Appends the rectangle that is spanned by `along` and `across` (axis-parallel, perpendicular) from the corner `start`, entered
-/// there and left at the other end of `along`.
+/// Appends the rectangle that is spanned by `along` and `across` (axis-parallel, perpendicular)
+/// from the corner `start`, entered there and left at the other end of `along`.
 fn visit(pixels: &mut Vec<u32>, stride: i32, start: IVec2, along: IVec2, across: IVec2) {
     let (length, breadth) = (along.abs().element_sum(), across.abs().element_sum());
     let (step, side_step) = (along.signum(), across.signum());
@@ -80,7 +82,8 @@ fn visit(pixels: &mut Vec<u32>, stride: i32, start: IVec2, along: IVec2, across:
     }
     let (mut half_along, mut half_across) = (along / 2, across / 2);
     if 2 * length > 3 * breadth {
-        // Much longer than broad: two pieces one after the other, the first of even length so that it can be left at its end.
+        // Much longer than broad: two pieces one after the other, the first of even length so that
+        // it can be left at its end.
         if half_along.element_sum() % 2 != 0 && length > 2 {
             half_along += step;
         }
@@ -122,7 +125,8 @@ mod tests {
 
     #[test]
     fn a_stretch_of_the_order_is_compact() {
-        // 256 consecutive pixels of a row-major order span 256 columns; of a Hilbert order, a few dozen at most.
+        // 256 consecutive pixels of a row-major order span 256 columns; of a Hilbert order, a few
+        // dozen at most.
         let order = HilbertOrder::new(256, 256);
         for stretch in order.pixels().chunks(256) {
             let columns = stretch.iter().map(|p| p % 256);

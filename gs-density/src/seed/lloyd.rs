@@ -5,7 +5,8 @@ use rayon::prelude::*;
 
 use super::DensityMap;
 
-/// Blocks per position that the plane is cut into: enough for a centroid, and few enough to be quick.
+/// Blocks per position into which the plane is cut: enough for a centroid, and few enough to be
+/// fast.
 const BLOCKS_PER_POSITION: usize = 40;
 
 /// A square of pixels that goes to one position as a whole.
@@ -15,12 +16,14 @@ struct Block {
 }
 
 impl DensityMap {
-    /// Moves every position to the centroid of the part of the plane that is nearer to it than to any other, `steps` times (*source:*
-    /// Lloyd 1982). Positions stay in order; they must lie in the image.
+    /// Moves every position to the centroid of the part of the plane that is nearest to it, `steps`
+    /// times (*source:* Lloyd 1982).
     ///
-    /// The centroids are those of the squared density: positions at the centroids of a mass ρ² lie as densely as ρ (Gersho's
-    /// conjecture: centroids of a mass m lie as √m in 2D), so relaxing does not thin out what is dense. The plane is cut into
-    /// square blocks, some 40 for each position, and a block goes to its nearest position as a whole.
+    /// Positions stay in order; they must lie in the image. The centroids are those of the squared
+    /// density: positions at the centroids of a mass ρ² have the density ρ (Gersho's conjecture:
+    /// centroids of a mass m have the density √m in 2D), so dense regions stay dense. The plane is
+    /// cut into square blocks, some 40 for each position, and each block belongs to its nearest
+    /// position as a whole.
     pub fn relax(&self, positions: &mut [Vec2], steps: u32) {
         if positions.is_empty() || steps == 0 {
             return;
@@ -111,7 +114,8 @@ impl NearestPosition {
         ((cell.x as usize).min(self.columns - 1), (cell.y as usize).min(self.rows - 1))
     }
 
-    /// Index of the position nearest to `place`: rings of cells around it are searched until none further out can be nearer.
+    /// Index of the position nearest to `place`: rings of cells around it are searched until none
+    /// further out can be nearer.
     fn to(&self, place: Vec2) -> usize {
         let (column, row) = self.cell(place);
         let mut best = (f32::INFINITY, 0);
@@ -139,7 +143,8 @@ impl NearestPosition {
         best.1 as usize
     }
 
-    /// Improves `best`, (squared distance, index), by the positions in cells `left..=right` of a row.
+    /// Improves `best`, (squared distance, index), by the positions in cells `left..=right` of a
+    /// row.
     fn search(&self, row: usize, left: usize, right: usize, place: Vec2, best: &mut (f32, u32)) {
         let first = self.starts[row * self.columns + left] as usize;
         let end = self.starts[row * self.columns + right + 1] as usize;
@@ -170,7 +175,8 @@ mod tests {
         DensityMap::from_weights(weights, count, 0.3)
     }
 
-    /// Distance of every position to its nearest neighbour, times the root of the density there: 1.07 in a honeycomb.
+    /// Distance of every position to its nearest neighbour, times the root of the density there:
+    /// 1.07 in a honeycomb.
     fn spacings(map: &DensityMap, positions: &[Vec2]) -> Vec<f32> {
         let distance = |i: usize| {
             let others = positions.iter().enumerate().filter(|(j, _)| *j != i);

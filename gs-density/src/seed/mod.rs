@@ -1,8 +1,9 @@
-//! Seeding: putting new Gaussians where an image needs them, with no parent.
+//! Seeding: placing new Gaussians, without parents, where an image needs them.
 //!
-//! Weights per pixel (a gradient, a residual) become a [`DensityMap`], capped; positions are drawn from it in strata along a Hilbert
-//! curve ([`HilbertOrder`]), which spreads them far more evenly than independent draws; [`DensityMap::relax`] spreads them further;
-//! [`seed_gaussians`] gives each a size from the local density and a shape from the local [`Structure`].
+//! Weights per pixel (a gradient, a residual) become a capped [`DensityMap`]. Positions are drawn
+//! from it in strata along a Hilbert curve ([`HilbertOrder`]), which spreads them far more evenly
+//! than independent draws. [`DensityMap::relax`] spreads them further. [`seed_gaussians`] gives
+//! each a size from the local density and a shape from the local [`Structure`].
 
 mod density_map;
 mod gaussians;
@@ -13,4 +14,6 @@ mod structure;
 
 pub(crate) use gaussians::mean_around;
 pub use gaussians::{SeedShape, mean_color, seed_gaussians};
-pub use {density_map::DensityMap, hilbert::HilbertOrder, plane::Plane, structure::Orientation, structure::Structure};
+pub use {
+    density_map::DensityMap, hilbert::HilbertOrder, plane::Plane, structure::EdgeOrientation, structure::Structure,
+};

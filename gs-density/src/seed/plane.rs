@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-/// Fewest rows that are worth a task of their own.
+/// Least number of rows per parallel task.
 const ROWS_PER_TASK: usize = 16;
 
 /// One number per pixel, row-major, `[H, W]`.
@@ -14,7 +14,7 @@ pub struct Plane {
 }
 
 impl Plane {
-    /// The plane whose row `y` is written by `row(y, values)`, rows at the same time.
+    /// A plane whose row `y` is written by `row(y, values)`, in parallel.
     pub fn from_rows(width: u32, height: u32, row: impl Fn(usize, &mut [f32]) + Sync) -> Self {
         let (width, height) = (width as usize, height as usize);
         let mut values = vec![0.0; width * height];
@@ -28,26 +28,28 @@ impl Plane {
         &self.values
     }
 
-    /// (columns, rows).
+    /// Size as (columns, rows).
     pub fn size(&self) -> (u32, u32) {
         (self.width as u32, self.height as u32)
     }
 
-    /// Makes `fraction` (0..=1) of the sum uniform and keeps the rest as it is, scaled. A plane of zeros stays one.
+    /// Makes `fraction` (0..=1) of the sum uniform and scales the rest. A plane of zeros stays one.
     pub fn mix_uniform(&mut self, fraction: f32) {
         let sum: f64 = self.values.chunks(512).map(|block| f64::from(block.iter().sum::<f32>())).sum();
         let uniform = (sum / self.values.len().max(1) as f64) as f32 * fraction;
         self.values.iter_mut().for_each(|v| *v = *v * (1.0 - fraction) + uniform);
     }
 
-    /// Smooths with the binomial kernel (1, 2, 1)/4 along both axes, `passes` times: close to a Gaussian of σ = √(passes/2) px. Outside
-    /// the image its border values go on, so that a constant stays constant.
+    /// Smooths with the binomial kernel (1, 2, 1)/4 along both axes, `passes` times: close to a
+    /// Gaussian of σ = √(passes/2) px. Border values are repeated outside the image, so that a
+    /// constant stays constant.
     pub fn smooth(&mut self, passes: u32) {
         let width = self.width;
         if width == 0 {
             return;
         }
-        // Three rows at work: a row is needed unsmoothed (vertically) after its place has been overwritten.
+        // Three rows at work: a row is needed unsmoothed (vertically) after its place has been
+        // overwritten.
         let mut above = vec![0.0; width];
         let mut here = vec![0.0; width];
         let mut below = vec![0.0; width];

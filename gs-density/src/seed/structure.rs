@@ -1,4 +1,4 @@
-//! Which way an image's edges run, and how strongly: the structure tensor, evaluated where it is asked for.
+//! Direction and strength of an image's edges: the structure tensor, evaluated at single places.
 
 use glam::Vec2;
 use gs_core::Image;
@@ -17,42 +17,45 @@ const WINDOW_WEIGHTS: [f32; WINDOW] = [0.135_335, 0.411_112, 0.800_737, 1.0, 0.8
 /// Variance of the gradient that counts as no edge: 1/255 per px, the step of an 8-bit image.
 const NOISE: f32 = 1.0 / (255.0 * 255.0);
 
-/// The structure tensors of an image's luminance, (R + 2 G + B)/4, anywhere in it. Outside of the image its border pixels go on.
+/// Structure tensors of an image's luminance, (R + 2 G + B)/4. Border pixels are repeated outside
+/// the image.
 ///
-/// A tensor costs some hundred pixels' work. Seeds are far fewer than pixels, so tensors, and the luminance around them, are made for seeds.
+/// A tensor costs the work of some hundred pixels. There are far fewer seeds than pixels, so
+/// tensors are computed per seed.
 #[derive(Debug, Clone, Copy)]
 pub struct Structure<'a> {
     image: &'a Image,
 }
 
-/// Which way the edge through a place runs.
+/// Direction of the edge through a place, and the shape of a Gaussian there.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Orientation {
+pub struct EdgeOrientation {
     /// Direction along the edge, rad, from +x towards +y, in (−π/2, π/2].
     pub angle: f32,
-    /// How much longer than broad a Gaussian should be there, at least 1: the fourth root of the quotient of the tensor's
-    /// eigenvalues.
+    /// Best ratio of axes for a Gaussian there, at least 1: the fourth root of the ratio of the
+    /// tensor's eigenvalues.
     ///
-    /// The eigenvalues are squared gradients; curvatures across and along the edge stand as the gradients do, and a piecewise
-    /// approximation errs least where its elements' extents stand as one over the square root of the curvatures.
+    /// The eigenvalues are squared gradients. Curvatures across and along the edge have the ratio
+    /// of the gradients, and a piecewise approximation has the least error where its elements'
+    /// extents are proportional to one over the square root of the curvatures.
     pub aspect: f32,
 }
 
 impl<'a> Structure<'a> {
-    /// Of this image.
+    /// The structure of an image.
     pub fn new(image: &'a Image) -> Self {
         Self { image }
     }
 
-    /// Orientation at a place of the image, px; outside it, at the nearest pixel.
-    pub fn at(&self, place: Vec2) -> Orientation {
+    /// EdgeOrientation at a place of the image, px; outside it, at the nearest pixel.
+    pub fn at(&self, place: Vec2) -> EdgeOrientation {
         let [xx, xy, yy] = self.tensor(place);
         let (mean, half_difference) = (0.5 * (xx + yy), 0.5 * (xx - yy));
         let spread = half_difference.hypot(xy);
         let ratio = (mean + spread + NOISE) / ((mean - spread).max(0.0) + NOISE);
         // The gradient's direction is ½ atan2(2 xy, xx − yy); the edge is perpendicular to it.
         let angle = 0.5 * (-xy).atan2(-half_difference);
-        Orientation { angle, aspect: if ratio > 1.0 { ratio.sqrt().sqrt() } else { 1.0 } }
+        EdgeOrientation { angle, aspect: if ratio > 1.0 { ratio.sqrt().sqrt() } else { 1.0 } }
     }
 
     /// Weighted mean of ∇Y ∇Yᵀ around a place: (xx, xy, yy), px⁻².
@@ -77,7 +80,7 @@ impl<'a> Structure<'a> {
         [xx, xy, yy].map(|v| v / (total * total))
     }
 
-    /// Luminance around the pixel of a place, which is in the middle.
+    /// Luminance around the pixel of a place.
     fn luminance_around(&self, place: Vec2) -> [[f32; PATCH]; PATCH] {
         let (width, height) = self.image.size();
         // `as` takes negative numbers and NaN to 0.

@@ -7,7 +7,7 @@ use std::{
     path::Path,
 };
 
-use gs_core::{Image, constants::MAX_SIDE_PX, image::check_size, memory};
+use gs_core::{Image, check_size, constants::MAX_SIDE_PX, memory};
 use image::{
     DynamicImage, ExtendedColorType, ImageDecoder, ImageError, ImageFormat, ImageReader, Limits,
     codecs::tiff::TiffDecoder, metadata::Orientation as Turn,

@@ -11,7 +11,7 @@ use std::{
     path::Path,
 };
 
-use gs_core::{Image, image::to_8_bits};
+use gs_core::{Image, to_8_bits};
 
 pub(crate) use self::decode::{decode, decode_mask, read_header};
 pub use self::remark::ImageRemark;

@@ -32,7 +32,7 @@ use std::{
 };
 
 use glam::Vec3;
-use gs_core::{RenderSettings, Scene, Scene3d, examination::Examinable};
+use gs_core::{RenderSettings, Scene, Scene3d, examination::SMALLEST_LOG_SCALE};
 
 pub use self::{
     conversion_loss::ConversionLoss,
@@ -187,7 +187,8 @@ pub fn read_3d(path: impl AsRef<Path>) -> Result<File3d, Error> {
 fn raise_zero_scales(scene: &mut Scene3d) -> Option<ConversionLoss> {
     let is_zero = |scales: &Vec3| scales.to_array().contains(&f32::NEG_INFINITY);
     let zero: Vec<usize> = (0..scene.len()).filter(|&index| is_zero(&scene.log_scales[index])).collect();
-    zero.iter().for_each(|&index| scene.widen(index));
+    let raised = |scale: f32| if scale == f32::NEG_INFINITY { SMALLEST_LOG_SCALE } else { scale };
+    zero.iter().for_each(|&index| scene.log_scales[index] = scene.log_scales[index].map(raised));
     (!zero.is_empty()).then_some(ConversionLoss::ZeroScales { gaussians: zero.len() })
 }
 

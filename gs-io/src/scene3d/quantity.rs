@@ -98,7 +98,7 @@ mod tests {
             assert!(logit.is_finite());
             assert_eq!(opacity_of_logit(logit), end);
         }
-        assert_eq!(gs_core::scene::sigmoid(OPAQUE_LOGIT), 1.0);
+        assert_eq!(gs_core::sigmoid(OPAQUE_LOGIT), 1.0);
         assert_eq!([f32::INFINITY, f32::NEG_INFINITY].map(|end| opacity_of_logit(finite_logit(end))), [1.0, 0.0]);
         for step in 0..=255 {
             let logit = logit_of_step(step, 255);

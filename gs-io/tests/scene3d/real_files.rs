@@ -1,7 +1,7 @@
 //! Files made by other programs, if they are there.
 
 use glam::Vec3;
-use gs_core::{Scene, Scene3d, scene::sigmoid};
+use gs_core::{Scene, Scene3d, sigmoid};
 use gs_io::{ConversionLoss, File3d, Format3d, WriteOptions3d, read_3d};
 
 use super::samples;

@@ -7,7 +7,7 @@ use gs_conformance::properties::fresh;
 use gs_core::{
     Scene, Scene3d,
     effects::{Antialias, Order},
-    scene::sigmoid,
+    sigmoid,
 };
 use gs_io::{ConversionLoss, Format3d, GltfBuffer, SpzVersion, TrainedWith, WriteOptions3d, read_3d, write_3d};
 use proptest::{collection::vec, prelude::*};

@@ -46,7 +46,10 @@ impl Variant {
     /// The standard preset with this number of steps, blending and loss.
     pub(crate) fn settings(&self, image: &Image, gaussians: u32, iterations: u32) -> FitSettings {
         let standard = Preset::Standard.settings(gaussians, image.size()).with_iterations(iterations);
-        FitSettings { render: RenderSettings::blended(self.blend), loss: self.loss, ..standard }
+        standard.with(|s| {
+            s.render = RenderSettings::blended(self.blend);
+            s.loss = self.loss;
+        })
     }
 
     /// Fits `image` by [`Self::settings`].

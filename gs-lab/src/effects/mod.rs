@@ -1,5 +1,5 @@
 //! What effects change in a scene's pictures and what they cost in time, measured on any backend.
-//! Renderings prove the bounds behind [`Effects::called_for`], and each effect is timed.
+//! Renderings prove the bounds behind [`Effects::required`], and each effect is timed.
 
 mod prices;
 mod proof;

@@ -52,7 +52,7 @@ pub fn prices<S: Scene, R: Rasterizer<S>>(
     required: &RenderSettings,
     rounds: usize,
 ) -> Result<Prices, Error> {
-    let with = |effects: Effects| RenderSettings { effects, ..*wanted };
+    let with = |effects: Effects| (*wanted).with(|s| s.effects = effects);
     let cheaper: Vec<(Effect, Effects)> =
         Effect::ALL.into_iter().filter_map(|effect| Some((effect, effect.cheaper(&wanted.effects)?))).collect();
     let without: Vec<RenderSettings> = cheaper.iter().map(|(_, effects)| with(*effects)).collect();

@@ -3,10 +3,7 @@
 use gs_core::{
     Effects, Error, Rasterizer, RenderSettings,
     constants::HALF_DISPLAY_STEP,
-    effects::{
-        CalledFor, Effect,
-        called_for::{CallsForEffects, Verdict},
-    },
+    effects::{Effect, EffectDecision, RequiredEffects, RequiresEffects},
 };
 use serde::Serialize;
 
@@ -16,9 +13,9 @@ use super::{Difference, UploadedScene};
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Proof {
-    /// The result of [`Effects::called_for`], to which effects are added whose absence changed a
+    /// The result of [`Effects::required`], to which effects are added whose absence changed a
     /// picture.
-    pub called: CalledFor,
+    pub called: RequiredEffects,
     /// The difference between pictures with the required effects and with all wanted effects.
     pub difference: Difference,
     /// Number of views that were rendered both ways.
@@ -33,21 +30,21 @@ pub struct Proof {
 /// Those of [`Rasterizer::forward`].
 pub fn prove<S, R>(scene: &S, uploaded: &UploadedScene<'_, S, R>, wanted: &RenderSettings) -> Result<Proof, Error>
 where
-    S: CallsForEffects,
+    S: RequiresEffects,
     R: Rasterizer<S>,
 {
-    borne_out(Effects::called_for(scene, uploaded.views, wanted)?, uploaded, wanted)
+    borne_out(Effects::required(scene, uploaded.views, wanted)?, uploaded, wanted)
 }
 
 /// While pictures differ visibly, restores the effect that reduces the difference most, found by
 /// restoring each alone.
 fn borne_out<S, R>(
-    mut called: CalledFor,
+    mut called: RequiredEffects,
     uploaded: &UploadedScene<'_, S, R>,
     wanted: &RenderSettings,
 ) -> Result<Proof, Error>
 where
-    S: CallsForEffects,
+    S: RequiresEffects,
     R: Rasterizer<S>,
 {
     let mut difference = uploaded.differences(wanted, &[called.settings])?[0];
@@ -55,8 +52,7 @@ where
         let left = called.settings.effects;
         let is_out = |effect: &Effect| effect.value(&left) != effect.value(&wanted.effects);
         let out: Vec<Effect> = Effect::ALL.into_iter().filter(is_out).collect();
-        let with =
-            |effect: &Effect| RenderSettings { effects: effect.copied(&wanted.effects, &left), ..called.settings };
+        let with = |effect: &Effect| called.settings.with(|s| s.effects = effect.copied(&wanted.effects, &left));
         let restored: Vec<RenderSettings> = out.iter().map(with).collect();
         let found = uploaded.differences(wanted, &restored)?;
         let closer = |a: &usize, b: &usize| {
@@ -65,8 +61,8 @@ where
         };
         let Some(guilty) = (0..out.len()).min_by(closer) else { break };
         let reason = format!("without it, a pixel changes by {:.4}, which was not foreseen", difference.most);
-        for verdict in called.verdicts.iter_mut().filter(|verdict| verdict.effect == out[guilty]) {
-            *verdict = Verdict::new(out[guilty], &wanted.effects, &wanted.effects, reason.clone());
+        for verdict in called.decisions.iter_mut().filter(|verdict| verdict.effect == out[guilty]) {
+            *verdict = EffectDecision::new(out[guilty], &wanted.effects, &wanted.effects, reason.clone());
         }
         (called.settings, difference) = (restored[guilty], found[guilty]);
     }
@@ -78,7 +74,7 @@ mod tests {
     use glam::{Vec2, Vec3};
     use gs_core::{
         Blend, Canvas, Gaussian2d, Parameterization, Scene2d,
-        effects::{Antialias, Background, called_for::Answer},
+        effects::{Antialias, Background, Requirement},
     };
     use gs_cpu::{CpuRasterizer, CpuSettings};
 
@@ -122,8 +118,8 @@ mod tests {
             "what is not to blame stays left out"
         );
         assert_eq!(difference.most, 0.0);
-        let verdict = &mended.verdicts[3];
-        assert_eq!((verdict.effect, verdict.answer), (Effect::Antialias, Answer::CalledFor));
+        let verdict = &mended.decisions[3];
+        assert_eq!((verdict.effect, verdict.answer), (Effect::Antialias, Requirement::Required));
         assert!(verdict.reason.contains("not foreseen"), "{}", verdict.reason);
     }
 }

@@ -68,7 +68,12 @@ impl Start {
 
     /// The paper's fit with this start.
     pub(crate) fn settings(self, paper: FitSettings) -> FitSettings {
-        let border = |scale_px, colors| Init::Periphery(Periphery { scale_px, colors, ..Periphery::default() });
+        let border = |scale_px, colors| {
+            Init::Periphery(Periphery::default().with(|s| {
+                s.scale_px = scale_px;
+                s.colors = colors;
+            }))
+        };
         let init = match self {
             Self::Good => paper.init,
             Self::ColdWhite => border(COLD_SCALE_PX, Colors::Target),
@@ -76,11 +81,16 @@ impl Start {
             Self::LargeVariance => border(LARGE_SCALE_PX, Colors::Random),
         };
         let policy = match self {
-            Self::ColdForced => Policy::Grow(Grow { when_flat: WhenFlat::Forced, ..Grow::paper(Signal::MeanGradient) }),
+            Self::ColdForced => {
+                Policy::Grow(Grow::paper(Signal::MeanGradient).with(|s| s.when_flat = WhenFlat::Forced))
+            }
             Self::ColdResidual => Policy::Residual(ResidualGrowth::default()),
             _ => paper.policy.clone(),
         };
-        FitSettings { init, policy, ..paper }
+        paper.with(|s| {
+            s.init = init;
+            s.policy = policy;
+        })
     }
 }
 
@@ -164,7 +174,7 @@ pub(crate) fn measure<R: Optimizer<Scene2d>>(laboratory: &mut Laboratory<'_, R>)
         let scene =
             Trainer::new(laboratory.rasterizer(), &target, settings(start, 0)).block_on()?.scene().block_on()?;
         for loss in [Loss::L1, Loss::PAPER] {
-            let settings = FitSettings { loss, ..settings(start, 0) };
+            let settings = settings(start, 0).with(|s| s.loss = loss);
             pulls.push(pull(laboratory.rasterizer(), start, &scene, &target, &settings)?);
         }
     }

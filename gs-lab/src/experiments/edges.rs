@@ -2,7 +2,7 @@
 //! edge of the square and near the soft edge of the disc.
 
 use glam::Vec2;
-use gs_core::{Gaussian2d, Optimizer, Scene2d, scene::sigmoid};
+use gs_core::{Gaussian2d, Optimizer, Scene2d, sigmoid};
 
 use super::{
     Cell, Circumstance, Claim, Findings, Laboratory, Number, Picture, Table,
@@ -132,7 +132,7 @@ pub(crate) fn measure<R: Optimizer<Scene2d>>(laboratory: &mut Laboratory<'_, R>)
     let seeds = laboratory.extent().seeds(8, 2);
     let mut scenes = Vec::new();
     for seed in seeds.clone() {
-        let settings = FitSettings { seed, ..FitSettings::paper() };
+        let settings = FitSettings::paper().with(|s| s.seed = seed);
         scenes.push(laboratory.fit(&format!("seed {seed}"), &target, settings)?.fit.scene);
     }
     let shown = Shown { size: target.size(), render: &FitSettings::paper().render, ellipses: Ellipses::Drawn };

@@ -93,7 +93,7 @@ impl<R: Optimizer<Scene2d>> Laboratory<'_, R> {
     /// Runs a fit. A diverging fit fails instead of recovering, because failures are a part of the
     /// results.
     pub(crate) fn fit(&mut self, label: &str, target: &Image, settings: FitSettings) -> Result<Run, Error> {
-        let settings = FitSettings { recovery: Recovery::Never, ..settings };
+        let settings = settings.with(|s| s.recovery = Recovery::Never);
         let mut trainer = Trainer::new(self.rasterizer, target, settings).block_on()?;
         self.watch.on_fit(label);
         let mut record = Record { losses: Vec::new(), counts: Vec::new(), watch: self.watch };

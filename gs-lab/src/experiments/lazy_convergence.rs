@@ -49,7 +49,7 @@ impl Criterion {
 
     /// The policy for an image of `side` px.
     pub(crate) fn policy(self, side: u32) -> Policy {
-        let absolute = |threshold| Policy::Grow(Grow { threshold, ..Grow::absolute(Signal::MeanGradient) });
+        let absolute = |threshold| Policy::Grow(Grow::absolute(Signal::MeanGradient).with(|s| s.threshold = threshold));
         match self {
             Self::AbsoluteDevice => absolute(TAU_POSITION),
             Self::AbsolutePixel => absolute(per_pixel(side)),
@@ -59,8 +59,10 @@ impl Criterion {
 
     /// The paper's fit with this criterion, with rounds to the end.
     pub(crate) fn settings(self, extent: Extent, seed: u32) -> FitSettings {
-        let paper = paper_settings(extent, seed);
-        FitSettings { policy: self.policy(PAPER_SIDE_PX), rounds: Rounds::until(100, paper.iterations - 1), ..paper }
+        paper_settings(extent, seed).with(|s| {
+            s.policy = self.policy(PAPER_SIDE_PX);
+            s.rounds = Rounds::until(100, s.iterations - 1);
+        })
     }
 }
 

@@ -32,26 +32,28 @@ const END: usize = 10;
 
 /// The paper's fit. The quick form ends soon after growth has ended.
 pub(crate) fn paper_settings(extent: Extent, seed: u32) -> FitSettings {
-    let paper = FitSettings::paper();
-    FitSettings { seed, iterations: extent.choose(paper.iterations, 1000), ..paper }
+    FitSettings::paper().with(|s| {
+        s.seed = seed;
+        s.iterations = extent.choose(s.iterations, 1000);
+    })
 }
 
 /// Forced growth alone, in a round every 100 steps to the end.
 pub(crate) fn forced_growth_settings(extent: Extent, seed: u32) -> FitSettings {
-    let paper = paper_settings(extent, seed);
-    let policy = Policy::Grow(Grow::percentile(Signal::MeanGradient));
-    FitSettings { policy, rounds: Rounds::until(100, paper.iterations - 1), ..paper }
+    paper_settings(extent, seed).with(|s| {
+        s.policy = Policy::Grow(Grow::percentile(Signal::MeanGradient));
+        s.rounds = Rounds::until(100, s.iterations - 1);
+    })
 }
 
 /// A fit without growth: `count` Gaussians of `scale_px` from the start.
 pub(crate) fn fixed_settings(extent: Extent, seed: u32, count: u32, scale_px: f32) -> FitSettings {
-    FitSettings {
-        initial: InitialCount::Fixed(count),
-        init: Init::Random(Random { scale_px, ..Random::default() }),
-        policy: Policy::None,
-        rounds: Rounds::NEVER,
-        ..paper_settings(extent, seed)
-    }
+    paper_settings(extent, seed).with(|s| {
+        s.initial = InitialCount::Fixed(count);
+        s.init = Init::Random(Random::default().with(|s| s.scale_px = scale_px));
+        s.policy = Policy::None;
+        s.rounds = Rounds::NEVER;
+    })
 }
 
 /// A way of reaching the final scene, over all seeds.

@@ -6,7 +6,7 @@
 //! scaling vector"). Each of these loses digits, which gs-cpu avoids. It is dense and visits pixel
 //! after pixel, for small images.
 
-use gs_core::{Gaussian2d, Image, Scene2d, scene::sigmoid};
+use gs_core::{Gaussian2d, Image, Scene2d, sigmoid};
 
 /// Guards against vanishing scales.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -11,8 +11,8 @@ use std::collections::HashSet;
 use glam::{Mat2, Vec2};
 use gs_core::{
     Camera, Canvas, Image, RenderSettings, Scene, Scene2d, Scene3d,
-    perspective::{Ellipsoid, Perspective, Projection},
-    scene::sigmoid,
+    math::perspective::{Ellipsoid, Perspective, Projection},
+    sigmoid,
 };
 
 /// If a picture has fewer pixels per Gaussian than this, only a part of the Gaussians is drawn.

@@ -1,6 +1,6 @@
 //! The search for the frontier.
 
-use gs_core::{Accuracy, Error, RenderSettings, Scene, settings::Extent};
+use gs_core::{Accuracy, Error, Extent, RenderSettings, Scene};
 
 use super::{
     Comparison, Contender, Frontier, Measured, Noise, PictureError, Role, Setting, Truth, Verifiable, alternatives,
@@ -50,7 +50,7 @@ struct Entry {
 impl<S: Verifiable> Field<'_, S> {
     /// The default settings without cut-offs, which the true picture has.
     fn tightest(&self) -> RenderSettings {
-        RenderSettings { accuracy: Accuracy::TIGHTEST, ..self.shown }
+        self.shown.with(|s| s.accuracy = Accuracy::TIGHTEST)
     }
 
     /// The true pictures of the views. Their worst pixels are found on the first backend that can
@@ -129,7 +129,7 @@ impl<S: Verifiable> Field<'_, S> {
 
     /// The entries that every backend's table contains.
     fn landmarks(&self, base: usize, views: &[S::View], refused: &mut Vec<Refused>) -> Result<Vec<Entry>, Error> {
-        let three_dgs = RenderSettings { accuracy: Accuracy::THREE_DGS, ..self.shown };
+        let three_dgs = self.shown.with(|s| s.accuracy = Accuracy::THREE_DGS);
         let without_extent = Setting::Extent(Extent::AlphaCut).applied_to(&three_dgs);
         let mut all =
             vec![self.entry(base, self.shown, Role::Default, &[]), self.entry(base, self.shown, Role::Again, &[])];

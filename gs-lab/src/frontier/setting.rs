@@ -3,9 +3,8 @@
 use std::fmt;
 
 use gs_core::{
-    RenderSettings,
+    Extent, RenderSettings,
     effects::{Antialias, Order},
-    settings::Extent,
 };
 
 /// A setting of a rendering with a value.

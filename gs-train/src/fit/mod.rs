@@ -12,12 +12,12 @@ use crate::{
     trainer::{Outcome, Trainer},
 };
 
-/// What a fit yields.
+/// Result of [`fit()`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fit {
     /// The Gaussians.
     pub scene: Scene2d,
-    /// The scene rendered at the target's size, not clamped.
+    /// Rendering of the scene at the target's size, not clamped.
     pub image: Image,
     /// Cost and quality.
     pub summary: FitSummary,
@@ -25,7 +25,7 @@ pub struct Fit {
     pub outcome: Outcome,
 }
 
-/// Fits 2D Gaussians to an image; `&mut ()` is the observer for who does not want to watch.
+/// Fits 2D Gaussians to an image. Pass `&mut ()` as observer to observe nothing.
 ///
 /// # Errors
 /// Those of [`Trainer::new`] and [`Trainer::run`].
@@ -36,7 +36,7 @@ pub struct Fit {
 /// use gs_train::{FitSettings, MetricsLog, fit, paper_target};
 ///
 /// let rasterizer = CpuRasterizer::new(CpuSettings::default())?;
-/// let settings = FitSettings { iterations: 20, ..FitSettings::quick(50) };
+/// let settings = FitSettings::quick(50).with(|s| s.iterations = 20);
 /// let mut log = MetricsLog::new(5);
 /// let fit = pollster::block_on(fit(&rasterizer, &paper_target(), settings, &mut log))?;
 /// assert_eq!(fit.summary.gaussians, 50);

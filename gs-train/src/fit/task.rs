@@ -1,8 +1,8 @@
-//! A fit of 2D Gaussians to one image: the part of the loop that knows the image.
+//! The task of fitting 2D Gaussians to one image.
 
 use gs_core::{
-    Blend, Canvas, Effects, Gaussian2d, Image, Loss, Optimizer, Parameterization, RenderSettings, Scene, Scene2d,
-    TrainStep, statistics::Culled,
+    Blend, Canvas, Culled, Effects, Gaussian2d, Image, Loss, Optimizer, Parameterization, RenderSettings, Scene,
+    Scene2d, TrainStep,
 };
 use gs_density::{DensityPolicy, Residual};
 use gs_io::Checkpoint;
@@ -18,7 +18,7 @@ use crate::{
     rounds::Rounds,
     settings::FitSettings,
     summary::FitSummary,
-    task::{RunSettings, StepContext, Trainable, TrainingTask},
+    task::{RunSettings, SceneTask, StepContext, TrainingTask},
     trainer::{Trainer, random},
 };
 
@@ -26,7 +26,8 @@ use crate::{
 pub struct ImageTask<R: Optimizer<Scene2d>> {
     canvas: Canvas,
     target: R::Target,
-    /// The target on the host, beside the rendering that a policy has asked for; outside of its round that is a single pixel.
+    /// The target on the host, with the rendering of the current round of density control; between
+    /// rounds that is one pixel.
     residual: Residual,
 }
 
@@ -36,7 +37,7 @@ impl<R: Optimizer<Scene2d>> std::fmt::Debug for ImageTask<R> {
     }
 }
 
-impl Trainable for Scene2d {
+impl SceneTask for Scene2d {
     type Settings = FitSettings;
     type TrainingTask<R: Optimizer<Self>> = ImageTask<R>;
 
@@ -119,7 +120,7 @@ impl<R: Optimizer<Scene2d>> TrainingTask<R, Scene2d> for ImageTask<R> {
         self.canvas.width.max(self.canvas.height) as f32
     }
 
-    fn pictures(&self) -> u32 {
+    fn images(&self) -> u32 {
         1
     }
 
@@ -130,7 +131,7 @@ impl<R: Optimizer<Scene2d>> TrainingTask<R, Scene2d> for ImageTask<R> {
         settings: &FitSettings,
         context: StepContext,
     ) -> Result<(), Error> {
-        let render = RenderSettings { effects: context.effects, ..settings.render };
+        let render = settings.render.with(|s| s.effects = context.effects);
         let rates = settings.adam.at(context.step as f32 / settings.iterations as f32).times(context.lr_scale);
         let step = TrainStep { settings: &render, loss: settings.loss, rates: &rates, binning: context.binning };
         Ok(on.train_step(splats, &self.canvas, &self.target, &step).await?)
@@ -185,7 +186,7 @@ impl<R: Optimizer<Scene2d>> ImageTask<R> {
         settings: &FitSettings,
         effects: &Effects,
     ) -> Result<(Image, Culled), Error> {
-        let render = RenderSettings { effects: *effects, ..settings.render };
+        let render = settings.render.with(|s| s.effects = *effects);
         Ok(on.draw(splats, &self.canvas, &render).await?)
     }
 
@@ -197,7 +198,7 @@ impl<R: Optimizer<Scene2d>> ImageTask<R> {
         effects: &Effects,
         iterations: u32,
     ) -> Result<(), Error> {
-        let render = RenderSettings { effects: *effects, ..settings.render };
+        let render = settings.render.with(|s| s.effects = *effects);
         if iterations > 0 && render.effects.blend == Blend::Sum && on.len(splats) > 0 {
             on.solve_colors(splats, &self.canvas, &self.target, &render, iterations).await?;
         }
@@ -206,10 +207,11 @@ impl<R: Optimizer<Scene2d>> ImageTask<R> {
 }
 
 impl<'a, R: Optimizer<Scene2d>> Trainer<'a, R> {
-    /// Begins a fit with the scene that [`FitSettings::init`] makes for the target.
+    /// Starts a fit with the scene that [`FitSettings::init`] makes for the target.
     ///
     /// # Errors
-    /// [`gs_core::Error::Setting`] where a setting is not possible or the target is not finite, and those of the backend.
+    /// [`gs_core::Error::Setting`] where a setting is not possible, [`gs_core::Error::Pixel`] where
+    /// the target is not finite, and those of the backend.
     pub async fn new(rasterizer: &'a R, target: &Image, settings: FitSettings) -> Result<Self, Error> {
         settings.validate()?;
         let started = Instant::now();
@@ -222,10 +224,12 @@ impl<'a, R: Optimizer<Scene2d>> Trainer<'a, R> {
         Ok(trainer)
     }
 
-    /// Begins a fit with a given scene instead, whatever [`FitSettings::init`] and [`FitSettings::initial`] say.
+    /// Starts a fit with a given scene; [`FitSettings::init`] and [`FitSettings::initial`] are not
+    /// used.
     ///
     /// # Errors
-    /// Those of [`Trainer::new`]; also where the scene has more Gaussians than [`FitSettings::gaussians`] allows.
+    /// Those of [`Trainer::new`]; also where the scene has more Gaussians than
+    /// [`FitSettings::gaussians`] allows.
     pub async fn from_scene(
         rasterizer: &'a R,
         target: &Image,
@@ -233,7 +237,7 @@ impl<'a, R: Optimizer<Scene2d>> Trainer<'a, R> {
         settings: FitSettings,
     ) -> Result<Self, Error> {
         settings.validate()?;
-        validate_target(target)?;
+        target.check_finite("the target")?;
         scene.validate()?;
         if scene.len() > settings.gaussians as usize {
             let allowed = "at most the number of Gaussians allowed";
@@ -250,24 +254,24 @@ impl<'a, R: Optimizer<Scene2d>> Trainer<'a, R> {
         Ok(trainer)
     }
 
-    /// Goes on with a fit where a checkpoint left it; on the same backend it ends bit for bit as if it had never stopped,
-    /// unless it fails and begins again ([`Recovery`](crate::Recovery)).
+    /// Resumes a fit from a checkpoint. On the same backend it ends bit for bit as if it had never
+    /// stopped, unless it restarts ([`Recovery`](crate::Recovery)).
     ///
     /// # Errors
-    /// [`Error::WrongTarget`] for an image of another size or content, [`Error::Checkpoint`] for metadata that are not those of
-    /// a fit, and those of the backend.
+    /// [`Error::WrongTarget`] for an image of another size or content, [`Error::Checkpoint`] for
+    /// metadata that are not those of a fit, and those of the backend.
     pub fn resume(rasterizer: &'a R, target: &Image, checkpoint: Checkpoint) -> Result<Self, Error> {
         let record = Record::from_metadata::<Scene2d>(&checkpoint.metadata)?;
-        validate_target(target)?;
+        target.check_finite("the target")?;
         let found = fingerprint(target);
-        if record.pictures != found {
-            return Err(Error::WrongTarget { expected: record.pictures, found });
+        if record.images != found {
+            return Err(Error::WrongTarget { expected: record.images, found });
         }
         let splats = rasterizer.restore(&checkpoint.state)?;
         Ok(Self::assemble(rasterizer, record, splats, ImageTask::new(rasterizer, target)?))
     }
 
-    /// The fit as it stands, in numbers.
+    /// Summary of the fit in its current state.
     ///
     /// # Errors
     /// Those of the backend.
@@ -276,7 +280,7 @@ impl<'a, R: Optimizer<Scene2d>> Trainer<'a, R> {
         FitSummary::new(self, &image, culled).await
     }
 
-    /// The scene as rendered now at the target's size, not clamped, and what was left out.
+    /// Renders the scene at the target's size, not clamped, and counts the Gaussians left out.
     ///
     /// # Errors
     /// Those of the backend.
@@ -284,38 +288,28 @@ impl<'a, R: Optimizer<Scene2d>> Trainer<'a, R> {
         self.task.render(self.rasterizer, &self.splats, &self.record.settings, &self.effects()).await
     }
 
-    /// The loss of the scene as it is now, in the unit of [`FitSettings::loss`]. Unlike [`Trainer::loss`], which is that before a step.
+    /// Loss of the current scene, in the unit of [`FitSettings::loss`]; [`Trainer::loss`] is that
+    /// before a step.
     ///
     /// # Errors
     /// Those of the backend.
     pub async fn scene_loss(&self) -> Result<f32, Error> {
-        let frame = self.rasterizer.forward(&self.splats, &self.task.canvas, &self.shown()).await?;
-        Ok(self.rasterizer.backward(&self.splats, frame, &self.task.target, &self.record.settings.loss).await?.0)
+        let pass = self.rasterizer.forward(&self.splats, &self.task.canvas, &self.shown()).await?;
+        Ok(self.rasterizer.backward(&self.splats, pass, &self.task.target, &self.record.settings.loss).await?.0)
     }
 
-    /// How the scene is shown now: with the effects that it has been fitted with.
+    /// Settings for rendering the scene, with the effects that it has been fitted with.
     pub fn shown(&self) -> RenderSettings {
-        RenderSettings { effects: self.effects(), ..self.record.settings.render }
+        self.record.settings.render.with(|s| s.effects = self.effects())
     }
 
-    /// The target, as given.
+    /// The target image.
     pub fn target(&self) -> &Image {
         &self.task.residual.target
     }
 }
 
-/// What stands for a rendering where there is none.
+/// A placeholder for a rendering.
 fn nothing_rendered() -> Result<Image, gs_core::Error> {
     Image::filled(1, 1, [0.0; 3])
-}
-
-fn validate_target(target: &Image) -> Result<(), gs_core::Error> {
-    match target.pixels().iter().position(|p| !p.iter().all(|v| v.is_finite())) {
-        None => Ok(()),
-        Some(index) => {
-            let width = target.width() as usize;
-            let value = format!("{:?} at ({}, {})", target.pixels()[index], index % width, index / width);
-            Err(gs_core::Error::setting("a pixel of the target", value, "finite"))
-        }
-    }
 }

@@ -1,4 +1,4 @@
-//! Initialisers that put Gaussians where the target needs them.
+//! Initialisers that place Gaussians where the target needs them.
 
 use glam::Vec3;
 use gs_core::{Blend, Error, Gaussian2d, Image};
@@ -9,6 +9,9 @@ use gs_density::{
 use serde::{Deserialize, Serialize};
 
 use super::{INITIAL_OPACITY, opacity_logit, positive, shared_color};
+use crate::flat;
+
+gs_core::impl_with!(Guided);
 
 /// Smallest σ of a first Gaussian, px.
 const MIN_SIGMA_PX: f32 = 0.7;
@@ -16,22 +19,24 @@ const MIN_SIGMA_PX: f32 = 0.7;
 /// Largest σ of a first Gaussian, as a share of the image's longer side.
 const MAX_SIGMA_SHARE: f32 = 0.25;
 
-/// Gaussians in strata along a Hilbert curve through a density, moved apart by Lloyd steps, sized by the density, stretched along
-/// edges, with the target's colours.
+/// Placement by a density: in strata along a Hilbert curve, spread by Lloyd steps, sized by the
+/// density, stretched along edges, with the target's colours.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, rename_all = "kebab-case", deny_unknown_fields)]
+#[non_exhaustive]
 pub struct Guided {
-    /// The share of the Gaussians that is spread uniformly, 0..=1; the others follow the image.
+    /// Share of the Gaussians that is spread uniformly, 0..=1; the others follow the image.
     pub uniform_fraction: f32,
-    /// Passes of the (1, 2, 1)/4 kernel over the density before it is drawn from, at most 64: σ = √(passes/2) px.
+    /// Passes of the (1, 2, 1)/4 kernel over the density before it is drawn from, at most 64: σ =
+    /// √(passes/2) px.
     pub smoothing_passes: u32,
     /// Lloyd steps, at most 100; each takes about 1 ms for 700 Gaussians on 0.4 megapixels.
     pub lloyd_steps: u32,
-    /// Most Gaussians per pixel, on average; positive.
+    /// Largest average number of Gaussians per pixel; positive.
     pub max_per_pixel: f32,
-    /// σ = `sigma_factor` / √density: in units of the distance between them; positive.
+    /// σ in units of the distance between Gaussians: σ = `sigma_factor` / √density; positive.
     pub sigma_factor: f32,
-    /// How many times longer than broad a Gaussian on an edge may be, at least 1.
+    /// Largest ratio of axes of a Gaussian on an edge, at least 1.
     pub max_aspect: f32,
     /// Opacity, above 0 and below 1.
     pub opacity: f32,
@@ -80,8 +85,7 @@ impl Guided {
     /// Density by the squared difference from the mean colour.
     pub(super) fn by_error(&self, target: &Image, count: usize, blend: Blend, rng: &mut Rng) -> Vec<Gaussian2d> {
         let (width, height) = target.size();
-        let sum = target.pixels().iter().fold([0.0f64; 3], |s, p| [0, 1, 2].map(|k| s[k] + f64::from(p[k])));
-        let mean = Vec3::from_array(sum.map(|s| (s / target.pixels().len() as f64) as f32));
+        let mean = Vec3::from_array(flat::mean_color(target));
         let weights = Plane::from_rows(width, height, |y, row| {
             for (out, &pixel) in row.iter_mut().zip(&target.pixels()[y * width as usize..]) {
                 *out = (Vec3::from_array(pixel) - mean).length_squared();

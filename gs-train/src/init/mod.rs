@@ -1,34 +1,36 @@
-//! Where the first Gaussians are put, how large they are, and of what colour.
+//! Initialisers: place, size and colour of the first Gaussians.
 
 mod guided;
 mod scattered;
 
 use glam::Vec3;
-use gs_core::{Blend, Error, Gaussian2d, Image, Scene2d, scene::logit};
+use gs_core::{Blend, Error, Gaussian2d, Image, Scene2d, logit};
 use gs_density::Rng;
 use serde::{Deserialize, Serialize};
 
 pub use guided::Guided;
 pub use scattered::{Colors, Grid, Periphery, Random};
 
-/// Opacity of the first Gaussians under [`Blend::Over`]: high enough that each counts, low enough that the logit's gradient
-/// o (1 − o) is near its largest and those behind are seen. The paper gives none.
-pub const INITIAL_OPACITY: f32 = 0.7;
+/// Opacity of the first Gaussians under [`Blend::Over`]: high enough that each counts, low enough
+/// that the logit's gradient o (1 − o) is near its largest and Gaussians behind are visible. The
+/// paper gives none.
+const INITIAL_OPACITY: f32 = 0.7;
 
-/// A way of placing the first Gaussians. `opacity` in each counts under [`Blend::Over`] only; scenes for [`Blend::Sum`] have none.
+/// An initialiser. The `opacity` of each is used under [`Blend::Over`] only; scenes for
+/// [`Blend::Sum`] have no opacities.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "kebab-case")]
 #[non_exhaustive]
 pub enum Init {
-    /// Anywhere, large: the paper's experiment (§3.4).
+    /// Large Gaussians anywhere: the paper's experiment (§3.4).
     Random(Random),
-    /// Small, along the border of the image: the paper's cold start (Fig. 9).
+    /// Small Gaussians along the border of the image: the paper's cold start (Fig. 9).
     Periphery(Periphery),
-    /// On a regular grid.
+    /// Gaussians on a regular grid.
     Grid(Grid),
-    /// Where luminance changes: density by the magnitude of its gradient.
+    /// Density by the magnitude of the gradient of luminance.
     Gradient(Guided),
-    /// Where the image differs from its mean colour: density by the squared difference.
+    /// Density by the squared difference from the image's mean colour.
     Error(Guided),
 }
 
@@ -39,9 +41,9 @@ impl Default for Init {
 }
 
 impl Init {
-    /// The initialiser of that name (`random`, `periphery`, `grid`, `gradient`, `error`), as `kind` in a settings file, with its
-    /// usual settings for this blending: random ones have the target's colours under [`Blend::Sum`], where others would have to be
-    /// unlearnt first.
+    /// The initialiser of that name (`random`, `periphery`, `grid`, `gradient`, `error`), as `kind`
+    /// in a settings file, with its default settings for this blending. Under [`Blend::Sum`],
+    /// random Gaussians have the target's colours.
     ///
     /// # Errors
     /// [`Error::Setting`], listing the names.
@@ -63,11 +65,13 @@ impl Init {
         })
     }
 
-    /// A scene of `count` Gaussians for `target`. Equal random numbers give an equal scene, on any number of threads.
+    /// A scene of `count` Gaussians for `target`. Equal random numbers give an equal scene, for any
+    /// number of threads.
     ///
-    /// Under [`Blend::Sum`] the scene has no opacities, and colours that follow the target are divided by how many times over the
-    /// Gaussians cover the plane, so that their sum is near the target. Under [`Blend::Over`] colours are the target's; where
-    /// sizes differ ([`Init::Gradient`], [`Init::Error`]), the smallest Gaussians stand first, in front.
+    /// Under [`Blend::Sum`] the scene has no opacities, and colours from the target are divided by
+    /// how many times the Gaussians cover the plane, so that their sum is near the target. Under
+    /// [`Blend::Over`] colours are the target's; where sizes differ ([`Init::Gradient`],
+    /// [`Init::Error`]), the smallest Gaussians are in front.
     pub fn scene(&self, target: &Image, count: usize, blend: Blend, rng: &mut Rng) -> Scene2d {
         let mut gaussians = match self {
             Self::Random(random) => random.gaussians(target, count, blend, rng),
@@ -82,10 +86,10 @@ impl Init {
         gaussians.into_iter().collect()
     }
 
-    /// Fails where a setting is outside its range.
+    /// Checks the ranges of all settings.
     ///
     /// # Errors
-    /// [`Error::Setting`] naming the first offender.
+    /// [`Error::Setting`] naming the first value outside its range.
     pub fn validate(&self) -> Result<(), Error> {
         let opacity = match self {
             Self::Random(random) => {
@@ -116,7 +120,7 @@ fn positive(what: &'static str, value: f32) -> Result<(), Error> {
     if value > 0.0 && value.is_finite() { Ok(()) } else { Err(Error::setting(what, value, "positive and finite")) }
 }
 
-/// The opacity logit of a scene for this blending: of `opacity`, or none (+∞).
+/// The opacity logit in a scene for this blending: that of `opacity`, or +∞ for none.
 fn opacity_logit(blend: Blend, opacity: f32) -> f32 {
     match blend {
         Blend::Sum => f32::INFINITY,
@@ -124,8 +128,8 @@ fn opacity_logit(blend: Blend, opacity: f32) -> f32 {
     }
 }
 
-/// The target's colour as a Gaussian must have it whose like, at `per_px2` Gaussians a square pixel, cover the plane
-/// 2πσ² · `per_px2` times.
+/// The target's colour, divided under `Sum` by how many times Gaussians of this σ cover the plane:
+/// 2πσ² · `per_px2`, where `per_px2` is their number per square pixel.
 fn shared_color(color: Vec3, blend: Blend, sigma: f32, per_px2: f32) -> Vec3 {
     match blend {
         Blend::Sum => color / (std::f32::consts::TAU * sigma * sigma * per_px2).max(1.0),

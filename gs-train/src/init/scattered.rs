@@ -1,4 +1,4 @@
-//! Initialisers that look at the target for its colours at most: at random, along the border, on a grid.
+//! Initialisers that use at most the target's colours: at random, along the border, on a grid.
 
 use glam::{Vec2, Vec3};
 use gs_core::{Blend, Gaussian2d, Image};
@@ -8,22 +8,27 @@ use serde::{Deserialize, Serialize};
 
 use super::{INITIAL_OPACITY, opacity_logit, round, shared_color};
 
-/// Where the colours of the first Gaussians come from.
+gs_core::impl_with!(Random, Periphery, Grid);
+
+/// Colours of the first Gaussians.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum Colors {
     /// Uniform in 0..1.
     #[default]
     Random,
-    /// The target's around the mean.
+    /// Those of the target around the mean.
     Target,
 }
 
 /// Round Gaussians of one size, uniformly anywhere in the image (*source:* paper §3.4).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, rename_all = "kebab-case", deny_unknown_fields)]
+#[non_exhaustive]
 pub struct Random {
-    /// σ, px; positive. The paper's 15 px lets each reach the target from anywhere in an image of 128 px.
+    /// σ, px; positive. With the paper's 15 px each reaches the target from anywhere in an image of
+    /// 128 px.
     pub scale_px: f32,
     /// Colours.
     pub colors: Colors,
@@ -37,11 +42,13 @@ impl Default for Random {
     }
 }
 
-/// Round Gaussians of one size along the border pixels of the image, evenly, with nothing inside (*source:* paper Fig. 9).
+/// Round Gaussians of one size along the border pixels of the image, evenly, with nothing inside
+/// (*source:* paper Fig. 9).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, rename_all = "kebab-case", deny_unknown_fields)]
+#[non_exhaustive]
 pub struct Periphery {
-    /// σ, px; positive. Small, so that none reaches what is in the middle.
+    /// σ, px; positive. Small, so that none reaches the middle of the image.
     pub scale_px: f32,
     /// Colours.
     pub colors: Colors,
@@ -55,11 +62,13 @@ impl Default for Periphery {
     }
 }
 
-/// Round Gaussians of one size in rows of equal height, each with as many as its neighbours or one more; colours from the target.
+/// Round Gaussians of one size in rows of equal height, each with as many as its neighbours or one
+/// more; colours from the target.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, rename_all = "kebab-case", deny_unknown_fields)]
+#[non_exhaustive]
 pub struct Grid {
-    /// σ in units of the distance between them; positive.
+    /// σ in units of the distance between Gaussians; positive.
     pub sigma_factor: f32,
     /// Opacity, above 0 and below 1.
     pub opacity: f32,
@@ -88,7 +97,8 @@ impl Random {
 
 impl Periphery {
     pub(super) fn gaussians(&self, target: &Image, count: usize, blend: Blend, rng: &mut Rng) -> Vec<Gaussian2d> {
-        // The rectangle through the centres of the border pixels, walked clockwise from its top-left corner.
+        // The rectangle through the centres of the border pixels, walked clockwise from its
+        // top-left corner.
         let (width, height) = (target.width() as f32 - 1.0, target.height() as f32 - 1.0);
         let perimeter = 2.0 * (width + height);
         let on_border = |along: f32| match along {
@@ -97,7 +107,8 @@ impl Periphery {
             a if a < 2.0 * width + height => Vec2::new(2.0 * width + height - a, height),
             a => Vec2::new(0.0, (perimeter - a).max(0.0)),
         };
-        // A line of Gaussians covers the pixels on it √(2π) σ · (Gaussians per px) times; as if spread over its own breadth.
+        // A line of Gaussians covers the pixels on it √(2π) σ · (Gaussians per px) times; as if
+        // spread over its own breadth.
         let breadth = self.scale_px * std::f32::consts::TAU.sqrt();
         let per_px2 = count as f32 / (perimeter.max(1.0) * breadth);
         let logit = opacity_logit(blend, self.opacity);

@@ -1,9 +1,9 @@
-//! How good a scene is, view by view: PSNR, SSIM and mean absolute difference of its renderings as they are written in 8 bits.
+//! Evaluation of a 3D scene, view by view: PSNR, SSIM and mean absolute difference of its 8-bit
+//! renderings.
 
 use gs_core::{
-    Image, Parameterization, Rasterizer, RenderSettings, Scene3d,
+    Culled, Image, Parameterization, Rasterizer, RenderSettings, Scene3d,
     metrics::{self, mean},
-    statistics::Culled,
 };
 use gs_io::dataset::PosedImage;
 use serde::{Deserialize, Serialize};
@@ -11,24 +11,26 @@ use serde::{Deserialize, Serialize};
 use super::{task::where_masked, views::PosedView};
 use crate::{error::Error, quality::l1_and_psnr, summary::infinite_where_null};
 
-/// How good one view is.
+/// Quality of one view.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub struct ViewQuality {
-    /// The view.
+    /// Name of the view.
     pub name: String,
-    /// dB, over the pixels that count; ∞ for equal images, which JSON writes as `null`.
+    /// PSNR over the pixels that count, dB; ∞ for equal images, which JSON writes as `null`.
     #[serde(deserialize_with = "infinite_where_null")]
     pub psnr: f64,
-    /// Structural similarity. Pixels that do not count are as they are rendered.
+    /// Structural similarity. Pixels that do not count are replaced by the rendering.
     pub ssim: f64,
     /// Mean absolute difference over the pixels that count.
     pub l1: f64,
 }
 
-/// How good a scene is.
+/// Quality of a scene over several views.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub struct Evaluation {
     /// Mean of the views' PSNR, dB.
     #[serde(deserialize_with = "infinite_where_null")]
@@ -37,41 +39,47 @@ pub struct Evaluation {
     pub ssim: f64,
     /// Mean of their mean absolute differences.
     pub l1: f64,
-    /// Gaussians that the renderings left out, all views together.
+    /// Gaussians that the renderings left out, summed over the views.
     pub culled: Culled,
-    /// View by view, those of which some pixel counts.
+    /// Quality of each view in which some pixel counts.
     pub views: Vec<ViewQuality>,
-    /// The views of which no pixel counts, because their masks leave out all. Nothing can be said of them, and they are in no mean.
+    /// Names of the views whose masks leave out every pixel. They are in no mean.
     #[serde(default)]
     pub unmeasured: Vec<String>,
 }
 
-/// How well a scene fits the views that it was trained with, by a sample of them, evenly spread: as many as there are held-out views, 32 at
-/// most, or 8 where none is held out.
+/// Quality over training views.
+///
+/// It is measured on an evenly spread sample: as many views as are held out, at most 32, or 8 where
+/// none is held out.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub struct TrainingViews {
-    /// Views of which some pixel counts.
+    /// Number of views in which some pixel counts.
     pub views: usize,
-    /// Mean of their PSNR, dB. Nothing where no pixel of any counts; ∞, which JSON writes as `null`, where all are exact.
+    /// Mean of their PSNR, dB; `None` without such views; ∞, which JSON writes as `null`, where all
+    /// are exact.
     pub psnr: Option<f64>,
-    /// Mean loss at full resolution, in the unit of [`TrainSettings::loss`](super::TrainSettings::loss).
+    /// Mean loss at full resolution, in the unit of
+    /// [`TrainSettings::loss`](super::TrainSettings::loss).
     pub loss: f32,
 }
 
-/// A rendering as it is written in 8 bits beside its photograph, which is before the same background, and as rendered where it does not count.
+/// An 8-bit rendering and its target before the same background, with rendered pixels where the
+/// mask leaves them out.
 pub(super) struct Pair {
     rendered: Image,
     target: Image,
-    /// Pixels in all per pixel that counts.
+    /// Number of pixels per pixel that counts.
     share: f64,
 }
 
-/// Puts them side by side; `None` where no pixel counts.
-pub(super) fn measure(rendered: &Image, photograph: PosedImage, background: [f32; 3]) -> Option<Pair> {
+/// Pairs a rendering with its image; `None` where no pixel counts.
+pub(super) fn measure(rendered: &Image, posed: PosedImage, background: [f32; 3]) -> Option<Pair> {
     let rendered = rendered.rounded_to_8_bits();
-    let mask = photograph.mask.clone();
-    let target = photograph.over(background).clamped();
+    let mask = posed.mask.clone();
+    let target = posed.over(background).clamped();
     let (target, share) = match mask {
         None => (target, 1.0),
         Some(mask) => {
@@ -92,11 +100,11 @@ impl Pair {
     }
 }
 
-/// Judges a scene by views; `render` is how it is shown.
+/// Evaluates a scene on views, rendered with these settings.
 ///
 /// # Errors
-/// Those of the backend and of reading a photograph; [`gs_core::Error::Setting`] without a view, and [`Error::NothingCounts`] where no pixel
-/// of any counts.
+/// Those of the backend and of reading an image; [`gs_core::Error::Setting`] without a view, and
+/// [`Error::NothingCounts`] where the masks of all views leave out every pixel.
 pub async fn evaluate<R: Rasterizer<Scene3d>>(
     rasterizer: &R,
     scene: &Scene3d,
@@ -107,7 +115,7 @@ pub async fn evaluate<R: Rasterizer<Scene3d>>(
     evaluate_splats(rasterizer, &splats, &views.iter().collect::<Vec<_>>(), render, &mut |_, _| Ok(())).await
 }
 
-/// The same for splats; `look` sees each view's rendering, unclamped.
+/// [`evaluate`] for splats; `look` receives each view's rendering, not clamped.
 pub(super) async fn evaluate_splats<R: Rasterizer<Scene3d>>(
     rasterizer: &R,
     splats: &R::Splats,
@@ -116,7 +124,7 @@ pub(super) async fn evaluate_splats<R: Rasterizer<Scene3d>>(
     look: &mut dyn FnMut(&PosedView, &Image) -> Result<(), Error>,
 ) -> Result<Evaluation, Error> {
     if views.is_empty() {
-        return Err(gs_core::Error::setting("the number of views to judge by", 0, "at least 1").into());
+        return Err(gs_core::Error::setting("the number of test views", 0, "at least 1").into());
     }
     let mut culled = Culled::default();
     let (mut qualities, mut unmeasured) = (Vec::with_capacity(views.len()), Vec::new());
@@ -124,7 +132,7 @@ pub(super) async fn evaluate_splats<R: Rasterizer<Scene3d>>(
         let (rendered, left_out) = rasterizer.draw(splats, &view.camera, render).await?;
         culled = culled.plus(left_out);
         look(view, &rendered)?;
-        let Some(pair) = measure(&rendered, view.photograph()?, render.background_color()) else {
+        let Some(pair) = measure(&rendered, view.image()?, render.background_color()) else {
             unmeasured.push(view.name.clone());
             continue;
         };
@@ -150,10 +158,10 @@ mod tests {
         let rendered = Image::filled(4, 4, [level; 3]).unwrap();
         let image = Image::from_fn(4, 4, |x, _| if x < 2 { [level + 0.1; 3] } else { [0.0; 3] }).unwrap();
         let mask: Vec<bool> = (0..16).map(|i| i % 4 < 2).collect();
-        let photograph = PosedImage { image, alpha: None, mask: Some(mask) };
-        let masked = measure(&rendered, photograph.clone(), [0.0; 3]).unwrap().l1_and_psnr();
+        let posed = PosedImage { image, alpha: None, mask: Some(mask) };
+        let masked = measure(&rendered, posed.clone(), [0.0; 3]).unwrap().l1_and_psnr();
         assert!((masked.0 - 0.1).abs() < 1e-6 && (masked.1 - 20.0).abs() < 1e-4, "{masked:?}");
-        let nothing = PosedImage { mask: Some(vec![false; 16]), ..photograph };
+        let nothing = PosedImage { mask: Some(vec![false; 16]), ..posed };
         assert!(measure(&rendered, nothing, [0.0; 3]).is_none());
     }
 

@@ -1,48 +1,51 @@
-//! 3D scenes that lie in a plane, such as pictures, and from where they are seen as what they are.
+//! Flat 3D scenes, such as exported 2D scenes, and cameras that show them from the front.
 
 use glam::{Mat3, Vec2, Vec3};
 use gs_core::{Camera, Scene, Scene3d, constants::NEAR_WORLD};
 use gs_io::{PICTURE_DISTANCE_WORLD, PICTURE_WORLD};
 
-/// A scene is flat where it is thinner than this share of its shorter side.
+/// Largest thickness of a flat scene, as a share of its shorter side.
 const FLAT: f32 = 0.02;
 
-/// The share of the Gaussians at either end of an axis that may be strays.
+/// Share of the Gaussians at either end of an axis that are ignored as strays.
 const STRAYS: f32 = 0.005;
 
-/// The share at either end that may lie outside of a picture: large, faint Gaussians reach far beyond its border.
+/// Share at either end that may lie outside of a picture: large, faint Gaussians reach far beyond
+/// its border.
 const OUTSIDE: f32 = 0.1;
 
-/// How far a Gaussian reaches, standard deviations.
+/// Extent of a Gaussian, standard deviations.
 const REACH: f32 = 2.0;
 
-/// Pixels of the longer side where nothing says how many.
+/// Default pixels of the longer side.
 const SIDE_PX: f32 = 800.0;
 
 /// A rectangle in 3D that holds a flat scene.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Flat {
-    /// Its middle, world units.
+    /// Centre, world units.
     center: Vec3,
-    /// Its width and height, world units.
+    /// Width and height, world units.
     extent: Vec2,
-    /// Right, down and forward for someone who looks at its front, as the rows of a rotation.
+    /// Right, down and forward in a view of the front, as the rows of a rotation.
     axes: Mat3,
-    /// Columns and rows of the picture that it shows, where that is known, px.
+    /// Columns and rows of the picture that it shows, where they are known, px.
     picture: Option<(u32, u32)>,
 }
 
 impl Flat {
-    /// The rectangle of an exported picture of so many columns and rows ([`gs_io::write_ply`]).
+    /// The rectangle of an exported 2D scene of this size ([`gs_io::write_ply`]).
     pub fn picture(size: (u32, u32)) -> Self {
         let sides = Vec2::new(size.0 as f32, size.1 as f32);
         let extent = sides * (PICTURE_WORLD / sides.max_element());
         Self { center: Vec3::ZERO, extent, axes: Mat3::IDENTITY, picture: Some(size) }
     }
 
-    /// The rectangle that holds a scene; `None` where the scene is not flat along x, y or z. Its front is what is seen along +z with
-    /// −y up, along +x with −y up, or along +y with +z up. `picture` is what its file says of it: it counts where the scene is
-    /// where an exported picture is.
+    /// The rectangle of a scene; `None` where the scene is not flat along x, y or z.
+    ///
+    /// Its front is the view along +z with −y up, along +x with −y up, or along +y with +z up.
+    /// `picture` is the size in its file, which is used where the scene lies in the rectangle of an
+    /// exported 2D scene.
     pub fn of(scene: &Scene3d, picture: Option<(u32, u32)>) -> Option<Self> {
         let known = picture.map(Self::picture);
         if let Some(known) = known.filter(|known| bounds(scene, OUTSIDE).is_some_and(|bounds| known.holds(bounds))) {
@@ -62,20 +65,21 @@ impl Flat {
         is_flat.then_some(Self { center: 0.5 * (low + high), extent, axes, picture: None })
     }
 
-    /// Whether bounds are those of the picture, more or less.
+    /// Whether bounds are roughly those of the picture.
     fn holds(&self, (low, high): (Vec3, Vec3)) -> bool {
         let (margin, half) = (0.5 * PICTURE_WORLD, 0.5 * self.extent);
         let inside = low.truncate().cmpge(-half - margin).all() && high.truncate().cmple(half + margin).all();
         inside && low.z.abs().max(high.z.abs()) <= 2.0 * FLAT * PICTURE_WORLD
     }
 
-    /// Columns and rows for a picture of it: those that it has itself, or else 800 along the longer side.
+    /// Columns and rows for an image of it: those of the file, or else 800 px along the longer
+    /// side.
     pub fn size(&self) -> (u32, u32) {
         let sides = self.extent * (SIDE_PX / self.extent.max_element());
         self.picture.unwrap_or((sides.x.round().max(1.0) as u32, sides.y.round().max(1.0) as u32))
     }
 
-    /// The camera that sees the front upright and as large as a picture of this size can hold, pixels being square.
+    /// The camera that shows the front upright and as large as an image of this size can hold.
     pub fn camera(&self, (width, height): (u32, u32)) -> Camera {
         let size = Vec2::new(width as f32, height as f32);
         let distance = PICTURE_DISTANCE_WORLD / PICTURE_WORLD * self.extent.max_element();
@@ -92,12 +96,12 @@ impl Flat {
         }
     }
 
-    /// The middle of the scene, world units: what a camera of it looks at.
+    /// Centre of the scene, world units.
     pub fn center(&self) -> Vec3 {
         self.center
     }
 
-    /// What is up for someone who looks at the front.
+    /// Direction that is up in a view of the front.
     pub fn up(&self) -> Vec3 {
         -self.axes.row(1)
     }
@@ -107,7 +111,8 @@ impl Flat {
     }
 }
 
-/// A box that holds all but this share of the Gaussians at either end of each axis; `None` of a scene without a Gaussian that could be seen.
+/// A box that holds all but this share of the Gaussians at either end of each axis; `None` without
+/// a Gaussian that can be drawn.
 fn bounds(scene: &Scene3d, strays: f32) -> Option<(Vec3, Vec3)> {
     let reach = |index: usize| {
         let g = scene.gaussian(index);
@@ -133,7 +138,8 @@ mod tests {
     use super::*;
     use gs_core::Gaussian3d;
 
-    /// Gaussians over a rectangle of 4×2 around (5, 6, 7), `thickness` along `normal`; the first in the corner that is to be top left.
+    /// Gaussians over a rectangle of 4×2 around (5, 6, 7), `thickness` along `normal`; the first in
+    /// the corner that is to be top left.
     fn rectangle(normal: usize, thickness: f32) -> (Scene3d, Vec3) {
         let [right, down] = [[Vec3::NEG_Z, Vec3::Y], [Vec3::X, Vec3::NEG_Z], [Vec3::X, Vec3::Y]][normal];
         let mut scene = Scene3d::default();

@@ -1,13 +1,13 @@
-//! What the cameras tell of a scene: how large it is, and where they look.
+//! Properties of a scene that follow from its cameras: its extent, and their focus.
 
 use glam::{DMat3, DVec3, Vec3};
 use gs_core::Camera;
 
-/// The extent of a scene, world units: 1.1 times the largest distance of a camera from the mean of all their positions (*source:* the code of
-/// 3DGS). It is what learning rates and sizes are relative to.
+/// Extent of a scene, world units, in which learning rates and sizes are expressed.
 ///
-/// Cameras that stand in one place span nothing; for them it is their distance from what they look at, `depth`, and where that is nothing
-/// either, 1.
+/// It is 1.1 times the largest distance of a camera from the mean of all camera positions
+/// (*source:* the code of 3DGS). For cameras in one place it is their distance from the scene,
+/// `depth`, or else 1.
 pub fn extent_of<'a>(cameras: impl IntoIterator<Item = &'a Camera>, depth: Option<f32>) -> f32 {
     let positions: Vec<DVec3> = cameras.into_iter().map(|camera| camera.position().as_dvec3()).collect();
     let mean = positions.iter().sum::<DVec3>() / positions.len().max(1) as f64;
@@ -16,18 +16,19 @@ pub fn extent_of<'a>(cameras: impl IntoIterator<Item = &'a Camera>, depth: Optio
     candidates.into_iter().flatten().find(|extent| *extent > 1e-6 && extent.is_finite()).unwrap_or(1.0)
 }
 
-/// Where the cameras look.
+/// The point that the cameras look at.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Focus {
-    /// The point nearest to all their axes, in the least squares, world units.
+    /// Point nearest to all optical axes, in the least squares, world units.
     pub point: Vec3,
-    /// The median of the cameras' distances from it, world units.
+    /// Median distance of the cameras from it, world units.
     pub distance: f32,
 }
 
 impl Focus {
-    /// The focus of cameras that have one: where axes meet, before most of the cameras and within their pictures. Cameras that look to all
-    /// sides, or side by side into the distance, have none.
+    /// The focus of cameras: where axes meet, in front of most cameras and within their images.
+    ///
+    /// Cameras that look to all sides, or side by side into the distance, have none.
     pub fn of<'a>(cameras: impl IntoIterator<Item = &'a Camera>) -> Option<Self> {
         let cameras: Vec<&Camera> = cameras.into_iter().collect();
         let (mut sum, mut right) = (DMat3::ZERO, DVec3::ZERO);
@@ -38,7 +39,8 @@ impl Focus {
             sum += projection;
             right += projection * camera.position().as_dvec3();
         }
-        // det of the mean projection is 8/27 for axes from everywhere, 1/4 for those of a ring, and 0 for parallel ones.
+        // det of the mean projection is 8/27 for axes from everywhere, 1/4 for those of a ring, and
+        // 0 for parallel ones.
         let count = cameras.len() as f64;
         if !((sum * (1.0 / count)).determinant() > 1e-4) {
             return None;

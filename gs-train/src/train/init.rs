@@ -1,7 +1,8 @@
-//! Where a scene begins: points of a reconstruction, random points, or another scene.
+//! The first Gaussians of a 3D scene: from points of a reconstruction, random points, or another
+//! scene.
 
 use glam::{Vec2, Vec3};
-use gs_core::{Camera, Error, Gaussian3d, Scene, Scene3d, constants::SH_C0, scene::logit, sh};
+use gs_core::{Camera, Error, Gaussian3d, Scene, Scene3d, constants::SH_C0, logit, math::sh};
 use gs_density::Rng;
 use gs_io::dataset::Point;
 use rand::RngExt;
@@ -12,25 +13,30 @@ use super::{
     neighbours::neighbour_distances,
 };
 
-/// Half the side of the cube in which random points are spread, as a share of the cameras' distance from what they look at. In the
-/// NeRF-synthetic scenes, where 3DGS takes 1.3 world units, cameras stand 4.03 away.
+gs_core::impl_with!(PointInit);
+
+/// Half the side of the cube of random points, as a share of the cameras' distance from the focus.
+/// In the NeRF-synthetic scenes, where 3DGS uses 1.3 world units, cameras are 4.03 away.
 const CUBE_SHARE: f32 = 1.3 / 4.03;
 
-/// Where there is no focus, random points are spread along the cameras' rays between these multiples of the extent, evenly in 1/depth.
+/// Range of depths of random points along the cameras' rays where there is no focus, in units of
+/// the extent; even in 1/depth.
 const DEPTHS: [f32; 2] = [0.25, 5.0];
 
-/// Points further out than this are no part of any scene: their squares would overflow. World units.
+/// Largest coordinate of a point, world units; points further out, whose squares would overflow,
+/// are dropped.
 const FARTHEST: f32 = 1e15;
 
-/// How the first Gaussians are made of points.
+/// Settings of the first Gaussians at points.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+#[non_exhaustive]
 pub struct PointInit {
     /// Opacity, above 0 and below 1. Default 0.1 (3DGS).
     pub opacity: f32,
     /// Scale, in units of the distance to the three nearest neighbours; positive. Default 1 (3DGS).
     pub scale: f32,
-    /// How many points there are where a data set has none, at least 1. Default 100,000 (3DGS).
+    /// Number of random points where a data set has none, at least 1. Default 100,000 (3DGS).
     pub random: u32,
 }
 
@@ -41,10 +47,10 @@ impl Default for PointInit {
 }
 
 impl PointInit {
-    /// Fails where a number is outside its range.
+    /// Checks the ranges of all settings.
     ///
     /// # Errors
-    /// [`Error::Setting`] naming the first offender.
+    /// [`Error::Setting`] naming the first value outside its range.
     pub fn validate(&self) -> Result<(), Error> {
         if !(self.opacity > 0.0 && self.opacity < 1.0) {
             return Err(Error::setting("the initial opacity", self.opacity, "above 0 and below 1"));
@@ -59,23 +65,25 @@ impl PointInit {
     }
 }
 
-/// What a training begins with.
+/// The first Gaussians of a training.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub enum Start {
     /// A Gaussian at each of these points, such as those of a structure-from-motion.
     Points(Vec<Point>),
-    /// Gaussians at random, [`PointInit::random`] of them, where the cameras look.
+    /// [`PointInit::random`] Gaussians at random where the cameras look.
     Random,
-    /// These Gaussians. Their harmonics are cut or filled up to the degree of the settings.
+    /// These Gaussians, with the SH degree of the settings.
     Scene(Scene3d),
 }
 
 impl Start {
-    /// The first scene, of at most `budget` Gaussians (of more points so many are drawn) and harmonics of degree `sh_degree`.
+    /// The first scene, of at most `budget` Gaussians (drawn from more points) and SH degree
+    /// `sh_degree`.
     ///
     /// # Errors
-    /// [`Error::Setting`] without a Gaussian, or where a given scene has more than `budget`; [`Error::NotFinite`] or [`Error::Length`] for a
-    /// scene that is not possible.
+    /// [`Error::Setting`] without a Gaussian, or where a given scene has more than `budget`;
+    /// [`Error::NotFinite`] or [`Error::Length`] for a scene that is not possible.
     pub(super) fn scene(
         self,
         cameras: &[Camera],
@@ -99,7 +107,7 @@ impl Start {
         let usable = |point: &&Point| point.position.is_finite() && point.position.abs().max_element() < FARTHEST;
         let mut points: Vec<Point> = points.iter().filter(usable).copied().collect();
         if points.is_empty() {
-            return Err(Error::setting("the number of points to begin with", 0, "at least 1, or begin at random"));
+            return Err(Error::setting("the number of points to start with", 0, "at least 1, or start at random"));
         }
         if points.len() > budget {
             let mut chosen = rand::seq::index::sample(rng, points.len(), budget).into_vec();
@@ -116,9 +124,10 @@ fn with_degree(scene: &Scene3d, sh_degree: u8) -> Scene3d {
     other
 }
 
-/// A round Gaussian at each point, of its colour from all sides, as large as the distance to its three nearest neighbours
-/// ([`neighbour_distances`]); where there are none, 1 world unit. Points must be finite.
-pub fn gaussians_at(points: &[Point], init: &PointInit, sh_degree: u8) -> Scene3d {
+/// A round Gaussian at each point, with its colour in every direction, as large as the distance to
+/// its three nearest neighbours ([`neighbour_distances`]), or 1 world unit without any. Points must
+/// be finite.
+fn gaussians_at(points: &[Point], init: &PointInit, sh_degree: u8) -> Scene3d {
     let positions: Vec<Vec3> = points.iter().map(|point| point.position).collect();
     // 3DGS holds squared distances to 1e-7 at least: points may coincide.
     let sigmas = neighbour_distances(&positions).into_iter().map(|d| d.unwrap_or(1.0).max(1e-7f32.sqrt()) * init.scale);
@@ -137,9 +146,10 @@ pub fn gaussians_at(points: &[Point], init: &PointInit, sh_degree: u8) -> Scene3
     scene
 }
 
-/// Points of random colours where the cameras look: in a cube around the [`Focus`], where they have one (*source:* 3DGS for scenes without
-/// points), otherwise along rays through random pixels of random cameras.
-pub fn random_points(cameras: &[Camera], count: usize, rng: &mut Rng) -> Vec<Point> {
+/// Points of random colours where the cameras look: in a cube around the [`Focus`], where there is
+/// one (*source:* 3DGS for scenes without points), otherwise along rays through random pixels of
+/// random cameras.
+fn random_points(cameras: &[Camera], count: usize, rng: &mut Rng) -> Vec<Point> {
     let focus = Focus::of(cameras);
     let extent = extent_of(cameras, None);
     (0..count)
@@ -195,7 +205,7 @@ mod tests {
         assert!((scene.log_scales[0] - sigma.ln()).abs().max_element() < 1e-5);
         let seen = sh::color(2, Vec3::new(0.6, 0.0, 0.8), &scene.gaussian(3).sh);
         assert!((Vec3::from_array(seen) - Vec3::new(1.0, 0.5, 0.0)).abs().max_element() < 1e-5, "{seen:?}");
-        assert!((gs_core::scene::sigmoid(scene.opacity_logits[1]) - 0.1).abs() < 1e-6);
+        assert!((gs_core::sigmoid(scene.opacity_logits[1]) - 0.1).abs() < 1e-6);
     }
 
     #[test]

@@ -1,15 +1,16 @@
-//! Training of 3D scenes from posed photographs, as 3DGS does it and beyond.
+//! Training of 3D scenes from posed images, by 3DGS and other methods.
 //!
-//! [`Trainer3d`] is the loop of [`Trainer`](crate::Trainer) with [`Views`] in place of one image. What it does is in its
-//! [`TrainSettings`], which [`TrainPreset`] names; where it begins says [`Start`]. [`evaluate`] judges any scene by any views.
+//! [`Trainer3d`] is the loop of [`Trainer`](crate::Trainer) with [`Views`] in place of one image.
+//! Its settings are [`TrainSettings`], with presets in [`TrainPreset`]; [`Start`] gives the first
+//! Gaussians. [`evaluate`] measures the quality of any scene on any views.
 
 mod evaluation;
 mod flat;
 mod geometry;
+mod images;
 mod init;
 mod neighbours;
 mod order;
-mod pictures;
 mod presets;
 mod resolution;
 mod settings;
@@ -22,13 +23,11 @@ pub use self::{
     evaluation::{Evaluation, TrainingViews, ViewQuality, evaluate},
     flat::Flat,
     geometry::{Focus, extent_of},
-    init::{PointInit, Start, gaussians_at, random_points},
-    neighbours::neighbour_distances,
+    init::{PointInit, Start},
     presets::TrainPreset,
     resolution::Resolution,
     settings::{StepBackground, TrainSettings},
     summary::{DRIFT_DB, TrainSummary},
-    task::ViewsTask,
     trainer::Trainer3d,
     views::{Counting, ImageSource, PosedView, Views},
 };

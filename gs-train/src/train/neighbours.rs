@@ -1,17 +1,20 @@
-//! How far each of many points is from its nearest neighbours: the size that a Gaussian must have to leave no holes.
+//! Distances of points from their nearest neighbours: the size that Gaussians need to leave no
+//! holes.
 
 use glam::Vec3;
 use rayon::prelude::*;
 use rstar::{RTree, primitives::GeomWithData};
 
-/// How many neighbours count. *Source:* 3DGS.
+/// Number of neighbours. *Source:* 3DGS.
 const NEIGHBOURS: usize = 3;
 
-/// For each point the root of the mean squared distance to its three nearest neighbours (*source:* 3DGS), `[N]`; fewer where there are
-/// fewer, and `None` where there is no other point. Points must be finite and below 1e15 in magnitude, so that squares do not overflow.
-pub fn neighbour_distances(points: &[Vec3]) -> Vec<Option<f32>> {
+/// For each point the root of the mean squared distance to its three nearest neighbours (*source:*
+/// 3DGS), `[N]`, or to fewer where there are fewer; `None` where there is no other point. Points
+/// must be finite and below 1e15 in magnitude, so that squares do not overflow.
+pub(super) fn neighbour_distances(points: &[Vec3]) -> Vec<Option<f32>> {
     let entries = points.iter().enumerate().map(|(i, p)| GeomWithData::new(p.to_array(), i)).collect();
-    // An R*-tree, not a k-d tree: it does not mind points that share a coordinate, as those of a scanner or a wall do.
+    // An R*-tree, not a k-d tree, which is slow for points that share a coordinate, as those of a
+    // scanner or a wall do.
     let tree: RTree<GeomWithData<[f32; 3], usize>> = RTree::bulk_load(entries);
     points
         .par_iter()

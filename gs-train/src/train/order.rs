@@ -1,12 +1,13 @@
-//! In which order the views are trained with: each once in every epoch, in an order of its own.
+//! The order of training views: each once per epoch, shuffled.
 
 use gs_density::Rng;
 use rand::{SeedableRng, seq::SliceRandom};
 
-/// Which of the generator's streams the order is drawn from, so that it is independent of all else.
+/// Stream of random numbers for the order, independent of all others.
 const ORDER_STREAM: u64 = 0x0076_6965_7773;
 
-/// The shuffled order of one epoch; a function of (seed, epoch), so that nothing of it needs storing.
+/// The shuffled order of one epoch; a function of (seed, epoch), so that checkpoints need not store
+/// it.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Order {
     epoch: Option<u32>,
@@ -14,7 +15,7 @@ pub(super) struct Order {
 }
 
 impl Order {
-    /// The view of the step that follows `step` steps, of `count` views.
+    /// Index of the view, of `count` views, for the step after `step` steps.
     pub(super) fn view(&mut self, seed: u32, step: u32, count: usize) -> usize {
         let count = u32::try_from(count).unwrap_or(u32::MAX).max(1);
         let epoch = step / count;

@@ -1,4 +1,4 @@
-//! Settings of training in 3D that are known to work: 3DGS's own, 3DGS-MCMC's, ours for runs of minutes, and a quick look.
+//! Presets of training in 3D: 3DGS, 3DGS-MCMC, short runs of minutes, and a quick look.
 
 use std::fmt;
 
@@ -19,20 +19,23 @@ use super::{
 };
 use crate::{recovery::Recovery, rounds::Rounds};
 
-/// Settings by name.
+/// A preset of a 3D training: settings by name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub enum TrainPreset {
-    /// The settings of 3DGS (Kerbl et al. 2023), 30,000 steps: what others compare with.
+    /// The settings of 3DGS (Kerbl et al. 2023), 30,000 steps, for comparison with other work.
     #[default]
     #[serde(rename = "3dgs")]
     ThreeDgs,
-    /// Those of 3DGS-MCMC (Kheradmand et al. 2024), 30,000 steps: for a fixed number of Gaussians.
+    /// The settings of 3DGS-MCMC (Kheradmand et al. 2024), 30,000 steps, for a fixed number of
+    /// Gaussians.
     Mcmc,
-    /// For runs of minutes, 6,000 steps: 3DGS's, with longer steps, learning rates that decay within the run, and no round of density control in
-    /// its last quarter. 0.8 dB more than 3DGS's settings on the lego of NeRF-synthetic, in a seventh less steps and with a fifth less
-    /// Gaussians (`benchmarks/2026-11-21-epyc-2-cores/training.md`).
+    /// Short runs of 6,000 steps: 3DGS with longer steps, learning rates that decay within the run,
+    /// and no density control in its last quarter.
+    ///
+    /// 0.8 dB more than the settings of 3DGS on the lego of NeRF-synthetic, with a seventh fewer
+    /// steps and a fifth fewer Gaussians (`benchmarks/2026-11-21-epyc-2-cores/training.md`).
     Short,
     /// A first look in 2,000 steps, at half resolution first.
     Quick,
@@ -44,17 +47,18 @@ const ITERATIONS: u32 = 30_000;
 /// Steps of a short run.
 const SHORT_ITERATIONS: u32 = 6_000;
 
-/// Runs of less than this many steps are too short for the published rhythms: not one reset of opacities would be recovered from.
+/// Least number of steps for the published schedules; a shorter run would not recover from its
+/// first reset of opacities.
 const SHORTEST_AS_PUBLISHED: u32 = OPACITY_RESET_EVERY + 500;
 
 /// Steps of a quick look.
 const QUICK_ITERATIONS: u32 = 2_000;
 
 impl TrainPreset {
-    /// All of them.
+    /// All presets.
     pub const ALL: [Self; 4] = [Self::ThreeDgs, Self::Mcmc, Self::Short, Self::Quick];
 
-    /// Its name, in lower case.
+    /// Name in flags.
     pub const fn name(self) -> &'static str {
         match self {
             Self::ThreeDgs => "3dgs",
@@ -64,12 +68,12 @@ impl TrainPreset {
         }
     }
 
-    /// The settings for a run of so many steps, by default the preset's own number.
+    /// The settings for a run of `iterations` steps, by default the preset's own number.
     ///
-    /// The published presets are what was published, however many steps are made of it: density is controlled from step 500 to 15,000 (MCMC:
-    /// 25,000), and the position's learning rate decays over 30,000. A run of 7,000 steps is the beginning of one of 30,000, as it is in the
-    /// code of 3DGS. Only a run too short for such rhythms, of less than 3,500 steps, has its own: all of it then happens within the run.
-    /// The other presets follow the length of the run.
+    /// The published presets keep their schedules: density control from step 500 to 15,000 (MCMC:
+    /// 25,000), and decay of the means' learning rate over 30,000 steps. A run of 7,000 steps is
+    /// the beginning of one of 30,000, as in the code of 3DGS. Only runs of less than 3,500 steps
+    /// scale the schedules to their length, as the other presets always do.
     pub fn settings(self, iterations: Option<u32>) -> TrainSettings {
         match self {
             Self::ThreeDgs => three_dgs(iterations.unwrap_or(ITERATIONS)),
@@ -87,20 +91,22 @@ impl fmt::Display for TrainPreset {
 }
 
 impl Default for TrainSettings {
-    /// Those of [`TrainPreset::ThreeDgs`].
+    /// The settings of [`TrainPreset::ThreeDgs`].
     fn default() -> Self {
         TrainPreset::default().settings(None)
     }
 }
 
 fn three_dgs(iterations: u32) -> TrainSettings {
-    let prune = Prune {
-        larger_than: Some(SizeThreshold::ExtentFraction(0.1)),
-        larger_after: OPACITY_RESET_EVERY,
-        ..Prune::default()
-    };
-    let densify = Densify { newcomers: Moments::Zeroed, ..Densify::default() };
-    let actions = Actions { densify, prune, ..Actions::default() };
+    let prune = Prune::default().with(|s| {
+        s.larger_than = Some(SizeThreshold::ExtentFraction(0.1));
+        s.larger_after = OPACITY_RESET_EVERY;
+    });
+    let densify = Densify::default().with(|s| s.newcomers = Moments::Zeroed);
+    let actions = Actions::default().with(|s| {
+        s.densify = densify;
+        s.prune = prune;
+    });
     let [mean, scale, rotation] = geometric_groups(Parameterization::ScaleRotation);
     let mut render = RenderSettings::blended(Blend::Over).on([0.0; 3]);
     render.effects.order = Order::Global;
@@ -116,22 +122,19 @@ fn three_dgs(iterations: u32) -> TrainSettings {
         render,
         background: StepBackground::Same,
         recovery: Recovery::BeginAgain,
-        joining: (),
         sh_degree_every: (iterations / 7).clamp(1, 1_000),
         loss: Loss::PAPER,
-        adam: Adam {
-            mean,
-            scale,
-            rotation,
-            opacity: Group::constant(5e-2),
-            color: Group::constant(2.5e-3),
-            color_rest: Group::constant(2.5e-3 / 20.0),
-            epsilon: 1e-15,
-            // Bounds that only keep numbers finite.
-            min_scale: 1e-7,
-            max_scale: 1e3,
-            ..Adam::default()
-        },
+        adam: Adam::default().with(|s| {
+            s.mean = mean;
+            s.scale = scale;
+            s.rotation = rotation;
+            s.opacity = Group::constant(5e-2);
+            s.color = Group::constant(2.5e-3);
+            s.color_rest = Group::constant(2.5e-3 / 20.0);
+            s.epsilon = 1e-15;
+            s.min_scale = 1e-7;
+            s.max_scale = 1e3;
+        }),
         init: PointInit::default(),
         policy: Policy::Grow(Grow::absolute(Signal::MeanGradient).with_actions(actions)),
         rounds: published_rounds(iterations, 0.5),
@@ -139,26 +142,29 @@ fn three_dgs(iterations: u32) -> TrainSettings {
     }
 }
 
-/// Every 100 steps from 500 until that share of the published run.
+/// Rounds every 100 steps from 500 until this share of the published run.
 fn published_rounds(iterations: u32, until_share: f64) -> Rounds {
     let length = if iterations < SHORTEST_AS_PUBLISHED { iterations } else { ITERATIONS };
     rounds(length, 500, until_share)
 }
 
-/// Adam's numbers for mean, scale and rotation in a parameterization: 3DGS's own, or those for covariance factors, where both are in standard deviations.
+/// Settings of Adam for mean, scale and rotation: those of 3DGS, or those for covariance factors,
+/// in standard deviations.
 ///
-/// Chosen on 12 photographs (800×532 px) in 500 steps: half of both is 2.2 dB worse, twice of both about 1 dB better. 3DGS's own rates gain as
-/// much there when they are multiplied, so what short runs gain is owed to larger steps, in whichever parameterization.
+/// The latter were chosen on 12 images (800×532 px) in 500 steps: half of both rates is 2.2 dB
+/// worse, twice both about 1 dB better. The rates of 3DGS gain as much when they are multiplied, so
+/// short runs gain from larger steps in either parameterization.
 pub(super) fn geometric_groups(parameterization: Parameterization) -> [Group; 3] {
     let decaying =
-        |learning_rate| Group { schedule: Schedule::Exponential { to: 0.01 }, ..Group::constant(learning_rate) };
+        |learning_rate| Group::constant(learning_rate).with(|s| s.schedule = Schedule::Exponential { to: 0.01 });
     match parameterization {
         Parameterization::ScaleRotation => [decaying(1.6e-4), Group::constant(5e-3), Group::constant(1e-3)],
         Parameterization::CovarianceFactor => [decaying(0.1), Group::constant(0.02), Group::constant(0.02)],
     }
 }
 
-/// Every 100 steps from `from` until that share of the run; closer together in runs of less than 3,000 steps.
+/// Rounds every 100 steps from `from` until this share of the run; closer together in runs of less
+/// than 3,000 steps.
 fn rounds(iterations: u32, from: u32, until_share: f64) -> Rounds {
     let every = (iterations / 30).clamp(1, 100);
     let until = (f64::from(iterations) * until_share) as u32;
@@ -169,24 +175,24 @@ fn rounds(iterations: u32, from: u32, until_share: f64) -> Rounds {
 fn mcmc(iterations: u32) -> TrainSettings {
     let usual = three_dgs(iterations);
     TrainSettings {
-        adam: Adam { penalty: Penalty { opacity: 0.01, scale: 0.01 }, ..usual.adam },
+        adam: usual.adam.with(|s| s.penalty = Penalty { opacity: 0.01, scale: 0.01 }),
         gaussians: 1_000_000,
         init: PointInit { opacity: 0.5, scale: 0.1, ..PointInit::default() },
-        policy: Policy::Mcmc(Mcmc::default()).in_space(),
+        policy: Policy::Mcmc(Mcmc::default()).for_3d(),
         rounds: published_rounds(iterations, 5.0 / 6.0),
         ..usual
     }
 }
 
-/// With steps so many times as long: of the mean, and of scale and rotation.
+/// The settings with learning rates of means, and of scale and rotation, multiplied by these
+/// factors.
 fn faster(adam: Adam, mean: f32, shape: f32) -> Adam {
-    let times = |group: Group, factor: f32| Group { learning_rate: factor * group.learning_rate, ..group };
-    Adam {
-        mean: times(adam.mean, mean),
-        scale: times(adam.scale, shape),
-        rotation: times(adam.rotation, shape),
-        ..adam
-    }
+    let times = |group: Group, factor: f32| group.with(|s| s.learning_rate = factor * group.learning_rate);
+    adam.with(|s| {
+        s.mean = times(adam.mean, mean);
+        s.scale = times(adam.scale, shape);
+        s.rotation = times(adam.rotation, shape);
+    })
 }
 
 fn short(iterations: u32) -> TrainSettings {

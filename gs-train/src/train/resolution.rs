@@ -1,37 +1,39 @@
-//! Training at less than full resolution first: what is coarse is learnt where it is cheap.
+//! Training at a lower resolution first, where steps are cheaper.
 
 use glam::Vec2;
 use gs_core::{Camera, Error, Image};
 use gs_io::dataset::PosedImage;
 use serde::{Deserialize, Serialize};
 
-/// At which resolution the steps of a run see their photographs.
+/// Resolution of the images in the steps of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
+#[non_exhaustive]
 pub enum Resolution {
-    /// All at full resolution.
+    /// Full resolution in all steps.
     #[default]
     Full,
-    /// The first at 1/`from` of it along each side, then at half of that, and so on.
+    /// First 1/`from` of the full resolution along each side, then twice that, and so on.
     CoarseToFine {
-        /// 2, 4 or 8.
+        /// First divisor: 2, 4 or 8.
         from: u32,
-        /// The share of the run after which all steps are at full resolution, 0..=1; the steps before are shared evenly among the
-        /// resolutions.
+        /// Share of the run after which all steps are at full resolution, 0..=1; the steps before
+        /// are shared evenly among the lower resolutions.
         full_after: f32,
     },
 }
 
-/// The share of a run after which [`Resolution::from_coarse`] is at full resolution.
+/// Share of a run after which [`Resolution::from_coarse`] is at full resolution.
 const FULL_AFTER: f32 = 0.4;
 
 impl Resolution {
-    /// Coarse to fine, from 1/`from` of the resolution on: 2, 4 or 8, or 1 for full resolution at once.
+    /// Coarse to fine, starting at 1/`from` of the resolution: 2, 4 or 8, or 1 for full resolution
+    /// from the start.
     pub fn from_coarse(from: u32) -> Self {
         if from == 1 { Self::Full } else { Self::CoarseToFine { from, full_after: FULL_AFTER } }
     }
 
-    /// By what the sides of the photographs are divided at `progress` in 0..=1 of the run.
+    /// Divisor of the images' sides at `progress` in 0..=1 of the run.
     pub fn factor(self, progress: f32) -> u32 {
         let Self::CoarseToFine { from, full_after } = self else { return 1 };
         if !(progress < full_after) {
@@ -42,10 +44,10 @@ impl Resolution {
         1 << (levels - level.min(levels))
     }
 
-    /// Fails where a number is outside its range.
+    /// Checks the ranges of all settings.
     ///
     /// # Errors
-    /// [`Error::Setting`] naming the offender.
+    /// [`Error::Setting`] naming the first value outside its range.
     pub fn validate(self) -> Result<(), Error> {
         let Self::CoarseToFine { from, full_after } = self else { return Ok(()) };
         if ![2, 4, 8].contains(&from) {
@@ -58,7 +60,8 @@ impl Resolution {
     }
 }
 
-/// The largest factor up to `factor` by which this camera's picture can be divided and still has a pixel, by halves.
+/// The largest of `factor`, `factor`/2, … by which this camera's image can be divided and still has
+/// a pixel.
 pub(super) fn possible(camera: &Camera, factor: u32) -> u32 {
     let smallest = camera.width.min(camera.height);
     let mut factor = factor.max(1);
@@ -68,8 +71,8 @@ pub(super) fn possible(camera: &Camera, factor: u32) -> u32 {
     factor
 }
 
-/// The camera of the picture whose pixels are means of `factor` × `factor` pixels of this one's; what is left over at the right and at the
-/// bottom is cut off.
+/// The camera of the image whose pixels are means of `factor` × `factor` pixels; remainders at the
+/// right and at the bottom are cut off.
 pub(super) fn reduced_camera(camera: &Camera, factor: u32) -> Camera {
     let by = factor as f32;
     Camera {
@@ -81,10 +84,10 @@ pub(super) fn reduced_camera(camera: &Camera, factor: u32) -> Camera {
     }
 }
 
-/// The photograph of [`reduced_camera`]: means of colours (of premultiplied ones where there is alpha) over the pixels that count; a pixel
-/// counts where any of them does.
-pub(super) fn reduced(photograph: &PosedImage, factor: u32) -> Result<PosedImage, Error> {
-    let PosedImage { image, alpha, mask } = photograph;
+/// The image for [`reduced_camera`]: means of colours (premultiplied where there is alpha) over the
+/// pixels that count. A pixel counts where any of its pixels does.
+pub(super) fn reduced(posed: &PosedImage, factor: u32) -> Result<PosedImage, Error> {
+    let PosedImage { image, alpha, mask } = posed;
     let (width, height) = (image.width() / factor, image.height() / factor);
     let stride = image.width() as usize;
     let mut new_alpha = alpha.as_ref().map(|_| Vec::with_capacity((width * height) as usize));

@@ -1,4 +1,4 @@
-//! Everything that the training of a 3D scene depends on besides its views: one value that can be stored, compared and sent along.
+//! Settings of a 3D training: everything that it depends on besides its views and the backend.
 
 use gs_core::{
     Adam, AdamRates, Effects, Error, Loss, Parameterization, RenderSettings, Scene3d, constants::MAX_GAUSSIANS,
@@ -9,68 +9,75 @@ use serde::{Deserialize, Serialize};
 use super::{init::PointInit, presets::geometric_groups, resolution::Resolution};
 use crate::{recovery::Recovery, rounds::Rounds, task::RunSettings};
 
-/// What is behind the scene while it is trained.
+gs_core::impl_with!(TrainSettings);
+
+/// Background in training steps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum StepBackground {
-    /// What is behind it when it is rendered: [`RenderSettings::background`].
+    /// The background of renderings: [`RenderSettings::background`].
     #[default]
     Same,
-    /// Another colour in each step: what is transparent in the photographs cannot be painted, it must become transparent.
+    /// A random colour in each step, so that the scene becomes transparent where the images are.
     Random,
 }
 
-/// The settings of a training in 3D. Two runs with equal settings, views, start and backend give equal results, bit for bit.
+/// Settings of a training in 3D. Runs with equal settings, views, start and backend give equal
+/// results, bit for bit.
 ///
-/// Missing fields of a serialised form take the value of [`TrainSettings::default`]; unknown ones are an error.
+/// Missing fields of a serialised form take the value of [`TrainSettings::default`]; unknown ones
+/// are an error.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+#[non_exhaustive]
 pub struct TrainSettings {
-    /// The most Gaussians there may be, at least 1.
+    /// Largest number of Gaussians, at least 1.
     pub gaussians: u32,
-    /// Steps of the optimiser, one view each; 0 leaves the first scene as it is.
+    /// Number of steps, one view each; 0 leaves the first scene as it is.
     pub iterations: u32,
-    /// Over how many steps learning rates decay; 0 for all of the run. The published settings decay over 30,000, however early the run ends.
+    /// Number of steps over which learning rates decay; 0 for all of the run. The published
+    /// settings decay over 30,000, also in shorter runs.
     pub decay_over: u32,
-    /// Where all random numbers come from.
+    /// Seed of all random numbers.
     pub seed: u32,
-    /// The scene's extent, world units; that of the cameras ([`extent_of`](super::extent_of)) unless it is given.
+    /// Extent of the scene, world units; by default that of the cameras
+    /// ([`extent_of`](super::extent_of)).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub extent: Option<f32>,
-    /// In which coordinates the optimiser moves.
+    /// Coordinates in which the optimiser moves.
     #[serde(alias = "chart")]
     pub parameterization: Parameterization,
-    /// Effects, background and accuracy. Its `effects.sh_degree` is the highest, and its `effects.statistics` are overruled by what the
-    /// policy asks for.
+    /// Effects, background and accuracy. Its `effects.sh_degree` is the highest; the policy decides
+    /// about its `effects.statistics`.
     pub render: RenderSettings,
-    /// What is behind in training.
+    /// Background in training steps.
     #[serde(alias = "backdrop")]
     pub background: StepBackground,
-    #[doc(hidden)]
-    #[serde(skip_serializing, deserialize_with = "crate::effect_schedule::by_the_clock")]
-    pub joining: (),
-    /// The effect schedule: the degree of SH grows by one every so many steps, from 0; 0 begins with the highest. Default 1000 (3DGS).
+    /// Steps after which the SH degree grows by one, from 0; 0 starts with the highest. Default
+    /// 1000 (3DGS).
     pub sh_degree_every: u32,
-    /// What is minimised.
+    /// Loss to minimise.
     pub loss: Loss,
-    /// The optimiser. The bounds of scales, and in [`Parameterization::ScaleRotation`] the learning rate of means, are in units of the extent.
+    /// Settings of the optimiser. The bounds of scales, and in [`Parameterization::ScaleRotation`]
+    /// the learning rate of means, are in units of the extent.
     pub adam: Adam,
-    /// How the first Gaussians are made of points.
+    /// The first Gaussians at points.
     pub init: PointInit,
-    /// Which Gaussians grow and which go.
+    /// Policy of density control.
     pub policy: Policy,
-    /// When the policy is asked.
+    /// Rounds of density control.
     pub rounds: Rounds,
-    /// What becomes of a training that has become worse than it was at first.
+    /// What happens to a diverging training.
     #[serde(skip_serializing_if = "Recovery::is_default")]
     pub recovery: Recovery,
-    /// At which resolution the steps see their photographs.
+    /// Resolution of the images in the steps.
     pub resolution: Resolution,
 }
 
 impl TrainSettings {
-    /// The highest degree of SH that the step after `step` steps evaluates.
-    pub fn sh_degree_at(&self, step: u32) -> u8 {
+    /// Highest SH degree in the step after `step` steps.
+    pub(super) fn sh_degree_at(&self, step: u32) -> u8 {
         let highest = self.render.effects.sh_degree;
         match self.sh_degree_every {
             0 => highest,
@@ -78,8 +85,8 @@ impl TrainSettings {
         }
     }
 
-    /// Adam's numbers after `step` steps, in world units.
-    pub fn rates_at(&self, step: u32, extent: f32) -> AdamRates {
+    /// Settings of Adam after `step` steps, in world units.
+    pub(super) fn rates_at(&self, step: u32, extent: f32) -> AdamRates {
         let mut rates = self.adam.at(self.decay_at(step));
         if self.parameterization == Parameterization::ScaleRotation {
             rates.mean.learning_rate *= extent;
@@ -89,15 +96,15 @@ impl TrainSettings {
         rates
     }
 
-    /// How far learning rates have decayed after `step` steps: 0 at first, 1 at the end or when [`Self::decay_over`] have passed.
+    /// Progress of the decay of learning rates after `step` steps: 0 at first, 1 at the end or
+    /// after [`Self::decay_over`] steps.
     fn decay_at(&self, step: u32) -> f32 {
         let steps = if self.decay_over > 0 { self.decay_over } else { self.iterations };
         (step as f32 / steps.max(1) as f32).min(1.0)
     }
 
-    /// The same training before this background. White calls for an early reset of all opacities under the settings of 3DGS: an object before
-    /// it hides nothing, so that fog around it is all that can be wrong there. *Source:* 3DGS resets at its first round of density control,
-    /// too, where the background is white.
+    /// The same training before this background. With white, settings that reset opacities do so
+    /// also at the first round of density control, which removes white fog (*source:* 3DGS).
     #[must_use]
     pub fn on(mut self, background: [f32; 3]) -> Self {
         self.render = self.render.on(background);
@@ -108,7 +115,8 @@ impl TrainSettings {
         self
     }
 
-    /// The same training with steps in another parameterization, and the learning rates of mean and shape that are known to work there.
+    /// The same training with steps in another parameterization, and default learning rates of mean
+    /// and shape for it.
     #[must_use]
     pub fn with_parameterization(mut self, parameterization: Parameterization) -> Self {
         if self.parameterization != parameterization {
@@ -119,22 +127,22 @@ impl TrainSettings {
         self
     }
 
-    /// The same training under another policy. What is pruned, and when opacities are reset, stays as these settings have it, or as 3DGS
-    /// does where they have none.
+    /// The same training under another policy. Pruning and opacity resets stay those of these
+    /// settings, or those of 3DGS where they have none.
     #[must_use]
     pub fn with_policy(mut self, policy: Policy) -> Self {
         let usual = self.policy.actions().copied().or(Self::default().policy.actions().copied()).unwrap_or_default();
-        self.policy = policy.in_space();
+        self.policy = policy.for_3d();
         if let Some(actions) = self.policy.actions_mut() {
             (actions.prune, actions.reset) = (usual.prune, usual.reset);
         }
         self
     }
 
-    /// Fails where a setting is out of its range or contradicts another.
+    /// Checks the ranges of all settings.
     ///
     /// # Errors
-    /// [`Error::Setting`] naming the first offender, its value and what is allowed.
+    /// [`Error::Setting`] naming the first value outside its range, and what is allowed.
     pub fn validate(&self) -> Result<(), Error> {
         if !(1..=MAX_GAUSSIANS).contains(&self.gaussians) {
             return Err(Error::setting("the number of Gaussians", self.gaussians, "1 to 100,000,000"));

@@ -1,4 +1,4 @@
-//! The result of a training in 3D in one value: what `summary.json` holds.
+//! The summary of a training in 3D, as in `summary.json`.
 
 use gs_core::{Optimizer, Scene3d, edit::EditCounts};
 use serde::{Deserialize, Serialize};
@@ -11,49 +11,53 @@ use super::{
     trainer::Trainer3d,
 };
 
-/// A scene that fits its training views better than held-out views by more than this has learnt these views rather than what they show, dB.
-/// At 3 dB the error of held-out views is twice that of training views.
+/// Difference in PSNR between training views and held-out views above which a scene is overfitted,
+/// dB. At 3 dB the error of held-out views is twice that of training views.
 pub const DRIFT_DB: f64 = 3.0;
 
-/// What a training cost and what came of it.
+/// Cost and quality of a training.
 ///
-/// Figures of quality are those of the 8-bit images that are written of the scene. All numbers but the cost (steps and seconds) describe the
-/// scene as it is, also where the training returned to its first Gaussians at the end.
+/// Figures of quality are those of the 8-bit images of the scene. All numbers except the cost
+/// (steps and seconds) describe the final scene, also where the training returned to its first
+/// Gaussians.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct TrainSummary {
-    /// Gaussians of the scene.
+    /// Number of Gaussians of the scene.
     pub gaussians: u32,
-    /// That there are clearly fewer than the settings allow, and why. Nothing where the settings name no number of their own and the policy
-    /// aims at none, as 3DGS's does not: then theirs is a bound, not a goal.
+    /// Why there are clearly fewer Gaussians than the settings allow, where this is so.
+    ///
+    /// `None` also where the number is the default and the policy has no goal, such as that of
+    /// 3DGS: the number is then a bound.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub shortfall: Option<Shortfall>,
-    /// Steps done, those before a fresh start included.
+    /// Steps done, those before a restart included.
     pub iterations: u32,
-    /// Time spent training, s; see [`Progress::seconds`](crate::Progress::seconds).
+    /// Training time, s; see [`Progress::seconds`](crate::Progress::seconds).
     pub seconds: f64,
-    /// Views trained with.
+    /// Number of training views.
     pub train_views: usize,
-    /// Views held out; without any, `evaluation` is of a few of those trained with.
+    /// Number of held-out views; without any, `evaluation` is of a few training views.
     pub test_views: usize,
-    /// The backend and what it runs on.
+    /// Name of the backend and what it runs on.
     pub backend: String,
-    /// Threads that computed, where the caller knows.
+    /// Number of threads, where the caller knows it.
     pub threads: Option<u32>,
-    /// The seed of all random numbers.
+    /// Seed of all random numbers.
     pub seed: u32,
-    /// The loss of the scene: [`TrainingViews::loss`].
+    /// Loss of the scene: [`TrainingViews::loss`].
     pub loss: Option<f32>,
-    /// What density control did to its Gaussians, all rounds together; of those before a fresh start nothing is left.
+    /// Edits of density control since the start or the last restart.
     pub edits: EditCounts,
-    /// How often the training began again, and why.
+    /// Restarts of the training.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub fresh_starts: Vec<FreshStart>,
     /// Gaussians whose scales are at a bound.
     #[serde(default)]
     pub clamped: Clamped,
-    /// How good the scene is.
+    /// Quality on held-out views.
     pub evaluation: Evaluation,
-    /// How well it fits views that it was trained with.
+    /// Quality on training views.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub training: Option<TrainingViews>,
     /// All settings, to repeat the training.
@@ -61,7 +65,7 @@ pub struct TrainSummary {
 }
 
 impl TrainSummary {
-    /// The summary of a training as it stands, whose scene is as good as `evaluation` says.
+    /// The summary of a training in its current state, with an evaluation of its scene.
     ///
     /// # Errors
     /// Those of the backend.
@@ -89,7 +93,8 @@ impl TrainSummary {
         })
     }
 
-    /// By how many dB the scene fits views that it was trained with better than held-out views, where that is more than [`DRIFT_DB`].
+    /// Overfitting, dB: PSNR on training views less that on held-out views, where that is more than
+    /// [`DRIFT_DB`].
     pub fn drift(&self) -> Option<f64> {
         let training = self.training.filter(|_| self.test_views > 0)?.psnr?;
         Some(training - self.evaluation.psnr).filter(|&drift| drift > DRIFT_DB)

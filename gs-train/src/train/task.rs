@@ -1,18 +1,18 @@
-//! Training from views: the part of the loop that knows cameras and photographs.
+//! The task of training from views.
 
 use std::fmt;
 
 use gs_core::{
-    Camera, Effects, Gaussian3d, Image, Optimizer, RenderSettings, Scene3d, TrainStep, effects::Background,
-    metrics::mean, statistics::Culled,
+    Camera, Culled, Effects, Gaussian3d, Image, Optimizer, RenderSettings, Scene3d, TrainStep, effects::Background,
+    metrics::mean,
 };
 use gs_density::{Residual, Rng};
 use rand::{RngExt, SeedableRng};
 
 use super::{
     evaluation::{TrainingViews, measure},
+    images::{self, Images},
     order::Order,
-    pictures::{self, Pictures},
     resolution::{possible, reduced_camera},
     settings::{StepBackground, TrainSettings},
     views::{PosedView, Views},
@@ -21,25 +21,25 @@ use crate::{
     clamped::Clamped,
     error::Error,
     observer::Quality,
-    task::{StepContext, Trainable, TrainingTask},
+    task::{SceneTask, StepContext, TrainingTask},
 };
 
-/// Which of the generator's streams the backgrounds are drawn from.
-const BACKDROP_STREAM: u64 = 0x6261_636b;
+/// Stream of random numbers for backgrounds.
+const BACKGROUND_STREAM: u64 = 0x6261_636b;
 
-/// Without test views, so many of the training views, evenly spread, tell how good a scene is.
+/// Number of training views, evenly spread, that replace missing test views.
 const STAND_INS: usize = 8;
 
-/// By at most so many of the training views it is told how well a scene fits them: their mean is known to half a dB, and they cost less than
-/// the test views.
+/// Largest sample of training views for their quality: their mean is known to half a dB, and they
+/// cost less than the test views.
 const MOST_SAMPLED: usize = 32;
 
-/// Views to train from, and their photographs as far as they have been read.
+/// Views to train from, and their images as far as they have been read.
 pub struct ViewsTask<R: Optimizer<Scene3d>> {
     views: Views,
     extent: f32,
     order: Order,
-    pictures: Pictures<R::Target>,
+    images: Images<R::Target>,
 }
 
 impl<R: Optimizer<Scene3d>> fmt::Debug for ViewsTask<R> {
@@ -48,7 +48,7 @@ impl<R: Optimizer<Scene3d>> fmt::Debug for ViewsTask<R> {
     }
 }
 
-impl Trainable for Scene3d {
+impl SceneTask for Scene3d {
     type Settings = TrainSettings;
     type TrainingTask<R: Optimizer<Self>> = ViewsTask<R>;
 
@@ -57,7 +57,7 @@ impl Trainable for Scene3d {
             ("mean (world units)", g.mean.to_array().to_vec()),
             ("ln-scale", g.log_scale.to_array().to_vec()),
             ("rotation", g.rotation.to_vec()),
-            ("harmonics", g.sh.iter().flat_map(|c| c.to_array()).collect()),
+            ("SH", g.sh.iter().flat_map(|c| c.to_array()).collect()),
         ]
     }
 
@@ -68,8 +68,8 @@ impl Trainable for Scene3d {
 
 impl<R: Optimizer<Scene3d>> ViewsTask<R> {
     pub(super) fn new(views: Views, extent: f32) -> Self {
-        let pictures = Pictures::new(views.keep_bytes);
-        Self { views, extent, order: Order::default(), pictures }
+        let images = Images::new(views.keep_bytes);
+        Self { views, extent, order: Order::default(), images }
     }
 
     /// The views.
@@ -77,7 +77,7 @@ impl<R: Optimizer<Scene3d>> ViewsTask<R> {
         &self.views
     }
 
-    /// Those by which the scene is judged: the test views, or else a few of the training views.
+    /// The test views, or else a few of the training views.
     pub(super) fn judges(&self) -> Vec<&PosedView> {
         if !self.views.test.is_empty() {
             return self.views.test.iter().collect();
@@ -86,7 +86,8 @@ impl<R: Optimizer<Scene3d>> ViewsTask<R> {
         train.iter().step_by(train.len().div_ceil(STAND_INS)).collect()
     }
 
-    /// Some of the views that it is trained with, evenly spread: as many as there are to judge it by, and [`MOST_SAMPLED`] at most.
+    /// A sample of the training views, evenly spread: as many as there are test views, at most
+    /// [`MOST_SAMPLED`].
     fn sample(&self) -> impl Iterator<Item = &PosedView> {
         let (train, test) = (&self.views.train, &self.views.test);
         let wanted = if test.is_empty() { STAND_INS } else { test.len().min(MOST_SAMPLED) };
@@ -94,7 +95,7 @@ impl<R: Optimizer<Scene3d>> ViewsTask<R> {
         (0..count).map(move |number| &train[number * train.len() / count])
     }
 
-    /// How well the scene fits the views that it is trained with, by a sample of them.
+    /// Quality on a sample of the training views.
     pub(super) async fn training_views(
         &self,
         on: &R,
@@ -105,18 +106,19 @@ impl<R: Optimizer<Scene3d>> ViewsTask<R> {
         let render = shown(settings, effects);
         let (mut psnr, mut losses) = (Vec::new(), Vec::new());
         for view in self.sample() {
-            let photograph = view.photograph()?;
-            let frame = on.forward(splats, &view.camera, &render).await?;
+            let posed = view.image()?;
+            let pass = on.forward(splats, &view.camera, &render).await?;
             let background = render.background_color();
-            let (target, _) = pictures::target(on, photograph.clone(), Some(background))?;
-            psnr.extend(measure(&on.image(&frame).await?, photograph, background).map(|pair| pair.l1_and_psnr().1));
-            losses.push(f64::from(on.backward(splats, frame, &target, &settings.loss).await?.0));
+            let (target, _) = images::target(on, posed.clone(), Some(background))?;
+            psnr.extend(measure(&on.image(&pass).await?, posed, background).map(|pair| pair.l1_and_psnr().1));
+            losses.push(f64::from(on.backward(splats, pass, &target, &settings.loss).await?.0));
         }
         let measured = !psnr.is_empty();
         Ok(TrainingViews { views: psnr.len(), psnr: measured.then(|| mean(psnr)), loss: mean(losses) as f32 })
     }
 
-    /// The camera of a training view as the step after `step` steps sees it, and by what its sides are divided.
+    /// The camera of a training view at the resolution of the step after `step` steps, and the
+    /// divisor of its sides.
     fn reduced(&self, index: usize, settings: &TrainSettings, step: u32) -> (Camera, u32) {
         let camera = &self.views.train[index].camera;
         let factor = possible(camera, settings.resolution.factor(step as f32 / settings.iterations as f32));
@@ -124,7 +126,7 @@ impl<R: Optimizer<Scene3d>> ViewsTask<R> {
     }
 }
 
-/// The target, but the rendered pixels where the mask says that it does not count.
+/// The target with rendered pixels where the mask leaves them out.
 pub(super) fn where_masked(mut target: Image, mask: &[bool], rendered: &Image) -> Image {
     for ((pixel, &counts), &rendered) in target.pixels_mut().iter_mut().zip(mask).zip(rendered.pixels()) {
         if !counts {
@@ -134,12 +136,12 @@ pub(super) fn where_masked(mut target: Image, mask: &[bool], rendered: &Image) -
     target
 }
 
-/// What is behind in the step that follows `step` steps.
+/// Render settings of the step after `step` steps, with its background.
 fn background(settings: &TrainSettings, step: u32) -> RenderSettings {
     match settings.background {
         StepBackground::Same => settings.render,
         StepBackground::Random => {
-            let state = (u64::from(settings.seed) << 32 | u64::from(step)) ^ BACKDROP_STREAM.rotate_left(16);
+            let state = (u64::from(settings.seed) << 32 | u64::from(step)) ^ BACKGROUND_STREAM.rotate_left(16);
             let mut rng = Rng::seed_from_u64(state);
             settings.render.on(std::array::from_fn(|_| rng.random_range(0.0f32..1.0)))
         }
@@ -151,7 +153,7 @@ impl<R: Optimizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
         self.extent
     }
 
-    fn pictures(&self) -> u32 {
+    fn images(&self) -> u32 {
         self.views.train.len() as u32
     }
 
@@ -173,7 +175,7 @@ impl<R: Optimizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
         let step = TrainStep { settings: &render, loss: settings.loss, rates: &rates, binning };
 
         let fixed = (settings.background == StepBackground::Same).then(|| render.background_color());
-        let target = self.pictures.get(on, view, index, factor, fixed)?;
+        let target = self.images.get(on, view, index, factor, fixed)?;
         Ok(on.train_step(splats, &camera, target, &step).await?)
     }
 
@@ -191,8 +193,8 @@ impl<R: Optimizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
         Ok(())
     }
 
-    /// Means over the test views (or those that stand in for them) of which some pixel counts, and what was left out in all of them
-    /// together.
+    /// Means over the test views (or their replacements) in which some pixel counts, and the
+    /// Gaussians left out, summed over them.
     async fn quality(
         &self,
         on: &R,
@@ -206,7 +208,7 @@ impl<R: Optimizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
         for view in &judges {
             let (rendered, left_out) = on.draw(splats, &view.camera, &render).await?;
             culled = culled.plus(left_out);
-            if let Some(pair) = measure(&rendered, view.photograph()?, render.background_color()) {
+            if let Some(pair) = measure(&rendered, view.image()?, render.background_color()) {
                 let measured = pair.l1_and_psnr();
                 l1.push(measured.0);
                 psnr.push(measured.1);
@@ -219,9 +221,9 @@ impl<R: Optimizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
     }
 }
 
-/// How a scene is shown that has been trained with these effects: before the background of the settings.
+/// Settings for rendering a scene that was trained with these effects.
 pub(crate) fn shown(settings: &TrainSettings, effects: &Effects) -> RenderSettings {
-    let mut render = RenderSettings { effects: *effects, ..settings.render };
+    let mut render = settings.render.with(|s| s.effects = *effects);
     if settings.background == StepBackground::Random {
         render.effects.background = Background::Solid;
     }

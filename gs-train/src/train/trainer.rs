@@ -1,4 +1,4 @@
-//! Training of a 3D scene: where it begins, how it goes on from a checkpoint, and how good it has become.
+//! Starting, resuming and evaluating the training of a 3D scene.
 
 use gs_core::{Camera, Image, Optimizer, RenderSettings, Scene, Scene3d};
 use gs_io::{Checkpoint, dataset::AlphaMeaning};
@@ -22,11 +22,12 @@ use crate::{
 pub type Trainer3d<'a, R> = Trainer<'a, R, Scene3d>;
 
 impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
-    /// Begins a training.
+    /// Starts a training.
     ///
     /// # Errors
-    /// [`gs_core::Error::Setting`] where a setting, a camera or the start is not possible; [`Error::NothingInView`] where no view to train
-    /// with sees any of the first Gaussians; those of the backend.
+    /// [`gs_core::Error::Setting`] where a setting, a camera or the start is not possible;
+    /// [`Error::NothingInView`] where no training view shows any of the first Gaussians; those of
+    /// the backend.
     pub async fn from_views(
         rasterizer: &'a R,
         views: Views,
@@ -45,25 +46,25 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
         let extent = *settings.extent.get_or_insert_with(|| extent_of(&cameras, depth_of(&scene, &cameras)));
         settings.validate()?;
         let splats = rasterizer.upload(&scene, settings.parameterization)?;
-        let pictures = fingerprint(&views);
-        let record = Record::beginning(settings, pictures);
+        let images = fingerprint(&views);
+        let record = Record::beginning(settings, images);
         let mut trainer = Self::assemble(rasterizer, record, splats, ViewsTask::new(views, extent));
         trainer.record.seconds = started.elapsed().as_secs_f64();
         Ok(trainer)
     }
 
-    /// Goes on with a training where a checkpoint left it; on the same backend it ends bit for bit as if it had never stopped,
-    /// unless it fails and begins again ([`Recovery`](crate::Recovery)).
+    /// Resumes a training from a checkpoint. On the same backend it ends bit for bit as if it had
+    /// never stopped, unless it restarts ([`Recovery`](crate::Recovery)).
     ///
     /// # Errors
-    /// [`Error::WrongTarget`] for other views, [`Error::Checkpoint`] for metadata that are not those of a training in 3D, and those of
-    /// the backend.
+    /// [`Error::WrongTarget`] for other views, [`Error::Checkpoint`] for metadata that are not
+    /// those of a training in 3D, and those of the backend.
     pub fn resume_views(rasterizer: &'a R, views: Views, checkpoint: Checkpoint) -> Result<Self, Error> {
         let record = Record::from_metadata::<Scene3d>(&checkpoint.metadata)?;
         views.validate()?;
         let found = fingerprint(&views);
-        if record.pictures != found {
-            return Err(Error::WrongTarget { expected: record.pictures, found });
+        if record.images != found {
+            return Err(Error::WrongTarget { expected: record.images, found });
         }
         let Some(extent) = record.settings.extent else {
             return Err(Error::Checkpoint("its settings lack the extent".to_owned()));
@@ -77,17 +78,17 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
         self.task.views()
     }
 
-    /// The views by which the scene is judged: the test views; without any, a few of those it is trained with.
+    /// The test views; without any, a few of the training views.
     pub fn judges(&self) -> Vec<&PosedView> {
         self.task.judges()
     }
 
-    /// How the scene is shown now.
+    /// Settings for rendering the scene, with the effects that it has been trained with.
     pub fn shown(&self) -> RenderSettings {
         shown(&self.record.settings, &self.effects())
     }
 
-    /// The scene as it looks now to a camera, not clamped.
+    /// Renders the current scene for a camera, not clamped.
     ///
     /// # Errors
     /// Those of the backend.
@@ -95,10 +96,11 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
         Ok(self.rasterizer.draw(&self.splats, camera, &self.shown()).await?.0)
     }
 
-    /// Judges the scene by [`Self::judges`]; `look` sees each of them, in their order, and its rendering.
+    /// Evaluates the scene on [`Self::judges`]; `look` receives each view, in order, and its
+    /// rendering.
     ///
     /// # Errors
-    /// Those of the backend, of reading a photograph, and of `look`.
+    /// Those of the backend, of reading an image, and of `look`.
     pub async fn evaluate(
         &self,
         look: &mut dyn FnMut(&PosedView, &Image) -> Result<(), Error>,
@@ -106,10 +108,10 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
         evaluate_splats(self.rasterizer, &self.splats, &self.task.judges(), &self.shown(), look).await
     }
 
-    /// How well the scene fits the views that it is trained with, by a sample of them.
+    /// Quality on a sample of the training views.
     ///
     /// # Errors
-    /// Those of the backend, and of reading a photograph.
+    /// Those of the backend, and of reading an image.
     pub async fn training_views(&self) -> Result<TrainingViews, Error> {
         self.task.training_views(self.rasterizer, &self.splats, &self.record.settings, &self.effects()).await
     }
@@ -120,7 +122,7 @@ fn sees(camera: &Camera, mean: glam::Vec3) -> bool {
     camera.project(mean).is_some_and(|(at, _)| at.cmpge(glam::Vec2::ZERO).all() && at.cmple(size).all())
 }
 
-/// The median distance of the Gaussians from the first camera.
+/// Median distance of the Gaussians from the first camera.
 fn depth_of(scene: &Scene3d, cameras: &[Camera]) -> Option<f32> {
     let from = cameras.first()?.position();
     let mut distances: Vec<f32> = scene.means.iter().map(|mean| mean.distance(from)).collect();
@@ -128,8 +130,8 @@ fn depth_of(scene: &Scene3d, cameras: &[Camera]) -> Option<f32> {
     distances.get(scene.len() / 2).copied()
 }
 
-/// What tells these views from others: names, cameras, what they are for and which of their pixels count. Not the pixels themselves, which would
-/// all have to be read.
+/// Identifies the views by names, cameras, roles and which pixels count; not by the pixels, which
+/// would all have to be read.
 fn fingerprint(views: &Views) -> String {
     let mut bytes = Vec::new();
     for (role, views) in [(0, &views.train), (1, &views.test)] {

@@ -1,4 +1,4 @@
-//! The views that a scene is trained from, and those it is judged by.
+//! Training views and test views.
 
 use std::fmt;
 
@@ -7,24 +7,24 @@ use gs_io::dataset::{AlphaMeaning, Dataset, PosedImage, Split, View};
 
 use crate::error::Error;
 
-/// Where a photograph comes from: memory, or a file that is read when it is needed.
+/// Source of a view's image: memory, or a file that is read when it is needed.
 pub trait ImageSource: Send + Sync {
-    /// The photograph, of the size of its view's camera.
+    /// Reads the image, which has the size of its view's camera.
     ///
     /// # Errors
     /// Those of reading a file.
     fn read(&self) -> Result<PosedImage, gs_io::Error>;
 
-    /// Which of its pixels count, and for how much, as far as is known without reading it.
+    /// How its pixels count, as far as is known without reading it.
     fn counting(&self) -> Counting {
         Counting::default()
     }
 }
 
-/// Which pixels of a photograph count, and for how much: with the same names and cameras, these make other targets.
+/// How the pixels of an image count: by the meaning of its alpha, and by a mask.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Counting {
-    /// What its alpha channel means, if it has one.
+    /// Meaning of the alpha channel, if there is one.
     pub alpha: AlphaMeaning,
     /// Whether a mask leaves pixels out.
     pub masked: bool,
@@ -50,13 +50,13 @@ impl ImageSource for View {
     }
 }
 
-/// A image and the camera that took it.
+/// An image and its camera.
 pub struct PosedView {
-    /// Its name, for tables.
+    /// Name for tables.
     pub name: String,
-    /// Pose and intrinsics at the photograph's size.
+    /// Pose and intrinsics at the image's size.
     pub camera: Camera,
-    /// The photograph.
+    /// Source of the image.
     pub source: Box<dyn ImageSource>,
 }
 
@@ -67,20 +67,21 @@ impl fmt::Debug for PosedView {
 }
 
 impl PosedView {
-    /// An opaque photograph in memory.
+    /// A view of an opaque image in memory.
     pub fn of_image(name: impl Into<String>, camera: Camera, image: Image) -> Self {
-        let photograph = PosedImage { image, alpha: None, mask: None };
-        Self { name: name.into(), camera, source: Box::new(photograph) }
+        let posed = PosedImage { image, alpha: None, mask: None };
+        Self { name: name.into(), camera, source: Box::new(posed) }
     }
 
-    /// The photograph.
+    /// Reads the image.
     ///
     /// # Errors
-    /// [`Error::Io`]; [`gs_core::Error::SizesDiffer`] or [`gs_core::Error::Length`] where it, its alpha or its mask is not of the camera's
-    /// size; [`gs_core::Error::Setting`] where a pixel is not finite.
-    pub fn photograph(&self) -> Result<PosedImage, Error> {
-        let photograph = self.source.read()?;
-        let PosedImage { image, alpha, mask } = &photograph;
+    /// [`Error::Io`]; [`gs_core::Error::SizesDiffer`] or [`gs_core::Error::Length`] where it, its
+    /// alpha or its mask is not of the camera's size; [`gs_core::Error::Pixel`] where a pixel is
+    /// not finite.
+    pub fn image(&self) -> Result<PosedImage, Error> {
+        let posed = self.source.read()?;
+        let PosedImage { image, alpha, mask } = &posed;
         let (left_width, left_height) = image.size();
         let (right_width, right_height) = (self.camera.width, self.camera.height);
         if (left_width, left_height) != (right_width, right_height) {
@@ -93,34 +94,33 @@ impl PosedView {
                 return Err(gs_core::Error::Length { what, expected, found }.into());
             }
         }
-        if let Some(bad) = image.pixels().as_flattened().iter().find(|v| !v.is_finite()) {
-            return Err(gs_core::Error::setting("a pixel of a photograph", bad, "finite").into());
-        }
-        Ok(photograph)
+        image.check_finite("the image of a view")?;
+        Ok(posed)
     }
 }
 
-/// The views of a data set, by what they are for.
+/// Training views and test views.
 #[derive(Debug)]
 pub struct Views {
-    /// To train with; at least one.
+    /// Training views, at least one.
     pub train: Vec<PosedView>,
-    /// To be judged by, never trained with. Without any, a scene is judged by a few of those it was trained with.
+    /// Test views, which are held out. Without any, a scene is evaluated on a few training views.
     pub test: Vec<PosedView>,
-    /// Most bytes of pictures that are kept in memory; what is beyond them is read again for each step that needs it.
+    /// Largest number of bytes of images that are kept in memory, by default 4 GiB; other images
+    /// are read for each step that needs them.
     pub keep_bytes: u64,
 }
 
 impl Views {
-    /// What [`Self::keep_bytes`] is unless it is set: 4 GiB.
+    /// Default of [`Self::keep_bytes`]: 4 GiB.
     pub const KEEP_BYTES: u64 = 4 << 30;
 
-    /// Views to train with and to be judged by.
+    /// Views with the default limit of memory.
     pub fn new(train: Vec<PosedView>, test: Vec<PosedView>) -> Self {
         Self { train, test, keep_bytes: Self::KEEP_BYTES }
     }
 
-    /// Those of a data set, by its own split; views to choose settings by are left out.
+    /// The views of a data set, by its own split; validation views are left out.
     pub fn of_dataset(dataset: &Dataset) -> Self {
         let of = |split: Split| {
             let posed = |view: &View| PosedView {
@@ -138,15 +138,15 @@ impl Views {
         if self.test.is_empty() { &self.train } else { &self.test }
     }
 
-    /// The cameras of the views to train with.
+    /// Cameras of the training views.
     pub fn train_cameras(&self) -> impl ExactSizeIterator<Item = &Camera> {
         self.train.iter().map(|view| &view.camera)
     }
 
-    /// Fails without a view to train with, or where a camera is not possible.
+    /// Checks that there is a training view, and that all cameras are possible.
     ///
     /// # Errors
-    /// [`gs_core::Error`] naming the view.
+    /// [`gs_core::Error::Setting`] naming the view.
     pub fn validate(&self) -> Result<(), gs_core::Error> {
         if self.train.is_empty() {
             return Err(gs_core::Error::setting("the number of views to train with", 0, "at least 1"));

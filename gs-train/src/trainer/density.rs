@@ -1,4 +1,5 @@
-//! What happens to the set of Gaussians between the steps of a run: rounds of density control, noise, and the removal of what is broken.
+//! Changes between the steps of a run: rounds of density control, noise, and the removal of broken
+//! Gaussians.
 
 use gs_core::{
     Binning, DensityStatistics, EditPlan, Optimizer,
@@ -15,7 +16,7 @@ use crate::{
 };
 
 impl<R: Optimizer<S>, S: Trainable> Trainer<'_, R, S> {
-    /// Shows the scene to the policy and does what it says; `progress` as in [`Observation`].
+    /// Runs a round of density control; `progress` as in [`Observation`].
     pub(super) async fn control_density(&mut self, progress: f32) -> Result<EditCounts, Error> {
         let Record { settings, step, .. } = &self.record;
         let policy = policy(&self.foreign, settings);
@@ -43,7 +44,7 @@ impl<R: Optimizer<S>, S: Trainable> Trainer<'_, R, S> {
         let counts = plan.counts();
         self.rasterizer.edit(&mut self.splats, &plan).await?;
         if plan.opacity_ceiling.is_some() {
-            self.watch.hear_reset(self.record.step);
+            self.watch.record_reset(self.record.step);
         }
         self.record.edits.accumulate(&counts);
         self.binning = Binning::Fresh;
@@ -51,7 +52,7 @@ impl<R: Optimizer<S>, S: Trainable> Trainer<'_, R, S> {
         Ok(counts)
     }
 
-    /// Adds the noise that the policy asks for after this step; not after the last, which nothing would mend.
+    /// Adds the policy's noise after this step, except the last, after which nothing could adapt.
     pub(super) fn add_noise(&mut self) -> Result<(), Error> {
         let Record { settings, step, .. } = &self.record;
         let Some(noise) = self.policy().noise().filter(|noise| noise.is_due(*step) && !self.is_finished()) else {
@@ -62,7 +63,7 @@ impl<R: Optimizer<S>, S: Trainable> Trainer<'_, R, S> {
         Ok(self.rasterizer.add_noise(&mut self.splats, &noise)?)
     }
 
-    /// Takes out what has become NaN or infinite since the last round; it draws nothing, and no file would take it.
+    /// Removes Gaussians that are not finite; they draw nothing, and files refuse them.
     pub(super) async fn drop_not_finite(&mut self, edits: &mut Option<EditCounts>) -> Result<(), Error> {
         let scene = self.rasterizer.download(&self.splats).await?;
         let lost = (0..scene.len()).filter(|&index| !scene.gaussian(index).is_finite());

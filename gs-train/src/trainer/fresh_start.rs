@@ -1,4 +1,4 @@
-//! How a run begins again that has become worse than it was at first; see [`Recovery`].
+//! Restarts of diverging runs; see [`Recovery`].
 
 use gs_core::{Binning, Loss, Optimizer, Wait, constants::HALF_DISPLAY_STEP, edit::EditCounts};
 
@@ -9,21 +9,22 @@ use crate::{
     task::{RunSettings, StepContext, Trainable, TrainingTask},
 };
 
-/// A scene's loss is the mean of at most so many steps.
+/// Largest number of steps whose mean is a scene's loss.
 const MOST_STEPS: u32 = 50;
 
-/// What a run began with.
+/// The state that a run started with.
 pub(super) struct Start<S> {
     scene: S,
-    /// What density control had done before.
+    /// Edits of density control before.
     edits: EditCounts,
 }
 
-/// A run whose pictures are off by less on the way, as a share of the range, has not failed, whatever it began with. Where the first picture is
-/// as good as exact, such as one of a single colour, all that a run does makes it worse for a while.
+/// Mean error of images, as a share of the range, below which a run has not diverged. Where the
+/// first image is nearly exact, such as one of a single colour, training makes it worse for a
+/// while.
 const SMALL_ERROR: f32 = 0.01;
 
-/// The loss of pictures that are off by so much.
+/// The loss of images with this error at every pixel.
 fn loss_of_error(loss: Loss, error: f32) -> f64 {
     let error = f64::from(error);
     match loss {
@@ -34,7 +35,7 @@ fn loss_of_error(loss: Loss, error: f32) -> f64 {
 }
 
 impl<R: Optimizer<S>, S: Trainable> Trainer<'_, R, S> {
-    /// Whether the run is judged after the step just done.
+    /// Whether divergence is checked after the step just done.
     pub(super) fn is_judged(&self) -> bool {
         self.recovers() && Watch::ends_window(self.record.step, self.record.settings.iterations())
     }
@@ -43,7 +44,7 @@ impl<R: Optimizer<S>, S: Trainable> Trainer<'_, R, S> {
         self.record.settings.recovery() == Recovery::BeginAgain
     }
 
-    /// Keeps the Gaussians that this run begins with, where it may have to go back to them.
+    /// Keeps the Gaussians that this run starts with, for a restart.
     pub(super) async fn keep_start(&mut self) -> Result<(), Error> {
         if self.start.is_none() && self.recovers() {
             let edits = self.record.edits;
@@ -52,20 +53,20 @@ impl<R: Optimizer<S>, S: Trainable> Trainer<'_, R, S> {
         Ok(())
     }
 
-    /// Begins again where the run is judged and has failed.
-    pub(super) async fn begin_again(&mut self) -> Result<Option<FreshStart>, Error> {
+    /// Restarts the run if it has diverged.
+    pub(super) async fn restart_if_diverged(&mut self) -> Result<Option<FreshStart>, Error> {
         if !self.is_judged() {
             return Ok(None);
         }
         let Some(judgement) = self.watch.end_window() else { return Ok(None) };
         let Some(start) = self.start.take() else { return Ok(None) };
-        let outcome = self.go_back_if_failed(judgement, &start).await;
+        let outcome = self.restart(judgement, &start).await;
         self.start = Some(start);
         outcome
     }
 
-    async fn go_back_if_failed(&mut self, judgement: Judgement, start: &Start<S>) -> Result<Option<FreshStart>, Error> {
-        if !self.has_failed(judgement, &start.scene).await? {
+    async fn restart(&mut self, judgement: Judgement, start: &Start<S>) -> Result<Option<FreshStart>, Error> {
+        if !self.has_diverged(judgement, &start.scene).await? {
             return Ok(None);
         }
         self.splats = self.rasterizer.upload(&start.scene, self.record.settings.parameterization())?;
@@ -76,8 +77,9 @@ impl<R: Optimizer<S>, S: Trainable> Trainer<'_, R, S> {
         Ok(Some(fresh_start))
     }
 
-    /// Whether what there is, is worse than the start: by the window; after the last step, which no other follows, by the scene itself.
-    async fn has_failed(&mut self, judgement: Judgement, start: &S) -> Result<bool, Error> {
+    /// Whether the run is worse than its start: by the window, and after the last step by the scene
+    /// itself.
+    async fn has_diverged(&mut self, judgement: Judgement, start: &S) -> Result<bool, Error> {
         let doubtful = judgement.is_worse() || self.is_finished() && judgement.loss > judgement.first;
         if !doubtful {
             return Ok(false);
@@ -94,15 +96,15 @@ impl<R: Optimizer<S>, S: Trainable> Trainer<'_, R, S> {
         Ok(loss > loss_of_error(kind, HALF_DISPLAY_STEP) && loss > self.loss_of(start).await?)
     }
 
-    /// The mean loss of a scene in the last steps, as many as there are pictures.
+    /// Mean loss of a scene in the last steps, as many as there are images.
     async fn loss_of(&mut self, scene: &S) -> Result<f64, Error> {
         let settings = &self.record.settings;
         let mut splats = self.rasterizer.upload(scene, settings.parameterization())?;
         let mut losses = Vec::new();
-        let steps = self.task.pictures().min(MOST_STEPS);
+        let steps = self.task.images().min(MOST_STEPS);
         for step in self.record.step.saturating_sub(steps)..self.record.step {
             let effects = settings.effects_after(step);
-            // The loss is that before the step, so it does not matter where the step leads; it may not lead far, as there are others.
+            // The loss is that before the step; the scale of 0 keeps the scene for the other steps.
             let context = StepContext { step, effects, lr_scale: 0.0, binning: Binning::Fresh };
             self.task.send(self.rasterizer, &mut splats, settings, context).await?;
             self.rasterizer.losses(&mut splats, Wait::All, &mut losses).await?;

@@ -20,13 +20,15 @@ pub(crate) fn small_target() -> Image {
 
 /// 42 steps from 20 Gaussians to at most 60, with three rounds.
 pub(crate) fn small_fit(blend: Blend) -> FitSettings {
-    let mut settings = FitSettings {
-        initial: InitialCount::Fixed(20),
-        rounds: Rounds::until(10, 30),
-        rebin_every: 4,
-        color_solve: ColorSolve { at_start: 5, after_edit: 2 },
-        ..FitSettings::for_image(60, (48, 40), 42)
-    };
+    let mut settings = FitSettings::for_image(60, (48, 40), 42).with(|s| {
+        s.initial = InitialCount::Fixed(20);
+        s.rounds = Rounds::until(10, 30);
+        s.rebin_every = 4;
+        s.color_solve = ColorSolve::default().with(|s| {
+            s.at_start = 5;
+            s.after_edit = 2;
+        });
+    });
     settings.render.effects.blend = blend;
     settings
 }

@@ -68,10 +68,10 @@ pub(crate) fn views(rasterizer: &CpuRasterizer) -> Views {
     Views::new((0..12).map(view).collect(), (12..15).map(view).collect())
 }
 
-/// The same views with photographs that are changed.
+/// The same views with images that are changed.
 pub(crate) fn changed(views: Views, change: impl Fn(usize, PosedImage) -> PosedImage) -> Views {
     let change = |(i, view): (usize, PosedView)| {
-        let photograph = change(i, view.photograph().expect("it is in memory"));
+        let photograph = change(i, view.image().expect("it is in memory"));
         PosedView { source: Box::new(photograph), ..view }
     };
     let train = views.train.into_iter().enumerate().map(change).collect();
@@ -86,6 +86,6 @@ pub(crate) fn short(iterations: u32) -> TrainSettings {
     settings.render.effects.sh_degree = 1;
     settings.render.effects.antialias = render().effects.antialias;
     settings.sh_degree_every = iterations / 4;
-    settings.rounds = Rounds { every: 10, from: 10, until: (iterations / 2).max(10) };
+    settings.rounds = Rounds::until(10, (iterations / 2).max(10));
     settings
 }

@@ -1,6 +1,6 @@
 //! Commands of the stages that only 3D scenes have, and their buffers.
 
-use gs_core::{Camera, Error, RenderSettings, Scene3d, effects::Order, perspective::Perspective};
+use gs_core::{Camera, Error, RenderSettings, Scene3d, effects::Order, math::perspective::Perspective};
 
 use crate::{
     dispatch::{Commands, Groups, dispatch},

@@ -2,7 +2,7 @@
 //! restoring.
 
 use glam::Vec3;
-use gs_core::{Error, Gaussian3d, Parameterization, Scene, Scene3d, SplatsState, sh::coefficients};
+use gs_core::{Error, Gaussian3d, Parameterization, Scene, Scene3d, SplatsState, math::sh::coefficients};
 
 use crate::{
     dispatch::{Commands, dispatch},

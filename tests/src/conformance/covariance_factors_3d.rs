@@ -3,10 +3,9 @@
 
 use glam::{DMat3, DVec3};
 use gs_core::{
-    AdamRates, EditPlan, Loss, Optimizer, Parameterization, Scene3d,
+    AdamRates, EditPlan, Loss, Optimizer, Parameterization, Scene, Scene3d,
     edit::{AfterEdit, Birth, Moments, Origin, Place},
     effects::{Antialias, Blend},
-    scene::Scene,
 };
 use pollster::FutureExt as _;
 

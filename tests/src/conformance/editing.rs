@@ -5,11 +5,10 @@ use pollster::FutureExt as _;
 use std::collections::BTreeMap;
 
 use gs_core::{
-    Binning, EditPlan, Error, Loss, Optimizer, Parameterization, SplatsState, TrainStep,
+    Binning, EditPlan, Error, Loss, Optimizer, Parameterization, SplatsState, TensorData, TrainStep,
     edit::{AfterEdit, Birth, Change, Moments, Origin, Place, PruneCause, Removal},
     effects::{Blend, Statistics},
-    scene::logit,
-    state::TensorData,
+    logit,
 };
 
 use super::parameterizations;

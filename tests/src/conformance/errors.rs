@@ -3,9 +3,7 @@
 use glam::Vec2;
 use gs_core::{
     Accuracy, Binning, Canvas, Error, Image, Loss, Optimizer, Parameterization, RenderSettings, Scene2d, SplatsState,
-    TrainStep,
-    effects::Blend,
-    state::{Tensor, TensorData},
+    Tensor, TensorData, TrainStep, effects::Blend,
 };
 use pollster::FutureExt as _;
 
@@ -74,7 +72,7 @@ pub(super) fn bad_are_errors<S: Subject, R: Optimizer<S>>(
     views: &[(&'static str, S::View, Right)],
 ) -> Result<(), Failure> {
     let good = draw.settings;
-    let accuracy = |accuracy| RenderSettings { accuracy, ..good };
+    let accuracy = |accuracy| good.with(|s| s.accuracy = accuracy);
     let usual = Accuracy::default();
     let mut cases: Vec<_> = views.iter().map(|&(what, view, right)| (what, view, good, right)).collect();
     let view = draw.view;
@@ -83,13 +81,18 @@ pub(super) fn bad_are_errors<S: Subject, R: Optimizer<S>>(
     degree.effects.sh_degree = 4;
     cases.push(("SH degree 4", view, degree, SETTING));
     for alpha_cut in [0.0, 0.9, f32::NAN] {
-        cases.push(("an impossible cut", view, accuracy(Accuracy { alpha_cut, ..usual }), SETTING));
+        cases.push(("an impossible cut", view, accuracy(usual.with(|s| s.alpha_cut = alpha_cut)), SETTING));
     }
     for alpha_max in [0.0, 1.0, f32::NAN] {
-        cases.push(("an impossible clamp", view, accuracy(Accuracy { alpha_max, ..usual }), SETTING));
+        cases.push(("an impossible clamp", view, accuracy(usual.with(|s| s.alpha_max = alpha_max)), SETTING));
     }
     for transmittance_min in [-0.1, 0.9, f32::NAN] {
-        cases.push(("an impossible minimum", view, accuracy(Accuracy { transmittance_min, ..usual }), SETTING));
+        cases.push((
+            "an impossible minimum",
+            view,
+            accuracy(usual.with(|s| s.transmittance_min = transmittance_min)),
+            SETTING,
+        ));
     }
     let target = rasterizer.upload_target(&draw.target()?)?;
     let rates = S::adam().at(0.0);

@@ -2,9 +2,8 @@
 
 use glam::{Vec2, Vec3};
 use gs_core::{
-    Accuracy, Canvas, Gaussian2d, Image, Optimizer, Parameterization, RenderSettings, Scene2d,
+    Accuracy, Canvas, Culled, Gaussian2d, Image, Optimizer, Parameterization, RenderSettings, Scene2d,
     effects::{Antialias, Blend},
-    statistics::Culled,
 };
 use pollster::FutureExt as _;
 
@@ -79,11 +78,11 @@ pub fn canvases_match<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failu
 pub(super) fn other_accuracies() -> [Accuracy; 5] {
     let usual = Accuracy::default();
     [
-        Accuracy { alpha_cut: 1e-6, ..usual },
-        Accuracy { alpha_cut: 0.2, ..usual },
-        Accuracy { alpha_max: 0.6, ..usual },
-        Accuracy { transmittance_min: 0.0, ..usual },
-        Accuracy { transmittance_min: 0.3, ..usual },
+        usual.with(|s| s.alpha_cut = 1e-6),
+        usual.with(|s| s.alpha_cut = 0.2),
+        usual.with(|s| s.alpha_max = 0.6),
+        usual.with(|s| s.transmittance_min = 0.0),
+        usual.with(|s| s.transmittance_min = 0.3),
     ]
 }
 

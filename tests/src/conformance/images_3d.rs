@@ -2,10 +2,8 @@
 
 use glam::Vec3;
 use gs_core::{
-    Camera, Gaussian3d, Image, Optimizer, Parameterization, RenderSettings, Scene3d,
+    Camera, Culled, Gaussian3d, Image, Optimizer, Parameterization, RenderSettings, Scene, Scene3d,
     effects::{Antialias, Blend, Order},
-    scene::Scene,
-    statistics::Culled,
 };
 use pollster::FutureExt as _;
 

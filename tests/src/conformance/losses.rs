@@ -168,7 +168,7 @@ pub fn every_call_sees_pending_steps<S: Subject, R: Optimizer<S>>(rasterizer: &R
 
 /// All numbers of a state, one tensor after the other.
 fn floats(state: &SplatsState) -> Vec<f32> {
-    use gs_core::state::TensorData;
+    use gs_core::TensorData;
     let of = |data: &TensorData| match data {
         TensorData::F32(values) => values.clone(),
         TensorData::U32(values) => values.iter().map(|&v| f32::from_bits(v)).collect(),

@@ -1,7 +1,7 @@
 //! Cases of changes to a scene or a view that must not change the image.
 
 use glam::{Vec2, Vec3};
-use gs_core::{Canvas, Gaussian2d, Image, Optimizer, Scene2d, effects::Blend, scene::logit};
+use gs_core::{Canvas, Gaussian2d, Image, Optimizer, Scene2d, effects::Blend, logit};
 use pollster::FutureExt as _;
 
 use crate::{

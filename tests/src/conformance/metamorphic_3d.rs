@@ -2,9 +2,8 @@
 
 use glam::{Mat3, Quat, Vec3, Vec4};
 use gs_core::{
-    Camera, Image, Optimizer, Scene3d,
+    Camera, Image, Optimizer, Scene, Scene3d,
     effects::{Blend, Order},
-    scene::Scene,
 };
 use pollster::FutureExt as _;
 

@@ -20,18 +20,23 @@ use crate::{
 /// Rates and betas that differ between all groups, and an ε as large as √v̂, so that any wrong one
 /// has an effect.
 pub(super) fn distinct<S: Subject>(epsilon: f32) -> AdamRates {
-    let group = |learning_rate, beta1, beta2| Group { beta1, beta2, ..Group::constant(learning_rate) };
-    Adam {
-        mean: group(0.11, 0.9, 0.99),
-        scale: group(0.023, 0.8, 0.95),
-        rotation: group(0.017, 0.85, 0.9),
-        opacity: group(0.05, 0.7, 0.999),
-        color: group(0.013, 0.6, 0.97),
-        color_rest: group(0.007, 0.75, 0.93),
-        epsilon,
-        ..S::adam()
-    }
-    .at(0.0)
+    let group = |learning_rate, beta1, beta2| {
+        Group::constant(learning_rate).with(|s| {
+            s.beta1 = beta1;
+            s.beta2 = beta2;
+        })
+    };
+    S::adam()
+        .with(|s| {
+            s.mean = group(0.11, 0.9, 0.99);
+            s.scale = group(0.023, 0.8, 0.95);
+            s.rotation = group(0.017, 0.85, 0.9);
+            s.opacity = group(0.05, 0.7, 0.999);
+            s.color = group(0.013, 0.6, 0.97);
+            s.color_rest = group(0.007, 0.75, 0.93);
+            s.epsilon = epsilon;
+        })
+        .at(0.0)
 }
 
 /// Runs forward, backward and one Adam step; returns the gradients.
@@ -113,8 +118,11 @@ pub fn covariance_factor_steps_match<R: Optimizer<Scene2d>>(rasterizer: &R) -> R
     for blend in [Blend::Sum, Blend::Over] {
         let draw = Draw::new(Kind::Typical, blend, 40, (40, 30), 1300);
         let target = rasterizer.upload_target(&draw.target()?)?;
-        let adam =
-            Adam { mean: Group::constant(0.12), scale: Group::constant(0.07), epsilon: 1e-15, ..Adam::default() };
+        let adam = Adam::default().with(|s| {
+            s.mean = Group::constant(0.12);
+            s.scale = Group::constant(0.07);
+            s.epsilon = 1e-15;
+        });
         let rates = adam.at(0.0);
         let mut splats = rasterizer.upload(&draw.scene, Parameterization::CovarianceFactor)?;
         let before = rasterizer.download(&splats).block_on()?;

@@ -3,7 +3,7 @@
 use gs_core::{
     Binning, Error, Gaussian2d, MeanNoise, Optimizer, Parameterization, Scene, Scene2d, SplatsState, TrainStep,
     effects::{Blend, Statistics},
-    scene::logit,
+    logit,
 };
 use pollster::FutureExt as _;
 

@@ -3,7 +3,7 @@
 //! anything.
 
 use gs_core::{
-    Adam, Binning, Loss, Optimizer, Parameterization, TrainStep,
+    Binning, Loss, Optimizer, Parameterization, TrainStep,
     adam::Group,
     effects::{Blend, Statistics},
 };
@@ -100,8 +100,18 @@ fn collected_match<S: Subject, R: Optimizer<S>>(
     of_step: impl Fn(&StepStatistics) -> &Vec<f64>,
 ) -> Result<(), Failure> {
     let still = Group::constant(1e-4);
-    let groups = Adam { mean: still, scale: still, rotation: still, opacity: still, ..S::adam() };
-    let rates = Adam { color: still, color_rest: still, ..groups }.at(0.0);
+    let groups = S::adam().with(|s| {
+        s.mean = still;
+        s.scale = still;
+        s.rotation = still;
+        s.opacity = still;
+    });
+    let rates = groups
+        .with(|s| {
+            s.color = still;
+            s.color_rest = still;
+        })
+        .at(0.0);
     let image = draw.target()?;
     let target = rasterizer.upload_target(&image)?;
     let mut splats = rasterizer.upload(&draw.scene, Parameterization::ScaleRotation)?;

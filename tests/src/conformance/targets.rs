@@ -3,7 +3,7 @@
 use gs_core::{
     Binning, Image, Optimizer, Parameterization, TargetImage, TrainStep,
     effects::{Blend, Statistics},
-    target::completed,
+    math::completed,
 };
 use pollster::FutureExt as _;
 

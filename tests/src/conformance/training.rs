@@ -23,8 +23,18 @@ const PARAMETERIZATIONS: [Parameterization; 2] = [Parameterization::ScaleRotatio
 /// step.
 pub fn steps_decrease_the_loss<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
     let group = Group::constant(3e-3);
-    let groups = Adam { mean: group, scale: group, rotation: group, ..S::adam() };
-    let rates = Adam { opacity: group, color: group, color_rest: group, ..groups }.at(0.0);
+    let groups = S::adam().with(|s| {
+        s.mean = group;
+        s.scale = group;
+        s.rotation = group;
+    });
+    let rates = groups
+        .with(|s| {
+            s.opacity = group;
+            s.color = group;
+            s.color_rest = group;
+        })
+        .at(0.0);
     for parameterization in parameterizations::<S, R>(rasterizer)? {
         for blend in [Blend::Sum, Blend::Over] {
             for loss in LOSSES {
@@ -58,7 +68,7 @@ pub fn steps_decrease_the_loss<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> R
 /// moved since. It has the same bits as a step after saving and restoring.
 pub fn first_steps_do_not_reuse_lists_of_renderings<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     // Further than the extent of most Gaussians.
-    let rates = Adam { mean: Group::constant(8.0), ..Adam::default() }.at(0.0);
+    let rates = Adam::default().with(|s| s.mean = Group::constant(8.0)).at(0.0);
     for blend in [Blend::Sum, Blend::Over] {
         let draw = Draw::new(Kind::Typical, blend, 20, (70, 50), 1603);
         let target = rasterizer.upload_target(&draw.target()?)?;
@@ -85,7 +95,7 @@ pub fn first_steps_do_not_reuse_lists_of_renderings<R: Optimizer<Scene2d>>(raste
 /// blend and loss, also through a canvas of another scale.
 pub fn fused_steps_match_separate_stages<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
     // With this ε, a step is in proportion to a gradient that is mere rounding.
-    let rates = Adam { epsilon: 1e-3, ..S::adam() }.at(0.0);
+    let rates = S::adam().with(|s| s.epsilon = 1e-3).at(0.0);
     let parameterizations = parameterizations::<S, R>(rasterizer)?;
     let last = parameterizations.last().map(|&parameterization| (parameterization, (43, 31)));
     for (parameterization, size) in
@@ -142,7 +152,13 @@ pub fn fused_steps_match_separate_stages<S: Subject, R: Optimizer<S>>(rasterizer
 /// in which a Gaussian is drawn, in separate and fused steps; nothing without statistics.
 pub fn statistics_are_the_positional_gradients<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     let still = Group::constant(1e-4);
-    let rates = Adam { mean: still, scale: still, rotation: still, opacity: still, color: still, ..Adam::default() };
+    let rates = Adam::default().with(|s| {
+        s.mean = still;
+        s.scale = still;
+        s.rotation = still;
+        s.opacity = still;
+        s.color = still;
+    });
     let rates = rates.at(0.0);
     let own = Canvas::new(30, 24);
     let zoomed = Canvas::new(44, 20).showing(Vec2::new(4.0, 2.0), Vec2::new(22.0, 20.0));

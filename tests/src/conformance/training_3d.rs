@@ -1,10 +1,9 @@
 //! Cases of 3D training: views that change from step to step, and Gaussians out of view.
 
 use gs_core::{
-    Adam, Binning, Camera, Loss, Optimizer, Parameterization, Participants, Scene3d, TrainStep,
+    Binning, Camera, Loss, Optimizer, Parameterization, Participants, Scene, Scene3d, TrainStep,
     adam::Group,
     effects::{Blend, Statistics},
-    scene::Scene,
 };
 use pollster::FutureExt as _;
 
@@ -80,8 +79,18 @@ pub fn only_participants_move<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(
 /// another one, for which the lists are invalid.
 pub fn reused_lists_change_nothing_without_movement<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     let still = Group::constant(0.0);
-    let groups = Adam { mean: still, scale: still, rotation: still, opacity: still, ..Scene3d::adam() };
-    let rates = Adam { color: still, color_rest: still, ..groups }.at(0.0);
+    let groups = Scene3d::adam().with(|s| {
+        s.mean = still;
+        s.scale = still;
+        s.rotation = still;
+        s.opacity = still;
+    });
+    let rates = groups
+        .with(|s| {
+            s.color = still;
+            s.color_rest = still;
+        })
+        .at(0.0);
     let draw = Draw::for_3d(Kind3d::Typical, Blend::Over, 20, (40, 30), 2623);
     let target = rasterizer.upload_target(&draw.target()?)?;
     let mut elsewhere = draw.view;
@@ -112,8 +121,18 @@ pub fn visible_are_counted<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), 
     let mut draw = Draw::for_3d(Kind3d::Typical, Blend::Over, 14, (30, 24), 2633);
     draw.settings.effects.statistics = Statistics::MeanGradient;
     let still = Group::constant(0.0);
-    let groups = Adam { mean: still, scale: still, rotation: still, opacity: still, ..Scene3d::adam() };
-    let rates = Adam { color: still, color_rest: still, ..groups }.at(0.0);
+    let groups = Scene3d::adam().with(|s| {
+        s.mean = still;
+        s.scale = still;
+        s.rotation = still;
+        s.opacity = still;
+    });
+    let rates = groups
+        .with(|s| {
+            s.color = still;
+            s.color_rest = still;
+        })
+        .at(0.0);
     let target = rasterizer.upload_target(&draw.target()?)?;
     let mut splats = rasterizer.upload(&draw.scene, Parameterization::ScaleRotation)?;
     let mut expected = vec![0; draw.scene.len()];

@@ -1,6 +1,6 @@
 //! A hard case: its scene, the reason why it is hard, who met it before, and the expected outcome.
 
-use gs_core::{Adam, Error, Image, Loss, RenderSettings, statistics::Culled};
+use gs_core::{Adam, Culled, Error, Image, Loss, RenderSettings};
 
 use crate::{scenes, subject::Subject};
 

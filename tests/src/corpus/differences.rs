@@ -10,7 +10,7 @@
 //! are allowed. A gradient is ill-conditioned if this exceeds its share. It is still compared, but
 //! at most [`ILL_CONDITIONED_SHARE`] of a set may be so.
 
-use gs_core::{Image, Loss, Optimizer, Parameterization, RenderSettings, settings::Cut};
+use gs_core::{Cut, Image, Loss, Optimizer, Parameterization, RenderSettings};
 use pollster::FutureExt as _;
 
 use super::case::NEGLIGIBLE;

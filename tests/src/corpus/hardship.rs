@@ -5,7 +5,7 @@ use glam::{Vec2, Vec3};
 use gs_core::{
     Scene2d, Scene3d,
     effects::{Antialias, Blend, Order},
-    scene::logit,
+    logit,
 };
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;

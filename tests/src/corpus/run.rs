@@ -4,7 +4,7 @@
 use pollster::FutureExt as _;
 use std::{ops::RangeInclusive, time::Instant};
 
-use gs_core::{Binning, Image, Optimizer, Parameterization, SplatsState, TrainStep, Wait, statistics::Culled};
+use gs_core::{Binning, Culled, Image, Optimizer, Parameterization, SplatsState, TrainStep, Wait};
 
 use super::{
     case::{Case, Drawn, Expected, NEGLIGIBLE, Picture, Slopes, Training},

@@ -4,11 +4,10 @@ use std::array;
 
 use glam::{Mat3, Quat, Vec2, Vec3};
 use gs_core::{
-    Adam, AdamRates, Binning, Camera, Canvas, Gaussian2d, Gaussian3d, Image, Loss, Parameterization, RenderSettings,
-    Scene, Scene2d, Scene3d,
+    Adam, AdamRates, Binning, Camera, Canvas, Extent, Gaussian2d, Gaussian3d, Image, Loss, Parameterization,
+    RenderSettings, Scene, Scene2d, Scene3d,
     adam::{Group, Participants, Penalty},
     effects::{Antialias, Blend, Order, Statistics},
-    settings::Extent,
 };
 
 use super::bytes::Bytes;
@@ -156,19 +155,13 @@ fn training(bytes: &mut Bytes<'_>, (width, height): (u32, u32)) -> (Image, Loss,
     let lambda = bytes.wild(0.0..1.0, 64);
     let loss = bytes.pick([Loss::L2, Loss::L1, Loss::PAPER, Loss::L1Dssim { lambda }]);
     let parameterization = bytes.pick([Parameterization::ScaleRotation, Parameterization::CovarianceFactor]);
-    let mut group = || Group::constant(bytes.pick([0.0, 1e-3, 0.1, 10.0]));
-    let adam = Adam {
-        mean: group(),
-        scale: group(),
-        rotation: group(),
-        opacity: group(),
-        color: group(),
-        color_rest: group(),
-        min_scale: 1e-6,
-        max_scale: 1e6,
-        participants: bytes.pick([Participants::All, Participants::Visible]),
-        penalty: bytes.pick([Penalty::NONE, Penalty { opacity: 0.01, scale: 0.01 }]),
-        ..Adam::default()
-    };
+    let groups = std::array::from_fn(|_| Group::constant(bytes.pick([0.0, 1e-3, 0.1, 10.0])));
+    let adam = Adam::default().with(|s| {
+        [s.mean, s.scale, s.rotation, s.opacity, s.color, s.color_rest] = groups;
+        s.min_scale = 1e-6;
+        s.max_scale = 1e6;
+        s.participants = bytes.pick([Participants::All, Participants::Visible]);
+        s.penalty = bytes.pick([Penalty::NONE, Penalty { opacity: 0.01, scale: 0.01 }]);
+    });
     (target, loss, parameterization, adam.at(0.0))
 }

@@ -13,10 +13,9 @@ use gs_conformance::{
 };
 use gs_core::Rasterizer as _;
 use gs_core::{
-    Accuracy, Blend, Loss, Optimizer, Parameterization, RenderSettings, Scene2d, Scene3d,
+    Accuracy, Blend, Cut, Extent, Loss, Optimizer, Parameterization, RenderSettings, Scene2d, Scene3d,
     constants::HALF_DISPLAY_STEP,
     effects::{Antialias, Order},
-    settings::{Cut, Extent},
 };
 use gs_cpu::{Bounds, CpuRasterizer, CpuSettings, CpuTuning, SimdLevel};
 use pollster::FutureExt as _;
@@ -57,7 +56,10 @@ fn extents_in_standard_deviations_match_the_oracle() {
     for level in SimdLevel::available() {
         let cpu = cpu(level, CpuTuning::default());
         for (seed, sigmas) in (900..).zip([1.0, 1.7, 3.0]) {
-            let accuracy = Accuracy { extent: Extent::Sigmas(sigmas), alpha_cut: 1e-3, ..Accuracy::default() };
+            let accuracy = Accuracy::default().with(|s| {
+                s.extent = Extent::Sigmas(sigmas);
+                s.alpha_cut = 1e-3;
+            });
             for blend in BLENDS {
                 let mut draw = scene_2d(blend, seed);
                 draw.settings.accuracy = accuracy;
@@ -157,7 +159,7 @@ fn same_colors<S: Subject>(draw: &Draw<S>) {
 #[test]
 fn the_oracles_two_renderings_agree() {
     let tightest = Accuracy::TIGHTEST;
-    let smooth = Accuracy { cut: Cut::Smooth, ..Accuracy::default() };
+    let smooth = Accuracy::default().with(|s| s.cut = Cut::Smooth);
     for accuracy in [Accuracy::default(), Accuracy::THREE_DGS, tightest, smooth] {
         for blend in BLENDS {
             let mut draw: Draw<Scene2d> = scene_2d(blend, 3).on([0.1, 0.4, 0.2]);
@@ -175,12 +177,10 @@ fn the_oracles_two_renderings_agree() {
 /// Cut-offs with a total effect below half a display step, unlike the default's. No pixel may count
 /// as full: the Gaussian that would fill it does not contribute, so that up to 1/(1 − α) times the
 /// minimum transmittance is missing.
-const INVISIBLE: Accuracy = Accuracy {
-    alpha_cut: 1.0 / 8192.0,
-    cut: Cut::Hard,
-    alpha_max: 0.9999,
-    transmittance_min: 0.0,
-    extent: Extent::AlphaCut,
+const INVISIBLE: Accuracy = {
+    let mut accuracy = Accuracy::TIGHTEST;
+    accuracy.alpha_cut = 1.0 / 8192.0;
+    accuracy
 };
 
 /// The largest differences by cut-offs at these pixels in the oracle: the default's, and
@@ -188,7 +188,7 @@ const INVISIBLE: Accuracy = Accuracy {
 fn cut_off<S: Subject>(scene: &S, view: S::View, settings: RenderSettings, pixels: &[[u32; 2]]) -> [f64; 2] {
     let rows = scene.rows();
     let colors = |accuracy: Accuracy| {
-        let oracle = Oracle::new(view, RenderSettings { accuracy, ..settings }).unwrap();
+        let oracle = Oracle::new(view, settings.with(|s| s.accuracy = accuracy)).unwrap();
         oracle.colors_at(&oracle.project(&rows), pixels)
     };
     let exact = colors(Accuracy::TIGHTEST);

@@ -5,8 +5,8 @@ use glam::{Vec2, Vec3};
 use gs_conformance::Failure;
 use gs_core::{
     Adam, Binning, Blend, Camera, Canvas, Error, Gaussian2d, Gaussian3d, Image, Loss, Optimizer, Parameterization,
-    RenderSettings, Scene, Scene2d, Scene3d, SplatsState, TrainStep, adam::Group, constants::MAX_XI,
-    effects::Antialias, metrics, state::TensorData,
+    RenderSettings, Scene, Scene2d, Scene3d, SplatsState, TensorData, TrainStep, adam::Group, constants::MAX_XI,
+    effects::Antialias, metrics,
 };
 use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_density::{Policy, Ranking, WhenFlat};
@@ -149,7 +149,7 @@ fn second_moments<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> 
 fn steps_within_reach<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     let before = plain(Vec2::new(8.3, 8.6), 1.0);
     let mut splats = rasterizer.upload(&before, Parameterization::CovarianceFactor)?;
-    let adam = Adam { mean: Group::constant(20.0), ..Adam::default() };
+    let adam = Adam::default().with(|s| s.mean = Group::constant(20.0));
     let (settings, rates) = (RenderSettings::blended(Blend::Sum), adam.at(0.0));
     let step = TrainStep { settings: &settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
     let target = rasterizer.upload_target(&target()?)?;
@@ -181,7 +181,7 @@ fn moments_vanish<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> 
 
 fn epsilon_of_zero<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     let mut splats = rasterizer.upload(&plain(Vec2::splat(1e4), 1.0), Parameterization::ScaleRotation)?;
-    let (settings, rates) = (RenderSettings::blended(Blend::Sum), Adam { epsilon: 0.0, ..Adam::default() }.at(0.0));
+    let (settings, rates) = (RenderSettings::blended(Blend::Sum), Adam::default().with(|s| s.epsilon = 0.0).at(0.0));
     let step = TrainStep { settings: &settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
     let target = rasterizer.upload_target(&target()?)?;
     match rasterizer.train_step(&mut splats, &Canvas::new(SIZE.0, SIZE.1), &target, &step).block_on() {
@@ -194,23 +194,25 @@ fn epsilon_of_zero<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure>
 /// A short fit under `Sum`, with rounds of densification.
 fn small_fit() -> FitSettings {
     let initial = InitialCount::Fixed(20);
-    let mut settings = FitSettings { initial, rounds: Rounds::until(10, 20), ..FitSettings::for_image(40, SIZE, 25) };
+    let mut settings = FitSettings::for_image(40, SIZE, 25).with(|s| {
+        s.initial = initial;
+        s.rounds = Rounds::until(10, 20);
+    });
     settings.render.effects.blend = Blend::Sum;
     settings
 }
 
 fn small_fit_without_rounds() -> FitSettings {
-    FitSettings {
-        rounds: Rounds::NEVER,
-        policy: Policy::None,
-        parameterization: Parameterization::ScaleRotation,
-        ..small_fit()
-    }
+    small_fit().with(|s| {
+        s.rounds = Rounds::NEVER;
+        s.policy = Policy::None;
+        s.parameterization = Parameterization::ScaleRotation;
+    })
 }
 
 fn fits_end_finite<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     // Gaussians that are not finite are removed at the end with every policy.
-    let mut settings = FitSettings { recovery: Recovery::Never, ..small_fit_without_rounds() };
+    let mut settings = small_fit_without_rounds().with(|s| s.recovery = Recovery::Never);
     // Each step is as large as `f32` allows: after two, means are infinite.
     settings.adam.mean.learning_rate = 2e38;
     let fitted = fit(rasterizer, &target()?, settings, &mut ())
@@ -220,7 +222,7 @@ fn fits_end_finite<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure>
 }
 
 fn fits_end_no_worse<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
-    let mut settings = FitSettings { iterations: 150, ..small_fit_without_rounds() };
+    let mut settings = small_fit_without_rounds().with(|s| s.iterations = 150);
     // Each step is longer than the image, and no gradient leads back.
     settings.adam.mean.learning_rate = 1e3;
     let target = target()?;

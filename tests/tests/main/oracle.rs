@@ -6,10 +6,9 @@ use gs_conformance::{
     scenes::{self, Draw, Kind},
 };
 use gs_core::{
-    Adam, Canvas, Error, Gaussian2d, Image, Loss, RenderSettings, Scene2d,
+    Adam, Canvas, Cut, Error, Gaussian2d, Image, Loss, RenderSettings, Scene2d,
     adam::Group,
     effects::{Antialias, Blend, Order},
-    settings::Cut,
 };
 
 const LOSSES: [Loss; 3] = [Loss::L2, Loss::L1, Loss::PAPER];
@@ -196,7 +195,12 @@ fn ssim_is_one_for_equal_images_and_near_zero_for_a_black_one() {
 #[test]
 fn adam_takes_a_first_step_of_its_rate_and_counts_per_gaussian() {
     let draw = Draw::new(Kind::Typical, Blend::Over, 2, (8, 8), 1);
-    let rates = Adam { mean: Group::constant(0.25), epsilon: 0.0, ..Adam::default() }.at(0.0);
+    let rates = Adam::default()
+        .with(|s| {
+            s.mean = Group::constant(0.25);
+            s.epsilon = 0.0;
+        })
+        .at(0.0);
     let start = OracleScene::from(&draw.scene);
     let mut adam = AdamReference::new(start.clone());
     let gradients = vec![vec![2.0, -3.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0]; 2];

@@ -7,10 +7,9 @@ use std::ops::{Deref, DerefMut};
 use glam::Vec2Swizzles;
 use gs_conformance::conformance::cases;
 use gs_core::{
-    AdamRates, Backend, Canvas, DensityStatistics, EditPlan, Error, Gaussian2d, Image, Loss, MeanNoise, Optimizer,
-    Parameterization, Rasterizer, RenderSettings, Scene, Scene2d, SplatsState, TargetImage, TrainStep, Wait,
+    AdamRates, Backend, Canvas, Culled, DensityStatistics, EditPlan, Error, Gaussian2d, Image, Loss, MeanNoise,
+    Optimizer, Parameterization, Rasterizer, RenderSettings, Scene, Scene2d, SplatsState, TargetImage, TrainStep, Wait,
     effects::{Antialias, Blend, Statistics},
-    statistics::Culled,
 };
 use gs_cpu::{CpuRasterizer, CpuSettings, ForwardPass2d, Gradients2d, Splats2d, Target};
 

@@ -13,10 +13,9 @@ use gs_conformance::{
     scenes::{Draw, Kind3d, draws_3d},
 };
 use gs_core::{
-    Accuracy, Adam, AdamRates, Binning, Blend, Camera, EditPlan, Error, Gaussian3d, Image, Loss, Optimizer,
+    Accuracy, Adam, AdamRates, Binning, Blend, Camera, Cut, EditPlan, Error, Gaussian3d, Image, Loss, Optimizer,
     Parameterization, Participants, Penalty, RenderSettings, Scene, Scene3d, SplatsState, TrainStep, Wait,
     effects::{Order, Statistics},
-    settings::Cut,
 };
 use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_wgpu::{FreshBuffers, Kernels, WgpuRasterizer, WgpuSettings};
@@ -132,7 +131,11 @@ fn every_scene_that_fits_is_drawn_and_trained() {
 
 /// Small steps, which do not turn rounding errors of gradients into whole steps.
 fn rates(participants: Participants) -> AdamRates {
-    let mut adam = Adam { epsilon: 1e-6, min_scale: 1e-4, participants, ..Adam::default() };
+    let mut adam = Adam::default().with(|s| {
+        s.epsilon = 1e-6;
+        s.min_scale = 1e-4;
+        s.participants = participants;
+    });
     adam.mean.learning_rate = 1e-3;
     adam.at(0.0)
 }

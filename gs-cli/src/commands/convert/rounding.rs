@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use gs_core::{Scene3d, constants::SH_C0, scene::sigmoid};
+use gs_core::{Scene3d, constants::SH_C0, sigmoid};
 use serde::Serialize;
 
 /// The change of one quantity, on average over the Gaussians and at most.

@@ -53,7 +53,7 @@ pub(super) fn run(args: &ConvertArgs, from: &Path, mut file: File2d) -> Result<(
     let dropped = if args.drop_broken { examination::repair(&mut file.scene)?.removed } else { 0 };
     // GPUs do not offer all that is needed.
     let cpu = BackendArgs { backend: Choice::Cpu, ..BackendArgs::default() }.open()?;
-    let Viewable { file: made, psnr } = viewable(&cpu.rasterizer, &file, range).block_on()?;
+    let Viewable { file: made, psnr, .. } = viewable(&cpu.rasterizer, &file, range).block_on()?;
     match range {
         ColorRange::Unit => write_svg(&args.to, &made)?,
         ColorRange::NotNegative => write_ply(&args.to, &made)?,

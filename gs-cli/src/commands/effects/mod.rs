@@ -9,7 +9,7 @@ use clap::Args;
 use gs_backend::AnyRasterizer;
 use gs_core::{
     Camera, Canvas, Optimizer, Parameterization, Rasterizer as _, RenderSettings, Scene as _, Scene2d, Scene3d,
-    counted, effects::called_for::CallsForEffects, view::Orbit,
+    counted, effects::RequiresEffects, view::Orbit,
 };
 use gs_io::{AnyScene, File3d, is_scene};
 use gs_lab::effects::{UploadedScene, prices, prove, sampled};
@@ -168,7 +168,7 @@ impl Subject {
     }
 }
 
-fn examine<S: CallsForEffects>(
+fn examine<S: RequiresEffects>(
     rasterizer: &AnyRasterizer,
     scene: &S,
     views: &[S::View],

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use gs_core::{counted, effects::called_for::Verdict};
+use gs_core::{counted, effects::EffectDecision};
 use gs_lab::effects::{Difference, Price, Prices, Proof};
 use serde::Serialize;
 
@@ -38,7 +38,7 @@ impl Report {
         let Prices { milliseconds, required_milliseconds, noise, .. } = prices;
         let mut text = format!("{input}: {gaussians}, seen from {seen}, {width}x{height} px\n{machine}\n\n");
         let titles = ["effect", "wanted", "required", "cost, ms", "%", "instead", "max error", "PSNR, dB", "why"];
-        let rows: Vec<[String; 9]> = proof.called.verdicts.iter().map(|verdict| self.row(verdict)).collect();
+        let rows: Vec<[String; 9]> = proof.called.decisions.iter().map(|decision| self.row(decision)).collect();
         let width = |column: usize| {
             let cells = rows.iter().map(|row| row[column].chars().count());
             cells.chain([titles[column].len()]).max().unwrap_or(0)
@@ -68,8 +68,8 @@ impl Report {
         text
     }
 
-    fn row(&self, verdict: &Verdict) -> [String; 9] {
-        let Verdict { effect, wanted, value, reason, .. } = verdict;
+    fn row(&self, verdict: &EffectDecision) -> [String; 9] {
+        let EffectDecision { effect, wanted, value, reason, .. } = verdict;
         let price = self.prices.each.iter().find(|price| price.effect == *effect);
         let of = |cell: fn(&Price) -> String| price.map_or_else(String::new, cell);
         [
@@ -90,7 +90,7 @@ impl Report {
 mod tests {
     use gs_core::{
         Effects, RenderSettings,
-        effects::{Background, CalledFor, Effect},
+        effects::{Background, Effect, RequiredEffects},
     };
 
     use super::*;
@@ -99,8 +99,8 @@ mod tests {
     fn a_row_shows_the_cost_of_an_effect_and_what_it_changes() {
         let wanted = Effects { background: Background::Solid, ..Effects::default() };
         let verdicts = [Effect::Order, Effect::Background]
-            .map(|effect| Verdict::new(effect, &wanted, &effect.off(&wanted), "because".to_owned()));
-        let settings = RenderSettings { effects: effect_free(&wanted), ..RenderSettings::default() };
+            .map(|effect| EffectDecision::new(effect, &wanted, &effect.off(&wanted), "because".to_owned()));
+        let settings = RenderSettings::default().with(|s| s.effects = effect_free(&wanted));
         let difference = Difference { most: 0.0, psnr: f64::INFINITY };
         let price = Price {
             effect: Effect::Background,
@@ -119,7 +119,7 @@ mod tests {
                 height: 6,
                 machine: "cpu".to_owned(),
             },
-            proof: Proof { called: CalledFor { settings, verdicts: verdicts.to_vec() }, difference, views: 1 },
+            proof: Proof { called: RequiredEffects { settings, decisions: verdicts.to_vec() }, difference, views: 1 },
             prices: Prices { milliseconds: 2.0, required_milliseconds: 1.5, noise: 0.1, each: vec![price] },
         };
         let text = report.text();

@@ -71,7 +71,7 @@ impl Start {
             Self::Fresh(settings) => settings.render,
             Self::Resumed(checkpoint, _) => {
                 let text = checkpoint.metadata.get("settings").map_or("", String::as_str);
-                toml::from_str::<FitSettings>(text)
+                gs_train::parse_settings::<FitSettings>(text, Path::new("checkpoint"))
                     .map_or_else(|_| RenderSettings::default(), |settings| settings.render)
             }
         }
@@ -86,7 +86,7 @@ impl Start {
         match self {
             Self::Fresh(settings) => {
                 check_memory(target, &settings)?;
-                let log = MetricsLog::for_settings(&settings);
+                let log = MetricsLog::for_steps(settings.iterations);
                 Ok((Trainer::new(rasterizer, &target.image, *settings).block_on()?, log))
             }
             Self::Resumed(checkpoint, file) => {
@@ -94,7 +94,7 @@ impl Start {
                 let metadata = checkpoint.metadata.clone();
                 let trainer = Trainer::resume(rasterizer, &target.image, *checkpoint).map_err(failed)?;
                 check_memory(target, trainer.settings())?;
-                let log = MetricsLog::for_settings(trainer.settings()).resumed(&metadata).map_err(failed)?;
+                let log = MetricsLog::for_steps(trainer.iterations()).resumed(&metadata).map_err(failed)?;
                 Ok((trainer, log))
             }
         }

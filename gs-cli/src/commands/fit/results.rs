@@ -5,10 +5,7 @@
 use std::{path::Path, thread, time::Instant};
 
 use gs_backend::{AnyRasterizer, Chosen, FutureExt as _};
-use gs_core::{
-    Blend, Canvas, Image, Rasterizer as _, Scene as _, Scene2d, counted, effects::called_for::Verdict,
-    statistics::Culled,
-};
+use gs_core::{Blend, Canvas, Culled, Image, Rasterizer as _, Scene as _, Scene2d, counted, effects::EffectDecision};
 use gs_io::{File2d, write_2d, write_ply, write_png};
 use gs_lab::figure::{curve::Point, ellipses};
 use gs_train::{ColorRange, FitSummary, MetricsLog, Trainer, Viewable, viewable};
@@ -36,7 +33,7 @@ pub(crate) struct Summary {
     /// The image; `null` is the paper's circle and square.
     image: Option<String>,
     /// Which effects the scene requires at the image's size, and why.
-    effects: Vec<Verdict>,
+    effects: Vec<EffectDecision>,
 }
 
 impl results::Summary for Summary {
@@ -155,20 +152,18 @@ impl Results<'_> {
         Ok(Renderings { reconstruction, culled, background })
     }
 
-    fn summary(&self, fit: FitSummary, file: &File2d) -> Result<Summary, Failure> {
+    fn summary(&self, mut fit: FitSummary, file: &File2d) -> Result<Summary, Failure> {
         let canvas = canvas_of(file);
+        // The file has no Gaussians that are not finite.
+        fit.gaussians = file.scene.len() as u32;
+        fit.culled.not_finite = 0;
+        fit.backend = self.backend.rasterizer.name().to_owned();
+        fit.threads = u32::try_from(self.backend.threads).ok();
         Ok(Summary {
-            fit: FitSummary {
-                // The file has no Gaussians that are not finite.
-                gaussians: file.scene.len() as u32,
-                culled: Culled { not_finite: 0, ..fit.culled },
-                backend: self.backend.rasterizer.name().to_owned(),
-                threads: u32::try_from(self.backend.threads).ok(),
-                ..fit
-            },
+            fit,
             program: ProgramSummary::new(self.backend, self.started, self.seconds_before),
             image: self.target.file.as_ref().map(|file| file.display().to_string()),
-            effects: self.args.effects.choose(&file.scene, &[canvas], &file.settings)?.verdicts,
+            effects: self.args.effects.choose(&file.scene, &[canvas], &file.settings)?.decisions,
         })
     }
 
@@ -202,7 +197,7 @@ impl Results<'_> {
             output::note("note: no Gaussian is left, so there is no scene.ply");
             return self.folder.leave_out("scene.ply");
         }
-        let Viewable { file, psnr } =
+        let Viewable { file, psnr, .. } =
             on_cpu(self.backend, |cpu| viewable(cpu, file, ColorRange::NotNegative).block_on())??;
         write_ply(self.folder.file("scene.ply"), &file)?;
         output::note(format_args!("scene.ply shows the reconstruction in splat viewers, at {psnr:.2} dB"));

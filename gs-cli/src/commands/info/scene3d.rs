@@ -8,7 +8,7 @@ use gs_core::{
     Scene, Scene3d,
     constants::MIN_QUATERNION_NORM2,
     effects::{Antialias, Order},
-    scene::sigmoid,
+    sigmoid,
 };
 use gs_io::File3d;
 use serde::Serialize;

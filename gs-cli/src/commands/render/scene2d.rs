@@ -2,7 +2,7 @@
 
 use glam::Vec2;
 use gs_backend::FutureExt as _;
-use gs_core::{Canvas, Rasterizer as _, effects::CalledFor};
+use gs_core::{Canvas, Rasterizer as _, effects::RequiredEffects};
 use gs_io::File2d;
 
 use super::RenderArgs;
@@ -24,11 +24,11 @@ pub(super) fn run(args: &RenderArgs, mut file: File2d) -> Result<(), Failure> {
     if let Some(FrontierSettings { accuracy, .. }) = &frontier {
         file.settings.accuracy = *accuracy;
     }
-    let CalledFor { settings, verdicts } = args.effects().choose(&file.scene, &[canvas], &file.settings)?;
+    let RequiredEffects { settings, decisions } = args.effects().choose(&file.scene, &[canvas], &file.settings)?;
     let backend = args.backend(frontier.as_ref()).open_to_render_2d(&settings)?;
     let image = backend.rasterizer.render(&file.scene, &canvas, &settings).block_on()?;
     gs_io::write_png(&args.output, &image)?;
-    if let Some(effects) = effects_args::describe(&verdicts).filter(|_| args.verbose) {
+    if let Some(effects) = effects_args::describe(&decisions).filter(|_| args.verbose) {
         output::note(effects);
     }
     output::note(format_args!("wrote {}, {}x{} px", args.output.display(), canvas.width, canvas.height));

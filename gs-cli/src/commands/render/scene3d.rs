@@ -4,9 +4,8 @@ use std::{fs, path::Path};
 
 use gs_backend::{AnyRasterizer, FutureExt as _};
 use gs_core::{
-    Camera, Image, Parameterization, Rasterizer as _, RenderSettings, Scene as _, Scene3d, counted,
-    effects::CalledFor,
-    statistics::Culled,
+    Camera, Culled, Image, Parameterization, Rasterizer as _, RenderSettings, Scene as _, Scene3d, counted,
+    effects::RequiredEffects,
     view::{CameraPath, Orbit},
 };
 use gs_io::{Animation, File3d, FolderClaim, dataset::Dataset, write_animation, write_png};
@@ -42,12 +41,13 @@ pub(super) fn run(args: &RenderArgs, file: &File3d) -> Result<(), Failure> {
     let backend = args.backend(frontier.as_ref()).open()?;
     let render = file.render_settings(dataset.as_ref());
     let render = frontier.map_or(render, |frontier| frontier.applied_to(render));
-    let CalledFor { settings, verdicts } = args.effects().choose(scene, &cameras, &args.render.applied_to(render))?;
+    let RequiredEffects { settings, decisions } =
+        args.effects().choose(scene, &cameras, &args.render.applied_to(render))?;
     render_frames(args, &backend.rasterizer, scene, &cameras, &settings, claim)?;
     if args.settings.is_none() {
         args.render.note_guess(file);
     }
-    if let Some(effects) = effects_args::describe(&verdicts).filter(|_| args.verbose) {
+    if let Some(effects) = effects_args::describe(&decisions).filter(|_| args.verbose) {
         output::note(effects);
     }
     Ok(())

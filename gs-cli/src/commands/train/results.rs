@@ -4,7 +4,7 @@
 use std::{path::Path, time::Instant};
 
 use gs_backend::{AnyRasterizer, Chosen, FutureExt as _, block_on};
-use gs_core::{Camera, Canvas, RenderSettings, Scene as _, Scene3d, counted, effects::called_for::Verdict};
+use gs_core::{Camera, Canvas, RenderSettings, Scene as _, Scene3d, counted, effects::EffectDecision};
 use gs_io::{TrainedWith, WriteOptions3d, write_3d, write_png};
 use gs_lab::{
     effects::sampled,
@@ -38,7 +38,7 @@ pub(super) struct Summary {
     program: ProgramSummary,
     dataset: String,
     /// Which effects the scene requires in the views that evaluate it, and why.
-    effects: Vec<Verdict>,
+    effects: Vec<EffectDecision>,
 }
 
 impl results::Summary for Summary {
@@ -169,7 +169,7 @@ impl Results<'_> {
         let mut names = names.iter();
         let evaluation = block_on(trainer.evaluate(&mut |view, rendered| {
             if let Some((pictures, name)) = pictures.as_ref().zip(names.next()) {
-                let image = view.photograph()?.over(background);
+                let image = view.image()?.over(background);
                 tried.push(pictures.write(name, image, rendered).map_err(Failure::from));
             }
             Ok(())
@@ -183,17 +183,16 @@ impl Results<'_> {
         scene: &Scene3d,
         evaluation: Evaluation,
     ) -> Result<Summary, Failure> {
+        let mut training = TrainSummary::new(trainer, evaluation).block_on()?;
+        // The file has no Gaussians that are not finite.
+        training.gaussians = scene.len() as u32;
+        training.backend = self.backend.rasterizer.name().to_owned();
+        training.threads = u32::try_from(self.backend.threads).ok();
         Ok(Summary {
-            training: TrainSummary {
-                // The file has no Gaussians that are not finite.
-                gaussians: scene.len() as u32,
-                backend: self.backend.rasterizer.name().to_owned(),
-                threads: u32::try_from(self.backend.threads).ok(),
-                ..TrainSummary::new(trainer, evaluation).block_on()?
-            },
+            training,
             program: ProgramSummary::new(self.backend, self.started, self.seconds_before),
             dataset: self.args.dataset.display().to_string(),
-            effects: self.args.effects.choose(scene, &cameras(trainer.views()), &trainer.shown())?.verdicts,
+            effects: self.args.effects.choose(scene, &cameras(trainer.views()), &trainer.shown())?.decisions,
         })
     }
 

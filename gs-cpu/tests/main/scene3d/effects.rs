@@ -3,7 +3,7 @@
 use gs_core::{
     Effects, Rasterizer, RenderSettings, Scene, Scene3d,
     constants::HALF_DISPLAY_STEP,
-    effects::{Antialias, Effect, Order, called_for::Answer},
+    effects::{Antialias, Effect, Order, Requirement},
 };
 use pollster::FutureExt as _;
 
@@ -35,29 +35,29 @@ fn effects_that_are_not_required_are_invisible() {
             wanted = wanted.on([0.0; 3]);
         }
         for views in [&[view][..], &[]] {
-            let called = Effects::called_for(&scene, views, &wanted).unwrap();
+            let called = Effects::required(&scene, views, &wanted).unwrap();
             let picture = |settings: &RenderSettings| cpu.render(&scene, &view, settings).block_on().unwrap();
             let (whole, less) = (picture(&wanted), picture(&called.settings));
             let pixels = whole.pixels().as_flattened().iter().zip(less.pixels().as_flattened());
             let most = pixels.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
-            assert!(most <= HALF_DISPLAY_STEP, "scene {number}: {most}, {:#?}", called.verdicts);
+            assert!(most <= HALF_DISPLAY_STEP, "scene {number}: {most}, {:#?}", called.decisions);
             // An effect of exactly zero changes no bit. The sort at each pixel has a kernel of its
             // own, which rounds differently.
             let exact = number % 4 == 0 && wanted.effects.order == Order::Global;
-            assert!(!exact || whole == less, "scene {number}: {most}, {:#?}", called.verdicts);
-            answers.extend(called.verdicts.into_iter().map(|verdict| (verdict.effect, verdict.answer)));
+            assert!(!exact || whole == less, "scene {number}: {most}, {:#?}", called.decisions);
+            answers.extend(called.decisions.into_iter().map(|verdict| (verdict.effect, verdict.answer)));
         }
     }
     // The scenes must cover every kind of answer.
-    use Answer::{CalledFor, InPart, NotCalledFor};
+    use Requirement::{InPart, NotRequired, Required};
     for kind in [
-        (Effect::Order, CalledFor),
+        (Effect::Order, Required),
         (Effect::Order, InPart),
-        (Effect::Order, NotCalledFor),
-        (Effect::ShDegree, CalledFor),
-        (Effect::ShDegree, NotCalledFor),
-        (Effect::Background, CalledFor),
-        (Effect::Background, NotCalledFor),
+        (Effect::Order, NotRequired),
+        (Effect::ShDegree, Required),
+        (Effect::ShDegree, NotRequired),
+        (Effect::Background, Required),
+        (Effect::Background, NotRequired),
     ] {
         let count = answers.iter().filter(|answer| **answer == kind).count();
         assert!(count >= 4, "{kind:?}: {count}");
@@ -71,8 +71,8 @@ fn a_required_order_is_visible() {
     let view = camera(64, 48);
     let crowd = scene(60, 0, 9.0);
     let wanted = settings(Order::PerPixel, 0);
-    let called = Effects::called_for(&crowd, &[view], &wanted).unwrap();
-    assert_eq!(called.settings.effects.order, Order::PerPixel, "{:#?}", called.verdicts);
+    let called = Effects::required(&crowd, &[view], &wanted).unwrap();
+    assert_eq!(called.settings.effects.order, Order::PerPixel, "{:#?}", called.decisions);
     let mut cheaper = wanted;
     cheaper.effects.order = Order::Global;
     let (whole, less) = (

@@ -4,9 +4,11 @@ use glam::Vec2;
 use gs_core::{
     Blend, Camera, Image, Rasterizer, RenderSettings, Scene, Scene3d,
     effects::{Antialias, Order},
-    perspective::{Ellipsoid, Perspective, Projection},
-    sh,
-    splat::{Conic, cut, over, weight},
+    math::{
+        perspective::{Ellipsoid, Perspective, Projection},
+        sh,
+        splat::{Conic, cut, over, weight},
+    },
 };
 use pollster::FutureExt as _;
 

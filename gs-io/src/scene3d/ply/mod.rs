@@ -11,7 +11,7 @@ mod rows;
 
 use std::io::{self, Write};
 
-use gs_core::{Scene, Scene3d, image::check_size};
+use gs_core::{Scene, Scene3d, check_size};
 
 use self::header::{Element, Header};
 use super::{

@@ -40,17 +40,16 @@ pub(crate) struct Trajectory {
 
 /// The product's fit of a small scene: L1, no growth, as many steps as with the textbook solver.
 pub(crate) fn small_settings(seed: u32) -> FitSettings {
-    FitSettings {
-        seed,
-        gaussians: SMALL_GAUSSIANS,
-        initial: InitialCount::Fixed(SMALL_GAUSSIANS),
-        iterations: 800,
-        init: Init::Random(Random { scale_px: 3.0, ..Random::default() }),
-        loss: Loss::L1,
-        policy: Policy::None,
-        rounds: Rounds::NEVER,
-        ..FitSettings::paper()
-    }
+    FitSettings::paper().with(|s| {
+        s.seed = seed;
+        s.gaussians = SMALL_GAUSSIANS;
+        s.initial = InitialCount::Fixed(SMALL_GAUSSIANS);
+        s.iterations = 800;
+        s.init = Init::Random(Random::default().with(|s| s.scale_px = 3.0));
+        s.loss = Loss::L1;
+        s.policy = Policy::None;
+        s.rounds = Rounds::NEVER;
+    })
 }
 
 impl Free {

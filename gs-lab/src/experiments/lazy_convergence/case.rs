@@ -113,24 +113,23 @@ impl Trial {
         let zoom = side as f32 / PAPER_SIDE_PX as f32;
         let mut adam = paper.adam;
         adam.mean.learning_rate *= zoom;
-        FitSettings {
-            seed,
-            gaussians: self.budget,
-            iterations: self.iterations,
-            init: Init::Random(Random { scale_px: 15.0 * zoom, ..Random::default() }),
-            adam,
-            policy,
-            rounds: Rounds::until(100, self.iterations - 1),
-            ..paper
-        }
+        paper.with(|s| {
+            s.seed = seed;
+            s.gaussians = self.budget;
+            s.iterations = self.iterations;
+            s.init = Init::Random(Random::default().with(|s| s.scale_px = 15.0 * zoom));
+            s.adam = adam;
+            s.policy = policy;
+            s.rounds = Rounds::until(100, self.iterations - 1);
+        })
     }
 
     fn hybrid(&self) -> Policy {
-        Policy::Grow(Grow { percent: self.percent, ..Grow::hybrid(Signal::MeanGradient) })
+        Policy::Grow(Grow::hybrid(Signal::MeanGradient).with(|s| s.percent = self.percent))
     }
 
     fn by_rank(percent: f32) -> Policy {
-        Policy::Grow(Grow { percent, ..Grow::percentile(Signal::MeanGradient) })
+        Policy::Grow(Grow::percentile(Signal::MeanGradient).with(|s| s.percent = percent))
     }
 }
 
@@ -139,7 +138,7 @@ fn threshold(half_octaves: i32) -> f64 {
 }
 
 fn absolute(threshold: f64) -> Policy {
-    Policy::Grow(Grow { threshold: threshold as f32, ..Grow::absolute(Signal::MeanGradient) })
+    Policy::Grow(Grow::absolute(Signal::MeanGradient).with(|s| s.threshold = threshold as f32))
 }
 
 /// The targets: first the paper's, then others that differ from it in size, contrast or frequency.

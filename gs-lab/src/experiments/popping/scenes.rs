@@ -3,7 +3,7 @@
 use std::f32::consts::{PI, TAU};
 
 use glam::{Quat, Vec3};
-use gs_core::{Camera, Gaussian3d, Scene as _, Scene3d, constants::SH_C0, scene::logit};
+use gs_core::{Camera, Gaussian3d, Scene as _, Scene3d, constants::SH_C0, logit};
 use gs_density::Rng;
 use rand::{RngExt as _, SeedableRng as _};
 

@@ -2,10 +2,9 @@
 
 use glam::{Vec2, Vec3};
 use gs_core::{
-    Adam, AdamRates, Binning, Camera, Canvas, Error, Image, Loss, Optimizer, Parameterization, RenderSettings, Scene,
+    AdamRates, Binning, Camera, Canvas, Error, Extent, Image, Loss, Optimizer, Parameterization, RenderSettings, Scene,
     Scene2d, Scene3d, TrainStep, Wait,
     effects::{Blend, Order},
-    settings::Extent,
 };
 use pollster::FutureExt as _;
 
@@ -105,7 +104,7 @@ fn inputs<S: Subject>(
     let (width, height) = view.size();
     let target = scenes::target(width, height, 3).expect("a possible size");
     // With this ε, a gradient that is mere rounding does not become a whole step.
-    let rates = Adam { epsilon: 1e-6, ..S::adam() }.at(0.0);
+    let rates = S::adam().with(|s| s.epsilon = 1e-6).at(0.0);
     Inputs { name, breadth, scene, view, settings: settings.on([0.3, 0.2, 0.4]), target, loss: Loss::L2, rates }
 }
 

@@ -4,7 +4,7 @@
 use pollster::FutureExt as _;
 use std::fmt;
 
-use gs_core::{Error, Image, Optimizer, Parameterization, SplatsState, Wait, state::TensorData, statistics::Culled};
+use gs_core::{Culled, Error, Image, Optimizer, Parameterization, SplatsState, TensorData, Wait};
 
 use super::{
     super::run::rows_of,

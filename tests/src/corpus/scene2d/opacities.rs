@@ -1,7 +1,7 @@
 //! Opacities, weights and transmittances at the edges of their definitions.
 
 use glam::{Vec2, Vec3};
-use gs_core::{Canvas, Gaussian2d, Image, Scene, Scene2d, effects::Blend, scene::logit, statistics::Culled};
+use gs_core::{Canvas, Culled, Gaussian2d, Image, Scene, Scene2d, effects::Blend, logit};
 
 use super::{PLAIN, case};
 use crate::{

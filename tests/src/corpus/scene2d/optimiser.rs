@@ -1,7 +1,7 @@
 //! Losses and optimisers at their edge cases.
 
 use glam::Vec2;
-use gs_core::{Adam, Gaussian2d, Image, Loss, Scene2d, adam::Group, effects::Blend, statistics::Culled};
+use gs_core::{Culled, Gaussian2d, Image, Loss, Scene2d, adam::Group, effects::Blend};
 
 use super::{BLENDS, PLAIN, VIEW, case};
 use crate::corpus::case::{Case, Goal, Picture, Slopes, Source, Training};
@@ -93,7 +93,7 @@ fn steps(blend: Blend) -> Vec<Case<Scene2d>> {
         [PLAIN],
     )
     .after(Goal::Image(nothing), Loss::L2);
-    let shrinking = Case { adam: Adam { scale: Group::constant(4.0), ..shrinking.adam }, steps: 2, ..shrinking };
+    let shrinking = Case { adam: shrinking.adam.with(|s| s.scale = Group::constant(4.0)), steps: 2, ..shrinking };
     let steep = |exponent| {
         case(
             format!("Adam with gradients of 10^{exponent}"),

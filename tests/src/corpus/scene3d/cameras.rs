@@ -2,7 +2,7 @@
 //! origin.
 
 use glam::{Mat3, Vec2, Vec3};
-use gs_core::{Camera, Gaussian3d, Loss, Scene3d, statistics::Culled};
+use gs_core::{Camera, Culled, Gaussian3d, Loss, Scene3d};
 
 use super::{camera, case, plain, seen};
 use crate::corpus::case::{Case, Goal, Slopes, Source, Training};

@@ -1,7 +1,7 @@
 //! Orders of blending that are hard to determine, and extreme sort keys.
 
 use glam::{Vec2, Vec3};
-use gs_core::{Gaussian3d, Scene3d, effects::Order, scene::logit, statistics::Culled};
+use gs_core::{Culled, Gaussian3d, Scene3d, effects::Order, logit};
 
 use super::{camera, case, ordered, plain, seen};
 use crate::corpus::case::{Case, STACK_STEPS, Slopes, Source, Training};

@@ -3,7 +3,7 @@
 use std::f32::consts::PI;
 
 use glam::{Quat, Vec2, Vec3};
-use gs_core::{Gaussian3d, Scene3d, effects::Antialias, statistics::Culled};
+use gs_core::{Culled, Gaussian3d, Scene3d, effects::Antialias};
 
 use super::{ANTIALIASES, antialiased, case, plain, seen, summed};
 use crate::corpus::case::{Case, Slopes, Source, Training};

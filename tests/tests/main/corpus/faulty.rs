@@ -5,13 +5,10 @@ mod fallible;
 use std::cell::RefCell;
 
 use gs_core::{
-    AdamRates, Backend, DensityStatistics, EditPlan, Error, Image, Loss, MeanNoise, Optimizer, Parameterization,
-    Rasterizer, RenderSettings, SplatsState, TargetImage, TrainStep, Wait,
+    AdamRates, Backend, Culled, DensityStatistics, EditPlan, Error, Extent, Image, Loss, MeanNoise, Optimizer,
+    Parameterization, Rasterizer, RenderSettings, SplatsState, TargetImage, TensorData, TrainStep, Wait,
     edit::{AfterEdit, Change, Moments},
     effects::{Antialias, Order},
-    settings::Extent,
-    state::TensorData,
-    statistics::Culled,
 };
 use pollster::FutureExt as _;
 

@@ -5,14 +5,13 @@ use gs_conformance::{
     subject::Subject,
 };
 use gs_core::{
-    AdamRates, Backend, Camera, DensityStatistics, EditPlan, Error, Gaussian3d, Image, Loss, MeanNoise, Optimizer,
-    Parameterization, Participants, Rasterizer, RenderSettings, Scene, Scene3d, SplatsState, TargetImage, TrainStep,
-    Wait,
+    AdamRates, Backend, Camera, Culled, DensityStatistics, EditPlan, Error, Gaussian3d, Image, Loss, MeanNoise,
+    Optimizer, Parameterization, Participants, Rasterizer, RenderSettings, Scene, Scene3d, SplatsState, TargetImage,
+    TrainStep, Wait,
     edit::{Moments, Source},
     effects::{Antialias, Background, Order, Statistics},
-    scene::logit,
-    statistics::Culled,
-    target::completed,
+    logit,
+    math::completed,
 };
 use pollster::FutureExt as _;
 

@@ -112,7 +112,7 @@ fn outdated_lists_keep_all_numbers_finite() {
         let draw = Draw::new(Kind::Typical, Blend::Sum, 300, (64, 48), 7);
         let target = r.for_2d().upload_target(&draw.target().unwrap()).unwrap();
         let mut splats = r.upload(&draw.scene, Parameterization::CovarianceFactor).unwrap();
-        let mut adam = Adam { epsilon: 1e-6, ..Adam::default() };
+        let mut adam = Adam::default().with(|s| s.epsilon = 1e-6);
         adam.scale.learning_rate = 1.0;
         adam.rotation.learning_rate = 1.0;
         let rates = adam.at(0.0);
@@ -151,7 +151,7 @@ fn many(blend: Blend) -> Draw {
 
 /// With this ε, a gradient that is mere rounding does not become a whole step.
 fn rates() -> AdamRates {
-    Adam { epsilon: 1e-6, ..Adam::default() }.at(0.0)
+    Adam::default().with(|s| s.epsilon = 1e-6).at(0.0)
 }
 
 /// The state after `steps` steps, with new lists at every `rebin_every`th.

@@ -22,7 +22,7 @@ impl<'r> Training<'r> {
     fn try_send(&mut self, alpha_cut: f32, binning: Binning) -> Result<(), Error> {
         let mut settings = self.draw.settings;
         settings.accuracy.alpha_cut = alpha_cut;
-        let rates = Adam { epsilon: 1e-6, ..Adam::default() }.at(0.0);
+        let rates = Adam::default().with(|s| s.epsilon = 1e-6).at(0.0);
         let step = TrainStep { settings: &settings, loss: Loss::L2, rates: &rates, binning };
         self.r.train_step(&mut self.splats, &self.draw.view, &self.target, &step).block_on()
     }

@@ -1,12 +1,12 @@
-//! Scenes of which it is known what they call for.
+//! Scenes whose required effects are known.
 
 use glam::Vec3;
 
 use super::*;
 use crate::{
-    effects::called_for::{Answer, CalledFor},
+    effects::required::{RequiredEffects, Requirement},
+    math::sh,
     scene::{Gaussian3d, Scene, logit},
-    sh,
 };
 
 /// A round Gaussian two units ahead of the origin, or farther.
@@ -26,8 +26,8 @@ fn scene(degree: u8, gaussians: impl IntoIterator<Item = Gaussian3d>) -> Scene3d
     scene
 }
 
-fn called_for(scene: &Scene3d, views: &[Camera], wanted: &RenderSettings) -> CalledFor {
-    Effects::called_for(scene, views, wanted).unwrap()
+fn required(scene: &Scene3d, views: &[Camera], wanted: &RenderSettings) -> RequiredEffects {
+    Effects::required(scene, views, wanted).unwrap()
 }
 
 fn ahead() -> Camera {
@@ -40,7 +40,8 @@ fn wanted(order: Order) -> RenderSettings {
     settings
 }
 
-/// Two round Gaussians at the middle of the image, the second farther by less than depths are exact to where coordinates are some tens.
+/// Two round Gaussians at the middle of the image, the second farther by less than depths are exact
+/// to where coordinates are some tens.
 fn nearly_level(camera: &Camera) -> Scene3d {
     let to_world = |p: Vec3| camera.rotation.transpose() * (p - camera.translation);
     let at = |z: f32| Gaussian3d { mean: to_world(Vec3::new(0.0, 0.0, z)), ..ball(0.0, 2.0) };
@@ -48,8 +49,8 @@ fn nearly_level(camera: &Camera) -> Scene3d {
 }
 
 fn order_of(scene: &Scene3d, order: Order) -> (Order, String) {
-    let called = called_for(scene, &[ahead()], &wanted(order));
-    (called.settings.effects.order, called.verdicts[0].reason.clone())
+    let found = required(scene, &[ahead()], &wanted(order));
+    (found.settings.effects.order, found.decisions[0].reason.clone())
 }
 
 #[test]
@@ -67,7 +68,8 @@ fn the_order_of_the_scene_will_do_if_it_is_that_of_depth() {
     let (order, reason) = order_of(&reversed, Order::Global);
     assert_eq!(order, Order::Global);
     assert_eq!(reason, "2 of 2 Gaussians are hidden out of the order of the scene in view 1");
-    // They are a whole unit apart in depth, so that one depth each tells who hides whom at every pixel.
+    // They are a whole unit apart in depth, so that one depth each decides the order at every
+    // pixel.
     let (order, reason) = order_of(&reversed, Order::PerPixel);
     assert_eq!(order, Order::Global);
     assert!(
@@ -78,23 +80,23 @@ fn the_order_of_the_scene_will_do_if_it_is_that_of_depth() {
 
 #[test]
 fn depths_that_another_rounding_would_exchange_are_out_of_order() {
-    let called =
-        |scene: &Scene3d, camera: &Camera, order| called_for(scene, &[*camera], &wanted(order)).settings.effects.order;
+    let found =
+        |scene: &Scene3d, camera: &Camera, order| required(scene, &[*camera], &wanted(order)).settings.effects.order;
     let turned = Camera {
         rotation: glam::Mat3::from_axis_angle(Vec3::new(1.0, 2.0, 3.0).normalize(), 0.7),
         translation: Vec3::new(3.0, -5.0, 40.0),
         ..ahead()
     };
-    assert_eq!(called(&nearly_level(&turned), &turned, Order::Global), Order::Global);
-    assert_eq!(called(&nearly_level(&turned), &turned, Order::PerPixel), Order::PerPixel);
-    // What is computed from the same numbers is the same everywhere: means that are equal, and for a camera that looks along an axis those
-    // that are equal along it.
+    assert_eq!(found(&nearly_level(&turned), &turned, Order::Global), Order::Global);
+    assert_eq!(found(&nearly_level(&turned), &turned, Order::PerPixel), Order::PerPixel);
+    // What is computed from the same numbers is the same everywhere: means that are equal, and for
+    // a camera that looks along an axis those that are equal along it.
     let twice = |camera: &Camera| {
         let first = nearly_level(camera).gaussian(0);
         scene(0, [first.clone(), first])
     };
-    assert_eq!(called(&twice(&turned), &turned, Order::Global), Order::Index);
-    assert_eq!(called(&scene(0, [ball(0.0, 2.0), ball(0.01, 2.0)]), &ahead(), Order::Global), Order::Index);
+    assert_eq!(found(&twice(&turned), &turned, Order::Global), Order::Index);
+    assert_eq!(found(&scene(0, [ball(0.0, 2.0), ball(0.01, 2.0)]), &ahead(), Order::Global), Order::Index);
 }
 
 #[test]
@@ -110,12 +112,12 @@ fn gaussians_through_each_other_need_the_depth_at_each_pixel() {
         (order, reason.as_str()),
         (Order::PerPixel, "2 of 2 Gaussians interpenetrate others in depth in view 1")
     );
-    // Where sums are formed, nobody hides anybody.
+    // In a sum no Gaussian hides another.
     let mut sum = wanted(Order::PerPixel);
     sum.effects.blend = Blend::Sum;
-    assert_eq!(called_for(&crossed, &[ahead()], &sum).settings.effects.order, Order::Index);
+    assert_eq!(required(&crossed, &[ahead()], &sum).settings.effects.order, Order::Index);
     // Without a view nothing is known.
-    let blind = called_for(&crossed, &[], &wanted(Order::PerPixel));
+    let blind = required(&crossed, &[], &wanted(Order::PerPixel));
     assert_eq!(blind.settings.effects.order, Order::PerPixel);
 }
 
@@ -126,25 +128,25 @@ fn with_coefficient(k: usize, value: f32) -> Scene3d {
     scene(3, [ball(0.3, 2.0), gaussian])
 }
 
-fn degree_of(scene: &Scene3d, views: &[Camera]) -> (CalledFor, u8) {
-    let called = called_for(scene, views, &wanted(Order::Global));
-    let degree = called.settings.effects.sh_degree;
-    (called, degree)
+fn degree_of(scene: &Scene3d, views: &[Camera]) -> (RequiredEffects, u8) {
+    let found = required(scene, views, &wanted(Order::Global));
+    let degree = found.settings.effects.sh_degree;
+    (found, degree)
 }
 
 #[test]
-fn sh_are_called_for_by_what_they_change() {
+fn sh_are_required_by_what_they_change() {
     for (k, value, expected) in [(1, 0.0, 0), (2, 1e-3, 0), (2, 0.1, 1), (5, 2e-3, 0), (5, 0.1, 2), (15, 0.1, 3)] {
-        let (called, degree) = degree_of(&with_coefficient(k, value), &[]);
-        assert_eq!(degree, expected, "coefficient {k} of {value}: {}", called.verdicts[2].reason);
+        let (found, degree) = degree_of(&with_coefficient(k, value), &[]);
+        assert_eq!(degree, expected, "coefficient {k} of {value}: {}", found.decisions[2].reason);
     }
-    let (called, _) = degree_of(&with_coefficient(2, 1e-3), &[]);
-    assert_eq!(called.verdicts[2].answer, Answer::NotCalledFor);
-    assert_eq!(called.verdicts[2].reason, "higher coefficients change no pixel by more than 0.00049 in any view");
-    let (called, _) = degree_of(&with_coefficient(5, 0.1), &[]);
-    assert_eq!(called.verdicts[2].answer, Answer::InPart);
+    let (found, _) = degree_of(&with_coefficient(2, 1e-3), &[]);
+    assert_eq!(found.decisions[2].answer, Requirement::NotRequired);
+    assert_eq!(found.decisions[2].reason, "higher coefficients change no pixel by more than 0.00049 in any view");
+    let (found, _) = degree_of(&with_coefficient(5, 0.1), &[]);
+    assert_eq!(found.decisions[2].answer, Requirement::InPart);
     assert_eq!(
-        called.verdicts[2].reason,
+        found.decisions[2].reason,
         "without it, the colours of 1 Gaussian change by up to 0.0631 in some direction"
     );
 }
@@ -154,13 +156,13 @@ fn what_a_view_does_not_show_of_sh_it_does_not_call_for() {
     // −C x: ahead, x is 0.
     let sideways = with_coefficient(3, 0.1);
     assert_eq!(degree_of(&sideways, &[]).1, 1);
-    let (called, degree) = degree_of(&sideways, &[ahead()]);
-    assert_eq!((degree, called.verdicts[2].answer), (0, Answer::NotCalledFor), "{}", called.verdicts[2].reason);
+    let (found, degree) = degree_of(&sideways, &[ahead()]);
+    assert_eq!((degree, found.decisions[2].answer), (0, Requirement::NotRequired), "{}", found.decisions[2].reason);
     // Sums are more than one share each.
     let mut sum = wanted(Order::Index);
     sum.effects.blend = Blend::Sum;
-    assert_eq!(called_for(&sideways, &[ahead()], &sum).settings.effects.sh_degree, 1);
-    assert_eq!(called_for(&with_coefficient(3, 0.0), &[ahead()], &sum).settings.effects.sh_degree, 0);
+    assert_eq!(required(&sideways, &[ahead()], &sum).settings.effects.sh_degree, 1);
+    assert_eq!(required(&with_coefficient(3, 0.0), &[ahead()], &sum).settings.effects.sh_degree, 0);
 }
 
 #[test]
@@ -176,7 +178,8 @@ fn the_bound_holds_in_every_direction_and_is_reached() {
         let d = Vec3::new((1.0 - z * z).sqrt(), 0.0, z);
         worst = worst.max((sh::color(3, d, &sh)[0] - sh::color(2, d, &sh)[0]).abs());
     }
-    // Y of degree 3 and order 0 is greatest at the poles, where all others of its degree are 0; below ½ the colour is clamped.
+    // Y of degree 3 and order 0 is greatest at the poles, where all others of its degree are 0;
+    // below ½ the colour is clamped.
     assert!(worst <= bound && worst > 0.999 * bound, "{worst} {bound}");
     assert_eq!(sh::change_bound(3, &sh), 0.0);
 }
@@ -184,11 +187,11 @@ fn the_bound_holds_in_every_direction_and_is_reached() {
 #[test]
 fn antialiasing_stays_wherever_something_is_drawn() {
     let verdict = |scene: &Scene3d| {
-        let called = called_for(scene, &[ahead()], &wanted(Order::Global));
-        (called.settings.effects.antialias, called.verdicts[3].reason.clone())
+        let found = required(scene, &[ahead()], &wanted(Order::Global));
+        (found.settings.effects.antialias, found.decisions[3].reason.clone())
     };
     let wide = scene(0, [ball(0.0, 2.0)]);
-    assert_eq!(verdict(&wide), (Antialias::Dilate, "it widens every Gaussian, as is asked for".to_owned()));
+    assert_eq!(verdict(&wide), (Antialias::Dilate, "it widens every Gaussian".to_owned()));
     let far = scene(0, [ball(0.0, 2.0), ball(0.0, 9.0)]);
     assert_eq!(verdict(&far), (Antialias::Dilate, "1 Gaussian is narrower than a pixel in view 1".to_owned()));
     let behind = scene(0, [ball(0.0, -2.0)]);
@@ -197,38 +200,39 @@ fn antialiasing_stays_wherever_something_is_drawn() {
 
 #[test]
 fn antialiasing_stays_where_nothing_is_drawn_because_of_it() {
-    // A twentieth of a pixel wide, at a pixel's centre: Mip leaves a fortieth of its opacity, which is less than the cut.
+    // A twentieth of a pixel wide, at a pixel's centre: Mip leaves a fortieth of its opacity, which
+    // is less than the cut.
     let tiny = |z: f32| {
         let size = z / ahead().focal.x;
         let mean = Vec3::new(0.5 * size, 0.5 * size, z);
         Gaussian3d { mean, log_scale: Vec3::splat((0.05 * size).ln()), opacity_logit: logit(0.1), ..ball(0.0, z) }
     };
     let hidden = scene(0, [tiny(10.0), tiny(9.0)]);
-    let called = |antialias| {
+    let found = |antialias| {
         let mut wanted = wanted(Order::Global);
         wanted.effects.antialias = antialias;
-        let called = called_for(&hidden, &[ahead()], &wanted);
-        (called.settings.effects.antialias, called.settings.effects.order, called.verdicts[3].reason.clone())
+        let found = required(&hidden, &[ahead()], &wanted);
+        (found.settings.effects.antialias, found.settings.effects.order, found.decisions[3].reason.clone())
     };
-    let (antialias, order, reason) = called(Antialias::Mip);
+    let (antialias, order, reason) = found(Antialias::Mip);
     assert_eq!((antialias, order), (Antialias::Mip, Order::Index), "{reason}");
     assert_eq!(reason, "without it 2 Gaussians are drawn in view 1");
     // Where they are drawn, their order counts: the nearer one comes last.
-    assert_eq!(called(Antialias::None).1, Order::Global);
+    assert_eq!(found(Antialias::None).1, Order::Global);
 }
 
 #[test]
 fn black_is_no_background() {
-    let on = |color: [f32; 3]| called_for(&scene(0, [ball(0.0, 2.0)]), &[], &wanted(Order::Index).on(color));
-    assert_eq!(on([0.0; 3]).verdicts[4].answer, Answer::NotCalledFor);
+    let on = |color: [f32; 3]| required(&scene(0, [ball(0.0, 2.0)]), &[], &wanted(Order::Index).on(color));
+    assert_eq!(on([0.0; 3]).decisions[4].answer, Requirement::NotRequired);
     let white = on([1.0; 3]);
-    assert_eq!((white.verdicts[4].answer, white.settings.background), (Answer::CalledFor, [1.0; 3]));
-    assert!(white.verdicts[4].reason.starts_with("1,1,1 shows"));
+    assert_eq!((white.decisions[4].answer, white.settings.background), (Requirement::Required, [1.0; 3]));
+    assert!(white.decisions[4].reason.starts_with("1,1,1 shows"));
 }
 
 #[test]
 fn impossible_views_show_nothing() {
     let broken = Camera { focal: glam::Vec2::ZERO, ..ahead() };
-    let called = called_for(&scene(0, [ball(0.0, 2.0)]), &[broken], &wanted(Order::PerPixel));
-    assert_eq!(called.settings.effects.order, Order::Index);
+    let found = required(&scene(0, [ball(0.0, 2.0)]), &[broken], &wanted(Order::PerPixel));
+    assert_eq!(found.settings.effects.order, Order::Index);
 }

@@ -1,7 +1,9 @@
-//! Gradients in a Gaussian's whitened coordinates, and what they are with respect to the parameters of a 2D scene.
+//! Gradients in the whitened coordinates of a 2D Gaussian, and their conversion to other
+//! parameters.
 //!
-//! With Σ = L Lᵀ, a step μ += L ξ, L ← L exp(η) with symmetric η is a step in the Gaussian's own coordinates. The gradients with respect
-//! to ξ and η are sums of moments over the pixels, so a backend forms them first, whatever the parameterization.
+//! With Σ = L Lᵀ, a step μ += L ξ, L ← L exp(η) with symmetric η is a step in the Gaussian's own
+//! coordinates. The gradients by ξ and η are sums of moments over the pixels, so a backend computes
+//! them first, in either parameterization.
 
 use glam::{Mat2, Vec2};
 
@@ -10,21 +12,25 @@ use crate::scene::Gaussian2d;
 /// ∂L/∂(ξ, η) of one 2D Gaussian.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct WhitenedGradient {
-    /// By ξ.
+    /// ∂L/∂ξ.
     pub xi: Vec2,
-    /// By η₀₀; by η₀₁ and η₁₀ each; by η₁₁.
+    /// ∂L/∂η₀₀; ∂L/∂η₀₁ (the same for η₁₀); ∂L/∂η₁₁.
     pub eta: [f32; 3],
 }
 
 impl WhitenedGradient {
-    /// ∂L/∂mean (px⁻¹), and ∂L/∂(ln-scale 2, rotation in rad), for a factor L = R(θ) S, which this gradient is in, and
-    /// `log_ratio`, the first ln-scale less the second: taken from L, it would have no digits left where a Gaussian is nearly round.
+    /// ∂L/∂mean (px⁻¹), and ∂L/∂(two ln-scales, rotation in rad), for a factor L = R(θ) S in which
+    /// this gradient is.
+    ///
+    /// `log_ratio` is the first ln-scale less the second; computed from L, it would lose its digits
+    /// where a Gaussian is nearly round.
     pub fn by_scale_rotation(&self, l: Mat2, log_ratio: f32) -> (Vec2, [f32; 3]) {
         let [e_00, e_01, e_11] = self.eta;
         (solve_transposed(l, self.xi), [e_00, e_11, e_01 * 2.0 * log_ratio.sinh()])
     }
 
-    /// The factor R(θ) S of the same Σ as `l`'s, its first ln-scale less the second, and the gradient in that factor.
+    /// The factor R(θ) S of the same Σ as `l`, its first ln-scale less the second, and the gradient
+    /// in that factor.
     pub fn in_axes(&self, l: Mat2) -> (Mat2, f32, Self) {
         let (log_scale, angle) = Gaussian2d::shape_of_factor(l);
         let (sin, cos) = angle.sin_cos();
@@ -38,8 +44,9 @@ impl WhitenedGradient {
     }
 }
 
-/// Of all factors L Q of one Σ, with Q a rotation or a reflection, the one nearest to `parent`: in its coordinates, moments that were gathered in
-/// those of `parent` mean the same. `factor` itself where one of the two is not finite or 0.
+/// The factor L Q of the same Σ, with Q a rotation or a reflection, that is nearest to `parent`, so
+/// that moments of `parent` keep their meaning. `factor` itself where one of the two is not finite
+/// or 0.
 ///
 /// Q maximises the trace of Qᵀ Lᵀ `parent` (the orthogonal Procrustes problem, Schönemann 1966).
 #[must_use]
@@ -90,7 +97,7 @@ mod tests {
     }
 
     #[test]
-    fn the_same_gradient_in_another_frame_of_the_same_covariance() {
+    fn the_same_gradient_in_another_factor_of_the_same_covariance() {
         let axes = Mat2::from_angle(0.4) * Mat2::from_diagonal(Vec2::new(3.0, 0.7));
         let gradient = WhitenedGradient { xi: Vec2::new(0.3, -0.8), eta: [0.2, -0.5, 0.9] };
         let (expected_mean, expected_shape) = gradient.by_scale_rotation(axes, (3.0f32 / 0.7).ln());

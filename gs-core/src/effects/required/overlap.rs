@@ -1,19 +1,22 @@
-//! Which Gaussians lie on the same pixels of a view, and whether they come there in the order of a cheaper kind of sorting.
+//! Whether a cheaper order is the same as the wanted one wherever Gaussians lie on the same pixels
+//! of a view.
 //!
-//! Pixels are looked at in tiles. In each, the Gaussians whose boxes reach into it are gone through as the cheaper order has them, with the
-//! range of the keys that the wanted order sorts them by: of pixels' depths, which are linear across a Gaussian, that over the part of its box
-//! that is in the tile; of one depth a Gaussian, that depth. While no range begins before the end of an earlier one, the two orders agree at
-//! each of the tile's pixels.
+//! Pixels are examined in tiles. In each tile, the Gaussians whose boxes reach into it are visited
+//! in the cheaper order, each with the range of its sorting key in the wanted order: for depths per
+//! pixel, which are linear across a Gaussian, the range over the part of its box in the tile; for
+//! one depth per Gaussian, that depth. While no range begins before the end of an earlier one, the
+//! two orders agree at each of the tile's pixels.
 //!
-//! Backends round depths otherwise than this module, so every range is as much longer as roundings may differ, and two Gaussians whose
-//! ranges touch are out of order: unless their depths are computed from the same numbers, and so are the same everywhere.
+//! Backends round depths differently, so every range is extended by the possible rounding errors,
+//! and two Gaussians whose ranges touch are out of order, unless their depths are computed from the
+//! same numbers and so are equal everywhere.
 
 use glam::Vec2;
 
 use crate::{
     constants::NARROW_PX,
     effects::Order,
-    perspective::{Ellipsoid, Perspective},
+    math::perspective::{Ellipsoid, Perspective},
     scene::{Scene, Scene3d},
     settings::RenderSettings,
     view::Camera,
@@ -22,50 +25,50 @@ use crate::{
 /// Side of a tile, px.
 const TILE: u32 = 16;
 
-/// Most pairs of a Gaussian and a tile that are looked at: 256 MB of them.
+/// Largest number of pairs of a Gaussian and a tile that are examined: 256 MB of them.
 const MOST_PAIRS: usize = 1 << 26;
 
-/// By how much, relative to the numbers that it is computed from, a depth may differ from what it should be.
+/// Rounding error of a depth, relative to the numbers that it is computed from.
 const DEPTH_ROUNDING: f32 = 8.0 * f32::EPSILON;
 
-/// By how much, relative to the numbers that it is computed from, the border of a box may differ from where it should be: WGSL allows exp and
-/// division some units in the last place.
+/// Rounding error of a box's border, relative to the numbers that it is computed from: WGSL allows
+/// exp and division some units in the last place.
 const BORDER_ROUNDING: f32 = 64.0 * f32::EPSILON;
 
-/// The same of what does not depend on those numbers, px.
+/// Absolute part of the rounding error of a box's border, px.
 const BORDER_SLACK: f32 = 2e-3;
 
-/// α just below the cut may be just above it elsewhere: relative.
+/// Relative rounding error of α at the cut.
 const CUT_ROUNDING: f32 = 1e-4;
 
-/// A Gaussian of which a view may show something.
+/// A Gaussian that a view may show.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Drawn {
     pub(super) index: usize,
     mean: Vec2,
-    /// The pixels that the box of its cut's ellipse holds: first, and end.
+    /// Pixels in the box of its cut's ellipse: first and end.
     columns: [u32; 2],
     rows: [u32; 2],
-    /// World units, and by px.
+    /// World units, and world units per px.
     depth: f32,
     slope: Vec2,
-    /// By how much the depth may differ elsewhere.
+    /// Rounding error of the depth.
     depth_rounding: f32,
-    /// Bits of what it is computed from: of those coordinates of the mean that the camera's axis has a part in.
+    /// Bits of the coordinates of the mean from which the depth is computed.
     depth_terms: [u32; 3],
     /// Whether it is narrower than a pixel before it is widened.
     pub(super) narrow: bool,
 }
 
-/// What a view shows of a scene.
+/// The part of a scene that a view shows.
 pub(super) struct Shown {
-    /// By index.
+    /// The Gaussians drawn, by index.
     pub(super) drawn: Vec<Drawn>,
     size: (u32, u32),
 }
 
 impl Shown {
-    /// Through a camera; nothing, where the camera is not possible.
+    /// What a camera shows; nothing where the camera is not possible.
     pub(super) fn of(scene: &Scene3d, camera: &Camera, settings: &RenderSettings) -> Self {
         let size = (camera.width, camera.height);
         let mut drawn = Vec::new();
@@ -78,8 +81,8 @@ impl Shown {
         Self { drawn, size }
     }
 
-    /// How many Gaussians come, at some pixel, otherwise than `cheaper` would have them if `wanted` decides; `None` where there are too many
-    /// pairs to look at.
+    /// Number of Gaussians whose place in the two orders may differ at some pixel; `None` where
+    /// there are too many pairs to examine.
     pub(super) fn out_of_order(&self, wanted: Order, cheaper: Order) -> Option<usize> {
         let mut sequence: Vec<u32> = (0..self.drawn.len() as u32).collect();
         if cheaper == Order::Global {
@@ -123,7 +126,7 @@ impl Shown {
                 if wanted == Order::PerPixel {
                     let flat = (drawn.slope == Vec2::ZERO).then_some(Among::Flat);
                     mark(by_pixel.next(drawn.depths_in(corner), flat.unwrap_or(Among::None(place)), place));
-                    // Nor must the cheaper order be another elsewhere.
+                    // Rounding must not change the cheaper order either.
                     mark(by_depth.next(drawn.depths(), flat.unwrap_or(terms), place));
                 } else {
                     mark(by_depth.next(drawn.depths(), terms, place));
@@ -135,30 +138,30 @@ impl Shown {
     }
 }
 
-/// Who is in a fixed order with whom, however near they are: those that are equal here, by what both orders go by.
+/// Group of Gaussians whose order is fixed, however near they are. Equal values are in one group.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Among {
     /// Their depth is computed from the same numbers, so that their indices decide.
     Terms([u32; 3]),
-    /// Their depth is the same at all pixels, so that both orders go by the same number.
+    /// Their depth is the same at all pixels, so that both orders use the same number.
     Flat,
-    /// This one is in a fixed order with nobody.
+    /// A group of this Gaussian alone.
     None(u32),
 }
 
-/// A range's end, whose it is, and among whom.
+/// End of a range, its group and its Gaussian.
 type End = (f32, Among, u32);
 
-/// The farthest ends so far, of two that are not in a fixed order.
+/// The farthest ends so far of two Gaussians from different groups.
 #[derive(Debug, Default)]
 struct Farthest {
     first: Option<End>,
-    /// Of those that are not among the first one's.
+    /// From another group than the first.
     second: Option<End>,
 }
 
 impl Farthest {
-    /// Takes up the next one's range; the two that may change places, if there are such.
+    /// Adds the next Gaussian's range; returns the two Gaussians that may swap, if any.
     fn next(&mut self, [near, far]: [f32; 2], among: Among, place: u32) -> Option<[u32; 2]> {
         let before = [self.first, self.second].into_iter().flatten().find(|end| end.1 != among);
         let end = Some((far, among, place));
@@ -177,7 +180,7 @@ impl Farthest {
     }
 }
 
-/// What Gaussians are seen through.
+/// A view of the scene with its settings.
 struct Through<'a> {
     camera: &'a Camera,
     settings: &'a RenderSettings,
@@ -216,18 +219,18 @@ impl Drawn {
         })
     }
 
-    /// The tiles that its box reaches into.
+    /// Tiles that its box reaches into.
     fn tiles(&self, across: u32) -> impl Iterator<Item = usize> {
         let [columns, rows] = [self.columns, self.rows].map(|[first, end]| first / TILE..(end - 1) / TILE + 1);
         rows.flat_map(move |row| columns.clone().map(move |column| (row * across + column) as usize))
     }
 
-    /// The least and the greatest that its one depth may be.
+    /// Least and greatest depth of its mean, with rounding.
     fn depths(&self) -> [f32; 2] {
         [self.depth - self.depth_rounding, self.depth + self.depth_rounding]
     }
 
-    /// The least and the greatest depth at those pixels of its box that are in the tile with this corner.
+    /// Least and greatest depth at the pixels of its box in the tile with this corner.
     fn depths_in(&self, corner: [u32; 2]) -> [f32; 2] {
         let within = |[first, end]: [u32; 2], corner: u32| {
             let (low, high) = (first.max(corner), end.min(corner + TILE) - 1);
@@ -242,7 +245,8 @@ impl Drawn {
     }
 }
 
-/// The pixels whose centres lie within `half` of the mean, a little more for roundings; `None` where there are none.
+/// Pixels whose centres lie within `half` of the mean, extended for rounding: first and end. `None`
+/// where there are none.
 fn pixels(mean: f32, half: f32, side: u32) -> Option<[u32; 2]> {
     let slack = BORDER_SLACK + (mean.abs() + half) * BORDER_ROUNDING;
     let first = (mean - half - 0.5 - slack).ceil().clamp(0.0, side as f32);
@@ -258,7 +262,8 @@ mod tests {
     fn a_border_is_as_uncertain_as_the_numbers_that_it_is_made_of() {
         assert_eq!(pixels(8.0, 2.5 - 0.01, 16), Some([6, 10]));
         assert_eq!(pixels(8.0, 2.5 - 0.001, 16), Some([5, 11]), "its pixels' centres are 2.5 px away");
-        // A Gaussian of a million px, whose border misses the first centre by less than f32 can tell there.
+        // A Gaussian of a million px, whose border misses the first centre by less than f32 can
+        // tell there.
         assert_eq!(pixels(-1e6, 1e6 + 0.25, 16).map(|[first, _]| first), Some(0));
         assert_eq!(pixels(-1e6, 1e6 - 1e3, 16), None);
     }

@@ -1,4 +1,4 @@
-//! The photographs of a training, read when they are first needed and kept as far as memory allows.
+//! The images of a training, read when they are first needed and kept as far as memory allows.
 
 use std::collections::{BTreeMap, btree_map::Entry};
 
@@ -8,28 +8,29 @@ use gs_io::dataset::PosedImage;
 use super::{resolution::reduced, views::PosedView};
 use crate::error::Error;
 
-/// What has been read.
-pub(super) struct Pictures<T> {
-    /// By view, all of one resolution, where the backend computes.
+/// Cache of target images.
+pub(super) struct Images<T> {
+    /// Targets by view, all of one resolution.
     kept: BTreeMap<usize, T>,
     factor: u32,
     bytes: u64,
-    /// Most bytes.
+    /// Largest number of bytes.
     limit: u64,
-    /// The last that there was no room for.
+    /// The last target for which there was no room.
     passing: Option<T>,
 }
 
-impl<T> Pictures<T> {
-    /// None yet, and room for so many bytes.
+impl<T> Images<T> {
+    /// An empty cache for so many bytes.
     pub(super) fn new(limit: u64) -> Self {
         Self { kept: BTreeMap::new(), factor: 1, bytes: 0, limit, passing: None }
     }
 
-    /// The picture of view `index` at 1/`factor` of its size, before `background` if that never changes, or else with its alpha.
+    /// The target of view `index` at 1/`factor` of its size, over `background` if that never
+    /// changes, or else with its alpha.
     ///
     /// # Errors
-    /// Those of reading it, and of the backend.
+    /// Those of reading the image, and of the backend.
     pub(super) fn get<R: Rasterizer<Scene3d, Target = T>>(
         &mut self,
         on: &R,
@@ -42,14 +43,14 @@ impl<T> Pictures<T> {
             (self.kept, self.bytes, self.factor) = (BTreeMap::new(), 0, factor);
         }
         let place = match self.kept.entry(index) {
-            Entry::Occupied(picture) => return Ok(picture.into_mut()),
+            Entry::Occupied(target) => return Ok(target.into_mut()),
             Entry::Vacant(place) => place,
         };
-        let mut photograph = view.photograph()?;
+        let mut posed = view.image()?;
         if factor > 1 {
-            photograph = reduced(&photograph, factor)?;
+            posed = reduced(&posed, factor)?;
         }
-        let (target, floats) = target(on, photograph, background)?;
+        let (target, floats) = target(on, posed, background)?;
         let bytes = floats * size_of::<f32>() as u64;
         if self.bytes + bytes > self.limit {
             return Ok(self.passing.insert(target));
@@ -59,16 +60,17 @@ impl<T> Pictures<T> {
     }
 }
 
-/// A photograph where the backend computes, before `background` if there is one, or else with its alpha; and how many numbers it has.
+/// Uploads an image as target, over `background` if there is one, or else with its alpha; also
+/// returns its number of floats.
 pub(super) fn target<R: Rasterizer<Scene3d>>(
     on: &R,
-    photograph: PosedImage,
+    posed: PosedImage,
     background: Option<[f32; 3]>,
 ) -> Result<(R::Target, u64), Error> {
-    let mask = photograph.mask.clone();
+    let mask = posed.mask.clone();
     let (image, alpha) = match background {
-        Some(background) => (photograph.over(background), None),
-        None => (photograph.image, photograph.alpha),
+        Some(background) => (posed.over(background), None),
+        None => (posed.image, posed.alpha),
     };
     let target = TargetImage { image: &image, alpha: alpha.as_deref(), mask: mask.as_deref() };
     let floats = if alpha.is_none() && mask.is_none() { 3 } else { 4 };

@@ -1,6 +1,7 @@
-//! What a 2D scene calls for: no depth and no harmonics, whatever is wanted; for the rest see the [module](super).
+//! Effects that a 2D scene requires: no depth order and no SH; for the rest see the
+//! [module](super).
 
-use super::{CallsForEffects, Decision, background};
+use super::{Decide, Decision, RequiresEffects, background};
 use crate::{
     constants::NARROW_PX,
     effects::{Antialias, Blend, Effect},
@@ -10,7 +11,9 @@ use crate::{
     words::there_are,
 };
 
-impl CallsForEffects for Scene2d {
+impl RequiresEffects for Scene2d {}
+
+impl Decide for Scene2d {
     fn decide(&self, views: &[Canvas], settings: &RenderSettings) -> [Decision; Effect::ALL.len()] {
         Effect::ALL.map(|effect| decide(self, effect, views, settings))
     }
@@ -20,24 +23,24 @@ fn decide(scene: &Scene2d, effect: Effect, views: &[Canvas], settings: &RenderSe
     let effects = &settings.effects;
     let off = effect.off(effects);
     match effect {
-        Effect::Order => (off, "no depth order: the scene is planar".to_owned()),
-        Effect::ShDegree => (off, "a 2D Gaussian has one colour, from wherever it is seen".to_owned()),
+        Effect::Order => (off, "a 2D scene has no depth".to_owned()),
+        Effect::ShDegree => (off, "a 2D Gaussian has one colour".to_owned()),
         Effect::Blend => match effects.blend {
-            Blend::Sum => (off, "Gaussians are added up, as the scene is made".to_owned()),
+            Blend::Sum => (off, "Gaussians are added up".to_owned()),
             Blend::Over if scene.is_empty() => (*effects, "the scene is empty".to_owned()),
-            Blend::Over => (*effects, "one Gaussian may hide another, as the scene is made".to_owned()),
+            Blend::Over => (*effects, "one Gaussian may hide another".to_owned()),
         },
         Effect::Antialias => match (effects.antialias, narrow(scene, views)) {
-            (Antialias::None, None) => (off, "none is asked for".to_owned()),
-            (Antialias::None, Some(narrow)) => (off, format!("none is asked for, though {narrow}")),
-            (_, None) => (*effects, "it widens every Gaussian, as is asked for".to_owned()),
+            (Antialias::None, None) => (off, "the settings have none".to_owned()),
+            (Antialias::None, Some(narrow)) => (off, format!("the settings have none, though {narrow}")),
+            (_, None) => (*effects, "it widens every Gaussian".to_owned()),
             (_, Some(narrow)) => (*effects, narrow),
         },
         Effect::Background => background(settings),
     }
 }
 
-/// How many Gaussians are narrower than a pixel, in the first view where some are.
+/// Number of Gaussians narrower than a pixel, in words, in the first view that has some.
 fn narrow(scene: &Scene2d, views: &[Canvas]) -> Option<String> {
     views.iter().enumerate().find_map(|(number, canvas)| {
         let scale = canvas.scale().min_element();
@@ -53,7 +56,7 @@ mod tests {
 
     use super::*;
     use crate::{
-        effects::{Effects, Order, called_for::Answer},
+        effects::{Effects, Order, required::Requirement},
         scene::Gaussian2d,
     };
 
@@ -74,21 +77,21 @@ mod tests {
         wanted.effects.order = Order::PerPixel;
         wanted.effects.sh_degree = 3;
         wanted.effects.antialias = Antialias::Mip;
-        let called = Effects::called_for(&scene(), &[Canvas::new(16, 16)], &wanted).unwrap();
-        let answers: Vec<Answer> = called.verdicts.iter().map(|verdict| verdict.answer).collect();
-        use Answer::{CalledFor, NotCalledFor};
-        assert_eq!(answers, [NotCalledFor, CalledFor, NotCalledFor, CalledFor, CalledFor]);
+        let found = Effects::required(&scene(), &[Canvas::new(16, 16)], &wanted).unwrap();
+        let answers: Vec<Requirement> = found.decisions.iter().map(|verdict| verdict.answer).collect();
+        use Requirement::{NotRequired, Required};
+        assert_eq!(answers, [NotRequired, Required, NotRequired, Required, Required]);
         let expected = Effects { order: Order::Index, sh_degree: 0, ..wanted.effects };
-        assert_eq!(called.settings, RenderSettings { effects: expected, ..wanted });
+        assert_eq!(found.settings, RenderSettings { effects: expected, ..wanted });
     }
 
     #[test]
     fn gaussians_become_narrow_where_the_picture_is_small() {
         let reason = |canvas: Canvas| {
             let wanted = RenderSettings::blended(Blend::Sum);
-            Effects::called_for(&scene(), &[canvas], &wanted).unwrap().verdicts[3].reason.clone()
+            Effects::required(&scene(), &[canvas], &wanted).unwrap().decisions[3].reason.clone()
         };
-        assert_eq!(reason(Canvas::new(16, 16)), "none is asked for");
+        assert_eq!(reason(Canvas::new(16, 16)), "the settings have none");
         let small = reason(Canvas::new(16, 16).resized(4, 4));
         assert!(small.contains("2 Gaussians are narrower than a pixel in view 1"), "{small}");
     }

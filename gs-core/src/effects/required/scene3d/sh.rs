@@ -1,4 +1,5 @@
-//! Up to which degree a scene's harmonics are called for: over all directions by a bound, in views by what each Gaussian shows there.
+//! The SH degree that a scene requires: over all directions by a bound, in given views by the
+//! colours seen there.
 
 use glam::Vec3;
 
@@ -6,30 +7,29 @@ use super::in_views;
 use crate::{
     constants::HALF_DISPLAY_STEP,
     counted,
-    effects::{Blend, called_for::overlap::Shown},
-    perspective::Perspective,
+    effects::{Blend, required::overlap::Shown},
+    math::{perspective::Perspective, sh},
     scene::{Scene3d, sigmoid},
     settings::RenderSettings,
-    sh,
     view::Camera,
 };
 
-/// What is kept of the half step for the roundings of rendering.
+/// Part of the half step that is reserved for rounding errors of rendering.
 const ROUNDING: f32 = 1e-5;
 
-/// By how much leaving out harmonics changes colours.
+/// How leaving out SH coefficients changes colours.
 #[derive(Debug, Clone, Copy, Default)]
 struct Change {
-    /// At most.
+    /// Largest change.
     most: f32,
-    /// How many Gaussians change by more than they may.
+    /// Number of Gaussians that change by more than the tolerance.
     beyond: usize,
 }
 
-/// By how much the colours change, of all Gaussians that may be drawn, where nothing above degree 0, 1 or 2 is evaluated.
+/// Changes of colour where nothing above degree 0, 1 or 2 is evaluated.
 type Changes = [Change; 3];
 
-/// Adds one Gaussian's, by the degree that is kept.
+/// Adds one Gaussian's changes; `found` is its change by the degree that is kept.
 fn note(changes: &mut Changes, found: impl Fn(u8) -> f32, tolerance: f32) {
     for (degree, change) in (0..).zip(changes) {
         let found = found(degree);
@@ -39,7 +39,7 @@ fn note(changes: &mut Changes, found: impl Fn(u8) -> f32, tolerance: f32) {
     }
 }
 
-/// Over all directions.
+/// Bounds on the changes over all directions.
 fn changes_in_any_view(scene: &Scene3d, settings: &RenderSettings, tolerance: f32) -> Changes {
     let mut changes = Changes::default();
     let kept = sh::coefficients(settings.effects.sh_degree.min(scene.sh_degree));
@@ -51,21 +51,22 @@ fn changes_in_any_view(scene: &Scene3d, settings: &RenderSettings, tolerance: f3
     changes
 }
 
-/// What is known of the degree that is called for, view by view.
-pub(super) struct Harmonics<'a> {
+/// What is known about the required degree, view by view.
+pub(super) struct ShDegree<'a> {
     scene: &'a Scene3d,
     settings: &'a RenderSettings,
-    /// That is evaluated.
+    /// Highest degree that is evaluated.
     highest: u8,
     tolerance: f32,
     everywhere: Changes,
-    /// In the views so far, where they may need less than all views together.
+    /// Changes in the views so far, where they may need a lower degree than all directions
+    /// together.
     in_views: Option<Changes>,
-    /// Why the views need no less.
+    /// Why the views need the same degree.
     needed: Option<String>,
 }
 
-impl<'a> Harmonics<'a> {
+impl<'a> ShDegree<'a> {
     pub(super) fn of(scene: &'a Scene3d, views: &[Camera], settings: &'a RenderSettings) -> Self {
         let highest = settings.effects.sh_degree.min(scene.sh_degree);
         // Sums may show a Gaussian's colour more than once.
@@ -74,20 +75,20 @@ impl<'a> Harmonics<'a> {
             Blend::Over => HALF_DISPLAY_STEP - ROUNDING,
         };
         let everywhere = changes_in_any_view(scene, settings, tolerance);
-        let mut harmonics = Self { scene, settings, highest, tolerance, everywhere, in_views: None, needed: None };
+        let mut found = Self { scene, settings, highest, tolerance, everywhere, in_views: None, needed: None };
         let may_need_less = !views.is_empty() && settings.effects.blend == Blend::Over;
-        if may_need_less && harmonics.least(&everywhere) > 0 {
-            harmonics.in_views = Some(Changes::default());
+        if may_need_less && found.least(&everywhere) > 0 {
+            found.in_views = Some(Changes::default());
         }
-        harmonics
+        found
     }
 
-    /// Whether no further view can tell anything.
+    /// Whether further views make no difference.
     pub(super) fn is_settled(&self) -> bool {
         self.in_views.is_none() || self.needed.is_some()
     }
 
-    /// Takes up what a view shows.
+    /// Takes a view into account.
     pub(super) fn look(&mut self, number: usize, camera: &Camera, shown: &Shown) {
         if self.is_settled() {
             return;
@@ -102,7 +103,7 @@ impl<'a> Harmonics<'a> {
         }
     }
 
-    /// In the direction from which a view sees each.
+    /// Changes in the directions of one view.
     fn changes_in(&self, camera: &Camera, shown: &Shown) -> Changes {
         let Self { scene, settings, highest, tolerance, .. } = *self;
         let mut changes = Changes::default();
@@ -117,16 +118,16 @@ impl<'a> Harmonics<'a> {
         changes
     }
 
-    /// The least degree that does.
+    /// The least degree that is enough.
     fn least(&self, changes: &Changes) -> u8 {
         let does = |degree: &u8| *degree == self.highest || changes[usize::from(*degree)].beyond == 0;
         (0..=self.highest).find(does).unwrap_or(self.highest)
     }
 
-    /// Why a degree does.
+    /// Why a degree is enough.
     fn does(&self, degree: u8, changes: &Changes, seen: &str) -> String {
         match changes.get(usize::from(degree)) {
-            _ if degree == self.settings.effects.sh_degree => "no higher one is asked for".to_owned(),
+            _ if degree == self.settings.effects.sh_degree => "the settings have no higher one".to_owned(),
             _ if degree == self.scene.sh_degree => "the scene has no higher one".to_owned(),
             Some(Change { most, .. }) if *most > 0.0 => {
                 format!("higher coefficients change no pixel by more than {most:.5} {seen}")
@@ -135,7 +136,8 @@ impl<'a> Harmonics<'a> {
         }
     }
 
-    /// The least degree that does in these views, all of which have been looked at, and why.
+    /// The least degree that is enough in these views, all of which have been looked at, and the
+    /// reason.
     pub(super) fn decided(self, views: &[Camera]) -> (u8, String) {
         let found = self.least(&self.everywhere);
         let Some(below) = usize::from(found).checked_sub(1) else {
@@ -152,7 +154,7 @@ impl<'a> Harmonics<'a> {
     }
 }
 
-/// What happens without the degree above one that is too low.
+/// Why a degree is too low.
 fn without(less: &Change, seen: &str) -> String {
     let gaussians = counted(less.beyond, "Gaussian");
     format!("without it, the colours of {gaussians} change by up to {:.4} {seen}", less.most)

@@ -1,26 +1,30 @@
-//! The parameterization [`Parameterization::CovarianceFactor`](crate::Parameterization::CovarianceFactor) of 3D Gaussians: steps in a Gaussian's own coordinates.
+//! [`Parameterization::CovarianceFactor`](crate::Parameterization::CovarianceFactor) of 3D
+//! Gaussians: steps in a Gaussian's own coordinates.
 //!
-//! The shape is held as a factor M with Σ = M Mᵀ, of which M = R(q) S is one. A step is μ ← μ + M ξ, M ← M (I + η + η²/2) with η symmetric:
-//! the antisymmetric part would turn the factor and leave Σ as it is. ξ and η have no unit, so that one learning rate is the same fraction of
-//! every Gaussian's extent, along each of its axes. ∂L/∂ξ = Mᵀ ∂L/∂μ, and ∂L/∂η = 2 Mᵀ (∂L/∂Σ) M.
+//! The shape is held as a factor M with Σ = M Mᵀ, for example M = R(q) S. A step is μ ← μ + M ξ, M
+//! ← M (I + η + η²/2) with η symmetric: an antisymmetric part would turn the factor without
+//! changing Σ. ξ and η have no unit, so a learning rate is the same fraction of every Gaussian's
+//! extent, along each of its axes. ∂L/∂ξ = Mᵀ ∂L/∂μ, and ∂L/∂η = 2 Mᵀ (∂L/∂Σ) M.
 //!
-//! A Gaussian whose quaternion has no direction has no factor: it is held as one of zeros, drawn nowhere, and told as a quaternion of zeros again.
+//! A quaternion without direction has no factor: such a Gaussian has a factor of zeros, is not
+//! drawn, and is downloaded with a quaternion of zeros.
 //!
-//! Symmetric matrices are six numbers: (00, 01, 02, 11, 12, 22); as gradients, those beside the diagonal are by each of the two entries.
+//! Symmetric matrices are six numbers: (00, 01, 02, 11, 12, 22). As gradients, those off the
+//! diagonal are derivatives by each of the two equal entries.
 
 use glam::{DMat3, DQuat, DVec3, Mat3, Quat, Vec3};
 
 use crate::{
     adam::AdamRates,
     constants::{MAX_ETA, MIN_QUATERNION_NORM2},
-    perspective::{Quaternion, quaternion_vjp},
+    math::perspective::{Quaternion, quaternion_vjp},
     scene::Gaussian3d,
 };
 
 /// A symmetric 3×3 matrix: 00, 01, 02, 11, 12, 22.
 pub type Symmetric3 = [f32; 6];
 
-/// A 3D Gaussian's parameters as this parameterization holds them, but for its colour.
+/// Parameters of a 3D Gaussian in this parameterization, without its colour.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Factored {
     /// μ, world units.
@@ -31,42 +35,44 @@ pub struct Factored {
     pub opacity_logit: f32,
 }
 
-/// ∂L/∂(what a [`Factored`] holds).
+/// ∂L/∂ each field of a [`Factored`].
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct FramedGradient {
-    /// By μ, per world unit; by ξ it is Mᵀ times this.
+pub struct FactoredGradient {
+    /// ∂L/∂μ, per world unit; ∂L/∂ξ is Mᵀ times this.
     pub mean: Vec3,
-    /// By η.
+    /// ∂L/∂η.
     pub stretch: Symmetric3,
-    /// By the opacity's logit.
+    /// ∂L/∂(opacity logit).
     pub opacity_logit: f32,
 }
 
-/// A factor's singular value decomposition M = U S Vᵀ, U a rotation.
+/// Singular value decomposition of a factor, M = U S Vᵀ with U a rotation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PrincipalAxes {
     /// U: the ellipsoid's axes in the world.
     pub axes: DMat3,
-    /// S: the scales along them, world units, not negative.
+    /// S: the scales along the axes, world units, not negative.
     pub scales: DVec3,
-    /// V: the same axes in the factor's own coordinates; a rotation, or one with a reflection.
+    /// V: the axes in the factor's own coordinates; a rotation, or a rotation with a reflection.
     pub turn: DMat3,
 }
 
 /// Sweeps of the Jacobi method; it converges quadratically, and 3×3 matrices need four to six.
 const SWEEPS: usize = 16;
 
-/// Scales are no smaller in a factor, world units: it is that of a Gaussian with a direction, and has its axes, while their squares are 0 all the
-/// same.
+/// Smallest scale in a factor, world units, so that a factor of a Gaussian with a direction keeps
+/// its axes. Its square is 0.
 const LEAST_SCALE: f32 = 1e-30;
 
 /// Columns whose cosine is below this are orthogonal.
 const ORTHOGONAL: f64 = 1e-15;
 
 impl PrincipalAxes {
-    /// The axes of a factor, in the order of its columns where these are orthogonal and of different lengths. NaN stays NaN.
+    /// The axes of a factor, in the order of its columns where these are orthogonal and of
+    /// different lengths. NaN stays NaN.
     ///
-    /// One-sided Jacobi (Hestenes 1958) in `f64`: each scale is right to its own last digits, however thin the ellipsoid.
+    /// One-sided Jacobi (Hestenes 1958) in `f64`: each scale is accurate to its own last digits,
+    /// however thin the ellipsoid.
     pub fn of(factor: Mat3) -> Self {
         Self::of_exact(factor.as_dmat3())
     }
@@ -110,7 +116,8 @@ impl PrincipalAxes {
     }
 }
 
-/// Orthogonal columns at length 1; those of length 0 are put across the others.
+/// Orthogonal columns scaled to length 1; columns of length 0 are replaced by ones orthogonal to
+/// the others.
 fn completed(columns: [DVec3; 3], scales: DVec3) -> DMat3 {
     let mut axes: [Option<DVec3>; 3] = std::array::from_fn(|k| (scales[k] != 0.0).then(|| columns[k] / scales[k]));
     for k in 0..3 {
@@ -125,22 +132,23 @@ fn completed(columns: [DVec3; 3], scales: DVec3) -> DMat3 {
     DMat3::from_cols(x, y, z)
 }
 
-/// R(q/|q|) S: a square root of Σ (paper eq. 5), world units, never of zeros. `None` where q is too short to have a direction
-/// ([`MIN_QUATERNION_NORM2`]).
-pub fn frame_of(log_scale: Vec3, rotation: [f32; 4]) -> Option<Mat3> {
+/// R(q/|q|) S: a factor of Σ (paper eq. 5), world units, never of zeros. `None` where q is too
+/// short to have a direction ([`MIN_QUATERNION_NORM2`]).
+pub fn factor_of(log_scale: Vec3, rotation: [f32; 4]) -> Option<Mat3> {
     let Quaternion { scaled: [w, x, y, z], norm2, .. } = Quaternion::new(rotation);
     if !(norm2 >= MIN_QUATERNION_NORM2) {
         return None;
     }
-    // NaN stays: it must be seen and pruned.
+    // NaN stays, so that the Gaussian is pruned.
     let scales = log_scale.map(f32::exp).map(|scale| if scale < LEAST_SCALE { LEAST_SCALE } else { scale });
     Some(Mat3::from_quat(Quat::from_xyzw(x, y, z, w).normalize()) * Mat3::from_diagonal(scales))
 }
 
-/// Of all factors M Q of one Σ, with Q orthogonal, the one nearest to `parent`: in its coordinates, moments that were gathered in those of `parent`
-/// mean the same. `factor` itself where one of the two is not finite.
+/// The factor M Q of the same Σ, with Q orthogonal, that is nearest to `parent`, so that moments of
+/// `parent` keep their meaning. `factor` itself where one of the two is not finite.
 ///
-/// Q is the orthogonal factor of the polar decomposition of Mᵀ `parent` (the orthogonal Procrustes problem, Schönemann 1966).
+/// Q is the orthogonal factor of the polar decomposition of Mᵀ `parent` (the orthogonal Procrustes
+/// problem, Schönemann 1966).
 #[must_use]
 pub fn aligned(factor: Mat3, parent: Mat3) -> Mat3 {
     if !(factor.is_finite() && parent.is_finite()) {
@@ -152,8 +160,11 @@ pub fn aligned(factor: Mat3, parent: Mat3) -> Mat3 {
 }
 
 impl Gaussian3d {
-    /// ln-scales and rotation (a quaternion of length 1) of Σ = M Mᵀ. The scales stand in the order of M's columns where these are orthogonal and
-    /// of different lengths; one along which the factor has no extent is ln 0. A factor of zeros has no direction, and scales that show nothing.
+    /// ln-scales and rotation (a quaternion of length 1) of Σ = M Mᵀ.
+    ///
+    /// The scales are in the order of M's columns where these are orthogonal and of different
+    /// lengths; an axis without extent has the scale ln 0. A factor of zeros has a quaternion of
+    /// zeros and scales too small to be drawn.
     pub fn shape_of_factor(m: Mat3) -> (Vec3, [f32; 4]) {
         if m == Mat3::ZERO {
             return (Vec3::splat(LEAST_SCALE.ln()), [0.0; 4]);
@@ -162,20 +173,24 @@ impl Gaussian3d {
     }
 }
 
-/// One step: M (I + η + η²/2), with each entry of η within ±[`MAX_ETA`], and then the scales within the bounds that `rates` set. A factor that is
-/// not finite stays so: it must be seen and pruned; and so does one of zeros, which has no direction to grow in.
+/// One step: M (I + η + η²/2), with each entry of η clamped to ±[`MAX_ETA`] and the scales clamped
+/// to the bounds of `rates`.
+///
+/// A factor that is not finite stays so, so that the Gaussian is pruned. A factor of zeros stays,
+/// too.
 #[inline]
 pub fn stretched(factor: Mat3, eta: Symmetric3, rates: &AdamRates) -> Mat3 {
     let eta = symmetric(eta.map(|entry| entry.clamp(-MAX_ETA, MAX_ETA)));
     let m = factor + factor * (eta + eta * eta * 0.5);
-    // The largest scale is at most the Frobenius norm of M, and the inverse of the smallest that of M⁻¹ = (cofactors of M)ᵀ/|M|.
+    // The largest scale is at most the Frobenius norm of M, and the inverse of the smallest that of
+    // M⁻¹ = (cofactors of M)ᵀ/|M|.
     let cofactors = Mat3::from_cols(m.y_axis.cross(m.z_axis), m.z_axis.cross(m.x_axis), m.x_axis.cross(m.y_axis));
     let determinant = m.x_axis.dot(cofactors.x_axis);
     let suspicious = determinant.abs() <= rates.min_scale * frobenius(&cofactors) || frobenius(&m) > rates.max_scale;
     if suspicious { bounded(m, rates) } else { m }
 }
 
-/// M with its scales moved into their bounds, its axes on either side as they are.
+/// M with its scales clamped to their bounds.
 #[cold]
 fn bounded(m: Mat3, rates: &AdamRates) -> Mat3 {
     let PrincipalAxes { axes, scales, turn } = PrincipalAxes::of(m);
@@ -186,23 +201,25 @@ fn bounded(m: Mat3, rates: &AdamRates) -> Mat3 {
     (axes * DMat3::from_diagonal(within) * turn.transpose()).as_mat3()
 }
 
-/// v_η of the sum of the three scales: with M = U S Vᵀ it is V S Vᵀ.
+/// ∂(sum of the three scales)/∂η: V S Vᵀ for M = U S Vᵀ.
 pub fn sum_of_scales_vjp(factor: Mat3) -> Symmetric3 {
     let PrincipalAxes { scales, turn, .. } = PrincipalAxes::of(factor);
     entries(&(turn * DMat3::from_diagonal(scales) * turn.transpose()))
 }
 
-/// What a gradient by η is by the ln-scales and the quaternion that [`Gaussian3d::shape_of_factor`] finds for `factor`.
+/// Converts a gradient by η to one by the ln-scales and the quaternion of
+/// [`Gaussian3d::shape_of_factor`].
 ///
-/// From V, η is Vᵀ η V. Its diagonal is the change of the ln-scales; a turn ω about the third axis makes its entries 01 and 10 change by
-/// ω s₀/s₁ and −ω s₁/s₀, whence v_ω = 2 sinh(ln s₀ − ln s₁) v₀₁; and so on.
+/// From V, η is Vᵀ η V. Its diagonal is the change of the ln-scales; a turn ω about the third axis
+/// makes its entries 01 and 10 change by ω s₀/s₁ and −ω s₁/s₀, whence v_ω = 2 sinh(ln s₀ − ln s₁)
+/// v₀₁; and so on.
 pub fn by_scale_rotation(factor: Mat3, stretch: Symmetric3) -> (Vec3, [f32; 4]) {
     let principal = PrincipalAxes::of(factor);
     let (log_scale, rotation) = Gaussian3d::shape_of_factor(factor);
     let turn = principal.turn;
     let v = turn.transpose() * symmetric(stretch).as_dmat3() * turn;
     let [a, b, c] = log_scale.as_dvec3().to_array();
-    // A turn between two axes of which one has no extent (ln 0) is none.
+    // Turning two axes of which one has no extent (ln 0) changes nothing.
     let about = |v: f64, log_ratio: f64| {
         let turned = 2.0 * v * log_ratio.sinh();
         if turned.is_finite() { turned } else { 0.0 }

@@ -1,9 +1,10 @@
-//! What a 3D scene calls for, as the [module](super) has it. Every view is projected once, and each effect's question put to what it shows.
+//! Effects that a 3D scene requires; see the [module](super). Every view is projected once, for all
+//! effects.
 
 mod sh;
 
-use self::sh::Harmonics;
-use super::{CallsForEffects, Decision, background, overlap::Shown};
+use self::sh::ShDegree;
+use super::{Decide, Decision, RequiresEffects, background, overlap::Shown};
 use crate::{
     effects::{Antialias, Blend, Effect, Effects, Order},
     scene::Scene3d,
@@ -12,26 +13,28 @@ use crate::{
     words::{counted, there_are},
 };
 
-impl CallsForEffects for Scene3d {
+impl RequiresEffects for Scene3d {}
+
+impl Decide for Scene3d {
     fn decide(&self, views: &[Camera], settings: &RenderSettings) -> [Decision; Effect::ALL.len()] {
         let effects = settings.effects;
         let mut order = Orders::of(views, settings);
-        let mut harmonics = Harmonics::of(self, views, settings);
+        let mut sh = ShDegree::of(self, views, settings);
         let mut widths = Widths::default();
         for (number, camera) in (1..).zip(views) {
-            if order.is_settled() && harmonics.is_settled() && widths.is_settled() {
+            if order.is_settled() && sh.is_settled() && widths.is_settled() {
                 break;
             }
             let shown = Shown::of(self, camera, settings);
             order.look(number, &shown);
-            harmonics.look(number, camera, &shown);
+            sh.look(number, camera, &shown);
             widths.look(number, &shown);
         }
         let blend = match effects.blend {
-            Blend::Sum => "Gaussians are added up, as is asked for",
+            Blend::Sum => "Gaussians are added up",
             Blend::Over => "one Gaussian may hide another",
         };
-        let (sh_degree, reason) = harmonics.decided(views);
+        let (sh_degree, reason) = sh.decided(views);
         [
             order.decided(views),
             (effects, blend.to_owned()),
@@ -42,18 +45,18 @@ impl CallsForEffects for Scene3d {
     }
 }
 
-/// One kind of sorting and the next cheaper one, and what is known of whether that does.
+/// An order and the next cheaper one, and whether the cheaper one is known not to be enough.
 struct Cheaper {
     wanted: Effects,
     cheaper: Effects,
-    /// Why it does not.
+    /// Why the cheaper one is not enough.
     refuted: Option<Refuted>,
 }
 
 enum Refuted {
-    /// So many of those drawn come out of order in a view of this number.
+    /// In view `number`, `out` of the `drawn` Gaussians come out of order.
     By { out: usize, drawn: usize, number: usize },
-    /// There are too many drawn to tell.
+    /// In view `number` too many Gaussians overlap to decide.
     Unknown { drawn: usize, number: usize },
 }
 
@@ -67,7 +70,7 @@ impl Cheaper {
         };
     }
 
-    /// What is wrong with those that the cheaper kind has out of order, and what is said where there are none.
+    /// Why the cheaper order is not enough, and why it is.
     fn words(&self) -> [&'static str; 2] {
         match self.wanted.order {
             Order::PerPixel => ["interpenetrate others in depth", "one depth a Gaussian will do: none interpenetrate"],
@@ -79,12 +82,12 @@ impl Cheaper {
     }
 }
 
-/// What is known of the order that is called for, view by view.
+/// What is known about the required order, view by view.
 struct Orders {
     wanted: Effects,
-    /// From the wanted kind of sorting down; none where no view has to be asked.
+    /// From the wanted order down; empty where no view is needed to decide.
     steps: Vec<Cheaper>,
-    /// What is decided without a view.
+    /// Decision that needs no view.
     at_once: Option<(Effects, &'static str)>,
 }
 
@@ -93,9 +96,9 @@ impl Orders {
         let wanted = settings.effects;
         let off = Effect::Order.off(&wanted);
         let at_once = match (wanted.order, wanted.blend) {
-            (Order::Index, _) => Some((off, "none is asked for but the scene's own")),
+            (Order::Index, _) => Some((off, "the settings have the scene's own order")),
             (_, Blend::Sum) => Some((off, "sums do not depend on it")),
-            _ if views.is_empty() => Some((wanted, "without a view, nobody knows who hides whom")),
+            _ if views.is_empty() => Some((wanted, "which Gaussian hides which is not known without a view")),
             _ => None,
         };
         let down = std::iter::successors(Some(wanted), |effects| Effect::Order.cheaper(effects));
@@ -105,7 +108,7 @@ impl Orders {
     }
 
     fn is_settled(&self) -> bool {
-        // Behind a step that is not possible nobody asks for the next.
+        // A step that is not possible ends the search.
         self.steps.first().is_none_or(|step| step.refuted.is_some())
     }
 
@@ -120,7 +123,7 @@ impl Orders {
         }
     }
 
-    /// For these views, all of which have been looked at.
+    /// The decision once all of these views have been looked at.
     fn decided(self, views: &[Camera]) -> Decision {
         if let Some((effects, reason)) = self.at_once {
             return (effects, reason.to_owned());
@@ -131,7 +134,7 @@ impl Orders {
             match step.refuted {
                 None => left = (step.cheaper, format!("{so} {}", in_views(views))),
                 Some(Refuted::Unknown { drawn, number }) => {
-                    return (left.0, format!("{drawn} Gaussians overlap too much in view {number} to tell"));
+                    return (left.0, format!("{drawn} Gaussians overlap too much in view {number} to decide"));
                 }
                 Some(Refuted::By { out, drawn, number }) => {
                     let found = format!("{out} of {} {what} in view {number}", counted(drawn, "Gaussian"));
@@ -143,7 +146,7 @@ impl Orders {
     }
 }
 
-/// The views, in words.
+/// The views as words.
 fn in_views(views: &[Camera]) -> String {
     match views {
         [] => "in any view".to_owned(),
@@ -152,12 +155,12 @@ fn in_views(views: &[Camera]) -> String {
     }
 }
 
-/// What is known of what antialiasing does, view by view.
+/// What is known about narrow Gaussians, view by view.
 #[derive(Default)]
 struct Widths {
-    /// In all views so far.
+    /// Gaussians drawn in all views so far.
     drawn: usize,
-    /// The first view in which Gaussians are narrower than a pixel.
+    /// Number of narrow Gaussians, in words, in the first view that has some.
     narrow: Option<String>,
 }
 
@@ -175,16 +178,17 @@ impl Widths {
         }
     }
 
-    /// For these views, all of which have been looked at.
+    /// The decision once all of these views have been looked at.
     fn decided(self, scene: &Scene3d, views: &[Camera], settings: &RenderSettings) -> Decision {
         let effects = settings.effects;
         match (effects.antialias, self.narrow) {
-            (Antialias::None, None) => (effects, "none is asked for".to_owned()),
-            (Antialias::None, Some(narrow)) => (effects, format!("none is asked for, though {narrow}")),
+            (Antialias::None, None) => (effects, "the settings have none".to_owned()),
+            (Antialias::None, Some(narrow)) => (effects, format!("the settings have none, though {narrow}")),
             (_, Some(narrow)) => (effects, narrow),
             (_, None) if self.drawn == 0 && !views.is_empty() => {
                 let off = Effect::Antialias.off(&effects);
-                // What fades as it is widened, and is not drawn for that, would be drawn without.
+                // A Gaussian that fades below the cut as it is widened would be drawn without
+                // antialiasing.
                 match first_drawn(scene, views, &RenderSettings { effects: off, ..*settings }) {
                     None => (off, format!("nothing is drawn {}", in_views(views))),
                     Some((number, count)) => {
@@ -193,12 +197,12 @@ impl Widths {
                     }
                 }
             }
-            (_, None) => (effects, "it widens every Gaussian, as is asked for".to_owned()),
+            (_, None) => (effects, "it widens every Gaussian".to_owned()),
         }
     }
 }
 
-/// The number of the first view in which something is drawn, and how many Gaussians.
+/// Number of the first view in which something is drawn, and of the Gaussians drawn there.
 fn first_drawn(scene: &Scene3d, views: &[Camera], settings: &RenderSettings) -> Option<(usize, usize)> {
     let counts = views.iter().map(|camera| Shown::of(scene, camera, settings).drawn.len());
     (1..).zip(counts).find(|&(_, count)| count > 0)

@@ -1,29 +1,35 @@
-//! One 3D Gaussian through a camera (paper eq. 3–5), and the way back of its gradients: the reference that every backend computes.
+//! One 3D Gaussian through a camera (paper eq. 3–5), and the gradients back through it: the
+//! reference that every backend computes.
 //!
-//! With p = W μ + t and M = R(q/|q|) S, or M a factor as [`Parameterization::CovarianceFactor`](crate::Parameterization::CovarianceFactor) holds it, the Gaussian falls on the image as M′ = J W M (2×3), Σ′ = M′ M′ᵀ + δ I. J is taken at p, its slopes
-//! x/z and y/z followed a little beyond the image and clamped there ([`JACOBIAN_MARGIN`]). det Σ is the sum of the squares of the three
-//! minors of M′ (Cauchy–Binet), which does not cancel as Σxx Σyy − Σxy² does in needles.
+//! With p = W μ + t and M = R(q/|q|) S, or M a factor of
+//! [`Parameterization::CovarianceFactor`](crate::Parameterization::CovarianceFactor), the Gaussian
+//! projects to M′ = J W M (2×3), Σ′ = M′ M′ᵀ + δ I. J is the Jacobian at p, with slopes x/z and y/z
+//! clamped a little beyond the image ([`JACOBIAN_MARGIN`]). det Σ is the sum of the squares of the
+//! three minors of M′ (Cauchy–Binet), which does not cancel as Σxx Σyy − Σxy² does in needles.
 //!
-//! A Gaussian that is left out is counted under the first cause that applies: a parameter that is not finite; its mean nearer than the
-//! near plane; a quaternion without direction; a mean or covariance that is not finite; det Σ′ too small; transparent; and then, which a
-//! backend finds, touching no pixel, and a colour that is not finite.
+//! A Gaussian that is left out is counted under the first cause that applies: a parameter is not
+//! finite; its mean is nearer than the near plane; its quaternion has no direction; its mean or
+//! covariance is not finite; det Σ′ is too small; it is transparent; and then, found by the
+//! backend, it touches no pixel, or its colour is not finite.
 //!
-//! Legend: s = slopes (x/z, y/z), t = s clamped, m₀ m₁ m₂ = rows of W M, r₀ r₁ = rows of M′, n = r₀ × r₁ the minors, D = det Σ,
-//! D′ = det Σ′, ρ = √(D/D′) the compensation of the opacity ([`Antialias::compensates`]), `v_x` = ∂L/∂x.
+//! Legend: s = slopes (x/z, y/z), t = s clamped, m₀ m₁ m₂ = rows of W M, r₀ r₁ = rows of M′, n = r₀
+//! × r₁ the minors, D = det Σ, D′ = det Σ′, ρ = √(D/D′) the compensation of the opacity
+//! ([`Antialias::compensates`]), `v_x` = ∂L/∂x.
 
 use glam::{Mat3, Vec2, Vec3};
 
 use crate::{
     constants::{JACOBIAN_MARGIN, MIN_DETERMINANT_PX4, MIN_QUATERNION_NORM2, QUATERNION_SHRINK, SAFE_SQUARES},
-    covariance_factor::{Factored, FramedGradient},
     effects::{Antialias, Blend},
+    math::covariance_factor::{Factored, FactoredGradient},
     scene::sigmoid,
     settings::RenderSettings,
-    statistics::Cause,
+    statistics::CullCause,
     view::Camera,
 };
 
-/// A 3D Gaussian's parameters but for its colour; units as in [`Scene3d`](crate::scene::Scene3d). Also ∂L/∂each of them.
+/// Parameters of a 3D Gaussian without its colour, or ∂L/∂ each of them; units as in
+/// [`Scene3d`](crate::Scene3d).
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Ellipsoid {
     /// μ, world units.
@@ -36,10 +42,10 @@ pub struct Ellipsoid {
     pub opacity_logit: f32,
 }
 
-/// What the pixels need of a Gaussian, but for its colour. Units: px.
+/// A projected Gaussian, without its colour.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Projection {
-    /// Where the mean falls.
+    /// Mean on the image, px.
     pub mean: Vec2,
     /// z of the mean, world units.
     pub depth: f32,
@@ -47,26 +53,30 @@ pub struct Projection {
     pub covariance: [f32; 3],
     /// det Σ′, px⁴.
     pub determinant: f32,
-    /// o: the sigmoid of the logit, times ρ where [`Antialias::compensates`]; 1 under [`Blend::Sum`].
+    /// o: the sigmoid of the logit, times ρ where [`Antialias::compensates`]; 1 under
+    /// [`Blend::Sum`].
     pub opacity: f32,
-    /// cov(z, (u, v)) Σ′⁻¹, world units per px: where a pixel's centre is d away from the mean, the mean of z given that the ray goes
-    /// through it is `depth` + `depth_slope` · d (compare RaDe-GS and StopThePop; exact for the affine approximation). It orders Gaussians under
+    /// cov(z, (u, v)) Σ′⁻¹, world units per px; it orders Gaussians under
     /// [`Order::PerPixel`](crate::effects::Order::PerPixel) and has no gradient.
+    ///
+    /// At a pixel whose centre is d away from the mean, the mean of z given that the ray goes
+    /// through the pixel is `depth` + `depth_slope` · d (compare RaDe-GS and StopThePop; exact for
+    /// the affine approximation).
     pub depth_slope: Vec2,
 }
 
-/// ∂L/∂(what a [`Projection`] holds), as the sums over the pixels yield it.
+/// ∂L/∂ the fields of a [`Projection`], as sums over the pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ProjectionGradient {
-    /// By the mean, px⁻¹.
+    /// ∂L/∂mean, px⁻¹.
     pub mean: Vec2,
-    /// By Σ′xx; by Σ′xy and Σ′yx each; by Σ′yy. px⁻².
+    /// ∂L/∂Σ′xx; ∂L/∂Σ′xy (the same for Σ′yx); ∂L/∂Σ′yy. px⁻².
     pub covariance: [f32; 3],
-    /// By ln o: Σ t with t = o·∂L/∂o, pixel by pixel.
+    /// ∂L/∂(ln o): the sum over the pixels of o·∂L/∂o.
     pub log_opacity: f32,
 }
 
-/// A camera with the effects that act on one Gaussian, made once per factor.
+/// A camera with the effects that act on one Gaussian, made once per forward pass.
 #[derive(Debug, Clone, Copy)]
 pub struct Perspective {
     rotation: Mat3,
@@ -75,7 +85,7 @@ pub struct Perspective {
     focal: Vec2,
     center: Vec2,
     near: f32,
-    /// Between which the Jacobian's slopes are clamped.
+    /// Bounds of the Jacobian's slopes.
     slopes: [Vec2; 2],
     dilation: f32,
     antialias: Antialias,
@@ -83,7 +93,7 @@ pub struct Perspective {
     alpha_cut: f32,
 }
 
-/// What projection and its VJP both need.
+/// Values that projection and its VJP share.
 struct Intermediate {
     /// r₀, r₁.
     projected: [Vec3; 2],
@@ -92,7 +102,7 @@ struct Intermediate {
     clamped: Vec2,
 }
 
-/// What comes back of a [`ProjectionGradient`], whatever the shape is made of.
+/// The part of the VJP that does not depend on the parameterization.
 struct Returned {
     /// ∂L/∂p.
     v_p: Vec3,
@@ -105,17 +115,17 @@ struct Returned {
     opacity_logit: f32,
 }
 
-/// A quaternion times a power of two that keeps its square finite, and that square.
+/// A quaternion scaled by a power of two that keeps its square finite, and that square.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Quaternion {
     pub(crate) scaled: [f32; 4],
-    /// |scaled|²: of a quaternion that is not scaled, |q|² as it is; NaN or infinite where a component is.
+    /// |scaled|²; NaN or infinite where a component of q is.
     pub(crate) norm2: f32,
     /// 1 or [`QUATERNION_SHRINK`].
     pub(crate) scale: f32,
 }
 
-/// A rotation and what it is made of.
+/// A rotation and the quaternion that it is made of.
 struct Turned {
     /// R(q/|q|).
     rotation: Mat3,
@@ -125,7 +135,7 @@ struct Turned {
 }
 
 impl Perspective {
-    /// A valid camera's, with valid settings.
+    /// The perspective of a valid camera with valid settings.
     pub fn new(camera: &Camera, settings: &RenderSettings) -> Self {
         let size = Vec2::new(camera.width as f32, camera.height as f32);
         let margin = JACOBIAN_MARGIN * 0.5 * size / camera.focal;
@@ -145,50 +155,51 @@ impl Perspective {
         }
     }
 
-    /// The least and the greatest slopes (x/z, y/z) that the Jacobian is taken at, for backends whose kernels clamp themselves.
+    /// The least and the greatest slopes (x/z, y/z) of the Jacobian, for backends whose kernels
+    /// clamp themselves.
     pub fn slopes(&self) -> [Vec2; 2] {
         self.slopes
     }
 
-    /// Where a Gaussian falls on the image, and how large; or why it is left out.
+    /// Projects a Gaussian.
     ///
     /// # Errors
-    /// The first [`Cause`] that applies.
+    /// The first [`CullCause`] that applies.
     #[inline]
-    pub fn project(&self, g: &Ellipsoid) -> Result<Projection, Cause> {
+    pub fn project(&self, g: &Ellipsoid) -> Result<Projection, CullCause> {
         let quaternion = Quaternion::new(g.rotation);
         // A sum is finite only if all its terms are.
         let finite = g.mean.is_finite() && g.log_scale.is_finite() && quaternion.norm2.is_finite();
         if !finite || g.opacity_logit.is_nan() {
-            return Err(Cause::NotFinite);
+            return Err(CullCause::NotFinite);
         }
         let p = self.in_front(g.mean)?;
         if !(quaternion.norm2 >= MIN_QUATERNION_NORM2) {
-            return Err(Cause::Degenerate);
+            return Err(CullCause::Degenerate);
         }
         self.project_rows(p, self.rows(&turned(&quaternion).rotation, g.log_scale), g.opacity_logit)
     }
 
-    /// The same of a Gaussian whose shape is held as a factor.
+    /// Projects a Gaussian whose shape is a factor.
     ///
     /// # Errors
-    /// The first [`Cause`] that applies.
+    /// The first [`CullCause`] that applies.
     #[inline]
-    pub fn project_factored(&self, g: &Factored) -> Result<Projection, Cause> {
+    pub fn project_factored(&self, g: &Factored) -> Result<Projection, CullCause> {
         let finite = g.mean.is_finite() && g.factor.is_finite();
         if !finite || g.opacity_logit.is_nan() {
-            return Err(Cause::NotFinite);
+            return Err(CullCause::NotFinite);
         }
         let p = self.in_front(g.mean)?;
-        // Made of a quaternion without direction.
+        // The factor of a quaternion without direction.
         if g.factor == Mat3::ZERO {
-            return Err(Cause::Degenerate);
+            return Err(CullCause::Degenerate);
         }
         self.project_rows(p, rows_of(&(self.rotation * g.factor)), g.opacity_logit)
     }
 
-    /// ∂L/∂(mean, log-scale, rotation, opacity logit) of a Gaussian that [`Self::project`] accepts; not through its colour. The gradient by
-    /// q is orthogonal to q.
+    /// ∂L/∂(mean, log-scale, rotation, opacity logit) of a Gaussian that [`Self::project`] accepts,
+    /// without the part through its colour. The gradient by q is orthogonal to q.
     #[inline]
     pub fn project_vjp(&self, g: &Ellipsoid, v: &ProjectionGradient) -> Ellipsoid {
         let p = self.rotation * g.mean + self.translation;
@@ -208,37 +219,38 @@ impl Perspective {
         }
     }
 
-    /// ∂L/∂(mean, a stretch of the factor, opacity logit) of a Gaussian that [`Self::project_factored`] accepts; not through its colour.
+    /// ∂L/∂(mean, η, opacity logit) of a Gaussian that [`Self::project_factored`] accepts, without
+    /// the part through its colour.
     #[inline]
-    pub fn project_framed_vjp(&self, g: &Factored, v: &ProjectionGradient) -> FramedGradient {
+    pub fn project_factored_vjp(&self, g: &Factored, v: &ProjectionGradient) -> FactoredGradient {
         let p = self.rotation * g.mean + self.translation;
         let rows = rows_of(&(self.rotation * g.factor));
         let Returned { v_p, projected: [r0, r1], v_projected: [v_r0, v_r1], opacity_logit, .. } =
             self.project_rows_vjp(p, &rows, g.opacity_logit, v);
         // dM = M η, so that v_η = Mᵀ v_M = M′ᵀ v_M′, which is symmetric.
         let by = |i: usize, j: usize| r0[i] * v_r0[j] + r1[i] * v_r1[j];
-        FramedGradient {
+        FactoredGradient {
             mean: self.rotation.transpose() * v_p,
             stretch: [by(0, 0), by(0, 1), by(0, 2), by(1, 1), by(1, 2), by(2, 2)],
             opacity_logit,
         }
     }
 
-    /// p of a finite mean that is in front of the near plane.
+    /// p of a finite mean, or the cause that culls it.
     #[inline(always)]
-    fn in_front(&self, mean: Vec3) -> Result<Vec3, Cause> {
+    fn in_front(&self, mean: Vec3) -> Result<Vec3, CullCause> {
         let p = self.rotation * mean + self.translation;
         if p.is_nan() {
-            return Err(Cause::NotFinite);
+            return Err(CullCause::NotFinite);
         }
         if !(p.z >= self.near) {
-            return Err(Cause::Near);
+            return Err(CullCause::Near);
         }
         Ok(p)
     }
 
     #[inline(always)]
-    fn project_rows(&self, p: Vec3, rows: [Vec3; 3], opacity_logit: f32) -> Result<Projection, Cause> {
+    fn project_rows(&self, p: Vec3, rows: [Vec3; 3], opacity_logit: f32) -> Result<Projection, CullCause> {
         let Intermediate { projected: [r0, r1], slope, .. } = self.intermediate(p, &rows);
         let mean = self.focal * slope + self.center;
         let delta = self.dilation;
@@ -249,10 +261,10 @@ impl Perspective {
         let (xx, yy) = (xx + delta, yy + delta);
         let finite = mean.is_finite() && (xx * yy).is_finite() && determinant.is_finite();
         if !finite {
-            return Err(Cause::NotFinite);
+            return Err(CullCause::NotFinite);
         }
         if !(determinant >= MIN_DETERMINANT_PX4) {
-            return Err(Cause::Degenerate);
+            return Err(CullCause::Degenerate);
         }
         let opacity = match (self.blend, self.antialias) {
             (Blend::Sum, _) => 1.0,
@@ -262,10 +274,11 @@ impl Perspective {
             (Blend::Over, _) => sigmoid(opacity_logit),
         };
         if !(opacity >= self.alpha_cut) {
-            return Err(Cause::Transparent);
+            return Err(CullCause::Transparent);
         }
         let (zu, zv) = (rows[2].dot(r0), rows[2].dot(r1));
-        // z̃u Σyy − z̃v Σxy = m₂ · (r₁ × n), without the difference, which cancels in needles; and so for v.
+        // z̃u Σyy − z̃v Σxy = m₂ · (r₁ × n), without the difference, which cancels in needles; and
+        // so for v.
         let undilated_slope = Vec2::new(rows[2].dot(r1.cross(minors)), rows[2].dot(minors.cross(r0)));
         let depth_slope = (undilated_slope + delta * Vec2::new(zu, zv)) / determinant;
         Ok(Projection { mean, depth: p.z, covariance: [xx, xy, yy], determinant, opacity, depth_slope })
@@ -282,7 +295,8 @@ impl Perspective {
             // ln ρ = ½ (ln D − ln D′), D = |n|², D′ = D + δ (|r₀|² + |r₁|²) + δ².
             let n = r0.cross(r1);
             let (det, trace, delta) = (n.length_squared(), r0.length_squared() + r1.length_squared(), self.dilation);
-            // ρ of what is drawn is no less than the cut of α, so that D is not 0; of what is not drawn, there is nothing to differentiate.
+            // Drawn Gaussians have ρ ≥ the α cut, so D > 0; Gaussians that are not drawn have no
+            // gradient.
             if det > 0.0 {
                 let grown = delta * trace + delta * delta;
                 let (by_minors, by_trace) = (grown / (det * (det + grown)), delta / (det + grown));
@@ -310,13 +324,13 @@ impl Perspective {
         }
     }
 
-    /// d = (μ − camera)/|…|, along which the colour is seen; +z where the camera is at μ.
+    /// Viewing direction d = (μ − camera)/|μ − camera|; +z where the camera is at μ.
     #[inline]
     pub fn direction(&self, mean: Vec3) -> Vec3 {
         self.towards(mean).0
     }
 
-    /// From v_d to v_μ: (I − d dᵀ) v_d/|μ − camera|; 0 where the camera is at μ.
+    /// v_μ from v_d: (I − d dᵀ) v_d/|μ − camera|; 0 where the camera is at μ.
     #[inline]
     pub fn direction_vjp(&self, mean: Vec3, v_direction: Vec3) -> Vec3 {
         let (d, inverse_distance) = self.towards(mean);
@@ -396,7 +410,8 @@ fn turned(quaternion: &Quaternion) -> Turned {
     Turned { rotation, unit, inverse_norm }
 }
 
-/// v_q of q with q/|q| = `unit`, from v_ω of a turn ω in the world's axes. As d(q/|q|) = ½ (0, ω) q/|q|, it is 2 (0, v_ω) q/|q|².
+/// v_q of q with q/|q| = `unit`, from v_ω of a turn ω in the world's axes. As d(q/|q|) = ½ (0, ω)
+/// q/|q|, it is 2 (0, v_ω) q/|q|².
 #[inline(always)]
 pub(crate) fn quaternion_vjp(unit: [f32; 4], inverse_norm: f32, v_turn: Vec3) -> [f32; 4] {
     let turn = v_turn * (2.0 * inverse_norm);

@@ -1,20 +1,22 @@
-//! Colour by direction: real spherical harmonics up to degree 3, with 3DGS's constants, signs and order, and their derivatives.
+//! Colour by direction: real spherical harmonics (SH) up to degree 3, with the constants, signs and
+//! order of 3DGS, and their derivatives.
 //!
-//! Legend: d = unit vector from the camera to the Gaussian's mean, world axes; Y_k = basis function; `v_x` = ∂L/∂x.
+//! Legend: d = unit vector from the camera to the Gaussian's mean, world axes; Y_k = basis
+//! function; `v_x` = ∂L/∂x.
 
 use glam::Vec3;
 
 use crate::constants::{SH_C0, SH_C1, SH_C2, SH_C3};
 
-/// Coefficients of degree 3, the highest.
+/// Number of coefficients up to degree 3, the highest.
 pub const MOST_COEFFICIENTS: usize = 16;
 
-/// K = (degree + 1)².
+/// Number of coefficients up to a degree: K = (degree + 1)².
 pub fn coefficients(degree: u8) -> usize {
     (usize::from(degree) + 1).pow(2)
 }
 
-/// Y_k(d); of degree above `degree`: 0.
+/// Y_k(d) for all k; 0 above `degree`.
 #[inline(always)]
 pub fn basis(degree: u8, d: Vec3) -> [f32; MOST_COEFFICIENTS] {
     let mut y_k = [0.0; MOST_COEFFICIENTS];
@@ -46,11 +48,12 @@ pub fn basis(degree: u8, d: Vec3) -> [f32; MOST_COEFFICIENTS] {
     y_k
 }
 
-/// The most by which leaving out all coefficients above `degree` changes a channel of ½ + SH, over all directions; `sh` holds those of one
-/// Gaussian, whole degrees.
+/// Bound, over all directions, on the change of a channel of ½ + SH where all coefficients above
+/// `degree` are left out; `sh` holds the coefficients of one Gaussian, whole degrees.
 ///
-/// Σ over the degrees l left out of √((2l + 1)/4π)·‖coefficients of degree l‖, as Σ Y_k² = (2l + 1)/4π over a degree's functions in every
-/// direction (Unsöld's theorem) and by the inequality of Cauchy and Schwarz.
+/// It is Σ √((2l + 1)/4π)·‖coefficients of degree l‖ over the degrees l left out, as Σ Y_k² = (2l +
+/// 1)/4π over a degree's functions in every direction (Unsöld's theorem) and by the inequality of
+/// Cauchy and Schwarz.
 pub fn change_bound(degree: u8, sh: &[Vec3]) -> f32 {
     let kept = usize::from(degree) + 1;
     let mut sum = Vec3::ZERO;
@@ -63,7 +66,8 @@ pub fn change_bound(degree: u8, sh: &[Vec3]) -> f32 {
     sum.max_element()
 }
 
-/// Σ a_k ∇Y_k(d), in the three components of d as if they were free; the caller keeps what is tangential.
+/// Σ a_k ∇Y_k(d) by the three components of d as if they were free; the caller keeps the tangential
+/// part.
 #[inline(always)]
 fn weighted_gradients(degree: u8, d: Vec3, a: &[f32; MOST_COEFFICIENTS]) -> Vec3 {
     if degree == 0 {
@@ -100,8 +104,9 @@ fn weighted_gradients(degree: u8, d: Vec3, a: &[f32; MOST_COEFFICIENTS]) -> Vec3
     )
 }
 
-/// c = max(0, ½ + Σ Y_k(d) sh_k), channel by channel; `sh` holds at least the coefficients of `degree`, as
-/// [`Vec3`] or arrays. What is not finite stays so, −∞ too: it must be seen, not drawn as black.
+/// Colour c = max(0, ½ + Σ Y_k(d) sh_k), channel by channel; `sh` holds at least the coefficients
+/// of `degree`, as [`Vec3`] or arrays. Values that are not finite stay so, −∞ too, so that they are
+/// noticed and not drawn as black.
 #[inline(always)]
 pub fn color<C: Copy + Into<Vec3>>(degree: u8, d: Vec3, sh: &[C]) -> [f32; 3] {
     let y_k = basis(degree, d);
@@ -109,8 +114,8 @@ pub fn color<C: Copy + Into<Vec3>>(degree: u8, d: Vec3, sh: &[C]) -> [f32; 3] {
     sum.to_array().map(|c| if (f32::MIN..0.0).contains(&c) { 0.0 } else { c })
 }
 
-/// From v_c to (v_d, v_sh): v_d tangential or not, v_sh written over the first (degree + 1)² of `v_sh`. Channels whose colour is clamped,
-/// where ½ + SH ≤ 0, pass nothing on.
+/// (v_d, v_sh) from v_c: returns v_d, not projected to the tangent, and writes v_sh to the first
+/// (degree + 1)² of `v_sh`. Channels whose colour is clamped, where ½ + SH ≤ 0, have no gradient.
 #[inline(always)]
 pub fn color_vjp<C>(degree: u8, d: Vec3, sh: &[C], v_color: [f32; 3], v_sh: &mut [C]) -> Vec3
 where
@@ -139,7 +144,8 @@ mod tests {
 
     #[test]
     fn basis_functions_are_orthonormal_on_the_sphere() {
-        // The product of two is a polynomial of degree 6, for which a grid of Gauss–Legendre by uniform angles is exact.
+        // The product of two is a polynomial of degree 6, for which a grid of Gauss–Legendre by
+        // uniform angles is exact.
         let nodes = [(0.0, 0.568_888_9), (0.538_469_3, 0.478_628_67), (0.906_179_85, 0.236_926_88)];
         let mut gram = [[0.0f64; MOST_COEFFICIENTS]; MOST_COEFFICIENTS];
         for (node, weight) in

@@ -1,8 +1,8 @@
-//! One Gaussian at one pixel: `weight`, `blend_fwd`, `blend_bwd`. The reference that every backend's kernels compute, many
-//! pixels at a time; nothing here is fast.
+//! One Gaussian at one pixel: `weight`, `blend_fwd`, `blend_bwd`. The reference for every backend's
+//! kernels, written for clarity, not speed.
 //!
-//! Legend: d = pixel centre − mean (px), w = weight, o = opacity, α = min(o·w, α_max), T = transmittance before this Gaussian,
-//! `v_x` = ∂L/∂x.
+//! Legend: d = pixel centre − mean (px), w = weight, o = opacity, α = min(o·w, α_max), T =
+//! transmittance before this Gaussian, `v_x` = ∂L/∂x.
 
 use glam::{Mat2, Vec2};
 
@@ -16,16 +16,16 @@ use crate::{
 pub struct Conic {
     /// Coefficient of dx².
     pub a: f32,
-    /// Coefficient of dx·dy, half of it.
+    /// Half the coefficient of dx·dy.
     pub b: f32,
     /// Coefficient of dy².
     pub c: f32,
 }
 
 impl Conic {
-    /// The inverse of Σ′ = L Lᵀ (px²) from L (px), whose determinant suffers no cancellation; `None` where det Σ′ is not at least
-    /// [`MIN_DETERMINANT_PX4`], or not finite.
-    pub fn of_frame(l: Mat2) -> Option<Self> {
+    /// The inverse of Σ′ = L Lᵀ (px²) from L (px), whose determinant suffers no cancellation;
+    /// `None` where det Σ′ is not at least [`MIN_DETERMINANT_PX4`], or not finite.
+    pub fn of_factor(l: Mat2) -> Option<Self> {
         let det = l.determinant();
         if !(det * det >= MIN_DETERMINANT_PX4) || !(det * det).is_finite() {
             return None;
@@ -73,14 +73,14 @@ pub mod sum {
 pub mod over {
     use crate::settings::Accuracy;
 
-    /// What a pixel keeps while it is blended.
+    /// State of a pixel while it is blended.
     #[derive(Debug, Clone, Copy, PartialEq)]
     pub struct Forward {
         /// Σ T α c so far.
         pub color: [f32; 3],
         /// T = Π (1 − α) so far.
         pub transmittance: f32,
-        /// Whether a Gaussian has been refused because T would have fallen below the minimum; then none counts any more.
+        /// Whether T would have fallen below the minimum; no further Gaussian counts then.
         pub full: bool,
     }
 
@@ -112,12 +112,13 @@ pub mod over {
         true
     }
 
-    /// What a pixel keeps while it is replayed front to back for its gradients.
+    /// State of a pixel while it is replayed front to back for its gradients.
     #[derive(Debug, Clone, Copy, PartialEq)]
     pub struct Backward {
         /// v_C of the finished pixel.
         pub v_color: [f32; 3],
-        /// v_C · (the part of the finished colour, background included, that is behind what was replayed so far).
+        /// v_C · (the part of the finished colour, background included, that is behind what was
+        /// replayed so far).
         pub v_rest: f32,
         /// T so far.
         pub transmittance: f32,
@@ -133,8 +134,8 @@ pub mod over {
         }
     }
 
-    /// (v_α, v_c) of the next Gaussian, `None` where it did not count. v_α = T c·v_C − rest/(1 − α), where 1 − α is at least
-    /// 1 − α_max. Where α was clamped the caller must take v_(o·w) = 0.
+    /// (v_α, v_c) of the next Gaussian, `None` where it did not count. v_α = T c·v_C − rest/(1 −
+    /// α), where 1 − α is at least 1 − α_max. Where α was clamped the caller must take v_(o·w) = 0.
     pub fn blend_bwd(pixel: &mut Backward, alpha: f32, c: [f32; 3], accuracy: &Accuracy) -> Option<(f32, [f32; 3])> {
         if pixel.full || !(alpha > 0.0) {
             return None;
@@ -157,15 +158,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn conic_of_frame_inverts_the_covariance() {
+    fn conic_of_factor_inverts_the_covariance() {
         let l = Mat2::from_cols(Vec2::new(3.0, 1.0), Vec2::new(-0.5, 2.0));
         let inverse = (l * l.transpose()).inverse();
-        let conic = Conic::of_frame(l).unwrap();
+        let conic = Conic::of_factor(l).unwrap();
         assert!((conic.a - inverse.x_axis.x).abs() < 1e-6);
         assert!((conic.b - inverse.x_axis.y).abs() < 1e-6);
         assert!((conic.c - inverse.y_axis.y).abs() < 1e-6);
-        assert_eq!(Conic::of_frame(Mat2::from_cols(Vec2::X, Vec2::X)), None);
-        assert_eq!(Conic::of_frame(Mat2::NAN), None);
+        assert_eq!(Conic::of_factor(Mat2::from_cols(Vec2::X, Vec2::X)), None);
+        assert_eq!(Conic::of_factor(Mat2::NAN), None);
     }
 
     #[test]

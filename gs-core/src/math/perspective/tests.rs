@@ -121,19 +121,19 @@ fn what_is_left_out_has_a_cause() {
     let perspective = Perspective::new(&camera(), &settings(Antialias::None));
     let good = ellipsoid(MEANS[0]);
     let cause = |g: Ellipsoid| perspective.project(&g).unwrap_err();
-    assert_eq!(cause(Ellipsoid { mean: Vec3::new(f32::NAN, 0.0, -9.0), ..good }), Cause::NotFinite);
-    assert_eq!(cause(Ellipsoid { mean: Vec3::new(0.0, 0.0, -9.0), ..good }), Cause::Near);
-    assert_eq!(cause(Ellipsoid { mean: camera().position(), ..good }), Cause::Near);
-    assert_eq!(cause(Ellipsoid { rotation: [0.0; 4], ..good }), Cause::Degenerate);
-    assert_eq!(cause(Ellipsoid { rotation: [f32::INFINITY; 4], ..good }), Cause::NotFinite);
-    assert_eq!(cause(Ellipsoid { log_scale: Vec3::splat(80.0), ..good }), Cause::NotFinite);
-    assert_eq!(cause(Ellipsoid { log_scale: Vec3::splat(-80.0), ..good }), Cause::Degenerate);
-    assert_eq!(cause(Ellipsoid { opacity_logit: f32::NEG_INFINITY, ..good }), Cause::Transparent);
-    assert_eq!(cause(Ellipsoid { opacity_logit: f32::NAN, ..good }), Cause::NotFinite);
+    assert_eq!(cause(Ellipsoid { mean: Vec3::new(f32::NAN, 0.0, -9.0), ..good }), CullCause::NotFinite);
+    assert_eq!(cause(Ellipsoid { mean: Vec3::new(0.0, 0.0, -9.0), ..good }), CullCause::Near);
+    assert_eq!(cause(Ellipsoid { mean: camera().position(), ..good }), CullCause::Near);
+    assert_eq!(cause(Ellipsoid { rotation: [0.0; 4], ..good }), CullCause::Degenerate);
+    assert_eq!(cause(Ellipsoid { rotation: [f32::INFINITY; 4], ..good }), CullCause::NotFinite);
+    assert_eq!(cause(Ellipsoid { log_scale: Vec3::splat(80.0), ..good }), CullCause::NotFinite);
+    assert_eq!(cause(Ellipsoid { log_scale: Vec3::splat(-80.0), ..good }), CullCause::Degenerate);
+    assert_eq!(cause(Ellipsoid { opacity_logit: f32::NEG_INFINITY, ..good }), CullCause::Transparent);
+    assert_eq!(cause(Ellipsoid { opacity_logit: f32::NAN, ..good }), CullCause::NotFinite);
     assert_eq!(perspective.project(&Ellipsoid { opacity_logit: f32::INFINITY, ..good }).unwrap().opacity, 1.0);
     let mip = Perspective::new(&camera(), &settings(Antialias::Mip));
     let flat = Ellipsoid { log_scale: Vec3::new(-1.0, -200.0, -200.0), ..good };
-    assert_eq!(mip.project(&flat).unwrap_err(), Cause::Transparent);
+    assert_eq!(mip.project(&flat).unwrap_err(), CullCause::Transparent);
     assert!(mip.project_vjp(&flat, &ProjectionGradient { log_opacity: 1.0, ..Default::default() }).mean.is_finite());
 }
 

@@ -1,12 +1,13 @@
-//! The parameterization against its definition: axes of factors, steps, bounds, and gradients by central differences.
+//! The parameterization against its definition: axes of factors, steps, bounds, and gradients by
+//! central differences.
 
 use super::*;
 use crate::{
     Adam,
     effects::{Antialias, Blend},
-    perspective::{Ellipsoid, Perspective, ProjectionGradient},
+    math::perspective::{Ellipsoid, Perspective, ProjectionGradient},
     settings::RenderSettings,
-    statistics::Cause,
+    statistics::CullCause,
     view::Camera,
 };
 
@@ -87,21 +88,22 @@ fn an_aligned_frame_is_of_the_same_covariance_and_the_parent_itself_where_that_i
     assert_eq!(aligned(factor, Mat3::NAN), factor);
 }
 
-/// It is drawn nowhere, stays as it is in training, and is told as it was; one of hardly any size is another thing.
+/// It is not drawn, does not change in training, and is downloaded unchanged; a Gaussian of a tiny
+/// size is another case.
 #[test]
 fn what_has_no_direction_has_no_frame() {
     let rates = Adam::default().at(0.0);
-    assert_eq!(frame_of(Vec3::ZERO, [0.0; 4]), None);
+    assert_eq!(factor_of(Vec3::ZERO, [0.0; 4]), None);
     for antialias in Antialias::ALL {
         let found = perspective(antialias).project_factored(&factored(Mat3::ZERO));
-        assert_eq!(found, Err(Cause::Degenerate), "{antialias:?}");
+        assert_eq!(found, Err(CullCause::Degenerate), "{antialias:?}");
     }
     assert_eq!(stretched(Mat3::ZERO, [0.1; 6], &rates), Mat3::ZERO);
     let (log_scale, rotation) = Gaussian3d::shape_of_factor(Mat3::ZERO);
     assert!(log_scale.is_finite() && rotation == [0.0; 4]);
     assert_eq!(by_scale_rotation(Mat3::ZERO, [0.0; 6]), (Vec3::ZERO, [0.0; 4]));
 
-    let tiny = frame_of(Vec3::splat(-200.0), [1.0, 0.0, 0.0, 0.0]).unwrap();
+    let tiny = factor_of(Vec3::splat(-200.0), [1.0, 0.0, 0.0, 0.0]).unwrap();
     assert!(perspective(Antialias::Dilate).project_factored(&factored(tiny)).is_ok());
     assert!(Gaussian3d::shape_of_factor(tiny).0.is_finite());
 }
@@ -131,7 +133,7 @@ fn a_frame_is_seen_as_its_scales_and_rotation_are() {
             assert!((0..3).all(|k| (a[k] - b[k]).abs() < 1e-4 * a[0].max(a[2])), "{a:?} {b:?}");
 
             // And differentiated.
-            let (found, expected) = (perspective.project_framed_vjp(&g, &V), perspective.project_vjp(&same, &V));
+            let (found, expected) = (perspective.project_factored_vjp(&g, &V), perspective.project_vjp(&same, &V));
             assert!((found.mean - expected.mean).length() < 1e-4 * expected.mean.length());
             assert!((found.opacity_logit - expected.opacity_logit).abs() < 1e-6);
             let (by_log_scale, by_rotation) = by_scale_rotation(factor, found.stretch);
@@ -162,7 +164,7 @@ fn gradients_are_central_differences() {
         let perspective = perspective(antialias);
         for factor in factors() {
             let g = factored(factor);
-            let found = perspective.project_framed_vjp(&g, &V);
+            let found = perspective.project_factored_vjp(&g, &V);
             let xi = factor.transpose() * found.mean;
             let slope = |at: &dyn Fn(f32) -> Factored| {
                 (loss(&perspective, &at(h)) - loss(&perspective, &at(-h))) / f64::from(2.0 * h)

@@ -1,0 +1,10 @@
+//! The arithmetic that every backend computes, written plainly: one Gaussian through a camera and
+//! at one pixel, and the derivatives of both.
+
+pub mod covariance_factor;
+pub mod perspective;
+pub mod sh;
+pub mod splat;
+pub mod whitened;
+
+pub use crate::{noise::random_words, target::completed};
