@@ -1,4 +1,5 @@
-//! The conformance suite, over the backend chosen at run time: [`AnyRasterizer`] passes every call on unchanged.
+//! The conformance suite, over the backend chosen at run time: [`AnyRasterizer`] passes every call
+//! on unchanged.
 
 use gs_backend::{AnyRasterizer, FutureExt as _, Request, Wanted, open};
 use gs_conformance::conformance::{cases, cases_3d};

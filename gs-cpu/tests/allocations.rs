@@ -1,7 +1,8 @@
 //! A warm training step allocates nothing that grows with the scene or the image.
 //!
 //! This test counts with an allocator of its own, and so needs a process of its own. The thread
-//! pool's queue allocates a block of memory for every few dozen jobs that come from outside the pool.
+//! pool's queue allocates a block of memory for every few dozen jobs that come from outside the
+//! pool.
 
 #![allow(unsafe_code, reason = "an allocator that counts has to be an allocator")]
 

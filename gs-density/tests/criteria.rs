@@ -1,4 +1,5 @@
-//! Who grows and who goes: counts, budgets, and indifference to the order of the Gaussians, for every policy that ranks.
+//! Who grows and who goes: counts, budgets, and indifference to the order of the Gaussians, for
+//! every policy that ranks.
 
 use std::collections::BTreeSet;
 
@@ -166,7 +167,8 @@ fn arrays_that_do_not_fit_are_refused() {
     }
 }
 
-/// A scene of 0 to 60 Gaussians, a tenth of them broken, and its mean gradients: distinct, from far below τ to far above it.
+/// A scene of 0 to 60 Gaussians, a tenth of them broken, and its mean gradients: distinct, from far
+/// below τ to far above it.
 fn any_scene() -> impl Strategy<Value = (Vec<Gaussian2d>, Vec<f32>)> {
     let any_gaussian = (
         (0f32..128.0, 0f32..96.0),

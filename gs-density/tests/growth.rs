@@ -1,4 +1,5 @@
-//! What becomes of a Gaussian that grows: where the two stand, how large they are, what they inherit, what they look like.
+//! What becomes of a Gaussian that grows: where the two stand, how large they are, what they
+//! inherit, what they look like.
 
 use glam::{Mat2, Vec2, Vec3};
 use gs_core::{
@@ -121,7 +122,8 @@ fn halves_are_drawn_from_the_parent() {
     let mean = offsets.iter().sum::<Vec2>() / n;
     let covariance =
         offsets.iter().map(|&d| Mat2::from_cols(d * d.x, d * d.y)).fold(Mat2::ZERO, |a, b| a + b) * (1.0 / n);
-    // In the parent's own frame the offsets are standard normal: standard errors are 1/√n of the mean, √(2/n) of a variance.
+    // In the parent's own frame the offsets are standard normal: standard errors are 1/√n of the
+    // mean, √(2/n) of a variance.
     let whiten = parent().factor().inverse();
     let (mean, covariance) = (whiten * mean, whiten * covariance * whiten.transpose());
     assert!(mean.abs().max_element() < 4.0 / n.sqrt(), "{mean}");
@@ -149,7 +151,8 @@ fn conserved_opacity_composites_to_the_parents() {
     let conserve = small().with(|s| s.opacity_correction = OpacityCorrection::Conserve);
     for opacity_logit in [-6.0, -2.0, 0.0, 0.8, 3.0, 8.0, f32::INFINITY] {
         let parent = Gaussian2d { opacity_logit, ..parent() };
-        // A second, translucent Gaussian makes this a scene with opacities even where this one is opaque.
+        // A second, translucent Gaussian makes this a scene with opacities even where this one is
+        // opaque.
         let scene: Scene2d = [parent, self::parent()].into_iter().collect();
         let (change, birth) = grow_in(&scene, 0, &conserve, &mut Rng::new(1, 2));
         let original = change.map_or(parent, |c| c.gaussian);

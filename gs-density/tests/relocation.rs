@@ -1,4 +1,5 @@
-//! Growth without scores and without parents: 3DGS-MCMC's relocation, Image-GS's additions, and the long-axis split.
+//! Growth without scores and without parents: 3DGS-MCMC's relocation, Image-GS's additions, and the
+//! long-axis split.
 
 use glam::{Vec2, Vec3};
 use gs_conformance::properties::fresh;

@@ -29,7 +29,8 @@ use crate::error::Error;
 /// ```
 ///
 /// # Errors
-/// [`Error::NoFolder`], [`Error::NotAFile`] for a folder, [`Error::Write`] with the error of `content` or of the operating system.
+/// [`Error::NoFolder`], [`Error::NotAFile`] for a folder, [`Error::Write`] with the error of
+/// `content` or of the operating system.
 pub fn write_atomically(
     path: impl AsRef<Path>,
     content: impl FnOnce(&mut dyn Write) -> io::Result<()>,

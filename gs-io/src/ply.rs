@@ -50,7 +50,8 @@ const MAX_DEPTH_WORLD: f32 = 0.02;
 /// is 1 to seven digits.
 const MAX_LOGIT: f32 = 16.0;
 
-/// Writes the scene as a binary little-endian 3DGS PLY, atomically. Vertices are in the scene's order.
+/// Writes the scene as a binary little-endian 3DGS PLY, atomically. Vertices are in the scene's
+/// order.
 ///
 /// # Errors
 /// Those of [`flat_scene`], as [`Error::Content`], and of [`write_durably`](crate::write_durably).
@@ -66,7 +67,8 @@ pub fn write_ply(path: impl AsRef<Path>, file: &File2d) -> Result<(), Error> {
 /// The 3D scene that [`write_ply`] writes.
 ///
 /// # Errors
-/// Those of [`File2d::validate`]; [`gs_core::Error::State`] for a scene that is empty or blended by [`Blend::Sum`].
+/// Those of [`File2d::validate`]; [`gs_core::Error::State`] for a scene that is empty or blended by
+/// [`Blend::Sum`].
 pub fn flat_scene(file: &File2d) -> Result<Scene3d, gs_core::Error> {
     file.validate()?;
     if file.scene.is_empty() {

@@ -8,8 +8,9 @@
 //! | `opacity_logit` | F32 `[N]`, absent where every Gaussian is opaque | logit, ±∞ allowed |
 //! | `color` | F32 `[N, 3]` | RGB as in the image file |
 //!
-//! The metadata entry `gs` is JSON: `{"format": "gs-planar-scene", "version": 1, "program": …, "content": {"width": …,
-//! "height": …, "settings": …}}`, with the canvas size in px and the render settings as gs-core serialises them.
+//! The metadata entry `gs` is JSON:
+//! `{"format": "gs-planar-scene", "version": 1, "program": …, "content": {"width": …, "height": …, "settings": …}}`,
+//! with the canvas size in px and the render settings as gs-core serialises them.
 
 use std::path::Path;
 
@@ -46,7 +47,8 @@ impl File2d {
     /// Checks scene, size and settings, as [`write_2d`] and [`read_2d`] do.
     ///
     /// # Errors
-    /// Those of [`Scene2d::validate`](Scene::validate), [`check_size`] and [`RenderSettings::validate`].
+    /// Those of [`Scene2d::validate`](Scene::validate), [`check_size`] and
+    /// [`RenderSettings::validate`].
     pub fn validate(&self) -> Result<(), gs_core::Error> {
         self.validate_view()?;
         self.scene.validate()
@@ -68,7 +70,8 @@ struct Content {
 /// Writes a scene losslessly and atomically. Equal scenes give equal bytes.
 ///
 /// # Errors
-/// [`Error::Content`] where [`File2d::validate`] fails; those of [`write_durably`](crate::write_durably).
+/// [`Error::Content`] where [`File2d::validate`] fails; those of
+/// [`write_durably`](crate::write_durably).
 pub fn write_2d(path: impl AsRef<Path>, file: &File2d) -> Result<(), Error> {
     let path = path.as_ref();
     file.validate().map_err(Error::content(path))?;

@@ -1,4 +1,5 @@
-//! Export of 2D scenes to SVG: each Gaussian is an ellipse with a radial gradient, painted back to front.
+//! Export of 2D scenes to SVG: each Gaussian is an ellipse with a radial gradient, painted back to
+//! front.
 //!
 //! The export is approximate: a gradient has [`STOPS`] stops with linear interpolation, and ends at
 //! [`RADIUS`] standard deviations; colours and opacities have 8 bits; antialiasing is that of the
@@ -24,8 +25,9 @@ const STOPS: u32 = 10;
 /// Writes the scene as an SVG of the picture's size, atomically.
 ///
 /// # Errors
-/// [`Error::Content`] where [`File2d::validate`] fails and for a scene blended by [`Blend::Sum`]: SVG has no negative colours,
-/// which such scenes need. Those of [`write_durably`](crate::write_durably).
+/// [`Error::Content`] where [`File2d::validate`] fails and for a scene blended by [`Blend::Sum`]:
+/// SVG has no negative colours, which such scenes need. Those of
+/// [`write_durably`](crate::write_durably).
 pub fn write_svg(path: impl AsRef<Path>, file: &File2d) -> Result<(), Error> {
     let path = path.as_ref();
     file.validate().map_err(Error::content(path))?;

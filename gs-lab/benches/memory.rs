@@ -1,10 +1,10 @@
-//! Peak memory of training 3D scenes against the number of Gaussians, of tile entries and of pixels,
-//! for both backends and for SH degrees 0 and 3. Each size runs in a process of its own.
+//! Peak memory of training 3D scenes against the number of Gaussians, of tile entries and of
+//! pixels, for both backends and for SH degrees 0 and 3. Each size runs in a process of its own.
 //!
 //! `cargo bench -p gs-lab --bench memory -- [--backend wgpu] [--threads N] [--quick]`
 //!
-//! For gs-wgpu the figure is valid if the driver computes on the host, such as lavapipe: only then is
-//! the device's memory that of the process.
+//! For gs-wgpu the figure is valid if the driver computes on the host, such as lavapipe: only then
+//! is the device's memory that of the process.
 
 #![allow(clippy::print_stdout)]
 

@@ -1,5 +1,5 @@
-//! Time and memory against the number of Gaussians, of tile entries and of pixel–Gaussian pairs, up to
-//! 1,000,000 Gaussians on 4096×4096 px. Each size runs in a process of its own.
+//! Time and memory against the number of Gaussians, of tile entries and of pixel–Gaussian pairs, up
+//! to 1,000,000 Gaussians on 4096×4096 px. Each size runs in a process of its own.
 //!
 //! `cargo bench -p gs-lab --bench scaling -- [--level avx2] [--threads N] [--quick]`
 

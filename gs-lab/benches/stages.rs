@@ -1,5 +1,5 @@
-//! Time of each stage of a training step on a fitted scene, and the rate of blending relative to its
-//! bare inner loop.
+//! Time of each stage of a training step on a fitted scene, and the rate of blending relative to
+//! its bare inner loop.
 //!
 //! `cargo bench -p gs-lab --bench stages -- [--level avx2] [--threads N] [--quick]`
 

@@ -1,5 +1,5 @@
-//! Training in 3D on both backends: time of a step from the points of a reconstruction, and the result
-//! of equally many steps.
+//! Training in 3D on both backends: time of a step from the points of a reconstruction, and the
+//! result of equally many steps.
 //!
 //! `GS_DATA=../shared/data cargo bench -p gs-lab --bench training -- [--threads N] [--quick]`
 

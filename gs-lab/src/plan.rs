@@ -57,7 +57,8 @@ impl Plan {
     /// [`Machine::name`].
     ///
     /// # Errors
-    /// [`Error::Study`], [`Error::Arm`] where settings are not possible, [`Error::NoImage`] and [`Error::Io`] for images.
+    /// [`Error::Study`], [`Error::Arm`] where settings are not possible, [`Error::NoImage`] and
+    /// [`Error::Io`] for images.
     pub fn new(study: Study, places: &Places, machine: impl Into<Machine>) -> Result<Self, Error> {
         study.validate()?;
         let machine = machine.into();

@@ -1,5 +1,6 @@
-//! Between rounds of density control, a training step on a device moves the same few bytes however many Gaussians and pixels there are,
-//! whatever the policy, and whether or not the images have masks and alpha.
+//! Between rounds of density control, a training step on a device moves the same few bytes however
+//! many Gaussians and pixels there are, whatever the policy, and whether or not the images have
+//! masks and alpha.
 
 use gs_conformance::scenes::{Draw, Kind};
 use gs_core::{Blend, Camera, Image, Optimizer, Scene2d, Scene3d};
@@ -26,8 +27,9 @@ fn wgpu() -> WgpuRasterizer {
 
 /// Bytes of some steps in the middle of a run, without those of downloading the scene.
 ///
-/// Up to four steps are under way when [`Trainer::step_once`] returns, and how many depends on timing. Downloading the scene waits
-/// for all of them, so that the count begins and ends with none under way.
+/// Up to four steps are under way when [`Trainer::step_once`] returns, and how many depends on
+/// timing. Downloading the scene waits for all of them, so that the count begins and ends with none
+/// under way.
 fn bytes_of_steps<R, S>(trainer: &mut Trainer<'_, R, S>, moved: impl Fn() -> u64) -> u64
 where
     R: Optimizer<S>,

@@ -1,5 +1,6 @@
-//! Fits that are made to fail, and must not: learning rates a hundred times too high, targets that nothing can fit, brightness beyond all
-//! measure, nothing to see at all. No NaN, no count beyond the budget, no memory without end, and a loss no worse than at the start.
+//! Fits that are made to fail, and must not: learning rates a hundred times too high, targets that
+//! nothing can fit, brightness beyond all measure, nothing to see at all. No NaN, no count beyond
+//! the budget, no memory without end, and a loss no worse than at the start.
 //!
 //! The slow tests run 20,000 steps from each of 20 seeds; the ordinary ones a few hundred from two.
 
@@ -106,7 +107,8 @@ const LONG: Length = Length { steps: 20_000, seeds: 20 };
 /// So many times the loss at the start may be that at the end: roundings.
 const NO_WORSE: f64 = 1.0 + 1e-6;
 
-/// What a process may have had at most after all its fits, of 60 Gaussians on 192 pixels, where the system tells.
+/// What a process may have had at most after all its fits, of 60 Gaussians on 192 pixels, where the
+/// system tells.
 const MOST_BYTES: u64 = 256 << 20;
 
 /// What a fit went through.
@@ -127,7 +129,8 @@ impl Observer for TrainingTask {
     }
 }
 
-/// Runs a fit to its end and checks the result; returns the number of restarts. `loss_of` is the loss of a scene over all images.
+/// Runs a fit to its end and checks the result; returns the number of restarts. `loss_of` is the
+/// loss of a scene over all images.
 fn endure<R: Optimizer<S>, S: Trainable>(
     mut trainer: Trainer<'_, R, S>,
     loss_of: impl Fn(&S) -> Result<f64, Error>,

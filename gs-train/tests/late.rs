@@ -1,4 +1,5 @@
-//! A backend that tells its losses late makes no difference to a fit, to what is written about it, or to how it fails.
+//! A backend that tells its losses late makes no difference to a fit, to what is written about it,
+//! or to how it fails.
 
 mod scenes;
 

@@ -1,4 +1,5 @@
-//! A GPU that is lost under way ends the fit with an error; its last checkpoint is as it was, and goes on elsewhere.
+//! A GPU that is lost under way ends the fit with an error; its last checkpoint is as it was, and
+//! goes on elsewhere.
 
 mod scenes;
 
@@ -47,7 +48,8 @@ fn is_of_backend<T>(result: Result<T, Error>) {
     }
 }
 
-/// Loses the device after so many of 42 steps, and goes on with the checkpoint of `stored_at` on the CPU.
+/// Loses the device after so many of 42 steps, and goes on with the checkpoint of `stored_at` on
+/// the CPU.
 fn lose_and_go_on(settings: FitSettings, after: u32, stored_at: u32) {
     let target = small_target();
     let wgpu = WgpuRasterizer::new(WgpuSettings::default()).block_on().expect("`cargo xtask test` installs a driver");
@@ -75,7 +77,8 @@ fn lose_and_go_on(settings: FitSettings, after: u32, stored_at: u32) {
     let mut whole = Trainer::new(&cpu, &target, settings).block_on().unwrap();
     whole.run(&mut ()).block_on().unwrap();
     let (resumed, whole) = (resumed.quality().block_on().unwrap().psnr, whole.quality().block_on().unwrap().psnr);
-    // Between fresh lists the backends' tiles decide what a moving Gaussian still reaches, so the ends differ a little.
+    // Between fresh lists the backends' tiles decide what a moving Gaussian still reaches, so the
+    // ends differ a little.
     assert!((resumed - whole).abs() < 2.0, "{resumed} dB, and {whole} dB where nothing was lost");
 }
 

@@ -1,4 +1,5 @@
-//! A diverging run restarts, reports it in progress, metrics, summary and checkpoint, and ends no worse than it began.
+//! A diverging run restarts, reports it in progress, metrics, summary and checkpoint, and ends no
+//! worse than it began.
 
 mod scenes;
 /// Shared with other tests, which use all of it.

@@ -60,7 +60,8 @@ fn a_resumed_run_ends_bit_identical_in_both_charts_and_blends() {
                     s.seed = 3;
                 });
                 let whole = end_state(settings.clone(), &target);
-                // Within, on and right after rounds (every 10 steps), on and off the steps that bin afresh (every 4).
+                // Within, on and right after rounds (every 10 steps), on and off the steps that bin
+                // afresh (every 4).
                 let pieces = end_state_in_pieces(settings, &target, &[1, 10, 23, 37]);
                 assert_eq!(bits(&whole), bits(&pieces), "{blend:?} {parameterization:?}");
             }

@@ -1,5 +1,5 @@
-//! Whole trainings in 3D: a scene comes back from its pictures, runs repeat and resume bit for bit, and what is masked or transparent
-//! counts as it should.
+//! Whole trainings in 3D: a scene comes back from its pictures, runs repeat and resume bit for bit,
+//! and what is masked or transparent counts as it should.
 
 mod space;
 

@@ -30,7 +30,8 @@ impl Observer for Told {
 fn gaussians_that_stop_being_finite_are_counted_everywhere_and_removed() {
     for blend in [Blend::Sum, Blend::Over] {
         for rounds in [Rounds::NEVER, Rounds::until(10, 30)] {
-            // Each step is as long as numbers go: after two, means are infinite, and nothing is drawn; the loss is that of an empty image.
+            // Each step is as long as numbers go: after two, means are infinite, and nothing is
+            // drawn; the loss is that of an empty image.
             let recovery = Recovery::Never;
             let mut settings = small_fit(blend).with(|s| {
                 s.rounds = rounds;

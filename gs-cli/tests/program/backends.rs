@@ -1,4 +1,5 @@
-//! Choosing what computes. The wgpu backend needs an adapter; a software driver will do, and `cargo xtask test` installs one.
+//! Choosing what computes. The wgpu backend needs an adapter; a software driver will do, and
+//! `cargo xtask test` installs one.
 
 use std::path::Path;
 

@@ -1,10 +1,12 @@
-//! Whatever is wrong with files or flags: one line that says so, status 1 or 2, and nothing left behind.
+//! Whatever is wrong with files or flags: one line that says so, status 1 or 2, and nothing left
+//! behind.
 
 use std::{fs, path::Path};
 
 use crate::process::{command, folder, gs, names_in, picture};
 
-/// A PNG of this size by its header, with right checksums but hardly any pixels: what a decoder believes before it looks.
+/// A PNG of this size by its header, with right checksums but hardly any pixels: what a decoder
+/// believes before it looks.
 pub(crate) fn png_without_pixels(width: u32, height: u32) -> Vec<u8> {
     let mut header = Vec::new();
     header.extend(width.to_be_bytes());
@@ -27,7 +29,8 @@ fn crc32(bytes: &[u8]) -> u32 {
     !bytes.iter().fold(!0, |crc, &byte| (0..8).fold(crc ^ u32::from(byte), step))
 }
 
-/// Runs a fit that must be refused with a line that holds `expected`, and must leave no folder behind.
+/// Runs a fit that must be refused with a line that holds `expected`, and must leave no folder
+/// behind.
 #[track_caller]
 fn refuse_fit(image: &Path, expected: &str) {
     let place = folder();

@@ -24,7 +24,8 @@ const RESULTS: [&str; 7] = [
     "summary.json",
 ];
 
-/// The arguments of a small fit of `image` into `output`, on the processor even where there is a GPU.
+/// The arguments of a small fit of `image` into `output`, on the processor even where there is a
+/// GPU.
 fn small<'a>(image: &'a Path, output: &'a Path) -> Vec<&'a str> {
     let (image, output) = (image.to_str().unwrap(), output.to_str().unwrap());
     vec!["fit", image, "-o", output, "-n", "60", "--iterations", "20", "--seed", "7", "--backend", "cpu"]
@@ -144,7 +145,8 @@ fn a_resumed_fit_ends_as_if_it_had_never_stopped() {
     let info = gs(["info", checkpoint.to_str().unwrap(), "--json"]).json();
     assert_eq!((&info["kind"], &info["metadata"]["step"]), (&"checkpoint".into(), &"16".into()));
 
-    // The second run continues the table of the first, which the checkpoint holds, whatever another fit has left in the folder.
+    // The second run continues the table of the first, which the checkpoint holds, whatever another
+    // fit has left in the folder.
     fs::create_dir(&resumed).unwrap();
     let foreign = fs::read_to_string(whole.join("metrics.csv")).unwrap().replace(",60,", ",59,");
     fs::write(resumed.join("metrics.csv"), foreign).unwrap();
@@ -218,7 +220,8 @@ fn a_transparent_image_is_resumed_and_repeated_on_its_background() {
     let wrong = gs(fit(&white).into_iter().chain(["--resume", &state]));
     assert!(wrong.refusal().ends_with("give the same image and --background"), "{wrong:?}");
 
-    // Front to back, the colour behind all Gaussians is the one that transparent pixels are put on: white, where nothing is said.
+    // Front to back, the colour behind all Gaussians is the one that transparent pixels are put on:
+    // white, where nothing is said.
     let (over, again, settings) = (path("over"), path("again"), path("over/settings.toml"));
     gs(small(&image, over.as_ref()).into_iter().chain(["--blend", "over"])).done();
     assert!(fs::read_to_string(&settings).unwrap().contains("background = [1.0, 1.0, 1.0]"));
@@ -392,7 +395,8 @@ fn ctrl_c_leaves_results_even_without_a_checkpoint() {
     assert_eq!(names_in(&place.path().join("out")), RESULTS);
 }
 
-/// What is in the way when a fit begins stops it there; so folders come into the way of its results when it has begun.
+/// What is in the way when a fit begins stops it there; so folders come into the way of its results
+/// when it has begun.
 #[cfg(unix)]
 #[test]
 fn results_that_cannot_be_written_do_not_take_the_others_with_them() {
@@ -462,7 +466,8 @@ fn gaussians_that_are_lost_are_told_as_it_goes_and_in_the_end() {
     let place = folder();
     let (image, output) = (picture(place.path(), 32, 24), place.path().join("out"));
     let settings = place.path().join("wild.toml");
-    // In the covariance factor no step is so long. A fit that went back to its first Gaussians would have lost none of them.
+    // In the covariance factor no step is so long. A fit that went back to its first Gaussians
+    // would have lost none of them.
     let wild = "gaussians = 20\niterations = 30\nrecovery = \"never\"\nchart = \"scale-rotation\"\n[adam.mean]\nlearning-rate = 2e38\n";
     fs::write(&settings, wild).unwrap();
     let words =

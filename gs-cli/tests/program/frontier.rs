@@ -1,4 +1,5 @@
-//! `gs frontier`: the table and the same numbers as files, the answer to a budget, which render and fit take, and what it refuses.
+//! `gs frontier`: the table and the same numbers as files, the answer to a budget, which render and
+//! fit take, and what it refuses.
 
 use std::{
     fs,

@@ -1,4 +1,5 @@
-//! The program as its users meet it: run as a process, judged by its exit status, what it prints and what it leaves behind.
+//! The program as its users meet it: run as a process, judged by its exit status, what it prints
+//! and what it leaves behind.
 
 mod backends;
 mod bad_input;

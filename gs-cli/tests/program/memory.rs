@@ -1,4 +1,5 @@
-//! What the program does where there is less memory than its work takes, and how well it knows that beforehand. Linux alone tells.
+//! What the program does where there is less memory than its work takes, and how well it knows that
+//! beforehand. Linux alone tells.
 #![cfg(target_os = "linux")]
 
 use std::{ffi::OsStr, fs, process::Command};

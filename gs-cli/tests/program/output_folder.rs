@@ -1,4 +1,5 @@
-//! What commands do to a folder that holds more than their results: a run replaces what runs wrote, and nothing else.
+//! What commands do to a folder that holds more than their results: a run replaces what runs wrote,
+//! and nothing else.
 
 use std::{fs, path::Path};
 

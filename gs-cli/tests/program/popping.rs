@@ -22,7 +22,8 @@ fn both_orders_stand_side_by_side() {
     );
     let csv = std::fs::read_to_string(output.join("popping.csv")).unwrap();
     assert!(csv.starts_with("\"step, °\",order,") && csv.lines().count() == 7, "{csv}");
-    // Three columns and two rows of the whole picture, which is smaller than the part that would be shown.
+    // Three columns and two rows of the whole picture, which is smaller than the part that would be
+    // shown.
     assert_eq!(gs_io::read_image(output.join("popping.png")).unwrap().image.size(), (3 * 384 + 16, 2 * 320 + 8));
 }
 

@@ -26,7 +26,8 @@ pub(crate) fn gs<A: AsRef<OsStr>>(arguments: impl IntoIterator<Item = A>) -> Run
 pub(crate) fn command() -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_gs"));
     command.stdin(Stdio::null());
-    // As in a container, where Linux' graphics drivers would write a line of their own to standard error if the program let them.
+    // As in a container, where Linux' graphics drivers would write a line of their own to standard
+    // error if the program let them.
     command.env_remove("XDG_RUNTIME_DIR").env_remove("RAYON_NUM_THREADS").env_remove("GS_DATA");
     command
 }
@@ -70,7 +71,8 @@ impl Run {
         serde_json::from_str(&run.stdout).unwrap_or_else(|error| panic!("{error}: {run:?}"))
     }
 
-    /// The one line of a run that must have been refused: nothing on standard output, status 1 or 2.
+    /// The one line of a run that must have been refused: nothing on standard output, status 1 or
+    /// 2.
     #[track_caller]
     pub(crate) fn refusal(&self) -> &str {
         assert!(matches!(self.status, Some(1 | 2)), "{self:?}");

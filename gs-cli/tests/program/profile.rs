@@ -1,4 +1,5 @@
-//! `gs profile`: the table of stages, the same numbers as CSV and JSON, and what it refuses. The wgpu backend needs an adapter.
+//! `gs profile`: the table of stages, the same numbers as CSV and JSON, and what it refuses. The
+//! wgpu backend needs an adapter.
 
 use std::{collections::BTreeMap, fs, path::Path};
 
@@ -21,7 +22,8 @@ fn number(value: &Value) -> f64 {
     value.as_f64().unwrap_or_else(|| panic!("{value} is no number"))
 }
 
-/// The rows of a CSV file by their first cell, and their numbers by column; empty cells are left out.
+/// The rows of a CSV file by their first cell, and their numbers by column; empty cells are left
+/// out.
 fn rows_of(csv: &str) -> BTreeMap<&str, BTreeMap<&str, f64>> {
     let mut lines = csv.lines();
     let columns: Vec<&str> = lines.next().unwrap().split(',').collect();

@@ -1,4 +1,5 @@
-//! What the program says of quality: figures of the files that it writes, and the reason where a run does not get as far as it was let.
+//! What the program says of quality: figures of the files that it writes, and the reason where a
+//! run does not get as far as it was let.
 
 use std::fs;
 

@@ -1,4 +1,5 @@
-//! 2D scenes outside of a fit: for viewers of splats, in output folders, in checkpoints, beside images.
+//! 2D scenes outside of a fit: for viewers of splats, in output folders, in checkpoints, beside
+//! images.
 
 use std::{fs, path::Path};
 

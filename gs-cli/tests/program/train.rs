@@ -36,7 +36,8 @@ fn scene() -> Scene3d {
     scene
 }
 
-/// Writes eight photographs of the scene before black as a Nerfstudio data set, and the scene itself.
+/// Writes eight photographs of the scene before black as a Nerfstudio data set, and the scene
+/// itself.
 pub(crate) fn photographed(place: &Path) -> (PathBuf, PathBuf) {
     let (dataset, file) = (place.join("photographs"), place.join("true.ply"));
     fs::create_dir_all(dataset.join("images")).unwrap();
@@ -146,7 +147,8 @@ fn interrupted(child: Child) -> (Option<i32>, String) {
     (ended.status.code(), String::from_utf8(ended.stderr).unwrap())
 }
 
-/// What is in the way when a training begins stops it there; so something comes into the way of its results when it has begun.
+/// What is in the way when a training begins stops it there; so something comes into the way of its
+/// results when it has begun.
 #[cfg(unix)]
 #[test]
 fn results_that_cannot_be_written_do_not_take_the_others_with_them() {
@@ -236,7 +238,8 @@ fn ctrl_c_saves_a_checkpoint_and_what_there_is() {
     assert!(output.join("scene.ply").exists());
 }
 
-/// Nobody asked for checkpoints: what is lost is a tenth of the work, and of a training that is done nothing needs to be kept.
+/// Nobody asked for checkpoints: what is lost is a tenth of the work, and of a training that is
+/// done nothing needs to be kept.
 #[test]
 fn a_long_training_that_is_killed_can_go_on() {
     let place = folder();
@@ -290,7 +293,8 @@ fn a_scene_is_shown_from_views_orbits_and_paths() {
     let frames = at("frames");
     gs(["render", text(&scene), "-o", text(&frames), "--orbit", "3", "--camera", &view]).done();
     assert_eq!(names_in(&frames), ["frame-00000.png", "frame-00001.png", "frame-00002.png"]);
-    // Of a longer film nothing is left behind a shorter one's end, unless somebody else's frames are there.
+    // Of a longer film nothing is left behind a shorter one's end, unless somebody else's frames
+    // are there.
     gs(["render", text(&scene), "-o", text(&frames), "--orbit", "2", "--size", "8x8"]).done();
     assert_eq!(names_in(&frames), ["frame-00000.png", "frame-00001.png"]);
     fs::write(frames.join("frame-00004.png"), "mine").unwrap();

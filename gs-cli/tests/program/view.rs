@@ -1,4 +1,5 @@
-//! `gs view` where there is nothing to view, or nothing to view it on. What it shows needs a display, and eyes.
+//! `gs view` where there is nothing to view, or nothing to view it on. What it shows needs a
+//! display, and eyes.
 
 use std::{fs, path::Path};
 

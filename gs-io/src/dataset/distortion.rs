@@ -42,8 +42,8 @@ pub enum Distortion {
     AriaFisheye(AriaFisheye),
 }
 
-/// Radial and tangential distortion (Brown 1966, Conrady 1919), as OpenCV has it:
-/// d = p · (1 + k₁r² + k₂r⁴ + k₃r⁶ + k₄r⁸) / (1 + m₁r² + m₂r⁴ + m₃r⁶) + (2p₁xy + p₂(r² + 2x²), 2p₂xy + p₁(r² + 2y²)).
+/// Radial and tangential distortion (Brown 1966, Conrady 1919), as OpenCV has it: d = p · (1 + k₁r²
+/// + k₂r⁴ + k₃r⁶ + k₄r⁸) / (1 + m₁r² + m₂r⁴ + m₃r⁶) + (2p₁xy + p₂(r² + 2x²), 2p₂xy + p₁(r² + 2y²)).
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct BrownConrady {
     /// k₁ … k₄; only Nerfstudio has a fourth.
@@ -54,8 +54,8 @@ pub struct BrownConrady {
     pub tangential: [f64; 2],
 }
 
-/// An equidistant fish-eye: q = p θ/r, then d = q · (1 + k₁θ² + k₂θ⁴ + k₃θ⁶ + k₄θ⁸) + tangential terms of q as in [`BrownConrady`] +
-/// (s₁, s₂) θ².
+/// An equidistant fish-eye: q = p θ/r, then d = q · (1 + k₁θ² + k₂θ⁴ + k₃θ⁶ + k₄θ⁸) + tangential
+/// terms of q as in [`BrownConrady`] + (s₁, s₂) θ².
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Fisheye {
     /// k₁ … k₄.
@@ -66,7 +66,8 @@ pub struct Fisheye {
     pub prism: [f64; 2],
 }
 
-/// q = p θ/r, t = q · (1 + Σ kᵢ θ²ⁱ), d = t + tangential terms of t as in [`BrownConrady`] + (s₁ρ² + s₂ρ⁴, s₃ρ² + s₄ρ⁴) with ρ = ‖t‖.
+/// q = p θ/r, t = q · (1 + Σ kᵢ θ²ⁱ), d = t + tangential terms of t as in [`BrownConrady`] + (s₁ρ²
+/// + s₂ρ⁴, s₃ρ² + s₄ρ⁴) with ρ = ‖t‖.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct AriaFisheye {
     /// k₁ … k₆.

@@ -214,8 +214,9 @@ pub fn may_be_dataset(path: &Path) -> bool {
 /// Reads a data set: a folder, whose content determines the kind, or a `transforms.json`.
 ///
 /// # Errors
-/// [`Error::Missing`], [`Error::NotADataset`], [`Error::NoViews`], [`Error::LeavesDataset`]; for its files [`Error::Read`], [`Error::Damaged`],
-/// [`Error::DamagedLine`], [`Error::DamagedJson`], [`Error::UnknownCameraModel`], [`Error::NotAPointCloud`].
+/// [`Error::Missing`], [`Error::NotADataset`], [`Error::NoViews`], [`Error::LeavesDataset`]; for
+/// its files [`Error::Read`], [`Error::Damaged`], [`Error::DamagedLine`], [`Error::DamagedJson`],
+/// [`Error::UnknownCameraModel`], [`Error::NotAPointCloud`].
 pub fn read_dataset(path: impl AsRef<Path>, settings: &DatasetSettings) -> Result<Dataset, Error> {
     let path = path.as_ref();
     let metadata = std::fs::metadata(path).map_err(|source| Error::read(path, source))?;

@@ -35,7 +35,8 @@ pub struct SourceCamera {
     pub height: u32,
     /// Focal lengths (fx, fy), px.
     pub focal: DVec2,
-    /// Principal point (cx, cy), px from the top-left corner; pixel (i, j) has its centre at (i + ½, j + ½), as in COLMAP.
+    /// Principal point (cx, cy), px from the top-left corner; pixel (i, j) has its centre at (i +
+    /// ½, j + ½), as in COLMAP.
     pub center: DVec2,
     /// How it bends rays.
     pub lens: Lens,

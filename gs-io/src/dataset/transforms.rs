@@ -4,7 +4,8 @@
 //! Nerfstudio may have rotated that world (`applied_transform`) relative to the COLMAP model it was
 //! made from. Its `ply_file_path` is already in the file's world; a COLMAP model beside it is not.
 //!
-//! *Source:* Nerfstudio's documentation ("Data conventions"), and the files of NeRF-synthetic (Mildenhall et al. 2020).
+//! *Source:* Nerfstudio's documentation ("Data conventions"), and the files of NeRF-synthetic
+//! (Mildenhall et al. 2020).
 
 use std::{
     collections::HashSet,

@@ -72,14 +72,16 @@ pub fn read_image(path: impl AsRef<Path>) -> Result<LoadedImage, Error> {
 /// or 16 bits per channel, grey, RGB or palette, with or without alpha. Of an animation, the first
 /// frame is read.
 ///
-/// Values are those stored, divided by 255 or 65535, without linearisation. Colours that the file declares to be other than sRGB, by an
-/// ICC profile or by PNG's cICP, gAMA and cHRM, are converted to sRGB; a colour outside sRGB becomes the nearest inside, channel by
-/// channel. A declaration that cannot be followed is ignored. [`LoadedImage::remarks`] says which. Floating-point TIFF is taken as it is.
-/// EXIF orientation is applied.
+/// Values are those stored, divided by 255 or 65535, without linearisation. Colours that the file
+/// declares to be other than sRGB, by an ICC profile or by PNG's cICP, gAMA and cHRM, are converted
+/// to sRGB; a colour outside sRGB becomes the nearest inside, channel by channel. A declaration
+/// that cannot be followed is ignored. [`LoadedImage::remarks`] says which. Floating-point TIFF is
+/// taken as it is. EXIF orientation is applied.
 ///
 /// # Errors
-/// [`Error::Missing`], [`Error::NotAFile`] or [`Error::Read`]; [`Error::NotAnImage`] for other content and for CMYK; [`Error::ImageSize`]
-/// for no pixels or a side longer than [`MAX_SIDE_PX`](gs_core::constants::MAX_SIDE_PX), before memory is allocated for them;
+/// [`Error::Missing`], [`Error::NotAFile`] or [`Error::Read`]; [`Error::NotAnImage`] for other
+/// content and for CMYK; [`Error::ImageSize`] for no pixels or a side longer than
+/// [`MAX_SIDE_PX`](gs_core::constants::MAX_SIDE_PX), before memory is allocated for them;
 /// [`Error::DamagedImage`] for one cut short; [`Error::ImageNotFinite`].
 pub fn read_image_with(path: impl AsRef<Path>, alpha: AlphaMode) -> Result<LoadedImage, Error> {
     let mut decoded = decode(path.as_ref(), Orientation::Exif)?;

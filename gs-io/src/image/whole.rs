@@ -91,7 +91,8 @@ pub(super) fn more_than_one(format: ImageFormat, reader: &mut (impl Read + Seek)
     Ok(several)
 }
 
-/// Whether a GIF has two images; `None` where it ends too early. *Source:* the GIF89a specification.
+/// Whether a GIF has two images; `None` where it ends too early. *Source:* the GIF89a
+/// specification.
 fn has_second_frame(bytes: &[u8]) -> Option<bool> {
     let table = |flags: u8| if flags & 0x80 != 0 { 3 << ((flags & 7) + 1) } else { 0 };
     // The position after the data blocks that begin here; an empty block ends them.

@@ -201,8 +201,8 @@ fn infinite_logits(scene: &Scene3d) -> Option<ConversionLoss> {
 /// inspect or repair broken scenes.
 ///
 /// # Errors
-/// [`Error::Missing`], [`Error::NotAFile`] or [`Error::Read`]; [`Error::ForeignScene`] or [`Error::NotA3dScene`] for another kind
-/// of file; those of [`decode_3d`].
+/// [`Error::Missing`], [`Error::NotAFile`] or [`Error::Read`]; [`Error::ForeignScene`] or
+/// [`Error::NotA3dScene`] for another kind of file; those of [`decode_3d`].
 pub fn read_3d_unchecked(path: impl AsRef<Path>) -> Result<File3d, Error> {
     let path = path.as_ref();
     let (mut file, metadata) = open(path, WANTED)?;
@@ -219,9 +219,10 @@ pub fn read_3d_unchecked(path: impl AsRef<Path>) -> Result<File3d, Error> {
 /// to find a glTF's buffers. Memory is limited by the number of bytes.
 ///
 /// # Errors
-/// [`Error::Damaged`] for bytes that are not what their kind prescribes, [`Error::TooNew`], [`Error::MissingProperties`],
-/// [`Error::Unsupported`] for what is right but not read, [`Error::Expansion`] for a bomb, [`Error::Empty`] for no Gaussians,
-/// [`Error::NotA3dScene`] for a glTF of something else; for a glTF's buffer those of opening it.
+/// [`Error::Damaged`] for bytes that are not what their kind prescribes, [`Error::TooNew`],
+/// [`Error::MissingProperties`], [`Error::Unsupported`] for what is right but not read,
+/// [`Error::Expansion`] for a bomb, [`Error::Empty`] for no Gaussians, [`Error::NotA3dScene`] for a
+/// glTF of something else; for a glTF's buffer those of opening it.
 pub fn decode_3d(format: Format3d, bytes: &[u8], path: &Path) -> Result<File3d, Error> {
     let source = Source { path, what: format.what(), bytes };
     let mut size = bytes.len() as u64;
@@ -281,9 +282,9 @@ pub struct Written3d {
 /// `.gltf` or `.glb`. Infinite opacity logits are written as finite ones with the same picture.
 ///
 /// # Errors
-/// [`Error::UnknownEnding`]; [`Error::Content`] where [`Scene3d::validate`](Scene::validate) fails, or a quaternion is too short
-/// to be a rotation and the format needs one; [`Error::Empty`]; [`Error::Unsupported`] for a scene too large for the format; those
-/// of [`write_durably`].
+/// [`Error::UnknownEnding`]; [`Error::Content`] where [`Scene3d::validate`](Scene::validate) fails,
+/// or a quaternion is too short to be a rotation and the format needs one; [`Error::Empty`];
+/// [`Error::Unsupported`] for a scene too large for the format; those of [`write_durably`].
 pub fn write_3d(path: impl AsRef<Path>, scene: &Scene3d, options: &WriteOptions3d) -> Result<Written3d, Error> {
     let path = path.as_ref();
     let Some(format) = Format3d::to_write(path) else {

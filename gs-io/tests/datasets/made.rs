@@ -25,7 +25,8 @@ pub(crate) fn picture(path: PathBuf, width: u32, height: u32) -> PathBuf {
     path
 }
 
-/// A model of two cameras (a pinhole of 40×30 px, a slightly distorted one of 32×24 px), `count` images and three points.
+/// A model of two cameras (a pinhole of 40×30 px, a slightly distorted one of 32×24 px), `count`
+/// images and three points.
 pub(crate) fn model(count: u32) -> ColmapModel {
     let pinhole =
         ColmapCamera { model: CameraModel::Pinhole, width: 40, height: 30, parameters: vec![30.0, 31.0, 20.0, 15.5] };

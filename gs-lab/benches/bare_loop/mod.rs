@@ -2,9 +2,10 @@
 //! 16 rows that stay in the first-level cache. The share of their rate that a whole stage reaches
 //! shows what lists, memory, exponentials and threads cost.
 //!
-//! Per row of 16 pixels, forward: two fused multiply-adds and a masking for the next weight, compare and select at the cut, three fused
-//! multiply-adds with load and store. Backward: the same weights, three loads, five fused multiply-adds and a multiplication for
-//! colours and v_w, two multiplications and an addition for the first moment, and a fused multiply-add for the second.
+//! Per row of 16 pixels, forward: two fused multiply-adds and a masking for the next weight,
+//! compare and select at the cut, three fused multiply-adds with load and store. Backward: the same
+//! weights, three loads, five fused multiply-adds and a multiplication for colours and v_w, two
+//! multiplications and an addition for the first moment, and a fused multiply-add for the second.
 
 use std::hint::black_box;
 

@@ -74,7 +74,8 @@ impl Options {
     }
 }
 
-/// Prints a report's head: what was measured, on which machine, when, with how many threads, and on which `data`.
+/// Prints a report's head: what was measured, on which machine, when, with how many threads, and on
+/// which `data`.
 pub(crate) fn print_head(title: &str, options: &Options, threads: &[usize], data: &str) {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let date = humantime::format_rfc3339_seconds(std::time::SystemTime::now());

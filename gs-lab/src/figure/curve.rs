@@ -1,5 +1,5 @@
-//! The course of a fit over its steps, one figure below the other: number of Gaussians and loss (paper
-//! Fig. 8), and PSNR.
+//! The course of a fit over its steps, one figure below the other: number of Gaussians and loss
+//! (paper Fig. 8), and PSNR.
 
 use gs_core::Image;
 
@@ -56,8 +56,8 @@ fn panel(title: &str, style: usize, y: Axis, points: Vec<(f64, f64)>, dots: Dots
     Figure { name: "curve".to_owned(), title: title.to_owned(), x, y, marks: Marks::Lines(vec![series]) }
 }
 
-/// Reduces a line to what the picture can show: the lowest and the highest point of each of `BUCKETS`
-/// parts.
+/// Reduces a line to what the picture can show: the lowest and the highest point of each of
+/// `BUCKETS` parts.
 fn thinned(line: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
     const BUCKETS: usize = 400;
     if line.len() <= 2 * BUCKETS {

@@ -1,9 +1,10 @@
 //! Draws the Gaussians of a scene as ellipses over its picture (paper Fig. 7): the outline at one
 //! standard deviation and the centre. 3D Gaussians are projected first.
 //!
-//! An outline is drawn from its distance field, not as a polygon: pixel `p` lies about (|z| − 1) / |∇|z|| from the ellipse,
-//! where z = L⁻¹ (p − μ) is the whitened offset. Each line is therefore smooth and of even width at any size, and the time
-//! grows with the ellipses' area alone. All lines have one colour and a dark seam, so that they are seen on any picture and no change of
+//! An outline is drawn from its distance field, not as a polygon: pixel `p` lies about (|z| − 1) /
+//! |∇|z|| from the ellipse, where z = L⁻¹ (p − μ) is the whitened offset. Each line is therefore
+//! smooth and of even width at any size, and the time grows with the ellipses' area alone. All
+//! lines have one colour and a dark seam, so that they are seen on any picture and no change of
 //! their colour is taken for an edge.
 
 use std::collections::HashSet;

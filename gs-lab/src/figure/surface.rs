@@ -1,5 +1,5 @@
-//! What figures are drawn on: SVG text or pixels. Only these few functions call the drawing library,
-//! whose generic code takes long to compile.
+//! What figures are drawn on: SVG text or pixels. Only these few functions call the drawing
+//! library, whose generic code takes long to compile.
 
 use plotters::{
     prelude::*,
@@ -33,7 +33,8 @@ impl Surface<'_> {
         let style = color.stroke_width(width);
         match self {
             Self::Svg(svg) => svg.draw_path(points.iter().copied(), &style).map_err(|error| error.to_string()),
-            // Separate segments: in one piece, a noisy line has miter joins that reach far beyond it.
+            // Separate segments: in one piece, a noisy line has miter joins that reach far beyond
+            // it.
             Self::Pixels(pixels) => points
                 .windows(2)
                 .try_for_each(|ends| pixels.draw_path(ends.iter().copied(), &style).map_err(|error| error.to_string())),

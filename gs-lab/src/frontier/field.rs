@@ -240,7 +240,8 @@ impl<S: Verifiable> Field<'_, S> {
 /// field. Reports its progress to `watch`.
 ///
 /// # Errors
-/// Those of rendering, and of the oracle for effects that it does not have; [`Error::Setting`] without a view or a contender.
+/// Those of rendering, and of the oracle for effects that it does not have; [`Error::Setting`]
+/// without a view or a contender.
 pub fn search<S: Verifiable>(
     field: &Field<'_, S>,
     views: &[S::View],

@@ -115,7 +115,8 @@ impl ColmapModel {
     /// files. The file of points is optional.
     ///
     /// # Errors
-    /// [`Error::Missing`] or [`Error::Read`]; those of [`Self::from_binary`] or [`Self::from_text`].
+    /// [`Error::Missing`] or [`Error::Read`]; those of [`Self::from_binary`] or
+    /// [`Self::from_text`].
     pub fn read(folder: &Path) -> Result<Self, Error> {
         let extension = extension(folder);
         let bytes = |name: &str| read_file(&folder.join(name).with_extension(extension));

@@ -1,9 +1,10 @@
 //! PLY: reads and writes that of 3DGS, and reads PlayCanvas's compressed one.
 //!
-//! Vertices of the 3DGS kind have, by name: `x y z` (mean), `nx ny nz` (unused), `f_dc_0..2` (SH of degree 0, RGB), `f_rest_*` (the
-//! others, all of red first, then green, then blue), `opacity` (logit), `scale_0..2` (logarithms), `rot_0..3` (quaternion w, x, y, z).
-//! Order does not matter to us, and properties that are not known are passed over; what is written has them in 3DGS's order. Comments say
-//! how a scene was trained: see [`TrainedWith`].
+//! Vertices of the 3DGS kind have, by name: `x y z` (mean), `nx ny nz` (unused), `f_dc_0..2` (SH of
+//! degree 0, RGB), `f_rest_*` (the others, all of red first, then green, then blue), `opacity`
+//! (logit), `scale_0..2` (logarithms), `rot_0..3` (quaternion w, x, y, z). Order does not matter to
+//! us, and properties that are not known are passed over; what is written has them in 3DGS's order.
+//! Comments say how a scene was trained: see [`TrainedWith`].
 
 mod compressed;
 mod header;

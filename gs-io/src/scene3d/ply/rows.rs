@@ -3,8 +3,10 @@
 use super::header::{Element, Encoding, Header, Number, Value};
 use crate::{error::Error, scene3d::source::Source};
 
-/// Calls `row` with the chosen columns of each row of the element at `start`, and returns where the next element starts; where an element has no
-/// columns at all, there are no rows to call it with, whatever their number. Numbers of all types fit an `f64`. How many rows there can be is held against the file's size first, so `row` may allocate.
+/// Calls `row` with the chosen columns of each row of the element at `start`, and returns where the
+/// next element starts; where an element has no columns at all, there are no rows to call it with,
+/// whatever their number. Numbers of all types fit an `f64`. How many rows there can be is held
+/// against the file's size first, so `row` may allocate.
 ///
 /// `wanted` are indices of scalar properties.
 pub(crate) fn read(

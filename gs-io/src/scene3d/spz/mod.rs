@@ -1,10 +1,12 @@
 //! SPZ, Niantic's compressed format: reads versions 2 to 4, writes 3 and 4.
 //!
-//! A Gaussian takes 20 bytes (19 in version 2) and one for each coefficient of the spherical sh above degree 0; see
-//! [`quantum`]. They are stored by parameter: all positions, opacities, colours, scales, rotations, sh. Versions 2 and 3 are
-//! one gzip stream; version 4 has a header in the clear, and a zstd stream for each parameter; see [`container`].
+//! A Gaussian takes 20 bytes (19 in version 2) and one for each coefficient of the spherical sh
+//! above degree 0; see [`quantum`]. They are stored by parameter: all positions, opacities,
+//! colours, scales, rotations, sh. Versions 2 and 3 are one gzip stream; version 4 has a header in
+//! the clear, and a zstd stream for each parameter; see [`container`].
 //!
-//! *Source:* nianticlabs/spz, README and pull requests 73 (version 4) and 77 (extensions); its axes are right, up, back.
+//! *Source:* nianticlabs/spz, README and pull requests 73 (version 4) and 77 (extensions); its axes
+//! are right, up, back.
 
 mod container;
 mod quantum;

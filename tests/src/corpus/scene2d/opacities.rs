@@ -89,8 +89,8 @@ fn edges() -> Vec<Case<Scene2d>> {
             .sloping(uncertain),
         at_clamp("α above the clamp", 1e-3, 0.5),
     ];
-    // The default values, at the smallest distance at which sigmoids of a few ulps can be distinguished
-    // from them.
+    // The default values, at the smallest distance at which sigmoids of a few ulps can be
+    // distinguished from them.
     for (name, opacity, transparent) in [("1/255", 1.0 / 255.0, 1), ("0.999", 0.999f32, 0)] {
         let (at, ulp) = (logit(opacity), opacity.next_up() - opacity);
         let hair = HAIR_ULPS * ulp / (opacity * (1.0 - opacity));
