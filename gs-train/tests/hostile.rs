@@ -4,13 +4,14 @@
 //!
 //! The slow tests run 20,000 steps from each of 20 seeds; the ordinary ones a few hundred from two.
 
+/// Shared with other tests, which use all of it.
+#[allow(dead_code)]
+#[path = "main/fixture_3d.rs"]
+mod fixture_3d;
 /// Shared with benchmarks, which use all of it.
 #[allow(dead_code)]
 #[path = "../../gs-lab/benches/measure/memory.rs"]
 mod memory;
-/// Shared with other tests, which use all of it.
-#[allow(dead_code)]
-mod space;
 
 use glam::{Vec2, Vec3};
 use gs_core::{
@@ -233,7 +234,7 @@ fn loss_of<R: Optimizer<S>, S: Scene>(
 /// Two views of nearly the same, by the settings of 3DGS.
 fn scene_3d(rasterizer: &CpuRasterizer, hostility: Hostility, length: Length, seed: u32) -> Result<usize, String> {
     let camera = |i: usize| {
-        let camera = Camera { width: PLANE.0, height: PLANE.1, ..space::camera(i) };
+        let camera = Camera { width: PLANE.0, height: PLANE.1, ..fixture_3d::camera(i) };
         Camera { center: Vec2::new(8.0, 6.0), focal: Vec2::splat(20.0), ..camera }
     };
     let target = hostility.target(PLANE, seed);
@@ -244,7 +245,7 @@ fn scene_3d(rasterizer: &CpuRasterizer, hostility: Hostility, length: Length, se
         s.adam = hostility.adam(s.adam);
     });
     settings.init.random = 30;
-    let mut start = space::thirty();
+    let mut start = fixture_3d::thirty();
     if hostility == Hostility::Transparent {
         start.opacity_logits.fill(-30.0);
     }

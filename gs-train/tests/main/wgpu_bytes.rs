@@ -13,8 +13,6 @@ use gs_train::{
 use gs_wgpu::{WgpuRasterizer, WgpuSettings};
 use pollster::FutureExt as _;
 
-mod space;
-
 /// Steps whose bytes are counted.
 const STEPS: u64 = 8;
 
@@ -67,8 +65,8 @@ fn of_fit(wgpu: &WgpuRasterizer, policy: Policy, count: usize, size: (u32, u32))
 }
 
 fn of_training(wgpu: &WgpuRasterizer, policy: &Policy, masked: bool, (copies, scale): (usize, u32)) -> u64 {
-    let rasterizer = space::rasterizer();
-    let views = space::changed(space::views(&rasterizer), |_, posed| posed);
+    let rasterizer = crate::fixture_3d::rasterizer();
+    let views = crate::fixture_3d::changed(crate::fixture_3d::views(&rasterizer), |_, posed| posed);
     let larger = |view: PosedView| {
         let posed = view.image().unwrap();
         let (width, height) = (scale * posed.image.width(), scale * posed.image.height());
@@ -85,10 +83,10 @@ fn of_training(wgpu: &WgpuRasterizer, policy: &Policy, masked: bool, (copies, sc
     let views = Views { train: views.train.into_iter().take(1).map(larger).collect(), ..views };
     let mut scene = Scene3d::default();
     for _ in 0..copies {
-        let thirty = space::thirty();
+        let thirty = crate::fixture_3d::thirty();
         (0..30).for_each(|i| gs_core::Scene::push(&mut scene, gs_core::Scene::gaussian(&thirty, i)));
     }
-    let mut settings = space::short(40);
+    let mut settings = crate::fixture_3d::short(40);
     settings.policy = policy.clone();
     settings.rounds = Rounds::NEVER;
     if masked {

@@ -1,11 +1,7 @@
 //! A diverging run restarts, reports it in progress, metrics, summary and checkpoint, and ends no
 //! worse than it began.
 
-mod scenes;
-/// Shared with other tests, which use all of it.
-#[allow(dead_code)]
-mod space;
-
+use crate::fixture_2d::{rasterizer, small_fit, small_target};
 use gs_core::{Blend, Parameterization, edit::EditCounts};
 use gs_density::Policy;
 use gs_train::{
@@ -13,7 +9,6 @@ use gs_train::{
     fit, train::Start,
 };
 use pollster::FutureExt as _;
-use scenes::{rasterizer, small_fit, small_target};
 
 /// Two windows, whose first begins with steps longer than the picture.
 fn hasty(recovery: Recovery) -> FitSettings {
@@ -29,9 +24,9 @@ fn hasty(recovery: Recovery) -> FitSettings {
 }
 
 #[derive(Default)]
-struct Told(Vec<FreshStart>);
+struct Reports(Vec<FreshStart>);
 
-impl Observer for Told {
+impl Observer for Reports {
     fn on_fresh_start(&mut self, progress: &Progress, fresh_start: &FreshStart) {
         assert_eq!((progress.fresh_start, progress.step), (Some(*fresh_start), fresh_start.step));
         self.0.push(*fresh_start);
@@ -40,14 +35,14 @@ impl Observer for Told {
 
 #[test]
 fn a_failed_fit_begins_again_and_says_so() {
-    let (mut log, mut told) = (MetricsLog::new(1), Told::default());
-    let fitted = fit(&rasterizer(), &small_target(), hasty(Recovery::BeginAgain), &mut (&mut log, &mut told))
+    let (mut log, mut reports) = (MetricsLog::new(1), Reports::default());
+    let fitted = fit(&rasterizer(), &small_target(), hasty(Recovery::BeginAgain), &mut (&mut log, &mut reports))
         .block_on()
         .unwrap();
-    assert_eq!(told.0.iter().map(|start| start.step).collect::<Vec<_>>(), [50]);
-    assert_eq!(fitted.summary.fresh_starts, told.0);
-    assert_eq!(log.rows().iter().filter_map(|row| row.fresh_start).collect::<Vec<_>>(), told.0);
-    assert!(told.0.iter().all(|start| start.loss > start.first && start.first > 0.0));
+    assert_eq!(reports.0.iter().map(|start| start.step).collect::<Vec<_>>(), [50]);
+    assert_eq!(fitted.summary.fresh_starts, reports.0);
+    assert_eq!(log.rows().iter().filter_map(|row| row.fresh_start).collect::<Vec<_>>(), reports.0);
+    assert!(reports.0.iter().all(|start| start.loss > start.first && start.first > 0.0));
     let never = fit(&rasterizer(), &small_target(), hasty(Recovery::Never), &mut ()).block_on().unwrap();
     assert!(never.summary.fresh_starts.is_empty());
     assert!(never.summary.l1 > 1.2 * fitted.summary.l1, "{} and {}", never.summary.l1, fitted.summary.l1);
@@ -116,13 +111,13 @@ impl Observer for StopAt {
 
 #[test]
 fn a_training_whose_opacities_are_reset_is_not_taken_for_one_that_failed() {
-    let rasterizer = space::rasterizer();
-    let mut settings = space::short(1200).with(|s| s.iterations = 1200);
+    let rasterizer = crate::fixture_3d::rasterizer();
+    let mut settings = crate::fixture_3d::short(1200).with(|s| s.iterations = 1200);
     settings.rounds = Rounds::until(100, 900);
     settings.policy.actions_mut().expect("that of 3DGS has actions").reset.every = 300;
     let alone = settings.clone().with(|s| s.recovery = Recovery::Never);
     let [watched, alone] = [settings, alone].map(|settings| {
-        let views = space::views(&rasterizer);
+        let views = crate::fixture_3d::views(&rasterizer);
         let mut trainer = Trainer3d::from_views(&rasterizer, views, Start::Random, settings).block_on().unwrap();
         trainer.run(&mut ()).block_on().unwrap();
         (trainer.scene().block_on().unwrap(), trainer.fresh_starts().len())

@@ -1,10 +1,9 @@
 //! Whole fits: repeatable, within their budget, steerable, and honest when they fail.
 
-mod scenes;
-
 use pollster::FutureExt as _;
 use std::sync::Arc;
 
+use crate::fixture_2d::{rasterizer, small_fit, small_target};
 use glam::{Vec2, Vec3};
 use gs_core::{Blend, Gaussian2d, Image, Loss, Rasterizer, RenderSettings, Scene, Scene2d, logit};
 use gs_density::{Grow, Mcmc, Noise, Policy, Signal};
@@ -14,7 +13,6 @@ use gs_train::{
     init::{Periphery, Random},
     paper_target,
 };
-use scenes::{rasterizer, small_fit, small_target};
 
 #[test]
 fn equal_seeds_give_equal_scenes_and_watching_changes_nothing() {

@@ -1,8 +1,7 @@
 //! Whole trainings in 3D: a scene comes back from its pictures, runs repeat and resume bit for bit,
 //! and what is masked or transparent counts as it should.
 
-mod space;
-
+use crate::fixture_3d::{LENS, changed, rasterizer, render, short, thirty, views};
 use gs_core::{Adam, Image, Participants, Penalty, Scene, Scene3d, TensorData, adam::Group, constants::SH_C0, sigmoid};
 use gs_density::Policy;
 use gs_io::dataset::{Point, PosedImage};
@@ -11,7 +10,6 @@ use gs_train::{
     train::{DRIFT_DB, Evaluation, PosedView, Resolution, Start, StepBackground, TrainSummary, Views, evaluate},
 };
 use pollster::FutureExt as _;
-use space::{LENS, changed, rasterizer, render, short, thirty, views};
 
 fn trained(settings: TrainSettings, views: Views, start: Start) -> (Scene3d, Evaluation) {
     let rasterizer = rasterizer();

@@ -1,13 +1,11 @@
 //! A run that was stopped and resumed ends bit for bit as one that never was.
 
-mod scenes;
-
+use crate::fixture_2d::{rasterizer, small_fit, small_target};
 use gs_conformance::bits::bits;
 use gs_core::{Blend, Image, Parameterization, SplatsState};
 use gs_density::Policy;
 use gs_train::{Control, Error, FitSettings, MetricsLog, Observer, Outcome, Progress, Rounds, Trainer};
 use pollster::FutureExt as _;
-use scenes::{rasterizer, small_fit, small_target};
 
 /// Stops at given steps, or at the first possible one after.
 struct StopAt(Vec<u32>);

@@ -1,21 +1,19 @@
 //! Trouble in training is counted by cause in progress, metrics and summary.
 
-mod scenes;
-
+use crate::fixture_2d::{rasterizer, small_fit, small_target};
 use gs_core::{Blend, Parameterization, Scene};
 use gs_density::Policy;
 use gs_train::{Clamped, Control, MetricsLog, Observer, Progress, Recovery, Rounds, fit};
 use pollster::FutureExt as _;
-use scenes::{rasterizer, small_fit, small_target};
 
-/// What an observer is told of Gaussians that are not finite.
+/// What an observer is shown about Gaussians that are not finite.
 #[derive(Default)]
-struct Told {
+struct Reports {
     left_out: u32,
     removed: u32,
 }
 
-impl Observer for Told {
+impl Observer for Reports {
     fn on_step(&mut self, progress: &Progress) -> Control {
         self.left_out = self.left_out.max(progress.quality.map_or(0, |quality| quality.culled.not_finite));
         Control::Continue
@@ -39,18 +37,19 @@ fn gaussians_that_stop_being_finite_are_counted_everywhere_and_removed() {
                 s.parameterization = Parameterization::ScaleRotation;
             });
             settings.adam.mean.learning_rate = 2e38;
-            let (mut log, mut told) = (MetricsLog::new(1), Told::default());
-            let result = fit(&rasterizer(), &small_target(), settings, &mut (&mut log, &mut told)).block_on().unwrap();
+            let (mut log, mut reports) = (MetricsLog::new(1), Reports::default());
+            let result =
+                fit(&rasterizer(), &small_target(), settings, &mut (&mut log, &mut reports)).block_on().unwrap();
             assert!(
-                told.left_out > 0 && told.removed > 0,
+                reports.left_out > 0 && reports.removed > 0,
                 "{blend:?}, {rounds:?}: {}, {}",
-                told.left_out,
-                told.removed
+                reports.left_out,
+                reports.removed
             );
-            assert_eq!(result.summary.edits.pruned_not_finite, told.removed, "{blend:?}, {rounds:?}");
+            assert_eq!(result.summary.edits.pruned_not_finite, reports.removed, "{blend:?}, {rounds:?}");
             let of_rows = |of: fn(&gs_train::MetricsRow) -> u32| log.rows().iter().map(of).collect::<Vec<u32>>();
-            assert_eq!(of_rows(|row| row.edits.pruned_not_finite).iter().sum::<u32>(), told.removed);
-            assert_eq!(of_rows(|row| row.culled.map_or(0, |c| c.not_finite)).into_iter().max(), Some(told.left_out));
+            assert_eq!(of_rows(|row| row.edits.pruned_not_finite).iter().sum::<u32>(), reports.removed);
+            assert_eq!(of_rows(|row| row.culled.map_or(0, |c| c.not_finite)).into_iter().max(), Some(reports.left_out));
             result.scene.validate().unwrap();
             assert_eq!(result.summary.culled.not_finite, 0, "none is left in the end");
         }

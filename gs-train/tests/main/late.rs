@@ -1,8 +1,7 @@
-//! A backend that tells its losses late makes no difference to a fit, to what is written about it,
+//! A backend that reports its losses late makes no difference to a fit, to what is written about it,
 //! or to how it fails.
 
-mod scenes;
-
+use crate::fixture_2d::{rasterizer, small_fit, small_target};
 use gs_core::{
     AdamRates, Backend, Blend, Canvas, Culled, DensityStatistics, EditPlan, Error as CoreError, Gaussian2d, Image,
     Loss, MeanNoise, Optimizer, Parameterization, Rasterizer, RenderSettings, Scene2d, SplatsState, TargetImage,
@@ -12,9 +11,8 @@ use gs_cpu::{CpuRasterizer, Splats2d};
 use gs_train::{Control, Error, FitSettings, MetricsLog, Observer, Outcome, Progress, Rounds, Trainer};
 use gs_wgpu::{WgpuRasterizer, WgpuSettings};
 use pollster::FutureExt as _;
-use scenes::{rasterizer, small_fit, small_target};
 
-/// The CPU backend's splats, and the losses that are not told yet.
+/// The CPU backend's splats, and the losses that are not reported yet.
 struct Kept {
     sound: Splats2d,
     losses: Vec<f32>,
@@ -160,7 +158,7 @@ impl Optimizer<Scene2d> for Late {
 /// Sees all that can be seen, and checks that it makes sense.
 #[derive(Debug, Default)]
 struct Witness {
-    /// Losses told, from the first step on.
+    /// Losses reported, from the first step on.
     losses: Vec<f32>,
     /// The loss of each step's progress, and how many steps late it was.
     shown: Vec<(f32, u32)>,
@@ -270,7 +268,7 @@ fn a_fit_begins_again_at_the_same_step_however_late_its_losses_come() {
 }
 
 #[test]
-fn fits_on_a_gpu_repeat_themselves_in_every_row() {
+fn wgpu_fits_repeat_themselves_in_every_row() {
     let run = || {
         let wgpu =
             WgpuRasterizer::new(WgpuSettings::default()).block_on().expect("`cargo xtask test` installs a driver");

@@ -1,16 +1,14 @@
 //! A GPU that is lost under way ends the fit with an error; its last checkpoint is as it was, and
 //! goes on elsewhere.
 
-mod scenes;
-
 use pollster::FutureExt as _;
 use std::{fs, path::PathBuf};
 
+use crate::fixture_2d::{rasterizer, small_fit, small_target};
 use gs_core::Blend;
 use gs_io::{Checkpoint, read_checkpoint, write_checkpoint};
 use gs_train::{Control, Error, FitSettings, Observer, Outcome, Progress, Trainer};
 use gs_wgpu::{WgpuRasterizer, WgpuSettings};
-use scenes::{rasterizer, small_fit, small_target};
 
 /// Stores a checkpoint every 8 steps, and loses the device after a step.
 struct LoseAfter<'a> {

@@ -1,0 +1,14 @@
+//! Tests of training. One binary for all modules, so that the tests link once.
+
+mod fit;
+mod fixture_2d;
+mod fixture_3d;
+mod kodak;
+mod late;
+
+mod recovery;
+mod resume;
+mod train;
+mod trouble;
+mod wgpu_bytes;
+mod wgpu_lost_device;
