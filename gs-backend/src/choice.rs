@@ -159,7 +159,8 @@ async fn gpu(
     if !crate::gpu::may_have_gpu(std::path::Path::new("/dev")) {
         return Err(none.to_owned());
     }
-    let settings = WgpuSettings { adapter: None, kernels: None, ..request.wgpu.clone() };
+    let mut settings = request.wgpu.clone();
+    (settings.adapter, settings.kernels) = (None, None);
     let rasterizer = match WgpuRasterizer::new(settings).await {
         Ok(found) => found,
         Err(Error::Backend { message, .. }) => return Err(format!("no GPU can be used ({message})")),

@@ -9,7 +9,7 @@ use gs_core::{Backend, Error, Parameterization, Rasterizer, Scene2d};
 const CASES: [&str; 8] = [
     "scenes_come_back",
     "restored_splats_continue_bit_for_bit",
-    "fused_steps_match_their_stages",
+    "fused_steps_match_separate_stages",
     "every_call_sees_pending_steps",
     "noise_moves_means_and_nothing_else",
     "incomplete_targets_are_completed",

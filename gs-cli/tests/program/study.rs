@@ -185,7 +185,7 @@ fn what_cannot_be_studied_is_refused_in_one_line_before_any_work() {
     };
     for (from, to, status, expected) in [
         ("seeds = [0, 1, 2]", "seeds = []", 2, "seeds: there are none: name at least one"),
-        ("seeds", "seedz", 2, "unknown field `seedz`"),
+        ("seeds", "seedz", 2, "unknown key `seedz`"),
         ("percent = 50", "percentage = 50", 2, "line 14: arm `percentile`: "),
         ("percent = 50", "percent = 500", 2, "percent is 500"),
         ("picture-32x24.png", "absent.png", 1, "absent.png: no such file in "),
