@@ -296,7 +296,7 @@ fn a_target_that_is_not_finite_is_refused() {
     let mut target = small_target();
     target.pixels_mut()[49][2] = f32::NAN;
     let error = Trainer::new(&rasterizer(), &target, small_fit(Blend::Sum)).block_on().unwrap_err().to_string();
-    assert!(error.contains("(1, 1)"), "{error}");
+    assert!(error.contains("(NaN) in column 1 of row 1"), "{error}");
 }
 
 #[test]

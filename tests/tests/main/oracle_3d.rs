@@ -8,7 +8,7 @@ use gs_conformance::{
     subject::Subject,
 };
 use gs_core::{
-    Camera, Cut, Error, Gaussian3d, Loss, RenderSettings, Scene, Scene3d,
+    Camera, Error, Gaussian3d, Loss, RenderSettings, Scene, Scene3d,
     effects::{Antialias, Blend, Order},
 };
 
