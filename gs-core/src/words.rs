@@ -15,18 +15,6 @@ pub(crate) fn there_are(count: usize, noun: &str) -> String {
     format!("{} {}", counted(count, noun), if count == 1 { "is" } else { "are" })
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn only_one_is_singular() {
-        assert_eq!(counted(1u32, "Gaussian"), "1 Gaussian");
-        assert_eq!(counted(0usize, "step"), "0 steps");
-        assert_eq!(counted(21u64, "held-out view"), "21 held-out views");
-    }
-}
-
 /// Gives settings types a method `with`, by which code outside of their crate changes fields.
 #[doc(hidden)]
 #[macro_export]
@@ -42,4 +30,16 @@ macro_rules! impl_with {
             }
         }
     )+};
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_one_is_singular() {
+        assert_eq!(counted(1u32, "Gaussian"), "1 Gaussian");
+        assert_eq!(counted(0usize, "step"), "0 steps");
+        assert_eq!(counted(21u64, "held-out view"), "21 held-out views");
+    }
 }
