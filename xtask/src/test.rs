@@ -44,7 +44,7 @@ pub(crate) fn run(options: Options) -> Result<(), String> {
     let skip: &[&str] = if adapter { &[] } else { &["--", "--skip", NEEDS_ADAPTER] };
     if has_nextest() {
         // nextest runs the test programs side by side, but no documentation tests.
-        cargo(&[&["nextest", "run", "--workspace"], skip].concat())?;
+        cargo(&[&["nextest", "run", "--workspace", "--lib", "--bins", "--tests"], skip].concat())?;
     } else {
         cargo(&[&["test", "--workspace", "--lib", "--bins", "--tests"], skip].concat())?;
     }
