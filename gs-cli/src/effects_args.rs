@@ -171,7 +171,7 @@ mod tests {
     fn the_description_names_each_effect_with_its_reason() {
         let text = describe(&chosen("auto").decisions).unwrap();
         assert!(text.starts_with("effects: blend over (the scene is empty); without sh-degree 3 ("), "{text}");
-        assert!(text.ends_with("without background solid (black is what none looks like)"), "{text}");
+        assert!(text.ends_with("without background solid (black looks the same as none)"), "{text}");
         let listed = chosen("order").decisions;
         assert!(describe(&listed).unwrap().contains("without antialias mip (not in --effects)"));
         assert_eq!((describe(&[]), line_below(Verbosity::Normal, &listed)), (None, String::new()));

@@ -62,9 +62,9 @@ impl FitSettings {
         let policy: &dyn DensityPolicy = &self.policy;
         let step = of_step(&self.render, self.loss, policy.statistics());
         // A policy uses the rendering, weights of all pixels, and their order; results are a
-        // rendering and the picture of the ellipses.
+        // rendering, the picture of the ellipses and that of the curve, whose memory is not reused.
         let residual = if policy.needs_residual() { 2 * PLANE } else { 0 };
-        overhead(pixels) + pixels * (target + step + 2 * IMAGE + residual) + self.of_gaussians(pixels)
+        overhead(pixels) + pixels * (target + step + 4 * IMAGE + residual) + self.of_gaussians(pixels)
     }
 
     /// Memory of all Gaussians. Evenly spread over the image, each touches as many tiles of 16
