@@ -139,13 +139,15 @@ impl BackendArgs {
             (Choice::Cpu, None, _) => (Wanted::Cpu, None),
             (Choice::Wgpu, _, None) | (Choice::Auto, Some(_), None) => (Wanted::Wgpu, None),
         };
+        #[allow(clippy::needless_update, reason = "a feature for tests adds a field")]
+        let wgpu = WgpuSettings { adapter: adapter.clone(), kernels: *kernels, ..WgpuSettings::default() };
         Ok(Request {
             wanted,
             why,
             threads: threads.map(usize::from),
             level: simd.as_deref().map(simd_level).transpose()?,
             tuning: *tuning,
-            wgpu: WgpuSettings { adapter: adapter.clone(), kernels: *kernels, ..WgpuSettings::default() },
+            wgpu,
         })
     }
 }

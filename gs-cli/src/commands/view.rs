@@ -27,7 +27,7 @@ fn after_help() -> String {
 /// The flags of `gs view`.
 #[derive(Debug, Clone, Args)]
 #[command(after_help = after_help())]
-#[cfg_attr(not(feature = "viewer"), expect(dead_code, reason = "only the window reads them"))]
+#[cfg_attr(not(feature = "viewer"), allow(dead_code, reason = "only the window reads them"))]
 pub(crate) struct ViewArgs {
     /// The scene: a scene file, a checkpoint, or the output folder of gs fit or gs train
     scene: PathBuf,

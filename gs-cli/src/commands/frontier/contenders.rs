@@ -138,9 +138,10 @@ where
             continue;
         }
         let (adapter, kernels) = (args.adapter.clone(), Some(name.into()));
+        #[allow(clippy::needless_update, reason = "a feature for tests adds a field")]
+        let settings = WgpuSettings { adapter, kernels, ..WgpuSettings::default() };
         // Not every adapter can run every kind.
-        if let Ok(other) = WgpuRasterizer::new(WgpuSettings { adapter, kernels, ..WgpuSettings::default() }).block_on()
-        {
+        if let Ok(other) = WgpuRasterizer::new(settings).block_on() {
             add(other, Some(name))?;
         }
     }
