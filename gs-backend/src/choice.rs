@@ -209,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn a_gpu_that_lacks_a_parameterization_is_not_used() {
+    fn wgpu_without_a_parameterization_is_not_used() {
         let with = |parameterization| why_not(async move |gpu| can_train_3d(gpu, parameterization).await);
         assert_eq!(with(Parameterization::ScaleRotation), None);
         let why = with(Parameterization::CovarianceFactor).unwrap();
@@ -217,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn a_gpu_that_lacks_an_effect_is_not_used() {
+    fn wgpu_without_an_effect_is_not_used() {
         let with = |cut| {
             let mut settings = RenderSettings::default();
             settings.accuracy.cut = cut;

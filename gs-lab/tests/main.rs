@@ -1,6 +1,6 @@
 //! The laboratory from end to end. One binary for all modules, so that the tests link once.
 
 mod comparisons;
-mod lost_device;
 mod studies;
 mod user_files;
+mod wgpu_lost_device;

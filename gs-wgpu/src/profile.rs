@@ -279,7 +279,7 @@ mod tests {
     }
 
     #[test]
-    fn pairs_count_the_rows_that_entries_touch() {
+    fn wgpu_pairs_count_the_rows_that_entries_touch() {
         let wgpu =
             WgpuRasterizer::new(WgpuSettings::default()).block_on().expect("`cargo xtask test` installs a driver");
         let at = |x: f32| Gaussian2d {
@@ -305,7 +305,7 @@ mod tests {
     }
 
     #[test]
-    fn both_clocks_measure_the_same_stages_and_move_nothing() {
+    fn wgpu_clocks_measure_the_same_stages_and_move_nothing() {
         let wgpu =
             WgpuRasterizer::new(WgpuSettings::default()).block_on().expect("`cargo xtask test` installs a driver");
         let gaussian = |i: u32| Gaussian2d {

@@ -277,7 +277,7 @@ mod tests {
     }
 
     #[test]
-    fn textures_of_the_host_show_the_image_in_every_format() {
+    fn wgpu_fills_textures_of_the_host_in_every_format() {
         let host = Host::open();
         let on_grey = RenderSettings::blended(Blend::Over).on([0.2, 0.5, 0.7]);
         host.compare(&scene_2d(), &Canvas::new(SIZE.width, SIZE.height), &on_grey);
@@ -286,7 +286,7 @@ mod tests {
     }
 
     #[test]
-    fn other_textures_are_refused_with_the_reason() {
+    fn wgpu_refuses_other_textures_with_the_reason() {
         let host = Host::open();
         let splats = host.rasterizer.upload(&scene_2d(), Parameterization::ScaleRotation).unwrap();
         let (view, settings) = (Canvas::new(SIZE.width, SIZE.height), RenderSettings::blended(Blend::Over));

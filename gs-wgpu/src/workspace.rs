@@ -132,7 +132,7 @@ mod tests {
     use crate::{WgpuRasterizer, WgpuSettings};
 
     #[test]
-    fn drawing_allocates_no_gradients() {
+    fn wgpu_drawing_allocates_no_gradients() {
         let wgpu =
             WgpuRasterizer::new(WgpuSettings::default()).block_on().expect("`cargo xtask test` installs a driver");
         let gaussian = Gaussian2d {

@@ -41,7 +41,7 @@ fn the_cpu_backend_is_sound_for_3d_scenes() {
 }
 
 #[test]
-fn the_gpu_backend_is_sound_for_both_kinds_of_scenes() {
+fn wgpu_is_sound_for_both_kinds_of_scenes() {
     let wgpu = WgpuRasterizer::new(WgpuSettings::default()).block_on().expect("`cargo xtask test` installs a driver");
     for input in inputs(40, 3) {
         let (flat, deep) = (scene_2d(&input), scene_3d(&input));

@@ -79,13 +79,13 @@ fn compare_with_the_oracle(scenes: &[&str]) {
 }
 
 #[test]
-fn both_backends_draw_a_published_scene_as_the_oracle_does() {
+fn cpu_and_wgpu_draw_a_published_scene_as_the_oracle_does() {
     compare_with_the_oracle(&[SMALL]);
 }
 
 #[test]
 #[ignore = "slow: the oracle visits each of 277,000 Gaussians at each pixel; `cargo xtask test --slow` runs it"]
-fn both_backends_draw_large_published_scenes_as_the_oracle_does() {
+fn cpu_and_wgpu_draw_large_published_scenes_as_the_oracle_does() {
     compare_with_the_oracle(&[PERSON, ROOM]);
 }
 
@@ -93,7 +93,7 @@ fn both_backends_draw_large_published_scenes_as_the_oracle_does() {
 /// tenth of a display step. Only pixels at which a Gaussian is within rounding of a cut may differ
 /// more.
 #[test]
-fn the_backends_draw_published_scenes_alike_on_a_screen() {
+fn cpu_and_wgpu_draw_published_scenes_alike_on_a_screen() {
     both(&[SMALL, PERSON, ROOM], |name, scene, settings, cpu, wgpu| {
         for view in [overview(scene, SCREEN), detail(scene, SCREEN)] {
             let [a, b] = [

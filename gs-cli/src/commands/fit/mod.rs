@@ -179,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lost_gpu_ends_the_fit_with_one_line_that_says_how_to_go_on() {
+    fn a_lost_wgpu_device_ends_the_fit_with_one_line_that_says_how_to_go_on() {
         let place = tempfile::tempdir().unwrap();
         let (output, state) = (place.path().join("out"), place.path().join("state"));
         let (output_flag, state_flag) = (output.to_str().unwrap(), state.to_str().unwrap());

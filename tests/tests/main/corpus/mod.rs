@@ -79,24 +79,24 @@ fn check(kernels: Kernels, records: fn(&WgpuRasterizer) -> Vec<Record>) {
 }
 
 #[test]
-fn the_gpu_passes_all_cases_with_portable_kernels() {
+fn wgpu_passes_all_cases_with_portable_kernels() {
     check(Kernels::Portable, cases);
 }
 
 #[test]
-fn the_gpu_passes_all_cases_with_subgroups() {
+fn wgpu_passes_all_cases_with_subgroups() {
     check(Kernels::Subgroups, cases);
 }
 
 #[test]
 #[ignore = "minutes on a software driver; `cargo xtask test --slow` runs it"]
-fn the_gpu_passes_hostile_values_with_portable_kernels() {
+fn wgpu_passes_hostile_values_with_portable_kernels() {
     check(Kernels::Portable, records);
 }
 
 #[test]
 #[ignore = "minutes on a software driver; `cargo xtask test --slow` runs it"]
-fn the_gpu_passes_hostile_values_with_subgroups() {
+fn wgpu_passes_hostile_values_with_subgroups() {
     check(Kernels::Subgroups, records);
 }
 
