@@ -7,7 +7,7 @@ use gs_cpu::{CpuRasterizer, CpuSettings};
 
 /// One thread: the images are too small for more.
 static RASTERIZER: LazyLock<CpuRasterizer> = LazyLock::new(|| {
-    CpuRasterizer::new(CpuSettings { threads: Some(1), level: None }).expect("a thread can be started")
+    CpuRasterizer::new(CpuSettings::default().with(|s| {s.threads = Some(1); s.level = None;})).expect("a thread can be started")
 });
 
 /// A 2D scene from bytes.

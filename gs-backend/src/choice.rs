@@ -10,6 +10,7 @@ use crate::{AnyRasterizer, threads::Threads};
 
 /// Which backend is wanted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[non_exhaustive]
 pub enum Wanted {
     /// A suitable GPU if there is one, otherwise the CPU.
     #[default]
@@ -22,6 +23,7 @@ pub enum Wanted {
 
 /// A request for a backend.
 #[derive(Debug, Clone, Default)]
+#[non_exhaustive]
 pub struct Request {
     /// Which backend.
     pub wanted: Wanted,
@@ -39,6 +41,8 @@ pub struct Request {
     #[cfg(feature = "wgpu")]
     pub wgpu: WgpuSettings,
 }
+
+gs_core::impl_with!(Request);
 
 impl Request {
     fn why(&self) -> &'static str {
@@ -121,7 +125,10 @@ fn not_in_this_build(backend: &'static str) -> Error {
 
 #[cfg(feature = "cpu")]
 fn cpu(request: &Request, threads: &Threads, why: &str) -> Result<Chosen, Error> {
-    let settings = CpuSettings { threads: Some(threads.count), level: request.level };
+    let settings = CpuSettings::default().with(|s| {
+        s.threads = Some(threads.count);
+        s.level = request.level;
+    });
     let rasterizer = CpuRasterizer::new(settings)?.with_tuning(request.tuning)?;
     let why_level = match request.level {
         Some(_) => "SIMD level as asked",

@@ -1,5 +1,8 @@
 #![doc = include_str!("../README.md")]
 
+#[cfg(not(any(feature = "cpu", feature = "wgpu")))]
+compile_error!("gs-backend needs a backend: enable its feature `cpu`, `wgpu` or both");
+
 mod any;
 mod choice;
 #[cfg(feature = "wgpu")]

@@ -39,8 +39,7 @@ pub(crate) struct BackendArgs {
     /// Number of threads; results do not depend on it [default: RAYON_NUM_THREADS, or one per core]
     #[arg(long, value_name = "T", value_parser = whole::<u16>(1..=1024))]
     pub(crate) threads: Option<u16>,
-    /// SIMD level of the cpu backend: scalar, sse4.2, avx2, avx512 or native [default: the fastest
-    /// of this machine]
+    /// SIMD level of the cpu backend: baseline, avx2 or avx512 [default: the fastest of this machine]
     #[arg(long, value_name = "LEVEL")]
     pub(crate) simd: Option<String>,
     /// Tuning of the cpu backend; only a settings file can choose it.
@@ -139,16 +138,19 @@ impl BackendArgs {
             (Choice::Cpu, None, _) => (Wanted::Cpu, None),
             (Choice::Wgpu, _, None) | (Choice::Auto, Some(_), None) => (Wanted::Wgpu, None),
         };
-        #[allow(clippy::needless_update, reason = "a feature for tests adds a field")]
-        let wgpu = WgpuSettings { adapter: adapter.clone(), kernels: *kernels, ..WgpuSettings::default() };
-        Ok(Request {
-            wanted,
-            why,
-            threads: threads.map(usize::from),
-            level: simd.as_deref().map(simd_level).transpose()?,
-            tuning: *tuning,
-            wgpu,
-        })
+        let wgpu = WgpuSettings::default().with(|s| {
+            s.adapter = adapter.clone();
+            s.kernels = *kernels;
+        });
+        let level = simd.as_deref().map(simd_level).transpose()?;
+        Ok(Request::default().with(|s| {
+            s.wanted = wanted;
+            s.why = why;
+            s.threads = threads.map(usize::from);
+            s.level = level;
+            s.tuning = *tuning;
+            s.wgpu = wgpu;
+        }))
     }
 }
 
@@ -206,7 +208,7 @@ pub(crate) fn on_cpu<T>(chosen: &Chosen, work: impl FnOnce(&AnyRasterizer) -> T)
     match &chosen.rasterizer {
         cpu @ AnyRasterizer::Cpu(_) => Ok(work(cpu)),
         AnyRasterizer::Wgpu(_) => {
-            let settings = CpuSettings { threads: Some(chosen.threads), ..CpuSettings::default() };
+            let settings = CpuSettings::default().with(|s| s.threads = Some(chosen.threads));
             Ok(work(&AnyRasterizer::Cpu(Box::new(CpuRasterizer::new(settings)?))))
         }
     }
@@ -244,32 +246,39 @@ mod tests {
     #[test]
     fn without_flags_the_recorded_backend_is_used() {
         let recorded = Machine {
-            name: "cpu scalar".to_owned(),
-            flags: ["--backend", "cpu", "--simd", "scalar"].map(str::to_owned).to_vec(),
+            name: "cpu baseline".to_owned(),
+            flags: ["--backend", "cpu", "--simd", "baseline"].map(str::to_owned).to_vec(),
         };
         let open = BackendArgs { threads: Some(3), ..BackendArgs::default() };
         let found = open.or_recorded(&recorded);
-        assert_eq!((found.backend, found.simd.as_deref(), found.threads), (Choice::Cpu, Some("scalar"), Some(3)));
+        assert_eq!((found.backend, found.simd.as_deref(), found.threads), (Choice::Cpu, Some("baseline"), Some(3)));
         let given = args(Choice::Auto, None, Some("avx2")).or_recorded(&recorded);
         assert_eq!((given.backend, given.simd.as_deref()), (Choice::Auto, Some("avx2")));
         let unknown = Machine { flags: vec!["--abacus".to_owned()], ..recorded };
         assert_eq!(open.or_recorded(&unknown).backend, Choice::Auto);
     }
 
+    fn is_called_asked_for_only_if_it_is(wanted: Wanted, choice: Choice) {
+        let reason = BackendArgs::default().open_to_compare(wanted).unwrap().reason;
+        assert!(reason.contains("to be compared") && !reason.contains("as asked"), "{reason}");
+        let asked = args(choice, None, None).open_to_compare(wanted).unwrap().reason;
+        assert!(asked.contains("as asked"), "{asked}");
+    }
+
     #[test]
-    fn compared_backends_are_not_called_asked_for_unless_they_are() {
-        for (wanted, choice) in [(Wanted::Cpu, Choice::Cpu), (Wanted::Wgpu, Choice::Wgpu)] {
-            let reason = BackendArgs::default().open_to_compare(wanted).unwrap().reason;
-            assert!(reason.contains("to be compared") && !reason.contains("as asked"), "{reason}");
-            let asked = args(choice, None, None).open_to_compare(wanted).unwrap().reason;
-            assert!(asked.contains("as asked"), "{asked}");
-        }
+    fn the_cpu_is_called_asked_for_only_if_it_is() {
+        is_called_asked_for_only_if_it_is(Wanted::Cpu, Choice::Cpu);
+    }
+
+    #[test]
+    fn wgpu_is_called_asked_for_only_if_it_is() {
+        is_called_asked_for_only_if_it_is(Wanted::Wgpu, Choice::Wgpu);
     }
 
     #[test]
     fn every_combination_of_flags_is_a_request_or_a_contradiction() {
         use Choice::{Auto, Cpu, Wgpu};
-        let (adapter, level) = (Some("llvm"), Some("scalar"));
+        let (adapter, level) = (Some("llvm"), Some("baseline"));
         for (flags, wanted, why) in [
             ((Auto, None, None), Wanted::Fastest, None),
             ((Auto, None, level), Wanted::Cpu, Some("as --simd asks")),

@@ -23,7 +23,10 @@ pub(crate) struct ReadingArgs {
 impl ReadingArgs {
     /// The settings of the library.
     pub(crate) fn settings(&self) -> DatasetSettings {
-        DatasetSettings { max_side: self.max_size.0, allow_outside: self.allow_outside, ..DatasetSettings::default() }
+        DatasetSettings::default().with(|s| {
+            s.max_side = self.max_size.0;
+            s.allow_outside = self.allow_outside;
+        })
     }
 
     /// Reads a data set.
@@ -67,15 +70,14 @@ pub(crate) struct DatasetArgs {
 impl DatasetArgs {
     /// Reads a data set.
     pub(crate) fn read(&self, path: &Path) -> Result<Dataset, Failure> {
-        let settings = DatasetSettings {
-            image_folder: self.images.clone(),
-            test_every: NonZeroU32::new(self.holdout),
-            alpha: match self.alpha {
+        let settings = self.reading.settings().with(|s| {
+            s.image_folder = self.images.clone();
+            s.test_every = NonZeroU32::new(self.holdout);
+            s.alpha = match self.alpha {
                 AlphaName::Opacity => AlphaMeaning::Opacity,
                 AlphaName::Mask => AlphaMeaning::Mask,
-            },
-            ..self.reading.settings()
-        };
+            };
+        });
         Ok(read_dataset(path, &settings)?)
     }
 }

@@ -76,39 +76,22 @@ impl EffectsArgs {
         views: &[S::View],
         wanted: &RenderSettings,
     ) -> Result<RequiredEffects, gs_core::Error> {
+        let all = |why: &str| RequiredEffects::decided(wanted, |_| (wanted.effects, why.to_owned()));
         Ok(match self.choice() {
             Choice::Auto => Effects::required(scene, views, wanted)?,
-            Choice::All => decided(wanted, |_| Decision { effects: wanted.effects, why: "--effects all" }),
-            Choice::FromFile => decided(wanted, |_| Decision { effects: wanted.effects, why: "as in --settings" }),
+            Choice::All => all("--effects all"),
+            Choice::FromFile => all("as in --settings"),
             Choice::Only(list) => listed(list, wanted),
         })
     }
 }
 
 fn listed(list: &[Effect], wanted: &RenderSettings) -> RequiredEffects {
-    decided(wanted, |effect| match effect {
-        Effect::Blend => Decision { effects: wanted.effects, why: "as in training" },
-        _ if list.contains(&effect) => Decision { effects: wanted.effects, why: "in --effects" },
-        _ => Decision { effects: effect.off(&wanted.effects), why: "not in --effects" },
+    RequiredEffects::decided(wanted, |effect| match effect {
+        Effect::Blend => (wanted.effects, "as in training".to_owned()),
+        _ if list.contains(&effect) => (wanted.effects, "in --effects".to_owned()),
+        _ => (effect.off(&wanted.effects), "not in --effects".to_owned()),
     })
-}
-
-/// What the flag decides about one effect.
-struct Decision {
-    /// Effects that have it or not.
-    effects: Effects,
-    why: &'static str,
-}
-
-fn decided(wanted: &RenderSettings, decide: impl Fn(Effect) -> Decision) -> RequiredEffects {
-    let mut settings = *wanted;
-    let decisions = Effect::ALL.into_iter().map(|effect| {
-        let Decision { effects, why } = decide(effect);
-        settings.effects = effect.copied(&effects, &settings.effects);
-        EffectDecision::new(effect, &wanted.effects, &effects, why.to_owned())
-    });
-    let decisions = decisions.collect();
-    RequiredEffects { settings, decisions }
 }
 
 /// Which effects are simulated and which are left out, with reasons; `None` if there is nothing to

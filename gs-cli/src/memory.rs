@@ -10,7 +10,7 @@ use std::{
 };
 
 use gs_core::memory::amount;
-use gs_io::{Format3d, format_3d};
+use gs_io::format_3d;
 
 use crate::{failure::Failure, output};
 
@@ -75,16 +75,10 @@ pub(crate) fn check_picture(what: impl Display, (width, height): (u32, u32)) -> 
 /// reader.
 pub(crate) fn check_3d(path: &Path) -> Result<(), Failure> {
     let Some(format) = format_3d(path)? else { return Ok(()) };
-    // A Gaussian takes 56 bytes in memory, and 12 for each SH coefficient above degree 0, besides
-    // its bytes in the file.
-    let times = match format {
-        Format3d::Splat => 4,
-        Format3d::Spz => 14,
-        _ => 3,
-    };
     let file = fs::metadata(path).map_or(0, |file| file.len());
+    let bytes = gs_train::memory::reading_3d(format, file);
     let less = "prune the scene, or reduce its SH degree";
-    Need { what: format!("reading {}", path.display()), bytes: times * file, held: 0, less }.check_and_print()
+    Need { what: format!("reading {}", path.display()), bytes, held: 0, less }.check_and_print()
 }
 
 /// The peak memory of this process so far, if the system tells.

@@ -83,10 +83,10 @@ impl RenderArgs3d {
 
     /// How a scene was trained: as flags say, otherwise as its file does.
     pub(crate) fn trained_with(&self, file: TrainedWith) -> TrainedWith {
-        TrainedWith {
-            antialias: self.antialias.map(Into::into).or(file.antialias),
-            order: self.order.map(Into::into).or(file.order),
-        }
+        TrainedWith::default().with(|s| {
+            s.antialias = self.antialias.map(Into::into).or(file.antialias);
+            s.order = self.order.map(Into::into).or(file.order);
+        })
     }
 
     /// Notes on standard error that the antialiasing is a guess, if neither the file nor a flag

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use gs_core::counted;
-use gs_io::{AnyScene, File3d, SceneFile, Values, read_scene, scene_in};
+use gs_io::{AnyScene, File3d, SceneFile, Values, is_scene, read_scene, scene_in};
 
 use crate::{failure::Failure, memory, output};
 
@@ -34,6 +34,11 @@ pub(crate) fn file_of(path: &Path) -> PathBuf {
 /// Reads a scene of either kind whose values are all possible.
 pub(crate) fn read_any(path: &Path) -> Result<AnyScene, Failure> {
     Ok(read(path, Values::Checked)?.scene)
+}
+
+/// Reads a scene of either kind; `None` for a file that is none, such as an image.
+pub(crate) fn read_if_any(path: &Path) -> Result<Option<AnyScene>, Failure> {
+    is_scene(path)?.then(|| read_any(path)).transpose()
 }
 
 /// Reads a 3D scene.

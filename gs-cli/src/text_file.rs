@@ -7,9 +7,6 @@ use std::{
     path::Path,
 };
 
-use gs_train::{parse_settings, settings_to_toml};
-use serde::{Serialize, de::DeserializeOwned};
-
 use crate::failure::Failure;
 
 /// The longest text that is read, bytes. A camera path of 100,000 keys has about 10 MB.
@@ -36,21 +33,6 @@ pub(crate) fn read_text(file: &Path, hint: &str) -> Result<String, Failure> {
 /// Reads the text of a settings file. It must be read only once: it may be a pipe.
 pub(crate) fn read_settings_text(file: &Path) -> Result<String, Failure> {
     read_text(file, "name a file of settings")
-}
-
-/// Reads a settings file; `hint` says what to do where its content is wrong.
-pub(crate) fn read_toml<T: DeserializeOwned>(file: &Path, hint: &str) -> Result<T, Failure> {
-    parse_toml(&read_settings_text(file)?, file, hint)
-}
-
-/// Parses the text of a settings file; as [`read_toml`].
-pub(crate) fn parse_toml<T: DeserializeOwned>(text: &str, file: &Path, hint: &str) -> Result<T, Failure> {
-    parse_settings(text, file).map_err(|error| Failure::usage(error).hint(hint))
-}
-
-/// Settings as TOML, for [`read_toml`].
-pub(crate) fn to_toml(settings: &impl Serialize) -> Result<String, Failure> {
-    settings_to_toml(settings).map_err(Failure::failed)
 }
 
 #[cfg(test)]

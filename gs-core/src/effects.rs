@@ -11,6 +11,8 @@ mod required;
 
 use serde::{Deserialize, Serialize};
 
+#[doc(hidden)]
+pub use self::required::Decide;
 pub use self::{
     effect::Effect,
     required::{EffectDecision, RequiredEffects, Requirement, RequiresEffects},
@@ -107,9 +109,14 @@ impl Order {
     /// All values.
     pub const ALL: [Self; 3] = [Self::Index, Self::Global, Self::PerPixel];
 
-    /// The order of this name; `None` for an unknown name.
+    /// The order of this name, or of the name that earlier versions wrote; `None` for an unknown
+    /// name.
     pub fn named(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|order| order.name() == name)
+        match name {
+            "tile-depth" => Some(Self::Global),
+            "pixel-depth" => Some(Self::PerPixel),
+            name => Self::ALL.into_iter().find(|order| order.name() == name),
+        }
     }
 
     /// Name in settings files and flags.

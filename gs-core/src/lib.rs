@@ -43,7 +43,7 @@ pub use crate::{
     loss::Loss,
     noise::MeanNoise,
     rasterizer::{Backend, Binning, Optimizer, Rasterizer, TrainStep, Wait},
-    scene::{Gaussian2d, Gaussian3d, Scene, Scene2d, Scene3d, logit, sigmoid},
+    scene::{Gaussian2d, Gaussian3d, NotFinite3d, Scene, Scene2d, Scene3d, ValueQuantiles, logit, sigmoid},
     settings::{Accuracy, Cut, Extent, RenderSettings},
     state::{SplatsState, Tensor, TensorData},
     statistics::{CullCause, Culled, DensityStatistics},

@@ -10,7 +10,8 @@ pub struct DensityStatistics {
     /// for its values and units. Zeros where none is collected.
     ///
     /// There is one sum: two statistics must not be mixed without an edit between them.
-    pub gradient_sum: Vec<f32>,
+    #[serde(alias = "gradient_sum")]
+    pub signal_sum: Vec<f32>,
     /// Number of steps in which the Gaussian was drawn.
     pub visible: Vec<u32>,
 }
@@ -18,13 +19,13 @@ pub struct DensityStatistics {
 impl DensityStatistics {
     /// Statistics of `len` Gaussians that were never drawn.
     pub fn zeros(len: usize) -> Self {
-        Self { gradient_sum: vec![0.0; len], visible: vec![0; len] }
+        Self { signal_sum: vec![0.0; len], visible: vec![0; len] }
     }
 
     /// Mean of the collected statistic of Gaussian `index` over the steps in which it was drawn; 0
     /// without such steps.
-    pub fn mean_gradient(&self, index: usize) -> f32 {
-        self.gradient_sum[index] / self.visible[index].max(1) as f32
+    pub fn mean_signal(&self, index: usize) -> f32 {
+        self.signal_sum[index] / self.visible[index].max(1) as f32
     }
 }
 

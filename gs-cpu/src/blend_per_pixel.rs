@@ -8,7 +8,7 @@
 //!
 //! Legend: that of `blend_over`.
 
-use fearless_simd::{Level, Simd, dispatch};
+use fearless_simd::Simd;
 use gs_core::math::splat::over::{self, Backward, Forward};
 
 use crate::{
@@ -16,6 +16,7 @@ use crate::{
     collect::Collect,
     lanes::{LANES, Whole, exp, fma, iota, splat, store},
     layout::{Row, ScalarRow},
+    level::{Level, dispatch},
     tile_inputs::TileInputs,
 };
 

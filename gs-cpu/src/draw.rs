@@ -1,12 +1,12 @@
 //! An image without a backward pass: drawn a few strips at a time, so that it is in memory once.
 
-use fearless_simd::Level;
 use gs_core::{Error, Image};
 use rayon::prelude::*;
 
 use crate::{
     lanes::LANES,
     layout::{Grid, Row},
+    level::Level,
     tiles::Tiles,
 };
 

@@ -9,13 +9,13 @@ use std::{
     },
 };
 
-use fearless_simd::Level;
 use gs_core::{
     AdamRates, Binning, DensityStatistics, EditPlan, Error, MeanNoise, Parameterization, RenderSettings, Scene,
     Scene2d, Scene3d, SplatsState,
 };
 
 use crate::{
+    level::Level,
     stage::Stage,
     target::Target,
     unsupported::unsupported,

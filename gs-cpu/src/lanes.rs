@@ -168,15 +168,14 @@ pub(crate) fn sums<S: Simd, V: Floats<S>>([a, b, c, d, e, f, g, h]: [V; 8]) -> [
 
 #[cfg(test)]
 mod tests {
-    use fearless_simd::dispatch;
 
     use super::*;
-    use crate::level::SimdLevel;
+    use crate::level::{SimdLevel, dispatch};
 
     #[test]
     fn exp_is_exact_to_two_ulp_at_every_level() {
         let worst_of = |level: SimdLevel, base: f32, numbers: &[f32]| {
-            let token = level.token().unwrap();
+            let token = level.instructions().unwrap();
             let relative = |x: f32| {
                 let got = dispatch!(token, simd => exp_less(simd, Whole::splat(simd, x), base).as_slice()[3]);
                 let exact = if base == 0.0 { f64::from(x).exp() } else { f64::from(x).exp_m1() };
@@ -196,7 +195,7 @@ mod tests {
 
     #[test]
     fn exp_vanishes_below_its_range() {
-        let token = SimdLevel::best().token().unwrap();
+        let token = SimdLevel::best().instructions().unwrap();
         let values = [f32::NEG_INFINITY, -1e30, -88.0, f32::NAN, 0.0];
         let got = values.map(|x| dispatch!(token, simd => exp(simd, Whole::splat(simd, x)).as_slice()[0]));
         assert_eq!(got, [0.0, 0.0, 0.0, 0.0, 1.0]);
@@ -205,7 +204,7 @@ mod tests {
     #[test]
     fn eight_sums_at_once() {
         for level in SimdLevel::available() {
-            let token = level.token().unwrap();
+            let token = level.instructions().unwrap();
             let (got, lanes) = dispatch!(token, simd => sums_of_tens(simd));
             assert_eq!(got, std::array::from_fn(|k| (lanes * (100 * k) + lanes * (lanes - 1) / 2) as f32), "{level}");
         }

@@ -2,69 +2,137 @@
 
 use std::{fmt, str::FromStr};
 
-use fearless_simd::Level;
+#[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
+use fearless_simd::x86::{Avx2, Avx512};
 use gs_core::Error;
 
 /// An instruction set the kernels are compiled for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 #[non_exhaustive]
 pub enum SimdLevel {
-    /// No vectors; works on any machine.
-    Scalar,
-    /// SSE4.2, 4 lanes.
-    Sse42,
+    /// What every machine of the target has: SSE2 on x86-64 and NEON on AArch64, with 4 lanes each;
+    /// SIMD128 on WebAssembly, if the compiler was told to use it; no vectors otherwise.
+    Baseline,
     /// AVX2 with FMA, 8 lanes.
     Avx2,
     /// AVX-512 of Ice Lake and later, 16 lanes.
     Avx512,
-    /// The instruction set of the compiler's target on other architectures: NEON on AArch64,
-    /// SIMD128 on WebAssembly.
-    Native,
+}
+
+/// A level that this machine has. [`dispatch`] compiles its body for each.
+#[derive(Debug, Clone, Copy)]
+pub enum Level {
+    Baseline(baseline::Simd),
+    #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
+    Avx2(Avx2),
+    #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
+    Avx512(Avx512),
+}
+
+/// Evaluates an expression with the instructions of a level: `dispatch!(level, simd => f(simd))`.
+///
+/// `fearless_simd::dispatch!` compiles the expression for SSE4.2 and without vectors, too: two fifths
+/// of the crate's build time, for few machines.
+macro_rules! dispatch {
+    ($level:expr, $simd:ident => $body:expr) => {{
+        match $level {
+            $crate::level::Level::Baseline($simd) => fearless_simd::Simd::vectorize(
+                $simd,
+                #[inline(always)]
+                || $body,
+            ),
+            #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
+            $crate::level::Level::Avx2($simd) => fearless_simd::Simd::vectorize(
+                $simd,
+                #[inline(always)]
+                || $body,
+            ),
+            #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
+            $crate::level::Level::Avx512($simd) => fearless_simd::Simd::vectorize(
+                $simd,
+                #[inline(always)]
+                || $body,
+            ),
+        }
+    }};
+}
+pub(crate) use dispatch;
+
+#[cfg(all(any(target_arch = "x86", target_arch = "x86_64"), target_feature = "sse2"))]
+mod baseline {
+    pub(crate) use fearless_simd::x86::Sse2 as Simd;
+
+    pub(super) fn token() -> Simd {
+        fearless_simd::Level::baseline().as_sse2().expect("SSE2 is among the target's features")
+    }
+}
+
+#[cfg(target_arch = "aarch64")]
+mod baseline {
+    pub(crate) use fearless_simd::aarch64::Neon as Simd;
+
+    pub(super) fn token() -> Simd {
+        fearless_simd::Level::baseline().as_neon().expect("NEON is among the target's features")
+    }
+}
+
+#[cfg(all(target_arch = "wasm32", target_feature = "simd128"))]
+mod baseline {
+    pub(crate) use fearless_simd::wasm32::WasmSimd128 as Simd;
+
+    pub(super) fn token() -> Simd {
+        fearless_simd::Level::baseline().as_wasm_simd128().expect("SIMD128 is among the target's features")
+    }
+}
+
+#[cfg(not(any(
+    all(any(target_arch = "x86", target_arch = "x86_64"), target_feature = "sse2"),
+    target_arch = "aarch64",
+    all(target_arch = "wasm32", target_feature = "simd128"),
+)))]
+mod baseline {
+    pub(crate) use fearless_simd::Fallback as Simd;
+
+    pub(super) fn token() -> Simd {
+        let fearless_simd::Level::Fallback(token) = fearless_simd::Level::baseline() else {
+            unreachable!("this target has no vectors")
+        };
+        token
+    }
 }
 
 impl SimdLevel {
     /// The levels this machine has, slowest first. Never empty.
     pub fn available() -> Vec<Self> {
-        let all = [Self::Scalar, Self::Sse42, Self::Avx2, Self::Avx512, Self::Native];
-        all.into_iter().filter(|level| level.token().is_some()).collect()
+        [Self::Baseline, Self::Avx2, Self::Avx512].into_iter().filter(|level| level.instructions().is_some()).collect()
     }
 
     /// The fastest level this machine has.
     pub fn best() -> Self {
-        *Self::available().last().expect("the scalar level is everywhere")
+        *Self::available().last().expect("the baseline is everywhere")
     }
 
-    /// A token that proves to the kernels that this machine has the level.
-    #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
-    pub(crate) fn token(self) -> Option<Level> {
-        let detected = Level::new();
+    /// The level for the kernels, if this machine has it.
+    pub(crate) fn instructions(self) -> Option<Level> {
+        #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
+        let detected = fearless_simd::Level::new();
         match self {
-            Self::Scalar => Some(Level::fallback()),
-            Self::Sse42 => detected.as_sse4_2().map(Level::Sse4_2),
+            Self::Baseline => Some(Level::Baseline(baseline::token())),
+            #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
             Self::Avx2 => detected.as_avx2().map(Level::Avx2),
+            #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
             Self::Avx512 => detected.as_avx512().map(Level::Avx512),
-            Self::Native => None,
-        }
-    }
-
-    /// A token that proves to the kernels that this machine has the level.
-    #[cfg(not(any(target_arch = "x86", target_arch = "x86_64")))]
-    pub(crate) fn token(self) -> Option<Level> {
-        match self {
-            Self::Scalar => Some(Level::fallback()),
-            Self::Native => Some(Level::new()).filter(|level| !level.is_fallback()),
-            _ => None,
+            #[cfg(not(any(target_arch = "x86", target_arch = "x86_64")))]
+            Self::Avx2 | Self::Avx512 => None,
         }
     }
 }
 
-const NAMES: [(SimdLevel, &str); 5] = [
-    (SimdLevel::Scalar, "scalar"),
-    (SimdLevel::Sse42, "sse4.2"),
-    (SimdLevel::Avx2, "avx2"),
-    (SimdLevel::Avx512, "avx512"),
-    (SimdLevel::Native, "native"),
-];
+const NAMES: [(SimdLevel, &str); 3] =
+    [(SimdLevel::Baseline, "baseline"), (SimdLevel::Avx2, "avx2"), (SimdLevel::Avx512, "avx512")];
+
+/// Names of levels in older versions, which had more of them.
+const OLD_NAMES: [&str; 3] = ["scalar", "sse4.2", "native"];
 
 impl fmt::Display for SimdLevel {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -78,7 +146,8 @@ impl FromStr for SimdLevel {
 
     fn from_str(name: &str) -> Result<Self, Error> {
         let found = NAMES.iter().find(|(_, n)| *n == name).map(|(level, _)| *level);
-        found.ok_or_else(|| Error::setting("SIMD level", name, "one of scalar, sse4.2, avx2, avx512, native"))
+        let found = found.or(OLD_NAMES.contains(&name).then_some(Self::Baseline));
+        found.ok_or_else(|| Error::setting("SIMD level", name, "one of baseline, avx2, avx512"))
     }
 }
 
@@ -91,7 +160,8 @@ mod tests {
         for level in SimdLevel::available() {
             assert_eq!(level.to_string().parse::<SimdLevel>(), Ok(level));
         }
+        assert_eq!("scalar".parse(), Ok(SimdLevel::Baseline));
         assert!("mmx".parse::<SimdLevel>().is_err());
-        assert!(SimdLevel::available().contains(&SimdLevel::Scalar));
+        assert!(SimdLevel::available().contains(&SimdLevel::Baseline));
     }
 }

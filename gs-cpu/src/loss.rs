@@ -1,13 +1,13 @@
 //! Stage `loss`: the loss of an image, and its gradient, which is written beside the image.
 //! Parallel over tiles.
 
-use fearless_simd::{Level, dispatch};
 use gs_core::{Error, Loss, memory};
 
 use crate::{
     dssim,
     lanes::LANES,
     layout::{Cuts, Row, ScalarRow, TileBuffers, for_each_tile},
+    level::{Level, dispatch},
     pointwise::{self, Pointwise},
     target::Target,
     tiles::Tiles,

@@ -3,7 +3,6 @@
 
 use std::{fmt, sync::PoisonError};
 
-use fearless_simd::Level;
 use gs_core::{
     AdamRates, Backend, Binning, Culled, DensityStatistics, EditPlan, Error, Image, Loss, MeanNoise, Optimizer,
     Parameterization, Rasterizer, RenderSettings, Scene2d, Scene3d, SplatsState, TargetImage, TrainStep, Wait, counted,
@@ -13,6 +12,7 @@ use gs_core::{
 use crate::{
     forward_pass::{ForwardPass, ForwardPass2d, ForwardPass3d, Gradients, Gradients2d, Gradients3d},
     kind::{AllResources, Resources, SceneKind},
+    level::Level,
     level::SimdLevel,
     loss,
     scene2d::Splats2d,
@@ -25,12 +25,15 @@ use crate::{
 
 /// How a [`CpuRasterizer`] runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[non_exhaustive]
 pub struct CpuSettings {
     /// Number of threads; `None`: one for each core of the machine.
     pub threads: Option<usize>,
     /// Instruction set; `None`: the fastest that this machine has.
     pub level: Option<SimdLevel>,
 }
+
+gs_core::impl_with!(CpuSettings);
 
 /// The CPU backend. It owns its threads and the buffers that its forward passes use in turn.
 pub struct CpuRasterizer {
@@ -54,7 +57,7 @@ impl CpuRasterizer {
             return Err(Error::setting("threads", 0, "at least 1"));
         }
         let simd = settings.level.unwrap_or_else(SimdLevel::best);
-        let Some(level) = simd.token() else {
+        let Some(level) = simd.instructions() else {
             return Err(Error::setting("SIMD level", simd, "one that this machine has; see `SimdLevel::available`"));
         };
         let threads = rayon::ThreadPoolBuilder::new()

@@ -3,7 +3,6 @@
 
 use std::ops::Range;
 
-use fearless_simd::{Level, dispatch};
 use glam::Vec2;
 use gs_core::{
     Blend, Culled, Effects, Error, Loss, RenderSettings,
@@ -19,6 +18,7 @@ use crate::{
     collect::{Nothing, collecting, numbers},
     dssim,
     layout::{Cuts, Grid, MOST_ROWS_OVER, Row, ScalarRow, TileBuffers, for_each_tile},
+    level::{Level, dispatch},
     pointwise::squares_in_place,
     scratches::Scratches,
     splat::{PixelDepth, Received, Splat},

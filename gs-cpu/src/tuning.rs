@@ -26,6 +26,7 @@ pub enum Bounds {
 /// *The width of a tile*: 16, the lanes of the widest vector.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+#[non_exhaustive]
 pub struct CpuTuning {
     /// Largest number of rows along which the recurrence computes a Gaussian's weights before exp
     /// is called again, 1 to 256. 1 means exp at each pixel. The error of the recurrence grows with
@@ -38,6 +39,8 @@ pub struct CpuTuning {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tile_rows: Option<u16>,
 }
+
+gs_core::impl_with!(CpuTuning);
 
 impl Default for CpuTuning {
     fn default() -> Self {

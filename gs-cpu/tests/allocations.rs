@@ -94,7 +94,11 @@ fn bytes_of_warm_steps(cpu: &impl Optimizer<Scene2d>, blend: Blend, loss: Loss, 
 
 #[test]
 fn only_the_thread_pools_queue_allocates_in_warm_steps() {
-    let cpu = CpuRasterizer::new(CpuSettings { threads: Some(2), level: None }).unwrap();
+    let cpu = CpuRasterizer::new(CpuSettings::default().with(|s| {
+        s.threads = Some(2);
+        s.level = None;
+    }))
+    .unwrap();
     for (blend, loss, mask) in [
         (Blend::Sum, Loss::L2, Mask::None),
         (Blend::Over, Loss::L1, Mask::None),

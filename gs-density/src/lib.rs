@@ -29,7 +29,7 @@
 //!     fn plan(&self, observation: &Observation<'_>, rng: &mut Rng) -> Result<EditPlan<Gaussian2d>, Error> {
 //!         let round = Round::open(&self.actions, observation)?;
 //!         let area_px2 = |i: usize| observation.scene.log_scales[i].element_sum().exp();
-//!         let score = |i: usize| observation.statistics.mean_gradient(i) * area_px2(i);
+//!         let score = |i: usize| observation.statistics.mean_signal(i) * area_px2(i);
 //!         let ranking = round.rank_by(score, WhenFlat::Nothing);
 //!         Ok(round.grow(ranking.top_percent(20.0), rng))
 //!     }
@@ -53,7 +53,7 @@
 //! #     color: Vec3::ONE,
 //! # };
 //! # let scene: Scene2d = [gaussian; 10].into_iter().collect();
-//! # let statistics = DensityStatistics { gradient_sum: vec![1e-3; 10], visible: vec![100; 10] };
+//! # let statistics = DensityStatistics { signal_sum: vec![1e-3; 10], visible: vec![100; 10] };
 //! // What the training loop does, every few hundred steps:
 //! let observation = Observation {
 //!     scene: &scene,           // 10 Gaussians

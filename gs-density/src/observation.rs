@@ -56,7 +56,7 @@ impl<S: DensityScene> Observation<'_, S> {
         let Self { scene, statistics, .. } = self;
         scene.check_lengths()?;
         let expected = scene.len();
-        let lengths = [("gradient_sum", statistics.gradient_sum.len()), ("visible", statistics.visible.len())];
+        let lengths = [("signal_sum", statistics.signal_sum.len()), ("visible", statistics.visible.len())];
         match lengths.into_iter().find(|&(_, found)| found != expected) {
             Some((what, found)) => Err(Error::Length { what, expected, found }),
             None => Ok(()),

@@ -95,7 +95,7 @@ impl DensityPolicy for ResidualGrowth {
     fn plan(&self, observation: &Observation<'_>, rng: &mut Rng) -> Result<EditPlan<Gaussian2d>, Error> {
         self.validate()?;
         let scene = observation.scene;
-        let found = observation.statistics.gradient_sum.len();
+        let found = observation.statistics.signal_sum.len();
         if found != scene.len() {
             return Err(Error::Length { what: "density statistics", expected: scene.len(), found });
         }

@@ -74,7 +74,7 @@ impl<'a, S: DensityScene> Round<'a, S> {
 
     /// Ranks the survivors by the mean of the collected statistic, in its unit.
     pub fn rank_by_statistic(&self, when_flat: WhenFlat) -> Ranking {
-        self.rank_by(|index| self.observation.statistics.mean_gradient(index), when_flat)
+        self.rank_by(|index| self.observation.statistics.mean_signal(index), when_flat)
     }
 
     /// Number of Gaussians that the budget has room for after pruning.

@@ -35,7 +35,7 @@ pub fn write_atomically(
     path: impl AsRef<Path>,
     content: impl FnOnce(&mut dyn Write) -> io::Result<()>,
 ) -> Result<(), Error> {
-    write(path.as_ref(), content, Durability::Usual)
+    write(path.as_ref(), &mut once(content), Durability::Usual)
 }
 
 /// As [`write_atomically`], but a power cut leaves either the old file or the new one. The file is
@@ -48,7 +48,7 @@ pub fn write_durably(
     path: impl AsRef<Path>,
     content: impl FnOnce(&mut dyn Write) -> io::Result<()>,
 ) -> Result<(), Error> {
-    write(path.as_ref(), content, Durability::PowerCut)
+    write(path.as_ref(), &mut once(content), Durability::PowerCut)
 }
 
 /// What a written file must survive.
@@ -60,11 +60,15 @@ enum Durability {
     PowerCut,
 }
 
-fn write(
-    path: &Path,
-    content: impl FnOnce(&mut dyn Write) -> io::Result<()>,
-    durability: Durability,
-) -> Result<(), Error> {
+/// The content of a file, called once. A trait object, so that [`write`] is compiled once.
+type Content<'a> = dyn FnMut(&mut dyn Write) -> io::Result<()> + 'a;
+
+fn once(content: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> impl FnMut(&mut dyn Write) -> io::Result<()> {
+    let mut content = Some(content);
+    move |file| content.take().expect("a file is written once")(file)
+}
+
+fn write(path: &Path, content: &mut Content<'_>, durability: Durability) -> Result<(), Error> {
     let failed = |source| Error::write(path, source);
     let replaced = fs::metadata(path).ok();
     match &replaced {
@@ -198,7 +202,7 @@ impl Drop for Known {
     }
 }
 
-fn fill(file: &File, content: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {
+fn fill(file: &File, content: &mut Content<'_>) -> io::Result<()> {
     let mut writer = BufWriter::new(file);
     content(&mut writer)?;
     writer.flush()

@@ -25,7 +25,7 @@ pub enum Error {
     NotAFile {
         /// The path.
         path: PathBuf,
-        /// Such as "a folder".
+        /// What is there instead, such as "a folder".
         found: &'static str,
         /// The expected kind of file: "an image file".
         wanted: &'static str,

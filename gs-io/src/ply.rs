@@ -19,6 +19,7 @@ use std::path::Path;
 use glam::Vec3;
 use gs_core::{
     Blend, Gaussian2d, Gaussian3d, Scene, Scene3d,
+    constants::SH_C0,
     effects::{Antialias, Order},
 };
 
@@ -26,7 +27,7 @@ use crate::{
     File2d,
     atomic::write_durably,
     error::Error,
-    scene3d::{SH_0, TrainedWith, ply},
+    scene3d::{TrainedWith, ply},
 };
 
 /// Length of the longer side of an exported picture, world units.
@@ -93,6 +94,6 @@ fn flat_gaussian(g: &Gaussian2d, file: &File2d, depth: f32) -> Gaussian3d {
         log_scale: (g.log_scale + world_per_px.ln()).extend(THICKNESS_WORLD.ln()),
         rotation: [cos, 0.0, 0.0, sin],
         opacity_logit: g.opacity_logit.clamp(-MAX_LOGIT, MAX_LOGIT),
-        sh: vec![(g.color - Vec3::splat(0.5)) / SH_0],
+        sh: vec![(g.color - Vec3::splat(0.5)) / SH_C0],
     }
 }

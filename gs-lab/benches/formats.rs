@@ -83,8 +83,8 @@ impl Row {
 /// Writes a scene in every format, 3DGS's PLY first, and reads it back.
 fn written(scene: &Scene3d, folder: &Path, repetitions: usize) -> Result<Vec<Row>, gs_io::Error> {
     let plain = WriteOptions3d::default();
-    let spz = |version| WriteOptions3d { spz: SpzOptions { version, ..SpzOptions::default() }, ..plain };
-    let beside = WriteOptions3d { gltf_buffer: GltfBuffer::Beside, ..plain };
+    let spz = |version| plain.with(|s| s.spz = SpzOptions::default().with(|s| s.version = version));
+    let beside = plain.with(|s| s.gltf_buffer = GltfBuffer::Beside);
     let formats = [
         ("PLY", "a.ply", plain),
         ("`.splat`", "a.splat", plain),

@@ -81,7 +81,7 @@ fn main() -> Outcome {
 }
 
 fn dataset(name: &str) -> Result<Dataset, gs_io::Error> {
-    let settings = DatasetSettings { test_every: HOLDOUT.try_into().ok(), ..DatasetSettings::default() };
+    let settings = DatasetSettings::default().with(|s| s.test_every = HOLDOUT.try_into().ok());
     read_dataset(data::folder().join(name), &settings)
 }
 

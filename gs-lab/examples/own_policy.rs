@@ -18,7 +18,7 @@ struct RestlessMass(f32);
 impl DensityPolicy for RestlessMass {
     fn plan(&self, seen: &Observation<'_>, rng: &mut Rng) -> Result<EditPlan<Gaussian2d>, gs_core::Error> {
         let round = Round::open(&Actions::default(), seen)?;
-        let mass = |i: usize| seen.statistics.mean_gradient(i) * seen.scene.log_scales[i].element_sum().exp();
+        let mass = |i: usize| seen.statistics.mean_signal(i) * seen.scene.log_scales[i].element_sum().exp();
         let ranking = round.rank_by(mass, WhenFlat::Nothing);
         Ok(round.grow(ranking.top_percent(self.0), rng))
     }

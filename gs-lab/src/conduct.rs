@@ -22,7 +22,7 @@ use crate::{
     error::Error,
     folder::StudyFolder,
     plan::{Plan, Run, VERSION},
-    record::{Finished, Outcome, Record},
+    record::{Finished, Record, RunOutcome},
     replay::Replayed,
 };
 
@@ -34,7 +34,7 @@ pub trait Watcher: Sync {
     }
 
     /// A run has ended, and its outcome is stored.
-    fn ended(&self, run: &Run, outcome: &Outcome) {
+    fn ended(&self, run: &Run, outcome: &RunOutcome) {
         let _ = (run, outcome);
     }
 
@@ -170,21 +170,21 @@ fn attempt<R: Optimizer<Scene2d>>(
     rasterizer: &R,
     side_by_side: usize,
     watcher: &dyn Watcher,
-) -> Result<Option<(Outcome, Option<Image>)>, Error> {
+) -> Result<Option<(RunOutcome, Option<Image>)>, Error> {
     // A fit that panicked shares no state with others: its trainer was dropped.
     let fitted = catch_unwind(AssertUnwindSafe(|| fit(plan, run, rasterizer, watcher)));
     match fitted {
         Ok(Ok(Some(Replayed { image, finished, .. }))) => {
             let finished = Finished { side_by_side, ..finished };
-            Ok(Some((Outcome::Finished(Box::new(finished)), Some(image))))
+            Ok(Some((RunOutcome::Finished(Box::new(finished)), Some(image))))
         }
         Ok(Ok(None)) => Ok(None),
         // A device with too little memory for this run may still have enough for others.
         Ok(Err(FitError::Core(source @ CoreError::Backend { .. }))) if !answers(rasterizer, run) => {
             Err(Error::Backend { row: run.row, run: plan.describe(run), source })
         }
-        Ok(Err(error)) => Ok(Some((Outcome::Failed { error: error.to_string() }, None))),
-        Err(panic) => Ok(Some((Outcome::Failed { error: format!("panicked: {}", message(panic.as_ref())) }, None))),
+        Ok(Err(error)) => Ok(Some((RunOutcome::Failed { error: error.to_string() }, None))),
+        Err(panic) => Ok(Some((RunOutcome::Failed { error: format!("panicked: {}", message(panic.as_ref())) }, None))),
     }
 }
 
@@ -241,9 +241,11 @@ impl Observer for StopWith<'_> {
     }
 }
 
-fn record(plan: &Plan, run: &Run, outcome: Outcome) -> Result<Record, Error> {
+fn record(plan: &Plan, run: &Run, outcome: RunOutcome) -> Result<Record, Error> {
     let target = plan.target(run);
-    let settings = toml::to_string(&run.settings)
+    let settings = run
+        .settings
+        .to_toml()
         .map_err(|error| plan.study.wrong(error.to_string(), "change the settings of the arm"))?;
     Ok(Record {
         address: run.address.clone(),

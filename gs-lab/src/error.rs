@@ -115,7 +115,7 @@ pub enum Error {
         row: usize,
         /// The version that recorded it.
         recorded: String,
-        /// This version.
+        /// The version of this program.
         found: &'static str,
     },
     /// A replay of a row whose settings or image have changed since it was recorded.

@@ -12,10 +12,10 @@ use crate::{
     folder::StudyFolder,
     machine::Machine,
     plan::{Plan, Run, VERSION},
-    record::{Outcome, Record},
+    record::{Record, RunOutcome},
     remark::Remark,
     study::Matching,
-    tables::{Quality, Results, Spread},
+    tables::{Results, RunQuality, Spread},
 };
 
 const RESULTS: &str = "results.json";
@@ -49,8 +49,8 @@ impl Row {
     fn new(plan: &Plan, run: &Run, record: Option<&Record>) -> Self {
         let end = record.and_then(|record| record.outcome.finished());
         let (status, error) = match record.map(|record| &record.outcome) {
-            Some(Outcome::Finished(_)) => ("finished", None),
-            Some(Outcome::Failed { error }) => ("failed", Some(error.clone())),
+            Some(RunOutcome::Finished(_)) => ("finished", None),
+            Some(RunOutcome::Failed { error }) => ("failed", Some(error.clone())),
             None => ("missing", None),
         };
         Self {
@@ -81,7 +81,7 @@ struct Everything<'a> {
     #[serde(flatten)]
     machine: &'a Machine,
     runs: &'a [Row],
-    quality: &'a [Quality],
+    quality: &'a [RunQuality],
     differences: &'a [Difference],
 }
 
@@ -152,7 +152,7 @@ fn runs_csv(rows: &[Row]) -> String {
     table(header, lines)
 }
 
-fn quality_csv(rows: &[Quality]) -> String {
+fn quality_csv(rows: &[RunQuality]) -> String {
     let header =
         "arm,budget,finished,failed,missing,images,gaussians,gaussians_sd,psnr,psnr_sd,ssim,ssim_sd,ms_ssim,ms_ssim_sd";
     let lines = rows.iter().map(|q| {

@@ -15,7 +15,7 @@ use crate::{
     export::TABLES,
     machine::Machine,
     plan::{Plan, Run},
-    record::{Outcome, Record},
+    record::{Record, RunOutcome},
     report::{PAGE, PLOTS},
 };
 
@@ -172,7 +172,7 @@ impl StudyFolder {
 
     /// Whether the run is finished and need not be done again.
     pub fn is_finished(&self, run: &Run) -> bool {
-        self.record(run).is_some_and(|record| matches!(record.outcome, Outcome::Finished(_)))
+        self.record(run).is_some_and(|record| matches!(record.outcome, RunOutcome::Finished(_)))
     }
 
     /// Stores the record of a run. It is on the disk before this returns, so that a power cut does

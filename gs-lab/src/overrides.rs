@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use gs_train::{FitSettings, parse_settings};
+use gs_train::FitSettings;
 use toml::{Table, Value};
 
 /// Pairs of keys of the same table that exclude each other.
@@ -42,12 +42,12 @@ fn current_name<'k>(table: &Table, key: &'k str) -> &'k str {
 
 /// `settings` with the values of `over` in place of their own.
 pub(crate) fn applied(settings: &FitSettings, over: &Table) -> Result<FitSettings, String> {
-    let unwritable = |error: toml::ser::Error| error.to_string();
-    let mut table = Table::try_from(settings).map_err(unwritable)?;
+    let unreadable = |error: toml::de::Error| error.to_string();
+    let mut table: Table = settings.to_toml().map_err(|error| error.to_string())?.parse().map_err(unreadable)?;
     lay_upon(&mut table, over);
-    let text = toml::to_string(&table).map_err(unwritable)?;
+    let text = table.to_string();
     // The line number is left out: it is one of the merged text, which the user does not see.
-    parse_settings(&text, Path::new("")).map_err(|error| match error {
+    FitSettings::from_toml(&text, Path::new("")).map_err(|error| match error {
         gs_train::Error::Settings { problem, .. } => problem,
         error => error.to_string(),
     })

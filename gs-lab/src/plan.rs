@@ -10,7 +10,7 @@ use crate::{
     machine::Machine,
     overrides,
     study::{Arm, Study},
-    target::{Places, Target},
+    target::{Places, StudyImage},
 };
 
 /// The version of this program, such as "0.1.0+1f0c9d2a7b3e". Results of another version are never
@@ -23,7 +23,7 @@ pub struct Plan {
     /// The study.
     pub study: Study,
     /// The images of the study, in its order.
-    pub targets: Vec<Target>,
+    pub targets: Vec<StudyImage>,
     /// The machine that computes.
     pub machine: Machine,
     /// All runs, ordered by seed, then budget, then image, then arm. Runs that are compared with
@@ -62,7 +62,7 @@ impl Plan {
     pub fn new(study: Study, places: &Places, machine: impl Into<Machine>) -> Result<Self, Error> {
         study.validate()?;
         let machine = machine.into();
-        let targets = study.images.iter().map(|name| Target::load(name, places)).collect::<Result<Vec<_>, _>>()?;
+        let targets = study.images.iter().map(|name| StudyImage::load(name, places)).collect::<Result<Vec<_>, _>>()?;
         let mut runs = Vec::new();
         for &seed in &study.seeds {
             for &budget in &study.budgets {
@@ -93,7 +93,7 @@ impl Plan {
     }
 
     /// The image of a run.
-    pub fn target(&self, run: &Run) -> &Target {
+    pub fn target(&self, run: &Run) -> &StudyImage {
         &self.targets[run.target]
     }
 
@@ -133,8 +133,8 @@ fn wrong(study: &Study, arm: &Arm, message: String) -> Error {
     Error::Arm { study: study.name.clone(), line: arm.line, arm: arm.name.clone(), message }
 }
 
-fn address(arm: &Arm, settings: &FitSettings, target: &Target, machine: &str) -> Result<String, String> {
-    let settings = toml::to_string(settings).map_err(|error| error.to_string())?;
+fn address(arm: &Arm, settings: &FitSettings, target: &StudyImage, machine: &str) -> Result<String, String> {
+    let settings = settings.to_toml().map_err(|error| error.to_string())?;
     let policy = arm.own_policy.as_ref().map_or("", |own| own.fingerprint.as_str());
     Ok(digest::of_texts(["gs-lab run 1", VERSION, machine, &target.digest, policy, &settings]))
 }

@@ -26,13 +26,13 @@ pub struct Record {
     /// All settings as TOML; `gs fit --settings` reads them.
     pub settings: String,
     /// Whether the run finished, and its numbers.
-    pub outcome: Outcome,
+    pub outcome: RunOutcome,
 }
 
 /// The outcome of a run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "status", rename_all = "kebab-case")]
-pub enum Outcome {
+pub enum RunOutcome {
     /// All steps were done.
     Finished(Box<Finished>),
     /// The fit failed.
@@ -42,7 +42,7 @@ pub enum Outcome {
     },
 }
 
-impl Outcome {
+impl RunOutcome {
     /// The numbers of a run that finished; `None` if it failed.
     pub fn finished(&self) -> Option<&Finished> {
         match self {
@@ -175,10 +175,10 @@ pub(crate) mod tests {
     fn a_record_comes_back_bit_for_bit() {
         let mut run = finished(0.1 + 0.2);
         run.seconds = 1.0 / 3.0;
-        let outcomes = [Outcome::Finished(Box::new(run)), Outcome::Failed { error: "diverged".to_owned() }];
+        let outcomes = [RunOutcome::Finished(Box::new(run)), RunOutcome::Failed { error: "diverged".to_owned() }];
         for outcome in outcomes {
             let json = serde_json::to_string(&outcome).unwrap();
-            assert_eq!(serde_json::from_str::<Outcome>(&json).unwrap(), outcome, "{json}");
+            assert_eq!(serde_json::from_str::<RunOutcome>(&json).unwrap(), outcome, "{json}");
         }
         let perfect = serde_json::to_string(&finished(f64::INFINITY)).unwrap();
         assert_eq!(serde_json::from_str::<Finished>(&perfect).unwrap().psnr, f64::INFINITY);

@@ -13,14 +13,14 @@ pub use crate::{
     folder::Safety,
     machine::Machine,
     plan::{Run, VERSION},
-    record::{Finished, Outcome, Record},
+    record::{Finished, Record, RunOutcome},
     remark::{Pairing, Remark},
     replay::{Replayed, recorded_run, replay},
     selection::Selection,
     statistics::Interval,
     synthetic::SyntheticTarget,
-    tables::{Metric, Quality, Spread},
-    target::Target,
+    tables::{Metric, RunQuality, Spread},
+    target::StudyImage,
 };
 
 use crate::error::Error;

@@ -6,7 +6,7 @@ use serde::Serialize;
 use crate::{
     folder::StudyFolder,
     plan::{Plan, Run},
-    record::{Finished, Outcome, Record},
+    record::{Finished, Record, RunOutcome},
 };
 
 /// The results of a study.
@@ -66,7 +66,7 @@ pub struct Spread {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
-pub struct Quality {
+pub struct RunQuality {
     /// The arm's name.
     pub arm: String,
     /// The largest number of Gaussians allowed.
@@ -117,7 +117,7 @@ impl<'a> Results<'a> {
     }
 
     /// The quality of every arm at every budget.
-    pub fn qualities(&self) -> Vec<Quality> {
+    pub fn qualities(&self) -> Vec<RunQuality> {
         let budgets = &self.plan.study.budgets;
         budgets
             .iter()
@@ -126,12 +126,13 @@ impl<'a> Results<'a> {
             .collect()
     }
 
-    fn quality(&self, arm: usize, budget: u32) -> Quality {
+    fn quality(&self, arm: usize, budget: u32) -> RunQuality {
         let of_arm = || self.rows().filter(move |(run, _)| run.arm == arm && run.budget == budget);
-        let failed = of_arm().filter(|(_, r)| r.is_some_and(|r| matches!(r.outcome, Outcome::Failed { .. }))).count();
+        let failed =
+            of_arm().filter(|(_, r)| r.is_some_and(|r| matches!(r.outcome, RunOutcome::Failed { .. }))).count();
         let targets = 0..self.plan.targets.len();
         let has_runs = |target: &usize| self.finished(arm, budget).any(|(run, _)| run.target == *target);
-        Quality {
+        RunQuality {
             arm: self.plan.study.arms[arm].name.clone(),
             budget,
             finished: self.finished(arm, budget).count(),

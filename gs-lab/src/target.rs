@@ -21,7 +21,7 @@ pub struct Places {
 
 /// An image to fit.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Target {
+pub struct StudyImage {
     /// The name in the study.
     pub name: String,
     /// The file; `None` for a synthetic target.
@@ -32,7 +32,7 @@ pub struct Target {
     pub digest: String,
 }
 
-impl Target {
+impl StudyImage {
     /// Makes the synthetic target of that name, or finds and reads the image file.
     ///
     /// # Errors
@@ -89,19 +89,20 @@ mod tests {
         gs_io::write_png(folder.join("a.png"), &Image::filled(3, 2, [0.25; 3]).unwrap()).unwrap();
         for data in [place.path(), &folder] {
             let places = Places { data: Some(data.to_owned()), ..Places::default() };
-            let target = Target::load("kodak/a.png", &places).unwrap();
+            let target = StudyImage::load("kodak/a.png", &places).unwrap();
             assert_eq!((target.label(), target.image.size()), ("a", (3, 2)));
         }
-        let lost =
-            Target::load("kodak/b.png", &Places { data: Some(folder), ..Places::default() }).unwrap_err().to_string();
+        let lost = StudyImage::load("kodak/b.png", &Places { data: Some(folder), ..Places::default() })
+            .unwrap_err()
+            .to_string();
         assert!(lost.contains("kodak/b.png: no such file in ") && lost.contains("--data"), "{lost}");
     }
 
     #[test]
     fn synthetic_targets_need_no_file_and_the_error_lists_them() {
-        let unknown = Target::load("papier", &Places::default()).unwrap_err().to_string();
+        let unknown = StudyImage::load("papier", &Places::default()).unwrap_err().to_string();
         for synthetic in SyntheticTarget::ALL {
-            let target = Target::load(synthetic.name(), &Places::default()).unwrap();
+            let target = StudyImage::load(synthetic.name(), &Places::default()).unwrap();
             assert_eq!((&target.image, target.label(), &target.file), (&synthetic.image(), synthetic.name(), &None));
             assert!(unknown.contains(synthetic.name()), "{unknown}");
         }

@@ -3,7 +3,7 @@
 use gs_core::{Culled, Image, edit::EditCounts};
 use gs_lab::{
     Places, Plan, Results, Study, report,
-    study::{Difference, Finished, Matching, Metric, Outcome, Record, Remark, Run, Verdict},
+    study::{Difference, Finished, Matching, Metric, Record, Remark, Run, RunOutcome, Verdict},
 };
 use gs_train::MetricsRow;
 
@@ -34,7 +34,7 @@ impl Scenario {
     }
 
     /// Results in which each run has the given outcome.
-    fn results(&self, outcome: impl Fn(&Run) -> Option<Outcome>) -> Results<'_> {
+    fn results(&self, outcome: impl Fn(&Run) -> Option<RunOutcome>) -> Results<'_> {
         let record = |run: &Run| {
             Some(Record {
                 address: run.address.clone(),
@@ -51,12 +51,12 @@ impl Scenario {
     }
 }
 
-fn failed() -> Option<Outcome> {
-    Some(Outcome::Failed { error: "no luck".to_owned() })
+fn failed() -> Option<RunOutcome> {
+    Some(RunOutcome::Failed { error: "no luck".to_owned() })
 }
 
-fn finished(end: Finished) -> Option<Outcome> {
-    Some(Outcome::Finished(Box::new(end)))
+fn finished(end: Finished) -> Option<RunOutcome> {
+    Some(RunOutcome::Finished(Box::new(end)))
 }
 
 /// A run whose PSNR rises linearly from 0 dB to `psnr` in `seconds`.

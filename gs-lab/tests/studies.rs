@@ -18,7 +18,7 @@ use gs_density::{DensityPolicy, Observation, Rng};
 use gs_lab::{
     Error, Existing, Places, Plan, Results, Study, StudyFolder, conduct, report,
     study::{
-        Arm, Conducted, Machine, Matching, Metric, Outcome, Remark, Run, Safety, VERSION, Verdict, Watcher, replay,
+        Arm, Conducted, Machine, Matching, Metric, Remark, Run, RunOutcome, Safety, VERSION, Verdict, Watcher, replay,
         scene_digest, write_tables,
     },
 };
@@ -30,7 +30,11 @@ const STUDY: &str = "name = 'small'\nquestion = 'Does growth help?'\nimages = ['
     [[arm]]\nname = 'percentile'\nsettings.policy = { kind = 'percentile', percent = 50 }\n";
 
 fn cpu(threads: usize) -> CpuRasterizer {
-    CpuRasterizer::new(CpuSettings { threads: Some(threads), level: None }).unwrap()
+    CpuRasterizer::new(CpuSettings::default().with(|s| {
+        s.threads = Some(threads);
+        s.level = None;
+    }))
+    .unwrap()
 }
 
 /// A folder with an image for the study.
@@ -84,8 +88,8 @@ impl Watcher for Counter {
         self.begun.fetch_add(1, Ordering::Relaxed);
     }
 
-    fn ended(&self, run: &Run, outcome: &Outcome) {
-        if matches!(outcome, Outcome::Failed { .. }) {
+    fn ended(&self, run: &Run, outcome: &RunOutcome) {
+        if matches!(outcome, RunOutcome::Failed { .. }) {
             self.failed.lock().unwrap().push(run.row);
         }
         if self.stop_after.is_some_and(|most| self.begun.load(Ordering::Relaxed) >= most) {

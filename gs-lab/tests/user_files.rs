@@ -1,8 +1,17 @@
-//! Files that users write: each key is misspelt in turn, and every misspelling is refused and
-//! named.
+//! Files that users write: each key is misspelt in turn, and every misspelling is refused, with its
+//! line and the right key.
 
-use gs_core::view::CameraPath;
-use gs_lab::{Places, Plan, Study};
+use gs_core::{
+    Accuracy, Effects, Extent,
+    effects::{Antialias, Order},
+    view::CameraPath,
+};
+use gs_cpu::{Bounds, CpuTuning};
+use gs_lab::{
+    Error, Places, Plan, Study,
+    frontier::{FrontierEffects, FrontierMachine, FrontierSettings, KernelsName},
+};
+use gs_train::parse_json;
 use toml::{Table, Value};
 
 /// All tables that differ from `whole` in one misspelt key, at any depth, each with that key.
@@ -40,6 +49,12 @@ fn misspelt_in(values: &[Value]) -> Vec<(String, Value)> {
     all
 }
 
+/// The line of a misspelt key, counted from 1, and what an error says about it.
+fn named(text: &str, wrong: &str) -> (usize, String) {
+    let line = 1 + text.lines().position(|line| line.contains(wrong)).unwrap();
+    (line, format!("did you mean `{}`?", wrong.strip_suffix('h').unwrap()))
+}
+
 #[test]
 fn every_key_of_a_study_is_known_and_no_other() {
     let whole = "name = 'x'\nquestion = 'y'\nimages = ['paper']\nbudgets = [10]\nseeds = [0]\nmatch = ['time']\n\
@@ -53,8 +68,16 @@ fn every_key_of_a_study_is_known_and_no_other() {
     assert_eq!(all.len(), 33);
     for (wrong, table) in all {
         let text = toml::to_string(&table).unwrap();
-        let message = plan(&text).map(|plan| plan.runs.len()).unwrap_err().to_string();
-        assert!(message.contains(&format!("`{wrong}`")), "{wrong}: {message}\n{text}");
+        let (place, nearest) = named(&text, &wrong);
+        let error = plan(&text).map(|plan| plan.runs.len()).unwrap_err();
+        let message = error.to_string();
+        assert!(message.contains(&format!("`{wrong}`")) && message.contains(&nearest), "{wrong}: {message}\n{text}");
+        // Settings are checked for each arm, whose line is named.
+        match error {
+            Error::Form { line, .. } => assert_eq!(line, place, "{message}\n{text}"),
+            Error::Arm { line, .. } => assert!(text.lines().nth(line.unwrap() - 1).unwrap().starts_with("name = ")),
+            _ => panic!("{message}"),
+        }
     }
 }
 
@@ -62,13 +85,56 @@ fn every_key_of_a_study_is_known_and_no_other() {
 fn every_key_of_a_camera_path_is_known_and_no_other() {
     let whole = "width = 8\nheight = 6\nfov = 60.0\nup = [0.0, -1.0, 0.0]\nframes = 9\nends = 'closed'\n\
         [[keys]]\nposition = [0.0, 0.0, -4.0]\ntarget = [0.0, 0.0, 0.0]\n";
-    let read = |table: &Table| serde_json::from_value::<CameraPath>(serde_json::to_value(table).unwrap());
+    let text = |table: &Table| serde_json::to_string_pretty(table).unwrap();
+    let read = |text: &str| parse_json::<CameraPath>(text, "path.json".as_ref());
     let whole: Table = whole.parse().unwrap();
-    read(&whole).unwrap();
+    read(&text(&whole)).unwrap();
     let all = misspelt(&whole);
     assert_eq!(all.len(), 9);
     for (wrong, table) in all {
-        let message = read(&table).unwrap_err().to_string();
-        assert!(message.contains(&format!("unknown field `{wrong}`")), "{message}");
+        let text = text(&table);
+        let (line, nearest) = named(&text, &wrong);
+        let message = read(&text).unwrap_err().to_string();
+        assert_eq!(message, format!("path.json:{line}: unknown key `{wrong}`: {nearest}"));
+    }
+}
+
+/// Frontier settings, from which nothing is left out.
+fn frontier_settings() -> FrontierSettings {
+    let effects = Effects { order: Order::PerPixel, antialias: Antialias::Mip, sh_degree: 2, ..Effects::default() };
+    let cpu = CpuTuning::default().with(|s| (s.bounds, s.tile_rows) = (Bounds::Box, Some(16)));
+    FrontierSettings::default().with(|s| {
+        s.accuracy = Accuracy::default().with(|a| (a.alpha_cut, a.extent) = (1.0 / 1024.0, Extent::Sigmas(3.5)));
+        s.effects = Some(FrontierEffects::of(&effects));
+        s.machine = FrontierMachine::default().with(|m| {
+            m.flags = ["--backend", "cpu"].map(str::to_owned).to_vec();
+            (m.cpu, m.kernels) = (Some(cpu), Some(KernelsName::Portable));
+        });
+    })
+}
+
+#[test]
+fn frontier_settings_are_read_as_they_were_written() {
+    let whole = frontier_settings();
+    let bare = whole.clone().with(|s| (s.effects, s.machine) = (None, FrontierMachine::default()));
+    for settings in [whole, bare] {
+        let text = settings.to_toml().unwrap();
+        assert!(FrontierSettings::is_in(&text));
+        assert_eq!(FrontierSettings::from_toml(&text, "x.toml".as_ref()).unwrap(), settings, "{text}");
+        settings.validate().unwrap();
+    }
+}
+
+#[test]
+fn every_key_of_frontier_settings_is_known_and_no_other() {
+    let whole: Table = frontier_settings().to_toml().unwrap().parse().unwrap();
+    let all = misspelt(&whole);
+    assert_eq!(all.len(), 18, "{whole}");
+    for (wrong, table) in all {
+        let text = toml::to_string(&table).unwrap();
+        let (line, nearest) = named(&text, &wrong);
+        let message = FrontierSettings::from_toml(&text, "x.toml".as_ref()).unwrap_err().to_string();
+        assert!(message.starts_with(&format!("x.toml:{line}: unknown ")), "{message}\n{text}");
+        assert!(message.contains(&format!("`{wrong}`")) && message.ends_with(&nearest), "{message}\n{text}");
     }
 }

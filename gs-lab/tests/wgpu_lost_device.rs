@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use gs_lab::{
     Error, Existing, Places, Plan, Results, Study, StudyFolder, conduct,
-    study::{Outcome, Run, Watcher},
+    study::{Run, RunOutcome, Watcher},
 };
 use gs_wgpu::{WgpuRasterizer, WgpuSettings};
 
@@ -55,7 +55,7 @@ fn a_lost_device_stops_the_study_and_records_nothing() {
 
     conduct(&plan, &[&wgpu()], &folder, &()).unwrap();
     let results = Results::read(&plan, &folder);
-    assert!(results.records.iter().flatten().all(|record| matches!(record.outcome, Outcome::Finished(_))));
+    assert!(results.records.iter().flatten().all(|record| matches!(record.outcome, RunOutcome::Finished(_))));
     assert!(results.is_whole());
 }
 

@@ -1,6 +1,6 @@
 //! Metadata of a checkpoint: settings, step, time, counts and the target images.
 
-use std::{collections::BTreeMap, fmt::Display, str::FromStr};
+use std::{collections::BTreeMap, fmt::Display, path::Path, str::FromStr};
 
 use gs_core::{Effects, Image, edit::EditCounts, effects::Statistics};
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
@@ -8,7 +8,6 @@ use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use crate::{
     error::Error,
     recovery::FreshStart,
-    settings_file,
     task::{RunSettings, Trainable},
 };
 
@@ -49,7 +48,7 @@ impl<C> Record<C> {
         let unwritable = |e: toml::ser::Error| Error::Checkpoint(format!("its settings cannot be written: {e}"));
         Ok([
             ("format", C::FORMAT.to_owned()),
-            ("settings", toml::to_string(&self.settings).map_err(unwritable)?),
+            ("settings", self.settings.to_toml()?),
             ("step", self.step.to_string()),
             ("seconds", format!("{:?}", self.seconds)),
             ("edits", toml::to_string(&self.edits).map_err(unwritable)?),
@@ -68,8 +67,10 @@ impl<C> Record<C> {
         if format != C::FORMAT {
             return Err(Error::Checkpoint(format!("its format is `{format}`, not `{}`", C::FORMAT)));
         }
-        let settings: C = settings_file::parse(value(metadata, "settings")?)
-            .map_err(|(_, problem)| Error::Checkpoint(format!("its `settings`: {problem}")))?;
+        let settings = C::from_toml(value(metadata, "settings")?, Path::new("")).map_err(|error| match error {
+            Error::Settings { problem, .. } => Error::Checkpoint(format!("its `settings`: {problem}")),
+            error => error,
+        })?;
         settings.validate()?;
         // Added later.
         let health: Health = table_or_default(metadata, "health")?;

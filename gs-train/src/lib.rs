@@ -35,11 +35,8 @@ pub mod train;
 mod trainer;
 mod viewable;
 
-/// Makes the examples of the README compile.
-#[cfg(doctest)]
-#[doc = include_str!("../../README.md")]
-struct Readme;
-
+#[doc(hidden)]
+pub use crate::task::{RunSettings, SceneTask, TrainingTask};
 pub use crate::{
     clamped::Clamped,
     error::Error,
@@ -53,7 +50,7 @@ pub use crate::{
     recovery::{FreshStart, Recovery},
     rounds::Rounds,
     settings::{ColorSolve, FitSettings, InitialCount},
-    settings_file::{parse_settings, settings_to_toml},
+    settings_file::{parse_json, parse_settings, settings_to_toml},
     shortfall::Shortfall,
     summary::FitSummary,
     suspect::Suspect,

@@ -6,6 +6,7 @@
 
 use gs_core::{Blend, Loss, RenderSettings, Scene3d, effects::Statistics};
 use gs_density::DensityPolicy;
+use gs_io::Format3d;
 
 use crate::{settings::FitSettings, train::TrainSettings};
 
@@ -48,6 +49,18 @@ pub fn reading((width, height): (u32, u32)) -> u64 {
     pixels(width, height) * (2 * IMAGE + PLANE)
 }
 
+/// Memory for reading and processing a 3D scene from a file of so many bytes in this format, bytes.
+pub fn reading_3d(format: Format3d, file_bytes: u64) -> u64 {
+    // A Gaussian takes 56 bytes in memory, and 12 for each SH coefficient above degree 0, besides
+    // its bytes in the file.
+    let times = match format {
+        Format3d::Splat => 4,
+        Format3d::Spz => 14,
+        _ => 3,
+    };
+    times * file_bytes
+}
+
 /// Memory that training on images of so many pixels takes in any case.
 fn overhead(pixels: u64) -> u64 {
     BASE + (pixels * IMAGE).min(PART) + (4 * pixels * IMAGE).min(MOST_KEPT)
@@ -61,10 +74,11 @@ impl FitSettings {
         let target = 2 * IMAGE + of_target(self.loss);
         let policy: &dyn DensityPolicy = &self.policy;
         let step = of_step(&self.render, self.loss, policy.statistics());
-        // A policy uses the rendering, weights of all pixels, and their order; results are a
-        // rendering, the picture of the ellipses and that of the curve, whose memory is not reused.
+        // A policy uses the rendering, weights of all pixels, and their order. Results are drawn side
+        // by side: two renderings, the pictures of the ellipses and of the curve, and what encodes
+        // them.
         let residual = if policy.needs_residual() { 2 * PLANE } else { 0 };
-        overhead(pixels) + pixels * (target + step + 4 * IMAGE + residual) + self.of_gaussians(pixels)
+        overhead(pixels) + pixels * (target + step + 6 * IMAGE + residual) + self.of_gaussians(pixels)
     }
 
     /// Memory of all Gaussians. Evenly spread over the image, each touches as many tiles of 16

@@ -1,4 +1,4 @@
-//! Settings in TOML files, with errors that name the line, the key and the nearest known key.
+//! Settings in TOML files, and what users write as JSON, with errors that name the line, the key and the nearest known key.
 
 use std::{borrow::Cow, fmt, path::Path};
 
@@ -8,7 +8,7 @@ use toml::{
     de::{DeTable, DeValue},
 };
 
-use crate::error::Error;
+use crate::{error::Error, settings::FitSettings, train::TrainSettings};
 
 /// Parses the text of a settings file. `file` is its name for the error.
 ///
@@ -31,8 +31,30 @@ pub fn parse_settings<T: DeserializeOwned>(text: &str, file: &Path) -> Result<T,
     })
 }
 
+/// Parses the text of a JSON file that a user wrote, with errors like those of [`parse_settings`].
+/// `file` is its name for the error.
+///
+/// ```
+/// use gs_core::view::CameraPath;
+///
+/// let text = "{ \"width\": 8,\n  \"heigth\": 6 }";
+/// let error = gs_train::parse_json::<CameraPath>(text, "path.json".as_ref()).unwrap_err();
+/// assert_eq!(error.to_string(), "path.json:2: unknown key `heigth`: did you mean `height`?");
+/// ```
+///
+/// # Errors
+/// [`Error::Settings`] where the text is not JSON, a key is unknown, or a value has the wrong type.
+pub fn parse_json<T: DeserializeOwned>(text: &str, file: &Path) -> Result<T, Error> {
+    serde_json::from_str(text).map_err(|error| {
+        let (line, message) = (error.line(), error.to_string());
+        let message = message.strip_suffix(&format!(" at line {line} column {}", error.column())).unwrap_or(&message);
+        let problem = Unknown::of(message, "", 0).map_or_else(|| message.to_owned(), |unknown| unknown.to_string());
+        Error::Settings { file: file.to_owned(), line: line.max(1), problem }
+    })
+}
+
 /// Parses settings; an error is the byte at which it is, and what is wrong there.
-pub(crate) fn parse<T: DeserializeOwned>(text: &str) -> Result<T, (usize, String)> {
+fn parse<T: DeserializeOwned>(text: &str) -> Result<T, (usize, String)> {
     let text = without_joining(text)?;
     toml::from_str(&text).map_err(|error| {
         let start = error.span().map_or(0, |span| span.start.min(text.len()));
@@ -60,6 +82,34 @@ fn without_joining(text: &str) -> Result<Cow<'_, str>, (usize, String)> {
     let end = value.span().end;
     Ok(format!("{}{}{}", &text[..start], " ".repeat(end - start), &text[end..]).into())
 }
+
+/// `from_toml` and `to_toml` of settings: [`parse_settings`] and [`settings_to_toml`], compiled once
+/// instead of in each crate that uses them.
+macro_rules! in_toml {
+    ($settings:ty) => {
+        impl $settings {
+            /// Parses the text of a settings file; `file` is its name for the error. As
+            /// [`parse_settings`](crate::parse_settings).
+            ///
+            /// # Errors
+            /// Those of [`parse_settings`](crate::parse_settings).
+            pub fn from_toml(text: &str, file: &Path) -> Result<Self, Error> {
+                parse_settings(text, file)
+            }
+
+            /// The settings as the text of a TOML file. As
+            /// [`settings_to_toml`](crate::settings_to_toml).
+            ///
+            /// # Errors
+            /// Those of [`settings_to_toml`](crate::settings_to_toml).
+            pub fn to_toml(&self) -> Result<String, Error> {
+                settings_to_toml(self)
+            }
+        }
+    };
+}
+in_toml!(FitSettings);
+in_toml!(TrainSettings);
 
 /// The settings as the text of a TOML file, for [`parse_settings`]. Numbers have as many digits as
 /// `f32` needs.
@@ -180,7 +230,7 @@ mod tests {
 
     use super::*;
     use crate::{
-        FitSettings, Init, InitialCount, Preset, Recovery, TrainPreset, TrainSettings,
+        Init, InitialCount, Preset, Recovery, TrainPreset,
         init::{Grid, Guided, Periphery, Random},
         train::{Resolution, StepBackground},
     };

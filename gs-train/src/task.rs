@@ -1,11 +1,10 @@
 //! What one kind of training adds to the loop that all kinds share: its settings, and its task,
 //! which knows the target images.
 
-use std::{fmt::Debug, future::Future};
+use std::{fmt::Debug, future::Future, path::Path};
 
 use gs_core::{Effects, Loss, Optimizer, Parameterization};
 use gs_density::{DensityPolicy, DensityScene, Residual};
-use serde::{Serialize, de::DeserializeOwned};
 
 use crate::{error::Error, observer::Quality, recovery::Recovery, rounds::Rounds};
 
@@ -36,10 +35,20 @@ pub trait SceneTask: DensityScene {
 }
 
 /// Settings of a run as the loop needs them.
-pub trait RunSettings<S: SceneTask>: Clone + Debug + PartialEq + Serialize + DeserializeOwned {
+pub trait RunSettings<S: SceneTask>: Clone + Debug + PartialEq {
     /// Format name in checkpoints, so that a checkpoint of another kind of training is refused.
     const FORMAT: &'static str;
 
+    /// Parses the text of a settings file; `file` is its name for the error.
+    ///
+    /// # Errors
+    /// [`Error::Settings`], as [`parse_settings`](crate::parse_settings).
+    fn from_toml(text: &str, file: &Path) -> Result<Self, Error>;
+    /// The settings as the text of a TOML file.
+    ///
+    /// # Errors
+    /// [`Error::UnwritableSettings`] where TOML has no form for them.
+    fn to_toml(&self) -> Result<String, Error>;
     /// Checks the ranges of all settings.
     ///
     /// # Errors

@@ -65,7 +65,7 @@ struct Moments {
 }
 
 struct Statistics {
-    gradient_sum: f32,
+    signal_sum: f32,
     visible: u32,
 }
 

@@ -37,6 +37,7 @@ pub enum FreshBuffers {
 
 /// How a [`WgpuRasterizer`](crate::WgpuRasterizer) opens its device.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
+#[non_exhaustive]
 pub struct WgpuSettings {
     /// Selects the first adapter whose name contains this, ignoring case; `None`: the fastest kind.
     pub adapter: Option<String>,
@@ -52,6 +53,8 @@ pub struct WgpuSettings {
     #[cfg(feature = "test-hooks")]
     pub most_groups: Option<std::num::NonZero<u32>>,
 }
+
+gs_core::impl_with!(WgpuSettings);
 
 #[cfg(feature = "test-hooks")]
 impl WgpuSettings {

@@ -35,7 +35,7 @@ pub(crate) struct Moments {
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
 pub(crate) struct Statistics {
-    pub(crate) gradient_sum: f32,
+    pub(crate) signal_sum: f32,
     pub(crate) visible: u32,
 }
 
@@ -272,7 +272,7 @@ mod tests {
         let m = &module(&shader("edit").text(Variant::default()));
         same_layout!(m, Gaussian { mean, opacity_logit, steps, shape, color, unused });
         same_layout!(m, Moments { first, second, opacity });
-        same_layout!(m, Statistics { gradient_sum, visible });
+        same_layout!(m, Statistics { signal_sum, visible });
         same_layout!(m, Gradient { color, opacity_logit, eta, device_norm, xi, visible, unused });
         same_layout!(m, Ellipsoid { mean, opacity_logit, log_scale, steps, rotation });
         same_layout!(m, EllipsoidMoments { first, second });

@@ -86,6 +86,7 @@ const SSIM_RADIUS: u32 = SSIM_WINDOW as u32 / 2;
 /// The kind of kernels that visit every pixel. Results differ by rounding only, and are
 /// deterministic.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+#[non_exhaustive]
 pub enum Kernels {
     /// Kernels for every adapter that WebGPU allows.
     #[default]

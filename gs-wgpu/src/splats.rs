@@ -79,7 +79,7 @@ impl<S: SceneKind> Splats<S> {
     pub(crate) async fn density_statistics(&self, gpu: &Gpu) -> Result<DensityStatistics, Error> {
         let statistics: Vec<Statistics> = gpu.read(&self.statistics, self.len).await?;
         Ok(DensityStatistics {
-            gradient_sum: statistics.iter().map(|s| s.gradient_sum).collect(),
+            signal_sum: statistics.iter().map(|s| s.signal_sum).collect(),
             visible: statistics.iter().map(|s| s.visible).collect(),
         })
     }
@@ -121,7 +121,7 @@ impl<S: SceneKind> Splats<S> {
     pub(crate) async fn save(&self, gpu: &Gpu) -> Result<SplatsState, Error> {
         let mut state = S::save(gpu, &self.state, self.len).await?;
         let statistics = self.density_statistics(gpu).await?;
-        state.insert("gradient_sum", statistics.gradient_sum.iter().map(|&g| [g]));
+        state.insert("gradient_sum", statistics.signal_sum.iter().map(|&g| [g]));
         state.insert_u32("visible", statistics.visible);
         Ok(state)
     }
@@ -132,7 +132,7 @@ impl<S: SceneKind> Splats<S> {
         check_len("gradient_sum", n, sums.len())?;
         check_len("visible", n, visible.len())?;
         let statistics: Vec<Statistics> =
-            sums.iter().zip(&visible).map(|(&[gradient_sum], &visible)| Statistics { gradient_sum, visible }).collect();
+            sums.iter().zip(&visible).map(|(&[signal_sum], &visible)| Statistics { signal_sum, visible }).collect();
         Self::from_parts(gpu, S::restore(gpu, state, n)?, &statistics)
     }
 }

@@ -53,11 +53,15 @@ impl Backend {
     fn records(self, word: &str) -> Result<Vec<Record>, gs_core::Error> {
         Ok(match self {
             // What threads would do on such images is wait for each other.
-            Self::Cpu(level) => {
-                records(&CpuRasterizer::new(CpuSettings { threads: Some(1), level: Some(level) })?, word)
-            }
+            Self::Cpu(level) => records(
+                &CpuRasterizer::new(CpuSettings::default().with(|s| {
+                    s.threads = Some(1);
+                    s.level = Some(level);
+                }))?,
+                word,
+            ),
             Self::Wgpu(kernels) => records(
-                &WgpuRasterizer::new(WgpuSettings { kernels: Some(kernels), ..WgpuSettings::default() }).block_on()?,
+                &WgpuRasterizer::new(WgpuSettings::default().with(|s| s.kernels = Some(kernels))).block_on()?,
                 word,
             ),
         })

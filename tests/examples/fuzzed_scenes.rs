@@ -24,8 +24,11 @@ fn main() -> ExitCode {
     };
     let run = || -> Result<String, String> {
         let (count, seed) = (number(1, 10_000)?, number(2, 0)?);
-        let cpu =
-            CpuRasterizer::new(CpuSettings { threads: Some(1), level: None }).map_err(|error| error.to_string())?;
+        let cpu = CpuRasterizer::new(CpuSettings::default().with(|s| {
+            s.threads = Some(1);
+            s.level = None;
+        }))
+        .map_err(|error| error.to_string())?;
         let (mut rng, started) = (Pcg64::seed_from_u64(seed), Instant::now());
         let mut failed = 0u64;
         for index in 0..count {

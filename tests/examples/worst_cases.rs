@@ -96,12 +96,15 @@ fn main() -> Result<(), Failure> {
          L2, L1, L1 + D-SSIM; the latter as shares of the largest gradient by the same parameter"
     );
     for level in SimdLevel::available() {
-        let rasterizer = CpuRasterizer::new(CpuSettings { threads: None, level: Some(level) })?;
+        let rasterizer = CpuRasterizer::new(CpuSettings::default().with(|s| {
+            s.threads = None;
+            s.level = Some(level);
+        }))?;
         measure(&level.to_string(), &rasterizer)?;
         measure_3d(&level.to_string(), &rasterizer)?;
     }
     for kernels in [Kernels::Portable, Kernels::Subgroups] {
-        match WgpuRasterizer::new(WgpuSettings { kernels: Some(kernels), ..WgpuSettings::default() }).block_on() {
+        match WgpuRasterizer::new(WgpuSettings::default().with(|s| s.kernels = Some(kernels))).block_on() {
             Ok(rasterizer) => measure(&format!("{kernels:?}"), &rasterizer)?,
             Err(error) => println!("{kernels:?}: {error}"),
         }

@@ -2,7 +2,6 @@
 //! lost.
 
 mod quality;
-mod rounding;
 mod scene2d;
 
 use std::{
@@ -16,15 +15,12 @@ use gs_core::{
     examination::{self, Repair},
 };
 use gs_io::{
-    AnyScene, ConversionLoss, File3d, Format3d, GltfBuffer, SceneFile, SpzOptions, SpzVersion, TrainedWith, Values,
-    WriteOptions3d, dataset::Dataset,
+    AnyScene, ConversionLoss, File3d, Format3d, GltfBuffer, Rounding, SceneFile, SpzOptions, SpzVersion, TrainedWith,
+    Values, WriteOptions3d, dataset::Dataset,
 };
 use serde::Serialize;
 
-use self::{
-    quality::{Quality, QualityArgs},
-    rounding::Rounding,
-};
+use self::quality::{Quality, QualityArgs};
 use crate::{failure::Failure, output, output_folder, scene};
 
 const AFTER_HELP: &str = "\
@@ -162,7 +158,7 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
         sh_degree: scene.sh_degree,
         dropped: all - scene.len(),
         lost: losses.iter().chain(&written.losses).map(ConversionLoss::to_string).collect(),
-        rounding: rounding::between(scene, &after.scene),
+        rounding: Rounding::between(scene, &after.scene),
         cost: dataset.map(|dataset| args.quality.measure(&dataset, &file, &after)).transpose()?,
     };
     if args.json { output::json(&conversion) } else { output::result(text(&conversion)) }
@@ -170,20 +166,19 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
 
 /// How the file is written.
 fn options(args: &ConvertArgs, trained_with: TrainedWith) -> WriteOptions3d {
-    WriteOptions3d {
-        trained_with,
-        spz: SpzOptions {
-            version: match args.spz_version {
+    WriteOptions3d::default().with(|s| {
+        s.trained_with = trained_with;
+        s.spz = SpzOptions::default().with(|s| {
+            s.version = match args.spz_version {
                 Version::V3 => SpzVersion::V3,
                 Version::V4 => SpzVersion::V4,
-            },
-            ..SpzOptions::default()
-        },
-        gltf_buffer: match args.gltf_buffer {
+            }
+        });
+        s.gltf_buffer = match args.gltf_buffer {
             Buffer::Inside => GltfBuffer::Inside,
             Buffer::Beside => GltfBuffer::Beside,
-        },
-    }
+        };
+    })
 }
 
 fn text(conversion: &Conversion) -> String {

@@ -131,7 +131,7 @@ fn fix(scene: AnyScene, output: &Path) -> Result<Fixed, Failure> {
         }
         AnyScene::ThreeD(mut file) => {
             let repair = repaired(&mut file.scene, output)?;
-            let options = WriteOptions3d { trained_with: file.trained_with, ..WriteOptions3d::default() };
+            let options = WriteOptions3d::default().with(|s| s.trained_with = file.trained_with);
             let written = gs_io::write_3d(output, &file.scene, &options)?;
             let losses = [file.losses, written.losses].concat();
             Ok(Fixed::new(output, file.scene.len(), repair, &losses))

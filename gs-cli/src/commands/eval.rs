@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use gs_backend::FutureExt as _;
 use gs_core::{Canvas, Image, Rasterizer as _, Scene as _, counted};
-use gs_io::{AnyScene, File2d, File3d, ImageRemark, LoadedImage, dataset::may_be_dataset, is_scene};
+use gs_io::{AnyScene, File2d, File3d, ImageRemark, LoadedImage, dataset::may_be_dataset};
 use gs_train::{
     ImageQuality,
     train::{ViewQuality, Views, evaluate},
@@ -53,7 +53,7 @@ struct Comparison {
 
 /// Compares two images, or evaluates a scene.
 pub(crate) fn run(args: &EvalArgs) -> Result<(), Failure> {
-    let (a, b) = match is_scene(&args.a)?.then(|| scene::read_any(&args.a)).transpose()? {
+    let (a, b) = match scene::read_if_any(&args.a)? {
         Some(AnyScene::ThreeD(file)) => return evaluate_3d(args, &file),
         Some(AnyScene::TwoD(file)) => rendered(args, &file)?,
         // An image has no views: the reader of scenes says that it is not a scene.

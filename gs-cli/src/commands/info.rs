@@ -7,7 +7,7 @@ mod scene3d;
 use std::{collections::BTreeMap, fmt::Write, path::PathBuf};
 
 use clap::Args;
-use gs_core::{RenderSettings, Scene, Scene2d, counted, sigmoid};
+use gs_core::{RenderSettings, Scene, Scene2d, ValueQuantiles, counted, sigmoid};
 use gs_io::{
     AnyScene, SceneFile, Values,
     dataset::{may_be_dataset, read_dataset},
@@ -117,8 +117,8 @@ impl Info {
         let gaussians = scene.len();
         let mut ranges = BTreeMap::new();
         let mut add = |name, values: Vec<f32>| {
-            if let Some(range) = Range::of(values) {
-                ranges.insert(name, range);
+            if let Some(quantiles) = ValueQuantiles::of(values) {
+                ranges.insert(name, quantiles.into());
             }
         };
         add("x (px)", scene.means.iter().map(|m| m.x).collect());
@@ -129,10 +129,6 @@ impl Info {
         add("red", scene.colors.iter().map(|c| c.x).collect());
         add("green", scene.colors.iter().map(|c| c.y).collect());
         add("blue", scene.colors.iter().map(|c| c.z).collect());
-        let finite = scene.iter().filter(|g| {
-            let shape = g.mean.is_finite() && g.log_scale.is_finite() && g.rotation.is_finite();
-            shape && g.color.is_finite() && !g.opacity_logit.is_nan()
-        });
         Self {
             kind,
             bytes,
@@ -142,17 +138,15 @@ impl Info {
             height: None,
             render: None,
             ranges,
-            not_finite: gaussians - finite.count(),
+            not_finite: scene.not_finite(),
             metadata: BTreeMap::new(),
         }
     }
 }
 
-impl Range {
-    fn of(mut values: Vec<f32>) -> Option<Self> {
-        values.retain(|v| v.is_finite());
-        values.sort_by(f32::total_cmp);
-        Some(Self { min: *values.first()?, median: values[values.len() / 2], max: *values.last()? })
+impl From<ValueQuantiles> for Range {
+    fn from(ValueQuantiles { min, median, max, .. }: ValueQuantiles) -> Self {
+        Self { min, median, max }
     }
 }
 

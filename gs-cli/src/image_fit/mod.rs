@@ -9,15 +9,15 @@ use clap::{Args, ValueEnum};
 use gs_backend::{AnyRasterizer, FutureExt as _};
 use gs_core::{Blend, Scene2d, counted, effects::Background};
 use gs_density::Policy;
+use gs_lab::frontier::{FrontierMachine, FrontierSettings};
 use gs_train::{FitSettings, Init, Preset, Trainer, mean_color};
 
 pub(crate) use self::target::Target;
 use crate::{
     failure::Failure,
-    frontier_settings::{FrontierMachine, FrontierSettings},
-    output,
+    frontier_settings, output,
     render_args::AntialiasName,
-    text_file::{parse_toml, read_settings_text},
+    text_file::read_settings_text,
     training::arguments::{LossName, ParameterizationName, PolicyName, name_of},
     values::{Color, whole},
 };
@@ -27,7 +27,7 @@ use crate::{
 #[command(next_help_heading = "Settings")]
 pub(crate) struct FitSettingsArgs {
     /// The settings to start from [default: standard, or paper without an image]
-    #[arg(long, visible_alias = "quality", value_enum, value_name = "PRESET")]
+    #[arg(long, alias = "quality", value_enum, value_name = "PRESET")]
     pub(crate) preset: Option<PresetName>,
     /// Settings file: the settings.toml of a fit, or that of gs frontier with accuracy and backend;
     /// flags override it
@@ -119,10 +119,11 @@ impl SettingsFile {
     pub(crate) fn read(args: &FitSettingsArgs) -> Result<Self, Failure> {
         let Some(file) = args.settings.as_deref() else { return Ok(Self::None) };
         let text = read_settings_text(file)?;
-        if let Some(frontier) = FrontierSettings::parse_if_any(&text, file)? {
+        if let Some(frontier) = frontier_settings::parse_if_any(&text, file)? {
             return Ok(Self::Frontier(Box::new(frontier)));
         }
-        let settings: FitSettings = parse_toml(&text, file, "compare it with the settings.toml that a fit writes")?;
+        let settings = FitSettings::from_toml(&text, file)
+            .map_err(|error| Failure::usage(error).hint("compare it with the settings.toml that a fit writes"))?;
         settings.validate().map_err(|error| Failure::usage(error).at(file.display()))?;
         Ok(Self::Fit(Box::new(settings)))
     }
@@ -246,7 +247,6 @@ mod tests {
     use gs_core::Image;
 
     use super::*;
-    use crate::text_file::to_toml;
 
     fn target() -> Target {
         let image = Image::from_fn(64, 48, |x, _| [x as f32 / 63.0, 0.5, 0.25]).unwrap();
@@ -264,8 +264,8 @@ mod tests {
                 for &init in InitName::value_variants() {
                     let (preset, policy, init) = (Some(preset), Some(policy), Some(init));
                     let settings = resolved(&FitSettingsArgs { preset, policy, init, ..FitSettingsArgs::default() });
-                    let text = to_toml(&settings).unwrap();
-                    assert_eq!(toml::from_str::<FitSettings>(&text).unwrap(), settings, "{text}");
+                    let text = settings.to_toml().unwrap();
+                    assert_eq!(FitSettings::from_toml(&text, "a".as_ref()).unwrap(), settings, "{text}");
                     assert!(text.contains("alpha-max = 0.999\n"), "meaningless digits: {text}");
                 }
             }

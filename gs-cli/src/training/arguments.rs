@@ -61,21 +61,21 @@ impl CheckpointArgs {
 pub(crate) enum PolicyName {
     /// Grow where the positional gradient exceeds a fixed threshold (3DGS)
     Absolute,
-    /// The same by the absolute gradient, which does not cancel (AbsGS)
+    /// Grow where the absolute gradient, which does not cancel, exceeds a threshold (AbsGS)
     AbsGs,
-    /// The same by the error of the pixels that a Gaussian covers (Revising Densification)
+    /// Grow where the error of the covered pixels exceeds a threshold (Revising Densification)
     AbsoluteError,
     /// Grow the top percents by positional gradient (the paper's forced growth)
     Percentile,
-    /// The same by the absolute gradient
+    /// Grow the top percents by absolute gradient
     PercentileAbsGs,
-    /// The same by the error of the pixels
+    /// Grow the top percents by the error of the covered pixels
     PercentileError,
-    /// Grow by rank, above a floor and within a budget
+    /// Grow by rank of the positional gradient, above a floor and within a budget
     Hybrid,
-    /// The same by the absolute gradient
+    /// Grow by rank of the absolute gradient, above a floor and within a budget
     HybridAbsGs,
-    /// The same by the error of the pixels
+    /// Grow by rank of the error of the covered pixels, above a floor and within a budget
     HybridError,
     /// As abs-gs, but split side by side along the long axis
     LongAxis,

@@ -241,7 +241,11 @@ mod tests {
     #[test]
     fn checkpoints_by_the_clock_do_not_change_the_result() {
         let place = tempfile::tempdir().unwrap();
-        let cpu = CpuRasterizer::new(CpuSettings { threads: Some(1), level: None }).unwrap();
+        let cpu = CpuRasterizer::new(CpuSettings::default().with(|s| {
+            s.threads = Some(1);
+            s.level = None;
+        }))
+        .unwrap();
         let image = Image::from_fn(24, 20, |x, y| [x as f32 / 24.0, if y > 9 { 0.8 } else { 0.1 }, 0.5]).unwrap();
         let settings = Preset::Standard.settings(60, image.size()).with_iterations(40);
         let file = place.path().join("state");

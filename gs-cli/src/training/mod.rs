@@ -11,7 +11,7 @@ mod status;
 
 use gs_backend::{AnyRasterizer, FutureExt as _};
 use gs_core::Optimizer;
-use gs_lab::figure::curve::Point;
+use gs_lab::figure::curve::CurvePoint;
 use gs_train::{MetricsLog, Observer as _, Outcome, Trainable, Trainer};
 
 use self::{
@@ -29,7 +29,7 @@ pub(crate) fn run<S: Trainable, T: Summary>(
     folder: &OutputFolder,
     mut checkpoints: Checkpoints,
     (mut trainer, mut log): (Trainer<'_, AnyRasterizer, S>, MetricsLog),
-    write_results: impl FnOnce(&Trainer<'_, AnyRasterizer, S>, &MetricsLog, &[Point]) -> Result<T, Failure>,
+    write_results: impl FnOnce(&Trainer<'_, AnyRasterizer, S>, &MetricsLog, &[CurvePoint]) -> Result<T, Failure>,
 ) -> Result<(), Failure>
 where
     AnyRasterizer: Optimizer<S>,

@@ -9,7 +9,7 @@ use std::{
 
 use gs_core::edit::EditCounts;
 use gs_io::Checkpoint;
-use gs_lab::figure::curve::Point;
+use gs_lab::figure::curve::CurvePoint;
 use gs_train::{Control, Error, MetricsLog, Observer, Progress};
 
 use crate::{failure::Failure, interrupt::Interrupt, output_folder::OutputFolder, progress_bar::Printer};
@@ -104,19 +104,19 @@ impl Observer for StopOnInterrupt<'_> {
 /// Collects the points of the curve. The count comes with every step, its loss then or a few steps
 /// later.
 #[derive(Debug, Default)]
-pub(crate) struct Curve(pub(crate) Vec<Point>);
+pub(crate) struct Curve(pub(crate) Vec<CurvePoint>);
 
 impl Curve {
     /// The curve of a run whose first rows are in `log`.
     pub(crate) fn begun_by(log: &MetricsLog) -> Self {
-        let points = log.rows().iter().map(|row| Point { step: row.step, count: row.count, loss: row.loss });
+        let points = log.rows().iter().map(|row| CurvePoint { step: row.step, count: row.count, loss: row.loss });
         Self(points.collect())
     }
 }
 
 impl Observer for Curve {
     fn on_step(&mut self, progress: &Progress) -> Control {
-        self.0.push(Point { step: progress.step, count: progress.count, loss: f32::NAN });
+        self.0.push(CurvePoint { step: progress.step, count: progress.count, loss: f32::NAN });
         Control::Continue
     }
 
@@ -135,7 +135,7 @@ mod tests {
 
     #[test]
     fn late_losses_are_added_to_their_points() {
-        let mut curve = Curve(vec![Point { step: 10, count: 1, loss: 0.5 }]);
+        let mut curve = Curve(vec![CurvePoint { step: 10, count: 1, loss: 0.5 }]);
         let progress = |step| Progress {
             step,
             iterations: 20,

@@ -5,7 +5,7 @@ use std::{path::Path, time::Instant};
 use gs_backend::Chosen;
 use gs_core::examination::{self, Examinable};
 use gs_io::write_png;
-use gs_lab::figure::curve::{self, Point};
+use gs_lab::figure::curve::{self, CurvePoint};
 use gs_train::MetricsLog;
 use serde::Serialize;
 
@@ -66,7 +66,7 @@ impl ProgramSummary {
 /// Draws the curve of count, loss and PSNR.
 pub(crate) fn write_curve(
     folder: &OutputFolder,
-    points: &[Point],
+    points: &[CurvePoint],
     log: &MetricsLog,
     title: &str,
 ) -> Result<(), Failure> {

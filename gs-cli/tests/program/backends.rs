@@ -52,7 +52,7 @@ fn a_fit_on_wgpu_ends_near_that_on_the_cpu() {
 }
 
 #[test]
-fn a_scene_looks_the_same_on_both() {
+fn a_scene_looks_the_same_on_wgpu_as_on_the_cpu() {
     let place = folder();
     fit_with(place.path(), &["--backend", "cpu"]).done();
     let scene = place.path().join("scene.gs2d.safetensors");
@@ -69,7 +69,7 @@ fn a_scene_looks_the_same_on_both() {
 }
 
 #[test]
-fn a_checkpoint_of_one_backend_is_resumed_on_the_other() {
+fn a_checkpoint_of_wgpu_is_resumed_on_the_cpu_and_the_other_way_round() {
     let place = folder();
     let image = picture(place.path(), 24, 24);
     let (whole, resumed, state) =
@@ -89,7 +89,7 @@ fn a_checkpoint_of_one_backend_is_resumed_on_the_other() {
 }
 
 #[test]
-fn an_adapter_is_chosen_by_a_part_of_its_name() {
+fn a_wgpu_adapter_is_chosen_by_a_part_of_its_name() {
     let place = folder();
     let name = &adapters()[0];
     let part: String = name.chars().take(5).collect::<String>().to_uppercase();
@@ -100,20 +100,10 @@ fn an_adapter_is_chosen_by_a_part_of_its_name() {
     }
 }
 
-#[test]
-fn flags_that_contradict_each_other_or_the_machine_are_bad_usage() {
+/// Flags that end a fit before it begins, and parts of what is said about them.
+fn are_bad_usage(cases: &[(&[&str], &[&str])]) {
     let place = folder();
     let output = place.path().join("out");
-    let name = &adapters()[0];
-    let cases: [(&[&str], &[&str]); 7] = [
-        (&["--backend", "cpu", "--adapter", "x"], &["--adapter x is for --backend wgpu", "leave out"]),
-        (&["--backend", "wgpu", "--simd", "scalar"], &["--simd scalar is for --backend cpu", "leave out"]),
-        (&["--adapter", "x", "--simd", "scalar"], &["--simd scalar", "--adapter x", "leave out"]),
-        (&["--adapter", "no such"], &["--adapter no such: no adapter", "choose from", name]),
-        (&["--backend", "wgpu", "--adapter", "no such"], &["--adapter no such: no adapter", "choose from", name]),
-        (&["--adapter", ""], &["--adapter"]),
-        (&["--backend", "cuda"], &["possible values: auto, cpu, wgpu"]),
-    ];
     for (flags, expected) in cases {
         let run = fit_with(&output, flags);
         assert_eq!(run.status, Some(2), "{flags:?}: {run:?}");
@@ -121,6 +111,24 @@ fn flags_that_contradict_each_other_or_the_machine_are_bad_usage() {
         assert!(expected.iter().all(|part| line.contains(part)), "{flags:?}: {line}");
         assert!(!output.exists(), "{flags:?}");
     }
+}
+
+#[test]
+fn flags_that_contradict_each_other_are_bad_usage() {
+    are_bad_usage(&[
+        (&["--backend", "cpu", "--adapter", "x"], &["--adapter x is for --backend wgpu", "leave out"]),
+        (&["--backend", "wgpu", "--simd", "baseline"], &["--simd baseline is for --backend cpu", "leave out"]),
+        (&["--adapter", "x", "--simd", "baseline"], &["--simd baseline", "--adapter x", "leave out"]),
+        (&["--adapter", ""], &["--adapter"]),
+        (&["--backend", "cuda"], &["possible values: auto, cpu, wgpu"]),
+    ]);
+}
+
+#[test]
+fn a_wgpu_adapter_that_is_not_there_is_bad_usage() {
+    let name = &adapters()[0];
+    let expected: &[&str] = &["--adapter no such: no adapter", "choose from", name];
+    are_bad_usage(&[(&["--adapter", "no such"], expected), (&["--backend", "wgpu", "--adapter", "no such"], expected)]);
 }
 
 #[test]
@@ -136,12 +144,16 @@ fn what_auto_takes_is_told_with_its_reason() {
         let summary = run.json();
         assert_eq!((&summary["backend"], &summary["adapter"]), (&auto["backend"], &auto["adapter"]));
     }
-    let simd = fit_with(place.path(), &["--simd", "scalar"]);
-    assert!(simd.stderr.starts_with("cpu (scalar, ") && simd.stderr.contains(": as --simd asks, "), "{}", simd.stderr);
+    let simd = fit_with(place.path(), &["--simd", "baseline"]);
+    assert!(
+        simd.stderr.starts_with("cpu (baseline, ") && simd.stderr.contains(": as --simd asks, "),
+        "{}",
+        simd.stderr
+    );
 }
 
 #[test]
-fn adapters_are_listed_in_place_of_a_file() {
+fn wgpu_adapters_are_listed_in_place_of_a_file() {
     let found = gs(["info", "--adapters", "--json"]).json();
     for adapter in found["adapters"].as_array().unwrap() {
         for key in ["name", "kind", "interface", "driver"] {
@@ -155,7 +167,10 @@ fn adapters_are_listed_in_place_of_a_file() {
     assert!(text.lines().zip(&names).all(|(line, name)| line.starts_with(name.as_str())), "{text}");
     let reason = found["auto"]["reason"].as_str().unwrap();
     assert_eq!(text.lines().last(), Some(format!("--backend auto takes {reason}").as_str()));
+}
 
+#[test]
+fn files_or_adapters_are_told_about_but_not_both() {
     for wrong in [&["info"][..], &["info", "--json"], &["info", "some.file", "--adapters"]] {
         let run = gs(wrong);
         assert_eq!(run.status, Some(2), "{run:?}");

@@ -25,7 +25,7 @@ fn a_data_set_tells_what_is_in_it() {
         assert_eq!((&info["kind"], &info["made_by"]), (&"dataset".into(), &"nerfstudio".into()));
         assert_eq!((&info["views"], &info["train"], &info["points"]), (&1.into(), &1.into(), &0.into()));
         let camera = &info["cameras"][0];
-        assert_eq!((&camera["photograph"][0], &camera["lens"]), (&40.into(), &"Brown-Conrady".into()));
+        assert_eq!((&camera["image"][0], &camera["lens"]), (&40.into(), &"Brown-Conrady".into()));
         assert!(camera["undistorted"][0].as_u64().unwrap() > 40, "{info}");
         let degrees = camera["field_of_view"][0].as_f64().unwrap();
         assert!((57.0..65.0).contains(&degrees), "{info}");

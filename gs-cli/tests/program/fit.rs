@@ -188,7 +188,7 @@ fn settings_may_come_through_a_pipe() {
     let fitted = Run::fed(&[&fit[..], &["-n", "20", "-i", "10"]].concat(), chosen).json();
     assert_eq!(
         (&fitted["simd"], &fitted["settings"]["render"]["accuracy"]["alpha-cut"]),
-        (&"scalar".into(), &0.25.into())
+        (&"baseline".into(), &0.25.into())
     );
     let scene = output.join("scene.gs2d.safetensors");
     let picture = place.path().join("picture.png");
@@ -282,7 +282,7 @@ fn every_override_fits() {
         &["--init", "periphery", "--parameterization", "scale-rotation"],
         &["--init", "grid", "--loss", "l1-dssim"],
         &["--init", "error", "--quality", "best"],
-        &["--simd", "scalar", "--quality", "quick"],
+        &["--simd", "baseline", "--quality", "quick"],
         &["--iterations", "0"],
     ];
     for flags in cases {

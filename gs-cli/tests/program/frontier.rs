@@ -95,7 +95,7 @@ fn a_budget_is_answered_by_a_file_that_render_and_fit_take() {
     let again = place.path().join("again");
     let flags = ["-n", "30", "-i", "20", "--no-report", "--json", "--settings", coarse.to_str().unwrap()];
     let summary = gs(["fit", image.to_str().unwrap(), "-o", again.to_str().unwrap()].iter().chain(&flags)).json();
-    assert_eq!(summary["simd"], "scalar", "{summary}");
+    assert_eq!(summary["simd"], "baseline", "{summary}");
     assert!(fs::read_to_string(again.join("settings.toml")).unwrap().contains("alpha-cut = 0.5"));
 }
 

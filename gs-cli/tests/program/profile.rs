@@ -116,20 +116,26 @@ fn scene(place: &Path) -> String {
     output.join("scene.gs2d.safetensors").to_str().unwrap().to_owned()
 }
 
+fn the_circle_and_square_need_no_file_on(backend: &str, clocks: &[&str]) {
+    let json = profiled(&["--backend", backend, "-n", "100", "-i", "20"]);
+    assert_eq!((&json["backend"], &json["input"]), (&json!(backend), &Value::Null));
+    assert_eq!((&json["width"], &json["height"], &json["fitted_steps"]), (&json!(128), &json!(128), &json!(20)));
+    assert_eq!((&json["blend"], &json["repetitions"]), (&json!("over"), &json!(3)));
+    assert!(json["gaussians"].as_u64().unwrap() >= 20, "{json}");
+    let clock = json["clock"].as_str().unwrap();
+    assert!(clocks.contains(&clock), "{clock}");
+    assert_eq!(json["adapter"].is_string(), backend == "wgpu");
+    assert_eq!(json["simd"].is_string(), backend == "cpu");
+}
+
 #[test]
-fn the_circle_and_square_need_no_file_on_either_backend() {
-    for backend in ["cpu", "wgpu"] {
-        let json = profiled(&["--backend", backend, "-n", "100", "-i", "20"]);
-        assert_eq!((&json["backend"], &json["input"]), (&json!(backend), &Value::Null));
-        assert_eq!((&json["width"], &json["height"], &json["fitted_steps"]), (&json!(128), &json!(128), &json!(20)));
-        assert_eq!((&json["blend"], &json["repetitions"]), (&json!("over"), &json!(3)));
-        assert!(json["gaussians"].as_u64().unwrap() >= 20, "{json}");
-        let clock = json["clock"].as_str().unwrap();
-        let clocks: &[&str] = if backend == "cpu" { &["host"] } else { &["device", "round-trip"] };
-        assert!(clocks.contains(&clock), "{clock}");
-        assert_eq!(json["adapter"].is_string(), backend == "wgpu");
-        assert_eq!(json["simd"].is_string(), backend == "cpu");
-    }
+fn the_circle_and_square_need_no_file_on_the_cpu() {
+    the_circle_and_square_need_no_file_on("cpu", &["host"]);
+}
+
+#[test]
+fn the_circle_and_square_need_no_file_on_wgpu() {
+    the_circle_and_square_need_no_file_on("wgpu", &["device", "round-trip"]);
 }
 
 #[test]
@@ -156,18 +162,20 @@ fn an_image_is_fitted_first() {
     assert!(!other["stages"].as_array().unwrap().iter().any(|stage| stage["stage"] == "fused"));
 }
 
+fn is_taken_as_it_is(scene: &str, backend: &str) {
+    let json = profiled(&[scene, "--backend", backend]);
+    assert_eq!((&json["input"], &json["target"]), (&json!(scene), &json!("its own rendering")));
+    assert_eq!((&json["gaussians"], &json["fitted_steps"]), (&json!(40), &Value::Null));
+    assert_eq!((&json["width"], &json["height"]), (&json!(48), &json!(32)));
+    let (pairs, entries) = (json["pairs"].as_u64().unwrap(), json["entries"].as_u64().unwrap());
+    assert!(entries >= 30 && pairs >= entries, "{pairs} pairs of {entries} entries");
+}
+
 #[test]
-fn a_scene_is_taken_as_it_is_and_both_backends_see_the_same() {
+fn a_scene_is_taken_as_it_is_unless_flags_change_it() {
     let place = folder();
     let scene = scene(place.path());
-    for backend in ["cpu", "wgpu"] {
-        let json = profiled(&[&scene, "--backend", backend]);
-        assert_eq!((&json["input"], &json["target"]), (&json!(scene), &json!("its own rendering")));
-        assert_eq!((&json["gaussians"], &json["fitted_steps"]), (&json!(40), &Value::Null));
-        assert_eq!((&json["width"], &json["height"]), (&json!(48), &json!(32)));
-        let (pairs, entries) = (json["pairs"].as_u64().unwrap(), json["entries"].as_u64().unwrap());
-        assert!(entries >= 30 && pairs >= entries, "{pairs} pairs of {entries} entries");
-    }
+    is_taken_as_it_is(&scene, "cpu");
     let image = picture(place.path(), 96, 64);
     let flags = ["--image", image.to_str().unwrap(), "--size", "96x64", "--blend", "over", "--backend", "cpu"];
     let json = profiled(&[&[scene.as_str()][..], &flags].concat());
@@ -175,40 +183,52 @@ fn a_scene_is_taken_as_it_is_and_both_backends_see_the_same() {
     assert_eq!(json["width"], 96);
 }
 
+fn the_table_tells_of(scene: &str, backend: &str, clock: &str) {
+    let run = profile(&[scene, "--backend", backend]).done();
+    assert_eq!(run.stderr, "", "a scene needs no fit");
+    let text = run.stdout;
+    assert!(text.starts_with(&format!("{backend} (")) && text.contains("as asked"), "{text}");
+    assert!(text.contains(": 40 Gaussians; 48x32 px, sum, l2, covariance-factor; target: its own rendering"), "{text}");
+    assert!(text.contains(clock), "{text}");
+    for row in STAGES.iter().chain(&["sum", "training step, lists made anew", "forward pass alone"]) {
+        let found = text.lines().find(|line| line.starts_with(&format!("{row} "))).unwrap_or_else(|| panic!("{row}"));
+        let first = found[32..].split_whitespace().next().unwrap();
+        assert!(first.parse::<f64>().is_ok_and(|ms| ms >= 0.0), "{found}");
+    }
+    assert!(text.contains("100.0 %"), "{text}");
+}
+
 #[test]
 fn the_table_tells_backend_clock_stages_and_whole_steps() {
     let place = folder();
+    the_table_tells_of(&scene(place.path()), "cpu", "clock of the stages: host; 3");
+}
+
+#[test]
+fn a_scene_is_taken_as_it_is_on_wgpu_and_the_table_tells_of_it() {
+    let place = folder();
     let scene = scene(place.path());
-    for (backend, clock) in [("cpu", "clock of the stages: host; 3"), ("wgpu", "clock of the stages: ")] {
-        let run = profile(&[&scene, "--backend", backend]).done();
-        assert_eq!(run.stderr, "", "a scene needs no fit");
-        let text = run.stdout;
-        assert!(text.starts_with(&format!("{backend} (")) && text.contains("as asked"), "{text}");
-        assert!(
-            text.contains(": 40 Gaussians; 48x32 px, sum, l2, covariance-factor; target: its own rendering"),
-            "{text}"
-        );
-        assert!(text.contains(clock), "{text}");
-        for row in STAGES.iter().chain(&["sum", "training step, lists made anew", "forward pass alone"]) {
-            let found =
-                text.lines().find(|line| line.starts_with(&format!("{row} "))).unwrap_or_else(|| panic!("{row}"));
-            let first = found[32..].split_whitespace().next().unwrap();
-            assert!(first.parse::<f64>().is_ok_and(|ms| ms >= 0.0), "{found}");
-        }
-        assert!(text.contains("100.0 %"), "{text}");
-    }
+    is_taken_as_it_is(&scene, "wgpu");
+    the_table_tells_of(&scene, "wgpu", "clock of the stages: ");
+}
+
+fn nothing_takes_its_time_on(backend: &str) {
+    let place = folder();
+    let path = place.path().join("empty.gs2d.safetensors");
+    gs_io::write_2d(&path, &gs_io::File2d { width: 1, height: 1, ..Default::default() }).unwrap();
+    let run = profile(&[path.to_str().unwrap(), "--backend", backend]).done();
+    assert!(run.stdout.contains(": 0 Gaussians; 1x1 px"), "{run:?}");
+    assert!(!run.stdout.contains("NaN") && !run.stdout.contains("inf"), "{run:?}");
 }
 
 #[test]
 fn nothing_takes_its_time_too() {
-    let place = folder();
-    let path = place.path().join("empty.gs2d.safetensors");
-    gs_io::write_2d(&path, &gs_io::File2d { width: 1, height: 1, ..Default::default() }).unwrap();
-    for backend in ["cpu", "wgpu"] {
-        let run = profile(&[path.to_str().unwrap(), "--backend", backend]).done();
-        assert!(run.stdout.contains(": 0 Gaussians; 1x1 px"), "{run:?}");
-        assert!(!run.stdout.contains("NaN") && !run.stdout.contains("inf"), "{run:?}");
-    }
+    nothing_takes_its_time_on("cpu");
+}
+
+#[test]
+fn nothing_takes_its_time_on_wgpu_too() {
+    nothing_takes_its_time_on("wgpu");
 }
 
 #[test]
@@ -237,7 +257,7 @@ fn what_cannot_be_profiled_is_refused_before_anything_is_written() {
         (&[&scene, "--size", "20000x20000"], 2, &["--size", "20000x20000"]),
         (&[&scene, "--repetitions", "0"], 2, &["--repetitions", "must be from 1 to 100000"]),
         (&[&scene, "--blend", "under"], 2, &["possible values: sum, over", "gs profile --help"]),
-        (&[&scene, "--backend", "wgpu", "--simd", "scalar"], 2, &["--simd scalar is for --backend cpu"]),
+        (&[&scene, "--backend", "wgpu", "--simd", "baseline"], 2, &["--simd baseline is for --backend cpu"]),
     ];
     for (arguments, status, expected) in cases {
         let run = gs(["profile", "-o", output.to_str().unwrap()].iter().chain(arguments));
@@ -253,22 +273,32 @@ fn what_cannot_be_profiled_is_refused_before_anything_is_written() {
     assert!(run.refusal().contains("choose another folder with --output"), "{run:?}");
 }
 
+/// Profiles a scene in space, and writes into a folder of `place`.
+fn a_scene_in_space_is_profiled_on(backend: &str, scene: &str, place: &Path) {
+    let output = place.join(backend);
+    let flags = ["--size", "40x30", "--order", "per-pixel", "--backend", backend, "-o", output.to_str().unwrap()];
+    let run = profile(&[&[scene], &flags[..]].concat()).done();
+    assert!(run.stdout.contains("8 Gaussians; 40x30 px, over, order per-pixel, antialias dilate, SH degree 0"));
+    let json: Value = serde_json::from_slice(&fs::read(output.join("profile.json")).unwrap()).unwrap();
+    check(&json, &fs::read_to_string(output.join("profile.csv")).unwrap());
+    let told = ["order", "loss", "parameterization", "target"].map(|key| json[key].clone());
+    let loss = json!({ "l1-dssim": { "lambda": 0.2 } });
+    assert_eq!(told, [json!("per-pixel"), loss, json!("scale-rotation"), json!("its own rendering")]);
+}
+
 #[test]
-fn a_scene_in_space_is_profiled_on_both_backends() {
+fn a_scene_in_space_is_profiled_on_wgpu() {
+    let place = folder();
+    let (_, scene) = photographed(place.path());
+    a_scene_in_space_is_profiled_on("wgpu", scene.to_str().unwrap(), place.path());
+}
+
+#[test]
+fn a_scene_in_space_is_profiled_as_flags_say() {
     let place = folder();
     let (dataset, scene) = photographed(place.path());
     let (scene, view) = (scene.to_str().unwrap(), format!("{}:3", dataset.display()));
-    for backend in ["cpu", "wgpu"] {
-        let output = place.path().join(backend);
-        let flags = ["--size", "40x30", "--order", "per-pixel", "--backend", backend, "-o", output.to_str().unwrap()];
-        let run = profile(&[&[scene], &flags[..]].concat()).done();
-        assert!(run.stdout.contains("8 Gaussians; 40x30 px, over, order per-pixel, antialias dilate, SH degree 0"));
-        let json: Value = serde_json::from_slice(&fs::read(output.join("profile.json")).unwrap()).unwrap();
-        check(&json, &fs::read_to_string(output.join("profile.csv")).unwrap());
-        let told = ["order", "loss", "parameterization", "target"].map(|key| json[key].clone());
-        let loss = json!({ "l1-dssim": { "lambda": 0.2 } });
-        assert_eq!(told, [json!("per-pixel"), loss, json!("scale-rotation"), json!("its own rendering")]);
-    }
+    a_scene_in_space_is_profiled_on("cpu", scene, place.path());
     let of_view = profile(&[scene, "--camera", &view, "--backend", "cpu", "--json"]).json();
     assert_eq!((&of_view["width"], &of_view["order"]), (&json!(32), &json!("global")));
     for (flags, part) in [(&["-n", "5"][..], "is a scene"), (&["--camera", "nowhere"], "DATASET:VIEW")] {

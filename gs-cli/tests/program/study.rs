@@ -135,14 +135,15 @@ fn a_replay_is_on_what_was_recorded_unless_flags_say_otherwise() {
     let place = folder();
     let file = study(place.path());
     let output = place.path().join("out");
-    gs(arguments(&file, &output).into_iter().chain(["--simd", "scalar"])).done();
+    gs(arguments(&file, &output).into_iter().chain(["--simd", "baseline"])).done();
     let replay = |flags: &[&str]| gs(["study", "replay", output.to_str().unwrap(), "2"].iter().chain(flags));
     assert!(replay(&[]).done().stdout.starts_with("row 2: the recorded scene, bit for bit: "));
-    if std::env::consts::ARCH == "x86_64" {
-        let run = replay(&["--simd", "sse4.2"]);
+    #[cfg(target_arch = "x86_64")]
+    if is_x86_feature_detected!("avx2") {
+        let run = replay(&["--simd", "avx2"]);
         let last = run.stderr.lines().last().unwrap();
-        assert!(run.status == Some(1) && last.contains("row 2: recorded on cpu scalar, "), "{run:?}");
-        assert!(last.ends_with("add --backend cpu --simd scalar"), "{run:?}");
+        assert!(run.status == Some(1) && last.contains("row 2: recorded on cpu baseline, "), "{run:?}");
+        assert!(last.ends_with("add --backend cpu --simd baseline"), "{run:?}");
     }
 }
 

@@ -42,7 +42,11 @@ pub(crate) fn photographed(place: &Path) -> (PathBuf, PathBuf) {
     let (dataset, file) = (place.join("photographs"), place.join("true.ply"));
     fs::create_dir_all(dataset.join("images")).unwrap();
     gs_io::write_3d(&file, &scene(), &gs_io::WriteOptions3d::default()).unwrap();
-    let rasterizer = CpuRasterizer::new(CpuSettings { threads: Some(1), level: None }).unwrap();
+    let rasterizer = CpuRasterizer::new(CpuSettings::default().with(|s| {
+        s.threads = Some(1);
+        s.level = None;
+    }))
+    .unwrap();
     let lens = Camera::looking_forward(32, 24, 0.7);
     let mut render = RenderSettings::blended(Blend::Over).on([0.0; 3]);
     render.effects.order = Order::Global;

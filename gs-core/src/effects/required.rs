@@ -113,14 +113,34 @@ impl Effects {
         wanted: &RenderSettings,
     ) -> Result<RequiredEffects, Error> {
         wanted.validate()?;
+        Ok(RequiredEffects::collected(wanted, Effect::ALL.into_iter().zip(scene.decide(views, wanted))))
+    }
+}
+
+impl RequiredEffects {
+    /// The effects that somebody chooses, whatever the scene requires: for each effect, effects
+    /// that have it as chosen, and the reason.
+    ///
+    /// ```
+    /// use gs_core::{Blend, RenderSettings, effects::{Effect, RequiredEffects}};
+    ///
+    /// let wanted = RenderSettings::blended(Blend::Over).on([1.0; 3]);
+    /// let without = |effect: Effect| (effect.off(&wanted.effects), "nothing is wanted".to_owned());
+    /// let found = RequiredEffects::decided(&wanted, without);
+    /// assert_eq!(found.settings.effects, Default::default());
+    /// ```
+    pub fn decided(wanted: &RenderSettings, mut decide: impl FnMut(Effect) -> (Effects, String)) -> Self {
+        Self::collected(wanted, Effect::ALL.into_iter().map(|effect| (effect, decide(effect))))
+    }
+
+    fn collected(wanted: &RenderSettings, decisions: impl Iterator<Item = (Effect, Decision)>) -> Self {
         let mut settings = *wanted;
-        let decisions = Effect::ALL.into_iter().zip(scene.decide(views, wanted));
         let decisions = decisions.map(|(effect, (effects, reason))| {
             settings.effects = effect.copied(&effects, &settings.effects);
             EffectDecision::new(effect, &wanted.effects, &settings.effects, reason)
         });
         let decisions = decisions.collect();
-        Ok(RequiredEffects { settings, decisions })
+        Self { settings, decisions }
     }
 }
 

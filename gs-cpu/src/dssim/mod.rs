@@ -12,7 +12,7 @@
 
 mod blur;
 
-use fearless_simd::{Level, Simd, dispatch, prelude::*};
+use fearless_simd::{Simd, prelude::*};
 use gs_core::{
     Error,
     constants::{SSIM_C1, SSIM_C2, SSIM_MAX},
@@ -23,6 +23,7 @@ use rayon::prelude::*;
 use crate::{
     lanes::{LANES, Whole, iota, load, splat, store},
     layout::{Grid, Row, ScalarRow},
+    level::{Level, dispatch},
     pointwise::Pointwise,
     target::{BlurredTarget, Target},
 };

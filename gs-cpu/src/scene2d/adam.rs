@@ -3,7 +3,7 @@
 
 use std::ops::Range;
 
-use fearless_simd::{Level, Simd, dispatch, f32x8, prelude::*};
+use fearless_simd::{Simd, f32x8, prelude::*};
 use glam::{DMat2, DVec2, Mat2, Vec2};
 use gs_core::{
     AdamRates, Gaussian2d, Participants,
@@ -15,7 +15,12 @@ use super::{
     own::Gradient,
     splats::{Shapes, Splats2d, VECTOR},
 };
-use crate::{bias::BiasTable, lanes::bounded_derivative, splat::CHUNK};
+use crate::{
+    bias::BiasTable,
+    lanes::bounded_derivative,
+    level::{Level, dispatch},
+    splat::CHUNK,
+};
 
 /// Adam's settings, lane by lane.
 #[derive(Debug, Clone, Copy)]
@@ -45,7 +50,7 @@ struct Slices<'a> {
     second: &'a mut [[f32; VECTOR]],
     opacity_moments: &'a mut [[f32; 2]],
     steps: &'a mut [u32],
-    gradient_sum: &'a mut [f32],
+    signal_sum: &'a mut [f32],
     visible: &'a mut [u32],
 }
 
@@ -68,7 +73,7 @@ impl Slices<'_> {
             second,
             opacity_moments,
             steps,
-            gradient_sum,
+            signal_sum,
             visible
         )
     }
@@ -115,7 +120,7 @@ pub(crate) fn step<'g>(
         second,
         opacity_moments,
         steps: &mut splats.steps,
-        gradient_sum: &mut splats.shared.statistics.gradient_sum,
+        signal_sum: &mut splats.shared.statistics.signal_sum,
         visible: &mut splats.shared.statistics.visible,
     };
     divide(slices, 0..count, &step, level, &gradient_of);
@@ -220,7 +225,7 @@ fn step_all<'g, S: Simd>(
                 / ((*v * bias.second[VECTOR]).sqrt() + step.rates.epsilon);
         }
         if step.collect && gradient.visible {
-            slices.gradient_sum[i] += gradient.statistic;
+            slices.signal_sum[i] += gradient.statistic;
             slices.visible[i] = slices.visible[i].saturating_add(1);
         }
     }

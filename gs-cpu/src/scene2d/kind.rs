@@ -1,6 +1,5 @@
 //! [`SceneKind`] for 2D scenes, and the order in which tiles see their Gaussians.
 
-use fearless_simd::Level;
 use gs_core::{
     AdamRates, Binning, Blend, Canvas, EditPlan, Error, Gaussian2d, MeanNoise, Parameterization, Penalty,
     RenderSettings, Scene2d, SplatsState, effects::Order,
@@ -15,6 +14,7 @@ use super::{
 use crate::{
     bias::BiasTable,
     kind::{AllResources, Resources, SceneKind, Shared},
+    level::Level,
     stage::Stage,
     target::Target,
     unsupported::{check_settings, unsupported},

@@ -5,7 +5,6 @@
 //! over the tiles that forms A p and Aᵀ(A p). The preconditioner is the diagonal of AᵀA, which is Σ
 //! w² ≈ π √det Σ′. The three channels are three systems with the same matrix.
 
-use fearless_simd::{Level, dispatch};
 use gs_core::Error;
 use rayon::prelude::*;
 
@@ -13,6 +12,7 @@ use super::{own::Own2d, splats::Splats2d};
 use crate::{
     blend_sum::{self, COLOR_STRIDE},
     layout::{Cuts, Row, TileBuffers, for_each_tile},
+    level::{Level, dispatch},
     splat::CHUNK,
     target::Target,
     tiles::Tiles,

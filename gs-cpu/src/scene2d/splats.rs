@@ -133,7 +133,7 @@ impl Splats2d {
         self.steps = plan.gather_steps(&sources, &self.steps);
         let statistics = &self.shared.statistics;
         self.shared.edited(DensityStatistics {
-            gradient_sum: plan.gather_statistics(&sources, &statistics.gradient_sum),
+            signal_sum: plan.gather_statistics(&sources, &statistics.signal_sum),
             visible: plan.gather_statistics(&sources, &statistics.visible),
         });
         if let Some(ceiling) = plan.opacity_ceiling {
@@ -175,7 +175,7 @@ impl Splats2d {
             state.insert(name, moments.iter().enumerate().map(nine));
         }
         state.insert_u32("steps", self.steps.clone());
-        state.insert("gradient_sum", self.shared.statistics.gradient_sum.iter().map(|&g| [g]));
+        state.insert("gradient_sum", self.shared.statistics.signal_sum.iter().map(|&g| [g]));
         state.insert_u32("visible", self.shared.statistics.visible.clone());
         state
     }
@@ -208,7 +208,7 @@ impl Splats2d {
             opacity_logits,
             steps: state.integers("steps")?,
             shared: Shared::new(DensityStatistics {
-                gradient_sum: flat(state.rows::<1>("gradient_sum")?),
+                signal_sum: flat(state.rows::<1>("gradient_sum")?),
                 visible: state.integers("visible")?,
             }),
             means,
@@ -230,7 +230,7 @@ impl Splats2d {
             ("moment1", self.moments[0].len()),
             ("moment2", self.moments[1].len()),
             ("steps", self.steps.len()),
-            ("gradient_sum", self.shared.statistics.gradient_sum.len()),
+            ("gradient_sum", self.shared.statistics.signal_sum.len()),
             ("visible", self.shared.statistics.visible.len()),
         ];
         match lengths.into_iter().find(|&(_, found)| found != self.len()) {

@@ -1,7 +1,7 @@
 //! Stage `adam`: one step of every Gaussian, a vector of 16 parameters at a time, and its
 //! statistics. Parallel over Gaussians.
 
-use fearless_simd::{Level, Simd, dispatch, prelude::*};
+use fearless_simd::{Simd, prelude::*};
 use glam::Vec3;
 use gs_core::{
     AdamRates, Parameterization, Participants, Penalty,
@@ -20,6 +20,7 @@ use super::{
 use crate::{
     bias::{Bias, BiasTable},
     lanes::{LANES, Whole, bounded_derivative, load, splat, store},
+    level::{Level, dispatch},
     workspace::Workspace,
 };
 
@@ -106,7 +107,7 @@ pub(crate) fn step(
         .zip(first.par_chunks_mut(CHUNK * pitch))
         .zip(second.par_chunks_mut(CHUNK * pitch))
         .zip(steps.par_chunks_mut(CHUNK));
-    let counted = statistics.gradient_sum.par_chunks_mut(CHUNK).zip(statistics.visible.par_chunks_mut(CHUNK));
+    let counted = statistics.signal_sum.par_chunks_mut(CHUNK).zip(statistics.visible.par_chunks_mut(CHUNK));
     rows.zip(counted).enumerate().for_each(|(chunk, ((((parameters, first), second), steps), (sums, visible)))| {
         for i in 0..steps.len() {
             let index = chunk * CHUNK + i;

@@ -2,7 +2,6 @@
 
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
-use fearless_simd::Level;
 use gs_core::{
     AdamRates, Binning, Blend, Camera, EditPlan, Error, Gaussian3d, MeanNoise, Parameterization, RenderSettings,
     Scene3d, SplatsState,
@@ -21,6 +20,7 @@ use super::{
 use crate::{
     bias::BiasTable,
     kind::{AllResources, Resources, SceneKind, Shared},
+    level::Level,
     splat::{CHUNK, PixelDepth, Splat},
     stage::Stage,
     unsupported::check_settings,

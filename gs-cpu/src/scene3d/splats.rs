@@ -262,7 +262,7 @@ impl Splats3d {
         self.steps = plan.gather_steps(&sources, &self.steps);
         let statistics = &self.shared.statistics;
         self.shared.edited(DensityStatistics {
-            gradient_sum: plan.gather_statistics(&sources, &statistics.gradient_sum),
+            signal_sum: plan.gather_statistics(&sources, &statistics.signal_sum),
             visible: plan.gather_statistics(&sources, &statistics.visible),
         });
         if let Some(ceiling) = plan.opacity_ceiling {
@@ -292,7 +292,7 @@ impl Splats3d {
             state.insert_matrix(name, width(&places), cut(moments, &places));
         }
         state.insert_u32("steps", self.steps.clone());
-        state.insert("gradient_sum", self.shared.statistics.gradient_sum.iter().map(|&g| [g]));
+        state.insert("gradient_sum", self.shared.statistics.signal_sum.iter().map(|&g| [g]));
         state.insert_u32("visible", self.shared.statistics.visible.clone());
         state
     }
@@ -327,10 +327,10 @@ impl Splats3d {
             paste(name, &moment_places(state.parameterization, sh_degree), moments)?;
         }
         let statistics = DensityStatistics {
-            gradient_sum: state.rows::<1>("gradient_sum")?.into_iter().flatten().collect(),
+            signal_sum: state.rows::<1>("gradient_sum")?.into_iter().flatten().collect(),
             visible: state.integers("visible")?,
         };
-        check_len("gradient_sum", steps.len(), statistics.gradient_sum.len())?;
+        check_len("gradient_sum", steps.len(), statistics.signal_sum.len())?;
         check_len("visible", steps.len(), statistics.visible.len())?;
         splats.shared = Shared::new(statistics);
         splats.steps = steps;

@@ -63,7 +63,11 @@ fn kernels_match_a_dense_rendering() {
             let settings = RenderSettings::blended(blend).on([0.2, 0.5, 0.9]);
             let expected = dense(&scene, size, &settings);
             for level in SimdLevel::available() {
-                let cpu = CpuRasterizer::new(CpuSettings { level: Some(level), threads: Some(2) }).unwrap();
+                let cpu = CpuRasterizer::new(CpuSettings::default().with(|s| {
+                    s.level = Some(level);
+                    s.threads = Some(2);
+                }))
+                .unwrap();
                 let got = cpu.render(&scene, &Canvas::new(size.0, size.1), &settings).block_on().unwrap();
                 let apart = |(a, b): (&[f32; 3], &[f32; 3])| (0..3).any(|k| (a[k] - b[k]).abs() > 2e-5);
                 // Rounding decides for pixels at the cut.

@@ -29,7 +29,7 @@ fn gaussian() -> Gaussian2d {
 
 /// Statistics after 10 visible steps.
 fn with_gradients(gradients: &[f32]) -> DensityStatistics {
-    DensityStatistics { gradient_sum: gradients.iter().map(|g| 10.0 * g).collect(), visible: vec![10; gradients.len()] }
+    DensityStatistics { signal_sum: gradients.iter().map(|g| 10.0 * g).collect(), visible: vec![10; gradients.len()] }
 }
 
 fn plan(policy: &impl DensityPolicy, observation: &Observation<'_>) -> EditPlan<Gaussian2d> {
@@ -154,7 +154,7 @@ fn opacities_are_reset_on_time_and_only_where_there_are_some() {
 #[test]
 fn arrays_that_do_not_fit_are_refused() {
     let scene: Scene2d = [gaussian(); 3].into_iter().collect();
-    let short = DensityStatistics { gradient_sum: vec![1.0; 3], visible: vec![1; 2] };
+    let short = DensityStatistics { signal_sum: vec![1.0; 3], visible: vec![1; 2] };
     let mut torn = scene.clone();
     torn.colors.pop();
     let whole = DensityStatistics::zeros(3);

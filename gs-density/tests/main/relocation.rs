@@ -160,7 +160,7 @@ fn a_long_axis_split_puts_two_side_by_side() {
             parent.opacity_logit = f32::INFINITY;
         }
         let scene: Scene2d = [parent].into_iter().collect();
-        let statistics = DensityStatistics { gradient_sum: vec![1.0], visible: vec![1] };
+        let statistics = DensityStatistics { signal_sum: vec![1.0], visible: vec![1] };
         let observation = Observation {
             scene: &scene,
             statistics: &statistics,

@@ -30,7 +30,7 @@ fn scene(gaussians: &[Gaussian3d]) -> Scene3d {
 }
 
 fn statistics(gradients: &[f32]) -> DensityStatistics {
-    DensityStatistics { gradient_sum: gradients.iter().map(|g| 10.0 * g).collect(), visible: vec![10; gradients.len()] }
+    DensityStatistics { signal_sum: gradients.iter().map(|g| 10.0 * g).collect(), visible: vec![10; gradients.len()] }
 }
 
 fn plan_at(policy: &dyn DensityPolicy<Scene3d>, scene: &Scene3d, gradients: &[f32], step: u32) -> EditPlan<Gaussian3d> {

@@ -35,10 +35,10 @@ use std::{
 
 use glam::Vec3;
 use gs_core::Camera;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 pub use self::{
-    colmap::{CameraModel, ColmapCamera, ColmapImage, ColmapModel, ColmapPoint, Observation},
+    colmap::{CameraModel, ColmapCamera, ColmapImage, ColmapModel, ColmapObservation, ColmapPoint},
     distortion::{AriaFisheye, BrownConrady, Distortion, Fisheye},
     lens::Lens,
     posed_image::PosedImage,
@@ -54,8 +54,8 @@ const LOOKED_FOR: &str = "transforms_train.json (Blender), transforms.json (Nerf
                           sparse, colmap/sparse/0, colmap/sparse and the folder itself (COLMAP)";
 
 /// Settings for reading a data set.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(default)]
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct DatasetSettings {
     /// The folder with the images, relative to the data set, such as `images_4`. `None` uses the
     /// data set's own, or the first of `images`, `images_2`, `images_4` and `images_8` that has
@@ -75,6 +75,8 @@ pub struct DatasetSettings {
     pub allow_outside: bool,
 }
 
+gs_core::impl_with!(DatasetSettings);
+
 impl Default for DatasetSettings {
     fn default() -> Self {
         Self {
@@ -88,8 +90,7 @@ impl Default for DatasetSettings {
 }
 
 /// The meaning of an image's alpha channel.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum AlphaMeaning {
     /// Opacity of the object: the scene should be as transparent (NeRF-synthetic).
     #[default]

@@ -3,7 +3,7 @@
 
 use std::{
     fs::File,
-    io::{BufRead, BufReader, Seek},
+    io::{BufReader, Seek},
     path::Path,
 };
 
@@ -28,7 +28,7 @@ pub(crate) fn read_header(path: &Path) -> Result<ImageHeader, Error> {
         decode(path, Orientation::AsStored)?;
     }
     let format = file.format;
-    let (mut decoder, colors, remarks) = file.into_decoder()?;
+    let (mut decoder, colors, remarks) = file.decoder()?;
     let (width, height) = decoder.dimensions();
     let upright = match decoder.orientation().map_err(|error| decoder_error(path, format, error))? {
         Turn::Rotate90 | Turn::Rotate270 | Turn::Rotate90FlipH | Turn::Rotate270FlipH => (height, width),
@@ -64,7 +64,7 @@ fn read_pixels(path: &Path, orientation: Orientation) -> Result<(Pixels, Colors,
     file.check_end()?;
     let format = file.format;
     let damaged = |error| decoder_error(path, format, error);
-    let (mut decoder, colors, remarks) = file.into_decoder()?;
+    let (mut decoder, colors, remarks) = file.decoder()?;
     let turned = decoder.orientation().map_err(damaged)?;
     check_memory(&decoder).map_err(Error::content(path))?;
     let mut decoded = DynamicImage::from_decoder(decoder).map_err(damaged)?;
@@ -86,6 +86,9 @@ fn check_memory(decoder: &impl ImageDecoder) -> Result<(), gs_core::Error> {
     let bytes = decoder.total_bytes() + pixels * size_of::<[f32; 4]>() as u64;
     memory::reserved::<u8>(usize::try_from(bytes).unwrap_or(usize::MAX), "decoding the image").map(drop)
 }
+
+/// How all decoders read. One type for all of them saves compile time.
+type Source<'a> = &'a mut BufReader<File>;
 
 /// A file whose first bytes are those of an image.
 struct ImageFile<'a> {
@@ -118,17 +121,18 @@ impl<'a> ImageFile<'a> {
 
     /// A decoder that has read the header of an image of a valid size, how to convert colours, and
     /// remarks on the file.
-    fn into_decoder(self) -> Result<(impl ImageDecoder + 'a, Colors, Vec<ImageRemark>), Error> {
-        let Self { path, format, mut reader } = self;
+    fn decoder(&mut self) -> Result<(impl ImageDecoder, Colors, Vec<ImageRemark>), Error> {
+        let Self { path, format, reader } = self;
+        let format = *format;
         let read = |error| Error::read(path, error);
-        let mut remarks = Vec::from_iter(whole::more_than_one(format, &mut reader).map_err(read)?);
-        if format == ImageFormat::Jpeg && whole::jpeg_channels(&mut reader).map_err(read)? == Some(4) {
+        let mut remarks = Vec::from_iter(whole::more_than_one(format, reader).map_err(read)?);
+        if format == ImageFormat::Jpeg && whole::jpeg_channels(reader).map_err(read)? == Some(4) {
             return Err(kind::cmyk(path, "jpg"));
         }
         let mut colors = Colors::AsStored;
         if format == ImageFormat::Png {
             // Errors are reported by the other decoder.
-            if let Ok(png) = png::Decoder::new(&mut reader).read_info() {
+            if let Ok(png) = png::Decoder::new(&mut *reader).read_info() {
                 colors = Colors::of_png(png.info());
                 let animated = png.info().animation_control.is_some_and(|animation| animation.num_frames > 1);
                 remarks.extend(animated.then_some(ImageRemark::FirstFrame));
@@ -136,7 +140,7 @@ impl<'a> ImageFile<'a> {
             reader.rewind().map_err(read)?;
         }
         // With limits, this decoder skips profiles that are larger than the image.
-        let tiff = (format == ImageFormat::Tiff).then(|| TiffDecoder::new(&mut reader)?.icc_profile());
+        let tiff = (format == ImageFormat::Tiff).then(|| TiffDecoder::new(&mut *reader)?.icc_profile());
         reader.rewind().map_err(read)?;
         let mut decoder = open_decoder(path, format, reader)?;
         let original = decoder.original_color_type();
@@ -155,11 +159,7 @@ impl<'a> ImageFile<'a> {
 }
 
 /// A decoder that has read the header of an image of a valid size.
-fn open_decoder<'a>(
-    path: &Path,
-    format: ImageFormat,
-    reader: impl BufRead + Seek + 'a,
-) -> Result<impl ImageDecoder + 'a, Error> {
+fn open_decoder<'a>(path: &Path, format: ImageFormat, reader: Source<'a>) -> Result<impl ImageDecoder + 'a, Error> {
     let mut reader = ImageReader::with_format(reader, format);
     let mut limits = Limits::no_limits();
     limits.max_alloc = Some(MAX_DECODER_BYTES);

@@ -17,6 +17,7 @@ mod foreign;
 mod gltf;
 pub(crate) mod ply;
 mod quantity;
+mod rounding;
 mod sh_degree;
 mod sh_rotation;
 mod source;
@@ -37,6 +38,7 @@ use gs_core::{RenderSettings, Scene, Scene3d, examination::SMALLEST_LOG_SCALE};
 pub use self::{
     conversion_loss::ConversionLoss,
     gltf::GltfBuffer,
+    rounding::Rounding,
     spz::{SpzOptions, SpzVersion},
     trained_with::TrainedWith,
 };
@@ -46,9 +48,6 @@ use crate::{
     container::read_exactly,
     error::Error,
 };
-
-/// SH of degree 0, ½ √(1/π): colour = ½ + SH_0 · coefficient.
-pub(crate) const SH_0: f32 = 0.282_094_79;
 
 /// Bytes that are enough to recognise a file.
 const START_BYTES: usize = 64;
@@ -257,6 +256,7 @@ pub fn decode_3d(format: Format3d, bytes: &[u8], path: &Path) -> Result<File3d, 
 
 /// Options for writing scenes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[non_exhaustive]
 pub struct WriteOptions3d {
     /// How the scene was trained, which is stored if the format allows it.
     pub trained_with: TrainedWith,
@@ -265,6 +265,8 @@ pub struct WriteOptions3d {
     /// Options for `.gltf`.
     pub gltf_buffer: GltfBuffer,
 }
+
+gs_core::impl_with!(WriteOptions3d);
 
 /// The result of writing a scene.
 #[derive(Debug, Clone, PartialEq)]

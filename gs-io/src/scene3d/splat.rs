@@ -10,10 +10,11 @@
 //! Little-endian; axes are those of the PLY it was made from. Without a header, only its extension
 //! identifies it.
 
+use gs_core::constants::SH_C0;
 use gs_core::{Scene, Scene3d};
 
 use super::{
-    SH_0, TrainedWith,
+    TrainedWith,
     conversion_loss::{Clamp, ConversionLoss},
     quantity::{byte_of_logit, log_of_scale, logit_of_step, scale_of_log},
     source::Source,
@@ -37,7 +38,7 @@ pub(crate) fn read(source: &Source<'_>) -> Result<Scene3d, Error> {
         let share = |k: usize| f32::from(record[k]) / 255.0;
         scene.means.push([number(0), number(1), number(2)].into());
         scene.log_scales.push([number(3), number(4), number(5)].map(log_of_scale).into());
-        scene.sh.push([24, 25, 26].map(|k| (share(k) - 0.5) / SH_0).into());
+        scene.sh.push([24, 25, 26].map(|k| (share(k) - 0.5) / SH_C0).into());
         scene.opacity_logits.push(logit_of_step(record[27].into(), 255));
         scene.rotations.push([28, 29, 30, 31].map(|k: usize| (f32::from(record[k]) - 128.0) / 128.0));
     }
@@ -56,7 +57,7 @@ pub(crate) fn encode(
     for i in 0..scene.len() {
         let numbers = scene.means[i].to_array().into_iter().chain(scene.log_scales[i].to_array().map(scale_of_log));
         bytes.extend(numbers.flat_map(f32::to_le_bytes));
-        let color = scene.sh[i * scene.sh_len()].to_array().map(|c| clamp.apply(0.5 + SH_0 * c));
+        let color = scene.sh[i * scene.sh_len()].to_array().map(|c| clamp.apply(0.5 + SH_C0 * c));
         bytes.extend(color.map(byte));
         bytes.push(byte_of_logit(scene.opacity_logits[i]));
         // The cast saturates: 1 becomes 255, which is 127/128; readers normalise.

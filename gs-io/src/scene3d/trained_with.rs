@@ -20,12 +20,15 @@ const OURS: &str = "gs";
 
 /// How a scene was trained; `None` where that is unknown.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[non_exhaustive]
 pub struct TrainedWith {
     /// The treatment of Gaussians narrower than a pixel.
     pub antialias: Option<Antialias>,
     /// The sort order of blending.
     pub order: Option<Order>,
 }
+
+gs_core::impl_with!(TrainedWith);
 
 impl TrainedWith {
     /// What other viewers assume by default: the rendering of 3DGS.
@@ -117,6 +120,14 @@ mod tests {
             assert_eq!(TrainedWith::of_extras(&said.extras().unwrap_or_default()), said);
         }
         assert_eq!(TrainedWith::of_extras(&json!([{ "gs": 3 }])), TrainedWith::default());
+    }
+
+    #[test]
+    fn orders_that_earlier_versions_wrote_are_read() {
+        for (old, order) in [("tile-depth", Order::Global), ("pixel-depth", Order::PerPixel)] {
+            assert_eq!(TrainedWith::of_comments([&*format!("gs order: {old}")]).order, Some(order));
+            assert_eq!(TrainedWith::of_extras(&json!({ "gs": { "order": old } })).order, Some(order));
+        }
     }
 
     #[test]

@@ -52,9 +52,9 @@ fn every_eighth_view_by_name_is_held_out_or_as_many_as_one_likes() {
         (0..views.len()).filter(|&i| views[i].split == Split::Test).collect()
     };
     assert_eq!(tests(DatasetSettings::default()), [0, 8, 16]);
-    assert_eq!(tests(DatasetSettings { test_every: NonZeroU32::new(7), ..Default::default() }), [0, 7, 14]);
-    assert_eq!(tests(DatasetSettings { test_every: None, ..Default::default() }), [0_usize; 0]);
-    assert_eq!(tests(DatasetSettings { test_every: NonZeroU32::MIN.into(), ..Default::default() }), [0_usize; 0]);
+    assert_eq!(tests(DatasetSettings::default().with(|s| s.test_every = NonZeroU32::new(7))), [0, 7, 14]);
+    assert_eq!(tests(DatasetSettings::default().with(|s| s.test_every = None)), [0_usize; 0]);
+    assert_eq!(tests(DatasetSettings::default().with(|s| s.test_every = NonZeroU32::MIN.into())), [0_usize; 0]);
     let dataset = read(place.path());
     assert_eq!((dataset.views_of(Split::Train).count(), dataset.views_of(Split::Test).count()), (14, 3));
 }
@@ -98,11 +98,11 @@ fn intrinsics_follow_the_size_of_the_image() {
     assert_eq!(camera.center, Vec2::new(10.0, 7.75));
     assert!(dataset.remarks.contains(&Remark::Scaled { count: 2, from: (40, 30), to: (20, 15) }));
     // 30 / 4 is rounded to 7: each axis has its own factor.
-    let settings = DatasetSettings { image_folder: Some("images_4".to_owned()), ..Default::default() };
+    let settings = DatasetSettings::default().with(|s| s.image_folder = Some("images_4".to_owned()));
     let camera = read_dataset(place.path(), &settings).unwrap().views[0].camera;
     assert_eq!((camera.width, camera.height, camera.focal.x), (10, 7, 7.5));
     assert!((camera.focal.y - 31.0 * 7.0 / 30.0).abs() < 1e-6);
-    let settings = DatasetSettings { image_folder: Some("images_9".to_owned()), ..Default::default() };
+    let settings = DatasetSettings::default().with(|s| s.image_folder = Some("images_9".to_owned()));
     assert!(matches!(read_dataset(place.path(), &settings), Err(Error::Missing { .. })));
 }
 

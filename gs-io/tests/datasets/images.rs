@@ -100,7 +100,7 @@ fn alpha_is_opacity_or_a_mask() {
     let over = posed.over([1.0; 3]);
     assert_eq!((over.pixel(0, 0), over.pixel(39, 0)[1]), ([1.0; 3], 0.4 * 0.8 + 1.0 * (1.0 - 0.8)));
 
-    let settings = DatasetSettings { alpha: AlphaMeaning::Mask, ..Default::default() };
+    let settings = DatasetSettings::default().with(|s| s.alpha = AlphaMeaning::Mask);
     let posed = read_dataset(place.path(), &settings).unwrap().views[0].read_image().unwrap();
     assert_eq!(posed.alpha, None);
     assert_eq!(posed.mask.unwrap()[..40], std::array::from_fn::<bool, 40, _>(|x| x >= 20));

@@ -9,8 +9,8 @@ use std::{
 use glam::{DQuat, dvec2, dvec3};
 use gs_core::Image;
 use gs_io::dataset::{
-    CameraModel, ColmapCamera, ColmapImage, ColmapModel, ColmapPoint, Dataset, DatasetSettings, Observation, Remark,
-    Skip, read_dataset,
+    CameraModel, ColmapCamera, ColmapImage, ColmapModel, ColmapObservation, ColmapPoint, Dataset, DatasetSettings,
+    Remark, Skip, read_dataset,
 };
 
 pub(crate) fn folder() -> tempfile::TempDir {
@@ -43,7 +43,7 @@ pub(crate) fn model(count: u32) -> ColmapModel {
         camera_id: if i % 3 == 2 { 7 } else { 1 },
         name: format!("view {i:03}.png"),
         observations: (0..i % 3)
-            .map(|k| Observation { position: dvec2(f64::from(k) + 0.5, 3.25), point: (k == 0).then_some(5) })
+            .map(|k| ColmapObservation { position: dvec2(f64::from(k) + 0.5, 3.25), point: (k == 0).then_some(5) })
             .collect(),
     };
     let point =
@@ -73,7 +73,7 @@ pub(crate) fn binary(model: &ColmapModel) -> [Vec<u8>; 3] {
         images.extend(image.camera_id.to_le_bytes());
         images.extend(image.name.bytes().chain([0]));
         images.extend((image.observations.len() as u64).to_le_bytes());
-        for Observation { position, point } in &image.observations {
+        for ColmapObservation { position, point } in &image.observations {
             images.extend([position.x, position.y].iter().flat_map(|v| v.to_le_bytes()));
             images.extend(point.unwrap_or(u64::MAX).to_le_bytes());
         }
@@ -103,7 +103,7 @@ pub(crate) fn text(model: &ColmapModel) -> [Vec<u8>; 3] {
         let (q, t) = (image.rotation, image.translation);
         let _ = write!(images, "{} {} {} {} {} ", image.id, q.w, q.x, q.y, q.z);
         let _ = writeln!(images, "{} {} {} {} {}", t.x, t.y, t.z, image.camera_id, image.name);
-        for Observation { position, point } in &image.observations {
+        for ColmapObservation { position, point } in &image.observations {
             let point = point.map_or("-1".to_owned(), |point| point.to_string());
             let _ = write!(images, "{} {} {point} ", position.x, position.y);
         }

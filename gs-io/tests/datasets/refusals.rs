@@ -24,7 +24,7 @@ fn transforms(root: &Path, frames: &[Value], fields: Value) {
 }
 
 fn anywhere() -> DatasetSettings {
-    DatasetSettings { allow_outside: true, ..DatasetSettings::default() }
+    DatasetSettings::default().with(|s| s.allow_outside = true)
 }
 
 fn detail(remarks: &[Remark], reason: Skip) -> &str {
@@ -230,7 +230,7 @@ fn large_images_are_scaled_down_with_their_cameras() {
     let place = folder();
     colmap(place.path(), 3);
     let sized = |max_side: u32| {
-        let settings = DatasetSettings { max_side: NonZeroU32::new(max_side), ..DatasetSettings::default() };
+        let settings = DatasetSettings::default().with(|s| s.max_side = NonZeroU32::new(max_side));
         read_dataset(place.path(), &settings).unwrap()
     };
     let (full, small) = (read(place.path()), sized(20));

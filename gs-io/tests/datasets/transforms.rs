@@ -117,7 +117,7 @@ fn smaller_copies_are_taken_where_the_originals_are_missing() {
     let view = &read(place.path()).views[0];
     assert_eq!((view.source.width, view.source.focal.x), (20, 15.0), "the folder's name tells the scale");
     picture(place.path().join("elsewhere/a.png"), 40, 30);
-    let settings = DatasetSettings { image_folder: Some("elsewhere".to_owned()), ..Default::default() };
+    let settings = DatasetSettings::default().with(|s| s.image_folder = Some("elsewhere".to_owned()));
     let dataset = read_dataset(place.path(), &settings).unwrap();
     assert_eq!((dataset.views.len(), skipped(&dataset, Skip::NoImage)), (1, 1));
 }

@@ -107,7 +107,7 @@ proptest! {
     fn gltf_keeps_means_rotations_and_sh(scene in scenes(finite, finite), kind in 0..3_usize) {
         let gltf_buffer = [GltfBuffer::Inside, GltfBuffer::Beside, GltfBuffer::Inside][kind];
         let name = ["a b.gltf", "a b.gltf", "a.glb"][kind];
-        let read = back(name, &scene, &WriteOptions3d { gltf_buffer, ..WriteOptions3d::default() });
+        let read = back(name, &scene, &WriteOptions3d::default().with(|s| s.gltf_buffer = gltf_buffer));
         prop_assert_eq!(bits(&read.means), bits(&scene.means));
         prop_assert_eq!(bits(&read.sh), bits(&scene.sh));
         prop_assert_eq!(&read.rotations, &scene.rotations);
@@ -303,10 +303,13 @@ fn a_scene_remembers_how_it_was_trained() {
     let folder = tempfile::tempdir().unwrap();
     for (antialias, order) in Antialias::ALL.into_iter().flat_map(|a| [Order::Global, Order::PerPixel].map(|o| (a, o)))
     {
-        let trained_with = TrainedWith { antialias: Some(antialias), order: Some(order) };
+        let trained_with = TrainedWith::default().with(|s| {
+            s.antialias = Some(antialias);
+            s.order = Some(order);
+        });
         for name in ["a.ply", "a.gltf", "a.glb", "a.spz", "a.splat"] {
             let path = folder.path().join(name);
-            let options = WriteOptions3d { trained_with, ..WriteOptions3d::default() };
+            let options = WriteOptions3d::default().with(|s| s.trained_with = trained_with);
             let losses = write_3d(&path, &scene, &options).unwrap().losses;
             let read = read_3d(&path).unwrap().trained_with;
             let said = read.antialias.unwrap_or(Antialias::Dilate) == antialias

@@ -36,7 +36,7 @@ pub(crate) fn written(name: &str, scene: &Scene3d, options: &WriteOptions3d) -> 
 }
 
 pub(crate) fn spz(version: SpzVersion) -> WriteOptions3d {
-    WriteOptions3d { spz: SpzOptions { version, ..SpzOptions::default() }, ..WriteOptions3d::default() }
+    WriteOptions3d::default().with(|s| s.spz = SpzOptions::default().with(|s| s.version = version))
 }
 
 /// The scene that is read from bytes, recognised by their start and this name.

@@ -21,7 +21,7 @@ pub(crate) type Outcome = Result<(), Box<dyn Error>>;
 #[derive(Debug, Clone, Parser)]
 #[command(about = None, version = None)]
 pub(crate) struct Options {
-    /// SIMD level: scalar, sse4.2, avx2, avx512 or native [default: the machine's best]
+    /// SIMD level: baseline, avx2 or avx512 [default: the machine's best]
     #[arg(long)]
     pub(crate) level: Option<SimdLevel>,
     /// Most threads [default: as many as the machine offers]
@@ -70,7 +70,10 @@ impl Options {
 
     /// The CPU backend at another level.
     pub(crate) fn rasterizer_at(&self, level: SimdLevel, threads: usize) -> Result<CpuRasterizer, gs_core::Error> {
-        CpuRasterizer::new(CpuSettings { threads: Some(threads), level: Some(level) })
+        CpuRasterizer::new(CpuSettings::default().with(|s| {
+            s.threads = Some(threads);
+            s.level = Some(level);
+        }))
     }
 }
 

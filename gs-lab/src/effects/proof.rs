@@ -93,7 +93,11 @@ mod tests {
 
     #[test]
     fn pictures_bear_out_what_is_right_and_overrule_what_is_wrong() {
-        let cpu = CpuRasterizer::new(CpuSettings { threads: Some(1), level: None }).unwrap();
+        let cpu = CpuRasterizer::new(CpuSettings::default().with(|s| {
+            s.threads = Some(1);
+            s.level = None;
+        }))
+        .unwrap();
         let cpu = cpu.for_2d();
         let splats = cpu.upload(&scene(), Parameterization::ScaleRotation).unwrap();
         let views = [Canvas::new(24, 18), Canvas::new(9, 7).showing(Vec2::ZERO, Vec2::new(24.0, 18.0))];

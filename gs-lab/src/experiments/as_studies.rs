@@ -2,7 +2,7 @@
 //! of all policies must contain every policy.
 
 use super::{
-    Experiment, Extent,
+    Experiment, ExperimentSize,
     cold_start::Start,
     instability::{FLOORS_PX, floor_settings},
     lazy_convergence::Criterion,
@@ -37,7 +37,7 @@ fn check(name: &str, arms: &[MadeBy<'_>], others: &[&str]) {
     }
 }
 
-const FULL: Extent = Extent::Full;
+const FULL: ExperimentSize = ExperimentSize::Full;
 
 #[test]
 fn every_experiment_that_fits_is_a_study() {

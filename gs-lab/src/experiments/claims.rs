@@ -5,7 +5,7 @@
 //! without such a function fails the test.
 
 use super::{
-    Cell, Extent, Findings, Laboratory, Verdict, Watch,
+    Cell, ClaimVerdict, ExperimentSize, Findings, Laboratory, Watch,
     cold_start::{self, ColdStartMeasured, Start},
     edges::{self, EdgesMeasured, Zone},
     instability::{self, Guard, InstabilityMeasured},
@@ -18,11 +18,11 @@ use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_train::PAPER_SIDE_PX;
 
 fn cpu(threads: Option<usize>) -> CpuRasterizer {
-    CpuRasterizer::new(CpuSettings { threads, ..CpuSettings::default() }).unwrap()
+    CpuRasterizer::new(CpuSettings::default().with(|s| s.threads = threads)).unwrap()
 }
 
 /// Name of a claim, its verdict in the quick form, and the check of its numbers.
-type Check<M> = (&'static str, Verdict, fn(&M));
+type Check<M> = (&'static str, ClaimVerdict, fn(&M));
 
 /// Checks the verdicts and numbers of all claims of an experiment, and that tables and charts are
 /// complete.
@@ -66,16 +66,16 @@ mod set_up_and_result {
     #[test]
     fn claims() {
         let mut counter = Counter::default();
-        let measured = set_up::measure(&mut Laboratory::new(&cpu(None), Extent::Quick, &mut counter)).unwrap();
+        let measured = set_up::measure(&mut Laboratory::new(&cpu(None), ExperimentSize::Quick, &mut counter)).unwrap();
         assert_eq!(counter.0, 22);
         check_claims(
             &measured,
             &measured.findings(),
             &[
-                ("converges", Verdict::Confirmed, converges),
-                ("forced-growth-makes-600", Verdict::Refuted, forced_growth_makes_600),
-                ("spikes-bring-drops", Verdict::Confirmed, spikes_bring_drops),
-                ("growth-is-essential", Verdict::Partly, growth_is_essential),
+                ("converges", ClaimVerdict::Confirmed, converges),
+                ("forced-growth-makes-600", ClaimVerdict::Refuted, forced_growth_makes_600),
+                ("spikes-bring-drops", ClaimVerdict::Confirmed, spikes_bring_drops),
+                ("growth-is-essential", ClaimVerdict::Partly, growth_is_essential),
             ],
         );
     }
@@ -117,15 +117,15 @@ mod cold_starts {
 
     #[test]
     fn claims() {
-        let measured = cold_start::measure(&mut Laboratory::new(&cpu(None), Extent::Quick, &mut ())).unwrap();
+        let measured = cold_start::measure(&mut Laboratory::new(&cpu(None), ExperimentSize::Quick, &mut ())).unwrap();
         check_claims(
             &measured,
             &measured.findings(),
             &[
-                ("gradient-is-zero", Verdict::Partly, gradient_is_zero),
-                ("loss-is-flat", Verdict::Confirmed, loss_is_flat),
-                ("large-variances-cure", Verdict::Partly, large_variances_cure),
-                ("no-way-to-explore", Verdict::Confirmed, no_way_to_explore),
+                ("gradient-is-zero", ClaimVerdict::Partly, gradient_is_zero),
+                ("loss-is-flat", ClaimVerdict::Confirmed, loss_is_flat),
+                ("large-variances-cure", ClaimVerdict::Partly, large_variances_cure),
+                ("no-way-to-explore", ClaimVerdict::Confirmed, no_way_to_explore),
             ],
         );
     }
@@ -171,15 +171,16 @@ mod lazy {
 
     #[test]
     fn claims() {
-        let measured = lazy_convergence::measure(&mut Laboratory::new(&cpu(None), Extent::Quick, &mut ())).unwrap();
+        let measured =
+            lazy_convergence::measure(&mut Laboratory::new(&cpu(None), ExperimentSize::Quick, &mut ())).unwrap();
         check_claims(
             &measured,
             &measured.findings(),
             &[
-                ("absolute-threshold-stagnates", Verdict::Partly, absolute_threshold_stagnates),
-                ("forced-growth-does-not", Verdict::Partly, forced_growth_does_not),
-                ("no-universal-threshold", Verdict::Partly, no_universal_threshold),
-                ("relative-criteria-generalise", Verdict::Partly, relative_criteria_generalise),
+                ("absolute-threshold-stagnates", ClaimVerdict::Partly, absolute_threshold_stagnates),
+                ("forced-growth-does-not", ClaimVerdict::Partly, forced_growth_does_not),
+                ("no-universal-threshold", ClaimVerdict::Partly, no_universal_threshold),
+                ("relative-criteria-generalise", ClaimVerdict::Partly, relative_criteria_generalise),
             ],
         );
     }
@@ -222,14 +223,14 @@ mod instabilities {
 
     #[test]
     fn claims() {
-        let measured = instability::measure(&mut Laboratory::new(&cpu(None), Extent::Quick, &mut ())).unwrap();
+        let measured = instability::measure(&mut Laboratory::new(&cpu(None), ExperimentSize::Quick, &mut ())).unwrap();
         check_claims(
             &measured,
             &measured.findings(),
             &[
-                ("singular-covariances-give-nan", Verdict::Partly, singular_covariances_give_nan),
-                ("clamp-and-epsilon-cure", Verdict::Confirmed, clamp_and_epsilon_cure),
-                ("price-of-the-clamp", Verdict::Confirmed, price_of_the_clamp),
+                ("singular-covariances-give-nan", ClaimVerdict::Partly, singular_covariances_give_nan),
+                ("clamp-and-epsilon-cure", ClaimVerdict::Confirmed, clamp_and_epsilon_cure),
+                ("price-of-the-clamp", ClaimVerdict::Confirmed, price_of_the_clamp),
             ],
         );
     }
@@ -270,21 +271,21 @@ mod edges_and_blobs {
 
     #[test]
     fn claims() {
-        let measured = edges::measure(&mut Laboratory::new(&cpu(None), Extent::Quick, &mut ())).unwrap();
+        let measured = edges::measure(&mut Laboratory::new(&cpu(None), ExperimentSize::Quick, &mut ())).unwrap();
         let findings = measured.findings();
         // A rounding may reverse the order for one of the two seeds, but not on average.
         let fewer = findings.claims[1].verdict();
-        assert!(matches!(fewer, Verdict::Confirmed | Verdict::Partly), "{fewer:?}");
+        assert!(matches!(fewer, ClaimVerdict::Confirmed | ClaimVerdict::Partly), "{fewer:?}");
         check_claims(
             &measured,
             &findings,
             &[
-                ("edges-are-dense-and-stretched", Verdict::Confirmed, edges_are_dense_and_stretched),
+                ("edges-are-dense-and-stretched", ClaimVerdict::Confirmed, edges_are_dense_and_stretched),
                 ("the-disc-needs-fewer", fewer, the_disc_needs_fewer),
             ],
         );
         // The same seeds give the same bits, whatever the number of threads.
-        let again = edges::measure(&mut Laboratory::new(&cpu(Some(1)), Extent::Quick, &mut ())).unwrap();
+        let again = edges::measure(&mut Laboratory::new(&cpu(Some(1)), ExperimentSize::Quick, &mut ())).unwrap();
         assert_eq!(again, measured);
     }
 
@@ -306,7 +307,7 @@ mod edges_and_blobs {
 }
 
 mod popping_of_colours {
-    use super::super::popping::{Comparison, SlowOrbit, compare, discs, discs_flight};
+    use super::super::popping::{PoppingComparison, SlowOrbit, compare, discs, discs_flight};
     use glam::Vec3;
     use gs_core::{Blend, RenderSettings, Scene, Scene3d, effects::Antialias};
 
@@ -314,13 +315,13 @@ mod popping_of_colours {
 
     #[test]
     fn claims() {
-        let measured = popping::measure(&mut Laboratory::new(&cpu(None), Extent::Quick, &mut ())).unwrap();
+        let measured = popping::measure(&mut Laboratory::new(&cpu(None), ExperimentSize::Quick, &mut ())).unwrap();
         check_claims(
             &measured,
             &measured.findings(),
             &[
-                ("colours-pop", Verdict::Partly, colours_pop),
-                ("negligible-at-pixel-size", Verdict::Confirmed, negligible_at_pixel_size),
+                ("colours-pop", ClaimVerdict::Partly, colours_pop),
+                ("negligible-at-pixel-size", ClaimVerdict::Confirmed, negligible_at_pixel_size),
             ],
         );
     }
@@ -345,7 +346,7 @@ mod popping_of_colours {
         assert!(m.ball.windows(2).all(|pair| pair[1].gaussians > 3 * pair[0].gaussians));
     }
 
-    fn flown(scene: &Scene3d, step_degrees: f32) -> Comparison {
+    fn flown(scene: &Scene3d, step_degrees: f32) -> PoppingComparison {
         let (flight, first) = discs_flight(96, 16, step_degrees);
         let mut render = RenderSettings::blended(Blend::Over);
         render.effects.antialias = Antialias::Dilate;

@@ -42,8 +42,8 @@ pub struct Claim {
 
 impl Claim {
     /// The verdict that follows from the circumstances.
-    pub fn verdict(&self) -> Verdict {
-        Verdict::of(&self.circumstances)
+    pub fn verdict(&self) -> ClaimVerdict {
+        ClaimVerdict::of(&self.circumstances)
     }
 }
 
@@ -71,11 +71,11 @@ impl Circumstance {
     }
 
     /// Confirmed if it holds in all cases, refuted if in none.
-    pub fn verdict(&self) -> Verdict {
+    pub fn verdict(&self) -> ClaimVerdict {
         match self.held {
-            0 => Verdict::Refuted,
-            held if held == self.of => Verdict::Confirmed,
-            _ => Verdict::Partly,
+            0 => ClaimVerdict::Refuted,
+            held if held == self.of => ClaimVerdict::Confirmed,
+            _ => ClaimVerdict::Partly,
         }
     }
 }
@@ -92,7 +92,7 @@ impl fmt::Display for Circumstance {
 /// The verdict on a claim.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Verdict {
+pub enum ClaimVerdict {
     /// All circumstances hold in all cases.
     Confirmed,
     /// No circumstance holds in any case.
@@ -101,7 +101,7 @@ pub enum Verdict {
     Partly,
 }
 
-impl Verdict {
+impl ClaimVerdict {
     /// The verdict that follows from the circumstances. Without circumstances nothing is confirmed.
     pub fn of(circumstances: &[Circumstance]) -> Self {
         let all = |verdict| circumstances.iter().all(|circumstance| circumstance.verdict() == verdict);
@@ -115,7 +115,7 @@ impl Verdict {
     }
 }
 
-impl fmt::Display for Verdict {
+impl fmt::Display for ClaimVerdict {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Confirmed => "confirmed",
@@ -259,15 +259,15 @@ mod tests {
     fn a_verdict_is_what_its_circumstances_come_to() {
         let counted = |held: usize, of: usize| Circumstance::counted("c", (0..of).map(|i| i < held));
         let cases = [
-            (vec![counted(3, 3), Circumstance::once("c", true)], Verdict::Confirmed),
-            (vec![counted(3, 3), Circumstance::once("c", false)], Verdict::Partly),
-            (vec![counted(1, 3)], Verdict::Partly),
-            (vec![counted(0, 3), counted(0, 0)], Verdict::Refuted),
-            (vec![counted(3, 3), counted(0, 0)], Verdict::Partly),
-            (vec![], Verdict::Refuted),
+            (vec![counted(3, 3), Circumstance::once("c", true)], ClaimVerdict::Confirmed),
+            (vec![counted(3, 3), Circumstance::once("c", false)], ClaimVerdict::Partly),
+            (vec![counted(1, 3)], ClaimVerdict::Partly),
+            (vec![counted(0, 3), counted(0, 0)], ClaimVerdict::Refuted),
+            (vec![counted(3, 3), counted(0, 0)], ClaimVerdict::Partly),
+            (vec![], ClaimVerdict::Refuted),
         ];
         for (circumstances, expected) in cases {
-            assert_eq!(Verdict::of(&circumstances), expected, "{circumstances:?}");
+            assert_eq!(ClaimVerdict::of(&circumstances), expected, "{circumstances:?}");
         }
         assert_eq!(counted(1, 3).to_string(), "c: 1 of 3");
     }

@@ -7,9 +7,9 @@ use super::findings::Picture;
 use crate::figure::{Axis, Figure, Marks, Series};
 use gs_train::{Control, Error, Fit, FitSettings, FitSummary, Observer, Progress, Recovery, Trainer};
 
-/// The extent of an experiment.
+/// How much of an experiment runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
-pub enum Extent {
+pub enum ExperimentSize {
     /// Several seeds and all cases.
     #[default]
     Full,
@@ -17,7 +17,7 @@ pub enum Extent {
     Quick,
 }
 
-impl Extent {
+impl ExperimentSize {
     /// One of the two values.
     pub(crate) fn choose<T>(self, full: T, quick: T) -> T {
         match self {
@@ -50,7 +50,7 @@ impl Watch for () {}
 /// A backend to run experiments on, with the extent and who watches.
 pub struct Laboratory<'a, R> {
     rasterizer: &'a R,
-    extent: Extent,
+    extent: ExperimentSize,
     watch: &'a mut dyn Watch,
 }
 
@@ -72,11 +72,11 @@ pub(crate) struct Run {
 
 impl<'a, R> Laboratory<'a, R> {
     /// A laboratory on this backend.
-    pub fn new(rasterizer: &'a R, extent: Extent, watch: &'a mut dyn Watch) -> Self {
+    pub fn new(rasterizer: &'a R, extent: ExperimentSize, watch: &'a mut dyn Watch) -> Self {
         Self { rasterizer, extent, watch }
     }
 
-    pub(crate) fn extent(&self) -> Extent {
+    pub(crate) fn extent(&self) -> ExperimentSize {
         self.extent
     }
 

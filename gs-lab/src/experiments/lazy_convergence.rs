@@ -17,7 +17,7 @@ use gs_density::{Grow, Policy, Signal};
 pub(crate) use self::case::{Case, Outcome, Trial, Variation};
 use self::case::{SQUARE_SIDE_PX, targets};
 use super::{
-    Cell, Circumstance, Claim, Extent, Findings, Laboratory, Number, Paired, Picture, SHARP_DB, Table,
+    Cell, Circumstance, Claim, ExperimentSize, Findings, Laboratory, Number, Paired, Picture, SHARP_DB, Table,
     findings::significant,
     laboratory::{Ellipses, Run, Shown, course_charts, seeds_in_words},
     paired::{Sense, gain, mean},
@@ -60,7 +60,7 @@ impl Criterion {
     }
 
     /// The paper's fit with this criterion, with rounds to the end.
-    pub(crate) fn settings(self, extent: Extent, seed: u32) -> FitSettings {
+    pub(crate) fn settings(self, extent: ExperimentSize, seed: u32) -> FitSettings {
         paper_settings(extent, seed).with(|s| {
             s.policy = self.policy(PAPER_SIDE_PX);
             s.rounds = Rounds::until(100, s.iterations - 1);
@@ -96,7 +96,7 @@ pub(crate) struct LazyMeasured {
     pub(crate) blank: Blank,
     /// The settings of the cases.
     pub(crate) trial: Trial,
-    extent: Extent,
+    extent: ExperimentSize,
     curves: [Vec<Series>; 2],
     pictures: Vec<Picture>,
 }

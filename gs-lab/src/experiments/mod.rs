@@ -1,7 +1,7 @@
 //! The experiments of the paper (§3 to §5.4, Figs. 6 to 9).
 //!
 //! [`Experiment::run`] performs an experiment on any backend. Its [`Findings`] contain the paper's
-//! claims, each with a [`Verdict`] that is computed from its [`Circumstance`]s, and charts, tables
+//! claims, each with a [`ClaimVerdict`] that is computed from its [`Circumstance`]s, and charts, tables
 //! and pictures.
 //!
 //! All experiments but [`popping`] fit 2D scenes. Every fit has ordinary
@@ -31,8 +31,8 @@ use gs_core::{Optimizer, Scene2d, Scene3d};
 pub(crate) use self::paired::Paired;
 pub use self::{
     files::{ResultFile, claims_csv},
-    findings::{Cell, Circumstance, Claim, Findings, Number, Picture, Table, Verdict},
-    laboratory::{Extent, Laboratory, Watch},
+    findings::{Cell, Circumstance, Claim, ClaimVerdict, Findings, Number, Picture, Table},
+    laboratory::{ExperimentSize, Laboratory, Watch},
     page::{PageSetting, page},
 };
 use gs_train::Error;

@@ -4,7 +4,7 @@ use gs_core::counted;
 use gs_io::png_bytes;
 use maud::{Markup, html};
 
-use super::{Chapter, Circumstance, Claim, Experiment, Extent, Picture, Table, Verdict};
+use super::{Chapter, Circumstance, Claim, ClaimVerdict, Experiment, ExperimentSize, Picture, Table};
 use crate::{error::Error, html};
 
 /// Tables with more rows are folded.
@@ -14,7 +14,7 @@ const MOST_OPEN_ROWS: usize = 14;
 #[derive(Debug, Clone, Copy)]
 pub struct PageSetting<'a> {
     /// The extent of the measurements.
-    pub extent: Extent,
+    pub extent: ExperimentSize,
     /// The experiment, if only one was performed.
     pub only: Option<Experiment>,
     /// The backend, in words.
@@ -38,7 +38,7 @@ pub fn page(chapters: &[Chapter], setting: PageSetting<'_>) -> Result<String, Er
 }
 
 fn head(chapters: &[Chapter], setting: PageSetting<'_>) -> Markup {
-    let quick = if setting.extent == Extent::Quick { " --quick" } else { "" };
+    let quick = if setting.extent == ExperimentSize::Quick { " --quick" } else { "" };
     let only = setting.only.map_or_else(String::new, |only| format!(" --only {only}"));
     html! {
         header {
@@ -49,7 +49,7 @@ fn head(chapters: &[Chapter], setting: PageSetting<'_>) -> Markup {
                 "to 8 bits, against its target before rounding."
             }
             p.quiet.small { "gs " (env!("CARGO_PKG_VERSION")) " · " (setting.backend) }
-            @if setting.extent == Extent::Quick {
+            @if setting.extent == ExperimentSize::Quick {
                 p.note { "Quick form: fewer seeds and steps, so numbers differ from those of the full form." }
             }
             div.wide { table {
@@ -121,15 +121,15 @@ fn line(circumstance: &Circumstance) -> Markup {
 }
 
 /// A verdict with a sign, so that it does not depend on colour.
-fn badge(verdict: Verdict) -> Markup {
+fn badge(verdict: ClaimVerdict) -> Markup {
     html! { span class={ "badge " (verdict) } { (sign(verdict)) " " (verdict) } }
 }
 
-fn sign(verdict: Verdict) -> &'static str {
+fn sign(verdict: ClaimVerdict) -> &'static str {
     match verdict {
-        Verdict::Confirmed => "✓",
-        Verdict::Partly => "◐",
-        Verdict::Refuted => "✗",
+        ClaimVerdict::Confirmed => "✓",
+        ClaimVerdict::Partly => "◐",
+        ClaimVerdict::Refuted => "✗",
     }
 }
 
@@ -218,7 +218,7 @@ mod tests {
 
     #[test]
     fn the_page_stands_alone_and_sets_statement_beside_measurement() {
-        let setting = |only| PageSetting { extent: Extent::Quick, only, backend: "cpu" };
+        let setting = |only| PageSetting { extent: ExperimentSize::Quick, only, backend: "cpu" };
         let whole = page(&[chapter()], setting(None)).unwrap();
         for part in [
             "a &lt; b &amp; c",

@@ -21,10 +21,10 @@ pub(crate) use self::{
     scenes::{ball_flight, ball_in_sea, discs_flight},
 };
 pub use self::{
-    comparison::{Comparison, STRIDES, SlowOrbit, compare},
+    comparison::{PoppingComparison, STRIDES, SlowOrbit, compare},
     scenes::discs,
 };
-use super::{Cell, Circumstance, Claim, Extent, Findings, Laboratory, Number, Picture, Table};
+use super::{Cell, Circumstance, Claim, ExperimentSize, Findings, Laboratory, Number, Picture, Table};
 use crate::figure::{Axis, Figure, Marks, Series};
 use gs_train::Error;
 
@@ -43,20 +43,20 @@ pub(crate) struct OfSize {
     /// σ in the middle of the picture, px.
     pub(crate) sigma_px: f32,
     pub(crate) gaussians: usize,
-    pub(crate) comparison: Comparison,
+    pub(crate) comparison: PoppingComparison,
 }
 
 /// The results of the experiment.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct PoppingMeasured {
     /// Two intersecting discs, whose means change their depth order once.
-    pub(crate) discs: Comparison,
+    pub(crate) discs: PoppingComparison,
     /// The ball in the sea, by falling size.
     pub(crate) ball: Vec<OfSize>,
     /// Largest difference between pictures with shifted tile grids, 8-bit levels, with the global
     /// sort.
     pub(crate) grid_trace: f64,
-    extent: Extent,
+    extent: ExperimentSize,
     pictures: Vec<Picture>,
 }
 

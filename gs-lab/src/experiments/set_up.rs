@@ -13,7 +13,7 @@ use gs_density::{Grow, Policy, Signal};
 use pollster::FutureExt as _;
 
 use super::{
-    Cell, Circumstance, Claim, Extent, Findings, Laboratory, Number, Paired, Picture, SHARP_DB, Table,
+    Cell, Circumstance, Claim, ExperimentSize, Findings, Laboratory, Number, Paired, Picture, SHARP_DB, Table,
     laboratory::{Ellipses, Run, Shown, course_charts},
     paired::{Sense, gain, mean, median},
 };
@@ -31,7 +31,7 @@ const WINDOW: usize = 50;
 const END: usize = 10;
 
 /// The paper's fit. The quick form ends soon after growth has ended.
-pub(crate) fn paper_settings(extent: Extent, seed: u32) -> FitSettings {
+pub(crate) fn paper_settings(extent: ExperimentSize, seed: u32) -> FitSettings {
     FitSettings::paper().with(|s| {
         s.seed = seed;
         s.iterations = extent.choose(s.iterations, 1000);
@@ -39,7 +39,7 @@ pub(crate) fn paper_settings(extent: Extent, seed: u32) -> FitSettings {
 }
 
 /// Forced growth alone, in a round every 100 steps to the end.
-pub(crate) fn forced_growth_settings(extent: Extent, seed: u32) -> FitSettings {
+pub(crate) fn forced_growth_settings(extent: ExperimentSize, seed: u32) -> FitSettings {
     paper_settings(extent, seed).with(|s| {
         s.policy = Policy::Grow(Grow::percentile(Signal::MeanGradient));
         s.rounds = Rounds::until(100, s.iterations - 1);
@@ -47,7 +47,7 @@ pub(crate) fn forced_growth_settings(extent: Extent, seed: u32) -> FitSettings {
 }
 
 /// A fit without growth: `count` Gaussians of `scale_px` from the start.
-pub(crate) fn fixed_settings(extent: Extent, seed: u32, count: u32, scale_px: f32) -> FitSettings {
+pub(crate) fn fixed_settings(extent: ExperimentSize, seed: u32, count: u32, scale_px: f32) -> FitSettings {
     paper_settings(extent, seed).with(|s| {
         s.initial = InitialCount::Fixed(count);
         s.init = Init::Random(Random::default().with(|s| s.scale_px = scale_px));
@@ -115,7 +115,7 @@ pub(crate) struct SetUpMeasured {
     pub(crate) net_beyond_control: Paired,
     /// PSNR of the better fit that starts with 600 less that of growth from the same seed, dB.
     pub(crate) start_against_growth: Paired,
-    extent: Extent,
+    extent: ExperimentSize,
     curves: [Vec<Series>; 2],
     pictures: Vec<Picture>,
 }

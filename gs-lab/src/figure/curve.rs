@@ -8,7 +8,7 @@ use crate::error::Error;
 
 /// One point of the curve.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Point {
+pub struct CurvePoint {
     /// Steps done.
     pub step: u32,
     /// Number of Gaussians.
@@ -30,7 +30,7 @@ pub fn measured(rows: &[gs_train::MetricsRow]) -> Vec<Psnr> {
 ///
 /// # Errors
 /// [`Error::Picture`] with what the drawing library reports.
-pub fn draw(points: &[Point], psnrs: &[Psnr], title: &str) -> Result<Image, Error> {
+pub fn draw(points: &[CurvePoint], psnrs: &[Psnr], title: &str) -> Result<Image, Error> {
     let counts = points.iter().map(|p| (f64::from(p.step), f64::from(p.count))).collect();
     let losses = points.iter().map(|p| (f64::from(p.step), f64::from(p.loss)));
     let losses = losses.filter(|(_, loss)| loss.is_finite() && *loss > 0.0).collect();
@@ -87,8 +87,8 @@ mod tests {
 
     #[test]
     fn all_curves_and_the_title_are_there() {
-        let points: Vec<Point> =
-            (0..200).map(|step| Point { step, count: 20 + 3 * step, loss: 0.2 / (1.0 + step as f32) }).collect();
+        let points: Vec<CurvePoint> =
+            (0..200).map(|step| CurvePoint { step, count: 20 + 3 * step, loss: 0.2 / (1.0 + step as f32) }).collect();
         let psnrs: Vec<Psnr> = (0..10).map(|i| (20 * i, 20.0 + f64::from(i))).collect();
         let drawn = draw(&points, &psnrs, "count and loss").unwrap();
         assert!((0..3).all(|style| count_of(&drawn, style) > 500));
@@ -111,8 +111,8 @@ mod tests {
 
     #[test]
     fn any_points_make_a_picture() {
-        let at = |step, count, loss| Point { step, count, loss };
-        let cases: [(&[Point], &[Psnr]); 4] = [
+        let at = |step, count, loss| CurvePoint { step, count, loss };
+        let cases: [(&[CurvePoint], &[Psnr]); 4] = [
             (&[], &[]),
             (&[at(0, 1, 0.5)], &[(0, f64::INFINITY)]),
             (&[at(1, 0, 0.0), at(2, 0, f32::NAN)], &[(0, -3.0), (9, 1e9)]),

@@ -5,7 +5,7 @@ use crate::statistics::median;
 use gs_core::Error;
 use serde::Serialize;
 
-use super::{Comparison, Field, Frontier, Measured, PictureError, Role, Verifiable, pareto::ROUNDING};
+use super::{Field, Frontier, Measured, PictureError, Role, TimeComparison, Verifiable, pareto::ROUNDING};
 
 /// A limit on error or time.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -117,7 +117,7 @@ impl Budget {
                 let noise = frontier.noise_of(&measured.backend);
                 let is_alike = |other: &usize| {
                     let seconds = frontier.rows[*other].times().median;
-                    *other != row && noise.compare(seconds, measured.times().median) == Comparison::NoDifference
+                    *other != row && noise.compare(seconds, measured.times().median) == TimeComparison::NoDifference
                 };
                 let within_noise = candidates.iter().filter(|other| is_alike(other)).count();
                 return Ok(Chosen::Kept(Choice { row, verification, failed, within_noise }));
@@ -152,7 +152,7 @@ mod tests {
             seconds: vec![seconds],
             error: PictureError { max: error, ..PictureError::default() },
             on_frontier,
-            comparison: Comparison::NoDifference,
+            comparison: TimeComparison::NoDifference,
         }
     }
 

@@ -3,7 +3,7 @@
 use gs_core::{Accuracy, Error, Extent, RenderSettings, Scene};
 
 use super::{
-    Comparison, Contender, Frontier, Measured, Noise, PictureError, Role, Setting, Truth, Verifiable, alternatives,
+    Contender, Frontier, Measured, Noise, PictureError, Role, Setting, TimeComparison, Truth, Verifiable, alternatives,
     frontier_of,
     outcome::{BackendNoise, Refused, name},
     predict::{Alone, combinations},
@@ -27,12 +27,15 @@ pub struct Field<'a, S: Scene> {
 
 /// Limits of a search.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub struct SearchLimits {
     /// Seconds for timing. At least seven rounds are measured, however long they take.
     pub seconds: f64,
     /// Most combinations of settings per backend.
     pub combinations: usize,
 }
+
+gs_core::impl_with!(SearchLimits);
 
 impl Default for SearchLimits {
     fn default() -> Self {
@@ -222,7 +225,9 @@ impl<S: Verifiable> Field<'_, S> {
         }
         let mut quickest = (base, default);
         for (Entry { candidate: Candidate { contender, .. }, .. }, time) in scouted {
-            if self.contenders[*contender].change.is_some() && noise.compare(*time, quickest.1) == Comparison::Faster {
+            if self.contenders[*contender].change.is_some()
+                && noise.compare(*time, quickest.1) == TimeComparison::Faster
+            {
                 quickest = (*contender, *time);
             }
         }
@@ -300,7 +305,7 @@ pub fn search<S: Verifiable>(
             seconds,
             error,
             on_frontier: false,
-            comparison: Comparison::NoDifference,
+            comparison: TimeComparison::NoDifference,
         });
     }
     let noise = judge(&mut rows);

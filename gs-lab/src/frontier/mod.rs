@@ -7,7 +7,7 @@
 //! interleaved, after a warm-up. Each backend's default is measured twice, as if it were two
 //! settings; their difference is the noise below which nothing counts as faster ([`Noise`]).
 //! [`Budget::choose`] picks the cheapest settings that are exact enough, and verifies them on views
-//! that the search has not used.
+//! that the search has not used. [`FrontierSettings`] are those settings in a file.
 //!
 //! The exact picture has the effects of the default settings and no cut-offs: no α cut, no early
 //!   stop at full pixels. Other sort orders, other antialiasing and fewer SH coefficients make
@@ -17,6 +17,7 @@
 
 mod budget;
 mod contender;
+mod contenders;
 mod export;
 mod field;
 mod noise;
@@ -25,21 +26,26 @@ mod pareto;
 mod picture_error;
 mod predict;
 mod setting;
+mod settings_file;
 #[cfg(test)]
 mod tests;
 mod timing;
 mod truth;
+mod unseen;
 
 pub use self::{
     budget::{Budget, Choice, Chosen, Verification},
     contender::{Contender, Loaded, Renderer},
+    contenders::{Candidate, cpu_contenders, wgpu_contenders},
     export::{figure, to_csv, to_text},
     field::{Field, SearchLimits, search},
-    noise::{Comparison, Noise},
+    noise::{Noise, TimeComparison},
     outcome::{BackendNoise, Frontier, Measured, Refused, Role},
     picture_error::PictureError,
     setting::Change,
+    settings_file::{FrontierEffects, FrontierMachine, FrontierSettings, KernelsName},
     truth::Verifiable,
+    unseen::{unseen_cameras, unseen_canvases},
 };
 use self::{
     pareto::frontier_of,

@@ -28,7 +28,7 @@ pub struct Noise {
 /// The verdict on two times.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Comparison {
+pub enum TimeComparison {
     /// Shorter by more than the noise.
     Faster,
     /// Within the noise.
@@ -37,7 +37,7 @@ pub enum Comparison {
     Slower,
 }
 
-impl Comparison {
+impl TimeComparison {
     /// The verdict as reports print it.
     pub fn words(self) -> &'static str {
         match self {
@@ -64,14 +64,14 @@ impl Noise {
     }
 
     /// Compares a time with another.
-    pub fn compare(self, seconds: f64, with: f64) -> Comparison {
+    pub fn compare(self, seconds: f64, with: f64) -> TimeComparison {
         let is_less = |a: f64, b: f64| (a * self.factor).total_cmp(&b) == Ordering::Less;
         if is_less(seconds, with) {
-            Comparison::Faster
+            TimeComparison::Faster
         } else if is_less(with, seconds) {
-            Comparison::Slower
+            TimeComparison::Slower
         } else {
-            Comparison::NoDifference
+            TimeComparison::NoDifference
         }
     }
 }
@@ -86,9 +86,9 @@ mod tests {
         let noise = Noise::of(&times(1.0), &times(1.01));
         assert!((1.01..1.06).contains(&noise.factor), "{noise:?}");
         assert!((noise.again - 1.01).abs() < 1e-9);
-        assert_eq!(noise.compare(1.0, 1.005), Comparison::NoDifference);
-        assert_eq!(noise.compare(1.0, 1.1), Comparison::Faster);
-        assert_eq!(noise.compare(1.1, 1.0), Comparison::Slower);
+        assert_eq!(noise.compare(1.0, 1.005), TimeComparison::NoDifference);
+        assert_eq!(noise.compare(1.0, 1.1), TimeComparison::Faster);
+        assert_eq!(noise.compare(1.1, 1.0), TimeComparison::Slower);
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use gs_core::{RenderSettings, profile::Quantiles};
 use serde::Serialize;
 
-use super::{Change, Comparison, Noise, PictureError};
+use super::{Change, Noise, PictureError, TimeComparison};
 
 /// The role of a row.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -49,7 +49,7 @@ pub struct Measured {
     /// Whether nothing of the same backend is both quicker and as exact.
     pub on_frontier: bool,
     /// Its time compared with that of the backend's default.
-    pub comparison: Comparison,
+    pub comparison: TimeComparison,
 }
 
 impl Measured {

@@ -3,7 +3,7 @@
 use std::{cell::Cell, rc::Rc};
 
 use super::{
-    Budget, Change, Chosen, Comparison, Contender, Field, Frontier, Loaded, Renderer, Role, SearchLimits, figure,
+    Budget, Change, Chosen, Contender, Field, Frontier, Loaded, Renderer, Role, SearchLimits, TimeComparison, figure,
     search, to_csv, to_text,
 };
 use glam::{Vec2, Vec3};
@@ -83,7 +83,11 @@ impl<V, R: Renderer<V>> Renderer<V> for Choosy<R> {
 }
 
 fn loaded(scene: &Scene2d) -> Loaded<CpuRasterizer, Scene2d> {
-    let rasterizer = CpuRasterizer::new(CpuSettings { threads: Some(1), level: None }).unwrap();
+    let rasterizer = CpuRasterizer::new(CpuSettings::default().with(|s| {
+        s.threads = Some(1);
+        s.level = None;
+    }))
+    .unwrap();
     let splats = Rc::new(rasterizer.for_2d().upload(scene, Parameterization::ScaleRotation).unwrap());
     Loaded { rasterizer, splats }
 }
@@ -125,7 +129,7 @@ fn errors_and_times_are_those_of_the_settings() {
         let wrong = row(&frontier, "handicap wrong");
         assert!((wrong.error.max - 0.25).abs() < 0.02, "{:?}", wrong.error);
         let slow = row(&frontier, "handicap slow");
-        assert_eq!(slow.comparison, Comparison::Slower);
+        assert_eq!(slow.comparison, TimeComparison::Slower);
         assert!(slow.times().median > 0.02);
         assert!(!slow.on_frontier && !wrong.on_frontier);
         assert!(frontier.rows.iter().all(|row| row.seconds.len() >= 3), "too few rounds");
@@ -141,7 +145,7 @@ fn each_step_of_the_frontier_is_more_exact_than_quicker_ones() {
     for (i, step) in steps.iter().enumerate() {
         let noise = frontier.noise_of("cpu");
         for quicker in &steps[..i] {
-            let is_quicker = noise.compare(quicker.times().median, step.times().median) == Comparison::Faster;
+            let is_quicker = noise.compare(quicker.times().median, step.times().median) == TimeComparison::Faster;
             assert!(!is_quicker || quicker.error.max.max(1e-5) > step.error.max, "{} {}", quicker.name(), step.name());
         }
     }

@@ -1,5 +1,7 @@
 //! The task of fitting 2D Gaussians to one image.
 
+use std::path::Path;
+
 use gs_core::{
     Blend, Canvas, Culled, Effects, Gaussian2d, Image, Loss, Optimizer, Parameterization, RenderSettings, Scene,
     Scene2d, TrainStep,
@@ -57,6 +59,14 @@ impl SceneTask for Scene2d {
 
 impl RunSettings<Scene2d> for FitSettings {
     const FORMAT: &'static str = "planar-fit-1";
+
+    fn from_toml(text: &str, file: &Path) -> Result<Self, crate::Error> {
+        Self::from_toml(text, file)
+    }
+
+    fn to_toml(&self) -> Result<String, crate::Error> {
+        self.to_toml()
+    }
 
     fn validate(&self) -> Result<(), gs_core::Error> {
         Self::validate(self)

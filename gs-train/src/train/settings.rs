@@ -1,5 +1,7 @@
 //! Settings of a 3D training: everything that it depends on besides its views and the backend.
 
+use std::path::Path;
+
 use gs_core::{
     Adam, AdamRates, Effects, Error, Loss, Parameterization, RenderSettings, Scene3d, constants::MAX_GAUSSIANS,
 };
@@ -162,6 +164,14 @@ impl TrainSettings {
 
 impl RunSettings<Scene3d> for TrainSettings {
     const FORMAT: &'static str = "spatial-training-1";
+
+    fn from_toml(text: &str, file: &Path) -> Result<Self, crate::Error> {
+        Self::from_toml(text, file)
+    }
+
+    fn to_toml(&self) -> Result<String, crate::Error> {
+        self.to_toml()
+    }
 
     fn validate(&self) -> Result<(), Error> {
         Self::validate(self)

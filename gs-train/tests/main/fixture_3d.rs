@@ -14,7 +14,11 @@ use pollster::FutureExt as _;
 
 /// Two threads, whatever the machine.
 pub(crate) fn rasterizer() -> CpuRasterizer {
-    CpuRasterizer::new(CpuSettings { threads: Some(2), level: None }).expect("two threads can be started")
+    CpuRasterizer::new(CpuSettings::default().with(|s| {
+        s.threads = Some(2);
+        s.level = None;
+    }))
+    .expect("two threads can be started")
 }
 
 /// 48×40 px.

@@ -3,12 +3,7 @@
 mod fit;
 mod fixture_2d;
 mod fixture_3d;
-mod kodak;
-mod late;
-
 mod recovery;
 mod resume;
 mod train;
 mod trouble;
-mod wgpu_bytes;
-mod wgpu_lost_device;

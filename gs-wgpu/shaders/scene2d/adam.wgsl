@@ -121,7 +121,7 @@ fn adam(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: ve
     moments[index] = m;
     if step.collect == 1u && gradient.visible == 1u {
         var s = statistics[index];
-        s.gradient_sum += gradient.device_norm;
+        s.signal_sum += gradient.device_norm;
         s.visible += select(1u, 0u, s.visible == 0xffffffffu);
         statistics[index] = s;
     }

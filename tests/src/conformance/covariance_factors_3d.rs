@@ -10,7 +10,7 @@ use gs_core::{
 use pollster::FutureExt as _;
 
 use super::{
-    Outcome, check_gradients,
+    CaseOutcome, check_gradients,
     optimiser::{distinct, step},
     parameterizations,
 };
@@ -23,16 +23,16 @@ use crate::{
 };
 
 /// The outcome of a skipped case, if the backend does not offer covariance factors for 3D scenes.
-fn without_factors<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<Option<Outcome>, Failure> {
+fn without_factors<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<Option<CaseOutcome>, Failure> {
     let offered = parameterizations::<Scene3d, R>(rasterizer)?.contains(&Parameterization::CovarianceFactor);
     Ok((!offered).then(|| {
-        Outcome::Skipped(format!("parameterization {} for 3D scenes", Parameterization::CovarianceFactor.name()))
+        CaseOutcome::Skipped(format!("parameterization {} for 3D scenes", Parameterization::CovarianceFactor.name()))
     }))
 }
 
 /// Scenes that were uploaded as factors have the same covariances when downloaded; all else has the
 /// same bits.
-pub fn covariance_factors_come_back_3d<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<Outcome, Failure> {
+pub fn covariance_factors_come_back_3d<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<CaseOutcome, Failure> {
     if let Some(skipped) = without_factors(rasterizer)? {
         return Ok(skipped);
     }
@@ -53,11 +53,11 @@ pub fn covariance_factors_come_back_3d<R: Optimizer<Scene3d>>(rasterizer: &R) ->
             })?;
         }
     }
-    Ok(Outcome::Passed)
+    Ok(CaseOutcome::Passed)
 }
 
 /// Gradients are by the scene's parameters in the parameterization of covariance factors, too.
-pub fn gradients_match_in_covariance_factors_3d<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<Outcome, Failure> {
+pub fn gradients_match_in_covariance_factors_3d<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<CaseOutcome, Failure> {
     if let Some(skipped) = without_factors(rasterizer)? {
         return Ok(skipped);
     }
@@ -69,12 +69,12 @@ pub fn gradients_match_in_covariance_factors_3d<R: Optimizer<Scene3d>>(rasterize
             }
         }
     }
-    Ok(Outcome::Passed)
+    Ok(CaseOutcome::Passed)
 }
 
 /// Six steps in covariance factors, with a Gaussian born after the third, equal Adam in `f64`. The
 /// scales stay within their bounds.
-pub fn covariance_factor_steps_match_3d<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<Outcome, Failure> {
+pub fn covariance_factor_steps_match_3d<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<CaseOutcome, Failure> {
     if let Some(skipped) = without_factors(rasterizer)? {
         return Ok(skipped);
     }
@@ -111,7 +111,7 @@ pub fn covariance_factor_steps_match_3d<R: Optimizer<Scene3d>>(rasterizer: &R) -
             }
         }
     }
-    bounds_hold(rasterizer).map(Outcome::from)
+    bounds_hold(rasterizer).map(CaseOutcome::from)
 }
 
 /// Compares a row with the reference in whitened coordinates, relative to the movement.

@@ -118,7 +118,7 @@ pub fn every_call_sees_pending_steps<S: Subject, R: Optimizer<S>>(rasterizer: &R
                 let rows = rasterizer.download(splats).block_on()?.rows().gaussians;
                 Ok(rows.into_iter().flatten().map(|v| v as f32).collect())
             }),
-            ("statistics", &|splats| Ok(rasterizer.statistics(splats).block_on()?.gradient_sum)),
+            ("statistics", &|splats| Ok(rasterizer.statistics(splats).block_on()?.signal_sum)),
             ("forward", &|splats| {
                 let image = rasterizer.image(&rasterizer.forward(splats, view, settings).block_on()?).block_on()?;
                 Ok(image.pixels().as_flattened().to_vec())

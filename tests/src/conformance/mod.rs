@@ -101,12 +101,12 @@ pub struct Case<R> {
     /// The name of its function.
     pub name: &'static str,
     /// Runs it.
-    pub run: fn(&R) -> Result<Outcome, Failure>,
+    pub run: fn(&R) -> Result<CaseOutcome, Failure>,
 }
 
 /// The outcome of a case that did not fail.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Outcome {
+pub enum CaseOutcome {
     /// The backend passes.
     Passed,
     /// The backend refuses the optional features of this case.
@@ -114,7 +114,7 @@ pub enum Outcome {
 }
 
 /// For cases that cannot be skipped.
-impl From<()> for Outcome {
+impl From<()> for CaseOutcome {
     fn from((): ()) -> Self {
         Self::Passed
     }
@@ -248,8 +248,8 @@ fn run_all<R>(rasterizer: &R, cases: Vec<Case<R>>) -> Result<Vec<Skipped>, Failu
     let (mut skipped, mut failures) = (Vec::new(), Vec::new());
     for Case { name: case, run } in cases {
         match run(rasterizer) {
-            Ok(Outcome::Passed) => {}
-            Ok(Outcome::Skipped(refused)) => skipped.push(Skipped { case, refused }),
+            Ok(CaseOutcome::Passed) => {}
+            Ok(CaseOutcome::Skipped(refused)) => skipped.push(Skipped { case, refused }),
             Err(cause) => failures.push(Failure::Case { case, cause: Box::new(cause) }),
         }
     }

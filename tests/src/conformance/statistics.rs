@@ -9,7 +9,7 @@ use gs_core::{
 };
 use pollster::FutureExt as _;
 
-use super::{Outcome, is_refused};
+use super::{CaseOutcome, is_refused};
 use crate::{
     failure::Failure,
     oracle::{Oracle, StepStatistics},
@@ -19,18 +19,18 @@ use crate::{
 };
 
 /// [`Statistics::MeanGradient`] is the length of the gradient by the projected mean alone.
-pub fn mean_gradients_match<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<Outcome, Failure> {
+pub fn mean_gradients_match<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<CaseOutcome, Failure> {
     check(rasterizer, Statistics::MeanGradient, |step| &step.mean_gradient)
 }
 
 /// [`Statistics::AbsoluteGradient`] sums magnitudes pixel by pixel: for both blends, for fused and
 /// separate steps, and through a view of another scale.
-pub fn absolute_gradients_match<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<Outcome, Failure> {
+pub fn absolute_gradients_match<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<CaseOutcome, Failure> {
     check(rasterizer, Statistics::AbsoluteGradient, |step| &step.absolute_gradient)
 }
 
 /// [`Statistics::PixelError`] sums each pixel's share of a Gaussian times the pixel's error.
-pub fn pixel_errors_match<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<Outcome, Failure> {
+pub fn pixel_errors_match<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<CaseOutcome, Failure> {
     check(rasterizer, Statistics::PixelError, |step| &step.pixel_error)
 }
 
@@ -69,7 +69,7 @@ fn check<S: Subject, R: Optimizer<S>>(
     rasterizer: &R,
     statistics: Statistics,
     of_step: impl Fn(&StepStatistics) -> &Vec<f64>,
-) -> Result<Outcome, Failure> {
+) -> Result<CaseOutcome, Failure> {
     let (mut collected, mut refused) = (Vec::new(), Vec::new());
     for (draw, loss) in drawings::<S>(statistics) {
         let place = format!("{statistics:?}, {:?}, {loss:?}, {:?}", draw.settings.effects.blend, draw.view);
@@ -86,8 +86,8 @@ fn check<S: Subject, R: Optimizer<S>>(
     }
     match (&collected[..], &refused[..]) {
         ([], []) => Err(Failure::Nothing(format!("no drawing is offered for {statistics:?}"))),
-        ([], _) => Ok(Outcome::Skipped(format!("{statistics:?}"))),
-        (_, []) => Ok(Outcome::Passed),
+        ([], _) => Ok(CaseOutcome::Skipped(format!("{statistics:?}"))),
+        (_, []) => Ok(CaseOutcome::Passed),
         _ => Err(Failure::Broken(format!("collected are {collected:?}, but {refused:?} are refused"))),
     }
 }
@@ -137,7 +137,7 @@ fn collected_match<S: Subject, R: Optimizer<S>>(
     if drawn.iter().filter(|&&n| n == 2).count() < 8 {
         return Err(Failure::Nothing(format!("hardly a Gaussian is drawn: {drawn:?}")));
     }
-    sums_match(&expected, &rasterizer.statistics(&splats).block_on()?.gradient_sum)
+    sums_match(&expected, &rasterizer.statistics(&splats).block_on()?.signal_sum)
 }
 
 fn sums_match(expected: &[f64], found: &[f32]) -> Result<(), Failure> {

@@ -45,7 +45,7 @@ pub fn incomplete_targets_are_completed<S: Subject, R: Optimizer<S>>(rasterizer:
                     let step = TrainStep { settings: &draw.settings, loss, rates: &rates, binning: Binning::Fresh };
                     rasterizer.train_step(&mut trained, &draw.view, target, &step).block_on()?;
                     let reported = losses_of(rasterizer, &mut trained)?;
-                    let statistics = rasterizer.statistics(&trained).block_on()?.gradient_sum;
+                    let statistics = rasterizer.statistics(&trained).block_on()?.signal_sum;
                     draw.settings.effects.statistics = Statistics::None;
                     let numbers = rows.into_iter().flatten().collect::<Vec<_>>();
                     of_targets.push([vec![f64::from(value)], widened(&reported), numbers, widened(&statistics)]);

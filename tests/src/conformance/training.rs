@@ -192,7 +192,7 @@ pub fn statistics_are_the_positional_gradients<R: Optimizer<Scene2d>>(rasterizer
             let place = format!("{blend:?}, {}x{} px", view.width, view.height);
             let visible: Vec<u32> = (0..11).map(|i| if i < 10 { 4 } else { 0 }).collect();
             Failure::unless(found.visible == visible, || format!("{place}: drawn in {:?} of 4 steps", found.visible))?;
-            for (g, (a, &b)) in expected.iter().zip(&found.gradient_sum).enumerate() {
+            for (g, (a, &b)) in expected.iter().zip(&found.signal_sum).enumerate() {
                 let close = (a - f64::from(b)).abs() <= STATISTICS_SHARE * a;
                 Failure::unless(close && (*a > 0.0 || g == 10), || {
                     format!("{place}: Gaussian {g} has a gradient sum of {b} instead of {a}")
@@ -203,7 +203,7 @@ pub fn statistics_are_the_positional_gradients<R: Optimizer<Scene2d>>(rasterizer
             let mut splats = rasterizer.upload(&draw.scene, Parameterization::ScaleRotation)?;
             let step = TrainStep { settings: &draw.settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
             rasterizer.train_step(&mut splats, &view, &target, &step).block_on()?;
-            let none = rasterizer.statistics(&splats).block_on()?.gradient_sum == vec![0.0; 11];
+            let none = rasterizer.statistics(&splats).block_on()?.signal_sum == vec![0.0; 11];
             Failure::unless(none, || format!("{place}: statistics that were not enabled"))?;
         }
     }

@@ -23,7 +23,10 @@ use pollster::FutureExt as _;
 const BLENDS: [Blend; 2] = [Blend::Sum, Blend::Over];
 
 fn cpu(level: SimdLevel, tuning: CpuTuning) -> CpuRasterizer {
-    let settings = CpuSettings { threads: Some(2), level: Some(level) };
+    let settings = CpuSettings::default().with(|s| {
+        s.threads = Some(2);
+        s.level = Some(level);
+    });
     CpuRasterizer::new(settings).unwrap().with_tuning(tuning).unwrap()
 }
 
@@ -91,11 +94,14 @@ fn an_extent_cuts_weights_beyond_it() {
 fn tunings_do_not_change_the_image() {
     let usual = CpuTuning::default();
     let tunings = [
-        CpuTuning { recurrence_rows: 1, ..usual },
-        CpuTuning { recurrence_rows: 5, ..usual },
-        CpuTuning { bounds: Bounds::Box, ..usual },
-        CpuTuning { tile_rows: Some(8), ..usual },
-        CpuTuning { tile_rows: Some(17), bounds: Bounds::Box, ..usual },
+        usual.with(|s| s.recurrence_rows = 1),
+        usual.with(|s| s.recurrence_rows = 5),
+        usual.with(|s| s.bounds = Bounds::Box),
+        usual.with(|s| s.tile_rows = Some(8)),
+        usual.with(|s| {
+            s.tile_rows = Some(17);
+            s.bounds = Bounds::Box;
+        }),
     ];
     let mut compared = 0;
     for level in SimdLevel::available() {
@@ -120,7 +126,7 @@ fn a_longer_recurrence_is_less_accurate_and_invalid_tunings_are_refused() {
     let draw = draw.through(view);
     let exact = Oracle::new(draw.view, draw.settings).unwrap().render(&draw.scene.rows()).image();
     let error = |recurrence_rows: u16| {
-        let cpu = cpu(SimdLevel::best(), CpuTuning { recurrence_rows, ..CpuTuning::default() });
+        let cpu = cpu(SimdLevel::best(), CpuTuning::default().with(|s| s.recurrence_rows = recurrence_rows));
         let image = cpu.for_2d().render(&draw.scene, &draw.view, &draw.settings).block_on().unwrap();
         gs_core::metrics::mean_absolute_error(&image, &exact).unwrap()
     };
@@ -129,10 +135,10 @@ fn a_longer_recurrence_is_less_accurate_and_invalid_tunings_are_refused() {
     assert!(long > usual, "{usual:e} {long:e}");
     let usual = CpuTuning::default();
     for bad in [
-        CpuTuning { recurrence_rows: 0, ..usual },
-        CpuTuning { recurrence_rows: 257, ..usual },
-        CpuTuning { tile_rows: Some(7), ..usual },
-        CpuTuning { tile_rows: Some(65), ..usual },
+        usual.with(|s| s.recurrence_rows = 0),
+        usual.with(|s| s.recurrence_rows = 257),
+        usual.with(|s| s.tile_rows = Some(7)),
+        usual.with(|s| s.tile_rows = Some(65)),
     ] {
         assert!(CpuRasterizer::new(CpuSettings::default()).unwrap().with_tuning(bad).is_err(), "{bad:?}");
     }

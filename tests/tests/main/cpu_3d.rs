@@ -7,20 +7,17 @@ use gs_conformance::{
     scenes::draws_3d,
 };
 use gs_core::Parameterization;
-use gs_cpu::SimdLevel;
 use proptest::prelude::*;
 
-use super::cpu::{levels, rasterizer};
+use super::cpu::{levels, levels_and_threads, rasterizer};
 
 #[test]
 fn conforms_at_every_level_and_number_of_threads() {
     let mut failures = Vec::new();
-    for level in SimdLevel::available() {
-        for threads in [1, 2, 7] {
-            match conformance_3d(&rasterizer(level, threads)) {
-                Ok(skipped) => assert_eq!(skipped, []),
-                Err(failure) => failures.push(format!("{level}, {threads} threads: {failure}")),
-            }
+    for (level, threads) in levels_and_threads() {
+        match conformance_3d(&rasterizer(level, threads)) {
+            Ok(skipped) => assert_eq!(skipped, []),
+            Err(failure) => failures.push(format!("{level}, {threads} threads: {failure}")),
         }
     }
     assert!(failures.is_empty(), "{}", failures.join("\n"));

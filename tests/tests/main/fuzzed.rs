@@ -19,7 +19,11 @@ fn inputs(count: usize, seed: u64) -> impl Iterator<Item = Vec<u8>> {
 }
 
 fn cpu() -> CpuRasterizer {
-    CpuRasterizer::new(CpuSettings { threads: Some(1), level: None }).expect("a thread can be started")
+    CpuRasterizer::new(CpuSettings::default().with(|s| {
+        s.threads = Some(1);
+        s.level = None;
+    }))
+    .expect("a thread can be started")
 }
 
 #[test]

@@ -20,7 +20,7 @@ macro_rules! checks {
         #[test]
         fn $test() {
             // One thread: with images of this size, threads would wait for each other.
-            let rasterizer = CpuRasterizer::new(CpuSettings { threads: Some(1), level: None }).unwrap();
+            let rasterizer = CpuRasterizer::new(CpuSettings::default().with(|s| {s.threads = Some(1); s.level = None;})).unwrap();
             ($check)(&rasterizer).unwrap_or_else(|failure: Failure| panic!("{failure}"));
         })*
     };

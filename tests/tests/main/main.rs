@@ -1,5 +1,5 @@
 //! The oracle, the conformance suite and the corpus tested themselves, and put to gs-cpu and
-//! gs-wgpu.
+//! gs-wgpu; and training with these.
 
 mod accuracy;
 mod corpus;
@@ -13,5 +13,6 @@ mod public_scenes;
 mod suite;
 mod suite_3d;
 mod tolerance;
+mod training;
 mod wgpu;
 mod wgpu_3d;

@@ -330,7 +330,7 @@ impl Optimizer<Scene2d> for Sabotaged {
     async fn statistics(&self, splats: &Self::Splats) -> Result<DensityStatistics, Error> {
         let mut statistics = self.sound().statistics(splats).block_on()?;
         if self.is(DoublesStatistics) {
-            statistics.gradient_sum.iter_mut().for_each(|v| *v *= 2.0);
+            statistics.signal_sum.iter_mut().for_each(|v| *v *= 2.0);
         }
         Ok(statistics)
     }
@@ -419,7 +419,11 @@ fn every_fault_is_caught_by_its_case() {
     ];
     let cases = cases::<Sabotaged>();
     let passes = |fault, name| {
-        let sound = CpuRasterizer::new(CpuSettings { threads: Some(2), level: None }).unwrap();
+        let sound = CpuRasterizer::new(CpuSettings::default().with(|s| {
+            s.threads = Some(2);
+            s.level = None;
+        }))
+        .unwrap();
         let case = cases.iter().find(|case| case.name == name).unwrap();
         (case.run)(&Sabotaged { sound, fault }).is_ok()
     };

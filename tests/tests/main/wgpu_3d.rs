@@ -27,12 +27,11 @@ fn rasterizers() -> &'static [(Kernels, WgpuRasterizer)] {
     static RASTERIZERS: OnceLock<Vec<(Kernels, WgpuRasterizer)>> = OnceLock::new();
     RASTERIZERS.get_or_init(|| {
         let rasterizer = |kernels| {
-            let settings = WgpuSettings {
-                fresh_buffers: FreshBuffers::Poison,
-                kernels: Some(kernels),
-                most_groups: NonZero::new(3),
-                ..WgpuSettings::default()
-            };
+            let settings = WgpuSettings::default().with(|s| {
+                s.fresh_buffers = FreshBuffers::Poison;
+                s.kernels = Some(kernels);
+                s.most_groups = NonZero::new(3);
+            });
             Some((kernels, WgpuRasterizer::new(settings).block_on().ok()?))
         };
         let kernels = [Kernels::Portable, Kernels::Subgroups];
@@ -63,7 +62,11 @@ fn many(order: Order) -> Draw<Scene3d> {
 }
 
 fn cpu() -> CpuRasterizer {
-    CpuRasterizer::new(CpuSettings { threads: Some(2), level: None }).unwrap()
+    CpuRasterizer::new(CpuSettings::default().with(|s| {
+        s.threads = Some(2);
+        s.level = None;
+    }))
+    .unwrap()
 }
 
 fn root_mean_square(a: &Image, b: &Image) -> f32 {
@@ -162,9 +165,8 @@ fn results_have_the_same_bits_with_and_without_repeated_steps() {
     let by_depth = [Order::Global, Order::PerPixel].map(many);
     let kernels = rasterizers().iter().map(|&(kernels, _)| kernels);
     for (kernels, draw) in kernels.flat_map(|kernels| by_depth.iter().map(move |draw| (kernels, draw))) {
-        let other = || {
-            WgpuRasterizer::new(WgpuSettings { kernels: Some(kernels), ..WgpuSettings::default() }).block_on().unwrap()
-        };
+        let other =
+            || WgpuRasterizer::new(WgpuSettings::default().with(|s| s.kernels = Some(kernels))).block_on().unwrap();
         let (cold, roomy) = (other(), other());
         roomy.render(&draw.scene, &draw.view, &draw.settings).block_on().unwrap();
         let [(one, losses), (two, again)] = [cold, roomy].map(|r| trained(&r, draw, &rates(Participants::All), 5));

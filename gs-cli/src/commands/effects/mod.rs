@@ -11,7 +11,7 @@ use gs_core::{
     Camera, Canvas, Optimizer, Parameterization, Rasterizer as _, RenderSettings, Scene as _, Scene2d, Scene3d,
     counted, effects::RequiresEffects, view::Orbit,
 };
-use gs_io::{AnyScene, File3d, is_scene};
+use gs_io::{AnyScene, File3d};
 use gs_lab::effects::{UploadedScene, prices, prove, sampled};
 use gs_train::train::Views;
 
@@ -121,7 +121,7 @@ enum Subject {
 
 impl Subject {
     fn load(args: &EffectsCommandArgs) -> Result<Self, Failure> {
-        let scene_2d = match is_scene(&args.input)?.then(|| scene::read_any(&args.input)).transpose()? {
+        let scene_2d = match scene::read_if_any(&args.input)? {
             Some(AnyScene::ThreeD(file)) => return Self::of_3d(args, *file),
             Some(AnyScene::TwoD(file)) => Some(file),
             None => None,

@@ -20,6 +20,7 @@ pub(crate) use self::arguments::FitArgs;
 use self::results::Results;
 use crate::{
     failure::Failure,
+    frontier_settings,
     image_fit::{self, SettingsFile, Target},
     memory::{self, Need},
     output::{self, quoted},
@@ -52,7 +53,9 @@ pub(crate) fn run(args: &FitArgs) -> Result<(), Failure> {
             Start::Fresh(Box::new(settings))
         }
     };
-    let flags = file.machine().map_or_else(|| args.backend.clone(), |machine| machine.unless_given(&args.backend));
+    let flags = file
+        .machine()
+        .map_or_else(|| args.backend.clone(), |machine| frontier_settings::backend(machine, &args.backend));
     let backend = flags.open_to_render_2d(&start.render())?;
     fit(args, &target, start, &backend, claim, started)
 }
@@ -71,7 +74,7 @@ impl Start {
             Self::Fresh(settings) => settings.render,
             Self::Resumed(checkpoint, _) => {
                 let text = checkpoint.metadata.get("settings").map_or("", String::as_str);
-                gs_train::parse_settings::<FitSettings>(text, Path::new("checkpoint"))
+                FitSettings::from_toml(text, Path::new("checkpoint"))
                     .map_or_else(|_| RenderSettings::default(), |settings| settings.render)
             }
         }

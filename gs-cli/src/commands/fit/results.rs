@@ -7,7 +7,7 @@ use std::{path::Path, thread, time::Instant};
 use gs_backend::{AnyRasterizer, Chosen, FutureExt as _};
 use gs_core::{Blend, Canvas, Culled, Image, Rasterizer as _, Scene as _, Scene2d, counted, effects::EffectDecision};
 use gs_io::{File2d, write_2d, write_ply, write_png};
-use gs_lab::figure::{curve::Point, ellipses};
+use gs_lab::figure::{curve::CurvePoint, ellipses};
 use gs_train::{ColorRange, FitSummary, MetricsLog, Trainer, Viewable, viewable};
 use serde::Serialize;
 
@@ -19,7 +19,6 @@ use crate::{
     image_fit::Target,
     output::{self, Verbosity},
     output_folder::OutputFolder,
-    text_file::to_toml,
     training::results::{self, Problems, ProgramSummary, without_broken, write_curve, write_table},
 };
 
@@ -87,7 +86,7 @@ impl Results<'_> {
         &self,
         trainer: &Trainer<'_, AnyRasterizer>,
         log: &MetricsLog,
-        points: &[Point],
+        points: &[CurvePoint],
     ) -> Result<Summary, Failure> {
         let (width, height) = trainer.target().size();
         let scene = without_broken(trainer.scene().block_on()?)?;
@@ -96,7 +95,7 @@ impl Results<'_> {
         let mut tried = vec![self.folder.write_precious("scene.gs2d.safetensors", |path| write_2d(path, &file))];
         let mut renderings = self.render(trainer, &file);
         let background = renderings.as_mut().ok().and_then(|renderings| renderings.background.take());
-        let settings = to_toml(trainer.settings());
+        let settings = trainer.settings().to_toml().map_err(Failure::failed);
         let title = format!("{}: {}", self.target.title(), counted(trainer.count(), "Gaussian"));
 
         let fit = thread::scope(|scope| {

@@ -2,13 +2,12 @@
 //! others.
 
 use gs_core::{Effects, RenderSettings, counted, profile::Quantiles};
-use gs_lab::frontier::{Budget, Choice, Frontier, Measured, Noise, Verification};
+use gs_lab::frontier::{
+    Budget, Choice, Frontier, FrontierEffects, FrontierMachine, FrontierSettings, Measured, Noise, Verification,
+};
 use serde::Serialize;
 
-use crate::{
-    failure::Failure,
-    frontier_settings::{FrontierEffects, FrontierMachine, FrontierSettings},
-};
+use crate::failure::Failure;
 
 /// Settings that keep a budget.
 #[derive(Debug, Serialize)]
@@ -37,10 +36,13 @@ impl Answer {
     ) -> Result<Self, Failure> {
         let row = &frontier.rows[choice.row];
         let RenderSettings { accuracy, effects: row_effects, .. } = row.settings;
-        let settings =
-            FrontierSettings { accuracy, effects: effects(&row_effects), machine: machines[row.contender].clone() };
+        let settings = FrontierSettings::default().with(|s| {
+            (s.accuracy, s.effects, s.machine) = (accuracy, effects(&row_effects), machines[row.contender].clone());
+        });
         let noise = frontier.noise_of(&row.backend);
-        let file = settings.to_file(&comment(budget, choice, row, noise, what))?;
+        let comment: String =
+            comment(budget, choice, row, noise, what).lines().map(|line| format!("# {line}\n")).collect();
+        let file = comment + "\n" + &settings.to_toml().map_err(Failure::failed)?;
         Ok(Self { budget, settings: row.name(), machine: row.machine.clone(), choice: choice.clone(), file })
     }
 }

@@ -140,7 +140,7 @@ where
 {
     let (contenders, machines) = contenders(&args.backend, &seen.scene, seen.render.effects.blend)?;
     let field = Field { scene: &seen.scene, contenders, shown: seen.render };
-    let limits = SearchLimits { seconds: f64::from(args.seconds), ..SearchLimits::default() };
+    let limits = SearchLimits::default().with(|s| s.seconds = f64::from(args.seconds));
     let frontier = search(&field, &seen.views, limits, &mut |what| output::note(what))?;
     let (width, height) = seen.views[0].size();
     let what = format!("{}: {}, {width}x{height} px", seen.name, counted(seen.scene.len(), "Gaussian"));

@@ -3,16 +3,17 @@
 
 use std::path::Path;
 
-use glam::Vec2;
 use gs_core::{Camera, Canvas, Effects, RenderSettings, Scene, Scene2d, Scene3d, view::Orbit};
-use gs_io::{AnyScene, File2d, File3d, is_scene};
-use gs_lab::effects::sampled;
+use gs_io::{AnyScene, File2d, File3d};
+use gs_lab::{
+    effects::sampled,
+    frontier::{FrontierEffects, unseen_cameras, unseen_canvases},
+};
 
 use super::FrontierArgs;
 use crate::{
     cameras,
     failure::Failure,
-    frontier_settings::FrontierEffects,
     image_fit::{self, FitSettingsArgs, SettingsFile, Target},
     scene,
     values::Size,
@@ -42,7 +43,7 @@ impl Subject {
     /// Reads the input; fits an image.
     pub(crate) fn load(args: &FrontierArgs) -> Result<Self, Failure> {
         let path = &args.input;
-        let scene_2d = match is_scene(path)?.then(|| scene::read_any(path)).transpose()? {
+        let scene_2d = match scene::read_if_any(path)? {
             Some(AnyScene::ThreeD(file)) => return scene_3d(args, *file).map(Self::ThreeD),
             Some(AnyScene::TwoD(file)) => Some(*file),
             None => None,
@@ -69,7 +70,7 @@ impl Subject {
             scene,
             render,
             views: vec![canvas],
-            unseen: other_canvases(canvas),
+            unseen: unseen_canvases(canvas),
             effects: |_| None,
         }))
     }
@@ -77,14 +78,6 @@ impl Subject {
 
 fn name_of(path: &Path) -> String {
     path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned())
-}
-
-/// The canvas at half the size, and two parts of it at twice the size: other grids of pixels.
-fn other_canvases(canvas: Canvas) -> Vec<Canvas> {
-    let Canvas { width, height, origin, extent } = canvas;
-    let part = |at: Vec2| canvas.showing(origin + at * extent, 0.5 * extent);
-    let half = canvas.resized(width.div_ceil(2), height.div_ceil(2));
-    vec![half, part(Vec2::splat(0.25)), part(Vec2::new(0.47, 0.03))]
 }
 
 /// Gaussians fitted to the image with default settings.
@@ -95,11 +88,6 @@ fn fitted(args: &FrontierArgs) -> Result<(Scene2d, RenderSettings, (u32, u32)), 
     let (render, size) = (settings.render, target.image.size());
     let backend = args.backend.open_to_render_2d(&render)?;
     Ok((image_fit::fit_first(&backend.rasterizer, &target, settings)?, render, size))
-}
-
-/// The effects that can be chosen for 3D scenes.
-fn effects_3d(&Effects { order, antialias, sh_degree, .. }: &Effects) -> Option<FrontierEffects> {
-    Some(FrontierEffects { order, antialias, sh_degree })
 }
 
 fn scene_3d(args: &FrontierArgs, file: File3d) -> Result<Seen<Scene3d>, Failure> {
@@ -128,16 +116,17 @@ fn scene_3d(args: &FrontierArgs, file: File3d) -> Result<Seen<Scene3d>, Failure>
     for camera in &all {
         camera.validate().map_err(|error| Failure::usage(error).at("--dataset or --size"))?;
     }
-    let every_second = |first: usize| all.iter().copied().skip(first).step_by(2).collect::<Vec<_>>();
-    let (views, mut unseen) = (every_second(0), every_second(1));
+    let (views, unseen) = unseen_cameras(&all);
     if views.is_empty() {
         return Err(Failure::failed("the data set has no view").hint("name another with --dataset"));
     }
-    if unseen.is_empty() {
-        // The only view at half the size has other pixels.
-        let Camera { width, height, .. } = views[0];
-        unseen.push(views[0].resized(width.div_ceil(2), height.div_ceil(2)));
-    }
     args.render.note_guess(&file);
-    Ok(Seen { name: name_of(&args.input), scene: file.scene, render, views, unseen, effects: effects_3d })
+    Ok(Seen {
+        name: name_of(&args.input),
+        scene: file.scene,
+        render,
+        views,
+        unseen,
+        effects: |effects| Some(FrontierEffects::of(effects)),
+    })
 }

@@ -35,7 +35,6 @@ struct Info {
 struct CameraInfo {
     views: usize,
     /// Columns and rows of its images, px.
-    #[serde(rename = "photograph")]
     image: [u32; 2],
     /// Columns and rows after the images are undistorted and scaled down, px.
     undistorted: [u32; 2],

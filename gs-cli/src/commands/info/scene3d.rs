@@ -3,10 +3,8 @@
 
 use std::{collections::BTreeMap, fmt::Write};
 
-use glam::Vec3;
 use gs_core::{
-    Scene, Scene3d,
-    constants::MIN_QUATERNION_NORM2,
+    NotFinite3d, Scene, Scene3d, ValueQuantiles,
     effects::{Antialias, Order},
     sigmoid,
 };
@@ -36,10 +34,10 @@ struct Info {
     /// Of the finite means, world units; `null` without any.
     bounds: Option<Bounds>,
     /// Of the finite values, by parameter.
-    quantiles: BTreeMap<&'static str, Quantiles>,
+    quantiles: BTreeMap<&'static str, ValueQuantiles>,
     /// Gaussians with a parameter that is NaN or infinite, by parameter (an opacity of exactly 0 or
     /// 1 is neither).
-    not_finite: NotFinite,
+    not_finite: NotFinite3d,
     /// Gaussians whose quaternion is too short for a rotation. They are never drawn.
     without_rotation: usize,
     /// Antialiasing in training, if the file names it.
@@ -57,27 +55,6 @@ struct Info {
 struct Bounds {
     min: [f32; 3],
     max: [f32; 3],
-}
-
-#[derive(Debug, PartialEq, Serialize)]
-struct Quantiles {
-    min: f32,
-    #[serde(rename = "5 %")]
-    low: f32,
-    median: f32,
-    #[serde(rename = "95 %")]
-    high: f32,
-    max: f32,
-}
-
-#[derive(Debug, Default, PartialEq, Serialize)]
-struct NotFinite {
-    gaussians: usize,
-    means: usize,
-    scales: usize,
-    rotations: usize,
-    opacities: usize,
-    colors: usize,
 }
 
 /// Prints the content of a 3D scene, or of a checkpoint with this metadata.
@@ -101,16 +78,11 @@ impl Info {
     }
 
     fn of(kind: &'static str, bytes: u64, scene: &Scene3d) -> Self {
-        let finite = scene.means.iter().filter(|mean| mean.is_finite());
-        let bounds = finite.fold(None, |bounds: Option<(Vec3, Vec3)>, &mean| {
-            Some(bounds.map_or((mean, mean), |(min, max)| (min.min(mean), max.max(mean))))
-        });
         let mut quantiles = BTreeMap::new();
-        let mut add = |name, values: Vec<f32>| _ = Quantiles::of(values).map(|q| quantiles.insert(name, q));
+        let mut add = |name, values: Vec<f32>| _ = ValueQuantiles::of(values).map(|q| quantiles.insert(name, q));
         add("opacity", scene.opacity_logits.iter().map(|&logit| sigmoid(logit)).collect());
         add("largest scale", scene.log_scales.iter().map(|s| s.max_element().exp()).collect());
         add("smallest scale", scene.log_scales.iter().map(|s| s.min_element().exp()).collect());
-        let norm2 = |q: &[f32; 4]| q.iter().map(|v| v * v).sum::<f32>();
         Self {
             kind,
             format: None,
@@ -119,48 +91,15 @@ impl Info {
             gaussians: scene.len(),
             sh_degree: scene.sh_degree,
             picture: None,
-            bounds: bounds.map(|(min, max)| Bounds { min: min.to_array(), max: max.to_array() }),
+            bounds: scene.bounds().map(|(min, max)| Bounds { min: min.to_array(), max: max.to_array() }),
             quantiles,
-            not_finite: NotFinite::of(scene),
-            without_rotation: scene.rotations.iter().filter(|q| norm2(q) < MIN_QUATERNION_NORM2).count(),
+            not_finite: scene.not_finite(),
+            without_rotation: scene.without_rotation(),
             antialias: None,
             order: None,
             losses: Vec::new(),
             metadata: BTreeMap::new(),
         }
-    }
-}
-
-impl Quantiles {
-    fn of(mut values: Vec<f32>) -> Option<Self> {
-        values.retain(|v| v.is_finite());
-        values.sort_by(f32::total_cmp);
-        let last = values.len().checked_sub(1)?;
-        let at = |share: f32| values[(share * last as f32).round() as usize];
-        Some(Self { min: at(0.0), low: at(0.05), median: at(0.5), high: at(0.95), max: values[last] })
-    }
-}
-
-impl NotFinite {
-    fn of(scene: &Scene3d) -> Self {
-        let mut count = Self::default();
-        for i in 0..scene.len() {
-            let colors = &scene.sh[i * scene.sh_len()..][..scene.sh_len()];
-            let broken = [
-                (!scene.means[i].is_finite(), &mut count.means),
-                (!scene.log_scales[i].is_finite(), &mut count.scales),
-                (!scene.rotations[i].iter().all(|v| v.is_finite()), &mut count.rotations),
-                (scene.opacity_logits[i].is_nan(), &mut count.opacities),
-                (!colors.iter().all(|c| c.is_finite()), &mut count.colors),
-            ];
-            let mut any = false;
-            for (is_broken, counter) in broken {
-                *counter += usize::from(is_broken);
-                any |= is_broken;
-            }
-            count.gaussians += usize::from(any);
-        }
-        count
     }
 }
 
@@ -180,12 +119,12 @@ fn text(info: &Info) -> String {
         let side = |axis: usize| format!("{} to {}", number(min[axis]), number(max[axis]));
         rows.extend([("x", side(0)), ("y", side(1)), ("z", side(2))]);
     }
-    for (name, Quantiles { min, low, median, high, max }) in &info.quantiles {
+    for (name, ValueQuantiles { min, low, median, high, max }) in &info.quantiles {
         let [min, low, median, high, max] = [min, low, median, high, max].map(|value| number(*value));
         let quantiles = format!("{min} to {max}; 5 % {low}, median {median}, 95 % {high}");
         rows.push((name, quantiles));
     }
-    let NotFinite { gaussians, means, scales, rotations, opacities, colors } = info.not_finite;
+    let NotFinite3d { gaussians, means, scales, rotations, opacities, colors } = info.not_finite;
     let parts =
         [("means", means), ("scales", scales), ("rotations", rotations), ("opacities", opacities), ("colours", colors)];
     let parts: Vec<String> =
@@ -208,6 +147,7 @@ fn text(info: &Info) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use glam::Vec3;
     use gs_core::Gaussian3d;
 
     fn scene(gaussians: impl IntoIterator<Item = (f32, f32, [f32; 4])>) -> Scene3d {
@@ -224,10 +164,10 @@ mod tests {
         let unit = [1.0, 0.0, 0.0, 0.0];
         let broken = scene([(0.0, f32::INFINITY, unit), (f32::NAN, 0.0, [f32::NAN; 4]), (1.0, f32::NAN, [0.0; 4])]);
         let info = Info::of("3D scene", 300, &broken);
-        let expected = NotFinite { gaussians: 2, means: 1, scales: 1, rotations: 1, opacities: 1, colors: 0 };
+        let expected = NotFinite3d { gaussians: 2, means: 1, scales: 1, rotations: 1, opacities: 1, colors: 0 };
         assert_eq!((info.not_finite, info.without_rotation, info.bytes_per_gaussian), (expected, 1, Some(100.0)));
         assert_eq!(info.bounds, Some(Bounds { min: [0.0, 1.0, 2.0], max: [1.0, 1.0, 2.0] }));
-        let Quantiles { min, median, max, .. } = info.quantiles["opacity"];
+        let ValueQuantiles { min, median, max, .. } = info.quantiles["opacity"];
         assert_eq!((min, median, max), (0.5, 1.0, 1.0));
     }
 
@@ -237,12 +177,5 @@ mod tests {
         let far = scene([(-2.2e37, 0.0, unit), (12.345_678, 0.0, unit)]);
         let text = text(&Info::of("3D scene", 300, &far));
         assert!(text.contains("-2.2000e37 to 12.346"), "{text}");
-    }
-
-    #[test]
-    fn quantiles_are_values_of_the_scene() {
-        let quantiles = Quantiles::of((0..101).map(|v| v as f32).collect()).unwrap();
-        assert_eq!(quantiles, Quantiles { min: 0.0, low: 5.0, median: 50.0, high: 95.0, max: 100.0 });
-        assert_eq!(Quantiles::of(vec![f32::NAN]), None);
     }
 }

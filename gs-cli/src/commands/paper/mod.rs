@@ -11,7 +11,7 @@ use clap::{
 use gs_backend::AnyRasterizer;
 use gs_core::counted;
 use gs_io::Inputs;
-use gs_lab::experiments::{Chapter, Experiment, Extent, Laboratory, PageSetting, claims_csv, page};
+use gs_lab::experiments::{Chapter, Experiment, ExperimentSize, Laboratory, PageSetting, claims_csv, page};
 
 use self::progress::Display;
 use crate::{
@@ -73,7 +73,7 @@ pub(crate) fn run(args: &PaperArgs) -> Result<(), Failure> {
     let backend = args.backend.open()?;
     let folder = OutputFolder::begin(claim)?;
     output::note(&backend.reason);
-    let extent = if args.quick { Extent::Quick } else { Extent::Full };
+    let extent = if args.quick { ExperimentSize::Quick } else { ExperimentSize::Full };
     let chapters = make(experiments, extent, &backend.rasterizer, &folder)?;
     folder.write(CLAIMS, claims_csv(&chapters))?;
     let page = page(&chapters, PageSetting { extent, only: args.only, backend: &backend.reason })?;
@@ -90,7 +90,7 @@ pub(crate) fn run(args: &PaperArgs) -> Result<(), Failure> {
 /// Makes the experiments and writes the findings of each.
 fn make(
     experiments: Vec<Experiment>,
-    extent: Extent,
+    extent: ExperimentSize,
     rasterizer: &AnyRasterizer,
     folder: &OutputFolder,
 ) -> Result<Vec<Chapter>, Failure> {
@@ -123,7 +123,7 @@ fn make(
 
 /// "3 claims confirmed, 1 partly".
 fn verdicts<'a>(claims: impl IntoIterator<Item = &'a gs_lab::experiments::Claim>) -> String {
-    use gs_lab::experiments::Verdict::{Confirmed, Partly, Refuted};
+    use gs_lab::experiments::ClaimVerdict::{Confirmed, Partly, Refuted};
     let claims: Vec<_> = claims.into_iter().collect();
     let of = |verdict| claims.iter().filter(|claim| claim.verdict() == verdict).count();
     let numbers = [Confirmed, Partly, Refuted].map(|verdict| (of(verdict), verdict));

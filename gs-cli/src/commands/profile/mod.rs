@@ -8,7 +8,7 @@ mod scene3d;
 use std::path::PathBuf;
 
 use clap::Args;
-use gs_io::{AnyScene, Inputs, is_scene};
+use gs_io::{AnyScene, Inputs};
 
 use self::{measure::measure, scene2d::Input2d, scene3d::Input3d};
 use crate::{
@@ -104,11 +104,12 @@ pub(crate) fn run(args: &ProfileArgs) -> Result<(), Failure> {
     let claim = args.output.as_ref().map(|path| args.overwrite.claim(path, ["profile.csv", "profile.json"], inputs));
     claim.as_ref().map_or(Ok(()), output_folder::check)?;
     let input = match &args.input {
-        Some(path) if is_scene(path)? => match scene::read_any(path)? {
-            AnyScene::ThreeD(file) => Input::ThreeD(Box::new(Input3d::of_scene(path, *file, args)?)),
-            AnyScene::TwoD(file) => Input::TwoD(Box::new(Input2d::of_scene(path, *file, args)?)),
+        Some(path) => match scene::read_if_any(path)? {
+            Some(AnyScene::ThreeD(file)) => Input::ThreeD(Box::new(Input3d::of_scene(path, *file, args)?)),
+            Some(AnyScene::TwoD(file)) => Input::TwoD(Box::new(Input2d::of_scene(path, *file, args)?)),
+            None => Input::TwoD(Box::new(Input2d::of_image(Some(path), args)?)),
         },
-        path => Input::TwoD(Box::new(Input2d::of_image(path.as_deref(), args)?)),
+        None => Input::TwoD(Box::new(Input2d::of_image(None, args)?)),
     };
     let backend = match &input {
         Input::TwoD(input) => args.backend.open_to_render_2d(&input.render),

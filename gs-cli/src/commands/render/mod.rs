@@ -8,13 +8,14 @@ use std::path::PathBuf;
 use clap::Args;
 
 use gs_io::AnyScene;
+use gs_lab::frontier::FrontierSettings;
 
 use crate::{
     backend::BackendArgs,
     dataset::ReadingArgs,
     effects_args::EffectsArgs,
     failure::Failure,
-    frontier_settings::FrontierSettings,
+    frontier_settings,
     output_folder::OverwriteArgs,
     render_args::RenderArgs3d,
     scene,
@@ -78,7 +79,10 @@ impl RenderArgs {
 
     /// The flags of the backend: those given, or those of the settings file.
     fn backend(&self, frontier: Option<&FrontierSettings>) -> BackendArgs {
-        frontier.map_or_else(|| self.backend.clone(), |frontier| frontier.machine.unless_given(&self.backend))
+        frontier.map_or_else(
+            || self.backend.clone(),
+            |frontier| frontier_settings::backend(&frontier.machine, &self.backend),
+        )
     }
 
     /// Which effects are simulated: the flag's, or those of the settings file.

@@ -4,13 +4,13 @@ use glam::Vec2;
 use gs_backend::FutureExt as _;
 use gs_core::{Canvas, Rasterizer as _, effects::RequiredEffects};
 use gs_io::File2d;
+use gs_lab::frontier::FrontierSettings;
 
 use super::RenderArgs;
 use crate::{
     effects_args,
     failure::Failure,
-    frontier_settings::FrontierSettings,
-    memory, output, output_folder,
+    frontier_settings, memory, output, output_folder,
     values::{Region, Size},
 };
 
@@ -20,7 +20,7 @@ pub(super) fn run(args: &RenderArgs, mut file: File2d) -> Result<(), Failure> {
     let canvas = canvas(&file, args);
     canvas.validate().map_err(|error| Failure::usage(error).at("--size or --region"))?;
     memory::check_picture(args.scene.display(), (canvas.width, canvas.height))?;
-    let frontier = args.settings.as_deref().map(FrontierSettings::read).transpose()?;
+    let frontier = args.settings.as_deref().map(frontier_settings::read).transpose()?;
     if let Some(FrontierSettings { accuracy, .. }) = &frontier {
         file.settings.accuracy = *accuracy;
     }

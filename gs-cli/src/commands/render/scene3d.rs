@@ -9,14 +9,14 @@ use gs_core::{
     view::{CameraPath, Orbit},
 };
 use gs_io::{Animation, File3d, FolderClaim, dataset::Dataset, write_animation, write_png};
+use gs_train::parse_json;
 
 use super::{CameraArgs, RenderArgs};
 use crate::{
     cameras::{self, Home},
     effects_args,
     failure::Failure,
-    frontier_settings::FrontierSettings,
-    memory, output,
+    frontier_settings, memory, output,
     output_folder::{self, OutputFolder},
     render_args::{self, why_empty},
     text_file::read_text,
@@ -37,7 +37,7 @@ pub(super) fn run(args: &RenderArgs, file: &File3d) -> Result<(), Failure> {
     let claim = claim(args, cameras.len(), dataset.as_ref())?;
     let Camera { width, height, .. } = cameras[0];
     memory::check_picture(args.scene.display(), (width, height))?;
-    let frontier = args.settings.as_deref().map(FrontierSettings::read).transpose()?;
+    let frontier = args.settings.as_deref().map(frontier_settings::read).transpose()?;
     let backend = args.backend(frontier.as_ref()).open()?;
     let render = file.render_settings(dataset.as_ref());
     let render = frontier.map_or(render, |frontier| frontier.applied_to(render));
@@ -141,8 +141,7 @@ fn around(dataset: &Dataset, args: &CameraArgs, frames: u32, camera: &Camera) ->
 
 fn read_path(file: &Path) -> Result<CameraPath, Failure> {
     let text = read_text(file, "name a path with --path")?;
-    serde_json::from_str(&text)
-        .map_err(|error| Failure::usage(error).at(file.display()).hint("gs render --help shows one"))
+    parse_json(&text, file).map_err(|error| Failure::usage(error).hint("gs render --help shows one"))
 }
 
 fn render_frames(

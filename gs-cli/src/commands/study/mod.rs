@@ -13,7 +13,7 @@ use gs_backend::AnyRasterizer;
 use gs_core::counted;
 use gs_lab::{
     Existing, Places, Plan, Results, Study, StudyFolder, built_in, conduct, report,
-    study::{Conducted, Outcome, Safety, refuse_unsupported, write_tables},
+    study::{Conducted, RunOutcome, Safety, refuse_unsupported, write_tables},
 };
 
 pub(crate) use self::arguments::StudyArgs;
@@ -131,8 +131,8 @@ fn conclude(results: &Results<'_>, folder: &StudyFolder) -> Result<(), Failure> 
         .iter()
         .flatten()
         .filter_map(|record| match &record.outcome {
-            Outcome::Failed { error } => Some(error.as_str()),
-            Outcome::Finished(_) => None,
+            RunOutcome::Failed { error } => Some(error.as_str()),
+            RunOutcome::Finished(_) => None,
         })
         .collect();
     if let Some(first) = failed.first().filter(|_| failed.len() == results.plan.runs.len()) {

@@ -9,7 +9,7 @@ use std::{
 use gs_core::counted;
 use gs_lab::{
     Plan, StudyFolder,
-    study::{Outcome, Run, Watcher},
+    study::{Run, RunOutcome, Watcher},
 };
 use indicatif::ProgressBar;
 
@@ -109,16 +109,16 @@ impl Watcher for Watched<'_> {
         self.display.update(|state| state.running += 1);
     }
 
-    fn ended(&self, run: &Run, outcome: &Outcome) {
+    fn ended(&self, run: &Run, outcome: &RunOutcome) {
         let plan = self.display.plan;
-        if let Outcome::Failed { error } = outcome {
+        if let RunOutcome::Failed { error } = outcome {
             self.display.printer().print(format_args!("row {} ({}) failed: {error}", run.row, plan.describe(run)));
         }
         self.display.update(|state| {
             let work = work(plan, run);
             state.running -= 1;
             state.done += 1;
-            state.failed += usize::from(matches!(outcome, Outcome::Failed { .. }));
+            state.failed += usize::from(matches!(outcome, RunOutcome::Failed { .. }));
             state.work_done += work;
             state.work_left -= work;
         });

@@ -14,7 +14,6 @@ use crate::{
     failure::Failure,
     output,
     output_folder::{self, OutputFolder},
-    text_file::to_toml,
 };
 
 /// The files that are written.
@@ -64,6 +63,6 @@ fn write(run: &Run, replayed: &Replayed, claim: FolderClaim) -> Result<(), Failu
         &File2d { scene: scene.clone(), width, height, settings: *render },
     )?;
     write_png(folder.file("reconstruction.png"), image)?;
-    folder.write("settings.toml", &to_toml(&run.settings)?)?;
+    folder.write("settings.toml", &run.settings.to_toml().map_err(Failure::failed)?)?;
     folder.write_json("summary.json", finished)
 }

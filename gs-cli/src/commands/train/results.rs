@@ -8,7 +8,7 @@ use gs_core::{Camera, Canvas, RenderSettings, Scene as _, Scene3d, counted, effe
 use gs_io::{TrainedWith, WriteOptions3d, write_3d, write_png};
 use gs_lab::{
     effects::sampled,
-    figure::{curve::Point, ellipses},
+    figure::{curve::CurvePoint, ellipses},
 };
 use gs_train::{
     MetricsLog, Trainer3d,
@@ -22,7 +22,6 @@ use crate::{
     failure::Failure,
     output::{self, Verbosity},
     output_folder::OutputFolder,
-    text_file::to_toml,
     training::results::{self, Problems, ProgramSummary, without_broken, write_curve, write_table},
 };
 
@@ -110,14 +109,18 @@ impl Results<'_> {
         &self,
         trainer: &Trainer3d<'_, AnyRasterizer>,
         log: &MetricsLog,
-        points: &[Point],
+        points: &[CurvePoint],
     ) -> Result<Summary, Failure> {
         // All other results can be made of the scene.
         let scene = without_broken(trainer.scene().block_on()?)?;
         let mut tried = vec![
             self.write_scene(&scene, &trainer.shown()),
             write_table(self.folder, log),
-            to_toml(trainer.settings()).and_then(|text| self.folder.write("settings.toml", &text)),
+            trainer
+                .settings()
+                .to_toml()
+                .map_err(Failure::failed)
+                .and_then(|text| self.folder.write("settings.toml", &text)),
             // They would be of an earlier fit.
             ["scene.gs2d.safetensors", "reconstruction.png"].iter().try_for_each(|name| self.folder.leave_out(name)),
             match self.args.output.no_report {
@@ -211,13 +214,16 @@ impl Results<'_> {
             output::note("note: no Gaussian is left, so there is no scene.ply");
             return self.folder.leave_out("scene.ply");
         }
-        let trained_with = TrainedWith { antialias: Some(shown.effects.antialias), order: Some(shown.effects.order) };
-        let options = WriteOptions3d { trained_with, ..WriteOptions3d::default() };
+        let trained_with = TrainedWith::default().with(|s| {
+            s.antialias = Some(shown.effects.antialias);
+            s.order = Some(shown.effects.order);
+        });
+        let options = WriteOptions3d::default().with(|s| s.trained_with = trained_with);
         let write = |path: &Path| write_3d(path, scene, &options).map(drop);
         self.folder.write_precious("scene.ply", write)
     }
 
-    fn write_curve(&self, count: u32, points: &[Point], log: &MetricsLog) -> Result<(), Failure> {
+    fn write_curve(&self, count: u32, points: &[CurvePoint], log: &MetricsLog) -> Result<(), Failure> {
         let dataset = &self.args.dataset;
         // Also if the path is `.`.
         let path = dataset.canonicalize().unwrap_or_else(|_| dataset.clone());

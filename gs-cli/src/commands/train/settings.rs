@@ -11,13 +11,17 @@ use gs_train::{
 };
 
 use super::arguments::{ParticipantsName, TrainPresetName, TrainSettingsArgs};
-use crate::{failure::Failure, scene, text_file::read_toml, training::arguments::name_of, values::TrainBackground};
+use crate::{
+    failure::Failure, scene, text_file::read_settings_text, training::arguments::name_of, values::TrainBackground,
+};
 
 /// The settings that the flags ask for, for this data set.
 pub(super) fn settings(args: &TrainSettingsArgs, dataset: &Dataset) -> Result<TrainSettings, Failure> {
     let mut settings = match &args.settings {
         Some(file) => {
-            let settings: TrainSettings = read_toml(file, "compare it with the settings.toml that a training writes")?;
+            let settings = TrainSettings::from_toml(&read_settings_text(file)?, file).map_err(|error| {
+                Failure::usage(error).hint("compare it with the settings.toml that a training writes")
+            })?;
             settings.validate().map_err(|error| Failure::usage(error).at(file.display()))?;
             settings
         }

@@ -5,7 +5,11 @@ use gs_core::{Camera, Gaussian3d, Image, RenderSettings, Scene, Scene3d, effects
 use gs_cpu::{CpuRasterizer, CpuSettings};
 
 pub(crate) fn rasterizer(threads: usize) -> CpuRasterizer {
-    CpuRasterizer::new(CpuSettings { threads: Some(threads), level: None }).unwrap()
+    CpuRasterizer::new(CpuSettings::default().with(|s| {
+        s.threads = Some(threads);
+        s.level = None;
+    }))
+    .unwrap()
 }
 
 /// In 0..1.

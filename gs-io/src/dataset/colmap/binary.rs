@@ -4,7 +4,7 @@ use std::{collections::BTreeMap, path::Path};
 
 use glam::{DQuat, DVec3, dvec2, dvec3};
 
-use super::{CameraModel, ColmapCamera, ColmapImage, ColmapPoint, NO_POINT, Observation, unknown_model};
+use super::{CameraModel, ColmapCamera, ColmapImage, ColmapObservation, ColmapPoint, NO_POINT, unknown_model};
 use crate::error::Error;
 
 /// Size of a camera's id, model and size.
@@ -51,7 +51,7 @@ pub(super) fn images(path: &Path, bytes: &[u8]) -> Result<Vec<ColmapImage>, Erro
         for _ in 0..keypoints {
             let [x, y] = reader.f64s()?;
             let point = Some(reader.u64()?).filter(|point| *point != NO_POINT);
-            observations.push(Observation { position: dvec2(x, y), point });
+            observations.push(ColmapObservation { position: dvec2(x, y), point });
         }
         images.push(ColmapImage {
             id,

@@ -84,12 +84,12 @@ pub struct ColmapImage {
     /// The path below the image folder.
     pub name: String,
     /// Its keypoints.
-    pub observations: Vec<Observation>,
+    pub observations: Vec<ColmapObservation>,
 }
 
 /// A keypoint of an image.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Observation {
+pub struct ColmapObservation {
     /// Position in px of the distorted image, from its top-left corner; pixel (i, j) has its centre
     /// at (i + ½, j + ½).
     pub position: DVec2,

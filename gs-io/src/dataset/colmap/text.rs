@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, path::Path, str::FromStr};
 
 use glam::{DQuat, dvec2, dvec3};
 
-use super::{CameraModel, ColmapCamera, ColmapImage, ColmapPoint, NO_POINT, Observation, unknown_model};
+use super::{CameraModel, ColmapCamera, ColmapImage, ColmapObservation, ColmapPoint, NO_POINT, unknown_model};
 use crate::error::Error;
 
 /// `cameras.txt`: id, model, columns, rows, parameters.
@@ -42,7 +42,7 @@ pub(super) fn images(path: &Path, bytes: &[u8]) -> Result<Vec<ColmapImage>, Erro
                 // -1 stands for no point, in files of old versions the largest number.
                 let point: i128 = words.number("a point's number or -1")?;
                 let point = u64::try_from(point).ok().filter(|point| *point != NO_POINT);
-                observations.push(Observation { position: dvec2(x, y), point });
+                observations.push(ColmapObservation { position: dvec2(x, y), point });
             }
         }
         let (rotation, translation) = (DQuat::from_xyzw(x, y, z, w), dvec3(tx, ty, tz));

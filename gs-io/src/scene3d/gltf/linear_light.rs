@@ -6,14 +6,14 @@
 
 use glam::Vec3;
 
-use crate::scene3d::SH_0;
+use gs_core::constants::SH_C0;
 
 /// Converts the coefficients of one Gaussian.
 pub(super) fn to_srgb(coefficients: &mut [Vec3]) {
     let Some((dc, rest)) = coefficients.split_first_mut() else { return };
-    let linear = 0.5 + SH_0 * *dc;
+    let linear = 0.5 + SH_C0 * *dc;
     let slope = linear.map(encoding_slope);
-    *dc = (linear.map(encoded) - 0.5) / SH_0;
+    *dc = (linear.map(encoded) - 0.5) / SH_C0;
     rest.iter_mut().for_each(|c| *c *= slope);
 }
 
@@ -37,7 +37,7 @@ mod tests {
             let difference = (encoded(c + 1e-3) - encoded(c - 1e-3)) / 2e-3;
             assert!((difference - encoding_slope(c)).abs() < 1e-2 * encoding_slope(c), "{c}");
         }
-        let mut coefficients = [Vec3::splat((0.214_041 - 0.5) / SH_0), Vec3::ONE];
+        let mut coefficients = [Vec3::splat((0.214_041 - 0.5) / SH_C0), Vec3::ONE];
         to_srgb(&mut coefficients);
         assert!(
             coefficients[0].abs().max_element() < 1e-4 && (coefficients[1].x - encoding_slope(0.214_041)).abs() < 1e-5

@@ -9,12 +9,13 @@
 //! *Source:* PlayCanvas engine, `gsplat-compressed-data`.
 
 use gs_core::Scene3d;
+use gs_core::constants::SH_C0;
 
 use super::{Read, columns, element_start, header::Header, rest_columns, rows};
 use crate::{
     error::Error,
     scene3d::{
-        Format3d, SH_0,
+        Format3d,
         conversion_loss::ConversionLoss,
         quantity::logit_of_step,
         sh_degree::{MAX_DEGREE, degree_of_rest},
@@ -73,7 +74,7 @@ pub(super) fn read(source: &Source<'_>, header: &Header) -> Result<Read, Error> 
         let [red, green, blue, opacity] = color.to_be_bytes();
         scene.opacity_logits.push(logit_of_step(opacity.into(), 255));
         let share = [red, green, blue].map(|byte| f32::from(byte) / 255.0);
-        dc.push(glam::Vec3::from(between(&chunk.color, share).map(|c| (c - 0.5) / SH_0)));
+        dc.push(glam::Vec3::from(between(&chunk.color, share).map(|c| (c - 0.5) / SH_C0)));
     })?;
     let losses = match header.find("sh") {
         None => {

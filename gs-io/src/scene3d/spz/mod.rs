@@ -44,6 +44,7 @@ pub enum SpzVersion {
 
 /// Options for writing SPZ.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct SpzOptions {
     /// The version.
     pub version: SpzVersion,
@@ -52,6 +53,8 @@ pub struct SpzOptions {
     /// Bits of SH coefficients of higher degrees, 1 to 8.
     pub higher_degree_bits: u8,
 }
+
+gs_core::impl_with!(SpzOptions);
 
 impl Default for SpzOptions {
     /// Version 4 with 5 and 4 bits, as in Niantic's library.

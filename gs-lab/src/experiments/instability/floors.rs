@@ -5,7 +5,7 @@ use gs_core::{Image, Optimizer, Scene2d};
 
 use super::{CLAMP_PX, unless_diverged};
 use crate::{
-    experiments::Extent, experiments::Laboratory, experiments::Picture, experiments::laboratory::Ellipses,
+    experiments::ExperimentSize, experiments::Laboratory, experiments::Picture, experiments::laboratory::Ellipses,
     experiments::laboratory::Run, experiments::laboratory::Shown, experiments::paired::mean,
     experiments::set_up::paper_settings,
 };
@@ -25,7 +25,7 @@ pub(crate) struct Floor {
 }
 
 /// The paper's fit with another minimum scale.
-pub(crate) fn floor_settings(extent: Extent, seed: u32, min_scale_px: f32) -> FitSettings {
+pub(crate) fn floor_settings(extent: ExperimentSize, seed: u32, min_scale_px: f32) -> FitSettings {
     let mut settings = paper_settings(extent, seed);
     settings.adam.min_scale = min_scale_px;
     settings

@@ -6,8 +6,8 @@ use gs_density::{FORCED_GROWTH_PERCENT, Grow, Policy, Signal};
 
 use super::{Blank, per_pixel};
 use crate::{
-    experiments::Extent, experiments::Laboratory, experiments::findings::significant, experiments::laboratory::Run,
-    experiments::paired::mean, experiments::paired::median, synthetic::SyntheticTarget,
+    experiments::ExperimentSize, experiments::Laboratory, experiments::findings::significant,
+    experiments::laboratory::Run, experiments::paired::mean, experiments::paired::median, synthetic::SyntheticTarget,
 };
 use gs_train::{DiscAndSquare, Error, FitSettings, Init, PAPER_SIDE_PX, PAPER_SQUARE, Rounds, init::Random};
 
@@ -100,7 +100,7 @@ pub(crate) struct Trial {
 }
 
 impl Trial {
-    pub(super) fn of(extent: Extent) -> Self {
+    pub(super) fn of(extent: ExperimentSize) -> Self {
         extent.choose(
             Self { budget: 200, iterations: 1200, percent: 25.0, seeds: 6, stride: 1 },
             Self { budget: 100, iterations: 700, percent: 35.0, seeds: 2, stride: 2 },
@@ -142,10 +142,10 @@ fn absolute(threshold: f64) -> Policy {
 }
 
 /// The targets: first the paper's, then others that differ from it in size, contrast or frequency.
-pub(super) fn targets(extent: Extent) -> Vec<(String, Variation, DiscAndSquare)> {
+pub(super) fn targets(extent: ExperimentSize) -> Vec<(String, Variation, DiscAndSquare)> {
     let quick = ["paper", "paper-contrast-10", "paper-soft-4px", "paper-stripes-5px"];
     (SyntheticTarget::ALL.into_iter())
-        .filter(|target| extent == Extent::Full || quick.contains(&target.name()))
+        .filter(|target| extent == ExperimentSize::Full || quick.contains(&target.name()))
         .filter_map(|target| {
             let varied = target.disc_and_square()?;
             Some((target.about().to_owned(), Variation::of(varied), varied))

@@ -146,14 +146,14 @@ pub(crate) struct Moment {
 
 /// The result of a flight.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Comparison {
+pub struct PoppingComparison {
     /// One value for each of [`STRIDES`], the finest first.
     pub(crate) steps: Vec<AtStep>,
     /// Where popping shows best.
     pub(crate) moment: Moment,
 }
 
-impl Comparison {
+impl PoppingComparison {
     /// The finest step, to which motion contributes least.
     pub(crate) fn finest(&self) -> &AtStep {
         &self.steps[0]
@@ -172,7 +172,7 @@ pub fn compare<R: Optimizer<Scene3d>>(
     flight: &SlowOrbit,
     first: &Camera,
     render: &RenderSettings,
-) -> Result<Comparison, Error> {
+) -> Result<PoppingComparison, Error> {
     let splats = rasterizer.upload(scene, Parameterization::ScaleRotation)?;
     let stretches = flight.stretches(first)?;
     let mut tallies = [(); STRIDES.len()].map(|()| [Tally::default(), Tally::default()]);
@@ -204,7 +204,7 @@ pub fn compare<R: Optimizer<Scene3d>>(
         let step_degrees = f64::from(flight.step_degrees) * stride as f64;
         AtStep { step_degrees, orders: tallies.map(|tally| tally.popping(step_degrees)) }
     };
-    Ok(Comparison { steps: STRIDES.into_iter().zip(tallies).map(step).collect(), moment: best })
+    Ok(PoppingComparison { steps: STRIDES.into_iter().zip(tallies).map(step).collect(), moment: best })
 }
 
 /// The settings with another order.

@@ -16,9 +16,9 @@ pub(super) fn caption(what: &str, step_degrees: f64) -> String {
     )
 }
 
-impl Comparison {
+impl PoppingComparison {
     /// Table, chart and picture of a scene with the name `what`. `picture` is made by
-    /// [`Comparison::picture`].
+    /// [`PoppingComparison::picture`].
     pub fn findings(&self, what: &str, picture: Picture) -> Findings {
         let AtStep { step_degrees, orders } = self.finest();
         Findings {
@@ -62,7 +62,7 @@ fn table(name: &'static str, title: String, columns: &[&'static str]) -> Table {
     Table { name, title, columns: columns.to_vec(), rows: Vec::new() }
 }
 
-fn rows(comparison: &Comparison) -> Vec<Vec<Cell>> {
+fn rows(comparison: &PoppingComparison) -> Vec<Vec<Cell>> {
     let of_step = |at: &AtStep| {
         let of_order = |(order, popping): (Order, &Popping)| -> Vec<Cell> {
             vec![
@@ -78,7 +78,7 @@ fn rows(comparison: &Comparison) -> Vec<Vec<Cell>> {
     comparison.steps.iter().flat_map(of_step).collect()
 }
 
-fn trajectory_chart(what: &str, comparison: &Comparison) -> Figure {
+fn trajectory_chart(what: &str, comparison: &PoppingComparison) -> Figure {
     let curve = |(order, popping): (Order, &Popping)| {
         let points = (1..).zip(&popping.trajectory).map(|(triple, &levels)| (f64::from(triple), levels));
         Series::line(order.name(), points.collect())

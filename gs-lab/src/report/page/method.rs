@@ -6,7 +6,7 @@ use maud::{Markup, html};
 use crate::{
     comparison::EQUAL_COUNT,
     plan::{Run, VERSION},
-    record::Outcome,
+    record::RunOutcome,
     remark::FEWEST_SEEDS,
     report::page::{Page, words::grouped},
 };
@@ -15,8 +15,8 @@ impl Page<'_> {
     pub(super) fn arms(&self) -> Markup {
         let plan = self.results.plan;
         let of_arm = |arm: usize| plan.runs.iter().rev().find(|run| run.arm == arm);
-        let all = |run: &Run| toml::to_string(&run.settings).unwrap_or_default();
-        let common = toml::to_string(&plan.study.settings).unwrap_or_default();
+        let all = |run: &Run| run.settings.to_toml().unwrap_or_default();
+        let common = plan.study.settings.to_string();
         html! {
             section {
                 h2 { "Arms" }
@@ -33,7 +33,7 @@ impl Page<'_> {
                     @if let Some(iterations) = arm.iterations { p { (iterations) " iterations." } }
                     @if let Some(policy) = &arm.policy { p { "Policy " code { (policy) } "." } }
                     @if let Some(own) = &arm.own_policy { p { "A policy of its own: " code { (own.fingerprint) } "." } }
-                    @if !arm.settings.is_empty() { pre { (toml::to_string(&arm.settings).unwrap_or_default()) } }
+                    @if !arm.settings.is_empty() { pre { (arm.settings.to_string()) } }
                     @if let Some(run) = of_arm(index) {
                         details {
                             summary { "all settings of row " (run.row) " (" (plan.describe(run)) ")" }
@@ -51,8 +51,8 @@ impl Page<'_> {
             .results
             .rows()
             .filter_map(|(run, record)| match &record?.outcome {
-                Outcome::Failed { error } => Some((run, error.as_str())),
-                Outcome::Finished(_) => None,
+                RunOutcome::Failed { error } => Some((run, error.as_str())),
+                RunOutcome::Finished(_) => None,
             })
             .collect();
         html! {

@@ -13,7 +13,7 @@ use crate::{
     figure::Figure,
     html,
     plan::VERSION,
-    record::Outcome,
+    record::RunOutcome,
     report::{page::words::listed, pictures::Multiples},
     tables::Results,
 };
@@ -59,7 +59,7 @@ impl Page<'_> {
         let plan = self.results.plan;
         let study = &plan.study;
         let ended = self.results.records.iter().flatten();
-        let done = ended.filter(|record| matches!(record.outcome, Outcome::Finished(_))).count();
+        let done = ended.filter(|record| matches!(record.outcome, RunOutcome::Finished(_))).count();
         html! {
             dl.facts {
                 div { dt { "Runs" } dd { (done) " of " (plan.runs.len()) " finished" } }

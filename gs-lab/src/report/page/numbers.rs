@@ -15,14 +15,14 @@ use crate::{
         },
     },
     study::Matching,
-    tables::{Metric, Quality, Spread},
+    tables::{Metric, RunQuality, Spread},
 };
 
 impl Page<'_> {
     pub(super) fn quality(&self) -> Markup {
         let qualities = self.results.qualities();
         let images = self.results.plan.targets.len();
-        let seconds = |quality: &Quality| {
+        let seconds = |quality: &RunQuality| {
             let arm = self.results.plan.study.arms.iter().position(|arm| arm.name == quality.arm)?;
             self.results.spread(arm, quality.budget, |run| Some(run.seconds))
         };

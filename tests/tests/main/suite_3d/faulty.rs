@@ -260,7 +260,7 @@ impl Optimizer<Scene3d> for Faulty {
         let width = splats.moments();
         state.insert_matrix("moment1", width, splats.first.concat());
         state.insert_matrix("moment2", width, splats.second.concat());
-        state.insert_matrix("gradient_sum", 1, splats.gradient_sum.clone());
+        state.insert_matrix("gradient_sum", 1, splats.signal_sum.clone());
         state.insert_u32("steps", splats.steps.clone());
         state.insert_u32("visible", splats.visible.clone());
         Ok(state)
@@ -283,16 +283,16 @@ impl Optimizer<Scene3d> for Faulty {
                 parts.push(rows(name, width)?);
             }
             let (steps, visible) = (state.integers("steps")?, state.integers("visible")?);
-            let gradient_sum = rows("gradient_sum", 1)?.concat();
+            let signal_sum = rows("gradient_sum", 1)?.concat();
             let (first, second) = (rows("moment1", all)?, rows("moment2", all)?);
             let count = steps.len();
-            let lengths = [first.len(), second.len(), visible.len(), gradient_sum.len()];
+            let lengths = [first.len(), second.len(), visible.len(), signal_sum.len()];
             if parts.iter().map(Vec::len).chain(lengths).any(|n| n != count) {
                 return Err(Error::State("tensors of different lengths".to_owned()));
             }
             let parameters = (0..count).map(|g| parts.iter().flat_map(|part| part[g].clone()).collect()).collect();
             let splats = Splats { parameters, first, second, steps, ..empty };
-            Ok(Splats { gradient_sum, visible, ..splats })
+            Ok(Splats { signal_sum, visible, ..splats })
         };
         match restored() {
             Err(_) if self.is(RestoresAnything) => Ok(Splats { sh_len: 1, ..Splats::default() }),
@@ -331,7 +331,7 @@ impl Optimizer<Scene3d> for Faulty {
         splats.adam(&which, &gradients.rows, &rates);
         for g in 0..splats.steps.len() {
             let twice = if self.is(DoublesStatistics) { 2.0 } else { 1.0 };
-            splats.gradient_sum[g] += (twice * gradients.statistic[g]) as f32;
+            splats.signal_sum[g] += (twice * gradients.statistic[g]) as f32;
             splats.visible[g] += u32::from(gradients.drawn[g]);
         }
         Ok(())
@@ -377,7 +377,7 @@ impl Optimizer<Scene3d> for Faulty {
     }
 
     async fn statistics(&self, splats: &Splats) -> Result<DensityStatistics, Error> {
-        Ok(DensityStatistics { gradient_sum: splats.gradient_sum.clone(), visible: splats.visible.clone() })
+        Ok(DensityStatistics { signal_sum: splats.signal_sum.clone(), visible: splats.visible.clone() })
     }
 
     fn add_noise(&self, splats: &mut Splats, noise: &MeanNoise) -> Result<(), Error> {
@@ -417,7 +417,7 @@ impl Optimizer<Scene3d> for Faulty {
             moments.iter_mut().for_each(|row| row.resize(width, 0.0));
         }
         splats.steps = plan.gather_steps(&sources, &splats.steps);
-        splats.gradient_sum = plan.gather_statistics(&sources, &splats.gradient_sum);
+        splats.signal_sum = plan.gather_statistics(&sources, &splats.signal_sum);
         splats.visible = plan.gather_statistics(&sources, &splats.visible);
         if let Some(ceiling) = plan.opacity_ceiling {
             let (place, moment) = (splats.geometry(), Scene3d::opacity_moment(splats.parameterization));

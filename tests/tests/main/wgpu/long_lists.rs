@@ -34,7 +34,11 @@ fn in_one_tile(count: usize) -> (Scene2d, Canvas) {
 }
 
 fn cpu() -> CpuRasterizer {
-    CpuRasterizer::new(CpuSettings { threads: Some(2), level: None }).unwrap()
+    CpuRasterizer::new(CpuSettings::default().with(|s| {
+        s.threads = Some(2);
+        s.level = None;
+    }))
+    .unwrap()
 }
 
 /// The relative difference of `found` from `expected`.

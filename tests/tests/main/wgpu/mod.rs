@@ -44,7 +44,12 @@ fn poisoned(kernels: Option<Kernels>) -> Result<WgpuRasterizer, Error> {
     // for 65,535, the usual limit.
     let most_groups = if kernels.is_some() { NonZero::new(3) } else { None };
     let fresh_buffers = FreshBuffers::Poison;
-    WgpuRasterizer::new(WgpuSettings { fresh_buffers, kernels, most_groups, ..WgpuSettings::default() }).block_on()
+    WgpuRasterizer::new(WgpuSettings::default().with(|s| {
+        s.fresh_buffers = fresh_buffers;
+        s.kernels = kernels;
+        s.most_groups = most_groups;
+    }))
+    .block_on()
 }
 
 /// A device for each kind of kernels that the adapter supports.
@@ -193,8 +198,7 @@ fn results_have_the_same_bits_on_every_device() {
 #[test]
 fn an_adapter_is_found_by_its_name_only() {
     let first = adapters().block_on().remove(0);
-    let by_name =
-        |name: &str| WgpuRasterizer::new(WgpuSettings { adapter: Some(name.to_owned()), ..WgpuSettings::default() });
+    let by_name = |name: &str| WgpuRasterizer::new(WgpuSettings::default().with(|s| s.adapter = Some(name.to_owned())));
     assert_eq!(by_name(&first.name.to_uppercase()).block_on().unwrap().adapter(), &first);
     let error = by_name("no such adapter").block_on().unwrap_err().to_string();
     assert!(error.contains("no such adapter") && error.contains(&first.name), "{error}");

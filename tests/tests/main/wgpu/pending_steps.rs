@@ -155,7 +155,7 @@ const LOOKS: [(&str, Look); 7] = [
     ("download", |t, _| {
         t.r.download(&t.splats).block_on().unwrap().colors.iter().flat_map(glam::Vec3::to_array).collect()
     }),
-    ("statistics", |t, _| t.r.statistics(&t.splats).block_on().unwrap().gradient_sum),
+    ("statistics", |t, _| t.r.statistics(&t.splats).block_on().unwrap().signal_sum),
     ("forward", |t, _| {
         let pass = t.r.forward(&t.splats, &t.draw.view, &t.draw.settings).block_on().unwrap();
         t.r.image(&pass).block_on().unwrap().pixels().as_flattened().to_vec()

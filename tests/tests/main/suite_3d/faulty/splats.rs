@@ -21,7 +21,7 @@ pub(crate) struct Splats {
     pub(super) first: Vec<Vec<f32>>,
     pub(super) second: Vec<Vec<f32>>,
     pub(super) steps: Vec<u32>,
-    pub(super) gradient_sum: Vec<f32>,
+    pub(super) signal_sum: Vec<f32>,
     pub(super) visible: Vec<u32>,
     pub(super) losses: Vec<f32>,
     pub(super) last_view: Option<Camera>,
@@ -87,7 +87,7 @@ impl Splats {
             first: zeros.clone(),
             second: zeros,
             steps: vec![0; count],
-            gradient_sum: vec![0.0; count],
+            signal_sum: vec![0.0; count],
             visible: vec![0; count],
             ..empty
         }

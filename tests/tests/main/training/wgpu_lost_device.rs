@@ -4,7 +4,7 @@
 use pollster::FutureExt as _;
 use std::{fs, path::PathBuf};
 
-use crate::fixture_2d::{rasterizer, small_fit, small_target};
+use super::fixture_2d::{rasterizer, small_fit, small_target};
 use gs_core::Blend;
 use gs_io::{Checkpoint, read_checkpoint, write_checkpoint};
 use gs_train::{Control, Error, FitSettings, Observer, Outcome, Progress, Trainer};

@@ -1,38 +1,45 @@
-//! How much a conversion changed the numbers of the Gaussians.
+//! How much rounding in a file format changed the numbers of the Gaussians.
 
 use std::fmt;
 
 use gs_core::{Scene3d, constants::SH_C0, sigmoid};
 use serde::Serialize;
 
-/// The change of one quantity, on average over the Gaussians and at most.
+/// The change of one quantity of the Gaussians, such as by writing a scene and reading it again.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub(super) struct Rounding {
-    quantity: &'static str,
-    unit: &'static str,
-    mean: f64,
-    largest: f64,
+#[non_exhaustive]
+pub struct Rounding {
+    /// The quantity in words: "rotations".
+    pub quantity: &'static str,
+    /// Its unit, as it follows a number: "°", " %".
+    pub unit: &'static str,
+    /// Mean change over the Gaussians.
+    pub mean: f64,
+    /// Largest change of a Gaussian.
+    pub largest: f64,
 }
 
-/// All quantities that changed. The scenes hold the same Gaussians in the same order. SH are
-/// compared up to the lower degree.
-pub(super) fn between(before: &Scene3d, after: &Scene3d) -> Vec<Rounding> {
-    let all = [
-        of("means", " units", before, |i| f64::from(before.means[i].distance(after.means[i]))),
-        of("scales", " %", before, |i| {
-            let change = (after.log_scales[i] - before.log_scales[i]).as_dvec3().map(f64::exp_m1);
-            100.0 * change.abs().max_element()
-        }),
-        of("rotations", "°", before, |i| angle(before.rotations[i], after.rotations[i])),
-        of("opacities", " of 1", before, |i| {
-            f64::from((sigmoid(before.opacity_logits[i]) - sigmoid(after.opacity_logits[i])).abs())
-        }),
-        of("colours", " of 1", before, |i| f64::from(SH_C0) * coefficients(before, after, i, 0..1)),
-        of("higher SH coefficients", "", before, |i| {
-            coefficients(before, after, i, 1..before.sh_len().min(after.sh_len()))
-        }),
-    ];
-    all.into_iter().filter(|rounding| rounding.largest > 0.0).collect()
+impl Rounding {
+    /// All quantities that differ between two scenes of the same Gaussians in the same order. SH
+    /// are compared up to the lower degree.
+    pub fn between(before: &Scene3d, after: &Scene3d) -> Vec<Self> {
+        let all = [
+            of("means", " units", before, |i| f64::from(before.means[i].distance(after.means[i]))),
+            of("scales", " %", before, |i| {
+                let change = (after.log_scales[i] - before.log_scales[i]).as_dvec3().map(f64::exp_m1);
+                100.0 * change.abs().max_element()
+            }),
+            of("rotations", "°", before, |i| angle(before.rotations[i], after.rotations[i])),
+            of("opacities", " of 1", before, |i| {
+                f64::from((sigmoid(before.opacity_logits[i]) - sigmoid(after.opacity_logits[i])).abs())
+            }),
+            of("colours", " of 1", before, |i| f64::from(SH_C0) * coefficients(before, after, i, 0..1)),
+            of("higher SH coefficients", "", before, |i| {
+                coefficients(before, after, i, 1..before.sh_len().min(after.sh_len()))
+            }),
+        ];
+        all.into_iter().filter(|rounding| rounding.largest > 0.0).collect()
+    }
 }
 
 fn of(quantity: &'static str, unit: &'static str, scene: &Scene3d, distance: impl Fn(usize) -> f64) -> Rounding {
@@ -105,13 +112,13 @@ mod tests {
     fn changed_quantities_are_measured_and_others_left_out() {
         let before = scene();
         let mut after = scene();
-        assert_eq!(between(&before, &after), []);
+        assert_eq!(Rounding::between(&before, &after), []);
         after.means[1].x += 0.5;
         after.log_scales[0].y = 1.3_f32.ln();
         after.rotations[0] = [0.0, 0.0, -3.0, 0.0];
         after.opacity_logits[0] = f32::INFINITY;
         after.sh[5].z = -0.5;
-        let lines: Vec<String> = between(&before, &after).iter().map(Rounding::to_string).collect();
+        let lines: Vec<String> = Rounding::between(&before, &after).iter().map(Rounding::to_string).collect();
         let expected = [
             "means by 0.25 units on average, 0.50 units at most",
             "scales by 15 % on average, 30 % at most",

@@ -1,7 +1,7 @@
 //! A backend that reports its losses late makes no difference to a fit, to what is written about it,
 //! or to how it fails.
 
-use crate::fixture_2d::{rasterizer, small_fit, small_target};
+use super::fixture_2d::{rasterizer, small_fit, small_target};
 use gs_core::{
     AdamRates, Backend, Blend, Canvas, Culled, DensityStatistics, EditPlan, Error as CoreError, Gaussian2d, Image,
     Loss, MeanNoise, Optimizer, Parameterization, Rasterizer, RenderSettings, Scene2d, SplatsState, TargetImage,

@@ -6,7 +6,7 @@
 
 /// Shared with other tests, which use all of it.
 #[allow(dead_code)]
-#[path = "main/fixture_3d.rs"]
+#[path = "../../gs-train/tests/main/fixture_3d.rs"]
 mod fixture_3d;
 /// Shared with benchmarks, which use all of it.
 #[allow(dead_code)]
@@ -259,7 +259,11 @@ fn scene_3d(rasterizer: &CpuRasterizer, hostility: Hostility, length: Length, se
 
 /// One thread: the images are too small for more.
 fn rasterizer() -> CpuRasterizer {
-    CpuRasterizer::new(CpuSettings { threads: Some(1), level: None }).expect("a thread can be started")
+    CpuRasterizer::new(CpuSettings::default().with(|s| {
+        s.threads = Some(1);
+        s.level = None;
+    }))
+    .expect("a thread can be started")
 }
 
 #[test]

@@ -1,0 +1,189 @@
+//! The settings that a search of the frontier ends with: how exactly to render, with which effects,
+//! and on what.
+
+use std::path::Path;
+
+use gs_core::{
+    Accuracy, Effects, RenderSettings,
+    effects::{Antialias, Order},
+};
+use gs_cpu::CpuTuning;
+use gs_train::{parse_settings, settings_to_toml};
+use gs_wgpu::Kernels;
+use serde::{Deserialize, Deserializer, Serialize, de::Error as _};
+
+use crate::error::Error;
+
+/// How exactly to render, and on what. `gs frontier` writes it as a TOML file, which
+/// `gs render --settings` and `gs fit --settings` take.
+///
+/// ```
+/// use gs_lab::frontier::FrontierSettings;
+///
+/// let text = "[accuracy]\nalpha-cut = 0.001\n[machine]\nflags = ['--backend', 'cpu']\n";
+/// let settings = FrontierSettings::from_toml(text, "settings.toml".as_ref())?;
+/// settings.validate()?;
+/// assert_eq!(settings.machine.flags, ["--backend", "cpu"]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "kebab-case")]
+#[non_exhaustive]
+pub struct FrontierSettings {
+    /// The approximations.
+    #[serde(default)]
+    pub accuracy: Accuracy,
+    /// The effects of a 3D scene; a 2D scene has its own.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub effects: Option<FrontierEffects>,
+    /// What computes.
+    pub machine: FrontierMachine,
+}
+
+/// The effects that the frontier chooses.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "kebab-case")]
+#[non_exhaustive]
+pub struct FrontierEffects {
+    /// Order of blending.
+    pub order: Order,
+    /// Treatment of Gaussians narrower than a pixel.
+    pub antialias: Antialias,
+    /// Highest degree of SH, 0 to 3. A scene with fewer is rendered with those that it has.
+    pub sh_degree: u8,
+}
+
+/// What computes.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+#[non_exhaustive]
+pub struct FrontierMachine {
+    /// The flags of `gs` that choose it; empty where another program chooses.
+    pub flags: Vec<String>,
+    /// Tuning of the cpu backend; `None` for the default.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub cpu: Option<CpuTuning>,
+    /// Kernels of the wgpu backend, unless they are the adapter's usual ones.
+    #[serde(skip_serializing_if = "Option::is_none", deserialize_with = "kernels")]
+    pub kernels: Option<KernelsName>,
+}
+
+/// Kernels of the wgpu backend, by their names in settings files.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum KernelsName {
+    /// [`Kernels::Portable`].
+    Portable,
+    /// [`Kernels::Subgroups`].
+    Subgroups,
+    /// Kernels that earlier versions had for software drivers. The adapter's usual ones take their
+    /// place.
+    Vectors,
+}
+
+gs_core::impl_with!(FrontierSettings, FrontierMachine);
+
+impl KernelsName {
+    /// The kernels; `None` for the adapter's usual ones.
+    pub const fn kernels(self) -> Option<Kernels> {
+        match self {
+            Self::Portable => Some(Kernels::Portable),
+            Self::Subgroups => Some(Kernels::Subgroups),
+            Self::Vectors => None,
+        }
+    }
+}
+
+/// The kernels of a name. An error does not offer those of earlier versions.
+fn kernels<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<KernelsName>, D::Error> {
+    let name = String::deserialize(deserializer)?;
+    match name.as_str() {
+        "portable" => Ok(Some(KernelsName::Portable)),
+        "subgroups" => Ok(Some(KernelsName::Subgroups)),
+        "vectors" => Ok(Some(KernelsName::Vectors)),
+        _ => Err(D::Error::unknown_variant(&name, &["portable", "subgroups"])),
+    }
+}
+
+impl FrontierSettings {
+    /// Whether the text of a settings file holds such settings: that of a fit or a training has no
+    /// table `machine`.
+    pub fn is_in(text: &str) -> bool {
+        text.parse::<toml::Table>().is_ok_and(|table| table.contains_key("machine"))
+    }
+
+    /// Parses the text of a settings file; `file` is its name for the error. Ranges are checked by
+    /// [`Self::validate`].
+    ///
+    /// # Errors
+    /// Those of [`parse_settings`].
+    pub fn from_toml(text: &str, file: &Path) -> Result<Self, Error> {
+        Ok(parse_settings(text, file)?)
+    }
+
+    /// The settings as the text of a TOML file.
+    ///
+    /// # Errors
+    /// Those of [`settings_to_toml`].
+    pub fn to_toml(&self) -> Result<String, Error> {
+        Ok(settings_to_toml(self)?)
+    }
+
+    /// Fails where a number is outside its range. The flags are not checked.
+    ///
+    /// # Errors
+    /// [`gs_core::Error::Setting`] naming the first offender.
+    pub fn validate(&self) -> Result<(), gs_core::Error> {
+        self.applied_to(RenderSettings::default()).validate()?;
+        self.machine.cpu.unwrap_or_default().validate()
+    }
+
+    /// Render settings with this accuracy, and with these effects if there are any.
+    #[must_use]
+    pub fn applied_to(&self, mut render: RenderSettings) -> RenderSettings {
+        render.accuracy = self.accuracy;
+        if let Some(FrontierEffects { order, antialias, sh_degree }) = self.effects {
+            render.effects = Effects { order, antialias, sh_degree, ..render.effects };
+        }
+        render
+    }
+}
+
+impl FrontierEffects {
+    /// Those of all effects that the frontier chooses.
+    pub const fn of(&Effects { order, antialias, sh_degree, .. }: &Effects) -> Self {
+        Self { order, antialias, sh_degree }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn kernels_of_earlier_versions_become_the_usual_ones() {
+        let parse = |name: &str| {
+            let text = format!("[machine]\nkernels = '{name}'\n");
+            FrontierSettings::from_toml(&text, "settings.toml".as_ref()).map(|settings| settings.machine.kernels)
+        };
+        assert_eq!(parse("vectors").unwrap().unwrap().kernels(), None);
+        assert_eq!(parse("subgroups").unwrap().unwrap().kernels(), Some(Kernels::Subgroups));
+        let message = parse("abacus").unwrap_err().to_string();
+        assert!(
+            message.ends_with("unknown name `abacus` in [machine], which is none of portable, subgroups"),
+            "{message}"
+        );
+        let misspelt = parse("subgroup").unwrap_err().to_string();
+        assert!(misspelt.ends_with("did you mean `subgroups`?"), "{misspelt}");
+    }
+
+    #[test]
+    fn impossible_values_are_refused_and_other_settings_files_recognised() {
+        for bad in ["[machine]\n[accuracy]\nalpha-cut = 7\n", "[machine]\ncpu = { tile-rows = 3 }\n"] {
+            assert!(FrontierSettings::is_in(bad));
+            let settings = FrontierSettings::from_toml(bad, "settings.toml".as_ref()).unwrap();
+            assert!(matches!(settings.validate(), Err(gs_core::Error::Setting { .. })), "{bad}");
+        }
+        assert!(!FrontierSettings::is_in("iterations = 7\n"));
+    }
+}
