@@ -127,7 +127,7 @@ impl RequiredEffects {
     /// let wanted = RenderSettings::blended(Blend::Over).on([1.0; 3]);
     /// let without = |effect: Effect| (effect.off(&wanted.effects), "nothing is wanted".to_owned());
     /// let found = RequiredEffects::decided(&wanted, without);
-    /// assert_eq!(found.settings.effects, Default::default());
+    /// assert_eq!(found.settings.effects.blend, Blend::Sum);
     /// ```
     pub fn decided(wanted: &RenderSettings, mut decide: impl FnMut(Effect) -> (Effects, String)) -> Self {
         Self::collected(wanted, Effect::ALL.into_iter().map(|effect| (effect, decide(effect))))
