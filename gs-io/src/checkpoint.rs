@@ -16,7 +16,7 @@ use crate::{
     error::Error,
 };
 
-const KIND: Kind = Kind { format: "gs-checkpoint", version: 1, what: "a checkpoint" };
+const KIND: Kind = Kind { format: "gs-checkpoint", earlier_format: None, version: 1, what: "a checkpoint" };
 const PREFIX: &str = "state.";
 
 /// The state of a training run.
@@ -56,7 +56,7 @@ pub fn write_checkpoint(path: impl AsRef<Path>, checkpoint: &Checkpoint) -> Resu
 
 /// Whether a file is a checkpoint. Only its header is read, so the rest may be damaged.
 pub fn is_checkpoint(path: impl AsRef<Path>) -> bool {
-    container::format_of(path.as_ref()).is_some_and(|format| format == KIND.format)
+    container::format_of(path.as_ref()).is_some_and(|format| KIND.is_named(&format))
 }
 
 /// Reads what [`write_checkpoint`] wrote: the same state, bit for bit. The backend that restores

@@ -9,7 +9,7 @@
 //! | `color` | F32 `[N, 3]` | RGB as in the image file |
 //!
 //! The metadata entry `gs` is JSON:
-//! `{"format": "gs-planar-scene", "version": 1, "program": …, "content": {"width": …, "height": …, "settings": …}}`,
+//! `{"format": "gs-scene-2d", "version": 1, "program": …, "content": {"width": …, "height": …, "settings": …}}`,
 //! with the canvas size in px and the render settings as gs-core serialises them.
 
 use std::path::Path;
@@ -27,7 +27,8 @@ use crate::{
 /// too.
 pub const SCENE_EXTENSION: &str = "gs2d.safetensors";
 
-const KIND: Kind = Kind { format: "gs-planar-scene", version: 1, what: "a scene file" };
+const KIND: Kind =
+    Kind { format: "gs-scene-2d", earlier_format: Some("gs-planar-scene"), version: 1, what: "a scene file" };
 const TENSORS: [&str; 5] = ["mean", "log_scale", "rotation", "opacity_logit", "color"];
 
 /// A 2D scene with its canvas and render settings.
@@ -94,7 +95,7 @@ pub fn write_2d(path: impl AsRef<Path>, file: &File2d) -> Result<(), Error> {
 
 /// Whether a file is a 2D scene. Only its header is read, so the rest may be damaged.
 pub fn is_2d(path: impl AsRef<Path>) -> bool {
-    container::format_of(path.as_ref()).is_some_and(|format| format == KIND.format)
+    container::format_of(path.as_ref()).is_some_and(|format| KIND.is_named(&format))
 }
 
 /// Reads what [`write_2d`] wrote: the same scene, bit for bit. The scene may be empty.

@@ -9,7 +9,7 @@ use std::{
 
 use gs_conformance::properties::fresh;
 use gs_core::{Blend, Parameterization, RenderSettings, Scene2d, SplatsState, Tensor, TensorData};
-use gs_io::{Checkpoint, Error, File2d, read_2d, read_checkpoint, write_2d, write_checkpoint};
+use gs_io::{Checkpoint, Error, File2d, is_2d, read_2d, read_checkpoint, write_2d, write_checkpoint};
 use proptest::{collection::vec, prelude::*};
 
 fn finite() -> impl Strategy<Value = f32> {
@@ -204,6 +204,14 @@ fn a_scene_without_gaussians_is_a_scene() {
 }
 
 #[test]
+fn a_scene_file_of_an_earlier_version_is_read() {
+    let file = small_scene_written();
+    fs::write(&file.path, edited(&file.bytes, "gs-scene-2d", "gs-planar-scene")).unwrap();
+    assert!(is_2d(&file.path));
+    assert_eq!(read_2d(&file.path).unwrap(), small_file());
+}
+
+#[test]
 fn impossible_scenes_are_neither_written_nor_read() {
     let file = small_scene_written();
     // The last number of the data is a rotation, because tensors of one type are stored by name.
@@ -244,7 +252,7 @@ fn a_header_that_lies_is_found_out() {
     tensor_error(r#""rotation""#, r#""rotatoin""#);
 
     for (from, to) in [
-        ("gs-planar-scene", "gs-spatial-scene"),
+        ("gs-scene-2d", "gs-scene-4d"),
         (r#"\"width\":7"#, r#"\"width\":-7"#),
         (r#"\"width\":7"#, r#"\"breadth\":7"#),
         (r#""gs":"#, r#""sg":"#),
@@ -270,7 +278,7 @@ fn claims_that_overflow_or_outgrow_memory_are_refused() {
     assert!(error.to_string().contains("the length of a safetensors header, found bytes [ff"), "{error}");
     // Eight tensors of 2⁶¹ bytes, minus what makes header and data wrap around to the file's true
     // length.
-    let head = r#""__metadata__":{"gs":"{\"format\":\"gs-planar-scene\",\"version\":1,\"program\":\"\",\"content\":{\"width\":1,\"height\":1,\"settings\":{}}}"}"#;
+    let head = r#""__metadata__":{"gs":"{\"format\":\"gs-scene-2d\",\"version\":1,\"program\":\"\",\"content\":{\"width\":1,\"height\":1,\"settings\":{}}}"}"#;
     let tensors = |last: u64| {
         let part = 1_u64 << 61;
         let tensor = |k: u64, len: u64| {
@@ -299,7 +307,7 @@ fn what_is_no_scene_file_is_said_to_be_none() {
     assert!(error.to_string().contains("gs-checkpoint"), "{error}");
     write_2d(&file.path, &small_file()).unwrap();
     let error = read_checkpoint(&file.path).unwrap_err();
-    assert!(error.to_string().contains("gs-planar-scene"), "{error}");
+    assert!(error.to_string().contains("gs-scene-2d"), "{error}");
 
     let folder = file.path.parent().unwrap();
     assert!(matches!(read_2d(folder).unwrap_err(), Error::NotAFile { .. }));

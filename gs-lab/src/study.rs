@@ -28,6 +28,7 @@ use crate::error::Error;
 /// An experiment: every arm fits every image at every budget from every seed.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "kebab-case")]
+#[non_exhaustive]
 pub struct Study {
     /// A short name, for folders and titles.
     pub name: String,
@@ -63,6 +64,8 @@ pub struct Study {
     pub arms: Vec<Arm>,
 }
 
+gs_core::impl_with!(Study, Arm);
+
 fn standard() -> Preset {
     Preset::Standard
 }
@@ -70,6 +73,7 @@ fn standard() -> Preset {
 /// An arm of a study: a policy, or any other settings of a fit.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "kebab-case")]
+#[non_exhaustive]
 pub struct Arm {
     /// A short name, for tables.
     pub name: String,

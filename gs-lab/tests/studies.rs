@@ -163,7 +163,7 @@ fn every_row_is_a_fit_that_ends_in_the_recorded_scene() {
     let elsewhere = Plan::new(study(), &places, "another machine").unwrap();
     let refused = replay(&elsewhere, 2, &rasterizer, &folder).unwrap_err().to_string();
     assert_eq!(refused, "row 2: recorded on test, but this is another machine: replay it there");
-    let other_settings = laid_out(Study { iterations: Some(31), ..study() }, place.path());
+    let other_settings = laid_out(study().with(|s| s.iterations = Some(31)), place.path());
     assert!(matches!(replay(&other_settings, 2, &rasterizer, &folder), Err(Error::OtherRun { row: 2, .. })));
     let json = fs::read_to_string(folder.file("results.json")).unwrap();
     let scene = replay(&plan, 2, &rasterizer, &folder).unwrap().finished.scene;
@@ -211,7 +211,7 @@ fn a_folder_is_for_one_study_and_one_process_at_a_time() {
     drop(folder);
 
     let before = fs::read_to_string(output.join("study.toml")).unwrap();
-    let other = laid_out(Study { name: "other".to_owned(), ..study() }, place.path());
+    let other = laid_out(study().with(|s| s.name = "other".to_owned()), place.path());
     let taken = StudyFolder::prepare(&output, &other, Existing::Resume).unwrap_err().to_string();
     assert!(taken.contains("holds another study than `other`: `small`: choose another folder"), "{taken}");
     assert_eq!(fs::read_to_string(output.join("study.toml")).unwrap(), before);
@@ -336,8 +336,8 @@ fn arms_that_are_alike_are_not_told_apart_and_counts_that_differ_are_not_compare
         let name = format!("{i}.png");
         gs_io::write_png(place.path().join(name), &gs_core::Image::from_fn(24, 20, waves).unwrap()).unwrap();
     }
-    let mut twins = Study { images: (0..6).map(|i| format!("{i}.png")).collect(), ..study() };
-    twins.arms.push(Arm { name: "none-again".to_owned(), ..twins.arms[0].clone() });
+    let mut twins = study().with(|s| s.images = (0..6).map(|i| format!("{i}.png")).collect());
+    twins.arms.push(twins.arms[0].clone().with(|arm| arm.name = "none-again".to_owned()));
     let plan = laid_out(twins, place.path());
     let folder = conducted(&plan, &place.path().join("out"), 1, 1);
     let results = Results::read(&plan, &folder);

@@ -64,7 +64,7 @@ impl<C> Record<C> {
         C: RunSettings<S>,
     {
         let format = value(metadata, "format")?;
-        if format != C::FORMAT {
+        if ![C::FORMAT, C::EARLIER_FORMAT].contains(&format) {
             return Err(Error::Checkpoint(format!("its format is `{format}`, not `{}`", C::FORMAT)));
         }
         let settings = C::from_toml(value(metadata, "settings")?, Path::new("")).map_err(|error| match error {
@@ -175,6 +175,7 @@ mod tests {
         let mut metadata = record().to_metadata::<Scene2d>().unwrap();
         let settings = metadata.get_mut("settings").unwrap();
         settings.insert_str(0, "joining = \"scheduled\"\n");
+        metadata.insert("format".to_owned(), "planar-fit-1".to_owned());
         assert_eq!(Record::from_metadata::<Scene2d>(&metadata).unwrap(), record());
     }
 
@@ -182,7 +183,7 @@ mod tests {
     fn damaged_metadata_are_an_error() {
         let good = record().to_metadata::<Scene2d>().unwrap();
         for (key, bad) in [
-            ("format", "spatial-fit-1"),
+            ("format", "fit-4d-1"),
             ("settings", "="),
             ("settings", "gaussians = 0"),
             ("step", "-1"),

@@ -16,7 +16,7 @@
 //! let backend = block_on(open(&Request::default()))?;
 //! let scene = Scene2d::default();
 //! let settings = RenderSettings::blended(Blend::Sum);
-//! let options = Options { name: "empty".to_owned(), size: (800, 600), settings };
+//! let options = Options::new("empty", (800, 600), settings);
 //! view(Viewed::TwoD { scene: &scene, width: 800, height: 600 }, &backend.rasterizer, options)?;
 //! # Ok(()) }
 //! ```
@@ -91,6 +91,7 @@ pub enum Viewed<'a> {
 
 /// How a scene is viewed.
 #[derive(Debug, Clone)]
+#[non_exhaustive]
 pub struct Options {
     /// The name of the scene, for the title and the overlay.
     pub name: String,
@@ -98,6 +99,14 @@ pub struct Options {
     pub size: (u32, u32),
     /// Effects and background at first.
     pub settings: RenderSettings,
+}
+
+impl Options {
+    /// A window of `size` (columns and rows, px) for the scene called `name`, drawn at first with
+    /// these settings.
+    pub fn new(name: impl Into<String>, size: (u32, u32), settings: RenderSettings) -> Self {
+        Self { name: name.into(), size, settings }
+    }
 }
 
 /// Shows a scene in a window until it is closed. It must be called on the main thread.

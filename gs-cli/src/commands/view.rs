@@ -92,7 +92,7 @@ mod window {
         let backend = args.backend.open()?;
         let RequiredEffects { settings, .. } = args.effects.choose(&file.scene, &[], &file.settings)?;
         let viewed = Viewed::TwoD { scene: &file.scene, width: file.width, height: file.height };
-        view(viewed, &backend.rasterizer, Options { name: name(args), size, settings }).map_err(failure)
+        view(viewed, &backend.rasterizer, Options::new(name(args), size, settings)).map_err(failure)
     }
 
     fn run_3d(args: &ViewArgs, file: &File3d) -> Result<(), Failure> {
@@ -114,7 +114,7 @@ mod window {
         // The camera may move anywhere, so the effects must be right from everywhere.
         let RequiredEffects { settings, .. } = args.effects.choose(scene, &[], &settings)?;
         let viewed = Viewed::ThreeD { scene, camera, target, up };
-        view(viewed, &backend.rasterizer, Options { name: name(args), size, settings }).map_err(failure)?;
+        view(viewed, &backend.rasterizer, Options::new(name(args), size, settings)).map_err(failure)?;
         args.render.note_guess(file);
         Ok(())
     }

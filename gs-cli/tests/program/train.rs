@@ -208,7 +208,7 @@ fn a_stopped_training_goes_on_to_the_same_scene() {
     assert_eq!((&info["kind"], &info["sh_degree"]), (&"checkpoint of a training in 3D".into(), &1.into()));
     assert_eq!((&info["metadata"]["step"], &info["not_finite"]["gaussians"]), (&"25".into(), &0.into()));
     let told = gs(["info", text(&checkpoint)]).done().stdout;
-    assert!(told.contains("largest scale") && told.contains("spatial-training-1"), "{told}");
+    assert!(told.contains("largest scale") && told.contains("training-3d-1"), "{told}");
     let refused = gs(words.into_iter().chain(["--holdout", "3"]));
     assert!(refused.status == Some(1) && refused.stderr.contains("give the same data set"), "{refused:?}");
     let refused = gs(words.into_iter().chain(["--alpha", "mask"]));

@@ -163,7 +163,8 @@ impl TrainSettings {
 }
 
 impl RunSettings<Scene3d> for TrainSettings {
-    const FORMAT: &'static str = "spatial-training-1";
+    const FORMAT: &'static str = "training-3d-1";
+    const EARLIER_FORMAT: &'static str = "spatial-training-1";
 
     fn from_toml(text: &str, file: &Path) -> Result<Self, crate::Error> {
         Self::from_toml(text, file)

@@ -149,7 +149,7 @@ fn a_checkpoint_of_other_views_or_of_an_image_is_refused() {
     let refused = Trainer3d::resume_views(&rasterizer, masked, checkpoint.clone()).unwrap_err();
     assert!(matches!(refused, Error::WrongTarget { .. }), "{refused}");
     let mut flat = checkpoint;
-    flat.metadata.insert("format".to_owned(), "planar-fit-1".to_owned());
+    flat.metadata.insert("format".to_owned(), "fit-2d-1".to_owned());
     let refused = Trainer3d::resume_views(&rasterizer, views(&rasterizer), flat).unwrap_err();
     assert!(matches!(refused, Error::Checkpoint(_)), "{refused}");
 }
