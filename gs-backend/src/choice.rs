@@ -27,7 +27,8 @@ pub enum Wanted {
 pub struct Request {
     /// Which backend.
     pub wanted: Wanted,
-    /// Why this one, for [`Chosen::reason`]; "as asked" unless something else is given.
+    /// Why this backend is wanted, for [`Chosen::reason`]; "as asked" unless something else is
+    /// given.
     pub why: Option<&'static str>,
     /// Threads on the host, at least 1. The default is `RAYON_NUM_THREADS`, or one per core.
     pub threads: Option<usize>,

@@ -93,8 +93,8 @@ impl BackendArgs {
         opened(&self.request()?, suits)
     }
 
-    /// The same, if these flags choose a backend; otherwise the recorded one, with the threads of
-    /// these flags.
+    /// Returns these flags if they choose a backend; otherwise the recorded ones, with the threads
+    /// of these flags.
     pub(crate) fn or_recorded(&self, machine: &Machine) -> Self {
         match Self::from_flags(&machine.flags) {
             Ok(recorded) if self.is_open() => Self { threads: self.threads, ..recorded },

@@ -10,8 +10,9 @@ use gs_core::Error;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 #[non_exhaustive]
 pub enum SimdLevel {
-    /// What every machine of the target has: SSE2 on x86-64 and NEON on AArch64, with 4 lanes each;
-    /// SIMD128 on WebAssembly, if the compiler was told to use it; no vectors otherwise.
+    /// The instructions that every machine of the target has: SSE2 on x86-64 and NEON on AArch64,
+    /// with 4 lanes each; SIMD128 on WebAssembly, if the compiler was told to use it; no vectors
+    /// otherwise.
     Baseline,
     /// AVX2 with FMA, 8 lanes.
     Avx2,

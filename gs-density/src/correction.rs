@@ -9,7 +9,8 @@ use crate::gaussian::DensityGaussian;
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub enum OpacityCorrection {
-    /// Both keep the opacity, as in 3DGS: where they overlap, they hide more than the one did.
+    /// Nothing: both keep the opacity, as in 3DGS. Where they overlap, they hide more than the one
+    /// did.
     #[default]
     None,
     /// Two Gaussians in the place of the one, with its scales, look as it did.

@@ -199,7 +199,7 @@ mod tests {
         assert!((rotation(&again.row()).determinant() - 1.0).abs() < 1e-14);
     }
 
-    /// For any smooth function of Σ, the gradient by η equals central differences.
+    /// The gradient by η of any smooth function of Σ equals central differences.
     #[test]
     fn gradients_by_eta_are_central_differences() {
         let weights =

@@ -403,7 +403,7 @@ fn rotation_of(&[w, x, y, z]: &[Rounded; 4]) -> Matrix<3, 3> {
 }
 
 impl Splat for Splat3d {
-    /// With q = Σ′⁻¹ d: ∂σ/∂(u, v) = −q and ∂σ/∂Σ′ = −½ q qᵀ.
+    /// The exponent σ and its gradients: with q = Σ′⁻¹ d, ∂σ/∂(u, v) = −q and ∂σ/∂Σ′ = −½ q qᵀ.
     ///
     /// The uncertainty in `f32` includes the sums of the textbook's formulas, which cancel in
     /// needles, and to first order the errors of u, v and M′: dσ = −q·d(u, v) − (qᵀ dM′)(M′ᵀ q).

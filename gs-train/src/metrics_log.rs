@@ -31,7 +31,7 @@ const FRESH_START_HEADINGS: &str = ",began_again_at_loss,first_loss";
 const RETIRED_HEADINGS: &str = ",joined_sh_degree,sh_explains,joined_antialias,narrow,shown";
 const RETIRED_FROM: usize = 20;
 
-/// One row of a [`MetricsLog`]. Exhaustive: tables have a column for each field.
+/// A row of a [`MetricsLog`]. Exhaustive: tables have a column for each field.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct MetricsRow {

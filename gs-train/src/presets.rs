@@ -178,7 +178,7 @@ impl FitSettings {
         }
     }
 
-    /// The same fit in another number of steps; the rounds of density control are scaled.
+    /// Returns this fit with another number of steps; the rounds of density control are scaled.
     pub fn with_iterations(mut self, iterations: u32) -> Self {
         let scale = |step: u32| {
             let scaled = u64::from(step) * u64::from(iterations) / u64::from(self.iterations.max(1));

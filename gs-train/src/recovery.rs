@@ -36,7 +36,8 @@ pub enum Recovery {
 }
 
 impl Recovery {
-    /// Whether this is the default, which settings files and the digests of settings leave out.
+    /// Whether the recovery is the default, which settings files and the digests of settings leave
+    /// out.
     pub(crate) fn is_default(&self) -> bool {
         *self == Self::default()
     }

@@ -139,7 +139,7 @@ struct Unknown<'a> {
     what: &'static str,
     /// The key or the name.
     word: &'a str,
-    /// Its place in the text, bytes.
+    /// The word's place in the text, bytes.
     start: usize,
     /// The table that it is in; empty for the file's own.
     table: String,

@@ -1,4 +1,4 @@
-//! What one kind of training adds to the loop that all kinds share: its settings, and its task,
+//! The part of the training loop that differs between kinds of training: settings, and the task,
 //! which knows the target images.
 
 use std::{fmt::Debug, future::Future, path::Path};

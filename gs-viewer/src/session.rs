@@ -44,11 +44,11 @@ pub(crate) enum Text {
 pub(crate) struct Next<V> {
     /// The request for the renderer.
     pub(crate) request: Option<Request<V>>,
-    /// When to call again, if nothing happens before.
+    /// Time to call again, if nothing happens before.
     pub(crate) wake: Option<Instant>,
 }
 
-/// Nothing to do.
+/// A value with nothing to do.
 impl<V> Default for Next<V> {
     fn default() -> Self {
         Self { request: None, wake: None }

@@ -43,7 +43,7 @@ impl fmt::Display for Backend {
 }
 
 impl Backend {
-    /// Those that take longest first.
+    /// All backends, the slowest first.
     fn all() -> Vec<Self> {
         let wgpu = [Kernels::Portable, Kernels::Subgroups].map(Self::Wgpu);
         wgpu.into_iter().chain(SimdLevel::available().into_iter().map(Self::Cpu)).collect()

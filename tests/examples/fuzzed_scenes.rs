@@ -61,7 +61,7 @@ fn try_one(cpu: &CpuRasterizer, index: u64, bytes: &[u8]) -> Result<(), Failure>
     if index.is_multiple_of(2) { check_backend(cpu, &scene_2d(bytes)) } else { check_backend(cpu, &scene_3d(bytes)) }
 }
 
-/// What was drawn, but for the target, which is long.
+/// Describes the drawn scene without the target, which is long.
 fn message(index: u64, bytes: &[u8]) -> String {
     if index.is_multiple_of(2) {
         let Fuzzed { scene, view, settings, loss, parameterization, rates, .. } = scene_2d(bytes);

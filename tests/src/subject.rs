@@ -90,7 +90,7 @@ pub trait Subject: Scene<View: OracleView + PartialEq> {
     /// A seeded scene with many Gaussians at each pixel.
     fn overlapping(blend: Blend, count: usize, size: (u32, u32), seed: u64) -> Draw<Self>;
 
-    /// The same view at another resolution.
+    /// Returns this view at another resolution.
     fn resized(view: &Self::View, size: (u32, u32)) -> Self::View;
 }
 

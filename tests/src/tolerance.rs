@@ -80,7 +80,7 @@ impl Agreement {
     }
 }
 
-/// One number of a comparison.
+/// A number of a comparison.
 struct Pair {
     expected: f64,
     found: f64,

@@ -98,7 +98,7 @@ struct Conversion {
 struct Side {
     file: String,
     format: String,
-    /// Including the buffer of a glTF.
+    /// Size of the file, with the buffer of a glTF.
     bytes: u64,
     bytes_per_gaussian: f64,
 }

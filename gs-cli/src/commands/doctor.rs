@@ -62,7 +62,7 @@ struct Report {
 #[derive(Debug, Serialize)]
 struct Line {
     finding: Finding,
-    /// In words that complete "a Gaussian whose …".
+    /// The finding in words that complete "a Gaussian whose …".
     meaning: String,
     count: usize,
     /// The index of the first such Gaussian.

@@ -29,9 +29,9 @@ pub(crate) struct Display {
     started: Instant,
     first_step: u32,
     drawn: Instant,
-    /// When the measurement under way was asked for.
+    /// Time at which the measurement under way was requested.
     measured: Option<Instant>,
-    /// When the next measurement may be.
+    /// Earliest time of the next measurement.
     measure_at: Instant,
     /// The last PSNR, measured or estimated, dB; see [`Status::psnr`].
     psnr: Option<f64>,
@@ -99,7 +99,7 @@ impl Display {
     }
 }
 
-/// One line about a round of density control.
+/// A line about a round of density control.
 fn round(progress: &Progress, counts: &EditCounts) -> String {
     let edits = [
         ("cloned", counts.cloned),

@@ -51,7 +51,7 @@ pub(crate) struct ProgramSummary {
 }
 
 impl ProgramSummary {
-    /// That of a program that began at `started`, after `seconds_before` of the run that it
+    /// Summarizes a program that began at `started`, after `seconds_before` of the run that it
     /// resumed.
     pub(crate) fn new(backend: &Chosen, started: Instant, seconds_before: f64) -> Self {
         Self {

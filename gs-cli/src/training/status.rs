@@ -29,8 +29,8 @@ impl Status {
         joined(&self.parts())
     }
 
-    /// As much as a line of `columns` has room for beside the bar and the count of steps. The least
-    /// important parts go first.
+    /// The part of the status that a line of `columns` has room for beside the bar and the count of
+    /// steps. The least important parts are left out first.
     pub(crate) fn within(&self, columns: usize) -> String {
         let steps = 2 * self.steps.to_string().len() + 1;
         // A space before the steps, and two behind them.

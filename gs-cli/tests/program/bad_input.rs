@@ -1,5 +1,5 @@
-//! Whatever is wrong with files or flags: one line that says so, status 1 or 2, and nothing left
-//! behind.
+//! Bad files and flags: every failure prints one line that says what is wrong, exits with status 1
+//! or 2, and leaves nothing behind.
 
 use std::{fs, path::Path};
 

@@ -45,11 +45,11 @@ fn a_folder_that_is_no_data_set_is_refused() {
     assert!(gs(["info", place.path().to_str().unwrap()]).refusal().contains("transforms.json: EOF"));
 }
 
-/// What a terminal would obey, or show otherwise than it is: a new title, cleared screens in both
-/// spellings, text turned round, a line break.
+/// Text that a terminal would obey, or show differently from what it is: a new title, cleared
+/// screens in both spellings, text turned round, a line break.
 const HOSTILE: &str = "x\u{1b}]0;owned\u{7}\u{9b}2J\u{202e}gnp\nforged              line";
 
-/// The same as it may be printed.
+/// [`HOSTILE`] as it may be printed.
 const PRINTED: &str = r"x\u{1b}]0;owned\u{7}\u{9b}2J\u{202e}gnp\nforged              line";
 
 fn is_harmless(text: &str) -> bool {

@@ -13,7 +13,7 @@ use serde_json::Value;
 use crate::process::signal;
 use crate::process::{Run, command, folder, gs, names_in, picture};
 
-/// Of a fit by default; one blended over has scene.ply as well.
+/// Result files of a fit by default; a fit with `over` blending also has scene.ply.
 const RESULTS: [&str; 7] = [
     "curve.png",
     "ellipses.png",
@@ -335,7 +335,7 @@ fn interrupted(place: &Path, flags: &[&str]) -> (Option<i32>, Vec<String>) {
     Endless::start(place, flags).end("-INT", 1)
 }
 
-/// What `timeout` does: it signals its child, and then its whole group.
+/// Signals as `timeout` sends them: to its child, and then to its whole group.
 #[cfg(unix)]
 #[test]
 fn two_signals_in_quick_succession_are_one_request() {
@@ -395,8 +395,8 @@ fn ctrl_c_leaves_results_even_without_a_checkpoint() {
     assert_eq!(names_in(&place.path().join("out")), RESULTS);
 }
 
-/// What is in the way when a fit begins stops it there; so folders come into the way of its results
-/// when it has begun.
+/// The folders are put in the way of results after the fit has begun: in the way of its beginning,
+/// they would stop it there.
 #[cfg(unix)]
 #[test]
 fn results_that_cannot_be_written_do_not_take_the_others_with_them() {

@@ -11,7 +11,7 @@ use serde_json::Value;
 
 use crate::process::{Run, folder, gs, names_in, picture};
 
-/// As quick as it can be: what is tested is not how fast it is.
+/// Runs `gs frontier` as quickly as possible; times are not tested.
 fn frontier(input: &Path, flags: &[&str]) -> Run {
     let always = ["frontier", input.to_str().unwrap(), "--backend", "cpu", "--seconds", "1", "--threads", "2"];
     gs(always.iter().chain(flags))

@@ -1,5 +1,5 @@
-//! What the program does where there is less memory than its work takes, and how well it knows that
-//! beforehand. Linux alone tells.
+//! Behaviour of the program where its work needs more memory than there is, and how well it
+//! estimates that beforehand. Only Linux reports both.
 #![cfg(target_os = "linux")]
 
 use std::{ffi::OsStr, fs, process::Command};

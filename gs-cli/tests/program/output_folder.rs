@@ -1,5 +1,4 @@
-//! What commands do to a folder that holds more than their results: a run replaces what runs wrote,
-//! and nothing else.
+//! Output folders that hold more than results: a run replaces what runs wrote, and nothing else.
 
 use std::{fs, path::Path};
 

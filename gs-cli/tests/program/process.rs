@@ -9,7 +9,7 @@ use std::{
 
 use gs_core::Image;
 
-/// What a run of the program came to.
+/// The outcome of a run of the program.
 #[derive(Debug)]
 pub(crate) struct Run {
     pub(crate) status: Option<i32>,

@@ -13,7 +13,7 @@ use crate::{
 /// The stages that every backend has.
 const STAGES: [&str; 8] = ["project", "bin", "sort", "blend", "loss", "blend_bwd", "project_bwd", "adam"];
 
-/// Few repetitions: what is tested is not how fast it is.
+/// Runs `gs profile` with few repetitions; times are not tested.
 fn profile(arguments: &[&str]) -> Run {
     gs(["profile", "-r", "3"].iter().chain(arguments))
 }

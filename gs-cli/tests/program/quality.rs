@@ -1,5 +1,5 @@
-//! What the program says of quality: figures of the files that it writes, and the reason where a
-//! run does not get as far as it was let.
+//! Quality that the program reports: figures of the files that it writes, and the reason where a
+//! run ends early.
 
 use std::fs;
 

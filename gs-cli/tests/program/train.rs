@@ -151,8 +151,8 @@ fn interrupted(child: Child) -> (Option<i32>, String) {
     (ended.status.code(), String::from_utf8(ended.stderr).unwrap())
 }
 
-/// What is in the way when a training begins stops it there; so something comes into the way of its
-/// results when it has begun.
+/// The obstacle is put in the way of results after the training has begun: in the way of its
+/// beginning, it would stop it there.
 #[cfg(unix)]
 #[test]
 fn results_that_cannot_be_written_do_not_take_the_others_with_them() {
@@ -242,8 +242,8 @@ fn ctrl_c_saves_a_checkpoint_and_what_there_is() {
     assert!(output.join("scene.ply").exists());
 }
 
-/// Nobody asked for checkpoints: what is lost is a tenth of the work, and of a training that is
-/// done nothing needs to be kept.
+/// A killed training without checkpoint flags loses a tenth of its work; a finished training keeps
+/// no checkpoint.
 #[test]
 fn a_long_training_that_is_killed_can_go_on() {
     let place = folder();

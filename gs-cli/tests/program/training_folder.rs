@@ -1,4 +1,4 @@
-//! What `gs train` does to a folder that holds more than results.
+//! Output folders of `gs train` that hold more than results.
 
 use std::fs;
 

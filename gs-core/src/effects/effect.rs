@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::{Antialias, Background, Blend, Effects, Order};
 use crate::error::Error;
 
-/// One of the effects that a scene may require. Statistics are not among them: they are a matter of
+/// An effect that a scene may require. Statistics are not among them: they are a matter of
 /// training.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]

@@ -127,7 +127,8 @@ fn each_fault_is_found_in_the_plane() {
     }
 }
 
-/// Whose variance overflows may be drawn all the same, and stays; whose scale overflows cannot.
+/// A Gaussian whose variance overflows may still be drawn, and stays; one whose scale overflows
+/// cannot.
 #[test]
 fn what_is_drawn_from_afar_stays_however_large_it_is() {
     let camera = Camera::looking_forward(64, 48, 1.0);

@@ -1,4 +1,4 @@
-//! One Gaussian at one pixel: `weight`, `blend_fwd`, `blend_bwd`. The reference for every backend's
+//! A Gaussian at a pixel: `weight`, `blend_fwd`, `blend_bwd`. The reference for every backend's
 //! kernels, written for clarity, not speed.
 //!
 //! Legend: d = pixel centre − mean (px), w = weight, o = opacity, α = min(o·w, α_max), T =
@@ -122,7 +122,7 @@ pub mod over {
         pub v_rest: f32,
         /// T so far.
         pub transmittance: f32,
-        /// As in [`Forward::full`].
+        /// Whether the pixel is full ([`Forward::full`]).
         pub full: bool,
     }
 

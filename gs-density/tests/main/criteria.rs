@@ -1,5 +1,5 @@
-//! Who grows and who goes: counts, budgets, and indifference to the order of the Gaussians, for
-//! every policy that ranks.
+//! Which Gaussians grow and which are removed: counts, budgets, and independence of the order of
+//! the Gaussians, for every policy that ranks.
 
 use std::collections::BTreeSet;
 

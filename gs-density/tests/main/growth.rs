@@ -1,5 +1,4 @@
-//! What becomes of a Gaussian that grows: where the two stand, how large they are, what they
-//! inherit, what they look like.
+//! The two Gaussians that replace a growing one: their positions, sizes, moments and image.
 
 use glam::{Mat2, Vec2, Vec3};
 use gs_core::{

@@ -1,4 +1,4 @@
-//! The same policies in 3D: clone, split, prune, reset and relocate Gaussians of three dimensions.
+//! Policies in 3D: clone, split, prune, reset and relocate 3D Gaussians.
 
 use glam::Vec3;
 use gs_core::{

@@ -196,8 +196,8 @@ fn infinite_logits(scene: &Scene3d) -> Option<ConversionLoss> {
     (gaussians > 0).then_some(ConversionLoss::InfiniteLogits { gaussians })
 }
 
-/// As [`read_3d`], but values may be NaN or infinite, including ln-scales of −∞, for programs that
-/// inspect or repair broken scenes.
+/// Reads a 3D scene as [`read_3d`] does, but allows values that are NaN or infinite, including
+/// ln-scales of −∞, for programs that inspect or repair broken scenes.
 ///
 /// # Errors
 /// [`Error::Missing`], [`Error::NotAFile`] or [`Error::Read`]; [`Error::ForeignScene`] or

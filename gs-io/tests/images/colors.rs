@@ -47,7 +47,7 @@ fn encoded_srgb(value: f64) -> f64 {
     if value <= 0.003_130_8 { 12.92 * value } else { 1.055 * value.powf(1.0 / 2.4) - 0.055 }
 }
 
-/// From linear RGB with these primaries and the white point D65 to XYZ.
+/// Converts linear RGB with these primaries and the white point D65 to XYZ.
 fn to_xyz(primaries: [(f64, f64); 3]) -> DMat3 {
     let xyz = |(x, y): (f64, f64)| dvec3(x / y, 1.0, (1.0 - x - y) / y);
     let columns = primaries.map(xyz);

@@ -14,7 +14,7 @@ use super::{Difference, UploadedScene};
 pub struct Price {
     /// The effect.
     pub effect: Effect,
-    /// Its value in the wanted settings.
+    /// The effect's value in the wanted settings.
     pub value: &'static str,
     /// The next cheaper value, which it is compared with.
     pub cheaper: &'static str,
@@ -37,7 +37,7 @@ pub struct Prices {
     /// Median difference between two measurements of the same settings, ms. Smaller costs are not
     /// significant.
     pub noise: f64,
-    /// One entry for each enabled effect.
+    /// The cost of each enabled effect.
     pub each: Vec<Price>,
 }
 

@@ -130,9 +130,9 @@ impl fmt::Display for ClaimVerdict {
 pub struct Number {
     /// What was measured.
     pub what: String,
-    /// Its value.
+    /// The value.
     pub value: f64,
-    /// Its unit, such as "dB"; empty for a pure number.
+    /// The unit, such as "dB"; empty for a pure number.
     pub unit: &'static str,
 }
 
@@ -148,7 +148,7 @@ impl Number {
 pub struct Table {
     /// File name without extension, in kebab-case.
     pub name: &'static str,
-    /// What it shows, one line.
+    /// The title: what the table shows, one line.
     pub title: String,
     /// Headings, with units.
     pub columns: Vec<&'static str>,
@@ -232,7 +232,7 @@ pub(crate) fn significant(value: f64, digits: usize) -> String {
 pub struct Picture {
     /// File name without extension, in kebab-case.
     pub name: &'static str,
-    /// What it shows.
+    /// The caption: what the picture shows.
     pub caption: String,
     /// The pixels, not clamped.
     pub image: Image,

@@ -10,15 +10,15 @@ use gs_train::{Control, Error, Fit, FitSettings, FitSummary, Observer, Progress,
 /// How much of an experiment runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum ExperimentSize {
-    /// Several seeds and all cases.
+    /// A full run: several seeds and all cases.
     #[default]
     Full,
-    /// One or two seeds and the decisive cases, in less than half a minute.
+    /// A quick run: one or two seeds and the decisive cases, in less than half a minute.
     Quick,
 }
 
 impl ExperimentSize {
-    /// One of the two values.
+    /// Returns `full` or `quick`, according to the size.
     pub(crate) fn choose<T>(self, full: T, quick: T) -> T {
         match self {
             Self::Full => full,

@@ -31,7 +31,7 @@ use gs_train::{DiscAndSquare, Error, Fill, FitSettings, PAPER_SIDE_PX, Rounds};
 pub(crate) enum Criterion {
     /// The absolute threshold 0.0002 in normalised device units, as in 3DGS.
     AbsoluteDevice,
-    /// The same number applied to gradients per pixel.
+    /// The threshold 0.0002 applied to gradients per pixel.
     AbsolutePixel,
     /// The top 10 %.
     Forced,
@@ -105,9 +105,9 @@ pub(crate) struct LazyMeasured {
 /// one value per seed.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Blank {
-    /// By rank alone.
+    /// Growth by rank alone.
     pub(crate) by_rank: Vec<u32>,
-    /// By rank above a minimum gradient, up to the budget.
+    /// Growth by rank above a minimum gradient, up to the budget.
     pub(crate) by_hybrid: Vec<u32>,
 }
 

@@ -135,9 +135,9 @@ pub enum Dots {
 pub struct Series {
     /// Index of its colour and marker.
     pub style: usize,
-    /// Its name in the legend.
+    /// Name of the line in the legend.
     pub name: String,
-    /// Its points, by rising x. Points that are not finite are left out.
+    /// Points of the line, by rising x. Points that are not finite are left out.
     pub points: Vec<Point>,
     /// Which points have a marker.
     pub dots: Dots,
@@ -172,15 +172,15 @@ pub struct Point {
 /// A mean with its interval.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Bar {
-    /// As in [`Series::style`].
+    /// Style of the bar, as [`Series::style`].
     pub style: usize,
-    /// What the mean is of.
+    /// The bar's label: what the mean is of.
     pub label: String,
     /// The mean.
     pub mean: f64,
     /// The interval of the mean.
     pub interval: Interval,
-    /// Whether a verdict rests on it; drawn hollow otherwise.
+    /// Whether a verdict rests on the mean; the bar is drawn hollow otherwise.
     pub is_judged: bool,
 }
 

@@ -46,7 +46,7 @@ pub struct Contender<'a, V> {
     pub backend: String,
     /// The machine for reports: "cpu (avx512, 2 threads)".
     pub name: String,
-    /// How it differs from the first contender of its backend; `None` for the first.
+    /// The difference from the first contender of the same backend; `None` for the first.
     pub change: Option<Change>,
     /// What renders.
     pub renderer: Box<dyn Renderer<V> + 'a>,

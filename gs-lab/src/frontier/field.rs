@@ -31,7 +31,7 @@ pub struct Field<'a, S: Scene> {
 pub struct SearchLimits {
     /// Seconds for timing. At least seven rounds are measured, however long they take.
     pub seconds: f64,
-    /// Most combinations of settings per backend.
+    /// Largest number of combinations of settings per backend.
     pub combinations: usize,
 }
 
@@ -162,7 +162,7 @@ impl<S: Verifiable> Field<'_, S> {
         Ok(None)
     }
 
-    /// Each setting alone, and each contender.
+    /// Measures each setting alone, and each contender.
     fn alone(&self, base: usize, views: &[S::View], refused: &mut Vec<Refused>) -> Result<Vec<Entry>, Error> {
         let backend = &self.contenders[base].backend;
         let mut all = Vec::new();

@@ -36,7 +36,7 @@ pub struct FrontierSettings {
     /// The effects of a 3D scene; a 2D scene has its own.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub effects: Option<FrontierEffects>,
-    /// What computes.
+    /// The backend and machine that compute.
     pub machine: FrontierMachine,
 }
 
@@ -106,8 +106,8 @@ fn kernels<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<KernelsN
 }
 
 impl FrontierSettings {
-    /// Whether the text of a settings file holds such settings: that of a fit or a training has no
-    /// table `machine`.
+    /// Whether the text of a settings file holds settings of the frontier: that of a fit or a
+    /// training has no table `machine`.
     pub fn is_in(text: &str) -> bool {
         text.parse::<toml::Table>().is_ok_and(|table| table.contains_key("machine"))
     }
@@ -150,7 +150,7 @@ impl FrontierSettings {
 }
 
 impl FrontierEffects {
-    /// Those of all effects that the frontier chooses.
+    /// Returns the effects among these that the frontier chooses.
     pub const fn of(&Effects { order, antialias, sh_degree, .. }: &Effects) -> Self {
         Self { order, antialias, sh_degree }
     }

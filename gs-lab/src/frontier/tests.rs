@@ -27,7 +27,7 @@ fn scene() -> Scene2d {
 /// A renderer with made-up times and an error of `off` in every picture.
 struct Pretending {
     renderer: Loaded<CpuRasterizer, Scene2d>,
-    /// Added to all times, s.
+    /// Time added to all times, s.
     slower: f64,
     off: f32,
     calls: Cell<u32>,
@@ -40,7 +40,7 @@ impl Pretending {
 }
 
 impl Renderer<Canvas> for Pretending {
-    /// About 1 ms, less if less is drawn, and slightly different in each call.
+    /// Returns about 1 ms, less if less is drawn, and slightly different in each call.
     fn seconds(&self, _: &Canvas, settings: &RenderSettings) -> Result<f64, Error> {
         let call = self.calls.replace(self.calls.get() + 1);
         let accuracy = settings.accuracy;

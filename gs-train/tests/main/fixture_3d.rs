@@ -72,7 +72,7 @@ pub(crate) fn views(rasterizer: &CpuRasterizer) -> Views {
     Views::new((0..12).map(view).collect(), (12..15).map(view).collect())
 }
 
-/// The same views with images that are changed.
+/// Returns these views with changed images.
 pub(crate) fn changed(views: Views, change: impl Fn(usize, PosedImage) -> PosedImage) -> Views {
     let change = |(i, view): (usize, PosedView)| {
         let photograph = change(i, view.image().expect("it is in memory"));
@@ -82,7 +82,7 @@ pub(crate) fn changed(views: Views, change: impl Fn(usize, PosedImage) -> PosedI
     Views { train, ..views }
 }
 
-/// Few steps from few Gaussians, with rounds among them.
+/// Settings with few steps and few initial Gaussians, with rounds among the steps.
 pub(crate) fn short(iterations: u32) -> TrainSettings {
     let mut settings = TrainPreset::ThreeDgs.settings(Some(iterations));
     settings.gaussians = 600;

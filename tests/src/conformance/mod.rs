@@ -113,7 +113,7 @@ pub enum CaseOutcome {
     Skipped(String),
 }
 
-/// For cases that cannot be skipped.
+/// The outcome of cases that cannot be skipped.
 impl From<()> for CaseOutcome {
     fn from((): ()) -> Self {
         Self::Passed
@@ -123,7 +123,7 @@ impl From<()> for CaseOutcome {
 /// A skipped case.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Skipped {
-    /// Its name.
+    /// The case's name.
     pub case: &'static str,
     /// The features that the backend refuses.
     pub refused: String,

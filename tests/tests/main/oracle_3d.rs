@@ -51,7 +51,7 @@ fn differentiate(draw: &Draw<Scene3d>, loss: &Loss) -> Vec<usize> {
     counted
 }
 
-/// Every kind, blend and loss, with SH of every degree.
+/// Checks every kind, blend and loss, with SH of every degree.
 #[test]
 fn gradients_are_the_derivatives_of_the_loss() {
     for blend in [Blend::Sum, Blend::Over] {

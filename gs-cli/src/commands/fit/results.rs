@@ -59,7 +59,7 @@ impl results::Summary for Summary {
 
 /// Renderings of the scene.
 struct Renderings {
-    /// At the image's size.
+    /// Rendering at the image's size.
     reconstruction: Image,
     /// Gaussians that are not in it.
     culled: Culled,

@@ -94,16 +94,16 @@ pub(crate) struct ConductArgs {
 #[derive(Debug, Clone, Default, Args)]
 #[command(next_help_heading = "Part of the study")]
 pub(crate) struct PartArgs {
-    /// Only these of its images, by name or file name [default: all]
+    /// Images of the study to run, by name or file name [default: all]
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     pub(crate) images: Vec<String>,
-    /// Only these of its budgets [default: all]
+    /// Budgets of the study to run [default: all]
     #[arg(long, value_name = "COUNTS", value_delimiter = ',', value_parser = whole::<u32>(1..))]
     pub(crate) budgets: Vec<u32>,
-    /// Only these of its seeds [default: all]
+    /// Seeds of the study to run [default: all]
     #[arg(long, value_name = "SEEDS", value_delimiter = ',', value_parser = whole::<u32>(0..))]
     pub(crate) seeds: Vec<u32>,
-    /// Only these of its arms [default: all]
+    /// Arms of the study to run [default: all]
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     pub(crate) arms: Vec<String>,
 }

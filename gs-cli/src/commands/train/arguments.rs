@@ -210,7 +210,7 @@ impl ValueEnum for TrainPolicyName {
 pub(crate) enum ParticipantsName {
     /// All (3DGS)
     All,
-    /// Those in sight of the step's view
+    /// Gaussians in sight of the step's view
     Visible,
 }
 

@@ -56,7 +56,7 @@ pub(super) struct Drawn {
     depth_rounding: f32,
     /// Bits of the coordinates of the mean from which the depth is computed.
     depth_terms: [u32; 3],
-    /// Whether it is narrower than a pixel before it is widened.
+    /// Whether the Gaussian is narrower than a pixel before it is widened.
     pub(super) narrow: bool,
 }
 
@@ -141,9 +141,9 @@ impl Shown {
 /// Group of Gaussians whose order is fixed, however near they are. Equal values are in one group.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Among {
-    /// Their depth is computed from the same numbers, so that their indices decide.
+    /// Gaussians whose depth is computed from the same numbers, so that their indices decide.
     Terms([u32; 3]),
-    /// Their depth is the same at all pixels, so that both orders use the same number.
+    /// Gaussians whose depth is the same at all pixels, so that both orders use the same number.
     Flat,
     /// A group of this Gaussian alone.
     None(u32),
@@ -156,7 +156,7 @@ type End = (f32, Among, u32);
 #[derive(Debug, Default)]
 struct Farthest {
     first: Option<End>,
-    /// From another group than the first.
+    /// The farthest end from another group than the first.
     second: Option<End>,
 }
 

@@ -88,8 +88,8 @@ fn an_aligned_frame_is_of_the_same_covariance_and_the_parent_itself_where_that_i
     assert_eq!(aligned(factor, Mat3::NAN), factor);
 }
 
-/// It is not drawn, does not change in training, and is downloaded unchanged; a Gaussian of a tiny
-/// size is another case.
+/// A Gaussian whose quaternion has no direction is not drawn, does not change in training, and is
+/// downloaded unchanged; a Gaussian of a tiny size is another case.
 #[test]
 fn what_has_no_direction_has_no_frame() {
     let rates = Adam::default().at(0.0);

@@ -83,7 +83,7 @@ pub struct ColmapImage {
     pub camera_id: u32,
     /// The path below the image folder.
     pub name: String,
-    /// Its keypoints.
+    /// The image's keypoints.
     pub observations: Vec<ColmapObservation>,
 }
 

@@ -60,9 +60,9 @@ pub enum Offered {
 /// A number of the inputs.
 #[derive(Debug, Clone, Copy)]
 pub struct Slot<S: Scene> {
-    /// Its name.
+    /// The slot's name.
     pub name: &'static str,
-    /// Whether backends must offer its feature.
+    /// Whether backends must offer the feature of the slot.
     pub offered: Offered,
     /// Ends of the valid range, if [`VALUES`] are not on both sides of each.
     pub ends: &'static [f32],

@@ -165,10 +165,10 @@ fn seen<S: Subject, R: Optimizer<S>>(
 
 /// The states during training.
 struct Trained<S> {
-    /// After the first step.
+    /// The scene after the first step.
     stepped: S,
     losses: Vec<f32>,
-    /// After the last.
+    /// The scene after the last step.
     scene: S,
 }
 

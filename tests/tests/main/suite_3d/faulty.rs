@@ -24,7 +24,7 @@ use splats::{FACTOR, Gradients, Pass, Splats, narrow, scene_of, tensors};
 pub(crate) enum Fault {
     /// No fault.
     Faultless,
-    /// No fault, either: a backend may refuse them.
+    /// No fault either: a backend may refuse covariance factors.
     RefusesFactors,
     ShiftsImages,
     DimsImages,

@@ -15,7 +15,7 @@ struct LoseAfter<'a> {
     rasterizer: &'a WgpuRasterizer,
     step: u32,
     file: PathBuf,
-    /// What the file holds.
+    /// The content of the checkpoint file.
     stored: Vec<u8>,
 }
 
