@@ -258,7 +258,7 @@ mod tests {
         assert_eq!(open.or_recorded(&unknown).backend, Choice::Auto);
     }
 
-    fn is_called_asked_for_only_if_it_is(wanted: Wanted, choice: Choice) {
+    fn check_reason_as_asked(wanted: Wanted, choice: Choice) {
         let reason = BackendArgs::default().open_to_compare(wanted).unwrap().reason;
         assert!(reason.contains("to be compared") && !reason.contains("as asked"), "{reason}");
         let asked = args(choice, None, None).open_to_compare(wanted).unwrap().reason;
@@ -266,13 +266,13 @@ mod tests {
     }
 
     #[test]
-    fn the_cpu_is_called_asked_for_only_if_it_is() {
-        is_called_asked_for_only_if_it_is(Wanted::Cpu, Choice::Cpu);
+    fn the_cpu_is_reported_as_requested_only_if_it_was() {
+        check_reason_as_asked(Wanted::Cpu, Choice::Cpu);
     }
 
     #[test]
-    fn wgpu_is_called_asked_for_only_if_it_is() {
-        is_called_asked_for_only_if_it_is(Wanted::Wgpu, Choice::Wgpu);
+    fn wgpu_is_reported_as_requested_only_if_it_was() {
+        check_reason_as_asked(Wanted::Wgpu, Choice::Wgpu);
     }
 
     #[test]

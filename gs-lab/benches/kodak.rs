@@ -1,4 +1,4 @@
-//! Quality of fits of photographs against the number of Gaussians and against time, for every
+//! Quality of fits of images against the number of Gaussians and against time, for every
 //! preset, and the cost of a narrower SIMD level.
 //!
 //! `cargo bench -p gs-lab --bench kodak -- [--level avx2] [--threads N] [--quick] [--csv FILE]`

@@ -327,7 +327,7 @@ fn a_policy_of_ones_own_takes_part_under_its_fingerprint() {
 }
 
 #[test]
-fn arms_that_are_alike_are_not_told_apart_and_counts_that_differ_are_not_compared() {
+fn equal_arms_show_no_difference_and_different_counts_are_not_compared() {
     let place = place();
     // Six images are the fewest for an interval.
     for i in 0..6 {

@@ -55,7 +55,7 @@ pub fn parse_json<T: DeserializeOwned>(text: &str, file: &Path) -> Result<T, Err
 
 /// Parses settings; an error is the byte at which it is, and what is wrong there.
 fn parse<T: DeserializeOwned>(text: &str) -> Result<T, (usize, String)> {
-    let text = without_joining(text)?;
+    let text = without_effect_schedule(text)?;
     toml::from_str(&text).map_err(|error| {
         let start = error.span().map_or(0, |span| span.start.min(text.len()));
         match Unknown::of(error.message(), &text, start) {
@@ -70,7 +70,7 @@ fn parse<T: DeserializeOwned>(text: &str) -> Result<T, (usize, String)> {
 ///
 /// `joining` chose between effects by schedule, as today, and effects that were switched on when
 /// the scene required them.
-fn without_joining(text: &str) -> Result<Cow<'_, str>, (usize, String)> {
+fn without_effect_schedule(text: &str) -> Result<Cow<'_, str>, (usize, String)> {
     let Ok(document) = DeTable::parse(text) else { return Ok(text.into()) };
     let Some((key, value)) = document.get_ref().get_key_value("joining") else { return Ok(text.into()) };
     let start = key.span().start;

@@ -14,7 +14,7 @@ use gs_core::{
 };
 
 use crate::{
-    oracle::{OracleScene, OracleView, PARAMETER_NAMES, Parameters, SPATIAL_SH, rows_of_gradients},
+    oracle::{OracleScene, OracleView, PARAMETER_NAMES, Parameters, SH_3D, rows_of_gradients},
     scenes::{Draw, Kind, Kind3d},
 };
 
@@ -254,7 +254,7 @@ impl Subject for Scene3d {
     }
 
     fn parameter_name(index: usize) -> String {
-        const NAMES: [&str; SPATIAL_SH] = [
+        const NAMES: [&str; SH_3D] = [
             "mean x",
             "mean y",
             "mean z",
@@ -267,7 +267,7 @@ impl Subject for Scene3d {
             "quaternion z",
             "opacity logit",
         ];
-        match index.checked_sub(SPATIAL_SH) {
+        match index.checked_sub(SH_3D) {
             None => NAMES[index].to_owned(),
             Some(color) => format!("SH coefficient {}, {}", color / 3, ["red", "green", "blue"][color % 3]),
         }

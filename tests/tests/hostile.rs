@@ -279,7 +279,7 @@ fn short_hostile_fits_under_over_end_well() {
 }
 
 #[test]
-fn short_hostile_trainings_in_space_end_well() {
+fn short_hostile_3d_trainings_end_well() {
     let rasterizer = rasterizer();
     endure_all(SHORT, |hostility, seed| scene_3d(&rasterizer, hostility, SHORT, seed));
 }
@@ -300,7 +300,7 @@ fn long_hostile_fits_under_over_end_well() {
 
 #[test]
 #[ignore = "slow: 160 trainings of 20,000 steps; `cargo xtask test --slow` runs it"]
-fn long_hostile_trainings_in_space_end_well() {
+fn long_hostile_3d_trainings_end_well() {
     let rasterizer = rasterizer();
     endure_all(LONG, |hostility, seed| scene_3d(&rasterizer, hostility, LONG, seed));
 }

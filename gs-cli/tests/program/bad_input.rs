@@ -163,7 +163,7 @@ fn help_and_version_are_results_and_nothing_is_bad_usage() {
 }
 
 #[test]
-fn a_number_out_of_its_range_is_told_the_range() {
+fn an_error_about_a_number_names_its_range() {
     for (words, expected) in [
         (&["fit", "-n", "-5"][..], "invalid value '-5' for '--gaussians <N>': must be at least 1: see gs fit --help"),
         (&["fit", "--iterations", "-1"], "'--iterations <K>': must be at least 0"),

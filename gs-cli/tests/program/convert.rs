@@ -12,7 +12,7 @@ use gs_io::{WriteOptions3d, read_3d, write_3d};
 use crate::{
     ply::break_ply,
     process::{Run, folder, gs, names_in},
-    train::{photographed, text},
+    train::{dataset_and_scene, text},
 };
 
 /// Writes a PLY of ten Gaussians of degree 2 and returns its path.
@@ -92,12 +92,12 @@ fn rounding_is_measured() {
 #[test]
 fn what_a_conversion_costs_is_measured_on_held_out_views() {
     let place = folder();
-    let (dataset, scene) = photographed(place.path());
+    let (dataset, scene) = dataset_and_scene(place.path());
     let to = place.path().join("a.splat");
     let flags = ["--backend", "cpu", "--dataset", text(&dataset)];
     let json = convert(&scene, &to, &[&flags[..], &["--json"]].concat()).json();
     assert_eq!(json["cost"]["views"], 1);
-    // The photographs are of the scene itself, so that every pixel of it is exact.
+    // The images are renderings of the scene itself, so that every pixel of it is exact.
     assert_eq!(json["cost"]["psnr_before"], serde_json::Value::Null, "{json}");
     assert!(json["cost"]["psnr_after"].as_f64().is_some_and(|psnr| psnr > 35.0), "{json}");
     let eval = gs(["eval", text(&to), text(&dataset), "--json", "--backend", "cpu"]).json();
@@ -146,7 +146,7 @@ fn how_a_scene_was_trained_goes_along() {
 }
 
 #[test]
-fn a_3d_scene_tells_what_is_in_it_whatever_its_format() {
+fn info_describes_a_3d_scene_of_any_format() {
     let place = folder();
     let first = ply(place.path());
     for name in ["a.ply", "a.splat", "a.spz", "a.gltf", "a.glb"] {
@@ -166,7 +166,7 @@ fn a_3d_scene_tells_what_is_in_it_whatever_its_format() {
 }
 
 #[test]
-fn what_is_broken_is_named_counted_and_dropped_when_told() {
+fn broken_gaussians_are_named_counted_and_dropped_on_request() {
     let place = folder();
     let first = ply(place.path());
     break_ply(&first, 3, 8, &[f32::NAN]);
@@ -185,7 +185,7 @@ fn what_is_broken_is_named_counted_and_dropped_when_told() {
 }
 
 #[test]
-fn scales_of_zero_are_raised_and_told() {
+fn scales_of_zero_are_raised_and_reported() {
     let place = folder();
     let (first, to) = (ply(place.path()), place.path().join("b.ply"));
     break_ply(&first, 3, 7, &[f32::NEG_INFINITY]);

@@ -31,7 +31,7 @@ fn doctor(scene: &Path, flags: &[&str]) -> Run {
 }
 
 #[test]
-fn a_broken_scene_is_told_and_mended_and_what_is_sound_stays_bit_for_bit() {
+fn a_broken_scene_is_reported_and_mended_and_sound_gaussians_stay_bit_for_bit() {
     let place = folder();
     let (path, mended) = (place.path().join("scene.ply"), place.path().join("mended.ply"));
     let scene = scene_3d();

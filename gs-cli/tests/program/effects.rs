@@ -19,7 +19,7 @@ fn faintly_shiny() -> Scene3d {
 }
 
 #[test]
-fn a_scene_in_space_is_told_what_it_calls_for() {
+fn required_effects_of_a_3d_scene_are_reported() {
     let place = folder();
     let path = place.path().join("discs.ply");
     write_3d(&path, &faintly_shiny(), &WriteOptions3d::default()).unwrap();
@@ -27,7 +27,7 @@ fn a_scene_in_space_is_told_what_it_calls_for() {
     let flags = ["--size", "48x40", "--views", "3", "--repetitions", "2", "--backend", "cpu"];
     let run = |more: &[&str]| gs(["effects", scene].iter().chain(&flags).chain(more));
     let report = run(&["--json", "--order", "per-pixel"]).json();
-    let effects = &report["proof"]["called"]["settings"]["effects"];
+    let effects = &report["proof"]["required"]["settings"]["effects"];
     assert_eq!((effects["order"].as_str(), effects["sh-degree"].as_u64()), (Some("per-pixel"), Some(0)));
     assert_eq!((effects["background"].as_str(), effects["antialias"].as_str()), (Some("none"), Some("dilate")));
     let most = report["proof"]["difference"]["most"].as_f64().unwrap();
@@ -44,7 +44,7 @@ fn a_scene_in_space_is_told_what_it_calls_for() {
 }
 
 #[test]
-fn a_picture_is_rendered_with_what_is_called_for_unless_the_flag_says_otherwise() {
+fn a_picture_is_rendered_with_the_required_effects_unless_the_flag_says_otherwise() {
     let place = folder();
     let path = place.path().join("discs.ply");
     write_3d(&path, &faintly_shiny(), &WriteOptions3d::default()).unwrap();
@@ -93,7 +93,7 @@ fn what_does_not_go_together_is_refused() {
     let image = picture(place.path(), 16, 12);
     for (flags, part) in [
         (vec!["--order", "global"], "is not a 3D scene"),
-        (vec!["photographs"], "is not a 3D scene"),
+        (vec!["dataset"], "is not a 3D scene"),
         (vec!["--size", "99999x9"], "--size"),
         (vec!["--views", "0"], "--views"),
     ] {

@@ -252,7 +252,7 @@ fn a_fit_that_ends_with_no_gaussian_leaves_everything_but_the_ply() {
 }
 
 #[test]
-fn each_round_of_density_control_is_told_where_that_is_asked_for() {
+fn each_round_of_density_control_is_printed_with_verbose() {
     let place = folder();
     let image = picture(place.path(), 32, 32);
     let rounds = |flags: &[&str]| {
@@ -462,7 +462,7 @@ fn a_fit_that_diverges_says_where_and_leaves_its_table() {
 }
 
 #[test]
-fn gaussians_that_are_lost_are_told_as_it_goes_and_in_the_end() {
+fn lost_gaussians_are_reported_during_the_fit_and_at_its_end() {
     let place = folder();
     let (image, output) = (picture(place.path(), 32, 24), place.path().join("out"));
     let settings = place.path().join("wild.toml");
@@ -484,7 +484,7 @@ fn gaussians_that_are_lost_are_told_as_it_goes_and_in_the_end() {
 }
 
 #[test]
-fn a_newcomer_is_told_the_result_and_an_expert_the_rest() {
+fn details_are_printed_with_verbose_only() {
     let place = folder();
     let (image, output) = (picture(place.path(), 32, 24), place.path().join("out"));
     let always = ["fit", image.to_str().unwrap(), "-o", output.to_str().unwrap(), "--backend", "cpu", "--no-report"];

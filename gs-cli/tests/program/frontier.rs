@@ -100,7 +100,7 @@ fn a_budget_is_answered_by_a_file_that_render_and_fit_take() {
 }
 
 #[test]
-fn scenes_in_space_have_orders_and_sh_to_choose() {
+fn the_frontier_of_a_3d_scene_chooses_order_and_sh() {
     let place = folder();
     let scene = for_3d(place.path());
     let json = frontier(&scene, &["--size", "60x40", "--views", "2", "--json"]).json();

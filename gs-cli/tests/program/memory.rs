@@ -10,7 +10,7 @@ use gs_train::FitSettings;
 use crate::{
     bad_input::png_without_pixels,
     process::{Run, command, folder, gs, picture},
-    train::{photographed, small, text},
+    train::{dataset_and_scene, small, text},
 };
 
 /// Runs `gs` with so much address space, KiB. Few threads: each reserves some.
@@ -59,7 +59,7 @@ fn a_shortage_of_memory_ends_in_one_line() {
     let run = gs_within(300_000, &fit);
     assert!(run.refusal().contains("fitting 9000 Gaussians to ") && run.status == Some(1), "{run:?}");
 
-    let (dataset, _) = photographed(place.path());
+    let (dataset, _) = dataset_and_scene(place.path());
     let run = gs_within(300_000, small(&dataset, &output).into_iter().chain(["--threads", "2"]));
     let line = run.stderr.lines().last().unwrap();
     assert!(line.starts_with("error: training on ") && line.contains("(ulimit -v)"), "{run:?}");

@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 
 use crate::{
     process::{Run, folder, gs, names_in, picture},
-    train::photographed,
+    train::dataset_and_scene,
 };
 
 /// The stages that every backend has.
@@ -183,7 +183,7 @@ fn a_scene_is_taken_as_it_is_unless_flags_change_it() {
     assert_eq!(json["width"], 96);
 }
 
-fn the_table_tells_of(scene: &str, backend: &str, clock: &str) {
+fn the_table_describes(scene: &str, backend: &str, clock: &str) {
     let run = profile(&[scene, "--backend", backend]).done();
     assert_eq!(run.stderr, "", "a scene needs no fit");
     let text = run.stdout;
@@ -199,17 +199,17 @@ fn the_table_tells_of(scene: &str, backend: &str, clock: &str) {
 }
 
 #[test]
-fn the_table_tells_backend_clock_stages_and_whole_steps() {
+fn the_table_shows_backend_clock_stages_and_whole_steps() {
     let place = folder();
-    the_table_tells_of(&scene(place.path()), "cpu", "clock of the stages: host; 3");
+    the_table_describes(&scene(place.path()), "cpu", "clock of the stages: host; 3");
 }
 
 #[test]
-fn a_scene_is_taken_as_it_is_on_wgpu_and_the_table_tells_of_it() {
+fn a_scene_is_profiled_as_it_is_on_wgpu_and_the_table_describes_it() {
     let place = folder();
     let scene = scene(place.path());
     is_taken_as_it_is(&scene, "wgpu");
-    the_table_tells_of(&scene, "wgpu", "clock of the stages: ");
+    the_table_describes(&scene, "wgpu", "clock of the stages: ");
 }
 
 fn nothing_takes_its_time_on(backend: &str) {
@@ -274,7 +274,7 @@ fn what_cannot_be_profiled_is_refused_before_anything_is_written() {
 }
 
 /// Profiles a scene in space, and writes into a folder of `place`.
-fn a_scene_in_space_is_profiled_on(backend: &str, scene: &str, place: &Path) {
+fn a_3d_scene_is_profiled_on(backend: &str, scene: &str, place: &Path) {
     let output = place.join(backend);
     let flags = ["--size", "40x30", "--order", "per-pixel", "--backend", backend, "-o", output.to_str().unwrap()];
     let run = profile(&[&[scene], &flags[..]].concat()).done();
@@ -287,18 +287,18 @@ fn a_scene_in_space_is_profiled_on(backend: &str, scene: &str, place: &Path) {
 }
 
 #[test]
-fn a_scene_in_space_is_profiled_on_wgpu() {
+fn a_3d_scene_is_profiled_on_wgpu() {
     let place = folder();
-    let (_, scene) = photographed(place.path());
-    a_scene_in_space_is_profiled_on("wgpu", scene.to_str().unwrap(), place.path());
+    let (_, scene) = dataset_and_scene(place.path());
+    a_3d_scene_is_profiled_on("wgpu", scene.to_str().unwrap(), place.path());
 }
 
 #[test]
-fn a_scene_in_space_is_profiled_as_flags_say() {
+fn a_3d_scene_is_profiled_as_flags_say() {
     let place = folder();
-    let (dataset, scene) = photographed(place.path());
+    let (dataset, scene) = dataset_and_scene(place.path());
     let (scene, view) = (scene.to_str().unwrap(), format!("{}:3", dataset.display()));
-    a_scene_in_space_is_profiled_on("cpu", scene, place.path());
+    a_3d_scene_is_profiled_on("cpu", scene, place.path());
     let of_view = profile(&[scene, "--camera", &view, "--backend", "cpu", "--json"]).json();
     assert_eq!((&of_view["width"], &of_view["order"]), (&json!(32), &json!("global")));
     for (flags, part) in [(&["-n", "5"][..], "is a scene"), (&["--camera", "nowhere"], "DATASET:VIEW")] {

@@ -8,7 +8,7 @@ use serde_json::Value;
 
 use crate::{
     process::{folder, gs, names_in, picture},
-    train::{photographed, small},
+    train::{dataset_and_scene, small},
 };
 
 fn text(path: &Path) -> &str {
@@ -98,7 +98,7 @@ fn a_2d_scene_becomes_an_svg() {
         spz.stderr.contains("a.spz: a 2D scene is not written in this format: let its name end in .ply or .svg"),
         "{spz:?}"
     );
-    let (_, scene) = photographed(place.path());
+    let (_, scene) = dataset_and_scene(place.path());
     let refused = gs(["convert", text(&scene), text(&place.path().join("b.svg"))]);
     assert_eq!(refused.status, Some(2));
     assert!(refused.refusal().contains("3D scene is not written as SVG"), "{refused:?}");
@@ -117,7 +117,7 @@ fn a_2d_scene_is_judged_by_an_image() {
     let other = picture(place.path(), 32, 48);
     let refused = gs(["eval", text(&scene), text(&other)]);
     assert!(refused.refusal().contains("48x32 px") && refused.refusal().contains("32x48 px"), "{refused:?}");
-    let (dataset, _) = photographed(place.path());
+    let (dataset, _) = dataset_and_scene(place.path());
     let ply = place.path().join("a.ply");
     let refused = gs(["convert", text(&scene), text(&ply), "--dataset", text(&dataset)]);
     assert!(refused.status == Some(2) && refused.refusal().contains("--dataset is for 3D scenes"), "{refused:?}");
@@ -178,7 +178,7 @@ fn a_checkpoint_of_a_fit_is_a_scene() {
 #[test]
 fn a_checkpoint_of_a_training_is_a_scene() {
     let place = folder();
-    let (dataset, _) = photographed(place.path());
+    let (dataset, _) = dataset_and_scene(place.path());
     let (output, state) = (place.path().join("out"), place.path().join("state"));
     let storing = ["--checkpoint", text(&state), "--checkpoint-every", "25", "--background", "0.2,0.3,0.4"];
     gs(small(&dataset, &output).into_iter().chain(storing)).done();

@@ -175,7 +175,7 @@ mod tests {
     use crate::scene::Scene2d;
 
     #[test]
-    fn settings_that_are_not_possible_call_for_nothing() {
+    fn impossible_settings_require_nothing() {
         let mut wanted = RenderSettings::default();
         wanted.effects.sh_degree = 4;
         let refused = Effects::required(&Scene2d::default(), &[], &wanted).unwrap_err();

@@ -58,7 +58,7 @@ fn a_sound_scene_has_nothing_and_stays_bit_for_bit() {
 }
 
 #[test]
-fn each_fault_is_found_in_space() {
+fn each_fault_is_found_in_3d() {
     type Spoil = fn(&mut Gaussian3d);
     let cases: [(Finding, Spoil); 18] = [
         (Finding::MeanNotFinite, |g| g.mean.y = f32::NEG_INFINITY),
@@ -102,7 +102,7 @@ fn each_fault_is_found_in_space() {
 }
 
 #[test]
-fn each_fault_is_found_in_the_plane() {
+fn each_fault_is_found_in_2d() {
     type Spoil = fn(&mut Gaussian2d);
     let cases: [(Finding, Spoil); 9] = [
         (Finding::MeanNotFinite, |g| g.mean.x = f32::NAN),

@@ -81,7 +81,7 @@ fn angles_stand_for_focal_lengths() {
 }
 
 #[test]
-fn lenses_are_told_by_model_and_coefficients() {
+fn lenses_follow_from_model_and_coefficients() {
     let place = folder();
     let lens = |fields: Value| {
         let mut all = pinhole();

@@ -186,7 +186,7 @@ impl Run {
 }
 
 /// Charts of count and loss over the steps of seed 0.
-pub(crate) fn course_charts([counts, losses]: &[Vec<Series>; 2]) -> [Figure; 2] {
+pub(crate) fn curve_charts([counts, losses]: &[Vec<Series>; 2]) -> [Figure; 2] {
     let chart = |name: &str, title: &str, y: Axis, series: &Vec<Series>| Figure {
         name: name.to_owned(),
         title: title.to_owned(),

@@ -19,7 +19,7 @@ use self::case::{SQUARE_SIDE_PX, targets};
 use super::{
     Cell, Circumstance, Claim, ExperimentSize, Findings, Laboratory, Number, Paired, Picture, SHARP_DB, Table,
     findings::significant,
-    laboratory::{Ellipses, Run, Shown, course_charts, seeds_in_words},
+    laboratory::{Ellipses, Run, Shown, curve_charts, seeds_in_words},
     paired::{Sense, gain, mean},
     set_up::paper_settings,
 };

@@ -193,7 +193,7 @@ fn a_budget_is_kept_on_other_views_too_or_said_to_be_out_of_reach() {
 }
 
 #[test]
-fn what_keeps_a_budget_on_no_other_view_is_told_apart() {
+fn settings_that_keep_a_budget_on_no_other_view_are_reported_separately() {
     let scene = scene();
     let shown = RenderSettings::blended(Blend::Over);
     let contender = |off: f32| Contender {

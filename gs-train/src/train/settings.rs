@@ -281,7 +281,7 @@ mod tests {
     }
 
     #[test]
-    fn learning_rates_follow_the_chart() {
+    fn learning_rates_follow_the_parameterization() {
         let usual = TrainPreset::ThreeDgs.settings(Some(100));
         let local = usual.clone().with_parameterization(Parameterization::CovarianceFactor);
         assert_eq!(usual.clone().with_parameterization(usual.parameterization), usual);

@@ -129,7 +129,7 @@ fn every_policy_fits_within_its_budget() {
 }
 
 #[test]
-fn noise_moves_the_transparent_and_only_where_it_is_asked_for() {
+fn noise_moves_transparent_gaussians_and_only_with_a_strength() {
     let (rasterizer, target) = (rasterizer(), small_target());
     let run = |noise, blend| {
         let faint = |i: usize| Gaussian2d {
@@ -200,7 +200,7 @@ fn an_image_of_one_pixel_can_be_fitted() {
 }
 
 #[test]
-fn the_log_tells_every_edit_and_where_the_fit_ends() {
+fn the_log_has_every_edit_and_the_end_of_the_fit() {
     let (rasterizer, target) = (rasterizer(), small_target());
     let mut log = MetricsLog::new(7);
     let fit = fit(&rasterizer, &target, small_fit(Blend::Sum), &mut log).block_on().unwrap();

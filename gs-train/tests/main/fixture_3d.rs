@@ -55,7 +55,7 @@ pub(crate) fn camera(i: usize) -> Camera {
     lens.looking_at(4.03 * around.extend(height), Vec3::ZERO, Vec3::Z).expect("it does not look straight up")
 }
 
-/// How the scene was photographed: before black, in order of depth.
+/// The settings with which the images were rendered: a black background, in order of depth.
 pub(crate) fn render() -> RenderSettings {
     let mut render = RenderSettings::blended(Blend::Over).on([0.0; 3]);
     render.effects.order = Order::Global;
@@ -75,8 +75,8 @@ pub(crate) fn views(rasterizer: &CpuRasterizer) -> Views {
 /// Returns these views with changed images.
 pub(crate) fn changed(views: Views, change: impl Fn(usize, PosedImage) -> PosedImage) -> Views {
     let change = |(i, view): (usize, PosedView)| {
-        let photograph = change(i, view.image().expect("it is in memory"));
-        PosedView { source: Box::new(photograph), ..view }
+        let image = change(i, view.image().expect("it is in memory"));
+        PosedView { source: Box::new(image), ..view }
     };
     let train = views.train.into_iter().enumerate().map(change).collect();
     Views { train, ..views }

@@ -306,7 +306,7 @@ fn a_test_view_of_which_no_pixel_counts_is_in_no_mean() {
         }
         views
     };
-    // Not the scene that was photographed, whose PSNR is infinite.
+    // Not the scene that the images show, whose PSNR is infinite.
     let mut fainter = thirty();
     fainter.opacity_logits.iter_mut().for_each(|logit| *logit -= 0.5);
     let judged = |hidden| evaluate(&rasterizer, &fainter, &masked(hidden).test, &render()).block_on();
@@ -373,7 +373,7 @@ fn the_summary_holds_how_well_the_views_are_fitted_that_it_trained_with() {
 }
 
 #[test]
-fn a_training_in_space_that_diverges_names_step_and_gaussian() {
+fn a_3d_training_that_diverges_names_step_and_gaussian() {
     let rasterizer = rasterizer();
     let mut settings = short(40);
     (settings.adam.color.learning_rate, settings.rounds) = (1e38, gs_train::Rounds::NEVER);

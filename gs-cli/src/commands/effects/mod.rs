@@ -182,6 +182,6 @@ where
     let splats = rasterizer.upload(scene, Parameterization::ScaleRotation)?;
     let uploaded = UploadedScene { rasterizer, splats: &splats, views };
     let proof = prove(scene, &uploaded, wanted)?;
-    let prices = prices(&uploaded, wanted, &proof.called.settings, args.repetitions as usize)?;
+    let prices = prices(&uploaded, wanted, &proof.required.settings, args.repetitions as usize)?;
     Ok(Report { facts, proof, prices })
 }

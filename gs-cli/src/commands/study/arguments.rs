@@ -15,9 +15,9 @@ A study is arms (settings that differ) x images x budgets x seeds, in a TOML fil
   lazy-convergence        the absolute threshold, forced growth and the hybrid on targets of other contrast and frequency
   instability             the cost of the paper's clamp of scales at 1 px
   edges                   hard edges and soft ones, with growth and without
-  absolute-vs-percentile  growth above a threshold or by rank, on photographs of the Kodak test set (--data)
-  all-policies            every policy with its source's numbers, on the same photographs
-  accuracy-in-training    what accuracy costs and buys in training: cuts, lists, steps, rounds, losses; on the same photographs
+  absolute-vs-percentile  growth above a threshold or by rank, on images of the Kodak test set (--data)
+  all-policies            every policy with its source's numbers, on the same images
+  accuracy-in-training    what accuracy costs and buys in training: cuts, lists, steps, rounds, losses; on the same images
 
 The images of a study are files, or these synthetic targets:
   paper                   the paper's circle and square; in 8 bits a channel: paper-8bit
@@ -149,7 +149,7 @@ mod tests {
         assert!(AFTER_HELP.contains(EXAMPLE));
         let study = Study::from_toml(EXAMPLE, "example.toml").unwrap();
         assert_eq!((study.arms.len(), study.baseline_arm()), (2, 0));
-        // The photograph of the example does not exist.
+        // The image of the example does not exist.
         let part = Selection { images: vec!["paper".to_owned()], ..Selection::default() };
         assert_eq!(Plan::new(study.select(&part).unwrap(), &Places::default(), "test").unwrap().runs.len(), 20);
     }

@@ -152,7 +152,7 @@ fn sh_are_required_by_what_they_change() {
 }
 
 #[test]
-fn what_a_view_does_not_show_of_sh_it_does_not_call_for() {
+fn sh_that_a_view_does_not_show_are_not_required() {
     // −C x: ahead, x is 0.
     let sideways = with_coefficient(3, 0.1);
     assert_eq!(degree_of(&sideways, &[]).1, 1);
