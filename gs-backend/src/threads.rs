@@ -39,7 +39,7 @@ impl Threads {
 
     fn from_variable(asked: Option<usize>, variable: Option<&str>) -> Result<Self, Error> {
         if let Some(count) = asked {
-            return Ok(Self { count, why: "threads as asked" });
+            return Ok(Self { count, why: "threads as requested" });
         }
         let text = variable.unwrap_or_default();
         match if text.is_empty() { Ok(0) } else { text.trim().parse() } {

@@ -203,7 +203,7 @@ fn explained(error: Error, request: &Request) -> Failure {
     Failure::usage(message)
 }
 
-/// Does work on the CPU, whatever backend was chosen, for what not every backend offers.
+/// Does work on the CPU that not every backend offers, whatever backend was chosen.
 pub(crate) fn on_cpu<T>(chosen: &Chosen, work: impl FnOnce(&AnyRasterizer) -> T) -> Result<T, Failure> {
     match &chosen.rasterizer {
         cpu @ AnyRasterizer::Cpu(_) => Ok(work(cpu)),
@@ -258,21 +258,21 @@ mod tests {
         assert_eq!(open.or_recorded(&unknown).backend, Choice::Auto);
     }
 
-    fn check_reason_as_asked(wanted: Wanted, choice: Choice) {
+    fn check_reason_as_requested(wanted: Wanted, choice: Choice) {
         let reason = BackendArgs::default().open_to_compare(wanted).unwrap().reason;
-        assert!(reason.contains("to be compared") && !reason.contains("as asked"), "{reason}");
+        assert!(reason.contains("to be compared") && !reason.contains("as requested"), "{reason}");
         let asked = args(choice, None, None).open_to_compare(wanted).unwrap().reason;
-        assert!(asked.contains("as asked"), "{asked}");
+        assert!(asked.contains("as requested"), "{asked}");
     }
 
     #[test]
     fn the_cpu_is_reported_as_requested_only_if_it_was() {
-        check_reason_as_asked(Wanted::Cpu, Choice::Cpu);
+        check_reason_as_requested(Wanted::Cpu, Choice::Cpu);
     }
 
     #[test]
     fn wgpu_is_reported_as_requested_only_if_it_was() {
-        check_reason_as_asked(Wanted::Wgpu, Choice::Wgpu);
+        check_reason_as_requested(Wanted::Wgpu, Choice::Wgpu);
     }
 
     #[test]

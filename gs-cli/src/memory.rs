@@ -1,7 +1,7 @@
 //! Checks that there is enough memory for a command before it begins. A process that runs out of
 //! memory halfway may be killed, and its work is lost.
 //!
-//! Linux tells how much memory a process may have. On other systems nothing is refused.
+//! Linux reports how much memory a process may have. On other systems nothing is refused.
 
 use std::{
     fmt::Display,
@@ -81,7 +81,7 @@ pub(crate) fn check_3d(path: &Path) -> Result<(), Failure> {
     Need { what: format!("reading {}", path.display()), bytes, held: 0, less }.check_and_print()
 }
 
-/// The peak memory of this process so far, if the system tells.
+/// The peak memory of this process so far, if the system reports it.
 pub(crate) fn peak() -> Option<u64> {
     kib(&text("/proc/self/status")?, "VmHWM")
 }

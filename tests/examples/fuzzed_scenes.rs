@@ -1,6 +1,6 @@
 //! Puts random scenes, views and settings through gs-cpu: `cargo run --release -p gs-conformance
-//! --example fuzzed_scenes -- [COUNT] [SEED]`. Half of them are 2D, half in 3D. Tells each that
-//! fails, and of the first all that it is.
+//! --example fuzzed_scenes -- [COUNT] [SEED]`. Half of them are 2D, half 3D. Prints each that
+//! fails, and describes the first in full.
 
 #![allow(clippy::print_stdout)]
 

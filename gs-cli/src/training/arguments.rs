@@ -108,7 +108,7 @@ pub(crate) enum LossName {
 pub(crate) enum ParameterizationName {
     /// Position, ln-scale and rotation (3DGS)
     ScaleRotation,
-    /// The Gaussian's own frame, where a step is the same fraction of every Gaussian
+    /// The Gaussian's own coordinates, where a step is the same fraction of every Gaussian
     #[value(alias = "local-frame")]
     CovarianceFactor,
 }

@@ -37,7 +37,7 @@ fn a_fit_on_wgpu_ends_near_that_on_the_cpu() {
     let (on_cpu, on_wgpu) = (place.path().join("cpu"), place.path().join("wgpu"));
     let cpu = fit_with(&on_cpu, &["--backend", "cpu"]).json();
     let run = fit_with(&on_wgpu, &["--backend", "wgpu", "--threads", "1"]);
-    assert!(run.stderr.starts_with("wgpu (") && run.stderr.contains("): as asked, "), "{}", run.stderr);
+    assert!(run.stderr.starts_with("wgpu (") && run.stderr.contains("): as requested, "), "{}", run.stderr);
     let wgpu = run.json();
     assert_eq!((&cpu["backend"], &cpu["adapter"]), (&json!("cpu"), &Value::Null));
     assert_eq!((&wgpu["backend"], &wgpu["threads"], &wgpu["simd"]), (&json!("wgpu"), &json!(1), &Value::Null));

@@ -127,7 +127,7 @@ fn a_folder_that_takes_no_files_is_refused_before_the_fit() {
     let image = picture(place.path(), 16, 16);
     let file = place.path().join("file");
     fs::write(&file, "").unwrap();
-    // Below a regular file nobody can write, not even root.
+    // No user can write below a regular file, not even root.
     for output in [file.join("out"), file.clone()] {
         let run = gs([Path::new("fit"), &image, "-o".as_ref(), &output]);
         assert_eq!(run.status, Some(1));

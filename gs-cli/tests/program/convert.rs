@@ -85,8 +85,8 @@ fn rounding_is_measured() {
     assert!(mean > 1e-5 && mean < largest && largest < 0.501 / 255.0, "{opacities}");
     let same = convert(&first, &path("b.ply"), &["--json"]).json();
     assert_eq!((&same["rounding"], &same["cost"]), (&serde_json::json!([]), &serde_json::Value::Null));
-    let told = convert(&first, &path("a.splat"), &[]).done().stdout;
-    assert!(told.contains("moved       opacities by 0.") && told.contains(" of 1 at most"), "{told}");
+    let printed = convert(&first, &path("a.splat"), &[]).done().stdout;
+    assert!(printed.contains("moved       opacities by 0.") && printed.contains(" of 1 at most"), "{printed}");
 }
 
 #[test]
@@ -102,8 +102,8 @@ fn what_a_conversion_costs_is_measured_on_held_out_views() {
     assert!(json["cost"]["psnr_after"].as_f64().is_some_and(|psnr| psnr > 35.0), "{json}");
     let eval = gs(["eval", text(&to), text(&dataset), "--json", "--backend", "cpu"]).json();
     assert_eq!(eval["psnr"], json["cost"]["psnr_after"], "{eval}");
-    let told = convert(&scene, &to, &flags).done().stdout;
-    assert!(told.contains("PSNR infinite before, ") && told.contains(" dB after, mean over 1 view of "), "{told}");
+    let printed = convert(&scene, &to, &flags).done().stdout;
+    assert!(printed.contains("PSNR infinite before, ") && printed.contains(" dB after, mean over 1 view of "), "{printed}");
     let refused = convert(&scene, &to, &["--background", "white"]);
     assert!(refused.status == Some(2) && refused.refusal().contains("--dataset <DATASET>"), "{refused:?}");
     let (other, nowhere) = (place.path().join("b.splat"), place.path().join("nowhere"));
@@ -133,8 +133,8 @@ fn how_a_scene_was_trained_goes_along() {
     convert(&path("a.ply"), &path("a.glb"), &[]).done();
     let kept = info("a.glb");
     assert_eq!((&kept["antialias"], &kept["order"]), (&"compensated".into(), &"per-pixel".into()));
-    let told = render("a.glb", &["--effects", "all"]);
-    assert!(told.contains("order per-pixel, antialias compensated") && !told.contains(guess), "{told}");
+    let printed = render("a.glb", &["--effects", "all"]);
+    assert!(printed.contains("order per-pixel, antialias compensated") && !printed.contains(guess), "{printed}");
     let lost = convert(&path("a.glb"), &path("a.spz"), &[]).done().stdout;
     assert!(
         lost.contains("lost        how the scene was trained, with antialias compensated, order per-pixel"),

@@ -148,10 +148,10 @@ fn large_images_are_scaled_down_unless_they_are_wanted_whole() {
     }
     transforms["frames"].as_array_mut().unwrap().push(frame);
     fs::write(dataset.join("transforms.json"), transforms.to_string()).unwrap();
-    let told =
+    let printed =
         "1 scaled down to 1600 px on the longer side (first: 1601x2 to 1600x2 px); --max-size none reads all pixels";
     let info = gs(["info", text(&dataset)]).done().stdout;
-    assert!(info.contains(told) && info.contains("1601x2 px") && info.contains("scaled to 1600x2 px"), "{info}");
+    assert!(info.contains(printed) && info.contains("1601x2 px") && info.contains("scaled to 1600x2 px"), "{info}");
     assert!(!gs(["info", text(&dataset), "--max-size", "none"]).done().stdout.contains("scaled"));
 
     let output = place.path().join("out");

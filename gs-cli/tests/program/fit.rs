@@ -37,7 +37,7 @@ fn an_image_becomes_results_and_a_summary() {
     let image = picture(place.path(), 32, 24);
     let output = place.path().join("made/on/demand");
     let run = gs(small(&image, &output).into_iter().chain(["--json", "--threads", "1"]));
-    assert!(run.stderr.starts_with("cpu ("), "the first line tells the backend: {}", run.stderr);
+    assert!(run.stderr.starts_with("cpu ("), "the first line names the backend: {}", run.stderr);
     let summary = run.json();
     for (key, expected) in
         [("width", 32), ("height", 24), ("gaussians", 60), ("iterations", 20), ("threads", 1), ("seed", 7)]
@@ -260,11 +260,11 @@ fn each_round_of_density_control_is_printed_with_verbose() {
         run.stderr.lines().filter(|line| line.contains(" seeded") && line.ends_with(" Gaussians")).count()
     };
     let silent = rounds(&[]);
-    let told = rounds(&["--verbose"]);
+    let printed = rounds(&["--verbose"]);
     let table = fs::read_to_string(place.path().join("out/metrics.csv")).unwrap();
     let seeding = table.lines().skip(1).filter(|row| row.split(',').nth(5).is_some_and(|seeded| seeded != "0"));
-    assert_eq!((silent, told), (0, seeding.count()));
-    assert!(told > 0);
+    assert_eq!((silent, printed), (0, seeding.count()));
+    assert!(printed > 0);
 }
 
 #[test]
@@ -299,7 +299,7 @@ fn every_override_fits() {
     }
 }
 
-/// A fit that would take for ever, and that is under way, into `out`.
+/// A fit under way into `out` that would not end by itself.
 #[cfg(unix)]
 pub(crate) struct Endless {
     fit: Child,
@@ -364,7 +364,8 @@ fn ctrl_c_saves_a_checkpoint_and_what_there_is() {
     assert!(RESULTS.iter().all(|name| names.contains(&(*name).to_owned())), "{names:?}");
 }
 
-/// A file that no system takes: as on a full disk, nothing tells before the first checkpoint.
+/// A file name that no system accepts: as with a full disk, the first checkpoint is the first to
+/// fail.
 fn file_of_a_too_long_name(place: &Path) -> String {
     place.join("long".repeat(100)).to_str().unwrap().to_owned()
 }
@@ -473,8 +474,8 @@ fn lost_gaussians_are_reported_during_the_fit_and_at_its_end() {
     let words =
         ["fit", image.to_str().unwrap(), "-o", output.to_str().unwrap(), "--settings", settings.to_str().unwrap()];
     let run = gs(words.into_iter().chain(["--backend", "cpu"])).done();
-    let told = run.stderr.lines().filter(|line| line.contains(" removed as not finite")).count();
-    assert!(told >= 2, "the last line of progress and the summary: {run:?}");
+    let printed = run.stderr.lines().filter(|line| line.contains(" removed as not finite")).count();
+    assert!(printed >= 2, "the last line of progress and the summary: {run:?}");
     let summary: Value = serde_json::from_slice(&fs::read(output.join("summary.json")).unwrap()).unwrap();
     let removed = summary["edits"]["pruned_not_finite"].as_u64().unwrap();
     let metrics = fs::read_to_string(output.join("metrics.csv")).unwrap();

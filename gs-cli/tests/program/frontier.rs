@@ -136,7 +136,7 @@ fn what_cannot_be_is_refused() {
         let run = frontier(input, flags);
         assert!(run.refusal().contains(expected), "{flags:?}: {run:?}");
     }
-    // What was measured is told and written all the same, and no earlier answer stays beside it.
+    // Measurements are printed and written all the same, and no earlier answer stays beside them.
     let output = place.path().join("out");
     fs::create_dir(&output).unwrap();
     let budgeted = ["--size", "60x40", "-o", output.to_str().unwrap()];

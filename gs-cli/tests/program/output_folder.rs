@@ -59,7 +59,7 @@ fn the_same_command_again_needs_no_flag_and_leaves_what_is_not_its_own() {
     gs(fit(&image, &output).into_iter().chain(["--no-report"])).done();
     assert!(!output.join("curve.png").exists());
 
-    // What was put in place of a picture that went is somebody's.
+    // A file that was put in place of a removed picture is the user's.
     fs::write(output.join("curve.png"), "mine").unwrap();
     assert!(gs(fit(&image, &output)).refusal().contains("curve.png: is in the way"));
     gs(fit(&image, &output).into_iter().chain(["--overwrite"])).done();

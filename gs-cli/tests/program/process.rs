@@ -44,7 +44,7 @@ impl Run {
         let mut command = command();
         command.args(arguments).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
         let mut child = command.spawn().expect("the program starts");
-        // Whether it reads it all is for its results to tell.
+        // The results show whether the program reads all of it.
         let _ = std::io::Write::write_all(&mut child.stdin.take().expect("it is piped"), input.as_bytes());
         Self::ended(child.wait_with_output().expect("the program ends"))
     }

@@ -93,7 +93,7 @@ fn check(json: &Value, csv: &str) {
     }
 }
 
-/// Profiles into a folder and checks that all three forms tell the same.
+/// Profiles into a folder and checks that all three forms agree.
 #[track_caller]
 fn profiled(arguments: &[&str]) -> Value {
     let place = folder();
@@ -187,7 +187,7 @@ fn the_table_describes(scene: &str, backend: &str, clock: &str) {
     let run = profile(&[scene, "--backend", backend]).done();
     assert_eq!(run.stderr, "", "a scene needs no fit");
     let text = run.stdout;
-    assert!(text.starts_with(&format!("{backend} (")) && text.contains("as asked"), "{text}");
+    assert!(text.starts_with(&format!("{backend} (")) && text.contains("as requested"), "{text}");
     assert!(text.contains(": 40 Gaussians; 48x32 px, sum, l2, covariance-factor; target: its own rendering"), "{text}");
     assert!(text.contains(clock), "{text}");
     for row in STAGES.iter().chain(&["sum", "training step, lists made anew", "forward pass alone"]) {
@@ -281,9 +281,9 @@ fn a_3d_scene_is_profiled_on(backend: &str, scene: &str, place: &Path) {
     assert!(run.stdout.contains("8 Gaussians; 40x30 px, over, order per-pixel, antialias dilate, SH degree 0"));
     let json: Value = serde_json::from_slice(&fs::read(output.join("profile.json")).unwrap()).unwrap();
     check(&json, &fs::read_to_string(output.join("profile.csv")).unwrap());
-    let told = ["order", "loss", "parameterization", "target"].map(|key| json[key].clone());
+    let printed = ["order", "loss", "parameterization", "target"].map(|key| json[key].clone());
     let loss = json!({ "l1-dssim": { "lambda": 0.2 } });
-    assert_eq!(told, [json!("per-pixel"), loss, json!("scale-rotation"), json!("its own rendering")]);
+    assert_eq!(printed, [json!("per-pixel"), loss, json!("scale-rotation"), json!("its own rendering")]);
 }
 
 #[test]

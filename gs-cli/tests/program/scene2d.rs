@@ -87,8 +87,8 @@ fn a_2d_scene_becomes_an_svg() {
     let place = folder();
     let output = fitted(place.path(), "sum");
     let svg = place.path().join("a.svg");
-    let told = gs(["convert", text(&output), text(&svg)]).done();
-    assert!(told.stdout.contains("PSNR") && told.stdout.contains("48x32 px"), "{told:?}");
+    let printed = gs(["convert", text(&output), text(&svg)]).done();
+    assert!(printed.stdout.contains("PSNR") && printed.stdout.contains("48x32 px"), "{printed:?}");
     let written = fs::read_to_string(&svg).unwrap();
     assert!(written.starts_with("<svg ") && written.ends_with("</svg>\n"), "{written}");
     assert_eq!(written.matches("<circle").count(), 150);
@@ -183,10 +183,10 @@ fn a_checkpoint_of_a_training_is_a_scene() {
     let storing = ["--checkpoint", text(&state), "--checkpoint-every", "25", "--background", "0.2,0.3,0.4"];
     gs(small(&dataset, &output).into_iter().chain(storing)).done();
     let ply = place.path().join("state.ply");
-    let told: Value = gs(["convert", text(&state), text(&ply), "--json"]).json();
-    assert_eq!(told["read"]["format"], "checkpoint");
+    let printed: Value = gs(["convert", text(&state), text(&ply), "--json"]).json();
+    assert_eq!(printed["read"]["format"], "checkpoint");
     let at_25 = gs_io::read_3d(&ply).unwrap().scene;
-    assert_eq!(told["gaussians"], gs_core::Scene::len(&at_25));
+    assert_eq!(printed["gaussians"], gs_core::Scene::len(&at_25));
     let psnr = |path: &Path, flags: &[&str]| {
         let words = ["eval", text(path), text(&dataset), "--json", "--backend", "cpu"];
         gs(words.iter().chain(flags)).json()["psnr"].as_f64().unwrap()

@@ -130,7 +130,7 @@ fn a_data_set_becomes_a_scene_and_a_summary() {
     assert!(difference.abs() < 1e-3, "{judged} {evaluation}");
 }
 
-/// A training that would take for ever, and that is under way.
+/// A training under way that would not end by itself.
 #[cfg(unix)]
 fn endless(dataset: &Path, output: &Path, flags: &[&str]) -> Child {
     let words = ["train", text(dataset), "-o", text(output), "-i", "1000000", "-n", "300", "--start", "random", "-v"];
@@ -207,8 +207,8 @@ fn a_stopped_training_goes_on_to_the_same_scene() {
     let info = gs(["info", text(&checkpoint), "--json"]).json();
     assert_eq!((&info["kind"], &info["sh_degree"]), (&"checkpoint of a training in 3D".into(), &1.into()));
     assert_eq!((&info["metadata"]["step"], &info["not_finite"]["gaussians"]), (&"25".into(), &0.into()));
-    let told = gs(["info", text(&checkpoint)]).done().stdout;
-    assert!(told.contains("largest scale") && told.contains("spatial-training-1"), "{told}");
+    let printed = gs(["info", text(&checkpoint)]).done().stdout;
+    assert!(printed.contains("largest scale") && printed.contains("spatial-training-1"), "{printed}");
     let refused = gs(words.into_iter().chain(["--holdout", "3"]));
     assert!(refused.status == Some(1) && refused.stderr.contains("give the same data set"), "{refused:?}");
     let refused = gs(words.into_iter().chain(["--alpha", "mask"]));
@@ -297,8 +297,8 @@ fn a_scene_is_shown_from_views_orbits_and_paths() {
     let frames = at("frames");
     gs(["render", text(&scene), "-o", text(&frames), "--orbit", "3", "--camera", &view]).done();
     assert_eq!(names_in(&frames), ["frame-00000.png", "frame-00001.png", "frame-00002.png"]);
-    // Of a longer film nothing is left behind a shorter one's end, unless somebody else's frames
-    // are there.
+    // A shorter film removes the remaining frames of a longer one, unless frames of the user are
+    // there.
     gs(["render", text(&scene), "-o", text(&frames), "--orbit", "2", "--size", "8x8"]).done();
     assert_eq!(names_in(&frames), ["frame-00000.png", "frame-00001.png"]);
     fs::write(frames.join("frame-00004.png"), "mine").unwrap();

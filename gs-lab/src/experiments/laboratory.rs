@@ -47,7 +47,7 @@ pub trait Watch {
 
 impl Watch for () {}
 
-/// A backend to run experiments on, with the extent and who watches.
+/// A backend to run experiments on, with the extent and an observer.
 pub struct Laboratory<'a, R> {
     rasterizer: &'a R,
     extent: ExperimentSize,

@@ -2,11 +2,11 @@
 //! stagnates, forced growth, and why no threshold is universal.
 //!
 //! A threshold on a gradient has a unit. 3DGS compares in normalised device units (the image is 2
-//! wide); a solver that compares the same 0.0002 with gradients per pixel asks for 64 times as much
+//! wide); a solver that compares the same 0.0002 with gradients per pixel requires 64 times as much
 //! at 128 px. Both are measured. The threshold that would have worked is found by bisection on a
 //! grid of half octaves: the largest with which growth reaches its budget. [`Case`] does so on
-//! targets that differ from the paper's in one respect, and asks of a relative criterion, which is
-//! the same on all of them, whether it does as well.
+//! targets that differ from the paper's in one respect, and tests whether a relative criterion, which
+//! is the same on all of them, does as well.
 
 mod case;
 mod findings;

@@ -12,7 +12,7 @@ use gs_train::{
 };
 use pollster::FutureExt as _;
 
-/// Two threads, whatever the machine.
+/// A rasterizer with two threads on any machine.
 pub(crate) fn rasterizer() -> CpuRasterizer {
     CpuRasterizer::new(CpuSettings::default().with(|s| {
         s.threads = Some(2);

@@ -362,7 +362,7 @@ fn the_summary_holds_how_well_the_views_are_fitted_that_it_trained_with() {
     let apart = drifted.training.unwrap().psnr.unwrap() - drifted.evaluation.psnr;
     assert!(apart > DRIFT_DB && drifted.drift() == Some(apart), "{apart}");
 
-    // A bound that nobody chose is none to reach.
+    // A default bound need not be reached.
     let shortfall = drifted.shortfall.as_ref().expect("one round is too few");
     assert_eq!((shortfall.gaussians, shortfall.budget), (drifted.gaussians, 600));
     let settings = short(4).with(|s| s.gaussians = TrainSettings::default().gaussians);

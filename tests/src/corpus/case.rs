@@ -1,4 +1,4 @@
-//! A hard case: its scene, the reason why it is hard, who met it before, and the expected outcome.
+//! A hard case: its scene, the reason why it is hard, its source, and the expected outcome.
 
 use gs_core::{Adam, Culled, Error, Image, Loss, RenderSettings};
 

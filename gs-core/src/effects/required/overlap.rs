@@ -262,8 +262,8 @@ mod tests {
     fn a_border_is_as_uncertain_as_the_numbers_that_it_is_made_of() {
         assert_eq!(pixels(8.0, 2.5 - 0.01, 16), Some([6, 10]));
         assert_eq!(pixels(8.0, 2.5 - 0.001, 16), Some([5, 11]), "its pixels' centres are 2.5 px away");
-        // A Gaussian of a million px, whose border misses the first centre by less than f32 can
-        // tell there.
+        // A Gaussian of a million px, whose border misses the first centre by less than the
+        // distance between neighbouring `f32` there.
         assert_eq!(pixels(-1e6, 1e6 + 0.25, 16).map(|[first, _]| first), Some(0));
         assert_eq!(pixels(-1e6, 1e6 - 1e3, 16), None);
     }

@@ -288,7 +288,7 @@ pub(super) fn poison<S: Subject, R: Optimizer<S>>(
                         Ok(())
                     }
                     outcome => {
-                        // A penalty of 0 is none.
+                        // A penalty of 0 has no effect.
                         tally.accepted += usize::from(differ(inputs, &poisoned));
                         outcome
                     }

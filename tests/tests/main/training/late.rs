@@ -24,7 +24,7 @@ impl From<Splats2d> for Kept {
     }
 }
 
-/// The CPU backend, but the last losses come only to who waits for them.
+/// The CPU backend, but the last losses are returned only to callers that wait for them.
 struct Late {
     sound: CpuRasterizer,
     by: usize,

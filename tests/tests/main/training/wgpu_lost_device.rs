@@ -57,7 +57,7 @@ fn lose_and_go_on(settings: FitSettings, after: u32, stored_at: u32) {
     let mut trainer = Trainer::new(&wgpu, &target, settings.clone()).block_on().unwrap();
     is_of_backend(trainer.run(&mut observer).block_on());
     assert_eq!(trainer.step(), after);
-    // Nothing else that is asked of it works, or panics.
+    // All further calls fail, and none panics.
     is_of_backend(trainer.step_once().block_on());
     is_of_backend(trainer.scene().block_on());
     is_of_backend(trainer.render().block_on());
