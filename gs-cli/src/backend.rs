@@ -39,7 +39,8 @@ pub(crate) struct BackendArgs {
     /// Number of threads; results do not depend on it [default: RAYON_NUM_THREADS, or one per core]
     #[arg(long, value_name = "T", value_parser = whole::<u16>(1..=1024))]
     pub(crate) threads: Option<u16>,
-    /// SIMD level of the cpu backend: baseline, avx2 or avx512 [default: the fastest of this machine]
+    /// SIMD level of the cpu backend: baseline, avx2 or avx512 [default: the fastest of this
+    /// machine]
     #[arg(long, value_name = "LEVEL")]
     pub(crate) simd: Option<String>,
     /// Tuning of the cpu backend; only a settings file can choose it.

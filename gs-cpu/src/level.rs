@@ -32,8 +32,8 @@ pub enum Level {
 
 /// Evaluates an expression with the instructions of a level: `dispatch!(level, simd => f(simd))`.
 ///
-/// `fearless_simd::dispatch!` compiles the expression for SSE4.2 and without vectors, too: two fifths
-/// of the crate's build time, for few machines.
+/// `fearless_simd::dispatch!` compiles the expression for SSE4.2 and without vectors, too: two
+/// fifths of the crate's build time, for few machines.
 macro_rules! dispatch {
     ($level:expr, $simd:ident => $body:expr) => {{
         match $level {

@@ -199,7 +199,7 @@ impl<V: OracleView> Oracle<V> {
             rounding,
             flip: scene.gaussians.iter().map(|g| vec![0.0; g.len()]).collect(),
         };
-        // Again with every decision within rounding taken to either side.
+        // Repeats the blend with every decision within rounding taken to either side.
         for (lean, direction) in [(Lean::More, 1.0), (Lean::Fewer, -1.0)] {
             let other = self.blend(scene, lean);
             let pixels: Vec<_> = other.iter().map(|pixel| pixel.color).collect();

@@ -386,7 +386,7 @@ fn sigmoid(logit: f64) -> Rounded {
     if logit.is_infinite() {
         return Rounded::exact(f64::from(u8::from(logit > 0.0)));
     }
-    // Of the two forms the one whose exponential does not overflow.
+    // This form of the two has the exponential that does not overflow.
     let small = Rounded::exact(-logit.abs()).exp();
     let part = if logit < 0.0 { small } else { Rounded::ONE };
     part / (Rounded::ONE + small)

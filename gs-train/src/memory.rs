@@ -74,9 +74,9 @@ impl FitSettings {
         let target = 2 * IMAGE + of_target(self.loss);
         let policy: &dyn DensityPolicy = &self.policy;
         let step = of_step(&self.render, self.loss, policy.statistics());
-        // A policy uses the rendering, weights of all pixels, and their order. Results are drawn side
-        // by side: two renderings, the pictures of the ellipses and of the curve, and what encodes
-        // them.
+        // A policy uses the rendering, weights of all pixels, and their order. Results are drawn
+        // side by side: two renderings, the pictures of the ellipses and of the curve, and what
+        // encodes them.
         let residual = if policy.needs_residual() { 2 * PLANE } else { 0 };
         overhead(pixels) + pixels * (target + step + 6 * IMAGE + residual) + self.of_gaussians(pixels)
     }

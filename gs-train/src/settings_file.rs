@@ -1,4 +1,5 @@
-//! Settings in TOML files, and what users write as JSON, with errors that name the line, the key and the nearest known key.
+//! Settings in TOML files, and what users write as JSON, with errors that name the line, the key
+//! and the nearest known key.
 
 use std::{borrow::Cow, fmt, path::Path};
 
@@ -83,8 +84,8 @@ fn without_effect_schedule(text: &str) -> Result<Cow<'_, str>, (usize, String)> 
     Ok(format!("{}{}{}", &text[..start], " ".repeat(end - start), &text[end..]).into())
 }
 
-/// `from_toml` and `to_toml` of settings: [`parse_settings`] and [`settings_to_toml`], compiled once
-/// instead of in each crate that uses them.
+/// `from_toml` and `to_toml` of settings: [`parse_settings`] and [`settings_to_toml`], compiled
+/// once instead of in each crate that uses them.
 macro_rules! in_toml {
     ($settings:ty) => {
         impl $settings {

@@ -188,7 +188,7 @@ impl Tiles {
         if !self.orders_by_pixel() {
             return 0;
         }
-        // As many as fit into the last pass.
+        // The depth gets as many bits as fit into the last pass.
         let bits = (self.list_bits() + LEAST_DEPTH_BITS).next_multiple_of(SORT_BITS).min(u32::BITS) - self.list_bits();
         bits.min(MOST_DEPTH_BITS)
     }

@@ -52,7 +52,7 @@ impl Backend {
     /// All cases whose names contain `word`; an error where this machine has no such backend.
     fn records(self, word: &str) -> Result<Vec<Record>, gs_core::Error> {
         Ok(match self {
-            // What threads would do on such images is wait for each other.
+            // Threads would only wait for each other on such images.
             Self::Cpu(level) => records(
                 &CpuRasterizer::new(CpuSettings::default().with(|s| {
                     s.threads = Some(1);

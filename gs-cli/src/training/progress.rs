@@ -79,7 +79,7 @@ impl Display {
 
     fn status(&self, progress: &Progress) -> Status {
         let Progress { step, iterations, count, loss, .. } = *progress;
-        // Of this run, which may have resumed another.
+        // The rate of this run, which may have resumed another.
         let rate = f64::from(step - self.first_step) / self.started.elapsed().as_secs_f64().max(1e-9);
         let left = f64::from(iterations - step) / rate.max(1e-9);
         Status { steps: iterations, gaussians: count, loss, psnr: self.psnr, rate, left }
@@ -125,7 +125,7 @@ impl Observer for Display {
     }
 
     fn on_fresh_start(&mut self, progress: &Progress, fresh_start: &FreshStart) {
-        // This prints the restart, so it is reported.
+        // The restart counts as reported, as it is printed here.
         self.problems.add_restart();
         self.reported.add_restart();
         if progress.is_last() {

@@ -82,7 +82,7 @@ fn a_budget_is_answered_by_a_file_that_render_and_fit_take() {
     };
     let (usual, chosen) = (render("usual.png", &[]), render("chosen.png", &["--settings", file.to_str().unwrap()]));
     assert!(gs_core::metrics::psnr(&usual, &chosen).unwrap() > 35.0);
-    // That the file is heeded: nothing is left of a picture whose cut is half.
+    // The file is used: a picture whose cut is half is empty.
     let coarse = place.path().join("coarse.toml");
     fs::write(
         &coarse,

@@ -117,7 +117,7 @@ fn a_data_set_becomes_a_scene_and_a_summary() {
     let read = gs_io::read_3d(output.join("scene.ply")).unwrap().scene;
     assert_eq!((read.len() as u64, read.sh_degree), (summary["gaussians"].as_u64().unwrap(), 1));
 
-    // What it wrote can be judged, and the same settings give the same scene.
+    // The results can be evaluated, and the same settings give the same scene.
     let again = place.path().join("again");
     let settings = output.join("settings.toml");
     let words = ["train", text(&dataset), "-o", text(&again), "--holdout", "4", "--settings", text(&settings)];
@@ -135,7 +135,7 @@ fn a_data_set_becomes_a_scene_and_a_summary() {
 fn endless(dataset: &Path, output: &Path, flags: &[&str]) -> Child {
     let words = ["train", text(dataset), "-o", text(output), "-i", "1000000", "-n", "300", "--start", "random", "-v"];
     let child = command().args(words).args(flags).stderr(Stdio::piped()).spawn().unwrap();
-    // It steps as soon as its table is there.
+    // The training makes steps as soon as its table exists.
     while !output.join("metrics.part.csv").exists() {
         std::thread::sleep(std::time::Duration::from_millis(20));
     }

@@ -2,9 +2,9 @@
 //! visible change.
 //!
 //! A scene alone does not say how it should look: it was trained with some order and antialiasing.
-//! So the effects of given render settings are decided: those that can be left out, or made cheaper,
-//! such that no pixel changes by more than [`HALF_DISPLAY_STEP`]. The decision comes from bounds,
-//! never from trial renderings, and an effect without a bound stays:
+//! So the effects of given render settings are decided: those that can be left out, or made
+//! cheaper, such that no pixel changes by more than [`HALF_DISPLAY_STEP`]. The decision comes from
+//! bounds, never from trial renderings, and an effect without a bound stays:
 //!
 //! - **order**: exact, from the Gaussians that lie on the same pixels and whose depths swap there.
 //!   Under `Sum` the order has no effect.
@@ -118,8 +118,8 @@ impl Effects {
 }
 
 impl RequiredEffects {
-    /// The effects that somebody chooses, whatever the scene requires: for each effect, effects
-    /// that have it as chosen, and the reason.
+    /// Forces effects, whatever the scene requires: for each effect, effects that have it as
+    /// chosen, and the reason.
     ///
     /// ```
     /// use gs_core::{Blend, RenderSettings, effects::{Effect, RequiredEffects}};

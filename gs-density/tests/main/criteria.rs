@@ -280,7 +280,7 @@ proptest! {
         prop_assert_eq!(limited.counts().added() as usize, limited.added.len());
         prop_assert_eq!(growing(&limited).len(), limited.added.len());
 
-        // Those that had to stand back have smaller gradients than those that grow.
+        // Gaussians beyond the limit have smaller gradients than those that grow.
         let least = growing(&limited).into_iter().map(|i| gradients[i as usize]).fold(f32::INFINITY, f32::min);
         for i in growing(&unlimited).difference(&growing(&limited)) {
             prop_assert!(gradients[*i as usize] < least);

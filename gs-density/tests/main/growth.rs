@@ -121,8 +121,8 @@ fn halves_are_drawn_from_the_parent() {
     let mean = offsets.iter().sum::<Vec2>() / n;
     let covariance =
         offsets.iter().map(|&d| Mat2::from_cols(d * d.x, d * d.y)).fold(Mat2::ZERO, |a, b| a + b) * (1.0 / n);
-    // In the parent's whitened coordinates the offsets are standard normal: standard errors are 1/√n of the
-    // mean, √(2/n) of a variance.
+    // In the parent's whitened coordinates the offsets are standard normal: standard errors are
+    // 1/√n of the mean, √(2/n) of a variance.
     let whiten = parent().factor().inverse();
     let (mean, covariance) = (whiten * mean, whiten * covariance * whiten.transpose());
     assert!(mean.abs().max_element() < 4.0 / n.sqrt(), "{mean}");

@@ -172,7 +172,7 @@ impl Conversion {
             } else {
                 stored.extend_from_slice(pixels.as_flattened());
             }
-            // It only fails if the lengths differ, which they do not.
+            // The transform only fails if the lengths differ, which they do not.
             if self.transform.transform(&stored, pixels.as_flattened_mut()).is_ok() {
                 let within = |value: f32| if value.is_nan() { 0.0 } else { value.clamp(0.0, 1.0) };
                 pixels.as_flattened_mut().iter_mut().for_each(|value| *value = within(*value));

@@ -5,8 +5,8 @@
 //! wide); a solver that compares the same 0.0002 with gradients per pixel requires 64 times as much
 //! at 128 px. Both are measured. The threshold that would have worked is found by bisection on a
 //! grid of half octaves: the largest with which growth reaches its budget. [`Case`] does so on
-//! targets that differ from the paper's in one respect, and tests whether a relative criterion, which
-//! is the same on all of them, does as well.
+//! targets that differ from the paper's in one respect, and tests whether a relative criterion,
+//! which is the same on all of them, does as well.
 
 mod case;
 mod findings;

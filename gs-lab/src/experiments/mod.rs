@@ -1,8 +1,8 @@
 //! The experiments of the paper (§3 to §5.4, Figs. 6 to 9).
 //!
 //! [`Experiment::run`] performs an experiment on any backend. Its [`Findings`] contain the paper's
-//! claims, each with a [`ClaimVerdict`] that is computed from its [`Circumstance`]s, and charts, tables
-//! and pictures.
+//! claims, each with a [`ClaimVerdict`] that is computed from its [`Circumstance`]s, and charts,
+//! tables and pictures.
 //!
 //! All experiments but [`popping`] fit 2D scenes. Every fit has ordinary
 //! [`FitSettings`](gs_train::FitSettings) and is deterministic for a given seed.

@@ -171,7 +171,8 @@ impl Pen {
         let offset = p - ellipse.mean;
         let z = ellipse.whiten * offset;
         let radius = z.length();
-        // |z| changes by |L⁻ᵀ z| / |z| a pixel; at the centre, where it has no gradient, the outline is far.
+        // |z| changes by |L⁻ᵀ z| / |z| a pixel; at the centre, where it has no gradient, the outline
+        // is far.
         let gradient = (ellipse.whiten.transpose() * z).length() / radius;
         let outline = ((radius - 1.0).abs() / gradient).max(0.0);
         let line = self.half_width_px + 0.5 - outline;

@@ -75,7 +75,7 @@ fn a_fit_is_judged_by_the_picture_that_is_written_of_it() {
     let FitSummary { psnr, ssim, ms_ssim, l1, .. } = summary;
     assert_eq!((psnr, ssim, ms_ssim, l1), (written.psnr, written.ssim, written.ms_ssim, written.l1));
     assert!((psnr - summary.psnr_float).abs() > 1e-3, "{psnr} and {}", summary.psnr_float);
-    // And its loss is that of the scene, which another trainer finds, too.
+    // The loss is that of the scene, which another trainer finds, too.
     let again = Trainer::from_scene(
         &rasterizer(),
         &target,

@@ -29,7 +29,7 @@ fn bits(scene: &Scene3d) -> Vec<u32> {
 fn a_scene_comes_back_from_its_pictures() {
     let mut settings = short(900);
     settings.render.effects.sh_degree = 0;
-    // So short a run takes larger steps.
+    // A run this short takes larger steps.
     let faster = |group: Group| group.with(|s| s.learning_rate = 4.0 * group.learning_rate);
     let Adam { mean, scale, rotation, color, .. } = settings.adam;
     settings.adam = settings.adam.with(|s| {
@@ -49,7 +49,7 @@ fn a_scene_comes_back_from_its_pictures() {
 fn the_true_scene_is_perfect_and_stays_so() {
     let rasterizer = rasterizer();
     let judged = evaluate(&rasterizer, &thirty(), &views(&rasterizer).test, &render()).block_on().unwrap();
-    // Its images are floats, from which rounding to 8 bits alone is 58.9 dB away.
+    // The images are floats; rounding to 8 bits alone is 58.9 dB away from them.
     assert!(judged.psnr > 58.5, "{judged:?}");
     let mut settings = short(30);
     settings.policy = Policy::None;

@@ -257,7 +257,7 @@ mod tests {
                 viewpoint.camera(&lens()).validate().unwrap();
             }
             assert!((viewpoint.axes().forward.dot(viewpoint.horizon.up) + down).abs() < 1e-6, "straight down or up");
-            // There, a turn rotates the picture, and the way back is as long.
+            // At a pole, a turn rotates the picture, and the way back is as long.
             let before = viewpoint.axes().right;
             viewpoint.orbit(Vec2::new(FRAC_PI_2, 0.0));
             assert!(viewpoint.axes().right.dot(before).abs() < 1e-5);

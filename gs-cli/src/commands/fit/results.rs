@@ -124,7 +124,7 @@ impl Results<'_> {
         if let Ok(Renderings { reconstruction, .. }) = renderings {
             tried.push(self.write_ellipses_over(&file, reconstruction));
         }
-        // It would be of an earlier training.
+        // An existing file is of an earlier training.
         tried.push(self.folder.leave_out("evaluation.json"));
         let summary = fit.and_then(|fit| self.summary(fit, &file));
         match &summary {

@@ -132,7 +132,7 @@ fn a_factor_is_seen_as_its_scales_and_rotation_are() {
             let [a, b] = [a, b].map(|p| p.covariance);
             assert!((0..3).all(|k| (a[k] - b[k]).abs() < 1e-4 * a[0].max(a[2])), "{a:?} {b:?}");
 
-            // And differentiated.
+            // Gradients agree, too.
             let (found, expected) = (perspective.project_factored_vjp(&g, &V), perspective.project_vjp(&same, &V));
             assert!((found.mean - expected.mean).length() < 1e-4 * expected.mean.length());
             assert!((found.opacity_logit - expected.opacity_logit).abs() < 1e-6);
@@ -213,7 +213,7 @@ fn scales_stay_within_their_bounds() {
         let scales = PrincipalAxes::of(stretched(needle, eta, &rates)).scales;
         assert!(scales.min_element() > 0.009_999 && scales.max_element() < 2.000_1, "{scales}");
     }
-    // What is within stays as it is, and what was flat becomes as thick as it must.
+    // A factor within the bounds stays, and a flat one becomes as thick as it must.
     let inner = factor(Vec3::new(0.1, 0.2, 0.3), Vec3::Y, 0.3);
     assert_eq!(stretched(inner, [0.0; 6], &rates), inner);
     let flat = stretched(Mat3::from_diagonal(Vec3::new(0.0, 0.5, 0.0)), [0.0; 6], &rates);
