@@ -184,7 +184,7 @@ fn opened(request: &Request, suits: impl AsyncFnOnce(&AnyRasterizer) -> Result<(
     Ok(chosen)
 }
 
-/// Gives rayon's global pool so many threads. Seeding between steps runs there, whatever the
+/// Gives rayon's global pool this number of threads. Seeding between steps runs there, whatever the
 /// backend.
 fn use_threads(threads: usize) {
     // Results do not depend on it, so a pool that is already there may stay.

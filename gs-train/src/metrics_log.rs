@@ -85,7 +85,7 @@ impl MetricsLog {
         Self { every: every.max(1), measured_every: 1, rows, awaiting, edits: EditCounts::default() }
     }
 
-    /// A log with about a hundred rows and those of density control, for a run of so many steps.
+    /// A log with about a hundred rows and those of density control, for a run of this many steps.
     ///
     /// The quality is measured in about twenty rows: after the first step, every twentieth of all
     /// steps, and the last.

@@ -110,7 +110,7 @@ impl MotionResolution {
 mod tests {
     use super::*;
 
-    /// The divisors of so many frames in motion, each of which takes `time(divisor)`.
+    /// The divisors of this many frames in motion, each of which takes `time(divisor)`.
     fn moving(motion: &mut MotionResolution, frames: usize, time: impl Fn(u32) -> f32) -> Vec<u32> {
         let frame = |_| {
             let divisor = motion.divisor();

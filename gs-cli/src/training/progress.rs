@@ -17,7 +17,7 @@ const REDRAW: Duration = Duration::from_millis(100);
 /// The least time between two measurements of the PSNR, which render an image or many, if the loss
 /// gives no estimate.
 const MEASURE: Duration = Duration::from_millis(500);
-/// A measurement may take one part in so many of the time.
+/// Inverse of the share of the time that measurements may take.
 const MEASURE_SHARE: u32 = 40;
 /// The least time between two lines. There is at most one for each tenth of the run.
 const LINE: Duration = Duration::from_secs(1);

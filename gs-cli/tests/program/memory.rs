@@ -13,7 +13,7 @@ use crate::{
     train::{dataset_and_scene, small, text},
 };
 
-/// Runs `gs` with so much address space, KiB. Few threads: each reserves some.
+/// Runs `gs` with this much address space, KiB, and few threads, as each reserves some.
 fn gs_within<A: AsRef<OsStr>>(kib: u32, arguments: impl IntoIterator<Item = A>) -> Run {
     let program = command();
     let mut shell = Command::new("sh");

@@ -1,4 +1,4 @@
-//! Runs the program and holds what came of it.
+//! Runs of the program, and their outcomes.
 
 use std::{
     ffi::OsStr,

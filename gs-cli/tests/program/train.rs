@@ -292,7 +292,7 @@ fn a_scene_is_shown_from_views_orbits_and_paths() {
     let run = gs(["render", text(&scene), "-o", text(&overview)].into_iter().chain(flags)).done();
     assert!(run.stderr.contains("order global, antialias mip, SH degree 0, background white"), "{run:?}");
     let seen = gs_io::read_image(&overview).unwrap().image;
-    assert!(seen.pixels().iter().any(|p| p[0] < 0.5) && seen.pixel(0, 0) == [1.0; 3], "something, before white");
+    assert!(seen.pixels().iter().any(|p| p[0] < 0.5) && seen.pixel(0, 0) == [1.0; 3], "something on white");
 
     let frames = at("frames");
     gs(["render", text(&scene), "-o", text(&frames), "--orbit", "3", "--camera", &view]).done();

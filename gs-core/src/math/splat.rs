@@ -95,7 +95,7 @@ pub mod over {
         opacity_times_weight.min(accuracy.alpha_max)
     }
 
-    /// Blends one Gaussian behind what is there; returns whether it counted.
+    /// Blends a Gaussian behind the previous ones; returns whether it counted.
     pub fn blend_fwd(pixel: &mut Forward, alpha: f32, c: [f32; 3], accuracy: &Accuracy) -> bool {
         if pixel.full || !(alpha > 0.0) {
             return false;

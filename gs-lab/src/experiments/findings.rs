@@ -164,9 +164,9 @@ pub enum Cell {
     Text(String),
     /// A whole number.
     Count(u64),
-    /// A number with so many decimals.
+    /// A number with this many decimals.
     Fixed(f64, usize),
-    /// A number of unknown magnitude, with so many significant digits.
+    /// A number of unknown magnitude, with this many significant digits.
     Significant(f64, usize),
     /// An empty cell, where nothing was measured or reached.
     Empty,

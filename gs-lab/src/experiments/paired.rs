@@ -43,7 +43,7 @@ impl Paired {
         self.interval.is_some_and(|interval| interval.high < 0.0)
     }
 
-    /// The interval as text, with so many decimals.
+    /// The interval as text, with this many decimals.
     pub(crate) fn interval_in_words(&self, sense: Sense, decimals: usize) -> String {
         match (self.interval, sense) {
             (Some(Interval { low, high }), Sense::Forward) => {

@@ -299,9 +299,9 @@ fn a_target_that_is_not_finite_is_refused() {
 
 #[test]
 fn gaussians_that_reach_nothing_do_not_move() {
-    // The paper's cold start (§3.4.1): Gaussians on the periphery, of the colour that is there, and
-    // what is to be found is out of their reach. On black, so that what is rendered there is what
-    // is wanted there to the last bit.
+    // The paper's cold start (§3.4.1): Gaussians on the periphery that have its colour and do not
+    // reach the shapes. The background is black, so that the rendering of the periphery equals the
+    // target to the last bit.
     let rasterizer = rasterizer();
     let init = Init::Periphery(Periphery::default().with(|s| s.scale_px = 1.0));
     let mut settings = FitSettings::paper().with(|s| {

@@ -385,6 +385,6 @@ fn a_3d_training_that_diverges_names_step_and_gaussian() {
     assert!(!loss.is_finite() && (1..=40).contains(&step));
     let suspect = suspect.expect("there are Gaussians");
     assert!(suspect.index < 30 && suspect.to_string().contains("SH"), "{suspect}");
-    // No checkpoint is made of what came of it.
+    // No checkpoint is made of the result.
     assert!(matches!(trainer.checkpoint().block_on(), Err(Error::Diverged { .. })));
 }

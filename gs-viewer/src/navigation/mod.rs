@@ -73,7 +73,7 @@ pub(crate) trait Navigate {
     /// a key does the same.
     fn zoom(&mut self, notches: f32, pointer: Option<Vec2>);
 
-    /// Moves as the held keys ask, for so many seconds.
+    /// Moves according to the held keys, for this many seconds.
     fn advance(&mut self, motion: &Motion, seconds: f32);
 
     /// Returns to the first view.

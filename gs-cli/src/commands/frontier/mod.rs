@@ -68,7 +68,7 @@ pub(crate) struct FrontierArgs {
     /// such as 1/255
     #[arg(long, value_name = "E", conflicts_with = "max_ms")]
     max_error: Option<Tolerance>,
-    /// Choose the most exact settings with at most so many milliseconds per view
+    /// Choose the most exact settings with at most this many milliseconds per view
     #[arg(long, value_name = "T")]
     max_ms: Option<Tolerance>,
     /// Print JSON on standard output, and nothing else there

@@ -76,7 +76,7 @@ impl Cheaper {
             Order::PerPixel => ["interpenetrate others in depth", "one depth a Gaussian will do: none interpenetrate"],
             _ => [
                 "are hidden out of the order of the scene",
-                "no depth order: nothing hides what the scene has before it",
+                "no depth order: no Gaussian hides one that is earlier in the scene",
             ],
         }
     }

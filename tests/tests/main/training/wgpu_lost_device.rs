@@ -46,7 +46,7 @@ fn is_of_backend<T>(result: Result<T, Error>) {
     }
 }
 
-/// Loses the device after so many of 42 steps, and goes on with the checkpoint of `stored_at` on
+/// Loses the device after this many of 42 steps, and goes on with the checkpoint of `stored_at` on
 /// the CPU.
 fn lose_and_go_on(settings: FitSettings, after: u32, stored_at: u32) {
     let target = small_target();
