@@ -110,8 +110,8 @@ pub struct Change<G> {
 pub struct Birth<G> {
     /// Parameters.
     pub gaussian: G,
-    /// Index before the edit of the Gaussian that it comes from; its statistics and, if inherited,
-    /// its moments come from there.
+    /// Index, before the edit, of the parent, from which the statistics and, if inherited, the
+    /// moments come.
     pub parent: Option<u32>,
     /// What the Gaussian's moments start from; without a parent always [`Moments::Fresh`].
     pub moments: Moments,

@@ -27,7 +27,7 @@ pub enum Error {
         /// The parameter's value.
         value: f32,
     },
-    /// A setting outside its range.
+    /// A setting is out of range.
     #[error("{what} is {value}, but must be {allowed}")]
     Setting {
         /// The setting.
@@ -79,7 +79,7 @@ pub enum Error {
         /// The pixel's value.
         value: f32,
     },
-    /// An edit plan that does not fit its splats.
+    /// An edit plan does not fit its splats.
     #[error("edit plan: {0}")]
     Plan(String),
     /// The backend does not offer an effect.

@@ -13,7 +13,7 @@ pub enum OpacityCorrection {
     /// did.
     #[default]
     None,
-    /// Two Gaussians in the place of the one, with its scales, look as it did.
+    /// Two Gaussians with the scales of the one that they replace look as it did.
     ///
     /// In a scene with opacities both get 1 − √(1 − α). Blended one right behind the other, they
     /// have exactly the opacity of the one at its mean. Elsewhere, at weight w, they have α'² w (1

@@ -130,7 +130,7 @@ impl Policy {
         "none",
     ];
 
-    /// The policy of that name, with its default settings:
+    /// Returns the policy with this name and its default settings:
     ///
     /// - `absolute`, `abs-gs`, `absolute-error`: [`Grow::absolute`] by mean gradient (3DGS),
     ///   absolute gradient (AbsGS, which splits what is larger than a thousandth of the image, not

@@ -31,7 +31,7 @@ const PICTURES: &str = "pictures";
 pub enum Existing {
     /// Fail.
     Refuse,
-    /// Reuse them; runs that failed are tried again.
+    /// Reuse the results; runs that failed are tried again.
     Resume,
 }
 

@@ -32,7 +32,7 @@ pub enum Metric {
 }
 
 impl Metric {
-    /// All of them.
+    /// All metrics.
     pub const ALL: [Self; 3] = [Self::Psnr, Self::Ssim, Self::MsSsim];
 
     /// The metric's name in tables.

@@ -86,7 +86,7 @@ pub trait RunSettings<S: SceneTask>: Clone + Debug + PartialEq {
 /// Context of a step that a task sends.
 #[derive(Debug, Clone, Copy)]
 pub struct StepContext {
-    /// Steps done before this one.
+    /// Number of steps done before this step.
     pub step: u32,
     /// Effects of the step, with the statistics that density control needs.
     pub effects: Effects,

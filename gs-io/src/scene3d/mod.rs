@@ -137,9 +137,9 @@ pub struct File3d {
     pub scene: Scene3d,
     /// The format of the file.
     pub format: Format3d,
-    /// Size of the file and of those it refers to, bytes.
+    /// Size of the file and of the files it refers to, bytes.
     pub bytes: u64,
-    /// The files that it refers to: buffers of a glTF.
+    /// Files that the scene file refers to: buffers of a glTF.
     pub beside: Vec<PathBuf>,
     /// What of the file is not in the scene.
     pub losses: Vec<ConversionLoss>,

@@ -22,7 +22,7 @@ pub struct Price {
     pub milliseconds: f64,
     /// The extra time as a share of the time of a picture with all effects.
     pub share: f64,
-    /// The difference between pictures with and without it.
+    /// The difference between pictures with and without the effect.
     pub change: Difference,
 }
 

@@ -36,7 +36,7 @@ pub struct Claim {
     pub circumstances: Vec<Circumstance>,
     /// The measurement in words and numbers.
     pub measured: String,
-    /// The numbers behind it.
+    /// The numbers behind the claim.
     pub numbers: Vec<Number>,
 }
 
@@ -52,7 +52,7 @@ impl Claim {
 pub struct Circumstance {
     /// The condition, such as "600 Gaussians are reached".
     pub what: String,
-    /// Number of cases in which it holds.
+    /// Number of cases in which the circumstance holds.
     pub held: usize,
     /// Number of cases. Without any case the condition does not hold.
     pub of: usize,
@@ -70,7 +70,7 @@ impl Circumstance {
         Self { what: what.into(), held, of }
     }
 
-    /// Confirmed if it holds in all cases, refuted if in none.
+    /// The verdict: confirmed if the circumstance holds in all cases, refuted if in none.
     pub fn verdict(&self) -> ClaimVerdict {
         match self.held {
             0 => ClaimVerdict::Refuted,

@@ -88,7 +88,7 @@ impl Experiment {
         }
     }
 
-    /// The sections and figures of the paper that it repeats.
+    /// The sections and figures of the paper that the experiment repeats.
     pub const fn section(self) -> &'static str {
         match self {
             Self::SetUp => "§3.1–3.3, Figs. 6, 7, 8",

@@ -58,7 +58,7 @@ const SHARPNESS: u32 = 2;
 pub struct Figure {
     /// File name without extension.
     pub name: String,
-    /// The title above it; in a page, its caption.
+    /// The title above the figure; in a page, the caption.
     pub title: String,
     /// The horizontal axis.
     pub x: Axis,
@@ -133,7 +133,7 @@ pub enum Dots {
 /// A line with a band.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Series {
-    /// Index of its colour and marker.
+    /// Index of the line's colour and marker.
     pub style: usize,
     /// Name of the line in the legend.
     pub name: String,
@@ -221,7 +221,7 @@ impl Figure {
         self.svg(Paper::Clear)
     }
 
-    /// SVG as a file of its own.
+    /// The figure as an SVG file.
     ///
     /// # Errors
     /// [`Error::Picture`] with what the drawing library reports.

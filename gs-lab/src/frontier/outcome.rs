@@ -53,7 +53,7 @@ pub struct Measured {
 }
 
 impl Measured {
-    /// Median and quantiles of its times, seconds.
+    /// Median and quantiles of the row's times, seconds.
     pub fn times(&self) -> Quantiles {
         Quantiles::of(&self.seconds)
     }
@@ -91,7 +91,7 @@ pub struct Refused {
 pub struct BackendNoise {
     /// The backend.
     pub backend: String,
-    /// The noise of its times.
+    /// The noise of the backend's times.
     pub noise: Noise,
 }
 

@@ -58,7 +58,7 @@ pub struct FrontierEffects {
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 #[non_exhaustive]
 pub struct FrontierMachine {
-    /// The flags of `gs` that choose it; empty where another program chooses.
+    /// The flags of `gs` that choose the machine; empty where another program chooses it.
     pub flags: Vec<String>,
     /// Tuning of the cpu backend; `None` for the default.
     #[serde(skip_serializing_if = "Option::is_none")]

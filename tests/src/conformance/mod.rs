@@ -98,9 +98,9 @@ pub(crate) const LOSSES: [Loss; 3] = [Loss::L2, Loss::L1, Loss::PAPER];
 /// A named case.
 #[derive(Debug)]
 pub struct Case<R> {
-    /// The name of its function.
+    /// The name of the case's function.
     pub name: &'static str,
-    /// Runs it.
+    /// Runs the case.
     pub run: fn(&R) -> Result<CaseOutcome, Failure>,
 }
 

@@ -51,9 +51,9 @@ pub enum Breadth {
 /// Whether backends must offer the feature of a number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Offered {
-    /// Backends must offer it.
+    /// Backends must offer the feature.
     Always,
-    /// Backends may refuse it as unsupported, but then for all valid values.
+    /// Backends may refuse the feature as unsupported, but then for all valid values.
     Optionally,
 }
 

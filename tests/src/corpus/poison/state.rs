@@ -37,7 +37,7 @@ pub(super) struct StateSlot {
 enum Kept {
     /// An entry of a row of the oracle's parameters.
     Parameter(usize),
-    /// An entry of its covariance factor.
+    /// An entry of the covariance factor.
     Factor(usize),
     /// No parameter: images do not depend on it.
     Beside,
