@@ -4,7 +4,7 @@
 use gs_core::adam::{AdamRates, Rate};
 
 use super::parameters::{
-    COLOR, OPACITY, OracleScene, PARAMETER_NAMES, Parameters, QUATERNION, ROTATION, OPACITY_3D, SH_3D,
+    COLOR, OPACITY, OPACITY_3D, OracleScene, PARAMETER_NAMES, Parameters, QUATERNION, ROTATION, SH_3D,
 };
 
 /// Parameters and moments of every Gaussian in the parameterization of ln-scale and rotation.

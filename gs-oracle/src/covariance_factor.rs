@@ -10,7 +10,7 @@ use gs_core::{
     constants::{MAX_ETA, MAX_XI},
 };
 
-use super::parameters::{OracleScene, Parameters, QUATERNION, OPACITY_3D, SH_3D};
+use super::parameters::{OPACITY_3D, OracleScene, Parameters, QUATERNION, SH_3D};
 
 /// Count of the numbers that move the geometry: ξ, and η₀₀, η₀₁, η₀₂, η₁₁, η₁₂, η₂₂.
 const STEPS: usize = 9;

@@ -32,7 +32,7 @@ pub use self::{
     covariance_factor::{FactoredReference, factored_scene},
     least_squares::best_colors,
     parameters::{
-        COLOR, OPACITY, OracleScene, PARAMETER_NAMES, Parameters, QUATERNION, ROTATION, OPACITY_3D, SH_3D,
+        COLOR, OPACITY, OPACITY_3D, OracleScene, PARAMETER_NAMES, Parameters, QUATERNION, ROTATION, SH_3D,
         rows_of_gradients,
     },
     perspective::Splat3d,

@@ -353,8 +353,7 @@ struct Shading {
 impl Shading {
     fn new(g: &[f64], direction: &[Rounded; 3], degree: u8) -> Result<Self, CullCause> {
         let evaluated = sh_len(g).min((usize::from(degree) + 1).pow(2));
-        let sh: Vec<[f64; 3]> =
-            (0..evaluated).map(|k| [0, 1, 2].map(|channel| g[SH_3D + 3 * k + channel])).collect();
+        let sh: Vec<[f64; 3]> = (0..evaluated).map(|k| [0, 1, 2].map(|channel| g[SH_3D + 3 * k + channel])).collect();
         let color = [0, 1, 2].map(|channel| {
             let sum = (0..evaluated)
                 .map(|k| Rounded::exact(sh[k][channel]) * spherical_harmonics::basis(k, direction))

@@ -103,7 +103,10 @@ fn what_a_conversion_costs_is_measured_on_held_out_views() {
     let eval = gs(["eval", text(&to), text(&dataset), "--json", "--backend", "cpu"]).json();
     assert_eq!(eval["psnr"], json["cost"]["psnr_after"], "{eval}");
     let printed = convert(&scene, &to, &flags).done().stdout;
-    assert!(printed.contains("PSNR infinite before, ") && printed.contains(" dB after, mean over 1 view of "), "{printed}");
+    assert!(
+        printed.contains("PSNR infinite before, ") && printed.contains(" dB after, mean over 1 view of "),
+        "{printed}"
+    );
     let refused = convert(&scene, &to, &["--background", "white"]);
     assert!(refused.status == Some(2) && refused.refusal().contains("--dataset <DATASET>"), "{refused:?}");
     let (other, nowhere) = (place.path().join("b.splat"), place.path().join("nowhere"));

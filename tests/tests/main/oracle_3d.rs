@@ -3,7 +3,7 @@
 
 use glam::{Mat3, Vec2, Vec3};
 use gs_conformance::{
-    oracle::{Oracle, Projection, QUATERNION, OPACITY_3D, SH_3D, Splat},
+    oracle::{OPACITY_3D, Oracle, Projection, QUATERNION, SH_3D, Splat},
     scenes::{Draw, Kind3d},
     subject::Subject,
 };

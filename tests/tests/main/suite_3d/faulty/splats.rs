@@ -2,8 +2,7 @@
 
 use gs_conformance::{
     oracle::{
-        AdamReference, FactoredReference, Oracle, OracleScene, Parameters, Rendering, OPACITY_3D, SH_3D,
-        factored_scene,
+        AdamReference, FactoredReference, OPACITY_3D, Oracle, OracleScene, Parameters, Rendering, SH_3D, factored_scene,
     },
     subject::Subject,
 };
