@@ -5,7 +5,7 @@ use std::sync::LazyLock;
 use gs_conformance::{Failure, fuzzed};
 use gs_cpu::{CpuRasterizer, CpuSettings};
 
-/// One thread: the images are too small for more.
+/// A rasterizer with one thread: the images are too small for more.
 static RASTERIZER: LazyLock<CpuRasterizer> = LazyLock::new(|| {
     CpuRasterizer::new(CpuSettings::default().with(|s| {s.threads = Some(1); s.level = None;})).expect("a thread can be started")
 });

@@ -12,10 +12,10 @@ use gs_core::{
 /// another backend is an [`Error::State`].
 #[derive(Debug)]
 pub enum AnyRasterizer {
-    /// On the CPU.
+    /// A rasterizer on the CPU.
     #[cfg(feature = "cpu")]
     Cpu(Box<gs_cpu::CpuRasterizer>),
-    /// On a GPU.
+    /// A rasterizer on a GPU.
     #[cfg(feature = "wgpu")]
     Wgpu(Box<gs_wgpu::WgpuRasterizer>),
 }
@@ -23,9 +23,9 @@ pub enum AnyRasterizer {
 /// A value that belongs to one of the backends.
 #[derive(Debug)]
 pub enum AnyOf<C, W> {
-    /// Of the CPU backend.
+    /// A value of the CPU backend.
     Cpu(C),
-    /// Of the wgpu backend.
+    /// A value of the wgpu backend.
     Wgpu(W),
 }
 
@@ -59,8 +59,8 @@ sides! {
 }
 
 impl AnyRasterizer {
-    /// This rasterizer for 2D scenes alone, where the types of the arguments do not say which kind
-    /// of scene is meant.
+    /// Returns this rasterizer for 2D scenes only, where the types of the arguments do not
+    /// determine the kind of scene.
     pub fn for_2d(
         &self,
     ) -> &impl Profiler<
@@ -73,7 +73,7 @@ impl AnyRasterizer {
         self
     }
 
-    /// This rasterizer for 3D scenes alone, as [`Self::for_2d`].
+    /// Returns this rasterizer for 3D scenes only; see [`Self::for_2d`].
     pub fn for_3d(
         &self,
     ) -> &impl Profiler<
@@ -200,7 +200,7 @@ macro_rules! for_scene {
                 on!(self as on, pass => Rasterizer::<$scene>::image(on, pass).await, else Err(mismatch()))
             }
 
-            /// None for a pass of another backend.
+            /// Counts the culled Gaussians; all counts are 0 for a pass of another backend.
             fn culled(&self, pass: &Self::ForwardPass) -> Culled {
                 on!(self as on, pass => Rasterizer::<$scene>::culled(on, pass), else Culled::default())
             }

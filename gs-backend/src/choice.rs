@@ -27,7 +27,8 @@ pub enum Wanted {
 pub struct Request {
     /// Which backend.
     pub wanted: Wanted,
-    /// Why this one, for [`Chosen::reason`]; "as asked" unless something else is given.
+    /// Why this backend is wanted, for [`Chosen::reason`]; "as requested" unless something else is
+    /// given.
     pub why: Option<&'static str>,
     /// Threads on the host, at least 1. The default is `RAYON_NUM_THREADS`, or one per core.
     pub threads: Option<usize>,
@@ -46,7 +47,7 @@ gs_core::impl_with!(Request);
 
 impl Request {
     fn why(&self) -> &'static str {
-        self.why.unwrap_or("as asked")
+        self.why.unwrap_or("as requested")
     }
 }
 
@@ -131,7 +132,7 @@ fn cpu(request: &Request, threads: &Threads, why: &str) -> Result<Chosen, Error>
     });
     let rasterizer = CpuRasterizer::new(settings)?.with_tuning(request.tuning)?;
     let why_level = match request.level {
-        Some(_) => "SIMD level as asked",
+        Some(_) => "SIMD level as requested",
         None => "the fastest SIMD level of this machine",
     };
     let reason = format!("{}: {why}, {why_level}, {}", rasterizer.describe(), threads.why);

@@ -1,4 +1,4 @@
-//! Whether this machine may have a GPU.
+//! Detection of devices that may be a GPU.
 //!
 //! Asking the graphics drivers takes time, and on Linux they may write to standard error about a
 //! missing desktop. So they are asked only where the system has a device that may be a GPU.

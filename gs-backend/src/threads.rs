@@ -11,8 +11,8 @@ const VARIABLE: &str = "RAYON_NUM_THREADS";
 /// The most threads that the variable may ask for.
 const MOST: usize = 1024;
 
-/// How many threads a backend has on the host that was asked for so many, or for no number in
-/// particular.
+/// Returns the number of host threads of a backend for which `asked` threads were requested, or no
+/// number in particular.
 ///
 /// # Errors
 /// [`Error::Setting`] where the environment variable is not a possible number.
@@ -28,8 +28,8 @@ pub(crate) struct Threads {
 }
 
 impl Threads {
-    /// As many as were asked for, otherwise as many as the environment says, otherwise one per
-    /// core.
+    /// Chooses the number of threads: the requested one, otherwise that of the environment
+    /// variable, otherwise one per core.
     ///
     /// # Errors
     /// [`Error::Setting`] where the environment variable is not a possible number.
@@ -39,7 +39,7 @@ impl Threads {
 
     fn from_variable(asked: Option<usize>, variable: Option<&str>) -> Result<Self, Error> {
         if let Some(count) = asked {
-            return Ok(Self { count, why: "threads as asked" });
+            return Ok(Self { count, why: "threads as requested" });
         }
         let text = variable.unwrap_or_default();
         match if text.is_empty() { Ok(0) } else { text.trim().parse() } {

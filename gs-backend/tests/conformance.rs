@@ -63,7 +63,7 @@ fn the_reason_names_the_backend_and_says_why() {
     let chosen = open(&Request::default()).block_on().unwrap();
     assert!(chosen.reason.starts_with(&chosen.rasterizer.describe()), "{}", chosen.reason);
     let asked = open(&Request::default().with(|s| s.wanted = Wanted::Cpu)).block_on().unwrap();
-    assert!(asked.reason.contains(": as asked, the fastest SIMD level"), "{}", asked.reason);
+    assert!(asked.reason.contains(": as requested, the fastest SIMD level"), "{}", asked.reason);
     let request = Request::default().with(|s| {
         s.wanted = Wanted::Cpu;
         s.why = Some("to be compared");

@@ -39,7 +39,8 @@ pub(crate) struct BackendArgs {
     /// Number of threads; results do not depend on it [default: RAYON_NUM_THREADS, or one per core]
     #[arg(long, value_name = "T", value_parser = whole::<u16>(1..=1024))]
     pub(crate) threads: Option<u16>,
-    /// SIMD level of the cpu backend: baseline, avx2 or avx512 [default: the fastest of this machine]
+    /// SIMD level of the cpu backend: baseline, avx2 or avx512 [default: the fastest of this
+    /// machine]
     #[arg(long, value_name = "LEVEL")]
     pub(crate) simd: Option<String>,
     /// Tuning of the cpu backend; only a settings file can choose it.
@@ -93,8 +94,8 @@ impl BackendArgs {
         opened(&self.request()?, suits)
     }
 
-    /// The same, if these flags choose a backend; otherwise the recorded one, with the threads of
-    /// these flags.
+    /// Returns these flags if they choose a backend; otherwise the recorded ones, with the threads
+    /// of these flags.
     pub(crate) fn or_recorded(&self, machine: &Machine) -> Self {
         match Self::from_flags(&machine.flags) {
             Ok(recorded) if self.is_open() => Self { threads: self.threads, ..recorded },
@@ -183,7 +184,7 @@ fn opened(request: &Request, suits: impl AsyncFnOnce(&AnyRasterizer) -> Result<(
     Ok(chosen)
 }
 
-/// Gives rayon's global pool so many threads. Seeding between steps runs there, whatever the
+/// Gives rayon's global pool this number of threads. Seeding between steps runs there, whatever the
 /// backend.
 fn use_threads(threads: usize) {
     // Results do not depend on it, so a pool that is already there may stay.
@@ -203,7 +204,7 @@ fn explained(error: Error, request: &Request) -> Failure {
     Failure::usage(message)
 }
 
-/// Does work on the CPU, whatever backend was chosen, for what not every backend offers.
+/// Does work on the CPU that not every backend offers, whatever backend was chosen.
 pub(crate) fn on_cpu<T>(chosen: &Chosen, work: impl FnOnce(&AnyRasterizer) -> T) -> Result<T, Failure> {
     match &chosen.rasterizer {
         cpu @ AnyRasterizer::Cpu(_) => Ok(work(cpu)),
@@ -258,21 +259,21 @@ mod tests {
         assert_eq!(open.or_recorded(&unknown).backend, Choice::Auto);
     }
 
-    fn is_called_asked_for_only_if_it_is(wanted: Wanted, choice: Choice) {
+    fn check_reason_as_requested(wanted: Wanted, choice: Choice) {
         let reason = BackendArgs::default().open_to_compare(wanted).unwrap().reason;
-        assert!(reason.contains("to be compared") && !reason.contains("as asked"), "{reason}");
+        assert!(reason.contains("to be compared") && !reason.contains("as requested"), "{reason}");
         let asked = args(choice, None, None).open_to_compare(wanted).unwrap().reason;
-        assert!(asked.contains("as asked"), "{asked}");
+        assert!(asked.contains("as requested"), "{asked}");
     }
 
     #[test]
-    fn the_cpu_is_called_asked_for_only_if_it_is() {
-        is_called_asked_for_only_if_it_is(Wanted::Cpu, Choice::Cpu);
+    fn the_cpu_is_reported_as_requested_only_if_it_was() {
+        check_reason_as_requested(Wanted::Cpu, Choice::Cpu);
     }
 
     #[test]
-    fn wgpu_is_called_asked_for_only_if_it_is() {
-        is_called_asked_for_only_if_it_is(Wanted::Wgpu, Choice::Wgpu);
+    fn wgpu_is_reported_as_requested_only_if_it_was() {
+        check_reason_as_requested(Wanted::Wgpu, Choice::Wgpu);
     }
 
     #[test]

@@ -42,7 +42,7 @@ impl ReadingArgs {
     }
 }
 
-/// A remark of the reader as one line, with the flag that changes what it is about.
+/// A remark of the reader as one line, with the flag that changes its subject.
 pub(crate) fn remark_text(remark: &Remark) -> String {
     let flag = if matches!(remark, Remark::Reduced { .. }) { "; --max-size none reads all pixels" } else { "" };
     printable(&remark.to_string()).into_owned() + flag

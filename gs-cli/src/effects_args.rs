@@ -23,13 +23,13 @@ pub(crate) struct EffectsArgs {
 /// Which effects are simulated.
 #[derive(Debug, Clone, PartialEq, Eq)]
 enum Choice {
-    /// Those that the scene requires.
+    /// The effects that the scene requires.
     Auto,
-    /// All.
+    /// All effects.
     All,
-    /// All that a settings file has.
+    /// All effects that a settings file has.
     FromFile,
-    /// These. Blending cannot be chosen: a scene is trained for one.
+    /// The listed effects. Blending cannot be chosen: a scene is trained for one.
     Only(Vec<Effect>),
 }
 
@@ -112,7 +112,7 @@ pub(crate) fn describe(decisions: &[EffectDecision]) -> Option<String> {
     (separator != " ").then_some(text)
 }
 
-/// The same as a line below a summary.
+/// The text of [`describe`] as a line below a summary.
 pub(crate) fn line_below(verbosity: Verbosity, decisions: &[EffectDecision]) -> String {
     match verbosity {
         Verbosity::Normal => String::new(),

@@ -10,7 +10,7 @@ const INTERRUPTED: u8 = 130;
 enum Kind {
     /// The command line asks for something impossible: status 2.
     Usage,
-    /// The command could not do what it was asked: status 1.
+    /// The command could not do its work: status 1.
     Failed,
     /// The backend failed, such as a GPU that was lost: status 1. Checkpoints stored before are
     /// usable.
@@ -23,7 +23,7 @@ enum Kind {
     BrokenPipe,
 }
 
-/// Why a command did not do what it was asked.
+/// Why a command failed.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Failure {
     kind: Kind,
@@ -31,7 +31,7 @@ pub(crate) struct Failure {
 }
 
 impl Failure {
-    /// The command could not do what it was asked.
+    /// The command could not do its work.
     pub(crate) fn failed(message: impl Display) -> Self {
         Self { kind: Kind::Failed, message: one_line(message) }
     }

@@ -7,7 +7,7 @@ use gs_lab::frontier::{FrontierMachine, FrontierSettings, KernelsName};
 
 use crate::{backend::BackendArgs, failure::Failure, output, text_file::read_settings_text};
 
-/// How to get such a file where one is wrong.
+/// How to get a settings file of `gs frontier` where one is wrong.
 const HINT: &str = "gs frontier with --max-error or --max-ms writes such a file";
 
 /// Reads such a file.

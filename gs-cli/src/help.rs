@@ -3,7 +3,7 @@
 use clap::Command;
 use console::Term;
 
-/// The width if neither the terminal nor the environment tells, as in clap, columns.
+/// Columns of the help if neither the terminal nor the environment defines them, as in clap.
 const WIDTH: usize = 100;
 
 /// The command with the texts below its help, and below that of its subcommands, wrapped for the

@@ -18,11 +18,11 @@ pub(crate) struct Interrupt(Arc<OnceLock<Instant>>);
 /// What a signal asks for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Request {
-    /// To stop where the work can be resumed.
+    /// Stop where the work can be resumed.
     Stop,
-    /// The same as the signal before.
+    /// Nothing new: the signal repeats the one before.
     Repeated,
-    /// To quit at once.
+    /// Quit at once.
     Quit,
 }
 
@@ -50,7 +50,7 @@ impl Interrupt {
         self.0.get().is_some()
     }
 
-    /// What a signal asks for that comes at this time.
+    /// The request of a signal that comes at this time.
     fn receive(&self, now: Instant) -> Request {
         match self.0.get() {
             // Signals are handled one after the other.

@@ -1,7 +1,7 @@
 //! Checks that there is enough memory for a command before it begins. A process that runs out of
 //! memory halfway may be killed, and its work is lost.
 //!
-//! Linux tells how much memory a process may have. On other systems nothing is refused.
+//! Linux reports how much memory a process may have. On other systems nothing is refused.
 
 use std::{
     fmt::Display,
@@ -26,9 +26,9 @@ pub(crate) struct Need<'a> {
     /// The work: "fitting photo.jpg (8000x6000 px)".
     pub(crate) what: String,
     pub(crate) bytes: u64,
-    /// How much of it is in use already.
+    /// Memory of the work that is in use already.
     pub(crate) held: u64,
-    /// How it would take less: "take a smaller image".
+    /// How to reduce the need: "take a smaller image".
     pub(crate) less: &'a str,
 }
 
@@ -46,7 +46,7 @@ impl Need<'_> {
         Err(Failure::failed(message).at(what).hint(format_args!("{less}, or allow more")))
     }
 
-    /// The same, and prints a large need.
+    /// Fails where this process may not have so much, and prints a large need.
     pub(crate) fn check_and_print(&self) -> Result<(), Failure> {
         self.check()?;
         if self.bytes > LARGE {
@@ -81,7 +81,7 @@ pub(crate) fn check_3d(path: &Path) -> Result<(), Failure> {
     Need { what: format!("reading {}", path.display()), bytes, held: 0, less }.check_and_print()
 }
 
-/// The peak memory of this process so far, if the system tells.
+/// The peak memory of this process so far, if the system reports it.
 pub(crate) fn peak() -> Option<u64> {
     kib(&text("/proc/self/status")?, "VmHWM")
 }
@@ -89,7 +89,7 @@ pub(crate) fn peak() -> Option<u64> {
 /// A limit of memory.
 #[derive(Debug, Clone, PartialEq, Eq)]
 struct Limit {
-    /// "the address space of this process".
+    /// The limit's name: "the address space of this process".
     whose: &'static str,
     all: u64,
     left: u64,

@@ -30,8 +30,8 @@ pub(crate) enum Verbosity {
     /// Progress.
     #[default]
     Normal,
-    /// Also each round of density control, the Gaussians whose scales reach a bound, and the
-    /// effects that are simulated.
+    /// Also rounds of density control, Gaussians whose scales reach a bound, and the effects that
+    /// are simulated.
     Verbose,
 }
 

@@ -75,7 +75,7 @@ pub(crate) struct RenderArgs3d {
 }
 
 impl RenderArgs3d {
-    /// Whether any of them is given.
+    /// Whether any of these flags is given.
     pub(crate) fn is_some(&self) -> bool {
         let Self { background, sh_degree, order, antialias } = self;
         background.is_some() || sh_degree.is_some() || order.is_some() || antialias.is_some()
@@ -105,7 +105,7 @@ impl RenderArgs3d {
         self.applied_to(file.render_settings(dataset))
     }
 
-    /// These settings, with the flags that are given.
+    /// Applies the given flags to settings.
     pub(crate) fn applied_to(&self, mut render: RenderSettings) -> RenderSettings {
         let effects = &mut render.effects;
         effects.sh_degree = self.sh_degree.unwrap_or(effects.sh_degree);

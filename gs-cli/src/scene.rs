@@ -36,7 +36,7 @@ pub(crate) fn read_any(path: &Path) -> Result<AnyScene, Failure> {
     Ok(read(path, Values::Checked)?.scene)
 }
 
-/// Reads a scene of either kind; `None` for a file that is none, such as an image.
+/// Reads a scene of either kind; `None` for another file, such as an image.
 pub(crate) fn read_if_any(path: &Path) -> Result<Option<AnyScene>, Failure> {
     is_scene(path)?.then(|| read_any(path)).transpose()
 }

@@ -12,7 +12,7 @@ use crate::failure::Failure;
 /// The longest text that is read, bytes. A camera path of 100,000 keys has about 10 MB.
 const MAX_BYTES: u64 = 64 << 20;
 
-/// Reads a text file; `hint` says what to do where there is none.
+/// Reads a text file; `hint` says what to do if the file does not exist.
 pub(crate) fn read_text(file: &Path, hint: &str) -> Result<String, Failure> {
     let read = || -> io::Result<String> {
         let mut text = String::new();

@@ -120,7 +120,7 @@ impl fmt::Display for Color {
 pub(crate) enum TrainBackground {
     /// One colour.
     Solid(Color),
-    /// Another colour in each step.
+    /// A new colour in each step.
     Random,
 }
 

@@ -41,15 +41,15 @@ impl Parameterization {
 #[serde(deny_unknown_fields, rename_all = "kebab-case")]
 #[non_exhaustive]
 pub enum Schedule {
-    /// Always 1.
+    /// A factor of 1 in every step.
     #[default]
     Constant,
-    /// From 1 to `to` along half a cosine.
+    /// A factor from 1 to `to` along half a cosine.
     Cosine {
         /// Last factor.
         to: f32,
     },
-    /// From 1 to `to` geometrically (3DGS's decay of the position's rate).
+    /// A factor from 1 to `to`, geometrically (3DGS's decay of the position's rate).
     Exponential {
         /// Last factor, positive.
         to: f32,
@@ -104,9 +104,9 @@ pub enum Participants {
     /// All: the moments of Gaussians out of view decay, and still move them (3DGS).
     #[default]
     All,
-    /// Those that some tile of this step's view lists. The others do not change, and their steps
-    /// are not counted. A step then costs time in proportion to what is in view. *Source:* sparse
-    /// Adam, as in Taming 3DGS, Mallick et al. 2024.
+    /// Gaussians that some tile of this step's view lists. The others do not change, and their
+    /// steps are not counted. A step then costs time in proportion to what is in view. *Source:*
+    /// sparse Adam, as in Taming 3DGS, Mallick et al. 2024.
     Visible,
 }
 
@@ -150,7 +150,7 @@ pub struct Adam {
     pub color: Group,
     /// SH coefficients above degree 0. 3D scenes.
     pub color_rest: Group,
-    /// Added to √v̂, against division by zero.
+    /// Number added to √v̂, against division by zero.
     pub epsilon: f32,
     /// Lower bound of every scale, px (3D scenes: world units).
     pub min_scale: f32,
@@ -207,7 +207,7 @@ pub struct AdamRates {
     pub color: Rate,
     /// SH coefficients above degree 0.
     pub color_rest: Rate,
-    /// Added to √v̂.
+    /// Number added to √v̂.
     pub epsilon: f32,
     /// Lower bound of every scale.
     pub min_scale: f32,
@@ -220,7 +220,7 @@ pub struct AdamRates {
 }
 
 impl AdamRates {
-    /// The same with all learning rates multiplied by `factor`.
+    /// Returns these rates with all learning rates multiplied by `factor`.
     #[must_use]
     pub fn times(mut self, factor: f32) -> Self {
         let Self { mean, scale, rotation, opacity, color, color_rest, .. } = &mut self;

@@ -82,7 +82,7 @@ pub const MIN_QUATERNION_NORM2: f32 = 1e-6;
 /// normal numbers.
 pub const QUATERNION_SHRINK: f32 = 1.355_252_7e-20;
 
-/// Range in which the square of a length has all its digits, and so has the direction computed from
+/// Range in which the square of a length has all its digits, and also the direction computed from
 /// it. Unit: world units².
 pub const SAFE_SQUARES: [f32; 2] = [1e-30, 1e37];
 

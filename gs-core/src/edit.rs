@@ -12,13 +12,13 @@ use crate::error::Error;
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub enum PruneCause {
-    /// Opacity below ε_α (paper §2.2.3).
+    /// An opacity below ε_α (paper §2.2.3).
     Transparent,
-    /// Larger than the policy allows.
+    /// A size larger than the policy allows.
     TooLarge,
-    /// A parameter is NaN or infinite.
+    /// A parameter that is NaN or infinite.
     NotFinite,
-    /// Among those that contribute least, to make room for others.
+    /// A contribution among the least, to make room for others.
     Unimportant,
 }
 
@@ -29,9 +29,10 @@ pub enum PruneCause {
 pub enum Origin {
     /// A copy of its parent (paper §2.2.2, under-reconstruction).
     Clone,
-    /// One of the smaller ones that replace its parent (paper §2.2.2, over-reconstruction).
+    /// A smaller Gaussian, one of those that replace their parent (paper §2.2.2,
+    /// over-reconstruction).
     Split,
-    /// Placed where the residual is large, without a parent.
+    /// A new Gaussian without a parent, placed where the residual is large.
     Seed,
 }
 
@@ -100,7 +101,7 @@ pub struct Change<G> {
     pub index: u32,
     /// New parameters.
     pub gaussian: G,
-    /// What the edit does with its moments.
+    /// What the edit does with the Gaussian's moments.
     pub moments: Moments,
 }
 
@@ -109,14 +110,14 @@ pub struct Change<G> {
 pub struct Birth<G> {
     /// Parameters.
     pub gaussian: G,
-    /// Index before the edit of the Gaussian that it comes from; its statistics and, if inherited,
-    /// its moments come from there.
+    /// Index, before the edit, of the parent, from which the statistics and, if inherited, the
+    /// moments come.
     pub parent: Option<u32>,
-    /// What its moments start from; without a parent always [`Moments::Fresh`].
+    /// What the Gaussian's moments start from; without a parent always [`Moments::Fresh`].
     pub moments: Moments,
-    /// How it is added.
+    /// How the Gaussian is added.
     pub origin: Origin,
-    /// Its position in the arrays.
+    /// Position of the Gaussian in the arrays.
     pub place: Place,
 }
 

@@ -23,13 +23,14 @@ use crate::constants::{DILATION_PX2, MIP_DILATION_PX2};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Order {
-    /// By their index in the scene, the first in front. The only order that a 2D scene can need.
+    /// Order by index in the scene, the first in front. No other order is needed in 2D scenes.
     #[default]
     Index,
-    /// By one depth per Gaussian, that of its mean (3DGS, paper §2.3.1); ties by index. 3D scenes.
+    /// Order by one depth per Gaussian, that of its mean (3DGS, paper §2.3.1); ties by index. 3D
+    /// scenes.
     #[serde(alias = "tile-depth")]
     Global,
-    /// By their depth along each pixel's ray, ties by index: no popping (paper §5.4). A Gaussian's
+    /// Order by depth along each pixel's ray, ties by index: no popping (paper §5.4). A Gaussian's
     /// depth at a pixel is the mean of z given that the ray goes through the pixel
     /// ([`Projection::depth_slope`]). 3D scenes.
     ///
@@ -62,8 +63,8 @@ pub enum Antialias {
     /// Σ′ + 0.1 px² · I with the opacity scaled by √(det Σ′ / det(Σ′ + 0.1 I)) (Mip-Splatting).
     /// Under [`Blend::Sum`], which has no opacity, nothing is scaled.
     Mip,
-    /// As [`Self::Mip`], but with 0.3 px² (gsplat's `antialiased`, also offered by Nerfstudio,
-    /// PlayCanvas and others).
+    /// [`Self::Mip`] with 0.3 px² (gsplat's `antialiased`, also offered by Nerfstudio, PlayCanvas
+    /// and others).
     Compensated,
 }
 

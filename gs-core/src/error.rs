@@ -12,9 +12,9 @@ pub enum Error {
     Length {
         /// The array.
         what: &'static str,
-        /// Its length by the rest of the scene.
+        /// The length that the rest of the scene implies.
         expected: usize,
-        /// Its length as found.
+        /// The length that was found.
         found: usize,
     },
     /// A value that must be finite is NaN or infinite.
@@ -24,15 +24,15 @@ pub enum Error {
         what: &'static str,
         /// The Gaussian.
         index: usize,
-        /// Its value.
+        /// The parameter's value.
         value: f32,
     },
-    /// A setting outside its range.
+    /// A setting is out of range.
     #[error("{what} is {value}, but must be {allowed}")]
     Setting {
         /// The setting.
         what: &'static str,
-        /// Its value, printed.
+        /// The setting's value, printed.
         value: String,
         /// The range in words.
         allowed: &'static str,
@@ -76,10 +76,10 @@ pub enum Error {
         column: u32,
         /// The pixel's row, from 0.
         row: u32,
-        /// Its value.
+        /// The pixel's value.
         value: f32,
     },
-    /// An edit plan that does not fit its splats.
+    /// An edit plan does not fit its splats.
     #[error("edit plan: {0}")]
     Plan(String),
     /// The backend does not offer an effect.

@@ -161,7 +161,8 @@ impl Image {
 /// The value of a channel in 8 bits; see [`Image::to_8_bits`].
 #[inline]
 pub fn to_8_bits(value: f32) -> u8 {
-    /// From here on every `f32` is a whole number, so that adding it rounds, halves to even.
+    /// Smallest number from which on every `f32` is a whole number, so that adding it rounds,
+    /// halves to even.
     const WHOLE: f32 = (1 << 23) as f32;
     // `f32::round` is a library call at the default x86-64 target.
     let scaled = value.clamp(0.0, 1.0) * 255.0;

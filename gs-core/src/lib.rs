@@ -3,10 +3,8 @@
 //!
 //! - [`Rasterizer`] draws scenes and differentiates their images; [`Optimizer`] trains where the
 //!   backend computes.
-//! - [`Scene2d`] and [`Scene3d`] are scenes, [`Canvas`] and [`Camera`] what they are looked at
-//!   through.
-//! - The module `splat` is what one Gaussian does at one pixel, `perspective` how a 3D Gaussian
-//!   gets there.
+//! - [`Scene2d`] and [`Scene3d`] are scenes, [`Canvas`] and [`Camera`] their views.
+//! - The module `splat` blends a Gaussian at a pixel, `perspective` projects a 3D Gaussian.
 //! - [`constants`] has every number that backends must agree on.
 
 // Guards are phrased so that NaN fails them: `!(x > 0.0)` is not `x <= 0.0`.

@@ -52,7 +52,7 @@ pub struct StageTime {
     pub stage: &'static str,
     /// Seconds of each repetition, in order.
     pub seconds: Vec<f64>,
-    /// Number of pixel–Gaussian pairs that it visits.
+    /// Number of pixel–Gaussian pairs that the stage visits.
     pub pairs: u64,
     /// The stages that this one replaces in a training step with these settings; they are measured
     /// for comparison.
@@ -90,7 +90,7 @@ impl fmt::Display for Clock {
 pub struct Profile {
     /// The stages in their order.
     pub stages: Vec<StageTime>,
-    /// Clock by which they were measured.
+    /// Clock by which the times were measured.
     pub clock: Clock,
     /// Number of pixel–Gaussian pairs that a blend kernel visits, including those that a vector
     /// covers beyond an ellipse.

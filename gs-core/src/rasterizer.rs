@@ -60,9 +60,9 @@ pub struct TrainStep<'a> {
 /// The losses that [`Optimizer::losses`] returns.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Wait {
-    /// Those that have arrived; does not wait.
+    /// The losses that have arrived; does not wait.
     Arrived,
-    /// Those of all steps that were sent; waits for the last of them.
+    /// The losses of all steps that were sent; waits for the last of them.
     All,
 }
 

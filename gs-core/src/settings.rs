@@ -27,11 +27,12 @@ pub enum Cut {
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "kebab-case")]
 pub enum Extent {
-    /// Up to the ellipse on which α falls to [`Accuracy::alpha_cut`], so that nothing above the cut
-    /// is lost. It reaches √(2 ln(o / cut)) σ, so a faint Gaussian is small.
+    /// The ellipse on which α falls to [`Accuracy::alpha_cut`], so that nothing above the cut is
+    /// lost. It reaches √(2 ln(o / cut)) σ, so a faint Gaussian is small.
     #[default]
     AlphaCut,
-    /// Also at most this many standard deviations, 1 to 6: dᵀ Σ′⁻¹ d ≤ k². Backends may refuse it.
+    /// The ellipse of [`Self::AlphaCut`], but at most this many standard deviations, 1 to 6: dᵀ
+    /// Σ′⁻¹ d ≤ k². Backends may refuse it.
     ///
     /// 3DGS uses 3 for the square by which it picks tiles. Opaque Gaussians have a step of
     /// exp(−k²/2) at their edge.
@@ -117,7 +118,7 @@ impl RenderSettings {
         Self { effects: Effects { blend, ..Effects::default() }, ..Self::default() }
     }
 
-    /// The same settings before a solid background.
+    /// Returns these settings with a solid background.
     #[must_use]
     pub fn on(mut self, background: [f32; 3]) -> Self {
         self.effects.background = Background::Solid;

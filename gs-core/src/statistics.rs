@@ -52,16 +52,16 @@ pub enum CullCause {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Culled {
-    /// A parameter, or the covariance made of them, is NaN or infinite.
+    /// Gaussians with a parameter, or a covariance made of them, that is NaN or infinite.
     pub not_finite: u32,
-    /// Its mean is nearer than the near plane, or behind the camera. 3D scenes.
+    /// Gaussians whose mean is nearer than the near plane, or behind the camera. 3D scenes.
     pub near: u32,
-    /// det Σ′ below [`MIN_DETERMINANT_PX4`](crate::constants::MIN_DETERMINANT_PX4), or a quaternion
-    /// without direction.
+    /// Gaussians with det Σ′ below [`MIN_DETERMINANT_PX4`](crate::constants::MIN_DETERMINANT_PX4),
+    /// or with a quaternion without direction.
     pub degenerate: u32,
-    /// Opacity below the α cut.
+    /// Gaussians with an opacity below the α cut.
     pub transparent: u32,
-    /// Touches no pixel of the view above the cut.
+    /// Gaussians that touch no pixel of the view above the cut.
     pub outside: u32,
 }
 

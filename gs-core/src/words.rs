@@ -21,8 +21,8 @@ pub(crate) fn there_are(count: usize, noun: &str) -> String {
 macro_rules! impl_with {
     ($($settings:ty),+ $(,)?) => {$(
         impl $settings {
-            /// The same settings after `change`, which assigns fields:
-            /// `settings.with(|s| s.field = value)`.
+            /// Returns these settings after `change`, which assigns fields: `settings.with(|s|
+            /// s.field = value)`.
             #[must_use]
             pub fn with(mut self, change: impl FnOnce(&mut Self)) -> Self {
                 change(&mut self);

@@ -34,11 +34,11 @@ struct Seen {
 /// The buffers of one task.
 #[derive(Debug, Default)]
 pub(crate) struct Scratch {
-    /// Where each row's entries begin in `reaching`, and the end.
+    /// Start of each row's entries in `reaching`, and the end.
     row_start: Vec<u32>,
-    /// For each row, the entries that reach it, in the order of the lists.
+    /// Entries that reach each row, in the order of the lists.
     reaching: Vec<u32>,
-    /// For each pixel of a row, its entries above the cut.
+    /// Entries above the cut at each pixel of a row.
     seen: [Vec<Seen>; LANES],
 }
 

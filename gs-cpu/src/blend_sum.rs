@@ -38,7 +38,7 @@ pub(crate) struct Weights<V> {
     across: V,
     c: f32,
     ratio: V,
-    /// Subtracted from the stored ratio: 1 for wide Gaussians, else 0.
+    /// Number subtracted from the stored ratio: 1 for wide Gaussians, else 0.
     ///
     /// `minus_fall` and `mask` are −(1 − exp(−c)) and all ones for wide Gaussians, else 0.
     base: f32,

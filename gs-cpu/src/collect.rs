@@ -8,9 +8,9 @@ use gs_core::effects::Statistics;
 pub(crate) trait Collect {
     /// Count of the numbers.
     const NUMBERS: usize;
-    /// Whether Σ|∂L/∂u| and Σ|∂L/∂v|, px⁻¹, are among them, summed over pixels.
+    /// Whether the numbers include Σ|∂L/∂u| and Σ|∂L/∂v|, px⁻¹, summed over pixels.
     const ABSOLUTE: bool;
-    /// Whether Σ T α e is among them, where e is the pixel's error.
+    /// Whether the numbers include Σ T α e, where e is the pixel's error.
     const ERROR: bool;
 }
 

@@ -92,7 +92,7 @@ pub trait SceneKind: sealed::Sealed + Scene + 'static {
     #[doc(hidden)]
     fn shared(splats: &Self::Splats) -> &Shared<Self>;
 
-    /// The same, mutable.
+    /// The part of the splats that both kinds share, mutable.
     #[doc(hidden)]
     fn shared_mut(splats: &mut Self::Splats) -> &mut Shared<Self>;
 

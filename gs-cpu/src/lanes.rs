@@ -47,7 +47,7 @@ impl<S: Simd, V> Floats<S> for V where
 /// A whole row of a strip: one register or several.
 pub(crate) type Whole<S> = f32x16<S>;
 
-/// The same number in every lane.
+/// Returns a vector with the same number in every lane.
 #[inline(always)]
 pub(crate) fn splat<S: Simd, V: Floats<S>>(simd: S, value: f32) -> V {
     V::splat(simd, value)

@@ -119,11 +119,11 @@ impl Grid {
 #[derive(Debug)]
 pub(crate) struct TileBuffers<'a> {
     pub(crate) rows: &'a mut [Row],
-    /// One number per pixel: transmittance, or errors.
+    /// A number per pixel: transmittance, or errors.
     pub(crate) scalars: &'a mut [ScalarRow],
     /// `stride` numbers per entry.
     pub(crate) slots: &'a mut [f32],
-    /// One per tile.
+    /// A partial sum per tile.
     pub(crate) sums: &'a mut [f64],
 }
 

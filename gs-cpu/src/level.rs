@@ -10,8 +10,9 @@ use gs_core::Error;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 #[non_exhaustive]
 pub enum SimdLevel {
-    /// What every machine of the target has: SSE2 on x86-64 and NEON on AArch64, with 4 lanes each;
-    /// SIMD128 on WebAssembly, if the compiler was told to use it; no vectors otherwise.
+    /// The instructions that every machine of the target has: SSE2 on x86-64 and NEON on AArch64,
+    /// with 4 lanes each; SIMD128 on WebAssembly, if the compiler was told to use it; no vectors
+    /// otherwise.
     Baseline,
     /// AVX2 with FMA, 8 lanes.
     Avx2,
@@ -31,8 +32,8 @@ pub enum Level {
 
 /// Evaluates an expression with the instructions of a level: `dispatch!(level, simd => f(simd))`.
 ///
-/// `fearless_simd::dispatch!` compiles the expression for SSE4.2 and without vectors, too: two fifths
-/// of the crate's build time, for few machines.
+/// `fearless_simd::dispatch!` compiles the expression for SSE4.2 and without vectors, too: two
+/// fifths of the crate's build time, for few machines.
 macro_rules! dispatch {
     ($level:expr, $simd:ident => $body:expr) => {{
         match $level {

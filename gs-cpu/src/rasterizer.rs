@@ -74,7 +74,7 @@ impl CpuRasterizer {
         Ok(Self { threads, simd, level, tuning: CpuTuning::default(), resources: AllResources::default() })
     }
 
-    /// The same rasterizer with another tuning.
+    /// Returns this rasterizer with another tuning.
     ///
     /// # Errors
     /// [`Error::Setting`] where a number of the tuning is outside its range.
@@ -88,7 +88,7 @@ impl CpuRasterizer {
         self.tuning
     }
 
-    /// This rasterizer for 2D scenes alone.
+    /// Returns this rasterizer for 2D scenes only.
     ///
     /// Use it where the types of the arguments do not determine the kind of scene.
     pub fn for_2d(
@@ -98,7 +98,7 @@ impl CpuRasterizer {
         self
     }
 
-    /// This rasterizer for 3D scenes alone; see [`Self::for_2d`].
+    /// Returns this rasterizer for 3D scenes only; see [`Self::for_2d`].
     pub fn for_3d(
         &self,
     ) -> &impl Profiler<Scene3d, Splats = Splats3d, ForwardPass = ForwardPass3d, Gradients = Gradients3d, Target = Target>

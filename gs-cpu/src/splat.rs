@@ -1,4 +1,4 @@
-//! One projected Gaussian: what the pixels need of it, for 2D and 3D scenes alike.
+//! A projected Gaussian: what the pixels need of it, in 2D and 3D scenes.
 //!
 //! Σ′ is held so that the exponent is a sum of squares, without the cancellation that a·dx² +
 //! 2b·dx·dy + c·dy² suffers in needles: σ = ½ dx²/Σxx + ½ c (dy − slope·dx)², with slope = Σxy/Σxx
@@ -12,7 +12,7 @@ pub(crate) const CHUNK: usize = 1024;
 /// Largest |exponent| at a start of the kernels' recurrence, well inside the range of `f32`.
 const SAFE_EXPONENT: f32 = 80.0;
 
-/// Below this c, the ratio of successive rows' weights is stored minus 1.
+/// The c below which the ratio of successive rows' weights is stored minus 1.
 ///
 /// Near 1, the rounding of the ratio itself would grow with the square of the number of rows. For a
 /// larger c there are few rows, and the ratio comes near 0, where subtracting 1 would lose digits.
@@ -141,7 +141,7 @@ impl Splat {
     }
 }
 
-/// One Gaussian's gradient: the sum of its entries' slots.
+/// Gradient of a Gaussian: the sum of its entries' slots.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Received {
     /// v_colour.

@@ -15,7 +15,7 @@ pub enum Stage {
     Loss,
     /// Computes the gradient of each tile entry.
     BlendBwd,
-    /// `Blend`, `Loss` and `BlendBwd` in one pass, where a training step runs them so.
+    /// `Blend`, `Loss` and `BlendBwd` in one pass, if a training step fuses them.
     Fused,
     /// Computes the gradient of each Gaussian.
     ProjectBwd,

@@ -7,12 +7,12 @@ use crate::{
     splat::{PixelDepth, Splat},
 };
 
-/// One tile's list and position.
+/// List and position of a tile.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct TileInputs<'a> {
     pub(crate) entries: &'a [Entry],
     pub(crate) projected: &'a [Splat],
-    /// By place; empty without a sort at each pixel.
+    /// Depths by place; empty without a sort at each pixel.
     pub(crate) depths: &'a [PixelDepth],
     pub(crate) accuracy: &'a Accuracy,
     pub(crate) first_column: usize,

@@ -42,12 +42,12 @@ pub(crate) struct Tiles {
     pub(crate) settings: RenderSettings,
     pub(crate) tuning: CpuTuning,
     pub(crate) grid: Grid,
-    /// By place.
+    /// Splats by place.
     pub(crate) projected: Vec<Splat>,
-    /// By place, with a sort at each pixel.
+    /// Depths by place, with a sort at each pixel.
     pub(crate) depths: Vec<PixelDepth>,
     scratches: Scratches<Scratch>,
-    /// One tile's rows, for passes that need them no longer than that tile.
+    /// Rows of a tile, for passes that need them no longer than that tile.
     pub(crate) tile_rows: Scratches<Vec<Row>>,
     pub(crate) bins: Bins,
     /// The image, or the strips of it that were drawn last.
@@ -62,7 +62,7 @@ pub(crate) struct Tiles {
     pub(crate) slots: Vec<f32>,
     /// Numbers per entry in `slots`.
     pub(crate) stride: usize,
-    /// One partial sum per tile.
+    /// A partial sum per tile.
     pub(crate) sums: Vec<f64>,
     /// Number of Gaussians that projection left out, by cause.
     pub(crate) culled: Culled,

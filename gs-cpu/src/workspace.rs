@@ -5,8 +5,7 @@ use std::sync::{Mutex, PoisonError};
 
 use crate::{tiles::Tiles, tuning::CpuTuning};
 
-/// One pass's inputs and results. `O` is the type of the buffers that one kind of scene alone
-/// needs.
+/// Inputs and results of a pass. `O` is the type of the buffers that only one kind of scene needs.
 #[derive(Debug, Default)]
 pub struct Workspace<O> {
     pub(crate) tiles: Tiles,

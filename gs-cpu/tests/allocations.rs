@@ -1,6 +1,6 @@
 //! A warm training step allocates nothing that grows with the scene or the image.
 //!
-//! This test counts with an allocator of its own, and so needs a process of its own. The thread
+//! This test counts with an allocator of its own, so it needs a process of its own. The thread
 //! pool's queue allocates a block of memory for every few dozen jobs that come from outside the
 //! pool.
 

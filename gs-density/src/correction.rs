@@ -9,10 +9,11 @@ use crate::gaussian::DensityGaussian;
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub enum OpacityCorrection {
-    /// Both keep the opacity, as in 3DGS: where they overlap, they hide more than the one did.
+    /// Nothing: both keep the opacity, as in 3DGS. Where they overlap, they hide more than the one
+    /// did.
     #[default]
     None,
-    /// Two Gaussians in the place of the one, with its scales, look as it did.
+    /// Two Gaussians with the scales of the one that they replace look as it did.
     ///
     /// In a scene with opacities both get 1 − √(1 − α). Blended one right behind the other, they
     /// have exactly the opacity of the one at its mean. Elsewhere, at weight w, they have α'² w (1

@@ -26,8 +26,8 @@ gs_core::impl_with!(Densify, LongAxisSplit);
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub enum ClonePlacement {
-    /// On the original, which stays (as in the code of 3DGS). The two separate only by their
-    /// different moments, under [`Blend::Over`](gs_core::Blend) also by their order.
+    /// At the position of the original, which stays (as in the code of 3DGS). The two separate only
+    /// by their different moments, under [`Blend::Over`](gs_core::Blend) also by their order.
     #[default]
     OnOriginal,
     /// At a point drawn from the original, which stays.
@@ -42,9 +42,9 @@ pub enum SplitPlacement {
     /// At two points drawn independently from the parent (paper §2.2.2, 3DGS).
     #[default]
     Drawn,
-    /// On the parent's long axis, half of its largest scale to either side of its mean.
+    /// On the parent's long axis, half of the parent's largest scale to either side of its mean.
     LongAxis,
-    /// On the parent's long axis, with sizes and opacity of their own instead of
+    /// On the parent's long axis, with the sizes and opacity of [`LongAxisSplit`] instead of
     /// [`Densify::shrink`].
     LongAxisSplit(LongAxisSplit),
 }
@@ -117,8 +117,8 @@ pub(crate) fn check_newcomers(moments: Moments) -> Result<(), Error> {
     Ok(())
 }
 
-/// Which of the two inherits the Adam moments of the one; the other starts at
-/// [`Densify::newcomers`].
+/// Which of the two Gaussians inherits the Adam moments of the one that they replace; the other
+/// starts at [`Densify::newcomers`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
@@ -128,9 +128,9 @@ pub enum MomentHeir {
     Original,
     /// The added Gaussian.
     Copy,
-    /// Both.
+    /// Both Gaussians.
     Both,
-    /// Neither.
+    /// Neither Gaussian.
     Neither,
 }
 

@@ -34,11 +34,11 @@ pub trait DensityGaussian: Clone + Debug + PartialEq {
     /// by `across`.
     fn reshape(&mut self, along: f32, across: f32);
 
-    /// The same Gaussian at a point drawn from it.
+    /// Returns this Gaussian at a point drawn from it.
     #[must_use]
     fn drawn(&self, rng: &mut Rng) -> Self;
 
-    /// The same Gaussian, moved along its longest axis by `scales` times its largest scale.
+    /// Returns this Gaussian, moved along its longest axis by `scales` times its largest scale.
     #[must_use]
     fn moved_along(&self, scales: f32) -> Self;
 }
@@ -120,7 +120,7 @@ impl DensityScene for Scene2d {
 }
 
 impl DensityGaussian for Gaussian3d {
-    /// Also false where the quaternion has no direction.
+    /// Whether all parameters are usable: also false where the quaternion has no direction.
     fn is_finite(&self) -> bool {
         self.mean.is_finite()
             && self.log_scale.is_finite()

@@ -87,8 +87,8 @@ impl Grow {
         }
     }
 
-    /// Of the first [`FORCED_GROWTH_PERCENT`] by rank, those grow whose signal is at least a
-    /// hundredth of its threshold.
+    /// Growth by rank above a low threshold: Gaussians among the first [`FORCED_GROWTH_PERCENT`] by
+    /// rank grow if their signal is at least a hundredth of its threshold.
     ///
     /// The rank sets the speed of growth, whatever the contrast of the image. The low threshold
     /// only ends growth where there is nothing to gain. The budget is a target: the round that
@@ -97,8 +97,8 @@ impl Grow {
         Self { threshold: FLOOR_SHARE * signal.threshold(), ..Self::percentile(signal) }
     }
 
-    /// The first [`FORCED_GROWTH_PERCENT`] by rank grow, and all whose signal is at least its
-    /// threshold.
+    /// Growth by rank or threshold: the first [`FORCED_GROWTH_PERCENT`] by rank grow, and all whose
+    /// signal is at least its threshold.
     ///
     /// The paper (§3.4.3) forces the first 10 % to grow "regardless of an absolute threshold" and
     /// goes from 20 Gaussians to 600. By forced growth alone, 24 rounds would end at 234, so the
@@ -108,7 +108,7 @@ impl Grow {
         Self { threshold: signal.threshold(), combine: Combine::Either, ..Self::percentile(signal) }
     }
 
-    /// The same policy with other actions.
+    /// Returns this policy with other actions.
     #[must_use]
     pub fn with_actions(self, actions: Actions) -> Self {
         Self { actions, ..self }

@@ -147,7 +147,7 @@ fn draw(scene: &impl DensityScene, alive: &[u32], count: usize, rng: &mut Rng) -
     alive.iter().copied().zip(times).filter(|&(_, times)| times > 0).collect()
 }
 
-/// One of the N that replace a Gaussian.
+/// Returns one of the `parts` Gaussians that replace a Gaussian.
 fn part_of<G: DensityGaussian>(mut gaussian: G, parts: u32, has_opacity: bool) -> G {
     if has_opacity {
         // More than the source's maximum are corrected as if they were that many.

@@ -130,7 +130,7 @@ impl Policy {
         "none",
     ];
 
-    /// The policy of that name, with its default settings:
+    /// Returns the policy with this name and its default settings:
     ///
     /// - `absolute`, `abs-gs`, `absolute-error`: [`Grow::absolute`] by mean gradient (3DGS),
     ///   absolute gradient (AbsGS, which splits what is larger than a thousandth of the image, not
@@ -240,7 +240,7 @@ impl Policy {
         }
     }
 
-    /// The same policy for 3D scenes, which have no sizes in px.
+    /// Returns this policy for 3D scenes, which have no sizes in px.
     ///
     /// A split above a size in px becomes a split of any size, and a pruning bound in px is
     /// removed. Moments of new Gaussians are zeroed, as in the optimiser of 3DGS and its

@@ -140,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn in_space_too() {
+    fn prunes_in_3d_too() {
         let good = Gaussian3d {
             mean: Vec3::ONE,
             log_scale: Vec3::splat(-3.0),

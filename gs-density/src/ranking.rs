@@ -9,11 +9,10 @@ use crate::grow::share_of;
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub enum WhenFlat {
-    /// They do not grow: a Gaussian that was never drawn, or whose image is perfect, has nothing to
-    /// gain.
+    /// No growth: a Gaussian that was never drawn, or whose image is perfect, has nothing to gain.
     #[default]
     Nothing,
-    /// They rank behind all others, by index, so that the number of Gaussians grows in any case.
+    /// Growth behind all others, by index, so that the number of Gaussians grows in any case.
     Forced,
 }
 

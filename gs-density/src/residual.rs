@@ -253,7 +253,7 @@ const SPAN: usize = 64;
 enum Power {
     /// (x^¼)^n by squaring: exact enough, and twenty times faster than `powf`.
     Quarters(u32),
-    /// Any other.
+    /// Any other exponent.
     Real(f32),
 }
 
@@ -311,8 +311,8 @@ fn least_important(scene: &Scene2d, count: usize) -> Vec<Removal> {
     removed
 }
 
-/// As described at [`ResidualGrowth`]; may be NaN or infinite where parameters are not finite or
-/// huge.
+/// The importance described at [`ResidualGrowth`]; may be NaN or infinite where parameters are not
+/// finite or huge.
 fn importance(scene: &Scene2d, index: usize) -> f32 {
     let determinant = scene.log_scales[index].element_sum().exp();
     let color = scene.colors[index];

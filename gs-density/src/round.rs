@@ -1,5 +1,5 @@
-//! One round of density control, shared by all criteria: prune, let candidates grow up to the
-//! budget, reset opacities.
+//! A round of density control, shared by all criteria: prune, let candidates grow up to the budget,
+//! reset opacities.
 
 use gs_core::{EditPlan, Error, Scene2d, edit::Removal};
 use serde::{Deserialize, Serialize};

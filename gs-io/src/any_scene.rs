@@ -50,9 +50,9 @@ pub enum AnyScene {
 /// Whether values that cannot be drawn are an error.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Values {
-    /// They are an error in scene files, and left out of checkpoints.
+    /// An error in scene files; left out of checkpoints.
     Checked,
-    /// They are allowed, for programs that examine or repair a scene.
+    /// Allowed, for programs that examine or repair a scene.
     Any,
 }
 

@@ -38,9 +38,9 @@ pub fn write_atomically(
     write(path.as_ref(), &mut once(content), Durability::Usual)
 }
 
-/// As [`write_atomically`], but a power cut leaves either the old file or the new one. The file is
-/// synchronised to the disk before it replaces the old one, and the folder, where the system
-/// supports it, before this returns. That takes milliseconds per file.
+/// Writes a file as [`write_atomically`] does, but a power cut leaves either the old file or the
+/// new one. The file is synchronised to the disk before it replaces the old one, and the folder,
+/// where the system supports it, before this returns. That takes milliseconds per file.
 ///
 /// # Errors
 /// Those of [`write_atomically`].

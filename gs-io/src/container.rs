@@ -213,7 +213,7 @@ pub(crate) fn read_exactly(file: &mut File, bytes: u64) -> io::Result<Vec<u8>> {
     content.try_reserve_exact(len).map_err(|_| io::ErrorKind::OutOfMemory)?;
     file.take(bytes).read_to_end(&mut content)?;
     if content.len() < len {
-        return Err(io::ErrorKind::UnexpectedEof.into()); // it shrank since its length was asked for
+        return Err(io::ErrorKind::UnexpectedEof.into()); // it shrank since its length was read
     }
     Ok(content)
 }

@@ -43,7 +43,7 @@ pub enum Error {
     NoFolder {
         /// The file.
         path: PathBuf,
-        /// Its folder.
+        /// The folder that does not exist.
         folder: PathBuf,
     },
     /// The file cannot be written. No part of it is left behind, and what it would replace is
@@ -86,7 +86,7 @@ pub enum Error {
     NotAnImage {
         /// The file.
         path: PathBuf,
-        /// What it is: "is empty", "is a HEIC image, but …".
+        /// What the file is: "is empty", "is a HEIC image, but …".
         found: String,
         /// What to do.
         mend: String,
@@ -96,7 +96,7 @@ pub enum Error {
     DamagedImage {
         /// The file.
         path: PathBuf,
-        /// Such as "PNG".
+        /// The format, such as "PNG".
         format: &'static str,
         /// The decoder's message.
         message: String,
@@ -161,9 +161,9 @@ pub enum Error {
     /// A data set without any usable view.
     #[error("{}: this {kind} data set has {}, of which none can be used: {}", one_line(path), gs_core::counted(*found, "view"), skipped.join("; "))]
     NoViews {
-        /// Its folder.
+        /// The data set's folder.
         path: PathBuf,
-        /// Such as "COLMAP".
+        /// The kind of data set, such as "COLMAP".
         kind: &'static str,
         /// Number of views.
         found: usize,
@@ -178,7 +178,7 @@ pub enum Error {
     DamagedLine {
         /// The file.
         path: PathBuf,
-        /// Such as "a COLMAP cameras.txt".
+        /// The kind of file, such as "a COLMAP cameras.txt".
         what: &'static str,
         /// The line, counted from 1.
         line: usize,
@@ -203,7 +203,7 @@ pub enum Error {
     UnknownCameraModel {
         /// The file.
         path: PathBuf,
-        /// Its name or number.
+        /// The model's name or number.
         found: String,
         /// The known models.
         known: String,
@@ -241,7 +241,7 @@ pub enum Error {
     Damaged {
         /// The file.
         path: PathBuf,
-        /// Such as "a scene file".
+        /// The kind of file, such as "a scene file".
         what: &'static str,
         /// Position in the file, counted from 0.
         byte: u64,
@@ -258,7 +258,7 @@ pub enum Error {
     TooNew {
         /// The file.
         path: PathBuf,
-        /// Such as "a scene file".
+        /// The kind of file, such as "a scene file".
         what: &'static str,
         /// The newest version that can be read.
         supported: u32,
@@ -270,7 +270,7 @@ pub enum Error {
     Tensor {
         /// The file.
         path: PathBuf,
-        /// Such as "a scene file".
+        /// The kind of file, such as "a scene file".
         what: &'static str,
         /// The tensor.
         tensor: String,
@@ -287,7 +287,7 @@ pub enum Error {
     NotA3dScene {
         /// The file.
         path: PathBuf,
-        /// What its first bytes or its content are.
+        /// What the file's first bytes or its content are.
         found: String,
     },
     /// A scene, mesh or the like of a known kind that cannot be read.
@@ -295,7 +295,7 @@ pub enum Error {
     ForeignScene {
         /// The file.
         path: PathBuf,
-        /// Such as "a SOG scene".
+        /// The kind of file, such as "a SOG scene".
         what: &'static str,
         /// How to get a scene that can be read.
         mend: &'static str,
@@ -329,7 +329,7 @@ pub enum Error {
     Expansion {
         /// The file.
         path: PathBuf,
-        /// Its size, with the files it refers to.
+        /// The size of the file and the files it refers to.
         file_bytes: u64,
         /// The claimed size.
         claimed_bytes: u64,

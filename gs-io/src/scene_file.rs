@@ -40,7 +40,7 @@ pub struct File2d {
     pub width: u32,
     /// Rows of the image.
     pub height: u32,
-    /// How to render it.
+    /// How to render the scene.
     pub settings: RenderSettings,
 }
 
@@ -109,8 +109,8 @@ pub fn read_2d(path: impl AsRef<Path>) -> Result<File2d, Error> {
     Ok(file)
 }
 
-/// As [`read_2d`], but Gaussians may contain NaN and ∞, for programs that inspect or repair
-/// broken scenes.
+/// Reads a 2D scene as [`read_2d`] does, but allows Gaussians with NaN and ∞, for programs that
+/// inspect or repair broken scenes.
 ///
 /// # Errors
 /// [`Error::Missing`], [`Error::NotAFile`] or [`Error::Read`]; [`Error::Damaged`] for a truncated

@@ -1,4 +1,4 @@
-//! Quality of fits of photographs against the number of Gaussians and against time, for every
+//! Quality of fits of images against the number of Gaussians and against time, for every
 //! preset, and the cost of a narrower SIMD level.
 //!
 //! `cargo bench -p gs-lab --bench kodak -- [--level avx2] [--threads N] [--quick] [--csv FILE]`
@@ -155,7 +155,7 @@ fn mean_trajectory(runs: &[Run], seconds: f64) -> Option<f64> {
 fn print_trajectories(runs: &[Run], images: usize) {
     let presets: Vec<&[Run]> = runs.chunks(images).filter(|runs| runs[0].gaussians == GAUSSIANS).collect();
     print_section(&format!("Quality against time, {} Gaussians", count(u64::from(GAUSSIANS))));
-    println!("Mean PSNR over the images, dB, after so many seconds of fitting; constant after the end.\n");
+    println!("Mean PSNR over the images, dB, after these seconds of fitting; constant after the end.\n");
     let mut columns = vec!["seconds"];
     columns.extend(presets.iter().map(|runs| runs[0].preset.name()));
     print_columns(&columns);

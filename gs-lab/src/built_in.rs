@@ -47,8 +47,8 @@ mod tests {
             );
             // The Kodak images are not part of the repository, so a synthetic target takes their
             // place.
-            let on_photographs = study.images[0].ends_with(".png");
-            let images = if on_photographs { vec!["paper".to_owned()] } else { study.images.clone() };
+            let on_files = study.images[0].ends_with(".png");
+            let images = if on_files { vec!["paper".to_owned()] } else { study.images.clone() };
             let plan = Plan::new(Study { images, ..study }, &Places::default(), "test").unwrap();
             assert!(plan.runs.len() >= 10);
         }

@@ -162,8 +162,8 @@ fn is_shown(plan: &Plan, run: &Run) -> bool {
     plan.study.seeds.first() == Some(&run.seed)
 }
 
-/// Does a run. `None` where the watcher stopped it; an error where the backend failed and does not
-/// recover, which says nothing about the run.
+/// Does a run. Returns `None` where the watcher stopped it, and an error where the backend failed
+/// and does not recover, which says nothing about the run.
 fn attempt<R: Optimizer<Scene2d>>(
     plan: &Plan,
     run: &Run,

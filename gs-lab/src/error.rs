@@ -13,7 +13,7 @@ pub enum Error {
     Form {
         /// The file.
         origin: String,
-        /// Its line, counted from 1.
+        /// The line of the mistake, counted from 1.
         line: usize,
         /// What is wrong.
         message: String,
@@ -38,10 +38,10 @@ pub enum Error {
         line: Option<usize>,
         /// The arm's name.
         arm: String,
-        /// What is wrong with its settings.
+        /// What is wrong with the arm's settings.
         message: String,
     },
-    /// There is neither a file nor a built-in study of this name.
+    /// No file and no built-in study has this name.
     #[error("{name}: is neither a file nor a study that comes with the program: those are {known}")]
     Unknown {
         /// The name that was given.
@@ -101,7 +101,7 @@ pub enum Error {
         row: usize,
         /// The machine of the record.
         recorded: String,
-        /// This machine.
+        /// The machine of the replay.
         found: String,
         /// How to get the recorded machine.
         mend: String,
@@ -126,9 +126,9 @@ pub enum Error {
     OtherRun {
         /// The row.
         row: usize,
-        /// Its address as recorded.
+        /// The run's address as recorded.
         recorded: String,
-        /// Its address now.
+        /// The run's address now.
         found: String,
     },
     /// A replay that ended in another scene than the recorded one.

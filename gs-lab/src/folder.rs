@@ -31,7 +31,7 @@ const PICTURES: &str = "pictures";
 pub enum Existing {
     /// Fail.
     Refuse,
-    /// Reuse them; runs that failed are tried again.
+    /// Reuse the results; runs that failed are tried again.
     Resume,
 }
 
@@ -64,7 +64,8 @@ impl StudyFolder {
         Self::prepare_with(path, plan, existing, &Safety::default())
     }
 
-    /// As [`Self::prepare`], with further files to protect, or with permission to replace files.
+    /// Prepares the folder as [`Self::prepare`] does, with further files to protect, or with
+    /// permission to replace files.
     ///
     /// # Errors
     /// As [`Self::prepare`].

@@ -9,7 +9,7 @@ pub struct Machine {
     /// equal results. The number of threads is not part of it.
     #[serde(rename = "machine")]
     pub name: String,
-    /// The flags of `gs` that select it; empty where another program selected it.
+    /// The flags of `gs` that select the machine; empty where another program selected it.
     #[serde(default)]
     pub flags: Vec<String>,
 }

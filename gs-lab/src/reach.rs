@@ -26,7 +26,7 @@ pub(crate) struct Reach {
 }
 
 impl Reach {
-    /// One value for each image of the study, in its order.
+    /// Returns a value for each image of the study, in its order.
     pub(crate) fn of_images(results: &Results<'_>, budget: u32) -> Vec<Self> {
         let plan = results.plan;
         let arms = plan.study.arms.len();

@@ -159,7 +159,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn quality_is_known_at_every_place_of_the_course() {
+    fn quality_is_known_at_every_point_of_the_curve() {
         let run = finished(30.0);
         assert_eq!([0, 20, 60, 100, 999].map(|step| run.psnr_after(step).unwrap()), [10.0, 10.0, 20.0, 30.0, 30.0]);
         assert_eq!(run.psnr_within(1.75), Some(25.0));

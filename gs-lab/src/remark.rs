@@ -7,8 +7,8 @@ use crate::statistics::FEWEST;
 use gs_core::counted;
 use serde::{Serialize, Serializer};
 
-/// With fewer seeds, a difference may be due to the choice of seeds, which an interval over images
-/// does not show.
+/// The number of seeds below which a difference may be due to the choice of seeds, which an
+/// interval over images does not show.
 pub(crate) const FEWEST_SEEDS: usize = 5;
 
 /// What is paired in a comparison.
@@ -45,14 +45,14 @@ impl Pairing {
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum Remark {
-    /// On some images there is no seed with which both arms finished. Forbids a verdict.
+    /// Some images have no seed with which both arms finished. Forbids a verdict.
     ImagesMissing {
         /// Number of such images.
         missing: usize,
         /// Images of the study.
         of: usize,
     },
-    /// There are fewer images or seeds than a verdict needs. Forbids a verdict.
+    /// The study has fewer images or seeds than a verdict needs. Forbids a verdict.
     TooFew {
         /// Number of pairs.
         pairs: usize,
@@ -86,7 +86,7 @@ pub enum Remark {
         /// Pairs of the study.
         of: usize,
     },
-    /// There are fewer than five seeds.
+    /// The study has fewer than five seeds.
     FewSeeds {
         /// Number of seeds.
         seeds: usize,

@@ -19,7 +19,7 @@ pub struct Replayed {
     pub scene: Scene2d,
     /// The rendering of the scene at the target's size, not clamped.
     pub image: Image,
-    /// How it is rendered: with the effects that it was fitted with.
+    /// The settings to render the scene with: the effects that it was fitted with.
     pub settings: RenderSettings,
     /// The numbers; times are those of the replay.
     pub finished: Finished,

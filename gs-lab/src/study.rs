@@ -159,7 +159,7 @@ pub enum Matching {
 }
 
 impl Matching {
-    /// All of them.
+    /// All ways to match arms.
     pub fn all() -> Vec<Self> {
         vec![Self::Count, Self::Iterations, Self::Time]
     }

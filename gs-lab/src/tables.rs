@@ -32,10 +32,10 @@ pub enum Metric {
 }
 
 impl Metric {
-    /// All of them.
+    /// All metrics.
     pub const ALL: [Self; 3] = [Self::Psnr, Self::Ssim, Self::MsSsim];
 
-    /// Its name in tables.
+    /// The metric's name in tables.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Psnr => "psnr",
@@ -95,7 +95,7 @@ impl<'a> Results<'a> {
         Self { plan, records: plan.runs.iter().map(|run| folder.record(run)).collect() }
     }
 
-    /// Each run with its record, in the plan's order.
+    /// The runs with their records, in the plan's order.
     pub(crate) fn rows(&self) -> impl Iterator<Item = (&'a Run, Option<&Record>)> {
         self.plan.runs.iter().zip(self.records.iter().map(Option::as_ref))
     }

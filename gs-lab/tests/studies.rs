@@ -234,7 +234,7 @@ fn a_study_replaces_no_file_that_is_not_a_studys() {
     assert!(refused.contains("report.html: is in the way"), "{refused}");
     assert_eq!(fs::read_dir(&output).unwrap().count(), 1, "nothing is begun");
     drop(prepare(Existing::Refuse, true).unwrap());
-    // That run did not write the report, so it is still the user's. In a folder of a version
+    // The refused run did not write the report, so it is still the user's. In a folder of a version
     // without an index, all files count as a study's.
     prepare(Existing::Resume, false).unwrap_err();
     fs::write(output.join("runs.csv"), "of an older version").unwrap();
@@ -319,7 +319,7 @@ fn a_policy_of_ones_own_takes_part_under_its_fingerprint() {
     assert_eq!(changed, plan.runs.len() / 3, "those of the arm with another policy, and no others");
     let folder = conducted(&plan, &place.path().join("out"), 1, 1);
     let results = Results::read(&plan, &folder);
-    // It does the same as the arm `none`, to the bit.
+    // The foreign policy has the results of the arm `none`, to the bit.
     let scenes = |arm: usize| results.finished(arm, 60).map(|(_, end)| end.scene.clone()).collect::<Vec<_>>();
     assert_eq!(scenes(2), scenes(0));
     assert_ne!(scenes(1), scenes(0));
@@ -327,7 +327,7 @@ fn a_policy_of_ones_own_takes_part_under_its_fingerprint() {
 }
 
 #[test]
-fn arms_that_are_alike_are_not_told_apart_and_counts_that_differ_are_not_compared() {
+fn equal_arms_show_no_difference_and_different_counts_are_not_compared() {
     let place = place();
     // Six images are the fewest for an interval.
     for i in 0..6 {

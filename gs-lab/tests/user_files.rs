@@ -36,7 +36,7 @@ fn misspelt(whole: &Table) -> Vec<(String, Table)> {
     all
 }
 
-/// The same for the tables of an array.
+/// The misspelt variants of the tables of an array.
 fn misspelt_in(values: &[Value]) -> Vec<(String, Value)> {
     let mut all = Vec::new();
     for (index, table) in values.iter().enumerate().filter_map(|(index, value)| Some((index, value.as_table()?))) {

@@ -4,7 +4,7 @@
 use gs_core::adam::{AdamRates, Rate};
 
 use super::parameters::{
-    COLOR, OPACITY, OracleScene, PARAMETER_NAMES, Parameters, QUATERNION, ROTATION, SPATIAL_OPACITY, SPATIAL_SH,
+    COLOR, OPACITY, OPACITY_3D, OracleScene, PARAMETER_NAMES, Parameters, QUATERNION, ROTATION, SH_3D,
 };
 
 /// Parameters and moments of every Gaussian in the parameterization of ln-scale and rotation.
@@ -91,9 +91,9 @@ pub fn rate_of(index: usize, length: usize, rates: &AdamRates) -> &Rate {
     match index {
         0..3 => &rates.mean,
         3..QUATERNION => &rates.scale,
-        QUATERNION..SPATIAL_OPACITY => &rates.rotation,
-        SPATIAL_OPACITY => &rates.opacity,
-        _ if index < SPATIAL_SH + 3 => &rates.color,
+        QUATERNION..OPACITY_3D => &rates.rotation,
+        OPACITY_3D => &rates.opacity,
+        _ if index < SH_3D + 3 => &rates.color,
         _ => &rates.color_rest,
     }
 }

@@ -10,7 +10,7 @@ use gs_core::{
     constants::{MAX_ETA, MAX_XI},
 };
 
-use super::parameters::{OracleScene, Parameters, QUATERNION, SPATIAL_OPACITY, SPATIAL_SH};
+use super::parameters::{OPACITY_3D, OracleScene, Parameters, QUATERNION, SH_3D};
 
 /// Count of the numbers that move the geometry: ξ, and η₀₀, η₀₁, η₀₂, η₁₁, η₁₂, η₂₂.
 const STEPS: usize = 9;
@@ -40,7 +40,7 @@ impl FactoredReference {
     pub fn new(row: &Parameters) -> Self {
         let scales = DVec3::from_slice(&row[3..QUATERNION]).map(f64::exp);
         let factor = rotation(row) * DMat3::from_diagonal(scales);
-        let rest = row[SPATIAL_OPACITY..].to_vec();
+        let rest = row[OPACITY_3D..].to_vec();
         let zeros = vec![0.0; STEPS + rest.len()];
         Self { mean: DVec3::from_slice(row), factor, rest, first: zeros.clone(), second: zeros, steps: 0 }
     }
@@ -64,7 +64,7 @@ impl FactoredReference {
         self.steps += 1;
         let by_xi = self.factor.transpose() * DVec3::from_slice(gradient);
         let by_eta = self.by_eta(row, gradient);
-        let slopes = by_xi.to_array().into_iter().chain(by_eta).chain(gradient[SPATIAL_OPACITY..].iter().copied());
+        let slopes = by_xi.to_array().into_iter().chain(by_eta).chain(gradient[OPACITY_3D..].iter().copied());
         let moved: Vec<f64> = slopes.enumerate().map(|(i, slope)| self.moved(i, slope, rates)).collect();
         let most = f64::from(MAX_XI);
         self.mean -= self.factor * DVec3::from_slice(&moved).map(|entry| entry.clamp(-most, most));
@@ -131,7 +131,7 @@ fn rate_of(i: usize, rates: &AdamRates) -> &Rate {
         0..3 => &rates.mean,
         3..STEPS => &rates.scale,
         STEPS => &rates.opacity,
-        _ if i < STEPS + SPATIAL_SH + 3 - SPATIAL_OPACITY => &rates.color,
+        _ if i < STEPS + SH_3D + 3 - OPACITY_3D => &rates.color,
         _ => &rates.color_rest,
     }
 }
@@ -199,7 +199,7 @@ mod tests {
         assert!((rotation(&again.row()).determinant() - 1.0).abs() < 1e-14);
     }
 
-    /// For any smooth function of Σ, the gradient by η equals central differences.
+    /// The gradient by η of any smooth function of Σ equals central differences.
     #[test]
     fn gradients_by_eta_are_central_differences() {
         let weights =

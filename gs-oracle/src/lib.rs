@@ -32,7 +32,7 @@ pub use self::{
     covariance_factor::{FactoredReference, factored_scene},
     least_squares::best_colors,
     parameters::{
-        COLOR, OPACITY, OracleScene, PARAMETER_NAMES, Parameters, QUATERNION, ROTATION, SPATIAL_OPACITY, SPATIAL_SH,
+        COLOR, OPACITY, OPACITY_3D, OracleScene, PARAMETER_NAMES, Parameters, QUATERNION, ROTATION, SH_3D,
         rows_of_gradients,
     },
     perspective::Splat3d,
@@ -199,7 +199,7 @@ impl<V: OracleView> Oracle<V> {
             rounding,
             flip: scene.gaussians.iter().map(|g| vec![0.0; g.len()]).collect(),
         };
-        // Again with every decision within rounding taken to either side.
+        // Repeats the blend with every decision within rounding taken to either side.
         for (lean, direction) in [(Lean::More, 1.0), (Lean::Fewer, -1.0)] {
             let other = self.blend(scene, lean);
             let pixels: Vec<_> = other.iter().map(|pixel| pixel.color).collect();

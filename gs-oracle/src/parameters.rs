@@ -24,13 +24,13 @@ pub const COLOR: usize = 6;
 /// Index of a 3D Gaussian's quaternion in [`Parameters`].
 pub const QUATERNION: usize = 6;
 /// Index of a 3D Gaussian's opacity logit in [`Parameters`].
-pub const SPATIAL_OPACITY: usize = 10;
+pub const OPACITY_3D: usize = 10;
 /// Index of a 3D Gaussian's first SH coefficient in [`Parameters`].
-pub const SPATIAL_SH: usize = 11;
+pub const SH_3D: usize = 11;
 
 /// SH coefficients per channel in a row of a 3D scene.
 pub(crate) fn sh_len(row: &[f64]) -> usize {
-    row.len().saturating_sub(SPATIAL_SH) / 3
+    row.len().saturating_sub(SH_3D) / 3
 }
 
 /// A scene in `f64`.

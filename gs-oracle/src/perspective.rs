@@ -12,7 +12,7 @@ use gs_core::{
 };
 
 use super::{
-    parameters::{SPATIAL_OPACITY, SPATIAL_SH, sh_len},
+    parameters::{OPACITY_3D, SH_3D, sh_len},
     perspective_bwd::Chain,
     rounded::{F32_ROUNDING, Matrix, Rounded, applied, dot, product, transposed},
     spherical_harmonics,
@@ -92,8 +92,8 @@ impl OracleView for Camera {
 
 /// The projection of a Gaussian, or the reason why it is culled.
 fn projected(camera: &Camera, g: &[f64], effects: Effects, lean: Lean) -> Result<Splat3d, CullCause> {
-    let finite = g.iter().enumerate().filter(|&(i, _)| i != SPATIAL_OPACITY).all(|(_, v)| v.is_finite());
-    if !finite || g[SPATIAL_OPACITY].is_nan() {
+    let finite = g.iter().enumerate().filter(|&(i, _)| i != OPACITY_3D).all(|(_, v)| v.is_finite());
+    if !finite || g[OPACITY_3D].is_nan() {
         return Err(CullCause::NotFinite);
     }
     let mut guards = Guards { lean, undecided: false };
@@ -108,7 +108,7 @@ fn projected(camera: &Camera, g: &[f64], effects: Effects, lean: Lean) -> Result
     let seen = product(&pinhole.world, &factor);
     let footprint = product(&jacobian, &seen);
     let covariance = Covariance::new(&footprint, &center, effects.antialias, &mut guards)?;
-    let opacity = Opacity::new(g[SPATIAL_OPACITY], effects, &covariance);
+    let opacity = Opacity::new(g[OPACITY_3D], effects, &covariance);
     let (direction, distance) = pinhole.direction(&mean);
     let shading = Shading::new(g, &direction, effects.sh_degree)?;
 
@@ -353,8 +353,7 @@ struct Shading {
 impl Shading {
     fn new(g: &[f64], direction: &[Rounded; 3], degree: u8) -> Result<Self, CullCause> {
         let evaluated = sh_len(g).min((usize::from(degree) + 1).pow(2));
-        let sh: Vec<[f64; 3]> =
-            (0..evaluated).map(|k| [0, 1, 2].map(|channel| g[SPATIAL_SH + 3 * k + channel])).collect();
+        let sh: Vec<[f64; 3]> = (0..evaluated).map(|k| [0, 1, 2].map(|channel| g[SH_3D + 3 * k + channel])).collect();
         let color = [0, 1, 2].map(|channel| {
             let sum = (0..evaluated)
                 .map(|k| Rounded::exact(sh[k][channel]) * spherical_harmonics::basis(k, direction))
@@ -386,7 +385,7 @@ fn sigmoid(logit: f64) -> Rounded {
     if logit.is_infinite() {
         return Rounded::exact(f64::from(u8::from(logit > 0.0)));
     }
-    // Of the two forms the one whose exponential does not overflow.
+    // This form of the two has the exponential that does not overflow.
     let small = Rounded::exact(-logit.abs()).exp();
     let part = if logit < 0.0 { small } else { Rounded::ONE };
     part / (Rounded::ONE + small)
@@ -403,7 +402,7 @@ fn rotation_of(&[w, x, y, z]: &[Rounded; 4]) -> Matrix<3, 3> {
 }
 
 impl Splat for Splat3d {
-    /// With q = Σ′⁻¹ d: ∂σ/∂(u, v) = −q and ∂σ/∂Σ′ = −½ q qᵀ.
+    /// The exponent σ and its gradients: with q = Σ′⁻¹ d, ∂σ/∂(u, v) = −q and ∂σ/∂Σ′ = −½ q qᵀ.
     ///
     /// The uncertainty in `f32` includes the sums of the textbook's formulas, which cancel in
     /// needles, and to first order the errors of u, v and M′: dσ = −q·d(u, v) − (qᵀ dM′)(M′ᵀ q).
@@ -470,7 +469,7 @@ impl Splat for Splat3d {
         let columns: [Vec<Rounded>; 9] = std::array::from_fn(|j| {
             self.chain.vjp(std::array::from_fn(|i| if i == j { Rounded::ONE } else { Rounded::ZERO }), self.point)
         });
-        (0..SPATIAL_SH + 3 * self.chain.sh_len).map(|row| std::array::from_fn(|j| columns[j][row])).collect()
+        (0..SH_3D + 3 * self.chain.sh_len).map(|row| std::array::from_fn(|j| columns[j][row])).collect()
     }
 }
 

@@ -1,7 +1,7 @@
 //! The vector-Jacobian product of `perspective`, with its legend, derived by hand.
 
 use super::{
-    parameters::SPATIAL_SH,
+    parameters::SH_3D,
     rounded::{Matrix, Rounded, applied, dot, product, transposed},
     spherical_harmonics,
     splat::{COLOR_SHARE, OPACITY_SHARE},
@@ -99,7 +99,7 @@ impl Chain {
         }
 
         let v_logit = v_opacity * self.compensation * self.opacity * (Rounded::ONE - self.opacity);
-        let mut all = Vec::with_capacity(SPATIAL_SH + 3 * self.sh_len);
+        let mut all = Vec::with_capacity(SH_3D + 3 * self.sh_len);
         all.extend(v_mean);
         all.extend(v_log_scale);
         all.extend(v_quaternion);

@@ -1,5 +1,5 @@
-//! One pixel and all Gaussians: its colour, each Gaussian's gradient, and the distance to a
-//! discontinuity, for 2D and 3D views alike.
+//! A pixel and all Gaussians: its colour, each Gaussian's gradient, and the distance to a
+//! discontinuity, in 2D and 3D views.
 //!
 //! Legend: w = weight, o = opacity, α = min(o·w, α_max), T = transmittance in front of a Gaussian,
 //! B = colour behind it, `v_x` = ∂L/∂x.

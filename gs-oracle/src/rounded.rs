@@ -61,7 +61,7 @@ impl Rounded {
         Self { value, error: value * (self.error + FUNCTION) }
     }
 
-    /// Whether it is finite in `f32`.
+    /// Whether the value is finite in `f32`.
     pub(crate) fn is_finite(self) -> bool {
         self.value.abs() <= f64::from(f32::MAX) // NaN fails
     }

@@ -42,9 +42,9 @@ pub trait OracleView: Copy + Debug + Send + Sync {
 /// The result of the guards for a Gaussian.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Projection<T> {
-    /// It can be drawn.
+    /// The Gaussian can be drawn.
     Drawable(T),
-    /// It is culled for this cause.
+    /// The Gaussian is culled for this cause.
     Left(CullCause),
 }
 

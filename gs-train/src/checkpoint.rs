@@ -217,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn a_fingerprint_tells_images_apart() {
+    fn a_fingerprint_distinguishes_images() {
         let grey = Image::filled(4, 3, [0.5; 3]).unwrap();
         let mut other = grey.clone();
         other.pixels_mut()[11][2] = f32::from_bits(0.5f32.to_bits() + 1);

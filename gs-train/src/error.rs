@@ -70,7 +70,7 @@ pub enum Error {
         /// Size and fingerprint of the image given.
         found: String,
     },
-    /// A checkpoint whose metadata are not those of this kind of training.
+    /// A checkpoint is not from this kind of training.
     #[error("the checkpoint cannot be used: {0}")]
     Checkpoint(String),
     /// No checkpoint is possible at this step, as a resumed run would not continue bit for bit.

@@ -46,8 +46,8 @@ pub fn mean_color(image: &Image) -> [f32; 3] {
 }
 
 impl FitSettings {
-    /// The same fit with the colour of nine tenths of the target's pixels as background, if they
-    /// have one colour, Gaussians are summed, and there is no background yet.
+    /// Returns this fit with the colour of nine tenths of the target's pixels as background, if
+    /// they have one colour, Gaussians are summed, and there is no background yet.
     #[must_use]
     pub fn before_flat_color(mut self, target: &Image) -> Self {
         let effects = &self.render.effects;

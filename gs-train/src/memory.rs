@@ -49,7 +49,8 @@ pub fn reading((width, height): (u32, u32)) -> u64 {
     pixels(width, height) * (2 * IMAGE + PLANE)
 }
 
-/// Memory for reading and processing a 3D scene from a file of so many bytes in this format, bytes.
+/// Memory for reading and processing a 3D scene from a file of this many bytes in this format,
+/// bytes.
 pub fn reading_3d(format: Format3d, file_bytes: u64) -> u64 {
     // A Gaussian takes 56 bytes in memory, and 12 for each SH coefficient above degree 0, besides
     // its bytes in the file.
@@ -61,7 +62,7 @@ pub fn reading_3d(format: Format3d, file_bytes: u64) -> u64 {
     times * file_bytes
 }
 
-/// Memory that training on images of so many pixels takes in any case.
+/// Memory that training on images of this many pixels takes in any case.
 fn overhead(pixels: u64) -> u64 {
     BASE + (pixels * IMAGE).min(PART) + (4 * pixels * IMAGE).min(MOST_KEPT)
 }
@@ -74,9 +75,9 @@ impl FitSettings {
         let target = 2 * IMAGE + of_target(self.loss);
         let policy: &dyn DensityPolicy = &self.policy;
         let step = of_step(&self.render, self.loss, policy.statistics());
-        // A policy uses the rendering, weights of all pixels, and their order. Results are drawn side
-        // by side: two renderings, the pictures of the ellipses and of the curve, and what encodes
-        // them.
+        // A policy uses the rendering, weights of all pixels, and their order. Results are drawn
+        // side by side: two renderings, the pictures of the ellipses and of the curve, and what
+        // encodes them.
         let residual = if policy.needs_residual() { 2 * PLANE } else { 0 };
         overhead(pixels) + pixels * (target + step + 6 * IMAGE + residual) + self.of_gaussians(pixels)
     }
@@ -92,7 +93,7 @@ impl FitSettings {
 }
 
 impl TrainSettings {
-    /// Peak memory of training so many Gaussians from views of these sizes, whose images are kept
+    /// Peak memory of training this many Gaussians from views of these sizes, whose images are kept
     /// up to `keep_bytes`, bytes.
     pub fn peak_bytes(&self, views: impl IntoIterator<Item = (u32, u32)>, keep_bytes: u64, gaussians: u64) -> u64 {
         let (mut all, mut largest) = (0, 0);

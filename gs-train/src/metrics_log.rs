@@ -31,7 +31,7 @@ const FRESH_START_HEADINGS: &str = ",began_again_at_loss,first_loss";
 const RETIRED_HEADINGS: &str = ",joined_sh_degree,sh_explains,joined_antialias,narrow,shown";
 const RETIRED_FROM: usize = 20;
 
-/// One row of a [`MetricsLog`]. Exhaustive: tables have a column for each field.
+/// A row of a [`MetricsLog`]. Exhaustive: tables have a column for each field.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct MetricsRow {
@@ -85,7 +85,7 @@ impl MetricsLog {
         Self { every: every.max(1), measured_every: 1, rows, awaiting, edits: EditCounts::default() }
     }
 
-    /// A log with about a hundred rows and those of density control, for a run of so many steps.
+    /// A log with about a hundred rows and those of density control, for a run of this many steps.
     ///
     /// The quality is measured in about twenty rows: after the first step, every twentieth of all
     /// steps, and the last.

@@ -59,7 +59,7 @@ pub struct Progress {
     /// It is that of floats that are not clamped to 0..=1, so it differs a little from
     /// [`Quality::psnr`].
     pub psnr_estimate: Option<f32>,
-    /// Quality of the scene after all that, where an observer requested it.
+    /// Quality of the scene after the step and its edits, where an observer requested it.
     pub quality: Option<Quality>,
 }
 

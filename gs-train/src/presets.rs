@@ -128,8 +128,8 @@ impl FitSettings {
         Preset::Best.settings(gaussians, REFERENCE_SIZE)
     }
 
-    /// A fit of an image of `size` (columns, rows) in so many steps: order-free blending, steps in
-    /// covariance factors, and growth by residual from 8 % of the budget to all of it.
+    /// A fit of an image of `size` (columns, rows) in this many steps: order-free blending, steps
+    /// in covariance factors, and growth by residual from 8 % of the budget to all of it.
     ///
     /// Dense scenes, whose Gaussians are small and overlap much, have smaller steps and a longer
     /// memory of squared gradients. Short runs have larger steps and less momentum.
@@ -178,7 +178,7 @@ impl FitSettings {
         }
     }
 
-    /// The same fit in another number of steps; the rounds of density control are scaled.
+    /// Returns this fit with another number of steps; the rounds of density control are scaled.
     pub fn with_iterations(mut self, iterations: u32) -> Self {
         let scale = |step: u32| {
             let scaled = u64::from(step) * u64::from(iterations) / u64::from(self.iterations.max(1));

@@ -36,7 +36,8 @@ pub enum Recovery {
 }
 
 impl Recovery {
-    /// Whether this is the default, which settings files and the digests of settings leave out.
+    /// Whether the recovery is the default, which settings files and the digests of settings leave
+    /// out.
     pub(crate) fn is_default(&self) -> bool {
         *self == Self::default()
     }
@@ -65,7 +66,7 @@ impl fmt::Display for FreshStart {
     }
 }
 
-/// Learning-rate scale after so many restarts.
+/// Learning-rate scale after this many restarts.
 pub(crate) fn lr_scale(fresh_starts: usize) -> f32 {
     [1.0, 0.1, 0.01, 0.001][fresh_starts.min(3)]
 }
@@ -130,7 +131,7 @@ impl Judgement {
 }
 
 impl Watch {
-    /// Records the loss of step `step`, counted from 1, of a run with so many images.
+    /// Records the loss of step `step`, counted from 1, of a run with this many images.
     pub(crate) fn record(&mut self, step: u32, loss: f32, images: u32) {
         if self.first.count < images.clamp(1, SHORTEST_WINDOW) {
             self.first.add(loss);
@@ -145,7 +146,7 @@ impl Watch {
         self.settled_after = step.saturating_add(RESET_STEPS);
     }
 
-    /// Whether a window ends with step `step`, counted from 1, of a run of so many steps.
+    /// Whether a window ends with step `step`, counted from 1, of a run of this many steps.
     pub(crate) fn ends_window(step: u32, iterations: u32) -> bool {
         let windows = (iterations / SHORTEST_WINDOW).clamp(1, MOST_WINDOWS);
         let window = |step: u32| u64::from(step) * u64::from(windows) / u64::from(iterations.max(1));

@@ -84,9 +84,9 @@ pub struct FitSettings {
 #[serde(deny_unknown_fields, rename_all = "kebab-case")]
 #[non_exhaustive]
 pub enum InitialCount {
-    /// This number, 1 to the budget.
+    /// A number, 1 to the budget.
     Fixed(u32),
-    /// This fraction of the budget, above 0 and at most 1, rounded, but at least one Gaussian.
+    /// A fraction of the budget, above 0 and at most 1, rounded, but at least one Gaussian.
     Fraction(f32),
 }
 
@@ -134,7 +134,7 @@ impl FitSettings {
         }
     }
 
-    /// The same fit with at most this many Gaussians, also at the start.
+    /// Returns this fit with at most this many Gaussians, also at the start.
     #[must_use]
     pub fn with_gaussians(mut self, gaussians: u32) -> Self {
         self.gaussians = gaussians;
@@ -144,8 +144,8 @@ impl FitSettings {
         self
     }
 
-    /// The same fit with steps in another parameterization. Learning rates of mean and shape, which
-    /// have other units there, get default values.
+    /// Returns this fit with steps in another parameterization. Learning rates of mean and shape,
+    /// which have other units there, get default values.
     #[must_use]
     pub fn with_parameterization(mut self, parameterization: Parameterization) -> Self {
         if self.parameterization == parameterization {
@@ -166,7 +166,7 @@ impl FitSettings {
         self
     }
 
-    /// The same fit with another blending.
+    /// Returns this fit with another blending.
     ///
     /// [`Blend::Over`] gets this background, as uncovered pixels need a colour, a learning rate for
     /// opacities, and no other effects.
@@ -186,7 +186,7 @@ impl FitSettings {
         self
     }
 
-    /// The same fit under another policy. It starts with as many Gaussians as the policy needs:
+    /// Returns this fit with another policy. It starts with as many Gaussians as the policy needs:
     /// with all if it adds none.
     #[must_use]
     pub fn with_policy(mut self, mut policy: Policy) -> Self {

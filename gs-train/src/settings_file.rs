@@ -1,4 +1,5 @@
-//! Settings in TOML files, and what users write as JSON, with errors that name the line, the key and the nearest known key.
+//! Settings in TOML files, and what users write as JSON, with errors that name the line, the key
+//! and the nearest known key.
 
 use std::{borrow::Cow, fmt, path::Path};
 
@@ -55,7 +56,7 @@ pub fn parse_json<T: DeserializeOwned>(text: &str, file: &Path) -> Result<T, Err
 
 /// Parses settings; an error is the byte at which it is, and what is wrong there.
 fn parse<T: DeserializeOwned>(text: &str) -> Result<T, (usize, String)> {
-    let text = without_joining(text)?;
+    let text = without_effect_schedule(text)?;
     toml::from_str(&text).map_err(|error| {
         let start = error.span().map_or(0, |span| span.start.min(text.len()));
         match Unknown::of(error.message(), &text, start) {
@@ -70,7 +71,7 @@ fn parse<T: DeserializeOwned>(text: &str) -> Result<T, (usize, String)> {
 ///
 /// `joining` chose between effects by schedule, as today, and effects that were switched on when
 /// the scene required them.
-fn without_joining(text: &str) -> Result<Cow<'_, str>, (usize, String)> {
+fn without_effect_schedule(text: &str) -> Result<Cow<'_, str>, (usize, String)> {
     let Ok(document) = DeTable::parse(text) else { return Ok(text.into()) };
     let Some((key, value)) = document.get_ref().get_key_value("joining") else { return Ok(text.into()) };
     let start = key.span().start;
@@ -83,8 +84,8 @@ fn without_joining(text: &str) -> Result<Cow<'_, str>, (usize, String)> {
     Ok(format!("{}{}{}", &text[..start], " ".repeat(end - start), &text[end..]).into())
 }
 
-/// `from_toml` and `to_toml` of settings: [`parse_settings`] and [`settings_to_toml`], compiled once
-/// instead of in each crate that uses them.
+/// `from_toml` and `to_toml` of settings: [`parse_settings`] and [`settings_to_toml`], compiled
+/// once instead of in each crate that uses them.
 macro_rules! in_toml {
     ($settings:ty) => {
         impl $settings {
@@ -139,7 +140,7 @@ struct Unknown<'a> {
     what: &'static str,
     /// The key or the name.
     word: &'a str,
-    /// Its place in the text, bytes.
+    /// The word's place in the text, bytes.
     start: usize,
     /// The table that it is in; empty for the file's own.
     table: String,

@@ -168,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn the_pace_of_a_policy_is_the_reason_where_it_is_too_slow() {
+    fn slow_growth_of_a_policy_is_a_reason_for_a_shortfall() {
         let none = EditCounts::default();
         assert_eq!(
             reason("percentile", 80, 5, none),
@@ -176,11 +176,11 @@ mod tests {
              the budget takes 27 rounds (more steps), or 621 initial Gaussians"
         );
         assert!(reason("mcmc", 57, 12, none).contains("12 rounds can turn the initial 57 into 109"));
-        assert!(!reason("mcmc", 900, 12, none).contains("so that"), "the pace is not to blame");
+        assert!(!reason("mcmc", 900, 12, none).contains("so that"), "growth is fast enough");
     }
 
     #[test]
-    fn where_the_pace_would_do_it_is_the_threshold_or_what_was_pruned() {
+    fn threshold_or_pruning_is_the_reason_where_growth_is_fast_enough() {
         let pruned = EditCounts { pruned_transparent: 7, cloned: 9, ..EditCounts::default() };
         assert_eq!(
             reason("absolute", 80, 5, pruned),

@@ -1,4 +1,4 @@
-//! What one kind of training adds to the loop that all kinds share: its settings, and its task,
+//! The part of the training loop that differs between kinds of training: settings, and the task,
 //! which knows the target images.
 
 use std::{fmt::Debug, future::Future, path::Path};
@@ -88,7 +88,7 @@ pub trait RunSettings<S: SceneTask>: Clone + Debug + PartialEq {
 /// Context of a step that a task sends.
 #[derive(Debug, Clone, Copy)]
 pub struct StepContext {
-    /// Steps done before this one.
+    /// Number of steps done before this step.
     pub step: u32,
     /// Effects of the step, with the statistics that density control needs.
     pub effects: Effects,

@@ -93,7 +93,7 @@ impl<'a, R: Optimizer<S>, S: Trainable> Trainer<'a, R, S> {
         }
     }
 
-    /// The same run with a policy of the caller's own in place of that of the settings.
+    /// Returns this run with a policy of the caller's own in place of that of the settings.
     ///
     /// A checkpoint does not hold the policy: pass it again to a resumed run.
     #[must_use]
@@ -142,7 +142,8 @@ impl<'a, R: Optimizer<S>, S: Trainable> Trainer<'a, R, S> {
         Ok(Outcome::Finished)
     }
 
-    /// One step of the optimiser, and the round of density control that follows it, if one is due.
+    /// Makes a step of the optimizer, and the round of density control that follows it, if one is
+    /// due.
     ///
     /// The step itself may still be under way afterwards. A round, the first and the last step of a
     /// run, and steps after which divergence is checked ([`Recovery`](crate::Recovery)) wait for

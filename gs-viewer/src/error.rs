@@ -1,4 +1,4 @@
-//! What can go wrong with a window.
+//! Errors of the viewer.
 
 use thiserror::Error;
 
@@ -6,15 +6,15 @@ use thiserror::Error;
 #[derive(Debug, Clone, PartialEq, Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// There is no display.
+    /// No display is available.
     #[error("there is no display to open a window on, or it cannot be reached")]
     NoDisplay,
     /// The window failed.
     #[error("{what}: {message}")]
     Window {
-        /// "the window cannot be opened" or the like.
+        /// The failure, such as "the window cannot be opened".
         what: &'static str,
-        /// What the system says.
+        /// The system's message.
         message: String,
     },
     /// The backend failed, or does not offer what the scene needs.

@@ -21,11 +21,11 @@ pub(crate) enum Command {
     Reset,
     /// The next order of blending.
     NextOrder,
-    /// This order of blending.
+    /// Choose this order of blending.
     Order(Order),
     /// The next antialiasing.
     NextAntialias,
-    /// This antialiasing.
+    /// Choose this antialiasing.
     Antialias(Antialias),
     /// Zoom in, as by the wheel.
     ZoomIn,
@@ -83,7 +83,7 @@ impl HeldKeys {
         self.0.clear();
     }
 
-    /// Whether a shift key is among them.
+    /// Whether a shift key is held.
     pub(crate) fn shift(&self) -> bool {
         self.any(&[KeyCode::ShiftLeft, KeyCode::ShiftRight])
     }

@@ -49,7 +49,8 @@ In the window of a 3D scene:
   drag           turn around the target; when flying, look around
   shift+drag     pan; so does the right button
   wheel          zoom; when flying, change the speed
-  F              orbit or fly: W A S D forward, left, back, right; Q E down, up; shift is four times as fast
+  F              orbit or fly: W A S D forward, left, back, right; Q E down, up; shift is four \
+times as fast
   arrow keys     turn
   R              back to the first camera
   O, or 1 2      order of blending: global, per-pixel
@@ -62,7 +63,8 @@ In the window of a 2D scene:
   wheel, + -     zoom; the Gaussians are rendered anew at each zoom
   R, H, Esc      back to the whole picture; hide the text; close
 
-If frames take longer than 50 ms, they are rendered in fewer pixels while the picture moves; the text says so.";
+If frames take longer than 50 ms, they are rendered in fewer pixels while the picture moves; the \
+text says so.";
 
 /// A scene to view, and where the view begins.
 #[derive(Debug, Clone, Copy)]

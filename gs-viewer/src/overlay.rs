@@ -13,9 +13,9 @@ use crate::{
 pub(crate) struct Subject {
     /// The scene's name.
     pub(crate) name: String,
-    /// Its number of Gaussians.
+    /// Number of Gaussians.
     pub(crate) gaussians: usize,
-    /// Its SH degree.
+    /// SH degree of the scene.
     pub(crate) sh_degree: u8,
     /// The backend and its machine.
     pub(crate) machine: String,

@@ -16,7 +16,7 @@ pub(crate) trait View: Copy + std::fmt::Debug + PartialEq + Send + 'static {
     /// Columns and rows, px.
     fn size(&self) -> (u32, u32);
 
-    /// The same view in so many pixels.
+    /// Returns this view in this many pixels.
     fn resized(&self, width: u32, height: u32) -> Self;
 }
 

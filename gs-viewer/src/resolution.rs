@@ -9,8 +9,8 @@ pub(crate) const BUDGET_MS: f32 = 50.0;
 /// resolution does not alternate.
 const MARGIN: f32 = 0.8;
 
-/// If no resolution is fast enough: the finest that is at most this many times slower than the
-/// fastest.
+/// How many times slower than the fastest resolution the chosen one may be if none is fast enough;
+/// the finest such resolution is chosen.
 const WORTHWHILE: f32 = 2.0;
 
 /// Divisors of the picture's sides, finest resolution first.
@@ -44,7 +44,7 @@ impl FrameTimes {
         self.recent.len()
     }
 
-    /// Their median, ms; the upper one of an even number.
+    /// Median of the times, ms; the upper one of an even number.
     pub(crate) fn median(&self) -> Option<f32> {
         let mut sorted: Vec<f32> = self.recent.iter().copied().collect();
         sorted.sort_by(f32::total_cmp);
@@ -110,7 +110,7 @@ impl MotionResolution {
 mod tests {
     use super::*;
 
-    /// The divisors of so many frames in motion, each of which takes `time(divisor)`.
+    /// The divisors of this many frames in motion, each of which takes `time(divisor)`.
     fn moving(motion: &mut MotionResolution, frames: usize, time: impl Fn(u32) -> f32) -> Vec<u32> {
         let frame = |_| {
             let divisor = motion.divisor();

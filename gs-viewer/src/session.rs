@@ -44,11 +44,11 @@ pub(crate) enum Text {
 pub(crate) struct Next<V> {
     /// The request for the renderer.
     pub(crate) request: Option<Request<V>>,
-    /// When to call again, if nothing happens before.
+    /// Time to call again, if nothing happens before.
     pub(crate) wake: Option<Instant>,
 }
 
-/// Nothing to do.
+/// A value with nothing to do.
 impl<V> Default for Next<V> {
     fn default() -> Self {
         Self { request: None, wake: None }
@@ -385,7 +385,7 @@ mod tests {
         assert_eq!(session.next(now + REST_AFTER), Next::default(), "what is shown is what is wanted");
         session.obey(Command::Text);
         assert_eq!((session.notice.is_none(), session.text), (true, Text::Hidden));
-        // The same error for settings that were shown before is fatal, and so is a lost device.
+        // The same error for settings that were shown before is fatal, as is a lost device.
         session.obey(Command::Reset);
         let request = Request { settings: session.settings, ..request };
         assert!(session.take(Answer { request, result: Err(refused().into()) }).is_err());

@@ -20,7 +20,7 @@ alias Moved = Moments;
 #if SCENE_3D
 #else
 #if COVARIANCE_FACTOR
-// Of all factors of Sigma, the one nearest to `parent`, in whose coordinates the moments are: as
+// The factor of Sigma nearest to `parent`, in whose coordinates the moments are: as
 // `whitened::aligned` in gs-core.
 fn aligned(factor: mat2x2f, parent: mat2x2f) -> mat2x2f {
     let a = transpose(factor) * parent;

@@ -36,8 +36,8 @@ fn ranges(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: 
         tile_start[tile + 1u] = end;
     }
     if end - start > step.longest_list {
-        // As for entries that do not fit: Adam changes nothing in this pass and the pending ones
-        // after it.
+        // Adam changes nothing in this pass and the pending ones after it, as for entries that do
+        // not fit.
         atomicMax(&status.longest, end - start);
         atomicMax(&status.overflow, status.entries);
         for (var axis = 0u; axis < 3u; axis++) {

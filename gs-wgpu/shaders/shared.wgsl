@@ -107,7 +107,7 @@ struct Ellipsoid {
     rotation: vec4f,
 }
 
-// Its gradient, by index.
+// Gradient of an ellipsoid, by index.
 struct EllipsoidGradient {
     mean: vec3f,
     opacity_logit: f32,

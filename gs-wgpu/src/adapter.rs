@@ -16,7 +16,8 @@ const LEAST_SUBGROUP: u32 = 4;
 /// An adapter of this machine.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct AdapterSummary {
-    /// Its name, by which [`WgpuSettings::adapter`](crate::WgpuSettings::adapter) finds it.
+    /// The adapter's name, by which [`WgpuSettings::adapter`](crate::WgpuSettings::adapter) finds
+    /// it.
     pub name: String,
     /// "discrete GPU", "integrated GPU", "virtual GPU", "CPU" (a software driver) or "other".
     pub kind: &'static str,

@@ -122,7 +122,7 @@ pub struct Gpu {
     pipelines: Mutex<HashMap<(&'static str, Variant), Arc<wgpu::ComputePipeline>>>,
     /// The pipelines that draw into textures, by format.
     pub(crate) shown: Mutex<HashMap<wgpu::TextureFormat, wgpu::RenderPipeline>>,
-    /// One uniform per sorting pass: the bit offset of its digit.
+    /// A uniform per sorting pass: the bit offset of its digit.
     pub(crate) shifts: Vec<wgpu::Buffer>,
     /// Bytes moved between host and device.
     moved: AtomicU64,

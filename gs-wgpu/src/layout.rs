@@ -199,10 +199,10 @@ pub struct Step {
     pub(crate) dilation: f32,
     pub(crate) compensates: u32,
     pub(crate) unused: u32,
-    /// Per group: learning rate, β₁, β₂, 1 − β₁.
+    /// Rates per group: learning rate, β₁, β₂, 1 − β₁.
     pub(crate) rates: [[f32; 4]; 6],
-    /// Per group: ln β₁, ln β₂, 1 − β₂, and for scales and opacities the penalty's weight per
-    /// number.
+    /// Decays per group: ln β₁, ln β₂, 1 − β₂, and for scales and opacities the penalty's weight
+    /// per number.
     pub(crate) decays: [[f32; 4]; 6],
 }
 

@@ -35,7 +35,7 @@ pub(crate) struct Sorting<'a> {
     pub(crate) order: [&'a Growing; 2],
     /// Number of digits.
     pub(crate) passes: u32,
-    /// One work group per block of keys, and one per block of histograms.
+    /// A work group per block of keys, and one per block of histograms.
     pub(crate) groups: [Groups<'a>; 2],
 }
 

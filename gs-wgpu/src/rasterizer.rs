@@ -59,7 +59,7 @@ impl WgpuRasterizer {
         Self { gpu, pool_2d: Arc::default(), pool_3d: Arc::default() }
     }
 
-    /// This rasterizer for 2D scenes alone.
+    /// Returns this rasterizer for 2D scenes only.
     ///
     /// Use it where the types of the arguments do not determine the kind of scene.
     pub fn for_2d(
@@ -69,7 +69,7 @@ impl WgpuRasterizer {
         self
     }
 
-    /// This rasterizer for 3D scenes alone; see [`Self::for_2d`].
+    /// Returns this rasterizer for 3D scenes only; see [`Self::for_2d`].
     pub fn for_3d(
         &self,
     ) -> &impl Profiler<Scene3d, Splats = Splats3d, ForwardPass = ForwardPass3d, Gradients = Gradients3d, Target = Target>

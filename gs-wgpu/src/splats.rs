@@ -39,7 +39,7 @@ pub struct Edit<'a, G> {
     pub(crate) sources: wgpu::Buffer,
     /// New and changed Gaussians, to which sources refer as fresh.
     pub(crate) fresh: Vec<&'a G>,
-    /// Before and after the edit.
+    /// Statistics before and after the edit.
     pub(crate) statistics: [&'a wgpu::Buffer; 2],
 }
 

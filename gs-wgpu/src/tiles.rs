@@ -35,7 +35,7 @@ pub(crate) const DEPTH_BYTES: u64 = 16;
 /// neighbours on a surface.
 const LEAST_DEPTH_BITS: u32 = 16;
 
-/// Most depth bits of a sort key: those of an `f32` between 2⁻⁸ and 2²⁴.
+/// Largest number of depth bits of a sort key: those of an `f32` between 2⁻⁸ and 2²⁴.
 const MOST_DEPTH_BITS: u32 = 28;
 
 /// Bytes of an entry's `stride` sums as 64-bit fixed-point numbers, and of their units.
@@ -74,7 +74,7 @@ pub(crate) struct Tiles {
     pub(crate) step: wgpu::Buffer,
     pub(crate) status: wgpu::Buffer,
     pub(crate) indirect: wgpu::Buffer,
-    /// In the order of blending.
+    /// Splats in the order of blending.
     pub(crate) projected: Growing,
     /// First entry of each splat, `[N + 1]`.
     pub(crate) offsets: Growing,
@@ -87,11 +87,11 @@ pub(crate) struct Tiles {
     pub(crate) tile_start: Growing,
     /// The gradient of each entry.
     pub(crate) slots: Growing,
-    /// With a sort at each pixel: depths of the splats.
+    /// Depths of the splats, with a sort at each pixel.
     pub(crate) depths: Growing,
-    /// With a sort at each pixel: the tiles' entries in the order of their least depths.
+    /// Entries of the tiles in the order of their least depths, with a sort at each pixel.
     pub(crate) queue: Growing,
-    /// With a sort at each pixel: the gradients of queued entries, in fixed-point numbers.
+    /// Gradients of queued entries in fixed-point numbers, with a sort at each pixel.
     pub(crate) totals: Growing,
     pub(crate) image: Growing,
     pub(crate) v_image: Growing,
@@ -188,7 +188,7 @@ impl Tiles {
         if !self.orders_by_pixel() {
             return 0;
         }
-        // As many as fit into the last pass.
+        // The depth gets as many bits as fit into the last pass.
         let bits = (self.list_bits() + LEAST_DEPTH_BITS).next_multiple_of(SORT_BITS).min(u32::BITS) - self.list_bits();
         bits.min(MOST_DEPTH_BITS)
     }

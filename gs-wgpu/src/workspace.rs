@@ -1,4 +1,4 @@
-//! One pass through the stages: its buffers, and the order in which the stages are recorded.
+//! A pass through the stages: its buffers, and the order in which the stages are recorded.
 
 use gs_core::{AdamRates, Error, Loss, RenderSettings};
 
@@ -11,7 +11,7 @@ use crate::{
     tiles::{Growing, Tiles},
 };
 
-/// One pass's inputs and results.
+/// Inputs and results of a pass.
 #[derive(Debug)]
 pub struct Workspace<S: SceneKind> {
     pub(crate) tiles: Tiles,

@@ -43,7 +43,7 @@ impl fmt::Display for Backend {
 }
 
 impl Backend {
-    /// Those that take longest first.
+    /// All backends, the slowest first.
     fn all() -> Vec<Self> {
         let wgpu = [Kernels::Portable, Kernels::Subgroups].map(Self::Wgpu);
         wgpu.into_iter().chain(SimdLevel::available().into_iter().map(Self::Cpu)).collect()
@@ -52,7 +52,7 @@ impl Backend {
     /// All cases whose names contain `word`; an error where this machine has no such backend.
     fn records(self, word: &str) -> Result<Vec<Record>, gs_core::Error> {
         Ok(match self {
-            // What threads would do on such images is wait for each other.
+            // Threads would only wait for each other on such images.
             Self::Cpu(level) => records(
                 &CpuRasterizer::new(CpuSettings::default().with(|s| {
                     s.threads = Some(1);

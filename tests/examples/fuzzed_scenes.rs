@@ -1,6 +1,6 @@
 //! Puts random scenes, views and settings through gs-cpu: `cargo run --release -p gs-conformance
-//! --example fuzzed_scenes -- [COUNT] [SEED]`. Half of them are 2D, half in 3D. Tells each that
-//! fails, and of the first all that it is.
+//! --example fuzzed_scenes -- [COUNT] [SEED]`. Half of them are 2D, half 3D. Prints each that
+//! fails, and describes the first in full.
 
 #![allow(clippy::print_stdout)]
 
@@ -61,7 +61,7 @@ fn try_one(cpu: &CpuRasterizer, index: u64, bytes: &[u8]) -> Result<(), Failure>
     if index.is_multiple_of(2) { check_backend(cpu, &scene_2d(bytes)) } else { check_backend(cpu, &scene_3d(bytes)) }
 }
 
-/// What was drawn, but for the target, which is long.
+/// Describes the drawn scene without the target, which is long.
 fn message(index: u64, bytes: &[u8]) -> String {
     if index.is_multiple_of(2) {
         let Fuzzed { scene, view, settings, loss, parameterization, rates, .. } = scene_2d(bytes);

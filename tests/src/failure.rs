@@ -7,7 +7,7 @@ use thiserror::Error as ThisError;
 #[derive(Debug, Clone, PartialEq, ThisError)]
 #[non_exhaustive]
 pub enum Failure {
-    /// There is nothing to compare, so a success would be meaningless.
+    /// Nothing to compare, so a success would be meaningless.
     #[error("nothing to compare: {0}")]
     Nothing(String),
     /// A number differs from the oracle's by more than the tolerance.
@@ -64,7 +64,7 @@ impl Failure {
         if condition { Ok(()) } else { Err(Self::Broken(text())) }
     }
 
-    /// The same failure with its place in front.
+    /// Returns this failure with its place in front.
     #[must_use]
     pub fn at(self, place: impl std::fmt::Display) -> Self {
         match self {

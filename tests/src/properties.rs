@@ -14,8 +14,8 @@ pub fn fresh(cases: u32) -> ProptestConfig {
     ProptestConfig { cases, ..ProptestConfig::default() }
 }
 
-/// This number of cases with a fixed seed, and no file of failures: a failing case fails again, and
-/// prints its minimal form.
+/// Configures this number of cases with a fixed seed, and no file of failures: a failing case fails
+/// again, and prints its minimal form.
 #[must_use]
 pub fn repeatable(cases: u32, seed: u64) -> ProptestConfig {
     ProptestConfig {

@@ -14,7 +14,7 @@ use gs_core::{
 };
 
 use crate::{
-    oracle::{OracleScene, OracleView, PARAMETER_NAMES, Parameters, SPATIAL_SH, rows_of_gradients},
+    oracle::{OracleScene, OracleView, PARAMETER_NAMES, Parameters, SH_3D, rows_of_gradients},
     scenes::{Draw, Kind, Kind3d},
 };
 
@@ -90,7 +90,7 @@ pub trait Subject: Scene<View: OracleView + PartialEq> {
     /// A seeded scene with many Gaussians at each pixel.
     fn overlapping(blend: Blend, count: usize, size: (u32, u32), seed: u64) -> Draw<Self>;
 
-    /// The same view at another resolution.
+    /// Returns this view at another resolution.
     fn resized(view: &Self::View, size: (u32, u32)) -> Self::View;
 }
 
@@ -254,7 +254,7 @@ impl Subject for Scene3d {
     }
 
     fn parameter_name(index: usize) -> String {
-        const NAMES: [&str; SPATIAL_SH] = [
+        const NAMES: [&str; SH_3D] = [
             "mean x",
             "mean y",
             "mean z",
@@ -267,7 +267,7 @@ impl Subject for Scene3d {
             "quaternion z",
             "opacity logit",
         ];
-        match index.checked_sub(SPATIAL_SH) {
+        match index.checked_sub(SH_3D) {
             None => NAMES[index].to_owned(),
             Some(color) => format!("SH coefficient {}, {}", color / 3, ["red", "green", "blue"][color % 3]),
         }

@@ -58,8 +58,8 @@ pub const COLLECTED_SHARE: f64 = 1e-4;
 pub struct Agreement {
     /// The largest difference among numbers that are not near a discontinuity, in roundings.
     pub worst_roundings: f64,
-    /// The largest difference among them: of images and losses as it is, of a gradient as a share
-    /// of the largest one by the same parameter.
+    /// The largest difference among these numbers: of images and losses as it is, of a gradient as
+    /// a share of the largest one by the same parameter.
     pub worst_share: f64,
     /// How many numbers needed the allowance for discontinuities.
     pub flips: usize,
@@ -80,7 +80,7 @@ impl Agreement {
     }
 }
 
-/// One number of a comparison.
+/// A number of a comparison.
 struct Pair {
     expected: f64,
     found: f64,

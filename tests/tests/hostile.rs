@@ -74,7 +74,7 @@ impl Hostility {
         Image::from_fn(width, height, pixel).expect("a possible size")
     }
 
-    /// Whether its rates are too high.
+    /// Whether the fit's rates are too high.
     fn is_hasty(self) -> bool {
         matches!(self, Self::Rates | Self::BrightRates)
     }
@@ -95,7 +95,7 @@ impl Hostility {
     }
 }
 
-/// How long, and from how many seeds.
+/// Length of the fits, and the number of their seeds.
 #[derive(Debug, Clone, Copy)]
 struct Length {
     steps: u32,
@@ -105,14 +105,14 @@ struct Length {
 const SHORT: Length = Length { steps: 300, seeds: 2 };
 const LONG: Length = Length { steps: 20_000, seeds: 20 };
 
-/// So many times the loss at the start may be that at the end: roundings.
+/// The largest allowed ratio of the loss at the end to that at the start: 1, apart from rounding.
 const NO_WORSE: f64 = 1.0 + 1e-6;
 
-/// What a process may have had at most after all its fits, of 60 Gaussians on 192 pixels, where the
-/// system tells.
+/// Largest memory of the process after all its fits, of 60 Gaussians on 192 pixels, where the
+/// system reports it.
 const MOST_BYTES: u64 = 256 << 20;
 
-/// What a fit went through.
+/// The record of a fit.
 #[derive(Default)]
 struct TrainingTask {
     losses: Vec<f32>,
@@ -257,7 +257,7 @@ fn scene_3d(rasterizer: &CpuRasterizer, hostility: Hostility, length: Length, se
     endure(trainer.block_on().map_err(|error| error.to_string())?, loss_of, 60)
 }
 
-/// One thread: the images are too small for more.
+/// A rasterizer with one thread: the images are too small for more.
 fn rasterizer() -> CpuRasterizer {
     CpuRasterizer::new(CpuSettings::default().with(|s| {
         s.threads = Some(1);
@@ -279,7 +279,7 @@ fn short_hostile_fits_under_over_end_well() {
 }
 
 #[test]
-fn short_hostile_trainings_in_space_end_well() {
+fn short_hostile_3d_trainings_end_well() {
     let rasterizer = rasterizer();
     endure_all(SHORT, |hostility, seed| scene_3d(&rasterizer, hostility, SHORT, seed));
 }
@@ -300,7 +300,7 @@ fn long_hostile_fits_under_over_end_well() {
 
 #[test]
 #[ignore = "slow: 160 trainings of 20,000 steps; `cargo xtask test --slow` runs it"]
-fn long_hostile_trainings_in_space_end_well() {
+fn long_hostile_3d_trainings_end_well() {
     let rasterizer = rasterizer();
     endure_all(LONG, |hostility, seed| scene_3d(&rasterizer, hostility, LONG, seed));
 }

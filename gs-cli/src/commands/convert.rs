@@ -24,9 +24,11 @@ use self::quality::{Quality, QualityArgs};
 use crate::{failure::Failure, output, output_folder, scene};
 
 const AFTER_HELP: &str = "\
-A 2D scene becomes a flat 3D scene (.ply) that splat viewers show as the image, or an SVG of soft ellipses. Viewers blend Gaussians \
-front to back, widen them by 0.3 square pixels, and have no negative colours and no background. So the Gaussians are trained for that \
-first, which takes a second or two for a photograph. The printed PSNR compares the new Gaussians, as a viewer shows them, with the scene.";
+A 2D scene becomes a flat 3D scene (.ply) that splat viewers show as the image, or an SVG of soft \
+ellipses. Viewers blend Gaussians front to back, widen them by 0.3 square pixels, and have no \
+negative colours and no background. So the Gaussians are trained for that first, which takes a \
+second or two for a photograph. The printed PSNR compares the new Gaussians, as a viewer shows \
+them, with the scene.";
 
 /// The flags of `gs convert`.
 #[derive(Debug, Clone, Args)]
@@ -98,7 +100,7 @@ struct Conversion {
 struct Side {
     file: String,
     format: String,
-    /// Including the buffer of a glTF.
+    /// Size of the file, with the buffer of a glTF.
     bytes: u64,
     bytes_per_gaussian: f64,
 }

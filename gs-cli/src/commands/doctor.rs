@@ -20,11 +20,13 @@ use crate::{
 };
 
 const AFTER_HELP: &str = "\
-A broken Gaussian draws nothing, or keeps the scene from being read. A doubtful one is drawn, but probably not as intended. --fix \
-repairs or removes broken Gaussians and leaves everything else as it is: bit for bit in PLY and .gs2d.safetensors, otherwise as exactly as \
-the format allows. It prints what is lost.
+A broken Gaussian draws nothing, or keeps the scene from being read. A doubtful one is drawn, but \
+probably not as intended. --fix repairs or removes broken Gaussians and leaves everything else as \
+it is: bit for bit in PLY and .gs2d.safetensors, otherwise as exactly as the format allows. It \
+prints what is lost.
 
-Exit status: 0 nothing is broken, or it was repaired; 1 something is broken, or the scene cannot be read; 2 bad usage.";
+Exit status: 0 nothing is broken, or it was repaired; 1 something is broken, or the scene cannot \
+be read; 2 bad usage.";
 
 /// The flags of `gs doctor`.
 #[derive(Debug, Clone, Args)]
@@ -62,7 +64,7 @@ struct Report {
 #[derive(Debug, Serialize)]
 struct Line {
     finding: Finding,
-    /// In words that complete "a Gaussian whose …".
+    /// The finding in words that complete "a Gaussian whose …".
     meaning: String,
     count: usize,
     /// The index of the first such Gaussian.

@@ -48,7 +48,7 @@ struct Info {
     bytes: u64,
     bytes_per_gaussian: Option<f64>,
     gaussians: usize,
-    /// Of the image that the scene was made for, px.
+    /// Width of the image that the scene was made for, px.
     width: Option<u32>,
     height: Option<u32>,
     /// How the scene is rendered.

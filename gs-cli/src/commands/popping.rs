@@ -23,13 +23,15 @@ use crate::{
 };
 
 const AFTER_HELP: &str = "\
-The camera moves around the scene in short stretches. Each frame is rendered in both orders: sorted by the depth of the means (global, as \
-in 3DGS) and by the depth at each pixel (per-pixel). Popping is measured by the second difference of three frames, averaged over \
-SSIM's window. At half the step, a quarter of the motion remains, but all of a jump. So each number is given for three steps: what \
-stays the same is popping, what falls is motion.
+The camera moves around the scene in short stretches. Each frame is rendered in both orders: \
+sorted by the depth of the means (global, as in 3DGS) and by the depth at each pixel (per-pixel). \
+Popping is measured by the second difference of three frames, averaged over SSIM's window. At half \
+the step, a quarter of the motion remains, but all of a jump. So each number is given for three \
+steps: what stays the same is popping, what falls is motion.
 
-DIR then holds popping.csv, the table; flicker-chart.csv, .png and .svg, frame by frame; and popping.png, two consecutive frames with the \
-worst popping in both orders, and their differences.";
+DIR then holds popping.csv, the table; flicker-chart.csv, .png and .svg, frame by frame; and \
+popping.png, two consecutive frames with the worst popping in both orders, and their \
+differences.";
 
 /// The flags of `gs popping`.
 #[derive(Debug, Clone, Args)]

@@ -16,7 +16,7 @@ use crate::{
 #[derive(Debug)]
 pub(crate) struct Target {
     pub(crate) image: Image,
-    /// Its file; `None` is the paper's circle and square.
+    /// The image's file; `None` for the paper's circle and square.
     pub(crate) file: Option<PathBuf>,
     /// The colour behind its transparent pixels; `None` if it has none.
     pub(crate) behind: Option<Color>,
@@ -43,7 +43,7 @@ impl Target {
         Ok(Self { image: loaded.image, file: Some(path.to_owned()), behind: transparent.then_some(behind), remarks })
     }
 
-    /// The same for commands that take an image or a scene; prints the remarks.
+    /// Reads the image for a command that takes an image or a scene, and prints the remarks.
     pub(crate) fn read_to_fit_first(file: Option<&Path>) -> Result<Self, Failure> {
         let target = Self::read(file, None).map_err(|error| match error {
             gs_io::Error::NotAnImage { .. } => Failure::from(error).hint("or name a scene"),

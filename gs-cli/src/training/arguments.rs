@@ -77,7 +77,7 @@ pub(crate) enum PolicyName {
     HybridAbsGs,
     /// Grow by rank of the error of the covered pixels, above a floor and within a budget
     HybridError,
-    /// As abs-gs, but split side by side along the long axis
+    /// Grow as abs-gs does, but split side by side along the long axis
     LongAxis,
     /// The paper's experiment: the top percents together with the fixed threshold
     Paper,
@@ -108,7 +108,7 @@ pub(crate) enum LossName {
 pub(crate) enum ParameterizationName {
     /// Position, ln-scale and rotation (3DGS)
     ScaleRotation,
-    /// The Gaussian's own frame, where a step is the same fraction of every Gaussian
+    /// The Gaussian's own coordinates, where a step is the same fraction of every Gaussian
     #[value(alias = "local-frame")]
     CovarianceFactor,
 }

@@ -73,7 +73,7 @@ pub(crate) struct Checkpoints {
     interval: Option<Duration>,
     /// Whether a flag asks for checkpoints.
     requested: bool,
-    /// Whether this run has stored one.
+    /// Whether this run has stored a checkpoint.
     stored: bool,
     /// The checkpoint that the run resumed.
     resumed: Option<PathBuf>,
@@ -180,7 +180,7 @@ impl Checkpoints {
 pub(crate) struct StoreCheckpoints<'a> {
     checkpoints: &'a mut Checkpoints,
     printer: Printer,
-    /// When the last one was stored, or the run began.
+    /// Time at which the last checkpoint was stored, or the run began.
     last: Instant,
 }
 

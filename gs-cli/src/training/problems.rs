@@ -10,27 +10,27 @@ use crate::output::Verbosity;
 /// Numbers of Gaussians with problems, and of restarts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(crate) struct Problems {
-    /// Whether sizes at their bounds are included. Most runs have some.
+    /// Whether scales at their bounds are included. Most runs have some.
     verbosity: Verbosity,
-    /// Removed so far because they were not finite.
+    /// Gaussians removed so far because they were not finite.
     removed: u32,
-    /// Not drawn in the last measurement because they were not finite.
+    /// Gaussians that the last measurement did not draw because they were not finite.
     not_finite: u32,
-    /// Not drawn in the last measurement because they were degenerate.
+    /// Gaussians that the last measurement did not draw because they were degenerate.
     degenerate: u32,
-    /// Held at a bound of the optimizer's scales in the last measurement.
+    /// Gaussians held at a bound of the optimizer's scales in the last measurement.
     clamped: Clamped,
     /// Restarts at a lower learning rate.
     fresh_starts: u32,
 }
 
 impl Problems {
-    /// None yet.
+    /// No problems yet.
     pub(crate) fn none(verbosity: Verbosity) -> Self {
         Self { verbosity, ..Self::default() }
     }
 
-    /// Those of a finished run.
+    /// Counts the problems of a finished run.
     pub(crate) fn new(
         verbosity: Verbosity,
         edits: &EditCounts,
@@ -85,7 +85,7 @@ impl Problems {
         }
     }
 
-    /// Each count with its noun and its cause.
+    /// The counts, each with its noun and its cause.
     fn causes(&self) -> [(u32, &'static str, &'static str); 6] {
         let Self { removed, not_finite, degenerate, clamped: Clamped { smallest, largest }, fresh_starts, .. } = *self;
         [

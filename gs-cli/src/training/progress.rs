@@ -17,7 +17,7 @@ const REDRAW: Duration = Duration::from_millis(100);
 /// The least time between two measurements of the PSNR, which render an image or many, if the loss
 /// gives no estimate.
 const MEASURE: Duration = Duration::from_millis(500);
-/// A measurement may take one part in so many of the time.
+/// Inverse of the share of the time that measurements may take.
 const MEASURE_SHARE: u32 = 40;
 /// The least time between two lines. There is at most one for each tenth of the run.
 const LINE: Duration = Duration::from_secs(1);
@@ -29,9 +29,9 @@ pub(crate) struct Display {
     started: Instant,
     first_step: u32,
     drawn: Instant,
-    /// When the measurement under way was asked for.
+    /// Time at which the measurement under way was requested.
     measured: Option<Instant>,
-    /// When the next measurement may be.
+    /// Earliest time of the next measurement.
     measure_at: Instant,
     /// The last PSNR, measured or estimated, dB; see [`Status::psnr`].
     psnr: Option<f64>,
@@ -79,7 +79,7 @@ impl Display {
 
     fn status(&self, progress: &Progress) -> Status {
         let Progress { step, iterations, count, loss, .. } = *progress;
-        // Of this run, which may have resumed another.
+        // The rate of this run, which may have resumed another.
         let rate = f64::from(step - self.first_step) / self.started.elapsed().as_secs_f64().max(1e-9);
         let left = f64::from(iterations - step) / rate.max(1e-9);
         Status { steps: iterations, gaussians: count, loss, psnr: self.psnr, rate, left }
@@ -99,7 +99,7 @@ impl Display {
     }
 }
 
-/// One line about a round of density control.
+/// A line about a round of density control.
 fn round(progress: &Progress, counts: &EditCounts) -> String {
     let edits = [
         ("cloned", counts.cloned),
@@ -125,7 +125,7 @@ impl Observer for Display {
     }
 
     fn on_fresh_start(&mut self, progress: &Progress, fresh_start: &FreshStart) {
-        // This prints the restart, so it is reported.
+        // The restart counts as reported, as it is printed here.
         self.problems.add_restart();
         self.reported.add_restart();
         if progress.is_last() {

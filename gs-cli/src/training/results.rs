@@ -37,7 +37,7 @@ pub(crate) trait Summary: Serialize {
     fn text(&self, folder: &Path, verbosity: Verbosity) -> String;
 }
 
-/// The part of a summary that tells of the machine and the program.
+/// The part of a summary about the machine and the program.
 #[derive(Debug, Serialize)]
 pub(crate) struct ProgramSummary {
     /// The GPU or software driver; `null` on the CPU.
@@ -46,12 +46,12 @@ pub(crate) struct ProgramSummary {
     simd: Option<String>,
     /// The whole time of the program, including that of the run before it was resumed, s.
     pub(crate) total_seconds: f64,
-    /// The peak memory of the program, bytes; `null` where the system does not tell.
+    /// The peak memory of the program, bytes; `null` where the system does not report it.
     peak_memory: Option<u64>,
 }
 
 impl ProgramSummary {
-    /// That of a program that began at `started`, after `seconds_before` of the run that it
+    /// Summarizes a program that began at `started`, after `seconds_before` of the run that it
     /// resumed.
     pub(crate) fn new(backend: &Chosen, started: Instant, seconds_before: f64) -> Self {
         Self {

@@ -29,8 +29,8 @@ impl Status {
         joined(&self.parts())
     }
 
-    /// As much as a line of `columns` has room for beside the bar and the count of steps. The least
-    /// important parts go first.
+    /// The part of the status that a line of `columns` has room for beside the bar and the count of
+    /// steps. The least important parts are left out first.
     pub(crate) fn within(&self, columns: usize) -> String {
         let steps = 2 * self.steps.to_string().len() + 1;
         // A space before the steps, and two behind them.
@@ -76,7 +76,7 @@ mod tests {
     fn a_narrow_line_keeps_the_bar_and_the_important_parts() {
         let fit = status(400, Some(31.234));
         assert_eq!(fit.whole(), "9000 Gaussians  loss 2.31e-3  PSNR ~31.2 dB  820 it/s  12 s left");
-        // Of 80 and of 60 columns, without the room for what a terminal echoes.
+        // The room of 80 and of 60 columns, without that for what a terminal echoes.
         assert_eq!(fit.within(76), "9000 Gaussians  PSNR ~31.2 dB  820 it/s  12 s left");
         assert_eq!(fit.within(56), "PSNR ~31.2 dB  12 s left");
         assert_eq!(status(30_000, None).within(56), "9000 Gaussians  12 s left");

@@ -37,7 +37,7 @@ fn a_fit_on_wgpu_ends_near_that_on_the_cpu() {
     let (on_cpu, on_wgpu) = (place.path().join("cpu"), place.path().join("wgpu"));
     let cpu = fit_with(&on_cpu, &["--backend", "cpu"]).json();
     let run = fit_with(&on_wgpu, &["--backend", "wgpu", "--threads", "1"]);
-    assert!(run.stderr.starts_with("wgpu (") && run.stderr.contains("): as asked, "), "{}", run.stderr);
+    assert!(run.stderr.starts_with("wgpu (") && run.stderr.contains("): as requested, "), "{}", run.stderr);
     let wgpu = run.json();
     assert_eq!((&cpu["backend"], &cpu["adapter"]), (&json!("cpu"), &Value::Null));
     assert_eq!((&wgpu["backend"], &wgpu["threads"], &wgpu["simd"]), (&json!("wgpu"), &json!(1), &Value::Null));
@@ -132,7 +132,7 @@ fn a_wgpu_adapter_that_is_not_there_is_bad_usage() {
 }
 
 #[test]
-fn what_auto_takes_is_told_with_its_reason() {
+fn the_choice_of_auto_is_printed_with_its_reason() {
     let place = folder();
     let found = gs(["info", "--adapters", "--json"]).json();
     let gpu = found["adapters"].as_array().unwrap().iter().any(|adapter| adapter["kind"] != "CPU");
@@ -170,7 +170,7 @@ fn wgpu_adapters_are_listed_in_place_of_a_file() {
 }
 
 #[test]
-fn files_or_adapters_are_told_about_but_not_both() {
+fn info_describes_files_or_adapters_but_not_both() {
     for wrong in [&["info"][..], &["info", "--json"], &["info", "some.file", "--adapters"]] {
         let run = gs(wrong);
         assert_eq!(run.status, Some(2), "{run:?}");

@@ -1,5 +1,5 @@
-//! Whatever is wrong with files or flags: one line that says so, status 1 or 2, and nothing left
-//! behind.
+//! Bad files and flags: every failure prints one line that says what is wrong, exits with status 1
+//! or 2, and leaves nothing behind.
 
 use std::{fs, path::Path};
 
@@ -127,7 +127,7 @@ fn a_folder_that_takes_no_files_is_refused_before_the_fit() {
     let image = picture(place.path(), 16, 16);
     let file = place.path().join("file");
     fs::write(&file, "").unwrap();
-    // Below a regular file nobody can write, not even root.
+    // No user can write below a regular file, not even root.
     for output in [file.join("out"), file.clone()] {
         let run = gs([Path::new("fit"), &image, "-o".as_ref(), &output]);
         assert_eq!(run.status, Some(1));
@@ -163,7 +163,7 @@ fn help_and_version_are_results_and_nothing_is_bad_usage() {
 }
 
 #[test]
-fn a_number_out_of_its_range_is_told_the_range() {
+fn an_error_about_a_number_names_its_range() {
     for (words, expected) in [
         (&["fit", "-n", "-5"][..], "invalid value '-5' for '--gaussians <N>': must be at least 1: see gs fit --help"),
         (&["fit", "--iterations", "-1"], "'--iterations <K>': must be at least 0"),

@@ -12,7 +12,7 @@ use gs_io::{WriteOptions3d, read_3d, write_3d};
 use crate::{
     ply::break_ply,
     process::{Run, folder, gs, names_in},
-    train::{photographed, text},
+    train::{dataset_and_scene, text},
 };
 
 /// Writes a PLY of ten Gaussians of degree 2 and returns its path.
@@ -85,25 +85,28 @@ fn rounding_is_measured() {
     assert!(mean > 1e-5 && mean < largest && largest < 0.501 / 255.0, "{opacities}");
     let same = convert(&first, &path("b.ply"), &["--json"]).json();
     assert_eq!((&same["rounding"], &same["cost"]), (&serde_json::json!([]), &serde_json::Value::Null));
-    let told = convert(&first, &path("a.splat"), &[]).done().stdout;
-    assert!(told.contains("moved       opacities by 0.") && told.contains(" of 1 at most"), "{told}");
+    let printed = convert(&first, &path("a.splat"), &[]).done().stdout;
+    assert!(printed.contains("moved       opacities by 0.") && printed.contains(" of 1 at most"), "{printed}");
 }
 
 #[test]
 fn what_a_conversion_costs_is_measured_on_held_out_views() {
     let place = folder();
-    let (dataset, scene) = photographed(place.path());
+    let (dataset, scene) = dataset_and_scene(place.path());
     let to = place.path().join("a.splat");
     let flags = ["--backend", "cpu", "--dataset", text(&dataset)];
     let json = convert(&scene, &to, &[&flags[..], &["--json"]].concat()).json();
     assert_eq!(json["cost"]["views"], 1);
-    // The photographs are of the scene itself, so that every pixel of it is exact.
+    // The images are renderings of the scene itself, so that every pixel of it is exact.
     assert_eq!(json["cost"]["psnr_before"], serde_json::Value::Null, "{json}");
     assert!(json["cost"]["psnr_after"].as_f64().is_some_and(|psnr| psnr > 35.0), "{json}");
     let eval = gs(["eval", text(&to), text(&dataset), "--json", "--backend", "cpu"]).json();
     assert_eq!(eval["psnr"], json["cost"]["psnr_after"], "{eval}");
-    let told = convert(&scene, &to, &flags).done().stdout;
-    assert!(told.contains("PSNR infinite before, ") && told.contains(" dB after, mean over 1 view of "), "{told}");
+    let printed = convert(&scene, &to, &flags).done().stdout;
+    assert!(
+        printed.contains("PSNR infinite before, ") && printed.contains(" dB after, mean over 1 view of "),
+        "{printed}"
+    );
     let refused = convert(&scene, &to, &["--background", "white"]);
     assert!(refused.status == Some(2) && refused.refusal().contains("--dataset <DATASET>"), "{refused:?}");
     let (other, nowhere) = (place.path().join("b.splat"), place.path().join("nowhere"));
@@ -133,8 +136,8 @@ fn how_a_scene_was_trained_goes_along() {
     convert(&path("a.ply"), &path("a.glb"), &[]).done();
     let kept = info("a.glb");
     assert_eq!((&kept["antialias"], &kept["order"]), (&"compensated".into(), &"per-pixel".into()));
-    let told = render("a.glb", &["--effects", "all"]);
-    assert!(told.contains("order per-pixel, antialias compensated") && !told.contains(guess), "{told}");
+    let printed = render("a.glb", &["--effects", "all"]);
+    assert!(printed.contains("order per-pixel, antialias compensated") && !printed.contains(guess), "{printed}");
     let lost = convert(&path("a.glb"), &path("a.spz"), &[]).done().stdout;
     assert!(
         lost.contains("lost        how the scene was trained, with antialias compensated, order per-pixel"),
@@ -146,7 +149,7 @@ fn how_a_scene_was_trained_goes_along() {
 }
 
 #[test]
-fn a_3d_scene_tells_what_is_in_it_whatever_its_format() {
+fn info_describes_a_3d_scene_of_any_format() {
     let place = folder();
     let first = ply(place.path());
     for name in ["a.ply", "a.splat", "a.spz", "a.gltf", "a.glb"] {
@@ -166,7 +169,7 @@ fn a_3d_scene_tells_what_is_in_it_whatever_its_format() {
 }
 
 #[test]
-fn what_is_broken_is_named_counted_and_dropped_when_told() {
+fn broken_gaussians_are_named_counted_and_dropped_on_request() {
     let place = folder();
     let first = ply(place.path());
     break_ply(&first, 3, 8, &[f32::NAN]);
@@ -185,7 +188,7 @@ fn what_is_broken_is_named_counted_and_dropped_when_told() {
 }
 
 #[test]
-fn scales_of_zero_are_raised_and_told() {
+fn scales_of_zero_are_raised_and_reported() {
     let place = folder();
     let (first, to) = (ply(place.path()), place.path().join("b.ply"));
     break_ply(&first, 3, 7, &[f32::NEG_INFINITY]);

@@ -1,4 +1,4 @@
-//! `gs info` on data sets of posed photographs, and on folders that are none.
+//! `gs info` on data sets of posed images, and on folders that are not data sets.
 
 use std::fs;
 
@@ -8,11 +8,11 @@ use serde_json::json;
 use crate::{
     bad_input::chunk,
     process::{command, folder, gs, names_in, picture},
-    train::{photographed, small, text},
+    train::{dataset_and_scene, small, text},
 };
 
 #[test]
-fn a_data_set_tells_what_is_in_it() {
+fn info_describes_a_data_set() {
     let place = folder();
     picture(place.path(), 40, 30);
     let json = r#"{"camera_angle_x": 1.0, "k1": -0.1, "frames": [
@@ -45,11 +45,11 @@ fn a_folder_that_is_no_data_set_is_refused() {
     assert!(gs(["info", place.path().to_str().unwrap()]).refusal().contains("transforms.json: EOF"));
 }
 
-/// What a terminal would obey, or show otherwise than it is: a new title, cleared screens in both
-/// spellings, text turned round, a line break.
+/// Text that a terminal would obey, or show differently from what it is: a new title, cleared
+/// screens in both spellings, text turned round, a line break.
 const HOSTILE: &str = "x\u{1b}]0;owned\u{7}\u{9b}2J\u{202e}gnp\nforged              line";
 
-/// The same as it may be printed.
+/// [`HOSTILE`] as it may be printed.
 const PRINTED: &str = r"x\u{1b}]0;owned\u{7}\u{9b}2J\u{202e}gnp\nforged              line";
 
 fn is_harmless(text: &str) -> bool {
@@ -134,7 +134,7 @@ fn an_image_says_what_was_done_to_its_colours() {
 #[test]
 fn large_images_are_scaled_down_unless_they_are_wanted_whole() {
     let place = folder();
-    let (dataset, scene) = photographed(place.path());
+    let (dataset, scene) = dataset_and_scene(place.path());
     // One pixel more than the default keeps.
     let wide = Image::from_fn(1601, 2, |x, _| [x as f32 / 1601.0, 0.5, 0.0]).unwrap();
     gs_io::write_png(dataset.join("images/wide.png"), &wide).unwrap();
@@ -148,10 +148,10 @@ fn large_images_are_scaled_down_unless_they_are_wanted_whole() {
     }
     transforms["frames"].as_array_mut().unwrap().push(frame);
     fs::write(dataset.join("transforms.json"), transforms.to_string()).unwrap();
-    let told =
+    let printed =
         "1 scaled down to 1600 px on the longer side (first: 1601x2 to 1600x2 px); --max-size none reads all pixels";
     let info = gs(["info", text(&dataset)]).done().stdout;
-    assert!(info.contains(told) && info.contains("1601x2 px") && info.contains("scaled to 1600x2 px"), "{info}");
+    assert!(info.contains(printed) && info.contains("1601x2 px") && info.contains("scaled to 1600x2 px"), "{info}");
     assert!(!gs(["info", text(&dataset), "--max-size", "none"]).done().stdout.contains("scaled"));
 
     let output = place.path().join("out");
@@ -177,7 +177,7 @@ fn large_images_are_scaled_down_unless_they_are_wanted_whole() {
 #[test]
 fn a_training_that_was_stopped_goes_on_with_the_same_pixels() {
     let place = folder();
-    let (dataset, _) = photographed(place.path());
+    let (dataset, _) = dataset_and_scene(place.path());
     let output = place.path().join("out");
     let words =
         ["train", text(&dataset), "-o", text(&output), "-i", "1000000", "-n", "300", "--no-report", "--max-size", "20"];
@@ -193,7 +193,7 @@ fn a_training_that_was_stopped_goes_on_with_the_same_pixels() {
 }
 
 #[test]
-fn photographs_without_cameras_are_told_how_to_get_them() {
+fn images_without_cameras_are_refused_with_a_remedy() {
     let place = folder();
     (1..4).for_each(|i| drop(picture(place.path(), 10 + i, 10)));
     let run = gs(["train", place.path().to_str().unwrap(), "-o", place.path().join("out").to_str().unwrap()]);

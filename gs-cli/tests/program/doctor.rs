@@ -31,7 +31,7 @@ fn doctor(scene: &Path, flags: &[&str]) -> Run {
 }
 
 #[test]
-fn a_broken_scene_is_told_and_mended_and_what_is_sound_stays_bit_for_bit() {
+fn a_broken_scene_is_reported_and_mended_and_sound_gaussians_stay_bit_for_bit() {
     let place = folder();
     let (path, mended) = (place.path().join("scene.ply"), place.path().join("mended.ply"));
     let scene = scene_3d();
@@ -65,11 +65,11 @@ fn a_broken_scene_is_told_and_mended_and_what_is_sound_stays_bit_for_bit() {
     assert_eq!(fs::read(&path).unwrap(), before, "the examined file stays");
     let copy = mended;
     let mended = read_3d(&copy).unwrap().scene;
-    // Of the eighth the test changed a scale, and its place in the mended scene is the sixth.
+    // The test changed a scale of the eighth Gaussian, which is the sixth in the mended scene.
     for (after, index) in [0, 1, 2, 4, 5, 6].into_iter().enumerate().chain([(7, 9)]) {
         assert_eq!(mended.gaussian(after), scene.gaussian(index));
     }
-    // Never in place; and of the copy there is nothing more to mend.
+    // A repair never replaces its input, and the copy needs no further repair.
     let refused = doctor(&path, &["--fix", "-o", path.to_str().unwrap()]);
     assert!(refused.refusal().contains("is an input of this run"), "{refused:?}");
     assert_eq!(fs::read(&path).unwrap(), before);

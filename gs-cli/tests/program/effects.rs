@@ -1,4 +1,4 @@
-//! `gs effects` and the flag `--effects`: what is decided, proved and told.
+//! `gs effects` and the flag `--effects`: decisions, their verification, and what is printed.
 
 use glam::Vec3;
 use gs_core::{Scene, Scene3d};
@@ -7,7 +7,7 @@ use gs_lab::experiments::popping::discs;
 
 use crate::process::{folder, gs, picture};
 
-/// Two discs, one through the other, with harmonics that nobody could see.
+/// Two discs, one through the other, with SH that change no pixel visibly.
 fn faintly_shiny() -> Scene3d {
     let mut scene = Scene3d { sh_degree: 2, ..Scene3d::default() };
     let plain = discs();
@@ -19,7 +19,7 @@ fn faintly_shiny() -> Scene3d {
 }
 
 #[test]
-fn a_scene_in_space_is_told_what_it_calls_for() {
+fn required_effects_of_a_3d_scene_are_reported() {
     let place = folder();
     let path = place.path().join("discs.ply");
     write_3d(&path, &faintly_shiny(), &WriteOptions3d::default()).unwrap();
@@ -27,7 +27,7 @@ fn a_scene_in_space_is_told_what_it_calls_for() {
     let flags = ["--size", "48x40", "--views", "3", "--repetitions", "2", "--backend", "cpu"];
     let run = |more: &[&str]| gs(["effects", scene].iter().chain(&flags).chain(more));
     let report = run(&["--json", "--order", "per-pixel"]).json();
-    let effects = &report["proof"]["called"]["settings"]["effects"];
+    let effects = &report["proof"]["required"]["settings"]["effects"];
     assert_eq!((effects["order"].as_str(), effects["sh-degree"].as_u64()), (Some("per-pixel"), Some(0)));
     assert_eq!((effects["background"].as_str(), effects["antialias"].as_str()), (Some("none"), Some("dilate")));
     let most = report["proof"]["difference"]["most"].as_f64().unwrap();
@@ -44,7 +44,7 @@ fn a_scene_in_space_is_told_what_it_calls_for() {
 }
 
 #[test]
-fn a_picture_is_rendered_with_what_is_called_for_unless_the_flag_says_otherwise() {
+fn a_picture_is_rendered_with_the_required_effects_unless_the_flag_says_otherwise() {
     let place = folder();
     let path = place.path().join("discs.ply");
     write_3d(&path, &faintly_shiny(), &WriteOptions3d::default()).unwrap();
@@ -54,15 +54,15 @@ fn a_picture_is_rendered_with_what_is_called_for_unless_the_flag_says_otherwise(
         let run = gs(words.iter().chain(&["--backend", "cpu", "--verbose"]).chain(flags)).done();
         (gs_io::read_image(&png).unwrap().image, run.stderr)
     };
-    let (auto, told) = render(&[]);
-    assert!(told.contains("without sh-degree 2 (higher coefficients change no pixel by more than"), "{told}");
-    let (all, told) = render(&["--effects", "all"]);
-    assert!(told.contains("sh-degree 2 (--effects all)"), "{told}");
+    let (auto, printed) = render(&[]);
+    assert!(printed.contains("without sh-degree 2 (higher coefficients change no pixel by more than"), "{printed}");
+    let (all, printed) = render(&["--effects", "all"]);
+    assert!(printed.contains("sh-degree 2 (--effects all)"), "{printed}");
     let steps = auto.pixels().as_flattened().iter().zip(all.pixels().as_flattened());
     let most = steps.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
     assert!(most <= 1.0 / 255.0 + 1e-6, "at most one step of an eight-bit picture: {most}");
-    let (unordered, told) = render(&["--effects", "sh-degree,antialias"]);
-    assert!(told.contains("without order global (not in --effects)"), "{told}");
+    let (unordered, printed) = render(&["--effects", "sh-degree,antialias"]);
+    assert!(printed.contains("without order global (not in --effects)"), "{printed}");
     assert!(unordered != auto);
     let refused = gs(["render", path.to_str().unwrap(), "-o", "a.png", "--effects", "order,glitter"]);
     assert!(refused.refusal().contains("order, sh-degree, antialias and background"), "{refused:?}");
@@ -93,7 +93,7 @@ fn what_does_not_go_together_is_refused() {
     let image = picture(place.path(), 16, 12);
     for (flags, part) in [
         (vec!["--order", "global"], "is not a 3D scene"),
-        (vec!["photographs"], "is not a 3D scene"),
+        (vec!["dataset"], "is not a 3D scene"),
         (vec!["--size", "99999x9"], "--size"),
         (vec!["--views", "0"], "--views"),
     ] {

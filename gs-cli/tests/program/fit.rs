@@ -13,7 +13,7 @@ use serde_json::Value;
 use crate::process::signal;
 use crate::process::{Run, command, folder, gs, names_in, picture};
 
-/// Of a fit by default; one blended over has scene.ply as well.
+/// Result files of a fit by default; a fit with `over` blending also has scene.ply.
 const RESULTS: [&str; 7] = [
     "curve.png",
     "ellipses.png",
@@ -37,7 +37,7 @@ fn an_image_becomes_results_and_a_summary() {
     let image = picture(place.path(), 32, 24);
     let output = place.path().join("made/on/demand");
     let run = gs(small(&image, &output).into_iter().chain(["--json", "--threads", "1"]));
-    assert!(run.stderr.starts_with("cpu ("), "the first line tells the backend: {}", run.stderr);
+    assert!(run.stderr.starts_with("cpu ("), "the first line names the backend: {}", run.stderr);
     let summary = run.json();
     for (key, expected) in
         [("width", 32), ("height", 24), ("gaussians", 60), ("iterations", 20), ("threads", 1), ("seed", 7)]
@@ -252,7 +252,7 @@ fn a_fit_that_ends_with_no_gaussian_leaves_everything_but_the_ply() {
 }
 
 #[test]
-fn each_round_of_density_control_is_told_where_that_is_asked_for() {
+fn each_round_of_density_control_is_printed_with_verbose() {
     let place = folder();
     let image = picture(place.path(), 32, 32);
     let rounds = |flags: &[&str]| {
@@ -260,11 +260,11 @@ fn each_round_of_density_control_is_told_where_that_is_asked_for() {
         run.stderr.lines().filter(|line| line.contains(" seeded") && line.ends_with(" Gaussians")).count()
     };
     let silent = rounds(&[]);
-    let told = rounds(&["--verbose"]);
+    let printed = rounds(&["--verbose"]);
     let table = fs::read_to_string(place.path().join("out/metrics.csv")).unwrap();
     let seeding = table.lines().skip(1).filter(|row| row.split(',').nth(5).is_some_and(|seeded| seeded != "0"));
-    assert_eq!((silent, told), (0, seeding.count()));
-    assert!(told > 0);
+    assert_eq!((silent, printed), (0, seeding.count()));
+    assert!(printed > 0);
 }
 
 #[test]
@@ -299,7 +299,7 @@ fn every_override_fits() {
     }
 }
 
-/// A fit that would take for ever, and that is under way, into `out`.
+/// A fit under way into `out` that would not end by itself.
 #[cfg(unix)]
 pub(crate) struct Endless {
     fit: Child,
@@ -335,7 +335,7 @@ fn interrupted(place: &Path, flags: &[&str]) -> (Option<i32>, Vec<String>) {
     Endless::start(place, flags).end("-INT", 1)
 }
 
-/// What `timeout` does: it signals its child, and then its whole group.
+/// Signals as `timeout` sends them: to its child, and then to its whole group.
 #[cfg(unix)]
 #[test]
 fn two_signals_in_quick_succession_are_one_request() {
@@ -364,7 +364,8 @@ fn ctrl_c_saves_a_checkpoint_and_what_there_is() {
     assert!(RESULTS.iter().all(|name| names.contains(&(*name).to_owned())), "{names:?}");
 }
 
-/// A file that no system takes: as on a full disk, nothing tells before the first checkpoint.
+/// A file name that no system accepts: as with a full disk, the first checkpoint is the first to
+/// fail.
 fn file_of_a_too_long_name(place: &Path) -> String {
     place.join("long".repeat(100)).to_str().unwrap().to_owned()
 }
@@ -395,8 +396,8 @@ fn ctrl_c_leaves_results_even_without_a_checkpoint() {
     assert_eq!(names_in(&place.path().join("out")), RESULTS);
 }
 
-/// What is in the way when a fit begins stops it there; so folders come into the way of its results
-/// when it has begun.
+/// The folders are put in the way of results after the fit has begun: in the way of its beginning,
+/// they would stop it there.
 #[cfg(unix)]
 #[test]
 fn results_that_cannot_be_written_do_not_take_the_others_with_them() {
@@ -462,7 +463,7 @@ fn a_fit_that_diverges_says_where_and_leaves_its_table() {
 }
 
 #[test]
-fn gaussians_that_are_lost_are_told_as_it_goes_and_in_the_end() {
+fn lost_gaussians_are_reported_during_the_fit_and_at_its_end() {
     let place = folder();
     let (image, output) = (picture(place.path(), 32, 24), place.path().join("out"));
     let settings = place.path().join("wild.toml");
@@ -473,8 +474,8 @@ fn gaussians_that_are_lost_are_told_as_it_goes_and_in_the_end() {
     let words =
         ["fit", image.to_str().unwrap(), "-o", output.to_str().unwrap(), "--settings", settings.to_str().unwrap()];
     let run = gs(words.into_iter().chain(["--backend", "cpu"])).done();
-    let told = run.stderr.lines().filter(|line| line.contains(" removed as not finite")).count();
-    assert!(told >= 2, "the last line of progress and the summary: {run:?}");
+    let printed = run.stderr.lines().filter(|line| line.contains(" removed as not finite")).count();
+    assert!(printed >= 2, "the last line of progress and the summary: {run:?}");
     let summary: Value = serde_json::from_slice(&fs::read(output.join("summary.json")).unwrap()).unwrap();
     let removed = summary["edits"]["pruned_not_finite"].as_u64().unwrap();
     let metrics = fs::read_to_string(output.join("metrics.csv")).unwrap();
@@ -484,7 +485,7 @@ fn gaussians_that_are_lost_are_told_as_it_goes_and_in_the_end() {
 }
 
 #[test]
-fn a_newcomer_is_told_the_result_and_an_expert_the_rest() {
+fn details_are_printed_with_verbose_only() {
     let place = folder();
     let (image, output) = (picture(place.path(), 32, 24), place.path().join("out"));
     let always = ["fit", image.to_str().unwrap(), "-o", output.to_str().unwrap(), "--backend", "cpu", "--no-report"];

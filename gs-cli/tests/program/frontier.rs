@@ -11,7 +11,7 @@ use serde_json::Value;
 
 use crate::process::{Run, folder, gs, names_in, picture};
 
-/// As quick as it can be: what is tested is not how fast it is.
+/// Runs `gs frontier` as quickly as possible; times are not tested.
 fn frontier(input: &Path, flags: &[&str]) -> Run {
     let always = ["frontier", input.to_str().unwrap(), "--backend", "cpu", "--seconds", "1", "--threads", "2"];
     gs(always.iter().chain(flags))
@@ -82,7 +82,7 @@ fn a_budget_is_answered_by_a_file_that_render_and_fit_take() {
     };
     let (usual, chosen) = (render("usual.png", &[]), render("chosen.png", &["--settings", file.to_str().unwrap()]));
     assert!(gs_core::metrics::psnr(&usual, &chosen).unwrap() > 35.0);
-    // That the file is heeded: nothing is left of a picture whose cut is half.
+    // The file is used: a picture whose cut is half is empty.
     let coarse = place.path().join("coarse.toml");
     fs::write(
         &coarse,
@@ -100,7 +100,7 @@ fn a_budget_is_answered_by_a_file_that_render_and_fit_take() {
 }
 
 #[test]
-fn scenes_in_space_have_orders_and_sh_to_choose() {
+fn the_frontier_of_a_3d_scene_chooses_order_and_sh() {
     let place = folder();
     let scene = for_3d(place.path());
     let json = frontier(&scene, &["--size", "60x40", "--views", "2", "--json"]).json();
@@ -136,7 +136,7 @@ fn what_cannot_be_is_refused() {
         let run = frontier(input, flags);
         assert!(run.refusal().contains(expected), "{flags:?}: {run:?}");
     }
-    // What was measured is told and written all the same, and no earlier answer stays beside it.
+    // Measurements are printed and written all the same, and no earlier answer stays beside them.
     let output = place.path().join("out");
     fs::create_dir(&output).unwrap();
     let budgeted = ["--size", "60x40", "-o", output.to_str().unwrap()];

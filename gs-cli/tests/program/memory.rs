@@ -1,5 +1,5 @@
-//! What the program does where there is less memory than its work takes, and how well it knows that
-//! beforehand. Linux alone tells.
+//! Behaviour of the program where its work needs more memory than there is, and how well it
+//! estimates that beforehand. Only Linux reports both.
 #![cfg(target_os = "linux")]
 
 use std::{ffi::OsStr, fs, process::Command};
@@ -10,10 +10,10 @@ use gs_train::FitSettings;
 use crate::{
     bad_input::png_without_pixels,
     process::{Run, command, folder, gs, picture},
-    train::{photographed, small, text},
+    train::{dataset_and_scene, small, text},
 };
 
-/// Runs `gs` with so much address space, KiB. Few threads: each reserves some.
+/// Runs `gs` with this much address space, KiB, and few threads, as each reserves some.
 fn gs_within<A: AsRef<OsStr>>(kib: u32, arguments: impl IntoIterator<Item = A>) -> Run {
     let program = command();
     let mut shell = Command::new("sh");
@@ -59,7 +59,7 @@ fn a_shortage_of_memory_ends_in_one_line() {
     let run = gs_within(300_000, &fit);
     assert!(run.refusal().contains("fitting 9000 Gaussians to ") && run.status == Some(1), "{run:?}");
 
-    let (dataset, _) = photographed(place.path());
+    let (dataset, _) = dataset_and_scene(place.path());
     let run = gs_within(300_000, small(&dataset, &output).into_iter().chain(["--threads", "2"]));
     let line = run.stderr.lines().last().unwrap();
     assert!(line.starts_with("error: training on ") && line.contains("(ulimit -v)"), "{run:?}");

@@ -1,11 +1,10 @@
-//! What commands do to a folder that holds more than their results: a run replaces what runs wrote,
-//! and nothing else.
+//! Output folders that hold more than results: a run replaces what runs wrote, and nothing else.
 
 use std::{fs, path::Path};
 
 use crate::{
     process::{folder, gs, names_in, picture},
-    train::{photographed, text},
+    train::{dataset_and_scene, text},
 };
 
 /// The words of a small fit.
@@ -16,7 +15,7 @@ fn fit<'a>(image: &'a Path, output: &'a Path) -> Vec<&'a str> {
 #[test]
 fn every_command_refuses_to_replace_what_no_run_wrote() {
     let place = folder();
-    let (dataset, scene) = photographed(place.path());
+    let (dataset, scene) = dataset_and_scene(place.path());
     let image = picture(place.path(), 24, 24);
     let (dataset, scene, image) = (text(&dataset), text(&scene), text(&image));
     let cases: [(&[&str], &str); 13] = [
@@ -60,7 +59,7 @@ fn the_same_command_again_needs_no_flag_and_leaves_what_is_not_its_own() {
     gs(fit(&image, &output).into_iter().chain(["--no-report"])).done();
     assert!(!output.join("curve.png").exists());
 
-    // What was put in place of a picture that went is somebody's.
+    // A file that was put in place of a removed picture is the user's.
     fs::write(output.join("curve.png"), "mine").unwrap();
     assert!(gs(fit(&image, &output)).refusal().contains("curve.png: is in the way"));
     gs(fit(&image, &output).into_iter().chain(["--overwrite"])).done();
@@ -71,7 +70,7 @@ fn the_same_command_again_needs_no_flag_and_leaves_what_is_not_its_own() {
 #[test]
 fn no_input_is_ever_replaced() {
     let place = folder();
-    let (_, scene) = photographed(place.path());
+    let (_, scene) = dataset_and_scene(place.path());
     let (image, picture) = (place.path().join("curve.png"), picture(place.path(), 24, 24));
     fs::copy(&picture, &image).unwrap();
     let [settings, linked] = ["settings.toml", "linked.png"].map(|name| place.path().join(name));
@@ -116,7 +115,7 @@ fn what_a_folder_stands_for_is_an_input_too() {
     }
     assert_eq!(fs::read(&scene).unwrap(), before);
 
-    let (dataset, _) = photographed(place.path());
+    let (dataset, _) = dataset_and_scene(place.path());
     let mut files = vec![dataset.join("images/0.png")];
     for part in ["", "sparse", "sparse/0"] {
         let entries = fs::read_dir(dataset.join(part)).into_iter().flatten().flatten().map(|entry| entry.path());
@@ -133,7 +132,7 @@ fn what_a_folder_stands_for_is_an_input_too() {
 fn results_of_a_fit_do_not_stay_beside_those_of_a_training() {
     let place = folder();
     let (image, output) = (picture(place.path(), 24, 24), place.path().join("out"));
-    let (dataset, _) = photographed(place.path());
+    let (dataset, _) = dataset_and_scene(place.path());
     gs(fit(&image, &output)).done();
     let train =
         ["train", text(&dataset), "-o", text(&output), "-i", "2", "--start", "random", "-n", "50", "--backend", "cpu"];

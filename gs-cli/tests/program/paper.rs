@@ -11,10 +11,10 @@ fn an_experiment_becomes_a_page_and_tables() {
     let words = ["paper", "--quick", "--only", "edges", "--backend", "cpu", "-o", output.to_str().unwrap()];
     let run = gs(words).done();
     assert_eq!(run.stdout, "");
-    // Of two seeds, one may go the other way by a rounding: of these claims one or both are
+    // With two seeds, rounding may change the result of one: one or both of these claims are
     // confirmed.
-    let told = ["edges: 2 claims: 2 confirmed", "edges: 2 claims: 1 confirmed, 1 partly"];
-    assert!(told.iter().any(|line| run.stderr.contains(line)), "{}", run.stderr);
+    let printed = ["edges: 2 claims: 2 confirmed", "edges: 2 claims: 1 confirmed, 1 partly"];
+    assert!(printed.iter().any(|line| run.stderr.contains(line)), "{}", run.stderr);
     assert_eq!(names_in(&output), ["claims.csv", "edges", "index.html"]);
     assert_eq!(
         names_in(&output.join("edges")),

@@ -1,4 +1,4 @@
-//! Runs the program and holds what came of it.
+//! Runs of the program, and their outcomes.
 
 use std::{
     ffi::OsStr,
@@ -9,7 +9,7 @@ use std::{
 
 use gs_core::Image;
 
-/// What a run of the program came to.
+/// The outcome of a run of the program.
 #[derive(Debug)]
 pub(crate) struct Run {
     pub(crate) status: Option<i32>,
@@ -44,7 +44,7 @@ impl Run {
         let mut command = command();
         command.args(arguments).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
         let mut child = command.spawn().expect("the program starts");
-        // Whether it reads it all is for its results to tell.
+        // The results show whether the program reads all of it.
         let _ = std::io::Write::write_all(&mut child.stdin.take().expect("it is piped"), input.as_bytes());
         Self::ended(child.wait_with_output().expect("the program ends"))
     }

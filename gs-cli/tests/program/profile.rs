@@ -7,13 +7,13 @@ use serde_json::{Value, json};
 
 use crate::{
     process::{Run, folder, gs, names_in, picture},
-    train::photographed,
+    train::dataset_and_scene,
 };
 
 /// The stages that every backend has.
 const STAGES: [&str; 8] = ["project", "bin", "sort", "blend", "loss", "blend_bwd", "project_bwd", "adam"];
 
-/// Few repetitions: what is tested is not how fast it is.
+/// Runs `gs profile` with few repetitions; times are not tested.
 fn profile(arguments: &[&str]) -> Run {
     gs(["profile", "-r", "3"].iter().chain(arguments))
 }
@@ -93,7 +93,7 @@ fn check(json: &Value, csv: &str) {
     }
 }
 
-/// Profiles into a folder and checks that all three forms tell the same.
+/// Profiles into a folder and checks that all three forms agree.
 #[track_caller]
 fn profiled(arguments: &[&str]) -> Value {
     let place = folder();
@@ -183,11 +183,11 @@ fn a_scene_is_taken_as_it_is_unless_flags_change_it() {
     assert_eq!(json["width"], 96);
 }
 
-fn the_table_tells_of(scene: &str, backend: &str, clock: &str) {
+fn the_table_describes(scene: &str, backend: &str, clock: &str) {
     let run = profile(&[scene, "--backend", backend]).done();
     assert_eq!(run.stderr, "", "a scene needs no fit");
     let text = run.stdout;
-    assert!(text.starts_with(&format!("{backend} (")) && text.contains("as asked"), "{text}");
+    assert!(text.starts_with(&format!("{backend} (")) && text.contains("as requested"), "{text}");
     assert!(text.contains(": 40 Gaussians; 48x32 px, sum, l2, covariance-factor; target: its own rendering"), "{text}");
     assert!(text.contains(clock), "{text}");
     for row in STAGES.iter().chain(&["sum", "training step, lists made anew", "forward pass alone"]) {
@@ -199,17 +199,17 @@ fn the_table_tells_of(scene: &str, backend: &str, clock: &str) {
 }
 
 #[test]
-fn the_table_tells_backend_clock_stages_and_whole_steps() {
+fn the_table_shows_backend_clock_stages_and_whole_steps() {
     let place = folder();
-    the_table_tells_of(&scene(place.path()), "cpu", "clock of the stages: host; 3");
+    the_table_describes(&scene(place.path()), "cpu", "clock of the stages: host; 3");
 }
 
 #[test]
-fn a_scene_is_taken_as_it_is_on_wgpu_and_the_table_tells_of_it() {
+fn a_scene_is_profiled_as_it_is_on_wgpu_and_the_table_describes_it() {
     let place = folder();
     let scene = scene(place.path());
     is_taken_as_it_is(&scene, "wgpu");
-    the_table_tells_of(&scene, "wgpu", "clock of the stages: ");
+    the_table_describes(&scene, "wgpu", "clock of the stages: ");
 }
 
 fn nothing_takes_its_time_on(backend: &str) {
@@ -274,31 +274,31 @@ fn what_cannot_be_profiled_is_refused_before_anything_is_written() {
 }
 
 /// Profiles a scene in space, and writes into a folder of `place`.
-fn a_scene_in_space_is_profiled_on(backend: &str, scene: &str, place: &Path) {
+fn a_3d_scene_is_profiled_on(backend: &str, scene: &str, place: &Path) {
     let output = place.join(backend);
     let flags = ["--size", "40x30", "--order", "per-pixel", "--backend", backend, "-o", output.to_str().unwrap()];
     let run = profile(&[&[scene], &flags[..]].concat()).done();
     assert!(run.stdout.contains("8 Gaussians; 40x30 px, over, order per-pixel, antialias dilate, SH degree 0"));
     let json: Value = serde_json::from_slice(&fs::read(output.join("profile.json")).unwrap()).unwrap();
     check(&json, &fs::read_to_string(output.join("profile.csv")).unwrap());
-    let told = ["order", "loss", "parameterization", "target"].map(|key| json[key].clone());
+    let printed = ["order", "loss", "parameterization", "target"].map(|key| json[key].clone());
     let loss = json!({ "l1-dssim": { "lambda": 0.2 } });
-    assert_eq!(told, [json!("per-pixel"), loss, json!("scale-rotation"), json!("its own rendering")]);
+    assert_eq!(printed, [json!("per-pixel"), loss, json!("scale-rotation"), json!("its own rendering")]);
 }
 
 #[test]
-fn a_scene_in_space_is_profiled_on_wgpu() {
+fn a_3d_scene_is_profiled_on_wgpu() {
     let place = folder();
-    let (_, scene) = photographed(place.path());
-    a_scene_in_space_is_profiled_on("wgpu", scene.to_str().unwrap(), place.path());
+    let (_, scene) = dataset_and_scene(place.path());
+    a_3d_scene_is_profiled_on("wgpu", scene.to_str().unwrap(), place.path());
 }
 
 #[test]
-fn a_scene_in_space_is_profiled_as_flags_say() {
+fn a_3d_scene_is_profiled_as_flags_say() {
     let place = folder();
-    let (dataset, scene) = photographed(place.path());
+    let (dataset, scene) = dataset_and_scene(place.path());
     let (scene, view) = (scene.to_str().unwrap(), format!("{}:3", dataset.display()));
-    a_scene_in_space_is_profiled_on("cpu", scene, place.path());
+    a_3d_scene_is_profiled_on("cpu", scene, place.path());
     let of_view = profile(&[scene, "--camera", &view, "--backend", "cpu", "--json"]).json();
     assert_eq!((&of_view["width"], &of_view["order"]), (&json!(32), &json!("global")));
     for (flags, part) in [(&["-n", "5"][..], "is a scene"), (&["--camera", "nowhere"], "DATASET:VIEW")] {

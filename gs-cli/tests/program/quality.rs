@@ -1,5 +1,5 @@
-//! What the program says of quality: figures of the files that it writes, and the reason where a
-//! run does not get as far as it was let.
+//! Quality that the program reports: figures of the files that it writes, and the reason where a
+//! run ends early.
 
 use std::fs;
 
@@ -8,7 +8,7 @@ use serde_json::Value;
 
 use crate::{
     process::{folder, gs, picture},
-    train::{photographed, small, text},
+    train::{dataset_and_scene, small, text},
 };
 
 #[test]
@@ -57,7 +57,7 @@ fn flat_and_tiny_pictures_are_exact_or_nearly_so_by_default() {
 }
 
 #[test]
-fn a_missed_budget_is_told_on_the_plane_and_in_space() {
+fn a_missed_budget_is_reported_in_2d_and_3d() {
     let place = folder();
     let image = picture(place.path(), 48, 40);
     let output = place.path().join("out");
@@ -69,7 +69,7 @@ fn a_missed_budget_is_told_on_the_plane_and_in_space() {
     let summary: Value = serde_json::from_slice(&fs::read(output.join("summary.json")).unwrap()).unwrap();
     assert_eq!((&summary["shortfall"]["gaussians"], &summary["shortfall"]["budget"]), (&130.into(), &1000.into()));
 
-    let (dataset, start) = photographed(place.path());
+    let (dataset, start) = dataset_and_scene(place.path());
     let output = place.path().join("scene");
     let words = ["train", text(&dataset), "-o", text(&output), "-i", "40", "--preset", "mcmc", "-n", "300"];
     let run = gs(words.into_iter().chain(["--start", text(&start), "--no-report", "--backend", "cpu"])).done();
@@ -81,11 +81,11 @@ fn a_missed_budget_is_told_on_the_plane_and_in_space() {
 }
 
 #[test]
-fn a_training_tells_both_how_held_out_views_and_how_its_own_are_fitted() {
+fn a_training_reports_the_quality_of_held_out_and_of_training_views() {
     let place = folder();
-    let (dataset, _) = photographed(place.path());
+    let (dataset, _) = dataset_and_scene(place.path());
     let output = place.path().join("scene");
-    // The photographs that are held out show something else.
+    // The images that are held out show something else.
     for held_out in ["images/0.png", "images/4.png"] {
         gs_io::write_png(dataset.join(held_out), &Image::filled(32, 24, [1.0, 0.9, 0.8]).unwrap()).unwrap();
     }

@@ -8,7 +8,7 @@ use serde_json::Value;
 
 use crate::{
     process::{folder, gs, names_in, picture},
-    train::{photographed, small},
+    train::{dataset_and_scene, small},
 };
 
 fn text(path: &Path) -> &str {
@@ -87,8 +87,8 @@ fn a_2d_scene_becomes_an_svg() {
     let place = folder();
     let output = fitted(place.path(), "sum");
     let svg = place.path().join("a.svg");
-    let told = gs(["convert", text(&output), text(&svg)]).done();
-    assert!(told.stdout.contains("PSNR") && told.stdout.contains("48x32 px"), "{told:?}");
+    let printed = gs(["convert", text(&output), text(&svg)]).done();
+    assert!(printed.stdout.contains("PSNR") && printed.stdout.contains("48x32 px"), "{printed:?}");
     let written = fs::read_to_string(&svg).unwrap();
     assert!(written.starts_with("<svg ") && written.ends_with("</svg>\n"), "{written}");
     assert_eq!(written.matches("<circle").count(), 150);
@@ -98,7 +98,7 @@ fn a_2d_scene_becomes_an_svg() {
         spz.stderr.contains("a.spz: a 2D scene is not written in this format: let its name end in .ply or .svg"),
         "{spz:?}"
     );
-    let (_, scene) = photographed(place.path());
+    let (_, scene) = dataset_and_scene(place.path());
     let refused = gs(["convert", text(&scene), text(&place.path().join("b.svg"))]);
     assert_eq!(refused.status, Some(2));
     assert!(refused.refusal().contains("3D scene is not written as SVG"), "{refused:?}");
@@ -117,7 +117,7 @@ fn a_2d_scene_is_judged_by_an_image() {
     let other = picture(place.path(), 32, 48);
     let refused = gs(["eval", text(&scene), text(&other)]);
     assert!(refused.refusal().contains("48x32 px") && refused.refusal().contains("32x48 px"), "{refused:?}");
-    let (dataset, _) = photographed(place.path());
+    let (dataset, _) = dataset_and_scene(place.path());
     let ply = place.path().join("a.ply");
     let refused = gs(["convert", text(&scene), text(&ply), "--dataset", text(&dataset)]);
     assert!(refused.status == Some(2) && refused.refusal().contains("--dataset is for 3D scenes"), "{refused:?}");
@@ -178,15 +178,15 @@ fn a_checkpoint_of_a_fit_is_a_scene() {
 #[test]
 fn a_checkpoint_of_a_training_is_a_scene() {
     let place = folder();
-    let (dataset, _) = photographed(place.path());
+    let (dataset, _) = dataset_and_scene(place.path());
     let (output, state) = (place.path().join("out"), place.path().join("state"));
     let storing = ["--checkpoint", text(&state), "--checkpoint-every", "25", "--background", "0.2,0.3,0.4"];
     gs(small(&dataset, &output).into_iter().chain(storing)).done();
     let ply = place.path().join("state.ply");
-    let told: Value = gs(["convert", text(&state), text(&ply), "--json"]).json();
-    assert_eq!(told["read"]["format"], "checkpoint");
+    let printed: Value = gs(["convert", text(&state), text(&ply), "--json"]).json();
+    assert_eq!(printed["read"]["format"], "checkpoint");
     let at_25 = gs_io::read_3d(&ply).unwrap().scene;
-    assert_eq!(told["gaussians"], gs_core::Scene::len(&at_25));
+    assert_eq!(printed["gaussians"], gs_core::Scene::len(&at_25));
     let psnr = |path: &Path, flags: &[&str]| {
         let words = ["eval", text(path), text(&dataset), "--json", "--backend", "cpu"];
         gs(words.iter().chain(flags)).json()["psnr"].as_f64().unwrap()

@@ -114,7 +114,7 @@ fn images_are_compared() {
 }
 
 #[test]
-fn a_scene_tells_what_is_in_it() {
+fn info_describes_a_2d_scene() {
     let place = folder();
     let (_, scene) = fitted(place.path());
     let path = scene.to_str().unwrap();

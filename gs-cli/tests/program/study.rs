@@ -45,7 +45,7 @@ fn a_study_killed_at_random_moments_ends_with_the_tables_of_one_never_stopped() 
 
     let mut kills = 0;
     for attempt in 0..4 {
-        // A part of the whole time that nobody knows before.
+        // A part of the whole time, different in each run.
         let part = (RandomState::new().hash_one(attempt) % 1000) as u32;
         let mut child = command().args(arguments(&file, &killed)).arg("--resume").spawn().unwrap();
         thread::sleep(length * part / 1500 + Duration::from_millis(1));
@@ -109,7 +109,7 @@ fn parts_of_a_study_add_up_to_the_whole() {
     assert!(part(&["--seeds", "1"]).refusal().contains("go on with it with --resume"));
     part(&["--resume", "--images", "picture-32x24", "--budgets", "40"]).done();
     assert_eq!(names_in(&parts.join("runs")).len(), 8);
-    // A row is that of the table that stands there, and so of the part.
+    // A row number refers to the table in the folder, which is that of the part.
     let replayed = gs(["study", "replay", parts.to_str().unwrap(), "1"]).done();
     assert!(replayed.stderr.contains("picture-32x24"), "{replayed:?}");
     fs::remove_dir_all(parts.join("replay-1")).unwrap();

@@ -36,10 +36,10 @@ fn scene() -> Scene3d {
     scene
 }
 
-/// Writes eight photographs of the scene before black as a Nerfstudio data set, and the scene
+/// Writes eight images of the scene on black as a Nerfstudio data set, and the scene
 /// itself.
-pub(crate) fn photographed(place: &Path) -> (PathBuf, PathBuf) {
-    let (dataset, file) = (place.join("photographs"), place.join("true.ply"));
+pub(crate) fn dataset_and_scene(place: &Path) -> (PathBuf, PathBuf) {
+    let (dataset, file) = (place.join("dataset"), place.join("true.ply"));
     fs::create_dir_all(dataset.join("images")).unwrap();
     gs_io::write_3d(&file, &scene(), &gs_io::WriteOptions3d::default()).unwrap();
     let rasterizer = CpuRasterizer::new(CpuSettings::default().with(|s| {
@@ -83,9 +83,9 @@ pub(crate) fn small<'a>(dataset: &'a Path, output: &'a Path) -> Vec<&'a str> {
 }
 
 #[test]
-fn photographs_become_a_scene_and_a_summary() {
+fn a_data_set_becomes_a_scene_and_a_summary() {
     let place = folder();
-    let (dataset, _) = photographed(place.path());
+    let (dataset, _) = dataset_and_scene(place.path());
     let output = place.path().join("made/on/demand");
     let run = gs(small(&dataset, &output).into_iter().chain(["--holdout", "4", "--json"]));
     assert!(run.stderr.contains("training on 6 of 8 views") && run.stderr.contains("random points"), "{}", run.stderr);
@@ -117,7 +117,7 @@ fn photographs_become_a_scene_and_a_summary() {
     let read = gs_io::read_3d(output.join("scene.ply")).unwrap().scene;
     assert_eq!((read.len() as u64, read.sh_degree), (summary["gaussians"].as_u64().unwrap(), 1));
 
-    // What it wrote can be judged, and the same settings give the same scene.
+    // The results can be evaluated, and the same settings give the same scene.
     let again = place.path().join("again");
     let settings = output.join("settings.toml");
     let words = ["train", text(&dataset), "-o", text(&again), "--holdout", "4", "--settings", text(&settings)];
@@ -130,12 +130,12 @@ fn photographs_become_a_scene_and_a_summary() {
     assert!(difference.abs() < 1e-3, "{judged} {evaluation}");
 }
 
-/// A training that would take for ever, and that is under way.
+/// A training under way that would not end by itself.
 #[cfg(unix)]
 fn endless(dataset: &Path, output: &Path, flags: &[&str]) -> Child {
     let words = ["train", text(dataset), "-o", text(output), "-i", "1000000", "-n", "300", "--start", "random", "-v"];
     let child = command().args(words).args(flags).stderr(Stdio::piped()).spawn().unwrap();
-    // It steps as soon as its table is there.
+    // The training makes steps as soon as its table exists.
     while !output.join("metrics.part.csv").exists() {
         std::thread::sleep(std::time::Duration::from_millis(20));
     }
@@ -151,13 +151,13 @@ fn interrupted(child: Child) -> (Option<i32>, String) {
     (ended.status.code(), String::from_utf8(ended.stderr).unwrap())
 }
 
-/// What is in the way when a training begins stops it there; so something comes into the way of its
-/// results when it has begun.
+/// The obstacle is put in the way of results after the training has begun: in the way of its
+/// beginning, it would stop it there.
 #[cfg(unix)]
 #[test]
 fn results_that_cannot_be_written_do_not_take_the_others_with_them() {
     let place = folder();
-    let (dataset, _) = photographed(place.path());
+    let (dataset, _) = dataset_and_scene(place.path());
     let output = place.path().join("out");
     let training = endless(&dataset, &output, &[]);
     fs::create_dir(output.join("curve.png")).unwrap();
@@ -185,7 +185,7 @@ fn results_that_cannot_be_written_do_not_take_the_others_with_them() {
 #[test]
 fn a_stopped_training_goes_on_to_the_same_scene() {
     let place = folder();
-    let (dataset, _) = photographed(place.path());
+    let (dataset, _) = dataset_and_scene(place.path());
     let [whole, half, rest] = ["whole", "half", "rest"].map(|name| place.path().join(name));
     let checkpoint = place.path().join("state");
     let storing = ["--checkpoint", text(&checkpoint), "--checkpoint-every", "25"];
@@ -207,8 +207,8 @@ fn a_stopped_training_goes_on_to_the_same_scene() {
     let info = gs(["info", text(&checkpoint), "--json"]).json();
     assert_eq!((&info["kind"], &info["sh_degree"]), (&"checkpoint of a training in 3D".into(), &1.into()));
     assert_eq!((&info["metadata"]["step"], &info["not_finite"]["gaussians"]), (&"25".into(), &0.into()));
-    let told = gs(["info", text(&checkpoint)]).done().stdout;
-    assert!(told.contains("largest scale") && told.contains("training-3d-1"), "{told}");
+    let printed = gs(["info", text(&checkpoint)]).done().stdout;
+    assert!(printed.contains("largest scale") && printed.contains("training-3d-1"), "{printed}");
     let refused = gs(words.into_iter().chain(["--holdout", "3"]));
     assert!(refused.status == Some(1) && refused.stderr.contains("give the same data set"), "{refused:?}");
     let refused = gs(words.into_iter().chain(["--alpha", "mask"]));
@@ -222,7 +222,7 @@ fn a_stopped_training_goes_on_to_the_same_scene() {
 #[test]
 fn settings_may_come_through_a_pipe() {
     let place = folder();
-    let (dataset, _) = photographed(place.path());
+    let (dataset, _) = dataset_and_scene(place.path());
     let output = place.path().join("out");
     let words = ["train", text(&dataset), "-o", text(&output), "--settings", "/dev/stdin", "--no-report", "--json"];
     let summary = Run::fed(&words, "gaussians = 50\niterations = 3\n").json();
@@ -233,7 +233,7 @@ fn settings_may_come_through_a_pipe() {
 #[test]
 fn ctrl_c_saves_a_checkpoint_and_what_there_is() {
     let place = folder();
-    let (dataset, _) = photographed(place.path());
+    let (dataset, _) = dataset_and_scene(place.path());
     let output = place.path().join("out");
     let (status, said) = interrupted(endless(&dataset, &output, &["--no-report"]));
     assert_eq!(status, Some(130), "{said}");
@@ -242,12 +242,12 @@ fn ctrl_c_saves_a_checkpoint_and_what_there_is() {
     assert!(output.join("scene.ply").exists());
 }
 
-/// Nobody asked for checkpoints: what is lost is a tenth of the work, and of a training that is
-/// done nothing needs to be kept.
+/// A killed training without checkpoint flags loses a tenth of its work; a finished training keeps
+/// no checkpoint.
 #[test]
 fn a_long_training_that_is_killed_can_go_on() {
     let place = folder();
-    let (dataset, _) = photographed(place.path());
+    let (dataset, _) = dataset_and_scene(place.path());
     let output = place.path().join("out");
     fs::create_dir(&output).unwrap();
     let earlier = output.join("checkpoint.safetensors");
@@ -273,16 +273,16 @@ fn a_long_training_that_is_killed_can_go_on() {
 #[test]
 fn a_scene_is_shown_from_views_orbits_and_paths() {
     let place = folder();
-    let (dataset, scene) = photographed(place.path());
+    let (dataset, scene) = dataset_and_scene(place.path());
     let at = |name: &str| place.path().join(name);
     let size = |path: &Path| gs_io::read_image(path).unwrap().image.size();
 
     let view = format!("{}:images/3.png", text(&dataset));
     let picture = at("view.png");
     gs(["render", text(&scene), "-o", text(&picture), "--camera", &view]).done();
-    let (rendered, photograph) = (gs_io::read_image(&picture).unwrap(), dataset.join("images/3.png"));
-    let difference = gs_core::metrics::psnr(&rendered.image, &gs_io::read_image(photograph).unwrap().image).unwrap();
-    assert!(difference > 50.0, "the true scene looks like its photograph: {difference} dB");
+    let (rendered, image) = (gs_io::read_image(&picture).unwrap(), dataset.join("images/3.png"));
+    let difference = gs_core::metrics::psnr(&rendered.image, &gs_io::read_image(image).unwrap().image).unwrap();
+    assert!(difference > 50.0, "the true scene looks like its image: {difference} dB");
     let short = format!("{}:3", text(&dataset));
     gs(["render", text(&scene), "-o", text(&picture), "--camera", &short, "--size", "64x48"]).done();
     assert_eq!(size(&picture), (64, 48));
@@ -292,13 +292,13 @@ fn a_scene_is_shown_from_views_orbits_and_paths() {
     let run = gs(["render", text(&scene), "-o", text(&overview)].into_iter().chain(flags)).done();
     assert!(run.stderr.contains("order global, antialias mip, SH degree 0, background white"), "{run:?}");
     let seen = gs_io::read_image(&overview).unwrap().image;
-    assert!(seen.pixels().iter().any(|p| p[0] < 0.5) && seen.pixel(0, 0) == [1.0; 3], "something, before white");
+    assert!(seen.pixels().iter().any(|p| p[0] < 0.5) && seen.pixel(0, 0) == [1.0; 3], "something on white");
 
     let frames = at("frames");
     gs(["render", text(&scene), "-o", text(&frames), "--orbit", "3", "--camera", &view]).done();
     assert_eq!(names_in(&frames), ["frame-00000.png", "frame-00001.png", "frame-00002.png"]);
-    // Of a longer film nothing is left behind a shorter one's end, unless somebody else's frames
-    // are there.
+    // A shorter film removes the remaining frames of a longer one, unless frames of the user are
+    // there.
     gs(["render", text(&scene), "-o", text(&frames), "--orbit", "2", "--size", "8x8"]).done();
     assert_eq!(names_in(&frames), ["frame-00000.png", "frame-00001.png"]);
     fs::write(frames.join("frame-00004.png"), "mine").unwrap();
@@ -326,7 +326,7 @@ fn a_scene_is_shown_from_views_orbits_and_paths() {
 #[test]
 fn an_object_without_surroundings_is_shown_before_white() {
     let place = folder();
-    let (dataset, scene) = photographed(place.path());
+    let (dataset, scene) = dataset_and_scene(place.path());
     let transforms: Value = serde_json::from_slice(&fs::read(dataset.join("transforms.json")).unwrap()).unwrap();
     let blender = json!({ "camera_angle_x": 0.7, "frames": transforms["frames"] });
     fs::write(dataset.join("transforms_train.json"), blender.to_string()).unwrap();
@@ -343,7 +343,7 @@ fn an_object_without_surroundings_is_shown_before_white() {
 #[test]
 fn a_scene_is_judged_as_it_was_trained() {
     let place = folder();
-    let (dataset, _) = photographed(place.path());
+    let (dataset, _) = dataset_and_scene(place.path());
     let output = place.path().join("out");
     for antialias in ["mip", "compensated"] {
         let flags = ["--antialias", antialias, "--no-report", "--json"];
@@ -378,7 +378,7 @@ fn a_scene_of_which_nothing_is_to_be_seen_says_why() {
 #[test]
 fn what_cannot_be_shown_or_trained_is_refused_in_one_line() {
     let place = folder();
-    let (dataset, scene) = photographed(place.path());
+    let (dataset, scene) = dataset_and_scene(place.path());
     let out = place.path().join("out.png");
     let (scene, out, dataset) = (text(&scene), text(&out), text(&dataset));
     let path = place.path().join("path.json");
@@ -405,7 +405,7 @@ fn what_cannot_be_shown_or_trained_is_refused_in_one_line() {
         (&["render", text(&broken), "-o", out], "gs doctor SCENE shows what is broken"),
         (&["render", scene, "-o", out, "--path", "/dev/zero"], "/dev/zero: "),
         (&["train", dataset, "-o", out, "--start", text(&broken)], "gs doctor SCENE shows what is broken"),
-        (&["eval", dataset, dataset], "photographs"),
+        (&["eval", dataset, dataset], "dataset"),
         (&["eval", text(&broken), dataset], "gs doctor SCENE shows what is broken"),
         (&["popping", text(&broken), "-o", out], "gs doctor SCENE shows what is broken"),
         (&["view", text(&broken)], "gs doctor SCENE shows what is broken"),
@@ -421,7 +421,7 @@ fn what_cannot_be_shown_or_trained_is_refused_in_one_line() {
 #[test]
 fn cameras_that_look_away_are_the_data_sets_fault() {
     let place = folder();
-    let (dataset, file) = photographed(place.path());
+    let (dataset, file) = dataset_and_scene(place.path());
     let mut away = scene();
     away.means.iter_mut().for_each(|mean| mean.z += 1e4);
     gs_io::write_3d(&file, &away, &gs_io::WriteOptions3d::default()).unwrap();
@@ -429,7 +429,7 @@ fn cameras_that_look_away_are_the_data_sets_fault() {
     let run = gs([&small(&dataset, &out)[..], &["--start", text(&file)]].concat());
     assert_eq!(run.status, Some(1), "{run:?}");
     let line = run.stderr.lines().last().unwrap();
-    assert!(line.contains("photographs: none of the 8 first Gaussians is in sight of any of the 7 views"), "{line}");
+    assert!(line.contains("dataset: none of the 8 first Gaussians is in sight of any of the 7 views"), "{line}");
     assert!(!out.exists());
     let eval = gs(["eval", text(&file), text(&dataset)]).done();
     assert!(

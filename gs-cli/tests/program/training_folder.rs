@@ -1,16 +1,16 @@
-//! What `gs train` does to a folder that holds more than results.
+//! Output folders of `gs train` that hold more than results.
 
 use std::fs;
 
 use crate::{
     process::{folder, gs, names_in},
-    train::{photographed, small, text},
+    train::{dataset_and_scene, small, text},
 };
 
 #[test]
 fn only_what_a_training_wrote_is_replaced_by_the_next() {
     let place = folder();
-    let (dataset, _) = photographed(place.path());
+    let (dataset, _) = dataset_and_scene(place.path());
     let output = place.path().join("out");
     let views = output.join("views");
     fs::create_dir_all(&views).unwrap();
@@ -29,13 +29,13 @@ fn only_what_a_training_wrote_is_replaced_by_the_next() {
 }
 
 #[test]
-fn results_are_kept_off_the_photographs() {
+fn results_never_replace_the_images_of_the_data_set() {
     let place = folder();
-    let (dataset, _) = photographed(place.path());
+    let (dataset, _) = dataset_and_scene(place.path());
     let refused = gs(small(&dataset, &dataset));
     assert!(refused.refusal().contains("results could replace files of the data set"), "{refused:?}");
 
-    // A data set beside whose file the photographs lie in `views`.
+    // A data set beside whose file the images are in `views`.
     let inner = place.path().join("capture/data");
     fs::create_dir_all(&inner).unwrap();
     fs::rename(dataset.join("images"), place.path().join("capture/views")).unwrap();

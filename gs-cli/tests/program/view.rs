@@ -5,7 +5,7 @@ use std::{fs, path::Path};
 
 use crate::{
     process::{Run, command, folder, gs, picture},
-    train::photographed,
+    train::dataset_and_scene,
 };
 
 /// Runs it where no display can be found.
@@ -26,7 +26,7 @@ fn text(path: &Path) -> &str {
 #[test]
 fn without_a_display_it_says_so_and_what_to_do() {
     let place = folder();
-    let (dataset, scene) = photographed(place.path());
+    let (dataset, scene) = dataset_and_scene(place.path());
     let camera = format!("{}:3", text(&dataset));
     let flags: [&[&str]; 3] = [&[], &["--backend", "cpu", "--size", "40x30"], &["--camera", &camera]];
     for flags in flags {
@@ -54,7 +54,7 @@ fn without_a_display_it_says_so_and_what_to_do() {
 #[test]
 fn what_cannot_be_viewed_is_refused_before_a_window_is_looked_for() {
     let place = folder();
-    let (dataset, scene) = photographed(place.path());
+    let (dataset, scene) = dataset_and_scene(place.path());
     let path = |name: &str| place.path().join(name);
     let image = picture(place.path(), 16, 16);
     gs(["fit", text(&image), "-o", text(&path("fit")), "-n", "20", "--iterations", "5", "--no-report"]).done();

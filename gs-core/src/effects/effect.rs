@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::{Antialias, Background, Blend, Effects, Order};
 use crate::error::Error;
 
-/// One of the effects that a scene may require. Statistics are not among them: they are a matter of
+/// An effect that a scene may require. Statistics are not among them: they are a matter of
 /// training.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -53,7 +53,7 @@ impl Effect {
         }
     }
 
-    /// `effects` with this one a step cheaper; `None` where it is off.
+    /// Returns `effects` with this effect a step cheaper; `None` where it is off.
     pub fn cheaper(self, effects: &Effects) -> Option<Effects> {
         let mut cheaper = *effects;
         match self {
@@ -87,7 +87,7 @@ impl Effect {
         Some(cheaper)
     }
 
-    /// `effects` with this one off.
+    /// Returns `effects` with this effect off.
     pub fn off(self, effects: &Effects) -> Effects {
         let mut left = *effects;
         while let Some(cheaper) = self.cheaper(&left) {
@@ -96,7 +96,7 @@ impl Effect {
         left
     }
 
-    /// `effects` with this one's value taken from `source`.
+    /// Returns `effects` with this effect's value taken from `source`.
     pub fn copied(self, source: &Effects, effects: &Effects) -> Effects {
         let mut copy = *effects;
         match self {

@@ -2,8 +2,8 @@
 //! visible change.
 //!
 //! A scene alone does not say how it should look: it was trained with some order and antialiasing.
-//! So the question is asked about render settings: which of their effects can be left out, or made
-//! cheaper, such that no pixel changes by more than [`HALF_DISPLAY_STEP`]? The answer comes from
+//! So the effects of given render settings are decided: those that can be left out, or made
+//! cheaper, such that no pixel changes by more than [`HALF_DISPLAY_STEP`]. The decision comes from
 //! bounds, never from trial renderings, and an effect without a bound stays:
 //!
 //! - **order**: exact, from the Gaussians that lie on the same pixels and whose depths swap there.
@@ -118,8 +118,8 @@ impl Effects {
 }
 
 impl RequiredEffects {
-    /// The effects that somebody chooses, whatever the scene requires: for each effect, effects
-    /// that have it as chosen, and the reason.
+    /// Forces effects, whatever the scene requires: for each effect, effects that have it as
+    /// chosen, and the reason.
     ///
     /// ```
     /// use gs_core::{Blend, RenderSettings, effects::{Effect, RequiredEffects}};
@@ -175,7 +175,7 @@ mod tests {
     use crate::scene::Scene2d;
 
     #[test]
-    fn settings_that_are_not_possible_call_for_nothing() {
+    fn impossible_settings_require_nothing() {
         let mut wanted = RenderSettings::default();
         wanted.effects.sh_degree = 4;
         let refused = Effects::required(&Scene2d::default(), &[], &wanted).unwrap_err();

@@ -38,42 +38,42 @@ pub const SMALLEST_LOG_SCALE: f32 = -87.336_55;
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub enum Finding {
-    /// Its mean is NaN or infinite.
+    /// The mean is NaN or infinite.
     MeanNotFinite,
     /// A ln-scale is NaN or +∞, or so large that the scale is infinite in `f32`.
     ScaleNotFinite,
-    /// Its rotation is NaN or infinite.
+    /// The rotation is NaN or infinite.
     RotationNotFinite,
-    /// Its opacity logit is NaN.
+    /// The opacity logit is NaN.
     OpacityNotANumber,
-    /// Its colour, or an SH coefficient, is NaN or infinite.
+    /// The colour, or an SH coefficient, is NaN or infinite.
     ColorNotFinite,
-    /// Its quaternion is shorter than
+    /// The quaternion is shorter than
     /// [`MIN_QUATERNION_NORM2`](crate::constants::MIN_QUATERNION_NORM2) allows. 3D scenes.
     NoRotation,
     /// A scale is exactly 0: its ln is −∞.
     ZeroScale,
-    /// Too small to be resolved: its longest axis is shorter than the distance between neighbouring
-    /// `f32` at its mean, or, in 2D, det Σ is below
-    /// [`MIN_DETERMINANT_PX4`](crate::constants::MIN_DETERMINANT_PX4). It is drawn only if an
-    /// [`Antialias`](crate::effects::Antialias) widens it, or magnified.
+    /// Too small to be resolved: the longest axis is shorter than the distance between neighbouring
+    /// `f32` at the mean, or, in 2D, det Σ is below
+    /// [`MIN_DETERMINANT_PX4`](crate::constants::MIN_DETERMINANT_PX4). Such a Gaussian is drawn
+    /// only if an [`Antialias`](crate::effects::Antialias) widens it, or magnified.
     Vanishing,
-    /// So large that its variance, but not its scale, is infinite in `f32`. It is drawn only from
-    /// afar, where it is smaller in pixels.
+    /// Too large: the variance, but not the scale, is infinite in `f32`. Such a Gaussian is drawn
+    /// only from afar, where it is smaller in pixels.
     Enormous,
-    /// Its axes differ by more than [`NEEDLE_ASPECT`].
+    /// The axes differ by more than [`NEEDLE_ASPECT`].
     Needle,
     /// Mean, scales and rotation are those of an earlier Gaussian, bit for bit (0 and −0 are the
     /// same); opacity and colour may differ.
     Duplicate,
-    /// Its opacity is below [`ALPHA_CUT`](crate::constants::ALPHA_CUT): under `Over` it is never
-    /// visible.
+    /// The opacity is below [`ALPHA_CUT`](crate::constants::ALPHA_CUT): under `Over` the Gaussian
+    /// is never visible.
     Transparent,
-    /// Its opacity logit is finite, but beyond [`OUT_OF_RANGE_LOGIT`].
+    /// The opacity logit is finite, but beyond [`OUT_OF_RANGE_LOGIT`].
     OpacityOutOfRange,
     /// A colour is beyond [`EXTREME_COLOR`].
     ExtremeColor,
-    /// It is further than [`OUTLIER_DISTANCES`] from the others.
+    /// The Gaussian is further than [`OUTLIER_DISTANCES`] from the others.
     Outlier,
 }
 
@@ -117,7 +117,7 @@ impl Finding {
     }
 }
 
-/// In words that complete "a Gaussian whose …".
+/// Writes the finding in words that complete "a Gaussian whose …".
 impl fmt::Display for Finding {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

@@ -49,9 +49,9 @@ use crate::scene::Scene;
 pub struct Case {
     /// The finding.
     pub finding: Finding,
-    /// Number of Gaussians that have it.
+    /// Number of Gaussians with the finding.
     pub count: usize,
-    /// Index of the first of them.
+    /// Index of the first Gaussian with the finding.
     pub first: usize,
 }
 

@@ -58,7 +58,7 @@ fn a_sound_scene_has_nothing_and_stays_bit_for_bit() {
 }
 
 #[test]
-fn each_fault_is_found_in_space() {
+fn each_fault_is_found_in_3d() {
     type Spoil = fn(&mut Gaussian3d);
     let cases: [(Finding, Spoil); 18] = [
         (Finding::MeanNotFinite, |g| g.mean.y = f32::NEG_INFINITY),
@@ -102,7 +102,7 @@ fn each_fault_is_found_in_space() {
 }
 
 #[test]
-fn each_fault_is_found_in_the_plane() {
+fn each_fault_is_found_in_2d() {
     type Spoil = fn(&mut Gaussian2d);
     let cases: [(Finding, Spoil); 9] = [
         (Finding::MeanNotFinite, |g| g.mean.x = f32::NAN),
@@ -127,7 +127,8 @@ fn each_fault_is_found_in_the_plane() {
     }
 }
 
-/// Whose variance overflows may be drawn all the same, and stays; whose scale overflows cannot.
+/// A Gaussian whose variance overflows may still be drawn, and stays; one whose scale overflows
+/// cannot.
 #[test]
 fn what_is_drawn_from_afar_stays_however_large_it_is() {
     let camera = Camera::looking_forward(64, 48, 1.0);

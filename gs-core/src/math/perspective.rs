@@ -1,5 +1,5 @@
-//! One 3D Gaussian through a camera (paper eq. 3–5), and the gradients back through it: the
-//! reference that every backend computes.
+//! Projection of a 3D Gaussian through a camera (paper eq. 3–5), and the gradients back through it:
+//! the reference that every backend computes.
 //!
 //! With p = W μ + t and M = R(q/|q|) S, or M a factor of
 //! [`Parameterization::CovarianceFactor`](crate::Parameterization::CovarianceFactor), the Gaussian

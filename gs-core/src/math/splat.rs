@@ -1,4 +1,4 @@
-//! One Gaussian at one pixel: `weight`, `blend_fwd`, `blend_bwd`. The reference for every backend's
+//! A Gaussian at a pixel: `weight`, `blend_fwd`, `blend_bwd`. The reference for every backend's
 //! kernels, written for clarity, not speed.
 //!
 //! Legend: d = pixel centre − mean (px), w = weight, o = opacity, α = min(o·w, α_max), T =
@@ -95,7 +95,7 @@ pub mod over {
         opacity_times_weight.min(accuracy.alpha_max)
     }
 
-    /// Blends one Gaussian behind what is there; returns whether it counted.
+    /// Blends a Gaussian behind the previous ones; returns whether it counted.
     pub fn blend_fwd(pixel: &mut Forward, alpha: f32, c: [f32; 3], accuracy: &Accuracy) -> bool {
         if pixel.full || !(alpha > 0.0) {
             return false;
@@ -122,7 +122,7 @@ pub mod over {
         pub v_rest: f32,
         /// T so far.
         pub transmittance: f32,
-        /// As in [`Forward::full`].
+        /// Whether the pixel is full ([`Forward::full`]).
         pub full: bool,
     }
 

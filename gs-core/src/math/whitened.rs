@@ -76,7 +76,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_aligned_frame_is_of_the_same_covariance_and_the_parent_itself_where_that_is_too() {
+    fn an_aligned_factor_keeps_the_covariance_and_is_the_parents_if_possible() {
         let parent = Mat2::from_angle(0.4) * Mat2::from_diagonal(Vec2::new(3.0, 0.2)) * Mat2::from_angle(2.1);
         for mirror in [1.0, -1.0] {
             let other = parent * Mat2::from_angle(-1.3) * Mat2::from_diagonal(Vec2::new(1.0, mirror));

@@ -53,7 +53,7 @@ pub(super) struct RunningSsim {
 }
 
 impl RunningSsim {
-    /// For images of this size, neither side 0.
+    /// Starts the SSIM of images of this size, neither side 0.
     pub(super) fn new(width: usize, height: usize) -> Self {
         let window = window(width.min(height));
         let (side, columns) = (window.len(), 3 * (width + 1 - window.len()));

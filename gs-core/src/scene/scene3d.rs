@@ -49,8 +49,8 @@ impl Gaussian3d {
         factor_of(self.log_scale, self.rotation)
     }
 
-    /// The same Gaussian with another SH degree: coefficients beyond it are dropped, missing ones
-    /// are 0.
+    /// Returns this Gaussian with another SH degree: coefficients beyond it are dropped, missing
+    /// ones are 0.
     #[must_use]
     pub fn with_degree(mut self, sh_degree: u8) -> Self {
         self.sh.resize(coefficients(sh_degree), Vec3::ZERO);

@@ -53,8 +53,8 @@ pub struct NotFinite3d {
 }
 
 impl Scene2d {
-    /// Number of Gaussians with a parameter that is NaN or infinite. An opacity of exactly 0 or 1 is
-    /// neither.
+    /// Number of Gaussians with a parameter that is NaN or infinite. An opacity of exactly 0 or 1
+    /// is neither.
     pub fn not_finite(&self) -> usize {
         let finite = self.iter().filter(|g| {
             let shape = g.mean.is_finite() && g.log_scale.is_finite() && g.rotation.is_finite();

@@ -85,7 +85,7 @@ mod tests {
     use crate::scene::Scene;
 
     #[test]
-    fn a_2d_scene_is_read_in_either_chart() {
+    fn a_2d_scene_is_read_in_either_parameterization() {
         let mut state = SplatsState::new(Parameterization::ScaleRotation);
         state.insert("mean", [[1.0, 2.0], [3.0, 4.0]]);
         state.insert("log_scale", [[0.1, 0.2], [0.3, 0.4]]);
@@ -110,7 +110,7 @@ mod tests {
     }
 
     #[test]
-    fn a_3d_scene_is_read_in_either_chart() {
+    fn a_3d_scene_is_read_in_either_parameterization() {
         let mut state = SplatsState::new(Parameterization::ScaleRotation);
         state.insert("mean", [[1.0, 2.0, 3.0]]);
         state.insert("log_scale", [[0.1, 0.2, 0.3]]);

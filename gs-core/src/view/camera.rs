@@ -40,8 +40,8 @@ impl Camera {
         }
     }
 
-    /// The same camera at `position` (world units), turned towards `target`, with `up` upwards in
-    /// its image. `None` where the target is at the position, or straight up or down from it.
+    /// Returns this camera at `position` (world units), turned towards `target`, with `up` upwards
+    /// in its image. `None` where the target is at the position, or straight up or down from it.
     ///
     /// ```
     /// use glam::{Vec2, Vec3};
@@ -79,7 +79,7 @@ impl Camera {
         (p.z >= self.near).then(|| (self.focal * p.truncate() / p.z + self.center, p.z))
     }
 
-    /// The same camera with another image size. The field of view stays, and focal lengths and
+    /// Returns this camera with another image size. The field of view stays, and focal lengths and
     /// principal point are scaled.
     #[must_use]
     pub fn resized(&self, width: u32, height: u32) -> Self {

@@ -24,12 +24,12 @@ impl Canvas {
         Self { width, height, origin: Vec2::ZERO, extent: Vec2::new(width as f32, height as f32) }
     }
 
-    /// The same rectangle of the plane at another size in pixels.
+    /// Returns a canvas of the same rectangle of the plane at another size in pixels.
     pub fn resized(self, width: u32, height: u32) -> Self {
         Self { width, height, ..self }
     }
 
-    /// Another rectangle of the plane at the same size in pixels.
+    /// Returns a canvas of another rectangle of the plane at the same size in pixels.
     pub fn showing(self, origin: Vec2, extent: Vec2) -> Self {
         Self { origin, extent, ..self }
     }

@@ -33,7 +33,7 @@ pub struct Orbit {
 }
 
 impl Orbit {
-    /// One turn of the camera around the axis in equal steps, beginning with the camera itself;
+    /// Cameras of one turn around the axis in equal steps, beginning with the camera itself;
     /// counter-clockwise as seen from the tip of the axis.
     pub fn cameras(&self, first: &Camera) -> Vec<Camera> {
         let angle = |frame: u32| std::f32::consts::TAU * frame as f32 / self.frames as f32;

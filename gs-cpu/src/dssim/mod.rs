@@ -36,7 +36,7 @@ const LEAST_BAND_ROWS: usize = 32;
 #[derive(Debug, Default)]
 pub(crate) struct Scratch {
     bands: Vec<BandScratch>,
-    /// By line.
+    /// Partial sums of each line.
     sums: Vec<Sums>,
     /// Empty between calls: only the memory of a list is kept.
     gradients: Vec<&'static mut [Row]>,
@@ -257,7 +257,7 @@ struct Output<'a, 'g> {
 
 /// A part of the image's rows, and the parameters of the loss.
 struct Band<'a> {
-    /// Its first row.
+    /// The part's first row.
     first: usize,
     l1: Pointwise,
     /// The factor of ∂SSIM/∂C.

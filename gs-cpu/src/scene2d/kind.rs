@@ -118,8 +118,8 @@ impl SceneKind for Scene2d {
         project::project_all(splats, &own.canvas, &own.order, tiles);
     }
 
-    /// By index under `Over`. Under `Sum` by row, so that neighbours in a tile's list are
-    /// neighbours in memory.
+    /// Sorts by index under `Over`. Under `Sum`, sorts by row, so that neighbours in a tile's list
+    /// are neighbours in memory.
     fn sort(workspace: &mut Workspace<Own2d>, splats: &Splats2d) {
         let Workspace { tiles, own, .. } = workspace;
         let n = splats.shared.len() as u32;

@@ -43,7 +43,7 @@ pub(crate) struct Gradient {
     pub(crate) eta: [f32; 3],
     /// ∂L/∂(opacity logit).
     pub(crate) opacity_logit: f32,
-    /// This step's contribution to the statistic; 0 without one.
+    /// Contribution of this step to the statistic; 0 without one.
     pub(crate) statistic: f32,
     /// Whether any tile lists the Gaussian.
     pub(crate) visible: bool,

@@ -16,18 +16,18 @@ pub(crate) const NO_PLACE: u32 = u32::MAX;
 #[derive(Debug, Default)]
 pub struct Own3d {
     pub(crate) eye: Option<Eye>,
-    /// By index; unspecified for Gaussians that are not drawn.
+    /// Splats by index; unspecified for Gaussians that are not drawn.
     pub(crate) projected: Vec<Splat>,
-    /// By index.
+    /// Depths by index.
     pub(crate) depths: Vec<Depth>,
     pub(crate) depth_sort: DepthSort,
     /// Gaussian → place, or [`NO_PLACE`].
     pub(crate) place_of: Vec<AtomicU32>,
-    /// By index; each row is laid out as the splats' parameters, up to the evaluated SH.
+    /// Gradients by index; each row is laid out as the splats' parameters, up to the evaluated SH.
     /// Unspecified for Gaussians that no tile lists.
     pub(crate) gradients: Vec<f32>,
-    /// This step's contributions to the statistic, by index. Unspecified for Gaussians that no tile
-    /// lists.
+    /// Contributions of this step to the statistic, by index. Unspecified for Gaussians that no
+    /// tile lists.
     pub(crate) shares: Vec<f32>,
 }
 

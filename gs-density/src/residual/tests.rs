@@ -1,5 +1,4 @@
-//! What growth by residual promises: exact counts, the right ones pruned, seeds where the residual
-//! is.
+//! Tests of growth by residual: exact counts, the right ones pruned, seeds where the residual is.
 
 use glam::Vec2;
 use gs_core::{DensityStatistics, Image};
@@ -21,7 +20,7 @@ fn scene(len: usize) -> Scene2d {
     (0..len).map(gaussian).collect()
 }
 
-/// Wrong only within a square of 12 px side.
+/// A residual that is wrong only within a square of 12 px side.
 fn residual() -> Residual {
     let target = Image::from_fn(60, 40, |x, y| {
         if (30..42).contains(&x) && (10..22).contains(&y) { [0.9, 0.4, 0.2] } else { [0.25; 3] }

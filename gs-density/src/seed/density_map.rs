@@ -153,9 +153,9 @@ fn mass_along(values: &[f32], pixels: &[u32]) -> f32 {
 
 /// Three uniform numbers in 0..1, from one of 64 bits.
 struct Draw {
-    /// Where in its stratum a position lies.
+    /// Position within the stratum.
     stratum: f64,
-    /// Where in its pixel.
+    /// Position within the pixel.
     within: Vec2,
 }
 

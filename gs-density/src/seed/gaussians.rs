@@ -22,7 +22,7 @@ pub struct SeedShape {
     pub opacity_logit: f32,
 }
 
-/// One Gaussian at each position.
+/// Creates a Gaussian at each position.
 ///
 /// σ follows the density. The longer axis lies along the edge; the ratio of axes is
 /// [`EdgeOrientation::aspect`] at the area of a round Gaussian. `color(mean, σ)` is the Gaussian's

@@ -1,4 +1,4 @@
-//! One number per pixel, and the smoothing of it.
+//! Planes of one number per pixel, and how they are smoothed.
 
 use rayon::prelude::*;
 

@@ -152,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn every_place_of_any_image_can_be_asked() {
+    fn every_position_of_any_image_has_a_structure() {
         for (w, h) in [(1, 1), (1, 9), (8, 2)] {
             let image = Image::from_fn(w, h, |x, y| [x as f32, y as f32, 0.5]).unwrap();
             let structure = Structure::new(&image);

@@ -1,5 +1,5 @@
-//! Who grows and who goes: counts, budgets, and indifference to the order of the Gaussians, for
-//! every policy that ranks.
+//! Which Gaussians grow and which are removed: counts, budgets, and independence of the order of
+//! the Gaussians, for every policy that ranks.
 
 use std::collections::BTreeSet;
 
@@ -280,7 +280,7 @@ proptest! {
         prop_assert_eq!(limited.counts().added() as usize, limited.added.len());
         prop_assert_eq!(growing(&limited).len(), limited.added.len());
 
-        // Those that had to stand back have smaller gradients than those that grow.
+        // Gaussians beyond the limit have smaller gradients than those that grow.
         let least = growing(&limited).into_iter().map(|i| gradients[i as usize]).fold(f32::INFINITY, f32::min);
         for i in growing(&unlimited).difference(&growing(&limited)) {
             prop_assert!(gradients[*i as usize] < least);

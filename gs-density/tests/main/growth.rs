@@ -1,5 +1,4 @@
-//! What becomes of a Gaussian that grows: where the two stand, how large they are, what they
-//! inherit, what they look like.
+//! The two Gaussians that replace a growing one: their positions, sizes, moments and image.
 
 use glam::{Mat2, Vec2, Vec3};
 use gs_core::{
@@ -122,8 +121,8 @@ fn halves_are_drawn_from_the_parent() {
     let mean = offsets.iter().sum::<Vec2>() / n;
     let covariance =
         offsets.iter().map(|&d| Mat2::from_cols(d * d.x, d * d.y)).fold(Mat2::ZERO, |a, b| a + b) * (1.0 / n);
-    // In the parent's own frame the offsets are standard normal: standard errors are 1/√n of the
-    // mean, √(2/n) of a variance.
+    // In the parent's whitened coordinates the offsets are standard normal: standard errors are
+    // 1/√n of the mean, √(2/n) of a variance.
     let whiten = parent().factor().inverse();
     let (mean, covariance) = (whiten * mean, whiten * covariance * whiten.transpose());
     assert!(mean.abs().max_element() < 4.0 / n.sqrt(), "{mean}");

@@ -1,4 +1,4 @@
-//! The same policies in 3D: clone, split, prune, reset and relocate Gaussians of three dimensions.
+//! Policies in 3D: clone, split, prune, reset and relocate 3D Gaussians.
 
 use glam::Vec3;
 use gs_core::{
@@ -138,7 +138,7 @@ fn mcmc_moves_the_dead_to_the_living_and_keeps_the_picture() {
 }
 
 #[test]
-fn every_policy_but_those_of_the_plane_plans_in_space() {
+fn every_policy_except_the_2d_ones_plans_in_3d() {
     let before = scene(&[gaussian(0.04, 0.5), gaussian(0.2, 0.5)]);
     let statistics = statistics(&[1.0, 1.0]);
     let observation = Observation {

@@ -115,7 +115,7 @@ pub(super) fn assemble(parts: Parts<'_>, settings: &DatasetSettings) -> Result<D
     let place = places.iter().find(|place| has(place));
     let mut tally = Tally::default();
     let mut names = HashSet::new();
-    // Of two views with the same name, the first in the file is kept.
+    // The first in the file is kept of two views with the same name.
     drafts.retain(|draft| {
         let first = names.insert(draft.name.clone());
         if !first {

@@ -14,8 +14,8 @@ use super::distortion::{Distortion, Plane};
 /// beyond.
 const MAX_ANGLE: f64 = FRAC_PI_2 * 89.0 / 90.0;
 
-/// If areas shrink below this share of those at the centre, the lens has folded or is about to: a
-/// pixel would be stretched over a hundred.
+/// Share of the areas at the centre below which the lens has folded or is about to: a pixel would
+/// be stretched over a hundred.
 const MIN_STRETCH: f64 = 0.01;
 
 /// Directions and angles at which the distortion is probed for folds.
@@ -24,7 +24,7 @@ const PROBES: (u32, u32) = (16, 512);
 /// Bisection steps to find a fold or a radius, to 1e-13 of the interval.
 const HALVINGS: u32 = 44;
 
-/// Most steps of Newton's method, which needs 3 to 6.
+/// Largest number of steps of Newton's method, which needs 3 to 6.
 const MAX_NEWTON_STEPS: u32 = 24;
 
 /// Tolerance of the inverse in normalised coordinates: 1e-7 px at a focal length of 10,000 px.
@@ -68,7 +68,7 @@ impl Lens {
         &self.distortion
     }
 
-    /// Whether it is without distortion.
+    /// Whether the lens has no distortion.
     pub fn is_pinhole(&self) -> bool {
         self.distortion == Distortion::None
     }

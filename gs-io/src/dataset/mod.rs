@@ -179,7 +179,7 @@ pub struct View {
     pub name: String,
     /// The pinhole camera of [`Self::read_image`]: pose, and intrinsics at that size.
     pub camera: Camera,
-    /// The same camera at the image's full size, before it is scaled down
+    /// The camera at the image's full size, before it is scaled down
     /// ([`DatasetSettings::max_side`]).
     pub full: Camera,
     /// The camera of the image file: its size, intrinsics and lens.

@@ -89,7 +89,7 @@ impl View {
     }
 }
 
-/// What can be done about a file that was whole by its looks when the data set was opened.
+/// Advises to leave out a file that seemed whole when the data set was opened.
 fn leave_out(error: Error) -> Error {
     match error {
         Error::DamagedImage { .. } | Error::NotAnImage { .. } | Error::ImageNotFinite { .. } => {

@@ -59,7 +59,7 @@ pub enum Remark {
     Undistorted {
         /// Number of images.
         count: usize,
-        /// Their lens model.
+        /// The lens model of these images.
         lens: &'static str,
     },
     /// Images have another size than their camera's calibration, and intrinsics were scaled.
@@ -71,7 +71,7 @@ pub enum Remark {
         /// Columns and rows of the first.
         to: (u32, u32),
     },
-    /// There are no points, so a scene must start at random or from a file.
+    /// The data set has no points, so a scene must start at random or from a file.
     NoPoints,
     /// Points that were left out because they are not finite.
     PointsNotFinite {
@@ -83,7 +83,7 @@ pub enum Remark {
         /// The file, as the data set names it.
         file: String,
     },
-    /// There are several COLMAP models that are not connected; only the first is read.
+    /// The data set has several COLMAP models that are not connected; only the first is read.
     OtherModels {
         /// Number of other models.
         count: usize,

@@ -38,7 +38,7 @@ pub struct SourceCamera {
     /// Principal point (cx, cy), px from the top-left corner; pixel (i, j) has its centre at (i +
     /// ½, j + ½), as in COLMAP.
     pub center: DVec2,
-    /// How it bends rays.
+    /// How the lens bends rays.
     pub lens: Lens,
 }
 

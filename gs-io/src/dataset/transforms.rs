@@ -49,7 +49,7 @@ struct Transforms {
     #[serde(flatten)]
     camera: CameraFields,
     frames: Vec<Frame>,
-    /// From COLMAP's world to the file's, 3×4 by rows.
+    /// Transform from COLMAP's world to the file's, 3×4 by rows.
     applied_transform: Option<Vec<Vec<f64>>>,
     applied_scale: Option<f64>,
     ply_file_path: Option<String>,
@@ -91,7 +91,7 @@ struct CameraFields {
 }
 
 impl CameraFields {
-    /// These intrinsics, completed by the shared ones.
+    /// Returns these intrinsics, completed by the shared ones.
     fn or(&self, shared: &Self) -> Self {
         Self {
             camera_model: self.camera_model.clone().or_else(|| shared.camera_model.clone()),

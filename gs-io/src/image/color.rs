@@ -12,8 +12,8 @@ use moxcms::{
 
 use super::ImageRemark;
 
-/// If a conversion changes no colour by more than this, it is skipped, so that colours stay
-/// bit-identical: one step of 8 bits. Profiles and conversions are rounded, too.
+/// Largest change of a colour by which a conversion is skipped, so that colours stay bit-identical:
+/// one step of 8 bits. Profiles and conversions are rounded, too.
 const SAME: f32 = 1.0 / 255.0;
 
 /// Relative tolerance within which a PNG's gamma counts as 1/2.2, that of sRGB: libpng's threshold.
@@ -33,11 +33,11 @@ static LAST: Mutex<Option<(Vec<u8>, Colors)>> = Mutex::new(None);
 /// How an image's colours are converted.
 #[derive(Clone)]
 pub(super) enum Colors {
-    /// They are sRGB, or the file declares nothing.
+    /// Not at all: they are sRGB, or the file declares nothing.
     AsStored,
-    /// They are converted to sRGB.
+    /// To sRGB, by this conversion.
     Converted(Conversion),
-    /// They are in another space that cannot be converted, for this reason.
+    /// Not at all: they are in a colour space that cannot be converted, for this reason.
     Ignored(String),
 }
 
@@ -172,7 +172,7 @@ impl Conversion {
             } else {
                 stored.extend_from_slice(pixels.as_flattened());
             }
-            // It only fails if the lengths differ, which they do not.
+            // The transform only fails if the lengths differ, which they do not.
             if self.transform.transform(&stored, pixels.as_flattened_mut()).is_ok() {
                 let within = |value: f32| if value.is_nan() { 0.0 } else { value.clamp(0.0, 1.0) };
                 pixels.as_flattened_mut().iter_mut().for_each(|value| *value = within(*value));

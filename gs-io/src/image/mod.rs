@@ -40,9 +40,9 @@ impl Default for AlphaMode {
 pub enum Transparency {
     /// No alpha channel, or an opaque one.
     None,
-    /// They were composited over a colour.
+    /// Transparent pixels were composited over a colour.
     Composited,
-    /// Their alpha was dropped.
+    /// The alpha of transparent pixels was dropped.
     Ignored,
 }
 

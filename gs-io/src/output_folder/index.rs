@@ -45,8 +45,8 @@ impl Index {
         write_durably(folder.join(NAME), |file| file.write_all(text.as_bytes()))
     }
 
-    /// Writes the index without waiting for the disk. If that is lost, a later run asks before it
-    /// replaces the missing files.
+    /// Writes the index without waiting for the disk. If the index is lost, a later run does not
+    /// replace the files that it would list.
     pub(super) fn update(&self, folder: &Path) {
         let text = self.text();
         let _ = write_atomically(folder.join(NAME), |file| file.write_all(text.as_bytes()));

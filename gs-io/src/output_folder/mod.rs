@@ -204,7 +204,7 @@ pub struct OutputFolder {
 }
 
 impl OutputFolder {
-    /// Its path.
+    /// The folder's path.
     pub fn path(&self) -> &Path {
         &self.claim.path
     }

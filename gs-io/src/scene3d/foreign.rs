@@ -59,7 +59,8 @@ pub(crate) fn refusal(start: &[u8], path: &Path) -> Option<Error> {
     Some(Error::ForeignScene { path: path.to_owned(), what, mend })
 }
 
-/// The same for a JSON object that is not a glTF of Gaussians.
+/// The error for a JSON object that is not a glTF of Gaussians: it names the file's kind if that is
+/// known.
 pub(crate) fn refusal_of_json(json: &[u8], path: &Path) -> Option<Error> {
     let object: serde_json::Map<String, serde_json::Value> = serde_json::from_slice(json).ok()?;
     let has = |keys: &[&str]| keys.iter().all(|key| object.contains_key(*key));

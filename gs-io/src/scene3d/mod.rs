@@ -137,9 +137,9 @@ pub struct File3d {
     pub scene: Scene3d,
     /// The format of the file.
     pub format: Format3d,
-    /// Size of the file and of those it refers to, bytes.
+    /// Size of the file and of the files it refers to, bytes.
     pub bytes: u64,
-    /// The files that it refers to: buffers of a glTF.
+    /// Files that the scene file refers to: buffers of a glTF.
     pub beside: Vec<PathBuf>,
     /// What of the file is not in the scene.
     pub losses: Vec<ConversionLoss>,
@@ -196,8 +196,8 @@ fn infinite_logits(scene: &Scene3d) -> Option<ConversionLoss> {
     (gaussians > 0).then_some(ConversionLoss::InfiniteLogits { gaussians })
 }
 
-/// As [`read_3d`], but values may be NaN or infinite, including ln-scales of −∞, for programs that
-/// inspect or repair broken scenes.
+/// Reads a 3D scene as [`read_3d`] does, but allows values that are NaN or infinite, including
+/// ln-scales of −∞, for programs that inspect or repair broken scenes.
 ///
 /// # Errors
 /// [`Error::Missing`], [`Error::NotAFile`] or [`Error::Read`]; [`Error::ForeignScene`] or

@@ -11,7 +11,7 @@ use serde::Serialize;
 pub struct Rounding {
     /// The quantity in words: "rotations".
     pub quantity: &'static str,
-    /// Its unit, as it follows a number: "°", " %".
+    /// The unit, as it follows a number: "°", " %".
     pub unit: &'static str,
     /// Mean change over the Gaussians.
     pub mean: f64,

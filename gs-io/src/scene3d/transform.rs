@@ -13,7 +13,7 @@ use super::{conversion_loss::ConversionLoss, flips::Flips, sh_rotation::ShRotati
 /// and scale.
 const SIMILARITY_TOLERANCE: f64 = 1e-6;
 
-/// Most sweeps of the Jacobi iteration; 5 are enough for double precision.
+/// Largest number of sweeps of the Jacobi iteration; 5 are enough for double precision.
 const SWEEPS: usize = 30;
 
 /// Transforms every Gaussian. Returns the loss if colours cannot follow exactly. Flips are
@@ -79,8 +79,8 @@ struct Svd {
 }
 
 impl Svd {
-    /// By Hestenes's one-sided Jacobi iteration, which keeps the full relative accuracy of a
-    /// needle's short axis.
+    /// Computes the decomposition by Hestenes's one-sided Jacobi iteration, which keeps the full
+    /// relative accuracy of a needle's short axis.
     fn of(matrix: DMat3) -> Self {
         let mut b = matrix.to_cols_array_2d().map(DVec3::from);
         let mut v = DMat3::IDENTITY.to_cols_array_2d().map(DVec3::from);

@@ -38,7 +38,7 @@ impl<'a> UnitRotations<'a> {
         q.map(|v| (f64::from(v) / length) as f32)
     }
 
-    /// Whether all are unit quaternions already.
+    /// Whether all quaternions have unit length already.
     pub(crate) fn all_unit(&self) -> bool {
         self.0.rotations.iter().all(is_unit)
     }

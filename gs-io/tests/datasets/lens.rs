@@ -233,8 +233,7 @@ proptest! {
         }
     }
 
-    /// Whatever the coefficients, results are finite or `None`, and the picture has a possible
-    /// size.
+    /// Any coefficients give results that are finite or `None`, and a picture of a possible size.
     #[test]
     fn wild_coefficients_are_survived(
         distortion in wild_distortion(),

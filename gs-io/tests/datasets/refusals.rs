@@ -173,7 +173,7 @@ fn images_that_are_cut_short_are_skipped_and_not_trained_with() {
 }
 
 #[test]
-fn masks_are_used_and_those_that_cannot_be_are_told() {
+fn masks_are_used_and_unusable_ones_are_reported() {
     let place = folder();
     let half = Image::from_fn(20, 15, |x, _| if x < 5 { [0.0; 3] } else { [1.0; 3] }).unwrap();
     fs::create_dir(place.path().join("masks")).unwrap();
@@ -252,7 +252,7 @@ fn large_images_are_scaled_down_with_their_cameras() {
 }
 
 #[test]
-fn what_becomes_of_colours_is_told_for_all_images_together() {
+fn colour_conversions_are_reported_for_all_images_together() {
     let place = folder();
     let model = colmap(place.path(), 5);
     let profile = moxcms::ColorProfile::new_display_p3().encode().unwrap();

@@ -81,7 +81,7 @@ fn angles_stand_for_focal_lengths() {
 }
 
 #[test]
-fn lenses_are_told_by_model_and_coefficients() {
+fn lenses_follow_from_model_and_coefficients() {
     let place = folder();
     let lens = |fields: Value| {
         let mut all = pinhole();
@@ -115,7 +115,7 @@ fn smaller_copies_are_taken_where_the_originals_are_missing() {
         picture(place.path().join(format!("images_2/{name}.png")), 20, 15);
     }
     let view = &read(place.path()).views[0];
-    assert_eq!((view.source.width, view.source.focal.x), (20, 15.0), "the folder's name tells the scale");
+    assert_eq!((view.source.width, view.source.focal.x), (20, 15.0), "the folder's name gives the scale");
     picture(place.path().join("elsewhere/a.png"), 40, 30);
     let settings = DatasetSettings::default().with(|s| s.image_folder = Some("elsewhere".to_owned()));
     let dataset = read_dataset(place.path(), &settings).unwrap();

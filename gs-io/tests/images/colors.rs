@@ -47,7 +47,7 @@ fn encoded_srgb(value: f64) -> f64 {
     if value <= 0.003_130_8 { 12.92 * value } else { 1.055 * value.powf(1.0 / 2.4) - 0.055 }
 }
 
-/// From linear RGB with these primaries and the white point D65 to XYZ.
+/// Converts linear RGB with these primaries and the white point D65 to XYZ.
 fn to_xyz(primaries: [(f64, f64); 3]) -> DMat3 {
     let xyz = |(x, y): (f64, f64)| dvec3(x / y, 1.0, (1.0 - x - y) / y);
     let columns = primaries.map(xyz);
@@ -133,8 +133,7 @@ fn srgb_stays_as_it_is_bit_for_bit() {
     for bytes in [png_in(&profile), png_with(&[]), png_with(&whole), png_with(&[(sRGB, &[0])])] {
         assert_eq!(read_unchanged(&bytes), []);
     }
-    // By convention 1/2.2 stands for sRGB, with any number of digits, and so do sRGB's own
-    // primaries.
+    // By convention 1/2.2 and sRGB's own primaries stand for sRGB, with any number of digits.
     let primaries = [31270, 32900, 64000, 33000, 30000, 60000, 15000, 6000_u32].map(u32::to_be_bytes).concat();
     for gamma in [45_455_u32, 45_454, 45_000, 46_000] {
         assert_eq!(read_unchanged(&png_with(&[(gAMA, &gamma.to_be_bytes()), (CHRM, &primaries)])), []);

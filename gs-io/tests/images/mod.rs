@@ -100,7 +100,7 @@ fn floating_point_tiff_is_taken_as_it_is_but_must_be_finite() {
 }
 
 #[test]
-fn alpha_means_what_is_asked_for() {
+fn alpha_is_read_as_requested() {
     let folder = folder();
     let rgba: DynamicImage =
         ImageBuffer::from_fn(2, 1, |x, _| image::Rgba([255, 0, 0, [51_u8, 255][x as usize]])).into();

@@ -110,7 +110,7 @@ fn the_first_number_that_is_none_is_named() {
 }
 
 #[test]
-fn scales_of_zero_are_raised_and_told_but_for_those_who_look_for_them() {
+fn scales_of_zero_are_raised_and_reported_except_in_unchecked_reads() {
     let folder = tempfile::tempdir().unwrap();
     for (name, number, zero) in [("a.ply", 10, f32::NEG_INFINITY), ("a.splat", 3, 0.0)] {
         let path = folder.path().join(name);

@@ -288,7 +288,7 @@ fn logits_are_finite_and_opacities_come_back_to_the_byte() {
 }
 
 #[test]
-fn infinite_logits_of_other_programs_are_made_finite_and_told() {
+fn infinite_logits_of_other_programs_are_made_finite_and_reported() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.ply");
     fs::write(&path, samples::text_ply()).unwrap();

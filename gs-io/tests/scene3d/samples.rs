@@ -82,7 +82,7 @@ pub(crate) fn text_ply_scene() -> Scene3d {
     scene
 }
 
-/// The same scene in binary with either byte order, as doubles; a list makes rows differ in length.
+/// The sample PLY in binary with either byte order, as doubles; a list makes rows differ in length.
 pub(crate) fn binary_ply(order: &str) -> Vec<u8> {
     let scene = text_ply_scene();
     let mut bytes = format!("ply\r\nformat binary_{order}_endian 1.0\r\nelement vertex 2\r\n").into_bytes();

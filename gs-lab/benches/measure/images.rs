@@ -19,7 +19,7 @@ pub(crate) struct BenchImage {
 pub(crate) struct BenchImages {
     /// Sorted by name.
     pub(crate) all: Vec<BenchImage>,
-    /// Their origin, for the report.
+    /// Origin of the images, for the report.
     pub(crate) origin: String,
 }
 

@@ -24,7 +24,7 @@ pub(crate) struct Options {
     /// SIMD level: baseline, avx2 or avx512 [default: the machine's best]
     #[arg(long)]
     pub(crate) level: Option<SimdLevel>,
-    /// Most threads [default: as many as the machine offers]
+    /// Largest number of threads [default: as many as the machine offers]
     #[arg(long)]
     threads: Option<usize>,
     /// Runs for a few seconds, to see that the benchmark works
@@ -129,7 +129,7 @@ pub(crate) fn time<T>(repetitions: usize, mut run: impl FnMut() -> T) -> Vec<f64
         .collect()
 }
 
-/// As [`time`], for runs that can fail.
+/// Times runs that can fail, as [`time`] does.
 pub(crate) fn try_time<T, E>(repetitions: usize, mut run: impl FnMut() -> Result<T, E>) -> Result<Vec<f64>, E> {
     let mut seconds = Vec::with_capacity(repetitions);
     for _ in 0..repetitions {

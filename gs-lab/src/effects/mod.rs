@@ -32,7 +32,7 @@ pub struct UploadedScene<'a, S: Scene, R: Rasterizer<S>> {
     pub rasterizer: &'a R,
     /// The uploaded scene.
     pub splats: &'a R::Splats,
-    /// At least one view.
+    /// The views, at least one.
     pub views: &'a [S::View],
 }
 
@@ -84,7 +84,7 @@ impl Sum {
     }
 }
 
-/// At most `most` of the cameras, evenly spread.
+/// Selects at most `most` of the cameras, evenly spread.
 pub fn sampled(cameras: &[Camera], most: usize) -> Vec<Camera> {
     let count = cameras.len().min(most);
     (0..count).map(|number| cameras[number * cameras.len() / count]).collect()

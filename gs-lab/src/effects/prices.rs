@@ -14,7 +14,7 @@ use super::{Difference, UploadedScene};
 pub struct Price {
     /// The effect.
     pub effect: Effect,
-    /// Its value in the wanted settings.
+    /// The effect's value in the wanted settings.
     pub value: &'static str,
     /// The next cheaper value, which it is compared with.
     pub cheaper: &'static str,
@@ -22,7 +22,7 @@ pub struct Price {
     pub milliseconds: f64,
     /// The extra time as a share of the time of a picture with all effects.
     pub share: f64,
-    /// The difference between pictures with and without it.
+    /// The difference between pictures with and without the effect.
     pub change: Difference,
 }
 
@@ -37,7 +37,7 @@ pub struct Prices {
     /// Median difference between two measurements of the same settings, ms. Smaller costs are not
     /// significant.
     pub noise: f64,
-    /// One entry for each enabled effect.
+    /// The cost of each enabled effect.
     pub each: Vec<Price>,
 }
 
@@ -61,14 +61,14 @@ pub fn prices<S: Scene, R: Rasterizer<S>>(
         let (value, cheaper) = (effect.value(&wanted.effects), effect.value(effects));
         each.push(Price { effect: *effect, value, cheaper, milliseconds: 0.0, share: 0.0, change });
     }
-    let (mut whole, mut apart, mut called) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut whole, mut apart, mut required_times) = (Vec::new(), Vec::new(), Vec::new());
     let mut saved = vec![Vec::new(); cheaper.len()];
     for _ in 0..rounds.max(1) {
         let first = uploaded.milliseconds(wanted)?;
         for (without, saved) in without.iter().zip(&mut saved) {
             saved.push(first - uploaded.milliseconds(without)?);
         }
-        called.push(uploaded.milliseconds(required)?);
+        required_times.push(uploaded.milliseconds(required)?);
         let second = uploaded.milliseconds(wanted)?;
         whole.extend([first, second]);
         apart.push((first - second).abs());
@@ -79,7 +79,7 @@ pub fn prices<S: Scene, R: Rasterizer<S>>(
         price.share = price.milliseconds / milliseconds;
     }
     // Equal settings have equal times; two measurements of them would differ by chance.
-    let required_milliseconds = if required == wanted { milliseconds } else { Quantiles::of(&called).median };
+    let required_milliseconds = if required == wanted { milliseconds } else { Quantiles::of(&required_times).median };
     let noise = Quantiles::of(&apart).median;
     Ok(Prices { milliseconds, required_milliseconds, noise, each })
 }

@@ -15,7 +15,7 @@ use super::{Difference, UploadedScene};
 pub struct Proof {
     /// The result of [`Effects::required`], to which effects are added whose absence changed a
     /// picture.
-    pub called: RequiredEffects,
+    pub required: RequiredEffects,
     /// The difference between pictures with the required effects and with all wanted effects.
     pub difference: Difference,
     /// Number of views that were rendered both ways.
@@ -39,7 +39,7 @@ where
 /// While pictures differ visibly, restores the effect that reduces the difference most, found by
 /// restoring each alone.
 fn borne_out<S, R>(
-    mut called: RequiredEffects,
+    mut required: RequiredEffects,
     uploaded: &UploadedScene<'_, S, R>,
     wanted: &RenderSettings,
 ) -> Result<Proof, Error>
@@ -47,12 +47,12 @@ where
     S: RequiresEffects,
     R: Rasterizer<S>,
 {
-    let mut difference = uploaded.differences(wanted, &[called.settings])?[0];
+    let mut difference = uploaded.differences(wanted, &[required.settings])?[0];
     while difference.most > HALF_DISPLAY_STEP {
-        let left = called.settings.effects;
+        let left = required.settings.effects;
         let is_out = |effect: &Effect| effect.value(&left) != effect.value(&wanted.effects);
         let out: Vec<Effect> = Effect::ALL.into_iter().filter(is_out).collect();
-        let with = |effect: &Effect| called.settings.with(|s| s.effects = effect.copied(&wanted.effects, &left));
+        let with = |effect: &Effect| required.settings.with(|s| s.effects = effect.copied(&wanted.effects, &left));
         let restored: Vec<RenderSettings> = out.iter().map(with).collect();
         let found = uploaded.differences(wanted, &restored)?;
         let closer = |a: &usize, b: &usize| {
@@ -61,12 +61,12 @@ where
         };
         let Some(guilty) = (0..out.len()).min_by(closer) else { break };
         let reason = format!("without it, a pixel changes by {:.4}, which was not foreseen", difference.most);
-        for verdict in called.decisions.iter_mut().filter(|verdict| verdict.effect == out[guilty]) {
+        for verdict in required.decisions.iter_mut().filter(|verdict| verdict.effect == out[guilty]) {
             *verdict = EffectDecision::new(out[guilty], &wanted.effects, &wanted.effects, reason.clone());
         }
-        (called.settings, difference) = (restored[guilty], found[guilty]);
+        (required.settings, difference) = (restored[guilty], found[guilty]);
     }
-    Ok(Proof { called, difference, views: uploaded.views.len() })
+    Ok(Proof { required, difference, views: uploaded.views.len() })
 }
 
 #[cfg(test)]
@@ -108,14 +108,14 @@ mod tests {
 
         let proof = prove(&scene(), &uploaded, &wanted).unwrap();
         assert_eq!((proof.difference, proof.views), (Difference { most: 0.0, psnr: f64::INFINITY }, 2));
-        assert_eq!(proof.called.settings.effects.background, Background::None);
+        assert_eq!(proof.required.settings.effects.background, Background::None);
 
         // Leaves out antialiasing, which shows, besides what does not show: SH and the black
         // background.
-        let mut wrong = proof.called.clone();
+        let mut wrong = proof.required.clone();
         wrong.settings.effects.antialias = Antialias::None;
         assert!(uploaded.differences(&wanted, &[wrong.settings]).unwrap()[0].most > HALF_DISPLAY_STEP);
-        let Proof { called: mended, difference, .. } = borne_out(wrong, &uploaded, &wanted).unwrap();
+        let Proof { required: mended, difference, .. } = borne_out(wrong, &uploaded, &wanted).unwrap();
         assert_eq!(
             mended.settings.effects,
             Effects { background: Background::None, sh_degree: 0, ..wanted.effects },

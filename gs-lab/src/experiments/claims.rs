@@ -355,8 +355,8 @@ mod popping_of_colours {
         compare(cpu(None).for_3d(), scene, &flight, &first, &render).unwrap()
     }
 
-    /// With one disc there is no order: half the step leaves a quarter of the motion, with either
-    /// order. With two discs, a jump remains.
+    /// A single disc has no order: half the step leaves a quarter of the motion, with either order.
+    /// With two discs, a jump remains.
     #[test]
     fn motion_goes_with_the_step_and_a_jump_stays() {
         let one: Scene3d = {

@@ -42,9 +42,9 @@ pub(crate) enum Start {
     ColdWhite,
     /// 20 small Gaussians on the border in random colours.
     ColdRandom,
-    /// As [`Self::ColdRandom`], with growth by gradient forced even where gradients are zero.
+    /// [`Self::ColdRandom`] with growth by gradient, forced even where gradients are zero.
     ColdForced,
-    /// As [`Self::ColdRandom`], with growth by residual.
+    /// [`Self::ColdRandom`] with growth by residual.
     ColdResidual,
     /// 20 large Gaussians on the border in random colours.
     LargeVariance,

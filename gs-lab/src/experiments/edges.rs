@@ -25,11 +25,11 @@ const DIRECTED: f32 = 1.5;
 /// A part of the paper's target.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(crate) enum Zone {
-    /// Within [`ZONE_PX`] of the square's border.
+    /// The pixels within [`ZONE_PX`] of the square's border.
     SquareEdge,
     /// Further inside the square.
     SquareInside,
-    /// Within [`ZONE_PX`] of the circle on which the disc covers half a pixel.
+    /// The pixels within [`ZONE_PX`] of the circle on which the disc covers half a pixel.
     DiscEdge,
     /// Further inside the disc.
     DiscInside,
@@ -98,7 +98,7 @@ fn along_edge(place: Vec2, zone: Zone) -> f32 {
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Population {
     pub(crate) zone: Zone,
-    /// Its area, px².
+    /// Area of the zone, px².
     pub(crate) area_px2: f64,
     /// Mean number of Gaussians per fit.
     pub(crate) count: f64,

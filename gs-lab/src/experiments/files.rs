@@ -11,7 +11,7 @@ use crate::{error::Error, export::quoted, figure::Figure};
 pub struct ResultFile {
     /// Path in the results folder, with `/`.
     pub name: String,
-    /// Its content.
+    /// The file's content.
     pub bytes: Vec<u8>,
 }
 

@@ -36,7 +36,7 @@ pub struct Claim {
     pub circumstances: Vec<Circumstance>,
     /// The measurement in words and numbers.
     pub measured: String,
-    /// The numbers behind it.
+    /// The numbers behind the claim.
     pub numbers: Vec<Number>,
 }
 
@@ -52,7 +52,7 @@ impl Claim {
 pub struct Circumstance {
     /// The condition, such as "600 Gaussians are reached".
     pub what: String,
-    /// Number of cases in which it holds.
+    /// Number of cases in which the circumstance holds.
     pub held: usize,
     /// Number of cases. Without any case the condition does not hold.
     pub of: usize,
@@ -70,7 +70,7 @@ impl Circumstance {
         Self { what: what.into(), held, of }
     }
 
-    /// Confirmed if it holds in all cases, refuted if in none.
+    /// The verdict: confirmed if the circumstance holds in all cases, refuted if in none.
     pub fn verdict(&self) -> ClaimVerdict {
         match self.held {
             0 => ClaimVerdict::Refuted,
@@ -130,9 +130,9 @@ impl fmt::Display for ClaimVerdict {
 pub struct Number {
     /// What was measured.
     pub what: String,
-    /// Its value.
+    /// The value.
     pub value: f64,
-    /// Its unit, such as "dB"; empty for a pure number.
+    /// The unit, such as "dB"; empty for a pure number.
     pub unit: &'static str,
 }
 
@@ -148,7 +148,7 @@ impl Number {
 pub struct Table {
     /// File name without extension, in kebab-case.
     pub name: &'static str,
-    /// What it shows, one line.
+    /// The title: what the table shows, one line.
     pub title: String,
     /// Headings, with units.
     pub columns: Vec<&'static str>,
@@ -164,9 +164,9 @@ pub enum Cell {
     Text(String),
     /// A whole number.
     Count(u64),
-    /// A number with so many decimals.
+    /// A number with this many decimals.
     Fixed(f64, usize),
-    /// A number of unknown magnitude, with so many significant digits.
+    /// A number of unknown magnitude, with this many significant digits.
     Significant(f64, usize),
     /// An empty cell, where nothing was measured or reached.
     Empty,
@@ -232,7 +232,7 @@ pub(crate) fn significant(value: f64, digits: usize) -> String {
 pub struct Picture {
     /// File name without extension, in kebab-case.
     pub name: &'static str,
-    /// What it shows.
+    /// The caption: what the picture shows.
     pub caption: String,
     /// The pixels, not clamped.
     pub image: Image,

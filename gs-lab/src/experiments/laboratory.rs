@@ -10,15 +10,15 @@ use gs_train::{Control, Error, Fit, FitSettings, FitSummary, Observer, Progress,
 /// How much of an experiment runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum ExperimentSize {
-    /// Several seeds and all cases.
+    /// A full run: several seeds and all cases.
     #[default]
     Full,
-    /// One or two seeds and the decisive cases, in less than half a minute.
+    /// A quick run: one or two seeds and the decisive cases, in less than half a minute.
     Quick,
 }
 
 impl ExperimentSize {
-    /// One of the two values.
+    /// Returns `full` or `quick`, according to the size.
     pub(crate) fn choose<T>(self, full: T, quick: T) -> T {
         match self {
             Self::Full => full,
@@ -47,7 +47,7 @@ pub trait Watch {
 
 impl Watch for () {}
 
-/// A backend to run experiments on, with the extent and who watches.
+/// A backend to run experiments on, with the extent and an observer.
 pub struct Laboratory<'a, R> {
     rasterizer: &'a R,
     extent: ExperimentSize,
@@ -186,7 +186,7 @@ impl Run {
 }
 
 /// Charts of count and loss over the steps of seed 0.
-pub(crate) fn course_charts([counts, losses]: &[Vec<Series>; 2]) -> [Figure; 2] {
+pub(crate) fn curve_charts([counts, losses]: &[Vec<Series>; 2]) -> [Figure; 2] {
     let chart = |name: &str, title: &str, y: Axis, series: &Vec<Series>| Figure {
         name: name.to_owned(),
         title: title.to_owned(),

@@ -2,11 +2,11 @@
 //! stagnates, forced growth, and why no threshold is universal.
 //!
 //! A threshold on a gradient has a unit. 3DGS compares in normalised device units (the image is 2
-//! wide); a solver that compares the same 0.0002 with gradients per pixel asks for 64 times as much
+//! wide); a solver that compares the same 0.0002 with gradients per pixel requires 64 times as much
 //! at 128 px. Both are measured. The threshold that would have worked is found by bisection on a
 //! grid of half octaves: the largest with which growth reaches its budget. [`Case`] does so on
-//! targets that differ from the paper's in one respect, and asks of a relative criterion, which is
-//! the same on all of them, whether it does as well.
+//! targets that differ from the paper's in one respect, and tests whether a relative criterion,
+//! which is the same on all of them, does as well.
 
 mod case;
 mod findings;
@@ -19,7 +19,7 @@ use self::case::{SQUARE_SIDE_PX, targets};
 use super::{
     Cell, Circumstance, Claim, ExperimentSize, Findings, Laboratory, Number, Paired, Picture, SHARP_DB, Table,
     findings::significant,
-    laboratory::{Ellipses, Run, Shown, course_charts, seeds_in_words},
+    laboratory::{Ellipses, Run, Shown, curve_charts, seeds_in_words},
     paired::{Sense, gain, mean},
     set_up::paper_settings,
 };
@@ -31,7 +31,7 @@ use gs_train::{DiscAndSquare, Error, Fill, FitSettings, PAPER_SIDE_PX, Rounds};
 pub(crate) enum Criterion {
     /// The absolute threshold 0.0002 in normalised device units, as in 3DGS.
     AbsoluteDevice,
-    /// The same number applied to gradients per pixel.
+    /// The threshold 0.0002 applied to gradients per pixel.
     AbsolutePixel,
     /// The top 10 %.
     Forced,
@@ -105,9 +105,9 @@ pub(crate) struct LazyMeasured {
 /// one value per seed.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Blank {
-    /// By rank alone.
+    /// Growth by rank alone.
     pub(crate) by_rank: Vec<u32>,
-    /// By rank above a minimum gradient, up to the budget.
+    /// Growth by rank above a minimum gradient, up to the budget.
     pub(crate) by_hybrid: Vec<u32>,
 }
 

@@ -1,8 +1,8 @@
 //! The experiments of the paper (§3 to §5.4, Figs. 6 to 9).
 //!
 //! [`Experiment::run`] performs an experiment on any backend. Its [`Findings`] contain the paper's
-//! claims, each with a [`ClaimVerdict`] that is computed from its [`Circumstance`]s, and charts, tables
-//! and pictures.
+//! claims, each with a [`ClaimVerdict`] that is computed from its [`Circumstance`]s, and charts,
+//! tables and pictures.
 //!
 //! All experiments but [`popping`] fit 2D scenes. Every fit has ordinary
 //! [`FitSettings`](gs_train::FitSettings) and is deterministic for a given seed.
@@ -37,7 +37,7 @@ pub use self::{
 };
 use gs_train::Error;
 
-/// From this PSNR on, a reconstruction of the paper's target counts as sharp, dB. Its root mean
+/// The PSNR from which on a reconstruction of the paper's target counts as sharp, dB. Its root mean
 /// square error is then 1.8 % of the range; that of 20 Gaussians without growth is 8 %.
 pub(crate) const SHARP_DB: f64 = 35.0;
 
@@ -64,7 +64,7 @@ impl Experiment {
     pub const ALL: [Self; 6] =
         [Self::SetUp, Self::ColdStart, Self::LazyConvergence, Self::Instability, Self::Edges, Self::Popping];
 
-    /// Its name, in kebab-case.
+    /// The experiment's name, in kebab-case.
     pub const fn name(self) -> &'static str {
         match self {
             Self::SetUp => "set-up",
@@ -76,7 +76,7 @@ impl Experiment {
         }
     }
 
-    /// Its title.
+    /// The experiment's title.
     pub const fn title(self) -> &'static str {
         match self {
             Self::SetUp => "Set-up and result",
@@ -88,7 +88,7 @@ impl Experiment {
         }
     }
 
-    /// The sections and figures of the paper that it repeats.
+    /// The sections and figures of the paper that the experiment repeats.
     pub const fn section(self) -> &'static str {
         match self {
             Self::SetUp => "§3.1–3.3, Figs. 6, 7, 8",
@@ -135,7 +135,7 @@ impl Experiment {
 pub struct Chapter {
     /// The experiment.
     pub experiment: Experiment,
-    /// Its findings.
+    /// The experiment's findings.
     pub findings: Findings,
 }
 

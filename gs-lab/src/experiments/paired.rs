@@ -12,9 +12,9 @@ pub(crate) fn gain(of: f64, over: f64) -> f64 {
 /// The sign with which differences are shown.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Sense {
-    /// As they are.
+    /// The sign of the difference itself.
     Forward,
-    /// Negated.
+    /// The negated sign.
     Reversed,
 }
 
@@ -25,7 +25,7 @@ pub(crate) struct Paired {
     pub(crate) pairs: usize,
     /// Number of negative differences.
     pub(crate) negative: usize,
-    /// Their mean.
+    /// Mean of the differences.
     pub(crate) mean: f64,
     /// 95 % interval of the mean by [`bootstrap_interval`]; `None` with too few pairs.
     pub(crate) interval: Option<Interval>,
@@ -43,7 +43,7 @@ impl Paired {
         self.interval.is_some_and(|interval| interval.high < 0.0)
     }
 
-    /// The interval as text, with so many decimals.
+    /// The interval as text, with this many decimals.
     pub(crate) fn interval_in_words(&self, sense: Sense, decimals: usize) -> String {
         match (self.interval, sense) {
             (Some(Interval { low, high }), Sense::Forward) => {

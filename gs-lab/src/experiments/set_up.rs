@@ -14,7 +14,7 @@ use pollster::FutureExt as _;
 
 use super::{
     Cell, Circumstance, Claim, ExperimentSize, Findings, Laboratory, Number, Paired, Picture, SHARP_DB, Table,
-    laboratory::{Ellipses, Run, Shown, course_charts},
+    laboratory::{Ellipses, Run, Shown, curve_charts},
     paired::{Sense, gain, mean, median},
 };
 use crate::figure::Series;

@@ -13,7 +13,7 @@ use gs_core::{Gaussian2d, Image, Scene2d, sigmoid};
 pub(crate) struct Guards {
     /// Minimum scale after a step, px; `None` without a clamp.
     pub(crate) min_scale_px: Option<f32>,
-    /// Added to the determinant of Σ, px⁴.
+    /// Number added to the determinant of Σ, px⁴.
     pub(crate) epsilon_px4: f32,
 }
 

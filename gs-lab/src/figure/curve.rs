@@ -1,4 +1,4 @@
-//! The course of a fit over its steps, one figure below the other: number of Gaussians and loss
+//! Figures of a fit over its steps, one below the other: number of Gaussians and loss
 //! (paper Fig. 8), and PSNR.
 
 use gs_core::Image;

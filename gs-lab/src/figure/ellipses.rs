@@ -16,16 +16,16 @@ use gs_core::{
     sigmoid,
 };
 
-/// If a picture has fewer pixels per Gaussian than this, only a part of the Gaussians is drawn.
+/// Pixels per Gaussian of a picture below which only a part of the Gaussians is drawn.
 const PIXELS_EACH: usize = 1_000;
 
 /// Side of the squares, px, in each of which only the most important Gaussian is then drawn.
 const SQUARE_PX: f32 = 28.0;
 
-/// With more ellipses than this, lines are thin and centres are left out.
+/// The number of ellipses above which lines are thin and centres are left out.
 const DENSE: usize = 500;
 
-/// In 3D, Gaussians of less opacity are not drawn.
+/// The opacity below which 3D Gaussians are not drawn.
 const FAINT: f32 = 0.1;
 
 /// Colour of lines and centres: rare in images, and brighter than the seam.
@@ -79,7 +79,7 @@ struct Outline {
     mean: Vec2,
     /// A matrix L with L Lᵀ = Σ.
     factor: Mat2,
-    /// How much it adds to the picture, relative to others.
+    /// How much the Gaussian adds to the picture, relative to others.
     matters: f32,
 }
 
@@ -119,7 +119,7 @@ struct Cover {
     seam: f32,
 }
 
-/// One Gaussian in pixels of the picture.
+/// A Gaussian in pixels of the picture.
 struct Ellipse {
     mean: Vec2,
     /// L⁻¹, px⁻¹.
@@ -171,7 +171,8 @@ impl Pen {
         let offset = p - ellipse.mean;
         let z = ellipse.whiten * offset;
         let radius = z.length();
-        // |z| changes by |L⁻ᵀ z| / |z| a pixel; at the centre, where it has no gradient, the outline is far.
+        // |z| changes by |L⁻ᵀ z| / |z| a pixel; at the centre, where it has no gradient, the outline
+        // is far.
         let gradient = (ellipse.whiten.transpose() * z).length() / radius;
         let outline = ((radius - 1.0).abs() / gradient).max(0.0);
         let line = self.half_width_px + 0.5 - outline;

@@ -2,7 +2,7 @@
 //! the paper's experiments and frontiers all use this type; [`curve`] and [`ellipses`] show a
 //! single fit.
 //!
-//! Colours are those of Okabe and Ito, which can be told apart with any kind of colour vision.
+//! Colours are those of Okabe and Ito, which can be distinguished with any kind of colour vision.
 //! Lines beyond the seventh are dashed, and markers differ in shape. Ink and grid have one colour
 //! each, so that a page can replace them in its dark theme. The font is embedded (Hack, MIT
 //! licence), so that pictures are the same on every machine.
@@ -58,7 +58,7 @@ const SHARPNESS: u32 = 2;
 pub struct Figure {
     /// File name without extension.
     pub name: String,
-    /// The title above it; in a page, its caption.
+    /// The title above the figure; in a page, the caption.
     pub title: String,
     /// The horizontal axis.
     pub x: Axis,
@@ -133,11 +133,11 @@ pub enum Dots {
 /// A line with a band.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Series {
-    /// Index of its colour and marker.
+    /// Index of the line's colour and marker.
     pub style: usize,
-    /// Its name in the legend.
+    /// Name of the line in the legend.
     pub name: String,
-    /// Its points, by rising x. Points that are not finite are left out.
+    /// Points of the line, by rising x. Points that are not finite are left out.
     pub points: Vec<Point>,
     /// Which points have a marker.
     pub dots: Dots,
@@ -172,15 +172,15 @@ pub struct Point {
 /// A mean with its interval.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Bar {
-    /// As in [`Series::style`].
+    /// Style of the bar, as [`Series::style`].
     pub style: usize,
-    /// What the mean is of.
+    /// The bar's label: what the mean is of.
     pub label: String,
     /// The mean.
     pub mean: f64,
     /// The interval of the mean.
     pub interval: Interval,
-    /// Whether a verdict rests on it; drawn hollow otherwise.
+    /// Whether a verdict rests on the mean; the bar is drawn hollow otherwise.
     pub is_judged: bool,
 }
 
@@ -221,7 +221,7 @@ impl Figure {
         self.svg(Paper::Clear)
     }
 
-    /// SVG as a file of its own.
+    /// The figure as an SVG file.
     ///
     /// # Errors
     /// [`Error::Picture`] with what the drawing library reports.

@@ -47,12 +47,13 @@ pub struct Choice {
 /// The result of [`Budget::choose`].
 #[derive(Debug, Clone, PartialEq)]
 pub enum Chosen {
-    /// These settings keep the budget.
+    /// Settings that keep the budget.
     Kept(Choice),
     /// No measured settings keep the budget. Holds the least error, or the shortest time, that was
     /// measured.
     OutOfReach(f64),
-    /// So many settings keep the budget on the search's views, but none of them on the others.
+    /// No settings keep the budget on all views: this many keep it on the search's views, but not
+    /// on the others.
     NotElsewhere(usize),
 }
 
@@ -156,8 +157,8 @@ mod tests {
         }
     }
 
-    /// With a noise of a third, the frontier contains the more exact of two settings though it took
-    /// longer.
+    /// The frontier contains the more exact of two settings though it took longer, with a noise of
+    /// a third.
     #[test]
     fn noise_does_not_make_a_slower_setting_the_quickest() {
         let rows = vec![row(1.3, 1e-4, true), row(1.0, 1e-3, false), row(1.1, 9e-4, false), row(9.0, 1e-8, true)];

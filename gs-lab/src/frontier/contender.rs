@@ -41,12 +41,12 @@ impl<R: Optimizer<S>, S: Scene> Renderer<S::View> for Loaded<R, S> {
 
 /// A named renderer.
 pub struct Contender<'a, V> {
-    /// Name of its backend. The first contender of a backend is the one that the default is
-    /// measured on.
+    /// Name of the contender's backend. The first contender of a backend is the one that the
+    /// default is measured on.
     pub backend: String,
     /// The machine for reports: "cpu (avx512, 2 threads)".
     pub name: String,
-    /// How it differs from the first contender of its backend; `None` for the first.
+    /// The difference from the first contender of the same backend; `None` for the first.
     pub change: Option<Change>,
     /// What renders.
     pub renderer: Box<dyn Renderer<V> + 'a>,

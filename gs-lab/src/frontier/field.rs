@@ -31,7 +31,7 @@ pub struct Field<'a, S: Scene> {
 pub struct SearchLimits {
     /// Seconds for timing. At least seven rounds are measured, however long they take.
     pub seconds: f64,
-    /// Most combinations of settings per backend.
+    /// Largest number of combinations of settings per backend.
     pub combinations: usize,
 }
 
@@ -152,8 +152,8 @@ impl<S: Verifiable> Field<'_, S> {
         for view in views {
             match self.contenders[contender].renderer.seconds(view, settings) {
                 Err(Error::Unsupported { effect, .. }) => return Ok(Some(effect)),
-                // For example too many Gaussians at a pixel to be sorted. A lost device fails for
-                // all settings, the default too.
+                // An example is too many Gaussians at a pixel to be sorted. A lost device fails for
+                // all settings, including the default.
                 Err(Error::Backend { message, .. }) => return Ok(Some(message)),
                 Err(error) => return Err(error),
                 Ok(_) => {}
@@ -162,7 +162,7 @@ impl<S: Verifiable> Field<'_, S> {
         Ok(None)
     }
 
-    /// Each setting alone, and each contender.
+    /// Measures each setting alone, and each contender.
     fn alone(&self, base: usize, views: &[S::View], refused: &mut Vec<Refused>) -> Result<Vec<Entry>, Error> {
         let backend = &self.contenders[base].backend;
         let mut all = Vec::new();
@@ -357,8 +357,8 @@ fn judge(rows: &mut [Measured]) -> Vec<BackendNoise> {
             row.on_frontier = on_frontier && row.role != Role::Again;
             row.comparison = noise.compare(row.times().median, default);
         }
-        // Of rows with the same picture, only the one with the fewest changes is kept on the
-        // frontier.
+        // Only the row with the fewest changes is kept on the frontier, among rows with the same
+        // picture.
         for place in 0..own.len() {
             let simpler = |other: usize| {
                 let (changes, others) = (own[place].changes.len(), own[other].changes.len());

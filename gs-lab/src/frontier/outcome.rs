@@ -18,7 +18,7 @@ pub enum Role {
     ThreeDgs,
     /// No cut-offs.
     Tightest,
-    /// One setting differs from the default.
+    /// A row in which one setting differs from the default.
     Alone,
     /// Several settings differ.
     Together,
@@ -36,7 +36,7 @@ pub struct Measured {
     /// Index of the contender.
     #[serde(skip)]
     pub contender: usize,
-    /// Its role.
+    /// The role of the row.
     pub role: Role,
     /// Differences from the backend's default.
     pub changes: Vec<Change>,
@@ -48,12 +48,12 @@ pub struct Measured {
     pub error: PictureError,
     /// Whether nothing of the same backend is both quicker and as exact.
     pub on_frontier: bool,
-    /// Its time compared with that of the backend's default.
+    /// The time compared with that of the backend's default.
     pub comparison: TimeComparison,
 }
 
 impl Measured {
-    /// Median and quantiles of its times, seconds.
+    /// Median and quantiles of the row's times, seconds.
     pub fn times(&self) -> Quantiles {
         Quantiles::of(&self.seconds)
     }
@@ -91,7 +91,7 @@ pub struct Refused {
 pub struct BackendNoise {
     /// The backend.
     pub backend: String,
-    /// The noise of its times.
+    /// The noise of the backend's times.
     pub noise: Noise,
 }
 

@@ -8,9 +8,9 @@ use super::Setting;
 pub(super) struct Alone {
     /// The value; `None` for the default's.
     pub(super) setting: Option<Setting>,
-    /// Its time divided by the default's.
+    /// The time divided by the default's.
     pub(super) ratio: f64,
-    /// Its largest error if it is the only approximation.
+    /// The largest error if the value is the only approximation.
     pub(super) error: f64,
 }
 

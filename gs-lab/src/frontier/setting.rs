@@ -78,7 +78,7 @@ impl Setting {
 pub struct Change {
     /// The setting: "alpha cut".
     pub axis: String,
-    /// Its value: "1/1024".
+    /// The setting's value: "1/1024".
     pub value: String,
 }
 

@@ -36,7 +36,7 @@ pub struct FrontierSettings {
     /// The effects of a 3D scene; a 2D scene has its own.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub effects: Option<FrontierEffects>,
-    /// What computes.
+    /// The backend and machine that compute.
     pub machine: FrontierMachine,
 }
 
@@ -58,7 +58,7 @@ pub struct FrontierEffects {
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 #[non_exhaustive]
 pub struct FrontierMachine {
-    /// The flags of `gs` that choose it; empty where another program chooses.
+    /// The flags of `gs` that choose the machine; empty where another program chooses it.
     pub flags: Vec<String>,
     /// Tuning of the cpu backend; `None` for the default.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -106,8 +106,8 @@ fn kernels<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<KernelsN
 }
 
 impl FrontierSettings {
-    /// Whether the text of a settings file holds such settings: that of a fit or a training has no
-    /// table `machine`.
+    /// Whether the text of a settings file holds settings of the frontier: that of a fit or a
+    /// training has no table `machine`.
     pub fn is_in(text: &str) -> bool {
         text.parse::<toml::Table>().is_ok_and(|table| table.contains_key("machine"))
     }
@@ -150,7 +150,7 @@ impl FrontierSettings {
 }
 
 impl FrontierEffects {
-    /// Those of all effects that the frontier chooses.
+    /// Returns the effects among these that the frontier chooses.
     pub const fn of(&Effects { order, antialias, sh_degree, .. }: &Effects) -> Self {
         Self { order, antialias, sh_degree }
     }

@@ -27,7 +27,7 @@ fn scene() -> Scene2d {
 /// A renderer with made-up times and an error of `off` in every picture.
 struct Pretending {
     renderer: Loaded<CpuRasterizer, Scene2d>,
-    /// Added to all times, s.
+    /// Time added to all times, s.
     slower: f64,
     off: f32,
     calls: Cell<u32>,
@@ -40,7 +40,7 @@ impl Pretending {
 }
 
 impl Renderer<Canvas> for Pretending {
-    /// About 1 ms, less if less is drawn, and slightly different in each call.
+    /// Returns about 1 ms, less if less is drawn, and slightly different in each call.
     fn seconds(&self, _: &Canvas, settings: &RenderSettings) -> Result<f64, Error> {
         let call = self.calls.replace(self.calls.get() + 1);
         let accuracy = settings.accuracy;
@@ -193,7 +193,7 @@ fn a_budget_is_kept_on_other_views_too_or_said_to_be_out_of_reach() {
 }
 
 #[test]
-fn what_keeps_a_budget_on_no_other_view_is_told_apart() {
+fn settings_that_keep_a_budget_on_no_other_view_are_reported_separately() {
     let scene = scene();
     let shown = RenderSettings::blended(Blend::Over);
     let contender = |off: f32| Contender {

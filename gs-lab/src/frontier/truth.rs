@@ -14,8 +14,8 @@ use rayon::prelude::*;
 
 use super::PictureError;
 
-/// Most pairs of a Gaussian and a pixel that the oracle computes for the samples of all views: some
-/// seconds.
+/// Largest number of pairs of a Gaussian and a pixel that the oracle computes for the samples of
+/// all views: some seconds.
 const PAIRS: usize = 200_000_000;
 
 /// Fewest and most pixels in the sample of a view.

@@ -10,8 +10,8 @@ use crate::{error::Error, html::data_uri, tables::Results};
 const SIDE: u32 = 144;
 /// JPEG quality of the pictures, 1 to 100.
 const QUALITY: u8 = 75;
-/// Most characters of all embedded pictures together, so that a report of many images and arms
-/// stays small.
+/// Largest number of characters of all embedded pictures together, so that a report of many images
+/// and arms stays small.
 const MOST_CHARS: usize = 300_000;
 /// The error of a channel at which error maps reach their brightest colour.
 pub(crate) const FULL_SCALE: f32 = 0.25;

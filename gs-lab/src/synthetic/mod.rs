@@ -78,7 +78,7 @@ impl SyntheticTarget {
         found.ok_or_else(|| Error::setting("the synthetic target", format!("`{name}`"), allowed))
     }
 
-    /// Its name, in kebab-case.
+    /// The target's name, in kebab-case.
     pub const fn name(&self) -> &'static str {
         self.name
     }

@@ -299,8 +299,8 @@ impl<'a, R: Optimizer<Scene2d>> Trainer<'a, R> {
         self.task.render(self.rasterizer, &self.splats, &self.record.settings, &self.effects()).await
     }
 
-    /// Loss of the current scene, in the unit of the loss of the settings; [`Trainer::loss`] is that
-    /// before a step.
+    /// Loss of the current scene, in the unit of the loss of the settings; [`Trainer::loss`] is
+    /// that before a step.
     ///
     /// # Errors
     /// Those of the backend.

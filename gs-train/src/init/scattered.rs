@@ -18,7 +18,7 @@ pub enum Colors {
     /// Uniform in 0..1.
     #[default]
     Random,
-    /// Those of the target around the mean.
+    /// Colours of the target around the mean.
     Target,
 }
 

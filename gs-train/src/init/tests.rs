@@ -1,5 +1,5 @@
-//! What every initialiser promises: exact counts, finite scenes that equal random numbers repeat,
-//! and the placement it is named for.
+//! Tests of every initialiser: exact counts, finite scenes that equal random numbers repeat, and
+//! the placement it is named for.
 
 use glam::Vec2;
 use gs_core::Scene;

@@ -72,8 +72,8 @@ impl Flat {
         inside && low.z.abs().max(high.z.abs()) <= 2.0 * FLAT * PICTURE_WORLD
     }
 
-    /// Columns and rows for an image of it: those of the file, or else 800 px along the longer
-    /// side.
+    /// Columns and rows of an image of the flat scene: those of the file, or else 800 px along the
+    /// longer side.
     pub fn size(&self) -> (u32, u32) {
         let sides = self.extent * (SIDE_PX / self.extent.max_element());
         self.picture.unwrap_or((sides.x.round().max(1.0) as u32, sides.y.round().max(1.0) as u32))

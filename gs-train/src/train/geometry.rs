@@ -21,7 +21,7 @@ pub fn extent_of<'a>(cameras: impl IntoIterator<Item = &'a Camera>, depth: Optio
 pub struct Focus {
     /// Point nearest to all optical axes, in the least squares, world units.
     pub point: Vec3,
-    /// Median distance of the cameras from it, world units.
+    /// Median distance of the cameras from the point, world units.
     pub distance: f32,
 }
 

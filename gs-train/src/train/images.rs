@@ -21,7 +21,7 @@ pub(super) struct Images<T> {
 }
 
 impl<T> Images<T> {
-    /// An empty cache for so many bytes.
+    /// An empty cache for this many bytes.
     pub(super) fn new(limit: u64) -> Self {
         Self { kept: BTreeMap::new(), factor: 1, bytes: 0, limit, passing: None }
     }

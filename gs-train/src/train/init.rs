@@ -73,7 +73,7 @@ pub enum Start {
     Points(Vec<Point>),
     /// [`PointInit::random`] Gaussians at random where the cameras look.
     Random,
-    /// These Gaussians, with the SH degree of the settings.
+    /// The Gaussians of a scene, with the SH degree of the settings.
     Scene(Scene3d),
 }
 

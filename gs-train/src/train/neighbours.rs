@@ -8,7 +8,7 @@ use rstar::{RTree, primitives::GeomWithData};
 /// Number of neighbours. *Source:* 3DGS.
 const NEIGHBOURS: usize = 3;
 
-/// For each point the root of the mean squared distance to its three nearest neighbours (*source:*
+/// Root of the mean squared distance of each point to its three nearest neighbours (*source:*
 /// 3DGS), `[N]`, or to fewer where there are fewer; `None` where there is no other point. Points
 /// must be finite and below 1e15 in magnitude, so that squares do not overflow.
 pub(super) fn neighbour_distances(points: &[Vec3]) -> Vec<Option<f32>> {

@@ -48,7 +48,7 @@ mod tests {
         }
         assert_ne!(first[..10], first[10..20]);
         assert_ne!(first, all(2));
-        // One that begins in the middle draws what one that has run from the start does.
+        // An order that begins in the middle draws what one that has run from the start draws.
         let mut resumed = Order::default();
         assert_eq!((23..50).map(|step| resumed.view(1, step, 10)).collect::<Vec<_>>(), first[23..]);
         assert_eq!(resumed.view(1, 7, 1), 0);

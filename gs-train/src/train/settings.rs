@@ -105,7 +105,7 @@ impl TrainSettings {
         (step as f32 / steps.max(1) as f32).min(1.0)
     }
 
-    /// The same training before this background. With white, settings that reset opacities do so
+    /// Returns these settings with this background. With white, settings that reset opacities do so
     /// also at the first round of density control, which removes white fog (*source:* 3DGS).
     #[must_use]
     pub fn on(mut self, background: [f32; 3]) -> Self {
@@ -117,8 +117,8 @@ impl TrainSettings {
         self
     }
 
-    /// The same training with steps in another parameterization, and default learning rates of mean
-    /// and shape for it.
+    /// Returns these settings with steps in another parameterization, and default learning rates of
+    /// mean and shape for it.
     #[must_use]
     pub fn with_parameterization(mut self, parameterization: Parameterization) -> Self {
         if self.parameterization != parameterization {
@@ -129,7 +129,7 @@ impl TrainSettings {
         self
     }
 
-    /// The same training under another policy. Pruning and opacity resets stay those of these
+    /// Returns these settings with another policy. Pruning and opacity resets stay those of these
     /// settings, or those of 3DGS where they have none.
     #[must_use]
     pub fn with_policy(mut self, policy: Policy) -> Self {
@@ -211,7 +211,7 @@ impl RunSettings<Scene3d> for TrainSettings {
         (rates.min_scale, rates.max_scale)
     }
 
-    /// None: the loss is that of another view in each step.
+    /// Returns `None`: the loss is that of another view in each step.
     fn psnr_estimate(&self, _: f32) -> Option<f32> {
         None
     }
@@ -228,7 +228,7 @@ impl RunSettings<Scene3d> for TrainSettings {
         self.recovery
     }
 
-    /// Always: each step has another view.
+    /// Returns true: each step has another view.
     fn bins_afresh_after(&self, _: u32) -> bool {
         true
     }
@@ -282,7 +282,7 @@ mod tests {
     }
 
     #[test]
-    fn learning_rates_follow_the_chart() {
+    fn learning_rates_follow_the_parameterization() {
         let usual = TrainPreset::ThreeDgs.settings(Some(100));
         let local = usual.clone().with_parameterization(Parameterization::CovarianceFactor);
         assert_eq!(usual.clone().with_parameterization(usual.parameterization), usual);

@@ -15,7 +15,7 @@ pub trait ImageSource: Send + Sync {
     /// Those of reading a file.
     fn read(&self) -> Result<PosedImage, gs_io::Error>;
 
-    /// How its pixels count, as far as is known without reading it.
+    /// How the view's pixels count, as far as is known without reading it.
     fn counting(&self) -> Counting {
         Counting::default()
     }

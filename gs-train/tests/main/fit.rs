@@ -75,7 +75,7 @@ fn a_fit_is_judged_by_the_picture_that_is_written_of_it() {
     let FitSummary { psnr, ssim, ms_ssim, l1, .. } = summary;
     assert_eq!((psnr, ssim, ms_ssim, l1), (written.psnr, written.ssim, written.ms_ssim, written.l1));
     assert!((psnr - summary.psnr_float).abs() > 1e-3, "{psnr} and {}", summary.psnr_float);
-    // And its loss is that of the scene, which another trainer finds, too.
+    // The loss is that of the scene, which another trainer finds, too.
     let again = Trainer::from_scene(
         &rasterizer(),
         &target,
@@ -129,7 +129,7 @@ fn every_policy_fits_within_its_budget() {
 }
 
 #[test]
-fn noise_moves_the_transparent_and_only_where_it_is_asked_for() {
+fn noise_moves_transparent_gaussians_and_only_with_a_strength() {
     let (rasterizer, target) = (rasterizer(), small_target());
     let run = |noise, blend| {
         let faint = |i: usize| Gaussian2d {
@@ -200,7 +200,7 @@ fn an_image_of_one_pixel_can_be_fitted() {
 }
 
 #[test]
-fn the_log_tells_every_edit_and_where_the_fit_ends() {
+fn the_log_has_every_edit_and_the_end_of_the_fit() {
     let (rasterizer, target) = (rasterizer(), small_target());
     let mut log = MetricsLog::new(7);
     let fit = fit(&rasterizer, &target, small_fit(Blend::Sum), &mut log).block_on().unwrap();
@@ -299,9 +299,9 @@ fn a_target_that_is_not_finite_is_refused() {
 
 #[test]
 fn gaussians_that_reach_nothing_do_not_move() {
-    // The paper's cold start (§3.4.1): Gaussians on the periphery, of the colour that is there, and
-    // what is to be found is out of their reach. On black, so that what is rendered there is what
-    // is wanted there to the last bit.
+    // The paper's cold start (§3.4.1): Gaussians on the periphery that have its colour and do not
+    // reach the shapes. The background is black, so that the rendering of the periphery equals the
+    // target to the last bit.
     let rasterizer = rasterizer();
     let init = Init::Periphery(Periphery::default().with(|s| s.scale_px = 1.0));
     let mut settings = FitSettings::paper().with(|s| {

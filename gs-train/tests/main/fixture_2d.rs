@@ -4,7 +4,7 @@ use gs_core::{Blend, Image};
 use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_train::{ColorSolve, FitSettings, InitialCount, Rounds};
 
-/// Two threads, whatever the machine.
+/// A rasterizer with two threads on any machine.
 pub(crate) fn rasterizer() -> CpuRasterizer {
     CpuRasterizer::new(CpuSettings::default().with(|s| {
         s.threads = Some(2);

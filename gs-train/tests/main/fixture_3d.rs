@@ -12,7 +12,7 @@ use gs_train::{
 };
 use pollster::FutureExt as _;
 
-/// Two threads, whatever the machine.
+/// A rasterizer with two threads on any machine.
 pub(crate) fn rasterizer() -> CpuRasterizer {
     CpuRasterizer::new(CpuSettings::default().with(|s| {
         s.threads = Some(2);
@@ -55,7 +55,7 @@ pub(crate) fn camera(i: usize) -> Camera {
     lens.looking_at(4.03 * around.extend(height), Vec3::ZERO, Vec3::Z).expect("it does not look straight up")
 }
 
-/// How the scene was photographed: before black, in order of depth.
+/// The settings with which the images were rendered: a black background, in order of depth.
 pub(crate) fn render() -> RenderSettings {
     let mut render = RenderSettings::blended(Blend::Over).on([0.0; 3]);
     render.effects.order = Order::Global;
@@ -72,17 +72,17 @@ pub(crate) fn views(rasterizer: &CpuRasterizer) -> Views {
     Views::new((0..12).map(view).collect(), (12..15).map(view).collect())
 }
 
-/// The same views with images that are changed.
+/// Returns these views with changed images.
 pub(crate) fn changed(views: Views, change: impl Fn(usize, PosedImage) -> PosedImage) -> Views {
     let change = |(i, view): (usize, PosedView)| {
-        let photograph = change(i, view.image().expect("it is in memory"));
-        PosedView { source: Box::new(photograph), ..view }
+        let image = change(i, view.image().expect("it is in memory"));
+        PosedView { source: Box::new(image), ..view }
     };
     let train = views.train.into_iter().enumerate().map(change).collect();
     Views { train, ..views }
 }
 
-/// Few steps from few Gaussians, with rounds among them.
+/// Settings with few steps and few initial Gaussians, with rounds among the steps.
 pub(crate) fn short(iterations: u32) -> TrainSettings {
     let mut settings = TrainPreset::ThreeDgs.settings(Some(iterations));
     settings.gaussians = 600;

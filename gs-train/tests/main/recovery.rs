@@ -181,7 +181,7 @@ fn a_resumed_fit_goes_back_to_what_it_was_resumed_with() {
     let mut trainer = Trainer::new(&rasterizer, &target, settings.clone()).block_on().unwrap();
     trainer.run(&mut StopAt(7)).block_on().unwrap();
     let (mut checkpoint, kept) = (trainer.checkpoint().block_on().unwrap(), trainer.scene().block_on().unwrap());
-    // From here on, it is hasty.
+    // The learning rate is too high from here on.
     let hasty = checkpoint.metadata["settings"].replace("learning-rate = 0.2", "learning-rate = 200.0");
     assert_ne!(checkpoint.metadata["settings"], hasty);
     checkpoint.metadata.insert("settings".to_owned(), hasty);

@@ -46,7 +46,7 @@ fn end_state_in_pieces(settings: FitSettings, target: &Image, stops: &[u32]) -> 
 }
 
 #[test]
-fn a_resumed_run_ends_bit_identical_in_both_charts_and_blends() {
+fn a_resumed_run_ends_bit_identical_in_both_parameterizations_and_blends() {
     let target = small_target();
     for blend in [Blend::Sum, Blend::Over] {
         for parameterization in [Parameterization::ScaleRotation, Parameterization::CovarianceFactor] {

@@ -29,7 +29,7 @@ fn bits(scene: &Scene3d) -> Vec<u32> {
 fn a_scene_comes_back_from_its_pictures() {
     let mut settings = short(900);
     settings.render.effects.sh_degree = 0;
-    // So short a run takes larger steps.
+    // A run this short takes larger steps.
     let faster = |group: Group| group.with(|s| s.learning_rate = 4.0 * group.learning_rate);
     let Adam { mean, scale, rotation, color, .. } = settings.adam;
     settings.adam = settings.adam.with(|s| {
@@ -49,7 +49,7 @@ fn a_scene_comes_back_from_its_pictures() {
 fn the_true_scene_is_perfect_and_stays_so() {
     let rasterizer = rasterizer();
     let judged = evaluate(&rasterizer, &thirty(), &views(&rasterizer).test, &render()).block_on().unwrap();
-    // Its images are floats, from which rounding to 8 bits alone is 58.9 dB away.
+    // The images are floats; rounding to 8 bits alone is 58.9 dB away from them.
     assert!(judged.psnr > 58.5, "{judged:?}");
     let mut settings = short(30);
     settings.policy = Policy::None;
@@ -306,7 +306,7 @@ fn a_test_view_of_which_no_pixel_counts_is_in_no_mean() {
         }
         views
     };
-    // Not the scene that was photographed, whose PSNR is infinite.
+    // Not the scene that the images show, whose PSNR is infinite.
     let mut fainter = thirty();
     fainter.opacity_logits.iter_mut().for_each(|logit| *logit -= 0.5);
     let judged = |hidden| evaluate(&rasterizer, &fainter, &masked(hidden).test, &render()).block_on();
@@ -362,7 +362,7 @@ fn the_summary_holds_how_well_the_views_are_fitted_that_it_trained_with() {
     let apart = drifted.training.unwrap().psnr.unwrap() - drifted.evaluation.psnr;
     assert!(apart > DRIFT_DB && drifted.drift() == Some(apart), "{apart}");
 
-    // A bound that nobody chose is none to reach.
+    // A default bound need not be reached.
     let shortfall = drifted.shortfall.as_ref().expect("one round is too few");
     assert_eq!((shortfall.gaussians, shortfall.budget), (drifted.gaussians, 600));
     let settings = short(4).with(|s| s.gaussians = TrainSettings::default().gaussians);
@@ -373,7 +373,7 @@ fn the_summary_holds_how_well_the_views_are_fitted_that_it_trained_with() {
 }
 
 #[test]
-fn a_training_in_space_that_diverges_names_step_and_gaussian() {
+fn a_3d_training_that_diverges_names_step_and_gaussian() {
     let rasterizer = rasterizer();
     let mut settings = short(40);
     (settings.adam.color.learning_rate, settings.rounds) = (1e38, gs_train::Rounds::NEVER);
@@ -385,6 +385,6 @@ fn a_training_in_space_that_diverges_names_step_and_gaussian() {
     assert!(!loss.is_finite() && (1..=40).contains(&step));
     let suspect = suspect.expect("there are Gaussians");
     assert!(suspect.index < 30 && suspect.to_string().contains("SH"), "{suspect}");
-    // No checkpoint is made of what came of it.
+    // No checkpoint is made of the result.
     assert!(matches!(trainer.checkpoint().block_on(), Err(Error::Diverged { .. })));
 }

@@ -6,7 +6,7 @@ use gs_density::Policy;
 use gs_train::{Clamped, Control, MetricsLog, Observer, Progress, Recovery, Rounds, fit};
 use pollster::FutureExt as _;
 
-/// What an observer is shown about Gaussians that are not finite.
+/// The reports that an observer gets about Gaussians that are not finite.
 #[derive(Default)]
 struct Reports {
     left_out: u32,

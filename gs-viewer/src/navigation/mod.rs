@@ -73,7 +73,7 @@ pub(crate) trait Navigate {
     /// a key does the same.
     fn zoom(&mut self, notches: f32, pointer: Option<Vec2>);
 
-    /// Moves as the held keys ask, for so many seconds.
+    /// Moves according to the held keys, for this many seconds.
     fn advance(&mut self, motion: &Motion, seconds: f32);
 
     /// Returns to the first view.
@@ -98,11 +98,11 @@ pub(crate) enum Drag {
 /// The motion of the held keys.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct Motion {
-    /// To the right, up, forward, each −1 to 1; only for flying.
+    /// Motion to the right, up, forward, each −1 to 1; only for flying.
     pub(crate) way: Vec3,
-    /// To the right and downwards, each −1 to 1.
+    /// Turn to the right and downwards, each −1 to 1.
     pub(crate) turn: Vec2,
-    /// Relative to the usual speed.
+    /// Speed relative to the usual one.
     pub(crate) speed: f32,
 }
 
@@ -181,7 +181,7 @@ impl Navigate for CameraNavigator {
         self.stay_near();
     }
 
-    /// Goes nearer to the target, but never past it; when flying, faster.
+    /// Moves nearer to the target, but never past it; when flying, moves faster.
     fn zoom(&mut self, notches: f32, _: Option<Vec2>) {
         let notches = notches.clamp(-MOST_NOTCHES, MOST_NOTCHES);
         match self.mode {

@@ -6,8 +6,8 @@ use std::f32::consts::{FRAC_PI_2, PI, TAU};
 use glam::{Mat3, Vec2, Vec3};
 use gs_core::Camera;
 
-/// This near to straight up or down, yaw and roll are the same turn, which counts as yaw. Cosine of
-/// pitch.
+/// Smallest cosine of the pitch at which yaw and roll differ. Nearer to straight up or down they
+/// are the same turn, which counts as yaw.
 const POLE: f32 = 1e-3;
 
 /// The axes of angles: right-handed, of unit length.
@@ -34,13 +34,13 @@ impl Horizon {
 pub(crate) struct Viewpoint {
     /// The target, world units.
     pub(crate) target: Vec3,
-    /// From the eye to the target, world units; positive.
+    /// Distance from the eye to the target, world units; positive.
     pub(crate) distance: f32,
-    /// Around the up direction, counter-clockwise as seen from above, rad, −π to π.
+    /// Angle around the up direction, counter-clockwise as seen from above, rad, −π to π.
     yaw: f32,
-    /// Above the horizon, rad, −π/2 to π/2.
+    /// Angle above the horizon, rad, −π/2 to π/2.
     pitch: f32,
-    /// Of the camera around its own axis, clockwise, rad. It is that of the first camera.
+    /// Angle of the camera around its own axis, clockwise, rad. It is that of the first camera.
     roll: f32,
     horizon: Horizon,
 }
@@ -54,7 +54,7 @@ pub(crate) struct Axes {
 }
 
 impl Viewpoint {
-    /// That of a camera whose target is `distance` ahead. Turns are around `up`.
+    /// The viewpoint of a camera whose target is `distance` ahead. Turns are around `up`.
     pub(crate) fn of(camera: &Camera, distance: f32, up: Vec3) -> Self {
         let horizon = Horizon::below(up);
         let [right, forward] = [camera.rotation.row(0), camera.rotation.row(2).normalize_or(Vec3::Z)];
@@ -126,7 +126,7 @@ impl Viewpoint {
     }
 }
 
-/// The same angle from −π to π, so that many turns stay exact.
+/// Returns this angle from −π to π, so that many turns stay exact.
 fn wrapped(angle: f32) -> f32 {
     // An angle in the range is not rounded.
     if angle.abs() <= PI { angle } else { (angle + PI).rem_euclid(TAU) - PI }
@@ -257,7 +257,7 @@ mod tests {
                 viewpoint.camera(&lens()).validate().unwrap();
             }
             assert!((viewpoint.axes().forward.dot(viewpoint.horizon.up) + down).abs() < 1e-6, "straight down or up");
-            // There, a turn rotates the picture, and the way back is as long.
+            // At a pole, a turn rotates the picture, and the way back is as long.
             let before = viewpoint.axes().right;
             viewpoint.orbit(Vec2::new(FRAC_PI_2, 0.0));
             assert!(viewpoint.axes().right.dot(before).abs() < 1e-5);

@@ -36,7 +36,7 @@ pub fn order_does_not_matter_under_sum<S: Subject, R: Optimizer<S>>(rasterizer: 
     Ok(())
 }
 
-/// The same Gaussians at other indices. 17 and 50 are coprime, so each appears once.
+/// Returns these Gaussians at other indices. 17 and 50 are coprime, so each appears once.
 pub(super) fn permuted<S: Subject>(scene: &S) -> S {
     scene.picked((0..50).map(|i| (i * 17 + 1) % 50))
 }

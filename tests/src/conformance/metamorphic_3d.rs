@@ -18,7 +18,7 @@ use crate::{
     tolerance::compare_images,
 };
 
-/// With a depth sort, the indices of the Gaussians do not change the image.
+/// The indices of the Gaussians do not change the image with a depth sort.
 pub fn indices_do_not_matter_by_depth<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     for order in [Order::Global, Order::PerPixel] {
         for (seed, kind) in (2500..).zip([Kind3d::Typical, Kind3d::Overlapping, Kind3d::Needles]) {

@@ -98,9 +98,9 @@ pub(crate) const LOSSES: [Loss; 3] = [Loss::L2, Loss::L1, Loss::PAPER];
 /// A named case.
 #[derive(Debug)]
 pub struct Case<R> {
-    /// The name of its function.
+    /// The name of the case's function.
     pub name: &'static str,
-    /// Runs it.
+    /// Runs the case.
     pub run: fn(&R) -> Result<CaseOutcome, Failure>,
 }
 
@@ -113,7 +113,7 @@ pub enum CaseOutcome {
     Skipped(String),
 }
 
-/// For cases that cannot be skipped.
+/// The outcome of cases that cannot be skipped.
 impl From<()> for CaseOutcome {
     fn from((): ()) -> Self {
         Self::Passed
@@ -123,7 +123,7 @@ impl From<()> for CaseOutcome {
 /// A skipped case.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Skipped {
-    /// Its name.
+    /// The case's name.
     pub case: &'static str,
     /// The features that the backend refuses.
     pub refused: String,

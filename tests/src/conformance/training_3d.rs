@@ -41,7 +41,7 @@ fn beyond(view: Camera, near: f32) -> Camera {
     Camera { near, ..view }
 }
 
-/// With [`Participants::All`], Gaussians out of view move by their moments. With
+/// Gaussians out of view move by their moments with [`Participants::All`]. With
 /// [`Participants::Visible`], they do not change, step counts included.
 pub fn only_participants_move<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     for participants in [Participants::All, Participants::Visible] {

@@ -1,4 +1,4 @@
-//! A hard case: its scene, the reason why it is hard, who met it before, and the expected outcome.
+//! A hard case: its scene, the reason why it is hard, its source, and the expected outcome.
 
 use gs_core::{Adam, Culled, Error, Image, Loss, RenderSettings};
 
@@ -27,9 +27,9 @@ pub enum Source {
 pub struct Case<S: Subject> {
     /// The name.
     pub name: String,
-    /// Why it is hard: what goes wrong in engines without protection.
+    /// Why the case is hard: what goes wrong in engines without protection.
     pub why: &'static str,
-    /// Who met it before.
+    /// Where the case is from.
     pub source: Source,
     /// The Gaussians.
     pub scene: S,
@@ -54,7 +54,7 @@ pub struct Case<S: Subject> {
 pub enum Goal {
     /// A photo-like image ([`scenes::target`]) with this seed.
     Likeness(u64),
-    /// This image.
+    /// An image.
     Image(Image),
     /// The backend's own rendering, so that the loss is 0.
     Itself,
@@ -65,7 +65,7 @@ pub enum Goal {
 pub enum Expected {
     /// The scene is refused with an error that satisfies this.
     Refused(fn(&Error) -> bool),
-    /// It is drawn, differentiated and trained.
+    /// The scene is drawn, differentiated and trained.
     Drawn(Drawn),
 }
 
@@ -89,9 +89,9 @@ pub enum Picture {
     /// The oracle's image, within [`ROUNDINGS`](crate::tolerance::ROUNDINGS) of its analysis of
     /// this scene.
     Oracle,
-    /// This image, bit by bit.
+    /// An image, bit by bit.
     Exact(Image),
-    /// This image within a relative error, where the oracle would take too long.
+    /// An image within a relative error, where the oracle would take too long.
     Within(Image, f32),
 }
 
@@ -117,9 +117,9 @@ pub enum Slopes {
 pub enum Training {
     /// The last loss is no worse than the first.
     Improves,
-    /// Nothing else, for this reason.
+    /// Finite losses and parameters only, for this reason.
     Finite(&'static str),
-    /// No parameter changes, and no loss.
+    /// No change of parameters or loss.
     StandsStill,
     /// Losses may be +∞, never NaN. Parameters stay finite, and those of every Gaussian change in
     /// the last step.

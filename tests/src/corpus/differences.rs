@@ -45,7 +45,7 @@ pub struct Differences {
     pub compared: usize,
     /// Number of ill-conditioned gradients.
     pub ill_conditioned: usize,
-    /// The largest relative difference of the others.
+    /// The largest relative difference of the other numbers.
     pub worst: f64,
 }
 

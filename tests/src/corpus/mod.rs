@@ -1,7 +1,7 @@
 //! A corpus of named hard cases for any backend. NaN losses, illegal accesses and silent corruption
 //! are the most frequent reports about engines of this field.
 //!
-//! Each [`Case`] says why it is hard, who met it before, and what is expected: an exact result,
+//! Each [`Case`] says why it is hard, where it is from, and what is expected: an exact result,
 //! agreement with the oracle within the roundings of its analysis, or a typed error. It runs
 //! forward, backward and through training, in every parameterization. `cargo run -p gs-conformance
 //! --example corpus` prints the table for the backends of this repository; another backend's tests

@@ -34,7 +34,7 @@ const PLAIN: Gaussian2d = Gaussian2d {
     color: Vec3::new(0.7, 0.4, 0.9),
 };
 
-/// These Gaussians as a scene, without opacities under `Sum`.
+/// Makes a scene of these Gaussians, without opacities under `Sum`.
 fn scene(blend: Blend, gaussians: impl IntoIterator<Item = Gaussian2d>) -> Scene2d {
     let opaque = |g: Gaussian2d| match blend {
         Blend::Sum => Gaussian2d { opacity_logit: f32::INFINITY, ..g },

@@ -69,7 +69,7 @@ fn drawn_scenes_are_varied() {
             seen += usize::from(image.pixels().iter().any(|pixel| *pixel != background));
         }
     }
-    // There are enough of both kinds.
+    // Both kinds are frequent enough.
     assert!((200..900).contains(&scenes) && (400..990).contains(&views) && seen > 100, "{scenes} {views} {seen}");
 }
 

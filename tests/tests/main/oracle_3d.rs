@@ -3,7 +3,7 @@
 
 use glam::{Mat3, Vec2, Vec3};
 use gs_conformance::{
-    oracle::{Oracle, Projection, QUATERNION, SPATIAL_OPACITY, SPATIAL_SH, Splat},
+    oracle::{OPACITY_3D, Oracle, Projection, QUATERNION, SH_3D, Splat},
     scenes::{Draw, Kind3d},
     subject::Subject,
 };
@@ -51,7 +51,7 @@ fn differentiate(draw: &Draw<Scene3d>, loss: &Loss) -> Vec<usize> {
     counted
 }
 
-/// Every kind, blend and loss, with SH of every degree.
+/// Checks every kind, blend and loss, with SH of every degree.
 #[test]
 fn gradients_are_the_derivatives_of_the_loss() {
     for blend in [Blend::Sum, Blend::Over] {
@@ -329,13 +329,13 @@ fn gradients_have_the_expected_structure() {
     let gradients = Oracle::new(draw.view, draw.settings).unwrap().gradients(&scene, &target, &Loss::L2).unwrap();
     let mut nonzero = 0;
     for (row, g) in gradients.values.iter().zip(&scene.gaussians) {
-        let q = QUATERNION..SPATIAL_OPACITY;
+        let q = QUATERNION..OPACITY_3D;
         let along: f64 = row[q.clone()].iter().zip(&g[q.clone()]).map(|(a, b)| a * b).sum();
         let size = row[q].iter().fold(0.0f64, |m, v| m.max(v.abs()));
         nonzero += usize::from(size > 0.0);
         assert!(along.abs() <= 1e-12 * (1.0 + size));
-        assert!(row[SPATIAL_SH + 12..].iter().all(|&v| v == 0.0));
-        assert!(g[SPATIAL_OPACITY].is_finite() || row[SPATIAL_OPACITY] == 0.0);
+        assert!(row[SH_3D + 12..].iter().all(|&v| v == 0.0));
+        assert!(g[OPACITY_3D].is_finite() || row[OPACITY_3D] == 0.0);
         assert!(row.iter().all(|v| v.is_finite()));
     }
     assert!(nonzero > 4);

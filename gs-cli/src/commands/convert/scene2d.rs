@@ -20,17 +20,17 @@ use crate::{
 struct Conversion {
     read: String,
     written: String,
-    /// Of the written file.
+    /// Size of the written file.
     bytes: u64,
-    /// Of the picture, px.
+    /// Width of the image, px.
     width: u32,
     height: u32,
-    /// In the written file.
+    /// Number of Gaussians in the written file.
     gaussians: usize,
     /// Gaussians that `--drop-broken` left out.
     dropped: usize,
-    /// Of the written Gaussians, as a viewer shows them, against the scene, dB; `null` if they are
-    /// equal.
+    /// PSNR of the written Gaussians, as a viewer shows them, against the scene, dB; `null` if they
+    /// are equal.
     psnr: f64,
 }
 

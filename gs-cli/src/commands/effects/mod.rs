@@ -31,12 +31,15 @@ use crate::{
 const AFTER_HELP: &str = "\
 INPUT is a 3D scene, a 2D scene, or an image, which is fitted first in a few steps.
 
-A 3D scene is seen from the test views of DATASET (from all views if none is held out), or from cameras around it. The flags say which \
-effects are wanted; the default is what 3DGS uses. An effect is required unless it is certain that no pixel of these views changes by more \
-than 1/512 without it. Renderings with and without it verify that; if they contradict it, the effect is required.
+A 3D scene is seen from the test views of DATASET (from all views if none is held out), or from \
+cameras around it. The flags say which effects are wanted; the default is what 3DGS uses. An \
+effect is required unless it is certain that no pixel of these views changes by more than 1/512 \
+without it. Renderings with and without it verify that; if they contradict it, the effect is \
+required.
 
-The table has a row for each effect: its wanted and its required value; the extra time of a picture with the wanted value in place of the \
-next cheaper one; the largest difference of a pixel and the PSNR between such pictures; and the reason.";
+The table has a row for each effect: its wanted and its required value; the extra time of a \
+picture with the wanted value in place of the next cheaper one; the largest difference of a pixel \
+and the PSNR between such pictures; and the reason.";
 
 /// Steps to fit an image: enough that the Gaussians are as many, as large and as crowded as those
 /// of a whole fit.
@@ -182,6 +185,6 @@ where
     let splats = rasterizer.upload(scene, Parameterization::ScaleRotation)?;
     let uploaded = UploadedScene { rasterizer, splats: &splats, views };
     let proof = prove(scene, &uploaded, wanted)?;
-    let prices = prices(&uploaded, wanted, &proof.called.settings, args.repetitions as usize)?;
+    let prices = prices(&uploaded, wanted, &proof.required.settings, args.repetitions as usize)?;
     Ok(Report { facts, proof, prices })
 }

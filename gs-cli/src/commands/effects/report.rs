@@ -38,7 +38,7 @@ impl Report {
         let Prices { milliseconds, required_milliseconds, noise, .. } = prices;
         let mut text = format!("{input}: {gaussians}, seen from {seen}, {width}x{height} px\n{machine}\n\n");
         let titles = ["effect", "wanted", "required", "cost, ms", "%", "instead", "max error", "PSNR, dB", "why"];
-        let rows: Vec<[String; 9]> = proof.called.decisions.iter().map(|decision| self.row(decision)).collect();
+        let rows: Vec<[String; 9]> = proof.required.decisions.iter().map(|decision| self.row(decision)).collect();
         let width = |column: usize| {
             let cells = rows.iter().map(|row| row[column].chars().count());
             cells.chain([titles[column].len()]).max().unwrap_or(0)
@@ -119,7 +119,7 @@ mod tests {
                 height: 6,
                 machine: "cpu".to_owned(),
             },
-            proof: Proof { called: RequiredEffects { settings, decisions: verdicts.to_vec() }, difference, views: 1 },
+            proof: Proof { required: RequiredEffects { settings, decisions: verdicts.to_vec() }, difference, views: 1 },
             prices: Prices { milliseconds: 2.0, required_milliseconds: 1.5, noise: 0.1, each: vec![price] },
         };
         let text = report.text();

@@ -19,21 +19,25 @@ const AFTER_HELP: &str = "\
 DIR then holds:
   reconstruction.png      the Gaussians rendered at the image's size
   scene.gs2d.safetensors  the Gaussians, for gs view, gs render, gs convert and gs info
-  scene.ply               only with --blend over: a flat 3D scene for splat viewers; gs convert makes one of any scene
+  scene.ply               only with --blend over: a flat 3D scene for splat viewers; gs convert \
+makes one of any scene
   ellipses.png            the most important Gaussians as ellipses over the reconstruction
-  metrics.csv             count, edits and loss over the steps, now and then with L1 and PSNR; metrics.part.csv until the end
+  metrics.csv             count, edits and loss over the steps, now and then with L1 and PSNR; \
+metrics.part.csv until the end
   curve.png               count, loss and PSNR over the steps
   settings.toml           all settings, to repeat the fit with --settings
   summary.json            what --json prints
 
-Files of earlier runs of gs in DIR are replaced or removed; checkpoints stay. The list of these files is DIR/.gs-files.json. If any \
-other file has the name of a result, the fit does not start; --overwrite replaces it. Two runs cannot write into one folder at once.
+Files of earlier runs of gs in DIR are replaced or removed; checkpoints stay. The list of these \
+files is DIR/.gs-files.json. If any other file has the name of a result, the fit does not start; \
+--overwrite replaces it. Two runs cannot write into one folder at once.
 
-Transparent pixels are fitted as they look on white or on --background. With --blend over, that colour is also the background of the \
-scene, in place of the image's mean colour.
+Transparent pixels are fitted as they look on white or on --background. With --blend over, that \
+colour is also the background of the scene, in place of the image's mean colour.
 
-Ctrl-C stops the fit, saves a checkpoint, and writes the results so far. Pressing it again after a second or more quits at once. A \
-resumed fit may write into any folder: its checkpoint holds the rows of metrics.csv so far.";
+Ctrl-C stops the fit, saves a checkpoint, and writes the results so far. Pressing it again after a \
+second or more quits at once. A resumed fit may write into any folder: its checkpoint holds the \
+rows of metrics.csv so far.";
 
 /// The flags of [`FitSettingsArgs`] that a checkpoint contains. A resumed fit needs the background
 /// for transparent pixels.

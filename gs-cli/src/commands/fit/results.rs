@@ -59,7 +59,7 @@ impl results::Summary for Summary {
 
 /// Renderings of the scene.
 struct Renderings {
-    /// At the image's size.
+    /// Rendering at the image's size.
     reconstruction: Image,
     /// Gaussians that are not in it.
     culled: Culled,
@@ -124,7 +124,7 @@ impl Results<'_> {
         if let Ok(Renderings { reconstruction, .. }) = renderings {
             tried.push(self.write_ellipses_over(&file, reconstruction));
         }
-        // It would be of an earlier training.
+        // An existing file is of an earlier training.
         tried.push(self.folder.leave_out("evaluation.json"));
         let summary = fit.and_then(|fit| self.summary(fit, &file));
         match &summary {

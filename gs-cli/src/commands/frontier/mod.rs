@@ -32,22 +32,26 @@ use crate::{
 };
 
 const AFTER_HELP: &str = "\
-A scene is measured as it is; an image is fitted first. A 3D scene is seen from views of --dataset, or from an orbit around it.
+A scene is measured as it is; an image is fitted first. A 3D scene is seen from views of \
+--dataset, or from an orbit around it.
 
-Every setting is measured alone, and the combinations on the frontier, if times multiply and errors add up: cut of alpha, extent, full \
-pixels, order, antialiasing, SH degree; on the CPU every SIMD level, one thread, exp in place of the recurrence, tiles, bounds; on a GPU \
-every kind of kernels. Settings are timed in turn, after a warm-up. The default is measured twice, as if it were two settings: their \
-difference is the noise, and smaller differences are `no difference`. The error is that of the worst channel of any pixel, not clamped, \
-against the 64-bit oracle without any cut-off, with the effects of the scene. Other effects change the picture; their error is that \
+Every setting is measured alone, and the combinations on the frontier, if times multiply and \
+errors add up: cut of alpha, extent, full pixels, order, antialiasing, SH degree; on the CPU every \
+SIMD level, one thread, exp in place of the recurrence, tiles, bounds; on a GPU every kind of \
+kernels. Settings are timed in turn, after a warm-up. The default is measured twice, as if it were \
+two settings: their difference is the noise, and smaller differences are `no difference`. The \
+error is that of the worst channel of any pixel, not clamped, against the 64-bit oracle without \
+any cut-off, with the effects of the scene. Other effects change the picture; their error is that \
 change.
 
-With --max-error or --max-ms the answer is a settings file for gs render --settings and gs fit --settings: the fastest settings that are \
-exact enough, or the most exact that are fast enough, of all measured backends, verified on other views than those of the search. Among \
-settings whose times differ by less than the noise, the one with the lowest median is taken, and the answer says so. The answer is \
-printed on standard output, everything else on standard error.
+With --max-error or --max-ms the answer is a settings file for gs render --settings and gs fit \
+--settings: the fastest settings that are exact enough, or the most exact that are fast enough, of \
+all measured backends, verified on other views than those of the search. Among settings whose \
+times differ by less than the noise, the one with the lowest median is taken, and the answer says \
+so. The answer is printed on standard output, everything else on standard error.
 
-DIR then holds frontier.csv, the table; frontier.json, the same with all times; frontier.svg and .png, error against time; and settings.toml \
-with a budget.";
+DIR then holds frontier.csv, the table; frontier.json, the same with all times; frontier.svg and \
+.png, error against time; and settings.toml with a budget.";
 
 /// The flags of `gs frontier`.
 #[derive(Debug, Clone, Args)]
@@ -64,7 +68,7 @@ pub(crate) struct FrontierArgs {
     /// such as 1/255
     #[arg(long, value_name = "E", conflicts_with = "max_ms")]
     max_error: Option<Tolerance>,
-    /// Choose the most exact settings with at most so many milliseconds per view
+    /// Choose the most exact settings with at most this many milliseconds per view
     #[arg(long, value_name = "T")]
     max_ms: Option<Tolerance>,
     /// Print JSON on standard output, and nothing else there

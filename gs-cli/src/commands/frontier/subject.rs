@@ -33,7 +33,7 @@ pub(crate) struct Seen<S: Scene> {
     pub(crate) render: RenderSettings,
     /// The views of the search, at least one, all of one size.
     pub(crate) views: Vec<S::View>,
-    /// Other views.
+    /// Views that the search does not use, to verify its results.
     pub(crate) unseen: Vec<S::View>,
     /// The effects that can be chosen for this kind of scene.
     pub(crate) effects: fn(&Effects) -> Option<FrontierEffects>,

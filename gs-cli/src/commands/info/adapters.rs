@@ -34,7 +34,7 @@ struct Adapter {
 #[derive(Debug, Serialize)]
 struct Auto {
     backend: &'static str,
-    /// Its name; `null` on the CPU.
+    /// Name of the adapter; `null` on the CPU.
     adapter: Option<String>,
     reason: String,
 }

@@ -31,9 +31,9 @@ struct Info {
     sh_degree: u8,
     /// Columns and rows of a flat scene's image, px.
     picture: Option<(u32, u32)>,
-    /// Of the finite means, world units; `null` without any.
+    /// Bounds of the finite means, world units; `null` if no mean is finite.
     bounds: Option<Bounds>,
-    /// Of the finite values, by parameter.
+    /// Quantiles of the finite values, by parameter.
     quantiles: BTreeMap<&'static str, ValueQuantiles>,
     /// Gaussians with a parameter that is NaN or infinite, by parameter (an opacity of exactly 0 or
     /// 1 is neither).

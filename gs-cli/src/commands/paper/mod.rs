@@ -31,9 +31,10 @@ The experiments:
   edges             where the Gaussians stand, and how they are stretched
   popping           orders of blending under a moving camera, in 3D
 
-DIR then holds index.html, which needs no other file and no network; claims.csv, every claim with its verdict and numbers; and a folder for \
-each experiment with its tables and curves (CSV), charts (PNG and SVG) and pictures (PNG). Verdicts are computed from the measurements. \
-The same backend gives the same numbers each time.";
+DIR then holds index.html, which needs no other file and no network; claims.csv, every claim with \
+its verdict and numbers; and a folder for each experiment with its tables and curves (CSV), charts \
+(PNG and SVG) and pictures (PNG). Verdicts are computed from the measurements. The same backend \
+gives the same numbers each time.";
 
 /// The flags of `gs paper`.
 #[derive(Debug, Clone, Args)]

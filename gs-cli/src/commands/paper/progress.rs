@@ -29,7 +29,7 @@ pub(crate) struct Display {
 }
 
 impl Display {
-    /// A display on standard error for so many experiments.
+    /// A display on standard error for this number of experiments.
     pub(crate) fn new(experiments: usize) -> Self {
         let bar = bar(0, "{prefix}  {wide_msg} {bar:20} {pos}/{len}");
         Self { bar, experiments, begun: 0, experiment: "", fits: 0, drawn: Instant::now() }

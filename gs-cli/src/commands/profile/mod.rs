@@ -25,18 +25,21 @@ use crate::{
 };
 
 const AFTER_HELP: &str = "\
-A scene is profiled as it is: a 3D scene from a view of a data set, or from where all of it is in sight. An image is fitted first, in a \
-few steps on the same backend. The measured steps do not move the Gaussians.
+A scene is profiled as it is: a 3D scene from a view of a data set, or from where all of it is in \
+sight. An image is fitted first, in a few steps on the same backend. The measured steps do not \
+move the Gaussians.
 
-A row of the table is a stage of a training step: its median time, its 10 % and 90 % quantiles, its share of the sum, and the pairs of a \
-pixel and a Gaussian that it visits in a second. A stage that a training step replaces by another has no share. Below are whole \
-training steps (means over 4, sent without waiting, as in a fit), with new lists and with those of the step before (in 3D always new), and \
-the forward pass alone, as a caller sees them.
+A row of the table is a stage of a training step: its median time, its 10 % and 90 % quantiles, \
+its share of the sum, and the pairs of a pixel and a Gaussian that it visits in a second. A stage \
+that a training step replaces by another has no share. Below are whole training steps (means over \
+4, sent without waiting, as in a fit), with new lists and with those of the step before (in 3D \
+always new), and the forward pass alone, as a caller sees them.
 
-On a GPU, stages are timed by the device if the adapter has timestamps, otherwise by the host, which then waits after each stage. The head \
-of the table says which.
+On a GPU, stages are timed by the device if the adapter has timestamps, otherwise by the host, \
+which then waits after each stage. The head of the table says which.
 
-DIR then holds profile.csv, the table, and profile.json, which --json prints: the same with all samples and settings.";
+DIR then holds profile.csv, the table, and profile.json, which --json prints: the same with all \
+samples and settings.";
 
 /// The flags of `gs profile`.
 #[derive(Debug, Clone, Args)]

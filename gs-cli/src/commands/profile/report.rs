@@ -79,7 +79,7 @@ enum ClockName {
 struct Stage {
     stage: &'static str,
     seconds: Times,
-    /// Of the sum, 0 to 1; `null` if a training step runs another stage instead.
+    /// Share of the sum, 0 to 1; `null` if a training step runs another stage instead.
     share: Option<f64>,
     replaced_by: Option<&'static str>,
     /// `null` if the stage visits no pairs.

@@ -9,19 +9,25 @@ use crate::{backend::BackendArgs, output_folder::OverwriteArgs, values::whole};
 
 const AFTER_HELP: &str = concat!(
     "\
-A study is arms (settings that differ) x images x budgets x seeds, in a TOML file; these come with the program:
-  set-up (or: paper)      the paper's experiment, its two criteria one by one, and no growth; needs no file, as the next four
+A study is arms (settings that differ) x images x budgets x seeds, in a TOML file; these come with \
+the program:
+  set-up (or: paper)      the paper's experiment, its two criteria one by one, and no growth; \
+needs no file, as the next four
   cold-start              small Gaussians on the border, and the cure
-  lazy-convergence        the absolute threshold, forced growth and the hybrid on targets of other contrast and frequency
+  lazy-convergence        the absolute threshold, forced growth and the hybrid on targets of other \
+contrast and frequency
   instability             the cost of the paper's clamp of scales at 1 px
   edges                   hard edges and soft ones, with growth and without
-  absolute-vs-percentile  growth above a threshold or by rank, on photographs of the Kodak test set (--data)
-  all-policies            every policy with its source's numbers, on the same photographs
-  accuracy-in-training    what accuracy costs and buys in training: cuts, lists, steps, rounds, losses; on the same photographs
+  absolute-vs-percentile  growth above a threshold or by rank, on images of the Kodak test set \
+(--data)
+  all-policies            every policy with its source's numbers, on the same images
+  accuracy-in-training    what accuracy costs and buys in training: cuts, lists, steps, rounds, \
+losses; on the same images
 
 The images of a study are files, or these synthetic targets:
   paper                   the paper's circle and square; in 8 bits a channel: paper-8bit
-  paper-64px, paper-256px; paper-contrast-50, -25, -10; paper-soft-4px; paper-stripes-20px, -10px, -5px
+  paper-64px, paper-256px; paper-contrast-50, -25, -10; paper-soft-4px; paper-stripes-20px, -10px, \
+-5px
   thin-lines, thin-lines-24px
 
 A study file; preset, iterations, policy and settings may be given for all arms or for one:
@@ -29,13 +35,16 @@ A study file; preset, iterations, policy and settings may be given for all arms 
 ",
     include_str!("example.toml"),
     "
---images, --budgets, --seeds and --arms run a part of a study. Parts of a study add up in one folder: run another part, or the whole, into it \
-with --resume, and only new runs are computed. Tables and report cover the part of the last command.
+--images, --budgets, --seeds and --arms run a part of a study. Parts of a study add up in one \
+folder: run another part, or the whole, into it with --resume, and only new runs are computed. \
+Tables and report cover the part of the last command.
 
 DIR then holds:
-  report.html             which arm is better where, with intervals, curves, pictures and all settings; needs no network
+  report.html             which arm is better where, with intervals, curves, pictures and all \
+settings; needs no network
   quality.csv             each arm at each budget: mean over images, spread over seeds
-  differences.csv         every two arms: paired differences with 95 % intervals, and better, worse or can't tell
+  differences.csv         every two arms: paired differences with 95 % intervals, and better, \
+worse or can't tell
   runs.csv                one row per run; gs study replay DIR ROW repeats it
   results.json            the three tables
   times.csv, differences-at-time.csv   the tables that depend on time
@@ -43,8 +52,9 @@ DIR then holds:
   study.toml, machine.json   the study, and the machine that ran it
   runs/, pictures/        the stored runs
 
-Each finished run is stored, so --resume does not repeat it, whatever has stopped the program. Tables do not depend on \
-interruptions, --jobs and --threads; times are comparable with --jobs 1 on a quiet machine."
+Each finished run is stored, so --resume does not repeat it, whatever has stopped the program. \
+Tables do not depend on interruptions, --jobs and --threads; times are comparable with --jobs 1 on \
+a quiet machine."
 );
 
 /// The flags of `gs study`.
@@ -94,16 +104,16 @@ pub(crate) struct ConductArgs {
 #[derive(Debug, Clone, Default, Args)]
 #[command(next_help_heading = "Part of the study")]
 pub(crate) struct PartArgs {
-    /// Only these of its images, by name or file name [default: all]
+    /// Images of the study to run, by name or file name [default: all]
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     pub(crate) images: Vec<String>,
-    /// Only these of its budgets [default: all]
+    /// Budgets of the study to run [default: all]
     #[arg(long, value_name = "COUNTS", value_delimiter = ',', value_parser = whole::<u32>(1..))]
     pub(crate) budgets: Vec<u32>,
-    /// Only these of its seeds [default: all]
+    /// Seeds of the study to run [default: all]
     #[arg(long, value_name = "SEEDS", value_delimiter = ',', value_parser = whole::<u32>(0..))]
     pub(crate) seeds: Vec<u32>,
-    /// Only these of its arms [default: all]
+    /// Arms of the study to run [default: all]
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     pub(crate) arms: Vec<String>,
 }
@@ -149,7 +159,7 @@ mod tests {
         assert!(AFTER_HELP.contains(EXAMPLE));
         let study = Study::from_toml(EXAMPLE, "example.toml").unwrap();
         assert_eq!((study.arms.len(), study.baseline_arm()), (2, 0));
-        // The photograph of the example does not exist.
+        // The image of the example does not exist.
         let part = Selection { images: vec!["paper".to_owned()], ..Selection::default() };
         assert_eq!(Plan::new(study.select(&part).unwrap(), &Places::default(), "test").unwrap().runs.len(), 20);
     }
@@ -160,7 +170,7 @@ mod tests {
             assert!(AFTER_HELP.contains(&format!("\n  {name} ")), "{name}");
         }
         for target in gs_lab::study::SyntheticTarget::ALL {
-            // Of names that differ in their end alone, the first stands there whole.
+            // Names that differ only in their ends are listed as the first name and further ends.
             let (start, end) = target.name().rsplit_once('-').unwrap_or((target.name(), ""));
             let is_there = AFTER_HELP.contains(target.name())
                 || AFTER_HELP.contains(start) && AFTER_HELP.contains(&format!(", -{end}"));

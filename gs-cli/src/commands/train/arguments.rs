@@ -19,27 +19,31 @@ use crate::{
 };
 
 const AFTER_HELP: &str = "\
-DATASET is a folder that COLMAP, Nerfstudio or Blender wrote, or a transforms.json; gs info shows what is in it.
+DATASET is a folder that COLMAP, Nerfstudio or Blender wrote, or a transforms.json; gs info shows \
+what is in it.
 
 DIR then holds:
   scene.ply        the Gaussians, for any splat viewer; gs convert makes other formats of it
   views/           each held-out view: the image, and its rendering to the right
-  ellipses.png     the first of these views, with the most important Gaussians drawn over it as ellipses
+  ellipses.png     the first of these views, with the most important Gaussians drawn over it as \
+ellipses
   evaluation.json  PSNR, SSIM and L1 of each held-out view, and their means
-  metrics.csv      count, edits and loss over the steps, now and then with PSNR and L1 over the held-out views; \
-metrics.part.csv until the end
+  metrics.csv      count, edits and loss over the steps, now and then with PSNR and L1 over the \
+held-out views; metrics.part.csv until the end
   curve.png        count, loss and PSNR over the steps
   settings.toml    all settings, to repeat the training with --settings
   summary.json     what --json prints
 
-Files of earlier runs of gs in DIR are replaced or removed; checkpoints stay. The list of these files is DIR/.gs-files.json. If any \
-other file has the name of a result, the training does not start; --overwrite replaces it. Other files in views/ stay: new pictures \
-get other names. Two runs cannot write into one folder at once. DIR cannot be the folder of the data set or of its images.
+Files of earlier runs of gs in DIR are replaced or removed; checkpoints stay. The list of these \
+files is DIR/.gs-files.json. If any other file has the name of a result, the training does not \
+start; --overwrite replaces it. Other files in views/ stay: new pictures get other names. Two runs \
+cannot write into one folder at once. DIR cannot be the folder of the data set or of its images.
 
-If the data set does not say which views are for tests, every 8th is held out (--holdout). If none is held out, the scene is \
-evaluated with some of the views that it was trained with.
+If the data set does not say which views are for tests, every 8th is held out (--holdout). If none \
+is held out, the scene is evaluated with some of the views that it was trained with.
 
-Ctrl-C stops the training, saves a checkpoint, and writes the results so far. Pressing it again after a second or more quits at once.";
+Ctrl-C stops the training, saves a checkpoint, and writes the results so far. Pressing it again \
+after a second or more quits at once.";
 
 /// The flags that a checkpoint contains.
 const IN_CHECKPOINT: [&str; 17] = [
@@ -210,7 +214,7 @@ impl ValueEnum for TrainPolicyName {
 pub(crate) enum ParticipantsName {
     /// All (3DGS)
     All,
-    /// Those in sight of the step's view
+    /// Gaussians in sight of the step's view
     Visible,
 }
 

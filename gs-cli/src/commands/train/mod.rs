@@ -39,7 +39,7 @@ use crate::{
     },
 };
 
-/// A training of so many steps stores checkpoints by default.
+/// Number of steps from which a training stores checkpoints by default.
 const LONG: u32 = 2_000;
 
 /// Trains a scene from a data set and writes the results.

@@ -121,7 +121,7 @@ impl Results<'_> {
                 .to_toml()
                 .map_err(Failure::failed)
                 .and_then(|text| self.folder.write("settings.toml", &text)),
-            // They would be of an earlier fit.
+            // Existing files are of an earlier fit.
             ["scene.gs2d.safetensors", "reconstruction.png"].iter().try_for_each(|name| self.folder.leave_out(name)),
             match self.args.output.no_report {
                 true => ["ellipses.png", "curve.png"].iter().try_for_each(|name| self.folder.leave_out(name)),

@@ -56,7 +56,7 @@ pub(super) struct Drawn {
     depth_rounding: f32,
     /// Bits of the coordinates of the mean from which the depth is computed.
     depth_terms: [u32; 3],
-    /// Whether it is narrower than a pixel before it is widened.
+    /// Whether the Gaussian is narrower than a pixel before it is widened.
     pub(super) narrow: bool,
 }
 
@@ -141,9 +141,9 @@ impl Shown {
 /// Group of Gaussians whose order is fixed, however near they are. Equal values are in one group.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Among {
-    /// Their depth is computed from the same numbers, so that their indices decide.
+    /// Gaussians whose depth is computed from the same numbers, so that their indices decide.
     Terms([u32; 3]),
-    /// Their depth is the same at all pixels, so that both orders use the same number.
+    /// Gaussians whose depth is the same at all pixels, so that both orders use the same number.
     Flat,
     /// A group of this Gaussian alone.
     None(u32),
@@ -156,7 +156,7 @@ type End = (f32, Among, u32);
 #[derive(Debug, Default)]
 struct Farthest {
     first: Option<End>,
-    /// From another group than the first.
+    /// The farthest end from another group than the first.
     second: Option<End>,
 }
 
@@ -262,8 +262,8 @@ mod tests {
     fn a_border_is_as_uncertain_as_the_numbers_that_it_is_made_of() {
         assert_eq!(pixels(8.0, 2.5 - 0.01, 16), Some([6, 10]));
         assert_eq!(pixels(8.0, 2.5 - 0.001, 16), Some([5, 11]), "its pixels' centres are 2.5 px away");
-        // A Gaussian of a million px, whose border misses the first centre by less than f32 can
-        // tell there.
+        // A Gaussian of a million px, whose border misses the first centre by less than the
+        // distance between neighbouring `f32` there.
         assert_eq!(pixels(-1e6, 1e6 + 0.25, 16).map(|[first, _]| first), Some(0));
         assert_eq!(pixels(-1e6, 1e6 - 1e3, 16), None);
     }

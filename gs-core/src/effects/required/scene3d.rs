@@ -49,14 +49,14 @@ impl Decide for Scene3d {
 struct Cheaper {
     wanted: Effects,
     cheaper: Effects,
-    /// Why the cheaper one is not enough.
+    /// Why the cheaper order is not enough.
     refuted: Option<Refuted>,
 }
 
 enum Refuted {
-    /// In view `number`, `out` of the `drawn` Gaussians come out of order.
+    /// Some Gaussians come out of order: `out` of the `drawn` ones in view `number`.
     By { out: usize, drawn: usize, number: usize },
-    /// In view `number` too many Gaussians overlap to decide.
+    /// Too many Gaussians overlap in view `number` to decide.
     Unknown { drawn: usize, number: usize },
 }
 
@@ -76,7 +76,7 @@ impl Cheaper {
             Order::PerPixel => ["interpenetrate others in depth", "one depth a Gaussian will do: none interpenetrate"],
             _ => [
                 "are hidden out of the order of the scene",
-                "no depth order: nothing hides what the scene has before it",
+                "no depth order: no Gaussian hides one that is earlier in the scene",
             ],
         }
     }
@@ -85,7 +85,7 @@ impl Cheaper {
 /// What is known about the required order, view by view.
 struct Orders {
     wanted: Effects,
-    /// From the wanted order down; empty where no view is needed to decide.
+    /// Orders from the wanted one down; empty where no view is needed to decide.
     steps: Vec<Cheaper>,
     /// Decision that needs no view.
     at_once: Option<(Effects, &'static str)>,

@@ -50,7 +50,7 @@ fn factored(factor: Mat3) -> Factored {
 }
 
 #[test]
-fn principal_axes_make_the_frame_again() {
+fn principal_axes_rebuild_the_factor() {
     for factor in factors() {
         let PrincipalAxes { axes, scales, turn } = PrincipalAxes::of(factor);
         let again = (axes * DMat3::from_diagonal(scales) * turn.transpose()).as_mat3();
@@ -74,7 +74,7 @@ fn shapes_come_back_in_their_order_and_thin_ones_keep_their_digits() {
 }
 
 #[test]
-fn an_aligned_frame_is_of_the_same_covariance_and_the_parent_itself_where_that_is_too() {
+fn an_aligned_factor_keeps_the_covariance_and_is_the_parents_if_possible() {
     for (parent, turn) in factors().into_iter().zip(factors()) {
         let other = parent * PrincipalAxes::of(turn).axes.as_mat3();
         assert!(aligned(other, parent).abs_diff_eq(parent, 1e-6));
@@ -88,10 +88,10 @@ fn an_aligned_frame_is_of_the_same_covariance_and_the_parent_itself_where_that_i
     assert_eq!(aligned(factor, Mat3::NAN), factor);
 }
 
-/// It is not drawn, does not change in training, and is downloaded unchanged; a Gaussian of a tiny
-/// size is another case.
+/// A Gaussian whose quaternion has no direction is not drawn, does not change in training, and is
+/// downloaded unchanged; a Gaussian of a tiny size is another case.
 #[test]
-fn what_has_no_direction_has_no_frame() {
+fn a_quaternion_without_direction_has_no_factor() {
     let rates = Adam::default().at(0.0);
     assert_eq!(factor_of(Vec3::ZERO, [0.0; 4]), None);
     for antialias in Antialias::ALL {
@@ -109,7 +109,7 @@ fn what_has_no_direction_has_no_frame() {
 }
 
 #[test]
-fn frames_without_extent_have_axes() {
+fn factors_without_extent_have_axes() {
     let flat = Mat3::from_cols(Vec3::new(0.0, 2.0, 0.0), Vec3::new(0.0, 2.0, 0.0), Vec3::ZERO);
     for m in [Mat3::ZERO, flat, Mat3::from_diagonal(Vec3::new(0.0, 1.0, 3.0))] {
         let PrincipalAxes { axes, scales, .. } = PrincipalAxes::of(m);
@@ -120,7 +120,7 @@ fn frames_without_extent_have_axes() {
 }
 
 #[test]
-fn a_frame_is_seen_as_its_scales_and_rotation_are() {
+fn a_factor_is_seen_as_its_scales_and_rotation_are() {
     for antialias in Antialias::ALL {
         let perspective = perspective(antialias);
         for factor in factors() {
@@ -132,7 +132,7 @@ fn a_frame_is_seen_as_its_scales_and_rotation_are() {
             let [a, b] = [a, b].map(|p| p.covariance);
             assert!((0..3).all(|k| (a[k] - b[k]).abs() < 1e-4 * a[0].max(a[2])), "{a:?} {b:?}");
 
-            // And differentiated.
+            // Gradients agree, too.
             let (found, expected) = (perspective.project_factored_vjp(&g, &V), perspective.project_vjp(&same, &V));
             assert!((found.mean - expected.mean).length() < 1e-4 * expected.mean.length());
             assert!((found.opacity_logit - expected.opacity_logit).abs() < 1e-6);
@@ -213,7 +213,7 @@ fn scales_stay_within_their_bounds() {
         let scales = PrincipalAxes::of(stretched(needle, eta, &rates)).scales;
         assert!(scales.min_element() > 0.009_999 && scales.max_element() < 2.000_1, "{scales}");
     }
-    // What is within stays as it is, and what was flat becomes as thick as it must.
+    // A factor within the bounds stays, and a flat one becomes as thick as it must.
     let inner = factor(Vec3::new(0.1, 0.2, 0.3), Vec3::Y, 0.3);
     assert_eq!(stretched(inner, [0.0; 6], &rates), inner);
     let flat = stretched(Mat3::from_diagonal(Vec3::new(0.0, 0.5, 0.0)), [0.0; 6], &rates);

@@ -24,7 +24,7 @@ fn settings(antialias: Antialias) -> RenderSettings {
     settings
 }
 
-/// In view, and beyond both clamps.
+/// Means in view, and beyond both clamps.
 const MEANS: [Vec3; 3] = [Vec3::new(0.4, 0.2, 2.5), Vec3::new(5.0, 0.4, 2.0), Vec3::new(-3.0, -4.0, 2.0)];
 
 #[test]

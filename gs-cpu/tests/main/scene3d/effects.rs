@@ -35,17 +35,17 @@ fn effects_that_are_not_required_are_invisible() {
             wanted = wanted.on([0.0; 3]);
         }
         for views in [&[view][..], &[]] {
-            let called = Effects::required(&scene, views, &wanted).unwrap();
+            let required = Effects::required(&scene, views, &wanted).unwrap();
             let picture = |settings: &RenderSettings| cpu.render(&scene, &view, settings).block_on().unwrap();
-            let (whole, less) = (picture(&wanted), picture(&called.settings));
+            let (whole, less) = (picture(&wanted), picture(&required.settings));
             let pixels = whole.pixels().as_flattened().iter().zip(less.pixels().as_flattened());
             let most = pixels.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
-            assert!(most <= HALF_DISPLAY_STEP, "scene {number}: {most}, {:#?}", called.decisions);
+            assert!(most <= HALF_DISPLAY_STEP, "scene {number}: {most}, {:#?}", required.decisions);
             // An effect of exactly zero changes no bit. The sort at each pixel has a kernel of its
             // own, which rounds differently.
             let exact = number % 4 == 0 && wanted.effects.order == Order::Global;
-            assert!(!exact || whole == less, "scene {number}: {most}, {:#?}", called.decisions);
-            answers.extend(called.decisions.into_iter().map(|verdict| (verdict.effect, verdict.answer)));
+            assert!(!exact || whole == less, "scene {number}: {most}, {:#?}", required.decisions);
+            answers.extend(required.decisions.into_iter().map(|verdict| (verdict.effect, verdict.answer)));
         }
     }
     // The scenes must cover every kind of answer.
@@ -71,8 +71,8 @@ fn a_required_order_is_visible() {
     let view = camera(64, 48);
     let crowd = scene(60, 0, 9.0);
     let wanted = settings(Order::PerPixel, 0);
-    let called = Effects::required(&crowd, &[view], &wanted).unwrap();
-    assert_eq!(called.settings.effects.order, Order::PerPixel, "{:#?}", called.decisions);
+    let required = Effects::required(&crowd, &[view], &wanted).unwrap();
+    assert_eq!(required.settings.effects.order, Order::PerPixel, "{:#?}", required.decisions);
     let mut cheaper = wanted;
     cheaper.effects.order = Order::Global;
     let (whole, less) = (

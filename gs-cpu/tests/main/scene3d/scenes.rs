@@ -12,7 +12,7 @@ pub(crate) fn rasterizer(threads: usize) -> CpuRasterizer {
     .unwrap()
 }
 
-/// In 0..1.
+/// A number in 0..1.
 pub(crate) fn unit(seed: u32) -> f32 {
     let x = seed.wrapping_add(1).wrapping_mul(0x9E37_79B9);
     let x = (x ^ (x >> 15)).wrapping_mul(0x85EB_CA6B);

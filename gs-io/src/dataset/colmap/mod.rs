@@ -47,16 +47,16 @@ pub struct ColmapModel {
 pub struct ColmapCamera {
     /// The model, which defines the parameters.
     pub model: CameraModel,
-    /// Columns of its images, px.
+    /// Columns of the camera's images, px.
     pub width: u64,
-    /// Rows of its images, px.
+    /// Rows of the camera's images, px.
     pub height: u64,
     /// The parameters, in the order of [`CameraModel::parameter_names`].
     pub parameters: Vec<f64>,
 }
 
 impl ColmapCamera {
-    /// The camera of its images at full size.
+    /// The camera of the images at full size.
     ///
     /// # Errors
     /// [`Skip::BadCamera`] or [`Skip::Panorama`].
@@ -79,11 +79,11 @@ pub struct ColmapImage {
     pub rotation: DQuat,
     /// World-to-camera translation, world units.
     pub translation: DVec3,
-    /// The id of its camera.
+    /// The id of the image's camera.
     pub camera_id: u32,
     /// The path below the image folder.
     pub name: String,
-    /// Its keypoints.
+    /// The image's keypoints.
     pub observations: Vec<ColmapObservation>,
 }
 
@@ -93,7 +93,7 @@ pub struct ColmapObservation {
     /// Position in px of the distorted image, from its top-left corner; pixel (i, j) has its centre
     /// at (i + ½, j + ½).
     pub position: DVec2,
-    /// The id of its point, if it was triangulated.
+    /// The id of the keypoint's point, if it was triangulated.
     pub point: Option<u64>,
 }
 

@@ -35,7 +35,7 @@ pub(super) struct SceneNodes {
 pub(super) struct Node {
     pub(super) mesh: Option<usize>,
     pub(super) children: Vec<usize>,
-    /// By columns.
+    /// The transform's matrix, by columns.
     matrix: Option<[f64; 16]>,
     translation: Option<[f64; 3]>,
     /// x, y, z, w.
@@ -82,7 +82,7 @@ pub(super) struct Primitive {
 #[serde(rename_all = "camelCase", default)]
 pub(super) struct Splatting {
     pub(super) color_space: Option<String>,
-    /// For example a compression.
+    /// Extensions of the extension, for example a compression.
     pub(super) extensions: BTreeMap<String, serde_json::Value>,
 }
 

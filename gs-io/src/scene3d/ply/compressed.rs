@@ -119,7 +119,7 @@ fn read_sh(
     }
     let wanted = rest_columns(source, element)?;
     if wanted.is_empty() {
-        // Then rows may have no bytes, and there is nothing to read.
+        // Rows may have no bytes here, and there is nothing to read.
         scene.sh = dc.to_vec();
         return Ok(Vec::new());
     }

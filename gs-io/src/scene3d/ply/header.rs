@@ -68,7 +68,7 @@ pub(crate) enum Value {
 pub(crate) struct Property {
     pub(crate) name: String,
     pub(crate) value: Value,
-    /// Its position in the header.
+    /// The property's position in the header.
     pub(crate) byte: usize,
 }
 

@@ -51,7 +51,7 @@ fn least_bytes(property: &super::header::Property) -> usize {
     }
 }
 
-/// For each property, its index among the wanted ones; a property may be wanted once only.
+/// The index of each property among the wanted ones; a property may be wanted once only.
 fn targets(element: &Element, wanted: &[usize]) -> Vec<Option<usize>> {
     (0..element.properties.len()).map(|column| wanted.iter().position(|&w| w == column)).collect()
 }

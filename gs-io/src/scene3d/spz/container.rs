@@ -45,7 +45,7 @@ const ANTIALIASED: u8 = 1;
 /// Flag of files with extensions.
 const HAS_EXTENSIONS: u8 = 2;
 
-/// Most bytes of extensions that are read after the parameters of a gzip stream.
+/// Largest number of bytes of extensions that are read after the parameters of a gzip stream.
 const MAX_EXTENSION_BYTES: u64 = 1 << 16;
 
 /// Adobe's extension with the orientation of a file's axes.

@@ -36,7 +36,7 @@ impl FractionalBits {
     /// metres.
     const USUAL: u8 = 12;
 
-    /// The number in a file; `None` if there are not so many bits.
+    /// The number in a file; `None` if there are not this many bits.
     pub(super) fn new(bits: u8) -> Option<Self> {
         (bits <= 23).then_some(Self(bits))
     }

@@ -8,7 +8,7 @@ use crate::experiments::textbook::covariance;
 /// The precision of a determinant in `f32`.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Precision {
-    /// By falling short scale.
+    /// Determinants by falling short scale.
     pub(crate) determinants: Vec<Determinant>,
     /// The largest short scale at which a·c − b² is off by more than a tenth, px.
     pub(crate) wrong_below_px: f64,

@@ -21,14 +21,14 @@ pub(crate) struct Free {
     pub(crate) guard: Guard,
     /// Step size of Adam for scales, px; `None` for the product, which moves their logarithms.
     pub(crate) scale_rate_px: Option<f32>,
-    /// One fit per seed.
+    /// A fit per seed.
     pub(crate) trajectories: Vec<Trajectory>,
 }
 
 /// A small fit.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Trajectory {
-    /// Whether its loss or its gradients stopped being finite.
+    /// Whether the loss or the gradients stopped being finite.
     pub(crate) diverged: bool,
     /// The smallest |σ| before any step and after the last, px.
     pub(crate) smallest_scale_px: f64,

@@ -20,7 +20,7 @@ const HALF_OCTAVES: (i32, i32) = (-4, 12);
 /// How a target differs from the paper's.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(crate) enum Variation {
-    /// It is the paper's target.
+    /// Not at all: the paper's target.
     None,
     /// The size of the image.
     Size,

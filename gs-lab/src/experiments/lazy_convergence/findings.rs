@@ -33,7 +33,7 @@ impl LazyMeasured {
                 self.universality_claim(),
                 self.relative_claim(),
             ],
-            charts: [&course_charts(&self.curves)[..], &[self.dependence_chart()]].concat(),
+            charts: [&curve_charts(&self.curves)[..], &[self.dependence_chart()]].concat(),
             tables: vec![self.criteria_table(), self.cases_table()],
             pictures: self.pictures.clone(),
         }

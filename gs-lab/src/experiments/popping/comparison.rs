@@ -33,13 +33,14 @@ pub const STRIDES: [usize; 3] = [1, 2, 4];
 /// Visible flicker: more than four 8-bit levels over a window. Popping is counted above this.
 pub(crate) const VISIBLE_LEVELS: f64 = 4.0;
 
-/// Most frames of a stretch.
+/// Largest number of frames of a stretch.
 const MOST_FRAMES: u32 = 10_000;
 
-/// Most frames of all stretches together.
+/// Largest number of frames of all stretches together.
 const MOST_FRAMES_IN_ALL: u64 = 1_000_000;
 
-/// Most pixels of a frame, so that 4K fits. A stretch needs about 300 bytes a pixel, or 2.5 GB.
+/// Largest number of pixels of a frame, so that 4K fits. A stretch needs about 300 bytes a pixel,
+/// or 2.5 GB.
 const MOST_PIXELS: u64 = 1 << 23;
 
 /// Slow camera movements along short stretches of an orbit.
@@ -117,17 +118,17 @@ impl Popping {
 pub(crate) struct AtStep {
     /// Angle between frames, degrees.
     pub step_degrees: f64,
-    /// One value for each of [`ORDERS`].
+    /// Results of the two orders, in the order of [`ORDERS`].
     pub(crate) orders: [Popping; 2],
 }
 
 impl AtStep {
-    /// With the global sort.
+    /// The result with the global sort.
     pub(crate) fn tile(&self) -> &Popping {
         &self.orders[0]
     }
 
-    /// With the per-pixel sort.
+    /// The result with the per-pixel sort.
     pub(crate) fn pixel(&self) -> &Popping {
         &self.orders[1]
     }
@@ -147,7 +148,7 @@ pub(crate) struct Moment {
 /// The result of a flight.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PoppingComparison {
-    /// One value for each of [`STRIDES`], the finest first.
+    /// Results for each of [`STRIDES`], the finest first.
     pub(crate) steps: Vec<AtStep>,
     /// Where popping shows best.
     pub(crate) moment: Moment,
@@ -214,8 +215,8 @@ pub(super) fn ordered(render: &RenderSettings, order: Order) -> RenderSettings {
     render
 }
 
-/// For each stride and order, the flicker of the triple that ends with the newest frame (at the
-/// front); empty with too few frames.
+/// The flicker for each stride and order: that of the triple that ends with the newest frame (at
+/// the front); empty with too few frames.
 fn flickers(frames: &[VecDeque<Image>; 2]) -> Result<Vec<Vec<Flicker>>, CoreError> {
     let of = |frames: &VecDeque<Image>, stride: usize| {
         let triple = [frames.get(2 * stride)?, frames.get(stride)?, frames.front()?];

@@ -137,7 +137,7 @@ mod tests {
             (0..found.values().len()).filter(|&i| found.values()[i] > 0.05).map(|i| found.position(i)).collect();
         assert_eq!((jumped[0], jumped[jumped.len() - 1]), ((11, 10), (28, 29)), "the corners are rounded off");
         assert!((found.share_above(0.05) - jumped.len() as f64 / (54.0 * 38.0)).abs() < 1e-9);
-        // Of a square this large, only the border is softened.
+        // Only the border of a square this large is softened.
         let whole = 0.01 * 400.0 / (54.0 * 38.0);
         assert!((0.8 * whole..whole).contains(&found.mean_square()), "{} of {whole}", found.mean_square());
     }

@@ -13,7 +13,7 @@ use gs_train::Error;
 /// Longest side of the part that is shown, px.
 const PART_PX: u32 = 96;
 
-/// About the longest side of the enlarged part, px.
+/// Approximate longest side of the enlarged part, px.
 const SHOWN_PX: u32 = 384;
 
 /// Gap between two parts, px.

@@ -30,8 +30,8 @@ pub fn discs() -> Scene3d {
     scene
 }
 
-/// One stretch around [`discs`] with its first camera, of a square of `side` px. The means have
-/// equal depths in its middle, between two frames if `frames` is even.
+/// A flight of one stretch around [`discs`] with its first camera, of a square of `side` px. The
+/// means have equal depths in its middle, between two frames if `frames` is even.
 pub(crate) fn discs_flight(side: u32, frames: u32, step_degrees: f32) -> (SlowOrbit, Camera) {
     let orbit = Orbit { center: Vec3::ZERO, axis: Vec3::NEG_Y, frames: 1 };
     let ahead = camera(side, Vec3::NEG_Z);

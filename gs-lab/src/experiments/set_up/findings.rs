@@ -15,7 +15,7 @@ impl SetUpMeasured {
                 self.grown.counts.len()
             ),
             claims: vec![self.result_claim(), self.pace_claim(), self.spikes_claim(), self.necessity_claim()],
-            charts: course_charts(&self.curves).into(),
+            charts: curve_charts(&self.curves).into(),
             tables: vec![self.ways_table()],
             pictures: self.pictures.clone(),
         }

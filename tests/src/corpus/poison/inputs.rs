@@ -51,18 +51,18 @@ pub enum Breadth {
 /// Whether backends must offer the feature of a number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Offered {
-    /// Backends must offer it.
+    /// Backends must offer the feature.
     Always,
-    /// Backends may refuse it as unsupported, but then for all valid values.
+    /// Backends may refuse the feature as unsupported, but then for all valid values.
     Optionally,
 }
 
 /// A number of the inputs.
 #[derive(Debug, Clone, Copy)]
 pub struct Slot<S: Scene> {
-    /// Its name.
+    /// The slot's name.
     pub name: &'static str,
-    /// Whether backends must offer its feature.
+    /// Whether backends must offer the feature of the slot.
     pub offered: Offered,
     /// Ends of the valid range, if [`VALUES`] are not on both sides of each.
     pub ends: &'static [f32],
@@ -288,7 +288,7 @@ pub(super) fn poison<S: Subject, R: Optimizer<S>>(
                         Ok(())
                     }
                     outcome => {
-                        // A penalty of 0 is none.
+                        // A penalty of 0 has no effect.
                         tally.accepted += usize::from(differ(inputs, &poisoned));
                         outcome
                     }

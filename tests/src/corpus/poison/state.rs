@@ -37,7 +37,7 @@ pub(super) struct StateSlot {
 enum Kept {
     /// An entry of a row of the oracle's parameters.
     Parameter(usize),
-    /// An entry of its covariance factor.
+    /// An entry of the covariance factor.
     Factor(usize),
     /// No parameter: images do not depend on it.
     Beside,
@@ -165,10 +165,10 @@ fn seen<S: Subject, R: Optimizer<S>>(
 
 /// The states during training.
 struct Trained<S> {
-    /// After the first step.
+    /// The scene after the first step.
     stepped: S,
     losses: Vec<f32>,
-    /// After the last.
+    /// The scene after the last step.
     scene: S,
 }
 

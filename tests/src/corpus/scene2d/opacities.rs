@@ -32,8 +32,8 @@ fn logits() -> Vec<Case<Scene2d>> {
     ]
 }
 
-/// One pixel with one Gaussian on its centre, so that α is its opacity, exactly or to an ulp:
-/// kernels may have it as a power of 2, whose exponent of −1 or so is rounded by as much.
+/// A pixel with a Gaussian on its centre, so that α is its opacity, exactly or to an ulp: kernels
+/// may have it as a power of 2, whose exponent of −1 or so is rounded by as much.
 fn one_pixel(name: &str, why: &'static str, source: Source, logit: f32, shown: f32) -> Case<Scene2d> {
     let gaussian = Gaussian2d {
         mean: Vec2::splat(0.5),
@@ -135,7 +135,8 @@ fn stacks() -> Vec<Case<Scene2d>> {
     ]
 }
 
-/// Of Gaussians that differ in colour alone, the sum is that of one which has all their colours.
+/// Expects the image of one Gaussian that has the summed colours: the case's Gaussians differ in
+/// colour only.
 fn summed(case: Case<Scene2d>) -> Case<Scene2d> {
     let color = case.scene.colors.iter().map(|color| color.as_dvec3()).sum::<glam::DVec3>().as_vec3();
     let one: Scene2d = [Gaussian2d { color, ..case.scene.gaussian(0) }].into_iter().collect();

@@ -98,7 +98,7 @@ fn logits_at_their_limits() -> Case<Scene3d> {
         "exp overflows, ∞/∞ is NaN, and 1 − o is 0",
         Source::Report("https://github.com/MrNeRF/LichtFeld-Studio/pull/1615"),
         logits.into_iter().enumerate().map(|(i, opacity_logit)| {
-            // On pixels' centres, where what is opaque is clamped.
+            // The means are on pixels' centres, where opaque Gaussians are clamped.
             let pixel = Vec2::new(3.5 + 3.0 * i as f32, 4.5 + 2.0 * i as f32);
             Gaussian3d { opacity_logit, ..seen(pixel, 3.0, Vec3::new(3.0, 2.0, 1.0)) }
         }),

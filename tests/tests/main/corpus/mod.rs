@@ -20,7 +20,7 @@ use gs_wgpu::{FreshBuffers, Kernels, WgpuRasterizer, WgpuSettings};
 
 use self::faulty::{Fault, Faulty};
 
-/// One thread: with images of this size, threads would wait for each other.
+/// A rasterizer with one thread: with images of this size, threads would wait for each other.
 fn cpu(level: SimdLevel) -> CpuRasterizer {
     CpuRasterizer::new(CpuSettings::default().with(|s| {
         s.threads = Some(1);

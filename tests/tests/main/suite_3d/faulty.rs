@@ -1,7 +1,7 @@
 //! The oracle as a backend, `f64` inside and `f32` in its results, with one fault or none.
 
 use gs_conformance::{
-    oracle::{Oracle, OracleScene, SPATIAL_SH},
+    oracle::{Oracle, OracleScene, SH_3D},
     subject::Subject,
 };
 use gs_core::{
@@ -24,7 +24,7 @@ use splats::{FACTOR, Gradients, Pass, Splats, narrow, scene_of, tensors};
 pub(crate) enum Fault {
     /// No fault.
     Faultless,
-    /// No fault, either: a backend may refuse them.
+    /// No fault either: a backend may refuse covariance factors.
     RefusesFactors,
     ShiftsImages,
     DimsImages,
@@ -125,9 +125,9 @@ impl Faulty {
             ForgetsTheBackground => effects.background = Background::None,
             NearIsAbsolute => view.near = 0.2,
             SwallowsBadSettings if settings.validate().is_err() => settings = RenderSettings::default(),
-            DrawsByParity => scene.gaussians.iter_mut().step_by(2).for_each(|row| row[SPATIAL_SH] += 0.1),
+            DrawsByParity => scene.gaussians.iter_mut().step_by(2).for_each(|row| row[SH_3D] += 0.1),
             DrawsByPlace => {
-                scene.gaussians.iter_mut().filter(|row| row[0] > 0.0).for_each(|row| row[SPATIAL_SH] += 0.1);
+                scene.gaussians.iter_mut().filter(|row| row[0] > 0.0).for_each(|row| row[SH_3D] += 0.1);
             }
             _ => {}
         }

@@ -1,5 +1,5 @@
-//! A backend that reports its losses late makes no difference to a fit, to what is written about it,
-//! or to how it fails.
+//! A backend that reports its losses late makes no difference to a fit, to what is written about
+//! it, or to how it fails.
 
 use super::fixture_2d::{rasterizer, small_fit, small_target};
 use gs_core::{
@@ -24,7 +24,7 @@ impl From<Splats2d> for Kept {
     }
 }
 
-/// The CPU backend, but the last losses come only to who waits for them.
+/// The CPU backend, but the last losses are returned only to callers that wait for them.
 struct Late {
     sound: CpuRasterizer,
     by: usize,
@@ -292,7 +292,7 @@ fn a_divergence_is_that_of_its_step_however_late_it_is_seen() {
                     seen.extend_from_slice(trainer.new_losses().1);
                     assert!(seen.iter().all(|loss| loss.is_finite()) && seen.len() == step as usize - 1, "{seen:?}");
                     let steps_done = trainer.step();
-                    // It stays so: nothing is made of such a state.
+                    // The state stays unusable: no step or checkpoint is made of it.
                     for again in [trainer.step_once().block_on().map(drop), trainer.checkpoint().block_on().map(drop)] {
                         let between = matches!(again, Err(Error::BetweenCheckpoints { .. }));
                         assert!(between || matches!(again, Err(Error::Diverged { step: s, .. }) if s == step));

@@ -17,7 +17,8 @@ use pollster::FutureExt as _;
 /// Steps whose bytes are counted.
 const STEPS: u64 = 8;
 
-/// What describes a step, and what comes back of it: two structures of half a KiB, and a camera.
+/// Bytes that describe a step, and that come back of it: two structures of half a KiB, and a
+/// camera.
 const MOST_BYTES: u64 = STEPS * 2048;
 
 fn wgpu() -> WgpuRasterizer {

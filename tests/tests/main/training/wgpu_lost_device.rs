@@ -15,7 +15,7 @@ struct LoseAfter<'a> {
     rasterizer: &'a WgpuRasterizer,
     step: u32,
     file: PathBuf,
-    /// What the file holds.
+    /// The content of the checkpoint file.
     stored: Vec<u8>,
 }
 
@@ -46,7 +46,7 @@ fn is_of_backend<T>(result: Result<T, Error>) {
     }
 }
 
-/// Loses the device after so many of 42 steps, and goes on with the checkpoint of `stored_at` on
+/// Loses the device after this many of 42 steps, and goes on with the checkpoint of `stored_at` on
 /// the CPU.
 fn lose_and_go_on(settings: FitSettings, after: u32, stored_at: u32) {
     let target = small_target();
@@ -57,7 +57,7 @@ fn lose_and_go_on(settings: FitSettings, after: u32, stored_at: u32) {
     let mut trainer = Trainer::new(&wgpu, &target, settings.clone()).block_on().unwrap();
     is_of_backend(trainer.run(&mut observer).block_on());
     assert_eq!(trainer.step(), after);
-    // Nothing else that is asked of it works, or panics.
+    // All further calls fail, and none panics.
     is_of_backend(trainer.step_once().block_on());
     is_of_backend(trainer.scene().block_on());
     is_of_backend(trainer.render().block_on());

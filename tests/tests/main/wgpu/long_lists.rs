@@ -136,7 +136,8 @@ fn a_step_with_a_longer_list_changes_nothing() {
     }
 }
 
-/// With a sort at each pixel, queues are made 256 entries at a time, so the limit is much larger.
+/// Lists may be longer with a sort at each pixel: queues are made 256 entries at a time, so the
+/// limit is much larger.
 #[test]
 fn lists_may_be_longer_with_a_sort_at_each_pixel() {
     const MANY: usize = 70_000;

@@ -31,7 +31,7 @@ mod drawn;
 mod long_lists;
 mod pending_steps;
 
-/// One device for all tests, with buffers full of NaN.
+/// The device for all tests, with buffers full of NaN.
 fn rasterizer() -> &'static WgpuRasterizer {
     static RASTERIZER: OnceLock<WgpuRasterizer> = OnceLock::new();
     RASTERIZER.get_or_init(|| {
@@ -61,7 +61,7 @@ fn rasterizers() -> &'static [(Kernels, WgpuRasterizer)] {
     })
 }
 
-/// Another device, as a later process has.
+/// A second device, as a later process has.
 fn another() -> WgpuRasterizer {
     WgpuRasterizer::new(WgpuSettings::default()).block_on().unwrap()
 }
@@ -154,7 +154,7 @@ fn many(blend: Blend) -> Draw {
     draw
 }
 
-/// With this ε, a gradient that is mere rounding does not become a whole step.
+/// Rates with an ε at which a gradient that is mere rounding does not become a whole step.
 fn rates() -> AdamRates {
     Adam::default().with(|s| s.epsilon = 1e-6).at(0.0)
 }

@@ -91,9 +91,9 @@ fn a_training_step_waits_only_for_the_oldest_of_enough_pending_steps() {
 /// Whether the buffers of a device are large enough from the start.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Room {
-    /// They are: the pool has large buffers.
+    /// Large enough: the pool has large buffers.
     AtOnce,
-    /// They grow when they are too small, and steps are repeated.
+    /// Too small: buffers grow when needed, and steps are repeated.
     WhenNeeded,
 }
 

@@ -68,8 +68,8 @@ fn the_order_of_the_scene_will_do_if_it_is_that_of_depth() {
     let (order, reason) = order_of(&reversed, Order::Global);
     assert_eq!(order, Order::Global);
     assert_eq!(reason, "2 of 2 Gaussians are hidden out of the order of the scene in view 1");
-    // They are a whole unit apart in depth, so that one depth each decides the order at every
-    // pixel.
+    // The Gaussians are a whole unit apart in depth, so that one depth each decides the order at
+    // every pixel.
     let (order, reason) = order_of(&reversed, Order::PerPixel);
     assert_eq!(order, Order::Global);
     assert!(
@@ -89,8 +89,8 @@ fn depths_that_another_rounding_would_exchange_are_out_of_order() {
     };
     assert_eq!(found(&nearly_level(&turned), &turned, Order::Global), Order::Global);
     assert_eq!(found(&nearly_level(&turned), &turned, Order::PerPixel), Order::PerPixel);
-    // What is computed from the same numbers is the same everywhere: means that are equal, and for
-    // a camera that looks along an axis those that are equal along it.
+    // Depths that are computed from the same numbers are equal everywhere: those of equal means,
+    // and for a camera that looks along an axis those of means that are equal along it.
     let twice = |camera: &Camera| {
         let first = nearly_level(camera).gaussian(0);
         scene(0, [first.clone(), first])
@@ -116,7 +116,7 @@ fn gaussians_through_each_other_need_the_depth_at_each_pixel() {
     let mut sum = wanted(Order::PerPixel);
     sum.effects.blend = Blend::Sum;
     assert_eq!(required(&crossed, &[ahead()], &sum).settings.effects.order, Order::Index);
-    // Without a view nothing is known.
+    // Nothing is known without a view.
     let blind = required(&crossed, &[], &wanted(Order::PerPixel));
     assert_eq!(blind.settings.effects.order, Order::PerPixel);
 }
@@ -152,7 +152,7 @@ fn sh_are_required_by_what_they_change() {
 }
 
 #[test]
-fn what_a_view_does_not_show_of_sh_it_does_not_call_for() {
+fn sh_that_a_view_does_not_show_are_not_required() {
     // −C x: ahead, x is 0.
     let sideways = with_coefficient(3, 0.1);
     assert_eq!(degree_of(&sideways, &[]).1, 1);

@@ -2,8 +2,7 @@
 
 use gs_conformance::{
     oracle::{
-        AdamReference, FactoredReference, Oracle, OracleScene, Parameters, Rendering, SPATIAL_OPACITY, SPATIAL_SH,
-        factored_scene,
+        AdamReference, FactoredReference, OPACITY_3D, Oracle, OracleScene, Parameters, Rendering, SH_3D, factored_scene,
     },
     subject::Subject,
 };
@@ -54,8 +53,8 @@ pub(super) fn scene_of(rows: &[Vec<f32>], sh_len: usize) -> Scene3d {
             mean: glam::Vec3::from_slice(&row[0..3]),
             log_scale: glam::Vec3::from_slice(&row[3..6]),
             rotation: [row[6], row[7], row[8], row[9]],
-            opacity_logit: row[SPATIAL_OPACITY],
-            sh: row[SPATIAL_SH..].chunks_exact(3).map(glam::Vec3::from_slice).collect(),
+            opacity_logit: row[OPACITY_3D],
+            sh: row[SH_3D..].chunks_exact(3).map(glam::Vec3::from_slice).collect(),
         });
     }
     scene
@@ -95,7 +94,7 @@ impl Splats {
 
     /// Numbers of a row of parameters before the opacity.
     pub(super) fn geometry(&self) -> usize {
-        if self.parameterization == Parameterization::CovarianceFactor { 12 } else { SPATIAL_OPACITY }
+        if self.parameterization == Parameterization::CovarianceFactor { 12 } else { OPACITY_3D }
     }
 
     /// Number of moments of a Gaussian.
