@@ -11,6 +11,7 @@ use gs_core::{
 /// Its splats, passes, gradients and targets belong to its backend. Using them with a rasterizer of
 /// another backend is an [`Error::State`].
 #[derive(Debug)]
+#[non_exhaustive]
 pub enum AnyRasterizer {
     /// A rasterizer on the CPU.
     #[cfg(feature = "cpu")]

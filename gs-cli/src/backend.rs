@@ -6,7 +6,7 @@ use clap::{Args, Parser, ValueEnum, builder::NonEmptyStringValueParser};
 use gs_backend::{
     AnyRasterizer, Chosen, FutureExt as _, Request, Wanted, can_render_2d, can_train_3d, host_threads, open_for,
 };
-use gs_core::{Error, Parameterization, RenderSettings};
+use gs_core::{Backend as _, Error, Parameterization, RenderSettings};
 use gs_cpu::{CpuRasterizer, CpuSettings, CpuTuning, SimdLevel};
 use gs_lab::study::Machine;
 use gs_wgpu::{AdapterSummary, Kernels, WgpuSettings};
@@ -208,7 +208,7 @@ fn explained(error: Error, request: &Request) -> Failure {
 pub(crate) fn on_cpu<T>(chosen: &Chosen, work: impl FnOnce(&AnyRasterizer) -> T) -> Result<T, Failure> {
     match &chosen.rasterizer {
         cpu @ AnyRasterizer::Cpu(_) => Ok(work(cpu)),
-        AnyRasterizer::Wgpu(_) => {
+        _ => {
             let settings = CpuSettings::default().with(|s| s.threads = Some(chosen.threads));
             Ok(work(&AnyRasterizer::Cpu(Box::new(CpuRasterizer::new(settings)?))))
         }
@@ -231,6 +231,7 @@ pub(crate) fn machine(rasterizer: &AnyRasterizer) -> Machine {
             let words = format!("wgpu {name}, {interface}, {driver}, {kernels} kernels, {system}");
             (words, ["--backend", "wgpu", "--adapter", name].map(str::to_owned))
         }
+        other => return Machine { name: format!("{}, {system}", other.describe()), flags: Vec::new() },
     };
     Machine { name, flags: flags.to_vec() }
 }

@@ -29,7 +29,7 @@ Examples:
   gs info images/
       show what is in a COLMAP, Nerfstudio or Blender data set
   gs train images/ -o out
-      train a 3D scene, as in 3DGS; --preset quick is for a first look
+      train a 3D scene; --preset 3dgs does it as published
   gs view out
       show a scene in a window
   gs render out -o turn.apng --orbit 60

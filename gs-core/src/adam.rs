@@ -1,4 +1,4 @@
-//! Settings of the optimiser: Adam (Kingma & Ba 2015) with learning rates for each group of
+//! Settings of the optimizer: Adam (Kingma & Ba 2015) with learning rates for each group of
 //! parameters.
 
 use serde::{Deserialize, Serialize};
@@ -10,7 +10,7 @@ use crate::{
 
 crate::impl_with!(Adam, Group);
 
-/// Coordinates in which the optimiser moves a Gaussian.
+/// Coordinates in which the optimizer moves a Gaussian.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Parameterization {

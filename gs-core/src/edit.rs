@@ -49,7 +49,7 @@ pub enum Moments {
     ///
     /// Until the second moments have filled, steps are longer than the learning rate: at first 3
     /// times, after 10 steps 6 times, after 200 twice (for β₁ = 0.9, β₂ = 0.999). *Source:* 3DGS,
-    /// whose optimiser counts the steps of all Gaussians together.
+    /// whose optimizer counts the steps of all Gaussians together.
     Zeroed,
     /// Moments and step count of the parent (of itself, for a change in place).
     Inherit,

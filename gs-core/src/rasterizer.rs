@@ -76,7 +76,7 @@ pub trait Backend {
 ///
 /// [`Self::upload`], [`Self::forward`] and [`Self::image`] are enough to draw; with
 /// [`Self::upload_target`], [`Self::backward`] and [`Self::gradients`] a program can optimise a
-/// scene with an optimiser of its own. [`Optimizer`] is for backends that train.
+/// scene with an optimizer of its own. [`Optimizer`] is for backends that train.
 pub trait Rasterizer<S: Scene>: Backend {
     /// A scene where this backend computes; backends that train keep Adam's moments and statistics
     /// beside the parameters.

@@ -41,7 +41,7 @@ pub struct Tensor {
 /// η₂₂ (`[N,10+3K]`); `steps`, `gradient_sum` and `visible` as above.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SplatsState {
-    /// Coordinates in which the optimiser moves; they decide how the shape is held.
+    /// Coordinates in which the optimizer moves; they decide how the shape is held.
     pub parameterization: Parameterization,
     /// Tensors by name.
     pub tensors: BTreeMap<String, Tensor>,

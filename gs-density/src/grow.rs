@@ -4,11 +4,13 @@ use gs_core::{EditPlan, Error, effects::Statistics};
 use serde::{Deserialize, Serialize};
 
 use crate::{
+    densify::Densify,
     gaussian::DensityScene,
     observation::{DensityPolicy, Observation, Rng},
     ranking::WhenFlat,
     round::{Actions, Round},
     signal::Signal,
+    size::SizeThreshold,
 };
 
 gs_core::impl_with!(Grow);
@@ -69,6 +71,16 @@ impl Grow {
     /// too early.
     pub fn absolute(signal: Signal) -> Self {
         Self { percent: 100.0, threshold: signal.threshold(), ..Self::percentile(signal) }
+    }
+
+    /// [`Self::absolute`] by the absolute gradient, where Gaussians larger than a thousandth of the
+    /// extent are split, a tenth of the bound of 3DGS: nearly all that grow.
+    ///
+    /// *Source:* the code of AbsGS. (It picks clones by the mean gradient, a second statistic; there
+    /// are hardly any.)
+    pub fn abs_gs() -> Self {
+        let densify = Densify { split_above: SizeThreshold::ExtentFraction(1e-3), ..Densify::default() };
+        Self::absolute(Signal::AbsoluteGradient).with_actions(Actions { densify, ..Actions::default() })
     }
 
     /// The Gaussians with the largest signals grow, [`FORCED_GROWTH_PERCENT`] of them, regardless

@@ -22,11 +22,6 @@ use crate::{
 /// without its schedule of factors.
 const LONG_AXIS_THRESHOLD: f32 = 3.5e-4;
 
-/// Bound between clone and split of `abs-gs`, as a share of the extent: a tenth of that of 3DGS, so
-/// that nearly all Gaussians that grow are split. *Source:* the code of AbsGS. (It picks clones by
-/// the mean gradient, a second statistic; there are hardly any.)
-const ABS_GS_SPLIT_ABOVE: SizeThreshold = SizeThreshold::ExtentFraction(1e-3);
-
 /// Any of the policies. In a settings file, `kind` names the policy, beside its settings.
 ///
 /// ```
@@ -148,10 +143,7 @@ impl Policy {
         use Signal::{AbsoluteGradient, MeanGradient, PixelError};
         Ok(match name {
             "absolute" => Self::Grow(Grow::absolute(MeanGradient)),
-            "abs-gs" => Self::Grow(
-                Grow::absolute(AbsoluteGradient)
-                    .with_actions(splitting(Densify { split_above: ABS_GS_SPLIT_ABOVE, ..Densify::default() })),
-            ),
+            "abs-gs" => Self::Grow(Grow::abs_gs()),
             "absolute-error" => Self::Grow(Grow::absolute(PixelError)),
             "percentile" => Self::Grow(Grow::percentile(MeanGradient)),
             "percentile-abs-gs" => Self::Grow(Grow::percentile(AbsoluteGradient)),
@@ -243,7 +235,7 @@ impl Policy {
     /// Returns this policy for 3D scenes, which have no sizes in px.
     ///
     /// A split above a size in px becomes a split of any size, and a pruning bound in px is
-    /// removed. Moments of new Gaussians are zeroed, as in the optimiser of 3DGS and its
+    /// removed. Moments of new Gaussians are zeroed, as in the optimizer of 3DGS and its
     /// successors.
     #[must_use]
     pub fn for_3d(mut self) -> Self {

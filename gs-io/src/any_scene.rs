@@ -1,5 +1,5 @@
-//! Scenes from whatever holds one: a scene file of any kind, a checkpoint, or the output folder of
-//! a fit or a training.
+//! Reading the scene of a path: a scene file of any format, a checkpoint, or the output folder of a
+//! fit or a training.
 
 use std::{
     collections::BTreeMap,

@@ -1,7 +1,7 @@
 //! Conducts a study: runs its fits side by side, each on its own rasterizer, and stores each result
 //! at once.
 
-use pollster::FutureExt as _;
+use gs_backend::FutureExt as _;
 use std::{
     any::Any,
     panic::{AssertUnwindSafe, catch_unwind},

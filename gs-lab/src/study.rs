@@ -52,7 +52,7 @@ pub struct Study {
     /// The preset that arms start from, unless they name another.
     #[serde(default = "standard")]
     pub preset: Preset,
-    /// Steps of the optimiser instead of the preset's. The schedule is stretched accordingly.
+    /// Steps of the optimizer instead of the preset's. The schedule is stretched accordingly.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub iterations: Option<u32>,
     /// Settings of all arms that differ from the preset's, with the keys of

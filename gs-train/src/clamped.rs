@@ -1,4 +1,4 @@
-//! Counts of Gaussians whose scales are at the optimiser's bounds.
+//! Counts of Gaussians whose scales are at the optimizer's bounds.
 
 use serde::{Deserialize, Serialize};
 

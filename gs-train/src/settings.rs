@@ -48,14 +48,14 @@ pub struct FitSettings {
     pub iterations: u32,
     /// Seed of all random numbers.
     pub seed: u32,
-    /// Coordinates in which the optimiser moves.
+    /// Coordinates in which the optimizer moves.
     #[serde(alias = "chart")]
     pub parameterization: Parameterization,
     /// Blending, background and accuracy. The policy decides about its `effects.statistics`.
     pub render: RenderSettings,
     /// Loss to minimise.
     pub loss: Loss,
-    /// Settings of the optimiser.
+    /// Settings of the optimizer.
     pub adam: Adam,
     /// Initialiser.
     pub init: Init,

@@ -64,7 +64,7 @@ pub trait RunSettings<S: SceneTask>: Clone + Debug + PartialEq {
     fn budget(&self) -> u32;
     /// Rounds of density control.
     fn rounds(&self) -> &Rounds;
-    /// Coordinates in which the optimiser moves.
+    /// Coordinates in which the optimizer moves.
     fn parameterization(&self) -> Parameterization;
     /// Policy of density control.
     fn policy(&self) -> &dyn DensityPolicy<S>;
@@ -106,7 +106,7 @@ pub trait TrainingTask<R: Optimizer<S>, S: SceneTask> {
     /// Number of images to train with.
     fn images(&self) -> u32;
 
-    /// Sends one step of the optimiser.
+    /// Sends one step of the optimizer.
     ///
     /// # Errors
     /// Those of the backend, and of reading an image.

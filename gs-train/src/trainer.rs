@@ -223,7 +223,7 @@ impl<'a, R: Optimizer<S>, S: Trainable> Trainer<'a, R, S> {
         lr_scale(self.record.fresh_starts.len())
     }
 
-    /// Sends one step of the optimiser.
+    /// Sends one step of the optimizer.
     async fn optimise(&mut self) -> Result<(), Error> {
         let Record { settings, step, .. } = &self.record;
         // Statistics that no later round uses are not collected.
@@ -293,7 +293,7 @@ impl<'a, R: Optimizer<S>, S: Trainable> Trainer<'a, R, S> {
         Ok(Quality { clamped: self.clamped().await?, ..quality })
     }
 
-    /// Counts the Gaussians with a scale at one of the optimiser's bounds.
+    /// Counts the Gaussians with a scale at one of the optimizer's bounds.
     ///
     /// # Errors
     /// Those of the backend.

@@ -75,7 +75,7 @@ pub enum Viewed<'a> {
         scene: &'a Scene2d,
         /// Columns of the image that the scene was made for.
         width: u32,
-        /// Rows of it.
+        /// Rows of that image.
         height: u32,
     },
     /// A 3D scene.

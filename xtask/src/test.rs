@@ -84,7 +84,7 @@ fn find_adapter(install: bool) -> Result<bool, String> {
     if found() { Ok(true) } else { Err(format!("{DRIVER} is installed, but there is still no graphics adapter")) }
 }
 
-/// Lists the tests that [`run`] left out for want of an adapter.
+/// Lists the tests that [`run`] skipped because there is no adapter.
 fn report_skipped() -> Result<(), String> {
     let arguments = ["test", "--quiet", "--workspace", "--lib", "--bins", "--tests", "--", "--list", NEEDS_ADAPTER];
     let output = Command::new(cargo_program())

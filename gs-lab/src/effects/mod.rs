@@ -4,10 +4,10 @@
 mod prices;
 mod proof;
 
+use gs_backend::FutureExt as _;
 #[cfg(doc)]
 use gs_core::Effects;
 use gs_core::{Camera, Error, Image, Rasterizer, RenderSettings, Scene};
-use pollster::FutureExt as _;
 use serde::Serialize;
 
 pub use self::{

@@ -1,6 +1,6 @@
 //! The cost of each effect, and what changes without it.
 
-use pollster::FutureExt as _;
+use gs_backend::FutureExt as _;
 use std::time::Instant;
 
 use gs_core::{Effects, Error, Rasterizer, RenderSettings, Scene, effects::Effect, profile::Quantiles};

@@ -8,9 +8,9 @@
 mod findings;
 
 use glam::Vec2;
+use gs_backend::FutureExt as _;
 use gs_core::{Canvas, Image, Loss, Optimizer, Scene2d, effects::Statistics};
 use gs_density::{Grow, Policy, ResidualGrowth, Signal, WhenFlat};
-use pollster::FutureExt as _;
 
 use super::{
     Cell, Circumstance, Claim, Findings, Laboratory, Number, Picture, SHARP_DB, Table,

@@ -86,7 +86,7 @@ pub(crate) struct InstabilityMeasured {
     pub(crate) precision: Precision,
     /// A scale that is set to ever smaller values, as in [`Guard::ALL`].
     pub(crate) drives: Vec<Drive>,
-    /// Small fits in which the optimiser may shrink a scale by itself.
+    /// Small fits in which the optimizer may shrink a scale by itself.
     pub(crate) free: Vec<Free>,
     /// The price of a minimum scale, in fits of 600 Gaussians.
     pub(crate) floors: Vec<Floor>,

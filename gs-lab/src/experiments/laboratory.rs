@@ -1,7 +1,7 @@
 //! Runs the fits of experiments on one backend, and keeps every loss and count.
 
+use gs_backend::FutureExt as _;
 use gs_core::{Canvas, Image, Optimizer, RenderSettings, Scene2d, counted};
-use pollster::FutureExt as _;
 
 use super::findings::Picture;
 use crate::figure::{Axis, Figure, Marks, Series};

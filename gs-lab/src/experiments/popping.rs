@@ -10,11 +10,11 @@ mod flicker;
 mod pictures;
 mod scenes;
 
+use gs_backend::FutureExt as _;
 use gs_core::{
     Blend, Camera, Optimizer, RenderSettings, Scene3d,
     effects::{Antialias, Order},
 };
-use pollster::FutureExt as _;
 
 pub(crate) use self::{
     comparison::{AtStep, ORDERS, Popping, VISIBLE_LEVELS},

@@ -8,9 +8,9 @@
 
 mod findings;
 
+use gs_backend::FutureExt as _;
 use gs_core::{Optimizer, Scene as _, Scene2d};
 use gs_density::{Grow, Policy, Signal};
-use pollster::FutureExt as _;
 
 use super::{
     Cell, Circumstance, Claim, ExperimentSize, Findings, Laboratory, Number, Paired, Picture, SHARP_DB, Table,

@@ -1,6 +1,6 @@
 //! A contender: a backend with its configuration and the uploaded scene.
 
-use pollster::FutureExt as _;
+use gs_backend::FutureExt as _;
 use std::{rc::Rc, time::Instant};
 
 use gs_core::{Error, Image, Optimizer, RenderSettings, Scene};

@@ -3,10 +3,10 @@
 use std::rc::Rc;
 
 use gs_backend::AnyRasterizer;
+use gs_backend::FutureExt as _;
 use gs_core::{Backend as _, Blend, Error, Optimizer, Parameterization, Rasterizer as _, Scene};
 use gs_cpu::{Bounds, CpuRasterizer, CpuSettings, CpuTuning, SimdLevel};
 use gs_wgpu::{Kernels, WgpuRasterizer, WgpuSettings};
-use pollster::FutureExt as _;
 
 use super::{Change, Contender, FrontierMachine, KernelsName, Loaded};
 

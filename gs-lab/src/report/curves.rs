@@ -61,7 +61,7 @@ pub(crate) fn quality_over_time(results: &Results<'_>, budget: u32) -> Figure {
     }
 }
 
-/// The number of Gaussians over the steps of the optimiser.
+/// The number of Gaussians over the steps of the optimizer.
 pub(crate) fn growth(results: &Results<'_>, budget: u32) -> Figure {
     let series = each_arm(results, Dots::Last, |arm| {
         let steps: Vec<u32> = results
@@ -82,7 +82,7 @@ pub(crate) fn growth(results: &Results<'_>, budget: u32) -> Figure {
     Figure {
         name: format!("growth-{budget}"),
         title: format!("Growth, at most {}", counted(budget, "Gaussian")),
-        x: Axis::linear("step of the optimiser"),
+        x: Axis::linear("step of the optimizer"),
         y: Axis::linear("Gaussians"),
         marks: Marks::Lines(series),
     }

@@ -11,6 +11,8 @@ use serde::{Deserialize, Serialize};
 use super::{
     geometry::{Focus, extent_of},
     neighbours::neighbour_distances,
+    sweep,
+    views::PosedView,
 };
 
 gs_core::impl_with!(PointInit);
@@ -26,6 +28,9 @@ const DEPTHS: [f32; 2] = [0.25, 5.0];
 /// Largest coordinate of a point, world units; points further out, whose squares would overflow,
 /// are dropped.
 const FARTHEST: f32 = 1e15;
+
+/// Least number of points found in the images to start from.
+const LEAST_FOUND: usize = 100;
 
 /// Settings of the first Gaussians at points.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -73,11 +78,26 @@ pub enum Start {
     Points(Vec<Point>),
     /// [`PointInit::random`] Gaussians at random where the cameras look.
     Random,
+    /// A Gaussian at each point that a search in the images finds, and [`PointInit::random`]
+    /// Gaussians at random where it finds hardly any.
+    Images,
     /// The Gaussians of a scene, with the SH degree of the settings.
     Scene(Scene3d),
 }
 
 impl Start {
+    /// The points that a search in these images finds in place of [`Self::Images`], or
+    /// [`Self::Random`] if it finds fewer than 100; other starts as they are. A training does this
+    /// itself where it has not been done.
+    ///
+    /// # Errors
+    /// Those of reading an image.
+    pub fn searched(self, views: &[PosedView]) -> Result<Self, crate::Error> {
+        let Self::Images = self else { return Ok(self) };
+        let found = sweep::points(views)?;
+        Ok(if found.len() < LEAST_FOUND { Self::Random } else { Self::Points(found) })
+    }
+
     /// The first scene, of at most `budget` Gaussians (drawn from more points) and SH degree
     /// `sh_degree`.
     ///
@@ -102,7 +122,7 @@ impl Start {
                 return Ok(with_degree(&scene, sh_degree));
             }
             Self::Points(points) => points,
-            Self::Random => random_points(cameras, (init.random as usize).min(budget), rng),
+            Self::Random | Self::Images => random_points(cameras, (init.random as usize).min(budget), rng),
         };
         let usable = |point: &&Point| point.position.is_finite() && point.position.abs().max_element() < FARTHEST;
         let mut points: Vec<Point> = points.iter().filter(usable).copied().collect();

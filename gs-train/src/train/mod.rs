@@ -15,6 +15,7 @@ mod presets;
 mod resolution;
 mod settings;
 mod summary;
+mod sweep;
 mod task;
 mod trainer;
 mod views;

@@ -1,9 +1,9 @@
-//! Presets of training in 3D: 3DGS, 3DGS-MCMC, short runs of minutes, and a quick look.
+//! Presets of training in 3D: runs of minutes, a quick look, and the published 3DGS and 3DGS-MCMC.
 
 use std::fmt;
 
 use gs_core::{
-    Adam, Blend, Loss, Parameterization, Penalty, RenderSettings,
+    Adam, Blend, Camera, Loss, Parameterization, Penalty, RenderSettings,
     adam::{Group, Schedule},
     constants::OPACITY_RESET_EVERY,
     edit::Moments,
@@ -31,12 +31,10 @@ pub enum TrainPreset {
     /// The settings of 3DGS-MCMC (Kheradmand et al. 2024), 30,000 steps, for a fixed number of
     /// Gaussians.
     Mcmc,
-    /// Short runs of 6,000 steps: 3DGS with longer steps, learning rates that decay within the run,
-    /// and no density control in its last quarter.
-    ///
-    /// 0.8 dB more than the settings of 3DGS on the lego of NeRF-synthetic, with a seventh fewer
-    /// steps and a fifth fewer Gaussians (`benchmarks/2026-11-21-epyc-2-cores/training.md`).
-    Short,
+    /// Runs of minutes, 2,000 to 8,000 steps: 3DGS with growth by rank of AbsGS's gradients, longer
+    /// steps, learning rates that decay within the run, half the resolution at first, no opacity
+    /// resets, and no density control in the last third.
+    Standard,
     /// A first look in 2,000 steps, at half resolution first.
     Quick,
 }
@@ -44,8 +42,20 @@ pub enum TrainPreset {
 /// Steps of the published runs.
 const ITERATIONS: u32 = 30_000;
 
-/// Steps of a short run.
-const SHORT_ITERATIONS: u32 = 6_000;
+/// Steps of a run of minutes whose views are not known.
+const STANDARD_ITERATIONS: u32 = 4_000;
+
+/// Steps of a run of minutes for each view, and their bounds. Few views are soon known by heart:
+/// more steps then fit them better, and views between them worse.
+const STEPS_PER_VIEW: usize = 40;
+const STANDARD_STEPS: [usize; 2] = [2_000, 8_000];
+
+/// Pixels of training views for each Gaussian of a run of minutes: 450 values for 59 numbers. With
+/// more Gaussians, scenes fit few views ever better, and views between them worse.
+const PIXELS_PER_GAUSSIAN: u64 = 150;
+
+/// Least and largest number of Gaussians that a run of minutes may reach.
+const STANDARD_GAUSSIANS: [u64; 2] = [20_000, 1_000_000];
 
 /// Least number of steps for the published schedules; a shorter run would not recover from its
 /// first reset of opacities.
@@ -56,14 +66,14 @@ const QUICK_ITERATIONS: u32 = 2_000;
 
 impl TrainPreset {
     /// All presets.
-    pub const ALL: [Self; 4] = [Self::ThreeDgs, Self::Mcmc, Self::Short, Self::Quick];
+    pub const ALL: [Self; 4] = [Self::Standard, Self::Quick, Self::ThreeDgs, Self::Mcmc];
 
     /// Name in flags.
     pub const fn name(self) -> &'static str {
         match self {
             Self::ThreeDgs => "3dgs",
             Self::Mcmc => "mcmc",
-            Self::Short => "short",
+            Self::Standard => "standard",
             Self::Quick => "quick",
         }
     }
@@ -78,9 +88,31 @@ impl TrainPreset {
         match self {
             Self::ThreeDgs => three_dgs(iterations.unwrap_or(ITERATIONS)),
             Self::Mcmc => mcmc(iterations.unwrap_or(ITERATIONS)),
-            Self::Short => short(iterations.unwrap_or(SHORT_ITERATIONS)),
+            Self::Standard => standard(iterations.unwrap_or(STANDARD_ITERATIONS)),
             Self::Quick => quick(iterations.unwrap_or(QUICK_ITERATIONS)),
         }
+    }
+}
+
+impl TrainPreset {
+    /// [`Self::settings`] for training with these views, which determine the steps and the largest
+    /// number of Gaussians of [`Self::Standard`]: 40 steps a view, 2,000 to 8,000 in all, and a
+    /// Gaussian for 150 pixels, 20,000 to 1,000,000 in all.
+    pub fn settings_for<'a>(
+        self,
+        iterations: Option<u32>,
+        cameras: impl IntoIterator<Item = &'a Camera>,
+    ) -> TrainSettings {
+        if self != Self::Standard {
+            return self.settings(iterations);
+        }
+        let pixels: Vec<u64> =
+            cameras.into_iter().map(|camera| u64::from(camera.width) * u64::from(camera.height)).collect();
+        let [shortest, longest] = STANDARD_STEPS;
+        let steps = (pixels.len() * STEPS_PER_VIEW).clamp(shortest, longest) as u32;
+        let [least, most] = STANDARD_GAUSSIANS;
+        let gaussians = (pixels.iter().sum::<u64>() / PIXELS_PER_GAUSSIAN).clamp(least, most) as u32;
+        TrainSettings { gaussians, ..standard(iterations.unwrap_or(steps)) }
     }
 }
 
@@ -195,9 +227,25 @@ fn faster(adam: Adam, mean: f32, shape: f32) -> Adam {
     })
 }
 
-fn short(iterations: u32) -> TrainSettings {
+fn standard(iterations: u32) -> TrainSettings {
     let usual = three_dgs(iterations);
-    TrainSettings { decay_over: 0, adam: faster(usual.adam, 3.0, 2.5), rounds: rounds(iterations, 500, 0.75), ..usual }
+    let mut policy = Grow::percentile(Signal::AbsoluteGradient);
+    policy.actions.densify.split_above = Grow::abs_gs().actions.densify.split_above;
+    if let Some(actions) = usual.policy.actions() {
+        policy.actions.densify.newcomers = actions.densify.newcomers;
+        policy.actions.prune = actions.prune;
+        // A run of minutes has no time to recover from a reset of opacities.
+        policy.actions.reset.every = 0;
+    }
+    TrainSettings {
+        gaussians: 200_000,
+        decay_over: 0,
+        adam: faster(usual.adam, 3.0, 2.5),
+        policy: Policy::Grow(policy),
+        rounds: rounds(iterations, 500, 0.67),
+        resolution: Resolution::from_coarse(2),
+        ..usual
+    }
 }
 
 fn quick(iterations: u32) -> TrainSettings {
@@ -229,6 +277,24 @@ mod tests {
         assert_eq!(shorter.rates_at(7_000, 1.0), settings.rates_at(7_000, 1.0));
         let mcmc = TrainPreset::Mcmc.settings(None);
         assert_eq!(mcmc.rounds, Rounds { every: 100, from: 500, until: 25_000 });
+    }
+
+    #[test]
+    fn steps_and_gaussians_of_minutes_follow_the_views() {
+        let settings = |views: usize, width: u32, height: u32, steps: Option<u32>| {
+            let camera = Camera::looking_forward(width, height, 1.0);
+            let settings = TrainPreset::Standard.settings_for(steps, &vec![camera; views]);
+            settings.validate().unwrap();
+            (settings.iterations, settings.gaussians)
+        };
+        assert_eq!(settings(100, 400, 400, None), (4_000, 106_666));
+        assert_eq!(settings(12, 800, 532, None), (2_000, 34_048));
+        assert_eq!(settings(1_000, 1_600, 1_200, None), (8_000, 1_000_000));
+        assert_eq!(settings(12, 80, 60, Some(300)), (300, 20_000));
+        let cameras = [Camera::looking_forward(400, 400, 1.0)];
+        for preset in [TrainPreset::Quick, TrainPreset::ThreeDgs, TrainPreset::Mcmc] {
+            assert_eq!(preset.settings_for(Some(50), &cameras), preset.settings(Some(50)));
+        }
     }
 
     #[test]

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 /// Resolution of the images in the steps of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+#[serde(rename_all = "kebab-case", rename_all_fields = "kebab-case", deny_unknown_fields)]
 #[non_exhaustive]
 pub enum Resolution {
     /// Full resolution in all steps.
@@ -19,6 +19,7 @@ pub enum Resolution {
         from: u32,
         /// Share of the run after which all steps are at full resolution, 0..=1; the steps before
         /// are shared evenly among the lower resolutions.
+        #[serde(alias = "full_after")]
         full_after: f32,
     },
 }

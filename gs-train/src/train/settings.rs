@@ -47,7 +47,7 @@ pub struct TrainSettings {
     /// ([`extent_of`](super::extent_of)).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub extent: Option<f32>,
-    /// Coordinates in which the optimiser moves.
+    /// Coordinates in which the optimizer moves.
     #[serde(alias = "chart")]
     pub parameterization: Parameterization,
     /// Effects, background and accuracy. Its `effects.sh_degree` is the highest; the policy decides
@@ -61,7 +61,7 @@ pub struct TrainSettings {
     pub sh_degree_every: u32,
     /// Loss to minimise.
     pub loss: Loss,
-    /// Settings of the optimiser. The bounds of scales, and in [`Parameterization::ScaleRotation`]
+    /// Settings of the optimizer. The bounds of scales, and in [`Parameterization::ScaleRotation`]
     /// the learning rate of means, are in units of the extent.
     pub adam: Adam,
     /// The first Gaussians at points.
@@ -303,7 +303,8 @@ mod tests {
                 assert_eq!(settings.validate().is_err(), ["residual", "image-gs"].contains(&name), "{name}");
                 if let Some(actions) = settings.policy.actions() {
                     assert_eq!(actions.prune.larger_after, 3000, "{name}");
-                    assert_eq!(actions.reset.every, 3000);
+                    let expected = if preset == TrainPreset::Standard { 0 } else { 3000 };
+                    assert_eq!(actions.reset.every, expected);
                 }
             }
         }

@@ -78,7 +78,7 @@ impl<R: Optimizer<Scene3d>> ViewsTask<R> {
     }
 
     /// The test views, or else a few of the training views.
-    pub(super) fn judges(&self) -> Vec<&PosedView> {
+    pub(super) fn evaluation_views(&self) -> Vec<&PosedView> {
         if !self.views.test.is_empty() {
             return self.views.test.iter().collect();
         }
@@ -203,9 +203,9 @@ impl<R: Optimizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
         effects: &Effects,
     ) -> Result<Quality, Error> {
         let render = shown(settings, effects);
-        let judges = self.judges();
+        let views = self.evaluation_views();
         let (mut l1, mut psnr, mut culled) = (Vec::new(), Vec::new(), Culled::default());
-        for view in &judges {
+        for view in &views {
             let (rendered, left_out) = on.draw(splats, &view.camera, &render).await?;
             culled = culled.plus(left_out);
             if let Some(pair) = measure(&rendered, view.image()?, render.background_color()) {
@@ -215,7 +215,7 @@ impl<R: Optimizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
             }
         }
         if l1.is_empty() {
-            return Err(Error::NothingCounts { views: judges.len() });
+            return Err(Error::NothingCounts { views: views.len() });
         }
         Ok(Quality { l1: mean(l1), psnr: mean(psnr), culled, clamped: Clamped::default() })
     }

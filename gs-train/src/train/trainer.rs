@@ -39,6 +39,7 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
         views.validate()?;
         let cameras: Vec<Camera> = views.train_cameras().copied().collect();
         let (budget, degree) = (settings.gaussians as usize, settings.render.effects.sh_degree);
+        let start = start.searched(&views.train)?;
         let scene = start.scene(&cameras, &settings.init, budget, degree, &mut random(settings.seed, 0))?;
         if !scene.means.iter().any(|&mean| cameras.iter().any(|camera| sees(camera, mean))) {
             return Err(Error::NothingInView { gaussians: scene.len(), views: cameras.len() });
@@ -79,8 +80,8 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
     }
 
     /// The test views; without any, a few of the training views.
-    pub fn judges(&self) -> Vec<&PosedView> {
-        self.task.judges()
+    pub fn evaluation_views(&self) -> Vec<&PosedView> {
+        self.task.evaluation_views()
     }
 
     /// Settings for rendering the scene, with the effects that it has been trained with.
@@ -96,7 +97,7 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
         Ok(self.rasterizer.draw(&self.splats, camera, &self.shown()).await?.0)
     }
 
-    /// Evaluates the scene on [`Self::judges`]; `look` receives each view, in order, and its
+    /// Evaluates the scene on [`Self::evaluation_views`]; `look` receives each view, in order, and its
     /// rendering.
     ///
     /// # Errors
@@ -105,7 +106,7 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
         &self,
         look: &mut dyn FnMut(&PosedView, &Image) -> Result<(), Error>,
     ) -> Result<Evaluation, Error> {
-        evaluate_splats(self.rasterizer, &self.splats, &self.task.judges(), &self.shown(), look).await
+        evaluate_splats(self.rasterizer, &self.splats, &self.task.evaluation_views(), &self.shown(), look).await
     }
 
     /// Quality on a sample of the training views.

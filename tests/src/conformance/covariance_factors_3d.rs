@@ -11,7 +11,7 @@ use pollster::FutureExt as _;
 
 use super::{
     CaseOutcome, check_gradients,
-    optimiser::{distinct, step},
+    optimizer::{distinct, step},
     parameterizations,
 };
 use crate::{

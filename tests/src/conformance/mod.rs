@@ -30,7 +30,7 @@ mod images_3d;
 mod losses;
 mod metamorphic;
 mod metamorphic_3d;
-mod optimiser;
+mod optimizer;
 mod state;
 mod statistics;
 mod targets;
@@ -72,7 +72,7 @@ pub use self::{
     metamorphic_3d::{
         indices_do_not_matter_by_depth, rigid_motions_change_nothing, scales_of_the_world_change_nothing,
     },
-    optimiser::{adam_matches, covariance_factor_steps_match},
+    optimizer::{adam_matches, covariance_factor_steps_match},
     state::{noise_moves_means_and_nothing_else, restored_splats_continue_bit_for_bit, scenes_come_back},
     statistics::{absolute_gradients_match, mean_gradients_match, pixel_errors_match},
     targets::incomplete_targets_are_completed,

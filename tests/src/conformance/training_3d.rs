@@ -9,7 +9,7 @@ use pollster::FutureExt as _;
 
 use super::{
     losses_of,
-    optimiser::{compare_parameters, distinct, step},
+    optimizer::{compare_parameters, distinct, step},
 };
 use crate::{
     failure::Failure,

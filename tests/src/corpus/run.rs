@@ -318,7 +318,7 @@ fn are_counted<S: Subject>(case: &Case<S>, state: &SplatsState) -> Result<(), Fa
 /// roundings.
 const BEYOND: f64 = 1e-1;
 
-/// Checks that scales are within the optimiser's bounds after training, except for Gaussians with a
+/// Checks that scales are within the optimizer's bounds after training, except for Gaussians with a
 /// zero quaternion, which are never trained.
 fn stay_bounded<S: Subject>(case: &Case<S>, after: &S) -> Result<(), Failure> {
     if case.steps == 0 {

@@ -2,7 +2,7 @@
 
 mod images;
 mod opacities;
-mod optimiser;
+mod optimizer;
 mod refusals;
 mod shapes;
 
@@ -19,7 +19,7 @@ const VIEW: (u32, u32) = (24, 19);
 
 /// All 2D cases.
 pub fn corpus_2d() -> Vec<Case<Scene2d>> {
-    [shapes::cases(), opacities::cases(), images::cases(), optimiser::cases(), refusals::cases()]
+    [shapes::cases(), opacities::cases(), images::cases(), optimizer::cases(), refusals::cases()]
         .into_iter()
         .flatten()
         .collect()

@@ -37,7 +37,7 @@ pub struct Fuzzed<S: Scene> {
     pub loss: Loss,
     /// The parameterization.
     pub parameterization: Parameterization,
-    /// The optimiser's rates.
+    /// The optimizer's rates.
     pub rates: AdamRates,
     /// Whether steps after the first reuse lists.
     pub binning: Binning,

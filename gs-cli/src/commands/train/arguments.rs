@@ -109,7 +109,7 @@ impl TrainArgs {
 #[derive(Debug, Clone, Default, Args)]
 #[command(next_help_heading = "Settings")]
 pub(crate) struct TrainSettingsArgs {
-    /// The settings to start from [default: 3dgs]
+    /// The settings to start from [default: standard]
     #[arg(long, value_enum, value_name = "PRESET")]
     pub(crate) preset: Option<TrainPresetName>,
     /// Settings file, such as the settings.toml of a training; flags override it
@@ -118,16 +118,16 @@ pub(crate) struct TrainSettingsArgs {
     /// The most Gaussians
     #[arg(short = 'n', long, alias = "max-gaussians", value_name = "N", value_parser = whole::<u32>(1..))]
     pub(crate) gaussians: Option<u32>,
-    /// Steps of the optimizer, one view each; the preset's schedules follow [default: 30000, short:
-    /// 6000, quick: 2000]
+    /// Steps of the optimizer, one view each; the preset's schedules follow [default: 40 a
+    /// view, 2000 to 8000; quick: 2000, 3dgs and mcmc: 30000]
     #[arg(short, long, value_name = "K", value_parser = whole::<u32>(0..))]
     pub(crate) iterations: Option<u32>,
     /// Density control: which Gaussians grow and which are removed
     #[arg(long, value_enum, value_name = "POLICY")]
     pub(crate) policy: Option<TrainPolicyName>,
-    /// The initial Gaussians: the points of the data set, random ones, or a scene (a file or an
-    /// output folder) [default: points, or random without points]
-    #[arg(long, value_name = "points|random|SCENE")]
+    /// The initial Gaussians: the points of the data set, points found in the images, random
+    /// points, or a scene (a file or an output folder) [default: points, or images without points]
+    #[arg(long, value_name = "points|images|random|SCENE")]
     pub(crate) start: Option<String>,
     /// Loss to minimise
     #[arg(long, value_enum, value_name = "LOSS")]
@@ -168,15 +168,16 @@ pub(crate) struct TrainSettingsArgs {
 /// A preset.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(crate) enum TrainPresetName {
+    /// For runs of minutes
+    #[value(alias = "short")]
+    Standard,
+    /// For a first look
+    Quick,
     /// 3D Gaussian Splatting as published
     #[value(name = "3dgs")]
     ThreeDgs,
     /// 3DGS-MCMC: a fixed number of Gaussians, moved to where they are needed
     Mcmc,
-    /// For runs of minutes: as 3dgs, with larger steps, and all schedules within the run
-    Short,
-    /// For a first look
-    Quick,
 }
 
 /// A density-control policy for 3D scenes: not those that use the residual of one image, residual

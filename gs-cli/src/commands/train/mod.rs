@@ -108,6 +108,15 @@ impl Start {
         let views = Views::of_dataset(dataset);
         match self {
             Self::Fresh { settings, initial, description } => {
+                let searches = matches!(initial, Initial::Images);
+                let initial = initial.searched(&views.train)?;
+                let description = match &initial {
+                    Initial::Points(points) if searches => {
+                        format!("{} found in the images", counted(points.len(), "point"))
+                    }
+                    _ if searches => "random points, because too few were found in the images".to_owned(),
+                    _ => description,
+                };
                 let log = MetricsLog::for_steps(settings.iterations);
                 let trainer = Trainer3d::from_views(rasterizer, views, initial, *settings);
                 Ok((trainer.block_on().map_err(|error| not_begun(error, &dataset.root))?, log, description))

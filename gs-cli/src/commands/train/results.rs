@@ -161,7 +161,7 @@ impl Results<'_> {
         tried: &mut Vec<Result<(), Failure>>,
     ) -> Result<Evaluation, Failure> {
         let background = trainer.shown().background_color();
-        let views = trainer.judges().into_iter().map(|view| view.name.as_str());
+        let views = trainer.evaluation_views().into_iter().map(|view| view.name.as_str());
         let (pictures, names) = match ViewPictures::prepare(self.folder, views) {
             Ok((pictures, names)) => (Some(pictures), names),
             Err(failure) => {
@@ -201,7 +201,7 @@ impl Results<'_> {
 
     /// Draws the first of the views that evaluate the scene, with ellipses over it.
     fn write_ellipses(&self, trainer: &Trainer3d<'_, AnyRasterizer>, scene: &Scene3d) -> Result<(), Failure> {
-        let Some(view) = trainer.judges().first().map(|view| view.camera) else { return Ok(()) };
+        let Some(view) = trainer.evaluation_views().first().map(|view| view.camera) else { return Ok(()) };
         let Canvas { width, height, .. } = ellipses::canvas_for(Canvas::new(view.width, view.height));
         let camera = view.resized(width, height);
         let mut picture = trainer.render_view(&camera).block_on()?.clamped();

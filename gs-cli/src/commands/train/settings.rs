@@ -4,7 +4,7 @@ use std::path::Path;
 
 use gs_core::{Participants, counted};
 use gs_density::Policy;
-use gs_io::dataset::Dataset;
+use gs_io::dataset::{Dataset, Split};
 use gs_train::{
     TrainPreset, TrainSettings,
     train::{Resolution, Start, StepBackground},
@@ -26,7 +26,9 @@ pub(super) fn settings(args: &TrainSettingsArgs, dataset: &Dataset) -> Result<Tr
             settings
         }
         None => {
-            let settings = args.preset.map_or_else(TrainPreset::default, TrainPreset::from).settings(args.iterations);
+            let preset = args.preset.unwrap_or(TrainPresetName::Standard);
+            let settings = TrainPreset::from(preset)
+                .settings_for(args.iterations, dataset.views_of(Split::Train).map(|view| &view.camera));
             settings.on(dataset.kind.background())
         }
     };
@@ -62,15 +64,17 @@ pub(super) fn settings(args: &TrainSettingsArgs, dataset: &Dataset) -> Result<Tr
     Ok(settings)
 }
 
-/// The initial Gaussians, and what they are in words.
+/// The initial Gaussians, and what they are in words where that is known before the images are
+/// searched.
 pub(super) fn initial(args: &TrainSettingsArgs, dataset: &Dataset) -> Result<(Start, String), Failure> {
     let points = || (Start::Points(dataset.points.clone()), counted(dataset.points.len(), "point"));
     match args.start.as_deref() {
         Some("random") => Ok((Start::Random, "random points".to_owned())),
+        Some("images") => Ok((Start::Images, String::new())),
         Some("points") if dataset.points.is_empty() => {
-            Err(Failure::usage("--start points: the data set has no points").hint("use --start random"))
+            Err(Failure::usage("--start points: the data set has no points").hint("use --start images"))
         }
-        None if dataset.points.is_empty() => Ok((Start::Random, "random points, as the data set has none".to_owned())),
+        None if dataset.points.is_empty() => Ok((Start::Images, String::new())),
         None | Some("points") => Ok(points()),
         Some(file) => Ok((Start::Scene(scene::read_3d(Path::new(file))?.scene), format!("the Gaussians of {file}"))),
     }
@@ -81,7 +85,7 @@ impl From<TrainPresetName> for TrainPreset {
         match name {
             TrainPresetName::ThreeDgs => Self::ThreeDgs,
             TrainPresetName::Mcmc => Self::Mcmc,
-            TrainPresetName::Short => Self::Short,
+            TrainPresetName::Standard => Self::Standard,
             TrainPresetName::Quick => Self::Quick,
         }
     }

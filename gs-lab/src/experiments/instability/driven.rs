@@ -2,8 +2,8 @@
 //! guard.
 
 use glam::{Vec2, Vec3};
+use gs_backend::FutureExt as _;
 use gs_core::{Canvas, Gaussian2d, Image, Optimizer, Scene as _, Scene2d, logit};
-use pollster::FutureExt as _;
 
 use super::{Guard, NEEDLE_PX, small_settings};
 use crate::experiments::textbook::Textbook;

@@ -19,7 +19,7 @@ impl InstabilityMeasured {
             method: format!(
                 "First one scale of a needle of {NEEDLE_PX} px goes to 1e-12 px, at {} angles, and loss and gradients \
                  are examined. Then {SMALL_GAUSSIANS} Gaussians are fitted to thin lines on {side}×{side} \
-                 px (L1, 800 steps, {} seeds), where an optimiser may drive a scale to zero by itself. Without guards and with the \
+                 px (L1, 800 steps, {} seeds), where an optimizer may drive a scale to zero by itself. Without guards and with the \
                  paper's, this is computed in 32 bits as the formulas are written down (Σ multiplied out, inverted by a·c − \
                  b², Adam on the scales themselves), by a dense solver that only this experiment uses; with this \
                  project's guards, by the product. Finally the paper's fit of 600 Gaussians, with the clamp at 1 px and with \
@@ -71,7 +71,7 @@ impl InstabilityMeasured {
             self.trajectories(Guard::Off).map(|trajectory| trajectory.smallest_scale_px).fold(f64::INFINITY, f64::min);
         Claim {
             name: "singular-covariances-give-nan",
-            statement: "When the optimiser drives a scale to near zero, the covariance becomes singular and the loss NaN.",
+            statement: "When the optimizer drives a scale to near zero, the covariance becomes singular and the loss NaN.",
             section: "§3.4.2",
             circumstances: vec![
                 Circumstance::once(
@@ -85,7 +85,7 @@ impl InstabilityMeasured {
                     of: drive.angles,
                 },
                 Circumstance::counted(
-                    "fits in which the optimiser drives a scale there that diverge",
+                    "fits in which the optimizer drives a scale there that diverge",
                     driven.iter().map(|trajectory| trajectory.diverged),
                 ),
             ],

@@ -1,8 +1,8 @@
-//! Small fits in which the optimiser may shrink a scale to zero by itself.
+//! Small fits in which the optimizer may shrink a scale to zero by itself.
 
+use gs_backend::FutureExt as _;
 use gs_core::{Image, Loss, Optimizer, Scene2d};
 use gs_density::Policy;
-use pollster::FutureExt as _;
 
 use super::{Guard, unless_diverged};
 use crate::{experiments::Laboratory, experiments::paired::mean, experiments::textbook::Textbook};

@@ -11,7 +11,7 @@
 //! make its pixels jump one by one, which is not visible. The sum of magnitudes would be the same
 //! for an area that jumps at once; the sum of squares is not.
 
-use pollster::FutureExt as _;
+use gs_backend::FutureExt as _;
 use std::collections::VecDeque;
 
 use gs_core::{

@@ -1,7 +1,7 @@
 //! Pictures of popping: successive frames with both orders, and their differences.
 
+use gs_backend::FutureExt as _;
 use gs_core::{Image, Optimizer, Parameterization, RenderSettings, Scene3d, constants::SSIM_WINDOW};
-use pollster::FutureExt as _;
 
 use super::{
     comparison::{Moment, ORDERS, ordered},

@@ -35,7 +35,7 @@ pub struct Inputs<S: Scene> {
     pub target: Image,
     /// The loss.
     pub loss: Loss,
-    /// The optimiser's rates.
+    /// The optimizer's rates.
     pub rates: AdamRates,
 }
 

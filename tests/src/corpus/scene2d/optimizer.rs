@@ -1,4 +1,4 @@
-//! Losses and optimisers at their edge cases.
+//! Losses and optimizers at their edge cases.
 
 use glam::Vec2;
 use gs_core::{Culled, Gaussian2d, Image, Loss, Scene2d, adam::Group, effects::Blend};

@@ -1,0 +1,439 @@
+//! Points on the surfaces of a scene, found in its images: a plane sweep for data sets without
+//! points of a reconstruction.
+//!
+//! A pixel of a view is projected at many depths into neighbouring views. At the right depth its
+//! surroundings look the same there. *Source:* Collins 1996, A space-sweep approach to true
+//! multi-image matching; the score is the normalized cross-correlation of patches.
+
+use std::collections::BTreeMap;
+
+use glam::{IVec3, Vec2, Vec3};
+use gs_core::{Camera, Image};
+use gs_io::dataset::{Point, PosedImage};
+use rayon::prelude::*;
+
+use super::{
+    geometry::{Focus, extent_of},
+    resolution::{possible, reduced, reduced_camera},
+    views::PosedView,
+};
+use crate::error::Error;
+
+/// Largest number of views that are searched, evenly spread; they are kept in memory.
+const MOST_VIEWS: usize = 128;
+
+/// Longest side of the images that are searched, px.
+const SIDE: u32 = 320;
+
+/// Number of pixels that are swept, over all views, at most.
+const MOST_PIXELS: usize = 100_000;
+
+/// Least and largest number of depths of a sweep, even in 1/depth: those that are a pixel apart in
+/// the neighbours, as far as possible.
+const DEPTHS: [f32; 2] = [64.0, 256.0];
+
+/// Farthest depth of a sweep, in units of the distance to the scene.
+const FARTHEST: f32 = 20.0;
+
+/// Nearest depth of a sweep of cameras around an object, in the same unit.
+const NEAREST_AROUND: f32 = 0.4;
+
+/// Nearest depth of a sweep of other cameras, in the same unit.
+const NEAREST_WITHIN: f32 = 0.2;
+
+/// Number of neighbouring views that a view is compared with.
+const NEIGHBOURS: usize = 6;
+
+/// Number of neighbours, those that agree best, whose mean is the score. The others may not see the
+/// surface.
+const AGREEING: usize = 3;
+
+/// The best angle between the rays of two views, rad: large enough for a precise depth, small
+/// enough for surfaces to look the same.
+const BEST_ANGLE: f32 = 0.17;
+
+/// Least cosine of the angle between the axes of neighbours.
+const LEAST_COSINE: f32 = 0.7;
+
+/// Pixels from the centre to the edge of a patch.
+const RADIUS: i32 = 2;
+
+/// Pixels of a patch.
+const PATCH: usize = ((2 * RADIUS + 1) * (2 * RADIUS + 1)) as usize;
+
+/// Least standard deviation of luma in a patch that can be recognized.
+const LEAST_CONTRAST: f32 = 0.02;
+
+/// Least correlation of a surface.
+const LEAST_SCORE: f32 = 0.8;
+
+/// The least by which the score of a surface exceeds that at other depths.
+const LEAST_LEAD: f32 = 0.04;
+
+/// Depths on each side of the best that are not other depths.
+const SAME_DEPTHS: usize = 4;
+
+/// Least number of other swept pixels, at most two away, that lie on the same surface.
+const LEAST_CONFIRMING: usize = 1;
+
+/// Largest difference between ln-depths on one surface.
+const SAME_SURFACE: f32 = 0.1;
+
+/// Radius, as a share of the image's longer side, within which a pixel without contrast takes its
+/// depth from pixels with a known one.
+const FILL_RADIUS: f32 = 0.12;
+
+/// The points found, in the order of views and pixels; none where no two views overlap.
+///
+/// # Errors
+/// Those of reading an image.
+pub(super) fn points(views: &[PosedView]) -> Result<Vec<Point>, Error> {
+    let count = views.len().min(MOST_VIEWS);
+    let plates = (0..count)
+        .into_par_iter()
+        .map(|number| Plate::read(&views[number * views.len() / count]))
+        .collect::<Result<Vec<_>, _>>()?;
+    let cameras: Vec<Camera> = plates.iter().map(|plate| plate.camera).collect();
+    let (distance, nearest) = match Focus::of(&cameras) {
+        Some(focus) => (focus.distance, NEAREST_AROUND),
+        None => (extent_of(&cameras, None), NEAREST_WITHIN),
+    };
+    let pixels: usize = plates.iter().map(|plate| plate.solid.iter().filter(|&&solid| solid).count()).sum();
+    let stride = ((pixels as f32 / MOST_PIXELS as f32).sqrt().ceil() as u32).max(1);
+    let found: Vec<Vec<Found>> =
+        (0..count).into_par_iter().map(|index| sweep(&plates, index, (distance, nearest), stride)).collect();
+    Ok(merged(found.into_iter().flatten()))
+}
+
+/// A view as it is searched.
+struct Plate {
+    camera: Camera,
+    image: Image,
+    luma: Vec<f32>,
+    /// Whether a pixel counts and is more opaque than not.
+    solid: Vec<bool>,
+}
+
+/// A point, and half the distance between swept pixels at its depth, world units.
+struct Found {
+    point: Point,
+    cell: f32,
+}
+
+impl Plate {
+    fn read(view: &PosedView) -> Result<Self, Error> {
+        let camera = &view.camera;
+        let factor = possible(camera, camera.width.max(camera.height).div_ceil(SIDE));
+        let PosedImage { image, alpha, mask } = reduced(&view.image()?, factor)?;
+        let luma = image.pixels().iter().map(|[r, g, b]| 0.299 * r + 0.587 * g + 0.114 * b).collect();
+        let solid = (0..image.pixels().len())
+            .map(|index| {
+                alpha.as_ref().is_none_or(|alpha| alpha[index] > 0.5) && mask.as_ref().is_none_or(|mask| mask[index])
+            })
+            .collect();
+        Ok(Self { camera: reduced_camera(camera, factor), image, luma, solid })
+    }
+
+    /// The direction of the pixel at `at`, px, as long as one unit of depth, world axes.
+    fn ray(&self, at: Vec2) -> Vec3 {
+        self.camera.rotation.transpose() * ((at - self.camera.center) / self.camera.focal).extend(1.0)
+    }
+
+    /// The patch around the pixel in column `x` and row `y`: luma minus its mean, divided by its
+    /// norm. `None` where it leaves the image or has no contrast.
+    fn patch(&self, x: u32, y: u32) -> Option<[f32; PATCH]> {
+        let (width, height) = (self.camera.width as i32, self.camera.height as i32);
+        let (x, y) = (x as i32, y as i32);
+        let inside = |at: i32, size: i32| at >= RADIUS && at + RADIUS < size;
+        if !inside(x, width) || !inside(y, height) {
+            return None;
+        }
+        let mut patch = [0.0; PATCH];
+        for (value, (dx, dy)) in patch.iter_mut().zip(offsets()) {
+            *value = self.luma[((y + dy) * width + x + dx) as usize];
+        }
+        let mean = patch.iter().sum::<f32>() / PATCH as f32;
+        patch.iter_mut().for_each(|value| *value -= mean);
+        let norm = patch.iter().map(|value| value * value).sum::<f32>().sqrt();
+        if norm < LEAST_CONTRAST * (PATCH as f32).sqrt() {
+            return None;
+        }
+        patch.iter_mut().for_each(|value| *value /= norm);
+        Some(patch)
+    }
+
+    /// Correlation of a patch with this image around `at`, where a pixel to the right is `right`
+    /// and one below is `down`, px. `None` where it leaves the image.
+    fn correlation(&self, patch: &[f32; PATCH], at: Vec2, right: Vec2, down: Vec2) -> Option<f32> {
+        let (width, height) = (self.camera.width as usize, self.camera.height as usize);
+        // Pixel centres are at j + ½.
+        let at = at - 0.5;
+        let reach = RADIUS as f32 * (right.abs() + down.abs());
+        let last = Vec2::new(width as f32 - 1.001, height as f32 - 1.001);
+        if !((at - reach).cmpge(Vec2::ZERO).all() && (at + reach).cmple(last).all()) {
+            return None;
+        }
+        let (mut sum, mut squares, mut product) = (0.0f32, 0.0f32, 0.0f32);
+        for (&reference, (dx, dy)) in patch.iter().zip(offsets()) {
+            let place = at + dx as f32 * right + dy as f32 * down;
+            let (x, y) = (place.x as usize, place.y as usize);
+            let (u, v) = (place.x - x as f32, place.y - y as f32);
+            let row = &self.luma[y * width + x..];
+            let (top, bottom) = (row[0] + u * (row[1] - row[0]), row[width] + u * (row[width + 1] - row[width]));
+            let value = top + v * (bottom - top);
+            sum += value;
+            squares += value * value;
+            product += reference * value;
+        }
+        let variance = squares - sum * sum / PATCH as f32;
+        let least = LEAST_CONTRAST * LEAST_CONTRAST * PATCH as f32;
+        Some(if variance > 0.25 * least { product / variance.sqrt() } else { 0.0 })
+    }
+}
+
+fn offsets() -> impl Iterator<Item = (i32, i32)> {
+    (-RADIUS..=RADIUS).flat_map(|dy| (-RADIUS..=RADIUS).map(move |dx| (dx, dy)))
+}
+
+/// The views to compare view `index` with: those whose rays meet its own at about [`BEST_ANGLE`] in
+/// this distance, among those that look in a similar direction.
+fn neighbours(plates: &[Plate], index: usize, distance: f32) -> Vec<usize> {
+    let camera = &plates[index].camera;
+    let axis = |camera: &Camera| camera.rotation.row(2);
+    let mut others: Vec<(f32, usize)> = (0..plates.len())
+        .filter(|&other| other != index && axis(&plates[other].camera).dot(axis(camera)) > LEAST_COSINE)
+        .map(|other| (plates[other].camera.position().distance(camera.position()) / distance, other))
+        .filter(|&(angle, _)| angle > 0.02)
+        .map(|(angle, other)| ((angle / BEST_ANGLE).ln().abs(), other))
+        .collect();
+    others.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    others.into_iter().take(NEIGHBOURS).map(|(_, other)| other).collect()
+}
+
+/// The depths of a sweep, from far to near.
+#[derive(Debug, Clone, Copy)]
+struct Depths {
+    count: usize,
+    /// 1/depth of the first and the last.
+    inverse: [f32; 2],
+}
+
+impl Depths {
+    fn of(camera: &Camera, distance: f32, nearest: f32) -> Self {
+        let inverse = [FARTHEST, nearest].map(|share| 1.0 / (share * distance).max(camera.near));
+        // The disparity in a neighbour at the best angle, px.
+        let disparity = camera.focal.max_element() * BEST_ANGLE * distance * (inverse[1] - inverse[0]);
+        Self { count: disparity.clamp(DEPTHS[0], DEPTHS[1]) as usize, inverse }
+    }
+
+    fn at(self, step: f32) -> f32 {
+        let share = step / (self.count - 1) as f32;
+        1.0 / ((1.0 - share) * self.inverse[0] + share * self.inverse[1])
+    }
+}
+
+/// A sweep for one pixel.
+struct Pixel<'a> {
+    plate: &'a Plate,
+    neighbours: &'a [&'a Plate],
+    at: Vec2,
+    patch: [f32; PATCH],
+}
+
+impl Pixel<'_> {
+    /// Mean correlation at this depth with the neighbours that agree best; −1 where fewer see the
+    /// point.
+    fn score(&self, depth: f32) -> f32 {
+        let origin = self.plate.camera.position();
+        let place = |offset: Vec2| origin + depth * self.plate.ray(self.at + offset);
+        let [centre, right, below] = [Vec2::ZERO, Vec2::X, Vec2::Y].map(place);
+        let mut best = [-1.0f32; AGREEING];
+        let mut seen = 0;
+        for plate in self.neighbours {
+            let project = |world| plate.camera.project(world).map(|(at, _)| at);
+            let (Some(at), Some(right), Some(below)) = (project(centre), project(right), project(below)) else {
+                continue;
+            };
+            let Some(mut score) = plate.correlation(&self.patch, at, right - at, below - at) else { continue };
+            seen += 1;
+            for kept in &mut best {
+                if score > *kept {
+                    std::mem::swap(kept, &mut score);
+                }
+            }
+        }
+        let agreeing = self.neighbours.len().min(AGREEING);
+        if seen < agreeing.max(2) { -1.0 } else { best[..agreeing].iter().sum::<f32>() / agreeing as f32 }
+    }
+
+    /// The depth at which the pixel looks the same in its neighbours, if there is a single one.
+    fn depth(&self, depths: Depths) -> Option<f32> {
+        let scores: Vec<f32> = (0..depths.count).map(|step| self.score(depths.at(step as f32))).collect();
+        let best = (0..depths.count).max_by(|&a, &b| scores[a].total_cmp(&scores[b]))?;
+        // Half steps and quarters around the best depth.
+        let (mut place, mut score) = (best as f32, scores[best]);
+        for width in [0.5, 0.25, 0.125] {
+            for other in [place - width, place + width] {
+                let found = self.score(depths.at(other));
+                if found > score {
+                    (place, score) = (other, found);
+                }
+            }
+        }
+        let elsewhere = (0..depths.count).filter(|step| step.abs_diff(best) > SAME_DEPTHS).map(|step| scores[step]);
+        let unique = score - elsewhere.fold(-1.0, f32::max) >= LEAST_LEAD;
+        (score >= LEAST_SCORE && unique && place > 0.0).then(|| depths.at(place))
+    }
+}
+
+/// The points of one view: at every `stride`-th pixel with contrast whose depth is found, and
+/// between them at pixels without contrast.
+fn sweep(plates: &[Plate], index: usize, (distance, nearest): (f32, f32), stride: u32) -> Vec<Found> {
+    let plate = &plates[index];
+    let chosen = neighbours(plates, index, distance);
+    let neighbours: Vec<&Plate> = chosen.iter().map(|&other| &plates[other]).collect();
+    let depths = Depths::of(&plate.camera, distance, nearest);
+    let (width, height) = plate.image.size();
+    let (mut known, mut flat): (Vec<(Vec2, f32)>, Vec<Vec2>) = (Vec::new(), Vec::new());
+    let first = stride / 2;
+    for y in (first..height).step_by(stride as usize) {
+        for x in (first..width).step_by(stride as usize) {
+            if !plate.solid[(y * width + x) as usize] {
+                continue;
+            }
+            let at = Vec2::new(x as f32, y as f32) + 0.5;
+            match plate.patch(x, y) {
+                Some(patch) => {
+                    let pixel = Pixel { plate, neighbours: &neighbours, at, patch };
+                    known.extend(pixel.depth(depths).map(|depth| (at, depth)));
+                }
+                None => flat.push(at),
+            }
+        }
+    }
+    let known = confirmed(&known, 2.0 * stride as f32);
+    let reach = FILL_RADIUS * width.max(height) as f32;
+    let filled: Vec<(Vec2, f32)> =
+        flat.into_iter().filter_map(|at| Some((at, depth_around(&known, at, reach)?))).collect();
+    let cell = 0.5 * stride as f32 / plate.camera.focal.max_element();
+    let origin = plate.camera.position();
+    let found = |(at, depth): (Vec2, f32)| Found {
+        point: Point { position: origin + depth * plate.ray(at), color: plate.image.pixel(at.x as u32, at.y as u32) },
+        cell: cell * depth,
+    };
+    known.into_iter().chain(filled).map(found).collect()
+}
+
+/// The pixels whose depth at least [`LEAST_CONFIRMING`] others within `reach`, px, have, too. The
+/// pixels are ordered by rows.
+fn confirmed(known: &[(Vec2, f32)], reach: f32) -> Vec<(Vec2, f32)> {
+    let agree = |&(at, depth): &(Vec2, f32)| {
+        let others = around(known, at, reach).filter(|(_, other)| (other / depth).ln().abs() < SAME_SURFACE);
+        others.count() > LEAST_CONFIRMING
+    };
+    known.iter().copied().filter(agree).collect()
+}
+
+/// The pixels, ordered by rows, that are within `reach` of `at` in both directions, px.
+fn around(known: &[(Vec2, f32)], at: Vec2, reach: f32) -> impl Iterator<Item = &(Vec2, f32)> {
+    let [first, end] = [-reach, reach + 0.5].map(|offset| known.partition_point(|(place, _)| place.y < at.y + offset));
+    known[first..end].iter().filter(move |(place, _)| (place.x - at.x).abs() <= reach)
+}
+
+/// The middle one of the depths of the three nearest pixels with a known depth; `None` unless they
+/// are within `reach`, px.
+fn depth_around(known: &[(Vec2, f32)], at: Vec2, reach: f32) -> Option<f32> {
+    let mut near: Vec<(f32, f32)> = around(known, at, reach)
+        .map(|&(place, depth)| (place.distance_squared(at), depth))
+        .filter(|&(distance, _)| distance <= reach * reach)
+        .collect();
+    near.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut depths: Vec<f32> = near.get(..3)?.iter().map(|&(_, depth)| depth).collect();
+    depths.sort_by(f32::total_cmp);
+    Some(depths[1])
+}
+
+/// The points, of which those of one cell of a grid become one: views overlap.
+fn merged(found: impl Iterator<Item = Found>) -> Vec<Point> {
+    let found: Vec<Found> = found.collect();
+    let mut cells: Vec<f32> = found.iter().map(|found| found.cell).collect();
+    cells.sort_by(f32::total_cmp);
+    let Some(&middle) = cells.get(cells.len() / 2) else { return Vec::new() };
+    // Coarser cells where points are far away, by powers of two.
+    let mut grid: BTreeMap<(i32, [i32; 3]), (Vec3, Vec3, f32)> = BTreeMap::new();
+    for Found { point, cell } in found {
+        let level = (cell / middle).log2().round() as i32;
+        let place: IVec3 = (point.position / (middle * (level as f32).exp2())).floor().as_ivec3();
+        let sums = grid.entry((level, place.to_array())).or_default();
+        sums.0 += point.position;
+        sums.1 += Vec3::from_array(point.color);
+        sums.2 += 1.0;
+    }
+    let mean = |(position, color, count): (Vec3, Vec3, f32)| Point {
+        position: position / count,
+        color: (color / count).to_array(),
+    };
+    grid.into_values().map(mean).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::train::geometry::tests::looking_at;
+
+    /// Views of the plane z = 0, whose colour is a function of the place, from six sides above it.
+    fn views_of_plane(color: impl Fn(Vec2) -> [f32; 3]) -> Vec<PosedView> {
+        (0..6)
+            .map(|number| {
+                let angle = number as f32;
+                let from = Vec3::new(0.8 * angle.cos(), 0.8 * angle.sin(), 4.0);
+                let camera = looking_at(from, Vec3::new(0.05, 0.02, 0.0), 32);
+                let image = Image::from_fn(32, 32, |x, y| {
+                    let at = Vec2::new(x as f32, y as f32) + 0.5;
+                    let ray = camera.rotation.transpose() * ((at - camera.center) / camera.focal).extend(1.0);
+                    let hit = camera.position() - ray * (camera.position().z / ray.z);
+                    color(hit.truncate())
+                });
+                PosedView::of_image(format!("{number}"), camera, image.unwrap())
+            })
+            .collect()
+    }
+
+    /// Waves of several lengths and directions, which no shift repeats within an image.
+    fn waves(at: Vec2) -> [f32; 3] {
+        let wave = |x: f32, y: f32| (at.dot(Vec2::new(x, y))).sin();
+        let value = wave(4.5, 1.0) + wave(-2.1, 5.7) + wave(9.0, -3.4) + wave(1.7, 11.6);
+        [0.5 + 0.12 * value, 0.5 + 0.1 * wave(3.0, 1.0), 0.25]
+    }
+
+    #[test]
+    fn points_lie_on_the_surface_and_have_its_colour() {
+        let found = points(&views_of_plane(waves)).unwrap();
+        assert!(found.len() > 300, "{}", found.len());
+        let on_plane = |point: &&Point| point.position.z.abs() < 0.1;
+        let right = found.iter().filter(on_plane).count();
+        assert!(right as f32 > 0.9 * found.len() as f32, "{right} of {}", found.len());
+        let differs = |point: &&Point| {
+            let expected = waves(point.position.truncate());
+            on_plane(point) && (0..3).any(|k| (point.color[k] - expected[k]).abs() > 0.12)
+        };
+        let wrong = found.iter().filter(differs).count();
+        assert!(wrong < found.len() / 50, "{wrong} of {}", found.len());
+    }
+
+    #[test]
+    fn pixels_without_contrast_take_the_depth_of_those_around_them() {
+        let color = |at: Vec2| if at.length() < 0.4 { [0.5; 3] } else { waves(at) };
+        let found = points(&views_of_plane(color)).unwrap();
+        let inside = found.iter().filter(|point| point.position.truncate().length() < 0.2).count();
+        assert!(inside > 0);
+    }
+
+    #[test]
+    fn nothing_is_found_without_contrast_or_neighbours() {
+        assert_eq!(points(&views_of_plane(|_| [0.5; 3])).unwrap().len(), 0);
+        let mut single = views_of_plane(waves);
+        single.truncate(1);
+        assert_eq!(points(&single).unwrap().len(), 0);
+    }
+}
