@@ -7,7 +7,7 @@ const INTERRUPTED: u8 = 130;
 
 /// The kind of a failure decides the exit status.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Kind {
+enum Cause {
     /// The command line asks for something impossible: status 2.
     Usage,
     /// The command could not do its work: status 1.
@@ -26,24 +26,24 @@ enum Kind {
 /// Why a command failed.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Failure {
-    kind: Kind,
+    kind: Cause,
     message: String,
 }
 
 impl Failure {
     /// The command could not do its work.
     pub(crate) fn failed(message: impl Display) -> Self {
-        Self { kind: Kind::Failed, message: one_line(message) }
+        Self { kind: Cause::Failed, message: one_line(message) }
     }
 
     /// The command line asks for something impossible.
     pub(crate) fn usage(message: impl Display) -> Self {
-        Self { kind: Kind::Usage, message: one_line(message) }
+        Self { kind: Cause::Usage, message: one_line(message) }
     }
 
     /// The command was stopped by Ctrl-C, and what it had was saved.
     pub(crate) fn interrupted(message: impl Display) -> Self {
-        Self { kind: Kind::Interrupted, message: one_line(message) }
+        Self { kind: Cause::Interrupted, message: one_line(message) }
     }
 
     /// A scene could not be read or written. If its content is broken, `gs doctor` can repair it.
@@ -59,7 +59,7 @@ impl Failure {
     /// Standard output could not be written.
     pub(crate) fn output(source: io::Error) -> Self {
         match source.kind() {
-            io::ErrorKind::BrokenPipe => Self { kind: Kind::BrokenPipe, message: String::new() },
+            io::ErrorKind::BrokenPipe => Self { kind: Cause::BrokenPipe, message: String::new() },
             _ => Self::failed(format!("standard output: {source}")),
         }
     }
@@ -78,12 +78,12 @@ impl Failure {
 
     /// Whether the backend failed, rather than its input.
     pub(crate) fn is_of_backend(&self) -> bool {
-        self.kind == Kind::Backend
+        self.kind == Cause::Backend
     }
 
     /// Whether the training diverged. Continuing with the same settings would diverge again.
     pub(crate) fn is_divergence(&self) -> bool {
-        self.kind == Kind::Diverged
+        self.kind == Cause::Diverged
     }
 
     /// The first of several failures, with the number of the others.
@@ -104,19 +104,19 @@ impl Failure {
     /// The line for standard error, without its line break; `None` if there is nothing to say.
     pub(crate) fn line(&self) -> Option<String> {
         match self.kind {
-            Kind::Usage | Kind::Failed | Kind::Backend | Kind::Diverged => Some(format!("error: {}", self.message)),
-            Kind::Interrupted => Some(self.message.clone()),
-            Kind::BrokenPipe => None,
+            Cause::Usage | Cause::Failed | Cause::Backend | Cause::Diverged => Some(format!("error: {}", self.message)),
+            Cause::Interrupted => Some(self.message.clone()),
+            Cause::BrokenPipe => None,
         }
     }
 
     /// The program's exit status.
     pub(crate) fn status(&self) -> ExitCode {
         match self.kind {
-            Kind::Usage => ExitCode::from(2),
-            Kind::Failed | Kind::Backend | Kind::Diverged => ExitCode::FAILURE,
-            Kind::Interrupted => ExitCode::from(INTERRUPTED),
-            Kind::BrokenPipe => ExitCode::SUCCESS,
+            Cause::Usage => ExitCode::from(2),
+            Cause::Failed | Cause::Backend | Cause::Diverged => ExitCode::FAILURE,
+            Cause::Interrupted => ExitCode::from(INTERRUPTED),
+            Cause::BrokenPipe => ExitCode::SUCCESS,
         }
     }
 }
@@ -125,7 +125,7 @@ impl From<gs_core::Error> for Failure {
     fn from(error: gs_core::Error) -> Self {
         match error {
             gs_core::Error::Setting { .. } => Self::usage(error),
-            gs_core::Error::Backend { .. } => Self { kind: Kind::Backend, message: one_line(error) },
+            gs_core::Error::Backend { .. } => Self { kind: Cause::Backend, message: one_line(error) },
             _ => Self::failed(error),
         }
     }
@@ -155,7 +155,7 @@ impl From<gs_train::Error> for Failure {
         match error {
             gs_train::Error::Core(error) => error.into(),
             gs_train::Error::Io(error) => error.into(),
-            gs_train::Error::Diverged { .. } => Self { kind: Kind::Diverged, message: one_line(error) },
+            gs_train::Error::Diverged { .. } => Self { kind: Cause::Diverged, message: one_line(error) },
             _ => Self::failed(error),
         }
     }
@@ -167,7 +167,7 @@ impl From<gs_lab::Error> for Failure {
         match error {
             Fit(error) => error.into(),
             Io(error) => error.into(),
-            Backend { .. } => Self { kind: Kind::Backend, message: one_line(error) },
+            Backend { .. } => Self { kind: Cause::Backend, message: one_line(error) },
             Form { .. } | Study { .. } | Arm { .. } | Unknown { .. } | NoTarget { .. } | NoRow { .. } => {
                 Self::usage(error)
             }

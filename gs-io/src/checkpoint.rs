@@ -12,11 +12,11 @@ use safetensors::Dtype;
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    container::{self, Kind, TensorBytes},
+    container::{self, FileKind, TensorBytes},
     error::Error,
 };
 
-const KIND: Kind = Kind { format: "gs-checkpoint", earlier_format: None, version: 1, what: "a checkpoint" };
+const KIND: FileKind = FileKind { format: "gs-checkpoint", earlier_format: None, version: 1, what: "a checkpoint" };
 const PREFIX: &str = "state.";
 
 /// The state of a training run.

@@ -34,7 +34,7 @@ const HEAD_KEY: &str = "gs";
 
 /// A kind of file in this container.
 #[derive(Debug)]
-pub(crate) struct Kind {
+pub(crate) struct FileKind {
     /// The format's name in the head.
     pub(crate) format: &'static str,
     /// The name that earlier versions of this program wrote.
@@ -45,7 +45,7 @@ pub(crate) struct Kind {
     pub(crate) what: &'static str,
 }
 
-impl Kind {
+impl FileKind {
     /// Whether a file of this format is of this kind.
     pub(crate) fn is_named(&self, format: &str) -> bool {
         format == self.format || self.earlier_format == Some(format)
@@ -100,7 +100,7 @@ impl View for TensorBytes {
 /// Writes a file of this kind, atomically and durably.
 pub(crate) fn write<C: Serialize>(
     path: &Path,
-    kind: &'static Kind,
+    kind: &'static FileKind,
     content: &C,
     tensors: Vec<(String, TensorBytes)>,
 ) -> Result<(), Error> {
@@ -125,13 +125,13 @@ pub(crate) struct Container<C> {
     /// The content of its head.
     pub(crate) content: C,
     path: PathBuf,
-    kind: &'static Kind,
+    kind: &'static FileKind,
     header: Metadata,
     data: Vec<u8>,
 }
 
 /// Reads a file of this kind.
-pub(crate) fn read<C: DeserializeOwned>(path: &Path, kind: &'static Kind) -> Result<Container<C>, Error> {
+pub(crate) fn read<C: DeserializeOwned>(path: &Path, kind: &'static FileKind) -> Result<Container<C>, Error> {
     let (mut file, metadata) = open(path, kind.what)?;
     let file_bytes = metadata.len();
     let damaged = |byte: u64, expected: String, found: String| Error::Damaged {

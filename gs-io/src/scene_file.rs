@@ -19,7 +19,7 @@ use gs_core::{RenderSettings, Scene, Scene2d, check_size};
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    container::{self, Kind, TensorBytes},
+    container::{self, FileKind, TensorBytes},
     error::Error,
 };
 
@@ -27,8 +27,8 @@ use crate::{
 /// too.
 pub const SCENE_EXTENSION: &str = "gs2d.safetensors";
 
-const KIND: Kind =
-    Kind { format: "gs-scene-2d", earlier_format: Some("gs-planar-scene"), version: 1, what: "a scene file" };
+const KIND: FileKind =
+    FileKind { format: "gs-scene-2d", earlier_format: Some("gs-planar-scene"), version: 1, what: "a scene file" };
 const TENSORS: [&str; 5] = ["mean", "log_scale", "rotation", "opacity_logit", "color"];
 
 /// A 2D scene with its canvas and render settings.

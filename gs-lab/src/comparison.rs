@@ -10,7 +10,7 @@ use crate::{
     plan::Run,
     reach::Reach,
     record::Finished,
-    remark::{FEWEST_SEEDS, Pairing, Remark},
+    remark::{FEWEST_SEEDS, Pairing, ResultRemark},
     study::Matching,
     tables::{Metric, Results},
 };
@@ -79,12 +79,12 @@ pub struct Difference {
     /// The verdict.
     pub verdict: Verdict,
     /// What the reader must know besides the numbers, such as why there is no verdict.
-    pub remarks: Vec<Remark>,
+    pub remarks: Vec<ResultRemark>,
 }
 
 impl Difference {
     /// The first remark that forbids a verdict.
-    pub(crate) fn obstacle(&self) -> Option<&Remark> {
+    pub(crate) fn obstacle(&self) -> Option<&ResultRemark> {
         self.remarks.iter().find(|remark| remark.forbids_verdict())
     }
 }
@@ -146,7 +146,7 @@ impl Results<'_> {
         let interval = if units.len() < FEWEST { None } else { bootstrap_interval(&units) };
         let infinite = gains.iter().filter(|gain| !gain.1.is_finite()).count();
         let mut remarks = self.gaps(&pairs, pairing);
-        remarks.extend((infinite > 0).then_some(Remark::Infinite { pairs: infinite }));
+        remarks.extend((infinite > 0).then_some(ResultRemark::Infinite { pairs: infinite }));
         remarks.extend(match matching {
             Matching::Count => self.counts_differ(&pairs),
             Matching::Time => self.clocks_differ(budget),
@@ -154,12 +154,12 @@ impl Results<'_> {
         });
         let seeds = self.plan.study.seeds.len();
         if units.len() < FEWEST {
-            remarks.push(Remark::TooFew { pairs: units.len(), pairing });
+            remarks.push(ResultRemark::TooFew { pairs: units.len(), pairing });
         } else if seeds < FEWEST_SEEDS {
-            remarks.push(Remark::FewSeeds { seeds });
+            remarks.push(ResultRemark::FewSeeds { seeds });
         }
         let verdict = match interval {
-            Some(interval) if !remarks.iter().any(Remark::forbids_verdict) => Verdict::of(interval),
+            Some(interval) if !remarks.iter().any(ResultRemark::forbids_verdict) => Verdict::of(interval),
             _ => Verdict::CannotTell,
         };
         Difference {
@@ -189,14 +189,14 @@ impl Results<'_> {
     }
 
     /// Remarks about images or pairs that are missing because runs failed or were not done.
-    fn gaps(&self, pairs: &[Pair<'_>], pairing: Pairing) -> Vec<Remark> {
+    fn gaps(&self, pairs: &[Pair<'_>], pairing: Pairing) -> Vec<ResultRemark> {
         let images = self.plan.targets.len();
         let is_missing = |target: &usize| pairs.iter().all(|pair| pair.run.target != *target);
         let missing = (0..images).filter(is_missing).count();
         let asked = images * self.plan.study.seeds.len();
         match pairing {
-            Pairing::Images if missing > 0 => vec![Remark::ImagesMissing { missing, of: images }],
-            _ if pairs.len() < asked => vec![Remark::Incomplete { pairs: pairs.len(), of: asked }],
+            Pairing::Images if missing > 0 => vec![ResultRemark::ImagesMissing { missing, of: images }],
+            _ if pairs.len() < asked => vec![ResultRemark::Incomplete { pairs: pairs.len(), of: asked }],
             _ => Vec::new(),
         }
     }
@@ -204,7 +204,7 @@ impl Results<'_> {
     /// A remark if the arms end with different counts on some image; it names the image with the
     /// largest difference. Counts are compared run by run, so that a surplus in one run does not
     /// balance a deficit in another.
-    fn counts_differ(&self, pairs: &[Pair<'_>]) -> Option<Remark> {
+    fn counts_differ(&self, pairs: &[Pair<'_>]) -> Option<ResultRemark> {
         let of_image = |target: usize| {
             let counts = || {
                 let of_target = pairs.iter().filter(move |pair| pair.run.target == target);
@@ -217,16 +217,16 @@ impl Results<'_> {
         let shares = (0..self.plan.targets.len()).map(of_image).filter(|found| found.0 > EQUAL_COUNT);
         let (_, arm, against, target) = shares.max_by(|a, b| a.0.total_cmp(&b.0))?;
         let image = (self.plan.targets.len() > 1).then(|| self.plan.targets[target].label().to_owned());
-        Some(Remark::CountsDiffer { arm, against, image })
+        Some(ResultRemark::CountsDiffer { arm, against, image })
     }
 
     /// A remark if the runs at a budget were not all timed under the same conditions.
-    fn clocks_differ(&self, budget: u32) -> Option<Remark> {
+    fn clocks_differ(&self, budget: u32) -> Option<ResultRemark> {
         let clock = |end: &Finished| match end.side_by_side {
             1 => end.backend.clone(),
             n => format!("{}, {n} side by side", end.backend),
         };
         let clocks: BTreeSet<String> = self.all_finished(budget).map(|(_, end)| clock(end)).collect();
-        (clocks.len() > 1).then(|| Remark::ClocksDiffer { clocks: clocks.into_iter().collect() })
+        (clocks.len() > 1).then(|| ResultRemark::ClocksDiffer { clocks: clocks.into_iter().collect() })
     }
 }

@@ -13,7 +13,7 @@ use crate::{
     machine::Machine,
     plan::{Plan, Run, VERSION},
     record::{Record, RunOutcome},
-    remark::Remark,
+    remark::ResultRemark,
     study::Matching,
     tables::{Results, RunQuality, Spread},
 };
@@ -181,7 +181,7 @@ fn differences_csv(rows: &[Difference]) -> String {
             number(d.interval.map(|interval| interval.low), 6),
             number(d.interval.map(|interval| interval.high), 6),
             d.verdict.words().to_owned(),
-            quoted(&d.remarks.iter().map(Remark::to_string).collect::<Vec<_>>().join("; ")),
+            quoted(&d.remarks.iter().map(ResultRemark::to_string).collect::<Vec<_>>().join("; ")),
         ];
         cells.join(",")
     });

@@ -44,7 +44,7 @@ impl Pairing {
 /// A remark on a difference.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
-pub enum Remark {
+pub enum ResultRemark {
     /// Some images have no seed with which both arms finished. Forbids a verdict.
     ImagesMissing {
         /// Number of such images.
@@ -93,14 +93,14 @@ pub enum Remark {
     },
 }
 
-impl Remark {
+impl ResultRemark {
     /// Whether the remark forbids a verdict, whatever the interval.
     pub(crate) const fn forbids_verdict(&self) -> bool {
         !matches!(self, Self::Incomplete { .. } | Self::FewSeeds { .. })
     }
 }
 
-impl fmt::Display for Remark {
+impl fmt::Display for ResultRemark {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::ImagesMissing { missing, of } => {
@@ -124,7 +124,7 @@ impl fmt::Display for Remark {
     }
 }
 
-impl Serialize for Remark {
+impl Serialize for ResultRemark {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         serializer.collect_str(self)
     }

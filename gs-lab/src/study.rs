@@ -14,7 +14,7 @@ pub use crate::{
     machine::Machine,
     plan::{Run, VERSION},
     record::{Finished, Record, RunOutcome},
-    remark::{Pairing, Remark},
+    remark::{Pairing, ResultRemark},
     replay::{Replayed, recorded_run, replay},
     selection::Selection,
     statistics::Interval,

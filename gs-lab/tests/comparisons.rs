@@ -3,7 +3,7 @@
 use gs_core::{Culled, Image, edit::EditCounts};
 use gs_lab::{
     Places, Plan, Results, Study, report,
-    study::{Difference, Finished, Matching, Metric, Record, Remark, Run, RunOutcome, Verdict},
+    study::{Difference, Finished, Matching, Metric, Record, ResultRemark, Run, RunOutcome, Verdict},
 };
 use gs_train::MetricsRow;
 
@@ -146,7 +146,10 @@ fn runs_that_were_timed_in_other_ways_are_not_compared_by_time() {
         });
         let by_time = at(&results, Matching::Time, 1, 0);
         assert_eq!(by_time.verdict, Verdict::CannotTell);
-        assert!(matches!(&by_time.remarks[..], [Remark::ClocksDiffer { clocks }] if clocks.len() == 2), "{by_time:?}");
+        assert!(
+            matches!(&by_time.remarks[..], [ResultRemark::ClocksDiffer { clocks }] if clocks.len() == 2),
+            "{by_time:?}"
+        );
         assert_eq!(at(&results, Matching::Iterations, 1, 0).verdict, Verdict::Better);
         let line = report::headlines(&results).pop().unwrap();
         assert!(line.contains("; no verdict on a: timed in different ways: "), "{line}");
@@ -202,7 +205,7 @@ fn runs_that_fail_leave_complete_pairs_and_a_remark() {
         _ => finished(rising(30.0 - 0.5 * run.arm as f64 + wobble(run), 2.0)),
     });
     let difference = at(&results, Matching::Count, 1, 0);
-    assert_eq!(difference.remarks, [Remark::Incomplete { pairs: 28, of: 30 }]);
+    assert_eq!(difference.remarks, [ResultRemark::Incomplete { pairs: 28, of: 30 }]);
     assert_eq!(difference.verdict, Verdict::Worse);
     assert!((-0.6..-0.4).contains(&difference.mean.unwrap()), "{difference:?}");
     let headline = report::headlines(&results)[0].clone();
@@ -224,7 +227,7 @@ fn an_arm_that_fails_on_an_image_is_neither_judged_nor_ranked() {
     for against in [0, 1] {
         let difference = at(&results, Matching::Count, 2, against);
         assert_eq!(difference.verdict, Verdict::CannotTell);
-        assert_eq!(difference.remarks, [Remark::ImagesMissing { missing: 1, of: 8 }]);
+        assert_eq!(difference.remarks, [ResultRemark::ImagesMissing { missing: 1, of: 8 }]);
     }
     let headline = report::headlines(&results)[0].clone();
     assert!(
@@ -243,7 +246,7 @@ fn an_image_that_is_met_exactly_is_not_too_few_images() {
     let results = scenario.results(|run| finished(Finished { psnr: psnr(run), ..rising(30.0, 2.0) }));
     let difference = at(&results, Matching::Count, 1, 0);
     assert_eq!((difference.mean, difference.verdict), (None, Verdict::CannotTell));
-    assert_eq!(difference.remarks, [Remark::Infinite { pairs: 1 }]);
+    assert_eq!(difference.remarks, [ResultRemark::Infinite { pairs: 1 }]);
 }
 
 #[test]
@@ -255,7 +258,7 @@ fn more_gaussians_in_one_run_do_not_make_up_for_fewer_in_another() {
         finished(Finished { gaussians, ..rising(30.0 + run.arm as f64 + wobble(run), 2.0) })
     });
     let difference = at(&results, Matching::Count, 1, 0);
-    assert!(matches!(difference.remarks[..], [Remark::CountsDiffer { .. }]), "{difference:?}");
+    assert!(matches!(difference.remarks[..], [ResultRemark::CountsDiffer { .. }]), "{difference:?}");
     assert_eq!(difference.verdict, Verdict::CannotTell);
     assert_eq!(at(&results, Matching::Iterations, 1, 0).verdict, Verdict::Better);
 }
@@ -265,7 +268,10 @@ fn few_seeds_are_remarked_upon() {
     let scenario = Scenario::new(6, 2, 2);
     let results = scenario.results(|run| finished(rising(30.0 + run.arm as f64 + wobble(run), 2.0)));
     let difference = at(&results, Matching::Count, 1, 0);
-    assert_eq!((difference.verdict, &difference.remarks[..]), (Verdict::Better, &[Remark::FewSeeds { seeds: 2 }][..]));
+    assert_eq!(
+        (difference.verdict, &difference.remarks[..]),
+        (Verdict::Better, &[ResultRemark::FewSeeds { seeds: 2 }][..])
+    );
     let alone = Scenario::new(1, 5, 2);
     let results = alone.results(|run| finished(rising(30.0 + run.arm as f64 + wobble(run), 2.0)));
     let words = at(&results, Matching::Count, 1, 0).remarks[0].to_string();

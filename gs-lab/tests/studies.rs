@@ -18,8 +18,8 @@ use gs_density::{DensityPolicy, Observation, Rng};
 use gs_lab::{
     Error, Existing, Places, Plan, Results, Study, StudyFolder, conduct, report,
     study::{
-        Arm, Conducted, Machine, Matching, Metric, Remark, Run, RunOutcome, Safety, VERSION, Verdict, Watcher, replay,
-        scene_digest, write_tables,
+        Arm, Conducted, Machine, Matching, Metric, ResultRemark, Run, RunOutcome, Safety, VERSION, Verdict, Watcher,
+        replay, scene_digest, write_tables,
     },
 };
 use gs_train::fit;
@@ -343,7 +343,7 @@ fn equal_arms_show_no_difference_and_different_counts_are_not_compared() {
     let results = Results::read(&plan, &folder);
     let twins = results.difference(Matching::Count, Metric::Psnr, 60, 2, 0);
     assert_eq!((twins.mean, twins.verdict), (Some(0.0), Verdict::CannotTell));
-    assert_eq!(twins.remarks, [Remark::FewSeeds { seeds: 2 }]);
+    assert_eq!(twins.remarks, [ResultRemark::FewSeeds { seeds: 2 }]);
     let grown = results.difference(Matching::Count, Metric::Psnr, 60, 1, 0);
     assert_eq!(grown.verdict, Verdict::CannotTell);
     assert!(grown.remarks.iter().any(|remark| remark.to_string().starts_with("counts differ: ")), "{grown:?}");

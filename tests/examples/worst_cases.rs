@@ -7,7 +7,7 @@
 use gs_conformance::{
     Failure,
     conformance::{check_gradients, check_image},
-    scenes::{Draw, Kind, Kind3d},
+    scenes::{Draw, Kind2d, Kind3d},
     subject::Subject,
     tolerance::Agreement,
 };
@@ -45,7 +45,7 @@ impl Worst {
 
 /// Prints a line per kind of scenes and blending.
 fn measure<R: Optimizer<Scene2d>>(name: &str, rasterizer: &R) -> Result<(), Failure> {
-    for kind in Kind::ALL {
+    for kind in Kind2d::ALL {
         for blend in [Blend::Sum, Blend::Over] {
             let scenes = format!("{kind:?} {blend:?}");
             worst_of(name, &scenes, rasterizer, |seed| Draw::new(kind, blend, 24, (35, 26), seed))?;

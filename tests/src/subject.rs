@@ -15,13 +15,13 @@ use gs_core::{
 
 use crate::{
     oracle::{OracleScene, OracleView, PARAMETER_NAMES, Parameters, SH_3D, rows_of_gradients},
-    scenes::{Draw, Kind, Kind3d},
+    scenes::{Draw, Kind2d, Kind3d},
 };
 
 /// A kind of scene that the suite can draw and the oracle can render.
 pub trait Subject: Scene<View: OracleView + PartialEq> {
     /// The kinds of generated scenes.
-    type Kind: Copy + Debug + PartialEq;
+    type Kind2d: Copy + Debug + PartialEq;
 
     /// The parameterizations. Backends must offer the first, and may refuse others as unsupported.
     const PARAMETERIZATIONS: &'static [Parameterization];
@@ -95,7 +95,7 @@ pub trait Subject: Scene<View: OracleView + PartialEq> {
 }
 
 impl Subject for Scene2d {
-    type Kind = Kind;
+    type Kind2d = Kind2d;
 
     const PARAMETERIZATIONS: &'static [Parameterization] =
         &[Parameterization::ScaleRotation, Parameterization::CovarianceFactor];
@@ -166,11 +166,11 @@ impl Subject for Scene2d {
     }
 
     fn typical(blend: Blend, count: usize, size: (u32, u32), seed: u64) -> Draw<Self> {
-        Draw::new(Kind::Typical, blend, count, size, seed)
+        Draw::new(Kind2d::Typical, blend, count, size, seed)
     }
 
     fn overlapping(blend: Blend, count: usize, size: (u32, u32), seed: u64) -> Draw<Self> {
-        Draw::new(Kind::Overlapping, blend, count, size, seed)
+        Draw::new(Kind2d::Overlapping, blend, count, size, seed)
     }
 
     fn resized(view: &Self::View, (width, height): (u32, u32)) -> Self::View {
@@ -179,7 +179,7 @@ impl Subject for Scene2d {
 }
 
 impl Subject for Scene3d {
-    type Kind = Kind3d;
+    type Kind2d = Kind3d;
 
     const PARAMETERIZATIONS: &'static [Parameterization] =
         &[Parameterization::ScaleRotation, Parameterization::CovarianceFactor];

@@ -24,7 +24,7 @@ const LINE: Duration = Duration::from_secs(1);
 
 /// An observer that shows the progress of a run.
 pub(crate) struct Display {
-    kind: Kind,
+    kind: ProgressForm,
     verbosity: Verbosity,
     started: Instant,
     first_step: u32,
@@ -40,7 +40,7 @@ pub(crate) struct Display {
     reported: Problems,
 }
 
-enum Kind {
+enum ProgressForm {
     Bar(ProgressBar),
     /// Plain lines, and the tenth of the run that the last one was for.
     Lines(u64),
@@ -51,8 +51,8 @@ impl Display {
     pub(crate) fn new(step: u32, iterations: u32, verbosity: Verbosity) -> Self {
         // The message has as many words as fit the line: a bar in two lines cannot be removed.
         let kind = match bar(u64::from(iterations), "{wide_bar} {pos}/{len}  {msg}") {
-            Some(bar) => Kind::Bar(bar.with_position(u64::from(step))),
-            None => Kind::Lines(0),
+            Some(bar) => ProgressForm::Bar(bar.with_position(u64::from(step))),
+            None => ProgressForm::Lines(0),
         };
         let now = Instant::now();
         Self {
@@ -72,8 +72,8 @@ impl Display {
     /// Prints without disturbing the display.
     pub(crate) fn printer(&self) -> Printer {
         Printer::above(match &self.kind {
-            Kind::Bar(bar) => Some(bar.clone()),
-            Kind::Lines(_) => None,
+            ProgressForm::Bar(bar) => Some(bar.clone()),
+            ProgressForm::Lines(_) => None,
         })
     }
 
@@ -92,7 +92,7 @@ impl Display {
 
     /// Prints problems above the bar when they become worse. Lines show them always.
     fn report_problems(&mut self, progress: &Progress) {
-        if matches!(self.kind, Kind::Bar(_)) && self.problems.exceed(&self.reported) {
+        if matches!(self.kind, ProgressForm::Bar(_)) && self.problems.exceed(&self.reported) {
             self.printer().print(format_args!("note: step {}{}", progress.step, self.problems));
             self.reported = self.problems.worst(&self.reported);
         }
@@ -139,7 +139,7 @@ impl Observer for Display {
 
     fn wants_quality(&mut self, progress: &Progress) -> bool {
         let due = Instant::now() >= self.measure_at;
-        let wanted = progress.psnr_estimate.is_none() && matches!(self.kind, Kind::Bar(_)) && due;
+        let wanted = progress.psnr_estimate.is_none() && matches!(self.kind, ProgressForm::Bar(_)) && due;
         self.measured = wanted.then(Instant::now);
         wanted
     }
@@ -156,20 +156,20 @@ impl Observer for Display {
         }
         let since = self.drawn.elapsed();
         match &self.kind {
-            Kind::Bar(bar) if since >= REDRAW || progress.is_last() => {
+            ProgressForm::Bar(bar) if since >= REDRAW || progress.is_last() => {
                 bar.set_position(u64::from(progress.step));
                 bar.set_message(self.status(progress).within(Terminal::default().width().into()));
                 self.drawn = Instant::now();
             }
-            Kind::Lines(last) => {
+            ProgressForm::Lines(last) => {
                 let tenth = u64::from(progress.step) * 10 / u64::from(progress.iterations.max(1));
                 if (tenth > *last && since >= LINE) || progress.is_last() {
                     output::note(self.line(progress));
-                    self.kind = Kind::Lines(tenth);
+                    self.kind = ProgressForm::Lines(tenth);
                     self.drawn = Instant::now();
                 }
             }
-            Kind::Bar(_) => {}
+            ProgressForm::Bar(_) => {}
         }
         Control::Continue
     }

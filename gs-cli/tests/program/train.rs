@@ -75,24 +75,10 @@ pub(crate) fn text(path: &Path) -> &str {
     path.to_str().unwrap()
 }
 
-/// A short training from few random points, on the processor.
+/// A short training of few Gaussians, on the processor.
 pub(crate) fn small<'a>(dataset: &'a Path, output: &'a Path) -> Vec<&'a str> {
-    let words = [
-        "-i",
-        "40",
-        "-n",
-        "300",
-        "--policy",
-        "percentile",
-        "--sh-degree",
-        "1",
-        "--seed",
-        "7",
-        "--backend",
-        "cpu",
-        "--start",
-        "random",
-    ];
+    let words =
+        ["-i", "40", "-n", "300", "--policy", "percentile", "--sh-degree", "1", "--seed", "7", "--backend", "cpu"];
     [&["train", text(dataset), "-o", text(output)], &words[..]].concat()
 }
 
@@ -102,9 +88,8 @@ fn without_points_the_images_are_searched() {
     let (dataset, _) = dataset_and_scene(place.path());
     let output = place.path().join("out");
     let words = ["train", text(&dataset), "-o", text(&output), "-i", "1", "-n", "300", "--no-report"];
-    // Eight views of a few smooth Gaussians have no texture.
     let run = gs(words.into_iter().chain(["--backend", "cpu"]));
-    assert!(run.stderr.contains("because too few were found in the images"), "{}", run.stderr);
+    assert!(run.stderr.contains("points found in the images"), "{}", run.stderr);
     let run = gs(words.into_iter().chain(["--backend", "cpu", "--start", "points"]));
     assert!(run.status == Some(2) && run.stderr.contains("--start images"), "{}", run.stderr);
 }
@@ -115,7 +100,7 @@ fn a_data_set_becomes_a_scene_and_a_summary() {
     let (dataset, _) = dataset_and_scene(place.path());
     let output = place.path().join("made/on/demand");
     let run = gs(small(&dataset, &output).into_iter().chain(["--holdout", "4", "--json"]));
-    assert!(run.stderr.contains("training on 6 of 8 views") && run.stderr.contains("random points"), "{}", run.stderr);
+    assert!(run.stderr.contains("training on 6 of 8 views"), "{}", run.stderr);
     let summary = run.json();
     for (key, expected) in [("iterations", 40), ("train_views", 6), ("test_views", 2), ("seed", 7)] {
         assert_eq!(summary[key], expected, "{key} of {summary}");
@@ -147,18 +132,7 @@ fn a_data_set_becomes_a_scene_and_a_summary() {
     // The results can be evaluated, and the same settings give the same scene.
     let again = place.path().join("again");
     let settings = output.join("settings.toml");
-    let words = [
-        "train",
-        text(&dataset),
-        "-o",
-        text(&again),
-        "--holdout",
-        "4",
-        "--settings",
-        text(&settings),
-        "--start",
-        "random",
-    ];
+    let words = ["train", text(&dataset), "-o", text(&again), "--holdout", "4", "--settings", text(&settings)];
     gs(words.into_iter().chain(["--no-report"])).done();
     assert_eq!(fs::read(again.join("scene.ply")).unwrap(), fs::read(output.join("scene.ply")).unwrap());
     assert!(!names_in(&again).contains(&"views".to_owned()));

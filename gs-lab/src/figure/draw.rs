@@ -222,7 +222,7 @@ impl Figure {
     /// The points that the axes can show. Where they cannot show a band's edge, the line takes its
     /// place.
     fn placed(&self, series: &Series) -> Vec<Placed> {
-        let place = |point: &crate::figure::Point| {
+        let place = |point: &crate::figure::FigurePoint| {
             let (x, y) = (self.x.scale.place(point.x)?, self.y.scale.place(point.y)?);
             let edge = |value: f64| self.y.scale.place(value).unwrap_or(y);
             Some(Placed { x, y, low: edge(point.low), high: edge(point.high) })

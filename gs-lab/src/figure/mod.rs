@@ -138,7 +138,7 @@ pub struct Series {
     /// Name of the line in the legend.
     pub name: String,
     /// Points of the line, by rising x. Points that are not finite are left out.
-    pub points: Vec<Point>,
+    pub points: Vec<FigurePoint>,
     /// Which points have a marker.
     pub dots: Dots,
 }
@@ -146,7 +146,7 @@ pub struct Series {
 impl Series {
     /// A line through (x, y), by rising x.
     pub fn line(name: impl Into<String>, points: Vec<(f64, f64)>) -> Self {
-        let points = points.into_iter().map(|(x, y)| Point { x, y, low: y, high: y }).collect();
+        let points = points.into_iter().map(|(x, y)| FigurePoint { x, y, low: y, high: y }).collect();
         Self { style: 0, name: name.into(), points, dots: Dots::Last }
     }
 
@@ -158,7 +158,7 @@ impl Series {
 
 /// A point of a line and of its band.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Point {
+pub struct FigurePoint {
     /// Horizontal position.
     pub x: f64,
     /// The line's value.
@@ -285,7 +285,7 @@ mod tests {
     fn lines_are_drawn_in_their_colours_with_axes_and_units() {
         let points = |from: f64| {
             let x = (1..50).map(f64::from);
-            x.map(move |x| Point { x, y: from + x, low: from, high: from + 2.0 * x }).collect()
+            x.map(move |x| FigurePoint { x, y: from + x, low: from, high: from + 2.0 * x }).collect()
         };
         let one = |style: usize| {
             let name = format!("<arm{style}>");
@@ -306,7 +306,7 @@ mod tests {
 
     #[test]
     fn any_numbers_make_a_figure() {
-        let point = |x, y| Point { x, y, low: y, high: y };
+        let point = |x, y| FigurePoint { x, y, low: y, high: y };
         let lines = [
             vec![],
             vec![point(1.0, 2.0)],

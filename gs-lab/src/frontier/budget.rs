@@ -46,7 +46,7 @@ pub struct Choice {
 
 /// The result of [`Budget::choose`].
 #[derive(Debug, Clone, PartialEq)]
-pub enum Chosen {
+pub enum SearchAnswer {
     /// Settings that keep the budget.
     Kept(Choice),
     /// No measured settings keep the budget. Holds the least error, or the shortest time, that was
@@ -100,7 +100,7 @@ impl Budget {
         frontier: &Frontier,
         unseen: &[S::View],
         seconds: f64,
-    ) -> Result<Chosen, Error> {
+    ) -> Result<SearchAnswer, Error> {
         if unseen.is_empty() {
             return Err(Error::setting("the number of views to verify on", 0, "at least 1"));
         }
@@ -121,14 +121,14 @@ impl Budget {
                     *other != row && noise.compare(seconds, measured.times().median) == TimeComparison::NoDifference
                 };
                 let within_noise = candidates.iter().filter(|other| is_alike(other)).count();
-                return Ok(Chosen::Kept(Choice { row, verification, failed, within_noise }));
+                return Ok(SearchAnswer::Kept(Choice { row, verification, failed, within_noise }));
             }
         }
         if !candidates.is_empty() {
-            return Ok(Chosen::NotElsewhere(candidates.len()));
+            return Ok(SearchAnswer::NotElsewhere(candidates.len()));
         }
         let least = |of: fn(&Measured) -> f64| frontier.rows.iter().map(of).fold(f64::INFINITY, f64::min);
-        Ok(Chosen::OutOfReach(match self {
+        Ok(SearchAnswer::OutOfReach(match self {
             Self::MaxError(_) => least(|row| row.error.max),
             Self::MaxSeconds(_) => least(|row| row.times().median),
         }))

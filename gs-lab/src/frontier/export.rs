@@ -5,7 +5,7 @@ use std::fmt::Write;
 use gs_core::{counted, profile::Quantiles};
 
 use super::{Frontier, Measured, Role};
-use crate::figure::{Axis, Dots, Figure, Marks, Point, Series};
+use crate::figure::{Axis, Dots, Figure, FigurePoint, Marks, Series};
 
 /// Smaller errors are drawn at this value; they are due to rounding.
 const LEAST_ERROR: f64 = 1e-8;
@@ -95,19 +95,19 @@ pub fn to_text(frontier: &Frontier) -> String {
 pub fn figure(frontier: &Frontier, title: &str) -> Figure {
     let point = |row: &Measured| {
         let (x, y) = (1e3 * row.times().median, row.error.max.max(LEAST_ERROR));
-        Point { x, y, low: y, high: y }
+        FigurePoint { x, y, low: y, high: y }
     };
     let mut series = Vec::new();
     let mut style = 0;
     for backend in frontier.noise.iter().map(|noise| &noise.backend) {
         let own = || frontier.rows.iter().filter(|row| row.backend == *backend);
-        let mut add = |name: String, points: Vec<Point>, dots: Dots| {
+        let mut add = |name: String, points: Vec<FigurePoint>, dots: Dots| {
             if !points.is_empty() {
                 series.push(Series { style, name, points, dots });
             }
             style += 1;
         };
-        let steps: Vec<Point> = own().filter(|row| row.on_frontier).map(point).collect();
+        let steps: Vec<FigurePoint> = own().filter(|row| row.on_frontier).map(point).collect();
         add(format!("{backend}: best trade-offs"), steps, Dots::All);
         let others = own().filter(|row| !row.on_frontier && row.role != Role::Again).map(point).collect();
         add(format!("{backend}: other settings"), others, Dots::Alone);

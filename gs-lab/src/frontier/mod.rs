@@ -34,7 +34,7 @@ mod truth;
 mod unseen;
 
 pub use self::{
-    budget::{Budget, Choice, Chosen, Verification},
+    budget::{Budget, Choice, SearchAnswer, Verification},
     contender::{Contender, Loaded, Renderer},
     contenders::{Candidate, cpu_contenders, wgpu_contenders},
     export::{figure, to_csv, to_text},

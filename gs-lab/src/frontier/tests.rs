@@ -3,8 +3,8 @@
 use std::{cell::Cell, rc::Rc};
 
 use super::{
-    Budget, Change, Chosen, Contender, Field, Frontier, Loaded, Renderer, Role, SearchLimits, TimeComparison, figure,
-    search, to_csv, to_text,
+    Budget, Change, Contender, Field, Frontier, Loaded, Renderer, Role, SearchAnswer, SearchLimits, TimeComparison,
+    figure, search, to_csv, to_text,
 };
 use glam::{Vec2, Vec3};
 use gs_core::{Blend, Canvas, Error, Gaussian2d, Image, Parameterization, Rasterizer, RenderSettings, Scene2d};
@@ -173,22 +173,22 @@ fn a_budget_is_kept_on_other_views_too_or_said_to_be_out_of_reach() {
     let frontier = search(&field, &[view], LIMITS, &mut |_| ()).unwrap();
     let unseen = [view.resized(40, 30), view.showing(Vec2::new(8.0, 8.0), Vec2::new(32.0, 24.0))];
     let choose = |budget: Budget| budget.choose(&field, &frontier, &unseen, 0.05).unwrap();
-    let Chosen::Kept(choice) = choose(Budget::MaxError(2e-3)) else { panic!("out of reach") };
+    let SearchAnswer::Kept(choice) = choose(Budget::MaxError(2e-3)) else { panic!("out of reach") };
     assert!(choice.verification.error.max <= 2e-3 && choice.verification.views == 2);
     let row = &frontier.rows[choice.row];
     let keeps = frontier.rows.iter().filter(|row| row.role != Role::Again && row.error.max <= 2e-3);
     let quicker = keeps.filter(|other| other.times().median < row.times().median).count();
     assert!(row.error.max <= 2e-3 && quicker == choice.failed, "{choice:?}");
-    let Chosen::Kept(choice) = choose(Budget::MaxSeconds(10.0)) else { panic!("out of reach") };
+    let SearchAnswer::Kept(choice) = choose(Budget::MaxSeconds(10.0)) else { panic!("out of reach") };
     assert!(frontier.rows[choice.row].error.max < 1e-4, "ten seconds are enough for the most exact");
-    let Chosen::OutOfReach(best) = choose(Budget::MaxError(1e-12)) else { panic!("rounding is more") };
+    let SearchAnswer::OutOfReach(best) = choose(Budget::MaxError(1e-12)) else { panic!("rounding is more") };
     assert!(best > 1e-12 && best < 1e-5);
-    assert!(matches!(choose(Budget::MaxSeconds(1e-9)), Chosen::OutOfReach(_)));
+    assert!(matches!(choose(Budget::MaxSeconds(1e-9)), SearchAnswer::OutOfReach(_)));
     assert!(Budget::MaxError(2e-3).choose(&field, &frontier, &[], 0.05).is_err(), "nothing is verified by no view");
     // Every measured row can be chosen, whether or not it is on the frontier.
     for row in frontier.rows.iter().filter(|row| row.role != Role::Again) {
         let found = choose(Budget::MaxError(row.error.max));
-        assert!(!matches!(found, Chosen::OutOfReach(_)), "{}: {found:?}", row.name());
+        assert!(!matches!(found, SearchAnswer::OutOfReach(_)), "{}: {found:?}", row.name());
     }
 }
 
@@ -205,7 +205,7 @@ fn settings_that_keep_a_budget_on_no_other_view_are_reported_separately() {
     let field = |off: f32| Field { scene: &scene, contenders: vec![contender(off)], shown };
     let frontier = search(&field(0.0), &[Canvas::new(64, 48)], LIMITS, &mut |_| ()).unwrap();
     let chosen = Budget::MaxError(0.1).choose(&field(0.5), &frontier, &[Canvas::new(40, 30)], 0.05).unwrap();
-    assert!(matches!(chosen, Chosen::NotElsewhere(count) if count > 3), "{chosen:?}");
+    assert!(matches!(chosen, SearchAnswer::NotElsewhere(count) if count > 3), "{chosen:?}");
 }
 
 /// Settings that a backend does not support, alone, combined or without cut-offs, are listed, and

@@ -5,7 +5,7 @@ use crate::statistics::mean;
 use gs_core::counted;
 
 use crate::{
-    figure::{Axis, Bar, Dots, Figure, Marks, Point, Series},
+    figure::{Axis, Bar, Dots, Figure, FigurePoint, Marks, Series},
     plan::Run,
     reach::Reach,
     record::Finished,
@@ -110,7 +110,7 @@ pub(crate) fn differences(results: &Results<'_>, matching: Matching) -> Figure {
     }
 }
 
-fn each_arm(results: &Results<'_>, dots: Dots, points: impl Fn(usize) -> Vec<Point>) -> Vec<Series> {
+fn each_arm(results: &Results<'_>, dots: Dots, points: impl Fn(usize) -> Vec<FigurePoint>) -> Vec<Series> {
     let arms = results.plan.study.arms.iter().enumerate();
     arms.map(|(arm, of)| Series { style: arm, name: of.name.clone(), points: points(arm), dots }).collect()
 }
@@ -122,7 +122,7 @@ fn point(
     budget: u32,
     x: f64,
     of: impl Fn(&Run, &Finished) -> Option<f64>,
-) -> Option<Point> {
+) -> Option<FigurePoint> {
     let values: Vec<(&Run, f64)> =
         results.finished(arm, budget).filter_map(|(run, end)| Some((run, of(run, end)?))).collect();
     let of_seed = |seed: u32| {
@@ -132,5 +132,5 @@ fn point(
     let seeds: Vec<f64> = results.plan.study.seeds.iter().filter_map(|&seed| of_seed(seed)).collect();
     let y = mean(&seeds);
     let (low, high) = seeds.iter().fold((y, y), |(low, high), &v| (low.min(v), high.max(v)));
-    (y.is_finite() && x.is_finite()).then_some(Point { x, y, low, high })
+    (y.is_finite() && x.is_finite()).then_some(FigurePoint { x, y, low, high })
 }

@@ -50,9 +50,9 @@ const STANDARD_ITERATIONS: u32 = 4_000;
 const STEPS_PER_VIEW: usize = 40;
 const STANDARD_STEPS: [usize; 2] = [2_000, 8_000];
 
-/// Pixels of training views for each Gaussian of a run of minutes: 450 values for 59 numbers. With
+/// Pixels of training views for each Gaussian of a run of minutes: 480 values for 59 numbers. With
 /// more Gaussians, scenes fit few views ever better, and views between them worse.
-const PIXELS_PER_GAUSSIAN: u64 = 150;
+const PIXELS_PER_GAUSSIAN: u64 = 160;
 
 /// Least and largest number of Gaussians that a run of minutes may reach.
 const STANDARD_GAUSSIANS: [u64; 2] = [20_000, 1_000_000];
@@ -97,7 +97,7 @@ impl TrainPreset {
 impl TrainPreset {
     /// [`Self::settings`] for training with these views, which determine the steps and the largest
     /// number of Gaussians of [`Self::Standard`]: 40 steps a view, 2,000 to 8,000 in all, and a
-    /// Gaussian for 150 pixels, 20,000 to 1,000,000 in all.
+    /// Gaussian for 160 pixels, 20,000 to 1,000,000 in all.
     pub fn settings_for<'a>(
         self,
         iterations: Option<u32>,
@@ -287,8 +287,8 @@ mod tests {
             settings.validate().unwrap();
             (settings.iterations, settings.gaussians)
         };
-        assert_eq!(settings(100, 400, 400, None), (4_000, 106_666));
-        assert_eq!(settings(12, 800, 532, None), (2_000, 34_048));
+        assert_eq!(settings(100, 400, 400, None), (4_000, 100_000));
+        assert_eq!(settings(12, 800, 532, None), (2_000, 31_920));
         assert_eq!(settings(1_000, 1_600, 1_200, None), (8_000, 1_000_000));
         assert_eq!(settings(12, 80, 60, Some(300)), (300, 20_000));
         let cameras = [Camera::looking_forward(400, 400, 1.0)];

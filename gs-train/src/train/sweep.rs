@@ -379,7 +379,7 @@ fn merged(found: impl Iterator<Item = Found>) -> Vec<Point> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::train::geometry::tests::looking_at;
+    use crate::train::{Start, geometry::tests::looking_at};
 
     /// Views of the plane z = 0, whose colour is a function of the place, from six sides above it.
     fn views_of_plane(color: impl Fn(Vec2) -> [f32; 3]) -> Vec<PosedView> {
@@ -435,5 +435,7 @@ mod tests {
         let mut single = views_of_plane(waves);
         single.truncate(1);
         assert_eq!(points(&single).unwrap().len(), 0);
+        assert_eq!(Start::Images.searched(&single).unwrap(), Start::Random);
+        assert!(matches!(Start::Images.searched(&views_of_plane(waves)).unwrap(), Start::Points(_)));
     }
 }

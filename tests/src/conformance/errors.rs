@@ -10,7 +10,7 @@ use pollster::FutureExt as _;
 use super::losses_of;
 use crate::{
     failure::Failure,
-    scenes::{Draw, Kind},
+    scenes::{Draw, Kind2d},
     subject::Subject,
 };
 
@@ -24,7 +24,7 @@ pub(crate) fn refused<T>(what: &str, result: Result<T, Error>, right: impl Fn(&E
 
 /// Scenes with values that are not finite, or with arrays of different lengths, are refused.
 pub fn scenes_that_are_not_finite_are_refused<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
-    let scene = Draw::new(Kind::Typical, Blend::Over, 6, (10, 10), 1900).scene;
+    let scene = Draw::new(Kind2d::Typical, Blend::Over, 6, (10, 10), 1900).scene;
     let mut wrong = vec![scene; 6];
     wrong[0].means[3].x = f32::NAN;
     wrong[1].log_scales[5].y = f32::INFINITY;
@@ -47,7 +47,7 @@ pub fn scenes_that_are_not_finite_are_refused<R: Optimizer<Scene2d>>(rasterizer:
 /// Invalid canvases, settings and losses are errors, in a forward pass and in a training step,
 /// which then changes nothing.
 pub fn bad_views_and_settings_are_errors<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
-    let draw = Draw::new(Kind::Typical, Blend::Over, 6, (10, 10), 1900);
+    let draw = Draw::new(Kind2d::Typical, Blend::Over, 6, (10, 10), 1900);
     let view = draw.view;
     let views = [
         ("a canvas of no columns", Canvas { width: 0, ..view }, SIZE),

@@ -9,14 +9,14 @@ use gs_core::{
 use super::{LOSSES, check_gradients, images::BLENDS};
 use crate::{
     failure::Failure,
-    scenes::{Draw, Kind},
+    scenes::{Draw, Kind2d},
 };
 
 /// Gradients match for every kind of scene, both blends and every loss.
 pub fn gradients_match<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in BLENDS {
         for loss in LOSSES {
-            for (seed, kind) in (500..).zip(Kind::ALL) {
+            for (seed, kind) in (500..).zip(Kind2d::ALL) {
                 let draw = Draw::new(kind, blend, 24, (35, 26), seed).on([0.3, 0.6, 0.2]);
                 check_gradients(rasterizer, &draw, &loss, Parameterization::ScaleRotation)?;
             }
@@ -34,7 +34,7 @@ pub fn antialiased_gradients_match_2d<R: Optimizer<Scene2d>>(rasterizer: &R) -> 
         (Antialias::Compensated, Blend::Over),
     ] {
         // Sums in the axes of the canvas have too few digits along the axes of dilated needles.
-        for (seed, kind) in (2950..).zip(Kind::ALL.into_iter().filter(|&kind| kind != Kind::Needles)) {
+        for (seed, kind) in (2950..).zip(Kind2d::ALL.into_iter().filter(|&kind| kind != Kind2d::Needles)) {
             let draw = Draw::new(kind, blend, 20, (35, 26), seed).on([0.3, 0.6, 0.2]).antialiased(antialias);
             check_gradients(rasterizer, &draw, &Loss::L2, Parameterization::ScaleRotation)?;
         }
@@ -56,7 +56,7 @@ pub fn gradients_match_through_canvases<R: Optimizer<Scene2d>>(rasterizer: &R) -
         for loss in LOSSES {
             for (seed, view) in (600..).zip(views) {
                 let plane = (view.extent.x as u32, view.extent.y as u32);
-                let draw = Draw::new(Kind::Overlapping, blend, 6, plane, seed).through(view);
+                let draw = Draw::new(Kind2d::Overlapping, blend, 6, plane, seed).through(view);
                 check_gradients(rasterizer, &draw, &loss, Parameterization::ScaleRotation)?;
             }
         }
@@ -67,7 +67,7 @@ pub fn gradients_match_through_canvases<R: Optimizer<Scene2d>>(rasterizer: &R) -
 /// Gradients are by the scene's parameters in the parameterization of covariance factors, too.
 pub fn gradients_match_in_covariance_factors<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in BLENDS {
-        for (seed, kind) in (700..).zip([Kind::Typical, Kind::OffCanvas, Kind::Opaque]) {
+        for (seed, kind) in (700..).zip([Kind2d::Typical, Kind2d::OffCanvas, Kind2d::Opaque]) {
             let draw = Draw::new(kind, blend, 20, (30, 30), seed);
             check_gradients(rasterizer, &draw, &Loss::L2, Parameterization::CovarianceFactor)?;
         }

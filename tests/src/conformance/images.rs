@@ -10,7 +10,7 @@ use pollster::FutureExt as _;
 use super::check_image;
 use crate::{
     failure::Failure,
-    scenes::{Draw, Kind},
+    scenes::{Draw, Kind2d},
 };
 
 pub(super) const BLENDS: [Blend; 2] = [Blend::Sum, Blend::Over];
@@ -18,7 +18,7 @@ pub(super) const BLENDS: [Blend; 2] = [Blend::Sum, Blend::Over];
 /// Images match for every kind of scene, both blends, with and without background.
 pub fn images_match<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in BLENDS {
-        for (seed, kind) in (100..).zip(Kind::ALL) {
+        for (seed, kind) in (100..).zip(Kind2d::ALL) {
             let draw = Draw::new(kind, blend, 40, (48, 37), seed);
             check_image(rasterizer, &draw)?;
             check_image(rasterizer, &draw.on([0.9, 0.2, 0.5]))?;
@@ -32,7 +32,7 @@ pub fn images_match<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure
 pub fn antialiased_images_match_2d<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     for antialias in [Antialias::Dilate, Antialias::Mip, Antialias::Compensated] {
         for blend in BLENDS {
-            for (seed, kind) in (2900..).zip(Kind::ALL) {
+            for (seed, kind) in (2900..).zip(Kind2d::ALL) {
                 let draw = Draw::new(kind, blend, 30, (48, 37), seed).antialiased(antialias);
                 check_image(rasterizer, &draw)?;
                 check_image(rasterizer, &draw.through(Canvas::new(48, 37).resized(24, 11)))?;
@@ -47,8 +47,8 @@ pub fn sizes_match<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure>
     let sizes = [(1, 1), (1, 17), (17, 1), (15, 15), (16, 16), (17, 17), (257, 3), (3, 257), (64, 32), (31, 33)];
     for blend in BLENDS {
         for (seed, size) in (200..).zip(sizes) {
-            check_image(rasterizer, &Draw::new(Kind::Overlapping, blend, 12, size, seed).on([0.1, 0.2, 0.3]))?;
-            check_image(rasterizer, &Draw::new(Kind::Typical, blend, 30, size, seed))?;
+            check_image(rasterizer, &Draw::new(Kind2d::Overlapping, blend, 12, size, seed).on([0.1, 0.2, 0.3]))?;
+            check_image(rasterizer, &Draw::new(Kind2d::Typical, blend, 30, size, seed))?;
         }
     }
     Ok(())
@@ -67,7 +67,7 @@ pub fn canvases_match<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failu
     ];
     for blend in BLENDS {
         for (seed, view) in (300..).zip(views) {
-            let draw = Draw::new(Kind::Typical, blend, 30, (40, 30), seed);
+            let draw = Draw::new(Kind2d::Typical, blend, 30, (40, 30), seed);
             check_image(rasterizer, &draw.on([0.4, 0.1, 0.7]).through(view))?;
         }
     }
@@ -90,7 +90,7 @@ pub(super) fn other_accuracies() -> [Accuracy; 5] {
 pub fn other_accuracies_match<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in BLENDS {
         for (seed, accuracy) in (400..).zip(other_accuracies()) {
-            for kind in [Kind::Typical, Kind::Opaque] {
+            for kind in [Kind2d::Typical, Kind2d::Opaque] {
                 let mut draw = Draw::new(kind, blend, 30, (40, 30), seed);
                 draw.settings.accuracy = accuracy;
                 check_image(rasterizer, &draw).map_err(|failure| failure.at(format!("{accuracy:?}")))?;

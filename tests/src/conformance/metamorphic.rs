@@ -7,7 +7,7 @@ use pollster::FutureExt as _;
 use crate::{
     failure::Failure,
     oracle::{Oracle, Rendering},
-    scenes::{Draw, Kind},
+    scenes::{Draw, Kind2d},
     subject::Subject,
     tolerance::compare_images,
 };
@@ -48,7 +48,7 @@ pub(super) fn permuted<S: Subject>(scene: &S) -> S {
 /// image.
 pub fn halves_make_the_whole<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in [Blend::Sum, Blend::Over] {
-        let mut draw = Draw::new(Kind::Typical, blend, 20, (40, 30), 850);
+        let mut draw = Draw::new(Kind2d::Typical, blend, 20, (40, 30), 850);
         let opacity = 0.75;
         let whole = Gaussian2d {
             mean: Vec2::new(20.0, 15.0),
@@ -78,7 +78,7 @@ pub fn halves_make_the_whole<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<()
 /// A canvas of a part of the plane shows that part of the whole image.
 pub fn crops_are_parts_of_the_image<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in [Blend::Sum, Blend::Over] {
-        for (seed, kind) in (900..).zip([Kind::Typical, Kind::Opaque, Kind::Large]) {
+        for (seed, kind) in (900..).zip([Kind2d::Typical, Kind2d::Opaque, Kind2d::Large]) {
             let draw = Draw::new(kind, blend, 40, (60, 45), seed).on([0.2, 0.3, 0.4]);
             let image = rasterizer.render(&draw.scene, &draw.view, &draw.settings).block_on()?;
             for (x, y, width, height) in [(0, 0, 16, 16), (7, 5, 33, 21), (59, 44, 1, 1), (13, 31, 47, 9)] {

@@ -12,7 +12,7 @@ use pollster::FutureExt as _;
 use crate::{
     failure::Failure,
     oracle::{AdamReference, OracleScene, Parameters, rate_of},
-    scenes::{Draw, Kind},
+    scenes::{Draw, Kind2d},
     subject::Subject,
     tolerance::ADAM_SHARE,
 };
@@ -116,7 +116,7 @@ pub(super) fn compare_parameters<S: Subject>(
 /// whitened coordinates: μ + L ξ and L (I + η + η²/2), η symmetric.
 pub fn covariance_factor_steps_match<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in [Blend::Sum, Blend::Over] {
-        let draw = Draw::new(Kind::Typical, blend, 40, (40, 30), 1300);
+        let draw = Draw::new(Kind2d::Typical, blend, 40, (40, 30), 1300);
         let target = rasterizer.upload_target(&draw.target()?)?;
         let adam = Adam::default().with(|s| {
             s.mean = Group::constant(0.12);

@@ -10,14 +10,15 @@ use pollster::FutureExt as _;
 use super::{LOSSES, losses_of, parameterizations};
 use crate::{
     failure::Failure,
-    scenes::{Draw, Kind},
+    scenes::{Draw, Kind2d},
     subject::Subject,
 };
 
 /// Upload and download return the same scene: the same bits if the parameterization is that of
 /// scenes, else the same covariances.
 pub fn scenes_come_back<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
-    for (blend, kind) in [(Blend::Sum, Kind::Typical), (Blend::Over, Kind::Opaque), (Blend::Over, Kind::Needles)] {
+    for (blend, kind) in [(Blend::Sum, Kind2d::Typical), (Blend::Over, Kind2d::Opaque), (Blend::Over, Kind2d::Needles)]
+    {
         let scene = Draw::new(kind, blend, 37, (40, 30), 1000).scene;
         let splats = rasterizer.upload(&scene, Parameterization::ScaleRotation)?;
         Failure::unless(rasterizer.len(&splats) == 37, || format!("{} of 37 Gaussians", rasterizer.len(&splats)))?;

@@ -12,7 +12,7 @@ use super::{LOSSES, losses_of, parameterizations};
 use crate::{
     failure::Failure,
     oracle::{Oracle, OracleScene, best_colors, rate_of, rows_of_gradients},
-    scenes::{Draw, Kind},
+    scenes::{Draw, Kind2d},
     subject::Subject,
     tolerance::{FUSED_SHARE, LEAST_SQUARES, STATISTICS_SHARE},
 };
@@ -70,7 +70,7 @@ pub fn first_steps_do_not_reuse_lists_of_renderings<R: Optimizer<Scene2d>>(raste
     // Further than the extent of most Gaussians.
     let rates = Adam::default().with(|s| s.mean = Group::constant(8.0)).at(0.0);
     for blend in [Blend::Sum, Blend::Over] {
-        let draw = Draw::new(Kind::Typical, blend, 20, (70, 50), 1603);
+        let draw = Draw::new(Kind2d::Typical, blend, 20, (70, 50), 1603);
         let target = rasterizer.upload_target(&draw.target()?)?;
         let mut rendered = rasterizer.upload(&draw.scene, Parameterization::ScaleRotation)?;
         let pass = rasterizer.forward(&rendered, &draw.view, &draw.settings).block_on()?;
@@ -164,7 +164,7 @@ pub fn statistics_are_the_positional_gradients<R: Optimizer<Scene2d>>(rasterizer
     let zoomed = Canvas::new(44, 20).showing(Vec2::new(4.0, 2.0), Vec2::new(22.0, 20.0));
     for blend in [Blend::Sum, Blend::Over] {
         for view in [own, zoomed] {
-            let mut draw = Draw::new(Kind::Overlapping, blend, 10, (30, 24), 1600).through(view);
+            let mut draw = Draw::new(Kind2d::Overlapping, blend, 10, (30, 24), 1600).through(view);
             draw.scene.push(gs_core::Gaussian2d { mean: Vec2::new(-500.0, 3.0), ..draw.scene.gaussian(0) });
             draw.settings.effects.statistics = Statistics::MeanGradient;
             let target = rasterizer.upload_target(&draw.target()?)?;
@@ -214,7 +214,7 @@ pub fn statistics_are_the_positional_gradients<R: Optimizer<Scene2d>>(rasterizer
 pub fn solved_colors_are_the_best<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     for parameterization in PARAMETERIZATIONS {
         for (kind, count, size) in
-            [(Kind::Typical, 16, (24, 18)), (Kind::Overlapping, 5, (20, 20)), (Kind::Tiny, 30, (9, 7))]
+            [(Kind2d::Typical, 16, (24, 18)), (Kind2d::Overlapping, 5, (20, 20)), (Kind2d::Tiny, 30, (9, 7))]
         {
             let mut draw = Draw::new(kind, Blend::Sum, count, size, 1700).on([0.3, 0.1, 0.2]);
             let image = draw.target()?;

@@ -10,7 +10,7 @@ use gs_core::{
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
-use crate::scenes::{Draw, Kind, Kind3d};
+use crate::scenes::{Draw, Kind2d, Kind3d};
 
 /// The way in which a scene is hard.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -45,7 +45,7 @@ const SIZE: (u32, u32) = (12, 9);
 
 /// A 2D scene that is hard in one way, determined by the seed.
 pub fn hard_2d(hardship: Hardship, blend: Blend, seed: u64) -> Draw<Scene2d> {
-    let mut draw = Draw::new(Kind::Typical, blend, COUNT, SIZE, seed).on([0.3, 0.9, 0.1]);
+    let mut draw = Draw::new(Kind2d::Typical, blend, COUNT, SIZE, seed).on([0.3, 0.9, 0.1]);
     let mut rng = Pcg64::seed_from_u64(seed ^ 0x4a2d);
     let mut within = |least: f32, most: f32| rng.random_range(least..most);
     for i in 0..COUNT {

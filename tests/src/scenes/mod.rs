@@ -12,7 +12,7 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
 pub use self::{
-    scene2d::{Kind, draws, kinds, scene, views},
+    scene2d::{Kind2d, draws, kinds, scene, views},
     scene3d::{Kind3d, camera, draws_3d, kinds_3d, scene_3d},
 };
 use crate::{oracle::OracleView, subject::Subject};
@@ -21,7 +21,7 @@ use crate::{oracle::OracleView, subject::Subject};
 #[derive(Debug, Clone, PartialEq)]
 pub struct Draw<S: Subject = Scene2d> {
     /// The kind of the scene.
-    pub kind: S::Kind,
+    pub kind: S::Kind2d,
     /// The Gaussians.
     pub scene: S,
     /// The view.

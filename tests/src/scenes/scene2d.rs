@@ -12,7 +12,7 @@ use super::{Draw, blends, counts, sizes};
 
 /// Kinds of scenes. Scales are standard deviations in px of the plane.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Kind {
+pub enum Kind2d {
     /// Scales 0.8 to 6 px, translucent.
     Typical,
     /// Scales 20 to 200 px: each covers the whole image.
@@ -29,7 +29,7 @@ pub enum Kind {
     Overlapping,
 }
 
-impl Kind {
+impl Kind2d {
     /// All kinds.
     pub const ALL: [Self; 7] =
         [Self::Typical, Self::Large, Self::Tiny, Self::Needles, Self::OffCanvas, Self::Opaque, Self::Overlapping];
@@ -47,19 +47,19 @@ impl Kind {
 
 /// `count` Gaussians over a plane of `size` px, determined by the seed. Colours are 0 to 1 under
 /// `Over`, −0.5 to 1 under `Sum`, where no opacities are stored.
-pub fn scene(kind: Kind, blend: Blend, count: usize, size: Vec2, seed: u64) -> Scene2d {
+pub fn scene(kind: Kind2d, blend: Blend, count: usize, size: Vec2, seed: u64) -> Scene2d {
     let mut rng = Pcg64::seed_from_u64(seed);
     let mut within = |range: Range<f32>| rng.random_range(range);
     (0..count)
         .map(|i| {
             let unit = Vec2::new(within(0.0..1.0), within(0.0..1.0));
             let mean = match kind {
-                Kind::OffCanvas if i % 3 != 0 => size * (unit * 1.6 - 0.3),
-                Kind::Overlapping => size * (0.35 + 0.3 * unit),
+                Kind2d::OffCanvas if i % 3 != 0 => size * (unit * 1.6 - 0.3),
+                Kind2d::Overlapping => size * (0.35 + 0.3 * unit),
                 _ => size * unit,
             };
             let log_scale = match kind {
-                Kind::Needles => {
+                Kind2d::Needles => {
                     let short = within(kind.scales()).ln();
                     let long = short + within(10.0..30.0).ln();
                     if i % 2 == 0 { Vec2::new(long, short) } else { Vec2::new(short, long) }
@@ -67,8 +67,8 @@ pub fn scene(kind: Kind, blend: Blend, count: usize, size: Vec2, seed: u64) -> S
                 _ => Vec2::new(within(kind.scales()).ln(), within(kind.scales()).ln()),
             };
             let opacity_logit = match kind {
-                Kind::Opaque if i % 4 == 0 => f32::INFINITY,
-                Kind::Opaque => within(4.6..9.0),
+                Kind2d::Opaque if i % 4 == 0 => f32::INFINITY,
+                Kind2d::Opaque => within(4.6..9.0),
                 _ => within(-2.0..2.0),
             };
             let darkest = if blend == Blend::Sum { -0.5 } else { 0.0 };
@@ -85,7 +85,7 @@ pub fn scene(kind: Kind, blend: Blend, count: usize, size: Vec2, seed: u64) -> S
 
 impl Draw<Scene2d> {
     /// A seeded scene of a kind, with a canvas of its own size.
-    pub fn new(kind: Kind, blend: Blend, count: usize, size: (u32, u32), seed: u64) -> Self {
+    pub fn new(kind: Kind2d, blend: Blend, count: usize, size: (u32, u32), seed: u64) -> Self {
         let plane = Vec2::new(size.0 as f32, size.1 as f32);
         Self {
             kind,
@@ -97,9 +97,9 @@ impl Draw<Scene2d> {
     }
 }
 
-/// Every [`Kind`].
-pub fn kinds() -> impl Strategy<Value = Kind> {
-    proptest::sample::select(Kind::ALL.as_slice())
+/// Every [`Kind2d`].
+pub fn kinds() -> impl Strategy<Value = Kind2d> {
+    proptest::sample::select(Kind2d::ALL.as_slice())
 }
 
 /// Canvases of up to 48 × 40 px: of the plane's own size, or a zoomed and
@@ -134,7 +134,7 @@ mod tests {
 
     #[test]
     fn the_same_seed_draws_the_same_valid_scene() {
-        for kind in Kind::ALL {
+        for kind in Kind2d::ALL {
             for blend in [Blend::Sum, Blend::Over] {
                 let draw = Draw::new(kind, blend, 20, (40, 30), 7);
                 draw.scene.validate().unwrap();

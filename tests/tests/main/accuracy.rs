@@ -7,7 +7,7 @@ use gs_conformance::{
     conformance::{check_gradients, check_image},
     data,
     oracle::{Oracle, OracleView},
-    scenes::{Draw, Kind, Kind3d},
+    scenes::{Draw, Kind2d, Kind3d},
     subject::Subject,
     tolerance::Agreement,
 };
@@ -31,7 +31,7 @@ fn cpu(level: SimdLevel, tuning: CpuTuning) -> CpuRasterizer {
 }
 
 fn scene_2d(blend: Blend, seed: u64) -> Draw {
-    Draw::new(Kind::Typical, blend, 30, (40, 30), seed)
+    Draw::new(Kind2d::Typical, blend, 30, (40, 30), seed)
 }
 
 fn scene_3d(blend: Blend, order: Order, seed: u64) -> Draw<Scene3d> {

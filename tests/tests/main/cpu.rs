@@ -5,7 +5,7 @@ use gs_conformance::{
     bits::bits,
     conformance::{check_gradients, check_image, conformance},
     properties::{judge, losses, repeatable},
-    scenes::{Draw, Kind, draws},
+    scenes::{Draw, Kind2d, draws},
 };
 use gs_core::Backend as _;
 use gs_core::Optimizer as _;
@@ -53,7 +53,7 @@ fn conforms_at_every_level_and_number_of_threads() {
 
 /// More Gaussians than fit into one task, and more tiles than threads.
 fn many(blend: Blend) -> Draw {
-    let mut draw = Draw::new(Kind::Typical, blend, 2500, (173, 141), 42).on([0.1, 0.5, 0.3]);
+    let mut draw = Draw::new(Kind2d::Typical, blend, 2500, (173, 141), 42).on([0.1, 0.5, 0.3]);
     draw.settings.effects.statistics = Statistics::MeanGradient;
     draw
 }

@@ -3,7 +3,7 @@
 use glam::{Vec2, Vec3};
 use gs_conformance::{
     oracle::{AdamReference, Oracle, OracleScene, PARAMETER_NAMES, best_colors},
-    scenes::{self, Draw, Kind},
+    scenes::{self, Draw, Kind2d},
 };
 use gs_core::{
     Adam, Canvas, Cut, Error, Gaussian2d, Image, Loss, RenderSettings, Scene2d,
@@ -61,7 +61,7 @@ fn gradients_are_the_derivatives_of_the_loss() {
     for blend in [Blend::Sum, Blend::Over] {
         for loss in LOSSES {
             let mut counted = 0;
-            for (seed, kind) in Kind::ALL.into_iter().enumerate() {
+            for (seed, kind) in Kind2d::ALL.into_iter().enumerate() {
                 let draw = Draw::new(kind, blend, 5, (14, 11), 40 + seed as u64).on([0.3, 0.9, 0.1]);
                 worst_difference(&draw, &loss, &mut counted);
             }
@@ -76,7 +76,7 @@ fn gradients_hold_through_antialiasing() {
         for blend in [Blend::Sum, Blend::Over] {
             let view = Canvas::new(14, 11).resized(9, 13);
             let mut counted = 0;
-            for (seed, kind) in (70..).zip(Kind::ALL) {
+            for (seed, kind) in (70..).zip(Kind2d::ALL) {
                 let draw = Draw::new(kind, blend, 5, (14, 11), seed).antialiased(antialias).through(view);
                 worst_difference(&draw, &Loss::L2, &mut counted);
             }
@@ -90,7 +90,7 @@ fn gradients_hold_through_a_zoomed_canvas() {
     let view = Canvas::new(13, 10).showing(Vec2::new(3.0, -2.0), Vec2::new(6.5, 20.0));
     for blend in [Blend::Sum, Blend::Over] {
         let mut counted = 0;
-        worst_difference(&Draw::new(Kind::Typical, blend, 8, (14, 14), 5).through(view), &Loss::L2, &mut counted);
+        worst_difference(&Draw::new(Kind2d::Typical, blend, 8, (14, 14), 5).through(view), &Loss::L2, &mut counted);
         assert!(counted > 20, "only {counted} gradients were compared");
     }
 }
@@ -194,7 +194,7 @@ fn ssim_is_one_for_equal_images_and_near_zero_for_a_black_one() {
 
 #[test]
 fn adam_takes_a_first_step_of_its_rate_and_counts_per_gaussian() {
-    let draw = Draw::new(Kind::Typical, Blend::Over, 2, (8, 8), 1);
+    let draw = Draw::new(Kind2d::Typical, Blend::Over, 2, (8, 8), 1);
     let rates = Adam::default()
         .with(|s| {
             s.mean = Group::constant(0.25);
@@ -216,7 +216,7 @@ fn adam_takes_a_first_step_of_its_rate_and_counts_per_gaussian() {
 
 #[test]
 fn best_colors_have_no_gradient_left() {
-    let draw = Draw::new(Kind::Typical, Blend::Sum, 9, (20, 16), 3).on([0.1, 0.2, 0.3]);
+    let draw = Draw::new(Kind2d::Typical, Blend::Sum, 9, (20, 16), 3).on([0.1, 0.2, 0.3]);
     let oracle = Oracle::new(draw.view, draw.settings).unwrap();
     let (scene, target) = (OracleScene::from(&draw.scene), draw.target().unwrap());
     let best = best_colors(&oracle, &scene, &target).unwrap();

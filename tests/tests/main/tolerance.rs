@@ -4,18 +4,18 @@ use glam::{Vec2, Vec3};
 use gs_conformance::{
     Failure,
     oracle::{Gradients, Oracle, OracleScene, Rendering},
-    scenes::{Draw, Kind},
+    scenes::{Draw, Kind2d},
     tolerance::{compare_gradients, compare_images, compare_loss},
 };
 use gs_core::{Image, Loss, RenderSettings, Scene2d, effects::Blend};
 
 fn rendering(blend: Blend) -> Rendering {
-    let draw = Draw::new(Kind::Typical, blend, 20, (40, 30), 11);
+    let draw = Draw::new(Kind2d::Typical, blend, 20, (40, 30), 11);
     Oracle::new(draw.view, draw.settings).unwrap().render(&OracleScene::from(&draw.scene))
 }
 
 fn gradients(blend: Blend, loss: Loss) -> Gradients {
-    let draw = Draw::new(Kind::Typical, blend, 20, (40, 30), 11);
+    let draw = Draw::new(Kind2d::Typical, blend, 20, (40, 30), 11);
     let oracle = Oracle::new(draw.view, draw.settings).unwrap();
     oracle.gradients(&OracleScene::from(&draw.scene), &draw.target().unwrap(), &loss).unwrap()
 }
@@ -95,7 +95,7 @@ fn flips_are_only_allowed_at_discontinuities() {
 
 #[test]
 fn empty_images_are_refused() {
-    let draw = Draw::new(Kind::Typical, Blend::Over, 0, (8, 8), 1).on([0.5; 3]);
+    let draw = Draw::new(Kind2d::Typical, Blend::Over, 0, (8, 8), 1).on([0.5; 3]);
     let nothing = Oracle::new(draw.view, draw.settings).unwrap().render(&OracleScene::default());
     assert!(matches!(compare_images(&nothing, &nothing.image()), Err(Failure::Nothing(_))));
 }
@@ -167,7 +167,7 @@ fn a_needle_is_allowed_more_than_a_disc() {
         let image = Oracle::new(draw.view, RenderSettings::blended(Blend::Sum)).unwrap().render(&(&draw.scene).into());
         image.rounding.as_flattened().iter().copied().fold(0.0, f64::max)
     };
-    let (needles, discs) = (room(Kind::Needles), room(Kind::Overlapping));
+    let (needles, discs) = (room(Kind2d::Needles), room(Kind2d::Overlapping));
     assert!(needles > 4.0 * discs, "{needles:e} and {discs:e}");
     assert!(discs < 1e-5);
 }

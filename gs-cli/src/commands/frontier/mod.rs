@@ -11,7 +11,9 @@ use clap::Args;
 use gs_backend::AnyRasterizer;
 use gs_core::{Optimizer, counted};
 use gs_io::Inputs;
-use gs_lab::frontier::{Budget, Chosen, Field, Frontier, SearchLimits, Verifiable, figure, search, to_csv, to_text};
+use gs_lab::frontier::{
+    Budget, Field, Frontier, SearchAnswer, SearchLimits, Verifiable, figure, search, to_csv, to_text,
+};
 use gs_oracle::OracleView;
 use serde::Serialize;
 
@@ -152,9 +154,9 @@ where
     let answer = args.budget().map(|budget| -> Result<Answer, Failure> {
         output::note(format_args!("verifying on {} that the search did not use", counted(seen.unseen.len(), "view")));
         match budget.choose(&field, &frontier, &seen.unseen, 0.1 * limits.seconds)? {
-            Chosen::Kept(choice) => Answer::new(budget, &choice, &frontier, &machines, seen.effects, &what),
-            Chosen::OutOfReach(best) => Err(answer::out_of_reach(budget, best)),
-            Chosen::NotElsewhere(count) => Err(answer::not_elsewhere(budget, count, seen.unseen.len())),
+            SearchAnswer::Kept(choice) => Answer::new(budget, &choice, &frontier, &machines, seen.effects, &what),
+            SearchAnswer::OutOfReach(best) => Err(answer::out_of_reach(budget, best)),
+            SearchAnswer::NotElsewhere(count) => Err(answer::not_elsewhere(budget, count, seen.unseen.len())),
         }
     });
     let (answer, failure) = match answer.transpose() {

@@ -6,7 +6,7 @@ use crate::{
     comparison::{Difference, Verdict},
     error::Error,
     html,
-    remark::{FEWEST_SEEDS, Remark},
+    remark::{FEWEST_SEEDS, ResultRemark},
     report::{
         at_equal, figure,
         page::{
@@ -155,8 +155,8 @@ fn difference_cells(difference: &Difference, digits: usize) -> Markup {
 /// The remarks on a difference, for a table row of their own. Few seeds are mentioned once for all
 /// rows.
 fn remark(difference: &Difference) -> Option<String> {
-    let of_row = difference.remarks.iter().filter(|remark| !matches!(remark, Remark::FewSeeds { .. }));
-    let words: Vec<String> = of_row.map(Remark::to_string).collect();
+    let of_row = difference.remarks.iter().filter(|remark| !matches!(remark, ResultRemark::FewSeeds { .. }));
+    let words: Vec<String> = of_row.map(ResultRemark::to_string).collect();
     (!words.is_empty()).then(|| words.join("; "))
 }
 

@@ -3,7 +3,7 @@
 //! masks and alpha.
 
 use super::fixture_3d;
-use gs_conformance::scenes::{Draw, Kind};
+use gs_conformance::scenes::{Draw, Kind2d};
 use gs_core::{Blend, Camera, Image, Optimizer, Scene, Scene2d, Scene3d};
 use gs_density::Policy;
 use gs_io::dataset::PosedImage;
@@ -61,7 +61,7 @@ fn target((width, height): (u32, u32)) -> Image {
 }
 
 fn of_fit(wgpu: &WgpuRasterizer, policy: &Policy, (count, size): (usize, (u32, u32))) -> u64 {
-    let scene: Scene2d = Draw::new(Kind::Typical, Blend::Over, count, size, 5).scene;
+    let scene: Scene2d = Draw::new(Kind2d::Typical, Blend::Over, count, size, 5).scene;
     let mut settings = FitSettings::for_image(2 * count as u32, size, 40);
     settings.render.effects.blend = Blend::Over;
     settings.policy = policy.clone();

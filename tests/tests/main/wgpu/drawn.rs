@@ -20,7 +20,7 @@ const MOST_APART: f32 = 0.03;
 #[test]
 fn runs_of_different_lengths_differ_more() {
     for loss in [Loss::L2, Loss::L1] {
-        let draw = Draw::new(Kind::Typical, Blend::Sum, 40, (48, 40), 285);
+        let draw = Draw::new(Kind2d::Typical, Blend::Sum, 40, (48, 40), 285);
         let before = rasterizer().render(&draw.scene, &draw.view, &draw.settings).block_on().unwrap();
         let [long, short] = [50, 20].map(|steps| {
             image_of(&cpu(), &trained(&cpu(), &draw, loss, Parameterization::CovarianceFactor, (steps, 1)), &draw)
@@ -64,7 +64,7 @@ proptest! {
         loss in losses(),
         local in any::<bool>(),
     ) {
-        let draw = Draw::new(Kind::Typical, blend, 40, (48, 40), seed);
+        let draw = Draw::new(Kind2d::Typical, blend, 40, (48, 40), seed);
         let parameterization = if local { Parameterization::CovarianceFactor } else { Parameterization::ScaleRotation };
         let gpus = rasterizers();
         let (_, gpu) = &gpus[seed as usize % gpus.len()];

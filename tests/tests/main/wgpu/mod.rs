@@ -11,7 +11,7 @@ use gs_conformance::{
     conformance::{check_gradients, check_image, conformance},
     oracle::{AdamReference, Oracle, OracleScene},
     properties::{judge, losses, repeatable},
-    scenes::{Draw, Kind, draws},
+    scenes::{Draw, Kind2d, draws},
 };
 use gs_core::{
     Adam, Binning, Blend, EditPlan, Error, Image, Loss, Optimizer, Parameterization, RenderSettings, Scene, Scene2d,
@@ -69,7 +69,7 @@ fn another() -> WgpuRasterizer {
 /// The suite allows backends to refuse these; this one offers them.
 #[test]
 fn all_statistics_are_offered() {
-    let mut draw = Draw::new(Kind::Typical, Blend::Over, 5, (20, 20), 3);
+    let mut draw = Draw::new(Kind2d::Typical, Blend::Over, 5, (20, 20), 3);
     for statistics in [Statistics::MeanGradient, Statistics::AbsoluteGradient, Statistics::PixelError] {
         draw.settings.effects.statistics = statistics;
         rasterizer().render(&draw.scene, &draw.view, &draw.settings).block_on().unwrap();
@@ -90,7 +90,7 @@ fn conforms_with_all_kernels() {
 #[test]
 fn differences_from_the_oracle_are_small_in_numbers() {
     for (kernels, r) in rasterizers() {
-        for (kind, seed) in Kind::ALL.into_iter().flat_map(|kind| (0..6).map(move |seed| (kind, seed))) {
+        for (kind, seed) in Kind2d::ALL.into_iter().flat_map(|kind| (0..6).map(move |seed| (kind, seed))) {
             for blend in [Blend::Sum, Blend::Over] {
                 let draw = Draw::new(kind, blend, 24, (35, 26), seed).on([0.3, 0.6, 0.2]);
                 let image = check_image(r, &draw).unwrap();
@@ -114,7 +114,7 @@ fn differences_from_the_oracle_are_small_in_numbers() {
 #[test]
 fn outdated_lists_keep_all_numbers_finite() {
     for (kernels, r) in rasterizers() {
-        let draw = Draw::new(Kind::Typical, Blend::Sum, 300, (64, 48), 7);
+        let draw = Draw::new(Kind2d::Typical, Blend::Sum, 300, (64, 48), 7);
         let target = r.for_2d().upload_target(&draw.target().unwrap()).unwrap();
         let mut splats = r.upload(&draw.scene, Parameterization::CovarianceFactor).unwrap();
         let mut adam = Adam::default().with(|s| s.epsilon = 1e-6);
@@ -149,7 +149,7 @@ fn unsupported_kernels_are_refused() {
 /// More Gaussians than a work group, and more entries than a block of the sort and the first
 /// buffers.
 fn many(blend: Blend) -> Draw {
-    let mut draw = Draw::new(Kind::Large, blend, 2500, (173, 141), 42).on([0.1, 0.5, 0.3]);
+    let mut draw = Draw::new(Kind2d::Large, blend, 2500, (173, 141), 42).on([0.1, 0.5, 0.3]);
     draw.settings.effects.statistics = Statistics::MeanGradient;
     draw
 }
@@ -208,7 +208,7 @@ fn an_adapter_is_found_by_its_name_only() {
 fn scenes_that_do_not_fit_are_errors_with_sizes() {
     let r = another();
     let huge: Scene2d =
-        std::iter::repeat_n(Draw::new(Kind::Large, Blend::Sum, 1, (16, 16), 1).scene.gaussian(0), 40_000).collect();
+        std::iter::repeat_n(Draw::new(Kind2d::Large, Blend::Sum, 1, (16, 16), 1).scene.gaussian(0), 40_000).collect();
     let mut huge = huge;
     huge.log_scales.iter_mut().for_each(|s| *s = glam::Vec2::splat(9.0));
     let error = r

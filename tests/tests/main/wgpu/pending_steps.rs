@@ -41,7 +41,7 @@ impl<'r> Training<'r> {
 /// Bytes moved by `steps` training steps of `gaussians` Gaussians.
 fn bytes_of_steps(gaussians: usize, steps: usize) -> u64 {
     let r = another();
-    let mut training = Training::new(&r, Draw::new(Kind::Typical, Blend::Sum, gaussians, (120, 80), 3));
+    let mut training = Training::new(&r, Draw::new(Kind2d::Typical, Blend::Sum, gaussians, (120, 80), 3));
     // Buffers grow in the first step.
     training.send(1);
     assert_eq!(training.losses(Wait::All).len(), 1);
@@ -62,7 +62,7 @@ fn a_training_step_moves_few_bytes_however_many_gaussians_there_are() {
 #[test]
 fn a_training_step_waits_only_for_the_oldest_of_enough_pending_steps() {
     let r = another();
-    let mut training = Training::new(&r, Draw::new(Kind::Typical, Blend::Over, 200, (120, 80), 3));
+    let mut training = Training::new(&r, Draw::new(Kind2d::Typical, Blend::Over, 200, (120, 80), 3));
     training.send(1);
     training.losses(Wait::All);
     let waits = r.waits();
@@ -110,7 +110,7 @@ impl Room {
 
 /// Losses, state and bytes moved after steps of which some need much larger buffers.
 fn trained_with_room(blend: Blend, room: Room) -> (Vec<f32>, SplatsState, u64) {
-    let draw = Draw::new(Kind::Large, blend, 800, (173, 141), 42).on([0.1, 0.5, 0.3]);
+    let draw = Draw::new(Kind2d::Large, blend, 800, (173, 141), 42).on([0.1, 0.5, 0.3]);
     let r = room.device_for(&draw);
     let mut training = Training::new(&r, draw);
     let before = r.bytes_moved();
@@ -180,7 +180,7 @@ const LOOKS: [(&str, Look); 7] = [
 /// The bits of the results after two steps, and the bytes moved.
 fn seen_after_two_steps(look: Look, room: Room) -> (Vec<u32>, u64) {
     // Each Gaussian touches every tile.
-    let mut draw = Draw::new(Kind::Large, Blend::Sum, 1200, (160, 144), 43);
+    let mut draw = Draw::new(Kind2d::Large, Blend::Sum, 1200, (160, 144), 43);
     draw.scene.log_scales.fill(glam::Vec2::splat(5.0));
     draw.settings.effects.statistics = Statistics::MeanGradient;
     let r = room.device_for(&draw);
@@ -211,7 +211,7 @@ fn every_call_sees_repeated_steps() {
 #[test]
 fn splats_can_be_dropped_with_pending_steps() {
     let r = another();
-    let draw = || Draw::new(Kind::Typical, Blend::Sum, 200, (120, 80), 3);
+    let draw = || Draw::new(Kind2d::Typical, Blend::Sum, 200, (120, 80), 3);
     let mut expected = Training::new(&r, draw());
     expected.send(3);
     let expected = expected.losses(Wait::All);
@@ -229,7 +229,7 @@ fn splats_can_be_dropped_with_pending_steps() {
 fn pending_steps_on_a_lost_device_are_a_later_error() {
     for wait in [Wait::Arrived, Wait::All] {
         let r = another();
-        let mut training = Training::new(&r, Draw::new(Kind::Typical, Blend::Sum, 200, (120, 80), 3));
+        let mut training = Training::new(&r, Draw::new(Kind2d::Typical, Blend::Sum, 200, (120, 80), 3));
         training.send(3);
         r.lose_device();
         for _ in 0..2 {
@@ -248,7 +248,7 @@ fn pending_steps_on_a_lost_device_are_a_later_error() {
 #[test]
 fn a_lost_device_is_an_error_at_every_call() {
     let r = another();
-    let draw = Draw::new(Kind::Typical, Blend::Sum, 20, (40, 30), 5);
+    let draw = Draw::new(Kind2d::Typical, Blend::Sum, 20, (40, 30), 5);
     let image = draw.target().unwrap();
     let target = r.for_2d().upload_target(&image).unwrap();
     let mut splats = r.upload(&draw.scene, Parameterization::CovarianceFactor).unwrap();
