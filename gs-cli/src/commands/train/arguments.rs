@@ -115,7 +115,7 @@ pub(crate) struct TrainSettingsArgs {
     /// Settings file, such as the settings.toml of a training; flags override it
     #[arg(long, value_name = "FILE.toml", conflicts_with_all = ["preset", "iterations"])]
     pub(crate) settings: Option<PathBuf>,
-    /// The most Gaussians
+    /// The most Gaussians [default: that of the preset; standard: one for 160 pixels of the views]
     #[arg(short = 'n', long, alias = "max-gaussians", value_name = "N", value_parser = whole::<u32>(1..))]
     pub(crate) gaussians: Option<u32>,
     /// Steps of the optimizer, one view each; the preset's schedules follow [default: 40 a
