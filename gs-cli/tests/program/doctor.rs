@@ -65,7 +65,7 @@ fn a_broken_scene_is_reported_and_mended_and_sound_gaussians_stay_bit_for_bit() 
     assert_eq!(fs::read(&path).unwrap(), before, "the examined file stays");
     let copy = mended;
     let mended = read_3d(&copy).unwrap().scene;
-    // The test changed a scale of the eighth Gaussian, which is the sixth in the mended scene.
+    // The test changed a scale of the eighth Gaussian, which is the sixth in the repaired scene.
     for (after, index) in [0, 1, 2, 4, 5, 6].into_iter().enumerate().chain([(7, 9)]) {
         assert_eq!(mended.gaussian(after), scene.gaussian(index));
     }

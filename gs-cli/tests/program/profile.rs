@@ -273,7 +273,7 @@ fn what_cannot_be_profiled_is_refused_before_anything_is_written() {
     assert!(run.refusal().contains("choose another folder with --output"), "{run:?}");
 }
 
-/// Profiles a scene in space, and writes into a folder of `place`.
+/// Profiles a 3D scene, and writes into a folder of `place`.
 fn a_3d_scene_is_profiled_on(backend: &str, scene: &str, place: &Path) {
     let output = place.join(backend);
     let flags = ["--size", "40x30", "--order", "per-pixel", "--backend", backend, "-o", output.to_str().unwrap()];

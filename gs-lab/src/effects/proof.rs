@@ -115,14 +115,14 @@ mod tests {
         let mut wrong = proof.required.clone();
         wrong.settings.effects.antialias = Antialias::None;
         assert!(uploaded.differences(&wanted, &[wrong.settings]).unwrap()[0].most > HALF_DISPLAY_STEP);
-        let Proof { required: mended, difference, .. } = borne_out(wrong, &uploaded, &wanted).unwrap();
+        let Proof { required: repaired, difference, .. } = borne_out(wrong, &uploaded, &wanted).unwrap();
         assert_eq!(
-            mended.settings.effects,
+            repaired.settings.effects,
             Effects { background: Background::None, sh_degree: 0, ..wanted.effects },
             "what is not to blame stays left out"
         );
         assert_eq!(difference.most, 0.0);
-        let verdict = &mended.decisions[3];
+        let verdict = &repaired.decisions[3];
         assert_eq!((verdict.effect, verdict.answer), (Effect::Antialias, Requirement::Required));
         assert!(verdict.reason.contains("not foreseen"), "{}", verdict.reason);
     }

@@ -320,7 +320,7 @@ impl<'a, R: Optimizer<Scene2d>> Trainer<'a, R> {
     }
 }
 
-/// A placeholder for a rendering.
+/// The image that stands where nothing has been rendered yet: one black pixel.
 fn nothing_rendered() -> Result<Image, gs_core::Error> {
     Image::filled(1, 1, [0.0; 3])
 }
