@@ -184,6 +184,21 @@ impl FromStr for Tolerance {
     }
 }
 
+/// A time in minutes, above 0.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Minutes(pub(crate) f64);
+
+impl FromStr for Minutes {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text.trim().parse::<f64>() {
+            Ok(minutes) if minutes > 0.0 && minutes <= 1e6 => Ok(Self(minutes)),
+            _ => Err("write a number of minutes above 0, such as 5 or 0.5".into()),
+        }
+    }
+}
+
 /// An axis of space, written x, y, z, -x, -y or -z.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Axis(pub(crate) Vec3);

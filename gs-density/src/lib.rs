@@ -10,6 +10,7 @@
 //! - [`ResidualGrowth`] removes and seeds by residual, [`ErrorAddition`] (Image-GS) only adds. Both
 //!   are for 2D scenes; all else works for any [`DensityScene`].
 //! - [`Mcmc`] relocates and copies by opacity, with [`Noise`] between steps.
+//! - [`Governor`] holds any of them to a schedule that ends at exactly the budget.
 //!
 //! # A policy of your own
 //!
@@ -76,6 +77,7 @@ mod correction;
 mod densify;
 mod error_addition;
 mod gaussian;
+mod governor;
 mod grow;
 mod mcmc;
 mod noise;
@@ -94,6 +96,7 @@ pub use correction::OpacityCorrection;
 pub use densify::{ClonePlacement, Densify, LongAxisSplit, MomentHeir, SplitPlacement};
 pub use error_addition::ErrorAddition;
 pub use gaussian::{DensityGaussian, DensityScene};
+pub use governor::{Governor, scheduled_count};
 pub use grow::{Combine, FORCED_GROWTH_PERCENT, Grow, share_of};
 pub use mcmc::Mcmc;
 pub use noise::Noise;

@@ -94,6 +94,14 @@ impl MetricsLog {
         Self { measured_every: 5 * log.every, ..log }
     }
 
+    /// Returns this log with the quality in at most this many rows, or a few more: after the first
+    /// step, at equal distances, and after the last.
+    #[must_use]
+    pub fn measured_at_most(self, times: u32, iterations: u32) -> Self {
+        let distance = iterations.div_ceil(times.max(1)).next_multiple_of(self.every);
+        Self { measured_every: self.measured_every.max(distance), ..self }
+    }
+
     /// The log of a run that is resumed from a checkpoint with this metadata: the intervals of this
     /// log, and the rows of the checkpoint, if it has any.
     ///

@@ -98,6 +98,7 @@ impl FitSettings {
         Self {
             gaussians: 600,
             initial: InitialCount::Fixed(20),
+            exactly: false,
             iterations: 2500,
             seed: 0,
             parameterization: Parameterization::ScaleRotation,
@@ -155,6 +156,7 @@ impl FitSettings {
         Self {
             gaussians,
             initial: InitialCount::Fraction(start),
+            exactly: false,
             iterations,
             seed: 0,
             parameterization: Parameterization::CovarianceFactor,

@@ -42,6 +42,10 @@ pub(crate) fn gaussians_for((width, height): (u32, u32)) -> u32 {
 pub struct FitSettings {
     /// Largest number of Gaussians, at least 1.
     pub gaussians: u32,
+    /// Whether the fit ends with exactly as many Gaussians as [`Self::gaussians`] says, along a
+    /// schedule ([`Governor`](gs_density::Governor)), whichever the policy chooses. Default false.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub exactly: bool,
     /// Number of Gaussians at the start.
     pub initial: InitialCount,
     /// Number of steps; 0 leaves the initial scene as it is.

@@ -4,7 +4,7 @@
 use std::{fmt::Debug, future::Future, path::Path};
 
 use gs_core::{Effects, Loss, Optimizer, Parameterization};
-use gs_density::{DensityPolicy, DensityScene, Residual};
+use gs_density::{DensityPolicy, DensityScene, Governor, Residual};
 
 use crate::{error::Error, observer::Quality, recovery::Recovery, rounds::Rounds};
 
@@ -62,6 +62,8 @@ pub trait RunSettings<S: SceneTask>: Clone + Debug + PartialEq {
     fn seed(&self) -> u32;
     /// Largest number of Gaussians.
     fn budget(&self) -> u32;
+    /// Holds the policy to a schedule that ends at exactly the budget, if asked for.
+    fn governor(&self) -> Option<Governor>;
     /// Rounds of density control.
     fn rounds(&self) -> &Rounds;
     /// Coordinates in which the optimizer moves.

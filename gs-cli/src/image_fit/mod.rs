@@ -36,6 +36,9 @@ pub(crate) struct FitSettingsArgs {
     /// The most Gaussians [default: 9000 for each 768x512 px; 600 with preset paper]
     #[arg(short = 'n', long, alias = "max-gaussians", value_name = "N", value_parser = whole::<u32>(1..))]
     pub(crate) gaussians: Option<u32>,
+    /// End with exactly as many Gaussians as --gaussians says, whatever the policy chooses
+    #[arg(long)]
+    pub(crate) exactly: bool,
     /// Steps of the optimizer; 0 keeps the initial Gaussians
     #[arg(short, long, value_name = "K", value_parser = whole::<u32>(0..))]
     pub(crate) iterations: Option<u32>,
@@ -163,6 +166,7 @@ pub(crate) fn settings(args: &FitSettingsArgs, file: &SettingsFile, target: &Tar
     if let SettingsFile::Frontier(frontier) = file {
         settings.render.accuracy = frontier.accuracy;
     }
+    settings.exactly |= args.exactly;
     settings.loss = args.loss.map_or(settings.loss, Into::into);
     if let Some(parameterization) = args.parameterization {
         settings = settings.with_parameterization(parameterization.into());

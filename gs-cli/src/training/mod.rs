@@ -9,6 +9,8 @@ mod progress;
 pub(crate) mod results;
 mod status;
 
+use std::time::Instant;
+
 use gs_backend::{AnyRasterizer, FutureExt as _};
 use gs_core::Optimizer;
 use gs_lab::figure::curve::CurvePoint;
@@ -17,24 +19,25 @@ use gs_train::{MetricsLog, Observer as _, Outcome, Trainable, Trainer};
 use self::{
     arguments::OutputArgs,
     checkpoints::{Checkpoints, StoreCheckpoints},
-    observers::{Curve, LogFile, StopOnInterrupt},
+    observers::{Curve, LogFile, StopAtEnd, StopOnInterrupt},
     progress::Display,
     results::Summary,
 };
 use crate::{failure::Failure, interrupt::Interrupt, output, output_folder::OutputFolder};
 
-/// Trains to the end, or until Ctrl-C, and writes the results; prints the summary.
+/// Trains to the last step, until `end` or until Ctrl-C, and writes the results; prints the summary.
 pub(crate) fn run<S: Trainable, T: Summary>(
     args: &OutputArgs,
     folder: &OutputFolder,
     mut checkpoints: Checkpoints,
     (mut trainer, mut log): (Trainer<'_, AnyRasterizer, S>, MetricsLog),
+    end: Option<Instant>,
     write_results: impl FnOnce(&Trainer<'_, AnyRasterizer, S>, &MetricsLog, &[CurvePoint]) -> Result<T, Failure>,
 ) -> Result<(), Failure>
 where
     AnyRasterizer: Optimizer<S>,
 {
-    let trained = train(args, &mut trainer, &mut log, folder, &mut checkpoints).and_then(|(outcome, curve)| {
+    let trained = train(args, (&mut trainer, end), &mut log, folder, &mut checkpoints).and_then(|(outcome, curve)| {
         let summary = write_results(&trainer, &log, &curve.0)?;
         Ok((outcome, summary))
     });
@@ -45,13 +48,20 @@ where
     } else {
         output::note(summary.text(folder.path(), args.verbosity()));
     }
-    checkpoints.finish(outcome, trainer.step())
+    let is_over = end.is_some_and(|end| Instant::now() >= end);
+    match checkpoints.finish(outcome, trainer.step()) {
+        Err(failure) if is_over && checkpoints.failure.is_none() => {
+            output::note(format_args!("note: the time is over before the last step: {}", failure.message()));
+            Ok(())
+        }
+        finished => finished,
+    }
 }
 
 /// Trains with the observers of a run. The curve holds what they saw.
 fn train<S: Trainable>(
     args: &OutputArgs,
-    trainer: &mut Trainer<'_, AnyRasterizer, S>,
+    (trainer, end): (&mut Trainer<'_, AnyRasterizer, S>, Option<Instant>),
     log: &mut MetricsLog,
     folder: &OutputFolder,
     checkpoints: &mut Checkpoints,
@@ -63,7 +73,7 @@ where
     let printer = display.printer();
     let interrupt = Interrupt::listen(printer.clone());
     let mut curve = Curve::begun_by(log);
-    let stop = StopOnInterrupt(&interrupt);
+    let stop = (StopOnInterrupt(&interrupt), StopAtEnd(end));
     let mut file = LogFile::begin(folder, log, printer.clone())?;
     let store = StoreCheckpoints::new(checkpoints, printer.clone());
     let outcome = trainer.run(&mut ((&mut display, &mut file), (&mut curve, (store, stop)))).block_on();

@@ -5,6 +5,7 @@ use std::{
     fs::{self, File},
     io::Write,
     path::PathBuf,
+    time::Instant,
 };
 
 use gs_core::edit::EditCounts;
@@ -98,6 +99,15 @@ pub(crate) struct StopOnInterrupt<'a>(pub(crate) &'a Interrupt);
 impl Observer for StopOnInterrupt<'_> {
     fn on_step(&mut self, _: &Progress) -> Control {
         if self.0.requested() { Control::Stop } else { Control::Continue }
+    }
+}
+
+/// Stops the run at the end of its time, if that is limited.
+pub(crate) struct StopAtEnd(pub(crate) Option<Instant>);
+
+impl Observer for StopAtEnd {
+    fn on_step(&mut self, _: &Progress) -> Control {
+        if self.0.is_some_and(|end| Instant::now() >= end) { Control::Stop } else { Control::Continue }
     }
 }
 

@@ -95,6 +95,25 @@ fn without_points_the_images_are_searched() {
 }
 
 #[test]
+fn a_time_limit_chooses_settings_and_keeps_them() {
+    let place = folder();
+    let (dataset, _) = dataset_and_scene(place.path());
+    let output = place.path().join("out");
+    let train = |minutes: &'static str| {
+        gs(["train", text(&dataset), "-o", text(&output), "--backend", "cpu", "-n", "300", "--minutes", minutes])
+    };
+    let run = train("0.2");
+    assert_eq!(run.status, Some(0), "{}", run.stderr);
+    assert!(run.stderr.contains("after a trial of") && run.stderr.contains("at most 300 Gaussians"), "{}", run.stderr);
+    let summary: Value = serde_json::from_str(&fs::read_to_string(output.join("summary.json")).unwrap()).unwrap();
+    assert!(summary["total_seconds"].as_f64().unwrap() < 12.5, "{summary}");
+    for (minutes, expected) in [("0", "above 0"), ("1e-9", "too short")] {
+        let run = train(minutes);
+        assert!(run.status == Some(2) && run.stderr.contains(expected), "{}", run.stderr);
+    }
+}
+
+#[test]
 fn a_data_set_becomes_a_scene_and_a_summary() {
     let place = folder();
     let (dataset, _) = dataset_and_scene(place.path());

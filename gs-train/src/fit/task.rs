@@ -6,7 +6,7 @@ use gs_core::{
     Blend, Canvas, Culled, Effects, Gaussian2d, Image, Loss, Optimizer, Parameterization, RenderSettings, Scene,
     Scene2d, TrainStep,
 };
-use gs_density::{DensityPolicy, Residual};
+use gs_density::{DensityPolicy, Governor, Residual};
 use gs_io::Checkpoint;
 use web_time::Instant;
 
@@ -83,6 +83,10 @@ impl RunSettings<Scene2d> for FitSettings {
 
     fn budget(&self) -> u32 {
         self.gaussians
+    }
+
+    fn governor(&self) -> Option<Governor> {
+        self.exactly.then(|| Governor::from(&self.policy))
     }
 
     fn rounds(&self) -> &Rounds {

@@ -14,6 +14,7 @@ mod order;
 mod presets;
 mod resolution;
 mod settings;
+mod speed;
 mod summary;
 mod sweep;
 mod task;
@@ -28,6 +29,7 @@ pub use self::{
     presets::TrainPreset,
     resolution::Resolution,
     settings::{StepBackground, TrainSettings},
+    speed::Speed,
     summary::{DRIFT_DB, TrainSummary},
     trainer::Trainer3d,
     views::{Counting, ImageSource, PosedView, Views},

@@ -146,6 +146,7 @@ fn three_dgs(iterations: u32) -> TrainSettings {
     render.effects.sh_degree = 3;
     TrainSettings {
         gaussians: 2_000_000,
+        exactly: false,
         iterations,
         decay_over: if iterations < SHORTEST_AS_PUBLISHED { 0 } else { ITERATIONS },
         seed: 0,

@@ -5,7 +5,7 @@ use std::path::Path;
 use gs_core::{
     Adam, AdamRates, Effects, Error, Loss, Parameterization, RenderSettings, Scene3d, constants::MAX_GAUSSIANS,
 };
-use gs_density::{DensityPolicy, Policy};
+use gs_density::{DensityPolicy, Governor, Policy};
 use serde::{Deserialize, Serialize};
 
 use super::{init::PointInit, presets::geometric_groups, resolution::Resolution};
@@ -36,6 +36,10 @@ pub enum StepBackground {
 pub struct TrainSettings {
     /// Largest number of Gaussians, at least 1.
     pub gaussians: u32,
+    /// Whether the run ends with exactly as many Gaussians as [`Self::gaussians`] says, along a
+    /// schedule ([`Governor`]), whichever the policy chooses. Default false.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub exactly: bool,
     /// Number of steps, one view each; 0 leaves the first scene as it is.
     pub iterations: u32,
     /// Number of steps over which learning rates decay; 0 for all of the run. The published
@@ -188,6 +192,10 @@ impl RunSettings<Scene3d> for TrainSettings {
 
     fn budget(&self) -> u32 {
         self.gaussians
+    }
+
+    fn governor(&self) -> Option<Governor> {
+        self.exactly.then(|| Governor::from(&self.policy))
     }
 
     fn rounds(&self) -> &Rounds {

@@ -27,6 +27,8 @@ impl<R: Optimizer<S>, S: Trainable> Trainer<'_, R, S> {
         };
         let extent = self.task.extent();
         let effects = self.effects();
+        let rounds = self.rounds();
+        let previous = rounds.progress(step - rounds.every, settings.iterations()).unwrap_or(0.0);
         let residual = match policy.needs_residual() {
             true => self.task.residual(self.rasterizer, &self.splats, settings, &effects).await?,
             false => None,
@@ -40,7 +42,11 @@ impl<R: Optimizer<S>, S: Trainable> Trainer<'_, R, S> {
             progress,
             budget: settings.budget() as usize,
         };
-        let plan = policy.plan(&observation, &mut random(settings.seed(), *step))?;
+        let rng = &mut random(settings.seed(), *step);
+        let plan = match settings.governor() {
+            Some(governor) => governor.plan(policy, &observation, previous, rng)?,
+            None => policy.plan(&observation, rng)?,
+        };
         let counts = plan.counts();
         self.rasterizer.edit(&mut self.splats, &plan).await?;
         if plan.opacity_ceiling.is_some() {

@@ -129,6 +129,20 @@ fn every_policy_fits_within_its_budget() {
 }
 
 #[test]
+fn a_governed_fit_ends_with_exactly_its_budget() {
+    let (rasterizer, target) = (rasterizer(), small_target());
+    for name in Policy::NAMES {
+        let policy = Policy::from_name(name).unwrap();
+        let settings = small_fit(Blend::Over).with(|s| {
+            s.policy = policy;
+            s.exactly = true;
+        });
+        let fit = fit(&rasterizer, &target, settings.clone(), &mut ()).block_on().unwrap();
+        assert_eq!(fit.scene.len(), settings.gaussians as usize, "{name}");
+    }
+}
+
+#[test]
 fn noise_moves_transparent_gaussians_and_only_with_a_strength() {
     let (rasterizer, target) = (rasterizer(), small_target());
     let run = |noise, blend| {

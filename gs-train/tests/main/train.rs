@@ -6,8 +6,8 @@ use gs_core::{Adam, Image, Participants, Penalty, Scene, Scene3d, TensorData, ad
 use gs_density::Policy;
 use gs_io::dataset::{Point, PosedImage};
 use gs_train::{
-    Control, Error, MetricsLog, Observer, Outcome, Progress, TrainSettings, Trainer3d,
-    train::{DRIFT_DB, Evaluation, PosedView, Resolution, Start, StepBackground, TrainSummary, Views, evaluate},
+    Control, Error, MetricsLog, Observer, Outcome, Progress, TrainPreset, TrainSettings, Trainer3d,
+    train::{DRIFT_DB, Evaluation, PosedView, Resolution, Speed, Start, StepBackground, TrainSummary, Views, evaluate},
 };
 use pollster::FutureExt as _;
 
@@ -243,6 +243,30 @@ fn every_policy_trains_within_its_budget() {
         assert!((1..=600).contains(&scene.len()), "{name}: {}", scene.len());
         assert!(evaluation.psnr > before + 1.0, "{name}: {before} dB became {} dB", evaluation.psnr);
     }
+}
+
+#[test]
+fn a_governed_training_ends_with_exactly_its_budget() {
+    let rasterizer = rasterizer();
+    for (name, budget) in [("absolute", 500), ("mcmc", 333), ("none", 150), ("percentile", 60)] {
+        let settings = short(60).with_policy(Policy::from_name(name).unwrap()).with(|s| {
+            s.gaussians = budget;
+            s.exactly = true;
+        });
+        let (scene, _) = trained(settings, views(&rasterizer), Start::Random);
+        assert_eq!(scene.len(), budget as usize, "{name}");
+    }
+}
+
+#[test]
+fn a_trial_measures_the_speed_of_steps() {
+    let rasterizer = rasterizer();
+    let settings = TrainPreset::Standard.settings(None).with(|s| s.gaussians = 600);
+    let speed = Speed::measure(&rasterizer, views(&rasterizer), Start::Random, &settings).block_on().unwrap();
+    let seconds = |iterations: u32| speed.seconds(&TrainPreset::Standard.settings(Some(iterations)), 0);
+    let (short, long) = (seconds(1_000), seconds(2_000));
+    assert!(short > 0.0 && long > 1.5 * short && long < 2.5 * short, "{short} s, {long} s");
+    assert!(speed.evaluation_seconds() > 0.0);
 }
 
 #[test]

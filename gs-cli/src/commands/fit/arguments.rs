@@ -41,10 +41,11 @@ rows of metrics.csv so far.";
 
 /// The flags of [`FitSettingsArgs`] that a checkpoint contains. A resumed fit needs the background
 /// for transparent pixels.
-const IN_CHECKPOINT: [&str; 11] = [
+const IN_CHECKPOINT: [&str; 12] = [
     "preset",
     "settings",
     "gaussians",
+    "exactly",
     "iterations",
     "policy",
     "init",

@@ -120,7 +120,7 @@ fn fit(
     announce(args, target, backend, &trainer);
     let seconds_before = resumed.map_or(0.0, |_| trainer.seconds());
     let results = Results { args, folder: &folder, target, backend, started, seconds_before };
-    training::run(&args.output, &folder, checkpoints, (trainer, log), |trainer, log, points| {
+    training::run(&args.output, &folder, checkpoints, (trainer, log), None, |trainer, log, points| {
         results.write(trainer, log, points)
     })
 }

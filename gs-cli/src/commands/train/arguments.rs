@@ -15,7 +15,7 @@ use crate::{
         arguments::{CheckpointArgs, LossName, OutputArgs, ParameterizationName, PolicyName},
         results,
     },
-    values::{TrainBackground, whole},
+    values::{Minutes, TrainBackground, whole},
 };
 
 const AFTER_HELP: &str = "\
@@ -46,10 +46,12 @@ Ctrl-C stops the training, saves a checkpoint, and writes the results so far. Pr
 after a second or more quits at once.";
 
 /// The flags that a checkpoint contains.
-const IN_CHECKPOINT: [&str; 17] = [
+const IN_CHECKPOINT: [&str; 19] = [
     "preset",
     "settings",
     "gaussians",
+    "exactly",
+    "minutes",
     "iterations",
     "policy",
     "start",
@@ -118,6 +120,13 @@ pub(crate) struct TrainSettingsArgs {
     /// The most Gaussians [default: that of the preset; standard: one for 160 pixels of the views]
     #[arg(short = 'n', long, alias = "max-gaussians", value_name = "N", value_parser = whole::<u32>(1..))]
     pub(crate) gaussians: Option<u32>,
+    /// End with exactly as many Gaussians as --gaussians says, whatever the policy chooses
+    #[arg(long)]
+    pub(crate) exactly: bool,
+    /// Finish within M minutes on this machine: a trial of some seconds measures its speed, and
+    /// chooses steps, Gaussians and first resolution
+    #[arg(long, value_name = "M", conflicts_with_all = ["preset", "settings", "iterations", "coarse"])]
+    pub(crate) minutes: Option<Minutes>,
     /// Steps of the optimizer, one view each; the preset's schedules follow [default: 40 a
     /// view, 2000 to 8000; quick: 2000, 3dgs and mcmc: 30000]
     #[arg(short, long, value_name = "K", value_parser = whole::<u32>(0..))]

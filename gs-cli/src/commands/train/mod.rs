@@ -7,6 +7,7 @@ mod arguments;
 mod pictures;
 mod results;
 mod settings;
+mod time_limit;
 
 use std::{
     path::{Path, PathBuf},
@@ -26,7 +27,7 @@ use gs_train::{
 };
 
 pub(crate) use self::arguments::TrainArgs;
-use self::results::Results;
+use self::{results::Results, time_limit::TimeLimit};
 use crate::{
     dataset::{AlphaName, DatasetArgs, remark_text},
     failure::Failure,
@@ -52,6 +53,7 @@ pub(crate) fn run(args: &TrainArgs) -> Result<(), Failure> {
     let inputs = args.files().chain(read.iter().cloned());
     check_checkpoint_file(&args.checkpoints, inputs, args.output.overwrite, &args.claim([]))?;
     let claim = args.claim(read);
+    let mut limit = args.settings.minutes.map(|minutes| TimeLimit::new(started, minutes));
     let start = match &args.resume {
         Some(file) => Start::Resumed(Box::new(read_checkpoint(file)?), file.clone()),
         None => {
@@ -64,7 +66,7 @@ pub(crate) fn run(args: &TrainArgs) -> Result<(), Failure> {
     let backend = args.backend.open_to_train_3d(start.parameterization())?;
     output::note(&backend.reason);
     dataset.remarks.iter().for_each(|remark| output::note(format_args!("note: {}", remark_text(remark))));
-    let (trainer, log, description) = start.begin(&backend.rasterizer, &dataset)?;
+    let (trainer, log, description) = start.begin(args, &backend.rasterizer, &dataset, limit.as_mut())?;
     check_memory(args, &trainer)?;
     let folder = OutputFolder::begin(claim)?;
     let iterations = trainer.settings().iterations;
@@ -74,7 +76,8 @@ pub(crate) fn run(args: &TrainArgs) -> Result<(), Failure> {
     announce(args, &dataset, &description, &trainer);
     let seconds_before = resumed.map_or(0.0, |_| trainer.seconds());
     let results = Results { args, folder: &folder, backend: &backend, started, seconds_before };
-    training::run(&args.output, &folder, checkpoints, (trainer, log), |trainer, log, points| {
+    let end = limit.map(|limit| limit.end_of_training());
+    training::run(&args.output, &folder, checkpoints, (trainer, log), end, |trainer, log, points| {
         results.write(trainer, log, points)
     })
 }
@@ -102,8 +105,10 @@ impl Start {
     /// The trainer at the start, its log so far, and the start in words.
     fn begin<'r>(
         self,
+        args: &TrainArgs,
         rasterizer: &'r AnyRasterizer,
         dataset: &Dataset,
+        limit: Option<&mut TimeLimit>,
     ) -> Result<(Trainer3d<'r, AnyRasterizer>, MetricsLog, String), Failure> {
         let views = Views::of_dataset(dataset);
         match self {
@@ -117,8 +122,14 @@ impl Start {
                     _ if searches => "random points, because too few were found in the images".to_owned(),
                     _ => description,
                 };
-                let log = MetricsLog::for_steps(settings.iterations);
-                let trainer = Trainer3d::from_views(rasterizer, views, initial, *settings);
+                let (settings, log) = match limit {
+                    Some(limit) => limit.choose(args, rasterizer, dataset, &initial, &settings)?,
+                    None => {
+                        let log = MetricsLog::for_steps(settings.iterations);
+                        (*settings, log)
+                    }
+                };
+                let trainer = Trainer3d::from_views(rasterizer, views, initial, settings);
                 Ok((trainer.block_on().map_err(|error| not_begun(error, &dataset.root))?, log, description))
             }
             Self::Resumed(checkpoint, file) => {

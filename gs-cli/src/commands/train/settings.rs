@@ -17,7 +17,7 @@ use crate::{
 
 /// The settings that the flags ask for, for this data set.
 pub(super) fn settings(args: &TrainSettingsArgs, dataset: &Dataset) -> Result<TrainSettings, Failure> {
-    let mut settings = match &args.settings {
+    let settings = match &args.settings {
         Some(file) => {
             let settings = TrainSettings::from_toml(&read_settings_text(file)?, file).map_err(|error| {
                 Failure::usage(error).hint("compare it with the settings.toml that a training writes")
@@ -32,10 +32,16 @@ pub(super) fn settings(args: &TrainSettingsArgs, dataset: &Dataset) -> Result<Tr
             settings.on(dataset.kind.background())
         }
     };
+    with_flags(args, settings)
+}
+
+/// These settings, changed by the flags.
+pub(super) fn with_flags(args: &TrainSettingsArgs, mut settings: TrainSettings) -> Result<TrainSettings, Failure> {
     if let Some(policy) = args.policy {
         settings = settings.with_policy(Policy::from_name(&name_of(&policy))?);
     }
     settings.gaussians = args.gaussians.unwrap_or(settings.gaussians);
+    settings.exactly |= args.exactly;
     settings.loss = args.loss.map_or(settings.loss, Into::into);
     if let Some(parameterization) = args.parameterization {
         settings = settings.with_parameterization(parameterization.into());

@@ -1,0 +1,93 @@
+//! `--minutes`: settings that this machine can finish in time, and the end of that time.
+
+use std::time::{Duration, Instant};
+
+use gs_backend::{AnyRasterizer, FutureExt as _};
+use gs_core::counted;
+use gs_io::dataset::{Dataset, Split};
+use gs_train::{
+    MetricsLog, TrainPreset, TrainSettings,
+    train::{Resolution, Speed, Start, Views},
+};
+
+use super::{TrainArgs, not_begun, settings::with_flags};
+use crate::{failure::Failure, output, values::Minutes};
+
+/// Share of the time that the settings are chosen for; the rest is for what the trial cannot know,
+/// such as other programs on the machine.
+const PLANNED: f64 = 0.85;
+
+/// Largest share of the time for measurements of the held-out views during the training.
+const MEASURED: f64 = 0.08;
+
+/// Seconds for writing the results, besides measurements.
+const WRITING: f64 = 1.0;
+
+/// Measurements of the held-out views after the training: quality, pictures and the sample of
+/// training views.
+const AFTERWARDS: usize = 3;
+
+/// The time that a training has.
+pub(super) struct TimeLimit {
+    started: Instant,
+    minutes: f64,
+    /// Seconds that the results take after the training.
+    afterwards: f64,
+}
+
+impl TimeLimit {
+    pub(super) fn new(started: Instant, Minutes(minutes): Minutes) -> Self {
+        Self { started, minutes, afterwards: 0.0 }
+    }
+
+    /// Seconds from the start of the program until the end.
+    fn seconds(&self) -> f64 {
+        60.0 * self.minutes
+    }
+
+    /// Chooses settings by a trial, and says which; also the log for them.
+    pub(super) fn choose(
+        &mut self,
+        args: &TrainArgs,
+        rasterizer: &AnyRasterizer,
+        dataset: &Dataset,
+        start: &Start,
+        usual: &TrainSettings,
+    ) -> Result<(TrainSettings, MetricsLog), Failure> {
+        let clock = Instant::now();
+        let speed = Speed::measure(rasterizer, Views::of_dataset(dataset), start.clone(), usual).block_on();
+        let speed = speed.map_err(|error| not_begun(error, &dataset.root))?;
+        let trial = clock.elapsed().as_secs_f64();
+        let left = PLANNED * (self.seconds() - self.started.elapsed().as_secs_f64());
+        self.afterwards = AFTERWARDS as f64 * speed.evaluation_seconds();
+        let times = (MEASURED * left / speed.evaluation_seconds()) as usize;
+        let times = times.clamp(1, 20);
+        let cameras = || dataset.views_of(Split::Train).map(|view| &view.camera);
+        let chosen =
+            TrainPreset::settings_within(left, &speed, cameras(), args.settings.gaussians, times + 1 + AFTERWARDS);
+        let Some(chosen) = chosen else {
+            let short = format!("--minutes {}: too short for this data set on this machine", self.minutes);
+            return Err(Failure::usage(short).hint("give more minutes, or smaller images with --max-size"));
+        };
+        let mut chosen = with_flags(&args.settings, chosen.on(dataset.kind.background()))?;
+        chosen.render = args.effects.for_training(&chosen.render);
+        let first = match chosen.resolution {
+            Resolution::CoarseToFine { from, .. } => format!(", at 1/{from} of the size first"),
+            _ => String::new(),
+        };
+        output::note(format_args!(
+            "--minutes {}: after a trial of {trial:.1} s, {} with at most {}{first}, which should take {:.1} minutes",
+            self.minutes,
+            counted(chosen.iterations, "step"),
+            counted(chosen.gaussians, "Gaussian"),
+            (self.started.elapsed().as_secs_f64() + speed.seconds(&chosen, times + 1 + AFTERWARDS)) / 60.0,
+        ));
+        let log = MetricsLog::for_steps(chosen.iterations).measured_at_most(times as u32, chosen.iterations);
+        Ok((chosen, log))
+    }
+
+    /// When the training ends, finished or not, so that the results are written in time.
+    pub(super) fn end_of_training(&self) -> Instant {
+        self.started + Duration::from_secs_f64((self.seconds() - self.afterwards - WRITING).max(0.0))
+    }
+}

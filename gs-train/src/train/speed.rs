@@ -1,0 +1,289 @@
+//! Settings for the time that there is: a short trial measures how fast this machine trains with
+//! these views, and settings are chosen that it can finish in time.
+
+use std::collections::BTreeMap;
+
+use gs_core::{Camera, Optimizer, Scene3d};
+use web_time::Instant;
+
+use super::{
+    init::Start,
+    presets::TrainPreset,
+    resolution::Resolution,
+    settings::TrainSettings,
+    trainer::Trainer3d,
+    views::{PosedView, Views},
+};
+use crate::{error::Error, recovery::Recovery, rounds::Rounds};
+
+/// Steps of a trial: enough for a dozen at either resolution between rounds.
+const STEPS: u32 = 48;
+
+/// Steps from one round of density control of a trial to the next.
+const ROUND_EVERY: u32 = 4;
+
+/// Largest number of Gaussians of a trial. Times for more are extrapolated.
+const MOST_GAUSSIANS: u32 = 60_000;
+
+/// Largest number of training views and of test views of a trial.
+const MOST_VIEWS: usize = 4;
+
+/// Sizes of a run relative to those of the preset, from which one is chosen: factor of the steps
+/// and factor of the Gaussians. The largest that fits is taken.
+///
+/// Twice the Gaussians need more than twice the steps to be worth it: lego with 2,000 steps ends as
+/// high with 50,000 Gaussians as with 100,000.
+const SIZES: [[f64; 2]; 16] = [
+    [3.0, 2.0],
+    [2.5, 2.0],
+    [2.0, 2.0],
+    [1.7, 1.5],
+    [1.4, 1.2],
+    [1.2, 1.0],
+    [1.0, 1.0],
+    [0.85, 0.9],
+    [0.7, 0.8],
+    [0.6, 0.7],
+    [0.5, 0.6],
+    [0.4, 0.5],
+    [0.3, 0.45],
+    [0.2, 0.4],
+    [0.13, 0.3],
+    [0.08, 0.25],
+];
+
+/// Share of the steps below which a run starts at a quarter of the resolution.
+const SHORT: f64 = 0.25;
+
+/// Views from which a run may have more steps and Gaussians than the preset: fewer are soon known
+/// by heart.
+const MANY_VIEWS: usize = 50;
+
+/// Speed of training on one machine with one backend and the views of one data set.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Speed {
+    /// Seconds of a step by the divisor of the images' sides.
+    step: BTreeMap<u32, Line>,
+    /// Seconds of a round of density control.
+    round: Line,
+    /// Seconds for reading a view, rendering it and measuring its quality.
+    view: f64,
+    /// Number of Gaussians at the start.
+    first: usize,
+    training_views: usize,
+    test_views: usize,
+}
+
+/// Seconds that grow with the number of Gaussians.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Line {
+    fixed: f64,
+    per_gaussian: f64,
+}
+
+impl Line {
+    /// The line of the median slope and the median distance (Theil and Sen), which a few slow
+    /// steps do not change.
+    fn through(points: &[(u32, f64)]) -> Self {
+        let slopes = points.iter().enumerate().flat_map(|(i, a)| {
+            points[..i].iter().filter(|b| b.0 != a.0).map(|b| (a.1 - b.1) / (f64::from(a.0) - f64::from(b.0)))
+        });
+        let per_gaussian = median(slopes.collect()).max(0.0);
+        let fixed = median(points.iter().map(|&(count, seconds)| seconds - per_gaussian * f64::from(count)).collect());
+        Self { fixed: fixed.max(0.0), per_gaussian }
+    }
+
+    fn at(&self, count: f64) -> f64 {
+        self.fixed + self.per_gaussian * count
+    }
+}
+
+/// The middle value; 0 of none.
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_unstable_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(0.0)
+}
+
+impl Speed {
+    /// Measures the speed by a trial: 48 steps with these settings on a few of the views, at most
+    /// 60,000 Gaussians. Its scene is thrown away.
+    ///
+    /// # Errors
+    /// Those of [`Trainer3d::from_views`] and of training.
+    pub async fn measure<R: Optimizer<Scene3d>>(
+        on: &R,
+        views: Views,
+        start: Start,
+        settings: &TrainSettings,
+    ) -> Result<Self, Error> {
+        let (training_views, test_views) = (views.train.len(), views.test_or_train().len());
+        let views = Views { train: few(views.train), test: few(views.test), ..views };
+        let resolution = match settings.resolution {
+            Resolution::Full => Resolution::Full,
+            Resolution::CoarseToFine { from, .. } => Resolution::CoarseToFine { from, full_after: 0.5 },
+        };
+        let trial = TrainSettings {
+            gaussians: settings.gaussians.min(MOST_GAUSSIANS),
+            exactly: true,
+            iterations: STEPS,
+            sh_degree_every: 1,
+            rounds: Rounds { every: ROUND_EVERY, from: ROUND_EVERY, until: STEPS - 1 },
+            resolution,
+            recovery: Recovery::Never,
+            ..settings.clone()
+        };
+        let mut trainer = Trainer3d::from_views(on, views, start, trial).await?;
+        let first = trainer.count() as usize;
+        let mut steps = BTreeMap::<u32, Vec<(u32, f64)>>::new();
+        let mut rounds = Vec::new();
+        let mut before = trainer.seconds();
+        let mut count = trainer.count();
+        while !trainer.is_finished() {
+            let factor = resolution.factor(trainer.step() as f32 / STEPS as f32);
+            let progress = trainer.step_once().await?;
+            let seconds = progress.seconds - before;
+            match progress.edits {
+                None => steps.entry(factor).or_default().push((count, seconds)),
+                Some(_) => rounds.push((count, seconds)),
+            }
+            (before, count) = (progress.seconds, progress.count);
+        }
+        let clock = Instant::now();
+        let evaluated = trainer.evaluation_views().len();
+        trainer.quality().await?;
+        let view = clock.elapsed().as_secs_f64() / evaluated.max(1) as f64;
+        let step = steps.into_iter().map(|(factor, points)| (factor, Line::through(&points))).collect();
+        Ok(Self { step, round: Line::through(&rounds), view, first, training_views, test_views })
+    }
+
+    /// Seconds of one measurement of all test views.
+    pub fn evaluation_seconds(&self) -> f64 {
+        self.view * self.test_views as f64
+    }
+
+    /// Seconds that a training with these settings takes: reading each training view once, steps,
+    /// rounds, and `evaluations` measurements of all test views.
+    pub fn seconds(&self, settings: &TrainSettings, evaluations: usize) -> f64 {
+        let budget = f64::from(settings.gaussians);
+        let first = (self.first as f64).min(budget);
+        let last_round = settings.rounds.last(settings.iterations).max(1);
+        let count = |step: u32| {
+            let left = 1.0 - (f64::from(step) / f64::from(last_round)).min(1.0);
+            budget - (budget - first) * left * left
+        };
+        let step = |step: u32| {
+            let factor = settings.resolution.factor(step as f32 / settings.iterations.max(1) as f32);
+            // At a divisor that was not measured, a step takes at most as long as at the next
+            // smaller one.
+            let line = self.step.range(..=factor).next_back().or(self.step.first_key_value());
+            line.map_or(0.0, |(_, line)| line.at(count(step)))
+        };
+        let is_round = |step: &u32| settings.rounds.progress(*step, settings.iterations).is_some();
+        let steps: f64 = (0..settings.iterations).map(step).sum();
+        let rounds: f64 = (1..=settings.iterations).filter(is_round).map(|step| self.round.at(count(step))).sum();
+        let reading = self.view * self.training_views as f64;
+        steps + rounds + reading + self.evaluation_seconds() * evaluations as f64
+    }
+}
+
+/// A few of the views, evenly spread.
+fn few(views: Vec<PosedView>) -> Vec<PosedView> {
+    let every = views.len().div_ceil(MOST_VIEWS).max(1);
+    views.into_iter().step_by(every).collect()
+}
+
+impl TrainPreset {
+    /// [`TrainPreset::Standard`] for training with these views in at most `seconds`, `evaluations`
+    /// measurements of all test views included; `gaussians` fixes the largest number of Gaussians.
+    ///
+    /// Steps and Gaussians are up to 3 and 2 times those of [`Self::settings_for`] where there are
+    /// many views and there is time, and less where there is not; very short runs start at a
+    /// quarter of the resolution. `None` where even the shortest run takes longer.
+    pub fn settings_within<'a>(
+        seconds: f64,
+        speed: &Speed,
+        cameras: impl IntoIterator<Item = &'a Camera>,
+        gaussians: Option<u32>,
+        evaluations: usize,
+    ) -> Option<TrainSettings> {
+        let cameras: Vec<&Camera> = cameras.into_iter().collect();
+        let usual = Self::Standard.settings_for(None, cameras.iter().copied());
+        let most = if cameras.len() < MANY_VIEWS { 1.0 } else { f64::INFINITY };
+        let settings = |[steps, share]: [f64; 2]| {
+            let iterations = (f64::from(usual.iterations) * steps) as u32;
+            let scaled = (f64::from(usual.gaussians) * share) as u32;
+            let mut settings = Self::Standard.settings(Some(iterations));
+            settings.gaussians = gaussians.unwrap_or(scaled);
+            if steps < SHORT {
+                settings.resolution = Resolution::from_coarse(4);
+            }
+            settings
+        };
+        SIZES
+            .into_iter()
+            .filter(|size| size[0] <= most)
+            .map(settings)
+            .find(|settings| speed.seconds(settings, evaluations) <= seconds)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Steps of 10 ms and 1 µs a Gaussian at full resolution, a third of that at half.
+    fn speed(training_views: usize) -> Speed {
+        let line = |share: f64| Line { fixed: 0.01 * share, per_gaussian: 1e-6 * share };
+        Speed {
+            step: BTreeMap::from([(1, line(1.0)), (2, line(1.0 / 3.0))]),
+            round: line(2.0),
+            view: 0.05,
+            first: 10_000,
+            training_views,
+            test_views: 10,
+        }
+    }
+
+    fn within(seconds: f64, views: usize) -> Option<TrainSettings> {
+        let camera = Camera::looking_forward(400, 400, 1.0);
+        TrainPreset::settings_within(seconds, &speed(views), &vec![camera; views], None, 5)
+    }
+
+    #[test]
+    fn a_line_is_not_moved_by_a_few_slow_steps() {
+        let mut points: Vec<(u32, f64)> = (1..20).map(|n| (n * 1_000, 0.01 + f64::from(n) * 1e-3)).collect();
+        points[3].1 += 5.0;
+        points[11].1 += 5.0;
+        let line = Line::through(&points);
+        assert!((line.at(30_000.0) - 0.04).abs() < 1e-3, "{line:?}");
+        assert_eq!(Line::through(&[(7, 0.5)]), Line { fixed: 0.5, per_gaussian: 0.0 });
+    }
+
+    #[test]
+    fn more_time_buys_more_steps_and_never_takes_longer_than_there_is() {
+        let mut before = 0;
+        for seconds in [30.0, 60.0, 120.0, 300.0, 900.0, 3_000.0] {
+            let settings = within(seconds, 100).unwrap();
+            settings.validate().unwrap();
+            assert!(speed(100).seconds(&settings, 5) <= seconds);
+            assert!(settings.iterations >= before, "{seconds} s: {} steps", settings.iterations);
+            before = settings.iterations;
+        }
+        assert_eq!(before, 12_000);
+        assert!(within(2.0, 100).is_none());
+    }
+
+    #[test]
+    fn few_views_get_no_more_than_the_preset() {
+        let settings = within(1e6, 12).unwrap();
+        let camera = Camera::looking_forward(400, 400, 1.0);
+        assert_eq!(settings, TrainPreset::Standard.settings_for(None, &vec![camera; 12]));
+    }
+
+    #[test]
+    fn a_given_number_of_gaussians_stays() {
+        let camera = Camera::looking_forward(400, 400, 1.0);
+        let settings = TrainPreset::settings_within(60.0, &speed(100), &vec![camera; 100], Some(77_000), 5).unwrap();
+        assert_eq!(settings.gaussians, 77_000);
+    }
+}
