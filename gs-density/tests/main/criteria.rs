@@ -14,7 +14,17 @@ use proptest::prelude::*;
 const EXTENT: f32 = 128.0;
 
 fn observation<'a>(scene: &'a Scene2d, statistics: &'a DensityStatistics, budget: usize) -> Observation<'a> {
-    Observation { scene, statistics, residual: None, extent: EXTENT, step: 99, progress: 0.5, budget }
+    Observation {
+        scene,
+        statistics,
+        residual: None,
+        evidence: None,
+        extent: EXTENT,
+        step: 99,
+        progress: 0.5,
+        progress_before: 0.25,
+        budget,
+    }
 }
 
 fn gaussian() -> Gaussian2d {

@@ -39,9 +39,11 @@ fn plan_at(policy: &dyn DensityPolicy<Scene3d>, scene: &Scene3d, gradients: &[f3
         scene,
         statistics: &statistics,
         residual: None,
+        evidence: None,
         extent: EXTENT,
         step,
         progress: 0.5,
+        progress_before: 0.0,
         budget: 100,
     };
     let plan = policy.plan(&observation, &mut Rng::new(7, 11)).unwrap();
@@ -145,9 +147,11 @@ fn every_policy_except_the_2d_ones_plans_in_3d() {
         scene: &before,
         statistics: &statistics,
         residual: None,
+        evidence: None,
         extent: EXTENT,
         step: 99,
         progress: 0.5,
+        progress_before: 0.0,
         budget: 3,
     };
     for name in Policy::NAMES {
@@ -177,9 +181,11 @@ fn arrays_of_other_lengths_are_refused() {
         scene: &odd,
         statistics: &statistics,
         residual: None,
+        evidence: None,
         extent: EXTENT,
         step: 0,
         progress: 0.5,
+        progress_before: 0.0,
         budget: 9,
     };
     let refused: Result<EditPlan<Gaussian3d>, Error> = Policy::None.plan(&observation, &mut Rng::new(1, 2));

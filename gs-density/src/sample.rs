@@ -1,0 +1,49 @@
+//! Draws without replacement.
+
+use rand::RngExt;
+
+use crate::observation::Rng;
+
+/// `count` of these (index, weight) pairs, drawn without replacement in proportion to their weights,
+/// as indices in ascending order. Weights that are not positive and finite are never drawn.
+///
+/// *Source:* Efraimidis and Spirakis 2006: the largest u^(1/w), for u uniform in 0..1.
+pub(crate) fn sample(weighted: impl IntoIterator<Item = (u32, f64)>, count: usize, rng: &mut Rng) -> Vec<u32> {
+    // One number is drawn for each pair, whatever its weight.
+    let mut keys: Vec<(f64, u32)> = weighted
+        .into_iter()
+        .map(|(index, weight)| (-rng.random_range(f64::MIN_POSITIVE..1.0).ln() / weight, weight, index))
+        .filter(|&(_, weight, _)| weight > 0.0 && weight.is_finite())
+        .map(|(key, _, index)| (key, index))
+        .collect();
+    if count < keys.len() {
+        keys.select_nth_unstable_by(count, |a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        keys.truncate(count);
+    }
+    let mut drawn: Vec<u32> = keys.into_iter().map(|(_, index)| index).collect();
+    drawn.sort_unstable();
+    drawn
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn draws_follow_the_weights() {
+        let weights = [(0, 1.0), (1, 3.0), (2, 0.0), (3, f64::NAN), (4, 4.0), (5, f64::INFINITY)];
+        let mut times = [0; 6];
+        let mut rng = Rng::new(7, 1);
+        for _ in 0..8000 {
+            for index in sample(weights, 1, &mut rng) {
+                times[index as usize] += 1;
+            }
+        }
+        for (index, expected) in [(0, 1000), (1, 3000), (2, 0), (3, 0), (4, 4000), (5, 0)] {
+            let found: i32 = times[index];
+            assert!((found - expected).abs() < 150, "{index}: {found} of {expected}");
+        }
+        assert_eq!(sample(weights, 2, &mut rng).len(), 2);
+        assert_eq!(sample(weights, 9, &mut rng), [0, 1, 4]);
+    }
+}
