@@ -10,8 +10,9 @@
 //! - [`ResidualGrowth`] removes and seeds by residual, [`ErrorAddition`] (Image-GS) only adds. Both
 //!   are for 2D scenes; all else works for any [`DensityScene`].
 //! - [`Mcmc`] relocates and copies by opacity, with [`Noise`] between steps.
-//! - [`FastGs`] and [`Taming`] read [`Evidence`] over several training views, which training in 3D
-//!   gathers in the rounds that request it. [`Simplify`] prunes by it beside any growth.
+//! - [`FastGs`], [`Taming`] and [`ImprovedGs`] read [`Evidence`] over several training views, which
+//!   training in 3D gathers in the rounds that request it. [`Simplify`] prunes by it beside any
+//!   growth.
 //!
 //! # A policy of your own
 //!
@@ -83,6 +84,7 @@ mod evidence;
 mod fast_gs;
 mod gaussian;
 mod grow;
+mod improved_gs;
 mod mcmc;
 mod noise;
 mod observation;
@@ -106,6 +108,7 @@ pub use evidence::{Evidence, EvidenceRequest, PixelSums, ViewEvidence};
 pub use fast_gs::FastGs;
 pub use gaussian::{DensityGaussian, DensityScene};
 pub use grow::{Combine, FORCED_GROWTH_PERCENT, Grow, share_of};
+pub use improved_gs::ImprovedGs;
 pub use mcmc::Mcmc;
 pub use noise::Noise;
 pub use observation::{DensityPolicy, Observation, Residual, Rng};

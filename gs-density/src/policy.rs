@@ -10,6 +10,7 @@ use crate::{
     fast_gs::FastGs,
     gaussian::DensityScene,
     grow::{Combine, Grow, GrowForm},
+    improved_gs::ImprovedGs,
     mcmc::Mcmc,
     noise::Noise,
     observation::{DensityPolicy, Observation, Rng},
@@ -47,6 +48,8 @@ pub enum Policy {
     FastGs(FastGs),
     /// Grow by a score of many parts, along a schedule of counts.
     Taming(Taming),
+    /// Split what draws edges, along a schedule of counts.
+    ImprovedGs(ImprovedGs),
     /// Start with half of the Gaussians and add in proportion to the error.
     ImageGs(ErrorAddition),
     /// Grow nothing, and prune only Gaussians that are not finite. A control for measuring what
@@ -67,6 +70,7 @@ enum Form {
     #[serde(rename = "fastgs")]
     FastGs(FastGs),
     Taming(Taming),
+    ImprovedGs(ImprovedGs),
     ImageGs(ErrorAddition),
     None {},
 }
@@ -82,6 +86,7 @@ impl From<Form> for Policy {
             Form::Mcmc(policy) => Self::Mcmc(policy),
             Form::FastGs(policy) => Self::FastGs(policy),
             Form::Taming(policy) => Self::Taming(policy),
+            Form::ImprovedGs(policy) => Self::ImprovedGs(policy),
             Form::ImageGs(policy) => Self::ImageGs(policy),
             Form::None {} => Self::None,
         }
@@ -101,6 +106,7 @@ impl From<Policy> for Form {
             Policy::Mcmc(policy) => Self::Mcmc(policy),
             Policy::FastGs(policy) => Self::FastGs(policy),
             Policy::Taming(policy) => Self::Taming(policy),
+            Policy::ImprovedGs(policy) => Self::ImprovedGs(policy),
             Policy::ImageGs(policy) => Self::ImageGs(policy),
             Policy::None => Self::None {},
         }
@@ -121,7 +127,7 @@ fn kind(grow: &Grow) -> &'static str {
 impl Policy {
     /// The names that [`Self::from_name`] accepts: the `kind`s of a settings file, and kinds with
     /// settings that have a name in the literature or another [`Signal`].
-    pub const NAMES: [&'static str; 17] = [
+    pub const NAMES: [&'static str; 18] = [
         "absolute",
         "abs-gs",
         "absolute-error",
@@ -136,6 +142,7 @@ impl Policy {
         "mcmc",
         "fastgs",
         "taming",
+        "improved-gs",
         "image-gs",
         "residual",
         "none",
@@ -151,7 +158,8 @@ impl Policy {
     /// - `long-axis`: [`Grow::absolute`] by the absolute gradient, at its source's threshold of
     ///   0.00035, with a [`LongAxisSplit`](crate::LongAxisSplit) for both clone and split;
     /// - `paper`: [`Grow::paper`]; `mcmc`: [`Mcmc`]; `fastgs`: [`FastGs`]; `taming`: [`Taming`];
-    ///   `image-gs`: [`ErrorAddition`]; `residual`: [`ResidualGrowth`]; `none`: [`Policy::None`].
+    ///   `improved-gs`: [`ImprovedGs`]; `image-gs`: [`ErrorAddition`]; `residual`:
+    ///   [`ResidualGrowth`]; `none`: [`Policy::None`].
     ///
     /// # Errors
     /// [`Error::Setting`], listing the names.
@@ -176,12 +184,13 @@ impl Policy {
             "mcmc" => Self::Mcmc(Mcmc::default()),
             "fastgs" => Self::FastGs(FastGs::default()),
             "taming" => Self::Taming(Taming::default()),
+            "improved-gs" => Self::ImprovedGs(ImprovedGs::default()),
             "image-gs" => Self::ImageGs(ErrorAddition::default()),
             "residual" => Self::Residual(ResidualGrowth::default()),
             "none" => Self::None,
             _ => {
                 let allowed = "one of absolute, abs-gs, absolute-error, percentile, percentile-abs-gs, percentile-error, hybrid, \
-                               hybrid-abs-gs, hybrid-error, long-axis, paper, mcmc, fastgs, taming, image-gs, residual, none";
+                               hybrid-abs-gs, hybrid-error, long-axis, paper, mcmc, fastgs, taming, improved-gs, image-gs, residual, none";
                 return Err(Error::setting("policy", format!("`{name}`"), allowed));
             }
         })
@@ -207,6 +216,7 @@ impl Policy {
             Self::Mcmc(_) => "mcmc",
             Self::FastGs(_) => "fastgs",
             Self::Taming(_) => "taming",
+            Self::ImprovedGs(_) => "improved-gs",
             Self::ImageGs(_) => "image-gs",
             Self::Residual(_) => "residual",
             Self::None => "none",
@@ -224,6 +234,7 @@ impl Policy {
             Self::Mcmc(policy) => policy.validate(),
             Self::FastGs(policy) => policy.validate(),
             Self::Taming(policy) => policy.validate(),
+            Self::ImprovedGs(policy) => policy.validate(),
             Self::ImageGs(policy) => policy.validate(),
             Self::None => Ok(()),
         }
@@ -233,7 +244,7 @@ impl Policy {
     pub fn aims_at_budget(&self) -> bool {
         match self {
             Self::Grow(grow) => kind(grow) == "hybrid",
-            Self::Residual(_) | Self::Mcmc(_) | Self::Taming(_) | Self::ImageGs(_) => true,
+            Self::Residual(_) | Self::Mcmc(_) | Self::Taming(_) | Self::ImprovedGs(_) | Self::ImageGs(_) => true,
             Self::FastGs(_) | Self::None => false,
         }
     }
@@ -244,6 +255,7 @@ impl Policy {
             Self::Grow(policy) => Some(&policy.actions),
             Self::FastGs(policy) => Some(&policy.actions),
             Self::Taming(policy) => Some(&policy.actions),
+            Self::ImprovedGs(policy) => Some(&policy.actions),
             Self::Residual(_) | Self::Mcmc(_) | Self::ImageGs(_) | Self::None => None,
         }
     }
@@ -254,6 +266,7 @@ impl Policy {
             Self::Grow(policy) => Some(&mut policy.actions),
             Self::FastGs(policy) => Some(&mut policy.actions),
             Self::Taming(policy) => Some(&mut policy.actions),
+            Self::ImprovedGs(policy) => Some(&mut policy.actions),
             Self::Residual(_) | Self::Mcmc(_) | Self::ImageGs(_) | Self::None => None,
         }
     }
@@ -293,7 +306,7 @@ impl Policy {
     /// What needs the evidence: the policy, or its actions.
     fn evidence_name(&self) -> String {
         match self {
-            Self::FastGs(_) | Self::Taming(_) => self.name().to_owned(),
+            Self::FastGs(_) | Self::Taming(_) | Self::ImprovedGs(_) => self.name().to_owned(),
             _ => format!("{} with actions.simplify", self.name()),
         }
     }
@@ -313,7 +326,7 @@ impl Policy {
         }
         let (Self::Residual(_) | Self::ImageGs(_)) = self else { return self.validate() };
         let allowed = "for 3D scenes one of absolute, abs-gs, absolute-error, percentile, percentile-abs-gs, percentile-error, \
-                       hybrid, hybrid-abs-gs, hybrid-error, long-axis, paper, mcmc, fastgs, taming, none: the residual of an image \
+                       hybrid, hybrid-abs-gs, hybrid-error, long-axis, paper, mcmc, fastgs, taming, improved-gs, none: the residual of an image \
                        is in 2D";
         Err(Error::setting("policy", format!("`{}`", self.name()), allowed))
     }
@@ -335,6 +348,7 @@ impl Policy {
             Self::Mcmc(policy) => policy,
             Self::FastGs(policy) => policy,
             Self::Taming(policy) => policy,
+            Self::ImprovedGs(policy) => policy,
             Self::None => &NoGrowth,
             Self::Residual(_) | Self::ImageGs(_) => return None,
         })
@@ -502,6 +516,7 @@ mod tests {
             "kind = 'fastgs'\nfinal-every = 0",
             "kind = 'fastgs'\nopacity-ceiling = 0.0",
             "kind = 'taming'\nweights.depth = -1.0",
+            "kind = 'improved-gs'\nrecovery-percent = 101.0",
             "kind = 'absolute'\nactions.growth-fraction = 1.5",
             "kind = 'absolute'\nactions.simplify.mass = nan",
             "kind = 'absolute'\nactions.simplify.every = 0",

@@ -31,7 +31,8 @@ pub struct Actions {
     /// Pruning by contribution to several views, in 3D. Default none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub simplify: Option<Simplify>,
-    /// Share of the rounds in which the number of Gaussians grows, 0..=1; later rounds only prune.
+    /// Share of the rounds in which the number of Gaussians grows, 0..=1; later rounds only prune,
+    /// without opacity resets.
     /// Default 1.
     #[serde(skip_serializing_if = "is_one")]
     pub growth_fraction: f32,
@@ -95,6 +96,8 @@ impl<'a, S: DensityScene> Round<'a, S> {
     /// [`Error::Setting`] where a setting of an action is outside its range, [`Error::Length`]
     /// where scene and statistics differ in length, [`Error::State`] where evidence is missing.
     pub fn open(actions: &Actions, observation: &'a Observation<'a, S>) -> Result<Self, Error> {
+        actions.validate()?;
+        observation.check_lengths()?;
         Self::with_removed(actions, observation, actions.prune.removals(observation))
     }
 
@@ -139,15 +142,17 @@ impl<'a, S: DensityScene> Round<'a, S> {
     }
 
     /// Ends the round: the first of `candidates`, distinct survivors in order of urgency, grow as
-    /// far as the budget allows, and none after [`Actions::growth_fraction`].
+    /// far as the budget allows. After [`Actions::growth_fraction`] none grows, and opacities are
+    /// not reset.
     pub fn grow(self, candidates: &[u32], rng: &mut Rng) -> EditPlan<S::Gaussian> {
-        let room = if self.actions.grows(self.observation.progress) { self.room() } else { 0 };
+        let grows = self.actions.grows(self.observation.progress);
+        let room = if grows { self.room() } else { 0 };
         let mut chosen = candidates[..candidates.len().min(room)].to_vec();
         // New Gaussians are in the order of their parents, and random numbers do not depend on
         // small changes of the ranking.
         chosen.sort_unstable();
-        let mut plan =
-            EditPlan { opacity_ceiling: self.actions.reset.ceiling(self.observation), ..EditPlan::default() };
+        let opacity_ceiling = self.actions.reset.ceiling(self.observation).filter(|_| grows);
+        let mut plan = EditPlan { opacity_ceiling, ..EditPlan::default() };
         for index in chosen {
             let (change, birth) = self.actions.densify.grow(index, self.observation, rng);
             plan.changed.extend(change);

@@ -1,4 +1,4 @@
-//! Draws without replacement.
+//! Scores, and draws in proportion to them.
 
 use rand::RngExt;
 
@@ -25,6 +25,22 @@ pub(crate) fn sample(weighted: impl IntoIterator<Item = (u32, f64)>, count: usiz
     drawn
 }
 
+/// Adds `weight` times these values, divided by the (lower) median of the positive ones, to `sums`.
+pub(crate) fn add_normalised(sums: &mut [f64], weight: f32, value: impl Fn(usize) -> f32) {
+    let mut positive: Vec<f32> = (0..sums.len()).map(&value).filter(|v| *v > 0.0 && v.is_finite()).collect();
+    if positive.is_empty() {
+        return;
+    }
+    let middle = (positive.len() - 1) / 2;
+    let (_, &mut median, _) = positive.select_nth_unstable_by(middle, f32::total_cmp);
+    for (index, sum) in sums.iter_mut().enumerate() {
+        let v = value(index);
+        if v > 0.0 && v.is_finite() {
+            *sum += f64::from(weight) * f64::from(v) / f64::from(median);
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -45,5 +61,15 @@ mod tests {
         }
         assert_eq!(sample(weights, 2, &mut rng).len(), 2);
         assert_eq!(sample(weights, 9, &mut rng), [0, 1, 4]);
+    }
+
+    #[test]
+    fn values_are_in_units_of_their_median() {
+        let values = [8.0, 0.0, 2.0, -1.0, f32::NAN, 4.0, 16.0];
+        let mut sums = vec![1.0; 7];
+        add_normalised(&mut sums, 3.0, |index| values[index]);
+        assert_eq!(sums, [7.0, 1.0, 2.5, 1.0, 1.0, 4.0, 13.0]);
+        add_normalised(&mut sums, 3.0, |_| 0.0);
+        assert_eq!(sums[0], 7.0);
     }
 }

@@ -9,7 +9,7 @@ use crate::{
     observation::{DensityPolicy, Observation, Rng},
     ranking::WhenFlat,
     round::{Actions, Round},
-    sample::sample,
+    sample::{add_normalised, sample},
 };
 
 gs_core::impl_with!(Taming, ScoreWeights);
@@ -85,22 +85,6 @@ impl Default for ScoreWeights {
 impl Default for Taming {
     fn default() -> Self {
         Self { views: 10, threshold: TAU_POSITION, weights: ScoreWeights::default(), actions: Actions::default() }
-    }
-}
-
-/// Adds `weight` times these values, divided by the (lower) median of the positive ones, to `sums`.
-fn add_normalised(sums: &mut [f64], weight: f32, value: impl Fn(usize) -> f32) {
-    let mut positive: Vec<f32> = (0..sums.len()).map(&value).filter(|v| *v > 0.0 && v.is_finite()).collect();
-    if positive.is_empty() {
-        return;
-    }
-    let middle = (positive.len() - 1) / 2;
-    let (_, &mut median, _) = positive.select_nth_unstable_by(middle, f32::total_cmp);
-    for (index, sum) in sums.iter_mut().enumerate() {
-        let v = value(index);
-        if v > 0.0 && v.is_finite() {
-            *sum += f64::from(weight) * f64::from(v) / f64::from(median);
-        }
     }
 }
 
@@ -194,8 +178,8 @@ impl<S: DensityScene> DensityPolicy<S> for Taming {
         };
         let (splits, clones): (Vec<u32>, Vec<u32>) =
             ranking.at_least(self.threshold).iter().partition(|&&index| is_split(index));
-        let kept = observation.budget - round.room().min(observation.budget);
-        let quota = Self::wanted(observation).saturating_sub(kept).min(splits.len() + clones.len());
+        let quota =
+            Self::wanted(observation).saturating_sub(round.survivors().count()).min(splits.len() + clones.len());
         let of_splits = (quota * splits.len()).checked_div(splits.len() + clones.len()).unwrap_or(0);
         let mut chosen = Vec::new();
         for (candidates, count) in [(splits, of_splits), (clones, quota - of_splits)] {

@@ -90,6 +90,9 @@ pub(crate) enum PolicyName {
     /// Grow by a score of errors, edges, sizes and contributions over several views, along a schedule
     /// that ends at the budget (Taming 3DGS); for gs train
     Taming,
+    /// Split along the long axis what draws edges, along a schedule that ends at the budget
+    /// (Improved-GS); for gs train
+    ImprovedGs,
     /// Start with half, add the rest in four rounds in proportion to the error (Image-GS)
     ImageGs,
     /// Drop those that contribute least, add where the residual is large
