@@ -9,9 +9,9 @@
 //! moves no data that grows with the number of Gaussians or pixels.
 //!
 //! A second backward pass of a forward pass is a type error, because [`Rasterizer::backward`] and
-//! [`Rasterizer::image_vjp`] take the forward pass by value. A forward pass from before an edit is refused. After a step, the
-//! gradients of an earlier forward pass are meaningless: they belong to the old pixels, but go back
-//! through the new parameters.
+//! [`Rasterizer::image_vjp`] take the forward pass by value. A forward pass from before an edit is
+//! refused. After a step, the gradients of an earlier forward pass are meaningless: they belong to
+//! the old pixels, but go back through the new parameters.
 
 use std::future::Future;
 
@@ -134,11 +134,11 @@ pub trait Rasterizer<S: Scene>: Backend {
         loss: &Loss,
     ) -> impl Future<Output = Result<(f32, Self::Gradients), Error>>;
 
-    /// The vector-Jacobian product of the image: gradients of any loss L from `v_image` = ∂L/∂image,
-    /// `[H, W, 3]`. The stages `blend_bwd` and `project_bwd`.
+    /// The vector-Jacobian product of the image: gradients of any loss L from `v_image` =
+    /// ∂L/∂image, `[H, W, 3]`. The stages `blend_bwd` and `project_bwd`.
     ///
-    /// This is [`Self::backward`] for a loss of the caller's own. It is linear in `v_image`. As there
-    /// is no target, [`Statistics::PixelError`](crate::effects::Statistics::PixelError) is 0.
+    /// This is [`Self::backward`] for a loss of the caller's own. It is linear in `v_image`. As
+    /// there is no target, [`Statistics::PixelError`](crate::effects::Statistics::PixelError) is 0.
     ///
     /// # Errors
     /// [`Error::SizesDiffer`] where pass and `v_image` differ in size, [`Error::Pixel`] where

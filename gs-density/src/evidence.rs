@@ -11,8 +11,8 @@ gs_core::impl_with!(EvidenceRequest);
 ///
 /// The error of a pixel is e = `l1` · ê + `edges` · ĝ. ê is the mean of |C − Y| over the channels,
 /// and ĝ the response of an edge filter to the target (8 times the pixel minus its neighbours, of
-/// its grey value, clamped to 0..=1), both scaled to 0..=1 within the view. Pixels that a mask leaves
-/// out do not count.
+/// its grey value, clamped to 0..=1), both scaled to 0..=1 within the view. Pixels that a mask
+/// leaves out do not count.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub struct EvidenceRequest {
@@ -53,8 +53,8 @@ impl EvidenceRequest {
     }
 }
 
-/// Weighted sums over the pixels of one view for each Gaussian, `[N]` each; empty where they are not
-/// requested.
+/// Weighted sums over the pixels of one view for each Gaussian, `[N]` each; empty where they are
+/// not requested.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct PixelSums {
     /// Σ w, px.
@@ -70,8 +70,8 @@ pub struct PixelSums {
 pub struct ViewEvidence {
     /// The view's loss, that of the training.
     pub loss: f32,
-    /// Sums with the weight of blending, T α (under [`Blend::Sum`](gs_core::Blend::Sum) w): what the
-    /// Gaussian contributes to the image.
+    /// Sums with the weight of blending, T α (under [`Blend::Sum`](gs_core::Blend::Sum) w): what
+    /// the Gaussian contributes to the image.
     pub blended: PixelSums,
     /// Sums with weight 1 where the Gaussian's α is above the cut: its footprint, whether or not
     /// others hide it.

@@ -22,8 +22,8 @@ use crate::{
 
 gs_core::impl_with!(FastGs);
 
-/// Growth where the gradient is large and several views agree that the pixels are wrong, and pruning
-/// of what covers wrong pixels (*source:* FastGS, Ren et al. 2025). For training in 3D.
+/// Growth where the gradient is large and several views agree that the pixels are wrong, and
+/// pruning of what covers wrong pixels (*source:* FastGS, Ren et al. 2025). For training in 3D.
 ///
 /// A pixel has a high error where |C − Y|, scaled to 0..=1 within its view, exceeds
 /// [`Self::high_error`]. A Gaussian's *density score* is the number of such pixels that it covers,
@@ -33,8 +33,8 @@ gs_core::impl_with!(FastGs);
 /// - While the number grows, Gaussians grow whose absolute gradient and density score reach their
 ///   thresholds. Of the Gaussians that [`Prune`] would remove only a share is removed, drawn with
 ///   weight 1/(1 − pruning score). All opacities are then lowered to a ceiling.
-/// - Afterwards, every [`Self::final_every`] steps, Gaussians go that are faint or have a high pruning
-///   score.
+/// - Afterwards, every [`Self::final_every`] steps, Gaussians go that are faint or have a high
+///   pruning score.
 ///
 /// Two differences: the published code picks clones, of which there are few, by a second statistic,
 /// the mean gradient; and it counts only pixels at which the Gaussians in front leave some light.
@@ -63,8 +63,8 @@ pub struct FastGs {
     pub final_opacity: f32,
     /// Pruning score above which a Gaussian is removed after growth, 0..=1. Default 0.9.
     pub final_score: f32,
-    /// What is done to the Gaussians. Default as in [`Grow::abs_gs`](crate::Grow::abs_gs), with growth
-    /// in the first 15/27 of the rounds (until step 15,000, with rounds until 27,000).
+    /// What is done to the Gaussians. Default as in [`Grow::abs_gs`](crate::Grow::abs_gs), with
+    /// growth in the first 15/27 of the rounds (until step 15,000, with rounds until 27,000).
     pub actions: Actions,
 }
 

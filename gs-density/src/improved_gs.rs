@@ -1,5 +1,5 @@
-//! Improved-GS: growth by the edges that a Gaussian draws, and pruning of what recovers slowly from an
-//! opacity reset.
+//! Improved-GS: growth by the edges that a Gaussian draws, and pruning of what recovers slowly from
+//! an opacity reset.
 
 use gs_core::{
     EditPlan, Error,
@@ -41,8 +41,8 @@ pub struct ImprovedGs {
     pub views: u32,
     /// Least absolute gradient that grows, normalised device units; not negative. Default 0.0003.
     pub threshold: f32,
-    /// Steps from an opacity reset to the removal of what has recovered least; a multiple of the steps
-    /// between two rounds. Default 300.
+    /// Steps from an opacity reset to the removal of what has recovered least; a multiple of the
+    /// steps between two rounds. Default 300.
     pub recovery_steps: u32,
     /// Share of the Gaussians that is removed then, 0..=100 %. Default 20.
     pub recovery_percent: f32,

@@ -38,11 +38,11 @@ pub struct Simplify {
     pub from: u32,
     /// Share of the Gaussians removed while their number grows, 0..=100 %. Default 80.
     pub soft_percent: f32,
-    /// Share removed after [`Actions::growth_fraction`](crate::Actions::growth_fraction), 0..=100 %.
-    /// Default 30.
+    /// Share removed after [`Actions::growth_fraction`](crate::Actions::growth_fraction), 0..=100
+    /// %. Default 30.
     pub hard_percent: f32,
-    /// Share of all contribution that Gaussians removed beyond the percentage hold together at most,
-    /// 0..=1. Default 0.
+    /// Share of all contribution that Gaussians removed beyond the percentage hold together at
+    /// most, 0..=1. Default 0.
     pub mass: f32,
 }
 

@@ -79,8 +79,8 @@ fn removed(plan: &EditPlan<Gaussian3d>) -> Vec<(u32, PruneCause)> {
 }
 
 /// Only Gaussian 0 has both the gradient (0.0012) and, over two views, 6 pixels of high error on
-/// average; it is larger than a thousandth of the extent, so it is split. Of the two transparent ones
-/// one is removed. All opacities are lowered to 0.8.
+/// average; it is larger than a thousandth of the extent, so it is split. Of the two transparent
+/// ones one is removed. All opacities are lowered to 0.8.
 #[test]
 fn fastgs_grows_where_gradient_and_views_agree() {
     let scene = scene(&[(0.1, 0.5), (0.1, 0.5), (0.1, 0.5), (0.1, 0.004), (0.1, 0.004)]);
@@ -126,8 +126,8 @@ fn fastgs_prunes_after_growth() {
     assert!(needed(599, 0.2) && needed(17_999, 0.7) && !needed(17_899, 0.7));
 }
 
-/// From 4 Gaussians to 20 in two rounds: 4 + 16 (2p − p²) is 16 at p = ½, but only 4 can grow. From 8
-/// at the same schedule a quarter of the 12 that are missing stays missing.
+/// From 4 Gaussians to 20 in two rounds: 4 + 16 (2p − p²) is 16 at p = ½, but only 4 can grow. From
+/// 8 at the same schedule a quarter of the 12 that are missing stays missing.
 #[test]
 fn taming_follows_its_schedule_of_counts() {
     let taming = Taming::default();
@@ -146,8 +146,8 @@ fn taming_follows_its_schedule_of_counts() {
     assert_eq!(added(12, 3, [0.5, 1.0]), 3);
 }
 
-/// Gaussian 1 has a score of 0, as no view shows it; the others have 1 and 999 by the error alone, so
-/// that Gaussian 2 is drawn.
+/// Gaussian 1 has a score of 0, as no view shows it; the others have 1 and 999 by the error alone,
+/// so that Gaussian 2 is drawn.
 #[test]
 fn taming_draws_by_score() {
     let mut taming = Taming::default();
@@ -168,8 +168,8 @@ fn taming_draws_by_score() {
     assert_eq!(parents(&round.plan(&taming).unwrap()), [2]);
 }
 
-/// With a budget of 16 and a quarter of the rounds done, 16 √¼ = 8 Gaussians are wanted. Of the 5, those
-/// 3 grow that reach the gradient and draw edges. They are split whatever their size.
+/// With a budget of 16 and a quarter of the rounds done, 16 √¼ = 8 Gaussians are wanted. Of the 5,
+/// those 3 grow that reach the gradient and draw edges. They are split whatever their size.
 #[test]
 fn improved_gs_splits_what_draws_edges() {
     let scene = scene(&[(1e-4, 0.5); 5]);
@@ -212,8 +212,8 @@ fn improved_gs_prunes_what_recovers_slowly() {
 }
 
 /// Contributions of 1, 2, 3, … to 10 (together 55) in two views. Soft pruning removes 8 of 10, hard
-/// pruning 3; to hold 1 % of all is not possible for the least, 20 % (of both views: 22 of 110) is held
-/// by 1 + 2 + 3 + 4 = 10 per view.
+/// pruning 3; to hold 1 % of all is not possible for the least, 20 % (of both views: 22 of 110) is
+/// held by 1 + 2 + 3 + 4 = 10 per view.
 #[test]
 fn the_least_contributing_are_removed_beside_any_growth() {
     let scene = scene(&[(0.1, 0.5); 10]);

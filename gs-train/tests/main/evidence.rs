@@ -1,5 +1,5 @@
-//! Evidence over several views: its sums against renderings of single Gaussians, who pays for it, and
-//! who is refused.
+//! Evidence over several views: its sums against renderings of single Gaussians, who pays for it,
+//! and who is refused.
 
 use std::sync::{
     Arc, Mutex,
@@ -70,8 +70,8 @@ fn counted(views: Views, reads: &Arc<AtomicU32>) -> Views {
     Views { train: views.train.into_iter().map(count).collect(), ..views }
 }
 
-/// The footprint of a Gaussian is where it alone changes the image, and its contribution is what makes
-/// the image: with every Gaussian white, the image is the sum of their weights.
+/// The footprint of a Gaussian is where it alone changes the image, and its contribution is what
+/// makes the image: with every Gaussian white, the image is the sum of their weights.
 #[test]
 fn sums_are_those_of_renderings() {
     let rasterizer = rasterizer();
