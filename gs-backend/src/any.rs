@@ -232,6 +232,25 @@ macro_rules! for_scene {
                 }
             }
 
+            async fn image_vjp(
+                &self,
+                splats: &Self::Splats,
+                pass: Self::ForwardPass,
+                v_image: &Image,
+            ) -> Result<Self::Gradients, Error> {
+                match (self, splats, pass) {
+                    #[cfg(feature = "cpu")]
+                    (Self::Cpu(on), AnyOf::Cpu(splats), AnyOf::Cpu(pass)) => {
+                        Rasterizer::<$scene>::image_vjp(on.as_ref(), splats, pass, v_image).await.map(AnyOf::Cpu)
+                    }
+                    #[cfg(feature = "wgpu")]
+                    (Self::Wgpu(on), AnyOf::Wgpu(splats), AnyOf::Wgpu(pass)) => {
+                        Rasterizer::<$scene>::image_vjp(on.as_ref(), splats, pass, v_image).await.map(AnyOf::Wgpu)
+                    }
+                    _ => Err(mismatch()),
+                }
+            }
+
             async fn gradients(&self, splats: &Self::Splats, gradients: &Self::Gradients) -> Result<$scene, Error> {
                 on!(self as on, splats, gradients => on.gradients(splats, gradients).await, else Err(mismatch()))
             }

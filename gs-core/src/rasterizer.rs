@@ -8,10 +8,10 @@
 //! Only scenes, images and saved states move between host and backend, on request. A training step
 //! moves no data that grows with the number of Gaussians or pixels.
 //!
-//! A second backward pass of a forward pass is a type error, because [`Rasterizer::backward`] takes
-//! the forward pass by value. A forward pass from before an edit is refused. After a step, the
-//! gradients of an earlier forward pass are meaningless: they belong to the old pixels, but go back
-//! through the new parameters.
+//! A second backward pass of a forward pass is a type error, because [`Rasterizer::backward`] and
+//! [`Rasterizer::image_vjp`] take the forward pass by value. A forward pass from before an edit is
+//! refused. After a step, the gradients of an earlier forward pass are meaningless: they belong to
+//! the old pixels, but go back through the new parameters.
 
 use std::future::Future;
 
@@ -76,7 +76,8 @@ pub trait Backend {
 ///
 /// [`Self::upload`], [`Self::forward`] and [`Self::image`] are enough to draw; with
 /// [`Self::upload_target`], [`Self::backward`] and [`Self::gradients`] a program can optimise a
-/// scene with an optimizer of its own. [`Optimizer`] is for backends that train.
+/// scene with an optimizer of its own, and with [`Self::image_vjp`] by a loss of its own.
+/// [`Optimizer`] is for backends that train.
 pub trait Rasterizer<S: Scene>: Backend {
     /// A scene where this backend computes; backends that train keep Adam's moments and statistics
     /// beside the parameters.
@@ -132,6 +133,22 @@ pub trait Rasterizer<S: Scene>: Backend {
         target: &Self::Target,
         loss: &Loss,
     ) -> impl Future<Output = Result<(f32, Self::Gradients), Error>>;
+
+    /// The vector-Jacobian product of the image: gradients of any loss L from `v_image` =
+    /// ∂L/∂image, `[H, W, 3]`. The stages `blend_bwd` and `project_bwd`.
+    ///
+    /// This is [`Self::backward`] for a loss of the caller's own. It is linear in `v_image`. As
+    /// there is no target, [`Statistics::PixelError`](crate::effects::Statistics::PixelError) is 0.
+    ///
+    /// # Errors
+    /// [`Error::SizesDiffer`] where pass and `v_image` differ in size, [`Error::Pixel`] where
+    /// `v_image` is not finite.
+    fn image_vjp(
+        &self,
+        splats: &Self::Splats,
+        pass: Self::ForwardPass,
+        v_image: &Image,
+    ) -> impl Future<Output = Result<Self::Gradients, Error>>;
 
     /// Downloads gradients as a scene of derivatives, by the parameters of the scene, whatever the
     /// parameterization.

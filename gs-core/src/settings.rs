@@ -49,7 +49,7 @@ pub struct Accuracy {
     pub alpha_cut: f32,
     /// Hard or smooth cut.
     pub cut: Cut,
-    /// Upper bound of α, where its gradient is zero. 0.5..=0.9999, default [`ALPHA_MAX`].
+    /// Upper bound of α, where its gradient is zero. 1e-6..=0.9999, default [`ALPHA_MAX`].
     pub alpha_max: f32,
     /// Transmittance below which a pixel is full. 0..=0.5, default [`TRANSMITTANCE_MIN`].
     pub transmittance_min: f32,
@@ -143,8 +143,8 @@ impl RenderSettings {
         if !(1e-6..=0.5).contains(&a.alpha_cut) {
             return Err(Error::setting("alpha-cut", a.alpha_cut, "1e-6 to 0.5"));
         }
-        if !(0.5..=0.9999).contains(&a.alpha_max) {
-            return Err(Error::setting("alpha-max", a.alpha_max, "0.5 to 0.9999"));
+        if !(1e-6..=0.9999).contains(&a.alpha_max) {
+            return Err(Error::setting("alpha-max", a.alpha_max, "1e-6 to 0.9999"));
         }
         if !(0.0..=0.5).contains(&a.transmittance_min) {
             return Err(Error::setting("transmittance-min", a.transmittance_min, "0 to 0.5"));

@@ -84,7 +84,16 @@ impl Grid {
 
     /// An image's pixels as strips; lanes beyond the last column are 0.
     pub(crate) fn strips_of(&self, image: &Image) -> Result<Vec<Row>, Error> {
-        let mut rows = memory::filled(self.rows(), Row::ZERO, "a target")?;
+        let mut rows = Vec::new();
+        self.put_strips(image, &mut rows, "a target")?;
+        Ok(rows)
+    }
+
+    /// [`Self::strips_of`] into a buffer that is named `what` where memory runs out.
+    pub(crate) fn put_strips(&self, image: &Image, rows: &mut Vec<Row>, what: &'static str) -> Result<(), Error> {
+        memory::resize(rows, self.rows(), Row::ZERO, what)?;
+        let last = rows.len() - self.height;
+        rows[last..].fill(Row::ZERO);
         for (y, line) in image.pixels().chunks_exact(self.width).enumerate() {
             for (x, pixel) in line.iter().enumerate() {
                 let row = &mut rows[(x / LANES) * self.height + y];
@@ -93,7 +102,7 @@ impl Grid {
                 }
             }
         }
-        Ok(rows)
+        Ok(())
     }
 
     /// Strips as an image.

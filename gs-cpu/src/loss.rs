@@ -1,7 +1,7 @@
 //! Stage `loss`: the loss of an image, and its gradient, which is written beside the image.
 //! Parallel over tiles.
 
-use gs_core::{Error, Loss, memory};
+use gs_core::{Error, Image, Loss, memory};
 
 use crate::{
     dssim,
@@ -51,6 +51,17 @@ fn loss_of_complete(tiles: &mut Tiles, target: &Target, loss: &Loss, level: Leve
             dssim::loss((*grid, rows), target, level, lambda, scratch, v_rows)?
         }
     })
+}
+
+/// Takes the gradient of a loss of the caller's own, of the pass's size, as `tiles.v_rows`.
+///
+/// # Errors
+/// [`Error::Memory`].
+pub(crate) fn take(tiles: &mut Tiles, v_image: &Image) -> Result<(), Error> {
+    let pixels = if tiles.collects_errors() { tiles.grid.rows() } else { 0 };
+    memory::resize(&mut tiles.errors, pixels, ScalarRow([0.0; LANES]), "the pixels' errors")?;
+    tiles.errors.fill(ScalarRow([0.0; LANES]));
+    tiles.grid.put_strips(v_image, &mut tiles.v_rows, "the gradient of an image")
 }
 
 /// Writes the errors of `tiles.rows` into `tiles.errors`.

@@ -21,6 +21,7 @@ use crate::{
     tiles::Tiles,
     tuning::CpuTuning,
     unsupported::{BACKEND, unsupported},
+    workspace::Workspace,
 };
 
 /// How a [`CpuRasterizer`] runs.
@@ -186,11 +187,7 @@ impl<S: SceneKind> Rasterizer<S> for CpuRasterizer {
         loss.validate()?;
         let workspace = pass.workspace_mut();
         target.check_size(workspace.tiles.grid.size())?;
-        if workspace.edition != Some(S::shared(splats).edition) {
-            return Err(Error::State(
-                "the forward pass was made from other splats, or before an edit of these".to_owned(),
-            ));
-        }
+        check_edition::<S>(workspace, splats)?;
         let value = self.install(|| {
             let value = loss::loss(&mut workspace.tiles, target, loss, self.level)?;
             workspace.tiles.blend_bwd(self.level)?;
@@ -198,6 +195,28 @@ impl<S: SceneKind> Rasterizer<S> for CpuRasterizer {
             Ok::<f64, Error>(value)
         })?;
         Ok((value as f32, pass.into_gradients()))
+    }
+
+    async fn image_vjp(
+        &self,
+        splats: &S::Splats,
+        mut pass: ForwardPass<S>,
+        v_image: &Image,
+    ) -> Result<Gradients<S>, Error> {
+        let workspace = pass.workspace_mut();
+        let ((left_width, left_height), (right_width, right_height)) = (workspace.tiles.grid.size(), v_image.size());
+        if (left_width, left_height) != (right_width, right_height) {
+            return Err(Error::SizesDiffer { left_width, left_height, right_width, right_height });
+        }
+        v_image.check_finite("the gradient of an image")?;
+        check_edition::<S>(workspace, splats)?;
+        self.install(|| {
+            loss::take(&mut workspace.tiles, v_image)?;
+            workspace.tiles.blend_bwd(self.level)?;
+            S::project_bwd(workspace, splats, 1.0);
+            Ok::<(), Error>(())
+        })?;
+        Ok(pass.into_gradients())
     }
 
     async fn gradients(&self, splats: &S::Splats, gradients: &Gradients<S>) -> Result<S, Error> {
@@ -332,6 +351,14 @@ impl<S: SceneKind> Optimizer<S> for CpuRasterizer {
     fn restore(&self, state: &SplatsState) -> Result<S::Splats, Error> {
         S::restore(state)
     }
+}
+
+/// Fails unless the forward pass was made from these splats, as they are now.
+fn check_edition<S: SceneKind>(workspace: &Workspace<S::Own>, splats: &S::Splats) -> Result<(), Error> {
+    if workspace.edition == Some(S::shared(splats).edition) {
+        return Ok(());
+    }
+    Err(Error::State("the forward pass was made from other splats, or before an edit of these".to_owned()))
 }
 
 /// Fails unless the gradients belong to as many Gaussians as there are splats.

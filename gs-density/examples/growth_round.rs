@@ -59,9 +59,11 @@ fn main() -> Result<(), gs_core::Error> {
             scene: &scene,
             statistics: &statistics,
             residual: Some(&residual),
+            evidence: None,
             extent: WIDTH as f32,
             step: 60,
             progress,
+            progress_before: 0.0,
             budget,
         };
         let mut rng = Rng::seed_from_u64(2);

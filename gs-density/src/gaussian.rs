@@ -27,6 +27,9 @@ pub trait DensityGaussian: Clone + Debug + PartialEq {
     /// Largest scale: the standard deviation along the longest axis.
     fn largest_scale(&self) -> f32;
 
+    /// Product of the scales.
+    fn volume(&self) -> f32;
+
     /// Adds `ln_factor` to the ln of all scales.
     fn resize(&mut self, ln_factor: f32);
 
@@ -82,6 +85,10 @@ impl DensityGaussian for Gaussian2d {
 
     fn largest_scale(&self) -> f32 {
         self.log_scale.max_element().exp()
+    }
+
+    fn volume(&self) -> f32 {
+        self.log_scale.element_sum().exp()
     }
 
     fn resize(&mut self, ln_factor: f32) {
@@ -144,6 +151,10 @@ impl DensityGaussian for Gaussian3d {
 
     fn largest_scale(&self) -> f32 {
         self.log_scale.max_element().exp()
+    }
+
+    fn volume(&self) -> f32 {
+        self.log_scale.element_sum().exp()
     }
 
     fn resize(&mut self, ln_factor: f32) {

@@ -41,7 +41,7 @@ pub fn scheduled_count(count: usize, budget: usize, previous: f32, progress: f32
 /// Holds a policy to [`scheduled_count`], so that a run ends with exactly as many Gaussians as its
 /// budget.
 ///
-/// The policy plans each round for the scheduled count, which bounds its growth. Where it adds too
+/// The scheduled count bounds the growth that the policy plans. Where it adds too
 /// few, the Gaussians with the highest statistic that it left alone grow too; where too many are
 /// left, those of the least opacity times largest scale are removed. *Source:* the idea of a
 /// schedule of target counts for any policy is that of Smart Target Point Control (arXiv
@@ -61,8 +61,7 @@ impl From<&Policy> for Governor {
 }
 
 impl Governor {
-    /// The edits of `policy` in one round, corrected to the scheduled count; `previous` is the
-    /// progress of the round before, 0 in the first.
+    /// The edits of `policy` in one round, corrected to the scheduled count.
     ///
     /// # Errors
     /// Those of the policy, and [`Error::Setting`] where a setting of [`Self::densify`] is outside
@@ -71,13 +70,16 @@ impl Governor {
         &self,
         policy: &dyn DensityPolicy<S>,
         observation: &Observation<'_, S>,
-        previous: f32,
         rng: &mut Rng,
     ) -> Result<EditPlan<S::Gaussian>, Error> {
         self.densify.validate()?;
         let before = observation.scene.len();
-        let wanted = scheduled_count(before, observation.budget, previous, observation.progress);
-        let mut plan = policy.plan(&Observation { budget: wanted, ..*observation }, rng)?;
+        let wanted = scheduled_count(before, observation.budget, observation.progress_before, observation.progress);
+        // A policy with a schedule of its own plans for the whole budget.
+        let mut plan = policy.plan(observation, &mut rng.clone())?;
+        if plan.len_after(before) > wanted {
+            plan = policy.plan(&Observation { budget: wanted, ..*observation }, rng)?;
+        }
         let planned = plan.len_after(before);
         if planned < wanted {
             self.grow(&mut plan, observation, wanted - planned, rng);
@@ -174,10 +176,12 @@ mod tests {
             residual: None,
             extent: 32.0,
             step: 99,
+            evidence: None,
             progress: 1.0,
+            progress_before: 0.5,
             budget,
         };
-        let plan = Governor::default().plan(policy, &observation, 0.5, &mut Rng::seed_from_u64(1)).unwrap();
+        let plan = Governor::default().plan(policy, &observation, &mut Rng::seed_from_u64(1)).unwrap();
         plan.sources(scene.len()).unwrap();
         plan
     }

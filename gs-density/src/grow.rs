@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     densify::Densify,
+    evidence::EvidenceRequest,
     gaussian::DensityScene,
     observation::{DensityPolicy, Observation, Rng},
     ranking::WhenFlat,
@@ -167,6 +168,14 @@ impl<S: DensityScene> DensityPolicy<S> for Grow {
 
     fn needs_residual(&self) -> bool {
         false
+    }
+
+    fn needs_evidence(&self) -> bool {
+        self.actions.simplify.is_some()
+    }
+
+    fn evidence(&self, step: u32, _: f32) -> Option<EvidenceRequest> {
+        self.actions.evidence(step)
     }
 }
 

@@ -10,6 +10,9 @@
 //! - [`ResidualGrowth`] removes and seeds by residual, [`ErrorAddition`] (Image-GS) only adds. Both
 //!   are for 2D scenes; all else works for any [`DensityScene`].
 //! - [`Mcmc`] relocates and copies by opacity, with [`Noise`] between steps.
+//! - [`FastGs`], [`Taming`] and [`ImprovedGs`] read [`Evidence`] over several training views, which
+//!   training in 3D gathers in the rounds that request it. [`Simplify`] prunes by it beside any
+//!   growth.
 //! - [`Governor`] holds any of them to a schedule that ends at exactly the budget.
 //!
 //! # A policy of your own
@@ -60,9 +63,11 @@
 //!     scene: &scene,           // 10 Gaussians
 //!     statistics: &statistics, // [10]
 //!     residual: None,
+//!     evidence: None,
 //!     extent: 32.0,
 //!     step: 99,
 //!     progress: 0.1,
+//!     progress_before: 0.0,
 //!     budget: 100,
 //! };
 //! let plan = MovingMass::default().plan(&observation, &mut Rng::new(0, 0))?;
@@ -76,9 +81,12 @@
 mod correction;
 mod densify;
 mod error_addition;
+mod evidence;
+mod fast_gs;
 mod gaussian;
 mod governor;
 mod grow;
+mod improved_gs;
 mod mcmc;
 mod noise;
 mod observation;
@@ -88,16 +96,22 @@ mod ranking;
 mod reset;
 mod residual;
 mod round;
+mod sample;
 pub mod seed;
 mod signal;
+mod simplify;
 mod size;
+mod taming;
 
 pub use correction::OpacityCorrection;
 pub use densify::{ClonePlacement, Densify, LongAxisSplit, MomentHeir, SplitPlacement};
 pub use error_addition::ErrorAddition;
+pub use evidence::{Evidence, EvidenceRequest, PixelSums, ViewEvidence};
+pub use fast_gs::FastGs;
 pub use gaussian::{DensityGaussian, DensityScene};
 pub use governor::{Governor, scheduled_count};
 pub use grow::{Combine, FORCED_GROWTH_PERCENT, Grow, share_of};
+pub use improved_gs::ImprovedGs;
 pub use mcmc::Mcmc;
 pub use noise::Noise;
 pub use observation::{DensityPolicy, Observation, Residual, Rng};
@@ -108,4 +122,6 @@ pub use reset::OpacityReset;
 pub use residual::ResidualGrowth;
 pub use round::{Actions, Round};
 pub use signal::Signal;
+pub use simplify::Simplify;
 pub use size::SizeThreshold;
+pub use taming::{ScoreWeights, Taming};

@@ -2,7 +2,11 @@
 
 use gs_core::{DensityStatistics, EditPlan, Error, Image, Scene2d, effects::Statistics};
 
-use crate::{gaussian::DensityScene, noise::Noise};
+use crate::{
+    evidence::{Evidence, EvidenceRequest},
+    gaussian::DensityScene,
+    noise::Noise,
+};
 
 /// Random number generator of a policy. The training loop makes a new one for every round, from the
 /// run's seed and the step, so that a resumed run draws the same numbers as an uninterrupted one.
@@ -26,6 +30,8 @@ pub struct Observation<'a, S = Scene2d> {
     pub statistics: &'a DensityStatistics,
     /// Target and rendering, where [`DensityPolicy::needs_residual`].
     pub residual: Option<&'a Residual>,
+    /// Evidence over several training views, where [`DensityPolicy::evidence`] requests it.
+    pub evidence: Option<&'a Evidence>,
     /// Extent of the scene, in its unit: in 2D the image's longer side, px; in 3D the radius of the
     /// camera positions as in 3DGS, world units.
     pub extent: f32,
@@ -33,6 +39,8 @@ pub struct Observation<'a, S = Scene2d> {
     pub step: u32,
     /// Progress of density control: from just above 0 at its first round to 1 at its last.
     pub progress: f32,
+    /// [`Self::progress`] of the round before; 0 at the first.
+    pub progress_before: f32,
     /// Largest number of Gaussians after the plan.
     pub budget: usize,
 }
@@ -81,6 +89,18 @@ pub trait DensityPolicy<S: DensityScene = Scene2d> {
 
     /// Whether the policy needs the residual, which costs a rendering per round.
     fn needs_residual(&self) -> bool;
+
+    /// Whether some round needs evidence over several training views. Only training in 3D has it;
+    /// elsewhere such a policy is refused before the first step.
+    fn needs_evidence(&self) -> bool {
+        false
+    }
+
+    /// The evidence that the round after `step` (from 0) at this progress needs; both as in
+    /// [`Observation`]. Default none. Each view costs about two training steps.
+    fn evidence(&self, _step: u32, _progress: f32) -> Option<EvidenceRequest> {
+        None
+    }
 
     /// Noise that training adds to the means between steps; none for most policies.
     fn noise(&self) -> Option<Noise> {

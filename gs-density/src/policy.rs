@@ -6,8 +6,11 @@ use serde::{Deserialize, Serialize};
 use crate::{
     densify::{Densify, SplitPlacement},
     error_addition::ErrorAddition,
+    evidence::EvidenceRequest,
+    fast_gs::FastGs,
     gaussian::DensityScene,
     grow::{Combine, Grow, GrowForm},
+    improved_gs::ImprovedGs,
     mcmc::Mcmc,
     noise::Noise,
     observation::{DensityPolicy, Observation, Rng},
@@ -16,6 +19,7 @@ use crate::{
     round::Actions,
     signal::Signal,
     size::SizeThreshold,
+    taming::Taming,
 };
 
 /// Threshold of `long-axis` on the absolute gradient. *Source:* the code of Deng et al. 2024,
@@ -40,6 +44,12 @@ pub enum Policy {
     Residual(ResidualGrowth),
     /// Relocate and copy by opacity, with noise between steps.
     Mcmc(Mcmc),
+    /// Grow and prune where several views agree that pixels are wrong.
+    FastGs(FastGs),
+    /// Grow by a score of many parts, along a schedule of counts.
+    Taming(Taming),
+    /// Split what draws edges, along a schedule of counts.
+    ImprovedGs(ImprovedGs),
     /// Start with half of the Gaussians and add in proportion to the error.
     ImageGs(ErrorAddition),
     /// Grow nothing, and prune only Gaussians that are not finite. A control for measuring what
@@ -57,6 +67,10 @@ enum Form {
     Paper(GrowForm),
     Residual(ResidualGrowth),
     Mcmc(Mcmc),
+    #[serde(rename = "fastgs")]
+    FastGs(FastGs),
+    Taming(Taming),
+    ImprovedGs(ImprovedGs),
     ImageGs(ErrorAddition),
     None {},
 }
@@ -70,6 +84,9 @@ impl From<Form> for Policy {
             Form::Paper(form) => Self::Grow(form.or(Grow::paper)),
             Form::Residual(policy) => Self::Residual(policy),
             Form::Mcmc(policy) => Self::Mcmc(policy),
+            Form::FastGs(policy) => Self::FastGs(policy),
+            Form::Taming(policy) => Self::Taming(policy),
+            Form::ImprovedGs(policy) => Self::ImprovedGs(policy),
             Form::ImageGs(policy) => Self::ImageGs(policy),
             Form::None {} => Self::None,
         }
@@ -87,6 +104,9 @@ impl From<Policy> for Form {
             },
             Policy::Residual(policy) => Self::Residual(policy),
             Policy::Mcmc(policy) => Self::Mcmc(policy),
+            Policy::FastGs(policy) => Self::FastGs(policy),
+            Policy::Taming(policy) => Self::Taming(policy),
+            Policy::ImprovedGs(policy) => Self::ImprovedGs(policy),
             Policy::ImageGs(policy) => Self::ImageGs(policy),
             Policy::None => Self::None {},
         }
@@ -107,7 +127,7 @@ fn kind(grow: &Grow) -> &'static str {
 impl Policy {
     /// The names that [`Self::from_name`] accepts: the `kind`s of a settings file, and kinds with
     /// settings that have a name in the literature or another [`Signal`].
-    pub const NAMES: [&'static str; 15] = [
+    pub const NAMES: [&'static str; 18] = [
         "absolute",
         "abs-gs",
         "absolute-error",
@@ -120,6 +140,9 @@ impl Policy {
         "long-axis",
         "paper",
         "mcmc",
+        "fastgs",
+        "taming",
+        "improved-gs",
         "image-gs",
         "residual",
         "none",
@@ -134,7 +157,8 @@ impl Policy {
     /// - `hybrid`, `hybrid-abs-gs`, `hybrid-error`: [`Grow::hybrid`] by the same;
     /// - `long-axis`: [`Grow::absolute`] by the absolute gradient, at its source's threshold of
     ///   0.00035, with a [`LongAxisSplit`](crate::LongAxisSplit) for both clone and split;
-    /// - `paper`: [`Grow::paper`]; `mcmc`: [`Mcmc`]; `image-gs`: [`ErrorAddition`]; `residual`:
+    /// - `paper`: [`Grow::paper`]; `mcmc`: [`Mcmc`]; `fastgs`: [`FastGs`]; `taming`: [`Taming`];
+    ///   `improved-gs`: [`ImprovedGs`]; `image-gs`: [`ErrorAddition`]; `residual`:
     ///   [`ResidualGrowth`]; `none`: [`Policy::None`].
     ///
     /// # Errors
@@ -158,12 +182,15 @@ impl Policy {
             }),
             "paper" => Self::Grow(Grow::paper(MeanGradient)),
             "mcmc" => Self::Mcmc(Mcmc::default()),
+            "fastgs" => Self::FastGs(FastGs::default()),
+            "taming" => Self::Taming(Taming::default()),
+            "improved-gs" => Self::ImprovedGs(ImprovedGs::default()),
             "image-gs" => Self::ImageGs(ErrorAddition::default()),
             "residual" => Self::Residual(ResidualGrowth::default()),
             "none" => Self::None,
             _ => {
                 let allowed = "one of absolute, abs-gs, absolute-error, percentile, percentile-abs-gs, percentile-error, hybrid, \
-                               hybrid-abs-gs, hybrid-error, long-axis, paper, mcmc, image-gs, residual, none";
+                               hybrid-abs-gs, hybrid-error, long-axis, paper, mcmc, fastgs, taming, improved-gs, image-gs, residual, none";
                 return Err(Error::setting("policy", format!("`{name}`"), allowed));
             }
         })
@@ -187,6 +214,9 @@ impl Policy {
                 (_, _, PixelError) => "hybrid-error",
             },
             Self::Mcmc(_) => "mcmc",
+            Self::FastGs(_) => "fastgs",
+            Self::Taming(_) => "taming",
+            Self::ImprovedGs(_) => "improved-gs",
             Self::ImageGs(_) => "image-gs",
             Self::Residual(_) => "residual",
             Self::None => "none",
@@ -202,6 +232,9 @@ impl Policy {
             Self::Grow(policy) => policy.validate(),
             Self::Residual(policy) => policy.validate(),
             Self::Mcmc(policy) => policy.validate(),
+            Self::FastGs(policy) => policy.validate(),
+            Self::Taming(policy) => policy.validate(),
+            Self::ImprovedGs(policy) => policy.validate(),
             Self::ImageGs(policy) => policy.validate(),
             Self::None => Ok(()),
         }
@@ -211,15 +244,18 @@ impl Policy {
     pub fn aims_at_budget(&self) -> bool {
         match self {
             Self::Grow(grow) => kind(grow) == "hybrid",
-            Self::Residual(_) | Self::Mcmc(_) | Self::ImageGs(_) => true,
-            Self::None => false,
+            Self::Residual(_) | Self::Mcmc(_) | Self::Taming(_) | Self::ImprovedGs(_) | Self::ImageGs(_) => true,
+            Self::FastGs(_) | Self::None => false,
         }
     }
 
-    /// The actions of a [`Grow`] policy; other policies have none.
+    /// The actions of a policy that clones and splits; other policies have none.
     pub fn actions(&self) -> Option<&Actions> {
         match self {
             Self::Grow(policy) => Some(&policy.actions),
+            Self::FastGs(policy) => Some(&policy.actions),
+            Self::Taming(policy) => Some(&policy.actions),
+            Self::ImprovedGs(policy) => Some(&policy.actions),
             Self::Residual(_) | Self::Mcmc(_) | Self::ImageGs(_) | Self::None => None,
         }
     }
@@ -228,6 +264,9 @@ impl Policy {
     pub fn actions_mut(&mut self) -> Option<&mut Actions> {
         match self {
             Self::Grow(policy) => Some(&mut policy.actions),
+            Self::FastGs(policy) => Some(&mut policy.actions),
+            Self::Taming(policy) => Some(&mut policy.actions),
+            Self::ImprovedGs(policy) => Some(&mut policy.actions),
             Self::Residual(_) | Self::Mcmc(_) | Self::ImageGs(_) | Self::None => None,
         }
     }
@@ -252,6 +291,26 @@ impl Policy {
         self
     }
 
+    /// Checks the policy for fits of images, which have no views to gather evidence from.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] naming the policy; those of [`Self::validate`].
+    pub fn validate_2d(&self) -> Result<(), Error> {
+        if self.of_2d_scenes().needs_evidence() {
+            let allowed = "for images one without evidence over several views, which only training in 3D has";
+            return Err(Error::setting("policy", format!("`{}`", self.evidence_name()), allowed));
+        }
+        self.validate()
+    }
+
+    /// What needs the evidence: the policy, or its actions.
+    fn evidence_name(&self) -> String {
+        match self {
+            Self::FastGs(_) | Self::Taming(_) | Self::ImprovedGs(_) => self.name().to_owned(),
+            _ => format!("{} with actions.simplify", self.name()),
+        }
+    }
+
     /// Checks the policy for 3D scenes, where growth by residual and sizes in px are not possible.
     ///
     /// # Errors
@@ -267,7 +326,8 @@ impl Policy {
         }
         let (Self::Residual(_) | Self::ImageGs(_)) = self else { return self.validate() };
         let allowed = "for 3D scenes one of absolute, abs-gs, absolute-error, percentile, percentile-abs-gs, percentile-error, \
-                       hybrid, hybrid-abs-gs, hybrid-error, long-axis, paper, mcmc, none: the residual of an image is in 2D";
+                       hybrid, hybrid-abs-gs, hybrid-error, long-axis, paper, mcmc, fastgs, taming, improved-gs, none: the residual of an image \
+                       is in 2D";
         Err(Error::setting("policy", format!("`{}`", self.name()), allowed))
     }
 
@@ -286,6 +346,9 @@ impl Policy {
         Some(match self {
             Self::Grow(policy) => policy,
             Self::Mcmc(policy) => policy,
+            Self::FastGs(policy) => policy,
+            Self::Taming(policy) => policy,
+            Self::ImprovedGs(policy) => policy,
             Self::None => &NoGrowth,
             Self::Residual(_) | Self::ImageGs(_) => return None,
         })
@@ -313,6 +376,14 @@ impl DensityPolicy for Policy {
         self.of_2d_scenes().needs_residual()
     }
 
+    fn needs_evidence(&self) -> bool {
+        self.of_2d_scenes().needs_evidence()
+    }
+
+    fn evidence(&self, step: u32, progress: f32) -> Option<EvidenceRequest> {
+        self.of_2d_scenes().evidence(step, progress)
+    }
+
     fn noise(&self) -> Option<Noise> {
         self.of_2d_scenes().noise()
     }
@@ -330,6 +401,14 @@ impl DensityPolicy<Scene3d> for Policy {
 
     fn needs_residual(&self) -> bool {
         false
+    }
+
+    fn needs_evidence(&self) -> bool {
+        self.of_2d_scenes().needs_evidence()
+    }
+
+    fn evidence(&self, step: u32, progress: f32) -> Option<EvidenceRequest> {
+        self.of_2d_scenes().evidence(step, progress)
     }
 
     fn noise(&self) -> Option<Noise> {
@@ -376,7 +455,9 @@ mod tests {
             policy.validate().unwrap();
             assert!(message.contains(name), "{message}");
         }
-        for kind in ["absolute", "percentile", "hybrid", "paper", "mcmc", "image-gs", "residual", "none"] {
+        for kind in
+            ["absolute", "percentile", "hybrid", "paper", "mcmc", "fastgs", "taming", "image-gs", "residual", "none"]
+        {
             let read = toml::from_str::<Policy>(&format!("kind = '{kind}'")).unwrap();
             assert_eq!(read, Policy::from_name(kind).unwrap());
         }
@@ -431,6 +512,14 @@ mod tests {
             "kind = 'mcmc'\npercent = -1.0",
             "kind = 'mcmc'\ndead-opacity = 1.0",
             "kind = 'mcmc'\nnoise.every = 0",
+            "kind = 'fastgs'\nhigh-error = nan",
+            "kind = 'fastgs'\nfinal-every = 0",
+            "kind = 'fastgs'\nopacity-ceiling = 0.0",
+            "kind = 'taming'\nweights.depth = -1.0",
+            "kind = 'improved-gs'\nrecovery-percent = 101.0",
+            "kind = 'absolute'\nactions.growth-fraction = 1.5",
+            "kind = 'absolute'\nactions.simplify.mass = nan",
+            "kind = 'absolute'\nactions.simplify.every = 0",
             "kind = 'image-gs'\nadditions = 0",
             "kind = 'image-gs'\nstart-fraction = 1.5",
             "kind = 'image-gs'\nopacity = 1.0",

@@ -6,17 +6,19 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     densify::Densify,
+    evidence::EvidenceRequest,
     gaussian::DensityScene,
     observation::{Observation, Rng},
     prune::Prune,
     ranking::{Ranking, WhenFlat},
     reset::OpacityReset,
+    simplify::Simplify,
 };
 
 gs_core::impl_with!(Actions);
 
 /// Settings of what is done to the Gaussians, whichever are chosen to grow.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, rename_all = "kebab-case", deny_unknown_fields)]
 #[non_exhaustive]
 pub struct Actions {
@@ -26,9 +28,44 @@ pub struct Actions {
     pub prune: Prune,
     /// Opacity resets.
     pub reset: OpacityReset,
+    /// Pruning by contribution to several views, in 3D. Default none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub simplify: Option<Simplify>,
+    /// Share of the rounds in which the number of Gaussians grows, 0..=1; later rounds only prune,
+    /// without opacity resets.
+    /// Default 1.
+    #[serde(skip_serializing_if = "is_one")]
+    pub growth_fraction: f32,
+}
+
+/// Settings files and the digests of settings leave out default values.
+fn is_one(share: &f32) -> bool {
+    *share == 1.0
+}
+
+impl Default for Actions {
+    fn default() -> Self {
+        Self {
+            densify: Densify::default(),
+            prune: Prune::default(),
+            reset: OpacityReset::default(),
+            simplify: None,
+            growth_fraction: 1.0,
+        }
+    }
 }
 
 impl Actions {
+    /// Whether the number of Gaussians grows in the round at this progress.
+    pub fn grows(&self, progress: f32) -> bool {
+        progress <= self.growth_fraction
+    }
+
+    /// The evidence that these actions need in the round after `step` (from 0).
+    pub fn evidence(&self, step: u32) -> Option<EvidenceRequest> {
+        self.simplify.as_ref().and_then(|simplify| simplify.evidence(step))
+    }
+
     /// Checks the ranges of all settings.
     ///
     /// # Errors
@@ -36,7 +73,11 @@ impl Actions {
     pub fn validate(&self) -> Result<(), Error> {
         self.densify.validate()?;
         self.prune.validate()?;
-        self.reset.validate()
+        self.reset.validate()?;
+        if !(0.0..=1.0).contains(&self.growth_fraction) {
+            return Err(Error::setting("growth-fraction", self.growth_fraction, "0 to 1"));
+        }
+        self.simplify.as_ref().map_or(Ok(()), Simplify::validate)
     }
 }
 
@@ -53,11 +94,28 @@ impl<'a, S: DensityScene> Round<'a, S> {
     ///
     /// # Errors
     /// [`Error::Setting`] where a setting of an action is outside its range, [`Error::Length`]
-    /// where scene and statistics differ in length.
+    /// where scene and statistics differ in length, [`Error::State`] where evidence is missing.
     pub fn open(actions: &Actions, observation: &'a Observation<'a, S>) -> Result<Self, Error> {
         actions.validate()?;
         observation.check_lengths()?;
-        let removed = actions.prune.removals(observation);
+        Self::with_removed(actions, observation, actions.prune.removals(observation))
+    }
+
+    /// Starts a round in which the policy has decided what [`Prune`] would: `removed`, ordered by
+    /// index.
+    ///
+    /// # Errors
+    /// As [`Self::open`].
+    pub fn with_removed(
+        actions: &Actions,
+        observation: &'a Observation<'a, S>,
+        mut removed: Vec<Removal>,
+    ) -> Result<Self, Error> {
+        actions.validate()?;
+        observation.check_lengths()?;
+        if let Some(simplify) = &actions.simplify {
+            simplify.remove(observation, actions.grows(observation.progress), &mut removed)?;
+        }
         Ok(Self { actions: *actions, observation, removed })
     }
 
@@ -84,14 +142,17 @@ impl<'a, S: DensityScene> Round<'a, S> {
     }
 
     /// Ends the round: the first of `candidates`, distinct survivors in order of urgency, grow as
-    /// far as the budget allows.
+    /// far as the budget allows. After [`Actions::growth_fraction`] none grows, and opacities are
+    /// not reset.
     pub fn grow(self, candidates: &[u32], rng: &mut Rng) -> EditPlan<S::Gaussian> {
-        let mut chosen = candidates[..candidates.len().min(self.room())].to_vec();
+        let grows = self.actions.grows(self.observation.progress);
+        let room = if grows { self.room() } else { 0 };
+        let mut chosen = candidates[..candidates.len().min(room)].to_vec();
         // New Gaussians are in the order of their parents, and random numbers do not depend on
         // small changes of the ranking.
         chosen.sort_unstable();
-        let mut plan =
-            EditPlan { opacity_ceiling: self.actions.reset.ceiling(self.observation), ..EditPlan::default() };
+        let opacity_ceiling = self.actions.reset.ceiling(self.observation).filter(|_| grows);
+        let mut plan = EditPlan { opacity_ceiling, ..EditPlan::default() };
         for index in chosen {
             let (change, birth) = self.actions.densify.grow(index, self.observation, rng);
             plan.changed.extend(change);

@@ -41,7 +41,7 @@ pub use self::{
     splat::{Appearance, Depth, Exponent, Lean, OracleView, Projection, Splat},
     statistics::StepStatistics,
 };
-use self::{pixel::Pixel, splat::Share};
+use self::{loss::LossAt, pixel::Pixel, splat::Share};
 
 /// Tolerance of images, losses and gradients, in roundings.
 ///
@@ -170,10 +170,34 @@ impl<V: OracleView> Oracle<V> {
     /// [`Error::SizesDiffer`] if the target does not have the view's size.
     pub fn gradients(&self, scene: &OracleScene, target: &Image, loss: &Loss) -> Result<Gradients, Error> {
         self.check_target(target)?;
+        Ok(self.differentiate(scene, |width, image, rounding, lean| {
+            loss::evaluate(loss, width, image, rounding, target, lean)
+        }))
+    }
+
+    /// The gradients of a loss L with ∂L/∂image = `v_image`, `[H, W, 3]`; the loss is returned as 0.
+    ///
+    /// # Errors
+    /// [`Error::SizesDiffer`] if `v_image` does not have the view's size.
+    pub fn image_vjp(&self, scene: &OracleScene, v_image: &Image) -> Result<Gradients, Error> {
+        self.check_target(v_image)?;
+        let v_color: Vec<[f64; 3]> = v_image.pixels().iter().map(|v| v.map(f64::from)).collect();
+        let v_rounding = vec![[0.0; 3]; v_color.len()];
+        let given = LossAt { value: 0.0, v_color, v_rounding };
+        Ok(self.differentiate(scene, |_, _, _, _| given.clone()))
+    }
+
+    /// Gradients of a loss that is a function of (columns, image, its rounding, lean); see
+    /// [`loss::evaluate`].
+    fn differentiate(
+        &self,
+        scene: &OracleScene,
+        loss: impl Fn(usize, &[[f64; 3]], &[[f64; 3]], f64) -> LossAt,
+    ) -> Gradients {
         let exact = self.blend(scene, Lean::Exact);
         let rendering = self.rendering(scene, &exact);
         let width = rendering.width as usize;
-        let at_exact = loss::evaluate(loss, width, &rendering.pixels, &rendering.rounding, target, 0.0);
+        let at_exact = loss(width, &rendering.pixels, &rendering.rounding, 0.0);
         let count = scene.gaussians.len();
         let chain = Chain::of(&self.project(scene), scene);
         let mut shares = vec![[0.0; 9]; count];
@@ -203,7 +227,7 @@ impl<V: OracleView> Oracle<V> {
         for (lean, direction) in [(Lean::More, 1.0), (Lean::Fewer, -1.0)] {
             let other = self.blend(scene, lean);
             let pixels: Vec<_> = other.iter().map(|pixel| pixel.color).collect();
-            let at_other = loss::evaluate(loss, width, &pixels, &rendering.rounding, target, direction * ROUNDINGS);
+            let at_other = loss(width, &pixels, &rendering.rounding, direction * ROUNDINGS);
             for (p, (pixel, twin)) in exact.iter().zip(&other).enumerate() {
                 let (v, v_other) = (at_exact.v_color[p], at_other.v_color[p]);
                 let several = f64::from(pixel.near.max(twin.near));
@@ -217,7 +241,7 @@ impl<V: OracleView> Oracle<V> {
                 }
             }
         }
-        Ok(gradients)
+        gradients
     }
 
     fn check_target(&self, target: &Image) -> Result<(), Error> {

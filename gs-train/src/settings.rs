@@ -231,7 +231,7 @@ impl FitSettings {
             return Err(Error::setting("rebin-every", 0, "at least 1"));
         }
         self.init.validate()?;
-        self.policy.validate()?;
+        self.policy.validate_2d()?;
         self.rounds.validate()?;
         self.render.validate()?;
         self.loss.validate()?;
@@ -314,7 +314,9 @@ mod tests {
         for name in Policy::NAMES {
             let changed = standard().with_policy(Policy::from_name(name).unwrap());
             assert_eq!(changed.policy.name(), name);
-            changed.validate().unwrap();
+            let refused = changed.validate().err().map(|e| e.to_string());
+            assert_eq!(refused.is_some(), ["fastgs", "taming", "improved-gs"].contains(&name), "{name}");
+            assert!(refused.is_none_or(|message| message.contains(name)), "{name}");
         }
         assert_eq!(standard().with_policy(Policy::None).initial.resolve(1000), 1000);
         let half = standard().with_policy(Policy::from_name("image-gs").unwrap());

@@ -4,7 +4,7 @@
 use std::{fmt::Debug, future::Future, path::Path};
 
 use gs_core::{Effects, Loss, Optimizer, Parameterization};
-use gs_density::{DensityPolicy, DensityScene, Governor, Residual};
+use gs_density::{DensityPolicy, DensityScene, Evidence, EvidenceRequest, Governor, Residual};
 
 use crate::{error::Error, observer::Quality, recovery::Recovery, rounds::Rounds};
 
@@ -102,6 +102,9 @@ pub struct StepContext {
 
 /// The part of the loop that knows the target images.
 pub trait TrainingTask<R: Optimizer<S>, S: SceneTask> {
+    /// Whether there are views to gather evidence from.
+    const HAS_VIEWS: bool;
+
     /// Extent of the scene, as in [`Observation::extent`](gs_density::Observation::extent).
     fn extent(&self) -> f32;
 
@@ -131,6 +134,20 @@ pub trait TrainingTask<R: Optimizer<S>, S: SceneTask> {
         settings: &S::Settings,
         effects: &Effects,
     ) -> impl Future<Output = Result<Option<&Residual>, Error>>;
+
+    /// The evidence for a policy that requests it, of the scene of these splats after `step` steps;
+    /// `None` without views.
+    ///
+    /// # Errors
+    /// Those of the backend, and of reading an image.
+    fn evidence(
+        &mut self,
+        on: &R,
+        of: (&S, &R::Splats),
+        settings: &S::Settings,
+        at: (u32, &Effects),
+        request: EvidenceRequest,
+    ) -> impl Future<Output = Result<Option<Evidence>, Error>>;
 
     /// Called after an edit of density control.
     ///

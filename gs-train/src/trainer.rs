@@ -151,11 +151,16 @@ impl<'a, R: Optimizer<S>, S: Trainable> Trainer<'a, R, S> {
     ///
     /// # Errors
     /// [`Error::Diverged`] where the loss of this or of an earlier step is not finite,
-    /// [`Error::Finished`] after the last step, and those of the backend.
+    /// [`Error::Finished`] after the last step, [`gs_core::Error::State`] where a policy of the
+    /// caller's own needs evidence and there are no views, and those of the backend.
     pub async fn step_once(&mut self) -> Result<Progress, Error> {
         let iterations = self.record.settings.iterations();
         if self.is_finished() {
             return Err(Error::Finished { iterations });
+        }
+        if self.policy().needs_evidence() && !S::TrainingTask::<R>::HAS_VIEWS {
+            let message = "the policy needs evidence over several views, which only training in 3D has";
+            return Err(gs_core::Error::State(message.to_owned()).into());
         }
         self.check_divergence().await?;
         self.losses.clear_pending();

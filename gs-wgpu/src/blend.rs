@@ -11,11 +11,13 @@ use crate::{
     tiles::Tiles,
 };
 
-/// The function that `blend_bwd` differentiates: the loss, or half the image's square.
+/// The function that `blend_bwd` differentiates: the loss, half the image's square, or one of the
+/// caller's own, whose gradient by the image is in `v_image`.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Differentiated<'a> {
     Loss(&'a Target),
     Image,
+    Own,
 }
 
 impl Tiles {
@@ -41,10 +43,11 @@ impl Tiles {
         self.ensure_slots(gpu)?;
         let variant = Variant { pass: Pass::Backward, ..self.variant() };
         let image = &self.image.buffer;
-        // Half the image's square has no target, and no statistics are collected.
+        // Without a target the errors of pixels, which some statistics need, are 0.
         let (v_image, target) = match of {
             Differentiated::Loss(target) => (&self.v_image.buffer, self.compared(target)),
             Differentiated::Image => (image, image),
+            Differentiated::Own => (&self.v_image.buffer, image),
         };
         let errors = variant.collected == Collected::PixelErrors;
         let (slots, totals) = (&self.slots.buffer, &self.totals.buffer);

@@ -1,6 +1,6 @@
 //! Commands of stage `loss`: the loss and its gradient by the image, pointwise or with D-SSIM.
 
-use gs_core::{Error, Loss};
+use gs_core::{Error, Image, Loss};
 
 use crate::{
     dispatch::{Commands, Groups, dispatch, dispatch_some},
@@ -58,6 +58,14 @@ impl Tiles {
         if loss.is_some() {
             self.encode_loss_sum(gpu, commands, LossSum::Pixels);
         }
+        Ok(())
+    }
+
+    /// Writes the gradient of a loss of the caller's own, of the pass's size, into `v_image`.
+    pub(crate) fn write_v_image(&mut self, gpu: &Gpu, v_image: &Image) -> Result<(), Error> {
+        self.v_image.ensure(gpu, self.pixels() * PIXEL_BYTES)?;
+        let pixels: Vec<[f32; 4]> = v_image.pixels().iter().map(|&[r, g, b]| [r, g, b, 0.0]).collect();
+        gpu.write(&self.v_image.buffer, bytemuck::cast_slice(&pixels));
         Ok(())
     }
 

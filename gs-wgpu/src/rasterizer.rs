@@ -134,6 +134,40 @@ impl WgpuRasterizer {
             workspace.make_room(&self.gpu, &status)?;
         }
     }
+
+    /// Gradients of a forward pass; `encode` records all stages until `blend_bwd`.
+    async fn differentiate<S: SceneKind>(
+        &self,
+        splats: &Splats<S>,
+        mut pass: ForwardPass<S>,
+        loss: Option<Loss>,
+        encode: impl FnOnce(&mut Workspace<S>, &mut Commands) -> Result<(), Error>,
+    ) -> Result<(Status, Gradients<S>), Error> {
+        let gpu = &self.gpu;
+        let workspace = pass.workspace.as_mut().expect("a forward pass has its workspace until it is dropped");
+        if workspace.edition != Some(splats.edition) {
+            return Err(Error::State(
+                "the forward pass was made from other splats, or before an edit of these".to_owned(),
+            ));
+        }
+        splats.settle(gpu).await?;
+        workspace.write_step(gpu, &workspace.describe(gpu, splats, loss, None));
+        let mut commands = Commands::new(gpu);
+        encode(workspace, &mut commands)?;
+        workspace.encode_project_bwd(gpu, &mut commands, splats)?;
+        let mut buffers = Vec::new();
+        for source in workspace.gradient_buffers() {
+            let buffer = gpu.allocate("gradients", source.size(), STORAGE)?;
+            commands.encoder().copy_buffer_to_buffer(source, 0, &buffer, 0, source.size());
+            buffers.push(buffer);
+        }
+        commands.submit(gpu);
+        let status = workspace.tiles.read_status(gpu).await?;
+        status.check()?;
+        let view = workspace.view.clone().expect("a forward pass has a view");
+        let gradients = Gradients { buffers, len: splats.len, view, settings: workspace.tiles.settings };
+        Ok((status, gradients))
+    }
 }
 
 impl Backend for WgpuRasterizer {
@@ -187,36 +221,37 @@ impl<S: SceneKind> Rasterizer<S> for WgpuRasterizer {
     async fn backward(
         &self,
         splats: &Splats<S>,
-        mut pass: ForwardPass<S>,
+        pass: ForwardPass<S>,
         target: &Target,
         loss: &Loss,
     ) -> Result<(f32, Gradients<S>), Error> {
         loss.validate()?;
-        let gpu = &self.gpu;
-        let workspace = pass.workspace.as_mut().expect("a forward pass has its workspace until it is dropped");
-        target.check_size(workspace.tiles.size)?;
-        if workspace.edition != Some(splats.edition) {
-            return Err(Error::State(
-                "the forward pass was made from other splats, or before an edit of these".to_owned(),
-            ));
+        target.check_size(pass.workspace().tiles.size)?;
+        let encode = |workspace: &mut Workspace<S>, commands: &mut Commands| {
+            workspace.tiles.encode_loss(&self.gpu, commands, target, Some(*loss))?;
+            workspace.tiles.encode_blend_bwd(&self.gpu, commands, Differentiated::Loss(target))
+        };
+        let (status, gradients) = self.differentiate(splats, pass, Some(*loss), encode).await?;
+        Ok((status.loss, gradients))
+    }
+
+    async fn image_vjp(
+        &self,
+        splats: &Splats<S>,
+        pass: ForwardPass<S>,
+        v_image: &Image,
+    ) -> Result<Gradients<S>, Error> {
+        let [left_width, left_height] = pass.workspace().tiles.size;
+        let (right_width, right_height) = v_image.size();
+        if (left_width, left_height) != (right_width, right_height) {
+            return Err(Error::SizesDiffer { left_width, left_height, right_width, right_height });
         }
-        splats.settle(gpu).await?;
-        workspace.write_step(gpu, &workspace.describe(gpu, splats, Some(*loss), None));
-        let mut commands = Commands::new(gpu);
-        workspace.tiles.encode_loss(gpu, &mut commands, target, Some(*loss))?;
-        workspace.tiles.encode_blend_bwd(gpu, &mut commands, Differentiated::Loss(target))?;
-        workspace.encode_project_bwd(gpu, &mut commands, splats)?;
-        let mut buffers = Vec::new();
-        for source in workspace.gradient_buffers() {
-            let buffer = gpu.allocate("gradients", source.size(), STORAGE)?;
-            commands.encoder().copy_buffer_to_buffer(source, 0, &buffer, 0, source.size());
-            buffers.push(buffer);
-        }
-        commands.submit(gpu);
-        let status = workspace.tiles.read_status(gpu).await?;
-        status.check()?;
-        let view = workspace.view.clone().expect("a forward pass has a view");
-        Ok((status.loss, Gradients { buffers, len: splats.len, view, settings: workspace.tiles.settings }))
+        v_image.check_finite("the gradient of an image")?;
+        let encode = |workspace: &mut Workspace<S>, commands: &mut Commands| {
+            workspace.tiles.write_v_image(&self.gpu, v_image)?;
+            workspace.tiles.encode_blend_bwd(&self.gpu, commands, Differentiated::Own)
+        };
+        Ok(self.differentiate(splats, pass, None, encode).await?.1)
     }
 
     async fn gradients(&self, splats: &Splats<S>, gradients: &Gradients<S>) -> Result<S, Error> {

@@ -33,9 +33,11 @@ fn plan_at(policy: &ResidualGrowth, scene: &Scene2d, residual: &Residual, progre
         scene,
         statistics: &DensityStatistics::zeros(scene.len()),
         residual: Some(residual),
+        evidence: None,
         extent: 60.0,
         step: 30,
         progress,
+        progress_before: 0.0,
         budget: 200,
     };
     let plan = policy.plan(&observation, &mut Rng::seed_from_u64(11)).unwrap();
@@ -163,9 +165,11 @@ fn plans_are_equal_on_any_number_of_threads() {
         scene: &scene,
         statistics: &statistics,
         residual: Some(&residual),
+        evidence: None,
         extent: 200.0,
         step: 0,
         progress: 1.0,
+        progress_before: 0.0,
         budget: 3000,
     };
     let plan = |threads| {
@@ -198,9 +202,11 @@ fn what_is_missing_or_out_of_range_is_refused() {
         scene: &scene,
         statistics: &DensityStatistics::zeros(3),
         residual: Some(&residual),
+        evidence: None,
         extent: 60.0,
         step: 0,
         progress: 0.5,
+        progress_before: 0.0,
         budget: 9,
     };
     let plan = |policy: ResidualGrowth, o: &Observation<'_>| policy.plan(o, &mut Rng::seed_from_u64(0));

@@ -14,7 +14,17 @@ use proptest::prelude::*;
 const EXTENT: f32 = 128.0;
 
 fn observation<'a>(scene: &'a Scene2d, statistics: &'a DensityStatistics, budget: usize) -> Observation<'a> {
-    Observation { scene, statistics, residual: None, extent: EXTENT, step: 99, progress: 0.5, budget }
+    Observation {
+        scene,
+        statistics,
+        residual: None,
+        evidence: None,
+        extent: EXTENT,
+        step: 99,
+        progress: 0.5,
+        progress_before: 0.25,
+        budget,
+    }
 }
 
 fn gaussian() -> Gaussian2d {
@@ -47,7 +57,8 @@ fn removed(plan: &EditPlan<Gaussian2d>) -> BTreeSet<u32> {
 }
 
 fn ranking_policies() -> Vec<Policy> {
-    let ranks = |name: &&str| !["residual", "mcmc", "image-gs", "none"].contains(name);
+    let ranks =
+        |name: &&str| !["residual", "mcmc", "fastgs", "taming", "improved-gs", "image-gs", "none"].contains(name);
     Policy::NAMES.iter().filter(|name| ranks(name)).map(|name| Policy::from_name(name).unwrap()).collect()
 }
 

@@ -38,9 +38,11 @@ fn grow_in(
         scene,
         statistics: &statistics,
         residual: None,
+        evidence: None,
         extent: 200.0,
         step: 0,
         progress: 0.5,
+        progress_before: 0.0,
         budget: 9,
     };
     densify.grow(index, &observation, rng)

@@ -34,8 +34,17 @@ fn plan(
     budget: usize,
 ) -> EditPlan<Gaussian2d> {
     let statistics = DensityStatistics::zeros(scene.len());
-    let observation =
-        Observation { scene, statistics: &statistics, residual, extent: 40.0, step: 99, progress, budget };
+    let observation = Observation {
+        scene,
+        statistics: &statistics,
+        residual,
+        evidence: None,
+        extent: 40.0,
+        step: 99,
+        progress,
+        progress_before: 0.0,
+        budget,
+    };
     let plan = policy.plan(&observation, &mut Rng::new(7, 11)).unwrap();
     plan.sources(scene.len()).unwrap();
     plan
@@ -141,9 +150,11 @@ fn image_gs_starts_with_half_and_adds_four_times() {
         scene: &empty,
         statistics: &none,
         residual: None,
+        evidence: None,
         extent: 40.0,
         step: 0,
         progress: 1.0,
+        progress_before: 0.0,
         budget: 5,
     };
     assert!(matches!(ErrorAddition::default().plan(&blind, &mut Rng::new(0, 0)), Err(Error::State(_))));
@@ -165,9 +176,11 @@ fn a_long_axis_split_puts_two_side_by_side() {
             scene: &scene,
             statistics: &statistics,
             residual: None,
+            evidence: None,
             extent: 40.0,
             step: 9,
             progress: 0.5,
+            progress_before: 0.0,
             budget: 2,
         };
         let edited = after(&policy.plan(&observation, &mut Rng::new(1, 2)).unwrap(), &scene);
@@ -231,9 +244,11 @@ proptest! {
             scene: &scene,
             statistics: &statistics,
             residual: Some(&residual),
+            evidence: None,
             extent: 40.0,
             step: 99,
             progress: 1.0,
+            progress_before: 0.0,
             budget: 2 * count,
         };
         for name in ["mcmc", "image-gs"] {

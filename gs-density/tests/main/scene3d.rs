@@ -1,5 +1,6 @@
 //! Policies in 3D: clone, split, prune, reset and relocate 3D Gaussians.
 
+use crate::evidence::evidence;
 use glam::Vec3;
 use gs_core::{
     DensityStatistics, EditPlan, Error, Gaussian3d, Scene, Scene3d,
@@ -39,9 +40,11 @@ fn plan_at(policy: &dyn DensityPolicy<Scene3d>, scene: &Scene3d, gradients: &[f3
         scene,
         statistics: &statistics,
         residual: None,
+        evidence: None,
         extent: EXTENT,
         step,
         progress: 0.5,
+        progress_before: 0.0,
         budget: 100,
     };
     let plan = policy.plan(&observation, &mut Rng::new(7, 11)).unwrap();
@@ -141,19 +144,25 @@ fn mcmc_moves_the_dead_to_the_living_and_keeps_the_picture() {
 fn every_policy_except_the_2d_ones_plans_in_3d() {
     let before = scene(&[gaussian(0.04, 0.5), gaussian(0.2, 0.5)]);
     let statistics = statistics(&[1.0, 1.0]);
+    let evidence = evidence(&[(0.5, &[10.0, 10.0])]);
     let observation = Observation {
         scene: &before,
         statistics: &statistics,
         residual: None,
+        evidence: Some(&evidence),
         extent: EXTENT,
         step: 99,
         progress: 0.5,
+        progress_before: 0.0,
         budget: 3,
     };
     for name in Policy::NAMES {
         let flat = Policy::from_name(name).unwrap();
         assert_eq!(flat.validate_3d().is_err(), ["residual", "image-gs", "long-axis"].contains(&name), "{name}");
         let policy = flat.for_3d();
+        // With a budget of 3, its schedule grows at the end.
+        let progress = if name == "improved-gs" { 1.0 } else { 0.5 };
+        let observation = Observation { progress, ..observation };
         let plan: Result<EditPlan<Gaussian3d>, Error> = policy.plan(&observation, &mut Rng::new(1, 2));
         if ["residual", "image-gs"].contains(&name) {
             let message = plan.unwrap_err().to_string();
@@ -177,9 +186,11 @@ fn arrays_of_other_lengths_are_refused() {
         scene: &odd,
         statistics: &statistics,
         residual: None,
+        evidence: None,
         extent: EXTENT,
         step: 0,
         progress: 0.5,
+        progress_before: 0.0,
         budget: 9,
     };
     let refused: Result<EditPlan<Gaussian3d>, Error> = Policy::None.plan(&observation, &mut Rng::new(1, 2));

@@ -6,7 +6,7 @@ use gs_core::{
     Blend, Canvas, Culled, Effects, Gaussian2d, Image, Loss, Optimizer, Parameterization, RenderSettings, Scene,
     Scene2d, TrainStep,
 };
-use gs_density::{DensityPolicy, Governor, Residual};
+use gs_density::{DensityPolicy, Evidence, EvidenceRequest, Governor, Residual};
 use gs_io::Checkpoint;
 use web_time::Instant;
 
@@ -131,6 +131,8 @@ impl RunSettings<Scene2d> for FitSettings {
 }
 
 impl<R: Optimizer<Scene2d>> TrainingTask<R, Scene2d> for ImageTask<R> {
+    const HAS_VIEWS: bool = false;
+
     fn extent(&self) -> f32 {
         self.canvas.width.max(self.canvas.height) as f32
     }
@@ -150,6 +152,17 @@ impl<R: Optimizer<Scene2d>> TrainingTask<R, Scene2d> for ImageTask<R> {
         let rates = settings.adam.at(context.step as f32 / settings.iterations as f32).times(context.lr_scale);
         let step = TrainStep { settings: &render, loss: settings.loss, rates: &rates, binning: context.binning };
         Ok(on.train_step(splats, &self.canvas, &self.target, &step).await?)
+    }
+
+    async fn evidence(
+        &mut self,
+        _: &R,
+        _: (&Scene2d, &R::Splats),
+        _: &FitSettings,
+        _: (u32, &Effects),
+        _: EvidenceRequest,
+    ) -> Result<Option<Evidence>, Error> {
+        Ok(None)
     }
 
     async fn residual(

@@ -5,6 +5,7 @@
 //! Gaussians. [`evaluate`] measures the quality of any scene on any views.
 
 mod evaluation;
+mod evidence;
 mod flat;
 mod geometry;
 mod images;

@@ -134,13 +134,20 @@ impl TrainSettings {
     }
 
     /// Returns these settings with another policy. Pruning and opacity resets stay those of these
-    /// settings, or those of 3DGS where they have none.
+    /// settings, or those of 3DGS where they have none. In runs that are shorter than the published
+    /// ones, FastGS prunes as often after its growth as there.
     #[must_use]
     pub fn with_policy(mut self, policy: Policy) -> Self {
         let usual = self.policy.actions().copied().or(Self::default().policy.actions().copied()).unwrap_or_default();
         self.policy = policy.for_3d();
         if let Some(actions) = self.policy.actions_mut() {
             (actions.prune, actions.reset) = (usual.prune, usual.reset);
+            actions.simplify = actions.simplify.or(usual.simplify);
+        }
+        if let Policy::FastGs(fast) = &mut self.policy {
+            let every = self.rounds.every.max(1);
+            // A tenth of the run, but as published in one of 30,000 steps or more.
+            fast.final_every = fast.final_every.min(self.iterations / 10).next_multiple_of(every).max(every);
         }
         self
     }

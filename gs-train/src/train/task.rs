@@ -6,14 +6,15 @@ use gs_core::{
     Camera, Culled, Effects, Gaussian3d, Image, Optimizer, RenderSettings, Scene3d, TrainStep, effects::Background,
     metrics::mean,
 };
-use gs_density::{Residual, Rng};
+use gs_density::{Evidence, EvidenceRequest, Residual, Rng};
 use rand::{RngExt, SeedableRng};
 
 use super::{
     evaluation::{TrainingViews, measure},
+    evidence::{Gathering, views_of_round},
     images::{self, Images},
     order::Order,
-    resolution::{possible, reduced_camera},
+    resolution::{possible, reduced, reduced_camera},
     settings::{StepBackground, TrainSettings},
     views::{PosedView, Views},
 };
@@ -149,6 +150,8 @@ fn background(settings: &TrainSettings, step: u32) -> RenderSettings {
 }
 
 impl<R: Optimizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
+    const HAS_VIEWS: bool = true;
+
     fn extent(&self) -> f32 {
         self.extent
     }
@@ -187,6 +190,24 @@ impl<R: Optimizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
         _: &Effects,
     ) -> Result<Option<&Residual>, Error> {
         Ok(None)
+    }
+
+    async fn evidence(
+        &mut self,
+        on: &R,
+        of: (&Scene3d, &R::Splats),
+        settings: &TrainSettings,
+        (step, effects): (u32, &Effects),
+        request: EvidenceRequest,
+    ) -> Result<Option<Evidence>, Error> {
+        let mut gathering = Gathering::new(on, of, shown(settings, effects), request)?;
+        for index in views_of_round(settings.seed, step, self.views.train.len(), &request) {
+            let (camera, factor) = self.reduced(index, settings, step);
+            let posed = self.views.train[index].image()?;
+            let posed = if factor > 1 { reduced(&posed, factor)? } else { posed };
+            gathering.add(&camera, posed, &settings.loss).await?;
+        }
+        Ok(Some(gathering.finish()))
     }
 
     async fn after_edit(&mut self, _: &R, _: &mut R::Splats, _: &TrainSettings, _: &Effects) -> Result<(), Error> {

@@ -28,7 +28,15 @@ impl<R: Optimizer<S>, S: Trainable> Trainer<'_, R, S> {
         let extent = self.task.extent();
         let effects = self.effects();
         let rounds = self.rounds();
-        let previous = rounds.progress(step - rounds.every, settings.iterations()).unwrap_or(0.0);
+        let progress_before =
+            rounds.progress(step.saturating_sub(rounds.every), settings.iterations()).unwrap_or_default();
+        let evidence = match policy.evidence(step - 1, progress) {
+            Some(request) => {
+                let of = (&scene, &self.splats);
+                self.task.evidence(self.rasterizer, of, settings, (*step, &effects), request).await?
+            }
+            None => None,
+        };
         let residual = match policy.needs_residual() {
             true => self.task.residual(self.rasterizer, &self.splats, settings, &effects).await?,
             false => None,
@@ -37,14 +45,16 @@ impl<R: Optimizer<S>, S: Trainable> Trainer<'_, R, S> {
             scene: &scene,
             statistics: &statistics,
             residual,
+            evidence: evidence.as_ref(),
             extent,
             step: step - 1,
             progress,
+            progress_before,
             budget: settings.budget() as usize,
         };
         let rng = &mut random(settings.seed(), *step);
         let plan = match settings.governor() {
-            Some(governor) => governor.plan(policy, &observation, previous, rng)?,
+            Some(governor) => governor.plan(policy, &observation, rng)?,
             None => policy.plan(&observation, rng)?,
         };
         let counts = plan.counts();

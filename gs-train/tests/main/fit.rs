@@ -116,6 +116,10 @@ fn every_policy_fits_within_its_budget() {
         for name in Policy::NAMES {
             let policy = Policy::from_name(name).unwrap();
             let settings = small_fit(blend).with(|s| s.policy = policy);
+            if settings.validate().is_err() {
+                assert!(["fastgs", "taming", "improved-gs"].contains(&name), "{name}");
+                continue;
+            }
             let fit = fit(&rasterizer, &target, settings.clone(), &mut ()).block_on().unwrap();
             fit.scene.validate().unwrap();
             assert!(fit.scene.len() <= settings.gaussians as usize, "{blend:?} {name}: {}", fit.scene.len());
@@ -137,6 +141,9 @@ fn a_governed_fit_ends_with_exactly_its_budget() {
             s.policy = policy;
             s.exactly = true;
         });
+        if settings.validate().is_err() {
+            continue; // for 3D only
+        }
         let fit = fit(&rasterizer, &target, settings.clone(), &mut ()).block_on().unwrap();
         assert_eq!(fit.scene.len(), settings.gaussians as usize, "{name}");
     }

@@ -248,7 +248,7 @@ fn every_policy_trains_within_its_budget() {
 #[test]
 fn a_governed_training_ends_with_exactly_its_budget() {
     let rasterizer = rasterizer();
-    for (name, budget) in [("absolute", 500), ("mcmc", 333), ("none", 150), ("percentile", 60)] {
+    for (name, budget) in [("absolute", 500), ("mcmc", 333), ("none", 150), ("percentile", 60), ("taming", 400)] {
         let settings = short(60).with_policy(Policy::from_name(name).unwrap()).with(|s| {
             s.gaussians = budget;
             s.exactly = true;

@@ -25,6 +25,7 @@ mod errors;
 mod errors_3d;
 mod gradients;
 mod gradients_3d;
+mod image_vjps;
 mod images;
 mod images_3d;
 mod losses;
@@ -59,6 +60,7 @@ pub use self::{
     gradients_3d::{
         antialiased_gradients_match, gradients_match_3d, gradients_match_in_all_orders, sh_gradients_match,
     },
+    image_vjps::image_vjps_match,
     images::{
         antialiased_images_match_2d, canvases_match, culled_are_counted, empty_scenes_show_the_background,
         images_match, other_accuracies_match, sizes_match,
@@ -155,6 +157,7 @@ pub fn cases<R: Optimizer<Scene2d>>() -> Vec<Case<R>> {
         antialiased_gradients_match_2d: antialiased_gradients_match_2d::<R>,
         gradients_match_through_canvases: gradients_match_through_canvases::<R>,
         gradients_match_in_covariance_factors: gradients_match_in_covariance_factors::<R>,
+        image_vjps_match: image_vjps_match::<Scene2d, R>,
         scenes_come_back: scenes_come_back::<R>,
         restored_splats_continue_bit_for_bit: restored_splats_continue_bit_for_bit::<Scene2d, R>,
         steps_decrease_the_loss: steps_decrease_the_loss::<Scene2d, R>,
@@ -198,6 +201,7 @@ pub fn cases_3d<R: Optimizer<Scene3d>>() -> Vec<Case<R>> {
         antialiased_gradients_match: antialiased_gradients_match::<R>,
         sh_gradients_match: sh_gradients_match::<R>,
         gradients_match_in_covariance_factors_3d: gradients_match_in_covariance_factors_3d::<R>,
+        image_vjps_match: image_vjps_match::<Scene3d, R>,
         scenes_3d_come_back: scenes_3d_come_back::<R>,
         covariance_factors_come_back_3d: covariance_factors_come_back_3d::<R>,
         restored_splats_continue_bit_for_bit: restored_splats_continue_bit_for_bit::<Scene3d, R>,

@@ -31,6 +31,7 @@ enum Fault {
     SwapsMeanGradients,
     DoublesLosses,
     GradientsInWrongUnits,
+    IgnoresTheBlueGradient,
     LosesTheLastGaussian,
     ForgetsMomentsOnRestore,
     StepsUphill,
@@ -232,6 +233,23 @@ impl Rasterizer<Scene2d> for Sabotaged {
         Ok((if self.is(DoublesLosses) { 2.0 * loss } else { loss }, gradients))
     }
 
+    async fn image_vjp(
+        &self,
+        splats: &Self::Splats,
+        pass: Self::ForwardPass,
+        v_image: &Image,
+    ) -> Result<Self::Gradients, Error> {
+        if self.is(IgnoresTheBlueGradient) {
+            let (width, height) = v_image.size();
+            let v_image = Image::from_fn(width, height, |x, y| {
+                let [red, green, _] = v_image.pixel(x, y);
+                [red, green, 0.0]
+            })?;
+            return self.sound().image_vjp(splats, pass, &v_image).block_on();
+        }
+        self.sound().image_vjp(splats, pass, v_image).block_on()
+    }
+
     async fn gradients(&self, splats: &Self::Splats, gradients: &Self::Gradients) -> Result<Scene2d, Error> {
         let mut scene = self.sound().gradients(splats, gradients).block_on()?;
         match self.fault {
@@ -379,6 +397,7 @@ fn every_fault_is_caught_by_its_case() {
         (NegatesRotationGradients, "gradients_match"),
         (SwapsMeanGradients, "gradients_match_in_covariance_factors"),
         (GradientsInWrongUnits, "gradients_match"),
+        (IgnoresTheBlueGradient, "image_vjps_match"),
         (GradientsInWrongUnits, "statistics_are_the_positional_gradients"),
         (DoublesLosses, "gradients_match"),
         (DoublesLosses, "steps_decrease_the_loss"),

@@ -196,7 +196,7 @@ pub(crate) struct TrainPolicyName(PolicyName);
 
 impl ValueEnum for TrainPolicyName {
     fn value_variants<'a>() -> &'a [Self] {
-        const ALL: [TrainPolicyName; 13] = [
+        const ALL: [TrainPolicyName; 16] = [
             TrainPolicyName(PolicyName::Absolute),
             TrainPolicyName(PolicyName::AbsGs),
             TrainPolicyName(PolicyName::AbsoluteError),
@@ -209,6 +209,9 @@ impl ValueEnum for TrainPolicyName {
             TrainPolicyName(PolicyName::LongAxis),
             TrainPolicyName(PolicyName::Paper),
             TrainPolicyName(PolicyName::Mcmc),
+            TrainPolicyName(PolicyName::FastGs),
+            TrainPolicyName(PolicyName::Taming),
+            TrainPolicyName(PolicyName::ImprovedGs),
             TrainPolicyName(PolicyName::None),
         ];
         &ALL

@@ -161,7 +161,7 @@ macro_rules! slots {
 fn pictures<S: Scene>() -> Vec<Slot<S>> {
     let slots: [Slot<S>; 10] = slots![
         "alpha_cut" [1e-6, 0.5]: |i, v| i.settings.accuracy.alpha_cut = v,
-        "alpha_max" [0.5, 0.9999]: |i, v| i.settings.accuracy.alpha_max = v,
+        "alpha_max" [1e-6, 0.9999]: |i, v| i.settings.accuracy.alpha_max = v,
         "transmittance_min" [0.5]: |i, v| i.settings.accuracy.transmittance_min = v,
         "background red": |i, v| i.settings.background[0] = v,
         "background green": |i, v| i.settings.background[1] = v,

@@ -238,6 +238,15 @@ impl<S: Fallible, R: Optimizer<S>> Rasterizer<S> for Faulty<'_, R> {
         self.inner.backward(splats, pass.drawn, target, &self.altered_loss(*loss)).block_on()
     }
 
+    async fn image_vjp(
+        &self,
+        splats: &R::Splats,
+        pass: Self::ForwardPass,
+        v_image: &Image,
+    ) -> Result<R::Gradients, Error> {
+        self.inner.image_vjp(splats, pass.drawn, v_image).block_on()
+    }
+
     async fn gradients(&self, splats: &R::Splats, gradients: &R::Gradients) -> Result<S, Error> {
         let gradients = self.inner.gradients(splats, gradients).block_on()?;
         let rows = gradients.rows_of_gradients();

@@ -39,6 +39,7 @@ pub(crate) enum Fault {
     NegatesQuaternionGradients,
     GradientsInWrongUnits,
     HoldsDirectionsFixed,
+    NegatesGivenGradients,
     NormalisesQuaternions,
     RoundsFactors,
     TurnsTheGradientsAxes,
@@ -230,6 +231,17 @@ impl Rasterizer<Scene3d> for Faulty {
         };
         let drawn = rendering.drawn.iter().map(|&drawn| drawn || self.is(SeesEverything)).collect();
         Ok((gradients.loss as f32, Gradients { rows: gradients.values, statistic, drawn }))
+    }
+
+    async fn image_vjp(&self, _: &Splats, pass: Pass, v_image: &Image) -> Result<Gradients, Error> {
+        let Pass { oracle, scene, rendering } = pass;
+        v_image.check_finite("the gradient of an image")?;
+        let mut gradients = oracle.image_vjp(&scene, v_image)?;
+        if self.is(NegatesGivenGradients) {
+            gradients.values.iter_mut().flatten().for_each(|v| *v = -*v);
+        }
+        let statistic = vec![0.0; scene.gaussians.len()];
+        Ok(Gradients { rows: gradients.values, statistic, drawn: rendering.drawn })
     }
 
     async fn gradients(&self, splats: &Splats, gradients: &Gradients) -> Result<Scene3d, Error> {

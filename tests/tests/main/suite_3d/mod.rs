@@ -28,6 +28,7 @@ fn every_fault_is_caught_by_its_case() {
         (MistakesCauses, "causes_are_counted"),
         (NegatesQuaternionGradients, "gradients_match_3d"),
         (GradientsInWrongUnits, "gradients_match_3d"),
+        (NegatesGivenGradients, "image_vjps_match"),
         (HoldsDirectionsFixed, "sh_gradients_match"),
         (NormalisesQuaternions, "scenes_3d_come_back"),
         (RoundsFactors, "covariance_factors_come_back_3d"),

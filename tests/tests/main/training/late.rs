@@ -87,6 +87,15 @@ impl Rasterizer<Scene2d> for Late {
         self.sound.for_2d().backward(&splats.sound, frame, target, loss).await
     }
 
+    async fn image_vjp(
+        &self,
+        splats: &Self::Splats,
+        frame: Self::ForwardPass,
+        v_image: &Image,
+    ) -> Result<Self::Gradients, CoreError> {
+        self.sound.for_2d().image_vjp(&splats.sound, frame, v_image).await
+    }
+
     async fn gradients(&self, splats: &Self::Splats, gradients: &Self::Gradients) -> Result<Scene2d, CoreError> {
         self.sound.for_2d().gradients(&splats.sound, gradients).await
     }

@@ -99,6 +99,9 @@ fn a_step_of_a_fit_moves_few_bytes_whatever_the_policy() {
     let wgpu = wgpu();
     for name in Policy::NAMES {
         let policy = Policy::from_name(name).unwrap();
+        if policy.validate_2d().is_err() {
+            continue;
+        }
         let [little, much] = SIZES.map(|sizes| of_fit(&wgpu, &policy, sizes));
         assert_eq!(little, much, "{name}");
         assert!((1..=MOST_BYTES).contains(&little), "{name}: {little} bytes");

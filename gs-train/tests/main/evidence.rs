@@ -1,0 +1,195 @@
+//! Evidence over several views: its sums against renderings of single Gaussians, who pays for it,
+//! and who is refused.
+
+use std::sync::{
+    Arc, Mutex,
+    atomic::{AtomicU32, Ordering::Relaxed},
+};
+
+use gs_core::{
+    EditPlan, Error as CoreError, Gaussian2d, Gaussian3d, Image, Scene, Scene2d, Scene3d, effects::Statistics,
+};
+use gs_density::{DensityPolicy, Evidence, EvidenceRequest, Observation, Policy, Rng};
+use gs_train::{
+    Error, FitSettings, Rounds, Trainer, Trainer3d,
+    train::{PosedView, Start, Views},
+};
+use pollster::FutureExt as _;
+
+use crate::fixture_3d::{camera, rasterizer, short, views};
+
+/// Asks for everything, edits nothing, and keeps what it was shown.
+struct Curious {
+    request: Option<EvidenceRequest>,
+    seen: Mutex<Option<(Scene3d, Evidence)>>,
+}
+
+impl Curious {
+    fn new(request: Option<EvidenceRequest>) -> Arc<Self> {
+        Arc::new(Self { request, seen: Mutex::default() })
+    }
+}
+
+impl DensityPolicy<Scene3d> for Curious {
+    fn plan(&self, observation: &Observation<'_, Scene3d>, _: &mut Rng) -> Result<EditPlan<Gaussian3d>, CoreError> {
+        *self.seen.lock().unwrap() = observation.evidence.map(|e| (observation.scene.clone(), e.clone()));
+        Ok(EditPlan::default())
+    }
+
+    fn statistics(&self) -> Statistics {
+        Statistics::None
+    }
+
+    fn needs_residual(&self) -> bool {
+        false
+    }
+
+    fn needs_evidence(&self) -> bool {
+        self.request.is_some()
+    }
+
+    fn evidence(&self, _: u32, _: f32) -> Option<EvidenceRequest> {
+        self.request
+    }
+}
+
+/// Views that count how often their images are read.
+fn counted(views: Views, reads: &Arc<AtomicU32>) -> Views {
+    struct Counted(PosedView, Arc<AtomicU32>);
+    impl gs_train::train::ImageSource for Counted {
+        fn read(&self) -> Result<gs_io::dataset::PosedImage, gs_io::Error> {
+            self.1.fetch_add(1, Relaxed);
+            self.0.source.read()
+        }
+    }
+    let count = |view: PosedView| PosedView {
+        name: view.name.clone(),
+        camera: view.camera,
+        source: Box::new(Counted(view, Arc::clone(reads))),
+    };
+    Views { train: views.train.into_iter().map(count).collect(), ..views }
+}
+
+/// The footprint of a Gaussian is where it alone changes the image, and its contribution is what
+/// makes the image: with every Gaussian white, the image is the sum of their weights.
+#[test]
+fn sums_are_those_of_renderings() {
+    let rasterizer = rasterizer();
+    let on = rasterizer.for_3d();
+    let request = EvidenceRequest::default().with(|s| {
+        s.views = 0;
+        s.high_error = 0.5;
+        (s.blended, s.covered, s.geometry) = (true, true, true);
+    });
+    let policy = Curious::new(Some(request));
+    let mut settings = short(11);
+    settings.render.effects.sh_degree = 0;
+    let mut trainer = Trainer3d::from_views(&rasterizer, views(&rasterizer), Start::Random, settings)
+        .block_on()
+        .unwrap()
+        .controlled_by(policy.clone());
+    trainer.run(&mut ()).block_on().unwrap();
+    let (scene, evidence) = policy.seen.lock().unwrap().take().expect("there was a round");
+    assert_eq!((evidence.views.len(), evidence.views[0].covered.pixels.len()), (12, scene.len()));
+
+    use gs_core::Rasterizer as _;
+    let shown = trainer.shown();
+    for (number, view) in evidence.views.iter().enumerate().step_by(5) {
+        let camera = camera(number);
+        // With all colours 1 the image on black is the sum of the weights.
+        let white =
+            Scene3d { sh: vec![glam::Vec3::splat(0.5 / gs_core::constants::SH_C0); scene.len()], ..scene.clone() };
+        let image = on.render(&white, &camera, &shown).block_on().unwrap();
+        let total: f64 = image.pixels().iter().map(|pixel| f64::from(pixel[0])).sum();
+        let found: f64 = view.blended.pixels.iter().map(|&v| f64::from(v)).sum();
+        assert!((found / total - 1.0).abs() < 1e-3, "{found} instead of {total}");
+        assert!(view.blended.error.iter().zip(&view.blended.pixels).all(|(error, pixels)| error <= pixels));
+        for index in (0..scene.len()).step_by(37) {
+            let mut alone = Scene3d { sh_degree: 0, ..Scene3d::default() };
+            alone.push(white.gaussian(index));
+            let drawn = on.render(&alone, &camera, &shown).block_on().unwrap();
+            let pixels = drawn.pixels().iter().filter(|pixel| pixel[0] > 0.0).count() as f32;
+            let found = view.covered.pixels[index];
+            assert!((found - pixels).abs() <= 1e-2 + 2e-3 * pixels, "Gaussian {index}: {found} px instead of {pixels}");
+            assert!(view.covered.high_error[index] <= found * 1.01);
+            assert!(pixels == 0.0 || view.depth[index] > 0.0 && view.radius_px[index] > 0.0);
+        }
+        assert!(view.loss > 0.0);
+    }
+}
+
+#[test]
+fn a_policy_that_does_not_ask_pays_nothing() {
+    let rasterizer = rasterizer();
+    let reads_with = |request: Option<EvidenceRequest>| {
+        let reads = Arc::default();
+        let views = counted(views(&rasterizer), &reads);
+        let mut trainer = Trainer3d::from_views(&rasterizer, views, Start::Random, short(40)).block_on().unwrap();
+        reads.store(0, Relaxed);
+        trainer = trainer.controlled_by(Curious::new(request));
+        trainer.run(&mut ()).block_on().unwrap();
+        reads.load(Relaxed)
+    };
+    let asked = EvidenceRequest::default().with(|s| {
+        s.views = 5;
+        s.blended = true;
+    });
+    // Every image is read once for the steps. Rounds after steps 10 and 20 read five each.
+    assert_eq!(reads_with(None), 12);
+    assert_eq!(reads_with(Some(asked)), 12 + 2 * 5);
+}
+
+#[test]
+fn policies_with_evidence_train_and_repeat() {
+    let rasterizer = rasterizer();
+    for name in ["fastgs", "taming", "improved-gs"] {
+        let run = || {
+            let mut settings = short(40).with_policy(Policy::from_name(name).unwrap());
+            if let Policy::FastGs(fast) = &mut settings.policy {
+                (fast.pixels, fast.threshold) = (1.0, 1e-5);
+            }
+            let start = Start::Random;
+            let mut trainer =
+                Trainer3d::from_views(&rasterizer, views(&rasterizer), start, settings).block_on().unwrap();
+            trainer.run(&mut ()).block_on().unwrap();
+            assert!(trainer.edits().added() > 0, "{name}: nothing grew");
+            let scene = trainer.scene().block_on().unwrap();
+            scene.means.iter().flat_map(|mean| mean.to_array()).map(f32::to_bits).collect::<Vec<_>>()
+        };
+        assert!(run() == run(), "{name} does not repeat");
+    }
+}
+
+/// As [`Curious`], for fits of images.
+struct CuriousIn2d;
+
+impl DensityPolicy for CuriousIn2d {
+    fn plan(&self, _: &Observation<'_>, _: &mut Rng) -> Result<EditPlan<Gaussian2d>, CoreError> {
+        Ok(EditPlan::default())
+    }
+
+    fn statistics(&self) -> Statistics {
+        Statistics::None
+    }
+
+    fn needs_residual(&self) -> bool {
+        false
+    }
+
+    fn needs_evidence(&self) -> bool {
+        true
+    }
+}
+
+#[test]
+fn fits_of_images_refuse_policies_that_need_views() {
+    let rasterizer = rasterizer();
+    let target = Image::filled(16, 12, [0.4; 3]).unwrap();
+    let settings = || FitSettings::standard(20).with(|s| s.rounds = Rounds::until(5, 10));
+    let named = settings().with_policy(Policy::from_name("fastgs").unwrap());
+    let refused = Trainer::new(&rasterizer, &target, named).block_on().err().map(|e| e.to_string()).unwrap();
+    assert!(refused.contains("fastgs") && refused.contains("only training in 3D"), "{refused}");
+    let own: Trainer<'_, _, Scene2d> = Trainer::new(&rasterizer, &target, settings()).block_on().unwrap();
+    let error = own.controlled_by(Arc::new(CuriousIn2d)).step_once().block_on().unwrap_err();
+    assert!(matches!(&error, Error::Core(CoreError::State(_))), "{error:?}");
+}
