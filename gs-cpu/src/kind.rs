@@ -46,6 +46,10 @@ pub trait SceneKind: sealed::Sealed + Scene + 'static {
     #[doc(hidden)]
     const BEFORE_BIN: [Stage; 2];
 
+    /// The stages after `blend_bwd`, in order.
+    #[doc(hidden)]
+    const AFTER_BLEND: &'static [Stage];
+
     /// Fails for an invalid view or an unsupported effect.
     #[doc(hidden)]
     fn check(view: &Self::View, settings: &RenderSettings) -> Result<(), Error>;
@@ -131,6 +135,21 @@ pub trait SceneKind: sealed::Sealed + Scene + 'static {
         level: Level,
         workspace: &Workspace<Self::Own>,
     );
+
+    /// Runs stages `project_bwd`, with gradients times `scale`, and `adam`: stage `update`, where a
+    /// kind has a faster way that leaves no gradients behind.
+    #[doc(hidden)]
+    fn update(
+        splats: &mut Self::Splats,
+        bias: &mut Self::Bias,
+        rates: &AdamRates,
+        level: Level,
+        workspace: &mut Workspace<Self::Own>,
+        scale: f32,
+    ) {
+        Self::project_bwd(workspace, splats, scale);
+        Self::adam(splats, bias, rates, level, workspace);
+    }
 
     /// Fails where the image is not linear in the colours, or no solver exists for this kind.
     #[doc(hidden)]

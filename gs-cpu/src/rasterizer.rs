@@ -262,8 +262,7 @@ impl<S: SceneKind> Optimizer<S> for CpuRasterizer {
                 tiles.blend_bwd(self.level)?;
                 (value, 1.0)
             };
-            S::project_bwd(&mut workspace, splats, scale);
-            S::adam(splats, bias, step.rates, self.level, &workspace);
+            S::update(splats, bias, step.rates, self.level, &mut workspace, scale);
             Ok::<f64, Error>(value)
         })?;
         let shared = S::shared_mut(splats);

@@ -281,7 +281,22 @@ impl Tiles {
     /// `None` where no tile lists it.
     #[inline(always)]
     pub(crate) fn received(&self, place: usize) -> Option<Received> {
-        let slots = self.bins.slots_of(place);
+        self.sum_of(self.bins.slots_of(place))
+    }
+
+    /// [`Self::received`] of several places, `None` where a place is `None`.
+    ///
+    /// A splat's slots are far from those of the splat before. Looking them up and adding them in
+    /// two loops of little work lets the processor wait for many of them at a time.
+    #[inline(always)]
+    pub(crate) fn gather<const N: usize>(&self, places: [Option<usize>; N]) -> [Option<Received>; N] {
+        let slots = places.map(|place| place.map_or(&[][..], |place| self.bins.slots_of(place)));
+        slots.map(|slots| self.sum_of(slots))
+    }
+
+    /// The sum of these slots; `None` without any.
+    #[inline(always)]
+    fn sum_of(&self, slots: &[u32]) -> Option<Received> {
         if slots.is_empty() {
             return None;
         }

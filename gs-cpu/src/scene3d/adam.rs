@@ -15,6 +15,7 @@ use rayon::prelude::*;
 
 use super::{
     own::Own3d,
+    project_bwd::{BLOCK, Backward, Block},
     splats::{self, FACTOR, LOG_SCALE, MEAN, OPACITY, ROTATION, SH, STRETCH, Splats3d},
 };
 use crate::{
@@ -58,7 +59,6 @@ struct Step<'a> {
     /// The penalty's weights for one Gaussian's opacity and for each of its scales; `None` if both
     /// are 0.
     penalty: Option<[f32; 2]>,
-    collect: bool,
 }
 
 /// One Gaussian's row of parameters, moments and gradients.
@@ -81,6 +81,45 @@ pub(crate) fn step(
     level: Level,
     workspace: &Workspace<Own3d>,
 ) {
+    let width = workspace.own.gradient_pitch();
+    step_along(splats, table, rates, level, workspace, |first, count, _, block| {
+        for i in 0..count {
+            let listed = workspace.lists(first + i);
+            block.shares[i] = listed.then(|| workspace.own.shares[first + i]);
+            if listed {
+                block.rows[i][..width].copy_from_slice(workspace.own.gradient(first + i));
+            }
+        }
+    });
+}
+
+/// Runs stages `project_bwd`, with gradients times `scale`, and `adam` in one pass.
+///
+/// The gradients are never written to memory, and parameters are read once.
+pub(crate) fn update(
+    splats: &mut Splats3d,
+    table: &mut BiasTable<GROUPS>,
+    rates: &AdamRates,
+    level: Level,
+    workspace: &Workspace<Own3d>,
+    scale: f32,
+) {
+    let Some(backward) = Backward::new(workspace, splats, scale) else { return };
+    step_along(splats, table, rates, level, workspace, |first, _, parameters, block| {
+        backward.block(first, parameters, block);
+    });
+}
+
+/// Takes one Adam step along the gradients that `gradients(first, count, parameters, block)` finds
+/// of `count` Gaussians from `first` on.
+fn step_along(
+    splats: &mut Splats3d,
+    table: &mut BiasTable<GROUPS>,
+    rates: &AdamRates,
+    level: Level,
+    workspace: &Workspace<Own3d>,
+    gradients: impl Fn(usize, usize, &[f32], &mut Block) + Sync,
+) {
     let groups = [rates.mean, rates.scale, rates.rotation, rates.opacity, rates.color, rates.color_rest];
     table.prepare(groups.map(|g| [g.beta1, g.beta2]), &splats.steps);
     let collect = workspace.tiles.settings.effects.statistics != Statistics::None;
@@ -96,36 +135,37 @@ pub(crate) fn step(
         bias: table,
         log_scales,
         penalty,
-        collect,
     };
     let pitch = splats.pitch();
-    let moved = workspace.own.gradient_pitch().min(pitch);
+    let width = workspace.own.gradient_pitch().min(pitch);
     let Splats3d { parameters, moments: [first, second], steps, shared, .. } = splats;
     let statistics = &mut shared.statistics;
     let rows = parameters
-        .par_chunks_mut(CHUNK * pitch)
-        .zip(first.par_chunks_mut(CHUNK * pitch))
-        .zip(second.par_chunks_mut(CHUNK * pitch))
-        .zip(steps.par_chunks_mut(CHUNK));
-    let counted = statistics.signal_sum.par_chunks_mut(CHUNK).zip(statistics.visible.par_chunks_mut(CHUNK));
-    rows.zip(counted).enumerate().for_each(|(chunk, ((((parameters, first), second), steps), (sums, visible)))| {
+        .par_chunks_mut(BLOCK * pitch)
+        .zip(first.par_chunks_mut(BLOCK * pitch))
+        .zip(second.par_chunks_mut(BLOCK * pitch))
+        .zip(steps.par_chunks_mut(BLOCK));
+    let counted = statistics.signal_sum.par_chunks_mut(BLOCK).zip(statistics.visible.par_chunks_mut(BLOCK));
+    let blocks = rows.zip(counted).enumerate().with_min_len(CHUNK / BLOCK);
+    blocks.for_each(|(number, ((((parameters, first), second), steps), (sums, visible)))| {
+        let mut block = Block::EMPTY;
+        gradients(number * BLOCK, steps.len(), parameters, &mut block);
         for i in 0..steps.len() {
-            let index = chunk * CHUNK + i;
-            let listed = workspace.lists(index);
-            if !listed && rates.participants == Participants::Visible {
+            let share = block.shares[i];
+            if share.is_none() && rates.participants == Participants::Visible {
                 continue;
             }
             steps[i] = steps[i].saturating_add(1);
-            let of = i * pitch..i * pitch + moved;
+            let of = i * pitch..i * pitch + width;
             let row = Row {
                 parameters: &mut parameters[of.clone()],
                 first: &mut first[of.clone()],
                 second: &mut second[of],
-                gradient: listed.then(|| workspace.own.gradient(index)),
+                gradient: share.is_some().then_some(&block.rows[i][..width]),
             };
             dispatch!(level, simd => move_row(simd, row, &step, steps[i]));
-            if step.collect && listed {
-                sums[i] += workspace.own.shares[index];
+            if let Some(share) = share.filter(|_| collect) {
+                sums[i] += share;
                 visible[i] = visible[i].saturating_add(1);
             }
         }

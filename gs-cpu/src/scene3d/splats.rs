@@ -15,7 +15,7 @@ use gs_core::{
     math::{
         covariance_factor::{self, Factored, Symmetric3},
         perspective::Ellipsoid,
-        sh::coefficients,
+        sh::{MOST_COEFFICIENTS, coefficients},
     },
     sigmoid,
 };
@@ -37,6 +37,9 @@ pub(crate) const STRETCH: Range<usize> = 3..9;
 pub(crate) const OPACITY: usize = 12;
 /// The first SH coefficient.
 pub(crate) const SH: usize = 13;
+
+/// Numbers in the longest row, of degree 3.
+pub(crate) const MOST_NUMBERS: usize = (SH + 3 * MOST_COEFFICIENTS).next_multiple_of(LANES);
 
 /// 3D Gaussians on the CPU, with their Adam moments and density statistics.
 #[derive(Debug)]
