@@ -4,15 +4,11 @@
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    constants::{MAX_SCALE_PX, MIN_SCALE_PX},
+    constants::{COLOR_REST_TURN, MAX_SCALE_PX, MIN_SCALE_PX},
     error::Error,
 };
 
 crate::impl_with!(Adam, Group);
-
-/// Number of neighbouring Gaussians that move their SH coefficients above degree 0 in the same
-/// steps; see [`Adam::color_rest_every`].
-pub const TURN: u32 = 16;
 
 /// Coordinates in which the optimizer moves a Gaussian.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
@@ -284,11 +280,11 @@ impl AdamRates {
     /// `steps`, this one included, by which the bias of their moments is corrected; `None` where
     /// they do not move in this step.
     ///
-    /// Gaussians take turns in groups of [`TURN`] neighbours.
+    /// Gaussians take turns in groups of [`COLOR_REST_TURN`] neighbours.
     #[inline]
     pub fn color_rest_step(&self, index: u32, steps: u32) -> Option<u32> {
         let every = self.color_rest_every.max(1);
-        let at = u64::from(steps) + u64::from(index / TURN % every);
+        let at = u64::from(steps) + u64::from(index / COLOR_REST_TURN % every);
         let every = u64::from(every);
         at.is_multiple_of(every).then(|| (at / every).min(u32::MAX.into()) as u32)
     }
@@ -424,10 +420,10 @@ mod tests {
         let rates = Adam { color_rest_every: 3, ..Adam::default() }.at(0.0);
         let of = |index: u32| (1..=7).map(|steps| rates.color_rest_step(index, steps)).collect::<Vec<_>>();
         assert_eq!(of(0), [None, None, Some(1), None, None, Some(2), None]);
-        assert_eq!(of(TURN - 1), of(0));
-        assert_eq!(of(TURN), [None, Some(1), None, None, Some(2), None, None]);
-        assert_eq!(of(2 * TURN), [Some(1), None, None, Some(2), None, None, Some(3)]);
-        assert_eq!(of(3 * TURN), of(0));
+        assert_eq!(of(COLOR_REST_TURN - 1), of(0));
+        assert_eq!(of(COLOR_REST_TURN), [None, Some(1), None, None, Some(2), None, None]);
+        assert_eq!(of(2 * COLOR_REST_TURN), [Some(1), None, None, Some(2), None, None, Some(3)]);
+        assert_eq!(of(3 * COLOR_REST_TURN), of(0));
         let always = Adam::default().at(0.0);
         assert_eq!((always.color_rest_step(77, 5), always.color_rest_step(0, u32::MAX)), (Some(5), Some(u32::MAX)));
     }

@@ -46,6 +46,10 @@ pub trait SceneKind: sealed::Sealed + Scene + 'static {
     #[doc(hidden)]
     const BEFORE_BIN: [Stage; 2];
 
+    /// Whether a step can use the lists of the step before, so that splats keep their buffers.
+    #[doc(hidden)]
+    const REUSES_LISTS: bool;
+
     /// The stages after `blend_bwd`, in order.
     #[doc(hidden)]
     const AFTER_BLEND: &'static [Stage];
@@ -174,7 +178,7 @@ pub trait SceneKind: sealed::Sealed + Scene + 'static {
 #[derive(Debug)]
 pub struct Shared<S: SceneKind> {
     pub(crate) statistics: DensityStatistics,
-    /// Buffers of training steps, with the lists for [`Binning::Reuse`].
+    /// Buffers of training steps with the lists for [`Binning::Reuse`], of kinds that reuse them.
     pub(crate) workspace: Option<Workspace<S::Own>>,
     /// Losses of training steps that the caller has not taken yet.
     pub(crate) losses: Vec<f32>,

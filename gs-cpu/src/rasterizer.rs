@@ -205,7 +205,10 @@ impl<S: SceneKind> Rasterizer<S> for CpuRasterizer {
         Ok(S::derivatives(gradients.workspace(), splats))
     }
 
+    /// Also frees the buffers of passes, so that the scene does not add to them: a round of density
+    /// control would else be the peak of a training's memory.
     async fn download(&self, splats: &S::Splats) -> Result<S, Error> {
+        S::resources(&self.resources).pool.clear();
         Ok(S::download(splats))
     }
 
@@ -266,7 +269,11 @@ impl<S: SceneKind> Optimizer<S> for CpuRasterizer {
             Ok::<f64, Error>(value)
         })?;
         let shared = S::shared_mut(splats);
-        shared.workspace = Some(workspace);
+        if S::REUSES_LISTS {
+            shared.workspace = Some(workspace);
+        } else {
+            pool.give(workspace);
+        }
         shared.losses.push(value as f32);
         Ok(())
     }

@@ -84,7 +84,8 @@ enum RestMut<'a> {
 
 impl<'a> Rows<'a> {
     fn of(splats: &'a mut Splats3d) -> Self {
-        let Splats3d { parameters, moments: Moments { first_vector: [first, second], rest }, steps, shared, .. } = splats;
+        let Splats3d { parameters, moments: Moments { first_vector: [first, second], rest }, steps, shared, .. } =
+            splats;
         let rest = match rest {
             Rest::F32([first, second]) => RestMut::F32([first, second]),
             Rest::Bf16(both) => RestMut::Bf16(both),
@@ -228,7 +229,7 @@ pub(crate) fn update(
 ) {
     let Some(backward) = Backward::new(workspace, splats, scale) else { return };
     step_along(splats, table, rates, level, workspace, |first, _, parameters, block| {
-        backward.block(first, parameters, block);
+        dispatch!(level, _simd => backward.block(first, parameters, block));
     });
 }
 

@@ -33,6 +33,7 @@ impl SceneKind for Scene3d {
     type Bias = BiasTable<{ adam::GROUPS }>;
 
     const BEFORE_BIN: [Stage; 2] = [Stage::Project, Stage::Sort];
+    const REUSES_LISTS: bool = false;
     const AFTER_BLEND: &'static [Stage] = &[Stage::ProjectBwd, Stage::Adam, Stage::Update];
 
     fn check(camera: &Camera, settings: &RenderSettings) -> Result<(), Error> {
