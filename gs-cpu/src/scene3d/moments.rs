@@ -160,3 +160,75 @@ fn gathered<T: Copy + Default>(before: &[T], heirs: &[Option<u32>], width: usize
     }
     after
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        lanes::{load, splat},
+        level::{SimdLevel, dispatch},
+    };
+
+    /// A second moment that decays by less than half of its last digit per step, and a first moment
+    /// that stays.
+    #[test]
+    fn rounding_has_no_bias() {
+        const STEPS: u32 = 4_000;
+        for level in SimdLevel::available() {
+            let token = level.instructions().unwrap();
+            let (mut first, mut second) = (0.0, 0.0);
+            for index in 0..64 {
+                let mut both = [packed(-0.3, 1.0); LANES];
+                for steps in 1..=STEPS {
+                    dispatch!(token, simd => {
+                        let [m, v] = unpack(simd, &both);
+                        pack(decayed(simd, m, v), random(simd, index, steps, 0), &mut both);
+                    });
+                }
+                let [of_first, of_second] = [0, 1].map(|which| both.map(|both| f64::from(unpacked(both)[which])));
+                first += of_first.iter().sum::<f64>() / 1024.0;
+                second += of_second.iter().sum::<f64>() / 1024.0;
+            }
+            let expected = 0.999f64.powi(STEPS as i32);
+            assert!((second / expected - 1.0).abs() < 0.03, "{level}: {second} instead of {expected}");
+            assert!((first / f64::from(unpacked(packed(-0.3, 0.0))[0]) - 1.0).abs() < 1e-6, "{level}: {first}");
+        }
+    }
+
+    #[inline(always)]
+    fn decayed<S: Simd>(simd: S, first: Whole<S>, second: Whole<S>) -> [Whole<S>; 2] {
+        [first, second * splat::<S, Whole<S>>(simd, 0.999)]
+    }
+
+    #[test]
+    fn formats_come_back() {
+        let mut moments = Moments::zeros(3, 1);
+        let pitch = pitch_of(1);
+        let places = [0..3, 3..LANES + 5];
+        let numbers: Vec<f32> = (0..3 * (LANES as u32 + 5)).map(|i| f32::from_bits((i + 0x3F00) << 16)).collect();
+        moments.paste(0, &places, pitch, &numbers);
+        for format in [MomentFormat::Bf16, MomentFormat::Bf16, MomentFormat::F32] {
+            moments.convert(format);
+            assert_eq!(moments.cut(0, &places, pitch), numbers, "{format:?}");
+        }
+        moments.convert(MomentFormat::Bf16);
+        moments.gather(&[Some(2), None], pitch);
+        let width = LANES + 5;
+        assert_eq!(moments.cut(0, &places, pitch)[..width], numbers[2 * width..]);
+        assert!(moments.cut(0, &places, pitch)[width..].iter().all(|&m| m == 0.0));
+    }
+
+    #[test]
+    fn infinities_and_nan_stay() {
+        let token = SimdLevel::best().instructions().unwrap();
+        let values: [f32; 4] = [f32::INFINITY, f32::NEG_INFINITY, f32::NAN, 0.0];
+        let wide: [f32; LANES] = std::array::from_fn(|k| values[k % 4]);
+        let mut both = [0; LANES];
+        dispatch!(token, simd => pack([load(simd, &wide, 0); 2], random(simd, 7, 9, 0), &mut both));
+        for (packed, value) in both.into_iter().zip(wide) {
+            for back in unpacked(packed) {
+                assert!(back == value || back.is_nan() && value.is_nan(), "{value}: {back}");
+            }
+        }
+    }
+}
