@@ -33,7 +33,7 @@ pub mod view;
 mod words;
 
 pub use crate::{
-    adam::{Adam, AdamRates, Parameterization, Participants, Penalty},
+    adam::{Adam, AdamRates, MomentFormat, Parameterization, Participants, Penalty},
     edit::EditPlan,
     effects::{Blend, Effects},
     error::Error,

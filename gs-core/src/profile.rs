@@ -47,8 +47,8 @@ pub fn still() -> AdamRates {
 #[derive(Debug, Clone, PartialEq)]
 pub struct StageTime {
     /// Name of the stage: `project`, `bin`, `sort`, `blend`, `loss`, `blend_bwd`, `project_bwd`,
-    /// `adam`; on a GPU also `scan` and `ranges`, before and after sorting; `fused` where a backend
-    /// does several of them in one pass over the tiles.
+    /// `adam`; on a GPU also `scan` and `ranges`, before and after sorting; `fused` or `update` where
+    /// a backend does several of them in one pass over the tiles or the Gaussians.
     pub stage: &'static str,
     /// Seconds of each repetition, in order.
     pub seconds: Vec<f64>,

@@ -38,7 +38,9 @@ pub struct Tensor {
 /// `opacity_logit [N]`, `sh [N,3K]` (coefficient by coefficient, each R, G, B); `moment1`,
 /// `moment2` in the order mean 3, shape, opacity 1, SH 3K, where the shape is log-scale 3 and
 /// rotation 4 (`[N,11+3K]`), or in [`Parameterization::CovarianceFactor`] η₀₀, η₀₁, η₀₂, η₁₁, η₁₂,
-/// η₂₂ (`[N,10+3K]`); `steps`, `gradient_sum` and `visible` as above.
+/// η₂₂ (`[N,10+3K]`); `steps`, `gradient_sum` and `visible` as above. Moments that a backend holds
+/// in 16 bits ([`MomentFormat`](crate::adam::MomentFormat)) are numbers of 32 bits here, which hold
+/// them exactly.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SplatsState {
     /// Coordinates in which the optimizer moves; they decide how the shape is held.

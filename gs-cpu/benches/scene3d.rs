@@ -15,8 +15,8 @@ use std::time::Instant;
 use garden::{Random, SEED, garden};
 use glam::Vec3;
 use gs_core::{
-    Binning, Blend, Camera, Error, Gaussian3d, Image, Loss, Parameterization, RenderSettings, Scene, Scene3d,
-    TrainStep,
+    AdamRates, Binning, Blend, Camera, Error, Gaussian3d, Image, Loss, MomentFormat, Parameterization, Participants,
+    RenderSettings, Scene, Scene3d, TrainStep,
     effects::{Antialias, Order, Statistics},
     logit,
     profile::{Profiler, Quantiles, still},
@@ -143,9 +143,21 @@ fn measure(cpu: &impl Profiler<Scene3d>, subject: &Subject) -> Result<(), Error>
         let pass = cpu.forward(&splats, camera, settings).block_on()?;
         cpu.backward(&splats, pass, &target, &loss).block_on().map(drop)
     })?;
-    let step = TrainStep { settings, loss, rates: &rates, binning: Binning::Fresh };
-    let whole = median(*repetitions, || cpu.train_step(&mut splats, camera, &target, &step).block_on())?;
-    println!("  forward {forward:.1} ms, forward and backward {both:.1} ms, training step {whole:.1} ms");
+    println!("  forward {forward:.1} ms, forward and backward {both:.1} ms");
+    let (mut seldom, mut half) = (rates, rates);
+    seldom.color_rest_every = 8;
+    half.color_rest_moments = MomentFormat::Bf16;
+    let together = AdamRates { color_rest_moments: MomentFormat::Bf16, participants: Participants::Visible, ..seldom };
+    for (name, rates) in [
+        ("training step", rates),
+        ("with color-rest-every = 8", seldom),
+        ("with color-rest-moments = bf16", half),
+        ("with both and participants = visible", together),
+    ] {
+        let step = TrainStep { settings, loss, rates: &rates, binning: Binning::Fresh };
+        let whole = median(*repetitions, || cpu.train_step(&mut splats, camera, &target, &step).block_on())?;
+        println!("  {name:36} {whole:8.1} ms");
+    }
     Ok(())
 }
 

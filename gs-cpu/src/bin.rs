@@ -74,6 +74,7 @@ const MOST_CHUNKS: usize = 64;
 
 impl Bins {
     /// The positions in [`Self::entries`] of the entries of `place`.
+    #[inline(always)]
     pub(crate) fn slots_of(&self, place: usize) -> &[u32] {
         let chunk = &self.chunks[place / self.chunk_len];
         let within = place % self.chunk_len;

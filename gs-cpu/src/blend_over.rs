@@ -16,7 +16,7 @@ use crate::{
     lanes::{Floats, LANES, Whole, each_part, fma, load, load3, splat, splat3, store, sums},
     layout::{Row, ScalarRow},
     splat::Splat,
-    tile_inputs::TileInputs,
+    tile_inputs::{GATHERED, TileInputs},
 };
 
 /// Numbers per entry that [`backward`] writes: those of `Sum`, and S (the sum of t). Those of K
@@ -25,6 +25,8 @@ pub(crate) const STRIDE: usize = 9;
 
 /// Number of entries that are blended between two checks for full rows.
 const CHECK_EVERY: usize = 32;
+
+const _: () = assert!(CHECK_EVERY == GATHERED, "a check comes before the last entry of those gathered");
 
 /// The rows of a tile in which some pixel is not full, one bit each.
 #[derive(Debug, Clone, Copy)]
@@ -95,17 +97,20 @@ pub(crate) fn forward<S: Simd>(
     rows.fill(Row::ZERO);
     transmittance.fill(ScalarRow(unobstructed(inputs.lanes_inside)));
     let mut open = OpenRows::all(rows.len());
-    for (number, entry) in inputs.entries.iter().enumerate() {
-        if number % CHECK_EVERY == CHECK_EVERY - 1 {
-            open.close_full_rows(simd, transmittance);
-            if open.0 == 0 {
-                break;
+    let mut splats = [Splat::CULLED; GATHERED];
+    'entries: for entries in inputs.entries.chunks(GATHERED) {
+        inputs.gather(entries, &mut splats);
+        for (number, (entry, s)) in entries.iter().zip(&splats).enumerate() {
+            if number == CHECK_EVERY - 1 {
+                open.close_full_rows(simd, transmittance);
+                if open.0 == 0 {
+                    break 'entries;
+                }
             }
+            let Some([row, end]) = open.within(inputs.rows_of(entry)) else { continue };
+            let (rows, transmittance) = (&mut rows[row..end], &mut transmittance[row..end]);
+            each_part!(S; forward_part(simd, s, inputs, inputs.first_row + row, rows, transmittance));
         }
-        let Some([row, end]) = open.within(inputs.rows_of(entry)) else { continue };
-        let s = &inputs.projected[entry.place as usize];
-        let (rows, transmittance) = (&mut rows[row..end], &mut transmittance[row..end]);
-        each_part!(S; forward_part(simd, s, inputs, inputs.first_row + row, rows, transmittance));
     }
     for (Row(pixels), ScalarRow(t)) in rows.iter_mut().zip(transmittance) {
         for lane in (0..LANES).step_by(S::f32s::LEN) {
@@ -187,19 +192,23 @@ pub(crate) fn backward<S: Simd, K: Collect>(
     }
     slots.fill(0.0);
     let mut open = OpenRows::all(rows.len());
-    let of_entries = inputs.entries.iter().zip(slots.chunks_exact_mut(STRIDE + K::NUMBERS));
-    for (number, (entry, slot)) in of_entries.enumerate() {
-        if number % CHECK_EVERY == CHECK_EVERY - 1 {
-            open.close_full_rows(simd, rows);
-            if open.0 == 0 {
-                break;
+    let stride = STRIDE + K::NUMBERS;
+    let mut splats = [Splat::CULLED; GATHERED];
+    'entries: for (entries, slots) in inputs.entries.chunks(GATHERED).zip(slots.chunks_mut(GATHERED * stride)) {
+        inputs.gather(entries, &mut splats);
+        let of_entries = entries.iter().zip(&splats).zip(slots.chunks_exact_mut(stride));
+        for (number, ((entry, s), slot)) in of_entries.enumerate() {
+            if number == CHECK_EVERY - 1 {
+                open.close_full_rows(simd, rows);
+                if open.0 == 0 {
+                    break 'entries;
+                }
             }
+            let Some([row, end]) = open.within(inputs.rows_of(entry)) else { continue };
+            let (rows, v_rows) = (&mut rows[row..end], &v_rows[row..end]);
+            let errors = if K::ERROR { &errors[row..end] } else { &[] };
+            each_part!(S, K; backward_part(simd, s, inputs, inputs.first_row + row, rows, v_rows, errors, slot));
         }
-        let Some([row, end]) = open.within(inputs.rows_of(entry)) else { continue };
-        let s = &inputs.projected[entry.place as usize];
-        let (rows, v_rows) = (&mut rows[row..end], &v_rows[row..end]);
-        let errors = if K::ERROR { &errors[row..end] } else { &[] };
-        each_part!(S, K; backward_part(simd, s, inputs, inputs.first_row + row, rows, v_rows, errors, slot));
     }
 }
 

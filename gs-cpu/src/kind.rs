@@ -46,6 +46,14 @@ pub trait SceneKind: sealed::Sealed + Scene + 'static {
     #[doc(hidden)]
     const BEFORE_BIN: [Stage; 2];
 
+    /// Whether a step can use the lists of the step before, so that splats keep their buffers.
+    #[doc(hidden)]
+    const REUSES_LISTS: bool;
+
+    /// The stages after `blend_bwd`, in order.
+    #[doc(hidden)]
+    const AFTER_BLEND: &'static [Stage];
+
     /// Fails for an invalid view or an unsupported effect.
     #[doc(hidden)]
     fn check(view: &Self::View, settings: &RenderSettings) -> Result<(), Error>;
@@ -132,6 +140,21 @@ pub trait SceneKind: sealed::Sealed + Scene + 'static {
         workspace: &Workspace<Self::Own>,
     );
 
+    /// Runs stages `project_bwd`, with gradients times `scale`, and `adam`: stage `update`, where a
+    /// kind has a faster way that leaves no gradients behind.
+    #[doc(hidden)]
+    fn update(
+        splats: &mut Self::Splats,
+        bias: &mut Self::Bias,
+        rates: &AdamRates,
+        level: Level,
+        workspace: &mut Workspace<Self::Own>,
+        scale: f32,
+    ) {
+        Self::project_bwd(workspace, splats, scale);
+        Self::adam(splats, bias, rates, level, workspace);
+    }
+
     /// Fails where the image is not linear in the colours, or no solver exists for this kind.
     #[doc(hidden)]
     fn check_solve_colors(_settings: &RenderSettings) -> Result<(), Error> {
@@ -155,7 +178,7 @@ pub trait SceneKind: sealed::Sealed + Scene + 'static {
 #[derive(Debug)]
 pub struct Shared<S: SceneKind> {
     pub(crate) statistics: DensityStatistics,
-    /// Buffers of training steps, with the lists for [`Binning::Reuse`].
+    /// Buffers of training steps with the lists for [`Binning::Reuse`], of kinds that reuse them.
     pub(crate) workspace: Option<Workspace<S::Own>>,
     /// Losses of training steps that the caller has not taken yet.
     pub(crate) losses: Vec<f32>,

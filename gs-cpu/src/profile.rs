@@ -39,6 +39,7 @@ impl<S: SceneKind> Pass<'_, S> {
             }
             Stage::ProjectBwd => S::project_bwd(workspace, splats, 1.0),
             Stage::Adam => S::adam(splats, bias, &self.rates, level, workspace),
+            Stage::Update => S::update(splats, bias, &self.rates, level, workspace, 1.0),
         }
         Ok(())
     }
@@ -58,7 +59,7 @@ impl<S: SceneKind> Profiler<S> for CpuRasterizer {
         loss.validate()?;
         target.check_size(S::size(view))?;
         let is_fused = target.is_complete() && Tiles::is_fused(&settings.effects, loss);
-        let stages = S::BEFORE_BIN.into_iter().chain(Stage::FROM_BIN);
+        let stages = S::BEFORE_BIN.into_iter().chain(Stage::FROM_BIN).chain(S::AFTER_BLEND.iter().copied());
         let stages = stages.filter(|&stage| stage != Stage::Fused || is_fused);
         let mut samples: Vec<(Stage, Vec<f64>)> =
             stages.map(|stage| (stage, Vec::with_capacity(repetitions))).collect();

@@ -224,7 +224,10 @@ impl<S: SceneKind> Rasterizer<S> for CpuRasterizer {
         Ok(S::derivatives(gradients.workspace(), splats))
     }
 
+    /// Also frees the buffers of passes, so that the scene does not add to them: a round of density
+    /// control would else be the peak of a training's memory.
     async fn download(&self, splats: &S::Splats) -> Result<S, Error> {
+        S::resources(&self.resources).pool.clear();
         Ok(S::download(splats))
     }
 
@@ -281,12 +284,15 @@ impl<S: SceneKind> Optimizer<S> for CpuRasterizer {
                 tiles.blend_bwd(self.level)?;
                 (value, 1.0)
             };
-            S::project_bwd(&mut workspace, splats, scale);
-            S::adam(splats, bias, step.rates, self.level, &workspace);
+            S::update(splats, bias, step.rates, self.level, &mut workspace, scale);
             Ok::<f64, Error>(value)
         })?;
         let shared = S::shared_mut(splats);
-        shared.workspace = Some(workspace);
+        if S::REUSES_LISTS {
+            shared.workspace = Some(workspace);
+        } else {
+            pool.give(workspace);
+        }
         shared.losses.push(value as f32);
         Ok(())
     }

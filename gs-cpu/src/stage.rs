@@ -21,11 +21,12 @@ pub enum Stage {
     ProjectBwd,
     /// Moves the parameters.
     Adam,
+    /// `ProjectBwd` and `Adam` in one pass, if a training step fuses them.
+    Update,
 }
 
 impl Stage {
-    pub(crate) const FROM_BIN: [Self; 7] =
-        [Self::Bin, Self::Blend, Self::Loss, Self::BlendBwd, Self::Fused, Self::ProjectBwd, Self::Adam];
+    pub(crate) const FROM_BIN: [Self; 5] = [Self::Bin, Self::Blend, Self::Loss, Self::BlendBwd, Self::Fused];
 
     pub(crate) fn name(self) -> &'static str {
         match self {
@@ -38,12 +39,14 @@ impl Stage {
             Self::Fused => "fused",
             Self::ProjectBwd => "project_bwd",
             Self::Adam => "adam",
+            Self::Update => "update",
         }
     }
 
     pub(crate) fn replaces(self) -> &'static [&'static str] {
         match self {
             Self::Fused => &["blend", "loss", "blend_bwd"],
+            Self::Update => &["project_bwd", "adam"],
             _ => &[],
         }
     }

@@ -281,22 +281,52 @@ impl Tiles {
     /// `None` where no tile lists it.
     #[inline(always)]
     pub(crate) fn received(&self, place: usize) -> Option<Received> {
-        let slots = self.bins.slots_of(place);
+        self.sum_of(self.bins.slots_of(place))
+    }
+
+    /// [`Self::received`] of several places, `None` where a place is `None`.
+    ///
+    /// A splat's slots are far from those of the splat before. Looking them up and adding them in
+    /// two loops of little work lets the processor wait for many of them at a time.
+    #[inline(always)]
+    pub(crate) fn gather<const N: usize>(&self, places: [Option<usize>; N]) -> [Option<Received>; N] {
+        let mut slots = [&[][..]; N];
+        for (slots, place) in slots.iter_mut().zip(places) {
+            if let Some(place) = place {
+                *slots = self.bins.slots_of(place);
+            }
+        }
+        let mut received = [None; N];
+        for (received, slots) in received.iter_mut().zip(slots) {
+            *received = self.sum_of(slots);
+        }
+        received
+    }
+
+    /// The sum of these slots; `None` without any.
+    #[inline(always)]
+    fn sum_of(&self, slots: &[u32]) -> Option<Received> {
         if slots.is_empty() {
             return None;
         }
-        let gradient_stride = self.gradient_stride();
-        let (mut sum, mut collected) = ([0.0f32; 9], [0.0f32; 2]);
+        let has_zeroth = self.gradient_stride() == blend_over::STRIDE;
+        let (mut eight, mut zeroth, mut collected) = ([0.0f32; 8], 0.0f32, [0.0f32; 2]);
         for &slot in slots {
             let slot = &self.slots[slot as usize * self.stride..][..self.stride];
-            for (total, value) in sum.iter_mut().zip(&slot[..gradient_stride]) {
+            let (of_slot, rest) = slot.split_at(blend_sum::STRIDE);
+            for (total, value) in eight.iter_mut().zip(of_slot) {
                 *total += value;
             }
-            for (total, value) in collected.iter_mut().zip(&slot[gradient_stride..]) {
+            if has_zeroth {
+                zeroth += rest[0];
+            }
+            for (total, value) in collected.iter_mut().zip(&rest[usize::from(has_zeroth)..]) {
                 *total += value;
             }
         }
-        let [r, g, b, x, u, xx, xu, uu, zeroth] = sum;
+        let [r, g, b, x, u, xx, xu, uu] = eight;
         Some(Received { color: [r, g, b], first: Vec2::new(x, u), second: [xx, xu, uu], zeroth, collected })
     }
 }
+
+const _: () = assert!(blend_sum::STRIDE == 8 && blend_over::STRIDE == 9, "`Tiles::sum_of` knows these numbers");

@@ -42,6 +42,11 @@ impl<O: Default> Pool<O> {
 }
 
 impl<O> Pool<O> {
+    /// Frees the workspaces that are not in use.
+    pub(crate) fn clear(&self) {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).clear();
+    }
+
     /// Takes a workspace back.
     pub(crate) fn give(&self, workspace: Workspace<O>) {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).push(workspace);

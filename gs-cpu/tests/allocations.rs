@@ -14,8 +14,8 @@ use std::{
 
 use glam::{Vec2, Vec3};
 use gs_core::{
-    Adam, Binning, Blend, Canvas, Gaussian2d, Image, Loss, Optimizer, Parameterization, RenderSettings, Scene2d,
-    TargetImage, TrainStep, Wait,
+    Adam, Binning, Blend, Camera, Canvas, Gaussian2d, Gaussian3d, Image, Loss, MomentFormat, Optimizer,
+    Parameterization, RenderSettings, Scene as _, Scene2d, Scene3d, TargetImage, TrainStep, Wait, profile::still,
 };
 use gs_cpu::{CpuRasterizer, CpuSettings};
 
@@ -92,6 +92,47 @@ fn bytes_of_warm_steps(cpu: &impl Optimizer<Scene2d>, blend: Blend, loss: Loss, 
     BYTES.load(Ordering::Relaxed) - before
 }
 
+/// The bytes of warm steps in 3D, whose moments of SH above degree 0 are in 16 bits.
+fn bytes_of_warm_steps_3d(cpu: &impl Optimizer<Scene3d>, steps: usize) -> usize {
+    let (width, height) = (160, 120);
+    let mut scene = Scene3d { sh_degree: 3, ..Scene3d::default() };
+    for i in 0..2000 {
+        let (x, y) = ((i % 50) as f32 / 50.0 - 0.5, (i / 50) as f32 / 40.0 - 0.5);
+        let gaussian = Gaussian3d {
+            mean: Vec3::new(2.0 * x, 2.0 * y, 3.0 + x * y),
+            log_scale: Vec3::splat(-4.0),
+            rotation: [1.0, 0.0, 0.0, 0.0],
+            opacity_logit: 0.5,
+            sh: vec![Vec3::splat(0.3)],
+        };
+        scene.push(gaussian.with_degree(3));
+    }
+    let image = Image::from_fn(width, height, |x, y| [x as f32 / 160.0, y as f32 / 120.0, 0.5]).unwrap();
+    let target = cpu.upload_target(&image).unwrap();
+    let mut splats = cpu.upload(&scene, Parameterization::ScaleRotation).unwrap();
+    let mut settings = RenderSettings::blended(Blend::Over);
+    settings.effects.sh_degree = 3;
+    // Gaussians that do not move keep the length of the lists, whose growth would be counted.
+    let mut rates = still();
+    rates.color_rest_moments = MomentFormat::Bf16;
+    rates.color_rest_every = 3;
+    let step = TrainStep { settings: &settings, loss: Loss::PAPER, rates: &rates, binning: Binning::Fresh };
+    let camera = Camera::looking_forward(width, height, 1.0);
+    let mut losses = Vec::new();
+    let mut run = |steps| {
+        for _ in 0..steps {
+            cpu.train_step(&mut splats, &camera, &target, &step).block_on().unwrap();
+            losses.clear();
+            cpu.losses(&mut splats, Wait::All, &mut losses).block_on().unwrap();
+        }
+    };
+    // As in 2D, the table of bias corrections does not grow after 140 steps.
+    run(140);
+    let before = BYTES.load(Ordering::Relaxed);
+    run(steps);
+    BYTES.load(Ordering::Relaxed) - before
+}
+
 #[test]
 fn only_the_thread_pools_queue_allocates_in_warm_steps() {
     let cpu = CpuRasterizer::new(CpuSettings::default().with(|s| {
@@ -109,4 +150,6 @@ fn only_the_thread_pools_queue_allocates_in_warm_steps() {
         // The buffers of 2000 Gaussians on 160x120 px take megabytes.
         assert!(bytes < 100 * 512, "{blend:?} {loss:?} {mask:?}: {bytes} bytes in 100 steps");
     }
+    let bytes = bytes_of_warm_steps_3d(cpu.for_3d(), 100);
+    assert!(bytes < 100 * 512, "3D: {bytes} bytes in 100 steps");
 }

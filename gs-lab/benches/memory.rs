@@ -19,8 +19,8 @@ use std::{
 use clap::{Parser, ValueEnum};
 use glam::Vec3;
 use gs_core::{
-    Binning, Blend, Camera, EditPlan, Gaussian3d, Image, Loss, Parameterization, RenderSettings, Scene, Scene3d,
-    TrainStep, Wait,
+    Binning, Blend, Camera, EditPlan, Gaussian3d, Image, Loss, MomentFormat, Parameterization, RenderSettings, Scene,
+    Scene3d, TrainStep, Wait,
     edit::{Birth, Moments, Origin, Place},
     effects::{Antialias, Order, Statistics},
     logit,
@@ -51,6 +51,9 @@ struct MemoryOptions {
     /// The backend that trains
     #[arg(long, value_enum, default_value = "cpu")]
     backend: Backend,
+    /// Adam's moments of SH above degree 0 take 16 bits
+    #[arg(long)]
+    bf16: bool,
     /// Measures one case and prints it as JSON; the benchmark calls itself with this option
     #[arg(long, hide = true)]
     case: Option<String>,
@@ -143,12 +146,12 @@ fn measure_elsewhere(case: Case) -> Result<Measured, Box<dyn Error>> {
 
 fn measure_here(options: &MemoryOptions, case: Case) -> Result<Measured, Box<dyn Error>> {
     match options.backend {
-        Backend::Cpu => measure(options.common.rasterizer(options.common.threads())?.for_3d(), case),
-        Backend::Wgpu => measure(WgpuRasterizer::new(WgpuSettings::default()).block_on()?.for_3d(), case),
+        Backend::Cpu => measure(options.common.rasterizer(options.common.threads())?.for_3d(), case, options.bf16),
+        Backend::Wgpu => measure(WgpuRasterizer::new(WgpuSettings::default()).block_on()?.for_3d(), case, options.bf16),
     }
 }
 
-fn measure(rasterizer: &impl Profiler<Scene3d>, case: Case) -> Result<Measured, Box<dyn Error>> {
+fn measure(rasterizer: &impl Profiler<Scene3d>, case: Case, bf16: bool) -> Result<Measured, Box<dyn Error>> {
     let before = memory::forget_peak().ok_or("peak memory is measured on Linux alone")?;
     let camera = Camera::looking_forward(case.width, case.height, 1.2);
     let target = rasterizer.upload_target(&Image::filled(case.width, case.height, [0.5; 3])?)?;
@@ -159,7 +162,10 @@ fn measure(rasterizer: &impl Profiler<Scene3d>, case: Case) -> Result<Measured, 
     settings.effects.statistics = Statistics::MeanGradient;
     let mut splats = rasterizer.upload(&strewn(case, &camera), Parameterization::ScaleRotation)?;
     // Nothing moves, so the number of entries stays the same.
-    let rates = still();
+    let mut rates = still();
+    if bf16 {
+        rates.color_rest_moments = MomentFormat::Bf16;
+    }
     let step = TrainStep { settings: &settings, loss: Loss::PAPER, rates: &rates, binning: Binning::Fresh };
     for _ in 0..STEPS {
         rasterizer.train_step(&mut splats, &camera, &target, &step).block_on()?;
@@ -207,9 +213,8 @@ fn grow<R: Profiler<Scene3d>>(rasterizer: &R, splats: &mut R::Splats) -> Result<
         place: Place::Last,
     };
     let plan = EditPlan { added: (0..scene.len() as u32).step_by(10).map(clone).collect(), ..EditPlan::default() };
-    rasterizer.edit(splats, &plan).block_on()?;
     drop((scene, statistics));
-    Ok(())
+    rasterizer.edit(splats, &plan).block_on()
 }
 
 /// Prints memory as a linear function for each size of image, and the memory per pixel from the

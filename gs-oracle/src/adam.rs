@@ -50,13 +50,20 @@ impl AdamReference {
             self.steps[g] += 1;
             let length = gradients[g].len();
             for i in 0..length {
+                let mut steps = self.steps[g];
+                if is_color_rest(i, length) {
+                    match rates.color_rest_step(g as u32, steps as u32) {
+                        Some(moves) => steps = moves as i32,
+                        None => continue,
+                    }
+                }
                 let Rate { learning_rate, beta1, beta2 } = *rate_of(i, length, rates);
                 let [rate, beta1, beta2] = [learning_rate, beta1, beta2].map(f64::from);
                 let gradient = gradients[g][i];
                 self.first[g][i] = beta1 * self.first[g][i] + (1.0 - beta1) * gradient;
                 self.second[g][i] = beta2 * self.second[g][i] + (1.0 - beta2) * gradient * gradient;
-                let first = self.first[g][i] / (1.0 - beta1.powi(self.steps[g]));
-                let second = self.second[g][i] / (1.0 - beta2.powi(self.steps[g]));
+                let first = self.first[g][i] / (1.0 - beta1.powi(steps));
+                let second = self.second[g][i] / (1.0 - beta2.powi(steps));
                 let value = &mut self.scene.gaussians[g][i];
                 *value -= rate * first / (second.sqrt() + f64::from(rates.epsilon));
                 if scales(length).contains(&i) {
@@ -77,6 +84,11 @@ fn scales(length: usize) -> std::ops::Range<usize> {
     if length == PARAMETER_NAMES.len() { 2..ROTATION } else { 3..QUATERNION }
 }
 
+/// Whether parameter `index` of a row of `length` is an SH coefficient above degree 0.
+fn is_color_rest(index: usize, length: usize) -> bool {
+    length != PARAMETER_NAMES.len() && index >= SH_3D + 3
+}
+
 /// The rate for parameter `index` of a row of `length`.
 pub fn rate_of(index: usize, length: usize, rates: &AdamRates) -> &Rate {
     if length == PARAMETER_NAMES.len() {
@@ -93,7 +105,7 @@ pub fn rate_of(index: usize, length: usize, rates: &AdamRates) -> &Rate {
         3..QUATERNION => &rates.scale,
         QUATERNION..OPACITY_3D => &rates.rotation,
         OPACITY_3D => &rates.opacity,
-        _ if index < SH_3D + 3 => &rates.color,
-        _ => &rates.color_rest,
+        _ if is_color_rest(index, length) => &rates.color_rest,
+        _ => &rates.color,
     }
 }

@@ -37,7 +37,8 @@ struct Step {
     // 2D scenes: the dilation of Sigma', px², and 1 if the opacity compensates for it.
     dilation: f32,
     compensates: u32,
-    unused: u32,
+    // Steps from one move of SH above degree 0 to the next.
+    color_rest_every: u32,
     // Adam: mean, scale, rotation, opacity, colour, SH above degree 0. Learning rate, beta1, beta2,
     // 1 - beta1; ln beta1, ln beta2, 1 - beta2, and for scales and opacities the penalty's weight
     // per number.

@@ -198,7 +198,8 @@ pub struct Step {
     pub(crate) longest_list: u32,
     pub(crate) dilation: f32,
     pub(crate) compensates: u32,
-    pub(crate) unused: u32,
+    /// Steps from one move of SH coefficients above degree 0 to the next.
+    pub(crate) color_rest_every: u32,
     /// Rates per group: learning rate, β₁, β₂, 1 − β₁.
     pub(crate) rates: [[f32; 4]; 6],
     /// Decays per group: ln β₁, ln β₂, 1 − β₂, and for scales and opacities the penalty's weight
@@ -310,7 +311,7 @@ mod tests {
                 longest_list,
                 dilation,
                 compensates,
-                unused,
+                color_rest_every,
                 rates,
                 decays,
             }

@@ -27,6 +27,8 @@ impl SceneKind for Scene2d {
     type Bias = BiasTable<{ VECTOR + 1 }>;
 
     const BEFORE_BIN: [Stage; 2] = [Stage::Sort, Stage::Project];
+    const REUSES_LISTS: bool = true;
+    const AFTER_BLEND: &'static [Stage] = &[Stage::ProjectBwd, Stage::Adam];
 
     fn check_rates(rates: &AdamRates) -> Result<(), Error> {
         if rates.penalty != Penalty::NONE {

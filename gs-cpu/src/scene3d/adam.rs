@@ -4,17 +4,18 @@
 use fearless_simd::{Simd, prelude::*};
 use glam::Vec3;
 use gs_core::{
-    AdamRates, Parameterization, Participants, Penalty,
+    AdamRates, DensityStatistics, Parameterization, Participants, Penalty,
     adam::Rate,
     constants::{MAX_XI, VANISHING_MOMENT},
     effects::Statistics,
     math::covariance_factor::{stretched, sum_of_scales_vjp},
     sigmoid,
 };
-use rayon::prelude::*;
 
 use super::{
+    moments::{self, Moments, Rest},
     own::Own3d,
+    project_bwd::{BLOCK, Backward, Block},
     splats::{self, FACTOR, LOG_SCALE, MEAN, OPACITY, ROTATION, SH, STRETCH, Splats3d},
 };
 use crate::{
@@ -49,6 +50,9 @@ const _: () = assert!(MEAN.end == 3 && LOG_SCALE.end == 6 && ROTATION.start == 6
 /// The arguments of a step that all Gaussians share.
 struct Step<'a> {
     parameterization: Parameterization,
+    /// Numbers from a row of parameters to the next, and how many of them move.
+    pitch: usize,
+    width: usize,
     groups: [Rate; GROUPS],
     group_of: [usize; LANES],
     rates: &'a AdamRates,
@@ -58,16 +62,135 @@ struct Step<'a> {
     /// The penalty's weights for one Gaussian's opacity and for each of its scales; `None` if both
     /// are 0.
     penalty: Option<[f32; 2]>,
-    collect: bool,
 }
 
-/// One Gaussian's row of parameters, moments and gradients.
-struct Row<'a> {
+/// What a step changes of neighbouring Gaussians.
+struct Rows<'a> {
+    /// `[N, pitch]`.
     parameters: &'a mut [f32],
-    first: &'a mut [f32],
-    second: &'a mut [f32],
-    /// `None` where no tile lists the Gaussian: a gradient of zeros.
-    gradient: Option<&'a [f32]>,
+    /// Moments of each row's first vector.
+    moments: [&'a mut [f32]; 2],
+    rest: RestMut<'a>,
+    steps: &'a mut [u32],
+    signal_sum: &'a mut [f32],
+    visible: &'a mut [u32],
+}
+
+/// The moments after the first vector.
+enum RestMut<'a> {
+    F32([&'a mut [f32]; 2]),
+    Bf16(&'a mut [u32]),
+}
+
+impl<'a> Rows<'a> {
+    fn of(splats: &'a mut Splats3d) -> Self {
+        let Splats3d { parameters, moments: Moments { first_vector: [first, second], rest }, steps, shared, .. } =
+            splats;
+        let rest = match rest {
+            Rest::F32([first, second]) => RestMut::F32([first, second]),
+            Rest::Bf16(both) => RestMut::Bf16(both),
+        };
+        let DensityStatistics { signal_sum, visible } = &mut shared.statistics;
+        Self { parameters, moments: [first, second], rest, steps, signal_sum, visible }
+    }
+
+    /// The first `count` Gaussians, and the others.
+    fn split(self, count: usize, pitch: usize) -> (Self, Self) {
+        let (parameters, other_parameters) = self.parameters.split_at_mut(count * pitch);
+        let [(first, other_first), (second, other_second)] = self.moments.map(|m| m.split_at_mut(count * LANES));
+        let of_rest = count * (pitch - LANES);
+        let (rest, other_rest) = match self.rest {
+            RestMut::F32(both) => {
+                let [(first, other_first), (second, other_second)] = both.map(|m| m.split_at_mut(of_rest));
+                (RestMut::F32([first, second]), RestMut::F32([other_first, other_second]))
+            }
+            RestMut::Bf16(both) => {
+                let (both, other) = both.split_at_mut(of_rest);
+                (RestMut::Bf16(both), RestMut::Bf16(other))
+            }
+        };
+        let (steps, other_steps) = self.steps.split_at_mut(count);
+        let (signal_sum, other_sum) = self.signal_sum.split_at_mut(count);
+        let (visible, other_visible) = self.visible.split_at_mut(count);
+        let rows = Self { parameters, moments: [first, second], rest, steps, signal_sum, visible };
+        let others = Self {
+            parameters: other_parameters,
+            moments: [other_first, other_second],
+            rest: other_rest,
+            steps: other_steps,
+            signal_sum: other_sum,
+            visible: other_visible,
+        };
+        (rows, others)
+    }
+
+    /// Runs `work(index of the first Gaussian, rows)` for blocks of [`BLOCK`] Gaussians, in
+    /// parallel; `first` is the index of the first of all.
+    fn for_each_block(self, first: usize, pitch: usize, work: &(impl Fn(usize, Rows<'_>) + Sync)) {
+        match self.steps.len() {
+            ..=BLOCK => work(first, self),
+            count if count > CHUNK => {
+                let half = (count / 2).next_multiple_of(BLOCK);
+                let (rows, others) = self.split(half, pitch);
+                rayon::join(
+                    || rows.for_each_block(first, pitch, work),
+                    || others.for_each_block(first + half, pitch, work),
+                );
+            }
+            _ => {
+                let (rows, others) = self.split(BLOCK, pitch);
+                work(first, rows);
+                others.for_each_block(first + BLOCK, pitch, work);
+            }
+        }
+    }
+
+    /// Moves Gaussian `i` of these, whose index is `index`, along a gradient of `width` numbers, or
+    /// of zeros where no tile lists it.
+    #[inline(always)]
+    fn step<S: Simd>(&mut self, simd: S, (i, index): (usize, u32), gradient: Option<&[f32]>, step: &Step<'_>) {
+        let steps = self.steps[i].saturating_add(1);
+        self.steps[i] = steps;
+        let parameters = &mut self.parameters[i * step.pitch..][..step.width];
+        let (first_vector, parameters) = parameters.split_at_mut(LANES);
+        let [first, second] = self.moments.each_mut().map(|moments| &mut moments[i * LANES..][..LANES]);
+        let lanes = Lanes::<S>::of_first(simd, step, step.bias.at(steps));
+        let g = load(simd, &geometric(first_vector, gradient, step), 0);
+        let mut both: [Whole<S>; 2] = [load(simd, first, 0), load(simd, second, 0)];
+        let moved = lanes.moved(simd, g, &mut both);
+        store(both[0], first, 0);
+        store(both[1], second, 0);
+        match step.parameterization {
+            Parameterization::CovarianceFactor => move_factored(first_vector, moved.into(), step.rates),
+            Parameterization::ScaleRotation => {
+                store(load::<S, Whole<S>>(simd, first_vector, 0) - moved, first_vector, 0);
+                bound_scales(first_vector, step.log_scales);
+            }
+        }
+        let Some(rest_steps) = step.rates.color_rest_step(index, steps) else { return };
+        let lanes = Lanes::<S>::of_rest(simd, step, step.bias.at(rest_steps));
+        let from = i * (step.pitch - LANES);
+        for at in (0..parameters.len()).step_by(LANES) {
+            let g = gradient.map_or(splat(simd, 0.0), |gradient| load(simd, gradient, LANES + at));
+            let moved = match &mut self.rest {
+                RestMut::F32([first, second]) => {
+                    let mut both = [load(simd, first, from + at), load(simd, second, from + at)];
+                    let moved = lanes.moved(simd, g, &mut both);
+                    store(both[0], first, from + at);
+                    store(both[1], second, from + at);
+                    moved
+                }
+                RestMut::Bf16(packed) => {
+                    let packed = &mut packed[from + at..][..LANES];
+                    let mut both = moments::unpack(simd, packed);
+                    let moved = lanes.moved(simd, g, &mut both);
+                    moments::pack::<S>(both, moments::random(simd, index, steps, at), packed);
+                    moved
+                }
+            };
+            store(load::<S, Whole<S>>(simd, parameters, at) - moved, parameters, at);
+        }
+    }
 }
 
 /// Takes one Adam step along the workspace's gradients, and adds to the statistics if they are
@@ -81,6 +204,46 @@ pub(crate) fn step(
     level: Level,
     workspace: &Workspace<Own3d>,
 ) {
+    let width = workspace.own.gradient_pitch();
+    step_along(splats, table, rates, level, workspace, |first, count, _, block| {
+        for i in 0..count {
+            let listed = workspace.lists(first + i);
+            block.shares[i] = listed.then(|| workspace.own.shares[first + i]);
+            if listed {
+                block.rows[i][..width].copy_from_slice(workspace.own.gradient(first + i));
+            }
+        }
+    });
+}
+
+/// Runs stages `project_bwd`, with gradients times `scale`, and `adam` in one pass.
+///
+/// The gradients are never written to memory, and parameters are read once.
+pub(crate) fn update(
+    splats: &mut Splats3d,
+    table: &mut BiasTable<GROUPS>,
+    rates: &AdamRates,
+    level: Level,
+    workspace: &Workspace<Own3d>,
+    scale: f32,
+) {
+    let Some(backward) = Backward::new(workspace, splats, scale) else { return };
+    step_along(splats, table, rates, level, workspace, |first, _, parameters, block| {
+        dispatch!(level, _simd => backward.block(first, parameters, block));
+    });
+}
+
+/// Takes one Adam step along the gradients that `gradients(first, count, parameters, block)` finds
+/// of `count` Gaussians from `first` on.
+fn step_along(
+    splats: &mut Splats3d,
+    table: &mut BiasTable<GROUPS>,
+    rates: &AdamRates,
+    level: Level,
+    workspace: &Workspace<Own3d>,
+    gradients: impl Fn(usize, usize, &[f32], &mut Block) + Sync,
+) {
+    splats.moments.convert(rates.color_rest_moments);
     let groups = [rates.mean, rates.scale, rates.rotation, rates.opacity, rates.color, rates.color_rest];
     table.prepare(groups.map(|g| [g.beta1, g.beta2]), &splats.steps);
     let collect = workspace.tiles.settings.effects.statistics != Statistics::None;
@@ -88,88 +251,46 @@ pub(crate) fn step(
     let count = splats.steps.len().max(1) as f32;
     let Penalty { opacity, scale } = rates.penalty;
     let penalty = (rates.penalty != Penalty::NONE).then_some([opacity / count, scale / (3.0 * count)]);
+    let pitch = splats.pitch();
+    let width = workspace.own.gradient_pitch().min(pitch);
     let step = Step {
         parameterization: splats.parameterization,
+        pitch,
+        width,
         groups,
         group_of: groups_of(splats.parameterization),
         rates,
         bias: table,
         log_scales,
         penalty,
-        collect,
     };
-    let pitch = splats.pitch();
-    let moved = workspace.own.gradient_pitch().min(pitch);
-    let Splats3d { parameters, moments: [first, second], steps, shared, .. } = splats;
-    let statistics = &mut shared.statistics;
-    let rows = parameters
-        .par_chunks_mut(CHUNK * pitch)
-        .zip(first.par_chunks_mut(CHUNK * pitch))
-        .zip(second.par_chunks_mut(CHUNK * pitch))
-        .zip(steps.par_chunks_mut(CHUNK));
-    let counted = statistics.signal_sum.par_chunks_mut(CHUNK).zip(statistics.visible.par_chunks_mut(CHUNK));
-    rows.zip(counted).enumerate().for_each(|(chunk, ((((parameters, first), second), steps), (sums, visible)))| {
-        for i in 0..steps.len() {
-            let index = chunk * CHUNK + i;
-            let listed = workspace.lists(index);
-            if !listed && rates.participants == Participants::Visible {
+    Rows::of(splats).for_each_block(0, pitch, &|first, mut rows: Rows<'_>| {
+        let mut block = Block::EMPTY;
+        gradients(first, rows.steps.len(), rows.parameters, &mut block);
+        dispatch!(level, simd => for i in 0..rows.steps.len() {
+            let share = block.shares[i];
+            if share.is_none() && rates.participants == Participants::Visible {
                 continue;
             }
-            steps[i] = steps[i].saturating_add(1);
-            let of = i * pitch..i * pitch + moved;
-            let row = Row {
-                parameters: &mut parameters[of.clone()],
-                first: &mut first[of.clone()],
-                second: &mut second[of],
-                gradient: listed.then(|| workspace.own.gradient(index)),
-            };
-            dispatch!(level, simd => move_row(simd, row, &step, steps[i]));
-            if step.collect && listed {
-                sums[i] += workspace.own.shares[index];
-                visible[i] = visible[i].saturating_add(1);
+            let gradient = share.is_some().then_some(&block.rows[i][..width]);
+            rows.step(simd, (i, (first + i) as u32), gradient, &step);
+            if let Some(share) = share.filter(|_| collect) {
+                rows.signal_sum[i] += share;
+                rows.visible[i] = rows.visible[i].saturating_add(1);
             }
-        }
+        });
     });
 }
 
+/// Keeps the log-scales of a row within their bounds.
 #[inline(always)]
-fn move_row<S: Simd>(simd: S, row: Row<'_>, step: &Step<'_>, steps: u32) {
-    let bias = step.bias.at(steps);
-    let mut lanes = Lanes::<S>::of_first(simd, step, bias);
-    let zero: Whole<S> = splat(simd, 0.0);
-    let epsilon: Whole<S> = splat(simd, step.rates.epsilon);
-    let vanishing: Whole<S> = splat(simd, VANISHING_MOMENT);
-    for at in (0..row.parameters.len()).step_by(LANES) {
-        if at == LANES {
-            lanes = Lanes::of_rest(simd, step, bias);
-        }
-        let g: Whole<S> = match row.gradient {
-            _ if at == 0 => load(simd, &geometric(&row, step), 0),
-            Some(gradient) => load(simd, gradient, at),
-            None => zero,
-        };
-        let g = bounded_derivative(simd, g);
-        let m = load::<S, Whole<S>>(simd, row.first, at).mul_add(lanes.beta1, g * (1.0 - lanes.beta1));
-        let m = m.abs().simd_lt(vanishing).select(zero, m);
-        let v = load::<S, Whole<S>>(simd, row.second, at).mul_add(lanes.beta2, g * g * (1.0 - lanes.beta2));
-        store(m, row.first, at);
-        store(v, row.second, at);
-        let moved = lanes.rate * (m * lanes.first) / ((v * lanes.second).sqrt() + epsilon);
-        if at == 0 && step.parameterization == Parameterization::CovarianceFactor {
-            move_factored(row.parameters, moved.into(), step.rates);
-        } else {
-            store(load::<S, Whole<S>>(simd, row.parameters, at) - moved, row.parameters, at);
-        }
-    }
-    if step.parameterization == Parameterization::ScaleRotation {
-        let [floor, ceiling] = step.log_scales;
-        for scale in &mut row.parameters[LOG_SCALE] {
-            // NaN stays, so that the Gaussian is pruned.
-            if *scale < floor {
-                *scale = floor;
-            } else if *scale > ceiling {
-                *scale = ceiling;
-            }
+fn bound_scales(row: &mut [f32], [floor, ceiling]: [f32; 2]) {
+    for scale in &mut row[LOG_SCALE] {
+        // NaN stays, so that the Gaussian is pruned.
+        if *scale < floor {
+            *scale = floor;
+        } else if *scale > ceiling {
+            *scale = ceiling;
         }
     }
 }
@@ -177,17 +298,17 @@ fn move_row<S: Simd>(simd: S, row: Row<'_>, step: &Step<'_>, steps: u32) {
 /// The gradient by the numbers of a row's first vector, in the coordinates of the parameterization,
 /// with the penalty's gradient.
 #[inline(always)]
-fn geometric(row: &Row<'_>, step: &Step<'_>) -> [f32; LANES] {
+fn geometric(parameters: &[f32], of_row: Option<&[f32]>, step: &Step<'_>) -> [f32; LANES] {
     let mut gradient = [0.0; LANES];
-    if let Some(of_row) = row.gradient {
+    if let Some(of_row) = of_row {
         gradient.copy_from_slice(&of_row[..LANES]);
         if step.parameterization == Parameterization::CovarianceFactor {
-            let by_xi = splats::factor(row.parameters).transpose() * splats::mean(of_row);
+            let by_xi = splats::factor(parameters).transpose() * splats::mean(of_row);
             by_xi.write_to_slice(&mut gradient[MEAN]);
         }
     }
     if let Some(weights) = step.penalty {
-        add_penalty(row.parameters, step.parameterization, weights, &mut gradient);
+        add_penalty(parameters, step.parameterization, weights, &mut gradient);
     }
     gradient
 }
@@ -236,6 +357,7 @@ struct Lanes<S: Simd> {
     /// Bias corrections of the first and second moment.
     first: Whole<S>,
     second: Whole<S>,
+    epsilon: Whole<S>,
 }
 
 impl<S: Simd> Lanes<S> {
@@ -255,6 +377,7 @@ impl<S: Simd> Lanes<S> {
             beta2: vector(beta2),
             first: vector(first),
             second: vector(second),
+            epsilon: splat(simd, step.rates.epsilon),
         }
     }
 
@@ -267,6 +390,18 @@ impl<S: Simd> Lanes<S> {
             beta2: splat(simd, group.beta2),
             first: splat(simd, bias.first[GROUPS - 1]),
             second: splat(simd, bias.second[GROUPS - 1]),
+            epsilon: splat(simd, step.rates.epsilon),
         }
+    }
+
+    /// Updates the moments by a gradient; returns what the parameters decrease by.
+    #[inline(always)]
+    fn moved(&self, simd: S, gradient: Whole<S>, [first, second]: &mut [Whole<S>; 2]) -> Whole<S> {
+        let (zero, vanishing): (Whole<S>, Whole<S>) = (splat(simd, 0.0), splat(simd, VANISHING_MOMENT));
+        let g = bounded_derivative(simd, gradient);
+        let m = first.mul_add(self.beta1, g * (1.0 - self.beta1));
+        *first = m.abs().simd_lt(vanishing).select(zero, m);
+        *second = second.mul_add(self.beta2, g * g * (1.0 - self.beta2));
+        self.rate * (*first * self.first) / ((*second * self.second).sqrt() + self.epsilon)
     }
 }

@@ -33,6 +33,8 @@ impl SceneKind for Scene3d {
     type Bias = BiasTable<{ adam::GROUPS }>;
 
     const BEFORE_BIN: [Stage; 2] = [Stage::Project, Stage::Sort];
+    const REUSES_LISTS: bool = false;
+    const AFTER_BLEND: &'static [Stage] = &[Stage::ProjectBwd, Stage::Adam, Stage::Update];
 
     fn check(camera: &Camera, settings: &RenderSettings) -> Result<(), Error> {
         camera.validate()?;
@@ -144,7 +146,7 @@ impl SceneKind for Scene3d {
     }
 
     fn project_bwd(workspace: &mut Workspace<Own3d>, splats: &Splats3d, scale: f32) {
-        project_bwd::all(&workspace.tiles, &mut workspace.own, splats, scale);
+        project_bwd::all(workspace, splats, scale);
     }
 
     fn derivatives(workspace: &Workspace<Own3d>, splats: &Splats3d) -> Self {
@@ -167,5 +169,15 @@ impl SceneKind for Scene3d {
         workspace: &Workspace<Own3d>,
     ) {
         adam::step(splats, bias, rates, level, workspace);
+    }
+    fn update(
+        splats: &mut Splats3d,
+        bias: &mut Self::Bias,
+        rates: &AdamRates,
+        level: Level,
+        workspace: &mut Workspace<Own3d>,
+        scale: f32,
+    ) {
+        adam::update(splats, bias, rates, level, workspace, scale);
     }
 }

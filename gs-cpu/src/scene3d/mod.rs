@@ -3,6 +3,7 @@
 mod adam;
 mod depth_sort;
 mod kind;
+mod moments;
 mod own;
 mod project;
 mod project_bwd;

@@ -17,48 +17,102 @@ use rayon::prelude::*;
 use super::{
     own::{NO_PLACE, Own3d},
     project::Eye,
-    splats::{self, LOG_SCALE, MEAN, OPACITY, ROTATION, SH, STRETCH, Splats3d},
+    splats::{self, LOG_SCALE, MEAN, MOST_NUMBERS, OPACITY, ROTATION, SH, STRETCH, Splats3d},
 };
 use crate::{
-    splat::{CHUNK, Splat},
+    splat::{CHUNK, Received, Splat},
     tiles::Tiles,
+    workspace::Workspace,
 };
+
+/// Gaussians whose gradients are computed one after the other, from entries gathered at once.
+pub(crate) const BLOCK: usize = 16;
+
+/// The gradients of up to [`BLOCK`] Gaussians.
+pub(crate) struct Block {
+    /// Rows, laid out as the splats' parameters, up to the evaluated SH. Unspecified for Gaussians
+    /// that no tile lists.
+    pub(crate) rows: [[f32; MOST_NUMBERS]; BLOCK],
+    /// Contributions to the statistic; `None` for Gaussians that no tile lists.
+    pub(crate) shares: [Option<f32>; BLOCK],
+}
+
+impl Block {
+    pub(crate) const EMPTY: Self = Self { rows: [[0.0; MOST_NUMBERS]; BLOCK], shares: [None; BLOCK] };
+}
+
+/// What gradients are computed from.
+pub(crate) struct Backward<'a> {
+    tiles: &'a Tiles,
+    own: &'a Own3d,
+    eye: Eye,
+    /// Numbers from a row of parameters to the next.
+    pitch: usize,
+    scale: f32,
+}
+
+impl<'a> Backward<'a> {
+    /// Of gradients times `scale`; `None` before a projection.
+    pub(crate) fn new(workspace: &'a Workspace<Own3d>, splats: &Splats3d, scale: f32) -> Option<Self> {
+        let Workspace { tiles, own, .. } = workspace;
+        Some(Self { tiles, own, eye: own.eye?, pitch: splats.pitch(), scale })
+    }
+
+    /// Computes the gradients of the Gaussians from `first` on that have these parameters.
+    #[inline(always)]
+    pub(crate) fn block(&self, first: usize, parameters: &[f32], block: &mut Block) {
+        let place = |i: usize| {
+            let place = self.own.place_of.get(first + i).map_or(NO_PLACE, |place| place.load(Relaxed));
+            (place != NO_PLACE).then_some(place as usize)
+        };
+        let received = self.tiles.gather::<BLOCK>(std::array::from_fn(place));
+        let width = self.own.gradient_pitch();
+        for (i, parameters) in parameters.chunks_exact(self.pitch).enumerate() {
+            let (splat, row) = (&self.own.projected[first + i], &mut block.rows[i][..width]);
+            block.shares[i] = received[i]
+                .map(|received| gradient(self.tiles, &self.eye, received, splat, parameters, self.scale, row));
+        }
+    }
+}
 
 /// Writes the gradients of all listed Gaussians, times `scale`, into `own.gradients` and
 /// `own.shares`.
-pub(crate) fn all(tiles: &Tiles, own: &mut Own3d, splats: &Splats3d, scale: f32) {
-    let Some(eye) = own.eye else { return };
-    let (pitch, of_parameters) = (own.gradient_pitch(), splats.pitch());
-    own.gradients.resize(splats.len() * pitch, 0.0);
-    own.shares.resize(splats.len(), 0.0);
-    let (projected, place_of) = (&own.projected, &own.place_of);
-    let out = own.gradients.par_chunks_mut(CHUNK * pitch).zip(own.shares.par_chunks_mut(CHUNK)).enumerate();
-    out.for_each(|(chunk, (gradients, shares))| {
-        for (i, (row, share)) in gradients.chunks_exact_mut(pitch).zip(shares).enumerate() {
-            let index = chunk * CHUNK + i;
-            let place = place_of[index].load(Relaxed);
-            if place != NO_PLACE {
-                let parameters = &splats.parameters[index * of_parameters..][..of_parameters];
-                *share = gradient(tiles, &eye, place as usize, &projected[index], parameters, scale, row);
+pub(crate) fn all(workspace: &mut Workspace<Own3d>, splats: &Splats3d, scale: f32) {
+    let own = &mut workspace.own;
+    let (mut gradients, mut shares) = (std::mem::take(&mut own.gradients), std::mem::take(&mut own.shares));
+    let (width, pitch) = (own.gradient_pitch(), splats.pitch());
+    gradients.resize(splats.len() * width, 0.0);
+    shares.resize(splats.len(), 0.0);
+    if let Some(backward) = Backward::new(workspace, splats, scale) {
+        let out = gradients.par_chunks_mut(BLOCK * width).zip(shares.par_chunks_mut(BLOCK));
+        let blocks = out.zip(splats.parameters.par_chunks(BLOCK * pitch)).enumerate().with_min_len(CHUNK / BLOCK);
+        blocks.for_each(|(number, ((gradients, shares), parameters))| {
+            let mut block = Block::EMPTY;
+            backward.block(number * BLOCK, parameters, &mut block);
+            let found = block.rows.iter().zip(block.shares);
+            for ((out, share), (row, found)) in gradients.chunks_exact_mut(width).zip(shares).zip(found) {
+                if let Some(found) = found {
+                    out.copy_from_slice(&row[..width]);
+                    *share = found;
+                }
             }
-        }
-    });
+        });
+    }
+    (workspace.own.gradients, workspace.own.shares) = (gradients, shares);
 }
 
-/// Writes one Gaussian's gradient into `row`, and returns its contribution to the statistic.
-///
-/// Leaves `row` unchanged where no tile lists the splat.
+/// Writes one Gaussian's gradient, from what its entries received, into `row`, and returns its
+/// contribution to the statistic.
 #[inline(always)]
 fn gradient(
     tiles: &Tiles,
     eye: &Eye,
-    place: usize,
+    received: Received,
     splat: &Splat,
     parameters: &[f32],
     scale: f32,
     row: &mut [f32],
 ) -> f32 {
-    let Some(received) = tiles.received(place) else { return 0.0 };
     let conic = splat.conic_of_ridge();
     let v_mean = conic * received.first * scale;
     let [xx, xu, uu] = received.second.map(|v| 0.5 * scale * v);

@@ -10,17 +10,18 @@ use std::ops::Range;
 use glam::{Mat3, Vec3};
 use gs_core::{
     DensityStatistics, EditPlan, Error, Gaussian3d, MeanNoise, Parameterization, Scene, Scene3d, SplatsState,
-    edit::{Moments, Source},
+    edit::{self, Source},
     logit,
     math::{
         covariance_factor::{self, Factored, Symmetric3},
         perspective::Ellipsoid,
-        sh::coefficients,
+        sh::{MOST_COEFFICIENTS, coefficients},
     },
     sigmoid,
 };
 use rayon::prelude::*;
 
+use super::moments::Moments;
 use crate::{kind::Shared, lanes::LANES};
 
 /// The mean's place in a row.
@@ -38,6 +39,9 @@ pub(crate) const OPACITY: usize = 12;
 /// The first SH coefficient.
 pub(crate) const SH: usize = 13;
 
+/// Numbers in the longest row, of degree 3.
+pub(crate) const MOST_NUMBERS: usize = (SH + 3 * MOST_COEFFICIENTS).next_multiple_of(LANES);
+
 /// 3D Gaussians on the CPU, with their Adam moments and density statistics.
 #[derive(Debug)]
 pub struct Splats3d {
@@ -45,8 +49,7 @@ pub struct Splats3d {
     pub(crate) sh_degree: u8,
     /// `[N, pitch]`.
     pub(crate) parameters: Vec<f32>,
-    /// First and second moments, laid out as the parameters are.
-    pub(crate) moments: [Vec<f32>; 2],
+    pub(crate) moments: Moments,
     /// Number of Adam steps of each Gaussian.
     pub(crate) steps: Vec<u32>,
     pub(crate) shared: Shared<Scene3d>,
@@ -142,7 +145,7 @@ impl Splats3d {
             parameterization,
             sh_degree,
             parameters: vec![0.0; numbers],
-            moments: [vec![0.0; numbers], vec![0.0; numbers]],
+            moments: Moments::zeros(n, sh_degree),
             steps: vec![0; n],
             shared: Shared::new(DensityStatistics::zeros(n)),
         }
@@ -239,7 +242,7 @@ impl Splats3d {
                 Source::Changed { change, .. } => self.write(&plan.changed[change as usize].gaussian, row),
                 Source::Added(k) => self.write(&plan.added[k as usize].gaussian, row),
             }
-            let heir_of = plan.origin(source, Moments::heir_of).filter(|_| !matches!(source, Source::Kept(_)));
+            let heir_of = plan.origin(source, edit::Moments::heir_of).filter(|_| !matches!(source, Source::Kept(_)));
             if let (Parameterization::CovarianceFactor, Some(i)) = (self.parameterization, heir_of) {
                 let parent = factor(&self.parameters[i as usize * pitch..]);
                 let aligned = covariance_factor::aligned(factor(row), parent);
@@ -250,15 +253,7 @@ impl Splats3d {
         // The Gaussian from which each inherits its moments.
         let indices: Vec<Option<u32>> = (0..self.len() as u32).map(Some).collect();
         let heirs = plan.gather_moments(&sources, &indices);
-        for moments in &mut self.moments {
-            let mut after = vec![0.0; sources.len() * pitch];
-            for (row, from) in after.chunks_exact_mut(pitch).zip(&heirs) {
-                if let Some(i) = from {
-                    row.copy_from_slice(&moments[*i as usize * pitch..][..pitch]);
-                }
-            }
-            *moments = after;
-        }
+        self.moments.gather(&heirs, pitch);
         self.steps = plan.gather_steps(&sources, &self.steps);
         let statistics = &self.shared.statistics;
         self.shared.edited(DensityStatistics {
@@ -271,25 +266,20 @@ impl Splats3d {
                     row[OPACITY] = logit(ceiling);
                 }
             }
-            for moments in &mut self.moments {
-                moments.chunks_exact_mut(pitch).for_each(|row| row[OPACITY] = 0.0);
-            }
+            self.moments.zero(OPACITY);
         }
         Ok(())
     }
 
     pub(crate) fn save(&self) -> SplatsState {
         let mut state = SplatsState::new(self.parameterization);
-        let cut = |numbers: &[f32], places: &[Range<usize>]| -> Vec<f32> {
-            let rows = numbers.chunks_exact(self.pitch());
-            rows.flat_map(|row| places.iter().flat_map(|range| &row[range.clone()])).copied().collect()
-        };
         for (name, range) in tensors(self.parameterization, self.sh_degree) {
-            state.insert_matrix(name, range.len(), cut(&self.parameters, &[range]));
+            let rows = self.parameters.chunks_exact(self.pitch());
+            state.insert_matrix(name, range.len(), rows.flat_map(|row| &row[range.clone()]).copied().collect());
         }
         let places = moment_places(self.parameterization, self.sh_degree);
-        for (name, moments) in ["moment1", "moment2"].into_iter().zip(&self.moments) {
-            state.insert_matrix(name, width(&places), cut(moments, &places));
+        for (which, name) in MOMENTS.into_iter().enumerate() {
+            state.insert_matrix(name, width(&places), self.moments.cut(which, &places, self.pitch()));
         }
         state.insert_u32("steps", self.steps.clone());
         state.insert("gradient_sum", self.shared.statistics.signal_sum.iter().map(|&g| [g]));
@@ -305,26 +295,23 @@ impl Splats3d {
         let steps = state.integers("steps")?;
         let mut splats = Self::zeros(steps.len(), sh_degree, state.parameterization);
         let pitch = splats.pitch();
-        let paste = |name: &'static str, places: &[Range<usize>], into: &mut [f32]| {
+        let numbers = |name: &'static str, columns: usize| {
             let (found, numbers) = state.matrix(name)?;
-            if found != width(places) {
-                return Err(Error::State(format!("tensor `{name}` has {found} columns, not {}", width(places))));
+            if found != columns {
+                return Err(Error::State(format!("tensor `{name}` has {found} columns, not {columns}")));
             }
             check_len(name, steps.len(), numbers.len() / found)?;
-            for (row, mut values) in into.chunks_exact_mut(pitch).zip(numbers.chunks_exact(found)) {
-                for range in places {
-                    let (here, rest) = values.split_at(range.len());
-                    row[range.clone()].copy_from_slice(here);
-                    values = rest;
-                }
-            }
-            Ok::<(), Error>(())
+            Ok::<_, Error>(numbers)
         };
         for (name, range) in tensors(state.parameterization, sh_degree) {
-            paste(name, &[range], &mut splats.parameters)?;
+            let rows = numbers(name, range.len())?.chunks_exact(range.len());
+            for (row, values) in splats.parameters.chunks_exact_mut(pitch).zip(rows) {
+                row[range.clone()].copy_from_slice(values);
+            }
         }
-        for (name, moments) in ["moment1", "moment2"].into_iter().zip(&mut splats.moments) {
-            paste(name, &moment_places(state.parameterization, sh_degree), moments)?;
+        let places = moment_places(state.parameterization, sh_degree);
+        for (which, name) in MOMENTS.into_iter().enumerate() {
+            splats.moments.paste(which, &places, pitch, numbers(name, width(&places))?);
         }
         let statistics = DensityStatistics {
             signal_sum: state.rows::<1>("gradient_sum")?.into_iter().flatten().collect(),
@@ -337,6 +324,9 @@ impl Splats3d {
         Ok(splats)
     }
 }
+
+/// The saved tensors of moments.
+const MOMENTS: [&str; 2] = ["moment1", "moment2"];
 
 /// The saved tensors of parameters, and their places in a row.
 fn tensors(parameterization: Parameterization, sh_degree: u8) -> Vec<(&'static str, Range<usize>)> {

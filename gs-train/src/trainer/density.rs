@@ -58,6 +58,8 @@ impl<R: Optimizer<S>, S: Trainable> Trainer<'_, R, S> {
             None => policy.plan(&observation, rng)?,
         };
         let counts = plan.counts();
+        // The edit needs memory of about the scene's size.
+        drop(scene);
         self.rasterizer.edit(&mut self.splats, &plan).await?;
         if plan.opacity_ceiling.is_some() {
             self.watch.record_reset(self.record.step);

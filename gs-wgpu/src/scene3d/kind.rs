@@ -3,7 +3,9 @@
 use std::sync::Arc;
 
 use glam::Vec3;
-use gs_core::{Camera, Error, Gaussian3d, Parameterization, RenderSettings, Scene3d, SplatsState};
+use gs_core::{
+    AdamRates, Camera, Error, Gaussian3d, MomentFormat, Parameterization, RenderSettings, Scene3d, SplatsState,
+};
 
 use super::{
     stages::{self, Own3d},
@@ -18,7 +20,7 @@ use crate::{
     layout::{EllipsoidGradient, SPLAT_BYTES, Step},
     splats::{Edit, Splats},
     tiles::DEPTH_BYTES,
-    unsupported::check_settings,
+    unsupported::{check_settings, unsupported},
     workspace::Workspace,
 };
 
@@ -31,6 +33,13 @@ impl SceneKind for Scene3d {
     fn check(camera: &Camera, settings: &RenderSettings) -> Result<(), Error> {
         camera.validate()?;
         check_settings(settings)
+    }
+
+    fn check_rates(rates: &AdamRates) -> Result<(), Error> {
+        match rates.color_rest_moments {
+            MomentFormat::F32 => Ok(()),
+            MomentFormat::Bf16 => Err(unsupported("Adam moments in 16 bits (color-rest-moments = \"bf16\")")),
+        }
     }
 
     fn size(camera: &Camera) -> [u32; 2] {

@@ -3,5 +3,6 @@
 mod effects;
 mod gradients;
 mod images;
+mod moments;
 mod scenes;
 mod threads;

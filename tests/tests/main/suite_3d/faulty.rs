@@ -50,6 +50,7 @@ pub(crate) enum Fault {
     ForgetsBiasCorrection,
     MovesAll,
     MovesOnlyTheVisible,
+    MovesShInEveryStep,
     FusedStepDoesTooMuch,
     UsesListsOfAnotherView,
     SwapsLosses,
@@ -325,6 +326,7 @@ impl Optimizer<Scene3d> for Faulty {
             OneRateForAllColours => rates.color_rest = rates.color,
             MovesAll => rates.participants = Participants::All,
             MovesOnlyTheVisible => rates.participants = Participants::Visible,
+            MovesShInEveryStep => rates.color_rest_every = 1,
             MovesInTheWorld if splats.parameterization == Parameterization::CovarianceFactor => {
                 rates.mean.learning_rate *= 0.9
             }

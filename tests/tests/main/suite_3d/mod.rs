@@ -41,6 +41,7 @@ fn every_fault_is_caught_by_its_case() {
         (ForgetsBiasCorrection, "adam_matches"),
         (MovesAll, "only_participants_move"),
         (MovesOnlyTheVisible, "only_participants_move"),
+        (MovesShInEveryStep, "sh_take_turns"),
         (FusedStepDoesTooMuch, "fused_steps_match_separate_stages"),
         (UsesListsOfAnotherView, "reused_lists_change_nothing_without_movement"),
         (SwapsLosses, "losses_are_reported_once_and_in_order"),
