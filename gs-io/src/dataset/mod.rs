@@ -8,12 +8,13 @@
 //!
 //! [`read_dataset`] recognises the kind and reads everything but the pixels. Of the images it reads
 //! the headers, so that intrinsics fit the files that exist. [`View::read_image`] reads and
-//! undistorts an image when it is needed. [`Dataset::remarks`] says what was left out, and why.
+//! undistorts an image when it is needed; a 360° image is six views, the faces of a cube. [`Dataset::remarks`] says what was left out, and why.
 //!
 //! World axes and unit are the data set's own.
 
 mod assemble;
 mod colmap;
+mod cube;
 mod distortion;
 mod lens;
 mod place;
@@ -39,6 +40,7 @@ use serde::Serialize;
 
 pub use self::{
     colmap::{CameraModel, ColmapCamera, ColmapImage, ColmapModel, ColmapObservation, ColmapPoint},
+    cube::CubeFace,
     distortion::{AriaFisheye, BrownConrady, Distortion, Fisheye},
     lens::Lens,
     posed_image::PosedImage,
@@ -175,7 +177,8 @@ impl Dataset {
 /// An image with its pose and camera.
 #[derive(Debug, Clone, PartialEq)]
 pub struct View {
-    /// The name in the data set: the path below its image folder, with extension if it has one.
+    /// The name in the data set: the path below its image folder, with extension if it has one. A
+    /// face of a 360° image adds its own: `image.jpg#front`.
     pub name: String,
     /// The pinhole camera of [`Self::read_image`]: pose, and intrinsics at that size.
     pub camera: Camera,

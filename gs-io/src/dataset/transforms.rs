@@ -151,7 +151,11 @@ impl CameraFields {
                     bent => Distortion::BrownConrady(bent),
                 }
             }
-            PANORAMA => return Ok(Err(Skip::Panorama)),
+            // The lengths fl_x, fl_y, cx and cy of a 360° image follow from its size.
+            PANORAMA => {
+                let size = self.w.zip(self.h).map(|(w, h)| dvec2(w, h));
+                return Ok(Ok(Intrinsics::panorama(size)));
+            }
             other => {
                 let known = [&FISHEYE[..], &PERSPECTIVE, &[PANORAMA]].concat().join(", ");
                 let found = other.chars().filter(|c| !c.is_control()).take(40).collect();

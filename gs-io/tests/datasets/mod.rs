@@ -5,6 +5,7 @@ mod images;
 mod lens;
 mod made;
 mod mutated;
+mod panorama;
 mod real;
 mod refusals;
 mod transforms;

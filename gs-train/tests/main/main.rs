@@ -3,6 +3,7 @@
 mod fit;
 mod fixture_2d;
 mod fixture_3d;
+mod panorama;
 mod recovery;
 mod resume;
 mod train;
