@@ -12,8 +12,10 @@ use glam::{DVec2, dvec2};
 use gs_core::{Camera, constants::NEAR_WORLD};
 
 use super::{
-    CubeFace, Dataset, DatasetKind, DatasetSettings, Distortion, Lens, Point, Remark, Skip, SourceCamera, Split, View,
+    CubeFace, Dataset, DatasetKind, DatasetSettings, DepthFile, Distortion, Lens, Point, Remark, Skip, SourceCamera,
+    Split, View,
     cube::{is_two_to_one, shows_all_directions},
+    depth,
     place::Place,
     pose::Pose,
     shrink,
@@ -31,6 +33,7 @@ pub(super) struct Draft {
     /// Path of the image below the image folder; `None` for an invalid name.
     pub(super) file: Option<PathBuf>,
     pub(super) mask: Option<PathBuf>,
+    pub(super) depth: Option<DepthFile>,
     pub(super) intrinsics: Result<Intrinsics, Skip>,
     /// Where the intrinsics come from, for messages.
     pub(super) stated: Stated,
@@ -139,12 +142,17 @@ pub(super) fn assemble(parts: Parts<'_>, settings: &DatasetSettings) -> Result<D
     });
     drafts.sort_by(|a, b| a.name.cmp(&b.name));
     let mut lenses = Lenses::default();
+    let mut unused_depths = 0;
     // Of each image, its number of views and its split in the data set.
     let (mut views, mut images) = (Vec::new(), Vec::new());
     for draft in &drafts {
         match make_views(draft, place, settings, &mut lenses) {
             Ok(Made { views: made, calibrated, remarks }) => {
                 tally.count(&made[0], calibrated, &remarks);
+                if let Some(depth) = &made[0].depth {
+                    depth::check(&depth.path, &made[0].source)?;
+                }
+                unused_depths += usize::from(draft.depth.is_some() && made[0].depth.is_none());
                 images.push((made.len(), draft.split));
                 views.extend(made);
             }
@@ -160,6 +168,9 @@ pub(super) fn assemble(parts: Parts<'_>, settings: &DatasetSettings) -> Result<D
     }
     remarks.extend(tally.remarks());
     remarks.extend(unsplit_panoramas(&views));
+    if unused_depths > 0 {
+        remarks.push(Remark::DepthsUnused { count: unused_depths });
+    }
     let listed = points.len();
     points.retain(|point| point.position.is_finite() && point.color.iter().all(|c| c.is_finite()));
     if points.len() < listed {
@@ -271,7 +282,9 @@ fn make_views(
             None => full,
         };
         let (image, mask, alpha) = (image.clone(), draft.mask.clone(), settings.alpha);
-        Ok(View { name, camera, full, source, image, orientation, mask, alpha, split: Split::Train })
+        // Networks and sensors do not write depths for all directions in one convention.
+        let depth = draft.depth.clone().filter(|_| !panorama);
+        Ok(View { name, camera, full, source, image, orientation, mask, depth, alpha, split: Split::Train })
     };
     let face = |face: CubeFace| {
         let lens = Lens::new(Distortion::Equirectangular { face }).ok_or(Skip::BadCamera)?;

@@ -50,7 +50,14 @@ pub enum Remark {
         /// The first, as the data set names it.
         first: String,
     },
-    /// The data set refers to depth images, which are not used.
+    /// Depth maps that the data set refers to do not exist.
+    DepthsMissing {
+        /// Number of depth maps.
+        count: usize,
+        /// The first, as the data set names it.
+        first: String,
+    },
+    /// The data set refers to depth maps of 360° images, which are not used.
     DepthsUnused {
         /// Number of images.
         count: usize,
@@ -163,7 +170,10 @@ impl fmt::Display for Remark {
                 )
             }
             Self::MasksMissing { count, first } => write!(f, "{count} without the mask that is named (first: {first})"),
-            Self::DepthsUnused { count } => write!(f, "{count} with a depth image, which is not used"),
+            Self::DepthsMissing { count, first } => {
+                write!(f, "{count} without the depth map that is named (first: {first})")
+            }
+            Self::DepthsUnused { count } => write!(f, "{count} with a depth map of a 360° image, which is not used"),
             Self::Undistorted { count, lens } => write!(f, "{count} undistorted when read ({lens} lens)"),
             Self::Split { count } => {
                 let images = counted(*count, "360° image");

@@ -9,6 +9,7 @@ use rand::RngExt;
 use serde::{Deserialize, Serialize};
 
 use super::{
+    depths,
     geometry::{Focus, extent_of},
     neighbours::neighbour_distances,
     sweep,
@@ -81,21 +82,37 @@ pub enum Start {
     /// A Gaussian at each point that a search in the images finds, and [`PointInit::random`]
     /// Gaussians at random where it finds hardly any.
     Images,
+    /// A Gaussian at each of these points and at each point of the views' depth maps, which are
+    /// fitted to these points, or without any to those that a search in the images finds, unless
+    /// the depths are in world units. Without depth maps, as [`Self::Points`] or
+    /// [`Self::Images`].
+    Depths(Vec<Point>),
     /// The Gaussians of a scene, with the SH degree of the settings.
     Scene(Scene3d),
 }
 
 impl Start {
-    /// The points that a search in these images finds in place of [`Self::Images`], or
-    /// [`Self::Random`] if it finds fewer than 100; other starts as they are. A training does this
-    /// itself where it has not been done.
+    /// The points that a search in these images or their depth maps finds in place of
+    /// [`Self::Images`] or [`Self::Depths`], or [`Self::Random`] if there are fewer than 100 then;
+    /// other starts as they are. A training does this itself where it has not been done.
     ///
     /// # Errors
-    /// Those of reading an image.
+    /// Those of reading an image or a depth map.
     pub fn searched(self, views: &[PosedView]) -> Result<Self, crate::Error> {
-        let Self::Images = self else { return Ok(self) };
-        let found = sweep::points(views)?;
-        Ok(if found.len() < LEAST_FOUND { Self::Random } else { Self::Points(found) })
+        let points = match self {
+            Self::Images => sweep::points(views)?,
+            Self::Depths(mut points) => {
+                let mut found = depths::points(views, &points)?;
+                if points.is_empty() && found.len() < LEAST_FOUND {
+                    points = sweep::points(views)?;
+                    found = depths::points(views, &points)?;
+                }
+                points.extend(found);
+                points
+            }
+            other => return Ok(other),
+        };
+        Ok(if points.len() < LEAST_FOUND { Self::Random } else { Self::Points(points) })
     }
 
     /// The first scene, of at most `budget` Gaussians (drawn from more points) and SH degree
@@ -122,7 +139,9 @@ impl Start {
                 return Ok(with_degree(&scene, sh_degree));
             }
             Self::Points(points) => points,
-            Self::Random | Self::Images => random_points(cameras, (init.random as usize).min(budget), rng),
+            Self::Random | Self::Images | Self::Depths(_) => {
+                random_points(cameras, (init.random as usize).min(budget), rng)
+            }
         };
         let usable = |point: &&Point| point.position.is_finite() && point.position.abs().max_element() < FARTHEST;
         let mut points: Vec<Point> = points.iter().filter(usable).copied().collect();

@@ -27,6 +27,7 @@ struct Info {
     cameras: Vec<CameraInfo>,
     points: usize,
     masks: usize,
+    depth_maps: usize,
     remarks: Vec<String>,
 }
 
@@ -84,6 +85,7 @@ impl Info {
             cameras: cameras.into_iter().map(|(_, camera)| camera).collect(),
             points: dataset.points.len(),
             masks: dataset.views.iter().filter(|view| view.mask.is_some()).count(),
+            depth_maps: dataset.views.iter().filter(|view| view.depth.is_some()).count(),
             remarks: dataset.remarks.iter().map(remark_text).collect(),
         }
     }
@@ -141,6 +143,9 @@ fn text(info: &Info) -> String {
     rows.push(("points", info.points.to_string()));
     if info.masks > 0 {
         rows.push(("masks", info.masks.to_string()));
+    }
+    if info.depth_maps > 0 {
+        rows.push(("depth maps", info.depth_maps.to_string()));
     }
     rows.extend(info.remarks.iter().map(|remark| ("remark", remark.clone())));
     let lines: Vec<String> = rows.iter().map(|(name, value)| format!("{name:<20}{}", printable(value))).collect();

@@ -1,0 +1,282 @@
+//! Points on the surfaces of a scene, from depth maps of its views.
+//!
+//! The maps of networks and of other reconstructions are depths or inverse depths up to a scale and
+//! a shift of each image. Both are found by known points of the scene; the maps of sensors, in
+//! world units, need none. A point is taken where another view's map has the same depth.
+
+use glam::{Vec2, Vec3};
+use gs_density::Rng;
+use gs_io::dataset::{DepthMap, Point};
+use rand::{RngExt, SeedableRng};
+use rayon::prelude::*;
+
+use super::{
+    geometry::{Focus, extent_of},
+    sweep::{Found, MOST_PIXELS, Plate, evenly, merged, neighbours},
+    views::PosedView,
+};
+use crate::error::Error;
+
+/// Columns and rows of the cells of which each gives its nearest known point, px: points behind a
+/// surface are not on the map.
+const CELL: u32 = 6;
+
+/// Least number of known points in a view that agree with its map.
+const LEAST_AGREEING: usize = 10;
+
+/// Least share of the known points in a view that agree with its map.
+const LEAST_SHARE: f32 = 0.3;
+
+/// Largest difference of ln-depths that agree: of a map and a known point, and of two maps.
+const SAME_POINT: f32 = 0.05;
+const SAME_SURFACE: f32 = 0.03;
+
+/// Number of pairs of points by which scale and shift of a map are tried.
+const TRIALS: u32 = 400;
+
+/// Steps of least squares over the points that agree.
+const REFINEMENTS: u32 = 4;
+
+/// The points on the maps, in the order of views and pixels; none where no map fits `known` points,
+/// or is in world units, or no two views overlap.
+///
+/// # Errors
+/// Those of reading an image or a depth map.
+pub(super) fn points(views: &[PosedView], known: &[Point]) -> Result<Vec<Point>, Error> {
+    let maps = evenly(views).into_par_iter().map(Relief::read).collect::<Result<Vec<_>, _>>()?;
+    let reliefs = fitted(maps.into_iter().flatten().collect(), known);
+    let (plates, depths): (Vec<Plate>, Vec<Vec<f32>>) = reliefs.into_iter().map(|r| (r.plate, r.values)).unzip();
+    let cameras: Vec<_> = plates.iter().map(|plate| plate.camera).collect();
+    let distance = Focus::of(&cameras).map_or_else(|| extent_of(&cameras, None), |focus| focus.distance);
+    let pixels: usize = depths.iter().flatten().filter(|depth| **depth > 0.0).count();
+    let stride = ((pixels as f32 / MOST_PIXELS as f32).sqrt().ceil() as usize).max(1);
+    let found: Vec<Vec<Found>> = (0..plates.len())
+        .into_par_iter()
+        .map(|index| {
+            let others: Vec<(&Plate, &[f32])> = neighbours(&plates, index, distance)
+                .into_iter()
+                .map(|other| (&plates[other], &depths[other][..]))
+                .collect();
+            confirmed(&plates[index], &depths[index], &others, stride)
+        })
+        .collect();
+    Ok(merged(found.into_iter().flatten()))
+}
+
+/// A view with its map at the size of a [`Plate`].
+struct Relief {
+    plate: Plate,
+    /// Values of the map, row-major; 0 where unknown.
+    values: Vec<f32>,
+    unit: Option<f32>,
+}
+
+impl Relief {
+    /// Reads a view; `None` without a map.
+    fn read(view: &PosedView) -> Result<Option<Self>, Error> {
+        let Some(DepthMap { camera, values, unit }) = view.source.depth()? else { return Ok(None) };
+        let plate = Plate::read(view)?;
+        // Both cameras have the same pose and axis.
+        let scale = camera.focal / plate.camera.focal;
+        let value = |x: u32, y: u32| {
+            let at = (Vec2::new(x as f32, y as f32) + 0.5 - plate.camera.center) * scale + camera.center;
+            let inside = at.cmpge(Vec2::ZERO).all() && at.x < camera.width as f32 && at.y < camera.height as f32;
+            if inside { values[at.y as usize * camera.width as usize + at.x as usize] } else { 0.0 }
+        };
+        let (width, height) = plate.image.size();
+        let at = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
+        let values = at.zip(&plate.solid).map(|((x, y), &solid)| if solid { value(x, y) } else { 0.0 }).collect();
+        Ok(Some(Self { plate, values, unit }))
+    }
+
+    /// The map's values and the depths of the known points in sight.
+    fn samples(&self, known: &[Point]) -> Vec<Sample> {
+        let (width, height) = self.plate.image.size();
+        let columns = width.div_ceil(CELL);
+        let mut nearest: Vec<Option<Sample>> = vec![None; (columns * height.div_ceil(CELL)) as usize];
+        for point in known {
+            let Some((at, depth)) = self.plate.camera.project(point.position) else { continue };
+            if !(at.cmpge(Vec2::ZERO).all() && at.x < width as f32 && at.y < height as f32) {
+                continue;
+            }
+            let (x, y) = (at.x as u32, at.y as u32);
+            let value = self.values[(y * width + x) as usize];
+            let cell = &mut nearest[(y / CELL * columns + x / CELL) as usize];
+            if value > 0.0 && cell.is_none_or(|other| depth < other.depth) {
+                *cell = Some(Sample { value, depth });
+            }
+        }
+        nearest.into_iter().flatten().collect()
+    }
+
+    /// The relief with depths in place of the map's values; 0 where the fit gives none.
+    fn with_depths(mut self, fit: Fit) -> Self {
+        self.values.iter_mut().filter(|value| **value > 0.0).for_each(|value| {
+            *value = Some(fit.depth(*value)).filter(|depth| *depth > 0.0 && depth.is_finite()).unwrap_or(0.0);
+        });
+        self
+    }
+}
+
+/// A known point in a view: the map's value and the true depth there.
+#[derive(Debug, Clone, Copy)]
+struct Sample {
+    value: f32,
+    depth: f32,
+}
+
+/// What the values of a map mean.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Meaning {
+    Depth,
+    InverseDepth,
+}
+
+/// Depths from the values of a map.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Fit {
+    meaning: Meaning,
+    scale: f32,
+    shift: f32,
+}
+
+impl Fit {
+    fn depth(self, value: f32) -> f32 {
+        let line = self.scale * value + self.shift;
+        match self.meaning {
+            Meaning::Depth => line,
+            Meaning::InverseDepth => 1.0 / line,
+        }
+    }
+
+    fn agrees(self, sample: &Sample) -> bool {
+        // False for NaN, as of negative depths.
+        (self.depth(sample.value) / sample.depth).ln().abs() < SAME_POINT
+    }
+
+    /// The line through two samples; it rises.
+    fn through(meaning: Meaning, a: Sample, b: Sample) -> Option<Self> {
+        let [p, q] = [a, b].map(|sample| match meaning {
+            Meaning::Depth => sample.depth,
+            Meaning::InverseDepth => 1.0 / sample.depth,
+        });
+        let scale = (p - q) / (a.value - b.value);
+        (scale > 0.0 && scale.is_finite()).then_some(Self { meaning, scale, shift: p - scale * a.value })
+    }
+
+    /// Least squares of the relative differences from these samples.
+    fn least_squares<'s>(meaning: Meaning, samples: impl Iterator<Item = &'s Sample>) -> Option<Self> {
+        // (s·v + t)/y = 1 for each sample, with y the depth or its inverse.
+        let (mut aa, mut ab, mut bb, mut a, mut b) = (0.0f64, 0.0f64, 0.0f64, 0.0f64, 0.0f64);
+        for sample in samples {
+            let weight = match meaning {
+                Meaning::Depth => 1.0 / f64::from(sample.depth),
+                Meaning::InverseDepth => f64::from(sample.depth),
+            };
+            let value = f64::from(sample.value) * weight;
+            aa += value * value;
+            ab += value * weight;
+            bb += weight * weight;
+            a += value;
+            b += weight;
+        }
+        let determinant = aa * bb - ab * ab;
+        let (scale, shift) = ((a * bb - b * ab) / determinant, (aa * b - ab * a) / determinant);
+        (scale > 0.0 && scale.is_finite()).then_some(Self { meaning, scale: scale as f32, shift: shift as f32 })
+    }
+
+    /// The fit with which most samples agree, and their number: by trying pairs (RANSAC; Fischler
+    /// and Bolles 1981), then least squares over those that agree.
+    fn most_agreeing(meaning: Meaning, samples: &[Sample]) -> Option<(Self, usize)> {
+        let count = |fit: &Self| samples.iter().filter(|sample| fit.agrees(sample)).count();
+        let mut rng = Rng::seed_from_u64(samples.len() as u64);
+        let mut pick = || samples[rng.random_range(0..samples.len())];
+        let mut best: Option<(Self, usize)> = None;
+        let keep = |best: &mut Option<(Self, usize)>, fit: Self| {
+            let agreeing = count(&fit);
+            if best.is_none_or(|(_, most)| agreeing > most) {
+                *best = Some((fit, agreeing));
+            }
+        };
+        for _ in 0..TRIALS {
+            if let Some(fit) = Self::through(meaning, pick(), pick()) {
+                keep(&mut best, fit);
+            }
+        }
+        for _ in 0..REFINEMENTS {
+            let (fit, _) = best?;
+            if let Some(refined) = Self::least_squares(meaning, samples.iter().filter(|sample| fit.agrees(sample))) {
+                keep(&mut best, refined);
+            }
+        }
+        best
+    }
+}
+
+/// The maps with depths in world units: those that fit the known points, or without any the maps
+/// that are in world units already. All maps have one meaning, that with which most points agree.
+fn fitted(maps: Vec<Relief>, known: &[Point]) -> Vec<Relief> {
+    if known.is_empty() {
+        let metric = |map: Relief| {
+            let scale = map.unit?;
+            Some(map.with_depths(Fit { meaning: Meaning::Depth, scale, shift: 0.0 }))
+        };
+        return maps.into_iter().filter_map(metric).collect();
+    }
+    let samples: Vec<Vec<Sample>> = maps.par_iter().map(|map| map.samples(known)).collect();
+    let fits = |meaning: Meaning| -> Vec<Option<(Fit, usize)>> {
+        samples
+            .par_iter()
+            .map(|samples| {
+                let enough = |agreeing: usize| {
+                    agreeing >= LEAST_AGREEING && agreeing as f32 >= LEAST_SHARE * samples.len() as f32
+                };
+                let possible = samples.len() >= LEAST_AGREEING;
+                possible.then(|| Fit::most_agreeing(meaning, samples))?.filter(|(_, agreeing)| enough(*agreeing))
+            })
+            .collect()
+    };
+    let (depth, inverse) = (fits(Meaning::Depth), fits(Meaning::InverseDepth));
+    let agreeing = |fits: &[Option<(Fit, usize)>]| fits.iter().flatten().map(|(_, agreeing)| agreeing).sum::<usize>();
+    let fits = if agreeing(&depth) >= agreeing(&inverse) { depth } else { inverse };
+    maps.into_iter().zip(fits).filter_map(|(map, fit)| Some(map.with_depths(fit?.0))).collect()
+}
+
+/// The points at every `stride`-th pixel that another view confirms: one with the same depth there,
+/// and no more that see past the point.
+fn confirmed(plate: &Plate, depths: &[f32], others: &[(&Plate, &[f32])], stride: usize) -> Vec<Found> {
+    let (width, height) = (plate.image.width() as usize, plate.image.height() as usize);
+    let cell = 0.5 * stride as f32 / plate.camera.focal.max_element();
+    let origin = plate.camera.position();
+    let mut found = Vec::new();
+    for y in (stride / 2..height).step_by(stride) {
+        for x in (stride / 2..width).step_by(stride) {
+            let depth = depths[y * width + x];
+            if !(depth > 0.0) {
+                continue;
+            }
+            let position = origin + depth * plate.ray(Vec2::new(x as f32, y as f32) + 0.5);
+            let differences = others.iter().filter_map(|(other, depths)| difference(position, other, depths));
+            let (mut same, mut past) = (0, 0);
+            for difference in differences {
+                same += usize::from(difference.abs() < SAME_SURFACE);
+                past += usize::from(difference < -SAME_SURFACE);
+            }
+            if same > 0 && same >= past {
+                let color = plate.image.pixel(x as u32, y as u32);
+                found.push(Found { point: Point { position, color }, cell: cell * depth });
+            }
+        }
+    }
+    found
+}
+
+/// ln-depth of a point in a view minus that of the view's map; `None` where it is not seen or not
+/// known.
+fn difference(position: Vec3, plate: &Plate, depths: &[f32]) -> Option<f32> {
+    let (at, depth) = plate.camera.project(position)?;
+    let (width, height) = plate.image.size();
+    let inside = at.cmpge(Vec2::ZERO).all() && at.x < width as f32 && at.y < height as f32;
+    let known = inside.then(|| depths[at.y as usize * width as usize + at.x as usize])?;
+    (known > 0.0).then(|| (depth / known).ln())
+}
