@@ -22,7 +22,7 @@ use crate::error::Error;
 const CELL: u32 = 6;
 
 /// Least number of known points in a view that agree with its map.
-const LEAST_AGREEING: usize = 10;
+const LEAST_AGREEING: f32 = 10.0;
 
 /// Least share of the known points in a view that agree with its map.
 const LEAST_SHARE: f32 = 0.3;
@@ -30,6 +30,10 @@ const LEAST_SHARE: f32 = 0.3;
 /// Largest difference of ln-depths that agree: of a map and a known point, and of two maps.
 const SAME_POINT: f32 = 0.05;
 const SAME_SURFACE: f32 = 0.03;
+
+/// Largest variance of ln-depth between a map and the known points that agree with it, as a share of
+/// the variance of these points' own.
+const MOST_UNEXPLAINED: f64 = 0.25;
 
 /// Number of pairs of points by which scale and shift of a map are tried.
 const TRIALS: u32 = 400;
@@ -149,9 +153,31 @@ impl Fit {
         }
     }
 
-    fn agrees(self, sample: &Sample) -> bool {
-        // False for NaN, as of negative depths.
-        (self.depth(sample.value) / sample.depth).ln().abs() < SAME_POINT
+    /// ln-depth of the fit minus the true one; NaN where the fit's depth is negative.
+    fn difference(self, sample: &Sample) -> f32 {
+        (self.depth(sample.value) / sample.depth).ln()
+    }
+
+    /// How well a sample agrees: 1 if exactly, 0 from [`SAME_POINT`] on.
+    fn agreement(self, sample: &Sample) -> f32 {
+        let share = self.difference(sample) / SAME_POINT;
+        // `max` also turns NaN into 0.
+        (1.0 - share * share).max(0.0)
+    }
+
+    /// Whether the fit explains the depths of the samples that agree: its differences from them are
+    /// much smaller than theirs. Otherwise any map fits a surface at about one depth.
+    fn explains(self, samples: &[Sample]) -> bool {
+        let agreeing = || samples.iter().filter(|sample| self.agreement(sample) > 0.0);
+        let variance = |of: &dyn Fn(&Sample) -> f32| {
+            let (count, sum, squares) = agreeing().map(of).fold((0.0f32, 0.0f64, 0.0f64), |(n, s, q), value| {
+                let value = f64::from(value);
+                (n + 1.0, s + value, q + value * value)
+            });
+            let count = f64::from(count);
+            squares / count - (sum / count) * (sum / count)
+        };
+        variance(&|sample| self.difference(sample)) <= MOST_UNEXPLAINED * variance(&|sample| sample.depth.ln())
     }
 
     /// The line through two samples; it rises.
@@ -185,17 +211,17 @@ impl Fit {
         (scale > 0.0 && scale.is_finite()).then_some(Self { meaning, scale: scale as f32, shift: shift as f32 })
     }
 
-    /// The fit with which most samples agree, and their number: by trying pairs (RANSAC; Fischler
-    /// and Bolles 1981), then least squares over those that agree.
-    fn most_agreeing(meaning: Meaning, samples: &[Sample]) -> Option<(Self, usize)> {
-        let count = |fit: &Self| samples.iter().filter(|sample| fit.agrees(sample)).count();
+    /// The fit with which samples agree best, and the sum of their agreement: by trying pairs
+    /// (RANSAC; Fischler and Bolles 1981; with the score of Torr and Zisserman 2000), then least
+    /// squares over those that agree.
+    fn best(meaning: Meaning, samples: &[Sample]) -> Option<(Self, f32)> {
         let mut rng = Rng::seed_from_u64(samples.len() as u64);
         let mut pick = || samples[rng.random_range(0..samples.len())];
-        let mut best: Option<(Self, usize)> = None;
-        let keep = |best: &mut Option<(Self, usize)>, fit: Self| {
-            let agreeing = count(&fit);
-            if best.is_none_or(|(_, most)| agreeing > most) {
-                *best = Some((fit, agreeing));
+        let mut best: Option<(Self, f32)> = None;
+        let keep = |best: &mut Option<(Self, f32)>, fit: Self| {
+            let score = samples.iter().map(|sample| fit.agreement(sample)).sum::<f32>();
+            if best.is_none_or(|(_, highest)| score > highest) {
+                *best = Some((fit, score));
             }
         };
         for _ in 0..TRIALS {
@@ -205,7 +231,8 @@ impl Fit {
         }
         for _ in 0..REFINEMENTS {
             let (fit, _) = best?;
-            if let Some(refined) = Self::least_squares(meaning, samples.iter().filter(|sample| fit.agrees(sample))) {
+            let agreeing = samples.iter().filter(|sample| fit.agreement(sample) > 0.0);
+            if let Some(refined) = Self::least_squares(meaning, agreeing) {
                 keep(&mut best, refined);
             }
         }
@@ -214,7 +241,7 @@ impl Fit {
 }
 
 /// The maps with depths in world units: those that fit the known points, or without any the maps
-/// that are in world units already. All maps have one meaning, that with which most points agree.
+/// that are in world units already. All maps have one meaning, that with which points agree best.
 fn fitted(maps: Vec<Relief>, known: &[Point]) -> Vec<Relief> {
     if known.is_empty() {
         let metric = |map: Relief| {
@@ -224,21 +251,15 @@ fn fitted(maps: Vec<Relief>, known: &[Point]) -> Vec<Relief> {
         return maps.into_iter().filter_map(metric).collect();
     }
     let samples: Vec<Vec<Sample>> = maps.par_iter().map(|map| map.samples(known)).collect();
-    let fits = |meaning: Meaning| -> Vec<Option<(Fit, usize)>> {
-        samples
-            .par_iter()
-            .map(|samples| {
-                let enough = |agreeing: usize| {
-                    agreeing >= LEAST_AGREEING && agreeing as f32 >= LEAST_SHARE * samples.len() as f32
-                };
-                let possible = samples.len() >= LEAST_AGREEING;
-                possible.then(|| Fit::most_agreeing(meaning, samples))?.filter(|(_, agreeing)| enough(*agreeing))
-            })
-            .collect()
+    let fit = |meaning: Meaning, samples: &[Sample]| {
+        let enough = |score: f32| score >= LEAST_AGREEING && score >= LEAST_SHARE * samples.len() as f32;
+        let (fit, score) = if enough(samples.len() as f32) { Fit::best(meaning, samples)? } else { return None };
+        (enough(score) && fit.explains(samples)).then_some((fit, score))
     };
+    let fits = |meaning: Meaning| -> Vec<_> { samples.par_iter().map(|samples| fit(meaning, samples)).collect() };
+    let score = |fits: &[Option<(Fit, f32)>]| fits.iter().flatten().map(|(_, score)| score).sum::<f32>();
     let (depth, inverse) = (fits(Meaning::Depth), fits(Meaning::InverseDepth));
-    let agreeing = |fits: &[Option<(Fit, usize)>]| fits.iter().flatten().map(|(_, agreeing)| agreeing).sum::<usize>();
-    let fits = if agreeing(&depth) >= agreeing(&inverse) { depth } else { inverse };
+    let fits = if score(&depth) >= score(&inverse) { depth } else { inverse };
     maps.into_iter().zip(fits).filter_map(|(map, fit)| Some(map.with_depths(fit?.0))).collect()
 }
 
@@ -279,4 +300,120 @@ fn difference(position: Vec3, plate: &Plate, depths: &[f32]) -> Option<f32> {
     let inside = at.cmpge(Vec2::ZERO).all() && at.x < width as f32 && at.y < height as f32;
     let known = inside.then(|| depths[at.y as usize * width as usize + at.x as usize])?;
     (known > 0.0).then(|| (depth / known).ln())
+}
+
+#[cfg(test)]
+mod tests {
+    use gs_core::{Camera, Image};
+    use gs_io::dataset::PosedImage;
+
+    use super::*;
+    use crate::train::{Start, geometry::tests::looking_at, views::ImageSource};
+
+    /// An image with a depth map.
+    struct Mapped {
+        posed: PosedImage,
+        map: DepthMap,
+    }
+
+    impl ImageSource for Mapped {
+        fn read(&self) -> Result<PosedImage, gs_io::Error> {
+            Ok(self.posed.clone())
+        }
+
+        fn depth(&self) -> Result<Option<DepthMap>, gs_io::Error> {
+            Ok(Some(self.map.clone()))
+        }
+    }
+
+    /// Colour of the plane z = 0 at a place.
+    fn color(at: Vec2) -> [f32; 3] {
+        [0.5 + 0.3 * at.x.sin(), 0.5 + 0.3 * at.y.cos(), 0.25]
+    }
+
+    /// Views of the plane z = 0 from above, with maps of half their size: `value` of the number of
+    /// the view, the pixel's column and its depth.
+    fn views(unit: Option<f32>, value: impl Fn(usize, u32, f32) -> f32) -> Vec<PosedView> {
+        (0..6)
+            .map(|number| {
+                let angle = number as f32;
+                let from = Vec3::new(0.8 * angle.cos(), 0.8 * angle.sin(), 4.0 + 0.1 * angle);
+                let camera = looking_at(from, Vec3::new(0.05, 0.02, 0.0), 40);
+                let small = looking_at(from, Vec3::new(0.05, 0.02, 0.0), 20);
+                let hit = |camera: &Camera, x: u32, y: u32| {
+                    let at = Vec2::new(x as f32, y as f32) + 0.5;
+                    let ray = camera.rotation.transpose() * ((at - camera.center) / camera.focal).extend(1.0);
+                    let depth = -camera.position().z / ray.z;
+                    (depth, (camera.position() + depth * ray).truncate())
+                };
+                let image = Image::from_fn(40, 40, |x, y| color(hit(&camera, x, y).1)).unwrap();
+                let pixels = (0..20).flat_map(|y| (0..20).map(move |x| (x, y)));
+                let values = pixels.map(|(x, y)| value(number, x, hit(&small, x, y).0)).collect();
+                let source = Mapped {
+                    posed: PosedImage { image, alpha: None, mask: None },
+                    map: DepthMap { camera: small, values, unit },
+                };
+                PosedView { name: format!("{number}"), camera, source: Box::new(source) }
+            })
+            .collect()
+    }
+
+    /// Points of the plane, and a third as many behind it, which the views do not see.
+    fn known() -> Vec<Point> {
+        let at = |x: i32, y: i32, z: f32| Point { position: Vec3::new(x as f32, y as f32, z) * 0.15, color: [0.5; 3] };
+        let plane = (-9..9).flat_map(|y| (-9..9).map(move |x| at(x, y, 0.0)));
+        plane.chain((-9..9).flat_map(|y| (-3..3).map(move |x| at(3 * x, y, -9.0)))).collect()
+    }
+
+    /// Share of the points that lie on the plane and have its colour.
+    fn right(points: &[Point]) -> f32 {
+        let is_right = |point: &&Point| {
+            let expected = Vec3::from_array(color(point.position.truncate()));
+            point.position.z.abs() < 0.1 && Vec3::from_array(point.color).distance(expected) < 0.1
+        };
+        points.iter().filter(is_right).count() as f32 / points.len() as f32
+    }
+
+    #[test]
+    fn maps_up_to_scale_and_shift_are_fitted_to_known_points() {
+        let (scale, shift) = (|number: usize| 0.5 + number as f32, |number: usize| 0.1 * number as f32 - 0.2);
+        let depths = views(None, |number, _, depth| scale(number) * depth + shift(number));
+        let inverses = views(None, |number, _, depth| scale(number) / depth - 0.1 * shift(number));
+        for views in [depths, inverses] {
+            let found = points(&views, &known()).unwrap();
+            assert!(found.len() > 300 && right(&found) > 0.99, "{} of {}", right(&found), found.len());
+            assert_eq!(points(&views, &[]).unwrap().len(), 0, "the scale is not known");
+        }
+    }
+
+    #[test]
+    fn maps_in_world_units_need_no_points() {
+        let millimetres = views(Some(1e-3), |_, _, depth| 1000.0 * depth);
+        let found = points(&millimetres, &[]).unwrap();
+        assert!(found.len() > 300 && right(&found) > 0.99, "{} of {}", right(&found), found.len());
+        match Start::Depths(Vec::new()).searched(&millimetres).unwrap() {
+            Start::Points(points) => assert_eq!(points, found),
+            other => panic!("{other:?}"),
+        }
+        match Start::Depths(known()).searched(&millimetres).unwrap() {
+            Start::Points(points) => assert!(points.starts_with(&known()) && points.len() > known().len() + 300),
+            other => panic!("{other:?}"),
+        }
+    }
+
+    #[test]
+    fn what_no_other_view_confirms_is_left_out() {
+        // Half of each map is wrong, in another way in each view.
+        let found = points(
+            &views(Some(1.0), |number, x, depth| if x < 10 { depth * (0.4 + 0.08 * number as f32) } else { depth }),
+            &[],
+        );
+        let found = found.unwrap();
+        assert!(found.len() > 100 && right(&found) > 0.95, "{} of {}", right(&found), found.len());
+        let noise = |number: usize, x: u32, _: f32| 1.0 + ((x * 7919 + number as u32 * 31) % 97) as f32;
+        assert_eq!(points(&views(None, noise), &known()).unwrap().len(), 0, "it fits no line");
+        let mut single = views(Some(1.0), |_, _, depth| depth);
+        single.truncate(1);
+        assert_eq!(points(&single, &[]).unwrap().len(), 0);
+    }
 }
