@@ -12,10 +12,14 @@ use rayon::prelude::*;
 
 use super::{
     geometry::{Focus, extent_of},
-    sweep::{Found, MOST_PIXELS, Plate, evenly, merged, neighbours},
+    sweep::{Found, Plate, evenly, merged, neighbours},
     views::PosedView,
 };
 use crate::error::Error;
+
+/// Number of pixels that give points, over all views, at most: more first Gaussians make the first
+/// steps slow, and growth finds what they lack.
+const MOST_PIXELS: usize = 30_000;
 
 /// Columns and rows of the cells of which each gives its nearest known point, px: points behind a
 /// surface are not on the map.

@@ -26,7 +26,7 @@ const MOST_VIEWS: usize = 128;
 const SIDE: u32 = 320;
 
 /// Number of pixels that are swept, over all views, at most.
-pub(super) const MOST_PIXELS: usize = 100_000;
+const MOST_PIXELS: usize = 100_000;
 
 /// Least and largest number of depths of a sweep, even in 1/depth: those that are a pixel apart in
 /// the neighbours, as far as possible.
