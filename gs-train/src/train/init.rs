@@ -12,7 +12,7 @@ use super::{
     depths,
     geometry::{Focus, extent_of},
     neighbours::neighbour_distances,
-    sweep,
+    shell, sweep,
     views::PosedView,
 };
 
@@ -44,11 +44,15 @@ pub struct PointInit {
     pub scale: f32,
     /// Number of random points where a data set has none, at least 1. Default 100,000 (3DGS).
     pub random: u32,
+    /// Whether starts from points also have points far beyond them, along the rays of pixels near
+    /// which no point is seen: for sky and far surfaces. Default false.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub shell: bool,
 }
 
 impl Default for PointInit {
     fn default() -> Self {
-        Self { opacity: 0.1, scale: 1.0, random: 100_000 }
+        Self { opacity: 0.1, scale: 1.0, random: 100_000, shell: false }
     }
 }
 
@@ -113,6 +117,16 @@ impl Start {
             other => return Ok(other),
         };
         Ok(if points.len() < LEAST_FOUND { Self::Random } else { Self::Points(points) })
+    }
+
+    /// The start with the points of [`PointInit::shell`], if it has points.
+    ///
+    /// # Errors
+    /// Those of reading an image.
+    pub(super) fn with_shell(self, views: &[PosedView]) -> Result<Self, crate::Error> {
+        let Self::Points(mut points) = self else { return Ok(self) };
+        points.extend(shell::points(views, &points)?);
+        Ok(Self::Points(points))
     }
 
     /// The first scene, of at most `budget` Gaussians (drawn from more points) and SH degree

@@ -15,6 +15,7 @@ mod order;
 mod presets;
 mod resolution;
 mod settings;
+mod shell;
 mod summary;
 mod sweep;
 mod task;
