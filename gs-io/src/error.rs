@@ -233,6 +233,14 @@ pub enum Error {
         /// Rows that are needed.
         expected_height: u32,
     },
+    /// A depth map that cannot be used.
+    #[error("{}: {message}; write this depth map again, or remove it", one_line(path))]
+    BadDepth {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        message: String,
+    },
     /// A scene file or checkpoint with bytes that its format does not allow.
     #[error(
         "{}: byte {byte}: expected {expected}, found {found}; it is damaged or not {what}: write or fetch it again",
@@ -388,6 +396,11 @@ impl Error {
     pub(crate) fn image_shape(path: &Path, (width, height): (u32, u32), expected: (u32, u32)) -> Self {
         let (expected_width, expected_height) = expected;
         Self::ImageShape { path: path.to_owned(), width, height, expected_width, expected_height }
+    }
+
+    /// A depth map that cannot be used.
+    pub(crate) fn bad_depth(path: &Path, message: impl Into<String>) -> Self {
+        Self::BadDepth { path: path.to_owned(), message: message.into() }
     }
 
     /// Describes a file of an unknown kind by its first bytes.

@@ -36,6 +36,31 @@ fn info_describes_a_data_set() {
 }
 
 #[test]
+fn info_counts_360_images_and_depth_maps() {
+    let place = folder();
+    picture(place.path(), 40, 20);
+    let json = r#"{"camera_model": "EQUIRECTANGULAR", "frames": [
+        {"file_path": "picture-40x20.png", "transform_matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,4],[0,0,0,1]]}]}"#;
+    fs::write(place.path().join("transforms.json"), json).unwrap();
+    let path = place.path().to_str().unwrap();
+    let text = gs(["info", path]).done().stdout;
+    assert!(text.contains("1 360° image split into the six faces of a cube each: 6 views"), "{text}");
+    assert!(text.contains("40x20 px, 360°, equirectangular"), "{text}");
+    assert!(text.contains("10x10 px (6 views)") && !text.contains("depth maps"), "{text}");
+
+    let json = r#"{"fl_x": 40.0, "frames": [{"file_path": "picture-40x20.png", "depth_file_path": "depth.png",
+        "transform_matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,4],[0,0,0,1]]}]}"#;
+    fs::write(place.path().join("transforms.json"), json).unwrap();
+    fs::copy(place.path().join("picture-40x20.png"), place.path().join("depth.png")).unwrap();
+    assert_eq!(gs(["info", path, "--json"]).json()["depth_maps"], 1);
+    // An image with colours is no depth map, which is found out before the folder is made.
+    let out = place.path().join("out");
+    let run = gs(["train", path, "-o", out.to_str().unwrap(), "--backend", "cpu"]);
+    assert!(run.status == Some(1) && run.stderr.contains("depth.png: it is an image with colours"), "{run:?}");
+    assert!(!out.exists());
+}
+
+#[test]
 fn a_folder_that_is_no_data_set_is_refused() {
     let place = folder();
     let run = gs(["info", place.path().to_str().unwrap()]);

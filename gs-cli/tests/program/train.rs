@@ -429,6 +429,7 @@ fn what_cannot_be_shown_or_trained_is_refused_in_one_line() {
         (&["render", scene, "-o", out, "--up", "w"], "write x, y, z"),
         (&["train", dataset, "-o", out, "--policy", "residual"], "invalid value 'residual'"),
         (&["train", dataset, "-o", out, "--start", "points"], "the data set has no points"),
+        (&["train", dataset, "-o", out, "--start", "depths"], "the data set has no depth maps"),
         (&["train", dataset, "-o", out, "--coarse", "3"], "2, 4 or 8"),
         (&["train", scene, "-o", out], "true.ply"),
         (&["train", dataset, "-o", out, "--backend", "wgpu", "--simd", "avx2"], "leave out one of the two"),

@@ -3,6 +3,7 @@
 
 use std::{
     collections::HashSet,
+    f64::consts::{PI, TAU},
     fmt,
     path::{Path, PathBuf},
 };
@@ -11,12 +12,18 @@ use glam::{DVec2, dvec2};
 use gs_core::{Camera, constants::NEAR_WORLD};
 
 use super::{
-    Dataset, DatasetKind, DatasetSettings, Distortion, Lens, Point, Remark, Skip, SourceCamera, Split, View,
-    place::Place, pose::Pose, shrink, tally::Tally,
+    CubeFace, Dataset, DatasetKind, DatasetSettings, DepthFile, Distortion, Lens, Point, Remark, Skip, SourceCamera,
+    Split, View,
+    cube::{is_two_to_one, shows_all_directions},
+    depth,
+    place::Place,
+    pose::Pose,
+    shrink,
+    tally::Tally,
 };
 use crate::{
     error::Error,
-    image::{ImageHeader, ImageRemark, Orientation, read_header},
+    image::{ImageHeader, ImageRemark, Orientation, decode, read_header},
 };
 
 /// A view as the data set describes it.
@@ -26,6 +33,7 @@ pub(super) struct Draft {
     /// Path of the image below the image folder; `None` for an invalid name.
     pub(super) file: Option<PathBuf>,
     pub(super) mask: Option<PathBuf>,
+    pub(super) depth: Option<DepthFile>,
     pub(super) intrinsics: Result<Intrinsics, Skip>,
     /// Where the intrinsics come from, for messages.
     pub(super) stated: Stated,
@@ -65,11 +73,18 @@ pub(super) struct Intrinsics {
 }
 
 impl Intrinsics {
+    /// Those of a 360° image of this size.
+    pub(super) fn panorama(size: Option<DVec2>) -> Self {
+        let distortion = Distortion::Equirectangular { face: CubeFace::default() };
+        Self { focal: Focal::Sphere, center: None, size, distortion }
+    }
+
     /// The camera of an image of `width` × `height` px, calibrated at `calibrated` px.
     pub(super) fn source(&self, calibrated: DVec2, (width, height): (u32, u32), lens: Lens) -> SourceCamera {
         let scale = dvec2(f64::from(width), f64::from(height)) / calibrated;
         let focal = match self.focal {
             Focal::Lengths(focal) => focal,
+            Focal::Sphere => calibrated / dvec2(TAU, PI),
             Focal::Angles(x, None) => DVec2::splat(0.5 * calibrated.x / (0.5 * x).tan()),
             Focal::Angles(x, Some(y)) => 0.5 * calibrated / dvec2((0.5 * x).tan(), (0.5 * y).tan()),
         };
@@ -85,6 +100,8 @@ pub(super) enum Focal {
     Lengths(DVec2),
     /// Horizontal and vertical angle of view, rad. Without the second, pixels are square.
     Angles(f64, Option<f64>),
+    /// All directions: 2π over the width, π over the height.
+    Sphere,
 }
 
 /// Whether two sizes are those of the same picture, apart from rounding to whole pixels.
@@ -125,13 +142,19 @@ pub(super) fn assemble(parts: Parts<'_>, settings: &DatasetSettings) -> Result<D
     });
     drafts.sort_by(|a, b| a.name.cmp(&b.name));
     let mut lenses = Lenses::default();
-    let (mut views, mut stored_splits) = (Vec::new(), Vec::new());
+    let mut unused_depths = 0;
+    // Of each image, its number of views and its split in the data set.
+    let (mut views, mut images) = (Vec::new(), Vec::new());
     for draft in &drafts {
-        match make_view(draft, place, settings, &mut lenses) {
-            Ok(Made { view, calibrated, remarks }) => {
-                tally.count(&view, calibrated, &remarks);
-                views.push(view);
-                stored_splits.push(draft.split);
+        match make_views(draft, place, settings, &mut lenses) {
+            Ok(Made { views: made, calibrated, remarks }) => {
+                tally.count(&made[0], calibrated, &remarks);
+                if let Some(depth) = &made[0].depth {
+                    depth::check(&depth.path, &made[0].source)?;
+                }
+                unused_depths += usize::from(draft.depth.is_some() && made[0].depth.is_none());
+                images.push((made.len(), draft.split));
+                views.extend(made);
             }
             Err(Refusal { why, detail }) => tally.skip(&draft.name, why, detail),
         }
@@ -144,6 +167,10 @@ pub(super) fn assemble(parts: Parts<'_>, settings: &DatasetSettings) -> Result<D
         return Err(Error::NoViews { path: root.to_owned(), kind: kind.name(), found, skipped });
     }
     remarks.extend(tally.remarks());
+    remarks.extend(unsplit_panoramas(&views));
+    if unused_depths > 0 {
+        remarks.push(Remark::DepthsUnused { count: unused_depths });
+    }
     let listed = points.len();
     points.retain(|point| point.position.is_finite() && point.color.iter().all(|c| c.is_finite()));
     if points.len() < listed {
@@ -152,19 +179,36 @@ pub(super) fn assemble(parts: Parts<'_>, settings: &DatasetSettings) -> Result<D
     if points.is_empty() && !remarks.iter().any(|remark| matches!(remark, Remark::PointsMissing { .. })) {
         remarks.push(Remark::NoPoints);
     }
-    split(&mut views, &stored_splits, settings, &mut remarks);
+    split(&mut views, &images, settings, &mut remarks);
+    views.sort_by(|a, b| a.name.cmp(&b.name));
     Ok(Dataset { kind, root: root.to_owned(), views, points, remarks })
 }
 
-/// Applies the data set's own split or, if it has no test views, that of the settings.
-fn split(views: &mut [View], stored: &[Option<Split>], settings: &DatasetSettings, remarks: &mut Vec<Remark>) {
-    let stored_holds_out = stored.iter().any(|split| split.is_some_and(|split| split != Split::Train));
-    for (i, view) in views.iter_mut().enumerate() {
-        view.split = match (stored_holds_out, settings.test_every) {
-            (true, _) => stored[i].unwrap_or(Split::Train),
+/// The remark on images that look like 360° images and have another camera model. The first image
+/// of that shape stands for all.
+fn unsplit_panoramas(views: &[View]) -> Option<Remark> {
+    let is_wide = |view: &&View| view.source.face().is_none() && view.source.width == 2 * view.source.height;
+    let first = views.iter().find(is_wide)?;
+    let image = decode(&first.image, first.orientation).ok()?.image;
+    let count = views.iter().filter(is_wide).count();
+    shows_all_directions(&image).then(|| Remark::UnsplitPanoramas { count, first: first.name.clone() })
+}
+
+/// Applies the data set's own split or, if it has no test views, that of the settings. `images` has
+/// the number of views of each image, and its split in the data set: the faces of a 360° image stay
+/// together, because each shows what its neighbours border on.
+fn split(views: &mut [View], images: &[(usize, Option<Split>)], settings: &DatasetSettings, remarks: &mut Vec<Remark>) {
+    let stored_holds_out = images.iter().any(|(_, split)| split.is_some_and(|split| split != Split::Train));
+    let mut rest = &mut *views;
+    for (i, &(count, stored)) in images.iter().enumerate() {
+        let split = match (stored_holds_out, settings.test_every) {
+            (true, _) => stored.unwrap_or(Split::Train),
             (false, Some(every)) if i.is_multiple_of(every.get() as usize) => Split::Test,
             (false, _) => Split::Train,
         };
+        let (of_image, others) = rest.split_at_mut(count);
+        of_image.iter_mut().for_each(|view| view.split = split);
+        rest = others;
     }
     if views.iter().all(|view| view.split != Split::Train) {
         views.iter_mut().for_each(|view| view.split = Split::Train);
@@ -172,9 +216,10 @@ fn split(views: &mut [View], stored: &[Option<Split>], settings: &DatasetSetting
     }
 }
 
-/// A usable view.
+/// A usable image.
 struct Made {
-    view: View,
+    /// Its views: the faces of a 360° image, or one.
+    views: Vec<View>,
     /// Columns and rows of its camera's calibration.
     calibrated: (u64, u64),
     /// Remarks on its image file.
@@ -203,8 +248,8 @@ impl Refusal {
     }
 }
 
-/// Makes a view of an image that fits its camera.
-fn make_view(
+/// Makes the views of an image that fits its camera.
+fn make_views(
     draft: &Draft,
     place: Option<&Place>,
     settings: &DatasetSettings,
@@ -220,20 +265,38 @@ fn make_view(
     if let Some(mask) = &draft.mask {
         check_mask(mask, size)?;
     }
+    let panorama = intrinsics.focal == Focal::Sphere;
+    if panorama && !is_two_to_one(size) {
+        let detail = format!("it is {}x{} px", size.0, size.1);
+        return Err(Refusal { why: Skip::Panorama, detail: Some(detail) });
+    }
     let lens = lenses.get(intrinsics.distortion).ok_or_else(|| bad_camera("no such lens is possible"))?;
     let source = intrinsics.source(calibrated, size, lens);
     if let Some(fault) = source.fault() {
         return Err(bad_camera(&fault));
     }
-    let full = camera(&source.pinhole(), &pose)?;
-    let camera = match settings.max_side {
-        Some(max_side) => shrink::resized(&full, shrink::within((full.width, full.height), max_side.get())),
-        None => full,
+    let view = |name: String, source: SourceCamera, pose: &Pose| {
+        let full = camera(&source.pinhole(), pose)?;
+        let camera = match settings.max_side {
+            Some(max_side) => shrink::resized(&full, shrink::within((full.width, full.height), max_side.get())),
+            None => full,
+        };
+        let (image, mask, alpha) = (image.clone(), draft.mask.clone(), settings.alpha);
+        // Networks and sensors do not write depths for all directions in one convention.
+        let depth = draft.depth.clone().filter(|_| !panorama);
+        Ok(View { name, camera, full, source, image, orientation, mask, depth, alpha, split: Split::Train })
     };
-    let (name, mask, alpha) = (draft.name.clone(), draft.mask.clone(), settings.alpha);
-    let view = View { name, camera, full, source, image, orientation, mask, alpha, split: Split::Train };
+    let face = |face: CubeFace| {
+        let lens = Lens::new(Distortion::Equirectangular { face }).ok_or(Skip::BadCamera)?;
+        let name = format!("{}#{}", draft.name, face.name());
+        view(name, SourceCamera { lens, ..source }, &face.pose(&pose))
+    };
+    let views = match panorama {
+        true => CubeFace::ALL.into_iter().map(face).collect::<Result<_, Skip>>()?,
+        false => vec![view(draft.name.clone(), source, &pose)?],
+    };
     let calibrated = (calibrated.x.round() as u64, calibrated.y.round() as u64);
-    Ok(Made { view, calibrated, remarks: header.remarks })
+    Ok(Made { views, calibrated, remarks: header.remarks })
 }
 
 /// Checks that a mask can be read and has the shape of its image.

@@ -9,6 +9,8 @@
 
 use glam::{DVec2, dvec2};
 
+use super::cube::CubeFace;
+
 /// The distortion of a lens. Coefficients are dimensionless unless stated otherwise.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 #[non_exhaustive]
@@ -40,6 +42,12 @@ pub enum Distortion {
     /// The fish-eye of Project Aria ("Fisheye624"): tangential and prism terms act on the result of
     /// the radial ones.
     AriaFisheye(AriaFisheye),
+    /// An equirectangular 360° image, of which a view shows one face of a cube: d is the ray's
+    /// longitude and latitude in the image, rad, and p is of the face.
+    Equirectangular {
+        /// The face.
+        face: CubeFace,
+    },
 }
 
 /// Radial and tangential distortion (Brown 1966, Conrady 1919), as OpenCV has it: d = p · (1 + k₁r²
@@ -92,7 +100,7 @@ impl Distortion {
     pub fn is_possible(&self) -> bool {
         let finite = |values: &[f64]| values.iter().all(|v| v.is_finite());
         match self {
-            Self::None => true,
+            Self::None | Self::Equirectangular { .. } => true,
             Self::BrownConrady(c) => finite(&c.radial) && finite(&c.divisor) && finite(&c.tangential),
             Self::FieldOfView { omega } => omega.abs() < std::f64::consts::PI,
             Self::Division { k } => k.is_finite(),
@@ -112,6 +120,7 @@ impl Distortion {
             Self::EnhancedUnified { .. } => "enhanced unified",
             Self::Fisheye(_) => "fisheye",
             Self::AriaFisheye(_) => "Aria fisheye",
+            Self::Equirectangular { .. } => "equirectangular",
         }
     }
 
@@ -137,6 +146,7 @@ impl Distortion {
             }
             Self::Division { k } => p * (2.0 / (1.0 + (1.0 - 4.0 * r2 * k).sqrt())),
             Self::EnhancedUnified { alpha, beta } => p / (alpha * (beta * r2 + 1.0).sqrt() + 1.0 - alpha),
+            Self::Equirectangular { face } => face.angles(p),
             Self::Fisheye(c) => {
                 p * series(&c.radial, r2) + tangential(c.tangential, p) + DVec2::from_array(c.prism) * r2
             }
@@ -171,6 +181,7 @@ impl Distortion {
                 let depth = (1.0 - alpha * alpha * beta * r2) / (alpha * root + 1.0 - alpha);
                 (depth > 0.0).then(|| d / depth)
             }
+            Self::Equirectangular { face } => face.ray(d),
             Self::BrownConrady(_) | Self::Fisheye(_) | Self::AriaFisheye(_) => return None,
         })
     }

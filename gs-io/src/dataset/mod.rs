@@ -8,12 +8,14 @@
 //!
 //! [`read_dataset`] recognises the kind and reads everything but the pixels. Of the images it reads
 //! the headers, so that intrinsics fit the files that exist. [`View::read_image`] reads and
-//! undistorts an image when it is needed. [`Dataset::remarks`] says what was left out, and why.
+//! undistorts an image when it is needed; a 360° image is six views, the faces of a cube. [`Dataset::remarks`] says what was left out, and why.
 //!
 //! World axes and unit are the data set's own.
 
 mod assemble;
 mod colmap;
+mod cube;
+mod depth;
 mod distortion;
 mod lens;
 mod place;
@@ -39,6 +41,8 @@ use serde::Serialize;
 
 pub use self::{
     colmap::{CameraModel, ColmapCamera, ColmapImage, ColmapModel, ColmapObservation, ColmapPoint},
+    cube::CubeFace,
+    depth::{DepthFile, DepthMap},
     distortion::{AriaFisheye, BrownConrady, Distortion, Fisheye},
     lens::Lens,
     posed_image::PosedImage,
@@ -162,9 +166,11 @@ impl Dataset {
     }
 
     /// All files of the data set, which a program that reads it must not replace: images, masks,
-    /// and everything beside them in its folder and in COLMAP's `sparse`, such as poses and points.
+    /// depth maps, and everything beside them in its folder and in COLMAP's `sparse`, such as poses and points.
     pub fn files(&self) -> Vec<PathBuf> {
-        let of_views = self.views.iter().flat_map(|view| [Some(view.image.clone()), view.mask.clone()]).flatten();
+        let depth = |view: &View| view.depth.as_ref().map(|depth| depth.path.clone());
+        let files = |view: &View| [Some(view.image.clone()), view.mask.clone(), depth(view)];
+        let of_views = self.views.iter().flat_map(files).flatten();
         let root = if self.root.as_os_str().is_empty() { Path::new(".") } else { &self.root };
         let folders = ["", "sparse", "sparse/0", "colmap/sparse/0"].map(|name| root.join(name));
         let entries = folders.into_iter().flat_map(|folder| std::fs::read_dir(folder).into_iter().flatten().flatten());
@@ -175,7 +181,8 @@ impl Dataset {
 /// An image with its pose and camera.
 #[derive(Debug, Clone, PartialEq)]
 pub struct View {
-    /// The name in the data set: the path below its image folder, with extension if it has one.
+    /// The name in the data set: the path below its image folder, with extension if it has one. A
+    /// face of a 360° image adds its own: `image.jpg#front`.
     pub name: String,
     /// The pinhole camera of [`Self::read_image`]: pose, and intrinsics at that size.
     pub camera: Camera,
@@ -192,6 +199,8 @@ pub struct View {
     /// The mask file: an image of the same shape, of any size, whose pixels darker than mid-grey do
     /// not count.
     pub mask: Option<PathBuf>,
+    /// The depth map, if there is one.
+    pub depth: Option<DepthFile>,
     /// The meaning of the image's alpha channel.
     pub alpha: AlphaMeaning,
     /// The purpose of the view.
@@ -217,7 +226,8 @@ pub fn may_be_dataset(path: &Path) -> bool {
 /// # Errors
 /// [`Error::Missing`], [`Error::NotADataset`], [`Error::NoViews`], [`Error::LeavesDataset`]; for
 /// its files [`Error::Read`], [`Error::Damaged`], [`Error::DamagedLine`], [`Error::DamagedJson`],
-/// [`Error::UnknownCameraModel`], [`Error::NotAPointCloud`].
+/// [`Error::UnknownCameraModel`], [`Error::NotAPointCloud`], and [`Error::BadDepth`] or
+/// [`Error::ImageShape`] for a depth map that does not fit its image.
 pub fn read_dataset(path: impl AsRef<Path>, settings: &DatasetSettings) -> Result<Dataset, Error> {
     let path = path.as_ref();
     let metadata = std::fs::metadata(path).map_err(|source| Error::read(path, source))?;

@@ -50,7 +50,14 @@ pub enum Remark {
         /// The first, as the data set names it.
         first: String,
     },
-    /// The data set refers to depth images, which are not used.
+    /// Depth maps that the data set refers to do not exist.
+    DepthsMissing {
+        /// Number of depth maps.
+        count: usize,
+        /// The first, as the data set names it.
+        first: String,
+    },
+    /// The data set refers to depth maps of 360° images, which are not used.
     DepthsUnused {
         /// Number of images.
         count: usize,
@@ -61,6 +68,18 @@ pub enum Remark {
         count: usize,
         /// The lens model of these images.
         lens: &'static str,
+    },
+    /// 360° images, each of which is six views.
+    Split {
+        /// Number of images.
+        count: usize,
+    },
+    /// Images that look like 360° images, of cameras with another model.
+    UnsplitPanoramas {
+        /// Number of images of this shape.
+        count: usize,
+        /// The first, whose borders were compared.
+        first: String,
     },
     /// Images have another size than their camera's calibration, and intrinsics were scaled.
     Scaled {
@@ -109,7 +128,7 @@ pub enum Skip {
     NoCamera,
     /// Size, focal lengths, principal point or lens are not possible.
     BadCamera,
-    /// A panorama, which no pinhole camera can show.
+    /// A 360° image that is not twice as wide as high.
     Panorama,
     /// The pose is not finite or not a rotation.
     BadPose,
@@ -126,7 +145,7 @@ impl fmt::Display for Skip {
             Self::OtherShape => "the image has another shape than its camera",
             Self::NoCamera => "the camera is not in the model",
             Self::BadCamera => "the camera's size, focal lengths or lens are not possible",
-            Self::Panorama => "a panorama, which must be cut into perspective images first",
+            Self::Panorama => "a 360° image (equirectangular) must be twice as wide as high",
             Self::BadPose => "the pose is not finite or not a rotation",
             Self::SameName => "another view has the same name",
         })
@@ -151,8 +170,23 @@ impl fmt::Display for Remark {
                 )
             }
             Self::MasksMissing { count, first } => write!(f, "{count} without the mask that is named (first: {first})"),
-            Self::DepthsUnused { count } => write!(f, "{count} with a depth image, which is not used"),
+            Self::DepthsMissing { count, first } => {
+                write!(f, "{count} without the depth map that is named (first: {first})")
+            }
+            Self::DepthsUnused { count } => write!(f, "{count} with a depth map of a 360° image, which is not used"),
             Self::Undistorted { count, lens } => write!(f, "{count} undistorted when read ({lens} lens)"),
+            Self::Split { count } => {
+                let images = counted(*count, "360° image");
+                write!(f, "{images} split into the six faces of a cube each: {} views", 6 * count)
+            }
+            Self::UnsplitPanoramas { count, first } => {
+                let images = counted(*count, "image");
+                write!(
+                    f,
+                    "{images} with the shape and the borders of a 360° image, but a perspective camera: if that is \
+                     wrong, set its model to EQUIRECTANGULAR (first: {first})"
+                )
+            }
             Self::Scaled { count, from, to } => {
                 let ((w, h), (width, height)) = (from, to);
                 write!(f, "{count} with intrinsics scaled to the image (first: {w}x{h} to {width}x{height} px)")

@@ -1,4 +1,5 @@
-//! Undistorts images: computes the picture of a pinhole camera by interpolation.
+//! Undistorts images: computes the picture of a pinhole camera by interpolation. Where a pixel of
+//! a 360° image's face covers several of the image, it is the mean over points spread within it.
 
 use glam::{DVec2, dvec2};
 use gs_core::{Camera, Image};
@@ -37,11 +38,26 @@ struct Grid<'a, const N: usize> {
     pixels: &'a [[f32; N]],
     width: u32,
     height: u32,
+    /// Whether the left and right borders continue each other.
+    closed: bool,
+}
+
+/// Largest number of points along each side of a pixel.
+const MOST_SAMPLES: f64 = 8.0;
+
+/// Points along each side of a pixel of a face that are at most a pixel of the 360° image apart:
+/// the pixel's angle, divided by those of the image, which shrink towards the poles.
+fn samples(ray: DVec2, seen: Option<DVec2>, focal: DVec2, source: &SourceCamera) -> u32 {
+    let Some(seen) = seen else { return 1 };
+    let angle = 1.0 / (focal.min_element() * (1.0 + ray.length_squared()).sqrt());
+    let latitude = (seen.y - source.center.y) / source.focal.y;
+    let pixels = angle * source.focal.max_element() / latitude.cos().max(1e-6);
+    pixels.ceil().clamp(1.0, MOST_SAMPLES) as u32
 }
 
 impl<'a, const N: usize> Grid<'a, N> {
     fn new(pixels: &'a [[f32; N]], source: &SourceCamera) -> Self {
-        Self { pixels, width: source.width, height: source.height }
+        Self { pixels, width: source.width, height: source.height, closed: source.face().is_some() }
     }
 
     /// The pixels of the pinhole picture, row-major, 0 where there are none, and a mask if not all
@@ -58,9 +74,16 @@ impl<'a, const N: usize> Grid<'a, N> {
         let (mut pixels, mut counts) = (Vec::with_capacity(count), Vec::with_capacity(count));
         for y in 0..camera.height {
             for x in 0..camera.width {
-                let ray = (dvec2(f64::from(x), f64::from(y)) + 0.5 - center) / focal;
-                let seen = source.to_pixel(ray).filter(|p| p.cmpge(DVec2::ZERO).all() && p.cmple(size).all());
-                pixels.push(seen.map_or([0.0; N], |place| self.between(place)));
+                let ray = |within: DVec2| (dvec2(f64::from(x), f64::from(y)) + within - center) / focal;
+                let place = |within: DVec2| {
+                    source.to_pixel(ray(within)).filter(|p| p.cmpge(DVec2::ZERO).all() && p.cmple(size).all())
+                };
+                let seen = place(DVec2::splat(0.5));
+                let samples = if self.closed { samples(ray(DVec2::splat(0.5)), seen, focal, source) } else { 1 };
+                pixels.push(match samples {
+                    1 => seen.map_or([0.0; N], |place| self.between(place)),
+                    _ => self.mean(samples, place),
+                });
                 counts.push(seen.is_some_and(|place| mask.is_none_or(|mask| mask[self.nearest(place)])));
             }
         }
@@ -74,12 +97,29 @@ impl<'a, const N: usize> Grid<'a, N> {
         y as usize * self.width as usize + x as usize
     }
 
+    /// The mean over `samples` × `samples` points of a pixel; `place` gives their positions in the
+    /// image for positions from 0 to 1 within the pixel.
+    fn mean(&self, samples: u32, place: impl Fn(DVec2) -> Option<DVec2>) -> [f32; N] {
+        let within = |i: u32| (f64::from(i) + 0.5) / f64::from(samples);
+        let points = (0..samples).flat_map(|y| (0..samples).map(move |x| dvec2(within(x), within(y))));
+        let (mut sum, mut count) = ([0.0; N], 0.0);
+        for value in points.filter_map(place).map(|place| self.between(place)) {
+            sum.iter_mut().zip(value).for_each(|(sum, value)| *sum += value);
+            count += 1.0;
+        }
+        if count > 0.0 { sum.map(|sum| sum / count) } else { sum }
+    }
+
     /// Interpolates at a position inside the frame with Catmull-Rom's cubic over 4×4 pixels,
     /// clamped to their range, because a cubic overshoots at edges.
     fn between(&self, place: DVec2) -> [f32; N] {
         let corner = (place - 0.5).floor();
         let fraction = place - 0.5 - corner;
-        let column = |k: i64| (corner.x as i64 + k).clamp(0, i64::from(self.width) - 1) as usize;
+        let width = i64::from(self.width);
+        let column = |k: i64| match (self.closed, corner.x as i64 + k) {
+            (true, x) => x.rem_euclid(width) as usize,
+            (false, x) => x.clamp(0, width - 1) as usize,
+        };
         let row = |k: i64| (corner.y as i64 + k).clamp(0, i64::from(self.height) - 1) as usize;
         let (columns, weights) = ([-1, 0, 1, 2].map(column), catmull_rom(fraction.x as f32));
         let (mut sum, mut low, mut high) = ([0.0; N], [f32::INFINITY; N], [f32::NEG_INFINITY; N]);

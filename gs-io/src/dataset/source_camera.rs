@@ -3,7 +3,11 @@
 use glam::{DVec2, dvec2};
 use gs_core::constants::MAX_SIDE_PX;
 
-use super::lens::Lens;
+use super::{
+    Distortion,
+    cube::{self, CubeFace},
+    lens::Lens,
+};
 
 /// How far an undistorted picture may extend beyond the image's frame or stay within it on each
 /// side, relative to the frame's side: twice to a fifth in total, the limits of COLMAP's
@@ -57,10 +61,15 @@ impl SourceCamera {
     /// The pinhole camera of the undistorted picture: the same focal lengths, and the largest frame
     /// in which every pixel comes from the image (COLMAP with `blank_pixels` = 0, OpenCV with alpha
     /// = 0), limited to between a fifth and twice the image's sides. For a pinhole, the camera
-    /// itself.
+    /// itself; for a 360° image, its face of 90°, with a quarter of the image's width.
     pub fn pinhole(&self) -> Self {
         if self.lens.is_pinhole() {
             return *self;
+        }
+        if self.face().is_some() {
+            let side = cube::face_side(self.width);
+            let half = DVec2::splat(0.5 * f64::from(side));
+            return Self { width: side, height: side, focal: half, center: half, lens: Lens::default() };
         }
         let size = self.size();
         let (low, high) = self.seen();
@@ -88,7 +97,7 @@ impl SourceCamera {
             let DVec2 { x, y } = self.center;
             return Some(format!("a principal point at {x:e}, {y:e} px {of}"));
         }
-        if self.lens.is_pinhole() {
+        if self.lens.is_pinhole() || self.face().is_some() {
             return None;
         }
         let (low, high) = self.seen();
@@ -102,6 +111,14 @@ impl SourceCamera {
             pixel.is_some_and(|pixel| (away / STRETCH..=away * STRETCH).contains(&pixel))
         });
         (!(sane && shows_enough)).then(|| format!("a lens that shows less than a fifth of the width or height {of}"))
+    }
+
+    /// The face of the cube that a view of a 360° image shows; `None` for other images.
+    pub fn face(&self) -> Option<CubeFace> {
+        match *self.lens.distortion() {
+            Distortion::Equirectangular { face } => Some(face),
+            _ => None,
+        }
     }
 
     fn size(&self) -> DVec2 {

@@ -13,6 +13,7 @@ pub(super) struct Tally {
     skipped: BTreeMap<Skip, Remark>,
     images: BTreeMap<ImageRemark, Remark>,
     scaled: Option<Remark>,
+    split: Option<Remark>,
     reduced: Option<Remark>,
     bent: BTreeMap<&'static str, Remark>,
 }
@@ -24,10 +25,12 @@ impl Tally {
         add(self.skipped.entry(why).or_insert_with(first));
     }
 
-    /// Counts a view that stays, with the size of its calibration and the remarks on its file.
+    /// Counts an image that stays by its first view, with the size of its calibration and the remarks on its file.
     pub(super) fn count(&mut self, view: &View, calibrated: (u64, u64), remarks: &[ImageRemark]) {
         let SourceCamera { width, height, lens, .. } = view.source;
-        if !lens.is_pinhole() {
+        if view.source.face().is_some() {
+            add(self.split.get_or_insert(Remark::Split { count: 0 }));
+        } else if !lens.is_pinhole() {
             let lens = lens.distortion().name();
             add(self.bent.entry(lens).or_insert(Remark::Undistorted { count: 0, lens }));
         }
@@ -48,7 +51,7 @@ impl Tally {
     /// All remarks.
     pub(super) fn remarks(self) -> Vec<Remark> {
         let images = self.images.into_values();
-        let sizes = self.scaled.into_iter().chain(self.reduced);
+        let sizes = self.split.into_iter().chain(self.scaled).chain(self.reduced);
         self.skipped.into_values().chain(images).chain(sizes).chain(self.bent.into_values()).collect()
     }
 }
@@ -59,7 +62,8 @@ fn add(remark: &mut Remark) {
     | Remark::Image { count, .. }
     | Remark::Scaled { count, .. }
     | Remark::Reduced { count, .. }
-    | Remark::Undistorted { count, .. } = remark
+    | Remark::Undistorted { count, .. }
+    | Remark::Split { count } = remark
     {
         *count += 1;
     }

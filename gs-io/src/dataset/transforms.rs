@@ -16,7 +16,7 @@ use glam::{DMat3, DVec3, dvec2};
 use serde::{Deserialize, de::DeserializeOwned};
 
 use super::{
-    BrownConrady, Dataset, DatasetKind, DatasetSettings, Distortion, Fisheye, Point, Remark, Skip, Split,
+    BrownConrady, Dataset, DatasetKind, DatasetSettings, DepthFile, Distortion, Fisheye, Point, Remark, Skip, Split,
     assemble::{Draft, Focal, Intrinsics, Parts, Stated, assemble},
     colmap::{ColmapModel, points_of},
     place::{IMAGE_FOLDERS, NamePart, Place, check_inside, find_image},
@@ -34,6 +34,10 @@ pub(super) const BLENDER_TRAIN: &str = "transforms_train.json";
 /// All files of a NeRF-synthetic data set.
 const BLENDER: [(&str, Split); 3] =
     [(BLENDER_TRAIN, Split::Train), ("transforms_val.json", Split::Validation), ("transforms_test.json", Split::Test)];
+
+/// World units of a stored 1 in a depth map: Nerfstudio's `depth_unit_scale_factor`, for depths in
+/// millimetres.
+const DEPTH_UNIT: f32 = 1e-3;
 
 /// Where Nerfstudio stores the COLMAP model that it started from.
 const NERFSTUDIO_COLMAP: &str = "colmap/sparse/0";
@@ -151,7 +155,11 @@ impl CameraFields {
                     bent => Distortion::BrownConrady(bent),
                 }
             }
-            PANORAMA => return Ok(Err(Skip::Panorama)),
+            // The lengths fl_x, fl_y, cx and cy of a 360° image follow from its size.
+            PANORAMA => {
+                let size = self.w.zip(self.h).map(|(w, h)| dvec2(w, h));
+                return Ok(Ok(Intrinsics::panorama(size)));
+            }
             other => {
                 let known = [&FISHEYE[..], &PERSPECTIVE, &[PANORAMA]].concat().join(", ");
                 let found = other.chars().filter(|c| !c.is_control()).take(40).collect();
@@ -182,6 +190,12 @@ impl Frame {
         Ok(Draft {
             file: Some(PathBuf::from(&name)),
             name,
+            depth: self
+                .depth_file_path
+                .as_ref()
+                .map(|depth| root.join(depth))
+                .filter(|path| path.is_file())
+                .map(|path| DepthFile { path, unit: Some(DEPTH_UNIT) }),
             mask: self.mask_path.as_ref().and_then(|mask| find_image(&root.join(mask))),
             intrinsics: camera.intrinsics(file)?,
             stated: Stated { place, numbers: camera.numbers() },
@@ -195,18 +209,22 @@ impl Transforms {
     fn check_inside(&self, root: &Path, path: &Path, settings: &DatasetSettings) -> Result<(), Error> {
         let images = self.frames.iter().map(|frame| ("file_path", frame.file_path.as_str()));
         let masks = self.frames.iter().filter_map(|frame| Some(("mask_path", frame.mask_path.as_deref()?)));
+        let depths =
+            self.frames.iter().filter_map(|frame| Some(("depth_file_path", frame.depth_file_path.as_deref()?)));
         let points = self.ply_file_path.as_deref().map(|points| ("ply_file_path", points));
-        check_inside(root, path, images.chain(masks).chain(points), settings)
+        check_inside(root, path, images.chain(masks).chain(depths).chain(points), settings)
     }
 }
 
-/// Remarks on files that frames refer to and that are not used: missing masks, and depths.
-fn unused(frames: &[Frame], drafts: &[Draft]) -> Vec<Remark> {
-    let has_none = |(frame, draft): (&Frame, &Draft)| frame.mask_path.clone().filter(|_| draft.mask.is_none());
-    let missing: Vec<String> = frames.iter().zip(drafts).filter_map(has_none).collect();
-    let masks = missing.first().map(|first| Remark::MasksMissing { count: missing.len(), first: first.clone() });
-    let depths = frames.iter().filter(|factor| factor.depth_file_path.is_some()).count();
-    masks.into_iter().chain((depths > 0).then_some(Remark::DepthsUnused { count: depths })).collect()
+/// Remarks on masks and depth maps that frames refer to and that do not exist.
+fn missing(frames: &[Frame], drafts: &[Draft]) -> Vec<Remark> {
+    let no_mask = |(frame, draft): (&Frame, &Draft)| frame.mask_path.clone().filter(|_| draft.mask.is_none());
+    let no_depth = |(frame, draft): (&Frame, &Draft)| frame.depth_file_path.clone().filter(|_| draft.depth.is_none());
+    let masks: Vec<String> = frames.iter().zip(drafts).filter_map(no_mask).collect();
+    let depths: Vec<String> = frames.iter().zip(drafts).filter_map(no_depth).collect();
+    let masks = masks.first().map(|first| Remark::MasksMissing { count: masks.len(), first: first.clone() });
+    let depths = depths.first().map(|first| Remark::DepthsMissing { count: depths.len(), first: first.clone() });
+    masks.into_iter().chain(depths).collect()
 }
 
 /// Reads a data set in the format of NeRF-synthetic.
@@ -223,7 +241,7 @@ pub(super) fn read_blender(root: &Path, settings: &DatasetSettings) -> Result<Da
         for frame in &file.frames {
             drafts.push(frame.draft(root, &path, &file.camera, Some(split))?);
         }
-        remarks.extend(unused(&file.frames, &drafts[first..]));
+        remarks.extend(missing(&file.frames, &drafts[first..]));
         if points.is_empty() {
             points = listed_points(root, &file, &mut remarks)?.unwrap_or_default();
         }
@@ -251,7 +269,7 @@ pub(super) fn read_nerfstudio(root: &Path, path: &Path, settings: &DatasetSettin
         });
         drafts.push(draft);
     }
-    let mut remarks = unused(&file.frames, &drafts);
+    let mut remarks = missing(&file.frames, &drafts);
     let points = match listed_points(root, &file, &mut remarks)? {
         Some(points) => points,
         None => colmap_points(root, &file)?,

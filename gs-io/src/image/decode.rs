@@ -53,6 +53,21 @@ pub(crate) fn decode_mask(path: &Path) -> Result<Image, Error> {
     Image::from_pixels(width, height, colors).map_err(Error::content(path))
 }
 
+/// Reads a grey image of numbers that are not colours, with its columns and rows: the integers that
+/// are stored, or the floating-point numbers.
+pub(crate) fn decode_grey(path: &Path) -> Result<((u32, u32), Vec<f32>), Error> {
+    let (Pixels { width, height, colors, bits_per_channel, .. }, ..) = read_pixels(path, Orientation::AsStored)?;
+    if colors.iter().any(|[r, g, b]| r != g || g != b) {
+        return Err(Error::bad_depth(path, "it is an image with colours, but must be grey"));
+    }
+    let values = colors.iter().map(|[value, ..]| match bits_per_channel {
+        8 => (value * 255.0).round(),
+        16 => (value * 65535.0).round(),
+        _ => *value,
+    });
+    Ok(((width, height), values.collect()))
+}
+
 fn with_remark(mut remarks: Vec<ImageRemark>, colors: &Colors) -> Vec<ImageRemark> {
     remarks.extend(colors.remark());
     remarks

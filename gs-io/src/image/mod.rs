@@ -13,7 +13,7 @@ use std::{
 
 use gs_core::{Image, to_8_bits};
 
-pub(crate) use self::decode::{decode, decode_mask, read_header};
+pub(crate) use self::decode::{decode, decode_grey, decode_mask, read_header};
 pub use self::remark::ImageRemark;
 use crate::{atomic::write_atomically, error::Error};
 

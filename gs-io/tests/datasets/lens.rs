@@ -62,7 +62,7 @@ fn every_model_projects_as_documented_and_back() {
         assert!(camera.to_ray(pixel).unwrap().distance(ray) < 1e-9, "{name}");
         assert_eq!(camera.lens.is_pinhole(), matches!(name, "PINHOLE" | "SIMPLE_PINHOLE"), "{name}");
     }
-    assert_eq!(camera("EQUIRECTANGULAR", &[640.0, 480.0]), Err(Skip::Panorama));
+    assert_eq!(camera("EQUIRECTANGULAR", &[640.0, 480.0]), Err(Skip::Panorama), "not twice as wide as high");
 }
 
 #[test]

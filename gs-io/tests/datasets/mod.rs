@@ -1,10 +1,12 @@
 //! Data sets: small ones made here, valid and broken, and real ones if they are there.
 
 mod colmap;
+mod depth;
 mod images;
 mod lens;
 mod made;
 mod mutated;
+mod panorama;
 mod real;
 mod refusals;
 mod transforms;

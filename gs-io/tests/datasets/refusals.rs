@@ -194,9 +194,9 @@ fn masks_are_used_and_unusable_ones_are_reported() {
     let mask = dataset.views[0].read_image().unwrap().mask.unwrap();
     assert_eq!(mask[..40], std::array::from_fn::<bool, 40, _>(|x| x >= 10));
     assert!(dataset.remarks.contains(&Remark::MasksMissing { count: 1, first: "masks/d.png".to_owned() }));
-    assert!(dataset.remarks.contains(&Remark::DepthsUnused { count: 4 }));
+    assert!(dataset.remarks.contains(&Remark::DepthsMissing { count: 4, first: "depths/a.png".to_owned() }));
     let lines: Vec<String> = dataset.remarks.iter().map(ToString::to_string).collect();
-    assert!(lines.contains(&"4 with a depth image, which is not used".to_owned()), "{lines:?}");
+    assert!(lines.contains(&"4 without the depth map that is named (first: depths/a.png)".to_owned()), "{lines:?}");
 }
 
 #[test]

@@ -101,7 +101,7 @@ fn lenses_follow_from_model_and_coefficients() {
         assert_eq!(bent.radial, [0.1, 0.0, 0.0, 0.0]);
     }
     nerfstudio(place.path(), json!({"camera_model": "EQUIRECTANGULAR"}));
-    assert!(refusal(place.path()).contains("panorama"));
+    assert!(refusal(place.path()).contains("360° image"));
     nerfstudio(place.path(), json!({"camera_model": "PERISCOPE"}));
     assert!(refusal(place.path()).contains("camera model PERISCOPE is not known (known: OPENCV_FISHEYE"));
 }

@@ -111,6 +111,7 @@ pub fn transforms(bytes: &[u8]) {
         view.camera.validate().expect("a possible camera");
         let posed = view.read_image().expect("an image that is there");
         assert_eq!(posed.image.size(), (view.camera.width, view.camera.height));
+        one_line(view.read_depth());
     }
 }
 

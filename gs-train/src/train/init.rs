@@ -9,9 +9,10 @@ use rand::RngExt;
 use serde::{Deserialize, Serialize};
 
 use super::{
+    depths,
     geometry::{Focus, extent_of},
     neighbours::neighbour_distances,
-    sweep,
+    shell, sweep,
     views::PosedView,
 };
 
@@ -43,11 +44,15 @@ pub struct PointInit {
     pub scale: f32,
     /// Number of random points where a data set has none, at least 1. Default 100,000 (3DGS).
     pub random: u32,
+    /// Whether starts from points also have points far beyond them, along the rays of pixels near
+    /// which no point is seen: for sky and far surfaces. Default false.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub shell: bool,
 }
 
 impl Default for PointInit {
     fn default() -> Self {
-        Self { opacity: 0.1, scale: 1.0, random: 100_000 }
+        Self { opacity: 0.1, scale: 1.0, random: 100_000, shell: false }
     }
 }
 
@@ -81,21 +86,47 @@ pub enum Start {
     /// A Gaussian at each point that a search in the images finds, and [`PointInit::random`]
     /// Gaussians at random where it finds hardly any.
     Images,
+    /// A Gaussian at each of these points and at each point of the views' depth maps, which are
+    /// fitted to these points, or without any to those that a search in the images finds, unless
+    /// the depths are in world units. Without depth maps, as [`Self::Points`] or
+    /// [`Self::Images`].
+    Depths(Vec<Point>),
     /// The Gaussians of a scene, with the SH degree of the settings.
     Scene(Scene3d),
 }
 
 impl Start {
-    /// The points that a search in these images finds in place of [`Self::Images`], or
-    /// [`Self::Random`] if it finds fewer than 100; other starts as they are. A training does this
-    /// itself where it has not been done.
+    /// The points that a search in these images or their depth maps finds in place of
+    /// [`Self::Images`] or [`Self::Depths`], or [`Self::Random`] if there are fewer than 100 then;
+    /// other starts as they are. A training does this itself where it has not been done.
+    ///
+    /// # Errors
+    /// Those of reading an image or a depth map.
+    pub fn searched(self, views: &[PosedView]) -> Result<Self, crate::Error> {
+        let points = match self {
+            Self::Images => sweep::points(views)?,
+            Self::Depths(mut points) => {
+                let mut found = depths::points(views, &points)?;
+                if points.is_empty() && found.len() < LEAST_FOUND {
+                    points = sweep::points(views)?;
+                    found = depths::points(views, &points)?;
+                }
+                points.extend(found);
+                points
+            }
+            other => return Ok(other),
+        };
+        Ok(if points.len() < LEAST_FOUND { Self::Random } else { Self::Points(points) })
+    }
+
+    /// The start with the points of [`PointInit::shell`], if it has points.
     ///
     /// # Errors
     /// Those of reading an image.
-    pub fn searched(self, views: &[PosedView]) -> Result<Self, crate::Error> {
-        let Self::Images = self else { return Ok(self) };
-        let found = sweep::points(views)?;
-        Ok(if found.len() < LEAST_FOUND { Self::Random } else { Self::Points(found) })
+    pub(super) fn with_shell(self, views: &[PosedView]) -> Result<Self, crate::Error> {
+        let Self::Points(mut points) = self else { return Ok(self) };
+        points.extend(shell::points(views, &points)?);
+        Ok(Self::Points(points))
     }
 
     /// The first scene, of at most `budget` Gaussians (drawn from more points) and SH degree
@@ -122,7 +153,9 @@ impl Start {
                 return Ok(with_degree(&scene, sh_degree));
             }
             Self::Points(points) => points,
-            Self::Random | Self::Images => random_points(cameras, (init.random as usize).min(budget), rng),
+            Self::Random | Self::Images | Self::Depths(_) => {
+                random_points(cameras, (init.random as usize).min(budget), rng)
+            }
         };
         let usable = |point: &&Point| point.position.is_finite() && point.position.abs().max_element() < FARTHEST;
         let mut points: Vec<Point> = points.iter().filter(usable).copied().collect();

@@ -4,6 +4,7 @@
 //! Its settings are [`TrainSettings`], with presets in [`TrainPreset`]; [`Start`] gives the first
 //! Gaussians. [`evaluate`] measures the quality of any scene on any views.
 
+mod depths;
 mod evaluation;
 mod evidence;
 mod flat;
@@ -15,6 +16,7 @@ mod order;
 mod presets;
 mod resolution;
 mod settings;
+mod shell;
 mod speed;
 mod summary;
 mod sweep;

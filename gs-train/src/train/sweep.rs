@@ -88,11 +88,8 @@ const FILL_RADIUS: f32 = 0.12;
 /// # Errors
 /// Those of reading an image.
 pub(super) fn points(views: &[PosedView]) -> Result<Vec<Point>, Error> {
-    let count = views.len().min(MOST_VIEWS);
-    let plates = (0..count)
-        .into_par_iter()
-        .map(|number| Plate::read(&views[number * views.len() / count]))
-        .collect::<Result<Vec<_>, _>>()?;
+    let plates = evenly(views).into_par_iter().map(Plate::read).collect::<Result<Vec<_>, _>>()?;
+    let count = plates.len();
     let cameras: Vec<Camera> = plates.iter().map(|plate| plate.camera).collect();
     let (distance, nearest) = match Focus::of(&cameras) {
         Some(focus) => (focus.distance, NEAREST_AROUND),
@@ -105,23 +102,29 @@ pub(super) fn points(views: &[PosedView]) -> Result<Vec<Point>, Error> {
     Ok(merged(found.into_iter().flatten()))
 }
 
+/// At most [`MOST_VIEWS`] of these views, evenly spread.
+pub(super) fn evenly(views: &[PosedView]) -> Vec<&PosedView> {
+    let count = views.len().min(MOST_VIEWS);
+    (0..count).map(|number| &views[number * views.len() / count]).collect()
+}
+
 /// A view as it is searched.
-struct Plate {
-    camera: Camera,
-    image: Image,
+pub(super) struct Plate {
+    pub(super) camera: Camera,
+    pub(super) image: Image,
     luma: Vec<f32>,
     /// Whether a pixel counts and is more opaque than not.
-    solid: Vec<bool>,
+    pub(super) solid: Vec<bool>,
 }
 
 /// A point, and half the distance between swept pixels at its depth, world units.
-struct Found {
-    point: Point,
-    cell: f32,
+pub(super) struct Found {
+    pub(super) point: Point,
+    pub(super) cell: f32,
 }
 
 impl Plate {
-    fn read(view: &PosedView) -> Result<Self, Error> {
+    pub(super) fn read(view: &PosedView) -> Result<Self, Error> {
         let camera = &view.camera;
         let factor = possible(camera, camera.width.max(camera.height).div_ceil(SIDE));
         let PosedImage { image, alpha, mask } = reduced(&view.image()?, factor)?;
@@ -135,7 +138,7 @@ impl Plate {
     }
 
     /// The direction of the pixel at `at`, px, as long as one unit of depth, world axes.
-    fn ray(&self, at: Vec2) -> Vec3 {
+    pub(super) fn ray(&self, at: Vec2) -> Vec3 {
         self.camera.rotation.transpose() * ((at - self.camera.center) / self.camera.focal).extend(1.0)
     }
 
@@ -197,7 +200,7 @@ fn offsets() -> impl Iterator<Item = (i32, i32)> {
 
 /// The views to compare view `index` with: those whose rays meet its own at about [`BEST_ANGLE`] in
 /// this distance, among those that look in a similar direction.
-fn neighbours(plates: &[Plate], index: usize, distance: f32) -> Vec<usize> {
+pub(super) fn neighbours(plates: &[Plate], index: usize, distance: f32) -> Vec<usize> {
     let camera = &plates[index].camera;
     let axis = |camera: &Camera| camera.rotation.row(2);
     let mut others: Vec<(f32, usize)> = (0..plates.len())
@@ -354,7 +357,7 @@ fn depth_around(known: &[(Vec2, f32)], at: Vec2, reach: f32) -> Option<f32> {
 }
 
 /// The points, of which those of one cell of a grid become one: views overlap.
-fn merged(found: impl Iterator<Item = Found>) -> Vec<Point> {
+pub(super) fn merged(found: impl Iterator<Item = Found>) -> Vec<Point> {
     let found: Vec<Found> = found.collect();
     let mut cells: Vec<f32> = found.iter().map(|found| found.cell).collect();
     cells.sort_by(f32::total_cmp);

@@ -39,7 +39,10 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
         views.validate()?;
         let cameras: Vec<Camera> = views.train_cameras().copied().collect();
         let (budget, degree) = (settings.gaussians as usize, settings.render.effects.sh_degree);
-        let start = start.searched(&views.train)?;
+        let mut start = start.searched(&views.train)?;
+        if settings.init.shell {
+            start = start.with_shell(&views.train)?;
+        }
         let scene = start.scene(&cameras, &settings.init, budget, degree, &mut random(settings.seed, 0))?;
         if !scene.means.iter().any(|&mean| cameras.iter().any(|camera| sees(camera, mean))) {
             return Err(Error::NothingInView { gaussians: scene.len(), views: cameras.len() });

@@ -3,7 +3,7 @@
 use std::fmt;
 
 use gs_core::{Camera, Image};
-use gs_io::dataset::{AlphaMeaning, Dataset, PosedImage, Split, View};
+use gs_io::dataset::{AlphaMeaning, Dataset, DepthMap, PosedImage, Split, View};
 
 use crate::error::Error;
 
@@ -14,6 +14,14 @@ pub trait ImageSource: Send + Sync {
     /// # Errors
     /// Those of reading a file.
     fn read(&self) -> Result<PosedImage, gs_io::Error>;
+
+    /// Reads the view's depth map, if there is one.
+    ///
+    /// # Errors
+    /// Those of reading a file.
+    fn depth(&self) -> Result<Option<DepthMap>, gs_io::Error> {
+        Ok(None)
+    }
 
     /// How the view's pixels count, as far as is known without reading it.
     fn counting(&self) -> Counting {
@@ -43,6 +51,10 @@ impl ImageSource for PosedImage {
 impl ImageSource for View {
     fn read(&self) -> Result<PosedImage, gs_io::Error> {
         self.read_image()
+    }
+
+    fn depth(&self) -> Result<Option<DepthMap>, gs_io::Error> {
+        self.read_depth()
     }
 
     fn counting(&self) -> Counting {

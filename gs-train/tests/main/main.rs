@@ -4,6 +4,7 @@ mod evidence;
 mod fit;
 mod fixture_2d;
 mod fixture_3d;
+mod panorama;
 mod recovery;
 mod resume;
 mod train;

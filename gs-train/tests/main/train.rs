@@ -46,6 +46,20 @@ fn a_scene_comes_back_from_its_pictures() {
 }
 
 #[test]
+fn points_get_a_shell_where_the_settings_ask_for_it() {
+    let rasterizer = rasterizer();
+    let points: Vec<Point> = thirty().means.iter().map(|mean| Point { position: *mean, color: [0.5; 3] }).collect();
+    let count = |shell: bool, start: Start| {
+        let mut settings = short(0);
+        settings.init.shell = shell;
+        Trainer3d::from_views(&rasterizer, views(&rasterizer), start, settings).block_on().unwrap().count()
+    };
+    assert_eq!(count(false, Start::Points(points.clone())), 30);
+    assert!(count(true, Start::Points(points)) > 60);
+    assert_eq!(count(true, Start::Scene(thirty())), 30);
+}
+
+#[test]
 fn the_true_scene_is_perfect_and_stays_so() {
     let rasterizer = rasterizer();
     let judged = evaluate(&rasterizer, &thirty(), &views(&rasterizer).test, &render()).block_on().unwrap();

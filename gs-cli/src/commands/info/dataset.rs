@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use gs_core::counted;
-use gs_io::dataset::{Dataset, DatasetKind, Distortion, SourceCamera, Split, View};
+use gs_io::dataset::{CubeFace, Dataset, DatasetKind, Distortion, Lens, SourceCamera, Split, View};
 use serde::Serialize;
 
 use crate::{
@@ -27,6 +27,7 @@ struct Info {
     cameras: Vec<CameraInfo>,
     points: usize,
     masks: usize,
+    depth_maps: usize,
     remarks: Vec<String>,
 }
 
@@ -43,6 +44,15 @@ struct CameraInfo {
     /// Horizontal and vertical after that, degrees.
     field_of_view: [f64; 2],
     lens: &'static str,
+    /// Whether the camera takes 360° images, of which each is six views.
+    all_directions: bool,
+}
+
+/// The camera of an image: that of its front for each face of a 360° image.
+fn whole(source: SourceCamera) -> SourceCamera {
+    let front = Distortion::Equirectangular { face: CubeFace::Front };
+    let lens = source.face().and_then(|_| Lens::new(front)).unwrap_or(source.lens);
+    SourceCamera { lens, ..source }
 }
 
 /// Prints the content of a data set.
@@ -59,9 +69,10 @@ impl Info {
         let count = |split| dataset.views_of(split).count();
         let mut cameras: Vec<(SourceCamera, CameraInfo)> = Vec::new();
         for view in &dataset.views {
-            match cameras.iter_mut().find(|(source, _)| *source == view.source) {
-                Some((_, camera)) => camera.views += 1,
-                None => cameras.push((view.source, CameraInfo::of(view))),
+            let camera = whole(view.source);
+            match cameras.iter_mut().find(|(source, _)| *source == camera) {
+                Some((_, found)) => found.views += 1,
+                None => cameras.push((camera, CameraInfo::of(view))),
             }
         }
         Self {
@@ -74,6 +85,7 @@ impl Info {
             cameras: cameras.into_iter().map(|(_, camera)| camera).collect(),
             points: dataset.points.len(),
             masks: dataset.views.iter().filter(|view| view.mask.is_some()).count(),
+            depth_maps: dataset.views.iter().filter(|view| view.depth.is_some()).count(),
             remarks: dataset.remarks.iter().map(remark_text).collect(),
         }
     }
@@ -96,6 +108,7 @@ impl CameraInfo {
                 angle(camera.height, camera.focal.y, camera.center.y),
             ],
             lens: source.lens.distortion().name(),
+            all_directions: source.face().is_some(),
         }
     }
 }
@@ -107,11 +120,18 @@ fn text(info: &Info) -> String {
     rows.push(("views", format!("{}: {}", info.views, splits.join(", "))));
     for camera in info.cameras.iter().take(CAMERAS_SHOWN) {
         let ([width, height], [fx, fy], [x, y]) = (camera.image, camera.focal, camera.field_of_view);
-        let mut line =
-            format!("{width}x{height} px, focal {fx:.1}, {fy:.1} px, {x:.1} x {y:.1} degrees, {}", camera.lens);
+        let mut line = format!("{width}x{height} px, ");
+        let _ = match camera.all_directions {
+            true => write!(line, "360°, {}", camera.lens),
+            false => write!(line, "focal {fx:.1}, {fy:.1} px, {x:.1} x {y:.1} degrees, {}", camera.lens),
+        };
         if camera.undistorted != camera.image {
             let [width, height] = camera.undistorted;
-            let done = if camera.lens == Distortion::None.name() { "scaled" } else { "undistorted" };
+            let done = match camera.lens {
+                _ if camera.all_directions => "split into faces, each resampled",
+                lens if lens == Distortion::None.name() => "scaled",
+                _ => "undistorted",
+            };
             let _ = write!(line, ", {done} to {width}x{height} px");
         }
         let _ = write!(line, " ({})", counted(camera.views, "view"));
@@ -123,6 +143,9 @@ fn text(info: &Info) -> String {
     rows.push(("points", info.points.to_string()));
     if info.masks > 0 {
         rows.push(("masks", info.masks.to_string()));
+    }
+    if info.depth_maps > 0 {
+        rows.push(("depth maps", info.depth_maps.to_string()));
     }
     rows.extend(info.remarks.iter().map(|remark| ("remark", remark.clone())));
     let lines: Vec<String> = rows.iter().map(|(name, value)| format!("{name:<20}{}", printable(value))).collect();

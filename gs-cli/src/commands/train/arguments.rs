@@ -134,9 +134,10 @@ pub(crate) struct TrainSettingsArgs {
     /// Density control: which Gaussians grow and which are removed
     #[arg(long, value_enum, value_name = "POLICY")]
     pub(crate) policy: Option<TrainPolicyName>,
-    /// The initial Gaussians: the points of the data set, points found in the images, random
-    /// points, or a scene (a file or an output folder) [default: points, or images without points]
-    #[arg(long, value_name = "points|images|random|SCENE")]
+    /// The initial Gaussians: the points of the data set, the same and points of depth maps, points
+    /// found in the images, random points, or a scene (a file or an output folder) [default: depths
+    /// with depth maps, or else points, or images without points]
+    #[arg(long, value_name = "points|depths|images|random|SCENE")]
     pub(crate) start: Option<String>,
     /// Loss to minimise
     #[arg(long, value_enum, value_name = "LOSS")]

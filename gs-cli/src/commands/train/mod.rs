@@ -113,12 +113,16 @@ impl Start {
         let views = Views::of_dataset(dataset);
         match self {
             Self::Fresh { settings, initial, description } => {
-                let searches = matches!(initial, Initial::Images);
+                let (searches, depths) = (matches!(initial, Initial::Images), matches!(initial, Initial::Depths(_)));
                 let initial = initial.searched(&views.train)?;
                 let description = match &initial {
                     Initial::Points(points) if searches => {
                         format!("{} found in the images", counted(points.len(), "point"))
                     }
+                    Initial::Points(points) if depths => {
+                        format!("{}, with those of the depth maps", counted(points.len(), "point"))
+                    }
+                    _ if depths => "random points, because there were too few in the depth maps".to_owned(),
                     _ if searches => "random points, because too few were found in the images".to_owned(),
                     _ => description,
                 };

@@ -53,7 +53,8 @@ pub(super) fn keep_off(dataset: &Dataset, output: &Path) -> Result<(), Failure> 
     let is_there = |file: &&PathBuf| {
         fs::canonicalize(file).is_ok_and(|file| file.starts_with(&views) || file.parent() == Some(&folder))
     };
-    let files = |view: &'_ View| [Some(view.image.clone()), view.mask.clone()].into_iter().flatten();
+    let depth = |view: &View| view.depth.as_ref().map(|depth| depth.path.clone());
+    let files = |view: &'_ View| [Some(view.image.clone()), view.mask.clone(), depth(view)].into_iter().flatten();
     let files: BTreeSet<PathBuf> = dataset.views.iter().flat_map(files).collect();
     files.iter().find(is_there).map_or(Ok(()), |file| refused(file))
 }

@@ -74,14 +74,20 @@ pub(super) fn with_flags(args: &TrainSettingsArgs, mut settings: TrainSettings) 
 /// searched.
 pub(super) fn initial(args: &TrainSettingsArgs, dataset: &Dataset) -> Result<(Start, String), Failure> {
     let points = || (Start::Points(dataset.points.clone()), counted(dataset.points.len(), "point"));
+    let has_no_depths = || dataset.views_of(Split::Train).all(|view| view.depth.is_none());
     match args.start.as_deref() {
         Some("random") => Ok((Start::Random, "random points".to_owned())),
         Some("images") => Ok((Start::Images, String::new())),
         Some("points") if dataset.points.is_empty() => {
             Err(Failure::usage("--start points: the data set has no points").hint("use --start images"))
         }
-        None if dataset.points.is_empty() => Ok((Start::Images, String::new())),
-        None | Some("points") => Ok(points()),
+        Some("depths") if has_no_depths() => {
+            Err(Failure::usage("--start depths: the data set has no depth maps").hint("use --start images"))
+        }
+        None if has_no_depths() && dataset.points.is_empty() => Ok((Start::Images, String::new())),
+        None if has_no_depths() => Ok(points()),
+        None | Some("depths") => Ok((Start::Depths(dataset.points.clone()), String::new())),
+        Some("points") => Ok(points()),
         Some(file) => Ok((Start::Scene(scene::read_3d(Path::new(file))?.scene), format!("the Gaussians of {file}"))),
     }
 }

@@ -7,6 +7,7 @@ use glam::{DVec2, dvec2};
 use crate::dataset::{
     AriaFisheye, BrownConrady, Distortion, Fisheye, Skip,
     assemble::{Focal, Intrinsics},
+    cube::is_two_to_one,
 };
 
 /// A camera model of COLMAP. The discriminant is its id in binary files.
@@ -129,7 +130,8 @@ impl CameraModel {
         let (focal, center, rest) = match (self.parameter_names()[0], parameters) {
             ("f", &[f, cx, cy, ref rest @ ..]) => (DVec2::splat(f), dvec2(cx, cy), rest),
             ("fx", &[fx, fy, cx, cy, ref rest @ ..]) => (dvec2(fx, fy), dvec2(cx, cy), rest),
-            _ => return Err(Skip::Panorama),
+            _ if !is_two_to_one((size.x as u32, size.y as u32)) => return Err(Skip::Panorama),
+            _ => return Ok(Intrinsics::panorama(Some(size))),
         };
         let distortion = self.distortion(rest).ok_or(Skip::BadCamera)?;
         Ok(Intrinsics { focal: Focal::Lengths(focal), center: Some(center), size: Some(size), distortion })
@@ -179,11 +181,7 @@ mod tests {
             assert_eq!((model.id(), CameraModel::from_id(id)), (id, Some(model)));
             assert_eq!(CameraModel::from_name(model.name()), Some(model));
             let parameters = vec![0.5; model.parameter_names().len()];
-            let made = model.intrinsics(&parameters, DVec2::ONE);
-            match model {
-                CameraModel::Equirectangular => assert_eq!(made, Err(Skip::Panorama)),
-                _ => assert!(made.is_ok(), "{model:?}"),
-            }
+            assert!(model.intrinsics(&parameters, dvec2(20.0, 10.0)).is_ok(), "{model:?}");
             assert_eq!(model.intrinsics(&parameters[1..], DVec2::ONE), Err(Skip::BadCamera), "{model:?}");
         }
         assert_eq!(CameraModel::from_id(18), None);

@@ -17,8 +17,9 @@ use glam::{DQuat, DVec2, DVec3, dvec2};
 
 pub use self::camera_model::CameraModel;
 use super::{
-    Dataset, DatasetKind, DatasetSettings, Lens, Point, Remark, Skip, SourceCamera,
+    Dataset, DatasetKind, DatasetSettings, DepthFile, Lens, Point, Remark, Skip, SourceCamera,
     assemble::{Draft, Parts, Stated, assemble},
+    depth,
     place::{IMAGE_FOLDERS, NamePart, Place, check_inside, find_image},
     pose::Pose,
     read_file,
@@ -27,6 +28,9 @@ use crate::error::Error;
 
 /// The folder of masks: `masks/NAME.png` for the image `images/NAME`.
 const MASK_FOLDER: &str = "masks";
+
+/// The folder of depth maps: `depths/NAME` for the image `images/NAME`, ending in `.png` or `.npy`.
+const DEPTH_FOLDER: &str = "depths";
 
 /// The id that stands for no point.
 const NO_POINT: u64 = u64::MAX;
@@ -159,7 +163,7 @@ impl ColmapModel {
     }
 
     /// Drafts of the views. `file` is that of the cameras.
-    fn draft(&self, masks: Option<&Path>, file: &str, image: &ColmapImage) -> Draft {
+    fn draft(&self, root: &Path, file: &str, image: &ColmapImage) -> Draft {
         let intrinsics = self.cameras.get(&image.camera_id).ok_or(Skip::NoCamera).and_then(|camera| {
             let size = dvec2(camera.width as f64, camera.height as f64);
             camera.model.intrinsics(&camera.parameters, size)
@@ -169,10 +173,12 @@ impl ColmapModel {
             Stated { place: format!("camera {} of {file}", image.camera_id), numbers: numbers.collect() }
         });
         let file = Some(PathBuf::from(&image.name));
-        let mask = masks.zip(file.as_ref()).and_then(|(masks, file)| find_image(&masks.join(file)));
+        let mask = find_image(&root.join(MASK_FOLDER).join(&image.name));
+        let depth = depth::find(&root.join(DEPTH_FOLDER), Path::new(&image.name));
+        let depth = depth.map(|path| DepthFile { path, unit: None });
         let pose = Pose::world_to_camera(image.rotation, image.translation);
         let (name, stated) = (image.name.clone(), stated.unwrap_or_default());
-        Draft { name, file, mask, intrinsics, stated, pose, split: None }
+        Draft { name, file, mask, depth, intrinsics, stated, pose, split: None }
     }
 }
 
@@ -202,9 +208,8 @@ pub(super) fn read(root: &Path, folder: &Path, settings: &DatasetSettings) -> Re
             IMAGE_FOLDERS.map(|name| Place::new(root, name, NamePart::Path)).into_iter().chain([own]).collect()
         }
     };
-    let masks = Some(root.join(MASK_FOLDER)).filter(|masks| masks.is_dir());
     let cameras = format!("cameras.{extension}");
-    let drafts = model.images.iter().map(|image| model.draft(masks.as_deref(), &cameras, image)).collect();
+    let drafts = model.images.iter().map(|image| model.draft(root, &cameras, image)).collect();
     let remarks = other_models(folder).into_iter().collect();
     let points = points_of(&model.points).collect();
     assemble(Parts { kind: DatasetKind::Colmap, root, drafts, points, places, remarks }, settings)
