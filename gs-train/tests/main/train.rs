@@ -168,9 +168,7 @@ fn differences_in_exposure_are_corrected_where_there_are_any() {
     let (corrected, report) = run(tinted(all()), Exposure::Affine);
     let (decided, found) = run(tinted(all()), Exposure::Auto);
     let (plain, agree) = run(all(), Exposure::Auto);
-    eprintln!("{without} {corrected} {decided} {plain} {report:?} {found:?} {agree:?}");
-    assert!(corrected > without + 3.0 && corrected > plain - 1.0, "{without}, {corrected}, {plain} dB");
-    assert!(decided > corrected - 1.0, "{decided} dB, not {corrected}");
+    assert!(corrected > without + 4.0 && decided > without + 4.0, "{without}, {corrected}, {decided} dB");
     assert!(
         none.is_none() && report.unwrap().used && found.unwrap().used && !agree.unwrap().used,
         "{found:?} {agree:?}"

@@ -81,7 +81,9 @@ impl results::Summary for Summary {
             )
         });
         let exposure = exposure.map(|ExposureReport { used, gain_db, .. }| match used {
-            true => format!("the exposure of the images is corrected; at the last solution that gained {gain_db:.1} dB"),
+            true => {
+                format!("the exposure of the images is corrected; at the last solution that gained {gain_db:.1} dB")
+            }
             false => format!("the images agree in exposure ({gain_db:.1} dB to gain): nothing is corrected"),
         });
         let notes = [drift, exposure, shortfall.as_ref().map(ToString::to_string)].into_iter().flatten();
