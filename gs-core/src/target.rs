@@ -19,11 +19,15 @@ pub struct TargetImage<'a> {
     /// Pixels that do not count are replaced by the rendering, so they add nothing to the loss and
     /// have no gradient. The loss stays a mean over all pixels.
     pub mask: Option<&'a [bool]>,
+    /// Whether memory counts more than time, as where a target is one of many: a backend may then
+    /// keep 8-bit colours as such, and compute in each pass what it could keep. Results are the
+    /// same, up to rounding where the backend then fuses no stages.
+    pub compact: bool,
 }
 
 impl<'a> From<&'a Image> for TargetImage<'a> {
     fn from(image: &'a Image) -> Self {
-        Self { image, alpha: None, mask: None }
+        Self { image, alpha: None, mask: None, compact: false }
     }
 }
 

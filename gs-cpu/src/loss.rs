@@ -24,11 +24,6 @@ pub(crate) fn loss(tiles: &mut Tiles, target: &Target, loss: &Loss, level: Level
         return loss_of_complete(tiles, target, loss, level);
     }
     let mut completed = std::mem::take(&mut tiles.completed);
-    // The completed target contains the rendering, so its blurred terms are valid for one step
-    // only.
-    if let Some(blurred) = completed.blurred.take() {
-        tiles.dssim.spare = blurred;
-    }
     target.complete(tiles.settings.background_color(), &tiles.rows, &mut completed)?;
     let value = loss_of_complete(tiles, &completed, loss, level);
     tiles.completed = completed;

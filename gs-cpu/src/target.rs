@@ -2,7 +2,7 @@
 
 use std::sync::OnceLock;
 
-use gs_core::{Error, TargetImage, math, memory};
+use gs_core::{Error, TargetImage, math, memory, rounded_to_8_bits, to_8_bits};
 use rayon::prelude::*;
 
 use crate::{
@@ -10,15 +10,23 @@ use crate::{
     layout::{Grid, Row, ScalarRow},
 };
 
+/// [`Row`] in 8 bits.
+type Levels = [[u8; LANES]; 3];
+
 /// An image that a loss compares with, in strips.
 #[derive(Debug, Default)]
 pub struct Target {
     pub(crate) width: u32,
     pub(crate) height: u32,
+    /// The colours; empty where they are in `levels`.
     pub(crate) rows: Vec<Row>,
+    /// The colours of a compact target in 8 bits.
+    levels: Vec<Levels>,
     /// [`TargetImage::coverage`] of each pixel, 1 in lanes beyond the image; empty without alpha
     /// and mask.
     coverage: Vec<ScalarRow>,
+    /// Whether `blurred` is kept, rather than computed in each pass.
+    pub(crate) keeps_blurred: bool,
     /// The terms of D-SSIM that depend on the target alone, computed when first needed.
     pub(crate) blurred: OnceLock<BlurredTarget>,
 }
@@ -37,23 +45,34 @@ impl Target {
                 }
             }
         }
-        Ok(Self { width, height, rows: grid.strips_of(target.image)?, coverage, blurred: OnceLock::new() })
+        let (mut rows, mut levels) = (grid.strips_of(target.image)?, Vec::new());
+        if target.compact && target.image.pixels().as_flattened().iter().all(|&value| is_level(value)) {
+            levels = memory::reserved(rows.len(), "a target")?;
+            levels.extend(rows.iter().map(|Row(channels)| channels.map(|values| values.map(to_8_bits))));
+            rows = Vec::new();
+        }
+        Ok(Self { width, height, rows, levels, coverage, keeps_blurred: !target.compact, blurred: OnceLock::new() })
     }
 
-    /// Whether the target has neither alpha nor mask.
+    /// Whether `rows` are what the rendering is compared with: the target has no alpha, no mask and
+    /// no colours in 8 bits.
     pub(crate) fn is_complete(&self) -> bool {
-        self.coverage.is_empty()
+        self.coverage.is_empty() && self.levels.is_empty()
     }
 
-    /// Writes a target without alpha and mask into `completed`: blended with the background, and
-    /// equal to the rendering where the mask excludes a pixel.
+    /// Writes the target that the rendering is compared with into `completed`: in floats, blended
+    /// with the background, and equal to the rendering where the mask excludes a pixel.
     pub(crate) fn complete(&self, background: [f32; 3], rendered: &[Row], completed: &mut Self) -> Result<(), Error> {
         (completed.width, completed.height) = (self.width, self.height);
-        memory::resize(&mut completed.rows, self.rows.len(), Row::ZERO, "a target")?;
-        let inputs = self.rows.par_iter().zip(&self.coverage).zip(rendered);
-        (completed.rows.par_iter_mut().zip(inputs)).for_each(|(Row(out), ((Row(y), ScalarRow(coverage)), Row(c)))| {
+        memory::resize(&mut completed.rows, rendered.len(), Row::ZERO, "a target")?;
+        completed.rows.par_iter_mut().zip(rendered).enumerate().for_each(|(index, (Row(out), Row(c)))| {
+            *out = match self.levels.get(index) {
+                Some(levels) => levels.map(|levels| levels.map(|level| f32::from(level) / 255.0)),
+                None => self.rows[index].0,
+            };
+            let Some(ScalarRow(coverage)) = self.coverage.get(index) else { return };
             for k in 0..3 {
-                out[k] = std::array::from_fn(|i| math::completed(y[k][i], coverage[i], background[k], c[k][i]));
+                out[k] = std::array::from_fn(|i| math::completed(out[k][i], coverage[i], background[k], c[k][i]));
             }
         });
         Ok(())
@@ -71,6 +90,11 @@ impl Target {
             right_height: self.height,
         })
     }
+}
+
+/// Whether a value is one of the 256 that an 8-bit file holds.
+fn is_level(value: f32) -> bool {
+    rounded_to_8_bits(value).to_bits() == value.to_bits()
 }
 
 /// What D-SSIM needs of a target y: y, b(y) and b(y²), where b is the blur.

@@ -16,6 +16,9 @@ const IMAGE: u64 = 12;
 /// A pixel of one channel.
 const PLANE: u64 = 4;
 
+/// Pixels of all targets above which they are kept compact.
+const COMPACT_FROM: u64 = 25_000_000;
+
 /// Memory for code, threads and tables.
 const BASE: u64 = 60_000_000;
 
@@ -102,14 +105,21 @@ impl TrainSettings {
             largest = largest.max(pixels(width, height));
         }
         // Kept images are counted without what D-SSIM adds to them.
-        let kept = all.min(keep_bytes / IMAGE) * (IMAGE + of_target(self.loss));
+        let beside = if is_compact(all) { 0 } else { of_target(self.loss) };
+        let kept = all.min(keep_bytes / IMAGE) * (IMAGE + beside);
         let policy: &dyn DensityPolicy<Scene3d> = &self.policy;
         let step = of_step(&self.render, self.loss, policy.statistics());
-        // An image on its way to the backend, and a rendering.
-        let passing = 3 * IMAGE + of_target(self.loss) + step;
+        // An image on its way to the backend, a rendering, and the target of the step.
+        let passing = 4 * IMAGE + of_target(self.loss) + step;
         let numbers = 3 * ((u64::from(self.render.effects.sh_degree) + 1).pow(2) - 1);
         overhead(largest) + kept + largest * passing + gaussians * (GAUSSIAN_3D + numbers * PARAMETER_3D)
     }
+}
+
+/// Whether so many pixels are kept as [`gs_core::TargetImage::compact`] targets: with what D-SSIM
+/// adds, other targets would take more than 1.2 GB. A step on the CPU takes about a tenth longer.
+pub(crate) fn is_compact(pixels: u64) -> bool {
+    pixels > COMPACT_FROM
 }
 
 /// Bytes per pixel that a loss adds to each target.

@@ -111,6 +111,28 @@ pub trait TrainingTask<R: Optimizer<S>, S: SceneTask> {
     /// Number of images to train with.
     fn images(&self) -> u32;
 
+    /// Prepares for the step after `step` steps; called once before [`Self::send`] of each step.
+    ///
+    /// # Errors
+    /// Those of the backend, and of reading an image.
+    fn prepare(
+        &mut self,
+        _on: &R,
+        _splats: &R::Splats,
+        _settings: &S::Settings,
+        _context: StepContext,
+    ) -> impl Future<Output = Result<(), Error>> {
+        async { Ok(()) }
+    }
+
+    /// Key and text of the task's own state in the metadata of a checkpoint, where it has any.
+    ///
+    /// # Errors
+    /// [`Error::Checkpoint`] where it cannot be written.
+    fn state(&self) -> Result<Option<(&'static str, String)>, Error> {
+        Ok(None)
+    }
+
     /// Sends one step of the optimizer.
     ///
     /// # Errors

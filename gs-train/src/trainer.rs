@@ -238,6 +238,7 @@ impl<'a, R: Optimizer<S>, S: Trainable> Trainer<'a, R, S> {
         };
         let effects = Effects { statistics, ..settings.effects_after(*step) };
         let context = StepContext { step: *step, effects, lr_scale: self.lr_scale(), binning: self.binning };
+        self.task.prepare(self.rasterizer, &self.splats, settings, context).await?;
         self.task.send(self.rasterizer, &mut self.splats, settings, context).await
     }
 
@@ -333,7 +334,9 @@ impl<'a, R: Optimizer<S>, S: Trainable> Trainer<'a, R, S> {
             return Err(Error::BetweenCheckpoints { step: *step, next });
         }
         self.settle().await?;
-        Ok(Checkpoint { state: self.rasterizer.save(&self.splats).await?, metadata: self.record.to_metadata()? })
+        let mut metadata = self.record.to_metadata()?;
+        metadata.extend(self.task.state()?.map(|(key, text)| (key.to_owned(), text)));
+        Ok(Checkpoint { state: self.rasterizer.save(&self.splats).await?, metadata })
     }
 
     /// Steps done.

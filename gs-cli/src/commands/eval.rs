@@ -9,7 +9,7 @@ use gs_core::{Canvas, Image, Rasterizer as _, Scene as _, counted};
 use gs_io::{AnyScene, File2d, File3d, ImageRemark, LoadedImage, dataset::may_be_dataset};
 use gs_train::{
     ImageQuality,
-    train::{ViewQuality, Views, evaluate},
+    train::{ColorMatched, ViewQuality, Views, evaluate},
 };
 use serde::Serialize;
 
@@ -131,5 +131,9 @@ fn evaluate_3d(args: &EvalArgs, file: &File3d) -> Result<(), Failure> {
         .iter()
         .for_each(|name| text += &format!("{:>33}  {}\n", "all pixels masked", printable(name)));
     let mean = format!("mean of {}", counted(evaluation.views.len(), "view"));
-    output::result(text + row(&mean, evaluation.psnr, evaluation.ssim, evaluation.l1).trim_end())
+    text += &row(&mean, evaluation.psnr, evaluation.ssim, evaluation.l1);
+    if let Some(ColorMatched { psnr, ssim, .. }) = evaluation.color_matched {
+        text += &format!("{psnr:>9.3} dB {ssim:>9.5} {:>10}  right halves, colours matched in the left\n", "");
+    }
+    output::result(text.trim_end())
 }

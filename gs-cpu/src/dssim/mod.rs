@@ -40,8 +40,8 @@ pub(crate) struct Scratch {
     sums: Vec<Sums>,
     /// Empty between calls: only the memory of a list is kept.
     gradients: Vec<&'static mut [Row]>,
-    /// The memory of a target's blurred parts that are no longer valid.
-    pub(crate) spare: BlurredTarget,
+    /// The memory of a target's blurred parts that are computed in each pass.
+    spare: BlurredTarget,
 }
 
 /// The sums over the pixels of a line.
@@ -161,11 +161,15 @@ pub(crate) fn loss(
     v_rows: &mut [Row],
 ) -> Result<f64, Error> {
     let window = window();
+    let mut of_this_pass = None;
     let blurred = match target.blurred.get() {
         Some(blurred) => blurred,
         None => {
             let blurred = blur_target(&grid, &target.rows, level, &window, scratch)?;
-            target.blurred.get_or_init(|| blurred)
+            match target.keeps_blurred {
+                true => target.blurred.get_or_init(|| blurred),
+                false => of_this_pass.insert(blurred),
+            }
         }
     };
     let count = (3 * grid.width * grid.height) as f64;
@@ -175,7 +179,7 @@ pub(crate) fn loss(
     let (strips, rows) = (grid.strips(), band_rows(&grid));
     let bands = grid.height.div_ceil(rows);
 
-    let Scratch { bands: scratches, sums, gradients: memory, .. } = scratch;
+    let Scratch { bands: scratches, sums, gradients: memory, spare } = scratch;
     scratches.resize_with(bands.max(scratches.len()), BandScratch::default);
     sums.resize(3 * grid.height, Sums::default());
     // For every band, its rows of every strip of the gradient.
@@ -194,6 +198,9 @@ pub(crate) fn loss(
         dispatch!(level, simd => band.run(simd, pair, scratch, Output { gradient, sums }));
     });
     *memory = emptied(gradients);
+    if let Some(blurred) = of_this_pass {
+        *spare = blurred;
+    }
     let mean = |of: fn(&Sums) -> f64| sums.iter().map(of).sum::<f64>() / count;
     Ok((1.0 - lambda) * mean(|line| line.l1) + lambda * (1.0 - mean(|line| line.ssim)))
 }

@@ -8,8 +8,26 @@ use gs_core::{
 use gs_io::dataset::PosedImage;
 use serde::{Deserialize, Serialize};
 
-use super::{task::where_masked, views::PosedView};
+use super::{color_map::ColorMap, task::where_masked, views::PosedView};
 use crate::{error::Error, quality::l1_and_psnr, summary::infinite_where_null};
+
+/// Quality where differences in exposure and white balance do not count: an affine map of colours
+/// is fitted from the left half of the 8-bit rendering to that of the image, and the right half is
+/// measured with it.
+///
+/// *Source:* the rule for views without a trained appearance of NeRF in the Wild (Martin-Brualla et
+/// al. 2021), with a map of colours in place of a code.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
+pub struct ColorMatched {
+    /// PSNR over the pixels of the right half that count, dB; ∞ for equal images, which JSON writes
+    /// as `null`.
+    #[serde(deserialize_with = "infinite_where_null")]
+    pub psnr: f64,
+    /// Structural similarity of the right half.
+    pub ssim: f64,
+}
 
 /// Quality of one view.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -25,6 +43,9 @@ pub struct ViewQuality {
     pub ssim: f64,
     /// Mean absolute difference over the pixels that count.
     pub l1: f64,
+    /// Quality with matched colours; `None` where no pixel of one half counts.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub color_matched: Option<ColorMatched>,
 }
 
 /// Quality of a scene over several views.
@@ -39,6 +60,9 @@ pub struct Evaluation {
     pub ssim: f64,
     /// Mean of their mean absolute differences.
     pub l1: f64,
+    /// Means of the views' quality with matched colours.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub color_matched: Option<ColorMatched>,
     /// Gaussians that the renderings left out, summed over the views.
     pub culled: Culled,
     /// Quality of each view in which some pixel counts.
@@ -93,6 +117,30 @@ pub(super) fn measure(rendered: &Image, posed: PosedImage, background: [f32; 3])
     Some(Pair { rendered, target, share })
 }
 
+/// Variance of colours that say nothing about the map of a view: half a level of 255.
+const PRIOR: f64 = 4e-6;
+
+/// Quality with matched colours; `None` where no pixel of one half counts.
+fn color_matched(rendered: &Image, posed: &PosedImage, background: [f32; 3]) -> Result<Option<ColorMatched>, Error> {
+    let (rendered, target) = (rendered.rounded_to_8_bits(), posed.clone().over(background));
+    let (width, middle) = (target.width() as usize, target.width() / 2);
+    let is_left = |index: &usize| index % width < middle as usize;
+    let counts = |index: &usize| posed.mask.as_ref().is_none_or(|mask| mask[*index]);
+    let known = (0..target.pixels().len()).filter(is_left).filter(counts);
+    let pairs: Vec<_> = known.map(|index| (rendered.pixels()[index], target.pixels()[index])).collect();
+    if pairs.is_empty() {
+        return Ok(None);
+    }
+    let map = ColorMap::fit(&pairs, PRIOR);
+    let right =
+        |image: &Image| Image::from_fn(image.width() - middle, image.height(), |x, y| image.pixel(x + middle, y));
+    let mask = posed.mask.as_ref().map(|mask| (0..mask.len()).filter(|i| !is_left(i)).map(|i| mask[i]).collect());
+    let posed = PosedImage { image: right(&target)?, alpha: None, mask };
+    let Some(pair) = measure(&map.image(&right(&rendered)?), posed, background) else { return Ok(None) };
+    let (_, psnr) = pair.l1_and_psnr();
+    Ok(Some(ColorMatched { psnr, ssim: metrics::ssim(&pair.rendered, &pair.target)? }))
+}
+
 impl Pair {
     pub(super) fn l1_and_psnr(&self) -> (f64, f64) {
         let (l1, psnr) = l1_and_psnr(&self.rendered, &self.target);
@@ -132,20 +180,27 @@ pub(super) async fn evaluate_splats<R: Rasterizer<Scene3d>>(
         let (rendered, left_out) = rasterizer.draw(splats, &view.camera, render).await?;
         culled = culled.plus(left_out);
         look(view, &rendered)?;
-        let Some(pair) = measure(&rendered, view.image()?, render.background_color()) else {
+        let (posed, background) = (view.image()?, render.background_color());
+        let color_matched = color_matched(&rendered, &posed, background)?;
+        let Some(pair) = measure(&rendered, posed, background) else {
             unmeasured.push(view.name.clone());
             continue;
         };
         let (l1, psnr) = pair.l1_and_psnr();
         let ssim = metrics::ssim(&pair.rendered, &pair.target)?;
-        qualities.push(ViewQuality { name: view.name.clone(), psnr, ssim, l1 });
+        qualities.push(ViewQuality { name: view.name.clone(), psnr, ssim, l1, color_matched });
     }
     if qualities.is_empty() {
         return Err(Error::NothingCounts { views: views.len() });
     }
     let mean = |of: fn(&ViewQuality) -> f64| mean(qualities.iter().map(of));
     let (psnr, ssim, l1) = (mean(|v| v.psnr), mean(|v| v.ssim), mean(|v| v.l1));
-    Ok(Evaluation { psnr, ssim, l1, culled, views: qualities, unmeasured })
+    let matched: Vec<ColorMatched> = qualities.iter().filter_map(|view| view.color_matched).collect();
+    let color_matched = (!matched.is_empty()).then(|| ColorMatched {
+        psnr: metrics::mean(matched.iter().map(|m| m.psnr)),
+        ssim: metrics::mean(matched.iter().map(|m| m.ssim)),
+    });
+    Ok(Evaluation { psnr, ssim, l1, color_matched, culled, views: qualities, unmeasured })
 }
 
 #[cfg(test)]

@@ -66,7 +66,7 @@ impl<'a, R: Optimizer<Scene3d>> Gathering<'a, R> {
         let background = self.render.background_color();
         let pass = self.on.forward(self.splats, camera, &self.render).await?;
         let rendered = self.on.image(&pass).await?;
-        let (target, _) = images::target(self.on, posed.clone(), Some(background))?;
+        let (target, _) = images::target(self.on, posed.clone(), Some(background), true)?;
         let (loss, _) = self.on.backward(self.splats, pass, &target, loss).await?;
         let mask = posed.mask.clone();
         let maps = maps(&rendered, &posed.over(background), mask.as_deref(), &self.request)?;

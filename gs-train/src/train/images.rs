@@ -5,8 +5,8 @@ use std::collections::{BTreeMap, btree_map::Entry};
 use gs_core::{Rasterizer, Scene3d, TargetImage};
 use gs_io::dataset::PosedImage;
 
-use super::{resolution::reduced, views::PosedView};
-use crate::error::Error;
+use super::{color_map::ColorMap, resolution::reduced, views::PosedView};
+use crate::{error::Error, memory};
 
 /// Cache of target images.
 pub(super) struct Images<T> {
@@ -16,18 +16,26 @@ pub(super) struct Images<T> {
     bytes: u64,
     /// Largest number of bytes.
     limit: u64,
+    /// Whether the targets take as little memory as possible.
+    compact: bool,
     /// The last target for which there was no room.
     passing: Option<T>,
 }
 
 impl<T> Images<T> {
-    /// An empty cache for this many bytes.
-    pub(super) fn new(limit: u64) -> Self {
-        Self { kept: BTreeMap::new(), factor: 1, bytes: 0, limit, passing: None }
+    /// An empty cache for this many bytes of images with this many pixels in all.
+    pub(super) fn new(limit: u64, pixels: u64) -> Self {
+        let compact = memory::is_compact(pixels);
+        Self { kept: BTreeMap::new(), factor: 1, bytes: 0, limit, compact, passing: None }
     }
 
-    /// The target of view `index` at 1/`factor` of its size, over `background` if that never
-    /// changes, or else with its alpha.
+    /// Forgets all targets: the maps of colours are no longer those that they were made with.
+    pub(super) fn forget(&mut self) {
+        (self.kept, self.bytes) = (BTreeMap::new(), 0);
+    }
+
+    /// The target of view `index` at 1/`factor` of its size, with mapped colours, over `background`
+    /// if that never changes, or else with its alpha.
     ///
     /// # Errors
     /// Those of reading the image, and of the backend.
@@ -37,20 +45,19 @@ impl<T> Images<T> {
         view: &PosedView,
         index: usize,
         factor: u32,
+        map: Option<&ColorMap>,
         background: Option<[f32; 3]>,
     ) -> Result<&T, Error> {
         if factor != self.factor {
-            (self.kept, self.bytes, self.factor) = (BTreeMap::new(), 0, factor);
+            self.forget();
+            self.factor = factor;
         }
         let place = match self.kept.entry(index) {
             Entry::Occupied(target) => return Ok(target.into_mut()),
             Entry::Vacant(place) => place,
         };
-        let mut posed = view.image()?;
-        if factor > 1 {
-            posed = reduced(&posed, factor)?;
-        }
-        let (target, floats) = target(on, posed, background)?;
+        let posed = training_image(view, factor, map)?;
+        let (target, floats) = target(on, posed, background, self.compact)?;
         let bytes = floats * size_of::<f32>() as u64;
         if self.bytes + bytes > self.limit {
             return Ok(self.passing.insert(target));
@@ -60,19 +67,35 @@ impl<T> Images<T> {
     }
 }
 
+/// The image of a view at 1/`factor` of its size, with mapped colours.
+///
+/// # Errors
+/// Those of reading the image.
+pub(super) fn training_image(view: &PosedView, factor: u32, map: Option<&ColorMap>) -> Result<PosedImage, Error> {
+    let mut posed = view.image()?;
+    if factor > 1 {
+        posed = reduced(&posed, factor)?;
+    }
+    if let Some(map) = map {
+        posed.image = map.image(&posed.image);
+    }
+    Ok(posed)
+}
+
 /// Uploads an image as target, over `background` if there is one, or else with its alpha; also
 /// returns its number of floats.
 pub(super) fn target<R: Rasterizer<Scene3d>>(
     on: &R,
     posed: PosedImage,
     background: Option<[f32; 3]>,
+    compact: bool,
 ) -> Result<(R::Target, u64), Error> {
     let mask = posed.mask.clone();
     let (image, alpha) = match background {
         Some(background) => (posed.over(background), None),
         None => (posed.image, posed.alpha),
     };
-    let target = TargetImage { image: &image, alpha: alpha.as_deref(), mask: mask.as_deref() };
+    let target = TargetImage { image: &image, alpha: alpha.as_deref(), mask: mask.as_deref(), compact };
     let floats = if alpha.is_none() && mask.is_none() { 3 } else { 4 };
     Ok((on.upload_target(target)?, floats * image.pixels().len() as u64))
 }

@@ -4,9 +4,11 @@
 //! Its settings are [`TrainSettings`], with presets in [`TrainPreset`]; [`Start`] gives the first
 //! Gaussians. [`evaluate`] measures the quality of any scene on any views.
 
+mod color_map;
 mod depths;
 mod evaluation;
 mod evidence;
+mod exposure;
 mod flat;
 mod geometry;
 mod images;
@@ -25,7 +27,8 @@ mod trainer;
 mod views;
 
 pub use self::{
-    evaluation::{Evaluation, TrainingViews, ViewQuality, evaluate},
+    evaluation::{ColorMatched, Evaluation, TrainingViews, ViewQuality, evaluate},
+    exposure::{Exposure, ExposureReport},
     flat::Flat,
     geometry::{Focus, extent_of},
     init::{PointInit, Start},

@@ -13,6 +13,7 @@ use gs_density::{Actions, Densify, Grow, Mcmc, Policy, Prune, Signal, SizeThresh
 use serde::{Deserialize, Serialize};
 
 use super::{
+    exposure::Exposure,
     init::PointInit,
     resolution::Resolution,
     settings::{StepBackground, TrainSettings},
@@ -172,6 +173,7 @@ fn three_dgs(iterations: u32) -> TrainSettings {
         policy: Policy::Grow(Grow::absolute(Signal::MeanGradient).with_actions(actions)),
         rounds: published_rounds(iterations, 0.5),
         resolution: Resolution::Full,
+        exposure: Exposure::Off,
     }
 }
 

@@ -8,7 +8,7 @@ use gs_core::{
 use gs_density::{DensityPolicy, Governor, Policy};
 use serde::{Deserialize, Serialize};
 
-use super::{init::PointInit, presets::geometric_groups, resolution::Resolution};
+use super::{exposure::Exposure, init::PointInit, presets::geometric_groups, resolution::Resolution};
 use crate::{recovery::Recovery, rounds::Rounds, task::RunSettings};
 
 gs_core::impl_with!(TrainSettings);
@@ -79,6 +79,9 @@ pub struct TrainSettings {
     pub recovery: Recovery,
     /// Resolution of the images in the steps.
     pub resolution: Resolution,
+    /// What happens to differences in exposure and white balance between images.
+    #[serde(skip_serializing_if = "Exposure::is_off")]
+    pub exposure: Exposure,
 }
 
 impl TrainSettings {

@@ -7,6 +7,7 @@ use crate::{clamped::Clamped, error::Error, recovery::FreshStart, shortfall::Sho
 
 use super::{
     evaluation::{Evaluation, TrainingViews},
+    exposure::ExposureReport,
     settings::TrainSettings,
     trainer::Trainer3d,
 };
@@ -60,6 +61,9 @@ pub struct TrainSummary {
     /// Quality on training views.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub training: Option<TrainingViews>,
+    /// Differences in exposure that the training found between its views.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub exposure: Option<ExposureReport>,
     /// All settings, to repeat the training.
     pub settings: TrainSettings,
 }
@@ -89,14 +93,20 @@ impl TrainSummary {
             clamped: trainer.clamped().await?,
             evaluation,
             training: Some(training),
+            exposure: trainer.exposure(),
             settings: settings.clone(),
         })
     }
 
     /// Overfitting, dB: PSNR on training views less that on held-out views, where that is more than
-    /// [`DRIFT_DB`].
+    /// [`DRIFT_DB`]. If the exposure of images is corrected, that with matched colours counts.
     pub fn drift(&self) -> Option<f64> {
         let training = self.training.filter(|_| self.test_views > 0)?.psnr?;
-        Some(training - self.evaluation.psnr).filter(|&drift| drift > DRIFT_DB)
+        let corrected = self.exposure.is_some_and(|exposure| exposure.used);
+        let held_out = match self.evaluation.color_matched {
+            Some(matched) if corrected => matched.psnr,
+            _ => self.evaluation.psnr,
+        };
+        Some(training - held_out).filter(|&drift| drift > DRIFT_DB)
     }
 }

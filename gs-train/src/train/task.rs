@@ -3,7 +3,8 @@
 use std::fmt;
 
 use gs_core::{
-    Camera, Culled, Effects, Gaussian3d, Image, Optimizer, RenderSettings, Scene3d, TrainStep, effects::Background,
+    Camera, Culled, Effects, Gaussian3d, Image, Optimizer, RenderSettings, Scene3d, TrainStep,
+    effects::{Background, Statistics},
     metrics::mean,
 };
 use gs_density::{Evidence, EvidenceRequest, Residual, Rng};
@@ -12,9 +13,10 @@ use rand::{RngExt, SeedableRng};
 use super::{
     evaluation::{TrainingViews, measure},
     evidence::{Gathering, views_of_round},
+    exposure::{ExposureReport, Exposures},
     images::{self, Images},
     order::Order,
-    resolution::{possible, reduced, reduced_camera},
+    resolution::{possible, reduced_camera},
     settings::{StepBackground, TrainSettings},
     views::{PosedView, Views},
 };
@@ -41,6 +43,7 @@ pub struct ViewsTask<R: Optimizer<Scene3d>> {
     extent: f32,
     order: Order,
     images: Images<R::Target>,
+    exposures: Exposures,
 }
 
 impl<R: Optimizer<Scene3d>> fmt::Debug for ViewsTask<R> {
@@ -68,14 +71,20 @@ impl SceneTask for Scene3d {
 }
 
 impl<R: Optimizer<Scene3d>> ViewsTask<R> {
-    pub(super) fn new(views: Views, extent: f32) -> Self {
-        let images = Images::new(views.keep_bytes);
-        Self { views, extent, order: Order::default(), images }
+    pub(super) fn new(views: Views, extent: f32, exposures: Exposures) -> Self {
+        let pixels = views.train_cameras().map(|camera| u64::from(camera.width) * u64::from(camera.height)).sum();
+        let images = Images::new(views.keep_bytes, pixels);
+        Self { views, extent, order: Order::default(), images, exposures }
     }
 
     /// The views.
     pub fn views(&self) -> &Views {
         &self.views
+    }
+
+    /// What was found about the exposure of the training views, if it has been solved.
+    pub(super) fn exposure_report(&self) -> Option<ExposureReport> {
+        self.exposures.report()
     }
 
     /// The test views, or else a few of the training views.
@@ -89,11 +98,11 @@ impl<R: Optimizer<Scene3d>> ViewsTask<R> {
 
     /// A sample of the training views, evenly spread: as many as there are test views, at most
     /// [`MOST_SAMPLED`].
-    fn sample(&self) -> impl Iterator<Item = &PosedView> {
+    fn sample(&self) -> impl Iterator<Item = usize> {
         let (train, test) = (&self.views.train, &self.views.test);
         let wanted = if test.is_empty() { STAND_INS } else { test.len().min(MOST_SAMPLED) };
         let count = train.len().min(wanted);
-        (0..count).map(move |number| &train[number * train.len() / count])
+        (0..count).map(move |number| number * train.len() / count)
     }
 
     /// Quality on a sample of the training views.
@@ -106,11 +115,12 @@ impl<R: Optimizer<Scene3d>> ViewsTask<R> {
     ) -> Result<TrainingViews, Error> {
         let render = shown(settings, effects);
         let (mut psnr, mut losses) = (Vec::new(), Vec::new());
-        for view in self.sample() {
-            let posed = view.image()?;
+        for index in self.sample() {
+            let view = &self.views.train[index];
+            let posed = images::training_image(view, 1, self.exposures.map(index))?;
             let pass = on.forward(splats, &view.camera, &render).await?;
             let background = render.background_color();
-            let (target, _) = images::target(on, posed.clone(), Some(background))?;
+            let (target, _) = images::target(on, posed.clone(), Some(background), true)?;
             psnr.extend(measure(&on.image(&pass).await?, posed, background).map(|pair| pair.l1_and_psnr().1));
             losses.push(f64::from(on.backward(splats, pass, &target, &settings.loss).await?.0));
         }
@@ -160,6 +170,25 @@ impl<R: Optimizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
         self.views.train.len() as u32
     }
 
+    async fn prepare(
+        &mut self,
+        on: &R,
+        splats: &R::Splats,
+        settings: &TrainSettings,
+        context: StepContext,
+    ) -> Result<(), Error> {
+        if self.exposures.is_due(settings.exposure, context.step, settings.iterations) {
+            let render = shown(settings, &Effects { statistics: Statistics::None, ..context.effects });
+            self.exposures.solve((on, splats), &self.views.train, &render, settings.exposure).await?;
+            self.images.forget();
+        }
+        Ok(())
+    }
+
+    fn state(&self) -> Result<Option<(&'static str, String)>, Error> {
+        self.exposures.to_metadata()
+    }
+
     async fn send(
         &mut self,
         on: &R,
@@ -178,7 +207,7 @@ impl<R: Optimizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
         let step = TrainStep { settings: &render, loss: settings.loss, rates: &rates, binning };
 
         let fixed = (settings.background == StepBackground::Same).then(|| render.background_color());
-        let target = self.images.get(on, view, index, factor, fixed)?;
+        let target = self.images.get(on, view, index, factor, self.exposures.map(index), fixed)?;
         Ok(on.train_step(splats, &camera, target, &step).await?)
     }
 
@@ -203,8 +232,7 @@ impl<R: Optimizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
         let mut gathering = Gathering::new(on, of, shown(settings, effects), request)?;
         for index in views_of_round(settings.seed, step, self.views.train.len(), &request) {
             let (camera, factor) = self.reduced(index, settings, step);
-            let posed = self.views.train[index].image()?;
-            let posed = if factor > 1 { reduced(&posed, factor)? } else { posed };
+            let posed = images::training_image(&self.views.train[index], factor, self.exposures.map(index))?;
             gathering.add(&camera, posed, &settings.loss).await?;
         }
         Ok(Some(gathering.finish()))

@@ -6,6 +6,7 @@ use web_time::Instant;
 
 use super::{
     evaluation::{Evaluation, TrainingViews, evaluate_splats},
+    exposure::{Exposure, ExposureReport, Exposures},
     geometry::extent_of,
     init::Start,
     settings::TrainSettings,
@@ -37,6 +38,10 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
         let started = Instant::now();
         settings.validate()?;
         views.validate()?;
+        if settings.exposure == Exposure::Affine && views.train.len() < 2 {
+            let allowed = "off or auto with a single training view, whose exposure differs from no other";
+            return Err(gs_core::Error::setting("exposure", "affine", allowed).into());
+        }
         let cameras: Vec<Camera> = views.train_cameras().copied().collect();
         let (budget, degree) = (settings.gaussians as usize, settings.render.effects.sh_degree);
         let mut start = start.searched(&views.train)?;
@@ -52,7 +57,8 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
         let splats = rasterizer.upload(&scene, settings.parameterization)?;
         let images = fingerprint(&views);
         let record = Record::beginning(settings, images);
-        let mut trainer = Self::assemble(rasterizer, record, splats, ViewsTask::new(views, extent));
+        let mut trainer =
+            Self::assemble(rasterizer, record, splats, ViewsTask::new(views, extent, Exposures::default()));
         trainer.record.seconds = started.elapsed().as_secs_f64();
         Ok(trainer)
     }
@@ -74,7 +80,8 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
             return Err(Error::Checkpoint("its settings lack the extent".to_owned()));
         };
         let splats = rasterizer.restore(&checkpoint.state)?;
-        Ok(Self::assemble(rasterizer, record, splats, ViewsTask::new(views, extent)))
+        let exposures = Exposures::from_metadata(&checkpoint.metadata, views.train.len())?;
+        Ok(Self::assemble(rasterizer, record, splats, ViewsTask::new(views, extent, exposures)))
     }
 
     /// The views.
@@ -90,6 +97,12 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
     /// Settings for rendering the scene, with the effects that it has been trained with.
     pub fn shown(&self) -> RenderSettings {
         shown(&self.record.settings, &self.effects())
+    }
+
+    /// What was found about the exposure of the training views; `None` before the first solution, or
+    /// where it is [`Exposure::Off`](super::Exposure::Off).
+    pub fn exposure(&self) -> Option<ExposureReport> {
+        self.task.exposure_report()
     }
 
     /// Renders the current scene for a camera, not clamped.

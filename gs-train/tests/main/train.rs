@@ -7,7 +7,10 @@ use gs_density::Policy;
 use gs_io::dataset::{Point, PosedImage};
 use gs_train::{
     Control, Error, MetricsLog, Observer, Outcome, Progress, TrainPreset, TrainSettings, Trainer3d,
-    train::{DRIFT_DB, Evaluation, PosedView, Resolution, Speed, Start, StepBackground, TrainSummary, Views, evaluate},
+    train::{
+        DRIFT_DB, Evaluation, Exposure, PosedView, Resolution, Speed, Start, StepBackground, TrainSummary, Views,
+        evaluate,
+    },
 };
 use pollster::FutureExt as _;
 
@@ -113,8 +116,9 @@ fn a_resumed_training_ends_bit_identical() {
         };
         state.tensors.iter().map(|(name, tensor)| (name.clone(), bits(&tensor.data))).collect()
     };
-    for name in ["absolute", "mcmc"] {
+    for (name, exposure) in [("absolute", Exposure::Affine), ("mcmc", Exposure::Off)] {
         let mut settings = short(60).with_policy(Policy::from_name(name).unwrap());
+        settings.exposure = exposure;
         settings.background = StepBackground::Random;
         settings.resolution = Resolution::CoarseToFine { from: 2, full_after: 0.5 };
         let first = rasterizer();
@@ -144,6 +148,66 @@ fn a_resumed_training_ends_bit_identical() {
         assert_eq!(pieces, 5);
         assert!(last == bits_of(&mut whole), "{name}");
     }
+}
+
+/// These views as cameras with other exposures and white balances took them.
+fn tinted(views: Views) -> Views {
+    changed(views, |i, posed| {
+        let gain = [0, 1, 2].map(|k| 0.5 + 0.1 * ((i * 5 + k * 3) % 6) as f32);
+        let tint = |x, y| {
+            let color = posed.image.pixel(x, y);
+            [0, 1, 2].map(|k| gain[k] * color[k] + 0.02 * (i % 3) as f32)
+        };
+        PosedImage { image: Image::from_fn(LENS.0, LENS.1, tint).unwrap(), ..posed }
+    })
+}
+
+#[test]
+fn differences_in_exposure_are_corrected_where_there_are_any() {
+    let rasterizer = rasterizer();
+    let run = |views: Views, exposure: Exposure| {
+        let mut settings = short(600);
+        settings.exposure = exposure;
+        settings.policy = Policy::None;
+        settings.render.effects.sh_degree = 0;
+        settings.adam.color.learning_rate *= 4.0;
+        let mut grey = thirty();
+        grey.sh.fill(glam::Vec3::ZERO);
+        let mut trainer = Trainer3d::from_views(&rasterizer, views, Start::Scene(grey), settings).block_on().unwrap();
+        trainer.run(&mut ()).block_on().unwrap();
+        let matched = trainer.evaluate(&mut |_, _| Ok(())).block_on().unwrap().color_matched.unwrap();
+        (matched.psnr, trainer.exposure())
+    };
+    let all = || views(&rasterizer);
+    let (without, none) = run(tinted(all()), Exposure::Off);
+    let (corrected, report) = run(tinted(all()), Exposure::Affine);
+    let (decided, found) = run(tinted(all()), Exposure::Auto);
+    let (plain, agree) = run(all(), Exposure::Auto);
+    assert!(corrected > without + 4.0 && decided > without + 4.0, "{without}, {corrected}, {decided} dB");
+    assert!(
+        none.is_none() && report.unwrap().used && found.unwrap().used && !agree.unwrap().used,
+        "{found:?} {agree:?}"
+    );
+    assert_eq!(run(all(), Exposure::Off).0, plain, "images that agree are trained on as they are");
+}
+
+#[test]
+fn exposure_of_a_single_image_is_refused() {
+    let rasterizer = rasterizer();
+    let single = || {
+        let mut views = views(&rasterizer);
+        views.train.truncate(1);
+        views
+    };
+    let begun = |exposure| {
+        Trainer3d::from_views(&rasterizer, single(), Start::Scene(thirty()), short(20).with(|s| s.exposure = exposure))
+            .block_on()
+    };
+    let refused = begun(Exposure::Affine).unwrap_err().to_string();
+    assert!(refused.contains("exposure") && refused.contains("single"), "{refused}");
+    let mut alone = begun(Exposure::Auto).unwrap();
+    alone.run(&mut ()).block_on().unwrap();
+    assert!(!alone.exposure().unwrap().used);
 }
 
 #[test]

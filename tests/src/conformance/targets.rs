@@ -25,7 +25,7 @@ pub fn incomplete_targets_are_completed<S: Subject, R: Optimizer<S>>(rasterizer:
         let mask: Vec<bool> = (0..pixels).map(|i| i % 7 != 3 && i > pixels / 4).collect();
         let background = draw.settings.background_color();
         for (alpha, mask) in [(Some(&alpha[..]), None), (None, Some(&mask[..])), (Some(&alpha[..]), Some(&mask[..]))] {
-            let incomplete = TargetImage { image: &image, alpha, mask };
+            let incomplete = TargetImage { image: &image, alpha, mask, compact: false };
             let coverage = incomplete.coverage().unwrap_or_default();
             let colors = image.pixels().iter().zip(rendered.pixels()).zip(&coverage);
             let colors = colors.map(|((target, rendered), &coverage)| {

@@ -46,7 +46,7 @@ Ctrl-C stops the training, saves a checkpoint, and writes the results so far. Pr
 after a second or more quits at once.";
 
 /// The flags that a checkpoint contains.
-const IN_CHECKPOINT: [&str; 19] = [
+const IN_CHECKPOINT: [&str; 20] = [
     "preset",
     "settings",
     "gaussians",
@@ -62,6 +62,7 @@ const IN_CHECKPOINT: [&str; 19] = [
     "antialias",
     "background",
     "coarse",
+    "exposure",
     "participants",
     "opacity_weight",
     "scale_weight",
@@ -161,6 +162,9 @@ pub(crate) struct TrainSettingsArgs {
     /// Train with images of 1/F of their size first, then half of that, and so on: 1, 2, 4 or 8
     #[arg(long, value_name = "F", value_parser = whole::<u32>(1..=8))]
     pub(crate) coarse: Option<u32>,
+    /// Differences in exposure and white balance between the images
+    #[arg(long, value_enum, value_name = "WHICH")]
+    pub(crate) exposure: Option<ExposureName>,
     /// Which Gaussians a step moves
     #[arg(long, value_enum, value_name = "WHICH")]
     pub(crate) participants: Option<ParticipantsName>,
@@ -221,6 +225,17 @@ impl ValueEnum for TrainPolicyName {
     fn to_possible_value(&self) -> Option<PossibleValue> {
         self.0.to_possible_value()
     }
+}
+
+/// What happens to differences in exposure and white balance.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum ExposureName {
+    /// Train on the images as they are
+    Off,
+    /// Train an affine map of colours for each training view
+    Affine,
+    /// As affine if the images differ
+    Auto,
 }
 
 /// The Gaussians that a step of Adam moves.

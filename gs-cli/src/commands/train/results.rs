@@ -12,7 +12,7 @@ use gs_lab::{
 };
 use gs_train::{
     MetricsLog, Trainer3d,
-    train::{DRIFT_DB, Evaluation, TrainSummary, TrainingViews, Views},
+    train::{ColorMatched, DRIFT_DB, Evaluation, ExposureReport, TrainSummary, TrainingViews, Views},
 };
 use serde::Serialize;
 
@@ -53,6 +53,7 @@ impl results::Summary for Summary {
             clamped,
             fresh_starts,
             shortfall,
+            exposure,
             ..
         } = &self.training;
         let problems = Problems::new(verbosity, edits, evaluation.culled, *clamped, fresh_starts);
@@ -70,16 +71,25 @@ impl results::Summary for Summary {
             }
             _ => String::new(),
         };
+        let matched = evaluation.color_matched.map_or_else(String::new, |ColorMatched { psnr, ssim, .. }| {
+            format!(" (colours matched: {psnr:.2} dB, {ssim:.4})")
+        });
         let drift = self.training.drift().map(|drift| {
             format!(
                 "the scene fits the training views {drift:.1} dB better than the held-out views, more than {DRIFT_DB} dB: more \
                  steps or Gaussians may not help; more views, or fewer Gaussians (-n), may"
             )
         });
-        let notes = [drift, shortfall.as_ref().map(ToString::to_string)].into_iter().flatten();
+        let exposure = exposure.map(|ExposureReport { used, gain_db, .. }| match used {
+            true => {
+                format!("the exposure of the images is corrected; at the last solution that gained {gain_db:.1} dB")
+            }
+            false => format!("the images agree in exposure ({gain_db:.1} dB to gain): nothing is corrected"),
+        });
+        let notes = [drift, exposure, shortfall.as_ref().map(ToString::to_string)].into_iter().flatten();
         let notes: String = notes.map(|note| format!("\nnote: {note}")).collect();
         format!(
-            "{} after {} in {seconds:.1} s ({:.1} s in all): PSNR {:.2} dB, SSIM {:.4} over {evaluated}{unmeasured}{trained}{problems}; \
+            "{} after {} in {seconds:.1} s ({:.1} s in all): PSNR {:.2} dB, SSIM {:.4}{matched} over {evaluated}{unmeasured}{trained}{problems}; \
              see {}{}{notes}",
             counted(*gaussians, "Gaussian"),
             counted(*iterations, "step"),

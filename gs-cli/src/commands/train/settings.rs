@@ -7,10 +7,10 @@ use gs_density::Policy;
 use gs_io::dataset::{Dataset, Split};
 use gs_train::{
     TrainPreset, TrainSettings,
-    train::{Resolution, Start, StepBackground},
+    train::{Exposure, Resolution, Start, StepBackground},
 };
 
-use super::arguments::{ParticipantsName, TrainPresetName, TrainSettingsArgs};
+use super::arguments::{ExposureName, ParticipantsName, TrainPresetName, TrainSettingsArgs};
 use crate::{
     failure::Failure, scene, text_file::read_settings_text, training::arguments::name_of, values::TrainBackground,
 };
@@ -62,6 +62,7 @@ pub(super) fn with_flags(args: &TrainSettingsArgs, mut settings: TrainSettings) 
     if let Some(from) = args.coarse {
         settings.resolution = Resolution::from_coarse(from);
     }
+    settings.exposure = args.exposure.map_or(settings.exposure, Into::into);
     let adam = &mut settings.adam;
     adam.participants = args.participants.map_or(adam.participants, Into::into);
     adam.penalty.opacity = args.opacity_weight.unwrap_or(adam.penalty.opacity);
@@ -99,6 +100,16 @@ impl From<TrainPresetName> for TrainPreset {
             TrainPresetName::Mcmc => Self::Mcmc,
             TrainPresetName::Standard => Self::Standard,
             TrainPresetName::Quick => Self::Quick,
+        }
+    }
+}
+
+impl From<ExposureName> for Exposure {
+    fn from(name: ExposureName) -> Self {
+        match name {
+            ExposureName::Off => Self::Off,
+            ExposureName::Affine => Self::Affine,
+            ExposureName::Auto => Self::Auto,
         }
     }
 }

@@ -1,0 +1,280 @@
+//! Differences in exposure and white balance between images: an affine map of colours per training
+//! view, found while the scene is trained.
+//!
+//! A few times in a run, each training view is rendered, and the map from rendering to image is
+//! solved by least squares over a few thousand means of pixels. Steps then compare renderings with images whose colours have been
+//! taken back by the inverse maps. The mean map is the identity, which fixes the colours of the
+//! scene.
+
+use std::collections::BTreeMap;
+
+use gs_core::{Image, Rasterizer, RenderSettings, Scene3d, metrics::mean};
+use gs_io::dataset::PosedImage;
+use serde::{Deserialize, Serialize};
+
+use super::{
+    color_map::{ColorMap, ColorPair},
+    resolution::{possible, reduced},
+    views::PosedView,
+};
+use crate::error::Error;
+
+/// What happens to differences in exposure and white balance between images.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
+pub enum Exposure {
+    /// The scene is trained on the images as they are.
+    #[default]
+    Off,
+    /// Each training view has an affine map of colours, trained along with the scene; at least two
+    /// training views.
+    Affine,
+    /// As [`Self::Affine`] if the first maps show that images differ; as [`Self::Off`] if not.
+    Auto,
+}
+
+impl Exposure {
+    pub(super) fn is_off(&self) -> bool {
+        *self == Self::Off
+    }
+}
+
+/// Shares of a run after which the maps are solved: late enough for the scene to be recognizable,
+/// early enough for it to follow.
+const SOLVED_AT: [f64; 4] = [0.2, 0.35, 0.5, 0.65];
+
+/// Gain of the maps, dB, from which images differ in exposure for [`Exposure::Auto`].
+const LEAST_GAIN_DB: f64 = 1.5;
+
+/// Number of pixels of a rendering that is compared with its image, about: many for twelve unknown
+/// numbers.
+const PIXELS: u64 = 10_000;
+
+/// Range of values of an image that were not cut off by the camera.
+const UNCLIPPED: [f32; 2] = [0.01, 0.98];
+
+/// Key of the maps in the metadata of checkpoints.
+const KEY: &str = "exposure";
+
+/// The maps of a run, as in its checkpoints.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+struct Maps {
+    /// For each training view, the map from its image's colours to the scene's; empty before they
+    /// are first solved, and where they are not used.
+    of_views: Vec<ColorMap>,
+    /// What the last solution found.
+    report: Option<ExposureReport>,
+}
+
+/// Differences in exposure and white balance that a training found between its views.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
+pub struct ExposureReport {
+    /// Whether the maps are used: with [`Exposure::Auto`], only where they gain enough.
+    pub used: bool,
+    /// What a map that is fitted to the left half of a view gains in its right half, mean over the
+    /// training views, dB.
+    pub gain_db: f64,
+}
+
+/// The maps, and what they are solved with.
+#[derive(Debug, Default)]
+pub(super) struct Exposures {
+    maps: Maps,
+    /// The training views at a small size.
+    small: Vec<SmallView>,
+}
+
+/// A view at a small size.
+#[derive(Debug)]
+struct SmallView {
+    factor: u32,
+    /// Indices and colours of the pixels that tell about the exposure, those in the left half
+    /// first: those that count, are opaque and were not cut off.
+    pixels: Vec<(u32, [f32; 3])>,
+    /// Number of pixels in the left half.
+    left: usize,
+}
+
+impl SmallView {
+    fn read(view: &PosedView) -> Result<Self, Error> {
+        let camera = &view.camera;
+        let pixels = u64::from(camera.width) * u64::from(camera.height);
+        let factor = possible(camera, (pixels / PIXELS).isqrt().max(1).next_power_of_two() as u32);
+        let posed = reduced(&view.image()?, factor)?;
+        let (width, [low, high]) = (posed.image.width(), UNCLIPPED);
+        let tells = |index: usize, color: &[f32; 3]| {
+            color.iter().all(|value| (low..=high).contains(value))
+                && posed.mask.as_ref().is_none_or(|mask| mask[index])
+                && posed.alpha.as_ref().is_none_or(|alpha| alpha[index] >= 1.0)
+        };
+        let pixels = posed.image.pixels().iter().enumerate().filter(|&(index, color)| tells(index, color));
+        let (mut pixels, right): (Vec<_>, Vec<_>) =
+            pixels.map(|(index, color)| (index as u32, *color)).partition(|(index, _)| index % width < width / 2);
+        let left = pixels.len();
+        pixels.extend(right);
+        Ok(Self { factor, pixels, left })
+    }
+
+    /// The colours of a rendering of the view and of its image at the pixels.
+    fn pairs(&self, rendered: Image) -> Result<Vec<ColorPair>, Error> {
+        let rendered = reduced(&PosedImage { image: rendered, alpha: None, mask: None }, self.factor)?.image;
+        Ok(self.pixels.iter().map(|&(index, color)| (rendered.pixels()[index as usize], color)).collect())
+    }
+
+    /// What a map fitted to the left half gains in the right half, dB; `None` where one half has
+    /// no pixel.
+    fn gain_db(&self, pairs: &[ColorPair]) -> Option<f64> {
+        let (left, right) = pairs.split_at(self.left);
+        let map = ColorMap::robust_fit(left);
+        let gain = 10.0 * (ColorMap::IDENTITY.squared_error(right) / map.squared_error(right)).log10();
+        (!left.is_empty() && gain.is_finite()).then_some(gain)
+    }
+}
+
+impl Exposures {
+    /// The maps of a checkpoint with this metadata, of a run with `views` training views.
+    ///
+    /// # Errors
+    /// [`Error::Checkpoint`] where they are not those of such a run.
+    pub(super) fn from_metadata(metadata: &BTreeMap<String, String>, views: usize) -> Result<Self, Error> {
+        let Some(text) = metadata.get(KEY) else { return Ok(Self::default()) };
+        let maps: Maps =
+            toml::from_str(text).map_err(|e| Error::Checkpoint(format!("its `{KEY}`: {}", e.message())))?;
+        let found = maps.of_views.len();
+        if found != 0 && found != views {
+            return Err(Error::Checkpoint(format!("its `{KEY}` is of {found} views, not of {views}")));
+        }
+        if !maps.of_views.iter().all(ColorMap::is_finite) {
+            return Err(Error::Checkpoint(format!("its `{KEY}` is not finite")));
+        }
+        Ok(Self { maps, small: Vec::new() })
+    }
+
+    /// What a checkpoint stores: nothing before the first solution.
+    pub(super) fn to_metadata(&self) -> Result<Option<(&'static str, String)>, Error> {
+        if self.maps == Maps::default() {
+            return Ok(None);
+        }
+        let unwritable = |e| Error::Checkpoint(format!("its `{KEY}` cannot be written: {e}"));
+        Ok(Some((KEY, toml::to_string(&self.maps).map_err(unwritable)?)))
+    }
+
+    /// What the last solution found.
+    pub(super) fn report(&self) -> Option<ExposureReport> {
+        self.maps.report
+    }
+
+    /// The map from the colours of a training view's image to those of the scene, if there is one.
+    pub(super) fn map(&self, index: usize) -> Option<&ColorMap> {
+        self.maps.of_views.get(index)
+    }
+
+    /// Whether a run with this setting, before the step after `step` of `iterations` steps, is to
+    /// solve the maps.
+    pub(super) fn is_due(&self, exposure: Exposure, step: u32, iterations: u32) -> bool {
+        let at = |share: f64| step > 0 && (share * f64::from(iterations)).round() as u32 == step;
+        match exposure {
+            Exposure::Off => false,
+            Exposure::Affine => SOLVED_AT.into_iter().any(at),
+            Exposure::Auto => match self.maps.report {
+                None => at(SOLVED_AT[0]),
+                Some(report) => report.used && SOLVED_AT.into_iter().any(at),
+            },
+        }
+    }
+
+    /// Solves all maps anew for the scene as it is.
+    ///
+    /// # Errors
+    /// Those of the backend, and of reading an image.
+    pub(super) async fn solve<R: Rasterizer<Scene3d>>(
+        &mut self,
+        (on, splats): (&R, &R::Splats),
+        views: &[PosedView],
+        render: &RenderSettings,
+        exposure: Exposure,
+    ) -> Result<(), Error> {
+        if self.small.is_empty() {
+            self.small = views.iter().map(SmallView::read).collect::<Result<_, _>>()?;
+        }
+        let (mut fits, mut gains) = (Vec::with_capacity(views.len()), Vec::with_capacity(views.len()));
+        for (view, small) in views.iter().zip(&self.small) {
+            let pairs = small.pairs(on.draw(splats, &view.camera, render).await?.0)?;
+            fits.push(ColorMap::robust_fit(&pairs));
+            gains.extend(small.gain_db(&pairs));
+        }
+        let gain_db = if gains.is_empty() { 0.0 } else { mean(gains) };
+        let differ = views.len() > 1 && gain_db >= LEAST_GAIN_DB;
+        let used = exposure == Exposure::Affine || self.maps.report.is_some() || differ;
+        let of_views = if used { undone(&fits) } else { Vec::new() };
+        self.maps = Maps { of_views, report: Some(ExposureReport { used, gain_db }) };
+        Ok(())
+    }
+}
+
+/// The maps that take images back to the scene, given the maps from the scene to its images. The
+/// scene's colours become those of the mean image. A map that no camera makes is left out.
+fn undone(fits: &[ColorMap]) -> Vec<ColorMap> {
+    let mean = ColorMap::mean(fits);
+    fits.iter().map(|fit| fit.inverse().map_or(ColorMap::IDENTITY, |inverse| mean.after(&inverse))).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn maps_undo_what_cameras_did_up_to_the_mean() {
+        let camera = |gain: f64, offset: f64| {
+            ColorMap::from(std::array::from_fn(|k| {
+                let mut row = [0.0, 0.0, 0.0, offset];
+                row[k] = gain * (1.0 + 0.1 * k as f64);
+                row
+            }))
+        };
+        let cameras = [camera(0.6, 0.02), camera(1.0, 0.0), camera(0.8, -0.05)];
+        let undone = undone(&cameras);
+        let color = [0.3f32, 0.5, 0.2];
+        let expected = ColorMap::mean(&cameras).apply(color);
+        for (camera, map) in cameras.iter().zip(&undone) {
+            let found = map.apply(camera.apply(color));
+            assert!(found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-6), "{found:?} {expected:?}");
+        }
+    }
+
+    #[test]
+    fn maps_come_back_from_a_checkpoint_and_damaged_ones_are_refused() {
+        let maps = Maps {
+            of_views: vec![ColorMap::from([[0.1 + 0.2, 0.0, 0.0, 1e-9], [0.0, 1.0 / 3.0, 0.0, 0.0], [0.5; 4]]); 2],
+            report: Some(ExposureReport { used: true, gain_db: 1.0 / 7.0 }),
+        };
+        let exposures = Exposures { maps: maps.clone(), small: Vec::new() };
+        let (key, text) = exposures.to_metadata().unwrap().unwrap();
+        let of =
+            |text: &str, views| Exposures::from_metadata(&BTreeMap::from([(key.to_owned(), text.to_owned())]), views);
+        assert_eq!(of(&text, 2).unwrap().maps, maps);
+        for (text, views) in [(text.as_str(), 3), (&text.replace("0.5", "nan"), 2), ("of-views = 7", 2), ("x = 1", 2)] {
+            assert!(matches!(of(text, views), Err(Error::Checkpoint(_))), "{text}");
+        }
+        assert_eq!(Exposures::default().to_metadata().unwrap(), None);
+        assert_eq!(Exposures::from_metadata(&BTreeMap::new(), 2).unwrap().maps, Maps::default());
+    }
+
+    #[test]
+    fn auto_decides_once() {
+        let (mut exposures, steps) = (Exposures::default(), 1000);
+        let due = |exposures: &Exposures, exposure| {
+            (0..=steps).filter(|&step| exposures.is_due(exposure, step, steps)).count()
+        };
+        assert_eq!(
+            [Exposure::Off, Exposure::Affine, Exposure::Auto].map(|of| due(&exposures, of)),
+            [0, SOLVED_AT.len(), 1]
+        );
+        exposures.maps.report = Some(ExposureReport { used: false, gain_db: 0.1 });
+        assert_eq!(due(&exposures, Exposure::Auto), 0);
+    }
+}
