@@ -261,10 +261,16 @@ mod tests {
         settings(args, &SettingsFile::None, &target()).unwrap()
     }
 
+    /// The policies that fits of images do not refuse.
+    fn policies() -> impl Iterator<Item = (PolicyName, &'static str)> {
+        let named = PolicyName::value_variants().iter().copied().zip(Policy::NAMES);
+        named.filter(|(_, name)| Policy::from_name(name).unwrap().validate_2d().is_ok())
+    }
+
     #[test]
     fn every_preset_and_every_override_is_read_from_its_toml() {
         for &preset in PresetName::value_variants() {
-            for &policy in PolicyName::value_variants() {
+            for (policy, _) in policies() {
                 for &init in InitName::value_variants() {
                     let (preset, policy, init) = (Some(preset), Some(policy), Some(init));
                     let settings = resolved(&FitSettingsArgs { preset, policy, init, ..FitSettingsArgs::default() });
@@ -298,9 +304,12 @@ mod tests {
     fn every_policy_of_the_library_has_its_flag() {
         let flags: Vec<_> = PolicyName::value_variants().iter().filter_map(|p| p.to_possible_value()).collect();
         assert_eq!(flags.iter().map(|flag| flag.get_name()).collect::<Vec<_>>(), Policy::NAMES);
-        for (policy, name) in PolicyName::value_variants().iter().zip(Policy::NAMES) {
-            let settings = resolved(&FitSettingsArgs { policy: Some(*policy), ..FitSettingsArgs::default() });
+        for (policy, name) in policies() {
+            let settings = resolved(&FitSettingsArgs { policy: Some(policy), ..FitSettingsArgs::default() });
             assert_eq!(settings.policy.name(), name);
         }
+        let fast = FitSettingsArgs { policy: Some(PolicyName::FastGs), ..FitSettingsArgs::default() };
+        let refused = format!("{:?}", settings(&fast, &SettingsFile::None, &target()).unwrap_err());
+        assert!(refused.contains("fastgs"), "{refused}");
     }
 }

@@ -75,7 +75,7 @@ pub fn canvases_match<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failu
 }
 
 /// Other cuts, clamps and minimum transmittances than the defaults.
-pub(super) fn other_accuracies() -> [Accuracy; 5] {
+pub(super) fn other_accuracies() -> [Accuracy; 6] {
     let usual = Accuracy::default();
     [
         usual.with(|s| s.alpha_cut = 1e-6),
@@ -83,6 +83,7 @@ pub(super) fn other_accuracies() -> [Accuracy; 5] {
         usual.with(|s| s.alpha_max = 0.6),
         usual.with(|s| s.transmittance_min = 0.0),
         usual.with(|s| s.transmittance_min = 0.3),
+        usual.with(|s| s.alpha_max = 1e-6),
     ]
 }
 
