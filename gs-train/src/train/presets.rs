@@ -247,6 +247,7 @@ fn standard(iterations: u32) -> TrainSettings {
         policy: Policy::Grow(policy),
         rounds: rounds(iterations, 500, 0.67),
         resolution: Resolution::from_coarse(2),
+        exposure: Exposure::Auto,
         ..usual
     }
 }

@@ -23,20 +23,20 @@ const STEPS: u32 = 48;
 const ROUND_EVERY: u32 = 4;
 
 /// Largest number of Gaussians of a trial. Times for more are extrapolated.
-const MOST_GAUSSIANS: u32 = 60_000;
+const MOST_GAUSSIANS: u32 = 200_000;
 
 /// Largest number of training views and of test views of a trial.
 const MOST_VIEWS: usize = 4;
 
 /// Sizes of a run relative to those of the preset, from which one is chosen: factor of the steps
-/// and factor of the Gaussians. The largest that fits is taken.
-///
-/// Twice the Gaussians need more than twice the steps to be worth it: lego with 2,000 steps ends as
-/// high with 50,000 Gaussians as with 100,000.
-const SIZES: [[f64; 2]; 16] = [
+/// and factor of the Gaussians. The first that fits is taken.
+const SIZES: [[f64; 2]; 19] = [
     [3.0, 2.0],
     [2.5, 2.0],
+    [3.0, 1.5],
     [2.0, 2.0],
+    [2.5, 1.5],
+    [2.0, 1.5],
     [1.7, 1.5],
     [1.4, 1.2],
     [1.2, 1.0],
@@ -66,8 +66,9 @@ pub struct Speed {
     step: BTreeMap<u32, Line>,
     /// Seconds of a round of density control.
     round: Line,
-    /// Seconds for reading a view, rendering it and measuring its quality.
+    /// Seconds for reading a view, rendering it and measuring its quality, with `viewed` Gaussians.
     view: f64,
+    viewed: u32,
     /// Number of Gaussians at the start.
     first: usize,
     training_views: usize,
@@ -105,8 +106,9 @@ fn median(mut values: Vec<f64>) -> f64 {
 }
 
 impl Speed {
-    /// Measures the speed by a trial: 48 steps with these settings on a few of the views, at most
-    /// 60,000 Gaussians. Its scene is thrown away.
+    /// Measures the speed by a trial: 48 steps with these settings on a few of the views, first at
+    /// half and then at full resolution, with numbers of Gaussians up to 150,000. Its scene is
+    /// thrown away.
     ///
     /// # Errors
     /// Those of [`Trainer3d::from_views`] and of training.
@@ -133,12 +135,21 @@ impl Speed {
             ..settings.clone()
         };
         let mut trainer = Trainer3d::from_views(on, views, start, trial).await?;
-        let first = trainer.count() as usize;
+        let first = trainer.count();
         let mut steps = BTreeMap::<u32, Vec<(u32, f64)>>::new();
         let mut rounds = Vec::new();
-        let mut before = trainer.seconds();
-        let mut count = trainer.count();
+        let (mut view, mut viewed) = (0.0, first);
+        let (mut before, mut count) = (trainer.seconds(), first);
         while !trainer.is_finished() {
+            if trainer.step() == STEPS / 2 {
+                // With the Gaussians of half of the schedule. In the second half, at full
+                // resolution, their number goes back to the first.
+                let clock = Instant::now();
+                let views = trainer.evaluation_views().len();
+                trainer.quality().await?;
+                (view, viewed) = (clock.elapsed().as_secs_f64() / views.max(1) as f64, count);
+                trainer.record.settings.gaussians = first;
+            }
             let factor = resolution.factor(trainer.step() as f32 / STEPS as f32);
             let progress = trainer.step_once().await?;
             let seconds = progress.seconds - before;
@@ -148,17 +159,16 @@ impl Speed {
             }
             (before, count) = (progress.seconds, progress.count);
         }
-        let clock = Instant::now();
-        let evaluated = trainer.evaluation_views().len();
-        trainer.quality().await?;
-        let view = clock.elapsed().as_secs_f64() / evaluated.max(1) as f64;
         let step = steps.into_iter().map(|(factor, points)| (factor, Line::through(&points))).collect();
-        Ok(Self { step, round: Line::through(&rounds), view, first, training_views, test_views })
+        let first = first as usize;
+        Ok(Self { step, round: Line::through(&rounds), view, viewed, first, training_views, test_views })
     }
 
-    /// Seconds of one measurement of all test views.
-    pub fn evaluation_seconds(&self) -> f64 {
-        self.view * self.test_views as f64
+    /// Seconds of one measurement of all test views with this many Gaussians: at most in proportion
+    /// to their number.
+    pub fn evaluation_seconds(&self, gaussians: u32) -> f64 {
+        let more = (f64::from(gaussians) / f64::from(self.viewed.max(1))).max(1.0);
+        self.view * more * self.test_views as f64
     }
 
     /// Seconds that a training with these settings takes: reading each training view once, steps,
@@ -182,7 +192,7 @@ impl Speed {
         let steps: f64 = (0..settings.iterations).map(step).sum();
         let rounds: f64 = (1..=settings.iterations).filter(is_round).map(|step| self.round.at(count(step))).sum();
         let reading = self.view * self.training_views as f64;
-        steps + rounds + reading + self.evaluation_seconds() * evaluations as f64
+        steps + rounds + reading + self.evaluation_seconds(settings.gaussians) * evaluations as f64
     }
 }
 
@@ -238,6 +248,7 @@ mod tests {
             step: BTreeMap::from([(1, line(1.0)), (2, line(1.0 / 3.0))]),
             round: line(2.0),
             view: 0.05,
+            viewed: 100_000,
             first: 10_000,
             training_views,
             test_views: 10,

@@ -180,7 +180,9 @@ impl<R: Optimizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
         if self.exposures.is_due(settings.exposure, context.step, settings.iterations) {
             let render = shown(settings, &Effects { statistics: Statistics::None, ..context.effects });
             self.exposures.solve((on, splats), &self.views.train, &render, settings.exposure).await?;
-            self.images.forget();
+            if self.exposures.report().is_some_and(|report| report.used) {
+                self.images.forget();
+            }
         }
         Ok(())
     }

@@ -162,7 +162,8 @@ pub(crate) struct TrainSettingsArgs {
     /// Train with images of 1/F of their size first, then half of that, and so on: 1, 2, 4 or 8
     #[arg(long, value_name = "F", value_parser = whole::<u32>(1..=8))]
     pub(crate) coarse: Option<u32>,
-    /// Differences in exposure and white balance between the images
+    /// Differences in exposure and white balance between the images [default: auto with preset
+    /// standard, otherwise off]
     #[arg(long, value_enum, value_name = "WHICH")]
     pub(crate) exposure: Option<ExposureName>,
     /// Which Gaussians a step moves

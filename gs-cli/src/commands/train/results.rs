@@ -80,11 +80,12 @@ impl results::Summary for Summary {
                  steps or Gaussians may not help; more views, or fewer Gaussians (-n), may"
             )
         });
-        let exposure = exposure.map(|ExposureReport { used, gain_db, .. }| match used {
-            true => {
-                format!("the exposure of the images is corrected; at the last solution that gained {gain_db:.1} dB")
+        let exposure = exposure.and_then(|ExposureReport { used, gain_db, .. }| match (used, verbosity) {
+            (true, _) => Some(format!("the exposure of the images is corrected; the last maps gained {gain_db:.1} dB")),
+            (false, Verbosity::Verbose) => {
+                Some(format!("the images agree in exposure ({gain_db:.1} dB to gain): nothing is corrected"))
             }
-            false => format!("the images agree in exposure ({gain_db:.1} dB to gain): nothing is corrected"),
+            (false, _) => None,
         });
         let notes = [drift, exposure, shortfall.as_ref().map(ToString::to_string)].into_iter().flatten();
         let notes: String = notes.map(|note| format!("\nnote: {note}")).collect();

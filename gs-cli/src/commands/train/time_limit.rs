@@ -23,9 +23,9 @@ const MEASURED: f64 = 0.08;
 /// Seconds for writing the results, besides measurements.
 const WRITING: f64 = 1.0;
 
-/// Measurements of the held-out views after the training: quality, pictures and the sample of
-/// training views.
-const AFTERWARDS: usize = 3;
+/// Measurements of the held-out views that take as long as the results do: quality, the sample of
+/// training views, pictures, effects.
+const AFTERWARDS: usize = 6;
 
 /// The time that a training has.
 pub(super) struct TimeLimit {
@@ -59,8 +59,7 @@ impl TimeLimit {
         let speed = speed.map_err(|error| not_begun(error, &dataset.root))?;
         let trial = clock.elapsed().as_secs_f64();
         let left = PLANNED * (self.seconds() - self.started.elapsed().as_secs_f64());
-        self.afterwards = AFTERWARDS as f64 * speed.evaluation_seconds();
-        let times = (MEASURED * left / speed.evaluation_seconds()) as usize;
+        let times = (MEASURED * left / speed.evaluation_seconds(usual.gaussians)) as usize;
         let times = times.clamp(1, 20);
         let cameras = || dataset.views_of(Split::Train).map(|view| &view.camera);
         let chosen =
@@ -69,6 +68,7 @@ impl TimeLimit {
             let short = format!("--minutes {}: too short for this data set on this machine", self.minutes);
             return Err(Failure::usage(short).hint("give more minutes, or smaller images with --max-size"));
         };
+        self.afterwards = AFTERWARDS as f64 * speed.evaluation_seconds(chosen.gaussians);
         let mut chosen = with_flags(&args.settings, chosen.on(dataset.kind.background()))?;
         chosen.render = args.effects.for_training(&chosen.render);
         let first = match chosen.resolution {
