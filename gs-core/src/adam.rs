@@ -122,7 +122,7 @@ pub enum MomentFormat {
     /// steps is exact. Rounding to the nearest would hold a second moment for ever, whose changes
     /// per step are smaller than its last digit.
     ///
-    /// Saves 180 of the 472 bytes of moments of a Gaussian of degree 3. The random numbers follow
+    /// Saves 192 of the 512 bytes of moments of a Gaussian of degree 3. The random numbers follow
     /// from index and step count.
     Bf16,
 }

@@ -1,5 +1,5 @@
-//! Evidence over several training views: what each Gaussian contributes to them, and how wrong the
-//! pixels are that it covers.
+//! Evidence over several training views: how much each Gaussian contributes to them, and the errors
+//! of the pixels that it covers.
 
 use gs_core::Error;
 
@@ -39,7 +39,7 @@ impl Default for EvidenceRequest {
 }
 
 impl EvidenceRequest {
-    /// A request that answers two: views as of the larger, and pixel errors as of the first.
+    /// A request that covers both: the larger number of views, and the pixel error of `self`.
     #[must_use]
     pub fn and(self, other: Option<Self>) -> Self {
         let Some(other) = other else { return self };
@@ -53,8 +53,8 @@ impl EvidenceRequest {
     }
 }
 
-/// Weighted sums over the pixels of one view for each Gaussian, `[N]` each; empty where they are
-/// not requested.
+/// Weighted sums over the pixels of one view, one value per Gaussian (`[N]`); empty if they are not
+/// requested.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct PixelSums {
     /// Σ w, px.
@@ -65,16 +65,16 @@ pub struct PixelSums {
     pub high_error: Vec<f32>,
 }
 
-/// What one training view says about each Gaussian.
+/// The evidence of one training view about each Gaussian.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ViewEvidence {
-    /// The view's loss, that of the training.
+    /// The training loss of the view.
     pub loss: f32,
-    /// Sums with the weight of blending, T α (under [`Blend::Sum`](gs_core::Blend::Sum) w): what
-    /// the Gaussian contributes to the image.
+    /// Sums with the blending weight T α (w under [`Blend::Sum`](gs_core::Blend::Sum)), which is
+    /// the Gaussian's contribution to the image.
     pub blended: PixelSums,
-    /// Sums with weight 1 where the Gaussian's α is above the cut: its footprint, whether or not
-    /// others hide it.
+    /// Sums with weight 1 in the Gaussian's footprint: the pixels where its α is above the cut,
+    /// whether or not other Gaussians hide it there.
     pub covered: PixelSums,
     /// Depth of the mean along the viewing axis, world units; 0 for a Gaussian that is not drawn.
     pub depth: Vec<f32>,
@@ -91,7 +91,7 @@ pub struct Evidence {
 }
 
 impl Evidence {
-    /// Sums of one quantity over the views, each times `weight(view)`, `[len]`.
+    /// The sum of one quantity over the views, each view times `weight(view)`, `[len]`.
     ///
     /// # Panics
     /// Where a view's array is shorter than `len`.

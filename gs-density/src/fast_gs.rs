@@ -1,4 +1,4 @@
-//! FastGS: growth and pruning by the errors that several views agree on.
+//! FastGS: growth and pruning by the pixels of high error in several views.
 
 use gs_core::{
     EditPlan, Error,
@@ -22,35 +22,38 @@ use crate::{
 
 gs_core::impl_with!(FastGs);
 
-/// Growth where the gradient is large and several views agree that the pixels are wrong, and
-/// pruning of what covers wrong pixels (*source:* FastGS, Ren et al. 2025). For training in 3D.
+/// Growth of Gaussians with a large gradient that cover pixels of high error in several views, and
+/// pruning by such pixels (*source:* FastGS, Ren et al. 2025). For training in 3D.
 ///
 /// A pixel has a high error where |C − Y|, scaled to 0..=1 within its view, exceeds
 /// [`Self::high_error`]. A Gaussian's *density score* is the number of such pixels that it covers,
 /// averaged over the views. Its *pruning score* is the same sum weighted by the views' losses and
 /// scaled to 0..=1 over all Gaussians.
 ///
-/// - While the number grows, Gaussians grow whose absolute gradient and density score reach their
-///   thresholds. Of the Gaussians that [`Prune`] would remove only a share is removed, drawn with
-///   weight 1/(1 − pruning score). All opacities are then lowered to a ceiling.
-/// - Afterwards, every [`Self::final_every`] steps, Gaussians go that are faint or have a high
-///   pruning score.
+/// - While the number of Gaussians grows, those whose absolute gradient and density score reach
+///   their thresholds are cloned or split. Of the Gaussians that [`Prune`] would remove, only a
+///   share is removed, drawn with weight 1/(1 − pruning score). All opacities are then lowered to a
+///   ceiling.
+/// - Afterwards, every [`Self::final_every`] steps, Gaussians with a low opacity or a high pruning
+///   score are removed.
 ///
-/// Two differences: the published code picks clones, of which there are few, by a second statistic,
-/// the mean gradient; and it counts only pixels at which the Gaussians in front leave some light.
+/// There are two differences from the published code. It chooses clones, of which there are few, by
+/// a second statistic, the mean gradient. It counts only pixels where Gaussians in front leave some
+/// transmittance.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, rename_all = "kebab-case", deny_unknown_fields)]
 #[non_exhaustive]
 pub struct FastGs {
     /// Number of training views for the scores, drawn anew in each round; 0 for all. Default 10.
     pub views: u32,
-    /// Least absolute gradient that grows, normalised device units; not negative. Default 0.0012.
+    /// Least absolute gradient of a Gaussian that grows, normalised device units; not negative.
+    /// Default 0.0012.
     pub threshold: f32,
     /// Error above which a pixel is one of high error, as a share of its view's range of errors,
     /// 0..=1. Default 0.1.
     pub high_error: f32,
-    /// Least density score that grows, px; not negative. Default 6 (published: above 5, after
-    /// rounding down).
+    /// Least density score of a Gaussian that grows, px; not negative. Default 6 (published: above
+    /// 5, after rounding down).
     pub pixels: f32,
     /// Share of the Gaussians to be pruned that are removed while the number grows, 0..=1. Default
     /// 0.5.
@@ -63,8 +66,9 @@ pub struct FastGs {
     pub final_opacity: f32,
     /// Pruning score above which a Gaussian is removed after growth, 0..=1. Default 0.9.
     pub final_score: f32,
-    /// What is done to the Gaussians. Default as in [`Grow::abs_gs`](crate::Grow::abs_gs), with
-    /// growth in the first 15/27 of the rounds (until step 15,000, with rounds until 27,000).
+    /// How Gaussians are cloned, split, pruned and reset. Default as in
+    /// [`Grow::abs_gs`](crate::Grow::abs_gs), with growth in the first 15/27 of the rounds (until
+    /// step 15,000, with rounds until 27,000).
     pub actions: Actions,
 }
 
@@ -116,7 +120,8 @@ impl FastGs {
         (u64::from(step) + 1).is_multiple_of(u64::from(self.final_every))
     }
 
-    /// What goes while the number grows: a share of what [`Prune`] removes.
+    /// The Gaussians removed while their number grows: a share of those that [`Prune`] would
+    /// remove.
     fn removed_while_growing<S: DensityScene>(
         &self,
         observation: &Observation<'_, S>,
@@ -134,7 +139,7 @@ impl FastGs {
         removals
     }
 
-    /// What goes after growth.
+    /// The Gaussians removed after growth.
     fn removed_after_growth<S: DensityScene>(&self, observation: &Observation<'_, S>, pruning: &[f64]) -> Vec<Removal> {
         let broken = Prune { opacity: 0.0, larger_than: None, ..self.actions.prune }.removals(observation);
         let mut broken = broken.into_iter().peekable();

@@ -1,4 +1,4 @@
-//! Exact numbers of Gaussians: any policy, held to a schedule that ends at the budget.
+//! Exact numbers of Gaussians: a schedule of counts that ends at the budget, for any policy.
 
 use std::collections::BTreeSet;
 
@@ -16,13 +16,13 @@ use crate::{
     ranking::{Ranking, WhenFlat},
 };
 
-/// Number of Gaussians after the round at `progress`, given `count` after the round before, which
-/// was at progress `previous`: the budget at progress 1, whatever happened before.
+/// The scheduled number of Gaussians after the round at `progress`, given the `count` after the
+/// round before, which was at progress `previous`.
 ///
 /// From N₀ Gaussians and with a budget of N, the schedule is N₀ + (N − N₀)(2p − p²), steep at first
-/// and flat at the end. Each round closes the rest of the schedule from the count that there is, so
-/// that Gaussians pruned in between are made up for. *Source:* the schedule of Taming 3DGS (Mallick
-/// et al. 2024).
+/// and flat at the end. Each round continues the schedule from the current count, so that later
+/// rounds replace Gaussians that were pruned. At progress 1 the result is the budget for any
+/// `count`. *Source:* the schedule of Taming 3DGS (Mallick et al. 2024).
 ///
 /// ```
 /// use gs_density::scheduled_count;
@@ -38,23 +38,23 @@ pub fn scheduled_count(count: usize, budget: usize, previous: f32, progress: f32
     (budget - (budget - count) * rest.min(1.0)).round() as usize
 }
 
-/// Holds a policy to [`scheduled_count`], so that a run ends with exactly as many Gaussians as its
-/// budget.
+/// Corrects the plans of a policy to [`scheduled_count`], so that a run ends with exactly as many
+/// Gaussians as its budget.
 ///
-/// The scheduled count bounds the growth that the policy plans. Where it adds too
-/// few, the Gaussians with the highest statistic that it left alone grow too; where too many are
-/// left, those of the least opacity times largest scale are removed. *Source:* the idea of a
-/// schedule of target counts for any policy is that of Smart Target Point Control (arXiv
-/// 2605.16158).
+/// The scheduled count bounds the growth that the policy plans. If the policy adds too few
+/// Gaussians, those with the highest densification statistic among the ones that it left alone grow
+/// too. If too many Gaussians remain, those with the smallest product of opacity and largest scale
+/// are removed. *Source:* a schedule of target counts for any policy is the idea of Smart Target
+/// Point Control (arXiv 2605.16158).
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Governor {
-    /// How the Gaussians grow that the policy left alone.
+    /// How Gaussians that the policy left alone are cloned or split.
     pub densify: Densify,
 }
 
 impl From<&Policy> for Governor {
-    /// Lets Gaussians grow as the policy does, or by the defaults of [`Densify`] under a policy that
-    /// neither clones nor splits.
+    /// Clones and splits with the policy's settings, or with the defaults of [`Densify`] for a
+    /// policy that neither clones nor splits.
     fn from(policy: &Policy) -> Self {
         Self { densify: policy.actions().map(|actions| actions.densify).unwrap_or_default() }
     }
@@ -76,9 +76,12 @@ impl Governor {
         let before = observation.scene.len();
         let wanted = scheduled_count(before, observation.budget, observation.progress_before, observation.progress);
         // A policy with a schedule of its own plans for the whole budget.
-        let mut plan = policy.plan(observation, &mut rng.clone())?;
+        let mut own = rng.clone();
+        let mut plan = policy.plan(observation, &mut own)?;
         if plan.len_after(before) > wanted {
             plan = policy.plan(&Observation { budget: wanted, ..*observation }, rng)?;
+        } else {
+            *rng = own;
         }
         let planned = plan.len_after(before);
         if planned < wanted {
@@ -89,8 +92,7 @@ impl Governor {
         Ok(plan)
     }
 
-    /// Adds `missing` Gaussians by growth of those that the plan leaves alone, as far as there are
-    /// enough.
+    /// Adds up to `missing` Gaussians by growth of those that the plan leaves alone.
     fn grow<S: DensityScene>(
         &self,
         plan: &mut EditPlan<S::Gaussian>,
@@ -130,7 +132,7 @@ fn remove_least<S: DensityScene>(plan: &mut EditPlan<S::Gaussian>, observation: 
     plan.removed.sort_unstable_by_key(|removal| removal.index);
 }
 
-/// The Gaussians that the plan neither removes nor changes, and of which it makes no other.
+/// The Gaussians that the plan neither removes nor changes, and that are no parent of an added one.
 fn left_alone<G>(plan: &EditPlan<G>, count: usize) -> Vec<u32> {
     let touched: BTreeSet<u32> = (plan.removed.iter().map(|removal| removal.index))
         .chain(plan.changed.iter().map(|change| change.index))

@@ -1,5 +1,5 @@
-//! Improved-GS: growth by the edges that a Gaussian draws, and pruning of what recovers slowly from
-//! an opacity reset.
+//! Improved-GS: growth by the edges that a Gaussian draws, and pruning of Gaussians that recover
+//! slowly from an opacity reset.
 
 use gs_core::{
     EditPlan, Error,
@@ -29,27 +29,29 @@ gs_core::impl_with!(ImprovedGs);
 ///   are drawn in proportion to their edge score: the sum, over the pixels of several views, of the
 ///   target's edges times the Gaussian's blending weight, divided by its median in each view.
 /// - With p the progress of growth and B the budget, there are at most B √p Gaussians.
-/// - Some steps after the first opacity resets, the least opaque are removed: they have recovered
-///   least.
+/// - Some steps after each of the first opacity resets, the Gaussians with the lowest opacity are
+///   removed, because they have recovered least.
 ///
-/// Its gradients over several views for one step, and its changes in the last rounds, are left out.
+/// The published gradients over several views for one step are left out, and so are the published
+/// changes in the last rounds.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, rename_all = "kebab-case", deny_unknown_fields)]
 #[non_exhaustive]
 pub struct ImprovedGs {
     /// Number of training views for the score, drawn anew in each round; 0 for all. Default 10.
     pub views: u32,
-    /// Least absolute gradient that grows, normalised device units; not negative. Default 0.0003.
+    /// Least absolute gradient of a Gaussian that grows, normalised device units; not negative.
+    /// Default 0.0003.
     pub threshold: f32,
-    /// Steps from an opacity reset to the removal of what has recovered least; a multiple of the
-    /// steps between two rounds. Default 300.
+    /// Steps from an opacity reset to the removal of the Gaussians that have recovered least; a
+    /// multiple of the steps between two rounds. Default 300.
     pub recovery_steps: u32,
-    /// Share of the Gaussians that is removed then, 0..=100 %. Default 20.
+    /// Share of the Gaussians that is removed after a reset, 0..=100 %. Default 20.
     pub recovery_percent: f32,
-    /// Number of opacity resets, the first ones, after which that happens. Default 2.
+    /// Number of opacity resets, from the first, that are followed by such a removal. Default 2.
     pub recovery_resets: u32,
-    /// What is done to the Gaussians. Default a [`LongAxisSplit`] by 1.35 standard deviations, of
-    /// length 0.55, width 0.893 and opacity 0.6, instead of clone and split.
+    /// How Gaussians are split, pruned and reset. Default: instead of clone and split, a
+    /// [`LongAxisSplit`] by 1.35 standard deviations, of length 0.55, width 0.893 and opacity 0.6.
     pub actions: Actions,
 }
 
@@ -86,14 +88,14 @@ impl ImprovedGs {
         scores
     }
 
-    /// Whether the round after `step` (from 0) removes what has recovered least.
+    /// Whether the round after `step` (from 0) removes the Gaussians that have recovered least.
     fn recovers_after(&self, step: u32) -> bool {
         let (steps, every) = (u64::from(step) + 1, u64::from(self.actions.reset.every));
-        let since = u64::from(self.recovery_steps);
-        (1..=u64::from(self.recovery_resets)).any(|reset| every > 0 && steps == reset * every + since)
+        let Some(since) = steps.checked_sub(u64::from(self.recovery_steps)).filter(|_| every > 0) else { return false };
+        since.is_multiple_of(every) && (1..=u64::from(self.recovery_resets)).contains(&(since / every))
     }
 
-    /// What goes in this round.
+    /// The Gaussians removed in this round.
     fn removed<S: DensityScene>(&self, observation: &Observation<'_, S>) -> Vec<Removal> {
         let mut removed = self.actions.prune.removals(observation);
         if !self.recovers_after(observation.step) || !observation.scene.has_opacity() {

@@ -1,12 +1,12 @@
-//! Scores, and draws in proportion to them.
+//! Normalised scores, and random draws in proportion to weights.
 
 use rand::RngExt;
 
 use crate::observation::Rng;
 
-/// `count` of these (index, weight) pairs, drawn without replacement in proportion to their
-/// weights, as indices in ascending order. Weights that are not positive and finite are never
-/// drawn.
+/// Draws `count` of these (index, weight) pairs without replacement, in proportion to their
+/// weights, and returns their indices in ascending order. Pairs whose weight is not positive and
+/// finite are never drawn.
 ///
 /// *Source:* Efraimidis and Spirakis 2006: the largest u^(1/w), for u uniform in 0..1.
 pub(crate) fn sample(weighted: impl IntoIterator<Item = (u32, f64)>, count: usize, rng: &mut Rng) -> Vec<u32> {

@@ -1,4 +1,4 @@
-//! Pruning by contribution, which combines with any growth.
+//! Pruning by contribution to the training views, for any growing policy.
 
 use gs_core::{
     Error,
@@ -15,8 +15,8 @@ use crate::{
 
 gs_core::impl_with!(Simplify);
 
-/// Settings of pruning by contribution: the Gaussians that contribute least to the training views
-/// are removed, whatever makes the others grow. For training in 3D.
+/// Settings of pruning by contribution, which removes the Gaussians that contribute least to the
+/// training views. It works with any growing policy. For training in 3D.
 ///
 /// A Gaussian's contribution is the sum of its blending weights over the pixels of the views
 /// (*source:* Mini-Splatting, Fang and Wang 2024).
@@ -31,18 +31,18 @@ gs_core::impl_with!(Simplify);
 pub struct Simplify {
     /// Number of training views, drawn anew each time; 0, the default, for all.
     pub views: u32,
-    /// Steps from one time to the next, at least 1. Only rounds prune, so this should be a multiple
-    /// of the steps between two rounds. Default 3000.
+    /// Steps between two simplifications, at least 1. Only rounds prune, so this should be a
+    /// multiple of the steps between two rounds. Default 3000.
     pub every: u32,
-    /// First step, counted from 1. Default 6000.
+    /// First step that may simplify, counted from 1. Default 6000.
     pub from: u32,
     /// Share of the Gaussians removed while their number grows, 0..=100 %. Default 80.
     pub soft_percent: f32,
     /// Share removed after [`Actions::growth_fraction`](crate::Actions::growth_fraction), 0..=100
     /// %. Default 30.
     pub hard_percent: f32,
-    /// Share of all contribution that Gaussians removed beyond the percentage hold together at
-    /// most, 0..=1. Default 0.
+    /// Share of the total contribution that the removed Gaussians may hold together, 0..=1. The
+    /// larger of this and the percentage decides how many are removed. Default 0.
     pub mass: f32,
 }
 
@@ -53,8 +53,9 @@ impl Default for Simplify {
 }
 
 impl Simplify {
-    /// The schedule and percentages of Speedy-Splat (Hanson et al. 2025). Its score is another, the
-    /// squared change of the pixels with a Gaussian's α, which is no weighted sum of an image.
+    /// The schedule and percentages of Speedy-Splat (Hanson et al. 2025). Its published score, the
+    /// squared change of the pixels with a Gaussian's α, is replaced by the contribution, because
+    /// that score is not a weighted sum over an image.
     pub fn speedy_splat() -> Self {
         Self { views: 0, every: 3_000, from: 6_000, soft_percent: 80.0, hard_percent: 30.0, mass: 0.0 }
     }

@@ -1,4 +1,4 @@
-//! Taming 3DGS: growth by a score of many parts, along a schedule of counts.
+//! Taming 3DGS: growth by a weighted score of nine parts, along a schedule of counts.
 
 use gs_core::{EditPlan, Error, constants::TAU_POSITION, effects::Statistics, sigmoid};
 use serde::{Deserialize, Serialize};
@@ -15,12 +15,13 @@ use crate::{
 
 gs_core::impl_with!(Taming, ScoreWeights);
 
-/// Growth by a score of many parts, along a schedule of counts that ends at the budget (*source:*
-/// Taming 3DGS, Mallick et al. 2024). For training in 3D.
+/// Growth by a weighted score, along a schedule of counts that ends at the budget (*source:* Taming
+/// 3DGS, Mallick et al. 2024). For training in 3D.
 ///
 /// With p the progress of the rounds, N₀ the first number of Gaussians and B the budget, the number
-/// after a round is N₀ + (B − N₀)(2p − p²), as far as enough Gaussians reach the threshold of 3DGS.
-/// Those that grow are drawn in proportion to their score, clones and splits each by their share.
+/// after a round is N₀ + (B − N₀)(2p − p²), if enough Gaussians reach the threshold of 3DGS.
+/// Gaussians that grow are drawn in proportion to their score. Clones and splits are drawn
+/// separately, each by their share.
 ///
 /// The score is a sum over the views: the view's loss times the weighted sum of
 /// [`ScoreWeights`]' parts, for the Gaussians that the view shows.
@@ -30,13 +31,13 @@ gs_core::impl_with!(Taming, ScoreWeights);
 pub struct Taming {
     /// Number of training views for the score, drawn anew in each round; 0 for all. Default 10.
     pub views: u32,
-    /// Least mean gradient that grows, normalised device units; not negative. Default
+    /// Least mean gradient of a Gaussian that grows, normalised device units; not negative. Default
     /// [`TAU_POSITION`].
     pub threshold: f32,
     /// Weights of the score's parts.
     pub weights: ScoreWeights,
-    /// What is done to the Gaussians. (The published code removes only a random half of what
-    /// [`Prune`](crate::Prune) does.)
+    /// How Gaussians are cloned, split, pruned and reset. The published code removes only a random
+    /// half of the Gaussians that [`Prune`](crate::Prune) removes.
     pub actions: Actions,
 }
 
@@ -62,8 +63,8 @@ pub struct ScoreWeights {
     pub pixels: f32,
     /// Sum of the blending weights. Default 50.
     pub blending: f32,
-    /// Sum of the covered pixels' distances from the mean, taken as that of a disc of as many
-    /// pixels. Default 50.
+    /// Sum of the distances of the covered pixels from the mean, approximated by that of a disc
+    /// with the same number of pixels. Default 50.
     pub distance: f32,
 }
 

@@ -43,7 +43,7 @@ pub struct FitSettings {
     /// Largest number of Gaussians, at least 1.
     pub gaussians: u32,
     /// Whether the fit ends with exactly as many Gaussians as [`Self::gaussians`] says, along a
-    /// schedule ([`Governor`](gs_density::Governor)), whichever the policy chooses. Default false.
+    /// schedule ([`Governor`](gs_density::Governor)), under any policy. Default false.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub exactly: bool,
     /// Number of Gaussians at the start.

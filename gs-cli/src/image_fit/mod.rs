@@ -36,7 +36,7 @@ pub(crate) struct FitSettingsArgs {
     /// The most Gaussians [default: 9000 for each 768x512 px; 600 with preset paper]
     #[arg(short = 'n', long, alias = "max-gaussians", value_name = "N", value_parser = whole::<u32>(1..))]
     pub(crate) gaussians: Option<u32>,
-    /// End with exactly as many Gaussians as --gaussians says, whatever the policy chooses
+    /// End with exactly the number of Gaussians that --gaussians sets, under any policy
     #[arg(long)]
     pub(crate) exactly: bool,
     /// Steps of the optimizer; 0 keeps the initial Gaussians
@@ -261,7 +261,7 @@ mod tests {
         settings(args, &SettingsFile::None, &target()).unwrap()
     }
 
-    /// The policies that fits of images do not refuse.
+    /// The policies that an image fit accepts.
     fn policies() -> impl Iterator<Item = (PolicyName, &'static str)> {
         let named = PolicyName::value_variants().iter().copied().zip(Policy::NAMES);
         named.filter(|(_, name)| Policy::from_name(name).unwrap().validate_2d().is_ok())

@@ -84,14 +84,15 @@ pub(crate) enum PolicyName {
     /// Move transparent Gaussians to opaque ones and add 5 % a round, with noise between steps
     /// (3DGS-MCMC); for images, needs --blend over
     Mcmc,
-    /// Grow and prune where several views agree that pixels are wrong (FastGS); for gs train
+    /// Grow and prune by the pixels of high error that a Gaussian covers in several views (FastGS);
+    /// only in gs train
     #[value(name = "fastgs")]
     FastGs,
     /// Grow by a score of errors, edges, sizes and contributions over several views, along a schedule
-    /// that ends at the budget (Taming 3DGS); for gs train
+    /// that ends at the budget (Taming 3DGS); only in gs train
     Taming,
-    /// Split along the long axis what draws edges, along a schedule that ends at the budget
-    /// (Improved-GS); for gs train
+    /// Split Gaussians that draw edges, side by side along the long axis, on a schedule that ends
+    /// at the budget (Improved-GS); only in gs train
     ImprovedGs,
     /// Start with half, add the rest in four rounds in proportion to the error (Image-GS)
     ImageGs,

@@ -25,7 +25,8 @@ use self::{
 };
 use crate::{failure::Failure, interrupt::Interrupt, output, output_folder::OutputFolder};
 
-/// Trains to the last step, until `end` or until Ctrl-C, and writes the results; prints the summary.
+/// Trains to the last step, until `end` or until Ctrl-C, then writes the results and prints the
+/// summary.
 pub(crate) fn run<S: Trainable, T: Summary>(
     args: &OutputArgs,
     folder: &OutputFolder,
@@ -37,35 +38,39 @@ pub(crate) fn run<S: Trainable, T: Summary>(
 where
     AnyRasterizer: Optimizer<S>,
 {
-    let trained = train(args, (&mut trainer, end), &mut log, folder, &mut checkpoints).and_then(|(outcome, curve)| {
-        let summary = write_results(&trainer, &log, &curve.0)?;
-        Ok((outcome, summary))
-    });
-    let (outcome, summary) = trained.map_err(|failure| checkpoints.with_resume_hint(failure))?;
+    let trained =
+        train(args, (&mut trainer, end), &mut log, folder, &mut checkpoints).and_then(|(outcome, curve, is_over)| {
+            let summary = write_results(&trainer, &log, &curve.0)?;
+            Ok((outcome, summary, is_over))
+        });
+    let (outcome, summary, is_over) = trained.map_err(|failure| checkpoints.with_resume_hint(failure))?;
     checkpoints.remove_unrequested(outcome);
     if args.json {
         output::json(&summary)?;
     } else {
         output::note(summary.text(folder.path(), args.verbosity()));
     }
-    let is_over = end.is_some_and(|end| Instant::now() >= end);
     match checkpoints.finish(outcome, trainer.step()) {
         Err(failure) if is_over && checkpoints.failure.is_none() => {
-            output::note(format_args!("note: the time is over before the last step: {}", failure.message()));
+            output::note(format_args!(
+                "note: the time limit ended the run before the last step: {}",
+                failure.message()
+            ));
             Ok(())
         }
         finished => finished,
     }
 }
 
-/// Trains with the observers of a run. The curve holds what they saw.
+/// Trains with the observers of a run. The curve holds what they saw; the last value is whether the
+/// end of the time stopped the run.
 fn train<S: Trainable>(
     args: &OutputArgs,
     (trainer, end): (&mut Trainer<'_, AnyRasterizer, S>, Option<Instant>),
     log: &mut MetricsLog,
     folder: &OutputFolder,
     checkpoints: &mut Checkpoints,
-) -> Result<(Outcome, Curve), Failure>
+) -> Result<(Outcome, Curve, bool), Failure>
 where
     AnyRasterizer: Optimizer<S>,
 {
@@ -73,10 +78,11 @@ where
     let printer = display.printer();
     let interrupt = Interrupt::listen(printer.clone());
     let mut curve = Curve::begun_by(log);
-    let stop = (StopOnInterrupt(&interrupt), StopAtEnd(end));
+    let stop = StopOnInterrupt(&interrupt);
+    let mut at_end = StopAtEnd::new(end);
     let mut file = LogFile::begin(folder, log, printer.clone())?;
     let store = StoreCheckpoints::new(checkpoints, printer.clone());
-    let outcome = trainer.run(&mut ((&mut display, &mut file), (&mut curve, (store, stop)))).block_on();
+    let outcome = trainer.run(&mut ((&mut display, &mut file), (&mut curve, (store, (stop, &mut at_end))))).block_on();
     printer.clear_bar();
     let outcome = outcome?;
     if outcome == Outcome::Stopped {
@@ -90,5 +96,5 @@ where
             Err(error) => checkpoints.failure = Some(error.into()),
         }
     }
-    Ok((outcome, curve))
+    Ok((outcome, curve, at_end.stopped && !interrupt.requested()))
 }

@@ -102,12 +102,23 @@ impl Observer for StopOnInterrupt<'_> {
     }
 }
 
-/// Stops the run at the end of its time, if that is limited.
-pub(crate) struct StopAtEnd(pub(crate) Option<Instant>);
+/// Stops the run at a time limit, if it has one.
+pub(crate) struct StopAtEnd {
+    end: Option<Instant>,
+    /// Whether this stopped the run.
+    pub(crate) stopped: bool,
+}
+
+impl StopAtEnd {
+    pub(crate) fn new(end: Option<Instant>) -> Self {
+        Self { end, stopped: false }
+    }
+}
 
 impl Observer for StopAtEnd {
     fn on_step(&mut self, _: &Progress) -> Control {
-        if self.0.is_some_and(|end| Instant::now() >= end) { Control::Stop } else { Control::Continue }
+        self.stopped |= self.end.is_some_and(|end| Instant::now() >= end);
+        if self.stopped { Control::Stop } else { Control::Continue }
     }
 }
 

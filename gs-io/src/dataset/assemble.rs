@@ -187,7 +187,7 @@ pub(super) fn assemble(parts: Parts<'_>, settings: &DatasetSettings) -> Result<D
 /// The remark on images that look like 360° images and have another camera model. The first image
 /// of that shape stands for all.
 fn unsplit_panoramas(views: &[View]) -> Option<Remark> {
-    let is_wide = |view: &&View| view.source.face().is_none() && view.source.width == 2 * view.source.height;
+    let is_wide = |view: &&View| view.source.face().is_none() && is_two_to_one((view.source.width, view.source.height));
     let first = views.iter().find(is_wide)?;
     let image = decode(&first.image, first.orientation).ok()?.image;
     let count = views.iter().filter(is_wide).count();

@@ -1,4 +1,4 @@
-//! 360° images as cubes: six pinhole views of 90° each, which share the image's place.
+//! 360° images split into the faces of a cube: six 90° pinhole views with the same camera position.
 //!
 //! An equirectangular image shows longitudes −π to π over its width and latitudes π/2 to −π/2 over
 //! its height. Its middle is ahead of the camera; right and down in the image are right and down
@@ -11,13 +11,14 @@ use gs_core::Image;
 
 use super::pose::Pose;
 
-/// Least standard deviation of luma along a row or column by which an image is recognized.
+/// Least standard deviation of luma along a row or column for an image to be recognized as 360°.
 const LEAST_SPREAD: f32 = 0.05;
 
-/// Largest standard deviation of luma in a row that shows one point, as a share of the middle row's.
+/// Largest standard deviation of luma in a row that shows a single point, relative to the middle
+/// row's.
 const POLE_SPREAD: f32 = 0.1;
 
-/// Differences of luma that are rounding and noise.
+/// Differences of luma that count as rounding or noise.
 const ROUNDING: f32 = 0.01;
 
 /// A face of the cube around a 360° camera, by its direction from the camera.
@@ -42,7 +43,7 @@ impl CubeFace {
     /// All faces.
     pub const ALL: [Self; 6] = [Self::Front, Self::Right, Self::Back, Self::Left, Self::Up, Self::Down];
 
-    /// The name at the end of its view's name: `image.jpg#front`.
+    /// The name after `#` in the name of the face's view, such as `image.jpg#front`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Front => "front",
@@ -54,8 +55,8 @@ impl CubeFace {
         }
     }
 
-    /// Right, down and forward of the face, in the axes of the 360° camera (right, down, forward),
-    /// as the columns of a rotation.
+    /// The rotation whose columns are the face's right, down and forward, in the axes of the 360°
+    /// camera (right, down, forward).
     fn axes(self) -> DMat3 {
         let (right, down, forward) = match self {
             Self::Front => (DVec3::X, DVec3::Y, DVec3::Z),
@@ -74,7 +75,7 @@ impl CubeFace {
         Pose { rotation: turn * camera.rotation, translation: turn * camera.translation }
     }
 
-    /// Longitude and latitude, the latter downwards, of the face's ray (X/Z, Y/Z), rad.
+    /// Longitude and latitude of the face's ray (X/Z, Y/Z), rad. Latitude increases downwards.
     pub(super) fn angles(self, ray: DVec2) -> DVec2 {
         let DVec3 { x, y, z } = self.axes() * ray.extend(1.0);
         dvec2(x.atan2(z), y.atan2(x.hypot(z)))
@@ -88,18 +89,17 @@ impl CubeFace {
     }
 }
 
-/// Pixels of a face's side for an image of `width` px: about those of the image in its middle.
+/// Side of a face, px, for an image of `width` px: about the resolution of the image at its middle.
 pub(super) fn face_side(width: u32) -> u32 {
     (width / 4).max(1)
 }
 
-/// Whether a size is that of an image of all directions: twice as wide as high, apart from
-/// rounding.
+/// Whether a size is that of a 360° image: twice as wide as high, apart from rounding.
 pub(super) fn is_two_to_one((width, height): (u32, u32)) -> bool {
     (i64::from(width) - 2 * i64::from(height)).abs() <= 2
 }
 
-/// Whether the borders of an image are those of an image of all directions: left and right continue
+/// Whether the borders of an image are those of a 360° image: the left and right columns continue
 /// each other, and the upper and lower rows each show a single point.
 pub(super) fn shows_all_directions(image: &Image) -> bool {
     let (right, bottom) = (image.width() - 1, image.height() - 1);

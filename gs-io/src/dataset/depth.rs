@@ -1,9 +1,9 @@
-//! Depth maps beside the images: grey images and NumPy's `.npy`, as sensors and networks write
+//! Reading of depth maps: grey images and NumPy arrays (`.npy`), as sensors and networks write
 //! them.
 //!
-//! Values are depths along the optical axis or their inverses, up to a scale and a shift of each
-//! image, which whoever uses them must find. Values that are 0, negative or not finite mean
-//! "unknown".
+//! Values are depths along the optical axis or inverse depths, up to a scale and a shift for each
+//! image. The code that uses them must find scale and shift. Values that are 0, negative or not
+//! finite mean "unknown".
 
 use std::{
     io::Read,
@@ -19,39 +19,39 @@ use crate::{
     image::{decode_grey, read_header},
 };
 
-/// Most bytes of the header of a NumPy array, which has 128 as a rule.
+/// Largest accepted header of a NumPy array, bytes. It usually has 128.
 const HEADER_BYTES: u64 = 4096;
 
-/// The endings that are tried, in this order, for the depth map of an image.
+/// File extensions that are tried, in this order, for the depth map of an image.
 const ENDINGS: [&str; 4] = ["npy", "png", "tiff", "tif"];
 
 /// The file of a view's depth map.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DepthFile {
-    /// A grey image or a NumPy array, of the image's shape.
+    /// A grey image or a NumPy array with the aspect ratio of the image.
     pub path: PathBuf,
-    /// World units of a stored 1, where the data set's format defines it; `None` if values are only
-    /// known up to scale and shift.
+    /// World units of a stored value of 1, if the data set's format defines them; `None` if values
+    /// are only known up to scale and shift.
     pub unit: Option<f32>,
 }
 
-/// A depth map of a view, without distortion.
+/// The depth map of a view, undistorted.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DepthMap {
     /// The view's camera with the map's columns and rows.
     pub camera: Camera,
     /// The stored values, row-major `[height · width]`; 0 where nothing is known.
     pub values: Vec<f32>,
-    /// World units of a stored 1, where the data set's format defines it.
+    /// World units of a stored value of 1, if the data set's format defines them.
     pub unit: Option<f32>,
 }
 
 impl View {
-    /// Reads the depth map, if there is one, without interpolating; a distorted one is undistorted.
+    /// Reads the depth map, if there is one, and undistorts it if needed, without interpolation.
     ///
     /// # Errors
     /// [`Error::BadDepth`] for a map that is not grey, has no known value, or is damaged;
-    /// [`Error::ImageShape`] for another shape than the image's; those of reading a file.
+    /// [`Error::ImageShape`] for another aspect ratio than the image's; those of reading a file.
     pub fn read_depth(&self) -> Result<Option<DepthMap>, Error> {
         let Some(DepthFile { path, unit }) = &self.depth else { return Ok(None) };
         let (size, values) = match is_npy(path) {
@@ -83,7 +83,7 @@ impl View {
     }
 }
 
-/// The depth map of the image `file` in a folder of depth maps.
+/// Finds the depth map of the image `file` in a folder of depth maps.
 pub(super) fn find(folder: &Path, file: &Path) -> Option<PathBuf> {
     let beside = |ending: &str| {
         let mut appended = folder.join(file).into_os_string();
@@ -116,7 +116,7 @@ struct Npy {
     /// Columns and rows.
     size: (u32, u32),
     kind: Kind,
-    /// Where the numbers start in the file.
+    /// Byte offset of the numbers in the file.
     start: usize,
 }
 

@@ -1,4 +1,4 @@
-//! Depth maps beside the images: what is read, and what is refused.
+//! Depth maps of data sets: formats and shapes that are read, and those that are refused.
 
 use std::{fs, path::Path};
 
@@ -20,7 +20,7 @@ fn header(descr: &str, shape: &str) -> String {
     format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': {shape}, }}   \n")
 }
 
-/// Values 1, 2, 3, … of 20×15 px.
+/// A map of 20×15 px with the values 1, 2, 3, ….
 fn counted(bytes: impl Fn(u16) -> Vec<u8>) -> Vec<u8> {
     (1..=300).flat_map(bytes).collect()
 }

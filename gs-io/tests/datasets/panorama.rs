@@ -1,4 +1,4 @@
-//! 360° images: six views each, of the cube's faces.
+//! 360° images are split into six views, the faces of a cube.
 
 use std::{f64::consts::PI, fs, path::Path};
 
@@ -58,7 +58,7 @@ fn ray(camera: &Camera, x: u32, y: u32) -> Vec3 {
     camera.rotation.transpose() * ((at - camera.center) / camera.focal).extend(1.0)
 }
 
-/// Largest difference of all views from the function of the direction.
+/// Largest difference of the views' pixels from the function of their direction.
 fn worst(dataset: &Dataset) -> f32 {
     let mut worst = 0.0_f32;
     for view in &dataset.views {

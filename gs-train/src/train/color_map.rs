@@ -12,11 +12,10 @@ pub(super) struct ColorMap {
     offset: DVec3,
 }
 
-/// A colour, and the one that a map is to take it to.
+/// A colour, and the colour that a map should give for it.
 pub(super) type ColorPair = ([f32; 3], [f32; 3]);
 
-/// Largest value of the linear part of a map, and of its inverse, that images of a scene can have:
-/// three stops.
+/// Largest absolute value in the linear part of a usable map and of its inverse: three stops.
 const MOST_GAIN: f64 = 8.0;
 
 /// Distance of colours at which a pair has half the weight in a robust fit.
@@ -25,10 +24,10 @@ const OUTLYING: f64 = 0.1;
 /// Rounds of a robust fit.
 const ROUNDS: usize = 5;
 
-/// Prior of a robust fit, in units of the variance that the map leaves. Neighbouring errors of a
-/// rendering are alike, so that thousands of pixels say no more than a few dozen independent ones.
-/// On 112 photographs of a room, a prior of 0.03 ends 0.2 dB higher than one of 0.005, at a
-/// variance of about 0.006.
+/// Prior of a robust fit, in units of the variance that the map leaves. Errors of neighbouring
+/// pixels are correlated, so thousands of pixels have no more information than a few dozen
+/// independent ones. On 112 photographs of a room, a prior of 0.03 ends 0.2 dB higher than one of
+/// 0.005, at a variance of about 0.006.
 const PRIOR_PER_VARIANCE: f64 = 4.0;
 
 /// Least prior of a robust fit: a standard deviation of six levels of 255.
@@ -46,7 +45,7 @@ impl ColorMap {
         self.linear * color + self.offset
     }
 
-    /// The image with mapped colours, not clamped.
+    /// The image with this map applied to its colours, not clamped.
     pub(super) fn image(&self, image: &Image) -> Image {
         let mut image = image.clone();
         image.pixels_mut().iter_mut().for_each(|pixel| *pixel = self.apply(*pixel));
@@ -63,15 +62,14 @@ impl ColorMap {
         pairs.iter().map(|&(from, to)| (self.of(vector(from)) - vector(to)).length_squared()).sum()
     }
 
-    /// The map that undoes this one; `None` where one of the two changes colours more than images
-    /// of a scene differ.
+    /// The inverse of this map; `None` if either of the two exceeds [`MOST_GAIN`].
     pub(super) fn inverse(&self) -> Option<Self> {
         let linear = self.linear.inverse();
         let possible = |matrix: &DMat3| matrix.to_cols_array().iter().all(|value| value.abs() <= MOST_GAIN);
         (possible(&self.linear) && possible(&linear)).then(|| Self { linear, offset: -(linear * self.offset) })
     }
 
-    /// The map that applies `first`, and then this one.
+    /// The map that first applies `first`, then this one.
     pub(super) fn after(&self, first: &Self) -> Self {
         Self { linear: self.linear * first.linear, offset: self.of(first.offset) }
     }
@@ -85,15 +83,15 @@ impl ColorMap {
 
     /// The map that takes the first colour of each pair closest to the second, by least squares.
     ///
-    /// `prior` is the variance of colours below which they say nothing: along such directions of
-    /// the colour space, the linear part stays the identity.
+    /// `prior` is a variance of colours. Along directions of the colour space in which the colours
+    /// vary much less, the linear part stays close to the identity.
     pub(super) fn fit(pairs: &[ColorPair], prior: f64) -> Self {
         Self::weighted(pairs, prior, |_, _| 1.0)
     }
 
-    /// [`Self::fit`] in a few rounds, in which pairs that the map leaves far apart count less, by
-    /// Cauchy's weights. The prior is a multiple of the variance that the map leaves: the worse the
-    /// colours agree, the less they say.
+    /// A robust [`Self::fit`]: a few rounds with Cauchy weights, so that pairs that the map leaves
+    /// far apart count less. The prior is a multiple of the variance that the map leaves, so that
+    /// it is stronger the worse the colours agree.
     pub(super) fn robust_fit(pairs: &[ColorPair]) -> Self {
         (0..ROUNDS).fold(Self::IDENTITY, |map, _| {
             let weight = |from: DVec3, to: DVec3| 1.0 / (1.0 + (map.of(from) - to).length_squared() / OUTLYING.powi(2));
@@ -168,7 +166,7 @@ mod tests {
 
     const KNOWN: [[f64; 4]; 3] = [[0.6, 0.05, 0.0, 0.02], [0.1, 0.8, -0.05, -0.03], [0.0, 0.1, 1.2, 0.05]];
 
-    /// Colours without pattern, and what a map makes of them.
+    /// Random colours, and the same colours after a map.
     fn pairs(map: ColorMap) -> Vec<ColorPair> {
         let scattered = |i: u32, k: u32| ((i * 3 + k).wrapping_mul(0x9e37_79b9) >> 8) as f32 / (1 << 24) as f32;
         let color = |i| [0, 1, 2].map(|k| scattered(i, k));

@@ -1,8 +1,9 @@
 //! Points on the surfaces of a scene, from depth maps of its views.
 //!
-//! The maps of networks and of other reconstructions are depths or inverse depths up to a scale and
-//! a shift of each image. Both are found by known points of the scene; the maps of sensors, in
-//! world units, need none. A point is taken where another view's map has the same depth.
+//! Depth maps of networks and of other reconstructions are depths or inverse depths, with an
+//! unknown scale and shift for each image. Scale and shift are fitted to known points of the scene.
+//! Without known points, only maps in world units are used, such as those of sensors. A point is
+//! taken where another view's map has the same depth.
 
 use glam::{Vec2, Vec3};
 use gs_density::Rng;
@@ -21,8 +22,8 @@ use crate::error::Error;
 /// steps slow, and growth finds what they lack.
 const MOST_PIXELS: usize = 30_000;
 
-/// Columns and rows of the cells of which each gives its nearest known point, px: points behind a
-/// surface are not on the map.
+/// Side of the cells of an image, px. Only the nearest known point of each cell is used, because
+/// points behind a surface are not on the map.
 const CELL: u32 = 6;
 
 /// Least number of known points in a view that agree with its map.
@@ -31,22 +32,25 @@ const LEAST_AGREEING: f32 = 10.0;
 /// Least share of the known points in a view that agree with its map.
 const LEAST_SHARE: f32 = 0.3;
 
-/// Largest difference of ln-depths that agree: of a map and a known point, and of two maps.
+/// Largest difference of ln-depth at which a map agrees with a known point.
 const SAME_POINT: f32 = 0.05;
+/// Largest difference of ln-depth at which two maps agree.
 const SAME_SURFACE: f32 = 0.03;
 
-/// Largest variance of ln-depth between a map and the known points that agree with it, as a share of
-/// the variance of these points' own.
+/// Largest variance of the difference of ln-depth between a map and the known points that agree
+/// with it, as a share of the variance of the ln-depth of these points.
 const MOST_UNEXPLAINED: f64 = 0.25;
 
-/// Number of pairs of points by which scale and shift of a map are tried.
+/// Number of random pairs of known points from which scale and shift of a map are computed.
 const TRIALS: u32 = 400;
 
 /// Steps of least squares over the points that agree.
 const REFINEMENTS: u32 = 4;
 
-/// The points on the maps, in the order of views and pixels; none where no map fits `known` points,
-/// or is in world units, or no two views overlap.
+/// The points on the depth maps that another view confirms, in the order of views and pixels.
+///
+/// There are none if no two views overlap, if no map fits the `known` points, or if there are no
+/// known points and no map is in world units.
 ///
 /// # Errors
 /// Those of reading an image or a depth map.
@@ -117,7 +121,7 @@ impl Relief {
         nearest.into_iter().flatten().collect()
     }
 
-    /// The relief with depths in place of the map's values; 0 where the fit gives none.
+    /// This view with depths in place of the map's values; 0 where the fit gives no valid depth.
     fn with_depths(mut self, fit: Fit) -> Self {
         self.values.iter_mut().filter(|value| **value > 0.0).for_each(|value| {
             *value = Some(fit.depth(*value)).filter(|depth| *depth > 0.0 && depth.is_finite()).unwrap_or(0.0);
@@ -157,20 +161,21 @@ impl Fit {
         }
     }
 
-    /// ln-depth of the fit minus the true one; NaN where the fit's depth is negative.
+    /// ln-depth of the fit minus the true ln-depth; NaN if the fit's depth is negative.
     fn difference(self, sample: &Sample) -> f32 {
         (self.depth(sample.value) / sample.depth).ln()
     }
 
-    /// How well a sample agrees: 1 if exactly, 0 from [`SAME_POINT`] on.
+    /// How well a sample agrees: 1 for an exact match, 0 for a difference of [`SAME_POINT`] or
+    /// more.
     fn agreement(self, sample: &Sample) -> f32 {
         let share = self.difference(sample) / SAME_POINT;
         // `max` also turns NaN into 0.
         (1.0 - share * share).max(0.0)
     }
 
-    /// Whether the fit explains the depths of the samples that agree: its differences from them are
-    /// much smaller than theirs. Otherwise any map fits a surface at about one depth.
+    /// Whether the depths of the agreeing samples vary much more than their differences from the
+    /// fit. Without this check, any map would fit a surface at about one depth.
     fn explains(self, samples: &[Sample]) -> bool {
         let agreeing = || samples.iter().filter(|sample| self.agreement(sample) > 0.0);
         let variance = |of: &dyn Fn(&Sample) -> f32| {
@@ -184,7 +189,7 @@ impl Fit {
         variance(&|sample| self.difference(sample)) <= MOST_UNEXPLAINED * variance(&|sample| sample.depth.ln())
     }
 
-    /// The line through two samples; it rises.
+    /// The line through two samples; `None` unless it rises.
     fn through(meaning: Meaning, a: Sample, b: Sample) -> Option<Self> {
         let [p, q] = [a, b].map(|sample| match meaning {
             Meaning::Depth => sample.depth,
@@ -194,7 +199,7 @@ impl Fit {
         (scale > 0.0 && scale.is_finite()).then_some(Self { meaning, scale, shift: p - scale * a.value })
     }
 
-    /// Least squares of the relative differences from these samples.
+    /// The fit with the least squared relative differences from these samples.
     fn least_squares<'s>(meaning: Meaning, samples: impl Iterator<Item = &'s Sample>) -> Option<Self> {
         // (s·v + t)/y = 1 for each sample, with y the depth or its inverse.
         let (mut aa, mut ab, mut bb, mut a, mut b) = (0.0f64, 0.0f64, 0.0f64, 0.0f64, 0.0f64);
@@ -215,9 +220,9 @@ impl Fit {
         (scale > 0.0 && scale.is_finite()).then_some(Self { meaning, scale: scale as f32, shift: shift as f32 })
     }
 
-    /// The fit with which samples agree best, and the sum of their agreement: by trying pairs
-    /// (RANSAC; Fischler and Bolles 1981; with the score of Torr and Zisserman 2000), then least
-    /// squares over those that agree.
+    /// The fit with which the samples agree best, and the sum of their agreement. Random pairs are
+    /// tried first (RANSAC; Fischler and Bolles 1981; with the score of Torr and Zisserman 2000),
+    /// then least squares over the samples that agree.
     fn best(meaning: Meaning, samples: &[Sample]) -> Option<(Self, f32)> {
         let mut rng = Rng::seed_from_u64(samples.len() as u64);
         let mut pick = || samples[rng.random_range(0..samples.len())];
@@ -244,8 +249,9 @@ impl Fit {
     }
 }
 
-/// The maps with depths in world units: those that fit the known points, or without any the maps
-/// that are in world units already. All maps have one meaning, that with which points agree best.
+/// The maps, converted to depths in world units. With known points, these are the maps that fit
+/// them; without, the maps that are in world units already. All maps are read as depths or all as
+/// inverse depths, whichever agrees better with the points.
 fn fitted(maps: Vec<Relief>, known: &[Point]) -> Vec<Relief> {
     if known.is_empty() {
         let metric = |map: Relief| {
@@ -267,8 +273,8 @@ fn fitted(maps: Vec<Relief>, known: &[Point]) -> Vec<Relief> {
     maps.into_iter().zip(fits).filter_map(|(map, fit)| Some(map.with_depths(fit?.0))).collect()
 }
 
-/// The points at every `stride`-th pixel that another view confirms: one with the same depth there,
-/// and no more that see past the point.
+/// The points at every `stride`-th pixel that other views confirm: at least one view has the same
+/// depth there, and no more views than that see past the point.
 fn confirmed(plate: &Plate, depths: &[f32], others: &[(&Plate, &[f32])], stride: usize) -> Vec<Found> {
     let (width, height) = (plate.image.width() as usize, plate.image.height() as usize);
     let cell = 0.5 * stride as f32 / plate.camera.focal.max_element();
@@ -296,8 +302,8 @@ fn confirmed(plate: &Plate, depths: &[f32], others: &[(&Plate, &[f32])], stride:
     found
 }
 
-/// ln-depth of a point in a view minus that of the view's map; `None` where it is not seen or not
-/// known.
+/// ln-depth of a point in a view minus the ln-depth of the view's map; `None` if the point is
+/// outside the image or the map's value is unknown.
 fn difference(position: Vec3, plate: &Plate, depths: &[f32]) -> Option<f32> {
     let (at, depth) = plate.camera.project(position)?;
     let (width, height) = plate.image.size();
@@ -330,13 +336,13 @@ mod tests {
         }
     }
 
-    /// Colour of the plane z = 0 at a place.
+    /// Colour of the plane z = 0 at a position.
     fn color(at: Vec2) -> [f32; 3] {
         [0.5 + 0.3 * at.x.sin(), 0.5 + 0.3 * at.y.cos(), 0.25]
     }
 
-    /// Views of the plane z = 0 from above, with maps of half their size: `value` of the number of
-    /// the view, the pixel's column and its depth.
+    /// Views of the plane z = 0 from above, with maps of half their size. `value` computes a map's
+    /// value from the number of the view, the pixel's column and its depth.
     fn views(unit: Option<f32>, value: impl Fn(usize, u32, f32) -> f32) -> Vec<PosedView> {
         (0..6)
             .map(|number| {

@@ -1,12 +1,12 @@
 //! Evidence over several training views, for the policies that request it.
 //!
-//! The derivative of a pixel by the colour of a Gaussian is the Gaussian's weight there. So the
-//! weighted sums of three maps over the pixels are the gradient by the colours, where the channels
-//! of ∂L/∂image are the maps. It is taken at a copy of the scene with one colour from all sides,
-//! which is not clamped.
+//! The derivative of a pixel with respect to the colour of a Gaussian is the Gaussian's weight in
+//! that pixel. The weighted sums of three maps over the pixels are therefore the gradient with
+//! respect to the colours if the channels of ∂L/∂image are the three maps. The gradient is computed
+//! on a copy of the scene with view-independent colours that are not clamped.
 //!
-//! Where α is at most [`FOOTPRINT_ALPHA`], every covered pixel has that α and nothing hides
-//! anything: the weights are those of footprints.
+//! For footprints, α is limited to [`FOOTPRINT_ALPHA`]. Every covered pixel then has this α, and no
+//! Gaussian hides another.
 
 use glam::Vec3;
 use gs_core::{
@@ -25,10 +25,10 @@ use crate::error::Error;
 /// Stream of random numbers for the views, independent of all others.
 const EVIDENCE_STREAM: u64 = 0x6576_6964;
 
-/// α of every pixel of a footprint. A thousand of them hide a thousandth.
+/// α in every pixel of a footprint. A thousand Gaussians in front hide a thousandth of a pixel.
 const FOOTPRINT_ALPHA: f32 = 1e-6;
 
-/// The views of `count` that the round after `step` steps looks at, in ascending order.
+/// Indices of the views, of `count`, for the evidence of the round after `step` steps, ascending.
 pub(super) fn views_of_round(seed: u32, step: u32, count: usize, request: &EvidenceRequest) -> Vec<usize> {
     let wanted = if request.views == 0 { count } else { count.min(request.views as usize) };
     let state = (u64::from(seed) << 32 | u64::from(step)) ^ EVIDENCE_STREAM.rotate_left(16);
@@ -37,12 +37,12 @@ pub(super) fn views_of_round(seed: u32, step: u32, count: usize, request: &Evide
     views
 }
 
-/// What gathers the evidence of a round, view by view.
+/// Gathers the evidence of a round, view by view.
 pub(super) struct Gathering<'a, R: Optimizer<Scene3d>> {
     on: &'a R,
     scene: &'a Scene3d,
     splats: &'a R::Splats,
-    /// The scene with one colour from all sides.
+    /// The scene with view-independent colours.
     plain: R::Splats,
     render: RenderSettings,
     request: EvidenceRequest,
@@ -112,7 +112,7 @@ impl<'a, R: Optimizer<Scene3d>> Gathering<'a, R> {
     }
 }
 
-/// The scene in grey. Gaussians that are not finite, which a backend does not accept, vanish.
+/// The scene in grey. Gaussians that are not finite become invisible, as a backend refuses them.
 fn plain(scene: &Scene3d) -> Scene3d {
     let mut plain = Scene3d { sh_degree: 0, sh: vec![Vec3::ZERO; scene.len()], ..scene.clone() };
     for index in (0..scene.len()).filter(|&index| !scene.gaussian(index).is_finite()) {
@@ -150,8 +150,8 @@ fn maps(
     })
 }
 
-/// The values, scaled to 0..=1 by the least and the largest that count; 0 where all are equal, and
-/// where a value is not finite.
+/// The values, scaled to 0..=1 between the smallest and the largest that count; 0 if all are equal,
+/// and for values that are not finite.
 fn scaled(mut values: Vec<f32>, counts: impl Fn(usize) -> bool) -> Vec<f32> {
     let (least, most) = (values.iter().enumerate().filter(|&(at, v)| counts(at) && v.is_finite()))
         .fold((f32::INFINITY, f32::NEG_INFINITY), |(least, most), (_, &v)| (least.min(v), most.max(v)));

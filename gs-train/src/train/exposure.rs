@@ -1,10 +1,10 @@
-//! Differences in exposure and white balance between images: an affine map of colours per training
-//! view, found while the scene is trained.
+//! Correction of exposure and white balance: an affine colour map for each training view, solved
+//! while the scene is trained.
 //!
 //! A few times in a run, each training view is rendered, and the map from rendering to image is
-//! solved by least squares over a few thousand means of pixels. Steps then compare renderings with images whose colours have been
-//! taken back by the inverse maps. The mean map is the identity, which fixes the colours of the
-//! scene.
+//! solved by least squares over the pixels of both at a reduced size of a few thousand pixels.
+//! Later steps compare renderings with images to which the inverse maps are applied. The mean map
+//! is the identity, which fixes the colours of the scene.
 
 use std::collections::BTreeMap;
 
@@ -19,7 +19,7 @@ use super::{
 };
 use crate::error::Error;
 
-/// What happens to differences in exposure and white balance between images.
+/// How differences in exposure and white balance between images are treated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
@@ -27,10 +27,11 @@ pub enum Exposure {
     /// The scene is trained on the images as they are.
     #[default]
     Off,
-    /// Each training view has an affine map of colours, trained along with the scene; at least two
-    /// training views.
+    /// Each training view has an affine colour map, solved while the scene is trained. Needs at
+    /// least two training views.
     Affine,
-    /// As [`Self::Affine`] if the first maps show that images differ; as [`Self::Off`] if not.
+    /// As [`Self::Affine`] as long as the maps show that images differ; as [`Self::Off`] from the
+    /// first solution on that does not, and in runs too short to tell.
     Auto,
 }
 
@@ -40,47 +41,51 @@ impl Exposure {
     }
 }
 
-/// Shares of a run after which the maps are solved: late enough for the scene to be recognizable,
-/// early enough for it to follow.
+/// Shares of a run after which the maps are solved: late enough for recognizable renderings, early
+/// enough for the scene to adapt to the corrected images.
 const SOLVED_AT: [f64; 4] = [0.2, 0.35, 0.5, 0.65];
 
-/// Gain of the maps, dB, from which images differ in exposure for [`Exposure::Auto`].
+/// Least gain of the maps, dB, with which [`Exposure::Auto`] corrects the images.
 const LEAST_GAIN_DB: f64 = 1.5;
 
-/// Number of pixels of a rendering that is compared with its image, about: many for twelve unknown
-/// numbers.
+/// Least number of steps for each training view before the first solution of [`Exposure::Auto`]:
+/// the colours of a scene that is hardly trained differ from those of any image.
+const LEAST_STEPS_PER_VIEW: u32 = 5;
+
+/// Approximate number of pixels at which a rendering is compared with its image: many for the
+/// twelve unknowns of a map.
 const PIXELS: u64 = 10_000;
 
-/// Range of values of an image that were not cut off by the camera.
+/// Range of pixel values that count as not clipped by the camera.
 const UNCLIPPED: [f32; 2] = [0.01, 0.98];
 
 /// Key of the maps in the metadata of checkpoints.
 const KEY: &str = "exposure";
 
-/// The maps of a run, as in its checkpoints.
+/// The maps of a run, as stored in its checkpoints.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 struct Maps {
     /// For each training view, the map from its image's colours to the scene's; empty before they
     /// are first solved, and where they are not used.
     of_views: Vec<ColorMap>,
-    /// What the last solution found.
+    /// Report of the last solution.
     report: Option<ExposureReport>,
 }
 
-/// Differences in exposure and white balance that a training found between its views.
+/// Report on differences in exposure and white balance between the training views of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub struct ExposureReport {
     /// Whether the maps are used: with [`Exposure::Auto`], only where they gain enough.
     pub used: bool,
-    /// What a map that is fitted to the left half of a view gains in its right half, mean over the
-    /// training views, dB.
+    /// Gain in the right half of a view by a map fitted to its left half, mean over the training
+    /// views, dB.
     pub gain_db: f64,
 }
 
-/// The maps, and what they are solved with.
+/// The maps, and the reduced views from which they are solved.
 #[derive(Debug, Default)]
 pub(super) struct Exposures {
     maps: Maps,
@@ -92,8 +97,8 @@ pub(super) struct Exposures {
 #[derive(Debug)]
 struct SmallView {
     factor: u32,
-    /// Indices and colours of the pixels that tell about the exposure, those in the left half
-    /// first: those that count, are opaque and were not cut off.
+    /// Indices and colours of the pixels that are used: unmasked, opaque and not clipped. Those in
+    /// the left half come first.
     pixels: Vec<(u32, [f32; 3])>,
     /// Number of pixels in the left half.
     left: usize,
@@ -125,8 +130,8 @@ impl SmallView {
         Ok(self.pixels.iter().map(|&(index, color)| (rendered.pixels()[index as usize], color)).collect())
     }
 
-    /// What a map fitted to the left half gains in the right half, dB; `None` where one half has
-    /// no pixel.
+    /// Gain in the right half by a map fitted to the left half, dB; `None` if one half has no
+    /// pixel.
     fn gain_db(&self, pairs: &[ColorPair]) -> Option<f64> {
         let (left, right) = pairs.split_at(self.left);
         let map = ColorMap::robust_fit(left);
@@ -154,7 +159,7 @@ impl Exposures {
         Ok(Self { maps, small: Vec::new() })
     }
 
-    /// What a checkpoint stores: nothing before the first solution.
+    /// The metadata for a checkpoint; `None` before the first solution.
     pub(super) fn to_metadata(&self) -> Result<Option<(&'static str, String)>, Error> {
         if self.maps == Maps::default() {
             return Ok(None);
@@ -163,31 +168,36 @@ impl Exposures {
         Ok(Some((KEY, toml::to_string(&self.maps).map_err(unwritable)?)))
     }
 
-    /// What the last solution found.
+    /// Report of the last solution.
     pub(super) fn report(&self) -> Option<ExposureReport> {
         self.maps.report
     }
 
-    /// The map from the colours of a training view's image to those of the scene, if there is one.
+    /// Whether images have maps.
+    pub(super) fn are_used(&self) -> bool {
+        !self.maps.of_views.is_empty()
+    }
+
+    /// The map from the colours of a training view's image to the colours of the scene, if any.
     pub(super) fn map(&self, index: usize) -> Option<&ColorMap> {
         self.maps.of_views.get(index)
     }
 
-    /// Whether a run with this setting, before the step after `step` of `iterations` steps, is to
-    /// solve the maps.
-    pub(super) fn is_due(&self, exposure: Exposure, step: u32, iterations: u32) -> bool {
+    /// Whether a run with this setting and number of training views, before the step after `step`
+    /// of `iterations` steps, is to solve the maps.
+    pub(super) fn is_due(&self, exposure: Exposure, views: u32, step: u32, iterations: u32) -> bool {
         let at = |share: f64| step > 0 && (share * f64::from(iterations)).round() as u32 == step;
         match exposure {
             Exposure::Off => false,
             Exposure::Affine => SOLVED_AT.into_iter().any(at),
             Exposure::Auto => match self.maps.report {
-                None => at(SOLVED_AT[0]),
+                None => at(SOLVED_AT[0]) && step >= LEAST_STEPS_PER_VIEW.saturating_mul(views),
                 Some(report) => report.used && SOLVED_AT.into_iter().any(at),
             },
         }
     }
 
-    /// Solves all maps anew for the scene as it is.
+    /// Solves all maps again for the current scene.
     ///
     /// # Errors
     /// Those of the backend, and of reading an image.
@@ -209,15 +219,16 @@ impl Exposures {
         }
         let gain_db = if gains.is_empty() { 0.0 } else { mean(gains) };
         let differ = views.len() > 1 && gain_db >= LEAST_GAIN_DB;
-        let used = exposure == Exposure::Affine || self.maps.report.is_some() || differ;
+        let used = exposure == Exposure::Affine || differ;
         let of_views = if used { undone(&fits) } else { Vec::new() };
         self.maps = Maps { of_views, report: Some(ExposureReport { used, gain_db }) };
         Ok(())
     }
 }
 
-/// The maps that take images back to the scene, given the maps from the scene to its images. The
-/// scene's colours become those of the mean image. A map that no camera makes is left out.
+/// The maps from the images to the scene, given the maps from the scene to its images. The scene's
+/// colours become those of the mean image. A map that cannot be inverted within
+/// [`ColorMap::inverse`]'s limit is replaced by the identity.
 fn undone(fits: &[ColorMap]) -> Vec<ColorMap> {
     let mean = ColorMap::mean(fits);
     fits.iter().map(|fit| fit.inverse().map_or(ColorMap::IDENTITY, |inverse| mean.after(&inverse))).collect()
@@ -265,16 +276,20 @@ mod tests {
     }
 
     #[test]
-    fn auto_decides_once() {
+    fn auto_looks_until_images_agree() {
         let (mut exposures, steps) = (Exposures::default(), 1000);
         let due = |exposures: &Exposures, exposure| {
-            (0..=steps).filter(|&step| exposures.is_due(exposure, step, steps)).count()
+            (0..=steps).filter(|&step| exposures.is_due(exposure, 40, step, steps)).count()
         };
         assert_eq!(
             [Exposure::Off, Exposure::Affine, Exposure::Auto].map(|of| due(&exposures, of)),
             [0, SOLVED_AT.len(), 1]
         );
+        exposures.maps.report = Some(ExposureReport { used: true, gain_db: 2.0 });
+        assert_eq!(due(&exposures, Exposure::Auto), SOLVED_AT.len());
         exposures.maps.report = Some(ExposureReport { used: false, gain_db: 0.1 });
         assert_eq!(due(&exposures, Exposure::Auto), 0);
+        let none = Exposures::default();
+        assert!((0..=steps).all(|step| !none.is_due(Exposure::Auto, 41, step, steps)), "5 steps a view are 205");
     }
 }

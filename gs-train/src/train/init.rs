@@ -97,8 +97,8 @@ pub enum Start {
 
 impl Start {
     /// The points that a search in these images or their depth maps finds in place of
-    /// [`Self::Images`] or [`Self::Depths`], or [`Self::Random`] if there are fewer than 100 then;
-    /// other starts as they are. A training does this itself where it has not been done.
+    /// [`Self::Images`] or [`Self::Depths`], or [`Self::Random`] if it finds fewer than 100
+    /// and none are known; other starts as they are. A training does this itself where it has not been done.
     ///
     /// # Errors
     /// Those of reading an image or a depth map.
@@ -106,12 +106,16 @@ impl Start {
         let points = match self {
             Self::Images => sweep::points(views)?,
             Self::Depths(mut points) => {
+                let known = points.len();
                 let mut found = depths::points(views, &points)?;
                 if points.is_empty() && found.len() < LEAST_FOUND {
                     points = sweep::points(views)?;
                     found = depths::points(views, &points)?;
                 }
                 points.extend(found);
+                if known > 0 {
+                    return Ok(Self::Points(points));
+                }
                 points
             }
             other => return Ok(other),

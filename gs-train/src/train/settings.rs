@@ -37,7 +37,7 @@ pub struct TrainSettings {
     /// Largest number of Gaussians, at least 1.
     pub gaussians: u32,
     /// Whether the run ends with exactly as many Gaussians as [`Self::gaussians`] says, along a
-    /// schedule ([`Governor`]), whichever the policy chooses. Default false.
+    /// schedule ([`Governor`]), under any policy. Default false.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub exactly: bool,
     /// Number of steps, one view each; 0 leaves the first scene as it is.

@@ -1,4 +1,4 @@
-//! Points far beyond a scene, where no known point is seen: sky and surfaces far behind it.
+//! Points far outside a scene, for sky and distant surfaces, in directions without known points.
 
 use std::collections::BTreeMap;
 
@@ -23,9 +23,11 @@ const FAR: f32 = 2.0;
 /// Largest distance of a point, world units, so that squares do not overflow.
 const FARTHEST: f32 = 1e15;
 
-/// Points on a sphere around the views, of the images' colours: along the rays of those cells of
-/// the images in which, and beside which, no known point is seen. One for each cell, over all
-/// views; none without known points.
+/// Points on a sphere around the views, with the colours of the images.
+///
+/// They lie along the rays of those cells of the images that show no known point, neither in the
+/// cell nor in the cells beside it. Points of several views in the same cell of directions are
+/// averaged to one. Without known points there are none.
 ///
 /// # Errors
 /// Those of reading an image.
@@ -56,7 +58,8 @@ pub(super) fn points(views: &[PosedView], known: &[Point]) -> Result<Vec<Point>,
     Ok(cells.into_values().map(mean).collect())
 }
 
-/// The points of one view on the shell around `middle`, with their cells of directions from there.
+/// The points of one view on the shell around `middle`, each with its cell of directions from
+/// there.
 fn beyond(plate: &Plate, known: &[Point], middle: Vec3, radius: f32) -> Vec<(IVec3, Point)> {
     let camera = &plate.camera;
     let side = CELL * camera.width.max(camera.height) as f32;

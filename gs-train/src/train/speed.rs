@@ -1,35 +1,39 @@
-//! Settings for the time that there is: a short trial measures how fast this machine trains with
-//! these views, and settings are chosen that it can finish in time.
+//! Settings for a time limit: a short trial measures how fast this machine trains on these views,
+//! and settings are chosen that it can finish in time.
 
 use std::collections::BTreeMap;
 
-use gs_core::{Camera, Optimizer, Scene3d};
+use gs_core::{Camera, Optimizer, Scene, Scene3d};
 use web_time::Instant;
 
 use super::{
+    exposure::Exposure,
     init::Start,
     presets::TrainPreset,
     resolution::Resolution,
     settings::TrainSettings,
+    task::STAND_INS,
     trainer::Trainer3d,
     views::{PosedView, Views},
 };
 use crate::{error::Error, recovery::Recovery, rounds::Rounds};
 
-/// Steps of a trial: enough for a dozen at either resolution between rounds.
+/// Steps of a trial: enough for a dozen steps without a round at each of the two resolutions.
 const STEPS: u32 = 48;
 
-/// Steps from one round of density control of a trial to the next.
+/// Steps between two rounds of density control in a trial.
 const ROUND_EVERY: u32 = 4;
 
-/// Largest number of Gaussians of a trial. Times for more are extrapolated.
+/// Largest number of Gaussians in a trial. Times for more Gaussians are extrapolated.
 const MOST_GAUSSIANS: u32 = 200_000;
 
-/// Largest number of training views and of test views of a trial.
-const MOST_VIEWS: usize = 4;
+/// Largest number of training views in a trial, as many as policies look at in a round, and of test
+/// views.
+const MOST_TRAINING_VIEWS: usize = 10;
+const MOST_TEST_VIEWS: usize = 4;
 
-/// Sizes of a run relative to those of the preset, from which one is chosen: factor of the steps
-/// and factor of the Gaussians. The first that fits is taken.
+/// Candidate sizes of a run relative to the preset: a factor for the steps and one for the
+/// Gaussians. The first candidate that fits into the time is used.
 const SIZES: [[f64; 2]; 19] = [
     [3.0, 2.0],
     [2.5, 2.0],
@@ -52,17 +56,17 @@ const SIZES: [[f64; 2]; 19] = [
     [0.08, 0.25],
 ];
 
-/// Share of the steps below which a run starts at a quarter of the resolution.
+/// Factor of the steps below which a run starts at a quarter of the resolution.
 const SHORT: f64 = 0.25;
 
-/// Views from which a run may have more steps and Gaussians than the preset: fewer are soon known
-/// by heart.
+/// Least number of views with which a run may have more steps and Gaussians than the preset. Fewer
+/// views are soon overfitted.
 const MANY_VIEWS: usize = 50;
 
 /// Speed of training on one machine with one backend and the views of one data set.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Speed {
-    /// Seconds of a step by the divisor of the images' sides.
+    /// Seconds of a step, by the factor by which the sides of the images are reduced.
     step: BTreeMap<u32, Line>,
     /// Seconds of a round of density control.
     round: Line,
@@ -71,11 +75,13 @@ pub struct Speed {
     viewed: u32,
     /// Number of Gaussians at the start.
     first: usize,
+    /// Number of Gaussians of the scene that the training starts from; 0 without one.
+    given: usize,
     training_views: usize,
     test_views: usize,
 }
 
-/// Seconds that grow with the number of Gaussians.
+/// Seconds as a linear function of the number of Gaussians.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Line {
     fixed: f64,
@@ -83,8 +89,7 @@ struct Line {
 }
 
 impl Line {
-    /// The line of the median slope and the median distance (Theil and Sen), which a few slow
-    /// steps do not change.
+    /// The Theil–Sen line: median slope and median intercept, which a few slow steps hardly change.
     fn through(points: &[(u32, f64)]) -> Self {
         let slopes = points.iter().enumerate().flat_map(|(i, a)| {
             points[..i].iter().filter(|b| b.0 != a.0).map(|b| (a.1 - b.1) / (f64::from(a.0) - f64::from(b.0)))
@@ -99,7 +104,7 @@ impl Line {
     }
 }
 
-/// The middle value; 0 of none.
+/// The median; 0 if there are no values.
 fn median(mut values: Vec<f64>) -> f64 {
     values.sort_unstable_by(f64::total_cmp);
     values.get(values.len() / 2).copied().unwrap_or(0.0)
@@ -107,8 +112,8 @@ fn median(mut values: Vec<f64>) -> f64 {
 
 impl Speed {
     /// Measures the speed by a trial: 48 steps with these settings on a few of the views, first at
-    /// half and then at full resolution, with numbers of Gaussians up to 150,000. Its scene is
-    /// thrown away.
+    /// half and then at full resolution, with numbers of Gaussians up to 200,000. Its scene is
+    /// discarded.
     ///
     /// # Errors
     /// Those of [`Trainer3d::from_views`] and of training.
@@ -118,14 +123,25 @@ impl Speed {
         start: Start,
         settings: &TrainSettings,
     ) -> Result<Self, Error> {
-        let (training_views, test_views) = (views.train.len(), views.test_or_train().len());
-        let views = Views { train: few(views.train), test: few(views.test), ..views };
+        let (training_views, test_views) = (views.train.len(), evaluated(&views));
+        let start = start.searched(&views.train)?;
+        let views =
+            Views { train: few(views.train, MOST_TRAINING_VIEWS), test: few(views.test, MOST_TEST_VIEWS), ..views };
         let resolution = match settings.resolution {
             Resolution::Full => Resolution::Full,
             Resolution::CoarseToFine { from, .. } => Resolution::CoarseToFine { from, full_after: 0.5 },
         };
+        let given = match &start {
+            Start::Scene(scene) => scene.len(),
+            _ => 0,
+        };
+        let gaussians = settings.gaussians.min(MOST_GAUSSIANS);
+        // Few enough that their number changes during the trial.
+        let most = (gaussians as usize / 4).max(1);
+        let (start, first) = thinned(start, most, settings);
         let trial = TrainSettings {
-            gaussians: settings.gaussians.min(MOST_GAUSSIANS),
+            gaussians,
+            init: settings.init.with(|s| s.random = settings.init.random.min(most as u32)),
             exactly: true,
             iterations: STEPS,
             sh_degree_every: 1,
@@ -135,11 +151,11 @@ impl Speed {
             ..settings.clone()
         };
         let mut trainer = Trainer3d::from_views(on, views, start, trial).await?;
-        let first = trainer.count();
+        let thin = trainer.count();
         let mut steps = BTreeMap::<u32, Vec<(u32, f64)>>::new();
         let mut rounds = Vec::new();
-        let (mut view, mut viewed) = (0.0, first);
-        let (mut before, mut count) = (trainer.seconds(), first);
+        let (mut view, mut viewed) = (0.0, thin);
+        let (mut before, mut count) = (trainer.seconds(), thin);
         while !trainer.is_finished() {
             if trainer.step() == STEPS / 2 {
                 // With the Gaussians of half of the schedule. In the second half, at full
@@ -148,7 +164,7 @@ impl Speed {
                 let views = trainer.evaluation_views().len();
                 trainer.quality().await?;
                 (view, viewed) = (clock.elapsed().as_secs_f64() / views.max(1) as f64, count);
-                trainer.record.settings.gaussians = first;
+                trainer.record.settings.gaussians = thin;
             }
             let factor = resolution.factor(trainer.step() as f32 / STEPS as f32);
             let progress = trainer.step_once().await?;
@@ -160,19 +176,19 @@ impl Speed {
             (before, count) = (progress.seconds, progress.count);
         }
         let step = steps.into_iter().map(|(factor, points)| (factor, Line::through(&points))).collect();
-        let first = first as usize;
-        Ok(Self { step, round: Line::through(&rounds), view, viewed, first, training_views, test_views })
+        let round = Line::through(&rounds);
+        Ok(Self { step, round, view, viewed, first, given, training_views, test_views })
     }
 
-    /// Seconds of one measurement of all test views with this many Gaussians: at most in proportion
-    /// to their number.
+    /// Seconds of one measurement of all test views with this many Gaussians. This is an upper
+    /// estimate, which assumes that the time is proportional to the number of Gaussians.
     pub fn evaluation_seconds(&self, gaussians: u32) -> f64 {
         let more = (f64::from(gaussians) / f64::from(self.viewed.max(1))).max(1.0);
         self.view * more * self.test_views as f64
     }
 
-    /// Seconds that a training with these settings takes: reading each training view once, steps,
-    /// rounds, and `evaluations` measurements of all test views.
+    /// Estimated seconds of a training with these settings: reading each training view once, maps of
+    /// colours, steps, rounds, and `evaluations` measurements of all test views.
     pub fn seconds(&self, settings: &TrainSettings, evaluations: usize) -> f64 {
         let budget = f64::from(settings.gaussians);
         let first = (self.first as f64).min(budget);
@@ -191,24 +207,54 @@ impl Speed {
         let is_round = |step: &u32| settings.rounds.progress(*step, settings.iterations).is_some();
         let steps: f64 = (0..settings.iterations).map(step).sum();
         let rounds: f64 = (1..=settings.iterations).filter(is_round).map(|step| self.round.at(count(step))).sum();
-        let reading = self.view * self.training_views as f64;
+        let solutions = match settings.exposure {
+            Exposure::Off => 0,
+            Exposure::Auto => 1,
+            Exposure::Affine => 4,
+        };
+        let reading = self.view * (self.training_views * (1 + solutions)) as f64;
         steps + rounds + reading + self.evaluation_seconds(settings.gaussians) * evaluations as f64
     }
 }
 
-/// A few of the views, evenly spread.
-fn few(views: Vec<PosedView>) -> Vec<PosedView> {
-    let every = views.len().div_ceil(MOST_VIEWS).max(1);
+/// At most `most` of the views, evenly spread.
+fn few(views: Vec<PosedView>, most: usize) -> Vec<PosedView> {
+    let every = views.len().div_ceil(most).max(1);
     views.into_iter().step_by(every).collect()
 }
 
+/// Number of views that a scene is evaluated with while it is trained.
+fn evaluated(views: &Views) -> usize {
+    if views.test.is_empty() { views.train.len().min(STAND_INS) } else { views.test.len() }
+}
+
+/// The start with at most `most` Gaussians, evenly drawn, and the number that it has with these
+/// settings.
+fn thinned(start: Start, most: usize, settings: &TrainSettings) -> (Start, usize) {
+    let budget = settings.gaussians as usize;
+    match start {
+        Start::Points(points) => {
+            let first = points.len().min(budget);
+            let every = points.len().div_ceil(most).max(1);
+            (Start::Points(points.into_iter().step_by(every).collect()), first)
+        }
+        Start::Scene(scene) => {
+            let every = scene.len().div_ceil(most).max(1);
+            let thin: Scene3d = (0..scene.len()).step_by(every).map(|index| scene.gaussian(index)).collect();
+            (Start::Scene(thin), scene.len())
+        }
+        start => (start, (settings.init.random as usize).min(budget)),
+    }
+}
+
 impl TrainPreset {
-    /// [`TrainPreset::Standard`] for training with these views in at most `seconds`, `evaluations`
-    /// measurements of all test views included; `gaussians` fixes the largest number of Gaussians.
+    /// Settings of [`TrainPreset::Standard`] for training on these views in at most `seconds`,
+    /// including `evaluations` measurements of all test views.
     ///
-    /// Steps and Gaussians are up to 3 and 2 times those of [`Self::settings_for`] where there are
-    /// many views and there is time, and less where there is not; very short runs start at a
-    /// quarter of the resolution. `None` where even the shortest run takes longer.
+    /// With many views and enough time, there are up to 3 times the steps and 2 times the Gaussians
+    /// of [`Self::settings_for`]; with less time, there are fewer. `gaussians` sets the largest
+    /// number of Gaussians instead. Very short runs start at a quarter of the resolution. `None` if
+    /// even the shortest run takes longer.
     pub fn settings_within<'a>(
         seconds: f64,
         speed: &Speed,
@@ -223,7 +269,7 @@ impl TrainPreset {
             let iterations = (f64::from(usual.iterations) * steps) as u32;
             let scaled = (f64::from(usual.gaussians) * share) as u32;
             let mut settings = Self::Standard.settings(Some(iterations));
-            settings.gaussians = gaussians.unwrap_or(scaled);
+            settings.gaussians = gaussians.unwrap_or(scaled).max(speed.given as u32);
             if steps < SHORT {
                 settings.resolution = Resolution::from_coarse(4);
             }
@@ -250,6 +296,7 @@ mod tests {
             view: 0.05,
             viewed: 100_000,
             first: 10_000,
+            given: 0,
             training_views,
             test_views: 10,
         }

@@ -31,7 +31,7 @@ use crate::{
 const BACKGROUND_STREAM: u64 = 0x6261_636b;
 
 /// Number of training views, evenly spread, that replace missing test views.
-const STAND_INS: usize = 8;
+pub(super) const STAND_INS: usize = 8;
 
 /// Largest sample of training views for their quality: their mean is known to half a dB, and they
 /// cost less than the test views.
@@ -177,10 +177,12 @@ impl<R: Optimizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
         settings: &TrainSettings,
         context: StepContext,
     ) -> Result<(), Error> {
-        if self.exposures.is_due(settings.exposure, context.step, settings.iterations) {
+        let views = self.views.train.len() as u32;
+        if self.exposures.is_due(settings.exposure, views, context.step, settings.iterations) {
             let render = shown(settings, &Effects { statistics: Statistics::None, ..context.effects });
+            let were_used = self.exposures.are_used();
             self.exposures.solve((on, splats), &self.views.train, &render, settings.exposure).await?;
-            if self.exposures.report().is_some_and(|report| report.used) {
+            if were_used || self.exposures.are_used() {
                 self.images.forget();
             }
         }

@@ -61,7 +61,8 @@ impl<R: Optimizer<S>, S: Trainable> Trainer<'_, R, S> {
         // The edit needs memory of about the scene's size.
         drop(scene);
         self.rasterizer.edit(&mut self.splats, &plan).await?;
-        if plan.opacity_ceiling.is_some() {
+        // A higher ceiling, such as FastGS's 0.8, leaves the image much as it was.
+        if plan.opacity_ceiling.is_some_and(|ceiling| ceiling < 0.5) {
             self.watch.record_reset(self.record.step);
         }
         self.record.edits.accumulate(&counts);

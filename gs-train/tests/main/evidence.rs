@@ -1,5 +1,5 @@
-//! Evidence over several views: its sums against renderings of single Gaussians, who pays for it,
-//! and who is refused.
+//! Evidence over several views: its sums are compared with renderings of single Gaussians, policies
+//! that do not request it read no extra images, and image fits refuse policies that need it.
 
 use std::sync::{
     Arc, Mutex,
@@ -18,7 +18,7 @@ use pollster::FutureExt as _;
 
 use crate::fixture_3d::{camera, rasterizer, short, views};
 
-/// Asks for everything, edits nothing, and keeps what it was shown.
+/// A policy that requests all evidence, edits nothing and keeps the evidence that it gets.
 struct Curious {
     request: Option<EvidenceRequest>,
     seen: Mutex<Option<(Scene3d, Evidence)>>,
@@ -70,8 +70,8 @@ fn counted(views: Views, reads: &Arc<AtomicU32>) -> Views {
     Views { train: views.train.into_iter().map(count).collect(), ..views }
 }
 
-/// The footprint of a Gaussian is where it alone changes the image, and its contribution is what
-/// makes the image: with every Gaussian white, the image is the sum of their weights.
+/// The footprint of a Gaussian is the pixels that change when it alone is rendered. Contributions
+/// are checked with white Gaussians, where the image is the sum of their weights.
 #[test]
 fn sums_are_those_of_renderings() {
     let rasterizer = rasterizer();
@@ -160,7 +160,7 @@ fn policies_with_evidence_train_and_repeat() {
     }
 }
 
-/// As [`Curious`], for fits of images.
+/// A policy for image fits that needs evidence.
 struct CuriousIn2d;
 
 impl DensityPolicy for CuriousIn2d {

@@ -1,5 +1,5 @@
-//! 360° images: a scene that is rendered into one and read again as the faces of a cube is the same
-//! scene.
+//! 360° images: a scene is rendered into one, which is read again as the faces of a cube and must
+//! show the same scene.
 
 use std::{f64::consts::PI, fs};
 
@@ -37,8 +37,8 @@ fn around() -> Scene3d {
     scene
 }
 
-/// The 360° image of a camera at `position`, with axes as the world's, put together from six
-/// renderings with cameras that this test turns by itself.
+/// The 360° image of a camera at `position`, with axes as the world's, assembled from six
+/// renderings whose cameras this test rotates itself.
 fn panorama(rasterizer: &CpuRasterizer, position: Vec3) -> Image {
     // The columns are right, down, forward.
     let turns = [Vec3::Z, Vec3::X, Vec3::NEG_Z, Vec3::NEG_X, Vec3::NEG_Y, Vec3::Y].map(|forward| {

@@ -200,7 +200,7 @@ fn exposure_of_a_single_image_is_refused() {
         views
     };
     let begun = |exposure| {
-        Trainer3d::from_views(&rasterizer, single(), Start::Scene(thirty()), short(20).with(|s| s.exposure = exposure))
+        Trainer3d::from_views(&rasterizer, single(), Start::Scene(thirty()), short(40).with(|s| s.exposure = exposure))
             .block_on()
     };
     let refused = begun(Exposure::Affine).unwrap_err().to_string();
@@ -344,6 +344,10 @@ fn a_trial_measures_the_speed_of_steps() {
     let seconds = |iterations: u32| speed.seconds(&TrainPreset::Standard.settings(Some(iterations)), 0);
     let (short, long) = (seconds(1_000), seconds(2_000));
     assert!(short > 0.0 && long > 1.5 * short && long < 2.5 * short, "{short} s, {long} s");
+    let with = |gaussians: u32| {
+        speed.seconds(&TrainPreset::Standard.settings(Some(1_000)).with(|s| s.gaussians = gaussians), 0)
+    };
+    assert!(with(1_000_000) > 3.0 * with(1_000), "{} s, {} s", with(1_000_000), with(1_000));
     assert!(speed.evaluation_seconds(1) > 0.0);
 }
 

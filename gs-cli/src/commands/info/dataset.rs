@@ -44,11 +44,11 @@ struct CameraInfo {
     /// Horizontal and vertical after that, degrees.
     field_of_view: [f64; 2],
     lens: &'static str,
-    /// Whether the camera takes 360° images, of which each is six views.
+    /// Whether the camera takes 360° images. Each of them is split into six views.
     all_directions: bool,
 }
 
-/// The camera of an image: that of its front for each face of a 360° image.
+/// The camera of the whole image: for all six faces of a 360° image, the camera of the front face.
 fn whole(source: SourceCamera) -> SourceCamera {
     let front = Distortion::Equirectangular { face: CubeFace::Front };
     let lens = source.face().and_then(|_| Lens::new(front)).unwrap_or(source.lens);

@@ -121,11 +121,11 @@ pub(crate) struct TrainSettingsArgs {
     /// The most Gaussians [default: that of the preset; standard: one for 160 pixels of the views]
     #[arg(short = 'n', long, alias = "max-gaussians", value_name = "N", value_parser = whole::<u32>(1..))]
     pub(crate) gaussians: Option<u32>,
-    /// End with exactly as many Gaussians as --gaussians says, whatever the policy chooses
+    /// End with exactly the number of Gaussians that --gaussians sets, under any policy
     #[arg(long)]
     pub(crate) exactly: bool,
-    /// Finish within M minutes on this machine: a trial of some seconds measures its speed, and
-    /// chooses steps, Gaussians and first resolution
+    /// Finish within M minutes on this machine: a trial of some seconds measures its speed, from
+    /// which steps, Gaussians and first resolution are chosen
     #[arg(long, value_name = "M", conflicts_with_all = ["preset", "settings", "iterations", "coarse"])]
     pub(crate) minutes: Option<Minutes>,
     /// Steps of the optimizer, one view each; the preset's schedules follow [default: 40 a
@@ -135,9 +135,9 @@ pub(crate) struct TrainSettingsArgs {
     /// Density control: which Gaussians grow and which are removed
     #[arg(long, value_enum, value_name = "POLICY")]
     pub(crate) policy: Option<TrainPolicyName>,
-    /// The initial Gaussians: the points of the data set, the same and points of depth maps, points
-    /// found in the images, random points, or a scene (a file or an output folder) [default: depths
-    /// with depth maps, or else points, or images without points]
+    /// The initial Gaussians: the points of the data set, these and points of its depth maps,
+    /// points found in the images, random points, or a scene (a file or an output folder) [default:
+    /// depths if there are depth maps, otherwise points, or images if there are no points]
     #[arg(long, value_name = "points|depths|images|random|SCENE")]
     pub(crate) start: Option<String>,
     /// Loss to minimise
@@ -162,8 +162,8 @@ pub(crate) struct TrainSettingsArgs {
     /// Train with images of 1/F of their size first, then half of that, and so on: 1, 2, 4 or 8
     #[arg(long, value_name = "F", value_parser = whole::<u32>(1..=8))]
     pub(crate) coarse: Option<u32>,
-    /// Differences in exposure and white balance between the images [default: auto with preset
-    /// standard, otherwise off]
+    /// How to treat differences in exposure and white balance between the images [default: auto
+    /// with preset standard, otherwise off]
     #[arg(long, value_enum, value_name = "WHICH")]
     pub(crate) exposure: Option<ExposureName>,
     /// Which Gaussians a step moves
@@ -228,14 +228,14 @@ impl ValueEnum for TrainPolicyName {
     }
 }
 
-/// What happens to differences in exposure and white balance.
+/// How differences in exposure and white balance are treated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(crate) enum ExposureName {
     /// Train on the images as they are
     Off,
-    /// Train an affine map of colours for each training view
+    /// Correct the colours of each training view by an affine map found during the training
     Affine,
-    /// As affine if the images differ
+    /// As affine if the images differ in exposure or white balance, otherwise as off
     Auto,
 }
 

@@ -35,7 +35,7 @@ pub(super) fn settings(args: &TrainSettingsArgs, dataset: &Dataset) -> Result<Tr
     with_flags(args, settings)
 }
 
-/// These settings, changed by the flags.
+/// These settings with the values of the flags.
 pub(super) fn with_flags(args: &TrainSettingsArgs, mut settings: TrainSettings) -> Result<TrainSettings, Failure> {
     if let Some(policy) = args.policy {
         settings = settings.with_policy(Policy::from_name(&name_of(&policy))?);

@@ -1,4 +1,4 @@
-//! `--minutes`: settings that this machine can finish in time, and the end of that time.
+//! `--minutes`: chooses settings that this machine can finish in time, and the end of the training.
 
 use std::time::{Duration, Instant};
 
@@ -13,25 +13,25 @@ use gs_train::{
 use super::{TrainArgs, not_begun, settings::with_flags};
 use crate::{failure::Failure, output, values::Minutes};
 
-/// Share of the time that the settings are chosen for; the rest is for what the trial cannot know,
-/// such as other programs on the machine.
+/// Share of the remaining time that the chosen settings may use. The rest is a reserve for what the
+/// trial cannot measure, such as other programs on the machine.
 const PLANNED: f64 = 0.85;
 
-/// Largest share of the time for measurements of the held-out views during the training.
+/// Largest share of the planned time for measuring the held-out views during the training.
 const MEASURED: f64 = 0.08;
 
-/// Seconds for writing the results, besides measurements.
+/// Seconds for writing the results, not counting measurements.
 const WRITING: f64 = 1.0;
 
-/// Measurements of the held-out views that take as long as the results do: quality, the sample of
-/// training views, pictures, effects.
+/// Time for the results after the training, as a number of measurements of the held-out views. The
+/// results are the quality, the sample of training views, the pictures and the effects.
 const AFTERWARDS: usize = 6;
 
-/// The time that a training has.
+/// The time limit of a training.
 pub(super) struct TimeLimit {
     started: Instant,
     minutes: f64,
-    /// Seconds that the results take after the training.
+    /// Seconds reserved for the results after the training.
     afterwards: f64,
 }
 
@@ -40,12 +40,12 @@ impl TimeLimit {
         Self { started, minutes, afterwards: 0.0 }
     }
 
-    /// Seconds from the start of the program until the end.
+    /// Seconds from the start of the program to the time limit.
     fn seconds(&self) -> f64 {
         60.0 * self.minutes
     }
 
-    /// Chooses settings by a trial, and says which; also the log for them.
+    /// Chooses settings by a trial and prints them. Also returns the metrics log for them.
     pub(super) fn choose(
         &mut self,
         args: &TrainArgs,
@@ -86,7 +86,8 @@ impl TimeLimit {
         Ok((chosen, log))
     }
 
-    /// When the training ends, finished or not, so that the results are written in time.
+    /// The time at which the training stops, finished or not, so that the results are written in
+    /// time.
     pub(super) fn end_of_training(&self) -> Instant {
         self.started + Duration::from_secs_f64((self.seconds() - self.afterwards - WRITING).max(0.0))
     }
