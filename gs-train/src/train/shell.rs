@@ -1,14 +1,12 @@
 //! Points far outside a scene, for sky and distant surfaces, in directions without known points.
 
-use std::collections::BTreeMap;
-
 use glam::{IVec3, Vec2, Vec3};
 use gs_core::Camera;
 use gs_io::dataset::Point;
 use rayon::prelude::*;
 
 use super::{
-    sweep::{Plate, evenly},
+    sweep::{Plate, averaged, evenly},
     views::PosedView,
 };
 use crate::error::Error;
@@ -44,18 +42,7 @@ pub(super) fn points(views: &[PosedView], known: &[Point]) -> Result<Vec<Point>,
         .into_par_iter()
         .map(|view| Ok(beyond(&Plate::read(view)?, known, middle, radius)))
         .collect::<Result<Vec<_>, Error>>()?;
-    let mut cells: BTreeMap<[i32; 3], (Vec3, Vec3, f32)> = BTreeMap::new();
-    for (cell, point) in seen.into_iter().flatten() {
-        let sums = cells.entry(cell.to_array()).or_default();
-        sums.0 += point.position;
-        sums.1 += Vec3::from_array(point.color);
-        sums.2 += 1.0;
-    }
-    let mean = |(position, color, count): (Vec3, Vec3, f32)| Point {
-        position: position / count,
-        color: (color / count).to_array(),
-    };
-    Ok(cells.into_values().map(mean).collect())
+    Ok(averaged(seen.into_iter().flatten().map(|(cell, point)| (cell.to_array(), point))))
 }
 
 /// The points of one view on the shell around `middle`, each with its cell of directions from

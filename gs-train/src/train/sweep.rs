@@ -363,11 +363,18 @@ pub(super) fn merged(found: impl Iterator<Item = Found>) -> Vec<Point> {
     cells.sort_by(f32::total_cmp);
     let Some(&middle) = cells.get(cells.len() / 2) else { return Vec::new() };
     // Coarser cells where points are far away, by powers of two.
-    let mut grid: BTreeMap<(i32, [i32; 3]), (Vec3, Vec3, f32)> = BTreeMap::new();
-    for Found { point, cell } in found {
+    averaged(found.into_iter().map(|Found { point, cell }| {
         let level = (cell / middle).log2().round() as i32;
         let place: IVec3 = (point.position / (middle * (level as f32).exp2())).floor().as_ivec3();
-        let sums = grid.entry((level, place.to_array())).or_default();
+        ((level, place.to_array()), point)
+    }))
+}
+
+/// The mean position and colour of the points of each cell, in the order of the cells.
+pub(super) fn averaged<C: Ord>(points: impl IntoIterator<Item = (C, Point)>) -> Vec<Point> {
+    let mut cells: BTreeMap<C, (Vec3, Vec3, f32)> = BTreeMap::new();
+    for (cell, point) in points {
+        let sums = cells.entry(cell).or_insert((Vec3::ZERO, Vec3::ZERO, 0.0));
         sums.0 += point.position;
         sums.1 += Vec3::from_array(point.color);
         sums.2 += 1.0;
@@ -376,7 +383,7 @@ pub(super) fn merged(found: impl Iterator<Item = Found>) -> Vec<Point> {
         position: position / count,
         color: (color / count).to_array(),
     };
-    grid.into_values().map(mean).collect()
+    cells.into_values().map(mean).collect()
 }
 
 #[cfg(test)]
