@@ -5,6 +5,8 @@
 //! in a tile where all its weights are below the cut. The entries of a tile are in the order of
 //! places for every number of threads.
 
+use std::ops::Range;
+
 use gs_core::{Error, memory};
 use rayon::prelude::*;
 
@@ -12,6 +14,7 @@ use crate::{
     lanes::LANES,
     layout::Grid,
     splat::{CHUNK, Splat},
+    tile_inputs::GATHERED,
     tuning::Bounds,
     unsupported::BACKEND,
 };
@@ -20,7 +23,7 @@ use crate::{
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Entry {
     /// Index into the projected splats.
-    pub(crate) place: u32,
+    pub(crate) splat: u32,
     /// First image row, and the one after the last.
     pub(crate) rows: [u16; 2],
 }
@@ -93,19 +96,26 @@ impl Bins {
 
     /// Replaces the lists, and counts the Gaussians that touch no pixel.
     ///
+    /// The splat at `place` in 0..`count` is `projected[splat_at(place)]`.
+    ///
     /// # Errors
     /// [`Error::Backend`] for more entries than [`Self::most_entries`], and [`Error::Memory`]. The
     /// lists are invalid after an error.
-    pub(crate) fn fill(&mut self, projected: &[Splat], grid: &Grid, bounds: Bounds) -> Result<(), Error> {
+    pub(crate) fn fill(
+        &mut self,
+        projected: &[Splat],
+        (count, splat_at): (usize, impl Fn(usize) -> usize + Sync),
+        grid: &Grid,
+        bounds: Bounds,
+    ) -> Result<(), Error> {
         let tiles = grid.tiles();
-        self.chunk_len = CHUNK.max(projected.len().div_ceil(MOST_CHUNKS));
+        self.chunk_len = CHUNK.max(count.div_ceil(MOST_CHUNKS));
         let chunk_len = self.chunk_len;
-        self.chunks.resize_with(projected.len().div_ceil(chunk_len), Chunk::default);
-        self.chunks.par_iter_mut().zip(projected.par_chunks(chunk_len)).enumerate().for_each(
-            |(i, (chunk, projected))| {
-                chunk.find(projected, (i * chunk_len) as u32, grid, bounds);
-            },
-        );
+        self.chunks.resize_with(count.div_ceil(chunk_len), Chunk::default);
+        self.chunks.par_iter_mut().enumerate().for_each(|(i, chunk)| {
+            let places = i * chunk_len..((i + 1) * chunk_len).min(count);
+            chunk.find(projected, places, &splat_at, grid, bounds);
+        });
         self.outside = self.chunks.iter().map(|c| c.outside).sum::<u32>();
 
         let counts = |tile: usize| self.chunks.iter().map(move |chunk| chunk.cursors[tile]);
@@ -141,24 +151,40 @@ fn count_entries(counts: impl Iterator<Item = u32>, most: u32) -> Result<u32, Er
 }
 
 impl Chunk {
-    fn find(&mut self, projected: &[Splat], first_place: u32, grid: &Grid, bounds: Bounds) {
+    fn find(
+        &mut self,
+        projected: &[Splat],
+        places: Range<usize>,
+        splat_at: &impl Fn(usize) -> usize,
+        grid: &Grid,
+        bounds: Bounds,
+    ) {
         self.found.clear();
         self.starts.clear();
         self.starts.push(0);
         self.cursors.clear();
         self.cursors.resize(grid.tiles(), 0);
         self.outside = 0;
-        for (i, splat) in projected.iter().enumerate() {
-            let before = self.found.len();
-            if !splat.is_culled() {
-                self.find_one(splat, first_place + i as u32, grid, bounds);
-                self.outside += u32::from(self.found.len() == before);
+        // Copied a few at a time, as in `TileInputs::gather`.
+        let mut splats = [(0, Splat::CULLED); GATHERED];
+        for first in places.clone().step_by(GATHERED) {
+            let splats = &mut splats[..(places.end - first).min(GATHERED)];
+            for (place, (index, splat)) in (first..).zip(&mut *splats) {
+                *index = splat_at(place);
+                *splat = projected[*index];
             }
-            self.starts.push(self.found.len() as u32);
+            for (index, splat) in splats {
+                let before = self.found.len();
+                if !splat.is_culled() {
+                    self.find_one(splat, *index as u32, grid, bounds);
+                    self.outside += u32::from(self.found.len() == before);
+                }
+                self.starts.push(self.found.len() as u32);
+            }
         }
     }
 
-    fn find_one(&mut self, splat: &Splat, place: u32, grid: &Grid, bounds: Bounds) {
+    fn find_one(&mut self, splat: &Splat, index: u32, grid: &Grid, bounds: Bounds) {
         let bands = grid.bands();
         let Some((first_column, end_column)) = pixels(splat.mean[0], splat.half_x, splat.half_x, grid.width) else {
             return;
@@ -176,7 +202,7 @@ impl Chunk {
             for band in first_row / grid.band_rows..=(end_row - 1) / grid.band_rows {
                 let tile = strip * bands + band;
                 let rows = [first_row.max(band * grid.band_rows), end_row.min((band + 1) * grid.band_rows)];
-                let entry = Entry { place, rows: rows.map(|r| r as u16) };
+                let entry = Entry { splat: index, rows: rows.map(|r| r as u16) };
                 self.found.push(Found { entry, tile: tile as u32 });
                 self.cursors[tile] += 1;
             }
@@ -219,7 +245,7 @@ fn vertical_extent(splat: &Splat, left: f32, right: f32) -> (f32, f32) {
 
 /// Writes the entries of `tiles` into their lists. Each of `tasks` tasks reads all chunks and keeps
 /// the entries of its own tiles.
-fn scatter(tiles: std::ops::Range<usize>, tile_start: &[u32], chunks: &[Chunk], entries: &mut [Entry], tasks: usize) {
+fn scatter(tiles: Range<usize>, tile_start: &[u32], chunks: &[Chunk], entries: &mut [Entry], tasks: usize) {
     let base = tile_start[tiles.start] as usize;
     if tasks > 1 && tiles.len() > 1 {
         // Half of the entries go to each side.

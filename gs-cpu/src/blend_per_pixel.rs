@@ -86,8 +86,8 @@ impl Scratch {
         self.seen.iter_mut().for_each(Vec::clear);
         let (mut uncut_lanes, mut depth_lanes) = ([0.0; LANES], [0.0; LANES]);
         for &number in &self.reaching[self.row_start[row] as usize..self.row_start[row + 1] as usize] {
-            let place = inputs.entries[number as usize].place as usize;
-            let (s, at) = (&inputs.projected[place], &inputs.depths[place]);
+            let index = inputs.entries[number as usize].splat;
+            let (s, at) = (&inputs.projected[index as usize], &inputs.depths[index as usize]);
             let dx = iota::<S, Whole<S>>(simd, 0) + (inputs.first_column as f32 + 0.5 - s.mean[0]);
             let dy = (inputs.first_row + row) as f32 + 0.5 - s.mean[1];
             let u = fma(dx, splat(simd, -s.slope), splat::<S, Whole<S>>(simd, dy));
@@ -98,7 +98,7 @@ impl Scratch {
             store(depth, &mut depth_lanes, 0);
             for lane in 0..LANES {
                 if uncut_lanes[lane] >= s.cut {
-                    let key = u64::from(ordered(depth_lanes[lane])) << 32 | u64::from(at.index);
+                    let key = u64::from(ordered(depth_lanes[lane])) << 32 | u64::from(index);
                     self.seen[lane].push(Seen { key, entry: number, uncut: uncut_lanes[lane] });
                 }
             }
@@ -121,7 +121,7 @@ pub(crate) fn forward(
         for (lane, seen) in scratch.seen.iter().enumerate() {
             let mut pixel = Forward::default();
             for seen in seen {
-                let s = &inputs.projected[inputs.entries[seen.entry as usize].place as usize];
+                let s = &inputs.projected[inputs.entries[seen.entry as usize].splat as usize];
                 over::blend_fwd(&mut pixel, over::alpha(seen.uncut, inputs.accuracy), s.color, inputs.accuracy);
                 if pixel.full {
                     break;
@@ -156,7 +156,7 @@ pub(crate) fn backward<K: Collect>(
             let at = |channels: &[[f32; LANES]; 3]| [channels[0][lane], channels[1][lane], channels[2][lane]];
             let mut pixel = Backward::new(at(v), at(pixels));
             for seen in seen {
-                let s = &inputs.projected[inputs.entries[seen.entry as usize].place as usize];
+                let s = &inputs.projected[inputs.entries[seen.entry as usize].splat as usize];
                 let alpha = over::alpha(seen.uncut, inputs.accuracy);
                 let before = pixel.transmittance;
                 let Some((v_alpha, v_color)) = over::blend_bwd(&mut pixel, alpha, s.color, inputs.accuracy) else {

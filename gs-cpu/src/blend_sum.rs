@@ -139,7 +139,7 @@ pub(crate) fn forward<S: Simd>(
     let Some(first) = entries.first() else { return };
     let mut run = Run::<Whole<S>>::new(simd, first, projected, first_column, usize::from(first.rows[0]));
     for (index, entry) in entries.iter().enumerate() {
-        let s = &projected[entry.place as usize];
+        let s = &projected[entry.splat as usize];
         let (color, cut): ([Whole<S>; 3], Whole<S>) = (splat3(simd, s.color), splat(simd, s.cut));
         let following = entries.get(index + 1).unwrap_or(entry);
         let end = usize::from(entry.rows[1]);
@@ -176,7 +176,7 @@ impl<V> Run<V> {
     where
         V: Floats<S>,
     {
-        let s = &projected[entry.place as usize];
+        let s = &projected[entry.splat as usize];
         let mut weights = Weights::<V>::new(simd, s, first_column, 0);
         weights.start(simd, u_in_row(simd, s, weights.dx, row));
         Self { row, weights }
@@ -199,7 +199,7 @@ pub(crate) fn backward<S: Simd, K: Collect>(
     slots: &mut [f32],
 ) {
     for (entry, slot) in entries.iter().zip(slots.chunks_exact_mut(STRIDE + K::NUMBERS)) {
-        let s = &projected[entry.place as usize];
+        let s = &projected[entry.splat as usize];
         let [row, end] = entry.rows.map(|row| usize::from(row) - first_row);
         slot.fill(0.0);
         let errors = if K::ERROR { &errors[row..end] } else { &[] };
@@ -314,7 +314,7 @@ pub(crate) fn backward_colors<S: Simd>(
     slots: &mut [f32],
 ) {
     for (entry, slot) in entries.iter().zip(slots.as_chunks_mut::<COLOR_STRIDE>().0) {
-        let s = &projected[entry.place as usize];
+        let s = &projected[entry.splat as usize];
         let [row, end] = entry.rows.map(|row| usize::from(row) - first_row);
         *slot = [0.0; COLOR_STRIDE];
         each_part!(S; colors_part(simd, s, first_column, usize::from(entry.rows[0]), &rows[row..end], slot));

@@ -122,6 +122,10 @@ pub trait SceneKind: sealed::Sealed + Scene + 'static {
     #[doc(hidden)]
     fn sort(workspace: &mut Workspace<Self::Own>, splats: &Self::Splats);
 
+    /// Runs stage `bin`: lists the splats of each tile in that order.
+    #[doc(hidden)]
+    fn bin(workspace: &mut Workspace<Self::Own>) -> Result<(), Error>;
+
     /// Runs stage `project_bwd`: every Gaussian's gradient, times `scale`.
     #[doc(hidden)]
     fn project_bwd(workspace: &mut Workspace<Self::Own>, splats: &Self::Splats, scale: f32);

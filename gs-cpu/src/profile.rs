@@ -28,7 +28,7 @@ impl<S: SceneKind> Pass<'_, S> {
         match stage {
             Stage::Sort => S::sort(workspace, splats),
             Stage::Project => S::project(workspace, splats),
-            Stage::Bin => workspace.tiles.bin()?,
+            Stage::Bin => S::bin(workspace)?,
             Stage::Blend => workspace.tiles.blend(level)?,
             Stage::Loss => {
                 loss::loss(&mut workspace.tiles, target, &self.loss, level)?;

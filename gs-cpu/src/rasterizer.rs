@@ -350,7 +350,9 @@ impl<S: SceneKind> Optimizer<S> for CpuRasterizer {
         Ok(())
     }
 
+    /// Also frees the buffers of passes; see [`Self::download`].
     async fn save(&self, splats: &S::Splats) -> Result<SplatsState, Error> {
+        S::resources(&self.resources).pool.clear();
         Ok(S::save(splats))
     }
 

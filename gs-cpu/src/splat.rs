@@ -159,10 +159,8 @@ pub(crate) struct Received {
 /// The depth of a Gaussian as a function of the pixel.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct PixelDepth {
-    /// z at the mean, world units.
+    /// z at the mean, world units; 0 for a Gaussian that is not drawn.
     pub(crate) depth: f32,
     /// Change of depth per px along x and y.
     pub(crate) slope: [f32; 2],
-    /// The Gaussian's index in the scene, which decides ties.
-    pub(crate) index: u32,
 }

@@ -12,7 +12,7 @@ use crate::{
 pub(crate) struct TileInputs<'a> {
     pub(crate) entries: &'a [Entry],
     pub(crate) projected: &'a [Splat],
-    /// Depths by place; empty without a sort at each pixel.
+    /// Depths of `projected`; only in 3D scenes.
     pub(crate) depths: &'a [PixelDepth],
     pub(crate) accuracy: &'a Accuracy,
     pub(crate) first_column: usize,
@@ -33,7 +33,7 @@ impl TileInputs<'_> {
     #[inline(always)]
     pub(crate) fn gather(&self, entries: &[Entry], splats: &mut [Splat; GATHERED]) {
         for (splat, entry) in splats.iter_mut().zip(entries) {
-            *splat = self.projected[entry.place as usize];
+            *splat = self.projected[entry.splat as usize];
         }
     }
 

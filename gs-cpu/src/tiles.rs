@@ -42,9 +42,9 @@ pub(crate) struct Tiles {
     pub(crate) settings: RenderSettings,
     pub(crate) tuning: CpuTuning,
     pub(crate) grid: Grid,
-    /// Splats by place.
+    /// Splats, in an order of the scene's kind. Unspecified for Gaussians that have no place.
     pub(crate) projected: Vec<Splat>,
-    /// Depths by place, with a sort at each pixel.
+    /// Depths of `projected`; only in 3D scenes.
     pub(crate) depths: Vec<PixelDepth>,
     scratches: Scratches<Scratch>,
     /// Rows of a tile, for passes that need them no longer than that tile.
@@ -145,12 +145,12 @@ impl Tiles {
         self.culled.plus(Culled { outside: self.bins.outside, ..Culled::default() })
     }
 
-    /// Runs stage `bin`.
+    /// Runs stage `bin`. The splat at `place` in 0..`count` is `projected[splat_at(place)]`.
     ///
     /// # Errors
     /// Those of [`Bins::fill`].
-    pub(crate) fn bin(&mut self) -> Result<(), Error> {
-        self.bins.fill(&self.projected, &self.grid, self.tuning.bounds)
+    pub(crate) fn bin(&mut self, count: usize, splat_at: impl Fn(usize) -> usize + Sync) -> Result<(), Error> {
+        self.bins.fill(&self.projected, (count, splat_at), &self.grid, self.tuning.bounds)
     }
 
     /// Runs stage `blend`: draws the image into `rows`.

@@ -108,7 +108,7 @@ impl SceneKind for Scene2d {
         }
         Self::project(workspace, splats);
         if !reuse {
-            workspace.tiles.bin()?;
+            Self::bin(workspace)?;
             workspace.edition = edition;
         }
         workspace.tiles.fit();
@@ -118,6 +118,10 @@ impl SceneKind for Scene2d {
     fn project(workspace: &mut Workspace<Own2d>, splats: &Splats2d) {
         let Workspace { tiles, own, .. } = workspace;
         project::project_all(splats, &own.canvas, &own.order, tiles);
+    }
+
+    fn bin(workspace: &mut Workspace<Own2d>) -> Result<(), Error> {
+        workspace.tiles.bin(workspace.len, |place| place)
     }
 
     /// Sorts by index under `Over`. Under `Sum`, sorts by row, so that neighbours in a tile's list

@@ -21,7 +21,7 @@ use crate::{
     bias::BiasTable,
     kind::{AllResources, Resources, SceneKind, Shared},
     level::Level,
-    splat::{CHUNK, PixelDepth, Splat},
+    splat::CHUNK,
     stage::Stage,
     unsupported::check_settings,
     workspace::Workspace,
@@ -100,7 +100,7 @@ impl SceneKind for Scene3d {
         });
         Self::project(workspace, splats);
         Self::sort(workspace, splats);
-        workspace.tiles.bin()?;
+        Self::bin(workspace)?;
         workspace.edition = Some(splats.shared.edition);
         workspace.tiles.fit();
         Ok(())
@@ -109,40 +109,30 @@ impl SceneKind for Scene3d {
     fn project(workspace: &mut Workspace<Own3d>, splats: &Splats3d) {
         let Workspace { tiles, own, .. } = workspace;
         let Some(eye) = &own.eye else { return };
-        let (projected, depths) = (&mut own.projected, &mut own.depths);
-        tiles.culled = project::project_all(splats, eye, tiles, projected, depths);
+        project::project_all(splats, eye, tiles);
+    }
+
+    fn bin(workspace: &mut Workspace<Own3d>) -> Result<(), Error> {
+        let Workspace { tiles, own, .. } = workspace;
+        tiles.bin(own.depth_sort.len(), |place| own.depth_sort.at(place) as usize)
     }
 
     fn sort(workspace: &mut Workspace<Own3d>, _: &Splats3d) {
         let Workspace { tiles, own, .. } = workspace;
-        let Own3d { projected, depths, depth_sort, place_of, .. } = own;
+        let Own3d { depth_sort, place_of, .. } = own;
+        let depths = &tiles.depths;
         let blend = tiles.settings.effects.blend;
         let order = tiles.settings.effects.order;
-        let depth = |index: usize| depths[index][0];
+        let depth = |index: usize| depths[index].depth;
         match (blend, order) {
             (Blend::Sum, _) | (Blend::Over, Order::Index) => depth_sort.collect(&depth, depths.len()),
             (Blend::Over, Order::Global | Order::PerPixel) => depth_sort.sort(depth, depths.len()),
         }
         place_of.resize_with(depths.len(), AtomicU32::default);
         place_of.par_iter().with_min_len(CHUNK).for_each(|place| place.store(NO_PLACE, Relaxed));
-        tiles.projected.resize(depth_sort.len(), Splat::CULLED);
-        tiles.projected.par_chunks_mut(CHUNK).enumerate().for_each(|(chunk, ordered)| {
-            for (i, splat) in ordered.iter_mut().enumerate() {
-                let place = chunk * CHUNK + i;
-                let index = depth_sort.at(place) as usize;
-                *splat = projected[index];
-                place_of[index].store(place as u32, Relaxed);
-            }
+        (0..depth_sort.len()).into_par_iter().with_min_len(CHUNK).for_each(|place| {
+            place_of[depth_sort.at(place) as usize].store(place as u32, Relaxed);
         });
-        tiles.depths.clear();
-        if (blend, order) == (Blend::Over, Order::PerPixel) {
-            let at = |place| {
-                let index = depth_sort.at(place);
-                let [depth, x, y] = depths[index as usize];
-                PixelDepth { depth, slope: [x, y], index }
-            };
-            tiles.depths.par_extend((0..depth_sort.len()).into_par_iter().map(at));
-        }
     }
 
     fn project_bwd(workspace: &mut Workspace<Own3d>, splats: &Splats3d, scale: f32) {

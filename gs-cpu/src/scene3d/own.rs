@@ -2,12 +2,8 @@
 
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
-use super::{
-    depth_sort::DepthSort,
-    project::{Depth, Eye},
-    splats::pitch_of,
-};
-use crate::{splat::Splat, workspace::Workspace};
+use super::{depth_sort::DepthSort, project::Eye, splats::pitch_of};
+use crate::workspace::Workspace;
 
 /// The place of a Gaussian that is not drawn.
 pub(crate) const NO_PLACE: u32 = u32::MAX;
@@ -16,10 +12,6 @@ pub(crate) const NO_PLACE: u32 = u32::MAX;
 #[derive(Debug, Default)]
 pub struct Own3d {
     pub(crate) eye: Option<Eye>,
-    /// Splats by index; unspecified for Gaussians that are not drawn.
-    pub(crate) projected: Vec<Splat>,
-    /// Depths by index.
-    pub(crate) depths: Vec<Depth>,
     pub(crate) depth_sort: DepthSort,
     /// Gaussian → place, or [`NO_PLACE`].
     pub(crate) place_of: Vec<AtomicU32>,

@@ -12,12 +12,9 @@ use super::splats::{self, Splats3d};
 use crate::{
     bin::touches,
     layout::Grid,
-    splat::{CHUNK, Covariance, Splat},
+    splat::{CHUNK, Covariance, PixelDepth, Splat},
     tiles::Tiles,
 };
-
-/// Depth z and its slopes per px of a Gaussian that is drawn; `[0; 3]` for others.
-pub(crate) type Depth = [f32; 3];
 
 /// The camera, and the settings that projection needs.
 #[derive(Debug, Clone, Copy)]
@@ -48,7 +45,7 @@ fn project(
     row: &[f32],
     grid: &Grid,
     (accuracy, longest): (&Accuracy, f32),
-) -> Result<(Splat, Depth), CullCause> {
+) -> Result<(Splat, PixelDepth), CullCause> {
     let p = match eye.parameterization {
         Parameterization::ScaleRotation => eye.perspective.project(&splats::ellipsoid(row)),
         Parameterization::CovarianceFactor => eye.perspective.project_factored(&splats::factored(row)),
@@ -63,28 +60,23 @@ fn project(
     if !splat.color.iter().all(|c| c.is_finite()) {
         return Err(CullCause::NotFinite);
     }
-    Ok((splat, [p.depth, p.depth_slope.x, p.depth_slope.y]))
+    Ok((splat, PixelDepth { depth: p.depth, slope: p.depth_slope.to_array() }))
 }
 
 /// Projects all Gaussians by index, and counts the culled.
-pub(crate) fn project_all(
-    splats: &Splats3d,
-    eye: &Eye,
-    tiles: &Tiles,
-    projected: &mut Vec<Splat>,
-    depths: &mut Vec<Depth>,
-) -> Culled {
+pub(crate) fn project_all(splats: &Splats3d, eye: &Eye, tiles: &mut Tiles) {
+    let Tiles { projected, depths, grid, settings, tuning, .. } = tiles;
     projected.resize(splats.len(), Splat::CULLED);
-    depths.resize(splats.len(), [0.0; 3]);
-    let (grid, how) = (&tiles.grid, (&tiles.settings.accuracy, f32::from(tiles.tuning.recurrence_rows)));
-    let chunk = |((projected, depths), rows): ((&mut [Splat], &mut [Depth]), &[f32])| {
+    depths.resize(splats.len(), PixelDepth::default());
+    let how = (&settings.accuracy, f32::from(tuning.recurrence_rows));
+    let chunk = |((projected, depths), rows): ((&mut [Splat], &mut [PixelDepth]), &[f32])| {
         let mut culled = Culled::default();
         for ((splat, depth), row) in projected.iter_mut().zip(depths).zip(rows.chunks_exact(splats.pitch())) {
             match project(eye, row, grid, how) {
                 Ok(found) => (*splat, *depth) = found,
                 Err(cause) => {
                     culled.count(cause);
-                    *depth = [0.0; 3];
+                    *depth = PixelDepth::default();
                 }
             }
         }
@@ -92,5 +84,5 @@ pub(crate) fn project_all(
     };
     let rows = splats.parameters.par_chunks(CHUNK * splats.pitch());
     let out = projected.par_chunks_mut(CHUNK).zip(depths.par_chunks_mut(CHUNK));
-    out.zip(rows).map(chunk).reduce(Culled::default, Culled::plus)
+    tiles.culled = out.zip(rows).map(chunk).reduce(Culled::default, Culled::plus);
 }

@@ -68,7 +68,7 @@ impl<'a> Backward<'a> {
         let received = self.tiles.gather::<BLOCK>(std::array::from_fn(place));
         let width = self.own.gradient_pitch();
         for (i, parameters) in parameters.chunks_exact(self.pitch).enumerate() {
-            let (splat, row) = (&self.own.projected[first + i], &mut block.rows[i][..width]);
+            let (splat, row) = (&self.tiles.projected[first + i], &mut block.rows[i][..width]);
             block.shares[i] = received[i]
                 .map(|received| gradient(self.tiles, &self.eye, received, splat, parameters, self.scale, row));
         }
