@@ -12,7 +12,7 @@ use safetensors::Dtype;
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    container::{self, FileKind, TensorBytes},
+    container::{self, FileKind, TensorWords},
     error::Error,
 };
 
@@ -43,15 +43,20 @@ struct Content {
 /// [`write_durably`](crate::write_durably).
 pub fn write_checkpoint(path: impl AsRef<Path>, checkpoint: &Checkpoint) -> Result<(), Error> {
     let Checkpoint { state, metadata } = checkpoint;
-    let tensors = state.tensors.iter().map(|(name, Tensor { shape, data })| {
-        let tensor = match data {
-            TensorData::F32(values) => TensorBytes::f32(shape, values.iter().copied()),
-            TensorData::U32(values) => TensorBytes::u32(shape, values.iter().copied()),
+    let mut tensors = Vec::new();
+    for (name, Tensor { shape, data }) in &state.tensors {
+        let (len, tensor) = match data {
+            TensorData::F32(values) => (values.len(), TensorWords::f32(shape, values.iter().copied())),
+            TensorData::U32(values) => (values.len(), TensorWords::u32(shape, values.iter().copied())),
         };
-        (format!("{PREFIX}{name}"), tensor)
-    });
+        if len != shape.iter().product::<usize>() {
+            let message = format!("tensor `{name}` has {len} values in a shape of {shape:?}");
+            return Err(Error::Content { path: path.as_ref().to_owned(), source: gs_core::Error::State(message) });
+        }
+        tensors.push((format!("{PREFIX}{name}"), tensor));
+    }
     let content = Content { parameterization: state.parameterization, metadata: metadata.clone() };
-    container::write(path.as_ref(), &KIND, &content, tensors.collect())
+    container::write(path.as_ref(), &KIND, &content, tensors)
 }
 
 /// Whether a file is a checkpoint. Only its header is read, so the rest may be damaged.

@@ -8,12 +8,12 @@
 use std::{
     collections::HashMap,
     fs::File,
-    io::{self, Read},
+    io::{self, Read, Write},
     path::{Path, PathBuf},
 };
 
 use safetensors::{
-    Dtype, View,
+    Dtype,
     tensor::{Metadata, TensorInfo},
 };
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
@@ -28,6 +28,9 @@ const MAX_HEADER_BYTES: u64 = 16 << 20;
 
 /// Length of the header's length, a little-endian u64 at the start of the file.
 const LENGTH_BYTES: u64 = 8;
+
+/// Bytes that are written at once.
+const CHUNK_BYTES: usize = 1 << 18;
 
 /// The metadata entry that holds [`Head`].
 const HEAD_KEY: &str = "gs";
@@ -60,63 +63,81 @@ struct Head<C> {
     content: C,
 }
 
-/// A tensor to be written.
-pub(crate) struct TensorBytes {
+/// A tensor to be written. Its values are computed while they are written, so that they are in
+/// memory once.
+pub(crate) struct TensorWords<'a> {
     dtype: Dtype,
     shape: Vec<usize>,
-    bytes: Vec<u8>,
+    /// Number of values, of 4 bytes each.
+    len: usize,
+    values: Box<dyn Iterator<Item = [u8; 4]> + 'a>,
 }
 
-impl TensorBytes {
-    pub(crate) fn f32(shape: &[usize], values: impl IntoIterator<Item = f32>) -> Self {
-        let bytes = values.into_iter().flat_map(f32::to_le_bytes).collect();
-        Self { dtype: Dtype::F32, shape: shape.to_vec(), bytes }
+impl<'a> TensorWords<'a> {
+    /// The values must be as many as the shape says.
+    pub(crate) fn f32(shape: &[usize], values: impl Iterator<Item = f32> + 'a) -> Self {
+        Self::new(Dtype::F32, shape, Box::new(values.map(f32::to_le_bytes)))
     }
 
-    pub(crate) fn u32(shape: &[usize], values: impl IntoIterator<Item = u32>) -> Self {
-        let bytes = values.into_iter().flat_map(u32::to_le_bytes).collect();
-        Self { dtype: Dtype::U32, shape: shape.to_vec(), bytes }
-    }
-}
-
-impl View for TensorBytes {
-    fn dtype(&self) -> Dtype {
-        self.dtype
+    /// The values must be as many as the shape says.
+    pub(crate) fn u32(shape: &[usize], values: impl Iterator<Item = u32> + 'a) -> Self {
+        Self::new(Dtype::U32, shape, Box::new(values.map(u32::to_le_bytes)))
     }
 
-    fn shape(&self) -> &[usize] {
-        &self.shape
+    fn new(dtype: Dtype, shape: &[usize], values: Box<dyn Iterator<Item = [u8; 4]> + 'a>) -> Self {
+        Self { dtype, shape: shape.to_vec(), len: shape.iter().product(), values }
     }
 
-    fn data(&self) -> std::borrow::Cow<'_, [u8]> {
-        self.bytes.as_slice().into()
-    }
-
-    fn data_len(&self) -> usize {
-        self.bytes.len()
+    fn write(self, file: &mut dyn Write) -> io::Result<()> {
+        let mut chunk = Vec::with_capacity(CHUNK_BYTES);
+        for value in self.values {
+            chunk.extend_from_slice(&value);
+            if chunk.len() >= CHUNK_BYTES {
+                file.write_all(&chunk)?;
+                chunk.clear();
+            }
+        }
+        file.write_all(&chunk)
     }
 }
 
-/// Writes a file of this kind, atomically and durably.
+/// Writes a file of this kind, atomically and durably: the bytes of [`safetensors::serialize`],
+/// without holding them in memory.
 pub(crate) fn write<C: Serialize>(
     path: &Path,
     kind: &'static FileKind,
     content: &C,
-    tensors: Vec<(String, TensorBytes)>,
+    mut tensors: Vec<(String, TensorWords<'_>)>,
 ) -> Result<(), Error> {
     let impossible = |message: String| Error::Content { path: path.to_owned(), source: gs_core::Error::State(message) };
     let program = concat!(env!("CARGO_PKG_NAME"), " ", env!("CARGO_PKG_VERSION")).to_owned();
     let head = Head { format: kind.format.to_owned(), version: kind.version, program, content };
     let head = serde_json::to_string(&head).map_err(|e| impossible(e.to_string()))?;
+    // The order of safetensors.
+    tensors.sort_by(|(left_name, left), (right_name, right)| {
+        right.dtype.cmp(&left.dtype).then_with(|| left_name.cmp(right_name))
+    });
+    let mut end = 0;
+    let infos = tensors.iter().map(|(name, TensorWords { dtype, shape, len, .. })| {
+        let start = end;
+        end += 4 * len;
+        (name.clone(), TensorInfo { dtype: *dtype, shape: shape.clone(), data_offsets: (start, end) })
+    });
     let metadata = HashMap::from([(HEAD_KEY.to_owned(), head)]);
-    let bytes = safetensors::serialize(tensors, Some(metadata)).map_err(|e| impossible(e.to_string()))?;
-    let header_bytes = bytes.first_chunk().map_or(0, |length| u64::from_le_bytes(*length));
+    let header = Metadata::new(Some(metadata), infos.collect()).map_err(|e| impossible(e.to_string()))?;
+    let mut header = serde_json::to_vec(&header).map_err(|e| impossible(e.to_string()))?;
+    header.resize(header.len().next_multiple_of(LENGTH_BYTES as usize), b' ');
+    let header_bytes = header.len() as u64;
     if header_bytes > MAX_HEADER_BYTES {
         return Err(impossible(format!(
             "its metadata and tensor names take {header_bytes} bytes, more than {MAX_HEADER_BYTES}"
         )));
     }
-    write_durably(path, |file| file.write_all(&bytes))
+    write_durably(path, |file| {
+        file.write_all(&header_bytes.to_le_bytes())?;
+        file.write_all(&header)?;
+        tensors.into_iter().try_for_each(|(_, tensor)| tensor.write(file))
+    })
 }
 
 /// A file of this container.

@@ -19,7 +19,7 @@ use gs_core::{RenderSettings, Scene, Scene2d, check_size};
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    container::{self, FileKind, TensorBytes},
+    container::{self, FileKind, TensorWords},
     error::Error,
 };
 
@@ -79,11 +79,11 @@ pub fn write_2d(path: impl AsRef<Path>, file: &File2d) -> Result<(), Error> {
     let File2d { scene, width, height, settings } = file;
     let n = scene.len();
     let mut tensors = vec![
-        TensorBytes::f32(&[n, 2], scene.means.iter().flat_map(|v| v.to_array())),
-        TensorBytes::f32(&[n, 2], scene.log_scales.iter().flat_map(|v| v.to_array())),
-        TensorBytes::f32(&[n], scene.rotations.iter().copied()),
-        TensorBytes::f32(&[n], scene.opacity_logits.iter().copied()),
-        TensorBytes::f32(&[n, 3], scene.colors.iter().flat_map(|v| v.to_array())),
+        TensorWords::f32(&[n, 2], scene.means.iter().flat_map(|v| v.to_array())),
+        TensorWords::f32(&[n, 2], scene.log_scales.iter().flat_map(|v| v.to_array())),
+        TensorWords::f32(&[n], scene.rotations.iter().copied()),
+        TensorWords::f32(&[n], scene.opacity_logits.iter().copied()),
+        TensorWords::f32(&[n, 3], scene.colors.iter().flat_map(|v| v.to_array())),
     ];
     let mut names = TENSORS.map(str::to_owned).to_vec();
     if !scene.has_opacity() {

@@ -324,3 +324,14 @@ fn a_checkpoint_whose_tensor_contradicts_its_shape_is_not_written() {
     assert!(matches!(error, Error::Content { .. }), "{error}");
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
 }
+
+#[test]
+fn the_bytes_are_those_of_safetensors() {
+    let file = small_scene_written();
+    write_checkpoint(&file.path, &small_checkpoint()).unwrap();
+    let written = fs::read(&file.path).unwrap();
+    let (_, header) = safetensors::SafeTensors::read_metadata(&written).unwrap();
+    let tensors = safetensors::SafeTensors::deserialize(&written).unwrap();
+    assert!(!tensors.is_empty());
+    assert_eq!(safetensors::serialize(tensors.tensors(), header.metadata().clone()).unwrap(), written);
+}
