@@ -104,7 +104,7 @@ fn a_time_limit_chooses_settings_and_keeps_them() {
     };
     let run = train("0.2");
     assert_eq!(run.status, Some(0), "{}", run.stderr);
-    assert!(run.stderr.contains("after a trial of") && run.stderr.contains("at most 300 Gaussians"), "{}", run.stderr);
+    assert!(run.stderr.contains("after a trial of") && run.stderr.contains("with 300 Gaussians"), "{}", run.stderr);
     let summary: Value = serde_json::from_str(&fs::read_to_string(output.join("summary.json")).unwrap()).unwrap();
     assert!(summary["total_seconds"].as_f64().unwrap() < 12.5, "{summary}");
     for (minutes, expected) in [("0", "above 0"), ("1e-9", "too short")] {

@@ -270,6 +270,8 @@ impl TrainPreset {
             let scaled = (f64::from(usual.gaussians) * share) as u32;
             let mut settings = Self::Standard.settings(Some(iterations));
             settings.gaussians = gaussians.unwrap_or(scaled).max(speed.given as u32);
+            // Growth by rank alone may not reach the number that the time was planned for.
+            settings.exactly = true;
             if steps < SHORT {
                 settings.resolution = Resolution::from_coarse(4);
             }
@@ -335,7 +337,8 @@ mod tests {
     fn few_views_get_no_more_than_the_preset() {
         let settings = within(1e6, 12).unwrap();
         let camera = Camera::looking_forward(400, 400, 1.0);
-        assert_eq!(settings, TrainPreset::Standard.settings_for(None, &vec![camera; 12]));
+        let usual = TrainPreset::Standard.settings_for(None, &vec![camera; 12]);
+        assert_eq!(settings, TrainSettings { exactly: true, ..usual });
     }
 
     #[test]

@@ -76,7 +76,7 @@ impl TimeLimit {
             _ => String::new(),
         };
         output::note(format_args!(
-            "--minutes {}: after a trial of {trial:.1} s, {} with at most {}{first}, which should take {:.1} minutes",
+            "--minutes {}: after a trial of {trial:.1} s, {} with {}{first}, which should take {:.1} minutes",
             self.minutes,
             counted(chosen.iterations, "step"),
             counted(chosen.gaussians, "Gaussian"),
