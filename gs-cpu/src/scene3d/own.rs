@@ -7,7 +7,10 @@ use super::{
     project::{Depth, Eye},
     splats::pitch_of,
 };
-use crate::{splat::Splat, workspace::Workspace};
+use crate::{
+    splat::{Share, Splat},
+    workspace::Workspace,
+};
 
 /// The place of a Gaussian that is not drawn.
 pub(crate) const NO_PLACE: u32 = u32::MAX;
@@ -28,7 +31,7 @@ pub struct Own3d {
     pub(crate) gradients: Vec<f32>,
     /// Contributions of this step to the statistic, by index. Unspecified for Gaussians that no
     /// tile lists.
-    pub(crate) shares: Vec<f32>,
+    pub(crate) shares: Vec<Share>,
 }
 
 impl Own3d {
