@@ -98,12 +98,27 @@ pub enum Statistics {
     /// contributions of two sides of a large Gaussian that is pulled both ways cancel; here they do
     /// not, so it is never below the mean gradient.
     AbsoluteGradient,
+    /// m f ‖∂L/∂μ′‖ in normalised device units times px, weighted by m: the pixel-aware gradient
+    /// (*source:* Pixel-GS, Zhang et al. 2024, arXiv 2403.15530).
+    ///
+    /// m is the number of pixels in which the Gaussian is blended. f, between 0 and 1, lets the
+    /// gradients of near Gaussians fade: see
+    /// [`RenderSettings::statistic_weight`](crate::RenderSettings::statistic_weight). Σ m f ‖∂L/∂μ′‖ /
+    /// Σ m over the steps is a mean in which views that show only the edge of a large Gaussian count
+    /// little.
+    PixelGradient,
     /// Σ T α e over the pixels, px: the part of the image's error that falls to a Gaussian
     /// (*source:* Rota Bulò et al. 2024, with the absolute difference for their auxiliary error).
     ///
     /// e is the mean of |C − Y| over the three channels, whatever the loss. T α is the Gaussian's
     /// share of the pixel; under [`Blend::Sum`] it is the cut weight w.
     PixelError,
+}
+
+impl Statistics {
+    /// All values.
+    pub const ALL: [Self; 5] =
+        [Self::None, Self::MeanGradient, Self::AbsoluteGradient, Self::PixelGradient, Self::PixelError];
 }
 
 impl Order {

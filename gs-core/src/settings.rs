@@ -110,9 +110,28 @@ pub struct RenderSettings {
     pub accuracy: Accuracy,
     /// Background colour, used where `effects.background` is [`Background::Solid`].
     pub background: [f32; 3],
+    /// Depth, in world units, from which gradients count fully in
+    /// [`Statistics::PixelGradient`](crate::effects::Statistics::PixelGradient): see
+    /// [`Self::statistic_weight`]. At 0, the default, all count fully. Not negative. Training sets
+    /// it as the policy asks; images do not depend on it.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub full_depth: f32,
+}
+
+/// Settings files leave out default values.
+fn is_zero(depth: &f32) -> bool {
+    *depth == 0.0
 }
 
 impl RenderSettings {
+    /// The weight of the gradient of a Gaussian at this depth, world units, in
+    /// [`Statistics::PixelGradient`](crate::effects::Statistics::PixelGradient): (depth /
+    /// [`Self::full_depth`])², at most 1.
+    #[inline]
+    pub fn statistic_weight(&self, depth: f32) -> f32 {
+        if depth < self.full_depth { (depth / self.full_depth).powi(2) } else { 1.0 }
+    }
+
     /// The default settings with this blending and no background.
     pub fn blended(blend: Blend) -> Self {
         Self { effects: Effects { blend, ..Effects::default() }, ..Self::default() }
@@ -157,6 +176,9 @@ impl RenderSettings {
         if self.effects.sh_degree > 3 {
             return Err(Error::setting("sh-degree", self.effects.sh_degree, "0 to 3"));
         }
+        if !(self.full_depth >= 0.0 && self.full_depth.is_finite()) {
+            return Err(Error::setting("full-depth", self.full_depth, "0 or more, and finite"));
+        }
         if !self.background.iter().all(|v| v.is_finite()) {
             return Err(Error::setting("background", format!("{:?}", self.background), "finite"));
         }
@@ -175,6 +197,14 @@ mod tests {
         assert!((three.cut_of(1.0) - 0.011_109).abs() < 1e-6);
         // The ellipse of a faint Gaussian's cut is within three standard deviations anyway.
         assert_eq!(three.cut_of(0.3), ALPHA_CUT);
+    }
+
+    #[test]
+    fn gradients_fade_towards_the_camera() {
+        let settings = RenderSettings { full_depth: 4.0, ..RenderSettings::default() };
+        assert_eq!([1.0, 2.0, 4.0, 9.0].map(|depth| settings.statistic_weight(depth)), [0.0625, 0.25, 1.0, 1.0]);
+        assert_eq!(RenderSettings::default().statistic_weight(0.0), 1.0);
+        assert!(RenderSettings { full_depth: f32::NAN, ..settings }.validate().is_err());
     }
 
     #[test]

@@ -12,7 +12,9 @@ pub struct DensityStatistics {
     /// There is one sum: two statistics must not be mixed without an edit between them.
     #[serde(alias = "gradient_sum")]
     pub signal_sum: Vec<f32>,
-    /// Number of steps in which the Gaussian was drawn.
+    /// Sum over steps of the weight of the statistic: the number of steps in which the Gaussian was
+    /// drawn, and for [`PixelGradient`](crate::effects::Statistics::PixelGradient) the number of
+    /// pixels in all of them. At most [`u32::MAX`].
     pub visible: Vec<u32>,
 }
 
@@ -22,8 +24,8 @@ impl DensityStatistics {
         Self { signal_sum: vec![0.0; len], visible: vec![0; len] }
     }
 
-    /// Mean of the collected statistic of Gaussian `index` over the steps in which it was drawn; 0
-    /// without such steps.
+    /// Weighted mean of the collected statistic of Gaussian `index` over the steps in which it was
+    /// drawn; 0 without such steps.
     pub fn mean_signal(&self, index: usize) -> f32 {
         self.signal_sum[index] / self.visible[index].max(1) as f32
     }

@@ -278,6 +278,9 @@ fn backward_part<S: Simd, V: Floats<S>, K: Collect>(
             if K::ERROR {
                 errors = add_error(simd, &mut collected, share, errors, lane);
             }
+            if K::COUNT {
+                collected[0] += counted.select(one, zero);
+            }
             u += 1.0;
             weights.advance::<S>();
         }

@@ -175,6 +175,9 @@ pub(crate) fn backward<K: Collect>(
                     slot[STRIDE] += t.abs() * (s.inverse_xx * dx - s.slope * down).abs();
                     slot[STRIDE + 1] += t.abs() * down.abs();
                 }
+                if K::COUNT {
+                    slot[STRIDE] += 1.0;
+                }
                 if K::ERROR {
                     slot[STRIDE] += before * alpha * errors[row].0[lane];
                 }

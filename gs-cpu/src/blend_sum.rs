@@ -194,6 +194,7 @@ pub(crate) fn backward<S: Simd, K: Collect>(
     projected: &[Splat],
     first_column: usize,
     first_row: usize,
+    lanes_inside: usize,
     rows: &[Row],
     errors: &[ScalarRow],
     slots: &mut [f32],
@@ -203,7 +204,7 @@ pub(crate) fn backward<S: Simd, K: Collect>(
         let [row, end] = entry.rows.map(|row| usize::from(row) - first_row);
         slot.fill(0.0);
         let errors = if K::ERROR { &errors[row..end] } else { &[] };
-        each_part!(S, K; backward_part(simd, s, first_column, usize::from(entry.rows[0]), &rows[row..end], errors, slot));
+        each_part!(S, K; backward_part(simd, s, [first_column, lanes_inside], usize::from(entry.rows[0]), &rows[row..end], errors, slot));
     }
 }
 
@@ -213,7 +214,7 @@ pub(crate) fn backward<S: Simd, K: Collect>(
 fn backward_part<S: Simd, V: Floats<S>, K: Collect>(
     simd: S,
     s: &Splat,
-    first_column: usize,
+    [first_column, lanes_inside]: [usize; 2],
     mut row: usize,
     rows: &[Row],
     mut errors: &[ScalarRow],
@@ -229,12 +230,14 @@ fn backward_part<S: Simd, V: Floats<S>, K: Collect>(
     let (mut v_color, mut s_u, mut s_uu) = ([zero; 3], zero, zero);
     let across = weights.dx * s.inverse_xx;
     let mut collected = [zero; 2];
+    let inside = iota::<S, V>(simd, lane).simd_lt(splat::<S, V>(simd, lanes_inside as f32));
     for rows in rows.chunks(s.restart_rows as usize) {
         let mut u = u_in_row(simd, s, weights.dx, row);
         weights.start(simd, u);
         row += rows.len();
         for Row(v) in rows {
-            let w = weights.w.simd_ge(cut).select(weights.w, zero);
+            let counts = weights.w.simd_ge(cut);
+            let w = counts.select(weights.w, zero);
             let v = load3(simd, v, lane);
             for k in 0..3 {
                 v_color[k] = fma(w, v[k], v_color[k]);
@@ -248,6 +251,9 @@ fn backward_part<S: Simd, V: Floats<S>, K: Collect>(
             }
             if K::ERROR {
                 errors = add_error(simd, &mut collected, w, errors, lane);
+            }
+            if K::COUNT {
+                collected[0] += (counts & inside).select(splat::<S, V>(simd, 1.0), zero);
             }
             u += 1.0;
             weights.advance::<S>();

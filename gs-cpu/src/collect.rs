@@ -12,6 +12,8 @@ pub(crate) trait Collect {
     const ABSOLUTE: bool;
     /// Whether the numbers include Σ T α e, where e is the pixel's error.
     const ERROR: bool;
+    /// Whether the number is that of the pixels in which the Gaussian is blended.
+    const COUNT: bool;
 }
 
 /// No further numbers.
@@ -26,22 +28,36 @@ pub(crate) struct AbsoluteGradients;
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct PixelErrors;
 
+/// [`Statistics::PixelGradient`].
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct PixelCounts;
+
 impl Collect for Nothing {
     const NUMBERS: usize = 0;
     const ABSOLUTE: bool = false;
     const ERROR: bool = false;
+    const COUNT: bool = false;
 }
 
 impl Collect for AbsoluteGradients {
     const NUMBERS: usize = 2;
     const ABSOLUTE: bool = true;
     const ERROR: bool = false;
+    const COUNT: bool = false;
 }
 
 impl Collect for PixelErrors {
     const NUMBERS: usize = 1;
     const ABSOLUTE: bool = false;
     const ERROR: bool = true;
+    const COUNT: bool = false;
+}
+
+impl Collect for PixelCounts {
+    const NUMBERS: usize = 1;
+    const ABSOLUTE: bool = false;
+    const ERROR: bool = false;
+    const COUNT: bool = true;
 }
 
 /// The [`Collect::NUMBERS`] of a statistic.
@@ -49,6 +65,7 @@ pub(crate) fn numbers(statistics: Statistics) -> usize {
     match statistics {
         Statistics::None | Statistics::MeanGradient => Nothing::NUMBERS,
         Statistics::AbsoluteGradient => AbsoluteGradients::NUMBERS,
+        Statistics::PixelGradient => PixelCounts::NUMBERS,
         Statistics::PixelError => PixelErrors::NUMBERS,
     }
 }
@@ -63,6 +80,10 @@ macro_rules! collecting {
             }
             gs_core::effects::Statistics::AbsoluteGradient => {
                 type $kind = crate::collect::AbsoluteGradients;
+                $body
+            }
+            gs_core::effects::Statistics::PixelGradient => {
+                type $kind = crate::collect::PixelCounts;
                 $body
             }
             gs_core::effects::Statistics::PixelError => {

@@ -156,6 +156,35 @@ pub(crate) struct Received {
     pub(crate) collected: [f32; 2],
 }
 
+/// What one step adds to a Gaussian's statistics.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(crate) struct Share {
+    pub(crate) signal: f32,
+    /// What is added to the sum of weights.
+    pub(crate) weight: u32,
+}
+
+impl Share {
+    /// A value of weight 1.
+    #[inline(always)]
+    pub(crate) fn once(signal: f32) -> Self {
+        Self { signal, weight: 1 }
+    }
+
+    /// A value that counts as often as there are pixels.
+    #[inline(always)]
+    pub(crate) fn weighted(value: f32, pixels: f32) -> Self {
+        Self { signal: pixels * value, weight: pixels as u32 }
+    }
+
+    /// Adds this share to a Gaussian's sums.
+    #[inline(always)]
+    pub(crate) fn add_to(self, signal_sum: &mut f32, visible: &mut u32) {
+        *signal_sum += self.signal;
+        *visible = visible.saturating_add(self.weight);
+    }
+}
+
 /// The depth of a Gaussian as a function of the pixel.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct PixelDepth {

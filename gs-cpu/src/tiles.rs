@@ -222,9 +222,9 @@ impl Tiles {
             let v_rows = &v_rows[of_tile];
             collecting!(statistics, K => match (blend, order) {
                 (Blend::Sum, _) => {
-                    let TileInputs { entries, projected, first_column, first_row, .. } = inputs;
+                    let TileInputs { entries, projected, first_column, first_row, lanes_inside, .. } = inputs;
                     dispatch!(level, simd => blend_sum::backward::<_, K>(
-                        simd, entries, projected, first_column, first_row, v_rows, errors, slots,
+                        simd, entries, projected, first_column, first_row, lanes_inside, v_rows, errors, slots,
                     ));
                 }
                 (Blend::Over, Order::PerPixel) => scratches.with(|scratch| {
@@ -269,7 +269,7 @@ impl Tiles {
                     blend_sum::forward(simd, entries, projected, column, first_row, rows);
                     buffers.sums[0] = squares_in_place(simd, rows, target, inside);
                     blend_sum::backward::<_, Nothing>(
-                        simd, entries, projected, column, first_row, rows, &[], buffers.slots,
+                        simd, entries, projected, column, first_row, inside, rows, &[], buffers.slots,
                     );
                 });
             });

@@ -1,5 +1,6 @@
 //! Correction of opacities where two Gaussians replace one.
 
+use gs_core::{logit, sigmoid};
 use serde::{Deserialize, Serialize};
 
 use crate::gaussian::DensityGaussian;
@@ -23,6 +24,9 @@ pub enum OpacityCorrection {
     /// In a scene without opacities, where Gaussians are summed, the colours are halved instead,
     /// which is exact everywhere.
     Conserve,
+    /// Both get half of the opacity, or of the colour where Gaussians are summed: to first order in
+    /// the opacity the two look as the one did (SteepGS).
+    Halve,
 }
 
 impl OpacityCorrection {
@@ -31,7 +35,8 @@ impl OpacityCorrection {
         match (self, has_opacity) {
             (Self::None, _) => {}
             (Self::Conserve, true) => half.set_opacity_logit(logit_of_half(half.opacity_logit())),
-            (Self::Conserve, false) => half.map_color(|color| color * 0.5),
+            (Self::Halve, true) => half.set_opacity_logit(logit(0.5 * sigmoid(half.opacity_logit()))),
+            (Self::Conserve | Self::Halve, false) => half.map_color(|color| color * 0.5),
         }
     }
 }
@@ -52,8 +57,6 @@ fn logit_of_half(logit: f32) -> f32 {
 
 #[cfg(test)]
 mod tests {
-    use gs_core::{logit, sigmoid};
-
     use super::*;
 
     #[test]

@@ -79,6 +79,9 @@ impl Default for LongAxisSplit {
 }
 
 impl LongAxisSplit {
+    /// The numbers of Improved-GS (Deng et al. 2025).
+    pub(crate) const IMPROVED_GS: Self = Self { offset: 1.35, length: 0.55, width: 0.893, opacity: 0.6 };
+
     fn halves<G: DensityGaussian>(&self, parent: &G, has_opacity: bool) -> [G; 2] {
         [-self.offset, self.offset].map(|offset| {
             let mut half = parent.moved_along(offset);
@@ -193,6 +196,15 @@ impl Default for Densify {
 }
 
 impl Densify {
+    /// Splits all Gaussians of a 3D scene that grow into these halves.
+    pub(crate) fn into_halves(halves: LongAxisSplit) -> Self {
+        Self {
+            split_above: SizeThreshold::WorldUnits(f32::MIN_POSITIVE),
+            split_placement: SplitPlacement::LongAxisSplit(halves),
+            ..Self::default()
+        }
+    }
+
     /// Splits along the long axis only, without cloning (*source:* as for [`LongAxisSplit`]).
     pub(crate) fn along_long_axes() -> Self {
         Self {
@@ -214,17 +226,30 @@ impl Densify {
         rng: &mut Rng,
     ) -> (Option<Change<S::Gaussian>>, Birth<S::Gaussian>) {
         let parent = observation.scene.gaussian(index as usize);
-        let (mut pair, origin, heir) = if self.split_above.is_exceeded(&parent, observation.extent) {
-            (self.split(&parent, observation.scene.has_opacity(), rng), Origin::Split, self.split_moments)
+        let (pair, origin) = if self.split_above.is_exceeded(&parent, observation.extent) {
+            (self.split(&parent, observation.scene.has_opacity(), rng), Origin::Split)
         } else {
-            (self.clone_of(&parent, rng), Origin::Clone, self.clone_moments)
+            (self.clone_of(&parent, rng), Origin::Clone)
         };
+        self.replaced(index, observation, pair, origin)
+    }
+
+    /// The change and the birth that put these two Gaussians, with corrected opacities, in the place
+    /// of Gaussian `index`.
+    pub(crate) fn replaced<S: DensityScene>(
+        &self,
+        index: u32,
+        observation: &Observation<'_, S>,
+        mut pair: [S::Gaussian; 2],
+        origin: Origin,
+    ) -> (Option<Change<S::Gaussian>>, Birth<S::Gaussian>) {
         for half in &mut pair {
             self.opacity_correction.apply(half, observation.scene.has_opacity());
         }
         let [original, copy] = pair;
+        let heir = if origin == Origin::Split { self.split_moments } else { self.clone_moments };
         let (original_moments, copy_moments) = heir.moments(self.newcomers);
-        let is_touched = original != parent || original_moments != Moments::Inherit;
+        let is_touched = original != observation.scene.gaussian(index as usize) || original_moments != Moments::Inherit;
         let change = is_touched.then_some(Change { index, gaussian: original, moments: original_moments });
         (change, Birth { gaussian: copy, parent: Some(index), moments: copy_moments, origin, place: self.copy_place })
     }

@@ -13,6 +13,7 @@ use serde::{Deserialize, Serialize};
 use crate::{
     observation::{DensityPolicy, Observation, Residual, Rng},
     prune::Prune,
+    rule::Rule,
     seed::Plane,
 };
 
@@ -117,6 +118,8 @@ impl ErrorAddition {
         }
     }
 }
+
+impl Rule for ErrorAddition {}
 
 impl DensityPolicy for ErrorAddition {
     fn plan(&self, observation: &Observation<'_>, rng: &mut Rng) -> Result<EditPlan<Gaussian2d>, Error> {

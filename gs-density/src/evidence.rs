@@ -30,26 +30,55 @@ pub struct EvidenceRequest {
     pub covered: bool,
     /// Whether [`ViewEvidence::depth`] and [`ViewEvidence::radius_px`] are needed.
     pub geometry: bool,
+    /// Whether [`Evidence::splitting`] is needed, of the same views.
+    pub splitting: bool,
+    /// Number of views of which [`Evidence::contribution`] is needed, 0 for all; default `None`: not
+    /// needed. It is summed view by view, so it costs no memory for each of them.
+    pub contribution: Option<u32>,
 }
 
 impl Default for EvidenceRequest {
     fn default() -> Self {
-        Self { views: 10, l1: 1.0, edges: 0.0, high_error: 0.1, blended: false, covered: false, geometry: false }
+        Self {
+            views: 10,
+            l1: 1.0,
+            edges: 0.0,
+            high_error: 0.1,
+            blended: false,
+            covered: false,
+            geometry: false,
+            splitting: false,
+            contribution: None,
+        }
     }
 }
 
 impl EvidenceRequest {
-    /// A request that covers both: the larger number of views, and the pixel error of `self`.
+    /// A request for [`Evidence::contribution`] alone.
+    pub fn of_contribution(views: u32) -> Self {
+        Self { contribution: Some(views), ..Self::default() }
+    }
+
+    /// This request, with the contribution that the other one needs.
     #[must_use]
     pub fn and(self, other: Option<Self>) -> Self {
-        let Some(other) = other else { return self };
-        Self {
-            views: if self.views == 0 || other.views == 0 { 0 } else { self.views.max(other.views) },
-            blended: self.blended || other.blended,
-            covered: self.covered || other.covered,
-            geometry: self.geometry || other.geometry,
-            ..self
-        }
+        Self { contribution: self.contribution.or(other.and_then(|other| other.contribution)), ..self }
+    }
+
+    /// Whether arrays of single views are needed.
+    pub fn needs_views(&self) -> bool {
+        self.blended || self.covered || self.geometry
+    }
+
+    /// Memory of the evidence from `count` training views for each Gaussian, bytes.
+    pub fn bytes_per_gaussian(&self, count: u64) -> u64 {
+        let number = size_of::<f32>() as u64;
+        let views = if self.views == 0 { count } else { count.min(self.views.into()) };
+        let of_view = 3 * u64::from(self.blended) + 3 * u64::from(self.covered) + 2 * u64::from(self.geometry);
+        let contribution = if self.contribution.is_some() { size_of::<f64>() as u64 } else { 0 };
+        // Sums of six numbers, and of the views that show the Gaussian.
+        let splitting = if self.splitting { 7 * number } else { 0 };
+        views * of_view * number + contribution + splitting
     }
 }
 
@@ -83,11 +112,23 @@ pub struct ViewEvidence {
     pub radius_px: Vec<f32>,
 }
 
-/// Evidence over several training views, at the resolution of the training step.
+/// Evidence over several training views, at the resolution of the training step. What is not
+/// requested is empty.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Evidence {
     /// One entry for each view.
     pub views: Vec<ViewEvidence>,
+    /// Σ of the blending weights over the pixels of the views of
+    /// [`EvidenceRequest::contribution`], px, `[N]`.
+    pub contribution: Vec<f64>,
+    /// The splitting matrix S of each Gaussian, in its own standard deviations and the unit of the
+    /// loss: the mean over the views that show it; xx, xy, xz, yy, yz, zz, `[N]`.
+    ///
+    /// If the Gaussian is replaced by two of half its opacity at μ ± L x, with Σ = L Lᵀ and L the
+    /// product of its rotation and its scales, the loss of a view changes by ½ xᵀ S x to second
+    /// order in x and first order in the opacity (*source:* Wang et al. 2025, arXiv 2505.05587; with
+    /// the projection linearised at the mean).
+    pub splitting: Vec<[f32; 6]>,
 }
 
 impl Evidence {
@@ -111,6 +152,11 @@ impl Evidence {
 
     /// Checks that the requested arrays describe `len` Gaussians.
     fn check_lengths(&self, len: usize, request: &EvidenceRequest) -> Result<(), Error> {
+        let totals =
+            [(request.contribution.is_some(), self.contribution.len()), (request.splitting, self.splitting.len())];
+        if let Some((_, found)) = totals.into_iter().find(|&(wanted, found)| wanted && found != len) {
+            return Err(Error::Length { what: "evidence", expected: len, found });
+        }
         for ViewEvidence { blended, covered, depth, radius_px, .. } in &self.views {
             let sums = |wanted: bool, s: &PixelSums| {
                 [s.pixels.len(), s.error.len(), s.high_error.len()].map(|found| if wanted { found } else { len })
@@ -131,7 +177,8 @@ impl<'a, S: DensityScene> Observation<'a, S> {
     /// # Errors
     /// [`Error::State`] where it is missing, [`Error::Length`] where it is of another scene.
     pub fn requested(&self, policy: &str, request: &EvidenceRequest) -> Result<&'a Evidence, Error> {
-        let Some(evidence) = self.evidence.filter(|evidence| !evidence.views.is_empty()) else {
+        let has_views = |evidence: &&Evidence| !request.needs_views() || !evidence.views.is_empty();
+        let Some(evidence) = self.evidence.filter(has_views) else {
             return Err(Error::State(format!("policy `{policy}` needs evidence over several views")));
         };
         evidence.check_lengths(self.scene.len(), request)?;
@@ -144,13 +191,20 @@ mod tests {
     use super::*;
 
     #[test]
-    fn requests_are_joined() {
+    fn a_joined_request_keeps_its_own_views() {
         let few = EvidenceRequest { views: 4, edges: 2.0, covered: true, ..EvidenceRequest::default() };
-        let many = EvidenceRequest { views: 9, blended: true, ..EvidenceRequest::default() };
-        let both = few.and(Some(many));
-        assert_eq!((both.views, both.edges, both.blended, both.covered, both.geometry), (9, 2.0, true, true, false));
-        assert_eq!(few.and(Some(EvidenceRequest { views: 0, ..many })).views, 0);
+        let both = few.and(Some(EvidenceRequest::of_contribution(0)));
+        assert_eq!(both, EvidenceRequest { contribution: Some(0), ..few });
         assert_eq!(few.and(None), few);
+        assert!(both.needs_views() && !EvidenceRequest::of_contribution(3).needs_views());
+    }
+
+    #[test]
+    fn contributions_take_no_memory_for_each_view() {
+        let few = EvidenceRequest { views: 4, covered: true, geometry: true, ..EvidenceRequest::default() };
+        assert_eq!([few.bytes_per_gaussian(300), few.bytes_per_gaussian(2)], [4 * 5 * 4, 2 * 5 * 4]);
+        assert_eq!(EvidenceRequest { views: 0, ..few }.bytes_per_gaussian(300), 300 * 5 * 4);
+        assert_eq!(EvidenceRequest::of_contribution(0).bytes_per_gaussian(300), 8);
     }
 
     #[test]
@@ -160,7 +214,8 @@ mod tests {
             blended: PixelSums { pixels: pixels.to_vec(), ..PixelSums::default() },
             ..ViewEvidence::default()
         };
-        let evidence = Evidence { views: vec![view(0.5, &[1.0, 2.0]), view(2.0, &[0.0, 3.0])] };
+        let views = vec![view(0.5, &[1.0, 2.0]), view(2.0, &[0.0, 3.0])];
+        let evidence = Evidence { views, ..Evidence::default() };
         assert_eq!(evidence.sum(2, |view| view.loss, |view| &view.blended.pixels), [0.5, 7.0]);
     }
 }

@@ -12,10 +12,12 @@ use crate::{
     densify::Densify,
     evidence::{Evidence, EvidenceRequest},
     gaussian::DensityScene,
-    observation::{DensityPolicy, Observation, Rng},
+    observation::{Observation, Rng},
+    partial,
     prune::Prune,
     ranking::WhenFlat,
     round::{Actions, Round},
+    rule::{ByEvidence, GrowthLimit, Rule},
     sample::sample,
     size::SizeThreshold,
 };
@@ -69,6 +71,7 @@ pub struct FastGs {
     /// How Gaussians are cloned, split, pruned and reset. Default as in
     /// [`Grow::abs_gs`](crate::Grow::abs_gs), with growth in the first 15/27 of the rounds (until
     /// step 15,000, with rounds until 27,000).
+    #[serde(deserialize_with = "partial::read::<FastGs, _>", serialize_with = "partial::write::<FastGs, _>")]
     pub actions: Actions,
 }
 
@@ -111,10 +114,6 @@ impl Scores {
 }
 
 impl FastGs {
-    fn request(&self) -> EvidenceRequest {
-        EvidenceRequest { views: self.views, high_error: self.high_error, covered: true, ..EvidenceRequest::default() }
-    }
-
     /// Whether the round after `step` (from 0) prunes, if it does not grow.
     fn prunes_after(&self, step: u32) -> bool {
         (u64::from(step) + 1).is_multiple_of(u64::from(self.final_every))
@@ -189,17 +188,55 @@ impl FastGs {
     }
 }
 
-impl<S: DensityScene> DensityPolicy<S> for FastGs {
-    fn plan(&self, observation: &Observation<'_, S>, rng: &mut Rng) -> Result<EditPlan<S::Gaussian>, Error> {
-        self.validate()?;
-        observation.check_lengths()?;
-        let grows = self.actions.grows(observation.progress);
-        if !grows && !self.prunes_after(observation.step) {
-            return Ok(Round::with_removed(&self.actions, observation, Vec::new())?.grow(&[], rng));
-        }
-        let evidence = observation.requested("fastgs", &self.request())?;
+impl Rule for FastGs {
+    fn actions(&self) -> Option<&Actions> {
+        Some(&self.actions)
+    }
+
+    fn actions_mut(&mut self) -> Option<&mut Actions> {
+        Some(&mut self.actions)
+    }
+
+    fn aims_at_budget(&self) -> bool {
+        false
+    }
+
+    fn growth_limit(&self) -> GrowthLimit {
+        let Self { threshold, pixels, .. } = self;
+        let condition =
+            format!("whose absolute gradient is at least {threshold} and that cover {pixels} pixels of high error");
+        GrowthLimit { condition: Some(condition), ..GrowthLimit::default() }
+    }
+}
+
+impl ByEvidence for FastGs {
+    const NAME: &'static str = "fastgs";
+    const STATISTICS: Statistics = Statistics::AbsoluteGradient;
+
+    fn own_actions(&self) -> &Actions {
+        &self.actions
+    }
+
+    fn request(&self) -> EvidenceRequest {
+        EvidenceRequest { views: self.views, high_error: self.high_error, covered: true, ..EvidenceRequest::default() }
+    }
+
+    fn reads_evidence(&self, step: u32, progress: f32) -> bool {
+        self.actions.grows(progress) || self.prunes_after(step)
+    }
+
+    fn check(&self) -> Result<(), Error> {
+        self.validate()
+    }
+
+    fn plan_with<S: DensityScene>(
+        &self,
+        observation: &Observation<'_, S>,
+        rng: &mut Rng,
+    ) -> Result<EditPlan<S::Gaussian>, Error> {
+        let evidence = observation.requested(Self::NAME, &self.request())?;
         let Scores { density, pruning } = Scores::of(evidence, observation.scene.len());
-        if !grows {
+        if !self.actions.grows(observation.progress) {
             let removed = self.removed_after_growth(observation, &pruning);
             return Ok(Round::with_removed(&self.actions, observation, removed)?.grow(&[], rng));
         }
@@ -216,23 +253,12 @@ impl<S: DensityScene> DensityPolicy<S> for FastGs {
         Ok(plan)
     }
 
-    fn statistics(&self) -> Statistics {
-        Statistics::AbsoluteGradient
-    }
-
-    fn needs_residual(&self) -> bool {
-        false
-    }
-
-    fn needs_evidence(&self) -> bool {
-        true
-    }
-
-    fn evidence(&self, step: u32, progress: f32) -> Option<EvidenceRequest> {
-        let simplify = self.actions.evidence(step);
-        match self.actions.grows(progress) || self.prunes_after(step) {
-            true => Some(self.request().and(simplify)),
-            false => simplify,
-        }
+    /// After growth, Gaussians are only pruned at an interval.
+    fn plan_without<S: DensityScene>(
+        &self,
+        observation: &Observation<'_, S>,
+        rng: &mut Rng,
+    ) -> Result<EditPlan<S::Gaussian>, Error> {
+        Ok(Round::with_removed(&self.actions, observation, Vec::new())?.grow(&[], rng))
     }
 }

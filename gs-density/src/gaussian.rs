@@ -3,7 +3,7 @@
 
 use std::fmt::Debug;
 
-use glam::{Vec2, Vec3};
+use glam::{Mat3, Vec2, Vec3};
 use gs_core::{Gaussian2d, Gaussian3d, Scene, Scene2d, Scene3d};
 use rand_distr::{Distribution, StandardNormal};
 
@@ -44,6 +44,14 @@ pub trait DensityGaussian: Clone + Debug + PartialEq {
     /// Returns this Gaussian, moved along its longest axis by `scales` times its largest scale.
     #[must_use]
     fn moved_along(&self, scales: f32) -> Self;
+
+    /// Returns this Gaussian, moved by this vector; in 2D by its first two components.
+    #[must_use]
+    fn moved_by(&self, offset: Vec3) -> Self;
+
+    /// L with Σ = L Lᵀ, whose columns are the axes; `None` for 2D Gaussians and where it is not
+    /// finite.
+    fn axes(&self) -> Option<Mat3>;
 }
 
 /// A scene whose density can be controlled.
@@ -108,6 +116,14 @@ impl DensityGaussian for Gaussian2d {
         let factor = self.factor();
         let axis = if is_first_longer(self) { factor.x_axis } else { factor.y_axis };
         Self { mean: self.mean + scales * axis, ..*self }
+    }
+
+    fn moved_by(&self, offset: Vec3) -> Self {
+        Self { mean: self.mean + offset.truncate(), ..*self }
+    }
+
+    fn axes(&self) -> Option<Mat3> {
+        None
     }
 }
 
@@ -175,6 +191,14 @@ impl DensityGaussian for Gaussian3d {
     fn moved_along(&self, scales: f32) -> Self {
         let axis = self.factor().map_or(Vec3::ZERO, |factor| factor.col(longest(self)));
         Self { mean: self.mean + scales * axis, ..self.clone() }
+    }
+
+    fn moved_by(&self, offset: Vec3) -> Self {
+        Self { mean: self.mean + offset, ..self.clone() }
+    }
+
+    fn axes(&self) -> Option<Mat3> {
+        self.factor().filter(|factor| factor.is_finite())
     }
 }
 

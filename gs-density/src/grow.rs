@@ -1,7 +1,10 @@
 //! Growth by score: by rank, above a threshold, or both.
 
+mod named;
+
 use gs_core::{EditPlan, Error, effects::Statistics};
-use serde::{Deserialize, Serialize};
+
+pub(crate) use self::named::{GrowForm, NAMED, kind, name};
 
 use crate::{
     densify::Densify,
@@ -60,6 +63,10 @@ pub struct Grow {
     /// What the rank does with Gaussians whose signal is 0, where the threshold does not stop them.
     /// Default nothing.
     pub when_flat: WhenFlat,
+    /// Depth from which gradients count fully, in extents of the scene; nearer ones count by the
+    /// square of the ratio, so that few Gaussians grow close to a camera (*source:* Pixel-GS). Only
+    /// for [`Signal::PixelGradient`] in 3D. Not negative. Default [`Signal::full_depth`].
+    pub full_depth: f32,
     /// What is done to the Gaussians.
     pub actions: Actions,
 }
@@ -96,6 +103,7 @@ impl Grow {
             threshold: 0.0,
             combine: Combine::Both,
             when_flat: WhenFlat::Nothing,
+            full_depth: signal.full_depth(),
             actions: Actions::default(),
         }
     }
@@ -136,6 +144,9 @@ impl Grow {
         if !(self.threshold >= 0.0) {
             return Err(Error::setting("threshold", self.threshold, "0 or more"));
         }
+        if !(self.full_depth >= 0.0 && self.full_depth.is_finite()) {
+            return Err(Error::setting("full-depth", self.full_depth, "0 or more, and finite"));
+        }
         self.actions.validate()
     }
 }
@@ -166,6 +177,10 @@ impl<S: DensityScene> DensityPolicy<S> for Grow {
         self.signal.statistics()
     }
 
+    fn full_depth(&self) -> f32 {
+        self.full_depth
+    }
+
     fn needs_residual(&self) -> bool {
         false
     }
@@ -176,34 +191,6 @@ impl<S: DensityScene> DensityPolicy<S> for Grow {
 
     fn evidence(&self, step: u32, _: f32) -> Option<EvidenceRequest> {
         self.actions.evidence(step)
-    }
-}
-
-/// [`Grow`] in a settings file, where `kind` gives the values of missing keys.
-#[derive(Default, Serialize, Deserialize)]
-#[serde(default, rename_all = "kebab-case", deny_unknown_fields)]
-pub(crate) struct GrowForm {
-    signal: Signal,
-    percent: Option<f32>,
-    #[serde(alias = "floor")]
-    threshold: Option<f32>,
-    when_flat: WhenFlat,
-    actions: Actions,
-}
-
-impl GrowForm {
-    /// The settings of the file, completed from `usual`.
-    pub(crate) fn or(self, usual: fn(Signal) -> Grow) -> Grow {
-        let Self { signal, percent, threshold, when_flat, actions } = self;
-        let usual = usual(signal);
-        let (percent, threshold) = (percent.unwrap_or(usual.percent), threshold.unwrap_or(usual.threshold));
-        Grow { percent, threshold, when_flat, actions, ..usual }
-    }
-}
-
-impl From<Grow> for GrowForm {
-    fn from(Grow { signal, percent, threshold, when_flat, actions, .. }: Grow) -> Self {
-        Self { signal, percent: Some(percent), threshold: Some(threshold), when_flat, actions }
     }
 }
 

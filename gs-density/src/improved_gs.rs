@@ -9,15 +9,16 @@ use gs_core::{
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    densify::{Densify, LongAxisSplit, SplitPlacement},
+    densify::{Densify, LongAxisSplit},
     evidence::{Evidence, EvidenceRequest},
     gaussian::DensityScene,
     grow::{check_percent, share_of},
-    observation::{DensityPolicy, Observation, Rng},
+    observation::{Observation, Rng},
+    partial,
     ranking::WhenFlat,
     round::{Actions, Round},
+    rule::{ByEvidence, GrowthLimit, Rule},
     sample::{add_normalised, sample},
-    size::SizeThreshold,
 };
 
 gs_core::impl_with!(ImprovedGs);
@@ -52,17 +53,13 @@ pub struct ImprovedGs {
     pub recovery_resets: u32,
     /// How Gaussians are split, pruned and reset. Default: instead of clone and split, a
     /// [`LongAxisSplit`] by 1.35 standard deviations, of length 0.55, width 0.893 and opacity 0.6.
+    #[serde(deserialize_with = "partial::read::<ImprovedGs, _>", serialize_with = "partial::write::<ImprovedGs, _>")]
     pub actions: Actions,
 }
 
 impl Default for ImprovedGs {
     fn default() -> Self {
-        let halves = LongAxisSplit { offset: 1.35, length: 0.55, width: 0.893, opacity: 0.6 };
-        let densify = Densify {
-            split_above: SizeThreshold::WorldUnits(f32::MIN_POSITIVE),
-            split_placement: SplitPlacement::LongAxisSplit(halves),
-            ..Densify::default()
-        };
+        let densify = Densify::into_halves(LongAxisSplit::IMPROVED_GS);
         Self {
             views: 10,
             threshold: 3e-4,
@@ -75,10 +72,6 @@ impl Default for ImprovedGs {
 }
 
 impl ImprovedGs {
-    fn request(&self) -> EvidenceRequest {
-        EvidenceRequest { views: self.views, l1: 0.0, edges: 1.0, blended: true, ..EvidenceRequest::default() }
-    }
-
     /// The edge score of every Gaussian, `[N]`.
     fn scores(evidence: &Evidence, len: usize) -> Vec<f64> {
         let mut scores = vec![0.0; len];
@@ -125,15 +118,44 @@ impl ImprovedGs {
     }
 }
 
-impl<S: DensityScene> DensityPolicy<S> for ImprovedGs {
-    fn plan(&self, observation: &Observation<'_, S>, rng: &mut Rng) -> Result<EditPlan<S::Gaussian>, Error> {
-        self.validate()?;
-        observation.check_lengths()?;
+impl Rule for ImprovedGs {
+    fn actions(&self) -> Option<&Actions> {
+        Some(&self.actions)
+    }
+
+    fn actions_mut(&mut self) -> Option<&mut Actions> {
+        Some(&mut self.actions)
+    }
+
+    fn growth_limit(&self) -> GrowthLimit {
+        let condition = format!("that draw edges and whose absolute gradient is at least {}", self.threshold);
+        GrowthLimit { condition: Some(condition), ..GrowthLimit::default() }
+    }
+}
+
+impl ByEvidence for ImprovedGs {
+    const NAME: &'static str = "improved-gs";
+    const STATISTICS: Statistics = Statistics::AbsoluteGradient;
+
+    fn own_actions(&self) -> &Actions {
+        &self.actions
+    }
+
+    fn request(&self) -> EvidenceRequest {
+        EvidenceRequest { views: self.views, l1: 0.0, edges: 1.0, blended: true, ..EvidenceRequest::default() }
+    }
+
+    fn check(&self) -> Result<(), Error> {
+        self.validate()
+    }
+
+    fn plan_with<S: DensityScene>(
+        &self,
+        observation: &Observation<'_, S>,
+        rng: &mut Rng,
+    ) -> Result<EditPlan<S::Gaussian>, Error> {
         let round = Round::with_removed(&self.actions, observation, self.removed(observation))?;
-        if !self.actions.grows(observation.progress) {
-            return Ok(round.grow(&[], rng));
-        }
-        let evidence = observation.requested("improved-gs", &self.request())?;
+        let evidence = observation.requested(Self::NAME, &self.request())?;
         let scores = Self::scores(evidence, observation.scene.len());
         let grown = (f64::from(observation.progress) / f64::from(self.actions.growth_fraction)).clamp(0.0, 1.0);
         let wanted = (observation.budget as f64 * grown.sqrt()) as usize;
@@ -144,20 +166,11 @@ impl<S: DensityScene> DensityPolicy<S> for ImprovedGs {
         Ok(round.grow(&chosen, rng))
     }
 
-    fn statistics(&self) -> Statistics {
-        Statistics::AbsoluteGradient
-    }
-
-    fn needs_residual(&self) -> bool {
-        false
-    }
-
-    fn needs_evidence(&self) -> bool {
-        true
-    }
-
-    fn evidence(&self, step: u32, progress: f32) -> Option<EvidenceRequest> {
-        let simplify = self.actions.evidence(step);
-        if self.actions.grows(progress) { Some(self.request().and(simplify)) } else { simplify }
+    fn plan_without<S: DensityScene>(
+        &self,
+        observation: &Observation<'_, S>,
+        rng: &mut Rng,
+    ) -> Result<EditPlan<S::Gaussian>, Error> {
+        Ok(Round::with_removed(&self.actions, observation, self.removed(observation))?.grow(&[], rng))
     }
 }

@@ -10,7 +10,7 @@
 //! - [`ResidualGrowth`] removes and seeds by residual, [`ErrorAddition`] (Image-GS) only adds. Both
 //!   are for 2D scenes; all else works for any [`DensityScene`].
 //! - [`Mcmc`] relocates and copies by opacity, with [`Noise`] between steps.
-//! - [`FastGs`], [`Taming`] and [`ImprovedGs`] read [`Evidence`] over several training views, which
+//! - [`FastGs`], [`Taming`], [`ImprovedGs`], [`SteepGs`] and [`Mrnf`] read [`Evidence`] over several training views, which
 //!   training in 3D gathers in the rounds that request it. [`Simplify`] prunes by it beside any
 //!   growth.
 //! - [`Governor`] holds any of them to a schedule that ends at exactly the budget.
@@ -88,19 +88,23 @@ mod governor;
 mod grow;
 mod improved_gs;
 mod mcmc;
+mod mrnf;
 mod noise;
 mod observation;
+mod partial;
 mod policy;
 mod prune;
 mod ranking;
 mod reset;
 mod residual;
 mod round;
+mod rule;
 mod sample;
 pub mod seed;
 mod signal;
 mod simplify;
 mod size;
+mod steep_gs;
 mod taming;
 
 pub use correction::OpacityCorrection;
@@ -113,6 +117,7 @@ pub use governor::{Governor, scheduled_count};
 pub use grow::{Combine, FORCED_GROWTH_PERCENT, Grow, share_of};
 pub use improved_gs::ImprovedGs;
 pub use mcmc::Mcmc;
+pub use mrnf::Mrnf;
 pub use noise::Noise;
 pub use observation::{DensityPolicy, Observation, Residual, Rng};
 pub use policy::Policy;
@@ -121,7 +126,9 @@ pub use ranking::{Ranking, WhenFlat};
 pub use reset::OpacityReset;
 pub use residual::ResidualGrowth;
 pub use round::{Actions, Round};
+pub use rule::GrowthLimit;
 pub use signal::Signal;
 pub use simplify::Simplify;
 pub use size::SizeThreshold;
+pub use steep_gs::SteepGs;
 pub use taming::{ScoreWeights, Taming};

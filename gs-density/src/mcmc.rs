@@ -17,6 +17,7 @@ use crate::{
     noise::Noise,
     observation::{DensityPolicy, Observation, Rng},
     prune::Prune,
+    rule::{GrowthLimit, Rule},
 };
 
 gs_core::impl_with!(Mcmc);
@@ -79,6 +80,16 @@ impl Mcmc {
     /// Number of Gaussians wanted after a round with `len`.
     fn target(&self, len: usize, budget: usize) -> usize {
         (len + share_of(len, self.percent)).min(budget)
+    }
+}
+
+impl Rule for Mcmc {
+    fn growth_limit(&self) -> GrowthLimit {
+        GrowthLimit { percent: Some(self.percent), ..GrowthLimit::default() }
+    }
+
+    fn adapt_to_3d(&mut self) {
+        self.newcomers = Moments::Zeroed;
     }
 }
 

@@ -87,6 +87,12 @@ pub trait DensityPolicy<S: DensityScene = Scene2d> {
     /// Statistic that training must collect for this policy.
     fn statistics(&self) -> Statistics;
 
+    /// Depth from which gradients count fully in [`Statistics::PixelGradient`], in extents of the
+    /// scene. Default 0: all count fully.
+    fn full_depth(&self) -> f32 {
+        0.0
+    }
+
     /// Whether the policy needs the residual, which costs a rendering per round.
     fn needs_residual(&self) -> bool;
 

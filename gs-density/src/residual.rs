@@ -12,6 +12,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     observation::{DensityPolicy, Observation, Residual, Rng},
+    rule::Rule,
     seed::{DensityMap, HilbertOrder, Plane, SeedShape, Structure, mean_around, seed_gaussians},
 };
 
@@ -90,6 +91,8 @@ impl Default for ResidualGrowth {
         }
     }
 }
+
+impl Rule for ResidualGrowth {}
 
 impl DensityPolicy for ResidualGrowth {
     fn plan(&self, observation: &Observation<'_>, rng: &mut Rng) -> Result<EditPlan<Gaussian2d>, Error> {

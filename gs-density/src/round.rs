@@ -1,7 +1,10 @@
 //! A round of density control, shared by all criteria: prune, let candidates grow up to the budget,
 //! reset opacities.
 
-use gs_core::{EditPlan, Error, Scene2d, edit::Removal};
+use gs_core::{
+    EditPlan, Error, Scene2d,
+    edit::{Birth, Change, Removal},
+};
 use serde::{Deserialize, Serialize};
 
 use crate::{
@@ -145,16 +148,27 @@ impl<'a, S: DensityScene> Round<'a, S> {
     /// far as the budget allows. After [`Actions::growth_fraction`] none grows, and opacities are
     /// not reset.
     pub fn grow(self, candidates: &[u32], rng: &mut Rng) -> EditPlan<S::Gaussian> {
+        let (densify, observation) = (self.actions.densify, self.observation);
+        let room = if self.actions.grows(observation.progress) { self.room() } else { 0 };
+        let chosen = candidates[..candidates.len().min(room)].to_vec();
+        self.grow_by(chosen, |index| densify.grow(index, observation, rng))
+    }
+
+    /// Ends the round: `two_of` makes two of each of `chosen`, distinct survivors for which there is
+    /// room.
+    pub(crate) fn grow_by(
+        self,
+        mut chosen: Vec<u32>,
+        mut two_of: impl FnMut(u32) -> (Option<Change<S::Gaussian>>, Birth<S::Gaussian>),
+    ) -> EditPlan<S::Gaussian> {
         let grows = self.actions.grows(self.observation.progress);
-        let room = if grows { self.room() } else { 0 };
-        let mut chosen = candidates[..candidates.len().min(room)].to_vec();
         // New Gaussians are in the order of their parents, and random numbers do not depend on
         // small changes of the ranking.
         chosen.sort_unstable();
         let opacity_ceiling = self.actions.reset.ceiling(self.observation).filter(|_| grows);
         let mut plan = EditPlan { opacity_ceiling, ..EditPlan::default() };
         for index in chosen {
-            let (change, birth) = self.actions.densify.grow(index, self.observation, rng);
+            let (change, birth) = two_of(index);
             plan.changed.extend(change);
             plan.added.push(birth);
         }

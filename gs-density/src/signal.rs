@@ -6,6 +6,9 @@ use gs_core::{
 };
 use serde::{Deserialize, Serialize};
 
+/// γ_depth of Pixel-GS (Zhang et al. 2024), extents.
+const FULL_DEPTH: f32 = 0.37;
+
 /// Signal by which growth is decided: the mean of one statistic over the steps in which a Gaussian
 /// was drawn. Exhaustive: each is a statistic that backends collect.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
@@ -18,6 +21,10 @@ pub enum Signal {
     /// The absolute gradient of AbsGS, normalised device units. Pulls to opposite sides add up, so
     /// that large Gaussians over fine detail have a large signal.
     AbsoluteGradient,
+    /// The pixel-aware gradient of Pixel-GS, normalised device units: the positional gradient,
+    /// averaged over views by the number of pixels, so that views that show only the edge of a large
+    /// Gaussian count little.
+    PixelGradient,
     /// The pixel error of Rota Bulò et al., px: the part of the image's error that falls to a
     /// Gaussian.
     PixelError,
@@ -29,6 +36,7 @@ impl Signal {
         match self {
             Self::MeanGradient => Statistics::MeanGradient,
             Self::AbsoluteGradient => Statistics::AbsoluteGradient,
+            Self::PixelGradient => Statistics::PixelGradient,
             Self::PixelError => Statistics::PixelError,
         }
     }
@@ -37,9 +45,25 @@ impl Signal {
     /// [`TAU_ERROR`].
     pub fn threshold(self) -> f32 {
         match self {
-            Self::MeanGradient => TAU_POSITION,
+            Self::MeanGradient | Self::PixelGradient => TAU_POSITION,
             Self::AbsoluteGradient => TAU_ABSOLUTE,
             Self::PixelError => TAU_ERROR,
+        }
+    }
+
+    /// Depth from which gradients count fully by default, in extents of the scene: 0.37 for the
+    /// pixel-aware gradient (*source:* Pixel-GS), 0 for all others.
+    pub fn full_depth(self) -> f32 {
+        if self == Self::PixelGradient { FULL_DEPTH } else { 0.0 }
+    }
+
+    /// Name in messages.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::MeanGradient => "mean gradient",
+            Self::AbsoluteGradient => "absolute gradient",
+            Self::PixelGradient => "pixel-aware gradient",
+            Self::PixelError => "pixel error",
         }
     }
 }

@@ -68,9 +68,12 @@ impl Simplify {
 
     /// The evidence that the round after `step` (from 0) needs.
     pub(crate) fn evidence(&self, step: u32) -> Option<EvidenceRequest> {
-        let steps = u64::from(step) + 1;
-        let due = steps >= u64::from(self.from) && steps.is_multiple_of(u64::from(self.every.max(1)));
-        due.then(|| EvidenceRequest { views: self.views, blended: true, ..EvidenceRequest::default() })
+        self.is_due(step.saturating_add(1)).then(|| EvidenceRequest::of_contribution(self.views))
+    }
+
+    /// Whether a round after step `steps`, counted from 1, simplifies.
+    pub fn is_due(&self, steps: u32) -> bool {
+        steps >= self.from && steps.is_multiple_of(self.every.max(1))
     }
 
     /// Adds to `removed`, which is ordered by index, the Gaussians that contribute least.
@@ -84,8 +87,7 @@ impl Simplify {
         removed: &mut Vec<Removal>,
     ) -> Result<(), Error> {
         let Some(request) = self.evidence(observation.step) else { return Ok(()) };
-        let evidence = observation.requested("simplify", &request)?;
-        let contribution = evidence.sum(observation.scene.len(), |_| 1.0, |view| &view.blended.pixels);
+        let contribution = &observation.requested("simplify", &request)?.contribution;
         let mut gone = removed.iter().map(|r| r.index).peekable();
         let mut left: Vec<u32> =
             (0..contribution.len() as u32).filter(|&index| gone.next_if_eq(&index).is_none()).collect();

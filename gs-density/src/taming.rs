@@ -7,9 +7,11 @@ use crate::{
     evidence::{Evidence, EvidenceRequest, ViewEvidence},
     gaussian::{DensityGaussian, DensityScene},
     governor::scheduled_count,
-    observation::{DensityPolicy, Observation, Rng},
+    observation::{Observation, Rng},
+    partial,
     ranking::WhenFlat,
     round::{Actions, Round},
+    rule::{ByEvidence, GrowthLimit, Rule},
     sample::{add_normalised, sample},
 };
 
@@ -38,6 +40,7 @@ pub struct Taming {
     pub weights: ScoreWeights,
     /// How Gaussians are cloned, split, pruned and reset. The published code removes only a random
     /// half of the Gaussians that [`Prune`](crate::Prune) removes.
+    #[serde(deserialize_with = "partial::read::<Taming, _>", serialize_with = "partial::write::<Taming, _>")]
     pub actions: Actions,
 }
 
@@ -91,18 +94,6 @@ impl Default for Taming {
 }
 
 impl Taming {
-    fn request(&self) -> EvidenceRequest {
-        EvidenceRequest {
-            views: self.views,
-            l1: 1.0,
-            edges: 1.0,
-            blended: true,
-            covered: true,
-            geometry: true,
-            ..EvidenceRequest::default()
-        }
-    }
-
     /// The score of every Gaussian, `[N]`.
     fn scores<S: DensityScene>(&self, observation: &Observation<'_, S>, evidence: &Evidence) -> Vec<f64> {
         let (scene, weights) = (observation.scene, &self.weights);
@@ -155,14 +146,52 @@ impl Taming {
     }
 }
 
-impl<S: DensityScene> DensityPolicy<S> for Taming {
-    fn plan(&self, observation: &Observation<'_, S>, rng: &mut Rng) -> Result<EditPlan<S::Gaussian>, Error> {
-        self.validate()?;
-        let round = Round::open(&self.actions, observation)?;
-        if !self.actions.grows(observation.progress) {
-            return Ok(round.grow(&[], rng));
+impl Rule for Taming {
+    fn actions(&self) -> Option<&Actions> {
+        Some(&self.actions)
+    }
+
+    fn actions_mut(&mut self) -> Option<&mut Actions> {
+        Some(&mut self.actions)
+    }
+
+    fn growth_limit(&self) -> GrowthLimit {
+        let condition = format!("whose mean gradient is at least {}", self.threshold);
+        GrowthLimit { condition: Some(condition), ..GrowthLimit::default() }
+    }
+}
+
+impl ByEvidence for Taming {
+    const NAME: &'static str = "taming";
+    const STATISTICS: Statistics = Statistics::MeanGradient;
+
+    fn own_actions(&self) -> &Actions {
+        &self.actions
+    }
+
+    fn request(&self) -> EvidenceRequest {
+        EvidenceRequest {
+            views: self.views,
+            l1: 1.0,
+            edges: 1.0,
+            blended: true,
+            covered: true,
+            geometry: true,
+            ..EvidenceRequest::default()
         }
-        let scores = self.scores(observation, observation.requested("taming", &self.request())?);
+    }
+
+    fn check(&self) -> Result<(), Error> {
+        self.validate()
+    }
+
+    fn plan_with<S: DensityScene>(
+        &self,
+        observation: &Observation<'_, S>,
+        rng: &mut Rng,
+    ) -> Result<EditPlan<S::Gaussian>, Error> {
+        let round = Round::open(&self.actions, observation)?;
+        let scores = self.scores(observation, observation.requested(Self::NAME, &self.request())?);
         let ranking = round.rank_by_statistic(WhenFlat::Nothing);
         let is_split = |i: u32| {
             self.actions.densify.split_above.is_exceeded(&observation.scene.gaussian(i as usize), observation.extent)
@@ -178,22 +207,5 @@ impl<S: DensityScene> DensityPolicy<S> for Taming {
             chosen.extend(sample(candidates.into_iter().map(|i| (i, scores[i as usize])), count, rng));
         }
         Ok(round.grow(&chosen, rng))
-    }
-
-    fn statistics(&self) -> Statistics {
-        Statistics::MeanGradient
-    }
-
-    fn needs_residual(&self) -> bool {
-        false
-    }
-
-    fn needs_evidence(&self) -> bool {
-        true
-    }
-
-    fn evidence(&self, step: u32, progress: f32) -> Option<EvidenceRequest> {
-        let simplify = self.actions.evidence(step);
-        if self.actions.grows(progress) { Some(self.request().and(simplify)) } else { simplify }
     }
 }

@@ -70,6 +70,8 @@ impl Guards {
 impl OracleView for Camera {
     type Splat = Splat3d;
 
+    const HAS_DEPTH: bool = true;
+
     fn check(&self, _: &RenderSettings) -> Result<(), Error> {
         self.validate()
     }

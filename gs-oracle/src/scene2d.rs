@@ -46,6 +46,8 @@ pub struct Splat2d {
 impl OracleView for Canvas {
     type Splat = Splat2d;
 
+    const HAS_DEPTH: bool = false;
+
     fn check(&self, settings: &RenderSettings) -> Result<(), Error> {
         self.validate()?;
         let effects = settings.effects;

@@ -22,6 +22,9 @@ pub trait OracleView: Copy + Debug + Send + Sync {
     /// A projected Gaussian.
     type Splat: Splat + Send + Sync;
 
+    /// Whether Gaussians have depths.
+    const HAS_DEPTH: bool;
+
     /// Fails for an invalid view, and for effects that the oracle does not have for this kind of
     /// view.
     ///

@@ -99,8 +99,9 @@ impl TrainSettings {
     /// Peak memory of training this many Gaussians from views of these sizes, whose images are kept
     /// up to `keep_bytes`, bytes.
     pub fn peak_bytes(&self, views: impl IntoIterator<Item = (u32, u32)>, keep_bytes: u64, gaussians: u64) -> u64 {
-        let (mut all, mut largest) = (0, 0);
+        let (mut all, mut largest, mut count) = (0, 0, 0);
         for (width, height) in views {
+            count += 1;
             all += pixels(width, height);
             largest = largest.max(pixels(width, height));
         }
@@ -112,7 +113,23 @@ impl TrainSettings {
         // An image on its way to the backend, a rendering, and the target of the step.
         let passing = 4 * IMAGE + of_target(self.loss) + step;
         let numbers = 3 * ((u64::from(self.render.effects.sh_degree) + 1).pow(2) - 1);
-        overhead(largest) + kept + largest * passing + gaussians * (GAUSSIAN_3D + numbers * PARAMETER_3D)
+        let gaussian = GAUSSIAN_3D + numbers * PARAMETER_3D;
+        overhead(largest) + kept + largest * passing + gaussians * (gaussian + self.of_evidence(count, gaussian))
+    }
+
+    /// Memory of the evidence in the round that needs most, for each Gaussian: the evidence itself,
+    /// and copies of the scene of which it is gathered; `gaussian` is that of a Gaussian of the scene.
+    fn of_evidence(&self, views: u64, gaussian: u64) -> u64 {
+        let policy: &dyn DensityPolicy<Scene3d> = &self.policy;
+        if !policy.needs_evidence() {
+            return 0;
+        }
+        let of_round = |step: u32| {
+            let request = policy.evidence(step - 1, self.rounds.progress(step, self.iterations)?)?;
+            let copies = GAUSSIAN_3D + if request.splitting { gaussian } else { 0 };
+            Some(request.bytes_per_gaussian(views) + copies)
+        };
+        (1..=self.iterations).filter_map(of_round).max().unwrap_or_default()
     }
 }
 
@@ -145,4 +162,31 @@ fn of_step(render: &RenderSettings, loss: Loss, statistics: Statistics) -> u64 {
 /// Number of pixels in strips of 16 columns.
 fn pixels(width: u32, height: u32) -> u64 {
     u64::from(width.next_multiple_of(16)) * u64::from(height)
+}
+
+#[cfg(test)]
+mod tests {
+    use gs_density::{Policy, Simplify};
+
+    use super::*;
+    use crate::train::TrainPreset;
+
+    #[test]
+    fn evidence_is_counted_where_a_round_gathers_it() {
+        let plain = TrainPreset::ThreeDgs.settings(Some(7_000));
+        let bytes = |settings: &TrainSettings, views: usize| {
+            settings.peak_bytes(vec![(64, 64); views], 0, 1_000) - plain.peak_bytes(vec![(64, 64); views], 0, 1_000)
+        };
+        let mut simplified = plain.clone();
+        simplified.policy.actions_mut().unwrap().simplify = Some(Simplify::speedy_splat());
+        // One sum for each Gaussian, and a copy of the scene, however many views there are.
+        assert_eq!([bytes(&simplified, 10), bytes(&simplified, 500)], [1_000 * (8 + GAUSSIAN_3D); 2]);
+        let mut late = simplified.clone();
+        late.policy.actions_mut().unwrap().simplify = Some(Simplify::mini_splatting());
+        assert_eq!(bytes(&late, 10), 0, "it never runs");
+        let mut taming = plain.clone();
+        taming.policy = Policy::from_name("taming").unwrap();
+        // Eight numbers in each of ten views.
+        assert_eq!([bytes(&taming, 4), bytes(&taming, 500)], [4, 10].map(|views| 1_000 * (views * 32 + GAUSSIAN_3D)));
+    }
 }

@@ -315,7 +315,11 @@ mod tests {
             let changed = standard().with_policy(Policy::from_name(name).unwrap());
             assert_eq!(changed.policy.name(), name);
             let refused = changed.validate().err().map(|e| e.to_string());
-            assert_eq!(refused.is_some(), ["fastgs", "taming", "improved-gs"].contains(&name), "{name}");
+            assert_eq!(
+                refused.is_some(),
+                ["fastgs", "taming", "improved-gs", "steep-gs", "mrnf"].contains(&name),
+                "{name}"
+            );
             assert!(refused.is_none_or(|message| message.contains(name)), "{name}");
         }
         assert_eq!(standard().with_policy(Policy::None).initial.resolve(1000), 1000);

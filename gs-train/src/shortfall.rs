@@ -3,7 +3,7 @@
 use std::fmt;
 
 use gs_core::{Optimizer, counted, edit::EditCounts};
-use gs_density::{Combine, Grow, Policy, Signal, share_of};
+use gs_density::{GrowthLimit, Policy, share_of};
 use serde::{Deserialize, Serialize};
 
 use crate::{
@@ -51,6 +51,7 @@ impl Shortfall {
             first: (gaussians + trainer.edits().pruned()).saturating_sub(trainer.edits().added()),
             budget,
             rounds: trainer.rounds_of_scene(),
+            exactly: trainer.settings().governor().is_some(),
             edits: *trainer.edits(),
         };
         let reason = match trainer.fresh_starts().last() {
@@ -74,6 +75,8 @@ struct Growth<'p> {
     budget: u32,
     /// Rounds of density control.
     rounds: u32,
+    /// Whether a schedule ends at exactly the budget.
+    exactly: bool,
     edits: EditCounts,
 }
 
@@ -82,32 +85,42 @@ impl Growth<'_> {
         let Some(policy) = self.policy else { return "its policy, one of the caller's own, added no more".to_owned() };
         let name = policy.name();
         let rounds = counted(self.rounds, "round");
-        if *policy == Policy::None {
+        if *policy == Policy::None && !self.exactly {
             return "policy `none` adds no Gaussians".to_owned();
         }
         if self.rounds == 0 {
             return "no round of density control was left to add any".to_owned();
         }
-        let by_threshold = |signal: Signal, threshold: f32| {
-            format!("whose {} is at least {threshold}, and too few had one in {rounds}", signal_name(signal))
-        };
-        let grown = match policy {
-            Policy::Mcmc(mcmc) => return self.by_share(name, mcmc.percent, None),
-            Policy::Grow(Grow { percent, threshold, signal, combine, .. }) => {
-                let calling = (*threshold > 0.0).then(|| by_threshold(*signal, *threshold));
-                match (combine, calling) {
-                    (Combine::Both, Some(calling)) if *percent >= 100.0 => {
-                        format!("lets only Gaussians grow {calling}")
-                    }
-                    (Combine::Either, Some(calling)) => {
-                        format!("lets {percent} % of the Gaussians grow in a round, and besides those {calling}")
-                    }
-                    (_, calling) => return self.by_share(name, *percent, calling),
-                }
+        if self.exactly {
+            return self.by_schedule(name);
+        }
+        let GrowthLimit { percent, condition, either, .. } = policy.growth_limit();
+        let condition = condition.map(|which| format!("{which}, and too few did in {rounds}"));
+        let grown = match (percent, condition) {
+            (Some(percent), Some(which)) if either => {
+                format!("lets {percent} % of the Gaussians grow in a round, and besides those {which}")
             }
-            _ => "adds none after its last round".to_owned(),
+            (Some(percent), condition) => return self.by_share(name, percent, condition),
+            (None, Some(which)) => format!("lets only Gaussians grow {which}"),
+            (None, None) => "adds none after its last round".to_owned(),
         };
         format!("policy `{name}` {grown}{}", self.pruned())
+    }
+
+    /// The reason for a run that should have ended at exactly the budget. In each of its rounds a
+    /// Gaussian becomes at most two.
+    fn by_schedule(&self, name: &str) -> String {
+        let rounds = counted(self.rounds, "round");
+        let most = f64::from(self.first) * 2f64.powi(self.rounds.min(64) as i32);
+        if most < f64::from(self.budget) {
+            let needed = (f64::from(self.budget) / f64::from(self.first.max(1))).log2().ceil();
+            let first = self.first;
+            return format!(
+                "a Gaussian becomes at most two in a round, so that {rounds} of `{name}` can turn the initial {first} \
+                 into {most}; the budget takes {needed} rounds"
+            );
+        }
+        format!("it did not reach the end of its schedule in {rounds} of `{name}`{}", self.pruned())
     }
 
     /// The reason for a policy that lets a share of the Gaussians grow in each round, among those
@@ -116,7 +129,7 @@ impl Growth<'_> {
         let grows = format!("policy `{name}` adds at most {percent} % of the Gaussians in a round");
         let reached = (0..self.rounds).fold(self.first, |count, _| self.next(count, percent));
         if reached >= self.budget {
-            let calling = calling.map_or_else(String::new, |calling| format!(", and only those {calling}"));
+            let calling = calling.map_or_else(String::new, |calling| format!(", and only Gaussians {calling}"));
             return format!("{grows}{calling}{}", self.pruned());
         }
         let rounds = counted(self.rounds, "round");
@@ -150,21 +163,16 @@ impl Growth<'_> {
     }
 }
 
-fn signal_name(signal: Signal) -> &'static str {
-    match signal {
-        Signal::MeanGradient => "mean gradient",
-        Signal::AbsoluteGradient => "absolute gradient",
-        Signal::PixelError => "pixel error",
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    fn growth(policy: &Policy, first: u32, rounds: u32, edits: EditCounts) -> Growth<'_> {
+        Growth { policy: Some(policy), first, budget: 1_000, rounds, exactly: false, edits }
+    }
+
     fn reason(name: &str, first: u32, rounds: u32, edits: EditCounts) -> String {
-        let policy = Policy::from_name(name).unwrap();
-        Growth { policy: Some(&policy), first, budget: 1_000, rounds, edits }.reason()
+        growth(&Policy::from_name(name).unwrap(), first, rounds, edits).reason()
     }
 
     #[test]
@@ -184,12 +192,54 @@ mod tests {
         let pruned = EditCounts { pruned_transparent: 7, cloned: 9, ..EditCounts::default() };
         assert_eq!(
             reason("absolute", 80, 5, pruned),
-            "policy `absolute` lets only Gaussians grow whose mean gradient is at least 0.0002, and too few had one in 5 rounds; \
+            "policy `absolute` lets only Gaussians grow whose mean gradient is at least 0.0002, and too few did in 5 rounds; \
              7 Gaussians were pruned"
         );
         assert!(reason("hybrid-error", 500, 9, EditCounts::default()).contains("pixel error is at least 0.00"));
         assert!(reason("mcmc", 900, 12, pruned).ends_with("7 Gaussians were pruned"));
         assert_eq!(reason("none", 80, 5, pruned), "policy `none` adds no Gaussians");
         assert_eq!(reason("paper", 20, 0, pruned), "no round of density control was left to add any");
+    }
+
+    #[test]
+    fn policies_with_evidence_say_which_gaussians_may_grow() {
+        let pruned = EditCounts { pruned_transparent: 7, ..EditCounts::default() };
+        assert_eq!(
+            reason("fastgs", 80, 5, pruned),
+            "policy `fastgs` lets only Gaussians grow whose absolute gradient is at least 0.0012 and that cover 6 pixels \
+             of high error, and too few did in 5 rounds; 7 Gaussians were pruned"
+        );
+        for (name, which) in [
+            ("taming", "whose mean gradient is at least 0.0002"),
+            ("improved-gs", "that draw edges and whose absolute gradient is at least 0.0003"),
+            ("steep-gs", "eigenvalue below -0.000001"),
+            ("pixel-gs", "whose pixel-aware gradient is at least 0.0002"),
+        ] {
+            let reason = reason(name, 80, 5, pruned);
+            assert!(
+                reason.contains(&format!("`{name}` lets only Gaussians grow")) && reason.contains(which),
+                "{reason}"
+            );
+        }
+        let slow = reason("mrnf", 80, 5, pruned);
+        assert!(slow.contains("at most 7 %") && slow.contains("5 rounds can turn the initial 80 into 115"), "{slow}");
+        let few = reason("mrnf", 900, 12, pruned);
+        assert!(few.contains("only Gaussians whose error in some view is at least 0.003 px"), "{few}");
+    }
+
+    #[test]
+    fn a_schedule_doubles_at_most() {
+        let exactly = |name: &str, first, rounds| {
+            let policy = Policy::from_name(name).unwrap();
+            let growth = growth(&policy, first, rounds, EditCounts::default());
+            Growth { exactly: true, ..growth }.reason()
+        };
+        assert_eq!(
+            exactly("absolute", 100, 3),
+            "a Gaussian becomes at most two in a round, so that 3 rounds of `absolute` can turn the initial 100 into 800; \
+             the budget takes 4 rounds"
+        );
+        assert!(exactly("none", 100, 3).contains("`none` can turn the initial 100 into 800"));
+        assert!(exactly("fastgs", 100, 9).starts_with("it did not reach the end of its schedule in 9 rounds"));
     }
 }

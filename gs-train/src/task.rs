@@ -94,6 +94,9 @@ pub struct StepContext {
     pub step: u32,
     /// Effects of the step, with the statistics that density control needs.
     pub effects: Effects,
+    /// Depth from which gradients count fully in the statistics, world units:
+    /// [`RenderSettings::full_depth`](gs_core::RenderSettings::full_depth).
+    pub full_depth: f32,
     /// Learning-rate scale: 1 unless the run has restarted.
     pub lr_scale: f32,
     /// Fresh or reused lists.

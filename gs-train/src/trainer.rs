@@ -237,7 +237,9 @@ impl<'a, R: Optimizer<S>, S: Trainable> Trainer<'a, R, S> {
             false => Statistics::None,
         };
         let effects = Effects { statistics, ..settings.effects_after(*step) };
-        let context = StepContext { step: *step, effects, lr_scale: self.lr_scale(), binning: self.binning };
+        let full_depth = self.policy().full_depth() * self.task.extent();
+        let context =
+            StepContext { step: *step, effects, full_depth, lr_scale: self.lr_scale(), binning: self.binning };
         self.task.prepare(self.rasterizer, &self.splats, settings, context).await?;
         self.task.send(self.rasterizer, &mut self.splats, settings, context).await
     }

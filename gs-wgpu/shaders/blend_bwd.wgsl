@@ -5,8 +5,8 @@
 //
 // Legend: t = w v_w (under `Over` alpha v_alpha); S = sum over the entry's pixels of t times 1, dx,
 // u, dx², dx u, u². A slot: v_colour 3, Sx, Su, Sxx, Sxu, Suu; under `Over` also S; then the sums
-// for statistics: with ABSOLUTE the magnitudes of t Sigma'^-1 d, with ERROR each pixel's share of
-// the Gaussian times its error.
+// for statistics: with ABSOLUTE the magnitudes of t Sigma'^-1 d, with COUNT the number of pixels, with
+// ERROR each pixel's share of the Gaussian times its error.
 
 @group(0) @binding(1) var<storage, read> tile_start: array<u32>;
 @group(0) @binding(2) var<storage, read> order: array<u32>;
@@ -31,6 +31,7 @@ struct Rows {
     // Under `Over`: the transmittance in front, and v_C . (the colour behind).
     transmittance: vec4f,
     rest: vec4f,
+    // The errors of pixels; with COUNT 1 inside the image.
     error: vec4f,
 }
 
@@ -64,6 +65,9 @@ fn load(column: u32, row: u32) -> Rows {
             rows.v_blue[k] = v.z;
 #if OVER
             rows.rest[k] = dot(v.xyz, image[at].xyz);
+#endif
+#if COUNT
+            rows.error[k] = 1.0;
 #endif
 #if ERROR
             rows.error[k] = dot(abs(image[at].xyz - target_image[at].xyz), vec3f(1.0 / 3.0));
@@ -108,6 +112,9 @@ fn gather_rows(rows: ptr<function, Rows>, sums: ptr<function, Sums>, s: Splat, d
     let down = s.c * u;
     (*sums).collected += vec2f(dot(abs(t), abs(s.inverse_xx * dx - s.slope * down)), dot(abs(t), abs(down)));
 #endif
+#if COUNT
+    (*sums).collected.x += dot(select(vec4f(0.0), vec4f(1.0), share > vec4f(0.0)), (*rows).error);
+#endif
 #if ERROR
     (*sums).collected.x += dot(share, (*rows).error);
 #endif
@@ -130,6 +137,9 @@ fn keep(entry: u32, part: u32, color: vec3f, first: vec3f, second: vec2f, t: f32
 #if ABSOLUTE
     partial[at + GRADIENTS * PARTS] = collected.x;
     partial[at + (GRADIENTS + 1u) * PARTS] = collected.y;
+#endif
+#if COUNT
+    partial[at + GRADIENTS * PARTS] = collected.x;
 #endif
 #if ERROR
     partial[at + GRADIENTS * PARTS] = collected.x;

@@ -174,6 +174,9 @@ fn blend_one(pixel: ptr<function, Pixel>, seen: Seen) -> bool {
     add(total + 2u * GRADIENTS, abs(t * (q.inverse_xx * d.x - q.slope * down) * lengths.pull.x) * unit);
     add(total + 2u * GRADIENTS + 2u, abs(t * down * lengths.pull.y) * unit);
 #endif
+#if COUNT
+    add(total + 2u * GRADIENTS, 1.0);
+#endif
 #if ERROR
     add(total + 2u * GRADIENTS, share * (*pixel).error * unit_of(units, 2u).scale);
 #endif
@@ -327,6 +330,9 @@ fn blend_by_depth(
 #if ABSOLUTE
         slots[slot + GRADIENTS] = sum_of(total + 2u * GRADIENTS, unit) / lengths.pull.x;
         slots[slot + GRADIENTS + 1u] = sum_of(total + 2u * GRADIENTS + 2u, unit) / lengths.pull.y;
+#endif
+#if COUNT
+        slots[slot + GRADIENTS] = sum_of(total + 2u * GRADIENTS, Unit(1.0, 1.0));
 #endif
 #if ERROR
         slots[slot + GRADIENTS] = sum_of(total + 2u * GRADIENTS, unit_of(units, 2u));

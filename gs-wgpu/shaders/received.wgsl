@@ -19,7 +19,7 @@ fn collected_of(e: u32) -> vec2f {
 #if ABSOLUTE
     return vec2f(slots[e * STRIDE + GRADIENTS], slots[e * STRIDE + GRADIENTS + 1u]);
 #else
-#if ERROR
+#if COLLECTS
     return vec2f(slots[e * STRIDE + GRADIENTS], 0.0);
 #else
     return vec2f(0.0);
@@ -61,7 +61,17 @@ fn received(place: u32) -> Received {
     return Received(vec3f(s[0], s[1], s[2]), vec2f(s[3], s[4]), vec3f(s[5], s[6], s[7]), zeroth, sums.collected);
 }
 
-// A Gaussian's contribution to the densification statistic, from v_mean, px^-1.
+// The weight of a Gaussian's contribution to the densification statistic.
+fn weight_of(sums: Received) -> u32 {
+#if COUNT
+    return u32(sums.collected.x);
+#else
+    return 1u;
+#endif
+}
+
+// A Gaussian's contribution to the densification statistic, from v_mean, px^-1. It does not depend
+// on the depth.
 fn statistic_of(sums: Received, v_mean: vec2f) -> f32 {
 #if ABSOLUTE
     return length(sums.collected * vec2f(step.size) * 0.5);
@@ -69,7 +79,12 @@ fn statistic_of(sums: Received, v_mean: vec2f) -> f32 {
 #if ERROR
     return sums.collected.x;
 #else
-    return length(v_mean * vec2f(step.size) * 0.5);
+    let norm = length(v_mean * vec2f(step.size) * 0.5);
+#if COUNT
+    return sums.collected.x * norm;
+#else
+    return norm;
+#endif
 #endif
 #endif
 }

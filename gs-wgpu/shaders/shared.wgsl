@@ -70,6 +70,11 @@ struct Statistics {
     visible: u32,
 }
 
+// The statistics after a step that adds a value of this weight.
+fn with_share(s: Statistics, value: f32, weight: u32) -> Statistics {
+    return Statistics(s.signal_sum + value, s.visible + min(weight, 0xffffffffu - s.visible));
+}
+
 // One Gaussian on the canvas, in px: sigma = dx²/(2 Sxx) + c (dy - slope dx)²/2.
 struct Splat {
     mean: vec2f,
@@ -94,7 +99,8 @@ struct Gradient {
     device_norm: f32,
     xi: vec2f,
     visible: u32,
-    unused: u32,
+    // Weight of `device_norm` in the statistic.
+    weight: u32,
 }
 
 // A 3D Gaussian without its colour.
@@ -117,7 +123,9 @@ struct EllipsoidGradient {
     rotation: vec4f,
     // 1 if some tile lists it. Otherwise all is 0, and the gradients of its SH are unspecified.
     visible: u32,
-    unused: array<u32, 3>,
+    // Weight of `device_norm` in the statistic.
+    weight: u32,
+    unused: array<u32, 2>,
 }
 
 struct EllipsoidMoments {

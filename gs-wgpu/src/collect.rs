@@ -11,6 +11,8 @@ pub(crate) enum Collected {
     Nothing,
     /// Σ|∂L/∂u| and Σ|∂L/∂v|, px⁻¹, summed over pixels.
     AbsoluteGradients,
+    /// The number of pixels in which the Gaussian is blended.
+    PixelCounts,
     /// Σ T α e, where e is the pixel's error.
     PixelErrors,
 }
@@ -21,6 +23,7 @@ impl Collected {
         match statistics {
             Statistics::None | Statistics::MeanGradient => Self::Nothing,
             Statistics::AbsoluteGradient => Self::AbsoluteGradients,
+            Statistics::PixelGradient => Self::PixelCounts,
             Statistics::PixelError => Self::PixelErrors,
         }
     }
@@ -30,7 +33,7 @@ impl Collected {
         match self {
             Self::Nothing => 0,
             Self::AbsoluteGradients => 2,
-            Self::PixelErrors => 1,
+            Self::PixelCounts | Self::PixelErrors => 1,
         }
     }
 }

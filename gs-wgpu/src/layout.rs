@@ -49,7 +49,8 @@ pub(crate) struct Gradient {
     pub(crate) device_norm: f32,
     pub(crate) xi: [f32; 2],
     pub(crate) visible: u32,
-    pub(crate) unused: u32,
+    /// Weight of `device_norm` in the statistic.
+    pub(crate) weight: u32,
 }
 
 /// A 3D Gaussian's parameters without its colour.
@@ -76,7 +77,9 @@ pub(crate) struct EllipsoidGradient {
     pub(crate) rotation: [f32; 4],
     /// 1 where some tile lists it. Otherwise all is 0, and its colour's gradient is unspecified.
     pub(crate) visible: u32,
-    pub(crate) unused: [u32; 3],
+    /// Weight of `device_norm` in the statistic.
+    pub(crate) weight: u32,
+    pub(crate) unused: [u32; 2],
 }
 
 /// A 3D Gaussian's Adam moments without its colour's: mean 3, opacity; log-scale 3, unused;
@@ -102,7 +105,9 @@ pub(crate) struct Camera {
     pub(crate) most_slope: [f32; 2],
     pub(crate) dilation: f32,
     pub(crate) compensates: u32,
-    pub(crate) unused: [u32; 2],
+    /// Depth from which gradients count fully in a statistic weighted by depth; 0 if all do.
+    pub(crate) full_depth: f32,
+    pub(crate) unused: u32,
 }
 
 /// The result that the host reads after a pass.
@@ -274,10 +279,13 @@ mod tests {
         same_layout!(m, Gaussian { mean, opacity_logit, steps, shape, color, unused });
         same_layout!(m, Moments { first, second, opacity });
         same_layout!(m, Statistics { signal_sum, visible });
-        same_layout!(m, Gradient { color, opacity_logit, eta, device_norm, xi, visible, unused });
+        same_layout!(m, Gradient { color, opacity_logit, eta, device_norm, xi, visible, weight });
         same_layout!(m, Ellipsoid { mean, opacity_logit, log_scale, steps, rotation });
         same_layout!(m, EllipsoidMoments { first, second });
-        same_layout!(m, EllipsoidGradient { mean, opacity_logit, log_scale, device_norm, rotation, visible, unused });
+        same_layout!(
+            m,
+            EllipsoidGradient { mean, opacity_logit, log_scale, device_norm, rotation, visible, weight, unused }
+        );
         same_layout!(m, Source { parameters, moments, steps, statistics, is_fresh });
         same_layout!(
             m,
@@ -340,6 +348,7 @@ mod tests {
                 most_slope,
                 dilation,
                 compensates,
+                full_depth,
                 unused,
             }
         );
@@ -359,7 +368,7 @@ mod tests {
 
     /// Every combination of the flags that select lines.
     fn variants() -> impl Iterator<Item = Variant> {
-        (0..768).map(|bits: u32| Variant {
+        (0..1024).map(|bits: u32| Variant {
             over: bits & 1 != 0,
             covariance_factor: bits & 2 != 0,
             lists: bits & 4 != 0,
@@ -368,7 +377,12 @@ mod tests {
             kernels: [Kernels::Portable, Kernels::Subgroups][(bits >> 5) as usize % 2],
             pass: [Pass::Forward, Pass::Backward][(bits >> 6) as usize % 2],
             by_pixel: bits & 128 != 0,
-            collected: [Collected::Nothing, Collected::AbsoluteGradients, Collected::PixelErrors][(bits >> 8) as usize],
+            collected: [
+                Collected::Nothing,
+                Collected::AbsoluteGradients,
+                Collected::PixelCounts,
+                Collected::PixelErrors,
+            ][(bits >> 8) as usize],
             ..Variant::default()
         })
     }

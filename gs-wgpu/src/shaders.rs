@@ -260,6 +260,7 @@ fn preprocess(source: &str, variant: Variant) -> String {
         "ON_CPU" => variant.on_cpu,
         "BACKWARD" => variant.pass == Pass::Backward,
         "ABSOLUTE" => variant.collected == Collected::AbsoluteGradients,
+        "COUNT" => variant.collected == Collected::PixelCounts,
         "ERROR" => variant.collected == Collected::PixelErrors,
         "COLLECTS" => variant.collected != Collected::Nothing,
         "OVER_OR_ERROR" => variant.over || variant.collected == Collected::PixelErrors,

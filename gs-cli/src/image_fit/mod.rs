@@ -308,7 +308,7 @@ mod tests {
             let settings = resolved(&FitSettingsArgs { policy: Some(policy), ..FitSettingsArgs::default() });
             assert_eq!(settings.policy.name(), name);
         }
-        let fast = FitSettingsArgs { policy: Some(PolicyName::FastGs), ..FitSettingsArgs::default() };
+        let fast = FitSettingsArgs { policy: Some(PolicyName("fastgs")), ..FitSettingsArgs::default() };
         let refused = format!("{:?}", settings(&fast, &SettingsFile::None, &target()).unwrap_err());
         assert!(refused.contains("fastgs"), "{refused}");
     }

@@ -2,8 +2,9 @@
 
 use std::path::PathBuf;
 
-use clap::{Args, ValueEnum};
+use clap::{Args, ValueEnum, builder::PossibleValue};
 use gs_core::{Loss, Parameterization};
+use gs_density::Policy;
 
 use crate::{output::Verbosity, output_folder::OverwriteArgs, values::whole};
 
@@ -56,50 +57,27 @@ impl CheckpointArgs {
     }
 }
 
-/// A density-control policy.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(crate) enum PolicyName {
-    /// Grow where the positional gradient exceeds a fixed threshold (3DGS)
-    Absolute,
-    /// Grow where the absolute gradient, which does not cancel, exceeds a threshold (AbsGS)
-    AbsGs,
-    /// Grow where the error of the covered pixels exceeds a threshold (Revising Densification)
-    AbsoluteError,
-    /// Grow the top percents by positional gradient (the paper's forced growth)
-    Percentile,
-    /// Grow the top percents by absolute gradient
-    PercentileAbsGs,
-    /// Grow the top percents by the error of the covered pixels
-    PercentileError,
-    /// Grow by rank of the positional gradient, above a floor and within a budget
-    Hybrid,
-    /// Grow by rank of the absolute gradient, above a floor and within a budget
-    HybridAbsGs,
-    /// Grow by rank of the error of the covered pixels, above a floor and within a budget
-    HybridError,
-    /// Grow as abs-gs does, but split side by side along the long axis
-    LongAxis,
-    /// The paper's experiment: the top percents together with the fixed threshold
-    Paper,
-    /// Move transparent Gaussians to opaque ones and add 5 % a round, with noise between steps
-    /// (3DGS-MCMC); for images, needs --blend over
-    Mcmc,
-    /// Grow and prune by the pixels of high error that a Gaussian covers in several views (FastGS);
-    /// only in gs train
-    #[value(name = "fastgs")]
-    FastGs,
-    /// Grow by a score of errors, edges, sizes and contributions over several views, along a schedule
-    /// that ends at the budget (Taming 3DGS); only in gs train
-    Taming,
-    /// Split Gaussians that draw edges, side by side along the long axis, on a schedule that ends
-    /// at the budget (Improved-GS); only in gs train
-    ImprovedGs,
-    /// Start with half, add the rest in four rounds in proportion to the error (Image-GS)
-    ImageGs,
-    /// Drop those that contribute least, add where the residual is large
-    Residual,
-    /// Keep the initial Gaussians
-    None,
+/// A density-control policy by its name in gs-density.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct PolicyName(pub(crate) &'static str);
+
+impl ValueEnum for PolicyName {
+    fn value_variants<'a>() -> &'a [Self] {
+        const ALL: [PolicyName; Policy::NAMES.len()] = {
+            let mut all = [PolicyName(""); Policy::NAMES.len()];
+            let mut at = 0;
+            while at < all.len() {
+                all[at] = PolicyName(Policy::NAMES[at]);
+                at += 1;
+            }
+            all
+        };
+        &ALL
+    }
+
+    fn to_possible_value(&self) -> Option<PossibleValue> {
+        Some(PossibleValue::new(self.0).help(Policy::summary(self.0).unwrap_or_default()))
+    }
 }
 
 /// A loss.

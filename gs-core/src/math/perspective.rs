@@ -16,6 +16,8 @@
 //! × r₁ the minors, D = det Σ, D′ = det Σ′, ρ = √(D/D′) the compensation of the opacity
 //! ([`Antialias::compensates`]), `v_x` = ∂L/∂x.
 
+mod splitting;
+
 use glam::{Mat3, Vec2, Vec3};
 
 use crate::{
@@ -27,6 +29,8 @@ use crate::{
     statistics::CullCause,
     view::Camera,
 };
+
+pub use self::splitting::LEAST_LOG_RATIO;
 
 /// Parameters of a 3D Gaussian without its colour, or ∂L/∂ each of them; units as in
 /// [`Scene3d`](crate::Scene3d).
@@ -234,6 +238,12 @@ impl Perspective {
             stretch: [by(0, 0), by(0, 1), by(0, 2), by(1, 1), by(1, 2), by(2, 2)],
             opacity_logit,
         }
+    }
+
+    /// z of a mean, world units.
+    #[inline]
+    pub fn depth(&self, mean: Vec3) -> f32 {
+        (self.rotation * mean + self.translation).z
     }
 
     /// p of a finite mean, or the cause that culls it.

@@ -225,8 +225,7 @@ fn step_all<'g, S: Simd>(
                 / ((*v * bias.second[VECTOR]).sqrt() + step.rates.epsilon);
         }
         if step.collect && gradient.visible {
-            slices.signal_sum[i] += gradient.statistic;
-            slices.visible[i] = slices.visible[i].saturating_add(1);
+            gradient.share.add_to(&mut slices.signal_sum[i], &mut slices.visible[i]);
         }
     }
 }

@@ -3,7 +3,7 @@
 use glam::Vec2;
 use gs_core::{Canvas, math::whitened::WhitenedGradient};
 
-use crate::workspace::Workspace;
+use crate::{splat::Share, workspace::Workspace};
 
 /// The buffers that only 2D scenes need.
 #[derive(Debug)]
@@ -44,7 +44,7 @@ pub(crate) struct Gradient {
     /// ∂L/∂(opacity logit).
     pub(crate) opacity_logit: f32,
     /// Contribution of this step to the statistic; 0 without one.
-    pub(crate) statistic: f32,
+    pub(crate) share: Share,
     /// Whether any tile lists the Gaussian.
     pub(crate) visible: bool,
 }

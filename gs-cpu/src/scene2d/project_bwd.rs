@@ -19,7 +19,10 @@ use super::{
     project::on_canvas,
     splats::{Shapes, Splats2d},
 };
-use crate::{splat::CHUNK, workspace::Workspace};
+use crate::{
+    splat::{CHUNK, Share},
+    workspace::Workspace,
+};
 
 /// Writes every Gaussian's gradient, times `scale`, into the workspace (by place).
 pub(crate) fn all(workspace: &mut Workspace<Own2d>, splats: &Splats2d, scale: f32) {
@@ -69,15 +72,23 @@ fn gradient(workspace: &Workspace<Own2d>, splats: &Splats2d, place: usize, scale
             (q * first, moment)
         }
     };
-    let statistic = match effects.statistics {
-        Statistics::None => 0.0,
-        Statistics::MeanGradient if effects.antialias == Antialias::None => {
-            (solve_transposed(l, xi) * tiles.half_size()).length()
+    let mean_gradient = || {
+        let by_mean = match effects.antialias {
+            Antialias::None => solve_transposed(l, xi),
+            Antialias::Dilate | Antialias::Mip | Antialias::Compensated => splat.conic_of_ridge() * first,
+        };
+        (by_mean * tiles.half_size()).length()
+    };
+    let share = match effects.statistics {
+        Statistics::None => Share::default(),
+        Statistics::MeanGradient => Share::once(mean_gradient()),
+        Statistics::AbsoluteGradient => {
+            Share::once((Vec2::from_array(received.collected) * scale * tiles.half_size()).length())
         }
-        Statistics::MeanGradient => (splat.conic_of_ridge() * first * tiles.half_size()).length(),
-        Statistics::AbsoluteGradient => (Vec2::from_array(received.collected) * scale * tiles.half_size()).length(),
+        // A canvas has no depths.
+        Statistics::PixelGradient => Share::weighted(mean_gradient(), received.collected[0]),
         // The pixel errors do not depend on the loss, so `scale` does not apply.
-        Statistics::PixelError => received.collected[0],
+        Statistics::PixelError => Share::once(received.collected[0]),
     };
     let opacity_logit = match effects.blend {
         Blend::Over if !splats.opacity_logits.is_empty() => zeroth * sigmoid(-splats.opacity_logits[index]),
@@ -88,7 +99,7 @@ fn gradient(workspace: &Workspace<Own2d>, splats: &Splats2d, place: usize, scale
         xi,
         eta: [moment.x_axis.x, moment.x_axis.y, moment.y_axis.y],
         opacity_logit,
-        statistic,
+        share,
         visible: true,
     })
 }

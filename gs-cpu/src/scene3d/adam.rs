@@ -275,8 +275,7 @@ fn step_along(
             let gradient = share.is_some().then_some(&block.rows[i][..width]);
             rows.step(simd, (i, (first + i) as u32), gradient, &step);
             if let Some(share) = share.filter(|_| collect) {
-                rows.signal_sum[i] += share;
-                rows.visible[i] = rows.visible[i].saturating_add(1);
+                share.add_to(&mut rows.signal_sum[i], &mut rows.visible[i]);
             }
         });
     });

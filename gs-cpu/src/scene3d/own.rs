@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 use super::{depth_sort::DepthSort, project::Eye, splats::pitch_of};
-use crate::workspace::Workspace;
+use crate::{splat::Share, workspace::Workspace};
 
 /// The place of a Gaussian that is not drawn.
 pub(crate) const NO_PLACE: u32 = u32::MAX;
@@ -20,7 +20,7 @@ pub struct Own3d {
     pub(crate) gradients: Vec<f32>,
     /// Contributions of this step to the statistic, by index. Unspecified for Gaussians that no
     /// tile lists.
-    pub(crate) shares: Vec<f32>,
+    pub(crate) shares: Vec<Share>,
 }
 
 impl Own3d {

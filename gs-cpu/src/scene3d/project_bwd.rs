@@ -20,7 +20,7 @@ use super::{
     splats::{self, LOG_SCALE, MEAN, MOST_NUMBERS, OPACITY, ROTATION, SH, STRETCH, Splats3d},
 };
 use crate::{
-    splat::{CHUNK, Received, Splat},
+    splat::{CHUNK, Received, Share, Splat},
     tiles::Tiles,
     workspace::Workspace,
 };
@@ -34,7 +34,7 @@ pub(crate) struct Block {
     /// that no tile lists.
     pub(crate) rows: [[f32; MOST_NUMBERS]; BLOCK],
     /// Contributions to the statistic; `None` for Gaussians that no tile lists.
-    pub(crate) shares: [Option<f32>; BLOCK],
+    pub(crate) shares: [Option<Share>; BLOCK],
 }
 
 impl Block {
@@ -82,7 +82,7 @@ pub(crate) fn all(workspace: &mut Workspace<Own3d>, splats: &Splats3d, scale: f3
     let (mut gradients, mut shares) = (std::mem::take(&mut own.gradients), std::mem::take(&mut own.shares));
     let (width, pitch) = (own.gradient_pitch(), splats.pitch());
     gradients.resize(splats.len() * width, 0.0);
-    shares.resize(splats.len(), 0.0);
+    shares.resize(splats.len(), Share::default());
     if let Some(backward) = Backward::new(workspace, splats, scale) {
         let out = gradients.par_chunks_mut(BLOCK * width).zip(shares.par_chunks_mut(BLOCK));
         let blocks = out.zip(splats.parameters.par_chunks(BLOCK * pitch)).enumerate().with_min_len(CHUNK / BLOCK);
@@ -112,7 +112,7 @@ fn gradient(
     parameters: &[f32],
     scale: f32,
     row: &mut [f32],
-) -> f32 {
+) -> Share {
     let conic = splat.conic_of_ridge();
     let v_mean = conic * received.first * scale;
     let [xx, xu, uu] = received.second.map(|v| 0.5 * scale * v);
@@ -144,11 +144,18 @@ fn gradient(
             row[OPACITY] = v.opacity_logit;
         }
     }
+    let mean_gradient = || (v_mean * tiles.half_size()).length();
     match tiles.settings.effects.statistics {
-        Statistics::None => 0.0,
-        Statistics::MeanGradient => (v_mean * tiles.half_size()).length(),
-        Statistics::AbsoluteGradient => (Vec2::from_array(received.collected) * scale * tiles.half_size()).length(),
+        Statistics::None => Share::default(),
+        Statistics::MeanGradient => Share::once(mean_gradient()),
+        Statistics::AbsoluteGradient => {
+            Share::once((Vec2::from_array(received.collected) * scale * tiles.half_size()).length())
+        }
+        Statistics::PixelGradient => {
+            let near = tiles.settings.statistic_weight(eye.perspective.depth(mean));
+            Share::weighted(near * mean_gradient(), received.collected[0])
+        }
         // The pixel errors do not depend on the loss, so `scale` does not apply.
-        Statistics::PixelError => received.collected[0],
+        Statistics::PixelError => Share::once(received.collected[0]),
     }
 }

@@ -4,11 +4,11 @@ use glam::Vec3;
 use gs_core::{
     DensityStatistics, EditPlan, Error, Gaussian3d, Scene, Scene3d,
     edit::{Origin, PruneCause},
-    logit,
+    logit, sigmoid,
 };
 use gs_density::{
-    Actions, DensityPolicy, Evidence, FastGs, Grow, ImprovedGs, Observation, PixelSums, Policy, Rng, Signal, Simplify,
-    Taming, ViewEvidence,
+    Actions, DensityPolicy, Evidence, FastGs, Grow, ImprovedGs, Mrnf, Observation, PixelSums, Policy, Rng, Signal,
+    Simplify, SteepGs, Taming, ViewEvidence,
 };
 
 const EXTENT: f32 = 5.0;
@@ -27,14 +27,18 @@ fn scene(scales_and_opacities: &[(f32, f32)]) -> Scene3d {
     scene
 }
 
-/// Evidence of views with these losses, in which each Gaussian covers and contributes as given.
+/// Evidence of views with these losses, in which each Gaussian covers and contributes as given. All
+/// splits lower the loss.
 pub(crate) fn evidence(views: &[(f32, &[f32])]) -> Evidence {
     let view = |&(loss, values): &(f32, &[f32])| {
         let sums = PixelSums { pixels: values.to_vec(), error: values.to_vec(), high_error: values.to_vec() };
         let ones = vec![1.0; values.len()];
         ViewEvidence { loss, blended: sums.clone(), covered: sums, depth: ones.clone(), radius_px: ones }
     };
-    Evidence { views: views.iter().map(view).collect() }
+    let len = views.first().map_or(0, |(_, values)| values.len());
+    let contribution = (0..len).map(|i| views.iter().map(|(_, values)| f64::from(values[i])).sum()).collect();
+    let splitting = vec![[-1.0, 0.0, 0.0, -1.0, 0.0, -1.0]; len];
+    Evidence { views: views.iter().map(view).collect(), contribution, splitting }
 }
 
 struct Round<'a> {
@@ -48,6 +52,11 @@ struct Round<'a> {
 
 impl Round<'_> {
     fn plan(&self, policy: &dyn DensityPolicy<Scene3d>) -> Result<EditPlan<Gaussian3d>, Error> {
+        self.plan_with(policy, 7)
+    }
+
+    /// [`Self::plan`] with another seed.
+    fn plan_with(&self, policy: &dyn DensityPolicy<Scene3d>, seed: u64) -> Result<EditPlan<Gaussian3d>, Error> {
         let statistics = DensityStatistics {
             signal_sum: self.gradients.iter().map(|g| 10.0 * g).collect(),
             visible: vec![10; self.gradients.len()],
@@ -64,7 +73,7 @@ impl Round<'_> {
             progress_before,
             budget: self.budget,
         };
-        let plan = policy.plan(&observation, &mut Rng::new(7, 11))?;
+        let plan = policy.plan(&observation, &mut Rng::new(seed.into(), 11))?;
         plan.sources(self.scene.len())?;
         Ok(plan)
     }
@@ -251,7 +260,7 @@ fn the_least_contributing_are_removed_beside_any_growth() {
 fn missing_evidence_is_an_error_that_names_the_policy() {
     let scene = scene(&[(0.1, 0.5); 2]);
     let short = evidence(&[(0.1, &[1.0])]);
-    for name in ["fastgs", "taming", "improved-gs"] {
+    for name in ["fastgs", "taming", "improved-gs", "steep-gs", "mrnf"] {
         let policy = Policy::from_name(name).unwrap();
         assert!(DensityPolicy::<Scene3d>::needs_evidence(&policy));
         let round = |evidence| Round {
@@ -273,4 +282,131 @@ fn missing_evidence_is_an_error_that_names_the_policy() {
     let simplified = Policy::Grow(Grow::absolute(Signal::MeanGradient).with_actions(actions));
     assert!(simplified.validate_2d().unwrap_err().to_string().contains("simplify"));
     Policy::from_name("absolute").unwrap().validate_2d().unwrap();
+}
+
+/// Gaussians of scale 0.1, whose splitting matrices in units of their scales are the given
+/// diagonals. In world units they are a hundred times as large.
+fn splitting(diagonals: &[[f32; 3]]) -> Evidence {
+    let matrix = |&[xx, yy, zz]: &[f32; 3]| [xx, 0.0, 0.0, yy, 0.0, zz];
+    Evidence { splitting: diagonals.iter().map(matrix).collect(), ..Evidence::default() }
+}
+
+/// Of the Gaussians that reach the gradient, only those with an eigenvalue below -1e-6 grow: -2e-8
+/// in units of a scale of 0.1 is -2e-6 in world units, -5e-9 is -5e-7. The halves of Gaussian 0 stand
+/// along y, those of Gaussian 4 along x, on opposite sides, with half of the opacity.
+#[test]
+fn steep_gs_splits_along_the_most_negative_eigenvector() {
+    let scene = scene(&[(0.1, 0.5), (0.1, 0.5), (0.1, 0.5), (0.1, 0.5), (0.01, 0.5)]);
+    let evidence =
+        splitting(&[[1.0, -2e-8, 0.0], [1.0, -5e-9, 0.0], [1.0, 1.0, 1.0], [-1.0, -1.0, -1.0], [-2.0, -1.0, 0.0]]);
+    let gradients = [3e-4, 3e-4, 3e-4, 1e-4, 2.5e-4];
+    let round = Round {
+        scene: &scene,
+        gradients: &gradients,
+        evidence: Some(&evidence),
+        step: 599,
+        progress: [0.1, 0.2],
+        budget: 100,
+    };
+    let plan = round.plan(&SteepGs::default()).unwrap();
+    assert_eq!(parents(&plan), [0, 4]);
+    let mean = Vec3::new(1.0, -2.0, 3.0);
+    // A Gaussian larger than 0.01 of the extent is split, the other one cloned.
+    for (number, (axis, origin, scale)) in
+        [(Vec3::Y, Origin::Split, 0.1 / 1.6), (Vec3::X, Origin::Clone, 0.01)].into_iter().enumerate()
+    {
+        let halves = [&plan.changed[number].gaussian, &plan.added[number].gaussian];
+        let along = halves.map(|half| (half.mean - mean).dot(axis));
+        assert!(along[0] * along[1] < 0.0, "{along:?}");
+        for half in halves {
+            assert!(((half.mean - mean).dot(axis).abs() - (half.mean - mean).length()).abs() < 1e-6);
+            assert!((sigmoid(half.opacity_logit) - 0.25).abs() < 1e-6);
+            assert!((half.log_scale.x.exp() - scale).abs() < 1e-6);
+        }
+        assert_eq!(plan.added[number].origin, origin);
+        if origin == Origin::Clone {
+            assert!((along[0].abs() - 1.6e-4 * EXTENT).abs() < 1e-6, "{along:?}");
+        }
+    }
+    let one = Round { budget: 6, ..round }.plan(&SteepGs::default()).unwrap();
+    assert_eq!(parents(&one), [0], "the larger gradient comes first");
+}
+
+/// Errors and visibilities of one view.
+fn blended(views: &[(&[f32], &[f32])]) -> Evidence {
+    let view = |&(error, pixels): &(&[f32], &[f32])| {
+        let blended = PixelSums { pixels: pixels.to_vec(), error: error.to_vec(), high_error: vec![0.0; error.len()] };
+        ViewEvidence { loss: 0.1, blended, ..ViewEvidence::default() }
+    };
+    Evidence { views: views.iter().map(view).collect(), ..Evidence::default() }
+}
+
+/// 7 % of 40 candidates are 2.8, so 3 grow, if 4 rounds are left for 12 missing Gaussians: 3 a round.
+/// With 4 missing it is one. Gaussians 0 and 1 are transparent and replaced also after growth.
+#[test]
+fn mrnf_paces_its_growth_and_replaces_what_it_prunes() {
+    let mut opacities = vec![(0.1, 0.5); 44];
+    opacities[0].1 = 0.003;
+    opacities[1].1 = 0.003;
+    let scene = scene(&opacities);
+    let mut errors = vec![1.0; 44];
+    (errors[2], errors[3]) = (0.002, 0.002);
+    let ones = vec![1.0; 44];
+    let evidence = blended(&[(&errors, &ones)]);
+    let plan = |budget: usize, progress: [f32; 2]| {
+        let round =
+            Round { scene: &scene, gradients: &[0.0; 44], evidence: Some(&evidence), step: 599, progress, budget };
+        let plan = round.plan(&Mrnf::default()).unwrap();
+        assert_eq!(removed(&plan), [(0, PruneCause::Transparent), (1, PruneCause::Transparent)]);
+        assert!(plan.added.iter().all(|birth| birth.origin == Origin::Split));
+        plan.added.len()
+    };
+    // 42 are left and 2 replaced. Growth ends at 0.526, so rounds of 0.1 from 0.1 on are four.
+    assert_eq!([plan(56, [0.1, 0.2]), plan(48, [0.1, 0.2])], [2 + 3, 2 + 1]);
+    assert_eq!([plan(43, [0.1, 0.2]), plan(56, [0.5, 0.6])], [1, 2]);
+}
+
+/// Both views count by themselves: the ratio of Gaussian 1 is 8 / 16^¾ = 1 in the first and 0.1 in
+/// the second, that of Gaussian 0 is 0.5 / 1 in both, that of Gaussian 2 is 999.
+#[test]
+fn mrnf_normalises_errors_by_visibility() {
+    let scene = scene(&[(0.1, 0.5); 3]);
+    let evidence = blended(&[(&[0.5, 8.0, 0.0], &[1.0, 16.0, 0.0]), (&[0.5, 0.1, 999.0], &[1.0, 1.0, 1.0])]);
+    let mut times = [0i32; 3];
+    for step in 0..40 {
+        let round = Round {
+            scene: &scene,
+            gradients: &[0.0; 3],
+            evidence: Some(&evidence),
+            step,
+            progress: [0.4, 0.5],
+            budget: 4,
+        };
+        let mut policy = Mrnf::default();
+        policy.percent = 34.0;
+        for index in parents(&round.plan_with(&policy, u64::from(step)).unwrap()) {
+            times[index as usize] += 1;
+        }
+    }
+    assert!(times[2] >= 38 && times.iter().sum::<i32>() == 40, "{times:?}");
+    let mut evidence = evidence;
+    evidence.views[1].blended.error[2] = 0.0;
+    let mut times = [0i32; 3];
+    for step in 0..400 {
+        let round = Round {
+            scene: &scene,
+            gradients: &[0.0; 3],
+            evidence: Some(&evidence),
+            step,
+            progress: [0.4, 0.5],
+            budget: 4,
+        };
+        let mut policy = Mrnf::default();
+        policy.percent = 50.0;
+        for index in parents(&round.plan_with(&policy, u64::from(step)).unwrap()) {
+            times[index as usize] += 1;
+        }
+    }
+    // In proportion 0.5 to 1.
+    assert!((times[1] - 267).abs() < 40 && times[2] == 0 && times.iter().sum::<i32>() == 400, "{times:?}");
 }

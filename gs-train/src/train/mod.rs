@@ -19,6 +19,7 @@ mod presets;
 mod resolution;
 mod settings;
 mod shell;
+mod simplification;
 mod speed;
 mod summary;
 mod sweep;

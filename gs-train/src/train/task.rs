@@ -200,13 +200,14 @@ impl<R: Optimizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
         settings: &TrainSettings,
         context: StepContext,
     ) -> Result<(), Error> {
-        let StepContext { step, effects, lr_scale, binning } = context;
+        let StepContext { step, effects, full_depth, lr_scale, binning } = context;
         let index = self.order.view(settings.seed, step, self.views.train.len());
         let (camera, factor) = self.reduced(index, settings, step);
         let view = &self.views.train[index];
         let mut render = background(settings, step);
         let background = render.effects.background;
         render.effects = Effects { background, ..effects };
+        render.full_depth = full_depth;
         let rates = settings.rates_at(step, self.extent).times(lr_scale);
         let step = TrainStep { settings: &render, loss: settings.loss, rates: &rates, binning };
 
@@ -234,10 +235,10 @@ impl<R: Optimizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
         request: EvidenceRequest,
     ) -> Result<Option<Evidence>, Error> {
         let mut gathering = Gathering::new(on, of, shown(settings, effects), request)?;
-        for index in views_of_round(settings.seed, step, self.views.train.len(), &request) {
+        for (index, purpose) in views_of_round(settings.seed, step, self.views.train.len(), &request) {
             let (camera, factor) = self.reduced(index, settings, step);
             let posed = images::training_image(&self.views.train[index], factor, self.exposures.map(index))?;
-            gathering.add(&camera, posed, &settings.loss).await?;
+            gathering.add(&camera, posed, &settings.loss, purpose).await?;
         }
         Ok(Some(gathering.finish()))
     }

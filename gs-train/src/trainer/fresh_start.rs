@@ -105,7 +105,7 @@ impl<R: Optimizer<S>, S: Trainable> Trainer<'_, R, S> {
         for step in self.record.step.saturating_sub(steps)..self.record.step {
             let effects = settings.effects_after(step);
             // The loss is that before the step; the scale of 0 keeps the scene for the other steps.
-            let context = StepContext { step, effects, lr_scale: 0.0, binning: Binning::Fresh };
+            let context = StepContext { step, effects, full_depth: 0.0, lr_scale: 0.0, binning: Binning::Fresh };
             self.task.send(self.rasterizer, &mut splats, settings, context).await?;
             self.rasterizer.losses(&mut splats, Wait::All, &mut losses).await?;
         }

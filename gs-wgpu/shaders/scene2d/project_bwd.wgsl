@@ -73,6 +73,7 @@ fn project_bwd(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) gro
         gradient.opacity_logit = sums.zeroth * sigmoid(-gaussians[index].opacity_logit);
         if step.collect == 1u {
             gradient.device_norm = statistic_of(sums, by.v_mean);
+            gradient.weight = weight_of(sums);
         }
     }
     gradients[index] = gradient;

@@ -50,9 +50,6 @@ fn adam_3d(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups:
     ellipsoids[index] = e;
     moments[index] = m;
     if step.collect == 1u && gradient.visible == 1u {
-        var s = statistics[index];
-        s.signal_sum += gradient.device_norm;
-        s.visible += select(1u, 0u, s.visible == 0xffffffffu);
-        statistics[index] = s;
+        statistics[index] = with_share(statistics[index], gradient.device_norm, gradient.weight);
     }
 }

@@ -154,6 +154,13 @@ fn project_bwd_3d(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) 
         gradient.mean += color_bwd(index, e.mean, sums.color);
         if step.collect == 1u {
             gradient.device_norm = statistic_of(sums, v_mean);
+            gradient.weight = weight_of(sums);
+#if COUNT
+            let depth = in_camera(camera, e.mean).z;
+            if depth < camera.full_depth {
+                gradient.device_norm *= (depth / camera.full_depth) * (depth / camera.full_depth);
+            }
+#endif
         }
     }
     gradients[index] = gradient;

@@ -13,7 +13,9 @@ struct Camera {
     // The dilation of Sigma', px², and 1 if the opacity compensates for it.
     dilation: f32,
     compensates: u32,
-    unused: vec2u,
+    // Depth from which gradients count fully in a statistic weighted by depth; 0 if all do.
+    full_depth: f32,
+    unused: u32,
 }
 
 fn all_finite(v: vec3f) -> bool {

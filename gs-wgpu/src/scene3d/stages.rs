@@ -59,7 +59,8 @@ impl Own3d {
             most_slope: most_slope.to_array(),
             dilation: antialias.dilation(),
             compensates: u32::from(antialias.compensates()),
-            unused: [0; 2],
+            full_depth: settings.full_depth,
+            unused: 0,
         };
         gpu.write(&self.camera, bytemuck::bytes_of(&camera));
     }

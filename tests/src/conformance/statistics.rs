@@ -29,6 +29,12 @@ pub fn absolute_gradients_match<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> 
     check(rasterizer, Statistics::AbsoluteGradient, |step| &step.absolute_gradient)
 }
 
+/// [`Statistics::PixelGradient`] weights the gradient of each step by the Gaussian's number of
+/// pixels, which is summed, too, and in 3D by its depth.
+pub fn pixel_gradients_match<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<CaseOutcome, Failure> {
+    check(rasterizer, Statistics::PixelGradient, |step| &step.pixel_gradient)
+}
+
 /// [`Statistics::PixelError`] sums each pixel's share of a Gaussian times the pixel's error.
 pub fn pixel_errors_match<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<CaseOutcome, Failure> {
     check(rasterizer, Statistics::PixelError, |step| &step.pixel_error)
@@ -36,6 +42,10 @@ pub fn pixel_errors_match<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result
 
 /// Number of Gaussians of a drawing.
 const COUNT: usize = 12;
+
+/// Depth from which gradients count fully: beyond some of the Gaussians of 3D drawings, and before
+/// others.
+const FULL_DEPTH: f32 = 5.0;
 
 /// Drawings, each with a loss.
 fn drawings<S: Subject>(statistics: Statistics) -> Vec<(Draw<S>, Loss)> {
@@ -50,6 +60,7 @@ fn drawings<S: Subject>(statistics: Statistics) -> Vec<(Draw<S>, Loss)> {
         };
         let mut draw = draw.on([0.3, 0.5, 0.2]);
         draw.settings.effects.statistics = statistics;
+        draw.settings.full_depth = FULL_DEPTH;
         (draw, loss)
     };
     [
@@ -119,14 +130,16 @@ fn collected_match<S: Subject, R: Optimizer<S>>(
 
     let pass = rasterizer.forward(&splats, &draw.view, &draw.settings).block_on()?;
     let oracle = Oracle::new(draw.view, draw.settings)?;
-    let (mut expected, mut drawn) = ([0.0; COUNT], [0u32; COUNT]);
+    let is_weighted = draw.settings.effects.statistics == Statistics::PixelGradient;
+    let (mut expected, mut drawn, mut weights) = ([0.0; COUNT], [0u32; COUNT], [0u32; COUNT]);
     let (_, gradients) = rasterizer.backward(&splats, pass, &target, &loss).block_on()?;
     for whole in [false, true] {
         let scene = rasterizer.download(&splats).block_on()?.rows();
         let collected = oracle.statistics(&scene, &image, &loss)?;
         for (g, value) in of_step(&collected).iter().enumerate() {
             expected[g] += value;
-            drawn[g] += u32::from(collected.pixel_error[g] > 0.0);
+            drawn[g] += u32::from(collected.pixels[g] > 0);
+            weights[g] += if is_weighted { collected.pixels[g] } else { u32::from(collected.pixels[g] > 0) };
         }
         if whole {
             rasterizer.train_step(&mut splats, &draw.view, &target, &step).block_on()?;
@@ -137,7 +150,15 @@ fn collected_match<S: Subject, R: Optimizer<S>>(
     if drawn.iter().filter(|&&n| n == 2).count() < 8 {
         return Err(Failure::Nothing(format!("hardly a Gaussian is drawn: {drawn:?}")));
     }
-    sums_match(&expected, &rasterizer.statistics(&splats).block_on()?.signal_sum)
+    let found = rasterizer.statistics(&splats).block_on()?;
+    for (g, (&expected, &found)) in weights.iter().zip(&found.visible).enumerate() {
+        // A tile may list a Gaussian that is below the cut in all its pixels.
+        let is_listed_only = !is_weighted && expected < found && found <= 2;
+        Failure::unless(expected == found || is_listed_only, || {
+            format!("the weights of Gaussian {g} add up to {found} instead of {expected}")
+        })?;
+    }
+    sums_match(&expected, &found.signal_sum)
 }
 
 fn sums_match(expected: &[f64], found: &[f32]) -> Result<(), Failure> {

@@ -128,8 +128,7 @@ fn settings(bytes: &mut Bytes<'_>, orders: [Order; 3]) -> RenderSettings {
     settings.effects.order = bytes.pick(orders);
     settings.effects.antialias = bytes.pick(Antialias::ALL);
     settings.effects.sh_degree = bytes.below(4) as u8;
-    settings.effects.statistics =
-        bytes.pick([Statistics::None, Statistics::MeanGradient, Statistics::AbsoluteGradient, Statistics::PixelError]);
+    settings.effects.statistics = bytes.pick(Statistics::ALL);
     if bytes.below(2) == 1 {
         settings = settings.on(array::from_fn(|_| bytes.wild(0.0..1.0, 64)));
     }

@@ -10,6 +10,7 @@ mod guards;
 mod oracle;
 mod oracle_3d;
 mod public_scenes;
+mod splitting;
 mod suite;
 mod suite_3d;
 mod tolerance;

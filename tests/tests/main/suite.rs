@@ -46,6 +46,7 @@ enum Fault {
     DoublesStatistics,
     LetsGradientsCancel,
     MistakesErrorsForGradients,
+    CountsStepsForPixels,
     CollectsUnderOneBlend,
     NoiseIsAStep,
     IgnoresMasks,
@@ -193,6 +194,9 @@ impl Rasterizer<Scene2d> for Sabotaged {
             }
             MistakesErrorsForGradients if settings.effects.statistics == Statistics::PixelError => {
                 settings.effects.statistics = Statistics::AbsoluteGradient;
+            }
+            CountsStepsForPixels if settings.effects.statistics == Statistics::PixelGradient => {
+                settings.effects.statistics = Statistics::MeanGradient;
             }
             SwallowsBadSettings if settings.validate().is_err() => settings = RenderSettings::default(),
             _ => {}
@@ -418,6 +422,7 @@ fn every_fault_is_caught_by_its_case() {
         (DoublesStatistics, "statistics_are_the_positional_gradients"),
         (LetsGradientsCancel, "absolute_gradients_match"),
         (MistakesErrorsForGradients, "pixel_errors_match"),
+        (CountsStepsForPixels, "pixel_gradients_match"),
         (CollectsUnderOneBlend, "absolute_gradients_match"),
         (CollectsUnderOneBlend, "pixel_errors_match"),
         (IgnoresMasks, "incomplete_targets_are_completed"),

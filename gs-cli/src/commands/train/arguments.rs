@@ -1,8 +1,9 @@
 //! The flags of `gs train`.
 
-use std::path::PathBuf;
+use std::{path::PathBuf, sync::LazyLock};
 
 use clap::{Args, ValueEnum, builder::PossibleValue};
+use gs_density::Policy;
 use gs_io::{FolderClaim, Inputs};
 
 use crate::{
@@ -202,24 +203,11 @@ pub(crate) struct TrainPolicyName(PolicyName);
 
 impl ValueEnum for TrainPolicyName {
     fn value_variants<'a>() -> &'a [Self] {
-        const ALL: [TrainPolicyName; 16] = [
-            TrainPolicyName(PolicyName::Absolute),
-            TrainPolicyName(PolicyName::AbsGs),
-            TrainPolicyName(PolicyName::AbsoluteError),
-            TrainPolicyName(PolicyName::Percentile),
-            TrainPolicyName(PolicyName::PercentileAbsGs),
-            TrainPolicyName(PolicyName::PercentileError),
-            TrainPolicyName(PolicyName::Hybrid),
-            TrainPolicyName(PolicyName::HybridAbsGs),
-            TrainPolicyName(PolicyName::HybridError),
-            TrainPolicyName(PolicyName::LongAxis),
-            TrainPolicyName(PolicyName::Paper),
-            TrainPolicyName(PolicyName::Mcmc),
-            TrainPolicyName(PolicyName::FastGs),
-            TrainPolicyName(PolicyName::Taming),
-            TrainPolicyName(PolicyName::ImprovedGs),
-            TrainPolicyName(PolicyName::None),
-        ];
+        static ALL: LazyLock<Vec<TrainPolicyName>> = LazyLock::new(|| {
+            let trains =
+                |name: &PolicyName| Policy::from_name(name.0).is_ok_and(|policy| policy.for_3d().validate_3d().is_ok());
+            PolicyName::value_variants().iter().copied().filter(trains).map(TrainPolicyName).collect()
+        });
         &ALL
     }
 
@@ -252,7 +240,6 @@ pub(crate) enum ParticipantsName {
 mod tests {
     use super::*;
     use clap::Command;
-    use gs_density::Policy;
     use gs_train::TrainPreset;
 
     #[test]

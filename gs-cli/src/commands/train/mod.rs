@@ -67,6 +67,9 @@ pub(crate) fn run(args: &TrainArgs) -> Result<(), Failure> {
     output::note(&backend.reason);
     dataset.remarks.iter().for_each(|remark| output::note(format_args!("note: {}", remark_text(remark))));
     let (trainer, log, description) = start.begin(args, &backend.rasterizer, &dataset, limit.as_mut())?;
+    if let Some(remark) = trainer.settings().idle_simplification() {
+        output::note(format_args!("note: {remark}"));
+    }
     check_memory(args, &trainer)?;
     let folder = OutputFolder::begin(claim)?;
     let iterations = trainer.settings().iterations;

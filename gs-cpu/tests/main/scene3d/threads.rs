@@ -24,7 +24,7 @@ fn results_have_the_same_bits_for_every_number_of_threads() {
             Statistics::AbsoluteGradient,
         ),
         (Parameterization::ScaleRotation, Blend::Sum, Order::Index, Antialias::None, Statistics::PixelError),
-        (Parameterization::CovarianceFactor, Blend::Over, Order::Global, Antialias::Mip, Statistics::MeanGradient),
+        (Parameterization::CovarianceFactor, Blend::Over, Order::Global, Antialias::Mip, Statistics::PixelGradient),
     ] {
         let mut settings = settings(order, 1);
         settings.effects.blend = blend;

@@ -58,6 +58,8 @@ pub(crate) enum Fault {
     DoublesStatistics,
     LetsGradientsCancel,
     MistakesErrorsForGradients,
+    CountsStepsForPixels,
+    ForgetsDepths,
     SeesEverything,
     NoiseIsAStep,
     IgnoresMasks,
@@ -227,11 +229,21 @@ impl Rasterizer<Scene3d> for Faulty {
         let statistic = match oracle.settings().effects.statistics {
             Statistics::None => vec![0.0; scene.gaussians.len()],
             Statistics::AbsoluteGradient if !self.is(LetsGradientsCancel) => of_step.absolute_gradient,
+            Statistics::PixelGradient => match self.is(ForgetsDepths) {
+                true => {
+                    of_step.mean_gradient.iter().zip(&of_step.pixels).map(|(norm, &m)| norm * f64::from(m)).collect()
+                }
+                false => of_step.pixel_gradient,
+            },
             Statistics::PixelError if !self.is(MistakesErrorsForGradients) => of_step.pixel_error,
             _ => of_step.mean_gradient,
         };
+        let weight = match oracle.settings().effects.statistics {
+            Statistics::PixelGradient if !self.is(CountsStepsForPixels) => of_step.pixels,
+            _ => vec![1; scene.gaussians.len()],
+        };
         let drawn = rendering.drawn.iter().map(|&drawn| drawn || self.is(SeesEverything)).collect();
-        Ok((gradients.loss as f32, Gradients { rows: gradients.values, statistic, drawn }))
+        Ok((gradients.loss as f32, Gradients { rows: gradients.values, statistic, weight, drawn }))
     }
 
     async fn image_vjp(&self, _: &Splats, pass: Pass, v_image: &Image) -> Result<Gradients, Error> {
@@ -242,7 +254,8 @@ impl Rasterizer<Scene3d> for Faulty {
             gradients.values.iter_mut().flatten().for_each(|v| *v = -*v);
         }
         let statistic = vec![0.0; scene.gaussians.len()];
-        Ok(Gradients { rows: gradients.values, statistic, drawn: rendering.drawn })
+        let weight = vec![1; statistic.len()];
+        Ok(Gradients { rows: gradients.values, statistic, weight, drawn: rendering.drawn })
     }
 
     async fn gradients(&self, splats: &Splats, gradients: &Gradients) -> Result<Scene3d, Error> {
@@ -346,7 +359,7 @@ impl Optimizer<Scene3d> for Faulty {
         for g in 0..splats.steps.len() {
             let twice = if self.is(DoublesStatistics) { 2.0 } else { 1.0 };
             splats.signal_sum[g] += (twice * gradients.statistic[g]) as f32;
-            splats.visible[g] += u32::from(gradients.drawn[g]);
+            splats.visible[g] += gradients.weight[g] * u32::from(gradients.drawn[g]);
         }
         Ok(())
     }

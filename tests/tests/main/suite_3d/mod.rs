@@ -49,6 +49,8 @@ fn every_fault_is_caught_by_its_case() {
         (DoublesStatistics, "mean_gradients_match"),
         (LetsGradientsCancel, "absolute_gradients_match"),
         (MistakesErrorsForGradients, "pixel_errors_match"),
+        (CountsStepsForPixels, "pixel_gradients_match"),
+        (ForgetsDepths, "pixel_gradients_match"),
         (SeesEverything, "visible_are_counted"),
         (NoiseIsAStep, "noise_moves_means_and_nothing_else"),
         (IgnoresMasks, "incomplete_targets_are_completed"),

@@ -35,6 +35,8 @@ pub(crate) struct Pass {
 pub(crate) struct Gradients {
     pub(super) rows: Vec<Parameters>,
     pub(super) statistic: Vec<f64>,
+    /// Weight of each value in the statistic.
+    pub(super) weight: Vec<u32>,
     pub(super) drawn: Vec<bool>,
 }
 

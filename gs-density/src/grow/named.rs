@@ -1,0 +1,179 @@
+//! [`Grow`] by name, in settings files, and in words.
+
+use serde::{Deserialize, Serialize};
+
+use super::{Combine, Grow};
+use crate::{
+    densify::{Densify, SplitPlacement},
+    partial::{ActionsForm, Over as _},
+    policy::Policy,
+    ranking::WhenFlat,
+    round::Actions,
+    rule::{GrowthLimit, Named, Rule},
+    signal::Signal,
+};
+
+/// Threshold of `long-axis` on the absolute gradient. *Source:* the code of Deng et al. 2024,
+/// without its schedule of factors.
+const LONG_AXIS_THRESHOLD: f32 = 3.5e-4;
+
+/// The policies that are a [`Grow`].
+pub(crate) const NAMED: [Named; 14] = [
+    named("absolute", "Grow where the positional gradient exceeds a fixed threshold (3DGS)", || {
+        grow(Grow::absolute(Signal::MeanGradient))
+    }),
+    named("abs-gs", "Grow where the absolute gradient, which does not cancel, exceeds a threshold (AbsGS)", || {
+        grow(Grow::abs_gs())
+    }),
+    named(
+        "pixel-gs",
+        "Grow where the gradient, weighted by the pixels that a Gaussian covers in each view, exceeds a threshold \
+         (Pixel-GS)",
+        || grow(Grow::absolute(Signal::PixelGradient)),
+    ),
+    named(
+        "absolute-error",
+        "Grow where the error of the covered pixels exceeds a threshold (Revising Densification)",
+        || grow(Grow::absolute(Signal::PixelError)),
+    ),
+    named("percentile", "Grow the top percents by positional gradient (the paper's forced growth)", || {
+        grow(Grow::percentile(Signal::MeanGradient))
+    }),
+    named("percentile-abs-gs", "Grow the top percents by absolute gradient", || {
+        grow(Grow::percentile(Signal::AbsoluteGradient))
+    }),
+    named("percentile-pixel-gs", "Grow the top percents by the gradient of pixel-gs", || {
+        grow(Grow::percentile(Signal::PixelGradient))
+    }),
+    named("percentile-error", "Grow the top percents by the error of the covered pixels", || {
+        grow(Grow::percentile(Signal::PixelError))
+    }),
+    named("hybrid", "Grow by rank of the positional gradient, above a floor and within a budget", || {
+        grow(Grow::hybrid(Signal::MeanGradient))
+    }),
+    named("hybrid-abs-gs", "Grow by rank of the absolute gradient, above a floor and within a budget", || {
+        grow(Grow::hybrid(Signal::AbsoluteGradient))
+    }),
+    named("hybrid-pixel-gs", "Grow by rank of the gradient of pixel-gs, above a floor and within a budget", || {
+        grow(Grow::hybrid(Signal::PixelGradient))
+    }),
+    named("hybrid-error", "Grow by rank of the error of the covered pixels, above a floor and within a budget", || {
+        grow(Grow::hybrid(Signal::PixelError))
+    }),
+    named("long-axis", "Grow as abs-gs does, but split side by side along the long axis", || {
+        grow(Grow {
+            threshold: LONG_AXIS_THRESHOLD,
+            actions: Actions { densify: Densify::along_long_axes(), ..Actions::default() },
+            ..Grow::absolute(Signal::AbsoluteGradient)
+        })
+    }),
+    named("paper", "The paper's experiment: the top percents together with the fixed threshold", || {
+        grow(Grow::paper(Signal::MeanGradient))
+    }),
+];
+
+const fn named(name: &'static str, summary: &'static str, make: fn() -> Policy) -> Named {
+    Named { name, summary, make }
+}
+
+fn grow(grow: Grow) -> Policy {
+    Policy::Grow(grow)
+}
+
+/// The constructor of [`Grow`] that makes a rule like this one: `paper`, `absolute`, `percentile`
+/// or `hybrid`.
+pub(crate) fn kind(grow: &Grow) -> &'static str {
+    match grow.combine {
+        Combine::Either => "paper",
+        Combine::Both if grow.percent >= 100.0 => "absolute",
+        Combine::Both if grow.threshold == 0.0 => "percentile",
+        Combine::Both => "hybrid",
+    }
+}
+
+/// Name of a rule, as in [`NAMED`], by its kind, signal and split.
+pub(crate) fn name(grow: &Grow) -> &'static str {
+    use Signal::{AbsoluteGradient, MeanGradient, PixelError, PixelGradient};
+    match (kind(grow), grow.actions.densify.split_placement, grow.signal) {
+        ("paper", ..) => "paper",
+        ("absolute", SplitPlacement::LongAxisSplit(_), AbsoluteGradient) => "long-axis",
+        ("absolute", _, MeanGradient) => "absolute",
+        ("absolute", _, AbsoluteGradient) => "abs-gs",
+        ("absolute", _, PixelGradient) => "pixel-gs",
+        ("absolute", _, PixelError) => "absolute-error",
+        ("percentile", _, MeanGradient) => "percentile",
+        ("percentile", _, AbsoluteGradient) => "percentile-abs-gs",
+        ("percentile", _, PixelGradient) => "percentile-pixel-gs",
+        ("percentile", _, PixelError) => "percentile-error",
+        (_, _, MeanGradient) => "hybrid",
+        (_, _, AbsoluteGradient) => "hybrid-abs-gs",
+        (_, _, PixelGradient) => "hybrid-pixel-gs",
+        (_, _, PixelError) => "hybrid-error",
+    }
+}
+
+impl Rule for Grow {
+    fn actions(&self) -> Option<&Actions> {
+        Some(&self.actions)
+    }
+
+    fn actions_mut(&mut self) -> Option<&mut Actions> {
+        Some(&mut self.actions)
+    }
+
+    fn aims_at_budget(&self) -> bool {
+        kind(self) == "hybrid"
+    }
+
+    fn growth_limit(&self) -> GrowthLimit {
+        let condition = || format!("whose {} is at least {}", self.signal.name(), self.threshold);
+        GrowthLimit {
+            percent: (self.percent < 100.0 || self.threshold == 0.0).then_some(self.percent),
+            condition: (self.threshold > 0.0).then(condition),
+            either: self.combine == Combine::Either,
+        }
+    }
+}
+
+/// [`Grow`] in a settings file, where `kind` gives the values of missing keys.
+#[derive(Default, Serialize, Deserialize)]
+#[serde(default, rename_all = "kebab-case", deny_unknown_fields)]
+pub(crate) struct GrowForm {
+    signal: Signal,
+    percent: Option<f32>,
+    #[serde(alias = "floor")]
+    threshold: Option<f32>,
+    when_flat: WhenFlat,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    full_depth: Option<f32>,
+    actions: ActionsForm,
+}
+
+impl GrowForm {
+    /// The settings of the file, completed from `usual`.
+    pub(crate) fn or(self, usual: fn(Signal) -> Grow) -> Grow {
+        let Self { signal, percent, threshold, when_flat, full_depth, actions } = self;
+        let usual = usual(signal);
+        Grow {
+            percent: percent.unwrap_or(usual.percent),
+            threshold: threshold.unwrap_or(usual.threshold),
+            when_flat,
+            full_depth: full_depth.unwrap_or(usual.full_depth),
+            actions: actions.over(usual.actions),
+            ..usual
+        }
+    }
+}
+
+impl From<Grow> for GrowForm {
+    fn from(Grow { signal, percent, threshold, when_flat, full_depth, actions, .. }: Grow) -> Self {
+        Self {
+            signal,
+            percent: Some(percent),
+            threshold: Some(threshold),
+            when_flat,
+            full_depth: (full_depth != signal.full_depth()).then_some(full_depth),
+            actions: ActionsForm::written(actions, &Actions::default()),
+        }
+    }
+}
