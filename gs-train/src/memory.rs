@@ -41,6 +41,9 @@ const GAUSSIAN_3D: u64 = 750;
 /// A further parameter of a 3D Gaussian, with its moments, gradient and copies.
 const PARAMETER_3D: u64 = 24;
 
+/// What a 3D Gaussian's pass for depths takes: its projection, gradient, and usual entries.
+const DEPTH_GAUSSIAN: u64 = 450;
+
 /// Memory for drawing an image of this size, the image included, bytes.
 pub fn drawing((width, height): (u32, u32)) -> u64 {
     let image = pixels(width, height) * IMAGE;
@@ -97,7 +100,7 @@ impl FitSettings {
 
 impl TrainSettings {
     /// Peak memory of training this many Gaussians from views of these sizes, whose images are kept
-    /// up to `keep_bytes`, bytes.
+    /// up to `keep_bytes`, bytes. Depth maps in the loss add [`Self::depth_bytes`].
     pub fn peak_bytes(&self, views: impl IntoIterator<Item = (u32, u32)>, keep_bytes: u64, gaussians: u64) -> u64 {
         let (mut all, mut largest) = (0, 0);
         for (width, height) in views {
@@ -113,6 +116,19 @@ impl TrainSettings {
         let passing = 4 * IMAGE + of_target(self.loss) + step;
         let numbers = 3 * ((u64::from(self.render.effects.sh_degree) + 1).pow(2) - 1);
         overhead(largest) + kept + largest * passing + gaussians * (GAUSSIAN_3D + numbers * PARAMETER_3D)
+    }
+
+    /// Memory that depth maps of views of these sizes add to training this many Gaussians, bytes.
+    pub fn depth_bytes(&self, views: impl IntoIterator<Item = (u32, u32)>, gaussians: u64) -> u64 {
+        let (mut all, mut largest) = (0, 0);
+        for (width, height) in views {
+            all += pixels(width, height);
+            largest = largest.max(pixels(width, height));
+        }
+        // Targets and renderings have a quarter of the pixels. The gradients of the step are written
+        // to memory beside those of the depths.
+        let numbers = 3 * (u64::from(self.render.effects.sh_degree) + 1).pow(2);
+        all * (IMAGE + PLANE) / 4 + 2 * largest * IMAGE + gaussians * (DEPTH_GAUSSIAN + numbers * PLANE)
     }
 }
 

@@ -57,6 +57,14 @@ pub enum Remark {
         /// The first, as the data set names it.
         first: String,
     },
+    /// Depth maps that cannot be read, or have another shape than their images. They are an error
+    /// where they are read.
+    DepthsUnusable {
+        /// Number of depth maps.
+        count: usize,
+        /// The error of the first.
+        first: String,
+    },
     /// The data set refers to depth maps of 360° images, which are not used.
     DepthsUnused {
         /// Number of images.
@@ -73,13 +81,6 @@ pub enum Remark {
     Split {
         /// Number of images.
         count: usize,
-    },
-    /// Images that look like 360° images, of cameras with another model.
-    UnsplitPanoramas {
-        /// Number of images of this shape.
-        count: usize,
-        /// The first, whose borders were compared.
-        first: String,
     },
     /// Images have another size than their camera's calibration, and intrinsics were scaled.
     Scaled {
@@ -173,19 +174,14 @@ impl fmt::Display for Remark {
             Self::DepthsMissing { count, first } => {
                 write!(f, "{count} without the depth map that is named (first: {first})")
             }
+            Self::DepthsUnusable { count, first } => {
+                write!(f, "{} that a training could not use (first: {first})", counted(*count, "depth map"))
+            }
             Self::DepthsUnused { count } => write!(f, "{count} with a depth map of a 360° image, which is not used"),
             Self::Undistorted { count, lens } => write!(f, "{count} undistorted when read ({lens} lens)"),
             Self::Split { count } => {
                 let images = counted(*count, "360° image");
                 write!(f, "{images} split into the six faces of a cube each: {} views", 6 * count)
-            }
-            Self::UnsplitPanoramas { count, first } => {
-                let images = counted(*count, "image");
-                write!(
-                    f,
-                    "{images} with the shape and the borders of a 360° image, but a perspective camera: if that is \
-                     wrong, set its model to EQUIRECTANGULAR (first: {first})"
-                )
             }
             Self::Scaled { count, from, to } => {
                 let ((w, h), (width, height)) = (from, to);

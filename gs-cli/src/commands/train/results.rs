@@ -12,7 +12,7 @@ use gs_lab::{
 };
 use gs_train::{
     MetricsLog, Trainer3d,
-    train::{ColorMatched, DRIFT_DB, Evaluation, ExposureReport, TrainSummary, TrainingViews, Views},
+    train::{ColorMatched, DRIFT_DB, DepthMapCounts, Evaluation, ExposureReport, TrainSummary, TrainingViews, Views},
 };
 use serde::Serialize;
 
@@ -54,6 +54,7 @@ impl results::Summary for Summary {
             fresh_starts,
             shortfall,
             exposure,
+            depth_maps,
             ..
         } = &self.training;
         let problems = Problems::new(verbosity, edits, evaluation.culled, *clamped, fresh_starts);
@@ -87,7 +88,11 @@ impl results::Summary for Summary {
             }
             (false, _) => None,
         });
-        let notes = [drift, exposure, shortfall.as_ref().map(ToString::to_string)].into_iter().flatten();
+        let depths = depth_maps.and_then(|DepthMapCounts { maps, used, .. }| match maps - used {
+            0 => None,
+            unused => Some(format!("{unused} of {} fit no surface of the scene: they were not used", counted(maps, "depth map"))),
+        });
+        let notes = [drift, exposure, depths, shortfall.as_ref().map(ToString::to_string)].into_iter().flatten();
         let notes: String = notes.map(|note| format!("\nnote: {note}")).collect();
         format!(
             "{} after {} in {seconds:.1} s ({:.1} s in all): PSNR {:.2} dB, SSIM {:.4}{matched} over {evaluated}{unmeasured}{trained}{problems}; \
