@@ -45,7 +45,7 @@ pub use self::{
     depth::{DepthFile, DepthMap},
     distortion::{AriaFisheye, BrownConrady, Distortion, Fisheye},
     lens::Lens,
-    posed_image::PosedImage,
+    posed_image::{PosedImage, read_images},
     remark::{Remark, Skip},
     source_camera::SourceCamera,
 };

@@ -212,7 +212,7 @@ fn nerfstudio_names_its_maps_and_gives_their_unit() {
     assert_eq!((map.values[0], map.unit), (2500.0, Some(1e-3)));
     assert_eq!(dataset.views[1].read_depth().unwrap(), None);
     let missing = Remark::DepthsMissing { count: 1, first: "gone.png".to_owned() };
-    assert_eq!(missing.to_string(), "1 without the depth map that is named (first: gone.png)");
+    assert_eq!(missing.to_string(), "1 depth map not found (first: gone.png)");
     assert!(dataset.remarks.contains(&missing), "{:?}", dataset.remarks);
 
     write(vec![frame("a.png", "../d.png")], "OPENCV");

@@ -145,7 +145,7 @@ fn whole_images_are_held_out() {
 fn only_images_twice_as_wide_as_high_show_all_directions() {
     let place = folder();
     colmap(place.path(), 2, (512, 200));
-    assert!(refusal(place.path()).contains("2 skipped: a 360° image (equirectangular) must be twice as wide as high"));
+    assert!(refusal(place.path()).contains("2 images skipped: a 360° image (equirectangular) must be twice as wide as high"));
 }
 
 #[test]

@@ -11,6 +11,7 @@ mod depths;
 mod evaluation;
 mod evidence;
 mod exposure;
+mod faces;
 mod flat;
 mod geometry;
 mod images;
