@@ -1,7 +1,7 @@
 //! Any of the backends behind one type.
 
 use gs_core::{
-    Added, AdamRates, Backend, Culled, DensityStatistics, EditPlan, Error, Image, Loss, MeanNoise, Optimizer,
+    AdamRates, Added, Backend, Culled, DensityStatistics, EditPlan, Error, Image, Loss, MeanNoise, Optimizer,
     Parameterization, Rasterizer, RenderSettings, Scene, Scene2d, Scene3d, SplatsState, TargetImage, TrainStep, Wait,
     profile::{Profile, Profiler},
 };

@@ -4,7 +4,7 @@
 use std::{fmt, sync::PoisonError};
 
 use gs_core::{
-    Added, AdamRates, Backend, Binning, Culled, DensityStatistics, EditPlan, Error, Image, Loss, MeanNoise, Optimizer,
+    AdamRates, Added, Backend, Binning, Culled, DensityStatistics, EditPlan, Error, Image, Loss, MeanNoise, Optimizer,
     Parameterization, Rasterizer, RenderSettings, Scene2d, Scene3d, SplatsState, TargetImage, TrainStep, Wait, counted,
     profile::Profiler,
 };

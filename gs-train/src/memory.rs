@@ -50,6 +50,18 @@ pub fn drawing((width, height): (u32, u32)) -> u64 {
     BASE + image + image.min(PART)
 }
 
+/// Memory for comparing renderings of this size of a scene with `references` others of it, bytes.
+pub fn comparing((width, height): (u32, u32), references: u64) -> u64 {
+    // The forward pass, its transmittance, and the rendering.
+    BASE + pixels(width, height) * ((2 + references) * IMAGE + PLANE)
+}
+
+/// Memory for profiling the steps of a training on an image of this size, bytes.
+pub fn profiling((width, height): (u32, u32)) -> u64 {
+    // The image and the target, what D-SSIM adds to it, and two passes.
+    BASE + pixels(width, height) * (5 * IMAGE + 2 * (2 * IMAGE + PLANE))
+}
+
 /// Memory for reading an image of this size, the image included, bytes.
 pub fn reading((width, height): (u32, u32)) -> u64 {
     pixels(width, height) * (2 * IMAGE + PLANE)

@@ -15,7 +15,7 @@ use std::{
     task::{Poll, Waker},
 };
 
-use gs_core::{Added, AdamRates, Binning, Error, Loss, MeanNoise, RenderSettings, TrainStep, Wait};
+use gs_core::{AdamRates, Added, Binning, Error, Loss, MeanNoise, RenderSettings, TrainStep, Wait};
 
 use crate::{
     answer::Answer,

@@ -3,7 +3,7 @@
 use std::sync::{Arc, PoisonError};
 
 use gs_core::{
-    Added, AdamRates, Backend, Culled, DensityStatistics, EditPlan, Error, Image, Loss, MeanNoise, Optimizer,
+    AdamRates, Added, Backend, Culled, DensityStatistics, EditPlan, Error, Image, Loss, MeanNoise, Optimizer,
     Parameterization, Rasterizer, RenderSettings, Scene2d, Scene3d, SplatsState, TargetImage, TrainStep, Wait,
     profile::Profiler,
 };

@@ -31,7 +31,10 @@ fn info_describes_a_data_set() {
         assert!((57.0..65.0).contains(&degrees), "{info}");
         let text = gs(["info", path]).done().stdout;
         assert!(text.contains("Nerfstudio data set") && text.contains("40x30 px"), "{text}");
-        assert!(text.contains("1 image skipped: no image file (first: gone.png)") && text.contains("no points"), "{text}");
+        assert!(
+            text.contains("1 image skipped: no image file (first: gone.png)") && text.contains("no points"),
+            "{text}"
+        );
     }
 }
 
@@ -182,8 +185,7 @@ fn large_images_are_scaled_down_unless_they_are_wanted_whole() {
     }
     transforms["frames"].as_array_mut().unwrap().push(frame);
     fs::write(dataset.join("transforms.json"), transforms.to_string()).unwrap();
-    let printed =
-        "1 image scaled down to 1600 px on the longer side (first: 1601x2 to 1600x2 px); --max-size none reads all pixels";
+    let printed = "1 image scaled down to 1600 px on the longer side (first: 1601x2 to 1600x2 px); --max-size none reads all pixels";
     let info = gs(["info", text(&dataset)]).done().stdout;
     assert!(info.contains(printed) && info.contains("1601x2 px") && info.contains("scaled to 1600x2 px"), "{info}");
     assert!(!gs(["info", text(&dataset), "--max-size", "none"]).done().stdout.contains("scaled"));

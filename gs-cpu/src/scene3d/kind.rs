@@ -153,11 +153,7 @@ impl SceneKind for Scene3d {
         project_bwd::all(workspace, splats, scale);
     }
 
-    fn add_gradients(
-        workspace: &mut Workspace<Own3d>,
-        added: &Workspace<Own3d>,
-        weight: f32,
-    ) -> Result<(), Error> {
+    fn add_gradients(workspace: &mut Workspace<Own3d>, added: &Workspace<Own3d>, weight: f32) -> Result<(), Error> {
         project_bwd::add(workspace, added, weight);
         Ok(())
     }

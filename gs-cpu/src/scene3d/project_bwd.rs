@@ -7,11 +7,7 @@
 use std::sync::atomic::Ordering::Relaxed;
 
 use glam::{Mat2, Vec2};
-use gs_core::{
-    Parameterization,
-    effects::Statistics,
-    math::perspective::ProjectionGradient,
-};
+use gs_core::{Parameterization, effects::Statistics, math::perspective::ProjectionGradient};
 use rayon::prelude::*;
 
 use super::{

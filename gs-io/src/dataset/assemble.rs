@@ -149,7 +149,8 @@ pub(super) fn assemble(parts: Parts<'_>, settings: &DatasetSettings) -> Result<D
         match make_views(draft, place, settings, &mut lenses) {
             Ok(Made { views: made, calibrated, remarks }) => {
                 tally.count(&made[0], calibrated, &remarks);
-                if let Some(Err(error)) = made[0].depth.as_ref().map(|depth| depth::check(&depth.path, &made[0].source)) {
+                if let Some(Err(error)) = made[0].depth.as_ref().map(|depth| depth::check(&depth.path, &made[0].source))
+                {
                     tally.count_bad_depth(&error);
                 }
                 unused_depths += usize::from(draft.depth.is_some() && made[0].depth.is_none());

@@ -105,7 +105,8 @@ impl View {
     /// Whether another view is made of the same files: another face of the same 360° image.
     fn shares_files(&self, other: &Self) -> bool {
         let files = |view: &Self| (view.image.clone(), view.mask.clone(), view.orientation, view.alpha);
-        files(self) == files(other) && (self.source.width, self.source.height) == (other.source.width, other.source.height)
+        files(self) == files(other)
+            && (self.source.width, self.source.height) == (other.source.width, other.source.height)
     }
 
     /// Reads the mask at the image's size: pixels lighter than mid-grey count.

@@ -56,7 +56,9 @@ impl WideTiff {
             DecodingResult::F64(values) => values.into_iter().map(|value| value as f32).collect(),
             DecodingResult::U32(values) => values.into_iter().map(|value| value as f32).collect(),
             DecodingResult::U64(values) => values.into_iter().map(|value| value as f32).collect(),
-            _ => return Err(Error::bad_depth(&self.path, "its numbers have a sign, but are no floating-point numbers")),
+            _ => {
+                return Err(Error::bad_depth(&self.path, "its numbers have a sign, but are no floating-point numbers"));
+            }
         };
         match values.len() == pixels {
             true => Ok((self.size, values)),

@@ -161,7 +161,10 @@ fn what_cannot_be_used_is_counted() {
     assert!(dataset.remarks.contains(&Remark::PointsNotFinite { count: 2 }));
     assert_eq!(dataset.points.len(), 1);
     let lines: Vec<String> = dataset.remarks.iter().map(ToString::to_string).collect();
-    assert!(lines.contains(&"1 image skipped: the camera is not in the model (first: view 000.png)".to_owned()), "{lines:?}");
+    assert!(
+        lines.contains(&"1 image skipped: the camera is not in the model (first: view 000.png)".to_owned()),
+        "{lines:?}"
+    );
 }
 
 #[test]

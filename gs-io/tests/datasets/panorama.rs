@@ -145,7 +145,10 @@ fn whole_images_are_held_out() {
 fn only_images_twice_as_wide_as_high_show_all_directions() {
     let place = folder();
     colmap(place.path(), 2, (512, 200));
-    assert!(refusal(place.path()).contains("2 images skipped: a 360° image (equirectangular) must be twice as wide as high"));
+    assert!(
+        refusal(place.path())
+            .contains("2 images skipped: a 360° image (equirectangular) must be twice as wide as high")
+    );
 }
 
 #[test]
@@ -202,7 +205,10 @@ fn a_360_image_of_a_perspective_camera_is_one_clear_error() {
     assert_eq!(read(place.path()).views.len(), 2, "ordinary wide images");
     gs_io::write_png(file(0), &panorama(DMat3::IDENTITY, (256, 128))).unwrap();
     let error = refusal(place.path());
-    assert!(error.contains("view 000.png: it is twice as wide as high") && error.contains("EQUIRECTANGULAR"), "{error}");
+    assert!(
+        error.contains("view 000.png: it is twice as wide as high") && error.contains("EQUIRECTANGULAR"),
+        "{error}"
+    );
     // A drawing before white has equal borders, too, but nothing on them.
     let drawing = |x: u32, y: u32| [if (100..140).contains(&x) && (40..90).contains(&y) { 0.0 } else { 1.0 }; 3];
     gs_io::write_png(file(0), &Image::from_fn(256, 128, drawing).unwrap()).unwrap();

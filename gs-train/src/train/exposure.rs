@@ -235,7 +235,8 @@ impl Exposures {
 /// identity.
 fn undone(fits: &[ColorMap]) -> Vec<ColorMap> {
     let inverses: Vec<Option<ColorMap>> = fits.iter().map(ColorMap::inverse).collect();
-    let possible: Vec<ColorMap> = fits.iter().zip(&inverses).filter_map(|(fit, inverse)| inverse.map(|_| *fit)).collect();
+    let possible: Vec<ColorMap> =
+        fits.iter().zip(&inverses).filter_map(|(fit, inverse)| inverse.map(|_| *fit)).collect();
     let mean = ColorMap::mean(&possible);
     inverses.iter().map(|inverse| inverse.map_or(ColorMap::IDENTITY, |inverse| mean.after(&inverse))).collect()
 }

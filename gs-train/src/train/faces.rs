@@ -39,7 +39,8 @@ pub(super) fn sources(views: Vec<View>) -> Vec<Box<dyn ImageSource>> {
         }
         let made = Mutex::new(faces.iter().map(|_| None).collect());
         let of = Arc::new(Panorama { faces: faces.to_vec(), made, held: Arc::clone(&held) });
-        sources.extend((0..faces.len()).map(|index| -> Box<dyn ImageSource> { Box::new(Face { index, of: of.clone() }) }));
+        sources
+            .extend((0..faces.len()).map(|index| -> Box<dyn ImageSource> { Box::new(Face { index, of: of.clone() }) }));
     }
     sources
 }

@@ -8,7 +8,9 @@ use gs_core::{
 use gs_density::{DensityPolicy, Governor, Policy};
 use serde::{Deserialize, Serialize};
 
-use super::{depth_loss::DepthLoss, exposure::Exposure, init::PointInit, presets::geometric_groups, resolution::Resolution};
+use super::{
+    depth_loss::DepthLoss, exposure::Exposure, init::PointInit, presets::geometric_groups, resolution::Resolution,
+};
 use crate::{recovery::Recovery, rounds::Rounds, task::RunSettings};
 
 gs_core::impl_with!(TrainSettings);

@@ -236,9 +236,9 @@ impl<R: Optimizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
         let added = self.depths.gradients((on, &*splats), (view, index, factor), &render, of_depths).await?;
         let added = added.as_ref().map(|(gradients, weight)| Added { gradients, weight: *weight });
         let (map, compact) = (self.exposures.map(index), self.compact);
-        let target = self.images.get(index, factor, || {
-            images::target(on, images::training_image(view, factor, map)?, fixed, compact)
-        })?;
+        let target = self
+            .images
+            .get(index, factor, || images::target(on, images::training_image(view, factor, map)?, fixed, compact))?;
         Ok(on.train_step_with(splats, &camera, target, &step, added).await?)
     }
 

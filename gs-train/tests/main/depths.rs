@@ -7,7 +7,7 @@ use gs_cpu::CpuRasterizer;
 use gs_density::Policy;
 use gs_io::dataset::{DepthMap, PosedImage};
 use gs_train::{
-    Control, Observer, Progress, TrainSettings, Trainer3d,
+    Control, Observer, Progress, Recovery, TrainSettings, Trainer3d,
     train::{DepthLoss, ImageSource, PosedView, Start, Views},
 };
 use pollster::FutureExt as _;
@@ -77,8 +77,7 @@ fn depth_maps_correct_depths_that_images_leave_open() {
         }
         let mut settings = settings(weight);
         settings.adam.mean.learning_rate *= 20.0;
-        let mut trainer =
-            Trainer3d::from_views(&rasterizer, views, Start::Scene(scene), settings).block_on().unwrap();
+        let mut trainer = Trainer3d::from_views(&rasterizer, views, Start::Scene(scene), settings).block_on().unwrap();
         assert_eq!(trainer.depth_maps().map(|counts| (counts.maps, counts.used)), (weight > 0.0).then_some((1, 1)));
         trainer.run(&mut ()).block_on().unwrap();
         let [found, expected] =
@@ -106,7 +105,11 @@ fn a_resumed_training_with_depth_maps_ends_bit_identical() {
     let first = rasterizer();
     let all = |on: &CpuRasterizer| mapped(on, None, unknown);
     let start = || Start::Scene(thirty());
-    let settings = short(60).with(|s| s.depth_loss = DepthLoss::default().with(|s| s.weight = 0.3));
+    let settings = short(60).with(|s| {
+        s.depth_loss = DepthLoss::default().with(|s| s.weight = 0.3);
+        // A restart would begin with the scene of the checkpoint.
+        s.recovery = Recovery::Never;
+    });
     let mut whole = Trainer3d::from_views(&first, all(&first), start(), settings.clone()).block_on().unwrap();
     whole.run(&mut ()).block_on().unwrap();
     let mut trainer = Trainer3d::from_views(&first, all(&first), start(), settings).block_on().unwrap();

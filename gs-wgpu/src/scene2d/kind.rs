@@ -5,8 +5,7 @@ use std::sync::Arc;
 use glam::{Vec2, Vec3};
 use gs_core::{
     AdamRates, Blend, Canvas, Error, Gaussian2d, Output, Parameterization, Penalty, RenderSettings, Scene2d,
-    SplatsState,
-    effects::Order, math::whitened::WhitenedGradient,
+    SplatsState, effects::Order, math::whitened::WhitenedGradient,
 };
 
 use super::{solve_colors::solve_colors, state::State2d};

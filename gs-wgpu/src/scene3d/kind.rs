@@ -4,8 +4,7 @@ use std::sync::Arc;
 
 use glam::Vec3;
 use gs_core::{
-    AdamRates, Camera, Error, Gaussian3d, MomentFormat, Output, Parameterization, RenderSettings, Scene3d,
-    SplatsState,
+    AdamRates, Camera, Error, Gaussian3d, MomentFormat, Output, Parameterization, RenderSettings, Scene3d, SplatsState,
 };
 
 use super::{

@@ -7,7 +7,7 @@ use std::ops::{Deref, DerefMut};
 use glam::Vec2Swizzles;
 use gs_conformance::conformance::cases;
 use gs_core::{
-    Added, AdamRates, Backend, Canvas, Culled, DensityStatistics, EditPlan, Error, Gaussian2d, Image, Loss, MeanNoise,
+    AdamRates, Added, Backend, Canvas, Culled, DensityStatistics, EditPlan, Error, Gaussian2d, Image, Loss, MeanNoise,
     Optimizer, Parameterization, Rasterizer, RenderSettings, Scene, Scene2d, SplatsState, TargetImage, TrainStep, Wait,
     effects::{Antialias, Blend, Statistics},
 };

@@ -82,7 +82,9 @@ impl results::Summary for Summary {
             )
         });
         let exposure = exposure.and_then(|ExposureReport { used, gain_db, .. }| match (used, verbosity) {
-            (true, _) => Some(format!("differences in exposure between the images were corrected, which gained {gain_db:.1} dB")),
+            (true, _) => {
+                Some(format!("differences in exposure between the images were corrected, which gained {gain_db:.1} dB"))
+            }
             (false, Verbosity::Verbose) => {
                 Some(format!("exposure was not corrected: that would have gained only {gain_db:.1} dB"))
             }

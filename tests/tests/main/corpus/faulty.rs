@@ -5,7 +5,7 @@ mod fallible;
 use std::cell::RefCell;
 
 use gs_core::{
-    Added, AdamRates, Backend, Culled, DensityStatistics, EditPlan, Error, Extent, Image, Loss, MeanNoise, Optimizer,
+    AdamRates, Added, Backend, Culled, DensityStatistics, EditPlan, Error, Extent, Image, Loss, MeanNoise, Optimizer,
     Parameterization, Rasterizer, RenderSettings, SplatsState, TargetImage, TensorData, TrainStep, Wait,
     edit::{AfterEdit, Change, Moments},
     effects::{Antialias, Order},

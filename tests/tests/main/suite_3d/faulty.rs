@@ -5,9 +5,9 @@ use gs_conformance::{
     subject::Subject,
 };
 use gs_core::{
-    Added, AdamRates, Backend, Camera, Culled, DensityStatistics, EditPlan, Error, Gaussian3d, Image, Loss, MeanNoise,
-    Optimizer, Output, Parameterization, Participants, Rasterizer, RenderSettings, Scene, Scene3d, SplatsState, TargetImage,
-    TrainStep, Wait,
+    AdamRates, Added, Backend, Camera, Culled, DensityStatistics, EditPlan, Error, Gaussian3d, Image, Loss, MeanNoise,
+    Optimizer, Output, Parameterization, Participants, Rasterizer, RenderSettings, Scene, Scene3d, SplatsState,
+    TargetImage, TrainStep, Wait,
     edit::{Moments, Source},
     effects::{Antialias, Background, Order, Statistics},
     logit,

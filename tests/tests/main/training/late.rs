@@ -3,8 +3,8 @@
 
 use super::fixture_2d::{rasterizer, small_fit, small_target};
 use gs_core::{
-    Added, AdamRates, Backend, Blend, Canvas, Culled, DensityStatistics, EditPlan, Error as CoreError, Gaussian2d, Image,
-    Loss, MeanNoise, Optimizer, Parameterization, Rasterizer, RenderSettings, Scene2d, SplatsState, TargetImage,
+    AdamRates, Added, Backend, Blend, Canvas, Culled, DensityStatistics, EditPlan, Error as CoreError, Gaussian2d,
+    Image, Loss, MeanNoise, Optimizer, Parameterization, Rasterizer, RenderSettings, Scene2d, SplatsState, TargetImage,
     TrainStep, Wait,
 };
 use gs_cpu::{CpuRasterizer, Splats2d};
