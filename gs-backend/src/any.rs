@@ -1,7 +1,7 @@
 //! Any of the backends behind one type.
 
 use gs_core::{
-    AdamRates, Backend, Culled, DensityStatistics, EditPlan, Error, Image, Loss, MeanNoise, Optimizer,
+    AdamRates, Added, Backend, Culled, DensityStatistics, EditPlan, Error, Image, Loss, MeanNoise, Optimizer,
     Parameterization, Rasterizer, RenderSettings, Scene, Scene2d, Scene3d, SplatsState, TargetImage, TrainStep, Wait,
     profile::{Profile, Profiler},
 };
@@ -277,15 +277,22 @@ macro_rules! for_scene {
         }
 
         impl Optimizer<$scene> for AnyRasterizer {
-            async fn train_step(
+            async fn train_step_with(
                 &self,
                 splats: &mut Self::Splats,
                 view: &<$scene as Scene>::View,
                 target: &Self::Target,
                 step: &TrainStep<'_>,
+                added: Option<Added<'_, Self::Gradients>>,
             ) -> Result<(), Error> {
-                on!(self as on, splats, target => {
-                    Optimizer::<$scene>::train_step(on, splats, view, target, step).await
+                let Some(Added { gradients, weight }) = added else {
+                    return on!(self as on, splats, target => {
+                        Optimizer::<$scene>::train_step(on, splats, view, target, step).await
+                    }, else Err(mismatch()));
+                };
+                on!(self as on, splats, target, gradients => {
+                    let added = Some(Added { gradients, weight });
+                    Optimizer::<$scene>::train_step_with(on, splats, view, target, step, added).await
                 }, else Err(mismatch()))
             }
 

@@ -65,9 +65,19 @@ pub(crate) fn check_image(path: &Path) -> Result<(), Failure> {
 }
 
 /// Fails where a picture is too large to be rendered; prints a large need.
-pub(crate) fn check_picture(what: impl Display, (width, height): (u32, u32)) -> Result<(), Failure> {
-    let what = format!("a picture of {what} of {width}x{height} px");
-    let bytes = gs_train::memory::drawing((width, height));
+pub(crate) fn check_picture(what: impl Display, size: (u32, u32)) -> Result<(), Failure> {
+    check_work("a picture of", what, size, gs_train::memory::drawing(size))
+}
+
+/// Fails where work on pictures of a scene takes too many `bytes`; prints a large need. `work` is
+/// followed by the scene: "profiling".
+pub(crate) fn check_work(
+    work: &str,
+    scene: impl Display,
+    (width, height): (u32, u32),
+    bytes: u64,
+) -> Result<(), Failure> {
+    let what = format!("{work} {scene} of {width}x{height} px");
     Need { what, bytes, held: 0, less: "make it smaller with --size" }.check_and_print()
 }
 

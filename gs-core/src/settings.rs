@@ -39,6 +39,26 @@ pub enum Extent {
     Sigmas(f32),
 }
 
+/// What the pixels of a rendering show. Exhaustive: a backend must handle or refuse each value.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Output {
+    /// The colours of the Gaussians.
+    #[default]
+    Color,
+    /// The inverse depths of the Gaussians in all three channels, in inverse world units: each has
+    /// 1/z as its colour, where z is the depth of its mean along the optical axis. 3D scenes.
+    ///
+    /// The SH coefficients have no effect, and no gradient.
+    InverseDepth,
+}
+
+impl Output {
+    fn is_color(&self) -> bool {
+        *self == Self::Color
+    }
+}
+
 /// The approximations of a rendering.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
@@ -116,6 +136,9 @@ pub struct RenderSettings {
     /// it as the policy asks; images do not depend on it.
     #[serde(skip_serializing_if = "is_zero")]
     pub full_depth: f32,
+    /// What the pixels show. Default [`Output::Color`].
+    #[serde(skip_serializing_if = "Output::is_color")]
+    pub output: Output,
 }
 
 /// Settings files leave out default values.

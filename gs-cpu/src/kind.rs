@@ -130,6 +130,17 @@ pub trait SceneKind: sealed::Sealed + Scene + 'static {
     #[doc(hidden)]
     fn project_bwd(workspace: &mut Workspace<Self::Own>, splats: &Self::Splats, scale: f32);
 
+    /// Adds `weight` times other gradients of `project_bwd`, of as many Gaussians, to those of the
+    /// Gaussians that some tile lists in both.
+    #[doc(hidden)]
+    fn add_gradients(
+        _workspace: &mut Workspace<Self::Own>,
+        _added: &Workspace<Self::Own>,
+        _weight: f32,
+    ) -> Result<(), Error> {
+        Err(unsupported("added gradients of 2D scenes"))
+    }
+
     /// The gradients of `project_bwd` as a scene of derivatives.
     #[doc(hidden)]
     fn derivatives(workspace: &Workspace<Self::Own>, splats: &Self::Splats) -> Self;

@@ -4,7 +4,7 @@
 use std::{fmt, sync::PoisonError};
 
 use gs_core::{
-    AdamRates, Backend, Binning, Culled, DensityStatistics, EditPlan, Error, Image, Loss, MeanNoise, Optimizer,
+    AdamRates, Added, Backend, Binning, Culled, DensityStatistics, EditPlan, Error, Image, Loss, MeanNoise, Optimizer,
     Parameterization, Rasterizer, RenderSettings, Scene2d, Scene3d, SplatsState, TargetImage, TrainStep, Wait, counted,
     profile::Profiler,
 };
@@ -255,18 +255,22 @@ impl<S: SceneKind> Rasterizer<S> for CpuRasterizer {
 }
 
 impl<S: SceneKind> Optimizer<S> for CpuRasterizer {
-    async fn train_step(
+    async fn train_step_with(
         &self,
         splats: &mut S::Splats,
         view: &S::View,
         target: &Target,
         step: &TrainStep<'_>,
+        added: Option<Added<'_, Gradients<S>>>,
     ) -> Result<(), Error> {
         S::check(view, step.settings)?;
         step.rates.validate()?;
         S::check_rates(step.rates)?;
         step.loss.validate()?;
         target.check_size(S::size(view))?;
+        if let Some(Added { gradients, .. }) = &added {
+            check_len::<S>(gradients, splats)?;
+        }
         let Resources { pool, bias } = S::resources(&self.resources);
         let workspace = S::shared_mut(splats).workspace.take().unwrap_or_else(|| pool.take());
         let mut workspace = workspace.tuned(self.tuning);
@@ -284,7 +288,14 @@ impl<S: SceneKind> Optimizer<S> for CpuRasterizer {
                 tiles.blend_bwd(self.level)?;
                 (value, 1.0)
             };
-            S::update(splats, bias, step.rates, self.level, &mut workspace, scale);
+            match added {
+                None => S::update(splats, bias, step.rates, self.level, &mut workspace, scale),
+                Some(Added { gradients, weight }) => {
+                    S::project_bwd(&mut workspace, splats, scale);
+                    S::add_gradients(&mut workspace, gradients.workspace(), weight)?;
+                    S::adam(splats, bias, step.rates, self.level, &workspace);
+                }
+            }
             Ok::<f64, Error>(value)
         })?;
         let shared = S::shared_mut(splats);

@@ -233,6 +233,16 @@ pub enum Error {
         /// Rows that are needed.
         expected_height: u32,
     },
+    /// A 360° image of a camera with another model, whose views would all be wrong.
+    #[error(
+        "{}: it is twice as wide as high, and its borders meet as those of a 360° image do, but its camera has a perspective \
+         model; set the camera's model to EQUIRECTANGULAR, or cut a few columns off if it is no 360° image",
+        one_line(path)
+    )]
+    UnsplitPanorama {
+        /// The image.
+        path: PathBuf,
+    },
     /// A depth map that cannot be used.
     #[error("{}: {message}; write this depth map again, or remove it", one_line(path))]
     BadDepth {

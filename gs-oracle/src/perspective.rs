@@ -6,7 +6,7 @@
 //! after; `v_x` = ∂L/∂x.
 
 use gs_core::{
-    Camera, CullCause, Error, RenderSettings,
+    Camera, CullCause, Error, Output, RenderSettings,
     constants::{DILATION_PX2, MIN_DETERMINANT_PX4, MIN_QUATERNION_NORM2, MIP_DILATION_PX2},
     effects::{Antialias, Blend, Effects, Order},
 };
@@ -85,7 +85,7 @@ impl OracleView for Camera {
     }
 
     fn project(&self, g: &[f64], settings: &RenderSettings, lean: Lean) -> Projection<Splat3d> {
-        match projected(self, g, settings.effects, lean) {
+        match projected(self, g, settings, lean) {
             Ok(splat) => Projection::Drawable(splat),
             Err(cause) => Projection::Left(cause),
         }
@@ -93,7 +93,8 @@ impl OracleView for Camera {
 }
 
 /// The projection of a Gaussian, or the reason why it is culled.
-fn projected(camera: &Camera, g: &[f64], effects: Effects, lean: Lean) -> Result<Splat3d, CullCause> {
+fn projected(camera: &Camera, g: &[f64], settings: &RenderSettings, lean: Lean) -> Result<Splat3d, CullCause> {
+    let effects = settings.effects;
     let finite = g.iter().enumerate().filter(|&(i, _)| i != OPACITY_3D).all(|(_, v)| v.is_finite());
     if !finite || g[OPACITY_3D].is_nan() {
         return Err(CullCause::NotFinite);
@@ -112,7 +113,10 @@ fn projected(camera: &Camera, g: &[f64], effects: Effects, lean: Lean) -> Result
     let covariance = Covariance::new(&footprint, &center, effects.antialias, &mut guards)?;
     let opacity = Opacity::new(g[OPACITY_3D], effects, &covariance);
     let (direction, distance) = pinhole.direction(&mean);
-    let shading = Shading::new(g, &direction, effects.sh_degree)?;
+    let shading = match settings.output {
+        Output::Color => Shading::new(g, &direction, effects.sh_degree)?,
+        Output::InverseDepth => Shading::of_inverse_depth(point[2]),
+    };
 
     Ok(Splat3d {
         center,
@@ -140,6 +144,7 @@ fn projected(camera: &Camera, g: &[f64], effects: Effects, lean: Lean) -> Result
             sh: shading.sh,
             sh_len: sh_len(g),
             shows: shading.shows,
+            output: settings.output,
         },
     })
 }
@@ -368,6 +373,11 @@ impl Shading {
         let shows = color.map(|c| c.value > 0.0);
         let color = [0, 1, 2].map(|k| if shows[k] { color[k] } else { Rounded::ZERO });
         Ok(Self { sh, color, shows })
+    }
+
+    /// 1/z in place of the colour.
+    fn of_inverse_depth(z: Rounded) -> Self {
+        Self { sh: Vec::new(), color: [Rounded::ONE / z; 3], shows: [true; 3] }
     }
 }
 

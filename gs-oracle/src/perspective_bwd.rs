@@ -1,5 +1,7 @@
 //! The vector-Jacobian product of `perspective`, with its legend, derived by hand.
 
+use gs_core::Output;
+
 use super::{
     parameters::SH_3D,
     rounded::{Matrix, Rounded, applied, dot, product, transposed},
@@ -42,6 +44,7 @@ pub(super) struct Chain {
     pub(super) sh_len: usize,
     /// Channels whose colour is not clamped at 0.
     pub(super) shows: [bool; 3],
+    pub(super) output: Output,
 }
 
 impl Chain {
@@ -78,6 +81,11 @@ impl Chain {
                 v_point[i] = v_point[i] - last * f / (z * z);
                 v_point[2] = v_point[2] + last * f * at / (z * z * z);
             }
+        }
+        if self.output == Output::InverseDepth {
+            // 1/z in each channel.
+            let v_inverse: Rounded = v[COLOR_SHARE..].iter().copied().sum();
+            v_point[2] = v_point[2] - v_inverse / (z * z);
         }
         let mut v_mean = applied(&transposed(&self.world), &v_point);
 

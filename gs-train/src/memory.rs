@@ -41,10 +41,25 @@ const GAUSSIAN_3D: u64 = 750;
 /// A further parameter of a 3D Gaussian, with its moments, gradient and copies.
 const PARAMETER_3D: u64 = 24;
 
+/// What a 3D Gaussian's pass for depths takes: its projection, gradient, and usual entries.
+const DEPTH_GAUSSIAN: u64 = 450;
+
 /// Memory for drawing an image of this size, the image included, bytes.
 pub fn drawing((width, height): (u32, u32)) -> u64 {
     let image = pixels(width, height) * IMAGE;
     BASE + image + image.min(PART)
+}
+
+/// Memory for comparing renderings of this size of a scene with `references` others of it, bytes.
+pub fn comparing((width, height): (u32, u32), references: u64) -> u64 {
+    // The forward pass, its transmittance, and the rendering.
+    BASE + pixels(width, height) * ((2 + references) * IMAGE + PLANE)
+}
+
+/// Memory for profiling the steps of a training on an image of this size, bytes.
+pub fn profiling((width, height): (u32, u32)) -> u64 {
+    // The image and the target, what D-SSIM adds to it, and two passes.
+    BASE + pixels(width, height) * (5 * IMAGE + 2 * (2 * IMAGE + PLANE))
 }
 
 /// Memory for reading an image of this size, the image included, bytes.
@@ -97,7 +112,7 @@ impl FitSettings {
 
 impl TrainSettings {
     /// Peak memory of training this many Gaussians from views of these sizes, whose images are kept
-    /// up to `keep_bytes`, bytes.
+    /// up to `keep_bytes`, bytes. Depth maps in the loss add [`Self::depth_bytes`].
     pub fn peak_bytes(&self, views: impl IntoIterator<Item = (u32, u32)>, keep_bytes: u64, gaussians: u64) -> u64 {
         let (mut all, mut largest, mut count) = (0, 0, 0);
         for (width, height) in views {
@@ -130,6 +145,19 @@ impl TrainSettings {
             Some(request.bytes_per_gaussian(views) + copies)
         };
         (1..=self.iterations).filter_map(of_round).max().unwrap_or_default()
+    }
+
+    /// Memory that depth maps of views of these sizes add to training this many Gaussians, bytes.
+    pub fn depth_bytes(&self, views: impl IntoIterator<Item = (u32, u32)>, gaussians: u64) -> u64 {
+        let (mut all, mut largest) = (0, 0);
+        for (width, height) in views {
+            all += pixels(width, height);
+            largest = largest.max(pixels(width, height));
+        }
+        // Targets and renderings have a quarter of the pixels. The gradients of the step are written
+        // to memory beside those of the depths.
+        let numbers = 3 * (u64::from(self.render.effects.sh_degree) + 1).pow(2);
+        all * (IMAGE + PLANE) / 4 + 2 * largest * IMAGE + gaussians * (DEPTH_GAUSSIAN + numbers * PLANE)
     }
 }
 

@@ -128,12 +128,12 @@ pub trait TrainingTask<R: Optimizer<S>, S: SceneTask> {
         async { Ok(()) }
     }
 
-    /// Key and text of the task's own state in the metadata of a checkpoint, where it has any.
+    /// Keys and texts of the task's own state in the metadata of a checkpoint.
     ///
     /// # Errors
     /// [`Error::Checkpoint`] where it cannot be written.
-    fn state(&self) -> Result<Option<(&'static str, String)>, Error> {
-        Ok(None)
+    fn state(&self) -> Result<Vec<(&'static str, String)>, Error> {
+        Ok(Vec::new())
     }
 
     /// Sends one step of the optimizer.

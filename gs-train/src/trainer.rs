@@ -337,7 +337,7 @@ impl<'a, R: Optimizer<S>, S: Trainable> Trainer<'a, R, S> {
         }
         self.settle().await?;
         let mut metadata = self.record.to_metadata()?;
-        metadata.extend(self.task.state()?.map(|(key, text)| (key.to_owned(), text)));
+        metadata.extend(self.task.state()?.into_iter().map(|(key, text)| (key.to_owned(), text)));
         Ok(Checkpoint { state: self.rasterizer.save(&self.splats).await?, metadata })
     }
 

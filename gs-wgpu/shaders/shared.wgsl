@@ -39,6 +39,11 @@ struct Step {
     compensates: u32,
     // Steps from one move of SH above degree 0 to the next.
     color_rest_every: u32,
+    // 1 if 3D Gaussians show their inverse depth in place of their colour.
+    inverse_depth: u32,
+    // Weight of added gradients.
+    added_weight: f32,
+    unused: vec2u,
     // Adam: mean, scale, rotation, opacity, colour, SH above degree 0. Learning rate, beta1, beta2,
     // 1 - beta1; ln beta1, ln beta2, 1 - beta2, and for scales and opacities the penalty's weight
     // per number.

@@ -15,12 +15,12 @@ use std::{
     task::{Poll, Waker},
 };
 
-use gs_core::{AdamRates, Binning, Error, Loss, MeanNoise, RenderSettings, TrainStep, Wait};
+use gs_core::{AdamRates, Added, Binning, Error, Loss, MeanNoise, RenderSettings, TrainStep, Wait};
 
 use crate::{
     answer::Answer,
     dispatch::{Commands, Groups, dispatch_some},
-    forward_pass::Pool,
+    forward_pass::{Gradients, Pool},
     gpu::Gpu,
     kind::SceneKind,
     layout::{Noise, Status},
@@ -47,12 +47,19 @@ pub(crate) struct Request<S: SceneKind> {
     loss: Loss,
     rates: AdamRates,
     binning: Binning,
+    /// The gradients of a further loss, and its weight.
+    added: Option<(Vec<wgpu::Buffer>, f32)>,
     /// Noise that is added to the means after the step.
     noise: Vec<MeanNoise>,
 }
 
 impl<S: SceneKind> Request<S> {
-    pub(crate) fn new(view: &S::View, target: &Target, step: &TrainStep<'_>) -> Self {
+    pub(crate) fn new(
+        view: &S::View,
+        target: &Target,
+        step: &TrainStep<'_>,
+        added: Option<Added<'_, Gradients<S>>>,
+    ) -> Self {
         Self {
             view: view.clone(),
             target: target.clone(),
@@ -60,6 +67,7 @@ impl<S: SceneKind> Request<S> {
             loss: step.loss,
             rates: *step.rates,
             binning: step.binning,
+            added: added.map(|added| (added.gradients.buffers.clone(), added.weight)),
             noise: Vec::new(),
         }
     }
@@ -262,11 +270,16 @@ impl<S: SceneKind> InFlight<S> {
         let buffer = || gpu.allocate("status to read", STATUS_BYTES, usage);
         let status = self.free.pop().map_or_else(buffer, Ok)?;
         // The queue orders this write after the earlier steps, so each step has its own uniform.
-        workspace.write_step(gpu, &workspace.describe(gpu, splats, Some(request.loss), Some(&request.rates)));
+        let mut step = workspace.describe(gpu, splats, Some(request.loss), Some(&request.rates));
+        step.added_weight = request.added.as_ref().map_or(0.0, |(_, weight)| *weight);
+        workspace.write_step(gpu, &step);
         let mut commands = Commands::new(gpu);
         workspace.encode_lists(gpu, &mut commands, splats, fresh);
         workspace.tiles.encode_image_and_gradient(gpu, &mut commands, &request.target, request.loss)?;
         workspace.encode_project_bwd(gpu, &mut commands, splats)?;
+        if let Some((added, _)) = &request.added {
+            S::encode_add(workspace, gpu, &mut commands, added)?;
+        }
         workspace.encode_adam(gpu, &mut commands, splats);
         workspace.tiles.encode_status(&mut commands, &status);
         let submission = commands.submit(gpu);

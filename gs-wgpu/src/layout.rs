@@ -205,6 +205,11 @@ pub struct Step {
     pub(crate) compensates: u32,
     /// Steps from one move of SH coefficients above degree 0 to the next.
     pub(crate) color_rest_every: u32,
+    /// 1 if 3D Gaussians show their inverse depth in place of their colour.
+    pub(crate) inverse_depth: u32,
+    /// Weight of added gradients.
+    pub(crate) added_weight: f32,
+    pub(crate) unused: [u32; 2],
     /// Rates per group: learning rate, β₁, β₂, 1 − β₁.
     pub(crate) rates: [[f32; 4]; 6],
     /// Decays per group: ln β₁, ln β₂, 1 − β₂, and for scales and opacities the penalty's weight
@@ -320,6 +325,9 @@ mod tests {
                 dilation,
                 compensates,
                 color_rest_every,
+                inverse_depth,
+                added_weight,
+                unused,
                 rates,
                 decays,
             }

@@ -3,7 +3,7 @@
 use std::sync::{Arc, PoisonError};
 
 use gs_core::{
-    AdamRates, Backend, Culled, DensityStatistics, EditPlan, Error, Image, Loss, MeanNoise, Optimizer,
+    AdamRates, Added, Backend, Culled, DensityStatistics, EditPlan, Error, Image, Loss, MeanNoise, Optimizer,
     Parameterization, Rasterizer, RenderSettings, Scene2d, Scene3d, SplatsState, TargetImage, TrainStep, Wait,
     profile::Profiler,
 };
@@ -271,21 +271,25 @@ impl<S: SceneKind> Rasterizer<S> for WgpuRasterizer {
 }
 
 impl<S: SceneKind> Optimizer<S> for WgpuRasterizer {
-    async fn train_step(
+    async fn train_step_with(
         &self,
         splats: &mut Splats<S>,
         view: &S::View,
         target: &Target,
         step: &TrainStep<'_>,
+        added: Option<Added<'_, Gradients<S>>>,
     ) -> Result<(), Error> {
         S::check(view, step.settings)?;
         step.loss.validate()?;
         step.rates.validate()?;
         S::check_rates(step.rates)?;
         target.check_size(S::size(view))?;
+        if let Some(Added { gradients, .. }) = &added {
+            gradients.check_len(splats)?;
+        }
         S::prepare(&self.gpu, &mut splats.state, splats.len)?;
         let mut in_flight = splats.in_flight().await;
-        in_flight.train(&self.gpu, S::pool(self), splats, Request::new(view, target, step)).await
+        in_flight.train(&self.gpu, S::pool(self), splats, Request::new(view, target, step, added)).await
     }
 
     async fn losses(&self, splats: &mut Splats<S>, wait: Wait, losses: &mut Vec<f32>) -> Result<(), Error> {

@@ -136,6 +136,7 @@ shaders! {
     "scene2d/project_bwd" after "received": ["project_bwd"],
     "scene3d/project_bwd" after "received" after "scene3d/shared": ["project_bwd_3d"],
     "scene2d/adam" after "moments": ["adam"],
+    "scene3d/add": ["add_gradients_3d"],
     "scene3d/adam" after "moments": ["adam_3d"],
     "scene3d/adam_color" after "moments": ["adam_color_3d"],
     "scene2d/noise" after "noise": ["add_noise"],

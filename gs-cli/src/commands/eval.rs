@@ -133,7 +133,10 @@ fn evaluate_3d(args: &EvalArgs, file: &File3d) -> Result<(), Failure> {
     let mean = format!("mean of {}", counted(evaluation.views.len(), "view"));
     text += &row(&mean, evaluation.psnr, evaluation.ssim, evaluation.l1);
     if let Some(ColorMatched { psnr, ssim, .. }) = evaluation.color_matched {
-        text += &format!("{psnr:>9.3} dB {ssim:>9.5} {:>10}  right halves, colours matched in the left\n", "");
+        text += &format!(
+            "{psnr:>9.3} dB {ssim:>9.5} {:>10}  mean of the right halves, colours matched on the left halves\n",
+            ""
+        );
     }
     output::result(text.trim_end())
 }

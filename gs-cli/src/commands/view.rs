@@ -69,7 +69,7 @@ mod window {
     use super::*;
     use crate::{
         cameras::{self, Home},
-        scene,
+        memory, scene,
     };
 
     /// The largest default size of a window, px: images may be larger than screens.
@@ -138,6 +138,7 @@ mod window {
     fn size(args: &ViewArgs, width: u32, height: u32) -> Result<(u32, u32), Failure> {
         let Size { width, height } = args.size.unwrap_or_else(|| default_size(width, height));
         check_size(width, height).map_err(|error| Failure::usage(error).at("--size"))?;
+        memory::check_picture(args.scene.display(), (width, height))?;
         Ok((width, height))
     }
 

@@ -31,7 +31,10 @@ fn info_describes_a_data_set() {
         assert!((57.0..65.0).contains(&degrees), "{info}");
         let text = gs(["info", path]).done().stdout;
         assert!(text.contains("Nerfstudio data set") && text.contains("40x30 px"), "{text}");
-        assert!(text.contains("1 skipped: no image file (first: gone.png)") && text.contains("no points"), "{text}");
+        assert!(
+            text.contains("1 image skipped: no image file (first: gone.png)") && text.contains("no points"),
+            "{text}"
+        );
     }
 }
 
@@ -53,11 +56,20 @@ fn info_counts_360_images_and_depth_maps() {
     fs::write(place.path().join("transforms.json"), json).unwrap();
     fs::copy(place.path().join("picture-40x20.png"), place.path().join("depth.png")).unwrap();
     assert_eq!(gs(["info", path, "--json"]).json()["depth_maps"], 1);
-    // An image with colours is no depth map, which is found out before the folder is made.
+    // A depth map of no use is an error where it is used, before the folder is made.
     let out = place.path().join("out");
-    let run = gs(["train", path, "-o", out.to_str().unwrap(), "--backend", "cpu"]);
+    let train = ["train", path, "-o", out.to_str().unwrap(), "-i", "1", "-n", "50", "--backend", "cpu"];
+    let run = gs(train);
     assert!(run.status == Some(1) && run.stderr.contains("depth.png: it is an image with colours"), "{run:?}");
-    assert!(!out.exists());
+    fs::copy(picture(place.path(), 40, 30), place.path().join("depth.png")).unwrap();
+    let fault = "depth.png: the image is 40x30 px";
+    let text = gs(["info", path]).done().stdout;
+    assert!(text.contains("1 depth map that a training could not use (first: ") && text.contains(fault), "{text}");
+    for start in [&["--start", "random"][..], &["--depth-weight", "0"]] {
+        let run = gs(train.iter().chain(start));
+        assert!(run.status == Some(1) && run.stderr.contains(fault) && !out.exists(), "{run:?}");
+    }
+    gs(train.iter().chain(&["--start", "random", "--depth-weight", "0"])).done();
 }
 
 #[test]
@@ -173,8 +185,7 @@ fn large_images_are_scaled_down_unless_they_are_wanted_whole() {
     }
     transforms["frames"].as_array_mut().unwrap().push(frame);
     fs::write(dataset.join("transforms.json"), transforms.to_string()).unwrap();
-    let printed =
-        "1 scaled down to 1600 px on the longer side (first: 1601x2 to 1600x2 px); --max-size none reads all pixels";
+    let printed = "1 image scaled down to 1600 px on the longer side (first: 1601x2 to 1600x2 px); --max-size none reads all pixels";
     let info = gs(["info", text(&dataset)]).done().stdout;
     assert!(info.contains(printed) && info.contains("1601x2 px") && info.contains("scaled to 1600x2 px"), "{info}");
     assert!(!gs(["info", text(&dataset), "--max-size", "none"]).done().stdout.contains("scaled"));
@@ -184,7 +195,7 @@ fn large_images_are_scaled_down_unless_they_are_wanted_whole() {
     let storing = ["--max-size", "16", "--checkpoint", text(&state), "--checkpoint-every", "25", "--no-report"];
     let run = gs(small(&dataset, &output).into_iter().chain(storing)).done();
     assert!(
-        run.stderr.contains("note: 9 scaled down to 16 px on the longer side (first: 32x24 to 16x12 px)"),
+        run.stderr.contains("note: 9 images scaled down to 16 px on the longer side (first: 32x24 to 16x12 px)"),
         "{run:?}"
     );
     let resume =

@@ -5,7 +5,10 @@ use gs_core::{Scene, Scene3d};
 use gs_io::{WriteOptions3d, write_3d};
 use gs_lab::experiments::popping::discs;
 
-use crate::process::{folder, gs, picture};
+use crate::{
+    process::{folder, gs, picture},
+    train::{dataset_and_scene, text},
+};
 
 /// Two discs, one through the other, with SH that change no pixel visibly.
 fn faintly_shiny() -> Scene3d {
@@ -103,4 +106,24 @@ fn what_does_not_go_together_is_refused() {
     }
     let nothing = gs(["effects", place.path().join("none.ply").to_str().unwrap()]);
     assert_eq!(nothing.status, Some(1), "{nothing:?}");
+}
+
+#[test]
+fn corrections_of_a_training_are_priced_on_request() {
+    let place = folder();
+    let (dataset, scene) = dataset_and_scene(place.path());
+    let flags = ["--train", "12", "--size", "32x24", "--views", "2", "--repetitions", "1", "--backend", "cpu"];
+    let run = |more: &[&str]| gs(["effects", text(&scene), text(&dataset)].iter().chain(&flags).chain(more));
+    let report = run(&["--json"]).json();
+    let [price] = &report["training"]["prices"].as_array().unwrap()[..] else { panic!("{report}") };
+    assert_eq!((price["effect"].as_str(), report["training"]["steps"].as_u64()), (Some("exposure"), Some(12)));
+    for side in ["with", "without"] {
+        let outcome = &price[side];
+        let numbers = ["milliseconds", "psnr", "color-matched"].map(|name| outcome[name].as_f64().unwrap());
+        assert!(numbers.iter().all(|number| *number > 0.0), "{outcome}");
+    }
+    let printed = run(&[]).done().stdout;
+    assert!(printed.contains("training of 12 steps") && printed.contains("\nexposure "), "{printed}");
+    let refused = gs(["effects", text(&scene), "--train", "12"]);
+    assert_eq!(refused.status, Some(2), "without a data set: {refused:?}");
 }

@@ -46,6 +46,15 @@ fn files_that_claim_more_memory_than_there_is_are_refused() {
         refused(4_000_000, &arguments, [needs, limit, "take a smaller image"]);
     }
     let render = [&["render", scene, "-o", text(&output)][..], &CPU].concat();
+    let size = "--size=16384x16384";
+    for (arguments, takes) in [
+        (vec!["effects", scene], "measuring the effects of "),
+        (vec!["frontier", scene], "measuring the frontier of "),
+        (vec!["profile", scene], "profiling "),
+        (vec!["view", scene, size], "a picture of "),
+    ] {
+        refused(2_000_000, &[&arguments[..], &CPU].concat(), [takes, "16384x16384 px: takes about", "--size"]);
+    }
     refused(3_000_000, &render, ["small.gs2d.safetensors of 16384x16384 px: takes about 3.3 GB", limit, "--size"]);
 }
 

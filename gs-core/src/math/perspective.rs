@@ -347,6 +347,19 @@ impl Perspective {
         (v_direction - d * d.dot(v_direction)) * inverse_distance
     }
 
+    /// 1/z of a mean that is not nearer than the near plane, inverse world units.
+    #[inline]
+    pub fn inverse_depth(&self, mean: Vec3) -> f32 {
+        1.0 / (self.rotation * mean + self.translation).z
+    }
+
+    /// v_μ from v_(1/z).
+    #[inline]
+    pub fn inverse_depth_vjp(&self, mean: Vec3, v_inverse: f32) -> Vec3 {
+        let inverse = self.inverse_depth(mean);
+        self.rotation.row(2) * (-v_inverse * inverse * inverse)
+    }
+
     #[inline(always)]
     fn towards(&self, mean: Vec3) -> (Vec3, f32) {
         let offset = mean - self.position;

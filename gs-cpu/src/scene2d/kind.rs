@@ -1,7 +1,7 @@
 //! [`SceneKind`] for 2D scenes, and the order in which tiles see their Gaussians.
 
 use gs_core::{
-    AdamRates, Binning, Blend, Canvas, EditPlan, Error, Gaussian2d, MeanNoise, Parameterization, Penalty,
+    AdamRates, Binning, Blend, Canvas, EditPlan, Error, Gaussian2d, MeanNoise, Output, Parameterization, Penalty,
     RenderSettings, Scene2d, SplatsState, effects::Order,
 };
 
@@ -40,6 +40,9 @@ impl SceneKind for Scene2d {
     fn check(view: &Canvas, settings: &RenderSettings) -> Result<(), Error> {
         view.validate()?;
         check_settings(settings)?;
+        if settings.output != Output::Color {
+            return Err(unsupported("depths of a 2D scene, which has none"));
+        }
         match settings.effects.order {
             Order::Index => Ok(()),
             order => Err(unsupported(format!("order {order:?} of a 2D scene, which has no depth"))),

@@ -3,8 +3,8 @@
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 use gs_core::{
-    AdamRates, Binning, Blend, Camera, EditPlan, Error, Gaussian3d, MeanNoise, Parameterization, RenderSettings,
-    Scene3d, SplatsState,
+    AdamRates, Binning, Blend, Camera, EditPlan, Error, Gaussian3d, MeanNoise, Output, Parameterization,
+    RenderSettings, Scene3d, SplatsState,
     effects::Order,
     math::perspective::{Ellipsoid, Perspective},
 };
@@ -92,10 +92,14 @@ impl SceneKind for Scene3d {
         workspace.edition = None;
         workspace.len = splats.len();
         workspace.tiles.set(Self::size(camera), settings);
-        let degree = settings.effects.sh_degree.min(splats.sh_degree);
+        let degree = match settings.output {
+            Output::Color => settings.effects.sh_degree.min(splats.sh_degree),
+            Output::InverseDepth => 0,
+        };
         workspace.own.eye = Some(Eye {
             perspective: Perspective::new(camera, settings),
             degree,
+            output: settings.output,
             parameterization: splats.parameterization,
         });
         Self::project(workspace, splats);
@@ -137,6 +141,11 @@ impl SceneKind for Scene3d {
 
     fn project_bwd(workspace: &mut Workspace<Own3d>, splats: &Splats3d, scale: f32) {
         project_bwd::all(workspace, splats, scale);
+    }
+
+    fn add_gradients(workspace: &mut Workspace<Own3d>, added: &Workspace<Own3d>, weight: f32) -> Result<(), Error> {
+        project_bwd::add(workspace, added, weight);
+        Ok(())
     }
 
     fn derivatives(workspace: &Workspace<Own3d>, splats: &Splats3d) -> Self {

@@ -3,7 +3,7 @@
 
 use glam::Vec3;
 use gs_core::{
-    Accuracy, CullCause, Culled, Parameterization,
+    Accuracy, CullCause, Culled, Output, Parameterization,
     math::{perspective::Perspective, sh},
 };
 use rayon::prelude::*;
@@ -22,20 +22,46 @@ pub(crate) struct Eye {
     pub(crate) perspective: Perspective,
     /// The evaluated degree of the SH.
     pub(crate) degree: u8,
+    pub(crate) output: Output,
     pub(crate) parameterization: Parameterization,
 }
 
 impl Eye {
+    /// What a Gaussian shows.
+    #[inline(always)]
+    fn color(&self, row: &[f32]) -> [f32; 3] {
+        let mean = splats::mean(row);
+        match self.output {
+            Output::Color => sh::color(self.degree, self.direction(mean), splats::sh(row)),
+            Output::InverseDepth => [self.perspective.inverse_depth(mean); 3],
+        }
+    }
+
+    /// The gradient by the mean of a Gaussian, from that by [`Self::color`]. Writes the gradient by
+    /// the SH coefficients into `v_sh`, which holds zeros.
+    #[inline(always)]
+    pub(crate) fn color_vjp(&self, row: &[f32], v_color: [f32; 3], v_sh: &mut [[f32; 3]]) -> Vec3 {
+        let mean = splats::mean(row);
+        match self.output {
+            Output::Color => {
+                let direction = self.direction(mean);
+                let v_direction = sh::color_vjp(self.degree, direction, splats::sh(row), v_color, v_sh);
+                self.direction_vjp(mean, v_direction)
+            }
+            Output::InverseDepth => self.perspective.inverse_depth_vjp(mean, v_color.iter().sum()),
+        }
+    }
+
     /// The direction from which a Gaussian is seen. Arbitrary at degree 0, where colours do not
     /// depend on it.
     #[inline(always)]
-    pub(crate) fn direction(&self, mean: Vec3) -> Vec3 {
+    fn direction(&self, mean: Vec3) -> Vec3 {
         if self.degree == 0 { Vec3::Z } else { self.perspective.direction(mean) }
     }
 
     /// The gradient by the mean, from that by the direction.
     #[inline(always)]
-    pub(crate) fn direction_vjp(&self, mean: Vec3, v_direction: Vec3) -> Vec3 {
+    fn direction_vjp(&self, mean: Vec3, v_direction: Vec3) -> Vec3 {
         if self.degree == 0 { Vec3::ZERO } else { self.perspective.direction_vjp(mean, v_direction) }
     }
 }
@@ -56,7 +82,7 @@ fn project(
     if !touches(&splat, (splat.reach * yy).sqrt(), grid) {
         return Err(CullCause::Outside);
     }
-    splat.color = sh::color(eye.degree, eye.direction(splats::mean(row)), splats::sh(row));
+    splat.color = eye.color(row);
     if !splat.color.iter().all(|c| c.is_finite()) {
         return Err(CullCause::NotFinite);
     }

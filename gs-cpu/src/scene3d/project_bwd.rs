@@ -7,11 +7,7 @@
 use std::sync::atomic::Ordering::Relaxed;
 
 use glam::{Mat2, Vec2};
-use gs_core::{
-    Parameterization,
-    effects::Statistics,
-    math::{perspective::ProjectionGradient, sh},
-};
+use gs_core::{Parameterization, effects::Statistics, math::perspective::ProjectionGradient};
 use rayon::prelude::*;
 
 use super::{
@@ -101,6 +97,19 @@ pub(crate) fn all(workspace: &mut Workspace<Own3d>, splats: &Splats3d, scale: f3
     (workspace.own.gradients, workspace.own.shares) = (gradients, shares);
 }
 
+/// Adds `weight` times the added gradients to those of `own.gradients`, for Gaussians that some tile
+/// lists in both.
+pub(crate) fn add(workspace: &mut Workspace<Own3d>, added: &Workspace<Own3d>, weight: f32) {
+    let mut gradients = std::mem::take(&mut workspace.own.gradients);
+    let rows = gradients.par_chunks_mut(workspace.own.gradient_pitch()).enumerate().with_min_len(CHUNK);
+    rows.for_each(|(index, row)| {
+        if workspace.lists(index) && added.lists(index) {
+            row.iter_mut().zip(added.own.gradient(index)).for_each(|(sum, by)| *sum += weight * by);
+        }
+    });
+    workspace.own.gradients = gradients;
+}
+
 /// Writes one Gaussian's gradient, from what its entries received, into `row`, and returns its
 /// contribution to the statistic.
 #[inline(always)]
@@ -124,21 +133,18 @@ fn gradient(
     };
     let v_color = received.color.map(|v| v * scale);
     row[SH..].fill(0.0);
-    let mean = splats::mean(parameters);
-    let (sh_row, direction) = (row[SH..].as_chunks_mut().0, eye.direction(mean));
-    let v_direction = sh::color_vjp(eye.degree, direction, splats::sh(parameters), v_color, sh_row);
-    let by_direction = eye.direction_vjp(mean, v_direction);
+    let by_color = eye.color_vjp(parameters, v_color, row[SH..].as_chunks_mut().0);
     match eye.parameterization {
         Parameterization::ScaleRotation => {
             let v = eye.perspective.project_vjp(&splats::ellipsoid(parameters), &upstream);
-            (v.mean + by_direction).write_to_slice(&mut row[MEAN]);
+            (v.mean + by_color).write_to_slice(&mut row[MEAN]);
             v.log_scale.write_to_slice(&mut row[LOG_SCALE]);
             row[ROTATION].copy_from_slice(&v.rotation);
             row[OPACITY] = v.opacity_logit;
         }
         Parameterization::CovarianceFactor => {
             let v = eye.perspective.project_factored_vjp(&splats::factored(parameters), &upstream);
-            (v.mean + by_direction).write_to_slice(&mut row[MEAN]);
+            (v.mean + by_color).write_to_slice(&mut row[MEAN]);
             row[STRETCH].copy_from_slice(&v.stretch);
             row[STRETCH.end..OPACITY].fill(0.0);
             row[OPACITY] = v.opacity_logit;

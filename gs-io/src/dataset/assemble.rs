@@ -149,8 +149,9 @@ pub(super) fn assemble(parts: Parts<'_>, settings: &DatasetSettings) -> Result<D
         match make_views(draft, place, settings, &mut lenses) {
             Ok(Made { views: made, calibrated, remarks }) => {
                 tally.count(&made[0], calibrated, &remarks);
-                if let Some(depth) = &made[0].depth {
-                    depth::check(&depth.path, &made[0].source)?;
+                if let Some(Err(error)) = made[0].depth.as_ref().map(|depth| depth::check(&depth.path, &made[0].source))
+                {
+                    tally.count_bad_depth(&error);
                 }
                 unused_depths += usize::from(draft.depth.is_some() && made[0].depth.is_none());
                 images.push((made.len(), draft.split));
@@ -166,8 +167,10 @@ pub(super) fn assemble(parts: Parts<'_>, settings: &DatasetSettings) -> Result<D
         }
         return Err(Error::NoViews { path: root.to_owned(), kind: kind.name(), found, skipped });
     }
+    if let Some(view) = unsplit_panorama(&views) {
+        return Err(Error::UnsplitPanorama { path: view.image.clone() });
+    }
     remarks.extend(tally.remarks());
-    remarks.extend(unsplit_panoramas(&views));
     if unused_depths > 0 {
         remarks.push(Remark::DepthsUnused { count: unused_depths });
     }
@@ -184,14 +187,13 @@ pub(super) fn assemble(parts: Parts<'_>, settings: &DatasetSettings) -> Result<D
     Ok(Dataset { kind, root: root.to_owned(), views, points, remarks })
 }
 
-/// The remark on images that look like 360° images and have another camera model. The first image
-/// of that shape stands for all.
-fn unsplit_panoramas(views: &[View]) -> Option<Remark> {
+/// The first view of the shape of a 360° image with another camera model, if its borders are those of
+/// a 360° image, too.
+fn unsplit_panorama(views: &[View]) -> Option<&View> {
     let is_wide = |view: &&View| view.source.face().is_none() && is_two_to_one((view.source.width, view.source.height));
     let first = views.iter().find(is_wide)?;
     let image = decode(&first.image, first.orientation).ok()?.image;
-    let count = views.iter().filter(is_wide).count();
-    shows_all_directions(&image).then(|| Remark::UnsplitPanoramas { count, first: first.name.clone() })
+    shows_all_directions(&image).then_some(first)
 }
 
 /// Applies the data set's own split or, if it has no test views, that of the settings. `images` has

@@ -16,7 +16,7 @@ use super::{SourceCamera, View, assemble::same_shape, read_file, shrink::resized
 use crate::{
     atomic::open,
     error::Error,
-    image::{decode_grey, read_header},
+    image::{decode_grey, grey_size},
 };
 
 /// Largest accepted header of a NumPy array, bytes. It usually has 128.
@@ -96,7 +96,7 @@ pub(super) fn find(folder: &Path, file: &Path) -> Option<PathBuf> {
 
 /// Checks the header of a depth map against the camera of its image.
 pub(super) fn check(path: &Path, source: &SourceCamera) -> Result<(), Error> {
-    let size = if is_npy(path) { Npy::open(path)?.size } else { read_header(path)?.stored };
+    let size = if is_npy(path) { Npy::open(path)?.size } else { grey_size(path)? };
     check_shape(path, size, source)
 }
 

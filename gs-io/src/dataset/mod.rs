@@ -45,7 +45,7 @@ pub use self::{
     depth::{DepthFile, DepthMap},
     distortion::{AriaFisheye, BrownConrady, Distortion, Fisheye},
     lens::Lens,
-    posed_image::PosedImage,
+    posed_image::{PosedImage, read_images},
     remark::{Remark, Skip},
     source_camera::SourceCamera,
 };
@@ -226,8 +226,7 @@ pub fn may_be_dataset(path: &Path) -> bool {
 /// # Errors
 /// [`Error::Missing`], [`Error::NotADataset`], [`Error::NoViews`], [`Error::LeavesDataset`]; for
 /// its files [`Error::Read`], [`Error::Damaged`], [`Error::DamagedLine`], [`Error::DamagedJson`],
-/// [`Error::UnknownCameraModel`], [`Error::NotAPointCloud`], and [`Error::BadDepth`] or
-/// [`Error::ImageShape`] for a depth map that does not fit its image.
+/// [`Error::UnknownCameraModel`], [`Error::NotAPointCloud`], and [`Error::UnsplitPanorama`].
 pub fn read_dataset(path: impl AsRef<Path>, settings: &DatasetSettings) -> Result<Dataset, Error> {
     let path = path.as_ref();
     let metadata = std::fs::metadata(path).map_err(|source| Error::read(path, source))?;

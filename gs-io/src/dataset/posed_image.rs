@@ -31,6 +31,26 @@ impl PosedImage {
     }
 }
 
+/// The images of views, as [`View::read_image`] reads each. A file that neighbouring views share, such
+/// as the 360° image of six faces, is decoded once.
+///
+/// # Errors
+/// Those of [`View::read_image`].
+pub fn read_images(views: &[View]) -> Result<Vec<PosedImage>, Error> {
+    let mut images = Vec::with_capacity(views.len());
+    for shared in views.chunk_by(View::shares_files) {
+        match shared {
+            [view] => images.push(view.read_image()?),
+            [first, ..] => {
+                let whole = first.read_whole()?;
+                images.extend(shared.iter().map(|view| view.undistorted(&whole)).collect::<Result<Vec<_>, _>>()?);
+            }
+            [] => {}
+        }
+    }
+    Ok(images)
+}
+
 impl View {
     /// Reads the image, undistorts it, applies the mask, and scales it to the size of the view's
     /// camera. Nothing is cached. Views can be read in parallel.
@@ -43,6 +63,26 @@ impl View {
     /// [`Error::BadView`] if they concern the content; [`Error::ImageShape`] if a shape has changed
     /// since the data set was opened.
     pub fn read_image(&self) -> Result<PosedImage, Error> {
+        let whole = self.read_whole()?;
+        if self.source.lens.is_pinhole() { self.scaled(whole) } else { self.undistorted(&whole) }
+    }
+
+    /// The image of this view, from that of its file.
+    fn undistorted(&self, whole: &PosedImage) -> Result<PosedImage, Error> {
+        self.scaled(undistorted(whole, &self.source, &self.full).map_err(Error::content(&self.image))?)
+    }
+
+    /// The image at the size of the view's camera.
+    fn scaled(&self, posed: PosedImage) -> Result<PosedImage, Error> {
+        let size = (self.camera.width, self.camera.height);
+        if posed.image.size() == size {
+            return Ok(posed);
+        }
+        shrunk(&posed, size).map_err(Error::content(&self.image))
+    }
+
+    /// The image file with its alpha and mask, as the camera took it.
+    fn read_whole(&self) -> Result<PosedImage, Error> {
         let decoded = decode(&self.image, self.orientation).map_err(leave_out)?;
         let expected = (self.source.width, self.source.height);
         if decoded.image.size() != expected {
@@ -59,15 +99,14 @@ impl View {
                 None
             }
         };
-        let mut posed = PosedImage { image: decoded.image, alpha, mask };
-        if !self.source.lens.is_pinhole() {
-            posed = undistorted(&posed, &self.source, &self.full).map_err(Error::content(&self.image))?;
-        }
-        let size = (self.camera.width, self.camera.height);
-        if posed.image.size() != size {
-            posed = shrunk(&posed, size).map_err(Error::content(&self.image))?;
-        }
-        Ok(posed)
+        Ok(PosedImage { image: decoded.image, alpha, mask })
+    }
+
+    /// Whether another view is made of the same files: another face of the same 360° image.
+    fn shares_files(&self, other: &Self) -> bool {
+        let files = |view: &Self| (view.image.clone(), view.mask.clone(), view.orientation, view.alpha);
+        files(self) == files(other)
+            && (self.source.width, self.source.height) == (other.source.width, other.source.height)
     }
 
     /// Reads the mask at the image's size: pixels lighter than mid-grey count.

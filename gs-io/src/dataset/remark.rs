@@ -57,6 +57,14 @@ pub enum Remark {
         /// The first, as the data set names it.
         first: String,
     },
+    /// Depth maps that cannot be read, or have another shape than their images. They are an error
+    /// where they are read.
+    DepthsUnusable {
+        /// Number of depth maps.
+        count: usize,
+        /// The error of the first.
+        first: String,
+    },
     /// The data set refers to depth maps of 360° images, which are not used.
     DepthsUnused {
         /// Number of images.
@@ -73,13 +81,6 @@ pub enum Remark {
     Split {
         /// Number of images.
         count: usize,
-    },
-    /// Images that look like 360° images, of cameras with another model.
-    UnsplitPanoramas {
-        /// Number of images of this shape.
-        count: usize,
-        /// The first, whose borders were compared.
-        first: String,
     },
     /// Images have another size than their camera's calibration, and intrinsics were scaled.
     Scaled {
@@ -152,50 +153,63 @@ impl fmt::Display for Skip {
     }
 }
 
+fn images(count: usize) -> String {
+    counted(count, "image")
+}
+
 impl fmt::Display for Remark {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Skipped { why, count, first, detail: None } => write!(f, "{count} skipped: {why} (first: {first})"),
-            Self::Skipped { why, count, first, detail: Some(detail) } => {
-                write!(f, "{count} skipped: {why} (first: {first}: {detail})")
+            Self::Skipped { why, count, first, detail } => {
+                let detail = detail.as_ref().map_or_else(String::new, |detail| format!(": {detail}"));
+                write!(f, "{} skipped: {why} (first: {first}{detail})", images(*count))
             }
             Self::Image { remark, count, first } => {
-                write!(f, "{}: {remark} (first: {first})", counted(*count, "image"))
+                write!(f, "{}: {remark} (first: {first})", images(*count))
             }
             Self::Reduced { count, max_side, from, to } => {
                 let ((w, h), (width, height)) = (from, to);
                 write!(
                     f,
-                    "{count} scaled down to {max_side} px on the longer side (first: {w}x{h} to {width}x{height} px)"
+                    "{} scaled down to {max_side} px on the longer side (first: {w}x{h} to {width}x{height} px)",
+                    images(*count)
                 )
             }
-            Self::MasksMissing { count, first } => write!(f, "{count} without the mask that is named (first: {first})"),
-            Self::DepthsMissing { count, first } => {
-                write!(f, "{count} without the depth map that is named (first: {first})")
+            Self::MasksMissing { count, first } => {
+                write!(f, "{} not found, so all pixels of the image count (first: {first})", counted(*count, "mask"))
             }
-            Self::DepthsUnused { count } => write!(f, "{count} with a depth map of a 360° image, which is not used"),
-            Self::Undistorted { count, lens } => write!(f, "{count} undistorted when read ({lens} lens)"),
+            Self::DepthsMissing { count, first } => {
+                write!(f, "{} not found (first: {first})", counted(*count, "depth map"))
+            }
+            Self::DepthsUnusable { count, first } => {
+                write!(f, "{} that a training could not use (first: {first})", counted(*count, "depth map"))
+            }
+            Self::DepthsUnused { count } => {
+                write!(f, "{} not used: depth maps of 360° images are not supported", counted(*count, "depth map"))
+            }
+            Self::Undistorted { count, lens } => {
+                write!(f, "{} with lens distortion ({lens}), undistorted when read", images(*count))
+            }
             Self::Split { count } => {
                 let images = counted(*count, "360° image");
                 write!(f, "{images} split into the six faces of a cube each: {} views", 6 * count)
             }
-            Self::UnsplitPanoramas { count, first } => {
-                let images = counted(*count, "image");
-                write!(
-                    f,
-                    "{images} with the shape and the borders of a 360° image, but a perspective camera: if that is \
-                     wrong, set its model to EQUIRECTANGULAR (first: {first})"
-                )
-            }
             Self::Scaled { count, from, to } => {
                 let ((w, h), (width, height)) = (from, to);
-                write!(f, "{count} with intrinsics scaled to the image (first: {w}x{h} to {width}x{height} px)")
+                let images = images(*count);
+                write!(
+                    f,
+                    "{images} of another size than their camera, whose intrinsics were scaled (first: {w}x{h} to \
+                     {width}x{height} px)"
+                )
             }
             Self::NoPoints => f.write_str("no points"),
             Self::PointsNotFinite { count } => write!(f, "{} left out: not finite", counted(*count, "point")),
             Self::PointsMissing { file } => write!(f, "no points: there is no file {file}"),
-            Self::OtherModels { count } => write!(f, "{} beside this one, not read", counted(*count, "more model")),
-            Self::NothingHeldOut => f.write_str("nothing held out: too few views"),
+            Self::OtherModels { count } => {
+                write!(f, "{} in the data set not read: only the first is", counted(*count, "more COLMAP model"))
+            }
+            Self::NothingHeldOut => f.write_str("no view held out for tests, because there are too few"),
         }
     }
 }

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use gs_core::Camera;
 
 use super::{Remark, Skip, SourceCamera, View};
-use crate::image::ImageRemark;
+use crate::{error::Error, image::ImageRemark};
 
 /// Counts so far.
 #[derive(Default)]
@@ -16,6 +16,7 @@ pub(super) struct Tally {
     split: Option<Remark>,
     reduced: Option<Remark>,
     bent: BTreeMap<&'static str, Remark>,
+    bad_depths: Option<Remark>,
 }
 
 impl Tally {
@@ -23,6 +24,11 @@ impl Tally {
     pub(super) fn skip(&mut self, name: &str, why: Skip, detail: Option<String>) {
         let first = || Remark::Skipped { why, count: 0, first: name.to_owned(), detail };
         add(self.skipped.entry(why).or_insert_with(first));
+    }
+
+    /// Counts a depth map that cannot be used.
+    pub(super) fn count_bad_depth(&mut self, error: &Error) {
+        add(self.bad_depths.get_or_insert_with(|| Remark::DepthsUnusable { count: 0, first: error.to_string() }));
     }
 
     /// Counts an image that stays by its first view, with the size of its calibration and the remarks on its file.
@@ -52,7 +58,8 @@ impl Tally {
     pub(super) fn remarks(self) -> Vec<Remark> {
         let images = self.images.into_values();
         let sizes = self.split.into_iter().chain(self.scaled).chain(self.reduced);
-        self.skipped.into_values().chain(images).chain(sizes).chain(self.bent.into_values()).collect()
+        let rest = self.bent.into_values().chain(self.bad_depths);
+        self.skipped.into_values().chain(images).chain(sizes).chain(rest).collect()
     }
 }
 
@@ -63,6 +70,7 @@ fn add(remark: &mut Remark) {
     | Remark::Scaled { count, .. }
     | Remark::Reduced { count, .. }
     | Remark::Undistorted { count, .. }
+    | Remark::DepthsUnusable { count, .. }
     | Remark::Split { count } = remark
     {
         *count += 1;

@@ -13,7 +13,7 @@ use image::{
     codecs::tiff::TiffDecoder, metadata::Orientation as Turn,
 };
 
-use super::{Decoded, ImageHeader, ImageRemark, Orientation, color::Colors, kind, whole};
+use super::{Decoded, ImageHeader, ImageRemark, Orientation, color::Colors, kind, whole, wide_tiff::WideTiff};
 use crate::{atomic::open, error::Error};
 
 /// The most memory a decoder may allocate: an image of the largest size with four 16-bit channels
@@ -54,8 +54,11 @@ pub(crate) fn decode_mask(path: &Path) -> Result<Image, Error> {
 }
 
 /// Reads a grey image of numbers that are not colours, with its columns and rows: the integers that
-/// are stored, or the floating-point numbers.
+/// are stored, or the floating-point numbers, which need not be finite.
 pub(crate) fn decode_grey(path: &Path) -> Result<((u32, u32), Vec<f32>), Error> {
+    if let Some(wide) = WideTiff::open(path)? {
+        return wide.values();
+    }
     let (Pixels { width, height, colors, bits_per_channel, .. }, ..) = read_pixels(path, Orientation::AsStored)?;
     if colors.iter().any(|[r, g, b]| r != g || g != b) {
         return Err(Error::bad_depth(path, "it is an image with colours, but must be grey"));
@@ -66,6 +69,14 @@ pub(crate) fn decode_grey(path: &Path) -> Result<((u32, u32), Vec<f32>), Error> 
         _ => *value,
     });
     Ok(((width, height), values.collect()))
+}
+
+/// Columns and rows of an image for [`decode_grey`], from its header.
+pub(crate) fn grey_size(path: &Path) -> Result<(u32, u32), Error> {
+    match WideTiff::open(path)? {
+        Some(wide) => Ok(wide.size),
+        None => Ok(read_header(path)?.stored),
+    }
 }
 
 fn with_remark(mut remarks: Vec<ImageRemark>, colors: &Colors) -> Vec<ImageRemark> {

@@ -5,6 +5,7 @@ mod decode;
 mod kind;
 mod remark;
 mod whole;
+mod wide_tiff;
 
 use std::{
     io::{self, Write},
@@ -13,7 +14,7 @@ use std::{
 
 use gs_core::{Image, to_8_bits};
 
-pub(crate) use self::decode::{decode, decode_grey, decode_mask, read_header};
+pub(crate) use self::decode::{decode, decode_grey, decode_mask, grey_size, read_header};
 pub use self::remark::ImageRemark;
 use crate::{atomic::write_atomically, error::Error};
 

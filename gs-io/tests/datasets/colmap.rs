@@ -161,7 +161,10 @@ fn what_cannot_be_used_is_counted() {
     assert!(dataset.remarks.contains(&Remark::PointsNotFinite { count: 2 }));
     assert_eq!(dataset.points.len(), 1);
     let lines: Vec<String> = dataset.remarks.iter().map(ToString::to_string).collect();
-    assert!(lines.contains(&"1 skipped: the camera is not in the model (first: view 000.png)".to_owned()), "{lines:?}");
+    assert!(
+        lines.contains(&"1 image skipped: the camera is not in the model (first: view 000.png)".to_owned()),
+        "{lines:?}"
+    );
 }
 
 #[test]
@@ -207,7 +210,7 @@ fn a_data_set_without_a_usable_view_says_why() {
     let error = refusal(place.path());
     assert!(
         error.contains("has 3 views, of which none can be used")
-            && error.contains("3 skipped: no image file (first: view 000.png)"),
+            && error.contains("3 images skipped: no image file (first: view 000.png)"),
         "{error}"
     );
     fs::write(place.path().join("sparse/0/images.bin"), 0_u64.to_le_bytes()).unwrap();

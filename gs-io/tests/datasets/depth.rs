@@ -9,7 +9,7 @@ use gs_io::{
 use image::{ImageBuffer, Luma, Rgb};
 use serde_json::json;
 
-use super::made::{binary, colmap, folder, picture, read, refusal, write_model};
+use super::made::{binary, colmap, folder, picture, read, write_model};
 
 /// A NumPy array with this header and these numbers.
 fn npy(header: &str, numbers: &[u8]) -> Vec<u8> {
@@ -58,6 +58,63 @@ fn maps_of_every_kind_are_read() {
     assert!(read(place.path()).files().contains(&file("png")), "which no run may replace");
 }
 
+/// A TIFF file of 20×15 px with one strip of numbers of this sample format and number of bits.
+fn tiff(format: u16, bits: u16, numbers: &[u8]) -> Vec<u8> {
+    let (width, height) = (20, 15);
+    // Tag, type (3: 16 bits, 4: 32 bits) and value of each entry: sides, bits, no compression, grey
+    // with black as 0, offset of the strip, samples, rows and bytes of the strip, sample format.
+    let entries: [(u16, u16, u32); 10] = [
+        (256, 3, width),
+        (257, 3, height),
+        (258, 3, bits.into()),
+        (259, 3, 1),
+        (262, 3, 1),
+        (273, 4, 8),
+        (277, 3, 1),
+        (278, 3, height),
+        (279, 4, numbers.len() as u32),
+        (339, 3, format.into()),
+    ];
+    let mut file = [b"II*\0".as_slice(), &(8 + numbers.len() as u32).to_le_bytes(), numbers].concat();
+    file.extend((entries.len() as u16).to_le_bytes());
+    for (tag, kind, value) in entries {
+        file.extend([tag, kind].map(u16::to_le_bytes).concat());
+        file.extend([1, value].map(u32::to_le_bytes).concat());
+    }
+    file.extend([0; 4]);
+    file
+}
+
+#[test]
+fn tiffs_of_32_and_64_bits_are_read_and_damaged_ones_are_errors() {
+    let place = folder();
+    colmap(place.path(), 1);
+    fs::create_dir(place.path().join("depths")).unwrap();
+    let file = place.path().join("depths/view 000.tiff");
+    let expected: Vec<f32> = (1..=300_u16).map(f32::from).collect();
+    let floats = counted(|v| f32::from(v).to_le_bytes().to_vec());
+    for bytes in [
+        tiff(3, 32, &floats),
+        tiff(3, 64, &counted(|v| f64::from(v).to_le_bytes().to_vec())),
+        tiff(1, 32, &counted(|v| u32::from(v).to_le_bytes().to_vec())),
+    ] {
+        fs::write(&file, bytes).unwrap();
+        assert_eq!(depth(place.path()).unwrap().unwrap().values, expected);
+    }
+    let unknown: Vec<u8> = [f32::NAN, f32::INFINITY, 2.0].repeat(100).iter().flat_map(|v| v.to_le_bytes()).collect();
+    fs::write(&file, tiff(3, 32, &unknown)).unwrap();
+    assert_eq!(depth(place.path()).unwrap().unwrap().values[..4], [0.0, 0.0, 2.0, 0.0]);
+    fs::write(&file, tiff(2, 32, &floats)).unwrap();
+    let error = depth(place.path()).unwrap_err().to_string();
+    assert!(error.contains("view 000.tiff: its numbers have a sign"), "{error}");
+    let mut short = tiff(3, 32, &floats);
+    let beyond = short.len() as u32 - 3;
+    short[4..8].copy_from_slice(&beyond.to_le_bytes());
+    fs::write(&file, short).unwrap();
+    let error = depth(place.path()).unwrap_err().to_string();
+    assert!(error.contains("view 000.tiff"), "{error}");
+}
+
 #[test]
 fn unknown_values_are_0_and_distorted_maps_are_undistorted() {
     let place = folder();
@@ -93,7 +150,7 @@ fn unknown_values_are_0_and_distorted_maps_are_undistorted() {
 }
 
 #[test]
-fn what_is_no_depth_map_of_the_image_is_one_clear_error() {
+fn what_is_no_depth_map_of_the_image_is_one_clear_error_where_it_is_used() {
     let place = folder();
     colmap(place.path(), 1);
     fs::create_dir(place.path().join("depths")).unwrap();
@@ -113,8 +170,10 @@ fn what_is_no_depth_map_of_the_image_is_one_clear_error() {
         (Vec::new(), "not a NumPy array"),
     ] {
         fs::write(&file, bytes).unwrap();
-        let error = refusal(place.path());
+        let error = depth(place.path()).unwrap_err().to_string();
         assert!(error.contains("view 000.npy") && error.contains(expected), "{error}");
+        let remarked = Remark::DepthsUnusable { count: 1, first: error };
+        assert!(read(place.path()).remarks.contains(&remarked), "{remarked}");
     }
     fs::write(&file, npy(&header("<f4", "(15, 20)"), &[0; 1200])).unwrap();
     let error = depth(place.path()).unwrap_err().to_string();
@@ -123,12 +182,15 @@ fn what_is_no_depth_map_of_the_image_is_one_clear_error() {
 
     let file = place.path().join("depths/view 000.png");
     ImageBuffer::from_pixel(30, 40, Luma([7_u16])).save(&file).unwrap();
-    assert!(refusal(place.path()).contains("view 000.png: the image is 30x40 px"));
+    let error = depth(place.path()).unwrap_err().to_string();
+    assert!(error.contains("view 000.png: the image is 30x40 px"), "{error}");
     ImageBuffer::from_pixel(40, 30, Rgb([7_u8, 8, 9])).save(&file).unwrap();
     let error = depth(place.path()).unwrap_err().to_string();
     assert!(error.contains("view 000.png: it is an image with colours, but must be grey"), "{error}");
     fs::write(&file, "no image").unwrap();
-    assert!(refusal(place.path()).contains("view 000.png"));
+    let error = depth(place.path()).unwrap_err().to_string();
+    assert!(error.contains("view 000.png"), "{error}");
+    assert!(read(place.path()).views[0].read_image().is_ok(), "the image can be used without its depth map");
 }
 
 #[test]
@@ -150,7 +212,7 @@ fn nerfstudio_names_its_maps_and_gives_their_unit() {
     assert_eq!((map.values[0], map.unit), (2500.0, Some(1e-3)));
     assert_eq!(dataset.views[1].read_depth().unwrap(), None);
     let missing = Remark::DepthsMissing { count: 1, first: "gone.png".to_owned() };
-    assert_eq!(missing.to_string(), "1 without the depth map that is named (first: gone.png)");
+    assert_eq!(missing.to_string(), "1 depth map not found (first: gone.png)");
     assert!(dataset.remarks.contains(&missing), "{:?}", dataset.remarks);
 
     write(vec![frame("a.png", "../d.png")], "OPENCV");

@@ -5,7 +5,7 @@ use std::{f64::consts::PI, fs, path::Path};
 use glam::{DMat3, DQuat, DVec3, Vec2, Vec3, dvec3};
 use gs_core::{Camera, Image};
 use gs_io::dataset::{
-    AlphaMeaning, CameraModel, ColmapCamera, CubeFace, Dataset, DatasetSettings, Remark, Skip, Split, read_dataset,
+    AlphaMeaning, CameraModel, ColmapCamera, CubeFace, Dataset, DatasetSettings, Skip, Split, read_dataset,
 };
 use image::{ImageBuffer, Rgba};
 use serde_json::json;
@@ -145,7 +145,10 @@ fn whole_images_are_held_out() {
 fn only_images_twice_as_wide_as_high_show_all_directions() {
     let place = folder();
     colmap(place.path(), 2, (512, 200));
-    assert!(refusal(place.path()).contains("2 skipped: a 360° image (equirectangular) must be twice as wide as high"));
+    assert!(
+        refusal(place.path())
+            .contains("2 images skipped: a 360° image (equirectangular) must be twice as wide as high")
+    );
 }
 
 #[test]
@@ -190,7 +193,7 @@ fn faces_are_scaled_down_and_keep_alpha_and_mask() {
 }
 
 #[test]
-fn a_360_image_of_a_perspective_camera_is_remarked() {
+fn a_360_image_of_a_perspective_camera_is_one_clear_error() {
     let place = folder();
     let mut model = model(2);
     let parameters = vec![100.0, 100.0, 128.0, 64.0];
@@ -199,16 +202,15 @@ fn a_360_image_of_a_perspective_camera_is_remarked() {
     write_model(&place.path().join("sparse/0"), &binary(&model), "bin");
     let file = |i: usize| place.path().join("images").join(&model.images[i].name);
     (0..2).for_each(|i| drop(picture(file(i), 256, 128)));
-    let unsplit = |dataset: &Dataset| {
-        let of_panoramas = |remark: &&Remark| matches!(remark, Remark::UnsplitPanoramas { .. });
-        dataset.remarks.iter().find(of_panoramas).map(ToString::to_string)
-    };
-    assert_eq!(unsplit(&read(place.path())), None, "an ordinary wide image");
+    assert_eq!(read(place.path()).views.len(), 2, "ordinary wide images");
     gs_io::write_png(file(0), &panorama(DMat3::IDENTITY, (256, 128))).unwrap();
-    let remark = unsplit(&read(place.path())).unwrap();
-    assert!(remark.starts_with("2 images with the shape") && remark.contains("EQUIRECTANGULAR (first: view 000.png)"));
+    let error = refusal(place.path());
+    assert!(
+        error.contains("view 000.png: it is twice as wide as high") && error.contains("EQUIRECTANGULAR"),
+        "{error}"
+    );
     // A drawing before white has equal borders, too, but nothing on them.
     let drawing = |x: u32, y: u32| [if (100..140).contains(&x) && (40..90).contains(&y) { 0.0 } else { 1.0 }; 3];
     gs_io::write_png(file(0), &Image::from_fn(256, 128, drawing).unwrap()).unwrap();
-    assert_eq!(unsplit(&read(place.path())), None);
+    assert_eq!(read(place.path()).views.len(), 2);
 }

@@ -107,7 +107,7 @@ fn cameras_that_cannot_be_are_refused_with_their_numbers() {
     ] {
         transforms(place.path(), &[frame("a.png")], fields.clone());
         let error = refusal(place.path());
-        assert!(error.contains("1 skipped: the camera's size") && error.contains(fault), "{fields}: {error}");
+        assert!(error.contains("1 image skipped: the camera's size") && error.contains(fault), "{fields}: {error}");
         assert!(error.contains("transforms.json has ") && error.contains(numbers), "{fields}: {error}");
     }
     // Wide, long, off-centre and distorted, as real cameras are.
@@ -196,7 +196,7 @@ fn masks_are_used_and_unusable_ones_are_reported() {
     assert!(dataset.remarks.contains(&Remark::MasksMissing { count: 1, first: "masks/d.png".to_owned() }));
     assert!(dataset.remarks.contains(&Remark::DepthsMissing { count: 4, first: "depths/a.png".to_owned() }));
     let lines: Vec<String> = dataset.remarks.iter().map(ToString::to_string).collect();
-    assert!(lines.contains(&"4 without the depth map that is named (first: depths/a.png)".to_owned()), "{lines:?}");
+    assert!(lines.contains(&"4 depth maps not found (first: depths/a.png)".to_owned()), "{lines:?}");
 }
 
 #[test]

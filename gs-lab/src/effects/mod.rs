@@ -3,6 +3,7 @@
 
 mod prices;
 mod proof;
+mod training;
 
 use gs_backend::FutureExt as _;
 #[cfg(doc)]
@@ -13,6 +14,7 @@ use serde::Serialize;
 pub use self::{
     prices::{Price, Prices, prices},
     proof::{Proof, prove},
+    training::{TrainingEffect, TrainingOutcome, TrainingPrice, training_prices},
 };
 
 /// The difference between pictures, without clamping or rounding to 8 bits.

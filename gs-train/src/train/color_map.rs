@@ -74,7 +74,7 @@ impl ColorMap {
         Self { linear: self.linear * first.linear, offset: self.of(first.offset) }
     }
 
-    /// The mean of maps.
+    /// The mean of maps; not finite without any.
     pub(super) fn mean(maps: &[Self]) -> Self {
         let share = 1.0 / maps.len() as f64;
         let sum = maps.iter().fold((DMat3::ZERO, DVec3::ZERO), |sum, map| (sum.0 + map.linear, sum.1 + map.offset));

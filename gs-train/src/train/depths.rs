@@ -6,12 +6,11 @@
 //! taken where another view's map has the same depth.
 
 use glam::{Vec2, Vec3};
-use gs_density::Rng;
-use gs_io::dataset::{DepthMap, Point};
-use rand::{RngExt, SeedableRng};
+use gs_io::dataset::Point;
 use rayon::prelude::*;
 
 use super::{
+    depth_fit::{Fit, Sample, fits, samples, values_at},
     geometry::{Focus, extent_of},
     sweep::{Found, Plate, evenly, merged, neighbours},
     views::PosedView,
@@ -22,30 +21,11 @@ use crate::error::Error;
 /// steps slow, and growth finds what they lack.
 const MOST_PIXELS: usize = 30_000;
 
-/// Side of the cells of an image, px. Only the nearest known point of each cell is used, because
-/// points behind a surface are not on the map.
+/// Side of the cells of an image for [`samples`], px.
 const CELL: u32 = 6;
 
-/// Least number of known points in a view that agree with its map.
-const LEAST_AGREEING: f32 = 10.0;
-
-/// Least share of the known points in a view that agree with its map.
-const LEAST_SHARE: f32 = 0.3;
-
-/// Largest difference of ln-depth at which a map agrees with a known point.
-const SAME_POINT: f32 = 0.05;
 /// Largest difference of ln-depth at which two maps agree.
 const SAME_SURFACE: f32 = 0.03;
-
-/// Largest variance of the difference of ln-depth between a map and the known points that agree
-/// with it, as a share of the variance of the ln-depth of these points.
-const MOST_UNEXPLAINED: f64 = 0.25;
-
-/// Number of random pairs of known points from which scale and shift of a map are computed.
-const TRIALS: u32 = 400;
-
-/// Steps of least squares over the points that agree.
-const REFINEMENTS: u32 = 4;
 
 /// The points on the depth maps that another view confirms, in the order of views and pixels.
 ///
@@ -86,191 +66,35 @@ struct Relief {
 impl Relief {
     /// Reads a view; `None` without a map.
     fn read(view: &PosedView) -> Result<Option<Self>, Error> {
-        let Some(DepthMap { camera, values, unit }) = view.source.depth()? else { return Ok(None) };
+        let Some(map) = view.source.depth()? else { return Ok(None) };
         let plate = Plate::read(view)?;
-        // Both cameras have the same pose and axis.
-        let scale = camera.focal / plate.camera.focal;
-        let value = |x: u32, y: u32| {
-            let at = (Vec2::new(x as f32, y as f32) + 0.5 - plate.camera.center) * scale + camera.center;
-            let inside = at.cmpge(Vec2::ZERO).all() && at.x < camera.width as f32 && at.y < camera.height as f32;
-            if inside { values[at.y as usize * camera.width as usize + at.x as usize] } else { 0.0 }
-        };
-        let (width, height) = plate.image.size();
-        let at = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
-        let values = at.zip(&plate.solid).map(|((x, y), &solid)| if solid { value(x, y) } else { 0.0 }).collect();
-        Ok(Some(Self { plate, values, unit }))
+        let at_pixels = values_at(&map, &plate.camera).into_iter().zip(&plate.solid);
+        let values = at_pixels.map(|(value, &solid)| if solid { value } else { 0.0 }).collect();
+        Ok(Some(Self { plate, values, unit: map.unit }))
     }
 
     /// The map's values and the depths of the known points in sight.
     fn samples(&self, known: &[Point]) -> Vec<Sample> {
-        let (width, height) = self.plate.image.size();
-        let columns = width.div_ceil(CELL);
-        let mut nearest: Vec<Option<Sample>> = vec![None; (columns * height.div_ceil(CELL)) as usize];
-        for point in known {
-            let Some((at, depth)) = self.plate.camera.project(point.position) else { continue };
-            if !(at.cmpge(Vec2::ZERO).all() && at.x < width as f32 && at.y < height as f32) {
-                continue;
-            }
-            let (x, y) = (at.x as u32, at.y as u32);
-            let value = self.values[(y * width + x) as usize];
-            let cell = &mut nearest[(y / CELL * columns + x / CELL) as usize];
-            if value > 0.0 && cell.is_none_or(|other| depth < other.depth) {
-                *cell = Some(Sample { value, depth });
-            }
-        }
-        nearest.into_iter().flatten().collect()
+        samples(&self.plate.camera, &self.values, CELL, known.iter().map(|point| point.position))
     }
 
     /// This view with depths in place of the map's values; 0 where the fit gives no valid depth.
     fn with_depths(mut self, fit: Fit) -> Self {
         self.values.iter_mut().filter(|value| **value > 0.0).for_each(|value| {
-            *value = Some(fit.depth(*value)).filter(|depth| *depth > 0.0 && depth.is_finite()).unwrap_or(0.0);
+            *value = fit.known_depth(*value).unwrap_or(0.0);
         });
         self
     }
 }
 
-/// A known point in a view: the map's value and the true depth there.
-#[derive(Debug, Clone, Copy)]
-struct Sample {
-    value: f32,
-    depth: f32,
-}
-
-/// What the values of a map mean.
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum Meaning {
-    Depth,
-    InverseDepth,
-}
-
-/// Depths from the values of a map.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Fit {
-    meaning: Meaning,
-    scale: f32,
-    shift: f32,
-}
-
-impl Fit {
-    fn depth(self, value: f32) -> f32 {
-        let line = self.scale * value + self.shift;
-        match self.meaning {
-            Meaning::Depth => line,
-            Meaning::InverseDepth => 1.0 / line,
-        }
-    }
-
-    /// ln-depth of the fit minus the true ln-depth; NaN if the fit's depth is negative.
-    fn difference(self, sample: &Sample) -> f32 {
-        (self.depth(sample.value) / sample.depth).ln()
-    }
-
-    /// How well a sample agrees: 1 for an exact match, 0 for a difference of [`SAME_POINT`] or
-    /// more.
-    fn agreement(self, sample: &Sample) -> f32 {
-        let share = self.difference(sample) / SAME_POINT;
-        // `max` also turns NaN into 0.
-        (1.0 - share * share).max(0.0)
-    }
-
-    /// Whether the depths of the agreeing samples vary much more than their differences from the
-    /// fit. Without this check, any map would fit a surface at about one depth.
-    fn explains(self, samples: &[Sample]) -> bool {
-        let agreeing = || samples.iter().filter(|sample| self.agreement(sample) > 0.0);
-        let variance = |of: &dyn Fn(&Sample) -> f32| {
-            let (count, sum, squares) = agreeing().map(of).fold((0.0f32, 0.0f64, 0.0f64), |(n, s, q), value| {
-                let value = f64::from(value);
-                (n + 1.0, s + value, q + value * value)
-            });
-            let count = f64::from(count);
-            squares / count - (sum / count) * (sum / count)
-        };
-        variance(&|sample| self.difference(sample)) <= MOST_UNEXPLAINED * variance(&|sample| sample.depth.ln())
-    }
-
-    /// The line through two samples; `None` unless it rises.
-    fn through(meaning: Meaning, a: Sample, b: Sample) -> Option<Self> {
-        let [p, q] = [a, b].map(|sample| match meaning {
-            Meaning::Depth => sample.depth,
-            Meaning::InverseDepth => 1.0 / sample.depth,
-        });
-        let scale = (p - q) / (a.value - b.value);
-        (scale > 0.0 && scale.is_finite()).then_some(Self { meaning, scale, shift: p - scale * a.value })
-    }
-
-    /// The fit with the least squared relative differences from these samples.
-    fn least_squares<'s>(meaning: Meaning, samples: impl Iterator<Item = &'s Sample>) -> Option<Self> {
-        // (s·v + t)/y = 1 for each sample, with y the depth or its inverse.
-        let (mut aa, mut ab, mut bb, mut a, mut b) = (0.0f64, 0.0f64, 0.0f64, 0.0f64, 0.0f64);
-        for sample in samples {
-            let weight = match meaning {
-                Meaning::Depth => 1.0 / f64::from(sample.depth),
-                Meaning::InverseDepth => f64::from(sample.depth),
-            };
-            let value = f64::from(sample.value) * weight;
-            aa += value * value;
-            ab += value * weight;
-            bb += weight * weight;
-            a += value;
-            b += weight;
-        }
-        let determinant = aa * bb - ab * ab;
-        let (scale, shift) = ((a * bb - b * ab) / determinant, (aa * b - ab * a) / determinant);
-        (scale > 0.0 && scale.is_finite()).then_some(Self { meaning, scale: scale as f32, shift: shift as f32 })
-    }
-
-    /// The fit with which the samples agree best, and the sum of their agreement. Random pairs are
-    /// tried first (RANSAC; Fischler and Bolles 1981; with the score of Torr and Zisserman 2000),
-    /// then least squares over the samples that agree.
-    fn best(meaning: Meaning, samples: &[Sample]) -> Option<(Self, f32)> {
-        let mut rng = Rng::seed_from_u64(samples.len() as u64);
-        let mut pick = || samples[rng.random_range(0..samples.len())];
-        let mut best: Option<(Self, f32)> = None;
-        let keep = |best: &mut Option<(Self, f32)>, fit: Self| {
-            let score = samples.iter().map(|sample| fit.agreement(sample)).sum::<f32>();
-            if best.is_none_or(|(_, highest)| score > highest) {
-                *best = Some((fit, score));
-            }
-        };
-        for _ in 0..TRIALS {
-            if let Some(fit) = Self::through(meaning, pick(), pick()) {
-                keep(&mut best, fit);
-            }
-        }
-        for _ in 0..REFINEMENTS {
-            let (fit, _) = best?;
-            let agreeing = samples.iter().filter(|sample| fit.agreement(sample) > 0.0);
-            if let Some(refined) = Self::least_squares(meaning, agreeing) {
-                keep(&mut best, refined);
-            }
-        }
-        best
-    }
-}
-
 /// The maps, converted to depths in world units. With known points, these are the maps that fit
-/// them; without, the maps that are in world units already. All maps are read as depths or all as
-/// inverse depths, whichever agrees better with the points.
+/// them; without, the maps that are in world units already.
 fn fitted(maps: Vec<Relief>, known: &[Point]) -> Vec<Relief> {
-    if known.is_empty() {
-        let metric = |map: Relief| {
-            let scale = map.unit?;
-            Some(map.with_depths(Fit { meaning: Meaning::Depth, scale, shift: 0.0 }))
-        };
-        return maps.into_iter().filter_map(metric).collect();
-    }
-    let samples: Vec<Vec<Sample>> = maps.par_iter().map(|map| map.samples(known)).collect();
-    let fit = |meaning: Meaning, samples: &[Sample]| {
-        let enough = |score: f32| score >= LEAST_AGREEING && score >= LEAST_SHARE * samples.len() as f32;
-        let (fit, score) = if enough(samples.len() as f32) { Fit::best(meaning, samples)? } else { return None };
-        (enough(score) && fit.explains(samples)).then_some((fit, score))
+    let fits = match known {
+        [] => maps.iter().map(|map| map.unit.map(Fit::in_units)).collect(),
+        known => fits(&maps.par_iter().map(|map| map.samples(known)).collect::<Vec<_>>()),
     };
-    let fits = |meaning: Meaning| -> Vec<_> { samples.par_iter().map(|samples| fit(meaning, samples)).collect() };
-    let score = |fits: &[Option<(Fit, f32)>]| fits.iter().flatten().map(|(_, score)| score).sum::<f32>();
-    let (depth, inverse) = (fits(Meaning::Depth), fits(Meaning::InverseDepth));
-    let fits = if score(&depth) >= score(&inverse) { depth } else { inverse };
-    maps.into_iter().zip(fits).filter_map(|(map, fit)| Some(map.with_depths(fit?.0))).collect()
+    maps.into_iter().zip(fits).filter_map(|(map, fit)| Some(map.with_depths(fit?))).collect()
 }
 
 /// The points at every `stride`-th pixel that other views confirm: at least one view has the same
@@ -315,7 +139,7 @@ fn difference(position: Vec3, plate: &Plate, depths: &[f32]) -> Option<f32> {
 #[cfg(test)]
 mod tests {
     use gs_core::{Camera, Image};
-    use gs_io::dataset::PosedImage;
+    use gs_io::dataset::{DepthMap, PosedImage};
 
     use super::*;
     use crate::train::{Start, geometry::tests::looking_at, views::ImageSource};

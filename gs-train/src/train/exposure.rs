@@ -221,6 +221,9 @@ impl Exposures {
         let differ = views.len() > 1 && gain_db >= LEAST_GAIN_DB;
         let used = exposure == Exposure::Affine || differ;
         let of_views = if used { undone(&fits) } else { Vec::new() };
+        if !used {
+            self.small = Vec::new();
+        }
         self.maps = Maps { of_views, report: Some(ExposureReport { used, gain_db }) };
         Ok(())
     }
@@ -228,10 +231,14 @@ impl Exposures {
 
 /// The maps from the images to the scene, given the maps from the scene to its images. The scene's
 /// colours become those of the mean image. A map that cannot be inverted within
-/// [`ColorMap::inverse`]'s limit is replaced by the identity.
+/// [`ColorMap::inverse`]'s limit, which no camera makes, is not in the mean, and is replaced by the
+/// identity.
 fn undone(fits: &[ColorMap]) -> Vec<ColorMap> {
-    let mean = ColorMap::mean(fits);
-    fits.iter().map(|fit| fit.inverse().map_or(ColorMap::IDENTITY, |inverse| mean.after(&inverse))).collect()
+    let inverses: Vec<Option<ColorMap>> = fits.iter().map(ColorMap::inverse).collect();
+    let possible: Vec<ColorMap> =
+        fits.iter().zip(&inverses).filter_map(|(fit, inverse)| inverse.map(|_| *fit)).collect();
+    let mean = ColorMap::mean(&possible);
+    inverses.iter().map(|inverse| inverse.map_or(ColorMap::IDENTITY, |inverse| mean.after(&inverse))).collect()
 }
 
 #[cfg(test)]
@@ -255,6 +262,10 @@ mod tests {
             let found = map.apply(camera.apply(color));
             assert!(found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-6), "{found:?} {expected:?}");
         }
+        // A map that no camera makes changes none of the others.
+        let with_black = super::undone(&[&cameras[..], &[camera(0.0, 0.3)]].concat());
+        assert_eq!((&with_black[..3], with_black[3]), (&undone[..], ColorMap::IDENTITY));
+        assert_eq!(super::undone(&[camera(0.0, 0.3)]), [ColorMap::IDENTITY]);
     }
 
     #[test]

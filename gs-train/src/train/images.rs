@@ -6,7 +6,7 @@ use gs_core::{Rasterizer, Scene3d, TargetImage};
 use gs_io::dataset::PosedImage;
 
 use super::{color_map::ColorMap, resolution::reduced, views::PosedView};
-use crate::{error::Error, memory};
+use crate::error::Error;
 
 /// Cache of target images.
 pub(super) struct Images<T> {
@@ -16,37 +16,31 @@ pub(super) struct Images<T> {
     bytes: u64,
     /// Largest number of bytes.
     limit: u64,
-    /// Whether the targets take as little memory as possible.
-    compact: bool,
     /// The last target for which there was no room.
     passing: Option<T>,
 }
 
 impl<T> Images<T> {
-    /// An empty cache for this many bytes of images with this many pixels in all.
-    pub(super) fn new(limit: u64, pixels: u64) -> Self {
-        let compact = memory::is_compact(pixels);
-        Self { kept: BTreeMap::new(), factor: 1, bytes: 0, limit, compact, passing: None }
+    /// An empty cache for at most this many bytes of targets.
+    pub(super) fn new(limit: u64) -> Self {
+        Self { kept: BTreeMap::new(), factor: 1, bytes: 0, limit, passing: None }
     }
 
-    /// Forgets all targets: the maps of colours are no longer those that they were made with.
+    /// Forgets all targets: what they were made with has changed.
     pub(super) fn forget(&mut self) {
         (self.kept, self.bytes) = (BTreeMap::new(), 0);
     }
 
-    /// The target of view `index` at 1/`factor` of its size, with mapped colours, over `background`
-    /// if that never changes, or else with its alpha.
+    /// The target of view `index` at 1/`factor` of its size, which `make` makes if it is not there,
+    /// with its number of floats.
     ///
     /// # Errors
-    /// Those of reading the image, and of the backend.
-    pub(super) fn get<R: Rasterizer<Scene3d, Target = T>>(
+    /// Those of `make`.
+    pub(super) fn get(
         &mut self,
-        on: &R,
-        view: &PosedView,
         index: usize,
         factor: u32,
-        map: Option<&ColorMap>,
-        background: Option<[f32; 3]>,
+        make: impl FnOnce() -> Result<(T, u64), Error>,
     ) -> Result<&T, Error> {
         if factor != self.factor {
             self.forget();
@@ -56,8 +50,7 @@ impl<T> Images<T> {
             Entry::Occupied(target) => return Ok(target.into_mut()),
             Entry::Vacant(place) => place,
         };
-        let posed = training_image(view, factor, map)?;
-        let (target, floats) = target(on, posed, background, self.compact)?;
+        let (target, floats) = make()?;
         let bytes = floats * size_of::<f32>() as u64;
         if self.bytes + bytes > self.limit {
             return Ok(self.passing.insert(target));

@@ -5,10 +5,13 @@
 //! Gaussians. [`evaluate`] measures the quality of any scene on any views.
 
 mod color_map;
+mod depth_fit;
+mod depth_loss;
 mod depths;
 mod evaluation;
 mod evidence;
 mod exposure;
+mod faces;
 mod flat;
 mod geometry;
 mod images;
@@ -28,6 +31,7 @@ mod trainer;
 mod views;
 
 pub use self::{
+    depth_loss::{DepthLoss, DepthMapCounts},
     evaluation::{ColorMatched, Evaluation, TrainingViews, ViewQuality, evaluate},
     exposure::{Exposure, ExposureReport},
     flat::Flat,

@@ -13,6 +13,7 @@ use gs_density::{Actions, Densify, Grow, Mcmc, Policy, Prune, Signal, SizeThresh
 use serde::{Deserialize, Serialize};
 
 use super::{
+    depth_loss::DepthLoss,
     exposure::Exposure,
     init::PointInit,
     resolution::Resolution,
@@ -61,6 +62,9 @@ const STANDARD_GAUSSIANS: [u64; 2] = [20_000, 1_000_000];
 /// Least number of steps for the published schedules; a shorter run would not recover from its
 /// first reset of opacities.
 const SHORTEST_AS_PUBLISHED: u32 = OPACITY_RESET_EVERY + 500;
+
+/// Weight of depth maps in the first steps (Kerbl et al. 2024).
+const DEPTH_WEIGHT: f32 = 1.0;
 
 /// Steps of a quick look.
 const QUICK_ITERATIONS: u32 = 2_000;
@@ -174,6 +178,7 @@ fn three_dgs(iterations: u32) -> TrainSettings {
         rounds: published_rounds(iterations, 0.5),
         resolution: Resolution::Full,
         exposure: Exposure::Off,
+        depth_loss: DepthLoss::default(),
     }
 }
 
@@ -248,6 +253,7 @@ fn standard(iterations: u32) -> TrainSettings {
         rounds: rounds(iterations, 500, 0.67),
         resolution: Resolution::from_coarse(2),
         exposure: Exposure::Auto,
+        depth_loss: DepthLoss { weight: DEPTH_WEIGHT, ..DepthLoss::default() },
         ..usual
     }
 }
@@ -263,6 +269,7 @@ fn quick(iterations: u32) -> TrainSettings {
         rounds: rounds(iterations, 200, 0.6),
         init: PointInit { random: 20_000, ..PointInit::default() },
         resolution: Resolution::CoarseToFine { from: 2, full_after: 0.4 },
+        depth_loss: DepthLoss { weight: DEPTH_WEIGHT, ..DepthLoss::default() },
         ..usual
     }
 }

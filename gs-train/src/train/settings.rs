@@ -3,12 +3,14 @@
 use std::path::Path;
 
 use gs_core::{
-    Adam, AdamRates, Effects, Error, Loss, Parameterization, RenderSettings, Scene3d, constants::MAX_GAUSSIANS,
+    Adam, AdamRates, Effects, Error, Loss, Output, Parameterization, RenderSettings, Scene3d, constants::MAX_GAUSSIANS,
 };
 use gs_density::{DensityPolicy, Governor, Policy};
 use serde::{Deserialize, Serialize};
 
-use super::{exposure::Exposure, init::PointInit, presets::geometric_groups, resolution::Resolution};
+use super::{
+    depth_loss::DepthLoss, exposure::Exposure, init::PointInit, presets::geometric_groups, resolution::Resolution,
+};
 use crate::{recovery::Recovery, rounds::Rounds, task::RunSettings};
 
 gs_core::impl_with!(TrainSettings);
@@ -82,6 +84,9 @@ pub struct TrainSettings {
     /// What happens to differences in exposure and white balance between images.
     #[serde(skip_serializing_if = "Exposure::is_off")]
     pub exposure: Exposure,
+    /// Weight of the training views' depth maps in the loss; without depth maps it has no effect.
+    #[serde(skip_serializing_if = "DepthLoss::is_off")]
+    pub depth_loss: DepthLoss,
 }
 
 impl TrainSettings {
@@ -170,6 +175,10 @@ impl TrainSettings {
         self.policy.validate_3d()?;
         self.rounds.validate()?;
         self.resolution.validate()?;
+        self.depth_loss.validate()?;
+        if self.render.output != Output::Color {
+            return Err(Error::setting("render.output", "inverse-depth", "color: images have no depths"));
+        }
         self.render.validate()?;
         self.loss.validate()?;
         self.adam.validate()

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use crate::{clamped::Clamped, error::Error, recovery::FreshStart, shortfall::Shortfall};
 
 use super::{
+    depth_loss::DepthMapCounts,
     evaluation::{Evaluation, TrainingViews},
     exposure::ExposureReport,
     settings::TrainSettings,
@@ -64,6 +65,9 @@ pub struct TrainSummary {
     /// Differences in exposure that the training found between its views.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub exposure: Option<ExposureReport>,
+    /// Depth maps of the training views, where they are part of the loss.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub depth_maps: Option<DepthMapCounts>,
     /// All settings, to repeat the training.
     pub settings: TrainSettings,
 }
@@ -94,6 +98,7 @@ impl TrainSummary {
             evaluation,
             training: Some(training),
             exposure: trainer.exposure(),
+            depth_maps: trainer.depth_maps(),
             settings: settings.clone(),
         })
     }

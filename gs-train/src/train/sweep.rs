@@ -108,6 +108,16 @@ pub(super) fn evenly(views: &[PosedView]) -> Vec<&PosedView> {
     (0..count).map(|number| &views[number * views.len() / count]).collect()
 }
 
+/// Divisor of the sides of a camera's image for a search.
+fn searched_factor(camera: &Camera) -> u32 {
+    possible(camera, camera.width.max(camera.height).div_ceil(SIDE))
+}
+
+/// The camera of a view as it is searched.
+pub(super) fn searched_camera(camera: &Camera) -> Camera {
+    reduced_camera(camera, searched_factor(camera))
+}
+
 /// A view as it is searched.
 pub(super) struct Plate {
     pub(super) camera: Camera,
@@ -126,7 +136,7 @@ pub(super) struct Found {
 impl Plate {
     pub(super) fn read(view: &PosedView) -> Result<Self, Error> {
         let camera = &view.camera;
-        let factor = possible(camera, camera.width.max(camera.height).div_ceil(SIDE));
+        let factor = searched_factor(camera);
         let PosedImage { image, alpha, mask } = reduced(&view.image()?, factor)?;
         let luma = image.pixels().iter().map(|[r, g, b]| 0.299 * r + 0.587 * g + 0.114 * b).collect();
         let solid = (0..image.pixels().len())

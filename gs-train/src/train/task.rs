@@ -3,7 +3,7 @@
 use std::fmt;
 
 use gs_core::{
-    Camera, Culled, Effects, Gaussian3d, Image, Optimizer, RenderSettings, Scene3d, TrainStep,
+    Added, Camera, Culled, Effects, Gaussian3d, Image, Optimizer, RenderSettings, Scene3d, TrainStep,
     effects::{Background, Statistics},
     metrics::mean,
 };
@@ -11,6 +11,7 @@ use gs_density::{Evidence, EvidenceRequest, Residual, Rng};
 use rand::{RngExt, SeedableRng};
 
 use super::{
+    depth_loss::{DepthMapCounts, DepthMaps, Guides},
     evaluation::{TrainingViews, measure},
     evidence::{Gathering, views_of_round},
     exposure::{ExposureReport, Exposures},
@@ -23,6 +24,7 @@ use super::{
 use crate::{
     clamped::Clamped,
     error::Error,
+    memory,
     observer::Quality,
     task::{SceneTask, StepContext, TrainingTask},
 };
@@ -37,13 +39,20 @@ pub(super) const STAND_INS: usize = 8;
 /// cost less than the test views.
 const MOST_SAMPLED: usize = 32;
 
+/// Bytes of images in memory for each byte of depths: a quarter of the pixels, with four numbers each
+/// in place of three.
+const DEPTH_SHARE: u64 = 3;
+
 /// Views to train from, and their images as far as they have been read.
 pub struct ViewsTask<R: Optimizer<Scene3d>> {
     views: Views,
     extent: f32,
     order: Order,
     images: Images<R::Target>,
+    /// Whether the images' targets take as little memory as possible.
+    compact: bool,
     exposures: Exposures,
+    depths: DepthMaps<R::Target>,
 }
 
 impl<R: Optimizer<Scene3d>> fmt::Debug for ViewsTask<R> {
@@ -71,10 +80,12 @@ impl SceneTask for Scene3d {
 }
 
 impl<R: Optimizer<Scene3d>> ViewsTask<R> {
-    pub(super) fn new(views: Views, extent: f32, exposures: Exposures) -> Self {
+    pub(super) fn new(views: Views, extent: f32, exposures: Exposures, guides: Guides) -> Self {
         let pixels = views.train_cameras().map(|camera| u64::from(camera.width) * u64::from(camera.height)).sum();
-        let images = Images::new(views.keep_bytes, pixels);
-        Self { views, extent, order: Order::default(), images, exposures }
+        let images = Images::new(views.keep_bytes);
+        let depths = DepthMaps::new(guides, views.keep_bytes / DEPTH_SHARE);
+        let compact = memory::is_compact(pixels);
+        Self { views, extent, order: Order::default(), images, compact, exposures, depths }
     }
 
     /// The views.
@@ -85,6 +96,11 @@ impl<R: Optimizer<Scene3d>> ViewsTask<R> {
     /// What was found about the exposure of the training views, if it has been solved.
     pub(super) fn exposure_report(&self) -> Option<ExposureReport> {
         self.exposures.report()
+    }
+
+    /// Numbers of depth maps in the loss, if there are any.
+    pub(super) fn depth_maps(&self) -> Option<DepthMapCounts> {
+        self.depths.counts()
     }
 
     /// The test views, or else a few of the training views.
@@ -186,11 +202,15 @@ impl<R: Optimizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
                 self.images.forget();
             }
         }
+        if self.depths.is_due(context.step, settings.iterations) {
+            let render = shown(settings, &context.effects);
+            self.depths.fit_to_renderings((on, splats), &self.views.train, &render).await?;
+        }
         Ok(())
     }
 
-    fn state(&self) -> Result<Option<(&'static str, String)>, Error> {
-        self.exposures.to_metadata()
+    fn state(&self) -> Result<Vec<(&'static str, String)>, Error> {
+        Ok([self.exposures.to_metadata()?, self.depths.to_metadata()?].into_iter().flatten().collect())
     }
 
     async fn send(
@@ -201,6 +221,7 @@ impl<R: Optimizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
         context: StepContext,
     ) -> Result<(), Error> {
         let StepContext { step, effects, full_depth, lr_scale, binning } = context;
+        let progress = step as f32 / settings.iterations as f32;
         let index = self.order.view(settings.seed, step, self.views.train.len());
         let (camera, factor) = self.reduced(index, settings, step);
         let view = &self.views.train[index];
@@ -212,8 +233,14 @@ impl<R: Optimizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
         let step = TrainStep { settings: &render, loss: settings.loss, rates: &rates, binning };
 
         let fixed = (settings.background == StepBackground::Same).then(|| render.background_color());
-        let target = self.images.get(on, view, index, factor, self.exposures.map(index), fixed)?;
-        Ok(on.train_step(splats, &camera, target, &step).await?)
+        let of_depths = (&settings.depth_loss, progress);
+        let added = self.depths.gradients((on, &*splats), (view, index, factor), &render, of_depths).await?;
+        let added = added.as_ref().map(|(gradients, weight)| Added { gradients, weight: *weight });
+        let (map, compact) = (self.exposures.map(index), self.compact);
+        let target = self
+            .images
+            .get(index, factor, || images::target(on, images::training_image(view, factor, map)?, fixed, compact))?;
+        Ok(on.train_step_with(splats, &camera, target, &step, added).await?)
     }
 
     async fn residual(

@@ -5,6 +5,7 @@ use gs_io::{Checkpoint, dataset::AlphaMeaning};
 use web_time::Instant;
 
 use super::{
+    depth_loss::{DepthMapCounts, Guides},
     evaluation::{Evaluation, TrainingViews, evaluate_splats},
     exposure::{Exposure, ExposureReport, Exposures},
     geometry::extent_of,
@@ -56,9 +57,13 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
         settings.validate()?;
         let splats = rasterizer.upload(&scene, settings.parameterization)?;
         let images = fingerprint(&views);
+        let guides = match settings.depth_loss.is_off() {
+            true => Guides::default(),
+            false => Guides::of(&views.train, &scene.means)?,
+        };
         let record = Record::beginning(settings, images);
-        let mut trainer =
-            Self::assemble(rasterizer, record, splats, ViewsTask::new(views, extent, Exposures::default()));
+        let task = ViewsTask::new(views, extent, Exposures::default(), guides);
+        let mut trainer = Self::assemble(rasterizer, record, splats, task);
         trainer.record.seconds = started.elapsed().as_secs_f64();
         Ok(trainer)
     }
@@ -81,7 +86,8 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
         };
         let splats = rasterizer.restore(&checkpoint.state)?;
         let exposures = Exposures::from_metadata(&checkpoint.metadata, views.train.len())?;
-        Ok(Self::assemble(rasterizer, record, splats, ViewsTask::new(views, extent, exposures)))
+        let guides = Guides::from_metadata(&checkpoint.metadata, views.train.len())?;
+        Ok(Self::assemble(rasterizer, record, splats, ViewsTask::new(views, extent, exposures, guides)))
     }
 
     /// The views.
@@ -103,6 +109,12 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
     /// where it is [`Exposure::Off`](super::Exposure::Off).
     pub fn exposure(&self) -> Option<ExposureReport> {
         self.task.exposure_report()
+    }
+
+    /// Numbers of the training views' depth maps; `None` without any, or where they are not part of the
+    /// loss ([`DepthLoss`](super::DepthLoss)).
+    pub fn depth_maps(&self) -> Option<DepthMapCounts> {
+        self.task.depth_maps()
     }
 
     /// Renders the current scene for a camera, not clamped.

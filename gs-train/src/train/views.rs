@@ -5,6 +5,7 @@ use std::fmt;
 use gs_core::{Camera, Image};
 use gs_io::dataset::{AlphaMeaning, Dataset, DepthMap, PosedImage, Split, View};
 
+use super::faces;
 use crate::error::Error;
 
 /// Source of a view's image: memory, or a file that is read when it is needed.
@@ -135,12 +136,10 @@ impl Views {
     /// The views of a data set, by its own split; validation views are left out.
     pub fn of_dataset(dataset: &Dataset) -> Self {
         let of = |split: Split| {
-            let posed = |view: &View| PosedView {
-                name: view.name.clone(),
-                camera: view.camera,
-                source: Box::new(view.clone()),
-            };
-            dataset.views_of(split).map(posed).collect()
+            let views: Vec<View> = dataset.views_of(split).cloned().collect();
+            let named: Vec<_> = views.iter().map(|view| (view.name.clone(), view.camera)).collect();
+            let posed = |((name, camera), source)| PosedView { name, camera, source };
+            named.into_iter().zip(faces::sources(views)).map(posed).collect()
         };
         Self::new(of(Split::Train), of(Split::Test))
     }

@@ -1,5 +1,6 @@
 //! Tests of training. One binary for all modules, so that the tests link once.
 
+mod depths;
 mod evidence;
 mod fit;
 mod fixture_2d;

@@ -104,3 +104,25 @@ fn a_scene_is_as_good_in_the_faces_as_it_is() {
     let trained = trainer.evaluate(&mut |_, _| Ok(())).block_on().unwrap();
     assert!(trained.psnr > 36.0, "{}", trained.psnr);
 }
+
+#[test]
+fn a_360_image_is_decoded_once_for_its_faces() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("a.png");
+    let color = |x: u32, y: u32| [x as f32 / 64.0, y as f32 / 32.0, 0.5];
+    gs_io::write_png(&file, &Image::from_fn(64, 32, color).unwrap()).unwrap();
+    let rows = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]];
+    let frame = serde_json::json!({"file_path": "a.png", "transform_matrix": rows});
+    let transforms = serde_json::json!({"camera_model": "EQUIRECTANGULAR", "frames": [frame]});
+    fs::write(folder.path().join("transforms.json"), transforms.to_string()).unwrap();
+    let dataset = read_dataset(folder.path(), &DatasetSettings::default()).unwrap();
+    let expected: Vec<_> = dataset.views.iter().map(|view| view.read_image().unwrap()).collect();
+    let faces = Views::of_dataset(&dataset).train;
+    assert_eq!(faces.len(), 6);
+    assert_eq!(faces[3].source.read().unwrap(), expected[3]);
+    fs::remove_file(&file).unwrap();
+    for index in [0, 1, 2, 4, 5] {
+        assert_eq!(faces[index].source.read().unwrap(), expected[index], "{}", faces[index].name);
+    }
+    assert!(faces[0].source.read().is_err(), "faces that have been read are not kept");
+}

@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use glam::{Vec2, Vec3};
 use gs_core::{
-    AdamRates, Blend, Canvas, Error, Gaussian2d, Parameterization, Penalty, RenderSettings, Scene2d, SplatsState,
-    effects::Order, math::whitened::WhitenedGradient,
+    AdamRates, Blend, Canvas, Error, Gaussian2d, Output, Parameterization, Penalty, RenderSettings, Scene2d,
+    SplatsState, effects::Order, math::whitened::WhitenedGradient,
 };
 
 use super::{solve_colors::solve_colors, state::State2d};
@@ -47,6 +47,9 @@ impl SceneKind for Scene2d {
         let effects = &settings.effects;
         if effects.order != Order::Index {
             return Err(unsupported(format!("order {:?} of a 2D scene, which has no depth", effects.order)));
+        }
+        if settings.output != Output::Color {
+            return Err(unsupported("depths of a 2D scene, which has none"));
         }
         Ok(())
     }

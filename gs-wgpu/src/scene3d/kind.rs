@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use glam::Vec3;
 use gs_core::{
-    AdamRates, Camera, Error, Gaussian3d, MomentFormat, Parameterization, RenderSettings, Scene3d, SplatsState,
+    AdamRates, Camera, Error, Gaussian3d, MomentFormat, Output, Parameterization, RenderSettings, Scene3d, SplatsState,
 };
 
 use super::{
@@ -108,6 +108,7 @@ impl SceneKind for Scene3d {
     fn describe(_: &Camera, settings: &RenderSettings, splats: &Splats<Self>, step: &mut Step) {
         step.coefficients = splats.state.coefficients() as u32;
         step.sh_degree = settings.effects.sh_degree.min(splats.state.sh_degree).into();
+        step.inverse_depth = (settings.output == Output::InverseDepth).into();
     }
 
     fn write_view(workspace: &Workspace<Self>, gpu: &Gpu, camera: &Camera) {
@@ -120,6 +121,16 @@ impl SceneKind for Scene3d {
 
     fn encode_project_bwd(workspace: &Workspace<Self>, gpu: &Gpu, commands: &mut Commands, splats: &Splats<Self>) {
         workspace.encode_splats_bwd(gpu, commands, splats);
+    }
+
+    fn encode_add(
+        workspace: &Workspace<Self>,
+        gpu: &Gpu,
+        commands: &mut Commands,
+        added: &[wgpu::Buffer],
+    ) -> Result<(), Error> {
+        workspace.encode_add(gpu, commands, added);
+        Ok(())
     }
 
     fn encode_adam(

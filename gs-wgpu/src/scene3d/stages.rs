@@ -134,6 +134,15 @@ impl Workspace<Scene3d> {
         let groups = groups_of(gpu, u64::from(tiles.gaussians), 64);
         dispatch(gpu, commands, "project_bwd_3d", tiles.variant(), &bindings, groups);
     }
+
+    /// Records the addition of a further loss's gradients.
+    pub(crate) fn encode_add(&self, gpu: &Gpu, commands: &mut Commands, added: &[wgpu::Buffer]) {
+        let mut bindings = vec![&self.tiles.step];
+        bindings.extend(self.gradient_buffers());
+        bindings.extend(added);
+        let groups = groups_of(gpu, u64::from(self.tiles.gaussians), 64);
+        dispatch(gpu, commands, "add_gradients_3d", Variant::default(), &bindings, groups);
+    }
 }
 
 /// Records stage `adam`.

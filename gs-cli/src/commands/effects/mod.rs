@@ -12,17 +12,17 @@ use gs_core::{
     counted, effects::RequiresEffects, view::Orbit,
 };
 use gs_io::{AnyScene, File3d};
-use gs_lab::effects::{UploadedScene, prices, prove, sampled};
+use gs_lab::effects::{UploadedScene, prices, prove, sampled, training_prices};
 use gs_train::train::Views;
 
-use self::report::{Facts, Report};
+use self::report::{Facts, Report, Training};
 use crate::{
     backend::BackendArgs,
     cameras,
     dataset::ReadingArgs,
     failure::Failure,
     image_fit::{self, FitSettingsArgs, SettingsFile, Target},
-    output,
+    memory, output,
     render_args::RenderArgs3d,
     scene,
     values::{Axis, Size, canvas, whole},
@@ -39,7 +39,12 @@ required.
 
 The table has a row for each effect: its wanted and its required value; the extra time of a \
 picture with the wanted value in place of the next cheaper one; the largest difference of a pixel \
-and the PSNR between such pictures; and the reason.";
+and the PSNR between such pictures; and the reason.
+
+With --train, a second table has a row for each correction of a training that DATASET allows: of \
+exposure, and of depths by depth maps. Each row compares two trainings of K steps that begin with \
+the scene, with the correction and without it: time of a step, and mean PSNR over the test views, \
+as it is and with matched colours.";
 
 /// Steps to fit an image: enough that the Gaussians are as many, as large and as crowded as those
 /// of a whole fit.
@@ -62,6 +67,10 @@ pub(crate) struct EffectsCommandArgs {
     /// Measurements of each time
     #[arg(short, long, value_name = "R", default_value_t = 11, value_parser = whole::<u32>(1..=10_000))]
     repetitions: u32,
+    /// Also train a 3D scene for K steps on the views of DATASET, with and without the correction of
+    /// exposure and of depths
+    #[arg(long, value_name = "K", requires = "dataset", value_parser = whole::<u32>(1..=1_000_000))]
+    train: Option<u32>,
     /// Size of the pictures [default: that of the image or of the views; otherwise 800x600]
     #[arg(long, value_name = "WxH")]
     size: Option<Size>,
@@ -95,7 +104,8 @@ pub(crate) fn run(args: &EffectsCommandArgs) -> Result<(), Failure> {
     let report = match subject {
         Subject::ThreeD { scene, cameras, wanted, seen } => {
             let facts = facts(seen, scene.len(), cameras[0].width, cameras[0].height);
-            examine(rasterizer, &scene, &cameras, &wanted, args, facts)
+            let report = examine(rasterizer, &scene, &cameras, &wanted, args, facts)?;
+            Ok(Report { training: training(rasterizer, &scene, &wanted, args)?, ..report })
         }
         Subject::TwoD { scene, canvas, wanted } => {
             let facts = facts("its canvas".to_owned(), scene.len(), canvas.width, canvas.height);
@@ -171,6 +181,19 @@ impl Subject {
     }
 }
 
+/// The table of `--train`.
+fn training(
+    rasterizer: &AnyRasterizer,
+    scene: &Scene3d,
+    wanted: &RenderSettings,
+    args: &EffectsCommandArgs,
+) -> Result<Option<Training>, Failure> {
+    let Some((path, steps)) = args.dataset.as_ref().zip(args.train) else { return Ok(None) };
+    let dataset = args.reading.read(path)?;
+    let prices = training_prices(rasterizer, scene, || Views::of_dataset(&dataset), wanted, steps)?;
+    Ok(Some(Training { steps, prices }))
+}
+
 fn examine<S: RequiresEffects>(
     rasterizer: &AnyRasterizer,
     scene: &S,
@@ -182,9 +205,11 @@ fn examine<S: RequiresEffects>(
 where
     AnyRasterizer: Optimizer<S>,
 {
+    let size = (facts.width, facts.height);
+    memory::check_work("measuring the effects of", &facts.input, size, gs_train::memory::comparing(size, 1))?;
     let splats = rasterizer.upload(scene, Parameterization::ScaleRotation)?;
     let uploaded = UploadedScene { rasterizer, splats: &splats, views };
     let proof = prove(scene, &uploaded, wanted)?;
     let prices = prices(&uploaded, wanted, &proof.required.settings, args.repetitions as usize)?;
-    Ok(Report { facts, proof, prices })
+    Ok(Report { facts, proof, prices, training: None })
 }

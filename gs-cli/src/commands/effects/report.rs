@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use gs_core::{counted, effects::EffectDecision};
-use gs_lab::effects::{Difference, Price, Prices, Proof};
+use gs_lab::effects::{Difference, Price, Prices, Proof, TrainingOutcome, TrainingPrice};
 use serde::Serialize;
 
 /// What was examined.
@@ -28,12 +28,44 @@ pub(crate) struct Report {
     pub(crate) facts: Facts,
     pub(crate) proof: Proof,
     pub(crate) prices: Prices,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) training: Option<Training>,
+}
+
+/// What short trainings with and without corrections cost and gain.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) struct Training {
+    pub(crate) steps: u32,
+    pub(crate) prices: Vec<TrainingPrice>,
+}
+
+impl Training {
+    fn text(&self) -> String {
+        let steps = counted(self.steps, "step");
+        if self.prices.is_empty() {
+            return format!("\n\ntraining of {steps}: the views allow no correction to compare");
+        }
+        let mut text = format!(
+            "\n\ntraining of {steps}, with and without each correction\n{:<12}{:>20}{:>20}{:>24}",
+            "correction", "a step, ms", "PSNR, dB", "colours matched, dB"
+        );
+        for TrainingPrice { effect, with, without } in &self.prices {
+            let pair = |of: fn(&TrainingOutcome) -> Option<f64>| {
+                let cell = |outcome| of(outcome).map_or_else(|| "-".to_owned(), |value| format!("{value:.2}"));
+                format!("{} / {}", cell(with), cell(without))
+            };
+            let (time, psnr) = (pair(|o| Some(o.milliseconds)), pair(|o| Some(o.psnr)));
+            let _ = write!(text, "\n{:<12}{time:>20}{psnr:>20}{:>24}", effect.name(), pair(|o| o.color_matched));
+        }
+        text
+    }
 }
 
 impl Report {
     /// The report as text.
     pub(crate) fn text(&self) -> String {
-        let Self { facts: Facts { input, gaussians, seen, width, height, machine }, proof, prices } = self;
+        let Self { facts: Facts { input, gaussians, seen, width, height, machine }, proof, prices, training } = self;
         let gaussians = counted(*gaussians, "Gaussian");
         let Prices { milliseconds, required_milliseconds, noise, .. } = prices;
         let mut text = format!("{input}: {gaussians}, seen from {seen}, {width}x{height} px\n{machine}\n\n");
@@ -65,6 +97,7 @@ impl Report {
                 Difference { most, psnr } => format!("no pixel differs by more than {most:.6} (PSNR {psnr:.1} dB)"),
             }
         );
+        text += &training.as_ref().map_or_else(String::new, Training::text);
         text
     }
 
@@ -121,6 +154,7 @@ mod tests {
             },
             proof: Proof { required: RequiredEffects { settings, decisions: verdicts.to_vec() }, difference, views: 1 },
             prices: Prices { milliseconds: 2.0, required_milliseconds: 1.5, noise: 0.1, each: vec![price] },
+            training: None,
         };
         let text = report.text();
         let lines: Vec<&str> = text.lines().collect();

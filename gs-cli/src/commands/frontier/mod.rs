@@ -26,7 +26,7 @@ use crate::{
     backend::BackendArgs,
     dataset::ReadingArgs,
     failure::Failure,
-    output,
+    memory, output,
     output_folder::{self, OutputFolder, OverwriteArgs},
     render_args::RenderArgs3d,
     scene,
@@ -144,6 +144,9 @@ where
     S: Verifiable,
     AnyRasterizer: Optimizer<S>,
 {
+    let size = seen.views[0].size();
+    let bytes = gs_train::memory::comparing(size, seen.views.len().max(seen.unseen.len()) as u64);
+    memory::check_work("measuring the frontier of", args.input.display(), size, bytes)?;
     let (contenders, machines) = contenders(&args.backend, &seen.scene, seen.render.effects.blend)?;
     let field = Field { scene: &seen.scene, contenders, shown: seen.render };
     let limits = SearchLimits::default().with(|s| s.seconds = f64::from(args.seconds));

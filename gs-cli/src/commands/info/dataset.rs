@@ -128,11 +128,11 @@ fn text(info: &Info) -> String {
         if camera.undistorted != camera.image {
             let [width, height] = camera.undistorted;
             let done = match camera.lens {
-                _ if camera.all_directions => "split into faces, each resampled",
-                lens if lens == Distortion::None.name() => "scaled",
-                _ => "undistorted",
+                _ if camera.all_directions => "split into six faces of",
+                lens if lens == Distortion::None.name() => "scaled to",
+                _ => "undistorted to",
             };
-            let _ = write!(line, ", {done} to {width}x{height} px");
+            let _ = write!(line, ", {done} {width}x{height} px");
         }
         let _ = write!(line, " ({})", counted(camera.views, "view"));
         rows.push(("camera", line));

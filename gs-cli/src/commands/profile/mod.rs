@@ -16,7 +16,7 @@ use crate::{
     dataset::ReadingArgs,
     failure::Failure,
     image_fit::BlendName,
-    output,
+    memory, output,
     output_folder::{self, OutputFolder, OverwriteArgs},
     render_args::RenderArgs3d,
     scene,
@@ -114,6 +114,11 @@ pub(crate) fn run(args: &ProfileArgs) -> Result<(), Failure> {
         },
         None => Input::TwoD(Box::new(Input2d::of_image(None, args)?)),
     };
+    let (path, size) = match &input {
+        Input::TwoD(input) => (input.name.as_str(), (input.canvas.width, input.canvas.height)),
+        Input::ThreeD(input) => (input.name.as_str(), (input.camera.width, input.camera.height)),
+    };
+    memory::check_work("profiling", path, size, gs_train::memory::profiling(size))?;
     let backend = match &input {
         Input::TwoD(input) => args.backend.open_to_render_2d(&input.render),
         Input::ThreeD(input) => args.backend.open_to_train_3d(input.parameterization),

@@ -24,10 +24,10 @@ const ITERATIONS: u32 = 100;
 
 /// What is profiled, before a backend has it.
 pub(super) struct Input2d {
-    name: String,
+    pub(super) name: String,
     /// The file; `None` is the paper's circle and square.
     file: Option<String>,
-    canvas: Canvas,
+    pub(super) canvas: Canvas,
     pub(super) render: RenderSettings,
     loss: Loss,
     parameterization: Parameterization,

@@ -21,9 +21,9 @@ use crate::{
 /// A 3D scene, before a backend has it.
 pub(super) struct Input3d {
     /// The file.
-    name: String,
+    pub(super) name: String,
     scene: Scene3d,
-    camera: Camera,
+    pub(super) camera: Camera,
     render: RenderSettings,
     loss: Loss,
     pub(super) parameterization: Parameterization,

@@ -47,7 +47,7 @@ Ctrl-C stops the training, saves a checkpoint, and writes the results so far. Pr
 after a second or more quits at once.";
 
 /// The flags that a checkpoint contains.
-const IN_CHECKPOINT: [&str; 20] = [
+const IN_CHECKPOINT: [&str; 21] = [
     "preset",
     "settings",
     "gaussians",
@@ -64,6 +64,7 @@ const IN_CHECKPOINT: [&str; 20] = [
     "background",
     "coarse",
     "exposure",
+    "depth_weight",
     "participants",
     "opacity_weight",
     "scale_weight",
@@ -167,6 +168,11 @@ pub(crate) struct TrainSettingsArgs {
     /// with preset standard, otherwise off]
     #[arg(long, value_enum, value_name = "WHICH")]
     pub(crate) exposure: Option<ExposureName>,
+    /// Weight of the data set's depth maps in the loss of the first step; it falls to a hundredth of
+    /// that. 0: depth maps only give initial Gaussians [default: 1 with presets standard and quick,
+    /// otherwise 0]
+    #[arg(long, value_name = "W")]
+    pub(crate) depth_weight: Option<f32>,
     /// Which Gaussians a step moves
     #[arg(long, value_enum, value_name = "WHICH")]
     pub(crate) participants: Option<ParticipantsName>,

@@ -116,16 +116,21 @@ impl Start {
         let views = Views::of_dataset(dataset);
         match self {
             Self::Fresh { settings, initial, description } => {
-                let (searches, depths) = (matches!(initial, Initial::Images), matches!(initial, Initial::Depths(_)));
+                let searches = matches!(initial, Initial::Images);
+                let known = if let Initial::Depths(points) = &initial { Some(points.len()) } else { None };
                 let initial = initial.searched(&views.train)?;
-                let description = match &initial {
-                    Initial::Points(points) if searches => {
+                let description = match (&initial, known) {
+                    (Initial::Points(points), None) if searches => {
                         format!("{} found in the images", counted(points.len(), "point"))
                     }
-                    Initial::Points(points) if depths => {
-                        format!("{}, with those of the depth maps", counted(points.len(), "point"))
+                    (Initial::Points(points), Some(0)) => {
+                        format!("{} found in the depth maps and the images", counted(points.len(), "point"))
                     }
-                    _ if depths => "random points, because there were too few in the depth maps".to_owned(),
+                    (Initial::Points(points), Some(known)) => {
+                        let found = points.len().saturating_sub(known);
+                        format!("{} of the data set and {found} of its depth maps", counted(known, "point"))
+                    }
+                    (_, Some(_)) => "random points, because too few were found in the depth maps".to_owned(),
                     _ if searches => "random points, because too few were found in the images".to_owned(),
                     _ => description,
                 };
@@ -158,7 +163,8 @@ fn check_memory(args: &TrainArgs, trainer: &Trainer3d<'_, AnyRasterizer>) -> Res
     let sizes = || views.train_cameras().map(|camera| (camera.width, camera.height));
     let need = |gaussians: u32| Need {
         what: format!("training on {} with {gaussians} Gaussians", args.dataset.display()),
-        bytes: settings.peak_bytes(sizes(), views.keep_bytes, gaussians.into()),
+        bytes: settings.peak_bytes(sizes(), views.keep_bytes, gaussians.into())
+            + trainer.depth_maps().map_or(0, |_| settings.depth_bytes(sizes(), gaussians.into())),
         held: 0,
         less: "scale down the images with --max-size, take fewer views, or fewer --gaussians",
     };

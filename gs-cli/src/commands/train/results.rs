@@ -12,7 +12,7 @@ use gs_lab::{
 };
 use gs_train::{
     MetricsLog, Trainer3d,
-    train::{ColorMatched, DRIFT_DB, Evaluation, ExposureReport, TrainSummary, TrainingViews, Views},
+    train::{ColorMatched, DRIFT_DB, DepthMapCounts, Evaluation, ExposureReport, TrainSummary, TrainingViews, Views},
 };
 use serde::Serialize;
 
@@ -54,6 +54,7 @@ impl results::Summary for Summary {
             fresh_starts,
             shortfall,
             exposure,
+            depth_maps,
             ..
         } = &self.training;
         let problems = Problems::new(verbosity, edits, evaluation.culled, *clamped, fresh_starts);
@@ -76,18 +77,27 @@ impl results::Summary for Summary {
         });
         let drift = self.training.drift().map(|drift| {
             format!(
-                "the scene fits the training views {drift:.1} dB better than the held-out views, more than {DRIFT_DB} dB: more \
-                 steps or Gaussians may not help; more views, or fewer Gaussians (-n), may"
+                "the scene fits the training views {drift:.1} dB better than the held-out views, so it is overfitted (more than \
+                 {DRIFT_DB} dB): more views or fewer Gaussians (-n) may help; more steps or Gaussians probably will not"
             )
         });
         let exposure = exposure.and_then(|ExposureReport { used, gain_db, .. }| match (used, verbosity) {
-            (true, _) => Some(format!("the exposure of the images is corrected; the last maps gained {gain_db:.1} dB")),
+            (true, _) => {
+                Some(format!("differences in exposure between the images were corrected, which gained {gain_db:.1} dB"))
+            }
             (false, Verbosity::Verbose) => {
-                Some(format!("the images agree in exposure ({gain_db:.1} dB to gain): nothing is corrected"))
+                Some(format!("exposure was not corrected: that would have gained only {gain_db:.1} dB"))
             }
             (false, _) => None,
         });
-        let notes = [drift, exposure, shortfall.as_ref().map(ToString::to_string)].into_iter().flatten();
+        let depths = depth_maps.and_then(|DepthMapCounts { maps, used, .. }| match maps - used {
+            0 => None,
+            unused => {
+                let maps = counted(maps, "depth map");
+                Some(format!("{unused} of {maps} did not fit the scene with any scale and shift, and were not used"))
+            }
+        });
+        let notes = [drift, exposure, depths, shortfall.as_ref().map(ToString::to_string)].into_iter().flatten();
         let notes: String = notes.map(|note| format!("\nnote: {note}")).collect();
         format!(
             "{} after {} in {seconds:.1} s ({:.1} s in all): PSNR {:.2} dB, SSIM {:.4}{matched} over {evaluated}{unmeasured}{trained}{problems}; \

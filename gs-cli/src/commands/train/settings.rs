@@ -63,6 +63,7 @@ pub(super) fn with_flags(args: &TrainSettingsArgs, mut settings: TrainSettings) 
         settings.resolution = Resolution::from_coarse(from);
     }
     settings.exposure = args.exposure.map_or(settings.exposure, Into::into);
+    settings.depth_loss.weight = args.depth_weight.unwrap_or(settings.depth_loss.weight);
     let adam = &mut settings.adam;
     adam.participants = args.participants.map_or(adam.participants, Into::into);
     adam.penalty.opacity = args.opacity_weight.unwrap_or(adam.penalty.opacity);

@@ -5,7 +5,7 @@ mod fallible;
 use std::cell::RefCell;
 
 use gs_core::{
-    AdamRates, Backend, Culled, DensityStatistics, EditPlan, Error, Extent, Image, Loss, MeanNoise, Optimizer,
+    AdamRates, Added, Backend, Culled, DensityStatistics, EditPlan, Error, Extent, Image, Loss, MeanNoise, Optimizer,
     Parameterization, Rasterizer, RenderSettings, SplatsState, TargetImage, TensorData, TrainStep, Wait,
     edit::{AfterEdit, Change, Moments},
     effects::{Antialias, Order},
@@ -286,12 +286,13 @@ impl<S: Fallible, R: Optimizer<S>> Optimizer<S> for Faulty<'_, R> {
         self.inner.step(splats, gradients, rates).block_on()
     }
 
-    async fn train_step(
+    async fn train_step_with(
         &self,
         splats: &mut R::Splats,
         view: &S::View,
         target: &R::Target,
         step: &TrainStep<'_>,
+        added: Option<Added<'_, R::Gradients>>,
     ) -> Result<(), Error> {
         self.refuses(step.settings)?;
         let usual = S::adam().at(0.0);
@@ -306,7 +307,7 @@ impl<S: Fallible, R: Optimizer<S>> Optimizer<S> for Faulty<'_, R> {
             return Ok(());
         }
         self.inner
-            .train_step(splats, &view, target, &TrainStep { settings: &settings, loss, rates, ..*step })
+            .train_step_with(splats, &view, target, &TrainStep { settings: &settings, loss, rates, ..*step }, added)
             .block_on()?;
         if self.is(Creeps) {
             let scene = self.inner.download(splats).await?;

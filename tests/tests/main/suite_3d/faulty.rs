@@ -5,9 +5,9 @@ use gs_conformance::{
     subject::Subject,
 };
 use gs_core::{
-    AdamRates, Backend, Camera, Culled, DensityStatistics, EditPlan, Error, Gaussian3d, Image, Loss, MeanNoise,
-    Optimizer, Parameterization, Participants, Rasterizer, RenderSettings, Scene, Scene3d, SplatsState, TargetImage,
-    TrainStep, Wait,
+    AdamRates, Added, Backend, Camera, Culled, DensityStatistics, EditPlan, Error, Gaussian3d, Image, Loss, MeanNoise,
+    Optimizer, Output, Parameterization, Participants, Rasterizer, RenderSettings, Scene, Scene3d, SplatsState,
+    TargetImage, TrainStep, Wait,
     edit::{Moments, Source},
     effects::{Antialias, Background, Order, Statistics},
     logit,
@@ -39,6 +39,7 @@ pub(crate) enum Fault {
     NegatesQuaternionGradients,
     GradientsInWrongUnits,
     HoldsDirectionsFixed,
+    ShowsColoursForDepths,
     NegatesGivenGradients,
     NormalisesQuaternions,
     RoundsFactors,
@@ -52,6 +53,8 @@ pub(crate) enum Fault {
     MovesOnlyTheVisible,
     MovesShInEveryStep,
     FusedStepDoesTooMuch,
+    IgnoresAddedGradients,
+    AddsToTheUnseen,
     UsesListsOfAnotherView,
     SwapsLosses,
     ForgetsLossesOnEdit,
@@ -124,6 +127,7 @@ impl Faulty {
             OrdersByMean if effects.order == Order::PerPixel => effects.order = Order::Global,
             ForgetsAntialiasing => effects.antialias = Antialias::None,
             ForgetsCompensation if effects.antialias.compensates() => effects.antialias = Antialias::Dilate,
+            ShowsColoursForDepths => settings.output = Output::Color,
             IgnoresTheDegree => effects.sh_degree = 3,
             ForgetsTheAccuracy => settings.accuracy = gs_core::Accuracy::default(),
             ForgetsTheBackground => effects.background = Background::None,
@@ -364,17 +368,25 @@ impl Optimizer<Scene3d> for Faulty {
         Ok(())
     }
 
-    async fn train_step(
+    async fn train_step_with(
         &self,
         splats: &mut Splats,
         view: &Camera,
         target: &Target,
         step: &TrainStep<'_>,
+        added: Option<Added<'_, Gradients>>,
     ) -> Result<(), Error> {
         let stale = self.is(UsesListsOfAnotherView) && step.binning == gs_core::Binning::Reuse;
         let seen = splats.last_view.filter(|_| stale).unwrap_or(*view);
         let pass = self.forward(splats, &seen, step.settings).block_on()?;
-        let (loss, gradients) = self.backward(splats, pass, target, &step.loss).block_on()?;
+        let (loss, mut gradients) = self.backward(splats, pass, target, &step.loss).block_on()?;
+        if let Some(Added { gradients: added, weight }) = added.filter(|_| !self.is(IgnoresAddedGradients)) {
+            for (g, (row, added)) in gradients.rows.iter_mut().zip(&added.rows).enumerate() {
+                if gradients.drawn[g] || self.is(AddsToTheUnseen) {
+                    row.iter_mut().zip(added).for_each(|(sum, by)| *sum += f64::from(weight) * by);
+                }
+            }
+        }
         self.step(splats, &gradients, step.rates).block_on()?;
         if self.is(FusedStepDoesTooMuch) {
             self.step(splats, &gradients, step.rates).block_on()?;
