@@ -158,7 +158,7 @@ fn gradient(
             Share::once((Vec2::from_array(received.collected) * scale * tiles.half_size()).length())
         }
         Statistics::PixelGradient => {
-            let near = tiles.settings.statistic_weight(eye.perspective.depth(mean));
+            let near = tiles.settings.statistic_weight(eye.perspective.depth(splats::mean(parameters)));
             Share::weighted(near * mean_gradient(), received.collected[0])
         }
         // The pixel errors do not depend on the loss, so `scale` does not apply.
