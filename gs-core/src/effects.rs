@@ -103,9 +103,9 @@ pub enum Statistics {
     ///
     /// m is the number of pixels in which the Gaussian is blended. f, between 0 and 1, lets the
     /// gradients of near Gaussians fade: see
-    /// [`RenderSettings::statistic_weight`](crate::RenderSettings::statistic_weight). Σ m f ‖∂L/∂μ′‖ /
-    /// Σ m over the steps is a mean in which views that show only the edge of a large Gaussian count
-    /// little.
+    /// [`RenderSettings::statistic_weight`](crate::RenderSettings::statistic_weight). Σ m f
+    /// ‖∂L/∂μ′‖ / Σ m over the steps is a mean in which views that show only the edge of a large
+    /// Gaussian count little.
     PixelGradient,
     /// Σ T α e over the pixels, px: the part of the image's error that falls to a Gaussian
     /// (*source:* Rota Bulò et al. 2024, with the absolute difference for their auxiliary error).

@@ -69,6 +69,21 @@ mod tests {
     }
 
     #[test]
+    fn half_of_the_opacity_is_half_of_it() {
+        let mut half = gs_core::Gaussian2d {
+            mean: glam::Vec2::ZERO,
+            log_scale: glam::Vec2::ZERO,
+            rotation: 0.0,
+            opacity_logit: logit(0.6),
+            color: glam::Vec3::ONE,
+        };
+        OpacityCorrection::Halve.apply(&mut half, true);
+        assert!((sigmoid(half.opacity_logit) - 0.3).abs() < 1e-6 && half.color == glam::Vec3::ONE);
+        OpacityCorrection::Halve.apply(&mut half, false);
+        assert_eq!(half.color, glam::Vec3::splat(0.5));
+    }
+
+    #[test]
     fn small_and_extreme_logits_lose_nothing() {
         // α = e⁻³⁰: the half is α / 2, though 1 − √(1 − α) would be 0 in f32.
         assert!((logit_of_half(-30.0) - (-30.0 - 2f32.ln())).abs() < 1e-5);

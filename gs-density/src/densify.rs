@@ -234,8 +234,8 @@ impl Densify {
         self.replaced(index, observation, pair, origin)
     }
 
-    /// The change and the birth that put these two Gaussians, with corrected opacities, in the place
-    /// of Gaussian `index`.
+    /// The change and the birth that put these two Gaussians, with corrected opacities, in the
+    /// place of Gaussian `index`.
     pub(crate) fn replaced<S: DensityScene>(
         &self,
         index: u32,

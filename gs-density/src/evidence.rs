@@ -32,8 +32,8 @@ pub struct EvidenceRequest {
     pub geometry: bool,
     /// Whether [`Evidence::splitting`] is needed, of the same views.
     pub splitting: bool,
-    /// Number of views of which [`Evidence::contribution`] is needed, 0 for all; default `None`: not
-    /// needed. It is summed view by view, so it costs no memory for each of them.
+    /// Number of views of which [`Evidence::contribution`] is needed, 0 for all; default `None`:
+    /// not needed. It is summed view by view, so it costs no memory for each of them.
     pub contribution: Option<u32>,
 }
 
@@ -126,8 +126,8 @@ pub struct Evidence {
     ///
     /// If the Gaussian is replaced by two of half its opacity at μ ± L x, with Σ = L Lᵀ and L the
     /// product of its rotation and its scales, the loss of a view changes by ½ xᵀ S x to second
-    /// order in x and first order in the opacity (*source:* Wang et al. 2025, arXiv 2505.05587; with
-    /// the projection linearised at the mean).
+    /// order in x and first order in the opacity (*source:* Wang et al. 2025, arXiv 2505.05587;
+    /// with the projection linearised at the mean).
     pub splitting: Vec<[f32; 6]>,
 }
 

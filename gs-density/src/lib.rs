@@ -10,9 +10,9 @@
 //! - [`ResidualGrowth`] removes and seeds by residual, [`ErrorAddition`] (Image-GS) only adds. Both
 //!   are for 2D scenes; all else works for any [`DensityScene`].
 //! - [`Mcmc`] relocates and copies by opacity, with [`Noise`] between steps.
-//! - [`FastGs`], [`Taming`], [`ImprovedGs`], [`SteepGs`] and [`Mrnf`] read [`Evidence`] over several training views, which
-//!   training in 3D gathers in the rounds that request it. [`Simplify`] prunes by it beside any
-//!   growth.
+//! - [`FastGs`], [`Taming`], [`ImprovedGs`], [`SteepGs`] and [`Mrnf`] read [`Evidence`] over
+//!   several training views, which training in 3D gathers in the rounds that request it.
+//!   [`Simplify`] prunes by it beside any growth.
 //! - [`Governor`] holds any of them to a schedule that ends at exactly the budget.
 //!
 //! # A policy of your own

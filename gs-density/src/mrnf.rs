@@ -1,4 +1,5 @@
-//! MRNF: growth in proportion to errors that are normalised by visibility, paced to reach the budget.
+//! MRNF: growth in proportion to errors that are normalised by visibility, paced to reach the
+//! budget.
 
 use gs_core::{EditPlan, Error, effects::Statistics, sigmoid};
 use serde::{Deserialize, Serialize};
@@ -19,33 +20,35 @@ use crate::{
 
 gs_core::impl_with!(Mrnf);
 
-/// Growth in proportion to errors that are normalised by visibility, paced to reach the budget, with
-/// replacement of pruned Gaussians. For training in 3D.
+/// Growth in proportion to errors that are normalised by visibility, paced to reach the budget,
+/// with replacement of pruned Gaussians. For training in 3D.
 ///
-/// This follows the strategy MRNF of LichtFeld Studio, which has no publication. The rules and
-/// numbers below are those of its settings file for evaluation of August 2026, except where this
-/// page says otherwise.
+/// This follows the strategy MRNF of LichtFeld Studio, which has no publication. The numbers are
+/// those of its settings file for evaluation of August 2026, and the rules those of its source at
+/// that time, except for the choices named below.
 ///
 /// - A Gaussian's error in a view is Σ w e over the pixels, with its blending weight w and the
 ///   pixel's error e; its visibility is Σ w. Both are taken from several training views of the
 ///   round. Its *score* is the largest error / visibility^[`Self::power`] over the views.
 /// - Gaussians with an error of at least [`Self::error`] in some view are candidates. In a round,
 ///   [`Self::percent`] % of them grow, drawn in proportion to their score, but no more than an even
-///   pace to the budget allows: the missing Gaussians divided by the rounds of growth that are left.
+///   pace to the budget allows: the missing Gaussians divided by the rounds of growth that are
+///   left.
 /// - Gaussians below the pruning opacity are removed. As many others, drawn in proportion to their
 ///   opacity among those that some view shows, are split in their place, also after growth.
 /// - Growth and replacement split a Gaussian side by side along its long axis.
 ///
-/// Choices of this project: shares are rounded up, so that few Gaussians grow, too; e is the mean absolute difference, scaled to 0..=1 within its view (the
+/// Choices of this project: the power is one of the visibility; shares are rounded up, so that few
+/// Gaussians grow, too; e is the mean absolute difference, scaled to 0..=1 within its view (the
 /// source has a structural error), so the bound of candidates is in another unit; and evidence is
-/// gathered in the round, not in the steps before it. Left out: edge guidance, decay of opacities and
-/// scales after a round, noise on the means, and seeds in the far field.
+/// gathered in the round, not in the steps before it. Left out: edge guidance, decay of opacities
+/// and scales after a round, noise on the means, and seeds in the far field.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, rename_all = "kebab-case", deny_unknown_fields)]
 #[non_exhaustive]
 pub struct Mrnf {
-    /// Number of training views for the scores, drawn anew in each round; 0 for all. Default 10 (this
-    /// project's choice).
+    /// Number of training views for the scores, drawn anew in each round; 0 for all. Default 10
+    /// (this project's choice).
     pub views: u32,
     /// Least error of a candidate in some view, px; not negative. Default 0.003.
     pub error: f32,
@@ -96,7 +99,8 @@ impl Mrnf {
         Scores { error, score }
     }
 
-    /// Number of Gaussians that grow besides replacements, of `candidates`, with room for `missing`.
+    /// Number of Gaussians that grow besides replacements, of `candidates`, with room for
+    /// `missing`.
     fn pace<S: DensityScene>(&self, observation: &Observation<'_, S>, candidates: usize, missing: usize) -> usize {
         let Observation { progress, progress_before, .. } = *observation;
         if !self.actions.grows(progress) {

@@ -70,8 +70,8 @@ macro_rules! form {
 }
 
 impl ActionsForm {
-    /// The form of these actions of a policy with these usual ones. Two keys are left out where they
-    /// have their usual values, so that the digests of settings in records stay as they are.
+    /// The form of these actions of a policy with these usual ones. Two keys are left out where
+    /// they have their usual values, so that the digests of settings in records stay as they are.
     pub(crate) fn written(actions: Actions, usual: &Actions) -> Self {
         let mut form = Self::of(actions);
         form.growth_fraction = form.growth_fraction.filter(|&share| share != usual.growth_fraction);

@@ -154,8 +154,8 @@ impl<'a, S: DensityScene> Round<'a, S> {
         self.grow_by(chosen, |index| densify.grow(index, observation, rng))
     }
 
-    /// Ends the round: `two_of` makes two of each of `chosen`, distinct survivors for which there is
-    /// room.
+    /// Ends the round: `two_of` makes two of each of `chosen`, distinct survivors for which there
+    /// is room.
     pub(crate) fn grow_by(
         self,
         mut chosen: Vec<u32>,

@@ -72,7 +72,8 @@ pub(crate) trait ByEvidence: Rule {
     /// The evidence of a round that needs any.
     fn request(&self) -> EvidenceRequest;
 
-    /// Whether the round after `step` (from 0) needs evidence. By default each round of growth does.
+    /// Whether the round after `step` (from 0) needs evidence. By default each round of growth
+    /// does.
     fn reads_evidence(&self, _step: u32, progress: f32) -> bool {
         self.own_actions().grows(progress)
     }

@@ -22,8 +22,8 @@ pub enum Signal {
     /// that large Gaussians over fine detail have a large signal.
     AbsoluteGradient,
     /// The pixel-aware gradient of Pixel-GS, normalised device units: the positional gradient,
-    /// averaged over views by the number of pixels, so that views that show only the edge of a large
-    /// Gaussian count little.
+    /// averaged over views by the number of pixels, so that views that show only the edge of a
+    /// large Gaussian count little.
     PixelGradient,
     /// The pixel error of Rota Bulò et al., px: the part of the image's error that falls to a
     /// Gaussian.

@@ -54,7 +54,8 @@ pub struct SteepGs {
     /// Least mean gradient of a Gaussian that grows, normalised device units; not negative. Default
     /// [`TAU_POSITION`].
     pub threshold: f32,
-    /// Least size of the negative eigenvalue, loss per square world unit; not negative. Default 1e-6.
+    /// Least size of the negative eigenvalue, loss per square world unit; not negative. Default
+    /// 1e-6.
     pub eigenvalue: f32,
     /// Distance of either half of a small Gaussian from its mean, in extents of the scene; not
     /// negative. Default 0.00016: the code moves them by one learning rate of positions, which is

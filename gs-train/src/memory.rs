@@ -133,7 +133,8 @@ impl TrainSettings {
     }
 
     /// Memory of the evidence in the round that needs most, for each Gaussian: the evidence itself,
-    /// and copies of the scene of which it is gathered; `gaussian` is that of a Gaussian of the scene.
+    /// and copies of the scene of which it is gathered; `gaussian` is that of a Gaussian of the
+    /// scene.
     fn of_evidence(&self, views: u64, gaussian: u64) -> u64 {
         let policy: &dyn DensityPolicy<Scene3d> = &self.policy;
         if !policy.needs_evidence() {

@@ -5,8 +5,8 @@
 //
 // Legend: t = w v_w (under `Over` alpha v_alpha); S = sum over the entry's pixels of t times 1, dx,
 // u, dx², dx u, u². A slot: v_colour 3, Sx, Su, Sxx, Sxu, Suu; under `Over` also S; then the sums
-// for statistics: with ABSOLUTE the magnitudes of t Sigma'^-1 d, with COUNT the number of pixels, with
-// ERROR each pixel's share of the Gaussian times its error.
+// for statistics: with ABSOLUTE the magnitudes of t Sigma'^-1 d, with COUNT the number of pixels,
+// with ERROR each pixel's share of the Gaussian times its error.
 
 @group(0) @binding(1) var<storage, read> tile_start: array<u32>;
 @group(0) @binding(2) var<storage, read> order: array<u32>;

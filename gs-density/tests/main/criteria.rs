@@ -161,6 +161,27 @@ fn opacities_are_reset_on_time_and_only_where_there_are_some() {
     assert_eq!(ceiling(&Policy::None, &translucent, 2999, 0.3), None);
 }
 
+/// Gaussian 0 covers 98 px with a gradient of 3e-4 in one view and 2 px with none in another: its
+/// mean gradient of 1.5e-4 is below the threshold, its pixel-aware gradient of 2.94e-4 above.
+/// Gaussian 1 covers 2 px with 9e-4 and 98 px with none: 4.5e-4 and 1.8e-5.
+#[test]
+fn pixel_gs_counts_pixels_where_3dgs_counts_views() {
+    let views = [[(98.0, 3e-4), (2.0, 0.0)], [(2.0, 9e-4), (98.0, 0.0)]];
+    let by_views = DensityStatistics {
+        signal_sum: views.map(|seen| seen.map(|(_, gradient)| gradient).iter().sum()).to_vec(),
+        visible: vec![2; 2],
+    };
+    let by_pixels = DensityStatistics {
+        signal_sum: views.map(|seen| seen.map(|(pixels, gradient)| pixels * gradient).iter().sum()).to_vec(),
+        visible: views.map(|seen| seen.map(|(pixels, _)| pixels as u32).iter().sum()).to_vec(),
+    };
+    let scene: Scene2d = [gaussian(); 2].into_iter().collect();
+    for (name, statistics, expected) in [("absolute", by_views, 1), ("pixel-gs", by_pixels, 0)] {
+        let policy = Policy::from_name(name).unwrap();
+        assert_eq!(growing(&plan(&policy, &observation(&scene, &statistics, 9))), BTreeSet::from([expected]), "{name}");
+    }
+}
+
 #[test]
 fn arrays_that_do_not_fit_are_refused() {
     let scene: Scene2d = [gaussian(); 3].into_iter().collect();

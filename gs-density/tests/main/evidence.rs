@@ -292,8 +292,8 @@ fn splitting(diagonals: &[[f32; 3]]) -> Evidence {
 }
 
 /// Of the Gaussians that reach the gradient, only those with an eigenvalue below -1e-6 grow: -2e-8
-/// in units of a scale of 0.1 is -2e-6 in world units, -5e-9 is -5e-7. The halves of Gaussian 0 stand
-/// along y, those of Gaussian 4 along x, on opposite sides, with half of the opacity.
+/// in units of a scale of 0.1 is -2e-6 in world units, -5e-9 is -5e-7. The halves of Gaussian 0
+/// stand along y, those of Gaussian 4 along x, on opposite sides, with half of the opacity.
 #[test]
 fn steep_gs_splits_along_the_most_negative_eigenvector() {
     let scene = scene(&[(0.1, 0.5), (0.1, 0.5), (0.1, 0.5), (0.1, 0.5), (0.01, 0.5)]);
@@ -341,8 +341,9 @@ fn blended(views: &[(&[f32], &[f32])]) -> Evidence {
     Evidence { views: views.iter().map(view).collect(), ..Evidence::default() }
 }
 
-/// 7 % of 40 candidates are 2.8, so 3 grow, if 4 rounds are left for 12 missing Gaussians: 3 a round.
-/// With 4 missing it is one. Gaussians 0 and 1 are transparent and replaced also after growth.
+/// 7 % of 40 candidates are 2.8, so 3 grow, if 4 rounds are left for 12 missing Gaussians: 3 a
+/// round. With 4 missing it is one. Gaussians 0 and 1 are transparent and replaced also after
+/// growth.
 #[test]
 fn mrnf_paces_its_growth_and_replaces_what_it_prunes() {
     let mut opacities = vec![(0.1, 0.5); 44];

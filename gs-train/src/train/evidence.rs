@@ -222,7 +222,8 @@ fn uneven(scene: &Scene3d) -> Scene3d {
     uneven
 }
 
-/// The scene with invisible Gaussians in place of those that are not finite, which a backend refuses.
+/// The scene with invisible Gaussians in place of those that are not finite, which a backend
+/// refuses.
 fn invisible_where_broken(mut scene: Scene3d) -> Scene3d {
     let coefficients = scene.sh.len() / scene.len().max(1);
     let broken: Vec<usize> = (0..scene.len()).filter(|&index| !scene.gaussian(index).is_finite()).collect();

@@ -3,8 +3,9 @@
 use super::settings::TrainSettings;
 
 impl TrainSettings {
-    /// Why [`Actions::simplify`](gs_density::Actions::simplify) never runs, where no round of density
-    /// control is at a step at which it is due. Its steps do not follow the length of the run.
+    /// Why [`Actions::simplify`](gs_density::Actions::simplify) never runs, where no round of
+    /// density control is at a step at which it is due. Its steps do not follow the length of the
+    /// run.
     pub fn idle_simplification(&self) -> Option<String> {
         let simplify = self.policy.actions()?.simplify?;
         let is_round = |step: &u32| self.rounds.progress(*step, self.iterations).is_some();

@@ -143,8 +143,8 @@ fn contributions_are_sums_over_their_own_views() {
     assert!(of_some.iter().zip(&all.contribution).all(|(some, all)| some <= all) && of_some != all.contribution);
 }
 
-/// The gradients of balls do not determine their splitting matrices, but those of the copies do: they
-/// are found for every Gaussian that a view shows, and a policy grows by them.
+/// The gradients of balls do not determine their splitting matrices, but those of the copies do:
+/// they are found for every Gaussian that a view shows, and a policy grows by them.
 #[test]
 fn splitting_matrices_are_gathered_without_views() {
     let rasterizer = rasterizer();

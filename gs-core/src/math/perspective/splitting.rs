@@ -2,8 +2,8 @@
 //!
 //! With t = α ∂L/∂α of a pixel at d from the mean, and Q = K⁻¹ the matrix of the exponent, a
 //! displacement of the mean by x px changes α to second order by α xᵀ (Q d dᵀ Q − Q) x / 2. The
-//! matrix in the image is therefore Σ t (Q d dᵀ Q − Q) = 2 ∂L/∂K − (Σ t) Q, and Σ t = ∂L/∂(ln o). The
-//! linearised projection M′ carries it into units of the Gaussian's standard deviations.
+//! matrix in the image is therefore Σ t (Q d dᵀ Q − Q) = 2 ∂L/∂K − (Σ t) Q, and Σ t = ∂L/∂(ln o).
+//! The linearised projection M′ carries it into units of the Gaussian's standard deviations.
 //!
 //! Legend: that of [`perspective`](super), with ω the turn about the Gaussian's own axes.
 
@@ -18,8 +18,8 @@ use crate::scene::sigmoid;
 pub const LEAST_LOG_RATIO: f32 = 0.01;
 
 impl Ellipsoid {
-    /// This Gaussian with ln-scales that differ by at least [`LEAST_LOG_RATIO`] from each other. They
-    /// change by at most that much.
+    /// This Gaussian with ln-scales that differ by at least [`LEAST_LOG_RATIO`] from each other.
+    /// They change by at most that much.
     #[must_use]
     pub fn without_equal_scales(self) -> Self {
         let mut order = [0, 1, 2];
@@ -33,14 +33,15 @@ impl Ellipsoid {
 }
 
 impl Perspective {
-    /// The splitting matrix S of a Gaussian that [`Self::project`] accepts, in units of its standard
-    /// deviations along its axes: xx, xy, xz, yy, yz, zz. `v` is the gradient by its parameters.
+    /// The splitting matrix S of a Gaussian that [`Self::project`] accepts, in units of its
+    /// standard deviations along its axes: xx, xy, xz, yy, yz, zz. `v` is the gradient by its
+    /// parameters.
     ///
-    /// Two Gaussians of half the opacity, displaced by x and −x standard deviations, change the loss
-    /// by ½ xᵀ S x, to second order in x and first order in the opacity (*source:* Wang et al. 2025,
-    /// arXiv 2505.05587; the projection is linearised). For [`Blend::Over`]. The gradient by the rotation vanishes for equal
-    /// scales, so scales must not be nearly equal: see [`Ellipsoid::without_equal_scales`]. `None`
-    /// where the opacity is 1.
+    /// Two Gaussians of half the opacity, displaced by x and −x standard deviations, change the
+    /// loss by ½ xᵀ S x, to second order in x and first order in the opacity (*source:* Wang et al.
+    /// 2025, arXiv 2505.05587; the projection is linearised). For [`Blend::Over`]. The gradient by
+    /// the rotation vanishes for equal scales, so scales must not be nearly equal: see
+    /// [`Ellipsoid::without_equal_scales`]. `None` where the opacity is 1.
     pub fn splitting_matrix(&self, g: &Ellipsoid, v: &Ellipsoid) -> Option<[f32; 6]> {
         let by_log_opacity = v.opacity_logit / sigmoid(-g.opacity_logit);
         if !by_log_opacity.is_finite() {
@@ -54,8 +55,8 @@ impl Perspective {
         let ([w, x, y, z], [v_w, v_x, v_y, v_z]) = (g.rotation, v.rotation);
         let (axis, v_axis) = (Vec3::new(x, y, z), Vec3::new(v_x, v_y, v_z));
         let turn = 0.5 * (w * v_axis - v_w * axis + v_axis.cross(axis));
-        // 2 V, with V = ∂L/∂Σ in standard deviations: the gradient by a ln-scale is 2 V_kk, and that
-        // by a turn in the plane of i and j is 2 V_ij (s_i/s_j − s_j/s_i).
+        // 2 V, with V = ∂L/∂Σ in standard deviations: the gradient by a ln-scale is 2 V_kk, and
+        // that by a turn in the plane of i and j is 2 V_ij (s_i/s_j − s_j/s_i).
         let off_diagonal = |i: usize, j: usize, v_turn: f32| v_turn / (2.0 * (g.log_scale[i] - g.log_scale[j]).sinh());
         let (xy, xz, yz) = (off_diagonal(0, 1, turn.z), -off_diagonal(0, 2, turn.y), off_diagonal(1, 2, turn.x));
         let diagonal = v.log_scale;
