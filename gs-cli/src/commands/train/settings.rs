@@ -7,7 +7,7 @@ use gs_density::Policy;
 use gs_io::dataset::{Dataset, Split};
 use gs_train::{
     TrainPreset, TrainSettings,
-    train::{DepthLoss, Exposure, Resolution, Start, StepBackground},
+    train::{Exposure, Resolution, Start, StepBackground},
 };
 
 use super::arguments::{ExposureName, ParticipantsName, TrainPresetName, TrainSettingsArgs};
@@ -27,12 +27,8 @@ pub(super) fn settings(args: &TrainSettingsArgs, dataset: &Dataset) -> Result<Tr
         }
         None => {
             let preset = args.preset.unwrap_or(TrainPresetName::Standard);
-            let mut settings = TrainPreset::from(preset)
+            let settings = TrainPreset::from(preset)
                 .settings_for(args.iterations, dataset.views_of(Split::Train).map(|view| &view.camera));
-            let is_published = matches!(preset, TrainPresetName::ThreeDgs | TrainPresetName::Mcmc);
-            if !is_published && dataset.views_of(Split::Train).any(|view| view.depth.is_some()) {
-                settings.depth_loss.weight = DepthLoss::USUAL_WEIGHT;
-            }
             settings.on(dataset.kind.background())
         }
     };
