@@ -6,7 +6,7 @@ use gs_core::{Optimizer, RenderSettings, Scene, Scene3d};
 use gs_density::Policy;
 use gs_train::{
     TrainPreset, TrainSettings, Trainer3d,
-    train::{Exposure, Start, Views},
+    train::{DepthLoss, Exposure, Start, Views},
 };
 use serde::Serialize;
 
@@ -95,6 +95,7 @@ pub fn training_prices<R: Optimizer<Scene3d>>(
         s.render.effects.sh_degree = scene.sh_degree;
         s.sh_degree_every = 0;
         s.exposure = Exposure::Affine;
+        s.depth_loss.weight = DepthLoss::USUAL_WEIGHT;
     });
     let mut effects = Vec::new();
     for effect in [TrainingEffect::Exposure, TrainingEffect::DepthMaps] {

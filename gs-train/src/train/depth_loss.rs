@@ -67,6 +67,9 @@ impl Default for DepthLoss {
 }
 
 impl DepthLoss {
+    /// A weight for runs of minutes: that of Kerbl et al. 2024.
+    pub const USUAL_WEIGHT: f32 = 1.0;
+
     /// Whether depth maps are not part of the loss.
     pub fn is_off(&self) -> bool {
         self.weight == 0.0

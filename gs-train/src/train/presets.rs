@@ -63,9 +63,6 @@ const STANDARD_GAUSSIANS: [u64; 2] = [20_000, 1_000_000];
 /// first reset of opacities.
 const SHORTEST_AS_PUBLISHED: u32 = OPACITY_RESET_EVERY + 500;
 
-/// Weight of depth maps in the first steps (Kerbl et al. 2024).
-const DEPTH_WEIGHT: f32 = 1.0;
-
 /// Steps of a quick look.
 const QUICK_ITERATIONS: u32 = 2_000;
 
@@ -253,7 +250,6 @@ fn standard(iterations: u32) -> TrainSettings {
         rounds: rounds(iterations, 500, 0.67),
         resolution: Resolution::from_coarse(2),
         exposure: Exposure::Auto,
-        depth_loss: DepthLoss { weight: DEPTH_WEIGHT, ..DepthLoss::default() },
         ..usual
     }
 }
@@ -269,7 +265,6 @@ fn quick(iterations: u32) -> TrainSettings {
         rounds: rounds(iterations, 200, 0.6),
         init: PointInit { random: 20_000, ..PointInit::default() },
         resolution: Resolution::CoarseToFine { from: 2, full_after: 0.4 },
-        depth_loss: DepthLoss { weight: DEPTH_WEIGHT, ..DepthLoss::default() },
         ..usual
     }
 }

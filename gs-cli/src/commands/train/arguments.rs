@@ -169,8 +169,7 @@ pub(crate) struct TrainSettingsArgs {
     #[arg(long, value_enum, value_name = "WHICH")]
     pub(crate) exposure: Option<ExposureName>,
     /// Weight of the data set's depth maps in the loss of the first step; it falls to a hundredth of
-    /// that. 0: depth maps only give initial Gaussians [default: 1 with presets standard and quick,
-    /// otherwise 0]
+    /// that. 1 is usual. With 0, depth maps only give initial Gaussians [default: 0]
     #[arg(long, value_name = "W")]
     pub(crate) depth_weight: Option<f32>,
     /// Which Gaussians a step moves
