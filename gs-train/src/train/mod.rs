@@ -20,6 +20,7 @@ mod resolution;
 mod settings;
 mod shell;
 mod speed;
+mod start_name;
 mod summary;
 mod sweep;
 mod task;
@@ -36,6 +37,7 @@ pub use self::{
     resolution::Resolution,
     settings::{StepBackground, TrainSettings},
     speed::Speed,
+    start_name::StartName,
     summary::{DRIFT_DB, TrainSummary},
     trainer::Trainer3d,
     views::{Counting, ImageSource, PosedView, Views},
