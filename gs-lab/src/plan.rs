@@ -148,12 +148,27 @@ fn settings_of<S: StudyTask>(asked: &Asked<'_>, target: &StudyTarget, seed: u32)
     };
     possible(&over).map_err(|message| {
         let culprit = overrides::culprit(&over, |part| possible(part).is_ok());
-        let Some(key) = culprit.map(|path| format!("settings.{path}")) else {
+        let Some(key) = culprit.map(|path| format!("settings.{}", until_unknown(&path, &message))) else {
             return wrong(study, arm, None, message);
         };
         let elsewhere = is_known_elsewhere::<S>(&over, &key, &message);
         wrong(study, arm, Some(&key), format!("{key}: {message}{elsewhere}"))
     })
+}
+
+/// The path up to the key that a message calls unknown, which may be that of a table.
+fn until_unknown<'p>(path: &'p str, message: &str) -> &'p str {
+    let rest = ["unknown key `", "unknown name `"].iter().find_map(|start| message.strip_prefix(start));
+    let Some(word) = rest.and_then(|rest| rest.split('`').next()) else { return path };
+    let mut end = 0;
+    for key in path.split('.') {
+        end += key.len();
+        if key == word {
+            return &path[..end];
+        }
+        end += 1;
+    }
+    path
 }
 
 /// A remark on a key that is unknown in one kind of settings, but known in the other.

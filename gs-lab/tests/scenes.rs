@@ -127,7 +127,7 @@ fn a_study_of_scenes_runs_resumes_and_replays() {
         assert_eq!((&view.name, view.psnr, view.curve.last()), (&expected.name, expected.psnr, Some(&expected.psnr)));
     }
     let measured = end.trajectory.iter().filter(|row| row.psnr.is_some()).count();
-    assert!(measured > 5 && end.views.iter().all(|view| view.curve.len() == measured), "{measured}");
+    assert!(measured >= 5 && end.views.iter().all(|view| view.curve.len() == measured), "{measured}");
     // Another scene than recorded is noticed.
     let json = fs::read_to_string(alone.file("results.json")).unwrap();
     fs::remove_dir_all(alone.file("runs")).unwrap();
@@ -144,8 +144,8 @@ fn the_report_shows_held_out_views_with_their_errors() {
     written(&plan, &folder);
     let page = fs::read_to_string(folder.file("report.html")).unwrap();
     for expected in [
-        "one, view 0",
-        "two, view 4",
+        "one, view images/0.png",
+        "two, view images/4.png",
         "held-out view by held-out view",
         "2 scenes",
         "3 seeds on 2 scenes are too few: 4 seeds at least, or 6 scenes",
@@ -241,10 +241,11 @@ fn intervals_over_few_scenes_are_about_these_scenes() {
         assert_eq!(difference.remarks, [ResultRemark::FewScenes { scenes: 2 }]);
         // By hand: the mean is 1.15 and 2.15 on the scenes. Each resample is the mean of four of
         // 0, 0.1, 0.2 and 0.3 on each, so its standard deviation is 0.1118/2/√2 = 0.0395. Student's
-        // quantile of 6 degrees of freedom is 2.447, times the root of 4/3 is 2.826.
+        // quantile of 6 degrees of freedom is 2.447, times the root of 4/3 is 2.826: ±0.1117, in steps
+        // of 0.0125.
         assert!((difference.mean.unwrap() - 1.65).abs() < 1e-9, "{difference:?}");
         let Interval { low, high } = difference.interval.unwrap();
-        assert!((low - (1.65 - 0.1117)).abs() < 0.008 && (high - (1.65 + 0.1117)).abs() < 0.008, "{low} {high}");
+        assert!((low - (1.65 - 0.1117)).abs() < 0.013 && (high - (1.65 + 0.1117)).abs() < 0.013, "{low} {high}");
     }
     let three = laid_out(STUDY, place.path()).unwrap();
     let results = made_up(&three, gain);
@@ -321,11 +322,11 @@ fn what_is_wrong_is_said_in_one_line_with_key_and_line() {
     for (from, to, expected) in [
         ("'two'", "'three'", "three: no such data set in /"),
         ("scenes =", "images = ['paper']\nscenes =", "study `small-3d`: it has both images and scenes: make two"),
-        ("policy = 'none'", "settings.rebin-every = 4", "study `small-3d`: line 13: arm `none`: settings.rebin-every: unknown key `rebin-every`"),
+        ("policy = 'none'", "settings.rebin-every = 4", "study `small-3d`: line 14: arm `none`: settings.rebin-every: unknown key `rebin-every`"),
         ("policy = 'none'", "settings.rebin-every = 4", "(only fits of images have it)"),
-        ("policy = 'none'", "policy = 'residual'", "line 13: arm `none`: policy: policy is `residual`"),
-        ("policy = 'none'", "preset = 'paper'", "line 13: arm `none`: preset: there is no preset `paper` for scenes"),
-        ("policy = 'none'", "start = 'depths'", "line 13: arm `none`: start: start is depths"),
+        ("policy = 'none'", "policy = 'residual'", "line 14: arm `none`: policy: policy is `residual`"),
+        ("policy = 'none'", "preset = 'paper'", "line 14: arm `none`: preset: there is no preset `paper` for scenes"),
+        ("policy = 'none'", "start = 'depths'", "line 14: arm `none`: start: start is depths"),
         ("policy = 'none'", "start = 'nowhere'", "unknown name `nowhere`"),
         ("holdout = 4", "hold-out = 4", "line 8: unknown key `hold-out` in [dataset]: did you mean `holdout`?"),
         ("sh-degree = 1", "sh-degree = 7", "line 10: arm `none`: settings.render.effects.sh-degree: "),
@@ -363,7 +364,7 @@ fn a_policy_of_ones_own_trains_scenes_too_and_views_can_be_limited() {
     let plan = Plan::new(study, &places, "test").unwrap();
     let names: Vec<&str> = plan.targets[0].dataset().unwrap().views.iter().map(|view| view.name.as_str()).collect();
     // Of 0 to 7, 0 and 4 are held out; of the six others, every second.
-    assert_eq!(names.iter().map(|name| &name[..1]).collect::<String>(), "0136", "{names:?}");
+    assert_eq!(names, ["images/0.png", "images/1.png", "images/3.png", "images/6.png"]);
     let folder = StudyFolder::prepare(&place.path().join("out"), &plan, Existing::Refuse).unwrap();
     conduct(&plan, &[&cpu()], &folder, &()).unwrap();
     let results = Results::read(&plan, &folder);

@@ -2,14 +2,14 @@
 
 use gs_backend::FutureExt as _;
 use gs_core::{
-    Camera, Error as CoreError, Gaussian3d, Optimizer, Parameterization, RenderSettings, Scene3d,
+    Camera, Error as CoreError, Gaussian3d, Image, Optimizer, Parameterization, RenderSettings, Scene3d,
     math::sh,
 };
 use gs_density::Policy;
 use gs_io::dataset::Split;
 use gs_train::{
     Error as TrainError, ForeignPolicy, Recovery, TrainPreset, TrainSettings, Trainer, Trainer3d,
-    train::{StartName, Views},
+    train::{PosedView, StartName, ViewQuality, Views},
 };
 
 use super::{AnyScene, Asked, Measured, StudyTask, WrongKey, image::wrong_kind};
@@ -22,6 +22,12 @@ use crate::{
 
 /// Held-out views of each scene that reports show, evenly spread.
 pub(crate) const PICTURED_VIEWS: usize = 3;
+
+/// Most bytes of held-out images that a run keeps in memory; others are read for each measurement.
+const HELD_BYTES: u64 = 1 << 30;
+
+/// Bytes of a pixel: three colours and alpha.
+const PIXEL: u64 = 16;
 
 impl StudyTask for Scene3d {
     const IS_3D: bool = true;
@@ -42,8 +48,8 @@ impl StudyTask for Scene3d {
         settings.gaussians = asked.budget;
         if let Some(name) = &asked.arm.policy {
             let policy = Policy::from_name(name).map_err(|error| WrongKey::new("policy", error))?;
-            policy.validate_3d().map_err(|error| WrongKey::new("policy", error))?;
             settings = settings.with_policy(policy);
+            settings.policy.validate_3d().map_err(|error| WrongKey::new("policy", error))?;
         }
         Ok(match asked.arm.parameterization {
             Some(parameterization) => settings.with_parameterization(parameterization),
@@ -67,7 +73,9 @@ impl StudyTask for Scene3d {
     ) -> Result<Trainer<'r, R, Self>, TrainError> {
         let Some(dataset) = target.dataset() else { return Err(wrong_kind(target)) };
         let start = arm.start.unwrap_or_else(|| StartName::usual(dataset)).of(dataset)?;
-        Trainer3d::from_views(rasterizer, Views::of_dataset(dataset), start, settings).block_on()
+        let mut views = Views::of_dataset(dataset);
+        hold(&mut views.test)?;
+        Trainer3d::from_views(rasterizer, views, start, settings).block_on()
     }
 
     fn measure<R: Optimizer<Self>>(trainer: &Trainer<'_, R, Self>) -> Result<Measured, TrainError> {
@@ -75,7 +83,7 @@ impl StudyTask for Scene3d {
         let shown = names.len().min(PICTURED_VIEWS);
         let shown: Vec<&String> = (0..shown).map(|index| &names[index * names.len() / shown]).collect();
         let mut rendered = Vec::new();
-        let mut look = |view: &gs_train::train::PosedView, image: &gs_core::Image| {
+        let mut look = |view: &PosedView, image: &Image| {
             if shown.contains(&&view.name) {
                 rendered.push((view.name.clone(), image.clone()));
             }
@@ -83,7 +91,7 @@ impl StudyTask for Scene3d {
         };
         let evaluation = trainer.evaluate(&mut look).block_on()?;
         rendered.retain(|(name, _)| !evaluation.unmeasured.contains(name));
-        let view = |view: gs_train::train::ViewQuality| ViewResult {
+        let view = |view: ViewQuality| ViewResult {
             is_shown: rendered.iter().any(|(name, _)| *name == view.name),
             name: view.name,
             psnr: view.psnr,
@@ -142,4 +150,16 @@ impl StudyTask for Scene3d {
     fn wrapped(self) -> AnyScene {
         AnyScene::In3d(self)
     }
+}
+
+/// Reads the images of held-out views, unless they are too large, as a run measures them about
+/// twenty times.
+fn hold(views: &mut [PosedView]) -> Result<(), TrainError> {
+    let pixels: u64 = views.iter().map(|view| u64::from(view.camera.width) * u64::from(view.camera.height)).sum();
+    if pixels * PIXEL <= HELD_BYTES {
+        for view in views {
+            view.source = Box::new(view.image()?);
+        }
+    }
+    Ok(())
 }
