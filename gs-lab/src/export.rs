@@ -208,15 +208,15 @@ fn views_csv(results: &Results<'_>) -> String {
 }
 
 fn quality_csv(rows: &[RunQuality]) -> String {
-    let header =
-        "arm,budget,finished,failed,missing,images,gaussians,gaussians_sd,bytes,psnr,psnr_sd,ssim,ssim_sd,ms_ssim,ms_ssim_sd";
+    let header = "arm,budget,finished,failed,missing,images,gaussians,gaussians_sd,bytes,psnr,psnr_sd,ssim,ssim_sd,ms_ssim,ms_ssim_sd";
     let lines = rows.iter().map(|q| {
         let spread = |spread: Option<Spread>, digits: usize| {
             let over_seeds = spread.and_then(|spread| spread.over_seeds);
             format!("{},{}", number(spread.map(|spread| spread.mean), digits), number(over_seeds, digits))
         };
         let bytes = number(q.bytes.map(|bytes| bytes.mean), 0);
-        let measured = [spread(q.gaussians, 1), bytes, spread(q.psnr, 4), spread(q.ssim, 6), spread(q.ms_ssim, 6)].join(",");
+        let measured =
+            [spread(q.gaussians, 1), bytes, spread(q.psnr, 4), spread(q.ssim, 6), spread(q.ms_ssim, 6)].join(",");
         format!("{},{},{},{},{},{},{measured}", quoted(&q.arm), q.budget, q.finished, q.failed, q.missing, q.images)
     });
     table(header, lines)
@@ -245,7 +245,8 @@ fn differences_csv(rows: &[Difference]) -> String {
 }
 
 fn effects_csv(rows: &[Effect]) -> String {
-    let header = "match,metric,effect,factor,level,against,factor2,level2,against2,paired,pairs,mean,low,high,verdict,remarks";
+    let header =
+        "match,metric,effect,factor,level,against,factor2,level2,against2,paired,pairs,mean,low,high,verdict,remarks";
     let lines = rows.iter().map(|e| {
         let of = match &e.of {
             EffectOf::Main { factor, level, against } => {

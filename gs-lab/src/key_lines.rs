@@ -72,7 +72,8 @@ mod tests {
     fn every_key_has_its_line() {
         let text = "a = 1\n[b]\nc.d = 2\n[[arm]]\nname = 'x'\nsettings = { e = { f = 3 } }\n[[arm]]\nname = 'y'\n";
         let lines = KeyLines::of(text);
-        let found = ["a", "b", "b.c.d", "arm.0.name", "arm.0.settings.e.f", "arm.1.name", "g"].map(|key| lines.get(key));
+        let found =
+            ["a", "b", "b.c.d", "arm.0.name", "arm.0.settings.e.f", "arm.1.name", "g"].map(|key| lines.get(key));
         assert_eq!(found, [Some(1), Some(2), Some(3), Some(5), Some(6), Some(8), None]);
         let mut arm = lines.below("arm.1");
         arm.extend(&lines.below("arm.0"));

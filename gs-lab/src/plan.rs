@@ -232,7 +232,9 @@ mod tests {
     fn a_policy_by_its_name_is_what_settings_differ_from() {
         let named =
             TWO_ARMS.replace("settings.policy.kind = 'percentile'", "policy = 'hybrid'\nsettings.policy.percent = 25");
-        let Policy::Grow(hybrid) = plan(&named).unwrap().runs[1].settings.of_image().unwrap().policy.clone() else { panic!("a hybrid") };
+        let Policy::Grow(hybrid) = plan(&named).unwrap().runs[1].settings.of_image().unwrap().policy.clone() else {
+            panic!("a hybrid")
+        };
         assert_eq!((hybrid.percent, hybrid.actions.densify.shrink), (25.0, 2.0));
     }
 
@@ -266,8 +268,16 @@ mod tests {
             ("name = 'b'", "name = 'a'", "\"a\" stands there twice"),
             ("name = 'b'", "name = 'a/b'", "its name is not a word"),
             ("name = 'x'", "name = 'x'\nbaseline = 'c'", "there is no arm `c`"),
-            ("'percentile'", "'percentil'", "study `x`: line 12: arm `b`: settings.policy.kind: unknown name `percentil`"),
-            ("shrink = 2.0", "shrink = 0.5", "line 7: arm `a`: settings.policy.actions.densify.shrink: densify.shrink is 0.5"),
+            (
+                "'percentile'",
+                "'percentil'",
+                "study `x`: line 12: arm `b`: settings.policy.kind: unknown name `percentil`",
+            ),
+            (
+                "shrink = 2.0",
+                "shrink = 0.5",
+                "line 7: arm `a`: settings.policy.actions.densify.shrink: densify.shrink is 0.5",
+            ),
             ("shrink = 2.0", "shrunk = 2.0", "shrunk"),
             ("settings.policy.actions", "settings.gaussians = 3\nsettings.policy.actions", "list it under budgets"),
             ("name = 'x'", "name = = 'x'", "a.toml: line 1: "),

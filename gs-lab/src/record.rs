@@ -208,7 +208,10 @@ pub(crate) mod tests {
     #[test]
     fn quality_is_known_at_every_point_of_the_curve() {
         let run = finished(30.0);
-        assert_eq!([0, 20, 60, 100, 999].map(|step| run.psnr_after(step, None).unwrap()), [10.0, 10.0, 20.0, 30.0, 30.0]);
+        assert_eq!(
+            [0, 20, 60, 100, 999].map(|step| run.psnr_after(step, None).unwrap()),
+            [10.0, 10.0, 20.0, 30.0, 30.0]
+        );
         assert_eq!(run.psnr_within(1.75, None), Some(25.0));
         assert_eq!(Finished { trajectory: vec![], ..run }.psnr_after(3, None), None);
         let exact = finished(f64::INFINITY);

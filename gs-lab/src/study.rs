@@ -173,7 +173,8 @@ impl Study {
         }
         let factors: Vec<&str> = self.factors.iter().map(|factor| factor.name.as_str()).collect();
         let arms = names.iter().filter(|name| !of_factors(name)).map(|name| ("arm", name));
-        if let Some((what, name)) = arms.chain(factors.iter().filter(|n| !fine(n)).map(|name| ("factor", name))).next() {
+        if let Some((what, name)) = arms.chain(factors.iter().filter(|n| !fine(n)).map(|name| ("factor", name))).next()
+        {
             return Err(
                 self.wrong(format!("{what} `{name}`: its name is not a word"), "use letters, digits, `-`, `_` and `.`")
             );
@@ -182,7 +183,9 @@ impl Study {
             (false, false) => {
                 return Err(self.wrong("it has both images and scenes", "make two studies of it"));
             }
-            (_, true) => self.listed("images", &self.images, "name at least one, such as images = [\"paper\"], or scenes")?,
+            (_, true) => {
+                self.listed("images", &self.images, "name at least one, such as images = [\"paper\"], or scenes")?
+            }
             (true, false) => self.listed("scenes", &self.scenes, "name at least one")?,
         }
         if !self.images.is_empty() && !self.dataset.is_default() {

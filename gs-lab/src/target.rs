@@ -199,7 +199,10 @@ mod tests {
         let unknown = StudyTarget::load_image("papier", &Places::default()).unwrap_err().to_string();
         for synthetic in SyntheticTarget::ALL {
             let target = StudyTarget::load_image(synthetic.name(), &Places::default()).unwrap();
-            assert_eq!((target.image(), target.label(), &target.path), (Some(&synthetic.image()), synthetic.name(), &None));
+            assert_eq!(
+                (target.image(), target.label(), &target.path),
+                (Some(&synthetic.image()), synthetic.name(), &None)
+            );
             assert!(unknown.contains(synthetic.name()), "{unknown}");
         }
     }

@@ -301,7 +301,10 @@ fn effects_of_factors_have_intervals() {
     assert_eq!(effects.len(), 3);
     for (effect, expected) in effects.iter().zip(expected) {
         let Interval { low, high } = effect.interval.unwrap();
-        assert!((effect.mean.unwrap() - expected).abs() < 0.05 && low < expected && expected < high + 0.05, "{effect:?}");
+        assert!(
+            (effect.mean.unwrap() - expected).abs() < 0.05 && low < expected && expected < high + 0.05,
+            "{effect:?}"
+        );
     }
     assert_eq!([0, 1, 2].map(|i| effects[i].verdict), [Verdict::Worse, Verdict::Better, Verdict::Better]);
     assert!(matches!(&effects[2].of, EffectOf::Interaction { levels, .. } if *levels == ["random", "top"]));
@@ -322,7 +325,11 @@ fn what_is_wrong_is_said_in_one_line_with_key_and_line() {
     for (from, to, expected) in [
         ("'two'", "'three'", "three: no such data set in /"),
         ("scenes =", "images = ['paper']\nscenes =", "study `small-3d`: it has both images and scenes: make two"),
-        ("policy = 'none'", "settings.rebin-every = 4", "study `small-3d`: line 14: arm `none`: settings.rebin-every: unknown key `rebin-every`"),
+        (
+            "policy = 'none'",
+            "settings.rebin-every = 4",
+            "study `small-3d`: line 14: arm `none`: settings.rebin-every: unknown key `rebin-every`",
+        ),
         ("policy = 'none'", "settings.rebin-every = 4", "(only fits of images have it)"),
         ("policy = 'none'", "policy = 'residual'", "line 14: arm `none`: policy: policy is `residual`"),
         ("policy = 'none'", "preset = 'paper'", "line 14: arm `none`: preset: there is no preset `paper` for scenes"),
@@ -338,7 +345,8 @@ fn what_is_wrong_is_said_in_one_line_with_key_and_line() {
         assert!(message.contains(expected) && !message.contains('\n'), "{to}: {message}");
     }
     // A file of the data set that changes makes other runs of it, and of no other scene.
-    let addresses = || laid_out(STUDY, place.path()).unwrap().runs.into_iter().map(|run| run.address).collect::<Vec<_>>();
+    let addresses =
+        || laid_out(STUDY, place.path()).unwrap().runs.into_iter().map(|run| run.address).collect::<Vec<_>>();
     let before = addresses();
     assert_eq!(addresses(), before);
     fs::copy(place.path().join("one/images/1.png"), place.path().join("one/images/2.png")).unwrap();
@@ -356,7 +364,10 @@ fn what_is_wrong_is_said_in_one_line_with_key_and_line() {
 #[test]
 fn a_policy_of_ones_own_trains_scenes_too_and_views_can_be_limited() {
     let place = place(1);
-    let text = STUDY.replace("['one', 'two']", "['one']").replace("[0, 1, 2]", "[0]").replace("holdout = 4", "views = 3\ntest-views = 1\nholdout = 4");
+    let text = STUDY
+        .replace("['one', 'two']", "['one']")
+        .replace("[0, 1, 2]", "[0]")
+        .replace("holdout = 4", "views = 3\ntest-views = 1\nholdout = 4");
     let mut study = Study::from_toml(&text, "x.toml").unwrap();
     let none = Policy::from_name("none").unwrap();
     study.arms.push(Arm::with_policy_3d("own", "none again", Arc::new(none)));

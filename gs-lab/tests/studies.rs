@@ -18,8 +18,8 @@ use gs_density::{DensityPolicy, Observation, Rng};
 use gs_lab::{
     Error, Existing, Places, Plan, Results, Study, StudyFolder, conduct, report,
     study::{
-        AnyScene, Arm, Conducted, Machine, Matching, Metric, ResultRemark, Run, RunOutcome, Safety, VERSION, Verdict, Watcher,
-        replay, scene_digest, write_tables,
+        AnyScene, Arm, Conducted, Machine, Matching, Metric, ResultRemark, Run, RunOutcome, Safety, VERSION, Verdict,
+        Watcher, replay, scene_digest, write_tables,
     },
 };
 use gs_train::fit;

@@ -169,7 +169,8 @@ fn a_study_of_scenes_is_killed_resumed_and_replayed_like_one_of_images() {
     let (whole, killed) = (place.path().join("whole"), place.path().join("killed"));
     let with = |output: &Path, flags: &[&str]| {
         let words = ["--data", data.to_str().unwrap()];
-        let all: Vec<String> = arguments(&file, output).iter().chain(&words).chain(flags).map(|w| w.to_string()).collect();
+        let all: Vec<String> =
+            arguments(&file, output).iter().chain(&words).chain(flags).map(|w| w.to_string()).collect();
         all
     };
     let started = std::time::Instant::now();
@@ -252,7 +253,12 @@ fn what_cannot_be_studied_is_refused_in_one_line_before_any_work() {
     for (from, to, status, expected) in [
         ("seeds = [0, 1, 2]", "seeds = []", 2, "seeds: there are none: name at least one"),
         ("seeds", "seedz", 2, "unknown key `seedz`"),
-        ("percent = 50", "percentage = 50", 2, "line 15: arm `percentile`: settings.policy.percentage: unknown key `percentage` in [policy]"),
+        (
+            "percent = 50",
+            "percentage = 50",
+            2,
+            "line 15: arm `percentile`: settings.policy.percentage: unknown key `percentage` in [policy]",
+        ),
         ("percent = 50", "percent = 500", 2, "percent is 500"),
         ("picture-32x24.png", "absent.png", 1, "absent.png: no such file in "),
     ] {

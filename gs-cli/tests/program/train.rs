@@ -1,7 +1,5 @@
 //! `gs train`, and `gs render` and `gs eval` of 3D scenes, from end to end.
 
-#[cfg(unix)]
-use pollster::FutureExt as _;
 use std::process::Child;
 use std::{
     fs,
@@ -9,11 +7,8 @@ use std::{
     process::Stdio,
 };
 
-use glam::{Vec2, Vec3};
 use gs_conformance::posed::{small_scene, write_dataset};
-use gs_core::{
-    Blend, Camera, Gaussian3d, Rasterizer, RenderSettings, Scene, Scene3d, constants::SH_C0, effects::Order,
-};
+use gs_core::Scene3d;
 use gs_cpu::{CpuRasterizer, CpuSettings};
 use serde_json::{Value, json};
 

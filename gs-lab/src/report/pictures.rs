@@ -5,12 +5,7 @@ use gs_core::Image;
 use image::{ExtendedColorType, ImageEncoder, codecs::jpeg::JpegEncoder};
 
 use crate::{
-    error::Error,
-    html::data_uri,
-    plan::Run,
-    record::Record,
-    tables::Results,
-    target::TargetContent,
+    error::Error, html::data_uri, plan::Run, record::Record, tables::Results, target::TargetContent,
     task::PICTURED_VIEWS,
 };
 

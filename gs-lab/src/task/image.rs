@@ -1,9 +1,7 @@
 //! Runs on images: fits of 2D Gaussians.
 
 use gs_backend::FutureExt as _;
-use gs_core::{
-    Blend, Canvas, Error as CoreError, Gaussian2d, Optimizer, Parameterization, RenderSettings, Scene2d,
-};
+use gs_core::{Blend, Canvas, Error as CoreError, Gaussian2d, Optimizer, Parameterization, RenderSettings, Scene2d};
 use gs_density::Policy;
 use gs_train::{Error as TrainError, FitSettings, FitSummary, ForeignPolicy, InitialCount, Preset, Recovery, Trainer};
 

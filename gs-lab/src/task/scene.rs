@@ -2,8 +2,7 @@
 
 use gs_backend::FutureExt as _;
 use gs_core::{
-    Camera, Error as CoreError, Gaussian3d, Image, Optimizer, Parameterization, RenderSettings, Scene3d,
-    math::sh,
+    Camera, Error as CoreError, Gaussian3d, Image, Optimizer, Parameterization, RenderSettings, Scene3d, math::sh,
 };
 use gs_density::Policy;
 use gs_io::dataset::Split;

@@ -20,8 +20,7 @@ use crate::{
 const FILES_2D: [&str; 4] = ["scene.gs2d.safetensors", "reconstruction.png", "settings.toml", "summary.json"];
 
 /// The files that are written of a training, at most.
-const FILES_3D: [&str; 6] =
-    ["scene.ply", "settings.toml", "summary.json", "view-1.png", "view-2.png", "view-3.png"];
+const FILES_3D: [&str; 6] = ["scene.ply", "settings.toml", "summary.json", "view-1.png", "view-2.png", "view-3.png"];
 
 /// Replays a row and writes its scene.
 pub(super) fn run(args: &ReplayArgs) -> Result<(), Failure> {
@@ -74,7 +73,11 @@ fn write(run: &Run, replayed: &Replayed, claim: FolderClaim) -> Result<(), Failu
                 s.antialias = Some(render.effects.antialias);
                 s.order = Some(render.effects.order);
             });
-            write_3d(folder.file("scene.ply"), scene, &WriteOptions3d::default().with(|s| s.trained_with = trained_with))?;
+            write_3d(
+                folder.file("scene.ply"),
+                scene,
+                &WriteOptions3d::default().with(|s| s.trained_with = trained_with),
+            )?;
             for (name, view) in FILES_3D.iter().filter(|name| name.starts_with("view-")).zip(views) {
                 write_png(folder.file(name), view)?;
             }

@@ -14,7 +14,11 @@ use crate::{
 impl Page<'_> {
     pub(super) fn curves(&self) -> Result<Markup, Error> {
         let mut drawn = Vec::new();
-        for figure in self.figures.iter().filter(|figure| !["differences", "effects"].iter().any(|start| figure.name.starts_with(start))) {
+        for figure in self
+            .figures
+            .iter()
+            .filter(|figure| !["differences", "effects"].iter().any(|start| figure.name.starts_with(start)))
+        {
             drawn.push(html::figure(figure)?);
         }
         Ok(html! {

@@ -168,7 +168,8 @@ pub(super) fn value_cells(mean: Option<f64>, interval: Option<Interval>, verdict
 /// The remarks on a value, for a table row of their own. Those about the whole study are mentioned
 /// once for all rows.
 pub(super) fn remark(remarks: &[ResultRemark]) -> Option<String> {
-    let words: Vec<String> = remarks.iter().filter(|remark| !remark.is_of_study()).map(ResultRemark::to_string).collect();
+    let words: Vec<String> =
+        remarks.iter().filter(|remark| !remark.is_of_study()).map(ResultRemark::to_string).collect();
     (!words.is_empty()).then(|| words.join("; "))
 }
 
