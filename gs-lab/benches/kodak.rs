@@ -56,7 +56,7 @@ impl Observer for Trajectory {
     }
 
     fn on_step(&mut self, progress: &Progress) -> Control {
-        self.points.extend(progress.quality.map(|quality| (progress.seconds, quality.psnr)));
+        self.points.extend(progress.quality.as_ref().map(|quality| (progress.seconds, quality.psnr)));
         Control::Continue
     }
 }

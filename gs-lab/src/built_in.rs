@@ -1,10 +1,10 @@
-//! The studies that come with the program: one for each 2D experiment of the paper, and three on
-//! the Kodak images.
+//! The studies that come with the program: one for each 2D experiment of the paper, three on the
+//! Kodak images, and three on 3D scenes.
 
 use crate::{error::Error, study::Study};
 
 /// Name and TOML text of each built-in study.
-pub const BUILT_IN: [(&str, &str); 8] = [
+pub const BUILT_IN: [(&str, &str); 11] = [
     ("set-up", include_str!("../studies/set-up.toml")),
     ("cold-start", include_str!("../studies/cold-start.toml")),
     ("lazy-convergence", include_str!("../studies/lazy-convergence.toml")),
@@ -13,6 +13,9 @@ pub const BUILT_IN: [(&str, &str); 8] = [
     ("absolute-vs-percentile", include_str!("../studies/absolute-vs-percentile.toml")),
     ("all-policies", include_str!("../studies/all-policies.toml")),
     ("accuracy-in-training", include_str!("../studies/accuracy-in-training.toml")),
+    ("density-in-3d", include_str!("../studies/density-in-3d.toml")),
+    ("init-by-density", include_str!("../studies/init-by-density.toml")),
+    ("accuracy-in-3d-training", include_str!("../studies/accuracy-in-3d-training.toml")),
 ];
 
 /// Other names of built-in studies. `paper` is the paper's main experiment, the set-up.
@@ -34,22 +37,29 @@ pub fn built_in(name: &str) -> Result<Study, Error> {
 mod tests {
     use super::*;
     use crate::{plan::Plan, target::Places};
+    use gs_conformance::posed::{small_scene, write_dataset};
 
     #[test]
     fn every_one_is_possible_and_called_as_its_file() {
+        let place = tempfile::tempdir().unwrap();
+        let cpu = gs_cpu::CpuRasterizer::new(gs_cpu::CpuSettings::default()).unwrap();
+        for scene in ["lego", "room", "banana", "lund_door"] {
+            write_dataset(&place.path().join(scene), &small_scene(0), &cpu, true).unwrap();
+        }
+        let places = Places { data: Some(place.path().to_owned()), ..Places::default() };
         for (name, _) in BUILT_IN {
             let study = built_in(name).unwrap();
             assert_eq!(study.name, name);
-            assert!(study.seeds.len() >= 5 && !study.question.is_empty());
+            assert!(study.seeds.len() >= if study.is_of_scenes() { 3 } else { 5 } && !study.question.is_empty());
             assert!(
                 study.arms.iter().all(|arm| arm.about.ends_with('.')),
                 "{name}: an arm that says nothing of itself"
             );
-            // The Kodak images are not part of the repository, so a synthetic target takes their
-            // place.
-            let on_files = study.images[0].ends_with(".png");
+            // Neither the Kodak images nor data sets are part of the repository, so synthetic
+            // targets take their place.
+            let on_files = study.images.first().is_some_and(|image| image.ends_with(".png"));
             let images = if on_files { vec!["paper".to_owned()] } else { study.images.clone() };
-            let plan = Plan::new(Study { images, ..study }, &Places::default(), "test").unwrap();
+            let plan = Plan::new(Study { images, ..study }, &places, "test").unwrap();
             assert!(plan.runs.len() >= 10);
         }
         assert_eq!(built_in("paper").unwrap().name, "set-up");

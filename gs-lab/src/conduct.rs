@@ -1,4 +1,4 @@
-//! Conducts a study: runs its fits side by side, each on its own rasterizer, and stores each result
+//! Conducts a study: does its runs side by side, each on its own rasterizer, and stores each result
 //! at once.
 
 use gs_backend::FutureExt as _;
@@ -12,18 +12,16 @@ use std::{
     thread,
 };
 
-use gs_core::{
-    Blend, Canvas, Error as CoreError, Gaussian2d, Image, Optimizer, Parameterization, RenderSettings, Scene2d,
-};
-use gs_train::{Control, Error as FitError, FitSummary, MetricsLog, Observer, Progress, Recovery, Trainer};
+use gs_core::{Error as CoreError, Image, Optimizer, Scene2d, Scene3d};
+use gs_train::{Control, Error as TrainError, MetricsLog, Observer, Progress, RunSettings as _};
 
 use crate::{
-    digest,
     error::Error,
     folder::StudyFolder,
     plan::{Plan, Run, VERSION},
     record::{Finished, Record, RunOutcome},
     replay::Replayed,
+    task::{RunSettings, StudyBackend, StudyTask},
 };
 
 /// Watches a study; called from several threads. `()` ignores everything.
@@ -56,7 +54,7 @@ pub enum Conducted {
     Stopped,
 }
 
-/// Runs all fits of a plan that are not finished, in the order of their rows, one at a time on each
+/// Does all runs of a plan that are not finished, in the order of their rows, one at a time on each
 /// rasterizer of `team`.
 ///
 /// Results depend neither on the size of the team nor on its threads. Runs that fail or panic are
@@ -66,7 +64,7 @@ pub enum Conducted {
 /// # Errors
 /// [`Error::Arm`] as for [`refuse_unsupported`], [`Error::Backend`] where a backend fails for good,
 /// and [`Error::Io`] where a result cannot be stored.
-pub fn conduct<R: Optimizer<Scene2d> + Sync>(
+pub fn conduct<R: StudyBackend + Sync>(
     plan: &Plan,
     team: &[&R],
     folder: &StudyFolder,
@@ -78,18 +76,9 @@ pub fn conduct<R: Optimizer<Scene2d> + Sync>(
     let work = |rasterizer: &R| {
         while !watcher.wants_stop() {
             let Some(&run) = pending.get(next.fetch_add(1, Ordering::Relaxed)) else { return };
-            watcher.begun(run);
-            let stored = attempt(plan, run, rasterizer, team.len(), watcher).and_then(|ended| {
-                let Some((outcome, picture)) = ended else { return Ok(None) };
-                // The picture is stored first, so that a recorded run has all its files.
-                let shown = picture.filter(|_| is_shown(plan, run));
-                shown.map_or(Ok(()), |picture| folder.store_picture(run, &picture))?;
-                folder.store(run, &record(plan, run, outcome.clone())?)?;
-                Ok(Some(outcome))
-            });
-            match stored {
-                Ok(Some(outcome)) => watcher.ended(run, &outcome),
-                Ok(None) => return,
+            match conduct_run(plan, run, rasterizer, team.len(), folder, watcher) {
+                Ok(true) => {}
+                Ok(false) => return,
                 Err(error) => {
                     next.store(pending.len(), Ordering::Relaxed);
                     trouble.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).get_or_insert(error);
@@ -112,79 +101,86 @@ pub fn conduct<R: Optimizer<Scene2d> + Sync>(
     }
 }
 
+/// Does one run of a plan and stores its record and pictures, whether it finishes or fails. Returns
+/// false where the watcher stopped it; nothing is stored then.
+///
+/// # Errors
+/// [`Error::Backend`] where the backend failed for good, which says nothing about the run, and
+/// [`Error::Io`] where a result cannot be stored.
+pub(crate) fn conduct_run<R: StudyBackend>(
+    plan: &Plan,
+    run: &Run,
+    rasterizer: &R,
+    side_by_side: usize,
+    folder: &StudyFolder,
+    watcher: &dyn Watcher,
+) -> Result<bool, Error> {
+    watcher.begun(run);
+    let Some((outcome, pictures)) = attempt(plan, run, rasterizer, side_by_side, watcher)? else { return Ok(false) };
+    // Pictures are stored first, so that a recorded run has all its files.
+    if is_shown(plan, run) {
+        pictures.iter().enumerate().try_for_each(|(index, picture)| folder.store_picture(run, index, picture))?;
+    }
+    folder.store(run, &record(plan, run, outcome.clone())?)?;
+    watcher.ended(run, &outcome);
+    Ok(true)
+}
+
 /// Fails where the backend does not support what an arm needs, before any run begins.
 ///
 /// # Errors
 /// [`Error::Arm`] with what is not supported.
-pub fn refuse_unsupported<R: Optimizer<Scene2d>>(plan: &Plan, rasterizer: &R) -> Result<(), Error> {
+pub fn refuse_unsupported<R: StudyBackend>(plan: &Plan, rasterizer: &R) -> Result<(), Error> {
     for (index, arm) in plan.study.arms.iter().enumerate() {
         let Some(run) = plan.runs.iter().find(|run| run.arm == index) else { continue };
-        let settings = &run.settings;
-        let mut render = settings.render;
+        let mut render = *run.settings.render();
         render.effects.statistics = match &arm.own_policy {
             Some(own) => own.policy.statistics(),
-            None => settings.policy.statistics(),
+            None => run.settings.statistics(),
         };
-        if let Err(error @ CoreError::Unsupported { .. }) = draw_one(rasterizer, &render, settings.parameterization) {
-            let (study, arm, line) = (plan.study.name.clone(), arm.name.clone(), arm.line);
+        if let Err(error @ CoreError::Unsupported { .. }) = run.settings.draw_one(rasterizer, &render) {
+            let (study, arm, line) = (plan.study.name.clone(), arm.name.clone(), arm.line());
             return Err(Error::Arm { study, line, arm, message: error.to_string() });
         }
     }
     Ok(())
 }
 
-/// Draws one Gaussian on one pixel, to find out what the backend supports.
-fn draw_one<R: Optimizer<Scene2d>>(
-    rasterizer: &R,
-    render: &RenderSettings,
-    parameterization: Parameterization,
-) -> Result<(), CoreError> {
-    let gaussian = Gaussian2d {
-        mean: [0.5; 2].into(),
-        log_scale: [0.0; 2].into(),
-        rotation: 0.0,
-        opacity_logit: if render.effects.blend == Blend::Sum { f32::INFINITY } else { 0.0 },
-        color: [0.5; 3].into(),
-    };
-    let splats = rasterizer.upload(&[gaussian].into_iter().collect(), parameterization)?;
-    rasterizer.forward(&splats, &Canvas::new(1, 1), render).block_on().map(drop)
-}
-
 /// Whether the backend still works.
-fn answers<R: Optimizer<Scene2d>>(rasterizer: &R, run: &Run) -> bool {
-    let drawn =
-        catch_unwind(AssertUnwindSafe(|| draw_one(rasterizer, &run.settings.render, run.settings.parameterization)));
+fn answers<R: StudyBackend>(rasterizer: &R, run: &Run) -> bool {
+    let drawn = catch_unwind(AssertUnwindSafe(|| run.settings.draw_one(rasterizer, run.settings.render())));
     !matches!(drawn, Err(_) | Ok(Err(CoreError::Backend { .. })))
 }
 
-/// Whether a run's picture is stored: only runs of the first seed.
+/// Whether a run's pictures are stored: only runs of the first seed.
 fn is_shown(plan: &Plan, run: &Run) -> bool {
     plan.study.seeds.first() == Some(&run.seed)
 }
 
 /// Does a run. Returns `None` where the watcher stopped it, and an error where the backend failed
 /// and does not recover, which says nothing about the run.
-fn attempt<R: Optimizer<Scene2d>>(
+fn attempt<R: StudyBackend>(
     plan: &Plan,
     run: &Run,
     rasterizer: &R,
     side_by_side: usize,
     watcher: &dyn Watcher,
-) -> Result<Option<(RunOutcome, Option<Image>)>, Error> {
-    // A fit that panicked shares no state with others: its trainer was dropped.
-    let fitted = catch_unwind(AssertUnwindSafe(|| fit(plan, run, rasterizer, watcher)));
-    match fitted {
-        Ok(Ok(Some(Replayed { image, finished, .. }))) => {
+) -> Result<Option<(RunOutcome, Vec<Image>)>, Error> {
+    // A run that panicked shares no state with others: its trainer was dropped.
+    let trained = catch_unwind(AssertUnwindSafe(|| train(plan, run, rasterizer, watcher)));
+    let failed = |error: String| Ok(Some((RunOutcome::Failed { error }, Vec::new())));
+    match trained {
+        Ok(Ok(Some(Replayed { pictures, finished, .. }))) => {
             let finished = Finished { side_by_side, ..finished };
-            Ok(Some((RunOutcome::Finished(Box::new(finished)), Some(image))))
+            Ok(Some((RunOutcome::Finished(Box::new(finished)), pictures)))
         }
         Ok(Ok(None)) => Ok(None),
         // A device with too little memory for this run may still have enough for others.
-        Ok(Err(FitError::Core(source @ CoreError::Backend { .. }))) if !answers(rasterizer, run) => {
+        Ok(Err(TrainError::Core(source @ CoreError::Backend { .. }))) if !answers(rasterizer, run) => {
             Err(Error::Backend { row: run.row, run: plan.describe(run), source })
         }
-        Ok(Err(error)) => Ok(Some((RunOutcome::Failed { error: error.to_string() }, None))),
-        Err(panic) => Ok(Some((RunOutcome::Failed { error: format!("panicked: {}", message(panic.as_ref())) }, None))),
+        Ok(Err(error)) => failed(error.to_string()),
+        Err(panic) => failed(format!("panicked: {}", message(panic.as_ref()))),
     }
 }
 
@@ -193,44 +189,73 @@ fn message(panic: &(dyn Any + Send)) -> &str {
     text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("without a message")
 }
 
-/// The fit of a run, with its scene, image and numbers; `None` where the watcher stopped it.
-pub(crate) fn fit<R: Optimizer<Scene2d>>(
+/// Does a run, with its scene, pictures and numbers; `None` where the watcher stopped it.
+pub(crate) fn train<R: StudyBackend>(
     plan: &Plan,
     run: &Run,
     rasterizer: &R,
     watcher: &dyn Watcher,
-) -> Result<Option<Replayed>, FitError> {
-    // A diverging arm must fail instead of recovering, so that the study shows it.
-    let settings = run.settings.clone().with(|s| s.recovery = Recovery::Never);
-    let mut trainer = Trainer::new(rasterizer, &plan.target(run).image, settings).block_on()?;
-    if let Some(own) = &plan.arm(run).own_policy {
-        trainer = trainer.controlled_by(own.policy.clone());
+) -> Result<Option<Replayed>, TrainError> {
+    match &run.settings {
+        RunSettings::Image(settings) => train_task::<Scene2d, R>(plan, run, settings, rasterizer, watcher),
+        RunSettings::Scene(settings) => train_task::<Scene3d, R>(plan, run, settings, rasterizer, watcher),
     }
-    let mut log = MetricsLog::for_steps(run.settings.iterations);
-    trainer.run(&mut (&mut log, StopWith(watcher))).block_on()?;
+}
+
+fn train_task<S: StudyTask, R: Optimizer<S>>(
+    plan: &Plan,
+    run: &Run,
+    settings: &S::Settings,
+    rasterizer: &R,
+    watcher: &dyn Watcher,
+) -> Result<Option<Replayed>, TrainError> {
+    let (arm, target) = (plan.arm(run), plan.target(run));
+    // A diverging arm must fail instead of recovering, so that the study shows it.
+    let mut trainer = S::begin(rasterizer, target, arm, S::without_recovery(settings))?;
+    if let Some(policy) = arm.own_policy.as_ref().and_then(|own| S::own(&own.policy)) {
+        trainer = trainer.controlled_by(policy.clone());
+    }
+    let mut log = MetricsLog::for_steps(settings.iterations());
+    let mut curves = ViewCurves::default();
+    trainer.run(&mut ((&mut log, &mut curves), StopWith(watcher))).block_on()?;
     if !trainer.is_finished() {
         return Ok(None);
     }
-    let (image, culled) = trainer.render().block_on()?;
-    let summary = FitSummary::new(&trainer, &image, culled).block_on()?;
+    let mut measured = S::measure(&trainer)?;
+    for (index, view) in measured.views.iter_mut().enumerate() {
+        view.curve = curves.0.iter().filter_map(|psnrs| psnrs.get(index).copied()).collect();
+    }
     let scene = trainer.scene().block_on()?;
     let finished = Finished {
-        gaussians: summary.gaussians,
-        iterations: summary.iterations,
-        psnr: summary.psnr,
-        ssim: summary.ssim,
-        ms_ssim: summary.ms_ssim,
-        l1: summary.l1,
-        loss: summary.loss,
-        edits: summary.edits,
-        culled: summary.culled,
-        scene: digest::of_scene(&scene),
-        seconds: summary.seconds,
-        backend: summary.backend,
+        gaussians: trainer.count(),
+        bytes: scene.bytes(),
+        iterations: trainer.step(),
+        psnr: measured.psnr,
+        ssim: measured.ssim,
+        ms_ssim: measured.ms_ssim,
+        l1: measured.l1,
+        loss: measured.loss,
+        edits: *trainer.edits(),
+        culled: measured.culled,
+        scene: scene.digest(),
+        seconds: trainer.seconds(),
+        backend: trainer.backend(),
         side_by_side: 1,
         trajectory: log.rows().to_vec(),
+        views: measured.views,
     };
-    Ok(Some(Replayed { scene, image, settings: trainer.shown(), finished }))
+    Ok(Some(Replayed { scene: scene.wrapped(), pictures: measured.pictures, settings: measured.render, finished }))
+}
+
+/// The PSNR of each view at each measurement.
+#[derive(Default)]
+struct ViewCurves(Vec<Vec<f64>>);
+
+impl Observer for ViewCurves {
+    fn on_step(&mut self, progress: &Progress) -> Control {
+        self.0.extend(progress.quality.as_ref().map(|quality| quality.views.clone()));
+        Control::Continue
+    }
 }
 
 struct StopWith<'a>(&'a dyn Watcher);

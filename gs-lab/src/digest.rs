@@ -1,7 +1,16 @@
 //! Digests of contents: the first 128 bits of SHA-256, in hexadecimal.
 
-use gs_core::{Image, Scene2d};
+use std::{
+    collections::{BTreeMap, btree_map::Entry},
+    fs,
+    path::{Path, PathBuf},
+};
+
+use gs_core::{Image, Scene2d, Scene3d};
+use gs_io::dataset::{Dataset, View};
 use sha2::{Digest, Sha256};
+
+use crate::error::Error;
 
 /// Hexadecimal digits of a digest.
 const DIGITS: usize = 32;
@@ -21,6 +30,57 @@ pub(crate) fn of_image(image: &Image) -> String {
     let mut hash = Sha256::new();
     hash.update([image.width(), image.height()].map(u32::to_le_bytes).as_flattened());
     hash_floats(&mut hash, image.pixels().as_flattened().iter().copied());
+    digits(hash)
+}
+
+/// The digest of a data set: its views, the content of their files, and its points. It does not
+/// depend on where the data set is.
+///
+/// # Errors
+/// [`Error::Path`] where a file cannot be read.
+pub(crate) fn of_dataset(dataset: &Dataset) -> Result<String, Error> {
+    let mut hash = Sha256::new();
+    let mut add = |text: &str| {
+        hash.update((text.len() as u64).to_le_bytes());
+        hash.update(text);
+    };
+    // The faces of a 360° image share a file.
+    let mut files: BTreeMap<&PathBuf, String> = BTreeMap::new();
+    add(dataset.kind.name());
+    for view in &dataset.views {
+        let View { name, camera, full, source, orientation, alpha, split, depth, .. } = view;
+        let unit = depth.as_ref().map(|depth| depth.unit);
+        add(name);
+        add(&format!("{camera:?} {full:?} {source:?} {orientation:?} {alpha:?} {split:?} {unit:?}"));
+        for path in [Some(&view.image), view.mask.as_ref(), depth.as_ref().map(|depth| &depth.path)] {
+            add(match path {
+                None => "none",
+                Some(path) => match files.entry(path) {
+                    Entry::Occupied(entry) => entry.into_mut(),
+                    Entry::Vacant(entry) => entry.insert(of_file(path)?),
+                },
+            });
+        }
+    }
+    hash_floats(&mut hash, dataset.points.iter().flat_map(|p| p.position.to_array().into_iter().chain(p.color)));
+    Ok(digits(hash))
+}
+
+fn of_file(path: &Path) -> Result<String, Error> {
+    let bytes = fs::read(path).map_err(|source| Error::Path { path: path.to_owned(), source })?;
+    Ok(digits(Sha256::new_with_prefix(bytes)))
+}
+
+/// The digest of a 3D scene. Two scenes have the same digest only if they are bit-identical.
+pub fn of_scene_3d(scene: &Scene3d) -> String {
+    let mut hash = Sha256::new();
+    hash.update((scene.means.len() as u64).to_le_bytes());
+    hash.update([scene.sh_degree]);
+    hash_floats(&mut hash, scene.means.iter().flat_map(|v| v.to_array()));
+    hash_floats(&mut hash, scene.log_scales.iter().flat_map(|v| v.to_array()));
+    hash_floats(&mut hash, scene.rotations.iter().flatten().copied());
+    hash_floats(&mut hash, scene.opacity_logits.iter().copied());
+    hash_floats(&mut hash, scene.sh.iter().flat_map(|v| v.to_array()));
     digits(hash)
 }
 

@@ -33,12 +33,12 @@ pub enum Error {
     Arm {
         /// The study's name.
         study: String,
-        /// Line of the study file with the arm's name, counted from 1; `None` for an arm that is
-        /// not from a file.
+        /// Line of the study file with the wrong key, or with the arm's name if no key is known,
+        /// counted from 1; `None` for an arm that is not from a file.
         line: Option<usize>,
         /// The arm's name.
         arm: String,
-        /// What is wrong with the arm's settings.
+        /// What is wrong with the arm's settings, beginning with the key where it is known.
         message: String,
     },
     /// No file and no built-in study has this name.
@@ -64,6 +64,14 @@ pub enum Error {
         image: String,
         /// The synthetic targets.
         known: String,
+    },
+    /// A data set of the study was not found.
+    #[error("{scene}: no such data set in {looked}: name the folder that has it with --data or GS_DATA")]
+    NoScene {
+        /// The scene, as the study names it.
+        scene: String,
+        /// The folders that were searched.
+        looked: String,
     },
     /// The output folder cannot be used for this study.
     #[error("{}: {what}: {mend}", folder.display())]
@@ -120,8 +128,8 @@ pub enum Error {
     },
     /// A replay of a row whose settings or image have changed since it was recorded.
     #[error(
-        "row {row}: its settings or its image are not those recorded (address {found} instead of {recorded}): put study.toml and the images \
-         back as they were, or let gs study --resume do the row again"
+        "row {row}: its settings, its image or its data set are not those recorded (address {found} instead of {recorded}): put study.toml \
+         and the data back as they were, or let gs study --resume do the row again"
     )]
     OtherRun {
         /// The row.

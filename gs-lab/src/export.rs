@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 use crate::{
     comparison::Difference,
     error::Error,
+    factorial::{Effect, EffectOf},
     folder::StudyFolder,
     machine::Machine,
     plan::{Plan, Run, VERSION},
@@ -19,10 +20,20 @@ use crate::{
 };
 
 const RESULTS: &str = "results.json";
+const VIEWS: &str = "views.csv";
 
 /// File names of the tables.
-pub(crate) const TABLES: [&str; 6] =
-    ["runs.csv", "quality.csv", "differences.csv", "differences-at-time.csv", "times.csv", RESULTS];
+pub(crate) const TABLES: [&str; 9] = [
+    "runs.csv",
+    "quality.csv",
+    "differences.csv",
+    "differences-at-time.csv",
+    VIEWS,
+    "effects.csv",
+    "effects-at-time.csv",
+    "times.csv",
+    RESULTS,
+];
 
 /// One run in `runs.csv` and `results.json`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -30,12 +41,17 @@ pub(crate) const TABLES: [&str; 6] =
 pub(crate) struct Row {
     row: usize,
     arm: String,
-    image: String,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    image: Option<String>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    data_set: Option<String>,
     budget: u32,
     seed: u32,
     pub(crate) address: String,
     status: String,
     gaussians: Option<u32>,
+    #[serde(default)]
+    bytes: Option<u64>,
     iterations: Option<u32>,
     psnr: Option<f64>,
     ssim: Option<f64>,
@@ -53,15 +69,19 @@ impl Row {
             Some(RunOutcome::Failed { error }) => ("failed", Some(error.clone())),
             None => ("missing", None),
         };
+        let target = Some(plan.target(run).name.clone());
+        let (image, data_set) = if plan.study.is_of_scenes() { (None, target) } else { (target, None) };
         Self {
             row: run.row,
             arm: plan.arm(run).name.clone(),
-            image: plan.target(run).name.clone(),
+            image,
+            data_set,
             budget: run.budget,
             seed: run.seed,
             address: run.address.clone(),
             status: status.to_owned(),
             gaussians: end.map(|end| end.gaussians),
+            bytes: end.map(|end| end.bytes),
             iterations: end.map(|end| end.iterations),
             psnr: end.map(|end| end.psnr),
             ssim: end.map(|end| end.ssim),
@@ -83,6 +103,8 @@ struct Everything<'a> {
     runs: &'a [Row],
     quality: &'a [RunQuality],
     differences: &'a [Difference],
+    #[serde(skip_serializing_if = "<[Effect]>::is_empty")]
+    effects: &'a [Effect],
 }
 
 /// The part of [`Everything`] that [`recorded`] reads.
@@ -95,7 +117,9 @@ pub(crate) struct Recorded {
 }
 
 /// Writes the tables: `runs.csv`, `quality.csv`, `differences.csv`, and `results.json` with all
-/// three. Tables that depend on measured time are `times.csv` and `differences-at-time.csv`.
+/// three. Tables that depend on measured time are `times.csv` and `differences-at-time.csv`. A study
+/// of scenes also has `views.csv`, one with factors `effects.csv` (also in `results.json`) and
+/// `effects-at-time.csv`.
 ///
 /// # Errors
 /// [`Error::Io`].
@@ -104,7 +128,15 @@ pub fn write_tables(results: &Results<'_>, folder: &StudyFolder) -> Result<(), E
     let runs: Vec<Row> = results.rows().map(|(run, record)| Row::new(plan, run, record)).collect();
     let quality = results.qualities();
     let differences = results.differences(&[Matching::Count, Matching::Iterations]);
-    folder.write("runs.csv", &runs_csv(&runs))?;
+    let effects = results.effects(&[Matching::Count, Matching::Iterations]);
+    folder.write("runs.csv", &runs_csv(&runs, plan))?;
+    if plan.study.is_of_scenes() {
+        folder.write(VIEWS, &views_csv(results))?;
+    }
+    if !plan.study.factors.is_empty() {
+        folder.write("effects.csv", &effects_csv(&effects))?;
+        folder.write("effects-at-time.csv", &effects_csv(&results.effects(&[Matching::Time])))?;
+    }
     folder.write("quality.csv", &quality_csv(&quality))?;
     folder.write("differences.csv", &differences_csv(&differences))?;
     folder.write("differences-at-time.csv", &differences_csv(&results.differences(&[Matching::Time])))?;
@@ -116,6 +148,7 @@ pub fn write_tables(results: &Results<'_>, folder: &StudyFolder) -> Result<(), E
         runs: &runs,
         quality: &quality,
         differences: &differences,
+        effects: &effects,
     };
     let json = serde_json::to_string(&everything)
         .map_err(|error| Error::Path { path: folder.file(RESULTS), source: error.into() })?;
@@ -127,18 +160,22 @@ pub(crate) fn recorded(folder: &StudyFolder) -> Option<Recorded> {
     serde_json::from_slice(&std::fs::read(folder.file(RESULTS)).ok()?).ok()
 }
 
-fn runs_csv(rows: &[Row]) -> String {
-    let header = "row,arm,image,budget,seed,address,status,gaussians,iterations,psnr,ssim,ms_ssim,l1,scene,error";
+fn runs_csv(rows: &[Row], plan: &Plan) -> String {
+    let target = if plan.study.is_of_scenes() { "data_set" } else { "image" };
+    let header = format!(
+        "row,arm,{target},budget,seed,address,status,gaussians,bytes,iterations,psnr,ssim,ms_ssim,l1,scene,error"
+    );
     let lines = rows.iter().map(|r| {
         let cells = [
             r.row.to_string(),
             quoted(&r.arm),
-            quoted(&r.image),
+            r.image.iter().chain(&r.data_set).map(|name| quoted(name)).collect(),
             r.budget.to_string(),
             r.seed.to_string(),
             r.address.clone(),
             r.status.clone(),
             whole(r.gaussians),
+            whole(r.bytes),
             whole(r.iterations),
             number(r.psnr, 6),
             number(r.ssim, 8),
@@ -149,18 +186,37 @@ fn runs_csv(rows: &[Row]) -> String {
         ];
         cells.join(",")
     });
-    table(header, lines)
+    table(&header, lines)
+}
+
+fn views_csv(results: &Results<'_>) -> String {
+    let ends = results.rows().filter_map(|(run, record)| Some((run, record?.outcome.finished()?)));
+    let lines = ends.flat_map(|(run, end)| {
+        end.views.iter().map(|view| {
+            let cells = [
+                run.row.to_string(),
+                quoted(&view.name),
+                number(Some(view.psnr), 6),
+                number(Some(view.ssim), 8),
+                number(view.ms_ssim, 8),
+                number(Some(view.l1), 8),
+            ];
+            cells.join(",")
+        })
+    });
+    table("row,view,psnr,ssim,ms_ssim,l1", lines)
 }
 
 fn quality_csv(rows: &[RunQuality]) -> String {
-    let header =
-        "arm,budget,finished,failed,missing,images,gaussians,gaussians_sd,psnr,psnr_sd,ssim,ssim_sd,ms_ssim,ms_ssim_sd";
+    let header = "arm,budget,finished,failed,missing,images,gaussians,gaussians_sd,bytes,psnr,psnr_sd,ssim,ssim_sd,ms_ssim,ms_ssim_sd";
     let lines = rows.iter().map(|q| {
         let spread = |spread: Option<Spread>, digits: usize| {
             let over_seeds = spread.and_then(|spread| spread.over_seeds);
             format!("{},{}", number(spread.map(|spread| spread.mean), digits), number(over_seeds, digits))
         };
-        let measured = [spread(q.gaussians, 1), spread(q.psnr, 4), spread(q.ssim, 6), spread(q.ms_ssim, 6)].join(",");
+        let bytes = number(q.bytes.map(|bytes| bytes.mean), 0);
+        let measured =
+            [spread(q.gaussians, 1), bytes, spread(q.psnr, 4), spread(q.ssim, 6), spread(q.ms_ssim, 6)].join(",");
         format!("{},{},{},{},{},{},{measured}", quoted(&q.arm), q.budget, q.finished, q.failed, q.missing, q.images)
     });
     table(header, lines)
@@ -181,11 +237,46 @@ fn differences_csv(rows: &[Difference]) -> String {
             number(d.interval.map(|interval| interval.low), 6),
             number(d.interval.map(|interval| interval.high), 6),
             d.verdict.words().to_owned(),
-            quoted(&d.remarks.iter().map(ResultRemark::to_string).collect::<Vec<_>>().join("; ")),
+            remarks(&d.remarks),
         ];
         cells.join(",")
     });
     table(header, lines)
+}
+
+fn effects_csv(rows: &[Effect]) -> String {
+    let header =
+        "match,metric,effect,factor,level,against,factor2,level2,against2,paired,pairs,mean,low,high,verdict,remarks";
+    let lines = rows.iter().map(|e| {
+        let of = match &e.of {
+            EffectOf::Main { factor, level, against } => {
+                format!("main,{},{},{},,,", quoted(factor), quoted(level), quoted(against))
+            }
+            EffectOf::Interaction { factors, levels, against } => {
+                let each = |i: usize| [&factors[i], &levels[i], &against[i]].map(|name| quoted(name)).join(",");
+                format!("interaction,{},{}", each(0), each(1))
+            }
+        };
+        let cells = [
+            e.matching.name().to_owned(),
+            e.metric.name().to_owned(),
+            of,
+            e.pairing.words().to_owned(),
+            e.pairs.to_string(),
+            number(e.mean, 6),
+            number(e.interval.map(|interval| interval.low), 6),
+            number(e.interval.map(|interval| interval.high), 6),
+            e.verdict.words().to_owned(),
+            remarks(&e.remarks),
+        ];
+        cells.join(",")
+    });
+    table(header, lines)
+}
+
+/// A cell with remarks.
+fn remarks(remarks: &[ResultRemark]) -> String {
+    quoted(&remarks.iter().map(ResultRemark::to_string).collect::<Vec<_>>().join("; "))
 }
 
 fn times_csv(results: &Results<'_>) -> String {
@@ -209,7 +300,7 @@ fn number(value: Option<f64>, digits: usize) -> String {
     value.map_or_else(String::new, |value| format!("{value:.digits$}"))
 }
 
-fn whole(value: Option<u32>) -> String {
+fn whole(value: Option<impl ToString>) -> String {
     value.map_or_else(String::new, |value| value.to_string())
 }
 

@@ -17,6 +17,8 @@ use crate::{
     plan::{Plan, Run},
     record::{Record, RunOutcome},
     report::{PAGE, PLOTS},
+    target::StudyTarget,
+    task::PICTURED_VIEWS,
 };
 
 const STUDY: &str = "study.toml";
@@ -85,8 +87,8 @@ impl StudyFolder {
                 return Err(wrong(what, "choose another folder with --output"));
             }
         }
-        let images = plan.targets.iter().filter_map(|target| Some((&target.name, target.file.as_ref()?)));
-        let inputs = Inputs::from_iter(images.clone().map(|(_, file)| file).chain(&safety.inputs));
+        let read = plan.targets.iter().flat_map(StudyTarget::files);
+        let inputs = Inputs::from_iter(read.chain(safety.inputs.iter().cloned()));
         // When a study is resumed from the file in its own folder, that file stays as it is.
         let is_input = inputs.contain(&study);
         // Earlier versions kept no index of their files; the study file identifies their folders.
@@ -111,14 +113,14 @@ impl StudyFolder {
         for part in [folder.file(RUNS), folder.file(PICTURES)] {
             fs::create_dir_all(&part).map_err(|source| Error::Path { path: part, source })?;
         }
-        let found: BTreeMap<&String, PathBuf> =
-            images.map(|(name, file)| (name, fs::canonicalize(file).unwrap_or_else(|_| file.clone()))).collect();
+        let canonical = |path: &PathBuf| fs::canonicalize(path).unwrap_or_else(|_| path.clone());
+        let found: BTreeMap<_, _> = plan.places().into_iter().map(|(name, path)| (name, canonical(path))).collect();
         let found = serde_json::to_string_pretty(&found).unwrap_or_default();
         folder.write(IMAGES, &(found + "\n"))?;
         let machine = serde_json::to_string_pretty(&plan.machine).unwrap_or_default();
         folder.write(MACHINE, &(machine + "\n"))?;
         if !is_input {
-            folder.write(STUDY, &to_toml(plan)?)?;
+            folder.write(STUDY, &plan.study.to_toml()?)?;
         }
         Ok(folder)
     }
@@ -148,7 +150,7 @@ impl StudyFolder {
         self.path.join(name)
     }
 
-    /// Where the study found its images, for [`Places::remembered`](crate::Places::remembered);
+    /// Where the study found its images or data sets, for [`Places::remembered`](crate::Places::remembered);
     /// empty if that was not stored.
     pub fn images(&self) -> BTreeMap<String, PathBuf> {
         fs::read(self.file(IMAGES)).ok().and_then(|text| serde_json::from_slice(&text).ok()).unwrap_or_default()
@@ -186,18 +188,18 @@ impl StudyFolder {
         Ok(write_durably(self.file_to_write(&record_name(run)), |file| file.write_all(&json?))?)
     }
 
-    /// Stores the picture of a run's scene, without waiting for the disk. The report leaves out
-    /// pictures that are missing.
+    /// Stores a picture of a run's scene, without waiting for the disk: the first, or of a 3D scene
+    /// one more for each view that is shown. The report leaves out pictures that are missing.
     ///
     /// # Errors
     /// [`Error::Io`].
-    pub(crate) fn store_picture(&self, run: &Run, picture: &Image) -> Result<(), Error> {
-        Ok(write_png(self.file_to_write(&picture_name(run)), picture)?)
+    pub(crate) fn store_picture(&self, run: &Run, index: usize, picture: &Image) -> Result<(), Error> {
+        Ok(write_png(self.file_to_write(&picture_name(run, index)), picture)?)
     }
 
-    /// The stored picture of a run's scene.
-    pub fn picture(&self, run: &Run) -> Option<Image> {
-        Some(read_image(self.file(&picture_name(run))).ok()?.image)
+    /// A stored picture of a run's scene, counted from 0.
+    pub fn picture(&self, run: &Run, index: usize) -> Option<Image> {
+        Some(read_image(self.file(&picture_name(run, index))).ok()?.image)
     }
 
     /// Writes a text file into the folder.
@@ -223,18 +225,17 @@ fn record_name(run: &Run) -> String {
     format!("{RUNS}/{}.json", run.address)
 }
 
-fn picture_name(run: &Run) -> String {
-    format!("{PICTURES}/{}.png", run.address)
+fn picture_name(run: &Run, index: usize) -> String {
+    let number = if index == 0 { String::new() } else { format!("-{}", index + 1) };
+    format!("{PICTURES}/{}{number}.png", run.address)
 }
 
 /// All files of a plan whose names are known in advance, except the study file.
 fn files_of(plan: &Plan) -> impl Iterator<Item = String> {
-    let runs = plan.runs.iter().flat_map(|run| [record_name(run), picture_name(run)]);
+    let pictures = if plan.study.is_of_scenes() { PICTURED_VIEWS } else { 1 };
+    let names = move |run| (0..pictures).map(move |index| picture_name(run, index)).chain([record_name(run)]);
+    let runs = plan.runs.iter().flat_map(names);
     [IMAGES, MACHINE, PAGE].into_iter().chain(TABLES).map(str::to_owned).chain(runs)
-}
-
-fn to_toml(plan: &Plan) -> Result<String, Error> {
-    toml::to_string(&plan.study).map_err(|error| plan.study.wrong(error.to_string(), "leave it out"))
 }
 
 /// The name of the study in a study file.

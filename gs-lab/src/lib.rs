@@ -1,25 +1,31 @@
 #![doc = include_str!("../README.md")]
 //! # Start reading at
 //!
-//! - A [`Study`] is arms × images × budgets × seeds, from a short TOML file.
+//! - A [`Study`] is arms × images or 3D scenes × budgets × seeds, from a short TOML file.
 //! - A [`Plan`] turns it into runs, each with an address that follows from everything its result
 //!   depends on.
 //! - [`conduct`] does the runs that are missing, side by side, and stores each as one file.
 //! - [`Results`] makes tables with intervals, [`report`] a page.
 //! - [`experiments`], [`frontier`], [`effects`] and [`figure`] hold the rest.
 
+mod arm;
 mod built_in;
 mod comparison;
 mod conduct;
+mod contrast;
+mod dataset_reading;
 mod digest;
 pub mod effects;
 mod error;
 pub mod experiments;
 mod export;
+mod factor;
+mod factorial;
 pub mod figure;
 mod folder;
 pub mod frontier;
 mod html;
+mod key_lines;
 mod machine;
 mod overrides;
 mod plan;
@@ -36,6 +42,7 @@ pub mod study;
 mod synthetic;
 mod tables;
 mod target;
+mod task;
 
 pub use crate::{
     built_in::built_in,

@@ -2,7 +2,8 @@
 
 use std::path::Path;
 
-use gs_train::FitSettings;
+use gs_train::{parse_settings, settings_to_toml};
+use serde::{Serialize, de::DeserializeOwned};
 use toml::{Table, Value};
 
 /// Pairs of keys of the same table that exclude each other.
@@ -41,23 +42,72 @@ fn current_name<'k>(table: &Table, key: &'k str) -> &'k str {
 }
 
 /// `settings` with the values of `over` in place of their own.
-pub(crate) fn applied(settings: &FitSettings, over: &Table) -> Result<FitSettings, String> {
+pub(crate) fn applied<T: Serialize + DeserializeOwned>(settings: &T, over: &Table) -> Result<T, String> {
     let unreadable = |error: toml::de::Error| error.to_string();
-    let mut table: Table = settings.to_toml().map_err(|error| error.to_string())?.parse().map_err(unreadable)?;
+    let text = settings_to_toml(settings).map_err(|error| error.to_string())?;
+    let mut table: Table = text.parse().map_err(unreadable)?;
     lay_upon(&mut table, over);
-    let text = table.to_string();
     // The line number is left out: it is one of the merged text, which the user does not see.
-    FitSettings::from_toml(&text, Path::new("")).map_err(|error| match error {
+    parse_settings(&table.to_string(), Path::new("")).map_err(|error| match error {
         gs_train::Error::Settings { problem, .. } => problem,
         error => error.to_string(),
     })
+}
+
+/// The path of the value in `over` that makes it fail: the one without which it is possible, or
+/// else the first value with which, added to those before it, it becomes impossible. Kinds come
+/// first, as other values depend on them.
+pub(crate) fn culprit(over: &Table, is_possible: impl Fn(&Table) -> bool) -> Option<String> {
+    let mut leaves = Vec::new();
+    collect(over, &mut Vec::new(), &mut leaves);
+    let is_kind = |path: &Vec<String>| path.last().is_some_and(|key| key == "kind");
+    let without = |path: &Vec<String>| {
+        let mut rest = over.clone();
+        remove(&mut rest, path);
+        is_possible(&rest)
+    };
+    let (kinds, others): (Vec<_>, Vec<_>) = leaves.into_iter().partition(is_kind);
+    if let Some(path) = others.iter().chain(&kinds).find(|path| without(path)) {
+        return Some(path.join("."));
+    }
+    let ordered: Vec<_> = kinds.into_iter().chain(others).collect();
+    let with_first = |count: usize| {
+        let mut part = over.clone();
+        ordered[count..].iter().for_each(|path| remove(&mut part, path));
+        is_possible(&part)
+    };
+    (1..=ordered.len()).find(|&count| !with_first(count)).map(|count| ordered[count - 1].join("."))
+}
+
+/// Collects the paths of all values that are no tables, and of empty tables.
+fn collect(table: &Table, path: &mut Vec<String>, leaves: &mut Vec<Vec<String>>) {
+    for (key, value) in table {
+        path.push(key.clone());
+        match value {
+            Value::Table(table) if !table.is_empty() => collect(table, path, leaves),
+            _ => leaves.push(path.clone()),
+        }
+        path.pop();
+    }
+}
+
+/// Removes a value, and the tables that become empty.
+fn remove(table: &mut Table, path: &[String]) {
+    let Some((key, rest)) = path.split_first() else { return };
+    if let (Some(Value::Table(inner)), false) = (table.get_mut(key), rest.is_empty()) {
+        remove(inner, rest);
+        if !inner.is_empty() {
+            return;
+        }
+    }
+    table.remove(key);
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use gs_density::Policy;
-    use gs_train::InitialCount;
+    use gs_train::{FitSettings, InitialCount, TrainSettings};
 
     fn with(text: &str) -> Result<FitSettings, String> {
         applied(&FitSettings::paper(), &text.parse().unwrap())
@@ -104,6 +154,32 @@ mod tests {
         ] {
             let message = with(text).unwrap_err();
             assert!(message.contains(expected), "{text}: {message}");
+        }
+    }
+
+    #[test]
+    fn settings_of_trainings_are_replaced_in_the_same_way() {
+        let over = "resolution = { coarse-to-fine = { from = 4, full-after = 0.5 } }\nadam.color-rest-every = 16\n\
+                    render.effects.order = 'per-pixel'\npolicy.kind = 'mcmc'";
+        let settings = applied(&TrainSettings::default(), &over.parse().unwrap()).unwrap();
+        assert_eq!((settings.adam.color_rest_every, settings.resolution.factor(0.0)), (16, 4));
+        assert_eq!(settings.policy, Policy::from_name("mcmc").unwrap());
+        let wrong = applied(&TrainSettings::default(), &"rebin-every = 4".parse().unwrap()).unwrap_err();
+        assert!(wrong.starts_with("unknown key `rebin-every`"), "{wrong}");
+    }
+
+    #[test]
+    fn the_value_that_is_wrong_is_found() {
+        let is_possible = |over: &Table| applied(&FitSettings::paper(), over).is_ok_and(|s| s.validate().is_ok());
+        for (over, expected) in [
+            ("iterations = 7\niteration = 7", "iteration"),
+            ("adam.mean.learning-rate = 1.0\nadam.mean.rate = 1.0", "adam.mean.rate"),
+            ("policy = { kind = 'none', percent = 5 }", "policy.percent"),
+            ("policy = { kind = 'everything' }\niterations = 3", "policy.kind"),
+            ("policy = { kind = 'percentile', percent = 500 }", "policy.percent"),
+            ("iterations = 'a'\nseedling = 3", "iterations"),
+        ] {
+            assert_eq!(culprit(&over.parse().unwrap(), is_possible).as_deref(), Some(expected), "{over}");
         }
     }
 }

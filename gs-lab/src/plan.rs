@@ -1,38 +1,41 @@
 //! The plan of a study: all its runs in a fixed order, each with all its settings and its address.
 
-use gs_core::counted;
-use gs_density::Policy;
-use gs_train::{FitSettings, InitialCount, Preset};
+use std::collections::BTreeMap;
+
+use gs_core::{Scene2d, Scene3d, counted};
+use gs_train::{FitSettings, RunSettings as _, TrainSettings, train::StartName};
 
 use crate::{
+    arm::Arm,
     digest,
     error::Error,
     machine::Machine,
-    overrides,
-    study::{Arm, Study},
-    target::{Places, StudyImage},
+    overrides::{self, applied},
+    study::Study,
+    target::{Places, StudyTarget, TargetContent},
+    task::{Asked, RunSettings, StudyTask, WrongKey},
 };
 
 /// The version of this program, such as "0.1.0+1f0c9d2a7b3e". Results of another version are never
 /// reused. In a checkout it contains a digest of all sources that a result depends on.
 pub const VERSION: &str = env!("GS_LAB_VERSION");
 
-/// A study with its images and all its runs.
+/// A study with its images or scenes and all its runs.
 #[derive(Debug, Clone)]
 pub struct Plan {
     /// The study.
     pub study: Study,
-    /// The images of the study, in its order.
-    pub targets: Vec<StudyImage>,
+    /// The images or scenes of the study, in its order.
+    pub targets: Vec<StudyTarget>,
     /// The machine that computes.
     pub machine: Machine,
-    /// All runs, ordered by seed, then budget, then image, then arm. Runs that are compared with
+    /// All runs, ordered by seed, then budget, then image or scene, then arm. Runs that are compared with
     /// each other are neighbours, so that a study that was stopped early contains complete
     /// comparisons.
     pub runs: Vec<Run>,
 }
 
-/// One fit of a study.
+/// One fit or training of a study.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Run {
     /// Row in the tables, counted from 1.
@@ -45,31 +48,34 @@ pub struct Run {
     pub budget: u32,
     /// The seed of all random numbers.
     pub seed: u32,
-    /// All settings of the fit.
-    pub settings: FitSettings,
+    /// All settings of the fit or training.
+    pub settings: RunSettings,
     /// Digest of everything that the result depends on: settings, target, own policy, machine and
     /// version.
     pub address: String,
 }
 
 impl Plan {
-    /// Reads the images of a study and plans its runs. `machine` names what computes: see
-    /// [`Machine::name`].
+    /// Reads the images or data sets of a study and plans its runs. `machine` names what computes:
+    /// see [`Machine::name`].
     ///
     /// # Errors
-    /// [`Error::Study`], [`Error::Arm`] where settings are not possible, [`Error::NoImage`] and
-    /// [`Error::Io`] for images.
+    /// [`Error::Study`], [`Error::Arm`] where settings are not possible, [`Error::NoImage`] or
+    /// [`Error::NoScene`], and [`Error::Io`] for images and data sets.
     pub fn new(study: Study, places: &Places, machine: impl Into<Machine>) -> Result<Self, Error> {
         study.validate()?;
         let machine = machine.into();
-        let targets = study.images.iter().map(|name| StudyImage::load(name, places)).collect::<Result<Vec<_>, _>>()?;
+        let images = study.images.iter().map(|name| StudyTarget::load_image(name, places));
+        let scenes = study.scenes.iter().map(|name| StudyTarget::load_scene(name, places, &study.dataset));
+        let targets = images.chain(scenes).collect::<Result<Vec<_>, _>>()?;
         let mut runs = Vec::new();
         for &seed in &study.seeds {
             for &budget in &study.budgets {
-                for (target, image) in targets.iter().enumerate() {
+                for (target, content) in targets.iter().enumerate() {
                     for (arm, of) in study.arms.iter().enumerate() {
-                        let settings = settings(&study, of, budget, image.image.size())?.with(|s| s.seed = seed);
-                        let address = address(of, &settings, image, &machine.name).map_err(|m| wrong(&study, of, m))?;
+                        let settings = settings(&Asked { study: &study, arm: of, budget }, content, seed)?;
+                        let address = address(of, &settings, content, &machine.name)
+                            .map_err(|message| wrong(&study, of, None, message))?;
                         runs.push(Run { row: runs.len() + 1, arm, target, budget, seed, settings, address });
                     }
                 }
@@ -92,9 +98,21 @@ impl Plan {
         &self.study.arms[run.arm]
     }
 
-    /// The image of a run.
-    pub fn target(&self, run: &Run) -> &StudyImage {
+    /// The image or scene of a run.
+    pub fn target(&self, run: &Run) -> &StudyTarget {
         &self.targets[run.target]
+    }
+
+    /// Where the study found its images and data sets, by their names; synthetic ones are nowhere.
+    pub fn places(&self) -> BTreeMap<&String, &std::path::PathBuf> {
+        self.targets.iter().filter_map(|target| Some((&target.name, target.path.as_ref()?))).collect()
+    }
+
+    /// The work of a run, to estimate the time that is left: steps times pixels, with about fifty
+    /// pixels for each Gaussian.
+    pub fn work(&self, run: &Run) -> f64 {
+        let pixels = self.target(run).pixels_per_step();
+        f64::from(run.settings.iterations().max(1)) * (pixels + 50.0 * f64::from(run.budget))
     }
 
     /// A description of the run: "percentile, kodim04, 3000 Gaussians, seed 0".
@@ -105,43 +123,84 @@ impl Plan {
     }
 }
 
-/// The settings of an arm without the seed, for an image of `size` (columns, rows).
-fn settings(study: &Study, arm: &Arm, budget: u32, size: (u32, u32)) -> Result<FitSettings, Error> {
-    let mut start = match (arm.preset.unwrap_or(study.preset), arm.iterations.or(study.iterations)) {
-        (Preset::Paper, iterations) => {
-            let paper = Preset::Paper.settings(budget, size);
-            let iterations = iterations.unwrap_or(paper.iterations);
-            paper.with_iterations(iterations)
-        }
-        (_, Some(iterations)) => FitSettings::for_image(budget, size, iterations),
-        (preset, None) => preset.settings(budget, size),
-    };
-    if let Some(name) = &arm.policy {
-        start.policy = Policy::from_name(name).map_err(|error| wrong(study, arm, error.to_string()))?;
+/// The settings of a run.
+fn settings(asked: &Asked<'_>, target: &StudyTarget, seed: u32) -> Result<RunSettings, Error> {
+    match target.content {
+        TargetContent::Image(_) => Ok(settings_of::<Scene2d>(asked, target, seed)?.into()),
+        TargetContent::Scene(_) => Ok(settings_of::<Scene3d>(asked, target, seed)?.into()),
     }
+}
+
+/// The settings of a run on one kind of target.
+fn settings_of<S: StudyTask>(asked: &Asked<'_>, target: &StudyTarget, seed: u32) -> Result<S::Settings, Error> {
+    let Asked { study, arm, .. } = *asked;
+    if arm.own_policy.as_ref().is_some_and(|own| S::own(&own.policy).is_none()) {
+        return Err(wrong(study, arm, None, "its own policy is for the other kind of scene".to_owned()));
+    }
+    let start = S::start_settings(asked, target)
+        .map_err(|WrongKey { key, message }| wrong(study, arm, Some(key), format!("{key}: {message}")))?;
     let mut over = study.settings.clone();
     overrides::lay_upon(&mut over, &arm.settings);
-    let mut settings = overrides::applied(&start, &over).map_err(|message| wrong(study, arm, message))?;
-    if let InitialCount::Fixed(count) = &mut settings.initial {
-        *count = (*count).min(settings.gaussians);
+    let possible = |over: &toml::Table| {
+        let settings = S::completed(applied(&start, over)?, seed);
+        settings.validate().map_err(|error| error.to_string())?;
+        Ok::<_, String>(settings)
+    };
+    possible(&over).map_err(|message| {
+        let culprit = overrides::culprit(&over, |part| possible(part).is_ok());
+        let Some(key) = culprit.map(|path| format!("settings.{}", until_unknown(&path, &message))) else {
+            return wrong(study, arm, None, message);
+        };
+        let elsewhere = is_known_elsewhere::<S>(&over, &key, &message);
+        wrong(study, arm, Some(&key), format!("{key}: {message}{elsewhere}"))
+    })
+}
+
+/// The path up to the key that a message calls unknown, which may be that of a table.
+fn until_unknown<'p>(path: &'p str, message: &str) -> &'p str {
+    let rest = ["unknown key `", "unknown name `"].iter().find_map(|start| message.strip_prefix(start));
+    let Some(word) = rest.and_then(|rest| rest.split('`').next()) else { return path };
+    let mut end = 0;
+    for key in path.split('.') {
+        end += key.len();
+        if key == word {
+            return &path[..end];
+        }
+        end += 1;
     }
-    settings.validate().map_err(|error| wrong(study, arm, error.to_string()))?;
-    Ok(settings)
+    path
 }
 
-fn wrong(study: &Study, arm: &Arm, message: String) -> Error {
-    Error::Arm { study: study.name.clone(), line: arm.line, arm: arm.name.clone(), message }
+/// A remark on a key that is unknown in one kind of settings, but known in the other.
+fn is_known_elsewhere<S: StudyTask>(over: &toml::Table, key: &str, message: &str) -> &'static str {
+    let first = key.split('.').nth(1).unwrap_or_default();
+    let Some(value) = over.get(first).filter(|_| message.starts_with("unknown key")) else { return "" };
+    let alone: toml::Table = [(first.to_owned(), value.clone())].into_iter().collect();
+    match S::IS_3D {
+        true if applied(&FitSettings::default(), &alone).is_ok() => " (only fits of images have it)",
+        false if applied(&TrainSettings::default(), &alone).is_ok() => " (only the training of scenes has it)",
+        _ => "",
+    }
 }
 
-fn address(arm: &Arm, settings: &FitSettings, target: &StudyImage, machine: &str) -> Result<String, String> {
+/// The error of an arm, at the line of its key, or of the study's where the arm does not have it.
+fn wrong(study: &Study, arm: &Arm, key: Option<&str>, message: String) -> Error {
+    let line = key.and_then(|key| arm.lines.get(key).or_else(|| study.lines.get(key))).or_else(|| arm.line());
+    Error::Arm { study: study.name.clone(), line, arm: arm.name.clone(), message }
+}
+
+fn address(arm: &Arm, settings: &RunSettings, target: &StudyTarget, machine: &str) -> Result<String, String> {
     let settings = settings.to_toml().map_err(|error| error.to_string())?;
     let policy = arm.own_policy.as_ref().map_or("", |own| own.fingerprint.as_str());
-    Ok(digest::of_texts(["gs-lab run 1", VERSION, machine, &target.digest, policy, &settings]))
+    let start = target.dataset().map(|dataset| arm.start.unwrap_or_else(|| StartName::usual(dataset)).name());
+    let all = ["gs-lab run 1", VERSION, machine, &target.digest, policy, &settings];
+    Ok(digest::of_texts(all.into_iter().chain(start)))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use gs_density::Policy;
     use std::collections::HashSet;
 
     fn plan(text: &str) -> Result<Plan, Error> {
@@ -160,10 +219,10 @@ mod tests {
         assert_eq!((order.len(), &order[..5]), (8, &expected[..]));
         let addresses: HashSet<_> = plan.runs.iter().map(|r| &r.address).collect();
         assert_eq!(addresses.len(), 8);
-        let first = &plan.run(1).unwrap().settings;
+        let first = plan.run(1).unwrap().settings.of_image().unwrap();
         assert_eq!((first.seed, first.gaussians, first.iterations, first.initial.resolve(10)), (3, 10, 50, 10));
         for run in &plan.runs {
-            let text = toml::to_string(&run.settings.policy).unwrap();
+            let text = toml::to_string(&run.settings.of_image().unwrap().policy).unwrap();
             assert!(text.contains("shrink = 2.0"), "what all arms have in common: {text}");
         }
         assert!(matches!(plan.run(0), Err(Error::NoRow { .. })) && plan.run(9).is_err());
@@ -173,7 +232,9 @@ mod tests {
     fn a_policy_by_its_name_is_what_settings_differ_from() {
         let named =
             TWO_ARMS.replace("settings.policy.kind = 'percentile'", "policy = 'hybrid'\nsettings.policy.percent = 25");
-        let Policy::Grow(hybrid) = plan(&named).unwrap().runs[1].settings.policy.clone() else { panic!("a hybrid") };
+        let Policy::Grow(hybrid) = plan(&named).unwrap().runs[1].settings.of_image().unwrap().policy.clone() else {
+            panic!("a hybrid")
+        };
         assert_eq!((hybrid.percent, hybrid.actions.densify.shrink), (25.0, 2.0));
     }
 
@@ -202,13 +263,21 @@ mod tests {
             (
                 "name = 'b'",
                 "name = 'b'\npolicy = 'percentil'",
-                "line 11: arm `b`: policy is `percentil`, but must be one of absolute",
+                "line 12: arm `b`: policy: policy is `percentil`, but must be one of absolute",
             ),
             ("name = 'b'", "name = 'a'", "\"a\" stands there twice"),
             ("name = 'b'", "name = 'a/b'", "its name is not a word"),
             ("name = 'x'", "name = 'x'\nbaseline = 'c'", "there is no arm `c`"),
-            ("'percentile'", "'percentil'", "study `x`: line 11: arm `b`: "),
-            ("shrink = 2.0", "shrink = 0.5", "line 9: arm `a`: densify.shrink is 0.5"),
+            (
+                "'percentile'",
+                "'percentil'",
+                "study `x`: line 12: arm `b`: settings.policy.kind: unknown name `percentil`",
+            ),
+            (
+                "shrink = 2.0",
+                "shrink = 0.5",
+                "line 7: arm `a`: settings.policy.actions.densify.shrink: densify.shrink is 0.5",
+            ),
             ("shrink = 2.0", "shrunk = 2.0", "shrunk"),
             ("settings.policy.actions", "settings.gaussians = 3\nsettings.policy.actions", "list it under budgets"),
             ("name = 'x'", "name = = 'x'", "a.toml: line 1: "),

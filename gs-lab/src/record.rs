@@ -1,4 +1,4 @@
-//! The stored record of a run.
+//! The stored record of a run on an image or a scene.
 
 use gs_core::{Culled, edit::EditCounts};
 use gs_train::MetricsRow;
@@ -17,13 +17,13 @@ pub struct Record {
     /// The machine that computed the run.
     #[serde(flatten)]
     pub machine: Machine,
-    /// The image, as the study names it.
+    /// The image or the scene, as the study names it.
     pub image: String,
-    /// Digest of the image.
+    /// Digest of the image or the data set.
     pub target: String,
     /// Fingerprint of a policy that settings cannot name.
     pub policy: Option<String>,
-    /// All settings as TOML; `gs fit --settings` reads them.
+    /// All settings as TOML; `gs fit --settings` or `gs train --settings` reads them.
     pub settings: String,
     /// Whether the run finished, and its numbers.
     pub outcome: RunOutcome,
@@ -35,7 +35,7 @@ pub struct Record {
 pub enum RunOutcome {
     /// All steps were done.
     Finished(Box<Finished>),
-    /// The fit failed.
+    /// The fit or the training failed.
     Failed {
         /// The error.
         error: String,
@@ -53,12 +53,16 @@ impl RunOutcome {
 }
 
 /// The numbers of a finished run. Quality is that of the 8-bit image, as in
-/// [`gs_train::FitSummary`].
+/// [`gs_train::FitSummary`], or for scenes the mean over the held-out views, as in
+/// [`gs_train::train::Evaluation`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Finished {
     /// Gaussians at the end.
     pub gaussians: u32,
+    /// Bytes of their parameters as 32-bit floats.
+    #[serde(default)]
+    pub bytes: u64,
     /// Steps done.
     pub iterations: u32,
     /// PSNR, dB; ∞ for equal images, which JSON stores as `null`.
@@ -70,7 +74,7 @@ pub struct Finished {
     pub ms_ssim: Option<f64>,
     /// Mean absolute difference.
     pub l1: f64,
-    /// Loss of the final scene.
+    /// Loss of the final scene; `None` for a training.
     pub loss: Option<f32>,
     /// Edits by density control, summed over all rounds.
     pub edits: EditCounts,
@@ -86,6 +90,31 @@ pub struct Finished {
     pub side_by_side: usize,
     /// Count, loss and, in some rows, quality over steps and time.
     pub trajectory: Vec<MetricsRow>,
+    /// Each held-out view in which some pixel counts; none for a fit.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub views: Vec<ViewResult>,
+}
+
+/// The quality of a trained scene on a held-out view.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct ViewResult {
+    /// Name of the view in the data set.
+    pub name: String,
+    /// PSNR, dB; ∞, which JSON stores as `null`, for equal images.
+    #[serde(deserialize_with = "infinite_where_null")]
+    pub psnr: f64,
+    /// Structural similarity.
+    pub ssim: f64,
+    /// Multi-scale structural similarity; `None` for images that are too small for it.
+    pub ms_ssim: Option<f64>,
+    /// Mean absolute difference.
+    pub l1: f64,
+    /// PSNR, dB, in those rows of the run's trajectory that have a PSNR.
+    #[serde(deserialize_with = "all_infinite_where_null")]
+    pub curve: Vec<f64>,
+    /// Whether the run has a picture of the view. Pictures are in the order of the views.
+    pub is_shown: bool,
 }
 
 /// Reads `null` as ∞, which JSON cannot represent.
@@ -93,11 +122,21 @@ fn infinite_where_null<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64
     Ok(Option::<f64>::deserialize(deserializer)?.unwrap_or(f64::INFINITY))
 }
 
+/// Reads each `null` as ∞.
+fn all_infinite_where_null<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<f64>, D::Error> {
+    let values = Vec::<Option<f64>>::deserialize(deserializer)?;
+    Ok(values.into_iter().map(|value| value.unwrap_or(f64::INFINITY)).collect())
+}
+
 impl Finished {
-    /// PSNR at a position of the trajectory, dB: interpolated between measurements, constant before
-    /// the first and after the last.
-    fn psnr_at(&self, place: f64, of: impl Fn(&MetricsRow) -> f64) -> Option<f64> {
-        let points: Vec<(f64, f64)> = self.trajectory.iter().filter_map(|row| Some((of(row), row.psnr?))).collect();
+    /// A PSNR at a position of the trajectory, dB: interpolated between measurements, constant
+    /// before the first and after the last. It is the run's own, or that of one view.
+    fn psnr_at(&self, place: f64, view: Option<usize>, of: impl Fn(&MetricsRow) -> f64) -> Option<f64> {
+        let measured = self.trajectory.iter().filter_map(|row| Some((of(row), row.psnr?)));
+        let points: Vec<(f64, f64)> = match view {
+            None => measured.collect(),
+            Some(view) => measured.zip(&self.views.get(view)?.curve).map(|((x, _), &psnr)| (x, psnr)).collect(),
+        };
         let after = points.partition_point(|&(x, _)| x <= place);
         let (Some(&last), Some(&first)) = (points.last(), points.first()) else { return None };
         let Some(&(from, low)) = after.checked_sub(1).and_then(|before| points.get(before)) else {
@@ -109,14 +148,20 @@ impl Finished {
         Some(if share > 0.0 && low.is_finite() && high.is_finite() { low + (high - low) * share } else { low })
     }
 
-    /// PSNR after `steps` steps, dB, interpolated between measurements.
-    pub(crate) fn psnr_after(&self, steps: u32) -> Option<f64> {
-        self.psnr_at(f64::from(steps), |row| f64::from(row.step))
+    /// The count at a position of the trajectory: that of the last row before it.
+    pub(crate) fn count_at(&self, place: f64, of: impl Fn(&MetricsRow) -> f64) -> Option<f64> {
+        let before = self.trajectory.partition_point(|row| of(row) <= place);
+        self.trajectory.get(before.checked_sub(1)?).map(|row| f64::from(row.count))
     }
 
-    /// PSNR after `seconds` of fitting, dB, interpolated between measurements.
-    pub(crate) fn psnr_within(&self, seconds: f64) -> Option<f64> {
-        self.psnr_at(seconds, |row| row.seconds)
+    /// PSNR after `steps` steps, dB, interpolated between measurements; of one view, if asked.
+    pub(crate) fn psnr_after(&self, steps: u32, view: Option<usize>) -> Option<f64> {
+        self.psnr_at(f64::from(steps), view, |row| f64::from(row.step))
+    }
+
+    /// PSNR after `seconds` of training, dB, likewise.
+    pub(crate) fn psnr_within(&self, seconds: f64, view: Option<usize>) -> Option<f64> {
+        self.psnr_at(seconds, view, |row| row.seconds)
     }
 }
 
@@ -142,6 +187,7 @@ pub(crate) mod tests {
         };
         Finished {
             gaussians: 100,
+            bytes: 3200,
             iterations: 100,
             psnr,
             ssim: 0.5,
@@ -155,25 +201,44 @@ pub(crate) mod tests {
             backend: "test".to_owned(),
             side_by_side: 1,
             trajectory: vec![row(20, 1.0, Some(10.0)), row(60, 1.5, None), row(100, 2.0, Some(psnr))],
+            views: Vec::new(),
         }
     }
 
     #[test]
     fn quality_is_known_at_every_point_of_the_curve() {
         let run = finished(30.0);
-        assert_eq!([0, 20, 60, 100, 999].map(|step| run.psnr_after(step).unwrap()), [10.0, 10.0, 20.0, 30.0, 30.0]);
-        assert_eq!(run.psnr_within(1.75), Some(25.0));
-        assert_eq!(Finished { trajectory: vec![], ..run }.psnr_after(3), None);
+        assert_eq!(
+            [0, 20, 60, 100, 999].map(|step| run.psnr_after(step, None).unwrap()),
+            [10.0, 10.0, 20.0, 30.0, 30.0]
+        );
+        assert_eq!(run.psnr_within(1.75, None), Some(25.0));
+        assert_eq!(Finished { trajectory: vec![], ..run }.psnr_after(3, None), None);
         let exact = finished(f64::INFINITY);
         assert_eq!(
-            [20, 99, 100, 999].map(|step| exact.psnr_after(step).unwrap()),
+            [20, 99, 100, 999].map(|step| exact.psnr_after(step, None).unwrap()),
             [10.0, 10.0, f64::INFINITY, f64::INFINITY]
         );
+    }
+
+    fn view(psnr: f64, curve: Vec<f64>) -> ViewResult {
+        let name = "0001.png".to_owned();
+        ViewResult { name, psnr, ssim: 0.5, ms_ssim: Some(0.75), l1: 0.1, curve, is_shown: true }
+    }
+
+    #[test]
+    fn each_view_has_a_curve_of_its_own() {
+        let views = vec![view(30.0, vec![12.0, 30.0]), view(20.0, vec![8.0, 20.0])];
+        let run = Finished { views, ..finished(25.0) };
+        assert_eq!([0, 60, 100].map(|step| run.psnr_after(step, Some(0)).unwrap()), [12.0, 21.0, 30.0]);
+        assert_eq!((run.psnr_within(1.5, Some(1)), run.psnr_within(1.5, Some(2))), (Some(14.0), None));
+        assert_eq!(run.psnr_after(60, None), Some(17.5));
     }
 
     #[test]
     fn a_record_comes_back_bit_for_bit() {
         let mut run = finished(0.1 + 0.2);
+        run.views = vec![view(f64::INFINITY, vec![1.0 / 3.0, f64::INFINITY])];
         run.seconds = 1.0 / 3.0;
         let outcomes = [RunOutcome::Finished(Box::new(run)), RunOutcome::Failed { error: "diverged".to_owned() }];
         for outcome in outcomes {

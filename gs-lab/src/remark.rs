@@ -22,6 +22,12 @@ pub enum Pairing {
     /// Seeds, where the study has one image only. The interval generalises to other seeds on this
     /// image.
     Seeds,
+    /// Held-out views in scenes, each with its mean over seeds: scenes are drawn, and then views in
+    /// them. The interval generalises to other scenes of the same kind.
+    Scenes,
+    /// Held-out views in runs, where the study has fewer than six scenes: for each scene seeds are
+    /// drawn, and then views. The interval generalises to other seeds and views of these scenes.
+    SeedsOfScenes,
 }
 
 impl Pairing {
@@ -30,13 +36,16 @@ impl Pairing {
         match self {
             Self::Images => "images",
             Self::Seeds => "seeds",
+            Self::Scenes => "views in scenes",
+            Self::SeedsOfScenes => "views in seeds of scenes",
         }
     }
 
     const fn word(self) -> &'static str {
         match self {
             Self::Images => "image",
-            Self::Seeds => "seed",
+            Self::Seeds | Self::SeedsOfScenes => "seed",
+            Self::Scenes => "scene",
         }
     }
 }
@@ -52,6 +61,23 @@ pub enum ResultRemark {
         /// Images of the study.
         of: usize,
     },
+    /// Some scenes have no seed with which both arms finished. Forbids a verdict.
+    ScenesMissing {
+        /// Number of such scenes.
+        missing: usize,
+        /// Scenes of the study.
+        of: usize,
+    },
+    /// A study of few scenes has fewer seeds than an interval over these scenes needs. Forbids a
+    /// verdict.
+    TooFewSeeds {
+        /// Seeds of the scene that has fewest.
+        seeds: usize,
+        /// Scenes of the study.
+        scenes: usize,
+        /// Seeds that would do.
+        needed: usize,
+    },
     /// The study has fewer images or seeds than a verdict needs. Forbids a verdict.
     TooFew {
         /// Number of pairs.
@@ -61,12 +87,12 @@ pub enum ResultRemark {
     },
     /// The arms end with different counts. Forbids a verdict at equal count.
     CountsDiffer {
-        /// Mean count of the arm that is judged, on the image with the largest difference.
+        /// Mean count of the arm that is judged, on the image or scene with the largest difference.
         arm: f64,
         /// Mean count of the other arm.
         against: f64,
-        /// The image's name; `None` where the study has one image only.
-        image: Option<String>,
+        /// The image or scene, such as "image kodim04"; `None` where the study has one only.
+        place: Option<String>,
     },
     /// Runs were timed on different backends, or with different numbers of runs side by side.
     /// Forbids a verdict at equal time.
@@ -86,6 +112,11 @@ pub enum ResultRemark {
         /// Pairs of the study.
         of: usize,
     },
+    /// The study has fewer than six scenes, so that the interval is about these scenes only.
+    FewScenes {
+        /// Number of scenes.
+        scenes: usize,
+    },
     /// The study has fewer than five seeds.
     FewSeeds {
         /// Number of seeds.
@@ -94,9 +125,14 @@ pub enum ResultRemark {
 }
 
 impl ResultRemark {
+    /// Whether the remark is about the whole study, so that it need not stand at each difference.
+    pub(crate) const fn is_of_study(&self) -> bool {
+        matches!(self, Self::FewScenes { .. } | Self::FewSeeds { .. })
+    }
+
     /// Whether the remark forbids a verdict, whatever the interval.
     pub(crate) const fn forbids_verdict(&self) -> bool {
-        !matches!(self, Self::Incomplete { .. } | Self::FewSeeds { .. })
+        !matches!(self, Self::Incomplete { .. } | Self::FewScenes { .. } | Self::FewSeeds { .. })
     }
 }
 
@@ -106,18 +142,28 @@ impl fmt::Display for ResultRemark {
             Self::ImagesMissing { missing, of } => {
                 write!(f, "no pair of finished runs on {missing} of {}", counted(*of, "image"))
             }
+            Self::ScenesMissing { missing, of } => {
+                write!(f, "no pair of finished runs on {missing} of {}", counted(*of, "scene"))
+            }
+            Self::TooFewSeeds { seeds, scenes, needed } => {
+                let (seeds, scenes) = (counted(*seeds, "seed"), counted(*scenes, "scene"));
+                write!(f, "{seeds} on {scenes} are too few: {needed} seeds at least, or {FEWEST} scenes")
+            }
             Self::TooFew { pairs, pairing } => {
                 let verb = if *pairs == 1 { "is" } else { "are" };
                 write!(f, "{} {verb} too few: {FEWEST} at least", counted(*pairs, pairing.word()))
             }
-            Self::CountsDiffer { arm, against, image } => {
+            Self::CountsDiffer { arm, against, place } => {
                 write!(f, "counts differ: {arm:.0} against {against:.0}")?;
-                image.as_ref().map_or(Ok(()), |image| write!(f, " on image {image}"))
+                place.as_ref().map_or(Ok(()), |place| write!(f, " on {place}"))
             }
             Self::ClocksDiffer { clocks } => write!(f, "timed in different ways: {}", clocks.join("; ")),
             Self::Infinite { pairs } => write!(f, "PSNR is infinite in {}", counted(*pairs, "pair")),
             Self::Incomplete { pairs, of } => {
                 write!(f, "{pairs} of {}: other runs failed or are missing", counted(*of, "pair"))
+            }
+            Self::FewScenes { scenes } => {
+                write!(f, "about {} only: {FEWEST} would do for others", counted(*scenes, "scene"))
             }
             Self::FewSeeds { seeds } => write!(f, "few seeds: {seeds}, {FEWEST_SEEDS} would do"),
         }

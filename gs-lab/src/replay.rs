@@ -1,6 +1,6 @@
 //! Replays a row of a study. It must end in the recorded scene, bit for bit.
 
-use gs_core::{Image, Optimizer, RenderSettings, Scene2d};
+use gs_core::{Image, RenderSettings};
 
 use crate::{
     conduct,
@@ -10,16 +10,18 @@ use crate::{
     machine::Machine,
     plan::{Plan, Run, VERSION},
     record::Finished,
+    task::{AnyScene, StudyBackend},
 };
 
 /// A replayed run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Replayed {
     /// The scene, which is the recorded one.
-    pub scene: Scene2d,
-    /// The rendering of the scene at the target's size, not clamped.
-    pub image: Image,
-    /// The settings to render the scene with: the effects that it was fitted with.
+    pub scene: AnyScene,
+    /// The rendering of the scene, not clamped: at the target's size, or for each of the held-out
+    /// views that are shown.
+    pub pictures: Vec<Image>,
+    /// The settings to render the scene with: the effects that it was trained with.
     pub settings: RenderSettings,
     /// The numbers; times are those of the replay.
     pub finished: Finished,
@@ -40,8 +42,8 @@ struct End {
 /// [`Error::NoRow`]; [`Error::Folder`] where the row has not been done; [`Error::OtherMachine`],
 /// [`Error::OtherVersion`] or [`Error::OtherRun`] where the record is of something else, before
 /// anything is computed; [`Error::NotReplayed`] where the scene differs from the recorded one;
-/// [`Error::Fit`] where the fit fails.
-pub fn replay<R: Optimizer<Scene2d>>(
+/// [`Error::Fit`] where the run fails.
+pub fn replay<R: StudyBackend>(
     plan: &Plan,
     row: usize,
     rasterizer: &R,
@@ -64,7 +66,7 @@ pub fn replay<R: Optimizer<Scene2d>>(
         recorded: recorded.to_owned(),
         found: found.to_owned(),
     };
-    let replayed = conduct::fit(plan, run, rasterizer, &())?
+    let replayed = conduct::train(plan, run, rasterizer, &())?
         .ok_or_else(|| differs(end.scene.as_deref().unwrap_or("none"), "none"))?;
     match &end.scene {
         Some(recorded) if *recorded != replayed.finished.scene => Err(differs(recorded, &replayed.finished.scene)),

@@ -1,14 +1,16 @@
-//! A part of a study: some of its images, budgets, seeds and arms.
+//! A part of a study: some of its images or scenes, budgets, seeds and arms.
 
 use std::{fmt::Display, path::Path};
 
 use crate::{error::Error, study::Study};
 
-/// The images, budgets, seeds and arms of a study to run. An empty list selects all.
+/// The images or scenes, budgets, seeds and arms of a study to run. An empty list selects all.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Selection {
     /// Images by their names in the study, or by their file names with or without extension.
     pub images: Vec<String>,
+    /// Scenes, likewise.
+    pub scenes: Vec<String>,
     /// Budgets.
     pub budgets: Vec<u32>,
     /// Seeds.
@@ -28,22 +30,27 @@ impl Study {
     /// [`Error::Study`] where the study does not have a selected name or number; the message lists
     /// those it has.
     pub fn select(mut self, selection: &Selection) -> Result<Self, Error> {
-        let Selection { images, budgets, seeds, arms } = selection;
+        let Selection { images, scenes, budgets, seeds, arms } = selection;
         let same = |one: &u32, other: &u32| one == other;
         let unknown = |what: String| self.wrong(what, "choose among these");
         let images = kept("image", &self.images, images, is_called).map_err(unknown)?;
+        let scenes = kept("scene", &self.scenes, scenes, is_called).map_err(unknown)?;
         let budgets = kept("budget", &self.budgets, budgets, same).map_err(unknown)?;
         let seeds = kept("seed", &self.seeds, seeds, same).map_err(unknown)?;
         let names: Vec<String> = self.arms.iter().map(|arm| arm.name.clone()).collect();
         let names = kept("arm", &names, arms, |one, other| one == other).map_err(unknown)?;
         self.arms.retain(|arm| names.contains(&arm.name));
         self.baseline = self.baseline.filter(|baseline| names.contains(baseline));
-        Ok(Self { images, budgets, seeds, ..self })
+        // Without all combinations of the factors, there are no effects.
+        if !arms.is_empty() {
+            self.factors.clear();
+        }
+        Ok(Self { images, scenes, budgets, seeds, ..self })
     }
 
     /// Number of runs of the study.
     pub fn runs(&self) -> usize {
-        self.arms.len() * self.images.len() * self.budgets.len() * self.seeds.len()
+        self.arms.len() * self.target_names().len() * self.budgets.len() * self.seeds.len()
     }
 }
 
@@ -61,7 +68,8 @@ fn kept<T: Clone + Display>(
     match wanted.iter().find(|wanted| !all.iter().any(|one| is(one, wanted))) {
         Some(unknown) => {
             let known: Vec<String> = all.iter().map(ToString::to_string).collect();
-            Err(format!("there is no {what} `{unknown}`: it has {}", known.join(", ")))
+            let known = if known.is_empty() { "none".to_owned() } else { known.join(", ") };
+            Err(format!("there is no {what} `{unknown}`: it has {known}"))
         }
         None => Ok(all.iter().filter(|one| wanted.iter().any(|wanted| is(one, wanted))).cloned().collect()),
     }
@@ -101,6 +109,7 @@ mod tests {
             budgets: vec![20],
             seeds: vec![1],
             arms: vec!["a".to_owned()],
+            ..Selection::default()
         };
         let small = study().select(&small).unwrap();
         assert_eq!((small.runs(), small.baseline_arm(), study().runs()), (1, 0, 16));

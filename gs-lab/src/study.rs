@@ -1,31 +1,37 @@
-//! The definition of a study: arms × images × budgets × seeds, read from a short TOML file.
+//! The definition of a study: arms × images or scenes × budgets × seeds, read from a short TOML file.
 
-use gs_train::{ForeignPolicy, Preset, parse_settings};
+use gs_train::parse_settings;
 use serde::{Deserialize, Serialize};
 use std::{fmt, path::Path};
 
 pub use crate::{
+    arm::{AnyPolicy, Arm, OwnPolicy},
     built_in::BUILT_IN,
     comparison::{Difference, Verdict},
     conduct::{Conducted, Watcher, refuse_unsupported},
-    digest::of_scene as scene_digest,
+    dataset_reading::{Alpha, DatasetReading},
+    digest::{of_scene as scene_digest, of_scene_3d as scene_digest_3d},
     export::write_tables,
+    factor::Factor,
+    factorial::{Effect, EffectOf},
     folder::Safety,
     machine::Machine,
     plan::{Run, VERSION},
-    record::{Finished, Record, RunOutcome},
+    record::{Finished, Record, RunOutcome, ViewResult},
     remark::{Pairing, ResultRemark},
     replay::{Replayed, recorded_run, replay},
     selection::Selection,
     statistics::Interval,
     synthetic::SyntheticTarget,
     tables::{Metric, RunQuality, Spread},
-    target::StudyImage,
+    target::{StudyTarget, TargetContent},
+    task::{AnyScene, RunSettings, StudyBackend},
 };
 
-use crate::error::Error;
+use crate::{error::Error, key_lines::KeyLines};
 
-/// An experiment: every arm fits every image at every budget from every seed.
+/// An experiment: every arm fits every image, or is trained on every scene, at every budget from
+/// every seed.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "kebab-case")]
 #[non_exhaustive]
@@ -36,8 +42,13 @@ pub struct Study {
     #[serde(default)]
     pub question: String,
     /// Image files, relative to the data folder or to the study file; and names of
-    /// [`SyntheticTarget`]s, which need no file, such as `paper`.
+    /// [`SyntheticTarget`]s, which need no file, such as `paper`. A study has either images or scenes.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub images: Vec<String>,
+    /// Data sets of posed images, as `gs train` reads them, relative to the data folder or to the
+    /// study file.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub scenes: Vec<String>,
     /// The largest numbers of Gaussians allowed.
     pub budgets: Vec<u32>,
     /// Seeds of all random numbers, the same for every arm.
@@ -49,100 +60,35 @@ pub struct Study {
     /// all pairs.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub baseline: Option<String>,
-    /// The preset that arms start from, unless they name another.
+    /// The preset that arms start from, unless they name another: a [`Preset`](gs_train::Preset), or
+    /// for scenes a [`TrainPreset`](gs_train::TrainPreset).
     #[serde(default = "standard")]
-    pub preset: Preset,
+    pub preset: String,
     /// Steps of the optimizer instead of the preset's. The schedule is stretched accordingly.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub iterations: Option<u32>,
+    /// How the data sets are read.
+    #[serde(default, skip_serializing_if = "DatasetReading::is_default")]
+    pub dataset: DatasetReading,
     /// Settings of all arms that differ from the preset's, with the keys of
-    /// [`gs_train::FitSettings`].
+    /// [`gs_train::FitSettings`], or for scenes of [`gs_train::TrainSettings`].
     #[serde(default, skip_serializing_if = "toml::Table::is_empty")]
     pub settings: toml::Table,
-    /// The arms that are compared.
-    #[serde(rename = "arm")]
+    /// The arms that are compared; those of a study with factors are all combinations of these.
+    #[serde(default, rename = "arm", skip_serializing_if = "Vec::is_empty")]
     pub arms: Vec<Arm>,
-}
-
-gs_core::impl_with!(Study, Arm);
-
-fn standard() -> Preset {
-    Preset::Standard
-}
-
-/// An arm of a study: a policy, or any other settings of a fit.
-#[derive(Debug, Clone, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, rename_all = "kebab-case")]
-#[non_exhaustive]
-pub struct Arm {
-    /// A short name, for tables.
-    pub name: String,
-    /// A description, one sentence.
-    #[serde(default)]
-    pub about: String,
-    /// Replaces the study's preset.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub preset: Option<Preset>,
-    /// Replaces the study's iterations.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub iterations: Option<u32>,
-    /// A policy by its name, with its source's parameters: one of [`gs_density::Policy::NAMES`].
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub policy: Option<String>,
-    /// Settings that differ from the study's and the policy's.
-    #[serde(default, skip_serializing_if = "toml::Table::is_empty")]
-    pub settings: toml::Table,
-    /// A policy that settings cannot name; available in the library only.
+    /// The factors of a factorial design.
+    #[serde(default, rename = "factor", skip_serializing_if = "Vec::is_empty")]
+    pub factors: Vec<Factor>,
+    /// The lines of the file's keys.
     #[serde(skip)]
-    pub own_policy: Option<OwnPolicy>,
-    /// Line of the study file with the arm's name, counted from 1; `None` for an arm that is not
-    /// from a file.
-    #[serde(skip)]
-    pub line: Option<usize>,
+    pub(crate) lines: KeyLines,
 }
 
-/// Used to find the lines of the arms' names.
-#[derive(Deserialize)]
-struct NamedArms {
-    arm: Vec<NamedArm>,
-}
+gs_core::impl_with!(Study);
 
-#[derive(Deserialize)]
-struct NamedArm {
-    name: toml::Spanned<String>,
-}
-
-/// A policy that settings cannot name.
-#[derive(Clone)]
-pub struct OwnPolicy {
-    /// Describes everything that the policy's plans depend on. Two policies that plan differently
-    /// must have different fingerprints, or a study reuses the results of one for the other.
-    pub fingerprint: String,
-    /// The policy.
-    pub policy: ForeignPolicy,
-}
-
-impl fmt::Debug for OwnPolicy {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_tuple("OwnPolicy").field(&self.fingerprint).finish()
-    }
-}
-
-impl Arm {
-    /// An arm that differs from the study's settings only in its policy. `fingerprint` is explained
-    /// at [`OwnPolicy::fingerprint`].
-    pub fn with_policy(name: impl Into<String>, fingerprint: impl Into<String>, policy: ForeignPolicy) -> Self {
-        Self {
-            name: name.into(),
-            about: String::new(),
-            preset: None,
-            iterations: None,
-            policy: None,
-            settings: toml::Table::new(),
-            own_policy: Some(OwnPolicy { fingerprint: fingerprint.into(), policy }),
-            line: None,
-        }
-    }
+fn standard() -> String {
+    "standard".to_owned()
 }
 
 /// What is held equal when two arms are compared.
@@ -150,11 +96,11 @@ impl Arm {
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub enum Matching {
-    /// The number of Gaussians: the ends of fits whose counts are equal.
+    /// The number of Gaussians: the ends of runs whose counts are equal.
     Count,
     /// The number of steps: the largest that all arms of the study have reached.
     Iterations,
-    /// The time spent fitting: that of the study's fastest arm.
+    /// The time spent on training: that of the study's fastest arm.
     Time,
 }
 
@@ -187,12 +133,30 @@ impl Study {
             error => Error::Fit(error),
         };
         let mut study: Self = parse_settings(text, Path::new(origin)).map_err(wrong)?;
-        let named: NamedArms = parse_settings(text, Path::new(origin)).map_err(wrong)?;
-        for (arm, named) in study.arms.iter_mut().zip(named.arm) {
-            arm.line = Some(1 + text[..named.name.span().start].matches('\n').count());
+        study.lines = KeyLines::of(text);
+        let lines = &study.lines;
+        for (index, arm) in study.arms.iter_mut().enumerate() {
+            arm.lines = lines.below(&format!("arm.{index}"));
         }
+        for (f, factor) in study.factors.iter_mut().enumerate() {
+            for (l, level) in factor.levels.iter_mut().enumerate() {
+                level.lines = lines.below(&format!("factor.{f}.level.{l}"));
+            }
+        }
+        study.expand()?;
         study.validate()?;
         Ok(study)
+    }
+
+    /// The study as the text of a TOML file, for [`Self::from_toml`]. Arms that combine factors are
+    /// left out, as the factors stand for them.
+    ///
+    /// # Errors
+    /// [`Error::Study`] where TOML has no form for it.
+    pub fn to_toml(&self) -> Result<String, Error> {
+        let arms = if self.factors.is_empty() { self.arms.clone() } else { Vec::new() };
+        let stored = Self { arms, ..self.clone() };
+        toml::to_string(&stored).map_err(|error| self.wrong(error.to_string(), "leave it out"))
     }
 
     /// Fails where the study lists nothing to compare, or lists something twice. Settings are
@@ -203,21 +167,39 @@ impl Study {
     pub fn validate(&self) -> Result<(), Error> {
         let names: Vec<&str> = self.arms.iter().map(|arm| arm.name.as_str()).collect();
         let fine = |name: &str| name.chars().all(|c| c.is_alphanumeric() || "-_.".contains(c)) && !name.is_empty();
+        let of_factors = |name: &str| name.split('+').all(fine);
         if !fine(&self.name) || self.name.starts_with('.') {
             return Err(self.wrong("its name is not a word", "use letters, digits, `-`, `_` and `.`"));
         }
-        if let Some(name) = names.iter().find(|name| !fine(name)) {
+        let factors: Vec<&str> = self.factors.iter().map(|factor| factor.name.as_str()).collect();
+        let arms = names.iter().filter(|name| !of_factors(name)).map(|name| ("arm", name));
+        if let Some((what, name)) = arms.chain(factors.iter().filter(|n| !fine(n)).map(|name| ("factor", name))).next()
+        {
             return Err(
-                self.wrong(format!("arm `{name}`: its name is not a word"), "use letters, digits, `-`, `_` and `.`")
+                self.wrong(format!("{what} `{name}`: its name is not a word"), "use letters, digits, `-`, `_` and `.`")
             );
         }
-        self.listed("images", &self.images, "name at least one, such as images = [\"paper\"]")?;
+        match (self.images.is_empty(), self.scenes.is_empty()) {
+            (false, false) => {
+                return Err(self.wrong("it has both images and scenes", "make two studies of it"));
+            }
+            (_, true) => {
+                self.listed("images", &self.images, "name at least one, such as images = [\"paper\"], or scenes")?
+            }
+            (true, false) => self.listed("scenes", &self.scenes, "name at least one")?,
+        }
+        if !self.images.is_empty() && !self.dataset.is_default() {
+            return Err(self.wrong("[dataset] is for scenes", "leave it out"));
+        }
+        self.unrepeated("factor", &factors)?;
         self.listed("budgets", &self.budgets, "name at least one, such as budgets = [1000]")?;
         self.listed("seeds", &self.seeds, "name at least one, such as seeds = [0, 1, 2, 3, 4]")?;
         self.listed("arm", &names, "name at least one: [[arm]] with a name")?;
         self.listed("match", &self.matchings, "name at least one of \"count\", \"iterations\", \"time\"")?;
-        if let Some(image) = self.images.iter().find(|image| image.contains(char::is_control)) {
-            return Err(self.wrong(format!("images: {image:?} has a control character"), "rename the file"));
+        for (key, names) in [("images", &self.images), ("scenes", &self.scenes)] {
+            if let Some(name) = names.iter().find(|name| name.contains(char::is_control)) {
+                return Err(self.wrong(format!("{key}: {name:?} has a control character"), "rename the file"));
+            }
         }
         if self.budgets.contains(&0) {
             return Err(self.wrong("budgets: 0 Gaussians draw nothing", "leave 0 out"));
@@ -242,10 +224,29 @@ impl Study {
         self.baseline.as_ref().and_then(|name| self.arms.iter().position(|arm| arm.name == *name)).unwrap_or(0)
     }
 
+    /// Whether the study trains scenes.
+    pub fn is_of_scenes(&self) -> bool {
+        !self.scenes.is_empty()
+    }
+
+    /// Images or scenes by their names.
+    pub fn target_names(&self) -> &[String] {
+        if self.is_of_scenes() { &self.scenes } else { &self.images }
+    }
+
+    /// "image" or "scene".
+    pub fn target_word(&self) -> &'static str {
+        if self.is_of_scenes() { "scene" } else { "image" }
+    }
+
     fn listed<T: PartialEq + fmt::Debug>(&self, key: &str, values: &[T], mend: &'static str) -> Result<(), Error> {
         if values.is_empty() {
             return Err(self.wrong(format!("{key}: there are none"), mend));
         }
+        self.unrepeated(key, values)
+    }
+
+    fn unrepeated<T: PartialEq + fmt::Debug>(&self, key: &str, values: &[T]) -> Result<(), Error> {
         let twice = values.iter().enumerate().find(|(i, value)| values[..*i].contains(value));
         match twice {
             Some((_, value)) => Err(self.wrong(format!("{key}: {value:?} stands there twice"), "leave one out")),

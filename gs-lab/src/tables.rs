@@ -6,7 +6,7 @@ use serde::Serialize;
 use crate::{
     folder::StudyFolder,
     plan::{Plan, Run},
-    record::{Finished, Record, RunOutcome},
+    record::{Finished, Record, RunOutcome, ViewResult},
 };
 
 /// The results of a study.
@@ -18,7 +18,7 @@ pub struct Results<'a> {
     pub records: Vec<Option<Record>>,
 }
 
-/// A quality metric, measured at the end of a fit. More is better.
+/// A quality metric, measured at the end of a run. More is better.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
@@ -27,7 +27,7 @@ pub enum Metric {
     Psnr,
     /// Structural similarity, 0 to 1.
     Ssim,
-    /// Multi-scale structural similarity, 0 to 1; `None` for images below 176 px.
+    /// Multi-scale structural similarity, 0 to 1; not for images below 161 px.
     MsSsim,
 }
 
@@ -44,6 +44,14 @@ impl Metric {
         }
     }
 
+    pub(crate) fn of_view(self, view: &ViewResult) -> Option<f64> {
+        match self {
+            Self::Psnr => Some(view.psnr),
+            Self::Ssim => Some(view.ssim),
+            Self::MsSsim => view.ms_ssim,
+        }
+    }
+
     pub(crate) fn of(self, run: &Finished) -> Option<f64> {
         match self {
             Self::Psnr => Some(run.psnr),
@@ -53,12 +61,12 @@ impl Metric {
     }
 }
 
-/// The mean over images of means over seeds, and the standard deviation over seeds.
+/// The mean over images or scenes of means over seeds, and the standard deviation over seeds.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Spread {
     /// The mean.
     pub mean: f64,
-    /// Standard deviation over seeds, pooled over images; nothing for a single seed.
+    /// Standard deviation over seeds, pooled over images or scenes; nothing for a single seed.
     pub over_seeds: Option<f64>,
 }
 
@@ -77,10 +85,12 @@ pub struct RunQuality {
     pub failed: usize,
     /// Runs that were not done yet.
     pub missing: usize,
-    /// Images with finished runs. The means are over these images only.
+    /// Images or scenes with finished runs. The means are over these only.
     pub images: usize,
     /// Gaussians at the end.
     pub gaussians: Option<Spread>,
+    /// Bytes of their parameters.
+    pub bytes: Option<Spread>,
     /// PSNR, dB.
     pub psnr: Option<Spread>,
     /// SSIM, 0 to 1.
@@ -140,6 +150,7 @@ impl<'a> Results<'a> {
             missing: of_arm().filter(|(_, record)| record.is_none()).count(),
             images: targets.filter(has_runs).count(),
             gaussians: self.spread(arm, budget, |run| Some(f64::from(run.gaussians))),
+            bytes: self.spread(arm, budget, |run| Some(run.bytes as f64)),
             psnr: self.spread(arm, budget, |run| Metric::Psnr.of(run)),
             ssim: self.spread(arm, budget, |run| Metric::Ssim.of(run)),
             ms_ssim: self.spread(arm, budget, |run| Metric::MsSsim.of(run)),

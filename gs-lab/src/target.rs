@@ -1,80 +1,176 @@
-//! The images of a study.
+//! The images and scenes of a study.
 
 use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
 };
 
-use crate::{digest, error::Error, synthetic::SyntheticTarget};
-use gs_core::Image;
+use crate::{dataset_reading::DatasetReading, digest, error::Error, synthetic::SyntheticTarget};
+use gs_core::{Image, metrics::mean};
+use gs_io::dataset::{Dataset, Split, read_dataset};
 
-/// Where images are searched, in this order.
+/// Where images and data sets are searched, in this order.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Places {
     /// The data folder that the user has named.
     pub data: Option<PathBuf>,
     /// The folder of the study file.
     pub beside: Option<PathBuf>,
-    /// Where images were found before, by their names in the study.
+    /// Where they were found before, by their names in the study.
     pub remembered: BTreeMap<String, PathBuf>,
 }
 
-/// An image to fit.
+/// What a study's runs are about: an image to fit, or a scene to train from views.
 #[derive(Debug, Clone, PartialEq)]
-pub struct StudyImage {
+pub struct StudyTarget {
     /// The name in the study.
     pub name: String,
-    /// The file; `None` for a synthetic target.
-    pub file: Option<PathBuf>,
-    /// The pixels, composited over white.
-    pub image: Image,
-    /// Digest of size and pixels.
+    /// The file of the image, or the data set; `None` for a synthetic target.
+    pub path: Option<PathBuf>,
+    /// Digest of everything that results depend on: size and pixels, or poses, files and points.
     pub digest: String,
+    /// The image or the views.
+    pub content: TargetContent,
 }
 
-impl StudyImage {
+/// The content of a [`StudyTarget`].
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub enum TargetContent {
+    /// The pixels, composited over white.
+    Image(Image),
+    /// The views that the study uses, with the points of the data set.
+    Scene(Dataset),
+}
+
+impl StudyTarget {
     /// Makes the synthetic target of that name, or finds and reads the image file.
     ///
     /// # Errors
     /// [`Error::NoImage`], [`Error::NoTarget`], and [`Error::Io`] where the file is not an image.
-    pub fn load(name: &str, places: &Places) -> Result<Self, Error> {
-        let (file, image) = match SyntheticTarget::from_name(name) {
+    pub fn load_image(name: &str, places: &Places) -> Result<Self, Error> {
+        let (path, image) = match SyntheticTarget::from_name(name) {
             Ok(target) => (None, target.image()),
             Err(_) => {
-                let file = find(name, places)?;
-                let image = gs_io::read_image(&file)?.image;
-                (Some(file), image)
+                let path = places.find(name, Path::is_file).ok_or_else(|| places.without_image(name))?;
+                let image = gs_io::read_image(&path)?.image;
+                (Some(path), image)
             }
         };
-        Ok(Self { name: name.to_owned(), file, digest: digest::of_image(&image), image })
+        let digest = digest::of_image(&image);
+        Ok(Self { name: name.to_owned(), path, digest, content: TargetContent::Image(image) })
+    }
+
+    /// Finds a data set, reads it, and leaves out the views that the study does not use. Pixels are
+    /// read when they are needed.
+    ///
+    /// # Errors
+    /// [`Error::NoScene`], and [`Error::Io`] where it is not a data set.
+    pub fn load_scene(name: &str, places: &Places, reading: &DatasetReading) -> Result<Self, Error> {
+        let path = places
+            .find(name, Path::exists)
+            .ok_or_else(|| Error::NoScene { scene: name.to_owned(), looked: places.looked() })?;
+        let mut dataset = read_dataset(&path, &reading.settings())?;
+        reading.thin(&mut dataset);
+        let digest = digest::of_dataset(&dataset)?;
+        Ok(Self { name: name.to_owned(), path: Some(path), digest, content: TargetContent::Scene(dataset) })
     }
 
     /// The name without folder and extension.
     pub fn label(&self) -> &str {
         Path::new(&self.name).file_stem().and_then(|stem| stem.to_str()).unwrap_or(&self.name)
     }
+
+    /// The image; `None` for a scene.
+    pub fn image(&self) -> Option<&Image> {
+        match &self.content {
+            TargetContent::Image(image) => Some(image),
+            TargetContent::Scene(_) => None,
+        }
+    }
+
+    /// The data set; `None` for an image.
+    pub fn dataset(&self) -> Option<&Dataset> {
+        match &self.content {
+            TargetContent::Image(_) => None,
+            TargetContent::Scene(dataset) => Some(dataset),
+        }
+    }
+
+    /// All files that are read, which must not be replaced.
+    pub(crate) fn files(&self) -> Vec<PathBuf> {
+        self.path.clone().into_iter().chain(self.dataset().map(Dataset::files).unwrap_or_default()).collect()
+    }
+
+    /// Pixels of an image that a step of the optimizer draws: all of an image, or the mean over the
+    /// training views.
+    pub fn pixels_per_step(&self) -> f64 {
+        match &self.content {
+            TargetContent::Image(image) => image.pixels().len() as f64,
+            TargetContent::Scene(dataset) => mean(
+                dataset.views_of(Split::Train).map(|view| f64::from(view.camera.width) * f64::from(view.camera.height)),
+            ),
+        }
+    }
+
+    /// Size of the image, or number and size of the views, for reports.
+    pub(crate) fn describe(&self) -> String {
+        match &self.content {
+            TargetContent::Image(image) => format!("{} ({}×{} px)", self.name, image.width(), image.height()),
+            TargetContent::Scene(dataset) => {
+                let [train, test] = [Split::Train, Split::Test].map(|split| dataset.views_of(split).count());
+                let size = dataset.views.first().map(|view| (view.camera.width, view.camera.height));
+                let size = size.map_or_else(String::new, |(width, height)| format!(", {width}×{height} px"));
+                format!("{} ({train} views and {test} held out{size}, {} points)", self.name, dataset.points.len())
+            }
+        }
+    }
+
+    /// The image that a run's picture is held against: the target's own, or that of the view of this
+    /// name, before a background. `None` where there is no such view.
+    pub(crate) fn reference(&self, view: Option<&str>, background: [f32; 3]) -> Result<Option<Image>, Error> {
+        match &self.content {
+            TargetContent::Image(image) => Ok(Some(image.clone())),
+            TargetContent::Scene(dataset) => {
+                let Some(view) = dataset.views.iter().find(|found| Some(found.name.as_str()) == view) else {
+                    return Ok(None);
+                };
+                Ok(Some(view.read_image()?.over(background)))
+            }
+        }
+    }
 }
 
-/// Finds the file under its path or, so that any folder of images can be used, under its bare file
-/// name.
-fn find(name: &str, places: &Places) -> Result<PathBuf, Error> {
-    let path = Path::new(name);
-    let folders: Vec<&PathBuf> = places.data.iter().chain(&places.beside).collect();
-    let bare = path.file_name().map(Path::new);
-    let candidates = folders.iter().flat_map(|folder| [Some(path), bare].into_iter().flatten().map(|p| folder.join(p)));
-    let remembered = places.remembered.get(name).cloned();
-    candidates.chain(remembered).find(|file| file.is_file()).ok_or_else(|| {
-        let looked = folders.iter().map(|folder| folder.display().to_string()).collect::<Vec<_>>().join(" or ");
+impl Places {
+    /// Finds a file or folder under its path or, so that any folder of images can be used, under
+    /// its bare name.
+    fn find(&self, name: &str, is: fn(&Path) -> bool) -> Option<PathBuf> {
+        let path = Path::new(name);
+        let bare = path.file_name().map(Path::new);
+        let candidates =
+            self.folders().flat_map(|folder| [Some(path), bare].into_iter().flatten().map(|p| folder.join(p)));
+        candidates.chain(self.remembered.get(name).cloned()).find(|path| is(path))
+    }
+
+    fn folders(&self) -> impl Iterator<Item = &PathBuf> {
+        self.data.iter().chain(&self.beside)
+    }
+
+    /// The folders that were searched, in words.
+    fn looked(&self) -> String {
+        let looked = self.folders().map(|folder| folder.display().to_string()).collect::<Vec<_>>().join(" or ");
+        if looked.is_empty() { "any folder".to_owned() } else { looked }
+    }
+
+    fn without_image(&self, name: &str) -> Error {
+        let path = Path::new(name);
         // A bare word was probably meant as a synthetic target.
         if path.extension().is_none() && path.components().count() == 1 {
             let known = SyntheticTarget::ALL.map(|target| target.name()).join(", ");
             return Error::NoTarget { image: name.to_owned(), known };
         }
-        Error::NoImage {
-            image: name.to_owned(),
-            looked: if looked.is_empty() { "any folder".to_owned() } else { looked },
-        }
-    })
+        Error::NoImage { image: name.to_owned(), looked: self.looked() }
+    }
 }
 
 #[cfg(test)]
@@ -89,10 +185,10 @@ mod tests {
         gs_io::write_png(folder.join("a.png"), &Image::filled(3, 2, [0.25; 3]).unwrap()).unwrap();
         for data in [place.path(), &folder] {
             let places = Places { data: Some(data.to_owned()), ..Places::default() };
-            let target = StudyImage::load("kodak/a.png", &places).unwrap();
-            assert_eq!((target.label(), target.image.size()), ("a", (3, 2)));
+            let target = StudyTarget::load_image("kodak/a.png", &places).unwrap();
+            assert_eq!((target.label(), target.image().unwrap().size()), ("a", (3, 2)));
         }
-        let lost = StudyImage::load("kodak/b.png", &Places { data: Some(folder), ..Places::default() })
+        let lost = StudyTarget::load_image("kodak/b.png", &Places { data: Some(folder), ..Places::default() })
             .unwrap_err()
             .to_string();
         assert!(lost.contains("kodak/b.png: no such file in ") && lost.contains("--data"), "{lost}");
@@ -100,10 +196,13 @@ mod tests {
 
     #[test]
     fn synthetic_targets_need_no_file_and_the_error_lists_them() {
-        let unknown = StudyImage::load("papier", &Places::default()).unwrap_err().to_string();
+        let unknown = StudyTarget::load_image("papier", &Places::default()).unwrap_err().to_string();
         for synthetic in SyntheticTarget::ALL {
-            let target = StudyImage::load(synthetic.name(), &Places::default()).unwrap();
-            assert_eq!((&target.image, target.label(), &target.file), (&synthetic.image(), synthetic.name(), &None));
+            let target = StudyTarget::load_image(synthetic.name(), &Places::default()).unwrap();
+            assert_eq!(
+                (target.image(), target.label(), &target.path),
+                (Some(&synthetic.image()), synthetic.name(), &None)
+            );
             assert!(unknown.contains(synthetic.name()), "{unknown}");
         }
     }

@@ -78,6 +78,7 @@ fn rising(psnr: f64, seconds: f64) -> Finished {
     };
     Finished {
         gaussians: 100,
+        bytes: 3200,
         iterations: STEPS,
         psnr,
         ssim: 0.5,
@@ -91,6 +92,7 @@ fn rising(psnr: f64, seconds: f64) -> Finished {
         backend: "test".to_owned(),
         side_by_side: 1,
         trajectory: (0..=10).map(row).collect(),
+        views: Vec::new(),
     }
 }
 

@@ -18,8 +18,8 @@ use gs_density::{DensityPolicy, Observation, Rng};
 use gs_lab::{
     Error, Existing, Places, Plan, Results, Study, StudyFolder, conduct, report,
     study::{
-        Arm, Conducted, Machine, Matching, Metric, ResultRemark, Run, RunOutcome, Safety, VERSION, Verdict, Watcher,
-        replay, scene_digest, write_tables,
+        AnyScene, Arm, Conducted, Machine, Matching, Metric, ResultRemark, Run, RunOutcome, Safety, VERSION, Verdict,
+        Watcher, replay, scene_digest, write_tables,
     },
 };
 use gs_train::fit;
@@ -150,8 +150,9 @@ fn every_row_is_a_fit_that_ends_in_the_recorded_scene() {
     for row in [1, 4, plan.runs.len()] {
         let replayed = replay(&plan, row, &rasterizer, &folder).unwrap();
         let run = plan.run(row).unwrap();
-        let as_fit = fit(&other, &plan.target(run).image, run.settings.clone(), &mut ()).block_on().unwrap();
-        assert_eq!(replayed.scene, as_fit.scene);
+        let (image, settings) = (plan.target(run).image().unwrap(), run.settings.of_image().unwrap());
+        let as_fit = fit(&other, image, settings.clone(), &mut ()).block_on().unwrap();
+        assert_eq!(replayed.scene, AnyScene::In2d(as_fit.scene.clone()));
         assert_eq!(scene_digest(&as_fit.scene), replayed.finished.scene);
     }
     // The tables suffice.

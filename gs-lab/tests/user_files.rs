@@ -72,10 +72,13 @@ fn every_key_of_a_study_is_known_and_no_other() {
         let error = plan(&text).map(|plan| plan.runs.len()).unwrap_err();
         let message = error.to_string();
         assert!(message.contains(&format!("`{wrong}`")) && message.contains(&nearest), "{wrong}: {message}\n{text}");
-        // Settings are checked for each arm, whose line is named.
         match error {
             Error::Form { line, .. } => assert_eq!(line, place, "{message}\n{text}"),
-            Error::Arm { line, .. } => assert!(text.lines().nth(line.unwrap() - 1).unwrap().starts_with("name = ")),
+            // Settings are checked for each arm; the key is named with its path.
+            Error::Arm { line, .. } => {
+                assert_eq!(line, Some(place), "{message}\n{text}");
+                assert!(message.contains(": settings."), "{message}");
+            }
             _ => panic!("{message}"),
         }
     }

@@ -252,7 +252,7 @@ impl Observer for MetricsLog {
         if self.is_due(progress) {
             // A quality that another observer requested is left out, so that the table does not
             // depend on other observers.
-            let quality = progress.quality.filter(|_| self.is_measured(progress));
+            let quality = progress.quality.as_ref().filter(|_| self.is_measured(progress));
             self.awaiting.push_back(MetricsRow {
                 step: progress.step,
                 seconds: progress.seconds,

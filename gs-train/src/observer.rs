@@ -16,7 +16,7 @@ pub enum Control {
 }
 
 /// Quality of the 8-bit rendering against the target. Measuring it costs a rendering.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct Quality {
     /// Mean absolute difference.
@@ -27,10 +27,13 @@ pub struct Quality {
     pub culled: Culled,
     /// Gaussians whose scales are at a bound.
     pub clamped: Clamped,
+    /// PSNR of each view in which some pixel counts, dB, in the order of
+    /// [`Evaluation::views`](crate::train::Evaluation::views); empty for a fit of an image.
+    pub views: Vec<f64>,
 }
 
 /// State of a run after a step and the density control that may follow it.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Progress {
     /// Steps done.
     pub step: u32,
@@ -66,7 +69,7 @@ pub struct Progress {
 impl Progress {
     /// PSNR, dB: measured or else estimated.
     pub fn psnr(&self) -> Option<f64> {
-        self.quality.map(|q| q.psnr).or(self.psnr_estimate.map(f64::from))
+        self.quality.as_ref().map(|q| q.psnr).or(self.psnr_estimate.map(f64::from))
     }
 
     /// Whether this was the last step.

@@ -9,7 +9,12 @@ use std::{
     time::Duration,
 };
 
-use crate::process::{Run, command, folder, gs, names_in, picture};
+use gs_conformance::posed::{small_scene, write_dataset};
+
+use crate::{
+    process::{Run, command, folder, gs, names_in, picture},
+    train::rasterizer,
+};
 
 const STUDY: &str = "name = 'small'\nquestion = 'Does growth help?'\nimages = ['paper', 'picture-32x24.png']\nbudgets = [40]\n\
     seeds = [0, 1, 2]\npreset = 'paper'\niterations = 60\n[settings]\nrounds = { every = 10, from = 10, until = 50 }\n\
@@ -147,6 +152,67 @@ fn a_replay_is_on_what_was_recorded_unless_flags_say_otherwise() {
     }
 }
 
+const STUDY_3D: &str = "name = 'small-3d'\nscenes = ['one', 'two']\nbudgets = [120]\nseeds = [0, 1]\npreset = 'quick'\n\
+    iterations = 60\n[dataset]\nholdout = 4\n[settings]\nexactly = true\nrender.effects.sh-degree = 1\n\
+    [[factor]]\nname = 'start'\nlevel = [{ name = 'points', start = 'points' }, { name = 'random', start = 'random' }]\n\
+    [[factor]]\nname = 'policy'\nlevel = [{ name = 'absolute', policy = 'absolute' }, { name = 'mcmc', policy = 'mcmc' }]\n";
+
+#[test]
+fn a_study_of_scenes_is_killed_resumed_and_replayed_like_one_of_images() {
+    let place = folder();
+    let data = place.path().join("data");
+    for (variant, name) in ["one", "two"].into_iter().enumerate() {
+        write_dataset(&data.join(name), &small_scene(variant as u32), &rasterizer(), true).unwrap();
+    }
+    let file = place.path().join("small-3d.toml");
+    fs::write(&file, STUDY_3D).unwrap();
+    let (whole, killed) = (place.path().join("whole"), place.path().join("killed"));
+    let with = |output: &Path, flags: &[&str]| {
+        let words = ["--data", data.to_str().unwrap()];
+        let all: Vec<String> =
+            arguments(&file, output).iter().chain(&words).chain(flags).map(|w| w.to_string()).collect();
+        all
+    };
+    let started = std::time::Instant::now();
+    let run = gs(with(&whole, &[])).done();
+    let length = started.elapsed();
+    assert!(run.stderr.contains("16 runs (4 arms, 2 scenes, 1 budget, 2 seeds)"), "{run:?}");
+    assert!(run.stdout.contains("2 seeds on 2 scenes are too few: 4 seeds at least, or 6 scenes"), "{run:?}");
+
+    let mut child = command().args(with(&killed, &[])).spawn().unwrap();
+    thread::sleep(length / 3);
+    child.kill().unwrap();
+    child.wait().unwrap();
+    gs(with(&killed, &["--resume", "--jobs", "2"])).done();
+    assert_eq!(tables(&killed), tables(&whole));
+    for name in ["views.csv", "effects.csv"] {
+        let text = |folder: &Path| fs::read_to_string(folder.join(name)).unwrap();
+        assert_eq!(text(&killed), text(&whole));
+    }
+
+    // Row 3 starts at random points; gs train ends in the same file with its settings.
+    let replay = gs(["study", "replay", whole.to_str().unwrap(), "3", "--threads", "1"]).done();
+    assert!(replay.stdout.starts_with("row 3: the recorded scene, bit for bit: 120 Gaussians, "), "{replay:?}");
+    let (replayed, trained) = (whole.join("replay-3"), place.path().join("train"));
+    assert!(replayed.join("view-2.png").is_file() && !replayed.join("view-3.png").exists());
+    let settings = replayed.join("settings.toml");
+    let (one, out) = (data.join("one"), trained.to_str().unwrap());
+    let words = ["train", one.to_str().unwrap(), "-o", out, "--settings", settings.to_str().unwrap()];
+    gs(words.iter().chain(&["--start", "random", "--holdout", "4", "--backend", "cpu", "--no-report"])).done();
+    let scene = |folder: &Path| fs::read(folder.join("scene.ply")).unwrap();
+    assert_eq!(scene(&replayed), scene(&trained));
+
+    // A part by its scenes; without all arms there are no effects.
+    let part = place.path().join("part");
+    let flags = ["--scenes", "two", "--arms", "points+absolute,random+mcmc", "--seeds", "1"];
+    let run = gs(with(&part, &flags)).done();
+    assert!(run.stderr.contains("2 of 16 runs") && !part.join("effects.csv").exists(), "{run:?}");
+    let refused = gs(with(&part, &["--resume", "--images", "one"]));
+    assert!(refused.refusal().contains("there is no image `one`: it has none"), "{refused:?}");
+    let lost = gs(with(&place.path().join("lost"), &["--scenes", "two"]).iter().map(|w| w.replace("/data", "/dat")));
+    assert!(lost.refusal().contains("two: no such data set in ") && lost.status == Some(1), "{lost:?}");
+}
+
 #[test]
 fn the_folder_of_images_is_in_the_report_wherever_it_was_named() {
     let place = folder();
@@ -187,7 +253,12 @@ fn what_cannot_be_studied_is_refused_in_one_line_before_any_work() {
     for (from, to, status, expected) in [
         ("seeds = [0, 1, 2]", "seeds = []", 2, "seeds: there are none: name at least one"),
         ("seeds", "seedz", 2, "unknown key `seedz`"),
-        ("percent = 50", "percentage = 50", 2, "line 14: arm `percentile`: "),
+        (
+            "percent = 50",
+            "percentage = 50",
+            2,
+            "line 15: arm `percentile`: settings.policy.percentage: unknown key `percentage` in [policy]",
+        ),
         ("percent = 50", "percent = 500", 2, "percent is 500"),
         ("picture-32x24.png", "absent.png", 1, "absent.png: no such file in "),
     ] {
@@ -199,7 +270,7 @@ fn what_cannot_be_studied_is_refused_in_one_line_before_any_work() {
     let line = |words: &[&str]| gs(["study"].iter().chain(words)).refusal().to_owned();
     assert!(line(&["all-policy"]).contains(
         "those are set-up, cold-start, lazy-convergence, instability, edges, absolute-vs-percentile, all-policies, \
-         accuracy-in-training"
+         accuracy-in-training, density-in-3d, init-by-density, accuracy-in-3d-training"
     ));
     assert!(line(&["no/such.toml"]).contains("no/such.toml: there is no such file"));
     assert!(line(&[place.path().to_str().unwrap()]).contains("is a folder: name the TOML file of a study"));

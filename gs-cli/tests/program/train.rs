@@ -1,7 +1,5 @@
 //! `gs train`, and `gs render` and `gs eval` of 3D scenes, from end to end.
 
-#[cfg(unix)]
-use pollster::FutureExt as _;
 use std::process::Child;
 use std::{
     fs,
@@ -9,10 +7,8 @@ use std::{
     process::Stdio,
 };
 
-use glam::{Vec2, Vec3};
-use gs_core::{
-    Blend, Camera, Gaussian3d, Rasterizer, RenderSettings, Scene, Scene3d, constants::SH_C0, effects::Order,
-};
+use gs_conformance::posed::{small_scene, write_dataset};
+use gs_core::Scene3d;
 use gs_cpu::{CpuRasterizer, CpuSettings};
 use serde_json::{Value, json};
 
@@ -20,54 +16,26 @@ use serde_json::{Value, json};
 use crate::process::signal;
 use crate::process::{Run, command, folder, gs, names_in};
 
-/// A few Gaussians of different colours around the origin.
+/// The scene of the tests.
 fn scene() -> Scene3d {
-    let mut scene = Scene3d::default();
-    for i in 0..8 {
-        let angle = 0.8 * i as f32;
-        scene.push(Gaussian3d {
-            mean: 0.6 * Vec3::new(angle.cos(), angle.sin(), 0.5 * (2.0 * angle).sin()),
-            log_scale: Vec3::new(0.2, 0.3, 0.15).map(f32::ln),
-            rotation: [1.0, 0.1 * i as f32, 0.0, 0.3],
-            opacity_logit: 2.0,
-            sh: vec![(Vec3::new((i % 2) as f32, (i % 3) as f32 / 2.0, 0.3) - 0.5) / SH_C0],
-        });
-    }
-    scene
+    small_scene(0)
+}
+
+/// A rasterizer on one thread.
+pub(crate) fn rasterizer() -> CpuRasterizer {
+    CpuRasterizer::new(CpuSettings::default().with(|s| {
+        s.threads = Some(1);
+        s.level = None;
+    }))
+    .unwrap()
 }
 
 /// Writes eight images of the scene on black as a Nerfstudio data set, and the scene
 /// itself.
 pub(crate) fn dataset_and_scene(place: &Path) -> (PathBuf, PathBuf) {
     let (dataset, file) = (place.join("dataset"), place.join("true.ply"));
-    fs::create_dir_all(dataset.join("images")).unwrap();
     gs_io::write_3d(&file, &scene(), &gs_io::WriteOptions3d::default()).unwrap();
-    let rasterizer = CpuRasterizer::new(CpuSettings::default().with(|s| {
-        s.threads = Some(1);
-        s.level = None;
-    }))
-    .unwrap();
-    let lens = Camera::looking_forward(32, 24, 0.7);
-    let mut render = RenderSettings::blended(Blend::Over).on([0.0; 3]);
-    render.effects.order = Order::Global;
-    render.effects.antialias = gs_core::effects::Antialias::Dilate;
-    let mut frames = Vec::new();
-    for i in 0..8 {
-        let position = 4.0 * Vec2::from_angle(0.8 * i as f32).extend(0.3).normalize();
-        let camera = lens.looking_at(position, Vec3::ZERO, Vec3::Z).unwrap();
-        let image = rasterizer.render(&scene(), &camera, &render).block_on().unwrap();
-        let name = format!("images/{i}.png");
-        gs_io::write_png(dataset.join(&name), &image).unwrap();
-        // Their camera axes are right, up, backward.
-        let [right, down, forward] = [0, 1, 2].map(|row| camera.rotation.row(row));
-        let row = |axis: usize| json!([right[axis], -down[axis], -forward[axis], position[axis]]);
-        let matrix = json!([row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]]);
-        frames.push(json!({ "file_path": name, "transform_matrix": matrix }));
-    }
-    let (focal, center) = (lens.focal, lens.center);
-    let transforms = json!({ "w": 32, "h": 24, "fl_x": focal.x, "fl_y": focal.y, "cx": center.x, "cy": center.y,
-                             "frames": frames });
-    fs::write(dataset.join("transforms.json"), transforms.to_string()).unwrap();
+    write_dataset(&dataset, &scene(), &rasterizer(), false).unwrap();
     (dataset, file)
 }
 

@@ -32,7 +32,7 @@ fn check(name: &str, arms: &[MadeBy<'_>], others: &[&str]) {
         let runs: Vec<&Run> = plan.runs.iter().filter(|run| plan.arm(run).name == *arm).collect();
         assert!(runs.len() >= 5, "{name}: {arm}");
         for run in runs {
-            assert_eq!(run.settings, settings(run.seed), "{name}: {arm}");
+            assert_eq!(run.settings, settings(run.seed).into(), "{name}: {arm}");
         }
     }
 }
@@ -134,6 +134,6 @@ fn no_policy_is_forgotten_and_each_has_its_sources_numbers() {
             densify.insert("opacity-correction".to_owned(), "conserve".into());
             source = settings.try_into().unwrap();
         }
-        assert_eq!(run.settings.policy, source, "{name}");
+        assert_eq!(run.settings.of_image().unwrap().policy, source, "{name}");
     }
 }

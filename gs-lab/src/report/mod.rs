@@ -21,9 +21,11 @@ pub(crate) const PLOTS: &str = "plots";
 pub fn write(results: &Results<'_>, folder: &StudyFolder, command: &str) -> Result<(), Error> {
     let study = &results.plan.study;
     let mut figures = vec![curves::quality_over_count(results)];
-    figures.extend(study.budgets.iter().map(|&budget| curves::quality_over_time(results, budget)));
-    figures.extend(study.budgets.iter().map(|&budget| curves::growth(results, budget)));
+    figures.extend(study.budgets.iter().flat_map(|&budget| curves::developments(results, budget)));
     figures.extend(study.matchings.iter().map(|&matching| curves::differences(results, matching)));
+    if !study.factors.is_empty() {
+        figures.extend(study.matchings.iter().map(|&matching| curves::effects(results, matching)));
+    }
     let plots = folder.file(PLOTS);
     fs::create_dir_all(&plots).map_err(|source| Error::Path { path: plots, source })?;
     folder.claim(
@@ -34,7 +36,7 @@ pub fn write(results: &Results<'_>, folder: &StudyFolder, command: &str) -> Resu
         gs_io::write_png(folder.file_to_write(&format!("{PLOTS}/{}.png", figure.name)), &figure.image()?)?;
     }
     let most = study.budgets.iter().copied().max().unwrap_or(0);
-    let multiples = pictures::multiples(results, most, |run| folder.picture(run))?;
+    let multiples = pictures::multiples(results, most, |run, index| folder.picture(run, index))?;
     let page = Page { results, command, figures: &figures, multiples: &multiples, pictured: most };
     folder.write(PAGE, &page.html()?)
 }

@@ -1,78 +1,113 @@
-//! The pictures of a report, embedded in the page: each arm's result in the same window of an
-//! image, and its error there.
+//! The pictures of a report, embedded in the page: each arm's result in the same window of an image
+//! or of a held-out view, and its error there.
 
 use gs_core::Image;
 use image::{ExtendedColorType, ImageEncoder, codecs::jpeg::JpegEncoder};
 
-use crate::{error::Error, html::data_uri, tables::Results};
+use crate::{
+    error::Error, html::data_uri, plan::Run, record::Record, tables::Results, target::TargetContent,
+    task::PICTURED_VIEWS,
+};
 
-/// Side of a picture, px.
-const SIDE: u32 = 144;
+/// Side of a picture of an image and of a scene's view, px.
+const SIDES: [u32; 2] = [144, 256];
 /// JPEG quality of the pictures, 1 to 100.
 const QUALITY: u8 = 75;
-/// Largest number of characters of all embedded pictures together, so that a report of many images
-/// and arms stays small.
-const MOST_CHARS: usize = 300_000;
+/// Largest number of characters of all embedded pictures together, of images and of scenes, so that
+/// a report of many images and arms stays small.
+const MOST_CHARS: [usize; 2] = [300_000, 4_000_000];
 /// The error of a channel at which error maps reach their brightest colour.
 pub(crate) const FULL_SCALE: f32 = 0.25;
 
-/// An image of the study with the results of the arms.
+/// An image of the study, or a held-out view of a scene, with the results of the arms.
 #[derive(Debug, Clone)]
 pub(crate) struct Multiples {
-    pub(crate) image: String,
+    /// The name of the image, or of scene and view.
+    pub(crate) title: String,
     /// Left, top, columns and rows of the window, px.
     pub(crate) window: [u32; 4],
-    /// The image itself, as a data URI.
+    /// The image or view itself, as a data URI.
     pub(crate) target: String,
     pub(crate) arms: Vec<Multiple>,
 }
 
-/// The result of an arm on an image.
+/// The result of an arm on an image or a view.
 #[derive(Debug, Clone)]
 pub(crate) struct Multiple {
     pub(crate) arm: usize,
-    /// PSNR of the whole image, dB.
+    /// PSNR of the whole image or view, dB.
     pub(crate) psnr: f64,
     pub(crate) reconstruction: String,
     pub(crate) error_map: String,
 }
 
+/// A picture of a run that is held against the target.
+struct Shown {
+    arm: usize,
+    psnr: f64,
+    view: Option<String>,
+    image: Image,
+}
+
 /// Pictures of the first seed at a budget, for as many images as fit into [`MOST_CHARS`], at least
-/// one.
+/// one. Of scenes, the first view of each comes first, then the second of each.
 pub(crate) fn multiples(
     results: &Results<'_>,
     budget: u32,
-    picture: impl Fn(&crate::plan::Run) -> Option<Image>,
+    picture: impl Fn(&Run, usize) -> Option<Image>,
 ) -> Result<Vec<Multiples>, Error> {
     let plan = results.plan;
-    let seed = plan.study.seeds[0];
+    let is_of_scenes = plan.study.is_of_scenes();
+    let (views, most) = if is_of_scenes { (PICTURED_VIEWS, MOST_CHARS[1]) } else { (1, MOST_CHARS[0]) };
     let (mut shown, mut chars) = (Vec::new(), 0);
-    for (index, target) in plan.targets.iter().enumerate() {
-        let of_image = results.rows().filter(|(run, _)| (run.target, run.budget, run.seed) == (index, budget, seed));
-        let arms: Vec<(usize, f64, Image)> = of_image
-            .filter_map(|(run, record)| Some((run.arm, record?.outcome.finished()?.psnr, picture(run)?)))
-            .filter(|(_, _, image)| image.size() == target.image.size())
-            .collect();
-        let window = telling_window(&target.image, &arms.iter().map(|arm| &arm.2).collect::<Vec<_>>());
-        let pack = |image: &Image| pack(&target.name, image);
-        let multiple = |(arm, psnr, image): &(usize, f64, Image)| {
-            let part = cut(image, window);
-            let error_map = pack(&error_map(&part, &cut(&target.image, window)))?;
-            Ok::<_, Error>(Multiple { arm: *arm, psnr: *psnr, reconstruction: pack(&part)?, error_map })
-        };
-        let multiples = Multiples {
-            image: target.label().to_owned(),
-            window,
-            target: pack(&cut(&target.image, window))?,
-            arms: arms.iter().map(multiple).collect::<Result<_, _>>()?,
-        };
+    for (view, target) in (0..views).flat_map(|view| (0..plan.targets.len()).map(move |target| (view, target))) {
+        let Some(multiples) = multiples_of(results, (target, budget), view, &picture)? else { continue };
         chars += multiples.chars();
-        if chars > MOST_CHARS && !shown.is_empty() {
+        if chars > most && !shown.is_empty() {
             break;
         }
-        shown.push(multiples);
+        shown.push((target, multiples));
     }
-    Ok(shown)
+    shown.sort_by_key(|(target, _)| *target);
+    Ok(shown.into_iter().map(|(_, multiples)| multiples).collect())
+}
+
+/// The pictures of an image, or of a view of a scene; `None` of a scene without such a view.
+fn multiples_of(
+    results: &Results<'_>,
+    (index, budget): (usize, u32),
+    number: usize,
+    picture: impl Fn(&Run, usize) -> Option<Image>,
+) -> Result<Option<Multiples>, Error> {
+    let plan = results.plan;
+    let (target, seed) = (&plan.targets[index], plan.study.seeds[0]);
+    let of_target = || results.rows().filter(|(run, _)| (run.target, run.budget, run.seed) == (index, budget, seed));
+    let shown = |(run, record): (&Run, Option<&'_ Record>)| {
+        let end = record?.outcome.finished()?;
+        let (view, psnr) = match target.content {
+            TargetContent::Image(_) => (None, end.psnr),
+            TargetContent::Scene(_) => {
+                let view = end.views.iter().filter(|view| view.is_shown).nth(number)?;
+                (Some(view.name.clone()), view.psnr)
+            }
+        };
+        Some(Shown { arm: run.arm, psnr, view, image: picture(run, number)? })
+    };
+    let mut arms: Vec<Shown> = of_target().filter_map(shown).collect();
+    let view = arms.first().and_then(|shown| shown.view.clone());
+    let background = of_target().next().map_or([0.0; 3], |(run, _)| run.settings.render().background_color());
+    let Some(image) = target.reference(view.as_deref(), background)? else { return Ok(None) };
+    arms.retain(|shown| shown.view == view && shown.image.size() == image.size());
+    let side = SIDES[usize::from(view.is_some())];
+    let window = telling_window(&image, &arms.iter().map(|shown| &shown.image).collect::<Vec<_>>(), side);
+    let title = view.map_or_else(|| target.label().to_owned(), |view| format!("{}, view {view}", target.label()));
+    let multiple = |Shown { arm, psnr, image: shown, .. }: &Shown| {
+        let part = cut(shown, window);
+        let error_map = pack(&title, &error_map(&part, &cut(&image, window)))?;
+        Ok::<_, Error>(Multiple { arm: *arm, psnr: *psnr, reconstruction: pack(&title, &part)?, error_map })
+    };
+    let (packed, arms) = (pack(&title, &cut(&image, window))?, arms.iter().map(multiple).collect::<Result<_, _>>()?);
+    Ok(Some(Multiples { title, window, target: packed, arms }))
 }
 
 impl Multiples {
@@ -84,9 +119,9 @@ impl Multiples {
 }
 
 /// The window in which the squared errors of the arms differ most.
-fn telling_window(target: &Image, arms: &[&Image]) -> [u32; 4] {
+fn telling_window(target: &Image, arms: &[&Image], side: u32) -> [u32; 4] {
     let (width, height) = target.size();
-    let (columns, rows) = (width.min(SIDE), height.min(SIDE));
+    let (columns, rows) = (width.min(side), height.min(side));
     let stride = width as usize + 1;
     // Summed-area table.
     let mut sums = vec![0.0f64; stride * (height as usize + 1)];
@@ -154,9 +189,9 @@ mod tests {
     fn the_window_lies_where_arms_differ() {
         let target = Image::filled(600, 400, [0.5; 3]).unwrap();
         let spoiled = Image::from_fn(600, 400, |x, y| if x > 450 && y > 300 { [0.9; 3] } else { [0.5; 3] }).unwrap();
-        let [left, top, columns, rows] = telling_window(&target, &[&target, &spoiled]);
-        assert!(left > 400 && top > 200 && (columns, rows) == (SIDE, SIDE), "{left} {top}");
-        assert_eq!(telling_window(&Image::filled(20, 10, [0.0; 3]).unwrap(), &[]), [0, 0, 20, 10]);
+        let [left, top, columns, rows] = telling_window(&target, &[&target, &spoiled], SIDES[0]);
+        assert!(left > 400 && top > 200 && (columns, rows) == (144, 144), "{left} {top}");
+        assert_eq!(telling_window(&Image::filled(20, 10, [0.0; 3]).unwrap(), &[], SIDES[0]), [0, 0, 20, 10]);
     }
 
     #[test]

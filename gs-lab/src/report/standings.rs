@@ -51,16 +51,16 @@ fn standing(results: &Results<'_>, matching: Matching, budget: u32) -> Option<St
     Some(Standing { matching, budget, leader, next, indistinguishable, not_judged })
 }
 
-/// Mean PSNR of each arm that has finished runs on all images: over images, and over the seeds that
+/// Mean PSNR of each arm that has finished runs on all images or scenes: over these, and over the seeds that
 /// all of these arms have finished.
 fn mean_psnrs(results: &Results<'_>, matching: Matching, budget: u32) -> Vec<(usize, f64)> {
     let images = results.plan.targets.len();
     let seeds = &results.plan.study.seeds;
-    let reach = Reach::of_images(results, budget);
+    let reach = Reach::of_targets(results, budget);
     let values: BTreeMap<(usize, usize, u32), f64> = results
         .all_finished(budget)
         .filter_map(|(run, end)| {
-            let value = reach[run.target].measured(matching, Metric::Psnr, run, end)?;
+            let value = reach[run.target].measured(matching, Metric::Psnr, run.arm, end)?;
             Some(((run.arm, run.target, run.seed), value))
         })
         .collect();

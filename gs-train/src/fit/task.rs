@@ -196,7 +196,7 @@ impl<R: Optimizer<Scene2d>> TrainingTask<R, Scene2d> for ImageTask<R> {
     ) -> Result<Quality, Error> {
         let (image, culled) = self.render(on, splats, settings, effects).await?;
         let (l1, psnr) = l1_and_psnr(&image, &self.residual.target);
-        Ok(Quality { l1, psnr, culled, clamped: Clamped::default() })
+        Ok(Quality { l1, psnr, culled, clamped: Clamped::default(), views: Vec::new() })
     }
 }
 

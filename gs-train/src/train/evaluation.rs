@@ -1,5 +1,5 @@
-//! Evaluation of a 3D scene, view by view: PSNR, SSIM and mean absolute difference of its 8-bit
-//! renderings.
+//! Evaluation of a 3D scene, view by view: PSNR, SSIM, MS-SSIM and mean absolute difference of its
+//! 8-bit renderings.
 
 use gs_core::{
     Culled, Image, Parameterization, Rasterizer, RenderSettings, Scene3d,
@@ -41,6 +41,10 @@ pub struct ViewQuality {
     pub psnr: f64,
     /// Structural similarity. Pixels that do not count are replaced by the rendering.
     pub ssim: f64,
+    /// Multi-scale structural similarity, likewise; `None` where a side is shorter than 161 px, too
+    /// small for its five scales.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ms_ssim: Option<f64>,
     /// Mean absolute difference over the pixels that count.
     pub l1: f64,
     /// Quality with matched colours; `None` where no pixel of one half counts.
@@ -58,6 +62,9 @@ pub struct Evaluation {
     pub psnr: f64,
     /// Mean of their SSIM.
     pub ssim: f64,
+    /// Mean of their MS-SSIM, over the views that are large enough for it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ms_ssim: Option<f64>,
     /// Mean of their mean absolute differences.
     pub l1: f64,
     /// Means of the views' quality with matched colours.
@@ -188,7 +195,8 @@ pub(super) async fn evaluate_splats<R: Rasterizer<Scene3d>>(
         };
         let (l1, psnr) = pair.l1_and_psnr();
         let ssim = metrics::ssim(&pair.rendered, &pair.target)?;
-        qualities.push(ViewQuality { name: view.name.clone(), psnr, ssim, l1, color_matched });
+        let ms_ssim = metrics::ms_ssim(&pair.rendered, &pair.target)?;
+        qualities.push(ViewQuality { name: view.name.clone(), psnr, ssim, ms_ssim, l1, color_matched });
     }
     if qualities.is_empty() {
         return Err(Error::NothingCounts { views: views.len() });
@@ -200,7 +208,9 @@ pub(super) async fn evaluate_splats<R: Rasterizer<Scene3d>>(
         psnr: metrics::mean(matched.iter().map(|m| m.psnr)),
         ssim: metrics::mean(matched.iter().map(|m| m.ssim)),
     });
-    Ok(Evaluation { psnr, ssim, l1, color_matched, culled, views: qualities, unmeasured })
+    let ms_ssims: Vec<f64> = qualities.iter().filter_map(|view| view.ms_ssim).collect();
+    let ms_ssim = (!ms_ssims.is_empty()).then(|| metrics::mean(&ms_ssims));
+    Ok(Evaluation { psnr, ssim, ms_ssim, l1, color_matched, culled, views: qualities, unmeasured })
 }
 
 #[cfg(test)]

@@ -24,6 +24,7 @@ mod settings;
 mod shell;
 mod simplification;
 mod speed;
+mod start_name;
 mod summary;
 mod sweep;
 mod task;
@@ -41,6 +42,7 @@ pub use self::{
     resolution::Resolution,
     settings::{StepBackground, TrainSettings},
     speed::Speed,
+    start_name::StartName,
     summary::{DRIFT_DB, TrainSummary},
     trainer::Trainer3d,
     views::{Counting, ImageSource, PosedView, Views},

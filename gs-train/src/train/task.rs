@@ -298,7 +298,7 @@ impl<R: Optimizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
         if l1.is_empty() {
             return Err(Error::NothingCounts { views: views.len() });
         }
-        Ok(Quality { l1: mean(l1), psnr: mean(psnr), culled, clamped: Clamped::default() })
+        Ok(Quality { l1: mean(l1), psnr: mean(&psnr), culled, clamped: Clamped::default(), views: psnr })
     }
 }
 

@@ -429,6 +429,10 @@ fn a_test_view_of_which_no_pixel_counts_is_in_no_mean() {
             .quality()
             .block_on()
     };
+    // A measurement lists the views that count, as the evaluation does.
+    let (seen, judged) = (quality(1).unwrap(), judged(1).unwrap());
+    assert_eq!(seen.views, judged.views.iter().map(|view| view.psnr).collect::<Vec<_>>());
+    assert_eq!((seen.views.len(), seen.psnr), (2, judged.psnr));
     assert!(quality(2).unwrap().psnr.is_finite());
     assert!(matches!(quality(3), Err(Error::NothingCounts { views: 3 })));
 }

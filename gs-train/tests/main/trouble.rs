@@ -15,7 +15,7 @@ struct Reports {
 
 impl Observer for Reports {
     fn on_step(&mut self, progress: &Progress) -> Control {
-        self.left_out = self.left_out.max(progress.quality.map_or(0, |quality| quality.culled.not_finite));
+        self.left_out = self.left_out.max(progress.quality.as_ref().map_or(0, |quality| quality.culled.not_finite));
         Control::Continue
     }
 

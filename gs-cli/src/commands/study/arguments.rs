@@ -9,8 +9,8 @@ use crate::{backend::BackendArgs, output_folder::OverwriteArgs, values::whole};
 
 const AFTER_HELP: &str = concat!(
     "\
-A study is arms (settings that differ) x images x budgets x seeds, in a TOML file; these come with \
-the program:
+A study is arms (settings that differ) x images or 3D scenes x budgets x seeds, in a TOML file; \
+these come with the program:
   set-up (or: paper)      the paper's experiment, its two criteria one by one, and no growth; \
 needs no file, as the next four
   cold-start              small Gaussians on the border, and the cure
@@ -23,6 +23,10 @@ contrast and frequency
   all-policies            every policy with its source's numbers, on the same images
   accuracy-in-training    what accuracy costs and buys in training: cuts, lists, steps, rounds, \
 losses; on the same images
+  density-in-3d           every policy for 3D scenes, at equal count, on lego, room, banana and \
+lund_door (--data)
+  init-by-density         start x policy, a factorial design, on room, banana and lund_door
+  accuracy-in-3d-training what approximations cost and buy in training 3D scenes
 
 The images of a study are files, or these synthetic targets:
   paper                   the paper's circle and square; in 8 bits a channel: paper-8bit
@@ -30,12 +34,19 @@ The images of a study are files, or these synthetic targets:
 -5px
   thin-lines, thin-lines-24px
 
-A study file; preset, iterations, policy and settings may be given for all arms or for one:
+A study file; preset, iterations and settings may be given for all arms or for one:
 
 ",
     include_str!("example.toml"),
     "
---images, --budgets, --seeds and --arms run a part of a study. Parts of a study add up in one \
+A study of 3D scenes has scenes in place of images: data sets as gs train reads them, in --data or \
+beside the file. Its arms may also have start, as gs train --start; all keys of a training's \
+settings.toml go under settings. Factors expand into arms, one for each combination of their levels:
+
+",
+    include_str!("example-3d.toml"),
+    "
+--images, --scenes, --budgets, --seeds and --arms run a part of a study. Parts of a study add up in one \
 folder: run another part, or the whole, into it with --resume, and only new runs are computed. \
 Tables and report cover the part of the last command.
 
@@ -46,8 +57,10 @@ settings; needs no network
   differences.csv         every two arms: paired differences with 95 % intervals, and better, \
 worse or can't tell
   runs.csv                one row per run; gs study replay DIR ROW repeats it
-  results.json            the three tables
-  times.csv, differences-at-time.csv   the tables that depend on time
+  views.csv               of scenes: the quality of each run on each held-out view
+  effects.csv             of factors: main effects and interactions of two, with intervals
+  results.json            these tables
+  times.csv, differences-at-time.csv, effects-at-time.csv   the tables that depend on time
   plots/                  the report's curves as SVG and PNG
   study.toml, machine.json   the study, and the machine that ran it
   runs/, pictures/        the stored runs
@@ -85,7 +98,7 @@ pub(crate) struct ConductArgs {
     pub(crate) output: Option<PathBuf>,
     #[command(flatten)]
     pub(crate) overwrite: OverwriteArgs,
-    /// Folder of the images [default: $GS_DATA, or that of the study's file]
+    /// Folder of the images or data sets [default: $GS_DATA, or that of the study's file]
     #[arg(long, value_name = "DIR")]
     pub(crate) data: Option<PathBuf>,
     /// Runs in parallel, each with its share of the threads; the tables do not depend on it
@@ -107,6 +120,9 @@ pub(crate) struct PartArgs {
     /// Images of the study to run, by name or file name [default: all]
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     pub(crate) images: Vec<String>,
+    /// Scenes of the study to run, by name or folder name [default: all]
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    pub(crate) scenes: Vec<String>,
     /// Budgets of the study to run [default: all]
     #[arg(long, value_name = "COUNTS", value_delimiter = ',', value_parser = whole::<u32>(1..))]
     pub(crate) budgets: Vec<u32>,
@@ -121,8 +137,8 @@ pub(crate) struct PartArgs {
 impl PartArgs {
     /// The selection of the library.
     pub(crate) fn selection(&self) -> Selection {
-        let Self { images, budgets, seeds, arms } = self.clone();
-        Selection { images, budgets, seeds, arms }
+        let Self { images, scenes, budgets, seeds, arms } = self.clone();
+        Selection { images, scenes, budgets, seeds, arms }
     }
 }
 
@@ -134,12 +150,13 @@ pub(crate) struct ReplayArgs {
     pub(crate) folder: PathBuf,
     /// The row of runs.csv, from 1
     pub(crate) row: usize,
-    /// Folder for the fit: scene, picture, settings and metrics [default: DIR/replay-ROW]
+    /// Folder for the fit or the training: scene, pictures, settings and metrics [default:
+    /// DIR/replay-ROW]
     #[arg(short, long, value_name = "OUT")]
     pub(crate) output: Option<PathBuf>,
     #[command(flatten)]
     pub(crate) overwrite: OverwriteArgs,
-    /// Folder of the images [default: $GS_DATA, or that of the study]
+    /// Folder of the images or data sets [default: $GS_DATA, or that of the study]
     #[arg(long, value_name = "DIR")]
     pub(crate) data: Option<PathBuf>,
     #[command(flatten)]
@@ -153,6 +170,7 @@ mod tests {
     use super::*;
 
     const EXAMPLE: &str = include_str!("example.toml");
+    const EXAMPLE_3D: &str = include_str!("example-3d.toml");
 
     #[test]
     fn the_example_in_the_help_is_a_study_that_can_be_run() {
@@ -162,6 +180,13 @@ mod tests {
         // The image of the example does not exist.
         let part = Selection { images: vec!["paper".to_owned()], ..Selection::default() };
         assert_eq!(Plan::new(study.select(&part).unwrap(), &Places::default(), "test").unwrap().runs.len(), 20);
+    }
+
+    #[test]
+    fn the_example_in_3d_is_a_study_whose_factors_expand() {
+        assert!(AFTER_HELP.contains(EXAMPLE_3D));
+        let study = Study::from_toml(EXAMPLE_3D, "example-3d.toml").unwrap();
+        assert_eq!((study.arms.len(), study.scenes.len(), study.runs()), (4, 2, 48));
     }
 
     #[test]

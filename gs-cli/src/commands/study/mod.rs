@@ -60,7 +60,7 @@ fn conduct_study(args: &ConductArgs) -> Result<(), Failure> {
             part => format!("{part} of {}", counted(of, "run")),
         },
         counted(plan.study.arms.len(), "arm"),
-        counted(plan.targets.len(), "image"),
+        counted(plan.targets.len(), plan.study.target_word()),
         counted(plan.study.budgets.len(), "budget"),
         counted(plan.study.seeds.len(), "seed"),
         args.jobs,
@@ -98,7 +98,7 @@ fn read(name: &Path) -> Result<(Study, Option<PathBuf>), Failure> {
     Ok((study, name.parent().map(Path::to_owned)))
 }
 
-/// Where images are: in the folder of the flag or the environment, and beside the study.
+/// Where images and data sets are: in the folder of the flag or the environment, and beside the study.
 pub(super) fn places(data: Option<&Path>, beside: Option<PathBuf>) -> Places {
     let data = data.map(Path::to_owned).or_else(|| env::var_os("GS_DATA").map(PathBuf::from));
     Places { data, beside, ..Places::default() }
@@ -116,10 +116,15 @@ fn command(args: &ConductArgs, plan: &Plan, places: &Places, output: &Path) -> S
 }
 
 /// The flags that name a part of the study.
-fn part(PartArgs { images, budgets, seeds, arms }: &PartArgs) -> String {
+fn part(PartArgs { images, scenes, budgets, seeds, arms }: &PartArgs) -> String {
     let numbers = |numbers: &[u32]| numbers.iter().map(ToString::to_string).collect::<Vec<_>>();
-    let lists =
-        [("images", images.clone()), ("budgets", numbers(budgets)), ("seeds", numbers(seeds)), ("arms", arms.clone())];
+    let lists = [
+        ("images", images.clone()),
+        ("scenes", scenes.clone()),
+        ("budgets", numbers(budgets)),
+        ("seeds", numbers(seeds)),
+        ("arms", arms.clone()),
+    ];
     let given = lists.into_iter().filter(|(_, list)| !list.is_empty());
     given.map(|(flag, list)| format!(" --{flag} {}", quoted(Path::new(&list.join(","))))).collect()
 }

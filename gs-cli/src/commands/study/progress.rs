@@ -34,7 +34,7 @@ struct State {
     running: usize,
     done: usize,
     failed: usize,
-    /// Work that this process has done, and that is left, in the unit of [`work`].
+    /// Work that this process has done, and that is left, in the unit of [`Plan::work`].
     work_done: f64,
     work_left: f64,
     printed: Instant,
@@ -46,7 +46,7 @@ impl<'a> Display<'a> {
         let (done, pending): (Vec<&Run>, Vec<&Run>) = plan.runs.iter().partition(|run| folder.is_finished(run));
         let bar = bar(plan.runs.len() as u64, "{wide_bar} {pos}/{len} runs  {msg}");
         let bar = bar.map(|bar| bar.with_position(done.len() as u64));
-        let work_left = pending.iter().map(|run| work(plan, run)).sum();
+        let work_left = pending.iter().map(|run| plan.work(run)).sum();
         let now = Instant::now();
         let state = State { running: 0, done: done.len(), failed: 0, work_done: 0.0, work_left, printed: now };
         Self { plan, bar, started: now, state: Mutex::new(state) }
@@ -92,12 +92,6 @@ impl State {
     }
 }
 
-/// The work of a run: steps times pixels, with about fifty pixels for each Gaussian.
-fn work(plan: &Plan, run: &Run) -> f64 {
-    let pixels = plan.target(run).image.pixels().len() as f64;
-    f64::from(run.settings.iterations.max(1)) * (pixels + 50.0 * f64::from(run.budget))
-}
-
 /// A display that also stops on Ctrl-C.
 pub(crate) struct Watched<'a> {
     display: &'a Display<'a>,
@@ -115,7 +109,7 @@ impl Watcher for Watched<'_> {
             self.display.printer().print(format_args!("row {} ({}) failed: {error}", run.row, plan.describe(run)));
         }
         self.display.update(|state| {
-            let work = work(plan, run);
+            let work = plan.work(run);
             state.running -= 1;
             state.done += 1;
             state.failed += usize::from(matches!(outcome, RunOutcome::Failed { .. }));

@@ -1,11 +1,11 @@
-//! `gs study replay`: repeats a row as a fit of its own.
+//! `gs study replay`: repeats a row as a fit or a training of its own.
 
 use gs_backend::Chosen;
 use gs_core::counted;
-use gs_io::{File2d, FolderClaim, Inputs, write_2d, write_png};
+use gs_io::{File2d, FolderClaim, Inputs, TrainedWith, WriteOptions3d, write_2d, write_3d, write_png};
 use gs_lab::{
     Places, Plan, Study, StudyFolder,
-    study::{Machine, Replayed, Run, recorded_run, replay},
+    study::{AnyScene, Machine, Replayed, Run, recorded_run, replay},
 };
 
 use super::{arguments::ReplayArgs, places};
@@ -16,19 +16,23 @@ use crate::{
     output_folder::{self, OutputFolder},
 };
 
-/// The files that are written.
-const FILES: [&str; 4] = ["scene.gs2d.safetensors", "reconstruction.png", "settings.toml", "summary.json"];
+/// The files that are written of a fit.
+const FILES_2D: [&str; 4] = ["scene.gs2d.safetensors", "reconstruction.png", "settings.toml", "summary.json"];
 
-/// Replays a row and writes its fit.
+/// The files that are written of a training, at most.
+const FILES_3D: [&str; 6] = ["scene.ply", "settings.toml", "summary.json", "view-1.png", "view-2.png", "view-3.png"];
+
+/// Replays a row and writes its scene.
 pub(super) fn run(args: &ReplayArgs) -> Result<(), Failure> {
     let folder = StudyFolder::open(&args.folder)?;
     let file = folder.study_file();
     let output = args.output.clone().unwrap_or_else(|| args.folder.join(format!("replay-{}", args.row)));
-    let claim = args.overwrite.claim(&output, FILES, Inputs::from_iter([&file]));
-    output_folder::check(&claim)?;
     let text = std::fs::read_to_string(&file)
         .map_err(|error| Failure::failed(format_args!("cannot be read: {error}")).at(file.display()))?;
     let study = Study::from_toml(&text, &file.display().to_string())?;
+    let files = if study.is_of_scenes() { &FILES_3D[..] } else { &FILES_2D };
+    let claim = args.overwrite.claim(&output, files.iter().copied(), Inputs::from_iter([&file]));
+    output_folder::check(&claim)?;
     let backend = open(args, folder.machine())?;
     let places = Places { remembered: folder.images(), ..places(args.data.as_deref(), None) };
     let plan = Plan::new(study, &places, machine(&backend.rasterizer))?;
@@ -53,16 +57,33 @@ fn open(args: &ReplayArgs, recorded: Option<Machine>) -> Result<Chosen, Failure>
         .map_err(|failure| failure.at(format_args!("recorded on {}", recorded.name)))
 }
 
-/// Writes what `gs fit` writes, without the pictures that explain it.
+/// Writes what `gs fit` or `gs train` writes, without the pictures that explain it.
 fn write(run: &Run, replayed: &Replayed, claim: FolderClaim) -> Result<(), Failure> {
-    let Replayed { scene, image, settings: render, finished } = replayed;
+    let Replayed { scene, pictures, settings: render, finished } = replayed;
     let folder = OutputFolder::begin(claim)?;
-    let (width, height) = image.size();
-    write_2d(
-        folder.file("scene.gs2d.safetensors"),
-        &File2d { scene: scene.clone(), width, height, settings: *render },
-    )?;
-    write_png(folder.file("reconstruction.png"), image)?;
+    match (scene, &pictures[..]) {
+        (AnyScene::In2d(scene), [image]) => {
+            let (width, height) = image.size();
+            let file = File2d { scene: scene.clone(), width, height, settings: *render };
+            write_2d(folder.file("scene.gs2d.safetensors"), &file)?;
+            write_png(folder.file("reconstruction.png"), image)?;
+        }
+        (AnyScene::In3d(scene), views) => {
+            let trained_with = TrainedWith::default().with(|s| {
+                s.antialias = Some(render.effects.antialias);
+                s.order = Some(render.effects.order);
+            });
+            write_3d(
+                folder.file("scene.ply"),
+                scene,
+                &WriteOptions3d::default().with(|s| s.trained_with = trained_with),
+            )?;
+            for (name, view) in FILES_3D.iter().filter(|name| name.starts_with("view-")).zip(views) {
+                write_png(folder.file(name), view)?;
+            }
+        }
+        _ => return Err(Failure::failed("the replayed scene has no picture")),
+    }
     folder.write("settings.toml", &run.settings.to_toml().map_err(Failure::failed)?)?;
     folder.write_json("summary.json", finished)
 }

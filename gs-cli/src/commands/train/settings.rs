@@ -7,7 +7,7 @@ use gs_density::Policy;
 use gs_io::dataset::{Dataset, Split};
 use gs_train::{
     TrainPreset, TrainSettings,
-    train::{Exposure, Resolution, Start, StepBackground},
+    train::{Exposure, Resolution, Start, StartName, StepBackground},
 };
 
 use super::arguments::{ExposureName, ParticipantsName, TrainPresetName, TrainSettingsArgs};
@@ -75,22 +75,26 @@ pub(super) fn with_flags(args: &TrainSettingsArgs, mut settings: TrainSettings) 
 /// The initial Gaussians, and what they are in words where that is known before the images are
 /// searched.
 pub(super) fn initial(args: &TrainSettingsArgs, dataset: &Dataset) -> Result<(Start, String), Failure> {
-    let points = || (Start::Points(dataset.points.clone()), counted(dataset.points.len(), "point"));
-    let has_no_depths = || dataset.views_of(Split::Train).all(|view| view.depth.is_none());
-    match args.start.as_deref() {
-        Some("random") => Ok((Start::Random, "random points".to_owned())),
-        Some("images") => Ok((Start::Images, String::new())),
-        Some("points") if dataset.points.is_empty() => {
-            Err(Failure::usage("--start points: the data set has no points").hint("use --start images"))
+    let named = match args.start.as_deref() {
+        None => Some(StartName::usual(dataset)),
+        Some(name) => StartName::from_name(name),
+    };
+    match (named, &args.start) {
+        (Some(start), _) => {
+            let initial = start
+                .of(dataset)
+                .map_err(|error| Failure::usage(format_args!("--start: {error}")).hint("use --start images"))?;
+            let description = match start {
+                StartName::Points => counted(dataset.points.len(), "point"),
+                StartName::Random => "random points".to_owned(),
+                _ => String::new(),
+            };
+            Ok((initial, description))
         }
-        Some("depths") if has_no_depths() => {
-            Err(Failure::usage("--start depths: the data set has no depth maps").hint("use --start images"))
+        (None, file) => {
+            let file = file.as_deref().unwrap_or_default();
+            Ok((Start::Scene(scene::read_3d(Path::new(file))?.scene), format!("the Gaussians of {file}")))
         }
-        None if has_no_depths() && dataset.points.is_empty() => Ok((Start::Images, String::new())),
-        None if has_no_depths() => Ok(points()),
-        None | Some("depths") => Ok((Start::Depths(dataset.points.clone()), String::new())),
-        Some("points") => Ok(points()),
-        Some(file) => Ok((Start::Scene(scene::read_3d(Path::new(file))?.scene), format!("the Gaussians of {file}"))),
     }
 }
 

@@ -14,14 +14,19 @@ use crate::{
 impl Page<'_> {
     pub(super) fn curves(&self) -> Result<Markup, Error> {
         let mut drawn = Vec::new();
-        for figure in self.figures.iter().filter(|figure| !figure.name.starts_with("differences")) {
+        for figure in self
+            .figures
+            .iter()
+            .filter(|figure| !["differences", "effects"].iter().any(|start| figure.name.starts_with(start)))
+        {
             drawn.push(html::figure(figure)?);
         }
         Ok(html! {
             section {
                 h2 { "Curves" }
                 p {
-                    "Lines are means over images and seeds; bands go from the lowest to the highest seed, each a mean over the images. "
+                    "Lines are means over " (self.targets()) " and seeds; bands go from the lowest to the highest seed, each a mean over the "
+                    (self.targets()) ". "
                     "Files in SVG and PNG are in " code { "plots/" } "."
                 }
                 div.figures { @for figure in drawn { (figure) } }
@@ -36,21 +41,22 @@ impl Page<'_> {
             section {
                 h2 { "Pictures" }
                 p {
-                    "At most " (gaussians(self.pictured)) ", seed " (self.results.plan.study.seeds[0]) ": the window of each image in which the "
-                    "arms differ most, and below it the largest absolute error of a channel, from black (0) to pale yellow ("
-                    (FULL_SCALE) " of full scale and more). PSNR is that of the whole image. If there is no room for all images, the first are shown."
+                    "At most " (gaussians(self.pictured)) ", seed " (self.results.plan.study.seeds[0]) ": the window of each "
+                    @if self.results.plan.study.is_of_scenes() { "of a few held-out views" } @else { "image" }
+                    " in which the arms differ most, and below it the largest absolute error of a channel, from black (0) to pale yellow ("
+                    (FULL_SCALE) " of full scale and more). PSNR is that of the whole picture. If there is no room for all, the first are shown."
                 }
                 @for multiples in self.multiples {
-                    h3 { (multiples.image) " " span.quiet { (side(multiples.window)) } }
+                    h3 { (multiples.title) " " span.quiet { (side(multiples.window)) } }
                     div.multiples {
                         figure {
-                            img src=(multiples.target) alt={ (multiples.image) ", the image itself" };
+                            img src=(multiples.target) alt={ (multiples.title) ", the image itself" };
                             figcaption { "image" }
                         }
                         @for multiple in &multiples.arms {
                             @let name = &self.results.plan.study.arms[multiple.arm].name;
                             figure {
-                                img src=(multiple.reconstruction) alt={ (multiples.image) " by " (name) };
+                                img src=(multiple.reconstruction) alt={ (multiples.title) " by " (name) };
                                 img src=(multiple.error_map) alt={ "error of " (name) };
                                 figcaption { (self.swatch(multiple.arm)) (name) br; span.quiet { (format!("{:.2} dB", multiple.psnr)) } }
                             }

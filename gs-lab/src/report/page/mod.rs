@@ -1,5 +1,6 @@
 //! The page: first the winners, then the numbers, then the method.
 
+mod effects;
 mod figures;
 mod method;
 mod numbers;
@@ -45,6 +46,7 @@ impl Page<'_> {
                 (self.winners())
                 (self.quality())
                 (self.differences()?)
+                (self.effects()?)
                 (self.curves()?)
                 (self.pictures())
                 (self.arms())
@@ -64,13 +66,18 @@ impl Page<'_> {
             dl.facts {
                 div { dt { "Runs" } dd { (done) " of " (plan.runs.len()) " finished" } }
                 div { dt { "Arms" } dd { (study.arms.len()) } }
-                div { dt { "Images" } dd { (plan.targets.len()) } }
+                div { dt { (words::capital(self.targets())) } dd { (plan.targets.len()) } }
                 div { dt { "Budgets" } dd { (listed(&study.budgets)) } }
                 div { dt { "Seeds" } dd { (listed(&study.seeds)) } }
                 div { dt { "Computed by" } dd { "gs " (VERSION) ", " (plan.machine.name) } }
             }
             pre.command { "$ " (self.command) }
         }
+    }
+
+    /// "images" or "scenes".
+    fn targets(&self) -> &'static str {
+        if self.results.plan.study.is_of_scenes() { "scenes" } else { "images" }
     }
 
     /// The colour of an arm, shown before its name.

@@ -1,9 +1,10 @@
 //! The tables of the page: the quality of each arm, and differences from the baseline.
 
+use gs_core::counted;
 use maud::{Markup, html};
 
 use crate::{
-    comparison::{Difference, Verdict},
+    comparison::Verdict,
     error::Error,
     html,
     remark::{FEWEST_SEEDS, ResultRemark},
@@ -14,6 +15,7 @@ use crate::{
             words::{capital, grouped, signed},
         },
     },
+    statistics::{FEWEST, Interval},
     study::Matching,
     tables::{Metric, RunQuality, Spread},
 };
@@ -30,12 +32,14 @@ impl Page<'_> {
             section {
                 h2 { "Quality" }
                 p {
-                    "Mean over images of means over seeds, at the end of the fits; ± is the standard deviation of a single run over seeds. "
-                    "PSNR in dB, SSIM and MS-SSIM from 0 to 1, of the pictures as they are written in 8 bits; time in seconds. Means are over finished runs."
+                    "Mean over " (self.targets()) " of means over seeds, at the end of the runs; ± is the standard deviation of a single run over seeds. "
+                    "PSNR in dB, SSIM and MS-SSIM from 0 to 1, of the pictures as they are written in 8 bits"
+                    @if self.results.plan.study.is_of_scenes() { ", each a mean over the held-out views" }
+                    "; size is that of all parameters as 32-bit floats; time in seconds. Means are over finished runs."
                 }
                 div.wide { table {
                     thead { tr {
-                        th { "budget" } th { "arm" } th.number { "Gaussians" } th.number { "PSNR, dB" } th.number { "SSIM" }
+                        th { "budget" } th { "arm" } th.number { "Gaussians" } th.number { "size, kB" } th.number { "PSNR, dB" } th.number { "SSIM" }
                         th.number { "MS-SSIM" } th.number { "time, s" } th.number { "runs" }
                     } }
                     tbody {
@@ -45,6 +49,7 @@ impl Page<'_> {
                                 td { @if arm == 0 { (grouped(quality.budget)) } }
                                 td { (self.swatch(arm)) (quality.arm) }
                                 td.number { (spread(quality.gaussians, 0)) }
+                                td.number { @if let Some(bytes) = quality.bytes { (format!("{:.0}", bytes.mean / 1e3)) } @else { "–" } }
                                 td.number { (spread(quality.psnr, 2)) }
                                 td.number { (spread(quality.ssim, 4)) }
                                 td.number { (spread(quality.ms_ssim, 4)) }
@@ -54,7 +59,7 @@ impl Page<'_> {
                                     @if quality.failed > 0 { span.verdict.worse { " (" (quality.failed) " failed)" } }
                                     @if quality.missing > 0 { span.quiet { " (" (quality.missing) " missing)" } }
                                     @if quality.images < images {
-                                        br; span.verdict.worse { "on " (quality.images) " of " (images) " images only" }
+                                        br; span.verdict.worse { "on " (quality.images) " of " (images) " " (self.targets()) " only" }
                                     }
                                 }
                             }
@@ -95,13 +100,16 @@ impl Page<'_> {
                         tbody {
                             @for &row in &rows {
                                 @let psnr = of(Metric::Psnr, row);
-                                tr.remarked[remark(&psnr).is_some()] {
+                                tr.remarked[remark(&psnr.remarks).is_some()] {
                                     td { (grouped(row.0)) }
                                     td.name { (self.swatch(row.1)) (study.arms[row.1].name) }
-                                    (difference_cells(&psnr, 2))
-                                    @if let Some(metric) = second { (difference_cells(&of(metric, row), 4)) }
+                                    (value_cells(psnr.mean, psnr.interval, psnr.verdict, 2))
+                                    @if let Some(metric) = second {
+                                        @let other = of(metric, row);
+                                        (value_cells(other.mean, other.interval, other.verdict, 4))
+                                    }
                                 }
-                                @if let Some(text) = remark(&psnr) {
+                                @if let Some(text) = remark(&psnr.remarks) {
                                     tr.remark { td {} td.quiet colspan=(columns - 1) { (text) } }
                                 }
                             }
@@ -114,9 +122,14 @@ impl Page<'_> {
             section {
                 h2 { "Differences from " (study.arms[baseline].name) }
                 p {
-                    "Differences are paired image by image. Below each mean difference is its 95 % interval; an arm is better or worse if the whole interval lies "
-                    "on one side of 0. "
+                    "Differences are paired "
+                    @if study.is_of_scenes() { "held-out view by view" } @else { "image by image" }
+                    ". Below each mean difference is its 95 % interval; an arm is better or worse if the whole interval lies on one side of 0. "
                     "Hollow marks have no verdict. Every other pair of arms is in " code { "differences.csv" } "."
+                    @if study.is_of_scenes() && self.results.plan.targets.len() < FEWEST {
+                        " " b { (counted(self.results.plan.targets.len(), "scene")) " only: " (FEWEST) " would do for others." }
+                        " Verdicts hold for other seeds and views of these scenes."
+                    }
                     @if study.seeds.len() < FEWEST_SEEDS {
                         " " b { "Few seeds: " (study.seeds.len()) ", " (FEWEST_SEEDS) " would do." } " A difference may be due to chance."
                     }
@@ -126,37 +139,37 @@ impl Page<'_> {
         })
     }
 
-    fn has_ms_ssim(&self) -> bool {
+    pub(super) fn has_ms_ssim(&self) -> bool {
         let mut finished = self.results.records.iter().flatten().filter_map(|record| record.outcome.finished());
         finished.any(|run| run.ms_ssim.is_some())
     }
 }
 
-/// Two cells: the difference with its interval, and the verdict.
-fn difference_cells(difference: &Difference, digits: usize) -> Markup {
-    let class = match difference.verdict {
+/// Two cells: the mean with its interval, and the verdict.
+pub(super) fn value_cells(mean: Option<f64>, interval: Option<Interval>, verdict: Verdict, digits: usize) -> Markup {
+    let class = match verdict {
         Verdict::Better => "verdict better",
         Verdict::Worse => "verdict worse",
         Verdict::CannotTell => "verdict",
     };
     html! {
         td.number {
-            @if let Some(mean) = difference.mean { (signed(mean, digits)) } @else { "–" }
-            @if let Some(interval) = difference.interval {
+            @if let Some(mean) = mean { (signed(mean, digits)) } @else { "–" }
+            @if let Some(interval) = interval {
                 br; span.quiet { (signed(interval.low, digits)) " to " (signed(interval.high, digits)) }
             }
         }
         td {
-            span class=(class) { (difference.verdict.words()) }
+            span class=(class) { (verdict.words()) }
         }
     }
 }
 
-/// The remarks on a difference, for a table row of their own. Few seeds are mentioned once for all
-/// rows.
-fn remark(difference: &Difference) -> Option<String> {
-    let of_row = difference.remarks.iter().filter(|remark| !matches!(remark, ResultRemark::FewSeeds { .. }));
-    let words: Vec<String> = of_row.map(ResultRemark::to_string).collect();
+/// The remarks on a value, for a table row of their own. Those about the whole study are mentioned
+/// once for all rows.
+pub(super) fn remark(remarks: &[ResultRemark]) -> Option<String> {
+    let words: Vec<String> =
+        remarks.iter().filter(|remark| !remark.is_of_study()).map(ResultRemark::to_string).collect();
     (!words.is_empty()).then(|| words.join("; "))
 }
 

@@ -1,0 +1,116 @@
+//! Runs on images: fits of 2D Gaussians.
+
+use gs_backend::FutureExt as _;
+use gs_core::{Blend, Canvas, Error as CoreError, Gaussian2d, Optimizer, Parameterization, RenderSettings, Scene2d};
+use gs_density::Policy;
+use gs_train::{Error as TrainError, FitSettings, FitSummary, ForeignPolicy, InitialCount, Preset, Recovery, Trainer};
+
+use super::{AnyScene, Asked, Measured, StudyTask, WrongKey};
+use crate::{
+    arm::{AnyPolicy, Arm},
+    digest,
+    target::StudyTarget,
+};
+
+impl StudyTask for Scene2d {
+    const IS_3D: bool = false;
+
+    fn start_settings(asked: &Asked<'_>, target: &StudyTarget) -> Result<FitSettings, WrongKey> {
+        let size = target.image().map_or((1, 1), |image| image.size());
+        let preset = Preset::ALL.into_iter().find(|preset| preset.name() == asked.preset()).ok_or_else(|| {
+            let known = Preset::ALL.map(Preset::name).join(", ");
+            WrongKey::new("preset", format!("there is no preset `{}` for images: those are {known}", asked.preset()))
+        })?;
+        if asked.arm.start.is_some() {
+            return Err(WrongKey::new("start", "is for scenes: an image starts from settings.init"));
+        }
+        let mut settings = match (preset, asked.iterations()) {
+            (Preset::Paper, iterations) => {
+                let paper = Preset::Paper.settings(asked.budget, size);
+                let iterations = iterations.unwrap_or(paper.iterations);
+                paper.with_iterations(iterations)
+            }
+            (_, Some(iterations)) => FitSettings::for_image(asked.budget, size, iterations),
+            (preset, None) => preset.settings(asked.budget, size),
+        };
+        if let Some(name) = &asked.arm.policy {
+            settings.policy = Policy::from_name(name).map_err(|error| WrongKey::new("policy", error))?;
+        }
+        Ok(match asked.arm.parameterization {
+            Some(parameterization) => settings.with_parameterization(parameterization),
+            None => settings,
+        })
+    }
+
+    fn completed(settings: FitSettings, seed: u32) -> FitSettings {
+        settings.with(|s| {
+            s.seed = seed;
+            if let InitialCount::Fixed(count) = &mut s.initial {
+                *count = (*count).min(s.gaussians);
+            }
+        })
+    }
+
+    fn without_recovery(settings: &FitSettings) -> FitSettings {
+        settings.clone().with(|s| s.recovery = Recovery::Never)
+    }
+
+    fn begin<'r, R: Optimizer<Self>>(
+        rasterizer: &'r R,
+        target: &StudyTarget,
+        _: &Arm,
+        settings: FitSettings,
+    ) -> Result<Trainer<'r, R, Self>, TrainError> {
+        let Some(image) = target.image() else { return Err(wrong_kind(target)) };
+        Trainer::new(rasterizer, image, settings).block_on()
+    }
+
+    fn measure<R: Optimizer<Self>>(trainer: &Trainer<'_, R, Self>) -> Result<Measured, TrainError> {
+        let (image, culled) = trainer.render().block_on()?;
+        let FitSummary { psnr, ssim, ms_ssim, l1, loss, .. } = FitSummary::new(trainer, &image, culled).block_on()?;
+        let (views, pictures, render) = (Vec::new(), vec![image], trainer.shown());
+        Ok(Measured { psnr, ssim, ms_ssim, l1, loss, culled, views, pictures, render })
+    }
+
+    fn draw_one<R: Optimizer<Self>>(
+        rasterizer: &R,
+        render: &RenderSettings,
+        parameterization: Parameterization,
+    ) -> Result<(), CoreError> {
+        let gaussian = Gaussian2d {
+            mean: [0.5; 2].into(),
+            log_scale: [0.0; 2].into(),
+            rotation: 0.0,
+            opacity_logit: if render.effects.blend == Blend::Sum { f32::INFINITY } else { 0.0 },
+            color: [0.5; 3].into(),
+        };
+        let splats = rasterizer.upload(&[gaussian].into_iter().collect(), parameterization)?;
+        rasterizer.forward(&splats, &Canvas::new(1, 1), render).block_on().map(drop)
+    }
+
+    fn own(policy: &AnyPolicy) -> Option<&ForeignPolicy> {
+        match policy {
+            AnyPolicy::In2d(policy) => Some(policy),
+            AnyPolicy::In3d(_) => None,
+        }
+    }
+
+    fn digest(&self) -> String {
+        digest::of_scene(self)
+    }
+
+    fn bytes(&self) -> u64 {
+        // Mean, scale, rotation and colour, and opacity where there is one.
+        let opacities = self.opacity_logits.iter().filter(|logit| logit.is_finite()).count();
+        4 * (8 * self.means.len() + opacities) as u64
+    }
+
+    fn wrapped(self) -> AnyScene {
+        AnyScene::In2d(self)
+    }
+}
+
+/// The error of a run whose settings are not those of its target; a plan has none.
+pub(super) fn wrong_kind(target: &StudyTarget) -> TrainError {
+    CoreError::State(format!("the settings are not those of a run on {}", target.name)).into()
+}
