@@ -104,6 +104,7 @@ pub fn write_tables(results: &Results<'_>, folder: &StudyFolder) -> Result<(), E
     let runs: Vec<Row> = results.rows().map(|(run, record)| Row::new(plan, run, record)).collect();
     let quality = results.qualities();
     let differences = results.differences(&[Matching::Count, Matching::Iterations]);
+    let folder = folder.lock_results()?;
     folder.write("runs.csv", &runs_csv(&runs))?;
     folder.write("quality.csv", &quality_csv(&quality))?;
     folder.write("differences.csv", &differences_csv(&differences))?;

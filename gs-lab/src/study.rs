@@ -6,11 +6,12 @@ use std::{fmt, path::Path};
 
 pub use crate::{
     built_in::BUILT_IN,
+    claims::ClaimNote,
     comparison::{Difference, Verdict},
     conduct::{Conducted, Watcher, refuse_unsupported},
     digest::of_scene as scene_digest,
     export::write_tables,
-    folder::Safety,
+    folder::{RunningRun, Safety},
     machine::Machine,
     plan::{Run, VERSION},
     record::{Finished, Record, RunOutcome},
@@ -21,6 +22,7 @@ pub use crate::{
     synthetic::SyntheticTarget,
     tables::{Metric, RunQuality, Spread},
     target::StudyImage,
+    work::{AtEnd, Shard, WorkSettings},
 };
 
 use crate::error::Error;

@@ -24,6 +24,7 @@ pub fn write(results: &Results<'_>, folder: &StudyFolder, command: &str) -> Resu
     figures.extend(study.budgets.iter().map(|&budget| curves::quality_over_time(results, budget)));
     figures.extend(study.budgets.iter().map(|&budget| curves::growth(results, budget)));
     figures.extend(study.matchings.iter().map(|&matching| curves::differences(results, matching)));
+    let folder = folder.lock_results()?;
     let plots = folder.file(PLOTS);
     fs::create_dir_all(&plots).map_err(|source| Error::Path { path: plots, source })?;
     folder.claim(

@@ -4,11 +4,11 @@ use gs_backend::Chosen;
 use gs_core::counted;
 use gs_io::{File2d, FolderClaim, Inputs, write_2d, write_png};
 use gs_lab::{
-    Places, Plan, Study, StudyFolder,
+    StudyFolder,
     study::{Machine, Replayed, Run, recorded_run, replay},
 };
 
-use super::{arguments::ReplayArgs, places};
+use super::{arguments::ReplayArgs, prepare::HeldStudy};
 use crate::{
     backend::machine,
     failure::Failure,
@@ -26,15 +26,13 @@ pub(super) fn run(args: &ReplayArgs) -> Result<(), Failure> {
     let output = args.output.clone().unwrap_or_else(|| args.folder.join(format!("replay-{}", args.row)));
     let claim = args.overwrite.claim(&output, FILES, Inputs::from_iter([&file]));
     output_folder::check(&claim)?;
-    let text = std::fs::read_to_string(&file)
-        .map_err(|error| Failure::failed(format_args!("cannot be read: {error}")).at(file.display()))?;
-    let study = Study::from_toml(&text, &file.display().to_string())?;
+    let held = HeldStudy::read(folder, args.data.as_deref())?;
+    let folder = &held.folder;
     let backend = open(args, folder.machine())?;
-    let places = Places { remembered: folder.images(), ..places(args.data.as_deref(), None) };
-    let plan = Plan::new(study, &places, machine(&backend.rasterizer))?;
-    output::note(format_args!("row {}: {}", args.row, plan.describe(recorded_run(&plan, args.row, &folder)?)));
-    let replayed = replay(&plan, args.row, &backend.rasterizer, &folder)?;
-    write(recorded_run(&plan, args.row, &folder)?, &replayed, claim)?;
+    let plan = held.plan(machine(&backend.rasterizer))?;
+    output::note(format_args!("row {}: {}", args.row, plan.describe(recorded_run(&plan, args.row, folder)?)));
+    let replayed = replay(&plan, args.row, &backend.rasterizer, folder)?;
+    write(recorded_run(&plan, args.row, folder)?, &replayed, claim)?;
     output::result(format_args!(
         "row {}: the recorded scene, bit for bit: {}, {:.2} dB; see {}",
         args.row,
