@@ -85,10 +85,7 @@ pub(crate) enum Attempt<'a> {
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum State {
     /// Its owner computes. The age is that of its last sign of life.
-    Live {
-        note: Option<ClaimNote>,
-        age: Duration,
-    },
+    Live { note: Option<ClaimNote>, age: Duration },
     /// Its owner has given the run up.
     Released,
     /// Its owner is dead.
@@ -171,8 +168,7 @@ impl Claims {
             return Ok(State::Released);
         }
         // A claim without a complete note has just been created, or its owner died then.
-        let note: Option<ClaimNote> =
-            content.strip_prefix(WORKING).and_then(|note| serde_json::from_slice(note).ok());
+        let note: Option<ClaimNote> = content.strip_prefix(WORKING).and_then(|note| serde_json::from_slice(note).ok());
         let is_here = note.as_ref().is_some_and(|note| note.locked && note.system == self.system);
         if is_here && file.try_lock_shared().is_ok() {
             return Ok(State::Expired { note });
@@ -284,3 +280,6 @@ fn flush_to_server(file: &File) -> io::Result<()> {
 fn cannot_write(path: PathBuf, source: io::Error) -> Error {
     gs_io::Error::Write { path, source }.into()
 }
+
+#[cfg(test)]
+mod tests;

@@ -4,26 +4,25 @@
 use std::{
     collections::{BTreeMap, HashSet},
     fs,
-    ops::Deref,
     path::{Path, PathBuf},
-    thread,
-    time::{Duration, Instant},
+    time::Duration,
 };
 
 use gs_core::Image;
-use gs_io::{FolderClaim, Inputs, OutputFolder, read_image, write_durably, write_png};
-
-use serde::{Deserialize, Serialize};
+use gs_io::{FolderClaim, Inputs, read_image, write_durably, write_png};
+use serde::Serialize;
 
 use crate::{
     claims::{Claims, State},
     error::Error,
     export::TABLES,
+    locked_results::{LockedResults, begin, results_claim, write},
     machine::Machine,
-    plan::{Plan, Run, VERSION},
+    origin::Origin,
+    plan::{Plan, Run},
     queue::Queue,
     record::Record,
-    report::{PAGE, PLOTS},
+    report::PAGE,
     run_files::{self, Listing},
     tables::Results,
     work::WorkSettings,
@@ -34,9 +33,6 @@ const IMAGES: &str = "images.json";
 const MACHINE: &str = "machine.json";
 const RUNS: &str = "runs";
 const PICTURES: &str = "pictures";
-
-/// Longest time to wait for another process that prepares the folder or writes its report.
-const PATIENCE: Duration = Duration::from_secs(120);
 
 /// What to do if the folder already holds results.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -63,19 +59,6 @@ pub struct StudyFolder {
     path: PathBuf,
     /// The files of tables and report, which one process at a time writes.
     results: FolderClaim,
-}
-
-/// What the results in a folder come from, in `machine.json`.
-#[derive(Debug, Serialize, Deserialize)]
-struct Origin {
-    #[serde(flatten)]
-    machine: Machine,
-    /// The version of the program; `None` in folders of earlier versions.
-    #[serde(default)]
-    version: Option<String>,
-    /// Digests of the images by their names in the study.
-    #[serde(default)]
-    images: BTreeMap<String, String>,
 }
 
 /// A run that a process has claimed.
@@ -136,9 +119,7 @@ impl StudyFolder {
         let found: BTreeMap<&String, PathBuf> =
             images.map(|(name, file)| (name, fs::canonicalize(file).unwrap_or_else(|_| file.clone()))).collect();
         write(&output, IMAGES, &json(&found))?;
-        let digests = plan.targets.iter().map(|target| (target.name.clone(), target.digest.clone())).collect();
-        let origin = Origin { machine: plan.machine.clone(), version: Some(VERSION.to_owned()), images: digests };
-        write(&output, MACHINE, &json(&origin))?;
+        write(&output, MACHINE, &json(&Origin::of(plan)))?;
         if !is_input {
             write(&output, STUDY, &to_toml(plan)?)?;
         }
@@ -179,27 +160,10 @@ impl StudyFolder {
     /// # Errors
     /// [`Error::Folder`] with the difference.
     pub fn check(&self, plan: &Plan) -> Result<(), Error> {
-        let differs = |what: String, mend| Err(Error::Folder { folder: self.path.clone(), what, mend });
-        let Some(origin) = self.origin() else {
-            return differs(format!("{MACHINE} is missing or damaged"), "prepare the study again, with gs study --resume");
-        };
-        if origin.version.as_deref() != Some(VERSION) {
-            let theirs = origin.version.as_deref().unwrap_or("an earlier one");
-            let mend = "use that version, or begin again with this one in another folder";
-            return differs(format!("is a study by version {theirs} of gs, but this is {VERSION}"), mend);
-        }
-        if origin.machine.name != plan.machine.name {
-            let what = format!("is a study on {}, but this is {}", origin.machine.name, plan.machine.name);
-            return differs(what, "a study has one backend and SIMD level for all machines: leave out the flags that choose another");
-        }
-        for image in &plan.targets {
-            if origin.images.get(&image.name).is_some_and(|digest| *digest != image.digest) {
-                let place = image.file.as_ref().map_or_else(String::new, |file| format!(" ({})", file.display()));
-                let what = format!("image {}{place} is not the one that the study began with", image.name);
-                return differs(what, "name the folder of the right one with --data or GS_DATA");
-            }
-        }
-        Ok(())
+        let missing =
+            || (format!("{MACHINE} is missing or damaged"), "prepare the study again, with gs study prepare --resume");
+        let checked = self.origin().ok_or_else(missing).and_then(|origin| origin.check(plan));
+        checked.map_err(|(what, mend)| Error::Folder { folder: self.path.clone(), what, mend })
     }
 
     /// The queue of a plan's runs in this folder.
@@ -319,12 +283,14 @@ impl StudyFolder {
         let held = self.record(run);
         if let Some(first) = held.as_ref().and_then(|held| held.outcome.finished()) {
             return match record.outcome.finished() {
-                Some(second) if json(&first.without_clock()) != json(&second.without_clock()) => Err(Error::TwoResults {
-                    row: run.row,
-                    run: plan.describe(run),
-                    recorded: first.scene.clone(),
-                    found: second.scene.clone(),
-                }),
+                Some(second) if json(&first.without_clock()) != json(&second.without_clock()) => {
+                    Err(Error::TwoResults {
+                        row: run.row,
+                        run: plan.describe(run),
+                        recorded: first.scene.clone(),
+                        found: second.scene.clone(),
+                    })
+                }
                 _ => Ok(()),
             };
         }
@@ -345,58 +311,6 @@ impl StudyFolder {
     pub fn picture(&self, run: &Run) -> Option<Image> {
         Some(read_image(self.file(&picture_name(run))).ok()?.image)
     }
-}
-
-/// A study's folder whose tables and report this process alone writes.
-#[derive(Debug)]
-pub(crate) struct LockedResults<'a> {
-    folder: &'a StudyFolder,
-    output: OutputFolder,
-}
-
-impl Deref for LockedResults<'_> {
-    type Target = StudyFolder;
-
-    fn deref(&self) -> &StudyFolder {
-        self.folder
-    }
-}
-
-impl LockedResults<'_> {
-    /// Writes a text file into the folder.
-    pub(crate) fn write(&self, name: &str, text: &str) -> Result<(), Error> {
-        write(&self.output, name, text)
-    }
-
-    /// Claims files whose names depend on the results, before they are written.
-    pub(crate) fn claim(&self, names: impl IntoIterator<Item = String>) -> Result<(), Error> {
-        Ok(self.output.claim(names)?)
-    }
-
-    /// The path of a file that is about to be written; it is added to the folder's index.
-    pub(crate) fn file_to_write(&self, name: &str) -> PathBuf {
-        self.output.file(name)
-    }
-}
-
-/// Begins to write into a folder. Waits while another process prepares it or writes its report.
-fn begin(claim: FolderClaim) -> Result<OutputFolder, Error> {
-    let patient_until = Instant::now() + PATIENCE;
-    loop {
-        match claim.clone().begin() {
-            Err(gs_io::Error::Busy { .. }) if Instant::now() < patient_until => thread::sleep(PATIENCE / 1000),
-            Err(gs_io::Error::Write { source, .. }) => {
-                let what = format!("cannot be written to: {source}");
-                let mend = "choose another folder with --output";
-                return Err(Error::Folder { folder: claim.path().to_owned(), what, mend });
-            }
-            ended => return Ok(ended?),
-        }
-    }
-}
-
-fn write(output: &OutputFolder, name: &str, text: &str) -> Result<(), Error> {
-    Ok(gs_io::write_atomically(output.file(name), |file| file.write_all(text.as_bytes()))?)
 }
 
 fn json(value: &impl Serialize) -> String {
@@ -421,11 +335,6 @@ fn refuse_held(path: &Path, plan: &Plan, existing: Existing) -> Result<bool, Err
         return wrong(what, "choose another folder with --output");
     }
     Ok(true)
-}
-
-/// A claim to the files of tables and report.
-fn results_claim(path: &Path) -> FolderClaim {
-    FolderClaim::new(path).files(TABLES).files([PAGE]).folders([PLOTS])
 }
 
 fn record_name(run: &Run) -> String {

@@ -87,7 +87,8 @@ impl<'a> Queue<'a> {
     ) -> Result<Option<(usize, Claim<'_>)>, Error> {
         self.look_again();
         while !watcher.wants_stop() {
-            if let Some(index) = self.order().pop() {
+            let candidate = self.order().pop();
+            if let Some(index) = candidate {
                 match self.claims.attempt(self.addresses[index], &words(index))? {
                     Attempt::Claimed(claim) => {
                         self.order().stride = 0;

@@ -2,7 +2,7 @@
 //! otherwise a line now and then.
 
 use std::{
-    sync::{Mutex, PoisonError},
+    sync::{Mutex, MutexGuard, PoisonError},
     time::{Duration, Instant},
 };
 
@@ -64,8 +64,12 @@ impl<'a> Display<'a> {
         Watched { display: self, interrupt }
     }
 
+    fn lock(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     fn update(&self, change: impl FnOnce(&mut State)) {
-        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut state = self.lock();
         change(&mut state);
         let message = state.message(self.started.elapsed());
         match &self.bar {
@@ -127,7 +131,9 @@ impl Watcher for Watched<'_> {
     }
 
     fn counted(&self, ended: usize) {
-        self.display.update(|state| state.done = ended);
+        if self.display.lock().done != ended {
+            self.display.update(|state| state.done = ended);
+        }
     }
 
     fn wants_stop(&self) -> bool {

@@ -40,7 +40,9 @@ pub(super) fn write(results: &Results<'_>, folder: &StudyFolder, command: &str) 
 pub(super) fn remove_damaged(results: &Results<'_>, folder: &StudyFolder) -> Result<usize, Failure> {
     let rows = folder.remove_damaged(results)?;
     for row in &rows {
-        output::note(format_args!("row {row}: its record was damaged (cut short?) and is removed: the run counts as missing"));
+        output::note(format_args!(
+            "row {row}: its record was damaged (cut short?) and is removed: the run counts as missing"
+        ));
     }
     Ok(rows.len())
 }

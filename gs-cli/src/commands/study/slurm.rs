@@ -36,7 +36,8 @@ mod tests {
 
     #[test]
     fn tasks_of_an_array_begin_with_different_parts() {
-        let part = |variables: &[(&str, &str)]| shard(environment(variables)).map(|Shard { index, count }| (index, count));
+        let part =
+            |variables: &[(&str, &str)]| shard(environment(variables)).map(|Shard { index, count }| (index, count));
         let task = |id, count, first, step| {
             part(&[
                 ("SLURM_ARRAY_TASK_ID", id),

@@ -49,6 +49,7 @@ fn slurm_states(folder: &Path) -> Option<String> {
             *states.entry(state.to_lowercase()).or_default() += 1;
         }
     }
-    let states: Vec<String> = states.into_iter().map(|(state, tasks)| format!("{} {state}", counted(tasks, "task"))).collect();
+    let states: Vec<String> =
+        states.into_iter().map(|(state, tasks)| format!("{} {state}", counted(tasks, "task"))).collect();
     Some(if states.is_empty() { "no task of the study".to_owned() } else { states.join(", ") })
 }

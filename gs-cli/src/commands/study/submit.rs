@@ -41,7 +41,8 @@ pub(super) fn run(args: &SubmitArgs) -> Result<(), Failure> {
     let submitted = Command::new("sbatch").arg(&script).output();
     let said = match submitted {
         Err(error) if error.kind() == ErrorKind::NotFound => {
-            let hint = format_args!("submit {} where there is one, or run gs study work {}", script.display(), quoted(&path));
+            let hint =
+                format_args!("submit {} where there is one, or run gs study work {}", script.display(), quoted(&path));
             return Err(Failure::failed("sbatch: there is no such program here").hint(hint));
         }
         Err(error) => return Err(Failure::failed(error).at("sbatch")),

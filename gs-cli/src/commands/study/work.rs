@@ -45,9 +45,13 @@ pub(super) fn run(args: &WorkArgs) -> Result<(), Failure> {
     let done = counted(log.done.into_inner(), "run");
     let folder = quoted(folder.path());
     match conducted {
-        Conducted::Stopped => Err(Failure::interrupted(format_args!("stopped after {done}; to go on: gs study work {folder}"))),
+        Conducted::Stopped => {
+            Err(Failure::interrupted(format_args!("stopped after {done}; to go on: gs study work {folder}")))
+        }
         Conducted::Whole => output::result(format_args!("{done} done, none is left; see gs study report {folder}")),
-        _ => output::result(format_args!("{done} done, the others are with other processes; see gs study status {folder}")),
+        _ => output::result(format_args!(
+            "{done} done, the others are with other processes; see gs study status {folder}"
+        )),
     }
 }
 
