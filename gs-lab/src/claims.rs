@@ -24,7 +24,7 @@ use std::{
     io::{self, ErrorKind, Read, Seek, SeekFrom, Write},
     path::{Path, PathBuf},
     sync::{Arc, Mutex, MutexGuard, PoisonError},
-    time::{Duration, SystemTime},
+    time::{Duration, Instant, SystemTime},
 };
 
 use serde::{Deserialize, Serialize};
@@ -33,6 +33,9 @@ use crate::{error::Error, run_files, system};
 
 /// Heartbeats per lease. Several may fail before the claim expires.
 pub(crate) const BEATS: u32 = 6;
+
+/// Time for which the file server's clock is not read again.
+const CLOCK: Duration = Duration::from_secs(1);
 
 /// Longest claim that is read, bytes.
 const MOST_BYTES: u64 = 4096;
@@ -68,6 +71,8 @@ pub(crate) struct Claims {
     system: String,
     /// The claims that this process holds.
     held: Mutex<Vec<Arc<File>>>,
+    /// The time of the file server, and when it was read.
+    clock: Mutex<Option<(Instant, SystemTime)>>,
 }
 
 /// An attempt to claim a run.
@@ -98,7 +103,7 @@ impl Claims {
     /// Claims in a folder that exists. `worker` names this process in its claims.
     pub(crate) fn new(folder: PathBuf, worker: String, lease: Duration) -> Self {
         let system = system::identity(&folder);
-        Self { folder, worker, lease, system, held: Mutex::default() }
+        Self { folder, worker, lease, system, held: Mutex::default(), clock: Mutex::default() }
     }
 
     /// Tries to claim a run. `run` describes it for people.
@@ -187,8 +192,22 @@ impl Claims {
         Ok(self.now()?.duration_since(written).is_ok_and(|age| age > self.lease))
     }
 
-    /// The time of the file server: that of a file which is written now.
+    /// The time of the file server, at most [`CLOCK`] old. A time that is too early makes claims
+    /// seem younger, so none expires too soon.
     fn now(&self) -> Result<SystemTime, Error> {
+        let mut clock = self.clock.lock().unwrap_or_else(PoisonError::into_inner);
+        match *clock {
+            Some((read, time)) if read.elapsed() < CLOCK => Ok(time),
+            _ => {
+                let time = self.read_clock()?;
+                *clock = Some((Instant::now(), time));
+                Ok(time)
+            }
+        }
+    }
+
+    /// The time of the file server: that of a file which is written now.
+    fn read_clock(&self) -> Result<SystemTime, Error> {
         let path = self.folder.join(format!("{}.now", system::token()));
         let made = File::create_new(&path).and_then(|mut file| {
             file.write_all(b"now")?;

@@ -22,6 +22,9 @@ use crate::{
 /// processes wait at the end of a study, and each begins elsewhere, so together they examine all.
 const MOST_EXAMINED: usize = 32;
 
+/// Fewest runs in a row that could not be claimed before a process looks at the folder again.
+const FEWEST_MISSES: usize = 64;
+
 /// First pause between two looks at the folder. Each is twice as long as the one before.
 const FIRST_PAUSE: Duration = Duration::from_millis(250);
 
@@ -49,6 +52,8 @@ struct Order {
     candidates: VecDeque<usize>,
     /// How far to step after a run that another process has claimed.
     stride: usize,
+    /// Runs in a row that could not be claimed.
+    misses: usize,
     /// Whether no further run is to begin.
     closed: bool,
     /// When to look at the folder again.
@@ -91,10 +96,10 @@ impl<'a> Queue<'a> {
             if let Some(index) = candidate {
                 match self.claims.attempt(self.addresses[index], &words(index))? {
                     Attempt::Claimed(claim) => {
-                        self.order().stride = 0;
+                        self.order().found();
                         return Ok(Some((index, claim)));
                     }
-                    Attempt::Ended => {}
+                    Attempt::Ended => self.order().miss(0),
                     Attempt::Taken => self.order().step_aside(),
                 }
                 continue;
@@ -171,8 +176,9 @@ impl<'a> Queue<'a> {
         }
         if !free.is_empty() {
             let share = |index: &usize| self.settings.shard.is_none_or(|shard| shard.contains(*index));
-            let (own, others): (Vec<usize>, Vec<usize>) = free.into_iter().partition(share);
-            *order = Order { candidates: own.into_iter().chain(others).collect(), ..Order::default() };
+            let (own, others): (VecDeque<usize>, VecDeque<usize>) = free.into_iter().partition(share);
+            // After its share, a process looks again: by then, others have done most of theirs.
+            *order = Order { candidates: if own.is_empty() { others } else { own }, ..Order::default() };
             return Ok(Look::Candidates);
         }
         let idle_since = *order.idle_since.get_or_insert(now);
@@ -199,12 +205,27 @@ impl Order {
         if self.closed { None } else { self.candidates.pop_front() }
     }
 
+    /// A run was claimed.
+    fn found(&mut self) {
+        (self.stride, self.misses) = (0, 0);
+    }
+
     /// Steps over some candidates, twice as many each time, after one was taken by another process:
     /// where many begin at the same place, they disperse.
     fn step_aside(&mut self) {
         self.stride = (self.stride * 2).max(1);
-        let step = self.stride.min(self.candidates.len());
-        self.candidates.rotate_left(step);
+        self.miss(self.stride);
+    }
+
+    /// Steps over candidates after one that could not be claimed. After many, the list is out of
+    /// date, and looking at the folder costs less than trying them all.
+    fn miss(&mut self, step: usize) {
+        self.misses += 1;
+        if self.misses > FEWEST_MISSES.max(self.candidates.len() / 64) {
+            self.candidates.clear();
+            self.misses = 0;
+        }
+        self.candidates.rotate_left(step.min(self.candidates.len()));
     }
 }
 

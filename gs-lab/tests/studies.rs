@@ -230,7 +230,7 @@ fn processes_share_the_runs_of_a_folder() {
         for (index, counter) in counters.iter().enumerate() {
             let (plan, path) = (&plan, shared.path());
             scope.spawn(move || {
-                let shard = (index > 0).then_some(Shard { index: index as u32 - 1, count: 2 });
+                let shard = index.checked_sub(1).map(|index| Shard { index: index as u32, count: 2 });
                 let settings = WorkSettings::default().with(|s| s.shard = shard);
                 let folder = StudyFolder::open(path).unwrap();
                 assert_eq!(conduct_with(plan, &[&cpu(1)], &folder, &settings, counter).unwrap(), Conducted::Whole);

@@ -96,7 +96,7 @@ fn a_dead_process_of_this_system_is_recognised_at_once() {
 fn a_claim_of_another_machine_expires_by_the_file_servers_clock_and_is_taken_over_once() {
     let place = tempfile::tempdir().unwrap();
     let (one, other) = (claims(place.path()), claims(place.path()));
-    let now = one.now().unwrap();
+    let now = one.read_clock().unwrap();
     let (second, hour) = (Duration::from_secs(1), Duration::from_secs(3600));
     for (written, is_live) in [
         (now, true),
@@ -242,7 +242,7 @@ fn check_that_each_run_is_done_once(processes: usize, runs: usize, sharded: bool
 
 #[test]
 fn of_a_thousand_tasks_that_die_and_give_up_none_loses_a_run_or_does_it_twice() {
-    check_that_each_run_is_done_once(1000, 3000, true);
+    check_that_each_run_is_done_once(1000, 2000, true);
 }
 
 #[test]
