@@ -149,6 +149,10 @@ impl Watched<'_> {
 /// Cancels one task in the middle of its work, kills another, and lets Slurm start the killed one
 /// again. Returns the row that the killed one was doing.
 fn disturb(study: &Watched<'_>, job: &str) -> Result<u32, String> {
+    study.wait("a quarter of the runs", |status| {
+        let ended = status.split_once(": ").and_then(|(_, counts)| counts.split(' ').next()?.parse::<u32>().ok());
+        Ok(ended.filter(|ended| *ended >= 6))
+    })?;
     let (row, _) = study.doing(job, 0)?;
     study.slurm.run("scancel", &[&format!("{job}_0")])?;
     eprintln!("cancelled task 0, which was doing row {row}");

@@ -61,7 +61,7 @@ fn processes_that_are_killed_and_stopped_do_each_run_once_with_the_tables_of_one
     }
     processes[0].kill().unwrap();
     #[cfg(unix)]
-    crate::process::signal(&processes[1], "TERM", 1);
+    crate::process::signal(&processes[1], "-TERM", 1);
     let ended = processes.map(|process| Run::ended(process.wait_with_output().unwrap()));
     #[cfg(unix)]
     {
