@@ -5,10 +5,7 @@ use gs_backend::FutureExt as _;
 use std::{
     any::Any,
     panic::{AssertUnwindSafe, catch_unwind},
-    sync::{
-        Mutex,
-        atomic::{AtomicUsize, Ordering},
-    },
+    sync::Mutex,
     thread,
 };
 
@@ -19,9 +16,11 @@ use crate::{
     error::Error,
     folder::StudyFolder,
     plan::{Plan, Run, VERSION},
+    queue::Queue,
     record::{Finished, Record, RunOutcome},
     replay::Replayed,
     task::{RunSettings, StudyBackend, StudyTask},
+    work::WorkSettings,
 };
 
 /// Watches a study; called from several threads. `()` ignores everything.
@@ -34,6 +33,11 @@ pub trait Watcher: Sync {
     /// A run has ended, and its outcome is stored.
     fn ended(&self, run: &Run, outcome: &RunOutcome) {
         let _ = (run, outcome);
+    }
+
+    /// The folder has records of this many runs of the study, done by this process or others.
+    fn counted(&self, ended: usize) {
+        let _ = ended;
     }
 
     /// Whether to stop. Runs in progress are abandoned.
@@ -52,10 +56,12 @@ pub enum Conducted {
     Whole,
     /// The watcher stopped the study; it can be resumed.
     Stopped,
+    /// The runs that are left are with other processes: see [`AtEnd::Leave`](crate::study::AtEnd).
+    Left,
 }
 
-/// Does all runs of a plan that are not finished, in the order of their rows, one at a time on each
-/// rasterizer of `team`.
+/// Does all runs of a plan that have no record, in the order of their rows, one at a time on each
+/// rasterizer of `team`. Other processes may work in the same folder: each run is done by one.
 ///
 /// Results depend neither on the size of the team nor on its threads. Runs that fail or panic are
 /// recorded and do not stop the others. If a backend fails for good, no further run begins, and
@@ -63,67 +69,77 @@ pub enum Conducted {
 ///
 /// # Errors
 /// [`Error::Arm`] as for [`refuse_unsupported`], [`Error::Backend`] where a backend fails for good,
-/// and [`Error::Io`] where a result cannot be stored.
+/// [`Error::Io`] and [`Error::Path`] where a run cannot be claimed or its result not be stored, and
+/// [`Error::TwoResults`] where a run that was taken over ended in two results.
 pub fn conduct<R: StudyBackend + Sync>(
     plan: &Plan,
     team: &[&R],
     folder: &StudyFolder,
     watcher: &dyn Watcher,
 ) -> Result<Conducted, Error> {
+    conduct_with(plan, team, folder, &WorkSettings::default(), watcher)
+}
+
+/// Does runs as [`conduct`] does, beginning with a part of the study, or leaving before its end.
+///
+/// # Errors
+/// As [`conduct`], and [`Error::Work`] for settings out of their range.
+pub fn conduct_with<R: StudyBackend + Sync>(
+    plan: &Plan,
+    team: &[&R],
+    folder: &StudyFolder,
+    settings: &WorkSettings,
+    watcher: &dyn Watcher,
+) -> Result<Conducted, Error> {
+    settings.validate()?;
     team.first().map_or(Ok(()), |rasterizer| refuse_unsupported(plan, *rasterizer))?;
-    let pending: Vec<&Run> = plan.runs.iter().filter(|run| !folder.is_finished(run)).collect();
-    let (next, trouble) = (AtomicUsize::new(0), Mutex::new(None));
+    let queue = folder.queue(plan, settings);
+    let trouble = Mutex::new(None);
     let work = |rasterizer: &R| {
-        while !watcher.wants_stop() {
-            let Some(&run) = pending.get(next.fetch_add(1, Ordering::Relaxed)) else { return };
-            match conduct_run(plan, run, rasterizer, team.len(), folder, watcher) {
-                Ok(true) => {}
-                Ok(false) => return,
-                Err(error) => {
-                    next.store(pending.len(), Ordering::Relaxed);
-                    trouble.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).get_or_insert(error);
-                    return;
-                }
-            }
+        if let Err(error) = conduct_from(&queue, plan, rasterizer, team.len(), folder, watcher) {
+            queue.close();
+            trouble.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).get_or_insert(error);
         }
     };
-    thread::scope(|scope| {
-        for &rasterizer in team {
-            scope.spawn(|| work(rasterizer));
-        }
+    queue.keep_alive(|| {
+        thread::scope(|scope| {
+            for &rasterizer in team {
+                scope.spawn(|| work(rasterizer));
+            }
+        });
     });
     match trouble.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner()) {
         Some(error) => Err(error),
-        None if watcher.wants_stop() && plan.runs.iter().any(|run| folder.record(run).is_none()) => {
-            Ok(Conducted::Stopped)
-        }
-        None => Ok(Conducted::Whole),
+        None if queue.left()? == 0 => Ok(Conducted::Whole),
+        None if watcher.wants_stop() => Ok(Conducted::Stopped),
+        None => Ok(Conducted::Left),
     }
 }
 
-/// Does one run of a plan and stores its record and pictures, whether it finishes or fails. Returns
-/// false where the watcher stopped it; nothing is stored then.
-///
-/// # Errors
-/// [`Error::Backend`] where the backend failed for good, which says nothing about the run, and
-/// [`Error::Io`] where a result cannot be stored.
-pub(crate) fn conduct_run<R: StudyBackend>(
+/// Does runs of a queue until there are none, or the watcher stops.
+fn conduct_from<R: StudyBackend>(
+    queue: &Queue<'_>,
     plan: &Plan,
-    run: &Run,
     rasterizer: &R,
     side_by_side: usize,
     folder: &StudyFolder,
     watcher: &dyn Watcher,
-) -> Result<bool, Error> {
-    watcher.begun(run);
-    let Some((outcome, pictures)) = attempt(plan, run, rasterizer, side_by_side, watcher)? else { return Ok(false) };
-    // Pictures are stored first, so that a recorded run has all its files.
-    if is_shown(plan, run) {
-        pictures.iter().enumerate().try_for_each(|(index, picture)| folder.store_picture(run, index, picture))?;
+) -> Result<(), Error> {
+    let words = |index: usize| plan.describe(&plan.runs[index]);
+    while let Some((index, claim)) = queue.next(words, watcher)? {
+        let run = &plan.runs[index];
+        watcher.begun(run);
+        // A claim that is dropped leaves the run to others.
+        let Some((outcome, pictures)) = attempt(plan, run, rasterizer, side_by_side, watcher)? else { return Ok(()) };
+        // Pictures are stored first, so that a recorded run has all its files.
+        if is_shown(plan, run) {
+            pictures.iter().enumerate().try_for_each(|(index, picture)| folder.store_picture(run, index, picture))?;
+        }
+        folder.store(plan, run, &record(plan, run, outcome.clone())?)?;
+        claim.finish();
+        watcher.ended(run, &outcome);
     }
-    folder.store(run, &record(plan, run, outcome.clone())?)?;
-    watcher.ended(run, &outcome);
-    Ok(true)
+    Ok(())
 }
 
 /// Fails where the backend does not support what an arm needs, before any run begins.

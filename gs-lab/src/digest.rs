@@ -13,7 +13,7 @@ use sha2::{Digest, Sha256};
 use crate::error::Error;
 
 /// Hexadecimal digits of a digest.
-const DIGITS: usize = 32;
+pub(crate) const DIGITS: usize = 32;
 
 /// The digest of several texts, which depends on where one ends and the next begins.
 pub(crate) fn of_texts<'a>(texts: impl IntoIterator<Item = &'a str>) -> String {

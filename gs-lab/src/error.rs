@@ -83,6 +83,28 @@ pub enum Error {
         /// How to fix it.
         mend: &'static str,
     },
+    /// Two computations of a run ended in different results, though nothing that is known differs.
+    /// The first result is kept.
+    #[error(
+        "row {row} ({run}): was computed twice, with different results (scene {found} instead of {recorded}), though nothing that is known \
+         differs: repeat it with gs study replay on both machines, and leave out the one that is wrong"
+    )]
+    TwoResults {
+        /// The row.
+        row: usize,
+        /// The run in words.
+        run: String,
+        /// Digest of the scene that was recorded first.
+        recorded: String,
+        /// Digest of the scene found now.
+        found: String,
+    },
+    /// A setting of the work on a shared study is out of its range.
+    #[error("{message}")]
+    Work {
+        /// The setting, and its range.
+        message: String,
+    },
     /// The study has no such row.
     #[error("row {row}: the study has rows 1 to {rows}")]
     NoRow {

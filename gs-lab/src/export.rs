@@ -129,6 +129,7 @@ pub fn write_tables(results: &Results<'_>, folder: &StudyFolder) -> Result<(), E
     let quality = results.qualities();
     let differences = results.differences(&[Matching::Count, Matching::Iterations]);
     let effects = results.effects(&[Matching::Count, Matching::Iterations]);
+    let folder = folder.lock_results()?;
     folder.write("runs.csv", &runs_csv(&runs, plan))?;
     if plan.study.is_of_scenes() {
         folder.write(VIEWS, &views_csv(results))?;

@@ -2,23 +2,31 @@
 //! and the tables, plots and report.
 
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, HashSet},
     fs,
     path::{Path, PathBuf},
+    time::Duration,
 };
 
 use gs_core::Image;
-use gs_io::{FolderClaim, Inputs, OutputFolder, read_image, write_durably, write_png};
+use gs_io::{FolderClaim, Inputs, read_image, write_durably, write_png};
+use serde::Serialize;
 
 use crate::{
+    claims::{Claims, State},
     error::Error,
     export::TABLES,
+    locked_results::{LockedResults, begin, results_claim, write},
     machine::Machine,
+    origin::Origin,
     plan::{Plan, Run},
-    record::{Record, RunOutcome},
-    report::{PAGE, PLOTS},
+    queue::Queue,
+    record::Record,
+    report::PAGE,
+    run_files::{self, Listing},
+    tables::Results,
     target::StudyTarget,
-    task::PICTURED_VIEWS,
+    work::WorkSettings,
 };
 
 const STUDY: &str = "study.toml";
@@ -46,22 +54,37 @@ pub struct Safety {
     pub overwrite: bool,
 }
 
-/// The output folder of a study.
+/// The output folder of a study. Any number of processes may do its runs at the same time.
 #[derive(Debug)]
 pub struct StudyFolder {
     path: PathBuf,
-    /// Locks the folder; `None` where the folder is only read.
-    output: Option<OutputFolder>,
+    /// The files of tables and report, which one process at a time writes.
+    results: FolderClaim,
+}
+
+/// A run that a process has claimed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RunningRun {
+    /// The row of the run.
+    pub row: usize,
+    /// The process; `None` where its claim cannot be read.
+    pub worker: Option<String>,
+    /// Time since the process has last shown that it is alive, by the file server's clock; `None` if
+    /// it is dead.
+    pub age: Option<Duration>,
 }
 
 impl StudyFolder {
     /// Creates the folder for a plan, or opens it to resume. The study file is stored in it, so
-    /// that rows can be replayed. The folder is locked until this value is dropped.
+    /// that rows can be replayed.
+    ///
+    /// When a study is resumed, runs that failed and records that were cut short are removed, so
+    /// that they are done again.
     ///
     /// # Errors
     /// [`Error::Folder`] where the folder holds another study, or this one and `existing` is
     /// [`Existing::Refuse`], or cannot be written to; [`Error::Io`] where a file that no run wrote
-    /// would be replaced, or another process uses the folder.
+    /// would be replaced, or another process writes tables or a report there for minutes.
     pub fn prepare(path: &Path, plan: &Plan, existing: Existing) -> Result<Self, Error> {
         Self::prepare_with(path, plan, existing, &Safety::default())
     }
@@ -72,72 +95,138 @@ impl StudyFolder {
     /// # Errors
     /// As [`Self::prepare`].
     pub fn prepare_with(path: &Path, plan: &Plan, existing: Existing, safety: &Safety) -> Result<Self, Error> {
-        let wrong = |what: String, mend: &'static str| Error::Folder { folder: path.to_owned(), what, mend };
-        let study = path.join(STUDY);
-        let is_held = study.exists();
-        if is_held && existing == Existing::Refuse {
-            let mend = "go on with it with --resume, or choose another folder with --output";
-            return Err(wrong("holds a study already".to_owned(), mend));
-        }
-        if is_held {
-            let held = fs::read_to_string(&study).ok().and_then(|text| name_of(&text));
-            if held.as_ref() != Some(&plan.study.name) {
-                let held = held.map_or_else(|| "one that cannot be read".to_owned(), |name| format!("`{name}`"));
-                let what = format!("holds another study than `{}`: {held}", plan.study.name);
-                return Err(wrong(what, "choose another folder with --output"));
-            }
-        }
+        let is_held = refuse_held(path, plan, existing)?;
         let read = plan.targets.iter().flat_map(StudyTarget::files);
         let inputs = Inputs::from_iter(read.chain(safety.inputs.iter().cloned()));
         // When a study is resumed from the file in its own folder, that file stays as it is.
-        let is_input = inputs.contain(&study);
+        let is_input = inputs.contain(&path.join(STUDY));
         // Earlier versions kept no index of their files; the study file identifies their folders.
         let is_of_older_version = is_held && !FolderClaim::is_indexed(path);
-        let claim = FolderClaim::new(path)
-            .files((!is_input).then_some(STUDY))
-            .files(files_of(plan))
-            .folders([PLOTS])
-            .inputs(inputs)
-            .overwriting(safety.overwrite || is_of_older_version);
-        let output = claim.begin().map_err(|error| match error {
-            gs_io::Error::Write { source, .. } => {
-                wrong(format!("cannot be written to: {source}"), "choose another folder with --output")
-            }
-            error => error.into(),
-        })?;
-        if is_of_older_version {
-            let there = files_of(plan).chain([STUDY.to_owned()]).filter(|name| path.join(name).exists());
-            output.adopt(there.collect::<Vec<_>>())?;
+        let results = results_claim(path).inputs(inputs).overwriting(safety.overwrite || is_of_older_version);
+        let claim = results.clone().files([IMAGES, MACHINE]).files((!is_input).then_some(STUDY));
+        let output = begin(claim)?;
+        if !is_held {
+            // Another process may have prepared the folder since.
+            refuse_held(path, plan, existing)?;
         }
-        let folder = Self { path: path.to_owned(), output: Some(output) };
+        if is_of_older_version {
+            let names = [STUDY, IMAGES, MACHINE, PAGE].into_iter().chain(TABLES);
+            output.adopt(names.filter(|name| path.join(name).exists()).collect::<Vec<_>>())?;
+        }
+        let folder = Self { path: path.to_owned(), results };
         for part in [folder.file(RUNS), folder.file(PICTURES)] {
             fs::create_dir_all(&part).map_err(|source| Error::Path { path: part, source })?;
         }
         let canonical = |path: &PathBuf| fs::canonicalize(path).unwrap_or_else(|_| path.clone());
         let found: BTreeMap<_, _> = plan.places().into_iter().map(|(name, path)| (name, canonical(path))).collect();
-        let found = serde_json::to_string_pretty(&found).unwrap_or_default();
-        folder.write(IMAGES, &(found + "\n"))?;
-        let machine = serde_json::to_string_pretty(&plan.machine).unwrap_or_default();
-        folder.write(MACHINE, &(machine + "\n"))?;
+        write(&output, IMAGES, &json(&found))?;
+        write(&output, MACHINE, &json(&Origin::of(plan)))?;
         if !is_input {
-            folder.write(STUDY, &plan.study.to_toml()?)?;
+            write(&output, STUDY, &plan.study.to_toml()?)?;
         }
+        run_files::sweep(&folder.file(RUNS), &folder.claims(&WorkSettings::default()))?;
+        run_files::remove_unfinished(&folder.file(RUNS))?;
         Ok(folder)
     }
 
-    /// Opens the folder of a study to read it.
+    /// Opens the folder of a study.
     ///
     /// # Errors
     /// [`Error::Folder`] where there is no study in it.
     pub fn open(path: &Path) -> Result<Self, Error> {
-        match path.join(STUDY).is_file() {
-            true => Ok(Self { path: path.to_owned(), output: None }),
-            false => Err(Error::Folder {
+        Self::open_with(path, &Safety::default())
+    }
+
+    /// Opens the folder of a study as [`Self::open`] does, to write its tables and report with
+    /// further files to protect, or with permission to replace files.
+    ///
+    /// # Errors
+    /// [`Error::Folder`] where there is no study in it.
+    pub fn open_with(path: &Path, safety: &Safety) -> Result<Self, Error> {
+        let study = path.join(STUDY);
+        if !study.is_file() {
+            return Err(Error::Folder {
                 folder: path.to_owned(),
                 what: format!("holds no study: there is no {STUDY} in it"),
                 mend: "name the --output of a gs study",
-            }),
+            });
         }
+        let inputs = Inputs::from_iter(safety.inputs.iter().chain([&study]));
+        Ok(Self { path: path.to_owned(), results: results_claim(path).inputs(inputs).overwriting(safety.overwrite) })
+    }
+
+    /// Fails where a plan's runs are not those that the folder was prepared for: where this is
+    /// another version of the program, or an image or the machine differs.
+    ///
+    /// # Errors
+    /// [`Error::Folder`] with the difference.
+    pub fn check(&self, plan: &Plan) -> Result<(), Error> {
+        let missing =
+            || (format!("{MACHINE} is missing or damaged"), "prepare the study again, with gs study prepare --resume");
+        let checked = self.origin().ok_or_else(missing).and_then(|origin| origin.check(plan));
+        checked.map_err(|(what, mend)| Error::Folder { folder: self.path.clone(), what, mend })
+    }
+
+    /// The queue of a plan's runs in this folder.
+    pub(crate) fn queue<'a>(&self, plan: &'a Plan, settings: &'a WorkSettings) -> Queue<'a> {
+        Queue::new(plan.runs.iter().map(|run| run.address.as_str()).collect(), self.file(RUNS), settings)
+    }
+
+    fn claims(&self, settings: &WorkSettings) -> Claims {
+        Claims::new(self.file(RUNS), settings.worker.clone(), settings.lease)
+    }
+
+    /// The rows of a plan that have no record but a claim, in their order; runs that were given up
+    /// are not among them.
+    ///
+    /// # Errors
+    /// [`Error::Path`] and [`Error::Io`] where the folder cannot be read.
+    pub fn running(&self, plan: &Plan) -> Result<Vec<RunningRun>, Error> {
+        let listing = Listing::of(&self.file(RUNS))?;
+        let claims = self.claims(&WorkSettings::default());
+        let claimed = plan.runs.iter().filter(|run| !listing.ended.contains(&run.address));
+        let claimed = claimed.filter_map(|run| Some((run, *listing.claimed.get(&run.address)?)));
+        let mut running = Vec::new();
+        for (run, generation) in claimed {
+            let (note, age) = match claims.state(&self.file(RUNS).join(run_files::claim(&run.address, generation)))? {
+                State::Live { note, age } => (note, Some(age)),
+                State::Expired { note } => (note, None),
+                State::Released | State::Gone => continue,
+            };
+            running.push(RunningRun { row: run.row, worker: note.map(|note| note.worker), age });
+        }
+        Ok(running)
+    }
+
+    /// Removes records of a plan's runs that are damaged, such as cut short, so that the runs are
+    /// done again. Returns their rows. `results` is what was read.
+    ///
+    /// # Errors
+    /// [`Error::Path`] where a file cannot be removed.
+    pub fn remove_damaged(&self, results: &Results<'_>) -> Result<Vec<usize>, Error> {
+        let mut rows = Vec::new();
+        for (run, _) in results.rows().filter(|(_, record)| record.is_none()) {
+            let path = self.file(&record_name(run));
+            // It may have been stored since the results were read.
+            if path.exists() && self.record(run).is_none() {
+                fs::remove_file(&path).map_err(|source| Error::Path { path, source })?;
+                rows.push(run.row);
+            }
+        }
+        Ok(rows)
+    }
+
+    /// Removes what processes that died have left in the folder.
+    ///
+    /// # Errors
+    /// [`Error::Path`] and [`Error::Io`] where the folder cannot be read or written to.
+    pub fn sweep(&self) -> Result<(), Error> {
+        run_files::sweep(&self.file(RUNS), &self.claims(&WorkSettings::default()))
+    }
+
+    /// Locks the folder's tables and report to write them. Waits where another process has them.
+    pub(crate) fn lock_results(&self) -> Result<LockedResults<'_>, Error> {
+        Ok(LockedResults { folder: self, output: begin(self.results.clone())? })
     }
 
     /// The folder's path.
@@ -158,6 +247,10 @@ impl StudyFolder {
 
     /// The machine that last conducted the study, if it was stored.
     pub fn machine(&self) -> Option<Machine> {
+        Some(self.origin()?.machine)
+    }
+
+    fn origin(&self) -> Option<Origin> {
         serde_json::from_slice(&fs::read(self.file(MACHINE)).ok()?).ok()
     }
 
@@ -173,19 +266,37 @@ impl StudyFolder {
         (record.address == run.address).then_some(record)
     }
 
-    /// Whether the run is finished and need not be done again.
-    pub fn is_finished(&self, run: &Run) -> bool {
-        self.record(run).is_some_and(|record| matches!(record.outcome, RunOutcome::Finished(_)))
+    /// Addresses of the runs that have ended.
+    ///
+    /// # Errors
+    /// [`Error::Path`] where the folder cannot be read.
+    pub fn ended(&self) -> Result<HashSet<String>, Error> {
+        Ok(Listing::of(&self.file(RUNS))?.ended)
     }
 
     /// Stores the record of a run. It is on the disk before this returns, so that a power cut does
-    /// not lose it.
+    /// not lose it. If the run has been finished by another process, which takes over from one that
+    /// seems dead, the first record stays.
     ///
     /// # Errors
-    /// [`Error::Io`].
-    pub fn store(&self, run: &Run, record: &Record) -> Result<(), Error> {
+    /// [`Error::Io`]; [`Error::TwoResults`] where the other process came to another result.
+    pub(crate) fn store(&self, plan: &Plan, run: &Run, record: &Record) -> Result<(), Error> {
+        let held = self.record(run);
+        if let Some(first) = held.as_ref().and_then(|held| held.outcome.finished()) {
+            return match record.outcome.finished() {
+                Some(second) if json(&first.without_clock()) != json(&second.without_clock()) => {
+                    Err(Error::TwoResults {
+                        row: run.row,
+                        run: plan.describe(run),
+                        recorded: first.scene.clone(),
+                        found: second.scene.clone(),
+                    })
+                }
+                _ => Ok(()),
+            };
+        }
         let json = serde_json::to_vec(record).map_err(std::io::Error::other);
-        Ok(write_durably(self.file_to_write(&record_name(run)), |file| file.write_all(&json?))?)
+        Ok(write_durably(self.file(&record_name(run)), |file| file.write_all(&json?))?)
     }
 
     /// Stores a picture of a run's scene, without waiting for the disk: the first, or of a 3D scene
@@ -194,48 +305,46 @@ impl StudyFolder {
     /// # Errors
     /// [`Error::Io`].
     pub(crate) fn store_picture(&self, run: &Run, index: usize, picture: &Image) -> Result<(), Error> {
-        Ok(write_png(self.file_to_write(&picture_name(run, index)), picture)?)
+        Ok(write_png(self.file(&picture_name(run, index)), picture)?)
     }
 
     /// A stored picture of a run's scene, counted from 0.
     pub fn picture(&self, run: &Run, index: usize) -> Option<Image> {
         Some(read_image(self.file(&picture_name(run, index))).ok()?.image)
     }
+}
 
-    /// Writes a text file into the folder.
-    ///
-    /// # Errors
-    /// [`Error::Io`].
-    pub fn write(&self, name: &str, text: &str) -> Result<(), Error> {
-        Ok(gs_io::write_atomically(self.file_to_write(name), |file| file.write_all(text.as_bytes()))?)
-    }
+fn json(value: &impl Serialize) -> String {
+    serde_json::to_string_pretty(value).unwrap_or_default() + "\n"
+}
 
-    /// Claims files whose names depend on the results, before they are written.
-    pub(crate) fn claim(&self, names: impl IntoIterator<Item = String>) -> Result<(), Error> {
-        Ok(self.output.as_ref().map_or(Ok(()), |output| output.claim(names))?)
+/// Whether the folder holds the plan's study. Fails where it must not, or holds another study.
+fn refuse_held(path: &Path, plan: &Plan, existing: Existing) -> Result<bool, Error> {
+    let wrong = |what: String, mend: &'static str| Err(Error::Folder { folder: path.to_owned(), what, mend });
+    let study = path.join(STUDY);
+    if !study.exists() {
+        return Ok(false);
     }
-
-    /// The path of a file that is about to be written; it is added to the folder's index.
-    pub(crate) fn file_to_write(&self, name: &str) -> PathBuf {
-        self.output.as_ref().map_or_else(|| self.file(name), |output| output.file(name))
+    if existing == Existing::Refuse {
+        let mend = "go on with it with --resume, or choose another folder with --output";
+        return wrong("holds a study already".to_owned(), mend);
     }
+    let held = fs::read_to_string(&study).ok().and_then(|text| name_of(&text));
+    if held.as_ref() != Some(&plan.study.name) {
+        let held = held.map_or_else(|| "one that cannot be read".to_owned(), |name| format!("`{name}`"));
+        let what = format!("holds another study than `{}`: {held}", plan.study.name);
+        return wrong(what, "choose another folder with --output");
+    }
+    Ok(true)
 }
 
 fn record_name(run: &Run) -> String {
-    format!("{RUNS}/{}.json", run.address)
+    format!("{RUNS}/{}", run_files::record(&run.address))
 }
 
 fn picture_name(run: &Run, index: usize) -> String {
     let number = if index == 0 { String::new() } else { format!("-{}", index + 1) };
     format!("{PICTURES}/{}{number}.png", run.address)
-}
-
-/// All files of a plan whose names are known in advance, except the study file.
-fn files_of(plan: &Plan) -> impl Iterator<Item = String> {
-    let pictures = if plan.study.is_of_scenes() { PICTURED_VIEWS } else { 1 };
-    let names = move |run| (0..pictures).map(move |index| picture_name(run, index)).chain([record_name(run)]);
-    let runs = plan.runs.iter().flat_map(names);
-    [IMAGES, MACHINE, PAGE].into_iter().chain(TABLES).map(str::to_owned).chain(runs)
 }
 
 /// The name of the study in a study file.

@@ -4,12 +4,14 @@
 //! - A [`Study`] is arms × images or 3D scenes × budgets × seeds, from a short TOML file.
 //! - A [`Plan`] turns it into runs, each with an address that follows from everything its result
 //!   depends on.
-//! - [`conduct`] does the runs that are missing, side by side, and stores each as one file.
+//! - [`conduct`] does the runs that are missing, side by side, and stores each as one file. Any
+//!   number of processes may do so in one folder; each claims its runs.
 //! - [`Results`] makes tables with intervals, [`report`] a page.
 //! - [`experiments`], [`frontier`], [`effects`] and [`figure`] hold the rest.
 
 mod arm;
 mod built_in;
+mod claims;
 mod comparison;
 mod conduct;
 mod contrast;
@@ -26,27 +28,33 @@ mod folder;
 pub mod frontier;
 mod html;
 mod key_lines;
+mod locked_results;
 mod machine;
+mod origin;
 mod overrides;
 mod plan;
+mod queue;
 mod reach;
 mod record;
 mod remark;
 mod replay;
 pub mod report;
+mod run_files;
 mod selection;
 #[cfg(test)]
 mod sources;
 mod statistics;
 pub mod study;
 mod synthetic;
+mod system;
 mod tables;
 mod target;
 mod task;
+mod work;
 
 pub use crate::{
     built_in::built_in,
-    conduct::conduct,
+    conduct::{conduct, conduct_with},
     error::Error,
     folder::{Existing, StudyFolder},
     plan::Plan,

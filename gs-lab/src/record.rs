@@ -129,6 +129,14 @@ fn all_infinite_where_null<'de, D: Deserializer<'de>>(deserializer: D) -> Result
 }
 
 impl Finished {
+    /// The numbers that do not depend on the clock, nor on how many threads and runs shared the
+    /// machine.
+    pub(crate) fn without_clock(&self) -> Self {
+        let still = |row: &MetricsRow| MetricsRow { seconds: 0.0, ..*row };
+        let trajectory = self.trajectory.iter().map(still).collect();
+        Self { seconds: 0.0, backend: String::new(), side_by_side: 1, trajectory, ..self.clone() }
+    }
+
     /// A PSNR at a position of the trajectory, dB: interpolated between measurements, constant
     /// before the first and after the last. It is the run's own, or that of one view.
     fn psnr_at(&self, place: f64, view: Option<usize>, of: impl Fn(&MetricsRow) -> f64) -> Option<f64> {

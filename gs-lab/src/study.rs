@@ -7,6 +7,7 @@ use std::{fmt, path::Path};
 pub use crate::{
     arm::{AnyPolicy, Arm, OwnPolicy},
     built_in::BUILT_IN,
+    claims::ClaimNote,
     comparison::{Difference, Verdict},
     conduct::{Conducted, Watcher, refuse_unsupported},
     dataset_reading::{Alpha, DatasetReading},
@@ -14,7 +15,7 @@ pub use crate::{
     export::write_tables,
     factor::Factor,
     factorial::{Effect, EffectOf},
-    folder::Safety,
+    folder::{RunningRun, Safety},
     machine::Machine,
     plan::{Run, VERSION},
     record::{Finished, Record, RunOutcome, ViewResult},
@@ -26,6 +27,7 @@ pub use crate::{
     tables::{Metric, RunQuality, Spread},
     target::{StudyTarget, TargetContent},
     task::{AnyScene, RunSettings, StudyBackend},
+    work::{AtEnd, Shard, WorkSettings},
 };
 
 use crate::{error::Error, key_lines::KeyLines};

@@ -1,6 +1,7 @@
 //! The results of a study: its runs with their records, and the quality of each arm at each budget.
 
 use crate::statistics::{mean, variance};
+use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::{
@@ -102,7 +103,7 @@ pub struct RunQuality {
 impl<'a> Results<'a> {
     /// Reads the records of a plan's runs.
     pub fn read(plan: &'a Plan, folder: &StudyFolder) -> Self {
-        Self { plan, records: plan.runs.iter().map(|run| folder.record(run)).collect() }
+        Self { plan, records: plan.runs.par_iter().map(|run| folder.record(run)).collect() }
     }
 
     /// The runs with their records, in the plan's order.

@@ -131,7 +131,7 @@ fn a_study_of_scenes_runs_resumes_and_replays() {
     // Another scene than recorded is noticed.
     let json = fs::read_to_string(alone.file("results.json")).unwrap();
     fs::remove_dir_all(alone.file("runs")).unwrap();
-    alone.write("results.json", &json.replace(&end.scene, "0123")).unwrap();
+    fs::write(alone.file("results.json"), json.replace(&end.scene, "0123")).unwrap();
     assert!(matches!(replay(&plan, 2, &cpu(), &alone), Err(Error::NotReplayed { row: 2, .. })));
 }
 

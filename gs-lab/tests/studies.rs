@@ -5,21 +5,22 @@ use pollster::FutureExt as _;
 use std::{
     collections::BTreeMap,
     fs,
-    path::Path,
+    path::{Path, PathBuf},
     sync::{
         Arc, Mutex,
         atomic::{AtomicBool, AtomicUsize, Ordering},
     },
+    thread,
 };
 
 use gs_core::{EditPlan, Error as CoreError, Gaussian2d, effects::Statistics};
 use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_density::{DensityPolicy, Observation, Rng};
 use gs_lab::{
-    Error, Existing, Places, Plan, Results, Study, StudyFolder, conduct, report,
+    Error, Existing, Places, Plan, Results, Study, StudyFolder, conduct, conduct_with, report,
     study::{
-        AnyScene, Arm, Conducted, Machine, Matching, Metric, ResultRemark, Run, RunOutcome, Safety, VERSION, Verdict,
-        Watcher, replay, scene_digest, write_tables,
+        AnyScene, Arm, Conducted, Machine, Matching, Metric, ResultRemark, Run, RunOutcome, Safety, Shard, VERSION,
+        Verdict, Watcher, WorkSettings, replay, scene_digest, write_tables,
     },
 };
 use gs_train::fit;
@@ -133,9 +134,9 @@ fn what_is_finished_is_not_done_again_and_what_is_new_is() {
     let mut longer = study();
     longer.seeds.push(7);
     let plan = laid_out(longer, place.path());
-    let folder = StudyFolder::prepare(&output, &plan, Existing::Resume).unwrap();
     // A truncated file counts as missing.
-    fs::write(folder.file("runs").join(format!("{}.json", plan.runs[2].address)), "{\"address\": ").unwrap();
+    fs::write(record(&output, &plan, 3), "{\"address\": ").unwrap();
+    let folder = StudyFolder::prepare(&output, &plan, Existing::Resume).unwrap();
     let counter = Counter::default();
     conduct(&plan, &[&cpu(1)], &folder, &counter).unwrap();
     assert_eq!(counter.begun.into_inner(), 8 + 1);
@@ -168,7 +169,7 @@ fn every_row_is_a_fit_that_ends_in_the_recorded_scene() {
     assert!(matches!(replay(&other_settings, 2, &rasterizer, &folder), Err(Error::OtherRun { row: 2, .. })));
     let json = fs::read_to_string(folder.file("results.json")).unwrap();
     let scene = replay(&plan, 2, &rasterizer, &folder).unwrap().finished.scene;
-    folder.write("results.json", &json.replace(&scene, "0123")).unwrap();
+    fs::write(folder.file("results.json"), json.replace(&scene, "0123")).unwrap();
     let refused = replay(&plan, 2, &rasterizer, &folder).unwrap_err().to_string();
     assert!(refused.contains("not the recorded one") && refused.contains("0123"), "{refused}");
 }
@@ -193,31 +194,160 @@ fn a_row_of_another_machine_or_version_says_so_and_how_to_get_there() {
     assert_eq!(replay(&moved, 1, &cpu(1), &folder).unwrap_err().to_string(), expected);
     let json = fs::read_to_string(folder.file("results.json")).unwrap();
     let older = json.replace(&format!("\"version\":\"{}\"", VERSION), "\"version\":\"0.0.9\"");
-    folder.write("results.json", &older.replace("wgpu some GPU", "test")).unwrap();
+    fs::write(folder.file("results.json"), older.replace("wgpu some GPU", "test")).unwrap();
     let refused = replay(&moved, 1, &cpu(1), &folder).unwrap_err().to_string();
     assert!(refused.starts_with("row 1: recorded by version 0.0.9, but this is 0."), "{refused}");
 }
 
+/// The file of a row's record.
+fn record(output: &Path, plan: &Plan, row: usize) -> PathBuf {
+    output.join("runs").join(format!("{}.json", plan.run(row).unwrap().address))
+}
+
 #[test]
-fn a_folder_is_for_one_study_and_one_process_at_a_time() {
+fn a_folder_is_for_one_study() {
     let place = place();
     let output = place.path().join("out");
     let plan = laid_out(study(), place.path());
     let folder = StudyFolder::prepare(&output, &plan, Existing::Refuse).unwrap();
-    // Files that another process is writing are not removed.
-    let half_written = folder.file("runs").join(".gs-a1b2c3.tmp");
-    fs::write(&half_written, "").unwrap();
-    let busy = StudyFolder::prepare(&output, &plan, Existing::Resume).unwrap_err().to_string();
-    assert!(busy.contains("another run of gs is at work in this folder") && half_written.exists(), "{busy}");
-    drop(folder);
-
     let before = fs::read_to_string(output.join("study.toml")).unwrap();
     let other = laid_out(study().with(|s| s.name = "other".to_owned()), place.path());
     let taken = StudyFolder::prepare(&output, &other, Existing::Resume).unwrap_err().to_string();
     assert!(taken.contains("holds another study than `other`: `small`: choose another folder"), "{taken}");
     assert_eq!(fs::read_to_string(output.join("study.toml")).unwrap(), before);
-    StudyFolder::prepare(&output, &plan, Existing::Resume).unwrap();
-    assert!(!half_written.exists(), "of a process that is gone");
+    // Another process may resume it while this one has it.
+    StudyFolder::prepare(&output, &plan, Existing::Resume).unwrap().check(&plan).unwrap();
+    drop(folder);
+}
+
+#[test]
+fn processes_share_the_runs_of_a_folder() {
+    let place = place();
+    let plan = laid_out(study(), place.path());
+    let whole = conducted(&plan, &place.path().join("whole"), 1, 1);
+    let shared = StudyFolder::prepare(&place.path().join("shared"), &plan, Existing::Refuse).unwrap();
+    let counters: Vec<Counter> = (0..3).map(|_| Counter::default()).collect();
+    thread::scope(|scope| {
+        for (index, counter) in counters.iter().enumerate() {
+            let (plan, path) = (&plan, shared.path());
+            scope.spawn(move || {
+                let shard = index.checked_sub(1).map(|index| Shard { index: index as u32, count: 2 });
+                let settings = WorkSettings::default().with(|s| s.shard = shard);
+                let folder = StudyFolder::open(path).unwrap();
+                assert_eq!(conduct_with(plan, &[&cpu(1)], &folder, &settings, counter).unwrap(), Conducted::Whole);
+            });
+        }
+    });
+    let begun: Vec<usize> = counters.into_iter().map(|counter| counter.begun.into_inner()).collect();
+    assert_eq!(begun.iter().sum::<usize>(), plan.runs.len(), "{begun:?}");
+    write_tables(&Results::read(&plan, &shared), &shared).unwrap();
+    assert_eq!(tables(&shared), tables(&whole));
+}
+
+#[test]
+fn a_folder_prepared_for_something_else_is_refused() {
+    let place = place();
+    let output = place.path().join("out");
+    let plan = laid_out(study(), place.path());
+    let folder = StudyFolder::prepare(&output, &plan, Existing::Refuse).unwrap();
+    let refused = |plan: &Plan| folder.check(plan).unwrap_err().to_string();
+    let elsewhere = Plan { machine: "cpu avx2".into(), ..plan.clone() };
+    assert!(
+        refused(&elsewhere).contains("is a study on test, but this is cpu avx2: a study has one "),
+        "{elsewhere:?}"
+    );
+    let grey = gs_core::Image::filled(48, 40, [0.5; 3]).unwrap();
+    gs_io::write_png(place.path().join("stripes.png"), &grey).unwrap();
+    let line = refused(&laid_out(study(), place.path()));
+    assert!(
+        line.contains("image stripes.png (") && line.contains(") is not the one that the study began with"),
+        "{line}"
+    );
+    let file = output.join("machine.json");
+    let text = fs::read_to_string(&file).unwrap();
+    fs::write(&file, text.replace(VERSION, "0.0.9")).unwrap();
+    let line = refused(&plan);
+    assert!(
+        line.contains("is a study by version 0.0.9 of gs, but this is 0.") && line.contains("use that version"),
+        "{line}"
+    );
+    fs::write(&file, &text[..20]).unwrap();
+    assert!(refused(&plan).contains("machine.json is missing or damaged"));
+}
+
+#[test]
+fn damaged_records_are_no_rows_and_their_runs_are_done_again() {
+    let place = place();
+    let plan = laid_out(study(), place.path());
+    let folder = conducted(&plan, &place.path().join("out"), 1, 1);
+    let whole = tables(&folder);
+    let file = |row| record(folder.path(), &plan, row);
+    let text = fs::read(file(2)).unwrap();
+    fs::write(file(2), &text[..text.len() / 2]).unwrap();
+    fs::write(file(5), "").unwrap();
+    fs::copy(file(7), file(6)).unwrap();
+    let results = Results::read(&plan, &folder);
+    assert_eq!(results.records.iter().flatten().count(), plan.runs.len() - 3);
+    assert_eq!(folder.remove_damaged(&results).unwrap(), [2, 5, 6]);
+    let counter = Counter::default();
+    conduct(&plan, &[&cpu(1)], &folder, &counter).unwrap();
+    assert_eq!(counter.begun.into_inner(), 3);
+    write_tables(&Results::read(&plan, &folder), &folder).unwrap();
+    assert_eq!(tables(&folder), whole);
+}
+
+/// Finishes a run as another process would, with another result, while it is under way.
+struct Meddler<'a> {
+    folder: &'a Path,
+    plan: &'a Plan,
+    changed: (&'a str, &'a str),
+}
+
+impl Watcher for Meddler<'_> {
+    fn begun(&self, run: &Run) {
+        let whole =
+            fs::read_to_string(self.folder.with_file_name("whole").join("runs").join(format!("{}.json", run.address)));
+        let (from, to) = self.changed;
+        fs::write(record(self.folder, self.plan, run.row), whole.unwrap().replace(from, to)).unwrap();
+    }
+}
+
+#[test]
+fn a_run_done_twice_must_have_one_result_and_the_first_record_stays() {
+    let place = place();
+    let plan = laid_out(study(), place.path());
+    drop(conducted(&plan, &place.path().join("whole"), 1, 2));
+    let meddled = |name: &str, changed| {
+        let folder = StudyFolder::prepare(&place.path().join(name), &plan, Existing::Refuse).unwrap();
+        let conducted = conduct(&plan, &[&cpu(1)], &folder, &Meddler { folder: folder.path(), plan: &plan, changed });
+        (conducted, fs::read_to_string(record(folder.path(), &plan, 1)).unwrap())
+    };
+    let (same, kept) = meddled("same", ("\"seconds\":", "\"seconds\":1"));
+    assert_eq!(same.unwrap(), Conducted::Whole);
+    assert!(kept.contains("\"seconds\":1"), "the first");
+    let (other, kept) = meddled("other", ("\"scene\":\"", "\"scene\":\"f00d"));
+    let line = other.unwrap_err().to_string();
+    assert!(
+        line.starts_with("row 1 (none, paper, 30 Gaussians, seed 0): was computed twice, with different results"),
+        "{line}"
+    );
+    assert!(line.contains("instead of f00d") && kept.contains("f00d"), "{line}");
+}
+
+#[test]
+fn a_result_that_cannot_be_stored_ends_the_work_and_leaves_the_run_to_others() {
+    let place = place();
+    let plan = laid_out(study(), place.path());
+    let folder = StudyFolder::prepare(&place.path().join("out"), &plan, Existing::Refuse).unwrap();
+    // Pictures of the first seed cannot be stored.
+    fs::remove_dir(folder.file("pictures")).unwrap();
+    let line = conduct(&plan, &[&cpu(1)], &folder, &()).unwrap_err().to_string();
+    assert!(line.contains("cannot be written: there is no folder "), "{line}");
+    assert_eq!(folder.running(&plan).unwrap(), [], "given back");
+    fs::create_dir(folder.file("pictures")).unwrap();
+    assert_eq!(conduct(&plan, &[&cpu(1)], &folder, &()).unwrap(), Conducted::Whole);
+    let names: Vec<_> = fs::read_dir(folder.file("runs")).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+    assert_eq!(names.len(), plan.runs.len(), "{names:?}");
 }
 
 #[test]
@@ -299,10 +429,14 @@ fn a_run_that_fails_is_recorded_and_does_not_stop_the_others() {
     // The other arms are compared as if it did not exist.
     let difference = results.difference(Matching::Iterations, Metric::Psnr, 60, 2, 0);
     assert_eq!((difference.pairs, results.difference(Matching::Count, Metric::Psnr, 60, 1, 0).pairs), (2, 0));
-    // Failed runs are tried again when the study is resumed.
-    let again = Counter::default();
-    conduct(&plan, &[&cpu(1)], &folder, &again).unwrap();
-    assert_eq!(again.begun.into_inner(), 8);
+    // Failed runs are tried again when the study is resumed, and not before.
+    let begun = |folder: &StudyFolder| {
+        let again = Counter::default();
+        conduct(&plan, &[&cpu(1)], folder, &again).unwrap();
+        again.begun.into_inner()
+    };
+    assert_eq!(begun(&folder), 0);
+    assert_eq!(begun(&StudyFolder::prepare(folder.path(), &plan, Existing::Resume).unwrap()), 8);
 }
 
 #[test]

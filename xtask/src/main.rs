@@ -1,7 +1,10 @@
-//! The project's own commands: `cargo xtask test` runs all the tests.
+//! The project's own commands: `cargo xtask test` runs all the tests, `cargo xtask cluster` a study
+//! on a cluster of this machine.
 //!
 //! This program depends on no crate, so that it compiles within a second on a fresh machine.
 
+mod cluster;
+mod system;
 mod test;
 
 use std::process::ExitCode;
@@ -9,9 +12,10 @@ use std::process::ExitCode;
 use crate::test::Options;
 
 const HELP: &str = "\
-Runs the tests of the workspace, documentation tests included.
-
 Usage: cargo xtask test [--install] [--slow]
+       cargo xtask cluster [--install]
+
+cargo xtask test runs the tests of the workspace, documentation tests included.
 
 Options:
   --install  install what the tests need: Mesa's software Vulkan driver, where there is no
@@ -20,27 +24,46 @@ Options:
   --slow     then run the slow tests (marked #[ignore]) in the release profile
 
 Tests on real images and scenes read the folder that GS_DATA names, ../shared/data by default.
-They pass without checking anything where it is absent.";
+They pass without checking anything where it is absent.
+
+cargo xtask cluster starts Slurm on this machine, in a folder of its own, and does a study there as
+an array of jobs of which one is cancelled and one killed. The tables must be those of one process.
+
+Options:
+  --install  install Debian's slurm-wlm and munge; without it and without them, nothing is checked";
+
+/// What the command line asks for.
+enum Task {
+    Test(Options),
+    Cluster { install: bool },
+}
 
 fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let words: Vec<&str> = arguments.iter().map(String::as_str).collect();
-    let options = match &words[..] {
-        [] | ["help" | "-h" | "--help"] | ["test", "-h" | "--help"] => {
+    let task = match &words[..] {
+        [] | ["help" | "-h" | "--help"] | ["test" | "cluster", "-h" | "--help"] => {
             eprintln!("{HELP}");
             return ExitCode::SUCCESS;
         }
-        ["test", flags @ ..] => Options::parse(flags),
+        ["test", flags @ ..] => Options::parse(flags).map(Task::Test),
+        ["cluster"] => Ok(Task::Cluster { install: false }),
+        ["cluster", "--install"] => Ok(Task::Cluster { install: true }),
+        ["cluster", flag, ..] => Err(format!("unknown flag {flag}")),
         [other, ..] => Err(format!("unknown command {other}")),
     };
-    let options = match options {
-        Ok(options) => options,
+    let task = match task {
+        Ok(task) => task,
         Err(message) => {
             eprintln!("error: {message}: see cargo xtask help");
             return ExitCode::from(2);
         }
     };
-    match test::run(options) {
+    let ended = match task {
+        Task::Test(options) => test::run(options),
+        Task::Cluster { install } => cluster::run(install),
+    };
+    match ended {
         Ok(()) => ExitCode::SUCCESS,
         Err(message) => {
             eprintln!("error: {message}");

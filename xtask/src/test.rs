@@ -2,10 +2,11 @@
 
 use std::{
     env,
-    ffi::OsString,
-    path::{Path, PathBuf},
+    path::PathBuf,
     process::{Command, Stdio},
 };
+
+use crate::system::{cargo, cargo_program, install_packages, workspace};
 
 /// The package of Debian and Ubuntu that holds Mesa's software Vulkan driver.
 const DRIVER: &str = "mesa-vulkan-drivers";
@@ -78,7 +79,7 @@ fn find_adapter(install: bool) -> Result<bool, String> {
         return Ok(false);
     }
     eprintln!("no graphics adapter: installing {DRIVER}, Mesa's software Vulkan driver");
-    install_package(DRIVER).map_err(|error| {
+    install_packages(&[DRIVER]).map_err(|error| {
         format!("{error}: install Mesa's software Vulkan driver or a GPU's driver by hand, or run without --install")
     })?;
     if found() { Ok(true) } else { Err(format!("{DRIVER} is installed, but there is still no graphics adapter")) }
@@ -106,51 +107,9 @@ fn report_skipped() -> Result<(), String> {
     Ok(())
 }
 
-/// Installs a package of the system, as root or through sudo.
-fn install_package(package: &str) -> Result<(), String> {
-    let is_root = Command::new("id").arg("-u").output().is_ok_and(|output| output.stdout.trim_ascii() == b"0");
-    let apt = |arguments: &[&str]| {
-        let mut words = if is_root { vec![] } else { vec!["sudo"] };
-        words.extend(["apt-get", "--quiet", "--yes"]);
-        words.extend(arguments);
-        let line = words.join(" ");
-        eprintln!("== {line}");
-        let status = Command::new(words[0]).args(&words[1..]).env("DEBIAN_FRONTEND", "noninteractive").status();
-        match status {
-            Ok(status) if status.success() => Ok(()),
-            Ok(status) => Err(format!("{line}: {status}")),
-            Err(error) => Err(format!("{} could not be started: {error}", words[0])),
-        }
-    };
-    // Package lists may be old, or absent as in a fresh container.
-    apt(&["install", package]).or_else(|_| apt(&["update"]).and_then(|()| apt(&["install", package])))
-}
-
 /// Whether cargo has nextest.
 fn has_nextest() -> bool {
     let mut version = Command::new(cargo_program());
     version.args(["nextest", "--version"]).stdout(Stdio::null()).stderr(Stdio::null());
     version.status().is_ok_and(|status| status.success())
-}
-
-/// Runs cargo in the workspace, under a line that shows the command.
-fn cargo(arguments: &[&str]) -> Result<(), String> {
-    let line = format!("cargo {}", arguments.join(" "));
-    eprintln!("== {line}");
-    let status = Command::new(cargo_program())
-        .args(arguments)
-        .current_dir(workspace())
-        .status()
-        .map_err(|error| format!("{line}: could not be started: {error}"))?;
-    if status.success() { Ok(()) } else { Err(format!("{line}: {status}")) }
-}
-
-/// The cargo that runs this program, so that both use one toolchain.
-fn cargo_program() -> OsString {
-    env::var_os("CARGO").unwrap_or_else(|| "cargo".into())
-}
-
-fn workspace() -> PathBuf {
-    let manifest = env::var_os("CARGO_MANIFEST_DIR").map_or_else(|| env!("CARGO_MANIFEST_DIR").into(), PathBuf::from);
-    manifest.parent().map_or_else(|| ".".into(), Path::to_path_buf)
 }

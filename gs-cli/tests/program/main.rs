@@ -19,6 +19,7 @@ mod profile;
 mod quality;
 mod scene2d;
 mod scenes;
+mod shared_study;
 mod study;
 mod train;
 mod training_folder;

@@ -49,7 +49,7 @@ impl Run {
         Self::ended(child.wait_with_output().expect("the program ends"))
     }
 
-    fn ended(output: Output) -> Self {
+    pub(crate) fn ended(output: Output) -> Self {
         Self {
             status: output.status.code(),
             stdout: String::from_utf8(output.stdout).expect("standard output is UTF-8"),

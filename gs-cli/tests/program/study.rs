@@ -16,13 +16,13 @@ use crate::{
     train::rasterizer,
 };
 
-const STUDY: &str = "name = 'small'\nquestion = 'Does growth help?'\nimages = ['paper', 'picture-32x24.png']\nbudgets = [40]\n\
+pub(crate) const STUDY: &str = "name = 'small'\nquestion = 'Does growth help?'\nimages = ['paper', 'picture-32x24.png']\nbudgets = [40]\n\
     seeds = [0, 1, 2]\npreset = 'paper'\niterations = 60\n[settings]\nrounds = { every = 10, from = 10, until = 50 }\n\
     [[arm]]\nname = 'none'\nsettings.policy.kind = 'none'\n\
     [[arm]]\nname = 'percentile'\nsettings.policy = { kind = 'percentile', percent = 50 }\n";
 
 /// A folder with a study and its image; the study's file.
-fn study(place: &Path) -> PathBuf {
+pub(crate) fn study(place: &Path) -> PathBuf {
     picture(place, 32, 24);
     let file = place.join("small.toml");
     fs::write(&file, STUDY).unwrap();
@@ -34,7 +34,7 @@ fn arguments<'a>(study: &'a Path, output: &'a Path) -> Vec<&'a str> {
 }
 
 /// What must be the same however a study was run.
-fn tables(output: &Path) -> BTreeMap<&'static str, String> {
+pub(crate) fn tables(output: &Path) -> BTreeMap<&'static str, String> {
     let names = ["runs.csv", "quality.csv", "differences.csv", "results.json", "study.toml"];
     names.map(|name| (name, fs::read_to_string(output.join(name)).unwrap())).into()
 }

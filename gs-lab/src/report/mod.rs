@@ -26,6 +26,7 @@ pub fn write(results: &Results<'_>, folder: &StudyFolder, command: &str) -> Resu
     if !study.factors.is_empty() {
         figures.extend(study.matchings.iter().map(|&matching| curves::effects(results, matching)));
     }
+    let folder = folder.lock_results()?;
     let plots = folder.file(PLOTS);
     fs::create_dir_all(&plots).map_err(|source| Error::Path { path: plots, source })?;
     folder.claim(

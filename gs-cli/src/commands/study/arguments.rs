@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
-use gs_lab::study::Selection;
+use gs_lab::study::{Selection, Shard};
 
 use crate::{backend::BackendArgs, output_folder::OverwriteArgs, values::whole};
 
@@ -63,7 +63,9 @@ worse or can't tell
   times.csv, differences-at-time.csv, effects-at-time.csv   the tables that depend on time
   plots/                  the report's curves as SVG and PNG
   study.toml, machine.json   the study, and the machine that ran it
-  runs/, pictures/        the stored runs
+  runs/, pictures/        the stored runs, and claims on runs that are under way
+
+Several processes may work on one study, also on several machines that share DIR: see gs study work.
 
 Each finished run is stored, so --resume does not repeat it, whatever has stopped the program. \
 Tables do not depend on interruptions, --jobs and --threads; times are comparable with --jobs 1 on \
@@ -85,11 +87,31 @@ pub(crate) struct StudyArgs {
 pub(crate) enum StudyAction {
     /// Repeat one row of a study, and check that its scene is the same, bit for bit
     Replay(ReplayArgs),
+    /// Make the folder of a study, for gs study work
+    Prepare(PrepareArgs),
+    /// Do runs of the study in a folder, with any number of other processes and machines
+    Work(WorkArgs),
+    /// Make the folder of a study, and hand it to Slurm as an array of jobs
+    Submit(SubmitArgs),
+    /// Show how many runs of the study in a folder have ended, and who is doing others
+    Status(HeldStudyArgs),
+    /// Write tables and report of the runs that have ended so far
+    Report(ReportArgs),
 }
 
 /// A study to run.
 #[derive(Debug, Clone, Args)]
 pub(crate) struct ConductArgs {
+    #[command(flatten)]
+    pub(crate) study: PrepareArgs,
+    /// Runs in parallel, each with its share of the threads; the tables do not depend on it
+    #[arg(short, long, value_name = "N", default_value_t = 1, value_parser = whole::<u16>(1..=256))]
+    pub(crate) jobs: u16,
+}
+
+/// A study, and the folder for its results.
+#[derive(Debug, Clone, Args)]
+pub(crate) struct PrepareArgs {
     /// The study: a TOML file, or the name of one that comes with the program
     #[arg(required = true)]
     pub(crate) study: Option<PathBuf>,
@@ -101,9 +123,6 @@ pub(crate) struct ConductArgs {
     /// Folder of the images or data sets [default: $GS_DATA, or that of the study's file]
     #[arg(long, value_name = "DIR")]
     pub(crate) data: Option<PathBuf>,
-    /// Runs in parallel, each with its share of the threads; the tables do not depend on it
-    #[arg(short, long, value_name = "N", default_value_t = 1, value_parser = whole::<u16>(1..=256))]
-    pub(crate) jobs: u16,
     /// Continue the study in DIR; finished runs are not repeated
     #[arg(long)]
     pub(crate) resume: bool,
@@ -161,6 +180,94 @@ pub(crate) struct ReplayArgs {
     pub(crate) data: Option<PathBuf>,
     #[command(flatten)]
     pub(crate) backend: BackendArgs,
+}
+
+/// The study in a folder.
+#[derive(Debug, Clone, Args)]
+pub(crate) struct HeldStudyArgs {
+    /// The folder of the study
+    #[arg(value_name = "DIR")]
+    pub(crate) folder: PathBuf,
+    /// Folder of the images [default: $GS_DATA, or where the study found them]
+    #[arg(long, value_name = "DIR")]
+    pub(crate) data: Option<PathBuf>,
+}
+
+/// A study to take part in.
+#[derive(Debug, Clone, Args)]
+#[command(after_help = "\
+The backend and the SIMD level are those that the study was prepared with, on all machines.
+
+A run is done by one process, which claims it. SIGTERM and Ctrl-C give its runs back at once; after \
+SIGKILL or a crash, another process takes them over when the claim is older than the lease, by the \
+clock of the file server. The process leaves when no run is left, or when all that are left have \
+been with others for one lease. Exit status 0 means that, not that the study is complete: gs study \
+status shows it.")]
+pub(crate) struct WorkArgs {
+    #[command(flatten)]
+    pub(crate) study: HeldStudyArgs,
+    /// Begin with part I (from 0) of N, then help with the others; with more than fifty processes,
+    /// give each its own [default: the task of a Slurm array, or none]
+    #[arg(long, value_name = "I/N", value_parser = shard)]
+    pub(crate) shard: Option<Shard>,
+    /// Seconds without a sign of life after which others take over this process' runs
+    #[arg(long, value_name = "S", default_value_t = 120, value_parser = whole::<u32>(1..=86_400))]
+    pub(crate) lease: u32,
+    /// Runs in parallel, each with its share of the threads; the tables do not depend on it
+    #[arg(short, long, value_name = "N", default_value_t = 1, value_parser = whole::<u16>(1..=256))]
+    pub(crate) jobs: u16,
+    #[command(flatten)]
+    pub(crate) backend: BackendArgs,
+}
+
+/// A part of a study, written I/N.
+fn shard(text: &str) -> Result<Shard, String> {
+    let parsed = text.split_once('/').and_then(|(index, count)| Some((index.parse().ok()?, count.parse().ok()?)));
+    match parsed {
+        Some((index, count)) if index < count => Ok(Shard { index, count }),
+        Some((index, count)) => Err(format!("parts are counted from 0: {index} is not less than {count}")),
+        None => Err("write it as I/N, such as 0/4".to_owned()),
+    }
+}
+
+/// A study to hand to Slurm.
+#[derive(Debug, Clone, Args)]
+pub(crate) struct SubmitArgs {
+    #[command(flatten)]
+    pub(crate) study: PrepareArgs,
+    /// Number of tasks; each does runs until none is left
+    #[arg(long, value_name = "N", value_parser = whole::<u32>(1..=1_000_000))]
+    pub(crate) array: u32,
+    /// Cores of each task
+    #[arg(long, value_name = "CORES", default_value_t = 1, value_parser = whole::<u16>(1..=1024))]
+    pub(crate) cpus: u16,
+    /// Runs in parallel in each task
+    #[arg(short, long, value_name = "N", default_value_t = 1, value_parser = whole::<u16>(1..=256))]
+    pub(crate) jobs: u16,
+    /// Time limit of each task, as sbatch takes it: 90 (minutes), 12:00:00, 2-00
+    #[arg(long, value_name = "TIME", value_parser = word)]
+    pub(crate) time: Option<String>,
+    /// Partition of the cluster
+    #[arg(long, value_name = "NAME", value_parser = word)]
+    pub(crate) partition: Option<String>,
+    /// Further options of sbatch, such as --account=physics --gres=gpu:1
+    #[arg(last = true, value_name = "OPTION", value_parser = word)]
+    pub(crate) options: Vec<String>,
+}
+
+/// A value that is one word of a script.
+fn word(text: &str) -> Result<String, String> {
+    let is_word = !text.is_empty() && text.chars().all(|c| c.is_ascii_graphic() && !"\"'`$\\#;&|<>".contains(c));
+    if is_word { Ok(text.to_owned()) } else { Err("must be one word without quotes and signs of the shell".to_owned()) }
+}
+
+/// A study to report on.
+#[derive(Debug, Clone, Args)]
+pub(crate) struct ReportArgs {
+    #[command(flatten)]
+    pub(crate) study: HeldStudyArgs,
+    #[command(flatten)]
+    pub(crate) overwrite: OverwriteArgs,
 }
 
 #[cfg(test)]

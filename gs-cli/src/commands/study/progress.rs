@@ -2,7 +2,7 @@
 //! otherwise a line now and then.
 
 use std::{
-    sync::{Mutex, PoisonError},
+    sync::{Mutex, MutexGuard, PoisonError},
     time::{Duration, Instant},
 };
 
@@ -14,6 +14,7 @@ use gs_lab::{
 use indicatif::ProgressBar;
 
 use crate::{
+    failure::Failure,
     interrupt::Interrupt,
     output,
     progress_bar::{Printer, bar, time},
@@ -42,14 +43,15 @@ struct State {
 
 impl<'a> Display<'a> {
     /// A display on standard error.
-    pub(crate) fn new(plan: &'a Plan, folder: &StudyFolder) -> Self {
-        let (done, pending): (Vec<&Run>, Vec<&Run>) = plan.runs.iter().partition(|run| folder.is_finished(run));
+    pub(crate) fn new(plan: &'a Plan, folder: &StudyFolder) -> Result<Self, Failure> {
+        let ended = folder.ended()?;
+        let (done, pending): (Vec<&Run>, Vec<&Run>) = plan.runs.iter().partition(|run| ended.contains(&run.address));
         let bar = bar(plan.runs.len() as u64, "{wide_bar} {pos}/{len} runs  {msg}");
         let bar = bar.map(|bar| bar.with_position(done.len() as u64));
         let work_left = pending.iter().map(|run| plan.work(run)).sum();
         let now = Instant::now();
         let state = State { running: 0, done: done.len(), failed: 0, work_done: 0.0, work_left, printed: now };
-        Self { plan, bar, started: now, state: Mutex::new(state) }
+        Ok(Self { plan, bar, started: now, state: Mutex::new(state) })
     }
 
     /// Prints without disturbing the display.
@@ -62,8 +64,12 @@ impl<'a> Display<'a> {
         Watched { display: self, interrupt }
     }
 
+    fn lock(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     fn update(&self, change: impl FnOnce(&mut State)) {
-        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut state = self.lock();
         change(&mut state);
         let message = state.message(self.started.elapsed());
         match &self.bar {
@@ -116,6 +122,12 @@ impl Watcher for Watched<'_> {
             state.work_done += work;
             state.work_left -= work;
         });
+    }
+
+    fn counted(&self, ended: usize) {
+        if self.display.lock().done != ended {
+            self.display.update(|state| state.done = ended);
+        }
     }
 
     fn wants_stop(&self) -> bool {

@@ -4,11 +4,11 @@ use gs_backend::Chosen;
 use gs_core::counted;
 use gs_io::{File2d, FolderClaim, Inputs, TrainedWith, WriteOptions3d, write_2d, write_3d, write_png};
 use gs_lab::{
-    Places, Plan, Study, StudyFolder,
+    StudyFolder,
     study::{AnyScene, Machine, Replayed, Run, recorded_run, replay},
 };
 
-use super::{arguments::ReplayArgs, places};
+use super::{arguments::ReplayArgs, prepare::HeldStudy};
 use crate::{
     backend::machine,
     failure::Failure,
@@ -27,18 +27,16 @@ pub(super) fn run(args: &ReplayArgs) -> Result<(), Failure> {
     let folder = StudyFolder::open(&args.folder)?;
     let file = folder.study_file();
     let output = args.output.clone().unwrap_or_else(|| args.folder.join(format!("replay-{}", args.row)));
-    let text = std::fs::read_to_string(&file)
-        .map_err(|error| Failure::failed(format_args!("cannot be read: {error}")).at(file.display()))?;
-    let study = Study::from_toml(&text, &file.display().to_string())?;
-    let files = if study.is_of_scenes() { &FILES_3D[..] } else { &FILES_2D };
+    let held = HeldStudy::read(folder, args.data.as_deref())?;
+    let files = if held.is_of_scenes() { &FILES_3D[..] } else { &FILES_2D };
     let claim = args.overwrite.claim(&output, files.iter().copied(), Inputs::from_iter([&file]));
     output_folder::check(&claim)?;
+    let folder = &held.folder;
     let backend = open(args, folder.machine())?;
-    let places = Places { remembered: folder.images(), ..places(args.data.as_deref(), None) };
-    let plan = Plan::new(study, &places, machine(&backend.rasterizer))?;
-    output::note(format_args!("row {}: {}", args.row, plan.describe(recorded_run(&plan, args.row, &folder)?)));
-    let replayed = replay(&plan, args.row, &backend.rasterizer, &folder)?;
-    write(recorded_run(&plan, args.row, &folder)?, &replayed, claim)?;
+    let plan = held.plan(machine(&backend.rasterizer))?;
+    output::note(format_args!("row {}: {}", args.row, plan.describe(recorded_run(&plan, args.row, folder)?)));
+    let replayed = replay(&plan, args.row, &backend.rasterizer, folder)?;
+    write(recorded_run(&plan, args.row, folder)?, &replayed, claim)?;
     output::result(format_args!(
         "row {}: the recorded scene, bit for bit: {}, {:.2} dB; see {}",
         args.row,

@@ -1,0 +1,48 @@
+//! `gs study report`: tables and report of the runs that have ended so far.
+
+use gs_core::counted;
+use gs_lab::{Results, StudyFolder, study::write_tables};
+
+use super::{arguments::ReportArgs, conclude, prepare::held};
+use crate::{
+    failure::Failure,
+    output::{self, quoted},
+};
+
+/// Writes tables and report.
+pub(super) fn run(args: &ReportArgs) -> Result<(), Failure> {
+    let held = held(&args.study, args.overwrite.overwrite)?;
+    let (folder, plan) = (&held.folder, held.plan_as_prepared()?);
+    folder.sweep()?;
+    let results = Results::read(&plan, folder);
+    remove_damaged(&results, folder)?;
+    let missing = results.records.iter().filter(|record| record.is_none()).count();
+    if missing == plan.runs.len() {
+        let hint = format_args!("do runs with gs study work {}", quoted(folder.path()));
+        return Err(Failure::failed("no run has ended yet").at(folder.path().display()).hint(hint));
+    }
+    if missing > 0 {
+        let all = counted(plan.runs.len(), "run");
+        output::note(format_args!("{missing} of {all} are missing; tables and report are of the others"));
+    }
+    let command = format!("gs study work {}", quoted(folder.path()));
+    write(&results, folder, &command)?;
+    conclude(&results, folder)
+}
+
+/// Writes tables and report, which shows `command` as the way they were made.
+pub(super) fn write(results: &Results<'_>, folder: &StudyFolder, command: &str) -> Result<(), Failure> {
+    write_tables(results, folder)?;
+    Ok(gs_lab::report::write(results, folder, command)?)
+}
+
+/// Removes damaged records, so that their runs are done again, and returns their number.
+pub(super) fn remove_damaged(results: &Results<'_>, folder: &StudyFolder) -> Result<usize, Failure> {
+    let rows = folder.remove_damaged(results)?;
+    for row in &rows {
+        output::note(format_args!(
+            "row {row}: its record was damaged (cut short?) and is removed: the run counts as missing"
+        ));
+    }
+    Ok(rows.len())
+}

@@ -1,0 +1,215 @@
+//! `cargo xtask cluster`: a study on a Slurm cluster of this machine, with tasks that are cancelled
+//! and killed, against the same study in one process.
+
+mod slurm;
+
+use std::{
+    collections::BTreeMap,
+    env, fs,
+    path::{Path, PathBuf},
+    process::{Command, Stdio},
+    thread,
+    time::{Duration, Instant},
+};
+
+use self::slurm::Slurm;
+use crate::system::{cargo, install_packages, is_root, workspace};
+
+/// Tasks of the array.
+const TASKS: u32 = 4;
+
+/// Longest time for the whole array.
+const LIMIT: Duration = Duration::from_secs(150);
+
+/// Tables that must be the same in both studies, byte for byte.
+const TABLES: [&str; 4] = ["runs.csv", "quality.csv", "differences.csv", "results.json"];
+
+/// 24 fits of about a second.
+const FITS: &str = "\
+name = 'cluster'
+images = ['paper', 'thin-lines']
+budgets = [400, 800]
+seeds = [0, 1, 2]
+preset = 'paper'
+iterations = 300
+[[arm]]
+name = 'none'
+settings.policy.kind = 'none'
+[[arm]]
+name = 'percentile'
+settings.policy.kind = 'percentile'
+";
+
+/// The studies, by their names. Studies of 3D scenes are to be added here.
+const STUDIES: [(&str, &str); 1] = [("fits", FITS)];
+
+/// Does the studies on a cluster and in one process, and compares them.
+pub(crate) fn run(install: bool) -> Result<(), String> {
+    if install {
+        install_packages(&["slurm-wlm", "munge"])
+            .map_err(|error| format!("{error}: install Slurm by hand, or run without --install"))?;
+    }
+    if let Some(missing) = slurm::PROGRAMS.iter().find(|program| !has(program)) {
+        let how = if is_root() { "cargo xtask cluster --install" } else { "cargo xtask cluster --install, as root" };
+        eprintln!("skipped: there is no {missing}: the study on a cluster; install Slurm with {how}");
+        return Ok(());
+    }
+    cargo(&["build", "--package", "gs-cli"])?;
+    let target = env::var_os("CARGO_TARGET_DIR").map_or_else(|| workspace().join("target"), PathBuf::from);
+    let gs = target.join("debug/gs");
+    let place = env::temp_dir().join(format!("gs-cluster-{}", std::process::id()));
+    fs::create_dir(&place).map_err(|error| format!("{}: {error}", place.display()))?;
+    let started = Instant::now();
+    let checked = Slurm::start(&place)
+        .and_then(|slurm| STUDIES.iter().try_for_each(|(name, text)| check(name, text, &gs, &place, &slurm)));
+    match &checked {
+        Ok(()) => {
+            eprintln!("the studies are the same on the cluster and in one process; {:.0?}", started.elapsed());
+            let _ = fs::remove_dir_all(&place);
+        }
+        Err(_) => eprintln!("everything is left in {}", place.display()),
+    }
+    checked
+}
+
+/// Whether there is a program of this name.
+fn has(program: &str) -> bool {
+    let paths = env::var_os("PATH").unwrap_or_default();
+    env::split_paths(&paths).chain(["/usr/sbin".into()]).any(|folder| folder.join(program).is_file())
+}
+
+/// Does a study twice and compares the tables.
+fn check(name: &str, study: &str, gs: &Path, place: &Path, slurm: &Slurm) -> Result<(), String> {
+    let [file, cluster, alone] = ["toml", "cluster", "alone"].map(|kind| place.join(format!("{name}.{kind}")));
+    fs::write(&file, study).map_err(|error| format!("{}: {error}", file.display()))?;
+    let cpu = ["--backend", "cpu"].map(str::to_owned);
+    let (study, output) = (file.display().to_string(), cluster.display().to_string());
+    let words = ["study", "submit", &study, "-o", &output, "--array", &TASKS.to_string()].map(str::to_owned);
+    let said = slurm.command(gs, words.iter().chain(&cpu))?;
+    let job = said.split_once("Submitted batch job ").and_then(|(_, rest)| rest.split(';').next());
+    let job = job.ok_or_else(|| format!("no job was submitted: {said}"))?.trim().to_owned();
+    eprintln!("{}", said.trim());
+    let study = Watched { gs, folder: &cluster, slurm };
+    let killed = disturb(&study, &job)?;
+    study.wait("the end of the array", |_| Ok(slurm.states(&job)?.is_empty().then_some(())))?;
+    eprint!("{}", slurm.command(gs, ["study", "status", &output])?);
+    slurm.command(gs, ["study", "report", &output])?;
+
+    let started = Instant::now();
+    let words =
+        ["study", &file.display().to_string(), "-o", &alone.display().to_string(), "--jobs", "2"].map(str::to_owned);
+    slurm.command(gs, words.iter().chain(&cpu))?;
+    eprintln!("one process with --jobs 2: {:.0?}", started.elapsed());
+    for table in TABLES {
+        let read = |folder: &Path| fs::read(folder.join(table)).map_err(|error| format!("{table}: {error}"));
+        if read(&cluster)? != read(&alone)? {
+            return Err(format!("{table} is not the same in {} and {}", cluster.display(), alone.display()));
+        }
+    }
+    once(&cluster, &alone, killed)
+}
+
+/// A study at work on the cluster.
+struct Watched<'a> {
+    gs: &'a Path,
+    folder: &'a Path,
+    slurm: &'a Slurm,
+}
+
+impl Watched<'_> {
+    /// Waits until the state of the study, in the words of `gs study status`, gives a value.
+    fn wait<T>(&self, what: &str, found: impl Fn(&str) -> Result<Option<T>, String>) -> Result<T, String> {
+        let started = Instant::now();
+        loop {
+            let status = self.slurm.command(self.gs, ["study", "status", &self.folder.display().to_string()])?;
+            if let Some(found) = found(&status)? {
+                return Ok(found);
+            }
+            if started.elapsed() > LIMIT {
+                return Err(format!("waited {LIMIT:?} for {what}: {status}"));
+            }
+            thread::sleep(Duration::from_millis(100));
+        }
+    }
+
+    /// A row that a task is doing, and the task's process.
+    fn doing(&self, job: &str, task: u32) -> Result<(u32, u32), String> {
+        let job = format!(", job {job}_{task}: last sign of life");
+        self.wait(&format!("a run of task {task}"), |status| {
+            let line = status.lines().find(|line| line.contains(&job));
+            Ok(line.and_then(|line| {
+                let row = line.strip_prefix("row ")?.split(' ').next()?.parse().ok()?;
+                let process = line.split_once(", process ")?.1.split(',').next()?.parse().ok()?;
+                Some((row, process))
+            }))
+        })
+    }
+}
+
+/// Cancels one task in the middle of its work, kills another, and lets Slurm start the killed one
+/// again. Returns the row that the killed one was doing.
+fn disturb(study: &Watched<'_>, job: &str) -> Result<u32, String> {
+    study.wait("a quarter of the runs", |status| {
+        let ended = status.split_once(": ").and_then(|(_, counts)| counts.split(' ').next()?.parse::<u32>().ok());
+        Ok(ended.filter(|ended| *ended >= 6))
+    })?;
+    let (row, _) = study.doing(job, 0)?;
+    study.slurm.run("scancel", &[&format!("{job}_0")])?;
+    eprintln!("cancelled task 0, which was doing row {row}");
+    let (row, process) = study.doing(job, 1)?;
+    let killed = Command::new("kill").args(["-KILL", &process.to_string()]).status();
+    if !killed.is_ok_and(|status| status.success()) {
+        return Err(format!("process {process} could not be killed"));
+    }
+    eprintln!("killed task 1, which was doing row {row}");
+    let task = format!("{job}_1");
+    study.wait("the end of the killed task", |_| {
+        Ok((!study.slurm.states(job)?.iter().any(|(known, state)| *known == task && state == "RUNNING")).then_some(()))
+    })?;
+    study.slurm.run("scontrol", &["requeue", &task])?;
+    Ok(row)
+}
+
+/// Checks in the logs that no run was done twice, and that each was done, but for the one during
+/// which a task was killed: that may have ended before its line was written.
+fn once(cluster: &Path, alone: &Path, killed: u32) -> Result<(), String> {
+    let mut done = BTreeMap::<u32, usize>::new();
+    let (mut released, mut tasks) = (0, 0);
+    let logs = fs::read_dir(cluster.join("logs")).map_err(|error| format!("logs: {error}"))?;
+    for log in logs.flatten() {
+        let text = fs::read_to_string(log.path()).map_err(|error| format!("{}: {error}", log.path().display()))?;
+        let rows = text.lines().filter_map(|line| line.strip_prefix("row ")?.split(' ').next()?.parse().ok());
+        rows.for_each(|row: u32| *done.entry(row).or_default() += 1);
+        released += text.matches("stopped after ").count();
+        tasks += 1;
+    }
+    let table = fs::read_to_string(alone.join("runs.csv")).map_err(|error| format!("runs.csv: {error}"))?;
+    let rows = table.lines().count() as u32 - 1;
+    if let Some((row, times)) = done.iter().find(|(_, times)| **times > 1) {
+        return Err(format!("row {row} was done {times} times"));
+    }
+    if let Some(row) = (1..=rows).find(|row| !done.contains_key(row) && *row != killed) {
+        return Err(format!("no task says that it did row {row}"));
+    }
+    if (released, tasks) != (1, TASKS) {
+        return Err(format!("{tasks} tasks have logs, and {released} say that they stopped"));
+    }
+    eprintln!("{rows} runs by {tasks} tasks, each done once");
+    Ok(())
+}
+
+/// The words of a command, for messages.
+fn line(command: &Command) -> String {
+    let words = std::iter::once(command.get_program()).chain(command.get_args());
+    words.map(|word| word.to_string_lossy().into_owned()).collect::<Vec<_>>().join(" ")
+}
+
+/// Runs a command and returns its standard output. Its standard error is part of an error.
+fn output(command: &mut Command) -> Result<String, String> {
+    let words = line(command);
+    let ended = command.stdin(Stdio::null()).output().map_err(|error| format!("{words}: {error}"))?;
+    match ended.status.success() {
+        true => Ok(String::from_utf8_lossy(&ended.stdout).into_owned()),
+        false => Err(format!("{words}: {}: {}", ended.status, String::from_utf8_lossy(&ended.stderr).trim())),
+    }
+}

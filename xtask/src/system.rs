@@ -1,0 +1,56 @@
+//! The machine: its packages, cargo, and the folders of the workspace.
+
+use std::{
+    env,
+    ffi::OsString,
+    path::{Path, PathBuf},
+    process::Command,
+};
+
+/// Whether this process runs as root.
+pub(crate) fn is_root() -> bool {
+    Command::new("id").arg("-u").output().is_ok_and(|output| output.stdout.trim_ascii() == b"0")
+}
+
+/// Installs packages of Debian or Ubuntu, as root or through sudo.
+pub(crate) fn install_packages(packages: &[&str]) -> Result<(), String> {
+    let is_root = is_root();
+    let apt = |arguments: &[&str]| {
+        let mut words = if is_root { vec![] } else { vec!["sudo"] };
+        words.extend(["apt-get", "--quiet", "--yes"]);
+        words.extend(arguments);
+        let line = words.join(" ");
+        eprintln!("== {line}");
+        let status = Command::new(words[0]).args(&words[1..]).env("DEBIAN_FRONTEND", "noninteractive").status();
+        match status {
+            Ok(status) if status.success() => Ok(()),
+            Ok(status) => Err(format!("{line}: {status}")),
+            Err(error) => Err(format!("{} could not be started: {error}", words[0])),
+        }
+    };
+    // Package lists may be old, or absent as in a fresh container.
+    let install = [&["install", "--no-install-recommends"], packages].concat();
+    apt(&install).or_else(|_| apt(&["update"]).and_then(|()| apt(&install)))
+}
+
+/// Runs cargo in the workspace, under a line that shows the command.
+pub(crate) fn cargo(arguments: &[&str]) -> Result<(), String> {
+    let line = format!("cargo {}", arguments.join(" "));
+    eprintln!("== {line}");
+    let status = Command::new(cargo_program())
+        .args(arguments)
+        .current_dir(workspace())
+        .status()
+        .map_err(|error| format!("{line}: could not be started: {error}"))?;
+    if status.success() { Ok(()) } else { Err(format!("{line}: {status}")) }
+}
+
+/// The cargo that runs this program, so that both use one toolchain.
+pub(crate) fn cargo_program() -> OsString {
+    env::var_os("CARGO").unwrap_or_else(|| "cargo".into())
+}
+
+pub(crate) fn workspace() -> PathBuf {
+    let manifest = env::var_os("CARGO_MANIFEST_DIR").map_or_else(|| env!("CARGO_MANIFEST_DIR").into(), PathBuf::from);
+    manifest.parent().map_or_else(|| ".".into(), Path::to_path_buf)
+}
