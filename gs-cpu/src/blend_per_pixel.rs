@@ -175,7 +175,7 @@ pub(crate) fn backward<K: Collect>(
                     slot[STRIDE] += t.abs() * (s.inverse_xx * dx - s.slope * down).abs();
                     slot[STRIDE + 1] += t.abs() * down.abs();
                 }
-                if K::COUNT {
+                if K::COUNT && lane < inputs.lanes_inside {
                     slot[STRIDE] += 1.0;
                 }
                 if K::ERROR {
