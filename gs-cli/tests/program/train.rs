@@ -8,7 +8,7 @@ use std::{
 };
 
 use gs_conformance::posed::{small_scene, write_dataset};
-use gs_core::Scene3d;
+use gs_core::{Scene as _, Scene3d};
 use gs_cpu::{CpuRasterizer, CpuSettings};
 use serde_json::{Value, json};
 
