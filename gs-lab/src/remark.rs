@@ -146,8 +146,9 @@ impl fmt::Display for ResultRemark {
                 write!(f, "no pair of finished runs on {missing} of {}", counted(*of, "scene"))
             }
             Self::TooFewSeeds { seeds, scenes, needed } => {
+                let verb = if *seeds == 1 { "is" } else { "are" };
                 let (seeds, scenes) = (counted(*seeds, "seed"), counted(*scenes, "scene"));
-                write!(f, "{seeds} on {scenes} are too few: {needed} seeds at least, or {FEWEST} scenes")
+                write!(f, "{seeds} on {scenes} {verb} too few: {needed} seeds at least, or {FEWEST} scenes")
             }
             Self::TooFew { pairs, pairing } => {
                 let verb = if *pairs == 1 { "is" } else { "are" };
