@@ -210,10 +210,10 @@ impl Order {
         (self.stride, self.misses) = (0, 0);
     }
 
-    /// Steps over some candidates, twice as many each time, after one was taken by another process:
-    /// where many begin at the same place, they disperse.
+    /// Steps over some candidates, twice as many each time up to half of them, after one was taken
+    /// by another process: where many begin at the same place, they disperse.
     fn step_aside(&mut self) {
-        self.stride = (self.stride * 2).max(1);
+        self.stride = (2 * self.stride).min(self.candidates.len() / 2).max(1);
         self.miss(self.stride);
     }
 
