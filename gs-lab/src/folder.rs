@@ -21,7 +21,7 @@ use crate::{
     origin::Origin,
     plan::{Plan, Run},
     queue::Queue,
-    record::Record,
+    record::{Record, RunOutcome},
     report::PAGE,
     run_files::{self, Listing},
     tables::Results,
@@ -262,7 +262,11 @@ impl StudyFolder {
     /// The stored record of a run. A file with another run's address counts as missing.
     pub fn record(&self, run: &Run) -> Option<Record> {
         let text = fs::read(self.file(&record_name(run))).ok()?;
-        let record: Record = serde_json::from_slice(&text).ok()?;
+        let mut record: Record = serde_json::from_slice(&text).ok()?;
+        if let RunOutcome::Finished(finished) = &mut record.outcome {
+            // A report holds the trajectories of all runs.
+            finished.trajectory.shrink_to_fit();
+        }
         (record.address == run.address).then_some(record)
     }
 
