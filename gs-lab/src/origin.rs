@@ -44,7 +44,11 @@ impl Origin {
         for target in &plan.targets {
             if self.images.get(&target.name).is_some_and(|digest| *digest != target.digest) {
                 let place = target.path.as_ref().map_or_else(String::new, |file| format!(" ({})", file.display()));
-                let what = format!("{}{place} is not the one that the study began with", target.name);
+                let what = format!(
+                    "{} {}{place} is not the one that the study began with",
+                    plan.study.target_word(),
+                    target.name
+                );
                 return Err((what, "name the folder of the right one with --data or GS_DATA"));
             }
         }

@@ -84,6 +84,23 @@ impl Plan {
         Ok(Self { study, targets, machine, runs })
     }
 
+    /// Indices of the runs at a budget: for each seed, those of all arms on all targets. Empty for a
+    /// budget that the study does not have.
+    pub(crate) fn at_budget(&self, budget: u32) -> impl Iterator<Item = usize> + use<> {
+        let (budgets, runs) = (self.study.budgets.len(), self.targets.len() * self.study.arms.len());
+        let place = self.study.budgets.iter().position(|&of| of == budget);
+        let seeds = place.map_or(0, |_| self.study.seeds.len());
+        (0..seeds).flat_map(move |seed| {
+            let first = (seed * budgets + place.unwrap_or_default()) * runs;
+            first..first + runs
+        })
+    }
+
+    /// Indices of an arm's runs at a budget, one for each seed and target.
+    pub(crate) fn of_arm(&self, arm: usize, budget: u32) -> impl Iterator<Item = usize> + use<> {
+        self.at_budget(budget).skip(arm).step_by(self.study.arms.len().max(1))
+    }
+
     /// The run of a row, counted from 1.
     ///
     /// # Errors
@@ -217,6 +234,10 @@ mod tests {
         let order: Vec<_> = plan.runs.iter().map(|r| (r.row, r.seed, r.budget, r.arm)).collect();
         let expected = [(1, 3, 10, 0), (2, 3, 10, 1), (3, 3, 600, 0), (4, 3, 600, 1), (5, 4, 10, 0)];
         assert_eq!((order.len(), &order[..5]), (8, &expected[..]));
+        for (arm, budget) in [(0, 10), (1, 10), (0, 600), (1, 600), (0, 7)] {
+            let expected = plan.runs.iter().filter(|run| (run.arm, run.budget) == (arm, budget)).map(|run| run.row - 1);
+            assert_eq!(plan.of_arm(arm, budget).collect::<Vec<_>>(), expected.collect::<Vec<_>>());
+        }
         let addresses: HashSet<_> = plan.runs.iter().map(|r| &r.address).collect();
         assert_eq!(addresses.len(), 8);
         let first = plan.run(1).unwrap().settings.of_image().unwrap();

@@ -15,7 +15,8 @@ use crate::{
 pub struct Results<'a> {
     /// The plan of the study.
     pub plan: &'a Plan,
-    /// The record of each run, in the plan's order; `None` where the run was not done yet.
+    /// The record of each run, in the plan's order; `None` where the run was not done yet. Records
+    /// that [`Results::read`] has read lack the settings, which are also those of the plan's run.
     pub records: Vec<Option<Record>>,
 }
 
@@ -103,7 +104,8 @@ pub struct RunQuality {
 impl<'a> Results<'a> {
     /// Reads the records of a plan's runs.
     pub fn read(plan: &'a Plan, folder: &StudyFolder) -> Self {
-        Self { plan, records: plan.runs.par_iter().map(|run| folder.record(run)).collect() }
+        let record = |run: &Run| Some(Record { settings: String::new(), ..folder.record(run)? });
+        Self { plan, records: plan.runs.par_iter().map(record).collect() }
     }
 
     /// The runs with their records, in the plan's order.
@@ -111,15 +113,21 @@ impl<'a> Results<'a> {
         self.plan.runs.iter().zip(self.records.iter().map(Option::as_ref))
     }
 
+    /// These runs, by their indices, with their records.
+    fn rows_at(&self, indices: impl Iterator<Item = usize>) -> impl Iterator<Item = (&'a Run, Option<&Record>)> {
+        indices.map(|index| (&self.plan.runs[index], self.records[index].as_ref()))
+    }
+
     /// The finished runs of all arms at a budget.
     pub(crate) fn all_finished(&self, budget: u32) -> impl Iterator<Item = (&'a Run, &Finished)> {
-        let at_budget = self.rows().filter(move |(run, _)| run.budget == budget);
-        at_budget.filter_map(|(run, record)| Some((run, record?.outcome.finished()?)))
+        let rows = self.rows_at(self.plan.at_budget(budget));
+        rows.filter_map(|(run, record)| Some((run, record?.outcome.finished()?)))
     }
 
     /// The finished runs of an arm at a budget.
     pub fn finished(&self, arm: usize, budget: u32) -> impl Iterator<Item = (&'a Run, &Finished)> {
-        self.all_finished(budget).filter(move |(run, _)| run.arm == arm)
+        let rows = self.rows_at(self.plan.of_arm(arm, budget));
+        rows.filter_map(|(run, record)| Some((run, record?.outcome.finished()?)))
     }
 
     /// Whether every run has ended, successfully or not.
@@ -138,7 +146,7 @@ impl<'a> Results<'a> {
     }
 
     fn quality(&self, arm: usize, budget: u32) -> RunQuality {
-        let of_arm = || self.rows().filter(move |(run, _)| run.arm == arm && run.budget == budget);
+        let of_arm = || self.rows_at(self.plan.of_arm(arm, budget));
         let failed =
             of_arm().filter(|(_, r)| r.is_some_and(|r| matches!(r.outcome, RunOutcome::Failed { .. }))).count();
         let targets = 0..self.plan.targets.len();

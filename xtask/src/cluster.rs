@@ -88,8 +88,8 @@ pub(crate) fn run(install: bool) -> Result<(), String> {
     let dataset = place.join("posed").display().to_string();
     cargo(&["run", "--quiet", "--package", "gs-conformance", "--example", "posed_images", "--", &dataset])?;
     let started = Instant::now();
-    let checked = Slurm::start(&place)
-        .and_then(|slurm| STUDIES.iter().try_for_each(|study| check(study, &gs, &place, &slurm)));
+    let checked =
+        Slurm::start(&place).and_then(|slurm| STUDIES.iter().try_for_each(|study| check(study, &gs, &place, &slurm)));
     match &checked {
         Ok(()) => {
             eprintln!("the studies are the same on the cluster and in one process; {:.0?}", started.elapsed());
