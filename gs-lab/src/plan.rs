@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use gs_core::{Scene2d, Scene3d, counted};
 use gs_train::{FitSettings, RunSettings as _, TrainSettings, train::StartName};
+use rayon::prelude::*;
 
 use crate::{
     arm::Arm,
@@ -68,19 +69,21 @@ impl Plan {
         let images = study.images.iter().map(|name| StudyTarget::load_image(name, places));
         let scenes = study.scenes.iter().map(|name| StudyTarget::load_scene(name, places, &study.dataset));
         let targets = images.chain(scenes).collect::<Result<Vec<_>, _>>()?;
-        let mut runs = Vec::new();
-        for &seed in &study.seeds {
-            for &budget in &study.budgets {
-                for (target, content) in targets.iter().enumerate() {
-                    for (arm, of) in study.arms.iter().enumerate() {
-                        let settings = settings(&Asked { study: &study, arm: of, budget }, content, seed)?;
-                        let address = address(of, &settings, content, &machine.name)
-                            .map_err(|message| wrong(&study, of, None, message))?;
-                        runs.push(Run { row: runs.len() + 1, arm, target, budget, seed, settings, address });
-                    }
-                }
-            }
-        }
+        let (arms, budgets) = (study.arms.len(), study.budgets.len());
+        let run = |index: usize| {
+            let (place, arm) = (index / arms, index % arms);
+            let (place, target) = (place / targets.len(), place % targets.len());
+            let (seed, budget) = (study.seeds[place / budgets], study.budgets[place % budgets]);
+            let (of, content) = (&study.arms[arm], &targets[target]);
+            let settings = settings(&Asked { study: &study, arm: of, budget }, content, seed)?;
+            let address =
+                address(of, &settings, content, &machine.name).map_err(|message| wrong(&study, of, None, message))?;
+            Ok(Run { row: index + 1, arm, target, budget, seed, settings, address })
+        };
+        let count = study.seeds.len() * budgets * targets.len() * arms;
+        let runs: Vec<Result<Run, Error>> = (0..count).into_par_iter().map(run).collect();
+        // The first error in the order of the rows.
+        let runs = runs.into_iter().collect::<Result<_, _>>()?;
         Ok(Self { study, targets, machine, runs })
     }
 

@@ -140,17 +140,20 @@ impl Finished {
     /// A PSNR at a position of the trajectory, dB: interpolated between measurements, constant
     /// before the first and after the last. It is the run's own, or that of one view.
     fn psnr_at(&self, place: f64, view: Option<usize>, of: impl Fn(&MetricsRow) -> f64) -> Option<f64> {
-        let measured = self.trajectory.iter().filter_map(|row| Some((of(row), row.psnr?)));
-        let points: Vec<(f64, f64)> = match view {
-            None => measured.collect(),
-            Some(view) => measured.zip(&self.views.get(view)?.curve).map(|((x, _), &psnr)| (x, psnr)).collect(),
+        let rows = &self.trajectory;
+        let is_measured = |index: &usize| rows[*index].psnr.is_some();
+        let value = |index: usize| match view {
+            None => rows[index].psnr,
+            Some(view) => {
+                let before = (0..index).filter(is_measured).count();
+                self.views.get(view)?.curve.get(before).copied()
+            }
         };
-        let after = points.partition_point(|&(x, _)| x <= place);
-        let (Some(&last), Some(&first)) = (points.last(), points.first()) else { return None };
-        let Some(&(from, low)) = after.checked_sub(1).and_then(|before| points.get(before)) else {
-            return Some(first.1);
-        };
-        let Some(&(to, high)) = points.get(after) else { return Some(last.1) };
+        let split = rows.partition_point(|row| of(row) <= place);
+        let [before, after] = [(0..split).rev().find(is_measured), (split..rows.len()).find(is_measured)];
+        let (Some(before), Some(after)) = (before, after) else { return value(before.or(after)?) };
+        let (low, high) = (value(before)?, value(after)?);
+        let [from, to] = [before, after].map(|index| of(&rows[index]));
         let share = (place - from) / (to - from);
         // Infinite values cannot be interpolated.
         Some(if share > 0.0 && low.is_finite() && high.is_finite() { low + (high - low) * share } else { low })
