@@ -169,11 +169,10 @@ fn point(
 ) -> Option<FigurePoint> {
     let values: Vec<(&Run, f64)> =
         results.finished(arm, budget).filter_map(|(run, end)| Some((run, of(run, end)?))).collect();
-    let of_seed = |seed: u32| {
-        let values: Vec<f64> = values.iter().filter(|(run, _)| run.seed == seed).map(|v| v.1).collect();
-        (values.len() == results.plan.targets.len()).then(|| mean(&values))
-    };
-    let seeds: Vec<f64> = results.plan.study.seeds.iter().filter_map(|&seed| of_seed(seed)).collect();
+    // The runs are ordered by seed.
+    let of_seeds = values.chunk_by(|a, b| a.0.seed == b.0.seed);
+    let whole = of_seeds.filter(|of_seed| of_seed.len() == results.plan.targets.len());
+    let seeds: Vec<f64> = whole.map(|of_seed| mean(of_seed.iter().map(|value| value.1))).collect();
     let y = mean(&seeds);
     let (low, high) = seeds.iter().fold((y, y), |(low, high), &v| (low.min(v), high.max(v)));
     (y.is_finite() && x.is_finite()).then_some(FigurePoint { x, y, low, high })

@@ -7,6 +7,8 @@ mod standings;
 
 use std::fs;
 
+use rayon::prelude::*;
+
 use crate::{error::Error, figure::Figure, folder::StudyFolder, report::page::Page, study::Matching, tables::Results};
 
 /// The file name of the page.
@@ -21,7 +23,9 @@ pub(crate) const PLOTS: &str = "plots";
 pub fn write(results: &Results<'_>, folder: &StudyFolder, command: &str) -> Result<(), Error> {
     let study = &results.plan.study;
     let mut figures = vec![curves::quality_over_count(results)];
-    figures.extend(study.budgets.iter().flat_map(|&budget| curves::developments(results, budget)));
+    let of_budget = |&budget: &u32| curves::developments(results, budget).collect::<Vec<_>>();
+    let of_budgets: Vec<Vec<_>> = study.budgets.par_iter().map(of_budget).collect();
+    figures.extend(of_budgets.into_iter().flatten());
     figures.extend(study.matchings.iter().map(|&matching| curves::differences(results, matching)));
     if !study.factors.is_empty() {
         figures.extend(study.matchings.iter().map(|&matching| curves::effects(results, matching)));
