@@ -246,7 +246,7 @@ fn of_tasks_that_die_and_give_up_none_loses_a_run_or_does_it_twice() {
 }
 
 #[test]
-#[ignore = "takes minutes on two cores"]
+#[ignore = "slow: a thousand threads; `cargo xtask test --slow` runs it"]
 fn of_a_thousand_tasks_that_die_and_give_up_none_loses_a_run_or_does_it_twice() {
     check_that_each_run_is_done_once(1000, 2000, true);
 }
