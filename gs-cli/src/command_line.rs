@@ -6,9 +6,9 @@ use clap::{CommandFactory, FromArgMatches, Parser, Subcommand, error::ErrorKind}
 
 use crate::{
     commands::{
-        convert::ConvertArgs, doctor::DoctorArgs, effects::EffectsCommandArgs, eval::EvalArgs, fit::FitArgs,
-        frontier::FrontierArgs, info::InfoArgs, paper::PaperArgs, popping::PoppingArgs, profile::ProfileArgs,
-        render::RenderArgs, study::StudyArgs, train::TrainArgs, view::ViewArgs,
+        convert::ConvertArgs, doctor::DoctorArgs, effects::EffectsCommandArgs, encode::EncodeArgs, eval::EvalArgs,
+        fit::FitArgs, frontier::FrontierArgs, info::InfoArgs, paper::PaperArgs, popping::PoppingArgs,
+        profile::ProfileArgs, render::RenderArgs, study::StudyArgs, train::TrainArgs, view::ViewArgs,
     },
     failure::Failure,
     help,
@@ -22,6 +22,8 @@ Examples:
       fit 9000 Gaussians to an image; --preset best takes longer and is better
   gs render out -o big.png --size 3072x2048
       render the result at another size
+  gs encode photo.png -o photo.gsi --bpp 0.5
+      compress an image; gs decode photo.gsi -o photo.png makes a PNG of it
   gs eval photo.png out/reconstruction.png
       compare two images by PSNR, SSIM and MS-SSIM
   gs convert out picture.ply
@@ -65,9 +67,12 @@ struct CommandLine {
 pub(crate) enum Command {
     /// Fit Gaussians to an image
     Fit(Box<FitArgs>),
+    /// Compress an image as a .gsi file
+    Encode(EncodeArgs),
     /// Train a 3D scene from posed images
     Train(Box<TrainArgs>),
     /// Render a scene as a PNG of any size, or from moving cameras
+    #[command(visible_alias = "decode")]
     Render(Box<RenderArgs>),
     /// Show a scene in a window
     View(Box<ViewArgs>),
@@ -161,9 +166,9 @@ const FOR_DATASET: [&str; 11] = [
     "simd",
 ];
 
-const COMMANDS: [&str; 14] = [
-    "fit", "train", "render", "view", "eval", "convert", "info", "doctor", "profile", "effects", "paper", "popping",
-    "frontier", "study",
+const COMMANDS: [&str; 15] = [
+    "fit", "encode", "train", "render", "view", "eval", "convert", "info", "doctor", "profile", "effects", "paper",
+    "popping", "frontier", "study",
 ];
 
 /// The parser's message without its usage, its pointers to the help and to `--`, and its own

@@ -17,6 +17,7 @@ use crate::{
     checkpoint::{Checkpoint, is_checkpoint, read_checkpoint},
     dataset::Dataset,
     error::Error,
+    gsi::{may_be_gsi, read_gsi},
     scene_file::{File2d, is_2d, read_2d, read_2d_unchecked},
     scene3d::{File3d, Format3d, TrainedWith, format_3d, read_3d, read_3d_unchecked},
 };
@@ -64,14 +65,14 @@ pub enum Values {
 pub fn is_scene(path: impl AsRef<Path>) -> Result<bool, Error> {
     let path = path.as_ref();
     let named = path.extension().is_some_and(|ending| ending == "safetensors") || Format3d::to_write(path).is_some();
-    Ok(path.is_dir() || format_3d(path)?.is_some() || named || is_2d(path) || is_checkpoint(path))
+    Ok(path.is_dir() || format_3d(path)?.is_some() || named || may_be_gsi(path) || is_2d(path) || is_checkpoint(path))
 }
 
 /// Reads a scene, 2D or 3D, from a scene file, a checkpoint, or the output folder of a fit or a
 /// training.
 ///
 /// # Errors
-/// [`Error::NoScene`] for a folder without one; those of [`read_2d`], [`read_3d`] and
+/// [`Error::NoScene`] for a folder without one; those of [`read_2d`], [`read_gsi`], [`read_3d`] and
 /// [`read_checkpoint`]; [`Error::Content`] for a checkpoint whose metadata do not say how its scene
 /// is rendered.
 pub fn read_scene(path: impl AsRef<Path>, values: Values) -> Result<SceneFile, Error> {
@@ -90,6 +91,9 @@ pub fn scene_in(folder: impl AsRef<Path>) -> Option<PathBuf> {
 
 fn read_file(path: &Path, values: Values) -> Result<SceneFile, Error> {
     let of = |scene| Ok(SceneFile { path: path.to_owned(), scene, metadata: None, left_out: 0 });
+    if may_be_gsi(path) {
+        return of(AnyScene::TwoD(Box::new(read_gsi(path)?)));
+    }
     // A file with the name of a 3D scene is read as one, so that the reader says what is wrong with
     // it.
     if format_3d(path)?.is_some() || (Format3d::to_write(path).is_some() && !is_checkpoint(path)) {

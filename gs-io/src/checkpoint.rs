@@ -5,14 +5,19 @@
 //! name, with type F32 or U32. The metadata entry `gs` is `{"format": "gs-checkpoint", "version":
 //! 1, "program": …, "content": {"parameterization": …, "metadata": {…}}}`.
 
-use std::{collections::BTreeMap, path::Path};
+use std::{
+    collections::BTreeMap,
+    io::{self, Write},
+    path::Path,
+};
 
 use gs_core::{Parameterization, SplatsState, Tensor, TensorData};
 use safetensors::Dtype;
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    container::{self, FileKind, TensorWords},
+    atomic::write_durably,
+    container::{self, Container, Encoded, FileKind, TensorWords},
     error::Error,
 };
 
@@ -42,6 +47,20 @@ struct Content {
 /// [`Error::Content`] where a tensor's shape does not fit its numbers; those of
 /// [`write_durably`](crate::write_durably).
 pub fn write_checkpoint(path: impl AsRef<Path>, checkpoint: &Checkpoint) -> Result<(), Error> {
+    let encoded = encoded(checkpoint);
+    let encoded = encoded.map_err(|source| Error::Content { path: path.as_ref().to_owned(), source })?;
+    write_durably(path, |file| encoded.write(file))
+}
+
+/// Writes the bytes of the file that [`write_checkpoint`] writes.
+///
+/// # Errors
+/// Those of the writer; [`io::ErrorKind::Other`] where a tensor's shape does not fit its numbers.
+pub fn encode_checkpoint(to: &mut dyn Write, checkpoint: &Checkpoint) -> io::Result<()> {
+    encoded(checkpoint).map_err(io::Error::other)?.write(to)
+}
+
+fn encoded(checkpoint: &Checkpoint) -> Result<Encoded<'_>, gs_core::Error> {
     let Checkpoint { state, metadata } = checkpoint;
     let mut tensors = Vec::new();
     for (name, Tensor { shape, data }) in &state.tensors {
@@ -50,13 +69,12 @@ pub fn write_checkpoint(path: impl AsRef<Path>, checkpoint: &Checkpoint) -> Resu
             TensorData::U32(values) => (values.len(), TensorWords::u32(shape, values.iter().copied())),
         };
         if len != shape.iter().product::<usize>() {
-            let message = format!("tensor `{name}` has {len} values in a shape of {shape:?}");
-            return Err(Error::Content { path: path.as_ref().to_owned(), source: gs_core::Error::State(message) });
+            return Err(gs_core::Error::State(format!("tensor `{name}` has {len} values in a shape of {shape:?}")));
         }
         tensors.push((format!("{PREFIX}{name}"), tensor));
     }
     let content = Content { parameterization: state.parameterization, metadata: metadata.clone() };
-    container::write(path.as_ref(), &KIND, &content, tensors)
+    Encoded::new(&KIND, &content, tensors)
 }
 
 /// Whether a file is a checkpoint. Only its header is read, so the rest may be damaged.
@@ -72,7 +90,18 @@ pub fn is_checkpoint(path: impl AsRef<Path>) -> bool {
 /// file or another kind of file, [`Error::TooNew`] for one of a later version, [`Error::Tensor`]
 /// for a tensor that is not part of a state.
 pub fn read_checkpoint(path: impl AsRef<Path>) -> Result<Checkpoint, Error> {
-    let file = container::read::<Content>(path.as_ref(), &KIND)?;
+    state_of(container::read::<Content>(path.as_ref(), &KIND)?)
+}
+
+/// Reads the bytes of a file that [`write_checkpoint`] wrote; `name` is its name for errors.
+///
+/// # Errors
+/// Those of [`read_checkpoint`] that concern the content.
+pub fn decode_checkpoint(bytes: &[u8], name: &Path) -> Result<Checkpoint, Error> {
+    state_of(container::read_from::<Content>(bytes, bytes.len() as u64, name, &KIND)?)
+}
+
+fn state_of(file: Container<Content>) -> Result<Checkpoint, Error> {
     let mut state = SplatsState::new(file.content.parameterization);
     for full_name in file.names() {
         let Some(name) = full_name.strip_prefix(PREFIX) else {

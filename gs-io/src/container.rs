@@ -101,43 +101,64 @@ impl<'a> TensorWords<'a> {
     }
 }
 
-/// Writes a file of this kind, atomically and durably: the bytes of [`safetensors::serialize`],
-/// without holding them in memory.
+/// Writes a file of this kind, atomically and durably.
 pub(crate) fn write<C: Serialize>(
     path: &Path,
     kind: &'static FileKind,
     content: &C,
-    mut tensors: Vec<(String, TensorWords<'_>)>,
+    tensors: Vec<(String, TensorWords<'_>)>,
 ) -> Result<(), Error> {
-    let impossible = |message: String| Error::Content { path: path.to_owned(), source: gs_core::Error::State(message) };
-    let program = concat!(env!("CARGO_PKG_NAME"), " ", env!("CARGO_PKG_VERSION")).to_owned();
-    let head = Head { format: kind.format.to_owned(), version: kind.version, program, content };
-    let head = serde_json::to_string(&head).map_err(|e| impossible(e.to_string()))?;
-    // The order of safetensors.
-    tensors.sort_by(|(left_name, left), (right_name, right)| {
-        right.dtype.cmp(&left.dtype).then_with(|| left_name.cmp(right_name))
-    });
-    let mut end = 0;
-    let infos = tensors.iter().map(|(name, TensorWords { dtype, shape, len, .. })| {
-        let start = end;
-        end += 4 * len;
-        (name.clone(), TensorInfo { dtype: *dtype, shape: shape.clone(), data_offsets: (start, end) })
-    });
-    let metadata = HashMap::from([(HEAD_KEY.to_owned(), head)]);
-    let header = Metadata::new(Some(metadata), infos.collect()).map_err(|e| impossible(e.to_string()))?;
-    let mut header = serde_json::to_vec(&header).map_err(|e| impossible(e.to_string()))?;
-    header.resize(header.len().next_multiple_of(LENGTH_BYTES as usize), b' ');
-    let header_bytes = header.len() as u64;
-    if header_bytes > MAX_HEADER_BYTES {
-        return Err(impossible(format!(
-            "its metadata and tensor names take {header_bytes} bytes, more than {MAX_HEADER_BYTES}"
-        )));
+    let encoded = Encoded::new(kind, content, tensors);
+    let encoded = encoded.map_err(|source| Error::Content { path: path.to_owned(), source })?;
+    write_durably(path, |file| encoded.write(file))
+}
+
+/// A file of this container that is about to be written: the bytes of [`safetensors::serialize`],
+/// without holding them in memory.
+pub(crate) struct Encoded<'a> {
+    header: Vec<u8>,
+    tensors: Vec<(String, TensorWords<'a>)>,
+}
+
+impl<'a> Encoded<'a> {
+    /// Fails where there are too many names and metadata for a header.
+    pub(crate) fn new<C: Serialize>(
+        kind: &'static FileKind,
+        content: &C,
+        mut tensors: Vec<(String, TensorWords<'a>)>,
+    ) -> Result<Self, gs_core::Error> {
+        let impossible = gs_core::Error::State;
+        let program = concat!(env!("CARGO_PKG_NAME"), " ", env!("CARGO_PKG_VERSION")).to_owned();
+        let head = Head { format: kind.format.to_owned(), version: kind.version, program, content };
+        let head = serde_json::to_string(&head).map_err(|e| impossible(e.to_string()))?;
+        // The order of safetensors.
+        tensors.sort_by(|(left_name, left), (right_name, right)| {
+            right.dtype.cmp(&left.dtype).then_with(|| left_name.cmp(right_name))
+        });
+        let mut end = 0;
+        let infos = tensors.iter().map(|(name, TensorWords { dtype, shape, len, .. })| {
+            let start = end;
+            end += 4 * len;
+            (name.clone(), TensorInfo { dtype: *dtype, shape: shape.clone(), data_offsets: (start, end) })
+        });
+        let metadata = HashMap::from([(HEAD_KEY.to_owned(), head)]);
+        let header = Metadata::new(Some(metadata), infos.collect()).map_err(|e| impossible(e.to_string()))?;
+        let mut header = serde_json::to_vec(&header).map_err(|e| impossible(e.to_string()))?;
+        header.resize(header.len().next_multiple_of(LENGTH_BYTES as usize), b' ');
+        let header_bytes = header.len() as u64;
+        if header_bytes > MAX_HEADER_BYTES {
+            return Err(impossible(format!(
+                "its metadata and tensor names take {header_bytes} bytes, more than {MAX_HEADER_BYTES}"
+            )));
+        }
+        Ok(Self { header, tensors })
     }
-    write_durably(path, |file| {
-        file.write_all(&header_bytes.to_le_bytes())?;
-        file.write_all(&header)?;
-        tensors.into_iter().try_for_each(|(_, tensor)| tensor.write(file))
-    })
+
+    pub(crate) fn write(self, file: &mut dyn Write) -> io::Result<()> {
+        file.write_all(&(self.header.len() as u64).to_le_bytes())?;
+        file.write_all(&self.header)?;
+        self.tensors.into_iter().try_for_each(|(_, tensor)| tensor.write(file))
+    }
 }
 
 /// A file of this container.
@@ -153,8 +174,17 @@ pub(crate) struct Container<C> {
 
 /// Reads a file of this kind.
 pub(crate) fn read<C: DeserializeOwned>(path: &Path, kind: &'static FileKind) -> Result<Container<C>, Error> {
-    let (mut file, metadata) = open(path, kind.what)?;
-    let file_bytes = metadata.len();
+    let (file, metadata) = open(path, kind.what)?;
+    read_from(file, metadata.len(), path, kind)
+}
+
+/// Reads a file of this kind, of so many bytes; `path` names it for errors.
+pub(crate) fn read_from<C: DeserializeOwned>(
+    mut file: impl Read,
+    file_bytes: u64,
+    path: &Path,
+    kind: &'static FileKind,
+) -> Result<Container<C>, Error> {
     let damaged = |byte: u64, expected: String, found: String| Error::Damaged {
         path: path.to_owned(),
         what: kind.what,
@@ -163,12 +193,12 @@ pub(crate) fn read<C: DeserializeOwned>(path: &Path, kind: &'static FileKind) ->
         found,
     };
     let cut_short = |expected: u64| damaged(file_bytes, format!("{expected} bytes"), "the end of the file".to_owned());
-    let read = |file: &mut File, bytes| read_exactly(file, bytes).map_err(|source| Error::read(path, source));
+    let mut read = |bytes| read_exactly(&mut file, bytes).map_err(|source| Error::read(path, source));
 
     if file_bytes < LENGTH_BYTES {
         return Err(cut_short(LENGTH_BYTES));
     }
-    let length = read(&mut file, LENGTH_BYTES)?;
+    let length = read(LENGTH_BYTES)?;
     let header_bytes = length.first_chunk().map_or(0, |length| u64::from_le_bytes(*length));
     if header_bytes > MAX_HEADER_BYTES {
         return Err(damaged(0, "the length of a safetensors header".to_owned(), Error::found(&length)));
@@ -183,7 +213,7 @@ pub(crate) fn read<C: DeserializeOwned>(path: &Path, kind: &'static FileKind) ->
     };
     // `SafeTensors::deserialize` adds the lengths that a header claims without checking for
     // overflow.
-    let header: Metadata = serde_json::from_slice(&read(&mut file, header_bytes)?)
+    let header: Metadata = serde_json::from_slice(&read(header_bytes)?)
         .map_err(|e| in_header("the JSON header of a safetensors file", e))?;
 
     let head = header.metadata().as_ref().and_then(|entries| entries.get(HEAD_KEY));
@@ -211,7 +241,7 @@ pub(crate) fn read<C: DeserializeOwned>(path: &Path, kind: &'static FileKind) ->
         }
         _ => return Err(cut_short(data_start.saturating_add(data_bytes))),
     }
-    let data = read(&mut file, data_bytes)?;
+    let data = read(data_bytes)?;
     Ok(Container { content, path: path.to_owned(), kind, header, data })
 }
 
@@ -228,7 +258,7 @@ pub(crate) fn format_of(path: &Path) -> Option<String> {
 }
 
 /// Reads exactly `bytes` bytes. Running out of memory is an error.
-pub(crate) fn read_exactly(file: &mut File, bytes: u64) -> io::Result<Vec<u8>> {
+pub(crate) fn read_exactly(file: &mut impl Read, bytes: u64) -> io::Result<Vec<u8>> {
     let mut content = Vec::new();
     let len = usize::try_from(bytes).map_err(|_| io::ErrorKind::OutOfMemory)?;
     content.try_reserve_exact(len).map_err(|_| io::ErrorKind::OutOfMemory)?;

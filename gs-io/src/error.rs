@@ -268,6 +268,14 @@ pub enum Error {
         /// What was found.
         found: String,
     },
+    /// A `.gsi` file that cannot be decoded.
+    #[error("{}: {source}; fetch or encode it again", one_line(path))]
+    Compressed {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: gs_codec::Error,
+    },
     /// A file that a later version of this program wrote.
     #[error(
         "{}: expected {what} of version {supported} or older, found version {found}; update this program",

@@ -7,6 +7,7 @@
 //! | animations (APNG) | – | [`write_animation`] |
 //! | a scene of any kind: a scene file, a checkpoint, an output folder | [`read_scene`] | – |
 //! | 2D scenes, `.gs2d.safetensors`, lossless | [`read_2d`] | [`write_2d`] |
+//! | 2D scenes, `.gsi`, compressed | [`read_gsi`] | [`gs_codec::Picture::encode`] |
 //! | checkpoints of a training run, lossless | [`read_checkpoint`] | [`write_checkpoint`] |
 //! | 2D scenes as a flat 3DGS PLY, for viewers | by [`read_3d`] | [`write_ply`] |
 //! | 2D scenes as SVG | – | [`write_svg`] |
@@ -27,6 +28,7 @@ mod checkpoint;
 mod container;
 pub mod dataset;
 mod error;
+mod gsi;
 mod image;
 mod inputs;
 mod output_folder;
@@ -39,8 +41,9 @@ pub use crate::{
     animation::{Animation, write_animation},
     any_scene::{AnyScene, SceneFile, Values, is_scene, read_scene, scene_in},
     atomic::{abandon_writes, prepare_folder, remove_leftovers, write_atomically, write_durably},
-    checkpoint::{Checkpoint, is_checkpoint, read_checkpoint, write_checkpoint},
+    checkpoint::{Checkpoint, decode_checkpoint, encode_checkpoint, is_checkpoint, read_checkpoint, write_checkpoint},
     error::Error,
+    gsi::{GSI_EXTENSION, decode_gsi, read_gsi},
     image::{
         AlphaMode, ImageRemark, LoadedImage, Orientation, Transparency, png_bytes, read_image, read_image_size,
         read_image_with, write_png,

@@ -4,5 +4,6 @@ mod containers;
 mod datasets;
 mod flat_ply;
 mod fuzzed;
+mod gsi;
 mod images;
 mod scene3d;

@@ -120,7 +120,7 @@ fn main() -> Outcome {
 
     memory::forget_peak();
     let start = Instant::now();
-    let results = Results::read(&plan, &folder);
+    let results = Results::read(&plan, &folder)?;
     row("read the records", start.elapsed());
     let start = Instant::now();
     write_tables(&results, &folder)?;

@@ -37,7 +37,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let plan = Plan::new(study, &Places::default(), format!("cpu {}", cpu.simd_level()))?;
     let folder = StudyFolder::prepare("gs-out/own-policy".as_ref(), &plan, Existing::Resume)?;
     conduct(&plan, &[&cpu], &folder, &())?;
-    let results = Results::read(&plan, &folder);
+    let results = Results::read(&plan, &folder)?;
     write_tables(&results, &folder)?;
     Ok(report::write(&results, &folder, "cargo run --release -p gs-lab --example own_policy")?)
 }

@@ -54,7 +54,7 @@ pub struct Arm {
 
 impl Arm {
     /// An arm without settings of its own.
-    pub(crate) fn named(name: impl Into<String>) -> Self {
+    pub fn named(name: impl Into<String>) -> Self {
         Self {
             name: name.into(),
             about: String::new(),

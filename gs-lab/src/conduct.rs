@@ -10,7 +10,8 @@ use std::{
 };
 
 use gs_core::{Error as CoreError, Image, Optimizer, Scene2d, Scene3d};
-use gs_train::{Control, Error as TrainError, MetricsLog, Observer, Progress, RunSettings as _};
+use gs_io::Checkpoint;
+use gs_train::{Error as TrainError, RunSettings as _, Trainer};
 
 use crate::{
     error::Error,
@@ -19,7 +20,9 @@ use crate::{
     queue::Queue,
     record::{Finished, Record, RunOutcome},
     replay::Replayed,
+    resumption::{Interruptions, RunCheckpoints},
     task::{RunSettings, StudyBackend, StudyTask},
+    trajectory::Trajectory,
     work::WorkSettings,
 };
 
@@ -28,6 +31,17 @@ pub trait Watcher: Sync {
     /// A run has begun.
     fn begun(&self, run: &Run) {
         let _ = run;
+    }
+
+    /// A run that has begun goes on from a checkpoint after this many steps.
+    fn resumed(&self, run: &Run, step: u32) {
+        let _ = (run, step);
+    }
+
+    /// Something went wrong that costs time but changes no result, such as that a checkpoint of a run
+    /// could not be stored.
+    fn warned(&self, run: &Run, message: &str) {
+        let _ = (run, message);
     }
 
     /// A run has ended, and its outcome is stored.
@@ -40,7 +54,7 @@ pub trait Watcher: Sync {
         let _ = ended;
     }
 
-    /// Whether to stop. Runs in progress are abandoned.
+    /// Whether to stop. Runs in progress are given back, each with a checkpoint.
     fn wants_stop(&self) -> bool {
         false
     }
@@ -96,7 +110,8 @@ pub fn conduct_with<R: StudyBackend + Sync>(
     let queue = folder.queue(plan, settings);
     let trouble = Mutex::new(None);
     let work = |rasterizer: &R| {
-        if let Err(error) = conduct_from(&queue, plan, rasterizer, team.len(), folder, watcher) {
+        let at = Place { plan, folder, settings, side_by_side: team.len(), watcher };
+        if let Err(error) = conduct_from(&queue, rasterizer, &at) {
             queue.close();
             trouble.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).get_or_insert(error);
         }
@@ -116,26 +131,30 @@ pub fn conduct_with<R: StudyBackend + Sync>(
     }
 }
 
-/// Does runs of a queue until there are none, or the watcher stops.
-fn conduct_from<R: StudyBackend>(
-    queue: &Queue<'_>,
-    plan: &Plan,
-    rasterizer: &R,
+/// What all runs of a process have in common.
+struct Place<'a> {
+    plan: &'a Plan,
+    folder: &'a StudyFolder,
+    settings: &'a WorkSettings,
     side_by_side: usize,
-    folder: &StudyFolder,
-    watcher: &dyn Watcher,
-) -> Result<(), Error> {
+    watcher: &'a dyn Watcher,
+}
+
+/// Does runs of a queue until there are none, or the watcher stops.
+fn conduct_from<R: StudyBackend>(queue: &Queue<'_>, rasterizer: &R, at: &Place<'_>) -> Result<(), Error> {
+    let &Place { plan, folder, watcher, .. } = at;
     let words = |index: usize| plan.describe(&plan.runs[index]);
     while let Some((index, claim)) = queue.next(words, watcher)? {
         let run = &plan.runs[index];
         watcher.begun(run);
         // A claim that is dropped leaves the run to others.
-        let Some((outcome, pictures)) = attempt(plan, run, rasterizer, side_by_side, watcher)? else { return Ok(()) };
+        let Some((outcome, pictures)) = attempt(run, rasterizer, at)? else { return Ok(()) };
         // Pictures are stored first, so that a recorded run has all its files.
         if is_shown(plan, run) {
             pictures.iter().enumerate().try_for_each(|(index, picture)| folder.store_picture(run, index, picture))?;
         }
         folder.store(plan, run, &record(plan, run, outcome.clone())?)?;
+        folder.remove_checkpoint(run);
         claim.finish();
         watcher.ended(run, &outcome);
     }
@@ -176,14 +195,16 @@ fn is_shown(plan: &Plan, run: &Run) -> bool {
 /// Does a run. Returns `None` where the watcher stopped it, and an error where the backend failed
 /// and does not recover, which says nothing about the run.
 fn attempt<R: StudyBackend>(
-    plan: &Plan,
     run: &Run,
     rasterizer: &R,
-    side_by_side: usize,
-    watcher: &dyn Watcher,
+    at: &Place<'_>,
 ) -> Result<Option<(RunOutcome, Vec<Image>)>, Error> {
+    let &Place { plan, side_by_side, watcher, .. } = at;
+    let checkpoints = RunCheckpoints::new(at.folder, run, at.settings.lease);
     // A run that panicked shares no state with others: its trainer was dropped.
-    let trained = catch_unwind(AssertUnwindSafe(|| train(plan, run, rasterizer, watcher)));
+    let trained = catch_unwind(AssertUnwindSafe(|| {
+        train(plan, run, rasterizer, Interruptions::new(run, watcher, Some(checkpoints)))
+    }));
     let failed = |error: String| Ok(Some((RunOutcome::Failed { error }, Vec::new())));
     match trained {
         Ok(Ok(Some(Replayed { pictures, finished, .. }))) => {
@@ -205,16 +226,17 @@ fn message(panic: &(dyn Any + Send)) -> &str {
     text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("without a message")
 }
 
-/// Does a run, with its scene, pictures and numbers; `None` where the watcher stopped it.
+/// Does a run, from its checkpoint on if it has one, with its scene, pictures and numbers; `None`
+/// where the watcher stopped it.
 pub(crate) fn train<R: StudyBackend>(
     plan: &Plan,
     run: &Run,
     rasterizer: &R,
-    watcher: &dyn Watcher,
+    interruptions: Interruptions<'_>,
 ) -> Result<Option<Replayed>, TrainError> {
     match &run.settings {
-        RunSettings::Image(settings) => train_task::<Scene2d, R>(plan, run, settings, rasterizer, watcher),
-        RunSettings::Scene(settings) => train_task::<Scene3d, R>(plan, run, settings, rasterizer, watcher),
+        RunSettings::Image(settings) => train_task::<Scene2d, R>(plan, run, settings, rasterizer, interruptions),
+        RunSettings::Scene(settings) => train_task::<Scene3d, R>(plan, run, settings, rasterizer, interruptions),
     }
 }
 
@@ -223,23 +245,20 @@ fn train_task<S: StudyTask, R: Optimizer<S>>(
     run: &Run,
     settings: &S::Settings,
     rasterizer: &R,
-    watcher: &dyn Watcher,
+    interruptions: Interruptions<'_>,
 ) -> Result<Option<Replayed>, TrainError> {
-    let (arm, target) = (plan.arm(run), plan.target(run));
-    // A diverging arm must fail instead of recovering, so that the study shows it.
-    let mut trainer = S::begin(rasterizer, target, arm, S::without_recovery(settings))?;
+    let arm = plan.arm(run);
+    let (mut trainer, mut trajectory) = begin::<S, R>(plan, run, settings, rasterizer, &interruptions)?;
     if let Some(policy) = arm.own_policy.as_ref().and_then(|own| S::own(&own.policy)) {
         trainer = trainer.controlled_by(policy.clone());
     }
-    let mut log = MetricsLog::for_steps(settings.iterations());
-    let mut curves = ViewCurves::default();
-    trainer.run(&mut ((&mut log, &mut curves), StopWith(watcher))).block_on()?;
+    trainer.run(&mut (&mut trajectory, interruptions)).block_on()?;
     if !trainer.is_finished() {
         return Ok(None);
     }
     let mut measured = S::measure(&trainer)?;
     for (index, view) in measured.views.iter_mut().enumerate() {
-        view.curve = curves.0.iter().filter_map(|psnrs| psnrs.get(index).copied()).collect();
+        view.curve = trajectory.curve(index);
     }
     let scene = trainer.scene().block_on()?;
     let finished = Finished {
@@ -257,29 +276,37 @@ fn train_task<S: StudyTask, R: Optimizer<S>>(
         seconds: trainer.seconds(),
         backend: trainer.backend(),
         side_by_side: 1,
-        trajectory: log.rows().to_vec(),
+        trajectory: trajectory.rows().to_vec(),
         views: measured.views,
     };
     Ok(Some(Replayed { scene: scene.wrapped(), pictures: measured.pictures, settings: measured.render, finished }))
 }
 
-/// The PSNR of each view at each measurement.
-#[derive(Default)]
-struct ViewCurves(Vec<Vec<f64>>);
-
-impl Observer for ViewCurves {
-    fn on_step(&mut self, progress: &Progress) -> Control {
-        self.0.extend(progress.quality.as_ref().map(|quality| quality.views.clone()));
-        Control::Continue
+/// Begins a run, or goes on from its checkpoint.
+fn begin<'r, S: StudyTask, R: Optimizer<S>>(
+    plan: &Plan,
+    run: &Run,
+    settings: &S::Settings,
+    rasterizer: &'r R,
+    interruptions: &Interruptions<'_>,
+) -> Result<(Trainer<'r, R, S>, Trajectory), TrainError> {
+    let (arm, target, iterations) = (plan.arm(run), plan.target(run), settings.iterations());
+    let resume = |checkpoint: Checkpoint| {
+        let trajectory = Trajectory::resumed(iterations, &checkpoint.metadata)?;
+        Ok((S::resume(rasterizer, target, checkpoint)?, trajectory))
+    };
+    match interruptions.checkpoint().map(resume) {
+        Some(Ok(resumed)) => {
+            interruptions.resumed(resumed.0.step());
+            return Ok(resumed);
+        }
+        Some(Err(error @ TrainError::Core(CoreError::Backend { .. }))) => return Err(error),
+        Some(Err(error)) => interruptions.refuse(error),
+        None => {}
     }
-}
-
-struct StopWith<'a>(&'a dyn Watcher);
-
-impl Observer for StopWith<'_> {
-    fn on_step(&mut self, _: &Progress) -> Control {
-        if self.0.wants_stop() { Control::Stop } else { Control::Continue }
-    }
+    // A diverging arm must fail instead of recovering, so that the study shows it.
+    let trainer = S::begin(rasterizer, target, arm, S::without_recovery(settings))?;
+    Ok((trainer, Trajectory::begun(iterations)))
 }
 
 fn record(plan: &Plan, run: &Run, outcome: RunOutcome) -> Result<Record, Error> {

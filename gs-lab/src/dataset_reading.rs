@@ -1,8 +1,8 @@
 //! How a study reads its data sets.
 
-use std::num::NonZeroU32;
+use std::{num::NonZeroU32, path::Path};
 
-use gs_io::dataset::{AlphaMeaning, Dataset, DatasetSettings, Split, View};
+use gs_io::dataset::{AlphaMeaning, Dataset, DatasetSettings, Split, View, read_dataset};
 use serde::{Deserialize, Serialize};
 
 gs_core::impl_with!(DatasetReading);
@@ -50,8 +50,19 @@ impl Default for DatasetReading {
 }
 
 impl DatasetReading {
+    /// Reads a data set, and leaves out the views that are not used. Pixels are read when they are
+    /// needed.
+    ///
+    /// # Errors
+    /// Those of [`read_dataset`].
+    pub fn read(&self, path: &Path) -> Result<Dataset, gs_io::Error> {
+        let mut dataset = read_dataset(path, &self.settings())?;
+        self.thin(&mut dataset);
+        Ok(dataset)
+    }
+
     /// The settings of the reader.
-    pub(crate) fn settings(&self) -> DatasetSettings {
+    fn settings(&self) -> DatasetSettings {
         DatasetSettings::default().with(|s| {
             s.image_folder = self.images.clone();
             s.test_every = NonZeroU32::new(self.holdout);
@@ -64,7 +75,7 @@ impl DatasetReading {
     }
 
     /// Leaves out the views that are too many, and those for validation, which nothing uses.
-    pub(crate) fn thin(&self, dataset: &mut Dataset) {
+    fn thin(&self, dataset: &mut Dataset) {
         let mut kept = Vec::with_capacity(dataset.views.len());
         for (split, most) in [(Split::Train, self.views), (Split::Test, self.test_views)] {
             let views: Vec<View> = dataset.views_of(split).cloned().collect();

@@ -6,11 +6,17 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use gs_core::{Image, Scene2d, Scene3d};
-use gs_io::dataset::{Dataset, View};
+use gs_core::{Image, Scene2d, Scene3d, Tensor, TensorData};
+use gs_io::{
+    Checkpoint,
+    dataset::{Dataset, View},
+};
 use sha2::{Digest, Sha256};
 
 use crate::error::Error;
+
+/// Values of a tensor that are copied at once.
+const CHUNK: usize = 1 << 16;
 
 /// Hexadecimal digits of a digest.
 pub(crate) const DIGITS: usize = 32;
@@ -95,6 +101,40 @@ pub fn of_scene(scene: &Scene2d) -> String {
     hash_floats(&mut hash, scene.opacity_logits.iter().copied());
     hash_floats(&mut hash, scene.colors.iter().flat_map(|v| v.to_array()));
     digits(hash)
+}
+
+/// The digest of a run's checkpoint: the run's address, all metadata, and the bits of all tensors.
+pub(crate) fn of_checkpoint(address: &str, checkpoint: &Checkpoint) -> String {
+    let Checkpoint { state, metadata } = checkpoint;
+    let mut hash = Sha256::new();
+    let mut add = |text: &str| {
+        hash.update((text.len() as u64).to_le_bytes());
+        hash.update(text);
+    };
+    add(address);
+    add(&format!("{:?} {}", state.parameterization, metadata.len()));
+    metadata.iter().flat_map(|(key, value)| [key, value]).for_each(|text| add(text));
+    for (name, Tensor { shape, data }) in &state.tensors {
+        let kind = match data {
+            TensorData::F32(_) => "f32",
+            TensorData::U32(_) => "u32",
+        };
+        hash.update(of_texts([name, kind, &format!("{shape:?}")]));
+        match data {
+            TensorData::F32(values) => {
+                values.chunks(CHUNK).for_each(|chunk| hash_words(&mut hash, chunk, |v| v.to_le_bytes()))
+            }
+            TensorData::U32(values) => {
+                values.chunks(CHUNK).for_each(|chunk| hash_words(&mut hash, chunk, |v| v.to_le_bytes()))
+            }
+        }
+    }
+    digits(hash)
+}
+
+fn hash_words<T: Copy>(hash: &mut Sha256, values: &[T], bytes: impl Fn(T) -> [u8; 4]) {
+    let bytes: Vec<[u8; 4]> = values.iter().map(|&value| bytes(value)).collect();
+    hash.update(bytes.as_flattened());
 }
 
 fn hash_floats(hash: &mut Sha256, values: impl Iterator<Item = f32>) {

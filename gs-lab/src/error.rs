@@ -99,6 +99,14 @@ pub enum Error {
         /// Digest of the scene found now.
         found: String,
     },
+    /// The store of a study's runs cannot be used, or not be reached.
+    #[error("{place}: {what}")]
+    Store {
+        /// The store's address, or that of an object in it.
+        place: String,
+        /// What is wrong with it, and how to fix it.
+        what: String,
+    },
     /// A setting of the work on a shared study is out of its range.
     #[error("{message}")]
     Work {

@@ -5,11 +5,12 @@ use std::{
     collections::{BTreeMap, HashSet},
     fs,
     path::{Path, PathBuf},
+    sync::Arc,
     time::Duration,
 };
 
 use gs_core::Image;
-use gs_io::{FolderClaim, Inputs, read_image, write_durably, write_png};
+use gs_io::{Checkpoint, FolderClaim, Inputs, decode_checkpoint, encode_checkpoint, png_bytes};
 use serde::Serialize;
 
 use crate::{
@@ -23,7 +24,8 @@ use crate::{
     queue::Queue,
     record::{Record, RunOutcome},
     report::PAGE,
-    run_files::{self, Listing},
+    run_files::{self, Listing, PICTURES, RUNS},
+    run_store::{self, Keep, RunStore, StoreAddress},
     tables::Results,
     target::StudyTarget,
     work::WorkSettings,
@@ -32,8 +34,6 @@ use crate::{
 const STUDY: &str = "study.toml";
 const IMAGES: &str = "images.json";
 const MACHINE: &str = "machine.json";
-const RUNS: &str = "runs";
-const PICTURES: &str = "pictures";
 
 /// What to do if the folder already holds results.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -60,6 +60,8 @@ pub struct StudyFolder {
     path: PathBuf,
     /// The files of tables and report, which one process at a time writes.
     results: FolderClaim,
+    /// Where the files of the runs are: in the folder, or in an object store.
+    store: Arc<dyn RunStore>,
 }
 
 /// A run that a process has claimed.
@@ -86,16 +88,25 @@ impl StudyFolder {
     /// [`Existing::Refuse`], or cannot be written to; [`Error::Io`] where a file that no run wrote
     /// would be replaced, or another process writes tables or a report there for minutes.
     pub fn prepare(path: &Path, plan: &Plan, existing: Existing) -> Result<Self, Error> {
-        Self::prepare_with(path, plan, existing, &Safety::default())
+        Self::prepare_with(path, plan, existing, &Safety::default(), None)
     }
 
     /// Prepares the folder as [`Self::prepare`] does, with further files to protect, or with
-    /// permission to replace files.
+    /// permission to replace files. Records, claims, checkpoints and pictures go to the object store
+    /// of an address, if one is given; a study that is resumed remembers its store.
     ///
     /// # Errors
-    /// As [`Self::prepare`].
-    pub fn prepare_with(path: &Path, plan: &Plan, existing: Existing, safety: &Safety) -> Result<Self, Error> {
+    /// As [`Self::prepare`], and [`Error::Store`] where the store cannot be used.
+    pub fn prepare_with(
+        path: &Path,
+        plan: &Plan,
+        existing: Existing,
+        safety: &Safety,
+        store: Option<&StoreAddress>,
+    ) -> Result<Self, Error> {
         let is_held = refuse_held(path, plan, existing)?;
+        let store = store_of(path, is_held, store)?;
+        store.as_ref().map_or(Ok(()), run_store::check)?;
         let read = plan.targets.iter().flat_map(StudyTarget::files);
         let inputs = Inputs::from_iter(read.chain(safety.inputs.iter().cloned()));
         // When a study is resumed from the file in its own folder, that file stays as it is.
@@ -113,19 +124,21 @@ impl StudyFolder {
             let names = [STUDY, IMAGES, MACHINE, PAGE].into_iter().chain(TABLES);
             output.adopt(names.filter(|name| path.join(name).exists()).collect::<Vec<_>>())?;
         }
-        let folder = Self { path: path.to_owned(), results };
-        for part in [folder.file(RUNS), folder.file(PICTURES)] {
-            fs::create_dir_all(&part).map_err(|source| Error::Path { path: part, source })?;
+        let folder = Self { path: path.to_owned(), results, store: run_store::open(path, store.as_ref())? };
+        if store.is_none() {
+            for part in [folder.file(RUNS), folder.file(PICTURES)] {
+                fs::create_dir_all(&part).map_err(|source| Error::Path { path: part, source })?;
+            }
         }
         let canonical = |path: &PathBuf| fs::canonicalize(path).unwrap_or_else(|_| path.clone());
         let found: BTreeMap<_, _> = plan.places().into_iter().map(|(name, path)| (name, canonical(path))).collect();
         write(&output, IMAGES, &json(&found))?;
-        write(&output, MACHINE, &json(&Origin::of(plan)))?;
+        write(&output, MACHINE, &json(&Origin::of(plan, store)))?;
         if !is_input {
             write(&output, STUDY, &plan.study.to_toml()?)?;
         }
-        run_files::sweep(&folder.file(RUNS), &folder.claims(&WorkSettings::default()))?;
-        run_files::remove_unfinished(&folder.file(RUNS))?;
+        folder.sweep()?;
+        folder.at_once(|| run_files::remove_unfinished(&*folder.store))?;
         Ok(folder)
     }
 
@@ -141,7 +154,7 @@ impl StudyFolder {
     /// further files to protect, or with permission to replace files.
     ///
     /// # Errors
-    /// [`Error::Folder`] where there is no study in it.
+    /// [`Error::Folder`] where there is no study in it; [`Error::Store`] where its store cannot be used.
     pub fn open_with(path: &Path, safety: &Safety) -> Result<Self, Error> {
         let study = path.join(STUDY);
         if !study.is_file() {
@@ -152,7 +165,9 @@ impl StudyFolder {
             });
         }
         let inputs = Inputs::from_iter(safety.inputs.iter().chain([&study]));
-        Ok(Self { path: path.to_owned(), results: results_claim(path).inputs(inputs).overwriting(safety.overwrite) })
+        let results = results_claim(path).inputs(inputs).overwriting(safety.overwrite);
+        let address = origin(path).and_then(|origin| origin.store);
+        Ok(Self { path: path.to_owned(), results, store: run_store::open(path, address.as_ref())? })
     }
 
     /// Fails where a plan's runs are not those that the folder was prepared for: where this is
@@ -169,11 +184,11 @@ impl StudyFolder {
 
     /// The queue of a plan's runs in this folder.
     pub(crate) fn queue<'a>(&self, plan: &'a Plan, settings: &'a WorkSettings) -> Queue<'a> {
-        Queue::new(plan.runs.iter().map(|run| run.address.as_str()).collect(), self.file(RUNS), settings)
+        Queue::new(plan.runs.iter().map(|run| run.address.as_str()).collect(), self.store.clone(), settings)
     }
 
     fn claims(&self, settings: &WorkSettings) -> Claims {
-        Claims::new(self.file(RUNS), settings.worker.clone(), settings.lease)
+        Claims::new(self.store.clone(), settings.worker.clone(), settings.lease)
     }
 
     /// The rows of a plan that have no record but a claim, in their order; runs that were given up
@@ -182,13 +197,13 @@ impl StudyFolder {
     /// # Errors
     /// [`Error::Path`] and [`Error::Io`] where the folder cannot be read.
     pub fn running(&self, plan: &Plan) -> Result<Vec<RunningRun>, Error> {
-        let listing = Listing::of(&self.file(RUNS))?;
+        let listing = Listing::of(&*self.store)?;
         let claims = self.claims(&WorkSettings::default());
         let claimed = plan.runs.iter().filter(|run| !listing.ended.contains(&run.address));
         let claimed = claimed.filter_map(|run| Some((run, *listing.claimed.get(&run.address)?)));
         let mut running = Vec::new();
         for (run, generation) in claimed {
-            let (note, age) = match claims.state(&self.file(RUNS).join(run_files::claim(&run.address, generation)))? {
+            let (note, age) = match claims.state(&run_files::claim(&run.address, generation))? {
                 State::Live { note, age } => (note, Some(age)),
                 State::Expired { note } => (note, None),
                 State::Released | State::Gone => continue,
@@ -206,10 +221,10 @@ impl StudyFolder {
     pub fn remove_damaged(&self, results: &Results<'_>) -> Result<Vec<usize>, Error> {
         let mut rows = Vec::new();
         for (run, _) in results.rows().filter(|(_, record)| record.is_none()) {
-            let path = self.file(&record_name(run));
+            let name = run_files::record(&run.address);
             // It may have been stored since the results were read.
-            if path.exists() && self.record(run).is_none() {
-                fs::remove_file(&path).map_err(|source| Error::Path { path, source })?;
+            if self.store.has(&name)? && self.record(run)?.is_none() {
+                self.store.remove(&name)?;
                 rows.push(run.row);
             }
         }
@@ -221,12 +236,18 @@ impl StudyFolder {
     /// # Errors
     /// [`Error::Path`] and [`Error::Io`] where the folder cannot be read or written to.
     pub fn sweep(&self) -> Result<(), Error> {
-        run_files::sweep(&self.file(RUNS), &self.claims(&WorkSettings::default()))
+        run_files::sweep(&*self.store, &self.claims(&WorkSettings::default()))
     }
 
     /// Locks the folder's tables and report to write them. Waits where another process has them.
     pub(crate) fn lock_results(&self) -> Result<LockedResults<'_>, Error> {
         Ok(LockedResults { folder: self, output: begin(self.results.clone())? })
+    }
+
+    /// This folder with the files of its runs elsewhere.
+    #[cfg(all(test, feature = "object-store-tests"))]
+    pub(crate) fn with_store(self, store: Arc<dyn RunStore>) -> Self {
+        Self { store, ..self }
     }
 
     /// The folder's path.
@@ -251,7 +272,16 @@ impl StudyFolder {
     }
 
     fn origin(&self) -> Option<Origin> {
-        serde_json::from_slice(&fs::read(self.file(MACHINE)).ok()?).ok()
+        origin(&self.path)
+    }
+
+    /// Does what waits for many files, with as many threads as the store is worth.
+    pub(crate) fn at_once<T: Send>(&self, work: impl FnOnce() -> T + Send) -> T {
+        let pool = self.store.width().and_then(|width| rayon::ThreadPoolBuilder::new().num_threads(width).build().ok());
+        match pool {
+            Some(pool) => pool.install(work),
+            None => work(),
+        }
     }
 
     /// The path of the study file.
@@ -259,15 +289,18 @@ impl StudyFolder {
         self.file(STUDY)
     }
 
-    /// The stored record of a run. A file with another run's address counts as missing.
-    pub fn record(&self, run: &Run) -> Option<Record> {
-        let text = fs::read(self.file(&record_name(run))).ok()?;
-        let mut record: Record = serde_json::from_slice(&text).ok()?;
+    /// The stored record of a run. One that is damaged, or of another run, counts as missing.
+    ///
+    /// # Errors
+    /// [`Error::Path`] or [`Error::Store`] where it cannot be read.
+    pub fn record(&self, run: &Run) -> Result<Option<Record>, Error> {
+        let Some(text) = self.store.read(&run_files::record(&run.address))? else { return Ok(None) };
+        let Ok(mut record) = serde_json::from_slice::<Record>(&text) else { return Ok(None) };
         if let RunOutcome::Finished(finished) = &mut record.outcome {
             // A report holds the trajectories of all runs.
             finished.trajectory.shrink_to_fit();
         }
-        (record.address == run.address).then_some(record)
+        Ok((record.address == run.address).then_some(record))
     }
 
     /// Addresses of the runs that have ended.
@@ -275,7 +308,7 @@ impl StudyFolder {
     /// # Errors
     /// [`Error::Path`] where the folder cannot be read.
     pub fn ended(&self) -> Result<HashSet<String>, Error> {
-        Ok(Listing::of(&self.file(RUNS))?.ended)
+        Ok(Listing::of(&*self.store)?.ended)
     }
 
     /// Stores the record of a run. It is on the disk before this returns, so that a power cut does
@@ -285,7 +318,7 @@ impl StudyFolder {
     /// # Errors
     /// [`Error::Io`]; [`Error::TwoResults`] where the other process came to another result.
     pub(crate) fn store(&self, plan: &Plan, run: &Run, record: &Record) -> Result<(), Error> {
-        let held = self.record(run);
+        let held = self.record(run)?;
         if let Some(first) = held.as_ref().and_then(|held| held.outcome.finished()) {
             return match record.outcome.finished() {
                 Some(second) if json(&first.without_clock()) != json(&second.without_clock()) => {
@@ -299,22 +332,71 @@ impl StudyFolder {
                 _ => Ok(()),
             };
         }
-        let json = serde_json::to_vec(record).map_err(std::io::Error::other);
-        Ok(write_durably(self.file(&record_name(run)), |file| file.write_all(&json?))?)
+        let name = run_files::record(&run.address);
+        self.store.write(&name, Keep::AfterPowerCut, &mut |file| Ok(serde_json::to_writer(file, record)?))
+    }
+
+    /// The checkpoint of a run, if there is one.
+    ///
+    /// # Errors
+    /// [`Error::Io`] where it is damaged, [`Error::Path`] or [`Error::Store`] where it cannot be read.
+    pub(crate) fn checkpoint(&self, run: &Run) -> Result<Option<Checkpoint>, Error> {
+        let name = run_files::checkpoint(&run.address);
+        let bytes = self.store.read(&name)?;
+        Ok(bytes.map(|bytes| decode_checkpoint(&bytes, Path::new(&name))).transpose()?)
+    }
+
+    /// Stores a checkpoint of a run in place of the one before.
+    ///
+    /// # Errors
+    /// [`Error::Io`] or [`Error::Store`].
+    pub(crate) fn store_checkpoint(&self, run: &Run, checkpoint: &Checkpoint) -> Result<(), Error> {
+        let name = run_files::checkpoint(&run.address);
+        self.store.write(&name, Keep::AfterPowerCut, &mut |file| encode_checkpoint(file, checkpoint))
+    }
+
+    /// Removes the checkpoint of a run that has a record. What cannot be removed does no harm; the
+    /// next report removes it.
+    pub(crate) fn remove_checkpoint(&self, run: &Run) {
+        let _ = self.store.remove(&run_files::checkpoint(&run.address));
     }
 
     /// Stores a picture of a run's scene, without waiting for the disk: the first, or of a 3D scene
     /// one more for each view that is shown. The report leaves out pictures that are missing.
     ///
     /// # Errors
-    /// [`Error::Io`].
+    /// [`Error::Io`] or [`Error::Store`].
     pub(crate) fn store_picture(&self, run: &Run, index: usize, picture: &Image) -> Result<(), Error> {
-        Ok(write_png(self.file(&picture_name(run, index)), picture)?)
+        let name = run_files::picture(&run.address, index);
+        self.store.write(&name, Keep::AfterCrash, &mut |file| file.write_all(&png_bytes(picture)))
     }
 
     /// A stored picture of a run's scene, counted from 0.
     pub fn picture(&self, run: &Run, index: usize) -> Option<Image> {
-        Some(read_image(self.file(&picture_name(run, index))).ok()?.image)
+        let bytes = self.store.read(&run_files::picture(&run.address, index)).ok()??;
+        let picture = image::load_from_memory(&bytes).ok()?.into_rgb8();
+        let (width, height) = picture.dimensions();
+        let pixels = picture.pixels().map(|pixel| pixel.0.map(|value| f32::from(value) / 255.0));
+        Image::from_pixels(width, height, pixels.collect()).ok()
+    }
+}
+
+/// What the results in a folder come from, if that was stored.
+fn origin(path: &Path) -> Option<Origin> {
+    serde_json::from_slice(&fs::read(path.join(MACHINE)).ok()?).ok()
+}
+
+/// The store of a study that is prepared: the one that is asked for, or that it has.
+fn store_of(path: &Path, is_held: bool, asked: Option<&StoreAddress>) -> Result<Option<StoreAddress>, Error> {
+    let held = is_held.then(|| origin(path)).flatten();
+    match (held.map(|origin| origin.store), asked) {
+        (None, asked) => Ok(asked.cloned()),
+        (Some(held), asked) if asked.is_none() || asked == held.as_ref() => Ok(held),
+        (Some(held), _) => Err(Error::Folder {
+            folder: path.to_owned(),
+            what: held.map_or_else(|| "has its runs in itself".to_owned(), |held| format!("has its runs in {held}")),
+            mend: "leave out --store, or choose another folder with --output",
+        }),
     }
 }
 
@@ -340,15 +422,6 @@ fn refuse_held(path: &Path, plan: &Plan, existing: Existing) -> Result<bool, Err
         return wrong(what, "choose another folder with --output");
     }
     Ok(true)
-}
-
-fn record_name(run: &Run) -> String {
-    format!("{RUNS}/{}", run_files::record(&run.address))
-}
-
-fn picture_name(run: &Run, index: usize) -> String {
-    let number = if index == 0 { String::new() } else { format!("-{}", index + 1) };
-    format!("{PICTURES}/{}{number}.png", run.address)
 }
 
 /// The name of the study in a study file.

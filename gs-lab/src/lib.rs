@@ -31,7 +31,7 @@ mod key_lines;
 mod locked_results;
 mod machine;
 mod origin;
-mod overrides;
+pub mod overrides;
 mod plan;
 mod queue;
 mod reach;
@@ -39,7 +39,9 @@ mod record;
 mod remark;
 mod replay;
 pub mod report;
+mod resumption;
 mod run_files;
+mod run_store;
 mod selection;
 #[cfg(test)]
 mod sources;
@@ -50,6 +52,7 @@ mod system;
 mod tables;
 mod target;
 mod task;
+mod trajectory;
 mod work;
 
 pub use crate::{

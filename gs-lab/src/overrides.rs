@@ -42,7 +42,10 @@ fn current_name<'k>(table: &Table, key: &'k str) -> &'k str {
 }
 
 /// `settings` with the values of `over` in place of their own.
-pub(crate) fn applied<T: Serialize + DeserializeOwned>(settings: &T, over: &Table) -> Result<T, String> {
+///
+/// # Errors
+/// What is wrong with `over`: an unknown key, or a value that is not possible.
+pub fn applied<T: Serialize + DeserializeOwned>(settings: &T, over: &Table) -> Result<T, String> {
     let unreadable = |error: toml::de::Error| error.to_string();
     let text = settings_to_toml(settings).map_err(|error| error.to_string())?;
     let mut table: Table = text.parse().map_err(unreadable)?;
@@ -57,7 +60,7 @@ pub(crate) fn applied<T: Serialize + DeserializeOwned>(settings: &T, over: &Tabl
 /// The path of the value in `over` that makes it fail: the one without which it is possible, or
 /// else the first value with which, added to those before it, it becomes impossible. Kinds come
 /// first, as other values depend on them.
-pub(crate) fn culprit(over: &Table, is_possible: impl Fn(&Table) -> bool) -> Option<String> {
+pub fn culprit(over: &Table, is_possible: impl Fn(&Table) -> bool) -> Option<String> {
     let mut leaves = Vec::new();
     collect(over, &mut Vec::new(), &mut leaves);
     let is_kind = |path: &Vec<String>| path.last().is_some_and(|key| key == "kind");

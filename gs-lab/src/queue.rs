@@ -3,8 +3,7 @@
 
 use std::{
     collections::VecDeque,
-    path::PathBuf,
-    sync::{Condvar, Mutex, MutexGuard, PoisonError, mpsc},
+    sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, mpsc},
     thread,
     time::{Duration, Instant},
 };
@@ -14,6 +13,7 @@ use crate::{
     conduct::Watcher,
     error::Error,
     run_files::Listing,
+    run_store::RunStore,
     system,
     work::{AtEnd, WorkSettings},
 };
@@ -39,7 +39,7 @@ const NOTICE: Duration = Duration::from_millis(100);
 pub(crate) struct Queue<'a> {
     /// The addresses of all runs, in the study's order.
     addresses: Vec<&'a str>,
-    folder: PathBuf,
+    store: Arc<dyn RunStore>,
     claims: Claims,
     settings: &'a WorkSettings,
     order: Mutex<Order>,
@@ -73,10 +73,10 @@ enum Look {
 }
 
 impl<'a> Queue<'a> {
-    /// A queue of runs whose records and claims are in `folder`, which exists.
-    pub(crate) fn new(addresses: Vec<&'a str>, folder: PathBuf, settings: &'a WorkSettings) -> Self {
-        let claims = Claims::new(folder.clone(), settings.worker.clone(), settings.lease);
-        Self { addresses, folder, claims, settings, order: Mutex::default(), changed: Condvar::new() }
+    /// A queue of runs whose records and claims are in `store`.
+    pub(crate) fn new(addresses: Vec<&'a str>, store: Arc<dyn RunStore>, settings: &'a WorkSettings) -> Self {
+        let claims = Claims::new(store.clone(), settings.worker.clone(), settings.lease);
+        Self { addresses, store, claims, settings, order: Mutex::default(), changed: Condvar::new() }
     }
 
     /// Claims the next run: its place in the study, and the claim. Waits while all runs that are
@@ -124,7 +124,7 @@ impl<'a> Queue<'a> {
     /// # Errors
     /// [`Error::Path`] where the folder cannot be read.
     pub(crate) fn left(&self) -> Result<usize, Error> {
-        let ended = Listing::of(&self.folder)?.ended;
+        let ended = Listing::of(&*self.store)?.ended;
         Ok(self.addresses.iter().filter(|&&address| !ended.contains(address)).count())
     }
 
@@ -166,7 +166,7 @@ impl<'a> Queue<'a> {
             Some(_) if order.is_last => return Ok(Look::Nothing),
             _ => {}
         }
-        let listing = Listing::of(&self.folder)?;
+        let listing = Listing::of(&*self.store)?;
         let left = (0..self.addresses.len()).filter(|&index| !listing.ended.contains(self.addresses[index]));
         let (taken, free): (Vec<usize>, Vec<usize>) =
             left.partition(|&index| listing.claimed.contains_key(self.addresses[index]));

@@ -10,6 +10,7 @@ use crate::{
     machine::Machine,
     plan::{Plan, Run, VERSION},
     record::Finished,
+    resumption::Interruptions,
     task::{AnyScene, StudyBackend},
 };
 
@@ -53,7 +54,7 @@ pub fn replay<R: StudyBackend>(
     if let Some(recorded) = folder.machine().filter(|recorded| recorded.name != plan.machine.name) {
         return Err(other_machine(row, &recorded, &plan.machine));
     }
-    let end = end(run, row, folder).ok_or_else(|| Error::Folder {
+    let end = end(run, row, folder)?.ok_or_else(|| Error::Folder {
         folder: folder.path().to_owned(),
         what: format!("row {row} has not been done"),
         mend: "let gs study --resume do it first",
@@ -66,7 +67,7 @@ pub fn replay<R: StudyBackend>(
         recorded: recorded.to_owned(),
         found: found.to_owned(),
     };
-    let replayed = conduct::train(plan, run, rasterizer, &())?
+    let replayed = conduct::train(plan, run, rasterizer, Interruptions::new(run, &(), None))?
         .ok_or_else(|| differs(end.scene.as_deref().unwrap_or("none"), "none"))?;
     match &end.scene {
         Some(recorded) if *recorded != replayed.finished.scene => Err(differs(recorded, &replayed.finished.scene)),
@@ -111,15 +112,15 @@ pub fn recorded_run<'p>(plan: &'p Plan, row: usize, folder: &StudyFolder) -> Res
     }
 }
 
-fn end(run: &Run, row: usize, folder: &StudyFolder) -> Option<End> {
-    if let Some(record) = folder.record(run) {
+fn end(run: &Run, row: usize, folder: &StudyFolder) -> Result<Option<End>, Error> {
+    if let Some(record) = folder.record(run)? {
         let scene = record.outcome.finished().map(|finished| finished.scene.clone());
-        return Some(End { address: record.address, scene, version: record.version, machine: record.machine });
+        return Ok(Some(End { address: record.address, scene, version: record.version, machine: record.machine }));
     }
-    let recorded = export::recorded(folder)?;
-    let row = recorded.runs.into_iter().nth(row - 1)?;
-    if row.scene.is_none() && row.address == run.address {
-        return None;
-    }
-    Some(End { address: row.address, scene: row.scene, version: recorded.version, machine: recorded.machine })
+    Ok(export::recorded(folder).and_then(|recorded| {
+        let row = recorded.runs.into_iter().nth(row - 1)?;
+        let is_missing = row.scene.is_none() && row.address == run.address;
+        let (version, machine) = (recorded.version, recorded.machine);
+        (!is_missing).then_some(End { address: row.address, scene: row.scene, version, machine })
+    }))
 }

@@ -1,12 +1,6 @@
-//! The files of a study's runs: records, and claims on runs that have no record yet.
+//! The files of a study's runs: records, and of runs that have no record yet claims and checkpoints.
 
-use std::{
-    collections::{HashMap, HashSet},
-    ffi::OsStr,
-    fs::{self, DirEntry, File},
-    io::{self, ErrorKind, Read, Seek, SeekFrom},
-    path::Path,
-};
+use std::collections::{HashMap, HashSet};
 
 use rayon::prelude::*;
 
@@ -15,20 +9,37 @@ use crate::{
     digest::DIGITS,
     error::Error,
     record::{Record, RunOutcome},
+    run_store::RunStore,
 };
+
+/// The folder of records, claims and checkpoints.
+pub(crate) const RUNS: &str = "runs";
+/// The folder of pictures.
+pub(crate) const PICTURES: &str = "pictures";
 
 /// The end of the record of a run that finished: the closing brackets of its trajectory, its
 /// numbers, its outcome and itself. Only speed depends on it.
 const END_OF_FINISHED: &[u8] = b"]}}";
 
-/// The file name of a run's record.
+/// The name of a run's record.
 pub(crate) fn record(address: &str) -> String {
-    format!("{address}.json")
+    format!("{RUNS}/{address}.json")
 }
 
-/// The file name of a claim on a run.
+/// The name of a claim on a run.
 pub(crate) fn claim(address: &str, generation: u32) -> String {
-    format!("{address}.{generation}.claim")
+    format!("{RUNS}/{address}.{generation}.claim")
+}
+
+/// The name of a run's checkpoint.
+pub(crate) fn checkpoint(address: &str) -> String {
+    format!("{RUNS}/{address}.safetensors")
+}
+
+/// The name of a picture of a run, counted from 0.
+pub(crate) fn picture(address: &str, index: usize) -> String {
+    let number = if index == 0 { String::new() } else { format!("-{}", index + 1) };
+    format!("{PICTURES}/{address}{number}.png")
 }
 
 /// A file in the folder of a study's runs.
@@ -38,14 +49,15 @@ enum RunFile<'a> {
     Record(&'a str),
     /// A claim on the run with this address, and the claim's number.
     Claim(&'a str, u32),
+    /// The checkpoint of the run with this address.
+    Checkpoint(&'a str),
     /// A file under a name that processes give to files they are about to rename or remove.
     Temporary,
 }
 
 impl<'a> RunFile<'a> {
     /// The file of this name; `None` for names that are not of a study.
-    fn of(name: &'a OsStr) -> Option<Self> {
-        let name = name.to_str()?;
+    fn of(name: &'a str) -> Option<Self> {
         if name.ends_with(".now") || (name.starts_with(".gs-") && name.ends_with(".tmp")) {
             return Some(Self::Temporary);
         }
@@ -55,6 +67,7 @@ impl<'a> RunFile<'a> {
         }
         match rest.strip_prefix('.')? {
             "json" => Some(Self::Record(address)),
+            "safetensors" => Some(Self::Checkpoint(address)),
             rest => Some(Self::Claim(address, rest.strip_suffix(".claim")?.parse().ok()?)),
         }
     }
@@ -73,11 +86,11 @@ impl Listing {
     /// Lists the folder.
     ///
     /// # Errors
-    /// [`Error::Path`] where the folder cannot be read.
-    pub(crate) fn of(folder: &Path) -> Result<Self, Error> {
+    /// [`Error::Path`] or [`Error::Store`] where it cannot be read.
+    pub(crate) fn of(store: &dyn RunStore) -> Result<Self, Error> {
         let mut listing = Self::default();
-        for entry in entries(folder)? {
-            match RunFile::of(&entry.file_name()) {
+        for name in store.names(RUNS)? {
+            match RunFile::of(&name) {
                 Some(RunFile::Record(address)) => {
                     listing.ended.insert(address.to_owned());
                 }
@@ -85,34 +98,38 @@ impl Listing {
                     let last = listing.claimed.entry(address.to_owned()).or_default();
                     *last = generation.max(*last);
                 }
-                Some(RunFile::Temporary) | None => {}
+                Some(RunFile::Checkpoint(_) | RunFile::Temporary) | None => {}
             }
         }
         Ok(listing)
     }
 }
 
-fn entries(folder: &Path) -> Result<Vec<DirEntry>, Error> {
-    let entries = fs::read_dir(folder).and_then(Iterator::collect);
-    entries.map_err(|source| Error::Path { path: folder.to_owned(), source })
-}
-
-/// Removes what processes that died have left: claims on runs that have a record, and temporary
-/// files that are older than a lease.
+/// Removes what processes that died have left: claims on runs that have a record, their checkpoints,
+/// and temporary files that are older than a lease.
 ///
 /// # Errors
-/// [`Error::Path`] where the folder cannot be read, [`Error::Io`] where it cannot be written to.
-pub(crate) fn sweep(folder: &Path, claims: &Claims) -> Result<(), Error> {
-    let ended = Listing::of(folder)?.ended;
-    for entry in entries(folder)? {
-        let is_left = match RunFile::of(&entry.file_name()) {
-            Some(RunFile::Claim(address, _)) => ended.contains(address),
-            Some(RunFile::Temporary) => claims.is_old(&entry.path())?,
-            Some(RunFile::Record(_)) | None => false,
+/// [`Error::Path`] or [`Error::Store`] where the folder cannot be read, [`Error::Io`] where it cannot
+/// be written to.
+pub(crate) fn sweep(store: &dyn RunStore, claims: &Claims) -> Result<(), Error> {
+    let names = store.names(RUNS)?;
+    let files = || names.iter().filter_map(|name| Some((name, RunFile::of(name)?)));
+    let ended: HashSet<&str> = files()
+        .filter_map(|(_, file)| match file {
+            RunFile::Record(address) => Some(address),
+            _ => None,
+        })
+        .collect();
+    for (name, file) in files() {
+        let name = format!("{RUNS}/{name}");
+        let is_left = match file {
+            RunFile::Claim(address, _) | RunFile::Checkpoint(address) => ended.contains(address),
+            RunFile::Temporary => claims.is_old(&name)?,
+            RunFile::Record(_) => false,
         };
         if is_left {
             // It does no harm where it cannot be removed.
-            let _ = fs::remove_file(entry.path());
+            let _ = store.remove(&name);
         }
     }
     Ok(())
@@ -122,44 +139,24 @@ pub(crate) fn sweep(folder: &Path, claims: &Claims) -> Result<(), Error> {
 /// again.
 ///
 /// # Errors
-/// [`Error::Path`] where the folder cannot be read or a file cannot be removed.
-pub(crate) fn remove_unfinished(folder: &Path) -> Result<(), Error> {
-    let records = entries(folder)?;
-    records.par_iter().filter(|entry| matches!(RunFile::of(&entry.file_name()), Some(RunFile::Record(_)))).try_for_each(
-        |entry| {
-            let path = entry.path();
-            match is_finished(&path) {
-                true => Ok(()),
-                false => fs::remove_file(&path).map_err(|source| Error::Path { path, source }),
-            }
-        },
-    )
+/// [`Error::Path`] or [`Error::Store`] where the folder cannot be read or a file cannot be removed.
+pub(crate) fn remove_unfinished(store: &dyn RunStore) -> Result<(), Error> {
+    let names = store.names(RUNS)?;
+    let records = names.par_iter().filter(|name| matches!(RunFile::of(name), Some(RunFile::Record(_))));
+    records.map(|name| format!("{RUNS}/{name}")).try_for_each(|name| match is_finished(store, &name)? {
+        true => Ok(()),
+        false => store.remove(&name),
+    })
 }
 
-/// Whether a file is the record of a run that finished. A file that cannot be read counts as one.
-fn is_finished(path: &Path) -> bool {
-    let end_or_whole = || -> io::Result<Option<Vec<u8>>> {
-        let mut file = File::open(path)?;
-        let mut end = [0; END_OF_FINISHED.len()];
-        let length = file.metadata()?.len();
-        if length >= end.len() as u64 {
-            file.seek(SeekFrom::Start(length - end.len() as u64))?;
-            file.read_exact(&mut end)?;
-            if end == END_OF_FINISHED {
-                return Ok(None);
-            }
-            file.rewind()?;
-        }
-        let mut whole = Vec::new();
-        file.read_to_end(&mut whole)?;
-        Ok(Some(whole))
-    };
-    match end_or_whole() {
-        Ok(Some(whole)) => serde_json::from_slice::<Record>(&whole)
-            .is_ok_and(|record| matches!(record.outcome, RunOutcome::Finished(_))),
-        Ok(None) => true,
-        Err(error) => error.kind() != ErrorKind::UnexpectedEof,
+/// Whether a file is the record of a run that finished. One that has just been removed counts as one.
+fn is_finished(store: &dyn RunStore, name: &str) -> Result<bool, Error> {
+    if store.end(name, END_OF_FINISHED.len())?.is_none_or(|end| end == END_OF_FINISHED) {
+        return Ok(true);
     }
+    let record = |whole: Vec<u8>| serde_json::from_slice::<Record>(&whole);
+    let is_finished = |record: Record| matches!(record.outcome, RunOutcome::Finished(_));
+    Ok(store.read(name)?.is_none_or(|whole| record(whole).is_ok_and(is_finished)))
 }
 
 #[cfg(test)]
@@ -167,11 +164,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_are_those_of_records_claims_and_temporary_files() {
+    fn names_are_those_of_records_claims_checkpoints_and_temporary_files() {
         let address = "0123456789abcdef0123456789abcdef";
-        let of = |name: String| RunFile::of(OsStr::new(&name)).map(|file| format!("{file:?}"));
+        let of = |name: String| RunFile::of(name.trim_start_matches("runs/")).map(|file| format!("{file:?}"));
         assert_eq!(of(record(address)), Some(format!("Record({address:?})")));
         assert_eq!(of(claim(address, 12)), Some(format!("Claim({address:?}, 12)")));
+        assert_eq!(of(checkpoint(address)), Some(format!("Checkpoint({address:?})")));
         for name in [".gs-Ab12Cd.tmp", "0123456789abcdef.now"] {
             assert_eq!(of(name.to_owned()).as_deref(), Some("Temporary"));
         }

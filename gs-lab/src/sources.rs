@@ -10,7 +10,7 @@ use sha2::{Digest, Sha256};
 
 /// Files and folders of the workspace that the result of a run depends on. The paper's experiments,
 /// tables and reports may change without invalidating results, so they are left out.
-pub(crate) const SOURCES: [&str; 14] = [
+pub(crate) const SOURCES: [&str; 16] = [
     "Cargo.lock",
     "gs-core/src",
     "gs-cpu/src",
@@ -22,9 +22,11 @@ pub(crate) const SOURCES: [&str; 14] = [
     "gs-lab/src/dataset_reading.rs",
     "gs-lab/src/digest.rs",
     "gs-lab/src/record.rs",
+    "gs-lab/src/resumption.rs",
     "gs-lab/src/synthetic",
     "gs-lab/src/target.rs",
     "gs-lab/src/task",
+    "gs-lab/src/trajectory.rs",
 ];
 
 /// Hexadecimal digits of the digest.

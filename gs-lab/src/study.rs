@@ -21,6 +21,7 @@ pub use crate::{
     record::{Finished, Record, RunOutcome, ViewResult},
     remark::{Pairing, ResultRemark},
     replay::{Replayed, recorded_run, replay},
+    run_store::StoreAddress,
     selection::Selection,
     statistics::Interval,
     synthetic::SyntheticTarget,

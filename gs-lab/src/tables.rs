@@ -5,6 +5,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::{
+    error::Error,
     folder::StudyFolder,
     plan::{Plan, Run},
     record::{Finished, Record, RunOutcome, ViewResult},
@@ -103,9 +104,16 @@ pub struct RunQuality {
 
 impl<'a> Results<'a> {
     /// Reads the records of a plan's runs.
-    pub fn read(plan: &'a Plan, folder: &StudyFolder) -> Self {
-        let record = |run: &Run| Some(Record { settings: String::new(), ..folder.record(run)? });
-        Self { plan, records: plan.runs.par_iter().map(record).collect() }
+    ///
+    /// # Errors
+    /// [`Error::Path`] or [`Error::Store`] where one is there but cannot be read.
+    pub fn read(plan: &'a Plan, folder: &StudyFolder) -> Result<Self, Error> {
+        let record = |run: &Run| {
+            let record = folder.record(run)?;
+            Ok(record.map(|record| Record { settings: String::new(), ..record }))
+        };
+        let records: Result<_, Error> = folder.at_once(|| plan.runs.par_iter().map(record).collect());
+        Ok(Self { plan, records: records? })
     }
 
     /// The runs with their records, in the plan's order.

@@ -3,11 +3,16 @@
 use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
+    sync::{Arc, Mutex, OnceLock, PoisonError},
 };
 
 use crate::{dataset_reading::DatasetReading, digest, error::Error, synthetic::SyntheticTarget};
 use gs_core::{Image, metrics::mean};
-use gs_io::dataset::{Dataset, Split, read_dataset};
+use gs_io::dataset::{Dataset, PosedImage, Split};
+use gs_train::{
+    Error as TrainError,
+    train::{PosedView, Start, StartName, Views},
+};
 
 /// Where images and data sets are searched, in this order.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -21,7 +26,7 @@ pub struct Places {
 }
 
 /// What a study's runs are about: an image to fit, or a scene to train from views.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 pub struct StudyTarget {
     /// The name in the study.
     pub name: String,
@@ -31,7 +36,22 @@ pub struct StudyTarget {
     pub digest: String,
     /// The image or the views.
     pub content: TargetContent,
+    /// What runs on a scene have in common, once one of them has made it.
+    shared: Arc<SharedByRuns>,
 }
+
+/// What runs on a scene have in common.
+#[derive(Debug, Default)]
+struct SharedByRuns {
+    /// Starts of trainings, for which the images were searched.
+    starts: Mutex<BTreeMap<&'static str, Start>>,
+    /// The images of the views for training and of those held out, unless they are too large.
+    images: OnceLock<[Vec<Arc<PosedImage>>; 2]>,
+}
+
+/// Most bytes of a scene's images that a study keeps in memory; larger ones are read whenever they
+/// are needed.
+const HELD_BYTES: u64 = 1 << 30;
 
 /// The content of a [`StudyTarget`].
 #[derive(Debug, Clone, PartialEq)]
@@ -44,6 +64,10 @@ pub enum TargetContent {
 }
 
 impl StudyTarget {
+    fn new(name: &str, path: Option<PathBuf>, digest: String, content: TargetContent) -> Self {
+        Self { name: name.to_owned(), path, digest, content, shared: Arc::default() }
+    }
+
     /// Makes the synthetic target of that name, or finds and reads the image file.
     ///
     /// # Errors
@@ -58,7 +82,7 @@ impl StudyTarget {
             }
         };
         let digest = digest::of_image(&image);
-        Ok(Self { name: name.to_owned(), path, digest, content: TargetContent::Image(image) })
+        Ok(Self::new(name, path, digest, TargetContent::Image(image)))
     }
 
     /// Finds a data set, reads it, and leaves out the views that the study does not use. Pixels are
@@ -70,10 +94,9 @@ impl StudyTarget {
         let path = places
             .find(name, Path::exists)
             .ok_or_else(|| Error::NoScene { scene: name.to_owned(), looked: places.looked() })?;
-        let mut dataset = read_dataset(&path, &reading.settings())?;
-        reading.thin(&mut dataset);
+        let dataset = reading.read(&path)?;
         let digest = digest::of_dataset(&dataset)?;
-        Ok(Self { name: name.to_owned(), path: Some(path), digest, content: TargetContent::Scene(dataset) })
+        Ok(Self::new(name, Some(path), digest, TargetContent::Scene(dataset)))
     }
 
     /// The name without folder and extension.
@@ -95,6 +118,47 @@ impl StudyTarget {
             TargetContent::Image(_) => None,
             TargetContent::Scene(dataset) => Some(dataset),
         }
+    }
+
+    /// What trainings on this scene start from. Images are searched once for all runs, as the search
+    /// depends on nothing but the views.
+    ///
+    /// # Errors
+    /// Those of [`StartName::of`] and [`Start::searched`].
+    pub(crate) fn start(&self, name: StartName, dataset: &Dataset, views: &[PosedView]) -> Result<Start, TrainError> {
+        let mut starts = self.shared.starts.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(start) = starts.get(name.name()) {
+            return Ok(start.clone());
+        }
+        let start = name.of(dataset)?.searched(views)?;
+        starts.insert(name.name(), start.clone());
+        Ok(start)
+    }
+
+    /// The views of this scene. All runs share their images, which are read once.
+    ///
+    /// # Errors
+    /// Those of [`PosedView::image`].
+    pub(crate) fn views(&self, dataset: &Dataset) -> Result<Views, TrainError> {
+        let mut views = Views::of_dataset(dataset);
+        if Views::image_bytes(views.train.iter().chain(&views.test)) > HELD_BYTES {
+            return Ok(views);
+        }
+        let images = match self.shared.images.get() {
+            Some(images) => images,
+            None => {
+                let read = |views: &[PosedView]| views.iter().map(|view| view.image().map(Arc::new)).collect();
+                let images: [Result<Vec<_>, TrainError>; 2] = [read(&views.train), read(&views.test)];
+                let [train, test] = images;
+                let images = [train?, test?];
+                self.shared.images.get_or_init(|| images)
+            }
+        };
+        for (views, images) in [&mut views.train, &mut views.test].into_iter().zip(images) {
+            let held = std::mem::take(views).into_iter().zip(images);
+            *views = held.map(|(view, image)| view.holding(image.clone())).collect();
+        }
+        Ok(views)
     }
 
     /// All files that are read, which must not be replaced.

@@ -1,6 +1,7 @@
 //! The laboratory from end to end. One binary for all modules, so that the tests link once.
 
 mod comparisons;
+mod interrupted;
 mod scenes;
 mod studies;
 mod user_files;

@@ -26,11 +26,11 @@ use gs_train::{
     train::{StartName, Views, evaluate},
 };
 
-const STUDY: &str = "name = 'small-3d'\nscenes = ['one', 'two']\nbudgets = [60]\nseeds = [0, 1, 2]\npreset = 'quick'\n\
+pub(crate) const STUDY: &str = "name = 'small-3d'\nscenes = ['one', 'two']\nbudgets = [60]\nseeds = [0, 1, 2]\npreset = 'quick'\n\
     iterations = 20\n[dataset]\nholdout = 4\n[settings]\nrender.effects.sh-degree = 1\nrounds = { every = 4, from = 4, until = 16 }\n\
     [[arm]]\nname = 'none'\npolicy = 'none'\n[[arm]]\nname = 'grown'\npolicy = 'percentile'\nsettings.exactly = true\n";
 
-fn cpu() -> CpuRasterizer {
+pub(crate) fn cpu() -> CpuRasterizer {
     CpuRasterizer::new(CpuSettings::default().with(|s| {
         s.threads = Some(1);
         s.level = None;
@@ -39,7 +39,7 @@ fn cpu() -> CpuRasterizer {
 }
 
 /// A folder with the data sets `one`, `two`, … , with points.
-fn place(count: u32) -> tempfile::TempDir {
+pub(crate) fn place(count: u32) -> tempfile::TempDir {
     let place = tempfile::tempdir().unwrap();
     let names = ["one", "two", "three", "four", "five", "six"];
     for (variant, name) in (0..count).zip(names) {
@@ -48,7 +48,7 @@ fn place(count: u32) -> tempfile::TempDir {
     place
 }
 
-fn laid_out(text: &str, place: &Path) -> Result<Plan, Error> {
+pub(crate) fn laid_out(text: &str, place: &Path) -> Result<Plan, Error> {
     let places = Places { data: Some(place.to_owned()), ..Places::default() };
     Plan::new(Study::from_toml(text, "small.toml")?, &places, "test")
 }
@@ -59,7 +59,7 @@ fn outputs(folder: &StudyFolder) -> Vec<String> {
 }
 
 fn written(plan: &Plan, folder: &StudyFolder) {
-    let results = Results::read(plan, folder);
+    let results = Results::read(plan, folder).unwrap();
     assert!(results.is_whole());
     write_tables(&results, folder).unwrap();
     report::write(&results, folder, "gs study small.toml").unwrap();
@@ -96,7 +96,7 @@ fn a_study_of_scenes_runs_resumes_and_replays() {
     let paused = StudyFolder::prepare(&place.path().join("paused"), &plan, Existing::Refuse).unwrap();
     let watcher = StopAfter { whole: 3, ended: AtomicUsize::new(0), asked: AtomicUsize::new(0) };
     assert_eq!(conduct(&plan, &[&cpu()], &paused, &watcher).unwrap(), Conducted::Stopped);
-    assert_eq!(Results::read(&plan, &paused).records.iter().flatten().count(), 3);
+    assert_eq!(Results::read(&plan, &paused).unwrap().records.iter().flatten().count(), 3);
     conduct(&plan, &[&cpu(), &cpu()], &paused, &()).unwrap();
     written(&plan, &paused);
     assert_eq!(outputs(&alone), outputs(&paused));
@@ -378,7 +378,7 @@ fn a_policy_of_ones_own_trains_scenes_too_and_views_can_be_limited() {
     assert_eq!(names, ["images/0.png", "images/1.png", "images/3.png", "images/6.png"]);
     let folder = StudyFolder::prepare(&place.path().join("out"), &plan, Existing::Refuse).unwrap();
     conduct(&plan, &[&cpu()], &folder, &()).unwrap();
-    let results = Results::read(&plan, &folder);
+    let results = Results::read(&plan, &folder).unwrap();
     let scenes = |arm: usize| results.finished(arm, 60).map(|(_, end)| end.scene.clone()).collect::<Vec<_>>();
     assert_eq!((scenes(2), scenes(0).len()), (scenes(0), 1));
     assert_ne!(scenes(1), scenes(0));

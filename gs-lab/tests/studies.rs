@@ -62,7 +62,7 @@ fn conducted(plan: &Plan, output: &Path, jobs: usize, threads: usize) -> StudyFo
     let team: Vec<CpuRasterizer> = (0..jobs).map(|_| cpu(threads)).collect();
     let done = conduct(plan, &team.iter().collect::<Vec<_>>(), &folder, &()).unwrap();
     assert_eq!(done, Conducted::Whole);
-    let results = Results::read(plan, &folder);
+    let results = Results::read(plan, &folder).unwrap();
     assert!(results.is_whole());
     write_tables(&results, &folder).unwrap();
     report::write(&results, &folder, "gs study small.toml").unwrap();
@@ -240,7 +240,7 @@ fn processes_share_the_runs_of_a_folder() {
     });
     let begun: Vec<usize> = counters.into_iter().map(|counter| counter.begun.into_inner()).collect();
     assert_eq!(begun.iter().sum::<usize>(), plan.runs.len(), "{begun:?}");
-    write_tables(&Results::read(&plan, &shared), &shared).unwrap();
+    write_tables(&Results::read(&plan, &shared).unwrap(), &shared).unwrap();
     assert_eq!(tables(&shared), tables(&whole));
 }
 
@@ -286,13 +286,13 @@ fn damaged_records_are_no_rows_and_their_runs_are_done_again() {
     fs::write(file(2), &text[..text.len() / 2]).unwrap();
     fs::write(file(5), "").unwrap();
     fs::copy(file(7), file(6)).unwrap();
-    let results = Results::read(&plan, &folder);
+    let results = Results::read(&plan, &folder).unwrap();
     assert_eq!(results.records.iter().flatten().count(), plan.runs.len() - 3);
     assert_eq!(folder.remove_damaged(&results).unwrap(), [2, 5, 6]);
     let counter = Counter::default();
     conduct(&plan, &[&cpu(1)], &folder, &counter).unwrap();
     assert_eq!(counter.begun.into_inner(), 3);
-    write_tables(&Results::read(&plan, &folder), &folder).unwrap();
+    write_tables(&Results::read(&plan, &folder).unwrap(), &folder).unwrap();
     assert_eq!(tables(&folder), whole);
 }
 
@@ -359,7 +359,7 @@ fn a_study_replaces_no_file_that_is_not_a_studys() {
     fs::write(output.join("report.html"), "mine").unwrap();
     let prepare = |existing, overwrite| {
         let safety = Safety { overwrite, ..Safety::default() };
-        StudyFolder::prepare_with(&output, &plan, existing, &safety)
+        StudyFolder::prepare_with(&output, &plan, existing, &safety, None)
     };
     let refused = prepare(Existing::Refuse, false).unwrap_err().to_string();
     assert!(refused.contains("report.html: is in the way"), "{refused}");
@@ -377,7 +377,7 @@ fn a_study_replaces_no_file_that_is_not_a_studys() {
     let text = format!("# mine\n{}", fs::read_to_string(&own).unwrap());
     fs::write(&own, &text).unwrap();
     let safety = Safety { inputs: vec![own.clone()], overwrite: false };
-    StudyFolder::prepare_with(&output, &plan, Existing::Resume, &safety).unwrap();
+    StudyFolder::prepare_with(&output, &plan, Existing::Resume, &safety, None).unwrap();
     assert_eq!(fs::read_to_string(&own).unwrap(), text);
 }
 
@@ -411,7 +411,7 @@ fn a_run_that_fails_is_recorded_and_does_not_stop_the_others() {
     let counter = Counter::default();
     conduct(&plan, &[&cpu(1), &cpu(1)], &folder, &counter).unwrap();
     assert_eq!(counter.failed.lock().unwrap().len(), 8);
-    let results = Results::read(&plan, &folder);
+    let results = Results::read(&plan, &folder).unwrap();
     write_tables(&results, &folder).unwrap();
     report::write(&results, &folder, "gs study").unwrap();
     let runs = fs::read_to_string(folder.file("runs.csv")).unwrap();
@@ -453,7 +453,7 @@ fn a_policy_of_ones_own_takes_part_under_its_fingerprint() {
     let changed = addresses(&plan).iter().zip(addresses(&other)).filter(|(a, b)| **a != *b).count();
     assert_eq!(changed, plan.runs.len() / 3, "those of the arm with another policy, and no others");
     let folder = conducted(&plan, &place.path().join("out"), 1, 1);
-    let results = Results::read(&plan, &folder);
+    let results = Results::read(&plan, &folder).unwrap();
     // The foreign policy has the results of the arm `none`, to the bit.
     let scenes = |arm: usize| results.finished(arm, 60).map(|(_, end)| end.scene.clone()).collect::<Vec<_>>();
     assert_eq!(scenes(2), scenes(0));
@@ -475,7 +475,7 @@ fn equal_arms_show_no_difference_and_different_counts_are_not_compared() {
     twins.arms.push(twins.arms[0].clone().with(|arm| arm.name = "none-again".to_owned()));
     let plan = laid_out(twins, place.path());
     let folder = conducted(&plan, &place.path().join("out"), 1, 1);
-    let results = Results::read(&plan, &folder);
+    let results = Results::read(&plan, &folder).unwrap();
     let twins = results.difference(Matching::Count, Metric::Psnr, 60, 2, 0);
     assert_eq!((twins.mean, twins.verdict), (Some(0.0), Verdict::CannotTell));
     assert_eq!(twins.remarks, [ResultRemark::FewSeeds { seeds: 2 }]);

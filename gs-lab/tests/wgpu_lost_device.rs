@@ -50,11 +50,11 @@ fn a_lost_device_stops_the_study_and_records_nothing() {
     assert!(words.contains("row 3 (none, paper, 20 Gaussians, seed 2)") && words.contains("lost"), "{words}");
     assert!(words.ends_with("start gs study again with --resume"), "{words}");
     assert_eq!(watcher.begun.into_inner(), 3, "nothing is begun after it");
-    let ended: Vec<bool> = Results::read(&plan, &folder).records.iter().map(Option::is_some).collect();
+    let ended: Vec<bool> = Results::read(&plan, &folder).unwrap().records.iter().map(Option::is_some).collect();
     assert_eq!(ended, [true, true, false, false]);
 
     conduct(&plan, &[&wgpu()], &folder, &()).unwrap();
-    let results = Results::read(&plan, &folder);
+    let results = Results::read(&plan, &folder).unwrap();
     assert!(results.records.iter().flatten().all(|record| matches!(record.outcome, RunOutcome::Finished(_))));
     assert!(results.is_whole());
 }
@@ -67,5 +67,5 @@ fn what_a_backend_does_not_offer_is_refused_before_any_run() {
     let folder = StudyFolder::prepare(place.path(), &plan, Existing::Refuse).unwrap();
     let refused = conduct(&plan, &[&wgpu()], &folder, &()).unwrap_err().to_string();
     assert!(refused.starts_with("study `lost`: line 11: arm `smooth`: backend wgpu does not offer"), "{refused}");
-    assert!(Results::read(&plan, &folder).records.iter().all(Option::is_none));
+    assert!(Results::read(&plan, &folder).unwrap().records.iter().all(Option::is_none));
 }

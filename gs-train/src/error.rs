@@ -26,6 +26,15 @@ pub enum Error {
         /// What is wrong there.
         problem: String,
     },
+    /// An image that is encoded cannot be made as small or as good as asked.
+    #[error("{target} cannot be reached for this image; ask for more bytes or less quality")]
+    Unreachable {
+        /// What was asked for.
+        target: String,
+    },
+    /// A compressed picture that cannot be stored: see [`gs_codec::Error`].
+    #[error(transparent)]
+    Codec(#[from] gs_codec::Error),
     /// Settings that have no form in TOML.
     #[error("the settings cannot be written as TOML: {0}")]
     UnwritableSettings(String),

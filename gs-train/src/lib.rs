@@ -2,6 +2,7 @@
 //! # Start reading at
 //!
 //! - [`fit()`] fits an image in one call; [`Trainer3d`] trains a 3D scene.
+//! - [`encode()`] makes a compressed `.gsi` file of an image.
 //! - [`Trainer`] is the loop itself, for programs that stop, store and resume it.
 //! - [`FitSettings`] and [`TrainSettings`] are all that a run depends on; [`Preset`] and
 //!   [`TrainPreset`] name good ones.
@@ -12,6 +13,7 @@
 
 mod checkpoint;
 mod clamped;
+mod encode;
 mod error;
 mod fit;
 mod flat;
@@ -39,6 +41,7 @@ mod viewable;
 pub use crate::task::{RunSettings, SceneTask, TrainingTask};
 pub use crate::{
     clamped::Clamped,
+    encode::{EncodeSettings, EncodeTarget, Encoded, encode},
     error::Error,
     fit::{Fit, fit},
     flat::mean_color,

@@ -19,6 +19,10 @@ const PLANE: u64 = 4;
 /// Pixels of all targets above which they are kept compact.
 const COMPACT_FROM: u64 = 25_000_000;
 
+/// Most bytes of images for training that are kept in memory for the evidence of policies, besides
+/// the targets.
+pub(crate) const MOST_FOR_EVIDENCE: u64 = 1 << 30;
+
 /// Memory for code, threads and tables.
 const BASE: u64 = 60_000_000;
 
@@ -129,7 +133,10 @@ impl TrainSettings {
         let passing = 4 * IMAGE + of_target(self.loss) + step;
         let numbers = 3 * ((u64::from(self.render.effects.sh_degree) + 1).pow(2) - 1);
         let gaussian = GAUSSIAN_3D + numbers * PARAMETER_3D;
-        overhead(largest) + kept + largest * passing + gaussians * (gaussian + self.of_evidence(count, gaussian))
+        let of_evidence = self.of_evidence(count, gaussian);
+        let for_evidence = if of_evidence > 0 { Some(all * (IMAGE + PLANE)) } else { None };
+        let for_evidence = for_evidence.filter(|&bytes| bytes <= MOST_FOR_EVIDENCE).unwrap_or_default();
+        overhead(largest) + kept + for_evidence + largest * passing + gaussians * (gaussian + of_evidence)
     }
 
     /// Memory of the evidence in the round that needs most, for each Gaussian: the evidence itself,
@@ -208,14 +215,18 @@ mod tests {
         };
         let mut simplified = plain.clone();
         simplified.policy.actions_mut().unwrap().simplify = Some(Simplify::speedy_splat());
+        // The images are kept for the evidence.
+        let images = |views: u64| 16 * 64 * 64 * views;
         // One sum for each Gaussian, and a copy of the scene, however many views there are.
-        assert_eq!([bytes(&simplified, 10), bytes(&simplified, 500)], [1_000 * (8 + GAUSSIAN_3D); 2]);
+        let simple = |views: u64| images(views) + 1_000 * (8 + GAUSSIAN_3D);
+        assert_eq!([bytes(&simplified, 10), bytes(&simplified, 500)], [10, 500].map(simple));
         let mut late = simplified.clone();
         late.policy.actions_mut().unwrap().simplify = Some(Simplify::mini_splatting());
         assert_eq!(bytes(&late, 10), 0, "it never runs");
         let mut taming = plain.clone();
         taming.policy = Policy::from_name("taming").unwrap();
         // Eight numbers in each of ten views.
-        assert_eq!([bytes(&taming, 4), bytes(&taming, 500)], [4, 10].map(|views| 1_000 * (views * 32 + GAUSSIAN_3D)));
+        let of_taming = |views: u64| images(views) + 1_000 * (views.min(10) * 32 + GAUSSIAN_3D);
+        assert_eq!([bytes(&taming, 4), bytes(&taming, 500)], [4, 500].map(of_taming));
     }
 }

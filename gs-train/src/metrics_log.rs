@@ -65,8 +65,8 @@ pub struct MetricsRow {
 /// An observer that keeps a table of metrics.
 ///
 /// It has a row for the first step, every `every` steps, every round of density control, every
-/// restart, and the last step. A checkpoint holds its rows, so that the log of a resumed run can
-/// continue them: [`MetricsLog::resumed`].
+/// restart, and the last step. A checkpoint holds its rows with all their digits, so that the log of
+/// a resumed run continues them: [`MetricsLog::resumed`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct MetricsLog {
     every: u32,
@@ -121,13 +121,13 @@ impl MetricsLog {
     /// The table as comma-separated values with a line of headings. The PSNR of equal images is
     /// `inf`; a quality that was not measured is an empty cell.
     pub fn to_csv(&self) -> String {
-        csv(&self.rows)
+        csv(&self.rows, Digits::Shown)
     }
 
     /// The lines of [`Self::to_csv`] from row `first` on, without headings, to append to a table
     /// with the earlier rows.
     pub fn csv_from(&self, first: usize) -> String {
-        self.rows.iter().skip(first).map(line).collect()
+        self.rows.iter().skip(first).map(|row| line(row, Digits::Shown)).collect()
     }
 
     fn is_due(&self, progress: &Progress) -> bool {
@@ -141,20 +141,34 @@ impl MetricsLog {
     }
 }
 
-fn csv(rows: &[MetricsRow]) -> String {
+/// How many digits a table has of times and qualities.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Digits {
+    /// Those that say something.
+    Shown,
+    /// As many as it takes to read the same number again.
+    All,
+}
+
+fn csv(rows: &[MetricsRow], digits: Digits) -> String {
     let mut csv = format!("{HEADINGS}\n");
-    csv.extend(rows.iter().map(line));
+    csv.extend(rows.iter().map(|row| line(row, digits)));
     csv
 }
 
 /// A row with its line break.
-fn line(row: &MetricsRow) -> String {
+fn line(row: &MetricsRow, digits: Digits) -> String {
     let MetricsRow { step, seconds, count, edits: e, loss, l1, psnr, culled, clamped, fresh_start } = row;
     let (cloned, split, seeded) = (e.cloned, e.split, e.seeded);
     let (transparent, too_large) = (e.pruned_transparent, e.pruned_too_large);
     let (not_finite, unimportant) = (e.pruned_not_finite, e.pruned_unimportant);
-    let l1 = l1.map_or_else(String::new, |l1| format!("{l1:.7}"));
-    let psnr = psnr.map_or_else(String::new, |psnr| format!("{psnr:.4}"));
+    let number = |value: f64, places: usize| match digits {
+        Digits::Shown => format!("{value:.places$}"),
+        Digits::All => value.to_string(),
+    };
+    let seconds = number(*seconds, 6);
+    let l1 = l1.map_or_else(String::new, |l1| number(l1, 7));
+    let psnr = psnr.map_or_else(String::new, |psnr| number(psnr, 4));
     let culled = culled.map_or_else(
         || ",,,,".to_owned(),
         |Culled { not_finite, near, degenerate, transparent, outside }| {
@@ -165,7 +179,7 @@ fn line(row: &MetricsRow) -> String {
         clamped.map_or_else(|| ",".to_owned(), |Clamped { smallest, largest }| format!("{smallest},{largest}"));
     let began_again = fresh_start.map_or_else(|| ",".to_owned(), |start| format!("{},{}", start.loss, start.first));
     format!(
-        "{step},{seconds:.6},{count},{cloned},{split},{seeded},{transparent},{too_large},{not_finite},{unimportant},\
+        "{step},{seconds},{count},{cloned},{split},{seeded},{transparent},{too_large},{not_finite},{unimportant},\
          {loss},{l1},{psnr},{culled},{clamped},{began_again}\n"
     )
 }
@@ -279,7 +293,7 @@ impl Observer for MetricsLog {
 
     fn on_checkpoint(&mut self, checkpoint: &mut Checkpoint) -> Result<(), Error> {
         let kept = &self.rows[self.rows.len().saturating_sub(MOST_KEPT_ROWS)..];
-        checkpoint.metadata.insert(KEY.to_owned(), csv(kept));
+        checkpoint.metadata.insert(KEY.to_owned(), csv(kept, Digits::All));
         Ok(())
     }
 }
@@ -290,8 +304,12 @@ mod tests {
 
     fn row(step: u32) -> MetricsRow {
         let edits = EditCounts { seeded: 7 * step, pruned_unimportant: step, ..EditCounts::default() };
-        let (seconds, loss) = (0.125 * f64::from(step), 0.1 / step as f32);
-        let (l1, psnr) = if step == 2 { (None, None) } else { (Some(0.25), Some(f64::INFINITY)) };
+        let (seconds, loss) = (f64::from(step) / 3.0, 0.1 / step as f32);
+        let (l1, psnr) = match step {
+            2 => (None, None),
+            3 => (Some(0.1 + 0.2), Some(100.0 / 3.0)),
+            _ => (Some(0.25), Some(f64::INFINITY)),
+        };
         let culled = psnr.map(|_| Culled { outside: step, near: 3, ..Culled::default() });
         let clamped = psnr.map(|_| Clamped { smallest: 2 * step, largest: 1 });
         let fresh_start = (step == 2).then_some(FreshStart { step, loss: 0.1 + 0.2, first: 0.1 });
@@ -301,9 +319,13 @@ mod tests {
     #[test]
     fn rows_come_back_from_their_table() {
         let rows: Vec<MetricsRow> = (1..4).map(row).collect();
-        assert_eq!(rows_of(&csv(&rows), 3).unwrap(), rows);
-        assert_eq!(rows_of(&csv(&[]), 0).unwrap(), []);
-        let before = csv(&rows[..1]).replace(FRESH_START_HEADINGS, "").replace(",,\n", "\n");
+        let all = |rows: &[MetricsRow]| csv(rows, Digits::All);
+        assert_eq!(rows_of(&all(&rows), 3).unwrap(), rows);
+        assert_eq!(rows_of(&all(&[]), 0).unwrap(), []);
+        let shown = csv(&rows, Digits::Shown);
+        assert!(shown.contains("\n1,0.333333,") && shown.contains(",0.3000000,33.3333,"), "{shown}");
+        assert_eq!(csv(&rows_of(&all(&rows), 3).unwrap(), Digits::Shown), shown);
+        let before = all(&rows[..1]).replace(FRESH_START_HEADINGS, "").replace(",,\n", "\n");
         assert_eq!(rows_of(&before, 3).unwrap(), rows[..1], "{before}");
         let earlier = before.replace("clamped_largest", &format!("clamped_largest{RETIRED_HEADINGS}"));
         let earlier = earlier.trim_end().to_owned() + ",1,0.5,mip,2,9\n";
@@ -317,7 +339,7 @@ mod tests {
 
     #[test]
     fn a_table_of_another_fit_is_refused() {
-        let good = csv(&[row(1), row(2)]);
+        let good = csv(&[row(1), row(2)], Digits::All);
         for (bad, expected) in [
             (good.replace("loss", "cost"), "line 1"),
             (String::new(), "line 1"),

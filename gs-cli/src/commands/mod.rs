@@ -3,6 +3,7 @@
 pub(crate) mod convert;
 pub(crate) mod doctor;
 pub(crate) mod effects;
+pub(crate) mod encode;
 pub(crate) mod eval;
 pub(crate) mod fit;
 pub(crate) mod frontier;

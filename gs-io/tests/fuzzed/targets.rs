@@ -6,11 +6,12 @@
 use std::{fs, path::Path, sync::LazyLock};
 
 use glam::dvec2;
+use gs_codec::Extent;
 use gs_core::{Image, Scene};
 use gs_io::{
     Error, Format3d,
     dataset::{CameraModel, ColmapCamera, ColmapModel, DatasetSettings, read_dataset},
-    decode_3d,
+    decode_3d, decode_gsi,
 };
 
 /// A target that reads bytes.
@@ -18,11 +19,12 @@ pub type Target = fn(&[u8]);
 
 /// The targets by their names, which are also those of the files in `fuzz/fuzz_targets` and of the
 /// corpus's folders.
-pub const TARGETS: [(&str, Target); 9] = [
+pub const TARGETS: [(&str, Target); 10] = [
     ("colmap_binary", colmap_binary),
     ("colmap_text", colmap_text),
     ("compressed_ply", compressed_ply),
     ("gltf", gltf),
+    ("gsi", gsi),
     ("lens", lens),
     ("ply", ply),
     ("splat", splat),
@@ -53,6 +55,25 @@ pub fn spz(bytes: &[u8]) {
 /// `.gltf` and `.glb`.
 pub fn gltf(bytes: &[u8]) {
     scene_3d(Format3d::Gltf, bytes);
+}
+
+/// `.gsi`, whole and as a prefix. The checksums are set right, so that the decoder sees what the fuzzer
+/// makes.
+pub fn gsi(bytes: &[u8]) {
+    for extent in [Extent::Whole, Extent::Prefix] {
+        if let Ok(file) = decode_gsi(&with_checksum(bytes), extent) {
+            file.validate().expect("a decoded scene can be drawn");
+        }
+    }
+    if let Err(error) = decode_gsi(bytes, Extent::Whole) {
+        assert!(!error.to_string().contains('\n'), "{error:?}");
+    }
+}
+
+/// The bytes of a `.gsi` file of one layer with the right checksum at the end.
+fn with_checksum(bytes: &[u8]) -> Vec<u8> {
+    let content = &bytes[..bytes.len().saturating_sub(4)];
+    [content, &crc32fast::hash(content).to_le_bytes()].concat()
 }
 
 /// COLMAP's binary models: the lengths of `cameras.bin` and `images.bin`, two bytes each, then both

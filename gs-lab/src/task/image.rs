@@ -3,6 +3,7 @@
 use gs_backend::FutureExt as _;
 use gs_core::{Blend, Canvas, Error as CoreError, Gaussian2d, Optimizer, Parameterization, RenderSettings, Scene2d};
 use gs_density::Policy;
+use gs_io::Checkpoint;
 use gs_train::{Error as TrainError, FitSettings, FitSummary, ForeignPolicy, InitialCount, Preset, Recovery, Trainer};
 
 use super::{AnyScene, Asked, Measured, StudyTask, WrongKey};
@@ -63,6 +64,15 @@ impl StudyTask for Scene2d {
     ) -> Result<Trainer<'r, R, Self>, TrainError> {
         let Some(image) = target.image() else { return Err(wrong_kind(target)) };
         Trainer::new(rasterizer, image, settings).block_on()
+    }
+
+    fn resume<'r, R: Optimizer<Self>>(
+        rasterizer: &'r R,
+        target: &StudyTarget,
+        checkpoint: Checkpoint,
+    ) -> Result<Trainer<'r, R, Self>, TrainError> {
+        let Some(image) = target.image() else { return Err(wrong_kind(target)) };
+        Trainer::resume(rasterizer, image, checkpoint)
     }
 
     fn measure<R: Optimizer<Self>>(trainer: &Trainer<'_, R, Self>) -> Result<Measured, TrainError> {

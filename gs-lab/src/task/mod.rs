@@ -10,6 +10,7 @@ use gs_core::{
     Culled, Error as CoreError, Image, Optimizer, Parameterization, RenderSettings, Scene2d, Scene3d,
     effects::Statistics,
 };
+use gs_io::Checkpoint;
 use gs_train::{Error as TrainError, FitSettings, ForeignPolicy, TrainSettings, Trainable, Trainer};
 use serde::{Serialize, de::DeserializeOwned};
 
@@ -90,6 +91,13 @@ pub(crate) trait StudyTask: Trainable<Settings: Serialize + DeserializeOwned> {
         target: &StudyTarget,
         arm: &Arm,
         settings: Self::Settings,
+    ) -> Result<Trainer<'r, R, Self>, TrainError>;
+
+    /// Resumes a run from its checkpoint.
+    fn resume<'r, R: Optimizer<Self>>(
+        rasterizer: &'r R,
+        target: &StudyTarget,
+        checkpoint: Checkpoint,
     ) -> Result<Trainer<'r, R, Self>, TrainError>;
 
     /// Measures a finished run.

@@ -5,10 +5,10 @@ use gs_core::{
     Camera, Error as CoreError, Gaussian3d, Image, Optimizer, Parameterization, RenderSettings, Scene3d, math::sh,
 };
 use gs_density::Policy;
-use gs_io::dataset::Split;
+use gs_io::{Checkpoint, dataset::Split};
 use gs_train::{
     Error as TrainError, ForeignPolicy, Recovery, TrainPreset, TrainSettings, Trainer, Trainer3d,
-    train::{PosedView, StartName, ViewQuality, Views},
+    train::{PosedView, StartName, ViewQuality},
 };
 
 use super::{AnyScene, Asked, Measured, StudyTask, WrongKey, image::wrong_kind};
@@ -21,12 +21,6 @@ use crate::{
 
 /// Held-out views of each scene that reports show, evenly spread.
 pub(crate) const PICTURED_VIEWS: usize = 3;
-
-/// Most bytes of held-out images that a run keeps in memory; others are read for each measurement.
-const HELD_BYTES: u64 = 1 << 30;
-
-/// Bytes of a pixel: three colours and alpha.
-const PIXEL: u64 = 16;
 
 impl StudyTask for Scene3d {
     const IS_3D: bool = true;
@@ -71,10 +65,18 @@ impl StudyTask for Scene3d {
         settings: TrainSettings,
     ) -> Result<Trainer<'r, R, Self>, TrainError> {
         let Some(dataset) = target.dataset() else { return Err(wrong_kind(target)) };
-        let start = arm.start.unwrap_or_else(|| StartName::usual(dataset)).of(dataset)?;
-        let mut views = Views::of_dataset(dataset);
-        hold(&mut views.test)?;
+        let views = target.views(dataset)?;
+        let start = target.start(arm.start.unwrap_or_else(|| StartName::usual(dataset)), dataset, &views.train)?;
         Trainer3d::from_views(rasterizer, views, start, settings).block_on()
+    }
+
+    fn resume<'r, R: Optimizer<Self>>(
+        rasterizer: &'r R,
+        target: &StudyTarget,
+        checkpoint: Checkpoint,
+    ) -> Result<Trainer<'r, R, Self>, TrainError> {
+        let Some(dataset) = target.dataset() else { return Err(wrong_kind(target)) };
+        Trainer3d::resume_views(rasterizer, target.views(dataset)?, checkpoint)
     }
 
     fn measure<R: Optimizer<Self>>(trainer: &Trainer<'_, R, Self>) -> Result<Measured, TrainError> {
@@ -149,16 +151,4 @@ impl StudyTask for Scene3d {
     fn wrapped(self) -> AnyScene {
         AnyScene::In3d(self)
     }
-}
-
-/// Reads the images of held-out views, unless they are too large, as a run measures them about
-/// twenty times.
-fn hold(views: &mut [PosedView]) -> Result<(), TrainError> {
-    let pixels: u64 = views.iter().map(|view| u64::from(view.camera.width) * u64::from(view.camera.height)).sum();
-    if pixels * PIXEL <= HELD_BYTES {
-        for view in views {
-            view.source = Box::new(view.image()?);
-        }
-    }
-    Ok(())
 }

@@ -44,6 +44,10 @@ pub struct PointInit {
     pub scale: f32,
     /// Number of random points where a data set has none, at least 1. Default 100,000 (3DGS).
     pub random: u32,
+    /// Largest number of points to start from; of more, this many are drawn at random. At least 1;
+    /// by default as many as there may be Gaussians. Starts from scenes are not affected.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub most_points: Option<u32>,
     /// Whether starts from points also have points far beyond them, along the rays of pixels near
     /// which no point is seen: for sky and far surfaces. Default false.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
@@ -52,7 +56,7 @@ pub struct PointInit {
 
 impl Default for PointInit {
     fn default() -> Self {
-        Self { opacity: 0.1, scale: 1.0, random: 100_000, shell: false }
+        Self { opacity: 0.1, scale: 1.0, random: 100_000, most_points: None, shell: false }
     }
 }
 
@@ -70,6 +74,9 @@ impl PointInit {
         }
         if self.random == 0 {
             return Err(Error::setting("the number of random points", 0, "at least 1"));
+        }
+        if self.most_points == Some(0) {
+            return Err(Error::setting("the largest number of points to start from", 0, "at least 1"));
         }
         Ok(())
     }
@@ -133,8 +140,8 @@ impl Start {
         Ok(Self::Points(points))
     }
 
-    /// The first scene, of at most `budget` Gaussians (drawn from more points) and SH degree
-    /// `sh_degree`.
+    /// The first scene, of at most `budget` Gaussians and SH degree `sh_degree`. Of more points than
+    /// that, or than [`PointInit::most_points`], as many are drawn.
     ///
     /// # Errors
     /// [`Error::Setting`] without a Gaussian, or where a given scene has more than `budget`;
@@ -161,13 +168,14 @@ impl Start {
                 random_points(cameras, (init.random as usize).min(budget), rng)
             }
         };
+        let most = init.most_points.map_or(budget, |most| budget.min(most as usize));
         let usable = |point: &&Point| point.position.is_finite() && point.position.abs().max_element() < FARTHEST;
         let mut points: Vec<Point> = points.iter().filter(usable).copied().collect();
         if points.is_empty() {
             return Err(Error::setting("the number of points to start with", 0, "at least 1, or start at random"));
         }
-        if points.len() > budget {
-            let mut chosen = rand::seq::index::sample(rng, points.len(), budget).into_vec();
+        if points.len() > most {
+            let mut chosen = rand::seq::index::sample(rng, points.len(), most).into_vec();
             chosen.sort_unstable();
             points = chosen.into_iter().map(|index| points[index]).collect();
         }
@@ -302,6 +310,10 @@ mod tests {
         assert_eq!(thinned.len(), 20);
         assert!(thinned.means.iter().all(|mean| points.iter().any(|p| p.position == *mean)));
         assert_eq!(start(Start::Random, 30).unwrap().len(), 30);
+        let fewer = PointInit { most_points: Some(7), ..init };
+        let of_seven = Start::Points(points.clone()).scene(&cameras, &fewer, 20, 1, &mut rng()).unwrap();
+        assert_eq!(of_seven.len(), 7);
+        assert!(PointInit { most_points: Some(0), ..init }.validate().is_err());
         let far = Point { position: Vec3::new(0.0, 1e30, 0.0), color: [0.0; 3] };
         let lost = Point { position: Vec3::new(0.0, f32::NAN, 0.0), color: [0.0; 3] };
         assert_eq!(start(Start::Points(vec![points[0], far, lost]), 9).unwrap().len(), 1);

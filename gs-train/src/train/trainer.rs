@@ -1,6 +1,7 @@
 //! Starting, resuming and evaluating the training of a 3D scene.
 
 use gs_core::{Camera, Image, Optimizer, RenderSettings, Scene, Scene3d};
+use gs_density::DensityPolicy;
 use gs_io::{Checkpoint, dataset::AlphaMeaning};
 use web_time::Instant;
 
@@ -17,6 +18,7 @@ use super::{
 use crate::{
     checkpoint::{Record, digest},
     error::Error,
+    memory::MOST_FOR_EVIDENCE,
     trainer::{Trainer, random},
 };
 
@@ -45,6 +47,7 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
         }
         let cameras: Vec<Camera> = views.train_cameras().copied().collect();
         let (budget, degree) = (settings.gaussians as usize, settings.render.effects.sh_degree);
+        let views = for_evidence(views, &settings)?;
         let mut start = start.searched(&views.train)?;
         if settings.init.shell {
             start = start.with_shell(&views.train)?;
@@ -84,6 +87,7 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
         let Some(extent) = record.settings.extent else {
             return Err(Error::Checkpoint("its settings lack the extent".to_owned()));
         };
+        let views = for_evidence(views, &record.settings)?;
         let splats = rasterizer.restore(&checkpoint.state)?;
         let exposures = Exposures::from_metadata(&checkpoint.metadata, views.train.len())?;
         let guides = Guides::from_metadata(&checkpoint.metadata, views.train.len())?;
@@ -143,6 +147,15 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
     /// Those of the backend, and of reading an image.
     pub async fn training_views(&self) -> Result<TrainingViews, Error> {
         self.task.training_views(self.rasterizer, &self.splats, &self.record.settings, &self.effects()).await
+    }
+}
+
+/// The views, with their images in memory where the policy looks at some in each round.
+fn for_evidence(views: Views, settings: &TrainSettings) -> Result<Views, Error> {
+    let policy: &dyn DensityPolicy<Scene3d> = &settings.policy;
+    match policy.needs_evidence() {
+        true => views.holding_training_images(MOST_FOR_EVIDENCE),
+        false => Ok(views),
     }
 }
 

@@ -1,6 +1,6 @@
 //! Training views and test views.
 
-use std::fmt;
+use std::{fmt, sync::Arc};
 
 use gs_core::{Camera, Image};
 use gs_io::dataset::{AlphaMeaning, Dataset, DepthMap, PosedImage, Split, View};
@@ -28,6 +28,11 @@ pub trait ImageSource: Send + Sync {
     fn counting(&self) -> Counting {
         Counting::default()
     }
+
+    /// Whether the image is in memory, so that reading it is a copy.
+    fn is_in_memory(&self) -> bool {
+        false
+    }
 }
 
 /// How the pixels of an image count: by the meaning of its alpha, and by a mask.
@@ -46,6 +51,10 @@ impl ImageSource for PosedImage {
 
     fn counting(&self) -> Counting {
         Counting { masked: self.mask.is_some(), ..Counting::default() }
+    }
+
+    fn is_in_memory(&self) -> bool {
+        true
     }
 }
 
@@ -86,6 +95,12 @@ impl PosedView {
         Self { name: name.into(), camera, source: Box::new(posed) }
     }
 
+    /// Returns the view with its image in memory; depth map and mask stay those of the source.
+    #[must_use]
+    pub fn holding(self, image: Arc<PosedImage>) -> Self {
+        Self { source: Box::new(Held { image, source: self.source }), ..self }
+    }
+
     /// Reads the image.
     ///
     /// # Errors
@@ -109,6 +124,30 @@ impl PosedView {
         }
         image.check_finite("the image of a view")?;
         Ok(posed)
+    }
+}
+
+/// A source whose image has been read.
+struct Held {
+    image: Arc<PosedImage>,
+    source: Box<dyn ImageSource>,
+}
+
+impl ImageSource for Held {
+    fn read(&self) -> Result<PosedImage, gs_io::Error> {
+        Ok((*self.image).clone())
+    }
+
+    fn depth(&self) -> Result<Option<DepthMap>, gs_io::Error> {
+        self.source.depth()
+    }
+
+    fn counting(&self) -> Counting {
+        self.source.counting()
+    }
+
+    fn is_in_memory(&self) -> bool {
+        true
     }
 }
 
@@ -142,6 +181,31 @@ impl Views {
             named.into_iter().zip(faces::sources(views)).map(posed).collect()
         };
         Self::new(of(Split::Train), of(Split::Test))
+    }
+
+    /// Bytes of the images of these views in memory: three colours and alpha of each pixel.
+    pub fn image_bytes<'a>(views: impl IntoIterator<Item = &'a PosedView>) -> u64 {
+        let pixels = |view: &PosedView| u64::from(view.camera.width) * u64::from(view.camera.height);
+        16 * views.into_iter().map(pixels).sum::<u64>()
+    }
+
+    /// Returns these views with the images for training in memory, unless they take more than
+    /// `most_bytes`.
+    ///
+    /// # Errors
+    /// Those of [`PosedView::image`].
+    pub fn holding_training_images(mut self, most_bytes: u64) -> Result<Self, Error> {
+        if Self::image_bytes(&self.train) <= most_bytes {
+            let held = |view: PosedView| {
+                let image = (!view.source.is_in_memory()).then(|| view.image()).transpose()?;
+                Ok(match image {
+                    Some(image) => view.holding(Arc::new(image)),
+                    None => view,
+                })
+            };
+            self.train = self.train.into_iter().map(held).collect::<Result<_, Error>>()?;
+        }
+        Ok(self)
     }
 
     /// The views to evaluate a scene with: those held out, or all if there are none.

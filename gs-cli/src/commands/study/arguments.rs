@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
-use gs_lab::study::{Selection, Shard};
+use gs_lab::study::{Selection, Shard, StoreAddress};
 
 use crate::{backend::BackendArgs, output_folder::OverwriteArgs, values::whole};
 
@@ -123,6 +123,10 @@ pub(crate) struct PrepareArgs {
     /// Folder of the images or data sets [default: $GS_DATA, or that of the study's file]
     #[arg(long, value_name = "DIR")]
     pub(crate) data: Option<PathBuf>,
+    /// Keep records, claims, checkpoints and pictures of the runs in an object store, not in DIR;
+    /// credentials and endpoint are those of the environment (AWS_ACCESS_KEY_ID, AWS_ENDPOINT, ...)
+    #[arg(long, value_name = "s3://BUCKET/PREFIX")]
+    pub(crate) store: Option<StoreAddress>,
     /// Continue the study in DIR; finished runs are not repeated
     #[arg(long)]
     pub(crate) resume: bool,
@@ -200,7 +204,8 @@ The backend and the SIMD level are those that the study was prepared with, on al
 
 A run is done by one process, which claims it. SIGTERM and Ctrl-C give its runs back at once; after \
 SIGKILL or a crash, another process takes them over when the claim is older than the lease, by the \
-clock of the file server. The process leaves when no run is left, or when all that are left have \
+clock of the file server. Either way it goes on from the run's checkpoint, which a run stores every \
+quarter of a lease and when it is stopped. The process leaves when no run is left, or when all that are left have \
 been with others for one lease. Exit status 0 means that, not that the study is complete: gs study \
 status shows it.")]
 pub(crate) struct WorkArgs {

@@ -52,7 +52,7 @@ fn conduct_study(args: &ConductArgs) -> Result<(), Failure> {
         if conducted? != Conducted::Whole {
             return Err(Failure::interrupted(format_args!("stopped; to go on: {command} --resume")));
         }
-        let results = Results::read(&plan, &folder);
+        let results = Results::read(&plan, &folder)?;
         if report::remove_damaged(&results, &folder)? == 0 {
             break results;
         }

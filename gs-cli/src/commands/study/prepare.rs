@@ -51,7 +51,7 @@ pub(super) fn prepare(args: &PrepareArgs, jobs: usize) -> Result<Prepared, Failu
     refuse_unsupported(&plan, rasterizer)?;
     let existing = if args.resume { Existing::Resume } else { Existing::Refuse };
     let safety = Safety { inputs: vec![name.to_owned()], overwrite: args.overwrite.overwrite };
-    let folder = StudyFolder::prepare_with(&output, &plan, existing, &safety)?;
+    let folder = StudyFolder::prepare_with(&output, &plan, existing, &safety, args.store.as_ref())?;
     let words = words(&plan, of);
     Ok(Prepared { plan, folder, backends, places, words })
 }

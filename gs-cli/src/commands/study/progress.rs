@@ -124,6 +124,11 @@ impl Watcher for Watched<'_> {
         });
     }
 
+    fn warned(&self, run: &Run, message: &str) {
+        let plan = self.display.plan;
+        self.display.printer().print(format_args!("note: row {} ({}): {message}", run.row, plan.describe(run)));
+    }
+
     fn counted(&self, ended: usize) {
         if self.display.lock().done != ended {
             self.display.update(|state| state.done = ended);

@@ -14,7 +14,7 @@ pub(super) fn run(args: &ReportArgs) -> Result<(), Failure> {
     let held = held(&args.study, args.overwrite.overwrite)?;
     let (folder, plan) = (&held.folder, held.plan_as_prepared()?);
     folder.sweep()?;
-    let results = Results::read(&plan, folder);
+    let results = Results::read(&plan, folder)?;
     remove_damaged(&results, folder)?;
     let missing = results.records.iter().filter(|record| record.is_none()).count();
     if missing == plan.runs.len() {

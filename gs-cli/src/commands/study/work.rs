@@ -1,6 +1,7 @@
 //! `gs study work`: does runs of a study that other processes work on, too.
 
 use std::{
+    fmt::Display,
     sync::atomic::{AtomicUsize, Ordering},
     time::Duration,
 };
@@ -71,6 +72,13 @@ struct Log<'a> {
     done: AtomicUsize,
 }
 
+impl Log<'_> {
+    /// Prints a line about a run that has not ended.
+    fn note(&self, run: &Run, what: impl Display) {
+        output::note(format_args!("note: row {} ({}): {what}", run.row, self.plan.describe(run)));
+    }
+}
+
 impl Watcher for Log<'_> {
     fn ended(&self, run: &Run, outcome: &RunOutcome) {
         self.done.fetch_add(1, Ordering::Relaxed);
@@ -79,6 +87,14 @@ impl Watcher for Log<'_> {
             RunOutcome::Failed { error } => format!("failed: {error}"),
         };
         output::note(format_args!("row {} ({}): {end}", run.row, self.plan.describe(run)));
+    }
+
+    fn resumed(&self, run: &Run, step: u32) {
+        self.note(run, format_args!("goes on from its checkpoint at step {step} of {}", run.settings.iterations()));
+    }
+
+    fn warned(&self, run: &Run, message: &str) {
+        self.note(run, message);
     }
 
     fn wants_stop(&self) -> bool {

@@ -1,0 +1,209 @@
+//! Files: what comes back, what it costs, and what is refused.
+
+use glam::{Vec2, Vec3};
+use gs_codec::{Decoded, Error, Extent, Layer, LayerHead, Picture, Quantizer, decode};
+use gs_core::{Gaussian2d, Scene as _};
+use proptest::prelude::*;
+
+const SIZE: (u32, u32) = (192, 128);
+const HEAD: LayerHead = LayerHead { step: -64, cell: 8, margin: 2, mean_ratio: 32, shape_ratio: 32, turn_ratio: 32 };
+
+/// Numbers in 0..1 that follow from `seed`.
+fn numbers(seed: u64) -> impl FnMut() -> f32 {
+    let mut state = seed;
+    move || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 40) as f32 / (1u64 << 24) as f32
+    }
+}
+
+fn gaussians(count: usize, seed: u64) -> Vec<Gaussian2d> {
+    let mut next = numbers(seed);
+    let gaussian = |_| Gaussian2d {
+        mean: Vec2::new(next() * 200.0 - 4.0, next() * 136.0 - 4.0),
+        log_scale: Vec2::new(next() * 4.0 - 1.0, next() * 4.0 - 1.0),
+        rotation: next() * 7.0 - 3.5,
+        opacity_logit: f32::INFINITY,
+        color: Vec3::new(next() - 0.4, next() - 0.5, next() - 0.6),
+    };
+    (0..count).map(gaussian).collect()
+}
+
+fn layer(head: LayerHead, gaussians: &[Gaussian2d]) -> Layer {
+    let quantizer = Quantizer::new(head, SIZE);
+    Layer { head, codes: gaussians.iter().filter_map(|g| quantizer.quantize(g)).collect() }
+}
+
+fn picture(layers: Vec<Layer>) -> Picture {
+    Picture { width: SIZE.0, height: SIZE.1, background: [90, 100, 110], layers }
+}
+
+fn sorted(layer: &Layer) -> Vec<Gaussian2d> {
+    let mut codes = layer.codes.clone();
+    codes.sort_unstable();
+    let quantizer = Quantizer::new(layer.head, SIZE);
+    codes.iter().map(|code| quantizer.reconstruct(code)).collect()
+}
+
+#[test]
+fn what_is_encoded_comes_back() {
+    let coarse = LayerHead { step: 128, cell: 24, margin: 0, mean_ratio: 64, shape_ratio: 16, turn_ratio: 80 };
+    let layers = vec![layer(HEAD, &gaussians(500, 1)), layer(coarse, &gaussians(40, 2)), layer(HEAD, &[])];
+    let Decoded { width, height, background, scene, layers: found } =
+        decode(&picture(layers.clone()).encode().unwrap(), Extent::Whole).unwrap();
+    assert_eq!(((width, height), found), (SIZE, (3, 3)));
+    assert_eq!(background, [90, 100, 110].map(|level| level as f32 / 255.0));
+    let expected: Vec<Gaussian2d> = layers.iter().flat_map(sorted).collect();
+    assert!(expected.len() > 500 && scene.iter().eq(expected));
+}
+
+#[test]
+fn each_parameter_moves_the_image_by_less_than_a_step() {
+    let quantizer = Quantizer::new(HEAD, SIZE);
+    let step = (f32::from(HEAD.step) / 128.0).exp2();
+    for g in gaussians(100, 3) {
+        let Some(code) = quantizer.quantize(&g) else { continue };
+        let q = quantizer.reconstruct(&code);
+        let off = energy(&difference(&g, &q));
+        // Eight parameters of at most half a step each, twice as much for the curvature of large
+        // steps of faint Gaussians.
+        assert!(off < 8.0 * step * step, "{g:?} {q:?}: {off} against {}", step * step);
+    }
+}
+
+/// The difference of two Gaussians' pictures at every other pixel of every other row around them.
+fn difference(a: &Gaussian2d, b: &Gaussian2d) -> Vec<Vec3> {
+    let weight = |g: &Gaussian2d, at: Vec2| (-0.5 * (g.factor().inverse() * (at - g.mean)).length_squared()).exp();
+    let pixel = |k: u32| 2.0 * Vec2::new((k % 240) as f32 - 70.0, (k / 240) as f32 - 70.0);
+    (0..240 * 205).map(|k| a.color * weight(a, pixel(k)) - b.color * weight(b, pixel(k))).collect()
+}
+
+fn energy(picture: &[Vec3]) -> f32 {
+    picture.iter().map(|pixel| 4.0 * pixel.length_squared()).sum()
+}
+
+#[test]
+fn the_order_of_gaussians_costs_nothing() {
+    let forward = layer(HEAD, &gaussians(400, 4));
+    let mut backward = forward.clone();
+    backward.codes.reverse();
+    let bytes = picture(vec![forward.clone()]).encode().unwrap();
+    assert_eq!(bytes, picture(vec![backward]).encode().unwrap());
+    // The estimate is that of the coder.
+    let (bits, stored) = (forward.bits(SIZE), bytes.len() as f64 * 8.0);
+    assert!((stored - bits - 30.0 * 8.0).abs() < 80.0, "{bits} bits estimated, {stored} stored");
+}
+
+#[test]
+fn the_decoder_has_the_same_bits_on_every_machine() {
+    let bytes = picture(vec![layer(HEAD, &gaussians(200, 5))]).encode().unwrap();
+    let scene = decode(&bytes, Extent::Whole).unwrap().scene;
+    let words = scene.iter().flat_map(|g| {
+        let Gaussian2d { mean, log_scale, rotation, color, .. } = g;
+        [mean.x, mean.y, log_scale.x, log_scale.y, rotation, color.x, color.y, color.z].map(f32::to_le_bytes)
+    });
+    let digest = crc32fast::hash(&words.flatten().collect::<Vec<u8>>());
+    assert_eq!((scene.len(), digest), GOLDEN);
+}
+
+/// Number and checksum of the Gaussians above.
+const GOLDEN: (usize, u32) = (195, 3_048_888_178);
+
+#[test]
+fn truncated_files_are_errors_unless_a_prefix_is_enough() {
+    let layers = vec![layer(HEAD, &gaussians(60, 6)), layer(HEAD, &gaussians(60, 7))];
+    let bytes = picture(layers).encode().unwrap();
+    let first = picture(vec![layer(HEAD, &gaussians(60, 6))]).encode().unwrap().len();
+    for length in 0..bytes.len() {
+        let cut = &bytes[..length];
+        assert!(decode(cut, Extent::Whole).is_err(), "{length} bytes");
+        match decode(cut, Extent::Prefix) {
+            Ok(decoded) => assert_eq!(decoded.layers, (usize::from(length >= first), 2), "{length} bytes"),
+            Err(error) => assert!(length < 14, "{length} bytes: {error}"),
+        }
+    }
+    assert!(decode(&bytes, Extent::Prefix).is_ok_and(|decoded| decoded.layers == (2, 2)));
+}
+
+#[test]
+fn damage_is_found_by_the_checksum() {
+    let bytes = picture(vec![layer(HEAD, &gaussians(60, 8))]).encode().unwrap();
+    for place in 0..bytes.len() {
+        let mut damaged = bytes.clone();
+        damaged[place] ^= 1 << (place % 8);
+        for extent in [Extent::Whole, Extent::Prefix] {
+            let decoded = decode(&damaged, extent);
+            // A longer length makes the layer end behind the file.
+            let left_out = extent == Extent::Prefix && decoded.as_ref().is_ok_and(|d| d.scene.is_empty());
+            assert!(decoded.is_err() || left_out, "byte {place}");
+        }
+    }
+    let more = [&bytes[..], b"x"].concat();
+    assert!(matches!(decode(&more, Extent::Whole), Err(Error::Value { .. })));
+}
+
+#[test]
+fn impossible_claims_are_refused_by_size() {
+    let count = |count: usize, content: &[u8], cell: u8, size: (u32, u32)| {
+        let mut bytes = b"GSIF\x01\x00".to_vec();
+        bytes.extend([size.0, size.1].map(|side| (side as u16).to_le_bytes()).concat());
+        bytes.extend([0, 0, 0, 1]);
+        for mut number in [count, content.len()] {
+            while number > 127 {
+                bytes.push(number as u8 & 127 | 128);
+                number >>= 7;
+            }
+            bytes.push(number as u8);
+        }
+        bytes.extend([0, 0, cell, 0, 32, 32, 32]);
+        bytes.extend(content);
+        bytes.extend(crc32fast::hash(&bytes).to_le_bytes());
+        decode(&bytes, Extent::Whole).unwrap_err().to_string()
+    };
+    let many = count(200_000_000, &[0; 100], 8, SIZE);
+    assert!(many.contains("number of Gaussians of a layer is 200000000"), "{many}");
+    let cells = count(10, &[0; 100], 1, (16_384, 16_384));
+    assert!(cells.contains("number of cells of a layer is 268435456"), "{cells}");
+    let size = count(10, &[0; 100], 8, (16_385, 1));
+    assert!(size.contains("16385x1 px is not possible"), "{size}");
+    let cell = count(10, &[0; 100], 0, SIZE);
+    assert!(cell.contains("cell size or a ratio of a layer is 0"), "{cell}");
+    assert_eq!(decode(b"GIF89a", Extent::Whole), Err(Error::Magic));
+    assert!(matches!(decode(b"GSIF\x02\x00", Extent::Whole), Err(Error::Unsupported { what: "version", value: 2 })));
+}
+
+proptest! {
+    #[test]
+    fn any_gaussians_survive(
+        values in prop::collection::vec((-1e5f32..1e5, -1e5f32..1e5, -30f32..30.0, -30f32..30.0, -1e3f32..1e3, -1e4f32..1e4), 0..40),
+        step in -2000i16..2000,
+        cell in 8u8..=255,
+        ratio in 1u8..=255,
+    ) {
+        let head = LayerHead { step, cell, margin: 1, mean_ratio: ratio, shape_ratio: ratio, turn_ratio: ratio };
+        let gaussian = |&(x, y, a, b, rotation, c): &(f32, f32, f32, f32, f32, f32)| Gaussian2d {
+            mean: Vec2::new(x, y),
+            log_scale: Vec2::new(a, b),
+            rotation,
+            opacity_logit: f32::INFINITY,
+            color: Vec3::new(c, -c, 0.5),
+        };
+        let all = layer(head, &values.iter().map(gaussian).collect::<Vec<_>>());
+        let decoded = decode(&picture(vec![all.clone()]).encode().unwrap(), Extent::Whole).unwrap();
+        prop_assert!(decoded.scene.validate().is_ok());
+        prop_assert!(decoded.scene.iter().eq(sorted(&all)));
+    }
+
+    #[test]
+    fn any_bytes_are_decoded_or_refused(content in prop::collection::vec(any::<u8>(), 0..200), count in 0u8..128) {
+        let mut bytes = b"GSIF\x01\x00\xc0\x00\x80\x00\x00\x00\x00\x01".to_vec();
+        bytes.extend([count, content.len() as u8 & 127 | 128, (content.len() >> 7) as u8]);
+        bytes.extend([0, 0, 8, 1, 32, 32, 32]);
+        bytes.extend(&content);
+        bytes.extend(crc32fast::hash(&bytes).to_le_bytes());
+        if let Ok(decoded) = decode(&bytes, Extent::Whole) {
+            prop_assert_eq!(decoded.scene.len(), usize::from(count));
+            prop_assert!(decoded.scene.validate().is_ok());
+        }
+    }
+}

@@ -1,0 +1,288 @@
+//! Encoding images as `.gsi` files: a fit, whose Gaussians are quantized in turns.
+//!
+//! A quick fit shows how many Gaussians the target takes and how many bits one costs; the standard
+//! fit of that number is then quantized, once or a few times, until the target is met.
+
+mod forecast;
+mod sequence;
+mod settings;
+
+use glam::Vec2;
+use gs_codec::{Layer, LayerHead, Picture, Quantizer};
+use gs_core::{Canvas, Image, Optimizer, Scene as _, Scene2d};
+use web_time::Instant;
+
+use self::forecast::Forecast;
+pub use self::settings::{EncodeSettings, EncodeTarget};
+use crate::{error::Error, fit::fit, flat::mean_color, presets::Preset, quality::l1_and_psnr, settings::FitSettings};
+
+/// An encoded image.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub struct Encoded {
+    /// The `.gsi` file.
+    pub bytes: Vec<u8>,
+    /// Number of Gaussians.
+    pub gaussians: usize,
+    /// PSNR of the decoded 8-bit image, dB; ∞ for equal images.
+    pub psnr: f64,
+    /// Time of encoding, s.
+    pub seconds: f64,
+}
+
+/// Bits of a Gaussian before anything is known about the image.
+const USUAL_BITS: f64 = 32.0;
+
+/// Bits of a Gaussian of a standard fit relative to one of a quick fit at the same step: colours of
+/// later steps are stronger.
+const LATER_BITS: f64 = 1.12;
+
+/// Bytes of a file besides the Gaussians.
+const HEAD_BYTES: f64 = 32.0;
+
+/// Gaussians per cell, about.
+const PER_CELL: f64 = 0.6;
+
+/// Bits of a Gaussian that a halved step costs.
+const BITS_PER_OCTAVE: f64 = 7.0;
+
+/// Share of a byte target that is enough.
+const FULL: f64 = 0.985;
+
+/// Finest step that is tried, in units of the step that goes with a fit.
+const FINEST: f64 = 0.1;
+
+/// Surplus of PSNR over its target, dB, that is small enough.
+const SURPLUS_DB: f64 = 0.06;
+
+/// Quantizations of a fit at most.
+const ATTEMPTS: usize = 4;
+
+/// Standard fits at most, if the first has the wrong number of Gaussians.
+const FITS: usize = 3;
+
+/// Encodes an image.
+///
+/// # Errors
+/// [`gs_core::Error::Setting`] for a target out of range, [`gs_core::Error::Pixel`] where the image is
+/// not finite, [`Error::Unreachable`] where the target cannot be met, and those of the backend.
+pub async fn encode<R: Optimizer<Scene2d>>(
+    rasterizer: &R,
+    image: &Image,
+    settings: &EncodeSettings,
+) -> Result<Encoded, Error> {
+    settings.validate()?;
+    image.check_finite("the image")?;
+    let started = Instant::now();
+    let mut encoder = Encoder::new(rasterizer, image, settings)?;
+    let mut encoded = match settings.target {
+        EncodeTarget::Bytes(bytes) => encoder.within_bytes(bytes).await,
+        EncodeTarget::Psnr(psnr) => encoder.at_psnr(psnr).await,
+        EncodeTarget::Quality(quality) => encoder.at_quality(quality).await,
+    }?;
+    encoded.seconds = started.elapsed().as_secs_f64();
+    Ok(encoded)
+}
+
+struct Encoder<'a, R> {
+    on: &'a R,
+    image: &'a Image,
+    /// The image without the background.
+    target: Image,
+    background: [u8; 3],
+    seed: u32,
+    forecast: Forecast,
+}
+
+/// A fit and its settings.
+struct Fitted {
+    scene: Scene2d,
+    psnr: f64,
+    settings: FitSettings,
+}
+
+impl<'a, R: Optimizer<Scene2d>> Encoder<'a, R> {
+    fn new(on: &'a R, image: &'a Image, settings: &EncodeSettings) -> Result<Self, Error> {
+        let background = mean_color(image).map(gs_core::to_8_bits);
+        let level = background.map(|level| f32::from(level) / 255.0);
+        let target = sequence::difference(image, &Image::filled(image.width(), image.height(), level)?)?;
+        Ok(Self { on, image, target, background, seed: settings.seed, forecast: Forecast::new(image) })
+    }
+
+    async fn fit(&mut self, preset: Preset, count: u32) -> Result<Fitted, Error> {
+        let level = self.background.map(|level| f32::from(level) / 255.0);
+        let mut settings = preset.settings(count.max(1), self.image.size());
+        settings.render = settings.render.on(level);
+        settings.seed = self.seed;
+        let fit = fit(self.on, self.image, settings.clone(), &mut ()).await?;
+        match preset {
+            Preset::Quick => self.forecast.add_quick(count, fit.summary.psnr),
+            _ => self.forecast.add(count, fit.summary.psnr),
+        }
+        Ok(Fitted { scene: fit.scene, psnr: fit.summary.psnr, settings })
+    }
+
+    /// A quantizer with this step for the Gaussians of a scene.
+    fn quantizer(&self, step: f64, scene: &Scene2d) -> Quantizer {
+        let cell = (PER_CELL * self.forecast.most() / scene.len().max(1) as f64).sqrt().round().clamp(1.0, 255.0);
+        let size = Vec2::new(self.image.width() as f32, self.image.height() as f32);
+        // Large Gaussians at the border have their means far outside. A mean that no cell holds is
+        // moved, which changes the picture much.
+        let outside = |&mean: &Vec2| (-mean).max(mean - size).max_element();
+        let farthest = scene.means.iter().map(outside).fold(0.0, f32::max);
+        let margin = (f64::from(farthest) / cell).ceil().min(f64::from(size.min_element()) / (3.0 * cell)).min(255.0);
+        let head = LayerHead {
+            step: (step.log2() * 128.0).round().clamp(-4000.0, 4000.0) as i16,
+            cell: cell as u8,
+            margin: margin as u8,
+            mean_ratio: 32,
+            shape_ratio: 32,
+            turn_ratio: 32,
+        };
+        Quantizer::new(head, self.image.size())
+    }
+
+    /// Bits of a scene that is rounded at once.
+    fn bits(&self, scene: &Scene2d, step: f64) -> f64 {
+        let quantizer = self.quantizer(step, scene);
+        let codes = scene.iter().filter_map(|g| quantizer.quantize(&g)).collect();
+        Layer { head: *quantizer.head(), codes }.bits(self.image.size())
+    }
+
+    /// Quantizes a fit in turns.
+    async fn quantized(&self, fitted: &Fitted, step: f64) -> Result<Encoded, Error> {
+        let all = self.quantizer(step, &fitted.scene);
+        let kept: Scene2d = fitted.scene.iter().filter(|g| all.quantize(g).is_some()).collect();
+        let quantizer = self.quantizer(step, &kept);
+        let codes = sequence::quantize(self.on, &self.target, &kept, &quantizer, &fitted.settings).await?;
+        let (width, height) = self.image.size();
+        let scene: Scene2d = codes.iter().map(|code| quantizer.reconstruct(code)).collect();
+        let drawn = self.on.render(&scene, &Canvas::new(width, height), &fitted.settings.render).await?;
+        let (_, psnr) = l1_and_psnr(&drawn, self.image);
+        let layers = vec![Layer { head: *quantizer.head(), codes }];
+        let bytes = Picture { width, height, background: self.background, layers }.encode()?;
+        Ok(Encoded { bytes, gaussians: scene.len(), psnr, seconds: 0.0 })
+    }
+
+    async fn within_bytes(&mut self, bytes: u64) -> Result<Encoded, Error> {
+        let bits = (bytes as f64 - HEAD_BYTES) * 8.0;
+        let count = |each: f64, most: f64| (bits / each).clamp(1.0, most).round() as u32;
+        let first = count(USUAL_BITS, self.forecast.most());
+        let quick = self.fit(Preset::Quick, first).await?;
+        let step = self.forecast.step(first.into(), self.forecast.psnr(first.into()));
+        let each = self.bits(&quick.scene, step) / quick.scene.len().max(1) as f64 * LATER_BITS;
+        let fitted = self.fit(Preset::Standard, count(each, self.forecast.most())).await?;
+        let gaussians = fitted.scene.len().max(1) as f64;
+        let mut step = self.forecast.step(gaussians, fitted.psnr);
+        // A finer step changes nothing that can be seen: small images do not need all of the bytes.
+        let finest = FINEST * step;
+        let mut goal = FULL + 0.01;
+        let mut best: Option<Encoded> = None;
+        for attempt in 0..ATTEMPTS {
+            if attempt == 0 {
+                for _ in 0..4 {
+                    step *= ((self.bits(&fitted.scene, step) - goal * bits) / gaussians / BITS_PER_OCTAVE).exp2();
+                    step = step.max(finest);
+                }
+            }
+            let encoded = self.quantized(&fitted, step).await?;
+            let used = encoded.bytes.len() as f64;
+            let fits = encoded.bytes.len() as u64 <= bytes;
+            if fits && best.as_ref().is_none_or(|best| encoded.psnr > best.psnr) {
+                best = Some(encoded);
+            }
+            if fits && (used >= FULL * bytes as f64 || step <= finest) {
+                break;
+            }
+            goal = if fits { FULL + 0.01 } else { FULL };
+            step *= ((used * 8.0 - goal * bytes as f64 * 8.0) / gaussians / BITS_PER_OCTAVE).exp2();
+            step = step.max(finest);
+        }
+        best.ok_or_else(|| Error::Unreachable { target: format!("a size of {bytes} bytes") })
+    }
+
+    async fn at_psnr(&mut self, psnr: f64) -> Result<Encoded, Error> {
+        // Quantization costs 10 log₁₀(1 + the share of its error).
+        let before = psnr + QUANTIZATION_DB;
+        let mut count = (self.forecast.most() / 130.0).max(1.0) as u32;
+        for _ in 0..2 {
+            self.fit(Preset::Quick, count).await?;
+            count = self.count_for(before);
+        }
+        let mut best: Option<Encoded> = None;
+        for _ in 0..FITS {
+            let fitted = self.fit(Preset::Standard, count).await?;
+            best = self.steps_to_psnr(&fitted, psnr, best).await?;
+            let off = fitted.psnr - before;
+            if best.is_some() && off < MOST_SPARE_DB {
+                break;
+            }
+            count = match self.count_for(before) {
+                same if same == count => count + count / 8 + 1,
+                other => other,
+            };
+            if f64::from(count) > self.forecast.most() {
+                break;
+            }
+        }
+        best.ok_or_else(|| Error::Unreachable { target: format!("a PSNR of {psnr} dB") })
+    }
+
+    /// The number of Gaussians with which a standard fit has this PSNR.
+    fn count_for(&self, psnr: f64) -> u32 {
+        self.forecast.count_where(psnr, |count| self.forecast.psnr(count))
+    }
+
+    /// The smallest file of this fit, or `best`, that reaches a PSNR; `None` where neither does.
+    async fn steps_to_psnr(
+        &self,
+        fitted: &Fitted,
+        psnr: f64,
+        mut best: Option<Encoded>,
+    ) -> Result<Option<Encoded>, Error> {
+        let error = |psnr: f64| 10f64.powf(-psnr / 10.0);
+        let spare = error(psnr) - error(fitted.psnr);
+        if spare < 0.02 * error(psnr) {
+            return Ok(best);
+        }
+        let gaussians = fitted.scene.len() as f64;
+        // The rounding of all parameters at once would have the squared step times this.
+        let rounding = 7.0 * gaussians / (36.0 * self.forecast.most());
+        let mut step = (spare / (rounding * 0.6)).sqrt();
+        for _ in 0..ATTEMPTS {
+            let encoded = self.quantized(fitted, step).await?;
+            let (found, reached) = (encoded.psnr, encoded.psnr >= psnr);
+            if reached && best.as_ref().is_none_or(|best| encoded.bytes.len() < best.bytes.len()) {
+                best = Some(encoded);
+            }
+            if reached && found < psnr + SURPLUS_DB {
+                break;
+            }
+            let share = spare / (error(found) - error(fitted.psnr)).max(0.1 * spare);
+            step *= (share * 0.99).sqrt().clamp(0.5, 2.0);
+        }
+        Ok(best)
+    }
+
+    async fn at_quality(&mut self, quality: u8) -> Result<Encoded, Error> {
+        let step = COARSEST_STEP * (-f64::from(quality - 1) / 99.0 * STEP_OCTAVES).exp2();
+        let mut count = (self.forecast.most() / 130.0).max(1.0) as u32;
+        for _ in 0..2 {
+            self.fit(Preset::Quick, count).await?;
+            let forecast = &self.forecast;
+            count = forecast.count_where(-step, |count| -forecast.step(count, forecast.psnr(count)));
+        }
+        let fitted = self.fit(Preset::Standard, count).await?;
+        self.quantized(&fitted, step).await
+    }
+}
+
+/// Loss of PSNR by quantization where a file is smallest for its quality, dB.
+const QUANTIZATION_DB: f64 = 0.65;
+
+/// PSNR of a fit above what it needs, dB, from which a fit of fewer Gaussians is tried.
+const MOST_SPARE_DB: f64 = 1.0;
+
+/// Step of quality 1, colour values · px, and octaves from there to quality 100.
+const COARSEST_STEP: f64 = 2.5;
+const STEP_OCTAVES: f64 = 7.0;

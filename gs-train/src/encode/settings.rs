@@ -1,0 +1,57 @@
+//! What an encoder aims at.
+
+use gs_core::Error;
+
+gs_core::impl_with!(EncodeSettings);
+
+/// What decides about the size of an encoded image.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum EncodeTarget {
+    /// As good as possible in at most this many bytes.
+    Bytes(u64),
+    /// As small as possible with at least this PSNR of the decoded 8-bit image, dB.
+    Psnr(f64),
+    /// A step of quantization, 1 (small file) to 100 (best image). The number of Gaussians follows
+    /// from it and the image.
+    Quality(u8),
+}
+
+/// Settings of [`encode`](crate::encode()).
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
+pub struct EncodeSettings {
+    /// What to aim at. Default [`EncodeTarget::Quality`] 50.
+    pub target: EncodeTarget,
+    /// Seed of all random numbers. Default 0.
+    pub seed: u32,
+}
+
+impl Default for EncodeSettings {
+    fn default() -> Self {
+        Self { target: EncodeTarget::Quality(50), seed: 0 }
+    }
+}
+
+/// Least length of a file: header, the head of a layer and a few Gaussians.
+pub(super) const LEAST_BYTES: u64 = 64;
+
+impl EncodeSettings {
+    /// Checks the ranges of all settings.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] naming the value outside its range.
+    pub fn validate(&self) -> Result<(), Error> {
+        match self.target {
+            EncodeTarget::Bytes(bytes) if bytes < LEAST_BYTES => {
+                Err(Error::setting("the number of bytes", bytes, "at least 64"))
+            }
+            EncodeTarget::Psnr(psnr) if !(10.0..=60.0).contains(&psnr) => {
+                Err(Error::setting("the PSNR", psnr, "10 to 60 dB"))
+            }
+            EncodeTarget::Quality(quality) if !(1..=100).contains(&quality) => {
+                Err(Error::setting("the quality", quality, "1 to 100"))
+            }
+            _ => Ok(()),
+        }
+    }
+}

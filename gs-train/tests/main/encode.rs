@@ -1,0 +1,84 @@
+//! Encoding images: targets are met by the decoded picture, and settings out of range are refused.
+
+use gs_codec::{Extent, decode};
+use gs_core::{Canvas, Image, Rasterizer as _};
+use gs_cpu::{CpuRasterizer, CpuSettings};
+use gs_io::decode_gsi;
+use gs_train::{EncodeSettings, EncodeTarget, Encoded, Error, encode, l1_and_psnr};
+use pollster::FutureExt as _;
+
+/// Soft shapes, an edge and a little texture.
+fn picture() -> Image {
+    let pixel = |x: u32, y: u32| {
+        let (x, y) = (x as f32, y as f32);
+        let edge = if 0.6 * x + y > 70.0 { 0.3 } else { 0.0 };
+        let texture = 0.06 * (0.9 * x).sin() * (0.7 * y).cos();
+        let soft = (-((x - 30.0).powi(2) + (y - 24.0).powi(2)) / 300.0).exp();
+        [0.2 + edge + 0.3 * soft, 0.3 + 0.7 * edge + texture, 0.5 - 0.4 * soft + texture]
+    };
+    Image::from_fn(96, 64, pixel).unwrap().rounded_to_8_bits()
+}
+
+fn encoded(image: &Image, target: EncodeTarget) -> Result<Encoded, Error> {
+    let cpu = CpuRasterizer::new(CpuSettings::default()).unwrap();
+    encode(&cpu, image, &EncodeSettings::default().with(|s| s.target = target)).block_on()
+}
+
+/// PSNR of the picture that the bytes decode to.
+fn psnr(bytes: &[u8], image: &Image) -> f64 {
+    let cpu = CpuRasterizer::new(CpuSettings::default()).unwrap();
+    let file = decode_gsi(bytes, Extent::Whole).unwrap();
+    let canvas = Canvas::new(file.width, file.height);
+    l1_and_psnr(&cpu.render(&file.scene, &canvas, &file.settings).block_on().unwrap(), image).1
+}
+
+#[test]
+fn a_size_is_kept_and_used() {
+    let image = picture();
+    let mut before = 0.0;
+    for bytes in [300, 1200] {
+        let found = encoded(&image, EncodeTarget::Bytes(bytes)).unwrap();
+        assert!(
+            (found.bytes.len() as u64) <= bytes && found.bytes.len() as u64 * 10 > bytes * 9,
+            "{}",
+            found.bytes.len()
+        );
+        assert!((psnr(&found.bytes, &image) - found.psnr).abs() < 1e-9);
+        assert_eq!(decode(&found.bytes, Extent::Whole).unwrap().scene.means.len(), found.gaussians);
+        assert!(found.psnr > before + 4.0, "{} after {before} dB", found.psnr);
+        before = found.psnr;
+    }
+    assert!(before > 34.0, "{before} dB");
+}
+
+#[test]
+fn a_quality_is_reached_with_few_bytes() {
+    let image = picture();
+    let [low, high] = [30.0, 36.0].map(|goal| {
+        let found = encoded(&image, EncodeTarget::Psnr(goal)).unwrap();
+        let psnr = psnr(&found.bytes, &image);
+        assert!((goal..goal + 0.8).contains(&psnr), "{psnr} dB instead of {goal}");
+        found.bytes.len()
+    });
+    assert!(low < high && high < 96 * 64 / 4, "{low} and {high} bytes");
+    let [coarse, fine] = [20, 70].map(|q| encoded(&image, EncodeTarget::Quality(q)).unwrap());
+    assert!(coarse.bytes.len() < fine.bytes.len() && coarse.psnr < fine.psnr);
+}
+
+#[test]
+fn flat_and_tiny_images_are_encoded() {
+    let flat = Image::filled(200, 150, [100.0 / 255.0; 3]).unwrap();
+    let found = encoded(&flat, EncodeTarget::Bytes(200)).unwrap();
+    assert!(found.bytes.len() <= 200 && found.psnr > 70.0, "{} dB", found.psnr);
+    let tiny = Image::from_fn(3, 2, |x, y| [x as f32 / 2.0, y as f32, 0.5]).unwrap();
+    let found = encoded(&tiny, EncodeTarget::Bytes(150)).unwrap();
+    assert!(found.bytes.len() <= 150 && found.psnr > 15.0, "{} dB", found.psnr);
+}
+
+#[test]
+fn impossible_targets_are_refused() {
+    let image = Image::filled(8, 8, [0.5; 3]).unwrap();
+    for target in [EncodeTarget::Bytes(10), EncodeTarget::Psnr(f64::NAN), EncodeTarget::Quality(0)] {
+        assert!(matches!(encoded(&image, target), Err(Error::Core(gs_core::Error::Setting { .. }))), "{target:?}");
+    }
+}
