@@ -1,9 +1,10 @@
 //! The project's own commands: `cargo xtask test` runs all the tests, `cargo xtask cluster` a study
-//! on a cluster of this machine.
+//! on a cluster of this machine, and `cargo xtask python` builds and tests the Python module.
 //!
 //! This program depends on no crate, so that it compiles within a second on a fresh machine.
 
 mod cluster;
+mod python;
 mod system;
 mod test;
 
@@ -14,6 +15,7 @@ use crate::test::Options;
 const HELP: &str = "\
 Usage: cargo xtask test [--install] [--slow]
        cargo xtask cluster [--install]
+       cargo xtask python [--test]
 
 cargo xtask test runs the tests of the workspace, documentation tests included.
 
@@ -30,26 +32,36 @@ cargo xtask cluster starts Slurm on this machine, in a folder of its own, and do
 an array of jobs of which one is cancelled and one killed. The tables must be those of one process.
 
 Options:
-  --install  install Debian's slurm-wlm and munge; without it and without them, nothing is checked";
+  --install  install Debian's slurm-wlm and munge; without it and without them, nothing is checked
+
+cargo xtask python builds the Python module as a wheel into target/wheels, with maturin from PyPI in
+an environment of its own. Without Python 3.9 or later it says so and builds nothing.
+
+Options:
+  --test     build without optimising what does not compute, install the wheel into that
+             environment, and run its linter, type checker and tests";
 
 /// What the command line asks for.
 enum Task {
     Test(Options),
     Cluster { install: bool },
+    Python { test: bool },
 }
 
 fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let words: Vec<&str> = arguments.iter().map(String::as_str).collect();
     let task = match &words[..] {
-        [] | ["help" | "-h" | "--help"] | ["test" | "cluster", "-h" | "--help"] => {
+        [] | ["help" | "-h" | "--help"] | ["test" | "cluster" | "python", "-h" | "--help"] => {
             eprintln!("{HELP}");
             return ExitCode::SUCCESS;
         }
         ["test", flags @ ..] => Options::parse(flags).map(Task::Test),
         ["cluster"] => Ok(Task::Cluster { install: false }),
         ["cluster", "--install"] => Ok(Task::Cluster { install: true }),
-        ["cluster", flag, ..] => Err(format!("unknown flag {flag}")),
+        ["python"] => Ok(Task::Python { test: false }),
+        ["python", "--test"] => Ok(Task::Python { test: true }),
+        ["cluster" | "python", flag, ..] => Err(format!("unknown flag {flag}")),
         [other, ..] => Err(format!("unknown command {other}")),
     };
     let task = match task {
@@ -62,6 +74,7 @@ fn main() -> ExitCode {
     let ended = match task {
         Task::Test(options) => test::run(options),
         Task::Cluster { install } => cluster::run(install),
+        Task::Python { test } => python::run(test),
     };
     match ended {
         Ok(()) => ExitCode::SUCCESS,

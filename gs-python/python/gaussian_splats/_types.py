@@ -1,0 +1,37 @@
+"""Types of arguments."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from typing import Any, Protocol, Union
+
+import numpy as np
+import numpy.typing as npt
+
+from ._native import Observation, Plan
+
+Floats = npt.NDArray[np.float32]
+Path = Union[str, "os.PathLike[str]"]
+#: A file, or an array of shape (H, W, 3): float32 with 0 to 1, or uint8.
+ImageSource = Union[Path, npt.NDArray[np.float32], npt.NDArray[np.uint8]]
+#: Settings with the names of the settings files of ``gs``, such as ``{"adam": {"beta1": 0.8}}``.
+Settings = Mapping[str, Any]
+
+
+class Policy(Protocol):
+    """A density-control policy: any object with this method.
+
+    Optional attributes:
+
+    - ``statistics``: what training collects for ``observation.signal``: ``"mean-gradient"`` (the
+      default), ``"absolute-gradient"``, ``"pixel-gradient"``, ``"pixel-error"`` or ``"none"``.
+    - ``actions``: changes to how Gaussians are pruned, cloned and split, as in the table
+      ``policy.actions`` of settings files. Without it, transparent Gaussians are pruned as in 3DGS.
+    - ``needs_residual``: whether ``observation.target`` and ``observation.rendered`` are wanted.
+      Only fits of images have them.
+    """
+
+    def plan(self, observation: Observation, /) -> Plan:
+        """The edits of one round of density control."""
+        ...

@@ -1,0 +1,78 @@
+//! `Camera`: a posed pinhole camera.
+
+use glam::{Mat3, Vec2, Vec3};
+use pyo3::prelude::*;
+
+use crate::errors::{self, IntoPython};
+
+/// A posed pinhole camera.
+#[pyclass(frozen, module = "gaussian_splats")]
+#[derive(Debug)]
+pub(crate) struct Camera {
+    pub(crate) camera: gs_core::Camera,
+}
+
+#[pymethods]
+impl Camera {
+    #[new]
+    #[pyo3(signature = (width, height, *, fx, fy = None, cx = None, cy = None, rotation = None, translation = None, near = None))]
+    #[allow(clippy::too_many_arguments, reason = "keyword arguments")]
+    fn new(
+        width: u32,
+        height: u32,
+        fx: f32,
+        fy: Option<f32>,
+        cx: Option<f32>,
+        cy: Option<f32>,
+        rotation: Option<[[f32; 3]; 3]>,
+        translation: Option<[f32; 3]>,
+        near: Option<f32>,
+    ) -> PyResult<Self> {
+        let usual = gs_core::Camera::looking_forward(width, height, 1.0);
+        let center = Vec2::new(cx.unwrap_or(usual.center.x), cy.unwrap_or(usual.center.y));
+        // Rows, as NumPy has them.
+        let rotation = rotation.map_or(Mat3::IDENTITY, |rows| Mat3::from_cols_array_2d(&rows).transpose());
+        let translation = translation.map_or(Vec3::ZERO, Vec3::from_array);
+        let focal = Vec2::new(fx, fy.unwrap_or(fx));
+        let near = near.unwrap_or(usual.near);
+        let camera = gs_core::Camera { rotation, translation, focal, center, near, ..usual };
+        camera.validate().map_err(IntoPython::into_python)?;
+        Ok(Self { camera })
+    }
+
+    /// The same camera at another position, looking at a point.
+    #[pyo3(signature = (position, target, up = [0.0, -1.0, 0.0]))]
+    fn looking_at(&self, position: [f32; 3], target: [f32; 3], up: [f32; 3]) -> PyResult<Self> {
+        let camera = self.camera.looking_at(position.into(), target.into(), up.into());
+        let camera = camera.ok_or_else(|| errors::value("target", "is at the position, or straight up from it"))?;
+        Ok(Self { camera })
+    }
+
+    /// The same camera at another size of the image.
+    fn resized(&self, width: u32, height: u32) -> PyResult<Self> {
+        let camera = self.camera.resized(width, height);
+        camera.validate().map_err(IntoPython::into_python)?;
+        Ok(Self { camera })
+    }
+
+    #[getter]
+    fn width(&self) -> u32 {
+        self.camera.width
+    }
+
+    #[getter]
+    fn height(&self) -> u32 {
+        self.camera.height
+    }
+
+    /// Position, world units.
+    #[getter]
+    fn position(&self) -> [f32; 3] {
+        self.camera.position().to_array()
+    }
+
+    fn __repr__(&self) -> String {
+        let gs_core::Camera { width, height, focal, .. } = self.camera;
+        format!("<Camera {width}x{height}, focal {:.1}, at {}>", focal.x, self.camera.position())
+    }
+}

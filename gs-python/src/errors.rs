@@ -1,0 +1,80 @@
+//! Rust errors as Python exceptions.
+
+use std::{any::Any, fmt::Display};
+
+use pyo3::{
+    PyErr,
+    exceptions::{PyOSError, PyRuntimeError, PyValueError},
+};
+
+/// An exception for an error of any of the crates: `OSError` for files, `ValueError` for settings
+/// and values, `RuntimeError` for everything else.
+pub(crate) trait IntoPython {
+    fn into_python(self) -> PyErr;
+}
+
+impl IntoPython for gs_core::Error {
+    fn into_python(self) -> PyErr {
+        use gs_core::Error as E;
+        match self {
+            E::Backend { .. } | E::State(_) => PyRuntimeError::new_err(text(&self)),
+            _ => PyValueError::new_err(text(&self)),
+        }
+    }
+}
+
+impl IntoPython for gs_io::Error {
+    fn into_python(self) -> PyErr {
+        PyOSError::new_err(text(&self))
+    }
+}
+
+impl IntoPython for gs_train::Error {
+    fn into_python(self) -> PyErr {
+        use gs_train::Error as E;
+        match self {
+            E::Io(error) => error.into_python(),
+            E::Core(error) => error.into_python(),
+            E::Diverged { .. } | E::Finished { .. } => PyRuntimeError::new_err(text(&self)),
+            _ => PyValueError::new_err(text(&self)),
+        }
+    }
+}
+
+impl IntoPython for gs_lab::Error {
+    fn into_python(self) -> PyErr {
+        match self {
+            Self::Io(error) => error.into_python(),
+            Self::Fit(error) => error.into_python(),
+            Self::NoImage { .. } | Self::NoScene { .. } | Self::Path { .. } => PyOSError::new_err(text(&self)),
+            _ => PyValueError::new_err(text(&self)),
+        }
+    }
+}
+
+/// An error with what caused it.
+fn text(error: &dyn std::error::Error) -> String {
+    let mut text = error.to_string();
+    let mut source = error.source();
+    while let Some(cause) = source {
+        let cause_text = cause.to_string();
+        if !text.contains(&cause_text) {
+            text.push_str(": ");
+            text.push_str(&cause_text);
+        }
+        source = cause.source();
+    }
+    text
+}
+
+/// A `ValueError` about an argument.
+pub(crate) fn value(argument: &str, problem: impl Display) -> PyErr {
+    PyValueError::new_err(format!("{argument}: {problem}"))
+}
+
+/// A `RuntimeError` for a panic of the engine, which is a fault of ours.
+pub(crate) fn of_panic(panic: &(dyn Any + Send)) -> PyErr {
+    let message = panic.downcast_ref::<String>().map(String::as_str);
+    let message = message.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("without a message");
+    PyRuntimeError::new_err(format!("the engine failed ({message}); please report this"))
+}

@@ -1,0 +1,187 @@
+//! `Plan`: the edits that a policy written in Python wants.
+
+use std::collections::BTreeMap;
+
+use gs_core::{
+    EditPlan, Scene as _,
+    edit::{Birth, Change, Moments, Origin, Place, PruneCause, Removal},
+};
+use gs_density::{Actions, DensityScene, Observation, Rng, Round, SizeThreshold};
+use pyo3::{
+    prelude::*,
+    types::{PyAny, PyTuple},
+};
+
+use crate::{
+    arrays,
+    errors::{self, IntoPython},
+    scene2d::Scene2d,
+    scene3d::Scene3d,
+};
+
+/// Edits by index, and Gaussians to add.
+#[pyclass(frozen, module = "gaussian_splats")]
+#[derive(Debug)]
+pub(crate) struct Plan {
+    grow: Option<Py<PyAny>>,
+    clone: Option<Py<PyAny>>,
+    split: Option<Py<PyAny>>,
+    prune: Option<Py<PyAny>>,
+    relocate: Option<(Py<PyAny>, Py<PyAny>)>,
+    add: Option<Py<PyAny>>,
+    opacity_ceiling: Option<f32>,
+}
+
+#[pymethods]
+impl Plan {
+    #[new]
+    #[pyo3(signature = (grow = None, *, clone = None, split = None, prune = None, relocate = None, add = None, opacity_ceiling = None))]
+    fn new(
+        grow: Option<Py<PyAny>>,
+        clone: Option<Py<PyAny>>,
+        split: Option<Py<PyAny>>,
+        prune: Option<Py<PyAny>>,
+        relocate: Option<&Bound<'_, PyTuple>>,
+        add: Option<Py<PyAny>>,
+        opacity_ceiling: Option<f32>,
+    ) -> PyResult<Self> {
+        let relocate = match relocate.map(|pair| pair.extract::<(Py<PyAny>, Py<PyAny>)>()) {
+            None => None,
+            Some(Ok(pair)) => Some(pair),
+            Some(Err(_)) => return Err(errors::value("relocate", "expected two arrays: (moved, onto)")),
+        };
+        if opacity_ceiling.is_some_and(|ceiling| !(ceiling > 0.0 && ceiling <= 1.0)) {
+            return Err(errors::value("opacity_ceiling", "must be above 0 and at most 1"));
+        }
+        Ok(Self { grow, clone, split, prune, relocate, add, opacity_ceiling })
+    }
+}
+
+/// A kind of scene that has a class in Python.
+pub(crate) trait PythonScene: DensityScene {
+    /// The Gaussians of an object of that class.
+    fn from_python(argument: &str, object: &Bound<'_, PyAny>) -> PyResult<Vec<Self::Gaussian>>;
+}
+
+macro_rules! python_scene {
+    ($core:ty, $class:ident) => {
+        impl PythonScene for $core {
+            fn from_python(argument: &str, object: &Bound<'_, PyAny>) -> PyResult<Vec<Self::Gaussian>> {
+                let Ok(scene) = object.cast::<$class>() else {
+                    let found = object.get_type().name()?.to_string();
+                    let message = format!("{argument}: expected {}, not {found}", stringify!($class));
+                    return Err(pyo3::exceptions::PyTypeError::new_err(message));
+                };
+                let scene = &scene.get().scene;
+                Ok((0..scene.len()).map(|index| scene.gaussian(index)).collect())
+            }
+        }
+    };
+}
+python_scene!(gs_core::Scene2d, Scene2d);
+python_scene!(gs_core::Scene3d, Scene3d);
+
+impl Plan {
+    /// The edits of the plan, with those of `actions` ([`Actions`]: pruning and opacity resets).
+    ///
+    /// # Errors
+    /// `TypeError` and `ValueError` that name the argument of the plan: arrays of the wrong kind,
+    /// indices of no Gaussian, contradictions, and more Gaussians than the budget.
+    pub(crate) fn edits<S: PythonScene>(
+        &self,
+        py: Python<'_>,
+        observation: &Observation<'_, S>,
+        actions: &Actions,
+        rng: &mut Rng,
+    ) -> PyResult<EditPlan<S::Gaussian>> {
+        let len = observation.scene.len();
+        let list = |argument: &str, of: Option<&Py<PyAny>>| match of {
+            Some(of) => arrays::indices(argument, of.bind(py), len),
+            None => Ok(Vec::new()),
+        };
+        let [mut grow, mut clone, mut split, prune] = [
+            list("grow", self.grow.as_ref())?,
+            list("clone", self.clone.as_ref())?,
+            list("split", self.split.as_ref())?,
+            list("prune", self.prune.as_ref())?,
+        ];
+        let (moved, onto) = match &self.relocate {
+            Some((moved, onto)) => (list("relocate[0]", Some(moved))?, list("relocate[1]", Some(onto))?),
+            None => Default::default(),
+        };
+        if moved.len() != onto.len() {
+            let problem = format!("expected two arrays of one length, not {} and {}", moved.len(), onto.len());
+            return Err(errors::value("relocate", problem));
+        }
+        once_each([("grow", &grow), ("clone", &clone), ("split", &split), ("prune", &prune), ("relocate[0]", &moved)])?;
+
+        let round = Round::open(actions, observation).map_err(IntoPython::into_python)?;
+        // What the actions prune does not grow.
+        let mut is_left = vec![false; len];
+        round.survivors().for_each(|index| is_left[index as usize] = true);
+        for list in [&mut grow, &mut clone, &mut split] {
+            list.retain(|&index| is_left[index as usize]);
+        }
+        let added = match &self.add {
+            Some(add) => S::from_python("add", add.bind(py))?,
+            None => Vec::new(),
+        };
+        let fixed = clone.len() + split.len() + added.len();
+        let gone = prune.iter().filter(|&&index| is_left[index as usize]).count();
+        let room = round.room() + gone;
+        if fixed > room {
+            let problem = format!(
+                "the plan adds {fixed} Gaussians, but the budget of {} has room for {room}",
+                observation.budget
+            );
+            return Err(errors::value("plan", problem));
+        }
+        grow.truncate(if actions.grows(observation.progress) { room - fixed } else { 0 });
+
+        let densify = &actions.densify;
+        let always = densify.with(|densify| densify.split_above = SizeThreshold::ExtentFraction(0.0));
+        let never = densify.with(|densify| densify.split_above = SizeThreshold::ExtentFraction(f32::INFINITY));
+        // Random numbers are drawn in the order of the parents, as in the engine's own policies.
+        let kinds = [(grow, densify), (split, &always), (clone, &never)];
+        let parents: BTreeMap<u32, _> =
+            kinds.iter().flat_map(|(list, densify)| list.iter().map(move |&index| (index, *densify))).collect();
+        let mut plan = round.grow(&[], rng);
+        for (index, densify) in parents {
+            let (change, birth) = densify.grow(index, observation, rng);
+            plan.changed.extend(change);
+            plan.added.push(birth);
+        }
+        for (moved, onto) in moved.into_iter().zip(onto).filter(|&(moved, _)| is_left[moved as usize]) {
+            let gaussian = observation.scene.gaussian(onto as usize);
+            plan.changed.push(Change { index: moved, gaussian, moments: Moments::Fresh });
+        }
+        plan.changed.sort_by_key(|change| change.index);
+        let seeds = added.into_iter().map(|gaussian| Birth {
+            gaussian,
+            parent: None,
+            moments: Moments::Fresh,
+            origin: Origin::Seed,
+            place: Place::Last,
+        });
+        plan.added.extend(seeds);
+        let pruned = prune.into_iter().filter(|&index| is_left[index as usize]);
+        plan.removed.extend(pruned.map(|index| Removal { index, cause: PruneCause::Unimportant }));
+        plan.removed.sort_unstable_by_key(|removal| removal.index);
+        plan.opacity_ceiling = self.opacity_ceiling.or(plan.opacity_ceiling);
+        Ok(plan)
+    }
+}
+
+/// Checks that no Gaussian is named twice.
+fn once_each(lists: [(&str, &[u32]); 5]) -> PyResult<()> {
+    let mut named: BTreeMap<u32, &str> = BTreeMap::new();
+    for (argument, list) in lists {
+        for &index in list {
+            if let Some(other) = named.insert(index, argument) {
+                let also = if other == argument { "twice".to_owned() } else { format!("and {other}") };
+                return Err(errors::value(argument, format!("Gaussian {index} is named here {also}")));
+            }
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,104 @@
+//! Policies of density control that are written in Python.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use gs_core::{EditPlan, Error, effects::Statistics};
+use gs_density::{Actions, DensityPolicy, Observation, Policy, Rng};
+use pyo3::{
+    exceptions::PyTypeError,
+    prelude::*,
+    types::{PyAny, PyDict},
+};
+
+use crate::{
+    errors::IntoPython,
+    observation::{Observation as Seen, SeenScene},
+    plan::{Plan, PythonScene},
+    settings,
+};
+
+/// The exception that a policy has raised, for the thread that waits for the run.
+pub(crate) type Raised = Arc<Mutex<Option<PyErr>>>;
+
+/// A policy in Python: an object with a method `plan(observation)`.
+#[derive(Debug)]
+pub(crate) struct PythonPolicy {
+    object: Py<PyAny>,
+    actions: Actions,
+    statistics: Statistics,
+    needs_residual: bool,
+    raised: Raised,
+}
+
+/// A policy as an argument: the name of one of the engine's, or an object.
+pub(crate) enum PolicyArgument<'py> {
+    Named(Policy),
+    InPython(Bound<'py, PyAny>),
+}
+
+impl<'py> PolicyArgument<'py> {
+    pub(crate) fn of(policy: &Bound<'py, PyAny>) -> PyResult<Self> {
+        if let Ok(name) = policy.extract::<String>() {
+            return Policy::from_name(&name).map(Self::Named).map_err(IntoPython::into_python);
+        }
+        if policy.hasattr("plan")? && policy.getattr("plan")?.is_callable() {
+            return Ok(Self::InPython(policy.clone()));
+        }
+        let found = policy.get_type().name()?.to_string();
+        let message = format!("policy: expected a name or an object with a method plan(observation), not {found}");
+        Err(PyTypeError::new_err(message))
+    }
+
+    /// The policy of the engine whose actions and first Gaussians a policy in Python starts from.
+    pub(crate) fn named(&self) -> PyResult<Policy> {
+        match self {
+            Self::Named(policy) => Ok(policy.clone()),
+            Self::InPython(_) => Policy::from_name("absolute").map_err(IntoPython::into_python),
+        }
+    }
+}
+
+impl PythonPolicy {
+    /// The policy of an object, which changes `actions` by its attribute of this name.
+    pub(crate) fn new(object: &Bound<'_, PyAny>, actions: Actions, raised: Raised) -> PyResult<Self> {
+        let attribute = |name: &str| object.getattr_opt(name);
+        let actions = match attribute("actions")? {
+            Some(over) => settings::with("actions", actions, Some(over.cast::<PyDict>()?))?,
+            None => actions,
+        };
+        actions.validate().map_err(IntoPython::into_python)?;
+        let statistics = match attribute("statistics")? {
+            Some(name) => settings::named("statistics", &name.extract::<String>()?)?,
+            None => Statistics::MeanGradient,
+        };
+        let needs_residual = attribute("needs_residual")?.is_some_and(|needs| needs.is_truthy().unwrap_or(false));
+        Ok(Self { object: object.clone().unbind(), actions, statistics, needs_residual, raised })
+    }
+}
+
+impl<S: PythonScene + SeenScene> DensityPolicy<S> for PythonPolicy {
+    fn plan(&self, observation: &Observation<'_, S>, rng: &mut Rng) -> Result<EditPlan<S::Gaussian>, Error> {
+        let planned = Python::attach(|py| {
+            let seen = Bound::new(py, Seen::of(py, observation, rng)?)?;
+            let plan = self.object.bind(py).call_method1("plan", (seen,))?;
+            let Ok(plan) = plan.cast::<Plan>() else {
+                let found = plan.get_type().name()?.to_string();
+                return Err(PyTypeError::new_err(format!("plan(observation): expected a Plan, not {found}")));
+            };
+            plan.get().edits(py, observation, &self.actions, rng)
+        });
+        planned.map_err(|error| {
+            let message = format!("the policy failed: {error}");
+            *self.raised.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);
+            Error::State(message)
+        })
+    }
+
+    fn statistics(&self) -> Statistics {
+        self.statistics
+    }
+
+    fn needs_residual(&self) -> bool {
+        self.needs_residual
+    }
+}

@@ -1,0 +1,228 @@
+"""Policies in Python."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import gaussian_splats as gs
+import numpy as np
+import pytest
+
+EXAMPLE = Path(__file__).parents[1] / "examples" / "abs_gs.py"
+
+
+class Policy:
+    """A policy of a function."""
+
+    def __init__(self, plan: Callable[[gs.Observation], gs.Plan]) -> None:
+        self.function = plan
+
+    def plan(self, observation: gs.Observation) -> gs.Plan:
+        return self.function(observation)
+
+
+def fitted(image: np.ndarray, cpu: gs.Backend, policy: gs.Policy) -> gs.Fit:
+    settings = {"initial": {"fixed": 20}}
+    return gs.fit(
+        image,
+        60,
+        preset="paper",
+        iterations=300,
+        policy=policy,
+        settings=settings,
+        backend=cpu,
+    )
+
+
+def test_the_example_agrees_with_the_engine_bit_for_bit() -> None:
+    run = subprocess.run([sys.executable, EXAMPLE], capture_output=True, text=True, check=True)
+    assert "equal, bit for bit" in run.stdout
+
+
+def test_what_a_policy_sees(image: np.ndarray, cpu: gs.Backend) -> None:
+    seen: list[gs.Observation] = []
+
+    class Watching:
+        needs_residual = True
+        statistics = "pixel-error"
+
+        def plan(self, observation: gs.Observation) -> gs.Plan:
+            seen.append(observation)
+            return gs.Plan()
+
+    fit = fitted(image, cpu, Watching())
+    assert len(fit.scene) == 20
+    assert seen
+    first, last = seen[0], seen[-1]
+    assert first.means.shape == (20, 2) and first.signal.shape == (20,)
+    assert first.signal.max() > 0 and first.visible.max() > 0
+    assert 0 < first.progress < last.progress == 1
+    assert first.budget == 60 and first.extent == 64
+    assert first.target is not None and first.rendered is not None
+    assert np.array_equal(first.target, image)
+    assert not np.array_equal(first.rng.random(4), last.rng.random(4))
+
+
+def test_random_numbers_are_those_of_the_seed_and_the_round(
+    image: np.ndarray, cpu: gs.Backend
+) -> None:
+    def drawn() -> list[float]:
+        numbers: list[float] = []
+
+        def plan(observation: gs.Observation) -> gs.Plan:
+            numbers.append(float(observation.rng.random()))
+            return gs.Plan()
+
+        fitted(image, cpu, Policy(plan))
+        return numbers
+
+    first = drawn()
+    assert len(set(first)) == len(first) > 1
+    assert drawn() == first
+
+
+def test_every_edit(image: np.ndarray, cpu: gs.Backend) -> None:
+    counts: list[int] = []
+
+    def plan(observation: gs.Observation) -> gs.Plan:
+        counts.append(len(observation))
+        new = np.array([[5.0, 5.0]], np.float32)
+        one = gs.Scene2d(
+            new,
+            np.ones((1, 2), np.float32),
+            np.zeros(1, np.float32),
+            np.full((1, 3), 0.3, np.float32),
+        )
+        if len(counts) > 1:
+            return gs.Plan()
+        return gs.Plan(
+            grow=np.array([0]),
+            clone=np.array([1, 2]),
+            split=np.array([3]),
+            prune=np.array([4]),
+            relocate=(np.array([5]), np.array([6])),
+            add=one,
+        )
+
+    edits: list[tuple[int, int, int, int]] = []
+    gs.fit(
+        image,
+        60,
+        preset="paper",
+        iterations=300,
+        policy=Policy(plan),
+        settings={"initial": {"fixed": 20}},
+        backend=cpu,
+        progress=lambda state: edits.append(state.edits) if state.edits else None,
+    )
+    # Of the pruned, none was due to the default actions.
+    assert counts[1] == 20 + 1 + 2 + 1 - 1 + 1
+    cloned, split, seeded, pruned = edits[0]
+    assert (cloned + split, seeded, pruned) == (4, 1, 1)
+    assert split >= 1 and cloned >= 2
+
+
+@pytest.mark.parametrize(
+    ("plan", "error", "says"),
+    [
+        (lambda o: 5, TypeError, "expected a Plan, not int"),
+        (lambda o: gs.Plan(grow=[1]), TypeError, "grow"),  # type: ignore[arg-type]
+        (lambda o: gs.Plan(grow=np.array([0.5])), TypeError, "grow"),
+        (lambda o: gs.Plan(grow=np.array([-1])), ValueError, "grow: -1 is not an index"),
+        (lambda o: gs.Plan(prune=np.array([20])), ValueError, "20 is not an index of one of 20"),
+        (lambda o: gs.Plan(grow=np.array([3]), prune=np.array([3])), ValueError, "Gaussian 3"),
+        (lambda o: gs.Plan(clone=np.array([3, 3])), ValueError, "twice"),
+        (
+            lambda o: gs.Plan(relocate=(np.array([1, 2]), np.array([3]))),
+            ValueError,
+            "relocate: expected two arrays of one length",
+        ),
+        (lambda o: gs.Plan(add=3), TypeError, "add: expected Scene2d, not int"),  # type: ignore[arg-type]
+        (lambda o: 1 / 0, ZeroDivisionError, "division"),
+    ],
+)
+def test_plans_that_are_not_possible(
+    image: np.ndarray,
+    cpu: gs.Backend,
+    plan: Callable[[gs.Observation], gs.Plan],
+    error: type[Exception],
+    says: str,
+) -> None:
+    with pytest.raises(error, match=says):
+        fitted(image, cpu, Policy(plan))
+
+
+def test_more_than_the_budget(image: np.ndarray, cpu: gs.Backend) -> None:
+    def plan(observation: gs.Observation) -> gs.Plan:
+        return gs.Plan(clone=np.arange(len(observation)))
+
+    with pytest.raises(ValueError, match="budget of 60"):
+        fitted(image, cpu, Policy(plan))
+
+
+def test_a_wrong_attribute(image: np.ndarray, cpu: gs.Backend) -> None:
+    class Wrong:
+        statistics = "gradient"
+
+        def plan(self, observation: gs.Observation) -> gs.Plan:
+            return gs.Plan()
+
+    with pytest.raises(ValueError, match="statistics"):
+        fitted(image, cpu, Wrong())
+
+
+STUDY = """
+name = "python"
+question = "Does a policy in Python grow?"
+images = ["paper"]
+budgets = [60]
+seeds = [0, 1]
+preset = "paper"
+iterations = 120
+
+[[arm]]
+name = "absolute"
+about = "The threshold of 3DGS."
+policy = "absolute"
+"""
+
+
+class Largest:
+    """The largest tenth grows."""
+
+    def plan(self, observation: gs.Observation) -> gs.Plan:
+        size = observation.log_scales.sum(axis=1)
+        return gs.Plan(grow=np.argsort(-size, kind="stable")[: max(1, len(size) // 10)])
+
+
+def test_a_study(tmp_path: Path) -> None:
+    study = gs.Study(STUDY, [gs.Arm("largest", Largest(), "The largest tenth grows.")])
+    assert study.runs == 4
+    done: list[tuple[int, int]] = []
+    headlines = study.run(tmp_path / "a", progress=lambda *state: done.append(state))
+    assert headlines and (tmp_path / "a" / "report.html").is_file()
+    again = gs.Study(STUDY, [gs.Arm("largest", Largest(), "The largest tenth grows.")])
+    again.work(tmp_path / "b", jobs=2, shard=(1, 2))
+    reported = again.report(tmp_path / "b")
+    # What depends on the clock may differ.
+    assert [line for line in reported if "equal time" not in line] == [
+        line for line in headlines if "equal time" not in line
+    ]
+    for table in ["runs.csv", "quality.csv", "differences.csv", "results.json"]:
+        first, second = (tmp_path / folder / table for folder in "ab")
+        assert first.read_bytes() == second.read_bytes(), table
+    with pytest.raises((ValueError, OSError)):
+        study.run(tmp_path / "a")
+    assert study.run(tmp_path / "a", resume=True) == headlines
+
+
+def test_fingerprints_follow_source_and_attributes() -> None:
+    assert "np.argsort" in gs.Arm("a", Largest()).fingerprint
+    with pytest.raises(ValueError, match="function"):
+        _ = gs.Arm("a", Policy(lambda o: gs.Plan())).fingerprint
+    first, second = Largest(), Largest()
+    second.share = 3  # type: ignore[attr-defined]
+    assert gs.Arm("a", first).fingerprint != gs.Arm("a", second).fingerprint

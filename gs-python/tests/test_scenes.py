@@ -1,0 +1,151 @@
+"""Scenes, arrays and files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import gaussian_splats as gs
+import numpy as np
+import pytest
+
+
+def test_arrays_are_views_that_cannot_be_written(scene_2d: gs.Scene2d) -> None:
+    first, second = scene_2d.means, scene_2d.means
+    assert first.ctypes.data == second.ctypes.data
+    assert not first.flags.owndata
+    with pytest.raises(ValueError):
+        first[0, 0] = 1.0
+    with pytest.raises(ValueError):
+        first.flags.writeable = True
+
+
+def test_views_outlive_their_scene() -> None:
+    means = np.array([[1.0, 2.0]], dtype=np.float32)
+    one = np.zeros((1, 2), dtype=np.float32)
+    scene = gs.Scene2d(means, one, np.zeros(1, np.float32), np.ones((1, 3), np.float32))
+    view = scene.means
+    del scene
+    means[:] = 7.0
+    assert view.tolist() == [[1.0, 2.0]]
+
+
+def test_shapes(scene_3d: gs.Scene3d) -> None:
+    assert scene_3d.means.shape == (10, 3)
+    assert scene_3d.rotations.shape == (10, 4)
+    assert scene_3d.sh.shape == (10, 4, 3)
+    assert (len(scene_3d), scene_3d.sh_degree) == (10, 1)
+
+
+def arrays_2d() -> dict[str, np.ndarray]:
+    return {
+        "means": np.ones((3, 2), np.float32),
+        "log_scales": np.ones((3, 2), np.float32),
+        "rotations": np.ones(3, np.float32),
+        "colors": np.ones((3, 3), np.float32),
+    }
+
+
+@pytest.mark.parametrize(
+    ("argument", "wrong", "error", "says"),
+    [
+        ("means", np.ones((3, 2)), TypeError, "float64"),
+        ("means", [[1.0, 2.0]], TypeError, "list"),
+        ("means", np.ones((3, 3), np.float32), ValueError, "(N, 2)"),
+        ("log_scales", np.ones((4, 2), np.float32), ValueError, "(3, 2)"),
+        ("rotations", np.ones((3, 1), np.float32), ValueError, "(3,)"),
+        ("colors", np.ones((3, 6), np.float32)[:, ::2], ValueError, "ascontiguousarray"),
+        ("colors", np.full((3, 3), np.nan, np.float32), ValueError, "colors[0, 0] is NaN"),
+    ],
+)
+def test_wrong_arrays(argument: str, wrong: object, error: type[Exception], says: str) -> None:
+    arrays: dict[str, object] = {**arrays_2d(), argument: wrong}
+    with pytest.raises(error) as raised:
+        gs.Scene2d(**arrays)  # type: ignore[arg-type]
+    assert argument in str(raised.value)
+    assert says in str(raised.value)
+
+
+def test_a_wrong_number_of_coefficients() -> None:
+    ones = np.ones((2, 3), np.float32)
+    with pytest.raises(ValueError, match="sh: expected 1, 4, 9 or 16 coefficients, not 5"):
+        gs.Scene3d(
+            ones,
+            ones,
+            np.ones((2, 4), np.float32),
+            np.ones(2, np.float32),
+            np.ones((2, 5, 3), np.float32),
+        )
+
+
+def test_2d_files(scene_2d: gs.Scene2d, tmp_path: Path) -> None:
+    file = tmp_path / "scene.gs2d.safetensors"
+    with pytest.raises(ValueError, match="size"):
+        scene_2d.save(file)
+    scene_2d.save(file, size=(32, 32))
+    loaded = gs.load(file)
+    assert isinstance(loaded, gs.Scene2d)
+    assert loaded.size == (32, 32)
+    assert np.array_equal(loaded.means, scene_2d.means)
+    assert np.array_equal(gs.render(loaded), gs.render(scene_2d, size=(32, 32)))
+
+
+@pytest.mark.parametrize("name", ["scene.ply", "scene.spz", "scene.glb", "scene.splat"])
+def test_3d_files(scene_3d: gs.Scene3d, tmp_path: Path, name: str) -> None:
+    file = tmp_path / name
+    scene_3d.save(file)
+    loaded = gs.load(file)
+    assert isinstance(loaded, gs.Scene3d)
+    assert len(loaded) == len(scene_3d)
+
+
+def test_files_that_are_not_there_or_not_scenes(tmp_path: Path) -> None:
+    with pytest.raises(OSError, match="nothing.ply"):
+        gs.load(tmp_path / "nothing.ply")
+    broken = tmp_path / "broken.ply"
+    broken.write_bytes(b"ply\nformat binary_little_endian 1.0\nelement vertex 1000000000\n")
+    with pytest.raises(OSError, match="broken.ply"):
+        gs.load(broken)
+    with pytest.raises(OSError):
+        gs.read_image(broken)
+
+
+def test_images(tmp_path: Path, image: np.ndarray) -> None:
+    file = tmp_path / "image.png"
+    gs.write_png(file, image)
+    read = gs.read_image(file)
+    assert np.abs(read - image).max() < 1 / 255
+    as_bytes = (read * 255).round().astype(np.uint8)
+    gs.write_png(file, as_bytes)
+    assert np.array_equal(gs.read_image(file), read)
+    assert gs.compare(read, read)["psnr"] == float("inf")
+    with pytest.raises(ValueError, match=r"image: expected shape \(H, W, 3\)"):
+        gs.compare(np.zeros((4, 4), np.float32), read)
+
+
+def test_a_2d_scene_has_no_camera_and_a_3d_scene_needs_one(
+    scene_2d: gs.Scene2d, scene_3d: gs.Scene3d, camera: gs.Camera
+) -> None:
+    with pytest.raises(ValueError, match="camera"):
+        gs.render(scene_3d)
+    with pytest.raises(ValueError, match="camera"):
+        gs.render(scene_2d, camera, size=(8, 8))
+    with pytest.raises(TypeError, match="scene: expected Scene2d or Scene3d, not int"):
+        gs.render(3)  # type: ignore[arg-type]
+    assert gs.render(scene_3d, camera).shape == (24, 32, 3)
+    assert gs.render(scene_3d, camera, size=(64, 48)).shape == (48, 64, 3)
+
+
+def test_cameras() -> None:
+    camera = gs.Camera(32, 24, fx=30.0).looking_at([0, 0, -5], [0, 0, 0])
+    assert np.allclose(camera.position, [0, 0, -5], atol=1e-6)
+    with pytest.raises(ValueError, match="target"):
+        camera.looking_at([1, 1, 1], [1, 1, 1])
+    with pytest.raises(ValueError):
+        gs.Camera(0, 24, fx=30.0)
+
+
+def test_settings_refuse_unknown_keys(scene_2d: gs.Scene2d) -> None:
+    with pytest.raises(ValueError, match=r"settings\.efects: .*effects"):
+        gs.render(scene_2d, size=(8, 8), settings={"efects": {}})
+    with pytest.raises(ValueError):
+        gs.render(scene_2d, size=(8, 8), settings={"background": float("nan")})
