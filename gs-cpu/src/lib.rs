@@ -30,6 +30,7 @@ mod loss;
 mod pointwise;
 mod profile;
 mod rasterizer;
+mod rows;
 mod scene2d;
 mod scene3d;
 mod scratches;

@@ -8,7 +8,10 @@ use gs_core::MomentFormat;
 use rayon::prelude::*;
 
 use super::splats::pitch_of;
-use crate::lanes::{LANES, Whole};
+use crate::{
+    lanes::{LANES, Whole},
+    rows::Moves,
+};
 
 /// First and second moments.
 #[derive(Debug)]
@@ -102,13 +105,11 @@ impl Moments {
     }
 
     /// Rebuilds the moments after an edit: each Gaussian's are those of its heir, or 0.
-    pub(crate) fn gather(&mut self, heirs: &[Option<u32>], pitch: usize) {
-        for moments in &mut self.first_vector {
-            *moments = gathered(moments, heirs, LANES);
-        }
+    pub(crate) fn rearrange(&mut self, heirs: &Moves, pitch: usize) {
+        self.first_vector.iter_mut().for_each(|moments| heirs.apply(moments, LANES));
         match &mut self.rest {
-            Rest::F32(both) => both.iter_mut().for_each(|moments| *moments = gathered(moments, heirs, pitch - LANES)),
-            Rest::Bf16(both) => *both = gathered(both, heirs, pitch - LANES),
+            Rest::F32(both) => both.iter_mut().for_each(|moments| heirs.apply(moments, pitch - LANES)),
+            Rest::Bf16(both) => heirs.apply(both, pitch - LANES),
         }
     }
 
@@ -148,21 +149,10 @@ impl Moments {
     }
 }
 
-/// Rows of `width` numbers, each that of its heir, or 0.
-fn gathered<T: Copy + Default>(before: &[T], heirs: &[Option<u32>], width: usize) -> Vec<T> {
-    let mut after = vec![T::default(); heirs.len() * width];
-    if width > 0 {
-        for (row, heir) in after.chunks_exact_mut(width).zip(heirs) {
-            if let Some(i) = heir {
-                row.copy_from_slice(&before[*i as usize * width..][..width]);
-            }
-        }
-    }
-    after
-}
-
 #[cfg(test)]
 mod tests {
+    use gs_core::edit::Source;
+
     use super::*;
     use crate::{
         lanes::{load, splat},
@@ -212,7 +202,9 @@ mod tests {
             assert_eq!(moments.cut(0, &places, pitch), numbers, "{format:?}");
         }
         moments.convert(MomentFormat::Bf16);
-        moments.gather(&[Some(2), None], pitch);
+        let sources = [Source::Kept(2), Source::Added(0)];
+        let origin = |source: &Source| matches!(source, Source::Kept(_)).then_some(2);
+        moments.rearrange(&Moves::new(&sources, origin), pitch);
         let width = LANES + 5;
         assert_eq!(moments.cut(0, &places, pitch)[..width], numbers[2 * width..]);
         assert!(moments.cut(0, &places, pitch)[width..].iter().all(|&m| m == 0.0));

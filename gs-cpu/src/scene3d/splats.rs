@@ -22,7 +22,7 @@ use gs_core::{
 use rayon::prelude::*;
 
 use super::moments::Moments;
-use crate::{kind::Shared, lanes::LANES};
+use crate::{kind::Shared, lanes::LANES, rows::Moves};
 
 /// The mean's place in a row.
 pub(crate) const MEAN: Range<usize> = 0..3;
@@ -232,28 +232,40 @@ impl Splats3d {
         }
     }
 
+    /// The factors of the heirs' parents, by the index of the heir after an edit, of Gaussians that
+    /// the plan changes or adds.
+    fn parents(&self, plan: &EditPlan<Gaussian3d>, sources: &[Source]) -> Vec<(usize, Mat3)> {
+        if self.parameterization == Parameterization::ScaleRotation {
+            return Vec::new();
+        }
+        let fresh = sources.iter().enumerate().filter(|(_, source)| !matches!(source, Source::Kept(_)));
+        let heirs = fresh.filter_map(|(j, source)| Some((j, plan.origin(source, edit::Moments::heir_of)?)));
+        heirs.map(|(j, parent)| (j, factor(&self.parameters[parent as usize * self.pitch()..]))).collect()
+    }
+
     pub(crate) fn edit(&mut self, plan: &EditPlan<Gaussian3d>) -> Result<(), Error> {
         let sources = plan.sources(self.len())?;
         let pitch = self.pitch();
-        let mut parameters = vec![0.0; sources.len() * pitch];
+        let parents = self.parents(plan, &sources);
+        let kept = |source: &Source| match *source {
+            Source::Kept(i) => Some(i),
+            Source::Changed { .. } | Source::Added(_) => None,
+        };
+        Moves::new(&sources, kept).apply(&mut self.parameters, pitch);
+        let mut parameters = std::mem::take(&mut self.parameters);
         for (row, source) in parameters.chunks_exact_mut(pitch).zip(&sources) {
             match *source {
-                Source::Kept(i) => row.copy_from_slice(&self.parameters[i as usize * pitch..][..pitch]),
+                Source::Kept(_) => {}
                 Source::Changed { change, .. } => self.write(&plan.changed[change as usize].gaussian, row),
                 Source::Added(k) => self.write(&plan.added[k as usize].gaussian, row),
             }
-            let heir_of = plan.origin(source, edit::Moments::heir_of).filter(|_| !matches!(source, Source::Kept(_)));
-            if let (Parameterization::CovarianceFactor, Some(i)) = (self.parameterization, heir_of) {
-                let parent = factor(&self.parameters[i as usize * pitch..]);
-                let aligned = covariance_factor::aligned(factor(row), parent);
-                row[FACTOR].copy_from_slice(&aligned.to_cols_array());
-            }
+        }
+        for (j, parent) in parents {
+            let row = &mut parameters[j * pitch..][FACTOR];
+            row.copy_from_slice(&covariance_factor::aligned(Mat3::from_cols_slice(row), parent).to_cols_array());
         }
         self.parameters = parameters;
-        // The Gaussian from which each inherits its moments.
-        let indices: Vec<Option<u32>> = (0..self.len() as u32).map(Some).collect();
-        let heirs = plan.gather_moments(&sources, &indices);
-        self.moments.gather(&heirs, pitch);
+        self.moments.rearrange(&Moves::new(&sources, |source| plan.origin(source, edit::Moments::heir_of)), pitch);
         self.steps = plan.gather_steps(&sources, &self.steps);
         let statistics = &self.shared.statistics;
         self.shared.edited(DensityStatistics {
