@@ -2,7 +2,8 @@
 
 use gs_core::{
     AdamRates, Added, Backend, Culled, DensityStatistics, EditPlan, Error, Image, Loss, MeanNoise, Optimizer,
-    Parameterization, Rasterizer, RenderSettings, Scene, Scene2d, Scene3d, SplatsState, TargetImage, TrainStep, Wait,
+    Parameterization, Rasterizer, RenderSettings, SavedState, Scene, Scene2d, Scene3d, SplatsState, TargetImage,
+    TrainStep, Wait,
     profile::{Profile, Profiler},
 };
 
@@ -344,6 +345,10 @@ macro_rules! for_scene {
 
             async fn save(&self, splats: &Self::Splats) -> Result<SplatsState, Error> {
                 on!(self as on, splats => Optimizer::<$scene>::save(on, splats).await, else Err(mismatch()))
+            }
+
+            async fn saved<'s>(&self, splats: &'s Self::Splats) -> Result<SavedState<'s>, Error> {
+                on!(self as on, splats => Optimizer::<$scene>::saved(on, splats).await, else Err(mismatch()))
             }
 
             fn restore(&self, state: &SplatsState) -> Result<Self::Splats, Error> {

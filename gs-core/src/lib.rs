@@ -43,7 +43,7 @@ pub use crate::{
     rasterizer::{Added, Backend, Binning, Optimizer, Rasterizer, TrainStep, Wait},
     scene::{Gaussian2d, Gaussian3d, NotFinite3d, Scene, Scene2d, Scene3d, ValueQuantiles, logit, sigmoid},
     settings::{Accuracy, Cut, Extent, Output, RenderSettings},
-    state::{SplatsState, Tensor, TensorData},
+    state::{SavedState, SavedTensor, SplatsState, Tensor, TensorData, TensorType},
     statistics::{CullCause, Culled, DensityStatistics},
     target::TargetImage,
     view::{Camera, Canvas},

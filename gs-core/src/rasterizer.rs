@@ -24,7 +24,7 @@ use crate::{
     noise::MeanNoise,
     scene::Scene,
     settings::RenderSettings,
-    state::SplatsState,
+    state::{SavedState, SplatsState},
     statistics::{Culled, DensityStatistics},
     target::TargetImage,
 };
@@ -327,6 +327,15 @@ pub trait Optimizer<S: Scene>: Rasterizer<S> {
     /// # Errors
     /// [`Error::Backend`] where the device is lost.
     fn save(&self, splats: &Self::Splats) -> impl Future<Output = Result<SplatsState, Error>>;
+
+    /// [`Self::save`] for writing to a file. A backend whose memory is the host's passes its numbers
+    /// on instead of copying them.
+    ///
+    /// # Errors
+    /// Those of [`Self::save`].
+    fn saved<'s>(&self, splats: &'s Self::Splats) -> impl Future<Output = Result<SavedState<'s>, Error>> {
+        async { Ok(self.save(splats).await?.into()) }
+    }
 
     /// Uploads splats in exactly the saved state.
     ///

@@ -1,10 +1,13 @@
 //! The whole state of splats as named tensors, for checkpoints and for exchange between backends.
 
+mod saved;
 mod scene;
 
 use std::collections::BTreeMap;
 
 use crate::{adam::Parameterization, error::Error};
+
+pub use saved::{SavedState, SavedTensor, TensorType};
 
 /// Values of a tensor, row-major.
 #[derive(Debug, Clone, PartialEq)]

@@ -10,8 +10,8 @@ use std::{
 };
 
 use gs_core::{
-    AdamRates, Binning, DensityStatistics, EditPlan, Error, MeanNoise, Parameterization, RenderSettings, Scene,
-    Scene2d, Scene3d, SplatsState,
+    AdamRates, Binning, DensityStatistics, EditPlan, Error, MeanNoise, Parameterization, RenderSettings, SavedState,
+    Scene, Scene2d, Scene3d, SplatsState,
 };
 
 use crate::{
@@ -82,7 +82,7 @@ pub trait SceneKind: sealed::Sealed + Scene + 'static {
 
     /// The whole state.
     #[doc(hidden)]
-    fn save(splats: &Self::Splats) -> SplatsState;
+    fn saved(splats: &Self::Splats) -> SavedState<'_>;
 
     /// Splats with a saved state.
     #[doc(hidden)]

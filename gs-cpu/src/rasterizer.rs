@@ -5,8 +5,8 @@ use std::{fmt, sync::PoisonError};
 
 use gs_core::{
     AdamRates, Added, Backend, Binning, Culled, DensityStatistics, EditPlan, Error, Image, Loss, MeanNoise, Optimizer,
-    Parameterization, Rasterizer, RenderSettings, Scene2d, Scene3d, SplatsState, TargetImage, TrainStep, Wait, counted,
-    profile::Profiler,
+    Parameterization, Rasterizer, RenderSettings, SavedState, Scene2d, Scene3d, SplatsState, TargetImage, TrainStep,
+    Wait, counted, profile::Profiler,
 };
 
 use crate::{
@@ -361,10 +361,14 @@ impl<S: SceneKind> Optimizer<S> for CpuRasterizer {
         Ok(())
     }
 
-    /// Also frees the buffers of passes; see [`Self::download`].
     async fn save(&self, splats: &S::Splats) -> Result<SplatsState, Error> {
+        Ok(Optimizer::<S>::saved(self, splats).await?.collect())
+    }
+
+    /// Also frees the buffers of passes; see [`Self::download`].
+    async fn saved<'s>(&self, splats: &'s S::Splats) -> Result<SavedState<'s>, Error> {
         S::resources(&self.resources).pool.clear();
-        Ok(S::save(splats))
+        Ok(S::saved(splats))
     }
 
     fn restore(&self, state: &SplatsState) -> Result<S::Splats, Error> {

@@ -42,7 +42,8 @@ gs_core::impl_with!(Mrnf);
 /// Gaussians grow, too; e is the mean absolute difference, scaled to 0..=1 within its view (the
 /// source has a structural error), so the bound of candidates is in another unit; and evidence is
 /// gathered in the round, not in the steps before it. Left out: edge guidance, decay of opacities
-/// and scales after a round, noise on the means, and seeds in the far field.
+/// and scales after a round, and noise on the means. Points in the far field are no part of the
+/// policy: the initialization places them, for every policy.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, rename_all = "kebab-case", deny_unknown_fields)]
 #[non_exhaustive]

@@ -11,7 +11,7 @@ use std::{
     path::Path,
 };
 
-use gs_core::{Parameterization, SplatsState, Tensor, TensorData};
+use gs_core::{Parameterization, SavedState, SavedTensor, SplatsState, Tensor, TensorData, TensorType};
 use safetensors::Dtype;
 use serde::{Deserialize, Serialize};
 
@@ -25,10 +25,13 @@ const KIND: FileKind = FileKind { format: "gs-checkpoint", earlier_format: None,
 const PREFIX: &str = "state.";
 
 /// The state of a training run.
+///
+/// A checkpoint in memory holds a [`SplatsState`]; one that is only written may hold a
+/// [`SavedState`], which takes no memory.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Checkpoint {
+pub struct Checkpoint<S = SplatsState> {
     /// The state of the splats.
-    pub state: SplatsState,
+    pub state: S,
     /// All other state by name, as the trainer writes it: step, settings, random generator.
     pub metadata: BTreeMap<String, String>,
 }
@@ -44,9 +47,12 @@ struct Content {
 /// checkpoints give equal bytes.
 ///
 /// # Errors
-/// [`Error::Content`] where a tensor's shape does not fit its numbers; those of
-/// [`write_durably`](crate::write_durably).
-pub fn write_checkpoint(path: impl AsRef<Path>, checkpoint: &Checkpoint) -> Result<(), Error> {
+/// Those of [`write_durably`](crate::write_durably), also where a tensor's shape does not fit its
+/// numbers.
+pub fn write_checkpoint<'a, S>(path: impl AsRef<Path>, checkpoint: &'a Checkpoint<S>) -> Result<(), Error>
+where
+    &'a S: Into<SavedState<'a>>,
+{
     let encoded = encoded(checkpoint);
     let encoded = encoded.map_err(|source| Error::Content { path: path.as_ref().to_owned(), source })?;
     write_durably(path, |file| encoded.write(file))
@@ -56,25 +62,28 @@ pub fn write_checkpoint(path: impl AsRef<Path>, checkpoint: &Checkpoint) -> Resu
 ///
 /// # Errors
 /// Those of the writer; [`io::ErrorKind::Other`] where a tensor's shape does not fit its numbers.
-pub fn encode_checkpoint(to: &mut dyn Write, checkpoint: &Checkpoint) -> io::Result<()> {
+pub fn encode_checkpoint<'a, S>(to: &mut dyn Write, checkpoint: &'a Checkpoint<S>) -> io::Result<()>
+where
+    &'a S: Into<SavedState<'a>>,
+{
     encoded(checkpoint).map_err(io::Error::other)?.write(to)
 }
 
-fn encoded(checkpoint: &Checkpoint) -> Result<Encoded<'_>, gs_core::Error> {
-    let Checkpoint { state, metadata } = checkpoint;
-    let mut tensors = Vec::new();
-    for (name, Tensor { shape, data }) in &state.tensors {
-        let (len, tensor) = match data {
-            TensorData::F32(values) => (values.len(), TensorWords::f32(shape, values.iter().copied())),
-            TensorData::U32(values) => (values.len(), TensorWords::u32(shape, values.iter().copied())),
+fn encoded<'a, S>(checkpoint: &'a Checkpoint<S>) -> Result<Encoded<'a>, gs_core::Error>
+where
+    &'a S: Into<SavedState<'a>>,
+{
+    let SavedState { parameterization, tensors } = (&checkpoint.state).into();
+    let words = |tensor: SavedTensor<'a>| {
+        let dtype = match tensor.numbers {
+            TensorType::F32 => Dtype::F32,
+            TensorType::U32 => Dtype::U32,
         };
-        if len != shape.iter().product::<usize>() {
-            return Err(gs_core::Error::State(format!("tensor `{name}` has {len} values in a shape of {shape:?}")));
-        }
-        tensors.push((format!("{PREFIX}{name}"), tensor));
-    }
-    let content = Content { parameterization: state.parameterization, metadata: metadata.clone() };
-    Encoded::new(&KIND, &content, tensors)
+        let shape = tensor.shape.clone();
+        (format!("{PREFIX}{}", tensor.name), TensorWords::new(dtype, &shape, move |to| tensor.pass(to)))
+    };
+    let content = Content { parameterization, metadata: checkpoint.metadata.clone() };
+    Encoded::new(&KIND, &content, tensors.into_iter().map(words).collect())
 }
 
 /// Whether a file is a checkpoint. Only its header is read, so the rest may be damaged.

@@ -63,39 +63,44 @@ struct Head<C> {
     content: C,
 }
 
-/// A tensor to be written. Its values are computed while they are written, so that they are in
-/// memory once.
+/// A tensor to be written. Its numbers are made while they are written, so that they are in memory
+/// once.
 pub(crate) struct TensorWords<'a> {
     dtype: Dtype,
     shape: Vec<usize>,
     /// Number of values, of 4 bytes each.
     len: usize,
-    values: Box<dyn Iterator<Item = [u8; 4]> + 'a>,
+    /// Passes the bits of all values, piece by piece.
+    pass: Box<dyn FnOnce(&mut dyn FnMut(&[u32])) + 'a>,
 }
 
 impl<'a> TensorWords<'a> {
     /// The values must be as many as the shape says.
     pub(crate) fn f32(shape: &[usize], values: impl Iterator<Item = f32> + 'a) -> Self {
-        Self::new(Dtype::F32, shape, Box::new(values.map(f32::to_le_bytes)))
+        Self::new(Dtype::F32, shape, |to| values.for_each(|value| to(&[value.to_bits()])))
     }
 
-    /// The values must be as many as the shape says.
-    pub(crate) fn u32(shape: &[usize], values: impl Iterator<Item = u32> + 'a) -> Self {
-        Self::new(Dtype::U32, shape, Box::new(values.map(u32::to_le_bytes)))
-    }
-
-    fn new(dtype: Dtype, shape: &[usize], values: Box<dyn Iterator<Item = [u8; 4]> + 'a>) -> Self {
-        Self { dtype, shape: shape.to_vec(), len: shape.iter().product(), values }
+    /// `pass` must pass as many values as the shape says.
+    pub(crate) fn new(dtype: Dtype, shape: &[usize], pass: impl FnOnce(&mut dyn FnMut(&[u32])) + 'a) -> Self {
+        Self { dtype, shape: shape.to_vec(), len: shape.iter().product(), pass: Box::new(pass) }
     }
 
     fn write(self, file: &mut dyn Write) -> io::Result<()> {
         let mut chunk = Vec::with_capacity(CHUNK_BYTES);
-        for value in self.values {
-            chunk.extend_from_slice(&value);
+        let (mut written, mut values) = (Ok(()), 0);
+        (self.pass)(&mut |bits| {
+            values += bits.len();
+            chunk.extend(bits.iter().flat_map(|bits| bits.to_le_bytes()));
             if chunk.len() >= CHUNK_BYTES {
-                file.write_all(&chunk)?;
+                if written.is_ok() {
+                    written = file.write_all(&chunk);
+                }
                 chunk.clear();
             }
+        });
+        written?;
+        if values != self.len {
+            return Err(io::Error::other(format!("{values} values in a shape of {:?}", self.shape)));
         }
         file.write_all(&chunk)
     }
@@ -157,7 +162,12 @@ impl<'a> Encoded<'a> {
     pub(crate) fn write(self, file: &mut dyn Write) -> io::Result<()> {
         file.write_all(&(self.header.len() as u64).to_le_bytes())?;
         file.write_all(&self.header)?;
-        self.tensors.into_iter().try_for_each(|(_, tensor)| tensor.write(file))
+        self.tensors.into_iter().try_for_each(|(name, tensor)| {
+            tensor.write(file).map_err(|error| match error.kind() {
+                io::ErrorKind::Other => io::Error::other(format!("tensor `{name}` has {error}")),
+                _ => error,
+            })
+        })
     }
 }
 

@@ -321,7 +321,7 @@ fn a_checkpoint_whose_tensor_contradicts_its_shape_is_not_written() {
     checkpoint.state.tensors.get_mut("steps").unwrap().shape = vec![3];
     let folder = tempfile::tempdir().unwrap();
     let error = write_checkpoint(folder.path().join("a"), &checkpoint).unwrap_err();
-    assert!(matches!(error, Error::Content { .. }), "{error}");
+    assert!(error.to_string().contains("tensor `state.steps` has 2 values in a shape of [3]"), "{error}");
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
 }
 

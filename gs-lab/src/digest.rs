@@ -6,7 +6,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use gs_core::{Image, Scene2d, Scene3d, Tensor, TensorData};
+use gs_core::{Image, SavedState, Scene2d, Scene3d, TensorType};
 use gs_io::{
     Checkpoint,
     dataset::{Dataset, View},
@@ -104,36 +104,34 @@ pub fn of_scene(scene: &Scene2d) -> String {
 }
 
 /// The digest of a run's checkpoint: the run's address, all metadata, and the bits of all tensors.
-pub(crate) fn of_checkpoint(address: &str, checkpoint: &Checkpoint) -> String {
-    let Checkpoint { state, metadata } = checkpoint;
+pub(crate) fn of_checkpoint<'a, S>(address: &str, checkpoint: &'a Checkpoint<S>) -> String
+where
+    &'a S: Into<SavedState<'a>>,
+{
+    let metadata = &checkpoint.metadata;
+    let SavedState { parameterization, mut tensors } = (&checkpoint.state).into();
     let mut hash = Sha256::new();
     let mut add = |text: &str| {
         hash.update((text.len() as u64).to_le_bytes());
         hash.update(text);
     };
     add(address);
-    add(&format!("{:?} {}", state.parameterization, metadata.len()));
+    add(&format!("{parameterization:?} {}", metadata.len()));
     metadata.iter().flat_map(|(key, value)| [key, value]).for_each(|text| add(text));
-    for (name, Tensor { shape, data }) in &state.tensors {
-        let kind = match data {
-            TensorData::F32(_) => "f32",
-            TensorData::U32(_) => "u32",
+    tensors.sort_by(|left, right| left.name.cmp(&right.name));
+    for tensor in &tensors {
+        let kind = match tensor.numbers {
+            TensorType::F32 => "f32",
+            TensorType::U32 => "u32",
         };
-        hash.update(of_texts([name, kind, &format!("{shape:?}")]));
-        match data {
-            TensorData::F32(values) => {
-                values.chunks(CHUNK).for_each(|chunk| hash_words(&mut hash, chunk, |v| v.to_le_bytes()))
-            }
-            TensorData::U32(values) => {
-                values.chunks(CHUNK).for_each(|chunk| hash_words(&mut hash, chunk, |v| v.to_le_bytes()))
-            }
-        }
+        hash.update(of_texts([&tensor.name, kind, &format!("{:?}", tensor.shape)]));
+        tensor.pass(&mut |bits| bits.chunks(CHUNK).for_each(|chunk| hash_words(&mut hash, chunk)));
     }
     digits(hash)
 }
 
-fn hash_words<T: Copy>(hash: &mut Sha256, values: &[T], bytes: impl Fn(T) -> [u8; 4]) {
-    let bytes: Vec<[u8; 4]> = values.iter().map(|&value| bytes(value)).collect();
+fn hash_words(hash: &mut Sha256, words: &[u32]) {
+    let bytes: Vec<[u8; 4]> = words.iter().map(|word| word.to_le_bytes()).collect();
     hash.update(bytes.as_flattened());
 }
 

@@ -9,7 +9,7 @@ use std::{
     time::Duration,
 };
 
-use gs_core::Image;
+use gs_core::{Image, SavedState};
 use gs_io::{Checkpoint, FolderClaim, Inputs, decode_checkpoint, encode_checkpoint, png_bytes};
 use serde::Serialize;
 
@@ -350,7 +350,7 @@ impl StudyFolder {
     ///
     /// # Errors
     /// [`Error::Io`] or [`Error::Store`].
-    pub(crate) fn store_checkpoint(&self, run: &Run, checkpoint: &Checkpoint) -> Result<(), Error> {
+    pub(crate) fn store_checkpoint(&self, run: &Run, checkpoint: &Checkpoint<SavedState<'_>>) -> Result<(), Error> {
         let name = run_files::checkpoint(&run.address);
         self.store.write(&name, Keep::AfterPowerCut, &mut |file| encode_checkpoint(file, checkpoint))
     }

@@ -13,6 +13,7 @@ use std::{
     time::{Duration, Instant},
 };
 
+use gs_core::SavedState;
 use gs_io::Checkpoint;
 use gs_train::{Control, Error as TrainError, Observer, Progress};
 
@@ -53,7 +54,7 @@ impl<'a> RunCheckpoints<'a> {
         }
     }
 
-    fn store(&self, checkpoint: &mut Checkpoint) -> Result<(), Error> {
+    fn store(&self, checkpoint: &mut Checkpoint<SavedState<'_>>) -> Result<(), Error> {
         let digest = digest::of_checkpoint(&self.run.address, checkpoint);
         checkpoint.metadata.insert(KEY.to_owned(), digest);
         self.folder.store_checkpoint(self.run, checkpoint)
@@ -112,7 +113,7 @@ impl Observer for Interruptions<'_> {
     }
 
     /// A full disk does not end the run, which has lost nothing yet.
-    fn on_checkpoint(&mut self, checkpoint: &mut Checkpoint) -> Result<(), TrainError> {
+    fn on_checkpoint(&mut self, checkpoint: &mut Checkpoint<SavedState<'_>>) -> Result<(), TrainError> {
         let Some(checkpoints) = &self.checkpoints else { return Ok(()) };
         let started = Instant::now();
         if let Err(error) = checkpoints.store(checkpoint)

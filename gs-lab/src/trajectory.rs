@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 
-use gs_core::edit::EditCounts;
+use gs_core::{SavedState, edit::EditCounts};
 use gs_io::Checkpoint;
 use gs_train::{Control, Error, MetricsLog, MetricsRow, Observer, Progress};
 
@@ -66,7 +66,7 @@ impl Observer for Trajectory {
         self.log.on_losses(first_step, losses);
     }
 
-    fn on_checkpoint(&mut self, checkpoint: &mut Checkpoint) -> Result<(), Error> {
+    fn on_checkpoint(&mut self, checkpoint: &mut Checkpoint<SavedState<'_>>) -> Result<(), Error> {
         let line = |psnrs: &Vec<f64>| psnrs.iter().map(|psnr| format!("{psnr},")).collect::<String>() + "\n";
         checkpoint.metadata.insert(KEY.to_owned(), self.views.iter().map(line).collect());
         self.log.on_checkpoint(checkpoint)
@@ -84,7 +84,7 @@ mod tests {
         let views = vec![vec![100.0 / 3.0, f64::INFINITY], vec![], vec![0.1 + 0.2, 7.0]];
         let mut trajectory = Trajectory { views, ..Trajectory::begun(100) };
         let state = SplatsState::new(Parameterization::CovarianceFactor);
-        let mut checkpoint = Checkpoint { state, metadata: [("step".to_owned(), "7".to_owned())].into() };
+        let mut checkpoint = Checkpoint { state: state.into(), metadata: [("step".to_owned(), "7".to_owned())].into() };
         trajectory.on_checkpoint(&mut checkpoint).unwrap();
         assert_eq!(Trajectory::resumed(100, &checkpoint.metadata).unwrap(), trajectory);
         assert_eq!(trajectory.curve(1), [f64::INFINITY, 7.0]);

@@ -241,7 +241,7 @@ where
         return Ok(());
     }
     if let Some(path) = checkpoint {
-        let checkpoint = block_on(trainer.checkpoint())?;
+        let checkpoint = block_on(trainer.saved())?;
         gs_io::write_checkpoint(path, &checkpoint)?;
     }
     Err(Failure::Stopped)

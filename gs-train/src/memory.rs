@@ -42,8 +42,8 @@ const GAUSSIAN_2D: u64 = 700;
 /// A 3D Gaussian of degree 0, with the usual number of entries.
 const GAUSSIAN_3D: u64 = 750;
 
-/// A further parameter of a 3D Gaussian, with its moments, gradient and copies.
-const PARAMETER_3D: u64 = 24;
+/// A further parameter of a 3D Gaussian, with its moments and the host's copy in a round.
+const PARAMETER_3D: u64 = 16;
 
 /// What a 3D Gaussian's pass for depths takes: its projection, gradient, and usual entries.
 const DEPTH_GAUSSIAN: u64 = 450;

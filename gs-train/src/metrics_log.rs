@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use gs_core::{Culled, edit::EditCounts};
+use gs_core::{Culled, SavedState, edit::EditCounts};
 use gs_io::Checkpoint;
 use serde::{Deserialize, Serialize};
 
@@ -291,7 +291,7 @@ impl Observer for MetricsLog {
         }
     }
 
-    fn on_checkpoint(&mut self, checkpoint: &mut Checkpoint) -> Result<(), Error> {
+    fn on_checkpoint(&mut self, checkpoint: &mut Checkpoint<SavedState<'_>>) -> Result<(), Error> {
         let kept = &self.rows[self.rows.len().saturating_sub(MOST_KEPT_ROWS)..];
         checkpoint.metadata.insert(KEY.to_owned(), csv(kept, Digits::All));
         Ok(())

@@ -1,6 +1,6 @@
 //! Observers: how a caller watches and stops a run.
 
-use gs_core::{Culled, edit::EditCounts};
+use gs_core::{Culled, SavedState, edit::EditCounts};
 use gs_io::Checkpoint;
 
 use crate::{clamped::Clamped, error::Error, recovery::FreshStart};
@@ -128,7 +128,7 @@ pub trait Observer {
     ///
     /// # Errors
     /// Any error of storing it, which ends the run.
-    fn on_checkpoint(&mut self, checkpoint: &mut Checkpoint) -> Result<(), Error> {
+    fn on_checkpoint(&mut self, checkpoint: &mut Checkpoint<SavedState<'_>>) -> Result<(), Error> {
         let _ = checkpoint;
         Ok(())
     }
@@ -161,7 +161,7 @@ impl<O: Observer + ?Sized> Observer for &mut O {
         (**self).wants_checkpoint(progress)
     }
 
-    fn on_checkpoint(&mut self, checkpoint: &mut Checkpoint) -> Result<(), Error> {
+    fn on_checkpoint(&mut self, checkpoint: &mut Checkpoint<SavedState<'_>>) -> Result<(), Error> {
         (**self).on_checkpoint(checkpoint)
     }
 }
@@ -200,7 +200,7 @@ impl<A: Observer, B: Observer> Observer for (A, B) {
         first || second
     }
 
-    fn on_checkpoint(&mut self, checkpoint: &mut Checkpoint) -> Result<(), Error> {
+    fn on_checkpoint(&mut self, checkpoint: &mut Checkpoint<SavedState<'_>>) -> Result<(), Error> {
         self.0.on_checkpoint(checkpoint)?;
         self.1.on_checkpoint(checkpoint)
     }

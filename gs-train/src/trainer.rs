@@ -7,7 +7,7 @@ mod fresh_start;
 
 use std::{fmt, sync::Arc};
 
-use gs_core::{Binning, Effects, Optimizer, Scene2d, Wait, edit::EditCounts, effects::Statistics};
+use gs_core::{Binning, Effects, Optimizer, SavedState, Scene2d, Wait, edit::EditCounts, effects::Statistics};
 use gs_density::{DensityPolicy, Rng};
 use gs_io::Checkpoint;
 use rand::SeedableRng;
@@ -132,7 +132,7 @@ impl<'a, R: Optimizer<S>, S: Trainable> Trainer<'a, R, S> {
             }
             self.report_losses(observer);
             if checkpoint && ends_here {
-                observer.on_checkpoint(&mut self.checkpoint().await?)?;
+                observer.on_checkpoint(&mut self.saved().await?)?;
                 checkpoint = false;
             }
             if stop && ends_here && !self.is_finished() {
@@ -330,6 +330,16 @@ impl<'a, R: Optimizer<S>, S: Trainable> Trainer<'a, R, S> {
     /// [`Error::Diverged`], [`Error::Checkpoint`] for settings that cannot be stored, and those of
     /// the backend.
     pub async fn checkpoint(&mut self) -> Result<Checkpoint, Error> {
+        let Checkpoint { state, metadata } = self.saved().await?;
+        Ok(Checkpoint { state: state.collect(), metadata })
+    }
+
+    /// [`Self::checkpoint`] for writing to a file: on backends whose memory is the host's, its state
+    /// takes no memory.
+    ///
+    /// # Errors
+    /// Those of [`Self::checkpoint`].
+    pub async fn saved(&mut self) -> Result<Checkpoint<SavedState<'_>>, Error> {
         if !self.can_checkpoint() {
             let Record { settings, step, .. } = &self.record;
             let next = (step + 1..).find(|&next| settings.bins_afresh_after(next)).unwrap_or(settings.iterations());
@@ -338,7 +348,7 @@ impl<'a, R: Optimizer<S>, S: Trainable> Trainer<'a, R, S> {
         self.settle().await?;
         let mut metadata = self.record.to_metadata()?;
         metadata.extend(self.task.state()?.into_iter().map(|(key, text)| (key.to_owned(), text)));
-        Ok(Checkpoint { state: self.rasterizer.save(&self.splats).await?, metadata })
+        Ok(Checkpoint { state: self.rasterizer.saved(&self.splats).await?, metadata })
     }
 
     /// Steps done.

@@ -7,6 +7,7 @@ use std::{
     time::{Duration, Instant},
 };
 
+use gs_core::SavedState;
 use gs_io::{Checkpoint, FolderClaim, Inputs, prepare_folder, read_checkpoint, write_checkpoint};
 use gs_train::{Error, Observer, Outcome, Progress};
 
@@ -119,7 +120,7 @@ impl Checkpoints {
     }
 
     /// Stores a checkpoint. If that fails, [`Self::failure`] says why until another one is stored.
-    pub(crate) fn store(&mut self, checkpoint: &Checkpoint) {
+    pub(crate) fn store(&mut self, checkpoint: &Checkpoint<SavedState<'_>>) {
         self.failure = write_checkpoint(&self.file, checkpoint).err().map(Failure::from);
         self.stored |= self.failure.is_none();
     }
@@ -201,7 +202,7 @@ impl Observer for StoreCheckpoints<'_> {
 
     /// A full disk does not end the run: the next checkpoint may find room, and the failure is
     /// repeated at the end.
-    fn on_checkpoint(&mut self, checkpoint: &mut Checkpoint) -> Result<(), Error> {
+    fn on_checkpoint(&mut self, checkpoint: &mut Checkpoint<SavedState<'_>>) -> Result<(), Error> {
         let known = self.checkpoints.failure.take();
         self.checkpoints.store(checkpoint);
         self.last = Instant::now();

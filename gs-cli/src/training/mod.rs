@@ -87,7 +87,7 @@ where
     let outcome = outcome?;
     if outcome == Outcome::Stopped {
         // The results are written even if this checkpoint fails.
-        let taken = trainer.checkpoint().block_on().and_then(|mut checkpoint| {
+        let taken = trainer.saved().block_on().and_then(|mut checkpoint| {
             log.on_checkpoint(&mut checkpoint)?;
             Ok(checkpoint)
         });

@@ -8,7 +8,7 @@ use std::{
     time::Instant,
 };
 
-use gs_core::edit::EditCounts;
+use gs_core::{SavedState, edit::EditCounts};
 use gs_io::Checkpoint;
 use gs_lab::figure::curve::CurvePoint;
 use gs_train::{Control, Error, MetricsLog, Observer, Progress};
@@ -88,7 +88,7 @@ impl Observer for LogFile<'_> {
         self.catch_up();
     }
 
-    fn on_checkpoint(&mut self, checkpoint: &mut Checkpoint) -> Result<(), Error> {
+    fn on_checkpoint(&mut self, checkpoint: &mut Checkpoint<SavedState<'_>>) -> Result<(), Error> {
         self.log.on_checkpoint(checkpoint)
     }
 }

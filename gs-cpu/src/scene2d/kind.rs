@@ -2,7 +2,7 @@
 
 use gs_core::{
     AdamRates, Binning, Blend, Canvas, EditPlan, Error, Gaussian2d, MeanNoise, Output, Parameterization, Penalty,
-    RenderSettings, Scene2d, SplatsState, effects::Order,
+    RenderSettings, SavedState, Scene2d, SplatsState, effects::Order,
 };
 
 use super::{
@@ -65,8 +65,8 @@ impl SceneKind for Scene2d {
         splats.scene()
     }
 
-    fn save(splats: &Splats2d) -> SplatsState {
-        splats.save()
+    fn saved(splats: &Splats2d) -> SavedState<'_> {
+        splats.saved()
     }
 
     fn restore(state: &SplatsState) -> Result<Splats2d, Error> {

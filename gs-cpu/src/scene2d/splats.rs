@@ -2,7 +2,8 @@
 
 use glam::{Mat2, Vec2, Vec3};
 use gs_core::{
-    DensityStatistics, EditPlan, Error, Gaussian2d, MeanNoise, Parameterization, Scene, Scene2d, SplatsState,
+    DensityStatistics, EditPlan, Error, Gaussian2d, MeanNoise, Parameterization, SavedState, Scene, Scene2d,
+    SplatsState,
     edit::{Moments, Source},
     logit,
     math::whitened::aligned,
@@ -154,7 +155,7 @@ impl Splats2d {
         self.means = means;
     }
 
-    pub(crate) fn save(&self) -> SplatsState {
+    pub(crate) fn saved(&self) -> SavedState<'static> {
         let mut state = SplatsState::new(self.parameterization());
         state.insert("mean", self.means.iter().map(|m| m.to_array()));
         match &self.shapes {
@@ -177,7 +178,7 @@ impl Splats2d {
         state.insert_u32("steps", self.steps.clone());
         state.insert("gradient_sum", self.shared.statistics.signal_sum.iter().map(|&g| [g]));
         state.insert_u32("visible", self.shared.statistics.visible.clone());
-        state
+        state.into()
     }
 
     pub(crate) fn restore(state: &SplatsState) -> Result<Self, Error> {

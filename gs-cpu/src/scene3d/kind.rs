@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 use gs_core::{
     AdamRates, Binning, Blend, Camera, EditPlan, Error, Gaussian3d, MeanNoise, Output, Parameterization,
-    RenderSettings, Scene3d, SplatsState,
+    RenderSettings, SavedState, Scene3d, SplatsState,
     effects::Order,
     math::perspective::{Ellipsoid, Perspective},
 };
@@ -57,8 +57,8 @@ impl SceneKind for Scene3d {
         splats.scene()
     }
 
-    fn save(splats: &Splats3d) -> SplatsState {
-        splats.save()
+    fn saved(splats: &Splats3d) -> SavedState<'_> {
+        splats.saved()
     }
 
     fn restore(state: &SplatsState) -> Result<Splats3d, Error> {

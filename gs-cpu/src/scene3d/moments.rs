@@ -120,8 +120,9 @@ impl Moments {
         }
     }
 
-    /// The first (0) or second (1) moments of the places of each row, in `f32`.
-    pub(crate) fn cut(&self, which: usize, places: &[Range<usize>], pitch: usize) -> Vec<f32> {
+    /// Passes the bits of the first (0) or second (1) moments, in `f32`, of the places of each row,
+    /// row by row.
+    pub(crate) fn pass(&self, which: usize, places: &[Range<usize>], pitch: usize, to: &mut dyn FnMut(&[u32])) {
         let of_rest = |at: usize| match &self.rest {
             Rest::F32(both) => both[which][at],
             Rest::Bf16(both) => unpacked(both[at])[which],
@@ -130,11 +131,15 @@ impl Moments {
             None => self.first_vector[which][i * LANES + at],
             Some(at) => of_rest(i * (pitch - LANES) + at),
         };
-        let n = self.first_vector[which].len() / LANES;
-        (0..n).flat_map(|i| places.iter().cloned().flatten().map(move |at| of_row(i, at))).collect()
+        let mut row = Vec::with_capacity(pitch);
+        for i in 0..self.first_vector[which].len() / LANES {
+            row.clear();
+            row.extend(places.iter().cloned().flatten().map(|at| of_row(i, at).to_bits()));
+            to(&row);
+        }
     }
 
-    /// The inverse of [`Self::cut`], for moments in `f32`.
+    /// The inverse of [`Self::pass`], for moments in `f32`.
     pub(crate) fn paste(&mut self, which: usize, places: &[Range<usize>], pitch: usize, numbers: &[f32]) {
         let Rest::F32(rest) = &mut self.rest else { return };
         let width: usize = places.iter().map(ExactSizeIterator::len).sum();
@@ -190,6 +195,13 @@ mod tests {
         [first, second * splat::<S, Whole<S>>(simd, 0.999)]
     }
 
+    /// All that [`Moments::pass`] passes of the first moments.
+    fn firsts(moments: &Moments, places: &[Range<usize>], pitch: usize) -> Vec<f32> {
+        let mut all = Vec::new();
+        moments.pass(0, places, pitch, &mut |bits| all.extend(bits.iter().map(|&bits| f32::from_bits(bits))));
+        all
+    }
+
     #[test]
     fn formats_come_back() {
         let mut moments = Moments::zeros(3, 1);
@@ -199,15 +211,15 @@ mod tests {
         moments.paste(0, &places, pitch, &numbers);
         for format in [MomentFormat::Bf16, MomentFormat::Bf16, MomentFormat::F32] {
             moments.convert(format);
-            assert_eq!(moments.cut(0, &places, pitch), numbers, "{format:?}");
+            assert_eq!(firsts(&moments, &places, pitch), numbers, "{format:?}");
         }
         moments.convert(MomentFormat::Bf16);
         let sources = [Source::Kept(2), Source::Added(0)];
         let origin = |source: &Source| matches!(source, Source::Kept(_)).then_some(2);
         moments.rearrange(&Moves::new(&sources, origin), pitch);
         let width = LANES + 5;
-        assert_eq!(moments.cut(0, &places, pitch)[..width], numbers[2 * width..]);
-        assert!(moments.cut(0, &places, pitch)[width..].iter().all(|&m| m == 0.0));
+        assert_eq!(firsts(&moments, &places, pitch)[..width], numbers[2 * width..]);
+        assert!(firsts(&moments, &places, pitch)[width..].iter().all(|&m| m == 0.0));
     }
 
     #[test]

@@ -9,7 +9,8 @@ use std::ops::Range;
 
 use glam::{Mat3, Vec3};
 use gs_core::{
-    DensityStatistics, EditPlan, Error, Gaussian3d, MeanNoise, Parameterization, Scene, Scene3d, SplatsState,
+    DensityStatistics, EditPlan, Error, Gaussian3d, MeanNoise, Parameterization, SavedState, SavedTensor, Scene,
+    Scene3d, SplatsState, TensorType,
     edit::{self, Source},
     logit,
     math::{
@@ -283,20 +284,27 @@ impl Splats3d {
         Ok(())
     }
 
-    pub(crate) fn save(&self) -> SplatsState {
-        let mut state = SplatsState::new(self.parameterization);
+    pub(crate) fn saved(&self) -> SavedState<'_> {
+        let (n, pitch) = (self.len(), self.pitch());
+        let mut saved: Vec<SavedTensor<'_>> = Vec::new();
         for (name, range) in tensors(self.parameterization, self.sh_degree) {
-            let rows = self.parameters.chunks_exact(self.pitch());
-            state.insert_matrix(name, range.len(), rows.flat_map(|row| &row[range.clone()]).copied().collect());
+            saved.push(SavedTensor::new(name, vec![n, range.len()], TensorType::F32, move |to| {
+                let rows = self.parameters.chunks_exact(pitch);
+                rows.for_each(|row| to(bytemuck::cast_slice(&row[range.clone()])));
+            }));
         }
-        let places = moment_places(self.parameterization, self.sh_degree);
         for (which, name) in MOMENTS.into_iter().enumerate() {
-            state.insert_matrix(name, width(&places), self.moments.cut(which, &places, self.pitch()));
+            let places = moment_places(self.parameterization, self.sh_degree);
+            saved.push(SavedTensor::new(name, vec![n, width(&places)], TensorType::F32, move |to| {
+                self.moments.pass(which, &places, pitch, to);
+            }));
         }
-        state.insert_u32("steps", self.steps.clone());
-        state.insert("gradient_sum", self.shared.statistics.signal_sum.iter().map(|&g| [g]));
-        state.insert_u32("visible", self.shared.statistics.visible.clone());
-        state
+        let DensityStatistics { signal_sum, visible } = &self.shared.statistics;
+        saved.push(SavedTensor::new("steps", vec![n], TensorType::U32, |to| to(&self.steps)));
+        saved.push(SavedTensor::new("visible", vec![n], TensorType::U32, |to| to(visible)));
+        let sums = |to: &mut dyn FnMut(&[u32])| to(bytemuck::cast_slice(signal_sum));
+        saved.push(SavedTensor::new("gradient_sum", vec![n, 1], TensorType::F32, sums));
+        SavedState { parameterization: self.parameterization, tensors: saved }
     }
 
     pub(crate) fn restore(state: &SplatsState) -> Result<Self, Error> {

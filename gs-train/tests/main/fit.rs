@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use crate::fixture_2d::{rasterizer, small_fit, small_target};
 use glam::{Vec2, Vec3};
-use gs_core::{Blend, Gaussian2d, Image, Loss, Rasterizer, RenderSettings, Scene, Scene2d, logit};
+use gs_core::{Blend, Gaussian2d, Image, Loss, Rasterizer, RenderSettings, SavedState, Scene, Scene2d, logit};
 use gs_density::{Grow, Mcmc, Noise, Policy, Signal};
 use gs_train::{
     ColorSolve, Control, Error, Fit, FitSettings, FitSummary, ImageQuality, Init, InitialCount, MetricsLog, Observer,
@@ -280,7 +280,7 @@ fn an_observer_stops_a_run_and_sees_the_checkpoints_it_wants() {
         fn wants_checkpoint(&mut self, progress: &Progress) -> bool {
             progress.step == 5
         }
-        fn on_checkpoint(&mut self, checkpoint: &mut gs_io::Checkpoint) -> Result<(), Error> {
+        fn on_checkpoint(&mut self, checkpoint: &mut gs_io::Checkpoint<SavedState<'_>>) -> Result<(), Error> {
             self.checkpoints.push(checkpoint.metadata["step"].clone());
             Ok(())
         }

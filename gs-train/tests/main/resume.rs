@@ -4,6 +4,7 @@ use crate::fixture_2d::{rasterizer, small_fit, small_target};
 use gs_conformance::bits::bits;
 use gs_core::{Blend, Image, Parameterization, SplatsState};
 use gs_density::Policy;
+use gs_io::Checkpoint;
 use gs_train::{Control, Error, FitSettings, MetricsLog, Observer, Outcome, Progress, Rounds, Trainer};
 use pollster::FutureExt as _;
 
@@ -124,8 +125,9 @@ fn the_log_of_a_resumed_fit_begins_with_the_rows_of_its_checkpoint() {
     let mut trainer = Trainer::new(&rasterizer, &target, settings).block_on().unwrap();
     assert_eq!(trainer.run(&mut (&mut log, StopAt(vec![15]))).block_on().unwrap(), Outcome::Stopped);
     let unwatched = trainer.checkpoint().block_on().unwrap();
-    let mut checkpoint = unwatched.clone();
-    log.on_checkpoint(&mut checkpoint).unwrap();
+    let mut saved = trainer.saved().block_on().unwrap();
+    log.on_checkpoint(&mut saved).unwrap();
+    let checkpoint = Checkpoint { state: saved.state.collect(), metadata: saved.metadata };
 
     let mut resumed = MetricsLog::new(7).resumed(&checkpoint.metadata).unwrap();
     assert_eq!(table(&resumed), table(&log));

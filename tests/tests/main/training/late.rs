@@ -4,8 +4,8 @@
 use super::fixture_2d::{rasterizer, small_fit, small_target};
 use gs_core::{
     AdamRates, Added, Backend, Blend, Canvas, Culled, DensityStatistics, EditPlan, Error as CoreError, Gaussian2d,
-    Image, Loss, MeanNoise, Optimizer, Parameterization, Rasterizer, RenderSettings, Scene2d, SplatsState, TargetImage,
-    TrainStep, Wait,
+    Image, Loss, MeanNoise, Optimizer, Parameterization, Rasterizer, RenderSettings, SavedState, Scene2d, SplatsState,
+    TargetImage, TrainStep, Wait,
 };
 use gs_cpu::{CpuRasterizer, Splats2d};
 use gs_train::{Control, Error, FitSettings, MetricsLog, Observer, Outcome, Progress, Rounds, Trainer};
@@ -203,7 +203,7 @@ impl Observer for Witness {
         matches!(progress.step, 5 | 10 | 33)
     }
 
-    fn on_checkpoint(&mut self, checkpoint: &mut gs_io::Checkpoint) -> Result<(), Error> {
+    fn on_checkpoint(&mut self, checkpoint: &mut gs_io::Checkpoint<SavedState<'_>>) -> Result<(), Error> {
         let step = &checkpoint.metadata["step"];
         assert_eq!(self.losses.len().to_string(), *step, "all losses are known when a checkpoint is made");
         let last_row = checkpoint.metadata["metrics"].lines().last().unwrap().split(',').next().unwrap().to_owned();

@@ -5,7 +5,7 @@ use pollster::FutureExt as _;
 use std::{fs, path::PathBuf};
 
 use super::fixture_2d::{rasterizer, small_fit, small_target};
-use gs_core::Blend;
+use gs_core::{Blend, SavedState};
 use gs_io::{Checkpoint, read_checkpoint, write_checkpoint};
 use gs_train::{Control, Error, FitSettings, Observer, Outcome, Progress, Trainer};
 use gs_wgpu::{WgpuRasterizer, WgpuSettings};
@@ -31,7 +31,7 @@ impl Observer for LoseAfter<'_> {
         progress.step.is_multiple_of(8)
     }
 
-    fn on_checkpoint(&mut self, checkpoint: &mut Checkpoint) -> Result<(), Error> {
+    fn on_checkpoint(&mut self, checkpoint: &mut Checkpoint<SavedState<'_>>) -> Result<(), Error> {
         write_checkpoint(&self.file, checkpoint)?;
         self.stored = fs::read(&self.file).unwrap();
         Ok(())
