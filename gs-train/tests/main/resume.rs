@@ -127,7 +127,7 @@ fn the_log_of_a_resumed_fit_begins_with_the_rows_of_its_checkpoint() {
     let unwatched = trainer.checkpoint().block_on().unwrap();
     let mut saved = trainer.saved().block_on().unwrap();
     log.on_checkpoint(&mut saved).unwrap();
-    let checkpoint = Checkpoint { state: saved.state.collect(), metadata: saved.metadata };
+    let mut checkpoint = Checkpoint { state: saved.state.collect(), metadata: saved.metadata };
 
     let mut resumed = MetricsLog::new(7).resumed(&checkpoint.metadata).unwrap();
     assert_eq!(table(&resumed), table(&log));
