@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import inspect
 import os
-import textwrap
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Callable
+
+import numpy as np
 
 from . import _native
 from ._types import Path, Policy
@@ -32,28 +33,62 @@ class Arm:
 
         It is part of each run's address, so that results of another version of the policy are
         never taken for those of this one. Functions that the policy calls are not part of it.
+
+        :raises ValueError: where two versions of the policy could not be told apart.
         """
         if isinstance(self.policy, str):
             return self.policy
-        cls = type(self.policy)
         try:
-            source = textwrap.dedent(inspect.getsource(cls))
+            sources = [_source(cls) for cls in type(self.policy).__mro__ if cls is not object]
         except (OSError, TypeError) as error:
             message = (
-                f"policy of arm {self.name!r}: the source of {cls.__qualname__} is not known, so "
-                "that results of two versions could not be told apart; define the class in a file"
+                f"policy of arm {self.name!r}: the source of {type(self.policy).__qualname__} is "
+                "not known, so that results of two versions could not be told apart; define the "
+                "class in a file or in a notebook"
             )
             raise ValueError(message) from error
-        attributes = sorted(vars(self.policy).items())
-        for name, value in attributes:
-            if " at 0x" in repr(value):
+        attributes = {
+            name: _written(value)
+            for name, value in sorted(getattr(self.policy, "__dict__", {}).items())
+        }
+        for name, value in attributes.items():
+            if " at 0x" in value:
                 message = (
                     f"policy of arm {self.name!r}: its attribute {name} is a function or another "
                     "object without a value that can be written down, so that results of two "
                     "versions could not be told apart; use numbers, strings, or dataclasses of them"
                 )
                 raise ValueError(message)
-        return f"{cls.__qualname__}\n{source}\n{attributes!r}"
+        return "\n".join([type(self.policy).__qualname__, *sources, repr(attributes)])
+
+
+def _written(value: object) -> str:
+    """A value with all its digits, arrays with all their elements."""
+    with np.printoptions(threshold=sys.maxsize, floatmode="unique"):
+        return repr(value)
+
+
+def _source(cls: type) -> str:
+    """The source of a class.
+
+    In a notebook, Python before 3.13 knows only the sources of its functions. The values of other
+    attributes are then written beside them.
+    """
+    import inspect
+    import textwrap
+
+    try:
+        return textwrap.dedent(inspect.getsource(cls))
+    except (OSError, TypeError):
+        parts = []
+        for name, value in sorted(vars(cls).items()):
+            if inspect.isfunction(value):
+                parts.append(textwrap.dedent(inspect.getsource(value)))
+            elif not name.startswith("__") and " at 0x" not in repr(value):
+                parts.append(f"{name} = {_written(value)}")
+        if not any(inspect.isfunction(value) for value in vars(cls).values()):
+            raise
+        return "\n".join(parts)
 
 
 class Study:
@@ -61,11 +96,20 @@ class Study:
 
     :param definition: a study's file, its text, or the name of one of the built-in studies.
     :param arms: arms beside those of the definition.
-    :param data: the folder with the images or data sets.
+    :param data: the folder with the images or data sets; by default that of the study's file, or
+        the one that the variable ``GS_DATA`` names.
+    :param backend: the name of what computes, "cpu", "wgpu" or "auto", the same for all processes.
+    :raises ValueError: for a definition that is not possible, and for policies in Python whose
+        versions could not be told apart.
     """
 
     def __init__(
-        self, definition: Path, arms: Sequence[Arm] = (), *, data: Path | None = None
+        self,
+        definition: Path,
+        arms: Sequence[Arm] = (),
+        *,
+        data: Path | None = None,
+        backend: str = "cpu",
     ) -> None:
         text, beside = os.fspath(definition), None
         if "\n" not in text and text.endswith(".toml"):
@@ -73,7 +117,8 @@ class Study:
             with open(text, encoding="utf-8") as file:
                 text = file.read()
         own = [(arm.name, arm.fingerprint, arm.policy, arm.about) for arm in arms]
-        self._study = _native.Study(text, own, data, beside)
+        data = os.environ.get("GS_DATA") if data is None else data
+        self._study = _native.Study(text, own, data, beside, backend)
 
     @property
     def runs(self) -> int:
@@ -93,6 +138,8 @@ class Study:
         :param jobs: runs side by side; the threads of the machine are shared among them.
         :param resume: whether the folder may have runs of this study already.
         :param progress: called with the number of runs done by this call, and of all.
+        :raises RuntimeError: if all runs fail; what a policy has raised, where one has.
+        :raises OSError: for images or data sets that are not there.
         """
         return self._study.run(output, jobs=jobs, resume=resume, progress=progress)
 
@@ -112,10 +159,6 @@ class Study:
         :param shard: (index, count): the part to begin with. By default that of the Slurm array
             task, if there is one.
         """
-        if shard is None and "SLURM_ARRAY_TASK_ID" in os.environ:
-            first = int(os.environ.get("SLURM_ARRAY_TASK_MIN", "0"))
-            index = int(os.environ["SLURM_ARRAY_TASK_ID"]) - first
-            shard = (index, int(os.environ["SLURM_ARRAY_TASK_COUNT"]))
         self._study.work(output, jobs=jobs, shard=shard, progress=progress)
 
     def report(self, output: Path) -> list[str]:
