@@ -10,7 +10,7 @@ use pyo3::{
     exceptions::{PyRuntimeError, PyTypeError},
     prelude::*,
 };
-use rayon::{ThreadPool, ThreadPoolBuilder};
+use rayon::ThreadPoolBuilder;
 
 use crate::errors::{self, IntoPython};
 
@@ -18,9 +18,9 @@ use crate::errors::{self, IntoPython};
 #[derive(Debug)]
 pub(crate) struct Opened {
     chosen: Chosen,
-    /// Threads for what is not done by the backend, such as seeding; `None` for those that the whole
-    /// process shares, which do not come along when a process is forked.
-    pool: Option<ThreadPool>,
+    /// Number of threads of its own for what is not done by the backend, such as seeding; `None` for
+    /// those that the whole process shares, which do not come along when a process is forked.
+    own_threads: Option<usize>,
 }
 
 impl Opened {
@@ -36,28 +36,39 @@ impl Opened {
             request.threads = threads;
         });
         let chosen = block_on(gs_backend::open(&request)).map_err(IntoPython::into_python)?;
-        let pool = match is_forked() || threads.is_some() {
-            true => ThreadPoolBuilder::new().num_threads(chosen.threads).build().map(Some),
-            false => Ok(None),
-        };
-        let pool = pool.map_err(|error| PyRuntimeError::new_err(format!("cannot start threads: {error}")))?;
-        Ok(Self { chosen, pool })
+        let own_threads = (is_forked() || threads.is_some()).then_some(chosen.threads);
+        Ok(Self { chosen, own_threads })
     }
 
     pub(crate) fn rasterizer(&self) -> &AnyRasterizer {
         &self.chosen.rasterizer
     }
 
-    /// Does work with the threads of this process.
-    pub(crate) fn within<T: Send>(&self, work: impl FnOnce(&AnyRasterizer) -> T + Send) -> T {
-        match &self.pool {
-            Some(pool) => pool.install(|| work(self.rasterizer())),
-            None => work(self.rasterizer()),
-        }
+    /// Does work that needs threads besides those of the backend.
+    ///
+    /// A pool serves one piece of work: in a pool that several share, a thread that waits for the
+    /// backend could begin another piece, and that would wait for the first one.
+    pub(crate) fn within<T: Send, E: From<gs_core::Error> + Send>(
+        &self,
+        work: impl FnOnce(&AnyRasterizer) -> Result<T, E> + Send,
+    ) -> Result<T, E> {
+        let Some(threads) = self.own_threads else { return work(self.rasterizer()) };
+        let pool = ThreadPoolBuilder::new().num_threads(threads).build();
+        let pool = pool.map_err(|error| gs_core::Error::State(format!("cannot start threads: {error}")))?;
+        pool.install(|| work(self.rasterizer()))
     }
 
-    /// Does work without the interpreter's lock; see [`errors::computed`].
+    /// Does work of the backend without the interpreter's lock; see [`errors::computed`].
     pub(crate) fn compute<T: Send, E: IntoPython + Send>(
+        &self,
+        py: Python<'_>,
+        work: impl FnOnce(&AnyRasterizer) -> Result<T, E> + Send,
+    ) -> PyResult<T> {
+        errors::computed(py, || work(self.rasterizer()))
+    }
+
+    /// Does work that also needs other threads without the interpreter's lock; see [`Self::within`].
+    pub(crate) fn compute_within<T: Send, E: IntoPython + From<gs_core::Error> + Send>(
         &self,
         py: Python<'_>,
         work: impl FnOnce(&AnyRasterizer) -> Result<T, E> + Send,

@@ -64,7 +64,7 @@ pub(crate) fn encode(
     let settings = EncodeSettings::default().with(|settings| (settings.target, settings.seed) = (target, seed));
     settings.validate().map_err(IntoPython::into_python)?;
     let chosen = backend::chosen(py, backend)?;
-    let encoded = chosen.compute(py, |on| block_on(gs_train::encode(on, &image, &settings)))?;
+    let encoded = chosen.compute_within(py, |on| block_on(gs_train::encode(on, &image, &settings)))?;
     let data = PyBytes::new(py, &encoded.bytes).unbind();
     Ok(Encoded { data, gaussians: encoded.gaussians, psnr: encoded.psnr, seconds: encoded.seconds })
 }

@@ -58,7 +58,7 @@ pub(crate) fn evaluate<'py>(
     let render = settings::with("settings", of.render(dataset.kind.background()), settings)?;
     let chosen = backend::chosen(py, backend)?;
     let scene = of.scene.clone();
-    let evaluation = chosen.compute(py, |on| {
+    let evaluation = chosen.compute_within(py, |on| {
         let views = Views::of_dataset(&dataset);
         block_on(evaluate_views(on, &scene, views.test_or_train(), &render))
     })?;

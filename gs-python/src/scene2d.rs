@@ -154,7 +154,7 @@ impl Scene2d {
         };
         // GPUs do not offer all that is needed.
         let cpu = backend::chosen(py, Some(PyString::new(py, "cpu").as_any()))?;
-        let made = cpu.compute(py, |on| block_on(viewable(on, &file, range)))?.file;
+        let made = cpu.compute_within(py, |on| block_on(viewable(on, &file, range)))?.file;
         errors::computed(py, || match range {
             ColorRange::Unit => gs_io::write_svg(path, &made),
             ColorRange::NotNegative => gs_io::write_ply(path, &made),
