@@ -56,7 +56,7 @@ mod _native {
 
     /// Panics, for a test.
     #[cfg(debug_assertions)]
-    #[pyfunction]
+    #[pyfunction(name = "_panic")]
     fn panic(py: Python<'_>) -> PyResult<()> {
         crate::errors::computed(py, || -> Result<(), gs_core::Error> { panic!("on request") })
     }

@@ -148,7 +148,7 @@ def test_the_interpreter_ends_while_policies_are_called() -> None:
 def test_a_panic_is_an_exception(capfd: pytest.CaptureFixture[str]) -> None:
     from gaussian_splats import _native
 
-    panic = getattr(_native, "panic", None)
+    panic = getattr(_native, "_panic", None)
     if panic is None:
         pytest.skip("only builds for tests can be made to panic")
     with pytest.raises(RuntimeError, match=r"the engine failed \(on request\)"):

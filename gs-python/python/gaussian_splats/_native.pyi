@@ -22,7 +22,7 @@ class Backend:
     fork, open another in the child process.
     """
 
-    def __init__(self, name: str = "auto", *, threads: int | None = None) -> None: ...
+    def __new__(cls, name: str = "auto", *, threads: int | None = None) -> Backend: ...
     @property
     def name(self) -> str:
         """ "cpu" or "wgpu"."""
@@ -48,8 +48,8 @@ class Camera:
     :raises ValueError: for impossible values.
     """
 
-    def __init__(
-        self,
+    def __new__(
+        cls,
         width: int,
         height: int,
         *,
@@ -60,7 +60,7 @@ class Camera:
         rotation: Any = None,
         translation: Any = None,
         near: float | None = None,
-    ) -> None: ...
+    ) -> Camera: ...
     @staticmethod
     def overview(scene: Scene3d, width: int = 800, height: int = 600) -> Camera:
         """A camera slightly above a scene that has most of it in view, as ``gs view`` begins.
@@ -102,14 +102,14 @@ class Scene2d:
         not finite.
     """
 
-    def __init__(
-        self,
+    def __new__(
+        cls,
         means: Floats,
         log_scales: Floats,
         rotations: Floats,
         colors: Floats,
         opacity_logits: Floats | None = None,
-    ) -> None: ...
+    ) -> Scene2d: ...
     @property
     def means(self) -> Floats:
         """(N, 2), px; read-only."""
@@ -157,14 +157,14 @@ class Scene3d:
     Errors are those of :class:`Scene2d`.
     """
 
-    def __init__(
-        self,
+    def __new__(
+        cls,
         means: Floats,
         log_scales: Floats,
         rotations: Floats,
         opacity_logits: Floats,
         sh: Floats,
-    ) -> None: ...
+    ) -> Scene3d: ...
     @property
     def means(self) -> Floats:
         """(N, 3), world units; read-only."""
@@ -404,8 +404,8 @@ class FitRun:
     stops the fit and, if there is ``checkpoint``, writes its state there.
     """
 
-    def __init__(
-        self,
+    def __new__(
+        cls,
         image: ImageSource,
         gaussians: int | None = None,
         *,
@@ -415,7 +415,7 @@ class FitRun:
         settings: Settings | Path | None = None,
         backend: BackendChoice = None,
         checkpoint: Path | None = None,
-    ) -> None: ...
+    ) -> FitRun: ...
     def __iter__(self) -> Iterator[Progress]: ...
     def __next__(self) -> Progress: ...
     def __len__(self) -> int: ...
@@ -450,8 +450,8 @@ class Training:
 class TrainRun:
     """A training under way; see :class:`FitRun` and :func:`gaussian_splats.train`."""
 
-    def __init__(
-        self,
+    def __new__(
+        cls,
         dataset: Path,
         gaussians: int | None = None,
         *,
@@ -463,7 +463,7 @@ class TrainRun:
         settings: Settings | Path | None = None,
         backend: BackendChoice = None,
         checkpoint: Path | None = None,
-    ) -> None: ...
+    ) -> TrainRun: ...
     def __iter__(self) -> Iterator[Progress]: ...
     def __next__(self) -> Progress: ...
     def __len__(self) -> int: ...
@@ -536,8 +536,8 @@ class Plan:
     exist, contradictions, and more Gaussians than the budget are a ``ValueError`` of the run.
     """
 
-    def __init__(
-        self,
+    def __new__(
+        cls,
         grow: npt.NDArray[Any] | None = None,
         *,
         clone: npt.NDArray[Any] | None = None,
@@ -546,20 +546,20 @@ class Plan:
         relocate: tuple[npt.NDArray[Any], npt.NDArray[Any]] | None = None,
         add: Scene2d | Scene3d | None = None,
         opacity_ceiling: float | None = None,
-    ) -> None: ...
+    ) -> Plan: ...
 
 @final
 class Study:
     """See :class:`gaussian_splats.Study`."""
 
-    def __init__(
-        self,
+    def __new__(
+        cls,
         definition: str,
         arms: list[tuple[str, str, str | Policy, str]],
         data: Path | None,
         beside: Path | None,
         backend: str,
-    ) -> None: ...
+    ) -> Study: ...
     @property
     def runs(self) -> int:
         """Number of runs."""

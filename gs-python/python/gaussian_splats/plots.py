@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from ._native import Fit, Training
+
+
+class _Figure(Figure):
+    """A figure that shows itself in notebooks without pyplot, which draws in a state of its own."""
+
+    def _repr_png_(self) -> bytes:
+        png = io.BytesIO()
+        self.savefig(png, format="png", dpi=100)
+        return png.getvalue()
 
 
 def curves(
@@ -21,7 +32,7 @@ def curves(
     :param against: "step", or "seconds" of training time.
     :param axes: two axes of matplotlib to draw on, for PSNR and for the number of Gaussians; by
         default those of a new figure.
-    :returns: the figure of matplotlib.
+    :returns: the figure of matplotlib, which notebooks show.
     :raises ValueError: for another ``against``.
     """
     if against not in ("step", "seconds"):
@@ -31,10 +42,7 @@ def curves(
     has_psnr = all(np.isfinite(history["psnr"]).any() for history in histories.values())
     quality, unit = ("psnr", "PSNR, dB") if has_psnr else ("loss", "loss")
     if axes is None:
-        from matplotlib.figure import Figure
-
-        figure: Any = Figure(figsize=(9.0, 3.2), layout="constrained")
-        axes = figure.subplots(1, 2)
+        axes = _Figure(figsize=(9.0, 3.2), layout="constrained").subplots(1, 2)
     first, second = axes
     for name, history in histories.items():
         first.plot(history[against], history[quality], label=name)
