@@ -70,7 +70,7 @@ def test_an_optimizer_of_pytorch(scene_2d: gs.Scene2d) -> None:
         adam.zero_grad()
         loss.backward()
         adam.step()
-        losses.append(float(loss))
+        losses.append(loss.item())
     assert losses[-1] < 0.5 * losses[0]
 
 

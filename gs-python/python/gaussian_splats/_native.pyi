@@ -67,9 +67,10 @@ class Camera:
 
         :raises ValueError: where nothing of the scene can be seen.
         """
-    def looking_at(self, position: Any, target: Any, up: Any = (0.0, -1.0, 0.0)) -> Camera:
+    def looking_at(self, position: Any, target: Any, up: Any = ...) -> Camera:
         """The same camera at another position, looking at a point; (3,) each, world units.
 
+        :param up: what is upwards in the image; by default (0, -1, 0), as y points down.
         :raises ValueError: where the target is at the position, or straight up or down from it.
         """
     def resized(self, width: int, height: int) -> Camera:
