@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -93,6 +94,26 @@ def test_fingerprints_of_classes_in_notebooks() -> None:
     assert "return gs.Plan()" in fingerprint(0.5)
     assert fingerprint(0.5) != fingerprint(0.25)
     assert fingerprint(0.5) == fingerprint(0.5)
+
+
+@dataclass
+class Configured:
+    """A policy with settings of its own."""
+
+    share: float = 0.1
+
+    @property
+    def half(self) -> float:
+        return self.share / 2
+
+    def plan(self, observation: gs.Observation, rng: np.random.Generator) -> gs.Plan:
+        return gs.Plan()
+
+
+def test_fingerprints_of_dataclasses() -> None:
+    first, second = (gs.Arm("a", Configured(share)).fingerprint for share in [0.1, 0.2])
+    assert first != second
+    assert "return self.share / 2" in first
 
 
 def test_fingerprints_follow_base_classes_and_all_elements_of_arrays() -> None:

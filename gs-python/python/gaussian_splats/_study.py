@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, is_dataclass
 from typing import Callable
 
 import numpy as np
@@ -69,26 +69,28 @@ def _written(value: object) -> str:
 
 
 def _source(cls: type) -> str:
-    """The source of a class.
+    """The sources of the functions of a class, and the values of its other attributes.
 
-    In a notebook, Python before 3.13 knows only the sources of its functions. The values of other
-    attributes are then written beside them.
+    The source of the class as a whole is not known everywhere: not in a notebook before Python
+    3.13, and not in a process that got the class from Ray.
     """
     import inspect
     import textwrap
 
-    try:
-        return textwrap.dedent(inspect.getsource(cls))
-    except (OSError, TypeError):
-        parts = []
-        for name, value in sorted(vars(cls).items()):
-            if inspect.isfunction(value):
-                parts.append(textwrap.dedent(inspect.getsource(value)))
-            elif not name.startswith("__") and " at 0x" not in repr(value):
+    parts = []
+    for name, value in sorted(vars(cls).items()):
+        inner = [value, getattr(value, "__func__", None), getattr(value, "fget", None)]
+        function = next((each for each in inner if inspect.isfunction(each)), None)
+        if function is None:
+            if not name.startswith("__"):
                 parts.append(f"{name} = {_written(value)}")
-        if not any(inspect.isfunction(value) for value in vars(cls).values()):
-            raise
-        return "\n".join(parts)
+            continue
+        # What a dataclass adds follows from its fields, which are attributes.
+        code = inspect.unwrap(function).__code__
+        is_generated = code.co_filename == "<string>" and name.startswith("__")
+        if not (is_generated and is_dataclass(cls)):
+            parts.append(textwrap.dedent(inspect.getsource(function)))
+    return "\n".join(parts)
 
 
 class Study:
