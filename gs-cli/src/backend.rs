@@ -1,7 +1,5 @@
 //! The flags that choose a backend, and what they mean.
 
-use std::env::consts;
-
 use clap::{Args, Parser, ValueEnum, builder::NonEmptyStringValueParser};
 use gs_backend::{
     AnyRasterizer, Chosen, FutureExt as _, Request, Wanted, can_render_2d, can_train_3d, host_threads, open_for,
@@ -9,7 +7,7 @@ use gs_backend::{
 use gs_core::{Backend as _, Error, Parameterization, RenderSettings};
 use gs_cpu::{CpuRasterizer, CpuSettings, CpuTuning, SimdLevel};
 use gs_lab::study::Machine;
-use gs_wgpu::{AdapterSummary, Kernels, WgpuSettings};
+use gs_wgpu::{Kernels, WgpuSettings};
 
 use crate::{failure::Failure, values::whole};
 
@@ -213,27 +211,6 @@ pub(crate) fn on_cpu<T>(chosen: &Chosen, work: impl FnOnce(&AnyRasterizer) -> T)
             Ok(work(&AnyRasterizer::Cpu(Box::new(CpuRasterizer::new(settings)?))))
         }
     }
-}
-
-/// What computes, as far as results depend on it, and the flags that choose it. The number of
-/// threads is not part of it.
-pub(crate) fn machine(rasterizer: &AnyRasterizer) -> Machine {
-    // Functions such as exp are the system's.
-    let system = format!("{} {}", consts::OS, consts::ARCH);
-    let (name, flags) = match rasterizer {
-        AnyRasterizer::Cpu(cpu) => {
-            let level = cpu.simd_level().to_string();
-            (format!("cpu {level}, {system}"), ["--backend", "cpu", "--simd", &level].map(str::to_owned))
-        }
-        AnyRasterizer::Wgpu(gpu) => {
-            let AdapterSummary { name, interface, driver, .. } = gpu.adapter();
-            let kernels = format!("{:?}", gpu.kernels()).to_lowercase();
-            let words = format!("wgpu {name}, {interface}, {driver}, {kernels} kernels, {system}");
-            (words, ["--backend", "wgpu", "--adapter", name].map(str::to_owned))
-        }
-        other => return Machine { name: format!("{}, {system}", other.describe()), flags: Vec::new() },
-    };
-    Machine { name, flags: flags.to_vec() }
 }
 
 #[cfg(test)]

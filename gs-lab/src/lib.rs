@@ -43,6 +43,7 @@ mod resumption;
 mod run_files;
 mod run_store;
 mod selection;
+pub mod slurm;
 #[cfg(test)]
 mod sources;
 mod statistics;

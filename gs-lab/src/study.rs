@@ -129,6 +129,15 @@ impl Study {
     /// # Errors
     /// [`Error::Form`] with the line, and those of [`Study::validate`].
     pub fn from_toml(text: &str, origin: &str) -> Result<Self, Error> {
+        Self::from_toml_and(text, origin, Vec::new())
+    }
+
+    /// Reads a study as [`Self::from_toml`] does, with further arms of the caller's own, without
+    /// which it may have none.
+    ///
+    /// # Errors
+    /// Those of [`Self::from_toml`].
+    pub fn from_toml_and(text: &str, origin: &str, arms: Vec<Arm>) -> Result<Self, Error> {
         let wrong = |error| match error {
             gs_train::Error::Settings { line, problem, .. } => {
                 Error::Form { origin: origin.to_owned(), line, message: problem }
@@ -147,6 +156,7 @@ impl Study {
             }
         }
         study.expand()?;
+        study.arms.extend(arms);
         study.validate()?;
         Ok(study)
     }

@@ -1,5 +1,7 @@
 //! NumPy arrays as arguments and results.
 
+use std::path::PathBuf;
+
 use gs_core::Image;
 use numpy::{
     Element, PyArray, PyArrayDescrMethods, PyArrayMethods, PyReadwriteArray, PyUntypedArray, PyUntypedArrayMethods,
@@ -8,7 +10,10 @@ use numpy::{
 use pyo3::{
     exceptions::{PyTypeError, PyValueError},
     prelude::*,
+    types::PyDict,
 };
+
+use crate::errors;
 
 /// A length in the shape of an argument.
 #[derive(Clone, Copy)]
@@ -132,9 +137,28 @@ pub(crate) fn image(argument: &str, value: &Bound<'_, PyAny>) -> PyResult<Image>
     } else {
         floats(argument, value, &shape, Values::Finite)?
     };
-    let side = |length: usize| u32::try_from(length).map_err(|_| crate::errors::value(argument, "too large"));
+    of_values(argument, &values, [found[0], found[1]])
+}
+
+/// A gradient by the values of an image: float32 of the image's shape.
+pub(crate) fn v_image(argument: &str, value: &Bound<'_, PyAny>, [rows, columns]: [usize; 2]) -> PyResult<Image> {
+    let shape = [Side::Exactly(rows), Side::Exactly(columns), Side::Exactly(3)];
+    let (values, _) = floats(argument, value, &shape, Values::Finite)?;
+    of_values(argument, &values, [rows, columns])
+}
+
+fn of_values(argument: &str, values: &[f32], [rows, columns]: [usize; 2]) -> PyResult<Image> {
+    let side = |length: usize| u32::try_from(length).map_err(|_| errors::value(argument, "too large"));
     let pixels = values.as_chunks::<3>().0.to_vec();
-    Image::from_pixels(side(found[1])?, side(found[0])?, pixels).map_err(|error| crate::errors::value(argument, error))
+    Image::from_pixels(side(columns)?, side(rows)?, pixels).map_err(|error| errors::value(argument, error))
+}
+
+/// The image of an array or of a file.
+pub(crate) fn image_or_file(py: Python<'_>, argument: &str, value: &Bound<'_, PyAny>) -> PyResult<Image> {
+    match value.extract::<PathBuf>() {
+        Ok(path) => errors::computed(py, || Ok::<_, gs_io::Error>(gs_io::read_image(path)?.image)),
+        Err(_) => image(argument, value),
+    }
 }
 
 /// A read-only NumPy array of numbers that `owner` holds, without a copy.
@@ -150,6 +174,18 @@ pub(crate) fn view<'py, T: Element, D: Dimension>(
     #[allow(unsafe_code)]
     let array = unsafe { PyArray::borrow_from_array(&view, owner) };
     Ok(readonly(array.readwrite()))
+}
+
+/// The attributes of an object that are not `None`, by their names.
+pub(crate) fn by_name<'py>(object: &Bound<'py, PyAny>, names: &[&str]) -> PyResult<Bound<'py, PyDict>> {
+    let arrays = PyDict::new(object.py());
+    for name in names {
+        let array = object.getattr(*name)?;
+        if !array.is_none() {
+            arrays.set_item(name, array)?;
+        }
+    }
+    Ok(arrays)
 }
 
 /// The array, which nobody can write to any more.

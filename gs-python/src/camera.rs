@@ -1,11 +1,15 @@
 //! `Camera`: a posed pinhole camera.
 
 use glam::{Mat3, Vec2, Vec3};
+use gs_core::view::Bulk;
 use pyo3::prelude::*;
 
-use crate::errors::{self, IntoPython};
+use crate::{
+    errors::{self, IntoPython},
+    scene3d::Scene3d,
+};
 
-/// A posed pinhole camera.
+#[doc = doc!("Camera")]
 #[pyclass(frozen, module = "gaussian_splats")]
 #[derive(Debug)]
 pub(crate) struct Camera {
@@ -40,7 +44,17 @@ impl Camera {
         Ok(Self { camera })
     }
 
-    /// The same camera at another position, looking at a point.
+    #[doc = doc!("Camera.overview")]
+    #[staticmethod]
+    #[pyo3(signature = (scene, width = 800, height = 600))]
+    fn overview(scene: &Bound<'_, Scene3d>, width: u32, height: u32) -> PyResult<Self> {
+        let camera = overview(&scene.get().scene, width, height);
+        let camera = camera.ok_or_else(|| errors::value("scene", "nothing of it can be seen from outside"))?;
+        camera.validate().map_err(IntoPython::into_python)?;
+        Ok(Self { camera })
+    }
+
+    #[doc = doc!("Camera.looking_at")]
     #[pyo3(signature = (position, target, up = [0.0, -1.0, 0.0]))]
     fn looking_at(&self, position: [f32; 3], target: [f32; 3], up: [f32; 3]) -> PyResult<Self> {
         let camera = self.camera.looking_at(position.into(), target.into(), up.into());
@@ -48,24 +62,26 @@ impl Camera {
         Ok(Self { camera })
     }
 
-    /// The same camera at another size of the image.
+    #[doc = doc!("Camera.resized")]
     fn resized(&self, width: u32, height: u32) -> PyResult<Self> {
         let camera = self.camera.resized(width, height);
         camera.validate().map_err(IntoPython::into_python)?;
         Ok(Self { camera })
     }
 
+    #[doc = doc!("Camera.width")]
     #[getter]
     fn width(&self) -> u32 {
         self.camera.width
     }
 
+    #[doc = doc!("Camera.height")]
     #[getter]
     fn height(&self) -> u32 {
         self.camera.height
     }
 
-    /// Position, world units.
+    #[doc = doc!("Camera.position")]
     #[getter]
     fn position(&self) -> [f32; 3] {
         self.camera.position().to_array()
@@ -75,4 +91,12 @@ impl Camera {
         let gs_core::Camera { width, height, focal, .. } = self.camera;
         format!("<Camera {width}x{height}, focal {:.1}, at {}>", focal.x, self.camera.position())
     }
+}
+
+/// Horizontal field of view of an overview, rad; that of `gs view`.
+const FIELD_OF_VIEW: f32 = 0.9;
+
+/// A camera slightly above a scene that has most of it in view.
+pub(crate) fn overview(scene: &gs_core::Scene3d, width: u32, height: u32) -> Option<gs_core::Camera> {
+    Bulk::of(scene)?.overview(width, height, FIELD_OF_VIEW, Vec3::NEG_Y)
 }

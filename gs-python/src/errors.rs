@@ -1,10 +1,14 @@
 //! Rust errors as Python exceptions.
 
-use std::{any::Any, fmt::Display};
+use std::{
+    any::Any,
+    fmt::Display,
+    panic::{AssertUnwindSafe, catch_unwind},
+};
 
 use pyo3::{
-    PyErr,
     exceptions::{PyOSError, PyRuntimeError, PyValueError},
+    prelude::*,
 };
 
 /// An exception for an error of any of the crates: `OSError` for files, `ValueError` for settings
@@ -26,6 +30,12 @@ impl IntoPython for gs_core::Error {
 impl IntoPython for gs_io::Error {
     fn into_python(self) -> PyErr {
         PyOSError::new_err(text(&self))
+    }
+}
+
+impl IntoPython for gs_codec::Error {
+    fn into_python(self) -> PyErr {
+        PyValueError::new_err(format!("data: {}", text(&self)))
     }
 }
 
@@ -77,4 +87,18 @@ pub(crate) fn of_panic(panic: &(dyn Any + Send)) -> PyErr {
     let message = panic.downcast_ref::<String>().map(String::as_str);
     let message = message.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("without a message");
     PyRuntimeError::new_err(format!("the engine failed ({message}); please report this"))
+}
+
+/// Computes without the interpreter's lock.
+///
+/// # Errors
+/// The error of the work as an exception; a `RuntimeError` where it panics.
+pub(crate) fn computed<T: Send, E: IntoPython + Send>(
+    py: Python<'_>,
+    work: impl FnOnce() -> Result<T, E> + Send,
+) -> PyResult<T> {
+    match py.detach(|| catch_unwind(AssertUnwindSafe(work))) {
+        Ok(done) => done.map_err(IntoPython::into_python),
+        Err(panic) => Err(of_panic(&*panic)),
+    }
 }

@@ -2,16 +2,22 @@
 //! gradients, and density-control policies written in Python.
 //!
 //! Each Python class is one file here. What they do is documented in
-//! `python/gaussian_splats/_native.pyi`, which editors and type checkers read.
+//! `python/gaussian_splats/_native.pyi`, which editors and type checkers read, and from which
+//! `build.rs` makes the docstrings.
+
+include!(concat!(env!("OUT_DIR"), "/docstrings.rs"));
 
 mod arrays;
 mod backend;
 mod camera;
+mod codec;
 mod errors;
 mod gradients;
 mod observation;
+mod oracle;
 mod plan;
 mod policy;
+mod quality;
 mod render;
 mod run;
 mod scene2d;
@@ -28,16 +34,30 @@ mod _native {
     use super::{
         backend::Backend,
         camera::Camera,
-        gradients::ForwardPass,
+        codec::{Encoded, decode, encode},
+        gradients::{ForwardPass, forward},
         observation::Observation,
+        oracle::{oracle_gradient, oracle_render},
         plan::Plan,
-        render::{compare, read_image, render, write_png},
-        run::{Fit, FitRun, Progress, TrainRun, Training},
+        quality::{compare, evaluate, read_image, write_png},
+        render::render,
+        run::{Fit, FitRun, Progress, TrainRun, Training, stop_runs},
         scene2d::Scene2d,
-        scene3d::Scene3d,
-        scene3d::load,
+        scene3d::{Scene3d, load},
         study::Study,
     };
-    #[allow(unused_imports, reason = "the macro needs it")]
     use pyo3::prelude::*;
+
+    #[pymodule_init]
+    fn init(_module: &Bound<'_, PyModule>) -> PyResult<()> {
+        crate::backend::remember_process();
+        Ok(())
+    }
+
+    /// Panics, for a test.
+    #[cfg(debug_assertions)]
+    #[pyfunction(name = "_panic")]
+    fn panic(py: Python<'_>) -> PyResult<()> {
+        crate::errors::computed(py, || -> Result<(), gs_core::Error> { panic!("on request") })
+    }
 }

@@ -2,14 +2,13 @@
 
 use bytemuck::cast_slice;
 use gs_core::{Image, Scene2d, Scene3d, constants::SH_C0};
-use gs_density::{DensityScene, Rng};
+use gs_density::DensityScene;
 use numpy::{PyArray1, PyArray2, PyArray3};
 use pyo3::{prelude::*, types::PyAny};
-use rand::Rng as _;
 
 use crate::arrays;
 
-/// The state of a run in a round of density control, as arrays of its own.
+#[doc = doc!("Observation")]
 #[pyclass(frozen, module = "gaussian_splats")]
 #[derive(Debug, Default)]
 pub(crate) struct Observation {
@@ -27,8 +26,6 @@ pub(crate) struct Observation {
     step: u32,
     progress: f32,
     budget: usize,
-    /// NumPy's generator of the random numbers of the round.
-    rng: Option<Py<PyAny>>,
 }
 
 /// A kind of scene that Python sees the arrays of.
@@ -61,11 +58,7 @@ impl SeenScene for Scene3d {
 }
 
 impl Observation {
-    pub(crate) fn of<S: SeenScene>(
-        py: Python<'_>,
-        observation: &gs_density::Observation<'_, S>,
-        rng: &Rng,
-    ) -> PyResult<Self> {
+    pub(crate) fn of<S: SeenScene>(observation: &gs_density::Observation<'_, S>) -> Self {
         let gs_density::Observation { scene, statistics, residual, .. } = *observation;
         let len = scene.len();
         let mut seen = Self {
@@ -77,11 +70,10 @@ impl Observation {
             step: observation.step,
             progress: observation.progress,
             budget: observation.budget,
-            rng: Some(py.import("numpy.random")?.call_method1("default_rng", (rng.clone().next_u64(),))?.unbind()),
             ..Self::default()
         };
         scene.copy_to(&mut seen);
-        Ok(seen)
+        seen
     }
 
     fn array<'py>(this: &Bound<'py, Self>, values: &[f32], columns: usize) -> PyResult<Bound<'py, PyArray2<f32>>> {
@@ -95,17 +87,19 @@ impl Observation {
 
 #[pymethods]
 impl Observation {
+    #[doc = doc!("Observation.means")]
     #[getter]
     fn means<'py>(this: &Bound<'py, Self>) -> PyResult<Bound<'py, PyArray2<f32>>> {
         Self::array(this, &this.get().means, this.get().dimensions)
     }
 
+    #[doc = doc!("Observation.log_scales")]
     #[getter]
     fn log_scales<'py>(this: &Bound<'py, Self>) -> PyResult<Bound<'py, PyArray2<f32>>> {
         Self::array(this, &this.get().log_scales, this.get().dimensions)
     }
 
-    /// Angles, (N,), or quaternions, (N, 4).
+    #[doc = doc!("Observation.rotations")]
     #[getter]
     fn rotations(this: &Bound<'_, Self>) -> PyResult<Py<PyAny>> {
         let of = this.get();
@@ -115,6 +109,7 @@ impl Observation {
         })
     }
 
+    #[doc = doc!("Observation.opacity_logits")]
     #[getter]
     fn opacity_logits<'py>(this: &Bound<'py, Self>) -> PyResult<Option<Bound<'py, PyArray1<f32>>>> {
         let of = this.get();
@@ -124,57 +119,58 @@ impl Observation {
         arrays::view(this.clone().into_any(), [of.len], &of.opacity_logits).map(Some)
     }
 
+    #[doc = doc!("Observation.colors")]
     #[getter]
     fn colors<'py>(this: &Bound<'py, Self>) -> PyResult<Bound<'py, PyArray2<f32>>> {
         Self::array(this, &this.get().colors, 3)
     }
 
-    /// Mean of the collected statistic over the steps since the last edit.
+    #[doc = doc!("Observation.signal")]
     #[getter]
     fn signal<'py>(this: &Bound<'py, Self>) -> PyResult<Bound<'py, PyArray1<f32>>> {
         arrays::view(this.clone().into_any(), [this.get().len], &this.get().signal)
     }
 
-    /// Number of steps that drew each Gaussian since the last edit.
+    #[doc = doc!("Observation.visible")]
     #[getter]
     fn visible<'py>(this: &Bound<'py, Self>) -> PyResult<Bound<'py, PyArray1<u32>>> {
         arrays::view(this.clone().into_any(), [this.get().len], &this.get().visible)
     }
 
+    #[doc = doc!("Observation.target")]
     #[getter]
     fn target<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray3<f32>>>> {
         self.image(py, 0)
     }
 
+    #[doc = doc!("Observation.rendered")]
     #[getter]
     fn rendered<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray3<f32>>>> {
         self.image(py, 1)
     }
 
+    #[doc = doc!("Observation.extent")]
     #[getter]
     fn extent(&self) -> f32 {
         self.extent
     }
 
+    #[doc = doc!("Observation.step")]
     #[getter]
     fn step(&self) -> u32 {
         self.step
     }
 
+    #[doc = doc!("Observation.progress")]
     #[getter]
     fn progress(&self) -> f32 {
         self.progress
     }
 
+    #[doc = doc!("Observation.budget")]
     #[getter]
     fn budget(&self) -> usize {
         self.budget
-    }
-
-    /// The random numbers of this round: the same in each run with the same seed.
-    #[getter]
-    fn rng(&self, py: Python<'_>) -> Option<Py<PyAny>> {
-        self.rng.as_ref().map(|rng| rng.clone_ref(py))
     }
 
     fn __len__(&self) -> usize {

@@ -1,7 +1,5 @@
 //! `Plan`: the edits that a policy written in Python wants.
 
-use std::collections::BTreeMap;
-
 use gs_core::{
     EditPlan, Scene as _,
     edit::{Birth, Change, Moments, Origin, Place, PruneCause, Removal},
@@ -19,7 +17,7 @@ use crate::{
     scene3d::Scene3d,
 };
 
-/// Edits by index, and Gaussians to add.
+#[doc = doc!("Plan")]
 #[pyclass(frozen, module = "gaussian_splats")]
 #[derive(Debug)]
 pub(crate) struct Plan {
@@ -113,7 +111,10 @@ impl Plan {
             let problem = format!("expected two arrays of one length, not {} and {}", moved.len(), onto.len());
             return Err(errors::value("relocate", problem));
         }
-        once_each([("grow", &grow), ("clone", &clone), ("split", &split), ("prune", &prune), ("relocate[0]", &moved)])?;
+        once_each(
+            len,
+            [("grow", &grow), ("clone", &clone), ("split", &split), ("prune", &prune), ("relocate[0]", &moved)],
+        )?;
 
         let round = Round::open(actions, observation).map_err(IntoPython::into_python)?;
         // What the actions prune does not grow.
@@ -143,8 +144,9 @@ impl Plan {
         let never = densify.with(|densify| densify.split_above = SizeThreshold::ExtentFraction(f32::INFINITY));
         // Random numbers are drawn in the order of the parents, as in the engine's own policies.
         let kinds = [(grow, densify), (split, &always), (clone, &never)];
-        let parents: BTreeMap<u32, _> =
-            kinds.iter().flat_map(|(list, densify)| list.iter().map(move |&index| (index, *densify))).collect();
+        let named = kinds.iter().flat_map(|(list, densify)| list.iter().map(move |&index| (index, *densify)));
+        let mut parents: Vec<_> = named.collect();
+        parents.sort_unstable_by_key(|&(index, _)| index);
         let mut plan = round.grow(&[], rng);
         for (index, densify) in parents {
             let (change, birth) = densify.grow(index, observation, rng);
@@ -173,12 +175,12 @@ impl Plan {
 }
 
 /// Checks that no Gaussian is named twice.
-fn once_each(lists: [(&str, &[u32]); 5]) -> PyResult<()> {
-    let mut named: BTreeMap<u32, &str> = BTreeMap::new();
-    for (argument, list) in lists {
+fn once_each(len: usize, lists: [(&str, &[u32]); 5]) -> PyResult<()> {
+    let mut named: Vec<Option<usize>> = vec![None; len];
+    for (which, (argument, list)) in lists.into_iter().enumerate() {
         for &index in list {
-            if let Some(other) = named.insert(index, argument) {
-                let also = if other == argument { "twice".to_owned() } else { format!("and {other}") };
+            if let Some(other) = named[index as usize].replace(which) {
+                let also = if other == which { "twice".to_owned() } else { format!("and in {}", lists[other].0) };
                 return Err(errors::value(argument, format!("Gaussian {index} is named here {also}")));
             }
         }

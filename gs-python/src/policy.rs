@@ -4,11 +4,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use gs_core::{EditPlan, Error, effects::Statistics};
 use gs_density::{Actions, DensityPolicy, Observation, Policy, Rng};
-use pyo3::{
-    exceptions::PyTypeError,
-    prelude::*,
-    types::{PyAny, PyDict},
-};
+use pyo3::{exceptions::PyTypeError, prelude::*, types::PyAny};
+use rand::Rng as _;
 
 use crate::{
     errors::IntoPython,
@@ -20,7 +17,7 @@ use crate::{
 /// The exception that a policy has raised, for the thread that waits for the run.
 pub(crate) type Raised = Arc<Mutex<Option<PyErr>>>;
 
-/// A policy in Python: an object with a method `plan(observation)`.
+/// A policy in Python: an object with a method `plan(observation, rng)`.
 #[derive(Debug)]
 pub(crate) struct PythonPolicy {
     object: Py<PyAny>,
@@ -45,7 +42,7 @@ impl<'py> PolicyArgument<'py> {
             return Ok(Self::InPython(policy.clone()));
         }
         let found = policy.get_type().name()?.to_string();
-        let message = format!("policy: expected a name or an object with a method plan(observation), not {found}");
+        let message = format!("policy: expected a name or an object with a method plan(observation, rng), not {found}");
         Err(PyTypeError::new_err(message))
     }
 
@@ -63,12 +60,12 @@ impl PythonPolicy {
     pub(crate) fn new(object: &Bound<'_, PyAny>, actions: Actions, raised: Raised) -> PyResult<Self> {
         let attribute = |name: &str| object.getattr_opt(name);
         let actions = match attribute("actions")? {
-            Some(over) => settings::with("actions", actions, Some(over.cast::<PyDict>()?))?,
+            Some(over) => settings::with("policy.actions", actions, Some(&over))?,
             None => actions,
         };
         actions.validate().map_err(IntoPython::into_python)?;
         let statistics = match attribute("statistics")? {
-            Some(name) => settings::named("statistics", &name.extract::<String>()?)?,
+            Some(name) => settings::named("policy.statistics", &name.extract::<String>()?)?,
             None => Statistics::MeanGradient,
         };
         let needs_residual = attribute("needs_residual")?.is_some_and(|needs| needs.is_truthy().unwrap_or(false));
@@ -79,11 +76,13 @@ impl PythonPolicy {
 impl<S: PythonScene + SeenScene> DensityPolicy<S> for PythonPolicy {
     fn plan(&self, observation: &Observation<'_, S>, rng: &mut Rng) -> Result<EditPlan<S::Gaussian>, Error> {
         let planned = Python::attach(|py| {
-            let seen = Bound::new(py, Seen::of(py, observation, rng)?)?;
-            let plan = self.object.bind(py).call_method1("plan", (seen,))?;
+            let seen = Bound::new(py, Seen::of(observation))?;
+            // Those of the plan's own edits are drawn as if it had drawn none.
+            let numbers = py.import("numpy.random")?.call_method1("default_rng", (rng.clone().next_u64(),))?;
+            let plan = self.object.bind(py).call_method1("plan", (seen, numbers))?;
             let Ok(plan) = plan.cast::<Plan>() else {
                 let found = plan.get_type().name()?.to_string();
-                return Err(PyTypeError::new_err(format!("plan(observation): expected a Plan, not {found}")));
+                return Err(PyTypeError::new_err(format!("plan(observation, rng): expected a Plan, not {found}")));
             };
             plan.get().edits(py, observation, &self.actions, rng)
         });

@@ -1,19 +1,28 @@
 //! `Scene2d`: the Gaussians of a fitted image.
 
-use std::{path::PathBuf, sync::Arc};
+use std::{
+    path::{Path, PathBuf},
+    sync::Arc,
+};
 
 use bytemuck::cast_slice;
-use gs_core::{Blend, RenderSettings, Scene as _};
+use gs_backend::block_on;
+use gs_core::{Blend, Canvas, Rasterizer as _, RenderSettings, Scene as _};
 use gs_io::File2d;
+use gs_train::{ColorRange, viewable};
 use numpy::{PyArray1, PyArray2};
-use pyo3::{prelude::*, types::PyAny};
+use pyo3::{
+    prelude::*,
+    types::{PyAny, PyBytes, PyDict, PyString},
+};
 
 use crate::{
     arrays::{self, Side, Values},
-    errors::IntoPython,
+    backend,
+    errors::{self, IntoPython},
 };
 
-/// Gaussians in the image plane.
+#[doc = doc!("Scene2d")]
 #[pyclass(frozen, module = "gaussian_splats")]
 #[derive(Debug)]
 pub(crate) struct Scene2d {
@@ -37,6 +46,12 @@ impl Scene2d {
 
     pub(crate) fn of_file(file: File2d) -> Self {
         Self { scene: Arc::new(file.scene), render: Some(file.settings), size: Some((file.width, file.height)) }
+    }
+
+    /// The given size, or that of the image that the scene was made for.
+    pub(crate) fn size_or(&self, size: Option<(u32, u32)>) -> PyResult<(u32, u32)> {
+        let problem = "the scene does not know the size of its image; pass (columns, rows)";
+        size.or(self.size).ok_or_else(|| errors::value("size", problem))
     }
 }
 
@@ -70,30 +85,35 @@ impl Scene2d {
         Ok(Self::of(scene))
     }
 
+    #[doc = doc!("Scene2d.means")]
     #[getter]
     fn means<'py>(this: &Bound<'py, Self>) -> PyResult<Bound<'py, PyArray2<f32>>> {
         let scene = &this.get().scene;
         arrays::view(this.clone().into_any(), [scene.len(), 2], cast_slice(&scene.means))
     }
 
+    #[doc = doc!("Scene2d.log_scales")]
     #[getter]
     fn log_scales<'py>(this: &Bound<'py, Self>) -> PyResult<Bound<'py, PyArray2<f32>>> {
         let scene = &this.get().scene;
         arrays::view(this.clone().into_any(), [scene.len(), 2], cast_slice(&scene.log_scales))
     }
 
+    #[doc = doc!("Scene2d.rotations")]
     #[getter]
     fn rotations<'py>(this: &Bound<'py, Self>) -> PyResult<Bound<'py, PyArray1<f32>>> {
         let scene = &this.get().scene;
         arrays::view(this.clone().into_any(), [scene.len()], &scene.rotations)
     }
 
+    #[doc = doc!("Scene2d.colors")]
     #[getter]
     fn colors<'py>(this: &Bound<'py, Self>) -> PyResult<Bound<'py, PyArray2<f32>>> {
         let scene = &this.get().scene;
         arrays::view(this.clone().into_any(), [scene.len(), 3], cast_slice(&scene.colors))
     }
 
+    #[doc = doc!("Scene2d.opacity_logits")]
     #[getter]
     fn opacity_logits<'py>(this: &Bound<'py, Self>) -> PyResult<Option<Bound<'py, PyArray1<f32>>>> {
         let scene = &this.get().scene;
@@ -103,7 +123,13 @@ impl Scene2d {
         arrays::view(this.clone().into_any(), [scene.len()], &scene.opacity_logits).map(Some)
     }
 
-    /// Size (columns, rows) of the image that the scene was made for; None where it is not known.
+    #[doc = doc!("Scene2d.arrays")]
+    #[getter]
+    fn arrays<'py>(this: &Bound<'py, Self>) -> PyResult<Bound<'py, PyDict>> {
+        arrays::by_name(this.as_any(), &["means", "log_scales", "rotations", "colors", "opacity_logits"])
+    }
+
+    #[doc = doc!("Scene2d.size")]
     #[getter]
     fn size(&self) -> Option<(u32, u32)> {
         self.size
@@ -118,15 +144,39 @@ impl Scene2d {
         format!("<Scene2d{size}, {} Gaussians>", self.scene.len())
     }
 
-    /// Writes the scene to a file whose name ends in `.gs2d.safetensors`.
+    #[doc = doc!("Scene2d.save")]
     #[pyo3(signature = (path, size = None))]
     fn save(&self, py: Python<'_>, path: PathBuf, size: Option<(u32, u32)>) -> PyResult<()> {
-        let Some((width, height)) = size.or(self.size) else {
-            let problem = "the scene does not know the size of its image; pass (columns, rows)";
-            return Err(crate::errors::value("size", problem));
+        let (width, height) = self.size_or(size)?;
+        let file = File2d { scene: gs_core::Scene2d::clone(&self.scene), width, height, settings: self.render() };
+        let Some(range) = viewers_range(&path) else {
+            return errors::computed(py, || gs_io::write_2d(path, &file));
         };
-        let settings = self.render();
-        let file = File2d { scene: gs_core::Scene2d::clone(&self.scene), width, height, settings };
-        py.detach(|| gs_io::write_2d(path, &file)).map_err(IntoPython::into_python)
+        // GPUs do not offer all that is needed.
+        let cpu = backend::chosen(py, Some(PyString::new(py, "cpu").as_any()))?;
+        let made = cpu.compute_within(py, |on| block_on(viewable(on, &file, range)))?.file;
+        errors::computed(py, || match range {
+            ColorRange::Unit => gs_io::write_svg(path, &made),
+            ColorRange::NotNegative => gs_io::write_ply(path, &made),
+        })
+    }
+
+    #[doc = doc!("Scene2d._repr_png_")]
+    fn _repr_png_<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyBytes>>> {
+        let Some((width, height)) = self.size else { return Ok(None) };
+        let (scene, settings) = (self.scene.clone(), self.render());
+        let image = backend::chosen(py, None)?
+            .compute(py, |on| block_on(on.render(&*scene, &Canvas::new(width, height), &settings)))?;
+        Ok(Some(PyBytes::new(py, &gs_io::png_bytes(&image))))
+    }
+}
+
+/// The range of colours in a format for viewers; `None` for the format of 2D scenes.
+fn viewers_range(path: &Path) -> Option<ColorRange> {
+    let ending = path.extension()?.to_str()?.to_lowercase();
+    match ending.as_str() {
+        "svg" => Some(ColorRange::Unit),
+        "ply" => Some(ColorRange::NotNegative),
+        _ => None,
     }
 }

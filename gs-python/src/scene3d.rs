@@ -3,39 +3,66 @@
 use std::{path::PathBuf, sync::Arc};
 
 use bytemuck::cast_slice;
-use gs_core::{Blend, RenderSettings, Scene as _, math::sh};
-use gs_io::{AnyScene, TrainedWith, Values as AllowedValues, WriteOptions3d};
+use gs_backend::block_on;
+use gs_core::{
+    Blend, Rasterizer as _, RenderSettings, Scene as _,
+    effects::{Antialias, Order},
+    math::sh,
+};
+use gs_io::{AnyScene, File3d, TrainedWith, Values as AllowedValues, WriteOptions3d};
 use numpy::{PyArray1, PyArray2, PyArray3};
-use pyo3::{IntoPyObjectExt, prelude::*, types::PyAny};
+use pyo3::{
+    IntoPyObjectExt,
+    prelude::*,
+    types::{PyAny, PyBytes, PyDict},
+};
 
 use crate::{
     arrays::{self, Side, Values},
+    backend, camera,
     errors::{self, IntoPython},
     scene2d::Scene2d,
 };
 
-/// Gaussians in 3D.
+#[doc = doc!("Scene3d")]
 #[pyclass(frozen, module = "gaussian_splats")]
 #[derive(Debug)]
 pub(crate) struct Scene3d {
     pub(crate) scene: Arc<gs_core::Scene3d>,
-    /// How the scene is to be rendered, where that is known.
-    pub(crate) render: Option<RenderSettings>,
+    /// How the scene was trained, as far as that is known.
+    trained_with: TrainedWith,
+    /// All settings that the scene is rendered with, where they are known.
+    settings: Option<RenderSettings>,
 }
 
 impl Scene3d {
-    pub(crate) fn of(scene: gs_core::Scene3d, render: Option<RenderSettings>) -> Self {
-        Self { scene: Arc::new(scene), render }
+    pub(crate) fn of(scene: gs_core::Scene3d, settings: Option<RenderSettings>) -> Self {
+        let trained_with = TrainedWith::default().with(|trained| {
+            trained.antialias = settings.map(|settings| settings.effects.antialias);
+            trained.order = settings.map(|settings| settings.effects.order);
+        });
+        Self { scene: Arc::new(scene), trained_with, settings }
     }
-}
 
-/// The settings of renderings of scenes that do not say how they were trained.
-pub(crate) fn usual_render(scene: &gs_core::Scene3d) -> RenderSettings {
-    let mut settings = RenderSettings::blended(Blend::Over).on([0.0; 3]);
-    settings.effects.order = gs_core::effects::Order::Global;
-    settings.effects.antialias = gs_core::effects::Antialias::Dilate;
-    settings.effects.sh_degree = scene.sh_degree;
-    settings
+    /// How the scene is to be rendered: as it was trained, completed by what 3DGS uses, before this
+    /// background unless it has one.
+    pub(crate) fn render(&self, background: [f32; 3]) -> RenderSettings {
+        self.settings.unwrap_or_else(|| {
+            let mut render = RenderSettings::blended(Blend::Over).on(background);
+            render.effects.sh_degree = self.scene.sh_degree;
+            render.effects.order = self.trained_with.order.unwrap_or(Order::Global);
+            render.effects.antialias = self.trained_with.antialias.unwrap_or(Antialias::Dilate);
+            render
+        })
+    }
+
+    /// The scene from a little above as PNG; `None` where nothing of it can be seen.
+    pub(crate) fn png<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyBytes>>> {
+        let Some(camera) = camera::overview(&self.scene, 480, 360) else { return Ok(None) };
+        let (scene, settings) = (self.scene.clone(), self.render([0.0; 3]));
+        let image = backend::chosen(py, None)?.compute(py, |on| block_on(on.render(&*scene, &camera, &settings)))?;
+        Ok(Some(PyBytes::new(py, &gs_io::png_bytes(&image))))
+    }
 }
 
 #[pymethods]
@@ -69,37 +96,48 @@ impl Scene3d {
         Ok(Self::of(scene, None))
     }
 
+    #[doc = doc!("Scene3d.means")]
     #[getter]
     fn means<'py>(this: &Bound<'py, Self>) -> PyResult<Bound<'py, PyArray2<f32>>> {
         let scene = &this.get().scene;
         arrays::view(this.clone().into_any(), [scene.len(), 3], cast_slice(&scene.means))
     }
 
+    #[doc = doc!("Scene3d.log_scales")]
     #[getter]
     fn log_scales<'py>(this: &Bound<'py, Self>) -> PyResult<Bound<'py, PyArray2<f32>>> {
         let scene = &this.get().scene;
         arrays::view(this.clone().into_any(), [scene.len(), 3], cast_slice(&scene.log_scales))
     }
 
+    #[doc = doc!("Scene3d.rotations")]
     #[getter]
     fn rotations<'py>(this: &Bound<'py, Self>) -> PyResult<Bound<'py, PyArray2<f32>>> {
         let scene = &this.get().scene;
         arrays::view(this.clone().into_any(), [scene.len(), 4], cast_slice(&scene.rotations))
     }
 
+    #[doc = doc!("Scene3d.opacity_logits")]
     #[getter]
     fn opacity_logits<'py>(this: &Bound<'py, Self>) -> PyResult<Bound<'py, PyArray1<f32>>> {
         let scene = &this.get().scene;
         arrays::view(this.clone().into_any(), [scene.len()], &scene.opacity_logits)
     }
 
+    #[doc = doc!("Scene3d.sh")]
     #[getter]
     fn sh<'py>(this: &Bound<'py, Self>) -> PyResult<Bound<'py, PyArray3<f32>>> {
         let scene = &this.get().scene;
         arrays::view(this.clone().into_any(), [scene.len(), scene.sh_len(), 3], cast_slice(&scene.sh))
     }
 
-    /// SH degree, 0 to 3.
+    #[doc = doc!("Scene3d.arrays")]
+    #[getter]
+    fn arrays<'py>(this: &Bound<'py, Self>) -> PyResult<Bound<'py, PyDict>> {
+        arrays::by_name(this.as_any(), &["means", "log_scales", "rotations", "opacity_logits", "sh"])
+    }
+
+    #[doc = doc!("Scene3d.sh_degree")]
     #[getter]
     fn sh_degree(&self) -> u8 {
         self.scene.sh_degree
@@ -113,31 +151,27 @@ impl Scene3d {
         format!("<Scene3d, {} Gaussians of SH degree {}>", self.scene.len(), self.scene.sh_degree)
     }
 
-    /// Writes the scene to a file; its format follows from the name.
+    #[doc = doc!("Scene3d.save")]
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
-        let options = WriteOptions3d::default().with(|options| {
-            if let Some(render) = &self.render {
-                options.trained_with = TrainedWith::default().with(|trained| {
-                    trained.antialias = Some(render.effects.antialias);
-                    trained.order = Some(render.effects.order);
-                });
-            }
-        });
-        py.detach(|| gs_io::write_3d(path, &self.scene, &options)).map_err(IntoPython::into_python)?;
-        Ok(())
+        let options = WriteOptions3d::default().with(|options| options.trained_with = self.trained_with);
+        errors::computed(py, || gs_io::write_3d(path, &self.scene, &options).map(drop))
+    }
+
+    #[doc = doc!("Scene3d._repr_png_")]
+    fn _repr_png_<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyBytes>>> {
+        self.png(py)
     }
 }
 
-/// Reads a scene: a scene file of any format, a checkpoint, or the output folder of a fit or a
-/// training.
+#[doc = doc!("load")]
 #[pyfunction]
 pub(crate) fn load(py: Python<'_>, path: PathBuf) -> PyResult<Py<PyAny>> {
-    let file = py.detach(|| gs_io::read_scene(path, AllowedValues::Checked)).map_err(IntoPython::into_python)?;
+    let file = errors::computed(py, || gs_io::read_scene(path, AllowedValues::Checked))?;
     match file.scene {
         AnyScene::TwoD(file) => Scene2d::of_file(*file).into_py_any(py),
         AnyScene::ThreeD(file) => {
-            let render = file.render_settings(None);
-            Scene3d::of(file.scene, Some(render)).into_py_any(py)
+            let File3d { scene, trained_with, settings, .. } = *file;
+            Scene3d { scene: Arc::new(scene), trained_with, settings }.into_py_any(py)
         }
     }
 }

@@ -1,43 +1,82 @@
-//! Settings as Python dictionaries, with the names of the settings files of `gs`.
+//! Settings as mappings of Python or as files, with the names of the settings files of `gs`.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
 
 use gs_lab::overrides;
 use pyo3::{
-    exceptions::PyValueError,
+    exceptions::{PyOSError, PyTypeError, PyValueError},
     prelude::*,
-    types::{PyDict, PyString},
+    types::{PyDict, PyMapping, PyString},
 };
 use serde::{Serialize, de::DeserializeOwned};
 use toml::Table;
 
 use crate::errors;
 
-/// A dictionary as a table of settings.
+/// The settings that a run starts from, as its arguments give them.
+pub(crate) enum Given<'py> {
+    /// A preset, and changes to it.
+    Preset { name: String, changes: Option<Bound<'py, PyAny>> },
+    /// A file with all settings.
+    File(PathBuf),
+}
+
+impl<'py> Given<'py> {
+    /// What `preset` and `settings` say.
+    pub(crate) fn of(argument: &str, preset: Option<&str>, settings: Option<&Bound<'py, PyAny>>) -> PyResult<Self> {
+        let file = settings.and_then(|settings| settings.extract::<PathBuf>().ok());
+        match (file, preset) {
+            (Some(_), Some(_)) => Err(errors::value("preset", format!("the file of {argument} has all settings"))),
+            (Some(file), None) => Ok(Self::File(file)),
+            (None, preset) => {
+                Ok(Self::Preset { name: preset.unwrap_or("standard").to_owned(), changes: settings.cloned() })
+            }
+        }
+    }
+}
+
+/// The text of a settings file.
+pub(crate) fn text_of(file: &Path) -> PyResult<String> {
+    fs::read_to_string(file).map_err(|error| PyOSError::new_err(format!("cannot read {}: {error}", file.display())))
+}
+
+/// A mapping as a table of settings. Numbers and arrays of NumPy become those of Python.
 ///
 /// # Errors
 /// `ValueError` and `TypeError` for values that settings cannot have.
-pub(crate) fn table(argument: &str, settings: &Bound<'_, PyAny>) -> PyResult<Table> {
+fn table(argument: &str, settings: &Bound<'_, PyAny>) -> PyResult<Table> {
     let py = settings.py();
-    let strict = PyDict::new(py);
-    strict.set_item("allow_nan", false)?;
-    let text = py.import("json")?.call_method("dumps", (settings,), Some(&strict))?;
+    if settings.cast::<PyMapping>().is_err() {
+        let found = settings.get_type().name()?.to_string();
+        return Err(PyTypeError::new_err(format!("{argument}: expected a mapping, not {found}")));
+    }
+    let options = PyDict::new(py);
+    options.set_item("allow_nan", false)?;
+    options.set_item("default", py.import("operator")?.call_method1("methodcaller", ("tolist",))?)?;
+    let settings = PyDict::from_sequence(&settings.call_method0("items")?)?;
+    let text = py.import("json")?.call_method("dumps", (settings,), Some(&options));
+    let text = text.map_err(|error| errors::value(argument, format!("not possible as settings: {error}")))?;
     let text: String = text.cast::<PyString>()?.extract()?;
     let value: serde_json::Value = serde_json::from_str(&text).map_err(|error| errors::value(argument, error))?;
     Table::try_from(value).map_err(|error| errors::value(argument, format!("not possible as settings: {error}")))
 }
 
-/// Settings with the values of a dictionary in place of their own.
+/// Settings with the values of a mapping in place of their own.
 ///
 /// # Errors
 /// `ValueError` that names the unknown key or the impossible value.
 pub(crate) fn with<T: Serialize + DeserializeOwned>(
     argument: &str,
     settings: T,
-    over: Option<&Bound<'_, PyDict>>,
+    over: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<T> {
     match over {
         None => Ok(settings),
         Some(over) => {
-            let over = table(argument, over.as_any())?;
+            let over = table(argument, over)?;
             overrides::applied(&settings, &over).map_err(|problem| {
                 let key = overrides::culprit(&over, |part| overrides::applied(&settings, part).is_ok());
                 let place = [argument.to_owned()].into_iter().chain(key).collect::<Vec<_>>().join(".");

@@ -2,34 +2,41 @@
 
 use std::{
     path::PathBuf,
+    process,
     sync::{
-        Arc,
+        Arc, OnceLock,
         atomic::{AtomicBool, AtomicUsize, Ordering::Relaxed},
     },
     thread,
     time::Duration,
 };
 
-use gs_backend::{AnyRasterizer, Chosen, Request, Wanted, block_on, host_threads};
+use gs_backend::{AnyRasterizer, host_threads};
 use gs_core::{Scene2d, Scene3d};
 use gs_lab::{
-    Existing, Places, Plan, Results, StudyFolder, conduct_with, report,
-    study::{AnyPolicy, Arm, AtEnd, Conducted, OwnPolicy, Run, RunOutcome, Shard, Watcher, WorkSettings, write_tables},
+    Existing, Places, Plan, Results, StudyFolder, conduct_with, report, slurm,
+    study::{
+        AnyPolicy, Arm, AtEnd, Conducted, Machine, OwnPolicy, Run, RunOutcome, Shard, Watcher, WorkSettings,
+        write_tables,
+    },
 };
 use gs_train::ForeignPolicy;
 use pyo3::{exceptions::PyRuntimeError, prelude::*, types::PyAny};
+use toml::Table;
 
 use crate::{
+    backend::Opened,
     errors::{self, IntoPython},
     policy::{PolicyArgument, PythonPolicy, Raised},
 };
 
-/// A study: arms x images or scenes x budgets x seeds.
+#[doc = doc!("Study")]
 #[pyclass(frozen, module = "gaussian_splats")]
 #[derive(Debug)]
 pub(crate) struct Study {
     study: gs_lab::Study,
     places: Places,
+    backend: String,
     raised: Raised,
 }
 
@@ -38,55 +45,45 @@ impl Study {
     /// `definition` is the text of a study's file, or the name of a built-in study; each of `arms`
     /// is (name, fingerprint, policy, about).
     #[new]
-    #[pyo3(signature = (definition, arms, data = None, beside = None))]
+    #[pyo3(signature = (definition, arms, data, beside, backend))]
     fn new(
         definition: &str,
         arms: Vec<(String, String, Bound<'_, PyAny>, String)>,
         data: Option<PathBuf>,
         beside: Option<PathBuf>,
+        backend: String,
     ) -> PyResult<Self> {
-        let study = match definition.contains('=') {
-            true => gs_lab::Study::from_toml(definition, "definition"),
-            false => gs_lab::built_in(definition),
-        };
-        let mut study = study.map_err(IntoPython::into_python)?;
         let raised = Raised::default();
-        for (name, fingerprint, policy, about) in arms {
-            let mut arm = match PolicyArgument::of(&policy)? {
-                PolicyArgument::Named(_) => {
-                    let name_of_policy: String = policy.extract()?;
-                    Arm::named(name).with(|arm| arm.policy = Some(name_of_policy))
+        let own = |is_of_scenes: bool| -> PyResult<Vec<Arm>> {
+            arms.iter()
+                .map(|(name, fingerprint, policy, about)| {
+                    let arm = arm_of(name, fingerprint, policy, is_of_scenes, &raised)?;
+                    Ok(arm.with(|arm| arm.about.clone_from(about)))
+                })
+                .collect()
+        };
+        let study = match definition.contains('=') {
+            true => gs_lab::Study::from_toml_and(definition, "definition", own(names_scenes(definition))?),
+            false => match gs_lab::built_in(definition) {
+                Ok(mut study) => {
+                    study.arms.extend(own(study.is_of_scenes())?);
+                    study.validate().map(|()| study)
                 }
-                PolicyArgument::InPython(object) => {
-                    let usual = gs_density::Policy::from_name("absolute").map_err(IntoPython::into_python)?;
-                    let usual = if study.is_of_scenes() { usual.for_3d() } else { usual };
-                    let actions = usual.actions().copied().unwrap_or_default();
-                    let own = Arc::new(PythonPolicy::new(&object, actions, raised.clone())?);
-                    let policy = match study.is_of_scenes() {
-                        true => AnyPolicy::In3d(own as ForeignPolicy<Scene3d>),
-                        false => AnyPolicy::In2d(own as ForeignPolicy<Scene2d>),
-                    };
-                    Arm::named(name).with(|arm| {
-                        arm.policy = Some("absolute".to_owned());
-                        arm.own_policy = Some(OwnPolicy { fingerprint, policy });
-                    })
-                }
-            };
-            arm.about = about;
-            study.arms.push(arm);
-        }
-        study.validate().map_err(IntoPython::into_python)?;
+                Err(error) => Err(error),
+            },
+        };
+        let study = study.map_err(IntoPython::into_python)?;
         let places = Places { data, beside, ..Places::default() };
-        Ok(Self { study, places, raised })
+        Ok(Self { study, places, backend, raised })
     }
 
-    /// Number of runs.
+    #[doc = doc!("Study.runs")]
     #[getter]
     fn runs(&self) -> usize {
         self.study.runs()
     }
 
-    /// Does the runs and writes tables and report. Returns the headlines.
+    #[doc = doc!("Study.run")]
     #[pyo3(signature = (output, *, jobs = 1, resume = false, progress = None))]
     fn run(
         &self,
@@ -103,7 +100,7 @@ impl Study {
         self.reported(py, &study)
     }
 
-    /// Claims runs of a folder that several processes share, and does them until none is left.
+    #[doc = doc!("Study.work")]
     #[pyo3(signature = (output, *, jobs = 1, shard = None, progress = None))]
     fn work(
         &self,
@@ -114,7 +111,8 @@ impl Study {
         progress: Option<Py<PyAny>>,
     ) -> PyResult<()> {
         let work = WorkSettings::default().with(|work| {
-            work.shard = shard.map(|(index, count)| Shard { index, count });
+            work.shard = shard.map(|(index, count)| Shard { index, count }).or_else(slurm::shard);
+            work.worker.extend(slurm::task().map(|task| format!(", job {task}")));
             work.at_end = AtEnd::Leave;
         });
         work.validate().map_err(IntoPython::into_python)?;
@@ -122,7 +120,7 @@ impl Study {
         self.conducted(py, &study, &work, progress)
     }
 
-    /// Writes tables and report of the runs that have ended so far. Returns the headlines.
+    #[doc = doc!("Study.report")]
     fn report(&self, py: Python<'_>, output: PathBuf) -> PyResult<Vec<String>> {
         let study = self.prepared(py, output, 1, Existing::Resume)?;
         self.reported(py, &study)
@@ -133,11 +131,57 @@ impl Study {
     }
 }
 
+/// The process whose studies use the threads that all of its code shares.
+static USER: OnceLock<u32> = OnceLock::new();
+
+/// Refuses studies in a process that was forked after one: the threads did not come along.
+fn check_process() -> PyResult<()> {
+    if *USER.get_or_init(process::id) == process::id() {
+        return Ok(());
+    }
+    let message = "this process was forked from one that has used a study; start processes by 'spawn'";
+    Err(PyRuntimeError::new_err(message))
+}
+
+/// Whether a definition is one of 3D scenes; a definition that is no TOML is refused later.
+fn names_scenes(definition: &str) -> bool {
+    definition.parse::<Table>().is_ok_and(|table| table.contains_key("scenes"))
+}
+
+/// The arm of a policy: the name of one of the engine's, or an object in Python.
+fn arm_of(
+    name: &str,
+    fingerprint: &str,
+    policy: &Bound<'_, PyAny>,
+    is_of_scenes: bool,
+    raised: &Raised,
+) -> PyResult<Arm> {
+    let object = match PolicyArgument::of(policy)? {
+        PolicyArgument::Named(_) => {
+            let policy: String = policy.extract()?;
+            return Ok(Arm::named(name).with(|arm| arm.policy = Some(policy)));
+        }
+        PolicyArgument::InPython(object) => object,
+    };
+    let usual = gs_density::Policy::from_name("absolute").map_err(IntoPython::into_python)?;
+    let usual = if is_of_scenes { usual.for_3d() } else { usual };
+    let actions = usual.actions().copied().unwrap_or_default();
+    let own = Arc::new(PythonPolicy::new(&object, actions, raised.clone())?);
+    let policy = match is_of_scenes {
+        true => AnyPolicy::In3d(own as ForeignPolicy<Scene3d>),
+        false => AnyPolicy::In2d(own as ForeignPolicy<Scene2d>),
+    };
+    Ok(Arm::named(name).with(|arm| {
+        arm.policy = Some("absolute".to_owned());
+        arm.own_policy = Some(OwnPolicy { fingerprint: fingerprint.to_owned(), policy });
+    }))
+}
+
 /// A study with its folder and backends.
 struct Prepared {
     plan: Plan,
     folder: StudyFolder,
-    backends: Vec<Chosen>,
+    backends: Vec<Opened>,
 }
 
 impl Study {
@@ -145,18 +189,15 @@ impl Study {
         if jobs == 0 {
             return Err(errors::value("jobs", "must be at least 1"));
         }
+        check_process()?;
         py.detach(|| {
             let threads = (host_threads(None).map_err(IntoPython::into_python)? / jobs).max(1);
-            let request = Request::default().with(|request| {
-                request.wanted = Wanted::Cpu;
-                request.threads = Some(threads);
-            });
-            let open = |_| block_on(gs_backend::open(&request)).map_err(IntoPython::into_python);
-            let backends: Vec<Chosen> = (0..jobs).map(open).collect::<PyResult<_>>()?;
-            let level = backends[0].rasterizer.simd_level().unwrap_or_default();
-            let machine = format!("cpu {level}");
-            let plan = Plan::new(self.study.clone(), &self.places, machine).map_err(IntoPython::into_python)?;
-            gs_lab::study::refuse_unsupported(&plan, &backends[0].rasterizer).map_err(IntoPython::into_python)?;
+            let backends: Vec<Opened> =
+                (0..jobs).map(|_| Opened::new(&self.backend, Some(threads))).collect::<PyResult<_>>()?;
+            let rasterizer = backends[0].rasterizer();
+            let plan = Plan::new(self.study.clone(), &self.places, Machine::of(rasterizer));
+            let plan = plan.map_err(IntoPython::into_python)?;
+            gs_lab::study::refuse_unsupported(&plan, rasterizer).map_err(IntoPython::into_python)?;
             let folder = StudyFolder::prepare(&output, &plan, existing).map_err(IntoPython::into_python)?;
             Ok(Prepared { plan, folder, backends })
         })
@@ -171,7 +212,7 @@ impl Study {
         progress: Option<Py<PyAny>>,
     ) -> PyResult<()> {
         let Prepared { plan, folder, backends } = study;
-        let team: Vec<&AnyRasterizer> = backends.iter().map(|chosen| &chosen.rasterizer).collect();
+        let team: Vec<&AnyRasterizer> = backends.iter().map(Opened::rasterizer).collect();
         let watch = Watch::default();
         let mut interrupted: PyResult<()> = Ok(());
         let mut told = 0;

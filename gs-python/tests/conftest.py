@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
 import gaussian_splats as gs
 import numpy as np
 import numpy.typing as npt
@@ -51,3 +54,41 @@ def scene_3d() -> gs.Scene3d:
 @pytest.fixture
 def camera() -> gs.Camera:
     return gs.Camera(32, 24, fx=30.0)
+
+
+def same(a: gs.Scene2d, b: gs.Scene2d) -> bool:
+    """Whether two scenes have the same bits."""
+    return a.arrays.keys() == b.arrays.keys() and all(
+        np.array_equal(array, b.arrays[name]) for name, array in a.arrays.items()
+    )
+
+
+@pytest.fixture
+def dataset(scene_3d: gs.Scene3d, tmp_path: Path) -> Path:
+    """A small data set in Blender's form, of renderings of a scene."""
+    folder = tmp_path / "dataset"
+    folder.mkdir()
+    splits = {"train": np.linspace(0, 5.5, 8), "test": np.array([0.3, 2.1])}
+    for split, angles in splits.items():
+        frames = []
+        for number, angle in enumerate(angles):
+            position = np.array([4 * np.sin(angle), 0.0, 5 - 4 * np.cos(angle)])
+            camera = gs.Camera(48, 48, fx=48.0).looking_at(position.tolist(), [0, 0, 5])
+            name = f"{split}_{number}"
+            white = {"background": [1.0, 1.0, 1.0]}
+            picture = np.clip(gs.render(scene_3d, camera, settings=white, backend="cpu"), 0, 1)
+            gs.write_png(folder / f"{name}.png", picture)
+            # Camera to world; Blender's world has z up, its cameras look along -z with y up.
+            forward = np.array([0, 0, 5]) - position
+            forward = forward / np.linalg.norm(forward)
+            down = np.array([0.0, 1.0, 0.0])
+            right = np.cross(down, forward)
+            to_world = np.eye(4)
+            to_world[:3, 0], to_world[:3, 1], to_world[:3, 2] = right, -down, -forward
+            to_world[:3, 3] = position
+            swap = np.array([[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
+            pose = (swap @ to_world).tolist()
+            frames.append({"file_path": f"./{name}", "transform_matrix": pose})
+        content = {"camera_angle_x": float(2 * np.arctan(0.5)), "frames": frames}
+        (folder / f"transforms_{split}.json").write_text(json.dumps(content))
+    return folder

@@ -1,68 +1,82 @@
-"""Gradients against finite differences."""
+"""Gradients against finite differences and the oracle."""
 
 from __future__ import annotations
 
-from typing import Callable
+from typing import Any
 
 import gaussian_splats as gs
 import numpy as np
 import pytest
+from gaussian_splats import oracle
 
-NAMES_2D = ["means", "log_scales", "rotations", "colors"]
-NAMES_3D = ["means", "log_scales", "rotations", "opacity_logits", "sh"]
+# Nearly without the cut of small weights, so that the image is differentiable.
+SMOOTH = {"accuracy": {"alpha-cut": 1e-6}}
 
 
-def check(
-    kind: type,
-    names: list[str],
-    scene: gs.Scene2d | gs.Scene3d,
-    forward: Callable[[object], gs.ForwardPass],
-) -> None:
+def check(scene: gs.Scene2d | gs.Scene3d, **view: Any) -> None:
     """Compare a directional derivative by each array with a central difference."""
     rng = np.random.default_rng(3)
-    arrays = {name: np.array(getattr(scene, name)) for name in names}
-    first = forward(kind(**arrays))
+    arrays = {name: np.array(array) for name, array in scene.arrays.items()}
+    first = gs.forward(scene, settings=SMOOTH, backend="cpu", **view)
     v_image = rng.normal(size=first.image.shape).astype(np.float32)
     gradient = first.backward(v_image)
-    for name in names:
+    for name in arrays:
         direction = rng.normal(size=arrays[name].shape).astype(np.float32)
         expected = float(np.sum(np.array(getattr(gradient, name), np.float64) * direction))
 
         def loss(step: float, name: str = name, direction: np.ndarray = direction) -> float:
             moved = {**arrays, name: (arrays[name] + step * direction).astype(np.float32)}
-            return float(np.sum(forward(kind(**moved)).image.astype(np.float64) * v_image))
+            image = gs.render(type(scene)(**moved), settings=SMOOTH, backend="cpu", **view)
+            return float(np.sum(image.astype(np.float64) * v_image))
 
         step = 2e-3
         found = (loss(step) - loss(-step)) / (2 * step)
         assert found == pytest.approx(expected, rel=0.02, abs=0.02), name
 
 
-def test_2d(scene_2d: gs.Scene2d, cpu: gs.Backend) -> None:
-    # Nearly without the cut of small weights, so that the image is differentiable.
-    settings = {"accuracy": {"alpha-cut": 1e-6}}
-    check(
-        gs.Scene2d,
-        NAMES_2D,
-        scene_2d,
-        lambda s: gs.ForwardPass(s, size=(32, 32), settings=settings, backend=cpu),  # type: ignore[arg-type]
-    )
+def test_2d_against_finite_differences(scene_2d: gs.Scene2d) -> None:
+    check(scene_2d, size=(32, 32))
 
 
-def test_3d(scene_3d: gs.Scene3d, camera: gs.Camera, cpu: gs.Backend) -> None:
-    settings = {"accuracy": {"alpha-cut": 1e-6}}
-    check(
-        gs.Scene3d,
-        NAMES_3D,
-        scene_3d,
-        lambda s: gs.ForwardPass(s, camera, settings=settings, backend=cpu),  # type: ignore[arg-type]
-    )
+def test_3d_against_finite_differences(scene_3d: gs.Scene3d, camera: gs.Camera) -> None:
+    check(scene_3d, camera=camera)
+
+
+def check_oracle(scene: gs.Scene2d | gs.Scene3d, **view: Any) -> None:
+    """Compare the image and all gradients with those of the oracle."""
+    first = gs.forward(scene, backend="cpu", **view)
+    assert np.abs(first.image - oracle.render(scene, **view)).max() < 1e-5
+    v_image = np.random.default_rng(4).normal(size=first.image.shape).astype(np.float32)
+    expected = oracle.gradient(scene, v_image, **view)
+    gradient = first.backward(v_image)
+    assert expected.keys() == gradient.arrays.keys()
+    for name, array in expected.items():
+        assert np.abs(array).max() > 0, name
+        assert np.abs(gradient.arrays[name] - array).max() < 2e-4 * np.abs(array).max(), name
+
+
+def test_2d_against_the_oracle(scene_2d: gs.Scene2d) -> None:
+    check_oracle(scene_2d, size=(32, 32))
+    opaque = gs.Scene2d(**scene_2d.arrays, opacity_logits=np.linspace(-2, 2, 12, dtype=np.float32))
+    check_oracle(opaque, size=(32, 32))
+
+
+def test_3d_against_the_oracle(scene_3d: gs.Scene3d, camera: gs.Camera) -> None:
+    check_oracle(scene_3d, camera=camera)
 
 
 def test_a_pass_is_used_once(scene_2d: gs.Scene2d) -> None:
-    forward = gs.ForwardPass(scene_2d, size=(8, 8))
-    v_image = np.ones((8, 8, 3), np.float32)
-    with pytest.raises(TypeError, match="v_image"):
+    forward = gs.forward(scene_2d, size=(8, 6))
+    v_image = np.ones((6, 8, 3), np.float32)
+    with pytest.raises(TypeError, match="v_image: .* float32"):
         forward.backward(v_image.astype(np.float64))
-    forward.backward(v_image)
-    with pytest.raises(RuntimeError, match="once"):
+    with pytest.raises(TypeError, match="v_image: .* float32"):
+        forward.backward(v_image.astype(np.uint8))
+    with pytest.raises(ValueError, match=r"v_image: expected shape \(6, 8, 3\), not"):
+        forward.backward(np.ones((8, 6, 3), np.float32))
+    v_image[2, 3, 1] = np.inf
+    with pytest.raises(ValueError, match=r"v_image\[2, 3, 1\] is inf: expected finite numbers"):
         forward.backward(v_image)
+    forward.backward(np.ones((6, 8, 3), np.float32))
+    with pytest.raises(RuntimeError, match="once"):
+        forward.backward(np.ones((6, 8, 3), np.float32))

@@ -2,22 +2,14 @@
 
 from __future__ import annotations
 
-import multiprocessing
-import os
-import signal
-import subprocess
-import sys
 import threading
 from pathlib import Path
+from typing import Any
 
 import gaussian_splats as gs
 import numpy as np
 import pytest
-
-
-def same(a: gs.Scene2d, b: gs.Scene2d) -> bool:
-    names = ["means", "log_scales", "rotations", "colors"]
-    return all(np.array_equal(getattr(a, name), getattr(b, name)) for name in names)
+from conftest import same
 
 
 def test_a_fit(image: np.ndarray, cpu: gs.Backend) -> None:
@@ -29,7 +21,9 @@ def test_a_fit(image: np.ndarray, cpu: gs.Backend) -> None:
     assert np.abs(gs.render(fit.scene, backend=cpu) - fit.image).max() < 1e-4
     assert fit.summary["gaussians"] == len(fit.scene)
     assert seen[-1].step == seen[-1].iterations == fit.summary["iterations"]
-    assert fit._repr_png_().startswith(b"\x89PNG")  # type: ignore[attr-defined]
+    assert fit._repr_png_().startswith(b"\x89PNG")
+    assert [state.step for state in seen] == fit.history["step"].tolist()
+    assert fit.history["psnr"][-1] == pytest.approx(fit.psnr, abs=0.5)
 
 
 def test_a_fit_is_the_same_for_every_number_of_threads(image: np.ndarray) -> None:
@@ -43,8 +37,7 @@ def test_iterating_over_a_run(image: np.ndarray, cpu: gs.Backend) -> None:
     run = gs.FitRun(image, 100, iterations=80, backend=cpu)
     assert len(run) == 80
     steps = [state.step for state in tqdm(run, disable=True)]
-    assert steps == sorted(set(steps))
-    assert steps[-1] == 80
+    assert steps == list(range(1, 81))
     assert run.result().psnr == run.result().psnr
 
 
@@ -71,6 +64,77 @@ def test_an_image_that_changes_during_a_fit(image: np.ndarray, cpu: gs.Backend) 
     assert same(run.result().scene, alone.scene)
 
 
+def test_settings_from_a_file(image: np.ndarray, cpu: gs.Backend, tmp_path: Path) -> None:
+    file = tmp_path / "settings.toml"
+    file.write_text("gaussians = 50\niterations = 30\nseed = 3\n")
+    fit = gs.fit(image, settings=file, backend=cpu)
+    settings = fit.summary["settings"]
+    assert (settings["gaussians"], settings["iterations"], settings["seed"]) == (50, 30, 3)
+    assert gs.fit(image, 20, settings=str(file), backend=cpu).summary["settings"]["gaussians"] == 20
+    with pytest.raises(ValueError, match="preset: the file of settings has all settings"):
+        gs.fit(image, preset="quick", settings=file, backend=cpu)
+    file.write_text("gaussains = 50\n")
+    with pytest.raises(ValueError, match="settings.toml:1: unknown key `gaussains`"):
+        gs.fit(image, settings=file, backend=cpu)
+    with pytest.raises(OSError, match="nothing.toml"):
+        gs.fit(image, settings=tmp_path / "nothing.toml", backend=cpu)
+
+
+def test_settings_with_numbers_of_numpy(image: np.ndarray, cpu: gs.Backend) -> None:
+    changes = {"seed": np.int64(7), "adam": {"mean": {"beta1": np.float32(0.5)}}}
+    settings = gs.fit(image, 20, iterations=3, settings=changes, backend=cpu).summary["settings"]
+    assert (settings["seed"], settings["adam"]["mean"]["beta1"]) == (7, 0.5)
+
+
+def test_backends_by_name(image: np.ndarray) -> None:
+    named = gs.fit(image, 40, iterations=20, backend="cpu")
+    assert same(named.scene, gs.fit(image, 40, iterations=20, backend=gs.Backend("cpu")).scene)
+    with pytest.raises(ValueError, match='backend: "gpu" is not one of'):
+        gs.fit(image, 40, backend="gpu")
+    with pytest.raises(TypeError, match="backend: expected a Backend or a name, not int"):
+        gs.fit(image, 40, backend=2)  # type: ignore[arg-type]
+
+
+def test_a_checkpoint_of_a_run_with_other_settings(
+    image: np.ndarray, cpu: gs.Backend, tmp_path: Path
+) -> None:
+    checkpoint = tmp_path / "checkpoint.safetensors"
+    run = gs.FitRun(image, 50, iterations=100_000, backend=cpu, checkpoint=checkpoint)
+    next(run)
+    run.stop()
+    with pytest.raises(RuntimeError, match="stopped"):
+        run.result()
+    assert checkpoint.is_file()
+    others: list[dict[str, Any]] = [{"gaussians": 60}, {"settings": {"seed": 9}}]
+    for other in others:
+        arguments: Any = {"gaussians": 50, "iterations": 100_000, **other}
+        with pytest.raises(ValueError, match="checkpoint: .* other settings"):
+            gs.fit(image, **arguments, backend=cpu, checkpoint=checkpoint)
+    with pytest.raises(ValueError, match="belongs to another target"):
+        gs.fit(1 - image, 50, iterations=100_000, backend=cpu, checkpoint=checkpoint)
+    checkpoint.write_bytes(b"no checkpoint")
+    with pytest.raises(OSError, match=r"checkpoint\.safetensors"):
+        gs.fit(image, 50, backend=cpu, checkpoint=checkpoint)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "error", "says"),
+    [
+        (np.zeros((8, 8, 3)), TypeError, "image: .* float32 .*, not an array of float64"),
+        (np.zeros((8, 8), np.float32), ValueError, r"image: expected shape \(H, W, 3\)"),
+        (np.zeros((8, 8, 4), np.uint8), ValueError, r"image: expected shape \(H, W, 3\)"),
+        (np.zeros((8, 8, 3), np.float32)[:, ::-1], ValueError, "image: .*ascontiguousarray"),
+        (np.full((8, 8, 3), np.nan, np.float32), ValueError, r"image\[0, 0, 0\] is NaN"),
+        (np.zeros((0, 8, 3), np.float32), ValueError, "image"),
+        (7, TypeError, "image: expected a NumPy array"),
+        ("nothing.png", OSError, "nothing.png"),
+    ],
+)
+def test_wrong_images(wrong: Any, error: type[Exception], says: str) -> None:
+    with pytest.raises(error, match=says):
+        gs.fit(wrong, 10, iterations=2, backend="cpu")
+
+
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
@@ -79,6 +143,7 @@ def test_an_image_that_changes_during_a_fit(image: np.ndarray, cpu: gs.Backend) 
         ({"policy": "abs"}, "policy"),
         ({"settings": {"adam": {"meen": 1}}}, r"settings\.adam\.meen: .*mean"),
         ({"settings": {"seed": "a"}}, r"settings\.seed: "),
+        ({"settings": {"seed": object()}}, "settings: not possible as settings"),
     ],
 )
 def test_wrong_arguments(image: np.ndarray, arguments: dict[str, object], says: str) -> None:
@@ -93,7 +158,7 @@ def test_a_policy_that_is_no_policy(image: np.ndarray) -> None:
 
 def test_a_run_that_is_dropped_stops(image: np.ndarray, cpu: gs.Backend) -> None:
     run = gs.FitRun(image, 200, iterations=1_000_000, backend=cpu)
-    next(run)
+    next(iter(run))
     del run
     # The backend is free again.
     assert gs.fit(image, 20, iterations=5, backend=cpu).psnr > 5
@@ -108,101 +173,7 @@ def test_a_stopped_run_has_no_result(image: np.ndarray, cpu: gs.Backend) -> None
         run.result()
 
 
-INTERRUPTED = """
-import sys
-import gaussian_splats as gs
-image, checkpoint = gs.read_image(sys.argv[1]), sys.argv[2]
-cpu = gs.Backend("cpu", threads=1)
-begun = lambda state: print(state.step, flush=True)
-try:
-    fit = gs.fit(image, 60, iterations=3000, backend=cpu, checkpoint=checkpoint, progress=begun)
-except KeyboardInterrupt:
-    sys.exit(9)
-fit.scene.save(sys.argv[3])
-"""
-
-
-def test_ctrl_c_writes_a_checkpoint_from_which_the_fit_goes_on(
-    image: np.ndarray, cpu: gs.Backend, tmp_path: Path
-) -> None:
-    gs.write_png(tmp_path / "image.png", image)
-    checkpoint, result = tmp_path / "checkpoint.safetensors", tmp_path / "scene.gs2d.safetensors"
-    command = [
-        sys.executable,
-        "-c",
-        INTERRUPTED,
-        str(tmp_path / "image.png"),
-        str(checkpoint),
-        str(result),
-    ]
-    with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
-        assert process.stdout is not None
-        process.stdout.readline()
-        process.send_signal(signal.SIGINT)
-        assert process.wait(60) == 9
-    assert checkpoint.is_file()
-    assert not result.exists()
-    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
-    whole = gs.fit(tmp_path / "image.png", 60, iterations=3000, backend=cpu)
-    resumed = gs.load(result)
-    assert isinstance(resumed, gs.Scene2d)
-    assert same(resumed, whole.scene)
-
-
-def in_a_child(scene: gs.Scene2d | None) -> float:
-    y = np.full((8, 8, 3), 0.5, np.float32)
-    return gs.fit(y, 4, iterations=3).psnr
-
-
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork")
-def test_a_child_process_opens_its_own_backend(cpu: gs.Backend) -> None:
-    in_a_child(None)
-    with multiprocessing.get_context("fork").Pool(1) as pool:
-        assert pool.apply(in_a_child, (None,)) > 5
-        with pytest.raises(RuntimeError, match="forked"):
-            pool.apply(use_parents, ())
-
-
-PARENTS = gs.Backend("cpu", threads=1)
-
-
-def use_parents() -> None:
-    gs.fit(np.zeros((8, 8, 3), np.float32), 4, iterations=3, backend=PARENTS)
-
-
-def blender(folder: Path, backend: gs.Backend, scene: gs.Scene3d) -> Path:
-    """A small data set in Blender's form, of renderings of a scene."""
-    import json
-
-    splits = {"train": np.linspace(0, 5.5, 8), "test": np.array([0.3, 2.1])}
-    for split, angles in splits.items():
-        frames = []
-        for number, angle in enumerate(angles):
-            position = np.array([4 * np.sin(angle), 0.0, 5 - 4 * np.cos(angle)])
-            camera = gs.Camera(48, 48, fx=48.0).looking_at(position.tolist(), [0, 0, 5])
-            name = f"{split}_{number}"
-            picture = np.clip(gs.render(scene, camera, backend=backend), 0, 1)
-            gs.write_png(folder / f"{name}.png", picture)
-            # Camera to world; Blender's world has z up, its cameras look along -z with y up.
-            forward = np.array([0, 0, 5]) - position
-            forward = forward / np.linalg.norm(forward)
-            down = np.array([0.0, 1.0, 0.0])
-            right = np.cross(down, forward)
-            to_world = np.eye(4)
-            to_world[:3, 0], to_world[:3, 1], to_world[:3, 2] = right, -down, -forward
-            to_world[:3, 3] = position
-            swap = np.array([[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
-            frames.append(
-                {"file_path": f"./{name}", "transform_matrix": (swap @ to_world).tolist()}
-            )
-        content = {"camera_angle_x": float(2 * np.arctan(0.5)), "frames": frames}
-        (folder / f"transforms_{split}.json").write_text(json.dumps(content))
-    return folder
-
-
-def test_a_training(scene_3d: gs.Scene3d, cpu: gs.Backend, tmp_path: Path) -> None:
-    dataset = blender(tmp_path, cpu, scene_3d)
-    seen: list[int] = []
+def test_a_training(dataset: Path, cpu: gs.Backend) -> None:
     training = gs.train(
         dataset,
         400,
@@ -210,12 +181,57 @@ def test_a_training(scene_3d: gs.Scene3d, cpu: gs.Backend, tmp_path: Path) -> No
         start="random",
         settings={"init": {"random": 200}},
         backend=cpu,
-        progress=lambda state: seen.append(state.step),
     )
     assert training.psnr == training.summary["evaluation"]["psnr"]
     assert 0 < len(training.scene) <= 400
-    assert seen[-1] == 60
+    assert training.history["step"].tolist() == list(range(1, 61))
+    evaluation = gs.evaluate(training.scene, dataset, backend=cpu)
+    assert evaluation["psnr"] == pytest.approx(training.psnr, abs=1e-6)
+    assert len(evaluation["views"]) == 2
+    again = gs.train(dataset, 400, iterations=3, start=training.scene, backend=cpu)
+    assert again.psnr > training.psnr - 3
+    shown = training._repr_png_()
+    assert shown is not None and shown.startswith(b"\x89PNG")
+
+
+def test_a_policy_in_a_training(dataset: Path, cpu: gs.Backend) -> None:
+    seen: list[tuple[int, ...]] = []
+
+    class Watching:
+        def plan(self, observation: gs.Observation, rng: np.random.Generator) -> gs.Plan:
+            seen.append(observation.means.shape)
+            most = np.argsort(-observation.signal, kind="stable")
+            return gs.Plan(grow=most[:3])
+
+    options: Any = {"iterations": 300, "start": "random", "settings": {"init": {"random": 100}}}
+    gs.train(dataset, 200, policy=Watching(), backend=cpu, **options)
+    assert seen and all(shape[1] == 3 for shape in seen)
+
+
+def test_wrong_arguments_of_a_training(dataset: Path, cpu: gs.Backend, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="start"):
         gs.train(dataset, start="points", backend=cpu)
+    with pytest.raises(TypeError, match="start: expected a name or a Scene3d, not int"):
+        gs.train(dataset, start=3, backend=cpu)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=r"reading\.max_size: .*max-size"):
+        gs.train(dataset, reading={"max_size": 3}, backend=cpu)
     with pytest.raises(OSError):
         gs.train(tmp_path / "nothing", backend=cpu)
+
+
+def test_a_resumed_training(dataset: Path, cpu: gs.Backend, tmp_path: Path) -> None:
+    checkpoint = tmp_path / "checkpoint.safetensors"
+    options: Any = {"iterations": 60, "start": "random", "backend": cpu}
+    run = gs.TrainRun(dataset, 200, checkpoint=checkpoint, **options)
+    next(run)
+    run.stop()
+    with pytest.raises(RuntimeError, match="stopped"):
+        run.result()
+    assert checkpoint.is_file()
+    with pytest.raises(ValueError, match="checkpoint: the file is of a run with other settings"):
+        gs.train(dataset, 300, checkpoint=checkpoint, **options)
+    rest = gs.TrainRun(dataset, 200, checkpoint=checkpoint, **options)
+    assert 0 < len(rest) < 60
+    resumed, whole = rest.result(), gs.train(dataset, 200, **options)
+    assert np.array_equal(resumed.scene.means, whole.scene.means)
+    assert not checkpoint.exists()

@@ -10,12 +10,10 @@ mod test;
 
 use std::process::ExitCode;
 
-use crate::test::Options;
-
 const HELP: &str = "\
 Usage: cargo xtask test [--install] [--slow]
        cargo xtask cluster [--install]
-       cargo xtask python [--test]
+       cargo xtask python [--test] [--install]
 
 cargo xtask test runs the tests of the workspace, documentation tests included.
 
@@ -39,13 +37,15 @@ an environment of its own. Without Python 3.9 or later it says so and builds not
 
 Options:
   --test     build without optimising what does not compute, install the wheel into that
-             environment, and run its linter, type checker and tests";
+             environment, and run linter, type checker, tests and the tutorial. Tests that need
+             PyTorch, JAX or Ray are skipped and listed by name
+  --install  install Debian's python3-venv, where no Python can make environments";
 
 /// What the command line asks for.
 enum Task {
-    Test(Options),
+    Test(test::Options),
     Cluster { install: bool },
-    Python { test: bool },
+    Python(python::Options),
 }
 
 fn main() -> ExitCode {
@@ -56,12 +56,11 @@ fn main() -> ExitCode {
             eprintln!("{HELP}");
             return ExitCode::SUCCESS;
         }
-        ["test", flags @ ..] => Options::parse(flags).map(Task::Test),
+        ["test", flags @ ..] => test::Options::parse(flags).map(Task::Test),
         ["cluster"] => Ok(Task::Cluster { install: false }),
         ["cluster", "--install"] => Ok(Task::Cluster { install: true }),
-        ["python"] => Ok(Task::Python { test: false }),
-        ["python", "--test"] => Ok(Task::Python { test: true }),
-        ["cluster" | "python", flag, ..] => Err(format!("unknown flag {flag}")),
+        ["python", flags @ ..] => python::Options::parse(flags).map(Task::Python),
+        ["cluster", flag, ..] => Err(format!("unknown flag {flag}")),
         [other, ..] => Err(format!("unknown command {other}")),
     };
     let task = match task {
@@ -74,7 +73,7 @@ fn main() -> ExitCode {
     let ended = match task {
         Task::Test(options) => test::run(options),
         Task::Cluster { install } => cluster::run(install),
-        Task::Python { test } => python::run(test),
+        Task::Python(options) => python::run(options),
     };
     match ended {
         Ok(()) => ExitCode::SUCCESS,

@@ -6,15 +6,46 @@ use std::{
     process::{Command, Stdio},
 };
 
-use crate::system::{cargo_program, workspace};
+use crate::system::{cargo_program, install_packages, workspace};
 
-/// Packages that building and testing need, from PyPI.
-const PACKAGES: [&str; 6] = ["maturin>=1.9,<2", "numpy>=1.22", "pytest>=8", "mypy>=1.11", "ruff>=0.6", "tqdm>=4.60"];
+/// What builds wheels, from PyPI.
+const MATURIN: &str = "maturin>=1.9,<2";
+
+/// The packages of Debian and Ubuntu with a Python that can make environments.
+const PYTHON: [&str; 2] = ["python3", "python3-venv"];
+
+/// What the command line asks for.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Options {
+    /// Test the module.
+    test: bool,
+    /// Install Python, where there is none.
+    install: bool,
+}
+
+impl Options {
+    /// Reads the flags after `python`.
+    pub(crate) fn parse(flags: &[&str]) -> Result<Self, String> {
+        let mut options = Self::default();
+        for flag in flags {
+            match *flag {
+                "--test" => options.test = true,
+                "--install" => options.install = true,
+                other => return Err(format!("unknown flag {other}")),
+            }
+        }
+        Ok(options)
+    }
+}
 
 /// Builds a wheel into `target/wheels`: for use, or without optimising what does not compute, to be
 /// tested.
-pub(crate) fn run(test: bool) -> Result<(), String> {
-    let Some(python) = ["python3", "python"].into_iter().find(|program| has_venv(program)) else {
+pub(crate) fn run(options: Options) -> Result<(), String> {
+    let found = || ["python3", "python"].into_iter().find(|program| has_venv(program));
+    if found().is_none() && options.install {
+        install_packages(&PYTHON)?;
+    }
+    let Some(python) = found() else {
         eprintln!("skipped: there is no Python 3.9 or later with the module venv: the Python module");
         return Ok(());
     };
@@ -23,31 +54,40 @@ pub(crate) fn run(test: bool) -> Result<(), String> {
     remove(&environment)?;
     step(Command::new(python).args(["-m", "venv"]).arg(&environment))?;
     let program = |name: &str| environment.join("bin").join(name);
-    let mut install = Command::new(program("pip"));
-    install.args(["install", "--quiet", "--disable-pip-version-check", "--retries", "2"]).args(PACKAGES);
-    if let Err(error) = step(&mut install) {
-        eprintln!("skipped: the packages that the Python module needs cannot be installed ({error})");
+    let install = |what: &str| {
+        let mut pip = Command::new(program("pip"));
+        step(pip.args(["install", "--quiet", "--disable-pip-version-check", "--retries", "2", what]))
+    };
+    if let Err(error) = install(MATURIN) {
+        eprintln!("skipped: what the Python module needs cannot be installed ({error})");
         return Ok(());
     }
     let module = workspace().join("gs-python");
-    let profile = if test { "dev" } else { "release" };
+    let profile = if options.test { "dev" } else { "release" };
     remove(&wheels)?;
     let mut build = Command::new(program("maturin"));
     build.args(["build", "--locked", "--profile", profile, "--out"]).arg(&wheels).env("CARGO", cargo_program());
     step(build.current_dir(&module))?;
     let wheel = wheel_in(&wheels)?;
     eprintln!("built {}", wheel.display());
-    if !test {
+    if !options.test {
         return Ok(());
     }
-    step(Command::new(program("pip")).args(["install", "--quiet", "--no-deps"]).arg(&wheel))?;
+    install(&format!("{}[test]", wheel.display()))?;
     step(Command::new(program("ruff")).args(["check", "."]).current_dir(&module))?;
+    step(Command::new(program("ruff")).args(["format", "--check", "."]).current_dir(&module))?;
     step(Command::new(program("mypy")).args(["--strict", "python", "tests", "examples"]).current_dir(&module))?;
-    // Development mode shows what Python only warns of otherwise.
+    step(Command::new(program("stubtest")).args(STUBTEST).current_dir(&module))?;
+    // Development mode shows what Python only warns of otherwise. Skipped tests are listed by name.
     let mut tests = Command::new(program("python"));
-    tests.args(["-X", "dev", "-X", "faulthandler", "-m", "pytest", "-q", "tests"]);
+    tests.args(["-X", "dev", "-X", "faulthandler", "-m", "pytest", "-q", "-rs", "tests"]);
     step(tests.current_dir(&module))
 }
+
+/// The comparison of the stub with the compiled module. What has documentation in the stub is found
+/// by the build, which takes it from there.
+const STUBTEST: [&str; 4] =
+    ["gaussian_splats._native", "--ignore-missing-stub", "--mypy-config-file", "pyproject.toml"];
 
 /// Whether this is a Python that can make an environment.
 fn has_venv(program: &str) -> bool {

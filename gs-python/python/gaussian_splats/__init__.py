@@ -13,9 +13,14 @@ every number of threads.
 
 from __future__ import annotations
 
+import atexit as _atexit
+
+from . import _native
+from ._dlpack import shared
 from ._native import (
     Backend,
     Camera,
+    Encoded,
     Fit,
     FitRun,
     ForwardPass,
@@ -27,6 +32,10 @@ from ._native import (
     Training,
     TrainRun,
     compare,
+    decode,
+    encode,
+    evaluate,
+    forward,
     load,
     read_image,
     render,
@@ -40,6 +49,7 @@ __all__ = [
     "Arm",
     "Backend",
     "Camera",
+    "Encoded",
     "Fit",
     "FitRun",
     "ForwardPass",
@@ -53,10 +63,18 @@ __all__ = [
     "TrainRun",
     "Training",
     "compare",
+    "decode",
+    "encode",
+    "evaluate",
     "fit",
+    "forward",
     "load",
     "read_image",
     "render",
+    "shared",
     "train",
     "write_png",
 ]
+
+# Runs call policies from threads of their own, which must not outlive the interpreter.
+_atexit.register(_native.stop_runs)

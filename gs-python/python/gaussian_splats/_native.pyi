@@ -1,4 +1,4 @@
-"""The compiled part of the package."""
+"""The compiled part of the package. The docstrings are those that ``help`` shows, too."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any, Callable, final
 import numpy as np
 import numpy.typing as npt
 
-from ._types import Floats, ImageSource, Path, Policy, Settings
+from ._types import BackendChoice, Floats, ImageSource, Path, Policy, Settings
 
 @final
 class Backend:
@@ -18,10 +18,11 @@ class Backend:
     :param threads: threads on the host; by default one per core.
     :raises RuntimeError: where there is no such device; the message says what to install.
 
-    One backend may be used from several threads. After a fork, open another in the child process.
+    Functions take a backend or its name. One backend may be used from several threads. After a
+    fork, open another in the child process.
     """
 
-    def __init__(self, name: str = "auto", *, threads: int | None = None) -> None: ...
+    def __new__(cls, name: str = "auto", *, threads: int | None = None) -> Backend: ...
     @property
     def name(self) -> str:
         """ "cpu" or "wgpu"."""
@@ -39,14 +40,16 @@ class Camera:
     :param width: columns of the image.
     :param height: rows of the image.
     :param fx: focal length, px; ``fy`` is the same by default.
-    :param cx: principal point, px from the top-left corner; by default the centre.
-    :param rotation: world-to-camera rotation, (3, 3), row by row.
-    :param translation: world-to-camera translation: x_camera = rotation @ x_world + translation.
-    :param near: near plane, world units.
+    :param cx: principal point, px from the top-left corner; by default the centre, as ``cy``.
+    :param rotation: world-to-camera rotation, (3, 3), row by row; by default the identity.
+    :param translation: world-to-camera translation: x_camera = rotation @ x_world + translation;
+        by default 0.
+    :param near: near plane, world units: Gaussians whose mean is nearer are not drawn.
+    :raises ValueError: for impossible values.
     """
 
-    def __init__(
-        self,
+    def __new__(
+        cls,
         width: int,
         height: int,
         *,
@@ -57,15 +60,27 @@ class Camera:
         rotation: Any = None,
         translation: Any = None,
         near: float | None = None,
-    ) -> None: ...
-    def looking_at(self, position: Any, target: Any, up: Any = (0.0, -1.0, 0.0)) -> Camera:
-        """The same camera at another position, looking at a point."""
+    ) -> Camera: ...
+    @staticmethod
+    def overview(scene: Scene3d, width: int = 800, height: int = 600) -> Camera:
+        """A camera slightly above a scene that has most of it in view, as ``gs view`` begins.
+
+        :raises ValueError: where nothing of the scene can be seen.
+        """
+    def looking_at(self, position: Any, target: Any, up: Any = ...) -> Camera:
+        """The same camera at another position, looking at a point; (3,) each, world units.
+
+        :param up: what is upwards in the image; by default (0, -1, 0), as y points down.
+        :raises ValueError: where the target is at the position, or straight up or down from it.
+        """
     def resized(self, width: int, height: int) -> Camera:
         """The same view in an image of another size."""
     @property
-    def width(self) -> int: ...
+    def width(self) -> int:
+        """Columns of the image."""
     @property
-    def height(self) -> int: ...
+    def height(self) -> int:
+        """Rows of the image."""
     @property
     def position(self) -> list[float]:
         """Position, world units."""
@@ -88,29 +103,46 @@ class Scene2d:
         not finite.
     """
 
-    def __init__(
-        self,
+    def __new__(
+        cls,
         means: Floats,
         log_scales: Floats,
         rotations: Floats,
         colors: Floats,
         opacity_logits: Floats | None = None,
-    ) -> None: ...
+    ) -> Scene2d: ...
     @property
-    def means(self) -> Floats: ...
+    def means(self) -> Floats:
+        """(N, 2), px; read-only."""
     @property
-    def log_scales(self) -> Floats: ...
+    def log_scales(self) -> Floats:
+        """(N, 2), natural logarithms of standard deviations in px; read-only."""
     @property
-    def rotations(self) -> Floats: ...
+    def rotations(self) -> Floats:
+        """(N,), rad; read-only."""
     @property
-    def colors(self) -> Floats: ...
+    def colors(self) -> Floats:
+        """(N, 3), RGB; read-only."""
     @property
-    def opacity_logits(self) -> Floats | None: ...
+    def opacity_logits(self) -> Floats | None:
+        """(N,), or None where Gaussians have no opacity; read-only."""
+    @property
+    def arrays(self) -> dict[str, Floats]:
+        """All arrays by name, as the constructor takes them."""
     @property
     def size(self) -> tuple[int, int] | None:
         """Columns and rows of the image that the scene was made for, where they are known."""
     def save(self, path: Path, size: tuple[int, int] | None = None) -> None:
-        """Write the scene to a file whose name ends in ``.gs2d.safetensors``, without loss."""
+        """Write the scene to a file.
+
+        ``.gs2d.safetensors`` keeps it without loss. ``.ply`` (for viewers of 3D splats) and
+        ``.svg`` hold a scene that is trained to look the same there, as ``gs convert`` makes it.
+
+        :param size: columns and rows of the image, where the scene does not know them.
+        :raises OSError: for a file that cannot be written, or another ending.
+        """
+    def _repr_png_(self) -> bytes | None:
+        """The rendering, for notebooks; None where the size is not known."""
     def __len__(self) -> int: ...
 
 @final
@@ -126,28 +158,42 @@ class Scene3d:
     Errors are those of :class:`Scene2d`.
     """
 
-    def __init__(
-        self,
+    def __new__(
+        cls,
         means: Floats,
         log_scales: Floats,
         rotations: Floats,
         opacity_logits: Floats,
         sh: Floats,
-    ) -> None: ...
+    ) -> Scene3d: ...
     @property
-    def means(self) -> Floats: ...
+    def means(self) -> Floats:
+        """(N, 3), world units; read-only."""
     @property
-    def log_scales(self) -> Floats: ...
+    def log_scales(self) -> Floats:
+        """(N, 3), natural logarithms of standard deviations in world units; read-only."""
     @property
-    def rotations(self) -> Floats: ...
+    def rotations(self) -> Floats:
+        """(N, 4), quaternions (w, x, y, z); read-only."""
     @property
-    def opacity_logits(self) -> Floats: ...
+    def opacity_logits(self) -> Floats:
+        """(N,); read-only."""
     @property
-    def sh(self) -> Floats: ...
+    def sh(self) -> Floats:
+        """(N, K, 3), SH coefficients; read-only."""
     @property
-    def sh_degree(self) -> int: ...
+    def arrays(self) -> dict[str, Floats]:
+        """All arrays by name, as the constructor takes them."""
+    @property
+    def sh_degree(self) -> int:
+        """SH degree, 0 to 3: K = (degree + 1)²."""
     def save(self, path: Path) -> None:
-        """Write the scene as PLY, ``.splat``, SPZ or glTF, by the ending of the name."""
+        """Write the scene as PLY, ``.splat``, SPZ or glTF, by the ending of the name.
+
+        :raises OSError: for a file that cannot be written, or another ending.
+        """
+    def _repr_png_(self) -> bytes | None:
+        """The scene from slightly above, for notebooks."""
     def __len__(self) -> int: ...
 
 def load(path: Path) -> Scene2d | Scene3d:
@@ -162,43 +208,39 @@ def render(
     *,
     size: tuple[int, int] | None = None,
     settings: Settings | None = None,
-    backend: Backend | None = None,
+    backend: BackendChoice = None,
 ) -> Floats:
     """Render a scene as a float32 array of shape (H, W, 3), not clamped to 0 to 1.
 
-    :param camera: for 3D scenes only.
+    :param camera: for 3D scenes only, which need one.
     :param size: columns and rows; by default those of the scene's image or of the camera.
     :param settings: changes to how the scene was trained, such as
         ``{"effects": {"sh-degree": 0}, "background": [1.0, 1.0, 1.0]}``.
+    :param backend: a backend or its name; by default a GPU if there is one, otherwise the CPU.
+    :raises ValueError: for a missing camera or size, and for settings that are not possible.
     """
 
-def compare(image: npt.NDArray[Any], reference: npt.NDArray[Any]) -> dict[str, Any]:
-    """PSNR (dB), SSIM, MS-SSIM and mean absolute difference of an image, rounded to 8 bits."""
+def forward(
+    scene: Scene2d | Scene3d,
+    camera: Camera | None = None,
+    *,
+    size: tuple[int, int] | None = None,
+    settings: Settings | None = None,
+    backend: BackendChoice = None,
+) -> ForwardPass:
+    """Render a scene so that the result can be differentiated.
 
-def read_image(path: Path) -> Floats:
-    """Read a PNG, JPEG, BMP, TIFF, WebP, GIF or PNM as float32 of shape (H, W, 3), 0 to 1."""
+    Parameters and errors are those of :func:`render`.
 
-def write_png(path: Path, image: npt.NDArray[Any]) -> None:
-    """Write an image of shape (H, W, 3), float32 or uint8, as PNG."""
-
-@final
-class ForwardPass:
-    """A rendering that can be differentiated once. Parameters are those of :func:`render`.
-
-    >>> forward = ForwardPass(scene)
+    >>> forward = gs.forward(scene)
     >>> gradient = forward.backward(2 * (forward.image - target))
     >>> gradient.means  # of the sum of squared differences, by each mean
     """
 
-    def __init__(
-        self,
-        scene: Scene2d | Scene3d,
-        camera: Camera | None = None,
-        *,
-        size: tuple[int, int] | None = None,
-        settings: Settings | None = None,
-        backend: Backend | None = None,
-    ) -> None: ...
+@final
+class ForwardPass:
+    """A rendering that can be differentiated once; :func:`forward` makes it."""
+
     @property
     def image(self) -> Floats:
         """The rendering, (H, W, 3), not clamped; read-only."""
@@ -208,6 +250,104 @@ class ForwardPass:
         :param v_image: the gradient of the loss by the image, float32 of its shape.
         :raises RuntimeError: if this forward pass has been used already.
         """
+
+def oracle_render(
+    scene: Scene2d | Scene3d,
+    camera: Camera | None = None,
+    *,
+    size: tuple[int, int] | None = None,
+    settings: Settings | None = None,
+) -> npt.NDArray[np.float64]:
+    """See :func:`gaussian_splats.oracle.render`."""
+
+def oracle_gradient(
+    scene: Scene2d | Scene3d,
+    v_image: Floats,
+    camera: Camera | None = None,
+    *,
+    size: tuple[int, int] | None = None,
+    settings: Settings | None = None,
+) -> npt.NDArray[np.float64]:
+    """Rows of gradients, (N, P); see :func:`gaussian_splats.oracle.gradient`."""
+
+def encode(
+    image: ImageSource,
+    *,
+    quality: int | None = None,
+    psnr: float | None = None,
+    bytes: int | None = None,
+    bpp: float | None = None,
+    seed: int = 0,
+    backend: BackendChoice = None,
+) -> Encoded:
+    """Compress an image into a ``.gsi`` file, as ``gs encode`` does.
+
+    :param image: a file, or an array of shape (H, W, 3), float32 with 0 to 1 or uint8.
+    :param quality: 1 (small file) to 100 (best image); 50 where no target is given.
+    :param psnr: the smallest file with at least this PSNR, 10 to 60 dB.
+    :param bytes: the best image in at most so many bytes.
+    :param bpp: the same in bits per pixel.
+    :param seed: seed of all random numbers.
+    :raises ValueError: for two targets, one out of range, or one that cannot be met.
+    """
+
+def decode(data: bytes) -> Scene2d:
+    """The scene of the bytes of a ``.gsi`` file; :func:`render` makes an image of it.
+
+    :raises ValueError: for data that is damaged or truncated.
+    """
+
+@final
+class Encoded:
+    """A compressed image."""
+
+    @property
+    def data(self) -> bytes:
+        """The ``.gsi`` file."""
+    @property
+    def gaussians(self) -> int:
+        """Number of Gaussians."""
+    @property
+    def psnr(self) -> float:
+        """PSNR of the decoded 8-bit image, dB."""
+    @property
+    def seconds(self) -> float:
+        """Time of encoding, s."""
+
+def compare(image: ImageSource, reference: ImageSource) -> dict[str, Any]:
+    """PSNR (dB), SSIM, MS-SSIM and mean absolute difference of an image, rounded to 8 bits.
+
+    Images are files, or arrays of shape (H, W, 3), float32 with 0 to 1 or uint8.
+
+    :raises ValueError: for images of different sizes.
+    """
+
+def evaluate(
+    scene: Scene3d,
+    dataset: Path,
+    *,
+    reading: Settings | None = None,
+    settings: Settings | None = None,
+    backend: BackendChoice = None,
+) -> dict[str, Any]:
+    """The quality of a 3D scene over the held-out views of a data set, as ``gs eval`` measures it.
+
+    The result has means ("psnr" in dB, "ssim", "l1", ...) and a list of "views" with those of each.
+    Without held-out views, all are used.
+
+    :param reading: how the data set is read, as for :func:`gaussian_splats.train`.
+    :param settings: changes to how the scene was trained, as for :func:`render`.
+    :raises OSError: for a data set that cannot be read.
+    """
+
+def read_image(path: Path) -> Floats:
+    """Read a PNG, JPEG, BMP, TIFF, WebP, GIF or PNM as float32 of shape (H, W, 3), 0 to 1.
+
+    Transparent pixels are shown on white.
+    """
+
+def write_png(path: Path, image: npt.NDArray[Any]) -> None:
+    """Write an image of shape (H, W, 3), float32 or uint8, as PNG."""
 
 @final
 class Progress:
@@ -240,7 +380,8 @@ class Fit:
     """The result of a fit."""
 
     @property
-    def scene(self) -> Scene2d: ...
+    def scene(self) -> Scene2d:
+        """The Gaussians."""
     @property
     def image(self) -> Floats:
         """The rendering at the image's size, (H, W, 3), not clamped."""
@@ -248,75 +389,91 @@ class Fit:
     def psnr(self) -> float:
         """PSNR of the 8-bit image, dB."""
     @property
+    def history(self) -> dict[str, npt.NDArray[Any]]:
+        """Each step's "step", "seconds", "count", "loss" and "psnr" (dB, estimated), (steps,)."""
+    @property
     def summary(self) -> dict[str, Any]:
         """Cost, quality and all settings, as in the file ``summary.json`` of ``gs fit``."""
+    def _repr_png_(self) -> bytes:
+        """The rendering, for notebooks."""
 
 @final
 class FitRun:
     """A fit under way in a thread of its own; iterate over it for its :class:`Progress`.
 
-    Parameters are those of :func:`gaussian_splats.fit`. Ctrl-C stops the fit and, if there is
-    ``checkpoint``, writes its state there.
+    Parameters are those of :func:`gaussian_splats.fit`. Its length is the number of steps. Ctrl-C
+    stops the fit and, if there is ``checkpoint``, writes its state there.
     """
 
-    def __init__(
-        self,
+    def __new__(
+        cls,
         image: ImageSource,
         gaussians: int | None = None,
         *,
-        preset: str = "standard",
+        preset: str | None = None,
         iterations: int | None = None,
         policy: str | Policy | None = None,
-        settings: Settings | None = None,
-        backend: Backend | None = None,
+        settings: Settings | Path | None = None,
+        backend: BackendChoice = None,
         checkpoint: Path | None = None,
-    ) -> None: ...
+    ) -> FitRun: ...
     def __iter__(self) -> Iterator[Progress]: ...
     def __next__(self) -> Progress: ...
     def __len__(self) -> int: ...
     def stop(self) -> None:
         """Stop the run at its next step."""
     def result(self) -> Fit:
-        """Wait for the end."""
+        """Wait for the end.
+
+        :raises RuntimeError: if the run was stopped; and what a policy has raised.
+        """
 
 @final
 class Training:
     """The result of a training."""
 
     @property
-    def scene(self) -> Scene3d: ...
+    def scene(self) -> Scene3d:
+        """The Gaussians."""
     @property
     def psnr(self) -> float:
         """Mean PSNR over the held-out views, dB."""
     @property
+    def history(self) -> dict[str, npt.NDArray[Any]]:
+        """Each step's "step", "seconds", "count", "loss" and "psnr" (dB, estimated), (steps,)."""
+    @property
     def summary(self) -> dict[str, Any]:
         """Cost, quality and all settings, as in the file ``summary.json`` of ``gs train``."""
+    def _repr_png_(self) -> bytes | None:
+        """The scene from slightly above, for notebooks."""
 
 @final
 class TrainRun:
     """A training under way; see :class:`FitRun` and :func:`gaussian_splats.train`."""
 
-    def __init__(
-        self,
+    def __new__(
+        cls,
         dataset: Path,
         gaussians: int | None = None,
         *,
-        preset: str = "standard",
+        preset: str | None = None,
         iterations: int | None = None,
-        start: str | None = None,
+        start: str | Scene3d | None = None,
         reading: Settings | None = None,
         policy: str | Policy | None = None,
-        settings: Settings | None = None,
-        backend: Backend | None = None,
+        settings: Settings | Path | None = None,
+        backend: BackendChoice = None,
         checkpoint: Path | None = None,
-    ) -> None: ...
+    ) -> TrainRun: ...
     def __iter__(self) -> Iterator[Progress]: ...
     def __next__(self) -> Progress: ...
     def __len__(self) -> int: ...
     def stop(self) -> None:
         """Stop the run at its next step."""
     def result(self) -> Training:
-        """Wait for the end."""
+        """Wait for the end; see :meth:`FitRun.result`."""
+
+def stop_runs() -> None: ...
 
 @final
 class Observation:
@@ -326,12 +483,14 @@ class Observation:
     def means(self) -> Floats:
         """(N, 2) in px, or (N, 3) in world units."""
     @property
-    def log_scales(self) -> Floats: ...
+    def log_scales(self) -> Floats:
+        """(N, 2) or (N, 3): natural logarithms of standard deviations."""
     @property
     def rotations(self) -> Floats:
-        """(N,) angles, or (N, 4) quaternions."""
+        """(N,) angles in rad, or (N, 4) quaternions (w, x, y, z)."""
     @property
-    def opacity_logits(self) -> Floats | None: ...
+    def opacity_logits(self) -> Floats | None:
+        """(N,), or None where Gaussians have no opacity."""
     @property
     def colors(self) -> Floats:
         """(N, 3); in 3D without the part that depends on the direction."""
@@ -343,10 +502,10 @@ class Observation:
         """(N,): number of steps since the last edit in which a Gaussian was drawn."""
     @property
     def target(self) -> Floats | None:
-        """The image, where the policy has ``needs_residual``."""
+        """The image, (H, W, 3), where the policy has ``needs_residual``."""
     @property
     def rendered(self) -> Floats | None:
-        """Its present rendering."""
+        """Its present rendering, (H, W, 3), likewise."""
     @property
     def extent(self) -> float:
         """Longer side of the image, px, or radius of the cameras' positions, world units."""
@@ -359,9 +518,6 @@ class Observation:
     @property
     def budget(self) -> int:
         """Largest number of Gaussians after the round."""
-    @property
-    def rng(self) -> np.random.Generator:
-        """Random numbers of this round: the same whenever a run is repeated or resumed."""
     def __len__(self) -> int: ...
 
 @final
@@ -374,15 +530,15 @@ class Plan:
     :param split: Gaussians that become two halves, whatever their size.
     :param prune: Gaussians to remove.
     :param relocate: (moved, onto): each of ``moved`` becomes a copy of that in ``onto``.
-    :param add: a scene of new Gaussians.
-    :param opacity_ceiling: lowers all larger opacities to this value.
+    :param add: a scene of new Gaussians, of the kind that is trained.
+    :param opacity_ceiling: lowers all larger opacities to this value, above 0 and at most 1.
 
     Gaussians that the policy's ``actions`` prune are left out of all lists. Indices that do not
     exist, contradictions, and more Gaussians than the budget are a ``ValueError`` of the run.
     """
 
-    def __init__(
-        self,
+    def __new__(
+        cls,
         grow: npt.NDArray[Any] | None = None,
         *,
         clone: npt.NDArray[Any] | None = None,
@@ -391,21 +547,23 @@ class Plan:
         relocate: tuple[npt.NDArray[Any], npt.NDArray[Any]] | None = None,
         add: Scene2d | Scene3d | None = None,
         opacity_ceiling: float | None = None,
-    ) -> None: ...
+    ) -> Plan: ...
 
 @final
 class Study:
     """See :class:`gaussian_splats.Study`."""
 
-    def __init__(
-        self,
+    def __new__(
+        cls,
         definition: str,
         arms: list[tuple[str, str, str | Policy, str]],
-        data: Path | None = None,
-        beside: Path | None = None,
-    ) -> None: ...
+        data: Path | None,
+        beside: Path | None,
+        backend: str,
+    ) -> Study: ...
     @property
-    def runs(self) -> int: ...
+    def runs(self) -> int:
+        """Number of runs."""
     def run(
         self,
         output: Path,
@@ -413,7 +571,8 @@ class Study:
         jobs: int = 1,
         resume: bool = False,
         progress: Callable[[int, int], object] | None = None,
-    ) -> list[str]: ...
+    ) -> list[str]:
+        """See :meth:`gaussian_splats.Study.run`."""
     def work(
         self,
         output: Path,
@@ -421,5 +580,7 @@ class Study:
         jobs: int = 1,
         shard: tuple[int, int] | None = None,
         progress: Callable[[int, int], object] | None = None,
-    ) -> None: ...
-    def report(self, output: Path) -> list[str]: ...
+    ) -> None:
+        """See :meth:`gaussian_splats.Study.work`."""
+    def report(self, output: Path) -> list[str]:
+        """See :meth:`gaussian_splats.Study.report`."""

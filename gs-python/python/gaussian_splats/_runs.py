@@ -2,38 +2,44 @@
 
 from __future__ import annotations
 
-from typing import Callable
+from contextlib import suppress
+from typing import Callable, TypeVar
 
-from ._native import Backend, Fit, FitRun, Progress, Training, TrainRun
-from ._types import ImageSource, Path, Policy, Settings
+from ._native import Fit, FitRun, Progress, Scene3d, Training, TrainRun
+from ._types import BackendChoice, ImageSource, Path, Policy, Settings
+
+_Run = TypeVar("_Run", FitRun, TrainRun)
 
 
 def fit(
     image: ImageSource,
     gaussians: int | None = None,
     *,
-    preset: str = "standard",
+    preset: str | None = None,
     iterations: int | None = None,
     policy: str | Policy | None = None,
-    settings: Settings | None = None,
-    backend: Backend | None = None,
+    settings: Settings | Path | None = None,
+    backend: BackendChoice = None,
     checkpoint: Path | None = None,
     progress: Callable[[Progress], object] | None = None,
 ) -> Fit:
     """Fit 2D Gaussians to an image.
 
     :param image: a file, or an array of shape (H, W, 3), float32 with 0 to 1 or uint8.
-    :param gaussians: largest number of Gaussians; by default 9,000 per 768x512 pixels.
-    :param preset: "quick", "standard", "best" or "paper", as for ``gs fit``.
+    :param gaussians: largest number of Gaussians; by default 9,000 per 768x512 px.
+    :param preset: "standard" (the default), "quick", "best" or "paper", as for ``gs fit``.
     :param iterations: number of steps; by default the preset's.
-    :param policy: a name, as for ``gs fit --policy``, or an object with a method ``plan``.
-    :param settings: changes to all that, with the names of settings files.
-    :param backend: what computes; by default a GPU if there is one, otherwise the CPU.
-    :param checkpoint: a file from which an interrupted fit goes on if it exists, and to which
-        Ctrl-C writes the state of this one.
-    :param progress: called now and then, at least after each round of density control.
-    :raises TypeError: for an array of the wrong dtype.
-    :raises ValueError: for a wrong shape or setting.
+    :param policy: a name, as for ``gs fit --policy``, or an object with a method ``plan``
+        (:class:`Policy`).
+    :param settings: changes to all that, with the names of settings files; or a settings file,
+        such as the ``settings.toml`` of a fit, in place of a preset.
+    :param backend: a backend or its name; by default a GPU if there is one, otherwise the CPU.
+    :param checkpoint: a file from which an interrupted fit goes on if it exists. The state is
+        written there every two minutes and where the fit is interrupted, as by Ctrl-C; at the end
+        the file is removed.
+    :param progress: called with the state after each step.
+    :raises TypeError: for an argument of the wrong type, or an array of the wrong dtype.
+    :raises ValueError: for a wrong shape or setting, and for a checkpoint of a fit with others.
     :raises OSError: for a file that cannot be read.
     """
     run = FitRun(
@@ -46,9 +52,7 @@ def fit(
         backend=backend,
         checkpoint=checkpoint,
     )
-    for state in run:
-        if progress is not None:
-            progress(state)
+    _follow(run, progress)
     return run.result()
 
 
@@ -56,13 +60,13 @@ def train(
     dataset: Path,
     gaussians: int | None = None,
     *,
-    preset: str = "standard",
+    preset: str | None = None,
     iterations: int | None = None,
-    start: str | None = None,
+    start: str | Scene3d | None = None,
     reading: Settings | None = None,
     policy: str | Policy | None = None,
-    settings: Settings | None = None,
-    backend: Backend | None = None,
+    settings: Settings | Path | None = None,
+    backend: BackendChoice = None,
     checkpoint: Path | None = None,
     progress: Callable[[Progress], object] | None = None,
 ) -> Training:
@@ -70,8 +74,10 @@ def train(
 
     :param dataset: the folder of a COLMAP, Nerfstudio or Blender data set.
     :param gaussians: largest number of Gaussians; by default the preset's.
-    :param preset: "quick", "standard", "3dgs" or "mcmc", as for ``gs train``.
-    :param start: "points", "depths", "images" or "random"; by default what suits the data set.
+    :param preset: "standard" (the default), "quick", "3dgs" or "mcmc", as for ``gs train``.
+    :param iterations: number of steps; by default the preset's.
+    :param start: "points", "depths", "images" or "random"; or a scene to start from. By default
+        what suits the data set.
     :param reading: how the data set is read: "max-size", "holdout", "images", "alpha", "views" and
         "test-views", as in study files.
 
@@ -89,7 +95,19 @@ def train(
         backend=backend,
         checkpoint=checkpoint,
     )
-    for state in run:
-        if progress is not None:
-            progress(state)
+    _follow(run, progress)
     return run.result()
+
+
+def _follow(run: _Run, progress: Callable[[Progress], object] | None) -> None:
+    """Reports the steps of a run. If that fails, the run is stopped and its checkpoint written."""
+    if progress is None:
+        return
+    try:
+        for state in run:
+            progress(state)
+    except BaseException:
+        run.stop()
+        with suppress(Exception):
+            run.result()
+        raise

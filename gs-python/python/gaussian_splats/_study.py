@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import inspect
 import os
-import textwrap
+import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, is_dataclass
 from typing import Callable
+
+import numpy as np
 
 from . import _native
 from ._types import Path, Policy
@@ -32,28 +33,64 @@ class Arm:
 
         It is part of each run's address, so that results of another version of the policy are
         never taken for those of this one. Functions that the policy calls are not part of it.
+
+        :raises ValueError: where two versions of the policy could not be told apart.
         """
         if isinstance(self.policy, str):
             return self.policy
-        cls = type(self.policy)
         try:
-            source = textwrap.dedent(inspect.getsource(cls))
+            sources = [_source(cls) for cls in type(self.policy).__mro__ if cls is not object]
         except (OSError, TypeError) as error:
             message = (
-                f"policy of arm {self.name!r}: the source of {cls.__qualname__} is not known, so "
-                "that results of two versions could not be told apart; define the class in a file"
+                f"policy of arm {self.name!r}: the source of {type(self.policy).__qualname__} is "
+                "not known, so that results of two versions could not be told apart; define the "
+                "class in a file or in a notebook"
             )
             raise ValueError(message) from error
-        attributes = sorted(vars(self.policy).items())
-        for name, value in attributes:
-            if " at 0x" in repr(value):
+        attributes = {
+            name: _written(value)
+            for name, value in sorted(getattr(self.policy, "__dict__", {}).items())
+        }
+        for name, value in attributes.items():
+            if " at 0x" in value:
                 message = (
                     f"policy of arm {self.name!r}: its attribute {name} is a function or another "
                     "object without a value that can be written down, so that results of two "
                     "versions could not be told apart; use numbers, strings, or dataclasses of them"
                 )
                 raise ValueError(message)
-        return f"{cls.__qualname__}\n{source}\n{attributes!r}"
+        return "\n".join([type(self.policy).__qualname__, *sources, repr(attributes)])
+
+
+def _written(value: object) -> str:
+    """A value with all its digits, arrays with all their elements."""
+    with np.printoptions(threshold=sys.maxsize, floatmode="unique"):
+        return repr(value)
+
+
+def _source(cls: type) -> str:
+    """The sources of the functions of a class, and the values of its other attributes.
+
+    The source of the class as a whole is not known everywhere: not in a notebook before Python
+    3.13, and not in a process that got the class from Ray.
+    """
+    import inspect
+    import textwrap
+
+    parts = []
+    for name, value in sorted(vars(cls).items()):
+        inner = [value, getattr(value, "__func__", None), getattr(value, "fget", None)]
+        function = next((each for each in inner if inspect.isfunction(each)), None)
+        if function is None:
+            if not name.startswith("__"):
+                parts.append(f"{name} = {_written(value)}")
+            continue
+        # What a dataclass adds follows from its fields, which are attributes.
+        code = inspect.unwrap(function).__code__
+        is_generated = code.co_filename == "<string>" and name.startswith("__")
+        if not (is_generated and is_dataclass(cls)):
+            parts.append(textwrap.dedent(inspect.getsource(function)))
+    return "\n".join(parts)
 
 
 class Study:
@@ -61,11 +98,20 @@ class Study:
 
     :param definition: a study's file, its text, or the name of one of the built-in studies.
     :param arms: arms beside those of the definition.
-    :param data: the folder with the images or data sets.
+    :param data: the folder with the images or data sets; by default that of the study's file, or
+        the one that the variable ``GS_DATA`` names.
+    :param backend: the name of what computes, "cpu", "wgpu" or "auto", the same for all processes.
+    :raises ValueError: for a definition that is not possible, and for policies in Python whose
+        versions could not be told apart.
     """
 
     def __init__(
-        self, definition: Path, arms: Sequence[Arm] = (), *, data: Path | None = None
+        self,
+        definition: Path,
+        arms: Sequence[Arm] = (),
+        *,
+        data: Path | None = None,
+        backend: str = "cpu",
     ) -> None:
         text, beside = os.fspath(definition), None
         if "\n" not in text and text.endswith(".toml"):
@@ -73,7 +119,8 @@ class Study:
             with open(text, encoding="utf-8") as file:
                 text = file.read()
         own = [(arm.name, arm.fingerprint, arm.policy, arm.about) for arm in arms]
-        self._study = _native.Study(text, own, data, beside)
+        data = os.environ.get("GS_DATA") if data is None else data
+        self._study = _native.Study(text, own, data, beside, backend)
 
     @property
     def runs(self) -> int:
@@ -93,6 +140,8 @@ class Study:
         :param jobs: runs side by side; the threads of the machine are shared among them.
         :param resume: whether the folder may have runs of this study already.
         :param progress: called with the number of runs done by this call, and of all.
+        :raises RuntimeError: if all runs fail; what a policy has raised, where one has.
+        :raises OSError: for images or data sets that are not there.
         """
         return self._study.run(output, jobs=jobs, resume=resume, progress=progress)
 
@@ -112,10 +161,6 @@ class Study:
         :param shard: (index, count): the part to begin with. By default that of the Slurm array
             task, if there is one.
         """
-        if shard is None and "SLURM_ARRAY_TASK_ID" in os.environ:
-            first = int(os.environ.get("SLURM_ARRAY_TASK_MIN", "0"))
-            index = int(os.environ["SLURM_ARRAY_TASK_ID"]) - first
-            shard = (index, int(os.environ["SLURM_ARRAY_TASK_COUNT"]))
         self._study.work(output, jobs=jobs, shard=shard, progress=progress)
 
     def report(self, output: Path) -> list[str]:

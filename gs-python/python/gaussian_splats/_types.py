@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from typing import Any, Protocol, Union
+from typing import TYPE_CHECKING, Any, Protocol, Union
 
 import numpy as np
 import numpy.typing as npt
 
-from ._native import Observation, Plan
+if TYPE_CHECKING:
+    from ._native import Backend, Observation, Plan
 
 Floats = npt.NDArray[np.float32]
 Path = Union[str, "os.PathLike[str]"]
@@ -17,6 +18,8 @@ Path = Union[str, "os.PathLike[str]"]
 ImageSource = Union[Path, npt.NDArray[np.float32], npt.NDArray[np.uint8]]
 #: Settings with the names of the settings files of ``gs``, such as ``{"adam": {"beta1": 0.8}}``.
 Settings = Mapping[str, Any]
+#: A backend, its name ("auto", "cpu" or "wgpu"), or None for "auto".
+BackendChoice = Union["Backend", str, None]
 
 
 class Policy(Protocol):
@@ -32,6 +35,9 @@ class Policy(Protocol):
       Only fits of images have them.
     """
 
-    def plan(self, observation: Observation, /) -> Plan:
-        """The edits of one round of density control."""
+    def plan(self, observation: Observation, rng: np.random.Generator, /) -> Plan:
+        """The edits of one round of density control.
+
+        ``rng`` gives the same numbers whenever a run is repeated or resumed.
+        """
         ...

@@ -2,10 +2,13 @@
 
 use gs_backend::{AnyRasterizer, FutureExt as _, Wanted};
 use gs_core::{Blend, Optimizer, Scene};
-use gs_lab::frontier::{Candidate, Contender, FrontierMachine, cpu_contenders, wgpu_contenders};
+use gs_lab::{
+    frontier::{Candidate, Contender, FrontierMachine, cpu_contenders, wgpu_contenders},
+    study::Machine,
+};
 
 use crate::{
-    backend::{BackendArgs, Choice, machine},
+    backend::{BackendArgs, Choice},
     failure::Failure,
     output,
 };
@@ -37,7 +40,7 @@ where
         let base = args.open_to_compare(Wanted::Wgpu)?;
         output::note(&base.reason);
         if let AnyRasterizer::Wgpu(rasterizer) = base.rasterizer {
-            let flags = |other: &AnyRasterizer| machine(other).flags;
+            let flags = |other: &AnyRasterizer| Machine::of(other).flags;
             found.extend(wgpu_contenders(*rasterizer, &args.request()?.wgpu, scene, flags)?);
         }
     }
@@ -46,7 +49,7 @@ where
 
 /// The flags that choose a rasterizer; those of threads only where they differ from the usual ones.
 fn flags_of(rasterizer: &AnyRasterizer, usual_threads: usize) -> Vec<String> {
-    let mut flags = machine(rasterizer).flags;
+    let mut flags = Machine::of(rasterizer).flags;
     if let AnyRasterizer::Cpu(cpu) = rasterizer
         && cpu.threads() != usual_threads
     {

@@ -5,7 +5,6 @@ mod prepare;
 mod progress;
 mod replay;
 mod report;
-mod slurm;
 mod status;
 mod submit;
 mod work;

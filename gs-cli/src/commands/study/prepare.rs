@@ -14,7 +14,6 @@ use gs_lab::{
 
 use super::arguments::{HeldStudyArgs, PartArgs, PrepareArgs};
 use crate::{
-    backend::machine,
     failure::Failure,
     output::{self, quoted},
     text_file::read_text,
@@ -47,7 +46,7 @@ pub(super) fn prepare(args: &PrepareArgs, jobs: usize) -> Result<Prepared, Failu
     let backends = args.backend.open_several(jobs)?;
     let rasterizer = &backends[0].rasterizer;
     let places = places(args.data.as_deref(), beside);
-    let plan = Plan::new(study, &places, machine(rasterizer))?;
+    let plan = Plan::new(study, &places, Machine::of(rasterizer))?;
     refuse_unsupported(&plan, rasterizer)?;
     let existing = if args.resume { Existing::Resume } else { Existing::Refuse };
     let safety = Safety { inputs: vec![name.to_owned()], overwrite: args.overwrite.overwrite };

@@ -10,7 +10,6 @@ use gs_lab::{
 
 use super::{arguments::ReplayArgs, prepare::HeldStudy};
 use crate::{
-    backend::machine,
     failure::Failure,
     output,
     output_folder::{self, OutputFolder},
@@ -33,7 +32,7 @@ pub(super) fn run(args: &ReplayArgs) -> Result<(), Failure> {
     output_folder::check(&claim)?;
     let folder = &held.folder;
     let backend = open(args, folder.machine())?;
-    let plan = held.plan(machine(&backend.rasterizer))?;
+    let plan = held.plan(Machine::of(&backend.rasterizer))?;
     output::note(format_args!("row {}: {}", args.row, plan.describe(recorded_run(&plan, args.row, folder)?)));
     let replayed = replay(&plan, args.row, &backend.rasterizer, folder)?;
     write(recorded_run(&plan, args.row, folder)?, &replayed, claim)?;

@@ -9,17 +9,15 @@ use std::{
 use gs_backend::Chosen;
 use gs_core::counted;
 use gs_lab::{
-    Plan, conduct_with,
+    Plan, conduct_with, slurm,
     study::{AtEnd, Conducted, Machine, Run, RunOutcome, Watcher, WorkSettings},
 };
 
 use super::{
     arguments::WorkArgs,
     prepare::{held, rasterizers},
-    slurm,
 };
 use crate::{
-    backend::machine,
     failure::Failure,
     interrupt::Interrupt,
     output::{self, quoted},
@@ -31,13 +29,13 @@ pub(super) fn run(args: &WorkArgs) -> Result<(), Failure> {
     let held = held(&args.study, false)?;
     let folder = &held.folder;
     let backends = open(args, folder.machine())?;
-    let plan = held.plan(machine(&backends[0].rasterizer))?;
+    let plan = held.plan(Machine::of(&backends[0].rasterizer))?;
     folder.check(&plan)?;
     let settings = WorkSettings::default().with(|s| {
-        s.shard = args.shard.or_else(|| slurm::shard(slurm::variable));
+        s.shard = args.shard.or_else(|| slurm::shard());
         s.lease = Duration::from_secs(args.lease.into());
         s.at_end = AtEnd::Leave;
-        s.worker.extend(slurm::task(slurm::variable).map(|task| format!(", job {task}")));
+        s.worker.extend(slurm::task().map(|task| format!(", job {task}")));
     });
     output::note(&backends[0].reason);
     let printer = Printer::above(None);

@@ -1,14 +1,23 @@
 //! What the variables of Slurm say about the task that this process is.
 
-use gs_lab::study::Shard;
+use crate::work::Shard;
+
+/// The part of a study for this task of an array; `None` outside of arrays.
+pub fn shard() -> Option<Shard> {
+    shard_of(variable)
+}
+
+/// The job and the task, as squeue shows them; `None` outside of Slurm.
+pub fn task() -> Option<String> {
+    task_of(variable)
+}
 
 /// A variable of the environment.
-pub(super) fn variable(name: &str) -> Option<String> {
+fn variable(name: &str) -> Option<String> {
     std::env::var(name).ok()
 }
 
-/// The part of a study for this task of an array; `None` outside of arrays.
-pub(super) fn shard(variable: impl Fn(&str) -> Option<String>) -> Option<Shard> {
+fn shard_of(variable: impl Fn(&str) -> Option<String>) -> Option<Shard> {
     let number = |name: &str| variable(name)?.parse::<u32>().ok();
     let (task, count) = (number("SLURM_ARRAY_TASK_ID")?, number("SLURM_ARRAY_TASK_COUNT")?);
     let first = number("SLURM_ARRAY_TASK_MIN").unwrap_or(0);
@@ -18,8 +27,7 @@ pub(super) fn shard(variable: impl Fn(&str) -> Option<String>) -> Option<Shard> 
     Some(Shard { index, count })
 }
 
-/// The job and the task, as squeue shows them; `None` outside of Slurm.
-pub(super) fn task(variable: impl Fn(&str) -> Option<String>) -> Option<String> {
+fn task_of(variable: impl Fn(&str) -> Option<String>) -> Option<String> {
     match (variable("SLURM_ARRAY_JOB_ID"), variable("SLURM_ARRAY_TASK_ID")) {
         (Some(job), Some(task)) => Some(format!("{job}_{task}")),
         _ => variable("SLURM_JOB_ID"),
@@ -37,7 +45,7 @@ mod tests {
     #[test]
     fn tasks_of_an_array_begin_with_different_parts() {
         let part =
-            |variables: &[(&str, &str)]| shard(environment(variables)).map(|Shard { index, count }| (index, count));
+            |variables: &[(&str, &str)]| shard_of(environment(variables)).map(|Shard { index, count }| (index, count));
         let task = |id, count, first, step| {
             part(&[
                 ("SLURM_ARRAY_TASK_ID", id),
@@ -57,8 +65,8 @@ mod tests {
     #[test]
     fn a_task_is_named_as_squeue_names_it() {
         let array = [("SLURM_JOB_ID", "9"), ("SLURM_ARRAY_JOB_ID", "7"), ("SLURM_ARRAY_TASK_ID", "2")];
-        assert_eq!(super::task(environment(&array)).as_deref(), Some("7_2"));
-        assert_eq!(super::task(environment(&array[..1])).as_deref(), Some("9"));
-        assert_eq!(super::task(environment(&[])), None);
+        assert_eq!(task_of(environment(&array)).as_deref(), Some("7_2"));
+        assert_eq!(task_of(environment(&array[..1])).as_deref(), Some("9"));
+        assert_eq!(task_of(environment(&[])), None);
     }
 }

@@ -1,0 +1,216 @@
+//! `TrainRun` and `Training`: a training of a 3D scene, and its result.
+
+use std::{
+    path::{Path, PathBuf},
+    sync::Arc,
+};
+
+use gs_backend::block_on;
+use gs_core::Scene3d as CoreScene3d;
+use gs_io::dataset::{Dataset, Split};
+use gs_lab::study::DatasetReading;
+use gs_train::{
+    ForeignPolicy, TrainPreset, TrainSettings, Trainer3d,
+    train::{Start as Initial, StartName, TrainSummary, Views},
+};
+use pyo3::{
+    exceptions::PyTypeError,
+    prelude::*,
+    types::{PyAny, PyBytes, PyDict},
+};
+
+use super::{
+    Progress, Start, check_settings, conduct, own_policy,
+    worker::{Shared, Worker},
+};
+use crate::{
+    backend,
+    errors::{self, IntoPython},
+    policy::PolicyArgument,
+    scene3d::Scene3d,
+    settings::{self, Given},
+};
+
+/// What a training ends with.
+struct TrainDone {
+    scene: CoreScene3d,
+    render: gs_core::RenderSettings,
+    summary: TrainSummary,
+}
+
+#[doc = doc!("TrainRun")]
+#[pyclass(frozen, module = "gaussian_splats")]
+pub(crate) struct TrainRun {
+    worker: Worker<TrainDone>,
+    steps: u32,
+}
+
+#[pymethods]
+impl TrainRun {
+    #[new]
+    #[pyo3(signature = (dataset, gaussians = None, *, preset = None, iterations = None, start = None, reading = None, policy = None, settings = None, backend = None, checkpoint = None))]
+    #[allow(clippy::too_many_arguments, reason = "keyword arguments")]
+    fn new(
+        py: Python<'_>,
+        dataset: PathBuf,
+        gaussians: Option<u32>,
+        preset: Option<&str>,
+        iterations: Option<u32>,
+        start: Option<&Bound<'_, PyAny>>,
+        reading: Option<&Bound<'_, PyAny>>,
+        policy: Option<&Bound<'_, PyAny>>,
+        settings: Option<&Bound<'_, PyAny>>,
+        backend: Option<&Bound<'_, PyAny>>,
+        checkpoint: Option<PathBuf>,
+    ) -> PyResult<Self> {
+        let dataset = read_dataset(py, &dataset, reading)?;
+        let chosen = backend::chosen(py, backend)?;
+        let policy = policy.map(PolicyArgument::of).transpose()?;
+        let given = Given::of("settings", preset, settings)?;
+        let train = wanted(&dataset, gaussians, iterations, policy.as_ref(), given)?;
+        let initial = first(&dataset, start)?;
+        let start = Start::read(py, checkpoint)?;
+        let steps = train.iterations.saturating_sub(start.step());
+        let shared = Arc::new(Shared::default());
+        let own = own_policy(policy, train.policy.actions(), &shared)?.map(|own| own as ForeignPolicy<CoreScene3d>);
+        let worker = Worker::spawn(shared, move |reporter| {
+            chosen.within(|rasterizer| {
+                let views = Views::of_dataset(&dataset);
+                let mut trainer = match start.checkpoint {
+                    Some(checkpoint) => {
+                        let trainer = Trainer3d::resume_views(rasterizer, views, checkpoint)?;
+                        // The extent is measured when a training begins.
+                        let mut wanted = train;
+                        wanted.extent = wanted.extent.or(trainer.settings().extent);
+                        check_settings(trainer.settings(), &wanted)?;
+                        trainer
+                    }
+                    None => block_on(Trainer3d::from_views(rasterizer, views, initial, train))?,
+                };
+                if let Some(own) = own {
+                    trainer = trainer.controlled_by(own);
+                }
+                conduct(&mut trainer, reporter, start.file.as_deref())?;
+                let evaluation = block_on(trainer.evaluate(&mut |_, _| Ok(())))?;
+                let summary = block_on(TrainSummary::new(&trainer, evaluation))?;
+                Ok(TrainDone { scene: block_on(trainer.scene())?, render: trainer.shown(), summary })
+            })
+        })?;
+        Ok(Self { worker, steps })
+    }
+
+    fn __iter__(this: Py<Self>) -> Py<Self> {
+        this
+    }
+
+    fn __next__(&self, py: Python<'_>) -> PyResult<Option<Progress>> {
+        self.worker.next(py)
+    }
+
+    fn __len__(&self) -> usize {
+        self.steps as usize
+    }
+
+    #[doc = doc!("TrainRun.stop")]
+    fn stop(&self) {
+        self.worker.stop();
+    }
+
+    #[doc = doc!("TrainRun.result")]
+    fn result(&self, py: Python<'_>) -> PyResult<Training> {
+        let (done, history) = &*self.worker.result(py)?;
+        let scene = Scene3d::of(done.scene.clone(), Some(done.render));
+        let summary = settings::to_python(py, &done.summary)?;
+        let psnr = done.summary.evaluation.psnr;
+        let history = history.to_python(py)?.unbind();
+        Ok(Training { scene: Py::new(py, scene)?, summary: summary.unbind(), history, psnr })
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<TrainRun of {} steps>", self.steps)
+    }
+}
+
+/// Reads a data set; `reading` has the keys of the table `[dataset]` of study files.
+pub(crate) fn read_dataset(py: Python<'_>, path: &Path, reading: Option<&Bound<'_, PyAny>>) -> PyResult<Dataset> {
+    let reading = settings::with("reading", DatasetReading::default(), reading)?;
+    errors::computed(py, || reading.read(path))
+}
+
+/// What a training starts from: a scene, or what a name says.
+fn first(dataset: &Dataset, start: Option<&Bound<'_, PyAny>>) -> PyResult<Initial> {
+    let name = match start {
+        None => StartName::usual(dataset),
+        Some(start) => {
+            if let Ok(scene) = start.cast::<Scene3d>() {
+                return Ok(Initial::Scene(CoreScene3d::clone(&scene.get().scene)));
+            }
+            let Ok(name) = start.extract::<String>() else {
+                let found = start.get_type().name()?.to_string();
+                return Err(PyTypeError::new_err(format!("start: expected a name or a Scene3d, not {found}")));
+            };
+            settings::named("start", &name)?
+        }
+    };
+    name.of(dataset).map_err(|problem| errors::value("start", problem))
+}
+
+/// The settings that the arguments ask for, for this data set.
+fn wanted(
+    dataset: &Dataset,
+    gaussians: Option<u32>,
+    iterations: Option<u32>,
+    policy: Option<&PolicyArgument<'_>>,
+    given: Given<'_>,
+) -> PyResult<TrainSettings> {
+    let mut train = match &given {
+        Given::File(_) if iterations.is_some() => {
+            return Err(errors::value("iterations", "the settings file has them, and schedules that follow them"));
+        }
+        Given::File(file) => {
+            TrainSettings::from_toml(&settings::text_of(file)?, file).map_err(IntoPython::into_python)?
+        }
+        Given::Preset { name, .. } => {
+            let preset: TrainPreset = settings::named("preset", name)?;
+            let cameras = dataset.views_of(Split::Train).map(|view| &view.camera);
+            preset.settings_for(iterations, cameras).on(dataset.kind.background())
+        }
+    };
+    if let Some(gaussians) = gaussians {
+        train.gaussians = gaussians;
+    }
+    if let Some(policy) = policy {
+        train = train.with_policy(policy.named()?);
+    }
+    if let Given::Preset { changes, .. } = &given {
+        train = settings::with("settings", train, changes.as_ref())?;
+    }
+    train.validate().map_err(IntoPython::into_python)?;
+    Ok(train)
+}
+
+#[doc = doc!("Training")]
+#[pyclass(frozen, module = "gaussian_splats", get_all)]
+#[derive(Debug)]
+pub(crate) struct Training {
+    #[doc = doc!("Training.scene")]
+    scene: Py<Scene3d>,
+    #[doc = doc!("Training.summary")]
+    summary: Py<PyAny>,
+    #[doc = doc!("Training.history")]
+    history: Py<PyDict>,
+    #[doc = doc!("Training.psnr")]
+    psnr: f64,
+}
+
+#[pymethods]
+impl Training {
+    fn __repr__(&self) -> String {
+        format!("<Training: {:.2} dB with {} Gaussians>", self.psnr, self.scene.get().scene.means.len())
+    }
+
+    #[doc = doc!("Training._repr_png_")]
+    fn _repr_png_<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyBytes>>> {
+        self.scene.get().png(py)
+    }
+}
