@@ -306,6 +306,12 @@ mod tests {
     }
 
     #[test]
+    fn the_examples_fit_into_60_columns_where_a_wrapped_comment_would_be_no_toml() {
+        let longest = EXAMPLE.lines().chain(EXAMPLE_3D.lines()).map(str::len).max();
+        assert!(longest <= Some(58), "{longest:?}");
+    }
+
+    #[test]
     fn the_help_names_all_studies_and_synthetic_targets() {
         for (name, _) in gs_lab::study::BUILT_IN {
             assert!(AFTER_HELP.contains(&format!("\n  {name} ")), "{name}");
