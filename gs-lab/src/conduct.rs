@@ -82,7 +82,7 @@ pub enum Conducted {
 /// nothing is recorded of the run in which it failed.
 ///
 /// # Errors
-/// [`Error::Arm`] as for [`refuse_unsupported`], [`Error::Backend`] where a backend fails for good,
+/// As for [`refuse_unsupported`], [`Error::Backend`] where a backend fails for good,
 /// [`Error::Io`] and [`Error::Path`] where a run cannot be claimed or its result not be stored, and
 /// [`Error::TwoResults`] where a run that was taken over ended in two results.
 pub fn conduct<R: StudyBackend + Sync>(
@@ -106,6 +106,7 @@ pub fn conduct_with<R: StudyBackend + Sync>(
     watcher: &dyn Watcher,
 ) -> Result<Conducted, Error> {
     settings.validate()?;
+    plan.study.clock.check_team(team.len())?;
     team.first().map_or(Ok(()), |rasterizer| refuse_unsupported(plan, *rasterizer))?;
     let queue = folder.queue(plan, settings);
     let trouble = Mutex::new(None);
@@ -161,11 +162,13 @@ fn conduct_from<R: StudyBackend>(queue: &Queue<'_>, rasterizer: &R, at: &Place<'
     Ok(())
 }
 
-/// Fails where the backend does not support what an arm needs, before any run begins.
+/// Fails where the backend does not support what an arm needs, or where the study's clock does not
+/// count what it does, before any run begins.
 ///
 /// # Errors
-/// [`Error::Arm`] with what is not supported.
+/// [`Error::Arm`] with what is not supported, [`Error::Study`] for the clock.
 pub fn refuse_unsupported<R: StudyBackend>(plan: &Plan, rasterizer: &R) -> Result<(), Error> {
+    plan.study.clock.check(plan, rasterizer)?;
     for (index, arm) in plan.study.arms.iter().enumerate() {
         let Some(run) = plan.runs.iter().find(|run| run.arm == index) else { continue };
         let mut render = *run.settings.render();
@@ -291,9 +294,10 @@ fn begin<'r, S: StudyTask, R: Optimizer<S>>(
     interruptions: &Interruptions<'_>,
 ) -> Result<(Trainer<'r, R, S>, Trajectory), TrainError> {
     let (arm, target, iterations) = (plan.arm(run), plan.target(run), settings.iterations());
+    let clock = plan.study.clock;
     let resume = |checkpoint: Checkpoint| {
         let trajectory = Trajectory::resumed(iterations, &checkpoint.metadata)?;
-        Ok((S::resume(rasterizer, target, checkpoint)?, trajectory))
+        Ok((clock.go_on(S::resume(rasterizer, target, checkpoint)?), trajectory))
     };
     match interruptions.checkpoint().map(resume) {
         Some(Ok(resumed)) => {
@@ -305,7 +309,7 @@ fn begin<'r, S: StudyTask, R: Optimizer<S>>(
         None => {}
     }
     // A diverging arm must fail instead of recovering, so that the study shows it.
-    let trainer = S::begin(rasterizer, target, arm, S::without_recovery(settings))?;
+    let trainer = S::begin(rasterizer, target, arm, S::without_recovery(settings), clock)?;
     Ok((trainer, Trajectory::begun(iterations)))
 }
 

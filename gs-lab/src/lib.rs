@@ -12,6 +12,7 @@
 mod arm;
 mod built_in;
 mod claims;
+mod clock;
 mod comparison;
 mod conduct;
 mod contrast;

@@ -8,6 +8,7 @@ use rayon::prelude::*;
 
 use crate::{
     arm::Arm,
+    clock::Clock,
     digest,
     error::Error,
     machine::Machine,
@@ -76,8 +77,8 @@ impl Plan {
             let (seed, budget) = (study.seeds[place / budgets], study.budgets[place % budgets]);
             let (of, content) = (&study.arms[arm], &targets[target]);
             let settings = settings(&Asked { study: &study, arm: of, budget }, content, seed)?;
-            let address =
-                address(of, &settings, content, &machine.name).map_err(|message| wrong(&study, of, None, message))?;
+            let address = address(&study, of, &settings, content, &machine.name)
+                .map_err(|message| wrong(&study, of, None, message))?;
             Ok(Run { row: index + 1, arm, target, budget, seed, settings, address })
         };
         let count = study.seeds.len() * budgets * targets.len() * arms;
@@ -209,12 +210,20 @@ fn wrong(study: &Study, arm: &Arm, key: Option<&str>, message: String) -> Error 
     Error::Arm { study: study.name.clone(), line, arm: arm.name.clone(), message }
 }
 
-fn address(arm: &Arm, settings: &RunSettings, target: &StudyTarget, machine: &str) -> Result<String, String> {
+fn address(
+    study: &Study,
+    arm: &Arm,
+    settings: &RunSettings,
+    target: &StudyTarget,
+    machine: &str,
+) -> Result<String, String> {
     let settings = settings.to_toml().map_err(|error| error.to_string())?;
     let policy = arm.own_policy.as_ref().map_or("", |own| own.fingerprint.as_str());
     let start = target.dataset().map(|dataset| arm.start.unwrap_or_else(|| StartName::usual(dataset)).name());
     let all = ["gs-lab run 1", VERSION, machine, &target.digest, policy, &settings];
-    Ok(digest::of_texts(all.into_iter().chain(start)))
+    // Times of two clocks are never mixed.
+    let clock = (study.clock != Clock::Wall).then(|| study.clock.unit());
+    Ok(digest::of_texts(all.into_iter().chain(start).chain(clock)))
 }
 
 #[cfg(test)]

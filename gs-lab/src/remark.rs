@@ -164,9 +164,9 @@ impl fmt::Display for ResultRemark {
                 write!(f, "{pairs} of {}: other runs failed or are missing", counted(*of, "pair"))
             }
             Self::FewScenes { scenes } => {
-                write!(f, "about {} only: {FEWEST} would do for others", counted(*scenes, "scene"))
+                write!(f, "only {}: verdicts about other scenes need {FEWEST}", counted(*scenes, "scene"))
             }
-            Self::FewSeeds { seeds } => write!(f, "few seeds: {seeds}, {FEWEST_SEEDS} would do"),
+            Self::FewSeeds { seeds } => write!(f, "only {}: use {FEWEST_SEEDS} or more", counted(*seeds, "seed")),
         }
     }
 }

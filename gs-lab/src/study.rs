@@ -8,6 +8,7 @@ pub use crate::{
     arm::{AnyPolicy, Arm, OwnPolicy},
     built_in::BUILT_IN,
     claims::ClaimNote,
+    clock::Clock,
     comparison::{Difference, Verdict},
     conduct::{Conducted, Watcher, refuse_unsupported},
     dataset_reading::{Alpha, DatasetReading},
@@ -59,6 +60,9 @@ pub struct Study {
     /// What is held equal when arms are compared.
     #[serde(default = "Matching::all", rename = "match")]
     pub matchings: Vec<Matching>,
+    /// What is measured as the time of a run.
+    #[serde(default, skip_serializing_if = "Clock::is_wall")]
+    pub clock: Clock,
     /// The arm that the report compares the others with; by default the first. The tables compare
     /// all pairs.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -5,7 +5,11 @@
 mod density;
 mod fresh_start;
 
-use std::{fmt, sync::Arc};
+use std::{
+    fmt,
+    sync::{Arc, LazyLock},
+    time::Duration,
+};
 
 use gs_core::{Binning, Effects, Optimizer, SavedState, Scene2d, Wait, edit::EditCounts, effects::Statistics};
 use gs_density::{DensityPolicy, Rng};
@@ -56,6 +60,7 @@ pub struct Trainer<'a, R: Optimizer<S>, S: Trainable = Scene2d> {
     start: Option<Start<S>>,
     /// Policy in place of that of the settings.
     foreign: Option<ForeignPolicy<S>>,
+    clock: fn() -> Duration,
 }
 
 /// A policy of the caller's own, which settings cannot name; see [`Trainer::controlled_by`].
@@ -90,6 +95,7 @@ impl<'a, R: Optimizer<S>, S: Trainable> Trainer<'a, R, S> {
             watch: Watch::default(),
             start: None,
             foreign: None,
+            clock: wall,
         }
     }
 
@@ -99,6 +105,18 @@ impl<'a, R: Optimizer<S>, S: Trainable> Trainer<'a, R, S> {
     #[must_use]
     pub fn controlled_by(self, policy: ForeignPolicy<S>) -> Self {
         Self { foreign: Some(policy), ..self }
+    }
+
+    /// Returns this run with another clock for its training time, of which `seconds` have passed so
+    /// far. `clock` returns the time since some fixed moment, for example the CPU time of the
+    /// process; it must not go back.
+    ///
+    /// A checkpoint holds the time, but not the clock: pass it again to a resumed run.
+    #[must_use]
+    pub fn timed_by(mut self, clock: fn() -> Duration, seconds: f64) -> Self {
+        self.clock = clock;
+        self.record.seconds = seconds;
+        self
     }
 
     fn policy(&self) -> &dyn DensityPolicy<S> {
@@ -164,7 +182,7 @@ impl<'a, R: Optimizer<S>, S: Trainable> Trainer<'a, R, S> {
         }
         self.check_divergence().await?;
         self.losses.clear_pending();
-        let started = Instant::now();
+        let started = (self.clock)();
         self.keep_start().await?;
         self.optimise().await?;
         self.record.step += 1;
@@ -182,7 +200,7 @@ impl<'a, R: Optimizer<S>, S: Trainable> Trainer<'a, R, S> {
             self.drop_not_finite(&mut edits).await?;
         }
         let fresh_start = self.restart_if_diverged().await?;
-        self.record.seconds += started.elapsed().as_secs_f64();
+        self.count_time(started);
         self.progress(edits, fresh_start)
     }
 
@@ -267,10 +285,15 @@ impl<'a, R: Optimizer<S>, S: Trainable> Trainer<'a, R, S> {
 
     /// Waits for the steps under way, which counts as training time, and records their losses.
     async fn settle(&mut self) -> Result<(), Error> {
-        let started = Instant::now();
+        let started = (self.clock)();
         self.collect_losses(Wait::All).await?;
-        self.record.seconds += started.elapsed().as_secs_f64();
+        self.count_time(started);
         Ok(())
+    }
+
+    /// Adds the time since a moment of the clock to the training time.
+    fn count_time(&mut self, started: Duration) {
+        self.record.seconds += (self.clock)().saturating_sub(started).as_secs_f64();
     }
 
     async fn check_divergence(&self) -> Result<(), Error> {
@@ -415,6 +438,12 @@ impl<'a, R: Optimizer<S>, S: Trainable> Trainer<'a, R, S> {
     pub fn seconds(&self) -> f64 {
         self.record.seconds
     }
+}
+
+/// The time that has passed on the wall, since the first call.
+fn wall() -> Duration {
+    static FIRST: LazyLock<Instant> = LazyLock::new(Instant::now);
+    FIRST.elapsed()
 }
 
 fn policy<'p, S: Trainable>(

@@ -40,14 +40,14 @@ name = 'percentile'
 settings.policy.kind = 'percentile'
 ";
 
-/// Four trainings of a second, of the data set that the example `posed_images` writes.
+/// Four trainings of a few seconds, of the data set that the example `posed_images` writes.
 const TRAININGS: &str = "\
 name = 'cluster-3d'
 scenes = ['posed']
 budgets = [60]
 seeds = [0, 1]
 preset = 'quick'
-iterations = 200
+iterations = 12000
 [[arm]]
 name = 'none'
 settings.policy.kind = 'none'
@@ -60,13 +60,18 @@ settings.policy.kind = 'percentile'
 struct Study {
     name: &'static str,
     text: &'static str,
-    /// Whether tasks are cancelled and killed; the study needs enough runs for that.
-    disturbed: bool,
+    /// Runs that must have ended before a task is cancelled.
+    ended: u32,
+    /// Whether another task is killed and requeued; the study needs enough runs for that.
+    kills: bool,
+    /// Whether the run of the cancelled task must go on from its checkpoint. Runs must take long
+    /// enough for that.
+    resumes: bool,
 }
 
 const STUDIES: [Study; 2] = [
-    Study { name: "fits", text: FITS, disturbed: true },
-    Study { name: "trainings", text: TRAININGS, disturbed: false },
+    Study { name: "fits", text: FITS, ended: 6, kills: true, resumes: false },
+    Study { name: "trainings", text: TRAININGS, ended: 0, kills: false, resumes: true },
 ];
 
 /// Does the studies on a cluster and in one process, and compares them.
@@ -118,7 +123,8 @@ fn check(of: &Study, gs: &Path, place: &Path, slurm: &Slurm) -> Result<(), Strin
     let job = job.ok_or_else(|| format!("no job was submitted: {said}"))?.trim().to_owned();
     eprintln!("{}", said.trim());
     let study = Watched { gs, folder: &cluster, slurm };
-    let killed = if of.disturbed { Some(disturb(&study, &job)?) } else { None };
+    cancel(&study, &job, of.ended)?;
+    let killed = if of.kills { Some(kill_and_requeue(&study, &job)?) } else { None };
     study.wait("the end of the array", |_| Ok(slurm.states(&job)?.is_empty().then_some(())))?;
     eprint!("{}", slurm.command(gs, ["study", "status", &output])?);
     slurm.command(gs, ["study", "report", &output])?;
@@ -134,7 +140,12 @@ fn check(of: &Study, gs: &Path, place: &Path, slurm: &Slurm) -> Result<(), Strin
             return Err(format!("{table} is not the same in {} and {}", cluster.display(), alone.display()));
         }
     }
-    once(&cluster, &alone, killed)
+    let logs = logs(&cluster)?;
+    once(&logs, &alone, killed)?;
+    match of.resumes {
+        true => resumed(&logs),
+        false => Ok(()),
+    }
 }
 
 /// A study at work on the cluster.
@@ -174,16 +185,20 @@ impl Watched<'_> {
     }
 }
 
-/// Cancels one task in the middle of its work, kills another, and lets Slurm start the killed one
-/// again. Returns the row that the killed one was doing.
-fn disturb(study: &Watched<'_>, job: &str) -> Result<u32, String> {
-    study.wait("a quarter of the runs", |status| {
-        let ended = status.split_once(": ").and_then(|(_, counts)| counts.split(' ').next()?.parse::<u32>().ok());
-        Ok(ended.filter(|ended| *ended >= 6))
+/// Cancels task 0 in the middle of a run, once so many runs have ended.
+fn cancel(study: &Watched<'_>, job: &str, ended: u32) -> Result<(), String> {
+    study.wait("the first runs", |status| {
+        let known = status.split_once(": ").and_then(|(_, counts)| counts.split(' ').next()?.parse::<u32>().ok());
+        Ok(known.filter(|known| *known >= ended))
     })?;
     let (row, _) = study.doing(job, 0)?;
     study.slurm.run("scancel", &[&format!("{job}_0")])?;
     eprintln!("cancelled task 0, which was doing row {row}");
+    Ok(())
+}
+
+/// Kills task 1 in the middle of a run, and lets Slurm start it again. Returns the row.
+fn kill_and_requeue(study: &Watched<'_>, job: &str) -> Result<u32, String> {
     let (row, process) = study.doing(job, 1)?;
     let killed = Command::new("kill").args(["-KILL", &process.to_string()]).status();
     if !killed.is_ok_and(|status| status.success()) {
@@ -198,18 +213,21 @@ fn disturb(study: &Watched<'_>, job: &str) -> Result<u32, String> {
     Ok(row)
 }
 
+/// The logs of a study's tasks.
+fn logs(cluster: &Path) -> Result<Vec<String>, String> {
+    let logs = fs::read_dir(cluster.join("logs")).map_err(|error| format!("logs: {error}"))?;
+    let read = |path: PathBuf| fs::read_to_string(&path).map_err(|error| format!("{}: {error}", path.display()));
+    logs.flatten().map(|log| read(log.path())).collect()
+}
+
 /// Checks in the logs that no run was done twice, and that each was done, but for the one during
 /// which a task was killed: that may have ended before its line was written.
-fn once(cluster: &Path, alone: &Path, killed: Option<u32>) -> Result<(), String> {
+fn once(logs: &[String], alone: &Path, killed: Option<u32>) -> Result<(), String> {
     let mut done = BTreeMap::<u32, usize>::new();
-    let (mut released, mut tasks) = (0, 0);
-    let logs = fs::read_dir(cluster.join("logs")).map_err(|error| format!("logs: {error}"))?;
-    for log in logs.flatten() {
-        let text = fs::read_to_string(log.path()).map_err(|error| format!("{}: {error}", log.path().display()))?;
-        let rows = text.lines().filter_map(|line| line.strip_prefix("row ")?.split(' ').next()?.parse().ok());
-        rows.for_each(|row: u32| *done.entry(row).or_default() += 1);
-        released += text.matches("stopped after ").count();
-        tasks += 1;
+    for line in logs.iter().flat_map(|log| log.lines()) {
+        if let Some(row) = line.strip_prefix("row ").and_then(|line| line.split(' ').next()?.parse().ok()) {
+            *done.entry(row).or_default() += 1;
+        }
     }
     let table = fs::read_to_string(alone.join("runs.csv")).map_err(|error| format!("runs.csv: {error}"))?;
     let rows = table.lines().count() as u32 - 1;
@@ -220,10 +238,20 @@ fn once(cluster: &Path, alone: &Path, killed: Option<u32>) -> Result<(), String>
         return Err(format!("no task says that it did row {row}"));
     }
     // The cancelled task stops; the killed one cannot say so.
-    if (released, tasks) != (usize::from(killed.is_some()), TASKS) {
-        return Err(format!("{tasks} tasks have logs, and {released} say that they stopped"));
+    let stopped = logs.iter().map(|log| log.matches("stopped after ").count()).sum::<usize>();
+    if (stopped, logs.len()) != (1, TASKS as usize) {
+        return Err(format!("{} tasks have logs, and {stopped} say that they stopped", logs.len()));
     }
-    eprintln!("{rows} runs by {tasks} tasks, each done once");
+    eprintln!("{rows} runs by {TASKS} tasks, each done once");
+    Ok(())
+}
+
+/// Checks in the logs that a run went on from a checkpoint, as that of the cancelled task must. It
+/// may be the run after the one that was seen before the task was cancelled.
+fn resumed(logs: &[String]) -> Result<(), String> {
+    let mut lines = logs.iter().flat_map(|log| log.lines());
+    let line = lines.find(|line| line.contains("goes on from its checkpoint at step "));
+    eprintln!("{}", line.ok_or("no task says that a run went on from its checkpoint")?);
     Ok(())
 }
 

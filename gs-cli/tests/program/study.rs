@@ -247,6 +247,35 @@ fn a_study_of_which_every_run_fails_has_failed() {
 }
 
 #[test]
+fn a_study_that_another_version_began_is_resumed_with_a_word_about_it() {
+    let place = folder();
+    let file = study(place.path());
+    let output = place.path().join("out");
+    gs(arguments(&file, &output)).done();
+    let resume = || gs(arguments(&file, &output).iter().chain(&["--resume"])).done().stderr;
+    assert!(!resume().contains("note: "), "the same version");
+    let machine = output.join("machine.json");
+    let text = fs::read_to_string(&machine).unwrap();
+    fs::write(&machine, text.replace("\"version\": \"0.1", "\"version\": \"0.0")).unwrap();
+    let said = resume();
+    assert!(said.contains(": is a study by version 0.0") && said.contains(", so its runs are done again"), "{said}");
+    assert_eq!(fs::read_to_string(&machine).unwrap(), text, "it is a study of this version now");
+}
+
+#[test]
+fn a_folder_may_have_the_name_of_the_study_whose_results_it_holds() {
+    let place = folder();
+    let prepare = |flags: &[&str]| {
+        let mut command = command();
+        command.current_dir(place.path()).args(["study", "prepare", "edges", "-o", "edges", "--backend", "cpu"]);
+        Run::of(command.args(flags)).done().stdout
+    };
+    let first = prepare(&[]);
+    assert!(first.starts_with("edges: "), "{first}");
+    assert_eq!(prepare(&["--resume"]), first);
+}
+
+#[test]
 fn what_cannot_be_studied_is_refused_in_one_line_before_any_work() {
     let place = folder();
     let file = study(place.path());

@@ -86,7 +86,7 @@ fn development(results: &Results<'_>, budget: u32, name: &str, quantity: Quantit
     };
     let (against, x) = match along {
         Along::Steps => ("steps", Axis::linear("step of the optimizer")),
-        Along::Time => ("time", Axis::logarithmic("training time, s")),
+        Along::Time => ("time", Axis::logarithmic(format!("training time, {}", results.plan.study.clock.unit()))),
     };
     Figure {
         name: format!("{name}-{budget}"),

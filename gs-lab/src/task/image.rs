@@ -9,6 +9,7 @@ use gs_train::{Error as TrainError, FitSettings, FitSummary, ForeignPolicy, Init
 use super::{AnyScene, Asked, Measured, StudyTask, WrongKey};
 use crate::{
     arm::{AnyPolicy, Arm},
+    clock::Clock,
     digest,
     target::StudyTarget,
 };
@@ -61,9 +62,10 @@ impl StudyTask for Scene2d {
         target: &StudyTarget,
         _: &Arm,
         settings: FitSettings,
+        clock: Clock,
     ) -> Result<Trainer<'r, R, Self>, TrainError> {
         let Some(image) = target.image() else { return Err(wrong_kind(target)) };
-        Trainer::new(rasterizer, image, settings).block_on()
+        clock.begin(|| Trainer::new(rasterizer, image, settings).block_on())
     }
 
     fn resume<'r, R: Optimizer<Self>>(

@@ -16,6 +16,7 @@ use serde::{Serialize, de::DeserializeOwned};
 
 use crate::{
     arm::{AnyPolicy, Arm},
+    clock::Clock,
     record::ViewResult,
     study::Study,
     target::StudyTarget,
@@ -85,12 +86,13 @@ pub(crate) trait StudyTask: Trainable<Settings: Serialize + DeserializeOwned> {
     /// The settings under which a diverging run fails, so that the study shows it.
     fn without_recovery(settings: &Self::Settings) -> Self::Settings;
 
-    /// Begins a run.
+    /// Begins a run, whose training time is that of `clock`.
     fn begin<'r, R: Optimizer<Self>>(
         rasterizer: &'r R,
         target: &StudyTarget,
         arm: &Arm,
         settings: Self::Settings,
+        clock: Clock,
     ) -> Result<Trainer<'r, R, Self>, TrainError>;
 
     /// Resumes a run from its checkpoint.

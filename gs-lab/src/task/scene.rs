@@ -14,6 +14,7 @@ use gs_train::{
 use super::{AnyScene, Asked, Measured, StudyTask, WrongKey, image::wrong_kind};
 use crate::{
     arm::{AnyPolicy, Arm},
+    clock::Clock,
     digest,
     record::ViewResult,
     target::StudyTarget,
@@ -63,11 +64,12 @@ impl StudyTask for Scene3d {
         target: &StudyTarget,
         arm: &Arm,
         settings: TrainSettings,
+        clock: Clock,
     ) -> Result<Trainer<'r, R, Self>, TrainError> {
         let Some(dataset) = target.dataset() else { return Err(wrong_kind(target)) };
         let views = target.views(dataset)?;
         let start = target.start(arm.start.unwrap_or_else(|| StartName::usual(dataset)), dataset, &views.train)?;
-        Trainer3d::from_views(rasterizer, views, start, settings).block_on()
+        clock.begin(|| Trainer3d::from_views(rasterizer, views, start, settings).block_on())
     }
 
     fn resume<'r, R: Optimizer<Self>>(

@@ -11,30 +11,30 @@ const AFTER_HELP: &str = concat!(
     "\
 A study is arms (settings that differ) x images or 3D scenes x budgets x seeds, in a TOML file; \
 these come with the program:
-  set-up (or: paper)      the paper's experiment, its two criteria one by one, and no growth; \
+  set-up (or: paper)       the paper's experiment, its two criteria one by one, and no growth; \
 needs no file, as the next four
-  cold-start              small Gaussians on the border, and the cure
-  lazy-convergence        the absolute threshold, forced growth and the hybrid on targets of other \
+  cold-start               small Gaussians on the border, and the cure
+  lazy-convergence         the absolute threshold, forced growth and the hybrid on targets of other \
 contrast and frequency
-  instability             the cost of the paper's clamp of scales at 1 px
-  edges                   hard edges and soft ones, with growth and without
-  absolute-vs-percentile  growth above a threshold or by rank, on images of the Kodak test set \
+  instability              the cost of the paper's clamp of scales at 1 px
+  edges                    hard edges and soft ones, with growth and without
+  absolute-vs-percentile   growth above a threshold or by rank, on images of the Kodak test set \
 (--data)
-  all-policies            every policy with its source's numbers, on the same images
-  accuracy-in-training    what accuracy costs and buys in training: cuts, lists, steps, rounds, \
+  all-policies             every policy with its source's numbers, on the same images
+  accuracy-in-training     what accuracy costs and buys in training: cuts, lists, steps, rounds, \
 losses; on the same images
-  density-in-3d           every policy for 3D scenes, at equal count, on lego, room, banana and \
+  density-in-3d            every policy for 3D scenes, at equal count, on lego, room, banana and \
 lund_door (--data)
-  init-by-density         start x policy, a factorial design, on room, banana and lund_door
-  accuracy-in-3d-training what approximations cost and buy in training 3D scenes
+  init-by-density          start x policy, a factorial design, on room, banana and lund_door
+  accuracy-in-3d-training  what approximations cost and buy in training 3D scenes
 
 The images of a study are files, or these synthetic targets:
-  paper                   the paper's circle and square; in 8 bits a channel: paper-8bit
+  paper                    the paper's circle and square; in 8 bits a channel: paper-8bit
   paper-64px, paper-256px; paper-contrast-50, -25, -10; paper-soft-4px; paper-stripes-20px, -10px, \
 -5px
   thin-lines, thin-lines-24px
 
-A study file; preset, iterations and settings may be given for all arms or for one:
+A study file; preset, iterations and settings may be given for all arms or for one arm:
 
 ",
     include_str!("example.toml"),
@@ -60,7 +60,7 @@ worse or can't tell
   views.csv               of scenes: the quality of each run on each held-out view
   effects.csv             of factors: main effects and interactions of two, with intervals
   results.json            these tables
-  times.csv, differences-at-time.csv, effects-at-time.csv   the tables that depend on time
+  times.csv, *-at-time.csv   the tables that depend on time
   plots/                  the report's curves as SVG and PNG
   study.toml, machine.json   the study, and the machine that ran it
   runs/, pictures/        the stored runs, and claims on runs that are under way
@@ -69,7 +69,8 @@ Several processes may work on one study, also on several machines that share DIR
 
 Each finished run is stored, so --resume does not repeat it, whatever has stopped the program. \
 Tables do not depend on interruptions, --jobs and --threads; times are comparable with --jobs 1 on \
-a quiet machine."
+a quiet machine. On a machine that others use, too, write clock = \"cpu\" above the arms: times are \
+then CPU time of the process, which does one run at a time."
 );
 
 /// The flags of `gs study`.
@@ -82,11 +83,9 @@ pub(crate) struct StudyArgs {
     pub(crate) conduct: ConductArgs,
 }
 
-/// Other actions with a study.
+/// Other actions with a study, in the order in which they are used.
 #[derive(Debug, Clone, Subcommand)]
 pub(crate) enum StudyAction {
-    /// Repeat one row of a study, and check that its scene is the same, bit for bit
-    Replay(ReplayArgs),
     /// Make the folder of a study, for gs study work
     Prepare(PrepareArgs),
     /// Do runs of the study in a folder, with any number of other processes and machines
@@ -97,6 +96,8 @@ pub(crate) enum StudyAction {
     Status(HeldStudyArgs),
     /// Write tables and report of the runs that have ended so far
     Report(ReportArgs),
+    /// Repeat one row of a study, and check that its scene is the same, bit for bit
+    Replay(ReplayArgs),
 }
 
 /// A study to run.
@@ -192,7 +193,7 @@ pub(crate) struct HeldStudyArgs {
     /// The folder of the study
     #[arg(value_name = "DIR")]
     pub(crate) folder: PathBuf,
-    /// Folder of the images [default: $GS_DATA, or where the study found them]
+    /// Folder of the images or data sets [default: $GS_DATA, or where the study found them]
     #[arg(long, value_name = "DIR")]
     pub(crate) data: Option<PathBuf>,
 }
@@ -235,28 +236,31 @@ fn shard(text: &str) -> Result<Shard, String> {
     }
 }
 
+/// Heading of the flags that sbatch takes.
+const SLURM: &str = "Slurm";
+
 /// A study to hand to Slurm.
 #[derive(Debug, Clone, Args)]
 pub(crate) struct SubmitArgs {
     #[command(flatten)]
     pub(crate) study: PrepareArgs,
     /// Number of tasks; each does runs until none is left
-    #[arg(long, value_name = "N", value_parser = whole::<u32>(1..=1_000_000))]
+    #[arg(long, help_heading = SLURM, value_name = "N", value_parser = whole::<u32>(1..=1_000_000))]
     pub(crate) array: u32,
     /// Cores of each task
-    #[arg(long, value_name = "CORES", default_value_t = 1, value_parser = whole::<u16>(1..=1024))]
+    #[arg(long, help_heading = SLURM, value_name = "CORES", default_value_t = 1, value_parser = whole::<u16>(1..=1024))]
     pub(crate) cpus: u16,
     /// Runs in parallel in each task
     #[arg(short, long, value_name = "N", default_value_t = 1, value_parser = whole::<u16>(1..=256))]
     pub(crate) jobs: u16,
     /// Time limit of each task, as sbatch takes it: 90 (minutes), 12:00:00, 2-00
-    #[arg(long, value_name = "TIME", value_parser = word)]
+    #[arg(long, help_heading = SLURM, value_name = "TIME", value_parser = word)]
     pub(crate) time: Option<String>,
     /// Partition of the cluster
-    #[arg(long, value_name = "NAME", value_parser = word)]
+    #[arg(long, help_heading = SLURM, value_name = "NAME", value_parser = word)]
     pub(crate) partition: Option<String>,
     /// Further options of sbatch, such as --account=physics --gres=gpu:1
-    #[arg(last = true, value_name = "OPTION", value_parser = word)]
+    #[arg(last = true, help_heading = SLURM, value_name = "OPTION", value_parser = word)]
     pub(crate) options: Vec<String>,
 }
 
@@ -299,6 +303,12 @@ mod tests {
         assert!(AFTER_HELP.contains(EXAMPLE_3D));
         let study = Study::from_toml(EXAMPLE_3D, "example-3d.toml").unwrap();
         assert_eq!((study.arms.len(), study.scenes.len(), study.runs()), (4, 2, 48));
+    }
+
+    #[test]
+    fn the_examples_fit_into_60_columns_where_a_wrapped_comment_would_be_no_toml() {
+        let longest = EXAMPLE.lines().chain(EXAMPLE_3D.lines()).map(str::len).max();
+        assert!(longest <= Some(58), "{longest:?}");
     }
 
     #[test]

@@ -8,7 +8,7 @@ use std::{
 use gs_backend::{AnyRasterizer, Chosen};
 use gs_core::counted;
 use gs_lab::{
-    Existing, Places, Plan, Study, StudyFolder, built_in,
+    Error, Existing, Places, Plan, Study, StudyFolder, built_in,
     study::{Machine, Safety, refuse_unsupported},
 };
 
@@ -49,10 +49,25 @@ pub(super) fn prepare(args: &PrepareArgs, jobs: usize) -> Result<Prepared, Failu
     let plan = Plan::new(study, &places, Machine::of(rasterizer))?;
     refuse_unsupported(&plan, rasterizer)?;
     let existing = if args.resume { Existing::Resume } else { Existing::Refuse };
+    if args.resume {
+        note_other_origin(&output, &plan);
+    }
     let safety = Safety { inputs: vec![name.to_owned()], overwrite: args.overwrite.overwrite };
     let folder = StudyFolder::prepare_with(&output, &plan, existing, &safety, args.store.as_ref())?;
     let words = words(&plan, of);
     Ok(Prepared { plan, folder, backends, places, words })
+}
+
+/// Says that a study is resumed by another version, on another machine or with another image than it
+/// began with, so that finished runs have to be done again.
+fn note_other_origin(output: &Path, plan: &Plan) {
+    let Some(folder) = StudyFolder::open(output).ok().filter(|folder| folder.machine().is_some()) else { return };
+    if let Err(Error::Folder { what, .. }) = folder.check(plan) {
+        let place = output.display();
+        output::note(format_args!(
+            "note: {place}: {what}: results of both are never mixed, so its runs are done again"
+        ));
+    }
 }
 
 /// The runs of a plan in words; the whole study has `of` runs.
@@ -73,20 +88,23 @@ fn words(plan: &Plan, of: usize) -> String {
 
 /// The study of a file with the file's folder, or a built-in study.
 fn read(name: &Path) -> Result<(Study, Option<PathBuf>), Failure> {
-    if name.is_dir() {
-        let hint = "name the TOML file of a study; gs study work, status, report and replay take the folder of one";
-        return Err(Failure::failed("is a folder").at(name.display()).hint(hint));
+    if name.is_file() {
+        let text = read_text(name, "name the TOML file of a study")?;
+        let study = Study::from_toml(&text, &name.display().to_string())?;
+        return Ok((study, name.parent().map(Path::to_owned)));
     }
-    if !name.is_file() {
-        let has_folder = name.components().count() > 1 || name.extension().is_some();
-        return match name.to_str().filter(|_| !has_folder) {
-            Some(name) => Ok((built_in(name)?, None)),
-            None => Err(Failure::failed("there is no such file").at(name.display()).hint("name a study, or its file")),
-        };
+    let has_folder = name.components().count() > 1 || name.extension().is_some();
+    // A folder may have the name of the study whose results it holds.
+    let known = name.to_str().filter(|_| !has_folder).map(built_in);
+    match known {
+        Some(Ok(study)) => Ok((study, None)),
+        _ if name.is_dir() => {
+            let hint = "name the TOML file of a study; gs study work, status, report and replay take the folder of one";
+            Err(Failure::failed("is a folder").at(name.display()).hint(hint))
+        }
+        Some(Err(unknown)) => Err(unknown.into()),
+        None => Err(Failure::failed("there is no such file").at(name.display()).hint("name a study, or its file")),
     }
-    let text = read_text(name, "name the TOML file of a study")?;
-    let study = Study::from_toml(&text, &name.display().to_string())?;
-    Ok((study, name.parent().map(Path::to_owned)))
 }
 
 /// The study in a folder, to be planned.

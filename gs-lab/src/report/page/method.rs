@@ -4,6 +4,7 @@ use crate::statistics::{CONFIDENCE, FEWEST, RESAMPLES};
 use maud::{Markup, html};
 
 use crate::{
+    clock::Clock,
     contrast::EQUAL_COUNT,
     plan::{Run, VERSION},
     record::RunOutcome,
@@ -118,7 +119,10 @@ impl Page<'_> {
                     li { "Equal time: an arm's time on " (one) " is the median over its runs, and each run is rescaled to that time, so that "
                         "disturbances of single runs do not matter. Arms are compared when the study's fastest has ended; a slower one is then judged before the "
                         "end of its schedule. There is no verdict if runs were timed on different backends, or with different numbers of runs side by side. "
-                        "Measuring is not part of the time." }
+                        "Measuring is not part of the time."
+                        @if plan.study.clock == Clock::Cpu {
+                            " Times are CPU time of the process, which did one run at a time, so other programs on the machine change them little."
+                        } }
                     li { "Failed runs are left out: arms are compared over the pairs of which both runs finished, and not at all if " (one) " "
                         "has no such pair. A study should have " (FEWEST_SEEDS) " seeds or more." }
                     li { "Times are those of this machine: " (backends.iter().map(|b| b.as_str()).collect::<Vec<_>>().join(", "))

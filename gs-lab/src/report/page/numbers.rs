@@ -35,12 +35,12 @@ impl Page<'_> {
                     "Mean over " (self.targets()) " of means over seeds, at the end of the runs; ± is the standard deviation of a single run over seeds. "
                     "PSNR in dB, SSIM and MS-SSIM from 0 to 1, of the pictures as they are written in 8 bits"
                     @if self.results.plan.study.is_of_scenes() { ", each a mean over the held-out views" }
-                    "; size is that of all parameters as 32-bit floats; time in seconds. Means are over finished runs."
+                    "; size is that of all parameters as 32-bit floats. Means are over finished runs."
                 }
                 div.wide { table {
                     thead { tr {
                         th { "budget" } th { "arm" } th.number { "Gaussians" } th.number { "size, kB" } th.number { "PSNR, dB" } th.number { "SSIM" }
-                        th.number { "MS-SSIM" } th.number { "time, s" } th.number { "runs" }
+                        th.number { "MS-SSIM" } th.number { "time, " (self.results.plan.study.clock.unit()) } th.number { "runs" }
                     } }
                     tbody {
                         @for (index, quality) in qualities.iter().enumerate() {
@@ -127,11 +127,11 @@ impl Page<'_> {
                     ". Below each mean difference is its 95 % interval; an arm is better or worse if the whole interval lies on one side of 0. "
                     "Hollow marks have no verdict. Every other pair of arms is in " code { "differences.csv" } "."
                     @if study.is_of_scenes() && self.results.plan.targets.len() < FEWEST {
-                        " " b { (counted(self.results.plan.targets.len(), "scene")) " only: " (FEWEST) " would do for others." }
+                        " " b { "Only " (counted(self.results.plan.targets.len(), "scene")) ": verdicts about other scenes need " (FEWEST) "." }
                         " Verdicts hold for other seeds and views of these scenes."
                     }
                     @if study.seeds.len() < FEWEST_SEEDS {
-                        " " b { "Few seeds: " (study.seeds.len()) ", " (FEWEST_SEEDS) " would do." } " A difference may be due to chance."
+                        " " b { "Only " (counted(study.seeds.len(), "seed")) ": use " (FEWEST_SEEDS) " or more." } " A difference may be due to chance."
                     }
                 }
                 @for part in parts { (part) }
