@@ -23,7 +23,8 @@ use crate::{
 };
 
 /// The files of an output folder that hold its scene, in the order of preference.
-pub(crate) const SCENE_NAMES: [&str; 3] = ["scene.gs2d.safetensors", "scene.ply", "checkpoint.safetensors"];
+pub(crate) const SCENE_NAMES: [&str; 4] =
+    ["scene.gs2d.safetensors", "scene.ply", "checkpoint.safetensors", "meta.json"];
 
 /// A scene that [`read_scene`] has read.
 #[derive(Debug, Clone)]

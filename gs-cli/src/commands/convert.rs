@@ -11,7 +11,7 @@ use std::{
 
 use clap::{Args, ValueEnum};
 use gs_core::{
-    Scene, counted,
+    Scene, Scene3d, counted,
     examination::{self, Repair},
 };
 use gs_io::{
@@ -34,11 +34,11 @@ them, with the scene.";
 #[derive(Debug, Clone, Args)]
 #[command(after_help = AFTER_HELP)]
 pub(crate) struct ConvertArgs {
-    /// The scene: PLY (3DGS or compressed), .splat, SPZ, .gltf or .glb, recognised by content; a 2D
-    /// scene, a checkpoint, or the output folder of gs fit or gs train
+    /// The scene: PLY (3DGS or compressed), .splat, .ksplat, SPZ, SOG, .gltf or .glb, recognised by
+    /// content; a 2D scene, a checkpoint, or the output folder of gs fit or gs train
     from: PathBuf,
-    /// The file to write, with the ending of its format: .ply, .splat, .spz, .gltf or .glb; for a
-    /// 2D scene .ply or .svg
+    /// The file to write, with the ending of its format: .ply, .splat, .spz, .sog, .gltf or .glb;
+    /// meta.json for a SOG as images in its folder; for a 2D scene .ply or .svg
     to: PathBuf,
     /// Version of an SPZ: 4 is smaller, 3 is for readers older than 2026
     #[arg(long, value_name = "VERSION", default_value = "4")]
@@ -70,13 +70,6 @@ enum Buffer {
     Inside,
     /// Into a .bin of the same name
     Beside,
-}
-
-impl ConvertArgs {
-    /// Whether the numbers go into a second file.
-    fn gltf_buffer_beside(&self) -> bool {
-        matches!(self.gltf_buffer, Buffer::Beside) && self.to.extension().is_some_and(|ending| ending == "gltf")
-    }
 }
 
 /// What `gs convert --json` prints.
@@ -126,9 +119,6 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
     }
     inputs.extend(dataset.iter().flat_map(Dataset::files));
     output_folder::check_file(&args.to, &inputs)?;
-    if args.gltf_buffer_beside() {
-        output_folder::check_file(&args.to.with_extension("bin"), &inputs)?;
-    }
     let mut file = match scene {
         AnyScene::TwoD(_) if dataset.is_some() => {
             let failure = Failure::usage("--dataset is for 3D scenes, but this is a 2D scene").at(path.display());
@@ -148,11 +138,14 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
     }
     file.trained_with = args.quality.render.trained_with(file.trained_with);
     let options = options(args, file.trained_with);
+    let beside = Format3d::to_write(&args.to).map(|format| format.beside(&args.to, file.scene.sh_degree, &options));
+    beside.iter().flatten().try_for_each(|path| output_folder::check_file(path, &inputs))?;
     let File3d { scene, .. } = &file;
     let written = gs_io::write_3d(&args.to, scene, &options).map_err(Failure::of_scene)?;
     let after = gs_io::read_3d(&args.to).map_err(Failure::of_scene)?;
     let size = |path: &Path| std::fs::metadata(path).map_or(0, |file| file.len());
-    let bytes = size(&args.to) + written.beside.as_deref().map_or(0, size);
+    let bytes = size(&args.to) + written.beside.iter().map(|path| size(path)).sum::<u64>();
+    let sorted = written.order.map(|order| in_order(scene, &order));
     let conversion = Conversion {
         read: Side::new(&path, file.format, file.bytes, all),
         written: Side::new(&args.to, written.format, bytes, scene.len()),
@@ -160,10 +153,17 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
         sh_degree: scene.sh_degree,
         dropped: all - scene.len(),
         lost: losses.iter().chain(&written.losses).map(ConversionLoss::to_string).collect(),
-        rounding: Rounding::between(scene, &after.scene),
+        rounding: Rounding::between(sorted.as_ref().unwrap_or(scene), &after.scene),
         cost: dataset.map(|dataset| args.quality.measure(&dataset, &file, &after)).transpose()?,
     };
     if args.json { output::json(&conversion) } else { output::result(text(&conversion)) }
+}
+
+/// The Gaussians of these numbers.
+fn in_order(scene: &Scene3d, order: &[u32]) -> Scene3d {
+    let mut sorted = Scene3d { sh_degree: scene.sh_degree, ..Scene3d::default() };
+    order.iter().for_each(|&i| sorted.push(scene.gaussian(i as usize)));
+    sorted
 }
 
 /// How the file is written.

@@ -214,7 +214,7 @@ fn what_cannot_be_converted_is_refused() {
     fs::create_dir(path("empty")).unwrap();
     let before = names_in(place.path());
     for (from, to, status, expected) in [
-        (&first, "a.obj", 2, "use .ply, .splat, .spz, .gltf or .glb"),
+        (&first, "a.obj", 2, "use .ply, .splat, .spz, .sog, .gltf or .glb"),
         (&first, "a.compressed.ply", 2, "use .ply, .splat"),
         (&first, "no/such/a.ply", 1, "no folder"),
         (&path("absent.ply"), "a.spz", 1, "no such file"),
