@@ -19,7 +19,7 @@ use safetensors::{
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 use crate::{
-    atomic::{open, write_durably},
+    atomic::open,
     error::Error,
 };
 
@@ -99,18 +99,6 @@ impl<'a> TensorWords<'a> {
         }
         file.write_all(&chunk)
     }
-}
-
-/// Writes a file of this kind, atomically and durably.
-pub(crate) fn write<C: Serialize>(
-    path: &Path,
-    kind: &'static FileKind,
-    content: &C,
-    tensors: Vec<(String, TensorWords<'_>)>,
-) -> Result<(), Error> {
-    let encoded = Encoded::new(kind, content, tensors);
-    let encoded = encoded.map_err(|source| Error::Content { path: path.to_owned(), source })?;
-    write_durably(path, |file| encoded.write(file))
 }
 
 /// A file of this container that is about to be written: the bytes of [`safetensors::serialize`],

@@ -1,5 +1,6 @@
 //! The project's own commands: `cargo xtask test` runs all the tests, `cargo xtask cluster` a study
-//! on a cluster of this machine, and `cargo xtask python` builds and tests the Python module.
+//! on a cluster of this machine, `cargo xtask python` builds and tests the Python module, and
+//! `cargo xtask web` the page.
 //!
 //! This program depends on no crate, so that it compiles within a second on a fresh machine.
 
@@ -7,6 +8,7 @@ mod cluster;
 mod python;
 mod system;
 mod test;
+mod web;
 
 use std::process::ExitCode;
 
@@ -16,6 +18,7 @@ const HELP: &str = "\
 Usage: cargo xtask test [--install] [--slow]
        cargo xtask cluster [--install]
        cargo xtask python [--test]
+       cargo xtask web [--test] [--install]
 
 cargo xtask test runs the tests of the workspace, documentation tests included.
 
@@ -39,20 +42,29 @@ an environment of its own. Without Python 3.9 or later it says so and builds not
 
 Options:
   --test     build without optimising what does not compute, install the wheel into that
-             environment, and run its linter, type checker and tests";
+             environment, and run its linter, type checker and tests
+
+cargo xtask web builds the page for browsers into target/web, where gs page and gs serve find it. It
+needs Rust's target wasm32-unknown-unknown, and uses wasm-opt where that is installed.
+
+Options:
+  --test     then test the page in headless Chromium, against the program; screenshots go to
+             target/web-test. Without node, npm and Chromium, nothing is checked
+  --install  install the target, Debian's binaryen, and with --test chromium, npm and packages of npm";
 
 /// What the command line asks for.
 enum Task {
     Test(Options),
     Cluster { install: bool },
     Python { test: bool },
+    Web(web::Options),
 }
 
 fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let words: Vec<&str> = arguments.iter().map(String::as_str).collect();
     let task = match &words[..] {
-        [] | ["help" | "-h" | "--help"] | ["test" | "cluster" | "python", "-h" | "--help"] => {
+        [] | ["help" | "-h" | "--help"] | ["test" | "cluster" | "python" | "web", "-h" | "--help"] => {
             eprintln!("{HELP}");
             return ExitCode::SUCCESS;
         }
@@ -61,6 +73,7 @@ fn main() -> ExitCode {
         ["cluster", "--install"] => Ok(Task::Cluster { install: true }),
         ["python"] => Ok(Task::Python { test: false }),
         ["python", "--test"] => Ok(Task::Python { test: true }),
+        ["web", flags @ ..] => web::Options::parse(flags).map(Task::Web),
         ["cluster" | "python", flag, ..] => Err(format!("unknown flag {flag}")),
         [other, ..] => Err(format!("unknown command {other}")),
     };
@@ -75,6 +88,7 @@ fn main() -> ExitCode {
         Task::Test(options) => test::run(options),
         Task::Cluster { install } => cluster::run(install),
         Task::Python { test } => python::run(test),
+        Task::Web(options) => web::run(options),
     };
     match ended {
         Ok(()) => ExitCode::SUCCESS,

@@ -214,7 +214,11 @@ pub fn format_3d(path: impl AsRef<Path>) -> Result<Option<Format3d>, Error> {
 /// Those of [`read_3d_unchecked`]; [`Error::Content`] for other values that are NaN or infinite.
 pub fn read_3d(path: impl AsRef<Path>) -> Result<File3d, Error> {
     let path = path.as_ref();
-    let mut file = read_3d_unchecked(path)?;
+    checked(read_3d_unchecked(path)?, path)
+}
+
+/// The file with zero scales raised and infinite logits made finite, if all other values are finite.
+pub(crate) fn checked(mut file: File3d, path: &Path) -> Result<File3d, Error> {
     file.losses.extend(raise_zero_scales(&mut file.scene));
     file.losses.extend(infinite_logits(&file.scene));
     file.scene.opacity_logits.iter_mut().for_each(|logit| *logit = finite_logit(*logit));
@@ -245,12 +249,17 @@ pub fn read_3d_unchecked(path: impl AsRef<Path>) -> Result<File3d, Error> {
     let path = path.as_ref();
     let (mut file, metadata) = open(path, WANTED)?;
     let bytes = read_exactly(&mut file, metadata.len()).map_err(|source| Error::read(path, source))?;
+    decode_recognised(&bytes, path)
+}
+
+/// Decodes the bytes of a file of any format; see [`decode_3d`].
+pub(crate) fn decode_recognised(bytes: &[u8], path: &Path) -> Result<File3d, Error> {
     let start = &bytes[..bytes.len().min(START_BYTES)];
     let Some(format) = Format3d::recognise(start, path) else {
         let unknown = || Error::NotA3dScene { path: path.to_owned(), found: Error::found(start) };
         return Err(foreign::refusal(start, path).unwrap_or_else(unknown));
     };
-    decode_3d(format, &bytes, path)
+    decode_3d(format, bytes, path)
 }
 
 /// Decodes the bytes of a scene file; values may be NaN or infinite. `path` is used for errors, and
@@ -338,34 +347,67 @@ pub struct Written3d {
 /// [`Error::Unsupported`] for a scene too large for the format; those of [`write_durably`].
 pub fn write_3d(path: impl AsRef<Path>, scene: &Scene3d, options: &WriteOptions3d) -> Result<Written3d, Error> {
     let path = path.as_ref();
+    if Format3d::to_write(path) == Some(Format3d::Ply) {
+        check_writable(path, scene)?;
+        write_durably(path, |file| ply::write(scene, &options.trained_with.comments(), file))?;
+        let losses = infinite_logits(scene).into_iter().collect();
+        return Ok(Written3d { format: Format3d::Ply, losses, beside: Vec::new(), order: None });
+    }
+    let Encoded3d { bytes, beside, written } = encode_3d(path, scene, options)?;
+    for (path, bytes) in &beside {
+        write_durably(path, |file| file.write_all(bytes))?;
+    }
+    write_durably(path, |file| file.write_all(&bytes))?;
+    Ok(written)
+}
+
+/// The files that [`write_3d`] writes.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub struct Encoded3d {
+    /// The content of the file.
+    pub bytes: Vec<u8>,
+    /// The further files.
+    pub beside: Vec<(PathBuf, Vec<u8>)>,
+    /// What [`write_3d`] returns.
+    pub written: Written3d,
+}
+
+fn check_writable(path: &Path, scene: &Scene3d) -> Result<(), Error> {
+    scene.validate().map_err(Error::content(path))?;
+    if scene.is_empty() { Err(Error::Empty { path: path.to_owned() }) } else { Ok(()) }
+}
+
+/// Encodes a scene as [`write_3d`] does, but writes nothing.
+///
+/// # Errors
+/// Those of [`write_3d`], except for those of writing.
+pub fn encode_3d(path: impl AsRef<Path>, scene: &Scene3d, options: &WriteOptions3d) -> Result<Encoded3d, Error> {
+    let path = path.as_ref();
     let Some(format) = Format3d::to_write(path) else {
         return Err(Error::UnknownEnding { path: path.to_owned() });
     };
-    scene.validate().map_err(Error::content(path))?;
-    if scene.is_empty() {
-        return Err(Error::Empty { path: path.to_owned() });
-    }
-    if format == Format3d::Ply {
-        write_durably(path, |file| ply::write(scene, &options.trained_with.comments(), file))?;
-        let losses = infinite_logits(scene).into_iter().collect();
-        return Ok(Written3d { format, losses, beside: Vec::new(), order: None });
-    }
-    let rotations = UnitRotations::new(scene, path)?;
-    let beside = format.beside(path, scene.sh_degree, options);
+    check_writable(path, scene)?;
     let mut order = None;
+    let mut beside = Vec::new();
+    let rotations = || UnitRotations::new(scene, path);
     let (bytes, losses) = match format {
-        Format3d::Spz => spz::encode(path, scene, &rotations, options)?,
+        Format3d::Ply => {
+            let mut bytes = Vec::new();
+            ply::write(scene, &options.trained_with.comments(), &mut bytes)
+                .map_err(|source| Error::write(path, source))?;
+            (bytes, infinite_logits(scene).into_iter().collect())
+        }
+        Format3d::Spz => spz::encode(path, scene, &rotations()?, options)?,
         Format3d::Gltf | Format3d::Glb => {
             let kind = if format == Format3d::Glb { GltfFile::Binary } else { GltfFile::Text(options.gltf_buffer) };
-            let encoded = gltf::encode(path, scene, &rotations, &options.trained_with, kind)?;
-            for (name, buffer) in beside.iter().zip(encoded.beside) {
-                write_durably(name, |file| file.write_all(&buffer))?;
-            }
+            let encoded = gltf::encode(path, scene, &rotations()?, &options.trained_with, kind)?;
+            beside.extend(encoded.beside.map(|buffer| (path.with_extension("bin"), buffer)));
             (encoded.file, encoded.losses)
         }
         Format3d::Sog | Format3d::SogFolder => {
             let sog::Encoded { mut files, losses, order: sorted } =
-                sog::encode(path, scene, &rotations, &options.trained_with)?;
+                sog::encode(path, scene, &rotations()?, &options.trained_with)?;
             order = Some(sorted);
             if format == Format3d::Sog {
                 // Readers of streams need the description first.
@@ -373,16 +415,14 @@ pub fn write_3d(path: impl AsRef<Path>, scene: &Scene3d, options: &WriteOptions3
                 (sog::bundled(&files).map_err(|source| Error::write(path, source))?, losses)
             } else {
                 let meta = files.pop().map(|(_, bytes)| bytes).unwrap_or_default();
-                for (name, bytes) in files {
-                    write_durably(path.with_file_name(name), |file| file.write_all(&bytes))?;
-                }
+                beside.extend(files.into_iter().map(|(name, bytes)| (path.with_file_name(name), bytes)));
                 (meta, losses)
             }
         }
-        _ => splat::encode(scene, &rotations, &options.trained_with),
+        _ => splat::encode(scene, &rotations()?, &options.trained_with),
     };
-    write_durably(path, |file| file.write_all(&bytes))?;
-    Ok(Written3d { format, losses, beside, order })
+    let written = Written3d { format, losses, beside: beside.iter().map(|(path, _)| path.clone()).collect(), order };
+    Ok(Encoded3d { bytes, beside, written })
 }
 
 const WANTED: &str = "a scene file";
