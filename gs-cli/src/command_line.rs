@@ -7,8 +7,8 @@ use clap::{CommandFactory, FromArgMatches, Parser, Subcommand, error::ErrorKind}
 use crate::{
     commands::{
         convert::ConvertArgs, doctor::DoctorArgs, effects::EffectsCommandArgs, encode::EncodeArgs, eval::EvalArgs,
-        fit::FitArgs, frontier::FrontierArgs, info::InfoArgs, paper::PaperArgs, popping::PoppingArgs,
-        profile::ProfileArgs, render::RenderArgs, study::StudyArgs, train::TrainArgs, view::ViewArgs,
+        fit::FitArgs, frontier::FrontierArgs, info::InfoArgs, page::PageArgs, paper::PaperArgs, popping::PoppingArgs,
+        profile::ProfileArgs, render::RenderArgs, serve::ServeArgs, study::StudyArgs, train::TrainArgs, view::ViewArgs,
     },
     failure::Failure,
     help,
@@ -34,6 +34,8 @@ Examples:
       train a 3D scene; --preset 3dgs does it as published
   gs view out
       show a scene in a window
+  gs page out -o scene.html
+      make one page of it that every browser opens
   gs render out -o turn.apng --orbit 60
       render a 3D scene from all sides
   gs eval out images/
@@ -76,9 +78,13 @@ pub(crate) enum Command {
     Render(Box<RenderArgs>),
     /// Show a scene in a window
     View(Box<ViewArgs>),
+    /// Write a scene and a viewer as one page for browsers
+    Page(PageArgs),
+    /// Show the scenes and runs of a folder in a browser, also over ssh
+    Serve(ServeArgs),
     /// Compare two images, or a scene with its image or data set: PSNR, SSIM, L1
     Eval(Box<EvalArgs>),
-    /// Convert a 3D scene to PLY, .splat, SPZ or glTF, or a 2D scene to a flat PLY or an SVG
+    /// Convert a 3D scene to PLY, .splat, SPZ, SOG or glTF, or a 2D scene to a flat PLY or an SVG
     Convert(Box<ConvertArgs>),
     /// Show what is in a scene, a checkpoint or a data set, or list the GPUs
     Info(InfoArgs),
@@ -166,8 +172,8 @@ const FOR_DATASET: [&str; 11] = [
     "simd",
 ];
 
-const COMMANDS: [&str; 15] = [
-    "fit", "encode", "train", "render", "view", "eval", "convert", "info", "doctor", "profile", "effects", "paper",
+const COMMANDS: [&str; 17] = [
+    "fit", "encode", "train", "render", "view", "page", "serve", "eval", "convert", "info", "doctor", "profile", "effects", "paper",
     "popping", "frontier", "study",
 ];
 

@@ -5,7 +5,7 @@ use std::path::Path;
 use glam::Vec3;
 use gs_backend::{AnyRasterizer, AnySplats};
 use gs_core::{
-    Camera, Canvas, Image, Parameterization, Rasterizer as _, RenderSettings, Scene as _, Scene2d, Scene3d,
+    Camera, Canvas, Culled, Image, Parameterization, Rasterizer, RenderSettings, Scene as _, Scene2d, Scene3d,
     effects::{Antialias, Order},
     view::Bulk,
 };
@@ -177,13 +177,13 @@ impl View {
             settings = settings.on(background);
         }
         let Frame { width, height, .. } = *frame;
-        let drawn = match &self.shown {
+        let drawn: Result<(Image, Culled), gs_core::Error> = match &self.shown {
             Shown::TwoD { file, splats } => {
                 let mut canvas = Canvas::new(file.width, file.height).resized(width, height);
                 if let Some([left, top, columns, rows]) = frame.rectangle {
                     canvas = canvas.showing([left, top].into(), [columns, rows].into());
                 }
-                self.on.draw(splats, &canvas, &settings).await
+                Rasterizer::<Scene2d>::draw(self.on, splats, &canvas, &settings).await
             }
             Shown::ThreeD { file, splats } => {
                 let camera = match &frame.camera {
@@ -195,7 +195,7 @@ impl View {
                     None => home(file, width, height).map(|(camera, ..)| camera),
                 };
                 let camera = camera.ok_or_else(|| JsError::new("the camera looks straight up or down"))?;
-                self.on.draw(splats, &camera, &settings).await
+                Rasterizer::<Scene3d>::draw(self.on, splats, &camera, &settings).await
             }
         };
         Ok(drawn.map_err(failure)?.0)

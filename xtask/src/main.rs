@@ -44,13 +44,13 @@ Options:
   --test     build without optimising what does not compute, install the wheel into that
              environment, and run its linter, type checker and tests
 
-cargo xtask web builds the page for browsers into target/web, where gs page and gs serve find it. It
+cargo xtask web builds the page for browsers into target/page, where gs page and gs serve find it. It
 needs Rust's target wasm32-unknown-unknown, and uses wasm-opt where that is installed.
 
 Options:
   --test     then test the page in headless Chromium, against the program; screenshots go to
              target/web-test. Without node, npm and Chromium, nothing is checked
-  --install  install the target, Debian's binaryen, and with --test chromium, npm and packages of npm";
+  --install  install the target, and with --test Debian's chromium, nodejs and npm, and packages of npm";
 
 /// What the command line asks for.
 enum Task {

@@ -10,11 +10,11 @@ use crate::system::{cargo_program, install_packages, step, workspace};
 
 const TARGET: &str = "wasm32-unknown-unknown";
 
-/// The instructions that the page uses. Browsers have had them since 2023.
-const RUSTFLAGS: &str = "-C target-feature=+simd128,+bulk-memory,+sign-ext,+nontrapping-fptoint";
+/// The instructions that the page uses beyond those of the target. Browsers have had them since 2023.
+const RUSTFLAGS: &str = "-C target-feature=+simd128";
 
-/// The browser, and what optimizes WebAssembly, as Debian's packages.
-const PACKAGES: [&str; 2] = ["chromium", "binaryen"];
+/// What drives a browser, as Debian's packages.
+const PACKAGES: [&str; 3] = ["chromium", "nodejs", "npm"];
 
 /// What is asked for.
 #[derive(Clone, Copy, Default)]
@@ -37,7 +37,7 @@ impl Options {
     }
 }
 
-/// Builds the page into `target/web`.
+/// Builds the page into `target/page`.
 pub(crate) fn run(options: Options) -> Result<(), String> {
     let target = env::var_os("CARGO_TARGET_DIR").map_or_else(|| workspace().join("target"), PathBuf::from);
     if options.install {
@@ -54,18 +54,16 @@ pub(crate) fn run(options: Options) -> Result<(), String> {
     let mut tool = Command::new(cargo_program());
     tool.args(["run", "--quiet", "--locked", "--release", "--manifest-path", "gs-web/tool/Cargo.toml", "--target-dir"]);
     tool.arg(target.join("web-tool")).arg("--").arg(target.join(TARGET).join("web/gs_web.wasm"));
-    step(tool.arg("gs-web/page").arg(target.join("web")).current_dir(workspace()))?;
-    eprintln!("built {}", target.join("web").display());
+    step(tool.arg("gs-web/page").arg(target.join("page")).current_dir(workspace()))?;
+    eprintln!("built {}", target.join("page").display());
     if options.test { test(&target, options.install) } else { Ok(()) }
 }
 
 fn install(for_test: bool) -> Result<(), String> {
     step(Command::new("rustup").args(["target", "add", TARGET]))?;
-    if !for_test {
-        return install_packages(&PACKAGES[1..]);
-    }
-    install_packages(&PACKAGES)?;
-    if has_program("npm") { Ok(()) } else { install_packages(&["nodejs", "npm"]) }
+    // Node may be another than Debian's.
+    let missing: Vec<&str> = PACKAGES.into_iter().filter(|name| !has_program(if *name == "nodejs" { "node" } else { name })).collect();
+    if for_test && !missing.is_empty() { install_packages(&missing) } else { Ok(()) }
 }
 
 fn has_target() -> bool {
@@ -117,7 +115,7 @@ fn test(target: &Path, install: bool) -> Result<(), String> {
     native.args(["build", "--locked", "--release", "-p", "gs-cli", "--target-dir"]).arg(target);
     step(native.current_dir(workspace()))?;
     let mut node = Command::new("node");
-    node.arg(tests.join("page.mjs")).arg(browser).arg(target.join("web")).arg(target.join("release/gs")).arg(&place);
+    node.arg(tests.join("page.mjs")).arg(browser).arg(target.join("page")).arg(target.join("release/gs")).arg(&place);
     step(&mut node)
 }
 

@@ -22,7 +22,7 @@
 //! `@mkkellogg/gaussian-splats-3d`.
 
 use glam::Vec3;
-use gs_core::{Scene, Scene3d, constants::SH_C0};
+use gs_core::{Scene3d, constants::SH_C0};
 
 use super::{
     quantity::{log_of_scale, logit_of_step},

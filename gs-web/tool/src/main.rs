@@ -63,18 +63,24 @@ fn make(wasm: &Path, page: &Path, out: &Path) -> Result {
     Ok(())
 }
 
-/// Runs wasm-opt of binaryen, if it is there.
+/// The first wasm-opt that keeps tables of references as they are: version 108 writes a module that
+/// does not start.
+const LEAST_VERSION: u32 = 117;
+
+/// Runs wasm-opt of binaryen, if it is there and new enough.
 fn optimize(wasm: &Path) -> Result {
-    let result = wasm.with_extension("optimized");
-    let run = Command::new("wasm-opt").args(FEATURES).arg("-O3").arg(wasm).arg("-o").arg(&result).status();
-    match run {
-        Ok(status) if status.success() => Ok(fs::rename(result, wasm)?),
-        Ok(status) => Err(format!("wasm-opt failed: {status}").into()),
-        Err(_) => {
-            println!("wasm-opt isn't there, so the page is larger and slower (Debian: binaryen)");
-            Ok(())
-        }
+    let version = Command::new("wasm-opt").arg("--version").output().ok().and_then(|output| {
+        let text = String::from_utf8_lossy(&output.stdout).into_owned();
+        text.split_whitespace().find_map(|word| word.parse::<u32>().ok())
+    });
+    if !version.is_some_and(|version| version >= LEAST_VERSION) {
+        let found = version.map_or("isn't there".to_owned(), |version| format!("is of version {version}"));
+        println!("wasm-opt {found}: without version {LEAST_VERSION} or later, the page stays a little larger");
+        return Ok(());
     }
+    let result = wasm.with_extension("optimized");
+    let run = Command::new("wasm-opt").args(FEATURES).arg("-O3").arg(wasm).arg("-o").arg(&result).status()?;
+    if run.success() { Ok(fs::rename(result, wasm)?) } else { Err(format!("wasm-opt failed: {run}").into()) }
 }
 
 /// The page as a single file: styles, scripts and the WebAssembly, which is compressed, inside.
