@@ -152,13 +152,23 @@ fn command() -> clap::Command {
     help::wrapped(command)
 }
 
-/// The flag with the requirement of `--dataset`, if it only acts with that.
+/// The flag with the requirement of `--dataset` or of drawing, if it only acts with that.
 fn requires_dataset(arg: clap::Arg) -> clap::Arg {
-    if FOR_DATASET.contains(&arg.get_id().as_str()) { arg.requires("dataset") } else { arg }
+    let name = arg.get_id().as_str();
+    if FOR_DATASET.contains(&name) {
+        arg.requires("dataset")
+    } else if FOR_DRAWING.contains(&name) {
+        arg.requires("drawn")
+    } else {
+        arg
+    }
 }
 
+/// The flags of `gs convert` that only act where it draws: with `--dataset` or `--gaussians`.
+const FOR_DRAWING: [&str; 4] = ["backend", "adapter", "threads", "simd"];
+
 /// The flags of `gs convert` that only act with `--dataset`.
-const FOR_DATASET: [&str; 11] = [
+const FOR_DATASET: [&str; 7] = [
     "holdout",
     "images",
     "alpha",
@@ -166,10 +176,6 @@ const FOR_DATASET: [&str; 11] = [
     "allow_outside",
     "background",
     "sh_degree",
-    "backend",
-    "adapter",
-    "threads",
-    "simd",
 ];
 
 const COMMANDS: [&str; 17] = [

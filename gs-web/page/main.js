@@ -37,6 +37,8 @@ function fail(error) {
 
 const fit = new FitPanel(page);
 const view = new ViewPanel(page);
+// For tests and for the console.
+globalThis.gsPage = Object.assign(page, { fit, view });
 
 /** Starts the engine in a new worker. */
 function connect() {

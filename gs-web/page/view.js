@@ -13,7 +13,7 @@ const REST_MS = 250;
 export class ViewPanel {
   #page;
   #orbit;
-  #info;
+  info;
   #name = "scene";
   #busy = false;
   #again = false;
@@ -35,8 +35,8 @@ export class ViewPanel {
   }
 
   ready() {
-    if (!this.#info) return;
-    this.#info = undefined;
+    if (!this.info) return;
+    this.info = undefined;
     this.#words("The engine has started anew: open the scene again.");
   }
 
@@ -61,13 +61,13 @@ export class ViewPanel {
   async #show(bytes, name) {
     this.#words(`Reading ${name}, ${(bytes.byteLength / 1e6).toFixed(1)} MB…`);
     try {
-      this.#info = await this.#page.ask("openScene", { bytes, name }, [bytes]);
+      this.info = await this.#page.ask("openScene", { bytes, name }, [bytes]);
     } catch (error) {
-      this.#words(this.#info ? "The scene before it stays open." : "No scene is open.");
+      this.#words(this.info ? "The scene before it stays open." : "No scene is open.");
       throw Object.assign(error, { shown: true });
     }
     this.#name = name.replace(/\.[^.]*$/, "");
-    const { kind, size, home, shDegree } = this.#info;
+    const { kind, size, home, shDegree } = this.info;
     this.#rectangle = kind === "2d" ? [0, 0, ...size] : undefined;
     $("degree").replaceChildren(new Option("all", ""), ...Array.from({ length: shDegree }, (_, k) => new Option(k, k)));
     for (const id of ["order", "antialias", "degree"]) $(id).disabled = kind === "2d";
@@ -109,7 +109,7 @@ export class ViewPanel {
 
   /** Draws the scene; one picture at a time, and the last view always. */
   async draw(moving = false) {
-    if (!this.#info || $("view").hidden) return;
+    if (!this.info || $("view").hidden) return;
     if (this.#busy) {
       this.#again = true;
       return;
@@ -120,7 +120,7 @@ export class ViewPanel {
       const { took } = await this.#page.ask("frame", { frame: this.frame(width, height) });
       if (moving && took > MOVING_MS && this.#coarse < 8) this.#coarse *= 1.5;
       else if (moving && took < MOVING_MS / 4 && this.#coarse > 1) this.#coarse = Math.max(1, this.#coarse / 1.5);
-      const { format, gaussians, losses } = this.#info;
+      const { format, gaussians, losses } = this.info;
       const lost = losses?.length ? `; ${losses.join("; ")}` : "";
       this.#words(`${format}, ${gaussians.toLocaleString("en")} Gaussians, ${width}×${height} px in ${took.toFixed(0)} ms${lost}`);
       document.body.dataset.frames = Number(document.body.dataset.frames ?? 0) + 1;

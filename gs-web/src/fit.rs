@@ -187,12 +187,13 @@ impl Fit {
         Ok(numbers)
     }
 
-    /// The content of a file: "scene" (`.gs2d.safetensors`), "png", "gsi" (fits anew for it) or
-    /// "settings" (TOML).
+    /// The content of a file: "scene" (`.gs2d.safetensors`), "png", "target" (the image
+    /// that is fitted, a PNG), "gsi" (fits anew for it) or "settings" (TOML).
     pub async fn file(&self, kind: String) -> Result<Vec<u8>, JsError> {
         let target = self.trainer.target();
         match kind.as_str() {
             "settings" => Ok(self.trainer.settings().to_toml().map_err(failure)?.into_bytes()),
+            "target" => Ok(png_bytes(target)),
             "png" => Ok(png_bytes(&self.trainer.render().await.map_err(failure)?.0)),
             "scene" => {
                 let (width, height) = target.size();

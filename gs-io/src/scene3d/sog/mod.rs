@@ -299,7 +299,8 @@ mod tests {
             let back = rotation(&pixel_of_rotation(q)).unwrap();
             let cosine: f32 = q.iter().zip(back).map(|(a, b)| a * b).sum();
             assert!(cosine.abs() > 0.999_9, "{q:?} {back:?}");
-            assert_eq!(pixel_of_rotation(back), pixel_of_rotation(q), "{q:?}");
+            // Of equal components, another may be the largest after rounding.
+            assert!(q == half || pixel_of_rotation(back) == pixel_of_rotation(q), "{q:?}");
         }
         assert_eq!(rotation(&[128, 128, 128, 251]), None);
     }
