@@ -3,6 +3,7 @@
 import { Connection } from "./engine.js";
 import { FitPanel } from "./fit.js";
 import { engineParts } from "./parts.js";
+import { watchServer } from "./serve.js";
 import { ViewPanel } from "./view.js";
 
 const $ = (id) => document.getElementById(id);
@@ -149,3 +150,4 @@ const wanted = new URLSearchParams(location.search).get("backend");
 if (wanted) $("backend").value = wanted;
 connect();
 view.openEmbedded(() => choose($("tab-view")));
+watchServer(page, view, () => choose($("tab-view"))).catch(fail);

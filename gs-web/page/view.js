@@ -31,7 +31,6 @@ export class ViewPanel {
     $("shot").addEventListener("click", () => this.#shot());
     $("save-sog").addEventListener("click", () => this.#saveSog());
     new ResizeObserver(() => this.draw()).observe($("stage"));
-    this.#serve();
   }
 
   ready() {
@@ -58,7 +57,7 @@ export class ViewPanel {
     await this.#show(await response.arrayBuffer(), element.dataset.name).catch(() => {});
   }
 
-  async #show(bytes, name) {
+  async #show(bytes, name, again = false) {
     this.#words(`Reading ${name}, ${(bytes.byteLength / 1e6).toFixed(1)} MB…`);
     try {
       this.info = await this.#page.ask("openScene", { bytes, name }, [bytes]);
@@ -74,7 +73,7 @@ export class ViewPanel {
     $("save-sog").disabled = kind === "2d";
     $("shot").disabled = false;
     this.#coarse = 1;
-    if (home) this.#orbit.start(home);
+    if (home && !again) this.#orbit.start(home);
     await this.draw();
   }
 
@@ -151,18 +150,10 @@ export class ViewPanel {
     $("view-words").textContent = text;
   }
 
-  /** Lists the scenes of `gs serve`, which marks its page. */
-  async #serve() {
-    if (!document.querySelector("meta[name=gs-serve]")) return;
-    const list = $("served-list");
-    const paths = await (await fetch("serve/list")).json();
-    list.replaceChildren(new Option("choose…", ""), ...paths.map((path) => new Option(path, path)));
-    $("served").hidden = false;
-    list.addEventListener("change", async () => {
-      if (!list.value) return;
-      const response = await fetch(`serve/file/${list.value.split("/").map(encodeURIComponent).join("/")}`);
-      if (!response.ok) return this.#page.fail(new Error(`${list.value}: ${await response.text()}`));
-      await this.#show(await response.arrayBuffer(), list.value.split("/").pop()).catch(() => {});
-    });
+  /** Opens the scene of an address; a scene that was open before keeps its camera if `again`. */
+  async fetched(path, again = false) {
+    const response = await fetch(`serve/file/${path.split("/").map(encodeURIComponent).join("/")}`);
+    if (!response.ok) throw new Error(`${path}: ${await response.text()}`);
+    await this.#show(await response.arrayBuffer(), path.split("/").pop(), again);
   }
 }

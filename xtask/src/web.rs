@@ -114,6 +114,8 @@ fn test(target: &Path, install: bool) -> Result<(), String> {
     let mut native = Command::new(cargo_program());
     native.args(["build", "--locked", "--release", "-p", "gs-cli", "--target-dir"]).arg(target);
     step(native.current_dir(workspace()))?;
+    let mut formats = Command::new("node");
+    step(formats.arg(tests.join("sog.mjs")).arg(target.join("release/gs")).arg(&place))?;
     let mut node = Command::new("node");
     node.arg(tests.join("page.mjs")).arg(browser).arg(target.join("page")).arg(target.join("release/gs")).arg(&place);
     step(&mut node)
