@@ -12,7 +12,7 @@ mod view;
 
 use wasm_bindgen::prelude::*;
 
-pub use crate::{engine::Engine, fit::Fit, view::View};
+pub use crate::{engine::Engine, fit::Fit, settings::policies, view::View};
 
 /// The text of any error, for JavaScript.
 fn failure(error: impl std::fmt::Display) -> JsError {

@@ -47,7 +47,7 @@ struct Offered {
 
 /// The policies for images, as JSON: `[{"name", "summary"}]`.
 #[wasm_bindgen]
-pub(crate) fn policies() -> String {
+pub fn policies() -> String {
     let possible = |name: &&str| Policy::from_name(name).is_ok_and(|policy| policy.validate_2d().is_ok());
     let offered = |name| Offered { name, summary: Policy::summary(name).unwrap_or_default() };
     let all: Vec<Offered> = Policy::NAMES.into_iter().filter(possible).map(offered).collect();
