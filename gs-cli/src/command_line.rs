@@ -7,8 +7,8 @@ use clap::{CommandFactory, FromArgMatches, Parser, Subcommand, error::ErrorKind}
 use crate::{
     commands::{
         convert::ConvertArgs, doctor::DoctorArgs, effects::EffectsCommandArgs, encode::EncodeArgs, eval::EvalArgs,
-        fit::FitArgs, frontier::FrontierArgs, info::InfoArgs, paper::PaperArgs, popping::PoppingArgs,
-        profile::ProfileArgs, render::RenderArgs, study::StudyArgs, train::TrainArgs, view::ViewArgs,
+        fit::FitArgs, frontier::FrontierArgs, info::InfoArgs, page::PageArgs, paper::PaperArgs, popping::PoppingArgs,
+        profile::ProfileArgs, render::RenderArgs, serve::ServeArgs, study::StudyArgs, train::TrainArgs, view::ViewArgs,
     },
     failure::Failure,
     help,
@@ -34,6 +34,8 @@ Examples:
       train a 3D scene; --preset 3dgs does it as published
   gs view out
       show a scene in a window
+  gs page out -o scene.html
+      make one page of it that every browser opens
   gs render out -o turn.apng --orbit 60
       render a 3D scene from all sides
   gs eval out images/
@@ -76,9 +78,13 @@ pub(crate) enum Command {
     Render(Box<RenderArgs>),
     /// Show a scene in a window
     View(Box<ViewArgs>),
+    /// Write a scene and a viewer as one page for browsers
+    Page(PageArgs),
+    /// Show the scenes and runs of a folder in a browser, also over ssh
+    Serve(ServeArgs),
     /// Compare two images, or a scene with its image or data set: PSNR, SSIM, L1
     Eval(Box<EvalArgs>),
-    /// Convert a 3D scene to PLY, .splat, SPZ or glTF, or a 2D scene to a flat PLY or an SVG
+    /// Convert a 3D scene to PLY, .splat, SPZ, SOG or glTF, or a 2D scene to a flat PLY or an SVG
     Convert(Box<ConvertArgs>),
     /// Show what is in a scene, a checkpoint or a data set, or list the GPUs
     Info(InfoArgs),
@@ -146,29 +152,27 @@ fn command() -> clap::Command {
     help::wrapped(command)
 }
 
-/// The flag with the requirement of `--dataset`, if it only acts with that.
+/// The flag with the requirement of `--dataset` or of drawing, if it only acts with that.
 fn requires_dataset(arg: clap::Arg) -> clap::Arg {
-    if FOR_DATASET.contains(&arg.get_id().as_str()) { arg.requires("dataset") } else { arg }
+    let name = arg.get_id().as_str();
+    if FOR_DATASET.contains(&name) {
+        arg.requires("dataset")
+    } else if FOR_DRAWING.contains(&name) {
+        arg.requires("drawn")
+    } else {
+        arg
+    }
 }
 
-/// The flags of `gs convert` that only act with `--dataset`.
-const FOR_DATASET: [&str; 11] = [
-    "holdout",
-    "images",
-    "alpha",
-    "max_size",
-    "allow_outside",
-    "background",
-    "sh_degree",
-    "backend",
-    "adapter",
-    "threads",
-    "simd",
-];
+/// The flags of `gs convert` that only act where it draws: with `--dataset` or `--gaussians`.
+const FOR_DRAWING: [&str; 4] = ["backend", "adapter", "threads", "simd"];
 
-const COMMANDS: [&str; 15] = [
-    "fit", "encode", "train", "render", "view", "eval", "convert", "info", "doctor", "profile", "effects", "paper",
-    "popping", "frontier", "study",
+/// The flags of `gs convert` that only act with `--dataset`.
+const FOR_DATASET: [&str; 7] = ["holdout", "images", "alpha", "max_size", "allow_outside", "background", "sh_degree"];
+
+const COMMANDS: [&str; 17] = [
+    "fit", "encode", "train", "render", "view", "page", "serve", "eval", "convert", "info", "doctor", "profile",
+    "effects", "paper", "popping", "frontier", "study",
 ];
 
 /// The parser's message without its usage, its pointers to the help and to `--`, and its own

@@ -21,6 +21,7 @@ mod interrupt;
 mod memory;
 mod output;
 mod output_folder;
+mod page_files;
 mod progress_bar;
 mod render_args;
 mod scene;
@@ -73,6 +74,8 @@ fn run(parsed: Parsed) -> Result<ExitCode, Failure> {
         Command::Train(args) => commands::train::run(&args),
         Command::Render(args) => commands::render::run(&args),
         Command::View(args) => commands::view::run(&args),
+        Command::Page(args) => commands::page::run(&args),
+        Command::Serve(args) => commands::serve::run(&args),
         Command::Eval(args) => commands::eval::run(&args),
         Command::Convert(args) => commands::convert::run(&args),
         Command::Info(args) => commands::info::run(&args),

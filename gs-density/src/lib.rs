@@ -80,6 +80,7 @@
 
 mod correction;
 mod densify;
+mod eigen;
 mod error_addition;
 mod evidence;
 mod fast_gs;
@@ -88,6 +89,7 @@ mod governor;
 mod grow;
 mod improved_gs;
 mod mcmc;
+mod merge;
 mod mrnf;
 mod noise;
 mod observation;
@@ -117,6 +119,7 @@ pub use governor::{Governor, scheduled_count};
 pub use grow::{Combine, FORCED_GROWTH_PERCENT, Grow, share_of};
 pub use improved_gs::ImprovedGs;
 pub use mcmc::Mcmc;
+pub use merge::merged;
 pub use mrnf::Mrnf;
 pub use noise::Noise;
 pub use observation::{DensityPolicy, Observation, Residual, Rng};

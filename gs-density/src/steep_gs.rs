@@ -1,7 +1,5 @@
 //! SteepGS: splits of Gaussians that are stuck at saddle points, along the steepest descent.
 
-mod eigen;
-
 use glam::{DMat3, DVec3, Vec3};
 use gs_core::{
     EditPlan, Error,
@@ -15,6 +13,7 @@ use serde::{Deserialize, Serialize};
 use crate::{
     correction::OpacityCorrection,
     densify::Densify,
+    eigen,
     evidence::EvidenceRequest,
     gaussian::{DensityGaussian, DensityScene},
     observation::{Observation, Rng},

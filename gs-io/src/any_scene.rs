@@ -6,6 +6,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use gs_codec::{Extent, is_gsi};
 use gs_core::{
     Blend, RenderSettings, SplatsState,
     effects::{Antialias, Background, Order, Statistics},
@@ -14,16 +15,17 @@ use gs_core::{
 use serde::Deserialize;
 
 use crate::{
-    checkpoint::{Checkpoint, is_checkpoint, read_checkpoint},
+    checkpoint::{Checkpoint, decode_checkpoint, is_checkpoint, read_checkpoint},
     dataset::Dataset,
     error::Error,
-    gsi::{may_be_gsi, read_gsi},
-    scene_file::{File2d, is_2d, read_2d, read_2d_unchecked},
-    scene3d::{File3d, Format3d, TrainedWith, format_3d, read_3d, read_3d_unchecked},
+    gsi::{GSI_EXTENSION, decode_gsi, may_be_gsi, read_gsi},
+    scene_file::{File2d, decode_2d, is_2d, read_2d, read_2d_unchecked},
+    scene3d::{self, File3d, Format3d, TrainedWith, format_3d, read_3d, read_3d_unchecked},
 };
 
 /// The files of an output folder that hold its scene, in the order of preference.
-pub(crate) const SCENE_NAMES: [&str; 3] = ["scene.gs2d.safetensors", "scene.ply", "checkpoint.safetensors"];
+pub(crate) const SCENE_NAMES: [&str; 4] =
+    ["scene.gs2d.safetensors", "scene.ply", "checkpoint.safetensors", "meta.json"];
 
 /// A scene that [`read_scene`] has read.
 #[derive(Debug, Clone)]
@@ -82,6 +84,26 @@ pub fn read_scene(path: impl AsRef<Path>, values: Values) -> Result<SceneFile, E
     }
     let found = scene_in(path).ok_or_else(|| Error::NoScene { path: path.to_owned() })?;
     read_file(&found, values)
+}
+
+/// Decodes the bytes of a scene file or a checkpoint, as [`read_scene`] with [`Values::Checked`] reads
+/// it. `name` is its name, which decides where the content doesn't.
+///
+/// # Errors
+/// Those of [`read_scene`] that concern the content.
+pub fn decode_scene(bytes: &[u8], name: &Path) -> Result<AnyScene, Error> {
+    if is_gsi(bytes) || name.extension().is_some_and(|ending| ending == GSI_EXTENSION) {
+        let file = decode_gsi(bytes, Extent::Whole);
+        let file = file.map_err(|source| Error::Compressed { path: name.to_owned(), source })?;
+        return Ok(AnyScene::TwoD(Box::new(file)));
+    }
+    if let Ok(checkpoint) = decode_checkpoint(bytes, name) {
+        return of_checkpoint(name, checkpoint, Values::Checked).map(|file| file.scene);
+    }
+    if name.extension().is_some_and(|ending| ending == "safetensors") {
+        return Ok(AnyScene::TwoD(Box::new(decode_2d(bytes, name)?)));
+    }
+    Ok(AnyScene::ThreeD(Box::new(scene3d::checked(scene3d::decode_recognised(bytes, name)?, name)?)))
 }
 
 /// The file of an output folder that holds its scene.

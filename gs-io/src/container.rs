@@ -18,10 +18,7 @@ use safetensors::{
 };
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
-use crate::{
-    atomic::{open, write_durably},
-    error::Error,
-};
+use crate::{atomic::open, error::Error};
 
 /// The longest header that is read or written, bytes. It has room for a hundred thousand tensors.
 const MAX_HEADER_BYTES: u64 = 16 << 20;
@@ -104,18 +101,6 @@ impl<'a> TensorWords<'a> {
         }
         file.write_all(&chunk)
     }
-}
-
-/// Writes a file of this kind, atomically and durably.
-pub(crate) fn write<C: Serialize>(
-    path: &Path,
-    kind: &'static FileKind,
-    content: &C,
-    tensors: Vec<(String, TensorWords<'_>)>,
-) -> Result<(), Error> {
-    let encoded = Encoded::new(kind, content, tensors);
-    let encoded = encoded.map_err(|source| Error::Content { path: path.to_owned(), source })?;
-    write_durably(path, |file| encoded.write(file))
 }
 
 /// A file of this container that is about to be written: the bytes of [`safetensors::serialize`],

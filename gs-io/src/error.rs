@@ -372,7 +372,7 @@ pub enum Error {
     },
     /// The extension of an output file is not that of a 3D scene format that can be written.
     #[error(
-        "{}: its ending names no kind of scene that can be written; use .ply, .splat, .spz, .gltf or .glb",
+        "{}: its ending names no kind of scene that can be written; use .ply, .splat, .spz, .sog, .gltf or .glb",
         one_line(path)
     )]
     UnknownEnding {

@@ -11,7 +11,7 @@
 //! | checkpoints of a training run, lossless | [`read_checkpoint`] | [`write_checkpoint`] |
 //! | 2D scenes as a flat 3DGS PLY, for viewers | by [`read_3d`] | [`write_ply`] |
 //! | 2D scenes as SVG | – | [`write_svg`] |
-//! | 3D scenes: PLY, `.splat`, SPZ, glTF | [`read_3d`] | [`write_3d`] |
+//! | 3D scenes: PLY, `.splat`, SPZ, SOG, glTF; `.ksplat` is read only | [`read_3d`] | [`write_3d`] |
 //! | data sets of posed images: COLMAP, Nerfstudio, Blender | [`dataset::read_dataset`] | – |
 //!
 //! [`write_atomically`] makes a file appear complete or not at all; [`write_durably`], used for
@@ -39,7 +39,7 @@ mod svg;
 
 pub use crate::{
     animation::{Animation, write_animation},
-    any_scene::{AnyScene, SceneFile, Values, is_scene, read_scene, scene_in},
+    any_scene::{AnyScene, SceneFile, Values, decode_scene, is_scene, read_scene, scene_in},
     atomic::{abandon_writes, prepare_folder, remove_leftovers, write_atomically, write_durably},
     checkpoint::{Checkpoint, decode_checkpoint, encode_checkpoint, is_checkpoint, read_checkpoint, write_checkpoint},
     error::Error,
@@ -51,10 +51,10 @@ pub use crate::{
     inputs::Inputs,
     output_folder::{FolderClaim, OutputFolder},
     ply::{PICTURE_DISTANCE_WORLD, PICTURE_WORLD, flat_scene, write_ply},
-    scene_file::{File2d, SCENE_EXTENSION, is_2d, read_2d, read_2d_unchecked, write_2d},
+    scene_file::{File2d, SCENE_EXTENSION, decode_2d, encode_2d, is_2d, read_2d, read_2d_unchecked, write_2d},
     scene3d::{
-        ConversionLoss, File3d, Format3d, GltfBuffer, Rounding, SpzOptions, SpzVersion, TrainedWith, WriteOptions3d,
-        Written3d, decode_3d, format_3d, read_3d, read_3d_unchecked, write_3d,
+        ConversionLoss, Encoded3d, File3d, Format3d, GltfBuffer, Rounding, SpzOptions, SpzVersion, TrainedWith,
+        WriteOptions3d, Written3d, decode_3d, encode_3d, format_3d, read_3d, read_3d_unchecked, write_3d,
     },
     svg::write_svg,
 };

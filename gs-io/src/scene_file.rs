@@ -19,6 +19,7 @@ use gs_core::{RenderSettings, Scene, Scene2d, check_size};
 use serde::{Deserialize, Serialize};
 
 use crate::{
+    atomic::write_durably,
     container::{self, FileKind, TensorWords},
     error::Error,
 };
@@ -75,7 +76,23 @@ struct Content {
 /// [`write_durably`](crate::write_durably).
 pub fn write_2d(path: impl AsRef<Path>, file: &File2d) -> Result<(), Error> {
     let path = path.as_ref();
-    file.validate().map_err(Error::content(path))?;
+    let encoded = encoded(file).map_err(Error::content(path))?;
+    write_durably(path, |to| encoded.write(to))
+}
+
+/// The bytes of the file that [`write_2d`] writes.
+///
+/// # Errors
+/// Those of [`File2d::validate`].
+pub fn encode_2d(file: &File2d) -> Result<Vec<u8>, gs_core::Error> {
+    let mut bytes = Vec::new();
+    let written = encoded(file)?.write(&mut bytes);
+    written.map_err(|error| gs_core::Error::State(error.to_string()))?;
+    Ok(bytes)
+}
+
+fn encoded(file: &File2d) -> Result<container::Encoded<'_>, gs_core::Error> {
+    file.validate()?;
     let File2d { scene, width, height, settings } = file;
     let n = scene.len();
     let mut tensors = vec![
@@ -90,7 +107,7 @@ pub fn write_2d(path: impl AsRef<Path>, file: &File2d) -> Result<(), Error> {
         (_, _) = (names.remove(3), tensors.remove(3));
     }
     let content = Content { width: *width, height: *height, settings: *settings };
-    container::write(path, &KIND, &content, names.into_iter().zip(tensors).collect())
+    container::Encoded::new(&KIND, &content, names.into_iter().zip(tensors).collect())
 }
 
 /// Whether a file is a 2D scene. Only its header is read, so the rest may be damaged.
@@ -119,7 +136,20 @@ pub fn read_2d(path: impl AsRef<Path>) -> Result<File2d, Error> {
 /// settings.
 pub fn read_2d_unchecked(path: impl AsRef<Path>) -> Result<File2d, Error> {
     let path = path.as_ref();
-    let file = container::read::<Content>(path, &KIND)?;
+    scene_of(container::read::<Content>(path, &KIND)?, path)
+}
+
+/// Reads the bytes of a file that [`write_2d`] wrote; `name` is its name for errors.
+///
+/// # Errors
+/// Those of [`read_2d`] that concern the content.
+pub fn decode_2d(bytes: &[u8], name: &Path) -> Result<File2d, Error> {
+    let file = scene_of(container::read_from::<Content>(bytes, bytes.len() as u64, name, &KIND)?, name)?;
+    file.validate().map_err(Error::content(name))?;
+    Ok(file)
+}
+
+fn scene_of(file: container::Container<Content>, path: &Path) -> Result<File2d, Error> {
     let Some(&[n, 2]) = file.shape("mean") else {
         return Err(file.tensor_error("mean", "F32 [N, 2]".to_owned()));
     };

@@ -78,7 +78,8 @@ pub fn reading_3d(format: Format3d, file_bytes: u64) -> u64 {
     // its bytes in the file.
     let times = match format {
         Format3d::Splat => 4,
-        Format3d::Spz => 14,
+        Format3d::Spz | Format3d::Sog | Format3d::SogFolder => 14,
+        Format3d::Ksplat => 5,
         _ => 3,
     };
     times * file_bytes

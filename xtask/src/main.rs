@@ -1,5 +1,6 @@
 //! The project's own commands: `cargo xtask test` runs all the tests, `cargo xtask cluster` a study
-//! on a cluster of this machine, and `cargo xtask python` builds and tests the Python module.
+//! on a cluster of this machine, `cargo xtask python` builds and tests the Python module, and
+//! `cargo xtask web` the page.
 //!
 //! This program depends on no crate, so that it compiles within a second on a fresh machine.
 
@@ -7,6 +8,7 @@ mod cluster;
 mod python;
 mod system;
 mod test;
+mod web;
 
 use std::process::ExitCode;
 
@@ -14,6 +16,7 @@ const HELP: &str = "\
 Usage: cargo xtask test [--install] [--slow]
        cargo xtask cluster [--install]
        cargo xtask python [--test] [--install]
+       cargo xtask web [--test] [--install]
 
 cargo xtask test runs the tests of the workspace, documentation tests included.
 
@@ -39,20 +42,29 @@ Options:
   --test     build without optimising what does not compute, install the wheel into that
              environment, and run linter, type checker, tests and the tutorial. Tests that need
              PyTorch, JAX or Ray are skipped and listed by name
-  --install  install Debian's python3-venv, where no Python can make environments";
+  --install  install Debian's python3-venv, where no Python can make environments
+
+cargo xtask web builds the page for browsers into target/page, where gs page and gs serve find it. It
+needs Rust's target wasm32-unknown-unknown, and uses wasm-opt where that is installed.
+
+Options:
+  --test     then test the page in headless Chromium, against the program; screenshots go to
+             target/web-test. Without node, npm and Chromium, nothing is checked
+  --install  install the target, and with --test Debian's chromium, nodejs and npm, and packages of npm";
 
 /// What the command line asks for.
 enum Task {
     Test(test::Options),
     Cluster { install: bool },
     Python(python::Options),
+    Web(web::Options),
 }
 
 fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let words: Vec<&str> = arguments.iter().map(String::as_str).collect();
     let task = match &words[..] {
-        [] | ["help" | "-h" | "--help"] | ["test" | "cluster" | "python", "-h" | "--help"] => {
+        [] | ["help" | "-h" | "--help"] | ["test" | "cluster" | "python" | "web", "-h" | "--help"] => {
             eprintln!("{HELP}");
             return ExitCode::SUCCESS;
         }
@@ -60,6 +72,7 @@ fn main() -> ExitCode {
         ["cluster"] => Ok(Task::Cluster { install: false }),
         ["cluster", "--install"] => Ok(Task::Cluster { install: true }),
         ["python", flags @ ..] => python::Options::parse(flags).map(Task::Python),
+        ["web", flags @ ..] => web::Options::parse(flags).map(Task::Web),
         ["cluster", flag, ..] => Err(format!("unknown flag {flag}")),
         [other, ..] => Err(format!("unknown command {other}")),
     };
@@ -74,6 +87,7 @@ fn main() -> ExitCode {
         Task::Test(options) => test::run(options),
         Task::Cluster { install } => cluster::run(install),
         Task::Python(options) => python::run(options),
+        Task::Web(options) => web::run(options),
     };
     match ended {
         Ok(()) => ExitCode::SUCCESS,

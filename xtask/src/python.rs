@@ -6,7 +6,7 @@ use std::{
     process::{Command, Stdio},
 };
 
-use crate::system::{cargo_program, install_packages, workspace};
+use crate::system::{cargo_program, install_packages, step, workspace};
 
 /// What builds wheels, from PyPI.
 const MATURIN: &str = "maturin>=1.9,<2";
@@ -94,18 +94,6 @@ fn has_venv(program: &str) -> bool {
     let check = "import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 9))";
     let status = Command::new(program).args(["-c", check]).stdout(Stdio::null()).stderr(Stdio::null()).status();
     status.is_ok_and(|status| status.success())
-}
-
-/// Runs a command under a line that shows it.
-fn step(command: &mut Command) -> Result<(), String> {
-    let words = [command.get_program()].into_iter().chain(command.get_args());
-    let line = words.map(|word| word.to_string_lossy().into_owned()).collect::<Vec<_>>().join(" ");
-    eprintln!("== {line}");
-    match command.status() {
-        Ok(status) if status.success() => Ok(()),
-        Ok(status) => Err(format!("{line}: {status}")),
-        Err(error) => Err(format!("{line}: could not be started: {error}")),
-    }
 }
 
 /// Removes a folder of an earlier run.

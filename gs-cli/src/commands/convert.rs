@@ -2,6 +2,7 @@
 //! lost.
 
 mod quality;
+mod reduction;
 mod scene2d;
 
 use std::{
@@ -9,9 +10,9 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use clap::{Args, ValueEnum};
+use clap::{ArgGroup, Args, ValueEnum};
 use gs_core::{
-    Scene, counted,
+    Scene, Scene3d, counted,
     examination::{self, Repair},
 };
 use gs_io::{
@@ -20,8 +21,11 @@ use gs_io::{
 };
 use serde::Serialize;
 
-use self::quality::{Quality, QualityArgs};
-use crate::{failure::Failure, output, output_folder, scene};
+use self::{
+    quality::{Quality, QualityArgs},
+    reduction::Reduction,
+};
+use crate::{failure::Failure, output, output_folder, scene, values::whole};
 
 const AFTER_HELP: &str = "\
 A 2D scene becomes a flat 3D scene (.ply) that splat viewers show as the image, or an SVG of soft \
@@ -32,13 +36,13 @@ them, with the scene.";
 
 /// The flags of `gs convert`.
 #[derive(Debug, Clone, Args)]
-#[command(after_help = AFTER_HELP)]
+#[command(after_help = AFTER_HELP, group(ArgGroup::new("drawn").args(["dataset", "gaussians"]).multiple(true)))]
 pub(crate) struct ConvertArgs {
-    /// The scene: PLY (3DGS or compressed), .splat, SPZ, .gltf or .glb, recognised by content; a 2D
-    /// scene, a checkpoint, or the output folder of gs fit or gs train
+    /// The scene: PLY (3DGS or compressed), .splat, .ksplat, SPZ, SOG, .gltf or .glb, recognised by
+    /// content; a 2D scene, a checkpoint, or the output folder of gs fit or gs train
     from: PathBuf,
-    /// The file to write, with the ending of its format: .ply, .splat, .spz, .gltf or .glb; for a
-    /// 2D scene .ply or .svg
+    /// The file to write, with the ending of its format: .ply, .splat, .spz, .sog, .gltf or .glb;
+    /// meta.json for a SOG as images in its folder; for a 2D scene .ply or .svg
     to: PathBuf,
     /// Version of an SPZ: 4 is smaller, 3 is for readers older than 2026
     #[arg(long, value_name = "VERSION", default_value = "4")]
@@ -46,6 +50,10 @@ pub(crate) struct ConvertArgs {
     /// Where to put the numbers of a .gltf
     #[arg(long, value_name = "PLACE", default_value = "inside")]
     gltf_buffer: Buffer,
+    /// Reduce a 3D scene to N Gaussians: those that contribute least to the views of the data set, or
+    /// to a ring of cameras, are merged into neighbours or removed; prints what that costs in dB
+    #[arg(short = 'n', long, value_name = "N", value_parser = whole::<u32>(1..))]
+    gaussians: Option<u32>,
     /// Leave out Gaussians that cannot be drawn, and print how many; gs doctor shows which and why
     #[arg(long)]
     drop_broken: bool,
@@ -72,13 +80,6 @@ enum Buffer {
     Beside,
 }
 
-impl ConvertArgs {
-    /// Whether the numbers go into a second file.
-    fn gltf_buffer_beside(&self) -> bool {
-        matches!(self.gltf_buffer, Buffer::Beside) && self.to.extension().is_some_and(|ending| ending == "gltf")
-    }
-}
-
 /// What `gs convert --json` prints.
 #[derive(Debug, Serialize)]
 struct Conversion {
@@ -88,6 +89,8 @@ struct Conversion {
     sh_degree: u8,
     /// Gaussians that `--drop-broken` left out.
     dropped: usize,
+    /// What `--gaussians` merged and removed.
+    reduction: Option<Reduction>,
     /// What the written file lacks, in words.
     lost: Vec<String>,
     /// How much the numbers have changed.
@@ -126,10 +129,11 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
     }
     inputs.extend(dataset.iter().flat_map(Dataset::files));
     output_folder::check_file(&args.to, &inputs)?;
-    if args.gltf_buffer_beside() {
-        output_folder::check_file(&args.to.with_extension("bin"), &inputs)?;
-    }
     let mut file = match scene {
+        AnyScene::TwoD(_) if args.gaussians.is_some() => {
+            let failure = Failure::usage("--gaussians is for 3D scenes, but this is a 2D scene").at(path.display());
+            return Err(failure.hint("gs fit -n N fits the image with fewer"));
+        }
         AnyScene::TwoD(_) if dataset.is_some() => {
             let failure = Failure::usage("--dataset is for 3D scenes, but this is a 2D scene").at(path.display());
             return Err(failure.hint("leave it out"));
@@ -147,23 +151,41 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
         losses.extend((widened > 0).then_some(ConversionLoss::ZeroScales { gaussians: widened }));
     }
     file.trained_with = args.quality.render.trained_with(file.trained_with);
+    let before = (args.gaussians.is_some() && dataset.is_some()).then(|| file.clone());
+    let reduction = match args.gaussians {
+        Some(count) => Some(reduction::reduce(&mut file, count, dataset.as_ref(), &args.quality)?),
+        None => None,
+    };
     let options = options(args, file.trained_with);
+    let beside = Format3d::to_write(&args.to).map(|format| format.beside(&args.to, file.scene.sh_degree, &options));
+    beside.iter().flatten().try_for_each(|path| output_folder::check_file(path, &inputs))?;
     let File3d { scene, .. } = &file;
     let written = gs_io::write_3d(&args.to, scene, &options).map_err(Failure::of_scene)?;
     let after = gs_io::read_3d(&args.to).map_err(Failure::of_scene)?;
     let size = |path: &Path| std::fs::metadata(path).map_or(0, |file| file.len());
-    let bytes = size(&args.to) + written.beside.as_deref().map_or(0, size);
+    let bytes = size(&args.to) + written.beside.iter().map(|path| size(path)).sum::<u64>();
+    let sorted = written.order.map(|order| in_order(scene, &order));
     let conversion = Conversion {
         read: Side::new(&path, file.format, file.bytes, all),
         written: Side::new(&args.to, written.format, bytes, scene.len()),
         gaussians: scene.len(),
         sh_degree: scene.sh_degree,
-        dropped: all - scene.len(),
+        dropped: all - scene.len() - reduction.as_ref().map_or(0, Reduction::fewer),
+        reduction,
         lost: losses.iter().chain(&written.losses).map(ConversionLoss::to_string).collect(),
-        rounding: Rounding::between(scene, &after.scene),
-        cost: dataset.map(|dataset| args.quality.measure(&dataset, &file, &after)).transpose()?,
+        rounding: Rounding::between(sorted.as_ref().unwrap_or(scene), &after.scene),
+        cost: dataset
+            .map(|dataset| args.quality.measure(&dataset, before.as_ref().unwrap_or(&file), &after))
+            .transpose()?,
     };
     if args.json { output::json(&conversion) } else { output::result(text(&conversion)) }
+}
+
+/// The Gaussians of these numbers.
+fn in_order(scene: &Scene3d, order: &[u32]) -> Scene3d {
+    let mut sorted = Scene3d { sh_degree: scene.sh_degree, ..Scene3d::default() };
+    order.iter().for_each(|&i| sorted.push(scene.gaussian(i as usize)));
+    sorted
 }
 
 /// How the file is written.
@@ -184,7 +206,7 @@ fn options(args: &ConvertArgs, trained_with: TrainedWith) -> WriteOptions3d {
 }
 
 fn text(conversion: &Conversion) -> String {
-    let Conversion { read, written, gaussians, sh_degree, dropped, lost, rounding, cost } = conversion;
+    let Conversion { read, written, gaussians, sh_degree, dropped, reduction, lost, rounding, cost } = conversion;
     let side = |Side { file, format, bytes, bytes_per_gaussian }: &Side| {
         format!("{file}: {format}, {bytes} bytes, {bytes_per_gaussian:.1} a Gaussian")
     };
@@ -192,6 +214,7 @@ fn text(conversion: &Conversion) -> String {
     if *dropped > 0 {
         let _ = writeln!(text, "dropped     {} that cannot be drawn", counted(*dropped, "Gaussian"));
     }
+    reduction.iter().for_each(|reduction| _ = writeln!(text, "reduced     {reduction}"));
     let _ = write!(text, "wrote       {}", side(written));
     if lost.is_empty() && rounding.is_empty() {
         text += "\nlost        nothing";

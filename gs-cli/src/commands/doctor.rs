@@ -38,7 +38,7 @@ pub(crate) struct DoctorArgs {
     #[arg(long, requires = "output")]
     fix: bool,
     /// The file for the copy, other than SCENE; for a 3D scene with the ending of its format: .ply,
-    /// .splat, .spz, .gltf or .glb
+    /// .splat, .spz, .sog, .gltf or .glb
     #[arg(short, long, value_name = "FILE", requires = "fix")]
     output: Option<PathBuf>,
     /// Print JSON

@@ -16,7 +16,7 @@ use crate::{
 };
 
 /// Writes a PLY of ten Gaussians of degree 2 and returns its path.
-fn ply(folder: &Path) -> PathBuf {
+pub(crate) fn ply(folder: &Path) -> PathBuf {
     let mut scene = Scene3d { sh_degree: 2, ..Scene3d::default() };
     for i in 0..10 {
         let t = i as f32;
@@ -214,7 +214,7 @@ fn what_cannot_be_converted_is_refused() {
     fs::create_dir(path("empty")).unwrap();
     let before = names_in(place.path());
     for (from, to, status, expected) in [
-        (&first, "a.obj", 2, "use .ply, .splat, .spz, .gltf or .glb"),
+        (&first, "a.obj", 2, "use .ply, .splat, .spz, .sog, .gltf or .glb"),
         (&first, "a.compressed.ply", 2, "use .ply, .splat"),
         (&first, "no/such/a.ply", 1, "no folder"),
         (&path("absent.ply"), "a.spz", 1, "no such file"),
@@ -252,4 +252,46 @@ fn the_buffer_that_a_gltf_is_read_from_is_not_replaced() {
     let run = convert(&path("b.gltf"), &path("other.gltf"), &["--gltf-buffer", "beside"]);
     assert!(run.refusal().contains("other.bin") && run.refusal().contains("is an input of this run"), "{run:?}");
     assert_eq!(fs::read(path("other.bin")).unwrap(), numbers);
+}
+
+#[test]
+fn a_sog_is_written_in_one_file_or_in_a_folder() {
+    let place = folder();
+    let path = |name: &str| place.path().join(name);
+    let first = ply(place.path());
+    fs::create_dir(path("folder")).unwrap();
+    for to in [path("a.sog"), path("folder/meta.json")] {
+        let json = convert(&first, &to, &["--json"]).json();
+        let moved = json["rounding"].as_array().unwrap();
+        let means = moved.iter().find(|quantity| quantity["quantity"] == "means").unwrap();
+        // The order of the file is that of the comparison.
+        assert!(means["largest"].as_f64().unwrap() < 1e-3, "{json}");
+        assert_eq!(
+            json["written"]["bytes"].as_u64(),
+            gs(["info", "--json", to.to_str().unwrap()]).json()["bytes"].as_u64()
+        );
+    }
+    let names = names_in(&path("folder"));
+    assert!(names.contains(&"shN_labels.webp".to_owned()) && names.len() == 8, "{names:?}");
+    // The images that a scene is read from are not replaced.
+    let run = convert(&path("folder/meta.json"), &path("folder/META.json"), &[]);
+    assert!(run.refusal().contains("is an input of this run"), "{run:?}");
+}
+
+#[test]
+fn a_scene_is_reduced_and_the_cost_is_printed() {
+    let place = folder();
+    let path = |name: &str| place.path().join(name);
+    let first = ply(place.path());
+    let flags = ["--gaussians", "6", "--backend", "cpu", "--threads", "1", "--json"];
+    let json = convert(&first, &path("a.ply"), &flags).json();
+    let reduction = &json["reduction"];
+    assert_eq!((&json["gaussians"], &reduction["from"], &reduction["to"]), (&6.into(), &10.into(), &6.into()));
+    assert_eq!(reduction["merged"].as_u64().unwrap() + reduction["removed"].as_u64().unwrap(), 4);
+    assert!(reduction["psnr_against_before"].as_f64().unwrap() > 15.0, "{reduction}");
+    let text = convert(&first, &path("b.ply"), &flags[..6]).done().stdout;
+    assert!(text.contains("reduced     10 to 6 Gaussians: ") && text.contains("mean over 16 cameras"), "{text}");
+    let none = convert(&first, &path("c.ply"), &["--gaussians", "0"]);
+    assert_eq!(none.status, Some(2));
+    assert_eq!(convert(&first, &path("c.ply"), &["--threads", "1"]).status, Some(2));
 }

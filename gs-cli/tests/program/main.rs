@@ -11,6 +11,7 @@ mod fit;
 mod frontier;
 mod memory;
 mod output_folder;
+mod page;
 mod paper;
 mod ply;
 mod popping;

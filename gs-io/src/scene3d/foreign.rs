@@ -20,9 +20,8 @@ struct Kind {
 const ANY: &[&str] = &[];
 
 /// The first match counts.
-const KINDS: [Kind; 11] = [
-    Kind { start: b"", endings: &["sog", "sogs"], what: "a SOG scene", mend: SPLAT_TRANSFORM },
-    Kind { start: b"", endings: &["ksplat"], what: "a .ksplat scene", mend: SPLAT_TRANSFORM },
+const KINDS: [Kind; 10] = [
+    Kind { start: b"", endings: &["sogs"], what: "a SOG scene of version 1", mend: SPLAT_TRANSFORM },
     Kind { start: b"", endings: &["lcc"], what: "an XGrids .lcc scene", mend: SPLAT_TRANSFORM },
     Kind {
         start: b"PK\x03\x04",
@@ -65,7 +64,7 @@ pub(crate) fn refusal_of_json(json: &[u8], path: &Path) -> Option<Error> {
     let object: serde_json::Map<String, serde_json::Value> = serde_json::from_slice(json).ok()?;
     let has = |keys: &[&str]| keys.iter().all(|key| object.contains_key(*key));
     let (what, mend) = if has(&["means", "scales", "quats"]) {
-        ("the meta.json of a SOG scene", SPLAT_TRANSFORM)
+        ("the meta.json of a SOG scene", "name it meta.json, beside its images")
     } else if has(&["frames"]) {
         ("a transforms.json, which belongs to a data set", "train a scene with gs train, or name a scene")
     } else {

@@ -5,6 +5,8 @@
 //! | 3DGS PLY: text, binary of either byte order | any degree up to 4 (3 kept) | binary little endian | everything, bit for bit, but infinite logits |
 //! | PlayCanvas compressed PLY | yes | – | 16 bytes a Gaussian, and one for each higher coefficient |
 //! | `.splat` | yes | yes | means and scales; degree 0 only, colours, opacities and rotations to 8 bits |
+//! | SOG, bundled and unbundled | version 2 | version 2 | all degrees, everything rounded |
+//! | `.ksplat` | yes | – | degree 2 at most |
 //! | SPZ | versions 2, 3, 4 | versions 4, 3 | all degrees, everything rounded |
 //! | glTF `KHR_gaussian_splatting`, `.gltf` and `.glb` | yes, nodes applied | yes | means and SH bit for bit, the others to rounding |
 //!
@@ -15,11 +17,13 @@ mod conversion_loss;
 mod flips;
 mod foreign;
 mod gltf;
+mod ksplat;
 pub(crate) mod ply;
 mod quantity;
 mod rounding;
 mod sh_degree;
 mod sh_rotation;
+mod sog;
 mod source;
 mod splat;
 mod spz;
@@ -69,6 +73,12 @@ pub enum Format3d {
     Gltf,
     /// `.glb`. Readers treat it like [`Self::Gltf`], because the first bytes distinguish them.
     Glb,
+    /// SOG, PlayCanvas's format for the web, in one file: `.sog`.
+    Sog,
+    /// SOG as images beside a file `meta.json`.
+    SogFolder,
+    /// `.ksplat`, of mkkellogg's viewer.
+    Ksplat,
     /// A checkpoint of a training run, which [`read_checkpoint`](crate::read_checkpoint) reads
     /// instead of this module.
     Checkpoint,
@@ -83,6 +93,9 @@ impl fmt::Display for Format3d {
             Self::Spz => "SPZ",
             Self::Gltf => "glTF",
             Self::Glb => "binary glTF",
+            Self::Sog => "SOG",
+            Self::SogFolder => "SOG in a folder",
+            Self::Ksplat => ".ksplat",
             Self::Checkpoint => "checkpoint",
         })
     }
@@ -97,10 +110,16 @@ impl Format3d {
             Some(Self::Ply)
         } else if start.starts_with(b"NGSP") || start.starts_with(&[0x1f, 0x8b, 8]) {
             Some(Self::Spz)
+        } else if sog::recognises_bundle(start) || (start.starts_with(b"PK") && has_ending("sog")) {
+            Some(Self::Sog)
+        } else if gltf::recognises(start) && has_name(path, sog::META) {
+            Some(Self::SogFolder)
         } else if gltf::recognises(start) {
             Some(if start.starts_with(b"glTF") { Self::Glb } else { Self::Gltf })
         } else if has_ending("splat") {
             Some(Self::Splat)
+        } else if has_ending("ksplat") {
+            Some(Self::Ksplat)
         } else {
             None
         }
@@ -109,7 +128,11 @@ impl Format3d {
     /// The format to write by a file's extension; `None` if there is none.
     pub fn to_write(path: &Path) -> Option<Self> {
         let name = path.file_name()?.to_string_lossy().to_lowercase();
+        if has_name(path, sog::META) {
+            return Some(Self::SogFolder);
+        }
         let kinds = [
+            (".sog", Self::Sog),
             (".ply", Self::Ply),
             (".splat", Self::Splat),
             (".spz", Self::Spz),
@@ -119,15 +142,31 @@ impl Format3d {
         kinds.into_iter().find(|(ending, _)| name.ends_with(ending) && !name.ends_with(".compressed.ply")).map(|k| k.1)
     }
 
+    /// The further files that writing a scene of this degree to a path in this format makes.
+    pub fn beside(self, path: &Path, sh_degree: u8, options: &WriteOptions3d) -> Vec<PathBuf> {
+        match (self, options.gltf_buffer) {
+            (Self::Gltf, GltfBuffer::Beside) => vec![path.with_extension("bin")],
+            (Self::SogFolder, _) => sog::image_names(sh_degree).iter().map(|name| path.with_file_name(name)).collect(),
+            _ => Vec::new(),
+        }
+    }
+
     fn what(self) -> &'static str {
         match self {
             Self::Ply | Self::CompressedPly => "a PLY of Gaussians",
             Self::Splat => "a .splat file",
             Self::Spz => "an SPZ file",
             Self::Gltf | Self::Glb => "a glTF of Gaussians",
+            Self::Sog | Self::SogFolder => "a SOG",
+            Self::Ksplat => "a .ksplat file",
             Self::Checkpoint => "a checkpoint",
         }
     }
+}
+
+/// Whether a path ends in a file of this name, in whatever case.
+fn has_name(path: &Path, name: &str) -> bool {
+    path.file_name().is_some_and(|found| found.eq_ignore_ascii_case(name))
 }
 
 /// A scene with information about its file.
@@ -139,7 +178,7 @@ pub struct File3d {
     pub format: Format3d,
     /// Size of the file and of the files it refers to, bytes.
     pub bytes: u64,
-    /// Files that the scene file refers to: buffers of a glTF.
+    /// Files that the scene file refers to: buffers of a glTF, images of a SOG.
     pub beside: Vec<PathBuf>,
     /// What of the file is not in the scene.
     pub losses: Vec<ConversionLoss>,
@@ -175,7 +214,11 @@ pub fn format_3d(path: impl AsRef<Path>) -> Result<Option<Format3d>, Error> {
 /// Those of [`read_3d_unchecked`]; [`Error::Content`] for other values that are NaN or infinite.
 pub fn read_3d(path: impl AsRef<Path>) -> Result<File3d, Error> {
     let path = path.as_ref();
-    let mut file = read_3d_unchecked(path)?;
+    checked(read_3d_unchecked(path)?, path)
+}
+
+/// The file with zero scales raised and infinite logits made finite, if all other values are finite.
+pub(crate) fn checked(mut file: File3d, path: &Path) -> Result<File3d, Error> {
     file.losses.extend(raise_zero_scales(&mut file.scene));
     file.losses.extend(infinite_logits(&file.scene));
     file.scene.opacity_logits.iter_mut().for_each(|logit| *logit = finite_logit(*logit));
@@ -206,22 +249,27 @@ pub fn read_3d_unchecked(path: impl AsRef<Path>) -> Result<File3d, Error> {
     let path = path.as_ref();
     let (mut file, metadata) = open(path, WANTED)?;
     let bytes = read_exactly(&mut file, metadata.len()).map_err(|source| Error::read(path, source))?;
+    decode_recognised(&bytes, path)
+}
+
+/// Decodes the bytes of a file of any format; see [`decode_3d`].
+pub(crate) fn decode_recognised(bytes: &[u8], path: &Path) -> Result<File3d, Error> {
     let start = &bytes[..bytes.len().min(START_BYTES)];
     let Some(format) = Format3d::recognise(start, path) else {
         let unknown = || Error::NotA3dScene { path: path.to_owned(), found: Error::found(start) };
         return Err(foreign::refusal(start, path).unwrap_or_else(unknown));
     };
-    decode_3d(format, &bytes, path)
+    decode_3d(format, bytes, path)
 }
 
 /// Decodes the bytes of a scene file; values may be NaN or infinite. `path` is used for errors, and
-/// to find a glTF's buffers. Memory is limited by the number of bytes.
+/// to find a glTF's buffers and a SOG's images. Memory is limited by the number of bytes.
 ///
 /// # Errors
 /// [`Error::Damaged`] for bytes that are not what their kind prescribes, [`Error::TooNew`],
 /// [`Error::MissingProperties`], [`Error::Unsupported`] for what is right but not read,
 /// [`Error::Expansion`] for a bomb, [`Error::Empty`] for no Gaussians, [`Error::NotA3dScene`] for a
-/// glTF of something else; for a glTF's buffer those of opening it.
+/// glTF of something else; for a glTF's buffer or a SOG's image those of opening it.
 pub fn decode_3d(format: Format3d, bytes: &[u8], path: &Path) -> Result<File3d, Error> {
     let source = Source { path, what: format.what(), bytes };
     let mut size = bytes.len() as u64;
@@ -243,6 +291,13 @@ pub fn decode_3d(format: Format3d, bytes: &[u8], path: &Path) -> Result<File3d, 
             beside = files.into_keys().collect();
             (scene, format, losses, trained_with)
         }
+        Format3d::Sog | Format3d::SogFolder => {
+            let sog::Read { scene, trained_with, files } = sog::read(&source)?;
+            size = files.values().fold(size, |sum, bytes| sum.saturating_add(*bytes));
+            beside = files.into_keys().collect();
+            (scene, format, Vec::new(), trained_with)
+        }
+        Format3d::Ksplat => (ksplat::read(&source)?, format, Vec::new(), TrainedWith::default()),
         Format3d::Checkpoint => {
             let found = "a checkpoint".to_owned();
             return Err(Error::NotA3dScene { path: path.to_owned(), found });
@@ -276,12 +331,15 @@ pub struct Written3d {
     pub format: Format3d,
     /// What of the scene is not in the file.
     pub losses: Vec<ConversionLoss>,
-    /// The separate buffer of a glTF, if it has one.
-    pub beside: Option<PathBuf>,
+    /// The further files: the separate buffer of a glTF, the images of a SOG in a folder.
+    pub beside: Vec<PathBuf>,
+    /// The number in the scene of each Gaussian in the file, where the format sorts them.
+    pub order: Option<Vec<u32>>,
 }
 
 /// Writes a scene, atomically, in the format of the file's extension: `.ply`, `.splat`, `.spz`,
-/// `.gltf` or `.glb`. Infinite opacity logits are written as finite ones with the same picture.
+/// `.gltf`, `.glb` or `.sog`; or as a SOG in a folder for the name `meta.json`, which is written
+/// after the images. Infinite opacity logits are written as finite ones with the same picture.
 ///
 /// # Errors
 /// [`Error::UnknownEnding`]; [`Error::Content`] where [`Scene3d::validate`](Scene::validate) fails,
@@ -289,36 +347,82 @@ pub struct Written3d {
 /// [`Error::Unsupported`] for a scene too large for the format; those of [`write_durably`].
 pub fn write_3d(path: impl AsRef<Path>, scene: &Scene3d, options: &WriteOptions3d) -> Result<Written3d, Error> {
     let path = path.as_ref();
+    if Format3d::to_write(path) == Some(Format3d::Ply) {
+        check_writable(path, scene)?;
+        write_durably(path, |file| ply::write(scene, &options.trained_with.comments(), file))?;
+        let losses = infinite_logits(scene).into_iter().collect();
+        return Ok(Written3d { format: Format3d::Ply, losses, beside: Vec::new(), order: None });
+    }
+    let Encoded3d { bytes, beside, written } = encode_3d(path, scene, options)?;
+    for (path, bytes) in &beside {
+        write_durably(path, |file| file.write_all(bytes))?;
+    }
+    write_durably(path, |file| file.write_all(&bytes))?;
+    Ok(written)
+}
+
+/// The files that [`write_3d`] writes.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub struct Encoded3d {
+    /// The content of the file.
+    pub bytes: Vec<u8>,
+    /// The further files.
+    pub beside: Vec<(PathBuf, Vec<u8>)>,
+    /// What [`write_3d`] returns.
+    pub written: Written3d,
+}
+
+fn check_writable(path: &Path, scene: &Scene3d) -> Result<(), Error> {
+    scene.validate().map_err(Error::content(path))?;
+    if scene.is_empty() { Err(Error::Empty { path: path.to_owned() }) } else { Ok(()) }
+}
+
+/// Encodes a scene as [`write_3d`] does, but writes nothing.
+///
+/// # Errors
+/// Those of [`write_3d`], except for those of writing.
+pub fn encode_3d(path: impl AsRef<Path>, scene: &Scene3d, options: &WriteOptions3d) -> Result<Encoded3d, Error> {
+    let path = path.as_ref();
     let Some(format) = Format3d::to_write(path) else {
         return Err(Error::UnknownEnding { path: path.to_owned() });
     };
-    scene.validate().map_err(Error::content(path))?;
-    if scene.is_empty() {
-        return Err(Error::Empty { path: path.to_owned() });
-    }
-    if format == Format3d::Ply {
-        write_durably(path, |file| ply::write(scene, &options.trained_with.comments(), file))?;
-        let losses = infinite_logits(scene).into_iter().collect();
-        return Ok(Written3d { format, losses, beside: None });
-    }
-    let rotations = UnitRotations::new(scene, path)?;
-    let mut beside = None;
+    check_writable(path, scene)?;
+    let mut order = None;
+    let mut beside = Vec::new();
+    let rotations = || UnitRotations::new(scene, path);
     let (bytes, losses) = match format {
-        Format3d::Spz => spz::encode(path, scene, &rotations, options)?,
+        Format3d::Ply => {
+            let mut bytes = Vec::new();
+            ply::write(scene, &options.trained_with.comments(), &mut bytes)
+                .map_err(|source| Error::write(path, source))?;
+            (bytes, infinite_logits(scene).into_iter().collect())
+        }
+        Format3d::Spz => spz::encode(path, scene, &rotations()?, options)?,
         Format3d::Gltf | Format3d::Glb => {
             let kind = if format == Format3d::Glb { GltfFile::Binary } else { GltfFile::Text(options.gltf_buffer) };
-            let encoded = gltf::encode(path, scene, &rotations, &options.trained_with, kind)?;
-            if let Some(buffer) = encoded.beside {
-                let name = path.with_extension("bin");
-                write_durably(&name, |file| file.write_all(&buffer))?;
-                beside = Some(name);
-            }
+            let encoded = gltf::encode(path, scene, &rotations()?, &options.trained_with, kind)?;
+            beside.extend(encoded.beside.map(|buffer| (path.with_extension("bin"), buffer)));
             (encoded.file, encoded.losses)
         }
-        _ => splat::encode(scene, &rotations, &options.trained_with),
+        Format3d::Sog | Format3d::SogFolder => {
+            let sog::Encoded { mut files, losses, order: sorted } =
+                sog::encode(path, scene, &rotations()?, &options.trained_with)?;
+            order = Some(sorted);
+            if format == Format3d::Sog {
+                // Readers of streams need the description first.
+                files.rotate_right(1);
+                (sog::bundled(&files).map_err(|source| Error::write(path, source))?, losses)
+            } else {
+                let meta = files.pop().map(|(_, bytes)| bytes).unwrap_or_default();
+                beside.extend(files.into_iter().map(|(name, bytes)| (path.with_file_name(name), bytes)));
+                (meta, losses)
+            }
+        }
+        _ => splat::encode(scene, &rotations()?, &options.trained_with),
     };
-    write_durably(path, |file| file.write_all(&bytes))?;
-    Ok(Written3d { format, losses, beside })
+    let written = Written3d { format, losses, beside: beside.iter().map(|(path, _)| path.clone()).collect(), order };
+    Ok(Encoded3d { bytes, beside, written })
 }
 
 const WANTED: &str = "a scene file";

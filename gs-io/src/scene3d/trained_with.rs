@@ -5,7 +5,8 @@
 //! | PLY, compressed PLY | comment `gs antialias: NAME`; read as well: `SplatRenderMode: mip` or `default` (Brush, PlayCanvas), `antialiased 1` or `0` (Postshot) | comment `gs order: NAME` |
 //! | SPZ | flag 1 | – |
 //! | glTF | `extras.gs.antialias` of the primitive | `extras.gs.order` of the primitive |
-//! | `.splat` | – | – |
+//! | SOG | `antialias` | – |
+//! | `.splat`, `.ksplat` | – | – |
 //!
 //! SPZ's flag is documented as "antialiased mode (mip splatting)", so it is read as
 //! [`Antialias::Mip`]; a file without it is meant for the rendering of 3DGS, [`Antialias::Dilate`].

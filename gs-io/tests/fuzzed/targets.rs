@@ -19,14 +19,16 @@ pub type Target = fn(&[u8]);
 
 /// The targets by their names, which are also those of the files in `fuzz/fuzz_targets` and of the
 /// corpus's folders.
-pub const TARGETS: [(&str, Target); 10] = [
+pub const TARGETS: [(&str, Target); 12] = [
     ("colmap_binary", colmap_binary),
     ("colmap_text", colmap_text),
     ("compressed_ply", compressed_ply),
     ("gltf", gltf),
     ("gsi", gsi),
+    ("ksplat", ksplat),
     ("lens", lens),
     ("ply", ply),
+    ("sog", sog),
     ("splat", splat),
     ("spz", spz),
     ("transforms", transforms),
@@ -50,6 +52,16 @@ pub fn splat(bytes: &[u8]) {
 /// SPZ of every version.
 pub fn spz(bytes: &[u8]) {
     scene_3d(Format3d::Spz, bytes);
+}
+
+/// Bundled SOG.
+pub fn sog(bytes: &[u8]) {
+    scene_3d(Format3d::Sog, bytes);
+}
+
+/// `.ksplat` of every compression level.
+pub fn ksplat(bytes: &[u8]) {
+    scene_3d(Format3d::Ksplat, bytes);
 }
 
 /// `.gltf` and `.glb`.

@@ -28,15 +28,9 @@ fn refused(bytes: &[u8], name: &str, expected: &str) -> Error {
 fn scenes_and_meshes_of_other_kinds_are_named() {
     let folder = tempfile::tempdir().unwrap();
     for (name, bytes, expected) in [
+        ("a.lcc", &b"{\"version\": \"1.1\"}"[..], "is an XGrids .lcc scene"),
         (
-            "a.sog",
-            &b"PK\x03\x04...."[..],
-            "is a SOG scene, which is not read; convert it with PlayCanvas's splat-transform",
-        ),
-        ("a.KSPLAT", &[0, 1, 0, 0], "is a .ksplat scene"),
-        ("a.lcc", b"{\"version\": \"1.1\"}", "is an XGrids .lcc scene"),
-        (
-            "meta.json",
+            "metadata.json",
             b"{\"means\": {}, \"scales\": {}, \"quats\": {}, \"sh0\": {}}",
             "is the meta.json of a SOG scene",
         ),
@@ -293,7 +287,7 @@ fn what_cannot_be_written_is_refused_and_leaves_nothing() {
     };
     let (good, options) = (scene(3, 0), WriteOptions3d::default());
     for name in ["a.txt", "a", "a.compressed.ply", "ply"] {
-        assert!(write(name, &good, &options).contains("use .ply, .splat, .spz, .gltf or .glb"), "{name}");
+        assert!(write(name, &good, &options).contains("use .ply, .splat, .spz, .sog, .gltf or .glb"), "{name}");
     }
     let mut degenerate = good.clone();
     degenerate.rotations[2] = [0.0; 4];

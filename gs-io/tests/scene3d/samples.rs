@@ -155,6 +155,47 @@ pub(crate) fn gzip(bytes: &[u8]) -> Vec<u8> {
     encoder.finish().unwrap()
 }
 
+/// A `.ksplat` of two Gaussians of degree 1 at a compression level, at (1, 2, 3) and (−1, 0, 0.5),
+/// in a full bucket of one and a partial one, with scales 0.5, 1 and 2.
+pub(crate) fn ksplat(level: u16) -> Vec<u8> {
+    let mut bytes = vec![0; 4096 + 1024];
+    let mut put = |at: usize, part: &[u8]| bytes[at..at + part.len()].copy_from_slice(part);
+    put(0, &[0, 1]);
+    [(4, 1_u32), (8, 1), (12, 2), (16, 2)].iter().for_each(|&(at, v)| put(at, &v.to_le_bytes()));
+    put(20, &level.to_le_bytes());
+    [(36, -2.0_f32), (40, 2.0)].iter().for_each(|&(at, v)| put(at, &v.to_le_bytes()));
+    let section = [(0, 2_u32), (4, 2), (8, 1), (12, 2), (24, 32_767), (32, 1), (36, 1)];
+    section.iter().for_each(|&(at, v)| put(4096 + at, &v.to_le_bytes()));
+    put(4096 + 16, &2.0_f32.to_le_bytes());
+    put(4096 + 20, &[12, 0]);
+    put(4096 + 40, &[1, 0]);
+    bytes.extend(1_u32.to_le_bytes());
+    let centers = [[1.5_f32, 2.0, 2.5], [-1.0, 0.0, 0.0]];
+    bytes.extend(centers.as_flattened().iter().flat_map(|v| v.to_le_bytes()));
+    let means = [[1.0_f32, 2.0, 3.0], [-1.0, 0.0, 0.5]];
+    for (mean, center) in means.iter().zip(centers) {
+        let shape = [0.5_f32, 1.0, 2.0, 0.0, 1.0, 0.0, 0.0];
+        if level == 0 {
+            bytes.extend(mean.iter().chain(&shape).flat_map(|v| v.to_le_bytes()));
+        } else {
+            let steps = mean.iter().zip(center).map(|(m, c)| ((m - c) * 32_767.0 + 32_767.0).round() as u16);
+            let halves = shape.map(|v| if v == 0.0 { 0 } else { ((v.to_bits() >> 23) as u16 - 112) << 10 });
+            bytes.extend(steps.chain(halves).flat_map(u16::to_le_bytes));
+        }
+        bytes.extend([255, 128, 0, 64]);
+        // −2 and 2 in turn, which all levels have.
+        for k in 0..9 {
+            let value = if k % 2 == 0 { -2.0_f32 } else { 2.0 };
+            match level {
+                0 => bytes.extend(value.to_le_bytes()),
+                1 => bytes.extend((if k % 2 == 0 { 0xc000_u16 } else { 0x4000 }).to_le_bytes()),
+                _ => bytes.push(if k % 2 == 0 { 0 } else { 255 }),
+            }
+        }
+    }
+    bytes
+}
+
 /// One small file of every kind and shape.
 pub(crate) fn corpus() -> Vec<(&'static str, Vec<u8>)> {
     let (small, options) = (scene(3, 1), WriteOptions3d::default());
@@ -168,6 +209,9 @@ pub(crate) fn corpus() -> Vec<(&'static str, Vec<u8>)> {
         ("2.spz", spz_of_version_2()),
         ("3.spz", written("a.spz", &small, &spz(SpzVersion::V3))),
         ("4.spz", written("a.spz", &small, &options)),
+        ("a.sog", written("a.sog", &small, &options)),
+        ("0.ksplat", ksplat(0)),
+        ("2.ksplat", ksplat(2)),
         ("a.gltf", written("a.gltf", &small, &options)),
         ("a.glb", written("a.glb", &small, &options)),
     ]

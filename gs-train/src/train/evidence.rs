@@ -209,7 +209,7 @@ impl<'a, R: Optimizer<Scene3d>> Gathering<'a, R> {
 }
 
 /// The scene in grey.
-fn plain(scene: &Scene3d) -> Scene3d {
+pub(super) fn plain(scene: &Scene3d) -> Scene3d {
     invisible_where_broken(Scene3d { sh_degree: 0, sh: vec![Vec3::ZERO; scene.len()], ..scene.clone() })
 }
 

@@ -19,6 +19,7 @@ mod init;
 mod neighbours;
 mod order;
 mod presets;
+mod reduction;
 mod resolution;
 mod settings;
 mod shell;
@@ -39,6 +40,7 @@ pub use self::{
     geometry::{Focus, extent_of},
     init::{PointInit, Start},
     presets::TrainPreset,
+    reduction::{Reduced, reduce},
     resolution::Resolution,
     settings::{StepBackground, TrainSettings},
     speed::Speed,

@@ -8,6 +8,7 @@ mod fixture_2d;
 mod fixture_3d;
 mod panorama;
 mod recovery;
+mod reduction;
 mod resume;
 mod train;
 mod trouble;

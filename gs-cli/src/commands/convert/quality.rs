@@ -3,7 +3,7 @@
 use std::{fmt, path::PathBuf};
 
 use clap::Args;
-use gs_backend::FutureExt as _;
+use gs_backend::{AnyRasterizer, FutureExt as _};
 use gs_core::counted;
 use gs_io::{File3d, dataset::Dataset};
 use gs_train::train::{Views, evaluate};
@@ -37,6 +37,11 @@ pub(super) struct Quality {
 }
 
 impl QualityArgs {
+    /// Opens the backend that draws.
+    pub(super) fn open(&self) -> Result<AnyRasterizer, Failure> {
+        Ok(self.backend.open()?.rasterizer)
+    }
+
     /// Reads the data set, if there is one.
     pub(super) fn dataset(&self) -> Result<Option<Dataset>, Failure> {
         self.dataset.as_deref().map(|path| self.images.read(path)).transpose()
@@ -45,10 +50,10 @@ impl QualityArgs {
     /// Evaluates both scenes, each rendered as its file says.
     pub(super) fn measure(&self, dataset: &Dataset, before: &File3d, after: &File3d) -> Result<Quality, Failure> {
         let views = Views::of_dataset(dataset);
-        let backend = self.backend.open()?;
+        let rasterizer = self.open()?;
         let evaluation = |file: &File3d| {
             let render = self.render.settings(file, Some(dataset));
-            evaluate(&backend.rasterizer, &file.scene, views.test_or_train(), &render).block_on()
+            evaluate(&rasterizer, &file.scene, views.test_or_train(), &render).block_on()
         };
         let (before, after) = (evaluation(before)?, evaluation(after)?);
         let dataset = self.dataset.iter().map(|path| path.display().to_string()).collect();

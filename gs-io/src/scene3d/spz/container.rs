@@ -233,7 +233,16 @@ fn compress(_: &[u8], _: i32) -> io::Result<Vec<u8>> {
     Err(without_zstd())
 }
 
-#[cfg(not(feature = "zstd"))]
+#[cfg(all(not(feature = "zstd"), target_family = "wasm"))]
+fn decompress(stream: &[u8], size: usize) -> io::Result<Vec<u8>> {
+    let decoder = ruzstd::decoding::StreamingDecoder::new(stream).map_err(io::Error::other)?;
+    let mut bytes = Vec::with_capacity(size);
+    // A byte more than there should be is noticed by the caller.
+    decoder.take(size as u64 + 1).read_to_end(&mut bytes)?;
+    Ok(bytes)
+}
+
+#[cfg(all(not(feature = "zstd"), not(target_family = "wasm")))]
 fn decompress(_: &[u8], _: usize) -> io::Result<Vec<u8>> {
     Err(without_zstd())
 }

@@ -1,13 +1,20 @@
-//! The smallest eigenvalue of a symmetric matrix.
+//! Eigenvalues of symmetric matrices.
 
 use glam::{DMat3, DVec3};
 
 /// Sweeps of rotations; each squares what is left off the diagonal, so that a few are enough.
 const SWEEPS: usize = 12;
 
-/// The smallest eigenvalue of a symmetric matrix, and its eigenvector of length 1, by Jacobi
-/// rotations.
-pub(super) fn smallest(matrix: DMat3) -> (f64, DVec3) {
+/// The smallest eigenvalue of a symmetric matrix, and its eigenvector of length 1.
+pub(crate) fn smallest(matrix: DMat3) -> (f64, DVec3) {
+    let (values, vectors) = decomposed(matrix);
+    let least = (0..3).min_by(|&i, &j| values[i].total_cmp(&values[j])).unwrap_or_default();
+    (values[least], vectors.col(least))
+}
+
+/// The eigenvalues of a symmetric matrix, and its eigenvectors as the columns of a rotation, by
+/// Jacobi rotations.
+pub(crate) fn decomposed(matrix: DMat3) -> (DVec3, DMat3) {
     let (mut a, mut vectors) = (matrix, DMat3::IDENTITY);
     for _ in 0..SWEEPS {
         for (i, j) in [(0, 1), (0, 2), (1, 2)] {
@@ -27,8 +34,8 @@ pub(super) fn smallest(matrix: DMat3) -> (f64, DVec3) {
             vectors *= turn;
         }
     }
-    let least = (0..3).min_by(|&i, &j| a.col(i)[i].total_cmp(&a.col(j)[j])).unwrap_or_default();
-    (a.col(least)[least], vectors.col(least).normalize())
+    let columns = [0, 1, 2].map(|k| vectors.col(k).normalize());
+    (DVec3::new(a.col(0)[0], a.col(1)[1], a.col(2)[2]), DMat3::from_cols_array_2d(&columns.map(|c| c.to_array())))
 }
 
 #[cfg(test)]

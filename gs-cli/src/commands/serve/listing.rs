@@ -1,0 +1,134 @@
+//! The scenes and runs below a folder.
+
+use std::{
+    fs,
+    path::Path,
+    time::{Duration, UNIX_EPOCH},
+};
+
+use gs_io::{Format3d, GSI_EXTENSION, scene_in};
+use serde::Serialize;
+
+/// How deep folders are looked through.
+const DEPTH: usize = 5;
+
+/// Most entries of a list; more are no use to a person who chooses one.
+const MOST: usize = 2000;
+
+/// The table of a run.
+const TABLE: &str = "metrics.csv";
+
+/// A scene or a run.
+#[derive(Debug, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case", tag = "kind")]
+pub(super) enum Entry {
+    /// A file with a scene.
+    Scene {
+        /// Its path below the folder, with slashes.
+        path: String,
+        /// When it was written, ms since 1970.
+        modified: u64,
+    },
+    /// A fit or a training, finished or going on.
+    Run {
+        /// The path of its folder, with slashes.
+        path: String,
+        /// The path of its table of metrics.
+        table: String,
+        /// When that was written last, ms since 1970.
+        modified: u64,
+        /// The path of its newest scene or checkpoint.
+        scene: Option<String>,
+        /// When that was written, ms since 1970.
+        scene_modified: u64,
+    },
+}
+
+/// The scenes and runs below a folder, runs first, by path.
+pub(super) fn of(folder: &Path) -> Vec<Entry> {
+    let mut found = Vec::new();
+    visit(folder, folder, DEPTH, &mut found);
+    found.sort_by_key(|entry| match entry {
+        Entry::Run { path, .. } => (0, path.clone()),
+        Entry::Scene { path, .. } => (1, path.clone()),
+    });
+    found
+}
+
+fn visit(root: &Path, folder: &Path, depth: usize, found: &mut Vec<Entry>) {
+    let below = |path: &Path| path.strip_prefix(root).ok().map(slashed).unwrap_or_default();
+    let table = folder.join(TABLE);
+    if table.is_file() {
+        let scene = scene_in(folder);
+        found.push(Entry::Run {
+            path: below(folder),
+            table: below(&table),
+            modified: modified(&table),
+            scene_modified: scene.as_deref().map_or(0, modified),
+            scene: scene.as_deref().map(below),
+        });
+    }
+    let Ok(entries) = fs::read_dir(folder) else { return };
+    for path in entries.flatten().map(|entry| entry.path()) {
+        let hidden = path.file_name().is_some_and(|name| name.to_string_lossy().starts_with('.'));
+        if hidden || found.len() >= MOST {
+            continue;
+        }
+        // Links are not followed, so there are no circles.
+        if path.is_symlink() {
+            continue;
+        } else if path.is_dir() {
+            if depth > 0 {
+                visit(root, &path, depth - 1, found);
+            }
+        } else if is_scene(&path) {
+            found.push(Entry::Scene { path: below(&path), modified: modified(&path) });
+        }
+    }
+}
+
+/// Whether a file is a scene by its name; files are not opened for the list.
+fn is_scene(path: &Path) -> bool {
+    let ending = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
+    let one_file = !matches!(Format3d::to_write(path), None | Some(Format3d::SogFolder));
+    one_file || ["ksplat", GSI_EXTENSION, "safetensors", "ply"].contains(&ending.as_str())
+}
+
+fn slashed(path: &Path) -> String {
+    let parts: Vec<_> = path.components().map(|part| part.as_os_str().to_string_lossy()).collect();
+    parts.join("/")
+}
+
+fn modified(path: &Path) -> u64 {
+    let time = fs::metadata(path).and_then(|file| file.modified()).ok();
+    let since = time.and_then(|time| time.duration_since(UNIX_EPOCH).ok()).unwrap_or(Duration::ZERO);
+    u64::try_from(since.as_millis()).unwrap_or(u64::MAX)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn scenes_and_runs_are_found_by_their_names() {
+        let place = tempfile::tempdir().unwrap();
+        let write = |name: &str| {
+            let path = place.path().join(name);
+            fs::create_dir_all(path.parent().unwrap()).unwrap();
+            fs::write(path, "").unwrap();
+        };
+        ["b.ply", "a/c.sog", "a/notes.txt", "run/metrics.csv", "run/scene.ply", ".git/x.ply"]
+            .into_iter()
+            .for_each(write);
+        let list = of(place.path());
+        let names: Vec<&str> = list
+            .iter()
+            .map(|entry| match entry {
+                Entry::Scene { path, .. } | Entry::Run { path, .. } => path.as_str(),
+            })
+            .collect();
+        assert_eq!(names, ["run", "a/c.sog", "b.ply", "run/scene.ply"]);
+        let Entry::Run { table, scene, .. } = &list[0] else { panic!("a run is first") };
+        assert_eq!((table.as_str(), scene.as_deref()), ("run/metrics.csv", Some("run/scene.ply")));
+    }
+}

@@ -1,0 +1,153 @@
+// The page: tabs, files that are dropped, messages, and the engine's start.
+
+import { Connection } from "./engine.js";
+import { FitPanel } from "./fit.js";
+import { engineParts } from "./parts.js";
+import { watchServer } from "./serve.js";
+import { ViewPanel } from "./view.js";
+
+const $ = (id) => document.getElementById(id);
+const status = $("status");
+const problem = $("problem");
+
+const page = {
+  connection: undefined,
+  /** Asks the engine; a failure is shown and thrown on. */
+  async ask(request, rest, transfer) {
+    try {
+      return await (await page.connection).ask(request, rest, transfer);
+    } catch (error) {
+      fail(error);
+      throw error;
+    }
+  },
+  say(text) {
+    status.textContent = text;
+  },
+  fail,
+};
+
+function fail(error) {
+  problem.textContent = error.message;
+  problem.hidden = false;
+  if (!error.fatal) return;
+  problem.textContent += " – the engine starts again on the CPU; what was computed last stays in the picture.";
+  $("backend").value = "cpu";
+  connect();
+}
+
+const fit = new FitPanel(page);
+const view = new ViewPanel(page);
+// For tests and for the console.
+globalThis.gsPage = Object.assign(page, { fit, view });
+
+/** Starts the engine in a new worker. */
+function connect() {
+  page.connection?.then((connection) => connection.close(), () => {});
+  page.connection = (async () => {
+    const { worker, wasm } = await engineParts();
+    const connection = new Connection(worker, (event) => fit.event(event));
+    const wanted = $("backend").value;
+    const opened = await connection.ask("open", { wanted, wasm }).catch(async (error) => {
+      if (wanted !== "wgpu") throw error;
+      fail(new Error(`${error.message}; the CPU computes instead`));
+      return connection.ask("open", { wanted: "cpu" });
+    });
+    for (const [slot, id] of Object.entries({ a: "canvas-a", b: "canvas-b", view: "canvas-view" })) {
+      const canvas = fresh($(id)).transferControlToOffscreen();
+      await connection.ask("canvas", { slot, canvas }, [canvas]);
+    }
+    const { name, reason, policies } = opened;
+    status.textContent = `Computing on ${reason}`;
+    document.body.dataset.backend = name;
+    fit.ready(policies);
+    view.ready();
+    return connection;
+  })();
+  page.connection.catch((error) => {
+    problem.textContent = `The engine did not start: ${error.message}. Reload the page, or use another browser.`;
+    problem.hidden = false;
+  });
+}
+
+/** A canvas can be handed over once only, so a new one takes its place. */
+function fresh(canvas) {
+  if (!canvas.dataset.used) {
+    canvas.dataset.used = "yes";
+    return canvas;
+  }
+  const copy = canvas.cloneNode();
+  canvas.replaceWith(copy);
+  view.moved(copy);
+  return copy;
+}
+
+/** Shows a tab's panel. */
+function choose(tab) {
+  for (const other of document.querySelectorAll("[role=tab]")) {
+    const chosen = other === tab;
+    other.setAttribute("aria-selected", chosen);
+    other.tabIndex = chosen ? 0 : -1;
+    $(other.getAttribute("aria-controls")).hidden = !chosen;
+  }
+  if (tab.id === "tab-view") view.draw();
+}
+
+for (const tab of document.querySelectorAll("[role=tab]")) {
+  tab.addEventListener("click", () => choose(tab));
+  tab.addEventListener("keydown", ({ key }) => {
+    if (key !== "ArrowLeft" && key !== "ArrowRight") return;
+    const other = tab.id === "tab-fit" ? $("tab-view") : $("tab-fit");
+    choose(other);
+    other.focus();
+  });
+}
+
+/** Opens a file that was dropped, pasted or chosen: an image is fitted, everything else is a scene. */
+async function open(file) {
+  problem.hidden = true;
+  if (file.type.startsWith("image/") && !/\.gsi$/i.test(file.name)) {
+    choose($("tab-fit"));
+    await fit.open(file);
+  } else {
+    choose($("tab-view"));
+    await view.open(file);
+  }
+}
+
+const openAll = (files) => files.length && open(files[0]).catch((error) => error.fatal || fail(error));
+addEventListener("dragover", (event) => {
+  event.preventDefault();
+  $("drop").hidden = false;
+});
+addEventListener("dragleave", (event) => ($("drop").hidden = event.relatedTarget === null));
+addEventListener("drop", (event) => {
+  event.preventDefault();
+  $("drop").hidden = true;
+  openAll(event.dataTransfer.files);
+});
+addEventListener("paste", (event) => openAll(event.clipboardData.files));
+for (const [button, input] of [["choose-image", "image"], ["choose-scene", "scene"]]) {
+  $(button).addEventListener("click", () => $(input).click());
+  $(input).addEventListener("change", () => {
+    openAll($(input).files);
+    $(input).value = "";
+  });
+}
+
+$("backend").addEventListener("change", () => {
+  problem.hidden = true;
+  connect();
+});
+$("theme").addEventListener("click", () => {
+  const dark = matchMedia("(prefers-color-scheme: dark)").matches;
+  const now = document.documentElement.dataset.theme ?? (dark ? "dark" : "light");
+  document.documentElement.dataset.theme = now === "dark" ? "light" : "dark";
+  fit.drawCurves();
+});
+
+const wanted = new URLSearchParams(location.search).get("backend");
+if (wanted) $("backend").value = wanted;
+connect();
+view.openEmbedded(() => choose($("tab-view")));
+watchServer(page, view, () => choose($("tab-view"))).catch(fail);

@@ -1,0 +1,203 @@
+// The worker of the page: it holds the engine, and draws into canvases that the page has handed
+// over, so that the page itself never waits. Requests are answered in order, one at a time.
+
+import init, { Engine, Fit, View, memoryBytes, policies } from "./gs_web.js";
+import { builtInTarget } from "./targets.js";
+
+/** How long a running fit makes steps before it reports, ms. */
+const SLICE = 60;
+/** Least time between two pictures of a running fit, ms. */
+const BETWEEN_PICTURES = 200;
+
+let engine;
+let view;
+const canvases = {};
+/** Fits by slot: { fit, width, height, running, shown }. */
+const fits = {};
+let show = "picture";
+let queue = Promise.resolve();
+
+const requests = {
+  async open({ wanted, wasm }) {
+    await init({ module_or_path: wasm });
+    engine = await Engine.open(wanted);
+    return { name: engine.name, reason: engine.reason, policies: JSON.parse(policies()) };
+  },
+
+  canvas({ slot, canvas }) {
+    canvases[slot] = canvas;
+  },
+
+  async start({ slot, source, choices, settings }) {
+    stop(slot);
+    const { pixels: rgba, width, height } = source.bitmap ? rgbaOf(source.bitmap) : builtInTarget(source.target);
+    const fit = settings
+      ? await Fit.startWith(engine, rgba, width, height, settings)
+      : await Fit.start(engine, rgba, width, height, JSON.stringify(choices));
+    fits[slot] = { fit, width, height, running: false, shown: 0 };
+    await draw(slot);
+    return { memory: memoryBytes(), width, height };
+  },
+
+  stop({ slot }) {
+    stop(slot);
+  },
+
+  run({ slots, running }) {
+    for (const slot of slots) if (fits[slot]) fits[slot].running = running;
+    if (running) schedule();
+  },
+
+  async advance({ slot, until }) {
+    const report = await advance(slot, until);
+    await draw(slot);
+    return report;
+  },
+
+  async show({ kind }) {
+    show = kind;
+    for (const slot of Object.keys(fits)) await draw(slot);
+  },
+
+  async fitFile({ slot, kind }) {
+    return fits[slot].fit.file(kind);
+  },
+
+  openScene({ bytes, name }) {
+    const opened = View.open(engine, new Uint8Array(bytes), name);
+    view?.free();
+    view = opened;
+    return { ...JSON.parse(view.info()), memory: memoryBytes() };
+  },
+
+  async frame({ frame }) {
+    const started = performance.now();
+    const pixels = await view.pixels(JSON.stringify(frame));
+    const took = performance.now() - started;
+    put("view", pixels, frame.width, frame.height);
+    return { took };
+  },
+
+  async viewPixels({ frame }) {
+    return view.pixels(JSON.stringify(frame));
+  },
+
+  async viewPng({ frame }) {
+    return view.png(JSON.stringify(frame));
+  },
+
+  sceneFile({ name }) {
+    return view.file(name);
+  },
+
+  fitPixels({ slot, kind }) {
+    return fits[slot].fit.pixels(kind);
+  },
+
+  memory() {
+    return memoryBytes();
+  },
+};
+
+self.onmessage = ({ data }) => {
+  queue = queue.then(() => answer(data));
+};
+
+async function answer({ id, request, ...rest }) {
+  try {
+    const result = await requests[request](rest);
+    postMessage({ id, result }, result instanceof Uint8Array ? [result.buffer] : []);
+  } catch (error) {
+    postMessage({ id, error: words(error), fatal: error instanceof WebAssembly.RuntimeError });
+  }
+}
+
+function words(error) {
+  if (error instanceof WebAssembly.RuntimeError) return `the engine stopped: ${error.message}`;
+  if (error instanceof RangeError) return "there is not enough memory for this; use a smaller image or scene";
+  return error?.message ?? String(error);
+}
+
+function stop(slot) {
+  fits[slot]?.fit.free();
+  delete fits[slot];
+}
+
+function rgbaOf(bitmap) {
+  const canvas = new OffscreenCanvas(bitmap.width, bitmap.height);
+  const context = canvas.getContext("2d", { willReadFrequently: true });
+  context.fillStyle = "#fff";
+  context.fillRect(0, 0, bitmap.width, bitmap.height);
+  context.drawImage(bitmap, 0, 0);
+  const { data, width, height } = context.getImageData(0, 0, bitmap.width, bitmap.height);
+  return { pixels: new Uint8Array(data.buffer), width, height };
+}
+
+let scheduled = false;
+
+/** Lets each running fit make steps for a while, and then those requests that have come in. */
+function schedule() {
+  if (scheduled) return;
+  scheduled = true;
+  queue = queue.then(async () => {
+    scheduled = false;
+    const running = Object.keys(fits).filter((slot) => fits[slot].running);
+    for (const slot of running) {
+      try {
+        const report = await advance(slot, { time: SLICE });
+        const now = performance.now();
+        if (report.finished || now - fits[slot].shown > BETWEEN_PICTURES) await draw(slot);
+        if (report.finished) fits[slot].running = false;
+        postMessage({ event: "progress", slot, report });
+      } catch (error) {
+        if (fits[slot]) fits[slot].running = false;
+        postMessage({ event: "failure", slot, error: words(error), fatal: error instanceof WebAssembly.RuntimeError });
+      }
+    }
+    if (Object.values(fits).some((fit) => fit.running)) setTimeout(schedule, 0);
+  });
+}
+
+async function advance(slot, until) {
+  const report = JSON.parse(await fits[slot].fit.advance(JSON.stringify(until)));
+  report.memory = memoryBytes();
+  return report;
+}
+
+async function draw(slot) {
+  const { fit, width, height } = fits[slot];
+  fits[slot].shown = performance.now();
+  if (show === "ellipses") return drawEllipses(slot, await fit.ellipses(), width, height);
+  put(slot, await fit.pixels(show), width, height);
+}
+
+function put(slot, pixels, width, height) {
+  const canvas = canvases[slot];
+  if (!canvas) return;
+  resize(canvas, width, height);
+  const data = new Uint8ClampedArray(pixels.buffer, pixels.byteOffset, pixels.length);
+  canvas.getContext("2d").putImageData(new ImageData(data, width, height), 0, 0);
+}
+
+function drawEllipses(slot, numbers, width, height) {
+  const canvas = canvases[slot];
+  if (!canvas) return;
+  resize(canvas, width, height);
+  const context = canvas.getContext("2d");
+  context.fillStyle = "#000";
+  context.fillRect(0, 0, width, height);
+  const byte = (value) => Math.round(255 * Math.min(1, Math.max(0, value)));
+  for (let i = 0; i + 8 < numbers.length; i += 9) {
+    const [x, y, a, b, angle, red, green, blue, opacity] = numbers.subarray(i, i + 9);
+    context.beginPath();
+    context.ellipse(x, y, a, b, angle, 0, 2 * Math.PI);
+    context.strokeStyle = `rgb(${byte(0.25 + 0.75 * red)} ${byte(0.25 + 0.75 * green)} ${byte(0.25 + 0.75 * blue)})`;
+    context.globalAlpha = Math.max(0.15, opacity);
+    context.stroke();
+  }
+  context.globalAlpha = 1;
+}
+
+function resize(canvas, width, height) {
+  if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
+}

@@ -1,0 +1,45 @@
+//! The backend that computes.
+
+use gs_backend::{AnyRasterizer, Request, Wanted, open};
+use wasm_bindgen::prelude::*;
+
+use crate::failure;
+
+/// A backend. It is opened once in a worker, and kept until the worker ends.
+#[wasm_bindgen]
+#[derive(Debug, Clone, Copy)]
+pub struct Engine {
+    pub(crate) on: &'static AnyRasterizer,
+    reason: &'static str,
+}
+
+#[wasm_bindgen]
+impl Engine {
+    /// Opens a backend: "cpu", "wgpu", or "fastest", which is WebGPU where the browser has it.
+    pub async fn open(wanted: String) -> Result<Engine, JsError> {
+        let wanted = match wanted.as_str() {
+            "cpu" => Wanted::Cpu,
+            "wgpu" => Wanted::Wgpu,
+            "fastest" => Wanted::Fastest,
+            other => return Err(JsError::new(&format!("`{other}` is no backend: use cpu, wgpu or fastest"))),
+        };
+        let request = Request::default().with(|s| {
+            s.wanted = wanted;
+            s.threads = Some(1);
+        });
+        let chosen = open(&request).await.map_err(failure)?;
+        Ok(Self { on: Box::leak(Box::new(chosen.rasterizer)), reason: chosen.reason.leak() })
+    }
+
+    /// "cpu" or "wgpu".
+    #[wasm_bindgen(getter)]
+    pub fn name(&self) -> String {
+        self.on.name().to_owned()
+    }
+
+    /// What was chosen and why, in one line.
+    #[wasm_bindgen(getter)]
+    pub fn reason(&self) -> String {
+        self.reason.to_owned()
+    }
+}

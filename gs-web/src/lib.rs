@@ -1,0 +1,43 @@
+//! The engine of the page, for JavaScript: backends, fits of images, and scenes to look at.
+//!
+//! All of it runs in a worker. Numbers and pixels cross the border as arrays, everything else as
+//! JSON. A failure is an `Error` whose message can be shown.
+#![cfg(target_family = "wasm")]
+
+mod engine;
+mod fit;
+mod pixels;
+mod settings;
+mod view;
+
+use wasm_bindgen::prelude::*;
+
+pub use crate::{engine::Engine, fit::Fit, settings::policies, view::View};
+
+/// The text of any error, for JavaScript.
+fn failure(error: impl std::fmt::Display) -> JsError {
+    JsError::new(&error.to_string())
+}
+
+/// What a JSON argument holds.
+fn parsed<T: serde::de::DeserializeOwned>(json: &str) -> Result<T, JsError> {
+    serde_json::from_str(json).map_err(failure)
+}
+
+#[wasm_bindgen]
+extern "C" {
+    #[wasm_bindgen(js_namespace = console, js_name = error)]
+    fn console_error(text: &str);
+}
+
+/// Panics are faults of the program; the console gets their place.
+#[wasm_bindgen(start)]
+fn start() {
+    std::panic::set_hook(Box::new(|info| console_error(&info.to_string())));
+}
+
+/// Bytes of the engine's memory, which never shrinks: freed parts are used again.
+#[wasm_bindgen(js_name = memoryBytes)]
+pub fn memory_bytes() -> f64 {
+    core::arch::wasm32::memory_size(0) as f64 * 65_536.0
+}

@@ -1,0 +1,212 @@
+//! A scene to look at.
+
+use std::path::Path;
+
+use glam::Vec3;
+use gs_backend::{AnyRasterizer, AnySplats};
+use gs_core::{
+    Camera, Canvas, Culled, Image, Parameterization, Rasterizer, RenderSettings, Scene as _, Scene2d, Scene3d,
+    effects::{Antialias, Order},
+    view::Bulk,
+};
+use gs_io::{AnyScene, ConversionLoss, File2d, File3d, WriteOptions3d, decode_scene, encode_2d, encode_3d, png_bytes};
+use gs_train::train::Flat;
+use serde::{Deserialize, Serialize};
+use wasm_bindgen::prelude::*;
+
+use crate::{engine::Engine, failure, parsed, pixels};
+
+/// Horizontal field of view of the first camera, rad, as in `gs render`.
+const FIELD_OF_VIEW: f32 = 0.9;
+
+/// A scene of a file, where the backend computes.
+#[wasm_bindgen]
+#[derive(Debug)]
+pub struct View {
+    on: &'static AnyRasterizer,
+    shown: Shown,
+}
+
+#[derive(Debug)]
+enum Shown {
+    TwoD { file: Box<File2d>, splats: AnySplats<Scene2d> },
+    ThreeD { file: Box<File3d>, splats: AnySplats<Scene3d> },
+}
+
+/// Sides of the picture for which the first camera is described, px.
+const SQUARE: u32 = 512;
+
+/// What [`View::info`] returns.
+#[derive(Serialize)]
+#[serde(rename_all = "camelCase")]
+struct Info {
+    kind: &'static str,
+    format: String,
+    gaussians: usize,
+    sh_degree: u8,
+    antialias: &'static str,
+    order: &'static str,
+    losses: Vec<String>,
+    /// Columns and rows of a 2D scene, px.
+    size: Option<(u32, u32)>,
+    /// The first camera of a 3D scene, and the size of its picture, px, where that is fixed.
+    home: Option<Pose>,
+}
+
+/// A picture of a scene.
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase", deny_unknown_fields)]
+struct Frame {
+    width: u32,
+    height: u32,
+    /// The camera of a 3D scene; the first one, if there is none.
+    camera: Option<Pose>,
+    /// The rectangle of a 2D scene: left, top, width, height, px of its image.
+    rectangle: Option<[f32; 4]>,
+    order: Option<String>,
+    antialias: Option<String>,
+    sh_degree: Option<u8>,
+    background: Option<[f32; 3]>,
+}
+
+/// A camera: where it is, what it looks at, which way is up, its horizontal field of view in
+/// degrees.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(rename_all = "camelCase", deny_unknown_fields)]
+struct Pose {
+    position: [f32; 3],
+    target: [f32; 3],
+    up: [f32; 3],
+    fov: f32,
+}
+
+#[wasm_bindgen]
+impl View {
+    /// Opens the bytes of a file; its name decides where the content doesn't.
+    pub fn open(engine: Engine, bytes: Vec<u8>, name: String) -> Result<View, JsError> {
+        let scene = decode_scene(&bytes, Path::new(&name)).map_err(failure)?;
+        drop(bytes);
+        let parameterization = Parameterization::ScaleRotation;
+        let shown = match scene {
+            AnyScene::TwoD(file) => {
+                Shown::TwoD { splats: engine.on.upload(&file.scene, parameterization).map_err(failure)?, file }
+            }
+            AnyScene::ThreeD(file) => {
+                Shown::ThreeD { splats: engine.on.upload(&file.scene, parameterization).map_err(failure)?, file }
+            }
+        };
+        Ok(Self { on: engine.on, shown })
+    }
+
+    /// What the scene is, as JSON.
+    pub fn info(&self) -> String {
+        let settings = self.settings();
+        let mut info = Info {
+            kind: "2d",
+            format: "2D scene".to_owned(),
+            gaussians: 0,
+            sh_degree: 0,
+            antialias: settings.effects.antialias.name(),
+            order: settings.effects.order.name(),
+            losses: Vec::new(),
+            size: None,
+            home: None,
+        };
+        match &self.shown {
+            Shown::TwoD { file, .. } => {
+                info.gaussians = file.scene.len();
+                info.size = Some((file.width, file.height));
+            }
+            Shown::ThreeD { file, .. } => {
+                info.kind = "3d";
+                info.format = file.format.to_string();
+                info.gaussians = file.scene.len();
+                info.sh_degree = file.scene.sh_degree;
+                info.losses = file.losses.iter().map(ConversionLoss::to_string).collect();
+                // The field of view does not depend on the size if that is square.
+                info.home = home(file, SQUARE, SQUARE).map(|(camera, target, up)| Pose {
+                    position: camera.position().to_array(),
+                    target: target.to_array(),
+                    up: up.to_array(),
+                    fov: 2.0 * (0.5 * SQUARE as f32 / camera.focal.x).atan().to_degrees(),
+                });
+            }
+        }
+        serde_json::to_string(&info).unwrap_or_default()
+    }
+
+    /// Pixels of a picture, which JSON describes.
+    pub async fn pixels(&self, frame: String) -> Result<Vec<u8>, JsError> {
+        Ok(pixels::rgba_of(&self.draw(&parsed(&frame)?).await?))
+    }
+
+    /// The PNG of a picture.
+    pub async fn png(&self, frame: String) -> Result<Vec<u8>, JsError> {
+        Ok(png_bytes(&self.draw(&parsed(&frame)?).await?))
+    }
+
+    /// The scene as a file in the format of this name's ending.
+    pub fn file(&self, name: String) -> Result<Vec<u8>, JsError> {
+        match &self.shown {
+            Shown::TwoD { file, .. } => encode_2d(file).map_err(failure),
+            Shown::ThreeD { file, .. } => {
+                let options = WriteOptions3d::default().with(|s| s.trained_with = file.trained_with);
+                Ok(encode_3d(&name, &file.scene, &options).map_err(failure)?.bytes)
+            }
+        }
+    }
+
+    fn settings(&self) -> RenderSettings {
+        match &self.shown {
+            Shown::TwoD { file, .. } => file.settings,
+            Shown::ThreeD { file, .. } => file.render_settings(None),
+        }
+    }
+
+    async fn draw(&self, frame: &Frame) -> Result<Image, JsError> {
+        let mut settings = self.settings();
+        let effects = &mut settings.effects;
+        if let Some(order) = &frame.order {
+            effects.order = Order::named(order).ok_or_else(|| JsError::new("no such order"))?;
+        }
+        if let Some(antialias) = &frame.antialias {
+            effects.antialias = Antialias::named(antialias).ok_or_else(|| JsError::new("no such antialiasing"))?;
+        }
+        effects.sh_degree = frame.sh_degree.map_or(effects.sh_degree, |degree| degree.min(effects.sh_degree));
+        if let Some(background) = frame.background {
+            settings = settings.on(background);
+        }
+        let Frame { width, height, .. } = *frame;
+        let drawn: Result<(Image, Culled), gs_core::Error> = match &self.shown {
+            Shown::TwoD { file, splats } => {
+                let mut canvas = Canvas::new(file.width, file.height).resized(width, height);
+                if let Some([left, top, columns, rows]) = frame.rectangle {
+                    canvas = canvas.showing([left, top].into(), [columns, rows].into());
+                }
+                Rasterizer::<Scene2d>::draw(self.on, splats, &canvas, &settings).await
+            }
+            Shown::ThreeD { file, splats } => {
+                let camera = match &frame.camera {
+                    Some(pose) => Camera::looking_forward(width, height, pose.fov.to_radians()).looking_at(
+                        pose.position.into(),
+                        pose.target.into(),
+                        pose.up.into(),
+                    ),
+                    None => home(file, width, height).map(|(camera, ..)| camera),
+                };
+                let camera = camera.ok_or_else(|| JsError::new("the camera looks straight up or down"))?;
+                Rasterizer::<Scene3d>::draw(self.on, splats, &camera, &settings).await
+            }
+        };
+        Ok(drawn.map_err(failure)?.0)
+    }
+}
+
+/// The camera that `gs render` starts with: in front of a flat scene, slightly above any other.
+fn home(file: &File3d, width: u32, height: u32) -> Option<(Camera, Vec3, Vec3)> {
+    if let Some(flat) = Flat::of(&file.scene, file.picture) {
+        return Some((flat.camera((width, height)), flat.center(), flat.up()));
+    }
+    let bulk = Bulk::of(&file.scene)?;
+    Some((bulk.overview(width, height, FIELD_OF_VIEW, Vec3::NEG_Y)?, bulk.center, Vec3::NEG_Y))
+}

@@ -1,0 +1,114 @@
+//! `gs-web-tool WASM PAGE OUT`: makes the folder of the page from the WebAssembly of gs-web and the
+//! files in `gs-web/page`.
+//!
+//! OUT gets the page's files, the bindings with their types (`gs_web.d.ts`), and `one-file.html`:
+//! the same page as a single file, in which `gs page` puts a scene.
+
+mod bundle;
+
+use std::{
+    env,
+    error::Error,
+    fs,
+    io::Write,
+    path::{Path, PathBuf},
+    process::{Command, ExitCode},
+};
+
+use base64::{Engine, engine::general_purpose::STANDARD};
+use flate2::{Compression, write::GzEncoder};
+use wasm_bindgen_cli_support::Bindgen;
+
+type Result<T = (), E = Box<dyn Error>> = std::result::Result<T, E>;
+
+/// The WebAssembly beside the page.
+const WASM: &str = "gs_web_bg.wasm";
+
+/// What wasm-opt may assume of browsers: all of them have had these since 2023.
+const FEATURES: [&str; 6] = [
+    "--enable-simd",
+    "--enable-bulk-memory",
+    "--enable-sign-ext",
+    "--enable-mutable-globals",
+    "--enable-nontrapping-float-to-int",
+    "--enable-reference-types",
+];
+
+fn main() -> ExitCode {
+    let arguments: Vec<PathBuf> = env::args_os().skip(1).map(PathBuf::from).collect();
+    let [wasm, page, out] = arguments.as_slice() else {
+        eprintln!("error: usage: gs-web-tool WASM PAGE OUT");
+        return ExitCode::from(2);
+    };
+    match make(wasm, page, out) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn make(wasm: &Path, page: &Path, out: &Path) -> Result {
+    fs::create_dir_all(out)?;
+    Bindgen::new().input_path(wasm).out_name("gs_web").web(true)?.typescript(true).generate(out)?;
+    optimize(&out.join(WASM))?;
+    for entry in fs::read_dir(page)? {
+        let path = entry?.path();
+        if let Some(name) = path.file_name().filter(|_| path.is_file()) {
+            fs::copy(&path, out.join(name))?;
+        }
+    }
+    fs::write(out.join("one-file.html"), one_file(out)?)?;
+    Ok(())
+}
+
+/// The first wasm-opt that keeps tables of references as they are: version 108 writes a module that
+/// does not start.
+const LEAST_VERSION: u32 = 117;
+
+/// Runs wasm-opt of binaryen, if it is there and new enough.
+fn optimize(wasm: &Path) -> Result {
+    let version = Command::new("wasm-opt").arg("--version").output().ok().and_then(|output| {
+        let text = String::from_utf8_lossy(&output.stdout).into_owned();
+        text.split_whitespace().find_map(|word| word.parse::<u32>().ok())
+    });
+    if !version.is_some_and(|version| version >= LEAST_VERSION) {
+        let found = version.map_or("isn't there".to_owned(), |version| format!("is of version {version}"));
+        println!("wasm-opt {found}: without version {LEAST_VERSION} or later, the page stays a little larger");
+        return Ok(());
+    }
+    let result = wasm.with_extension("optimized");
+    let run = Command::new("wasm-opt").args(FEATURES).arg("-O3").arg(wasm).arg("-o").arg(&result).status()?;
+    if run.success() { Ok(fs::rename(result, wasm)?) } else { Err(format!("wasm-opt failed: {run}").into()) }
+}
+
+/// The page as a single file: styles, scripts and the WebAssembly, which is compressed, inside.
+fn one_file(folder: &Path) -> Result<String> {
+    let text = |name: &str| fs::read_to_string(folder.join(name));
+    let mut packed = GzEncoder::new(Vec::new(), Compression::best());
+    packed.write_all(&fs::read(folder.join(WASM))?)?;
+    let wasm = STANDARD.encode(packed.finish()?);
+    let worker = bundle::bundled(folder, "worker.js")?;
+    let main = bundle::bundled(folder, "main.js")?;
+    if worker.contains("</script") || main.contains("</script") {
+        return Err("a script of the page contains the end of a script".into());
+    }
+    let scripts = format!(
+        "<!-- scene -->\n<script type=\"text/plain\" id=\"worker-source\">\n{worker}</script>\n\
+         <script type=\"text/plain\" id=\"wasm\">{wasm}</script>\n<script type=\"module\">\n{main}</script>"
+    );
+    let html = replaced(
+        &text("index.html")?,
+        "<link rel=\"stylesheet\" href=\"style.css\">",
+        &format!("<style>\n{}</style>", text("style.css")?),
+    )?;
+    replaced(&html, "<script type=\"module\" src=\"main.js\"></script>", &scripts)
+}
+
+fn replaced(text: &str, from: &str, to: &str) -> Result<String> {
+    if text.matches(from).count() != 1 {
+        return Err(format!("index.html must have {from} once").into());
+    }
+    Ok(text.replace(from, to))
+}

@@ -1,0 +1,2 @@
+import start, { B } from "./b.js";
+start(new B());

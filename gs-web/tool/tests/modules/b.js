@@ -1,0 +1,3 @@
+export class B {}
+function start() {}
+export { start as default };

@@ -1,0 +1,128 @@
+//! `cargo xtask web`: builds the page, and tests it in a browser.
+
+use std::{
+    env, fs,
+    path::{Path, PathBuf},
+    process::{Command, Stdio},
+};
+
+use crate::system::{cargo_program, install_packages, step, workspace};
+
+const TARGET: &str = "wasm32-unknown-unknown";
+
+/// The instructions that the page uses beyond those of the target. Browsers have had them since 2023.
+const RUSTFLAGS: &str = "-C target-feature=+simd128";
+
+/// What drives a browser, as Debian's packages.
+const PACKAGES: [&str; 3] = ["chromium", "nodejs", "npm"];
+
+/// What is asked for.
+#[derive(Clone, Copy, Default)]
+pub(crate) struct Options {
+    install: bool,
+    test: bool,
+}
+
+impl Options {
+    pub(crate) fn parse(flags: &[&str]) -> Result<Self, String> {
+        let mut options = Self::default();
+        for flag in flags {
+            match *flag {
+                "--install" => options.install = true,
+                "--test" => options.test = true,
+                other => return Err(format!("unknown flag {other}")),
+            }
+        }
+        Ok(options)
+    }
+}
+
+/// Builds the page into `target/page`.
+pub(crate) fn run(options: Options) -> Result<(), String> {
+    let target = env::var_os("CARGO_TARGET_DIR").map_or_else(|| workspace().join("target"), PathBuf::from);
+    if options.install {
+        install(options.test)?;
+    }
+    if !has_target() {
+        return Err(format!("the target {TARGET} isn't installed: rustup target add {TARGET}, or --install"));
+    }
+    check_versions()?;
+    let mut build = Command::new(cargo_program());
+    build.args(["build", "--locked", "-p", "gs-web", "--profile", "web", "--target", TARGET]);
+    build.env("CARGO_TARGET_WASM32_UNKNOWN_UNKNOWN_RUSTFLAGS", RUSTFLAGS);
+    step(build.arg("--target-dir").arg(&target).current_dir(workspace()))?;
+    let mut tool = Command::new(cargo_program());
+    tool.args(["run", "--quiet", "--locked", "--release", "--manifest-path", "gs-web/tool/Cargo.toml", "--target-dir"]);
+    tool.arg(target.join("web-tool")).arg("--").arg(target.join(TARGET).join("web/gs_web.wasm"));
+    step(tool.arg("gs-web/page").arg(target.join("page")).current_dir(workspace()))?;
+    eprintln!("built {}", target.join("page").display());
+    if options.test { test(&target, options.install) } else { Ok(()) }
+}
+
+fn install(for_test: bool) -> Result<(), String> {
+    step(Command::new("rustup").args(["target", "add", TARGET]))?;
+    // Node may be another than Debian's.
+    let missing: Vec<&str> =
+        PACKAGES.into_iter().filter(|name| !has_program(if *name == "nodejs" { "node" } else { name })).collect();
+    if for_test && !missing.is_empty() { install_packages(&missing) } else { Ok(()) }
+}
+
+fn has_target() -> bool {
+    let listed = Command::new("rustup").args(["target", "list", "--installed"]).output();
+    match listed {
+        Ok(output) => String::from_utf8_lossy(&output.stdout).lines().any(|line| line == TARGET),
+        // Without rustup, the compiler says what it lacks.
+        Err(_) => true,
+    }
+}
+
+/// The tool that makes the bindings must be of the version that the page is compiled with.
+fn check_versions() -> Result<(), String> {
+    let version = |file: &str, package: &str| {
+        let text = fs::read_to_string(workspace().join(file)).map_err(|error| format!("{file}: {error}"))?;
+        let entry = text.split("[[package]]").find(|entry| entry.contains(&format!("name = \"{package}\"\n")));
+        let line = entry.and_then(|entry| entry.lines().find_map(|line| line.strip_prefix("version = ")));
+        line.map(str::to_owned).ok_or_else(|| format!("{file} has no {package}"))
+    };
+    let page = version("Cargo.lock", "wasm-bindgen")?;
+    let tool = version("gs-web/tool/Cargo.lock", "wasm-bindgen-cli-support")?;
+    if page == tool {
+        return Ok(());
+    }
+    Err(format!("wasm-bindgen is {page} in Cargo.lock, but {tool} in gs-web/tool/Cargo.lock: make them equal"))
+}
+
+/// Runs the tests in a browser, and says what is skipped if that isn't there.
+fn test(target: &Path, install: bool) -> Result<(), String> {
+    let browser = ["chromium", "chromium-browser", "google-chrome"].into_iter().find(|name| has_program(name));
+    let Some(browser) = browser.filter(|_| has_program("node") && has_program("npm")) else {
+        eprintln!("skipped: the page in a browser: node, npm and chromium are needed; --install installs them");
+        return Ok(());
+    };
+    let (place, tests) = (target.join("web-test"), workspace().join("gs-web/tests"));
+    fs::create_dir_all(&place).map_err(|error| format!("{}: {error}", place.display()))?;
+    for file in ["package.json", "package-lock.json"] {
+        fs::copy(tests.join(file), place.join(file)).map_err(|error| format!("{file}: {error}"))?;
+    }
+    if install {
+        let mut npm = Command::new("npm");
+        step(npm.args(["ci", "--ignore-scripts", "--no-audit", "--no-fund"]).current_dir(&place))?;
+    }
+    if !place.join("node_modules/puppeteer-core").exists() {
+        eprintln!("skipped: the page in a browser: its packages of npm aren't there; --install installs them");
+        return Ok(());
+    }
+    let mut native = Command::new(cargo_program());
+    native.args(["build", "--locked", "--release", "-p", "gs-cli", "--target-dir"]).arg(target);
+    step(native.current_dir(workspace()))?;
+    let mut formats = Command::new("node");
+    step(formats.arg(tests.join("sog.mjs")).arg(target.join("release/gs")).arg(&place))?;
+    let mut node = Command::new("node");
+    node.arg(tests.join("page.mjs")).arg(browser).arg(target.join("page")).arg(target.join("release/gs")).arg(&place);
+    step(&mut node)
+}
+
+fn has_program(name: &str) -> bool {
+    let run = Command::new(name).arg("--version").stdout(Stdio::null()).stderr(Stdio::null()).status();
+    run.is_ok_and(|status| status.success())
+}
