@@ -4,7 +4,7 @@ use clap::{Args, Parser, ValueEnum, builder::NonEmptyStringValueParser};
 use gs_backend::{
     AnyRasterizer, Chosen, FutureExt as _, Request, Wanted, can_render_2d, can_train_3d, host_threads, open_for,
 };
-use gs_core::{Backend as _, Error, Parameterization, RenderSettings};
+use gs_core::{Error, Parameterization, RenderSettings};
 use gs_cpu::{CpuRasterizer, CpuSettings, CpuTuning, SimdLevel};
 use gs_lab::study::Machine;
 use gs_wgpu::{Kernels, WgpuSettings};

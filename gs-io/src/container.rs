@@ -60,6 +60,9 @@ struct Head<C> {
     content: C,
 }
 
+/// Passes the bits of all values to its argument, piece by piece.
+type Pass<'a> = dyn FnOnce(&mut dyn FnMut(&[u32])) + 'a;
+
 /// A tensor to be written. Its numbers are made while they are written, so that they are in memory
 /// once.
 pub(crate) struct TensorWords<'a> {
@@ -67,8 +70,7 @@ pub(crate) struct TensorWords<'a> {
     shape: Vec<usize>,
     /// Number of values, of 4 bytes each.
     len: usize,
-    /// Passes the bits of all values, piece by piece.
-    pass: Box<dyn FnOnce(&mut dyn FnMut(&[u32])) + 'a>,
+    pass: Box<Pass<'a>>,
 }
 
 impl<'a> TensorWords<'a> {

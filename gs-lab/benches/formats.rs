@@ -100,7 +100,7 @@ fn written(scene: &Scene3d, folder: &Path, repetitions: usize) -> Result<Vec<Row
         let Written3d { beside, .. } = write_3d(&to, scene, &options)?;
         let reading = try_time(repetitions, || read_3d(&to))?;
         let size = |file: &Path| std::fs::metadata(file).map_or(0, |file| file.len());
-        let bytes = size(&to) + beside.as_deref().map_or(0, size);
+        let bytes = size(&to) + beside.iter().map(|file| size(file)).sum::<u64>();
         let times = [writing, reading].map(|seconds| ms(Quantiles::of(&seconds)));
         Ok(Row { format: format.to_owned(), bytes, times })
     };

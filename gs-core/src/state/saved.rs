@@ -24,6 +24,9 @@ pub enum TensorType {
     U32,
 }
 
+/// Passes the bits of numbers to its argument, piece by piece.
+type Pass<'a> = dyn Fn(&mut dyn FnMut(&[u32])) + 'a;
+
 /// A tensor of a [`SavedState`].
 pub struct SavedTensor<'a> {
     /// Name in the state.
@@ -32,7 +35,7 @@ pub struct SavedTensor<'a> {
     pub shape: Vec<usize>,
     /// Type of the numbers.
     pub numbers: TensorType,
-    pass: Box<dyn Fn(&mut dyn FnMut(&[u32])) + 'a>,
+    pass: Box<Pass<'a>>,
 }
 
 impl<'a> SavedTensor<'a> {

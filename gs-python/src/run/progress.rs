@@ -6,6 +6,7 @@ use std::{
     time::{Duration, Instant},
 };
 
+use gs_core::SavedState;
 use gs_io::Checkpoint;
 use gs_train::{Control, Observer};
 use numpy::PyArray1;
@@ -123,7 +124,7 @@ impl Observer for Reporter {
         self.checkpoint.is_some() && self.last_checkpoint.elapsed() >= CHECKPOINTS
     }
 
-    fn on_checkpoint(&mut self, checkpoint: &mut Checkpoint) -> Result<(), gs_train::Error> {
+    fn on_checkpoint(&mut self, checkpoint: &mut Checkpoint<SavedState<'_>>) -> Result<(), gs_train::Error> {
         if let Some(path) = &self.checkpoint {
             gs_io::write_checkpoint(path, checkpoint)?;
         }

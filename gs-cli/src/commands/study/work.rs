@@ -32,7 +32,7 @@ pub(super) fn run(args: &WorkArgs) -> Result<(), Failure> {
     let plan = held.plan(Machine::of(&backends[0].rasterizer))?;
     folder.check(&plan)?;
     let settings = WorkSettings::default().with(|s| {
-        s.shard = args.shard.or_else(|| slurm::shard());
+        s.shard = args.shard.or_else(slurm::shard);
         s.lease = Duration::from_secs(args.lease.into());
         s.at_end = AtEnd::Leave;
         s.worker.extend(slurm::task().map(|task| format!(", job {task}")));
