@@ -1,10 +1,11 @@
 // The page's side of the worker: requests as promises, events as a callback.
 
-/** The engine in a worker. `load` makes a worker and gives the bytes of its WebAssembly. */
+/** The engine in a worker. */
 export class Connection {
   #worker;
   #waiting = new Map();
   #next = 1;
+  #failure;
 
   constructor(worker, onEvent) {
     this.#worker = worker;
@@ -20,6 +21,7 @@ export class Connection {
 
   /** Asks the worker; `transfer` is handed over and no longer usable here. */
   ask(request, rest = {}, transfer = []) {
+    if (this.#failure) return Promise.reject(this.#failure);
     return new Promise((resolve, reject) => {
       const id = this.#next++;
       this.#waiting.set(id, { resolve, reject });
@@ -33,7 +35,8 @@ export class Connection {
   }
 
   #fail(message) {
-    for (const { reject } of this.#waiting.values()) reject(Object.assign(new Error(message), { fatal: true }));
+    this.#failure = Object.assign(new Error(message), { fatal: true });
+    for (const { reject } of this.#waiting.values()) reject(this.#failure);
     this.#waiting.clear();
   }
 }

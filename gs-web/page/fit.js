@@ -14,6 +14,7 @@ export class FitPanel {
   #curves = {};
   #done = {};
   #running = false;
+  #drawing;
   #name = "picture";
 
   constructor(page) {
@@ -73,6 +74,7 @@ export class FitPanel {
 
   async start() {
     $("problem").hidden = true;
+    this.#enable(false);
     const number = (id) => ($(id).value === "" ? undefined : Number($(id).value));
     const choices = {
       preset: $("preset").value,
@@ -105,8 +107,12 @@ export class FitPanel {
     this.#show(slot, report);
   }
 
+  /** Draws the curves, a few times a second at most. */
   drawCurves() {
-    drawCurves($("curve"), this.#curves, getComputedStyle(document.body).color);
+    this.#drawing ??= setTimeout(() => {
+      this.#drawing = undefined;
+      drawCurves($("curve"), this.#curves, getComputedStyle(document.body).color);
+    }, 250);
   }
 
   #show(slot, report) {

@@ -1,7 +1,7 @@
 // The worker of the page: it holds the engine, and draws into canvases that the page has handed
 // over, so that the page itself never waits. Requests are answered in order, one at a time.
 
-import init, { Engine, Fit, View, memoryBytes, policies } from "./gs_web.js";
+import init, { Engine, memoryBytes, policies } from "./gs_web.js";
 import { builtInTarget } from "./targets.js";
 
 /** How long a running fit makes steps before it reports, ms. */
@@ -32,8 +32,8 @@ const requests = {
     stop(slot);
     const { pixels: rgba, width, height } = source.bitmap ? rgbaOf(source.bitmap) : builtInTarget(source.target);
     const fit = settings
-      ? await Fit.startWith(engine, rgba, width, height, settings)
-      : await Fit.start(engine, rgba, width, height, JSON.stringify(choices));
+      ? await engine.fitWith(rgba, width, height, settings)
+      : await engine.fit(rgba, width, height, JSON.stringify(choices));
     fits[slot] = { fit, width, height, running: false, shown: 0 };
     await draw(slot);
     return { memory: memoryBytes(), width, height };
@@ -64,7 +64,7 @@ const requests = {
   },
 
   openScene({ bytes, name }) {
-    const opened = View.open(engine, new Uint8Array(bytes), name);
+    const opened = engine.view(new Uint8Array(bytes), name);
     view?.free();
     view = opened;
     return { ...JSON.parse(view.info()), memory: memoryBytes() };

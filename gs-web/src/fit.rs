@@ -84,11 +84,11 @@ impl Report {
 }
 
 #[wasm_bindgen]
-impl Fit {
+impl Engine {
     /// Starts a fit of an image of RGBA bytes. `choices` is JSON with any of `preset`, `gaussians`,
     /// `iterations`, `policy`, `blend` and `seed`.
-    pub async fn start(
-        engine: Engine,
+    pub async fn fit(
+        &self,
         rgba: Vec<u8>,
         width: u32,
         height: u32,
@@ -97,13 +97,13 @@ impl Fit {
         let target = pixels::image_of(&rgba, width, height)?;
         drop(rgba);
         let settings = parsed::<Choices>(&choices)?.settings(&target)?;
-        Self::of(engine, &target, settings).await
+        Fit::of(*self, &target, settings).await
     }
 
     /// Starts a fit with the settings of a file, as `gs fit --settings` does.
-    #[wasm_bindgen(js_name = startWith)]
-    pub async fn start_with(
-        engine: Engine,
+    #[wasm_bindgen(js_name = fitWith)]
+    pub async fn fit_with(
+        &self,
         rgba: Vec<u8>,
         width: u32,
         height: u32,
@@ -111,9 +111,11 @@ impl Fit {
     ) -> Result<Fit, JsError> {
         let target = pixels::image_of(&rgba, width, height)?;
         let settings: FitSettings = parse_settings(&settings, "settings".as_ref()).map_err(failure)?;
-        Self::of(engine, &target, settings).await
+        Fit::of(*self, &target, settings).await
     }
+}
 
+impl Fit {
     async fn of(engine: Engine, target: &Image, settings: FitSettings) -> Result<Fit, JsError> {
         let bytes = settings.peak_bytes(target.size());
         if bytes > MOST_BYTES {
@@ -129,7 +131,10 @@ impl Fit {
         }
         Ok(Self { trainer: Trainer::new(engine.on, target, settings).await.map_err(failure)?, engine })
     }
+}
 
+#[wasm_bindgen]
+impl Fit {
     /// Makes steps. `until` is JSON: `{"time": ms}`, `{"steps": n}` or `"round"`. Returns JSON.
     pub async fn advance(&mut self, until: String) -> Result<String, JsError> {
         let until: Until = parsed(&until)?;

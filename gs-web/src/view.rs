@@ -81,23 +81,26 @@ struct Pose {
 }
 
 #[wasm_bindgen]
-impl View {
-    /// Opens the bytes of a file; its name decides where the content doesn't.
-    pub fn open(engine: Engine, bytes: Vec<u8>, name: String) -> Result<View, JsError> {
+impl Engine {
+    /// Opens the bytes of a scene's file; its name decides where the content doesn't.
+    pub fn view(&self, bytes: Vec<u8>, name: String) -> Result<View, JsError> {
         let scene = decode_scene(&bytes, Path::new(&name)).map_err(failure)?;
         drop(bytes);
         let parameterization = Parameterization::ScaleRotation;
         let shown = match scene {
             AnyScene::TwoD(file) => {
-                Shown::TwoD { splats: engine.on.upload(&file.scene, parameterization).map_err(failure)?, file }
+                Shown::TwoD { splats: self.on.upload(&file.scene, parameterization).map_err(failure)?, file }
             }
             AnyScene::ThreeD(file) => {
-                Shown::ThreeD { splats: engine.on.upload(&file.scene, parameterization).map_err(failure)?, file }
+                Shown::ThreeD { splats: self.on.upload(&file.scene, parameterization).map_err(failure)?, file }
             }
         };
-        Ok(Self { on: engine.on, shown })
+        Ok(View { on: self.on, shown })
     }
+}
 
+#[wasm_bindgen]
+impl View {
     /// What the scene is, as JSON.
     pub fn info(&self) -> String {
         let settings = self.settings();

@@ -1,8 +1,8 @@
 // Tests the built page in headless Chromium, and compares what it computes with the program gs.
 //
 // node page.mjs BROWSER PAGE GS PLACE [NAME]: the browser, the folder of the page, the program, and a
-// folder with node_modules where files and screenshots are kept; with NAME only the tests whose name
-// contains it.
+// folder with node_modules where files and screenshots are kept; with NAME, a regular expression, only
+// the tests whose name matches it.
 
 import assert from "node:assert/strict";
 import { execFileSync } from "node:child_process";
@@ -124,7 +124,7 @@ const tests = {
     await page.evaluate(() => {
       globalThis.longest = 0;
       new PerformanceObserver((list) => {
-        for (const { duration } of list.getEntries()) globalThis.longest = Math.max(globalThis.longest, duration);
+        for (const { duration, startTime } of list.getEntries()) (globalThis.tasks ??= []).push([startTime, duration]), globalThis.longest = Math.max(globalThis.longest, duration);
       }).observe({ type: "longtask" });
     });
     const fit = await fitted(page, { preset: "standard", gaussians: "9000" });
@@ -132,6 +132,7 @@ const tests = {
     report("fit in wasm, s", fit.seconds, "native, 1 thread, baseline, s", native.seconds, "ratio", fit.seconds / native.seconds);
     report("first picture after, s", fit.first, "main thread blocked at most, ms", await page.evaluate(() => globalThis.longest));
     assert.ok(Math.abs(fit.psnr - native.psnr) < 0.1, `${fit.psnr} dB, natively ${native.psnr}`);
+    report("long tasks (start, ms)", JSON.stringify(await page.evaluate(() => globalThis.tasks?.slice(0, 12))));
     const once = await ask(page, "memory");
     await fitted(page, { preset: "quick", gaussians: "9000" });
     await fitted(page, { preset: "quick", gaussians: "9000" });
@@ -171,7 +172,10 @@ const tests = {
       await ask(page, "memory");
     }
     await page.select("#policy-b", "none");
+    await page.select("#preset", "standard");
+    await page.evaluate(() => (document.querySelector("#slot-a figcaption").textContent = ""));
     await page.click("#start");
+    await page.waitForFunction(() => /Step/.test(document.querySelector("#slot-a figcaption").textContent), { timeout: 60_000 });
     await page.click("#pause");
     await ask(page, "memory");
     const step = async () => Number(/Step (\d+)/.exec(await page.$eval("#slot-a figcaption", (element) => element.textContent))?.[1] ?? 0);
@@ -312,7 +316,7 @@ async function fitted(page, { preset, gaussians }) {
   await page.select("#preset", preset);
   await page.click("#gaussians", { count: 3 });
   await page.keyboard.type(gaussians);
-  await page.evaluate(() => (globalThis.progress = undefined));
+  await page.evaluate(() => (document.querySelector("#slot-a figcaption").textContent = ""));
   const started = Date.now();
   await page.click("#start");
   await page.waitForFunction(() => /px|Step/.test(document.querySelector("#slot-a figcaption").textContent) && document.getElementById("canvas-a").width > 1, { timeout: 600_000, polling: 20 });
@@ -364,7 +368,7 @@ function report(...words) {
 
 let failed = 0;
 for (const [name, test] of Object.entries(tests)) {
-  if (!name.includes(only)) continue;
+  if (!new RegExp(only).test(name)) continue;
   const started = Date.now();
   try {
     await test();

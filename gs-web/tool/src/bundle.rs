@@ -2,7 +2,8 @@
 //!
 //! It knows the forms that the page and wasm-bindgen use: an import of names on a line of its own,
 //! `export` before a declaration, and one list of exports. Everything else that starts with
-//! `import` or `export` is an error.
+//! `import` or `export` is an error. The result is a classic script: a page that is opened from disk
+//! cannot start a worker from a module.
 
 use std::{collections::BTreeSet, fs, path::Path};
 
@@ -22,7 +23,7 @@ fn add(folder: &Path, name: &str, done: &mut BTreeSet<String>, script: &mut Stri
     }
     // In a page of one file, its parts are elsewhere.
     let file = if name == "parts.js" { "parts-inside.js" } else { name };
-    let text = fs::read_to_string(folder.join(file))?;
+    let text = fs::read_to_string(folder.join(file))?.replace("import.meta.url", "location.href");
     let unknown = |line: &str| format!("{file}: this form is not bundled: {line}");
     let (mut body, mut exports) = (String::new(), Vec::new());
     for line in text.lines() {
