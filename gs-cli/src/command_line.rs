@@ -168,19 +168,11 @@ fn requires_dataset(arg: clap::Arg) -> clap::Arg {
 const FOR_DRAWING: [&str; 4] = ["backend", "adapter", "threads", "simd"];
 
 /// The flags of `gs convert` that only act with `--dataset`.
-const FOR_DATASET: [&str; 7] = [
-    "holdout",
-    "images",
-    "alpha",
-    "max_size",
-    "allow_outside",
-    "background",
-    "sh_degree",
-];
+const FOR_DATASET: [&str; 7] = ["holdout", "images", "alpha", "max_size", "allow_outside", "background", "sh_degree"];
 
 const COMMANDS: [&str; 17] = [
-    "fit", "encode", "train", "render", "view", "page", "serve", "eval", "convert", "info", "doctor", "profile", "effects", "paper",
-    "popping", "frontier", "study",
+    "fit", "encode", "train", "render", "view", "page", "serve", "eval", "convert", "info", "doctor", "profile",
+    "effects", "paper", "popping", "frontier", "study",
 ];
 
 /// The parser's message without its usage, its pointers to the help and to `--`, and its own

@@ -26,7 +26,10 @@ pub(crate) fn folder() -> Result<PathBuf, Failure> {
     let program = env::current_exe().map_err(|error| Failure::failed(format_args!("the program's path: {error}")))?;
     let beside = program.parent().unwrap_or(Path::new("."));
     let places = ["page", "../page", "../share/gs/page"].map(|place| beside.join(place));
-    places.into_iter().find(|place| has_page(place)).ok_or_else(|| missing(beside.join("../page").display().to_string()))
+    places
+        .into_iter()
+        .find(|place| has_page(place))
+        .ok_or_else(|| missing(beside.join("../page").display().to_string()))
 }
 
 fn has_page(folder: &Path) -> bool {

@@ -18,10 +18,7 @@ use safetensors::{
 };
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
-use crate::{
-    atomic::open,
-    error::Error,
-};
+use crate::{atomic::open, error::Error};
 
 /// The longest header that is read or written, bytes. It has room for a hundred thousand tensors.
 const MAX_HEADER_BYTES: u64 = 16 << 20;

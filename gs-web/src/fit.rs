@@ -8,11 +8,7 @@ use serde::{Deserialize, Serialize};
 use wasm_bindgen::prelude::*;
 use web_time::Instant;
 
-use crate::{
-    engine::Engine,
-    failure, parsed, pixels,
-    settings::Choices,
-};
+use crate::{engine::Engine, failure, parsed, pixels, settings::Choices};
 
 /// Memory that a fit may take, bytes; the engine has 4 GiB of address space in all.
 const MOST_BYTES: u64 = 3 << 30;
@@ -91,13 +87,7 @@ impl Report {
 impl Engine {
     /// Starts a fit of an image of RGBA bytes. `choices` is JSON with any of `preset`, `gaussians`,
     /// `iterations`, `policy`, `blend` and `seed`.
-    pub async fn fit(
-        &self,
-        rgba: Vec<u8>,
-        width: u32,
-        height: u32,
-        choices: String,
-    ) -> Result<Fit, JsError> {
+    pub async fn fit(&self, rgba: Vec<u8>, width: u32, height: u32, choices: String) -> Result<Fit, JsError> {
         let target = pixels::image_of(&rgba, width, height)?;
         drop(rgba);
         let settings = parsed::<Choices>(&choices)?.settings(&target)?;
@@ -106,13 +96,7 @@ impl Engine {
 
     /// Starts a fit with the settings of a file, as `gs fit --settings` does.
     #[wasm_bindgen(js_name = fitWith)]
-    pub async fn fit_with(
-        &self,
-        rgba: Vec<u8>,
-        width: u32,
-        height: u32,
-        settings: String,
-    ) -> Result<Fit, JsError> {
+    pub async fn fit_with(&self, rgba: Vec<u8>, width: u32, height: u32, settings: String) -> Result<Fit, JsError> {
         let target = pixels::image_of(&rgba, width, height)?;
         let settings: FitSettings = parse_settings(&settings, "settings".as_ref()).map_err(failure)?;
         Fit::of(*self, &target, settings).await

@@ -62,7 +62,8 @@ pub(crate) fn run(options: Options) -> Result<(), String> {
 fn install(for_test: bool) -> Result<(), String> {
     step(Command::new("rustup").args(["target", "add", TARGET]))?;
     // Node may be another than Debian's.
-    let missing: Vec<&str> = PACKAGES.into_iter().filter(|name| !has_program(if *name == "nodejs" { "node" } else { name })).collect();
+    let missing: Vec<&str> =
+        PACKAGES.into_iter().filter(|name| !has_program(if *name == "nodejs" { "node" } else { name })).collect();
     if for_test && !missing.is_empty() { install_packages(&missing) } else { Ok(()) }
 }
 

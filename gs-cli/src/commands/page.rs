@@ -46,9 +46,9 @@ pub(crate) fn run(args: &PageArgs) -> Result<(), Failure> {
     output_folder::check_file(&args.output, &inputs)?;
     let (name, bytes) = embedded(scene)?;
     let page = fs::read_to_string(&template).map_err(|error| Failure::failed(error).at(template.display()))?;
-    let (before, after) = page
-        .split_once(PLACE)
-        .ok_or_else(|| Failure::failed("has no place for a scene").at(template.display()).hint("cargo xtask web builds it"))?;
+    let (before, after) = page.split_once(PLACE).ok_or_else(|| {
+        Failure::failed("has no place for a scene").at(template.display()).hint("cargo xtask web builds it")
+    })?;
     let element = format!(
         "<script type=\"text/plain\" id=\"embedded-scene\" data-name=\"{}\">{}</script>",
         escaped(&name),

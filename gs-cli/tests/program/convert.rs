@@ -266,7 +266,10 @@ fn a_sog_is_written_in_one_file_or_in_a_folder() {
         let means = moved.iter().find(|quantity| quantity["quantity"] == "means").unwrap();
         // The order of the file is that of the comparison.
         assert!(means["largest"].as_f64().unwrap() < 1e-3, "{json}");
-        assert_eq!(json["written"]["bytes"].as_u64(), gs(["info", "--json", to.to_str().unwrap()]).json()["bytes"].as_u64());
+        assert_eq!(
+            json["written"]["bytes"].as_u64(),
+            gs(["info", "--json", to.to_str().unwrap()]).json()["bytes"].as_u64()
+        );
     }
     let names = names_in(&path("folder"));
     assert!(names.contains(&"shN_labels.webp".to_owned()) && names.len() == 8, "{names:?}");

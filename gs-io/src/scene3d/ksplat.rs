@@ -167,8 +167,15 @@ impl Section {
         let start = centers_at + centers.len();
         let degree = degree as u8;
         let records = source.slice(start, level.record(degree) as u64 * capacity as u64, "Gaussians")?;
-        let mut section =
-            Self { count, degree, start, end: start + records.len(), buckets: Vec::new(), step: side / 2.0 / range, range };
+        let mut section = Self {
+            count,
+            degree,
+            start,
+            end: start + records.len(),
+            buckets: Vec::new(),
+            step: side / 2.0 / range,
+            range,
+        };
         if level.number > 0 && count > 0 {
             let partial = sizes.as_chunks::<4>().0.iter().map(|&size| u32::from_le_bytes(size) as usize);
             let gaussians = std::iter::repeat_n(bucket_capacity, full).chain(partial);
@@ -180,7 +187,11 @@ impl Section {
             }
             let inside = section.buckets.iter().fold(0_usize, |sum, bucket| sum.saturating_add(bucket.gaussians));
             if inside < count {
-                return Err(source.damaged(head, format!("at most {inside} Gaussians, as in its buckets"), count.to_string()));
+                return Err(source.damaged(
+                    head,
+                    format!("at most {inside} Gaussians, as in its buckets"),
+                    count.to_string(),
+                ));
             }
         }
         Ok(section)
@@ -242,7 +253,8 @@ mod tests {
 
     #[test]
     fn halves_are_exact() {
-        let cases = [(0x3c00, 1.0), (0xc000, -2.0), (0x7bff, 65_504.0), (0x0001, 5.960_464_5e-8), (0x3555, 0.333_251_95)];
+        let cases =
+            [(0x3c00, 1.0), (0xc000, -2.0), (0x7bff, 65_504.0), (0x0001, 5.960_464_5e-8), (0x3555, 0.333_251_95)];
         cases.iter().for_each(|&(bits, value)| assert_eq!(of_half(bits), value));
         assert!(of_half(0x7c00).is_infinite() && of_half(0x7e00).is_nan() && of_half(0x8000).is_sign_negative());
     }

@@ -117,7 +117,9 @@ mod tests {
             fs::create_dir_all(path.parent().unwrap()).unwrap();
             fs::write(path, "").unwrap();
         };
-        ["b.ply", "a/c.sog", "a/notes.txt", "run/metrics.csv", "run/scene.ply", ".git/x.ply"].into_iter().for_each(write);
+        ["b.ply", "a/c.sog", "a/notes.txt", "run/metrics.csv", "run/scene.ply", ".git/x.ply"]
+            .into_iter()
+            .for_each(write);
         let list = of(place.path());
         let names: Vec<&str> = list
             .iter()

@@ -8,8 +8,7 @@ use crate::{error::Error, scene3d::source::Source};
 /// The version that is read and written.
 pub(super) const VERSION: u32 = 2;
 
-const CONVERT: &str =
-    "convert it with PlayCanvas's splat-transform: npx @playcanvas/splat-transform FILE scene.sog";
+const CONVERT: &str = "convert it with PlayCanvas's splat-transform: npx @playcanvas/splat-transform FILE scene.sog";
 
 /// Names of images.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -64,11 +63,8 @@ impl Meta {
             |error: serde_json::Error| source.damaged(0, "the meta.json of a SOG", format!("one with: {error}"));
         let version = serde_json::from_slice::<Value>(text).map_err(damaged)?["version"].as_u64();
         if version != Some(VERSION.into()) {
-            let unsupported = |what: &str| Error::Unsupported {
-                path: source.path.to_owned(),
-                what: what.to_owned(),
-                mend: CONVERT,
-            };
+            let unsupported =
+                |what: &str| Error::Unsupported { path: source.path.to_owned(), what: what.to_owned(), mend: CONVERT };
             return Err(match version {
                 None | Some(..VERSION_1_END) => unsupported("version 1 of SOG"),
                 Some(found) => Error::TooNew {

@@ -86,7 +86,8 @@ pub(crate) fn read(source: &Source<'_>) -> Result<Read, Error> {
 
     let quats = plane(&meta.quats.files, 0)?;
     let rotations: Option<Vec<_>> = (0..count).map(|i| rotation(quats.pixel(i))).collect();
-    let rotations = rotations.ok_or_else(|| source.damaged(0, "quaternions whose fourth byte is 252 to 255", "others"))?;
+    let rotations =
+        rotations.ok_or_else(|| source.damaged(0, "quaternions whose fourth byte is 252 to 255", "others"))?;
 
     let scales = plane(&meta.scales.files, 0)?;
     let log_scales = decoded(source, &meta.scales, (0..count).map(|i| scales.pixel(i)))?;
@@ -113,7 +114,9 @@ fn decoded<'a>(
     let value = |byte: u8| coded.codebook.get(usize::from(byte)).map(|value| value.unwrap_or(f32::NAN));
     let triple = |&[a, b, c, _]: &[u8; 4]| Some(Vec3::new(value(a)?, value(b)?, value(c)?));
     let all: Option<Vec<_>> = pixels.map(triple).collect();
-    all.ok_or_else(|| source.damaged(0, format!("indices below {}, the length of a codebook", coded.codebook.len()), "others"))
+    all.ok_or_else(|| {
+        source.damaged(0, format!("indices below {}, the length of a codebook", coded.codebook.len()), "others")
+    })
 }
 
 /// Coefficients of all degrees: the constant ones of `scene`, and those of the palette.
