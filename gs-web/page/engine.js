@@ -31,11 +31,11 @@ export class Connection {
 
   close() {
     this.#worker.terminate();
-    this.#fail("the engine was closed");
+    this.#fail("the engine was closed", { closed: true });
   }
 
-  #fail(message) {
-    this.#failure = Object.assign(new Error(message), { fatal: true });
+  #fail(message, kind = { fatal: true }) {
+    this.#failure = Object.assign(new Error(message), kind);
     for (const { reject } of this.#waiting.values()) reject(this.#failure);
     this.#waiting.clear();
   }

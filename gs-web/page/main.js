@@ -28,6 +28,7 @@ const page = {
 };
 
 function fail(error) {
+  if (error.closed) return;
   problem.textContent = error.message;
   problem.hidden = false;
   if (!error.fatal) return;
@@ -54,8 +55,9 @@ function connect() {
       return connection.ask("open", { wanted: "cpu" });
     });
     for (const [slot, id] of Object.entries({ a: "canvas-a", b: "canvas-b", view: "canvas-view" })) {
+      const before = await createImageBitmap($(id)).catch(() => undefined);
       const canvas = fresh($(id)).transferControlToOffscreen();
-      await connection.ask("canvas", { slot, canvas }, [canvas]);
+      await connection.ask("canvas", { slot, canvas, before }, before ? [canvas, before] : [canvas]);
     }
     const { name, reason, policies } = opened;
     status.textContent = `Computing on ${reason}`;

@@ -24,8 +24,12 @@ const requests = {
     return { name: engine.name, reason: engine.reason, policies: JSON.parse(policies()) };
   },
 
-  canvas({ slot, canvas }) {
+  /** Takes a canvas, with the picture that was there before. */
+  canvas({ slot, canvas, before }) {
     canvases[slot] = canvas;
+    if (!before) return;
+    resize(canvas, before.width, before.height);
+    canvas.getContext("2d").drawImage(before, 0, 0);
   },
 
   async start({ slot, source, choices, settings }) {

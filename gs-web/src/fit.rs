@@ -87,13 +87,7 @@ impl Report {
 impl Engine {
     /// Starts a fit of an image of RGBA bytes. `choices` is JSON with any of `preset`, `gaussians`,
     /// `iterations`, `policy`, `blend` and `seed`.
-    pub async fn fit(
-        &self,
-        rgba: Vec<u8>,
-        width: u32,
-        height: u32,
-        choices: String,
-    ) -> Result<Fit, JsError> {
+    pub async fn fit(&self, rgba: Vec<u8>, width: u32, height: u32, choices: String) -> Result<Fit, JsError> {
         let target = pixels::image_of(&rgba, width, height)?;
         drop(rgba);
         let settings = parsed::<Choices>(&choices)?.settings(&target)?;
@@ -102,13 +96,7 @@ impl Engine {
 
     /// Starts a fit with the settings of a file, as `gs fit --settings` does.
     #[wasm_bindgen(js_name = fitWith)]
-    pub async fn fit_with(
-        &self,
-        rgba: Vec<u8>,
-        width: u32,
-        height: u32,
-        settings: String,
-    ) -> Result<Fit, JsError> {
+    pub async fn fit_with(&self, rgba: Vec<u8>, width: u32, height: u32, settings: String) -> Result<Fit, JsError> {
         let target = pixels::image_of(&rgba, width, height)?;
         let settings: FitSettings = parse_settings(&settings, "settings".as_ref()).map_err(failure)?;
         Fit::of(*self, &target, settings).await
