@@ -182,8 +182,9 @@ fn a_sog_that_is_read_and_written_again_is_the_same() {
     let again = samples::read(&samples::written("a.sog", &first.as_ref().unwrap().scene, &options), "a.sog").unwrap();
     assert_eq!(again.trained_with.antialias, Some(Antialias::Mip));
     let (first, again) = (first.unwrap().scene, again.scene);
-    // Means move by the rounding of f32 in the range; palettes are made anew.
-    assert_eq!((&first.log_scales, &first.rotations), (&again.log_scales, &again.rotations));
+    // Means and rotations move by their rounding; palettes are made anew.
+    assert_eq!(first.log_scales, again.log_scales);
+    first.rotations.iter().zip(&again.rotations).for_each(|(a, b)| assert!(cosine(*a, *b) > 0.999_9, "{a:?} {b:?}"));
     first.means.iter().zip(&again.means).for_each(|(a, b)| assert_near("mean", *a, *b, 1e-4));
     first.sh.iter().zip(&again.sh).for_each(|(a, b)| assert_near("coefficient", *a, *b, 0.02));
 }

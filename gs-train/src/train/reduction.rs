@@ -10,8 +10,9 @@ use super::evidence::plain;
 use crate::error::Error;
 
 /// Distance of two Gaussians, in sums of their largest standard deviations, within which one is
-/// merged into the other.
-const NEAR: f32 = 1.0;
+/// merged into the other. Measured on two trained scenes: without merging, 0.1 to 5 dB less; at 0.3
+/// and at 1, up to 1.1 dB less.
+const NEAR: f32 = 0.6;
 
 /// A scene with fewer Gaussians.
 #[derive(Debug, Clone, PartialEq)]
