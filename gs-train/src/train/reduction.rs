@@ -10,8 +10,8 @@ use super::evidence::plain;
 use crate::error::Error;
 
 /// Distance of two Gaussians, in sums of their largest standard deviations, within which one is
-/// merged into the other. Measured on two trained scenes: without merging, 0.1 to 5 dB less; at 0.3
-/// and at 1, up to 1.1 dB less.
+/// merged into the other. Measured on two trained scenes: without merging, 0.1 to 5 dB less; at 0.3,
+/// up to 1.1 dB less.
 const NEAR: f32 = 0.6;
 
 /// A scene with fewer Gaussians.
