@@ -260,7 +260,7 @@ fn a_sog_is_written_in_one_file_or_in_a_folder() {
     let path = |name: &str| place.path().join(name);
     let first = ply(place.path());
     fs::create_dir(path("folder")).unwrap();
-    for (to, place) in [(path("a.sog"), path("a.sog")), (path("folder/meta.json"), path("folder"))] {
+    for to in [path("a.sog"), path("folder/meta.json")] {
         let json = convert(&first, &to, &["--json"]).json();
         let moved = json["rounding"].as_array().unwrap();
         let means = moved.iter().find(|quantity| quantity["quantity"] == "means").unwrap();
@@ -268,7 +268,7 @@ fn a_sog_is_written_in_one_file_or_in_a_folder() {
         assert!(means["largest"].as_f64().unwrap() < 1e-3, "{json}");
         assert_eq!(
             json["written"]["bytes"].as_u64(),
-            gs(["info", "--json", place.to_str().unwrap()]).json()["bytes"].as_u64()
+            gs(["info", "--json", to.to_str().unwrap()]).json()["bytes"].as_u64()
         );
     }
     let names = names_in(&path("folder"));

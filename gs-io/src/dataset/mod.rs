@@ -49,7 +49,7 @@ pub use self::{
     remark::{Remark, Skip},
     source_camera::SourceCamera,
 };
-use crate::{atomic::open, error::Error, image::Orientation, scene3d::format_3d};
+use crate::{atomic::open, error::Error, image::Orientation, scene3d::Format3d};
 
 /// Where COLMAP models are searched, relative to the data set.
 const COLMAP_FOLDERS: [&str; 5] = ["sparse/0", "sparse", "colmap/sparse/0", "colmap/sparse", "."];
@@ -216,11 +216,11 @@ pub struct Point {
     pub color: [f32; 3],
 }
 
-/// Whether a path may be that of a data set: a folder, or a JSON file that is no scene, as the
-/// `meta.json` of SOG is.
+/// Whether a path may be that of a data set: a folder, or a JSON file other than `meta.json`, which
+/// belongs to a scene in SOG.
 pub fn may_be_dataset(path: &Path) -> bool {
     let is_json = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("json"));
-    path.is_dir() || is_json && !matches!(format_3d(path), Ok(Some(_)))
+    path.is_dir() || is_json && Format3d::to_write(path) != Some(Format3d::SogFolder)
 }
 
 /// Reads a data set: a folder, whose content determines the kind, or a `transforms.json`.
