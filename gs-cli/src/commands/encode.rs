@@ -34,6 +34,9 @@ pub(crate) struct EncodeArgs {
     output: PathBuf,
     #[command(flatten)]
     target: TargetArgs,
+    /// Make a file whose beginning shows the picture: a third of it looks like a file of that size
+    #[arg(long)]
+    progressive: bool,
     /// Colour behind transparent pixels: R,G,B from 0 to 1, black or white [default: white]
     #[arg(long, value_name = "R,G,B")]
     background: Option<Color>,
@@ -133,6 +136,7 @@ pub(crate) fn run(args: &EncodeArgs) -> Result<(), Failure> {
     let (width, height) = target.image.size();
     let settings = EncodeSettings::default().with(|s| {
         s.target = args.target.of_image((width, height));
+        s.progressive = args.progressive;
         s.seed = args.seed;
     });
     settings.validate()?;
