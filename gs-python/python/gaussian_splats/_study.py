@@ -11,6 +11,7 @@ from typing import Callable
 import numpy as np
 
 from . import _native
+from ._runs import _check
 from ._types import Path, Policy
 
 
@@ -113,6 +114,9 @@ class Study:
         data: Path | None = None,
         backend: str = "cpu",
     ) -> None:
+        for arm in arms:
+            if not isinstance(arm, Arm):
+                raise TypeError(f"arms: expected objects of Arm, not {type(arm).__name__}")
         text, beside = os.fspath(definition), None
         if "\n" not in text and text.endswith(".toml"):
             beside = os.path.dirname(os.path.abspath(text))
@@ -143,6 +147,7 @@ class Study:
         :raises RuntimeError: if all runs fail; what a policy has raised, where one has.
         :raises OSError: for images or data sets that are not there.
         """
+        _check(progress)
         return self._study.run(output, jobs=jobs, resume=resume, progress=progress)
 
     def work(
@@ -161,6 +166,7 @@ class Study:
         :param shard: (index, count): the part to begin with. By default that of the Slurm array
             task, if there is one.
         """
+        _check(progress)
         self._study.work(output, jobs=jobs, shard=shard, progress=progress)
 
     def report(self, output: Path) -> list[str]:
