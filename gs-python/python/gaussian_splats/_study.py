@@ -11,6 +11,7 @@ from typing import Callable
 import numpy as np
 
 from . import _native
+from ._native import Scene2d, Scene3d
 from ._runs import _check
 from ._types import Path, Policy
 
@@ -172,3 +173,14 @@ class Study:
     def report(self, output: Path) -> list[str]:
         """Write tables and report of the runs that have ended so far; return the headlines."""
         return self._study.report(output)
+
+    def replay(self, output: Path, row: int) -> Scene2d | Scene3d:
+        """Repeat a run, and return its scene, which is the recorded one, bit for bit.
+
+        :param row: a row of the folder's ``runs.csv``, from 1.
+        :raises ValueError: for a folder without a study, where the row, the policy or the machine
+            is not that of the record, and where the scene differs.
+
+        Ctrl-C raises ``KeyboardInterrupt`` at the end of the run, not before.
+        """
+        return self._study.replay(output, row)
