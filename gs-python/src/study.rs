@@ -122,7 +122,7 @@ impl Study {
 
     #[doc = doc!("Study.report")]
     fn report(&self, py: Python<'_>, output: PathBuf) -> PyResult<Vec<String>> {
-        let study = self.prepared(py, output, 1, Some(Existing::Resume))?;
+        let study = self.prepared(py, output, 1, None)?;
         self.reported(py, &study)
     }
 
@@ -213,9 +213,11 @@ impl Study {
             let rasterizer = backends[0].rasterizer();
             let plan = Plan::new(self.study.clone(), &self.places, Machine::of(rasterizer));
             let plan = plan.map_err(IntoPython::into_python)?;
-            gs_lab::study::refuse_unsupported(&plan, rasterizer).map_err(IntoPython::into_python)?;
             let folder = match existing {
-                Some(existing) => StudyFolder::prepare(&output, &plan, existing),
+                Some(existing) => {
+                    gs_lab::study::refuse_unsupported(&plan, rasterizer).map_err(IntoPython::into_python)?;
+                    StudyFolder::prepare(&output, &plan, existing)
+                }
                 None => StudyFolder::open(&output),
             };
             let folder = folder.map_err(IntoPython::into_python)?;

@@ -171,7 +171,11 @@ class Study:
         self._study.work(output, jobs=jobs, shard=shard, progress=progress)
 
     def report(self, output: Path) -> list[str]:
-        """Write tables and report of the runs that have ended so far; return the headlines."""
+        """Write tables and report of the runs that have ended so far; return the headlines.
+
+        :raises ValueError: for a folder without a study.
+        :raises RuntimeError: if all runs have failed.
+        """
         return self._study.report(output)
 
     def replay(self, output: Path, row: int) -> Scene2d | Scene3d:
