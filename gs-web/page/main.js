@@ -32,9 +32,11 @@ function fail(error) {
   problem.textContent = error.message;
   problem.hidden = false;
   if (!error.fatal) return;
-  problem.textContent += " – the engine starts again on the CPU; what was computed last stays in the picture.";
+  // What stopped on the CPU would probably stop there again, so going on is left to the visitor.
+  const running = fit.running && document.body.dataset.backend !== "cpu";
+  problem.textContent += `. The engine starts again on the CPU, ${running ? "and goes on" : "paused,"} from its last checkpoint.`;
   $("backend").value = "cpu";
-  connect();
+  connect(running);
 }
 
 const fit = new FitPanel(page);
@@ -42,12 +44,12 @@ const view = new ViewPanel(page);
 // For tests and for the console.
 globalThis.gsPage = Object.assign(page, { fit, view });
 
-/** Starts the engine in a new worker. */
-function connect() {
+/** Starts the engine in a new worker; `running` says whether a fit goes on at once. */
+function connect(running) {
   page.connection?.then((connection) => connection.close(), () => {});
   page.connection = (async () => {
     const { worker, wasm } = await engineParts();
-    const connection = new Connection(worker, (event) => fit.event(event));
+    const connection = new Connection(worker, (event, connection) => fit.event(event, connection));
     const wanted = $("backend").value;
     const opened = await connection.ask("open", { wanted, wasm }).catch(async (error) => {
       if (wanted !== "wgpu") throw error;
@@ -62,14 +64,18 @@ function connect() {
     const { name, reason, policies } = opened;
     status.textContent = `Computing on ${reason}`;
     document.body.dataset.backend = name;
-    fit.ready(policies);
-    view.ready();
-    return connection;
+    return Object.assign(connection, { policies, opened: true });
   })();
-  page.connection.catch((error) => {
-    problem.textContent = `The engine did not start: ${error.message}. Reload the page, or use another browser.`;
-    problem.hidden = false;
-  });
+  page.connection.then(
+    ({ policies }) => {
+      fit.ready(policies, running).catch(() => {});
+      view.ready().catch(() => {});
+    },
+    (error) => {
+      problem.textContent = `The engine did not start: ${error.message}. Reload the page, or use another browser.`;
+      problem.hidden = false;
+    },
+  );
 }
 
 /** A canvas can be handed over once only, so a new one takes its place. */
@@ -139,7 +145,7 @@ for (const [button, input] of [["choose-image", "image"], ["choose-scene", "scen
 
 $("backend").addEventListener("change", () => {
   problem.hidden = true;
-  connect();
+  connect(fit.running);
 });
 $("theme").addEventListener("click", () => {
   const dark = matchMedia("(prefers-color-scheme: dark)").matches;

@@ -1,7 +1,7 @@
 // What `gs serve` adds: a list of scenes and runs, and the curves and the newest scene of a run while
 // it goes on.
 
-import { drawCurves } from "./curve.js";
+import { Curve, drawCurves } from "./curve.js";
 
 const $ = (id) => document.getElementById(id);
 
@@ -51,7 +51,7 @@ export async function watchServer(page, view, found) {
     const [step, count, loss, psnr] = [["step"], ["count", "gaussians"], ["loss"], ["psnr"]].map(column);
     const number = (row, at) => (at < 0 || row[at] === undefined || row[at] === "" ? null : Number(row[at]));
     const curve = rows.map((row) => [step, count, loss, psnr].map((at) => number(row, at)));
-    drawCurves($("run-curve"), { a: curve }, getComputedStyle(document.body).color);
+    drawCurves($("run-curve"), { a: new Curve().add(curve) }, getComputedStyle(document.body).color);
     const last = curve.at(-1);
     $("run-words").textContent = last ? `${path || "."}: step ${last[0]}, ${last[1]} Gaussians, loss ${last[2]}` : `${path}: no step yet`;
   }
