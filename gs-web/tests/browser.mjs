@@ -12,25 +12,23 @@ import { createRequire } from "node:module";
 import path from "node:path";
 import { decoded } from "./png.mjs";
 
-const [browserName, folder, gs, place] = process.argv.slice(2);
+export const [browserName, pageFolder, program, place] = process.argv.slice(2);
 const puppeteer = createRequire(path.resolve(place, "x.js"))("puppeteer-core");
 const files = path.join(path.resolve(place), "files");
 fs.rmSync(files, { recursive: true, force: true });
 fs.mkdirSync(files, { recursive: true });
 
-export const pageFolder = folder;
-export const program = gs;
 /** The path of a file of the tests. */
 export const at = (name) => path.join(files, name);
 /** Runs the program, and returns what it prints. */
-export const run = (...words) => execFileSync(gs, words, { encoding: "utf8", stdio: ["ignore", "pipe", "pipe"] });
+export const run = (...words) => execFileSync(program, words, { encoding: "utf8", stdio: ["ignore", "pipe", "pipe"] });
 
 // The page below a long path, as on a static host.
 const UNDER = "/some/where/below/";
 const TYPES = { html: "text/html", js: "text/javascript", css: "text/css", wasm: "application/wasm" };
 const server = http.createServer((request, response) => {
   const { pathname } = new URL(request.url, "http://localhost");
-  const file = path.join(folder, pathname.slice(UNDER.length) || "index.html");
+  const file = path.join(pageFolder, pathname.slice(UNDER.length) || "index.html");
   if (!pathname.startsWith(UNDER) || !fs.existsSync(file)) return response.writeHead(404).end();
   response.writeHead(200, { "content-type": TYPES[path.extname(file).slice(1)] ?? "text/plain" });
   response.end(fs.readFileSync(file));
@@ -171,7 +169,7 @@ export async function screenshots(page, name) {
     await page.setViewport({ width, height });
     for (const theme of ["light", "dark"]) {
       await page.evaluate((theme) => (document.documentElement.dataset.theme = theme), theme);
-      await new Promise((resolve) => setTimeout(resolve, 800));
+      await new Promise((resolve) => setTimeout(resolve, 500));
       await page.screenshot({ path: path.join(place, `${name}-${width}-${theme}.png`), fullPage: width === 360 });
     }
   }

@@ -15,8 +15,8 @@ export const tests = {
     fs.writeFileSync(at("served.png"), picture(256, 256));
     const server = spawn(program, ["serve", folder, "--port", "0"], { stdio: ["ignore", "pipe", "inherit"] });
     const [line] = await once(createInterface({ input: server.stdout }), "line");
-    const words = ["fit", at("served.png"), "-n", "500", "-i", "100000", "--checkpoint-every", "20", "--threads", "1", "--backend", "cpu", "--quiet", "-o", `${folder}/run`];
-    const fit = spawn(program, words, { stdio: "inherit" });
+    const words = ["fit", at("served.png"), "-n", "500", "-i", "100000", "--checkpoint-every", "20", "--threads", "1", "--backend", "cpu", "-o", `${folder}/run`];
+    const fit = spawn(program, words, { stdio: "ignore" });
     try {
       const { page, complaints } = await opened(`${line.split(" ")[0]}?backend=cpu`);
       await page.waitForSelector("#served-list option[value='run run']", { timeout: 60_000 });

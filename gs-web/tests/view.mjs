@@ -1,8 +1,11 @@
 // Scenes in the page: all formats are drawn as the program draws them, and the camera moves.
 
 import assert from "node:assert/strict";
+import { execFileSync } from "node:child_process";
 import fs from "node:fs";
-import { address, ask, at, drop, fitted, makeScene, opened, psnr, report, run, screenshots } from "./browser.mjs";
+import path from "node:path";
+import { address, ask, at, drop, fitted, makeScene, opened, place, psnr, report, run, screenshots } from "./browser.mjs";
+import { picture } from "./fit.mjs";
 
 /** Opens a file of the tests in a page, and compares what is drawn with what the program draws. */
 async function compare(page, name, [width, height], least, ...size) {
@@ -16,8 +19,10 @@ export const tests = {
   async "scenes of all formats are drawn as the program draws them"() {
     const { page, complaints } = await opened(address("cpu"));
     makeScene(at("made.ply"));
+    const transform = path.join(path.resolve(place), "node_modules/@playcanvas/splat-transform/bin/cli.mjs");
+    execFileSync(process.execPath, [transform, "-w", at("made.ply"), at("made.compressed.ply")], { stdio: "pipe" });
     for (const name of ["made.ply", "made.compressed.ply", "made.splat", "made.spz", "made-3.spz", "made.sog", "made.gltf", "made.glb"]) {
-      if (name !== "made.ply") run("convert", at("made.ply"), at(name), ...(name === "made-3.spz" ? ["--spz-version", "3"] : []));
+      if (!name.endsWith("ply")) run("convert", at("made.ply"), at(name), ...(name === "made-3.spz" ? ["--spz-version", "3"] : []));
       await compare(page, name, [320, 240], 55, "--size", "320x240");
     }
     const sog = await ask(page, "sceneFile", { name: "again.sog" });
@@ -28,12 +33,27 @@ export const tests = {
     await page.close();
   },
 
+  async "with WebGPU, scenes are drawn as on the CPU with all effects"() {
+    const { page, complaints } = await opened(address("wgpu"));
+    makeScene(at("made.ply"));
+    await compare(page, "made.ply", [320, 240], 50, "--size", "320x240");
+    for (const [order, antialias] of [["global", "none"], ["per-pixel", "dilate"], ["global", "mip"], ["per-pixel", "compensated"]]) {
+      run("render", at("made.ply"), "-o", at("effects.png"), "--size", "160x120", "--backend", "cpu", "--order", order, "--antialias", antialias);
+      const pixels = await ask(page, "viewPixels", { frame: { width: 160, height: 120, order, antialias } });
+      const found = psnr(pixels, fs.readFileSync(at("effects.png")));
+      report(`${order}, ${antialias}, dB`, found);
+      assert.ok(found > 50, `${order}, ${antialias}: ${found} dB against gs render`);
+    }
+    assert.deepEqual(complaints, []);
+    await page.close();
+  },
+
   async "a compact image and a 2D scene are drawn"() {
     const { page, complaints } = await opened(address("cpu"));
-    await fitted(page, { preset: "quick", gaussians: "300" });
+    await fitted(page, { image: { name: "picture.png", bytes: picture(160, 120) }, preset: "quick", gaussians: "300" });
     for (const [kind, name] of [["scene", "a.gs2d.safetensors"], ["gsi", "a.gsi"]]) {
       fs.writeFileSync(at(name), await ask(page, "fitFile", { slot: "a", kind }));
-      await compare(page, name, [768, 512], 50);
+      await compare(page, name, [160, 120], 50);
     }
     assert.deepEqual(complaints, []);
     await page.close();
