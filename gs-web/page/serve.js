@@ -13,6 +13,7 @@ export async function watchServer(page, view, found) {
   if (!document.querySelector("meta[name=gs-serve]")) return;
   const list = $("served-list");
   let shown = {};
+  let filled;
 
   async function entries() {
     const response = await fetch("serve/list");
@@ -21,6 +22,10 @@ export async function watchServer(page, view, found) {
   }
 
   function fill(all) {
+    const names = JSON.stringify(all.map(({ path, kind }) => [path, kind]));
+    // An open list would close.
+    if (names === filled) return;
+    filled = names;
     const chosen = list.value;
     const option = ({ path, kind }) => new Option(kind === "run" ? `${path || "."} (run)` : path, `${kind} ${path}`);
     list.replaceChildren(new Option("choose…", ""), ...all.map(option));
@@ -39,7 +44,8 @@ export async function watchServer(page, view, found) {
     if (scene && (scene !== shown.scene || modified !== shown.sceneModified)) {
       const before = shown.scene;
       shown = { ...shown, scene, sceneModified: modified };
-      await view.fetched(scene, again && scene === before);
+      // The newest scene of a run may be another file than before.
+      await view.fetched(scene, again && before !== undefined);
     }
     shown.modified = entry.modified;
   }
@@ -65,7 +71,7 @@ export async function watchServer(page, view, found) {
   found();
   for (;;) {
     await new Promise((resolve) => setTimeout(resolve, EVERY));
-    if (document.hidden || !list.value.startsWith("run ")) continue;
+    if (document.hidden) continue;
     // The program may be restarted, or a file may be replaced in this moment.
     await update(true).catch((error) => page.say(`The server does not answer: ${error.message}`));
   }
