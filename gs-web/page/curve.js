@@ -1,9 +1,9 @@
 // The curves of a fit: number of Gaussians, loss on a logarithmic scale, and PSNR, by step.
 
 const LINES = [
-  { name: "Gaussians", at: 1, color: "#2a78c2" },
-  { name: "Loss (log)", at: 2, color: "#c2452a", log: true },
-  { name: "PSNR", at: 3, color: "#2f8f46", unit: " dB" },
+  { name: "Gaussians", at: 1, color: "#2a78c2", text: (value) => value.toLocaleString("en") },
+  { name: "loss (log)", at: 2, color: "#c2452a", log: true, text: (value) => value.toExponential(1) },
+  { name: "PSNR", at: 3, color: "#2f8f46", text: (value) => `${value.toFixed(1)} dB` },
 ];
 const DASHES = { a: [], b: [6, 4] };
 /** Most points of a curve; of longer fits every second one is left out, as often as needed. */
@@ -42,7 +42,7 @@ export class Curve {
   }
 }
 
-/** Draws the curve of each slot. */
+/** Draws the curve of each slot, each quantity within its own range, which the legend shows. */
 export function drawCurves(canvas, curves, front) {
   const ratio = Math.min(3, window.devicePixelRatio || 1);
   const width = Math.max(200, canvas.clientWidth);
@@ -52,42 +52,57 @@ export function drawCurves(canvas, curves, front) {
   context.setTransform(ratio, 0, 0, ratio, 0, 0);
   context.clearRect(0, 0, width, HEIGHT);
   context.font = "12px system-ui, sans-serif";
-  const lines = Object.entries(curves).map(([slot, curve]) => [slot, curve.all]);
-  const last = lines.reduce((most, [, points]) => Math.max(most, points.at(-1)?.[0] ?? 0), 1);
-  LINES.forEach((line, k) => drawLine(context, line, lines, { width, last, front, left: EDGE + (k * (width - 2 * EDGE)) / 3 }));
+  const slots = Object.entries(curves).map(([slot, curve]) => [slot, curve.all]);
+  const lines = LINES.map((line) => ({ ...line, ...rangeOf(line, slots) })).filter(({ low }) => low !== undefined);
+  const top = drawLegend(context, lines, width, front);
+  const last = slots.reduce((most, [, points]) => Math.max(most, points.at(-1)?.[0] ?? 0), 1);
+  for (const line of lines) drawLine(context, line, slots, { width, top, last });
   context.setLineDash([]);
-  context.fillStyle = front;
   context.textAlign = "right";
   context.fillText(`step ${last}`, width - EDGE, HEIGHT - 8);
   context.textAlign = "left";
 }
 
-/** Draws one quantity of all slots within its own range, and its last value beside its name. */
-function drawLine(context, { name, at, color, log, unit = "" }, lines, { width, last, front, left }) {
-  const number = (row) => (log ? Math.log10(Math.max(1e-12, row[at])) : row[at]);
-  let [low, high, latest] = [Infinity, -Infinity, undefined];
-  for (const [, rows] of lines) {
-    for (const row of rows) {
-      if (row[at] === null) continue;
-      [low, high, latest] = [Math.min(low, number(row)), Math.max(high, number(row)), row[at]];
+/** The least and the largest value of a quantity in all slots. */
+function rangeOf({ at }, slots) {
+  let [low, high] = [undefined, undefined];
+  for (const [, rows] of slots) {
+    for (const { [at]: value } of rows) {
+      if (value === null) continue;
+      [low, high] = [Math.min(low ?? value, value), Math.max(high ?? value, value)];
     }
   }
-  if (latest === undefined) return;
-  const [x, y] = [
-    (step) => EDGE + ((width - 2 * EDGE) * step) / last,
-    (value) => HEIGHT - 30 - ((HEIGHT - 60) * (value - low)) / (high - low || 1),
-  ];
+  return { low, high };
+}
+
+/** Draws names and ranges, in as many rows as they need, and returns where the last row ends. */
+function drawLegend(context, lines, width, front) {
+  let [x, y] = [EDGE, 17];
+  for (const { name, color, low, high, text } of lines) {
+    const words = low === high ? `${name} ${text(low)}` : `${name} ${text(low)} to ${text(high)}`;
+    const length = 30 + context.measureText(words).width;
+    if (x > EDGE && x + length > width) [x, y] = [EDGE, y + 18];
+    context.fillStyle = color;
+    context.fillRect(x, y - 9, 10, 10);
+    context.fillStyle = front;
+    context.fillText(words, x + 14, y);
+    x += length;
+  }
+  return y;
+}
+
+function drawLine(context, { at, color, log, low, high }, slots, { width, top, last }) {
+  const number = (value) => (log ? Math.log10(Math.max(1e-12, value)) : value);
+  const [bottom, from, span] = [HEIGHT - 30, number(low), number(high) - number(low) || 1];
   context.strokeStyle = color;
   context.lineWidth = 2;
-  for (const [slot, rows] of lines) {
+  for (const [slot, rows] of slots) {
     context.setLineDash(DASHES[slot]);
     context.beginPath();
-    for (const row of rows) if (row[at] !== null) context.lineTo(x(row[0]), y(number(row)));
+    for (const row of rows) {
+      if (row[at] === null) continue;
+      context.lineTo(EDGE + ((width - 2 * EDGE) * row[0]) / last, bottom - ((bottom - top - 14) * (number(row[at]) - from)) / span);
+    }
     context.stroke();
   }
-  context.fillStyle = color;
-  context.fillRect(left, 8, 10, 10);
-  context.fillStyle = front;
-  const text = log ? latest.toExponential(2) : `${Math.round(100 * latest) / 100}${unit}`;
-  context.fillText(`${name} ${text}`, left + 14, 17);
 }

@@ -119,6 +119,7 @@ export class FitPanel {
     const policies = { a: $("policy-a").value || undefined, b: $("policy-b").value };
     const slots = policies.b === "none" ? ["a"] : ["a", "b"];
     $("slot-b").hidden = slots.length === 1;
+    $("curve-words").textContent = `Each quantity within its own range${slots.length === 1 ? "" : "; left solid, right dashed"}.`;
     $("rounds").replaceChildren();
     [this.#curves, this.#done, this.#kept] = [{}, {}, {}];
     await this.#page.ask("stop", { slot: "b" });
@@ -165,7 +166,6 @@ export class FitPanel {
     const quality = psnr === null ? `loss ${loss.toExponential(2)}` : `${psnr.toFixed(2)} dB`;
     const words = `Step ${report.step} of ${report.iterations}: ${report.count ?? count} Gaussians, ${quality}, ${report.seconds.toFixed(1)} s, ${(report.memory / 2 ** 20).toFixed(0)} MiB`;
     this.#words(slot, words);
-    $("curve-words").textContent = words;
     for (const round of report.rounds) this.#addRound(slot, round);
     this.drawCurves();
     if (Object.keys(this.#curves).every((other) => this.#done[other])) this.#set(false, true);

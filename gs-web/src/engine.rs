@@ -31,7 +31,7 @@ impl Engine {
         let chosen = open(&request).await.map_err(failure)?;
         let on: &AnyRasterizer = Box::leak(Box::new(chosen.rasterizer));
         let what = match on {
-            AnyRasterizer::Cpu(_) => "the CPU, with one thread of WebAssembly with SIMD".to_owned(),
+            AnyRasterizer::Cpu(_) => "the CPU (WebAssembly with SIMD, one thread)".to_owned(),
             gpu => format!("WebGPU, {}", gpu.describe()),
         };
         Ok(Self { on, reason: format!("{what}: {}", chosen.why).leak() })
