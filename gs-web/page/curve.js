@@ -44,8 +44,10 @@ export class Curve {
 
 /** Draws the curve of each slot, each quantity within its own range, which the legend shows. */
 export function drawCurves(canvas, curves, front) {
-  const ratio = Math.min(3, window.devicePixelRatio || 1);
-  const width = Math.max(200, canvas.clientWidth);
+  // Large screens have larger letters.
+  const size = Number.parseFloat(getComputedStyle(document.documentElement).fontSize) / 16;
+  const ratio = size * Math.min(3, window.devicePixelRatio || 1);
+  const width = Math.max(200, canvas.clientWidth / size);
   const [columns, rows] = [width, HEIGHT].map((side) => Math.round(side * ratio));
   if (canvas.width !== columns || canvas.height !== rows) Object.assign(canvas, { width: columns, height: rows });
   const context = canvas.getContext("2d");

@@ -147,9 +147,10 @@ $("backend").addEventListener("change", () => {
   problem.hidden = true;
   connect(fit.running);
 });
+const darkness = matchMedia("(prefers-color-scheme: dark)");
+darkness.addEventListener("change", () => fit.drawCurves());
 $("theme").addEventListener("click", () => {
-  const dark = matchMedia("(prefers-color-scheme: dark)").matches;
-  const now = document.documentElement.dataset.theme ?? (dark ? "dark" : "light");
+  const now = document.documentElement.dataset.theme ?? (darkness.matches ? "dark" : "light");
   document.documentElement.dataset.theme = now === "dark" ? "light" : "dark";
   fit.drawCurves();
 });

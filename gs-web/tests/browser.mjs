@@ -164,16 +164,14 @@ export function makeScene(file) {
 
 /** Keeps pictures of the page at several widths and in both themes, to be looked at. */
 export async function screenshots(page, name) {
-  const theme = await page.evaluate(() => document.documentElement.dataset.theme);
   for (const [width, height] of [[360, 740], [1280, 900], [3840, 2160]]) {
     await page.setViewport({ width, height });
     for (const theme of ["light", "dark"]) {
-      await page.evaluate((theme) => (document.documentElement.dataset.theme = theme), theme);
-      await new Promise((resolve) => setTimeout(resolve, 500));
+      if (theme !== (await page.evaluate(() => document.documentElement.dataset.theme ?? "light"))) await page.click("#theme");
+      await new Promise((resolve) => setTimeout(resolve, 600));
       await page.screenshot({ path: path.join(place, `${name}-${width}-${theme}.png`), fullPage: width === 360 });
     }
   }
-  await page.evaluate((theme) => (theme ? (document.documentElement.dataset.theme = theme) : delete document.documentElement.dataset.theme), theme);
   await page.setViewport({ width: 1100, height: 900 });
 }
 
