@@ -12,6 +12,8 @@ const problem = $("problem");
 
 const page = {
   connection: undefined,
+  /** Done when the last file that was given is open, or refused. */
+  opening: undefined,
   /** Asks the engine; a failure is shown and thrown on. */
   async ask(request, rest, transfer) {
     try {
@@ -123,7 +125,9 @@ async function open(file) {
   }
 }
 
-const openAll = (files) => files.length && open(files[0]).catch((error) => error.fatal || fail(error));
+function openAll([file]) {
+  if (file) page.opening = open(file).catch((error) => error.fatal || fail(error));
+}
 addEventListener("dragover", (event) => {
   event.preventDefault();
   $("drop").hidden = false;

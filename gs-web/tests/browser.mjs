@@ -85,13 +85,10 @@ export async function give(page, name, bytes, type = "") {
   }, name, bytes.toString("base64"), type);
 }
 
-/** Gives a scene to the page, and returns what the page says went wrong, once it has drawn or said it. */
+/** Gives a file to the page, and returns what the page says went wrong, once it is open or refused. */
 export async function drop(page, name, bytes, type = "") {
-  const before = await page.evaluate(() => Number(document.body.dataset.frames ?? 0));
   await give(page, name, bytes, type);
-  await page.waitForFunction(
-    (before) => Number(document.body.dataset.frames ?? 0) > before || !document.getElementById("problem").hidden,
-    { timeout: 300_000 }, before);
+  await page.evaluate(() => globalThis.gsPage.opening);
   return problem(page);
 }
 

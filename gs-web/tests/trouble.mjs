@@ -95,7 +95,7 @@ export const tests = {
     await page.waitForFunction(() => document.body.dataset.backend === "cpu" && /Goes on|Step/.test(document.querySelector("#slot-a figcaption").textContent), { timeout: 60_000 });
     await reached(page, kept);
     // The scene is open again, too.
-    const frames = await page.evaluate(() => Number(document.body.dataset.frames));
+    const frames = await page.evaluate(() => Number(document.body.dataset.frames ?? 0));
     await page.click("#tab-view");
     await page.waitForFunction((before) => Number(document.body.dataset.frames) > before, { timeout: 60_000 }, frames);
     await page.click("#tab-fit");

@@ -63,7 +63,7 @@ export const tests = {
     const { page, complaints } = await opened(address("cpu"));
     makeScene(at("good.ply"));
     assert.equal(await drop(page, "good.ply", fs.readFileSync(at("good.ply"))), "");
-    const frames = () => page.evaluate(() => Number(document.body.dataset.frames));
+    const frames = () => page.evaluate(() => Number(document.body.dataset.frames ?? 0));
     const moved = async (action) => {
       const before = await frames();
       await action();
