@@ -307,7 +307,7 @@ pub enum Error {
     },
     /// The file is not a 3D scene of a kind that can be read.
     #[error(
-        "{}: expected a scene (PLY, compressed PLY, .splat, SPZ, .gltf or .glb), found {found}; export it as PLY",
+        "{}: expected a scene (PLY, .splat, .ksplat, SPZ, SOG, .gltf or .glb), found {found}; export it as PLY",
         one_line(path)
     )]
     NotA3dScene {
