@@ -17,6 +17,7 @@ mod encode;
 mod error;
 mod fit;
 mod flat;
+mod forecast;
 pub mod init;
 mod losses;
 pub mod memory;

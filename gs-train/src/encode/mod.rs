@@ -3,7 +3,6 @@
 //! A quick fit shows how many Gaussians the target takes and how many bits one costs; the standard
 //! fit of that number is then quantized, once or a few times, until the target is met.
 
-mod forecast;
 mod sequence;
 mod settings;
 
@@ -12,9 +11,11 @@ use gs_codec::{Layer, LayerHead, Picture, Quantizer};
 use gs_core::{Canvas, Image, Optimizer, Scene as _, Scene2d};
 use web_time::Instant;
 
-use self::forecast::Forecast;
 pub use self::settings::{EncodeSettings, EncodeTarget};
-use crate::{error::Error, fit::fit, flat::mean_color, presets::Preset, quality::l1_and_psnr, settings::FitSettings};
+use crate::{
+    error::Error, fit::fit, flat::mean_color, forecast::Forecast, presets::Preset, quality::l1_and_psnr,
+    settings::FitSettings,
+};
 
 /// An encoded image.
 #[derive(Debug, Clone, PartialEq)]
