@@ -23,7 +23,12 @@ use self::{
     progress::Display,
     results::Summary,
 };
-use crate::{failure::Failure, interrupt::Interrupt, output, output_folder::OutputFolder};
+use crate::{
+    failure::Failure,
+    interrupt::{AT_NEXT_STEP, Interrupt},
+    output,
+    output_folder::OutputFolder,
+};
 
 /// Trains to the last step, until `end` or until Ctrl-C, then writes the results and prints the
 /// summary.
@@ -76,7 +81,7 @@ where
 {
     let mut display = Display::new(trainer.step(), trainer.iterations(), args.verbosity());
     let printer = display.printer();
-    let interrupt = Interrupt::listen(printer.clone());
+    let interrupt = Interrupt::listen(printer.clone(), AT_NEXT_STEP);
     let mut curve = Curve::begun_by(log);
     let stop = StopOnInterrupt(&interrupt);
     let mut at_end = StopAtEnd::new(end);
