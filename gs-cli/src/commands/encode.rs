@@ -183,7 +183,8 @@ fn run_several(args: &EncodeArgs, images: &[BatchImage]) -> Result<(), Failure> 
     let folder = OutputFolder::begin(claim)?;
     let render = fit_settings((1000, 1000)).render;
     let peak = |size| 2 * fit_settings(size).peak_bytes(size);
-    batch::run(images, (&args.backend, &render), args.json, peak, |image, on, _| {
+    let how = "stopping after the images under way";
+    batch::run(images, (&args.backend, &render), args.json, how, peak, |image, on, _| {
         let work = Work::read(args, &image.file)?;
         let named = |remark| output::note(format_args!("{}: {remark}", batch::shown(&image.file)));
         work.target.remarks.iter().for_each(named);

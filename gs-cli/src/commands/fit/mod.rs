@@ -5,6 +5,7 @@
 
 mod arguments;
 mod results;
+mod several;
 
 use std::{
     path::{Path, PathBuf},
@@ -19,9 +20,10 @@ use gs_train::{FitSettings, MetricsLog, Trainer};
 pub(crate) use self::arguments::FitArgs;
 use self::results::Results;
 use crate::{
+    backend::BackendArgs,
     failure::Failure,
     frontier_settings,
-    image_fit::{self, SettingsFile, Target},
+    image_fit::{self, SettingsFile, Target, batch},
     memory::{self, Need},
     output::{self, quoted},
     output_folder::{self, OutputFolder},
@@ -31,33 +33,43 @@ use crate::{
     },
 };
 
-/// Fits Gaussians to an image and writes the results.
+/// Fits Gaussians to images and writes the results.
 pub(crate) fn run(args: &FitArgs) -> Result<(), Failure> {
+    match batch::several(&args.images)? {
+        None => run_one(args),
+        Some(images) => several::run(args, &images),
+    }
+}
+
+fn run_one(args: &FitArgs) -> Result<(), Failure> {
     let started = Instant::now();
     let claim = args.claim();
     check_checkpoint_file(
         &args.checkpoints,
-        [&args.image, &args.settings.settings].into_iter().flatten(),
+        [args.image(), args.settings.settings.as_deref()].into_iter().flatten(),
         args.output.overwrite,
         &claim,
     )?;
     output_folder::check(&claim)?;
     let file = SettingsFile::read(&args.settings)?;
-    args.image.as_deref().map_or(Ok(()), memory::check_image)?;
-    let target = Target::read(args.image.as_deref(), file.background(&args.settings))?;
+    let target = read_target(args, &file)?;
     let start = match &args.resume {
         Some(file) => Start::Resumed(Box::new(read_checkpoint(file)?), file.clone()),
-        None => {
-            let mut settings = image_fit::settings(&args.settings, &file, &target)?;
-            settings.render = args.effects.for_training(&settings.render);
-            Start::Fresh(Box::new(settings))
-        }
+        None => Start::fresh(args, &file, &target)?,
     };
-    let flags = file
-        .machine()
-        .map_or_else(|| args.backend.clone(), |machine| frontier_settings::backend(machine, &args.backend));
-    let backend = flags.open_to_render_2d(&start.render())?;
+    let backend = backend_args(args, &file).open_to_render_2d(&start.render())?;
     fit(args, &target, start, &backend, claim, started)
+}
+
+fn read_target(args: &FitArgs, file: &SettingsFile) -> Result<Target, Failure> {
+    args.image().map_or(Ok(()), memory::check_image)?;
+    Ok(Target::read(args.image(), file.background(&args.settings))?)
+}
+
+/// The flags of the backend, or the machine that a settings file names.
+fn backend_args(args: &FitArgs, file: &SettingsFile) -> BackendArgs {
+    let machine = file.machine();
+    machine.map_or_else(|| args.backend.clone(), |machine| frontier_settings::backend(machine, &args.backend))
 }
 
 /// Where a fit begins.
@@ -68,6 +80,13 @@ enum Start {
 }
 
 impl Start {
+    /// The start with the settings that flags and file ask for.
+    fn fresh(args: &FitArgs, file: &SettingsFile, target: &Target) -> Result<Self, Failure> {
+        let mut settings = image_fit::settings(&args.settings, file, target)?;
+        settings.render = args.effects.for_training(&settings.render);
+        Ok(Self::Fresh(Box::new(settings)))
+    }
+
     /// The render settings of the fit. The default if a checkpoint has none: resuming it will fail.
     fn render(&self) -> RenderSettings {
         match self {
@@ -169,7 +188,7 @@ mod tests {
     use clap::Parser;
 
     use super::*;
-    use crate::backend::{BackendArgs, Choice};
+    use crate::backend::Choice;
 
     #[derive(Debug, Parser)]
     struct Flags {

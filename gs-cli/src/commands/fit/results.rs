@@ -16,7 +16,7 @@ use crate::{
     backend::on_cpu,
     effects_args,
     failure::Failure,
-    image_fit::Target,
+    image_fit::{Target, batch::Row},
     output::{self, Verbosity},
     output_folder::OutputFolder,
     training::results::{self, Problems, ProgramSummary, without_broken, write_curve, write_table},
@@ -33,6 +33,14 @@ pub(crate) struct Summary {
     image: Option<String>,
     /// Which effects the scene requires at the image's size, and why.
     effects: Vec<EffectDecision>,
+}
+
+impl Summary {
+    /// The line of a table of several fits.
+    pub(super) fn row(&self, size: (u32, u32), bytes: u64) -> Row {
+        let FitSummary { gaussians, psnr, seconds, .. } = self.fit;
+        Row { size, bytes, gaussians: gaussians as usize, psnr, seconds }
+    }
 }
 
 impl results::Summary for Summary {

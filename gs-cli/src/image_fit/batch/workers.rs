@@ -14,7 +14,6 @@ use std::{
 use gs_backend::{AnyRasterizer, Chosen};
 use gs_core::{RenderSettings, counted};
 use serde::Serialize;
-use serde_json::{Value, json};
 
 use super::{BatchImage, Done, Row, shown, table};
 use crate::{
@@ -25,30 +24,41 @@ use crate::{
     progress_bar::Printer,
 };
 
-/// Images of at most this many pixels are worked on side by side. Two cores do twelve images of
-/// 768x512 px in less time that way, and memory is no question below.
+/// Images of at most this many pixels are worked on side by side: two cores encode three of 768x512
+/// px in 21 s rather than 26, although one of them is alone at the end. The parts of a larger image
+/// keep all threads busy, and several at once would take much memory.
 const SMALL_PX: u64 = 4_000_000;
 
-/// What became of an image.
-type Outcome = Result<(Row, Value), Failure>;
+/// What became of an image; `None` where it was not begun.
+type Outcome<T> = Option<Result<Done<T>, Failure>>;
+
+/// An image in the array that `--json` prints.
+#[derive(Debug, Serialize)]
+#[serde(untagged)]
+enum Entry<T> {
+    Done(T),
+    Failed { image: String, error: String },
+}
 
 /// Does `work` on every image: largest first, so that no large one is left to the end. Prints a line
 /// for each as it is done, then a table, or JSON, and the failures. `peak` is the memory that an
 /// image of a size takes, bytes.
 ///
-/// Ctrl-C lets the images under way come to their end; `work` may end earlier.
-pub(crate) fn run<T: Serialize>(
+/// After Ctrl-C no further image is begun, and `work` decides how those under way end, which `how`
+/// says.
+pub(crate) fn run<T: Serialize + Send>(
     images: &[BatchImage],
     (backend, render): (&BackendArgs, &RenderSettings),
     json: bool,
+    how: &'static str,
     peak: impl Fn((u32, u32)) -> u64,
     work: impl Fn(&BatchImage, &Chosen, &Interrupt) -> Result<Done<T>, Failure> + Sync,
 ) -> Result<(), Failure> {
     let started = Instant::now();
     let whole = backend.open_to_render_2d(render)?;
     output::note(&whole.reason);
-    let interrupt = Interrupt::listen(Printer::above(None), "stopping after the images under way");
-    let outcomes = Mutex::new((0..images.len()).map(|_| None).collect::<Vec<Option<Outcome>>>());
+    let interrupt = Interrupt::listen(Printer::above(None), how);
+    let outcomes = Mutex::new((0..images.len()).map(|_| None).collect::<Vec<Outcome<T>>>());
     let log = Log { images, outcomes: &outcomes, done: AtomicUsize::new(0) };
     // The work reads an image again, and says what is wrong with one that has no size.
     let size = |image: &BatchImage| gs_io::read_image_size(&image.file).unwrap_or((1, 1));
@@ -60,8 +70,7 @@ pub(crate) fn run<T: Serialize>(
 
     let one = |index: usize, on: &Chosen| {
         if !interrupt.requested() {
-            let outcome = work(&images[index], on, &interrupt);
-            log.ended(index, outcome.and_then(|done| Ok((done.row, as_json(&done.summary)?))));
+            log.ended(index, work(&images[index], on, &interrupt));
         }
     };
     large.iter().for_each(|&index| one(index, &whole));
@@ -95,23 +104,19 @@ fn side_by_side(on: &Chosen, images: usize, peak: u64) -> usize {
     threads.min(images).min(room)
 }
 
-fn as_json(summary: &impl Serialize) -> Result<Value, Failure> {
-    serde_json::to_value(summary).map_err(|error| Failure::failed(error).at("summary"))
-}
-
 /// Keeps what became of the images, and prints a line for each.
-struct Log<'a> {
+struct Log<'a, T> {
     images: &'a [BatchImage],
-    outcomes: &'a Mutex<Vec<Option<Outcome>>>,
+    outcomes: &'a Mutex<Vec<Outcome<T>>>,
     done: AtomicUsize,
 }
 
-impl Log<'_> {
-    fn ended(&self, index: usize, outcome: Outcome) {
+impl<T> Log<'_, T> {
+    fn ended(&self, index: usize, outcome: Result<Done<T>, Failure>) {
         let done = self.done.fetch_add(1, Ordering::Relaxed) + 1;
         let (all, file) = (self.images.len(), shown(&self.images[index].file));
         match &outcome {
-            Ok((row, _)) => output::note(format_args!(
+            Ok(Done { row, .. }) => output::note(format_args!(
                 "{done}/{all}  {file}: {}, {} dB, {:.2} s",
                 counted(row.bytes, "byte"),
                 table::decibels(row.psnr),
@@ -125,22 +130,22 @@ impl Log<'_> {
 
 /// Prints the results in the order of the images, then the failures. Fails if there are any, or if
 /// Ctrl-C left images undone.
-fn report(
+fn report<T: Serialize>(
     images: &[BatchImage],
-    outcomes: Vec<Option<Outcome>>,
+    outcomes: Vec<Outcome<T>>,
     interrupted: bool,
     json: bool,
     elapsed: f64,
 ) -> Result<(), Failure> {
-    let (mut rows, mut values, mut failures): (Vec<(&Path, Row)>, Vec<Value>, Vec<String>) = Default::default();
+    let (mut rows, mut entries, mut failures) = (Vec::<(&Path, Row)>::new(), Vec::new(), Vec::new());
     for (BatchImage { file, .. }, outcome) in images.iter().zip(outcomes) {
         match outcome {
-            Some(Ok((row, value))) => {
+            Some(Ok(Done { row, summary })) => {
                 rows.push((file, row));
-                values.push(value);
+                entries.push(Entry::Done(summary));
             }
             Some(Err(failure)) => {
-                values.push(json!({ "image": file.display().to_string(), "error": failure.message() }));
+                entries.push(Entry::Failed { image: shown(file), error: failure.message().to_owned() });
                 failures.push(with_name(file, &failure));
             }
             None => {}
@@ -148,7 +153,7 @@ fn report(
     }
     let ended = rows.len() + failures.len();
     match json {
-        true => output::json(&values)?,
+        true => output::json(&entries)?,
         false if rows.is_empty() => {}
         false => output::result(table::table(&rows, elapsed))?,
     }
