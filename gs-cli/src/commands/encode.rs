@@ -1,9 +1,8 @@
 //! `gs encode`: images become compressed `.gsi` files.
 
-use std::{
-    path::{Path, PathBuf},
-    str::FromStr,
-};
+mod page;
+
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 use gs_backend::{Chosen, FutureExt as _};
@@ -22,7 +21,7 @@ use crate::{
     memory::{self, Need},
     output,
     output_folder::{self, OutputFolder, OverwriteArgs},
-    values::{Color, whole},
+    values::{Bytes, Color, positive, whole},
 };
 
 const AFTER_HELP: &str = "\
@@ -50,6 +49,10 @@ pub(crate) struct EncodeArgs {
     overwrite: OverwriteArgs,
     #[command(flatten)]
     target: TargetArgs,
+    /// Also write a page beside each file, photo.html beside photo.gsi: the image, the result, its
+    /// errors, and files of other formats of the same size
+    #[arg(long)]
+    page: bool,
     /// Colour behind transparent pixels: R,G,B from 0 to 1, black or white [default: white]
     #[arg(long, value_name = "R,G,B")]
     background: Option<Color>,
@@ -94,33 +97,6 @@ impl TargetArgs {
     }
 }
 
-/// A number of bytes, with k for thousands and M for millions.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-struct Bytes(u64);
-
-impl FromStr for Bytes {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let (number, unit) = match text.char_indices().last() {
-            Some((end, 'k' | 'K')) => (&text[..end], 1e3),
-            Some((end, 'm' | 'M')) => (&text[..end], 1e6),
-            _ => (text, 1.0),
-        };
-        match number.parse::<f64>() {
-            Ok(count) if count > 0.0 && count * unit < 1e12 => Ok(Self((count * unit) as u64)),
-            _ => Err("write it as a number of bytes, such as 40000, 40k or 1.5M".to_owned()),
-        }
-    }
-}
-
-fn positive(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(value) if value > 0.0 && value.is_finite() => Ok(value),
-        _ => Err("must be a positive number".to_owned()),
-    }
-}
-
 /// What `gs encode --json` prints; a PSNR of ∞ is `null`.
 #[derive(Debug, Serialize)]
 struct Summary {
@@ -158,10 +134,18 @@ fn run_one(args: &EncodeArgs, image: &Path) -> Result<(), Failure> {
     let work = Work::read(args, image)?;
     work.target.remarks.iter().for_each(output::note);
     output_folder::check_file(&args.output, [image])?;
+    if args.page {
+        page::check(&args.output, image, args.overwrite)?;
+    }
     work.need().check_and_print()?;
     let backend = args.backend.open_to_render_2d(&work.fit.render)?;
     output::note(&backend.reason);
     let summary = work.write(&backend, &args.output)?;
+    if args.page {
+        let page = page::path(&args.output);
+        page::write(&backend, &work.target, &summary, &args.output, &page)?;
+        output::note(format_args!("see {}", page.display()));
+    }
     if args.json {
         return output::json(&summary);
     }
@@ -179,7 +163,9 @@ fn run_several(args: &EncodeArgs, images: &[BatchImage]) -> Result<(), Failure> 
     args.settings((1000, 1000)).validate()?;
     let name = |image: &BatchImage| format!("{}.{GSI_EXTENSION}", image.name);
     let inputs: Inputs = images.iter().map(|image| &image.file).collect();
-    let claim = args.overwrite.claim(&args.output, [], inputs).files(images.iter().map(name));
+    let page_name = |image: &BatchImage| format!("{}.html", image.name);
+    let pages = images.iter().filter(|_| args.page).map(page_name);
+    let claim = args.overwrite.claim(&args.output, [], inputs).files(images.iter().map(name).chain(pages));
     let folder = OutputFolder::begin(claim)?;
     let render = fit_settings((1000, 1000)).render;
     let peak = |size| 2 * fit_settings(size).peak_bytes(size);
@@ -189,7 +175,11 @@ fn run_several(args: &EncodeArgs, images: &[BatchImage]) -> Result<(), Failure> 
         let named = |remark| output::note(format_args!("{}: {remark}", batch::shown(&image.file)));
         work.target.remarks.iter().for_each(named);
         work.need().check()?;
-        let summary = work.write(on, &folder.file(&name(image)))?;
+        let file = folder.file(&name(image));
+        let summary = work.write(on, &file)?;
+        if args.page {
+            page::write(on, &work.target, &summary, &file, &folder.file(&page_name(image)))?;
+        }
         let Summary { width, height, bytes, gaussians, psnr, seconds, .. } = summary;
         let row = Row { size: (width, height), bytes: bytes as u64, gaussians, psnr, seconds };
         Ok(Done { row, summary })
@@ -244,20 +234,4 @@ impl EncodeArgs {
 /// The settings of the fit that encoding begins with.
 fn fit_settings(size: (u32, u32)) -> FitSettings {
     FitSettings::from_preset(Preset::Standard, size, None, None)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn sizes_have_units() {
-        assert_eq!(
-            ["40000", "40k", "1.5M"].map(|text| text.parse::<Bytes>()),
-            [40_000, 40_000, 1_500_000].map(|b| Ok(Bytes(b)))
-        );
-        for wrong in ["", "k", "-4k", "40kB", "1e30"] {
-            assert!(wrong.parse::<Bytes>().is_err(), "{wrong}");
-        }
-    }
 }
