@@ -3,6 +3,7 @@
 
 pub(crate) mod arguments;
 pub(crate) mod checkpoints;
+mod frames;
 mod observers;
 mod problems;
 mod progress;
@@ -16,9 +17,11 @@ use gs_core::Optimizer;
 use gs_lab::figure::curve::CurvePoint;
 use gs_train::{MetricsLog, Observer as _, Outcome, Trainable, Trainer};
 
+pub(crate) use self::frames::Frames;
 use self::{
     arguments::OutputArgs,
     checkpoints::{Checkpoints, StoreCheckpoints},
+    frames::PauseAt,
     observers::{Curve, LogFile, StopAtEnd, StopOnInterrupt},
     progress::Display,
     results::Summary,
@@ -37,7 +40,7 @@ pub(crate) fn run<S: Trainable, T: Summary>(
     folder: &OutputFolder,
     checkpoints: Checkpoints,
     (trainer, log): (Trainer<'_, AnyRasterizer, S>, MetricsLog),
-    end: Option<Instant>,
+    (end, frames): (Option<Instant>, Option<&dyn Frames<S>>),
     write_results: impl FnOnce(&Trainer<'_, AnyRasterizer, S>, &MetricsLog, &[CurvePoint]) -> Result<T, Failure>,
 ) -> Result<(), Failure>
 where
@@ -45,7 +48,7 @@ where
 {
     let display = Display::new(trainer.step(), trainer.iterations(), args.verbosity());
     let interrupt = Interrupt::listen(display.printer(), AT_NEXT_STEP);
-    let watched = Watched { display, interrupt: &interrupt, end };
+    let watched = Watched { display, interrupt: &interrupt, end, frames };
     let ended = complete(watched, folder, checkpoints, (trainer, log), write_results)?;
     if args.json {
         output::json(&ended.summary)?;
@@ -56,17 +59,25 @@ where
 }
 
 /// How a run is watched, and what ends it before its last step.
-pub(crate) struct Watched<'a> {
+pub(crate) struct Watched<'a, S: Trainable>
+where
+    AnyRasterizer: Optimizer<S>,
+{
     display: Display,
     interrupt: &'a Interrupt,
     /// The end of the time that the run may take.
     end: Option<Instant>,
+    /// What looks at the scene between steps.
+    frames: Option<&'a dyn Frames<S>>,
 }
 
-impl<'a> Watched<'a> {
+impl<'a, S: Trainable> Watched<'a, S>
+where
+    AnyRasterizer: Optimizer<S>,
+{
     /// A run beside others, which prints problems only.
-    pub(crate) fn silently(interrupt: &'a Interrupt) -> Self {
-        Self { display: Display::silent(), interrupt, end: None }
+    pub(crate) fn silently(interrupt: &'a Interrupt, frames: Option<&'a dyn Frames<S>>) -> Self {
+        Self { display: Display::silent(), interrupt, end: None, frames }
     }
 }
 
@@ -98,7 +109,7 @@ impl<T> Ended<T> {
 
 /// Trains, then writes the results.
 pub(crate) fn complete<S: Trainable, T>(
-    watched: Watched<'_>,
+    watched: Watched<'_, S>,
     folder: &OutputFolder,
     mut checkpoints: Checkpoints,
     (mut trainer, mut log): (Trainer<'_, AnyRasterizer, S>, MetricsLog),
@@ -120,7 +131,7 @@ where
 /// Trains with the observers of a run. The curve holds what they saw; the last value is whether the
 /// end of the time stopped the run.
 fn train<S: Trainable>(
-    Watched { mut display, interrupt, end }: Watched<'_>,
+    Watched { mut display, interrupt, end, frames }: Watched<'_, S>,
     trainer: &mut Trainer<'_, AnyRasterizer, S>,
     log: &mut MetricsLog,
     folder: &OutputFolder,
@@ -131,11 +142,20 @@ where
 {
     let printer = display.printer();
     let mut curve = Curve::begun_by(log);
-    let stop = StopOnInterrupt(interrupt);
+    let mut stop = StopOnInterrupt(interrupt);
     let mut at_end = StopAtEnd::new(end);
     let mut file = LogFile::begin(folder, log, printer.clone())?;
-    let store = StoreCheckpoints::new(checkpoints, printer.clone());
-    let outcome = trainer.run(&mut ((&mut display, &mut file), (&mut curve, (store, (stop, &mut at_end))))).block_on();
+    let mut store = StoreCheckpoints::new(checkpoints, printer.clone());
+    let outcome = loop {
+        let mut pause = PauseAt(frames.map(Frames::next));
+        let mut stops = (&mut stop, (&mut at_end, &mut pause));
+        let outcome = trainer.run(&mut ((&mut display, &mut file), (&mut curve, (&mut store, &mut stops)))).block_on();
+        let is_pause = pause.is_reached(trainer.step()) && matches!(outcome, Ok(Outcome::Stopped));
+        match frames {
+            Some(frames) if is_pause && !interrupt.requested() && !at_end.stopped => frames.take(trainer)?,
+            _ => break outcome,
+        }
+    };
     printer.clear_bar();
     let outcome = outcome?;
     if outcome == Outcome::Stopped {

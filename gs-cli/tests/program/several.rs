@@ -91,7 +91,7 @@ fn each_image_is_fitted_into_a_folder_of_its_own() {
     let (photos, out) = (photos(place.path()), place.path().join("out"));
     let flags = ["-n", "30", "-i", "20", "--backend", "cpu", "--no-report"];
     let words = ["fit", &photos, "-o", out.to_str().unwrap()];
-    let run = gs(words.iter().chain(&flags).chain(&["--json"]));
+    let run = gs(words.iter().chain(&flags).chain(&["--json", "--film"]));
     assert_eq!(run.status, Some(1), "{run:?}");
     assert_eq!(names_in(&out), ["large", "small"]);
     let list: Value = serde_json::from_str(&run.stdout).unwrap();
@@ -99,9 +99,10 @@ fn each_image_is_fitted_into_a_folder_of_its_own() {
     for (index, name) in [(1, "large"), (2, "small")] {
         let stored = fs::read(out.join(name).join("summary.json")).unwrap();
         assert_eq!(list[index], serde_json::from_slice::<Value>(&stored).unwrap());
+        assert!(out.join(name).join("growth.apng").exists());
         assert_eq!(list[index]["gaussians"], 30);
     }
-    // Threads do not change the result.
+    // Neither threads nor a film change the result.
     let one = place.path().join("one");
     let single = ["fit", &format!("{photos}/large.png"), "-o", one.to_str().unwrap()];
     gs(single.iter().chain(&flags)).done();
@@ -134,4 +135,48 @@ fn ctrl_c_stops_between_images() {
     assert_eq!(said.last().unwrap(), "stopped after 1 of 3 images");
     assert!(said.iter().any(|line| line.contains("large") && line.contains(" --resume ")), "{said:?}");
     assert_eq!(names_in(&out), ["large"]);
+}
+
+#[test]
+fn a_page_is_written_beside_the_file_and_replaces_no_other() {
+    let place = folder();
+    let image = picture(place.path(), 40, 32);
+    let path = |name: &str| place.path().join(name).to_str().unwrap().to_owned();
+    let (gsi, page) = (path("a.gsi"), path("a.html"));
+    let words = ["encode", image.to_str().unwrap(), "-o", &gsi, "--quality", "30", "--backend", "cpu", "--page"];
+    fs::write(&page, "mine").unwrap();
+    assert!(gs(words).refusal().contains("a.html: is in the way"));
+    assert!(!Path::new(&gsi).exists());
+    gs(words.iter().chain(&["--overwrite"])).done();
+    let text = fs::read_to_string(&page).unwrap();
+    for part in ["picture-40x32.png", "JPEG", "this gsi file", "bits per pixel", "data:image/png;base64,"] {
+        assert!(text.contains(part), "{part}");
+    }
+    gs(words).done();
+}
+
+#[test]
+fn the_number_of_gaussians_follows_from_a_psnr_or_a_size() {
+    let place = folder();
+    let (image, out) = (picture(place.path(), 48, 40), place.path().join("out"));
+    let fit = |flags: &[&str]| {
+        let words = ["fit", image.to_str().unwrap(), "-o", out.to_str().unwrap(), "--backend", "cpu", "--no-report"];
+        gs(words.iter().chain(flags))
+    };
+    let by_psnr = fit(&["--psnr", "32", "-i", "60", "--json"]).json();
+    let (psnr, count) = (by_psnr["psnr"].as_f64().unwrap(), by_psnr["gaussians"].as_u64().unwrap());
+    assert!((32.0..34.0).contains(&psnr) && count > 3, "{count}: {psnr}");
+    let by_bytes = fit(&["--bytes", "300", "-i", "10", "--json"]).json();
+    let count = by_bytes["gaussians"].as_u64().unwrap();
+    assert!((20..200).contains(&count), "{count} Gaussians in 300 bytes");
+    for (flags, part) in [
+        (&["--psnr", "5"][..], "10 to 60 dB"),
+        (&["--psnr", "x"], "must be a positive number"),
+        (&["--bytes", "9"], "at least 64"),
+        (&["--psnr", "30", "-n", "100"], "cannot be used with"),
+        (&["--psnr", "30", "--bytes", "3k"], "cannot be used with"),
+    ] {
+        assert!(fit(flags).refusal().contains(part), "{flags:?}");
+    }
+    assert!(fit(&["--psnr", "60", "-i", "1"]).stderr.contains("a PSNR of 60 dB"));
 }

@@ -13,6 +13,7 @@ use crate::{
         arguments::{CheckpointArgs, OutputArgs},
         results,
     },
+    values::{Bytes, positive},
 };
 
 const AFTER_HELP: &str = "\
@@ -25,6 +26,7 @@ makes one of any scene
   metrics.csv             count, edits and loss over the steps, now and then with L1 and PSNR; \
 metrics.part.csv until the end
   curve.png               count, loss and PSNR over the steps
+  growth.apng             only with --film: the fit as an animation, with the number of Gaussians
   settings.toml           all settings, to repeat the fit with --settings
   summary.json            what --json prints
 
@@ -61,6 +63,19 @@ const IN_CHECKPOINT: [&str; 12] = [
     "seed",
 ];
 
+/// What decides about the number of Gaussians in place of `--gaussians`.
+#[derive(Debug, Clone, Args)]
+#[command(next_help_heading = "Settings")]
+pub(crate) struct CountArgs {
+    /// Least PSNR of the 8-bit picture, dB: the smallest number of Gaussians, within about 1 %, that
+    /// reaches it; a few fits find it first
+    #[arg(long, value_name = "DB", value_parser = positive, conflicts_with_all = ["gaussians", "bytes", "resume"])]
+    pub(crate) psnr: Option<f64>,
+    /// Size of a .gsi file, such as 40k: as many Gaussians as gs encode --bytes puts into it
+    #[arg(long, value_name = "SIZE", conflicts_with_all = ["gaussians", "resume"])]
+    pub(crate) bytes: Option<Bytes>,
+}
+
 /// The flags of `gs fit`.
 #[derive(Debug, Clone, Args)]
 #[command(after_help = AFTER_HELP)]
@@ -71,8 +86,13 @@ pub(crate) struct FitArgs {
     pub(crate) images: Vec<PathBuf>,
     #[command(flatten)]
     pub(crate) output: OutputArgs,
+    /// Also write growth.apng, an animation of the fit in about 40 frames of at most 512 px
+    #[arg(long)]
+    pub(crate) film: bool,
     #[command(flatten)]
     pub(crate) settings: FitSettingsArgs,
+    #[command(flatten)]
+    pub(crate) count: CountArgs,
     #[command(flatten)]
     pub(crate) checkpoints: CheckpointArgs,
     /// Resume a fit from its checkpoint, given the same image; the result is the same as without

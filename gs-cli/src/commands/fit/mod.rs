@@ -4,6 +4,8 @@
 //! first step.
 
 mod arguments;
+mod count;
+mod film;
 mod results;
 mod several;
 
@@ -18,7 +20,7 @@ use gs_io::{Checkpoint, FolderClaim, read_checkpoint};
 use gs_train::{FitSettings, MetricsLog, Trainer};
 
 pub(crate) use self::arguments::FitArgs;
-use self::results::Results;
+use self::{film::Film, results::Results};
 use crate::{
     backend::BackendArgs,
     failure::Failure,
@@ -43,6 +45,7 @@ pub(crate) fn run(args: &FitArgs) -> Result<(), Failure> {
 
 fn run_one(args: &FitArgs) -> Result<(), Failure> {
     let started = Instant::now();
+    args.count.validate()?;
     let claim = args.claim();
     check_checkpoint_file(
         &args.checkpoints,
@@ -58,6 +61,7 @@ fn run_one(args: &FitArgs) -> Result<(), Failure> {
         None => Start::fresh(args, &file, &target)?,
     };
     let backend = backend_args(args, &file).open_to_render_2d(&start.render())?;
+    let start = start.counted(args, &target, &backend)?;
     fit(args, &target, start, &backend, claim, started)
 }
 
@@ -85,6 +89,17 @@ impl Start {
         let mut settings = image_fit::settings(&args.settings, file, target)?;
         settings.render = args.effects.for_training(&settings.render);
         Ok(Self::Fresh(Box::new(settings)))
+    }
+
+    /// The start with the number of Gaussians that flags choose, which takes a few fits.
+    fn counted(self, args: &FitArgs, target: &Target, on: &Chosen) -> Result<Self, Failure> {
+        match self {
+            Self::Fresh(settings) if args.count.chooses() => {
+                check_memory(target, &settings)?;
+                Ok(Self::Fresh(Box::new(args.count.apply(&on.rasterizer, target, *settings)?)))
+            }
+            start => Ok(start),
+        }
     }
 
     /// The render settings of the fit. The default if a checkpoint has none: resuming it will fail.
@@ -138,10 +153,18 @@ fn fit(
     let checkpoints = Checkpoints::prepare(&args.checkpoints, &folder, iterations, None, resumed, command)?;
     announce(args, target, backend, &trainer);
     let seconds_before = resumed.map_or(0.0, |_| trainer.seconds());
-    let results = Results { args, folder: &folder, target, backend, started, seconds_before };
-    training::run(&args.output, &folder, checkpoints, (trainer, log), None, |trainer, log, points| {
-        results.write(trainer, log, points)
-    })
+
+    let film = args.film.then(|| Film::begin(&backend.rasterizer, &trainer)).transpose()?;
+    let film = film.as_ref();
+    let results = Results { args, folder: &folder, target, backend, started, seconds_before, film };
+    training::run(
+        &args.output,
+        &folder,
+        checkpoints,
+        (trainer, log),
+        (None, film.map(Film::as_frames)),
+        |trainer, log, points| results.write(trainer, log, points),
+    )
 }
 
 /// Fails where there is not enough memory to fit this image.

@@ -11,7 +11,7 @@ use gs_lab::figure::{curve::CurvePoint, ellipses};
 use gs_train::{ColorRange, FitSummary, MetricsLog, Trainer, Viewable, viewable};
 use serde::Serialize;
 
-use super::FitArgs;
+use super::{FitArgs, film::Film};
 use crate::{
     backend::on_cpu,
     effects_args,
@@ -85,6 +85,8 @@ pub(crate) struct Results<'a> {
     pub(crate) started: Instant,
     /// Time before the checkpoint that was resumed, s.
     pub(crate) seconds_before: f64,
+    /// The film of the fit, if it has one.
+    pub(super) film: Option<&'a Film<'a>>,
 }
 
 impl Results<'_> {
@@ -132,6 +134,10 @@ impl Results<'_> {
         if let Ok(Renderings { reconstruction, .. }) = renderings {
             tried.push(self.write_ellipses_over(&file, reconstruction));
         }
+        tried.push(match self.film {
+            Some(film) => film.write(&self.folder.file("growth.apng"), trainer),
+            None => self.folder.leave_out("growth.apng"),
+        });
         // An existing file is of an earlier training.
         tried.push(self.folder.leave_out("evaluation.json"));
         let summary = fit.and_then(|fit| self.summary(fit, &file));

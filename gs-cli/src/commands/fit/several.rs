@@ -5,7 +5,7 @@ use std::{fs, time::Instant};
 use gs_backend::Chosen;
 use gs_train::{FitSettings, Preset};
 
-use super::{FitArgs, Start, backend_args, command, read_target, results::Results};
+use super::{FitArgs, Start, backend_args, command, film::Film, read_target, results::Results};
 use crate::{
     failure::Failure,
     image_fit::{
@@ -27,6 +27,7 @@ pub(super) fn run(args: &FitArgs, images: &[BatchImage]) -> Result<(), Failure> 
             return Err(Failure::usage("names the checkpoint of one fit, but there are several images").at(flag));
         }
     }
+    args.count.validate()?;
     let file = SettingsFile::read(&args.settings)?;
     for image in images {
         output_folder::check(&args.of_one(image).claim())?;
@@ -51,13 +52,15 @@ fn fit_one(
     let started = Instant::now();
     let target = read_target(args, file)?;
     target.remarks.iter().for_each(|remark| output::note(format_args!("{}: {remark}", target.name())));
-    let start = Start::fresh(args, file, &target)?;
+    let start = Start::fresh(args, file, &target)?.counted(args, &target, on)?;
     let (trainer, log) = start.begin(&on.rasterizer, &target)?;
     let folder = OutputFolder::begin(args.claim())?;
     let iterations = trainer.settings().iterations;
     let checkpoints = Checkpoints::prepare(&args.checkpoints, &folder, iterations, None, None, command(args, &target))?;
-    let results = Results { args, folder: &folder, target: &target, backend: on, started, seconds_before: 0.0 };
-    let watched = Watched::silently(interrupt);
+    let film = args.film.then(|| Film::begin(&on.rasterizer, &trainer)).transpose()?;
+    let film = film.as_ref();
+    let results = Results { args, folder: &folder, target: &target, backend: on, started, seconds_before: 0.0, film };
+    let watched = Watched::silently(interrupt, film.map(Film::as_frames));
     let ended = training::complete(watched, &folder, checkpoints, (trainer, log), |trainer, log, points| {
         results.write(trainer, log, points)
     })?;
