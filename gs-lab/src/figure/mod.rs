@@ -86,7 +86,7 @@ impl Axis {
     }
 
     /// A logarithmic axis; values that are not positive are left out.
-    pub(crate) fn logarithmic(label: impl Into<String>) -> Self {
+    pub fn logarithmic(label: impl Into<String>) -> Self {
         Self { label: label.into(), scale: Scale::Logarithmic }
     }
 }
