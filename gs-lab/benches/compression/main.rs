@@ -25,7 +25,7 @@ use measure::{
     print_head,
 };
 
-use self::points::{Point, Points};
+use self::points::Points;
 
 #[derive(Debug, Parser)]
 struct CompressionOptions {
