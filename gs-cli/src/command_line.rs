@@ -24,6 +24,8 @@ Examples:
       render the result at another size
   gs encode photo.png -o photo.gsi --bpp 0.5
       compress an image; gs decode photo.gsi -o photo.png makes a PNG of it
+  gs encode photos/ -o compressed --quality 70
+      compress all images of a folder
   gs eval photo.png out/reconstruction.png
       compare two images by PSNR, SSIM and MS-SSIM
   gs convert out picture.ply
@@ -67,9 +69,9 @@ struct CommandLine {
 /// A command.
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
-    /// Fit Gaussians to an image
+    /// Fit Gaussians to images
     Fit(Box<FitArgs>),
-    /// Compress an image as a .gsi file
+    /// Compress images as .gsi files
     Encode(EncodeArgs),
     /// Train a 3D scene from posed images
     Train(Box<TrainArgs>),

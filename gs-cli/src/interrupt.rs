@@ -15,6 +15,9 @@ const SAME_REQUEST: Duration = Duration::from_secs(1);
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Interrupt(Arc<OnceLock<Instant>>);
 
+/// How work ends that takes checkpoints.
+pub(crate) const AT_NEXT_STEP: &str = "stopping at the next step that can be resumed";
+
 /// What a signal asks for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Request {
@@ -28,14 +31,14 @@ enum Request {
 
 impl Interrupt {
     /// Listens for Ctrl-C from now on and, where the system has them, for a polite kill and a
-    /// closed terminal.
-    pub(crate) fn listen(printer: Printer) -> Self {
+    /// closed terminal. The first prints how the work ends: "stopping after this image".
+    pub(crate) fn listen(printer: Printer, how: &'static str) -> Self {
         let interrupt = Self::default();
         let pressed = interrupt.clone();
         handle(move || match pressed.receive(Instant::now()) {
-            Request::Stop => printer.print(
-                "stopping at the next step that can be resumed; Ctrl-C again, after a second or more, quits at once",
-            ),
+            Request::Stop => {
+                printer.print(format_args!("{how}; Ctrl-C again, after a second or more, quits at once"));
+            }
             Request::Repeated => {}
             Request::Quit => {
                 printer.clear_bar();

@@ -91,6 +91,11 @@ pub(crate) fn check_3d(path: &Path) -> Result<(), Failure> {
     Need { what: format!("reading {}", path.display()), bytes, held: 0, less }.check_and_print()
 }
 
+/// Memory that this process may still have, bytes, if the system reports it.
+pub(crate) fn room() -> Option<u64> {
+    limits().into_iter().map(|limit| limit.left).min()
+}
+
 /// The peak memory of this process so far, if the system reports it.
 pub(crate) fn peak() -> Option<u64> {
     kib(&text("/proc/self/status")?, "VmHWM")

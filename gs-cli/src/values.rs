@@ -34,6 +34,34 @@ pub(crate) fn whole<T: Copy + Into<i128> + TryFrom<i128>>(
     }
 }
 
+/// A number of bytes, with k for thousands and M for millions.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Bytes(pub(crate) u64);
+
+impl FromStr for Bytes {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let (number, unit) = match text.char_indices().last() {
+            Some((end, 'k' | 'K')) => (&text[..end], 1e3),
+            Some((end, 'm' | 'M')) => (&text[..end], 1e6),
+            _ => (text, 1.0),
+        };
+        match number.parse::<f64>() {
+            Ok(count) if count > 0.0 && count * unit < 1e12 => Ok(Self((count * unit) as u64)),
+            _ => Err("write it as a number of bytes, such as 40000, 40k or 1.5M".to_owned()),
+        }
+    }
+}
+
+/// A parser of numbers above 0.
+pub(crate) fn positive(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if value > 0.0 && value.is_finite() => Ok(value),
+        _ => Err("must be a positive number".to_owned()),
+    }
+}
+
 /// A size in pixels, written WxH.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Size {
@@ -244,6 +272,17 @@ mod tests {
         let view = ViewName { dataset: "C:/dataset".into(), view: "a/b.png".to_owned() };
         assert_eq!("C:/dataset:a/b.png".parse(), Ok(view));
         assert_eq!("-y".parse(), Ok(Axis(Vec3::NEG_Y)));
+    }
+
+    #[test]
+    fn sizes_have_units() {
+        assert_eq!(
+            ["40000", "40k", "1.5M"].map(|text| text.parse::<Bytes>()),
+            [40_000, 40_000, 1_500_000].map(|b| Ok(Bytes(b)))
+        );
+        for wrong in ["", "k", "-4k", "40kB", "1e30"] {
+            assert!(wrong.parse::<Bytes>().is_err(), "{wrong}");
+        }
     }
 
     #[test]

@@ -45,8 +45,8 @@ pub use crate::{
     error::Error,
     gsi::{GSI_EXTENSION, decode_gsi, read_gsi, read_gsi_prefix},
     image::{
-        AlphaMode, ImageRemark, LoadedImage, Orientation, Transparency, png_bytes, read_image, read_image_size,
-        read_image_with, write_png,
+        AlphaMode, ImageRemark, LoadedImage, Orientation, Transparency, image_files, png_bytes, read_image,
+        read_image_size, read_image_with, write_png,
     },
     inputs::Inputs,
     output_folder::{FolderClaim, OutputFolder},

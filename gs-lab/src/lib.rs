@@ -7,13 +7,14 @@
 //! - [`conduct`] does the runs that are missing, side by side, and stores each as one file. Any
 //!   number of processes may do so in one folder; each claims its runs.
 //! - [`Results`] makes tables with intervals, [`report`] a page.
-//! - [`experiments`], [`frontier`], [`effects`] and [`figure`] hold the rest.
+//! - [`experiments`], [`frontier`], [`effects`], [`compression`] and [`figure`] hold the rest.
 
 mod arm;
 mod built_in;
 mod claims;
 mod clock;
 mod comparison;
+pub mod compression;
 mod conduct;
 mod contrast;
 mod dataset_reading;

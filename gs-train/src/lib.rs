@@ -13,6 +13,7 @@
 
 mod checkpoint;
 mod clamped;
+mod count;
 mod encode;
 mod error;
 mod fit;
@@ -42,6 +43,7 @@ mod viewable;
 pub use crate::task::{RunSettings, SceneTask, TrainingTask};
 pub use crate::{
     clamped::Clamped,
+    count::count_for_psnr,
     encode::{EncodeSettings, EncodeTarget, Encoded, encode},
     error::Error,
     fit::{Fit, fit},

@@ -1,49 +1,68 @@
-//! `gs encode`: an image becomes a compressed `.gsi` file.
+//! `gs encode`: images become compressed `.gsi` files.
 
-use std::{path::PathBuf, str::FromStr};
+mod page;
+
+use std::path::{Path, PathBuf};
 
 use clap::Args;
-use gs_backend::FutureExt as _;
+use gs_backend::{Chosen, FutureExt as _};
 use gs_core::counted;
-use gs_io::{GSI_EXTENSION, write_durably};
+use gs_io::{GSI_EXTENSION, Inputs, write_durably};
 use gs_train::{EncodeSettings, EncodeTarget, Encoded, FitSettings, Preset, encode};
 use serde::Serialize;
 
 use crate::{
     backend::BackendArgs,
     failure::Failure,
-    image_fit::Target,
+    image_fit::{
+        Target,
+        batch::{self, BatchImage, Done, Row},
+    },
     memory::{self, Need},
-    output, output_folder,
-    values::{Color, whole},
+    output,
+    output_folder::{self, OutputFolder, OverwriteArgs},
+    values::{Bytes, Color, positive, whole},
 };
 
 const AFTER_HELP: &str = "\
 gs decode FILE.gsi -o PNG makes a picture of the file, of any size; gs view shows it, and all other \
 commands that take a 2D scene read it. The PSNR is that of the decoded 8-bit picture. Transparent \
-pixels are encoded as they look on white or on --background.";
+pixels are encoded as they look on white or on --background.
+
+With several images, or a folder, OUTPUT is a folder, made if necessary: photo.jpg becomes \
+OUTPUT/photo.gsi. Of a folder, its images are taken, without folders in it. Small images are encoded \
+side by side, one for each thread. An image that fails does not keep the others from being encoded; \
+a table comes at the end, then the failures, and the exit status is 1. Ctrl-C lets the images under \
+way come to their end. Files in OUTPUT are replaced if gs wrote them, others with --overwrite.";
 
 /// The flags of `gs encode`.
 #[derive(Debug, Clone, Args)]
 #[command(after_help = AFTER_HELP)]
 pub(crate) struct EncodeArgs {
-    /// The image: PNG, JPEG, BMP, TIFF, WebP, GIF or PNM
-    image: PathBuf,
-    /// The .gsi file to write
-    #[arg(short, long, value_name = "FILE.gsi")]
+    /// Images, and folders of images: PNG, JPEG, BMP, TIFF, WebP, GIF or PNM
+    #[arg(required = true, value_name = "IMAGE")]
+    images: Vec<PathBuf>,
+    /// The .gsi file to write, or the folder for those of several images
+    #[arg(short, long)]
     output: PathBuf,
+    #[command(flatten)]
+    overwrite: OverwriteArgs,
     #[command(flatten)]
     target: TargetArgs,
     /// Make a file whose beginning shows the picture: a third of it looks like a file of that size
     #[arg(long)]
     progressive: bool,
+    /// Also write a page beside each file, photo.html beside photo.gsi: the image, the result, its
+    /// errors, and files of other formats of the same size
+    #[arg(long)]
+    page: bool,
     /// Colour behind transparent pixels: R,G,B from 0 to 1, black or white [default: white]
     #[arg(long, value_name = "R,G,B")]
     background: Option<Color>,
     /// Seed of all random numbers
     #[arg(long, value_name = "S", default_value_t = 0)]
     seed: u32,
-    /// Print JSON
+    /// Print JSON: an object, or for several images an array of objects; one that failed has "error"
     #[arg(long)]
     json: bool,
     #[command(flatten)]
@@ -81,36 +100,10 @@ impl TargetArgs {
     }
 }
 
-/// A number of bytes, with k for thousands and M for millions.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-struct Bytes(u64);
-
-impl FromStr for Bytes {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let (number, unit) = match text.char_indices().last() {
-            Some((end, 'k' | 'K')) => (&text[..end], 1e3),
-            Some((end, 'm' | 'M')) => (&text[..end], 1e6),
-            _ => (text, 1.0),
-        };
-        match number.parse::<f64>() {
-            Ok(count) if count > 0.0 && count * unit < 1e12 => Ok(Self((count * unit) as u64)),
-            _ => Err("write it as a number of bytes, such as 40000, 40k or 1.5M".to_owned()),
-        }
-    }
-}
-
-fn positive(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(value) if value > 0.0 && value.is_finite() => Ok(value),
-        _ => Err("must be a positive number".to_owned()),
-    }
-}
-
 /// What `gs encode --json` prints; a PSNR of ∞ is `null`.
 #[derive(Debug, Serialize)]
 struct Summary {
+    image: String,
     written: String,
     width: u32,
     height: u32,
@@ -123,56 +116,125 @@ struct Summary {
     seconds: f64,
 }
 
-/// Encodes an image.
+/// Encodes images.
 pub(crate) fn run(args: &EncodeArgs) -> Result<(), Failure> {
-    if args.output.extension().is_none_or(|ending| ending != GSI_EXTENSION) {
-        let failure = Failure::usage("a compressed image is written as .gsi").at(args.output.display());
-        return Err(failure.hint("let its name end in .gsi"));
+    let is_gsi = args.output.extension().is_some_and(|ending| ending == GSI_EXTENSION);
+    match batch::several(&args.images)? {
+        None if !is_gsi => {
+            let failure = Failure::usage("a compressed image is written as .gsi").at(args.output.display());
+            Err(failure.hint("let its name end in .gsi"))
+        }
+        None => run_one(args, &args.images[0]),
+        Some(_) if is_gsi => {
+            let failure = Failure::usage("several images are written into a folder").at(args.output.display());
+            Err(failure.hint("name a folder with --output"))
+        }
+        Some(images) => run_several(args, &images),
     }
-    memory::check_image(&args.image)?;
-    let target = Target::read(Some(&args.image), args.background)?;
-    target.remarks.iter().for_each(output::note);
-    output_folder::check_file(&args.output, [&args.image])?;
-    let (width, height) = target.image.size();
-    let settings = EncodeSettings::default().with(|s| {
-        s.target = args.target.of_image((width, height));
-        s.progressive = args.progressive;
-        s.seed = args.seed;
-    });
-    settings.validate()?;
-    let fit: FitSettings = FitSettings::from_preset(Preset::Standard, (width, height), None, None);
-    let (what, held) = (format!("encoding {}", target.name()), size_of_val(target.image.pixels()) as u64);
-    Need { what, bytes: 2 * fit.peak_bytes((width, height)), held, less: "take a smaller image" }.check_and_print()?;
-    let backend = args.backend.open_to_render_2d(&fit.render)?;
+}
+
+fn run_one(args: &EncodeArgs, image: &Path) -> Result<(), Failure> {
+    let work = Work::read(args, image)?;
+    work.target.remarks.iter().for_each(output::note);
+    output_folder::check_file(&args.output, [image])?;
+    if args.page {
+        page::check(&args.output, image, args.overwrite)?;
+    }
+    work.need().check_and_print()?;
+    let backend = args.backend.open_to_render_2d(&work.fit.render)?;
     output::note(&backend.reason);
-    let Encoded { bytes, gaussians, psnr, seconds, .. } =
-        encode(&backend.rasterizer, &target.image, &settings).block_on()?;
-    write_durably(&args.output, |file| file.write_all(&bytes))?;
-    let bpp = bytes.len() as f64 * 8.0 / (f64::from(width) * f64::from(height));
-    let written = args.output.display().to_string();
-    if args.json {
-        return output::json(&Summary { written, width, height, bytes: bytes.len(), bpp, gaussians, psnr, seconds });
+    let summary = work.write(&backend, &args.output)?;
+    if args.page {
+        let page = page::path(&args.output);
+        page::write(&backend, &work.target, &summary, &args.output, &page)?;
+        output::note(format_args!("see {}", page.display()));
     }
+    if args.json {
+        return output::json(&summary);
+    }
+    let Summary { written, width, height, bytes, bpp, gaussians, psnr, seconds, .. } = summary;
     output::result(format_args!(
         "wrote      {written}, {} ({bpp:.3} bits per pixel of {width}x{height} px)\n\
          holds      {}\nPSNR       {psnr:.2} dB of the decoded picture\ntime       {seconds:.1} s",
-        counted(bytes.len(), "byte"),
+        counted(bytes, "byte"),
         counted(gaussians, "Gaussian"),
     ))
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn sizes_have_units() {
-        assert_eq!(
-            ["40000", "40k", "1.5M"].map(|text| text.parse::<Bytes>()),
-            [40_000, 40_000, 1_500_000].map(|b| Ok(Bytes(b)))
-        );
-        for wrong in ["", "k", "-4k", "40kB", "1e30"] {
-            assert!(wrong.parse::<Bytes>().is_err(), "{wrong}");
+fn run_several(args: &EncodeArgs, images: &[BatchImage]) -> Result<(), Failure> {
+    // A target out of range fails for every image, so no image is begun.
+    args.settings((1000, 1000)).validate()?;
+    let name = |image: &BatchImage| format!("{}.{GSI_EXTENSION}", image.name);
+    let inputs: Inputs = images.iter().map(|image| &image.file).collect();
+    let page_name = |image: &BatchImage| format!("{}.html", image.name);
+    let pages = images.iter().filter(|_| args.page).map(page_name);
+    let claim = args.overwrite.claim(&args.output, [], inputs).files(images.iter().map(name).chain(pages));
+    let folder = OutputFolder::begin(claim)?;
+    let render = fit_settings((1000, 1000)).render;
+    let peak = |size| 2 * fit_settings(size).peak_bytes(size);
+    let how = "stopping after the images under way";
+    batch::run(images, (&args.backend, &render), args.json, how, peak, |image, on, _| {
+        let work = Work::read(args, &image.file)?;
+        let named = |remark| output::note(format_args!("{}: {remark}", batch::shown(&image.file)));
+        work.target.remarks.iter().for_each(named);
+        work.need().check()?;
+        let file = folder.file(&name(image));
+        let summary = work.write(on, &file)?;
+        if args.page {
+            page::write(on, &work.target, &summary, &file, &folder.file(&page_name(image)))?;
         }
+        let Summary { width, height, bytes, gaussians, psnr, seconds, .. } = summary;
+        let row = Row { size: (width, height), bytes: bytes as u64, gaussians, psnr, seconds };
+        Ok(Done { row, summary })
+    })
+}
+
+/// An image to encode.
+struct Work {
+    target: Target,
+    settings: EncodeSettings,
+    fit: FitSettings,
+}
+
+impl Work {
+    fn read(args: &EncodeArgs, image: &Path) -> Result<Self, Failure> {
+        memory::check_image(image)?;
+        let target = Target::read(Some(image), args.background)?;
+        let size = target.image.size();
+        let settings = args.settings(size);
+        settings.validate()?;
+        Ok(Self { target, settings, fit: fit_settings(size) })
     }
+
+    /// The memory that encoding takes.
+    fn need(&self) -> Need<'static> {
+        let (size, held) = (self.target.image.size(), size_of_val(self.target.image.pixels()) as u64);
+        let what = format!("encoding {}", self.target.name());
+        Need { what, bytes: 2 * self.fit.peak_bytes(size), held, less: "take a smaller image" }
+    }
+
+    /// Encodes the image and writes the file.
+    fn write(&self, on: &Chosen, path: &Path) -> Result<Summary, Failure> {
+        let (width, height) = self.target.image.size();
+        let Encoded { bytes, gaussians, psnr, seconds, .. } =
+            encode(&on.rasterizer, &self.target.image, &self.settings).block_on()?;
+        write_durably(path, |file| file.write_all(&bytes))?;
+        let bpp = bytes.len() as f64 * 8.0 / (f64::from(width) * f64::from(height));
+        let (image, written) = (self.target.name(), path.display().to_string());
+        Ok(Summary { image, written, width, height, bytes: bytes.len(), bpp, gaussians, psnr, seconds })
+    }
+}
+
+impl EncodeArgs {
+    fn settings(&self, size: (u32, u32)) -> EncodeSettings {
+        EncodeSettings::default().with(|s| {
+            s.target = self.target.of_image(size);
+            s.seed = self.seed;
+        })
+    }
+}
+
+/// The settings of the fit that encoding begins with.
+fn fit_settings(size: (u32, u32)) -> FitSettings {
+    FitSettings::from_preset(Preset::Standard, size, None, None)
 }

@@ -1,6 +1,7 @@
 //! Fits of images: the target, the settings that flags ask for, and a short fit for commands that
 //! take an image in place of a scene.
 
+pub(crate) mod batch;
 mod target;
 
 use std::path::PathBuf;

@@ -43,6 +43,11 @@ impl Target {
         Ok(Self { image: loaded.image, file: Some(path.to_owned()), behind: transparent.then_some(behind), remarks })
     }
 
+    /// A small image in place of one that is not read yet, to check settings with.
+    pub(crate) fn stand_in(file: &Path) -> Self {
+        Self { image: paper_target(), file: Some(file.to_owned()), behind: None, remarks: Vec::new() }
+    }
+
     /// Reads the image for a command that takes an image or a scene, and prints the remarks.
     pub(crate) fn read_to_fit_first(file: Option<&Path>) -> Result<Self, Failure> {
         let target = Self::read(file, None).map_err(|error| match error {

@@ -3,6 +3,7 @@
 
 pub(crate) mod arguments;
 pub(crate) mod checkpoints;
+mod frames;
 mod observers;
 mod problems;
 mod progress;
@@ -16,57 +17,122 @@ use gs_core::Optimizer;
 use gs_lab::figure::curve::CurvePoint;
 use gs_train::{MetricsLog, Observer as _, Outcome, Trainable, Trainer};
 
+pub(crate) use self::frames::Frames;
 use self::{
     arguments::OutputArgs,
     checkpoints::{Checkpoints, StoreCheckpoints},
+    frames::PauseAt,
     observers::{Curve, LogFile, StopAtEnd, StopOnInterrupt},
     progress::Display,
     results::Summary,
 };
-use crate::{failure::Failure, interrupt::Interrupt, output, output_folder::OutputFolder};
+use crate::{
+    failure::Failure,
+    interrupt::{AT_NEXT_STEP, Interrupt},
+    output,
+    output_folder::OutputFolder,
+};
 
 /// Trains to the last step, until `end` or until Ctrl-C, then writes the results and prints the
 /// summary.
 pub(crate) fn run<S: Trainable, T: Summary>(
     args: &OutputArgs,
     folder: &OutputFolder,
-    mut checkpoints: Checkpoints,
-    (mut trainer, mut log): (Trainer<'_, AnyRasterizer, S>, MetricsLog),
-    end: Option<Instant>,
+    checkpoints: Checkpoints,
+    (trainer, log): (Trainer<'_, AnyRasterizer, S>, MetricsLog),
+    (end, frames): (Option<Instant>, Option<&dyn Frames<S>>),
     write_results: impl FnOnce(&Trainer<'_, AnyRasterizer, S>, &MetricsLog, &[CurvePoint]) -> Result<T, Failure>,
 ) -> Result<(), Failure>
 where
     AnyRasterizer: Optimizer<S>,
 {
+    let display = Display::new(trainer.step(), trainer.iterations(), args.verbosity());
+    let interrupt = Interrupt::listen(display.printer(), AT_NEXT_STEP);
+    let watched = Watched { display, interrupt: &interrupt, end, frames };
+    let ended = complete(watched, folder, checkpoints, (trainer, log), write_results)?;
+    if args.json {
+        output::json(&ended.summary)?;
+    } else {
+        output::note(ended.summary.text(folder.path(), args.verbosity()));
+    }
+    ended.finish()
+}
+
+/// How a run is watched, and what ends it before its last step.
+pub(crate) struct Watched<'a, S: Trainable>
+where
+    AnyRasterizer: Optimizer<S>,
+{
+    display: Display,
+    interrupt: &'a Interrupt,
+    /// The end of the time that the run may take.
+    end: Option<Instant>,
+    /// What looks at the scene between steps.
+    frames: Option<&'a dyn Frames<S>>,
+}
+
+impl<'a, S: Trainable> Watched<'a, S>
+where
+    AnyRasterizer: Optimizer<S>,
+{
+    /// A run beside others, which prints problems only.
+    pub(crate) fn silently(interrupt: &'a Interrupt, frames: Option<&'a dyn Frames<S>>) -> Self {
+        Self { display: Display::silent(), interrupt, end: None, frames }
+    }
+}
+
+/// A run that has written its results.
+pub(crate) struct Ended<T> {
+    pub(crate) summary: T,
+    checkpoints: Checkpoints,
+    outcome: Outcome,
+    step: u32,
+    /// Whether the end of its time stopped it.
+    is_over: bool,
+}
+
+impl<T> Ended<T> {
+    /// Fails where the run was stopped, or a requested checkpoint could not be stored.
+    pub(crate) fn finish(&self) -> Result<(), Failure> {
+        match self.checkpoints.finish(self.outcome, self.step) {
+            Err(failure) if self.is_over && self.checkpoints.failure.is_none() => {
+                output::note(format_args!(
+                    "note: the time limit ended the run before the last step: {}",
+                    failure.message()
+                ));
+                Ok(())
+            }
+            finished => finished,
+        }
+    }
+}
+
+/// Trains, then writes the results.
+pub(crate) fn complete<S: Trainable, T>(
+    watched: Watched<'_, S>,
+    folder: &OutputFolder,
+    mut checkpoints: Checkpoints,
+    (mut trainer, mut log): (Trainer<'_, AnyRasterizer, S>, MetricsLog),
+    write_results: impl FnOnce(&Trainer<'_, AnyRasterizer, S>, &MetricsLog, &[CurvePoint]) -> Result<T, Failure>,
+) -> Result<Ended<T>, Failure>
+where
+    AnyRasterizer: Optimizer<S>,
+{
     let trained =
-        train(args, (&mut trainer, end), &mut log, folder, &mut checkpoints).and_then(|(outcome, curve, is_over)| {
+        train(watched, &mut trainer, &mut log, folder, &mut checkpoints).and_then(|(outcome, curve, is_over)| {
             let summary = write_results(&trainer, &log, &curve.0)?;
             Ok((outcome, summary, is_over))
         });
     let (outcome, summary, is_over) = trained.map_err(|failure| checkpoints.with_resume_hint(failure))?;
     checkpoints.remove_unrequested(outcome);
-    if args.json {
-        output::json(&summary)?;
-    } else {
-        output::note(summary.text(folder.path(), args.verbosity()));
-    }
-    match checkpoints.finish(outcome, trainer.step()) {
-        Err(failure) if is_over && checkpoints.failure.is_none() => {
-            output::note(format_args!(
-                "note: the time limit ended the run before the last step: {}",
-                failure.message()
-            ));
-            Ok(())
-        }
-        finished => finished,
-    }
+    Ok(Ended { summary, checkpoints, outcome, step: trainer.step(), is_over })
 }
 
 /// Trains with the observers of a run. The curve holds what they saw; the last value is whether the
 /// end of the time stopped the run.
 fn train<S: Trainable>(
-    args: &OutputArgs,
-    (trainer, end): (&mut Trainer<'_, AnyRasterizer, S>, Option<Instant>),
+    Watched { mut display, interrupt, end, frames }: Watched<'_, S>,
+    trainer: &mut Trainer<'_, AnyRasterizer, S>,
     log: &mut MetricsLog,
     folder: &OutputFolder,
     checkpoints: &mut Checkpoints,
@@ -74,15 +140,22 @@ fn train<S: Trainable>(
 where
     AnyRasterizer: Optimizer<S>,
 {
-    let mut display = Display::new(trainer.step(), trainer.iterations(), args.verbosity());
     let printer = display.printer();
-    let interrupt = Interrupt::listen(printer.clone());
     let mut curve = Curve::begun_by(log);
-    let stop = StopOnInterrupt(&interrupt);
+    let mut stop = StopOnInterrupt(interrupt);
     let mut at_end = StopAtEnd::new(end);
     let mut file = LogFile::begin(folder, log, printer.clone())?;
-    let store = StoreCheckpoints::new(checkpoints, printer.clone());
-    let outcome = trainer.run(&mut ((&mut display, &mut file), (&mut curve, (store, (stop, &mut at_end))))).block_on();
+    let mut store = StoreCheckpoints::new(checkpoints, printer.clone());
+    let outcome = loop {
+        let mut pause = PauseAt(frames.map(Frames::next));
+        let mut stops = (&mut stop, (&mut at_end, &mut pause));
+        let outcome = trainer.run(&mut ((&mut display, &mut file), (&mut curve, (&mut store, &mut stops)))).block_on();
+        let is_pause = pause.is_reached(trainer.step()) && matches!(outcome, Ok(Outcome::Stopped));
+        match frames {
+            Some(frames) if is_pause && !interrupt.requested() && !at_end.stopped => frames.take(trainer)?,
+            _ => break outcome,
+        }
+    };
     printer.clear_bar();
     let outcome = outcome?;
     if outcome == Outcome::Stopped {

@@ -44,6 +44,8 @@ enum ProgressForm {
     Bar(ProgressBar),
     /// Plain lines, and the tenth of the run that the last one was for.
     Lines(u64),
+    /// Nothing but problems, where other runs print, too.
+    Silent,
 }
 
 impl Display {
@@ -54,12 +56,21 @@ impl Display {
             Some(bar) => ProgressForm::Bar(bar.with_position(u64::from(step))),
             None => ProgressForm::Lines(0),
         };
+        Self::of_kind(kind, step, verbosity)
+    }
+
+    /// Prints problems only.
+    pub(crate) fn silent() -> Self {
+        Self::of_kind(ProgressForm::Silent, 0, Verbosity::Normal)
+    }
+
+    fn of_kind(kind: ProgressForm, first_step: u32, verbosity: Verbosity) -> Self {
         let now = Instant::now();
         Self {
             kind,
             verbosity,
             started: now,
-            first_step: step,
+            first_step,
             drawn: now,
             measured: None,
             measure_at: now,
@@ -73,7 +84,7 @@ impl Display {
     pub(crate) fn printer(&self) -> Printer {
         Printer::above(match &self.kind {
             ProgressForm::Bar(bar) => Some(bar.clone()),
-            ProgressForm::Lines(_) => None,
+            ProgressForm::Lines(_) | ProgressForm::Silent => None,
         })
     }
 
@@ -90,9 +101,9 @@ impl Display {
         format!("step {step}/{iterations}  {}{}", self.status(progress).whole(), self.problems)
     }
 
-    /// Prints problems above the bar when they become worse. Lines show them always.
+    /// Prints problems when they become worse. Lines show them always.
     fn report_problems(&mut self, progress: &Progress) {
-        if matches!(self.kind, ProgressForm::Bar(_)) && self.problems.exceed(&self.reported) {
+        if !matches!(self.kind, ProgressForm::Lines(_)) && self.problems.exceed(&self.reported) {
             self.printer().print(format_args!("note: step {}{}", progress.step, self.problems));
             self.reported = self.problems.worst(&self.reported);
         }
@@ -169,7 +180,7 @@ impl Observer for Display {
                     self.drawn = Instant::now();
                 }
             }
-            ProgressForm::Bar(_) => {}
+            ProgressForm::Bar(_) | ProgressForm::Silent => {}
         }
         Control::Continue
     }

@@ -18,7 +18,7 @@ use crate::{
 };
 
 /// The files of a run's results, in which the files of another kind of run must not stay.
-pub(crate) const FILES: [&str; 10] = [
+pub(crate) const FILES: [&str; 11] = [
     "scene.gs2d.safetensors",
     "scene.ply",
     "reconstruction.png",
@@ -27,6 +27,7 @@ pub(crate) const FILES: [&str; 10] = [
     "metrics.csv",
     "metrics.part.csv",
     "curve.png",
+    "growth.apng",
     "settings.toml",
     "summary.json",
 ];

@@ -20,6 +20,7 @@ mod profile;
 mod quality;
 mod scene2d;
 mod scenes;
+mod several;
 mod shared_study;
 mod study;
 mod train;

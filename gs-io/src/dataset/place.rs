@@ -6,7 +6,7 @@ use std::{
 };
 
 use super::DatasetSettings;
-use crate::error::Error;
+use crate::{error::Error, image::image_files};
 
 /// Folders that are searched for images if none is given, the largest images first.
 pub(super) const IMAGE_FOLDERS: [&str; 4] = ["images", "images_2", "images_4", "images_8"];
@@ -114,13 +114,7 @@ fn leaves(folder: &Path, path: &Path) -> bool {
 
 /// Advice for a folder that is not a data set; if it contains images, how to find their cameras.
 pub(super) fn how_to_begin(folder: &Path) -> String {
-    let is_image = |name: &Path| {
-        let ending = name.extension().map(|ending| ending.to_string_lossy().to_lowercase());
-        ending.is_some_and(|ending| EXTENSIONS.contains(&ending.as_str()))
-    };
-    let images_in = |folder: &Path| {
-        fs::read_dir(folder).map_or(0, |entries| entries.flatten().filter(|entry| is_image(&entry.path())).count())
-    };
+    let images_in = |folder: &Path| image_files(folder).map_or(0, |files| files.len());
     let places = [folder.to_owned(), folder.join(IMAGE_FOLDERS[0])];
     match places.iter().map(|place| (images_in(place), place)).find(|(count, _)| *count > 1) {
         None => "name the folder that holds one of them".to_owned(),

@@ -2,6 +2,7 @@
 
 mod color;
 mod decode;
+mod folder;
 mod kind;
 mod remark;
 mod whole;
@@ -15,7 +16,8 @@ use std::{
 use gs_core::{Image, to_8_bits};
 
 pub(crate) use self::decode::{decode, decode_grey, decode_mask, grey_size, read_header};
-pub use self::remark::ImageRemark;
+
+pub use self::{folder::image_files, remark::ImageRemark};
 use crate::{atomic::write_atomically, error::Error};
 
 /// The meaning of an alpha channel.

@@ -49,6 +49,19 @@ impl BenchImages {
         Ok(Self { all, origin })
     }
 
+    /// Images that are not of the Kodak set: those in the folder `images` of the test data, and two
+    /// photographs of the data set `banana`. Those that are not there are left out.
+    pub(crate) fn others() -> Result<Vec<BenchImage>, Box<dyn Error>> {
+        let folder = |name: &str| gs_io::image_files(data::folder().join(name)).unwrap_or_default();
+        let views = folder("banana/images_2");
+        let two = views.iter().step_by((views.len() / 2).max(1)).take(2).cloned();
+        let read = |path: PathBuf| {
+            let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+            Ok(BenchImage { name, image: gs_io::read_image(&path)?.image })
+        };
+        folder("images").into_iter().chain(two).map(read).collect()
+    }
+
     /// The image for measurements of a single one: kodim04, a portrait, or else the first.
     pub(crate) fn portrait(&self) -> &BenchImage {
         self.all.iter().find(|image| image.name == "kodim04").unwrap_or(&self.all[0])

@@ -8,6 +8,7 @@
 //! licence), so that pictures are the same on every machine.
 
 mod axis;
+mod caption;
 pub mod curve;
 mod draw;
 pub mod ellipses;
@@ -16,6 +17,7 @@ mod surface;
 use std::sync::Once;
 
 pub(crate) use self::axis::grouped;
+pub use self::caption::captioned;
 
 use crate::statistics::Interval;
 use gs_core::Image;
@@ -84,7 +86,7 @@ impl Axis {
     }
 
     /// A logarithmic axis; values that are not positive are left out.
-    pub(crate) fn logarithmic(label: impl Into<String>) -> Self {
+    pub fn logarithmic(label: impl Into<String>) -> Self {
         Self { label: label.into(), scale: Scale::Logarithmic }
     }
 }

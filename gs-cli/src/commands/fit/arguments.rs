@@ -1,6 +1,6 @@
 //! The flags of `gs fit`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 use gs_io::{FolderClaim, Inputs};
@@ -8,11 +8,12 @@ use gs_io::{FolderClaim, Inputs};
 use crate::{
     backend::BackendArgs,
     effects_args::EffectsArgs,
-    image_fit::FitSettingsArgs,
+    image_fit::{FitSettingsArgs, batch::BatchImage},
     training::{
         arguments::{CheckpointArgs, OutputArgs},
         results,
     },
+    values::{Bytes, positive},
 };
 
 const AFTER_HELP: &str = "\
@@ -25,6 +26,7 @@ makes one of any scene
   metrics.csv             count, edits and loss over the steps, now and then with L1 and PSNR; \
 metrics.part.csv until the end
   curve.png               count, loss and PSNR over the steps
+  growth.apng             only with --film: the fit as an animation, with the number of Gaussians
   settings.toml           all settings, to repeat the fit with --settings
   summary.json            what --json prints
 
@@ -37,7 +39,12 @@ colour is also the background of the scene, in place of the image's mean colour.
 
 Ctrl-C stops the fit, saves a checkpoint, and writes the results so far. Pressing it again after a \
 second or more quits at once. A resumed fit may write into any folder: its checkpoint holds the \
-rows of metrics.csv so far.";
+rows of metrics.csv so far.
+
+With several images, or a folder, photo.jpg is fitted into DIR/photo/. Of a folder, its images are \
+taken, without folders in it. Small images are fitted side by side, one for each thread. An image that \
+fails does not keep the others from being fitted; a table comes at the end, then the failures, and \
+the exit status is 1. --json then prints an array of summaries; an image that failed has \"error\".";
 
 /// The flags of [`FitSettingsArgs`] that a checkpoint contains. A resumed fit needs the background
 /// for transparent pixels.
@@ -56,17 +63,36 @@ const IN_CHECKPOINT: [&str; 12] = [
     "seed",
 ];
 
+/// What decides about the number of Gaussians in place of `--gaussians`.
+#[derive(Debug, Clone, Args)]
+#[command(next_help_heading = "Settings")]
+pub(crate) struct CountArgs {
+    /// Least PSNR of the 8-bit picture, dB: the smallest number of Gaussians, within about 1 %, that
+    /// reaches it; a few fits find it first
+    #[arg(long, value_name = "DB", value_parser = positive, conflicts_with_all = ["gaussians", "bytes", "resume"])]
+    pub(crate) psnr: Option<f64>,
+    /// Size of a .gsi file, such as 40k: as many Gaussians as gs encode --bytes puts into it
+    #[arg(long, value_name = "SIZE", conflicts_with_all = ["gaussians", "resume"])]
+    pub(crate) bytes: Option<Bytes>,
+}
+
 /// The flags of `gs fit`.
 #[derive(Debug, Clone, Args)]
 #[command(after_help = AFTER_HELP)]
 pub(crate) struct FitArgs {
-    /// The image: PNG, JPEG, BMP, TIFF, WebP, GIF or PNM [default: the paper's circle and square,
-    /// 128x128]
-    pub(crate) image: Option<PathBuf>,
+    /// The image: PNG, JPEG, BMP, TIFF, WebP, GIF or PNM; several, and folders of images, are fitted
+    /// each into a folder of its own in DIR [default: the paper's circle and square, 128x128]
+    #[arg(value_name = "IMAGE")]
+    pub(crate) images: Vec<PathBuf>,
     #[command(flatten)]
     pub(crate) output: OutputArgs,
+    /// Also write growth.apng, an animation of the fit in about 40 frames of at most 512 px
+    #[arg(long)]
+    pub(crate) film: bool,
     #[command(flatten)]
     pub(crate) settings: FitSettingsArgs,
+    #[command(flatten)]
+    pub(crate) count: CountArgs,
     #[command(flatten)]
     pub(crate) checkpoints: CheckpointArgs,
     /// Resume a fit from its checkpoint, given the same image; the result is the same as without
@@ -80,9 +106,22 @@ pub(crate) struct FitArgs {
 }
 
 impl FitArgs {
+    /// The image of a single fit; `None` is the paper's.
+    pub(crate) fn image(&self) -> Option<&Path> {
+        self.images.first().map(PathBuf::as_path)
+    }
+
+    /// The flags of a fit of one of several images, into its folder.
+    pub(super) fn of_one(&self, image: &BatchImage) -> Self {
+        let mut one = Self { images: vec![image.file.clone()], ..self.clone() };
+        one.output.output.push(&image.name);
+        one
+    }
+
     /// A claim to the files that the fit writes or removes.
     pub(crate) fn claim(&self) -> FolderClaim {
-        let inputs: Inputs = [&self.image, &self.settings.settings, &self.resume].into_iter().flatten().collect();
+        let inputs: Inputs =
+            [self.image(), self.settings.settings.as_deref(), self.resume.as_deref()].into_iter().flatten().collect();
         self.output.overwrite.claim(&self.output.output, results::FILES, inputs)
     }
 }

@@ -4,7 +4,10 @@
 //! first step.
 
 mod arguments;
+mod count;
+mod film;
 mod results;
+mod several;
 
 use std::{
     path::{Path, PathBuf},
@@ -17,11 +20,12 @@ use gs_io::{Checkpoint, FolderClaim, read_checkpoint};
 use gs_train::{FitSettings, MetricsLog, Trainer};
 
 pub(crate) use self::arguments::FitArgs;
-use self::results::Results;
+use self::{film::Film, results::Results};
 use crate::{
+    backend::BackendArgs,
     failure::Failure,
     frontier_settings,
-    image_fit::{self, SettingsFile, Target},
+    image_fit::{self, SettingsFile, Target, batch},
     memory::{self, Need},
     output::{self, quoted},
     output_folder::{self, OutputFolder},
@@ -31,33 +35,45 @@ use crate::{
     },
 };
 
-/// Fits Gaussians to an image and writes the results.
+/// Fits Gaussians to images and writes the results.
 pub(crate) fn run(args: &FitArgs) -> Result<(), Failure> {
+    match batch::several(&args.images)? {
+        None => run_one(args),
+        Some(images) => several::run(args, &images),
+    }
+}
+
+fn run_one(args: &FitArgs) -> Result<(), Failure> {
     let started = Instant::now();
+    args.count.validate()?;
     let claim = args.claim();
     check_checkpoint_file(
         &args.checkpoints,
-        [&args.image, &args.settings.settings].into_iter().flatten(),
+        [args.image(), args.settings.settings.as_deref()].into_iter().flatten(),
         args.output.overwrite,
         &claim,
     )?;
     output_folder::check(&claim)?;
     let file = SettingsFile::read(&args.settings)?;
-    args.image.as_deref().map_or(Ok(()), memory::check_image)?;
-    let target = Target::read(args.image.as_deref(), file.background(&args.settings))?;
+    let target = read_target(args, &file)?;
     let start = match &args.resume {
         Some(file) => Start::Resumed(Box::new(read_checkpoint(file)?), file.clone()),
-        None => {
-            let mut settings = image_fit::settings(&args.settings, &file, &target)?;
-            settings.render = args.effects.for_training(&settings.render);
-            Start::Fresh(Box::new(settings))
-        }
+        None => Start::fresh(args, &file, &target)?,
     };
-    let flags = file
-        .machine()
-        .map_or_else(|| args.backend.clone(), |machine| frontier_settings::backend(machine, &args.backend));
-    let backend = flags.open_to_render_2d(&start.render())?;
+    let backend = backend_args(args, &file).open_to_render_2d(&start.render())?;
+    let start = start.counted(args, &target, &backend)?;
     fit(args, &target, start, &backend, claim, started)
+}
+
+fn read_target(args: &FitArgs, file: &SettingsFile) -> Result<Target, Failure> {
+    args.image().map_or(Ok(()), memory::check_image)?;
+    Ok(Target::read(args.image(), file.background(&args.settings))?)
+}
+
+/// The flags of the backend, or the machine that a settings file names.
+fn backend_args(args: &FitArgs, file: &SettingsFile) -> BackendArgs {
+    let machine = file.machine();
+    machine.map_or_else(|| args.backend.clone(), |machine| frontier_settings::backend(machine, &args.backend))
 }
 
 /// Where a fit begins.
@@ -68,6 +84,24 @@ enum Start {
 }
 
 impl Start {
+    /// The start with the settings that flags and file ask for.
+    fn fresh(args: &FitArgs, file: &SettingsFile, target: &Target) -> Result<Self, Failure> {
+        let mut settings = image_fit::settings(&args.settings, file, target)?;
+        settings.render = args.effects.for_training(&settings.render);
+        Ok(Self::Fresh(Box::new(settings)))
+    }
+
+    /// The start with the number of Gaussians that flags choose, which takes a few fits.
+    fn counted(self, args: &FitArgs, target: &Target, on: &Chosen) -> Result<Self, Failure> {
+        match self {
+            Self::Fresh(settings) if args.count.chooses() => {
+                check_memory(target, &settings)?;
+                Ok(Self::Fresh(Box::new(args.count.apply(&on.rasterizer, target, *settings)?)))
+            }
+            start => Ok(start),
+        }
+    }
+
     /// The render settings of the fit. The default if a checkpoint has none: resuming it will fail.
     fn render(&self) -> RenderSettings {
         match self {
@@ -119,10 +153,18 @@ fn fit(
     let checkpoints = Checkpoints::prepare(&args.checkpoints, &folder, iterations, None, resumed, command)?;
     announce(args, target, backend, &trainer);
     let seconds_before = resumed.map_or(0.0, |_| trainer.seconds());
-    let results = Results { args, folder: &folder, target, backend, started, seconds_before };
-    training::run(&args.output, &folder, checkpoints, (trainer, log), None, |trainer, log, points| {
-        results.write(trainer, log, points)
-    })
+
+    let film = args.film.then(|| Film::begin(&backend.rasterizer, &trainer)).transpose()?;
+    let film = film.as_ref();
+    let results = Results { args, folder: &folder, target, backend, started, seconds_before, film };
+    training::run(
+        &args.output,
+        &folder,
+        checkpoints,
+        (trainer, log),
+        (None, film.map(Film::as_frames)),
+        |trainer, log, points| results.write(trainer, log, points),
+    )
 }
 
 /// Fails where there is not enough memory to fit this image.
@@ -169,7 +211,7 @@ mod tests {
     use clap::Parser;
 
     use super::*;
-    use crate::backend::{BackendArgs, Choice};
+    use crate::backend::Choice;
 
     #[derive(Debug, Parser)]
     struct Flags {

@@ -11,12 +11,12 @@ use gs_lab::figure::{curve::CurvePoint, ellipses};
 use gs_train::{ColorRange, FitSummary, MetricsLog, Trainer, Viewable, viewable};
 use serde::Serialize;
 
-use super::FitArgs;
+use super::{FitArgs, film::Film};
 use crate::{
     backend::on_cpu,
     effects_args,
     failure::Failure,
-    image_fit::Target,
+    image_fit::{Target, batch::Row},
     output::{self, Verbosity},
     output_folder::OutputFolder,
     training::results::{self, Problems, ProgramSummary, without_broken, write_curve, write_table},
@@ -33,6 +33,14 @@ pub(crate) struct Summary {
     image: Option<String>,
     /// Which effects the scene requires at the image's size, and why.
     effects: Vec<EffectDecision>,
+}
+
+impl Summary {
+    /// The line of a table of several fits.
+    pub(super) fn row(&self, size: (u32, u32), bytes: u64) -> Row {
+        let FitSummary { gaussians, psnr, seconds, .. } = self.fit;
+        Row { size, bytes, gaussians: gaussians as usize, psnr, seconds }
+    }
 }
 
 impl results::Summary for Summary {
@@ -77,6 +85,8 @@ pub(crate) struct Results<'a> {
     pub(crate) started: Instant,
     /// Time before the checkpoint that was resumed, s.
     pub(crate) seconds_before: f64,
+    /// The film of the fit, if it has one.
+    pub(super) film: Option<&'a Film<'a>>,
 }
 
 impl Results<'_> {
@@ -124,6 +134,10 @@ impl Results<'_> {
         if let Ok(Renderings { reconstruction, .. }) = renderings {
             tried.push(self.write_ellipses_over(&file, reconstruction));
         }
+        tried.push(match self.film {
+            Some(film) => film.write(&self.folder.file("growth.apng"), trainer),
+            None => self.folder.leave_out("growth.apng"),
+        });
         // An existing file is of an earlier training.
         tried.push(self.folder.leave_out("evaluation.json"));
         let summary = fit.and_then(|fit| self.summary(fit, &file));

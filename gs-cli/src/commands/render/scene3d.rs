@@ -164,7 +164,7 @@ fn render_frames(
     let output = &args.output;
     match (claim, Output::of(args, cameras.len())?) {
         (None, Output::Animation) => {
-            let animation = Animation { width, height, frames: cameras.len() as u32, fps: args.cameras.fps };
+            let animation = Animation { width, height, frames: cameras.len() as u32, fps: args.cameras.fps, last_s: 0 };
             write_animation(output, animation, |number| frame(&cameras[number as usize]))?;
         }
         (None, _) => write_png(output, &frame(&cameras[0])?)?,

@@ -21,7 +21,11 @@ use self::{
     prepare::{command, prepare, rasterizers},
     progress::Display,
 };
-use crate::{failure::Failure, interrupt::Interrupt, output};
+use crate::{
+    failure::Failure,
+    interrupt::{AT_NEXT_STEP, Interrupt},
+    output,
+};
 
 /// Conducts a study and writes its tables and its report, or does another thing with a study.
 pub(crate) fn run(args: &StudyArgs) -> Result<(), Failure> {
@@ -43,7 +47,7 @@ fn conduct_study(args: &ConductArgs) -> Result<(), Failure> {
     output::note(&backends[0].reason);
     output::note(format_args!("{words}, {} side by side, into {}", args.jobs, folder.path().display()));
     let display = Display::new(&plan, &folder)?;
-    let interrupt = Interrupt::listen(display.printer());
+    let interrupt = Interrupt::listen(display.printer(), AT_NEXT_STEP);
     let team = rasterizers(&backends);
     let results = loop {
         let conducted = conduct(&plan, &team, &folder, &display.stopped_by(&interrupt));

@@ -19,7 +19,7 @@ use super::{
 };
 use crate::{
     failure::Failure,
-    interrupt::Interrupt,
+    interrupt::{AT_NEXT_STEP, Interrupt},
     output::{self, quoted},
     progress_bar::Printer,
 };
@@ -39,7 +39,7 @@ pub(super) fn run(args: &WorkArgs) -> Result<(), Failure> {
     });
     output::note(&backends[0].reason);
     let printer = Printer::above(None);
-    let log = Log { plan: &plan, interrupt: Interrupt::listen(printer), done: AtomicUsize::new(0) };
+    let log = Log { plan: &plan, interrupt: Interrupt::listen(printer, AT_NEXT_STEP), done: AtomicUsize::new(0) };
     let conducted = conduct_with(&plan, &rasterizers(&backends), folder, &settings, &log)?;
     let done = counted(log.done.into_inner(), "run");
     let folder = quoted(folder.path());

@@ -80,7 +80,7 @@ pub(crate) fn run(args: &TrainArgs) -> Result<(), Failure> {
     let seconds_before = resumed.map_or(0.0, |_| trainer.seconds());
     let results = Results { args, folder: &folder, backend: &backend, started, seconds_before };
     let end = limit.map(|limit| limit.end_of_training());
-    training::run(&args.output, &folder, checkpoints, (trainer, log), end, |trainer, log, points| {
+    training::run(&args.output, &folder, checkpoints, (trainer, log), (end, None), |trainer, log, points| {
         results.write(trainer, log, points)
     })
 }

@@ -143,7 +143,9 @@ impl Results<'_> {
                 .map_err(Failure::failed)
                 .and_then(|text| self.folder.write("settings.toml", &text)),
             // Existing files are of an earlier fit.
-            ["scene.gs2d.safetensors", "reconstruction.png"].iter().try_for_each(|name| self.folder.leave_out(name)),
+            ["scene.gs2d.safetensors", "reconstruction.png", "growth.apng"]
+                .iter()
+                .try_for_each(|name| self.folder.leave_out(name)),
             match self.args.output.no_report {
                 true => ["ellipses.png", "curve.png"].iter().try_for_each(|name| self.folder.leave_out(name)),
                 false => self.write_curve(trainer.count(), points, log),

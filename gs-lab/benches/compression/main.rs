@@ -1,0 +1,88 @@
+//! Sizes of compressed images against JPEG, WebP, AVIF and JPEG XL at equal quality.
+//!
+//! `cargo bench -p gs-lab --bench compression -- [--threads N] [--quick] [--csv FILE] [--plots FOLDER]`
+//!
+//! The other formats are made by `cjpeg` and `djpeg`, `cwebp` and `dwebp`, `avifenc` and `avifdec`,
+//! `cjxl` and `djxl`; a format whose programs are not there is left out, and JPEG is then made by the
+//! crate `image`. Sizes are those of files on disk; PSNR, MS-SSIM and SSIMULACRA2 are those of the
+//! decoded 8-bit picture.
+
+#![allow(clippy::print_stdout)]
+
+#[path = "../measure/mod.rs"]
+mod measure;
+mod plots;
+mod points;
+mod tables;
+
+use std::{fs, path::PathBuf};
+
+use clap::Parser;
+use gs_lab::compression::CODECS;
+use measure::{
+    Options, Outcome,
+    images::{BenchImage, BenchImages},
+    print_head,
+};
+
+use self::points::Points;
+
+#[derive(Debug, Parser)]
+struct CompressionOptions {
+    #[command(flatten)]
+    common: Options,
+    /// Also writes a line per file to FILE
+    #[arg(long)]
+    csv: Option<PathBuf>,
+    /// Also writes the curves as SVG into FOLDER: the mean of each set, and each image
+    #[arg(long)]
+    plots: Option<PathBuf>,
+}
+
+/// Sizes of `.gsi` files, bits per pixel.
+const SIZES: [f64; 6] = [0.1, 0.2, 0.4, 0.8, 1.4, 2.0];
+
+/// Images that are shown together.
+struct Set {
+    name: &'static str,
+    images: Vec<BenchImage>,
+}
+
+fn main() -> Outcome {
+    let options = CompressionOptions::parse();
+    let common = &options.common;
+    let kodak = BenchImages::load()?;
+    let origin = format!("{}; others from the test data where they are there", kodak.origin);
+    let mut sets =
+        vec![Set { name: "Kodak", images: kodak.all }, Set { name: "Other images", images: BenchImages::others()? }];
+    sets.iter_mut().for_each(|set| set.images.truncate(common.pick(usize::MAX, 1)));
+    sets.retain(|set| !set.images.is_empty());
+    print_head("Compressed images", common, &[common.threads()], &origin);
+    for codec in &CODECS {
+        let maker = if codec.is_there() { codec.maker() } else { "left out".to_owned() };
+        println!("- {}: {maker}", codec.name);
+    }
+    let rasterizer = common.rasterizer(common.threads())?;
+    let sizes = common.pick(&SIZES[..], &SIZES[1..4]);
+    let mut points = Points::default();
+    for image in sets.iter().flat_map(|set| &set.images) {
+        for &bpp in sizes {
+            points.add_gsi(&rasterizer, image, bpp)?;
+        }
+        points.add_others(image, common.is_quick())?;
+    }
+    for set in &sets {
+        println!("\n# {}", set.name);
+        tables::files_by_size(&points, set, sizes);
+        tables::rates(&points, set);
+    }
+    tables::published(&points, &sets[0]);
+    tables::prefixes(&points, &rasterizer, &sets)?;
+    if let Some(path) = &options.csv {
+        fs::write(path, points.to_csv()).map_err(|e| format!("{} cannot be written: {e}", path.display()))?;
+    }
+    if let Some(folder) = &options.plots {
+        plots::write(&points, &sets, folder)?;
+    }
+    Ok(())
+}

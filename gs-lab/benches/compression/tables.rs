@@ -1,0 +1,151 @@
+//! The tables of the report.
+
+use std::error::Error;
+
+use gs_codec::Extent;
+use gs_cpu::CpuRasterizer;
+use gs_lab::compression::CODECS;
+use gs_train::l1_and_psnr;
+
+use crate::{
+    Set,
+    measure::{images::BenchImage, mean, print_columns, print_row, print_section},
+    points::{Measure, OURS, Point, Points, rendered},
+};
+
+/// Sizes that count for Bjøntegaard rates, bits per pixel.
+const RANGE: std::ops::RangeInclusive<f64> = 0.1..=2.0;
+
+/// Published results on all 24 Kodak images: method, bits per pixel, PSNR in dB.
+const PUBLISHED: [(&str, f64, f64); 2] = [("GaussianImage", 1.00, 29.7), ("GaussianImage++", 1.08, 31.1)];
+
+/// Means over the images of a set, for each size of our files.
+pub(crate) fn files_by_size(points: &Points, set: &Set, sizes: &[f64]) {
+    print_section("Files of these sizes");
+    print_columns(&[
+        "bits per pixel",
+        "PSNR, dB",
+        "MS-SSIM",
+        "SSIMULACRA2",
+        "encoding, s",
+        "decoding, ms",
+        "decoding to pixels, ms",
+    ]);
+    for (place, _) in sizes.iter().enumerate() {
+        let of: Vec<&Point> =
+            set.images.iter().filter_map(|image| points.of(&image.name, OURS).get(place).copied()).collect();
+        let time = |k: usize| mean(of.iter().filter_map(|p| p.own.as_ref()).map(|own| own.seconds[k]));
+        print_row(&[
+            format!("{:.3}", mean(of.iter().map(|p| p.bpp))),
+            format!("{:.2}", mean(of.iter().map(|p| p.quality.psnr))),
+            format!("{:.4}", mean(of.iter().filter_map(|p| p.quality.ms_ssim))),
+            format!("{:.1}", mean(of.iter().map(|p| p.ssimulacra2))),
+            format!("{:.1}", time(0)),
+            format!("{:.1}", time(1) * 1e3),
+            format!("{:.1}", time(2) * 1e3),
+        ]);
+    }
+}
+
+/// Sizes at equal quality: for each image and their mean.
+pub(crate) fn rates(points: &Points, set: &Set) {
+    for measure in Measure::ALL {
+        print_section(&format!("Size at equal {}", measure.name()));
+        println!("Bjøntegaard rate (PCHIP) over the sizes from 0.1 to 2 bits per pixel.\n");
+        table(set, |image, format| {
+            let [ours, theirs] = [OURS, format].map(|format| points.curve(&image.name, format, measure));
+            ours?.bd_rate(&theirs?, RANGE)
+        });
+    }
+    print_section("Size at equal PSNR, over all sizes");
+    println!("Sizes interpolated linearly over the whole common range of PSNR, as in earlier records.\n");
+    table(set, |image, format| {
+        let [ours, theirs] = [OURS, format].map(|format| by_psnr(&points.of(&image.name, format)));
+        linear_rate(&ours, &theirs)
+    });
+}
+
+fn table(set: &Set, rate: impl Fn(&BenchImage, &str) -> Option<f64>) {
+    let names = CODECS.each_ref().map(|codec| codec.name);
+    print_columns(&[&["image"][..], &names.map(|name| if name == "JPEG" { "against JPEG" } else { name })].concat());
+    let mut all: [Vec<f64>; CODECS.len()] = Default::default();
+    for image in &set.images {
+        let mut row = vec![image.name.clone()];
+        for (name, all) in names.iter().zip(&mut all) {
+            let rate = rate(image, name);
+            all.extend(rate);
+            row.push(per_cent(rate));
+        }
+        print_row(&row);
+    }
+    let means = all.map(|rates| per_cent((!rates.is_empty()).then(|| mean(rates.iter().map(|r| r.ln_1p())).exp_m1())));
+    print_row(&[&["mean".to_owned()][..], &means].concat());
+}
+
+/// (PSNR, ln of the size), by PSNR.
+fn by_psnr(points: &[&Point]) -> Vec<(f64, f64)> {
+    let mut curve: Vec<(f64, f64)> = points.iter().map(|p| (p.quality.psnr, p.bpp.ln())).collect();
+    curve.sort_by(|a, b| a.0.total_cmp(&b.0));
+    curve
+}
+
+/// The mean ratio of sizes less 1, by linear interpolation over the common range.
+fn linear_rate(a: &[(f64, f64)], b: &[(f64, f64)]) -> Option<f64> {
+    let low = a.first()?.0.max(b.first()?.0);
+    let high = a.last()?.0.min(b.last()?.0);
+    let at = |curve: &[(f64, f64)], psnr: f64| {
+        let after = curve.partition_point(|&(known, _)| known < psnr).clamp(1, curve.len() - 1);
+        let [(from, start), (to, end)] = [curve[after - 1], curve[after]];
+        start + (end - start) * (psnr - from) / (to - from)
+    };
+    let steps = 200;
+    let psnr = |k: u32| low + (high - low) * (f64::from(k) + 0.5) / f64::from(steps);
+    (high > low).then(|| mean((0..steps).map(|k| at(a, psnr(k)) - at(b, psnr(k)))).exp_m1())
+}
+
+fn per_cent(rate: Option<f64>) -> String {
+    rate.map_or("–".to_owned(), |rate| format!("{:+.1} %", 100.0 * rate))
+}
+
+/// Our PSNR at the sizes of published results.
+pub(crate) fn published(points: &Points, kodak: &Set) {
+    print_section("Published Gaussian codecs");
+    println!("Theirs are means over all 24 Kodak images; ours are interpolated between files.\n");
+    print_columns(&["method", "bits per pixel", "PSNR, dB", "gsi, dB", "difference, dB"]);
+    for (name, bpp, psnr) in PUBLISHED {
+        let curves = kodak.images.iter().filter_map(|image| points.curve(&image.name, OURS, Measure::Psnr));
+        let ours: Vec<f64> = curves.filter_map(|curve| curve.quality_at(bpp)).collect();
+        let of_ours = |what: &dyn Fn(f64) -> String| {
+            if ours.is_empty() { "–".to_owned() } else { what(mean(ours.iter().copied())) }
+        };
+        let (found, difference) =
+            (of_ours(&|ours| format!("{ours:.2}")), of_ours(&|ours| format!("{:+.2}", ours - psnr)));
+        print_row(&[name.to_owned(), format!("{bpp:.2}"), format!("{psnr:.1}"), found, difference]);
+    }
+}
+
+/// What a third of our files' bytes shows, against a file made for that size.
+pub(crate) fn prefixes(points: &Points, rasterizer: &CpuRasterizer, sets: &[Set]) -> Result<(), Box<dyn Error>> {
+    print_section("The first third of a file's bytes");
+    println!("The PSNR of a file of that size is interpolated between files.\n");
+    print_columns(&["image", "whole, bits per pixel", "a third", "PSNR of the third, dB", "of a file, dB", "less, dB"]);
+    for image in sets.iter().flat_map(|set| &set.images) {
+        let Some(curve) = points.curve(&image.name, OURS, Measure::Psnr) else { continue };
+        for point in points.of(&image.name, OURS) {
+            let Some(own) = &point.own else { continue };
+            let third = &own.bytes[..own.bytes.len() / 3];
+            let bpp = third.len() as f64 * 8.0 / image.image.pixels().len() as f64;
+            let Some(of_file) = curve.quality_at(bpp) else { continue };
+            let cells = match rendered(rasterizer, third, Extent::Prefix) {
+                Ok(picture) => {
+                    let psnr = l1_and_psnr(&picture, &image.image).1;
+                    [format!("{psnr:.2}"), format!("{of_file:.2}"), format!("{:.2}", of_file - psnr)]
+                }
+                Err(error) => [error.to_string(), format!("{of_file:.2}"), "–".to_owned()],
+            };
+            let sizes = [image.name.clone(), format!("{:.3}", point.bpp), format!("{bpp:.3}")];
+            print_row(&[&sizes[..], &cells].concat());
+        }
+    }
+    Ok(())
+}
