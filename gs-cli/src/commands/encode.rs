@@ -229,6 +229,7 @@ impl EncodeArgs {
     fn settings(&self, size: (u32, u32)) -> EncodeSettings {
         EncodeSettings::default().with(|s| {
             s.target = self.target.of_image(size);
+            s.progressive = self.progressive;
             s.seed = self.seed;
         })
     }
