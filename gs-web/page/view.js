@@ -94,7 +94,8 @@ export class ViewPanel {
       frame.rectangle = [(columns - width * scale) / 2, (rows - height * scale) / 2, width * scale, height * scale];
       return frame;
     }
-    frame.camera = this.#orbit.pose;
+    const { fov, ...pose } = this.#orbit.pose;
+    frame.camera = { ...pose, fov: acrossOf(fov, width, height) };
     if ($("order").value) frame.order = $("order").value;
     if ($("antialias").value) frame.antialias = $("antialias").value;
     if ($("degree").value) frame.shDegree = Number($("degree").value);
@@ -166,4 +167,10 @@ export class ViewPanel {
     };
     await this.#show(path.split("/").pop(), read, again);
   }
+}
+
+/** The horizontal field of view of a picture whose shorter side has the field of view `fov`, degrees. */
+function acrossOf(fov, width, height) {
+  const half = Math.tan((fov * Math.PI) / 360) * Math.max(1, width / height);
+  return (Math.atan(half) * 360) / Math.PI;
 }

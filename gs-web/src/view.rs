@@ -29,8 +29,8 @@ pub struct View {
 
 #[derive(Debug)]
 enum Shown {
-    TwoD { file: Box<File2d>, splats: AnySplats<Scene2d> },
-    ThreeD { file: Box<File3d>, splats: AnySplats<Scene3d> },
+    TwoD { file: Box<File2d>, splats: Box<AnySplats<Scene2d>> },
+    ThreeD { file: Box<File3d>, splats: Box<AnySplats<Scene3d>> },
 }
 
 /// Sides of the picture for which the first camera is described, px.
@@ -89,10 +89,12 @@ impl Engine {
         let parameterization = Parameterization::ScaleRotation;
         let shown = match scene {
             AnyScene::TwoD(file) => {
-                Shown::TwoD { splats: self.on.upload(&file.scene, parameterization).map_err(failure)?, file }
+                let splats = Box::new(self.on.upload(&file.scene, parameterization).map_err(failure)?);
+                Shown::TwoD { splats, file }
             }
             AnyScene::ThreeD(file) => {
-                Shown::ThreeD { splats: self.on.upload(&file.scene, parameterization).map_err(failure)?, file }
+                let splats = Box::new(self.on.upload(&file.scene, parameterization).map_err(failure)?);
+                Shown::ThreeD { splats, file }
             }
         };
         Ok(View { on: self.on, shown })
