@@ -115,7 +115,9 @@ pub(crate) fn published(points: &Points, kodak: &Set) {
     for (name, bpp, psnr) in PUBLISHED {
         let curves = kodak.images.iter().filter_map(|image| points.curve(&image.name, OURS, Measure::Psnr));
         let ours: Vec<f64> = curves.filter_map(|curve| curve.quality_at(bpp)).collect();
-        let of_ours = |what: &dyn Fn(f64) -> String| if ours.is_empty() { "–".to_owned() } else { what(mean(ours.iter().copied())) };
+        let of_ours = |what: &dyn Fn(f64) -> String| {
+            if ours.is_empty() { "–".to_owned() } else { what(mean(ours.iter().copied())) }
+        };
         let (found, difference) =
             (of_ours(&|ours| format!("{ours:.2}")), of_ours(&|ours| format!("{:+.2}", ours - psnr)));
         print_row(&[name.to_owned(), format!("{bpp:.2}"), format!("{psnr:.1}"), found, difference]);

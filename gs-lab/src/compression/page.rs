@@ -258,14 +258,16 @@ fn rate_curve(of: &EncodePage<'_>, files: &[Coded]) -> Option<RateCurve> {
 }
 
 fn figure(of: &EncodePage<'_>, quality: &ImageQuality, rivals: &[Rival]) -> Figure {
-    let own = vec![(of.bpp(of.bytes), quality.psnr)];
-    let mut series = vec![Series { dots: Dots::Alone, ..Series::line("this gsi file", own) }];
+    let mut series = Vec::new();
     for (index, Rival { codec, files, .. }) in rivals.iter().enumerate() {
         let Ok(files) = files else { continue };
         let mut points: Vec<(f64, f64)> = files.iter().map(|file| (of.bpp(file.bytes), file.quality.psnr)).collect();
         points.sort_by(|a, b| a.0.total_cmp(&b.0));
         series.push(Series { style: index + 1, ..Series::dotted(codec.name, points) });
     }
+    // The last is on top.
+    let own = vec![(of.bpp(of.bytes), quality.psnr)];
+    series.push(Series { dots: Dots::Alone, ..Series::line("this gsi file", own) });
     Figure {
         name: "rate-distortion".to_owned(),
         title: "Quality over size".to_owned(),
