@@ -56,6 +56,8 @@ impl Request {
 pub struct Chosen {
     /// The backend.
     pub rasterizer: AnyRasterizer,
+    /// Why this backend was chosen: "no GPU was found".
+    pub why: String,
     /// What was chosen and why, in one line: "cpu (avx2, 2 threads): no GPU was found, …".
     pub reason: String,
     /// Threads on the host. The CPU backend computes with them; with a GPU they are for everything
@@ -115,8 +117,9 @@ pub async fn can_train_3d(rasterizer: &AnyRasterizer, parameterization: Paramete
 }
 
 fn on_gpu(rasterizer: AnyRasterizer, why: &str, why_adapter: &str, threads: &Threads) -> Chosen {
-    let reason = format!("{}: {why}, {why_adapter}, {} for seeding", rasterizer.describe(), threads.why);
-    Chosen { rasterizer, reason, threads: threads.count }
+    let why = format!("{why}, {why_adapter}");
+    let reason = format!("{}: {why}, {} for seeding", rasterizer.describe(), threads.why);
+    Chosen { rasterizer, why, reason, threads: threads.count }
 }
 
 #[cfg(any(not(feature = "cpu"), not(feature = "wgpu")))]
@@ -136,7 +139,8 @@ fn cpu(request: &Request, threads: &Threads, why: &str) -> Result<Chosen, Error>
         None => "the fastest SIMD level of this machine",
     };
     let reason = format!("{}: {why}, {why_level}, {}", rasterizer.describe(), threads.why);
-    Ok(Chosen { rasterizer: AnyRasterizer::Cpu(Box::new(rasterizer)), reason, threads: threads.count })
+    let (rasterizer, why) = (AnyRasterizer::Cpu(Box::new(rasterizer)), why.to_owned());
+    Ok(Chosen { rasterizer, why, reason, threads: threads.count })
 }
 
 #[cfg(not(feature = "cpu"))]

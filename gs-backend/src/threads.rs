@@ -8,14 +8,15 @@ use gs_core::Error;
 /// means one per core.
 const VARIABLE: &str = "RAYON_NUM_THREADS";
 
-/// The most threads that the variable may ask for.
+/// The most threads that a program may have.
 const MOST: usize = 1024;
 
 /// Returns the number of host threads of a backend for which `asked` threads were requested, or no
 /// number in particular.
 ///
 /// # Errors
-/// [`Error::Setting`] where the environment variable is not a possible number.
+/// [`Error::Setting`] for less than 1 or more than 1024 threads, and where the environment variable is
+/// not a possible number.
 pub fn host_threads(asked: Option<usize>) -> Result<usize, Error> {
     Threads::choose(asked).map(|threads| threads.count)
 }
@@ -32,13 +33,16 @@ impl Threads {
     /// variable, otherwise one per core.
     ///
     /// # Errors
-    /// [`Error::Setting`] where the environment variable is not a possible number.
+    /// [`Error::Setting`] where the request or the environment variable is not a possible number.
     pub(crate) fn choose(asked: Option<usize>) -> Result<Self, Error> {
         Self::from_variable(asked, env::var(VARIABLE).ok().as_deref())
     }
 
     fn from_variable(asked: Option<usize>, variable: Option<&str>) -> Result<Self, Error> {
         if let Some(count) = asked {
+            if !(1..=MOST).contains(&count) {
+                return Err(Error::setting("threads", count, "1 to 1024"));
+            }
             return Ok(Self { count, why: "threads as requested" });
         }
         let text = variable.unwrap_or_default();
@@ -62,6 +66,10 @@ mod tests {
         assert_eq!(count(None, Some("5")), Ok(5));
         for open in [None, Some(""), Some("0")] {
             assert_eq!(count(None, open), Ok(cores), "{open:?}");
+        }
+        for wrong in [0, 1025, usize::MAX] {
+            let message = count(Some(wrong), None).unwrap_err().to_string();
+            assert_eq!(message, format!("threads is {wrong}, but must be 1 to 1024"));
         }
         for wrong in ["-1", "many", "100000"] {
             let message = count(None, Some(wrong)).unwrap_err().to_string();

@@ -6,13 +6,16 @@
 use std::{borrow::Borrow, num::NonZero};
 
 use constriction::stream::{
-    Decode, Encode,
+    Code as _, Decode, Encode,
     model::{DecoderModel, EncoderModel, EntropyModel},
     queue::{DefaultRangeDecoder, DefaultRangeEncoder},
 };
 
 /// Bits of a probability.
 pub(crate) const PRECISION: usize = 16;
+
+/// Words that a decoder has read before its first symbol.
+const WORDS_AHEAD: i64 = 2;
 
 /// Something that codes bits.
 pub(crate) trait Coder {
@@ -22,6 +25,11 @@ pub(crate) trait Coder {
 
     /// Codes a number below `count`, 1 to 2¹⁵, all equally likely.
     fn uniform(&mut self, count: u32, value: u32) -> u32;
+
+    /// Whether the bytes of a truncated layer have ended, so that the last numbers mean nothing.
+    fn has_ended(&self) -> bool {
+        false
+    }
 }
 
 /// The distribution of one bit: 0 has the lower part of the interval.
@@ -128,6 +136,8 @@ impl Coder for Encoder {
 pub(crate) struct Decoder {
     range: DefaultRangeDecoder,
     invalid: bool,
+    /// Words of a truncated layer that are not read yet; negative where one is missing.
+    words_left: Option<i64>,
 }
 
 impl Decoder {
@@ -140,7 +150,23 @@ impl Decoder {
         };
         let words: Vec<u32> = bytes.chunks(4).map(word).collect();
         let Ok(range) = DefaultRangeDecoder::from_compressed(words);
-        Self { range, invalid: false }
+        Self { range, invalid: false, words_left: None }
+    }
+
+    /// A decoder of the first bytes of an [`Encoder`].
+    pub(crate) fn of_truncated(bytes: &[u8]) -> Self {
+        let words = bytes.len() / 4;
+        Self { words_left: Some(words as i64 - WORDS_AHEAD), ..Self::new(&bytes[..4 * words]) }
+    }
+
+    /// Counts the word that is read where a symbol's interval of this length, of 2¹⁶, leaves a range
+    /// below 2³².
+    fn count_word(&mut self, range: u64, length: u32) {
+        if let Some(left) = &mut self.words_left
+            && (range >> PRECISION) * u64::from(length) < 1 << 32
+        {
+            *left -= 1;
+        }
     }
 
     /// Whether some bit could not come from an encoder; those after it were read as 0.
@@ -154,20 +180,30 @@ impl Coder for Decoder {
         if self.invalid {
             return false;
         }
-        self.range.decode_symbol(Bit { one }).unwrap_or_else(|_| {
+        let range = self.range.state().range().get();
+        let bit = self.range.decode_symbol(Bit { one }).unwrap_or_else(|_| {
             self.invalid = true;
             false
-        })
+        });
+        self.count_word(range, if bit { one.into() } else { 65_536 - u32::from(one) });
+        bit
     }
 
     fn uniform(&mut self, count: u32, _: u32) -> u32 {
         if self.invalid || count < 2 {
             return 0;
         }
-        self.range.decode_symbol(Uniform { count }).unwrap_or_else(|_| {
+        let range = self.range.state().range().get();
+        let value = self.range.decode_symbol(Uniform { count }).unwrap_or_else(|_| {
             self.invalid = true;
             0
-        })
+        });
+        self.count_word(range, Uniform { count }.interval(value).1);
+        value
+    }
+
+    fn has_ended(&self) -> bool {
+        self.words_left.is_some_and(|left| left < 0)
     }
 }
 

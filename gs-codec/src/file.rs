@@ -57,7 +57,7 @@ pub struct Decoded {
     pub background: [f32; 3],
     /// The Gaussians of all layers, without opacities.
     pub scene: Scene2d,
-    /// Layers that were decoded, and all that the file was made with.
+    /// Layers that were decoded whole, and all that the file was made with.
     pub layers: (usize, usize),
 }
 
@@ -67,7 +67,8 @@ pub enum Extent {
     /// All; a truncated file is an error.
     #[default]
     Whole,
-    /// The header; layers that are not complete are left out.
+    /// The header. Of a layer that is not complete, the Gaussians are decoded whose bytes are there:
+    /// those of its upper rows. No checksum protects them.
     Prefix,
 }
 
@@ -149,12 +150,14 @@ pub fn decode(bytes: &[u8], extent: Extent) -> Result<Decoded, Error> {
     let mut decoded = Decoded { width, height, background, scene: Scene2d::default(), layers: (0, count.into()) };
     reader.part = "a layer";
     for layer in 1..=usize::from(count) {
-        let gaussians = match reader.layer(layer, (width, height)) {
+        let (gaussians, complete) = match reader.layer(layer, (width, height), extent) {
             Err(Error::Truncated { .. }) if extent == Extent::Prefix => break,
             gaussians => gaussians?,
         };
-        decoded.scene.means.reserve(gaussians.len());
         gaussians.into_iter().for_each(|g| gs_core::Scene::push(&mut decoded.scene, g));
+        if !complete {
+            break;
+        }
         decoded.layers.0 = layer;
     }
     match bytes.len() - reader.place {
@@ -205,13 +208,23 @@ impl<'a> Reader<'a> {
         Err(Error::Value { what: "a length", value: number as i64, allowed: "less than 2^28" })
     }
 
-    fn layer(&mut self, layer: usize, size: (u32, u32)) -> Result<Vec<gs_core::Gaussian2d>, Error> {
+    /// The Gaussians of a layer, and whether it is complete.
+    fn layer(
+        &mut self,
+        layer: usize,
+        size: (u32, u32),
+        extent: Extent,
+    ) -> Result<(Vec<gs_core::Gaussian2d>, bool), Error> {
         let (count, length) = (self.number()?, self.number()?);
         let [low, high, cell, margin, mean_ratio, shape_ratio, turn_ratio] = self.array()?;
-        let content = self.take(length)?;
-        let checksum = crc32fast::hash(&self.bytes[..self.place]);
-        if u32::from_le_bytes(self.array::<CHECKSUM_BYTES>()?) != checksum {
-            return Err(Error::Checksum { layer });
+        let there = self.bytes.len() - self.place;
+        let complete = extent == Extent::Whole || there >= length.saturating_add(CHECKSUM_BYTES);
+        let content = self.take(if complete { length } else { length.min(there) })?;
+        if complete {
+            let checksum = crc32fast::hash(&self.bytes[..self.place]);
+            if u32::from_le_bytes(self.array::<CHECKSUM_BYTES>()?) != checksum {
+                return Err(Error::Checksum { layer });
+            }
         }
         let step = i16::from_le_bytes([low, high]);
         let head = LayerHead { step, cell, margin, mean_ratio, shape_ratio, turn_ratio };
@@ -221,13 +234,16 @@ impl<'a> Reader<'a> {
             let (what, allowed) = ("the number of Gaussians of a layer", "at most 8 for each of its bytes");
             return Err(Error::Value { what, value: count as i64, allowed });
         }
-        let mut decoder = Decoder::new(content);
+        let mut decoder = if complete { Decoder::new(content) } else { Decoder::of_truncated(content) };
         let codes = code_layer(&mut decoder, &quantizer, count, &[]);
-        if decoder.is_invalid() || codes.len() != count {
+        if complete && (decoder.is_invalid() || codes.len() != count) {
             let (what, allowed) = ("the number of Gaussians that can be decoded", "that of the layer's head");
             return Err(Error::Value { what, value: codes.len() as i64, allowed });
         }
-        Ok(codes.iter().map(|code| quantizer.reconstruct(code)).collect())
+        if !complete {
+            self.place = self.bytes.len();
+        }
+        Ok((codes.iter().map(|code| quantizer.reconstruct(code)).collect(), complete))
     }
 }
 

@@ -81,13 +81,13 @@ impl Models {
 /// Codes the Gaussians of a layer, which an encoder has sorted. A decoder passes none and `count`,
 /// and gets them.
 ///
-/// Returns as soon as a number is impossible, with the Gaussians so far; only a decoder of damaged
-/// bytes does.
+/// Returns as soon as a number is impossible or the bytes have ended, with the Gaussians so far; only
+/// a decoder of damaged or truncated bytes does.
 pub(crate) fn code_layer(coder: &mut impl Coder, quantizer: &Quantizer, count: usize, codes: &[Code]) -> Vec<Code> {
     let grid = *quantizer.grid();
     let mut models = Models::new();
     let mut around = Surroundings::new(grid.columns);
-    let mut all: Vec<Code> = Vec::with_capacity(count);
+    let mut all: Vec<Code> = Vec::new();
     let mut rest = codes;
     for row in 0..grid.rows {
         around.start_row();
@@ -96,7 +96,7 @@ pub(crate) fn code_layer(coder: &mut impl Coder, quantizer: &Quantizer, count: u
             let border = grid.is_outside(column, row);
             let contexts = around.count_contexts(column, border);
             let number = models.count.unsigned(coder, contexts, here as u32) as usize;
-            if number > count - all.len() {
+            if number > count - all.len() || coder.has_ended() {
                 return all;
             }
             around.start_cell();
@@ -107,6 +107,9 @@ pub(crate) fn code_layer(coder: &mut impl Coder, quantizer: &Quantizer, count: u
                 let Some((code, seen)) = models.gaussian(coder, quantizer, &local, (index, number), code) else {
                     return all;
                 };
+                if coder.has_ended() {
+                    return all;
+                }
                 around.push(seen);
                 all.push(code);
             }

@@ -114,11 +114,19 @@ fn truncated_files_are_errors_unless_a_prefix_is_enough() {
     let layers = vec![layer(HEAD, &gaussians(60, 6)), layer(HEAD, &gaussians(60, 7))];
     let bytes = picture(layers).encode().unwrap();
     let first = picture(vec![layer(HEAD, &gaussians(60, 6))]).encode().unwrap().len();
+    let whole = decode(&bytes, Extent::Whole).unwrap();
     for length in 0..bytes.len() {
         let cut = &bytes[..length];
         assert!(decode(cut, Extent::Whole).is_err(), "{length} bytes");
         match decode(cut, Extent::Prefix) {
-            Ok(decoded) => assert_eq!(decoded.layers, (usize::from(length >= first), 2), "{length} bytes"),
+            Ok(decoded) => {
+                assert_eq!(decoded.layers, (usize::from(length >= first), 2), "{length} bytes");
+                // What is there is right: a beginning of the Gaussians of the whole file.
+                let means = &decoded.scene.means;
+                assert_eq!(*means, whole.scene.means[..means.len()], "{length} bytes");
+                let due = whole.scene.means.len() * length.saturating_sub(48) / bytes.len();
+                assert!(means.len() + 6 >= due, "{} of {due} Gaussians of {length} bytes", means.len());
+            }
             Err(error) => assert!(length < 14, "{length} bytes: {error}"),
         }
     }
@@ -133,9 +141,9 @@ fn damage_is_found_by_the_checksum() {
         damaged[place] ^= 1 << (place % 8);
         for extent in [Extent::Whole, Extent::Prefix] {
             let decoded = decode(&damaged, extent);
-            // A longer length makes the layer end behind the file.
-            let left_out = extent == Extent::Prefix && decoded.as_ref().is_ok_and(|d| d.scene.is_empty());
-            assert!(decoded.is_err() || left_out, "byte {place}");
+            // A longer length makes the layer end behind the file, as if the file were truncated.
+            let truncated = extent == Extent::Prefix && decoded.as_ref().is_ok_and(|d| d.layers.0 == 0);
+            assert!(decoded.is_err() || truncated, "byte {place}");
         }
     }
     let more = [&bytes[..], b"x"].concat();

@@ -269,7 +269,7 @@ pub enum Error {
         found: String,
     },
     /// A `.gsi` file that cannot be decoded.
-    #[error("{}: {source}; fetch or encode it again", one_line(path))]
+    #[error("{}: {source}; {}", one_line(path), remedy(source))]
     Compressed {
         /// The file.
         path: PathBuf,
@@ -307,7 +307,7 @@ pub enum Error {
     },
     /// The file is not a 3D scene of a kind that can be read.
     #[error(
-        "{}: expected a scene (PLY, compressed PLY, .splat, SPZ, .gltf or .glb), found {found}; export it as PLY",
+        "{}: expected a scene (PLY, .splat, .ksplat, SPZ, SOG, .gltf or .glb), found {found}; export it as PLY",
         one_line(path)
     )]
     NotA3dScene {
@@ -433,6 +433,14 @@ impl Error {
     /// Turns an error of gs-core into [`Error::Content`].
     pub(crate) fn content(path: &Path) -> impl Fn(gs_core::Error) -> Self {
         move |source| Self::Content { path: path.to_owned(), source }
+    }
+}
+
+/// What to do about a damaged `.gsi` file.
+fn remedy(error: &gs_codec::Error) -> &'static str {
+    match error {
+        gs_codec::Error::Truncated { .. } => "fetch it again, or let gs decode --partial show what is there",
+        _ => "fetch or encode it again",
     }
 }
 

@@ -27,10 +27,24 @@ pub(crate) fn may_be_gsi(path: &Path) -> bool {
 /// [`Error::Missing`], [`Error::NotAFile`], [`Error::Read`]; [`Error::Compressed`] for a file that is
 /// damaged, truncated or of a later version.
 pub fn read_gsi(path: impl AsRef<Path>) -> Result<File2d, Error> {
-    let path = path.as_ref();
+    Ok(read(path.as_ref(), Extent::Whole)?.0)
+}
+
+/// Reads what is there of a `.gsi` file that may be truncated, and returns it with the numbers of
+/// layers that are whole and that the file was made with.
+///
+/// # Errors
+/// Those of [`read_gsi`], but for a file that ends after its header.
+pub fn read_gsi_prefix(path: impl AsRef<Path>) -> Result<(File2d, (usize, usize)), Error> {
+    read(path.as_ref(), Extent::Prefix)
+}
+
+fn read(path: &Path, extent: Extent) -> Result<(File2d, (usize, usize)), Error> {
     let (mut file, metadata) = open(path, WHAT)?;
     let bytes = read_exactly(&mut file, metadata.len()).map_err(|source| Error::read(path, source))?;
-    decode_gsi(&bytes, Extent::Whole).map_err(|source| Error::Compressed { path: path.to_owned(), source })
+    let decoded = decode(&bytes, extent).map_err(|source| Error::Compressed { path: path.to_owned(), source })?;
+    let layers = decoded.layers;
+    Ok((scene_of(decoded), layers))
 }
 
 /// The scene of the bytes of a `.gsi` file.
@@ -38,6 +52,9 @@ pub fn read_gsi(path: impl AsRef<Path>) -> Result<File2d, Error> {
 /// # Errors
 /// Those of [`decode`].
 pub fn decode_gsi(bytes: &[u8], extent: Extent) -> Result<File2d, gs_codec::Error> {
-    let Decoded { width, height, background, scene, .. } = decode(bytes, extent)?;
-    Ok(File2d { scene, width, height, settings: RenderSettings::blended(Blend::Sum).on(background) })
+    decode(bytes, extent).map(scene_of)
+}
+
+fn scene_of(Decoded { width, height, background, scene, .. }: Decoded) -> File2d {
+    File2d { scene, width, height, settings: RenderSettings::blended(Blend::Sum).on(background) }
 }

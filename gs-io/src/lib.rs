@@ -43,7 +43,7 @@ pub use crate::{
     atomic::{abandon_writes, prepare_folder, remove_leftovers, write_atomically, write_durably},
     checkpoint::{Checkpoint, decode_checkpoint, encode_checkpoint, is_checkpoint, read_checkpoint, write_checkpoint},
     error::Error,
-    gsi::{GSI_EXTENSION, decode_gsi, read_gsi},
+    gsi::{GSI_EXTENSION, decode_gsi, read_gsi, read_gsi_prefix},
     image::{
         AlphaMode, ImageRemark, LoadedImage, Orientation, Transparency, image_files, png_bytes, read_image,
         read_image_size, read_image_with, write_png,

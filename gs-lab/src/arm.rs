@@ -38,12 +38,13 @@ pub struct Arm {
     /// Coordinates in which the optimizer moves, with the learning rates that go with them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub parameterization: Option<Parameterization>,
+    /// A policy that settings cannot name. A study's file keeps its fingerprint, so that every program
+    /// finds the runs and reports them; only a program with the policy can do them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub own_policy: Option<OwnPolicy>,
     /// Settings that differ from the study's and from those that the keys above choose.
     #[serde(default, skip_serializing_if = "toml::Table::is_empty")]
     pub settings: toml::Table,
-    /// A policy that settings cannot name; available in the library only.
-    #[serde(skip)]
-    pub own_policy: Option<OwnPolicy>,
     /// The level of each of the study's factors, where the arm is a combination of them.
     #[serde(skip)]
     pub(crate) levels: Vec<usize>,
@@ -63,8 +64,8 @@ impl Arm {
             start: None,
             policy: None,
             parameterization: None,
-            settings: toml::Table::new(),
             own_policy: None,
+            settings: toml::Table::new(),
             levels: Vec::new(),
             lines: KeyLines::default(),
         }
@@ -98,13 +99,27 @@ impl Arm {
 }
 
 /// A policy that settings cannot name.
-#[derive(Clone)]
+#[derive(Clone, Serialize, Deserialize)]
+#[serde(from = "String", into = "String")]
 pub struct OwnPolicy {
     /// Describes everything that the policy's plans depend on. Two policies that plan differently
     /// must have different fingerprints, or a study reuses the results of one for the other.
     pub fingerprint: String,
     /// The policy.
     pub policy: AnyPolicy,
+}
+
+impl From<String> for OwnPolicy {
+    /// The policy of a study's file.
+    fn from(fingerprint: String) -> Self {
+        Self { fingerprint, policy: AnyPolicy::Elsewhere }
+    }
+}
+
+impl From<OwnPolicy> for String {
+    fn from(policy: OwnPolicy) -> Self {
+        policy.fingerprint
+    }
 }
 
 /// A policy for either kind of scene.
@@ -115,14 +130,17 @@ pub enum AnyPolicy {
     In2d(ForeignPolicy),
     /// For the training of 3D scenes.
     In3d(ForeignPolicy<Scene3d>),
+    /// A policy that only another program has.
+    Elsewhere,
 }
 
 impl AnyPolicy {
-    /// The densification statistics that the policy needs.
-    pub(crate) fn statistics(&self) -> Statistics {
+    /// The densification statistics that the policy needs, where this program has it.
+    pub(crate) fn statistics(&self) -> Option<Statistics> {
         match self {
-            Self::In2d(policy) => policy.statistics(),
-            Self::In3d(policy) => policy.statistics(),
+            Self::In2d(policy) => Some(policy.statistics()),
+            Self::In3d(policy) => Some(policy.statistics()),
+            Self::Elsewhere => None,
         }
     }
 }
@@ -132,6 +150,7 @@ impl fmt::Debug for AnyPolicy {
         f.write_str(match self {
             Self::In2d(_) => "In2d",
             Self::In3d(_) => "In3d",
+            Self::Elsewhere => "Elsewhere",
         })
     }
 }

@@ -162,18 +162,19 @@ fn conduct_from<R: StudyBackend>(queue: &Queue<'_>, rasterizer: &R, at: &Place<'
     Ok(())
 }
 
-/// Fails where the backend does not support what an arm needs, or where the study's clock does not
+/// Fails where the backend does not support what an arm needs, where this program does not have an
+/// arm's policy, or where the study's clock does not
 /// count what it does, before any run begins.
 ///
 /// # Errors
-/// [`Error::Arm`] with what is not supported, [`Error::Study`] for the clock.
+/// [`Error::Arm`] with what is missing, [`Error::Study`] for the clock.
 pub fn refuse_unsupported<R: StudyBackend>(plan: &Plan, rasterizer: &R) -> Result<(), Error> {
     plan.study.clock.check(plan, rasterizer)?;
     for (index, arm) in plan.study.arms.iter().enumerate() {
         let Some(run) = plan.runs.iter().find(|run| run.arm == index) else { continue };
         let mut render = *run.settings.render();
         render.effects.statistics = match &arm.own_policy {
-            Some(own) => own.policy.statistics(),
+            Some(own) => own.policy.statistics().ok_or_else(|| plan.policy_is_elsewhere(arm))?,
             None => run.settings.statistics(),
         };
         if let Err(error @ CoreError::Unsupported { .. }) = run.settings.draw_one(rasterizer, &render) {

@@ -81,8 +81,8 @@ fn combined(arm: &Arm, level: &Arm, index: usize) -> Result<Arm, String> {
         start: either("start", &arm.start, &level.start)?,
         policy: either("policy", &arm.policy, &level.policy)?,
         parameterization: either("parameterization", &arm.parameterization, &level.parameterization)?,
+        own_policy: level.own_policy.as_ref().or(arm.own_policy.as_ref()).cloned(),
         settings,
-        own_policy: None,
         levels: arm.levels.iter().copied().chain([index]).collect(),
         lines,
     })

@@ -7,7 +7,7 @@ use gs_train::{FitSettings, RunSettings as _, TrainSettings, train::StartName};
 use rayon::prelude::*;
 
 use crate::{
-    arm::Arm,
+    arm::{AnyPolicy, Arm},
     clock::Clock,
     digest,
     error::Error,
@@ -136,6 +136,13 @@ impl Plan {
         f64::from(run.settings.iterations().max(1)) * (pixels + 50.0 * f64::from(run.budget))
     }
 
+    /// The error that this program does not have the policy of an arm.
+    pub(crate) fn policy_is_elsewhere(&self, arm: &Arm) -> Error {
+        let message = "its policy is code that this program does not have: do and replay its runs with the program \
+                       that has it, such as gaussian_splats.Study of Python";
+        wrong(&self.study, arm, None, message.to_owned())
+    }
+
     /// A description of the run: "percentile, kodim04, 3000 Gaussians, seed 0".
     pub fn describe(&self, run: &Run) -> String {
         let Run { budget, seed, .. } = run;
@@ -155,7 +162,8 @@ fn settings(asked: &Asked<'_>, target: &StudyTarget, seed: u32) -> Result<RunSet
 /// The settings of a run on one kind of target.
 fn settings_of<S: StudyTask>(asked: &Asked<'_>, target: &StudyTarget, seed: u32) -> Result<S::Settings, Error> {
     let Asked { study, arm, .. } = *asked;
-    if arm.own_policy.as_ref().is_some_and(|own| S::own(&own.policy).is_none()) {
+    let is_of_other_kind = |own: &AnyPolicy| !matches!(own, AnyPolicy::Elsewhere) && S::own(own).is_none();
+    if arm.own_policy.as_ref().is_some_and(|own| is_of_other_kind(&own.policy)) {
         return Err(wrong(study, arm, None, "its own policy is for the other kind of scene".to_owned()));
     }
     let start = S::start_settings(asked, target)

@@ -3,6 +3,7 @@
 use gs_core::{Image, RenderSettings};
 
 use crate::{
+    arm::AnyPolicy,
     conduct,
     error::Error,
     export,
@@ -42,7 +43,7 @@ struct End {
 /// # Errors
 /// [`Error::NoRow`]; [`Error::Folder`] where the row has not been done; [`Error::OtherMachine`],
 /// [`Error::OtherVersion`] or [`Error::OtherRun`] where the record is of something else, before
-/// anything is computed; [`Error::NotReplayed`] where the scene differs from the recorded one;
+/// anything is computed; [`Error::Arm`] where this program does not have the arm's policy; [`Error::NotReplayed`] where the scene differs from the recorded one;
 /// [`Error::Fit`] where the run fails.
 pub fn replay<R: StudyBackend>(
     plan: &Plan,
@@ -61,6 +62,10 @@ pub fn replay<R: StudyBackend>(
     })?;
     if end.address != run.address {
         return Err(difference(plan, run, &end));
+    }
+    let arm = plan.arm(run);
+    if arm.own_policy.as_ref().is_some_and(|own| matches!(own.policy, AnyPolicy::Elsewhere)) {
+        return Err(plan.policy_is_elsewhere(arm));
     }
     let differs = |recorded: &str, found: &str| Error::NotReplayed {
         row,

@@ -96,17 +96,34 @@ fn numbers<T: Element + Copy>(
     let readonly = typed
         .try_readonly()
         .map_err(|_| PyValueError::new_err(format!("{argument}: the array is being written to; pass a copy")))?;
-    let Ok(slice) = readonly.as_slice() else {
-        let problem = "the array is not C-contiguous; pass numpy.ascontiguousarray of it";
-        return Err(PyValueError::new_err(format!("{argument}: {problem}")));
-    };
+    // `as_slice` takes arrays in Fortran's order, too.
+    if !typed.is_c_contiguous() {
+        return Err(errors::value(argument, "the array is not C-contiguous; pass numpy.ascontiguousarray of it"));
+    }
+    let slice = readonly.as_slice().map_err(|_| errors::value(argument, "the array is not aligned; pass a copy"))?;
     Ok((slice.to_vec(), found))
+}
+
+/// A few numbers of an argument, row by row: an array of this shape, or lists of numbers.
+pub(crate) fn small(argument: &str, value: &Bound<'_, PyAny>, shape: &[usize]) -> PyResult<Vec<f32>> {
+    let sides: Vec<Side> = shape.iter().map(|&length| Side::Exactly(length)).collect();
+    let expected = describe(&sides);
+    let array = value.py().import("numpy")?.call_method1("ascontiguousarray", (value, "float32"));
+    let array = array.map_err(|_| {
+        let found = type_name(value);
+        PyTypeError::new_err(format!("{argument}: expected numbers of shape {expected}, not {found}"))
+    })?;
+    numbers::<f32>(argument, &array, &sides, "float32").map(|(numbers, _)| numbers)
+}
+
+fn type_name(value: &Bound<'_, PyAny>) -> String {
+    value.get_type().name().map_or_else(|_| "something else".to_owned(), |name| name.to_string())
 }
 
 fn wrong_type(argument: &str, value: &Bound<'_, PyAny>, dtype: &str, shape: &[Side]) -> PyErr {
     let found = match value.cast::<PyUntypedArray>() {
         Ok(array) => format!("an array of {}", array.dtype()),
-        Err(_) => value.get_type().name().map_or_else(|_| "something else".to_owned(), |name| name.to_string()),
+        Err(_) => type_name(value),
     };
     let expected = describe(shape);
     PyTypeError::new_err(format!("{argument}: expected a NumPy array of {dtype} with shape {expected}, not {found}"))

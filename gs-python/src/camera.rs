@@ -2,9 +2,10 @@
 
 use glam::{Mat3, Vec2, Vec3};
 use gs_core::view::Bulk;
-use pyo3::prelude::*;
+use pyo3::{prelude::*, types::PyAny};
 
 use crate::{
+    arrays,
     errors::{self, IntoPython},
     scene3d::Scene3d,
 };
@@ -28,15 +29,18 @@ impl Camera {
         fy: Option<f32>,
         cx: Option<f32>,
         cy: Option<f32>,
-        rotation: Option<[[f32; 3]; 3]>,
-        translation: Option<[f32; 3]>,
+        rotation: Option<&Bound<'_, PyAny>>,
+        translation: Option<&Bound<'_, PyAny>>,
         near: Option<f32>,
     ) -> PyResult<Self> {
         let usual = gs_core::Camera::looking_forward(width, height, 1.0);
         let center = Vec2::new(cx.unwrap_or(usual.center.x), cy.unwrap_or(usual.center.y));
-        // Rows, as NumPy has them.
-        let rotation = rotation.map_or(Mat3::IDENTITY, |rows| Mat3::from_cols_array_2d(&rows).transpose());
-        let translation = translation.map_or(Vec3::ZERO, Vec3::from_array);
+        let rotation = match rotation {
+            // Row by row, as NumPy has them.
+            Some(rotation) => Mat3::from_cols_slice(&arrays::small("rotation", rotation, &[3, 3])?).transpose(),
+            None => Mat3::IDENTITY,
+        };
+        let translation = translation.map_or(Ok(Vec3::ZERO), |translation| point("translation", translation))?;
         let focal = Vec2::new(fx, fy.unwrap_or(fx));
         let near = near.unwrap_or(usual.near);
         let camera = gs_core::Camera { rotation, translation, focal, center, near, ..usual };
@@ -55,9 +59,16 @@ impl Camera {
     }
 
     #[doc = doc!("Camera.looking_at")]
-    #[pyo3(signature = (position, target, up = [0.0, -1.0, 0.0]))]
-    fn looking_at(&self, position: [f32; 3], target: [f32; 3], up: [f32; 3]) -> PyResult<Self> {
-        let camera = self.camera.looking_at(position.into(), target.into(), up.into());
+    #[pyo3(signature = (position, target, up = None))]
+    fn looking_at(
+        &self,
+        position: &Bound<'_, PyAny>,
+        target: &Bound<'_, PyAny>,
+        up: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Self> {
+        let (position, target) = (point("position", position)?, point("target", target)?);
+        let up = up.map_or(Ok(Vec3::NEG_Y), |up| point("up", up))?;
+        let camera = self.camera.looking_at(position, target, up);
         let camera = camera.ok_or_else(|| errors::value("target", "is at the position, or straight up from it"))?;
         Ok(Self { camera })
     }
@@ -91,6 +102,11 @@ impl Camera {
         let gs_core::Camera { width, height, focal, .. } = self.camera;
         format!("<Camera {width}x{height}, focal {:.1}, at {}>", focal.x, self.camera.position())
     }
+}
+
+/// A point or a vector of an argument, world units.
+fn point(argument: &str, value: &Bound<'_, PyAny>) -> PyResult<Vec3> {
+    arrays::small(argument, value, &[3]).map(|numbers| Vec3::from_slice(&numbers))
 }
 
 /// Horizontal field of view of an overview, rad; that of `gs view`.

@@ -55,10 +55,10 @@ pub(crate) fn encode(
         (Some(quality), None, None, None) => EncodeTarget::Quality(quality),
         (None, Some(psnr), None, None) => EncodeTarget::Psnr(psnr),
         (None, None, Some(bytes), None) => EncodeTarget::Bytes(bytes),
-        (None, None, None, Some(bits)) if bits > 0.0 => {
+        (None, None, None, Some(bits)) if bits > 0.0 && bits.is_finite() => {
             EncodeTarget::Bytes((bits * image.pixels().len() as f64 / 8.0) as u64)
         }
-        (None, None, None, Some(_)) => return Err(errors::value("bpp", "must be above 0")),
+        (None, None, None, Some(_)) => return Err(errors::value("bpp", "must be a finite number above 0")),
         _ => return Err(errors::value("quality, psnr, bytes, bpp", "expected at most one of them")),
     };
     let settings = EncodeSettings::default().with(|settings| (settings.target, settings.seed) = (target, seed));

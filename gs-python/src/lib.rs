@@ -13,6 +13,7 @@ mod camera;
 mod codec;
 mod errors;
 mod gradients;
+mod notebook;
 mod observation;
 mod oracle;
 mod plan;

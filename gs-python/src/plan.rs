@@ -1,5 +1,7 @@
 //! `Plan`: the edits that a policy written in Python wants.
 
+use std::collections::HashSet;
+
 use gs_core::{
     EditPlan, Scene as _,
     edit::{Birth, Change, Moments, Origin, Place, PruneCause, Removal},
@@ -115,6 +117,7 @@ impl Plan {
             len,
             [("grow", &grow), ("clone", &clone), ("split", &split), ("prune", &prune), ("relocate[0]", &moved)],
         )?;
+        apart(&onto, [("prune", &prune), ("relocate[0]", &moved)])?;
 
         let round = Round::open(actions, observation).map_err(IntoPython::into_python)?;
         // What the actions prune does not grow.
@@ -153,7 +156,11 @@ impl Plan {
             plan.changed.extend(change);
             plan.added.push(birth);
         }
-        for (moved, onto) in moved.into_iter().zip(onto).filter(|&(moved, _)| is_left[moved as usize]) {
+        for (moved, onto) in moved.into_iter().zip(onto) {
+            if !(is_left[moved as usize] && is_left[onto as usize]) {
+                continue;
+            }
+
             let gaussian = observation.scene.gaussian(onto as usize);
             plan.changed.push(Change { index: moved, gaussian, moments: Moments::Fresh });
         }
@@ -172,6 +179,17 @@ impl Plan {
         plan.opacity_ceiling = self.opacity_ceiling.or(plan.opacity_ceiling);
         Ok(plan)
     }
+}
+
+/// Checks that no Gaussian which others become a copy of goes away or becomes another itself.
+fn apart(onto: &[u32], lists: [(&str, &[u32]); 2]) -> PyResult<()> {
+    for (argument, list) in lists {
+        let gone: HashSet<u32> = list.iter().copied().collect();
+        if let Some(index) = onto.iter().find(|index| gone.contains(index)) {
+            return Err(errors::value("relocate[1]", format!("Gaussian {index} is named here and in {argument}")));
+        }
+    }
+    Ok(())
 }
 
 /// Checks that no Gaussian is named twice.

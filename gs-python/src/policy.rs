@@ -65,7 +65,13 @@ impl PythonPolicy {
         };
         actions.validate().map_err(IntoPython::into_python)?;
         let statistics = match attribute("statistics")? {
-            Some(name) => settings::named("policy.statistics", &name.extract::<String>()?)?,
+            Some(name) => {
+                let name: String = name.extract().map_err(|_| {
+                    let message = format!("policy.statistics: expected a name such as 'mean-gradient', not {name}");
+                    PyTypeError::new_err(message)
+                })?;
+                settings::named("policy.statistics", &name)?
+            }
             None => Statistics::MeanGradient,
         };
         let needs_residual = attribute("needs_residual")?.is_some_and(|needs| needs.is_truthy().unwrap_or(false));

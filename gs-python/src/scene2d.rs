@@ -20,6 +20,7 @@ use crate::{
     arrays::{self, Side, Values},
     backend,
     errors::{self, IntoPython},
+    notebook,
 };
 
 #[doc = doc!("Scene2d")]
@@ -168,6 +169,11 @@ impl Scene2d {
         let image = backend::chosen(py, None)?
             .compute(py, |on| block_on(on.render(&*scene, &Canvas::new(width, height), &settings)))?;
         Ok(Some(PyBytes::new(py, &gs_io::png_bytes(&image))))
+    }
+
+    #[doc = doc!("Scene2d._repr_html_")]
+    fn _repr_html_(this: &Bound<'_, Self>) -> PyResult<String> {
+        notebook::figure(this.as_any(), this.get()._repr_png_(this.py())?)
     }
 }
 

@@ -21,6 +21,7 @@ use crate::{
     arrays::{self, Side, Values},
     backend, camera,
     errors::{self, IntoPython},
+    notebook,
     scene2d::Scene2d,
 };
 
@@ -160,6 +161,11 @@ impl Scene3d {
     #[doc = doc!("Scene3d._repr_png_")]
     fn _repr_png_<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyBytes>>> {
         self.png(py)
+    }
+
+    #[doc = doc!("Scene3d._repr_html_")]
+    fn _repr_html_(this: &Bound<'_, Self>) -> PyResult<String> {
+        notebook::figure(this.as_any(), this.get()._repr_png_(this.py())?)
     }
 }
 

@@ -61,7 +61,24 @@ fn table(argument: &str, settings: &Bound<'_, PyAny>) -> PyResult<Table> {
     let text = text.map_err(|error| errors::value(argument, format!("not possible as settings: {error}")))?;
     let text: String = text.cast::<PyString>()?.extract()?;
     let value: serde_json::Value = serde_json::from_str(&text).map_err(|error| errors::value(argument, error))?;
+    if let Some(key) = key_of_none(&value) {
+        return Err(errors::value(&format!("{argument}{key}"), "None is no value of a setting; leave the key out"));
+    }
     Table::try_from(value).map_err(|error| errors::value(argument, format!("not possible as settings: {error}")))
+}
+
+/// Where a None is in settings, such as `.adam.mean`.
+fn key_of_none(value: &serde_json::Value) -> Option<String> {
+    match value {
+        serde_json::Value::Null => Some(String::new()),
+        serde_json::Value::Object(of) => {
+            of.iter().find_map(|(key, value)| key_of_none(value).map(|rest| format!(".{key}{rest}")))
+        }
+        serde_json::Value::Array(of) => {
+            of.iter().enumerate().find_map(|(index, value)| key_of_none(value).map(|rest| format!("[{index}]{rest}")))
+        }
+        _ => None,
+    }
 }
 
 /// Settings with the values of a mapping in place of their own.

@@ -16,12 +16,12 @@ use gs_core::{Scene2d, Scene3d};
 use gs_lab::{
     Existing, Places, Plan, Results, StudyFolder, conduct_with, report, slurm,
     study::{
-        AnyPolicy, Arm, AtEnd, Conducted, Machine, OwnPolicy, Run, RunOutcome, Shard, Watcher, WorkSettings,
-        write_tables,
+        AnyPolicy, AnyScene, Arm, AtEnd, Conducted, Machine, OwnPolicy, Replayed, Run, RunOutcome, Shard, Watcher,
+        WorkSettings, write_tables,
     },
 };
 use gs_train::ForeignPolicy;
-use pyo3::{exceptions::PyRuntimeError, prelude::*, types::PyAny};
+use pyo3::{IntoPyObjectExt, exceptions::PyRuntimeError, prelude::*, types::PyAny};
 use toml::Table;
 
 use crate::{
@@ -95,7 +95,7 @@ impl Study {
     ) -> PyResult<Vec<String>> {
         let existing = if resume { Existing::Resume } else { Existing::Refuse };
         let work = WorkSettings::default();
-        let study = self.prepared(py, output, jobs, existing)?;
+        let study = self.prepared(py, output, jobs, Some(existing))?;
         self.conducted(py, &study, &work, progress)?;
         self.reported(py, &study)
     }
@@ -116,14 +116,29 @@ impl Study {
             work.at_end = AtEnd::Leave;
         });
         work.validate().map_err(IntoPython::into_python)?;
-        let study = self.prepared(py, output, jobs, Existing::Resume)?;
+        let study = self.prepared(py, output, jobs, Some(Existing::Resume))?;
         self.conducted(py, &study, &work, progress)
     }
 
     #[doc = doc!("Study.report")]
     fn report(&self, py: Python<'_>, output: PathBuf) -> PyResult<Vec<String>> {
-        let study = self.prepared(py, output, 1, Existing::Resume)?;
+        let study = self.prepared(py, output, 1, None)?;
         self.reported(py, &study)
+    }
+
+    #[doc = doc!("Study.replay")]
+    fn replay(&self, py: Python<'_>, output: PathBuf, row: usize) -> PyResult<Py<PyAny>> {
+        let Prepared { plan, folder, backends } = self.prepared(py, output, 1, None)?;
+        let replayed = errors::computed(py, || gs_lab::study::replay(&plan, row, backends[0].rasterizer(), &folder));
+        let Replayed { scene, pictures, settings, .. } = replayed.map_err(|error| self.raised().unwrap_or(error))?;
+        match scene {
+            AnyScene::In2d(scene) => {
+                let (render, size) = (Some(settings), pictures.first().map(gs_core::Image::size));
+                crate::scene2d::Scene2d { scene: Arc::new(scene), render, size }.into_py_any(py)
+            }
+            AnyScene::In3d(scene) => crate::scene3d::Scene3d::of(scene, Some(settings)).into_py_any(py),
+            _ => Err(PyRuntimeError::new_err("the scene is of a kind that has no class in Python")),
+        }
     }
 
     fn __repr__(&self) -> String {
@@ -185,7 +200,8 @@ struct Prepared {
 }
 
 impl Study {
-    fn prepared(&self, py: Python<'_>, output: PathBuf, jobs: usize, existing: Existing) -> PyResult<Prepared> {
+    /// Makes the folder, or opens it as it is where `existing` does not say what may be in it.
+    fn prepared(&self, py: Python<'_>, output: PathBuf, jobs: usize, existing: Option<Existing>) -> PyResult<Prepared> {
         if jobs == 0 {
             return Err(errors::value("jobs", "must be at least 1"));
         }
@@ -197,8 +213,14 @@ impl Study {
             let rasterizer = backends[0].rasterizer();
             let plan = Plan::new(self.study.clone(), &self.places, Machine::of(rasterizer));
             let plan = plan.map_err(IntoPython::into_python)?;
-            gs_lab::study::refuse_unsupported(&plan, rasterizer).map_err(IntoPython::into_python)?;
-            let folder = StudyFolder::prepare(&output, &plan, existing).map_err(IntoPython::into_python)?;
+            let folder = match existing {
+                Some(existing) => {
+                    gs_lab::study::refuse_unsupported(&plan, rasterizer).map_err(IntoPython::into_python)?;
+                    StudyFolder::prepare(&output, &plan, existing)
+                }
+                None => StudyFolder::open(&output),
+            };
+            let folder = folder.map_err(IntoPython::into_python)?;
             Ok(Prepared { plan, folder, backends })
         })
     }
@@ -245,6 +267,11 @@ impl Study {
         }
     }
 
+    /// What a policy has raised.
+    fn raised(&self) -> Option<PyErr> {
+        self.raised.lock().ok().and_then(|mut raised| raised.take())
+    }
+
     fn reported(&self, py: Python<'_>, study: &Prepared) -> PyResult<Vec<String>> {
         let Prepared { plan, folder, .. } = study;
         let headlines = py.detach(|| {
@@ -266,10 +293,9 @@ impl Study {
         });
         headlines.map_err(|error: Result<gs_lab::Error, String>| match error {
             Ok(error) => error.into_python(),
-            Err(first) => {
-                let raised = self.raised.lock().ok().and_then(|mut raised| raised.take());
-                raised.unwrap_or_else(|| PyRuntimeError::new_err(format!("all runs failed, the first since {first}")))
-            }
+            Err(first) => self
+                .raised()
+                .unwrap_or_else(|| PyRuntimeError::new_err(format!("all runs failed, the first since {first}"))),
         })
     }
 }

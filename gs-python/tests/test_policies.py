@@ -132,6 +132,16 @@ def test_every_edit(image: np.ndarray, cpu: gs.Backend) -> None:
             ValueError,
             "relocate: expected two arrays of one length",
         ),
+        (
+            lambda o: gs.Plan(relocate=(np.array([1, 2]), np.array([2, 3]))),
+            ValueError,
+            r"relocate\[1\]: Gaussian 2 is named here and in relocate\[0\]",
+        ),
+        (
+            lambda o: gs.Plan(relocate=(np.array([1]), np.array([2])), prune=np.array([2])),
+            ValueError,
+            r"relocate\[1\]: Gaussian 2 is named here and in prune",
+        ),
         (lambda o: gs.Plan(add=3), TypeError, "add: expected Scene2d, not int"),  # type: ignore[arg-type]
         (lambda o: 1 / 0, ZeroDivisionError, "division"),
     ],
@@ -196,4 +206,7 @@ def test_a_wrong_attribute(image: np.ndarray, cpu: gs.Backend) -> None:
             return gs.Plan()
 
     with pytest.raises(ValueError, match="statistics"):
+        fitted(image, cpu, Wrong())
+    Wrong.statistics = 3  # type: ignore[assignment]
+    with pytest.raises(TypeError, match=r"policy\.statistics: expected a name .*, not 3"):
         fitted(image, cpu, Wrong())

@@ -86,6 +86,11 @@ def test_settings_with_numbers_of_numpy(image: np.ndarray, cpu: gs.Backend) -> N
     assert (settings["seed"], settings["adam"]["mean"]["beta1"]) == (7, 0.5)
 
 
+def test_settings_without_a_value(image: np.ndarray, cpu: gs.Backend) -> None:
+    with pytest.raises(ValueError, match=r"settings\.adam\.mean: None is no value of a setting"):
+        gs.fit(image, 20, iterations=3, settings={"adam": {"mean": None}}, backend=cpu)
+
+
 def test_backends_by_name(image: np.ndarray) -> None:
     named = gs.fit(image, 40, iterations=20, backend="cpu")
     assert same(named.scene, gs.fit(image, 40, iterations=20, backend=gs.Backend("cpu")).scene)
@@ -115,6 +120,23 @@ def test_a_checkpoint_of_a_run_with_other_settings(
     checkpoint.write_bytes(b"no checkpoint")
     with pytest.raises(OSError, match=r"checkpoint\.safetensors"):
         gs.fit(image, 50, backend=cpu, checkpoint=checkpoint)
+
+
+def test_checkpoints_where_none_can_be_written(image: np.ndarray, tmp_path: Path) -> None:
+    for path, says in [(tmp_path, "is a folder"), (tmp_path / "no" / "file", "there is no folder")]:
+        with pytest.raises(OSError, match=f"checkpoint: .*{says}"):
+            gs.FitRun(image, 10, iterations=2, backend="cpu", checkpoint=path)
+
+
+def test_impossible_threads() -> None:
+    for threads in [0, 10**9]:
+        with pytest.raises(ValueError, match=f"threads is {threads}, but must be 1 to 1024"):
+            gs.Backend("cpu", threads=threads)
+
+
+def test_progress_that_is_no_function(image: np.ndarray) -> None:
+    with pytest.raises(TypeError, match="progress: expected a function of the state, not int"):
+        gs.fit(image, 10, iterations=2, backend="cpu", progress=3)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import gaussian_splats as gs
 import numpy as np
@@ -54,6 +55,13 @@ def arrays_2d() -> dict[str, np.ndarray]:
         ("log_scales", np.ones((4, 2), np.float32), ValueError, "(3, 2)"),
         ("rotations", np.ones((3, 1), np.float32), ValueError, "(3,)"),
         ("colors", np.ones((3, 6), np.float32)[:, ::2], ValueError, "ascontiguousarray"),
+        ("colors", np.ones((3, 3), np.float32, order="F"), ValueError, "ascontiguousarray"),
+        (
+            "means",
+            np.frombuffer(b"\0" * 25, np.uint8)[1:].view(np.float32).reshape(3, 2),
+            ValueError,
+            "aligned",
+        ),
         ("colors", np.full((3, 3), np.nan, np.float32), ValueError, "colors[0, 0] is NaN"),
     ],
 )
@@ -89,7 +97,9 @@ def test_2d_files(scene_2d: gs.Scene2d, tmp_path: Path) -> None:
     assert np.array_equal(gs.render(loaded), gs.render(scene_2d, size=(32, 32)))
 
 
-@pytest.mark.parametrize("name", ["scene.ply", "scene.spz", "scene.glb", "scene.splat"])
+@pytest.mark.parametrize(
+    "name", ["scene.ply", "scene.spz", "scene.glb", "scene.splat", "scene.sog", "meta.json"]
+)
 def test_3d_files(scene_3d: gs.Scene3d, tmp_path: Path, name: str) -> None:
     file = tmp_path / name
     scene_3d.save(file)
@@ -149,3 +159,26 @@ def test_settings_refuse_unknown_keys(scene_2d: gs.Scene2d) -> None:
         gs.render(scene_2d, size=(8, 8), settings={"efects": {}})
     with pytest.raises(ValueError):
         gs.render(scene_2d, size=(8, 8), settings={"background": float("nan")})
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "says"),
+    [
+        ({"rotation": np.zeros(3)}, ValueError, r"rotation: expected shape \(3, 3\), not \[3\]"),
+        ({"rotation": "none"}, TypeError, r"rotation: expected numbers of shape \(3, 3\), not str"),
+        ({"translation": [1, 2]}, ValueError, r"translation: expected shape \(3,\), not \[2\]"),
+    ],
+)
+def test_wrong_poses(arguments: Any, error: type[Exception], says: str) -> None:
+    with pytest.raises(error, match=says):
+        gs.Camera(32, 24, fx=30.0, **arguments)
+
+
+def test_a_rotation_in_fortrans_order() -> None:
+    turned = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    cameras = [
+        gs.Camera(32, 24, fx=30.0, rotation=rotation, translation=[1.0, 2.0, 3.0])
+        for rotation in [turned, np.asfortranarray(turned), turned.tolist()]
+    ]
+    # The position is -rotation.T @ translation.
+    assert all(camera.position == [-2.0, 1.0, -3.0] for camera in cameras)

@@ -12,6 +12,8 @@ const problem = $("problem");
 
 const page = {
   connection: undefined,
+  /** Done when the last file that was given is open, or refused. */
+  opening: undefined,
   /** Asks the engine; a failure is shown and thrown on. */
   async ask(request, rest, transfer) {
     try {
@@ -32,9 +34,11 @@ function fail(error) {
   problem.textContent = error.message;
   problem.hidden = false;
   if (!error.fatal) return;
-  problem.textContent += " – the engine starts again on the CPU; what was computed last stays in the picture.";
+  // What stopped on the CPU would probably stop there again, so going on is left to the visitor.
+  const running = fit.running && document.body.dataset.backend !== "cpu";
+  problem.textContent += `. The engine starts again on the CPU, ${running ? "and goes on" : "paused,"} from its last checkpoint.`;
   $("backend").value = "cpu";
-  connect();
+  connect(running);
 }
 
 const fit = new FitPanel(page);
@@ -42,12 +46,12 @@ const view = new ViewPanel(page);
 // For tests and for the console.
 globalThis.gsPage = Object.assign(page, { fit, view });
 
-/** Starts the engine in a new worker. */
-function connect() {
+/** Starts the engine in a new worker; `running` says whether a fit goes on at once. */
+function connect(running) {
   page.connection?.then((connection) => connection.close(), () => {});
   page.connection = (async () => {
     const { worker, wasm } = await engineParts();
-    const connection = new Connection(worker, (event) => fit.event(event));
+    const connection = new Connection(worker, (event, connection) => fit.event(event, connection));
     const wanted = $("backend").value;
     const opened = await connection.ask("open", { wanted, wasm }).catch(async (error) => {
       if (wanted !== "wgpu") throw error;
@@ -62,14 +66,18 @@ function connect() {
     const { name, reason, policies } = opened;
     status.textContent = `Computing on ${reason}`;
     document.body.dataset.backend = name;
-    fit.ready(policies);
-    view.ready();
-    return connection;
+    return Object.assign(connection, { policies, opened: true });
   })();
-  page.connection.catch((error) => {
-    problem.textContent = `The engine did not start: ${error.message}. Reload the page, or use another browser.`;
-    problem.hidden = false;
-  });
+  page.connection.then(
+    ({ policies }) => {
+      fit.ready(policies, running).catch(() => {});
+      view.ready().catch(() => {});
+    },
+    (error) => {
+      problem.textContent = `The engine did not start: ${error.message}. Reload the page, or use another browser.`;
+      problem.hidden = false;
+    },
+  );
 }
 
 /** A canvas can be handed over once only, so a new one takes its place. */
@@ -117,7 +125,9 @@ async function open(file) {
   }
 }
 
-const openAll = (files) => files.length && open(files[0]).catch((error) => error.fatal || fail(error));
+function openAll([file]) {
+  if (file) page.opening = open(file).catch((error) => error.fatal || fail(error));
+}
 addEventListener("dragover", (event) => {
   event.preventDefault();
   $("drop").hidden = false;
@@ -139,11 +149,12 @@ for (const [button, input] of [["choose-image", "image"], ["choose-scene", "scen
 
 $("backend").addEventListener("change", () => {
   problem.hidden = true;
-  connect();
+  connect(fit.running);
 });
+const darkness = matchMedia("(prefers-color-scheme: dark)");
+darkness.addEventListener("change", () => fit.drawCurves());
 $("theme").addEventListener("click", () => {
-  const dark = matchMedia("(prefers-color-scheme: dark)").matches;
-  const now = document.documentElement.dataset.theme ?? (dark ? "dark" : "light");
+  const now = document.documentElement.dataset.theme ?? (darkness.matches ? "dark" : "light");
   document.documentElement.dataset.theme = now === "dark" ? "light" : "dark";
   fit.drawCurves();
 });

@@ -1,7 +1,7 @@
 // What `gs serve` adds: a list of scenes and runs, and the curves and the newest scene of a run while
 // it goes on.
 
-import { drawCurves } from "./curve.js";
+import { Curve, drawCurves } from "./curve.js";
 
 const $ = (id) => document.getElementById(id);
 
@@ -13,6 +13,7 @@ export async function watchServer(page, view, found) {
   if (!document.querySelector("meta[name=gs-serve]")) return;
   const list = $("served-list");
   let shown = {};
+  let filled;
 
   async function entries() {
     const response = await fetch("serve/list");
@@ -21,6 +22,10 @@ export async function watchServer(page, view, found) {
   }
 
   function fill(all) {
+    const names = JSON.stringify(all.map(({ path, kind }) => [path, kind]));
+    // An open list would close.
+    if (names === filled) return;
+    filled = names;
     const chosen = list.value;
     const option = ({ path, kind }) => new Option(kind === "run" ? `${path || "."} (run)` : path, `${kind} ${path}`);
     list.replaceChildren(new Option("choose…", ""), ...all.map(option));
@@ -39,7 +44,8 @@ export async function watchServer(page, view, found) {
     if (scene && (scene !== shown.scene || modified !== shown.sceneModified)) {
       const before = shown.scene;
       shown = { ...shown, scene, sceneModified: modified };
-      await view.fetched(scene, again && scene === before);
+      // The newest scene of a run may be another file than before.
+      await view.fetched(scene, again && before !== undefined);
     }
     shown.modified = entry.modified;
   }
@@ -51,7 +57,7 @@ export async function watchServer(page, view, found) {
     const [step, count, loss, psnr] = [["step"], ["count", "gaussians"], ["loss"], ["psnr"]].map(column);
     const number = (row, at) => (at < 0 || row[at] === undefined || row[at] === "" ? null : Number(row[at]));
     const curve = rows.map((row) => [step, count, loss, psnr].map((at) => number(row, at)));
-    drawCurves($("run-curve"), { a: curve }, getComputedStyle(document.body).color);
+    drawCurves($("run-curve"), { a: new Curve().add(curve) }, getComputedStyle(document.body).color);
     const last = curve.at(-1);
     $("run-words").textContent = last ? `${path || "."}: step ${last[0]}, ${last[1]} Gaussians, loss ${last[2]}` : `${path}: no step yet`;
   }
@@ -65,7 +71,7 @@ export async function watchServer(page, view, found) {
   found();
   for (;;) {
     await new Promise((resolve) => setTimeout(resolve, EVERY));
-    if (document.hidden || !list.value.startsWith("run ")) continue;
+    if (document.hidden) continue;
     // The program may be restarted, or a file may be replaced in this moment.
     await update(true).catch((error) => page.say(`The server does not answer: ${error.message}`));
   }

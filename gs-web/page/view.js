@@ -14,6 +14,8 @@ export class ViewPanel {
   #page;
   #orbit;
   info;
+  /** Opens again what is open. */
+  #source;
   #name = "scene";
   #busy = false;
   #again = false;
@@ -33,10 +35,11 @@ export class ViewPanel {
     new ResizeObserver(() => this.draw()).observe($("stage"));
   }
 
-  ready() {
+  /** The engine is there; the scene that another had open is opened again, with its camera. */
+  async ready() {
     if (!this.info) return;
     this.info = undefined;
-    this.#words("The engine has started anew: open the scene again.");
+    await this.#source(true);
   }
 
   /** A new canvas has taken the place of the old one. */
@@ -45,7 +48,7 @@ export class ViewPanel {
   }
 
   async open(file) {
-    await this.#show(await file.arrayBuffer(), file.name);
+    await this.#show(file.name, () => file.arrayBuffer());
   }
 
   /** Opens the scene inside a page of one file, if there is one. */
@@ -53,11 +56,14 @@ export class ViewPanel {
     const element = $("embedded-scene");
     if (!element) return;
     found();
-    const response = await fetch(`data:application/octet-stream;base64,${element.textContent.trim()}`);
-    await this.#show(await response.arrayBuffer(), element.dataset.name).catch(() => {});
+    const address = () => `data:application/octet-stream;base64,${element.textContent.trim()}`;
+    await this.#show(element.dataset.name, async () => (await fetch(address())).arrayBuffer()).catch(() => {});
   }
 
-  async #show(bytes, name, again = false) {
+  /** Shows the scene that `read` reads; with `again`, the camera stays where it is. */
+  async #show(name, read, again = false) {
+    this.#words(`Reading ${name}…`);
+    const bytes = await read();
     this.#words(`Reading ${name}, ${(bytes.byteLength / 1e6).toFixed(1)} MB…`);
     try {
       this.info = await this.#page.ask("openScene", { bytes, name }, [bytes]);
@@ -66,6 +72,7 @@ export class ViewPanel {
       throw Object.assign(error, { shown: true });
     }
     this.#name = name.replace(/\.[^.]*$/, "");
+    this.#source = (again) => this.#show(name, read, again);
     const { kind, size, home, shDegree } = this.info;
     this.#rectangle = kind === "2d" ? [0, 0, ...size] : undefined;
     $("degree").replaceChildren(new Option("all", ""), ...Array.from({ length: shDegree }, (_, k) => new Option(k, k)));
@@ -152,8 +159,11 @@ export class ViewPanel {
 
   /** Opens the scene of an address; a scene that was open before keeps its camera if `again`. */
   async fetched(path, again = false) {
-    const response = await fetch(`serve/file/${path.split("/").map(encodeURIComponent).join("/")}`);
-    if (!response.ok) throw new Error(`${path}: ${await response.text()}`);
-    await this.#show(await response.arrayBuffer(), path.split("/").pop(), again);
+    const read = async () => {
+      const response = await fetch(`serve/file/${path.split("/").map(encodeURIComponent).join("/")}`);
+      if (!response.ok) throw new Error(`${path}: ${await response.text()}`);
+      return response.arrayBuffer();
+    };
+    await this.#show(path.split("/").pop(), read, again);
   }
 }

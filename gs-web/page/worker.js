@@ -1,5 +1,6 @@
 // The worker of the page: it holds the engine, and draws into canvases that the page has handed
-// over, so that the page itself never waits. Requests are answered in order, one at a time.
+// over, so that the page itself never waits. Requests are answered in order, one at a time. What a
+// running fit has to say is collected until the page has taken what was said before.
 
 import init, { Engine, memoryBytes, policies } from "./gs_web.js";
 import { builtInTarget } from "./targets.js";
@@ -8,12 +9,18 @@ import { builtInTarget } from "./targets.js";
 const SLICE = 60;
 /** Least time between two pictures of a running fit, ms. */
 const BETWEEN_PICTURES = 200;
+/** Least time between two checkpoints of a running fit, from which it goes on if the engine stops, ms. */
+const BETWEEN_CHECKPOINTS = 5000;
 
 let engine;
 let view;
 const canvases = {};
-/** Fits by slot: { fit, width, height, running, shown }. */
+/** Fits by slot: { fit, width, height, running, shown, kept }. */
 const fits = {};
+/** Reports by slot that the page has not been given yet. */
+let untold = {};
+/** Whether the page still has to take the last reports. */
+let pageIsBusy = false;
 let show = "picture";
 let queue = Promise.resolve();
 
@@ -34,13 +41,17 @@ const requests = {
 
   async start({ slot, source, choices, settings }) {
     stop(slot);
-    const { pixels: rgba, width, height } = source.bitmap ? rgbaOf(source.bitmap) : builtInTarget(source.target);
+    const { pixels: rgba, width, height } = pixelsOf(source);
     const fit = settings
       ? await engine.fitWith(rgba, width, height, settings)
       : await engine.fit(rgba, width, height, JSON.stringify(choices));
-    fits[slot] = { fit, width, height, running: false, shown: 0 };
-    await draw(slot);
-    return { memory: memoryBytes(), width, height };
+    return begun(slot, fit, width, height);
+  },
+
+  async resume({ slot, source, checkpoint }) {
+    stop(slot);
+    const { pixels: rgba, width, height } = pixelsOf(source);
+    return begun(slot, engine.resumeFit(rgba, width, height, checkpoint), width, height);
   },
 
   stop({ slot }) {
@@ -55,6 +66,7 @@ const requests = {
   async advance({ slot, until }) {
     const report = await advance(slot, until);
     await draw(slot);
+    await keepIfDue(slot, report);
     return report;
   },
 
@@ -104,6 +116,10 @@ const requests = {
 };
 
 self.onmessage = ({ data }) => {
+  if (data.taken) {
+    pageIsBusy = false;
+    return report();
+  }
   queue = queue.then(() => answer(data));
 };
 
@@ -112,8 +128,14 @@ async function answer({ id, request, ...rest }) {
     const result = await requests[request](rest);
     postMessage({ id, result }, result instanceof Uint8Array ? [result.buffer] : []);
   } catch (error) {
-    postMessage({ id, error: words(error), fatal: error instanceof WebAssembly.RuntimeError });
+    postMessage({ id, error: words(error), fatal: await isFatal(error) });
   }
+}
+
+/** Whether the engine can't go on: it has stopped within a computation, or its device is lost. */
+async function isFatal(error) {
+  if (error instanceof WebAssembly.RuntimeError) return true;
+  return engine !== undefined && !(await engine.works().catch(() => false));
 }
 
 function words(error) {
@@ -125,6 +147,17 @@ function words(error) {
 function stop(slot) {
   fits[slot]?.fit.free();
   delete fits[slot];
+  delete untold[slot];
+}
+
+async function begun(slot, fit, width, height) {
+  fits[slot] = { fit, width, height, running: false, shown: 0, kept: -Infinity };
+  await draw(slot);
+  return { memory: memoryBytes(), width, height, step: fit.step };
+}
+
+function pixelsOf({ bitmap, target }) {
+  return bitmap ? rgbaOf(bitmap) : builtInTarget(target);
 }
 
 function rgbaOf(bitmap) {
@@ -138,6 +171,9 @@ function rgbaOf(bitmap) {
 }
 
 let scheduled = false;
+// Timers are delayed by browsers, more so in tabs that are hidden; messages aren't.
+const soon = new MessageChannel();
+soon.port1.onmessage = schedule;
 
 /** Lets each running fit make steps for a while, and then those requests that have come in. */
 function schedule() {
@@ -145,21 +181,49 @@ function schedule() {
   scheduled = true;
   queue = queue.then(async () => {
     scheduled = false;
-    const running = Object.keys(fits).filter((slot) => fits[slot].running);
-    for (const slot of running) {
+    for (const slot of Object.keys(fits).filter((slot) => fits[slot].running)) {
       try {
-        const report = await advance(slot, { time: SLICE });
-        const now = performance.now();
-        if (report.finished || now - fits[slot].shown > BETWEEN_PICTURES) await draw(slot);
-        if (report.finished) fits[slot].running = false;
-        postMessage({ event: "progress", slot, report });
+        await goOn(slot);
       } catch (error) {
         if (fits[slot]) fits[slot].running = false;
-        postMessage({ event: "failure", slot, error: words(error), fatal: error instanceof WebAssembly.RuntimeError });
+        postMessage({ event: "failure", slot, error: words(error), fatal: await isFatal(error) });
       }
     }
-    if (Object.values(fits).some((fit) => fit.running)) setTimeout(schedule, 0);
+    if (Object.values(fits).some((fit) => fit.running)) soon.port2.postMessage(null);
   });
+}
+
+/** Steps of a running fit, and the picture and the checkpoint that are due after them. */
+async function goOn(slot) {
+  const found = await advance(slot, { time: SLICE });
+  const fit = fits[slot];
+  if (found.finished) fit.running = false;
+  if (found.finished || performance.now() - fit.shown > BETWEEN_PICTURES) await draw(slot);
+  await keepIfDue(slot, found);
+  const before = untold[slot];
+  if (before) {
+    found.curve = [...before.curve, ...found.curve];
+    found.rounds = [...before.rounds, ...found.rounds];
+  }
+  untold[slot] = found;
+  report();
+}
+
+/** Gives the page what it has not been given yet, once it has taken what was given before. */
+function report() {
+  if (pageIsBusy || Object.keys(untold).length === 0) return;
+  pageIsBusy = true;
+  postMessage({ event: "progress", reports: untold });
+  untold = {};
+}
+
+/** Gives the page a checkpoint if it is time for one, and one is possible after this step. */
+async function keepIfDue(slot, { finished }) {
+  if (!finished && performance.now() - fits[slot].kept < BETWEEN_CHECKPOINTS) return;
+  const checkpoint = await fits[slot].fit.checkpoint();
+  if (!checkpoint) return;
+  fits[slot].kept = performance.now();
+  postMessage({ event: "checkpoint", slot, checkpoint }, [checkpoint.buffer]);
 }
 
 async function advance(slot, until) {

@@ -1,6 +1,7 @@
 //! The backend that computes.
 
-use gs_backend::{AnyRasterizer, Request, Wanted, open};
+use gs_backend::{AnyRasterizer, Request, Wanted, can_render_2d, open};
+use gs_core::{Backend as _, RenderSettings};
 use wasm_bindgen::prelude::*;
 
 use crate::failure;
@@ -28,7 +29,17 @@ impl Engine {
             s.threads = Some(1);
         });
         let chosen = open(&request).await.map_err(failure)?;
-        Ok(Self { on: Box::leak(Box::new(chosen.rasterizer)), reason: chosen.reason.leak() })
+        let on: &AnyRasterizer = Box::leak(Box::new(chosen.rasterizer));
+        let what = match on {
+            AnyRasterizer::Cpu(_) => "the CPU (WebAssembly with SIMD, one thread)".to_owned(),
+            gpu => format!("WebGPU, {}", gpu.describe()),
+        };
+        Ok(Self { on, reason: format!("{what}: {}", chosen.why).leak() })
+    }
+
+    /// Whether the backend computes. A GPU no longer does after it was lost.
+    pub async fn works(&self) -> bool {
+        can_render_2d(self.on, &RenderSettings::default()).await.is_ok()
     }
 
     /// "cpu" or "wgpu".

@@ -1,8 +1,8 @@
 //! A fit of an image that the page watches, pauses and steps through.
 
 use gs_backend::AnyRasterizer;
-use gs_core::{Image, Scene as _, edit::EditCounts, sigmoid};
-use gs_io::{File2d, encode_2d, png_bytes};
+use gs_core::{Image, Scene as _, Scene2d, edit::EditCounts, sigmoid};
+use gs_io::{File2d, decode_checkpoint, encode_2d, encode_checkpoint, png_bytes};
 use gs_train::{EncodeSettings, EncodeTarget, FitSettings, Progress, Trainer, encode, parse_settings};
 use serde::{Deserialize, Serialize};
 use wasm_bindgen::prelude::*;
@@ -101,22 +101,38 @@ impl Engine {
         let settings: FitSettings = parse_settings(&settings, "settings".as_ref()).map_err(failure)?;
         Fit::of(*self, &target, settings).await
     }
+
+    /// Goes on with a fit of the same image from a checkpoint ([`Fit::checkpoint`]), which may have
+    /// been made by another backend.
+    #[wasm_bindgen(js_name = resumeFit)]
+    pub fn resume_fit(&self, rgba: Vec<u8>, width: u32, height: u32, checkpoint: Vec<u8>) -> Result<Fit, JsError> {
+        let target = pixels::image_of(&rgba, width, height)?;
+        let checkpoint = decode_checkpoint(&checkpoint, "checkpoint".as_ref()).map_err(failure)?;
+        let trainer = Trainer::<_, Scene2d>::resume(self.on, &target, checkpoint).map_err(failure)?;
+        check_memory(trainer.settings(), &target)?;
+        Ok(Fit { trainer, engine: *self })
+    }
+}
+
+/// Fails where a fit takes more memory than the page has.
+fn check_memory(settings: &FitSettings, target: &Image) -> Result<(), JsError> {
+    let bytes = settings.peak_bytes(target.size());
+    if bytes <= MOST_BYTES {
+        return Ok(());
+    }
+    let (width, height) = target.size();
+    Err(JsError::new(&format!(
+        "fitting {width}x{height} px with {} Gaussians takes about {} MiB of memory, more than the {} MiB of this page; \
+         scale the image, or use fewer Gaussians",
+        settings.gaussians,
+        bytes >> 20,
+        MOST_BYTES >> 20
+    )))
 }
 
 impl Fit {
     async fn of(engine: Engine, target: &Image, settings: FitSettings) -> Result<Fit, JsError> {
-        let bytes = settings.peak_bytes(target.size());
-        if bytes > MOST_BYTES {
-            let (width, height) = target.size();
-            let mib = bytes >> 20;
-            let text = format!(
-                "fitting {width}x{height} px with {} Gaussians takes about {mib} MiB of memory, more than the \
-                 {} MiB of this page; scale the image, or use fewer Gaussians",
-                settings.gaussians,
-                MOST_BYTES >> 20
-            );
-            return Err(JsError::new(&text));
-        }
+        check_memory(&settings, target)?;
         Ok(Self { trainer: Trainer::new(engine.on, target, settings).await.map_err(failure)?, engine })
     }
 }
@@ -149,6 +165,22 @@ impl Fit {
             report.psnr = Some(self.trainer.quality().await.map_err(failure)?.psnr);
         }
         serde_json::to_string(&report).map_err(failure)
+    }
+
+    /// Steps done.
+    #[wasm_bindgen(getter)]
+    pub fn step(&self) -> u32 {
+        self.trainer.step()
+    }
+
+    /// The state of the fit as a file, or nothing after a step where a fit can't be resumed.
+    pub async fn checkpoint(&mut self) -> Result<Option<Vec<u8>>, JsError> {
+        if !self.trainer.can_checkpoint() {
+            return Ok(None);
+        }
+        let mut bytes = Vec::new();
+        encode_checkpoint(&mut bytes, &self.trainer.saved().await.map_err(failure)?).map_err(failure)?;
+        Ok(Some(bytes))
     }
 
     /// Pixels of the current picture ("picture"), its differences from the target ("error"), or the

@@ -6,9 +6,14 @@ use gs_core::Error;
 
 use crate::{gpu::backend_error, shaders::Kernels};
 
-/// The advice for a machine without adapters.
-const INSTALL: &str = "install a graphics driver with Vulkan, Metal or DirectX 12; without a GPU, a software one will do \
-                       (Debian and Ubuntu: apt-get install mesa-vulkan-drivers)";
+/// What is said of a machine without adapters, with advice.
+#[cfg(not(target_family = "wasm"))]
+const NONE: &str = "no adapter was found (looked for Vulkan, Metal and DirectX 12): install a graphics driver with Vulkan, \
+                    Metal or DirectX 12; without a GPU, a software one will do (Debian and Ubuntu: apt-get install \
+                    mesa-vulkan-drivers)";
+#[cfg(target_family = "wasm")]
+const NONE: &str = "this browser offers no WebGPU: it needs a recent browser that may use graphics acceleration, and a \
+                    page from https, from localhost or from a file";
 
 /// Smallest subgroup for which `blend_bwd.wgsl` has enough work-group memory, invocations.
 const LEAST_SUBGROUP: u32 = 4;
@@ -88,10 +93,7 @@ pub async fn adapters() -> Vec<AdapterSummary> {
 pub(crate) async fn choose(wanted: Option<&str>) -> Result<(wgpu::Adapter, String), Error> {
     let mut adapters = found(&instance()).await;
     let (index, reason) = match wanted {
-        _ if adapters.is_empty() => {
-            let none = "no adapter was found (looked for Vulkan, Metal and DirectX 12)";
-            return Err(backend_error(format!("{none}: {INSTALL}")));
-        }
+        _ if adapters.is_empty() => return Err(backend_error(NONE)),
         None => (0, choice_reason(&adapters)),
         Some(wanted) => {
             let matches = |a: &wgpu::Adapter| a.get_info().name.to_lowercase().contains(&wanted.to_lowercase());

@@ -48,8 +48,9 @@ cargo xtask web builds the page for browsers into target/page, where gs page and
 needs Rust's target wasm32-unknown-unknown, and uses wasm-opt where that is installed.
 
 Options:
-  --test     then test the page in headless Chromium, against the program; screenshots go to
-             target/web-test. Without node, npm and Chromium, nothing is checked
+  --test     instead test a page that is built without optimising what does not compute, in headless
+             Chromium and against the program, in target/web-test, where screenshots are kept.
+             Without node, npm and Chromium, nothing is checked
   --install  install the target, and with --test Debian's chromium, nodejs and npm, and packages of npm";
 
 /// What the command line asks for.

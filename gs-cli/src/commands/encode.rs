@@ -53,6 +53,9 @@ pub(crate) struct EncodeArgs {
     /// errors, and files of other formats of the same size
     #[arg(long)]
     page: bool,
+    /// Make a file whose beginning shows the picture: a third of it looks like a file of that size
+    #[arg(long)]
+    progressive: bool,
     /// Colour behind transparent pixels: R,G,B from 0 to 1, black or white [default: white]
     #[arg(long, value_name = "R,G,B")]
     background: Option<Color>,
@@ -226,6 +229,7 @@ impl EncodeArgs {
     fn settings(&self, size: (u32, u32)) -> EncodeSettings {
         EncodeSettings::default().with(|s| {
             s.target = self.target.of_image(size);
+            s.progressive = self.progressive;
             s.seed = self.seed;
         })
     }

@@ -103,7 +103,7 @@ impl StudyTask for Scene2d {
     fn own(policy: &AnyPolicy) -> Option<&ForeignPolicy> {
         match policy {
             AnyPolicy::In2d(policy) => Some(policy),
-            AnyPolicy::In3d(_) => None,
+            AnyPolicy::In3d(_) | AnyPolicy::Elsewhere => None,
         }
     }
 

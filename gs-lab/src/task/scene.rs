@@ -136,7 +136,7 @@ impl StudyTask for Scene3d {
 
     fn own(policy: &AnyPolicy) -> Option<&ForeignPolicy<Self>> {
         match policy {
-            AnyPolicy::In2d(_) => None,
+            AnyPolicy::In2d(_) | AnyPolicy::Elsewhere => None,
             AnyPolicy::In3d(policy) => Some(policy),
         }
     }

@@ -36,5 +36,9 @@ def shared(array: npt.NDArray[Any]) -> Shared:
 
     The memory stays the scene's and lives as long as the result. Do not write to it: scenes never
     change. Copy it where it is to be trained: ``torch.tensor(scene.means)``.
+
+    :raises TypeError: for anything but an array.
     """
+    if not hasattr(array, "__array_interface__"):
+        raise TypeError(f"array: expected a NumPy array, not {type(array).__name__}")
     return Shared(array)

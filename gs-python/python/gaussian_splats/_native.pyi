@@ -15,7 +15,7 @@ class Backend:
     """What computes: the CPU, or a GPU through Vulkan, Metal or Direct3D 12.
 
     :param name: "auto" (a GPU if there is a suitable one, otherwise the CPU), "cpu" or "wgpu".
-    :param threads: threads on the host; by default one per core.
+    :param threads: threads on the host, 1 to 1024; by default one per core.
     :raises RuntimeError: where there is no such device; the message says what to install.
 
     Functions take a backend or its name. One backend may be used from several threads. After a
@@ -57,8 +57,8 @@ class Camera:
         fy: float | None = None,
         cx: float | None = None,
         cy: float | None = None,
-        rotation: Any = None,
-        translation: Any = None,
+        rotation: npt.ArrayLike | None = None,
+        translation: npt.ArrayLike | None = None,
         near: float | None = None,
     ) -> Camera: ...
     @staticmethod
@@ -67,10 +67,15 @@ class Camera:
 
         :raises ValueError: where nothing of the scene can be seen.
         """
-    def looking_at(self, position: Any, target: Any, up: Any = ...) -> Camera:
-        """The same camera at another position, looking at a point; (3,) each, world units.
+    def looking_at(
+        self, position: npt.ArrayLike, target: npt.ArrayLike, up: npt.ArrayLike | None = None
+    ) -> Camera:
+        """The same camera at another position, looking at a point.
 
-        :param up: what is upwards in the image; by default (0, -1, 0), as y points down.
+        :param position: (3,), world units.
+        :param target: the point to look at, (3,), world units.
+        :param up: the direction that is up in the image, (3,); by default (0, -1, 0), because y
+            points down.
         :raises ValueError: where the target is at the position, or straight up or down from it.
         """
     def resized(self, width: int, height: int) -> Camera:
@@ -91,13 +96,14 @@ class Scene2d:
 
     Coordinates are pixels of the image that the scene was made for: the origin is its top-left
     corner, y points down, and the centre of pixel (i, j) is (i + 0.5, j + 0.5). All arrays are
-    float32. They are copied; the scene's own arrays are read-only views without a copy.
+    float32. The constructor copies them. The attributes are read-only views of the scene's memory.
 
     :param means: (N, 2), px.
     :param log_scales: (N, 2), natural logarithms of standard deviations in px.
     :param rotations: (N,), rad, of the first axis, from +x towards +y.
     :param colors: (N, 3), RGB; may lie outside 0 to 1.
-    :param opacity_logits: (N,), or None where Gaussians have no opacity and are summed.
+    :param opacity_logits: (N,), may be infinite; None for Gaussians without opacity, which are
+        summed.
     :raises TypeError: for another dtype.
     :raises ValueError: for another shape, an array that is not C-contiguous, or a number that is
         not finite.
@@ -137,12 +143,15 @@ class Scene2d:
 
         ``.gs2d.safetensors`` keeps it without loss. ``.ply`` (for viewers of 3D splats) and
         ``.svg`` hold a scene that is trained to look the same there, as ``gs convert`` makes it.
+        :func:`load` reads such a PLY as a :class:`Scene3d`, and does not read SVG.
 
         :param size: columns and rows of the image, where the scene does not know them.
         :raises OSError: for a file that cannot be written, or another ending.
         """
     def _repr_png_(self) -> bytes | None:
         """The rendering, for notebooks; None where the size is not known."""
+    def _repr_html_(self) -> str:
+        """The rendering and a line of text, for notebooks."""
     def __len__(self) -> int: ...
 
 @final
@@ -151,8 +160,9 @@ class Scene3d:
 
     :param means: (N, 3), world units.
     :param log_scales: (N, 3), natural logarithms of standard deviations in world units.
-    :param rotations: (N, 4), quaternions (w, x, y, z) of any length but 0.
-    :param opacity_logits: (N,).
+    :param rotations: (N, 4), quaternions (w, x, y, z) of any length. A Gaussian whose quaternion
+        is 0 is not drawn.
+    :param opacity_logits: (N,), may be infinite.
     :param sh: (N, K, 3) with K = 1, 4, 9 or 16; colour = 0.5 + SH(direction), clamped at 0.
 
     Errors are those of :class:`Scene2d`.
@@ -188,16 +198,25 @@ class Scene3d:
     def sh_degree(self) -> int:
         """SH degree, 0 to 3: K = (degree + 1)²."""
     def save(self, path: Path) -> None:
-        """Write the scene as PLY, ``.splat``, SPZ or glTF, by the ending of the name.
+        """Write the scene in the format of the file name's ending.
+
+        ``.ply`` keeps the scene without loss. ``.gltf`` and ``.glb`` keep it but for rounding.
+        ``.spz`` and ``.sog`` are compressed with loss; a SOG can also be a folder of files, named
+        by its ``meta.json``. ``.splat`` has no SH above degree 0.
 
         :raises OSError: for a file that cannot be written, or another ending.
         """
     def _repr_png_(self) -> bytes | None:
         """The scene from slightly above, for notebooks."""
+    def _repr_html_(self) -> str:
+        """The same picture and a line of text, for notebooks."""
     def __len__(self) -> int: ...
 
 def load(path: Path) -> Scene2d | Scene3d:
-    """Read a scene: a scene file of any format, a checkpoint, or an output folder of ``gs``.
+    """Read a scene: a scene file, a checkpoint, or an output folder of ``gs``.
+
+    2D scenes are ``.gs2d.safetensors`` and ``.gsi`` files. 3D scenes are PLY files (also
+    compressed ones), ``.splat``, ``.ksplat``, SPZ, SOG and glTF files.
 
     :raises OSError: for a file that cannot be read or is damaged.
     """
@@ -234,7 +253,10 @@ def forward(
 
     >>> forward = gs.forward(scene)
     >>> gradient = forward.backward(2 * (forward.image - target))
-    >>> gradient.means  # of the sum of squared differences, by each mean
+    >>> gradient.means  # d(sum of squared differences) / d(means), (N, 2) or (N, 3)
+
+    Renderings cut Gaussians off where they are faint, so finite differences need settings with a
+    lower threshold: ``{"accuracy": {"alpha-cut": 1e-6}}``.
     """
 
 @final
@@ -245,9 +267,9 @@ class ForwardPass:
     def image(self) -> Floats:
         """The rendering, (H, W, 3), not clamped; read-only."""
     def backward(self, v_image: Floats) -> Any:
-        """The gradient of a loss by all parameters, as a scene of the same kind.
+        """The gradient of a loss with respect to all parameters, as a scene of the same kind.
 
-        :param v_image: the gradient of the loss by the image, float32 of its shape.
+        :param v_image: the gradient of the loss with respect to the image, float32 of its shape.
         :raises RuntimeError: if this forward pass has been used already.
         """
 
@@ -288,6 +310,9 @@ def encode(
     :param bytes: the best image in at most so many bytes.
     :param bpp: the same in bits per pixel.
     :param seed: seed of all random numbers.
+
+    Ctrl-C raises ``KeyboardInterrupt`` when the file is done, not before.
+
     :raises ValueError: for two targets, one out of range, or one that cannot be met.
     """
 
@@ -396,6 +421,8 @@ class Fit:
         """Cost, quality and all settings, as in the file ``summary.json`` of ``gs fit``."""
     def _repr_png_(self) -> bytes:
         """The rendering, for notebooks."""
+    def _repr_html_(self) -> str:
+        """The rendering and a line of text, for notebooks."""
 
 @final
 class FitRun:
@@ -446,6 +473,8 @@ class Training:
         """Cost, quality and all settings, as in the file ``summary.json`` of ``gs train``."""
     def _repr_png_(self) -> bytes | None:
         """The scene from slightly above, for notebooks."""
+    def _repr_html_(self) -> str:
+        """The same picture and a line of text, for notebooks."""
 
 @final
 class TrainRun:
@@ -522,14 +551,18 @@ class Observation:
 
 @final
 class Plan:
-    """The edits of a round. Lists are integer arrays of indices; none may be in two of them.
+    """The edits of a round. Lists are integer arrays of indices.
+
+    ``grow``, ``clone``, ``split``, ``prune`` and ``moved`` must have no index in common and none
+    twice.
 
     :param grow: Gaussians that become two, the most urgent first: small ones are cloned, large ones
         split, as far as the budget allows.
     :param clone: Gaussians that are copied, whatever their size.
     :param split: Gaussians that become two halves, whatever their size.
     :param prune: Gaussians to remove.
-    :param relocate: (moved, onto): each of ``moved`` becomes a copy of that in ``onto``.
+    :param relocate: (moved, onto): each of ``moved`` becomes a copy of the Gaussian at the same
+        place in ``onto``, which must be neither moved nor pruned.
     :param add: a scene of new Gaussians, of the kind that is trained.
     :param opacity_ceiling: lowers all larger opacities to this value, above 0 and at most 1.
 
@@ -584,3 +617,5 @@ class Study:
         """See :meth:`gaussian_splats.Study.work`."""
     def report(self, output: Path) -> list[str]:
         """See :meth:`gaussian_splats.Study.report`."""
+    def replay(self, output: Path, row: int) -> Scene2d | Scene3d:
+        """See :meth:`gaussian_splats.Study.replay`."""

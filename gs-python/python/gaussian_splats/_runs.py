@@ -34,14 +34,15 @@ def fit(
     :param settings: changes to all that, with the names of settings files; or a settings file,
         such as the ``settings.toml`` of a fit, in place of a preset.
     :param backend: a backend or its name; by default a GPU if there is one, otherwise the CPU.
-    :param checkpoint: a file from which an interrupted fit goes on if it exists. The state is
-        written there every two minutes and where the fit is interrupted, as by Ctrl-C; at the end
-        the file is removed.
+    :param checkpoint: a file for the state of the fit. The state is written every two minutes, and
+        when the fit is interrupted, for example by Ctrl-C. If the file exists, the fit goes on
+        from it. At the end the file is removed.
     :param progress: called with the state after each step.
     :raises TypeError: for an argument of the wrong type, or an array of the wrong dtype.
     :raises ValueError: for a wrong shape or setting, and for a checkpoint of a fit with others.
     :raises OSError: for a file that cannot be read.
     """
+    _check(progress)
     run = FitRun(
         image,
         gaussians,
@@ -83,6 +84,7 @@ def train(
 
     Other parameters and errors are those of :func:`fit`.
     """
+    _check(progress)
     run = TrainRun(
         dataset,
         gaussians,
@@ -97,6 +99,12 @@ def train(
     )
     _follow(run, progress)
     return run.result()
+
+
+def _check(progress: object) -> None:
+    if progress is not None and not callable(progress):
+        found = type(progress).__name__
+        raise TypeError(f"progress: expected a function of the state, not {found}")
 
 
 def _follow(run: _Run, progress: Callable[[Progress], object] | None) -> None:

@@ -11,6 +11,8 @@ from typing import Callable
 import numpy as np
 
 from . import _native
+from ._native import Scene2d, Scene3d
+from ._runs import _check
 from ._types import Path, Policy
 
 
@@ -113,6 +115,9 @@ class Study:
         data: Path | None = None,
         backend: str = "cpu",
     ) -> None:
+        for arm in arms:
+            if not isinstance(arm, Arm):
+                raise TypeError(f"arms: expected objects of Arm, not {type(arm).__name__}")
         text, beside = os.fspath(definition), None
         if "\n" not in text and text.endswith(".toml"):
             beside = os.path.dirname(os.path.abspath(text))
@@ -143,6 +148,7 @@ class Study:
         :raises RuntimeError: if all runs fail; what a policy has raised, where one has.
         :raises OSError: for images or data sets that are not there.
         """
+        _check(progress)
         return self._study.run(output, jobs=jobs, resume=resume, progress=progress)
 
     def work(
@@ -161,8 +167,24 @@ class Study:
         :param shard: (index, count): the part to begin with. By default that of the Slurm array
             task, if there is one.
         """
+        _check(progress)
         self._study.work(output, jobs=jobs, shard=shard, progress=progress)
 
     def report(self, output: Path) -> list[str]:
-        """Write tables and report of the runs that have ended so far; return the headlines."""
+        """Write tables and report of the runs that have ended so far; return the headlines.
+
+        :raises ValueError: for a folder without a study.
+        :raises RuntimeError: if all runs have failed.
+        """
         return self._study.report(output)
+
+    def replay(self, output: Path, row: int) -> Scene2d | Scene3d:
+        """Repeat a run, and return its scene, which is the recorded one, bit for bit.
+
+        :param row: a row of the folder's ``runs.csv``, from 1.
+        :raises ValueError: for a folder without a study, where the row, the policy or the machine
+            is not that of the record, and where the scene differs.
+
+        Ctrl-C raises ``KeyboardInterrupt`` at the end of the run, not before.
+        """
+        return self._study.replay(output, row)

@@ -36,9 +36,11 @@ def gradient(
     size: tuple[int, int] | None = None,
     settings: Settings | None = None,
 ) -> dict[str, npt.NDArray[np.float64]]:
-    """The gradient of a loss by all arrays of a scene, float64 of their shapes, by name.
+    """The gradient of a loss with respect to all arrays of a scene, by their names.
 
-    :param v_image: the gradient of the loss by the image, float32 of shape (H, W, 3).
+    The results are float64 arrays of the same shapes.
+
+    :param v_image: the gradient of the loss with respect to the image, float32 of shape (H, W, 3).
 
     Other parameters and errors are those of :func:`gaussian_splats.render`.
     """

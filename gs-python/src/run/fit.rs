@@ -19,6 +19,7 @@ use crate::{
     arrays,
     backend::{self, Opened},
     errors::IntoPython,
+    notebook,
     policy::PolicyArgument,
     scene2d::Scene2d,
     settings::{self, Given},
@@ -184,5 +185,10 @@ impl Fit {
     fn _repr_png_<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
         let image = arrays::image("image", self.image.bind(py).as_any())?;
         Ok(PyBytes::new(py, &gs_io::png_bytes(&image)))
+    }
+
+    #[doc = doc!("Fit._repr_html_")]
+    fn _repr_html_(this: &Bound<'_, Self>) -> PyResult<String> {
+        notebook::figure(this.as_any(), Some(this.get()._repr_png_(this.py())?))
     }
 }

@@ -14,7 +14,7 @@ use std::{
 use gs_backend::{AnyRasterizer, block_on};
 use gs_io::Checkpoint;
 use gs_train::{Outcome, Trainable, Trainer};
-use pyo3::prelude::*;
+use pyo3::{exceptions::PyOSError, prelude::*};
 
 pub(crate) use self::{
     fit::{Fit, FitRun},
@@ -40,7 +40,20 @@ struct Start {
 
 impl Start {
     /// Reads the checkpoint that may be in a file.
+    ///
+    /// # Errors
+    /// `OSError` for a damaged checkpoint, and for a path where none could be written.
     fn read(py: Python<'_>, file: Option<PathBuf>) -> PyResult<Self> {
+        if let Some(path) = &file {
+            let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty() && !folder.is_dir());
+            let problem = match folder {
+                Some(folder) => Some(format!("there is no folder {}; create it first", folder.display())),
+                None => path.is_dir().then(|| format!("{} is a folder, but must be a file", path.display())),
+            };
+            if let Some(problem) = problem {
+                return Err(PyOSError::new_err(format!("checkpoint: {problem}")));
+            }
+        }
         let checkpoint = match &file {
             Some(path) if path.is_file() => {
                 Some(py.detach(|| gs_io::read_checkpoint(path)).map_err(IntoPython::into_python)?)

@@ -26,6 +26,7 @@ use super::{
 use crate::{
     backend,
     errors::{self, IntoPython},
+    notebook,
     policy::PolicyArgument,
     scene3d::Scene3d,
     settings::{self, Given},
@@ -212,5 +213,10 @@ impl Training {
     #[doc = doc!("Training._repr_png_")]
     fn _repr_png_<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyBytes>>> {
         self.scene.get().png(py)
+    }
+
+    #[doc = doc!("Training._repr_html_")]
+    fn _repr_html_(this: &Bound<'_, Self>) -> PyResult<String> {
+        notebook::figure(this.as_any(), this.get()._repr_png_(this.py())?)
     }
 }

@@ -3,8 +3,11 @@
 //! A quick fit shows how many Gaussians the target takes and how many bits one costs; the standard
 //! fit of that number is then quantized, once or a few times, until the target is met.
 
+mod layers;
 mod sequence;
 mod settings;
+
+use std::slice;
 
 use glam::Vec2;
 use gs_codec::{Layer, LayerHead, Picture, Quantizer};
@@ -29,6 +32,15 @@ pub struct Encoded {
     pub psnr: f64,
     /// Time of encoding, s.
     pub seconds: f64,
+    /// The last layer, and the picture of all.
+    last: Drawn,
+}
+
+/// A layer, and the picture of it and of those before it.
+#[derive(Debug, Clone, PartialEq)]
+struct Drawn {
+    layer: Layer,
+    picture: Image,
 }
 
 /// Bits of a Gaussian before anything is known about the image.
@@ -76,11 +88,14 @@ pub async fn encode<R: Optimizer<Scene2d>>(
     image.check_finite("the image")?;
     let started = Instant::now();
     let mut encoder = Encoder::new(rasterizer, image, settings)?;
-    let mut encoded = match settings.target {
-        EncodeTarget::Bytes(bytes) => encoder.within_bytes(bytes).await,
-        EncodeTarget::Psnr(psnr) => encoder.at_psnr(psnr).await,
-        EncodeTarget::Quality(quality) => encoder.at_quality(quality).await,
-    }?;
+    if settings.progressive {
+        let bytes = match settings.target {
+            EncodeTarget::Bytes(bytes) => bytes,
+            target => encoder.reach(target).await?.bytes.len() as u64,
+        };
+        encoder.add_first_layer(bytes).await?;
+    }
+    let mut encoded = encoder.reach(settings.target).await?;
     encoded.seconds = started.elapsed().as_secs_f64();
     Ok(encoded)
 }
@@ -88,10 +103,13 @@ pub async fn encode<R: Optimizer<Scene2d>>(
 struct Encoder<'a, R> {
     on: &'a R,
     image: &'a Image,
-    /// The image without the background.
-    target: Image,
     background: [u8; 3],
     seed: u32,
+    /// Layers that are done, and the picture that they and the background make.
+    layers: Vec<Layer>,
+    drawn: Image,
+    /// What they leave of the image.
+    target: Image,
     forecast: Forecast,
 }
 
@@ -106,21 +124,46 @@ impl<'a, R: Optimizer<Scene2d>> Encoder<'a, R> {
     fn new(on: &'a R, image: &'a Image, settings: &EncodeSettings) -> Result<Self, Error> {
         let background = mean_color(image).map(gs_core::to_8_bits);
         let level = background.map(|level| f32::from(level) / 255.0);
-        let target = sequence::difference(image, &Image::filled(image.width(), image.height(), level)?)?;
-        Ok(Self { on, image, target, background, seed: settings.seed, forecast: Forecast::new(image) })
+        let drawn = Image::filled(image.width(), image.height(), level)?;
+        let target = sequence::difference(image, &drawn)?;
+        let forecast = Forecast::new(image);
+        Ok(Self { on, image, background, seed: settings.seed, layers: Vec::new(), drawn, target, forecast })
     }
 
     async fn fit(&mut self, preset: Preset, count: u32) -> Result<Fitted, Error> {
-        let level = self.background.map(|level| f32::from(level) / 255.0);
         let mut settings = preset.settings(count.max(1), self.image.size());
-        settings.render = settings.render.on(level);
         settings.seed = self.seed;
-        let fit = fit(self.on, self.image, settings.clone(), &mut ()).await?;
+        let fit = fit(self.on, &self.target, settings.clone(), &mut ()).await?;
+        let (_, psnr) = l1_and_psnr(&sequence::sum(&self.drawn, &fit.image)?, self.image);
         match preset {
-            Preset::Quick => self.forecast.add_quick(count, fit.summary.psnr),
-            _ => self.forecast.add(count, fit.summary.psnr),
+            Preset::Quick => self.forecast.add_quick(count, psnr),
+            _ => self.forecast.add(count, psnr),
         }
-        Ok(Fitted { scene: fit.scene, psnr: fit.summary.psnr, settings })
+        Ok(Fitted { scene: fit.scene, psnr, settings })
+    }
+
+    /// Adds the last layer of an encoded picture to those that are done.
+    fn keep(&mut self, Drawn { layer, picture }: Drawn) -> Result<(), Error> {
+        self.layers.push(layer);
+        self.target = sequence::difference(self.image, &picture)?;
+        self.drawn = picture;
+        self.forecast = Forecast::new(self.image);
+        Ok(())
+    }
+
+    /// The file with the layers that are done and those of `more`.
+    fn file(&self, more: &[Layer]) -> Result<Vec<u8>, Error> {
+        let (width, height) = self.image.size();
+        let layers = [&self.layers, more].concat();
+        Ok(Picture { width, height, background: self.background, layers }.encode()?)
+    }
+
+    async fn reach(&mut self, target: EncodeTarget) -> Result<Encoded, Error> {
+        match target {
+            EncodeTarget::Bytes(bytes) => self.within_bytes(bytes).await,
+            EncodeTarget::Psnr(psnr) => self.at_psnr(psnr).await,
+            EncodeTarget::Quality(quality) => self.at_quality(quality).await,
+        }
     }
 
     /// A quantizer with this step for the Gaussians of a scene.
@@ -150,7 +193,7 @@ impl<'a, R: Optimizer<Scene2d>> Encoder<'a, R> {
         Layer { head: *quantizer.head(), codes }.bits(self.image.size())
     }
 
-    /// Quantizes a fit in turns.
+    /// Quantizes a fit in turns, as the last layer.
     async fn quantized(&self, fitted: &Fitted, step: f64) -> Result<Encoded, Error> {
         let all = self.quantizer(step, &fitted.scene);
         let kept: Scene2d = fitted.scene.iter().filter(|g| all.quantize(g).is_some()).collect();
@@ -159,34 +202,52 @@ impl<'a, R: Optimizer<Scene2d>> Encoder<'a, R> {
         let (width, height) = self.image.size();
         let scene: Scene2d = codes.iter().map(|code| quantizer.reconstruct(code)).collect();
         let drawn = self.on.render(&scene, &Canvas::new(width, height), &fitted.settings.render).await?;
-        let (_, psnr) = l1_and_psnr(&drawn, self.image);
-        let layers = vec![Layer { head: *quantizer.head(), codes }];
-        let bytes = Picture { width, height, background: self.background, layers }.encode()?;
-        Ok(Encoded { bytes, gaussians: scene.len(), psnr, seconds: 0.0 })
+        let picture = sequence::sum(&self.drawn, &drawn)?;
+        let (_, psnr) = l1_and_psnr(&picture, self.image);
+        let layer = Layer { head: *quantizer.head(), codes };
+        let bytes = self.file(slice::from_ref(&layer))?;
+        let gaussians = self.layers.iter().map(|layer| layer.codes.len()).sum::<usize>() + scene.len();
+        Ok(Encoded { bytes, gaussians, psnr, seconds: 0.0, last: Drawn { layer, picture } })
     }
 
     async fn within_bytes(&mut self, bytes: u64) -> Result<Encoded, Error> {
-        let bits = (bytes as f64 - HEAD_BYTES) * 8.0;
+        let bits = self.bits_within(bytes)?;
+        let count = self.count_of(bits).await?;
+        let fitted = self.fit(Preset::Standard, count).await?;
+        self.filled(&fitted, bytes).await
+    }
+
+    /// Bits that a file of this size has for the Gaussians of its last layer.
+    fn bits_within(&self, bytes: u64) -> Result<f64, Error> {
+        let before = if self.layers.is_empty() { 0 } else { self.file(&[])?.len() };
+        Ok((bytes as f64 - before as f64 - HEAD_BYTES) * 8.0)
+    }
+
+    /// The number of Gaussians of a standard fit that take so many bits, by a quick fit.
+    async fn count_of(&mut self, bits: f64) -> Result<u32, Error> {
         let count = |each: f64, most: f64| (bits / each).clamp(1.0, most).round() as u32;
         let first = count(USUAL_BITS, self.forecast.most());
         let quick = self.fit(Preset::Quick, first).await?;
         let step = self.forecast.step(first.into(), self.forecast.psnr(first.into()));
         let each = self.bits(&quick.scene, step) / quick.scene.len().max(1) as f64 * LATER_BITS;
-        let fitted = self.fit(Preset::Standard, count(each, self.forecast.most())).await?;
+        Ok(count(each, self.forecast.most()))
+    }
+
+    /// A fit as the last layer of a file of at most this many bytes.
+    async fn filled(&self, fitted: &Fitted, bytes: u64) -> Result<Encoded, Error> {
+        let bits = self.bits_within(bytes)?;
         let gaussians = fitted.scene.len().max(1) as f64;
         let mut step = self.forecast.step(gaussians, fitted.psnr);
         // A finer step changes nothing that can be seen: small images do not need all of the bytes.
         let finest = FINEST * step;
-        let mut goal = FULL + 0.01;
+        let mut share = FULL + 0.01;
         let mut best: Option<Encoded> = None;
-        for attempt in 0..ATTEMPTS {
-            if attempt == 0 {
-                for _ in 0..4 {
-                    step *= ((self.bits(&fitted.scene, step) - goal * bits) / gaussians / BITS_PER_OCTAVE).exp2();
-                    step = step.max(finest);
-                }
-            }
-            let encoded = self.quantized(&fitted, step).await?;
+        for _ in 0..4 {
+            step *= ((self.bits(&fitted.scene, step) - share * bits) / gaussians / BITS_PER_OCTAVE).exp2();
+            step = step.max(finest);
+        }
+        for _ in 0..ATTEMPTS {
+            let encoded = self.quantized(fitted, step).await?;
             let used = encoded.bytes.len() as f64;
             let fits = encoded.bytes.len() as u64 <= bytes;
             if fits && best.as_ref().is_none_or(|best| encoded.psnr > best.psnr) {
@@ -195,8 +256,8 @@ impl<'a, R: Optimizer<Scene2d>> Encoder<'a, R> {
             if fits && (used >= FULL * bytes as f64 || step <= finest) {
                 break;
             }
-            goal = if fits { FULL + 0.01 } else { FULL };
-            step *= ((used * 8.0 - goal * bytes as f64 * 8.0) / gaussians / BITS_PER_OCTAVE).exp2();
+            share = if fits { FULL + 0.01 } else { FULL };
+            step *= ((used * 8.0 - share * bytes as f64 * 8.0) / gaussians / BITS_PER_OCTAVE).exp2();
             step = step.max(finest);
         }
         best.ok_or_else(|| Error::Unreachable { target: format!("a size of {bytes} bytes") })

@@ -66,9 +66,17 @@ pub(super) async fn quantize<R: Optimizer<Scene2d>>(
 
 /// The difference of two images of one size, pixel by pixel.
 pub(super) fn difference(a: &Image, b: &Image) -> Result<Image, Error> {
-    let pixel = |x, y| {
-        let (a, b) = (a.pixel(x, y), b.pixel(x, y));
-        [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
-    };
-    Ok(Image::from_fn(a.width(), a.height(), pixel)?)
+    plus(a, -1.0, b)
+}
+
+/// The sum of two images of one size, pixel by pixel.
+pub(super) fn sum(a: &Image, b: &Image) -> Result<Image, Error> {
+    plus(a, 1.0, b)
+}
+
+/// a + sign · b.
+fn plus(a: &Image, sign: f32, b: &Image) -> Result<Image, Error> {
+    let values = a.pixels().as_flattened().iter().zip(b.pixels().as_flattened());
+    let values: Vec<f32> = values.map(|(&a, &b)| a + sign * b).collect();
+    Ok(Image::from_pixels(a.width(), a.height(), values.as_chunks().0.to_vec())?)
 }

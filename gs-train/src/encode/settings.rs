@@ -22,13 +22,16 @@ pub enum EncodeTarget {
 pub struct EncodeSettings {
     /// What to aim at. Default [`EncodeTarget::Quality`] 50.
     pub target: EncodeTarget,
+    /// Whether the first third of the file shows the picture as a file of that size does. The whole
+    /// is then 1.3 to 1.5 dB worse than a file of one layer. Default false.
+    pub progressive: bool,
     /// Seed of all random numbers. Default 0.
     pub seed: u32,
 }
 
 impl Default for EncodeSettings {
     fn default() -> Self {
-        Self { target: EncodeTarget::Quality(50), seed: 0 }
+        Self { target: EncodeTarget::Quality(50), progressive: false, seed: 0 }
     }
 }
 

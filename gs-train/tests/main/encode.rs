@@ -52,6 +52,24 @@ fn a_size_is_kept_and_used() {
 }
 
 #[test]
+fn a_third_of_a_progressive_file_is_a_file_of_that_size() {
+    let (image, bytes) = (picture(), 1500);
+    let plain = encoded(&image, EncodeTarget::Bytes(bytes / 3)).unwrap();
+    let cpu = CpuRasterizer::new(CpuSettings::default()).unwrap();
+    let settings = EncodeSettings::default().with(|s| {
+        s.target = EncodeTarget::Bytes(bytes);
+        s.progressive = true;
+    });
+    let found = encode(&cpu, &image, &settings).block_on().unwrap();
+    assert!(found.bytes.len() as u64 <= bytes && (psnr(&found.bytes, &image) - found.psnr).abs() < 1e-9);
+    let third = &found.bytes[..found.bytes.len().div_ceil(3) + 8];
+    let decoded = decode(third, Extent::Prefix).unwrap();
+    assert_eq!(decoded.layers, (1, 2));
+    assert_eq!(decoded.scene.means[..plain.gaussians], decode(&plain.bytes, Extent::Whole).unwrap().scene.means);
+    assert!(found.psnr > plain.psnr + 3.0, "{} after {} dB", found.psnr, plain.psnr);
+}
+
+#[test]
 fn a_quality_is_reached_with_few_bytes() {
     let image = picture();
     let [low, high] = [30.0, 36.0].map(|goal| {

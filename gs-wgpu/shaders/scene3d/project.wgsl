@@ -26,7 +26,7 @@ fn color_of(index: u32, mean: vec3f) -> vec3f {
         at += 3u;
     }
     // Numbers that are not finite stay, so that they are not drawn as black.
-    return select(sum, vec3f(0.0), (sum < vec3f(0.0)) & (sum >= vec3f(-3.4028235e38)));
+    return select(sum, vec3f(0.0), (sum < vec3f(0.0)) & (sum >= vec3f(-3.4028234663852886e38)));
 }
 
 // A splat without its colour. `depth_slope`: change of the depth per px, for drawn Gaussians.

@@ -3,11 +3,12 @@
 mod scene2d;
 mod scene3d;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use gs_io::AnyScene;
+use gs_core::{Scene as _, counted};
+use gs_io::{AnyScene, File2d, read_gsi_prefix};
 use gs_lab::frontier::FrontierSettings;
 
 use crate::{
@@ -16,6 +17,7 @@ use crate::{
     effects_args::EffectsArgs,
     failure::Failure,
     frontier_settings,
+    output::{self, printable},
     output_folder::OverwriteArgs,
     render_args::RenderArgs3d,
     scene,
@@ -51,6 +53,9 @@ pub(crate) struct RenderArgs {
     /// Also print the effects that are simulated, and why
     #[arg(short, long)]
     verbose: bool,
+    /// Render a .gsi file that is truncated as far as it goes
+    #[arg(long)]
+    partial: bool,
     /// Size of the picture; other proportions stretch it [default: that of the image, the region or
     /// the view; otherwise 800x600]
     #[arg(long, value_name = "WxH")]
@@ -127,7 +132,9 @@ pub(crate) fn run(args: &RenderArgs) -> Result<(), Failure> {
         let failure = Failure::usage("a picture is written as PNG").at(args.output.display());
         return Err(failure.hint("let its name end in .png, or in .apng for an animation"));
     }
-    let file = match scene::read_any(&args.scene)? {
+    let scene =
+        if args.partial { AnyScene::TwoD(Box::new(read_partial(&args.scene)?)) } else { scene::read_any(&args.scene)? };
+    let file = match scene {
         AnyScene::ThreeD(file) => return scene3d::run(args, &file),
         AnyScene::TwoD(file) => file,
     };
@@ -137,4 +144,17 @@ pub(crate) fn run(args: &RenderArgs) -> Result<(), Failure> {
         return Err(Failure::usage(message).at(args.scene.display()).hint("use --size and --region alone"));
     }
     scene2d::run(args, *file)
+}
+
+/// Reads what is there of a truncated `.gsi` file, and says how much that is.
+fn read_partial(path: &Path) -> Result<File2d, Failure> {
+    let (file, (whole, all)) = read_gsi_prefix(path)?;
+    if whole < all {
+        let (gaussians, layers) = (counted(file.scene.len(), "Gaussian"), counted(all, "layer"));
+        output::note(format_args!(
+            "note: {} is truncated: it has {gaussians}, and {whole} of {layers} whole",
+            printable(&path.display().to_string())
+        ));
+    }
+    Ok(file)
 }

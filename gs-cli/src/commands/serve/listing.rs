@@ -2,7 +2,7 @@
 
 use std::{
     fs,
-    path::Path,
+    path::{Path, PathBuf},
     time::{Duration, UNIX_EPOCH},
 };
 
@@ -15,8 +15,8 @@ const DEPTH: usize = 5;
 /// Most entries of a list; more are no use to a person who chooses one.
 const MOST: usize = 2000;
 
-/// The table of a run.
-const TABLE: &str = "metrics.csv";
+/// The table of a run that goes on, or else of one that has ended.
+const TABLES: [&str; 2] = ["metrics.part.csv", "metrics.csv"];
 
 /// A scene or a run.
 #[derive(Debug, PartialEq, Serialize)]
@@ -57,9 +57,8 @@ pub(super) fn of(folder: &Path) -> Vec<Entry> {
 
 fn visit(root: &Path, folder: &Path, depth: usize, found: &mut Vec<Entry>) {
     let below = |path: &Path| path.strip_prefix(root).ok().map(slashed).unwrap_or_default();
-    let table = folder.join(TABLE);
-    if table.is_file() {
-        let scene = scene_in(folder);
+    if let Some(table) = TABLES.map(|name| folder.join(name)).into_iter().find(|table| table.is_file()) {
+        let scene = newest_scene(folder);
         found.push(Entry::Run {
             path: below(folder),
             table: below(&table),
@@ -87,6 +86,16 @@ fn visit(root: &Path, folder: &Path, depth: usize, found: &mut Vec<Entry>) {
     }
 }
 
+/// The scene of a run, or a checkpoint that is newer.
+fn newest_scene(folder: &Path) -> Option<PathBuf> {
+    let is_checkpoint = |path: &PathBuf| {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        name.starts_with("checkpoint") && name.ends_with(".safetensors") && path.is_file()
+    };
+    let files = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    files.filter(is_checkpoint).chain(scene_in(folder)).max_by_key(|path| modified(path))
+}
+
 /// Whether a file is a scene by its name; files are not opened for the list.
 fn is_scene(path: &Path) -> bool {
     let ending = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
@@ -107,6 +116,8 @@ fn modified(path: &Path) -> u64 {
 
 #[cfg(test)]
 mod tests {
+    use std::{fs::File, time::SystemTime};
+
     use super::*;
 
     #[test]
@@ -130,5 +141,26 @@ mod tests {
         assert_eq!(names, ["run", "a/c.sog", "b.ply", "run/scene.ply"]);
         let Entry::Run { table, scene, .. } = &list[0] else { panic!("a run is first") };
         assert_eq!((table.as_str(), scene.as_deref()), ("run/metrics.csv", Some("run/scene.ply")));
+    }
+
+    #[test]
+    fn a_run_that_goes_on_shows_its_rows_and_its_newest_scene() {
+        let place = tempfile::tempdir().unwrap();
+        let path = |name: &str| place.path().join(name);
+        let run = || match of(place.path()).remove(0) {
+            Entry::Run { table, scene, .. } => (table, scene),
+            scene @ Entry::Scene { .. } => panic!("{scene:?}"),
+        };
+        fs::write(path("metrics.part.csv"), "").unwrap();
+        assert_eq!(run(), ("metrics.part.csv".to_owned(), None));
+        fs::write(path("metrics.csv"), "").unwrap();
+        fs::write(path("scene.ply"), "").unwrap();
+        let earlier = SystemTime::now() - Duration::from_secs(60);
+        File::options().append(true).open(path("scene.ply")).unwrap().set_modified(earlier).unwrap();
+        fs::write(path("checkpoint.safetensors"), "").unwrap();
+        assert_eq!(run(), ("metrics.part.csv".to_owned(), Some("checkpoint.safetensors".to_owned())));
+        fs::remove_file(path("metrics.part.csv")).unwrap();
+        fs::write(path("scene.ply"), "").unwrap();
+        assert_eq!(run(), ("metrics.csv".to_owned(), Some("scene.ply".to_owned())));
     }
 }

@@ -1,0 +1,29 @@
+//! The first layer of a progressive file: a third of the bytes.
+//!
+//! It is made as a file of that size is, and the rest of the file is fitted to what it leaves. Training
+//! both layers in turns for both pictures was tried: before quantization the whole gains 0.4 dB for
+//! 0.2 dB of the third, after it nothing is left of that.
+
+use gs_core::Optimizer;
+use gs_core::Scene2d;
+
+use super::Encoder;
+use crate::error::Error;
+
+/// Share of the bytes in the first layer.
+const FIRST_SHARE: f64 = 1.0 / 3.0;
+
+/// Least size of the first layer, bytes; without one, the file has a single layer.
+const LEAST_BYTES: f64 = 256.0;
+
+impl<R: Optimizer<Scene2d>> Encoder<'_, R> {
+    /// Makes the first layer of a file of about this many bytes.
+    pub(super) async fn add_first_layer(&mut self, bytes: u64) -> Result<(), Error> {
+        let first = FIRST_SHARE * bytes as f64;
+        if first >= LEAST_BYTES {
+            let encoded = self.within_bytes(first as u64).await?;
+            self.keep(encoded.last)?;
+        }
+        Ok(())
+    }
+}
