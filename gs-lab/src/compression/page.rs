@@ -318,7 +318,8 @@ mod tests {
         assert_eq!(page.matches("<img ").count(), 3 + jpeg - page.matches("no file is so small").count());
         let outside = page.replace("http://www.w3.org/2000/svg", "");
         assert!(!outside.contains("http") && !outside.contains("<script") && !outside.contains("url("), "no network");
-        assert_eq!(error_map(&original, &original).pixel(3, 3), error_map(&original, &original).pixel(9, 9));
+        let error = error_map(&original, &decoded).pixel(3, 3);
+        assert!((error[0] - 0.16).abs() < 0.02 && error[1] < 0.02 && error[2] < 0.02, "{error:?}");
         assert_eq!(reduced(&original, 3).size(), (21, 16));
     }
 }
