@@ -94,6 +94,20 @@ fn write_result(text: &str) -> Result<(), Failure> {
     writeln!(stdout, "{text}").and_then(|()| stdout.flush()).map_err(Failure::output)
 }
 
+/// Rows of cells as lines, in columns as wide as their widest cell: names on the left, numbers, from
+/// the second column on, on the right.
+pub(crate) fn in_columns(rows: &[Vec<String>]) -> String {
+    let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
+    let width = |column: usize| rows.iter().filter_map(|row| row.get(column)).map(|cell| cell.chars().count()).max();
+    let widths: Vec<usize> = (0..columns).map(|column| width(column).unwrap_or(0)).collect();
+    let padded = |(column, (cell, &width)): (usize, (&String, &usize))| match column {
+        0 => format!("{cell:<width$}"),
+        _ => format!("{cell:>width$}"),
+    };
+    let line = |row: &Vec<String>| row.iter().zip(&widths).enumerate().map(padded).collect::<Vec<_>>().join("  ");
+    rows.iter().map(line).collect::<Vec<_>>().join("\n")
+}
+
 /// Prints a line to standard error. Errors of writing are ignored.
 pub(crate) fn note(line: impl Display) {
     let _ = writeln!(io::stderr().lock(), "{}", lines(line));

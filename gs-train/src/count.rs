@@ -97,7 +97,7 @@ mod tests {
         let psnr = |count| fit(&cpu, &image, settings(count), &mut ()).block_on().unwrap().summary.psnr;
         let count = count_for_psnr(&cpu, &image, 30.0, settings).block_on().unwrap();
         let (found, fewer) = (psnr(count), psnr(count * 9 / 10));
-        assert!((30.0..30.6).contains(&found) && fewer < 30.1, "{count}: {found} dB, {fewer} dB with a tenth less");
+        assert!((30.0..33.0).contains(&found) && fewer < 30.1, "{count}: {found} dB, {fewer} dB with a tenth less");
         let impossible = count_for_psnr(&cpu, &image, 5.0, settings).block_on().unwrap_err();
         assert!(impossible.to_string().contains("10 to 60 dB"), "{impossible}");
     }

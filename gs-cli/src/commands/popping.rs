@@ -109,16 +109,10 @@ pub(crate) fn run(args: &PoppingArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-/// A table in columns as wide as their widest cell.
+/// A table below its title.
 fn text(table: &Table) -> String {
     let rows: Vec<Vec<String>> = std::iter::once(table.columns.iter().map(ToString::to_string).collect())
         .chain(table.rows.iter().map(|row| row.iter().map(ToString::to_string).collect()))
         .collect();
-    let width = |column: usize| rows.iter().map(|row: &Vec<String>| row[column].chars().count()).max().unwrap_or(0);
-    let widths: Vec<usize> = (0..table.columns.len()).map(width).collect();
-    let line = |row: &Vec<String>| {
-        let cells = row.iter().zip(&widths).map(|(cell, &width)| format!("{cell:>width$}"));
-        cells.collect::<Vec<_>>().join("  ")
-    };
-    std::iter::once(table.title.clone()).chain(rows.iter().map(line)).collect::<Vec<_>>().join("\n")
+    format!("{}\n{}", table.title, output::in_columns(&rows))
 }

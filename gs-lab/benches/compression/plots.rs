@@ -2,6 +2,7 @@
 
 use std::{error::Error, fs, path::Path};
 
+use gs_core::counted;
 use gs_lab::{
     compression::{CODECS, RateCurve},
     figure::{Axis, Figure, Marks, Series},
@@ -22,7 +23,7 @@ pub(crate) fn write(points: &Points, sets: &[Set], folder: &Path) -> Result<(), 
     for measure in Measure::ALL {
         for set in sets {
             let names: Vec<&str> = set.images.iter().map(|image| image.name.as_str()).collect();
-            let title = format!("{}: mean of {} images", set.name, names.len());
+            let title = format!("{}: mean of {}", set.name, counted(names.len(), "image"));
             let name = format!("mean-of-{}", set.name.to_lowercase().replace(' ', "-"));
             save(folder, figure(name, title, measure, |format| mean_curve(points, &names, format, measure)))?;
             for image in names {

@@ -5,7 +5,8 @@ use std::error::Error;
 use gs_codec::Extent;
 use gs_cpu::CpuRasterizer;
 use gs_lab::compression::CODECS;
-use gs_train::l1_and_psnr;
+use gs_train::{EncodeSettings, EncodeTarget, Encoded, encode, l1_and_psnr};
+use pollster::FutureExt as _;
 
 use crate::{
     Set,
@@ -124,28 +125,34 @@ pub(crate) fn published(points: &Points, kodak: &Set) {
     }
 }
 
-/// What a third of our files' bytes shows, against a file made for that size.
+/// Size of the progressive files, bits per pixel.
+const PROGRESSIVE: f64 = 1.2;
+
+/// What a progressive file is worth, whole and cut to a third of its bytes, against files of the same
+/// sizes that are not progressive.
 pub(crate) fn prefixes(points: &Points, rasterizer: &CpuRasterizer, sets: &[Set]) -> Result<(), Box<dyn Error>> {
-    print_section("The first third of a file's bytes");
-    println!("The PSNR of a file of that size is interpolated between files.\n");
-    print_columns(&["image", "whole, bits per pixel", "a third", "PSNR of the third, dB", "of a file, dB", "less, dB"]);
+    print_section("Progressive files, and the first third of their bytes");
+    println!("The PSNR of a plain file of each size is interpolated between files.\n");
+    print_columns(&["image", "bits per pixel", "PSNR, dB", "less than plain, dB", "encoding, s"]);
+    let mut less: [Vec<f64>; 2] = Default::default();
     for image in sets.iter().flat_map(|set| &set.images) {
-        let Some(curve) = points.curve(&image.name, OURS, Measure::Psnr) else { continue };
-        for point in points.of(&image.name, OURS) {
-            let Some(own) = &point.own else { continue };
-            let third = &own.bytes[..own.bytes.len() / 3];
-            let bpp = third.len() as f64 * 8.0 / image.image.pixels().len() as f64;
-            let Some(of_file) = curve.quality_at(bpp) else { continue };
-            let cells = match rendered(rasterizer, third, Extent::Prefix) {
-                Ok(picture) => {
-                    let psnr = l1_and_psnr(&picture, &image.image).1;
-                    [format!("{psnr:.2}"), format!("{of_file:.2}"), format!("{:.2}", of_file - psnr)]
-                }
-                Err(error) => [error.to_string(), format!("{of_file:.2}"), "–".to_owned()],
-            };
-            let sizes = [image.name.clone(), format!("{:.3}", point.bpp), format!("{bpp:.3}")];
-            print_row(&[&sizes[..], &cells].concat());
+        let pixels = image.image.pixels().len() as f64;
+        let settings = EncodeSettings::default().with(|s| {
+            s.target = EncodeTarget::Bytes((PROGRESSIVE * pixels / 8.0) as u64);
+            s.progressive = true;
+        });
+        let Encoded { bytes, seconds, .. } = encode(rasterizer, &image.image, &settings).block_on()?;
+        let curve = points.curve(&image.name, OURS, Measure::Psnr);
+        for (part, less) in [&bytes[..], &bytes[..bytes.len() / 3]].into_iter().zip(&mut less) {
+            let picture = rendered(rasterizer, part, Extent::Prefix)?;
+            let (bpp, psnr) = (part.len() as f64 * 8.0 / pixels, l1_and_psnr(&picture, &image.image).1);
+            let loss = curve.as_ref().and_then(|curve| curve.quality_at(bpp)).map(|plain| plain - psnr);
+            less.extend(loss);
+            let loss = loss.map_or("–".to_owned(), |loss| format!("{loss:.2}"));
+            print_row(&[image.name.clone(), format!("{bpp:.3}"), format!("{psnr:.2}"), loss, format!("{seconds:.1}")]);
         }
     }
+    let [whole, third] = less.map(|less| if less.is_empty() { f64::NAN } else { mean(less) });
+    println!("\nMean loss: {whole:.2} dB of the whole files, {third:.2} dB of the thirds.");
     Ok(())
 }

@@ -217,7 +217,7 @@ impl Codec {
 
 fn write_ppm(path: &Path, image: &Image) -> io::Result<()> {
     let mut file = BufWriter::new(File::create(path)?);
-    write!(file, "P6 {} {} 255\n", image.width(), image.height())?;
+    writeln!(file, "P6 {} {} 255", image.width(), image.height())?;
     file.write_all(&image.to_8_bits())?;
     file.flush()
 }

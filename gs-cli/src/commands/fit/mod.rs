@@ -96,6 +96,7 @@ impl Start {
         match self {
             Self::Fresh(settings) if args.count.chooses() => {
                 check_memory(target, &settings)?;
+                output::note(format_args!("looking for the number of Gaussians for {}", target.name()));
                 Ok(Self::Fresh(Box::new(args.count.apply(&on.rasterizer, target, *settings)?)))
             }
             start => Ok(start),

@@ -1,36 +1,26 @@
-//! The table of several images, in columns as wide as their widest cell.
+//! The table of several images.
 
 use std::path::Path;
 
 use gs_core::{counted, metrics::mean};
 
 use super::{Row, shown};
+use crate::output;
 
 const COLUMNS: [&str; 7] = ["image", "size, px", "bytes", "bits/px", "Gaussians", "PSNR, dB", "time, s"];
 
 /// The table, with a line of totals: sums, bits per pixel of all, the mean of PSNRs that are finite,
 /// and the time that passed.
 pub(super) fn table(rows: &[(&Path, Row)], elapsed: f64) -> String {
-    let mut lines = vec![COLUMNS.map(str::to_owned)];
+    let mut lines = vec![COLUMNS.map(str::to_owned).to_vec()];
     lines.extend(rows.iter().map(|(file, row)| cells(shown(file), row)));
     lines.push(totals(rows, elapsed));
-    let width = |column: usize| lines.iter().map(|cells| cells[column].chars().count()).max().unwrap_or(0);
-    let widths: [usize; 7] = std::array::from_fn(width);
-    let line = |cells: &[String; 7]| {
-        let padded = cells.iter().zip(widths).enumerate();
-        // Names are on the left, numbers on the right.
-        let padded = padded.map(|(column, (cell, width))| match column {
-            0 => format!("{cell:<width$}"),
-            _ => format!("{cell:>width$}"),
-        });
-        padded.collect::<Vec<_>>().join("  ")
-    };
-    lines.iter().map(line).collect::<Vec<_>>().join("\n")
+    output::in_columns(&lines)
 }
 
-fn cells(name: String, row: &Row) -> [String; 7] {
+fn cells(name: String, row: &Row) -> Vec<String> {
     let (width, height) = row.size;
-    [
+    vec![
         name,
         format!("{width}x{height}"),
         row.bytes.to_string(),
@@ -41,12 +31,12 @@ fn cells(name: String, row: &Row) -> [String; 7] {
     ]
 }
 
-fn totals(rows: &[(&Path, Row)], elapsed: f64) -> [String; 7] {
+fn totals(rows: &[(&Path, Row)], elapsed: f64) -> Vec<String> {
     let pixels: f64 = rows.iter().map(|(_, row)| row.pixels()).sum();
     let bytes: u64 = rows.iter().map(|(_, row)| row.bytes).sum();
     let psnrs: Vec<f64> = rows.iter().map(|(_, row)| row.psnr).filter(|psnr| psnr.is_finite()).collect();
     let bpp = if pixels > 0.0 { bytes as f64 * 8.0 / pixels } else { 0.0 };
-    [
+    vec![
         counted(rows.len(), "image"),
         format!("{:.2} M", pixels / 1e6),
         bytes.to_string(),

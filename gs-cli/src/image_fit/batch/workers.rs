@@ -79,21 +79,25 @@ pub(crate) fn run<T: Serialize + Send>(
         0 | 1 => small.iter().for_each(|&index| one(index, &whole)),
         several => {
             let cpu = BackendArgs { backend: Choice::Cpu, ..backend.clone() };
-            let (backends, next) = (cpu.open_several(several)?, AtomicUsize::new(0));
-            thread::scope(|scope| {
-                for on in &backends {
-                    let (one, next) = (&one, &next);
-                    scope.spawn(move || {
-                        while let Some(&index) = small.get(next.fetch_add(1, Ordering::Relaxed)) {
-                            one(index, on);
-                        }
-                    });
-                }
-            });
+            on_each(&cpu.open_several(several)?, small, one);
         }
     }
     let outcomes = outcomes.into_inner().unwrap_or_else(PoisonError::into_inner);
     report(images, outcomes, interrupt.requested(), json, started.elapsed().as_secs_f64())
+}
+
+/// Does `one` of each index, on whichever backend is free.
+fn on_each(backends: &[Chosen], indices: &[usize], one: impl Fn(usize, &Chosen) + Sync) {
+    let next = AtomicUsize::new(0);
+    thread::scope(|scope| {
+        for on in backends {
+            scope.spawn(|| {
+                while let Some(&index) = indices.get(next.fetch_add(1, Ordering::Relaxed)) {
+                    one(index, on);
+                }
+            });
+        }
+    });
 }
 
 /// How many of `images` images of at most `peak` bytes are worked on at once. A GPU does one after
