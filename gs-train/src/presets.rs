@@ -35,7 +35,7 @@ const ROUNDS_POWER: f64 = 0.6;
 ///
 /// Narrower Gaussians fall between the pixels' centres: they help the fit at its own size little,
 /// and draw scratches that nothing in the image asked for when it is enlarged. From about 0.45 px
-/// on, quality at the fit's own size falls; at 0.25 px an enlargement by two is 0.3 to 0.8 dB worse.
+/// on, quality at the fit's own size falls; at 0.25 px an enlargement by two is 0.5 to 0.8 dB worse.
 const MIN_SCALE_PX: f32 = 0.4;
 
 /// A preset of a fit: settings by name.
