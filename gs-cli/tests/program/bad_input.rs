@@ -53,7 +53,8 @@ fn images_that_are_none() {
     fs::write(path("bomb.png"), png_without_pixels(20_000, 20_000)).unwrap();
 
     refuse_fit(&path("absent.png"), "no such file");
-    refuse_fit(place.path(), "is a folder");
+    let none = folder();
+    refuse_fit(none.path(), "image");
     refuse_fit(&path("text.png"), "is text, not an image");
     refuse_fit(&path("empty.png"), "is empty");
     refuse_fit(&path("short.png"), "damaged");

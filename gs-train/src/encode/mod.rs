@@ -10,8 +10,8 @@ mod settings;
 use std::slice;
 
 use glam::Vec2;
-use gs_codec::{Layer, LayerHead, Picture, Quantizer};
-use gs_core::{Canvas, Image, Optimizer, Scene as _, Scene2d};
+use gs_codec::{Decoded, Extent, Layer, LayerHead, Picture, Quantizer, decode};
+use gs_core::{Blend, Canvas, Image, Optimizer, RenderSettings, Scene as _, Scene2d};
 use web_time::Instant;
 
 pub use self::settings::{EncodeSettings, EncodeTarget};
@@ -199,14 +199,14 @@ impl<'a, R: Optimizer<Scene2d>> Encoder<'a, R> {
         let kept: Scene2d = fitted.scene.iter().filter(|g| all.quantize(g).is_some()).collect();
         let quantizer = self.quantizer(step, &kept);
         let codes = sequence::quantize(self.on, &self.target, &kept, &quantizer, &fitted.settings).await?;
-        let (width, height) = self.image.size();
-        let scene: Scene2d = codes.iter().map(|code| quantizer.reconstruct(code)).collect();
-        let drawn = self.on.render(&scene, &Canvas::new(width, height), &fitted.settings.render).await?;
-        let picture = sequence::sum(&self.drawn, &drawn)?;
-        let (_, psnr) = l1_and_psnr(&picture, self.image);
         let layer = Layer { head: *quantizer.head(), codes };
         let bytes = self.file(slice::from_ref(&layer))?;
-        let gaussians = self.layers.iter().map(|layer| layer.codes.len()).sum::<usize>() + scene.len();
+        // The picture is that of the file: the order of a sum decides about its last bits.
+        let Decoded { width, height, scene, background, .. } = decode(&bytes, Extent::Whole)?;
+        let render = RenderSettings::blended(Blend::Sum).on(background);
+        let picture = self.on.render(&scene, &Canvas::new(width, height), &render).await?;
+        let (_, psnr) = l1_and_psnr(&picture, self.image);
+        let gaussians = scene.len();
         Ok(Encoded { bytes, gaussians, psnr, seconds: 0.0, last: Drawn { layer, picture } })
     }
 
@@ -311,17 +311,27 @@ impl<'a, R: Optimizer<Scene2d>> Encoder<'a, R> {
         // The rounding of all parameters at once would have the squared step times this.
         let rounding = 7.0 * gaussians / (36.0 * self.forecast.most());
         let mut step = (spare / (rounding * 0.6)).sqrt();
-        for _ in 0..ATTEMPTS {
+        // The coarsest step that reached the PSNR, and the finest that did not.
+        let (mut enough, mut too_coarse) = (0.0, f64::INFINITY);
+        for _ in 0..=ATTEMPTS {
             let encoded = self.quantized(fitted, step).await?;
-            let (found, reached) = (encoded.psnr, encoded.psnr >= psnr);
-            if reached && best.as_ref().is_none_or(|best| encoded.bytes.len() < best.bytes.len()) {
-                best = Some(encoded);
-            }
-            if reached && found < psnr + SURPLUS_DB {
-                break;
+            let found = encoded.psnr;
+            if found >= psnr {
+                enough = step.max(enough);
+                if best.as_ref().is_none_or(|best| encoded.bytes.len() < best.bytes.len()) {
+                    best = Some(encoded);
+                }
+                if found < psnr + SURPLUS_DB {
+                    break;
+                }
+            } else {
+                too_coarse = step.min(too_coarse);
             }
             let share = spare / (error(found) - error(fitted.psnr)).max(0.1 * spare);
             step *= (share * 0.99).sqrt().clamp(0.5, 2.0);
+            if enough > 0.0 && too_coarse < f64::INFINITY && !(enough..too_coarse).contains(&step) {
+                step = (enough * too_coarse).sqrt();
+            }
         }
         Ok(best)
     }
