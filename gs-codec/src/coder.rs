@@ -26,7 +26,8 @@ pub(crate) trait Coder {
     /// Codes a number below `count`, 1 to 2¹⁵, all equally likely.
     fn uniform(&mut self, count: u32, value: u32) -> u32;
 
-    /// Whether the bytes of a truncated layer have ended, so that the last numbers mean nothing.
+    /// Whether the bytes of a truncated layer have ended or are damaged, so that the last numbers mean
+    /// nothing.
     fn has_ended(&self) -> bool {
         false
     }
@@ -203,7 +204,7 @@ impl Coder for Decoder {
     }
 
     fn has_ended(&self) -> bool {
-        self.words_left.is_some_and(|left| left < 0)
+        self.invalid || self.words_left.is_some_and(|left| left < 0)
     }
 }
 

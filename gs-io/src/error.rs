@@ -439,7 +439,9 @@ impl Error {
 /// What to do about a damaged `.gsi` file.
 fn remedy(error: &gs_codec::Error) -> &'static str {
     match error {
-        gs_codec::Error::Truncated { .. } => "fetch it again, or let gs decode --partial show what is there",
+        gs_codec::Error::Truncated { part: "a layer", .. } => {
+            "fetch it again, or let gs decode --partial show what is there"
+        }
         _ => "fetch or encode it again",
     }
 }

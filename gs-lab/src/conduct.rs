@@ -162,9 +162,9 @@ fn conduct_from<R: StudyBackend>(queue: &Queue<'_>, rasterizer: &R, at: &Place<'
     Ok(())
 }
 
-/// Fails where the backend does not support what an arm needs, where this program does not have an
-/// arm's policy, or where the study's clock does not
-/// count what it does, before any run begins.
+/// Fails, before any run begins, where the backend does not support what an arm needs, where this
+/// program does not have an arm's policy, or where the study's clock does not count what the backend
+/// does.
 ///
 /// # Errors
 /// [`Error::Arm`] with what is missing, [`Error::Study`] for the clock.

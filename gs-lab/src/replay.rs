@@ -43,8 +43,9 @@ struct End {
 /// # Errors
 /// [`Error::NoRow`]; [`Error::Folder`] where the row has not been done; [`Error::OtherMachine`],
 /// [`Error::OtherVersion`] or [`Error::OtherRun`] where the record is of something else, before
-/// anything is computed; [`Error::Arm`] where this program does not have the arm's policy; [`Error::NotReplayed`] where the scene differs from the recorded one;
-/// [`Error::Fit`] where the run fails.
+/// anything is computed; [`Error::Arm`] where this program does not have the arm's policy;
+/// [`Error::NotReplayed`] where the scene differs from the recorded one; [`Error::Fit`] where the run
+/// fails.
 pub fn replay<R: StudyBackend>(
     plan: &Plan,
     row: usize,

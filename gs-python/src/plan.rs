@@ -160,7 +160,6 @@ impl Plan {
             if !(is_left[moved as usize] && is_left[onto as usize]) {
                 continue;
             }
-
             let gaussian = observation.scene.gaussian(onto as usize);
             plan.changed.push(Change { index: moved, gaussian, moments: Moments::Fresh });
         }

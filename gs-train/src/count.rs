@@ -2,7 +2,7 @@
 
 use gs_core::{Image, Optimizer, Scene2d};
 
-use crate::{error::Error, fit::fit, forecast::Forecast, presets::Preset, settings::FitSettings};
+use crate::{encode::EncodeTarget, error::Error, fit::fit, forecast::Forecast, presets::Preset, settings::FitSettings};
 
 /// Fits of the settings at most.
 const TRIALS: usize = 6;
@@ -28,9 +28,7 @@ pub async fn count_for_psnr<R: Optimizer<Scene2d>>(
     psnr: f64,
     settings: impl Fn(u32) -> FitSettings,
 ) -> Result<u32, Error> {
-    if !(10.0..=60.0).contains(&psnr) {
-        return Err(gs_core::Error::setting("the PSNR", psnr, "10 to 60 dB").into());
-    }
+    EncodeTarget::Psnr(psnr).validate()?;
     let mut count = forecast(rasterizer, image, psnr, &settings).await?;
     let mut known = Forecast::new(image);
     let most = known.most() as u32;

@@ -85,7 +85,8 @@ pub(crate) fn run(install: bool) -> Result<(), String> {
         eprintln!("skipped: there is no {missing}: the study on a cluster; install Slurm with {how}");
         return Ok(());
     }
-    cargo(&["build", "--package", "gs-cli"])?;
+    // With the features of the whole workspace, so that what the tests have built is not built again.
+    cargo(&["build", "--workspace", "--bin", "gs"])?;
     let target = env::var_os("CARGO_TARGET_DIR").map_or_else(|| workspace().join("target"), PathBuf::from);
     let gs = target.join("debug/gs");
     let place = env::temp_dir().join(format!("gs-cluster-{}", std::process::id()));

@@ -4,8 +4,7 @@
 //! both layers in turns for both pictures was tried: before quantization the whole gains 0.4 dB for
 //! 0.2 dB of the third, after it nothing is left of that.
 
-use gs_core::Optimizer;
-use gs_core::Scene2d;
+use gs_core::{Optimizer, Scene2d};
 
 use super::Encoder;
 use crate::error::Error;
@@ -21,8 +20,8 @@ impl<R: Optimizer<Scene2d>> Encoder<'_, R> {
     pub(super) async fn add_first_layer(&mut self, bytes: u64) -> Result<(), Error> {
         let first = FIRST_SHARE * bytes as f64;
         if first >= LEAST_BYTES {
-            let encoded = self.within_bytes(first as u64).await?;
-            self.keep(encoded.last)?;
+            let attempt = self.within_bytes(first as u64).await?;
+            self.keep(attempt)?;
         }
         Ok(())
     }

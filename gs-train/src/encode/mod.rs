@@ -32,14 +32,16 @@ pub struct Encoded {
     pub psnr: f64,
     /// Time of encoding, s.
     pub seconds: f64,
-    /// The last layer, and the picture of all.
-    last: Drawn,
 }
 
-/// A layer, and the picture of it and of those before it.
-#[derive(Debug, Clone, PartialEq)]
-struct Drawn {
+/// A file that may be the result.
+struct Attempt {
+    bytes: Vec<u8>,
+    gaussians: usize,
+    psnr: f64,
+    /// Its last layer.
     layer: Layer,
+    /// What it decodes to.
     picture: Image,
 }
 
@@ -95,9 +97,8 @@ pub async fn encode<R: Optimizer<Scene2d>>(
         };
         encoder.add_first_layer(bytes).await?;
     }
-    let mut encoded = encoder.reach(settings.target).await?;
-    encoded.seconds = started.elapsed().as_secs_f64();
-    Ok(encoded)
+    let Attempt { bytes, gaussians, psnr, .. } = encoder.reach(settings.target).await?;
+    Ok(Encoded { bytes, gaussians, psnr, seconds: started.elapsed().as_secs_f64() })
 }
 
 struct Encoder<'a, R> {
@@ -142,8 +143,8 @@ impl<'a, R: Optimizer<Scene2d>> Encoder<'a, R> {
         Ok(Fitted { scene: fit.scene, psnr, settings })
     }
 
-    /// Adds the last layer of an encoded picture to those that are done.
-    fn keep(&mut self, Drawn { layer, picture }: Drawn) -> Result<(), Error> {
+    /// Adds the last layer of a file to those that are done.
+    fn keep(&mut self, Attempt { layer, picture, .. }: Attempt) -> Result<(), Error> {
         self.layers.push(layer);
         self.target = sequence::difference(self.image, &picture)?;
         self.drawn = picture;
@@ -158,7 +159,7 @@ impl<'a, R: Optimizer<Scene2d>> Encoder<'a, R> {
         Ok(Picture { width, height, background: self.background, layers }.encode()?)
     }
 
-    async fn reach(&mut self, target: EncodeTarget) -> Result<Encoded, Error> {
+    async fn reach(&mut self, target: EncodeTarget) -> Result<Attempt, Error> {
         match target {
             EncodeTarget::Bytes(bytes) => self.within_bytes(bytes).await,
             EncodeTarget::Psnr(psnr) => self.at_psnr(psnr).await,
@@ -194,7 +195,7 @@ impl<'a, R: Optimizer<Scene2d>> Encoder<'a, R> {
     }
 
     /// Quantizes a fit in turns, as the last layer.
-    async fn quantized(&self, fitted: &Fitted, step: f64) -> Result<Encoded, Error> {
+    async fn quantized(&self, fitted: &Fitted, step: f64) -> Result<Attempt, Error> {
         let all = self.quantizer(step, &fitted.scene);
         let kept: Scene2d = fitted.scene.iter().filter(|g| all.quantize(g).is_some()).collect();
         let quantizer = self.quantizer(step, &kept);
@@ -206,11 +207,10 @@ impl<'a, R: Optimizer<Scene2d>> Encoder<'a, R> {
         let render = RenderSettings::blended(Blend::Sum).on(background);
         let picture = self.on.render(&scene, &Canvas::new(width, height), &render).await?;
         let (_, psnr) = l1_and_psnr(&picture, self.image);
-        let gaussians = scene.len();
-        Ok(Encoded { bytes, gaussians, psnr, seconds: 0.0, last: Drawn { layer, picture } })
+        Ok(Attempt { bytes, gaussians: scene.len(), psnr, layer, picture })
     }
 
-    async fn within_bytes(&mut self, bytes: u64) -> Result<Encoded, Error> {
+    async fn within_bytes(&mut self, bytes: u64) -> Result<Attempt, Error> {
         let bits = self.bits_within(bytes)?;
         let count = self.count_of(bits).await?;
         let fitted = self.fit(Preset::Standard, count).await?;
@@ -234,24 +234,24 @@ impl<'a, R: Optimizer<Scene2d>> Encoder<'a, R> {
     }
 
     /// A fit as the last layer of a file of at most this many bytes.
-    async fn filled(&self, fitted: &Fitted, bytes: u64) -> Result<Encoded, Error> {
+    async fn filled(&self, fitted: &Fitted, bytes: u64) -> Result<Attempt, Error> {
         let bits = self.bits_within(bytes)?;
         let gaussians = fitted.scene.len().max(1) as f64;
         let mut step = self.forecast.step(gaussians, fitted.psnr);
         // A finer step changes nothing that can be seen: small images do not need all of the bytes.
         let finest = FINEST * step;
         let mut share = FULL + 0.01;
-        let mut best: Option<Encoded> = None;
+        let mut best: Option<Attempt> = None;
         for _ in 0..4 {
             step *= ((self.bits(&fitted.scene, step) - share * bits) / gaussians / BITS_PER_OCTAVE).exp2();
             step = step.max(finest);
         }
         for _ in 0..ATTEMPTS {
-            let encoded = self.quantized(fitted, step).await?;
-            let used = encoded.bytes.len() as f64;
-            let fits = encoded.bytes.len() as u64 <= bytes;
-            if fits && best.as_ref().is_none_or(|best| encoded.psnr > best.psnr) {
-                best = Some(encoded);
+            let attempt = self.quantized(fitted, step).await?;
+            let used = attempt.bytes.len() as f64;
+            let fits = attempt.bytes.len() as u64 <= bytes;
+            if fits && best.as_ref().is_none_or(|best| attempt.psnr > best.psnr) {
+                best = Some(attempt);
             }
             if fits && (used >= FULL * bytes as f64 || step <= finest) {
                 break;
@@ -263,7 +263,7 @@ impl<'a, R: Optimizer<Scene2d>> Encoder<'a, R> {
         best.ok_or_else(|| Error::Unreachable { target: format!("a size of {bytes} bytes") })
     }
 
-    async fn at_psnr(&mut self, psnr: f64) -> Result<Encoded, Error> {
+    async fn at_psnr(&mut self, psnr: f64) -> Result<Attempt, Error> {
         // Quantization costs 10 log₁₀(1 + the share of its error).
         let before = psnr + QUANTIZATION_DB;
         let mut count = (self.forecast.most() / 130.0).max(1.0) as u32;
@@ -271,7 +271,7 @@ impl<'a, R: Optimizer<Scene2d>> Encoder<'a, R> {
             self.fit(Preset::Quick, count).await?;
             count = self.count_for(before);
         }
-        let mut best: Option<Encoded> = None;
+        let mut best: Option<Attempt> = None;
         for _ in 0..FITS {
             let fitted = self.fit(Preset::Standard, count).await?;
             best = self.steps_to_psnr(&fitted, psnr, best).await?;
@@ -300,8 +300,8 @@ impl<'a, R: Optimizer<Scene2d>> Encoder<'a, R> {
         &self,
         fitted: &Fitted,
         psnr: f64,
-        mut best: Option<Encoded>,
-    ) -> Result<Option<Encoded>, Error> {
+        mut best: Option<Attempt>,
+    ) -> Result<Option<Attempt>, Error> {
         let error = |psnr: f64| 10f64.powf(-psnr / 10.0);
         let spare = error(psnr) - error(fitted.psnr);
         if spare < 0.02 * error(psnr) {
@@ -314,12 +314,12 @@ impl<'a, R: Optimizer<Scene2d>> Encoder<'a, R> {
         // The coarsest step that reached the PSNR, and the finest that did not.
         let (mut enough, mut too_coarse) = (0.0, f64::INFINITY);
         for _ in 0..=ATTEMPTS {
-            let encoded = self.quantized(fitted, step).await?;
-            let found = encoded.psnr;
+            let attempt = self.quantized(fitted, step).await?;
+            let found = attempt.psnr;
             if found >= psnr {
                 enough = step.max(enough);
-                if best.as_ref().is_none_or(|best| encoded.bytes.len() < best.bytes.len()) {
-                    best = Some(encoded);
+                if best.as_ref().is_none_or(|best| attempt.bytes.len() < best.bytes.len()) {
+                    best = Some(attempt);
                 }
                 if found < psnr + SURPLUS_DB {
                     break;
@@ -336,7 +336,7 @@ impl<'a, R: Optimizer<Scene2d>> Encoder<'a, R> {
         Ok(best)
     }
 
-    async fn at_quality(&mut self, quality: u8) -> Result<Encoded, Error> {
+    async fn at_quality(&mut self, quality: u8) -> Result<Attempt, Error> {
         let step = COARSEST_STEP * (-f64::from(quality - 1) / 99.0 * STEP_OCTAVES).exp2();
         let mut count = (self.forecast.most() / 130.0).max(1.0) as u32;
         for _ in 0..2 {

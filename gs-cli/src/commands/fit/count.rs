@@ -16,7 +16,7 @@ impl CountArgs {
     /// Fails where a flag is out of range, before anything is read.
     pub(super) fn validate(&self) -> Result<(), Failure> {
         let targets = [self.psnr.map(EncodeTarget::Psnr), self.bytes.map(|bytes| EncodeTarget::Bytes(bytes.0))];
-        targets.into_iter().flatten().try_for_each(|target| Ok(encoding(target, 0).validate()?))
+        targets.into_iter().flatten().try_for_each(|target| Ok(target.validate()?))
     }
 
     /// The settings with the number for this target; they stay as they are where no flag chooses it.
