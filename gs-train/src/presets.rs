@@ -26,8 +26,9 @@ const GROWTH_SHARE: f64 = 0.6;
 /// Rounds of density control in a run of 50 steps, the least there are, and the power of the number
 /// of steps with which they rise: 17 in 400 steps, 38 in 1,500.
 ///
-/// A round takes as long as three to five steps. More rounds gain nothing in 400 steps; in 1,500,
-/// 38 rounds are 0.2 dB better than 15.
+/// A round takes as long as three to five steps. More rounds gain nothing in 400 steps. In 1,500, they
+/// and [`MIN_SCALE_PX`] are 0.1 dB better than 15 rounds were
+/// (`benchmarks/2026-11-24-epyc-2-cores/kodak.md`).
 const LEAST_ROUNDS: f64 = 5.0;
 const ROUNDS_POWER: f64 = 0.6;
 
