@@ -1,6 +1,7 @@
 //! Compressed images: `.gsi` files as bytes.
 
 use gs_backend::block_on;
+use gs_codec::Extent;
 use gs_train::{EncodeSettings, EncodeTarget};
 use pyo3::{
     prelude::*,
@@ -37,7 +38,8 @@ impl Encoded {
 
 #[doc = doc!("encode")]
 #[pyfunction]
-#[pyo3(signature = (image, *, quality = None, psnr = None, bytes = None, bpp = None, seed = 0, backend = None))]
+#[pyo3(signature = (image, *, quality = None, psnr = None, bytes = None, bpp = None, progressive = false, seed = 0,
+    backend = None))]
 #[allow(clippy::too_many_arguments, reason = "keyword arguments")]
 pub(crate) fn encode(
     py: Python<'_>,
@@ -46,6 +48,7 @@ pub(crate) fn encode(
     psnr: Option<f64>,
     bytes: Option<u64>,
     bpp: Option<f64>,
+    progressive: bool,
     seed: u32,
     backend: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<Encoded> {
@@ -61,7 +64,9 @@ pub(crate) fn encode(
         (None, None, None, Some(_)) => return Err(errors::value("bpp", "must be a finite number above 0")),
         _ => return Err(errors::value("quality, psnr, bytes, bpp", "expected at most one of them")),
     };
-    let settings = EncodeSettings::default().with(|settings| (settings.target, settings.seed) = (target, seed));
+    let settings = EncodeSettings::default().with(|settings| {
+        (settings.target, settings.progressive, settings.seed) = (target, progressive, seed);
+    });
     settings.validate().map_err(IntoPython::into_python)?;
     let chosen = backend::chosen(py, backend)?;
     let encoded = chosen.compute_within(py, |on| block_on(gs_train::encode(on, &image, &settings)))?;
@@ -71,7 +76,9 @@ pub(crate) fn encode(
 
 #[doc = doc!("decode")]
 #[pyfunction]
-pub(crate) fn decode(py: Python<'_>, data: &[u8]) -> PyResult<Scene2d> {
-    let decoded = errors::computed(py, || gs_io::decode_gsi(data, gs_codec::Extent::Whole));
+#[pyo3(signature = (data, *, partial = false))]
+pub(crate) fn decode(py: Python<'_>, data: &[u8], partial: bool) -> PyResult<Scene2d> {
+    let extent = if partial { Extent::Prefix } else { Extent::Whole };
+    let decoded = errors::computed(py, || gs_io::decode_gsi(data, extent));
     decoded.map(Scene2d::of_file)
 }

@@ -23,6 +23,17 @@ def test_an_image_is_encoded_and_decoded(image: np.ndarray, tmp_path: Path) -> N
     assert np.array_equal(loaded.means, scene.means)
 
 
+def test_the_first_third_of_a_progressive_file_is_a_picture(image: np.ndarray) -> None:
+    encoded = gs.encode(image, bytes=2400, progressive=True, backend="cpu")
+    third = encoded.data[: len(encoded.data) // 3]
+    with pytest.raises(ValueError, match="truncated"):
+        gs.decode(third)
+    scene = gs.decode(third, partial=True)
+    assert 0 < len(scene) < encoded.gaussians
+    plain = gs.encode(image, bytes=768, backend="cpu")
+    assert np.array_equal(scene.means[: plain.gaussians], gs.decode(plain.data).means)
+
+
 def test_wrong_targets_and_data(image: np.ndarray) -> None:
     with pytest.raises(ValueError, match="expected at most one of them"):
         gs.encode(image, quality=50, psnr=30.0)

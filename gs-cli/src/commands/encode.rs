@@ -47,7 +47,7 @@ pub(crate) struct EncodeArgs {
     output: PathBuf,
     #[command(flatten)]
     overwrite: OverwriteArgs,
-    /// Let the first third of the file show the picture as well as a file of that size does; the whole
+    /// Let the first third of the file show the picture nearly as well as a file of that size; the whole
     /// is about 1.4 dB worse
     #[arg(long)]
     progressive: bool,

@@ -9,8 +9,9 @@ use gs_core::{Optimizer, Scene2d};
 use super::Encoder;
 use crate::error::Error;
 
-/// Share of the bytes in the first layer.
-const FIRST_SHARE: f64 = 1.0 / 3.0;
+/// Share of the wanted bytes in the first layer: a little less than a third, as a file may have a few
+/// bytes less than wanted, and a third of it must hold the whole layer.
+const FIRST_SHARE: f64 = 0.32;
 
 /// Least size of the first layer, bytes; without one, the file has a single layer.
 const LEAST_BYTES: f64 = 256.0;

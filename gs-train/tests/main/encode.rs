@@ -54,7 +54,7 @@ fn a_size_is_kept_and_used() {
 #[test]
 fn a_third_of_a_progressive_file_is_a_file_of_that_size() {
     let (image, bytes) = (picture(), 1500);
-    let plain = encoded(&image, EncodeTarget::Bytes(bytes / 3)).unwrap();
+    let plain = encoded(&image, EncodeTarget::Bytes(bytes * 32 / 100)).unwrap();
     let cpu = CpuRasterizer::new(CpuSettings::default()).unwrap();
     let settings = EncodeSettings::default().with(|s| {
         s.target = EncodeTarget::Bytes(bytes);
@@ -62,7 +62,7 @@ fn a_third_of_a_progressive_file_is_a_file_of_that_size() {
     });
     let found = encode(&cpu, &image, &settings).block_on().unwrap();
     assert!(found.bytes.len() as u64 <= bytes && (psnr(&found.bytes, &image) - found.psnr).abs() < 1e-9);
-    let third = &found.bytes[..found.bytes.len().div_ceil(3) + 8];
+    let third = &found.bytes[..found.bytes.len() / 3];
     let decoded = decode(third, Extent::Prefix).unwrap();
     assert_eq!(decoded.layers, (1, 2));
     assert_eq!(decoded.scene.means[..plain.gaussians], decode(&plain.bytes, Extent::Whole).unwrap().scene.means);
