@@ -45,11 +45,12 @@ impl FromStr for Bytes {
         let (number, unit) = match text.char_indices().last() {
             Some((end, 'k' | 'K')) => (&text[..end], 1e3),
             Some((end, 'm' | 'M')) => (&text[..end], 1e6),
+            Some((end, 'g' | 'G')) => (&text[..end], 1e9),
             _ => (text, 1.0),
         };
         match number.parse::<f64>() {
             Ok(count) if count > 0.0 && count * unit < 1e12 => Ok(Self((count * unit) as u64)),
-            _ => Err("write it as a number of bytes, such as 40000, 40k or 1.5M".to_owned()),
+            _ => Err("write it as a number of bytes, such as 40000, 40k, 1.5M or 4G".to_owned()),
         }
     }
 }
@@ -277,8 +278,8 @@ mod tests {
     #[test]
     fn sizes_have_units() {
         assert_eq!(
-            ["40000", "40k", "1.5M"].map(|text| text.parse::<Bytes>()),
-            [40_000, 40_000, 1_500_000].map(|b| Ok(Bytes(b)))
+            ["40000", "40k", "1.5M", "4G"].map(|text| text.parse::<Bytes>()),
+            [40_000, 40_000, 1_500_000, 4_000_000_000].map(|b| Ok(Bytes(b)))
         );
         for wrong in ["", "k", "-4k", "40kB", "1e30"] {
             assert!(wrong.parse::<Bytes>().is_err(), "{wrong}");

@@ -6,16 +6,13 @@
 use std::{borrow::Borrow, num::NonZero};
 
 use constriction::stream::{
-    Code as _, Decode, Encode,
-    model::{DecoderModel, EncoderModel, EntropyModel},
-    queue::{DefaultRangeDecoder, DefaultRangeEncoder},
+    Encode,
+    model::{EncoderModel, EntropyModel},
+    queue::DefaultRangeEncoder,
 };
 
 /// Bits of a probability.
 pub(crate) const PRECISION: usize = 16;
-
-/// Words that a decoder has read before its first symbol.
-const WORDS_AHEAD: i64 = 2;
 
 /// Something that codes bits.
 pub(crate) trait Coder {
@@ -57,14 +54,6 @@ impl EncoderModel<PRECISION> for Bit {
     }
 }
 
-impl DecoderModel<PRECISION> for Bit {
-    fn quantile_function(&self, quantile: u16) -> (bool, u16, NonZero<u16>) {
-        let bit = quantile >= self.zero();
-        let (left, probability) = if bit { (self.zero(), self.one) } else { (0, self.zero()) };
-        (bit, left, NonZero::new(probability).unwrap_or(NonZero::<u16>::MIN))
-    }
-}
-
 /// Numbers below `count`, all equally likely, but for the last, which has what is left.
 #[derive(Debug, Clone, Copy)]
 struct Uniform {
@@ -78,6 +67,11 @@ impl Uniform {
         let length = if value + 1 == self.count { 65_536 - share * value } else { share };
         ((share * value) as u16, length)
     }
+
+    /// The value whose interval holds this number.
+    fn value_at(self, quantile: u16) -> u32 {
+        (u32::from(quantile) / (65_536 / self.count)).min(self.count - 1)
+    }
 }
 
 impl EntropyModel<PRECISION> for Uniform {
@@ -89,14 +83,6 @@ impl EncoderModel<PRECISION> for Uniform {
     fn left_cumulative_and_probability(&self, value: impl Borrow<u32>) -> Option<(u16, NonZero<u16>)> {
         let (left, length) = self.interval((*value.borrow()).min(self.count - 1));
         Some((left, NonZero::new(length as u16)?))
-    }
-}
-
-impl DecoderModel<PRECISION> for Uniform {
-    fn quantile_function(&self, quantile: u16) -> (u32, u16, NonZero<u16>) {
-        let value = (u32::from(quantile) / (65_536 / self.count)).min(self.count - 1);
-        let (left, length) = self.interval(value);
-        (value, left, NonZero::new(length as u16).unwrap_or(NonZero::<u16>::MIN))
     }
 }
 
@@ -134,77 +120,85 @@ impl Coder for Encoder {
 
 /// Reads bits.
 #[derive(Debug)]
-pub(crate) struct Decoder {
-    range: DefaultRangeDecoder,
+pub(crate) struct Decoder<'a> {
+    bytes: &'a [u8],
+    /// Words read so far, with those of zeros after the end.
+    words: usize,
+    /// Length of the interval.
+    range: u64,
+    /// The code less the lower end of the interval.
+    point: u64,
+    truncated: bool,
     invalid: bool,
-    /// Words of a truncated layer that are not read yet; negative where one is missing.
-    words_left: Option<i64>,
 }
 
-impl Decoder {
+impl<'a> Decoder<'a> {
     /// A decoder of the bytes of an [`Encoder`].
-    pub(crate) fn new(bytes: &[u8]) -> Self {
-        let word = |chunk: &[u8]| {
-            let mut word = [0; 4];
-            word[..chunk.len()].copy_from_slice(chunk);
-            u32::from_be_bytes(word)
-        };
-        let words: Vec<u32> = bytes.chunks(4).map(word).collect();
-        let Ok(range) = DefaultRangeDecoder::from_compressed(words);
-        Self { range, invalid: false, words_left: None }
+    pub(crate) fn new(bytes: &'a [u8]) -> Self {
+        let mut decoder = Self { bytes, words: 0, range: u64::MAX, point: 0, truncated: false, invalid: false };
+        for _ in 0..2 {
+            decoder.point = decoder.point << 32 | decoder.word();
+        }
+        decoder
     }
 
     /// A decoder of the first bytes of an [`Encoder`].
-    pub(crate) fn of_truncated(bytes: &[u8]) -> Self {
-        let words = bytes.len() / 4;
-        Self { words_left: Some(words as i64 - WORDS_AHEAD), ..Self::new(&bytes[..4 * words]) }
+    pub(crate) fn of_truncated(bytes: &'a [u8]) -> Self {
+        Self { truncated: true, ..Self::new(&bytes[..bytes.len() / 4 * 4]) }
     }
 
-    /// Counts the word that is read where a symbol's interval of this length, of 2¹⁶, leaves a range
-    /// below 2³².
-    fn count_word(&mut self, range: u64, length: u32) {
-        if let Some(left) = &mut self.words_left
-            && (range >> PRECISION) * u64::from(length) < 1 << 32
-        {
-            *left -= 1;
+    /// The next word; zeros follow the bytes.
+    fn word(&mut self) -> u64 {
+        let rest = self.bytes.get(4 * self.words..).unwrap_or_default();
+        self.words += 1;
+        let mut word = [0; 4];
+        let there = rest.len().min(4);
+        word[..there].copy_from_slice(&rest[..there]);
+        u32::from_be_bytes(word).into()
+    }
+
+    /// Continues with the part of the interval that begins at `left` and has this length.
+    fn narrow(&mut self, left: u64, length: u64) {
+        (self.point, self.range) = (self.point.wrapping_sub(left), length);
+        if self.range < 1 << 32 {
+            self.range <<= 32;
+            self.point = self.point << 32 | self.word();
         }
     }
 
-    /// Whether some bit could not come from an encoder; those after it were read as 0.
+    /// Whether some bit could not come from an encoder; those after it mean nothing.
     pub(crate) fn is_invalid(&self) -> bool {
         self.invalid
     }
 }
 
-impl Coder for Decoder {
+impl Coder for Decoder<'_> {
     fn code(&mut self, one: u16, _: bool) -> bool {
-        if self.invalid {
-            return false;
-        }
-        let range = self.range.state().range().get();
-        let bit = self.range.decode_symbol(Bit { one }).unwrap_or_else(|_| {
-            self.invalid = true;
-            false
-        });
-        self.count_word(range, if bit { one.into() } else { 65_536 - u32::from(one) });
+        let scale = self.range >> PRECISION;
+        let zero = scale * (65_536 - u64::from(one));
+        let bit = self.point >= zero;
+        self.invalid |= self.point >= scale << PRECISION;
+        let (left, length) = if bit { (zero, scale * u64::from(one)) } else { (0, zero) };
+        self.narrow(left, length);
         bit
     }
 
     fn uniform(&mut self, count: u32, _: u32) -> u32 {
-        if self.invalid || count < 2 {
+        if count < 2 {
             return 0;
         }
-        let range = self.range.state().range().get();
-        let value = self.range.decode_symbol(Uniform { count }).unwrap_or_else(|_| {
-            self.invalid = true;
-            0
-        });
-        self.count_word(range, Uniform { count }.interval(value).1);
+        let scale = self.range >> PRECISION;
+        let quantile = self.point / scale;
+        self.invalid |= quantile >> PRECISION != 0;
+        let uniform = Uniform { count };
+        let value = uniform.value_at(quantile.min(65_535) as u16);
+        let (left, length) = uniform.interval(value);
+        self.narrow(scale * u64::from(left), scale * u64::from(length));
         value
     }
 
     fn has_ended(&self) -> bool {
-        self.invalid || self.words_left.is_some_and(|left| left < 0)
+        self.invalid || self.truncated && 4 * self.words > self.bytes.len()
     }
 }
 

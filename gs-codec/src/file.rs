@@ -1,6 +1,10 @@
 //! The file: header, layers, checksums. `docs/gsi.md` specifies it.
 
-use gs_core::{Scene2d, check_size};
+use std::ops::Range;
+
+use crc32fast::Hasher;
+use gs_core::{Gaussian2d, Scene2d, check_size};
+use rayon::prelude::*;
 
 use crate::{
     coder::{Decoder, Encoder, Estimator},
@@ -75,9 +79,25 @@ pub enum Extent {
 impl Layer {
     /// Length of this layer's Gaussians in a file, bits.
     pub fn bits(&self, size: (u32, u32)) -> f64 {
-        let mut cost = Estimator::default();
-        code_layer(&mut cost, &Quantizer::new(self.head, size), self.codes.len(), &self.sorted());
+        let (mut cost, codes) = (Estimator::default(), self.sorted());
+        code_layer(&mut cost, &Quantizer::new(self.head, size), (rows_of(&codes), codes.len()), &codes);
         cost.bits
+    }
+
+    /// This layer as layers of about equal numbers of Gaussians, from the top of the picture to its
+    /// bottom. They are decoded side by side.
+    pub fn stripes(&self, count: usize) -> Vec<Self> {
+        let codes = self.sorted();
+        let (mut stripes, mut rest) = (Vec::with_capacity(count), &codes[..]);
+        for left in (1..=count).rev() {
+            let last = rest.get((rest.len() / left).saturating_sub(1)).map_or(0, |code| code.row);
+            let end = if left == 1 { rest.len() } else { rest.partition_point(|code| code.row <= last) };
+            let (stripe, later) = rest.split_at(end);
+            rest = later;
+            stripes.push(Self { head: self.head, codes: stripe.to_vec() });
+        }
+        stripes.retain(|stripe| !stripe.codes.is_empty());
+        stripes
     }
 
     fn sorted(&self) -> Vec<Code> {
@@ -101,21 +121,27 @@ impl Picture {
         bytes.extend([self.width, self.height].map(|side| (side as u16).to_le_bytes()).concat());
         bytes.extend(self.background);
         bytes.push(layers);
+        let mut checksum = Hasher::new();
+        let mut checked = 0;
         for layer in &self.layers {
             let quantizer = Quantizer::new(layer.head, (self.width, self.height));
-            check_layer(&quantizer, layer.codes.len())?;
+            let codes = layer.sorted();
+            let rows = rows_of(&codes);
+            check_layer(&quantizer, &rows, codes.len())?;
             let mut coder = Encoder::default();
-            code_layer(&mut coder, &quantizer, layer.codes.len(), &layer.sorted());
+            code_layer(&mut coder, &quantizer, (rows.clone(), codes.len()), &codes);
             let mut content = coder.finish();
             let least = layer.codes.len().div_ceil(MOST_PER_BYTE);
             content.resize(content.len().max(least), 0);
-            push_number(&mut bytes, layer.codes.len());
-            push_number(&mut bytes, content.len());
+            let numbers = [codes.len(), content.len(), rows.start as usize, rows.len()];
+            numbers.into_iter().for_each(|number| push_number(&mut bytes, number));
             let LayerHead { step, cell, margin, mean_ratio, shape_ratio, turn_ratio } = layer.head;
             bytes.extend(step.to_le_bytes());
             bytes.extend([cell, margin, mean_ratio, shape_ratio, turn_ratio]);
             bytes.extend(content);
-            bytes.extend(crc32fast::hash(&bytes).to_le_bytes());
+            checksum.update(&bytes[checked..]);
+            checked = bytes.len();
+            bytes.extend(checksum.clone().finalize().to_le_bytes());
         }
         Ok(bytes)
     }
@@ -135,7 +161,7 @@ pub fn decode(bytes: &[u8], extent: Extent) -> Result<Decoded, Error> {
     if !is_gsi(bytes) {
         return Err(Error::Magic);
     }
-    let mut reader = Reader { bytes, place: MAGIC.len(), part: "the header" };
+    let mut reader = Reader { bytes, place: MAGIC.len(), part: "the header", checksum: Hasher::new(), checked: 0 };
     let [version, flags] = reader.array()?;
     for (what, value, known) in [("version", version, VERSION), ("the feature of flag", flags, 0)] {
         if value != known {
@@ -149,17 +175,16 @@ pub fn decode(bytes: &[u8], extent: Extent) -> Result<Decoded, Error> {
     debug_assert_eq!(reader.place, HEADER_BYTES);
     let mut decoded = Decoded { width, height, background, scene: Scene2d::default(), layers: (0, count.into()) };
     reader.part = "a layer";
-    for layer in 1..=usize::from(count) {
-        let (gaussians, complete) = match reader.layer(layer, (width, height), extent) {
+    let mut layers = Vec::with_capacity(count.into());
+    for number in 1..=usize::from(count) {
+        match reader.layer(number, (width, height), extent) {
             Err(Error::Truncated { .. }) if extent == Extent::Prefix => break,
-            gaussians => gaussians?,
-        };
-        gaussians.into_iter().for_each(|g| gs_core::Scene::push(&mut decoded.scene, g));
-        if !complete {
-            break;
+            layer => layers.push(layer?),
         }
-        decoded.layers.0 = layer;
     }
+    let gaussians: Vec<_> = layers.par_iter().map(StoredLayer::gaussians).collect::<Result<_, _>>()?;
+    decoded.scene = gaussians.into_iter().flatten().collect();
+    decoded.layers.0 = layers.iter().filter(|layer| layer.complete).count();
     match bytes.len() - reader.place {
         0 => Ok(decoded),
         _ if decoded.layers.0 < usize::from(count) => Ok(decoded),
@@ -175,6 +200,9 @@ struct Reader<'a> {
     place: usize,
     /// What is being read.
     part: &'static str,
+    /// Checksum of the first `checked` bytes.
+    checksum: Hasher,
+    checked: usize,
 }
 
 impl<'a> Reader<'a> {
@@ -208,53 +236,79 @@ impl<'a> Reader<'a> {
         Err(Error::Value { what: "a length", value: number as i64, allowed: "less than 2^28" })
     }
 
-    /// The Gaussians of a layer, and whether it is complete.
-    fn layer(
-        &mut self,
-        layer: usize,
-        size: (u32, u32),
-        extent: Extent,
-    ) -> Result<(Vec<gs_core::Gaussian2d>, bool), Error> {
-        let (count, length) = (self.number()?, self.number()?);
+    /// The layer of this number, counted from 1.
+    fn layer(&mut self, number: usize, size: (u32, u32), extent: Extent) -> Result<StoredLayer<'a>, Error> {
+        let (count, length, first, rows) = (self.number()?, self.number()?, self.number()?, self.number()?);
         let [low, high, cell, margin, mean_ratio, shape_ratio, turn_ratio] = self.array()?;
         let there = self.bytes.len() - self.place;
         let complete = extent == Extent::Whole || there >= length.saturating_add(CHECKSUM_BYTES);
         let content = self.take(if complete { length } else { length.min(there) })?;
         if complete {
-            let checksum = crc32fast::hash(&self.bytes[..self.place]);
+            self.checksum.update(&self.bytes[self.checked..self.place]);
+            self.checked = self.place;
+            let checksum = self.checksum.clone().finalize();
             if u32::from_le_bytes(self.array::<CHECKSUM_BYTES>()?) != checksum {
-                return Err(Error::Checksum { layer });
+                return Err(Error::Checksum { layer: number });
             }
+        } else {
+            self.place = self.bytes.len();
         }
         let step = i16::from_le_bytes([low, high]);
         let head = LayerHead { step, cell, margin, mean_ratio, shape_ratio, turn_ratio };
         let quantizer = Quantizer::new(head, size);
-        check_layer(&quantizer, count)?;
+        let rows = first as u32..(first + rows) as u32;
+        check_layer(&quantizer, &rows, count)?;
         if count > length.saturating_mul(MOST_PER_BYTE) {
             let (what, allowed) = ("the number of Gaussians of a layer", "at most 8 for each of its bytes");
             return Err(Error::Value { what, value: count as i64, allowed });
         }
-        let mut decoder = if complete { Decoder::new(content) } else { Decoder::of_truncated(content) };
-        let codes = code_layer(&mut decoder, &quantizer, count, &[]);
-        if complete && (decoder.is_invalid() || codes.len() != count) {
-            let (what, allowed) = ("the number of Gaussians that can be decoded", "that of the layer's head");
-            return Err(Error::Value { what, value: codes.len() as i64, allowed });
-        }
-        if !complete {
-            self.place = self.bytes.len();
-        }
-        Ok((codes.iter().map(|code| quantizer.reconstruct(code)).collect(), complete))
+        Ok(StoredLayer { quantizer, rows, count, content, complete })
     }
 }
 
+/// A layer that is not decoded yet.
+struct StoredLayer<'a> {
+    quantizer: Quantizer,
+    /// Rows of cells with Gaussians.
+    rows: Range<u32>,
+    /// Number of Gaussians.
+    count: usize,
+    content: &'a [u8],
+    /// Whether all of the content is there.
+    complete: bool,
+}
+
+impl StoredLayer<'_> {
+    fn gaussians(&self) -> Result<Vec<Gaussian2d>, Error> {
+        let new = if self.complete { Decoder::new } else { Decoder::of_truncated };
+        let mut decoder = new(self.content);
+        let codes = code_layer(&mut decoder, &self.quantizer, (self.rows.clone(), self.count), &[]);
+        if self.complete && (decoder.is_invalid() || codes.len() != self.count) {
+            let (what, allowed) = ("the number of Gaussians that can be decoded", "that of the layer's head");
+            return Err(Error::Value { what, value: codes.len() as i64, allowed });
+        }
+        Ok(codes.iter().map(|code| self.quantizer.reconstruct(code)).collect())
+    }
+}
+
+/// The rows of cells from the first to the last with Gaussians.
+fn rows_of(sorted: &[Code]) -> Range<u32> {
+    sorted.first().zip(sorted.last()).map_or(0..0, |(first, last)| first.row..last.row + 1)
+}
+
 /// Checks the numbers of a layer's head.
-fn check_layer(quantizer: &Quantizer, count: usize) -> Result<(), Error> {
+fn check_layer(quantizer: &Quantizer, rows: &Range<u32>, count: usize) -> Result<(), Error> {
     let LayerHead { cell, mean_ratio, shape_ratio, turn_ratio, .. } = *quantizer.head();
     let least = cell.min(mean_ratio).min(shape_ratio).min(turn_ratio);
     if least == 0 {
         return Err(Error::Value { what: "the cell size or a ratio of a layer", value: 0, allowed: "1 to 255" });
     }
-    let cells = quantizer.grid().cells();
+    let grid = quantizer.grid();
+    if rows.end > grid.rows {
+        let (what, allowed) = ("the last row of cells of a layer", "within its grid");
+        return Err(Error::Value { what, value: rows.end.into(), allowed });
+    }
+    let cells = u64::from(grid.columns) * rows.len() as u64;
     if cells > CELLS_PER_GAUSSIAN * count as u64 + FREE_CELLS {
         let allowed = "at most 16 for each Gaussian, and 65,536";
         return Err(Error::Value { what: "the number of cells of a layer", value: cells as i64, allowed });

@@ -1,8 +1,10 @@
 //! A layer: a set of quantized Gaussians in a canonical order.
 //!
-//! Gaussians are ordered by their cells, row by row, so the order that the set had costs nothing. A
-//! cell's number of Gaussians is coded first, then each Gaussian: amplitude, area, aspect, angle,
+//! Gaussians are ordered by their cells, row by row, so the order that the set had costs nothing. Only
+//! the rows from the first to the last with Gaussians are coded. A cell's number of Gaussians is coded first, then each Gaussian: amplitude, area, aspect, angle,
 //! and its place in the cell.
+
+use std::ops::Range;
 
 use crate::{
     coder::Coder,
@@ -78,18 +80,23 @@ impl Models {
     }
 }
 
-/// Codes the Gaussians of a layer, which an encoder has sorted. A decoder passes none and `count`,
-/// and gets them.
+/// Codes the `count` Gaussians of a layer, which lie in these rows of cells. An encoder has sorted
+/// them; a decoder passes none, and gets them.
 ///
 /// Returns as soon as a number is impossible or the bytes have ended, with the Gaussians so far; only
 /// a decoder of damaged or truncated bytes does.
-pub(crate) fn code_layer(coder: &mut impl Coder, quantizer: &Quantizer, count: usize, codes: &[Code]) -> Vec<Code> {
+pub(crate) fn code_layer(
+    coder: &mut impl Coder,
+    quantizer: &Quantizer,
+    (rows, count): (Range<u32>, usize),
+    codes: &[Code],
+) -> Vec<Code> {
     let grid = *quantizer.grid();
     let mut models = Models::new();
     let mut around = Surroundings::new(grid.columns);
     let mut all: Vec<Code> = Vec::new();
     let mut rest = codes;
-    for row in 0..grid.rows {
+    for row in rows {
         around.start_row();
         for column in 0..grid.columns {
             let here = rest.iter().take_while(|code| (code.row, code.column) == (row, column)).count();

@@ -4,8 +4,6 @@
 //! domain with weights that learn which context is right (as in the PAQ family of compressors,
 //! Mahoney 2005). All arithmetic is in integers.
 
-use std::sync::LazyLock;
-
 use crate::coder::Coder;
 
 /// Contexts of a bit.
@@ -31,23 +29,26 @@ const LOGISTIC: [i32; 33] = [
 ];
 
 /// Probability, in units of 2⁻¹⁶, of a logistic value; linear between the values of [`LOGISTIC`].
-fn squash(value: i32) -> i32 {
-    let place = value.clamp(-LARGEST, LARGEST) + 2048;
+const fn squash(value: i32) -> i32 {
+    let limited = if value < -LARGEST { -LARGEST } else { value };
+    let place = if limited > LARGEST { LARGEST } else { limited } + 2048;
     let (index, rest) = ((place >> 7) as usize, place & 127);
     LOGISTIC[index] + (((LOGISTIC[index + 1] - LOGISTIC[index]) * rest) >> 7)
 }
 
 /// The logistic value of each probability, in units of 2⁻¹²: the inverse of [`squash`].
-static STRETCH: LazyLock<Vec<i16>> = LazyLock::new(|| {
-    let mut value = -LARGEST;
-    let inverse = |probability: i32| {
-        while value < LARGEST && squash(value) < probability * 16 + 8 {
+static STRETCH: [i16; 4096] = {
+    let mut inverse = [0; 4096];
+    let (mut value, mut probability) = (-LARGEST, 0);
+    while probability < inverse.len() {
+        while value < LARGEST && squash(value) < probability as i32 * 16 + 8 {
             value += 1;
         }
-        value as i16
-    };
-    (0..4096).map(inverse).collect()
-});
+        inverse[probability] = value as i16;
+        probability += 1;
+    }
+    inverse
+};
 
 /// The probability of a set bit, learned from the bits so far.
 #[derive(Debug, Clone, Copy)]
@@ -63,8 +64,8 @@ const MEMORY: u8 = 180;
 
 /// Step of a counter by the bits that it has seen, units of 2⁻¹⁶: 1/(seen + 1.6), so that the first
 /// bit does not decide alone.
-const RATES: [i64; MEMORY as usize + 1] = {
-    let mut rates = [0; MEMORY as usize + 1];
+static RATES: [i64; 256] = {
+    let mut rates = [0; 256];
     let mut seen = 0;
     while seen < rates.len() {
         rates[seen] = 655_360 / (10 * seen as i64 + 16);
@@ -105,10 +106,9 @@ pub(crate) fn code_bit(
     weights: &mut Weights,
     bit: bool,
 ) -> bool {
-    let stretch = &*STRETCH;
-    let inputs = counters.each_ref().map(|counter| i32::from(stretch[usize::from(counter.one >> 4)]));
-    let sum: i64 = inputs.iter().zip(&weights.0).map(|(&input, &weight)| i64::from(input) * i64::from(weight)).sum();
-    let one = squash((sum >> 16).clamp(-2047, 2047) as i32).clamp(32, 65_504);
+    let inputs = counters.each_ref().map(|counter| i32::from(STRETCH[usize::from(counter.one >> 4)]));
+    let sum: i32 = inputs.iter().zip(&weights.0).map(|(input, weight)| input * weight).sum();
+    let one = squash(sum >> 16).clamp(32, 65_504);
     let bit = coder.code(one as u16, bit);
     let error = (i32::from(bit) * 65_535 - one) >> 4;
     for (weight, input) in weights.0.iter_mut().zip(inputs) {

@@ -58,6 +58,24 @@ fn what_is_encoded_comes_back() {
 }
 
 #[test]
+fn stripes_are_the_layer_from_top_to_bottom() {
+    let whole = layer(HEAD, &gaussians(500, 9));
+    for count in [1, 2, 7] {
+        let stripes = whole.stripes(count);
+        assert_eq!(stripes.len(), count);
+        let found = decode(&picture(stripes.clone()).encode().unwrap(), Extent::Whole).unwrap();
+        assert!(found.scene.iter().eq(sorted(&whole)) && found.layers == (count, count));
+        let largest = stripes.iter().map(|stripe| stripe.codes.len()).max().unwrap();
+        assert!(largest < whole.codes.len() / count + 80, "{largest} of {} in {count} stripes", whole.codes.len());
+    }
+    assert_eq!(layer(HEAD, &[]).stripes(3), []);
+    // One row of cells cannot be cut.
+    let row = gaussians(50, 9).into_iter().map(|g| Gaussian2d { mean: g.mean.with_y(40.0), ..g });
+    let flat = layer(HEAD, &row.collect::<Vec<_>>());
+    assert_eq!(flat.stripes(3).len(), 1);
+}
+
+#[test]
 fn each_parameter_moves_the_image_by_less_than_a_step() {
     let quantizer = Quantizer::new(HEAD, SIZE);
     let step = (f32::from(HEAD.step) / 128.0).exp2();
@@ -152,11 +170,11 @@ fn damage_is_found_by_the_checksum() {
 
 #[test]
 fn impossible_claims_are_refused_by_size() {
-    let count = |count: usize, content: &[u8], cell: u8, size: (u32, u32)| {
+    let refusal = |(count, rows): (usize, usize), content: &[u8], cell: u8, size: (u32, u32)| {
         let mut bytes = b"GSIF\x01\x00".to_vec();
         bytes.extend([size.0, size.1].map(|side| (side as u16).to_le_bytes()).concat());
         bytes.extend([0, 0, 0, 1]);
-        for mut number in [count, content.len()] {
+        for mut number in [count, content.len(), 0, rows] {
             while number > 127 {
                 bytes.push(number as u8 & 127 | 128);
                 number >>= 7;
@@ -168,13 +186,15 @@ fn impossible_claims_are_refused_by_size() {
         bytes.extend(crc32fast::hash(&bytes).to_le_bytes());
         decode(&bytes, Extent::Whole).unwrap_err().to_string()
     };
-    let many = count(200_000_000, &[0; 100], 8, SIZE);
+    let many = refusal((200_000_000, 16), &[0; 100], 8, SIZE);
     assert!(many.contains("number of Gaussians of a layer is 200000000"), "{many}");
-    let cells = count(10, &[0; 100], 1, (16_384, 16_384));
+    let cells = refusal((10, 16_384), &[0; 100], 1, (16_384, 16_384));
     assert!(cells.contains("number of cells of a layer is 268435456"), "{cells}");
-    let size = count(10, &[0; 100], 8, (16_385, 1));
+    let size = refusal((10, 1), &[0; 100], 8, (16_385, 1));
     assert!(size.contains("16385x1 px is not possible"), "{size}");
-    let cell = count(10, &[0; 100], 0, SIZE);
+    let row = refusal((10, 17), &[0; 100], 8, SIZE);
+    assert!(row.contains("the last row of cells of a layer is 17"), "{row}");
+    let cell = refusal((10, 1), &[0; 100], 0, SIZE);
     assert!(cell.contains("cell size or a ratio of a layer is 0"), "{cell}");
     assert_eq!(decode(b"GIF89a", Extent::Whole), Err(Error::Magic));
     assert!(matches!(decode(b"GSIF\x02\x00", Extent::Whole), Err(Error::Unsupported { what: "version", value: 2 })));
@@ -205,7 +225,7 @@ proptest! {
     #[test]
     fn any_bytes_are_decoded_or_refused(content in prop::collection::vec(any::<u8>(), 0..200), count in 0u8..128) {
         let mut bytes = b"GSIF\x01\x00\xc0\x00\x80\x00\x00\x00\x00\x01".to_vec();
-        bytes.extend([count, content.len() as u8 & 127 | 128, (content.len() >> 7) as u8]);
+        bytes.extend([count, content.len() as u8 & 127 | 128, (content.len() >> 7) as u8, 0, 18]);
         bytes.extend([0, 0, 8, 1, 32, 32, 32]);
         bytes.extend(&content);
         bytes.extend(crc32fast::hash(&bytes).to_le_bytes());

@@ -48,6 +48,12 @@ const PARAMETER_3D: u64 = 16;
 /// What a 3D Gaussian's pass for depths takes: its projection, gradient, and usual entries.
 const DEPTH_GAUSSIAN: u64 = 450;
 
+/// A pixel that is encoded, besides the image: measured at 25 megapixels and 1 bit per pixel.
+const ENCODED: u64 = 110;
+
+/// Pixels that are encoded at once at least.
+const LEAST_ENCODED: u64 = 1 << 20;
+
 /// Memory for drawing an image of this size, the image included, bytes.
 pub fn drawing((width, height): (u32, u32)) -> u64 {
     let image = pixels(width, height) * IMAGE;
@@ -69,6 +75,20 @@ pub fn profiling((width, height): (u32, u32)) -> u64 {
 /// Memory for reading an image of this size, the image included, bytes.
 pub fn reading((width, height): (u32, u32)) -> u64 {
     pixels(width, height) * (2 * IMAGE + PLANE)
+}
+
+/// Peak memory of encoding an image of this size in about `most` bytes, the image included, bytes. It
+/// is more only where the image itself takes nearly as much.
+pub fn encoding((width, height): (u32, u32), most: u64) -> u64 {
+    let pixels = pixels(width, height);
+    let band = encoding_at_once((width, height), most).max(pixels.min(LEAST_ENCODED));
+    (BASE + pixels * IMAGE + band * ENCODED).max(reading((width, height)))
+}
+
+/// Number of pixels of an image of this size that are encoded at once in `most` bytes.
+pub(crate) fn encoding_at_once((width, height): (u32, u32), most: u64) -> u64 {
+    let pixels = pixels(width, height);
+    pixels.min(most.saturating_sub(BASE + pixels * IMAGE) / ENCODED)
 }
 
 /// Memory for reading and processing a 3D scene from a file of this many bytes in this format,

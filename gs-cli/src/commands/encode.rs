@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use gs_backend::{Chosen, FutureExt as _};
-use gs_core::counted;
+use gs_core::{Blend, RenderSettings, counted};
 use gs_io::{GSI_EXTENSION, Inputs, write_durably};
-use gs_train::{EncodeSettings, EncodeTarget, Encoded, FitSettings, Preset, encode};
+use gs_train::{EncodeSettings, EncodeTarget, Encoded, encode};
 use serde::Serialize;
 
 use crate::{
@@ -58,6 +58,9 @@ pub(crate) struct EncodeArgs {
     /// Colour behind transparent pixels: R,G,B from 0 to 1, black or white [default: white]
     #[arg(long, value_name = "R,G,B")]
     background: Option<Color>,
+    /// Memory to take at most: larger images are encoded in bands
+    #[arg(long, value_name = "SIZE", default_value = "4G")]
+    memory: Bytes,
     /// Seed of all random numbers
     #[arg(long, value_name = "S", default_value_t = 0)]
     seed: u32,
@@ -142,7 +145,7 @@ fn run_one(args: &EncodeArgs, image: &Path) -> Result<(), Failure> {
         page::check(&args.output, image, args.overwrite)?;
     }
     work.need().check_and_print()?;
-    let backend = args.backend.open_to_render_2d(&work.fit.render)?;
+    let backend = args.backend.open_to_render_2d(&RenderSettings::blended(Blend::Sum))?;
     output::note(&backend.reason);
     let summary = work.write(&backend, &args.output)?;
     if args.page {
@@ -171,8 +174,8 @@ fn run_several(args: &EncodeArgs, images: &[BatchImage]) -> Result<(), Failure> 
     let pages = images.iter().filter(|_| args.page).map(page_name);
     let claim = args.overwrite.claim(&args.output, [], inputs).files(images.iter().map(name).chain(pages));
     let folder = OutputFolder::begin(claim)?;
-    let render = fit_settings((1000, 1000)).render;
-    let peak = |size| 2 * fit_settings(size).peak_bytes(size);
+    let render = RenderSettings::blended(Blend::Sum);
+    let peak = |size| gs_train::memory::encoding(size, args.memory.0);
     let how = "stopping after the images under way";
     batch::run(images, (&args.backend, &render), args.json, how, peak, |image, on, _| {
         let work = Work::read(args, &image.file)?;
@@ -194,7 +197,6 @@ fn run_several(args: &EncodeArgs, images: &[BatchImage]) -> Result<(), Failure> 
 struct Work {
     target: Target,
     settings: EncodeSettings,
-    fit: FitSettings,
 }
 
 impl Work {
@@ -204,14 +206,15 @@ impl Work {
         let size = target.image.size();
         let settings = args.settings(size);
         settings.validate()?;
-        Ok(Self { target, settings, fit: fit_settings(size) })
+        Ok(Self { target, settings })
     }
 
     /// The memory that encoding takes.
     fn need(&self) -> Need<'static> {
         let (size, held) = (self.target.image.size(), size_of_val(self.target.image.pixels()) as u64);
         let what = format!("encoding {}", self.target.name());
-        Need { what, bytes: 2 * self.fit.peak_bytes(size), held, less: "take a smaller image" }
+        let bytes = gs_train::memory::encoding(size, self.settings.memory);
+        Need { what, bytes, held, less: "give less with --memory" }
     }
 
     /// Encodes the image and writes the file.
@@ -231,12 +234,8 @@ impl EncodeArgs {
         EncodeSettings::default().with(|s| {
             s.target = self.target.of_image(size);
             s.progressive = self.progressive;
+            s.memory = self.memory.0;
             s.seed = self.seed;
         })
     }
-}
-
-/// The settings of the fit that encoding begins with.
-fn fit_settings(size: (u32, u32)) -> FitSettings {
-    FitSettings::from_preset(Preset::Standard, size, None, None)
 }

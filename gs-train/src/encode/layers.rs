@@ -22,7 +22,7 @@ impl<R: Optimizer<Scene2d>> Encoder<'_, R> {
         let first = FIRST_SHARE * bytes as f64;
         if first >= LEAST_BYTES {
             let attempt = self.within_bytes(first as u64).await?;
-            self.keep(attempt)?;
+            self.keep(attempt);
         }
         Ok(())
     }

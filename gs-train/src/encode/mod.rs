@@ -3,17 +3,17 @@
 //! A quick fit shows how many Gaussians the target takes and how many bits one costs; the standard
 //! fit of that number is then quantized, once or a few times, until the target is met.
 
+mod bands;
 mod layers;
 mod sequence;
 mod settings;
 
-use std::slice;
-
 use glam::Vec2;
-use gs_codec::{Decoded, Extent, Layer, LayerHead, Picture, Quantizer, decode};
-use gs_core::{Blend, Canvas, Image, Optimizer, RenderSettings, Scene as _, Scene2d};
+use gs_codec::{Extent, Layer, LayerHead, Picture, Quantizer, decode};
+use gs_core::{Blend, Image, Optimizer, RenderSettings, Scene as _, Scene2d};
 use web_time::Instant;
 
+use self::bands::{Band, bands};
 pub use self::settings::{EncodeSettings, EncodeTarget};
 use crate::{
     error::Error, fit::fit, flat::mean_color, forecast::Forecast, presets::Preset, quality::l1_and_psnr,
@@ -39,10 +39,10 @@ struct Attempt {
     bytes: Vec<u8>,
     gaussians: usize,
     psnr: f64,
-    /// Its last layer.
-    layer: Layer,
     /// What it decodes to.
-    picture: Image,
+    scene: Scene2d,
+    /// The layers that it adds to those that are done.
+    layers: Vec<Layer>,
 }
 
 /// Bits of a Gaussian before anything is known about the image.
@@ -57,6 +57,13 @@ const HEAD_BYTES: f64 = 32.0;
 
 /// Gaussians per cell, about.
 const PER_CELL: f64 = 0.6;
+
+/// Gaussians per stripe of a layer, at least. Stripes are decoded side by side; each costs about 300
+/// bytes, as its probabilities are learned anew.
+const PER_STRIPE: usize = 8192;
+
+/// Layers of a file at most, stripes included.
+const MOST_LAYERS: usize = 255;
 
 /// Bits of a Gaussian that a halved step costs.
 const BITS_PER_OCTAVE: f64 = 7.0;
@@ -106,56 +113,105 @@ struct Encoder<'a, R> {
     image: &'a Image,
     background: [u8; 3],
     seed: u32,
-    /// Layers that are done, and the picture that they and the background make.
+    bands: Vec<Band>,
+    /// Layers that are done, and their Gaussians.
     layers: Vec<Layer>,
-    drawn: Image,
-    /// What they leave of the image.
-    target: Image,
+    done: Scene2d,
     forecast: Forecast,
 }
 
-/// A fit and its settings.
+/// A fit: a scene of each band, in coordinates of the whole image.
 struct Fitted {
-    scene: Scene2d,
+    parts: Vec<Part>,
     psnr: f64,
+}
+
+/// The fit of a band.
+struct Part {
+    scene: Scene2d,
+    /// What the fit drew for the next band, which draws that again.
+    beyond: Scene2d,
     settings: FitSettings,
+}
+
+impl Fitted {
+    /// Number of Gaussians.
+    fn len(&self) -> usize {
+        self.parts.iter().map(|part| part.scene.len()).sum()
+    }
+}
+
+/// The mean of squared errors of parts of an image.
+#[derive(Default)]
+struct MeanError {
+    sum: f64,
+    pixels: f64,
+}
+
+impl MeanError {
+    /// Adds a part of which this was drawn.
+    fn add(&mut self, drawn: &Image, part: &Image) {
+        let (_, psnr) = l1_and_psnr(drawn, part);
+        let pixels = part.pixels().len() as f64;
+        self.sum += pixels * 10f64.powf(-psnr / 10.0);
+        self.pixels += pixels;
+    }
+
+    fn psnr(&self) -> f64 {
+        -10.0 * (self.sum / self.pixels).log10()
+    }
 }
 
 impl<'a, R: Optimizer<Scene2d>> Encoder<'a, R> {
     fn new(on: &'a R, image: &'a Image, settings: &EncodeSettings) -> Result<Self, Error> {
         let background = mean_color(image).map(gs_core::to_8_bits);
-        let level = background.map(|level| f32::from(level) / 255.0);
-        let drawn = Image::filled(image.width(), image.height(), level)?;
-        let target = sequence::difference(image, &drawn)?;
-        let forecast = Forecast::new(image);
-        Ok(Self { on, image, background, seed: settings.seed, layers: Vec::new(), drawn, target, forecast })
+        let (bands, forecast) = (bands(image, settings.memory)?, Forecast::new(image));
+        let (layers, done) = (Vec::new(), Scene2d::default());
+        Ok(Self { on, image, background, seed: settings.seed, bands, layers, done, forecast })
     }
 
     async fn fit(&mut self, preset: Preset, count: u32) -> Result<Fitted, Error> {
-        let mut settings = preset.settings(count.max(1), self.image.size());
-        settings.seed = self.seed;
-        let fit = fit(self.on, &self.target, settings.clone(), &mut ()).await?;
-        let (_, psnr) = l1_and_psnr(&sequence::sum(&self.drawn, &fit.image)?, self.image);
+        let (mut parts, mut above, mut error) = (Vec::new(), self.done.clone(), MeanError::default());
+        for band in &self.bands {
+            let drawn = self.drawn(band, &above).await?;
+            let target = sequence::difference(&band.with_overlap(self.image)?, &drawn)?;
+            let mut settings = preset.settings(band.count(count), target.size());
+            settings.seed = self.seed;
+            let fit = fit(self.on, &target, settings.clone(), &mut ()).await?;
+            let drawn = band.without_overlap(&sequence::sum(&drawn, &fit.image)?)?;
+            error.add(&drawn, &band.part_of(self.image)?);
+            let (scene, beyond) = band.split(&fit.scene);
+            above = above.iter().chain(scene.iter()).collect();
+            parts.push(Part { scene, beyond, settings });
+        }
+        let psnr = error.psnr();
         match preset {
             Preset::Quick => self.forecast.add_quick(count, psnr),
             _ => self.forecast.add(count, psnr),
         }
-        Ok(Fitted { scene: fit.scene, psnr, settings })
+        Ok(Fitted { parts, psnr })
     }
 
-    /// Adds the last layer of a file to those that are done.
-    fn keep(&mut self, Attempt { layer, picture, .. }: Attempt) -> Result<(), Error> {
-        self.layers.push(layer);
-        self.target = sequence::difference(self.image, &picture)?;
-        self.drawn = picture;
+    /// What a scene on the background draws around a band.
+    async fn drawn(&self, band: &Band, scene: &Scene2d) -> Result<Image, Error> {
+        let background = self.background.map(|level| f32::from(level) / 255.0);
+        let settings = RenderSettings::blended(Blend::Sum).on(background);
+        Ok(self.on.render(scene, &band.canvas(), &settings).await?)
+    }
+
+    /// Adds the layers of a file to those that are done.
+    fn keep(&mut self, Attempt { layers, scene, .. }: Attempt) {
+        self.layers.extend(layers);
+        self.done = scene;
         self.forecast = Forecast::new(self.image);
-        Ok(())
     }
 
     /// The file with the layers that are done and those of `more`.
     fn file(&self, more: &[Layer]) -> Result<Vec<u8>, Error> {
         let (width, height) = self.image.size();
-        let layers = [&self.layers, more].concat();
+        let most = (MOST_LAYERS / (self.layers.len() + more.len()).max(1)).max(1);
+        let stripes = |layer: &Layer| layer.stripes((layer.codes.len() / PER_STRIPE).clamp(1, most));
+        let layers = self.layers.iter().chain(more).flat_map(stripes).collect();
         Ok(Picture { width, height, background: self.background, layers }.encode()?)
     }
 
@@ -167,9 +223,9 @@ impl<'a, R: Optimizer<Scene2d>> Encoder<'a, R> {
         }
     }
 
-    /// A quantizer with this step for the Gaussians of a scene.
-    fn quantizer(&self, step: f64, scene: &Scene2d) -> Quantizer {
-        let cell = (PER_CELL * self.forecast.most() / scene.len().max(1) as f64).sqrt().round().clamp(1.0, 255.0);
+    /// A quantizer with this step for the Gaussians of a band.
+    fn quantizer(&self, step: f64, band: &Band, scene: &Scene2d) -> Quantizer {
+        let cell = (PER_CELL * band.pixels() / scene.len().max(1) as f64).sqrt().round().clamp(1.0, 255.0);
         let size = Vec2::new(self.image.width() as f32, self.image.height() as f32);
         // Large Gaussians at the border have their means far outside. A mean that no cell holds is
         // moved, which changes the picture much.
@@ -187,27 +243,37 @@ impl<'a, R: Optimizer<Scene2d>> Encoder<'a, R> {
         Quantizer::new(head, self.image.size())
     }
 
-    /// Bits of a scene that is rounded at once.
-    fn bits(&self, scene: &Scene2d, step: f64) -> f64 {
-        let quantizer = self.quantizer(step, scene);
-        let codes = scene.iter().filter_map(|g| quantizer.quantize(&g)).collect();
-        Layer { head: *quantizer.head(), codes }.bits(self.image.size())
+    /// Bits of a fit that is rounded at once.
+    fn bits(&self, fitted: &Fitted, step: f64) -> f64 {
+        let of_band = |(band, part): (&Band, &Part)| {
+            let quantizer = self.quantizer(step, band, &part.scene);
+            let codes = part.scene.iter().filter_map(|g| quantizer.quantize(&g)).collect();
+            Layer { head: *quantizer.head(), codes }.bits(self.image.size())
+        };
+        self.bands.iter().zip(&fitted.parts).map(of_band).sum()
     }
 
-    /// Quantizes a fit in turns, as the last layer.
+    /// Quantizes a fit in turns, as the last layers.
     async fn quantized(&self, fitted: &Fitted, step: f64) -> Result<Attempt, Error> {
-        let all = self.quantizer(step, &fitted.scene);
-        let kept: Scene2d = fitted.scene.iter().filter(|g| all.quantize(g).is_some()).collect();
-        let quantizer = self.quantizer(step, &kept);
-        let codes = sequence::quantize(self.on, &self.target, &kept, &quantizer, &fitted.settings).await?;
-        let layer = Layer { head: *quantizer.head(), codes };
-        let bytes = self.file(slice::from_ref(&layer))?;
+        let (mut layers, mut above) = (Vec::new(), self.done.clone());
+        for (band, Part { scene, beyond, settings }) in self.bands.iter().zip(&fitted.parts) {
+            let all = self.quantizer(step, band, scene);
+            let kept: Scene2d = scene.iter().filter(|g| all.quantize(g).is_some()).collect();
+            let quantizer = self.quantizer(step, band, &kept);
+            let others: Scene2d = above.iter().chain(beyond.iter()).collect();
+            let target = sequence::difference(&band.with_overlap(self.image)?, &self.drawn(band, &others).await?)?;
+            let codes = sequence::quantize(self.on, (&target, &band.canvas()), &kept, &quantizer, settings).await?;
+            above = above.iter().chain(codes.iter().map(|code| quantizer.reconstruct(code))).collect();
+            layers.push(Layer { head: *quantizer.head(), codes });
+        }
+        let bytes = self.file(&layers)?;
         // The picture is that of the file: the order of a sum decides about its last bits.
-        let Decoded { width, height, scene, background, .. } = decode(&bytes, Extent::Whole)?;
-        let render = RenderSettings::blended(Blend::Sum).on(background);
-        let picture = self.on.render(&scene, &Canvas::new(width, height), &render).await?;
-        let (_, psnr) = l1_and_psnr(&picture, self.image);
-        Ok(Attempt { bytes, gaussians: scene.len(), psnr, layer, picture })
+        let scene = decode(&bytes, Extent::Whole)?.scene;
+        let mut error = MeanError::default();
+        for band in &self.bands {
+            error.add(&band.without_overlap(&self.drawn(band, &scene).await?)?, &band.part_of(self.image)?);
+        }
+        Ok(Attempt { bytes, gaussians: scene.len(), psnr: error.psnr(), scene, layers })
     }
 
     async fn within_bytes(&mut self, bytes: u64) -> Result<Attempt, Error> {
@@ -229,21 +295,21 @@ impl<'a, R: Optimizer<Scene2d>> Encoder<'a, R> {
         let first = count(USUAL_BITS, self.forecast.most());
         let quick = self.fit(Preset::Quick, first).await?;
         let step = self.forecast.step(first.into(), self.forecast.psnr(first.into()));
-        let each = self.bits(&quick.scene, step) / quick.scene.len().max(1) as f64 * LATER_BITS;
+        let each = self.bits(&quick, step) / quick.len().max(1) as f64 * LATER_BITS;
         Ok(count(each, self.forecast.most()))
     }
 
     /// A fit as the last layer of a file of at most this many bytes.
     async fn filled(&self, fitted: &Fitted, bytes: u64) -> Result<Attempt, Error> {
         let bits = self.bits_within(bytes)?;
-        let gaussians = fitted.scene.len().max(1) as f64;
+        let gaussians = fitted.len().max(1) as f64;
         let mut step = self.forecast.step(gaussians, fitted.psnr);
         // A finer step changes nothing that can be seen: small images do not need all of the bytes.
         let finest = FINEST * step;
         let mut share = FULL + 0.01;
         let mut best: Option<Attempt> = None;
         for _ in 0..4 {
-            step *= ((self.bits(&fitted.scene, step) - share * bits) / gaussians / BITS_PER_OCTAVE).exp2();
+            step *= ((self.bits(fitted, step) - share * bits) / gaussians / BITS_PER_OCTAVE).exp2();
             step = step.max(finest);
         }
         for _ in 0..ATTEMPTS {
@@ -307,7 +373,7 @@ impl<'a, R: Optimizer<Scene2d>> Encoder<'a, R> {
         if spare < 0.02 * error(psnr) {
             return Ok(best);
         }
-        let gaussians = fitted.scene.len() as f64;
+        let gaussians = fitted.len() as f64;
         // The rounding of all parameters at once would have the squared step times this.
         let rounding = 7.0 * gaussians / (36.0 * self.forecast.most());
         let mut step = (spare / (rounding * 0.6)).sqrt();

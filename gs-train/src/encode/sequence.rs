@@ -23,15 +23,14 @@ const RATE: f32 = 0.2;
 /// Iterations of the solver of colours after these steps.
 const SOLVER_ITERATIONS: u32 = 2;
 
-/// Quantizes the scene of a fit to `target`, whose background has been subtracted.
+/// Quantizes the scene of a fit to `target`, from which what others draw on `canvas` is subtracted.
 pub(super) async fn quantize<R: Optimizer<Scene2d>>(
     on: &R,
-    target: &Image,
+    (target, canvas): (&Image, &Canvas),
     scene: &Scene2d,
     quantizer: &Quantizer,
     settings: &FitSettings,
 ) -> Result<Vec<Code>, Error> {
-    let canvas = Canvas::new(target.width(), target.height());
     let render = RenderSettings::blended(Blend::Sum);
     let mut rest: Vec<Gaussian2d> = scene.iter().collect();
     rest.sort_by(|a, b| b.log_scale.element_sum().total_cmp(&a.log_scale.element_sum()));
@@ -45,8 +44,7 @@ pub(super) async fn quantize<R: Optimizer<Scene2d>>(
             codes.extend(fixed);
             break;
         }
-        let drawn =
-            on.render(&fixed.iter().map(|code| quantizer.reconstruct(code)).collect(), &canvas, &render).await?;
+        let drawn = on.render(&fixed.iter().map(|code| quantizer.reconstruct(code)).collect(), canvas, &render).await?;
         left = difference(&left, &drawn)?;
         codes.extend(fixed);
         let goal = on.upload_target(&left)?;
@@ -56,9 +54,9 @@ pub(super) async fn quantize<R: Optimizer<Scene2d>>(
             let rates = settings.adam.at(0.0).times(share);
             let binning = if step.is_multiple_of(settings.rebin_every) { Binning::Fresh } else { Binning::Reuse };
             let step = TrainStep { settings: &render, loss: Loss::L2, rates: &rates, binning };
-            on.train_step(&mut splats, &canvas, &goal, &step).await?;
+            on.train_step(&mut splats, canvas, &goal, &step).await?;
         }
-        on.solve_colors(&mut splats, &canvas, &goal, &render, SOLVER_ITERATIONS).await?;
+        on.solve_colors(&mut splats, canvas, &goal, &render, SOLVER_ITERATIONS).await?;
         rest = on.download(&splats).await?.iter().collect();
     }
     Ok(codes)

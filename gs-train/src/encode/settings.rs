@@ -26,13 +26,16 @@ pub struct EncodeSettings {
     /// whole is then 1.4 dB worse than a file of one layer, as a mean over 14 images
     /// (`benchmarks/2026-11-24-epyc-2-cores/compression.md`). Default false.
     pub progressive: bool,
+    /// Memory that encoding may take, the image included, bytes. An image that would take more is
+    /// encoded in bands of rows. Default 4 GB.
+    pub memory: u64,
     /// Seed of all random numbers. Default 0.
     pub seed: u32,
 }
 
 impl Default for EncodeSettings {
     fn default() -> Self {
-        Self { target: EncodeTarget::Quality(50), progressive: false, seed: 0 }
+        Self { target: EncodeTarget::Quality(50), progressive: false, memory: 4_000_000_000, seed: 0 }
     }
 }
 

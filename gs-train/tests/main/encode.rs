@@ -51,6 +51,44 @@ fn a_size_is_kept_and_used() {
     assert!(before > 34.0, "{before} dB");
 }
 
+/// The mean squared error of each row, and its mean over all rows.
+fn errors_of_rows(bytes: &[u8], image: &Image) -> (Vec<f64>, f64) {
+    let cpu = CpuRasterizer::new(CpuSettings::default()).unwrap();
+    let file = decode_gsi(bytes, Extent::Whole).unwrap();
+    let drawn = cpu.render(&file.scene, &Canvas::new(file.width, file.height), &file.settings).block_on().unwrap();
+    let width = image.width() as usize;
+    let squared = |(a, b): (&[f32; 3], &[f32; 3])| (0..3).map(|c| f64::from(a[c] - b[c]).powi(2)).sum::<f64>();
+    let rows = drawn.pixels().chunks(width).zip(image.pixels().chunks(width));
+    let errors: Vec<f64> = rows.map(|(a, b)| a.iter().zip(b).map(squared).sum::<f64>() / width as f64).collect();
+    let mean = errors.iter().sum::<f64>() / errors.len() as f64;
+    (errors, mean)
+}
+
+#[test]
+fn an_image_encoded_in_bands_has_no_seams() {
+    // Soft shapes with the detail of a photograph: squares of 3 px.
+    let small = picture();
+    let pixel = |x: u32, y: u32| {
+        let detail = ((x / 3 * 97 + y / 3 * 331).wrapping_mul(2_654_435_761) >> 24) as f32 / 255.0;
+        small.pixels()[(y % 64 * 96 + x + y / 64) as usize].map(|value| 0.8 * value + 0.2 * detail)
+    };
+    let image = Image::from_fn(48, 640, pixel).unwrap();
+    let settings = EncodeSettings::default().with(|s| s.target = EncodeTarget::Bytes(6000));
+    let cpu = CpuRasterizer::new(CpuSettings::default()).unwrap();
+    let whole = encode(&cpu, &image, &settings).block_on().unwrap();
+    // The least memory, so the least height: bands of 214 rows.
+    let bands = encode(&cpu, &image, &settings.with(|s| s.memory = 0)).block_on().unwrap();
+    assert_ne!(bands.bytes, whole.bytes);
+    assert!(bands.bytes.len() <= 6000 && (psnr(&bands.bytes, &image) - bands.psnr).abs() < 1e-3);
+    // Each band learns its probabilities anew, which costs a tenth of so small a file.
+    assert!(bands.psnr > whole.psnr - 2.5, "{} dB in bands, {} dB at once", bands.psnr, whole.psnr);
+    let (errors, mean) = errors_of_rows(&bands.bytes, &image);
+    for border in [213, 426] {
+        let near = errors[border - 4..border + 4].iter().sum::<f64>() / 8.0;
+        assert!(near < 2.0 * mean, "{near} near row {border}, {mean} in all");
+    }
+}
+
 #[test]
 fn a_third_of_a_progressive_file_is_a_file_of_that_size() {
     let (image, bytes) = (picture(), 1500);

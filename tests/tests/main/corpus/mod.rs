@@ -277,9 +277,7 @@ fn wrong<S: Subject>(
 #[test]
 fn gradients_of_hard_scenes_match_difference_quotients() {
     for loss in [Loss::L2, Loss::PAPER] {
-        let start = std::time::Instant::now();
         let sets = Sets::new(loss, SEEDS);
-        eprintln!("sets {:?}", start.elapsed());
         let mut failures = wrong(&sets.scene_2d, Quotients::check_oracle);
         failures.extend(wrong(&sets.scene_3d, Quotients::check_oracle));
         for level in SimdLevel::available() {
@@ -287,7 +285,6 @@ fn gradients_of_hard_scenes_match_difference_quotients() {
             failures.extend(wrong(&sets.scene_2d, |quotients| quotients.check_backend(&rasterizer)));
             failures.extend(wrong(&sets.scene_3d, |quotients| quotients.check_backend(&rasterizer)));
         }
-        eprintln!("cpu {:?}", start.elapsed());
         assert!(failures.is_empty(), "{}", failures.join("\n"));
     }
 }
@@ -296,15 +293,12 @@ fn gradients_of_hard_scenes_match_difference_quotients() {
 fn gradients_of_hard_scenes_match_difference_quotients_on_wgpu() {
     let rasterizers = wgpu();
     for loss in [Loss::L2, Loss::PAPER] {
-        let start = std::time::Instant::now();
-        let sets = Sets::new(loss, std::env::var("SEEDS").map_or(3, |s| s.parse().unwrap()));
-        eprintln!("sets {:?}", start.elapsed());
+        let sets = Sets::new(loss, SEEDS);
         let mut failures = Vec::new();
         for (_, rasterizer) in &rasterizers {
             failures.extend(wrong(&sets.scene_2d, |quotients| quotients.check_backend(rasterizer)));
             failures.extend(wrong(&sets.scene_3d, |quotients| quotients.check_backend(rasterizer)));
         }
-        eprintln!("wgpu {:?}", start.elapsed());
         assert!(failures.is_empty(), "{}", failures.join("\n"));
     }
 }

@@ -74,7 +74,9 @@ fn every_fault_is_caught_by_its_case() {
         let case = cases.iter().find(|case| case.name == name).unwrap();
         (case.run)(&Faulty(fault))
     };
+    // The cases that `refused_features_are_skipped_not_passed` does not run without a fault.
     let failing: Vec<String> = (cases.iter())
+        .filter(|case| case.name.contains("covariance_factor"))
         .filter_map(|case| Some(format!("{}: {}", case.name, outcome(Faultless, case.name).err()?)))
         .collect();
     assert!(failing.is_empty(), "fail without a fault:\n{}", failing.join("\n"));
