@@ -24,7 +24,7 @@ pub struct EncodeSettings {
     pub target: EncodeTarget,
     /// Whether the first third of the file shows the picture nearly as well as a file of that size. The
     /// whole is then 1.4 dB worse than a file of one layer, as a mean over 14 images
-    /// (`benchmarks/2026-11-24-epyc-2-cores/compression.md`). Default false.
+    /// (`benchmarks/2026-11-25-epyc-2-cores/compression.md`). Default false.
     pub progressive: bool,
     /// Memory that encoding may take, the image included, bytes. An image that would take more is
     /// encoded in bands of rows. Default 4 GB.
