@@ -25,6 +25,9 @@ use rayon::prelude::*;
 use super::moments::Moments;
 use crate::{kind::Shared, lanes::LANES, rows::Moves};
 
+/// Rows that are brought to the host at once.
+const BLOCK_ROWS: usize = 16_384;
+
 /// The mean's place in a row.
 pub(crate) const MEAN: Range<usize> = 0..3;
 /// The log-scales in [`Parameterization::ScaleRotation`].
@@ -189,8 +192,16 @@ impl Splats3d {
 
     /// A scene of ellipsoids and of rows with their SH. SH that a row does not have are 0.
     pub(crate) fn scene_of<'r>(&self, rows: impl Iterator<Item = (Ellipsoid, &'r [f32])>) -> Scene3d {
-        let mut scene = Scene3d { sh_degree: self.sh_degree, ..Scene3d::default() };
-        let k = coefficients(self.sh_degree);
+        let (count, k) = (self.len(), coefficients(self.sh_degree));
+        // Vectors that grow would have room for up to twice as many.
+        let mut scene = Scene3d {
+            sh_degree: self.sh_degree,
+            means: Vec::with_capacity(count),
+            log_scales: Vec::with_capacity(count),
+            rotations: Vec::with_capacity(count),
+            opacity_logits: Vec::with_capacity(count),
+            sh: Vec::with_capacity(count * k),
+        };
         for (g, row) in rows {
             scene.means.push(g.mean);
             scene.log_scales.push(g.log_scale);
@@ -203,9 +214,12 @@ impl Splats3d {
     }
 
     pub(crate) fn scene(&self) -> Scene3d {
-        let ellipsoids: Vec<Ellipsoid> =
-            self.parameters.par_chunks_exact(self.pitch()).map(|row| self.ellipsoid(row)).collect();
-        self.scene_of(ellipsoids.into_iter().zip(self.parameters.chunks_exact(self.pitch())))
+        let pitch = self.pitch();
+        let blocks = self.parameters.chunks(pitch * BLOCK_ROWS);
+        self.scene_of(blocks.flat_map(|block| {
+            let ellipsoids: Vec<_> = block.par_chunks_exact(pitch).map(|row| self.ellipsoid(row)).collect();
+            ellipsoids.into_iter().zip(block.chunks_exact(pitch))
+        }))
     }
 
     pub(crate) fn add_noise(&mut self, noise: &MeanNoise) {

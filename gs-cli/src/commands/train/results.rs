@@ -151,19 +151,23 @@ impl Results<'_> {
                 false => self.write_curve(trainer.count(), points, log),
             },
         ];
+        if !self.args.output.no_report {
+            tried.push(self.write_ellipses(trainer, &scene));
+        }
+        let effects = self.args.effects.choose(&scene, &cameras(trainer.views()), &trainer.shown());
+        let gaussians = scene.len();
+        // Else this copy would be there when the passes below take the most memory.
+        drop(scene);
         let evaluation = match self.args.output.no_report {
             true => {
                 tried.push(ViewPictures::clear(self.folder));
                 trainer.evaluate(&mut |_, _| Ok(())).block_on().map_err(Failure::from)
             }
-            false => {
-                tried.push(self.write_ellipses(trainer, &scene));
-                self.write_views(trainer, &mut tried)
-            }
+            false => self.write_views(trainer, &mut tried),
         };
         let summary = evaluation.and_then(|evaluation| {
             tried.push(self.folder.write_json("evaluation.json", &evaluation));
-            self.summary(trainer, &scene, evaluation)
+            self.summary(trainer, evaluation, gaussians, effects?.decisions)
         });
         match &summary {
             Ok(summary) => tried.push(self.folder.write_json("summary.json", summary)),
@@ -206,19 +210,20 @@ impl Results<'_> {
     fn summary(
         &self,
         trainer: &Trainer3d<'_, AnyRasterizer>,
-        scene: &Scene3d,
         evaluation: Evaluation,
+        gaussians: usize,
+        effects: Vec<EffectDecision>,
     ) -> Result<Summary, Failure> {
         let mut training = TrainSummary::new(trainer, evaluation).block_on()?;
         // The file has no Gaussians that are not finite.
-        training.gaussians = scene.len() as u32;
+        training.gaussians = gaussians as u32;
         training.backend = self.backend.rasterizer.name().to_owned();
         training.threads = u32::try_from(self.backend.threads).ok();
         Ok(Summary {
             training,
             program: ProgramSummary::new(self.backend, self.started, self.seconds_before),
             dataset: self.args.dataset.display().to_string(),
-            effects: self.args.effects.choose(scene, &cameras(trainer.views()), &trainer.shown())?.decisions,
+            effects,
         })
     }
 
