@@ -22,6 +22,11 @@ impl Grid {
         Self { columns: cells(width), rows: cells(height), cell, margin }
     }
 
+    /// Number of cells.
+    pub(crate) fn cells(&self) -> u64 {
+        u64::from(self.columns) * u64::from(self.rows)
+    }
+
     /// Whether a cell is in the margin.
     pub(crate) fn is_outside(&self, column: u32, row: u32) -> bool {
         let inside = |cell: u32, cells: u32| (self.margin..cells - self.margin).contains(&cell);

@@ -2,6 +2,7 @@
 #![forbid(unsafe_code)]
 
 mod coder;
+mod decode;
 mod error;
 mod exp2;
 mod file;
@@ -12,7 +13,8 @@ mod mixer;
 mod number;
 mod quantizer;
 
+pub use decode::{Decoded, DecodedAlpha, Extent, decode, is_gsi};
 pub use error::Error;
-pub use file::{Decoded, Extent, Layer, MAGIC, Picture, decode, is_gsi};
+pub use file::{Alpha, Layer, MAGIC, Picture};
 pub use layer::{Code, LayerHead};
 pub use quantizer::Quantizer;

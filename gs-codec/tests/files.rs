@@ -1,7 +1,7 @@
 //! Files: what comes back, what it costs, and what is refused.
 
 use glam::{Vec2, Vec3};
-use gs_codec::{Decoded, Error, Extent, Layer, LayerHead, Picture, Quantizer, decode};
+use gs_codec::{Alpha, Decoded, DecodedAlpha, Error, Extent, Layer, LayerHead, Picture, Quantizer, decode};
 use gs_core::{Gaussian2d, Scene as _};
 use proptest::prelude::*;
 
@@ -35,7 +35,16 @@ fn layer(head: LayerHead, gaussians: &[Gaussian2d]) -> Layer {
 }
 
 fn picture(layers: Vec<Layer>) -> Picture {
-    Picture { width: SIZE.0, height: SIZE.1, background: [90, 100, 110], layers }
+    Picture { width: SIZE.0, height: SIZE.1, background: [90, 100, 110], layers, alpha: None, profile: Vec::new() }
+}
+
+/// A picture of two layers with alpha of one, and a profile.
+fn transparent(count: usize) -> Picture {
+    let grey = |g: Gaussian2d| Gaussian2d { color: Vec3::splat(g.color.x), ..g };
+    let alpha: Vec<Gaussian2d> = gaussians(count / 2, 22).into_iter().map(grey).collect();
+    let layers = vec![layer(HEAD, &gaussians(count, 20)), layer(HEAD, &gaussians(count, 21))];
+    let alpha = Some(Alpha { background: 255, layers: vec![layer(HEAD, &alpha)] });
+    Picture { alpha, profile: b"a profile".to_vec(), ..picture(layers) }
 }
 
 fn sorted(layer: &Layer) -> Vec<Gaussian2d> {
@@ -49,12 +58,30 @@ fn sorted(layer: &Layer) -> Vec<Gaussian2d> {
 fn what_is_encoded_comes_back() {
     let coarse = LayerHead { step: 128, cell: 24, margin: 0, mean_ratio: 64, shape_ratio: 16, turn_ratio: 80 };
     let layers = vec![layer(HEAD, &gaussians(500, 1)), layer(coarse, &gaussians(40, 2)), layer(HEAD, &[])];
-    let Decoded { width, height, background, scene, layers: found } =
+    let Decoded { width, height, background, scene, alpha, profile, layers: found } =
         decode(&picture(layers.clone()).encode().unwrap(), Extent::Whole).unwrap();
+    assert!(alpha.is_none() && profile.is_empty());
     assert_eq!(((width, height), found), (SIZE, (3, 3)));
     assert_eq!(background, [90, 100, 110].map(|level| level as f32 / 255.0));
     let expected: Vec<Gaussian2d> = layers.iter().flat_map(sorted).collect();
     assert!(expected.len() > 500 && scene.iter().eq(expected));
+}
+
+#[test]
+fn alpha_and_profiles_come_back() {
+    let picture = transparent(100);
+    let decoded = decode(&picture.encode().unwrap(), Extent::Whole).unwrap();
+    let expected = |layers: &[Layer]| layers.iter().flat_map(sorted).collect::<Vec<_>>();
+    let DecodedAlpha { background, scene } = decoded.alpha.unwrap();
+    assert!(background == 1.0 && scene.iter().eq(expected(&picture.alpha.as_ref().unwrap().layers)));
+    assert!(scene.len() > 30 && scene.colors.iter().all(|c| *c == Vec3::splat(c.x)), "grey stays grey");
+    assert!(decoded.scene.iter().eq(expected(&picture.layers)));
+    assert_eq!((decoded.profile, decoded.layers), (picture.profile.clone(), (3, 3)));
+    // Each layer costs as much as in a file of its own.
+    let alone = Picture { alpha: None, profile: Vec::new(), ..picture.clone() };
+    let alpha = Picture { layers: picture.alpha.clone().unwrap().layers, ..alone.clone() };
+    let [whole, colors, alpha] = [&picture, &alone, &alpha].map(|picture| picture.encode().unwrap().len());
+    assert_eq!(whole, colors + (alpha - 12) + 2 + picture.profile.len());
 }
 
 #[test]
@@ -68,7 +95,7 @@ fn stripes_are_the_layer_from_top_to_bottom() {
         let largest = stripes.iter().map(|stripe| stripe.codes.len()).max().unwrap();
         assert!(largest < whole.codes.len() / count + 80, "{largest} of {} in {count} stripes", whole.codes.len());
     }
-    assert_eq!(layer(HEAD, &[]).stripes(3), []);
+    assert_eq!(layer(HEAD, &[]).stripes(3), [layer(HEAD, &[])]);
     // One row of cells cannot be cut.
     let row = gaussians(50, 9).into_iter().map(|g| Gaussian2d { mean: g.mean.with_y(40.0), ..g });
     let flat = layer(HEAD, &row.collect::<Vec<_>>());
@@ -152,20 +179,67 @@ fn truncated_files_are_errors_unless_a_prefix_is_enough() {
 }
 
 #[test]
-fn damage_is_found_by_the_checksum() {
-    let bytes = picture(vec![layer(HEAD, &gaussians(60, 8))]).encode().unwrap();
-    for place in 0..bytes.len() {
-        let mut damaged = bytes.clone();
-        damaged[place] ^= 1 << (place % 8);
-        for extent in [Extent::Whole, Extent::Prefix] {
-            let decoded = decode(&damaged, extent);
-            // A longer length makes the layer end behind the file, as if the file were truncated.
-            let truncated = extent == Extent::Prefix && decoded.as_ref().is_ok_and(|d| d.layers.0 == 0);
-            assert!(decoded.is_err() || truncated, "byte {place}");
-        }
+fn a_truncated_transparent_file_has_the_shape_of_what_it_shows() {
+    let picture = transparent(12);
+    let bytes = picture.encode().unwrap();
+    let header = 14 + 2 + 2 + picture.profile.len();
+    let whole = decode(&bytes, Extent::Whole).unwrap();
+    let all = whole.alpha.as_ref().unwrap().scene.len();
+    let mut steps = Vec::new();
+    for length in 0..bytes.len() {
+        let cut = &bytes[..length];
+        assert!(decode(cut, Extent::Whole).is_err(), "{length} bytes");
+        let Ok(decoded) = decode(cut, Extent::Prefix) else {
+            assert!(length < header, "{length} bytes");
+            continue;
+        };
+        assert!(length >= header && decoded.profile == picture.profile, "{length} bytes");
+        let (alpha, means) = (decoded.alpha.unwrap().scene, &decoded.scene.means);
+        assert_eq!(*means, whole.scene.means[..means.len()], "{length} bytes");
+        assert!(alpha.len() == all || means.is_empty(), "{length} bytes");
+        steps.push(decoded.layers);
     }
-    let more = [&bytes[..], b"x"].concat();
-    assert!(matches!(decode(&more, Extent::Whole), Err(Error::Value { .. })));
+    steps.dedup();
+    assert_eq!(steps, [(0, 3), (1, 3), (2, 3)]);
+}
+
+#[test]
+fn damage_is_found_by_the_checksum() {
+    for picture in [picture(vec![layer(HEAD, &gaussians(60, 8))]), transparent(20)] {
+        let bytes = picture.encode().unwrap();
+        for place in 0..bytes.len() {
+            let mut damaged = bytes.clone();
+            damaged[place] ^= 1 << (place % 8);
+            for extent in [Extent::Whole, Extent::Prefix] {
+                let decoded = decode(&damaged, extent);
+                // A longer length makes a layer end behind the file, as if the file were truncated.
+                let truncated = extent == Extent::Prefix && decoded.as_ref().is_ok_and(|d| d.layers.0 < d.layers.1);
+                assert!(decoded.is_err() || truncated, "byte {place}");
+            }
+        }
+        let more = [&bytes[..], b"x"].concat();
+        assert!(matches!(decode(&more, Extent::Whole), Err(Error::Value { .. })));
+    }
+}
+
+#[test]
+fn impossible_headers_are_refused() {
+    let refused = |flags: u8, rest: &[u8]| {
+        let bytes = [&b"GSIF\x01"[..], &[flags], b"\xc0\x00\x80\x00\x00\x00\x00", rest].concat();
+        let [whole, prefix] = [Extent::Whole, Extent::Prefix].map(|extent| decode(&bytes, extent).unwrap_err());
+        assert_eq!(whole, prefix);
+        whole.to_string()
+    };
+    assert!(refused(4, &[1]).contains("the feature of flag 4"), "{}", refused(4, &[1]));
+    assert!(refused(0, &[0]).contains("number of layers is 0"), "{}", refused(0, &[0]));
+    assert!(refused(1, &[1, 255, 0]).contains("number of layers is 0"), "{}", refused(1, &[1, 255, 0]));
+    assert!(refused(2, &[1, 0, 0]).contains("colour profile is 0"), "{}", refused(2, &[1, 0, 0]));
+    for (flags, rest) in [(1, &[1][..]), (1, &[1, 255]), (2, &[1]), (2, &[1, 9]), (3, &[1, 255, 1, 255, 255, 7])] {
+        assert!(refused(flags, rest).contains("in the middle of the header"), "{}", refused(flags, rest));
+    }
+    let long = Picture { profile: vec![0; 65_536], ..transparent(4) };
+    assert!(matches!(long.encode(), Err(Error::Value { value: 65_536, .. })));
+    assert!(matches!(picture(Vec::new()).encode(), Err(Error::Value { value: 0, .. })));
 }
 
 #[test]

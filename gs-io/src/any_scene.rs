@@ -6,7 +6,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use gs_codec::{Extent, is_gsi};
+use gs_codec::Extent;
 use gs_core::{
     Blend, RenderSettings, SplatsState,
     effects::{Antialias, Background, Order, Statistics},
@@ -18,7 +18,7 @@ use crate::{
     checkpoint::{Checkpoint, decode_checkpoint, is_checkpoint, read_checkpoint},
     dataset::Dataset,
     error::Error,
-    gsi::{GSI_EXTENSION, decode_gsi, may_be_gsi, read_gsi},
+    gsi::{GSI_EXTENSION, decode_gsi, is_gsi, read_gsi},
     scene_file::{File2d, decode_2d, is_2d, read_2d, read_2d_unchecked},
     scene3d::{self, File3d, Format3d, TrainedWith, format_3d, read_3d, read_3d_unchecked},
 };
@@ -39,6 +39,8 @@ pub struct SceneFile {
     /// Gaussians of a checkpoint that cannot be drawn and are left out. The next round of density
     /// control would have removed them.
     pub left_out: usize,
+    /// Whether the file has alpha; the scene is the picture on white then.
+    pub has_alpha: bool,
 }
 
 /// A scene of either kind.
@@ -67,7 +69,7 @@ pub enum Values {
 pub fn is_scene(path: impl AsRef<Path>) -> Result<bool, Error> {
     let path = path.as_ref();
     let named = path.extension().is_some_and(|ending| ending == "safetensors") || Format3d::to_write(path).is_some();
-    Ok(path.is_dir() || format_3d(path)?.is_some() || named || may_be_gsi(path) || is_2d(path) || is_checkpoint(path))
+    Ok(path.is_dir() || format_3d(path)?.is_some() || named || is_gsi(path) || is_2d(path) || is_checkpoint(path))
 }
 
 /// Reads a scene, 2D or 3D, from a scene file, a checkpoint, or the output folder of a fit or a
@@ -92,10 +94,10 @@ pub fn read_scene(path: impl AsRef<Path>, values: Values) -> Result<SceneFile, E
 /// # Errors
 /// Those of [`read_scene`] that concern the content.
 pub fn decode_scene(bytes: &[u8], name: &Path) -> Result<AnyScene, Error> {
-    if is_gsi(bytes) || name.extension().is_some_and(|ending| ending == GSI_EXTENSION) {
+    if gs_codec::is_gsi(bytes) || name.extension().is_some_and(|ending| ending == GSI_EXTENSION) {
         let file = decode_gsi(bytes, Extent::Whole);
         let file = file.map_err(|source| Error::Compressed { path: name.to_owned(), source })?;
-        return Ok(AnyScene::TwoD(Box::new(file)));
+        return Ok(AnyScene::TwoD(Box::new(file.on_white())));
     }
     if let Ok(checkpoint) = decode_checkpoint(bytes, name) {
         return of_checkpoint(name, checkpoint, Values::Checked).map(|file| file.scene);
@@ -112,9 +114,11 @@ pub fn scene_in(folder: impl AsRef<Path>) -> Option<PathBuf> {
 }
 
 fn read_file(path: &Path, values: Values) -> Result<SceneFile, Error> {
-    let of = |scene| Ok(SceneFile { path: path.to_owned(), scene, metadata: None, left_out: 0 });
-    if may_be_gsi(path) {
-        return of(AnyScene::TwoD(Box::new(read_gsi(path)?)));
+    let of = |scene| Ok(SceneFile { path: path.to_owned(), scene, metadata: None, left_out: 0, has_alpha: false });
+    if is_gsi(path) {
+        let file = read_gsi(path)?;
+        let has_alpha = file.alpha.is_some();
+        return Ok(SceneFile { has_alpha, ..of(AnyScene::TwoD(Box::new(file.on_white())))? });
     }
     // A file with the name of a 3D scene is read as one, so that the reader says what is wrong with
     // it.
@@ -186,9 +190,9 @@ fn of_checkpoint(path: &Path, checkpoint: Checkpoint, values: Values) -> Result<
             size_of_target(entry("target")?).ok_or_else(|| unusable("its `target` has no size".to_owned()))?;
         let (scene, left_out) =
             without_broken(SplatsState::scene_2d(&state).map_err(&broken)?, values).map_err(&broken)?;
-        (AnyScene::TwoD(Box::new(File2d { scene, width, height, settings })), left_out)
+        (AnyScene::TwoD(Box::new(File2d { scene, width, height, settings, profile: None })), left_out)
     };
-    Ok(SceneFile { path: path.to_owned(), scene, metadata: Some(metadata), left_out })
+    Ok(SceneFile { path: path.to_owned(), scene, metadata: Some(metadata), left_out, has_alpha: false })
 }
 
 /// The size in a fit's `target`, which begins with "64x48 px".

@@ -2,21 +2,63 @@
 
 use std::{fs::File, path::Path};
 
-use gs_codec::{Decoded, Extent, MAGIC, decode, is_gsi};
-use gs_core::{Blend, RenderSettings};
+use gs_codec::{Decoded, DecodedAlpha, Extent, MAGIC, decode};
+use gs_core::{Blend, RenderSettings, Scene as _, Scene2d};
 
-use crate::{atomic::open, container::read_exactly, error::Error, scene_file::File2d};
+use crate::{atomic::open, container::read_exactly, error::Error, image::IccProfile, scene_file::File2d};
 
 /// The extension of compressed pictures.
 pub const GSI_EXTENSION: &str = "gsi";
 
 const WHAT: &str = "a .gsi file";
 
+/// A decoded `.gsi` file.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub struct GsiFile {
+    /// The colours, premultiplied by alpha.
+    pub colors: File2d,
+    /// Alpha, as the red of another scene of that size; `None` for an opaque picture.
+    pub alpha: Option<File2d>,
+    /// Layers that were decoded whole, and all that the file was made with.
+    pub layers: (usize, usize),
+}
+
+impl GsiFile {
+    /// The picture on a colour of its own colour space, as one scene: the sum c + `behind`·(1 − α).
+    pub fn on(self, behind: [f32; 3]) -> File2d {
+        let Self { colors: mut file, alpha, .. } = self;
+        let Some(File2d { scene, settings, .. }) = alpha else { return file };
+        let [alpha, ..] = settings.background_color();
+        let background = file.settings.background_color();
+        let background = std::array::from_fn(|k| background[k] + behind[k] * (1.0 - alpha));
+        file.settings = file.settings.on(background);
+        for gaussian in scene.iter() {
+            let color = -gaussian.color.x * glam::Vec3::from(behind);
+            file.scene.push(gs_core::Gaussian2d { color, ..gaussian });
+        }
+        file
+    }
+
+    /// The picture on white, as readers of images show transparent pixels.
+    pub fn on_white(self) -> File2d {
+        self.on([1.0; 3])
+    }
+}
+
+/// An opaque picture, of any other file of a 2D scene.
+impl From<File2d> for GsiFile {
+    fn from(colors: File2d) -> Self {
+        Self { colors, alpha: None, layers: (1, 1) }
+    }
+}
+
 /// Whether a file begins as a `.gsi` file does, or has its extension.
-pub(crate) fn may_be_gsi(path: &Path) -> bool {
+pub fn is_gsi(path: impl AsRef<Path>) -> bool {
+    let path = path.as_ref();
     let begins = || {
         let mut file = File::open(path).ok()?;
-        Some(is_gsi(&read_exactly(&mut file, MAGIC.len() as u64).ok()?))
+        Some(gs_codec::is_gsi(&read_exactly(&mut file, MAGIC.len() as u64).ok()?))
     };
     path.extension().is_some_and(|ending| ending == GSI_EXTENSION) || begins() == Some(true)
 }
@@ -26,35 +68,35 @@ pub(crate) fn may_be_gsi(path: &Path) -> bool {
 /// # Errors
 /// [`Error::Missing`], [`Error::NotAFile`], [`Error::Read`]; [`Error::Compressed`] for a file that is
 /// damaged, truncated or of a later version.
-pub fn read_gsi(path: impl AsRef<Path>) -> Result<File2d, Error> {
-    Ok(read(path.as_ref(), Extent::Whole)?.0)
+pub fn read_gsi(path: impl AsRef<Path>) -> Result<GsiFile, Error> {
+    read(path.as_ref(), Extent::Whole)
 }
 
-/// Reads what is there of a `.gsi` file that may be truncated, and returns it with the numbers of
-/// layers that are whole and that the file was made with.
+/// Reads what is there of a `.gsi` file that may be truncated.
 ///
 /// # Errors
 /// Those of [`read_gsi`], but for a file that ends after its header.
-pub fn read_gsi_prefix(path: impl AsRef<Path>) -> Result<(File2d, (usize, usize)), Error> {
+pub fn read_gsi_prefix(path: impl AsRef<Path>) -> Result<GsiFile, Error> {
     read(path.as_ref(), Extent::Prefix)
 }
 
-fn read(path: &Path, extent: Extent) -> Result<(File2d, (usize, usize)), Error> {
+fn read(path: &Path, extent: Extent) -> Result<GsiFile, Error> {
     let (mut file, metadata) = open(path, WHAT)?;
     let bytes = read_exactly(&mut file, metadata.len()).map_err(|source| Error::read(path, source))?;
-    let decoded = decode(&bytes, extent).map_err(|source| Error::Compressed { path: path.to_owned(), source })?;
-    let layers = decoded.layers;
-    Ok((scene_of(decoded), layers))
+    decode_gsi(&bytes, extent).map_err(|source| Error::Compressed { path: path.to_owned(), source })
 }
 
-/// The scene of the bytes of a `.gsi` file.
+/// Decodes the bytes of a `.gsi` file.
 ///
 /// # Errors
 /// Those of [`decode`].
-pub fn decode_gsi(bytes: &[u8], extent: Extent) -> Result<File2d, gs_codec::Error> {
-    decode(bytes, extent).map(scene_of)
-}
-
-fn scene_of(Decoded { width, height, background, scene, .. }: Decoded) -> File2d {
-    File2d { scene, width, height, settings: RenderSettings::blended(Blend::Sum).on(background) }
+pub fn decode_gsi(bytes: &[u8], extent: Extent) -> Result<GsiFile, gs_codec::Error> {
+    let Decoded { width, height, background, scene, alpha, profile, layers, .. } = decode(bytes, extent)?;
+    let file = |scene: Scene2d, background, profile| {
+        let settings = RenderSettings::blended(Blend::Sum).on(background);
+        File2d { scene, width, height, settings, profile }
+    };
+    let colors = file(scene, background, IccProfile::new(&profile));
+    let alpha = alpha.map(|DecodedAlpha { background, scene, .. }| file(scene, [background; 3], None));
+    Ok(GsiFile { colors, alpha, layers })
 }

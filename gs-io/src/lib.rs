@@ -4,6 +4,7 @@
 //! | what | read | written |
 //! |---|---|---|
 //! | images (PNG, JPEG, BMP, TIFF, WebP, GIF, PNM) | [`read_image`] | [`write_png`] |
+//! | … with alpha and ICC profiles | [`read_stored_image`] | [`write_png_with`] |
 //! | animations (APNG) | – | [`write_animation`] |
 //! | a scene of any kind: a scene file, a checkpoint, an output folder | [`read_scene`] | – |
 //! | 2D scenes, `.gs2d.safetensors`, lossless | [`read_2d`] | [`write_2d`] |
@@ -43,10 +44,11 @@ pub use crate::{
     atomic::{abandon_writes, prepare_folder, remove_leftovers, write_atomically, write_durably},
     checkpoint::{Checkpoint, decode_checkpoint, encode_checkpoint, is_checkpoint, read_checkpoint, write_checkpoint},
     error::Error,
-    gsi::{GSI_EXTENSION, decode_gsi, read_gsi, read_gsi_prefix},
+    gsi::{GSI_EXTENSION, GsiFile, decode_gsi, is_gsi, read_gsi, read_gsi_prefix},
     image::{
-        AlphaMode, ImageRemark, LoadedImage, Orientation, Transparency, image_files, png_bytes, read_image,
-        read_image_size, read_image_with, write_png,
+        AlphaMode, IccProfile, ImageRemark, LoadedImage, Orientation, PngExtras, StoredImage, Transparency,
+        image_files, png_bytes, png_bytes_with, premultiplied, read_image, read_image_size, read_image_with,
+        read_stored_image, straight, write_png, write_png_with,
     },
     inputs::Inputs,
     output_folder::{FolderClaim, OutputFolder},

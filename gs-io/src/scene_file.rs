@@ -10,18 +10,20 @@
 //!
 //! The metadata entry `gs` is JSON:
 //! `{"format": "gs-scene-2d", "version": 1, "program": …, "content": {"width": …, "height": …, "settings": …}}`,
-//! with the canvas size in px and the render settings as gs-core serialises them.
+//! with the canvas size in px and the render settings as gs-core serialises them. The content also has
+//! a `profile`, an ICC profile in base64, where colours are not sRGB.
 
 use std::path::Path;
 
 use glam::{Vec2, Vec3};
-use gs_core::{RenderSettings, Scene, Scene2d, check_size};
+use gs_core::{Image, RenderSettings, Scene, Scene2d, check_size};
 use serde::{Deserialize, Serialize};
 
 use crate::{
     atomic::write_durably,
     container::{self, FileKind, TensorWords},
     error::Error,
+    image::IccProfile,
 };
 
 /// The extension of scene files: `kodim04.gs2d.safetensors`. Files with other names can be read,
@@ -43,9 +45,20 @@ pub struct File2d {
     pub height: u32,
     /// How to render the scene.
     pub settings: RenderSettings,
+    /// The profile of the colours; `None` for sRGB.
+    pub profile: Option<IccProfile>,
 }
 
 impl File2d {
+    /// A rendering of the scene in sRGB: as it is if its colours are, or else clamped and converted.
+    #[must_use]
+    pub fn in_srgb(&self, mut rendering: Image) -> Image {
+        if let Some(profile) = &self.profile {
+            profile.to_srgb(&mut rendering);
+        }
+        rendering
+    }
+
     /// Checks scene, size and settings, as [`write_2d`] and [`read_2d`] do.
     ///
     /// # Errors
@@ -67,6 +80,8 @@ struct Content {
     width: u32,
     height: u32,
     settings: RenderSettings,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    profile: Option<IccProfile>,
 }
 
 /// Writes a scene losslessly and atomically. Equal scenes give equal bytes.
@@ -93,7 +108,7 @@ pub fn encode_2d(file: &File2d) -> Result<Vec<u8>, gs_core::Error> {
 
 fn encoded(file: &File2d) -> Result<container::Encoded<'_>, gs_core::Error> {
     file.validate()?;
-    let File2d { scene, width, height, settings } = file;
+    let File2d { scene, width, height, settings, profile } = file;
     let n = scene.len();
     let mut tensors = vec![
         TensorWords::f32(&[n, 2], scene.means.iter().flat_map(|v| v.to_array())),
@@ -106,7 +121,7 @@ fn encoded(file: &File2d) -> Result<container::Encoded<'_>, gs_core::Error> {
     if !scene.has_opacity() {
         (_, _) = (names.remove(3), tensors.remove(3));
     }
-    let content = Content { width: *width, height: *height, settings: *settings };
+    let content = Content { width: *width, height: *height, settings: *settings, profile: profile.clone() };
     container::Encoded::new(&KIND, &content, names.into_iter().zip(tensors).collect())
 }
 
@@ -167,8 +182,8 @@ fn scene_of(file: container::Container<Content>, path: &Path) -> Result<File2d, 
         },
         colors: file.f32("color", &[n, 3])?.as_chunks::<3>().0.iter().map(|&v| Vec3::from_array(v)).collect(),
     };
-    let Content { width, height, settings } = file.content;
-    let file = File2d { scene, width, height, settings };
+    let Content { width, height, settings, profile } = file.content;
+    let file = File2d { scene, width, height, settings, profile };
     file.validate_view().map_err(Error::content(path))?;
     Ok(file)
 }

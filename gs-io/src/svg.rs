@@ -39,7 +39,7 @@ pub fn write_svg(path: impl AsRef<Path>, file: &File2d) -> Result<(), Error> {
 }
 
 fn write(file: &File2d, out: &mut dyn Write) -> io::Result<()> {
-    let File2d { scene, width, height, settings } = file;
+    let File2d { scene, width, height, settings, .. } = file;
     writeln!(
         out,
         r#"<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height}" viewBox="0 0 {width} {height}">"#
@@ -107,7 +107,8 @@ mod tests {
             color,
         };
         let scene = [gaussian(3.0, Vec3::X), gaussian(5.5, Vec3::new(2.0, -1.0, 0.5))].into_iter().collect();
-        File2d { scene, width: 12, height: 8, settings: RenderSettings::blended(blend).on([1.0, 0.0, 1.0]) }
+        let settings = RenderSettings::blended(blend).on([1.0, 0.0, 1.0]);
+        File2d { scene, width: 12, height: 8, settings, profile: None }
     }
 
     #[test]

@@ -9,7 +9,7 @@ use std::{
 
 use gs_conformance::properties::fresh;
 use gs_core::{Blend, Parameterization, RenderSettings, Scene2d, SplatsState, Tensor, TensorData};
-use gs_io::{Checkpoint, Error, File2d, is_2d, read_2d, read_checkpoint, write_2d, write_checkpoint};
+use gs_io::{Checkpoint, Error, File2d, IccProfile, is_2d, read_2d, read_checkpoint, write_2d, write_checkpoint};
 use proptest::{collection::vec, prelude::*};
 
 fn finite() -> impl Strategy<Value = f32> {
@@ -36,7 +36,7 @@ prop_compose! {
             opacity_logits,
             colors: rows.iter().map(|r| r.5.into()).collect(),
         };
-        File2d { scene, width, height, settings: RenderSettings::blended(blend).on(background) }
+        File2d { scene, width, height, settings: RenderSettings::blended(blend).on(background), profile: None }
     }
 }
 
@@ -61,6 +61,7 @@ fn small_file() -> File2d {
         width: 7,
         height: 5,
         settings: RenderSettings::default(),
+        profile: IccProfile::new(b"bytes of a profile"),
     }
 }
 

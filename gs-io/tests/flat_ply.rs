@@ -35,7 +35,7 @@ fn gaussian(x: f32, y: f32, log_scale: f32, opacity_logit: f32) -> Gaussian2d {
 
 fn file(gaussians: &[Gaussian2d], blend: Blend) -> File2d {
     let scene: Scene2d = gaussians.iter().copied().collect();
-    File2d { scene, width: 200, height: 100, settings: RenderSettings::blended(blend) }
+    File2d { scene, width: 200, height: 100, settings: RenderSettings::blended(blend), profile: None }
 }
 
 #[test]

@@ -3,12 +3,16 @@
 use std::fs;
 
 use glam::{Vec2, Vec3};
-use gs_codec::{Layer, LayerHead, Picture, Quantizer};
+use gs_codec::{Alpha, Layer, LayerHead, Picture, Quantizer};
 use gs_core::{Blend, Gaussian2d, effects::Background};
 use gs_io::{AnyScene, Error, Values, is_scene, read_gsi, read_scene};
 
 /// A compressed picture of this many Gaussians.
 fn gsi(count: usize) -> Vec<u8> {
+    picture(count).encode().unwrap()
+}
+
+fn picture(count: usize) -> Picture {
     let size = (48, 32);
     let head = LayerHead { step: -64, cell: 8, margin: 1, mean_ratio: 32, shape_ratio: 32, turn_ratio: 32 };
     let gaussian = |k: usize| Gaussian2d {
@@ -20,9 +24,9 @@ fn gsi(count: usize) -> Vec<u8> {
     };
     let quantizer = Quantizer::new(head, size);
     let codes = (0..count).filter_map(|k| quantizer.quantize(&gaussian(k))).collect();
-    let picture =
-        Picture { width: size.0, height: size.1, background: [0, 51, 255], layers: vec![Layer { head, codes }] };
-    picture.encode().unwrap()
+    let (alpha, profile) = (None, Vec::new());
+    let layers = vec![Layer { head, codes }];
+    Picture { width: size.0, height: size.1, background: [0, 51, 255], layers, alpha, profile }
 }
 
 #[test]
@@ -38,6 +42,33 @@ fn a_compressed_picture_is_a_scene_by_its_content() {
         assert_eq!(file.settings.effects.background, Background::Solid);
         file.validate().unwrap();
     }
+}
+
+#[test]
+fn a_transparent_picture_is_a_scene_on_white() {
+    let opaque = picture(30);
+    let alpha = Some(Alpha { background: 153, layers: picture(20).layers });
+    let bytes = Picture { alpha, profile: b"a profile".to_vec(), ..opaque }.encode().unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("picture.gsi");
+    fs::write(&path, &bytes).unwrap();
+    let file = read_gsi(&path).unwrap();
+    let (colors, alpha) = (file.colors.scene.clone(), file.alpha.clone().unwrap());
+    assert_eq!((colors.means.len(), alpha.scene.means.len(), alpha.width), (30, 20, 48));
+
+    let found = read_scene(&path, Values::Checked).unwrap();
+    let AnyScene::TwoD(white) = found.scene else { panic!("a 3D scene") };
+    let close = |a: [f32; 3], b: [f32; 3]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-6);
+    assert!(found.has_alpha && close(white.settings.background_color(), [0.4, 0.6, 1.4]));
+    assert_eq!(white.profile.as_ref().unwrap().bytes(), b"a profile");
+    // c + (1 − α), Gaussian by Gaussian.
+    assert_eq!(white.scene.colors[..30], colors.colors);
+    for (found, alpha) in white.scene.iter().skip(30).zip(alpha.scene.iter()) {
+        assert_eq!(found, Gaussian2d { color: Vec3::splat(-alpha.color.x), ..alpha });
+    }
+    assert_eq!(white.scene.means.len(), 50);
+    let black = file.on([0.0; 3]);
+    assert_eq!(black.settings.background_color(), [0.0, 0.2, 1.0]);
 }
 
 #[test]

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use gs_core::Image;
+use gs_io::StoredImage;
 use numpy::{
     Element, PyArray, PyArrayDescrMethods, PyArrayMethods, PyReadwriteArray, PyUntypedArray, PyUntypedArrayMethods,
     ndarray::{ArrayView, Dimension, IntoDimension},
@@ -145,7 +146,22 @@ fn describe(shape: &[Side]) -> String {
 
 /// An image: float32 or uint8 of shape (H, W, 3).
 pub(crate) fn image(argument: &str, value: &Bound<'_, PyAny>) -> PyResult<Image> {
-    let shape = [Side::Any("H"), Side::Any("W"), Side::Exactly(3)];
+    let (values, size) = pixels(argument, value, 3)?;
+    of_values(argument, &values, size)
+}
+
+/// An image with its alpha: float32 or uint8 of shape (H, W, 4).
+fn transparent_image(argument: &str, value: &Bound<'_, PyAny>) -> PyResult<StoredImage> {
+    let (values, size) = pixels(argument, value, 4)?;
+    let (colors, alpha): (Vec<[f32; 3]>, Vec<f32>) =
+        values.as_chunks::<4>().0.iter().map(|&[r, g, b, alpha]| ([r, g, b], alpha)).unzip();
+    let image = of_values(argument, colors.as_flattened(), size)?;
+    Ok(StoredImage { image, alpha: Some(alpha), profile: None, remarks: Vec::new() })
+}
+
+/// The values of an image with so many channels, and its rows and columns.
+fn pixels(argument: &str, value: &Bound<'_, PyAny>, channels: usize) -> PyResult<(Vec<f32>, [usize; 2])> {
+    let shape = [Side::Any("H"), Side::Any("W"), Side::Exactly(channels)];
     let is_bytes =
         value.cast::<PyUntypedArray>().is_ok_and(|array| array.dtype().is_equiv_to(&numpy::dtype::<u8>(value.py())));
     let (values, found) = if is_bytes {
@@ -154,7 +170,7 @@ pub(crate) fn image(argument: &str, value: &Bound<'_, PyAny>) -> PyResult<Image>
     } else {
         floats(argument, value, &shape, Values::Finite)?
     };
-    of_values(argument, &values, [found[0], found[1]])
+    Ok((values, [found[0], found[1]]))
 }
 
 /// A gradient by the values of an image: float32 of the image's shape.
@@ -176,6 +192,17 @@ pub(crate) fn image_or_file(py: Python<'_>, argument: &str, value: &Bound<'_, Py
         Ok(path) => errors::computed(py, || Ok::<_, gs_io::Error>(gs_io::read_image(path)?.image)),
         Err(_) => image(argument, value),
     }
+}
+
+/// The image of an array, which may have alpha, or of a file as it is stored.
+pub(crate) fn stored_image(py: Python<'_>, argument: &str, value: &Bound<'_, PyAny>) -> PyResult<StoredImage> {
+    if let Ok(path) = value.extract::<PathBuf>() {
+        return errors::computed(py, || gs_io::read_stored_image(path));
+    }
+    if value.cast::<PyUntypedArray>().is_ok_and(|array| array.shape().get(2) == Some(&4)) {
+        return transparent_image(argument, value);
+    }
+    Ok(StoredImage { image: image(argument, value)?, alpha: None, profile: None, remarks: Vec::new() })
 }
 
 /// A read-only NumPy array of numbers that `owner` holds, without a copy.

@@ -35,7 +35,7 @@ mod _native {
     use super::{
         backend::Backend,
         camera::Camera,
-        codec::{Encoded, decode, encode},
+        codec::{Encoded, decode, decode_image, encode},
         gradients::{ForwardPass, forward},
         observation::Observation,
         oracle::{oracle_gradient, oracle_render},

@@ -8,7 +8,7 @@ use std::{
 use bytemuck::cast_slice;
 use gs_backend::block_on;
 use gs_core::{Blend, Canvas, Rasterizer as _, RenderSettings, Scene as _};
-use gs_io::File2d;
+use gs_io::{File2d, IccProfile, PngExtras, png_bytes_with};
 use gs_train::{ColorRange, viewable};
 use numpy::{PyArray1, PyArray2};
 use pyo3::{
@@ -32,11 +32,13 @@ pub(crate) struct Scene2d {
     pub(crate) render: Option<RenderSettings>,
     /// Columns and rows of the image that the scene was made for, where they are known.
     pub(crate) size: Option<(u32, u32)>,
+    /// The profile of the colours; `None` for sRGB.
+    pub(crate) profile: Option<IccProfile>,
 }
 
 impl Scene2d {
     pub(crate) fn of(scene: gs_core::Scene2d) -> Self {
-        Self { scene: Arc::new(scene), render: None, size: None }
+        Self { scene: Arc::new(scene), render: None, size: None, profile: None }
     }
 
     /// How the scene is to be rendered: Gaussians without opacity are summed.
@@ -46,7 +48,8 @@ impl Scene2d {
     }
 
     pub(crate) fn of_file(file: File2d) -> Self {
-        Self { scene: Arc::new(file.scene), render: Some(file.settings), size: Some((file.width, file.height)) }
+        let File2d { scene, width, height, settings, profile } = file;
+        Self { scene: Arc::new(scene), render: Some(settings), size: Some((width, height)), profile }
     }
 
     /// The given size, or that of the image that the scene was made for.
@@ -136,6 +139,12 @@ impl Scene2d {
         self.size
     }
 
+    #[doc = doc!("Scene2d.profile")]
+    #[getter]
+    fn profile<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyBytes>> {
+        self.profile.as_ref().map(|profile| PyBytes::new(py, profile.bytes()))
+    }
+
     fn __len__(&self) -> usize {
         self.scene.len()
     }
@@ -149,7 +158,8 @@ impl Scene2d {
     #[pyo3(signature = (path, size = None))]
     fn save(&self, py: Python<'_>, path: PathBuf, size: Option<(u32, u32)>) -> PyResult<()> {
         let (width, height) = self.size_or(size)?;
-        let file = File2d { scene: gs_core::Scene2d::clone(&self.scene), width, height, settings: self.render() };
+        let (scene, profile) = (gs_core::Scene2d::clone(&self.scene), self.profile.clone());
+        let file = File2d { scene, width, height, settings: self.render(), profile };
         let Some(range) = viewers_range(&path) else {
             return errors::computed(py, || gs_io::write_2d(path, &file));
         };
@@ -168,7 +178,8 @@ impl Scene2d {
         let (scene, settings) = (self.scene.clone(), self.render());
         let image = backend::chosen(py, None)?
             .compute(py, |on| block_on(on.render(&*scene, &Canvas::new(width, height), &settings)))?;
-        Ok(Some(PyBytes::new(py, &gs_io::png_bytes(&image))))
+        let extras = PngExtras { profile: self.profile.as_ref(), ..PngExtras::default() };
+        Ok(Some(PyBytes::new(py, &png_bytes_with(&image, extras))))
     }
 
     #[doc = doc!("Scene2d._repr_html_")]

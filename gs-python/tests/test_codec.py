@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from pathlib import Path
 
 import gaussian_splats as gs
@@ -34,11 +35,41 @@ def test_the_first_third_of_a_progressive_file_is_a_picture(image: np.ndarray) -
     assert np.array_equal(scene.means[: plain.gaussians], gs.decode(plain.data).means)
 
 
+def test_alpha_and_profile_are_kept(image: np.ndarray, tmp_path: Path) -> None:
+    rows, columns, _ = image.shape
+    alpha = np.linspace(0, 1, columns, dtype=np.float32)[None, :, None].repeat(rows, 0)
+    encoded = gs.encode(np.concatenate([image, alpha], 2), bytes=3000, backend="cpu")
+    assert len(encoded.data) <= 3000
+    pixels = gs.decode_image(encoded.data, backend="cpu")
+    assert (pixels.shape, pixels.dtype) == ((rows, columns, 4), np.uint8)
+    assert np.abs(pixels[..., 3:] / 255 - alpha).mean() < 0.01
+    shown = gs.render(gs.decode(encoded.data), backend="cpu")
+    found = gs.compare(np.clip(shown, 0, 1), image * alpha + 1 - alpha)["psnr"]
+    assert found > 25
+
+    opaque = gs.encode(image, bytes=1500, preview=True, backend="cpu").data
+    assert gs.decode(opaque).profile is None
+    assert gs.decode_image(opaque, size=(32, 24), backend="cpu").shape == (24, 32, 3)
+    assert 0 < len(gs.decode(opaque[:320], partial=True))
+
+    # A profile is behind the header, and the checksum of a file of one layer at its end.
+    data = gs.encode(image, bytes=900, backend="cpu").data
+    data = data[:5] + b"\x02" + data[6:14] + b"\x07\x00profile" + data[14:-4]
+    scene = gs.decode(data + zlib.crc32(data).to_bytes(4, "little"))
+    assert scene.profile == b"profile"
+    scene.save(tmp_path / "a.gs2d.safetensors")
+    loaded = gs.load(tmp_path / "a.gs2d.safetensors")
+    assert isinstance(loaded, gs.Scene2d)
+    assert loaded.profile == b"profile"
+
+
 def test_wrong_targets_and_data(image: np.ndarray) -> None:
     with pytest.raises(ValueError, match="expected at most one of them"):
         gs.encode(image, quality=50, psnr=30.0)
     with pytest.raises(ValueError, match="quality"):
         gs.encode(image, quality=0)
+    with pytest.raises(ValueError, match="expected at most one of them"):
+        gs.encode(image, progressive=True, preview=True)
     with pytest.raises(ValueError, match="bpp"):
         gs.encode(image, bpp=-1.0)
     with pytest.raises(TypeError, match="image: expected a NumPy array"):

@@ -14,6 +14,7 @@
 mod checkpoint;
 mod clamped;
 mod count;
+mod draw;
 mod encode;
 mod error;
 mod fit;
@@ -44,7 +45,8 @@ pub use crate::task::{RunSettings, SceneTask, TrainingTask};
 pub use crate::{
     clamped::Clamped,
     count::count_for_psnr,
-    encode::{EncodeSettings, EncodeTarget, Encoded, encode},
+    draw::draw_picture,
+    encode::{EncodeImage, EncodeLayers, EncodeSettings, EncodeTarget, Encoded, encode},
     error::Error,
     fit::{Fit, fit},
     flat::mean_color,

@@ -85,7 +85,7 @@ where
 {
     file.validate()?;
     let canvas = Canvas::new(file.width, file.height);
-    let target = Rasterizer::<Scene2d>::render(on, &file.scene, &canvas, &file.settings).await?.clamped();
+    let target = file.in_srgb(Rasterizer::<Scene2d>::render(on, &file.scene, &canvas, &file.settings).await?).clamped();
     let start = start(file, &target, range);
     if start.means.is_empty() {
         return Err(
@@ -99,7 +99,8 @@ where
     let mut scene = trainer.scene().await?;
     examination::repair(&mut scene)?;
     scene.colors.iter_mut().for_each(|color| *color = range.nearest(*color));
-    let made = File2d { scene, settings: trainer.shown(), ..*file };
+    let (width, height) = (file.width, file.height);
+    let made = File2d { scene, width, height, settings: trainer.shown(), profile: None };
     let psnr = psnr_of(on, &made, &target).await?;
     Ok(Viewable { file: made, psnr })
 }

@@ -17,7 +17,8 @@
 //! let scene = Scene2d::default();
 //! let settings = RenderSettings::blended(Blend::Sum);
 //! let options = Options::new("empty", (800, 600), settings);
-//! view(Viewed::TwoD { scene: &scene, width: 800, height: 600 }, &backend.rasterizer, options)?;
+//! let viewed = Viewed::TwoD { scene: &scene, width: 800, height: 600, profile: None };
+//! view(viewed, &backend.rasterizer, options)?;
 //! # Ok(()) }
 //! ```
 
@@ -35,6 +36,7 @@ mod window;
 use glam::Vec3;
 use gs_backend::AnyRasterizer;
 use gs_core::{Backend as _, Camera, RenderSettings, Scene as _, Scene2d, Scene3d, view::Bulk};
+use gs_io::IccProfile;
 
 pub use self::error::Error;
 use self::{
@@ -77,6 +79,8 @@ pub enum Viewed<'a> {
         width: u32,
         /// Rows of that image.
         height: u32,
+        /// Profile of the scene's colours; `None` for sRGB. Frames are converted to sRGB.
+        profile: Option<&'a IccProfile>,
     },
     /// A 3D scene.
     ThreeD {
@@ -123,9 +127,9 @@ pub fn view(scene: Viewed<'_>, rasterizer: &AnyRasterizer, options: Options) -> 
         Subject { name, gaussians, sh_degree, machine }
     };
     match scene {
-        Viewed::TwoD { scene, width, height } => {
+        Viewed::TwoD { scene, width, height, profile } => {
             let session = Session::new(CanvasNavigator::new(width, height), settings);
-            window::show(rasterizer, scene, subject(scene.len(), 0), session, size)
+            window::show(rasterizer, (scene, profile), subject(scene.len(), 0), session, size)
         }
         Viewed::ThreeD { scene, camera, target, up } => {
             let bulk = Bulk::of(scene).ok_or(Error::NothingVisible)?;
@@ -133,7 +137,7 @@ pub fn view(scene: Viewed<'_>, rasterizer: &AnyRasterizer, options: Options) -> 
             let depth = camera.to_camera(target).z;
             let distance = if depth > 0.0 { depth } else { bulk.radius };
             let session = Session::new(CameraNavigator::new(&camera, distance, up, bulk), settings);
-            window::show(rasterizer, scene, subject(scene.len(), scene.sh_degree), session, size)
+            window::show(rasterizer, (scene, None), subject(scene.len(), scene.sh_degree), session, size)
         }
     }
 }

@@ -8,6 +8,7 @@ use std::{
 
 use gs_backend::{AnyRasterizer, FutureExt as _};
 use gs_core::{Camera, Canvas, Parameterization, Rasterizer, RenderSettings, Scene};
+use gs_io::IccProfile;
 
 use crate::{error::Error, pixels::Picture};
 
@@ -81,6 +82,8 @@ pub(crate) struct Frame {
 pub(crate) struct Renderer<'a, S: Scene, A> {
     /// The scene.
     pub(crate) scene: &'a S,
+    /// The profile of its colours; `None` for sRGB.
+    pub(crate) profile: Option<&'a IccProfile>,
     /// The requests.
     pub(crate) requests: Receiver<Request<S::View>>,
     /// Takes an answer; false if nobody wants more.
@@ -101,7 +104,10 @@ where
             let start = Instant::now();
             let pass =
                 rasterizer.forward(splats, &request.view.resized(width, height), &request.settings).block_on()?;
-            let image = Rasterizer::<S>::image(rasterizer, &pass).block_on()?;
+            let mut image = Rasterizer::<S>::image(rasterizer, &pass).block_on()?;
+            if let Some(profile) = self.profile {
+                profile.to_srgb(&mut image);
+            }
             let took = start.elapsed();
             Ok(Frame { picture: Picture::of(&image), took })
         };

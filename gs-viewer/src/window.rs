@@ -14,6 +14,7 @@ use std::{
 use glam::Vec2;
 use gs_backend::AnyRasterizer;
 use gs_core::{Rasterizer, Scene};
+use gs_io::IccProfile;
 use softbuffer::{Context, SoftBufferError, Surface};
 use winit::{
     application::ApplicationHandler,
@@ -44,7 +45,7 @@ const NOTCH_PX: f64 = 40.0;
 /// Where there is no display, the window cannot be opened or drawn to, or the backend fails.
 pub(crate) fn show<S, N>(
     rasterizer: &AnyRasterizer,
-    scene: &S,
+    (scene, profile): (&S, Option<&IccProfile>),
     subject: Subject,
     session: Session<N>,
     size: (u32, u32),
@@ -59,7 +60,8 @@ where
     let context = Context::new(events.owned_display_handle()).map_err(unusable)?;
     let (requests, received) = mpsc::channel();
     let proxy = events.create_proxy();
-    let renderer = Renderer { scene, requests: received, answer: move |answer| proxy.send_event(answer).is_ok() };
+    let answer = move |answer| proxy.send_event(answer).is_ok();
+    let renderer = Renderer { scene, profile, requests: received, answer };
     let writer = Writer::new(1.0);
     thread::scope(|scope| {
         scope.spawn(move || renderer.run(rasterizer));

@@ -219,7 +219,8 @@ impl Fit {
             "scene" => {
                 let (width, height) = target.size();
                 let scene = self.trainer.scene().await.map_err(failure)?;
-                encode_2d(&File2d { scene, width, height, settings: self.trainer.shown() }).map_err(failure)
+                let settings = self.trainer.shown();
+                encode_2d(&File2d { scene, width, height, settings, profile: None }).map_err(failure)
             }
             "gsi" => {
                 let settings = EncodeSettings::default().with(|s| s.target = EncodeTarget::Quality(50));

@@ -203,7 +203,11 @@ impl View {
                 Rasterizer::<Scene3d>::draw(self.on, splats, &camera, &settings).await
             }
         };
-        Ok(drawn.map_err(failure)?.0)
+        let (image, _) = drawn.map_err(failure)?;
+        Ok(match &self.shown {
+            Shown::TwoD { file, .. } => file.in_srgb(image),
+            Shown::ThreeD { .. } => image,
+        })
     }
 }
 

@@ -7,27 +7,26 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use gs_backend::{Chosen, FutureExt as _};
 use gs_core::{Blend, RenderSettings, counted};
-use gs_io::{GSI_EXTENSION, Inputs, write_durably};
-use gs_train::{EncodeSettings, EncodeTarget, Encoded, encode};
+use gs_io::{GSI_EXTENSION, IccProfile, Inputs, StoredImage, read_stored_image, write_durably};
+use gs_train::{EncodeLayers, EncodeSettings, EncodeTarget, Encoded, encode};
 use serde::Serialize;
 
 use crate::{
     backend::BackendArgs,
     failure::Failure,
-    image_fit::{
-        Target,
-        batch::{self, BatchImage, Done, Row},
-    },
+    image_fit::batch::{self, BatchImage, Done, Row},
     memory::{self, Need},
-    output,
+    output::{self, printable},
     output_folder::{self, OutputFolder, OverwriteArgs},
     values::{Bytes, Color, positive, whole},
 };
 
 const AFTER_HELP: &str = "\
 gs decode FILE.gsi -o PNG makes a picture of the file, of any size; gs view shows it, and all other \
-commands that take a 2D scene read it. The PSNR is that of the decoded 8-bit picture. Transparent \
-pixels are encoded as they look on white or on --background.
+commands that take a 2D scene read it. The PSNR is that of the decoded 8-bit picture. Alpha is kept, \
+and so is an ICC profile of RGB by a matrix and curves, such as Display P3; colours of other profiles \
+are converted to sRGB. The PSNR of a transparent image is that of its premultiplied colours and its \
+alpha.
 
 With several images, or a folder, OUTPUT is a folder, made if necessary: photo.jpg becomes \
 OUTPUT/photo.gsi. Of a folder, its images are taken, without folders in it. Small images are encoded \
@@ -49,13 +48,17 @@ pub(crate) struct EncodeArgs {
     overwrite: OverwriteArgs,
     /// Let the first third of the file show the picture nearly as well as a file of that size; the whole
     /// is about 1.4 dB worse
-    #[arg(long)]
+    #[arg(long, conflicts_with = "preview")]
     progressive: bool,
+    /// Let the first 300 bytes of the file show a coarse picture
+    #[arg(long)]
+    preview: bool,
     /// Also write a page beside each file, photo.html beside photo.gsi: the image, the result, its
     /// errors, and files of other formats of the same size
     #[arg(long)]
     page: bool,
-    /// Colour behind transparent pixels: R,G,B from 0 to 1, black or white [default: white]
+    /// Put transparent pixels on this colour of the image's colour space, instead of keeping alpha: R,G,B
+    /// from 0 to 1, black or white
     #[arg(long, value_name = "R,G,B")]
     background: Option<Color>,
     /// Memory to take at most: larger images are encoded in bands
@@ -115,6 +118,10 @@ struct Summary {
     /// Bits per pixel.
     bpp: f64,
     gaussians: usize,
+    /// Whether the file has alpha.
+    alpha: bool,
+    /// Name of its ICC profile; `null` for sRGB.
+    profile: Option<String>,
     /// PSNR of the decoded 8-bit picture against the image, dB.
     psnr: f64,
     seconds: f64,
@@ -139,7 +146,7 @@ pub(crate) fn run(args: &EncodeArgs) -> Result<(), Failure> {
 
 fn run_one(args: &EncodeArgs, image: &Path) -> Result<(), Failure> {
     let work = Work::read(args, image)?;
-    work.target.remarks.iter().for_each(output::note);
+    work.image.remarks.iter().for_each(|remark| output::note(printable(&format!("note: {remark}"))));
     output_folder::check_file(&args.output, [image])?;
     if args.page {
         page::check(&args.output, image, args.overwrite)?;
@@ -150,16 +157,18 @@ fn run_one(args: &EncodeArgs, image: &Path) -> Result<(), Failure> {
     let summary = work.write(&backend, &args.output)?;
     if args.page {
         let page = page::path(&args.output);
-        page::write(&backend, &work.target, &summary, &args.output, &page)?;
+        page::write(&backend, &work, &summary, &args.output, &page)?;
         output::note(format_args!("see {}", page.display()));
     }
     if args.json {
         return output::json(&summary);
     }
-    let Summary { written, width, height, bytes, bpp, gaussians, psnr, seconds, .. } = summary;
+    let Summary { written, width, height, bytes, bpp, gaussians, alpha, profile, psnr, seconds, .. } = summary;
+    let alpha = if alpha { ", with alpha" } else { "" };
+    let profile = profile.map_or_else(String::new, |name| format!("\nprofile    {}", printable(&name)));
     output::result(format_args!(
         "wrote      {written}, {} ({bpp:.3} bits per pixel of {width}x{height} px)\n\
-         holds      {}\nPSNR       {psnr:.2} dB of the decoded picture\ntime       {seconds:.1} s",
+         holds      {}{alpha}{profile}\nPSNR       {psnr:.2} dB of the decoded picture\ntime       {seconds:.1} s",
         counted(bytes, "byte"),
         counted(gaussians, "Gaussian"),
     ))
@@ -179,13 +188,14 @@ fn run_several(args: &EncodeArgs, images: &[BatchImage]) -> Result<(), Failure> 
     let how = "stopping after the images under way";
     batch::run(images, (&args.backend, &render), args.json, how, peak, |image, on, _| {
         let work = Work::read(args, &image.file)?;
-        let named = |remark| output::note(format_args!("{}: {remark}", batch::shown(&image.file)));
-        work.target.remarks.iter().for_each(named);
+        let shown = batch::shown(&image.file);
+        let named = |remark| output::note(printable(&format!("{shown}: note: {remark}")));
+        work.image.remarks.iter().for_each(named);
         work.need().check()?;
         let file = folder.file(&name(image));
         let summary = work.write(on, &file)?;
         if args.page {
-            page::write(on, &work.target, &summary, &file, &folder.file(&page_name(image)))?;
+            page::write(on, &work, &summary, &file, &folder.file(&page_name(image)))?;
         }
         let Summary { width, height, bytes, gaussians, psnr, seconds, .. } = summary;
         let row = Row { size: (width, height), bytes: bytes as u64, gaussians, psnr, seconds };
@@ -194,38 +204,54 @@ fn run_several(args: &EncodeArgs, images: &[BatchImage]) -> Result<(), Failure> 
 }
 
 /// An image to encode.
-struct Work {
-    target: Target,
+struct Work<'a> {
+    file: &'a Path,
+    image: StoredImage,
     settings: EncodeSettings,
 }
 
-impl Work {
-    fn read(args: &EncodeArgs, image: &Path) -> Result<Self, Failure> {
-        memory::check_image(image)?;
-        let target = Target::read(Some(image), args.background)?;
-        let size = target.image.size();
+impl<'a> Work<'a> {
+    fn read(args: &EncodeArgs, file: &'a Path) -> Result<Self, Failure> {
+        memory::check_image(file)?;
+        let mut image = read_stored_image(file)?;
+        if let Some(behind) = args.background {
+            image = image.on(behind.0);
+        }
+        let size = image.image.size();
         let settings = args.settings(size);
         settings.validate()?;
-        Ok(Self { target, settings })
+        Ok(Self { file, image, settings })
     }
 
     /// The memory that encoding takes.
     fn need(&self) -> Need<'static> {
-        let (size, held) = (self.target.image.size(), size_of_val(self.target.image.pixels()) as u64);
-        let what = format!("encoding {}", self.target.name());
-        let bytes = gs_train::memory::encoding(size, self.settings.memory);
+        let image = &self.image.image;
+        let what = format!("encoding {}", batch::shown(self.file));
+        let held = size_of_val(image.pixels()) as u64;
+        let bytes = gs_train::memory::encoding(image.size(), self.settings.memory);
         Need { what, bytes, held, less: "give less with --memory" }
     }
 
     /// Encodes the image and writes the file.
     fn write(&self, on: &Chosen, path: &Path) -> Result<Summary, Failure> {
-        let (width, height) = self.target.image.size();
+        let StoredImage { image, alpha, profile, .. } = &self.image;
+        let (width, height) = image.size();
         let Encoded { bytes, gaussians, psnr, seconds, .. } =
-            encode(&on.rasterizer, &self.target.image, &self.settings).block_on()?;
+            encode(&on.rasterizer, &self.image, &self.settings).block_on()?;
         write_durably(path, |file| file.write_all(&bytes))?;
-        let bpp = bytes.len() as f64 * 8.0 / (f64::from(width) * f64::from(height));
-        let (image, written) = (self.target.name(), path.display().to_string());
-        Ok(Summary { image, written, width, height, bytes: bytes.len(), bpp, gaussians, psnr, seconds })
+        Ok(Summary {
+            image: batch::shown(self.file),
+            written: path.display().to_string(),
+            width,
+            height,
+            bytes: bytes.len(),
+            bpp: bytes.len() as f64 * 8.0 / (f64::from(width) * f64::from(height)),
+            gaussians,
+            alpha: alpha.is_some(),
+            profile: profile.as_ref().map(IccProfile::name),
+            psnr,
+            seconds,
+        })
     }
 }
 
@@ -233,7 +259,11 @@ impl EncodeArgs {
     fn settings(&self, size: (u32, u32)) -> EncodeSettings {
         EncodeSettings::default().with(|s| {
             s.target = self.target.of_image(size);
-            s.progressive = self.progressive;
+            s.layers = match (self.progressive, self.preview) {
+                (true, _) => EncodeLayers::Progressive,
+                (_, true) => EncodeLayers::Preview,
+                _ => EncodeLayers::One,
+            };
             s.memory = self.memory.0;
             s.seed = self.seed;
         })

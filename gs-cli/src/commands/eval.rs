@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use gs_backend::FutureExt as _;
-use gs_core::{Canvas, Image, Rasterizer as _, Scene as _, counted};
-use gs_io::{AnyScene, File2d, File3d, ImageRemark, LoadedImage, dataset::may_be_dataset};
+use gs_core::{Canvas, Image, Scene as _, counted};
+use gs_io::{AnyScene, File2d, File3d, GsiFile, ImageRemark, LoadedImage, dataset::may_be_dataset, is_gsi, read_gsi};
 use gs_train::{
-    ImageQuality,
+    ImageQuality, draw_picture,
     train::{ColorMatched, ViewQuality, Views, evaluate},
 };
 use serde::Serialize;
@@ -53,9 +53,11 @@ struct Comparison {
 
 /// Compares two images, or evaluates a scene.
 pub(crate) fn run(args: &EvalArgs) -> Result<(), Failure> {
-    let (a, b) = match scene::read_if_any(&args.a)? {
+    let scene = if is_gsi(&args.a) { None } else { scene::read_if_any(&args.a)? };
+    let (a, b) = match scene {
         Some(AnyScene::ThreeD(file)) => return evaluate_3d(args, &file),
-        Some(AnyScene::TwoD(file)) => rendered(args, &file)?,
+        Some(AnyScene::TwoD(file)) => rendered(args, &(*file).into())?,
+        None if is_gsi(&args.a) => rendered(args, &read_gsi(&args.a)?)?,
         // An image has no views: the reader of scenes says that it is not a scene.
         None if may_be_dataset(&args.b) => return evaluate_3d(args, &scene::read_3d(&args.a)?),
         None => (read(&args.a)?, read(&args.b)?),
@@ -87,18 +89,19 @@ fn read(path: &Path) -> Result<Image, Failure> {
     Ok(image)
 }
 
-/// A 2D scene rendered at its own size in 8 bits, and the image to compare it with.
-fn rendered(args: &EvalArgs, file: &File2d) -> Result<(Image, Image), Failure> {
+/// A 2D scene rendered at its own size in 8 bits, as an image with its alpha and its profile is read,
+/// and the image to compare it with.
+fn rendered(args: &EvalArgs, picture: &GsiFile) -> Result<(Image, Image), Failure> {
     if may_be_dataset(&args.b) || args.render.is_some() {
         let message = "is a 2D scene, which is compared with an image, and has no order or background to choose";
         return Err(Failure::usage(message).at(args.a.display()).hint("gs eval SCENE IMAGE"));
     }
     let image = read(&args.b)?;
-    memory::check_picture(args.a.display(), (file.width, file.height))?;
-    let File2d { scene, width, height, settings } = file;
+    let File2d { width, height, .. } = picture.colors;
+    memory::check_picture(args.a.display(), (width, height))?;
     let backend = args.backend.open()?;
-    let rendering = backend.rasterizer.render(scene, &Canvas::new(*width, *height), settings).block_on()?;
-    Ok((rendering.rounded_to_8_bits(), image))
+    let drawn = draw_picture(&backend.rasterizer, picture, &Canvas::new(width, height)).block_on()?;
+    Ok((drawn.shown(), image))
 }
 
 /// Evaluates a scene with the test views of a data set, or with all views if none is held out.

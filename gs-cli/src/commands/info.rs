@@ -9,7 +9,7 @@ use std::{collections::BTreeMap, fmt::Write, path::PathBuf};
 use clap::Args;
 use gs_core::{RenderSettings, Scene, Scene2d, ValueQuantiles, counted, sigmoid};
 use gs_io::{
-    AnyScene, SceneFile, Values,
+    AnyScene, IccProfile, SceneFile, Values,
     dataset::{may_be_dataset, read_dataset},
     scene_in,
 };
@@ -53,6 +53,10 @@ struct Info {
     height: Option<u32>,
     /// How the scene is rendered.
     render: Option<RenderSettings>,
+    /// Whether the file has alpha; the scene is the picture on white then.
+    alpha: bool,
+    /// ICC profile of the colours; `null` for sRGB.
+    profile: Option<Profile>,
     /// Ranges of the finite values, by parameter.
     ranges: BTreeMap<&'static str, Range>,
     /// Gaussians with a parameter that is NaN or infinite (an opacity of exactly 0 or 1 is
@@ -60,6 +64,19 @@ struct Info {
     not_finite: usize,
     /// The metadata of a checkpoint.
     metadata: BTreeMap<String, String>,
+}
+
+/// An ICC profile.
+#[derive(Debug, Serialize)]
+struct Profile {
+    name: String,
+    bytes: usize,
+}
+
+impl From<&IccProfile> for Profile {
+    fn from(profile: &IccProfile) -> Self {
+        Self { name: profile.name(), bytes: profile.bytes().len() }
+    }
 }
 
 #[derive(Debug, Clone, Copy, Serialize)]
@@ -89,7 +106,7 @@ pub(crate) fn run(args: &InfoArgs) -> Result<(), Failure> {
             dataset => return dataset::print(&dataset?, format),
         }
     }
-    let SceneFile { path, scene, metadata, .. } = scene::read(file, Values::Any)?;
+    let SceneFile { path, scene, metadata, has_alpha, .. } = scene::read(file, Values::Any)?;
     let scene_2d = match scene {
         AnyScene::ThreeD(file) => return scene3d::print(*file, metadata, format),
         AnyScene::TwoD(scene_2d) => scene_2d,
@@ -103,6 +120,8 @@ pub(crate) fn run(args: &InfoArgs) -> Result<(), Failure> {
         width: Some(scene_2d.width),
         height: Some(scene_2d.height),
         render: Some(scene_2d.settings),
+        alpha: has_alpha,
+        profile: scene_2d.profile.as_ref().map(Profile::from),
         metadata: metadata.unwrap_or_default(),
         ..Info::of(kind, bytes, &scene_2d.scene)
     };
@@ -137,6 +156,8 @@ impl Info {
             width: None,
             height: None,
             render: None,
+            alpha: false,
+            profile: None,
             ranges,
             not_finite: scene.not_finite(),
             metadata: BTreeMap::new(),
@@ -164,6 +185,12 @@ fn text(info: &Info) -> String {
     if let Some(render) = &info.render {
         rows.push(("blend", render.effects.blend.name().to_owned()));
         rows.push(("background", format!("{:?}", render.background_color())));
+    }
+    if info.alpha {
+        rows.push(("alpha", "yes; the values here are those of the picture on white".to_owned()));
+    }
+    if let Some(Profile { name, bytes }) = &info.profile {
+        rows.push(("profile", format!("{}, {}", printable(name), counted(*bytes, "byte"))));
     }
     rows.push(("not finite", info.not_finite.to_string()));
     let mut text = String::new();

@@ -91,7 +91,8 @@ mod window {
         let size = size(args, file.width, file.height)?;
         let backend = args.backend.open()?;
         let RequiredEffects { settings, .. } = args.effects.choose(&file.scene, &[], &file.settings)?;
-        let viewed = Viewed::TwoD { scene: &file.scene, width: file.width, height: file.height };
+        let File2d { scene, width, height, profile, .. } = file;
+        let viewed = Viewed::TwoD { scene, width: *width, height: *height, profile: profile.as_ref() };
         view(viewed, &backend.rasterizer, Options::new(name(args), size, settings)).map_err(failure)
     }
 

@@ -2,7 +2,7 @@
 //! take an image in place of a scene.
 
 pub(crate) mod batch;
-mod target;
+pub(crate) mod target;
 
 use std::path::PathBuf;
 

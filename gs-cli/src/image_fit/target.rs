@@ -6,6 +6,7 @@ use gs_core::Image;
 use gs_io::{AlphaMode, Transparency, read_image_with};
 use gs_train::{Preset, paper_target};
 
+use super::batch::shown;
 use crate::{
     failure::Failure,
     output::{self, printable},
@@ -65,15 +66,16 @@ impl Target {
 
     /// The name for titles: that of the file, without folders.
     pub(crate) fn title(&self) -> String {
-        let name = self.file.as_deref().and_then(Path::file_name).map(|name| name.to_string_lossy().into_owned());
-        name.unwrap_or_else(|| self.name())
+        self.file.as_deref().map_or_else(|| self.name(), title)
     }
 
     /// The name for messages.
     pub(crate) fn name(&self) -> String {
-        match &self.file {
-            Some(file) => printable(&file.display().to_string()).into_owned(),
-            None => "circle and square".to_owned(),
-        }
+        self.file.as_deref().map_or_else(|| "circle and square".to_owned(), shown)
     }
+}
+
+/// The name of an image's file for titles: without folders.
+pub(crate) fn title(file: &Path) -> String {
+    file.file_name().map_or_else(|| shown(file), |name| name.to_string_lossy().into_owned())
 }

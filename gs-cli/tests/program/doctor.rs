@@ -106,7 +106,7 @@ fn a_2d_scene_is_mended_too() {
     };
     let marked = 77.125_f32;
     let scene: Scene2d = [1.0, 2.0, marked, 4.0, 4.0].map(gaussian).into_iter().collect();
-    let file = gs_io::File2d { scene, width: 8, height: 8, settings: Default::default() };
+    let file = gs_io::File2d { scene, width: 8, height: 8, ..Default::default() };
     gs_io::write_2d(&path, &file).unwrap();
     let mut bytes = fs::read(&path).unwrap();
     let at = bytes.windows(4).position(|word| word == marked.to_le_bytes()).unwrap();

@@ -4,7 +4,7 @@
 
 use std::{ffi::OsStr, fs, process::Command};
 
-use gs_core::{Blend, Image, RenderSettings, Scene2d};
+use gs_core::{Blend, Image, RenderSettings};
 use gs_train::FitSettings;
 
 use crate::{
@@ -30,7 +30,7 @@ fn files_that_claim_more_memory_than_there_is_are_refused() {
     let (image, scene) = (place.path().join("large.png"), place.path().join("small.gs2d.safetensors"));
     fs::write(&image, png_without_pixels(16_384, 16_384)).unwrap();
     let (width, height, settings) = (16_384, 16_384, RenderSettings::blended(Blend::Sum));
-    gs_io::write_2d(&scene, &gs_io::File2d { scene: Scene2d::default(), width, height, settings }).unwrap();
+    gs_io::write_2d(&scene, &gs_io::File2d { width, height, settings, ..Default::default() }).unwrap();
     let (image, scene) = (text(&image), text(&scene));
     let output = place.path().join("out");
 

@@ -209,23 +209,3 @@ fn a_checkpoint_of_a_training_is_a_scene() {
     let run = gs(small(&dataset, &again).into_iter().chain(["--start", text(&stopped), "--no-report"])).done();
     assert!(run.stderr.contains("from the Gaussians of "), "{run:?}");
 }
-
-#[test]
-fn a_truncated_gsi_file_is_refused_or_shown_as_far_as_it_goes() {
-    let place = folder();
-    let (image, file, cut) = (picture(place.path(), 64, 48), place.path().join("a.gsi"), place.path().join("cut.gsi"));
-    let flags = ["--bytes", "900", "--progressive", "--backend", "cpu"];
-    gs(["encode", text(&image), "-o", text(&file)].into_iter().chain(flags)).done();
-    let bytes = fs::read(&file).unwrap();
-    fs::write(&cut, &bytes[..bytes.len() / 2]).unwrap();
-    let png = place.path().join("cut.png");
-    let decode = ["decode", text(&cut), "-o", text(&png), "--backend", "cpu"];
-    let refused = gs(decode);
-    assert!(refused.refusal().contains("--partial") && !png.exists(), "{}", refused.stderr);
-    let shown = gs(decode.into_iter().chain(["--partial"])).done();
-    assert!(shown.stderr.contains("truncated") && shown.stderr.contains("1 of 2 layers"), "{}", shown.stderr);
-    let psnr = metrics::psnr(&read(&png), &read(&image)).unwrap();
-    assert!(psnr > 20.0, "{psnr} dB");
-    let other = gs(["decode", text(&image), "-o", text(&png), "--partial"]);
-    assert!(other.refusal().contains("not a .gsi file"), "{}", other.stderr);
-}

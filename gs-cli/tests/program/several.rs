@@ -68,6 +68,7 @@ fn what_would_fail_for_all_images_fails_before_the_first() {
         refused(&[command, &empty, &photos], 1, &["empty: there is no image in this folder"]);
     }
     refused(&["encode", &photos, "--psnr", "5"], 2, &["the PSNR", "10 to 60 dB"]);
+    refused(&["encode", &large, "--progressive", "--preview"], 2, &["cannot be used with"]);
     refused(&["encode", &large], 2, &["a compressed image is written as .gsi"]);
     refused(&["fit", &photos, "--resume", &large], 2, &["--resume: names the checkpoint of one fit"]);
     refused(&["fit", &photos, "--checkpoint", "state"], 2, &["--checkpoint: names the checkpoint of one fit"]);

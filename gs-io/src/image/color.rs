@@ -10,7 +10,7 @@ use moxcms::{
     RenderingIntent, ToneReprCurve, TransformF32Executor, TransformOptions, XyY,
 };
 
-use super::ImageRemark;
+use super::{IccProfile, ImageRemark};
 
 /// Largest change of a colour by which a conversion is skipped, so that colours stay bit-identical:
 /// one step of 8 bits. Profiles and conversions are rounded, too.
@@ -19,6 +19,10 @@ const SAME: f32 = 1.0 / 255.0;
 /// Relative tolerance within which a PNG's gamma counts as 1/2.2, that of sRGB: libpng's threshold.
 /// Files have 0.45455.
 const GAMMA_TOLERANCE: f64 = 0.05;
+
+/// Longest profile beside which colours are kept: those of cameras, screens and editors have less, and
+/// longer ones weigh too much in a small file.
+const MOST_KEPT_BYTES: usize = 4096;
 
 /// Pixels per call of the conversion.
 const CHUNK: usize = 4096;
@@ -48,6 +52,8 @@ pub(super) struct Conversion {
     /// Whether the input is grey.
     grey: bool,
     from: String,
+    /// The profile, if colours can be kept as they are beside it.
+    profile: Option<IccProfile>,
 }
 
 impl Colors {
@@ -58,7 +64,7 @@ impl Colors {
             return colors.clone();
         }
         let colors = match ColorProfile::new_from_slice(icc) {
-            Ok(profile) => Self::of(&profile, name_of(&profile)),
+            Ok(profile) => Self::of(&profile, name_of(&profile)).beside(icc, &profile),
             Err(error) => Self::Ignored(format!("the file has a colour profile, which is damaged ({error})")),
         };
         *last = Some((icc.to_vec(), colors.clone()));
@@ -137,12 +143,33 @@ impl Colors {
         let Some(transform) = transform else {
             return Self::Ignored(format!("the file has {name}, which cannot be converted"));
         };
-        let conversion = Conversion { transform, grey: layout == Layout::Gray, from: name };
+        let conversion = Conversion { transform, grey: layout == Layout::Gray, from: name, profile: None };
         let probes = probes(conversion.grey);
         let mut converted = probes.clone();
         conversion.apply(&mut converted);
         let differences = probes.as_flattened().iter().zip(converted.as_flattened()).map(|(a, b)| (a - b).abs());
         if differences.fold(0.0, f32::max) <= SAME { Self::AsStored } else { Self::Converted(conversion) }
+    }
+
+    /// These colours, which a file may keep beside their profile if that is a matrix and curves.
+    fn beside(mut self, icc: &[u8], profile: &ColorProfile) -> Self {
+        if let Self::Converted(conversion) = &mut self
+            && profile.is_matrix_shaper()
+            && profile.lut_a_to_b_perceptual.is_none()
+            && profile.lut_a_to_b_colorimetric.is_none()
+            && profile.lut_a_to_b_saturation.is_none()
+        {
+            conversion.profile = IccProfile::new(icc).filter(|icc| icc.bytes().len() <= MOST_KEPT_BYTES);
+        }
+        self
+    }
+
+    /// The profile beside which the colours can be kept as they are.
+    pub(super) fn profile(&self) -> Option<&IccProfile> {
+        match self {
+            Self::Converted(conversion) => conversion.profile.as_ref(),
+            Self::AsStored | Self::Ignored(_) => None,
+        }
     }
 
     /// Converts pixels to sRGB. Colours outside sRGB are clamped, channel by channel.
@@ -192,14 +219,21 @@ fn probes(grey: bool) -> Vec<[f32; 3]> {
     greys.chain(cube).collect()
 }
 
-/// The name in a profile.
+/// What messages call a profile.
 fn name_of(profile: &ColorProfile) -> String {
-    let name = match &profile.description {
-        Some(ProfileText::PlainString(text)) => text.as_str(),
-        Some(ProfileText::Localizable(texts)) => texts.first().map_or("", |text| text.value.as_str()),
-        Some(ProfileText::Description(text)) => text.ascii_string.as_str(),
-        None => "",
+    match title(profile) {
+        Some(title) => format!("the colour profile {title}"),
+        None => "a colour profile without a name".to_owned(),
+    }
+}
+
+/// The name in a profile.
+pub(super) fn title(profile: &ColorProfile) -> Option<String> {
+    let name = match profile.description.as_ref()? {
+        ProfileText::PlainString(text) => text.as_str(),
+        ProfileText::Localizable(texts) => texts.first().map_or("", |text| text.value.as_str()),
+        ProfileText::Description(text) => text.ascii_string.as_str(),
     };
     let name: String = name.trim_matches(['\0', ' ']).chars().take(60).collect();
-    if name.is_empty() { "a colour profile without a name".to_owned() } else { format!("the colour profile {name}") }
+    Some(name).filter(|name| !name.is_empty())
 }

@@ -13,7 +13,9 @@ use image::{
     codecs::tiff::TiffDecoder, metadata::Orientation as Turn,
 };
 
-use super::{Decoded, ImageHeader, ImageRemark, Orientation, color::Colors, kind, whole, wide_tiff::WideTiff};
+use super::{
+    Decoded, IccProfile, ImageHeader, ImageRemark, Orientation, color::Colors, kind, whole, wide_tiff::WideTiff,
+};
 use crate::{atomic::open, error::Error};
 
 /// The most memory a decoder may allocate: an image of the largest size with four 16-bit channels
@@ -37,14 +39,24 @@ pub(crate) fn read_header(path: &Path) -> Result<ImageHeader, Error> {
     Ok(ImageHeader { stored: (width, height), upright, remarks: with_remark(remarks, &colors) })
 }
 
-/// Reads an image, with colour and alpha separate. The formats are those of
+/// Reads an image in sRGB, with colour and alpha separate. The formats are those of
 /// [`read_image_with`](crate::read_image_with).
 pub(crate) fn decode(path: &Path, orientation: Orientation) -> Result<Decoded, Error> {
     let (mut pixels, colors, remarks) = read_pixels(path, orientation)?;
     colors.apply(&mut pixels.colors);
-    let Pixels { width, height, colors: values, alpha, bits_per_channel } = pixels;
-    let image = Image::from_pixels(width, height, values).map_err(Error::content(path))?;
-    Ok(Decoded { image, alpha, bits_per_channel, remarks: with_remark(remarks, &colors) })
+    let remarks = with_remark(remarks, &colors);
+    pixels.decoded(path, None, remarks)
+}
+
+/// Reads an image as it is stored, if it can be kept so beside its profile, or else in sRGB.
+pub(super) fn decode_stored(path: &Path) -> Result<Decoded, Error> {
+    let (mut pixels, colors, mut remarks) = read_pixels(path, Orientation::Exif)?;
+    let profile = colors.profile().cloned();
+    if profile.is_none() {
+        colors.apply(&mut pixels.colors);
+        remarks = with_remark(remarks, &colors);
+    }
+    pixels.decoded(path, profile, remarks)
 }
 
 /// Reads a mask: an image whose values are not colours and stay as stored, without rotation.
@@ -250,6 +262,12 @@ impl Pixels {
         };
         let bits_per_channel = 8 * (color.bytes_per_pixel() / color.channel_count());
         Self { width, height, colors, alpha, bits_per_channel }
+    }
+
+    fn decoded(self, path: &Path, profile: Option<IccProfile>, remarks: Vec<ImageRemark>) -> Result<Decoded, Error> {
+        let Self { width, height, colors, alpha, bits_per_channel } = self;
+        let image = Image::from_pixels(width, height, colors).map_err(Error::content(path))?;
+        Ok(Decoded { image, alpha, profile, bits_per_channel, remarks })
     }
 
     /// Column, row and value of the first pixel that is NaN or infinite.

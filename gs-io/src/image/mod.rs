@@ -1,24 +1,34 @@
 //! Images: read from common formats into `f32`, written as PNG.
 
+mod alpha;
 mod color;
 mod decode;
 mod folder;
 mod kind;
+mod png_file;
+mod profile;
 mod remark;
+mod stored;
 mod whole;
 mod wide_tiff;
 
-use std::{
-    io::{self, Write},
-    path::Path,
+use std::path::Path;
+
+use gs_core::Image;
+
+pub(crate) use self::{
+    alpha::composite,
+    decode::{decode, decode_grey, decode_mask, grey_size, read_header},
 };
-
-use gs_core::{Image, to_8_bits};
-
-pub(crate) use self::decode::{decode, decode_grey, decode_mask, grey_size, read_header};
-
-pub use self::{folder::image_files, remark::ImageRemark};
-use crate::{atomic::write_atomically, error::Error};
+pub use self::{
+    alpha::{premultiplied, straight},
+    folder::image_files,
+    png_file::{PngExtras, png_bytes, png_bytes_with, write_png, write_png_with},
+    profile::IccProfile,
+    remark::ImageRemark,
+    stored::{StoredImage, read_stored_image},
+};
+use crate::error::Error;
 
 /// The meaning of an alpha channel.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -133,6 +143,8 @@ pub(crate) struct Decoded {
     pub(crate) image: Image,
     /// Row-major like the image; `None` without an alpha channel.
     pub(crate) alpha: Option<Vec<f32>>,
+    /// The profile of colours that are not sRGB.
+    pub(crate) profile: Option<IccProfile>,
     /// Bits per channel: 8, 16 or 32.
     pub(crate) bits_per_channel: u8,
     /// What is worth knowing about the file.
@@ -147,51 +159,4 @@ impl Decoded {
         }
         self.image
     }
-}
-
-/// Composites an image over a colour: c·α + behind·(1 − α), in the stored values. `alpha` is
-/// row-major and as long as the image.
-pub(crate) fn composite(image: &mut Image, alpha: &[f32], behind: [f32; 3]) {
-    for (color, &alpha) in image.pixels_mut().iter_mut().zip(alpha).filter(|(_, alpha)| **alpha < 1.0) {
-        *color = std::array::from_fn(|k| color[k] * alpha + behind[k] * (1.0 - alpha));
-    }
-}
-
-/// Writes an 8-bit RGB PNG, atomically. Values are clamped to 0..=1 and rounded to the nearest of
-/// 256 steps; NaN becomes 0.
-///
-/// # Errors
-/// Those of [`write_atomically`].
-pub fn write_png(path: impl AsRef<Path>, image: &Image) -> Result<(), Error> {
-    write_atomically(path, |file| encode_png(image, file))
-}
-
-/// The bytes of the file that [`write_png`] writes.
-pub fn png_bytes(image: &Image) -> Vec<u8> {
-    let mut bytes = Vec::new();
-    encode_png(image, &mut bytes).expect("memory can be written to, and every image has a size that PNG has");
-    bytes
-}
-
-fn encode_png(image: &Image, to: impl Write) -> io::Result<()> {
-    let mut encoder = png::Encoder::new(to, image.width(), image.height());
-    encoder.set_color(png::ColorType::Rgb);
-    encoder.set_depth(png::BitDepth::Eight);
-    encoder.set_compression(png::Compression::Fast);
-    encoder.set_filter(png::Filter::Adaptive);
-    let mut writer = encoder.write_header()?;
-    // Row by row, so that neither the image's bytes nor the compressed ones are in memory as a
-    // whole.
-    let mut stream = writer.stream_writer_with_size(CHUNK_BYTES)?;
-    (0..image.height()).try_for_each(|y| stream.write_all(&bytes_of(image.row(y))))?;
-    stream.finish()?;
-    Ok(writer.finish()?)
-}
-
-/// Bytes that are compressed before they are written.
-const CHUNK_BYTES: usize = 1 << 16;
-
-/// Pixels in 8 bits a channel, as [`write_png`] has them.
-pub(crate) fn bytes_of(pixels: &[[f32; 3]]) -> Vec<u8> {
-    pixels.as_flattened().iter().map(|&value| to_8_bits(value)).collect()
 }

@@ -20,3 +20,13 @@ fn the_corpus_is_read_or_refused() {
         }
     }
 }
+
+#[test]
+fn all_checksums_of_a_compressed_picture_are_set_right() {
+    let damaged = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fuzzed/corpus/gsi/transparent-damaged");
+    let bytes = fs::read(damaged).unwrap();
+    let decode = |bytes: &[u8]| gs_codec::decode(bytes, gs_codec::Extent::Whole);
+    assert!(matches!(decode(&bytes), Err(gs_codec::Error::Checksum { layer: 1 })));
+    let fixed = decode(&targets::with_checksums(&bytes));
+    assert!(!matches!(fixed, Err(gs_codec::Error::Checksum { .. })), "{fixed:?}");
+}

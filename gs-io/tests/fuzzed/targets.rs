@@ -73,8 +73,9 @@ pub fn gltf(bytes: &[u8]) {
 /// makes.
 pub fn gsi(bytes: &[u8]) {
     for extent in [Extent::Whole, Extent::Prefix] {
-        if let Ok(file) = decode_gsi(&with_checksum(bytes), extent) {
-            file.validate().expect("a decoded scene can be drawn");
+        if let Ok(file) = decode_gsi(&with_checksums(bytes), extent) {
+            file.colors.validate().expect("a decoded scene can be drawn");
+            file.on_white().validate().expect("so it can on white");
         }
     }
     if let Err(error) = decode_gsi(bytes, Extent::Whole) {
@@ -82,10 +83,44 @@ pub fn gsi(bytes: &[u8]) {
     }
 }
 
-/// The bytes of a `.gsi` file of one layer with the right checksum at the end.
-fn with_checksum(bytes: &[u8]) -> Vec<u8> {
-    let content = &bytes[..bytes.len().saturating_sub(4)];
-    [content, &crc32fast::hash(content).to_le_bytes()].concat()
+/// The bytes of a `.gsi` file with the right checksums.
+pub fn with_checksums(bytes: &[u8]) -> Vec<u8> {
+    let mut fixed = bytes.to_vec();
+    let mut end = gsi_header(bytes);
+    while let Some(place) = end.filter(|&end| end + 4 <= fixed.len()) {
+        let checksum = crc32fast::hash(&fixed[..place]).to_le_bytes();
+        fixed[place..place + 4].copy_from_slice(&checksum);
+        end = layer_end(&fixed, place + 4);
+    }
+    fixed
+}
+
+/// Where the checksum of the first layer is.
+fn gsi_header(bytes: &[u8]) -> Option<usize> {
+    let flags = *bytes.get(5)?;
+    let mut place = if flags & 1 != 0 { 16 } else { 14 };
+    if flags & 2 != 0 {
+        place += 2 + usize::from(u16::from_le_bytes([*bytes.get(place)?, *bytes.get(place + 1)?]));
+    }
+    layer_end(bytes, place)
+}
+
+/// Where the checksum of a layer that begins here is.
+fn layer_end(bytes: &[u8], mut place: usize) -> Option<usize> {
+    let mut number = || {
+        let mut number = 0;
+        for shift in [0, 7, 14, 21] {
+            let byte = *bytes.get(place)?;
+            place += 1;
+            number |= usize::from(byte & 127) << shift;
+            if byte < 128 {
+                break;
+            }
+        }
+        Some(number)
+    };
+    let [_, length, ..] = [number()?, number()?, number()?, number()?];
+    Some(place + 7 + length)
 }
 
 /// COLMAP's binary models: the lengths of `cameras.bin` and `images.bin`, two bytes each, then both

@@ -13,7 +13,7 @@ const CICP: ChunkType = ChunkType(*b"cICP");
 const CHRM: ChunkType = ChunkType(*b"cHRM");
 
 /// All hues, from black to white.
-fn hues() -> ImageBuffer<image::Rgb<u8>, Vec<u8>> {
+pub(super) fn hues() -> ImageBuffer<image::Rgb<u8>, Vec<u8>> {
     ImageBuffer::from_fn(16, 16, |x, y| image::Rgb([(17 * x) as u8, (17 * y) as u8, (255 - 15 * x - y) as u8]))
 }
 
@@ -30,7 +30,7 @@ fn png_with(chunks: &[(ChunkType, &[u8])]) -> Vec<u8> {
 }
 
 /// The hues as a PNG with an ICC profile.
-fn png_in(profile: &[u8]) -> Vec<u8> {
+pub(super) fn png_in(profile: &[u8]) -> Vec<u8> {
     let mut bytes = Vec::new();
     let mut encoder = codecs::png::PngEncoder::new(&mut bytes);
     encoder.set_icc_profile(profile.to_vec()).unwrap();

@@ -2,6 +2,7 @@
 
 mod colors;
 mod kinds;
+mod stored;
 
 use std::{
     fs,

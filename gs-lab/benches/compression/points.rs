@@ -131,7 +131,7 @@ impl Points {
 
 /// The picture of a file, not rounded.
 pub(crate) fn rendered(rasterizer: &CpuRasterizer, bytes: &[u8], extent: Extent) -> Result<Image, Box<dyn Error>> {
-    let file = decode_gsi(bytes, extent)?;
+    let file = decode_gsi(bytes, extent)?.colors;
     let canvas = Canvas::new(file.width, file.height);
     Ok(rasterizer.render(&file.scene, &canvas, &file.settings).block_on()?)
 }

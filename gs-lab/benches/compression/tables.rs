@@ -5,7 +5,7 @@ use std::error::Error;
 use gs_codec::Extent;
 use gs_cpu::CpuRasterizer;
 use gs_lab::compression::CODECS;
-use gs_train::{EncodeSettings, EncodeTarget, Encoded, encode, l1_and_psnr};
+use gs_train::{EncodeLayers, EncodeSettings, EncodeTarget, Encoded, encode, l1_and_psnr};
 use pollster::FutureExt as _;
 
 use crate::{
@@ -139,7 +139,7 @@ pub(crate) fn prefixes(points: &Points, rasterizer: &CpuRasterizer, sets: &[Set]
         let pixels = image.image.pixels().len() as f64;
         let settings = EncodeSettings::default().with(|s| {
             s.target = EncodeTarget::Bytes((PROGRESSIVE * pixels / 8.0) as u64);
-            s.progressive = true;
+            s.layers = EncodeLayers::Progressive;
         });
         let Encoded { bytes, seconds, .. } = encode(rasterizer, &image.image, &settings).block_on()?;
         let curve = points.curve(&image.name, OURS, Measure::Psnr);

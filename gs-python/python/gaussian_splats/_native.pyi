@@ -138,6 +138,13 @@ class Scene2d:
     @property
     def size(self) -> tuple[int, int] | None:
         """Columns and rows of the image that the scene was made for, where they are known."""
+    @property
+    def profile(self) -> bytes | None:
+        """ICC profile of the colours, which renderings have, too; ``None`` for sRGB.
+
+        Pass it on with an image, as in Pillow's
+        ``Image.fromarray(array).save("photo.png", icc_profile=scene.profile)``.
+        """
     def save(self, path: Path, size: tuple[int, int] | None = None) -> None:
         """Write the scene to a file.
 
@@ -300,18 +307,21 @@ def encode(
     bytes: int | None = None,
     bpp: float | None = None,
     progressive: bool = False,
+    preview: bool = False,
     seed: int = 0,
     backend: BackendChoice = None,
 ) -> Encoded:
     """Compress an image into a ``.gsi`` file, as ``gs encode`` does.
 
-    :param image: a file, or an array of shape (H, W, 3), float32 with 0 to 1 or uint8.
+    :param image: a file, or an array of shape (H, W, 3) or, with alpha, (H, W, 4), float32 with 0 to 1
+        or uint8. Of a file, alpha and the ICC profile are kept as ``gs encode`` keeps them.
     :param quality: 1 (small file) to 100 (best image); 50 where no target is given.
     :param psnr: the smallest file with at least this PSNR, 10 to 60 dB.
     :param bytes: the best image in at most so many bytes.
     :param bpp: the same in bits per pixel.
     :param progressive: let the first third of the file show the picture nearly as well as a file of
         that size; the whole is about 1.4 dB worse.
+    :param preview: let the first 300 bytes show a coarse picture.
     :param seed: seed of all random numbers.
 
     Ctrl-C raises ``KeyboardInterrupt`` when the file is done, not before.
@@ -322,6 +332,25 @@ def encode(
 def decode(data: bytes, *, partial: bool = False) -> Scene2d:
     """The scene of the bytes of a ``.gsi`` file; :func:`render` makes an image of it.
 
+    A transparent picture becomes a scene on white; :func:`decode_image` keeps its alpha.
+
+    :param partial: decode truncated data as far as they go.
+    :raises ValueError: for data that are damaged, or truncated without ``partial``.
+    """
+
+def decode_image(
+    data: bytes,
+    *,
+    size: tuple[int, int] | None = None,
+    partial: bool = False,
+    backend: BackendChoice = None,
+) -> npt.NDArray[np.uint8]:
+    """The picture of the bytes of a ``.gsi`` file: (H, W, 3), or (H, W, 4) with alpha.
+
+    Colours are not premultiplied, and in the colour space of the file's profile, which
+    ``gs.decode(data).profile`` has.
+
+    :param size: columns and rows; by default those of the image that was encoded.
     :param partial: decode truncated data as far as they go.
     :raises ValueError: for data that are damaged, or truncated without ``partial``.
     """
@@ -338,7 +367,7 @@ class Encoded:
         """Number of Gaussians."""
     @property
     def psnr(self) -> float:
-        """PSNR of the decoded 8-bit image, dB."""
+        """PSNR of the decoded 8-bit image, dB; with alpha, of premultiplied colours and alpha."""
     @property
     def seconds(self) -> float:
         """Time of encoding, s."""

@@ -1,24 +1,51 @@
-//! Encoding images as `.gsi` files: a fit, whose Gaussians are quantized in turns.
+//! Encoding images as `.gsi` files.
 //!
-//! A quick fit shows how many Gaussians the target takes and how many bits one costs; the standard
-//! fit of that number is then quantized, once or a few times, until the target is met.
+//! The colours of a transparent image are stored premultiplied, on black, and its alpha as a second
+//! picture, in grey.
 
 mod bands;
+mod encoder;
 mod layers;
 mod sequence;
 mod settings;
+mod transparent;
 
-use glam::Vec2;
-use gs_codec::{Extent, Layer, LayerHead, Picture, Quantizer, decode};
-use gs_core::{Blend, Image, Optimizer, RenderSettings, Scene as _, Scene2d};
+use gs_codec::Picture;
+use gs_core::{Image, Optimizer, Scene2d, TargetImage, to_8_bits};
+use gs_io::StoredImage;
 use web_time::Instant;
 
-use self::bands::{Band, bands};
-pub use self::settings::{EncodeSettings, EncodeTarget};
-use crate::{
-    error::Error, fit::fit, flat::mean_color, forecast::Forecast, presets::Preset, quality::l1_and_psnr,
-    settings::FitSettings,
+pub use self::settings::{EncodeLayers, EncodeSettings, EncodeTarget};
+use self::{
+    encoder::{Encoder, Part},
+    layers::FirstLayer,
+    transparent::transparent,
 };
+use crate::{error::Error, flat::mean_color};
+
+/// An image to encode.
+#[derive(Debug, Clone, Copy)]
+pub struct EncodeImage<'a> {
+    /// Colours, not premultiplied.
+    pub image: &'a Image,
+    /// Alpha of each pixel, `[height · width]`, row-major, 0..=1; `None` where all are 1 in 8 bits.
+    pub alpha: Option<&'a [f32]>,
+    /// ICC profile of the colours, which the file keeps, at most 65,535 bytes; empty for sRGB.
+    pub profile: &'a [u8],
+}
+
+impl<'a> From<&'a Image> for EncodeImage<'a> {
+    fn from(image: &'a Image) -> Self {
+        Self { image, alpha: None, profile: &[] }
+    }
+}
+
+impl<'a> From<&'a StoredImage> for EncodeImage<'a> {
+    fn from(StoredImage { image, alpha, profile, .. }: &'a StoredImage) -> Self {
+        let profile = profile.as_ref().map_or(&[][..], |profile| profile.bytes());
+        Self { image, alpha: alpha.as_deref(), profile }
+    }
+}
 
 /// An encoded image.
 #[derive(Debug, Clone, PartialEq)]
@@ -26,401 +53,62 @@ use crate::{
 pub struct Encoded {
     /// The `.gsi` file.
     pub bytes: Vec<u8>,
-    /// Number of Gaussians.
+    /// Number of Gaussians, with those of alpha.
     pub gaussians: usize,
-    /// PSNR of the decoded 8-bit image, dB; ∞ for equal images.
+    /// PSNR of the decoded 8-bit image, dB; ∞ for equal images. Of a transparent image, that of its
+    /// premultiplied colours and its alpha, four channels.
     pub psnr: f64,
     /// Time of encoding, s.
     pub seconds: f64,
 }
 
-/// A file that may be the result.
-struct Attempt {
-    bytes: Vec<u8>,
-    gaussians: usize,
-    psnr: f64,
-    /// What it decodes to.
-    scene: Scene2d,
-    /// The layers that it adds to those that are done.
-    layers: Vec<Layer>,
-}
-
-/// Bits of a Gaussian before anything is known about the image.
-const USUAL_BITS: f64 = 32.0;
-
-/// Bits of a Gaussian of a standard fit relative to one of a quick fit at the same step: colours of
-/// later steps are stronger.
-const LATER_BITS: f64 = 1.12;
-
-/// Bytes of a file besides the Gaussians.
-const HEAD_BYTES: f64 = 32.0;
-
-/// Gaussians per cell, about.
-const PER_CELL: f64 = 0.6;
-
-/// Gaussians per stripe of a layer, at least. Stripes are decoded side by side; each costs about 300
-/// bytes, as its probabilities are learned anew.
-const PER_STRIPE: usize = 8192;
-
-/// Layers of a file at most, stripes included.
-const MOST_LAYERS: usize = 255;
-
-/// Bits of a Gaussian that a halved step costs.
-const BITS_PER_OCTAVE: f64 = 7.0;
-
-/// Share of a byte target that is enough.
-const FULL: f64 = 0.985;
-
-/// Finest step that is tried, in units of the step that goes with a fit.
-const FINEST: f64 = 0.1;
-
-/// Surplus of PSNR over its target, dB, that is small enough.
-const SURPLUS_DB: f64 = 0.06;
-
-/// Quantizations of a fit at most.
-const ATTEMPTS: usize = 4;
-
-/// Standard fits at most, if the first has the wrong number of Gaussians.
-const FITS: usize = 3;
-
-/// Encodes an image.
+/// Encodes an image. The target holds for the colours and for alpha; a size holds for both together.
 ///
 /// # Errors
-/// [`gs_core::Error::Setting`] for a target out of range, [`gs_core::Error::Pixel`] where the image is
-/// not finite, [`Error::Unreachable`] where the target cannot be met, and those of the backend.
+/// [`gs_core::Error::Setting`] for a target or an alpha out of range and for a profile that is too long,
+/// [`gs_core::Error::Pixel`] where the image is not finite, [`gs_core::Error::Length`] for an alpha of
+/// another size, [`Error::Unreachable`] where the target cannot be met, and those of the backend.
 pub async fn encode<R: Optimizer<Scene2d>>(
     rasterizer: &R,
-    image: &Image,
+    image: impl Into<EncodeImage<'_>>,
     settings: &EncodeSettings,
 ) -> Result<Encoded, Error> {
     settings.validate()?;
-    image.check_finite("the image")?;
-    let started = Instant::now();
-    let mut encoder = Encoder::new(rasterizer, image, settings)?;
-    if settings.progressive {
-        let bytes = match settings.target {
-            EncodeTarget::Bytes(bytes) => bytes,
-            target => encoder.reach(target).await?.bytes.len() as u64,
-        };
-        encoder.add_first_layer(bytes).await?;
+    let EncodeImage { image, alpha, profile } = image.into();
+    TargetImage { alpha, ..image.into() }.validate()?;
+    if profile.len() > usize::from(u16::MAX) {
+        return Err(gs_core::Error::setting("the length of the profile", profile.len(), "at most 65,535 bytes").into());
     }
-    let Attempt { bytes, gaussians, psnr, .. } = encoder.reach(settings.target).await?;
+    let started = Instant::now();
+    let of_profile = if profile.is_empty() { 0 } else { 2 + profile.len() as u64 };
+    let target = settings.target.without(of_profile);
+    let made = match alpha.filter(|alpha| alpha.iter().any(|&alpha| to_8_bits(alpha) < u8::MAX)) {
+        None => opaque(rasterizer, image, target, settings).await,
+        Some(alpha) => transparent(rasterizer, image, alpha, target, settings).await,
+    };
+    let Made { picture, gaussians, psnr } = made.map_err(|error| match error {
+        Error::Unreachable { .. } => settings.target.unreachable(),
+        error => error,
+    })?;
+    let bytes = Picture { profile: profile.to_vec(), ..picture }.encode()?;
     Ok(Encoded { bytes, gaussians, psnr, seconds: started.elapsed().as_secs_f64() })
 }
 
-struct Encoder<'a, R> {
-    on: &'a R,
-    image: &'a Image,
-    background: [u8; 3],
-    seed: u32,
-    bands: Vec<Band>,
-    /// Layers that are done, and their Gaussians.
-    layers: Vec<Layer>,
-    done: Scene2d,
-    forecast: Forecast,
-}
-
-/// A fit: a scene of each band, in coordinates of the whole image.
-struct Fitted {
-    parts: Vec<Part>,
+/// A picture as it will be in the file.
+struct Made {
+    picture: Picture,
+    gaussians: usize,
     psnr: f64,
 }
 
-/// The fit of a band.
-struct Part {
-    scene: Scene2d,
-    /// What the fit drew for the next band, which draws that again.
-    beyond: Scene2d,
-    settings: FitSettings,
+async fn opaque<R: Optimizer<Scene2d>>(
+    on: &R,
+    image: &Image,
+    target: EncodeTarget,
+    settings: &EncodeSettings,
+) -> Result<Made, Error> {
+    let background = mean_color(image).map(to_8_bits);
+    let encoder = Encoder::new(on, image, background, settings)?;
+    let Part { picture, gaussians, psnr, .. } = encoder.encode(target, FirstLayer::of(settings.layers)).await?;
+    Ok(Made { picture, gaussians, psnr })
 }
-
-impl Fitted {
-    /// Number of Gaussians.
-    fn len(&self) -> usize {
-        self.parts.iter().map(|part| part.scene.len()).sum()
-    }
-}
-
-/// The mean of squared errors of parts of an image.
-#[derive(Default)]
-struct MeanError {
-    sum: f64,
-    pixels: f64,
-}
-
-impl MeanError {
-    /// Adds a part of which this was drawn.
-    fn add(&mut self, drawn: &Image, part: &Image) {
-        let (_, psnr) = l1_and_psnr(drawn, part);
-        let pixels = part.pixels().len() as f64;
-        self.sum += pixels * 10f64.powf(-psnr / 10.0);
-        self.pixels += pixels;
-    }
-
-    fn psnr(&self) -> f64 {
-        -10.0 * (self.sum / self.pixels).log10()
-    }
-}
-
-impl<'a, R: Optimizer<Scene2d>> Encoder<'a, R> {
-    fn new(on: &'a R, image: &'a Image, settings: &EncodeSettings) -> Result<Self, Error> {
-        let background = mean_color(image).map(gs_core::to_8_bits);
-        let (bands, forecast) = (bands(image, settings.memory)?, Forecast::new(image));
-        let (layers, done) = (Vec::new(), Scene2d::default());
-        Ok(Self { on, image, background, seed: settings.seed, bands, layers, done, forecast })
-    }
-
-    async fn fit(&mut self, preset: Preset, count: u32) -> Result<Fitted, Error> {
-        let (mut parts, mut above, mut error) = (Vec::new(), self.done.clone(), MeanError::default());
-        for band in &self.bands {
-            let drawn = self.drawn(band, &above).await?;
-            let target = sequence::difference(&band.with_overlap(self.image)?, &drawn)?;
-            let mut settings = preset.settings(band.count(count), target.size());
-            settings.seed = self.seed;
-            let fit = fit(self.on, &target, settings.clone(), &mut ()).await?;
-            let drawn = band.without_overlap(&sequence::sum(&drawn, &fit.image)?)?;
-            error.add(&drawn, &band.part_of(self.image)?);
-            let (scene, beyond) = band.split(&fit.scene);
-            above = above.iter().chain(scene.iter()).collect();
-            parts.push(Part { scene, beyond, settings });
-        }
-        let psnr = error.psnr();
-        match preset {
-            Preset::Quick => self.forecast.add_quick(count, psnr),
-            _ => self.forecast.add(count, psnr),
-        }
-        Ok(Fitted { parts, psnr })
-    }
-
-    /// What a scene on the background draws around a band.
-    async fn drawn(&self, band: &Band, scene: &Scene2d) -> Result<Image, Error> {
-        let background = self.background.map(|level| f32::from(level) / 255.0);
-        let settings = RenderSettings::blended(Blend::Sum).on(background);
-        Ok(self.on.render(scene, &band.canvas(), &settings).await?)
-    }
-
-    /// Adds the layers of a file to those that are done.
-    fn keep(&mut self, Attempt { layers, scene, .. }: Attempt) {
-        self.layers.extend(layers);
-        self.done = scene;
-        self.forecast = Forecast::new(self.image);
-    }
-
-    /// The file with the layers that are done and those of `more`.
-    fn file(&self, more: &[Layer]) -> Result<Vec<u8>, Error> {
-        let (width, height) = self.image.size();
-        let most = (MOST_LAYERS / (self.layers.len() + more.len()).max(1)).max(1);
-        let stripes = |layer: &Layer| layer.stripes((layer.codes.len() / PER_STRIPE).clamp(1, most));
-        let layers = self.layers.iter().chain(more).flat_map(stripes).collect();
-        Ok(Picture { width, height, background: self.background, layers }.encode()?)
-    }
-
-    async fn reach(&mut self, target: EncodeTarget) -> Result<Attempt, Error> {
-        match target {
-            EncodeTarget::Bytes(bytes) => self.within_bytes(bytes).await,
-            EncodeTarget::Psnr(psnr) => self.at_psnr(psnr).await,
-            EncodeTarget::Quality(quality) => self.at_quality(quality).await,
-        }
-    }
-
-    /// A quantizer with this step for the Gaussians of a band.
-    fn quantizer(&self, step: f64, band: &Band, scene: &Scene2d) -> Quantizer {
-        let cell = (PER_CELL * band.pixels() / scene.len().max(1) as f64).sqrt().round().clamp(1.0, 255.0);
-        let size = Vec2::new(self.image.width() as f32, self.image.height() as f32);
-        // Large Gaussians at the border have their means far outside. A mean that no cell holds is
-        // moved, which changes the picture much.
-        let outside = |&mean: &Vec2| (-mean).max(mean - size).max_element();
-        let farthest = scene.means.iter().map(outside).fold(0.0, f32::max);
-        let margin = (f64::from(farthest) / cell).ceil().min(f64::from(size.min_element()) / (3.0 * cell)).min(255.0);
-        let head = LayerHead {
-            step: (step.log2() * 128.0).round().clamp(-4000.0, 4000.0) as i16,
-            cell: cell as u8,
-            margin: margin as u8,
-            mean_ratio: 32,
-            shape_ratio: 32,
-            turn_ratio: 32,
-        };
-        Quantizer::new(head, self.image.size())
-    }
-
-    /// Bits of a fit that is rounded at once.
-    fn bits(&self, fitted: &Fitted, step: f64) -> f64 {
-        let of_band = |(band, part): (&Band, &Part)| {
-            let quantizer = self.quantizer(step, band, &part.scene);
-            let codes = part.scene.iter().filter_map(|g| quantizer.quantize(&g)).collect();
-            Layer { head: *quantizer.head(), codes }.bits(self.image.size())
-        };
-        self.bands.iter().zip(&fitted.parts).map(of_band).sum()
-    }
-
-    /// Quantizes a fit in turns, as the last layers.
-    async fn quantized(&self, fitted: &Fitted, step: f64) -> Result<Attempt, Error> {
-        let (mut layers, mut above) = (Vec::new(), self.done.clone());
-        for (band, Part { scene, beyond, settings }) in self.bands.iter().zip(&fitted.parts) {
-            let all = self.quantizer(step, band, scene);
-            let kept: Scene2d = scene.iter().filter(|g| all.quantize(g).is_some()).collect();
-            let quantizer = self.quantizer(step, band, &kept);
-            let others: Scene2d = above.iter().chain(beyond.iter()).collect();
-            let target = sequence::difference(&band.with_overlap(self.image)?, &self.drawn(band, &others).await?)?;
-            let codes = sequence::quantize(self.on, (&target, &band.canvas()), &kept, &quantizer, settings).await?;
-            above = above.iter().chain(codes.iter().map(|code| quantizer.reconstruct(code))).collect();
-            layers.push(Layer { head: *quantizer.head(), codes });
-        }
-        let bytes = self.file(&layers)?;
-        // The picture is that of the file: the order of a sum decides about its last bits.
-        let scene = decode(&bytes, Extent::Whole)?.scene;
-        let mut error = MeanError::default();
-        for band in &self.bands {
-            error.add(&band.without_overlap(&self.drawn(band, &scene).await?)?, &band.part_of(self.image)?);
-        }
-        Ok(Attempt { bytes, gaussians: scene.len(), psnr: error.psnr(), scene, layers })
-    }
-
-    async fn within_bytes(&mut self, bytes: u64) -> Result<Attempt, Error> {
-        let bits = self.bits_within(bytes)?;
-        let count = self.count_of(bits).await?;
-        let fitted = self.fit(Preset::Standard, count).await?;
-        self.filled(&fitted, bytes).await
-    }
-
-    /// Bits that a file of this size has for the Gaussians of its last layer.
-    fn bits_within(&self, bytes: u64) -> Result<f64, Error> {
-        let before = if self.layers.is_empty() { 0 } else { self.file(&[])?.len() };
-        Ok((bytes as f64 - before as f64 - HEAD_BYTES) * 8.0)
-    }
-
-    /// The number of Gaussians of a standard fit that take so many bits, by a quick fit.
-    async fn count_of(&mut self, bits: f64) -> Result<u32, Error> {
-        let count = |each: f64, most: f64| (bits / each).clamp(1.0, most).round() as u32;
-        let first = count(USUAL_BITS, self.forecast.most());
-        let quick = self.fit(Preset::Quick, first).await?;
-        let step = self.forecast.step(first.into(), self.forecast.psnr(first.into()));
-        let each = self.bits(&quick, step) / quick.len().max(1) as f64 * LATER_BITS;
-        Ok(count(each, self.forecast.most()))
-    }
-
-    /// A fit as the last layer of a file of at most this many bytes.
-    async fn filled(&self, fitted: &Fitted, bytes: u64) -> Result<Attempt, Error> {
-        let bits = self.bits_within(bytes)?;
-        let gaussians = fitted.len().max(1) as f64;
-        let mut step = self.forecast.step(gaussians, fitted.psnr);
-        // A finer step changes nothing that can be seen: small images do not need all of the bytes.
-        let finest = FINEST * step;
-        let mut share = FULL + 0.01;
-        let mut best: Option<Attempt> = None;
-        for _ in 0..4 {
-            step *= ((self.bits(fitted, step) - share * bits) / gaussians / BITS_PER_OCTAVE).exp2();
-            step = step.max(finest);
-        }
-        for _ in 0..ATTEMPTS {
-            let attempt = self.quantized(fitted, step).await?;
-            let used = attempt.bytes.len() as f64;
-            let fits = attempt.bytes.len() as u64 <= bytes;
-            if fits && best.as_ref().is_none_or(|best| attempt.psnr > best.psnr) {
-                best = Some(attempt);
-            }
-            if fits && (used >= FULL * bytes as f64 || step <= finest) {
-                break;
-            }
-            share = if fits { FULL + 0.01 } else { FULL };
-            step *= ((used * 8.0 - share * bytes as f64 * 8.0) / gaussians / BITS_PER_OCTAVE).exp2();
-            step = step.max(finest);
-        }
-        best.ok_or_else(|| Error::Unreachable { target: format!("a size of {bytes} bytes") })
-    }
-
-    async fn at_psnr(&mut self, psnr: f64) -> Result<Attempt, Error> {
-        // Quantization costs 10 log₁₀(1 + the share of its error).
-        let before = psnr + QUANTIZATION_DB;
-        let mut count = (self.forecast.most() / 130.0).max(1.0) as u32;
-        for _ in 0..2 {
-            self.fit(Preset::Quick, count).await?;
-            count = self.count_for(before);
-        }
-        let mut best: Option<Attempt> = None;
-        for _ in 0..FITS {
-            let fitted = self.fit(Preset::Standard, count).await?;
-            best = self.steps_to_psnr(&fitted, psnr, best).await?;
-            let off = fitted.psnr - before;
-            if best.is_some() && off < MOST_SPARE_DB {
-                break;
-            }
-            count = match self.count_for(before) {
-                same if same == count => count + count / 8 + 1,
-                other => other,
-            };
-            if f64::from(count) > self.forecast.most() {
-                break;
-            }
-        }
-        best.ok_or_else(|| Error::Unreachable { target: format!("a PSNR of {psnr} dB") })
-    }
-
-    /// The number of Gaussians with which a standard fit has this PSNR.
-    fn count_for(&self, psnr: f64) -> u32 {
-        self.forecast.count_where(psnr, |count| self.forecast.psnr(count))
-    }
-
-    /// The smallest file of this fit, or `best`, that reaches a PSNR; `None` where neither does.
-    async fn steps_to_psnr(
-        &self,
-        fitted: &Fitted,
-        psnr: f64,
-        mut best: Option<Attempt>,
-    ) -> Result<Option<Attempt>, Error> {
-        let error = |psnr: f64| 10f64.powf(-psnr / 10.0);
-        let spare = error(psnr) - error(fitted.psnr);
-        if spare < 0.02 * error(psnr) {
-            return Ok(best);
-        }
-        let gaussians = fitted.len() as f64;
-        // The rounding of all parameters at once would have the squared step times this.
-        let rounding = 7.0 * gaussians / (36.0 * self.forecast.most());
-        let mut step = (spare / (rounding * 0.6)).sqrt();
-        // The coarsest step that reached the PSNR, and the finest that did not.
-        let (mut enough, mut too_coarse) = (0.0, f64::INFINITY);
-        for _ in 0..=ATTEMPTS {
-            let attempt = self.quantized(fitted, step).await?;
-            let found = attempt.psnr;
-            if found >= psnr {
-                enough = step.max(enough);
-                if best.as_ref().is_none_or(|best| attempt.bytes.len() < best.bytes.len()) {
-                    best = Some(attempt);
-                }
-                if found < psnr + SURPLUS_DB {
-                    break;
-                }
-            } else {
-                too_coarse = step.min(too_coarse);
-            }
-            let share = spare / (error(found) - error(fitted.psnr)).max(0.1 * spare);
-            step *= (share * 0.99).sqrt().clamp(0.5, 2.0);
-            if enough > 0.0 && too_coarse < f64::INFINITY && !(enough..too_coarse).contains(&step) {
-                step = (enough * too_coarse).sqrt();
-            }
-        }
-        Ok(best)
-    }
-
-    async fn at_quality(&mut self, quality: u8) -> Result<Attempt, Error> {
-        let step = COARSEST_STEP * (-f64::from(quality - 1) / 99.0 * STEP_OCTAVES).exp2();
-        let mut count = (self.forecast.most() / 130.0).max(1.0) as u32;
-        for _ in 0..2 {
-            self.fit(Preset::Quick, count).await?;
-            let forecast = &self.forecast;
-            count = forecast.count_where(-step, |count| -forecast.step(count, forecast.psnr(count)));
-        }
-        let fitted = self.fit(Preset::Standard, count).await?;
-        self.quantized(&fitted, step).await
-    }
-}
-
-/// Loss of PSNR by quantization where a file is smallest for its quality, dB.
-const QUANTIZATION_DB: f64 = 0.65;
-
-/// PSNR of a fit above what it needs, dB, from which a fit of fewer Gaussians is tried.
-const MOST_SPARE_DB: f64 = 1.0;
-
-/// Step of quality 1, colour values · px, and octaves from there to quality 100.
-const COARSEST_STEP: f64 = 2.5;
-const STEP_OCTAVES: f64 = 7.0;

@@ -2,6 +2,8 @@
 
 use gs_core::Error;
 
+use crate::error;
+
 gs_core::impl_with!(EncodeSettings);
 
 /// What decides about the size of an encoded image.
@@ -16,16 +18,28 @@ pub enum EncodeTarget {
     Quality(u8),
 }
 
+/// What the beginning of a file shows before the rest is there.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum EncodeLayers {
+    /// The upper part of the picture: the file has one layer.
+    #[default]
+    One,
+    /// A coarse picture, in the first few hundred bytes.
+    Preview,
+    /// Of the first third, the picture nearly as well as a file of that size. The whole is then 1.4 dB
+    /// worse than a file of one layer, as a mean over 14 images
+    /// (`benchmarks/2026-11-25-epyc-2-cores/compression.md`).
+    Progressive,
+}
+
 /// Settings of [`encode`](crate::encode()).
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub struct EncodeSettings {
     /// What to aim at. Default [`EncodeTarget::Quality`] 50.
     pub target: EncodeTarget,
-    /// Whether the first third of the file shows the picture nearly as well as a file of that size. The
-    /// whole is then 1.4 dB worse than a file of one layer, as a mean over 14 images
-    /// (`benchmarks/2026-11-25-epyc-2-cores/compression.md`). Default false.
-    pub progressive: bool,
+    /// What the beginning of the file shows. Default [`EncodeLayers::One`].
+    pub layers: EncodeLayers,
     /// Memory that encoding may take, the image included, bytes. An image that would take more is
     /// encoded in bands of rows. Default 4 GB.
     pub memory: u64,
@@ -35,7 +49,7 @@ pub struct EncodeSettings {
 
 impl Default for EncodeSettings {
     fn default() -> Self {
-        Self { target: EncodeTarget::Quality(50), progressive: false, memory: 4_000_000_000, seed: 0 }
+        Self { target: EncodeTarget::Quality(50), layers: EncodeLayers::One, memory: 4_000_000_000, seed: 0 }
     }
 }
 
@@ -59,6 +73,24 @@ impl EncodeTarget {
             }
             _ => Ok(()),
         }
+    }
+
+    /// The target of the rest of a file, of which `taken` bytes are spent.
+    pub(super) fn without(self, taken: u64) -> Self {
+        match self {
+            Self::Bytes(bytes) => Self::Bytes(bytes.saturating_sub(taken)),
+            other => other,
+        }
+    }
+
+    /// That it cannot be met.
+    pub(super) fn unreachable(self) -> error::Error {
+        let target = match self {
+            Self::Bytes(bytes) => format!("a size of {bytes} bytes"),
+            Self::Psnr(psnr) => format!("a PSNR of {psnr} dB"),
+            Self::Quality(quality) => format!("quality {quality}"),
+        };
+        error::Error::Unreachable { target }
     }
 }
 

@@ -3,8 +3,8 @@
 use gs_codec::{Extent, decode};
 use gs_core::{Canvas, Image, Rasterizer as _};
 use gs_cpu::{CpuRasterizer, CpuSettings};
-use gs_io::decode_gsi;
-use gs_train::{EncodeSettings, EncodeTarget, Encoded, Error, encode, l1_and_psnr};
+use gs_io::{File2d, GsiFile, decode_gsi, premultiplied, straight};
+use gs_train::{EncodeImage, EncodeLayers, EncodeSettings, EncodeTarget, Encoded, Error, encode, l1_and_psnr};
 use pollster::FutureExt as _;
 
 /// Soft shapes, an edge and a little texture.
@@ -19,17 +19,34 @@ fn picture() -> Image {
     Image::from_fn(96, 64, pixel).unwrap().rounded_to_8_bits()
 }
 
-fn encoded(image: &Image, target: EncodeTarget) -> Result<Encoded, Error> {
+fn encoded<'a>(image: impl Into<EncodeImage<'a>>, target: EncodeTarget) -> Result<Encoded, Error> {
+    encoded_in(image, target, EncodeLayers::One)
+}
+
+fn encoded_in<'a>(
+    image: impl Into<EncodeImage<'a>>,
+    target: EncodeTarget,
+    layers: EncodeLayers,
+) -> Result<Encoded, Error> {
     let cpu = CpuRasterizer::new(CpuSettings::default()).unwrap();
-    encode(&cpu, image, &EncodeSettings::default().with(|s| s.target = target)).block_on()
+    encode(&cpu, image, &EncodeSettings::default().with(|s| (s.target, s.layers) = (target, layers))).block_on()
 }
 
 /// PSNR of the picture that the bytes decode to.
 fn psnr(bytes: &[u8], image: &Image) -> f64 {
+    l1_and_psnr(&rendered(&decode_gsi(bytes, Extent::Whole).unwrap().colors), image).1
+}
+
+fn rendered(file: &File2d) -> Image {
     let cpu = CpuRasterizer::new(CpuSettings::default()).unwrap();
-    let file = decode_gsi(bytes, Extent::Whole).unwrap();
-    let canvas = Canvas::new(file.width, file.height);
-    l1_and_psnr(&cpu.render(&file.scene, &canvas, &file.settings).block_on().unwrap(), image).1
+    cpu.render(&file.scene, &Canvas::new(file.width, file.height), &file.settings).block_on().unwrap()
+}
+
+/// A picture in a disc with a soft edge, and its alpha.
+fn disc() -> (Image, Vec<f32>) {
+    let image = picture();
+    let alpha = |k: u32| (1.0 - ((k % 96) as f32 - 48.0).hypot((k / 96) as f32 - 32.0) / 28.0) * 5.0;
+    (image, (0..96 * 64).map(|k| alpha(k).clamp(0.0, 1.0)).collect())
 }
 
 #[test]
@@ -53,9 +70,7 @@ fn a_size_is_kept_and_used() {
 
 /// The mean squared error of each row, and its mean over all rows.
 fn errors_of_rows(bytes: &[u8], image: &Image) -> (Vec<f64>, f64) {
-    let cpu = CpuRasterizer::new(CpuSettings::default()).unwrap();
-    let file = decode_gsi(bytes, Extent::Whole).unwrap();
-    let drawn = cpu.render(&file.scene, &Canvas::new(file.width, file.height), &file.settings).block_on().unwrap();
+    let drawn = rendered(&decode_gsi(bytes, Extent::Whole).unwrap().colors);
     let width = image.width() as usize;
     let squared = |(a, b): (&[f32; 3], &[f32; 3])| (0..3).map(|c| f64::from(a[c] - b[c]).powi(2)).sum::<f64>();
     let rows = drawn.pixels().chunks(width).zip(image.pixels().chunks(width));
@@ -93,12 +108,7 @@ fn an_image_encoded_in_bands_has_no_seams() {
 fn a_third_of_a_progressive_file_is_a_file_of_that_size() {
     let (image, bytes) = (picture(), 1500);
     let plain = encoded(&image, EncodeTarget::Bytes(bytes * 32 / 100)).unwrap();
-    let cpu = CpuRasterizer::new(CpuSettings::default()).unwrap();
-    let settings = EncodeSettings::default().with(|s| {
-        s.target = EncodeTarget::Bytes(bytes);
-        s.progressive = true;
-    });
-    let found = encode(&cpu, &image, &settings).block_on().unwrap();
+    let found = encoded_in(&image, EncodeTarget::Bytes(bytes), EncodeLayers::Progressive).unwrap();
     assert!(found.bytes.len() as u64 <= bytes && (psnr(&found.bytes, &image) - found.psnr).abs() < 1e-9);
     let third = &found.bytes[..found.bytes.len() / 3];
     let decoded = decode(third, Extent::Prefix).unwrap();
@@ -122,6 +132,51 @@ fn a_quality_is_reached_with_few_bytes() {
 }
 
 #[test]
+fn a_transparent_image_keeps_its_alpha_and_its_profile() {
+    let (image, alpha) = disc();
+    let (profile, bytes) = ([7; 100], 1600);
+    let source = EncodeImage { image: &image, alpha: Some(&alpha), profile: &profile };
+    let found = encoded(source, EncodeTarget::Bytes(bytes)).unwrap();
+    assert!((1400..=bytes).contains(&(found.bytes.len() as u64)), "{}", found.bytes.len());
+    let GsiFile { colors, alpha: shape, .. } = decode_gsi(&found.bytes, Extent::Whole).unwrap();
+    let shape = shape.unwrap();
+    assert_eq!(colors.profile.as_ref().unwrap().bytes(), profile);
+    assert_eq!(colors.scene.means.len() + shape.scene.means.len(), found.gaussians);
+
+    // The PSNR is that of four channels.
+    let grey = Image::from_pixels(96, 64, alpha.iter().map(|&alpha| [alpha; 3]).collect()).unwrap();
+    let (drawn, drawn_alpha) = (rendered(&colors), rendered(&shape));
+    let error = |drawn: &Image, image: &Image| 10f64.powf(-0.1 * l1_and_psnr(drawn, image).1);
+    let both = 0.75 * error(&drawn, &premultiplied(&image, &alpha)) + 0.25 * error(&drawn_alpha, &grey);
+    assert!((found.psnr + 10.0 * both.log10()).abs() < 1e-9 && found.psnr > 30.0, "{} dB", found.psnr);
+    let (colors, alpha) = straight(drawn, &drawn_alpha);
+    let off = colors.pixel(48, 20).iter().zip(image.pixel(48, 20)).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    assert!(off < 0.1 && alpha[0] == 0.0 && alpha[32 * 96 + 48] > 0.97, "{off} {:?}", alpha[32 * 96 + 48]);
+
+    let opaque = EncodeImage { image: &image, alpha: Some(&vec![1.0; 96 * 64]), profile: &[] };
+    let [opaque, plain] = [opaque, (&image).into()].map(|image| encoded(image, EncodeTarget::Bytes(300)).unwrap());
+    assert!(opaque.bytes == plain.bytes);
+}
+
+#[test]
+fn qualities_hold_for_alpha_and_a_beginning_shows_both() {
+    let (image, alpha) = disc();
+    let source = EncodeImage { image: &image, alpha: Some(&alpha), profile: &[] };
+    let psnr = 36.0;
+    let found = encoded_in(source, EncodeTarget::Psnr(psnr), EncodeLayers::Preview).unwrap();
+    let GsiFile { colors, alpha: shape, .. } = decode_gsi(&found.bytes, Extent::Whole).unwrap();
+    let grey = Image::from_pixels(96, 64, alpha.iter().map(|&alpha| [alpha; 3]).collect()).unwrap();
+    for (drawn, image) in [(&colors, &premultiplied(&image, &alpha)), (&shape.unwrap(), &grey)] {
+        let (_, found) = l1_and_psnr(&rendered(drawn), image);
+        assert!((psnr..psnr + 2.0).contains(&found), "{found} dB");
+    }
+    let preview = decode_gsi(&found.bytes[..300], Extent::Prefix).unwrap();
+    assert_eq!(preview.layers, (2, 4));
+    let (_, found) = l1_and_psnr(&rendered(&preview.alpha.unwrap()), &grey);
+    assert!(found > 15.0, "{found} dB");
+}
+
+#[test]
 fn flat_and_tiny_images_are_encoded() {
     let flat = Image::filled(200, 150, [100.0 / 255.0; 3]).unwrap();
     let found = encoded(&flat, EncodeTarget::Bytes(200)).unwrap();
@@ -137,4 +192,12 @@ fn impossible_targets_are_refused() {
     for target in [EncodeTarget::Bytes(10), EncodeTarget::Psnr(f64::NAN), EncodeTarget::Quality(0)] {
         assert!(matches!(encoded(&image, target), Err(Error::Core(gs_core::Error::Setting { .. }))), "{target:?}");
     }
+    let source = |alpha| EncodeImage { image: &image, alpha: Some(alpha), profile: &[] };
+    let wrong = encoded(source(&[2.0; 64]), EncodeTarget::Quality(9));
+    assert!(matches!(wrong, Err(Error::Core(gs_core::Error::Setting { .. }))), "{wrong:?}");
+    let short = encoded(source(&[0.5]), EncodeTarget::Quality(9));
+    assert!(matches!(short, Err(Error::Core(gs_core::Error::Length { .. }))), "{short:?}");
+    let full = EncodeImage { profile: &[7; 900], ..(&image).into() };
+    let message = encoded(full, EncodeTarget::Bytes(900)).unwrap_err().to_string();
+    assert!(message.starts_with("a size of 900 bytes"), "{message}");
 }

@@ -6,14 +6,15 @@ use std::{
 };
 
 use gs_backend::{Chosen, FutureExt as _};
-use gs_core::{Canvas, Rasterizer as _};
+use gs_core::Canvas;
 use gs_io::{read_gsi, write_atomically};
 use gs_lab::compression::{EncodePage, page};
+use gs_train::draw_picture;
 
-use super::Summary;
+use super::{Summary, Work};
 use crate::{
     failure::Failure,
-    image_fit::Target,
+    image_fit::target,
     output_folder::{self, OverwriteArgs},
 };
 
@@ -34,15 +35,15 @@ pub(super) fn check(file: &Path, image: &Path, overwrite: OverwriteArgs) -> Resu
     Err(failure.hint("choose another name with --output, or replace it with --overwrite"))
 }
 
-/// Decodes the file and writes its page.
-pub(super) fn write(on: &Chosen, target: &Target, summary: &Summary, file: &Path, to: &Path) -> Result<(), Failure> {
+/// Decodes the file and writes its page, in sRGB and on white.
+pub(super) fn write(on: &Chosen, work: &Work<'_>, summary: &Summary, file: &Path, to: &Path) -> Result<(), Failure> {
     let decoded = read_gsi(file)?;
-    let canvas = Canvas::new(decoded.width, decoded.height);
-    let picture = on.rasterizer.render(&decoded.scene, &canvas, &decoded.settings).block_on()?;
+    let canvas = Canvas::new(decoded.colors.width, decoded.colors.height);
+    let picture = draw_picture(&on.rasterizer, &decoded, &canvas).block_on()?;
     let text = page(&EncodePage {
-        name: &target.title(),
-        original: &target.image,
-        decoded: &picture,
+        name: &target::title(work.file),
+        original: &work.image.shown(),
+        decoded: &picture.shown(),
         bytes: summary.bytes as u64,
         gaussians: summary.gaussians,
         seconds: summary.seconds,

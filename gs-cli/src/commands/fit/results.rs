@@ -100,7 +100,7 @@ impl Results<'_> {
     ) -> Result<Summary, Failure> {
         let (width, height) = trainer.target().size();
         let scene = without_broken(trainer.scene().block_on()?)?;
-        let file = File2d { scene, width, height, settings: trainer.shown() };
+        let file = File2d { scene, width, height, settings: trainer.shown(), profile: None };
         // All other results can be made of the scene.
         let mut tried = vec![self.folder.write_precious("scene.gs2d.safetensors", |path| write_2d(path, &file))];
         let mut renderings = self.render(trainer, &file);

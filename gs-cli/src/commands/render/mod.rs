@@ -3,12 +3,12 @@
 mod scene2d;
 mod scene3d;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::Args;
 
 use gs_core::{Scene as _, counted};
-use gs_io::{AnyScene, File2d, read_gsi_prefix};
+use gs_io::{AnyScene, GsiFile, is_gsi, read_gsi, read_gsi_prefix};
 use gs_lab::frontier::FrontierSettings;
 
 use crate::{
@@ -25,7 +25,8 @@ use crate::{
 };
 
 const AFTER_HELP: &str = "\
-A 2D scene becomes one PNG, of any size or part. A 3D scene is rendered from a view of a data set \
+A 2D scene becomes one PNG, of any size or part, with the alpha and the ICC profile of a .gsi file. \
+A 3D scene is rendered from a view of a data set \
 (--camera images/:DSC_0042.JPG), an orbit, or a path. By default, a flat scene is seen from its \
 front, filling the picture, and any other scene from slightly above. For an orbit or a path, \
 OUTPUT is an animated PNG if it ends in .apng, a PNG if it ends in .png and there is a single \
@@ -132,25 +133,33 @@ pub(crate) fn run(args: &RenderArgs) -> Result<(), Failure> {
         let failure = Failure::usage("a picture is written as PNG").at(args.output.display());
         return Err(failure.hint("let its name end in .png, or in .apng for an animation"));
     }
-    let scene =
-        if args.partial { AnyScene::TwoD(Box::new(read_partial(&args.scene)?)) } else { scene::read_any(&args.scene)? };
-    let file = match scene {
-        AnyScene::ThreeD(file) => return scene3d::run(args, &file),
-        AnyScene::TwoD(file) => file,
+    let picture = if args.partial || is_gsi(&args.scene) {
+        read_compressed(args)?
+    } else {
+        match scene::read_any(&args.scene)? {
+            AnyScene::ThreeD(file) => return scene3d::run(args, &file),
+            AnyScene::TwoD(file) => (*file).into(),
+        }
     };
     let CameraArgs { camera, orbit, path, up, .. } = &args.cameras;
     if camera.is_some() || orbit.is_some() || path.is_some() || up.is_some() || args.render.is_some() {
         let message = "is a 2D scene, which has no camera, order or background to choose";
         return Err(Failure::usage(message).at(args.scene.display()).hint("use --size and --region alone"));
     }
-    scene2d::run(args, *file)
+    scene2d::run(args, picture)
 }
 
-/// Reads what is there of a truncated `.gsi` file, and says how much that is.
-fn read_partial(path: &Path) -> Result<File2d, Failure> {
-    let (file, (whole, all)) = read_gsi_prefix(path)?;
+/// Reads a `.gsi` file, and says how much of a truncated one is there.
+fn read_compressed(args: &RenderArgs) -> Result<GsiFile, Failure> {
+    let path = &args.scene;
+    if !args.partial {
+        return read_gsi(path).map_err(Failure::of_scene);
+    }
+    let file = read_gsi_prefix(path)?;
+    let (whole, all) = file.layers;
     if whole < all {
-        let (gaussians, layers) = (counted(file.scene.len(), "Gaussian"), counted(all, "layer"));
+        let gaussians = file.colors.scene.len() + file.alpha.as_ref().map_or(0, |alpha| alpha.scene.len());
+        let (gaussians, layers) = (counted(gaussians, "Gaussian"), counted(all, "layer"));
         output::note(format_args!(
             "note: {} is truncated: it has {gaussians}, and {whole} of {layers} whole",
             printable(&path.display().to_string())

@@ -2,9 +2,10 @@
 
 use glam::Vec2;
 use gs_backend::FutureExt as _;
-use gs_core::{Canvas, Rasterizer as _, effects::RequiredEffects};
-use gs_io::File2d;
+use gs_core::{Canvas, effects::RequiredEffects};
+use gs_io::{File2d, GsiFile, PngExtras, StoredImage, write_png_with};
 use gs_lab::frontier::FrontierSettings;
+use gs_train::draw_picture;
 
 use super::RenderArgs;
 use crate::{
@@ -14,20 +15,26 @@ use crate::{
     values::{Region, Size},
 };
 
-/// Renders a scene into a PNG.
-pub(super) fn run(args: &RenderArgs, mut file: File2d) -> Result<(), Failure> {
+/// Renders a picture into a PNG.
+pub(super) fn run(args: &RenderArgs, mut picture: GsiFile) -> Result<(), Failure> {
     output_folder::check_file(&args.output, args.inputs())?;
-    let canvas = canvas(&file, args);
+    let canvas = canvas(&picture.colors, args);
     canvas.validate().map_err(|error| Failure::usage(error).at("--size or --region"))?;
     memory::check_picture(args.scene.display(), (canvas.width, canvas.height))?;
     let frontier = args.settings.as_deref().map(frontier_settings::read).transpose()?;
     if let Some(FrontierSettings { accuracy, .. }) = &frontier {
-        file.settings.accuracy = *accuracy;
+        picture.colors.settings.accuracy = *accuracy;
     }
-    let RequiredEffects { settings, decisions } = args.effects().choose(&file.scene, &[canvas], &file.settings)?;
+    let File2d { scene, settings, .. } = &picture.colors;
+    let RequiredEffects { settings, decisions } = args.effects().choose(scene, &[canvas], settings)?;
+    picture.colors.settings = settings;
+    if let Some(alpha) = &mut picture.alpha {
+        alpha.settings = settings.on(alpha.settings.background_color());
+    }
     let backend = args.backend(frontier.as_ref()).open_to_render_2d(&settings)?;
-    let image = backend.rasterizer.render(&file.scene, &canvas, &settings).block_on()?;
-    gs_io::write_png(&args.output, &image)?;
+    let StoredImage { image, alpha, profile, .. } = draw_picture(&backend.rasterizer, &picture, &canvas).block_on()?;
+    let extras = PngExtras { alpha: alpha.as_deref(), profile: profile.as_ref() };
+    write_png_with(&args.output, &image, extras)?;
     if let Some(effects) = effects_args::describe(&decisions).filter(|_| args.verbose) {
         output::note(effects);
     }

@@ -61,7 +61,7 @@ fn write(run: &Run, replayed: &Replayed, claim: FolderClaim) -> Result<(), Failu
     match (scene, &pictures[..]) {
         (AnyScene::In2d(scene), [image]) => {
             let (width, height) = image.size();
-            let file = File2d { scene: scene.clone(), width, height, settings: *render };
+            let file = File2d { scene: scene.clone(), width, height, settings: *render, profile: None };
             write_2d(folder.file("scene.gs2d.safetensors"), &file)?;
             write_png(folder.file("reconstruction.png"), image)?;
         }

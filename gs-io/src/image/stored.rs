@@ -1,0 +1,56 @@
+//! Images as they are stored, for files that keep alpha and profiles.
+
+use std::path::Path;
+
+use gs_core::{Image, to_8_bits};
+
+use super::{Decoded, IccProfile, ImageRemark, alpha::composite, decode::decode_stored};
+use crate::error::Error;
+
+/// An image as its file stores it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StoredImage {
+    /// The colours, not premultiplied.
+    pub image: Image,
+    /// Alpha of each pixel, `[height · width]`, row-major, 0..=1; `None` where all are 1 in 8 bits.
+    pub alpha: Option<Vec<f32>>,
+    /// The profile of the colours; `None` for sRGB.
+    pub profile: Option<IccProfile>,
+    /// Remarks, such as that colours were converted.
+    pub remarks: Vec<ImageRemark>,
+}
+
+/// Reads an image as [`read_image_with`](super::read_image_with) does, but with its alpha, and with
+/// colours that are not converted if they have an ICC profile of RGB by a matrix and curves, of at most
+/// 4,096 bytes, that is not sRGB.
+///
+/// # Errors
+/// Those of [`read_image_with`](super::read_image_with).
+pub fn read_stored_image(path: impl AsRef<Path>) -> Result<StoredImage, Error> {
+    let Decoded { image, alpha, profile, remarks, .. } = decode_stored(path.as_ref())?;
+    let alpha = alpha.filter(|alpha| alpha.iter().any(|&alpha| to_8_bits(alpha) < u8::MAX));
+    Ok(StoredImage { image, alpha, profile, remarks })
+}
+
+impl StoredImage {
+    /// The opaque image on a colour of its own colour space: c·α + `behind`·(1 − α).
+    #[must_use]
+    pub fn on(mut self, behind: [f32; 3]) -> Self {
+        if let Some(alpha) = self.alpha.take() {
+            composite(&mut self.image, &alpha, behind);
+        }
+        self
+    }
+
+    /// The image in sRGB, and on white: what [`read_image`](super::read_image) reads.
+    pub fn shown(&self) -> Image {
+        let mut image = self.image.clone();
+        if let Some(profile) = &self.profile {
+            profile.to_srgb(&mut image);
+        }
+        if let Some(alpha) = &self.alpha {
+            composite(&mut image, alpha, [1.0; 3]);
+        }
+        image
+    }
+}
