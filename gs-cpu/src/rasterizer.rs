@@ -42,7 +42,7 @@ gs_core::impl_with!(CpuSettings);
 /// The CPU backend. It owns its threads and the buffers that its forward passes use in turn.
 pub struct CpuRasterizer {
     /// `None` where no threads can be started, for example in a browser page. Passes then run on
-    /// rayon's global pool, which is the calling thread.
+    /// rayon's global pool: the calling thread, and those that the program has added to it.
     threads: Option<rayon::ThreadPool>,
     simd: SimdLevel,
     pub(crate) level: Level,
@@ -112,7 +112,7 @@ impl CpuRasterizer {
 
     /// Number of threads in use.
     pub fn threads(&self) -> usize {
-        self.threads.as_ref().map_or(1, rayon::ThreadPool::current_num_threads)
+        self.threads.as_ref().map_or_else(rayon::current_num_threads, rayon::ThreadPool::current_num_threads)
     }
 
     /// Runs work on this rasterizer's threads.

@@ -9,15 +9,21 @@ import fs from "node:fs";
 import os from "node:os";
 import path from "node:path";
 import zlib from "node:zlib";
-import { address, ask, close, drop, fitted, nativeFit, opened, pageFolder, report } from "../tests/browser.mjs";
+import { address, ask, close, drop, fitted, hasThreads, nativeFit, opened, pageFolder, report, status } from "../tests/browser.mjs";
 
 const load = () => os.loadavg()[0];
 
+/** Bytes of a folder's files, compressed by brotli. */
+function compressed(folder) {
+  const names = fs.readdirSync(folder).filter((name) => /\.(html|js|css|wasm)$/.test(name) && !/one-file|inside/.test(name));
+  return names.reduce((sum, name) => sum + zlib.brotliCompressSync(fs.readFileSync(path.join(folder, name))).length, 0);
+}
+
 function size() {
-  const names = fs.readdirSync(pageFolder).filter((name) => /\.(html|js|css|wasm)$/.test(name) && !/one-file|inside/.test(name));
-  const bytes = names.reduce((sum, name) => sum + zlib.brotliCompressSync(fs.readFileSync(path.join(pageFolder, name))).length, 0);
-  report("the page compressed by brotli, bytes", bytes);
-  assert.ok(bytes < 1_500_000);
+  const bytes = compressed(pageFolder);
+  const threads = hasThreads ? compressed(path.join(pageFolder, "threads")) : 0;
+  report("the page compressed by brotli, bytes", bytes, "its engine with threads", threads);
+  assert.ok(bytes < 1_500_000 && bytes + threads < 2_500_000);
 }
 
 async function cpuFit() {
@@ -42,6 +48,22 @@ async function cpuFit() {
   await page.close();
 }
 
+/** The same with two threads, against the program with two, at its fastest SIMD level and at its lowest. */
+async function threadsFit() {
+  if (!hasThreads) return report("skipped: the page was built without threads");
+  const { page } = await opened(address("cpu", 2));
+  report(await status(page));
+  for (let k = 0; k < 3; k++) {
+    const fit = await fitted(page, { preset: "standard", gaussians: "9000" });
+    const fastest = await nativeFit(page, ["--threads", "2"]);
+    const baseline = await nativeFit(page, ["--threads", "2", "--simd", "baseline"]);
+    const ratios = [fastest, baseline].map(({ seconds }) => fit.seconds / seconds);
+    report("load", load(), "fit with two threads, s", fit.seconds, "by the program, s", fastest.seconds, "at its baseline, s", baseline.seconds, "ratios", JSON.stringify(ratios), "dB", fit.psnr, fastest.psnr);
+  }
+  report("memory, MiB", (await ask(page, "memory")) / 2 ** 20);
+  await page.close();
+}
+
 /** A Kodak-sized image on WebGPU, which without a GPU is SwiftShader. */
 async function gpuFit() {
   const { page } = await opened(address("wgpu"));
@@ -51,10 +73,10 @@ async function gpuFit() {
   await page.close();
 }
 
-async function frames() {
+async function frames(threads) {
   const biker = path.join(process.env.GS_DATA ?? "../shared/data", "splats/biker.compressed.ply");
   if (!fs.existsSync(biker)) return report("skipped: no test data", biker);
-  const { page } = await opened(address("cpu"));
+  const { page } = await opened(address("cpu", threads));
   assert.equal(await drop(page, "biker.ply", fs.readFileSync(biker)), "");
   const { home } = await page.evaluate(() => globalThis.gsPage.view.info);
   const times = [];
@@ -63,10 +85,12 @@ async function frames() {
     times.push((await ask(page, "frame", { frame: { width: 640, height: 480, camera: { ...home, position } } })).took);
   }
   times.sort((a, b) => a - b);
-  report("load", load(), "biker at 640x480, frames/s by the median", 1000 / times[10], "fastest", 1000 / times[0]);
+  report("load", load(), "threads", threads ?? 1, "biker at 640x480, frames/s by the median", 1000 / times[10], "fastest", 1000 / times[0]);
   await page.close();
 }
 
-const all = { size, cpuFit, frames, gpuFit };
+const threadsFrames = () => hasThreads && frames(2);
+
+const all = { size, cpuFit, threadsFit, frames: () => frames(), threadsFrames, gpuFit };
 for (const name of process.argv[6]?.split(",") ?? Object.keys(all)) await all[name]();
 await close();

@@ -4,6 +4,7 @@ import { Connection } from "./engine.js";
 import { FitPanel } from "./fit.js";
 import { engineParts } from "./parts.js";
 import { watchServer } from "./serve.js";
+import { threadsWanted, threadWords } from "./threads.js";
 import { ViewPanel } from "./view.js";
 
 const $ = (id) => document.getElementById(id);
@@ -50,10 +51,14 @@ globalThis.gsPage = Object.assign(page, { fit, view });
 function connect(running) {
   page.connection?.then((connection) => connection.close(), () => {});
   page.connection = (async () => {
-    const { worker, wasm } = await engineParts();
-    const connection = new Connection(worker, (event, connection) => fit.event(event, connection));
+    let threads = threadsWanted();
+    const connection = await loaded(threads.count).catch((error) => {
+      if (threads.count === 1) throw error;
+      threads = { count: 1, why: `others did not start (${error.message})` };
+      return loaded(1);
+    });
     const wanted = $("backend").value;
-    const opened = await connection.ask("open", { wanted, wasm }).catch(async (error) => {
+    const opened = await connection.ask("open", { wanted }).catch(async (error) => {
       if (wanted !== "wgpu") throw error;
       fail(new Error(`${error.message}; the CPU computes instead`));
       return connection.ask("open", { wanted: "cpu" });
@@ -64,7 +69,7 @@ function connect(running) {
       await connection.ask("canvas", { slot, canvas, before }, before ? [canvas, before] : [canvas]);
     }
     const { name, reason, policies } = opened;
-    status.textContent = `Computing on ${reason}`;
+    status.textContent = `Computing on ${reason}; ${threadWords({ ...threads, count: opened.threads })}`;
     document.body.dataset.backend = name;
     return Object.assign(connection, { policies, opened: true });
   })();
@@ -78,6 +83,19 @@ function connect(running) {
       problem.hidden = false;
     },
   );
+}
+
+/** A new engine with this number of threads. */
+async function loaded(threads) {
+  const { newWorker, wasm } = await engineParts(threads);
+  const connection = new Connection(newWorker(), (event, connection) => fit.event(event, connection));
+  try {
+    await connection.load(wasm, threads, newWorker);
+    return connection;
+  } catch (error) {
+    connection.close();
+    throw error;
+  }
 }
 
 /** A canvas can be handed over once only, so a new one takes its place. */

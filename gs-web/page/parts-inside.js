@@ -3,8 +3,8 @@
 export async function engineParts() {
   const text = (id) => document.getElementById(id).textContent;
   const source = new Blob([text("worker-source")], { type: "text/javascript" });
-  const worker = new Worker(URL.createObjectURL(source));
+  const newWorker = () => new Worker(URL.createObjectURL(source));
   const packed = await fetch(`data:application/octet-stream;base64,${text("wasm")}`);
   const unpacked = packed.body.pipeThrough(new DecompressionStream("gzip"));
-  return { worker, wasm: await new Response(unpacked).arrayBuffer() };
+  return { newWorker, wasm: await new Response(unpacked).arrayBuffer() };
 }

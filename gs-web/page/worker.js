@@ -1,8 +1,10 @@
 // The worker of the page: it holds the engine, and draws into canvases that the page has handed
 // over, so that the page itself never waits. Requests are answered in order, one at a time. What a
 // running fit has to say is collected until the page has taken what was said before.
+//
+// Further workers may compute in the engine's memory. They are asked to `load` and to `runThread` only.
 
-import init, { Engine, memoryBytes, policies } from "./gs_web.js";
+import init, { Engine, memoryBytes, policies, runThread, startThreads } from "./gs_web.js";
 import { builtInTarget } from "./targets.js";
 
 /** How long a running fit makes steps before it reports, ms. */
@@ -25,10 +27,25 @@ let show = "picture";
 let queue = Promise.resolve();
 
 const requests = {
-  async open({ wanted, wasm }) {
-    await init({ module_or_path: wasm });
+  /** Loads the module, in new memory or in that of another worker; returns what shares are made of. */
+  async load({ wasm, module, memory, shares }) {
+    module ??= await WebAssembly.compile(wasm);
+    const loaded = await init({ module_or_path: module, memory });
+    return shares ? { module, memory: loaded.memory } : undefined;
+  },
+
+  startThreads({ count }) {
+    startThreads(count);
+  },
+
+  /** Computes what the engine asks of this thread. It does not return. */
+  runThread() {
+    runThread();
+  },
+
+  async open({ wanted }) {
     engine = await Engine.open(wanted);
-    return { name: engine.name, reason: engine.reason, policies: JSON.parse(policies()) };
+    return { name: engine.name, reason: engine.reason, threads: engine.threads, policies: JSON.parse(policies()) };
   },
 
   /** Takes a canvas, with the picture that was there before. */

@@ -26,12 +26,12 @@ impl Engine {
         };
         let request = Request::default().with(|s| {
             s.wanted = wanted;
-            s.threads = Some(1);
+            s.threads = Some(rayon::current_num_threads());
         });
         let chosen = open(&request).await.map_err(failure)?;
         let on: &AnyRasterizer = Box::leak(Box::new(chosen.rasterizer));
         let what = match on {
-            AnyRasterizer::Cpu(_) => "the CPU (WebAssembly with SIMD, one thread)".to_owned(),
+            AnyRasterizer::Cpu(_) => "the CPU (WebAssembly with SIMD)".to_owned(),
             gpu => format!("WebGPU, {}", gpu.describe()),
         };
         Ok(Self { on, reason: format!("{what}: {}", chosen.why).leak() })
@@ -46,6 +46,12 @@ impl Engine {
     #[wasm_bindgen(getter)]
     pub fn name(&self) -> String {
         self.on.name().to_owned()
+    }
+
+    /// Threads of the worker's pool.
+    #[wasm_bindgen(getter)]
+    pub fn threads(&self) -> usize {
+        rayon::current_num_threads()
     }
 
     /// What was chosen and why, in one line.

@@ -1,6 +1,6 @@
 //! The engine of the page, for JavaScript: backends, fits of images, and scenes to look at.
 //!
-//! All of it runs in a worker. Numbers and pixels cross the border as arrays, everything else as
+//! All of it runs in a worker, or in several that share its memory. Numbers and pixels cross the border as arrays, everything else as
 //! JSON. A failure is an `Error` whose message can be shown.
 #![cfg(target_family = "wasm")]
 
@@ -8,11 +8,18 @@ mod engine;
 mod fit;
 mod pixels;
 mod settings;
+mod threads;
 mod view;
 
 use wasm_bindgen::prelude::*;
 
-pub use crate::{engine::Engine, fit::Fit, settings::policies, view::View};
+pub use crate::{
+    engine::Engine,
+    fit::Fit,
+    settings::policies,
+    threads::{run_thread, start_threads},
+    view::View,
+};
 
 /// The text of any error, for JavaScript.
 fn failure(error: impl std::fmt::Display) -> JsError {

@@ -23,18 +23,26 @@ export const at = (name) => path.join(files, name);
 /** Runs the program, and returns what it prints. */
 export const run = (...words) => execFileSync(program, words, { encoding: "utf8", stdio: ["ignore", "pipe", "pipe"] });
 
-// The page below a long path, as on a static host.
+// The page below a long path, as on a static host; and below another, where it is cross-origin isolated.
 const UNDER = "/some/where/below/";
+const ISOLATED = "/some/where/isolated/";
+const ISOLATION = { "cross-origin-opener-policy": "same-origin", "cross-origin-embedder-policy": "require-corp" };
 const TYPES = { html: "text/html", js: "text/javascript", css: "text/css", wasm: "application/wasm" };
 const server = http.createServer((request, response) => {
   const { pathname } = new URL(request.url, "http://localhost");
-  const file = path.join(pageFolder, pathname.slice(UNDER.length) || "index.html");
-  if (!pathname.startsWith(UNDER) || !fs.existsSync(file)) return response.writeHead(404).end();
-  response.writeHead(200, { "content-type": TYPES[path.extname(file).slice(1)] ?? "text/plain" });
+  const under = [UNDER, ISOLATED].find((under) => pathname.startsWith(under));
+  const file = path.join(pageFolder, pathname.slice(under?.length) || "index.html");
+  if (!under || !fs.existsSync(file)) return response.writeHead(404).end();
+  const type = TYPES[path.extname(file).slice(1)] ?? "text/plain";
+  response.writeHead(200, { "content-type": type, ...(under === ISOLATED && ISOLATION) });
   response.end(fs.readFileSync(file));
 });
 await new Promise((resolve) => server.listen(0, "localhost", resolve));
-export const address = (backend) => `http://localhost:${server.address().port}${UNDER}?backend=${backend}`;
+/** The page's address; with a number of threads, that where it is cross-origin isolated. */
+export const address = (backend, threads) =>
+  `http://localhost:${server.address().port}${threads ? ISOLATED : UNDER}?backend=${backend}${threads ? `&threads=${threads}` : ""}`;
+/** Whether the page was built with threads. */
+export const hasThreads = fs.existsSync(path.join(pageFolder, "threads"));
 
 const executablePath = execFileSync("which", [browserName], { encoding: "utf8" }).trim();
 /** Starts a browser; WebGPU is computed by SwiftShader where there is no GPU. */
@@ -59,6 +67,9 @@ export async function opened(url, { before, within = browser } = {}) {
   assert.equal(await problem(page), "");
   return { page, complaints };
 }
+
+/** What the page says computes, and why. */
+export const status = (page) => page.$eval("#status", (element) => element.textContent);
 
 /** What the page says went wrong. */
 export const problem = (page) => page.$eval("#problem", (element) => (element.hidden ? "" : element.textContent));
@@ -127,11 +138,11 @@ export async function fitted(page, { image, ...choices }) {
   return { psnr, seconds, first };
 }
 
-/** The fit of the page by the program, from the target and the settings that the page saves. */
-export async function nativeFit(page) {
+/** The fit of the page by the program, from the target and the settings that the page saves, with `more` flags. */
+export async function nativeFit(page, more = ["--threads", "1", "--simd", "baseline"]) {
   fs.writeFileSync(at("target.png"), await ask(page, "fitFile", { slot: "a", kind: "target" }));
   fs.writeFileSync(at("settings.toml"), await ask(page, "fitFile", { slot: "a", kind: "settings" }));
-  run("fit", at("target.png"), "--settings", at("settings.toml"), "--backend", "cpu", "--threads", "1", "--simd", "baseline", "-o", at("native"));
+  run("fit", at("target.png"), "--settings", at("settings.toml"), "--backend", "cpu", ...more, "-o", at("native"));
   return JSON.parse(fs.readFileSync(at("native/summary.json")));
 }
 

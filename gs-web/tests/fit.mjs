@@ -1,7 +1,7 @@
 // Fits in the page: on both backends they end as the program's.
 
 import assert from "node:assert/strict";
-import { address, ask, choose, fitted, nativeFit, opened, reached, report, screenshots, stepOf } from "./browser.mjs";
+import { address, ask, choose, fitted, hasThreads, nativeFit, opened, reached, report, screenshots, stepOf } from "./browser.mjs";
 import { encoded } from "./png.mjs";
 
 /**
@@ -37,7 +37,7 @@ export const tests = {
   },
 
   async "a fit with WebGPU ends as the program's"() {
-    const { page, complaints } = await opened(address("wgpu"));
+    const { page, complaints } = await opened(address("wgpu", hasThreads ? 2 : undefined));
     assert.equal(await page.evaluate(() => document.body.dataset.backend), "wgpu");
     // Small, because software drivers take minutes for what a GPU does in a second.
     const image = { name: "picture.png", bytes: picture(128, 128) };

@@ -6,12 +6,13 @@
 import { close } from "./browser.mjs";
 import * as fit from "./fit.mjs";
 import * as serve from "./serve.mjs";
+import * as threads from "./threads.mjs";
 import * as trouble from "./trouble.mjs";
 import * as view from "./view.mjs";
 
 const only = new RegExp(process.argv[6] ?? "");
 let failed = 0;
-for (const [name, test] of [fit, view, trouble, serve].flatMap(({ tests }) => Object.entries(tests))) {
+for (const [name, test] of [fit, threads, view, trouble, serve].flatMap(({ tests }) => Object.entries(tests))) {
   if (!only.test(name)) continue;
   const started = Date.now();
   try {

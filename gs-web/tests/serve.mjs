@@ -5,7 +5,7 @@ import { spawn } from "node:child_process";
 import fs from "node:fs";
 import { once } from "node:events";
 import { createInterface } from "node:readline";
-import { at, opened, program, report } from "./browser.mjs";
+import { at, hasThreads, opened, program, report, status } from "./browser.mjs";
 import { picture } from "./fit.mjs";
 
 export const tests = {
@@ -19,6 +19,7 @@ export const tests = {
     const fit = spawn(program, words, { stdio: "ignore" });
     try {
       const { page, complaints } = await opened(`${line.split(" ")[0]}?backend=cpu`);
+      assert.match(await status(page), hasThreads ? /; (\d+|one) threads?, as this browser offers/ : /; one thread, as/);
       await page.waitForSelector("#served-list option[value='run run']", { timeout: 60_000 });
       await page.select("#served-list", "run run");
       const shown = () => page.evaluate(() => ({

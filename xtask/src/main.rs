@@ -45,13 +45,15 @@ Options:
   --install  install Debian's python3-venv, where no Python can make environments
 
 cargo xtask web builds the page for browsers into target/page, where gs page and gs serve find it. It
-needs Rust's target wasm32-unknown-unknown, and uses wasm-opt where that is installed.
+needs Rust's target wasm32-unknown-unknown, and uses wasm-opt where that is installed. With Rust's
+component rust-src, the page has threads.
 
 Options:
   --test     instead test a page that is built without optimising what does not compute, in headless
              Chromium and against the program, in target/web-test, where screenshots are kept.
              Without node, npm and Chromium, nothing is checked
-  --install  install the target, and with --test Debian's chromium, nodejs and npm, and packages of npm";
+  --install  install the target and the component, and with --test Debian's chromium, nodejs and npm,
+             and packages of npm";
 
 /// What the command line asks for.
 enum Task {

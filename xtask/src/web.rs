@@ -10,8 +10,21 @@ use crate::system::{cargo_program, install_packages, step, workspace};
 
 const TARGET: &str = "wasm32-unknown-unknown";
 
+/// The component of Rust with the sources of the standard library, which threads need.
+const STD_SOURCES: &str = "rust-src";
+
+/// The environment variable with the compiler's flags for [`TARGET`].
+const FLAGS: &str = "CARGO_TARGET_WASM32_UNKNOWN_UNKNOWN_RUSTFLAGS";
+
 /// The instructions that the page uses beyond those of the target. Browsers have had them since 2023.
 const RUSTFLAGS: &str = "-C target-feature=+simd128";
+
+/// What threads take beyond [`RUSTFLAGS`]: instructions, a memory that is shared and comes from outside, of
+/// 4 GiB at most, and the symbols by which wasm-bindgen gives each thread its own data.
+const THREADS_RUSTFLAGS: &str = "-C target-feature=+simd128,+atomics,+bulk-memory,+mutable-globals \
+     -C link-arg=--shared-memory -C link-arg=--import-memory -C link-arg=--max-memory=4294967296 \
+     -C link-arg=--export=__heap_base -C link-arg=--export=__wasm_init_tls \
+     -C link-arg=--export=__tls_size -C link-arg=--export=__tls_align -C link-arg=--export=__tls_base";
 
 /// What drives a browser, as Debian's packages.
 const PACKAGES: [&str; 3] = ["chromium", "nodejs", "npm"];
@@ -59,20 +72,50 @@ pub(crate) fn run(options: Options) -> Result<(), String> {
 
 /// Builds the page with a profile of the workspace, by a tool that is built with a profile of its own.
 fn build(target: &Path, profile: &str, tool_profile: &str, page: &Path) -> Result<(), String> {
-    let mut wasm = Command::new(cargo_program());
-    wasm.args(["build", "--locked", "-p", "gs-web", "--profile", profile, "--target", TARGET]);
-    wasm.env("CARGO_TARGET_WASM32_UNKNOWN_UNKNOWN_RUSTFLAGS", RUSTFLAGS);
-    step(wasm.arg("--target-dir").arg(target).current_dir(workspace()))?;
-    let folder = if profile == "dev" { "debug" } else { profile };
+    let wasm = compile(target, profile, |wasm| wasm.env(FLAGS, RUSTFLAGS))?;
+    let threaded = has_std_sources().then(|| compile_threaded(target, profile)).transpose()?;
+    if threaded.is_none() {
+        eprintln!("skipped: threads: rustup component add {STD_SOURCES}, or --install; the page has one thread");
+    }
     let mut tool = Command::new(cargo_program());
     tool.args(["run", "--quiet", "--locked", "--profile", tool_profile, "--manifest-path", "gs-web/tool/Cargo.toml"]);
     tool.arg("--target-dir").arg(target.join("web-tool")).arg("--");
-    tool.arg(target.join(TARGET).join(folder).join("gs_web.wasm")).arg("gs-web/page").arg(page);
+    tool.arg(wasm).arg("gs-web/page").arg(page).args(threaded);
     step(tool.current_dir(workspace()))
+}
+
+/// Builds the WebAssembly, and returns its path.
+fn compile(target: &Path, profile: &str, with: impl FnOnce(&mut Command) -> &mut Command) -> Result<PathBuf, String> {
+    let mut wasm = Command::new(cargo_program());
+    wasm.args(["build", "--locked", "-p", "gs-web", "--profile", profile, "--target", TARGET]);
+    step(with(&mut wasm).arg("--target-dir").arg(target).current_dir(workspace()))?;
+    let folder = if profile == "dev" { "debug" } else { profile };
+    Ok(target.join(TARGET).join(folder).join("gs_web.wasm"))
+}
+
+/// Builds the WebAssembly for several threads, together with a standard library that has them.
+///
+/// A stable compiler does so only with `RUSTC_BOOTSTRAP`. Build scripts look at that, too: in the folder
+/// of other builds, each would compile again what the one before it has compiled.
+fn compile_threaded(target: &Path, profile: &str) -> Result<PathBuf, String> {
+    compile(&target.join("web-threads"), profile, |wasm| {
+        wasm.args(["-Z", "build-std=std,panic_abort"]).env("RUSTC_BOOTSTRAP", "1").env(FLAGS, THREADS_RUSTFLAGS)
+    })
+}
+
+/// Whether the sources of the standard library are there.
+fn has_std_sources() -> bool {
+    let rustc = env::var_os("RUSTC").unwrap_or_else(|| "rustc".into());
+    let printed = Command::new(rustc).args(["--print", "sysroot"]).current_dir(workspace()).output();
+    printed.is_ok_and(|output| {
+        let root = String::from_utf8_lossy(&output.stdout).trim().to_owned();
+        Path::new(&root).join("lib/rustlib/src/rust/library/std").is_dir()
+    })
 }
 
 fn install(for_test: bool) -> Result<(), String> {
     step(Command::new("rustup").args(["target", "add", TARGET]))?;
+    step(Command::new("rustup").args(["component", "add", STD_SOURCES]))?;
     // Node may be another than Debian's.
     let missing: Vec<&str> =
         PACKAGES.into_iter().filter(|name| !has_program(if *name == "nodejs" { "node" } else { name })).collect();

@@ -1,8 +1,9 @@
-//! `gs-web-tool WASM PAGE OUT`: makes the folder of the page from the WebAssembly of gs-web and the
-//! files in `gs-web/page`.
+//! `gs-web-tool WASM PAGE OUT [THREADED]`: makes the folder of the page from the WebAssembly of gs-web
+//! and the files in `gs-web/page`.
 //!
 //! OUT gets the page's files, the bindings with their types (`gs_web.d.ts`), and `one-file.html`:
-//! the same page as a single file, in which `gs page` puts a scene.
+//! the same page as a single file, in which `gs page` puts a scene. With THREADED, the WebAssembly
+//! for several threads, the folder `threads` in OUT gets that, its bindings and the worker.
 
 mod bundle;
 
@@ -24,9 +25,16 @@ type Result<T = (), E = Box<dyn Error>> = std::result::Result<T, E>;
 /// The WebAssembly beside the page.
 const WASM: &str = "gs_web_bg.wasm";
 
+/// The modules that run in a worker, beside the bindings.
+const WORKER: [&str; 2] = ["worker.js", "targets.js"];
+
+/// What tells the page that there is an engine with threads.
+const MARK: &str = "<meta name=\"gs-threads\" content=\"1\">\n</head>";
+
 /// What wasm-opt may assume of browsers: all of them have had these since 2023.
-const FEATURES: [&str; 6] = [
+const FEATURES: [&str; 7] = [
     "--enable-simd",
+    "--enable-threads",
     "--enable-bulk-memory",
     "--enable-sign-ext",
     "--enable-mutable-globals",
@@ -36,11 +44,11 @@ const FEATURES: [&str; 6] = [
 
 fn main() -> ExitCode {
     let arguments: Vec<PathBuf> = env::args_os().skip(1).map(PathBuf::from).collect();
-    let [wasm, page, out] = arguments.as_slice() else {
-        eprintln!("error: usage: gs-web-tool WASM PAGE OUT");
+    let [wasm, page, out, threaded @ ..] = arguments.as_slice() else {
+        eprintln!("error: usage: gs-web-tool WASM PAGE OUT [THREADED]");
         return ExitCode::from(2);
     };
-    match make(wasm, page, out) {
+    match make(wasm, page, out, threaded.first()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("error: {error}");
@@ -49,10 +57,8 @@ fn main() -> ExitCode {
     }
 }
 
-fn make(wasm: &Path, page: &Path, out: &Path) -> Result {
-    fs::create_dir_all(out)?;
-    Bindgen::new().input_path(wasm).out_name("gs_web").web(true)?.typescript(true).generate(out)?;
-    optimize(&out.join(WASM))?;
+fn make(wasm: &Path, page: &Path, out: &Path, threaded: Option<&PathBuf>) -> Result {
+    bind(wasm, out)?;
     for entry in fs::read_dir(page)? {
         let path = entry?.path();
         if let Some(name) = path.file_name().filter(|_| path.is_file()) {
@@ -60,7 +66,25 @@ fn make(wasm: &Path, page: &Path, out: &Path) -> Result {
         }
     }
     fs::write(out.join("one-file.html"), one_file(out)?)?;
-    Ok(())
+    let threads = out.join("threads");
+    // One of an earlier build would have another engine.
+    if threads.exists() {
+        fs::remove_dir_all(&threads)?;
+    }
+    let Some(threaded) = threaded else { return Ok(()) };
+    bind(threaded, &threads)?;
+    for name in WORKER {
+        fs::copy(page.join(name), threads.join(name))?;
+    }
+    let index = out.join("index.html");
+    Ok(fs::write(&index, replaced(&fs::read_to_string(&index)?, "</head>", MARK)?)?)
+}
+
+/// Writes WebAssembly with its bindings into a folder.
+fn bind(wasm: &Path, out: &Path) -> Result {
+    fs::create_dir_all(out)?;
+    Bindgen::new().input_path(wasm).out_name("gs_web").web(true)?.typescript(true).generate(out)?;
+    optimize(&out.join(WASM))
 }
 
 /// The first wasm-opt that keeps tables of references as they are: version 108 writes a module that

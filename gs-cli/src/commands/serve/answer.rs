@@ -33,6 +33,13 @@ const MARK: &str = "<meta name=\"gs-serve\" content=\"1\">\n</head>";
 const POLICY: &str = "default-src 'self'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self' 'unsafe-inline'; \
                       img-src 'self' data: blob:; connect-src 'self' data:; frame-ancestors 'none'";
 
+/// Makes the page cross-origin isolated, so that its engine may have threads.
+const ISOLATION: [(&str, &str); 3] = [
+    ("cross-origin-opener-policy", "same-origin"),
+    ("cross-origin-embedder-policy", "require-corp"),
+    ("cross-origin-resource-policy", "same-origin"),
+];
+
 const KINDS: [(&str, &str); 5] = [
     ("html", "text/html; charset=utf-8"),
     ("js", "text/javascript; charset=utf-8"),
@@ -60,7 +67,9 @@ impl Site {
         ] {
             headers.insert(name, HeaderValue::from_static(value));
         }
-        headers.insert("cross-origin-resource-policy", HeaderValue::from_static("same-origin"));
+        for (name, value) in ISOLATION {
+            headers.insert(name, HeaderValue::from_static(value));
+        }
         answer
     }
 
@@ -198,6 +207,19 @@ mod tests {
             assert_eq!(get("/serve/file/link.ply"), 404);
         }
         drop(place);
+    }
+
+    #[test]
+    fn every_answer_lets_the_page_have_threads() {
+        let (_place, site) = site();
+        for path in ["/", "/serve/list", "/absent.js"] {
+            let request = Request::builder().uri(path).header("host", "localhost").body(()).unwrap();
+            let answer = site.answer(&request);
+            let value = |name: &str| answer.headers()[name].to_str().unwrap().to_owned();
+            assert_eq!(value("cross-origin-opener-policy"), "same-origin", "{path}");
+            assert_eq!(value("cross-origin-embedder-policy"), "require-corp", "{path}");
+            assert_eq!(value("cross-origin-resource-policy"), "same-origin", "{path}");
+        }
     }
 
     #[test]
