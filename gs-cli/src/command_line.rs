@@ -72,7 +72,7 @@ pub(crate) enum Command {
     /// Fit Gaussians to images
     Fit(Box<FitArgs>),
     /// Compress images as .gsi files
-    Encode(EncodeArgs),
+    Encode(Box<EncodeArgs>),
     /// Train a 3D scene from posed images
     Train(Box<TrainArgs>),
     /// Render a scene as a PNG of any size, or from moving cameras
