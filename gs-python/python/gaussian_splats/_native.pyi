@@ -313,8 +313,8 @@ def encode(
 ) -> Encoded:
     """Compress an image into a ``.gsi`` file, as ``gs encode`` does.
 
-    :param image: a file, or an array of shape (H, W, 3) or, with alpha, (H, W, 4), float32 with 0 to 1
-        or uint8. Of a file, alpha and the ICC profile are kept as ``gs encode`` keeps them.
+    :param image: a file, or an array of shape (H, W, 3) or, with alpha, (H, W, 4), float32 with
+        0 to 1 or uint8. Of a file, alpha and the ICC profile are kept as ``gs encode`` keeps them.
     :param quality: 1 (small file) to 100 (best image); 50 where no target is given.
     :param psnr: the smallest file with at least this PSNR, 10 to 60 dB.
     :param bytes: the best image in at most so many bytes.
