@@ -9,8 +9,9 @@ use rayon::prelude::*;
 use crate::{
     coder::Decoder,
     error::Error,
-    file::{ALPHA, MAGIC, MOST_PER_BYTE, PROFILE, Part, VERSION, check_layer, layers_error, order, profile_error},
+    file::{ALPHA, MAGIC, MOST_PER_BYTE, PROFILE, Part, VERSION, check_layer, layers_error, order},
     layer::{LayerHead, code_layer},
+    profile,
     quantizer::Quantizer,
 };
 
@@ -174,10 +175,8 @@ impl<'a> Reader<'a> {
     }
 
     fn profile(&mut self) -> Result<Vec<u8>, Error> {
-        match u16::from_le_bytes(self.array()?) {
-            0 => Err(profile_error(0)),
-            length => Ok(self.take(length.into())?.to_vec()),
-        }
+        let length = u16::from_le_bytes(self.array()?);
+        profile::unpack(self.take(length.into())?)
     }
 
     /// The layer of this number, counted from 1.

@@ -31,6 +31,9 @@ pub enum Error {
         /// The layer, counted from 1.
         layer: usize,
     },
+    /// The colour profile is damaged.
+    #[error("is corrupt: its colour profile cannot be decompressed")]
+    Profile,
     /// A number of the file is impossible.
     #[error("is corrupt: {what} is {value}, but must be {allowed}")]
     Value {

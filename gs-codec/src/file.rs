@@ -9,6 +9,7 @@ use crate::{
     error::Error,
     grid::Grid,
     layer::{Code, LayerHead, code_layer},
+    profile,
     quantizer::Quantizer,
 };
 
@@ -149,9 +150,7 @@ impl Picture {
             bytes.extend([*background, layer_count(layers)?]);
         }
         if !self.profile.is_empty() {
-            let length = u16::try_from(self.profile.len()).map_err(|_| profile_error(self.profile.len()))?;
-            bytes.extend(length.to_le_bytes());
-            bytes.extend(&self.profile);
+            bytes.extend(profile::pack(&self.profile)?);
         }
         let of_alpha = alpha.map_or(&[][..], |alpha| &alpha.layers);
         let (mut of_alpha, mut colors) = (of_alpha.iter(), self.layers.iter());
@@ -211,10 +210,6 @@ fn layer_count(layers: &[Layer]) -> Result<u8, Error> {
 
 pub(crate) fn layers_error(count: usize) -> Error {
     Error::Value { what: "the number of layers", value: count as i64, allowed: "1 to 255" }
-}
-
-pub(crate) fn profile_error(length: usize) -> Error {
-    Error::Value { what: "the length of the colour profile", value: length as i64, allowed: "1 to 65,535 bytes" }
 }
 
 fn push_number(bytes: &mut Vec<u8>, mut number: usize) {

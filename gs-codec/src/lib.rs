@@ -11,10 +11,12 @@ mod layer;
 mod local;
 mod mixer;
 mod number;
+mod profile;
 mod quantizer;
 
 pub use decode::{Decoded, DecodedAlpha, Extent, decode, is_gsi};
 pub use error::Error;
 pub use file::{Alpha, Layer, MAGIC, Picture};
 pub use layer::{Code, LayerHead};
+pub use profile::profile_bytes;
 pub use quantizer::Quantizer;

@@ -1,7 +1,12 @@
 //! Files: what comes back, what it costs, and what is refused.
 
+use std::io::Write;
+
+use flate2::{Compression, write::ZlibEncoder};
 use glam::{Vec2, Vec3};
-use gs_codec::{Alpha, Decoded, DecodedAlpha, Error, Extent, Layer, LayerHead, Picture, Quantizer, decode};
+use gs_codec::{
+    Alpha, Decoded, DecodedAlpha, Error, Extent, Layer, LayerHead, Picture, Quantizer, decode, profile_bytes,
+};
 use gs_core::{Gaussian2d, Scene as _};
 use proptest::prelude::*;
 
@@ -81,7 +86,7 @@ fn alpha_and_profiles_come_back() {
     let alone = Picture { alpha: None, profile: Vec::new(), ..picture.clone() };
     let alpha = Picture { layers: picture.alpha.clone().unwrap().layers, ..alone.clone() };
     let [whole, colors, alpha] = [&picture, &alone, &alpha].map(|picture| picture.encode().unwrap().len());
-    assert_eq!(whole, colors + (alpha - 12) + 2 + picture.profile.len());
+    assert_eq!(whole, colors + (alpha - 12) + profile_bytes(&picture.profile));
 }
 
 #[test]
@@ -182,7 +187,7 @@ fn truncated_files_are_errors_unless_a_prefix_is_enough() {
 fn a_truncated_transparent_file_has_the_shape_of_what_it_shows() {
     let picture = transparent(12);
     let bytes = picture.encode().unwrap();
-    let header = 14 + 2 + 2 + picture.profile.len();
+    let header = 14 + 2 + profile_bytes(&picture.profile);
     let whole = decode(&bytes, Extent::Whole).unwrap();
     let all = whole.alpha.as_ref().unwrap().scene.len();
     let mut steps = Vec::new();
@@ -233,7 +238,14 @@ fn impossible_headers_are_refused() {
     assert!(refused(4, &[1]).contains("the feature of flag 4"), "{}", refused(4, &[1]));
     assert!(refused(0, &[0]).contains("number of layers is 0"), "{}", refused(0, &[0]));
     assert!(refused(1, &[1, 255, 0]).contains("number of layers is 0"), "{}", refused(1, &[1, 255, 0]));
-    assert!(refused(2, &[1, 0, 0]).contains("colour profile is 0"), "{}", refused(2, &[1, 0, 0]));
+    let mut bomb = ZlibEncoder::new(Vec::new(), Compression::best());
+    bomb.write_all(&[0; 5_000_000]).unwrap();
+    let bomb = bomb.finish().unwrap();
+    let bomb = [&[1], &(bomb.len() as u16).to_le_bytes()[..], &bomb].concat();
+    assert!(refused(2, &bomb).contains("colour profile is 65536"), "{}", refused(2, &bomb));
+    for rest in [&[1, 0, 0][..], &[1, 2, 0, 7, 7], &[bomb[..20].as_ref(), &[0; 5000]].concat()] {
+        assert!(refused(2, rest).contains("colour profile"), "{}", refused(2, rest));
+    }
     for (flags, rest) in [(1, &[1][..]), (1, &[1, 255]), (2, &[1]), (2, &[1, 9]), (3, &[1, 255, 1, 255, 255, 7])] {
         assert!(refused(flags, rest).contains("in the middle of the header"), "{}", refused(flags, rest));
     }

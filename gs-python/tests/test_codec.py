@@ -55,7 +55,9 @@ def test_alpha_and_profile_are_kept(image: np.ndarray, tmp_path: Path) -> None:
 
     # A profile is behind the header, and the checksum of a file of one layer at its end.
     data = gs.encode(image, bytes=900, backend="cpu").data
-    data = data[:5] + b"\x02" + data[6:14] + b"\x07\x00profile" + data[14:-4]
+    packed = zlib.compress(b"profile")
+    block = len(packed).to_bytes(2, "little") + packed
+    data = data[:5] + b"\x02" + data[6:14] + block + data[14:-4]
     scene = gs.decode(data + zlib.crc32(data).to_bytes(4, "little"))
     assert scene.profile == b"profile"
     scene.save(tmp_path / "a.gs2d.safetensors")

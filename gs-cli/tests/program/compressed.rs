@@ -78,7 +78,7 @@ fn alpha_and_a_profile_come_back() {
     // The beginning shows both, and a colour behind leaves no alpha.
     fs::write(&file, &fs::read(&file).unwrap()[..890]).unwrap();
     let shown = gs(decode.iter().chain(&cpu).chain(&["--partial"])).done();
-    assert!(shown.stderr.contains("2 of 4 layers"), "{}", shown.stderr);
+    assert!(shown.stderr.contains("3 of 4 layers"), "{}", shown.stderr);
     assert!(read_stored_image(&png).unwrap().alpha.is_some());
     let made = gs(encode.iter().chain(&["--quality", "5", "--background", "black"]).chain(&cpu)).json();
     assert_eq!(made["alpha"], false, "{made}");

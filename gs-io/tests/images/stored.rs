@@ -2,7 +2,7 @@
 
 use gs_core::Image;
 use gs_io::{
-    IccProfile, ImageRemark, PngExtras, premultiplied, read_image, read_stored_image, straight, write_png_with,
+    File2d, IccProfile, ImageRemark, PngExtras, premultiplied, read_image, read_stored_image, straight, write_png_with,
 };
 use moxcms::{ColorProfile, ProfileText};
 
@@ -25,6 +25,8 @@ fn colours_stay_beside_a_profile_of_matrix_and_curves() {
     assert!(found.image.pixels() == stored() && found.remarks.is_empty() && found.alpha.is_none());
     assert_eq!((profile.bytes(), profile.name().as_str()), (&icc[..], "Display P3"));
     assert_eq!(found.shown(), read_image(&path).unwrap().image);
+    let scene = File2d { profile: Some(profile.clone()), ..File2d::default() };
+    assert_eq!(scene.in_srgb(found.image.clone()), found.shown());
 
     // What is written is read again.
     let again = place.path().join("b.png");

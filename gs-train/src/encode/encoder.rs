@@ -75,8 +75,10 @@ const SURPLUS_DB: f64 = 0.06;
 /// Quantizations of a fit at most.
 const ATTEMPTS: usize = 4;
 
-/// Standard fits at most, if the first has the wrong number of Gaussians. Most take one or two.
-const FITS: usize = 5;
+/// Standard fits at most where the first has the wrong number of Gaussians, and where none is good
+/// enough: those of a few Gaussians are hard to forecast.
+const FITS: usize = 3;
+const MOST_FITS: usize = 6;
 
 /// Encodes one picture.
 pub(super) struct Encoder<'a, R> {
@@ -324,11 +326,11 @@ impl<'a, R: Optimizer<Scene2d>> Encoder<'a, R> {
             count = self.count_for(before);
         }
         let mut best: Option<Attempt> = None;
-        for _ in 0..FITS {
+        for fits in 1..=MOST_FITS {
             let fitted = self.fit(Preset::Standard, count).await?;
             best = self.steps_to_psnr(&fitted, psnr, best).await?;
             let off = fitted.psnr - before;
-            if best.is_some() && off < MOST_SPARE_DB {
+            if best.is_some() && (off < MOST_SPARE_DB || fits >= FITS) {
                 break;
             }
             count = match self.count_for(before) {

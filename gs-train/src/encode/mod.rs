@@ -10,7 +10,7 @@ mod sequence;
 mod settings;
 mod transparent;
 
-use gs_codec::Picture;
+use gs_codec::{Picture, profile_bytes};
 use gs_core::{Image, Optimizer, Scene2d, TargetImage, to_8_bits};
 use gs_io::StoredImage;
 use web_time::Instant;
@@ -80,8 +80,7 @@ pub async fn encode<R: Optimizer<Scene2d>>(
         return Err(gs_core::Error::setting("the length of the profile", profile.len(), "at most 65,535 bytes").into());
     }
     let started = Instant::now();
-    let of_profile = if profile.is_empty() { 0 } else { 2 + profile.len() as u64 };
-    let target = settings.target.without(of_profile);
+    let target = settings.target.without(profile_bytes(profile) as u64);
     let made = match alpha.filter(|alpha| alpha.iter().any(|&alpha| to_8_bits(alpha) < u8::MAX)) {
         None => opaque(rasterizer, image, target, settings).await,
         Some(alpha) => transparent(rasterizer, image, alpha, target, settings).await,

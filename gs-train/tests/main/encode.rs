@@ -197,7 +197,14 @@ fn impossible_targets_are_refused() {
     assert!(matches!(wrong, Err(Error::Core(gs_core::Error::Setting { .. }))), "{wrong:?}");
     let short = encoded(source(&[0.5]), EncodeTarget::Quality(9));
     assert!(matches!(short, Err(Error::Core(gs_core::Error::Length { .. }))), "{short:?}");
-    let full = EncodeImage { profile: &[7; 900], ..(&image).into() };
+    let mut state = 1u32;
+    let noise: Vec<u8> = std::iter::repeat_with(|| {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (state >> 24) as u8
+    })
+    .take(900)
+    .collect();
+    let full = EncodeImage { profile: &noise, ..(&image).into() };
     let message = encoded(full, EncodeTarget::Bytes(900)).unwrap_err().to_string();
     assert!(message.starts_with("a size of 900 bytes"), "{message}");
 }
