@@ -2,14 +2,13 @@
 
 use std::ops::Range;
 
-use crc32fast::Hasher;
 use gs_core::{Gaussian2d, Scene as _, Scene2d, check_size};
 use rayon::prelude::*;
 
 use crate::{
     coder::Decoder,
     error::Error,
-    file::{ALPHA, MAGIC, MOST_PER_BYTE, PROFILE, Part, VERSION, check_layer, layers_error, order},
+    file::{ALPHA, Checksum, MAGIC, MOST_PER_BYTE, PROFILE, Part, VERSION, check_layer, layers_error, order},
     layer::{LayerHead, code_layer},
     profile,
     quantizer::Quantizer,
@@ -71,7 +70,7 @@ pub fn decode(bytes: &[u8], extent: Extent) -> Result<Decoded, Error> {
     if !is_gsi(bytes) {
         return Err(Error::Magic);
     }
-    let mut reader = Reader { bytes, place: MAGIC.len(), part: "the header", checksum: Hasher::new(), checked: 0 };
+    let mut reader = Reader { bytes, place: MAGIC.len(), part: "the header", checksum: Checksum::default() };
     let (mut decoded, parts) = reader.header()?;
     reader.part = "a layer";
     let mut layers = Vec::with_capacity(parts.len());
@@ -105,9 +104,7 @@ struct Reader<'a> {
     place: usize,
     /// What is being read.
     part: &'static str,
-    /// Checksum of the first `checked` bytes.
-    checksum: Hasher,
-    checked: usize,
+    checksum: Checksum,
 }
 
 impl<'a> Reader<'a> {
@@ -187,9 +184,7 @@ impl<'a> Reader<'a> {
         let complete = extent == Extent::Whole || there >= length.saturating_add(CHECKSUM_BYTES);
         let content = self.take(if complete { length } else { length.min(there) })?;
         if complete {
-            self.checksum.update(&self.bytes[self.checked..self.place]);
-            self.checked = self.place;
-            let checksum = self.checksum.clone().finalize();
+            let checksum = self.checksum.of(&self.bytes[..self.place]);
             if u32::from_le_bytes(self.array::<CHECKSUM_BYTES>()?) != checksum {
                 return Err(Error::Checksum { layer: number });
             }

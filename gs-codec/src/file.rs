@@ -2,6 +2,7 @@
 
 use std::{iter, ops::Range};
 
+use crc32fast::Hasher;
 use gs_core::check_size;
 
 use crate::{
@@ -63,6 +64,23 @@ pub struct Alpha {
     pub layers: Vec<Layer>,
 }
 
+/// The checksum of a file's bytes so far.
+#[derive(Debug, Default)]
+pub(crate) struct Checksum {
+    hasher: Hasher,
+    /// Number of bytes that are in it.
+    seen: usize,
+}
+
+impl Checksum {
+    /// The checksum of `bytes`, which begin with those of the last call.
+    pub(crate) fn of(&mut self, bytes: &[u8]) -> u32 {
+        self.hasher.update(&bytes[self.seen..]);
+        self.seen = bytes.len();
+        self.hasher.clone().finalize()
+    }
+}
+
 /// One of the two sums of a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Part {
@@ -90,15 +108,15 @@ impl Layer {
     pub fn stripes(&self, count: usize) -> Vec<Self> {
         let codes = self.sorted();
         let (mut stripes, mut rest) = (Vec::with_capacity(count), &codes[..]);
-        for left in (1..=count).rev() {
+        for left in (1..=count.max(1)).rev() {
             let last = rest.get((rest.len() / left).saturating_sub(1)).map_or(0, |code| code.row);
-            let end = if left == 1 { rest.len() } else { rest.partition_point(|code| code.row <= last) };
-            let (stripe, later) = rest.split_at(end);
+            let (stripe, later) = rest.split_at(rest.partition_point(|code| code.row <= last));
             rest = later;
-            if !stripe.is_empty() || stripes.is_empty() && rest.is_empty() && left == 1 {
-                stripes.push(Self { head: self.head, codes: stripe.to_vec() });
-            }
+            stripes.push(Self { head: self.head, codes: stripe.to_vec() });
         }
+        // Rows are not cut, so the last stripes may be empty.
+        let filled = stripes.iter().take_while(|stripe| !stripe.codes.is_empty()).count();
+        stripes.truncate(filled.max(1));
         stripes
     }
 
@@ -108,8 +126,8 @@ impl Layer {
         codes
     }
 
-    /// Adds the layer to the bytes of a file.
-    fn push(&self, bytes: &mut Vec<u8>, size: (u32, u32)) -> Result<(), Error> {
+    /// Adds the layer to the bytes of a file, of which `checksum` has seen those of the layers before.
+    fn push(&self, bytes: &mut Vec<u8>, checksum: &mut Checksum, size: (u32, u32)) -> Result<(), Error> {
         let quantizer = Quantizer::new(self.head, size);
         let codes = self.sorted();
         let rows = rows_of(&codes);
@@ -125,7 +143,7 @@ impl Layer {
         bytes.extend(step.to_le_bytes());
         bytes.extend([cell, margin, mean_ratio, shape_ratio, turn_ratio]);
         bytes.extend(content);
-        bytes.extend(crc32fast::hash(bytes).to_le_bytes());
+        bytes.extend(checksum.of(bytes).to_le_bytes());
         Ok(())
     }
 }
@@ -154,9 +172,10 @@ impl Picture {
         }
         let of_alpha = alpha.map_or(&[][..], |alpha| &alpha.layers);
         let (mut of_alpha, mut colors) = (of_alpha.iter(), self.layers.iter());
+        let mut checksum = Checksum::default();
         for part in order(of_alpha.len(), colors.len()) {
             let next = if part == Part::Alpha { of_alpha.next() } else { colors.next() };
-            next.map_or(Ok(()), |layer| layer.push(&mut bytes, size))?;
+            next.map_or(Ok(()), |layer| layer.push(&mut bytes, &mut checksum, size))?;
         }
         Ok(bytes)
     }

@@ -8,7 +8,7 @@ use gs_core::{Blend, Loss, RenderSettings, Scene3d, effects::Statistics};
 use gs_density::DensityPolicy;
 use gs_io::Format3d;
 
-use crate::{settings::FitSettings, train::TrainSettings};
+use crate::{encode::LEAST_FITTED_ROWS, settings::FitSettings, train::TrainSettings};
 
 /// A pixel of an image: three `f32`.
 const IMAGE: u64 = 12;
@@ -51,8 +51,8 @@ const DEPTH_GAUSSIAN: u64 = 450;
 /// A pixel that is encoded, besides the image: measured at 25 megapixels and 1 bit per pixel.
 const ENCODED: u64 = 110;
 
-/// Pixels that are encoded at once at least.
-const LEAST_ENCODED: u64 = 1 << 20;
+/// A pixel of a transparent image besides the picture that is encoded: its colours and its alpha.
+pub(crate) const TRANSPARENT: u64 = IMAGE + PLANE;
 
 /// Memory for drawing an image of this size, the image included, bytes.
 pub fn drawing((width, height): (u32, u32)) -> u64 {
@@ -78,11 +78,13 @@ pub fn reading((width, height): (u32, u32)) -> u64 {
 }
 
 /// Peak memory of encoding an image of this size in about `most` bytes, the image included, bytes. It
-/// is more only where the image itself takes nearly as much.
-pub fn encoding((width, height): (u32, u32), most: u64) -> u64 {
-    let pixels = pixels(width, height);
-    let band = encoding_at_once((width, height), most).max(pixels.min(LEAST_ENCODED));
-    (BASE + pixels * IMAGE + band * ENCODED).max(reading((width, height)))
+/// is more only where the image itself, or the least band, takes that much.
+pub fn encoding((width, height): (u32, u32), transparent: bool, most: u64) -> u64 {
+    let all = pixels(width, height);
+    let waiting = if transparent { all * TRANSPARENT } else { 0 };
+    let least = pixels(width, height.min(LEAST_FITTED_ROWS));
+    let band = encoding_at_once((width, height), most.saturating_sub(waiting)).max(least);
+    (BASE + all * IMAGE + waiting + band * ENCODED).max(reading((width, height)))
 }
 
 /// Number of pixels of an image of this size that are encoded at once in `most` bytes.

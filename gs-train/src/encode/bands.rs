@@ -18,6 +18,9 @@ const OVERLAP: u32 = 64;
 /// Least height of a band, rows.
 const LEAST_ROWS: u32 = 256;
 
+/// Rows that a band is fitted to at least, where the image has so many.
+pub(crate) const LEAST_FITTED_ROWS: u32 = LEAST_ROWS + 2 * OVERLAP;
+
 /// Share of the Gaussians that is spread evenly over the image; the others follow its gradient.
 const EVEN_SHARE: f64 = 0.1;
 

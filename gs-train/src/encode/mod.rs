@@ -15,6 +15,7 @@ use gs_core::{Image, Optimizer, Scene2d, TargetImage, to_8_bits};
 use gs_io::StoredImage;
 use web_time::Instant;
 
+pub(crate) use self::bands::LEAST_FITTED_ROWS;
 pub use self::settings::{EncodeLayers, EncodeSettings, EncodeTarget};
 use self::{
     encoder::{Encoder, Part},

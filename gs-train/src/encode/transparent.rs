@@ -10,7 +10,7 @@ use super::{
     layers::FirstLayer,
     settings::EncodeTarget,
 };
-use crate::error::Error;
+use crate::{error::Error, memory::TRANSPARENT};
 
 /// Bytes of the header that a file of alpha alone has, and that alpha beside colours does not need.
 const HEADER_BYTES: u64 = 12;
@@ -32,6 +32,8 @@ pub(super) async fn transparent<R: Optimizer<Scene2d>>(
     settings: &EncodeSettings,
 ) -> Result<Made, Error> {
     let (first, background) = (FirstLayer::of(settings.layers), median(alpha));
+    let waiting = alpha.len() as u64 * TRANSPARENT;
+    let settings = &settings.with(|s| s.memory = s.memory.saturating_sub(waiting));
     let grey = Image::from_pixels(image.width(), image.height(), alpha.iter().map(|&alpha| [alpha; 3]).collect())?;
     let of_alpha = async |target| {
         let encoder = Encoder::new(on, &grey, [background; 3], settings)?;
@@ -50,6 +52,7 @@ pub(super) async fn transparent<R: Optimizer<Scene2d>>(
         }
         target => of_alpha(target).await?,
     };
+    drop(grey);
     let colors = premultiplied(image, alpha);
     let encoder = Encoder::new(on, &colors, [0; 3], settings)?;
     let target = target.without(alpha_part.bytes - HEADER_BYTES);
