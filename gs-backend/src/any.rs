@@ -233,6 +233,18 @@ macro_rules! for_scene {
                 }
             }
 
+            async fn loss(
+                &self,
+                splats: &Self::Splats,
+                pass: Self::ForwardPass,
+                target: &Self::Target,
+                loss: &Loss,
+            ) -> Result<f32, Error> {
+                on!(self as on, splats, pass, target => {
+                    Rasterizer::<$scene>::loss(on, splats, pass, target, loss).await
+                }, else Err(mismatch()))
+            }
+
             async fn image_vjp(
                 &self,
                 splats: &Self::Splats,

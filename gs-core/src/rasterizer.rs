@@ -144,6 +144,22 @@ pub trait Rasterizer<S: Scene>: Backend {
         loss: &Loss,
     ) -> impl Future<Output = Result<(f32, Self::Gradients), Error>>;
 
+    /// The loss of [`Self::backward`] without its gradients, bit for bit.
+    ///
+    /// Backends may need less time and memory for it.
+    ///
+    /// # Errors
+    /// Those of [`Self::backward`].
+    fn loss(
+        &self,
+        splats: &Self::Splats,
+        pass: Self::ForwardPass,
+        target: &Self::Target,
+        loss: &Loss,
+    ) -> impl Future<Output = Result<f32, Error>> {
+        async { Ok(self.backward(splats, pass, target, loss).await?.0) }
+    }
+
     /// The vector-Jacobian product of the image: gradients of any loss L from `v_image` =
     /// ∂L/∂image, `[H, W, 3]`. The stages `blend_bwd` and `project_bwd`.
     ///

@@ -200,6 +200,20 @@ impl<S: SceneKind> Rasterizer<S> for CpuRasterizer {
         Ok((value as f32, pass.into_gradients()))
     }
 
+    async fn loss(
+        &self,
+        splats: &S::Splats,
+        mut pass: ForwardPass<S>,
+        target: &Target,
+        loss: &Loss,
+    ) -> Result<f32, Error> {
+        loss.validate()?;
+        let workspace = pass.workspace_mut();
+        target.check_size(workspace.tiles.grid.size())?;
+        check_edition::<S>(workspace, splats)?;
+        Ok(self.install(|| loss::loss(&mut workspace.tiles, target, loss, self.level))? as f32)
+    }
+
     async fn image_vjp(
         &self,
         splats: &S::Splats,

@@ -323,7 +323,7 @@ impl<'a, R: Optimizer<Scene2d>> Trainer<'a, R> {
     /// Those of the backend.
     pub async fn scene_loss(&self) -> Result<f32, Error> {
         let pass = self.rasterizer.forward(&self.splats, &self.task.canvas, &self.shown()).await?;
-        Ok(self.rasterizer.backward(&self.splats, pass, &self.task.target, &self.record.settings.loss).await?.0)
+        Ok(self.rasterizer.loss(&self.splats, pass, &self.task.target, &self.record.settings.loss).await?)
     }
 
     /// Settings for rendering the scene, with the effects that it has been fitted with.

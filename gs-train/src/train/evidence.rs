@@ -124,7 +124,7 @@ impl<'a, R: Optimizer<Scene3d>> Gathering<'a, R> {
             let pass = self.on.forward(self.splats, camera, &self.render).await?;
             let rendered = self.on.image(&pass).await?;
             let (target, _) = images::target(self.on, posed.clone(), Some(background), true)?;
-            let (loss, _) = self.on.backward(self.splats, pass, &target, loss).await?;
+            let loss = self.on.loss(self.splats, pass, &target, loss).await?;
             let maps = maps(&rendered, &posed.over(background), mask, &self.request)?;
             let mut view = ViewEvidence { loss, ..ViewEvidence::default() };
             if self.request.blended {

@@ -138,7 +138,7 @@ impl<R: Optimizer<Scene3d>> ViewsTask<R> {
             let background = render.background_color();
             let (target, _) = images::target(on, posed.clone(), Some(background), true)?;
             psnr.extend(measure(&on.image(&pass).await?, posed, background).map(|pair| pair.l1_and_psnr().1));
-            losses.push(f64::from(on.backward(splats, pass, &target, &settings.loss).await?.0));
+            losses.push(f64::from(on.loss(splats, pass, &target, &settings.loss).await?));
         }
         let measured = !psnr.is_empty();
         Ok(TrainingViews { views: psnr.len(), psnr: measured.then(|| mean(psnr)), loss: mean(losses) as f32 })

@@ -12,7 +12,7 @@ use crate::{failure::Failure, subject::Subject};
 
 /// A target with alpha and mask equals the target that was completed by hand: blended with the
 /// background, and with the rendered colours where the mask excludes a pixel. Losses, gradients,
-/// steps and statistics agree within rounding.
+/// steps and statistics agree within rounding; the loss alone equals that with gradients.
 pub fn incomplete_targets_are_completed<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in [Blend::Sum, Blend::Over] {
         let mut draw = S::typical(blend, 20, (37, 25), 1301).on([0.2, 0.7, 0.4]);
@@ -39,6 +39,11 @@ pub fn incomplete_targets_are_completed<S: Subject, R: Optimizer<S>>(rasterizer:
                 for target in &targets {
                     let pass = rasterizer.forward(&splats, &draw.view, &draw.settings).block_on()?;
                     let (value, gradients) = rasterizer.backward(&splats, pass, target, &loss).block_on()?;
+                    let pass = rasterizer.forward(&splats, &draw.view, &draw.settings).block_on()?;
+                    let alone = rasterizer.loss(&splats, pass, target, &loss).block_on()?;
+                    Failure::unless(alone.to_bits() == value.to_bits(), || {
+                        format!("{}: the loss alone is {alone}, with gradients {value}", place())
+                    })?;
                     let rows = rasterizer.gradients(&splats, &gradients).block_on()?.rows_of_gradients();
                     draw.settings.effects.statistics = Statistics::PixelError;
                     let (rates, mut trained) = (S::adam().at(0.0), rasterizer.upload(&draw.scene, Default::default())?);

@@ -30,6 +30,7 @@ enum Fault {
     NegatesRotationGradients,
     SwapsMeanGradients,
     DoublesLosses,
+    DoublesTheLossAlone,
     GradientsInWrongUnits,
     IgnoresTheBlueGradient,
     LosesTheLastGaussian,
@@ -237,6 +238,17 @@ impl Rasterizer<Scene2d> for Sabotaged {
         Ok((if self.is(DoublesLosses) { 2.0 * loss } else { loss }, gradients))
     }
 
+    async fn loss(
+        &self,
+        splats: &Self::Splats,
+        pass: Self::ForwardPass,
+        target: &Self::Target,
+        loss: &Loss,
+    ) -> Result<f32, Error> {
+        let loss = self.backward(splats, pass, target, loss).block_on()?.0;
+        Ok(if self.is(DoublesTheLossAlone) { 2.0 * loss } else { loss })
+    }
+
     async fn image_vjp(
         &self,
         splats: &Self::Splats,
@@ -406,6 +418,7 @@ fn every_fault_is_caught_by_its_case() {
         (GradientsInWrongUnits, "statistics_are_the_positional_gradients"),
         (DoublesLosses, "gradients_match"),
         (DoublesLosses, "steps_decrease_the_loss"),
+        (DoublesTheLossAlone, "incomplete_targets_are_completed"),
         (LosesTheLastGaussian, "scenes_come_back"),
         (ForgetsMomentsOnRestore, "restored_splats_continue_bit_for_bit"),
         (ForgetsMomentsOnRestore, "first_steps_do_not_reuse_lists_of_renderings"),
