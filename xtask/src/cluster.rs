@@ -13,7 +13,7 @@ use std::{
 };
 
 use self::slurm::Slurm;
-use crate::system::{cargo, install_packages, is_root, workspace};
+use crate::system::{built_example, built_program, install_packages, is_root, step};
 
 /// Tasks of the array.
 const TASKS: u32 = 4;
@@ -85,14 +85,10 @@ pub(crate) fn run(install: bool) -> Result<(), String> {
         eprintln!("skipped: there is no {missing}: the study on a cluster; install Slurm with {how}");
         return Ok(());
     }
-    // With the features of the whole workspace, so that what the tests have built is not built again.
-    cargo(&["build", "--workspace", "--bin", "gs"])?;
-    let target = env::var_os("CARGO_TARGET_DIR").map_or_else(|| workspace().join("target"), PathBuf::from);
-    let gs = target.join("debug/gs");
+    let (gs, posed_images) = (built_program()?, built_example("posed_images")?);
     let place = env::temp_dir().join(format!("gs-cluster-{}", std::process::id()));
     fs::create_dir(&place).map_err(|error| format!("{}: {error}", place.display()))?;
-    let dataset = place.join("posed").display().to_string();
-    cargo(&["run", "--quiet", "--package", "gs-conformance", "--example", "posed_images", "--", &dataset])?;
+    step(Command::new(posed_images).arg(place.join("posed")))?;
     let started = Instant::now();
     let checked =
         Slurm::start(&place).and_then(|slurm| STUDIES.iter().try_for_each(|study| check(study, &gs, &place, &slurm)));

@@ -6,7 +6,7 @@ use std::{
     process::{Command, Stdio},
 };
 
-use crate::system::{cargo_program, install_packages, step, workspace};
+use crate::system::{cargo_program, install_packages, step, target, workspace};
 
 /// What builds wheels, from PyPI.
 const MATURIN: &str = "maturin>=1.9,<2";
@@ -49,7 +49,7 @@ pub(crate) fn run(options: Options) -> Result<(), String> {
         eprintln!("skipped: there is no Python 3.9 or later with the module venv: the Python module");
         return Ok(());
     };
-    let target = env::var_os("CARGO_TARGET_DIR").map_or_else(|| workspace().join("target"), PathBuf::from);
+    let target = target();
     let (environment, wheels) = (target.join("python"), target.join("wheels"));
     remove(&environment)?;
     step(Command::new(python).args(["-m", "venv"]).arg(&environment))?;

@@ -45,6 +45,28 @@ pub(crate) fn cargo(arguments: &[&str]) -> Result<(), String> {
     if status.success() { Ok(()) } else { Err(format!("{line}: {status}")) }
 }
 
+/// Builds `gs` for tests, and returns its path.
+pub(crate) fn built_program() -> Result<PathBuf, String> {
+    built("--bin", "gs", "")
+}
+
+/// Builds an example of the workspace for tests, and returns its path.
+pub(crate) fn built_example(name: &str) -> Result<PathBuf, String> {
+    built("--example", name, "examples")
+}
+
+/// Builds with the features of the whole workspace, so that nothing is built again that the tests have
+/// built.
+fn built(kind: &str, name: &str, folder: &str) -> Result<PathBuf, String> {
+    cargo(&["build", "--workspace", kind, name])?;
+    Ok(target().join("debug").join(folder).join(format!("{name}{}", env::consts::EXE_SUFFIX)))
+}
+
+/// The folder of what is built.
+pub(crate) fn target() -> PathBuf {
+    env::var_os("CARGO_TARGET_DIR").map_or_else(|| workspace().join("target"), PathBuf::from)
+}
+
 /// Runs a command under a line that shows it.
 pub(crate) fn step(command: &mut Command) -> Result<(), String> {
     let words = [command.get_program()].into_iter().chain(command.get_args());

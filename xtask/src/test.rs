@@ -6,7 +6,7 @@ use std::{
     process::{Command, Stdio},
 };
 
-use crate::system::{cargo, cargo_program, install_packages, workspace};
+use crate::system::{built_example, cargo, cargo_program, install_packages, step, workspace};
 
 /// The package of Debian and Ubuntu that holds Mesa's software Vulkan driver.
 const DRIVER: &str = "mesa-vulkan-drivers";
@@ -70,7 +70,8 @@ fn report_data() {
 
 /// Whether there is a graphics adapter, if necessary after installing a software one.
 fn find_adapter(install: bool) -> Result<bool, String> {
-    let found = || cargo(&["run", "--quiet", "--package", "gs-wgpu", "--example", "adapters"]).is_ok();
+    let adapters = built_example("adapters")?;
+    let found = || step(&mut Command::new(&adapters)).is_ok();
     if found() {
         return Ok(true);
     }

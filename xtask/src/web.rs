@@ -6,7 +6,7 @@ use std::{
     process::{Command, Stdio},
 };
 
-use crate::system::{cargo_program, install_packages, step, workspace};
+use crate::system::{built_program, cargo_program, install_packages, step, target, workspace};
 
 const TARGET: &str = "wasm32-unknown-unknown";
 
@@ -53,7 +53,7 @@ impl Options {
 /// Builds the page into `target/page`, or tests one that was built without optimising what does not
 /// compute, which takes half the time.
 pub(crate) fn run(options: Options) -> Result<(), String> {
-    let target = env::var_os("CARGO_TARGET_DIR").map_or_else(|| workspace().join("target"), PathBuf::from);
+    let target = target();
     if options.install {
         install(options.test)?;
     }
@@ -169,10 +169,7 @@ fn test(target: &Path, install: bool) -> Result<(), String> {
     }
     let page = place.join("page");
     build(target, "dev", "dev", &page)?;
-    let mut native = Command::new(cargo_program());
-    native.args(["build", "--locked", "--package", "gs-cli", "--target-dir"]).arg(target);
-    step(native.current_dir(workspace()))?;
-    let gs = target.join("debug/gs");
+    let gs = built_program()?;
     step(Command::new("node").arg(tests.join("sog.mjs")).arg(&gs).arg(&place))?;
     let mut node = Command::new("node");
     node.arg(tests.join("page.mjs")).arg(browser).args([&page, &gs, &place]).env("GS_PAGE", &page);
