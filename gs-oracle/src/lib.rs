@@ -41,7 +41,7 @@ pub use self::{
     splat::{Appearance, Depth, Exponent, Lean, OracleView, Projection, Splat},
     statistics::StepStatistics,
 };
-use self::{loss::LossAt, pixel::Pixel, splat::Share};
+use self::{loss::LossSlopes, pixel::Pixel, splat::Share};
 
 /// Tolerance of images, losses and gradients, in roundings.
 ///
@@ -160,8 +160,7 @@ impl<V: OracleView> Oracle<V> {
     pub fn loss(&self, scene: &OracleScene, target: &Image, loss: &Loss) -> Result<f64, Error> {
         self.check_target(target)?;
         let image = self.render(scene);
-        let at = loss::evaluate(loss, image.width as usize, &image.pixels, &image.rounding, target, 0.0);
-        Ok(at.value)
+        Ok(loss::value(loss, image.width as usize, &image.pixels, target))
     }
 
     /// The loss of a scene and its gradients with respect to every parameter.
@@ -170,9 +169,10 @@ impl<V: OracleView> Oracle<V> {
     /// [`Error::SizesDiffer`] if the target does not have the view's size.
     pub fn gradients(&self, scene: &OracleScene, target: &Image, loss: &Loss) -> Result<Gradients, Error> {
         self.check_target(target)?;
-        Ok(self.differentiate(scene, |width, image, rounding, lean| {
-            loss::evaluate(loss, width, image, rounding, target, lean)
-        }))
+        let value = |width, image: &[_]| loss::value(loss, width, image, target);
+        let slopes =
+            |width, image: &[_], rounding: &[_], lean| loss::slopes(loss, width, image, rounding, target, lean);
+        Ok(self.differentiate(scene, value, slopes))
     }
 
     /// The gradients of a loss L with ∂L/∂image = `v_image`, `[H, W, 3]`; the loss is returned as 0.
@@ -183,21 +183,22 @@ impl<V: OracleView> Oracle<V> {
         self.check_target(v_image)?;
         let v_color: Vec<[f64; 3]> = v_image.pixels().iter().map(|v| v.map(f64::from)).collect();
         let v_rounding = vec![[0.0; 3]; v_color.len()];
-        let given = LossAt { value: 0.0, v_color, v_rounding };
-        Ok(self.differentiate(scene, |_, _, _, _| given.clone()))
+        let given = LossSlopes { v_color, v_rounding };
+        Ok(self.differentiate(scene, |_, _| 0.0, |_, _, _, _| given.clone()))
     }
 
-    /// Gradients of a loss that is a function of (columns, image, its rounding, lean); see
-    /// [`loss::evaluate`].
+    /// Gradients of a loss with a value of (columns, image) and slopes of (columns, image, its
+    /// rounding, lean); see [`loss::slopes`].
     fn differentiate(
         &self,
         scene: &OracleScene,
-        loss: impl Fn(usize, &[[f64; 3]], &[[f64; 3]], f64) -> LossAt,
+        value: impl Fn(usize, &[[f64; 3]]) -> f64,
+        slopes: impl Fn(usize, &[[f64; 3]], &[[f64; 3]], f64) -> LossSlopes,
     ) -> Gradients {
         let exact = self.blend(scene, Lean::Exact);
         let rendering = self.rendering(scene, &exact);
         let width = rendering.width as usize;
-        let at_exact = loss(width, &rendering.pixels, &rendering.rounding, 0.0);
+        let at_exact = slopes(width, &rendering.pixels, &rendering.rounding, 0.0);
         let count = scene.gaussians.len();
         let chain = Chain::of(&self.project(scene), scene);
         let mut shares = vec![[0.0; 9]; count];
@@ -216,7 +217,7 @@ impl<V: OracleView> Oracle<V> {
         }
         (0..count).for_each(|g| chain.add_own_rounding(g, &shares[g], &mut rounding[g]));
         let mut gradients = Gradients {
-            loss: at_exact.value,
+            loss: value(width, &rendering.pixels),
             loss_rounding,
             loss_flip,
             values: (0..count).map(|g| chain.parameters(g, &shares[g])).collect(),
@@ -227,7 +228,7 @@ impl<V: OracleView> Oracle<V> {
         for (lean, direction) in [(Lean::More, 1.0), (Lean::Fewer, -1.0)] {
             let other = self.blend(scene, lean);
             let pixels: Vec<_> = other.iter().map(|pixel| pixel.color).collect();
-            let at_other = loss(width, &pixels, &rendering.rounding, direction * ROUNDINGS);
+            let at_other = slopes(width, &pixels, &rendering.rounding, direction * ROUNDINGS);
             for (p, (pixel, twin)) in exact.iter().zip(&other).enumerate() {
                 let (v, v_other) = (at_exact.v_color[p], at_other.v_color[p]);
                 let several = f64::from(pixel.near.max(twin.near));

@@ -23,11 +23,22 @@ pub(crate) struct Channel<'a> {
     pub(crate) rounding: &'a [f64],
 }
 
-/// SSIM at every pixel of a channel, and the terms of its derivative.
-#[derive(Debug, Clone)]
-pub(crate) struct Map {
-    pub(crate) ssim: Vec<f64>,
-    slopes: Vec<Slopes>,
+/// The weighted means of x, y, x², y² and xy under one window.
+struct Moments([f64; 5]);
+
+impl Moments {
+    /// The factors of SSIM = (2 μx μy + C1)(2 σxy + C2) / ((μx² + μy² + C1)(σx² + σy² + C2)).
+    fn factors(&self) -> [f64; 4] {
+        let Self([ex, ey, exx, eyy, exy]) = *self;
+        let (c1, c2) = (f64::from(SSIM_C1), f64::from(SSIM_C2));
+        let (a1, a2) = (2.0 * ex * ey + c1, 2.0 * (exy - ex * ey) + c2);
+        [a1, a2, ex * ex + ey * ey + c1, exx - ex * ex + eyy - ey * ey + c2]
+    }
+
+    fn ssim(&self) -> f64 {
+        let [a1, a2, b1, b2] = self.factors();
+        a1 * a2 / (b1 * b2)
+    }
 }
 
 /// The derivative of SSIM under one window by a pixel x of weight w:
@@ -72,34 +83,35 @@ impl Channel<'_> {
         })
     }
 
-    /// SSIM = (2 μx μy + C1)(2 σxy + C2) / ((μx² + μy² + C1)(σx² + σy² + C2)) at every pixel.
-    pub(crate) fn map(&self) -> Map {
+    fn moments(&self, window: &[(isize, isize, f64)], index: usize) -> Moments {
+        let mut sums = [0.0; 5];
+        for (i, w) in self.under(window, index) {
+            let (x, y) = (self.rendered[i], self.target[i]);
+            [x, y, x * x, y * y, x * y].iter().zip(&mut sums).for_each(|(moment, sum)| *sum += w * moment);
+        }
+        Moments(sums)
+    }
+
+    /// Σ SSIM over the pixels.
+    pub(crate) fn sum_of_ssim(&self) -> f64 {
         let window = window();
-        let (c1, c2) = (f64::from(SSIM_C1), f64::from(SSIM_C2));
-        let count = self.rendered.len();
-        let mut map = Map { ssim: Vec::with_capacity(count), slopes: Vec::with_capacity(count) };
-        for index in 0..count {
-            let [mut ex, mut ey, mut exx, mut eyy, mut exy] = [0.0; 5];
-            for (i, w) in self.under(&window, index) {
-                let (x, y) = (self.rendered[i], self.target[i]);
-                ex += w * x;
-                ey += w * y;
-                exx += w * x * x;
-                eyy += w * y * y;
-                exy += w * x * y;
-            }
+        (0..self.rendered.len()).map(|index| self.moments(&window, index).ssim()).sum()
+    }
+
+    /// The terms of the derivative, of the window at each pixel.
+    fn slopes(&self, window: &[(isize, isize, f64)]) -> Vec<Slopes> {
+        let slopes_at = |index: usize| {
+            let moments = self.moments(window, index);
+            let Moments([ex, ey, exx, eyy, _]) = moments;
             // Where x is off by δ, μx is by E[δ], σx² by 2 E[(x − μx) δ] and σxy by E[(y − μy) δ].
             let (mut mean_rounding, mut variance_rounding) = (0.0, 0.0);
-            for (i, w) in self.under(&window, index) {
+            for (i, w) in self.under(window, index) {
                 mean_rounding += w * self.rounding[i];
                 let spread = (self.rendered[i] - ex).abs() + (self.target[i] - ey).abs();
                 variance_rounding += 2.0 * w * self.rounding[i] * spread;
             }
-            let (a1, a2) = (2.0 * ex * ey + c1, 2.0 * (exy - ex * ey) + c2);
-            let (b1, b2) = (ex * ex + ey * ey + c1, exx - ex * ex + eyy - ey * ey + c2);
-            let s = a1 * a2 / (b1 * b2);
-            map.ssim.push(s);
-            map.slopes.push(Slopes {
+            let ([a1, a2, b1, b2], s) = (moments.factors(), moments.ssim());
+            Slopes {
                 means: [ex, ey],
                 luminance: 2.0 * ey * a2 / (b1 * b2) - 2.0 * ex * s / b1,
                 own: -2.0 * s / b2,
@@ -107,21 +119,22 @@ impl Channel<'_> {
                 rounding: OPERATIONS * F32_ROUNDING * (1.0 + (exx + eyy) / b2)
                     + variance_rounding / b2
                     + 2.0 * mean_rounding * (ex.abs() + ey.abs()) / b1,
-            });
-        }
-        map
+            }
+        };
+        (0..self.rendered.len()).map(slopes_at).collect()
     }
 
     /// ∂(Σ SSIM)/∂(rendered) at every pixel, and its uncertainty.
-    pub(crate) fn derivative(&self, map: &Map) -> Vec<(f64, f64)> {
+    pub(crate) fn derivative(&self) -> Vec<(f64, f64)> {
         let window = window();
+        let slopes = self.slopes(&window);
         (0..self.rendered.len())
             .map(|p| {
                 let (x, y) = (self.rendered[p], self.target[p]);
                 let (mut value, mut rounding) = (0.0, 0.0);
                 // The window is symmetric, so the windows that contain p are centred in p's window.
                 for (q, w) in self.under(&window, p) {
-                    let Slopes { means: [mx, my], luminance, own, other, rounding: relative } = map.slopes[q];
+                    let Slopes { means: [mx, my], luminance, own, other, rounding: relative } = slopes[q];
                     let terms = [luminance, own * (x - mx), other * (y - my)];
                     value += w * terms.iter().sum::<f64>();
                     // Uncentred moments have the rounding of their sums before the means are

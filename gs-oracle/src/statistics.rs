@@ -33,7 +33,7 @@ impl<V: OracleView> Oracle<V> {
         let pixels = self.blend(scene, Lean::Exact);
         let rendering = self.rendering(scene, &pixels);
         let width = rendering.width as usize;
-        let at = loss::evaluate(loss, width, &rendering.pixels, &rendering.rounding, target, 0.0);
+        let at = loss::slopes(loss, width, &rendering.pixels, &rendering.rounding, target, 0.0);
         let (mut signed, mut absolute) = (vec![[0.0; 2]; count], vec![[0.0; 2]; count]);
         let (mut pixel_error, mut blended) = (vec![0.0; count], vec![0; count]);
         for (p, pixel) in pixels.iter().enumerate() {
@@ -74,7 +74,7 @@ impl<V: OracleView> Oracle<V> {
         let pixels = self.blend(scene, Lean::Exact);
         let rendering = self.rendering(scene, &pixels);
         let width = rendering.width as usize;
-        let at = loss::evaluate(loss, width, &rendering.pixels, &rendering.rounding, target, 0.0);
+        let at = loss::slopes(loss, width, &rendering.pixels, &rendering.rounding, target, 0.0);
         let projected = self.project(scene);
         let mut sums = vec![[0.0; 3]; scene.gaussians.len()];
         for (p, pixel) in pixels.iter().enumerate() {

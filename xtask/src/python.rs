@@ -1,7 +1,7 @@
 //! `cargo xtask python`: builds the Python module, and tests it in an environment of its own.
 
 use std::{
-    env, fs,
+    fs,
     path::{Path, PathBuf},
     process::{Command, Stdio},
 };
