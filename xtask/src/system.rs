@@ -47,19 +47,20 @@ pub(crate) fn cargo(arguments: &[&str]) -> Result<(), String> {
 
 /// Builds `gs` for tests, and returns its path.
 pub(crate) fn built_program() -> Result<PathBuf, String> {
-    built("--bin", "gs", "")
+    // The example brings the features of tests: without them, the tests' build of `gs` would be replaced.
+    built(&["--bin", "gs", "--example", "adapters"], Path::new("gs"))
 }
 
 /// Builds an example of the workspace for tests, and returns its path.
 pub(crate) fn built_example(name: &str) -> Result<PathBuf, String> {
-    built("--example", name, "examples")
+    built(&["--example", name], &Path::new("examples").join(name))
 }
 
 /// Builds with the features of the whole workspace, so that nothing is built again that the tests have
 /// built.
-fn built(kind: &str, name: &str, folder: &str) -> Result<PathBuf, String> {
-    cargo(&["build", "--workspace", kind, name])?;
-    Ok(target().join("debug").join(folder).join(format!("{name}{}", env::consts::EXE_SUFFIX)))
+fn built(targets: &[&str], program: &Path) -> Result<PathBuf, String> {
+    cargo(&[&["build", "--workspace"], targets].concat())?;
+    Ok(target().join("debug").join(program).with_extension(env::consts::EXE_EXTENSION))
 }
 
 /// The folder of what is built.
