@@ -188,7 +188,11 @@ fn rows_of(sorted: &[Code]) -> Range<u32> {
 
 /// Checks the numbers of a layer's head.
 pub(crate) fn check_layer(quantizer: &Quantizer, rows: &Range<u32>, count: usize) -> Result<(), Error> {
-    let LayerHead { cell, mean_ratio, shape_ratio, turn_ratio, .. } = *quantizer.head();
+    let LayerHead { step, cell, mean_ratio, shape_ratio, turn_ratio, .. } = *quantizer.head();
+    if step.unsigned_abs() > LayerHead::MOST_STEP.unsigned_abs() {
+        let (what, allowed) = ("the step of a layer", "-4096 to 4096");
+        return Err(Error::Value { what, value: step.into(), allowed });
+    }
     let least = cell.min(mean_ratio).min(shape_ratio).min(turn_ratio);
     if least == 0 {
         return Err(Error::Value { what: "the cell size or a ratio of a layer", value: 0, allowed: "1 to 255" });
@@ -211,6 +215,9 @@ fn most_cells(gaussians: usize) -> u64 {
 }
 
 impl LayerHead {
+    /// Largest magnitude of [`Self::step`]: 32 octaves. All colours are then finite.
+    pub const MOST_STEP: i16 = 4096;
+
     /// The largest margin of a layer of this many Gaussians with cells of this side, px, on a canvas of
     /// this size, px.
     pub fn most_margin(cell: u8, size: (u32, u32), gaussians: usize) -> u8 {

@@ -16,7 +16,7 @@ use crate::{
 /// Numbers that hold for all Gaussians of a layer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct LayerHead {
-    /// Step of amplitudes: 2^(`step`/128) colour values · px.
+    /// Step of amplitudes: 2^(`step`/128) colour values · px; −4096 to 4096.
     pub step: i16,
     /// Side of a cell, px, at least 1.
     pub cell: u8,

@@ -255,6 +255,30 @@ fn impossible_headers_are_refused() {
 }
 
 #[test]
+fn steps_of_infinite_colours_are_refused() {
+    let step_of = |step: i16| LayerHead { step, ..HEAD };
+    let bright = Gaussian2d { color: Vec3::splat(1e13), ..gaussians(1, 3)[0] };
+    for step in [-LayerHead::MOST_STEP, LayerHead::MOST_STEP] {
+        let bytes = picture(vec![layer(step_of(step), &[bright])]).encode().unwrap();
+        let color = decode(&bytes, Extent::Whole).unwrap().scene.colors[0];
+        assert!(color.is_finite() && color.max_element() > 0.0, "{step}: {color}");
+    }
+    for step in [i16::MIN, -LayerHead::MOST_STEP - 1, LayerHead::MOST_STEP + 1, i16::MAX] {
+        let refused = picture(vec![layer(step_of(step), &[])]).encode();
+        assert!(matches!(refused, Err(Error::Value { what: "the step of a layer", .. })), "{step}: {refused:?}");
+        // The step follows the header and the four numbers of an empty layer.
+        let mut bytes = picture(vec![layer(HEAD, &[])]).encode().unwrap();
+        assert_eq!(bytes[18..20], HEAD.step.to_le_bytes());
+        bytes[18..20].copy_from_slice(&step.to_le_bytes());
+        let end = bytes.len() - 4;
+        let checksum = crc32fast::hash(&bytes[..end]).to_le_bytes();
+        bytes[end..].copy_from_slice(&checksum);
+        let refused = decode(&bytes, Extent::Whole);
+        assert!(matches!(refused, Err(Error::Value { what: "the step of a layer", .. })), "{step}: {refused:?}");
+    }
+}
+
+#[test]
 fn impossible_claims_are_refused_by_size() {
     let refusal = |(count, rows): (usize, usize), content: &[u8], cell: u8, size: (u32, u32)| {
         let mut bytes = b"GSIF\x01\x00".to_vec();

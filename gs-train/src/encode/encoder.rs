@@ -220,8 +220,9 @@ impl<'a, R: Optimizer<Scene2d>> Encoder<'a, R> {
         let farthest = scene.means.iter().map(outside).fold(0.0, f32::max);
         let most = LayerHead::most_margin(cell as u8, self.image.size(), (SURE * scene.len() as f64) as usize);
         let margin = (f64::from(farthest) / cell).ceil().min(most.into());
+        let most_step = f64::from(LayerHead::MOST_STEP);
         let head = LayerHead {
-            step: (step.log2() * 128.0).round().clamp(-4000.0, 4000.0) as i16,
+            step: (step.log2() * 128.0).round().clamp(-most_step, most_step) as i16,
             cell: cell as u8,
             margin: margin as u8,
             mean_ratio: 32,
