@@ -35,6 +35,13 @@ impl Loss {
         }
     }
 
+    /// Whether the loss is a sum over pixels, so that [`TargetImage::weights`] can be factors of it.
+    ///
+    /// [`TargetImage::weights`]: crate::TargetImage::weights
+    pub const fn is_pointwise(self) -> bool {
+        matches!(self, Self::L2 | Self::L1)
+    }
+
     /// Checks λ.
     ///
     /// # Errors

@@ -2,7 +2,7 @@
 
 use crate::{error::Error, image::Image};
 
-/// A target image, with optional alpha and mask.
+/// A target image, with optional alpha, mask and weights.
 ///
 /// An [`Image`] alone converts into an opaque target of which every pixel counts. A backend
 /// completes the target in each pass from the background and the rendering of that pass, so that
@@ -19,6 +19,13 @@ pub struct TargetImage<'a> {
     /// Pixels that do not count are replaced by the rendering, so they add nothing to the loss and
     /// have no gradient. The loss stays a mean over all pixels.
     pub mask: Option<&'a [bool]>,
+    /// How much each pixel counts, `[height · width]`, row-major, not negative; `None` where all
+    /// count 1.
+    ///
+    /// They are factors of the losses of pixels under L1 and L2, and of their gradients. The loss
+    /// stays a mean over all pixels. Backends refuse them under D-SSIM, which is no sum over
+    /// pixels.
+    pub weights: Option<&'a [f32]>,
     /// Whether memory counts more than time, as where a target is one of many: a backend may then
     /// keep 8-bit colours as such, and compute in each pass what it could keep. Results are the
     /// same, up to rounding where the backend then fuses no stages.
@@ -27,27 +34,31 @@ pub struct TargetImage<'a> {
 
 impl<'a> From<&'a Image> for TargetImage<'a> {
     fn from(image: &'a Image) -> Self {
-        Self { image, alpha: None, mask: None, compact: false }
+        Self { image, alpha: None, mask: None, weights: None, compact: false }
     }
 }
 
 impl TargetImage<'_> {
-    /// Checks that all colours are finite, all alphas within 0..=1, and alpha and mask as long as
-    /// the image.
+    /// Checks that all colours are finite, all alphas within 0..=1, all weights finite and not
+    /// negative, and each of the three as long as the image.
     ///
     /// # Errors
     /// [`Error::Pixel`], [`Error::Setting`] or [`Error::Length`], naming the first fault.
     pub fn validate(&self) -> Result<(), Error> {
         self.image.check_finite("the target")?;
         let expected = self.image.pixels().len();
-        let lengths = [("alpha", self.alpha.map(<[f32]>::len)), ("mask", self.mask.map(<[bool]>::len))];
-        for (what, found) in lengths {
+        let [alpha, weights] = [self.alpha, self.weights].map(|numbers| numbers.map(<[f32]>::len));
+        for (what, found) in [("alpha", alpha), ("mask", self.mask.map(<[bool]>::len)), ("weights", weights)] {
             if let Some(found) = found.filter(|&found| found != expected) {
                 return Err(Error::Length { what, expected, found });
             }
         }
-        match self.alpha.and_then(|alpha| alpha.iter().find(|alpha| !(0.0..=1.0).contains(*alpha))) {
-            Some(&alpha) => Err(Error::setting("a target's alpha", alpha, "0 to 1")),
+        if let Some(alpha) = self.alpha.and_then(|alpha| alpha.iter().find(|alpha| !(0.0..=1.0).contains(*alpha))) {
+            return Err(Error::setting("a target's alpha", alpha, "0 to 1"));
+        }
+        let is_weight = |weight: &f32| *weight >= 0.0 && weight.is_finite();
+        match self.weights.and_then(|weights| weights.iter().find(|weight| !is_weight(weight))) {
+            Some(weight) => Err(Error::setting("the weight of a pixel", weight, "not negative and finite")),
             None => Ok(()),
         }
     }
@@ -98,6 +109,13 @@ mod tests {
         assert!(matches!(short.validate(), Err(Error::Length { what: "alpha", expected: 2, found: 3 })));
         let wrong = TargetImage { alpha: Some(&[0.5, f32::NAN]), ..plain };
         assert!(matches!(wrong.validate(), Err(Error::Setting { .. })));
+        let short = TargetImage { weights: Some(&[1.0; 3]), ..plain };
+        assert!(matches!(short.validate(), Err(Error::Length { what: "weights", expected: 2, found: 3 })));
+        for weight in [-1.0, f32::NAN, f32::INFINITY] {
+            let wrong = TargetImage { weights: Some(&[weight, 1.0]), ..plain };
+            assert!(matches!(wrong.validate(), Err(Error::Setting { .. })), "{weight}");
+        }
+        TargetImage { weights: Some(&[0.0, 7.5]), ..plain }.validate().unwrap();
     }
 
     #[test]

@@ -8,7 +8,7 @@ use crate::{
     lanes::LANES,
     layout::{Cuts, Row, ScalarRow, TileBuffers, for_each_tile},
     level::{Level, dispatch},
-    pointwise::{self, Pointwise},
+    pointwise::{self, Compared, Pointwise},
     target::Target,
     tiles::Tiles,
 };
@@ -90,10 +90,10 @@ fn pointwise(tiles: &mut Tiles, target: &Target, level: Level, kind: Pointwise) 
     let buffers = TileBuffers { rows: &mut tiles.v_rows, scalars: &mut [], slots: &mut [], sums: &mut tiles.sums };
     for_each_tile(0..grid.tiles(), buffers, cuts, &|tile, buffers| {
         let first = grid.first_row(tile);
-        let image = &image[first..first + buffers.rows.len()];
-        let target = &target.rows[first..first + buffers.rows.len()];
-        let inside = grid.lanes_inside(tile);
-        buffers.sums[0] = dispatch!(level, simd => pointwise::each(simd, image, target, buffers.rows, inside, kind));
+        let of_tile = first..first + buffers.rows.len();
+        let (image, target, weights) = (&image[of_tile.clone()], &target.rows[of_tile.clone()], target.weights_of(of_tile));
+        let compared = Compared { target, weights, inside: grid.lanes_inside(tile) };
+        buffers.sums[0] = dispatch!(level, simd => pointwise::each(simd, image, compared, buffers.rows, kind));
     });
     tiles.sums.iter().sum()
 }

@@ -5,7 +5,7 @@ use gs_core::constants::MAX_RESIDUAL;
 
 use crate::{
     lanes::{LANES, Whole, fma, iota, load, splat, splat3, store},
-    layout::Row,
+    layout::{Row, ScalarRow},
 };
 
 /// A loss that is a sum over pixels and channels. `scale` is the factor of its gradient.
@@ -51,18 +51,28 @@ fn bound_residuals(scaled: &mut [Row], scale: f32, squares: f64) {
     }
 }
 
+/// The rows of a tile that a loss compares.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Compared<'a> {
+    /// Rows of the target.
+    pub(crate) target: &'a [Row],
+    /// Rows of the pixels' weights; empty where all count the same.
+    pub(crate) weights: &'a [ScalarRow],
+    /// Lanes inside the image.
+    pub(crate) inside: usize,
+}
+
 /// Writes the gradients of a tile into `v_rows`; returns the sum of the losses.
 #[inline(always)]
 pub(crate) fn each<S: Simd>(
     simd: S,
     image: &[Row],
-    target: &[Row],
+    Compared { target, weights, inside }: Compared<'_>,
     v_rows: &mut [Row],
-    inside: usize,
     kind: Pointwise,
 ) -> f64 {
-    let mut total = 0.0;
-    for ((Row(c), Row(y)), Row(v)) in image.iter().zip(target).zip(&mut *v_rows) {
+    let (mut total, mut weighted) = (0.0, 0.0);
+    for (at, ((Row(c), Row(y)), Row(v))) in image.iter().zip(target).zip(&mut *v_rows).enumerate() {
         let mut losses: Whole<S> = splat(simd, 0.0);
         for k in 0..3 {
             let (loss, gradient) = kind.of(simd, residual(simd, &c[k], &y[k], inside));
@@ -70,20 +80,29 @@ pub(crate) fn each<S: Simd>(
             store(gradient, &mut v[k], 0);
         }
         total += f64::from(losses.reduce_sum());
+        if let Some(ScalarRow(weights)) = weights.get(at) {
+            weighted += f64::from((losses * load::<S, Whole<S>>(simd, weights, 0)).reduce_sum());
+        }
     }
     if let Pointwise::Square { scale } = kind {
         bound_residuals(v_rows, scale, total);
     }
-    total
+    weigh(simd, v_rows, weights);
+    if weights.is_empty() { total } else { weighted }
 }
 
-/// Subtracts the target from a tile's values, and clamps the residuals as L2 does.
+/// Subtracts the target from a tile's values, clamps the residuals as L2 does, and multiplies them by
+/// the weights.
 ///
-/// Returns the sum of the squares before clamping.
+/// Returns the weighted sum of the squares before clamping.
 #[inline(always)]
-pub(crate) fn squares_in_place<S: Simd>(simd: S, rows: &mut [Row], target: &[Row], inside: usize) -> f64 {
-    let mut total = 0.0;
-    for (Row(c), Row(y)) in rows.iter_mut().zip(target) {
+pub(crate) fn squares_in_place<S: Simd>(
+    simd: S,
+    rows: &mut [Row],
+    Compared { target, weights, inside }: Compared<'_>,
+) -> f64 {
+    let (mut total, mut weighted) = (0.0, 0.0);
+    for (at, (Row(c), Row(y))) in rows.iter_mut().zip(target).enumerate() {
         let mut squares: Whole<S> = splat(simd, 0.0);
         for (c, y) in c.iter_mut().zip(y) {
             let residual = residual(simd, c, y, inside);
@@ -91,7 +110,23 @@ pub(crate) fn squares_in_place<S: Simd>(simd: S, rows: &mut [Row], target: &[Row
             store(residual, c, 0);
         }
         total += f64::from(squares.reduce_sum());
+        if let Some(ScalarRow(weights)) = weights.get(at) {
+            weighted += f64::from((squares * load::<S, Whole<S>>(simd, weights, 0)).reduce_sum());
+        }
     }
     bound_residuals(rows, 1.0, total);
-    total
+    weigh(simd, rows, weights);
+    if weights.is_empty() { total } else { weighted }
+}
+
+/// Multiplies rows by the weights of their pixels; none are all 1.
+#[inline(always)]
+pub(crate) fn weigh<S: Simd>(simd: S, rows: &mut [Row], weights: &[ScalarRow]) {
+    for (Row(channels), ScalarRow(weights)) in rows.iter_mut().zip(weights) {
+        let weights: Whole<S> = load(simd, weights, 0);
+        for channel in channels {
+            let values: Whole<S> = load(simd, channel, 0);
+            store(values * weights, channel, 0);
+        }
+    }
 }

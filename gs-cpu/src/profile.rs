@@ -35,7 +35,7 @@ impl<S: SceneKind> Pass<'_, S> {
             }
             Stage::BlendBwd => workspace.tiles.blend_bwd(level)?,
             Stage::Fused => {
-                workspace.tiles.blend_l2_fused(level, &target.rows)?;
+                workspace.tiles.blend_l2_fused(level, target)?;
             }
             Stage::ProjectBwd => S::project_bwd(workspace, splats, 1.0),
             Stage::Adam => S::adam(splats, bias, &self.rates, level, workspace),
@@ -56,7 +56,7 @@ impl<S: SceneKind> Profiler<S> for CpuRasterizer {
         repetitions: usize,
     ) -> Result<Profile, Error> {
         S::check(view, settings)?;
-        loss.validate()?;
+        target.check_loss(loss)?;
         target.check_size(S::size(view))?;
         let is_fused = target.is_complete() && Tiles::is_fused(&settings.effects, loss);
         let stages = S::BEFORE_BIN.into_iter().chain(Stage::FROM_BIN).chain(S::AFTER_BLEND.iter().copied());

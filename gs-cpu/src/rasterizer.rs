@@ -187,7 +187,7 @@ impl<S: SceneKind> Rasterizer<S> for CpuRasterizer {
         target: &Target,
         loss: &Loss,
     ) -> Result<(f32, Gradients<S>), Error> {
-        loss.validate()?;
+        target.check_loss(*loss)?;
         let workspace = pass.workspace_mut();
         target.check_size(workspace.tiles.grid.size())?;
         check_edition::<S>(workspace, splats)?;
@@ -207,7 +207,7 @@ impl<S: SceneKind> Rasterizer<S> for CpuRasterizer {
         target: &Target,
         loss: &Loss,
     ) -> Result<f32, Error> {
-        loss.validate()?;
+        target.check_loss(*loss)?;
         let workspace = pass.workspace_mut();
         target.check_size(workspace.tiles.grid.size())?;
         check_edition::<S>(workspace, splats)?;
@@ -283,7 +283,7 @@ impl<S: SceneKind> Optimizer<S> for CpuRasterizer {
         S::check(view, step.settings)?;
         step.rates.validate()?;
         S::check_rates(step.rates)?;
-        step.loss.validate()?;
+        target.check_loss(step.loss)?;
         target.check_size(S::size(view))?;
         if let Some(Added { gradients, .. }) = &added {
             check_len::<S>(gradients, splats)?;
@@ -298,7 +298,7 @@ impl<S: SceneKind> Optimizer<S> for CpuRasterizer {
             let tiles = &mut workspace.tiles;
             let (value, scale) = if target.is_complete() && Tiles::is_fused(&step.settings.effects, step.loss) {
                 let count = 3.0 * tiles.grid.width as f64 * tiles.grid.height as f64;
-                (tiles.blend_l2_fused(self.level, &target.rows)? / count, (2.0 / count) as f32)
+                (tiles.blend_l2_fused(self.level, target)? / count, (2.0 / count) as f32)
             } else {
                 tiles.blend(self.level)?;
                 let value = loss::loss(tiles, target, &step.loss, self.level)?;

@@ -1,13 +1,14 @@
 //! The image that a loss compares with.
 
-use std::sync::OnceLock;
+use std::{ops::Range, sync::OnceLock};
 
-use gs_core::{Error, TargetImage, math, memory, rounded_to_8_bits, to_8_bits};
+use gs_core::{Error, Loss, TargetImage, math, memory, rounded_to_8_bits, to_8_bits};
 use rayon::prelude::*;
 
 use crate::{
     lanes::LANES,
     layout::{Grid, Row, ScalarRow},
+    unsupported::unsupported,
 };
 
 /// [`Row`] in 8 bits.
@@ -25,6 +26,8 @@ pub struct Target {
     /// [`TargetImage::coverage`] of each pixel, 1 in lanes beyond the image; empty without alpha
     /// and mask.
     coverage: Vec<ScalarRow>,
+    /// How much each pixel counts, 1 in lanes beyond the image; empty where all count the same.
+    pub(crate) weights: Vec<ScalarRow>,
     /// Whether `blurred` is kept, rather than computed in each pass.
     pub(crate) keeps_blurred: bool,
     /// The terms of D-SSIM that depend on the target alone, computed when first needed.
@@ -36,22 +39,16 @@ impl Target {
         target.validate()?;
         let (width, height) = target.image.size();
         let grid = Grid::new((width, height), 1);
-        let mut coverage = Vec::new();
-        if let Some(of_pixels) = target.coverage() {
-            memory::resize(&mut coverage, grid.rows(), ScalarRow([1.0; LANES]), "a target's alpha and mask")?;
-            for (line, of_line) in of_pixels.chunks_exact(width as usize).enumerate() {
-                for (strip, values) in of_line.chunks(LANES).enumerate() {
-                    coverage[strip * grid.height + line].0[..values.len()].copy_from_slice(values);
-                }
-            }
-        }
+        let coverage = scalars(&grid, target.coverage().as_deref(), "a target's alpha and mask")?;
+        let weights = scalars(&grid, target.weights, "a target's weights")?;
         let (mut rows, mut levels) = (grid.strips_of(target.image)?, Vec::new());
         if target.compact && target.image.pixels().as_flattened().iter().all(|&value| is_level(value)) {
             levels = memory::reserved(rows.len(), "a target")?;
             levels.extend(rows.iter().map(|Row(channels)| channels.map(|values| values.map(to_8_bits))));
             rows = Vec::new();
         }
-        Ok(Self { width, height, rows, levels, coverage, keeps_blurred: !target.compact, blurred: OnceLock::new() })
+        let (keeps_blurred, blurred) = (!target.compact, OnceLock::new());
+        Ok(Self { width, height, rows, levels, coverage, weights, keeps_blurred, blurred })
     }
 
     /// Whether `rows` are what the rendering is compared with: the target has no alpha, no mask and
@@ -64,6 +61,7 @@ impl Target {
     /// with the background, and equal to the rendering where the mask excludes a pixel.
     pub(crate) fn complete(&self, background: [f32; 3], rendered: &[Row], completed: &mut Self) -> Result<(), Error> {
         (completed.width, completed.height) = (self.width, self.height);
+        completed.weights.clone_from(&self.weights);
         memory::resize(&mut completed.rows, rendered.len(), Row::ZERO, "a target")?;
         completed.rows.par_iter_mut().zip(rendered).enumerate().for_each(|(index, (Row(out), Row(c)))| {
             *out = match self.levels.get(index) {
@@ -75,6 +73,21 @@ impl Target {
                 out[k] = std::array::from_fn(|i| math::completed(out[k][i], coverage[i], background[k], c[k][i]));
             }
         });
+        Ok(())
+    }
+
+    /// The weights of these rows; empty where all pixels count the same.
+    pub(crate) fn weights_of(&self, rows: Range<usize>) -> &[ScalarRow] {
+        if self.weights.is_empty() { &[] } else { &self.weights[rows] }
+    }
+
+    /// Fails where the loss cannot be computed, or where the target's weights cannot be factors of
+    /// it.
+    pub(crate) fn check_loss(&self, loss: Loss) -> Result<(), Error> {
+        loss.validate()?;
+        if !self.weights.is_empty() && !loss.is_pointwise() {
+            return Err(unsupported(format!("weights of pixels under loss `{}`", loss.name())));
+        }
         Ok(())
     }
 
@@ -90,6 +103,19 @@ impl Target {
             right_height: self.height,
         })
     }
+}
+
+/// Numbers of pixels in strips, 1 in lanes beyond the image; none where there are none.
+fn scalars(grid: &Grid, of_pixels: Option<&[f32]>, what: &'static str) -> Result<Vec<ScalarRow>, Error> {
+    let mut rows = Vec::new();
+    let Some(of_pixels) = of_pixels else { return Ok(rows) };
+    memory::resize(&mut rows, grid.rows(), ScalarRow([1.0; LANES]), what)?;
+    for (line, of_line) in of_pixels.chunks_exact(grid.width).enumerate() {
+        for (strip, values) in of_line.chunks(LANES).enumerate() {
+            rows[strip * grid.height + line].0[..values.len()].copy_from_slice(values);
+        }
+    }
+    Ok(rows)
 }
 
 /// Whether a value is one of the 256 that an 8-bit file holds.

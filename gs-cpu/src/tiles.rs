@@ -19,7 +19,7 @@ use crate::{
     dssim,
     layout::{Cuts, Grid, MOST_ROWS_OVER, Row, ScalarRow, TileBuffers, for_each_tile},
     level::{Level, dispatch},
-    pointwise::squares_in_place,
+    pointwise::{Compared, squares_in_place},
     scratches::Scratches,
     splat::{PixelDepth, Received, Splat},
     target::Target,
@@ -246,13 +246,13 @@ impl Tiles {
 
     /// Runs stages `blend`, `loss` (L2) and `blend_bwd` in one pass over the tiles; `Sum` only.
     ///
-    /// Each tile stays in the cache. Returns Σ (C − Y)²; `slots` receive the gradients of half of
+    /// Each tile stays in the cache. Returns Σ w (C − Y)², w being the pixels' weights; `slots` receive the gradients of half of
     /// that. C has the same bits as in [`Self::blend`], so that loss and gradient are exactly 0 if
     /// a rendering is the target: Adam would turn a rounding error into a whole step.
     ///
     /// # Errors
     /// [`Error::Memory`].
-    pub(crate) fn blend_l2_fused(&mut self, level: Level, target: &[Row]) -> Result<f64, Error> {
+    pub(crate) fn blend_l2_fused(&mut self, level: Level, target: &Target) -> Result<f64, Error> {
         let background = self.settings.background_color();
         self.fit_slots(self.stride)?;
         let Self { settings, grid, projected, depths, bins, tile_rows, slots, sums, .. } = self;
@@ -261,13 +261,14 @@ impl Tiles {
         for_each_tile(0..grid.tiles(), buffers, lists.cuts(self.stride), &|tile, buffers| {
             let TileInputs { entries, projected, first_column: column, first_row, lanes_inside: inside, .. } =
                 lists.of(tile);
-            let target = &target[grid.first_row(tile)..grid.first_row(tile + 1)];
+            let of_tile = grid.first_row(tile)..grid.first_row(tile + 1);
+            let (target, weights) = (&target.rows[of_tile.clone()], target.weights_of(of_tile));
             tile_rows.with(|rows| {
                 rows.resize(target.len(), Row::ZERO);
                 dispatch!(level, simd => {
                     rows.fill(Row(background.map(|c| [c; 16])));
                     blend_sum::forward(simd, entries, projected, column, first_row, rows);
-                    buffers.sums[0] = squares_in_place(simd, rows, target, inside);
+                    buffers.sums[0] = squares_in_place(simd, rows, Compared { target, weights, inside });
                     blend_sum::backward::<_, Nothing>(
                         simd, entries, projected, column, first_row, inside, rows, &[], buffers.slots,
                     );

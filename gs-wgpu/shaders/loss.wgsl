@@ -1,6 +1,6 @@
 // Stage `loss`: `loss` computes each pixel's loss and gradient, and `loss_sum` the total, in a
 // fixed order. KIND: 0, the difference (for solving colours); 1, its square (L2); 2, its absolute
-// value (L1).
+// value (L1); 3, the image itself (for solving colours). Each is multiplied by the pixel's weight.
 
 @group(0) @binding(1) var<storage, read> image: array<vec4f>;
 @group(0) @binding(2) var<storage, read> target_image: array<vec4f>;
@@ -8,6 +8,9 @@
 // One number per work group of `loss`, or the partial sums of SUM_OF.
 @group(0) @binding(4) var<storage, read_write> partial: array<f32>;
 @group(0) @binding(5) var<storage, read_write> status: Status;
+#if WEIGHTED
+@group(0) @binding(6) var<storage, read> weights: array<f32>;
+#endif
 
 override KIND: u32 = 1u;
 // The partial sums of the loss: 0, those of `loss`; 1, those of D-SSIM, which are weighted.
@@ -42,6 +45,13 @@ fn compare(pixel: u32) -> f32 {
         values = abs(d);
         v = step.pointwise_scale * sign(d);
     }
+    if KIND == 3u {
+        v = image[pixel].xyz;
+    }
+#if WEIGHTED
+    v *= weights[pixel];
+    values *= weights[pixel];
+#endif
     v_image[pixel] = vec4f(v, 0.0);
     return values.x + values.y + values.z;
 }

@@ -83,7 +83,7 @@ impl Tiles {
         loss: Loss,
     ) -> Result<(), Error> {
         self.encode_blend(gpu, commands);
-        self.encode_loss(gpu, commands, target, Some(loss))?;
+        self.encode_loss(gpu, commands, target, loss)?;
         self.encode_blend_bwd(gpu, commands, Differentiated::Loss(target))
     }
 

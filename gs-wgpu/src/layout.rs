@@ -376,7 +376,7 @@ mod tests {
 
     /// Every combination of the flags that select lines.
     fn variants() -> impl Iterator<Item = Variant> {
-        (0..1024).map(|bits: u32| Variant {
+        (0..2048).map(|bits: u32| Variant {
             over: bits & 1 != 0,
             covariance_factor: bits & 2 != 0,
             lists: bits & 4 != 0,
@@ -390,7 +390,8 @@ mod tests {
                 Collected::AbsoluteGradients,
                 Collected::PixelCounts,
                 Collected::PixelErrors,
-            ][(bits >> 8) as usize],
+            ][(bits >> 8) as usize % 4],
+            weighted: bits & 1024 != 0,
             ..Variant::default()
         })
     }

@@ -16,6 +16,19 @@ pub(crate) const MOMENTS_BYTES: u64 = 16;
 /// Width of the strips in which D-SSIM's derivatives are stored.
 const STRIP: u64 = 8;
 
+/// What `loss` makes of a pixel and its target: the values of `KIND` in `loss.wgsl`.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Comparison {
+    /// The difference, without a loss.
+    Difference = 0,
+    /// The squared difference, L2.
+    Square = 1,
+    /// The difference's magnitude, L1.
+    Magnitude = 2,
+    /// The pixel itself, without a loss.
+    Image = 3,
+}
+
 /// The partial sums of the loss: the values of `SUM_OF` in `loss.wgsl`.
 #[derive(Debug, Clone, Copy)]
 enum LossSum {
@@ -28,13 +41,12 @@ enum LossSum {
 impl Tiles {
     /// Records stage `loss`: the loss into the status, its gradient into `v_image`.
     ///
-    /// With `None`, it writes the difference to the target into `v_image`, and no loss.
     pub(crate) fn encode_loss(
         &mut self,
         gpu: &Gpu,
         commands: &mut Commands,
         target: &Target,
-        loss: Option<Loss>,
+        loss: Loss,
     ) -> Result<(), Error> {
         let pixels = self.pixels();
         self.v_image.ensure(gpu, pixels * PIXEL_BYTES)?;
@@ -43,21 +55,41 @@ impl Tiles {
             let bindings = [&self.step, &self.image.buffer, &target.buffer, &self.completed.buffer];
             dispatch(gpu, commands, "complete", Variant::default(), &bindings, groups_of(gpu, pixels, 256));
         }
-        let compared = self.compared(target).clone();
-        let kind = match loss {
-            None => 0,
-            Some(Loss::L2) => 1,
-            Some(Loss::L1) => 2,
-            Some(Loss::L1Dssim { .. }) => return self.encode_dssim(gpu, commands, &compared),
+        let comparison = match loss {
+            Loss::L2 => Comparison::Square,
+            Loss::L1 => Comparison::Magnitude,
+            Loss::L1Dssim { .. } => {
+                let compared = self.compared(target).clone();
+                return self.encode_dssim(gpu, commands, &compared);
+            }
         };
+        self.encode_comparison(gpu, commands, target, comparison)?;
+        self.encode_loss_sum(gpu, commands, LossSum::Pixels);
+        Ok(())
+    }
+
+    /// Records the comparison of each pixel with the target: partial sums of the loss, and `v_image`.
+    pub(crate) fn encode_comparison(
+        &mut self,
+        gpu: &Gpu,
+        commands: &mut Commands,
+        target: &Target,
+        comparison: Comparison,
+    ) -> Result<(), Error> {
+        let pixels = self.pixels();
         let groups = pixels.div_ceil(1024);
+        self.v_image.ensure(gpu, pixels * PIXEL_BYTES)?;
         self.partial.ensure(gpu, groups * 4)?;
-        let variant = Variant { constant: Some(("KIND", kind)), ..Variant::default() };
-        let bindings = [&self.step, &self.image.buffer, &compared, &self.v_image.buffer, &self.partial.buffer];
-        dispatch(gpu, commands, "loss", variant, &bindings, gpu.groups(groups).into());
-        if loss.is_some() {
-            self.encode_loss_sum(gpu, commands, LossSum::Pixels);
+        let weighted = target.weights.is_some();
+        let variant = Variant { constant: Some(("KIND", comparison as u32)), weighted, ..Variant::default() };
+        let (image, compared) = (&self.image.buffer, self.compared(target));
+        let mut numbers = vec![0, 1, 2, 3, 4];
+        let mut bindings = vec![&self.step, image, compared, &self.v_image.buffer, &self.partial.buffer];
+        if let Some(weights) = &target.weights {
+            numbers.push(6);
+            bindings.push(weights);
         }
+        dispatch_some(gpu, commands, "loss", variant, (&numbers, &bindings), gpu.groups(groups).into());
         Ok(())
     }
 

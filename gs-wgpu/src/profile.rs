@@ -93,7 +93,7 @@ impl<S: SceneKind> Pass<'_, S> {
             Stage::Sort => workspace.tiles.encode_sort(gpu, commands),
             Stage::Ranges => workspace.tiles.encode_ranges(gpu, commands),
             Stage::Blend => workspace.tiles.encode_blend(gpu, commands),
-            Stage::Loss => workspace.tiles.encode_loss(gpu, commands, target, Some(*loss))?,
+            Stage::Loss => workspace.tiles.encode_loss(gpu, commands, target, *loss)?,
             Stage::BlendBwd => workspace.tiles.encode_blend_bwd(gpu, commands, Differentiated::Loss(target))?,
             Stage::ProjectBwd => workspace.encode_project_bwd(gpu, commands, splats)?,
             Stage::Adam => workspace.encode_adam(gpu, commands, splats),
@@ -202,7 +202,7 @@ impl WgpuRasterizer {
         repetitions: usize,
     ) -> Result<Profile, Error> {
         S::check(view, settings)?;
-        loss.validate()?;
+        target.check_loss(loss)?;
         target.check_size(S::size(view))?;
         let (gpu, rates) = (&self.gpu, still());
         splats.settle(gpu).await?;

@@ -225,10 +225,10 @@ impl<S: SceneKind> Rasterizer<S> for WgpuRasterizer {
         target: &Target,
         loss: &Loss,
     ) -> Result<(f32, Gradients<S>), Error> {
-        loss.validate()?;
+        target.check_loss(*loss)?;
         target.check_size(pass.workspace().tiles.size)?;
         let encode = |workspace: &mut Workspace<S>, commands: &mut Commands| {
-            workspace.tiles.encode_loss(&self.gpu, commands, target, Some(*loss))?;
+            workspace.tiles.encode_loss(&self.gpu, commands, target, *loss)?;
             workspace.tiles.encode_blend_bwd(&self.gpu, commands, Differentiated::Loss(target))
         };
         let (status, gradients) = self.differentiate(splats, pass, Some(*loss), encode).await?;
@@ -280,7 +280,7 @@ impl<S: SceneKind> Optimizer<S> for WgpuRasterizer {
         added: Option<Added<'_, Gradients<S>>>,
     ) -> Result<(), Error> {
         S::check(view, step.settings)?;
-        step.loss.validate()?;
+        target.check_loss(step.loss)?;
         step.rates.validate()?;
         S::check_rates(step.rates)?;
         target.check_size(S::size(view))?;

@@ -1,8 +1,8 @@
 //! The image that a loss compares with, on the device.
 
-use gs_core::{Error, TargetImage};
+use gs_core::{Error, Loss, TargetImage};
 
-use crate::gpu::Gpu;
+use crate::{gpu::Gpu, unsupported::unsupported};
 
 /// An image that a loss compares with: one `vec4f` per pixel, row by row.
 ///
@@ -15,6 +15,8 @@ pub struct Target {
     /// Whether the target has neither alpha nor mask. Otherwise the fourth number of a pixel is its
     /// [`TargetImage::coverage`].
     pub(crate) is_complete: bool,
+    /// How much each pixel counts; `None` where all count the same.
+    pub(crate) weights: Option<wgpu::Buffer>,
 }
 
 impl Target {
@@ -26,7 +28,19 @@ impl Target {
         for (pixel, coverage) in pixels.iter_mut().zip(coverage.iter().flatten()) {
             pixel[3] = *coverage;
         }
-        Ok(Self { width, height, buffer: gpu.storage("the target", &pixels)?, is_complete: coverage.is_none() })
+        let weights = target.weights.map(|weights| gpu.storage("a target's weights", weights)).transpose()?;
+        let (buffer, is_complete) = (gpu.storage("the target", &pixels)?, coverage.is_none());
+        Ok(Self { width, height, buffer, is_complete, weights })
+    }
+
+    /// Fails where the loss cannot be computed, or where the target's weights cannot be factors of
+    /// it.
+    pub(crate) fn check_loss(&self, loss: Loss) -> Result<(), Error> {
+        loss.validate()?;
+        if self.weights.is_some() && !loss.is_pointwise() {
+            return Err(unsupported(format!("weights of pixels under loss `{}`", loss.name())));
+        }
+        Ok(())
     }
 
     /// Fails unless the target has this size.

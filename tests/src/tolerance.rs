@@ -41,6 +41,10 @@ pub const FRAME_SHARE: f64 = 2e-3;
 /// between fused training steps and their three stages. gs-cpu is within 2e-5.
 pub const FUSED_SHARE: f64 = 2e-4;
 
+/// Largest slope by the colours after solving for those of a weighted target, relative to the slope
+/// with the colours that are best without weights.
+pub(crate) const WEIGHTED_SLOPE: f32 = 0.01;
+
 /// How near to the least-squares residual `solve_colors` must come, relative to it and, where it is
 /// nearly 0, absolutely (mean square, colours of 0 to 1). gs-cpu is within 1e-5 and 1e-9.
 pub const LEAST_SQUARES: [f64; 2] = [1e-4, 1e-8];

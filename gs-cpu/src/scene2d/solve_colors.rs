@@ -1,9 +1,10 @@
 //! Solves for the colours that fit a target best under `Sum`, with all else fixed: least squares by
 //! preconditioned conjugate gradients.
 //!
-//! The image is A c, with one column of A per Gaussian: its weights. Every iteration is one pass
-//! over the tiles that forms A p and Aᵀ(A p). The preconditioner is the diagonal of AᵀA, which is Σ
-//! w² ≈ π √det Σ′. The three channels are three systems with the same matrix.
+//! The image is A c, with one column of A per Gaussian: what it adds to each pixel. With the pixels'
+//! weights W, every iteration is one pass over the tiles that forms A p and AᵀW(A p). The
+//! preconditioner is the diagonal of AᵀA, which is Σ a² ≈ π √det Σ′; that of AᵀWA makes no
+//! difference. The three channels are three systems with the same matrix.
 
 use gs_core::Error;
 use rayon::prelude::*;
@@ -13,6 +14,7 @@ use crate::{
     blend_sum::{self, COLOR_STRIDE},
     layout::{Cuts, Row, TileBuffers, for_each_tile},
     level::{Level, dispatch},
+    pointwise,
     splat::CHUNK,
     target::Target,
     tiles::Tiles,
@@ -37,9 +39,9 @@ pub(crate) fn solve(
         (tiles.projected.iter()).map(|s| std::f32::consts::PI / (s.inverse_xx * s.c).sqrt()).collect();
     let mut solution: Vec<[f32; 3]> = tiles.projected.iter().map(|s| s.color).collect();
 
-    // r = Aᵀ(y − A c); the pass computes Aᵀ(A c − (y − background)).
+    // r = AᵀW(y − A c); the pass computes AᵀW(A c − (y − background)).
     let mut residual = vec![[0.0f32; 3]; n];
-    normal_product(tiles, level, Some((&target.rows, background)), &mut residual)?;
+    normal_product(tiles, level, target, Some(background), &mut residual)?;
     residual.par_iter_mut().for_each(|r| *r = r.map(|v| -v));
     let preconditioned =
         |r: &[[f32; 3]]| -> Vec<[f32; 3]> { r.iter().zip(&diagonal).map(|(r, d)| r.map(|v| v / d)).collect() };
@@ -51,7 +53,7 @@ pub(crate) fn solve(
         for (splat, d) in tiles.projected.iter_mut().zip(&direction) {
             splat.color = *d;
         }
-        normal_product(tiles, level, None, &mut product)?;
+        normal_product(tiles, level, target, None, &mut product)?;
         let curvature = dot(&direction, &product);
         let step = [0, 1, 2].map(|k| if curvature[k] > 0.0 { (rz[k] / curvature[k]) as f32 } else { 0.0 });
         for i in 0..n {
@@ -88,12 +90,13 @@ fn dot(a: &[[f32; 3]], b: &[[f32; 3]]) -> [f64; 3] {
     sums
 }
 
-/// Aᵀ(A c − y) by place, with the splats' colours c, and y = target − background, or 0 without a
-/// target.
+/// AᵀW(A c − y) by place, with the splats' colours c, the target's weights W, and y = target −
+/// background, or 0 without a background.
 fn normal_product(
     tiles: &mut Tiles,
     level: Level,
-    target: Option<(&[Row], [f32; 3])>,
+    target: &Target,
+    background: Option<[f32; 3]>,
     out: &mut [[f32; 3]],
 ) -> Result<(), Error> {
     tiles.fit_slots(COLOR_STRIDE)?;
@@ -103,16 +106,17 @@ fn normal_product(
     for_each_tile(0..grid.tiles(), buffers, cuts, &|tile, buffers| {
         let entries = bins.of(tile);
         let (column, place) = grid.place(tile);
-        let target = target.map(|(target, background)| (&target[grid.first_row(tile)..][..place.len()], background));
+        let of_tile = grid.first_row(tile)..grid.first_row(tile) + place.len();
         let inside = grid.lanes_inside(tile);
         tile_rows.with(|rows| {
             rows.resize(place.len(), Row::ZERO);
             dispatch!(level, simd => {
-                match target {
+                match background {
                     None => rows.fill(Row::ZERO),
-                    Some((target, background)) => blend_sum::start(simd, background, target, rows),
+                    Some(background) => blend_sum::start(simd, background, &target.rows[of_tile.clone()], rows),
                 }
                 blend_sum::forward(simd, entries, projected, column, place.start, rows);
+                pointwise::weigh(simd, rows, target.weights_of(of_tile.clone()));
                 if inside < 16 {
                     for Row(pixels) in rows.iter_mut() {
                         pixels.iter_mut().for_each(|channel| channel[inside..].fill(0.0));

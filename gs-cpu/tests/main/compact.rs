@@ -27,7 +27,7 @@ fn compact_targets_give_the_bits_of_others() {
     for (image, mask) in [(&floats, None), (&levels, None), (&levels, Some(&mask[..])), (&floats, Some(&mask[..]))] {
         for loss in [Loss::L1, Loss::L2, Loss::PAPER] {
             let bits = |compact: bool| {
-                let target = TargetImage { image, alpha: None, mask, compact };
+                let target = TargetImage { mask, compact, ..image.into() };
                 let target = Rasterizer::<Scene2d>::upload_target(&cpu, target).unwrap();
                 // Twice, because a target may keep what the first pass computes.
                 [0, 1].map(|_| {

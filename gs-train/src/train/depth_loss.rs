@@ -317,7 +317,7 @@ fn target<R: Optimizer<Scene3d>>(
     let sum: f64 = inverse.iter().copied().map(f64::from).sum();
     let unit = if counted > 0 { (counted as f64 / sum) as f32 } else { 0.0 };
     let image = Image::from_pixels(camera.width, camera.height, inverse.into_iter().map(|v| [v; 3]).collect())?;
-    let target = TargetImage { image: &image, alpha: None, mask: Some(&mask), compact: false };
+    let target = TargetImage { mask: Some(&mask), ..TargetImage::from(&image) };
     Ok((Target { image: on.upload_target(target)?, unit }, 4 * mask.len() as u64))
 }
 

@@ -88,7 +88,7 @@ pub(super) fn target<R: Rasterizer<Scene3d>>(
         Some(background) => (posed.over(background), None),
         None => (posed.image, posed.alpha),
     };
-    let target = TargetImage { image: &image, alpha: alpha.as_deref(), mask: mask.as_deref(), compact };
+    let target = TargetImage { alpha: alpha.as_deref(), mask: mask.as_deref(), compact, ..TargetImage::from(&image) };
     let floats = if alpha.is_none() && mask.is_none() { 3 } else { 4 };
     Ok((on.upload_target(target)?, floats * image.pixels().len() as u64))
 }

@@ -8,6 +8,7 @@ use crate::{
     dispatch::{Commands, Groups, dispatch_some},
     gpu::Gpu,
     layout::{CONJUGATE_BYTES, Step},
+    loss::Comparison,
     shaders::Variant,
     splats::Splats,
     target::Target,
@@ -62,7 +63,7 @@ impl Workspace<Scene2d> {
         self.own.scalars.ensure(gpu, 64)?;
         self.tiles.partial.ensure(gpu, n.div_ceil(256) * 16)?;
         self.tiles.encode_blend(gpu, commands);
-        self.tiles.encode_loss(gpu, commands, target, None)?;
+        self.tiles.encode_comparison(gpu, commands, target, Comparison::Difference)?;
         self.tiles.encode_blend_bwd(gpu, commands, Differentiated::Loss(target))?;
         self.encode_solver(gpu, commands, splats, "solve_start", None);
         self.encode_solver(gpu, commands, splats, "solve_scalars", Some(0));
@@ -70,7 +71,14 @@ impl Workspace<Scene2d> {
         commands.encoder().copy_buffer_to_buffer(without_background, 0, &self.tiles.step, 0, size_of::<Step>() as u64);
         for _ in 0..iterations {
             self.tiles.encode_blend(gpu, commands);
-            self.tiles.encode_blend_bwd(gpu, commands, Differentiated::Image)?;
+            let differentiated = match target.weights {
+                None => Differentiated::Image,
+                Some(_) => {
+                    self.tiles.encode_comparison(gpu, commands, target, Comparison::Image)?;
+                    Differentiated::Own
+                }
+            };
+            self.tiles.encode_blend_bwd(gpu, commands, differentiated)?;
             self.encode_solver(gpu, commands, splats, "solve_product", None);
             self.encode_solver(gpu, commands, splats, "solve_scalars", Some(1));
             self.encode_solver(gpu, commands, splats, "solve_step", None);

@@ -1,13 +1,13 @@
-//! Cases: targets with an alpha and a mask.
+//! Cases: targets with an alpha, a mask and weights.
 
 use gs_core::{
-    Binning, Image, Optimizer, Parameterization, TargetImage, TrainStep,
+    Binning, Error, Image, Loss, Optimizer, Parameterization, TargetImage, TrainStep,
     effects::{Blend, Statistics},
     math::completed,
 };
 use pollster::FutureExt as _;
 
-use super::{LOSSES, losses_of};
+use super::{LOSSES, losses_of, refused};
 use crate::{failure::Failure, subject::Subject};
 
 /// A target with alpha and mask equals the target that was completed by hand: blended with the
@@ -25,7 +25,7 @@ pub fn incomplete_targets_are_completed<S: Subject, R: Optimizer<S>>(rasterizer:
         let mask: Vec<bool> = (0..pixels).map(|i| i % 7 != 3 && i > pixels / 4).collect();
         let background = draw.settings.background_color();
         for (alpha, mask) in [(Some(&alpha[..]), None), (None, Some(&mask[..])), (Some(&alpha[..]), Some(&mask[..]))] {
-            let incomplete = TargetImage { image: &image, alpha, mask, compact: false };
+            let incomplete = TargetImage { alpha, mask, ..TargetImage::from(&image) };
             let coverage = incomplete.coverage().unwrap_or_default();
             let colors = image.pixels().iter().zip(rendered.pixels()).zip(&coverage);
             let colors = colors.map(|((target, rendered), &coverage)| {
@@ -70,6 +70,61 @@ pub fn incomplete_targets_are_completed<S: Subject, R: Optimizer<S>>(rasterizer:
         }
     }
     Ok(())
+}
+
+/// Weights are factors of the loss of each pixel and of its gradient: loss and gradients are those of
+/// the weighted gradient of the image, computed here. D-SSIM refuses them.
+pub fn weights_are_factors_of_the_loss<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
+    for blend in [Blend::Sum, Blend::Over] {
+        let draw = S::typical(blend, 20, (37, 25), 1302).on([0.2, 0.7, 0.4]);
+        let image = draw.target()?;
+        let weights = weights_of(&image);
+        let target = TargetImage { weights: Some(&weights), ..TargetImage::from(&image) };
+        let target = rasterizer.upload_target(target)?;
+        let splats = rasterizer.upload(&draw.scene, Parameterization::ScaleRotation)?;
+        let forward = || rasterizer.forward(&splats, &draw.view, &draw.settings).block_on();
+        for loss in LOSSES {
+            let place = || format!("{blend:?}, {loss:?}");
+            if !loss.is_pointwise() {
+                let found = rasterizer.backward(&splats, forward()?, &target, &loss).block_on();
+                refused(&place(), found, |error| matches!(error, Error::Unsupported { .. }))?;
+                continue;
+            }
+            let rendered = rasterizer.image(&forward()?).block_on()?;
+            let count = (3 * image.pixels().len()) as f64;
+            let (mut expected, mut v_image) = (0.0, Vec::new());
+            for ((c, y), &weight) in rendered.pixels().iter().zip(image.pixels()).zip(&weights) {
+                v_image.push(std::array::from_fn(|k| {
+                    let (d, weight) = (f64::from(c[k] - y[k]), f64::from(weight) / count);
+                    let (value, slope) = if loss == Loss::L2 { (d * d, 2.0 * d) } else { (d.abs(), d.signum()) };
+                    expected += weight * value;
+                    (weight * if d == 0.0 { 0.0 } else { slope }) as f32
+                }));
+            }
+            let v_image = Image::from_pixels(image.width(), image.height(), v_image)?;
+            let (found, gradients) = rasterizer.backward(&splats, forward()?, &target, &loss).block_on()?;
+            let alone = rasterizer.loss(&splats, forward()?, &target, &loss).block_on()?;
+            Failure::unless((f64::from(found) - expected).abs() <= 1e-5 * expected && alone == found, || {
+                format!("{}: the loss is {found}, alone {alone}, instead of {expected}", place())
+            })?;
+            let by_hand = rasterizer.image_vjp(&splats, forward()?, &v_image).block_on()?;
+            let [found, by_hand] = [&gradients, &by_hand].map(|gradients| rasterizer.gradients(&splats, gradients));
+            let [found, by_hand] = [found.block_on()?, by_hand.block_on()?].map(|scene| scene.rows_of_gradients());
+            for (g, (found, by_hand)) in found.iter().zip(&by_hand).enumerate() {
+                let most = by_hand.iter().fold(0.0f64, |most, v| most.max(v.abs()));
+                let close = found.iter().zip(by_hand).all(|(a, b)| (a - b).abs() <= 1e-4 * most);
+                Failure::unless(close, || {
+                    format!("{}: gradients of Gaussian {g} are {found:?} instead of {by_hand:?}", place())
+                })?;
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Weights of an image's pixels from 0 to 3, unlike from pixel to pixel.
+pub(super) fn weights_of(image: &Image) -> Vec<f32> {
+    (0..image.pixels().len()).map(|i| [0.0, 0.3, 1.0, 1.7, 3.0][i * 7 % 5]).collect()
 }
 
 fn widened(values: &[f32]) -> Vec<f64> {

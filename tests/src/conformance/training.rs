@@ -2,19 +2,19 @@
 
 use glam::Vec2;
 use gs_core::{
-    Adam, Binning, Canvas, Loss, Optimizer, Parameterization, Scene, Scene2d, TrainStep,
+    Adam, Binning, Canvas, Loss, Optimizer, Parameterization, Scene, Scene2d, TargetImage, TrainStep,
     adam::Group,
     effects::{Blend, Statistics},
 };
 use pollster::FutureExt as _;
 
-use super::{LOSSES, losses_of, parameterizations};
+use super::{LOSSES, losses_of, parameterizations, targets::weights_of};
 use crate::{
     failure::Failure,
     oracle::{Oracle, OracleScene, best_colors, rate_of, rows_of_gradients},
     scenes::{Draw, Kind2d},
     subject::Subject,
-    tolerance::{FUSED_SHARE, LEAST_SQUARES, STATISTICS_SHARE},
+    tolerance::{FUSED_SHARE, LEAST_SQUARES, STATISTICS_SHARE, WEIGHTED_SLOPE},
 };
 
 const PARAMETERIZATIONS: [Parameterization; 2] = [Parameterization::ScaleRotation, Parameterization::CovarianceFactor];
@@ -102,15 +102,19 @@ pub fn fused_steps_match_separate_stages<S: Subject, R: Optimizer<S>>(rasterizer
         parameterizations.iter().map(|&parameterization| (parameterization, (30, 24))).chain(last)
     {
         for blend in [Blend::Sum, Blend::Over] {
-            for loss in LOSSES {
+            let weighted = LOSSES.into_iter().filter(|loss| loss.is_pointwise()).map(|loss| (loss, true));
+            for (loss, is_weighted) in LOSSES.map(|loss| (loss, false)).into_iter().chain(weighted) {
                 let draw = S::typical(blend, 20, (30, 24), 1503).on([0.2, 0.4, 0.1]);
                 let view = S::resized(&draw.view, size);
                 let draw = draw.through(view);
-                let target = rasterizer.upload_target(&draw.target()?)?;
+                let image = draw.target()?;
+                let weights = is_weighted.then(|| weights_of(&image));
+                let target = TargetImage { weights: weights.as_deref(), ..TargetImage::from(&image) };
+                let target = rasterizer.upload_target(target)?;
                 let step = TrainStep { settings: &draw.settings, loss, rates: &rates, binning: Binning::Fresh };
                 let mut fused = rasterizer.upload(&draw.scene, parameterization)?;
                 let mut staged = rasterizer.upload(&draw.scene, parameterization)?;
-                let place = format!("{parameterization:?}, {blend:?}, {loss:?}");
+                let place = format!("{parameterization:?}, {blend:?}, {loss:?}, weighted {is_weighted}");
                 for _ in 0..5 {
                     rasterizer.train_step(&mut fused, &draw.view, &target, &step).block_on()?;
                 }
@@ -210,7 +214,8 @@ pub fn statistics_are_the_positional_gradients<R: Optimizer<Scene2d>>(rasterizer
     Ok(())
 }
 
-/// `solve_colors` approaches the least-squares solution, and changes nothing else.
+/// `solve_colors` approaches the least-squares solution, and changes nothing else; where pixels have
+/// weights, it leaves no gradient of the weighted loss by the colours.
 pub fn solved_colors_are_the_best<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     for parameterization in PARAMETERIZATIONS {
         for (kind, count, size) in
@@ -225,6 +230,22 @@ pub fn solved_colors_are_the_best<R: Optimizer<Scene2d>>(rasterizer: &R) -> Resu
             let after = rasterizer.download(&splats).block_on()?;
             let only_colors = Scene2d { colors: before.colors.clone(), ..after.clone() } == before;
             Failure::unless(only_colors, || "solving for colours changed something else".to_owned())?;
+
+            let weights = weights_of(&image);
+            let weighted = TargetImage { weights: Some(&weights), ..TargetImage::from(&image) };
+            let weighted = rasterizer.upload_target(weighted)?;
+            let slope = |splats: &R::Splats| -> Result<f32, Failure> {
+                let pass = rasterizer.forward(splats, &draw.view, &draw.settings).block_on()?;
+                let (_, gradients) = rasterizer.backward(splats, pass, &weighted, &Loss::L2).block_on()?;
+                let by_colors = rasterizer.gradients(splats, &gradients).block_on()?.colors;
+                Ok(by_colors.iter().map(|v| v.length_squared()).sum::<f32>().sqrt())
+            };
+            let otherwise = slope(&splats)?;
+            rasterizer.solve_colors(&mut splats, &draw.view, &weighted, &draw.settings, 60).block_on()?;
+            let left = slope(&splats)?;
+            Failure::unless(left <= WEIGHTED_SLOPE * otherwise, || {
+                format!("{parameterization:?}, {kind:?}: the weighted loss has a slope of {left:e} by the colours, {otherwise:e} with those of the loss without weights")
+            })?;
 
             draw.scene = before;
             let oracle = Oracle::new(draw.view, draw.settings)?;

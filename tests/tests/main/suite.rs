@@ -52,6 +52,7 @@ enum Fault {
     NoiseIsAStep,
     IgnoresMasks,
     IgnoresAlpha,
+    IgnoresWeights,
     SolvesNothing,
     ForgetsMomentsOnEdit,
     ForgetsStatisticsOnEdit,
@@ -165,6 +166,7 @@ impl Rasterizer<Scene2d> for Sabotaged {
         match self.fault {
             IgnoresMasks => target.mask = None,
             IgnoresAlpha => target.alpha = None,
+            IgnoresWeights => target.weights = None,
             _ => {}
         }
         self.sound().upload_target(target)
@@ -441,6 +443,8 @@ fn every_fault_is_caught_by_its_case() {
         (CollectsUnderOneBlend, "pixel_errors_match"),
         (IgnoresMasks, "incomplete_targets_are_completed"),
         (IgnoresAlpha, "incomplete_targets_are_completed"),
+        (IgnoresWeights, "weights_are_factors_of_the_loss"),
+        (IgnoresWeights, "solved_colors_are_the_best"),
         (NoiseIsAStep, "noise_moves_means_and_nothing_else"),
         (SolvesNothing, "solved_colors_are_the_best"),
         (ForgetsMomentsOnEdit, "edits_carry_everything_along"),

@@ -67,6 +67,7 @@ pub(crate) enum Fault {
     NoiseIsAStep,
     IgnoresMasks,
     IgnoresAlpha,
+    IgnoresWeights,
     ForgetsMomentsOnEdit,
     EditsEvenWhenItRefuses,
     AcceptsNan,
@@ -79,10 +80,11 @@ pub(crate) enum Fault {
 
 use Fault::*;
 
-/// A target with its [`TargetImage::coverage`].
+/// A target with its [`TargetImage::coverage`] and its weights.
 pub(crate) struct Target {
     image: Image,
     coverage: Option<Vec<f32>>,
+    weights: Option<Vec<f32>>,
 }
 
 impl Target {
@@ -93,6 +95,28 @@ impl Target {
             *pixel = std::array::from_fn(|k| completed(pixel[k], coverage, background[k], rendered[k]));
         }
         image
+    }
+
+    /// The weighted loss of what was rendered, and its gradient by the image.
+    fn weighted(&self, weights: &[f32], rendered: &Image, loss: Loss) -> Result<(f64, Image), Error> {
+        let effect = "weights under D-SSIM".to_owned();
+        let (width, height) = rendered.size();
+        let (mut value, count) = (0.0, 3.0 * f64::from(width) * f64::from(height));
+        let mut v_image = Image::filled(width, height, [0.0; 3])?;
+        let pixels = rendered.pixels().iter().zip(self.image.pixels()).zip(weights);
+        for (out, ((c, y), &weight)) in v_image.pixels_mut().iter_mut().zip(pixels) {
+            for k in 0..3 {
+                let d = f64::from(c[k]) - f64::from(y[k]);
+                let (of_channel, slope) = match loss {
+                    Loss::L2 => (d * d, 2.0 * d),
+                    Loss::L1 => (d.abs(), if d == 0.0 { 0.0 } else { d.signum() }),
+                    Loss::L1Dssim { .. } => return Err(Error::Unsupported { backend: "oracle", effect }),
+                };
+                value += f64::from(weight) * of_channel / count;
+                out[k] = (f64::from(weight) * slope / count) as f32;
+            }
+        }
+        Ok((value, v_image))
     }
 }
 
@@ -187,9 +211,11 @@ impl Rasterizer<Scene3d> for Faulty {
         match self.0 {
             IgnoresMasks => target.mask = None,
             IgnoresAlpha => target.alpha = None,
+            IgnoresWeights => target.weights = None,
             _ => {}
         }
-        Ok(Target { image: target.image.clone(), coverage: target.coverage() })
+        let weights = target.weights.map(<[f32]>::to_vec);
+        Ok(Target { image: target.image.clone(), coverage: target.coverage(), weights })
     }
 
     async fn forward(&self, splats: &Splats, view: &Camera, settings: &RenderSettings) -> Result<Pass, Error> {
@@ -218,6 +244,12 @@ impl Rasterizer<Scene3d> for Faulty {
     async fn backward(&self, _: &Splats, pass: Pass, target: &Target, loss: &Loss) -> Result<(f32, Gradients), Error> {
         loss.validate()?;
         let Pass { oracle, scene, rendering } = pass;
+        if let Some(weights) = &target.weights {
+            let (value, v_image) = target.weighted(weights, &rendering.image(), *loss)?;
+            let rows = oracle.image_vjp(&scene, &v_image)?.values;
+            let (statistic, weight) = (vec![0.0; rows.len()], vec![1; rows.len()]);
+            return Ok((value as f32, Gradients { rows, statistic, weight, drawn: rendering.drawn }));
+        }
         let target = &target.completed(&rendering.image(), oracle.settings().background_color());
         let mut gradients = oracle.gradients(&scene, target, loss)?;
         if self.is(HoldsDirectionsFixed) {

@@ -58,6 +58,7 @@ fn every_fault_is_caught_by_its_case() {
         (NoiseIsAStep, "noise_moves_means_and_nothing_else"),
         (IgnoresMasks, "incomplete_targets_are_completed"),
         (IgnoresAlpha, "incomplete_targets_are_completed"),
+        (IgnoresWeights, "weights_are_factors_of_the_loss"),
         (ForgetsMomentsOnEdit, "edits_carry_everything_along"),
         (ForgetsMomentsOnEdit, "changes_that_inherit_go_on"),
         (EditsEvenWhenItRefuses, "refused_edits_change_nothing"),
