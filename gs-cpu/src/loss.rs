@@ -91,7 +91,8 @@ fn pointwise(tiles: &mut Tiles, target: &Target, level: Level, kind: Pointwise) 
     for_each_tile(0..grid.tiles(), buffers, cuts, &|tile, buffers| {
         let first = grid.first_row(tile);
         let of_tile = first..first + buffers.rows.len();
-        let (image, target, weights) = (&image[of_tile.clone()], &target.rows[of_tile.clone()], target.weights_of(of_tile));
+        let (image, target, weights) =
+            (&image[of_tile.clone()], &target.rows[of_tile.clone()], target.weights_of(of_tile));
         let compared = Compared { target, weights, inside: grid.lanes_inside(tile) };
         buffers.sums[0] = dispatch!(level, simd => pointwise::each(simd, image, compared, buffers.rows, kind));
     });

@@ -27,7 +27,7 @@ fn main() -> Result<(), gs_core::Error> {
         let error = 0.05 * (x as f32 * 0.37).sin() * (y as f32 * 0.23).sin();
         t.map(|v| v + error)
     })?;
-    let residual = Residual { target, rendered };
+    let residual = Residual::new(target, rendered);
 
     report("Hilbert order", || HilbertOrder::new(WIDTH, HEIGHT));
     let weights = Structure::new(&residual.target).gradient_magnitude();

@@ -92,14 +92,19 @@ impl ErrorAddition {
         (observation.budget as f64 * (start + (1.0 - start) * done)).round() as usize
     }
 
-    /// The error of every pixel to the power of `exponent`; 0 where it is not finite.
-    fn weights(&self, Residual { target, rendered }: &Residual) -> Plane {
+    /// The error of every pixel, times the root of its weight, to the power of `exponent`; 0 where it
+    /// is not finite.
+    fn weights(&self, residual: &Residual) -> Plane {
+        let Residual { target, rendered, .. } = residual;
         let (width, height) = target.size();
         Plane::from_rows(width, height, |y, row| {
             let first = y * width as usize;
             for ((out, t), c) in row.iter_mut().zip(&target.pixels()[first..]).zip(&rendered.pixels()[first..]) {
                 let error = (0..3).map(|k| (t[k] - shown(c[k])).abs()).sum::<f32>() / 3.0;
                 *out = if error.is_finite() { error.powf(self.exponent) } else { 0.0 };
+            }
+            for (wanted, weight) in row.iter_mut().zip(residual.row_of_weights(y).into_iter().flatten()) {
+                *wanted *= weight.powf(0.5 * self.exponent);
             }
         })
     }
@@ -128,7 +133,7 @@ impl DensityPolicy for ErrorAddition {
         let Some(residual) = observation.residual else {
             return Err(Error::State("policy `image-gs` needs a residual".into()));
         };
-        residual.target.same_size(&residual.rendered)?;
+        residual.check()?;
         let scene: &Scene2d = observation.scene;
         let removed = Prune::NOT_FINITE_ONLY.removals(observation);
         let kept = scene.means.len() - removed.len();
@@ -216,11 +221,10 @@ mod tests {
 
     #[test]
     fn chances_are_a_power_of_the_error_that_is_seen() {
-        let residual = Residual {
-            target: Image::from_fn(4, 1, |x, _| [[0.5; 3], [0.5; 3], [1.0, 0.5, 0.0], [0.5; 3]][x as usize]).unwrap(),
-            rendered: Image::from_fn(4, 1, |x, _| [[0.25; 3], [0.0; 3], [3.0, 0.5, -1.0], [f32::NAN; 3]][x as usize])
-                .unwrap(),
-        };
+        let residual = Residual::new(
+            Image::from_fn(4, 1, |x, _| [[0.5; 3], [0.5; 3], [1.0, 0.5, 0.0], [0.5; 3]][x as usize]).unwrap(),
+            Image::from_fn(4, 1, |x, _| [[0.25; 3], [0.0; 3], [3.0, 0.5, -1.0], [f32::NAN; 3]][x as usize]).unwrap(),
+        );
         let chances =
             |exponent| ErrorAddition { exponent, ..ErrorAddition::default() }.weights(&residual).values().to_vec();
         assert_eq!(chances(1.0), [0.25, 0.5, 0.0, 0.0]);
@@ -230,10 +234,10 @@ mod tests {
 
     #[test]
     fn new_ones_have_the_colour_of_the_target_or_what_is_missing() {
-        let residual = Residual {
-            target: Image::filled(6, 5, [0.75, 0.5, 0.25]).unwrap(),
-            rendered: Image::filled(6, 5, [0.25, 0.5, 0.5]).unwrap(),
-        };
+        let residual = Residual::new(
+            Image::filled(6, 5, [0.75, 0.5, 0.25]).unwrap(),
+            Image::filled(6, 5, [0.25, 0.5, 0.5]).unwrap(),
+        );
         let policy = ErrorAddition::default();
         let painted = policy.gaussian(&residual, 9, true);
         assert_eq!(painted.mean.to_array(), [3.5, 1.5]);

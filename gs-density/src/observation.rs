@@ -1,5 +1,6 @@
 //! The interface of density policies: the observation and the policy trait.
 
+use glam::Vec2;
 use gs_core::{DensityStatistics, EditPlan, Error, Image, Scene2d, effects::Statistics};
 
 use crate::{
@@ -19,6 +20,44 @@ pub struct Residual {
     pub target: Image,
     /// Current rendering of the scene.
     pub rendered: Image,
+    /// How much each pixel counts, `[height · width]`, row-major, not negative; `None` where all
+    /// count 1. Policies weigh the squares of residuals by it.
+    pub weights: Option<Vec<f32>>,
+}
+
+impl Residual {
+    /// The residual of two images of which every pixel counts the same.
+    pub fn new(target: Image, rendered: Image) -> Self {
+        Self { target, rendered, weights: None }
+    }
+
+    /// The weights of row `y`; `None` where all are 1.
+    pub(crate) fn row_of_weights(&self, y: usize) -> Option<&[f32]> {
+        let width = self.target.width() as usize;
+        self.weights.as_ref().map(|weights| &weights[y * width..][..width])
+    }
+
+    /// The weight of the pixel that holds a point, or of the nearest one.
+    pub(crate) fn weight_at(&self, point: Vec2) -> f32 {
+        let Some(weights) = &self.weights else { return 1.0 };
+        let (width, height) = self.target.size();
+        // Casts take NaN and what is below 0 as 0.
+        let [x, y] = [(point.x, width), (point.y, height)].map(|(at, size)| (at as usize).min(size as usize - 1));
+        weights[y * width as usize + x]
+    }
+
+    /// Checks that the images have one size and that there is a weight for each pixel.
+    ///
+    /// # Errors
+    /// [`Error::SizesDiffer`] or [`Error::Length`] where not.
+    pub(crate) fn check(&self) -> Result<(), Error> {
+        self.target.same_size(&self.rendered)?;
+        let expected = self.target.pixels().len();
+        match self.weights.as_ref().map(Vec::len).filter(|&found| found != expected) {
+            Some(found) => Err(Error::Length { what: "weights", expected, found }),
+            None => Ok(()),
+        }
+    }
 }
 
 /// Input of a policy.

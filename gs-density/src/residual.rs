@@ -27,7 +27,8 @@ gs_core::impl_with!(ResidualGrowth);
 ///
 /// Importance is |c|²·det L, the energy that a Gaussian adds to the image, in scenes without
 /// opacities ([`Blend::Sum`]). With opacities ([`Blend::Over`]) it is o²·det L·(|c − ½|² + ¼), the
-/// expected change in energy before any background colour.
+/// expected change in energy before any background colour. Where pixels have weights, it is
+/// multiplied by that of the pixel at the mean, and the squares of residuals by those of their pixels.
 ///
 /// New Gaussians stand first in the scene: under `Over` that is in front of all others, where they
 /// are visible.
@@ -105,12 +106,12 @@ impl DensityPolicy for ResidualGrowth {
         let Some(residual) = observation.residual else {
             return Err(Error::State("policy `residual` needs a residual".into()));
         };
-        residual.target.same_size(&residual.rendered)?;
+        residual.check()?;
 
         let (removed, added) = self.census(observation, not_finite(scene).count());
         let added = self.seeds(residual, scene.has_opacity(), added, rng);
         Ok(EditPlan {
-            removed: least_important(scene, removed),
+            removed: least_important(scene, residual, removed),
             added: added
                 .into_iter()
                 .map(|gaussian| Birth {
@@ -198,11 +199,11 @@ impl ResidualGrowth {
         if count == 0 {
             return Vec::new();
         }
-        let Residual { target, rendered } = residual;
+        let Residual { target, rendered, .. } = residual;
         let (width, height) = target.size();
-        let mut weights = self.weights(residual);
-        weights.smooth(self.smoothing_passes);
-        let density = DensityMap::from_weights(weights, count, self.max_per_pixel);
+        let mut wanted = self.wanted(residual);
+        wanted.smooth(self.smoothing_passes);
+        let density = DensityMap::from_weights(wanted, count, self.max_per_pixel);
         let positions = density.stratified(&HilbertOrder::shared(width, height), rng);
         let shape = SeedShape {
             sigma_factor: self.sigma_factor,
@@ -225,8 +226,9 @@ impl ResidualGrowth {
         })
     }
 
-    /// |r|^exponent of every pixel.
-    fn weights(&self, Residual { target, rendered }: &Residual) -> Plane {
+    /// (√w |r|)^exponent of every pixel, w being its weight.
+    fn wanted(&self, residual: &Residual) -> Plane {
+        let Residual { target, rendered, .. } = residual;
         let (width, height) = target.size();
         let power = Power::of_square_root(self.exponent);
         Plane::from_rows(width, height, |y, row| {
@@ -242,6 +244,9 @@ impl ResidualGrowth {
                 for (out, square) in out.iter_mut().zip(squares.as_chunks::<3>().0) {
                     *out = square[0] + square[1] + square[2];
                 }
+            }
+            for (square, weight) in row.iter_mut().zip(residual.row_of_weights(y).into_iter().flatten()) {
+                *square *= weight;
             }
             power.apply(row);
         })
@@ -291,10 +296,13 @@ fn not_finite(scene: &Scene2d) -> impl Iterator<Item = usize> + '_ {
 
 /// The `count` Gaussians to remove, by index: those that are not finite first, then the least
 /// important; among equals the first.
-fn least_important(scene: &Scene2d, count: usize) -> Vec<Removal> {
+fn least_important(scene: &Scene2d, residual: &Residual, count: usize) -> Vec<Removal> {
     // Importance and index in one number: the bits of a positive `f32` are ordered as its values.
     let mut keys: Vec<u64> = (0..scene.len())
-        .map(|i| u64::from(importance(scene, i).max(f32::MIN_POSITIVE).to_bits()) << 32 | i as u64)
+        .map(|i| {
+            let importance = importance(scene, i) * residual.weight_at(scene.means[i]);
+            u64::from(importance.max(f32::MIN_POSITIVE).to_bits()) << 32 | i as u64
+        })
         .collect();
     for i in not_finite(scene) {
         keys[i] = i as u64;

@@ -4,7 +4,7 @@ use gs_backend::block_on;
 use gs_codec::Extent;
 use gs_core::{Canvas, to_8_bits};
 use gs_io::{File2d, GsiFile, StoredImage, decode_gsi};
-use gs_train::{EncodeLayers, EncodeSettings, EncodeTarget, draw_picture};
+use gs_train::{EncodeLayers, EncodeSettings, EncodeTarget, Tune, draw_picture};
 use numpy::{PyArray1, PyArray3, PyArrayMethods};
 use pyo3::{
     prelude::*,
@@ -41,8 +41,8 @@ impl Encoded {
 
 #[doc = doc!("encode")]
 #[pyfunction]
-#[pyo3(signature = (image, *, quality = None, psnr = None, bytes = None, bpp = None, progressive = false, preview = false,
-    seed = 0, backend = None))]
+#[pyo3(signature = (image, *, quality = None, psnr = None, bytes = None, bpp = None, tune = "psnr", progressive = false,
+    preview = false, seed = 0, backend = None))]
 #[allow(clippy::too_many_arguments, reason = "keyword arguments")]
 pub(crate) fn encode(
     py: Python<'_>,
@@ -51,6 +51,7 @@ pub(crate) fn encode(
     psnr: Option<f64>,
     bytes: Option<u64>,
     bpp: Option<f64>,
+    tune: &str,
     progressive: bool,
     preview: bool,
     seed: u32,
@@ -68,6 +69,11 @@ pub(crate) fn encode(
         (None, None, None, Some(_)) => return Err(errors::value("bpp", "must be a finite number above 0")),
         _ => return Err(errors::value("quality, psnr, bytes, bpp", "expected at most one of them")),
     };
+    let tune = match tune {
+        "psnr" => Tune::Psnr,
+        "ssim" => Tune::Ssim,
+        _ => return Err(errors::value("tune", "expected \"psnr\" or \"ssim\"")),
+    };
     let layers = match (progressive, preview) {
         (false, false) => EncodeLayers::One,
         (true, false) => EncodeLayers::Progressive,
@@ -75,7 +81,7 @@ pub(crate) fn encode(
         (true, true) => return Err(errors::value("progressive, preview", "expected at most one of them")),
     };
     let settings = EncodeSettings::default().with(|settings| {
-        (settings.target, settings.layers, settings.seed) = (target, layers, seed);
+        (settings.target, settings.tune, settings.layers, settings.seed) = (target, tune, layers, seed);
     });
     settings.validate().map_err(IntoPython::into_python)?;
     let chosen = backend::chosen(py, backend)?;

@@ -73,6 +73,8 @@ def test_wrong_targets_and_data(image: np.ndarray) -> None:
         gs.encode(image, quality=0)
     with pytest.raises(ValueError, match="expected at most one of them"):
         gs.encode(image, progressive=True, preview=True)
+    with pytest.raises(ValueError, match="tune"):
+        gs.encode(image, tune="looks")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="bpp"):
         gs.encode(image, bpp=-1.0)
     with pytest.raises(TypeError, match="image: expected a NumPy array"):

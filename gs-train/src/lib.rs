@@ -38,6 +38,7 @@ mod target;
 mod task;
 pub mod train;
 mod trainer;
+mod tune;
 mod viewable;
 
 #[doc(hidden)]
@@ -48,7 +49,7 @@ pub use crate::{
     draw::draw_picture,
     encode::{EncodeImage, EncodeLayers, EncodeSettings, EncodeTarget, Encoded, encode},
     error::Error,
-    fit::{Fit, fit},
+    fit::{Fit, FitTarget, fit},
     flat::mean_color,
     init::Init,
     metrics_log::{MetricsLog, MetricsRow},
@@ -66,5 +67,6 @@ pub use crate::{
     task::Trainable,
     train::{TrainPreset, TrainSettings, Trainer3d},
     trainer::{ForeignPolicy, Outcome, Trainer},
+    tune::Tune,
     viewable::{ColorRange, Viewable, viewable},
 };

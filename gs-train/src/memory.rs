@@ -8,7 +8,7 @@ use gs_core::{Blend, Loss, RenderSettings, Scene3d, effects::Statistics};
 use gs_density::DensityPolicy;
 use gs_io::Format3d;
 
-use crate::{encode::LEAST_FITTED_ROWS, settings::FitSettings, train::TrainSettings};
+use crate::{encode::LEAST_FITTED_ROWS, settings::FitSettings, train::TrainSettings, tune::Tune};
 
 /// A pixel of an image: three `f32`.
 const IMAGE: u64 = 12;
@@ -124,7 +124,9 @@ impl FitSettings {
         // side by side: two renderings, the pictures of the ellipses and of the curve, and what
         // encodes them.
         let residual = if policy.needs_residual() { 2 * PLANE } else { 0 };
-        overhead(pixels) + pixels * (target + step + 6 * IMAGE + residual) + self.of_gaussians(pixels)
+        // Weights are made of three planes, and kept for the policy and for the backend.
+        let weights = if self.tune == Tune::Psnr { 0 } else { 3 * PLANE };
+        overhead(pixels) + pixels * (target + step + 6 * IMAGE + residual + weights) + self.of_gaussians(pixels)
     }
 
     /// Memory of all Gaussians. Evenly spread over the image, each touches as many tiles of 16

@@ -14,6 +14,7 @@ use crate::{
     recovery::Recovery,
     rounds::Rounds,
     settings::{ColorSolve, FitSettings, InitialCount},
+    tune::Tune,
 };
 
 /// Image size, px, for which [`FitSettings::quick`], [`FitSettings::standard`] and
@@ -116,6 +117,7 @@ impl FitSettings {
             parameterization: Parameterization::ScaleRotation,
             render: RenderSettings::blended(Blend::Over).on([1.0; 3]),
             loss: Loss::PAPER,
+            tune: Tune::Psnr,
             adam: Adam::default(),
             init: Init::Random(Random::default()),
             policy: Policy::Grow(Grow::paper(Signal::MeanGradient)),
@@ -175,6 +177,7 @@ impl FitSettings {
             parameterization: Parameterization::CovarianceFactor,
             render: RenderSettings::blended(Blend::Sum),
             loss: Loss::L2,
+            tune: Tune::Psnr,
             adam: Adam::default().with(|s| {
                 s.mean = shape;
                 s.scale = shape;

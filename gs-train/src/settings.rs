@@ -4,7 +4,7 @@ use gs_core::{Adam, Blend, Error, Loss, Parameterization, RenderSettings, consta
 use gs_density::Policy;
 use serde::{Deserialize, Serialize};
 
-use crate::{init::Init, presets::Preset, recovery::Recovery, rounds::Rounds};
+use crate::{init::Init, presets::Preset, recovery::Recovery, rounds::Rounds, tune::Tune};
 
 gs_core::impl_with!(FitSettings, ColorSolve);
 
@@ -59,6 +59,10 @@ pub struct FitSettings {
     pub render: RenderSettings,
     /// Loss to minimise.
     pub loss: Loss,
+    /// The measure that the fit is tuned for, by how much each pixel counts; only under a loss that
+    /// is a sum over pixels. Default [`Tune::Psnr`].
+    #[serde(skip_serializing_if = "Tune::is_default")]
+    pub tune: Tune,
     /// Settings of the optimizer.
     pub adam: Adam,
     /// Initialiser.
@@ -229,6 +233,9 @@ impl FitSettings {
         }
         if self.rebin_every == 0 {
             return Err(Error::setting("rebin-every", 0, "at least 1"));
+        }
+        if self.tune != Tune::Psnr && !self.loss.is_pointwise() {
+            return Err(Error::setting("the loss under tune = \"ssim\"", self.loss.name(), "l2 or l1"));
         }
         self.init.validate()?;
         self.policy.validate_2d()?;

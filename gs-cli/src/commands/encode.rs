@@ -18,6 +18,7 @@ use crate::{
     memory::{self, Need},
     output::{self, printable},
     output_folder::{self, OutputFolder, OverwriteArgs},
+    training::arguments::TuneName,
     values::{Bytes, Color, positive, whole},
 };
 
@@ -46,6 +47,9 @@ pub(crate) struct EncodeArgs {
     output: PathBuf,
     #[command(flatten)]
     overwrite: OverwriteArgs,
+    /// The measure to tune for [default: psnr]
+    #[arg(long, value_enum, value_name = "MEASURE")]
+    tune: Option<TuneName>,
     /// Let the first third of the file show the picture nearly as well as a file of that size; the whole
     /// is about 1.4 dB worse
     #[arg(long, conflicts_with = "preview")]
@@ -264,6 +268,7 @@ impl EncodeArgs {
                 (_, true) => EncodeLayers::Preview,
                 _ => EncodeLayers::One,
             };
+            s.tune = self.tune.map_or(s.tune, Into::into);
             s.memory = self.memory.0;
             s.seed = self.seed;
         })

@@ -19,7 +19,7 @@ use crate::{
     frontier_settings, output,
     render_args::AntialiasName,
     text_file::read_settings_text,
-    training::arguments::{LossName, ParameterizationName, PolicyName, name_of},
+    training::arguments::{LossName, ParameterizationName, PolicyName, TuneName, name_of},
     values::{Color, whole},
 };
 
@@ -52,6 +52,9 @@ pub(crate) struct FitSettingsArgs {
     /// Loss to minimise
     #[arg(long, value_enum, value_name = "LOSS")]
     pub(crate) loss: Option<LossName>,
+    /// The measure to tune for [default: psnr]
+    #[arg(long, value_enum, value_name = "MEASURE")]
+    pub(crate) tune: Option<TuneName>,
     /// How the Gaussians at a pixel become its colour
     #[arg(long, value_enum, value_name = "BLEND")]
     pub(crate) blend: Option<BlendName>,
@@ -169,6 +172,7 @@ pub(crate) fn settings(args: &FitSettingsArgs, file: &SettingsFile, target: &Tar
     }
     settings.exactly |= args.exactly;
     settings.loss = args.loss.map_or(settings.loss, Into::into);
+    settings.tune = args.tune.map_or(settings.tune, Into::into);
     if let Some(parameterization) = args.parameterization {
         settings = settings.with_parameterization(parameterization.into());
     }

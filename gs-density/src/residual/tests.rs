@@ -25,7 +25,7 @@ fn residual() -> Residual {
     let target = Image::from_fn(60, 40, |x, y| {
         if (30..42).contains(&x) && (10..22).contains(&y) { [0.9, 0.4, 0.2] } else { [0.25; 3] }
     });
-    Residual { target: target.unwrap(), rendered: Image::filled(60, 40, [0.25; 3]).unwrap() }
+    Residual::new(target.unwrap(), Image::filled(60, 40, [0.25; 3]).unwrap())
 }
 
 fn plan_at(policy: &ResidualGrowth, scene: &Scene2d, residual: &Residual, progress: f32) -> EditPlan<Gaussian2d> {
@@ -158,7 +158,7 @@ fn equal_random_numbers_give_equal_plans() {
 fn plans_are_equal_on_any_number_of_threads() {
     // Large enough for several tasks: rows, and more than one group of seeds.
     let target = Image::from_fn(200, 150, |x, y| [(0.3 * x as f32).sin(), (0.2 * y as f32).cos(), 0.5]).unwrap();
-    let residual = Residual { rendered: Image::filled(200, 150, [0.1; 3]).unwrap(), target };
+    let residual = Residual::new(target, Image::filled(200, 150, [0.1; 3]).unwrap());
     let statistics = DensityStatistics::zeros(0);
     let scene = Scene2d::default();
     let observation = Observation {

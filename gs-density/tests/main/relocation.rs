@@ -57,7 +57,7 @@ fn after(plan: &EditPlan<Gaussian2d>, scene: &Scene2d) -> Scene2d {
 
 fn residual() -> Residual {
     let target = Image::from_fn(SIZE.0, SIZE.1, |x, _| if x < 20 { [0.5; 3] } else { [0.9, 0.1, 0.4] }).unwrap();
-    Residual { target, rendered: Image::filled(SIZE.0, SIZE.1, [0.5; 3]).unwrap() }
+    Residual::new(target, Image::filled(SIZE.0, SIZE.1, [0.5; 3]).unwrap())
 }
 
 #[test]

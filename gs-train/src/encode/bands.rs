@@ -94,6 +94,12 @@ impl Band {
         rows(image, &self.around)
     }
 
+    /// The numbers of these rows of the whole image, with the overlap.
+    pub(super) fn numbers_of<'a>(&self, numbers: &'a [f32]) -> &'a [f32] {
+        let [start, end] = [self.around.start, self.around.end].map(|row| row as usize * self.width as usize);
+        &numbers[start..end]
+    }
+
     /// These rows of the whole image.
     pub(super) fn part_of(&self, image: &Image) -> Result<Image, Error> {
         rows(image, &self.rows)

@@ -13,7 +13,14 @@ use super::{
     sequence,
     settings::{EncodeSettings, EncodeTarget},
 };
-use crate::{error::Error, fit::fit, forecast::Forecast, presets::Preset, quality::l1_and_psnr, settings::FitSettings};
+use crate::{
+    error::Error,
+    fit::{FitTarget, fit},
+    forecast::Forecast,
+    presets::Preset,
+    quality::l1_and_psnr,
+    settings::FitSettings,
+};
 
 /// A picture as it is in a file.
 pub(super) struct Part {
@@ -85,6 +92,8 @@ pub(super) struct Encoder<'a, R> {
     on: &'a R,
     image: &'a Image,
     background: [u8; 3],
+    /// How much each pixel counts; `None` where all count 1.
+    weights: Option<Vec<f32>>,
     seed: u32,
     bands: Vec<Band>,
     /// Layers that are done, and their Gaussians.
@@ -144,7 +153,13 @@ impl<'a, R: Optimizer<Scene2d>> Encoder<'a, R> {
     ) -> Result<Self, Error> {
         let (bands, forecast) = (bands(image, settings.memory)?, Forecast::new(image));
         let (layers, done) = (Vec::new(), Scene2d::default());
-        Ok(Self { on, image, background, seed: settings.seed, bands, layers, done, forecast })
+        let weights = settings.tune.weights(image);
+        Ok(Self { on, image, background, weights, seed: settings.seed, bands, layers, done, forecast })
+    }
+
+    /// The weights of the pixels that a band is fitted to.
+    fn weights_of(&self, band: &Band) -> Option<&[f32]> {
+        self.weights.as_deref().map(|weights| band.numbers_of(weights))
     }
 
     /// Encodes the picture; the target is that of the file that has it alone.
@@ -164,7 +179,8 @@ impl<'a, R: Optimizer<Scene2d>> Encoder<'a, R> {
             let target = sequence::difference(&band.with_overlap(self.image)?, &drawn)?;
             let mut settings = preset.settings(band.count(count), target.size());
             settings.seed = self.seed;
-            let fit = fit(self.on, &target, settings.clone(), &mut ()).await?;
+            let target = FitTarget { image: &target, weights: self.weights_of(band) };
+            let fit = fit(self.on, target, settings.clone(), &mut ()).await?;
             let drawn = band.without_overlap(&sequence::sum(&drawn, &fit.image)?)?;
             error.add(&drawn, &band.part_of(self.image)?);
             let (scene, beyond) = band.split(&fit.scene);
@@ -251,7 +267,8 @@ impl<'a, R: Optimizer<Scene2d>> Encoder<'a, R> {
             let quantizer = self.quantizer(step, band, &kept);
             let others: Scene2d = above.iter().chain(beyond.iter()).collect();
             let target = sequence::difference(&band.with_overlap(self.image)?, &self.drawn(band, &others).await?)?;
-            let codes = sequence::quantize(self.on, (&target, &band.canvas()), &kept, &quantizer, settings).await?;
+            let target = FitTarget { image: &target, weights: self.weights_of(band) };
+            let codes = sequence::quantize(self.on, (target, &band.canvas()), &kept, &quantizer, settings).await?;
             above = above.iter().chain(codes.iter().map(|code| quantizer.reconstruct(code))).collect();
             layers.push(Layer { head: *quantizer.head(), codes });
         }

@@ -6,10 +6,11 @@
 
 use gs_codec::{Code, Quantizer};
 use gs_core::{
-    Binning, Blend, Canvas, Gaussian2d, Image, Loss, Optimizer, Parameterization, RenderSettings, Scene2d, TrainStep,
+    Binning, Blend, Canvas, Gaussian2d, Image, Loss, Optimizer, Parameterization, RenderSettings, Scene2d, TargetImage,
+    TrainStep,
 };
 
-use crate::{error::Error, settings::FitSettings};
+use crate::{error::Error, fit::FitTarget, settings::FitSettings};
 
 /// Groups of Gaussians.
 const GROUPS: usize = 16;
@@ -26,7 +27,7 @@ const SOLVER_ITERATIONS: u32 = 2;
 /// Quantizes the scene of a fit to `target`, from which what others draw on `canvas` is subtracted.
 pub(super) async fn quantize<R: Optimizer<Scene2d>>(
     on: &R,
-    (target, canvas): (&Image, &Canvas),
+    (target, canvas): (FitTarget<'_>, &Canvas),
     scene: &Scene2d,
     quantizer: &Quantizer,
     settings: &FitSettings,
@@ -34,7 +35,7 @@ pub(super) async fn quantize<R: Optimizer<Scene2d>>(
     let render = RenderSettings::blended(Blend::Sum);
     let mut rest: Vec<Gaussian2d> = scene.iter().collect();
     rest.sort_by(|a, b| b.log_scale.element_sum().total_cmp(&a.log_scale.element_sum()));
-    let mut left = target.clone();
+    let mut left = target.image.clone();
     let mut codes = Vec::with_capacity(rest.len());
     for group in 0..GROUPS {
         let later = rest.split_off(rest.len() / (GROUPS - group));
@@ -47,7 +48,7 @@ pub(super) async fn quantize<R: Optimizer<Scene2d>>(
         let drawn = on.render(&fixed.iter().map(|code| quantizer.reconstruct(code)).collect(), canvas, &render).await?;
         left = difference(&left, &drawn)?;
         codes.extend(fixed);
-        let goal = on.upload_target(&left)?;
+        let goal = on.upload_target(TargetImage { weights: target.weights, ..TargetImage::from(&left) })?;
         let mut splats = on.upload(&rest.into_iter().collect(), Parameterization::CovarianceFactor)?;
         for step in 0..STEPS {
             let share = RATE * (1.0 - step as f32 / STEPS as f32);

@@ -2,7 +2,7 @@
 
 use gs_core::Error;
 
-use crate::error;
+use crate::{error, tune::Tune};
 
 gs_core::impl_with!(EncodeSettings);
 
@@ -39,6 +39,8 @@ pub enum EncodeLayers {
 pub struct EncodeSettings {
     /// What to aim at. Default [`EncodeTarget::Quality`] 50.
     pub target: EncodeTarget,
+    /// The measure that the file is tuned for. A target of PSNR stays one. Default [`Tune::Psnr`].
+    pub tune: Tune,
     /// What the beginning of the file shows. Default [`EncodeLayers::One`].
     pub layers: EncodeLayers,
     /// Memory that encoding may take, the image included, bytes. An image that would take more is
@@ -50,7 +52,13 @@ pub struct EncodeSettings {
 
 impl Default for EncodeSettings {
     fn default() -> Self {
-        Self { target: EncodeTarget::Quality(50), layers: EncodeLayers::One, memory: 4_000_000_000, seed: 0 }
+        Self {
+            target: EncodeTarget::Quality(50),
+            tune: Tune::Psnr,
+            layers: EncodeLayers::One,
+            memory: 4_000_000_000,
+            seed: 0,
+        }
     }
 }
 

@@ -10,7 +10,7 @@ use super::{
     layers::FirstLayer,
     settings::EncodeTarget,
 };
-use crate::{error::Error, memory::TRANSPARENT};
+use crate::{error::Error, memory::TRANSPARENT, tune::Tune};
 
 /// Bytes of the header that a file of alpha alone has, and that alpha beside colours does not need.
 const HEADER_BYTES: u64 = 12;
@@ -35,8 +35,9 @@ pub(super) async fn transparent<R: Optimizer<Scene2d>>(
     let waiting = alpha.len() as u64 * TRANSPARENT;
     let settings = &settings.with(|s| s.memory = s.memory.saturating_sub(waiting));
     let grey = Image::from_pixels(image.width(), image.height(), alpha.iter().map(|&alpha| [alpha; 3]).collect())?;
+    let settings_of_alpha = settings.with(|s| s.tune = Tune::Psnr);
     let of_alpha = async |target| {
-        let encoder = Encoder::new(on, &grey, [background; 3], settings)?;
+        let encoder = Encoder::new(on, &grey, [background; 3], &settings_of_alpha)?;
         encoder.encode(target, first.map(FirstLayer::of_alpha)).await
     };
     let alpha_part = match target {

@@ -12,6 +12,29 @@ use crate::{
     trainer::{Outcome, Trainer},
 };
 
+/// An image to fit. An [`Image`] alone converts into one.
+#[derive(Debug, Clone, Copy)]
+pub struct FitTarget<'a> {
+    /// The image.
+    pub image: &'a Image,
+    /// How much each pixel counts, `[height · width]`, row-major, not negative; `None`: as
+    /// [`FitSettings::tune`] says.
+    pub weights: Option<&'a [f32]>,
+}
+
+impl<'a> From<&'a Image> for FitTarget<'a> {
+    fn from(image: &'a Image) -> Self {
+        Self { image, weights: None }
+    }
+}
+
+impl FitTarget<'_> {
+    /// The weights of pixels under these settings, or `None` where all count 1.
+    fn weights(&self, settings: &FitSettings) -> Option<Vec<f32>> {
+        self.weights.map(<[f32]>::to_vec).or_else(|| settings.tune.weights(self.image))
+    }
+}
+
 /// Result of [`fit()`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fit {
@@ -45,7 +68,7 @@ pub struct Fit {
 /// ```
 pub async fn fit<R: Optimizer<Scene2d>>(
     rasterizer: &R,
-    target: &Image,
+    target: impl Into<FitTarget<'_>>,
     settings: FitSettings,
     observer: &mut dyn Observer,
 ) -> Result<Fit, Error> {

@@ -4,12 +4,13 @@ use std::path::Path;
 
 use gs_core::{
     Blend, Canvas, Culled, Effects, Gaussian2d, Image, Loss, Optimizer, Parameterization, RenderSettings, Scene,
-    Scene2d, TrainStep,
+    Scene2d, TargetImage, TrainStep,
 };
 use gs_density::{DensityPolicy, Evidence, EvidenceRequest, Governor, Residual};
 use gs_io::Checkpoint;
 use web_time::Instant;
 
+use super::FitTarget;
 use crate::{
     checkpoint::{Record, fingerprint},
     clamped::Clamped,
@@ -22,6 +23,7 @@ use crate::{
     summary::FitSummary,
     task::{RunSettings, SceneTask, StepContext, TrainingTask},
     trainer::{Trainer, random},
+    tune::Tune,
 };
 
 /// The image to fit, where the backend computes and on the host.
@@ -110,7 +112,7 @@ impl RunSettings<Scene2d> for FitSettings {
     }
 
     fn psnr_estimate(&self, loss: f32) -> Option<f32> {
-        (self.loss == Loss::L2).then(|| -10.0 * loss.log10())
+        (self.loss == Loss::L2 && self.tune == Tune::Psnr).then(|| -10.0 * loss.log10())
     }
 
     fn loss(&self) -> Loss {
@@ -201,10 +203,12 @@ impl<R: Optimizer<Scene2d>> TrainingTask<R, Scene2d> for ImageTask<R> {
 }
 
 impl<R: Optimizer<Scene2d>> ImageTask<R> {
-    fn new(on: &R, target: &Image) -> Result<Self, Error> {
-        let canvas = Canvas::new(target.width(), target.height());
-        let residual = Residual { target: target.clone(), rendered: nothing_rendered()? };
-        Ok(Self { canvas, target: on.upload_target(target)?, residual })
+    fn new(on: &R, target: FitTarget<'_>, settings: &FitSettings) -> Result<Self, Error> {
+        let (image, weights) = (target.image, target.weights(settings));
+        let canvas = Canvas::new(image.width(), image.height());
+        let target = on.upload_target(TargetImage { weights: weights.as_deref(), ..image.into() })?;
+        let residual = Residual { target: image.clone(), rendered: nothing_rendered()?, weights };
+        Ok(Self { canvas, target, residual })
     }
 
     async fn render(
@@ -240,12 +244,17 @@ impl<'a, R: Optimizer<Scene2d>> Trainer<'a, R> {
     /// # Errors
     /// [`gs_core::Error::Setting`] where a setting is not possible, [`gs_core::Error::Pixel`] where
     /// the target is not finite, and those of the backend.
-    pub async fn new(rasterizer: &'a R, target: &Image, settings: FitSettings) -> Result<Self, Error> {
+    pub async fn new(
+        rasterizer: &'a R,
+        target: impl Into<FitTarget<'_>>,
+        settings: FitSettings,
+    ) -> Result<Self, Error> {
         settings.validate()?;
+        let target = target.into();
         let started = Instant::now();
         let count = settings.initial.resolve(settings.gaussians) as usize;
         let blend = settings.render.effects.blend;
-        let scene = settings.init.scene(target, count, blend, &mut random(settings.seed, 0));
+        let scene = settings.init.scene(target.image, count, blend, &mut random(settings.seed, 0));
         let initialised = started.elapsed().as_secs_f64();
         let mut trainer = Self::from_scene(rasterizer, target, &scene, settings).await?;
         trainer.record.seconds += initialised;
@@ -260,12 +269,13 @@ impl<'a, R: Optimizer<Scene2d>> Trainer<'a, R> {
     /// [`FitSettings::gaussians`] allows.
     pub async fn from_scene(
         rasterizer: &'a R,
-        target: &Image,
+        target: impl Into<FitTarget<'_>>,
         scene: &Scene2d,
         settings: FitSettings,
     ) -> Result<Self, Error> {
         settings.validate()?;
-        target.check_finite("the target")?;
+        let target = target.into();
+        target.image.check_finite("the target")?;
         scene.validate()?;
         if scene.len() > settings.gaussians as usize {
             let allowed = "at most the number of Gaussians allowed";
@@ -273,8 +283,9 @@ impl<'a, R: Optimizer<Scene2d>> Trainer<'a, R> {
         }
         let started = Instant::now();
         let splats = rasterizer.upload(scene, settings.parameterization)?;
-        let record = Record::beginning(settings, fingerprint(target));
-        let mut trainer = Self::assemble(rasterizer, record, splats, ImageTask::new(rasterizer, target)?);
+        let task = ImageTask::new(rasterizer, target, &settings)?;
+        let record = Record::beginning(settings, fingerprint(target.image));
+        let mut trainer = Self::assemble(rasterizer, record, splats, task);
         let effects = trainer.effects();
         let Self { task, splats, record, .. } = &mut trainer;
         task.solve_colors(rasterizer, splats, &record.settings, &effects, record.settings.color_solve.at_start).await?;
@@ -288,15 +299,21 @@ impl<'a, R: Optimizer<Scene2d>> Trainer<'a, R> {
     /// # Errors
     /// [`Error::WrongTarget`] for an image of another size or content, [`Error::Checkpoint`] for
     /// metadata that are not those of a fit, and those of the backend.
-    pub fn resume(rasterizer: &'a R, target: &Image, checkpoint: Checkpoint) -> Result<Self, Error> {
-        let record = Record::from_metadata::<Scene2d>(&checkpoint.metadata)?;
-        target.check_finite("the target")?;
-        let found = fingerprint(target);
+    pub fn resume<'t>(
+        rasterizer: &'a R,
+        target: impl Into<FitTarget<'t>>,
+        checkpoint: Checkpoint,
+    ) -> Result<Self, Error> {
+        let target = target.into();
+        let record = Record::<FitSettings>::from_metadata::<Scene2d>(&checkpoint.metadata)?;
+        target.image.check_finite("the target")?;
+        let found = fingerprint(target.image);
         if record.images != found {
             return Err(Error::WrongTarget { expected: record.images, found });
         }
         let splats = rasterizer.restore(&checkpoint.state)?;
-        Ok(Self::assemble(rasterizer, record, splats, ImageTask::new(rasterizer, target)?))
+        let task = ImageTask::new(rasterizer, target, &record.settings)?;
+        Ok(Self::assemble(rasterizer, record, splats, task))
     }
 
     /// Summary of the fit in its current state.

@@ -244,7 +244,9 @@ pub fn solved_colors_are_the_best<R: Optimizer<Scene2d>>(rasterizer: &R) -> Resu
             rasterizer.solve_colors(&mut splats, &draw.view, &weighted, &draw.settings, 60).block_on()?;
             let left = slope(&splats)?;
             Failure::unless(left <= WEIGHTED_SLOPE * otherwise, || {
-                format!("{parameterization:?}, {kind:?}: the weighted loss has a slope of {left:e} by the colours, {otherwise:e} with those of the loss without weights")
+                format!(
+                    "{parameterization:?}, {kind:?}: the weighted loss has a slope of {left:e} by the colours, {otherwise:e} with those of the loss without weights"
+                )
             })?;
 
             draw.scene = before;

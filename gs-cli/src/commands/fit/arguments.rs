@@ -48,7 +48,7 @@ the exit status is 1. --json then prints an array of summaries; an image that fa
 
 /// The flags of [`FitSettingsArgs`] that a checkpoint contains. A resumed fit needs the background
 /// for transparent pixels.
-const IN_CHECKPOINT: [&str; 12] = [
+const IN_CHECKPOINT: [&str; 13] = [
     "preset",
     "settings",
     "gaussians",
@@ -57,6 +57,7 @@ const IN_CHECKPOINT: [&str; 12] = [
     "policy",
     "init",
     "loss",
+    "tune",
     "blend",
     "antialias",
     "parameterization",
