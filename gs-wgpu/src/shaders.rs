@@ -56,6 +56,8 @@ pub(crate) struct Variant {
     pub(crate) covariance_factor: bool,
     /// The scene is 3D, for `edit`.
     pub(crate) scene_3d: bool,
+    /// Adam's moments of SH coefficients are in `MomentFormat::Bf16`.
+    pub(crate) packed: bool,
     /// `project` counts tiles for new lists.
     pub(crate) lists: bool,
     /// Gaussians are sorted at each pixel.
@@ -257,6 +259,7 @@ fn preprocess(source: &str, variant: Variant) -> String {
         "COVARIANCE_FACTOR" => variant.covariance_factor,
         "LISTS" => variant.lists,
         "SCENE_3D" => variant.scene_3d,
+        "PACKED" => variant.packed,
         "PER_PIXEL" => variant.by_pixel,
         "ON_CPU" => variant.on_cpu,
         "BACKWARD" => variant.pass == Pass::Backward,
