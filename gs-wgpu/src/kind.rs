@@ -63,10 +63,15 @@ pub trait SceneKind: sealed::Sealed + Scene<View: PartialEq> + 'static {
     #[doc(hidden)]
     fn upload(gpu: &Gpu, scene: &Self, parameterization: Parameterization) -> Result<Self::State, Error>;
 
-    /// Allocates the buffers that moving and editing `len` Gaussians needs, and drawing does not.
+    /// Allocates the buffers that moving and editing Gaussians needs, and drawing does not; those
+    /// for steps with `rates` in their format.
     #[doc(hidden)]
-    fn prepare(_gpu: &Gpu, _state: &mut Self::State, _len: usize) -> Result<(), Error> {
-        Ok(())
+    fn prepare(
+        _gpu: &Gpu,
+        _splats: &mut Splats<Self>,
+        _rates: Option<&AdamRates>,
+    ) -> impl Future<Output = Result<(), Error>> {
+        async { Ok(()) }
     }
 
     /// The parameters of `len` Gaussians.

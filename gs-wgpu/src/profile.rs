@@ -243,7 +243,7 @@ impl<S: SceneKind> Profiler<S> for WgpuRasterizer {
         loss: Loss,
         repetitions: usize,
     ) -> Result<Profile, Error> {
-        S::prepare(&self.gpu, &mut splats.state, splats.len)?;
+        S::prepare(&self.gpu, splats, None).await?;
         self.profile_by(Timestamps::new, splats, (view, target), settings, loss, repetitions).await
     }
 }

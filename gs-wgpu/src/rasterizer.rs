@@ -287,7 +287,7 @@ impl<S: SceneKind> Optimizer<S> for WgpuRasterizer {
         if let Some(Added { gradients, .. }) = &added {
             gradients.check_len(splats)?;
         }
-        S::prepare(&self.gpu, &mut splats.state, splats.len)?;
+        S::prepare(&self.gpu, splats, Some(step.rates)).await?;
         let mut in_flight = splats.in_flight().await;
         in_flight.train(&self.gpu, S::pool(self), splats, Request::new(view, target, step, added)).await
     }
@@ -305,7 +305,7 @@ impl<S: SceneKind> Optimizer<S> for WgpuRasterizer {
         S::check_rates(rates)?;
         let gpu = &self.gpu;
         splats.settle(gpu).await?;
-        S::prepare(gpu, &mut splats.state, splats.len)?;
+        S::prepare(gpu, splats, Some(rates)).await?;
         let mut workspace = S::pool(self).take(gpu)?;
         workspace.set(gpu, splats, &gradients.view, &gradients.settings)?;
         let step = workspace.describe(gpu, splats, None, Some(rates));
@@ -326,7 +326,7 @@ impl<S: SceneKind> Optimizer<S> for WgpuRasterizer {
 
     async fn edit(&self, splats: &mut Splats<S>, plan: &EditPlan<S::Gaussian>) -> Result<(), Error> {
         splats.settle(&self.gpu).await?;
-        splats.edit(&self.gpu, plan)
+        splats.edit(&self.gpu, plan).await
     }
 
     fn add_noise(&self, splats: &mut Splats<S>, noise: &MeanNoise) -> Result<(), Error> {

@@ -58,6 +58,8 @@ pub(crate) struct Variant {
     pub(crate) scene_3d: bool,
     /// Pixels have weights, for `loss`.
     pub(crate) weighted: bool,
+    /// Adam's moments of SH coefficients are in `MomentFormat::Bf16`.
+    pub(crate) packed: bool,
     /// `project` counts tiles for new lists.
     pub(crate) lists: bool,
     /// Gaussians are sorted at each pixel.
@@ -260,6 +262,7 @@ fn preprocess(source: &str, variant: Variant) -> String {
         "LISTS" => variant.lists,
         "SCENE_3D" => variant.scene_3d,
         "WEIGHTED" => variant.weighted,
+        "PACKED" => variant.packed,
         "PER_PIXEL" => variant.by_pixel,
         "ON_CPU" => variant.on_cpu,
         "BACKWARD" => variant.pass == Pass::Backward,

@@ -85,8 +85,9 @@ impl<S: SceneKind> Splats<S> {
     }
 
     /// Uploads the sources of all slots and the new Gaussians. The device rebuilds the arrays.
-    pub(crate) fn edit(&mut self, gpu: &Gpu, plan: &EditPlan<S::Gaussian>) -> Result<(), Error> {
+    pub(crate) async fn edit(&mut self, gpu: &Gpu, plan: &EditPlan<S::Gaussian>) -> Result<(), Error> {
         let sources = plan.sources(self.len)?;
+        S::prepare(gpu, self, None).await?;
         let changed = plan.changed.iter().map(|c| &c.gaussian);
         let fresh: Vec<&S::Gaussian> = changed.chain(plan.added.iter().map(|b| &b.gaussian)).collect();
         let records: Vec<Source> = sources.iter().map(|source| record(plan, source)).collect();
@@ -109,7 +110,6 @@ impl<S: SceneKind> Splats<S> {
             fresh,
             statistics: [&self.statistics, &statistics],
         };
-        S::prepare(gpu, &mut self.state, self.len)?;
         let mut commands = Commands::new(gpu);
         let state = S::edit(gpu, &mut commands, &self.state, &edit)?;
         commands.submit(gpu);

@@ -2,6 +2,7 @@
 //! at one pixel, and the derivatives of both.
 
 pub mod covariance_factor;
+pub mod packed_moments;
 pub mod perspective;
 pub mod sh;
 pub mod splat;

@@ -4,7 +4,10 @@
 use std::ops::Range;
 
 use fearless_simd::{Simd, prelude::*, u32x16};
-use gs_core::MomentFormat;
+use gs_core::{
+    MomentFormat,
+    math::packed_moments::{UPPER, packed, unpacked},
+};
 use rayon::prelude::*;
 
 use super::splats::pitch_of;
@@ -25,21 +28,8 @@ pub(crate) struct Moments {
 #[derive(Debug)]
 pub(crate) enum Rest {
     F32([Vec<f32>; 2]),
-    /// Both in one number: the first moment is the upper half.
+    /// Both in one number, as [`packed`] has them.
     Bf16(Vec<u32>),
-}
-
-/// The upper half of a number.
-const UPPER: u32 = 0xFFFF_0000;
-
-/// Two moments as one number, each rounded towards zero.
-fn packed(first: f32, second: f32) -> u32 {
-    (first.to_bits() & UPPER) | (second.to_bits() >> 16)
-}
-
-/// The moments of [`packed`].
-fn unpacked(both: u32) -> [f32; 2] {
-    [f32::from_bits(both & UPPER), f32::from_bits(both << 16)]
 }
 
 /// [`unpacked`] of 16 numbers.
@@ -58,7 +48,8 @@ pub(crate) fn pack<S: Simd>([first, second]: [Whole<S>; 2], random: u32x16<S>, b
     ((first & UPPER) | (second >> 16)).store_slice(both);
 }
 
-/// Random bits for the numbers of a row from `at` on, from its Gaussian's index and step count.
+/// [`random_bits`](gs_core::math::packed_moments::random_bits) of the 16 numbers from `at` on, a
+/// multiple of 16.
 #[inline(always)]
 pub(crate) fn random<S: Simd>(simd: S, index: u32, steps: u32, at: usize) -> u32x16<S> {
     const LANE: [u32; LANES] = {
@@ -71,7 +62,6 @@ pub(crate) fn random<S: Simd>(simd: S, index: u32, steps: u32, at: usize) -> u32
         lane
     };
     let row = (index.wrapping_mul(0x85EB_CA6B) ^ steps.wrapping_mul(0xC2B2_AE35)).wrapping_add(at as u32);
-    // The finalizer of MurmurHash3 with better constants (`lowbias32`, Wellons 2018).
     let bits = u32x16::from_slice(simd, &LANE) + row.wrapping_mul(0x27D4_EB2F);
     let bits = (bits ^ (bits >> 16)) * 0x21F0_AAAD;
     let bits = (bits ^ (bits >> 15)) * 0x735A_2D97;
@@ -156,13 +146,26 @@ impl Moments {
 
 #[cfg(test)]
 mod tests {
-    use gs_core::edit::Source;
+    use gs_core::{edit::Source, math::packed_moments::random_bits};
 
     use super::*;
     use crate::{
         lanes::{load, splat},
         level::{SimdLevel, dispatch},
     };
+
+    #[test]
+    fn random_bits_are_those_of_gs_core() {
+        for level in SimdLevel::available() {
+            let token = level.instructions().unwrap();
+            for (index, steps, at) in [(0, 0, 0), (1, 7, 16), (0xFFFF_0123, u32::MAX, 32)] {
+                let mut found = [0; LANES];
+                dispatch!(token, simd => random(simd, index, steps, at).store_slice(&mut found));
+                let expected = std::array::from_fn(|k| random_bits(index, steps, (at + k) as u32));
+                assert_eq!(found, expected, "{level}");
+            }
+        }
+    }
 
     /// A second moment that decays by less than half of its last digit per step, and a first moment
     /// that stays.

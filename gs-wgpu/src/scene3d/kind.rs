@@ -3,9 +3,7 @@
 use std::sync::Arc;
 
 use glam::Vec3;
-use gs_core::{
-    AdamRates, Camera, Error, Gaussian3d, MomentFormat, Output, Parameterization, RenderSettings, Scene3d, SplatsState,
-};
+use gs_core::{AdamRates, Camera, Error, Gaussian3d, Output, Parameterization, RenderSettings, Scene3d, SplatsState};
 
 use super::{
     stages::{self, Own3d},
@@ -20,7 +18,7 @@ use crate::{
     layout::{EllipsoidGradient, SPLAT_BYTES, Step},
     splats::{Edit, Splats},
     tiles::DEPTH_BYTES,
-    unsupported::{check_settings, unsupported},
+    unsupported::check_settings,
     workspace::Workspace,
 };
 
@@ -35,13 +33,6 @@ impl SceneKind for Scene3d {
         check_settings(settings)
     }
 
-    fn check_rates(rates: &AdamRates) -> Result<(), Error> {
-        match rates.color_rest_moments {
-            MomentFormat::F32 => Ok(()),
-            MomentFormat::Bf16 => Err(unsupported("Adam moments in 16 bits (color-rest-moments = \"bf16\")")),
-        }
-    }
-
     fn size(camera: &Camera) -> [u32; 2] {
         [camera.width, camera.height]
     }
@@ -54,8 +45,14 @@ impl SceneKind for Scene3d {
         State3d::new(gpu, scene, parameterization)
     }
 
-    fn prepare(gpu: &Gpu, state: &mut State3d, len: usize) -> Result<(), Error> {
-        state.make_moments(gpu, len)
+    async fn prepare(gpu: &Gpu, splats: &mut Splats<Self>, rates: Option<&AdamRates>) -> Result<(), Error> {
+        let found = splats.state.moment_format();
+        let format = rates.map_or(found.unwrap_or_default(), |rates| rates.color_rest_moments);
+        if found.is_some_and(|found| found != format) {
+            // A pending step that is repeated needs the moments in its own format.
+            splats.settle(gpu).await?;
+        }
+        splats.state.make_moments(gpu, splats.len, format).await
     }
 
     async fn download(gpu: &Gpu, state: &State3d, len: usize) -> Result<Self, Error> {

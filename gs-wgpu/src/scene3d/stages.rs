@@ -165,5 +165,5 @@ pub(crate) fn encode_adam(
     let [first, second] = &moments.sh;
     let bindings = [step, gradients[0], &state.ellipsoids, gradients[1], &state.sh, first, second];
     let by_coefficient = groups(BY_COEFFICIENT, n * state.coefficients() as u64);
-    dispatch(gpu, commands, "adam_color_3d", Variant::default(), &bindings, by_coefficient);
+    dispatch(gpu, commands, "adam_color_3d", moments.variant(), &bindings, by_coefficient);
 }

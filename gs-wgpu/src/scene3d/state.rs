@@ -2,7 +2,10 @@
 //! restoring.
 
 use glam::Vec3;
-use gs_core::{Error, Gaussian3d, Parameterization, Scene, Scene3d, SplatsState, math::sh::coefficients};
+use gs_core::{
+    Error, Gaussian3d, MomentFormat, Parameterization, Scene, Scene3d, SplatsState,
+    math::{packed_moments, sh::coefficients},
+};
 
 use crate::{
     dispatch::{Commands, dispatch},
@@ -35,26 +38,84 @@ pub struct State3d {
 #[derive(Debug)]
 pub(crate) struct Moments {
     pub(crate) geometry: wgpu::Buffer,
-    /// First and second moments, `[N, K, 3]` each.
+    /// Of SH coefficients. In `F32`: first and second moments, `[N, K, 3]` each. In `Bf16`: both
+    /// moments of degree 0, `[N, 2, 3]`, and [packed](packed_moments) ones of the others,
+    /// `[N, K − 1, 3]`.
     pub(crate) sh: [wgpu::Buffer; 2],
+    format: MomentFormat,
 }
 
+const GEOMETRY_MOMENTS: &str = "Adam moments";
+const SH_MOMENTS: &str = "Adam moments of SH coefficients";
+
 impl Moments {
-    fn allocate(gpu: &Gpu, n: u64, coefficients: u64) -> Result<Self, Error> {
-        let sh = || gpu.allocate("Adam moments of SH coefficients", n * coefficients * COLOR_BYTES, STORAGE);
-        let geometry = gpu.allocate("Adam moments", n * size_of::<EllipsoidMoments>() as u64, STORAGE)?;
-        Ok(Self { geometry, sh: [sh()?, sh()?] })
+    fn allocate(gpu: &Gpu, n: u64, coefficients: u64, format: MomentFormat) -> Result<Self, Error> {
+        let [first, second] = match format {
+            MomentFormat::F32 => [coefficients; 2],
+            MomentFormat::Bf16 => [2, coefficients - 1],
+        };
+        let sh = |colors: u64| gpu.allocate(SH_MOMENTS, n * colors * COLOR_BYTES, STORAGE);
+        let geometry = gpu.allocate(GEOMETRY_MOMENTS, n * size_of::<EllipsoidMoments>() as u64, STORAGE)?;
+        Ok(Self { geometry, sh: [sh(first)?, sh(second)?], format })
     }
 
     /// Moments of zeros.
-    fn zeros(gpu: &Gpu, n: u64, coefficients: u64) -> Result<Self, Error> {
-        let moments = Self::allocate(gpu, n, coefficients)?;
+    fn zeros(gpu: &Gpu, n: u64, coefficients: u64, format: MomentFormat) -> Result<Self, Error> {
+        let moments = Self::allocate(gpu, n, coefficients, format)?;
         let mut commands = Commands::new(gpu);
         for buffer in [&moments.geometry].into_iter().chain(&moments.sh) {
             commands.encoder().clear_buffer(buffer, 0, None);
         }
         commands.submit(gpu);
         Ok(moments)
+    }
+
+    /// Moments in `format` of `k` SH coefficients per Gaussian. Those that were not in 16 bits are
+    /// rounded towards zero.
+    fn upload(
+        gpu: &Gpu,
+        geometry: wgpu::Buffer,
+        [first, second]: [&[[f32; 3]]; 2],
+        k: usize,
+        format: MomentFormat,
+    ) -> Result<Self, Error> {
+        let sh = match format {
+            MomentFormat::F32 => [gpu.storage(SH_MOMENTS, first)?, gpu.storage(SH_MOMENTS, second)?],
+            MomentFormat::Bf16 => {
+                let (mut base, mut rest) = (Vec::new(), Vec::new());
+                for (first, second) in first.chunks_exact(k).zip(second.chunks_exact(k)) {
+                    base.push([first[0], second[0]]);
+                    let pairs = first[1..].as_flattened().iter().zip(second[1..].as_flattened());
+                    rest.extend(pairs.map(|(&first, &second)| packed_moments::packed(first, second)));
+                }
+                [gpu.storage(SH_MOMENTS, &base)?, gpu.storage(SH_MOMENTS, &rest)?]
+            }
+        };
+        Ok(Self { geometry, sh, format })
+    }
+
+    /// First and second moments of `k` SH coefficients of each of `n` Gaussians, `[N, K, 3]` each.
+    async fn of_sh(&self, gpu: &Gpu, n: usize, k: usize) -> Result<[Vec<[f32; 3]>; 2], Error> {
+        let [one, other] = &self.sh;
+        if self.format == MomentFormat::F32 {
+            return Ok([gpu.read(one, n * k).await?, gpu.read(other, n * k).await?]);
+        }
+        let base: Vec<[[f32; 3]; 2]> = gpu.read(one, n).await?;
+        let rest: Vec<[u32; 3]> = gpu.read(other, n * (k - 1)).await?;
+        Ok([0, 1].map(|which| {
+            let mut moments = Vec::with_capacity(n * k);
+            for (i, base) in base.iter().enumerate() {
+                moments.push(base[which]);
+                let rest = &rest[i * (k - 1)..(i + 1) * (k - 1)];
+                moments.extend(rest.iter().map(|color| color.map(|both| packed_moments::unpacked(both)[which])));
+            }
+            moments
+        }))
+    }
+
+    /// The variant of the shaders that read them.
+    pub(crate) fn variant(&self) -> Variant {
+        Variant { packed: self.format == MomentFormat::Bf16, ..Variant::default() }
     }
 }
 
@@ -125,11 +186,24 @@ impl State3d {
         })
     }
 
-    /// Allocates the moments of `len` Gaussians, if there are none yet.
-    pub(crate) fn make_moments(&mut self, gpu: &Gpu, len: usize) -> Result<(), Error> {
-        if self.moments.is_none() {
-            self.moments = Some(Moments::zeros(gpu, len as u64, self.coefficients() as u64)?);
-        }
+    /// The format of the moments, if there are any.
+    pub(crate) fn moment_format(&self) -> Option<MomentFormat> {
+        Some(self.moments.as_ref()?.format)
+    }
+
+    /// Allocates the moments of `len` Gaussians, if there are none yet, or changes their format.
+    ///
+    /// A change goes through the host: it happens once, after a restored state.
+    pub(crate) async fn make_moments(&mut self, gpu: &Gpu, len: usize, format: MomentFormat) -> Result<(), Error> {
+        let k = self.coefficients();
+        self.moments = Some(match &self.moments {
+            None => Moments::zeros(gpu, len as u64, k as u64, format)?,
+            Some(moments) if moments.format == format => return Ok(()),
+            Some(moments) => {
+                let [first, second] = moments.of_sh(gpu, len, k).await?;
+                Moments::upload(gpu, moments.geometry.clone(), [&first, &second], k, format)?
+            }
+        });
         Ok(())
     }
 
@@ -170,7 +244,8 @@ impl State3d {
         let (n, numbers) = (edit.len as u64, (edit.len * k) as u64);
         let ellipsoids = gpu.allocate("Gaussians", n * size_of::<Ellipsoid>() as u64, STORAGE)?;
         let sh = gpu.allocate("SH coefficients", numbers * COLOR_BYTES, STORAGE)?;
-        let (moments, edited) = (self.moments(), Moments::allocate(gpu, n, k as u64)?);
+        let moments = self.moments();
+        let edited = Moments::allocate(gpu, n, k as u64, moments.format)?;
         let [statistics, edited_statistics] = edit.statistics;
         let bindings = [
             &edit.step,
@@ -189,7 +264,7 @@ impl State3d {
         let [edited_first, edited_second] = &edited.sh;
         let bindings =
             [&edit.step, &edit.sources, &fresh_sh, &self.sh, first, second, &sh, edited_first, edited_second];
-        dispatch(gpu, commands, "edit_color", Variant::default(), &bindings, groups_of(gpu, numbers, 64));
+        dispatch(gpu, commands, "edit_color", moments.variant(), &bindings, groups_of(gpu, numbers, 64));
         Ok(Self { sh_degree: self.sh_degree, ellipsoids, sh, moments: Some(edited) })
     }
 
@@ -198,10 +273,10 @@ impl State3d {
         let ellipsoids: Vec<Ellipsoid> = gpu.read(&self.ellipsoids, len).await?;
         let sh: Vec<f32> = gpu.read(&self.sh, len * columns).await?;
         let (moments, sh_moments) = match &self.moments {
-            None => (vec![EllipsoidMoments::default(); len], [0, 1].map(|_| vec![0.0; len * columns])),
-            Some(Moments { geometry, sh: [first, second] }) => {
-                let sh = [gpu.read::<f32>(first, len * columns).await?, gpu.read(second, len * columns).await?];
-                (gpu.read(geometry, len).await?, sh)
+            None => (vec![EllipsoidMoments::default(); len], [0, 1].map(|_| vec![[0.0; 3]; len * columns / 3])),
+            Some(moments) => {
+                let sh = moments.of_sh(gpu, len, columns / 3).await?;
+                (gpu.read(&moments.geometry, len).await?, sh)
             }
         };
         let mut state = SplatsState::new(Parameterization::ScaleRotation);
@@ -212,7 +287,7 @@ impl State3d {
         state.insert_matrix("sh", columns, sh);
         for (which, name) in ["moment1", "moment2"].into_iter().enumerate() {
             let mut rows = Vec::with_capacity(len * (GEOMETRY + columns));
-            for (m, colors) in moments.iter().zip(sh_moments[which].chunks_exact(columns)) {
+            for (m, colors) in moments.iter().zip(sh_moments[which].as_flattened().chunks_exact(columns)) {
                 rows.extend(geometry(if which == 0 { &m.first } else { &m.second }));
                 rows.extend(colors);
             }
@@ -252,7 +327,7 @@ impl State3d {
         let [first, second] = rows;
         let mut parts = Parts { sh_degree, ellipsoids: Vec::with_capacity(n), sh: sh.as_chunks().0.to_vec() };
         let mut geometry = Vec::with_capacity(n);
-        let mut sh_moments = [0, 1].map(|_| Vec::with_capacity(n * columns));
+        let mut sh_moments = [0, 1].map(|_| Vec::with_capacity(n * columns / 3));
         for (i, (first, second)) in first.zip(second).enumerate() {
             parts.ellipsoids.push(Ellipsoid {
                 mean: means[i],
@@ -262,14 +337,43 @@ impl State3d {
                 rotation: rotations[i],
             });
             geometry.push(EllipsoidMoments { first: on_device(first), second: on_device(second) });
-            sh_moments[0].extend(&first[GEOMETRY..]);
-            sh_moments[1].extend(&second[GEOMETRY..]);
+            sh_moments[0].extend(first[GEOMETRY..].as_chunks().0);
+            sh_moments[1].extend(second[GEOMETRY..].as_chunks().0);
         }
-        let of_sh = |moments: &Vec<f32>| gpu.storage("Adam moments of SH coefficients", moments);
-        let moments = Moments {
-            geometry: gpu.storage("Adam moments", &geometry)?,
-            sh: [of_sh(&sh_moments[0])?, of_sh(&sh_moments[1])?],
-        };
+        let geometry = gpu.storage(GEOMETRY_MOMENTS, &geometry)?;
+        let [first, second] = &sh_moments;
+        let moments = Moments::upload(gpu, geometry, [first, second], columns / 3, MomentFormat::F32)?;
         Self::from_parts(gpu, &parts, Some(moments))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use pollster::FutureExt as _;
+
+    use super::*;
+    use crate::{WgpuRasterizer, WgpuSettings};
+
+    #[test]
+    fn wgpu_moments_in_16_bits_take_180_bytes_less() {
+        let wgpu =
+            WgpuRasterizer::new(WgpuSettings::default()).block_on().expect("`cargo xtask test` installs a driver");
+        let mut scene = Scene3d { sh_degree: 3, ..Scene3d::default() };
+        let gaussian = Gaussian3d {
+            mean: Vec3::ZERO,
+            log_scale: Vec3::ZERO,
+            rotation: [1.0, 0.0, 0.0, 0.0],
+            opacity_logit: 0.0,
+            sh: Vec::new(),
+        };
+        (0..1000).for_each(|_| scene.push(gaussian.clone().with_degree(3)));
+        let mut state = State3d::new(&wgpu.gpu, &scene, Parameterization::ScaleRotation).unwrap();
+        let mut bytes = |format| {
+            state.make_moments(&wgpu.gpu, scene.len(), format).block_on().unwrap();
+            let Moments { geometry, sh: [one, other], .. } = state.moments();
+            [geometry, one, other].map(wgpu::Buffer::size).iter().sum::<u64>()
+        };
+        let [first, packed, back] = [MomentFormat::F32, MomentFormat::Bf16, MomentFormat::F32].map(&mut bytes);
+        assert_eq!((first - packed, back), (180 * 1000, first));
     }
 }

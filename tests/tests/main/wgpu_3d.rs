@@ -1,6 +1,8 @@
 //! gs-wgpu with 3D scenes: the conformance suite with all kernels, drawn scenes compared with the
 //! oracle and with gs-cpu, and determinism.
 
+mod moments;
+
 use gs_core::Rasterizer as _;
 use pollster::FutureExt as _;
 use std::{num::NonZero, sync::OnceLock};
@@ -244,19 +246,6 @@ fn all_orders_and_statistics_are_offered() {
             r.render(&draw.scene, &draw.view, &draw.settings).block_on().unwrap();
         }
     }
-}
-
-#[test]
-fn moments_in_16_bits_are_refused_by_name() {
-    let (_, r) = &rasterizers()[0];
-    let draw = Draw::for_3d(Kind3d::Typical, Blend::Over, 5, (20, 20), 3);
-    let target = r.for_3d().upload_target(&draw.target().unwrap()).unwrap();
-    let mut splats = r.upload(&draw.scene, Parameterization::ScaleRotation).unwrap();
-    let mut rates = rates(Participants::All);
-    rates.color_rest_moments = MomentFormat::Bf16;
-    let step = TrainStep { settings: &draw.settings, loss: Loss::L2, rates: &rates, binning: Binning::Fresh };
-    let error = r.train_step(&mut splats, &draw.view, &target, &step).block_on().unwrap_err();
-    assert!(error.to_string().contains("wgpu") && error.to_string().contains("color-rest-moments"), "{error}");
 }
 
 /// The statistics with a sort at each pixel, whose kernel has its own sums, compared with gs-cpu.
