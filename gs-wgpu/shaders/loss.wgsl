@@ -9,7 +9,7 @@
 @group(0) @binding(4) var<storage, read_write> partial: array<f32>;
 @group(0) @binding(5) var<storage, read_write> status: Status;
 #if WEIGHTED
-@group(0) @binding(6) var<storage, read> weights: array<f32>;
+@group(0) @binding(6) var<storage, read> pixel_weights: array<f32>;
 #endif
 
 override KIND: u32 = 1u;
@@ -49,8 +49,8 @@ fn compare(pixel: u32) -> f32 {
         v = image[pixel].xyz;
     }
 #if WEIGHTED
-    v *= weights[pixel];
-    values *= weights[pixel];
+    v *= pixel_weights[pixel];
+    values *= pixel_weights[pixel];
 #endif
     v_image[pixel] = vec4f(v, 0.0);
     return values.x + values.y + values.z;

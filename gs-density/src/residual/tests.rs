@@ -122,6 +122,38 @@ fn the_least_important_go_after_those_that_are_not_finite() {
 }
 
 #[test]
+fn weights_draw_seeds_and_protect_gaussians() {
+    let mut weighted = residual();
+    // Wrong everywhere by the same amount; the left half counts 16 times as much.
+    weighted.target = Image::filled(60, 40, [0.5; 3]).unwrap();
+    weighted.weights = Some((0..60 * 40).map(|i| if i % 60 < 30 { 1.6 } else { 0.1 }).collect());
+    let policy = ResidualGrowth { max_per_pixel: 1.0, ..ResidualGrowth::default() };
+    let mut equal = scene(58);
+    equal.colors.fill(Vec3::splat(0.5));
+    let plan = plan_at(&policy, &equal, &weighted, 0.3);
+    // (√16)³ = 64 times as many seeds on the left, but for those that smoothing moves.
+    let right = plan.added.iter().filter(|birth| birth.gaussian.mean.x > 31.0).count();
+    assert!(!plan.added.is_empty() && right <= plan.added.len() / 40 + 1, "{right} of {}", plan.added.len());
+    // Means are at x = 1 + index.
+    assert!(!plan.removed.is_empty() && plan.removed.iter().all(|removal| removal.index >= 29), "{:?}", plan.removed);
+
+    weighted.weights = Some(vec![1.0; 7]);
+    let observation = Observation {
+        scene: &equal,
+        statistics: &DensityStatistics::zeros(58),
+        residual: Some(&weighted),
+        evidence: None,
+        extent: 60.0,
+        step: 30,
+        progress: 0.1,
+        progress_before: 0.0,
+        budget: 200,
+    };
+    let refused = policy.plan(&observation, &mut Rng::seed_from_u64(1)).unwrap_err();
+    assert!(matches!(refused, Error::Length { what: "weights", expected: 2400, found: 7 }), "{refused}");
+}
+
+#[test]
 fn with_opacities_the_transparent_go_first_and_seeds_have_one() {
     let mut scene = scene(100);
     scene.opacity_logits = vec![1.0; 100];

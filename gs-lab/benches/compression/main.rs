@@ -25,7 +25,7 @@ use measure::{
     print_head,
 };
 
-use self::points::Points;
+use self::points::{OURS, Points, TUNED};
 
 #[derive(Debug, Parser)]
 struct CompressionOptions {
@@ -67,13 +67,15 @@ fn main() -> Outcome {
     let mut points = Points::default();
     for image in sets.iter().flat_map(|set| &set.images) {
         for &bpp in sizes {
-            points.add_gsi(&rasterizer, image, bpp)?;
+            points.add_gsi(&rasterizer, image, OURS, bpp)?;
+            points.add_gsi(&rasterizer, image, TUNED, bpp)?;
         }
         points.add_others(image, common.is_quick())?;
     }
     for set in &sets {
         println!("\n# {}", set.name);
-        tables::files_by_size(&points, set, sizes);
+        tables::files_by_size(&points, set, OURS, sizes);
+        tables::files_by_size(&points, set, TUNED, sizes);
         tables::rates(&points, set);
     }
     tables::published(&points, &sets[0]);

@@ -11,7 +11,7 @@ use gs_lab::{
 use crate::{
     Set,
     measure::mean,
-    points::{Measure, OURS, Points},
+    points::{Measure, OURS, Points, TUNED},
 };
 
 /// Points of the curve of a mean.
@@ -41,7 +41,7 @@ fn save(folder: &Path, figure: Figure) -> Result<(), Box<dyn Error>> {
 }
 
 fn figure(name: String, title: String, measure: Measure, curve: impl Fn(&str) -> Vec<(f64, f64)>) -> Figure {
-    let formats = std::iter::once(OURS).chain(CODECS.iter().map(|codec| codec.name));
+    let formats = [OURS, TUNED].into_iter().chain(CODECS.iter().map(|codec| codec.name));
     let series = formats.map(|format| Series::line(format, curve(format))).filter(|series| !series.points.is_empty());
     let unit = match measure {
         Measure::Psnr => "PSNR, dB",

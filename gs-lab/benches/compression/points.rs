@@ -7,14 +7,15 @@ use gs_core::{Canvas, Image, Rasterizer as _};
 use gs_cpu::CpuRasterizer;
 use gs_io::decode_gsi;
 use gs_lab::compression::{CODECS, Original, RateCurve, ms_ssim_decibels};
-use gs_train::{EncodeSettings, EncodeTarget, ImageQuality, encode};
+use gs_train::{EncodeSettings, EncodeTarget, ImageQuality, Tune, encode};
 use pollster::FutureExt as _;
 use ssimulacra2::{ColorPrimaries, Rgb, TransferCharacteristic, compute_frame_ssimulacra2};
 
 use crate::measure::{Quantiles, images::BenchImage, try_time};
 
-/// Name of our format.
+/// Names of our format, tuned for PSNR and for SSIM.
 pub(crate) const OURS: &str = "gsi";
+pub(crate) const TUNED: &str = "gsi --tune ssim";
 
 /// A file of an image.
 pub(crate) struct Point {
@@ -68,15 +69,19 @@ impl Measure {
 pub(crate) struct Points(pub(crate) Vec<Point>);
 
 impl Points {
-    /// Adds a file of our format.
+    /// Adds a file of our format, [`OURS`] or [`TUNED`].
     pub(crate) fn add_gsi(
         &mut self,
         rasterizer: &CpuRasterizer,
         of: &BenchImage,
+        format: &'static str,
         bpp: f64,
     ) -> Result<(), Box<dyn Error>> {
         let pixels = of.image.pixels().len() as f64;
-        let settings = EncodeSettings::default().with(|s| s.target = EncodeTarget::Bytes((bpp * pixels / 8.0) as u64));
+        let settings = EncodeSettings::default().with(|s| {
+            s.target = EncodeTarget::Bytes((bpp * pixels / 8.0) as u64);
+            s.tune = if format == TUNED { Tune::Ssim } else { Tune::Psnr };
+        });
         let encoded = encode(rasterizer, &of.image, &settings).block_on()?;
         let median = |times: Vec<f64>| Quantiles::of(&times).median;
         let decoding = median(try_time(5, || decode_gsi(&encoded.bytes, Extent::Whole))?);
@@ -84,7 +89,7 @@ impl Points {
         let picture = rendered(rasterizer, &encoded.bytes, Extent::Whole)?;
         let own = Own { seconds: [encoded.seconds, decoding, to_pixels], bytes: encoded.bytes };
         let bpp = own.bytes.len() as f64 * 8.0 / pixels;
-        self.0.push(point(of, OURS, bpp, &picture, Some(own))?);
+        self.0.push(point(of, format, bpp, &picture, Some(own))?);
         Ok(())
     }
 

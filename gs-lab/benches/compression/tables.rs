@@ -11,7 +11,7 @@ use pollster::FutureExt as _;
 use crate::{
     Set,
     measure::{images::BenchImage, mean, print_columns, print_row, print_section},
-    points::{Measure, OURS, Point, Points, rendered},
+    points::{Measure, OURS, Point, Points, TUNED, rendered},
 };
 
 /// Sizes that count for Bjøntegaard rates, bits per pixel.
@@ -21,8 +21,8 @@ const RANGE: std::ops::RangeInclusive<f64> = 0.1..=2.0;
 const PUBLISHED: [(&str, f64, f64); 2] = [("GaussianImage", 1.00, 29.7), ("GaussianImage++", 1.08, 31.1)];
 
 /// Means over the images of a set, for each size of our files.
-pub(crate) fn files_by_size(points: &Points, set: &Set, sizes: &[f64]) {
-    print_section("Files of these sizes");
+pub(crate) fn files_by_size(points: &Points, set: &Set, format: &str, sizes: &[f64]) {
+    print_section(&format!("Files of these sizes, {format}"));
     print_columns(&[
         "bits per pixel",
         "PSNR, dB",
@@ -34,7 +34,7 @@ pub(crate) fn files_by_size(points: &Points, set: &Set, sizes: &[f64]) {
     ]);
     for (place, _) in sizes.iter().enumerate() {
         let of: Vec<&Point> =
-            set.images.iter().filter_map(|image| points.of(&image.name, OURS).get(place).copied()).collect();
+            set.images.iter().filter_map(|image| points.of(&image.name, format).get(place).copied()).collect();
         let time = |k: usize| mean(of.iter().filter_map(|p| p.own.as_ref()).map(|own| own.seconds[k]));
         print_row(&[
             format!("{:.3}", mean(of.iter().map(|p| p.bpp))),
@@ -53,34 +53,35 @@ pub(crate) fn rates(points: &Points, set: &Set) {
     for measure in Measure::ALL {
         print_section(&format!("Size at equal {}", measure.name()));
         println!("Bjøntegaard rate (PCHIP) over the sizes from 0.1 to 2 bits per pixel.\n");
-        table(set, |image, format| {
-            let [ours, theirs] = [OURS, format].map(|format| points.curve(&image.name, format, measure));
+        table(set, |image, ours, theirs| {
+            let [ours, theirs] = [ours, theirs].map(|format| points.curve(&image.name, format, measure));
             ours?.bd_rate(&theirs?, RANGE)
         });
     }
     print_section("Size at equal PSNR, over all sizes");
     println!("Sizes interpolated linearly over the whole common range of PSNR, as in earlier records.\n");
-    table(set, |image, format| {
-        let [ours, theirs] = [OURS, format].map(|format| by_psnr(&points.of(&image.name, format)));
+    table(set, |image, ours, theirs| {
+        let [ours, theirs] = [ours, theirs].map(|format| by_psnr(&points.of(&image.name, format)));
         linear_rate(&ours, &theirs)
     });
 }
 
-fn table(set: &Set, rate: impl Fn(&BenchImage, &str) -> Option<f64>) {
+/// The rates of an image from the names of our format and of another: of each image for [`OURS`], and
+/// the means for both.
+fn table(set: &Set, rate: impl Fn(&BenchImage, &str, &str) -> Option<f64>) {
     let names = CODECS.each_ref().map(|codec| codec.name);
     print_columns(&[&["image"][..], &names.map(|name| if name == "JPEG" { "against JPEG" } else { name })].concat());
-    let mut all: [Vec<f64>; CODECS.len()] = Default::default();
     for image in &set.images {
-        let mut row = vec![image.name.clone()];
-        for (name, all) in names.iter().zip(&mut all) {
-            let rate = rate(image, name);
-            all.extend(rate);
-            row.push(per_cent(rate));
-        }
-        print_row(&row);
+        let rates = names.map(|name| per_cent(rate(image, OURS, name)));
+        print_row(&[&[image.name.clone()][..], &rates].concat());
     }
-    let means = all.map(|rates| per_cent((!rates.is_empty()).then(|| mean(rates.iter().map(|r| r.ln_1p())).exp_m1())));
-    print_row(&[&["mean".to_owned()][..], &means].concat());
+    for (ours, label) in [(OURS, "mean"), (TUNED, "mean, --tune ssim")] {
+        let means = names.map(|name| {
+            let rates: Vec<f64> = set.images.iter().filter_map(|image| rate(image, ours, name)).collect();
+            per_cent((!rates.is_empty()).then(|| mean(rates.iter().map(|rate| rate.ln_1p())).exp_m1()))
+        });
+        print_row(&[&[label.to_owned()][..], &means].concat());
+    }
 }
 
 /// (PSNR, ln of the size), by PSNR.

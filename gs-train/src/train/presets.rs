@@ -4,7 +4,7 @@ use std::fmt;
 
 use gs_core::{
     Adam, Blend, Camera, Loss, Parameterization, Penalty, RenderSettings,
-    adam::{Group, Schedule},
+    adam::{Group, MomentFormat, Schedule},
     constants::OPACITY_RESET_EVERY,
     edit::Moments,
     effects::{Antialias, Order},
@@ -222,13 +222,14 @@ fn mcmc(iterations: u32) -> TrainSettings {
 }
 
 /// The settings with learning rates of means, and of scale and rotation, multiplied by these
-/// factors.
+/// factors, and with moments of SH above degree 0 in 16 bits.
 fn faster(adam: Adam, mean: f32, shape: f32) -> Adam {
     let times = |group: Group, factor: f32| group.with(|s| s.learning_rate = factor * group.learning_rate);
     adam.with(|s| {
         s.mean = times(adam.mean, mean);
         s.scale = times(adam.scale, shape);
         s.rotation = times(adam.rotation, shape);
+        s.color_rest_moments = MomentFormat::Bf16;
     })
 }
 
