@@ -4,7 +4,9 @@ use gs_codec::{Extent, decode};
 use gs_core::{Canvas, Image, Rasterizer as _};
 use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_io::{File2d, GsiFile, decode_gsi, premultiplied, straight};
-use gs_train::{EncodeImage, EncodeLayers, EncodeSettings, EncodeTarget, Encoded, Error, encode, l1_and_psnr};
+use gs_train::{
+    EncodeImage, EncodeLayers, EncodeSettings, EncodeTarget, Encoded, Error, ImageQuality, Tune, encode, l1_and_psnr,
+};
 use pollster::FutureExt as _;
 
 /// Soft shapes, an edge and a little texture.
@@ -30,6 +32,22 @@ fn encoded_in<'a>(
 ) -> Result<Encoded, Error> {
     let cpu = CpuRasterizer::new(CpuSettings::default()).unwrap();
     encode(&cpu, image, &EncodeSettings::default().with(|s| (s.target, s.layers) = (target, layers))).block_on()
+}
+
+#[test]
+fn a_file_tuned_for_ssim_has_more_of_it() {
+    let image = picture();
+    // A quarter of the contrast on the left, all of it on the right.
+    let faint = |x: u32, y: u32| image.pixel(x, y).map(|v| if x < 48 { 0.4 + 0.25 * (v - 0.4) } else { v });
+    let image = Image::from_fn(96, 64, faint).unwrap().rounded_to_8_bits();
+    let cpu = CpuRasterizer::new(CpuSettings::default()).unwrap();
+    let quality = |tune| {
+        let settings = EncodeSettings::default().with(|s| (s.target, s.tune) = (EncodeTarget::Bytes(500), tune));
+        let bytes = encode(&cpu, &image, &settings).block_on().unwrap().bytes;
+        ImageQuality::as_written(&rendered(&decode_gsi(&bytes, Extent::Whole).unwrap().colors), &image).unwrap()
+    };
+    let [plain, tuned] = [Tune::Psnr, Tune::Ssim].map(quality);
+    assert!(tuned.ssim > plain.ssim && tuned != plain, "{plain:?} {tuned:?}");
 }
 
 /// PSNR of the picture that the bytes decode to.

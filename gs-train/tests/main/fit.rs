@@ -8,8 +8,8 @@ use glam::{Vec2, Vec3};
 use gs_core::{Blend, Gaussian2d, Image, Loss, Rasterizer, RenderSettings, SavedState, Scene, Scene2d, logit};
 use gs_density::{Grow, Mcmc, Noise, Policy, Signal};
 use gs_train::{
-    ColorSolve, Control, Error, Fit, FitSettings, FitSummary, ImageQuality, Init, InitialCount, MetricsLog, Observer,
-    Outcome, Preset, Progress, Rounds, Trainer, fit,
+    ColorSolve, Control, Error, Fit, FitSettings, FitSummary, FitTarget, ImageQuality, Init, InitialCount, MetricsLog,
+    Observer, Outcome, Preset, Progress, Rounds, Trainer, Tune, fit,
     init::{Periphery, Random},
     paper_target,
 };
@@ -104,6 +104,49 @@ fn a_picture_of_one_colour_is_exact_and_details_on_it_nearly() {
     let spot = |x: u32, y: u32| if (30..35).contains(&x) && (20..24).contains(&y) { [0.2, 0.0, 0.8] } else { [1.0; 3] };
     let spotted = psnr(&Image::from_fn(60, 44, spot).unwrap());
     assert!(spotted > 55.0, "{spotted}");
+}
+
+/// Faint stripes on the left, strong squares on the right.
+fn faint_and_strong() -> Image {
+    let strong = |x: u32, y: u32| ((x / 2) * (y / 2)) % 7;
+    let value = |x: u32, y: u32| match x < 48 {
+        true => 0.5 + 0.04 * (0.9 * x as f32 + 0.4 * y as f32).sin(),
+        false => 0.1 + 0.8 * strong(x, y) as f32 / 6.0,
+    };
+    Image::from_fn(96, 64, |x, y| [value(x, y); 3]).unwrap()
+}
+
+#[test]
+fn a_fit_tuned_for_ssim_gains_it_and_costs_psnr() {
+    let target = faint_and_strong();
+    let summary = |tune| {
+        let settings = FitSettings::for_image(250, target.size(), 100).with(|s| s.tune = tune);
+        fit(&rasterizer(), &target, settings, &mut ()).block_on().unwrap().summary
+    };
+    let [plain, tuned] = [Tune::Psnr, Tune::Ssim].map(summary);
+    assert!(tuned.ssim > plain.ssim + 0.02, "{} {}", plain.ssim, tuned.ssim);
+    assert!(tuned.psnr < plain.psnr, "{} {}", plain.psnr, tuned.psnr);
+
+    let dssim = FitSettings::default().with(|s| (s.tune, s.loss) = (Tune::Ssim, Loss::PAPER));
+    let error = dssim.validate().unwrap_err().to_string();
+    assert!(error.contains("tune") && error.contains("l1-dssim"), "{error}");
+}
+
+#[test]
+fn a_fit_spends_its_gaussians_where_pixels_count() {
+    let target = faint_and_strong();
+    let weights: Vec<f32> = (0..96 * 64).map(|i| if i % 96 < 48 { 0.0 } else { 1.0 }).collect();
+    let settings = FitSettings::for_image(250, target.size(), 100);
+    let squares = |target: FitTarget<'_>| -> f64 {
+        let found = fit(&rasterizer(), target, settings.clone(), &mut ()).block_on().unwrap().image;
+        let pixels = found.pixels().iter().zip(target.image.pixels()).zip(&weights);
+        pixels.filter(|(_, weight)| **weight > 0.0).map(|((c, y), _)| f64::from(c[0] - y[0]).powi(2)).sum()
+    };
+    let plain = squares(FitTarget::from(&target));
+    let weighted = squares(FitTarget { image: &target, weights: Some(&weights) });
+    assert!(weighted < 0.9 * plain, "{plain} {weighted}");
+    let short = FitTarget { image: &target, weights: Some(&weights[1..]) };
+    assert!(fit(&rasterizer(), short, settings.clone(), &mut ()).block_on().is_err());
 }
 
 #[test]

@@ -5,7 +5,7 @@ use gs_conformance::bits::bits;
 use gs_core::{Blend, Image, Parameterization, SplatsState};
 use gs_density::Policy;
 use gs_io::Checkpoint;
-use gs_train::{Control, Error, FitSettings, MetricsLog, Observer, Outcome, Progress, Rounds, Trainer};
+use gs_train::{Control, Error, FitSettings, MetricsLog, Observer, Outcome, Progress, Rounds, Trainer, Tune};
 use pollster::FutureExt as _;
 
 /// Stops at given steps, or at the first possible one after.
@@ -51,11 +51,18 @@ fn a_resumed_run_ends_bit_identical_in_both_parameterizations_and_blends() {
     let target = small_target();
     for blend in [Blend::Sum, Blend::Over] {
         for parameterization in [Parameterization::ScaleRotation, Parameterization::CovarianceFactor] {
-            for policy in ["residual", "paper", "mcmc", "percentile-error"] {
+            for (policy, tune) in [
+                ("residual", Tune::Psnr),
+                ("residual", Tune::Ssim),
+                ("paper", Tune::Psnr),
+                ("mcmc", Tune::Psnr),
+                ("percentile-error", Tune::Psnr),
+            ] {
                 let policy = Policy::from_name(policy).unwrap();
                 let settings = small_fit(blend).with(|s| {
                     s.parameterization = parameterization;
                     s.policy = policy;
+                    s.tune = tune;
                     s.seed = 3;
                 });
                 let whole = end_state(settings.clone(), &target);
