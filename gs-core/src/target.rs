@@ -23,8 +23,9 @@ pub struct TargetImage<'a> {
     /// count 1.
     ///
     /// They are factors of the losses of pixels under L1 and L2, and of their gradients. The loss
-    /// stays a mean over all pixels. Backends refuse them under D-SSIM, which is no sum over
-    /// pixels.
+    /// stays a mean over all pixels. Backends refuse them under D-SSIM, which is not a sum over
+    /// pixels. The statistic [`Statistics::PixelError`](crate::effects::Statistics::PixelError)
+    /// leaves them out.
     pub weights: Option<&'a [f32]>,
     /// Whether memory counts more than time, as where a target is one of many: a backend may then
     /// keep 8-bit colours as such, and compute in each pass what it could keep. Results are the

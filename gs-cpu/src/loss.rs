@@ -21,16 +21,23 @@ use crate::{
 /// [`Error::Memory`].
 pub(crate) fn loss(tiles: &mut Tiles, target: &Target, loss: &Loss, level: Level) -> Result<f64, Error> {
     if target.is_complete() {
-        return loss_of_complete(tiles, target, loss, level);
+        return loss_of_complete(tiles, target, target, loss, level);
     }
     let mut completed = std::mem::take(&mut tiles.completed);
     target.complete(tiles.settings.background_color(), &tiles.rows, &mut completed)?;
-    let value = loss_of_complete(tiles, &completed, loss, level);
+    let value = loss_of_complete(tiles, &completed, target, loss, level);
     tiles.completed = completed;
     value
 }
 
-fn loss_of_complete(tiles: &mut Tiles, target: &Target, loss: &Loss, level: Level) -> Result<f64, Error> {
+/// The loss of a complete target, with the weights of another.
+fn loss_of_complete(
+    tiles: &mut Tiles,
+    target: &Target,
+    weights: &Target,
+    loss: &Loss,
+    level: Level,
+) -> Result<f64, Error> {
     let pixels = if tiles.collects_errors() { tiles.grid.rows() } else { 0 };
     memory::resize(&mut tiles.errors, pixels, ScalarRow([0.0; LANES]), "the pixels' errors")?;
     if tiles.collects_errors() {
@@ -39,8 +46,14 @@ fn loss_of_complete(tiles: &mut Tiles, target: &Target, loss: &Loss, level: Leve
     memory::resize(&mut tiles.v_rows, tiles.grid.rows(), Row::ZERO, "the gradient of an image")?;
     let count = 3.0 * f64::from(target.width) * f64::from(target.height);
     Ok(match *loss {
-        Loss::L2 => pointwise(tiles, target, level, Pointwise::Square { scale: (2.0 / count) as f32 }) / count,
-        Loss::L1 => pointwise(tiles, target, level, Pointwise::Absolute { scale: (1.0 / count) as f32 }) / count,
+        Loss::L2 => {
+            let kind = Pointwise::Square { scale: (2.0 / count) as f32 };
+            pointwise(tiles, target, weights, level, kind) / count
+        }
+        Loss::L1 => {
+            let kind = Pointwise::Absolute { scale: (1.0 / count) as f32 };
+            pointwise(tiles, target, weights, level, kind) / count
+        }
         Loss::L1Dssim { lambda } => {
             let Tiles { grid, rows, v_rows, dssim: scratch, .. } = tiles;
             dssim::loss((*grid, rows), target, level, lambda, scratch, v_rows)?
@@ -83,7 +96,7 @@ fn mean_magnitude([r, g, b]: &[[f32; LANES]; 3]) -> [f32; LANES] {
 }
 
 /// The sum of a pointwise loss, unscaled. Writes its scaled gradient into `v_rows`.
-fn pointwise(tiles: &mut Tiles, target: &Target, level: Level, kind: Pointwise) -> f64 {
+fn pointwise(tiles: &mut Tiles, target: &Target, weights: &Target, level: Level, kind: Pointwise) -> f64 {
     let grid = tiles.grid;
     let (image, bins) = (&tiles.rows, &tiles.bins);
     let cuts = Cuts { grid: &grid, tile_start: &bins.tile_start, stride: 0 };
@@ -92,7 +105,7 @@ fn pointwise(tiles: &mut Tiles, target: &Target, level: Level, kind: Pointwise) 
         let first = grid.first_row(tile);
         let of_tile = first..first + buffers.rows.len();
         let (image, target, weights) =
-            (&image[of_tile.clone()], &target.rows[of_tile.clone()], target.weights_of(of_tile));
+            (&image[of_tile.clone()], &target.rows[of_tile.clone()], weights.weights_of(of_tile));
         let compared = Compared { target, weights, inside: grid.lanes_inside(tile) };
         buffers.sums[0] = dispatch!(level, simd => pointwise::each(simd, image, compared, buffers.rows, kind));
     });

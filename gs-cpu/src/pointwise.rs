@@ -119,7 +119,7 @@ pub(crate) fn squares_in_place<S: Simd>(
     if weights.is_empty() { total } else { weighted }
 }
 
-/// Multiplies rows by the weights of their pixels; none are all 1.
+/// Multiplies rows by the weights of their pixels; an empty slice leaves the rows as they are.
 #[inline(always)]
 pub(crate) fn weigh<S: Simd>(simd: S, rows: &mut [Row], weights: &[ScalarRow]) {
     for (Row(channels), ScalarRow(weights)) in rows.iter_mut().zip(weights) {

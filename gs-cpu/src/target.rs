@@ -61,7 +61,6 @@ impl Target {
     /// with the background, and equal to the rendering where the mask excludes a pixel.
     pub(crate) fn complete(&self, background: [f32; 3], rendered: &[Row], completed: &mut Self) -> Result<(), Error> {
         (completed.width, completed.height) = (self.width, self.height);
-        completed.weights.clone_from(&self.weights);
         memory::resize(&mut completed.rows, rendered.len(), Row::ZERO, "a target")?;
         completed.rows.par_iter_mut().zip(rendered).enumerate().for_each(|(index, (Row(out), Row(c)))| {
             *out = match self.levels.get(index) {
@@ -105,7 +104,7 @@ impl Target {
     }
 }
 
-/// Numbers of pixels in strips, 1 in lanes beyond the image; none where there are none.
+/// One number per pixel, in strips; lanes beyond the image are 1. Empty for `None`.
 fn scalars(grid: &Grid, of_pixels: Option<&[f32]>, what: &'static str) -> Result<Vec<ScalarRow>, Error> {
     let mut rows = Vec::new();
     let Some(of_pixels) = of_pixels else { return Ok(rows) };

@@ -246,8 +246,8 @@ impl Tiles {
 
     /// Runs stages `blend`, `loss` (L2) and `blend_bwd` in one pass over the tiles; `Sum` only.
     ///
-    /// Each tile stays in the cache. Returns Σ w (C − Y)², w being the pixels' weights; `slots` receive the gradients of half of
-    /// that. C has the same bits as in [`Self::blend`], so that loss and gradient are exactly 0 if
+    /// Each tile stays in the cache. Returns Σ w (C − Y)², where w are the pixels' weights; `slots`
+    /// receive the gradients of half of that. C has the same bits as in [`Self::blend`], so that loss and gradient are exactly 0 if
     /// a rendering is the target: Adam would turn a rounding error into a whole step.
     ///
     /// # Errors

@@ -27,8 +27,9 @@ gs_core::impl_with!(ResidualGrowth);
 ///
 /// Importance is |c|²·det L, the energy that a Gaussian adds to the image, in scenes without
 /// opacities ([`Blend::Sum`]). With opacities ([`Blend::Over`]) it is o²·det L·(|c − ½|² + ¼), the
-/// expected change in energy before any background colour. Where pixels have weights, it is
-/// multiplied by that of the pixel at the mean, and the squares of residuals by those of their pixels.
+/// expected change in energy before any background colour. Where pixels have weights,
+/// importance is multiplied by the weight of the pixel at the mean, and each squared residual by the
+/// weight of its pixel.
 ///
 /// New Gaussians stand first in the scene: under `Over` that is in front of all others, where they
 /// are visible.

@@ -1,6 +1,6 @@
 //! Fits of images reduced by two, rendered at twice their size: how much of the original returns,
-//! for several lower bounds of the scales, beside an enlargement by Lanczos-3 and the best that is
-//! linear: Lanczos-3 corrected until its reduction by two is the reduced image.
+//! for several lower bounds of the scales, beside an enlargement by Lanczos-3, and the same
+//! corrected by back-projection until its reduction by two is the reduced image.
 //!
 //! `cargo bench -p gs-lab --bench enlarging -- [--threads N] [--quick] [--crops FOLDER]`
 

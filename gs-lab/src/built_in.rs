@@ -35,8 +35,13 @@ pub fn built_in(name: &str) -> Result<Study, Error> {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::HashSet;
+
     use super::*;
-    use crate::{plan::Plan, target::Places};
+    use crate::{
+        plan::{Plan, Run},
+        target::Places,
+    };
     use gs_conformance::posed::{small_scene, write_dataset};
 
     #[test]
@@ -61,6 +66,9 @@ mod tests {
             let images = if on_files { vec!["paper".to_owned()] } else { study.images.clone() };
             let plan = Plan::new(Study { images, ..study }, &places, "test").unwrap();
             assert!(plan.runs.len() >= 10);
+            let of_run = |run: &Run| (run.target, run.address.clone());
+            let different: HashSet<(usize, String)> = plan.runs.iter().map(of_run).collect();
+            assert_eq!(different.len(), plan.runs.len(), "{name}: two arms are the same");
         }
         assert_eq!(built_in("paper").unwrap().name, "set-up");
         let message = built_in("all-policy").unwrap_err().to_string();

@@ -1,8 +1,8 @@
 //! `Observation`: what a policy written in Python sees.
 
 use bytemuck::cast_slice;
-use gs_core::{Image, Scene2d, Scene3d, constants::SH_C0};
-use gs_density::DensityScene;
+use gs_core::{Scene2d, Scene3d, constants::SH_C0};
+use gs_density::{DensityScene, Residual};
 use numpy::{PyArray1, PyArray2, PyArray3};
 use pyo3::{prelude::*, types::PyAny};
 
@@ -21,7 +21,7 @@ pub(crate) struct Observation {
     colors: Vec<f32>,
     signal: Vec<f32>,
     visible: Vec<u32>,
-    residual: Option<[Image; 2]>,
+    residual: Option<Residual>,
     extent: f32,
     step: u32,
     progress: f32,
@@ -65,7 +65,7 @@ impl Observation {
             len,
             signal: (0..len).map(|index| statistics.mean_signal(index)).collect(),
             visible: statistics.visible.clone(),
-            residual: residual.map(|residual| [residual.target.clone(), residual.rendered.clone()]),
+            residual: residual.cloned(),
             extent: observation.extent,
             step: observation.step,
             progress: observation.progress,
@@ -78,10 +78,6 @@ impl Observation {
 
     fn array<'py>(this: &Bound<'py, Self>, values: &[f32], columns: usize) -> PyResult<Bound<'py, PyArray2<f32>>> {
         arrays::view(this.clone().into_any(), [this.get().len, columns], values)
-    }
-
-    fn image<'py>(&self, py: Python<'py>, which: usize) -> PyResult<Option<Bound<'py, PyArray3<f32>>>> {
-        self.residual.as_ref().map(|residual| arrays::of_image(py, &residual[which])).transpose()
     }
 }
 
@@ -140,13 +136,25 @@ impl Observation {
     #[doc = doc!("Observation.target")]
     #[getter]
     fn target<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray3<f32>>>> {
-        self.image(py, 0)
+        self.residual.as_ref().map(|residual| arrays::of_image(py, &residual.target)).transpose()
     }
 
     #[doc = doc!("Observation.rendered")]
     #[getter]
     fn rendered<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray3<f32>>>> {
-        self.image(py, 1)
+        self.residual.as_ref().map(|residual| arrays::of_image(py, &residual.rendered)).transpose()
+    }
+
+    #[doc = doc!("Observation.weights")]
+    #[getter]
+    fn weights<'py>(this: &Bound<'py, Self>) -> PyResult<Option<Bound<'py, PyArray2<f32>>>> {
+        let residual = this.get().residual.as_ref();
+        let weights = residual.and_then(|residual| residual.weights.as_deref().map(|weights| (residual, weights)));
+        let view = |(residual, weights): (&Residual, &[f32])| {
+            let (width, height) = residual.target.size();
+            arrays::view(this.clone().into_any(), [height as usize, width as usize], weights)
+        };
+        weights.map(view).transpose()
     }
 
     #[doc = doc!("Observation.extent")]

@@ -53,6 +53,14 @@ def test_what_a_policy_sees(image: np.ndarray, cpu: gs.Backend) -> None:
     assert first.budget == 60 and first.extent == 64
     assert first.target is not None and first.rendered is not None
     assert np.array_equal(first.target, image)
+    assert first.weights is None
+
+    seen.clear()
+    settings = {"tune": "ssim", "loss": "l2"}
+    gs.fit(image, 60, preset="paper", iterations=300, policy=Watching(), settings=settings, backend=cpu)
+    weights = seen[0].weights
+    assert weights is not None and weights.shape == image.shape[:2]
+    assert abs(weights.mean() - 1) < 1e-3 and weights.max() > weights.min()
 
 
 def test_random_numbers_are_those_of_the_seed_and_the_round(

@@ -68,7 +68,7 @@ async fn forecast<R: Optimizer<Scene2d>>(
     for _ in 0..2 {
         let wanted = settings(count);
         let mut quick = Preset::Quick.settings(count, image.size());
-        quick.seed = wanted.seed;
+        (quick.tune, quick.seed) = (wanted.tune, wanted.seed);
         if quick.render.effects.blend == wanted.render.effects.blend {
             quick.render = wanted.render;
         }

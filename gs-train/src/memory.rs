@@ -8,7 +8,12 @@ use gs_core::{Blend, Loss, RenderSettings, Scene3d, effects::Statistics};
 use gs_density::DensityPolicy;
 use gs_io::Format3d;
 
-use crate::{encode::LEAST_FITTED_ROWS, settings::FitSettings, train::TrainSettings, tune::Tune};
+use crate::{
+    encode::{EncodeSettings, LEAST_FITTED_ROWS},
+    settings::FitSettings,
+    train::TrainSettings,
+    tune::Tune,
+};
 
 /// A pixel of an image: three `f32`.
 const IMAGE: u64 = 12;
@@ -54,6 +59,9 @@ const ENCODED: u64 = 110;
 /// A pixel of a transparent image besides the picture that is encoded: its colours and its alpha.
 pub(crate) const TRANSPARENT: u64 = IMAGE + PLANE;
 
+/// A pixel's weight.
+pub(crate) const WEIGHT: u64 = PLANE;
+
 /// Memory for drawing an image of this size, the image included, bytes.
 pub fn drawing((width, height): (u32, u32)) -> u64 {
     let image = pixels(width, height) * IMAGE;
@@ -79,9 +87,11 @@ pub fn reading((width, height): (u32, u32)) -> u64 {
 
 /// Peak memory of encoding an image of this size in about `most` bytes, the image included, bytes. It
 /// is more only where the image itself, or the least band, takes that much.
-pub fn encoding((width, height): (u32, u32), transparent: bool, most: u64) -> u64 {
+pub fn encoding((width, height): (u32, u32), transparent: bool, settings: &EncodeSettings) -> u64 {
     let all = pixels(width, height);
-    let waiting = if transparent { all * TRANSPARENT } else { 0 };
+    let weights = if settings.tune == Tune::Psnr { 0 } else { WEIGHT };
+    let waiting = all * if transparent { TRANSPARENT + weights } else { weights };
+    let most = settings.memory;
     let least = pixels(width, height.min(LEAST_FITTED_ROWS));
     let band = encoding_at_once((width, height), most.saturating_sub(waiting)).max(least);
     (BASE + all * IMAGE + waiting + band * ENCODED).max(reading((width, height)))
@@ -124,8 +134,8 @@ impl FitSettings {
         // side by side: two renderings, the pictures of the ellipses and of the curve, and what
         // encodes them.
         let residual = if policy.needs_residual() { 2 * PLANE } else { 0 };
-        // Weights are made of three planes, and kept for the policy and for the backend.
-        let weights = if self.tune == Tune::Psnr { 0 } else { 3 * PLANE };
+        // Weights are kept for the policy and for the backend, beside what they are made from.
+        let weights = if self.tune == Tune::Psnr { 0 } else { 3 * WEIGHT };
         overhead(pixels) + pixels * (target + step + 6 * IMAGE + residual + weights) + self.of_gaussians(pixels)
     }
 

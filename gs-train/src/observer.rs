@@ -57,7 +57,8 @@ pub struct Progress {
     /// Restart after the step, where the run has diverged; `count` is then that of the Gaussians it
     /// continues with.
     pub fresh_start: Option<FreshStart>,
-    /// Estimate of PSNR before step `loss_step` from the loss, dB, where the loss is L2.
+    /// Estimate of PSNR before step `loss_step` from the loss, dB, where the loss is L2 and
+    /// pixels have no weights.
     ///
     /// It is that of floats that are not clamped to 0..=1, so it differs a little from
     /// [`Quality::psnr`].

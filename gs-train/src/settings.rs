@@ -59,8 +59,7 @@ pub struct FitSettings {
     pub render: RenderSettings,
     /// Loss to minimise.
     pub loss: Loss,
-    /// The measure that the fit is tuned for, by how much each pixel counts; only under a loss that
-    /// is a sum over pixels. Default [`Tune::Psnr`].
+    /// The measure that the fit is tuned for, by weighting its pixels. Default [`Tune::Psnr`].
     #[serde(skip_serializing_if = "Tune::is_default")]
     pub tune: Tune,
     /// Settings of the optimizer.

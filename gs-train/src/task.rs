@@ -79,8 +79,6 @@ pub trait RunSettings<S: SceneTask>: Clone + Debug + PartialEq {
     fn scale_bounds(&self) -> (f32, f32);
     /// Loss to minimise.
     fn loss(&self) -> Loss;
-    /// Estimate of PSNR from this loss, dB, where there is one.
-    fn psnr_estimate(&self, loss: f32) -> Option<f32>;
     /// What happens to a diverging run.
     fn recovery(&self) -> Recovery;
     /// Whether the step after `step` steps always makes new lists.
@@ -113,6 +111,11 @@ pub trait TrainingTask<R: Optimizer<S>, S: SceneTask> {
 
     /// Number of images to train with.
     fn images(&self) -> u32;
+
+    /// Estimate of PSNR from this loss, dB, where there is one.
+    fn psnr_estimate(&self, _settings: &S::Settings, _loss: f32) -> Option<f32> {
+        None
+    }
 
     /// Prepares for the step after `step` steps; called once before [`Self::send`] of each step.
     ///

@@ -216,7 +216,7 @@ impl<'a, R: Optimizer<S>, S: Trainable> Trainer<'a, R, S> {
             loss_step: self.losses.arrived(),
             edits,
             fresh_start,
-            psnr_estimate: self.record.settings.psnr_estimate(loss),
+            psnr_estimate: self.task.psnr_estimate(&self.record.settings, loss),
             quality: None,
         })
     }

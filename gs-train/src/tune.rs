@@ -11,11 +11,15 @@ pub enum Tune {
     /// PSNR: every pixel counts the same.
     #[default]
     Psnr,
-    /// SSIM and MS-SSIM: a pixel counts the more the less contrast there is around it, as errors are
-    /// seen better there. It counts (2σ² + C₂)^−0.6, σ being the luminance's standard deviation in a
-    /// window of σ 2.4 px, and C₂ the constant of SSIM; the mean is 1.
+    /// SSIM and MS-SSIM: a pixel counts more where there is little contrast around it, because errors
+    /// are easier to see there.
     ///
-    /// Near the image, 1 − SSIM is a sum of squared errors over 2σ² + C₂. The exponent −1, which
+    /// Its weight is proportional to b(1/(2v + C₂))^0.6, where v is the variance of luminance around
+    /// each pixel, b and the variance use a Gaussian window of 2.4 px (one standard deviation), and C₂ is
+    /// the constant of SSIM. The mean weight is 1. The policies `residual` and `image-gs` place
+    /// Gaussians by it, too; with other policies only the loss is tuned. Needs the loss L2 or L1.
+    ///
+    /// Near the image, 1 − SSIM is about a sum of squared errors over 2v + C₂. The exponent 1, which
     /// follows from that, costs more PSNR than it gains of either measure.
     Ssim,
 }
@@ -23,8 +27,11 @@ pub enum Tune {
 /// Passes of the binomial kernel over the contrast: σ = √(passes/2) px.
 const PASSES: u32 = 12;
 
-/// Exponent of a pixel's weight.
-const EXPONENT: f32 = -0.6;
+/// Largest magnitude of a luminance, so that its square is finite.
+const MOST: f32 = 1e6;
+
+/// Exponent of the smoothed inverse.
+const EXPONENT: f32 = 0.6;
 
 /// SSIM's C₂ for values from 0 to 1, (0.03)².
 const C2: f32 = 9e-4;
@@ -52,7 +59,13 @@ fn by_contrast(image: &Image) -> Vec<f32> {
     let smoothed = |power: i32| {
         let mut plane = Plane::from_rows(width, height, |y, row| {
             for (value, pixel) in row.iter_mut().zip(&image.pixels()[y * width as usize..]) {
-                *value = pixel.iter().zip(LUMINANCE).map(|(channel, share)| channel * share).sum::<f32>().powi(power);
+                *value = pixel
+                    .iter()
+                    .zip(LUMINANCE)
+                    .map(|(channel, share)| channel * share)
+                    .sum::<f32>()
+                    .clamp(-MOST, MOST)
+                    .powi(power);
             }
         });
         plane.smooth(PASSES);
@@ -66,7 +79,7 @@ fn by_contrast(image: &Image) -> Vec<f32> {
         }
     });
     inverse.smooth(PASSES);
-    let mut weights: Vec<f32> = inverse.values().iter().map(|inverse| inverse.powf(-EXPONENT)).collect();
+    let mut weights: Vec<f32> = inverse.values().iter().map(|inverse| inverse.powf(EXPONENT)).collect();
     let sum: f64 = weights.iter().map(|&weight| f64::from(weight)).sum();
     let scale = (weights.len() as f64 / sum) as f32;
     weights.iter_mut().for_each(|weight| *weight *= scale);

@@ -405,7 +405,7 @@ mod tests {
         for (shader, variant) in SHADERS.iter().flat_map(|s| variants().map(move |v| (s, v))) {
             let depends = |source: &&str| source.contains("#if PACKED") || source.contains("#if WEIGHTED");
             if variant.packed && !shader.sources.iter().any(depends) {
-                continue; // To make texts takes time.
+                continue; // Building the texts takes time.
             }
             let text = shader.text(variant);
             let is_compiled = match shader.name {

@@ -40,7 +40,6 @@ enum LossSum {
 
 impl Tiles {
     /// Records stage `loss`: the loss into the status, its gradient into `v_image`.
-    ///
     pub(crate) fn encode_loss(
         &mut self,
         gpu: &Gpu,

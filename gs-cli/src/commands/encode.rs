@@ -188,7 +188,7 @@ fn run_several(args: &EncodeArgs, images: &[BatchImage]) -> Result<(), Failure> 
     let claim = args.overwrite.claim(&args.output, [], inputs).files(images.iter().map(name).chain(pages));
     let folder = OutputFolder::begin(claim)?;
     let render = RenderSettings::blended(Blend::Sum);
-    let peak = |size| gs_train::memory::encoding(size, false, args.memory.0);
+    let peak = |size| gs_train::memory::encoding(size, false, &args.settings(size));
     let how = "stopping after the images under way";
     batch::run(images, (&args.backend, &render), args.json, how, peak, |image, on, _| {
         let work = Work::read(args, &image.file)?;
@@ -232,7 +232,7 @@ impl<'a> Work<'a> {
         let image = &self.image.image;
         let what = format!("encoding {}", batch::shown(self.file));
         let held = size_of_val(image.pixels()) as u64;
-        let bytes = gs_train::memory::encoding(image.size(), self.image.alpha.is_some(), self.settings.memory);
+        let bytes = gs_train::memory::encoding(image.size(), self.image.alpha.is_some(), &self.settings);
         Need { what, bytes, held, less: "give less with --memory" }
     }
 

@@ -97,7 +97,7 @@ pub(crate) enum LossName {
 pub(crate) enum TuneName {
     /// PSNR: every pixel counts the same
     Psnr,
-    /// SSIM and MS-SSIM: pixels count more where there is little contrast
+    /// SSIM and MS-SSIM: pixels count more where there is little contrast; not with loss l1-dssim
     Ssim,
 }
 

@@ -320,8 +320,8 @@ def encode(
     :param psnr: the smallest file with at least this PSNR, 10 to 60 dB.
     :param bytes: the best image in at most so many bytes.
     :param bpp: the same in bits per pixel.
-    :param tune: the measure to tune for; ``"ssim"`` lets pixels count more where there is little
-        contrast, which gains SSIM and MS-SSIM for some PSNR.
+    :param tune: the measure to tune for; ``"ssim"`` gives low-contrast pixels more weight, which
+        raises SSIM and MS-SSIM at some cost in PSNR.
     :param progressive: let the first third of the file show the picture nearly as well as a file of
         that size; the whole is about 1.4 dB worse.
     :param preview: let the first 300 bytes show a coarse picture.
@@ -431,7 +431,8 @@ class Progress:
         """The last loss that is known."""
     @property
     def psnr(self) -> float | None:
-        """PSNR estimated from the loss, dB; None where the loss is not L2."""
+        """PSNR estimated from the loss, dB; None where the loss is not L2 or
+        pixels are weighted."""
     @property
     def edits(self) -> tuple[int, int, int, int] | None:
         """Gaussians cloned, split, seeded and pruned after the step, where density control ran."""
@@ -571,6 +572,9 @@ class Observation:
     @property
     def rendered(self) -> Floats | None:
         """Its present rendering, (H, W, 3), likewise."""
+    @property
+    def weights(self) -> Floats | None:
+        """How much each pixel counts, (H, W), likewise; None where all count 1."""
     @property
     def extent(self) -> float:
         """Longer side of the image, px, or radius of the cameras' positions, world units."""

@@ -17,6 +17,7 @@ use crate::{
     error::Error,
     fit::{FitTarget, fit},
     forecast::Forecast,
+    memory::WEIGHT,
     presets::Preset,
     quality::l1_and_psnr,
     settings::FitSettings,
@@ -149,11 +150,12 @@ impl<'a, R: Optimizer<Scene2d>> Encoder<'a, R> {
         on: &'a R,
         image: &'a Image,
         background: [u8; 3],
+        weights: Option<Vec<f32>>,
         settings: &EncodeSettings,
     ) -> Result<Self, Error> {
-        let (bands, forecast) = (bands(image, settings.memory)?, Forecast::new(image));
-        let (layers, done) = (Vec::new(), Scene2d::default());
-        let weights = settings.tune.weights(image);
+        let of_weights = weights.as_ref().map_or(0, |weights| weights.len() as u64 * WEIGHT);
+        let bands = bands(image, settings.memory.saturating_sub(of_weights))?;
+        let (forecast, layers, done) = (Forecast::new(image), Vec::new(), Scene2d::default());
         Ok(Self { on, image, background, weights, seed: settings.seed, bands, layers, done, forecast })
     }
 

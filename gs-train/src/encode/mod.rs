@@ -108,7 +108,7 @@ async fn opaque<R: Optimizer<Scene2d>>(
     settings: &EncodeSettings,
 ) -> Result<Made, Error> {
     let background = mean_color(image).map(to_8_bits);
-    let encoder = Encoder::new(on, image, background, settings)?;
+    let encoder = Encoder::new(on, image, background, settings.tune.weights(image), settings)?;
     let Part { picture, gaussians, psnr, .. } = encoder.encode(target, FirstLayer::of(settings.layers)).await?;
     Ok(Made { picture, gaussians, psnr })
 }

@@ -39,7 +39,8 @@ pub enum EncodeLayers {
 pub struct EncodeSettings {
     /// What to aim at. Default [`EncodeTarget::Quality`] 50.
     pub target: EncodeTarget,
-    /// The measure that the file is tuned for. A target of PSNR stays one. Default [`Tune::Psnr`].
+    /// The measure that the colours are tuned for; alpha is not tuned. [`EncodeTarget::Psnr`] still
+    /// means PSNR. Default [`Tune::Psnr`].
     pub tune: Tune,
     /// What the beginning of the file shows. Default [`EncodeLayers::One`].
     pub layers: EncodeLayers,

@@ -10,7 +10,7 @@ use super::{
     layers::FirstLayer,
     settings::EncodeTarget,
 };
-use crate::{error::Error, memory::TRANSPARENT, tune::Tune};
+use crate::{error::Error, memory::TRANSPARENT};
 
 /// Bytes of the header that a file of alpha alone has, and that alpha beside colours does not need.
 const HEADER_BYTES: u64 = 12;
@@ -22,6 +22,9 @@ const HEADER_BYTES: u64 = 12;
 /// 0.9 dB below it.
 const SHARE: f64 = 0.2;
 const ENOUGH_DB: f64 = 50.0;
+
+/// Factor of the weights of pixels that are not seen: their black has no contrast, and would count most.
+const UNSEEN: f32 = 0.01;
 
 /// Encodes alpha first, so that the colours get the bytes that it leaves.
 pub(super) async fn transparent<R: Optimizer<Scene2d>>(
@@ -35,9 +38,8 @@ pub(super) async fn transparent<R: Optimizer<Scene2d>>(
     let waiting = alpha.len() as u64 * TRANSPARENT;
     let settings = &settings.with(|s| s.memory = s.memory.saturating_sub(waiting));
     let grey = Image::from_pixels(image.width(), image.height(), alpha.iter().map(|&alpha| [alpha; 3]).collect())?;
-    let settings_of_alpha = settings.with(|s| s.tune = Tune::Psnr);
     let of_alpha = async |target| {
-        let encoder = Encoder::new(on, &grey, [background; 3], &settings_of_alpha)?;
+        let encoder = Encoder::new(on, &grey, [background; 3], None, settings)?;
         encoder.encode(target, first.map(FirstLayer::of_alpha)).await
     };
     let alpha_part = match target {
@@ -55,7 +57,11 @@ pub(super) async fn transparent<R: Optimizer<Scene2d>>(
     };
     drop(grey);
     let colors = premultiplied(image, alpha);
-    let encoder = Encoder::new(on, &colors, [0; 3], settings)?;
+    let mut weights = settings.tune.weights(&colors);
+    for (weight, &alpha) in weights.iter_mut().flatten().zip(alpha) {
+        *weight *= alpha.max(UNSEEN);
+    }
+    let encoder = Encoder::new(on, &colors, [0; 3], weights, settings)?;
     let target = target.without(alpha_part.bytes - HEADER_BYTES);
     let colors = encoder.encode(target, first.map(FirstLayer::of_colors)).await?;
     Ok(joined(colors, alpha_part, background))

@@ -5,6 +5,7 @@ pub(crate) mod task;
 use gs_core::{Image, Optimizer, Scene2d};
 
 use crate::{
+    checkpoint::{digest, fingerprint},
     error::Error,
     observer::Observer,
     settings::FitSettings,
@@ -29,6 +30,18 @@ impl<'a> From<&'a Image> for FitTarget<'a> {
 }
 
 impl FitTarget<'_> {
+    /// What a checkpoint knows of the target: its size and hashes of its pixels and weights.
+    fn fingerprint(&self) -> String {
+        let of_image = fingerprint(self.image);
+        match self.weights {
+            None => of_image,
+            Some(weights) => {
+                let hash = digest(weights.iter().flat_map(|weight| weight.to_le_bytes()));
+                format!("{of_image}, weights {hash:016x}")
+            }
+        }
+    }
+
     /// The weights of pixels under these settings, or `None` where all count 1.
     fn weights(&self, settings: &FitSettings) -> Option<Vec<f32>> {
         self.weights.map(<[f32]>::to_vec).or_else(|| settings.tune.weights(self.image))

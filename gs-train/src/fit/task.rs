@@ -12,7 +12,7 @@ use web_time::Instant;
 
 use super::FitTarget;
 use crate::{
-    checkpoint::{Record, fingerprint},
+    checkpoint::Record,
     clamped::Clamped,
     error::Error,
     observer::Quality,
@@ -23,7 +23,6 @@ use crate::{
     summary::FitSummary,
     task::{RunSettings, SceneTask, StepContext, TrainingTask},
     trainer::{Trainer, random},
-    tune::Tune,
 };
 
 /// The image to fit, where the backend computes and on the host.
@@ -111,10 +110,6 @@ impl RunSettings<Scene2d> for FitSettings {
         (self.adam.min_scale, self.adam.max_scale)
     }
 
-    fn psnr_estimate(&self, loss: f32) -> Option<f32> {
-        (self.loss == Loss::L2 && self.tune == Tune::Psnr).then(|| -10.0 * loss.log10())
-    }
-
     fn loss(&self) -> Loss {
         self.loss
     }
@@ -141,6 +136,11 @@ impl<R: Optimizer<Scene2d>> TrainingTask<R, Scene2d> for ImageTask<R> {
 
     fn images(&self) -> u32 {
         1
+    }
+
+    fn psnr_estimate(&self, settings: &FitSettings, loss: f32) -> Option<f32> {
+        let is_squares = settings.loss == Loss::L2 && self.residual.weights.is_none();
+        is_squares.then(|| -10.0 * loss.log10())
     }
 
     async fn send(
@@ -205,6 +205,10 @@ impl<R: Optimizer<Scene2d>> TrainingTask<R, Scene2d> for ImageTask<R> {
 impl<R: Optimizer<Scene2d>> ImageTask<R> {
     fn new(on: &R, target: FitTarget<'_>, settings: &FitSettings) -> Result<Self, Error> {
         let (image, weights) = (target.image, target.weights(settings));
+        if weights.is_some() && !settings.loss.is_pointwise() {
+            let name = settings.loss.name();
+            return Err(gs_core::Error::setting("the loss of weighted pixels", name, "l2 or l1").into());
+        }
         let canvas = Canvas::new(image.width(), image.height());
         let target = on.upload_target(TargetImage { weights: weights.as_deref(), ..image.into() })?;
         let residual = Residual { target: image.clone(), rendered: nothing_rendered()?, weights };
@@ -284,7 +288,7 @@ impl<'a, R: Optimizer<Scene2d>> Trainer<'a, R> {
         let started = Instant::now();
         let splats = rasterizer.upload(scene, settings.parameterization)?;
         let task = ImageTask::new(rasterizer, target, &settings)?;
-        let record = Record::beginning(settings, fingerprint(target.image));
+        let record = Record::beginning(settings, target.fingerprint());
         let mut trainer = Self::assemble(rasterizer, record, splats, task);
         let effects = trainer.effects();
         let Self { task, splats, record, .. } = &mut trainer;
@@ -307,7 +311,7 @@ impl<'a, R: Optimizer<Scene2d>> Trainer<'a, R> {
         let target = target.into();
         let record = Record::<FitSettings>::from_metadata::<Scene2d>(&checkpoint.metadata)?;
         target.image.check_finite("the target")?;
-        let found = fingerprint(target.image);
+        let found = target.fingerprint();
         if record.images != found {
             return Err(Error::WrongTarget { expected: record.images, found });
         }

@@ -238,11 +238,6 @@ impl RunSettings<Scene3d> for TrainSettings {
         (rates.min_scale, rates.max_scale)
     }
 
-    /// Returns `None`: the loss is that of another view in each step.
-    fn psnr_estimate(&self, _: f32) -> Option<f32> {
-        None
-    }
-
     fn loss(&self) -> Loss {
         self.loss
     }

@@ -145,6 +145,14 @@ fn a_fit_spends_its_gaussians_where_pixels_count() {
     let plain = squares(FitTarget::from(&target));
     let weighted = squares(FitTarget { image: &target, weights: Some(&weights) });
     assert!(weighted < 0.9 * plain, "{plain} {weighted}");
+    let of_weights = FitTarget { image: &target, weights: Some(&weights) };
+    let cpu = rasterizer();
+    let checkpoint =
+        Trainer::new(&cpu, of_weights, settings.clone()).block_on().unwrap().checkpoint().block_on().unwrap();
+    assert!(matches!(Trainer::resume(&cpu, &target, checkpoint.clone()), Err(Error::WrongTarget { .. })));
+    Trainer::resume(&cpu, of_weights, checkpoint).unwrap();
+    let under_dssim = settings.clone().with(|s| s.loss = Loss::PAPER);
+    assert!(Trainer::new(&cpu, of_weights, under_dssim).block_on().is_err());
     let short = FitTarget { image: &target, weights: Some(&weights[1..]) };
     assert!(fit(&rasterizer(), short, settings.clone(), &mut ()).block_on().is_err());
 }

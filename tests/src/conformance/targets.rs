@@ -79,8 +79,8 @@ pub fn weights_are_factors_of_the_loss<S: Subject, R: Optimizer<S>>(rasterizer: 
         let draw = S::typical(blend, 20, (37, 25), 1302).on([0.2, 0.7, 0.4]);
         let image = draw.target()?;
         let weights = weights_of(&image);
-        let target = TargetImage { weights: Some(&weights), ..TargetImage::from(&image) };
-        let target = rasterizer.upload_target(target)?;
+        let weighted = TargetImage { weights: Some(&weights), ..TargetImage::from(&image) };
+        let target = rasterizer.upload_target(weighted)?;
         let splats = rasterizer.upload(&draw.scene, Parameterization::ScaleRotation)?;
         let forward = || rasterizer.forward(&splats, &draw.view, &draw.settings).block_on();
         for loss in LOSSES {
@@ -107,6 +107,15 @@ pub fn weights_are_factors_of_the_loss<S: Subject, R: Optimizer<S>>(rasterizer: 
             Failure::unless((f64::from(found) - expected).abs() <= 1e-5 * expected && alone == found, || {
                 format!("{}: the loss is {found}, alone {alone}, instead of {expected}", place())
             })?;
+            let alpha = vec![1.0; weights.len()];
+            for compact in [false, true] {
+                let same = TargetImage { alpha: Some(&alpha), compact, ..weighted };
+                let same = rasterizer.upload_target(same)?;
+                let (same, _) = rasterizer.backward(&splats, forward()?, &same, &loss).block_on()?;
+                Failure::unless((same - found).abs() <= 1e-6 * found, || {
+                    format!("{}: the loss is {same} with an alpha of 1, {found} without", place())
+                })?;
+            }
             let by_hand = rasterizer.image_vjp(&splats, forward()?, &v_image).block_on()?;
             let [found, by_hand] = [&gradients, &by_hand].map(|gradients| rasterizer.gradients(&splats, gradients));
             let [found, by_hand] = [found.block_on()?, by_hand.block_on()?].map(|scene| scene.rows_of_gradients());

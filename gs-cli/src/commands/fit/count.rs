@@ -32,7 +32,7 @@ impl CountArgs {
                 (count_for_psnr(on, &target.image, psnr, with).block_on()?, format!("for {psnr} dB"))
             }
             (None, Some(bytes)) => {
-                let encoding = encoding(EncodeTarget::Bytes(bytes.0), settings.seed);
+                let encoding = encoding(EncodeTarget::Bytes(bytes.0), &settings);
                 let encoded = encode(on, &target.image, &encoding).block_on()?;
                 (encoded.gaussians as u32, format!("in a .gsi file of {} bytes", bytes.0))
             }
@@ -43,9 +43,8 @@ impl CountArgs {
     }
 }
 
-fn encoding(target: EncodeTarget, seed: u32) -> EncodeSettings {
+fn encoding(target: EncodeTarget, of_fit: &FitSettings) -> EncodeSettings {
     EncodeSettings::default().with(|s| {
-        s.target = target;
-        s.seed = seed;
+        (s.target, s.tune, s.seed) = (target, of_fit.tune, of_fit.seed);
     })
 }
