@@ -23,9 +23,6 @@ const HEADER_BYTES: u64 = 12;
 const SHARE: f64 = 0.2;
 const ENOUGH_DB: f64 = 50.0;
 
-/// Factor of the weights of pixels that are not seen: their black has no contrast, and would count most.
-const UNSEEN: f32 = 0.01;
-
 /// Encodes alpha first, so that the colours get the bytes that it leaves.
 pub(super) async fn transparent<R: Optimizer<Scene2d>>(
     on: &R,
@@ -57,11 +54,9 @@ pub(super) async fn transparent<R: Optimizer<Scene2d>>(
     };
     drop(grey);
     let colors = premultiplied(image, alpha);
-    let mut weights = settings.tune.weights(&colors);
-    for (weight, &alpha) in weights.iter_mut().flatten().zip(alpha) {
-        *weight *= alpha.max(UNSEEN);
-    }
-    let encoder = Encoder::new(on, &colors, [0; 3], weights, settings)?;
+    // Pixels that are not seen count most, as their black has no contrast. To fade them by their alpha
+    // loses 0.4 dB and 0.0007 of MS-SSIM on white.
+    let encoder = Encoder::new(on, &colors, [0; 3], settings.tune.weights(&colors), settings)?;
     let target = target.without(alpha_part.bytes - HEADER_BYTES);
     let colors = encoder.encode(target, first.map(FirstLayer::of_colors)).await?;
     Ok(joined(colors, alpha_part, background))
