@@ -35,9 +35,9 @@ pub enum TrainPreset {
     Mcmc,
     /// Runs of minutes, 2,000 to 8,000 steps: 3DGS with growth by rank of AbsGS's gradients, longer
     /// steps, learning rates that decay within the run, half the resolution at first, no opacity
-    /// resets, and no density control in the last third.
+    /// resets, no density control in the last third, and moments of SH above degree 0 in 16 bits.
     Standard,
-    /// A first look in 2,000 steps, at half resolution first.
+    /// A first look in 2,000 steps, at half resolution first, with the same moments.
     Quick,
 }
 
