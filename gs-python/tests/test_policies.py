@@ -57,7 +57,8 @@ def test_what_a_policy_sees(image: np.ndarray, cpu: gs.Backend) -> None:
 
     seen.clear()
     settings = {"tune": "ssim", "loss": "l2"}
-    gs.fit(image, 60, preset="paper", iterations=300, policy=Watching(), settings=settings, backend=cpu)
+    policy = Watching()
+    gs.fit(image, 60, preset="paper", iterations=300, policy=policy, settings=settings, backend=cpu)
     weights = seen[0].weights
     assert weights is not None and weights.shape == image.shape[:2]
     assert abs(weights.mean() - 1) < 1e-3 and weights.max() > weights.min()

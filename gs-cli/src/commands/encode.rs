@@ -14,11 +14,13 @@ use serde::Serialize;
 use crate::{
     backend::BackendArgs,
     failure::Failure,
-    image_fit::batch::{self, BatchImage, Done, Row},
+    image_fit::{
+        TuneName,
+        batch::{self, BatchImage, Done, Row},
+    },
     memory::{self, Need},
     output::{self, printable},
     output_folder::{self, OutputFolder, OverwriteArgs},
-    training::arguments::TuneName,
     values::{Bytes, Color, positive, whole},
 };
 

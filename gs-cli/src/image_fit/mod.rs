@@ -11,7 +11,7 @@ use gs_backend::{AnyRasterizer, FutureExt as _};
 use gs_core::{Blend, Scene2d, counted, effects::Background};
 use gs_density::Policy;
 use gs_lab::frontier::{FrontierMachine, FrontierSettings};
-use gs_train::{FitSettings, Init, Preset, Trainer, mean_color};
+use gs_train::{FitSettings, Init, Preset, Trainer, Tune, mean_color};
 
 pub(crate) use self::target::Target;
 use crate::{
@@ -19,7 +19,7 @@ use crate::{
     frontier_settings, output,
     render_args::AntialiasName,
     text_file::read_settings_text,
-    training::arguments::{LossName, ParameterizationName, PolicyName, TuneName, name_of},
+    training::arguments::{LossName, ParameterizationName, PolicyName, name_of},
     values::{Color, whole},
 };
 
@@ -99,6 +99,24 @@ pub(crate) enum InitName {
     Gradient,
     /// Where a coarse rendering of the image is most wrong
     Error,
+}
+
+/// The measure that a fit is tuned for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum TuneName {
+    /// PSNR: every pixel counts the same
+    Psnr,
+    /// SSIM and MS-SSIM: pixels count more where there is little contrast; not with loss l1-dssim
+    Ssim,
+}
+
+impl From<TuneName> for Tune {
+    fn from(name: TuneName) -> Self {
+        match name {
+            TuneName::Psnr => Self::Psnr,
+            TuneName::Ssim => Self::Ssim,
+        }
+    }
 }
 
 /// A blending.

@@ -5,7 +5,6 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum, builder::PossibleValue};
 use gs_core::{Loss, Parameterization};
 use gs_density::Policy;
-use gs_train::Tune;
 
 use crate::{output::Verbosity, output_folder::OverwriteArgs, values::whole};
 
@@ -90,24 +89,6 @@ pub(crate) enum LossName {
     L1,
     /// 0.8 L1 + 0.2 (1 - SSIM), as in the paper
     L1Dssim,
-}
-
-/// The measure that a fit is tuned for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(crate) enum TuneName {
-    /// PSNR: every pixel counts the same
-    Psnr,
-    /// SSIM and MS-SSIM: pixels count more where there is little contrast; not with loss l1-dssim
-    Ssim,
-}
-
-impl From<TuneName> for Tune {
-    fn from(name: TuneName) -> Self {
-        match name {
-            TuneName::Psnr => Self::Psnr,
-            TuneName::Ssim => Self::Ssim,
-        }
-    }
 }
 
 /// The coordinates of the optimizer.

@@ -3,7 +3,8 @@
 use std::{fs, time::Instant};
 
 use gs_backend::Chosen;
-use gs_train::{FitSettings, Preset};
+use gs_core::Loss;
+use gs_train::{FitSettings, Preset, Tune};
 
 use super::{FitArgs, Start, backend_args, command, film::Film, read_target, results::Results};
 use crate::{
@@ -35,7 +36,12 @@ pub(super) fn run(args: &FitArgs, images: &[BatchImage]) -> Result<(), Failure> 
     let stand_in = Start::fresh(args, &file, &Target::stand_in(&images[0].file))?;
     let peak = |size| match &file {
         SettingsFile::Fit(settings) => settings.peak_bytes(size),
-        _ => FitSettings::from_preset(Preset::Standard, size, args.settings.gaussians, None).peak_bytes(size),
+        _ => {
+            let settings = FitSettings::from_preset(Preset::Standard, size, args.settings.gaussians, None);
+            let (loss, tune) = (args.settings.loss.map(Loss::from), args.settings.tune.map(Tune::from));
+            let chosen = settings.with(|s| (s.loss, s.tune) = (loss.unwrap_or(s.loss), tune.unwrap_or(s.tune)));
+            chosen.peak_bytes(size)
+        }
     };
     let machine = (&backend_args(args, &file), &stand_in.render());
     batch::run(images, machine, args.output.json, AT_NEXT_STEP, peak, |image, on, interrupt| {
