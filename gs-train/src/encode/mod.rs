@@ -22,7 +22,7 @@ use self::{
     layers::FirstLayer,
     transparent::transparent,
 };
-use crate::{error::Error, flat::mean_color};
+use crate::{error::Error, flat::mean_color, memory};
 
 /// An image to encode.
 #[derive(Debug, Clone, Copy)]
@@ -66,7 +66,8 @@ pub struct Encoded {
 /// Encodes an image. The target holds for the colours and for alpha; a size holds for both together.
 ///
 /// # Errors
-/// [`gs_core::Error::Setting`] for a target or an alpha out of range and for a profile that is too long,
+/// [`gs_core::Error::Setting`] for a target or an alpha out of range, for a profile that is too long and
+/// for a transparent image that the memory would divide into bands,
 /// [`gs_core::Error::Pixel`] where the image is not finite, [`gs_core::Error::Length`] for an alpha of
 /// another size, [`Error::Unreachable`] where the target cannot be met, and those of the backend.
 pub async fn encode<R: Optimizer<Scene2d>>(
@@ -80,9 +81,13 @@ pub async fn encode<R: Optimizer<Scene2d>>(
     if profile.len() > usize::from(u16::MAX) {
         return Err(gs_core::Error::setting("the length of the profile", profile.len(), "at most 65,535 bytes").into());
     }
+    let alpha = alpha.filter(|alpha| alpha.iter().any(|&alpha| to_8_bits(alpha) < u8::MAX));
+    if alpha.is_some() {
+        check_one_piece(image.size(), settings)?;
+    }
     let started = Instant::now();
     let target = settings.target.without(profile_bytes(profile) as u64);
-    let made = match alpha.filter(|alpha| alpha.iter().any(|&alpha| to_8_bits(alpha) < u8::MAX)) {
+    let made = match alpha {
         None => opaque(rasterizer, image, target, settings).await,
         Some(alpha) => transparent(rasterizer, image, alpha, target, settings).await,
     };
@@ -92,6 +97,17 @@ pub async fn encode<R: Optimizer<Scene2d>>(
     })?;
     let bytes = Picture { profile: profile.to_vec(), ..picture }.encode()?;
     Ok(Encoded { bytes, gaussians, psnr, seconds: started.elapsed().as_secs_f64() })
+}
+
+/// Fails where a transparent image would be encoded in bands. Few and large Gaussians fill the flat parts
+/// of alpha, and those of a band would reach into bands that are done.
+fn check_one_piece(size: (u32, u32), settings: &EncodeSettings) -> Result<(), gs_core::Error> {
+    let needed = memory::encoding(size, true, &settings.with(|s| s.memory = u64::MAX));
+    if settings.memory >= needed {
+        return Ok(());
+    }
+    let found = format!("{} of the {needed} bytes that it takes", settings.memory);
+    Err(gs_core::Error::setting("the memory for a transparent image", found, "all of them, as alpha has no bands"))
 }
 
 /// A picture as it will be in the file.

@@ -45,7 +45,7 @@ pub struct EncodeSettings {
     /// What the beginning of the file shows. Default [`EncodeLayers::One`].
     pub layers: EncodeLayers,
     /// Memory that encoding may take, the image included, bytes. An image that would take more is
-    /// encoded in bands of rows. Default 4 GB.
+    /// encoded in bands of rows; a transparent one is refused. Default 4 GB.
     pub memory: u64,
     /// Seed of all random numbers. Default 0.
     pub seed: u32,

@@ -177,6 +177,18 @@ fn a_transparent_image_keeps_its_alpha_and_its_profile() {
 }
 
 #[test]
+fn a_transparent_image_is_not_encoded_in_bands() {
+    let (image, alpha) = disc();
+    let source = EncodeImage { image: &image, alpha: Some(&alpha), profile: &[] };
+    let cpu = CpuRasterizer::new(CpuSettings::default()).unwrap();
+    let settings = EncodeSettings::default().with(|s| (s.target, s.memory) = (EncodeTarget::Bytes(900), 60_500_000));
+    let refused = encode(&cpu, source, &settings).block_on().unwrap_err().to_string();
+    assert!(refused.contains("transparent image is 60500000 of the 60") && refused.contains("bands"), "{refused}");
+    // An opaque one is.
+    encode(&cpu, &image, &settings).block_on().unwrap();
+}
+
+#[test]
 fn qualities_hold_for_alpha_and_a_beginning_shows_both() {
     let (image, alpha) = disc();
     let source = EncodeImage { image: &image, alpha: Some(&alpha), profile: &[] };
