@@ -11,12 +11,12 @@ use gs_core::{
     edit::{Moments, Source},
     effects::{Antialias, Background, Order, Statistics},
     logit,
-    math::completed,
 };
 use pollster::FutureExt as _;
 
 mod splats;
 
+use super::target::Target;
 use splats::{FACTOR, Gradients, Pass, Splats, narrow, scene_of, tensors};
 
 /// The fault of the backend.
@@ -79,46 +79,6 @@ pub(crate) enum Fault {
 }
 
 use Fault::*;
-
-/// A target with its [`TargetImage::coverage`] and its weights.
-pub(crate) struct Target {
-    image: Image,
-    coverage: Option<Vec<f32>>,
-    weights: Option<Vec<f32>>,
-}
-
-impl Target {
-    fn completed(&self, rendered: &Image, background: [f32; 3]) -> Image {
-        let mut image = self.image.clone();
-        let pixels = image.pixels_mut().iter_mut().zip(rendered.pixels());
-        for ((pixel, rendered), &coverage) in pixels.zip(self.coverage.iter().flatten()) {
-            *pixel = std::array::from_fn(|k| completed(pixel[k], coverage, background[k], rendered[k]));
-        }
-        image
-    }
-
-    /// The weighted loss of what was rendered, and its gradient by the image.
-    fn weighted(&self, weights: &[f32], rendered: &Image, loss: Loss) -> Result<(f64, Image), Error> {
-        let effect = "weights under D-SSIM".to_owned();
-        let (width, height) = rendered.size();
-        let (mut value, count) = (0.0, 3.0 * f64::from(width) * f64::from(height));
-        let mut v_image = Image::filled(width, height, [0.0; 3])?;
-        let pixels = rendered.pixels().iter().zip(self.image.pixels()).zip(weights);
-        for (out, ((c, y), &weight)) in v_image.pixels_mut().iter_mut().zip(pixels) {
-            for k in 0..3 {
-                let d = f64::from(c[k]) - f64::from(y[k]);
-                let (of_channel, slope) = match loss {
-                    Loss::L2 => (d * d, 2.0 * d),
-                    Loss::L1 => (d.abs(), if d == 0.0 { 0.0 } else { d.signum() }),
-                    Loss::L1Dssim { .. } => return Err(Error::Unsupported { backend: "oracle", effect }),
-                };
-                value += f64::from(weight) * of_channel / count;
-                out[k] = (f64::from(weight) * slope / count) as f32;
-            }
-        }
-        Ok((value, v_image))
-    }
-}
 
 /// The oracle as a backend.
 pub(crate) struct Faulty(pub(crate) Fault);
@@ -214,8 +174,7 @@ impl Rasterizer<Scene3d> for Faulty {
             IgnoresWeights => target.weights = None,
             _ => {}
         }
-        let weights = target.weights.map(<[f32]>::to_vec);
-        Ok(Target { image: target.image.clone(), coverage: target.coverage(), weights })
+        Ok(Target::new(&target))
     }
 
     async fn forward(&self, splats: &Splats, view: &Camera, settings: &RenderSettings) -> Result<Pass, Error> {

@@ -2,6 +2,7 @@
 //! it fails the case that is meant to find it.
 
 mod faulty;
+mod target;
 
 use gs_conformance::conformance::{Skipped, cases_3d, conformance_3d};
 
