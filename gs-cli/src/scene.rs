@@ -31,6 +31,11 @@ pub(crate) fn file_of(path: &Path) -> PathBuf {
     found.unwrap_or_else(|| path.to_owned())
 }
 
+/// Whether the ending of a file is that of 2D scenes as they are.
+pub(crate) fn is_scene_2d(path: &Path) -> bool {
+    path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("safetensors"))
+}
+
 /// Reads a scene of either kind whose values are all possible.
 pub(crate) fn read_any(path: &Path) -> Result<AnyScene, Failure> {
     Ok(read(path, Values::Checked)?.scene)

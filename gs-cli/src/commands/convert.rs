@@ -1,5 +1,4 @@
-//! `gs convert`: a 3D scene into another format, or a 2D scene into one for viewers, and what is
-//! lost.
+//! `gs convert`: a scene into another format, or a 2D scene into one for viewers, and what is lost.
 
 mod quality;
 mod reduction;
@@ -24,11 +23,13 @@ use serde::Serialize;
 use self::{
     quality::{Quality, QualityArgs},
     reduction::Reduction,
+    scene2d::Form,
 };
 use crate::{failure::Failure, output, output_folder, scene, values::whole};
 
 const AFTER_HELP: &str = "\
-A 2D scene becomes a flat 3D scene (.ply) that splat viewers show as the image, or an SVG of soft \
+A compressed 2D scene (.gsi) or a checkpoint of one becomes a .gs2d.safetensors without loss. A 2D \
+scene becomes a flat 3D scene (.ply) that splat viewers show as the image, or an SVG of soft \
 ellipses. Viewers blend Gaussians front to back, widen them by 0.3 square pixels, and have no \
 negative colours and no background. So the Gaussians are trained for that first, which takes a \
 second or two for a photograph. The printed PSNR compares the new Gaussians, as a viewer shows \
@@ -39,10 +40,12 @@ them, with the scene.";
 #[command(after_help = AFTER_HELP, group(ArgGroup::new("drawn").args(["dataset", "gaussians"]).multiple(true)))]
 pub(crate) struct ConvertArgs {
     /// The scene: PLY (3DGS or compressed), .splat, .ksplat, SPZ, SOG, .gltf or .glb, recognised by
-    /// content; a 2D scene, a checkpoint, or the output folder of gs fit or gs train
+    /// content; a 2D scene (.gs2d.safetensors or .gsi), a checkpoint, or the output folder of gs fit or
+    /// gs train
     from: PathBuf,
     /// The file to write, with the ending of its format: .ply, .splat, .spz, .sog, .gltf or .glb;
-    /// meta.json for a SOG as images in its folder; for a 2D scene .ply or .svg
+    /// meta.json for a SOG as images in its folder; for a 2D scene .ply, .svg or
+    /// .gs2d.safetensors
     to: PathBuf,
     /// Version of an SPZ: 4 is smaller, 3 is for readers older than 2026
     #[arg(long, value_name = "VERSION", default_value = "4")]
@@ -117,7 +120,7 @@ impl Side {
 
 /// Converts a scene.
 pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
-    if Format3d::to_write(&args.to).is_none() && !scene2d::is_svg(&args.to) {
+    if Format3d::to_write(&args.to).is_none() && Form::of(&args.to).is_none() {
         return Err(gs_io::Error::UnknownEnding { path: args.to.clone() }.into());
     }
     let dataset = args.quality.dataset()?;
@@ -141,9 +144,9 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
         AnyScene::TwoD(file) => return scene2d::run(args, &path, *file),
         AnyScene::ThreeD(file) => *file,
     };
-    if scene2d::is_svg(&args.to) {
-        let message = "a 3D scene is not written as SVG, which is for 2D scenes";
-        return Err(Failure::usage(message).at(args.to.display()).hint("gs render draws it as PNG"));
+    if Form::of(&args.to).is_some_and(Form::is_only_2d) {
+        let message = "a 3D scene is not written in this format, which is for 2D scenes";
+        return Err(Failure::usage(message).at(args.to.display()).hint("use .ply, .splat, .spz, .sog, .gltf or .glb; gs render draws a PNG"));
     }
     let (all, mut losses) = (file.scene.len(), std::mem::take(&mut file.losses));
     if args.drop_broken {

@@ -110,7 +110,7 @@ pub(crate) fn run(args: &DoctorArgs) -> Result<(), Failure> {
 fn check_ending(output: &Path, scene: &AnyScene) -> Result<(), Failure> {
     match scene {
         AnyScene::TwoD(_) => {
-            if output.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("safetensors")) {
+            if scene::is_scene_2d(output) {
                 return Ok(());
             }
             let failure = Failure::usage("a 2D scene is not written in this format").at(output.display());

@@ -95,13 +95,38 @@ fn a_2d_scene_becomes_an_svg() {
     let spz = gs(["convert", text(&output), text(&place.path().join("a.spz"))]);
     assert_eq!(spz.status, Some(2));
     assert!(
-        spz.stderr.contains("a.spz: a 2D scene is not written in this format: let its name end in .ply or .svg"),
+        spz.stderr.contains("a.spz: a 2D scene is not written in this format: let its name end in .ply, .svg or"),
         "{spz:?}"
     );
     let (_, scene) = dataset_and_scene(place.path());
     let refused = gs(["convert", text(&scene), text(&place.path().join("b.svg"))]);
     assert_eq!(refused.status, Some(2));
-    assert!(refused.refusal().contains("3D scene is not written as SVG"), "{refused:?}");
+    assert!(refused.refusal().contains("b.svg: a 3D scene is not written in this format"), "{refused:?}");
+}
+
+#[test]
+fn a_compressed_scene_and_a_checkpoint_become_scene_files_without_loss() {
+    let place = folder();
+    let (image, output) = (picture(place.path(), 48, 32), place.path().join("fit"));
+    let compressed = place.path().join("a.gsi");
+    let fit = ["fit", text(&image), "-o", text(&output), "-n", "50", "-i", "20", "--checkpoint-every", "20", "--backend", "cpu"];
+    gs(fit).done();
+    gs(["encode", text(&image), "-o", text(&compressed), "--bpp", "1", "--backend", "cpu"]).done();
+    for (name, from) in [("b", compressed), ("c", output.join("checkpoint.safetensors"))] {
+        let scene = place.path().join(format!("{name}.gs2d.safetensors"));
+        let printed = gs(["convert", text(&from), text(&scene)]).done().stdout;
+        assert!(printed.contains("lost        nothing"), "{printed}");
+        let drawn = [&from, &scene].map(|file| {
+            let png = file.with_extension("png");
+            gs(["render", text(file), "-o", text(&png), "--backend", "cpu"]).done();
+            fs::read(png).unwrap()
+        });
+        assert!(drawn[0] == drawn[1], "{printed}");
+    }
+    let (_, scene) = dataset_and_scene(place.path());
+    let refused = gs(["convert", text(&scene), text(&place.path().join("d.gs2d.safetensors"))]);
+    assert_eq!(refused.status, Some(2));
+    assert!(refused.refusal().contains("which is for 2D scenes"), "{refused:?}");
 }
 
 #[test]

@@ -1,10 +1,11 @@
-//! `gs convert` of a 2D scene: into a PLY that splat viewers show as the image, or into an SVG.
+//! `gs convert` of a 2D scene: into a PLY that splat viewers show as the image, into an SVG, or, of a
+//! compressed file or a checkpoint, into a scene file.
 
 use std::path::Path;
 
 use gs_backend::FutureExt as _;
 use gs_core::{Scene as _, counted, examination};
-use gs_io::{File2d, Format3d, write_ply, write_svg};
+use gs_io::{File2d, SCENE_EXTENSION, write_2d, write_ply, write_svg};
 use gs_train::{ColorRange, Viewable, viewable};
 use serde::Serialize;
 
@@ -13,6 +14,7 @@ use crate::{
     backend::{BackendArgs, Choice},
     failure::Failure,
     memory, output,
+    scene::is_scene_2d,
 };
 
 /// What `gs convert --json` prints of a 2D scene.
@@ -34,41 +36,75 @@ struct Conversion {
     psnr: f64,
 }
 
-/// Whether a file is an SVG by its ending.
-pub(super) fn is_svg(path: &Path) -> bool {
-    path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("svg"))
+/// A format of 2D scenes, or of 3D scenes that show one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Form {
+    /// The scene as it is.
+    Scene,
+    Svg,
+    Ply,
+}
+
+impl Form {
+    /// The format that the ending of a file stands for, if there is one.
+    pub(super) fn of(path: &Path) -> Option<Self> {
+        let ends_in = |ending: &str| path.extension().is_some_and(|found| found.eq_ignore_ascii_case(ending));
+        match path {
+            path if is_scene_2d(path) => Some(Self::Scene),
+            _ if ends_in("svg") => Some(Self::Svg),
+            _ if ends_in("ply") => Some(Self::Ply),
+            _ => None,
+        }
+    }
+
+    /// Whether 3D scenes are not written in it.
+    pub(super) fn is_only_2d(self) -> bool {
+        self != Self::Ply
+    }
 }
 
 /// Converts a 2D scene that was read from `from`.
 pub(super) fn run(args: &ConvertArgs, from: &Path, mut file: File2d) -> Result<(), Failure> {
-    let range = match (is_svg(&args.to), Format3d::to_write(&args.to)) {
-        (true, _) => ColorRange::Unit,
-        (false, Some(Format3d::Ply)) => ColorRange::NotNegative,
-        (false, _) => {
-            let failure = Failure::usage("a 2D scene is not written in this format").at(args.to.display());
-            return Err(failure.hint("let its name end in .ply or .svg; gs convert makes other formats of the PLY"));
-        }
-    };
-    memory::check_picture(from.display(), (file.width, file.height))?;
+    let form = Form::of(&args.to).ok_or_else(|| {
+        let failure = Failure::usage("a 2D scene is not written in this format").at(args.to.display());
+        failure.hint(format_args!(
+            "let its name end in .ply, .svg or .{SCENE_EXTENSION}; gs convert makes other formats of the PLY"
+        ))
+    })?;
     let dropped = if args.drop_broken { examination::repair(&mut file.scene)?.removed } else { 0 };
-    // GPUs do not offer all that is needed.
-    let cpu = BackendArgs { backend: Choice::Cpu, ..BackendArgs::default() }.open()?;
-    let Viewable { file: made, psnr, .. } = viewable(&cpu.rasterizer, &file, range).block_on()?;
-    match range {
-        ColorRange::Unit => write_svg(&args.to, &made)?,
-        ColorRange::NotNegative => write_ply(&args.to, &made)?,
-    }
+    let (written, psnr) = match form {
+        Form::Scene => {
+            write_2d(&args.to, &file)?;
+            (file.scene.len(), f64::INFINITY)
+        }
+        Form::Svg => trained(args, from, &file, ColorRange::Unit)?,
+        Form::Ply => trained(args, from, &file, ColorRange::NotNegative)?,
+    };
     let conversion = Conversion {
         read: from.display().to_string(),
         written: args.to.display().to_string(),
         bytes: std::fs::metadata(&args.to).map_or(0, |file| file.len()),
-        width: made.width,
-        height: made.height,
-        gaussians: made.scene.len(),
+        width: file.width,
+        height: file.height,
+        gaussians: written,
         dropped,
         psnr,
     };
     if args.json { output::json(&conversion) } else { output::result(text(&conversion)) }
+}
+
+/// Trains Gaussians that viewers show as the scene, and writes them; returns their number and their
+/// PSNR.
+fn trained(args: &ConvertArgs, from: &Path, file: &File2d, range: ColorRange) -> Result<(usize, f64), Failure> {
+    memory::check_picture(from.display(), (file.width, file.height))?;
+    // GPUs do not offer all that is needed.
+    let cpu = BackendArgs { backend: Choice::Cpu, ..BackendArgs::default() }.open()?;
+    let Viewable { file: made, psnr, .. } = viewable(&cpu.rasterizer, file, range).block_on()?;
+    match range {
+        ColorRange::Unit => write_svg(&args.to, &made)?,
+        ColorRange::NotNegative => write_ply(&args.to, &made)?,
+    }
+    Ok((made.scene.len(), psnr))
 }
 
 fn text(conversion: &Conversion) -> String {
@@ -78,8 +114,14 @@ fn text(conversion: &Conversion) -> String {
     } else {
         String::new()
     };
+    let quality = match psnr.is_finite() {
+        true => format!(
+            "PSNR        {psnr:.2} dB of the written Gaussians, seen from the front at {width}x{height} px, against the scene"
+        ),
+        false => "lost        nothing".to_owned(),
+    };
     format!(
         "read        {read}: 2D scene, {width}x{height} px{dropped}\nGaussians   {gaussians}\nwrote       {written}, {bytes} bytes\n\
-         PSNR        {psnr:.2} dB of the written Gaussians, seen from the front at {width}x{height} px, against the scene"
+         {quality}"
     )
 }

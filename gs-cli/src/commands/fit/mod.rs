@@ -168,12 +168,15 @@ fn fit(
     )
 }
 
+/// How to reduce the memory of a fit.
+const LESS: &str = "take a smaller image or fewer Gaussians, or gs encode, which works in bands";
+
 /// Fails where there is not enough memory to fit this image.
 fn check_memory(target: &Target, settings: &FitSettings) -> Result<(), Failure> {
     let (width, height) = target.image.size();
     let (bytes, held) = (settings.peak_bytes((width, height)), size_of_val(target.image.pixels()) as u64);
     let what = format!("fitting {} Gaussians to {} ({width}x{height} px)", settings.gaussians, target.name());
-    Need { what, bytes, held, less: "take a smaller image or fewer Gaussians" }.check_and_print()
+    Need { what, bytes, held, less: LESS }.check_and_print()
 }
 
 /// Why a checkpoint cannot be resumed.
