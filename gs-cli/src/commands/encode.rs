@@ -8,7 +8,7 @@ use clap::Args;
 use gs_backend::{Chosen, FutureExt as _};
 use gs_core::{Blend, RenderSettings, counted};
 use gs_io::{GSI_EXTENSION, IccProfile, Inputs, StoredImage, read_stored_image, write_durably};
-use gs_train::{EncodeLayers, EncodeSettings, EncodeTarget, Encoded, encode};
+use gs_train::{EncodeLayers, EncodeSettings, EncodeTarget, Encoded, Tune, encode};
 use serde::Serialize;
 
 use crate::{
@@ -124,6 +124,8 @@ struct Summary {
     /// Bits per pixel.
     bpp: f64,
     gaussians: usize,
+    /// The measure that it is tuned for.
+    tune: Tune,
     /// Whether the file has alpha.
     alpha: bool,
     /// Name of its ICC profile; `null` for sRGB.
@@ -253,6 +255,7 @@ impl<'a> Work<'a> {
             bytes: bytes.len(),
             bpp: bytes.len() as f64 * 8.0 / (f64::from(width) * f64::from(height)),
             gaussians,
+            tune: self.settings.tune,
             alpha: alpha.is_some(),
             profile: profile.as_ref().map(IccProfile::name),
             psnr,
