@@ -12,6 +12,7 @@
 
 pub mod adam;
 pub mod constants;
+mod dropout;
 pub mod edit;
 pub mod effects;
 mod error;
@@ -34,6 +35,7 @@ mod words;
 
 pub use crate::{
     adam::{Adam, AdamRates, MomentFormat, Parameterization, Participants, Penalty},
+    dropout::Dropout,
     edit::EditPlan,
     effects::{Blend, Effects},
     error::Error,

@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     constants::{ALPHA_CUT, ALPHA_MAX, TRANSMITTANCE_MIN},
+    dropout::Dropout,
     effects::{Background, Blend, Effects},
     error::Error,
 };
@@ -139,6 +140,10 @@ pub struct RenderSettings {
     /// What the pixels show. Default [`Output::Color`].
     #[serde(skip_serializing_if = "Output::is_color")]
     pub output: Output,
+    /// Gaussians to leave out at random. Default none. 3D scenes under [`Blend::Over`]. Training sets
+    /// it anew for each step.
+    #[serde(skip_serializing_if = "Dropout::is_none")]
+    pub dropout: Dropout,
 }
 
 /// Settings files leave out default values.
@@ -201,6 +206,10 @@ impl RenderSettings {
         }
         if !(self.full_depth >= 0.0 && self.full_depth.is_finite()) {
             return Err(Error::setting("full-depth", self.full_depth, "0 or more, and finite"));
+        }
+        self.dropout.validate()?;
+        if self.effects.blend == Blend::Sum && !self.dropout.is_none() {
+            return Err(Error::setting("dropout under blend = \"sum\"", self.dropout.rate, "0"));
         }
         if !self.background.iter().all(|v| v.is_finite()) {
             return Err(Error::setting("background", format!("{:?}", self.background), "finite"));

@@ -141,8 +141,8 @@ impl<V: OracleView> Oracle<V> {
         self.rendering(scene, &self.blend(scene, Lean::Exact))
     }
 
-    /// Whether a single Gaussian would contribute to each pixel, `[H · W]`; true if within
-    /// rounding.
+    /// Whether a single Gaussian, the first of a scene, would contribute to each pixel, `[H · W]`; true
+    /// if within rounding.
     pub fn footprint(&self, gaussian: &Parameters) -> Vec<bool> {
         let alone = OracleScene { gaussians: vec![gaussian.clone()] };
         self.blend(&alone, Lean::More).iter().map(|pixel| pixel.near > 0 || pixel.touched().next().is_some()).collect()
@@ -150,7 +150,15 @@ impl<V: OracleView> Oracle<V> {
 
     /// The projection of each Gaussian, or the reason why it is culled; `[N]`.
     pub fn project(&self, scene: &OracleScene) -> Vec<Projection<V::Splat>> {
-        scene.gaussians.iter().map(|g| self.view.project(g, &self.settings, Lean::Exact)).collect()
+        self.projected(scene, Lean::Exact).collect()
+    }
+
+    fn projected<'a>(&'a self, scene: &'a OracleScene, lean: Lean) -> impl Iterator<Item = Projection<V::Splat>> + 'a {
+        let dropout = &self.settings.dropout;
+        (0..).zip(&scene.gaussians).map(move |(index, g)| match dropout.leaves_out(index) {
+            true => Projection::Left(CullCause::Transparent),
+            false => self.view.project(g, &self.settings, lean),
+        })
     }
 
     /// The loss of a scene, without its gradients.
@@ -255,14 +263,11 @@ impl<V: OracleView> Oracle<V> {
     }
 
     fn blend(&self, scene: &OracleScene, lean: Lean) -> Vec<Pixel> {
-        let drawable: Vec<Option<V::Splat>> = scene
-            .gaussians
-            .iter()
-            .map(|g| match self.view.project(g, &self.settings, lean) {
-                Projection::Drawable(splat) => Some(splat),
-                Projection::Left(_) => None,
-            })
-            .collect();
+        let drawable = |projection| match projection {
+            Projection::Drawable(splat) => Some(splat),
+            Projection::Left(_) => None,
+        };
+        let drawable: Vec<Option<V::Splat>> = self.projected(scene, lean).map(drawable).collect();
         let (width, height) = self.view.size();
         let centers = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
         centers

@@ -8,7 +8,7 @@
 use gs_core::{
     Camera, CullCause, Error, Output, RenderSettings,
     constants::{DILATION_PX2, MIN_DETERMINANT_PX4, MIN_QUATERNION_NORM2, MIP_DILATION_PX2},
-    effects::{Antialias, Blend, Effects, Order},
+    effects::{Antialias, Blend, Order},
 };
 
 use super::{
@@ -111,7 +111,7 @@ fn projected(camera: &Camera, g: &[f64], settings: &RenderSettings, lean: Lean) 
     let seen = product(&pinhole.world, &factor);
     let footprint = product(&jacobian, &seen);
     let covariance = Covariance::new(&footprint, &center, effects.antialias, &mut guards)?;
-    let opacity = Opacity::new(g[OPACITY_3D], effects, &covariance);
+    let opacity = Opacity::new(g[OPACITY_3D], settings, &covariance);
     let (direction, distance) = pinhole.direction(&mean);
     let shading = match settings.output {
         Output::Color => Shading::new(g, &direction, effects.sh_degree)?,
@@ -323,6 +323,7 @@ impl Covariance {
 struct Opacity {
     /// sigmoid(logit), or 1.
     stored: Rounded,
+    /// The factor of antialiasing, times that of a dropout.
     compensation: Rounded,
     /// ∂(compensation)/∂Σ, where uv stands for both entries.
     compensation_slope: [Rounded; 3],
@@ -333,9 +334,11 @@ struct Opacity {
 }
 
 impl Opacity {
-    fn new(logit: f64, effects: Effects, covariance: &Covariance) -> Self {
-        let (compensation, compensation_slope) = covariance.compensation(effects.antialias);
-        let (stored, shown, slope) = match effects.blend {
+    fn new(logit: f64, settings: &RenderSettings, covariance: &Covariance) -> Self {
+        let (compensation, compensation_slope) = covariance.compensation(settings.effects.antialias);
+        let gain = Rounded::ONE / (Rounded::ONE - Rounded::exact(settings.dropout.rate.into()));
+        let (compensation, compensation_slope) = (compensation * gain, compensation_slope.map(|slope| slope * gain));
+        let (stored, shown, slope) = match settings.effects.blend {
             // Without an opacity there is nothing to compensate.
             Blend::Sum => (Rounded::ONE, Rounded::ONE, 0.0),
             Blend::Over => {

@@ -54,6 +54,9 @@ impl OracleView for Canvas {
         if effects.order != Order::Index {
             return Err(Error::Unsupported { backend: "oracle", effect: format!("{effects:?}") });
         }
+        if !settings.dropout.is_none() {
+            return Err(Error::Unsupported { backend: "oracle", effect: "dropout in a 2D scene".to_owned() });
+        }
         Ok(())
     }
 

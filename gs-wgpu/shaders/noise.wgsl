@@ -10,20 +10,6 @@ struct Noise {
 
 @group(0) @binding(1) var<uniform> noise: Noise;
 
-fn mixed(words: vec4u) -> vec4u {
-    var v = words;
-    v.x += v.y * v.w;
-    v.y += v.z * v.x;
-    v.z += v.x * v.y;
-    v.w += v.y * v.z;
-    return v;
-}
-
-fn random_words(counter: vec4u) -> vec4u {
-    let v = mixed(counter * 1664525u + 1013904223u);
-    return mixed(v ^ (v >> vec4u(16u)));
-}
-
 fn normals(index: u32) -> vec3f {
     let words = random_words(vec4u(noise.seed, noise.step, index, 0u));
     let u = vec4f((words >> vec4u(8u)) + 1u) / 16777216.0;

@@ -43,7 +43,9 @@ struct Step {
     inverse_depth: u32,
     // Weight of added gradients.
     added_weight: f32,
-    unused: vec2u,
+    // 3D scenes: the share of Gaussians that is left out, times 2²⁴, and the seed that selects them.
+    dropout_threshold: u32,
+    dropout_seed: u32,
     // Adam: mean, scale, rotation, opacity, colour, SH above degree 0. Learning rate, beta1, beta2,
     // 1 - beta1; ln beta1, ln beta2, 1 - beta2, and for scales and opacities the penalty's weight
     // per number.

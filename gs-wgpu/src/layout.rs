@@ -209,7 +209,9 @@ pub struct Step {
     pub(crate) inverse_depth: u32,
     /// Weight of added gradients.
     pub(crate) added_weight: f32,
-    pub(crate) unused: [u32; 2],
+    /// The share of 3D Gaussians that is left out, times 2²⁴, and the seed that selects them.
+    pub(crate) dropout_threshold: u32,
+    pub(crate) dropout_seed: u32,
     /// Rates per group: learning rate, β₁, β₂, 1 − β₁.
     pub(crate) rates: [[f32; 4]; 6],
     /// Decays per group: ln β₁, ln β₂, 1 − β₂, and for scales and opacities the penalty's weight
@@ -327,7 +329,8 @@ mod tests {
                 color_rest_every,
                 inverse_depth,
                 added_weight,
-                unused,
+                dropout_threshold,
+                dropout_seed,
                 rates,
                 decays,
             }

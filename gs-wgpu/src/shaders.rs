@@ -123,7 +123,7 @@ macro_rules! shaders {
 
 shaders! {
     "scene2d/project" after "counted": ["project"],
-    "scene3d/project" after "counted" after "scene3d/shared": ["project_3d"],
+    "scene3d/project" after "counted" after "scene3d/shared" after "random": ["project_3d"],
     "scene3d/place": ["place"],
     "scan": ["scan_blocks", "scan_sums", "scan_spread"],
     "sizes": ["sizes", "stop_unfinished"],
@@ -143,8 +143,8 @@ shaders! {
     "scene3d/add": ["add_gradients_3d"],
     "scene3d/adam" after "moments": ["adam_3d"],
     "scene3d/adam_color" after "moments": ["adam_color_3d"],
-    "scene2d/noise" after "noise": ["add_noise"],
-    "scene3d/noise" after "noise" after "scene3d/shared": ["add_noise_3d"],
+    "scene2d/noise" after "random" after "noise": ["add_noise"],
+    "scene3d/noise" after "random" after "noise" after "scene3d/shared": ["add_noise_3d"],
     "complete": ["complete"],
     "edit" after "sources": ["edit"],
     "scene3d/edit_color" after "sources": ["edit_color"],

@@ -146,7 +146,9 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
     };
     if Form::of(&args.to).is_some_and(Form::is_only_2d) {
         let message = "a 3D scene is not written in this format, which is for 2D scenes";
-        return Err(Failure::usage(message).at(args.to.display()).hint("use .ply, .splat, .spz, .sog, .gltf or .glb; gs render draws a PNG"));
+        return Err(Failure::usage(message)
+            .at(args.to.display())
+            .hint("use .ply, .splat, .spz, .sog, .gltf or .glb; gs render draws a PNG"));
     }
     let (all, mut losses) = (file.scene.len(), std::mem::take(&mut file.losses));
     if args.drop_broken {

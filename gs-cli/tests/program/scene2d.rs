@@ -109,7 +109,20 @@ fn a_compressed_scene_and_a_checkpoint_become_scene_files_without_loss() {
     let place = folder();
     let (image, output) = (picture(place.path(), 48, 32), place.path().join("fit"));
     let compressed = place.path().join("a.gsi");
-    let fit = ["fit", text(&image), "-o", text(&output), "-n", "50", "-i", "20", "--checkpoint-every", "20", "--backend", "cpu"];
+    let fit = [
+        "fit",
+        text(&image),
+        "-o",
+        text(&output),
+        "-n",
+        "50",
+        "-i",
+        "20",
+        "--checkpoint-every",
+        "20",
+        "--backend",
+        "cpu",
+    ];
     gs(fit).done();
     gs(["encode", text(&image), "-o", text(&compressed), "--bpp", "1", "--backend", "cpu"]).done();
     for (name, from) in [("b", compressed), ("c", output.join("checkpoint.safetensors"))] {

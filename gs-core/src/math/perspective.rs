@@ -57,8 +57,8 @@ pub struct Projection {
     pub covariance: [f32; 3],
     /// det Σ′, px⁴.
     pub determinant: f32,
-    /// o: the sigmoid of the logit, times ρ where [`Antialias::compensates`]; 1 under
-    /// [`Blend::Sum`].
+    /// o: the sigmoid of the logit, times ρ where [`Antialias::compensates`] and times
+    /// [`Dropout::gain`](crate::Dropout::gain), above 1 at most by that; 1 under [`Blend::Sum`].
     pub opacity: f32,
     /// cov(z, (u, v)) Σ′⁻¹, world units per px; it orders Gaussians under
     /// [`Order::PerPixel`](crate::effects::Order::PerPixel) and has no gradient.
@@ -95,6 +95,8 @@ pub struct Perspective {
     antialias: Antialias,
     blend: Blend,
     alpha_cut: f32,
+    /// The factor of opacities.
+    gain: f32,
 }
 
 /// Values that projection and its VJP share.
@@ -156,6 +158,7 @@ impl Perspective {
             antialias: effects.antialias,
             blend: effects.blend,
             alpha_cut: settings.accuracy.alpha_cut,
+            gain: settings.dropout.gain(),
         }
     }
 
@@ -279,9 +282,9 @@ impl Perspective {
         let opacity = match (self.blend, self.antialias) {
             (Blend::Sum, _) => 1.0,
             (Blend::Over, antialias) if antialias.compensates() => {
-                sigmoid(opacity_logit) * (undilated / determinant).sqrt()
+                sigmoid(opacity_logit) * (undilated / determinant).sqrt() * self.gain
             }
-            (Blend::Over, _) => sigmoid(opacity_logit),
+            (Blend::Over, _) => sigmoid(opacity_logit) * self.gain,
         };
         if !(opacity >= self.alpha_cut) {
             return Err(CullCause::Transparent);

@@ -43,6 +43,9 @@ impl SceneKind for Scene2d {
         if settings.output != Output::Color {
             return Err(unsupported("depths of a 2D scene, which has none"));
         }
+        if !settings.dropout.is_none() {
+            return Err(unsupported("dropout in a 2D scene"));
+        }
         match settings.effects.order {
             Order::Index => Ok(()),
             order => Err(unsupported(format!("order {order:?} of a 2D scene, which has no depth"))),

@@ -3,7 +3,7 @@
 
 use glam::Vec3;
 use gs_core::{
-    Accuracy, CullCause, Culled, Output, Parameterization,
+    CullCause, Culled, Output, Parameterization, RenderSettings,
     math::{perspective::Perspective, sh},
 };
 use rayon::prelude::*;
@@ -66,19 +66,23 @@ impl Eye {
     }
 }
 
+/// Projects the Gaussian of this index; that of a dropout counts as transparent.
 fn project(
     eye: &Eye,
-    row: &[f32],
+    (index, row): (usize, &[f32]),
     grid: &Grid,
-    (accuracy, longest): (&Accuracy, f32),
+    (settings, longest): (&RenderSettings, f32),
 ) -> Result<(Splat, PixelDepth), CullCause> {
+    if settings.dropout.leaves_out(index as u32) {
+        return Err(CullCause::Transparent);
+    }
     let p = match eye.parameterization {
         Parameterization::ScaleRotation => eye.perspective.project(&splats::ellipsoid(row)),
         Parameterization::CovarianceFactor => eye.perspective.project_factored(&splats::factored(row)),
     }?;
     let [xx, xy, yy] = p.covariance;
     let covariance = Covariance { xx, xy, yy, determinant: p.determinant };
-    let mut splat = Splat::new(p.mean, covariance, [0.0; 3], (p.opacity, accuracy.cut_of(p.opacity)), longest);
+    let mut splat = Splat::new(p.mean, covariance, [0.0; 3], (p.opacity, settings.accuracy.cut_of(p.opacity)), longest);
     if !touches(&splat, (splat.reach * yy).sqrt(), grid) {
         return Err(CullCause::Outside);
     }
@@ -94,10 +98,11 @@ pub(crate) fn project_all(splats: &Splats3d, eye: &Eye, tiles: &mut Tiles) {
     let Tiles { projected, depths, grid, settings, tuning, .. } = tiles;
     projected.resize(splats.len(), Splat::CULLED);
     depths.resize(splats.len(), PixelDepth::default());
-    let how = (&settings.accuracy, f32::from(tuning.recurrence_rows));
-    let chunk = |((projected, depths), rows): ((&mut [Splat], &mut [PixelDepth]), &[f32])| {
+    let how = (&*settings, f32::from(tuning.recurrence_rows));
+    let chunk = |(number, ((projected, depths), rows)): (usize, ((&mut [Splat], &mut [PixelDepth]), &[f32]))| {
         let mut culled = Culled::default();
-        for ((splat, depth), row) in projected.iter_mut().zip(depths).zip(rows.chunks_exact(splats.pitch())) {
+        let rows = (number * CHUNK..).zip(rows.chunks_exact(splats.pitch()));
+        for ((splat, depth), row) in projected.iter_mut().zip(depths).zip(rows) {
             match project(eye, row, grid, how) {
                 Ok(found) => (*splat, *depth) = found,
                 Err(cause) => {
@@ -110,5 +115,5 @@ pub(crate) fn project_all(splats: &Splats3d, eye: &Eye, tiles: &mut Tiles) {
     };
     let rows = splats.parameters.par_chunks(CHUNK * splats.pitch());
     let out = projected.par_chunks_mut(CHUNK).zip(depths.par_chunks_mut(CHUNK));
-    tiles.culled = out.zip(rows).map(chunk).reduce(Culled::default, Culled::plus);
+    tiles.culled = out.zip(rows).enumerate().map(chunk).reduce(Culled::default, Culled::plus);
 }

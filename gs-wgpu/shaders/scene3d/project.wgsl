@@ -29,6 +29,14 @@ fn color_of(index: u32, mean: vec3f) -> vec3f {
     return select(sum, vec3f(0.0), (sum < vec3f(0.0)) & (sum >= vec3f(-3.4028234663852886e38)));
 }
 
+// Whether a dropout leaves out this Gaussian.
+fn left_out(index: u32) -> bool {
+    if step.dropout_threshold == 0u {
+        return false;
+    }
+    return random_words(vec4u(step.dropout_seed, 0u, index, 1u)).x >> 8u < step.dropout_threshold;
+}
+
 // A splat without its colour. `depth_slope`: change of the depth per px, for drawn Gaussians.
 fn project_one(e: Ellipsoid, p: vec3f, depth_slope: ptr<function, vec2f>) -> Splat {
     let q = quaternion(e.rotation);
@@ -70,6 +78,7 @@ fn project_one(e: Ellipsoid, p: vec3f, depth_slope: ptr<function, vec2f>) -> Spl
         if camera.compensates == 1u {
             opacity *= sqrt(undilated / det);
         }
+        opacity /= 1.0 - f32(step.dropout_threshold) / 16777216.0;
     }
     if !(opacity >= step.alpha_cut) {
         atomicAdd(&status.transparent, 1u);
@@ -91,7 +100,12 @@ fn project_3d(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) grou
     let e = ellipsoids[index];
     let p = in_camera(camera, e.mean);
     var depth_slope = vec2f(0.0);
-    var splat = project_one(e, p, &depth_slope);
+    var splat = culled();
+    if left_out(index) {
+        atomicAdd(&status.transparent, 1u);
+    } else {
+        splat = project_one(e, p, &depth_slope);
+    }
     var touched = tiles_of(splat);
     if splat.half_x >= 0.0 {
         if touched == 0u {

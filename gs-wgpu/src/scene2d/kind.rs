@@ -51,6 +51,9 @@ impl SceneKind for Scene2d {
         if settings.output != Output::Color {
             return Err(unsupported("depths of a 2D scene, which has none"));
         }
+        if !settings.dropout.is_none() {
+            return Err(unsupported("dropout in a 2D scene"));
+        }
         Ok(())
     }
 

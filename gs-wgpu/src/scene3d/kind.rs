@@ -106,6 +106,8 @@ impl SceneKind for Scene3d {
         step.coefficients = splats.state.coefficients() as u32;
         step.sh_degree = settings.effects.sh_degree.min(splats.state.sh_degree).into();
         step.inverse_depth = (settings.output == Output::InverseDepth).into();
+        step.dropout_threshold = settings.dropout.threshold();
+        step.dropout_seed = settings.dropout.seed;
     }
 
     fn write_view(workspace: &Workspace<Self>, gpu: &Gpu, camera: &Camera) {

@@ -187,7 +187,7 @@ pub fn causes_are_counted<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), F
     Ok(())
 }
 
-fn culled<R: Optimizer<Scene3d>>(
+pub(super) fn culled<R: Optimizer<Scene3d>>(
     rasterizer: &R,
     scene: &Scene3d,
     view: &Camera,

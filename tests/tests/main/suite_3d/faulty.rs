@@ -1,13 +1,13 @@
 //! The oracle as a backend, `f64` inside and `f32` in its results, with one fault or none.
 
 use gs_conformance::{
-    oracle::{Oracle, OracleScene, SH_3D},
+    oracle::{OPACITY_3D, Oracle, OracleScene, SH_3D},
     subject::Subject,
 };
 use gs_core::{
-    AdamRates, Added, Backend, Camera, Culled, DensityStatistics, EditPlan, Error, Gaussian3d, Image, Loss, MeanNoise,
-    Optimizer, Output, Parameterization, Participants, Rasterizer, RenderSettings, Scene, Scene3d, SplatsState,
-    TargetImage, TrainStep, Wait,
+    AdamRates, Added, Backend, Camera, Culled, DensityStatistics, Dropout, EditPlan, Error, Gaussian3d, Image, Loss,
+    MeanNoise, Optimizer, Output, Parameterization, Participants, Rasterizer, RenderSettings, Scene, Scene3d,
+    SplatsState, TargetImage, TrainStep, Wait,
     edit::{Moments, Source},
     effects::{Antialias, Background, Order, Statistics},
     logit,
@@ -40,6 +40,8 @@ pub(crate) enum Fault {
     GradientsInWrongUnits,
     HoldsDirectionsFixed,
     ShowsColoursForDepths,
+    KeepsAllGaussians,
+    ForgetsTheGain,
     NegatesGivenGradients,
     NormalisesQuaternions,
     RoundsFactors,
@@ -112,6 +114,14 @@ impl Faulty {
             ForgetsAntialiasing => effects.antialias = Antialias::None,
             ForgetsCompensation if effects.antialias.compensates() => effects.antialias = Antialias::Dilate,
             ShowsColoursForDepths => settings.output = Output::Color,
+            KeepsAllGaussians => settings.dropout = Dropout::NONE,
+            ForgetsTheGain if !settings.dropout.is_none() => {
+                // The share is left out by its opacity, and the others stay as they are.
+                let dropout = settings.dropout;
+                let left_out = (0..).zip(&mut scene.gaussians).filter(|(index, _)| dropout.leaves_out(*index));
+                left_out.for_each(|(_, row)| row[OPACITY_3D] = f64::NEG_INFINITY);
+                settings.dropout = Dropout::NONE;
+            }
             IgnoresTheDegree => effects.sh_degree = 3,
             ForgetsTheAccuracy => settings.accuracy = gs_core::Accuracy::default(),
             ForgetsTheBackground => effects.background = Background::None,
