@@ -16,7 +16,7 @@ crate::impl_with!(Dropout);
 /// [`Blend::Over`](crate::Blend::Over).
 ///
 /// A Gaussian is left out if ⌊r / 2⁸⌋ < rate · 2²⁴, where r is the first word of
-/// [`random_words`]`([seed, 0, index, 1])`.
+/// [`random_words`](crate::math::random_words)`([seed, 0, index, 1])`.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 #[non_exhaustive]

@@ -63,6 +63,24 @@ fn without_points_the_images_are_searched() {
 }
 
 #[test]
+fn few_points_are_joined_by_those_of_the_images() {
+    let place = folder();
+    let (dataset, output) = (place.path().join("dataset"), place.path().join("out"));
+    write_dataset(&dataset, &scene(), &rasterizer(), true).unwrap();
+    let train = |flags: &[&str]| {
+        let words = ["train", text(&dataset), "-o", text(&output), "-i", "1", "--no-report", "--backend", "cpu"];
+        gs(words.iter().chain(flags)).done().stderr
+    };
+    let joined = "points of the data set and ";
+    let few = train(&["-n", "3000"]);
+    assert!(few.contains(joined) && few.contains(" found in the images"), "{few}");
+    for flags in [["-n", "20"], ["--start", "points"], ["--preset", "3dgs"]] {
+        let enough = train(&flags);
+        assert!(!enough.contains(joined) && enough.contains(" points, with at most "), "{enough}");
+    }
+}
+
+#[test]
 fn a_time_limit_chooses_settings_and_keeps_them() {
     let place = folder();
     let (dataset, _) = dataset_and_scene(place.path());

@@ -69,7 +69,7 @@ impl TrainRun {
         let policy = policy.map(PolicyArgument::of).transpose()?;
         let given = Given::of("settings", preset, settings)?;
         let train = wanted(&dataset, gaussians, iterations, policy.as_ref(), given)?;
-        let initial = first(&dataset, start)?;
+        let initial = first(&dataset, start, &train)?;
         let start = Start::read(py, checkpoint)?;
         let steps = train.iterations.saturating_sub(start.step());
         let shared = Arc::new(Shared::default());
@@ -139,9 +139,9 @@ pub(crate) fn read_dataset(py: Python<'_>, path: &Path, reading: Option<&Bound<'
 }
 
 /// What a training starts from: a scene, or what a name says.
-fn first(dataset: &Dataset, start: Option<&Bound<'_, PyAny>>) -> PyResult<Initial> {
+fn first(dataset: &Dataset, start: Option<&Bound<'_, PyAny>>, settings: &TrainSettings) -> PyResult<Initial> {
     let name = match start {
-        None => StartName::usual(dataset),
+        None => StartName::usual(dataset, settings),
         Some(start) => {
             if let Ok(scene) = start.cast::<Scene3d>() {
                 return Ok(Initial::Scene(CoreScene3d::clone(&scene.get().scene)));

@@ -52,11 +52,20 @@ pub struct PointInit {
     /// which no point is seen: for sky and far surfaces. Default false.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub shell: bool,
+    /// Share of the largest number of Gaussians, 0..=1: a data set with fewer points than that usually
+    /// starts with [`Start::Both`]. Default 0: never.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub search_below: f32,
+}
+
+/// Settings files leave out a share of 0.
+fn is_zero(share: &f32) -> bool {
+    *share == 0.0
 }
 
 impl Default for PointInit {
     fn default() -> Self {
-        Self { opacity: 0.1, scale: 1.0, random: 100_000, most_points: None, shell: false }
+        Self { opacity: 0.1, scale: 1.0, random: 100_000, most_points: None, shell: false, search_below: 0.0 }
     }
 }
 
@@ -75,6 +84,9 @@ impl PointInit {
         if self.random == 0 {
             return Err(Error::setting("the number of random points", 0, "at least 1"));
         }
+        if !(0.0..=1.0).contains(&self.search_below) {
+            return Err(Error::setting("search-below", self.search_below, "0 to 1"));
+        }
         if self.most_points == Some(0) {
             return Err(Error::setting("the largest number of points to start from", 0, "at least 1"));
         }
@@ -88,6 +100,8 @@ impl PointInit {
 pub enum Start {
     /// A Gaussian at each of these points, such as those of a structure-from-motion.
     Points(Vec<Point>),
+    /// A Gaussian at each of these points and at each point that a search in the images finds.
+    Both(Vec<Point>),
     /// [`PointInit::random`] Gaussians at random where the cameras look.
     Random,
     /// A Gaussian at each point that a search in the images finds, and [`PointInit::random`]
@@ -104,7 +118,7 @@ pub enum Start {
 
 impl Start {
     /// The points that a search in these images or their depth maps finds in place of
-    /// [`Self::Images`] or [`Self::Depths`], or [`Self::Random`] if it finds fewer than 100
+    /// [`Self::Images`], [`Self::Both`] or [`Self::Depths`], or [`Self::Random`] if it finds fewer than 100
     /// and none are known; other starts as they are. A training does this itself where it has not been done.
     ///
     /// # Errors
@@ -112,6 +126,10 @@ impl Start {
     pub fn searched(self, views: &[PosedView]) -> Result<Self, crate::Error> {
         let points = match self {
             Self::Images => sweep::points(views)?,
+            Self::Both(mut points) => {
+                points.extend(sweep::points(views)?);
+                return Ok(Self::Points(points));
+            }
             Self::Depths(mut points) => {
                 let known = points.len();
                 let mut found = depths::points(views, &points)?;
@@ -163,7 +181,7 @@ impl Start {
                 }
                 return Ok(with_degree(&scene, sh_degree));
             }
-            Self::Points(points) => points,
+            Self::Points(points) | Self::Both(points) => points,
             Self::Random | Self::Images | Self::Depths(_) => {
                 random_points(cameras, (init.random as usize).min(budget), rng)
             }

@@ -3,7 +3,8 @@
 use std::path::Path;
 
 use gs_core::{
-    Adam, AdamRates, Effects, Error, Loss, Output, Parameterization, RenderSettings, Scene3d, constants::MAX_GAUSSIANS,
+    Adam, AdamRates, Dropout, Effects, Error, Loss, Output, Parameterization, RenderSettings, Scene3d,
+    constants::MAX_GAUSSIANS, math::random_words,
 };
 use gs_density::{DensityPolicy, Governor, Policy};
 use serde::{Deserialize, Serialize};
@@ -72,6 +73,10 @@ pub struct TrainSettings {
     pub adam: Adam,
     /// The first Gaussians at points.
     pub init: PointInit,
+    /// Share of the Gaussians that a step leaves out at random, 0..=0.9: it rises evenly from 0 at the
+    /// first step to this at the last (*source:* [`Dropout`]). Default 0.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub dropout: f32,
     /// Policy of density control.
     pub policy: Policy,
     /// Rounds of density control.
@@ -89,7 +94,20 @@ pub struct TrainSettings {
     pub depth_loss: DepthLoss,
 }
 
+/// Settings files leave out a dropout of 0.
+fn is_zero(dropout: &f32) -> bool {
+    *dropout == 0.0
+}
+
 impl TrainSettings {
+    /// The Gaussians that the step after `step` steps leaves out.
+    pub(super) fn dropout_at(&self, step: u32) -> Dropout {
+        Dropout::default().with(|s| {
+            s.rate = self.dropout * step as f32 / self.iterations as f32;
+            s.seed = random_words([self.seed, step, 0, 2])[0];
+        })
+    }
+
     /// Highest SH degree in the step after `step` steps.
     pub(super) fn sh_degree_at(&self, step: u32) -> u8 {
         let highest = self.render.effects.sh_degree;
@@ -179,7 +197,14 @@ impl TrainSettings {
         if self.render.output != Output::Color {
             return Err(Error::setting("render.output", "inverse-depth", "color: images have no depths"));
         }
-        self.render.validate()?;
+        if !self.render.dropout.is_none() {
+            return Err(Error::setting(
+                "render.dropout",
+                self.render.dropout.rate,
+                "0: `dropout` sets it for each step",
+            ));
+        }
+        self.render.with(|s| s.dropout.rate = self.dropout).validate()?;
         self.loss.validate()?;
         self.adam.validate()
     }
@@ -335,12 +360,14 @@ mod tests {
     #[test]
     fn what_cannot_work_is_refused() {
         type Spoil = fn(&mut TrainSettings);
-        let cases: [(&str, Spoil); 7] = [
+        let cases: [(&str, Spoil); 9] = [
             ("number of Gaussians", |s| s.gaussians = 0),
             ("extent", |s| s.extent = Some(f32::NAN)),
             ("initial opacity", |s| s.init.opacity = 1.0),
             ("policy is `residual`", |s| s.policy = Policy::from_name("residual").unwrap()),
             ("resolution.from", |s| s.resolution = Resolution::CoarseToFine { from: 5, full_after: 0.5 }),
+            ("dropout", |s| s.dropout = 0.95),
+            ("render.dropout", |s| s.render.dropout.rate = 0.1),
             ("sh-degree", |s| s.render.effects.sh_degree = 4),
             ("learning rate of SH", |s| s.adam.color_rest.learning_rate = f32::NAN),
         ];

@@ -6,7 +6,7 @@ use gs_core::Error;
 use gs_io::dataset::{Dataset, Split};
 use serde::{Deserialize, Serialize};
 
-use super::init::Start;
+use super::{init::Start, settings::TrainSettings};
 
 /// What a training on a data set starts from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -15,6 +15,8 @@ use super::init::Start;
 pub enum StartName {
     /// The points of the data set: [`Start::Points`].
     Points,
+    /// The points and those found in the images: [`Start::Both`].
+    Both,
     /// The points and those of the depth maps: [`Start::Depths`].
     Depths,
     /// Points found in the images: [`Start::Images`].
@@ -25,12 +27,13 @@ pub enum StartName {
 
 impl StartName {
     /// All of them.
-    pub const ALL: [Self; 4] = [Self::Points, Self::Depths, Self::Images, Self::Random];
+    pub const ALL: [Self; 5] = [Self::Points, Self::Both, Self::Depths, Self::Images, Self::Random];
 
     /// The name in flags and files.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Points => "points",
+            Self::Both => "both",
             Self::Depths => "depths",
             Self::Images => "images",
             Self::Random => "random",
@@ -42,13 +45,16 @@ impl StartName {
         Self::ALL.into_iter().find(|start| start.name() == name)
     }
 
-    /// The start that suits a data set: depth maps if there are some, otherwise points, or images
-    /// if there are no points either.
-    pub fn usual(dataset: &Dataset) -> Self {
-        match (has_depths(dataset), dataset.points.is_empty()) {
-            (true, _) => Self::Depths,
-            (false, false) => Self::Points,
-            (false, true) => Self::Images,
+    /// The start that suits a data set under these settings: depth maps if there are some, otherwise
+    /// points, with those of the images where there are fewer than [`PointInit::search_below`](super::PointInit::search_below) asks
+    /// for; or images alone if there are no points.
+    pub fn usual(dataset: &Dataset, settings: &TrainSettings) -> Self {
+        let few = f64::from(settings.init.search_below) * f64::from(settings.gaussians);
+        match dataset.points.len() {
+            _ if has_depths(dataset) => Self::Depths,
+            0 => Self::Images,
+            known if (known as f64) < few => Self::Both,
+            _ => Self::Points,
         }
     }
 
@@ -59,9 +65,12 @@ impl StartName {
     pub fn of(self, dataset: &Dataset) -> Result<Start, Error> {
         let lacks = |allowed| Err(Error::setting("start", self, allowed));
         match self {
-            Self::Points if dataset.points.is_empty() => lacks("images or random for a data set without points"),
+            Self::Points | Self::Both if dataset.points.is_empty() => {
+                lacks("images or random for a data set without points")
+            }
             Self::Depths if !has_depths(dataset) => lacks("another one for a data set without depth maps"),
             Self::Points => Ok(Start::Points(dataset.points.clone())),
+            Self::Both => Ok(Start::Both(dataset.points.clone())),
             Self::Depths => Ok(Start::Depths(dataset.points.clone())),
             Self::Images => Ok(Start::Images),
             Self::Random => Ok(Start::Random),

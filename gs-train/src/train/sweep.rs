@@ -79,9 +79,17 @@ const LEAST_CONFIRMING: usize = 1;
 /// Largest difference between ln-depths on one surface.
 const SAME_SURFACE: f32 = 0.1;
 
+/// Largest difference between the ln-depths of a pixel's point and of what another view shows there.
+const SAME_POINT: f32 = 0.05;
+
 /// Radius, as a share of the image's longer side, within which a pixel without contrast takes its
 /// depth from pixels with a known one.
 const FILL_RADIUS: f32 = 0.12;
+
+/// Largest difference between the ln-depths of the pixels around a pixel without contrast that takes its
+/// depth from them. On the banana, pixels beside a silhouette would take that of the object; with depths
+/// from the three nearest pixels, scenes end 1 dB lower.
+const LEVEL: f32 = 0.15;
 
 /// The points found, in the order of views and pixels; none where no two views overlap.
 ///
@@ -97,8 +105,13 @@ pub(super) fn points(views: &[PosedView]) -> Result<Vec<Point>, Error> {
     };
     let pixels: usize = plates.iter().map(|plate| plate.solid.iter().filter(|&&solid| solid).count()).sum();
     let stride = ((pixels as f32 / MOST_PIXELS as f32).sqrt().ceil() as u32).max(1);
-    let found: Vec<Vec<Found>> =
+    let swept: Vec<Swept> =
         (0..count).into_par_iter().map(|index| sweep(&plates, index, (distance, nearest), stride)).collect();
+    let seen_twice = |index: usize| seen_twice(&plates, &swept, index, distance, 1.5 * stride as f32);
+    let found: Vec<Vec<Found>> = (0..count)
+        .into_par_iter()
+        .map(|index| plates[index].found(seen_twice(index), &swept[index].flat, stride))
+        .collect();
     Ok(merged(found.into_iter().flatten()))
 }
 
@@ -173,6 +186,20 @@ impl Plate {
         }
         patch.iter_mut().for_each(|value| *value /= norm);
         Some(patch)
+    }
+
+    /// The points at pixels with a known depth, and at those without contrast that such pixels surround.
+    fn found(&self, known: Vec<(Vec2, f32)>, flat: &[Vec2], stride: u32) -> Vec<Found> {
+        let reach = FILL_RADIUS * self.camera.width.max(self.camera.height) as f32;
+        let filled: Vec<(Vec2, f32)> =
+            flat.iter().filter_map(|&at| Some((at, depth_around(&known, at, reach)?))).collect();
+        let cell = 0.5 * stride as f32 / self.camera.focal.max_element();
+        let origin = self.camera.position();
+        let found = |(at, depth): (Vec2, f32)| Found {
+            point: Point { position: origin + depth * self.ray(at), color: self.image.pixel(at.x as u32, at.y as u32) },
+            cell: cell * depth,
+        };
+        known.into_iter().chain(filled).map(found).collect()
     }
 
     /// Correlation of a patch with this image around `at`, where a pixel to the right is `right`
@@ -299,9 +326,16 @@ impl Pixel<'_> {
     }
 }
 
-/// The points of one view: at every `stride`-th pixel with contrast whose depth is found, and
-/// between them at pixels without contrast.
-fn sweep(plates: &[Plate], index: usize, (distance, nearest): (f32, f32), stride: u32) -> Vec<Found> {
+/// The swept pixels of one view, ordered by rows.
+struct Swept {
+    /// Those whose depth is found, with it.
+    known: Vec<(Vec2, f32)>,
+    /// Those without contrast.
+    flat: Vec<Vec2>,
+}
+
+/// Sweeps every `stride`-th pixel of one view.
+fn sweep(plates: &[Plate], index: usize, (distance, nearest): (f32, f32), stride: u32) -> Swept {
     let plate = &plates[index];
     let chosen = neighbours(plates, index, distance);
     let neighbours: Vec<&Plate> = chosen.iter().map(|&other| &plates[other]).collect();
@@ -324,17 +358,22 @@ fn sweep(plates: &[Plate], index: usize, (distance, nearest): (f32, f32), stride
             }
         }
     }
-    let known = confirmed(&known, 2.0 * stride as f32);
-    let reach = FILL_RADIUS * width.max(height) as f32;
-    let filled: Vec<(Vec2, f32)> =
-        flat.into_iter().filter_map(|at| Some((at, depth_around(&known, at, reach)?))).collect();
-    let cell = 0.5 * stride as f32 / plate.camera.focal.max_element();
-    let origin = plate.camera.position();
-    let found = |(at, depth): (Vec2, f32)| Found {
-        point: Point { position: origin + depth * plate.ray(at), color: plate.image.pixel(at.x as u32, at.y as u32) },
-        cell: cell * depth,
+    Swept { known: confirmed(&known, 2.0 * stride as f32), flat }
+}
+
+/// The pixels of one view whose points a neighbouring view shows at the same depth, at most `reach` px
+/// away.
+fn seen_twice(plates: &[Plate], swept: &[Swept], index: usize, distance: f32, reach: f32) -> Vec<(Vec2, f32)> {
+    let plate = &plates[index];
+    let others = neighbours(plates, index, distance);
+    let is_seen = |&(at, depth): &(Vec2, f32)| {
+        let point = plate.camera.position() + depth * plate.ray(at);
+        others.iter().any(|&other| {
+            let Some((place, expected)) = plates[other].camera.project(point) else { return false };
+            around(&swept[other].known, place, reach).any(|(_, found)| (found / expected).ln().abs() < SAME_POINT)
+        })
     };
-    known.into_iter().chain(filled).map(found).collect()
+    swept[index].known.iter().copied().filter(is_seen).collect()
 }
 
 /// The pixels whose depth at least [`LEAST_CONFIRMING`] others within `reach`, px, have, too. The
@@ -353,17 +392,27 @@ fn around(known: &[(Vec2, f32)], at: Vec2, reach: f32) -> impl Iterator<Item = &
     known[first..end].iter().filter(move |(place, _)| (place.x - at.x).abs() <= reach)
 }
 
-/// The middle one of the depths of the three nearest pixels with a known depth; `None` unless they
-/// are within `reach`, px.
+/// A depth for a pixel without one, from the nearest pixels with a known depth above it, below it, and on
+/// both sides, in sectors of 90 degrees. `None` unless all four are within `reach`, px, and their depths
+/// agree.
 fn depth_around(known: &[(Vec2, f32)], at: Vec2, reach: f32) -> Option<f32> {
-    let mut near: Vec<(f32, f32)> = around(known, at, reach)
-        .map(|&(place, depth)| (place.distance_squared(at), depth))
-        .filter(|&(distance, _)| distance <= reach * reach)
-        .collect();
-    near.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let mut depths: Vec<f32> = near.get(..3)?.iter().map(|&(_, depth)| depth).collect();
+    let mut nearest = [(f32::INFINITY, 0.0); 4];
+    for &(place, depth) in around(known, at, reach) {
+        let offset = place - at;
+        let sector = match offset.x.abs() > offset.y.abs() {
+            true => usize::from(offset.x > 0.0),
+            false => 2 + usize::from(offset.y > 0.0),
+        };
+        if offset.length_squared() < nearest[sector].0 {
+            nearest[sector] = (offset.length_squared(), depth);
+        }
+    }
+    if nearest.iter().any(|&(distance, _)| distance > reach * reach) {
+        return None;
+    }
+    let mut depths = nearest.map(|(_, depth)| depth);
     depths.sort_by(f32::total_cmp);
-    Some(depths[1])
+    ((depths[3] / depths[0]).ln() < LEVEL).then(|| depths[2])
 }
 
 /// The points, of which those of one cell of a grid become one: views overlap.
@@ -447,6 +496,40 @@ mod tests {
         let found = points(&views_of_plane(color)).unwrap();
         let inside = found.iter().filter(|point| point.position.truncate().length() < 0.2).count();
         assert!(inside > 0);
+    }
+
+    #[test]
+    fn pixels_without_contrast_beside_a_surface_have_no_depth() {
+        let color = |at: Vec2| if at.x > 0.1 { [0.5; 3] } else { waves(at) };
+        let found = points(&views_of_plane(color)).unwrap();
+        let beside = found.iter().filter(|point| point.position.x > 0.5).count();
+        assert!(found.len() > 1000 && beside < 5, "{beside} of {}", found.len());
+    }
+
+    #[test]
+    fn points_that_a_single_view_finds_do_not_count() {
+        let mut views = views_of_plane(waves);
+        let number = |views: &[PosedView]| {
+            let plates: Vec<Plate> = views.iter().map(|view| Plate::read(view).unwrap()).collect();
+            let distance = Focus::of(&plates.iter().map(|plate| plate.camera).collect::<Vec<_>>()).unwrap().distance;
+            let swept: Vec<Swept> = (0..6).map(|index| sweep(&plates, index, (distance, NEAREST_AROUND), 1)).collect();
+            (swept[0].known.len(), seen_twice(&plates, &swept, 0, distance, 1.5).len())
+        };
+        let (known, seen) = number(&views);
+        assert!(known > 50 && seen as f32 > 0.9 * known as f32, "{seen} of {known}");
+        // A view of another place agrees with nothing, and no other view agrees with it.
+        let camera = views[0].camera;
+        views[0] = PosedView::of_image("other".to_owned(), camera, views[3].image().unwrap().image.clone());
+        let (known, seen) = number(&views);
+        assert!(seen < 20, "{seen} of {known}");
+    }
+
+    #[test]
+    fn known_points_are_joined_by_those_of_the_images() {
+        let known = vec![Point { position: Vec3::Y, color: [0.5; 3] }];
+        let views = views_of_plane(waves);
+        let Start::Points(both) = Start::Both(known.clone()).searched(&views).unwrap() else { panic!("no points") };
+        assert_eq!((both[0], both.len()), (known[0], 1 + points(&views).unwrap().len()));
     }
 
     #[test]

@@ -229,6 +229,7 @@ impl<R: Optimizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
         let background = render.effects.background;
         render.effects = Effects { background, ..effects };
         render.full_depth = full_depth;
+        render.dropout = settings.dropout_at(step);
         let rates = settings.rates_at(step, self.extent).times(lr_scale);
         let step = TrainStep { settings: &render, loss: settings.loss, rates: &rates, binning };
 

@@ -75,6 +75,26 @@ fn the_true_scene_is_perfect_and_stays_so() {
 }
 
 #[test]
+fn a_dropout_leaves_out_more_and_more_gaussians() {
+    let rasterizer = rasterizer();
+    let loss = |dropout: f32| {
+        let mut settings = short(40).with(|s| s.dropout = dropout);
+        settings.policy = Policy::None;
+        // Only the dropout changes what is seen.
+        settings.adam = settings.adam.with(|s| s.opacity.learning_rate = 0.0);
+        let mut log = MetricsLog::new(1);
+        let mut trainer = Trainer3d::from_views(&rasterizer, views(&rasterizer), Start::Scene(thirty()), settings)
+            .block_on()
+            .unwrap();
+        trainer.run(&mut log).block_on().unwrap();
+        let losses: Vec<f32> = log.rows().iter().map(|row| row.loss).collect();
+        [&losses[..10], &losses[30..]].map(|part| part.iter().sum::<f32>() / part.len() as f32)
+    };
+    let ([_, without], [first, last]) = (loss(0.0), loss(0.5));
+    assert!(last > 1.5 * first && first > without, "{without}, {first}, {last}");
+}
+
+#[test]
 fn equal_seeds_give_equal_scenes_and_watching_changes_nothing() {
     let rasterizer = rasterizer();
     let run = |seed: u32, observer: &mut dyn Observer| {
@@ -119,6 +139,7 @@ fn a_resumed_training_ends_bit_identical() {
     for (name, exposure) in [("absolute", Exposure::Affine), ("mcmc", Exposure::Off)] {
         let mut settings = short(60).with_policy(Policy::from_name(name).unwrap());
         settings.exposure = exposure;
+        settings.dropout = 0.2;
         settings.background = StepBackground::Random;
         settings.resolution = Resolution::CoarseToFine { from: 2, full_after: 0.5 };
         let first = rasterizer();

@@ -59,7 +59,7 @@ pub(crate) fn run(args: &TrainArgs) -> Result<(), Failure> {
         None => {
             let mut settings = settings::settings(&args.settings, &dataset)?;
             settings.render = args.effects.for_training(&settings.render);
-            let (initial, description) = settings::initial(&args.settings, &dataset)?;
+            let (initial, description) = settings::initial(&args.settings, &dataset, &settings)?;
             Start::Fresh { settings: Box::new(settings), initial, description }
         }
     };
@@ -117,9 +117,17 @@ impl Start {
         match self {
             Self::Fresh { settings, initial, description } => {
                 let searches = matches!(initial, Initial::Images);
-                let known = if let Initial::Depths(points) = &initial { Some(points.len()) } else { None };
+                let known = match &initial {
+                    Initial::Depths(points) | Initial::Both(points) => Some(points.len()),
+                    _ => None,
+                };
+                let joins = matches!(initial, Initial::Both(_));
                 let initial = initial.searched(&views.train)?;
                 let description = match (&initial, known) {
+                    (Initial::Points(points), Some(known)) if joins => {
+                        let found = points.len().saturating_sub(known);
+                        format!("{} of the data set and {found} found in the images", counted(known, "point"))
+                    }
                     (Initial::Points(points), None) if searches => {
                         format!("{} found in the images", counted(points.len(), "point"))
                     }

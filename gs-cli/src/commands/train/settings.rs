@@ -74,9 +74,13 @@ pub(super) fn with_flags(args: &TrainSettingsArgs, mut settings: TrainSettings) 
 
 /// The initial Gaussians, and what they are in words where that is known before the images are
 /// searched.
-pub(super) fn initial(args: &TrainSettingsArgs, dataset: &Dataset) -> Result<(Start, String), Failure> {
+pub(super) fn initial(
+    args: &TrainSettingsArgs,
+    dataset: &Dataset,
+    settings: &TrainSettings,
+) -> Result<(Start, String), Failure> {
     let named = match args.start.as_deref() {
-        None => Some(StartName::usual(dataset)),
+        None => Some(StartName::usual(dataset, settings)),
         Some(name) => StartName::from_name(name),
     };
     match (named, &args.start) {
