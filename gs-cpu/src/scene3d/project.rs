@@ -99,7 +99,9 @@ pub(crate) fn project_all(splats: &Splats3d, eye: &Eye, tiles: &mut Tiles) {
     projected.resize(splats.len(), Splat::CULLED);
     depths.resize(splats.len(), PixelDepth::default());
     let how = (&*settings, f32::from(tuning.recurrence_rows));
-    let chunk = |(number, ((projected, depths), rows)): (usize, ((&mut [Splat], &mut [PixelDepth]), &[f32]))| {
+    let rows = splats.parameters.par_chunks(CHUNK * splats.pitch());
+    let chunks = projected.par_chunks_mut(CHUNK).zip(depths.par_chunks_mut(CHUNK)).zip(rows).enumerate();
+    let culled = chunks.map(|(number, ((projected, depths), rows))| {
         let mut culled = Culled::default();
         let rows = (number * CHUNK..).zip(rows.chunks_exact(splats.pitch()));
         for ((splat, depth), row) in projected.iter_mut().zip(depths).zip(rows) {
@@ -112,8 +114,6 @@ pub(crate) fn project_all(splats: &Splats3d, eye: &Eye, tiles: &mut Tiles) {
             }
         }
         culled
-    };
-    let rows = splats.parameters.par_chunks(CHUNK * splats.pitch());
-    let out = projected.par_chunks_mut(CHUNK).zip(depths.par_chunks_mut(CHUNK));
-    tiles.culled = out.zip(rows).enumerate().map(chunk).reduce(Culled::default, Culled::plus);
+    });
+    tiles.culled = culled.reduce(Culled::default, Culled::plus);
 }

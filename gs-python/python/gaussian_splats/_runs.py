@@ -77,8 +77,8 @@ def train(
     :param gaussians: largest number of Gaussians; by default the preset's.
     :param preset: "standard" (the default), "quick", "3dgs" or "mcmc", as for ``gs train``.
     :param iterations: number of steps; by default the preset's.
-    :param start: "points", "depths", "images" or "random"; or a scene to start from. By default
-        what suits the data set.
+    :param start: "points", "both" (points of the data set and of its images), "depths", "images" or
+        "random"; or a scene to start from. By default what suits the data set and the preset.
     :param reading: how the data set is read: "max-size", "holdout", "images", "alpha", "views" and
         "test-views", as in study files.
 
