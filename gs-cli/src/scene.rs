@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use gs_core::counted;
-use gs_io::{AnyScene, File3d, SceneFile, Values, is_scene, read_scene, scene_in};
+use gs_io::{AnyScene, File3d, SCENE_EXTENSION, SceneFile, Values, is_scene, read_scene, scene_in};
 
 use crate::{failure::Failure, memory, output};
 
@@ -31,9 +31,10 @@ pub(crate) fn file_of(path: &Path) -> PathBuf {
     found.unwrap_or_else(|| path.to_owned())
 }
 
-/// Whether the ending of a file is that of 2D scenes as they are.
+/// Whether a path has the extension of a 2D scene file.
 pub(crate) fn is_scene_2d(path: &Path) -> bool {
-    path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("safetensors"))
+    path.file_name()
+        .is_some_and(|name| name.to_string_lossy().to_ascii_lowercase().ends_with(&format!(".{SCENE_EXTENSION}")))
 }
 
 /// Reads a scene of either kind whose values are all possible.

@@ -1,5 +1,5 @@
-//! Gaussians that a rendering leaves out at random, as a function of a seed and a Gaussian's index, so
-//! that every backend leaves out the same.
+//! Gaussians that a rendering leaves out at random, as a function of a seed and a Gaussian's index,
+//! so that every backend leaves out the same ones.
 
 use serde::{Deserialize, Serialize};
 
@@ -7,12 +7,12 @@ use crate::{error::Error, noise::random_words};
 
 crate::impl_with!(Dropout);
 
-/// Leaves out a random share of the Gaussians, and makes the others more opaque in turn.
+/// Leaves out a random share of the Gaussians and raises the opacity of the rest to compensate.
 ///
-/// With other Gaussians left out in each training step, no Gaussian can rely on a few others in front
-/// of it or behind it; scenes fit few views less closely, and views between them better (*source:*
-/// DropGaussian, Park et al., CVPR 2025). Opacities are multiplied by 1 / (1 − rate); α stays at most
-/// [`Accuracy::alpha_max`](crate::Accuracy::alpha_max). For 3D scenes under
+/// Each training step leaves out different Gaussians, so that no Gaussian relies on a few others in
+/// front of it or behind it. This reduces overfitting where there are few views (*source:*
+/// DropGaussian, Park et al., CVPR 2025). Opacities are multiplied by 1 / (1 − rate); α stays at
+/// most [`Accuracy::alpha_max`](crate::Accuracy::alpha_max). For 3D scenes under
 /// [`Blend::Over`](crate::Blend::Over).
 ///
 /// A Gaussian is left out if ⌊r / 2⁸⌋ < rate · 2²⁴, where r is the first word of
@@ -33,7 +33,7 @@ impl Dropout {
 
     /// Whether nothing is left out.
     pub fn is_none(&self) -> bool {
-        self.threshold() == 0
+        self.rate == 0.0
     }
 
     /// rate · 2²⁴, rounded.
@@ -48,7 +48,7 @@ impl Dropout {
         threshold > 0 && random_words([self.seed, 0, index, 1])[0] >> 8 < threshold
     }
 
-    /// The factor of the opacities of the others.
+    /// The factor by which the opacities of the remaining Gaussians are multiplied.
     pub fn gain(&self) -> f32 {
         1.0 / (1.0 - self.rate)
     }

@@ -70,7 +70,8 @@ impl MeanNoise {
 }
 
 /// Four random words from four counters: the hash `pcg4d` of Jarzynski and Olano, *Hash functions
-/// for GPU rendering*, 2020.
+/// for GPU rendering*, 2020. The last counter tells uses apart: 0 for noise on means, 1 for dropout, 2
+/// for the seeds of dropout.
 #[inline]
 pub fn random_words(counter: [u32; 4]) -> [u32; 4] {
     let mut v = counter.map(|word| word.wrapping_mul(1_664_525).wrapping_add(1_013_904_223));

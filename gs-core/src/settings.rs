@@ -140,8 +140,8 @@ pub struct RenderSettings {
     /// What the pixels show. Default [`Output::Color`].
     #[serde(skip_serializing_if = "Output::is_color")]
     pub output: Output,
-    /// Gaussians to leave out at random. Default none. 3D scenes under [`Blend::Over`]. Training sets
-    /// it anew for each step.
+    /// Gaussians to leave out at random; only for 3D scenes under [`Blend::Over`]. Default: none.
+    /// Training sets it for each step.
     #[serde(skip_serializing_if = "Dropout::is_none")]
     pub dropout: Dropout,
 }
@@ -209,7 +209,11 @@ impl RenderSettings {
         }
         self.dropout.validate()?;
         if self.effects.blend == Blend::Sum && !self.dropout.is_none() {
-            return Err(Error::setting("dropout under blend = \"sum\"", self.dropout.rate, "0"));
+            return Err(Error::setting(
+                "dropout with blend = \"sum\"",
+                self.dropout.rate,
+                "0: only blend = \"over\" has opacities to compensate with",
+            ));
         }
         if !self.background.iter().all(|v| v.is_finite()) {
             return Err(Error::setting("background", format!("{:?}", self.background), "finite"));

@@ -49,7 +49,7 @@ pub enum CullCause {
 
 /// Numbers of Gaussians that a forward pass left out, by cause.
 ///
-/// Each is counted under the first cause that applies, in the order of
+/// Each is counted under the first cause that applies: dropout, then in the order of
 /// [`perspective`](crate::math::perspective) for 3D scenes and of the fields for 2D scenes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(default)]
@@ -61,7 +61,7 @@ pub struct Culled {
     /// Gaussians with det Σ′ below [`MIN_DETERMINANT_PX4`](crate::constants::MIN_DETERMINANT_PX4),
     /// or with a quaternion without direction.
     pub degenerate: u32,
-    /// Gaussians with an opacity below the α cut.
+    /// Gaussians with an opacity below the α cut, and those that [`Dropout`](crate::Dropout) leaves out.
     pub transparent: u32,
     /// Gaussians that touch no pixel of the view above the cut.
     pub outside: u32,

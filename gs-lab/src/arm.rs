@@ -28,7 +28,8 @@ pub struct Arm {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub iterations: Option<u32>,
     /// What a training starts from, as `gs train --start`; studies of scenes only. By default what
-    /// suits the data set: [`StartName::usual`].
+    /// suits the data set: [`StartName::usual`]. The images are not searched for more points, so that
+    /// arms with other settings start alike.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub start: Option<StartName>,
     /// A policy by its name, with its source's parameters: one of [`gs_density::Policy::NAMES`]. In

@@ -225,13 +225,8 @@ fn address(
     target: &StudyTarget,
     machine: &str,
 ) -> Result<String, String> {
-    let start = match (settings, target.dataset()) {
-        (RunSettings::Scene(settings), Some(dataset)) => {
-            Some(arm.start.unwrap_or_else(|| StartName::usual(dataset, settings)).name())
-        }
-        _ => None,
-    };
     let settings = settings.to_toml().map_err(|error| error.to_string())?;
+    let start = target.dataset().map(|dataset| arm.start.unwrap_or_else(|| StartName::usual(dataset)).name());
     let policy = arm.own_policy.as_ref().map_or("", |own| own.fingerprint.as_str());
     let all = ["gs-lab run 1", VERSION, machine, &target.digest, policy, &settings];
     // Times of two clocks are never mixed.

@@ -141,8 +141,8 @@ impl<V: OracleView> Oracle<V> {
         self.rendering(scene, &self.blend(scene, Lean::Exact))
     }
 
-    /// Whether a single Gaussian, the first of a scene, would contribute to each pixel, `[H · W]`; true
-    /// if within rounding.
+    /// Whether a Gaussian would contribute to each pixel if it were alone in a scene (with index 0),
+    /// `[H · W]`; true if within rounding.
     pub fn footprint(&self, gaussian: &Parameters) -> Vec<bool> {
         let alone = OracleScene { gaussians: vec![gaussian.clone()] };
         self.blend(&alone, Lean::More).iter().map(|pixel| pixel.near > 0 || pixel.touched().next().is_some()).collect()

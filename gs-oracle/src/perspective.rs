@@ -323,7 +323,7 @@ impl Covariance {
 struct Opacity {
     /// sigmoid(logit), or 1.
     stored: Rounded,
-    /// The factor of antialiasing, times that of a dropout.
+    /// The antialiasing factor times the dropout gain.
     compensation: Rounded,
     /// ∂(compensation)/∂Σ, where uv stands for both entries.
     compensation_slope: [Rounded; 3],

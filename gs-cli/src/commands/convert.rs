@@ -28,9 +28,9 @@ use self::{
 use crate::{failure::Failure, output, output_folder, scene, values::whole};
 
 const AFTER_HELP: &str = "\
-A compressed 2D scene (.gsi) or a checkpoint of one becomes a .gs2d.safetensors without loss. A 2D \
-scene becomes a flat 3D scene (.ply) that splat viewers show as the image, or an SVG of soft \
-ellipses. Viewers blend Gaussians front to back, widen them by 0.3 square pixels, and have no \
+A .gsi file or a checkpoint of a 2D scene can be written as .gs2d.safetensors, without loss; a \
+transparent .gsi file is placed on white. For viewers, a 2D scene becomes a flat 3D scene (.ply) \
+that splat viewers show as the image, or an SVG of soft ellipses. Viewers blend Gaussians front to back, widen them by 0.3 square pixels, and have no \
 negative colours and no background. So the Gaussians are trained for that first, which takes a \
 second or two for a photograph. The printed PSNR compares the new Gaussians, as a viewer shows \
 them, with the scene.";
@@ -125,7 +125,7 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
     }
     let dataset = args.quality.dataset()?;
     let values = if args.drop_broken { Values::Any } else { Values::Checked };
-    let SceneFile { path, scene, .. } = scene::read(&args.from, values)?;
+    let SceneFile { path, scene, has_alpha, .. } = scene::read(&args.from, values)?;
     let mut inputs = vec![path.clone()];
     if let AnyScene::ThreeD(file) = &scene {
         inputs.extend(file.beside.iter().cloned());
@@ -141,14 +141,14 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
             let failure = Failure::usage("--dataset is for 3D scenes, but this is a 2D scene").at(path.display());
             return Err(failure.hint("leave it out"));
         }
-        AnyScene::TwoD(file) => return scene2d::run(args, &path, *file),
+        AnyScene::TwoD(file) => return scene2d::run(args, &path, *file, has_alpha),
         AnyScene::ThreeD(file) => *file,
     };
     if Form::of(&args.to).is_some_and(Form::is_only_2d) {
-        let message = "a 3D scene is not written in this format, which is for 2D scenes";
+        let message = "cannot write a 3D scene in this format, which holds only 2D scenes";
         return Err(Failure::usage(message)
             .at(args.to.display())
-            .hint("use .ply, .splat, .spz, .sog, .gltf or .glb; gs render draws a PNG"));
+            .hint("use .ply, .splat, .spz, .sog, .gltf or .glb, or draw a PNG with gs render"));
     }
     let (all, mut losses) = (file.scene.len(), std::mem::take(&mut file.losses));
     if args.drop_broken {

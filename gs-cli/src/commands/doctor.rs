@@ -113,7 +113,7 @@ fn check_ending(output: &Path, scene: &AnyScene) -> Result<(), Failure> {
             if scene::is_scene_2d(output) {
                 return Ok(());
             }
-            let failure = Failure::usage("a 2D scene is not written in this format").at(output.display());
+            let failure = Failure::usage("cannot write a 2D scene in this format").at(output.display());
             Err(failure.hint(format_args!("let its name end in .{}", gs_io::SCENE_EXTENSION)))
         }
         AnyScene::ThreeD(_) => match Format3d::to_write(output) {

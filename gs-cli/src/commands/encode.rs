@@ -124,7 +124,7 @@ struct Summary {
     /// Bits per pixel.
     bpp: f64,
     gaussians: usize,
-    /// The measure that it is tuned for.
+    /// The measure that the file is tuned for (`--tune`).
     tune: Tune,
     /// Whether the file has alpha.
     alpha: bool,

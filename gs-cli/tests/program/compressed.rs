@@ -54,6 +54,7 @@ fn alpha_and_a_profile_come_back() {
     let encode = ["encode", text(&source), "-o", text(&file), "--json"];
     let made = gs(encode.iter().chain(&["--bytes", "2600", "--preview"]).chain(&cpu)).json();
     assert_eq!((&made["alpha"], &made["profile"]), (&true.into(), &"Display P3".into()), "{made}");
+    assert_eq!(made["tune"], "psnr");
     assert!(fs::metadata(&file).unwrap().len() <= 2600);
 
     let decode = ["decode", text(&file), "-o", text(&png)];

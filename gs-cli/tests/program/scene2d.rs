@@ -94,14 +94,11 @@ fn a_2d_scene_becomes_an_svg() {
     assert_eq!(written.matches("<circle").count(), 150);
     let spz = gs(["convert", text(&output), text(&place.path().join("a.spz"))]);
     assert_eq!(spz.status, Some(2));
-    assert!(
-        spz.stderr.contains("a.spz: a 2D scene is not written in this format: let its name end in .ply, .svg or"),
-        "{spz:?}"
-    );
+    assert!(spz.stderr.contains("a.spz: cannot write a 2D scene in this format: use .ply, .svg or"), "{spz:?}");
     let (_, scene) = dataset_and_scene(place.path());
     let refused = gs(["convert", text(&scene), text(&place.path().join("b.svg"))]);
     assert_eq!(refused.status, Some(2));
-    assert!(refused.refusal().contains("b.svg: a 3D scene is not written in this format"), "{refused:?}");
+    assert!(refused.refusal().contains("b.svg: cannot write a 3D scene in this format"), "{refused:?}");
 }
 
 #[test]
@@ -136,10 +133,17 @@ fn a_compressed_scene_and_a_checkpoint_become_scene_files_without_loss() {
         });
         assert!(drawn[0] == drawn[1], "{printed}");
     }
+    let (half, transparent) = (place.path().join("half.png"), place.path().join("half.gsi"));
+    let see_through = vec![0.5; 48 * 32];
+    let extras = gs_io::PngExtras { alpha: Some(&see_through), profile: None };
+    gs_io::write_png_with(&half, &read(&image), extras).unwrap();
+    gs(["encode", text(&half), "-o", text(&transparent), "--bpp", "1", "--backend", "cpu"]).done();
+    let printed = gs(["convert", text(&transparent), text(&place.path().join("half.gs2d.safetensors"))]).done().stdout;
+    assert!(printed.contains("lost        alpha") && !printed.contains("nothing"), "{printed}");
     let (_, scene) = dataset_and_scene(place.path());
     let refused = gs(["convert", text(&scene), text(&place.path().join("d.gs2d.safetensors"))]);
     assert_eq!(refused.status, Some(2));
-    assert!(refused.refusal().contains("which is for 2D scenes"), "{refused:?}");
+    assert!(refused.refusal().contains("which holds only 2D scenes"), "{refused:?}");
 }
 
 #[test]

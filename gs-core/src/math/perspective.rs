@@ -58,7 +58,8 @@ pub struct Projection {
     /// det Σ′, px⁴.
     pub determinant: f32,
     /// o: the sigmoid of the logit, times ρ where [`Antialias::compensates`] and times
-    /// [`Dropout::gain`](crate::Dropout::gain), above 1 at most by that; 1 under [`Blend::Sum`].
+    /// [`Dropout::gain`](crate::Dropout::gain), which may raise it above 1. It is 1 under
+    /// [`Blend::Sum`].
     pub opacity: f32,
     /// cov(z, (u, v)) Σ′⁻¹, world units per px; it orders Gaussians under
     /// [`Order::PerPixel`](crate::effects::Order::PerPixel) and has no gradient.
@@ -95,7 +96,7 @@ pub struct Perspective {
     antialias: Antialias,
     blend: Blend,
     alpha_cut: f32,
-    /// The factor of opacities.
+    /// [`Dropout::gain`](crate::Dropout::gain), by which opacities are multiplied.
     gain: f32,
 }
 

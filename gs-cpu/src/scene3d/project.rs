@@ -3,7 +3,7 @@
 
 use glam::Vec3;
 use gs_core::{
-    CullCause, Culled, Output, Parameterization, RenderSettings,
+    CullCause, Culled, Dropout, Output, Parameterization, RenderSettings,
     math::{perspective::Perspective, sh},
 };
 use rayon::prelude::*;
@@ -66,14 +66,14 @@ impl Eye {
     }
 }
 
-/// Projects the Gaussian of this index; that of a dropout counts as transparent.
+/// Projects the Gaussian with this index. Gaussians left out by dropout count as transparent.
 fn project(
     eye: &Eye,
     (index, row): (usize, &[f32]),
     grid: &Grid,
-    (settings, longest): (&RenderSettings, f32),
+    (settings, dropout, longest): (&RenderSettings, Option<&Dropout>, f32),
 ) -> Result<(Splat, PixelDepth), CullCause> {
-    if settings.dropout.leaves_out(index as u32) {
+    if dropout.is_some_and(|dropout| dropout.leaves_out(index as u32)) {
         return Err(CullCause::Transparent);
     }
     let p = match eye.parameterization {
@@ -98,7 +98,8 @@ pub(crate) fn project_all(splats: &Splats3d, eye: &Eye, tiles: &mut Tiles) {
     let Tiles { projected, depths, grid, settings, tuning, .. } = tiles;
     projected.resize(splats.len(), Splat::CULLED);
     depths.resize(splats.len(), PixelDepth::default());
-    let how = (&*settings, f32::from(tuning.recurrence_rows));
+    let dropout = Some(&settings.dropout).filter(|dropout| !dropout.is_none());
+    let how = (&*settings, dropout, f32::from(tuning.recurrence_rows));
     let rows = splats.parameters.par_chunks(CHUNK * splats.pitch());
     let chunks = projected.par_chunks_mut(CHUNK).zip(depths.par_chunks_mut(CHUNK)).zip(rows).enumerate();
     let culled = chunks.map(|(number, ((projected, depths), rows))| {

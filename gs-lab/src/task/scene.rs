@@ -68,8 +68,7 @@ impl StudyTask for Scene3d {
     ) -> Result<Trainer<'r, R, Self>, TrainError> {
         let Some(dataset) = target.dataset() else { return Err(wrong_kind(target)) };
         let views = target.views(dataset)?;
-        let name = arm.start.unwrap_or_else(|| StartName::usual(dataset, &settings));
-        let start = target.start(name, dataset, &views.train)?;
+        let start = target.start(arm.start.unwrap_or_else(|| StartName::usual(dataset)), dataset, &views.train)?;
         clock.begin(|| Trainer3d::from_views(rasterizer, views, start, settings).block_on())
     }
 

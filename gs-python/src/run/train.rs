@@ -141,7 +141,7 @@ pub(crate) fn read_dataset(py: Python<'_>, path: &Path, reading: Option<&Bound<'
 /// What a training starts from: a scene, or what a name says.
 fn first(dataset: &Dataset, start: Option<&Bound<'_, PyAny>>, settings: &TrainSettings) -> PyResult<Initial> {
     let name = match start {
-        None => StartName::usual(dataset, settings),
+        None => StartName::usual_for(dataset, settings),
         Some(start) => {
             if let Ok(scene) = start.cast::<Scene3d>() {
                 return Ok(Initial::Scene(CoreScene3d::clone(&scene.get().scene)));

@@ -12,6 +12,7 @@ use super::{
     depths,
     geometry::{Focus, extent_of},
     neighbours::neighbour_distances,
+    settings::is_zero,
     shell, sweep,
     views::PosedView,
 };
@@ -52,15 +53,10 @@ pub struct PointInit {
     /// which no point is seen: for sky and far surfaces. Default false.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub shell: bool,
-    /// Share of the largest number of Gaussians, 0..=1: a data set with fewer points than that usually
-    /// starts with [`Start::Both`]. Default 0: never.
+    /// If a data set has fewer points than this share of the largest number of Gaussians, 0..=1,
+    /// training starts with [`Start::PointsAndImages`] unless another start is given. Default 0: never.
     #[serde(skip_serializing_if = "is_zero")]
     pub search_below: f32,
-}
-
-/// Settings files leave out a share of 0.
-fn is_zero(share: &f32) -> bool {
-    *share == 0.0
 }
 
 impl Default for PointInit {
@@ -101,7 +97,7 @@ pub enum Start {
     /// A Gaussian at each of these points, such as those of a structure-from-motion.
     Points(Vec<Point>),
     /// A Gaussian at each of these points and at each point that a search in the images finds.
-    Both(Vec<Point>),
+    PointsAndImages(Vec<Point>),
     /// [`PointInit::random`] Gaussians at random where the cameras look.
     Random,
     /// A Gaussian at each point that a search in the images finds, and [`PointInit::random`]
@@ -117,16 +113,20 @@ pub enum Start {
 }
 
 impl Start {
-    /// The points that a search in these images or their depth maps finds in place of
-    /// [`Self::Images`], [`Self::Both`] or [`Self::Depths`], or [`Self::Random`] if it finds fewer than 100
-    /// and none are known; other starts as they are. A training does this itself where it has not been done.
+    /// Searches the images or their depth maps for points.
+    ///
+    /// [`Self::Images`], [`Self::PointsAndImages`] and [`Self::Depths`] become [`Self::Points`], with the known
+    /// points first. Without known points, they become
+    /// [`Self::Random`] if fewer than 100 points are found. Other starts stay as they are. A training
+    /// calls this itself if it has not been called.
     ///
     /// # Errors
     /// Those of reading an image or a depth map.
     pub fn searched(self, views: &[PosedView]) -> Result<Self, crate::Error> {
         let points = match self {
             Self::Images => sweep::points(views)?,
-            Self::Both(mut points) => {
+            Self::PointsAndImages(points) if points.is_empty() => sweep::points(views)?,
+            Self::PointsAndImages(mut points) => {
                 points.extend(sweep::points(views)?);
                 return Ok(Self::Points(points));
             }
@@ -181,7 +181,7 @@ impl Start {
                 }
                 return Ok(with_degree(&scene, sh_degree));
             }
-            Self::Points(points) | Self::Both(points) => points,
+            Self::Points(points) | Self::PointsAndImages(points) => points,
             Self::Random | Self::Images | Self::Depths(_) => {
                 random_points(cameras, (init.random as usize).min(budget), rng)
             }

@@ -34,8 +34,9 @@ pub enum TrainPreset {
     /// Gaussians.
     Mcmc,
     /// Runs of minutes, 2,000 to 8,000 steps: 3DGS with growth by rank of AbsGS's gradients, longer
-    /// steps, learning rates that decay within the run, half the resolution at first, more points where
-    /// a data set has few, no opacity resets, no density control in the last third, and moments of SH above degree 0 in 16 bits.
+    /// steps, learning rates that decay within the run, half the resolution at first, points found
+    /// in the images where the data set has few, no opacity resets, no density control in the last
+    /// third, and moments of SH above degree 0 in 16 bits.
     Standard,
     /// A first look in 2,000 steps, at half resolution first, with the same moments.
     Quick,
@@ -56,8 +57,8 @@ const STANDARD_STEPS: [usize; 2] = [2_000, 8_000];
 /// more Gaussians, scenes fit few views ever better, and views between them worse.
 const PIXELS_PER_GAUSSIAN: u64 = 160;
 
-/// Share of the largest number of Gaussians below which the points of a data set are joined, in a run of
-/// minutes, by those that a search in the images finds.
+/// A run of minutes also searches the images for points if a data set has fewer points than this
+/// share of the largest number of Gaussians.
 const FEW_POINTS: f32 = 0.25;
 
 /// Least and largest number of Gaussians that a run of minutes may reach.
@@ -307,6 +308,14 @@ mod tests {
         let cameras = [Camera::looking_forward(400, 400, 1.0)];
         for preset in [TrainPreset::Quick, TrainPreset::ThreeDgs, TrainPreset::Mcmc] {
             assert_eq!(preset.settings_for(Some(50), &cameras), preset.settings(Some(50)));
+        }
+    }
+
+    #[test]
+    fn standard_alone_searches_the_images_where_points_are_few() {
+        let shares = TrainPreset::ALL.map(|preset| (preset, preset.settings(None).init.search_below));
+        for (preset, share) in shares {
+            assert_eq!(share, if preset == TrainPreset::Standard { FEW_POINTS } else { 0.0 }, "{preset}");
         }
     }
 

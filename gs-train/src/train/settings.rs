@@ -73,8 +73,8 @@ pub struct TrainSettings {
     pub adam: Adam,
     /// The first Gaussians at points.
     pub init: PointInit,
-    /// Share of the Gaussians that a step leaves out at random, 0..=0.9: it rises evenly from 0 at the
-    /// first step to this at the last (*source:* [`Dropout`]). Default 0.
+    /// Share of the Gaussians that a step leaves out at random, 0..=0.9. It rises linearly from 0 in
+    /// the first step to this value in the last (*source:* [`Dropout`]). Default 0.
     #[serde(skip_serializing_if = "is_zero")]
     pub dropout: f32,
     /// Policy of density control.
@@ -94,16 +94,16 @@ pub struct TrainSettings {
     pub depth_loss: DepthLoss,
 }
 
-/// Settings files leave out a dropout of 0.
-fn is_zero(dropout: &f32) -> bool {
-    *dropout == 0.0
+/// Settings files leave out numbers that are 0 by default.
+pub(super) fn is_zero(value: &f32) -> bool {
+    *value == 0.0
 }
 
 impl TrainSettings {
     /// The Gaussians that the step after `step` steps leaves out.
     pub(super) fn dropout_at(&self, step: u32) -> Dropout {
         Dropout::default().with(|s| {
-            s.rate = self.dropout * step as f32 / self.iterations as f32;
+            s.rate = self.dropout * (step as f32 / self.iterations.saturating_sub(1).max(1) as f32).min(1.0);
             s.seed = random_words([self.seed, step, 0, 2])[0];
         })
     }
@@ -201,7 +201,7 @@ impl TrainSettings {
             return Err(Error::setting(
                 "render.dropout",
                 self.render.dropout.rate,
-                "0: `dropout` sets it for each step",
+                "0: set `dropout` instead, from which each step's rate follows",
             ));
         }
         self.render.with(|s| s.dropout.rate = self.dropout).validate()?;
@@ -304,6 +304,17 @@ mod tests {
         let degrees = [0, 98, 99, 199, 299, 999, u32::MAX].map(|step| settings.sh_degree_at(step));
         assert_eq!(degrees, [0, 0, 1, 2, 3, 3, 3]);
         assert_eq!(TrainSettings { sh_degree_every: 0, ..settings }.sh_degree_at(0), 3);
+    }
+
+    #[test]
+    fn dropout_rises_to_its_rate_with_another_seed_in_each_step() {
+        let settings = TrainSettings { dropout: 0.2, iterations: 101, ..TrainSettings::default() };
+        let rates = [0, 50, 100].map(|step| settings.dropout_at(step).rate);
+        assert_eq!(rates, [0.0, 0.1, 0.2]);
+        let other = TrainSettings { seed: 1, ..settings.clone() };
+        let seeds = [settings.dropout_at(1), settings.dropout_at(2), other.dropout_at(1)].map(|dropout| dropout.seed);
+        assert!(seeds[0] != seeds[1] && seeds[0] != seeds[2], "{seeds:?}");
+        assert!(TrainSettings { dropout: 0.0, ..settings }.dropout_at(50).is_none());
     }
 
     #[test]

@@ -15,8 +15,8 @@ use super::{init::Start, settings::TrainSettings};
 pub enum StartName {
     /// The points of the data set: [`Start::Points`].
     Points,
-    /// The points and those found in the images: [`Start::Both`].
-    Both,
+    /// The points and those found in the images: [`Start::PointsAndImages`].
+    PointsAndImages,
     /// The points and those of the depth maps: [`Start::Depths`].
     Depths,
     /// Points found in the images: [`Start::Images`].
@@ -27,13 +27,13 @@ pub enum StartName {
 
 impl StartName {
     /// All of them.
-    pub const ALL: [Self; 5] = [Self::Points, Self::Both, Self::Depths, Self::Images, Self::Random];
+    pub const ALL: [Self; 5] = [Self::Points, Self::PointsAndImages, Self::Depths, Self::Images, Self::Random];
 
     /// The name in flags and files.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Points => "points",
-            Self::Both => "both",
+            Self::PointsAndImages => "points-and-images",
             Self::Depths => "depths",
             Self::Images => "images",
             Self::Random => "random",
@@ -45,16 +45,23 @@ impl StartName {
         Self::ALL.into_iter().find(|start| start.name() == name)
     }
 
-    /// The start that suits a data set under these settings: depth maps if there are some, otherwise
-    /// points, with those of the images where there are fewer than [`PointInit::search_below`](super::PointInit::search_below) asks
-    /// for; or images alone if there are no points.
-    pub fn usual(dataset: &Dataset, settings: &TrainSettings) -> Self {
-        let few = f64::from(settings.init.search_below) * f64::from(settings.gaussians);
-        match dataset.points.len() {
-            _ if has_depths(dataset) => Self::Depths,
-            0 => Self::Images,
-            known if (known as f64) < few => Self::Both,
-            _ => Self::Points,
+    /// The start that suits a data set: depth maps if it has any, otherwise points, or images if it
+    /// has no points either.
+    pub fn usual(dataset: &Dataset) -> Self {
+        match (has_depths(dataset), dataset.points.is_empty()) {
+            (true, _) => Self::Depths,
+            (false, false) => Self::Points,
+            (false, true) => Self::Images,
+        }
+    }
+
+    /// [`Self::usual`], but points together with points found in the images if there are fewer than
+    /// [`PointInit::search_below`](super::PointInit::search_below) of these settings requires.
+    pub fn usual_for(dataset: &Dataset, settings: &TrainSettings) -> Self {
+        let fewest = f64::from(settings.init.search_below) * f64::from(settings.gaussians);
+        match Self::usual(dataset) {
+            Self::Points if (dataset.points.len() as f64) < fewest => Self::PointsAndImages,
+            usual => usual,
         }
     }
 
@@ -65,12 +72,12 @@ impl StartName {
     pub fn of(self, dataset: &Dataset) -> Result<Start, Error> {
         let lacks = |allowed| Err(Error::setting("start", self, allowed));
         match self {
-            Self::Points | Self::Both if dataset.points.is_empty() => {
+            Self::Points | Self::PointsAndImages if dataset.points.is_empty() => {
                 lacks("images or random for a data set without points")
             }
             Self::Depths if !has_depths(dataset) => lacks("another one for a data set without depth maps"),
             Self::Points => Ok(Start::Points(dataset.points.clone())),
-            Self::Both => Ok(Start::Both(dataset.points.clone())),
+            Self::PointsAndImages => Ok(Start::PointsAndImages(dataset.points.clone())),
             Self::Depths => Ok(Start::Depths(dataset.points.clone())),
             Self::Images => Ok(Start::Images),
             Self::Random => Ok(Start::Random),

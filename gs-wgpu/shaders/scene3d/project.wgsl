@@ -29,7 +29,7 @@ fn color_of(index: u32, mean: vec3f) -> vec3f {
     return select(sum, vec3f(0.0), (sum < vec3f(0.0)) & (sum >= vec3f(-3.4028234663852886e38)));
 }
 
-// Whether a dropout leaves out this Gaussian.
+// Whether dropout leaves out this Gaussian.
 fn left_out(index: u32) -> bool {
     if step.dropout_threshold == 0u {
         return false;
@@ -78,7 +78,9 @@ fn project_one(e: Ellipsoid, p: vec3f, depth_slope: ptr<function, vec2f>) -> Spl
         if camera.compensates == 1u {
             opacity *= sqrt(undilated / det);
         }
-        opacity /= 1.0 - f32(step.dropout_threshold) / 16777216.0;
+        if step.dropout_threshold != 0u {
+            opacity /= 1.0 - f32(step.dropout_threshold) / 16777216.0;
+        }
     }
     if !(opacity >= step.alpha_cut) {
         atomicAdd(&status.transparent, 1u);

@@ -1,17 +1,17 @@
 //! Cases of renderings that leave out Gaussians at random.
 
 use gs_core::{
-    Dropout, Loss, Optimizer, Parameterization, Scene3d,
+    Dropout, Loss, Optimizer, Scene3d,
     effects::{Antialias, Blend, Order},
 };
 
-use super::{check_gradients, check_image, images_3d::culled, is_refused};
+use super::{check_gradients, check_image, images_3d::culled, is_refused, parameterizations};
 use crate::{
     failure::Failure,
     scenes::{Draw, Kind3d},
 };
 
-/// Images and their gradients match with a dropout, in every order that the backend offers, and the
+/// Images and their gradients match with dropout, in every order that the backend offers, and the
 /// Gaussians that are left out count as transparent.
 pub fn dropouts_match<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     for (order, antialias, rate) in [
@@ -32,7 +32,9 @@ pub fn dropouts_match<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failu
                 let left_out = (0..40).filter(|&index| draw.settings.dropout.leaves_out(index)).count() as u32;
                 let found = culled(rasterizer, &draw.scene, &draw.view, &draw.settings)?.transparent;
                 Failure::unless(found >= left_out, || format!("{left_out} are left out, {found} are transparent"))?;
-                check_gradients(rasterizer, &draw, &Loss::L2, Parameterization::ScaleRotation)?;
+                for parameterization in parameterizations::<Scene3d, R>(rasterizer)? {
+                    check_gradients(rasterizer, &draw, &Loss::L2, parameterization)?;
+                }
             }
         }
     }

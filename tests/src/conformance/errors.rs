@@ -59,7 +59,7 @@ pub fn bad_views_and_settings_are_errors<R: Optimizer<Scene2d>>(rasterizer: &R) 
     bad_are_errors(rasterizer, &draw, &views)?;
     let mut dropout = draw;
     dropout.settings.dropout.rate = 0.1;
-    Failure::unless(is_refused(rasterizer, &dropout)?, || "a dropout of 2D Gaussians is accepted".to_owned())
+    Failure::unless(is_refused(rasterizer, &dropout)?, || "dropout in a 2D scene is accepted".to_owned())
 }
 
 /// A predicate for the expected error.
@@ -84,8 +84,8 @@ pub(super) fn bad_are_errors<S: Subject, R: Optimizer<S>>(
     degree.effects.sh_degree = 4;
     cases.push(("SH degree 4", view, degree, SETTING));
     let dropout = |rate: f32| good.with(|s| s.dropout.rate = rate);
-    cases.push(("a dropout of nearly all", view, dropout(0.95), SETTING));
-    cases.push(("a dropout under `Sum`", view, dropout(0.1).with(|s| s.effects.blend = Blend::Sum), SETTING));
+    cases.push(("a dropout rate of 0.95", view, dropout(0.95), SETTING));
+    cases.push(("dropout under `Sum`", view, dropout(0.1).with(|s| s.effects.blend = Blend::Sum), SETTING));
     for alpha_cut in [0.0, 0.9, f32::NAN] {
         cases.push(("an impossible cut", view, accuracy(usual.with(|s| s.alpha_cut = alpha_cut)), SETTING));
     }

@@ -1,11 +1,14 @@
-//! `gs convert` of a 2D scene: into a PLY that splat viewers show as the image, into an SVG, or, of a
-//! compressed file or a checkpoint, into a scene file.
+//! `gs convert` of a 2D scene: into a PLY that splat viewers show as the image, an SVG, or a scene
+//! file (from a `.gsi` file or a checkpoint).
 
-use std::path::Path;
+use std::{fmt::Write, path::Path};
 
 use gs_backend::FutureExt as _;
-use gs_core::{Scene as _, counted, examination};
-use gs_io::{File2d, SCENE_EXTENSION, write_2d, write_ply, write_svg};
+use gs_core::{
+    Scene as _, counted,
+    examination::{self, Repair},
+};
+use gs_io::{ConversionLoss, File2d, SCENE_EXTENSION, write_2d, write_ply, write_svg};
 use gs_train::{ColorRange, Viewable, viewable};
 use serde::Serialize;
 
@@ -31,6 +34,8 @@ struct Conversion {
     gaussians: usize,
     /// Gaussians that `--drop-broken` left out.
     dropped: usize,
+    /// What the written file lacks, in words.
+    lost: Vec<String>,
     /// PSNR of the written Gaussians, as a viewer shows them, against the scene, dB; `null` if they
     /// are equal.
     psnr: f64,
@@ -57,21 +62,27 @@ impl Form {
         }
     }
 
-    /// Whether 3D scenes are not written in it.
+    /// Whether only 2D scenes can be written in this format.
     pub(super) fn is_only_2d(self) -> bool {
         self != Self::Ply
     }
 }
 
 /// Converts a 2D scene that was read from `from`.
-pub(super) fn run(args: &ConvertArgs, from: &Path, mut file: File2d) -> Result<(), Failure> {
+pub(super) fn run(args: &ConvertArgs, from: &Path, mut file: File2d, has_alpha: bool) -> Result<(), Failure> {
     let form = Form::of(&args.to).ok_or_else(|| {
-        let failure = Failure::usage("a 2D scene is not written in this format").at(args.to.display());
+        let failure = Failure::usage("cannot write a 2D scene in this format").at(args.to.display());
         failure.hint(format_args!(
-            "let its name end in .ply, .svg or .{SCENE_EXTENSION}; gs convert makes other formats of the PLY"
+            "use .ply, .svg or .{SCENE_EXTENSION}; for other 3D formats, write a .ply and convert it"
         ))
     })?;
-    let dropped = if args.drop_broken { examination::repair(&mut file.scene)?.removed } else { 0 };
+    let mut lost: Vec<String> = has_alpha.then(|| "alpha: the picture is on white".to_owned()).into_iter().collect();
+    let mut dropped = 0;
+    if args.drop_broken {
+        let Repair { removed, widened, .. } = examination::repair(&mut file.scene)?;
+        dropped = removed;
+        lost.extend((widened > 0).then(|| ConversionLoss::ZeroScales { gaussians: widened }.to_string()));
+    }
     let (written, psnr) = match form {
         Form::Scene => {
             write_2d(&args.to, &file)?;
@@ -88,9 +99,10 @@ pub(super) fn run(args: &ConvertArgs, from: &Path, mut file: File2d) -> Result<(
         height: file.height,
         gaussians: written,
         dropped,
+        lost,
         psnr,
     };
-    if args.json { output::json(&conversion) } else { output::result(text(&conversion)) }
+    if args.json { output::json(&conversion) } else { output::result(text(&conversion, form == Form::Scene)) }
 }
 
 /// Trains Gaussians that viewers show as the scene, and writes them; returns their number and their
@@ -107,21 +119,21 @@ fn trained(args: &ConvertArgs, from: &Path, file: &File2d, range: ColorRange) ->
     Ok((made.scene.len(), psnr))
 }
 
-fn text(conversion: &Conversion) -> String {
-    let Conversion { read, written, bytes, width, height, gaussians, dropped, psnr } = conversion;
-    let dropped = if *dropped > 0 {
-        format!("\ndropped     {} that cannot be drawn", counted(*dropped, "Gaussian"))
-    } else {
-        String::new()
-    };
-    let quality = match psnr.is_finite() {
-        true => format!(
-            "PSNR        {psnr:.2} dB of the written Gaussians, seen from the front at {width}x{height} px, against the scene"
-        ),
-        false => "lost        nothing".to_owned(),
-    };
-    format!(
-        "read        {read}: 2D scene, {width}x{height} px{dropped}\nGaussians   {gaussians}\nwrote       {written}, {bytes} bytes\n\
-         {quality}"
-    )
+fn text(conversion: &Conversion, is_copy: bool) -> String {
+    let Conversion { read, written, bytes, width, height, gaussians, dropped, lost, psnr } = conversion;
+    let mut text = format!("read        {read}: 2D scene, {width}x{height} px\n");
+    if *dropped > 0 {
+        let _ = writeln!(text, "dropped     {} that cannot be drawn", counted(*dropped, "Gaussian"));
+    }
+    let _ = write!(text, "Gaussians   {gaussians}\nwrote       {written}, {bytes} bytes");
+    lost.iter().for_each(|what| _ = write!(text, "\nlost        {what}"));
+    if psnr.is_finite() {
+        let _ = write!(
+            text,
+            "\nPSNR        {psnr:.2} dB of the written Gaussians, seen from the front at {width}x{height} px, against the scene"
+        );
+    } else if is_copy && lost.is_empty() && *dropped == 0 {
+        text += "\nlost        nothing";
+    }
+    text
 }

@@ -169,7 +169,7 @@ fn fit(
 }
 
 /// How to reduce the memory of a fit.
-const LESS: &str = "take a smaller image or fewer Gaussians, or gs encode, which works in bands";
+const LESS: &str = "use a smaller image, fewer Gaussians, or gs encode, which divides the image into bands";
 
 /// Fails where there is not enough memory to fit this image.
 fn check_memory(target: &Target, settings: &FitSettings) -> Result<(), Failure> {

@@ -137,11 +137,12 @@ pub(crate) struct TrainSettingsArgs {
     /// Density control: which Gaussians grow and which are removed
     #[arg(long, value_enum, value_name = "POLICY")]
     pub(crate) policy: Option<TrainPolicyName>,
-    /// The initial Gaussians: the points of the data set, these and points found in the images
-    /// (both), these and points of its depth maps, points found in the images alone, random points,
-    /// or a scene (a file or an output folder) [default: depths if there are depth maps, otherwise
-    /// points, with preset standard both if they are few, or images if there are no points]
-    #[arg(long, value_name = "points|both|depths|images|random|SCENE")]
+    /// What to start from: points of the data set (points), these and points found in the images
+    /// (points-and-images), these and points of the depth maps (depths), only points found in the images
+    /// (images), random points (random), or a scene (a file or an output folder) [default: depths
+    /// if there are depth maps; images if there are no points; with preset standard,
+    /// points-and-images if there are few points; otherwise points]
+    #[arg(long, value_name = "points|points-and-images|depths|images|random|SCENE")]
     pub(crate) start: Option<String>,
     /// Loss to minimise
     #[arg(long, value_enum, value_name = "LOSS")]

@@ -85,6 +85,27 @@ pub(crate) fn run(args: &TrainArgs) -> Result<(), Failure> {
     })
 }
 
+/// What a search for points has found, in words; `None` where nothing was searched.
+fn found(asked: &Initial, initial: &Initial) -> Option<String> {
+    let places = match asked {
+        Initial::Images | Initial::PointsAndImages(_) => "the images",
+        Initial::Depths(_) => "the depth maps",
+        _ => return None,
+    };
+    let known = match asked {
+        Initial::PointsAndImages(points) | Initial::Depths(points) => points.len(),
+        _ => 0,
+    };
+    Some(match initial {
+        Initial::Points(points) if known > 0 => {
+            let found = points.len().saturating_sub(known);
+            format!("{} of the data set and {found} found in {places}", counted(known, "point"))
+        }
+        Initial::Points(points) => format!("{} found in {places}", counted(points.len(), "point")),
+        _ => format!("random points, because too few were found in {places}"),
+    })
+}
+
 /// Where a training begins.
 enum Start {
     Fresh {
@@ -116,32 +137,9 @@ impl Start {
         let views = Views::of_dataset(dataset);
         match self {
             Self::Fresh { settings, initial, description } => {
-                let searches = matches!(initial, Initial::Images);
-                let known = match &initial {
-                    Initial::Depths(points) | Initial::Both(points) => Some(points.len()),
-                    _ => None,
-                };
-                let joins = matches!(initial, Initial::Both(_));
+                let asked = initial.clone();
                 let initial = initial.searched(&views.train)?;
-                let description = match (&initial, known) {
-                    (Initial::Points(points), Some(known)) if joins => {
-                        let found = points.len().saturating_sub(known);
-                        format!("{} of the data set and {found} found in the images", counted(known, "point"))
-                    }
-                    (Initial::Points(points), None) if searches => {
-                        format!("{} found in the images", counted(points.len(), "point"))
-                    }
-                    (Initial::Points(points), Some(0)) => {
-                        format!("{} found in the depth maps and the images", counted(points.len(), "point"))
-                    }
-                    (Initial::Points(points), Some(known)) => {
-                        let found = points.len().saturating_sub(known);
-                        format!("{} of the data set and {found} of its depth maps", counted(known, "point"))
-                    }
-                    (_, Some(_)) => "random points, because too few were found in the depth maps".to_owned(),
-                    _ if searches => "random points, because too few were found in the images".to_owned(),
-                    _ => description,
-                };
+                let description = found(&asked, &initial).unwrap_or(description);
                 let (settings, log) = match limit {
                     Some(limit) => limit.choose(args, rasterizer, dataset, &initial, &settings)?,
                     None => {

@@ -80,7 +80,7 @@ pub(super) fn initial(
     settings: &TrainSettings,
 ) -> Result<(Start, String), Failure> {
     let named = match args.start.as_deref() {
-        None => Some(StartName::usual(dataset, settings)),
+        None => Some(StartName::usual_for(dataset, settings)),
         Some(name) => StartName::from_name(name),
     };
     match (named, &args.start) {

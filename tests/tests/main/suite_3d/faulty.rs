@@ -42,6 +42,7 @@ pub(crate) enum Fault {
     ShowsColoursForDepths,
     KeepsAllGaussians,
     ForgetsTheGain,
+    LeavesOutTheSame,
     NegatesGivenGradients,
     NormalisesQuaternions,
     RoundsFactors,
@@ -114,9 +115,10 @@ impl Faulty {
             ForgetsAntialiasing => effects.antialias = Antialias::None,
             ForgetsCompensation if effects.antialias.compensates() => effects.antialias = Antialias::Dilate,
             ShowsColoursForDepths => settings.output = Output::Color,
+            LeavesOutTheSame => settings.dropout.seed = 0,
             KeepsAllGaussians => settings.dropout = Dropout::NONE,
             ForgetsTheGain if !settings.dropout.is_none() => {
-                // The share is left out by its opacity, and the others stay as they are.
+                // Makes the left-out Gaussians transparent, and does not raise the opacity of the rest.
                 let dropout = settings.dropout;
                 let left_out = (0..).zip(&mut scene.gaussians).filter(|(index, _)| dropout.leaves_out(*index));
                 left_out.for_each(|(_, row)| row[OPACITY_3D] = f64::NEG_INFINITY);

@@ -33,6 +33,7 @@ fn every_fault_is_caught_by_its_case() {
         (ShowsColoursForDepths, "inverse_depths_match"),
         (KeepsAllGaussians, "dropouts_match"),
         (ForgetsTheGain, "dropouts_match"),
+        (LeavesOutTheSame, "dropouts_match"),
         (HoldsDirectionsFixed, "sh_gradients_match"),
         (NormalisesQuaternions, "scenes_3d_come_back"),
         (RoundsFactors, "covariance_factors_come_back_3d"),
