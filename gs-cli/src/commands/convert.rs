@@ -15,8 +15,8 @@ use gs_core::{
     examination::{self, Repair},
 };
 use gs_io::{
-    AnyScene, ConversionLoss, File3d, Format3d, GltfBuffer, Rounding, SceneFile, SpzOptions, SpzVersion, TrainedWith,
-    Values, WriteOptions3d, dataset::Dataset,
+    AnyScene, ConversionLoss, File3d, Format3d, GltfBuffer, Rounding, SCENE_EXTENSION, SceneFile, SpzOptions,
+    SpzVersion, TrainedWith, Values, WriteOptions3d, dataset::Dataset,
 };
 use serde::Serialize;
 
@@ -121,7 +121,8 @@ impl Side {
 /// Converts a scene.
 pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
     if Format3d::to_write(&args.to).is_none() && Form::of(&args.to).is_none() {
-        return Err(gs_io::Error::UnknownEnding { path: args.to.clone() }.into());
+        let failure = Failure::from(gs_io::Error::UnknownEnding { path: args.to.clone() });
+        return Err(failure.hint(format_args!("or, for a 2D scene, .svg or .{SCENE_EXTENSION}")));
     }
     let dataset = args.quality.dataset()?;
     let values = if args.drop_broken { Values::Any } else { Values::Checked };
