@@ -5,6 +5,9 @@
 //! surroundings look the same there. *Source:* Collins 1996, A space-sweep approach to true
 //! multi-image matching; the score is the normalized cross-correlation of patches.
 
+#[cfg(test)]
+mod tests;
+
 use std::collections::BTreeMap;
 
 use glam::{IVec3, Vec2, Vec3};
@@ -106,7 +109,7 @@ pub(super) fn points(views: &[PosedView]) -> Result<Vec<Point>, Error> {
     let stride = ((pixels as f32 / MOST_PIXELS as f32).sqrt().ceil() as u32).max(1);
     let swept: Vec<Swept> =
         (0..count).into_par_iter().map(|index| sweep(&plates, index, (distance, nearest), stride)).collect();
-    let seen_twice = |index: usize| seen_twice(&plates, &swept, index, distance, 1.5 * stride as f32);
+    let seen_twice = |index: usize| seen_twice(&plates, &swept, index, 1.5 * stride as f32);
     let found: Vec<Vec<Found>> = (0..count)
         .into_par_iter()
         .map(|index| plates[index].found(seen_twice(index), &swept[index].flat, stride))
@@ -327,6 +330,8 @@ impl Pixel<'_> {
 
 /// The swept pixels of one view, ordered by rows.
 struct Swept {
+    /// The views that it was compared with.
+    neighbours: Vec<usize>,
     /// Pixels whose depth was found, and their depths.
     known: Vec<(Vec2, f32)>,
     /// Pixels without contrast.
@@ -357,17 +362,16 @@ fn sweep(plates: &[Plate], index: usize, (distance, nearest): (f32, f32), stride
             }
         }
     }
-    Swept { known: confirmed(&known, 2.0 * stride as f32), flat }
+    Swept { known: confirmed(&known, 2.0 * stride as f32), flat, neighbours: chosen }
 }
 
 /// The pixels of one view whose points a neighbouring view also finds: a pixel within `reach` px of
 /// the projected point has about the same depth.
-fn seen_twice(plates: &[Plate], swept: &[Swept], index: usize, distance: f32, reach: f32) -> Vec<(Vec2, f32)> {
+fn seen_twice(plates: &[Plate], swept: &[Swept], index: usize, reach: f32) -> Vec<(Vec2, f32)> {
     let plate = &plates[index];
-    let others = neighbours(plates, index, distance);
     let is_seen = |&(at, depth): &(Vec2, f32)| {
         let point = plate.camera.position() + depth * plate.ray(at);
-        others.iter().any(|&other| {
+        swept[index].neighbours.iter().any(|&other| {
             let Some((place, expected)) = plates[other].camera.project(point) else { return false };
             around(&swept[other].known, place, reach).any(|(_, found)| (found / expected).ln().abs() < SAME_POINT)
         })
@@ -393,7 +397,7 @@ fn around(known: &[(Vec2, f32)], at: Vec2, reach: f32) -> impl Iterator<Item = &
 
 /// The depth of a pixel without contrast, from the nearest pixel with a known depth in each of the
 /// four 90-degree sectors around it (above, below, left, right). `None` unless all four are within
-/// `reach`, px, and their depths agree; then it is the third nearest of these depths.
+/// `reach`, px, and their depths agree: the larger of the two middle ones.
 fn depth_around(known: &[(Vec2, f32)], at: Vec2, reach: f32) -> Option<f32> {
     let mut nearest = [(f32::INFINITY, 0.0); 4];
     for &(place, depth) in around(known, at, reach) {
@@ -442,100 +446,4 @@ pub(super) fn averaged<C: Ord>(points: impl IntoIterator<Item = (C, Point)>) -> 
         color: (color / count).to_array(),
     };
     cells.into_values().map(mean).collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::train::{Start, geometry::tests::looking_at};
-
-    /// Views of the plane z = 0, whose colour is a function of the place, from six sides above it.
-    fn views_of_plane(color: impl Fn(Vec2) -> [f32; 3]) -> Vec<PosedView> {
-        (0..6)
-            .map(|number| {
-                let angle = number as f32;
-                let from = Vec3::new(0.8 * angle.cos(), 0.8 * angle.sin(), 4.0);
-                let camera = looking_at(from, Vec3::new(0.05, 0.02, 0.0), 32);
-                let image = Image::from_fn(32, 32, |x, y| {
-                    let at = Vec2::new(x as f32, y as f32) + 0.5;
-                    let ray = camera.rotation.transpose() * ((at - camera.center) / camera.focal).extend(1.0);
-                    let hit = camera.position() - ray * (camera.position().z / ray.z);
-                    color(hit.truncate())
-                });
-                PosedView::of_image(format!("{number}"), camera, image.unwrap())
-            })
-            .collect()
-    }
-
-    /// Waves of several lengths and directions, which no shift repeats within an image.
-    fn waves(at: Vec2) -> [f32; 3] {
-        let wave = |x: f32, y: f32| (at.dot(Vec2::new(x, y))).sin();
-        let value = wave(4.5, 1.0) + wave(-2.1, 5.7) + wave(9.0, -3.4) + wave(1.7, 11.6);
-        [0.5 + 0.12 * value, 0.5 + 0.1 * wave(3.0, 1.0), 0.25]
-    }
-
-    #[test]
-    fn points_lie_on_the_surface_and_have_its_colour() {
-        let found = points(&views_of_plane(waves)).unwrap();
-        assert!(found.len() > 300, "{}", found.len());
-        let on_plane = |point: &&Point| point.position.z.abs() < 0.1;
-        let right = found.iter().filter(on_plane).count();
-        assert!(right as f32 > 0.9 * found.len() as f32, "{right} of {}", found.len());
-        let differs = |point: &&Point| {
-            let expected = waves(point.position.truncate());
-            on_plane(point) && (0..3).any(|k| (point.color[k] - expected[k]).abs() > 0.12)
-        };
-        let wrong = found.iter().filter(differs).count();
-        assert!(wrong < found.len() / 50, "{wrong} of {}", found.len());
-    }
-
-    #[test]
-    fn pixels_without_contrast_take_the_depth_of_those_around_them() {
-        let color = |at: Vec2| if at.length() < 0.4 { [0.5; 3] } else { waves(at) };
-        let found = points(&views_of_plane(color)).unwrap();
-        let inside = found.iter().filter(|point| point.position.truncate().length() < 0.2).count();
-        assert!(inside > 0);
-    }
-
-    #[test]
-    fn pixels_without_contrast_beside_a_surface_have_no_depth() {
-        let color = |at: Vec2| if at.x > 0.1 { [0.5; 3] } else { waves(at) };
-        let found = points(&views_of_plane(color)).unwrap();
-        let beside = found.iter().filter(|point| point.position.x > 0.5).count();
-        assert!(found.len() > 1000 && beside < 5, "{beside} of {}", found.len());
-    }
-
-    #[test]
-    fn points_that_a_single_view_finds_do_not_count() {
-        let plates: Vec<Plate> = views_of_plane(waves).iter().map(|view| Plate::read(view).unwrap()).collect();
-        let cameras: Vec<Camera> = plates.iter().map(|plate| plate.camera).collect();
-        let distance = Focus::of(&cameras).unwrap().distance;
-        let mut swept: Vec<Swept> = (0..6).map(|index| sweep(&plates, index, (distance, NEAREST_AROUND), 1)).collect();
-        let (known, seen) = (swept[0].known.len(), seen_twice(&plates, &swept, 0, distance, 1.5).len());
-        assert!(known > 50 && seen as f32 > 0.9 * known as f32, "{seen} of {known}");
-        // Other views do not find points at other depths.
-        swept[0].known.iter_mut().for_each(|(_, depth)| *depth *= 1.2);
-        let seen = seen_twice(&plates, &swept, 0, distance, 1.5).len();
-        assert!(seen < known / 20, "{seen} of {known}");
-    }
-
-    #[test]
-    fn known_points_are_joined_by_those_of_the_images() {
-        let known = vec![Point { position: Vec3::Y, color: [0.5; 3] }];
-        let views = views_of_plane(waves);
-        let Start::Points(both) = Start::PointsAndImages(known.clone()).searched(&views).unwrap() else {
-            panic!("no points")
-        };
-        assert_eq!((both[0], both.len()), (known[0], 1 + points(&views).unwrap().len()));
-    }
-
-    #[test]
-    fn nothing_is_found_without_contrast_or_neighbours() {
-        assert_eq!(points(&views_of_plane(|_| [0.5; 3])).unwrap().len(), 0);
-        let mut single = views_of_plane(waves);
-        single.truncate(1);
-        assert_eq!(points(&single).unwrap().len(), 0);
-        assert_eq!(Start::Images.searched(&single).unwrap(), Start::Random);
-        assert!(matches!(Start::Images.searched(&views_of_plane(waves)).unwrap(), Start::Points(_)));
-    }
 }

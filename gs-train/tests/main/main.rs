@@ -9,6 +9,7 @@ mod fixture_3d;
 mod panorama;
 mod recovery;
 mod reduction;
+mod regularization;
 mod resume;
 mod train;
 mod trouble;
