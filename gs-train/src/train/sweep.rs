@@ -391,7 +391,8 @@ fn confirmed(known: &[(Vec2, f32)], reach: f32) -> Vec<(Vec2, f32)> {
 
 /// The pixels, ordered by rows, that are within `reach` of `at` in both directions, px.
 fn around(known: &[(Vec2, f32)], at: Vec2, reach: f32) -> impl Iterator<Item = &(Vec2, f32)> {
-    let [first, end] = [-reach, reach + 0.5].map(|offset| known.partition_point(|(place, _)| place.y < at.y + offset));
+    let first = known.partition_point(|(place, _)| place.y < at.y - reach);
+    let end = known.partition_point(|(place, _)| place.y <= at.y + reach);
     known[first..end].iter().filter(move |(place, _)| (place.x - at.x).abs() <= reach)
 }
 
