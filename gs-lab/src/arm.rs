@@ -3,7 +3,8 @@
 use std::fmt;
 
 use gs_core::{Parameterization, Scene3d, effects::Statistics};
-use gs_train::{ForeignPolicy, train::StartName};
+use gs_io::dataset::Dataset;
+use gs_train::{ForeignPolicy, TrainSettings, train::StartName};
 use serde::{Deserialize, Serialize};
 
 use crate::key_lines::KeyLines;
@@ -32,6 +33,11 @@ pub struct Arm {
     /// arms with other settings start alike.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub start: Option<StartName>,
+    /// Trains as `gs train` does with the arm's preset alone: with the preset's own number of Gaussians
+    /// for the data set, where the budget allows it, and from points that are also looked for in the
+    /// images where the preset says so. Studies of scenes only.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub like_gs_train: bool,
     /// A policy by its name, with its source's parameters: one of [`gs_density::Policy::NAMES`]. In
     /// studies of scenes it prunes and resets opacities as the preset does.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -63,6 +69,7 @@ impl Arm {
             preset: None,
             iterations: None,
             start: None,
+            like_gs_train: false,
             policy: None,
             parameterization: None,
             own_policy: None,
@@ -90,6 +97,15 @@ impl Arm {
     fn with_any_policy(name: impl Into<String>, fingerprint: impl Into<String>, policy: AnyPolicy) -> Self {
         let own_policy = Some(OwnPolicy { fingerprint: fingerprint.into(), policy });
         Self { own_policy, ..Self::named(name) }
+    }
+
+    /// What a training of this arm with these settings starts from.
+    pub(crate) fn start(&self, dataset: &Dataset, settings: &TrainSettings) -> StartName {
+        match (self.start, self.like_gs_train) {
+            (Some(start), _) => start,
+            (None, true) => StartName::usual_for(dataset, settings),
+            (None, false) => StartName::usual(dataset),
+        }
     }
 
     /// Line of the study file with the arm's name, counted from 1; `None` for an arm that is not

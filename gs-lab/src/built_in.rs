@@ -1,10 +1,10 @@
 //! The studies that come with the program: one for each 2D experiment of the paper, three on the
-//! Kodak images, and three on 3D scenes.
+//! Kodak images, and four on 3D scenes.
 
 use crate::{error::Error, study::Study};
 
 /// Name and TOML text of each built-in study.
-pub const BUILT_IN: [(&str, &str); 11] = [
+pub const BUILT_IN: [(&str, &str); 12] = [
     ("set-up", include_str!("../studies/set-up.toml")),
     ("cold-start", include_str!("../studies/cold-start.toml")),
     ("lazy-convergence", include_str!("../studies/lazy-convergence.toml")),
@@ -16,6 +16,7 @@ pub const BUILT_IN: [(&str, &str); 11] = [
     ("density-in-3d", include_str!("../studies/density-in-3d.toml")),
     ("init-by-density", include_str!("../studies/init-by-density.toml")),
     ("accuracy-in-3d-training", include_str!("../studies/accuracy-in-3d-training.toml")),
+    ("presets", include_str!("../studies/presets.toml")),
 ];
 
 /// Other names of built-in studies. `paper` is the paper's main experiment, the set-up.

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use gs_core::{Scene2d, Scene3d, counted};
-use gs_train::{FitSettings, RunSettings as _, TrainSettings, train::StartName};
+use gs_train::{FitSettings, RunSettings as _, TrainSettings};
 use rayon::prelude::*;
 
 use crate::{
@@ -225,8 +225,11 @@ fn address(
     target: &StudyTarget,
     machine: &str,
 ) -> Result<String, String> {
+    let start = match settings {
+        RunSettings::Scene(settings) => target.dataset().map(|dataset| arm.start(dataset, settings).name()),
+        RunSettings::Image(_) => None,
+    };
     let settings = settings.to_toml().map_err(|error| error.to_string())?;
-    let start = target.dataset().map(|dataset| arm.start.unwrap_or_else(|| StartName::usual(dataset)).name());
     let policy = arm.own_policy.as_ref().map_or("", |own| own.fingerprint.as_str());
     let all = ["gs-lab run 1", VERSION, machine, &target.digest, policy, &settings];
     // Times of two clocks are never mixed.

@@ -18,7 +18,7 @@ use gs_lab::{
     Error, Existing, Places, Plan, Results, Study, StudyFolder, conduct, report,
     study::{
         AnyScene, Arm, Conducted, EffectOf, Finished, Interval, Matching, Metric, Pairing, Record, ResultRemark, Run,
-        RunOutcome, Verdict, ViewResult, Watcher, replay, scene_digest_3d, write_tables,
+        RunOutcome, RunSettings, Verdict, ViewResult, Watcher, replay, scene_digest_3d, write_tables,
     },
 };
 use gs_train::{
@@ -275,6 +275,35 @@ fn intervals_over_many_scenes_are_as_wide_as_the_scenes_differ() {
     };
     let difference = missing.difference(Matching::Count, Metric::Psnr, 60, 1, 0);
     assert_eq!(difference.remarks[0], ResultRemark::ScenesMissing { missing: 1, of: 6 });
+}
+
+#[test]
+fn an_arm_like_gs_train_has_the_number_and_the_start_of_its_preset() {
+    let place = place(2);
+    let arms = "preset = 'standard'\n[[arm]]\nname = 'equal'\n\
+        [[arm]]\nname = 'alike'\nlike-gs-train = true\n\
+        [[arm]]\nname = 'both'\nlike-gs-train = true\nstart = 'points-and-images'\n";
+    let study = |budget: u32| {
+        format!("name = 'x'\nscenes = ['one']\nbudgets = [{budget}]\nseeds = [0]\niterations = 20\n{arms}")
+    };
+    let plan = laid_out(&study(1_000_000), place.path()).unwrap();
+    let counts = |plan: &Plan| -> Vec<u32> {
+        plan.runs
+            .iter()
+            .map(|run| match &run.settings {
+                RunSettings::Scene(settings) => settings.gaussians,
+                _ => 0,
+            })
+            .collect()
+    };
+    // The preset has 20,000 for images as small as these.
+    assert_eq!(counts(&plan), [1_000_000, 20_000, 20_000]);
+    assert_eq!(plan.runs[1].address, plan.runs[2].address, "a start of the preset's own");
+    // The budget is a bound still.
+    assert_eq!(counts(&laid_out(&study(500), place.path()).unwrap()), [500; 3]);
+    let image = study(500).replace("scenes = ['one']", "images = ['paper']");
+    let message = laid_out(&image, place.path()).unwrap_err().to_string();
+    assert!(message.contains("arm `alike`: like-gs-train: is for scenes"), "{message}");
 }
 
 #[test]

@@ -26,6 +26,9 @@ impl StudyTask for Scene2d {
         if asked.arm.start.is_some() {
             return Err(WrongKey::new("start", "is for scenes: an image starts from settings.init"));
         }
+        if asked.arm.like_gs_train {
+            return Err(WrongKey::new("like-gs-train", "is for scenes"));
+        }
         let mut settings = match (preset, asked.iterations()) {
             (Preset::Paper, iterations) => {
                 let paper = Preset::Paper.settings(asked.budget, size);

@@ -8,7 +8,7 @@ use gs_density::Policy;
 use gs_io::{Checkpoint, dataset::Split};
 use gs_train::{
     Error as TrainError, ForeignPolicy, Recovery, TrainPreset, TrainSettings, Trainer, Trainer3d,
-    train::{PosedView, StartName, ViewQuality},
+    train::{PosedView, ViewQuality},
 };
 
 use super::{AnyScene, Asked, Measured, StudyTask, WrongKey, image::wrong_kind};
@@ -39,7 +39,7 @@ impl StudyTask for Scene3d {
         }
         let cameras = dataset.views_of(Split::Train).map(|view| &view.camera);
         let mut settings = preset.settings_for(asked.iterations(), cameras).on(dataset.kind.background());
-        settings.gaussians = asked.budget;
+        settings.gaussians = if asked.arm.like_gs_train { settings.gaussians.min(asked.budget) } else { asked.budget };
         if let Some(name) = &asked.arm.policy {
             let policy = Policy::from_name(name).map_err(|error| WrongKey::new("policy", error))?;
             settings = settings.with_policy(policy);
@@ -68,7 +68,7 @@ impl StudyTask for Scene3d {
     ) -> Result<Trainer<'r, R, Self>, TrainError> {
         let Some(dataset) = target.dataset() else { return Err(wrong_kind(target)) };
         let views = target.views(dataset)?;
-        let start = target.start(arm.start.unwrap_or_else(|| StartName::usual(dataset)), dataset, &views.train)?;
+        let start = target.start(arm.start(dataset, &settings), dataset, &views.train)?;
         clock.begin(|| Trainer3d::from_views(rasterizer, views, start, settings).block_on())
     }
 

@@ -27,6 +27,7 @@ losses; on the same images
 lund_door (--data)
   init-by-density          start x policy, a factorial design, on room, banana and lund_door
   accuracy-in-3d-training  what approximations cost and buy in training 3D scenes
+  presets                  the presets of gs train, on photographs at full size; takes hours
 
 The images of a study are files, or these synthetic targets:
   paper                    the paper's circle and square; in 8 bits a channel: paper-8bit
@@ -40,7 +41,8 @@ A study file; preset, iterations and settings may be given for all arms or for o
     include_str!("example.toml"),
     "
 A study of 3D scenes has scenes in place of images: data sets as gs train reads them, in --data or \
-beside the file. Its arms may also have start, as gs train --start; all keys of a training's \
+beside the file. Its arms may also have start, as gs train --start, and like-gs-train = true, for the number of \
+Gaussians and the start of their preset; all keys of a training's \
 settings.toml go under settings. Factors expand into arms, one for each combination of their levels:
 
 ",
