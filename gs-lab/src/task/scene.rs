@@ -39,7 +39,15 @@ impl StudyTask for Scene3d {
         }
         let cameras = dataset.views_of(Split::Train).map(|view| &view.camera);
         let mut settings = preset.settings_for(asked.iterations(), cameras).on(dataset.kind.background());
-        settings.gaussians = if asked.arm.like_gs_train { settings.gaussians.min(asked.budget) } else { asked.budget };
+        settings = match asked.arm.like_gs_train {
+            // The points of the start may double the preset's number.
+            true if settings.gaussians <= asked.budget / 2 => settings,
+            true => {
+                let gaussians = settings.gaussians.min(asked.budget);
+                settings.with_gaussians(gaussians)
+            }
+            false => settings.with_gaussians(asked.budget),
+        };
         if let Some(name) = &asked.arm.policy {
             let policy = Policy::from_name(name).map_err(|error| WrongKey::new("policy", error))?;
             settings = settings.with_policy(policy);

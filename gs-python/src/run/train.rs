@@ -178,7 +178,7 @@ fn wanted(
         }
     };
     if let Some(gaussians) = gaussians {
-        train.gaussians = gaussians;
+        train = train.with_gaussians(gaussians);
     }
     if let Some(policy) = policy {
         train = train.with_policy(policy.named()?);

@@ -148,6 +148,14 @@ impl Start {
         Ok(if points.len() < LEAST_FOUND { Self::Random } else { Self::Points(points) })
     }
 
+    /// Number of points that it starts from; 0 for a start from random points or from a scene.
+    pub(super) fn points(&self) -> usize {
+        match self {
+            Self::Points(points) => points.len(),
+            _ => 0,
+        }
+    }
+
     /// The start with the points of [`PointInit::shell`], if it has points.
     ///
     /// # Errors

@@ -57,6 +57,10 @@ const STANDARD_STEPS: [usize; 2] = [2_000, 8_000];
 /// more Gaussians, scenes fit few views ever better, and views between them worse.
 const PIXELS_PER_GAUSSIAN: u64 = 160;
 
+/// Gaussians of a run of minutes for each point that it starts from, where there are so many points.
+/// Many points are found in images that agree well, and such images need more Gaussians.
+const GAUSSIANS_PER_POINT: f32 = 4.0;
+
 /// A run of minutes also searches the images for points if a data set has fewer points than this
 /// share of the largest number of Gaussians.
 const FEW_POINTS: f32 = 0.25;
@@ -104,7 +108,8 @@ impl TrainPreset {
 impl TrainPreset {
     /// [`Self::settings`] for training with these views, which determine the steps and the largest
     /// number of Gaussians of [`Self::Standard`]: 40 steps a view, 2,000 to 8,000 in all, and a
-    /// Gaussian for 160 pixels, 20,000 to 1,000,000 in all.
+    /// Gaussian for 160 pixels, 20,000 to 1,000,000 in all. Its
+    /// [`gaussians_per_point`](TrainSettings::gaussians_per_point) may raise that number.
     pub fn settings_for<'a>(
         self,
         iterations: Option<u32>,
@@ -153,6 +158,7 @@ fn three_dgs(iterations: u32) -> TrainSettings {
     render.effects.sh_degree = 3;
     TrainSettings {
         gaussians: 2_000_000,
+        gaussians_per_point: 0.0,
         exactly: false,
         iterations,
         decay_over: if iterations < SHORTEST_AS_PUBLISHED { 0 } else { ITERATIONS },
@@ -251,6 +257,7 @@ fn standard(iterations: u32) -> TrainSettings {
     }
     TrainSettings {
         gaussians: 200_000,
+        gaussians_per_point: GAUSSIANS_PER_POINT,
         decay_over: 0,
         adam: faster(usual.adam, 3.0, 2.5),
         policy: Policy::Grow(policy),

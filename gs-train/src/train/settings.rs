@@ -39,6 +39,11 @@ pub enum StepBackground {
 pub struct TrainSettings {
     /// Largest number of Gaussians, at least 1.
     pub gaussians: u32,
+    /// [`Self::gaussians`] for each point that training starts from: where the points are so many
+    /// that this is more than [`Self::gaussians`], that is raised before the first step, to twice its
+    /// value at most. Not negative; default 0. See [`Self::with_gaussians`].
+    #[serde(skip_serializing_if = "is_zero")]
+    pub gaussians_per_point: f32,
     /// Whether the run ends with exactly as many Gaussians as [`Self::gaussians`] says, along a
     /// schedule ([`Governor`]), under any policy. Default false.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
@@ -100,6 +105,23 @@ pub(super) fn is_zero(value: &f32) -> bool {
 }
 
 impl TrainSettings {
+    /// Returns these settings with this largest number of Gaussians, which the points that training
+    /// starts from do not raise.
+    #[must_use]
+    pub fn with_gaussians(self, gaussians: u32) -> Self {
+        Self { gaussians, gaussians_per_point: 0.0, ..self }
+    }
+
+    /// Returns these settings with the largest number of Gaussians for a start from this many points
+    /// ([`Self::gaussians_per_point`]).
+    #[must_use]
+    pub fn for_points(self, points: usize) -> Self {
+        let wanted = (f64::from(self.gaussians_per_point) * points as f64) as u32;
+        let most = self.gaussians.saturating_mul(2).min(MAX_GAUSSIANS);
+        let gaussians = wanted.clamp(self.gaussians, most.max(self.gaussians));
+        self.with_gaussians(gaussians)
+    }
+
     /// The Gaussians that the step after `step` steps leaves out.
     pub(super) fn dropout_at(&self, step: u32) -> Dropout {
         Dropout::default().with(|s| {
@@ -185,6 +207,9 @@ impl TrainSettings {
     pub fn validate(&self) -> Result<(), Error> {
         if !(1..=MAX_GAUSSIANS).contains(&self.gaussians) {
             return Err(Error::setting("the number of Gaussians", self.gaussians, "1 to 100,000,000"));
+        }
+        if !(self.gaussians_per_point >= 0.0 && self.gaussians_per_point.is_finite()) {
+            return Err(Error::setting("gaussians-per-point", self.gaussians_per_point, "finite and not negative"));
         }
         if self.extent.is_some_and(|extent| !(extent > 0.0 && extent.is_finite())) {
             return Err(Error::setting("the extent", self.extent.unwrap_or_default(), "positive and finite"));
@@ -307,6 +332,15 @@ mod tests {
     }
 
     #[test]
+    fn many_points_raise_the_number_of_gaussians_to_twice_at_most() {
+        let settings = TrainSettings { gaussians: 100, gaussians_per_point: 4.0, ..TrainSettings::default() };
+        let raised = [0, 25, 30, 50, 1_000].map(|points| settings.clone().for_points(points).gaussians);
+        assert_eq!(raised, [100, 100, 120, 200, 200]);
+        assert_eq!(settings.clone().for_points(30), settings.clone().with_gaussians(120));
+        assert_eq!(settings.with_gaussians(70).for_points(1_000).gaussians, 70);
+    }
+
+    #[test]
     fn dropout_rises_to_its_rate_with_another_seed_in_each_step() {
         let settings = TrainSettings { dropout: 0.2, iterations: 101, ..TrainSettings::default() };
         let rates = [0, 50, 100].map(|step| settings.dropout_at(step).rate);
@@ -371,8 +405,9 @@ mod tests {
     #[test]
     fn what_cannot_work_is_refused() {
         type Spoil = fn(&mut TrainSettings);
-        let cases: [(&str, Spoil); 9] = [
+        let cases: [(&str, Spoil); 10] = [
             ("number of Gaussians", |s| s.gaussians = 0),
+            ("gaussians-per-point", |s| s.gaussians_per_point = f32::NAN),
             ("extent", |s| s.extent = Some(f32::NAN)),
             ("initial opacity", |s| s.init.opacity = 1.0),
             ("policy is `residual`", |s| s.policy = Policy::from_name("residual").unwrap()),

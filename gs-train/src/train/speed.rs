@@ -77,6 +77,8 @@ pub struct Speed {
     first: usize,
     /// Number of Gaussians of the scene that the training starts from; 0 without one.
     given: usize,
+    /// Number of points that the training starts from.
+    points: usize,
     training_views: usize,
     test_views: usize,
 }
@@ -135,12 +137,12 @@ impl Speed {
             Start::Scene(scene) => scene.len(),
             _ => 0,
         };
+        let points = start.points();
         let gaussians = settings.gaussians.min(MOST_GAUSSIANS);
         // Few enough that their number changes during the trial.
         let most = (gaussians as usize / 4).max(1);
         let (start, first) = thinned(start, most, settings);
         let trial = TrainSettings {
-            gaussians,
             init: settings.init.with(|s| s.random = settings.init.random.min(most as u32)),
             exactly: true,
             iterations: STEPS,
@@ -148,7 +150,7 @@ impl Speed {
             rounds: Rounds { every: ROUND_EVERY, from: ROUND_EVERY, until: STEPS - 1 },
             resolution,
             recovery: Recovery::Never,
-            ..settings.clone()
+            ..settings.clone().with_gaussians(gaussians)
         };
         let mut trainer = Trainer3d::from_views(on, views, start, trial).await?;
         let thin = trainer.count();
@@ -177,7 +179,7 @@ impl Speed {
         }
         let step = steps.into_iter().map(|(factor, points)| (factor, Line::through(&points))).collect();
         let round = Line::through(&rounds);
-        Ok(Self { step, round, view, viewed, first, given, training_views, test_views })
+        Ok(Self { step, round, view, viewed, first, given, points, training_views, test_views })
     }
 
     /// Seconds of one measurement of all test views with this many Gaussians. This is an upper
@@ -263,13 +265,13 @@ impl TrainPreset {
         evaluations: usize,
     ) -> Option<TrainSettings> {
         let cameras: Vec<&Camera> = cameras.into_iter().collect();
-        let usual = Self::Standard.settings_for(None, cameras.iter().copied());
+        let usual = Self::Standard.settings_for(None, cameras.iter().copied()).for_points(speed.points);
         let most = if cameras.len() < MANY_VIEWS { 1.0 } else { f64::INFINITY };
         let settings = |[steps, share]: [f64; 2]| {
             let iterations = (f64::from(usual.iterations) * steps) as u32;
             let scaled = (f64::from(usual.gaussians) * share) as u32;
-            let mut settings = Self::Standard.settings(Some(iterations));
-            settings.gaussians = gaussians.unwrap_or(scaled).max(speed.given as u32);
+            let gaussians = gaussians.unwrap_or(scaled).max(speed.given as u32);
+            let mut settings = Self::Standard.settings(Some(iterations)).with_gaussians(gaussians);
             // Growth by rank alone may not reach the number that the time was planned for.
             settings.exactly = true;
             if steps < SHORT {
@@ -299,6 +301,7 @@ mod tests {
             viewed: 100_000,
             first: 10_000,
             given: 0,
+            points: 0,
             training_views,
             test_views: 10,
         }
@@ -338,7 +341,7 @@ mod tests {
         let settings = within(1e6, 12).unwrap();
         let camera = Camera::looking_forward(400, 400, 1.0);
         let usual = TrainPreset::Standard.settings_for(None, &vec![camera; 12]);
-        assert_eq!(settings, TrainSettings { exactly: true, ..usual });
+        assert_eq!(settings, TrainSettings { exactly: true, ..usual.for_points(0) });
     }
 
     #[test]

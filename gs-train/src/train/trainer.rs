@@ -46,12 +46,13 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
             return Err(gs_core::Error::setting("exposure", "affine", allowed).into());
         }
         let cameras: Vec<Camera> = views.train_cameras().copied().collect();
-        let (budget, degree) = (settings.gaussians as usize, settings.render.effects.sh_degree);
         let views = for_evidence(views, &settings)?;
         let mut start = start.searched(&views.train)?;
+        settings = settings.for_points(start.points());
         if settings.init.shell {
             start = start.with_shell(&views.train)?;
         }
+        let (budget, degree) = (settings.gaussians as usize, settings.render.effects.sh_degree);
         let scene = start.scene(&cameras, &settings.init, budget, degree, &mut random(settings.seed, 0))?;
         if !scene.means.iter().any(|&mean| cameras.iter().any(|camera| sees(camera, mean))) {
             return Err(Error::NothingInView { gaussians: scene.len(), views: cameras.len() });

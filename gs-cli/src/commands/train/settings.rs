@@ -40,7 +40,9 @@ pub(super) fn with_flags(args: &TrainSettingsArgs, mut settings: TrainSettings) 
     if let Some(policy) = args.policy {
         settings = settings.with_policy(Policy::from_name(&name_of(&policy))?);
     }
-    settings.gaussians = args.gaussians.unwrap_or(settings.gaussians);
+    if let Some(gaussians) = args.gaussians {
+        settings = settings.with_gaussians(gaussians);
+    }
     settings.exactly |= args.exactly;
     settings.loss = args.loss.map_or(settings.loss, Into::into);
     if let Some(parameterization) = args.parameterization {
