@@ -184,7 +184,11 @@ fn wanted(
         train = train.with_policy(policy.named()?);
     }
     if let Given::Preset { changes, .. } = &given {
-        train = settings::with("settings", train, changes.as_ref())?;
+        let changed = settings::with("settings", train.clone(), changes.as_ref())?;
+        let gaussians = changed.gaussians;
+        // Points do not raise a number of the caller's own.
+        let is_own = gaussians != train.gaussians && changed.gaussians_per_point == train.gaussians_per_point;
+        train = if is_own { changed.with_gaussians(gaussians) } else { changed };
     }
     train.validate().map_err(IntoPython::into_python)?;
     Ok(train)

@@ -342,6 +342,10 @@ mod tests {
         let camera = Camera::looking_forward(400, 400, 1.0);
         let usual = TrainPreset::Standard.settings_for(None, &vec![camera; 12]);
         assert_eq!(settings, TrainSettings { exactly: true, ..usual.for_points(0) });
+        // Many points raise the number as they do without a time limit.
+        let from_points = Speed { points: 8_000, ..speed(12) };
+        let settings = TrainPreset::settings_within(1e6, &from_points, &vec![camera; 12], None, 5).unwrap();
+        assert_eq!(settings.gaussians, 32_000);
     }
 
     #[test]
