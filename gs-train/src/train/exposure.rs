@@ -1,8 +1,9 @@
 //! Correction of exposure and white balance: an affine colour map for each training view, solved
 //! while the scene is trained.
 //!
-//! A few times in a run, each training view is rendered, and the map from rendering to image is
-//! solved by least squares over the pixels of both at a reduced size of a few thousand pixels.
+//! A few times in a run, each training view is rendered at the resolution of the steps, and the map
+//! from rendering to image is solved by least squares over the pixels of both at a reduced size of a
+//! few thousand pixels.
 //! Later steps compare renderings with images to which the inverse maps are applied. The mean map
 //! is the identity, which fixes the colours of the scene.
 
@@ -14,7 +15,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     color_map::{ColorMap, ColorPair},
-    resolution::{possible, reduced},
+    resolution::{possible, reduced, reduced_camera},
     views::PosedView,
 };
 use crate::error::Error;
@@ -80,8 +81,8 @@ struct Maps {
 pub struct ExposureReport {
     /// Whether the maps are used: with [`Exposure::Auto`], only where they gain enough.
     pub used: bool,
-    /// Gain in the right half of a view by a map fitted to its left half, mean over the training
-    /// views, dB.
+    /// Gain in the right half of a view by a map fitted to its left half, over the mean of the maps
+    /// of all views; mean over the training views, dB.
     pub gain_db: f64,
 }
 
@@ -124,20 +125,27 @@ impl SmallView {
         Ok(Self { factor, pixels, left })
     }
 
-    /// The colours of a rendering of the view and of its image at the pixels.
-    fn pairs(&self, rendered: Image) -> Result<Vec<ColorPair>, Error> {
-        let rendered = reduced(&PosedImage { image: rendered, alpha: None, mask: None }, self.factor)?.image;
+    /// The colours of a rendering of the view and of its image at the pixels. The sides of the
+    /// rendering are those of the view divided by `by`.
+    fn pairs(&self, rendered: Image, by: u32) -> Result<Vec<ColorPair>, Error> {
+        let rendered = reduced(&PosedImage { image: rendered, alpha: None, mask: None }, self.factor / by)?.image;
         Ok(self.pixels.iter().map(|&(index, color)| (rendered.pixels()[index as usize], color)).collect())
     }
+}
 
-    /// Gain in the right half by a map fitted to the left half, dB; `None` if one half has no
-    /// pixel.
-    fn gain_db(&self, pairs: &[ColorPair]) -> Option<f64> {
-        let (left, right) = pairs.split_at(self.left);
-        let map = ColorMap::robust_fit(left);
-        let gain = 10.0 * (ColorMap::IDENTITY.squared_error(right) / map.squared_error(right)).log10();
-        (!left.is_empty() && gain.is_finite()).then_some(gain)
-    }
+/// Gain in the right half of a view by a map fitted to its left half, over the mean of these maps,
+/// dB; mean over the views. `halves` are the pairs of both halves of each view, neither without any.
+///
+/// The mean map is no difference between images: it is what the rendering of the scene so far lacks
+/// in all views.
+fn gain_db(halves: &[[&[ColorPair]; 2]]) -> f64 {
+    let maps: Vec<ColorMap> = halves.iter().map(|[left, _]| ColorMap::robust_fit(left)).collect();
+    let common = ColorMap::mean(&maps);
+    let gain = |(map, [_, right]): (&ColorMap, &[&[ColorPair]; 2])| {
+        10.0 * (common.squared_error(right) / map.squared_error(right)).log10()
+    };
+    let gains: Vec<f64> = maps.iter().zip(halves).map(gain).filter(|gain| gain.is_finite()).collect();
+    if gains.is_empty() { 0.0 } else { mean(gains) }
 }
 
 impl Exposures {
@@ -197,7 +205,8 @@ impl Exposures {
         }
     }
 
-    /// Solves all maps again for the current scene.
+    /// Solves all maps again for the current scene, from renderings whose sides are divided by
+    /// `factor`, a power of two.
     ///
     /// # Errors
     /// Those of the backend, and of reading an image.
@@ -206,18 +215,22 @@ impl Exposures {
         (on, splats): (&R, &R::Splats),
         views: &[PosedView],
         render: &RenderSettings,
-        exposure: Exposure,
+        (exposure, factor): (Exposure, u32),
     ) -> Result<(), Error> {
         if self.small.is_empty() {
             self.small = views.iter().map(SmallView::read).collect::<Result<_, _>>()?;
         }
-        let (mut fits, mut gains) = (Vec::with_capacity(views.len()), Vec::with_capacity(views.len()));
+        let mut pairs = Vec::with_capacity(views.len());
         for (view, small) in views.iter().zip(&self.small) {
-            let pairs = small.pairs(on.draw(splats, &view.camera, render).await?.0)?;
-            fits.push(ColorMap::robust_fit(&pairs));
-            gains.extend(small.gain_db(&pairs));
+            let by = factor.min(small.factor);
+            let rendered = on.draw(splats, &reduced_camera(&view.camera, by), render).await?.0;
+            pairs.push(small.pairs(rendered, by)?);
         }
-        let gain_db = if gains.is_empty() { 0.0 } else { mean(gains) };
+        let fits: Vec<ColorMap> = pairs.iter().map(|pairs| ColorMap::robust_fit(pairs)).collect();
+        let halves = pairs.iter().zip(&self.small).map(|(pairs, small)| pairs.split_at(small.left).into());
+        let halves: Vec<[&[ColorPair]; 2]> =
+            halves.filter(|halves: &[&[ColorPair]; 2]| halves.iter().all(|half| !half.is_empty())).collect();
+        let gain_db = gain_db(&halves);
         let differ = views.len() > 1 && gain_db >= LEAST_GAIN_DB;
         let used = exposure == Exposure::Affine || differ;
         let of_views = if used { undone(&fits) } else { Vec::new() };
@@ -266,6 +279,23 @@ mod tests {
         let with_black = super::undone(&[&cameras[..], &[camera(0.0, 0.3)]].concat());
         assert_eq!((&with_black[..3], with_black[3]), (&undone[..], ColorMap::IDENTITY));
         assert_eq!(super::undone(&[camera(0.0, 0.3)]), [ColorMap::IDENTITY]);
+    }
+
+    #[test]
+    fn what_all_views_lack_is_no_difference_between_images() {
+        let colors: Vec<[f32; 3]> = (0..60).map(|i| [0.1, 0.4, 0.7].map(|c| c + 0.004 * i as f32)).collect();
+        let taken = |gain: f32| -> Vec<ColorPair> {
+            let noisy = |(i, color): (usize, &[f32; 3])| (*color, color.map(|c| gain * c + 0.01 * (i % 3) as f32));
+            colors.iter().enumerate().map(noisy).collect()
+        };
+        let gain = |gains: [f32; 3]| {
+            let views = gains.map(taken);
+            let halves: Vec<[&[ColorPair]; 2]> = views.iter().map(|pairs| pairs.split_at(30).into()).collect();
+            gain_db(&halves)
+        };
+        assert!(gain([0.7; 3]).abs() < 0.1, "a scene that is too bright: {} dB", gain([0.7; 3]));
+        assert!(gain([0.7, 0.9, 1.1]) > 10.0, "{} dB", gain([0.7, 0.9, 1.1]));
+        assert_eq!(gain_db(&[]), 0.0);
     }
 
     #[test]

@@ -34,7 +34,7 @@ const MOST_TEST_VIEWS: usize = 4;
 
 /// Candidate sizes of a run relative to the preset: a factor for the steps and one for the
 /// Gaussians. The first candidate that fits into the time is used.
-const SIZES: [[f64; 2]; 19] = [
+const SIZES: [[f64; 2]; 21] = [
     [3.0, 2.0],
     [2.5, 2.0],
     [3.0, 1.5],
@@ -42,7 +42,9 @@ const SIZES: [[f64; 2]; 19] = [
     [2.5, 1.5],
     [2.0, 1.5],
     [1.7, 1.5],
+    [2.0, 1.0],
     [1.4, 1.2],
+    [1.5, 1.0],
     [1.2, 1.0],
     [1.0, 1.0],
     [0.85, 0.9],
@@ -59,9 +61,12 @@ const SIZES: [[f64; 2]; 19] = [
 /// Factor of the steps below which a run starts at a quarter of the resolution.
 const SHORT: f64 = 0.25;
 
-/// Least number of views with which a run may have more steps and Gaussians than the preset. Fewer
-/// views are soon overfitted.
+/// Least number of views with which a run may have more Gaussians than the preset, and more than
+/// twice its steps. Fewer views are soon overfitted.
 const MANY_VIEWS: usize = 50;
+
+/// The largest size of a run with fewer views.
+const LARGEST_OF_FEW: [f64; 2] = [2.0, 1.0];
 
 /// Speed of training on one machine with one backend and the views of one data set.
 #[derive(Debug, Clone, PartialEq)]
@@ -254,7 +259,8 @@ impl TrainPreset {
     /// including `evaluations` measurements of all test views.
     ///
     /// With many views and enough time, there are up to 3 times the steps and 2 times the Gaussians
-    /// of [`Self::settings_for`]; with less time, there are fewer. `gaussians` sets the largest
+    /// of [`Self::settings_for`], with few views up to 2 times the steps; with less time, there are
+    /// fewer. `gaussians` sets the largest
     /// number of Gaussians instead. Very short runs start at a quarter of the resolution. `None` if
     /// even the shortest run takes longer.
     pub fn settings_within<'a>(
@@ -266,7 +272,8 @@ impl TrainPreset {
     ) -> Option<TrainSettings> {
         let cameras: Vec<&Camera> = cameras.into_iter().collect();
         let usual = Self::Standard.settings_for(None, cameras.iter().copied()).for_points(speed.points);
-        let most = if cameras.len() < MANY_VIEWS { 1.0 } else { f64::INFINITY };
+        let few = cameras.len() < MANY_VIEWS;
+        let possible = |size: &[f64; 2]| !few || size[0] <= LARGEST_OF_FEW[0] && size[1] <= LARGEST_OF_FEW[1];
         let settings = |[steps, share]: [f64; 2]| {
             let iterations = (f64::from(usual.iterations) * steps) as u32;
             let scaled = (f64::from(usual.gaussians) * share) as u32;
@@ -281,7 +288,7 @@ impl TrainPreset {
         };
         SIZES
             .into_iter()
-            .filter(|size| size[0] <= most)
+            .filter(possible)
             .map(settings)
             .find(|settings| speed.seconds(settings, evaluations) <= seconds)
     }
@@ -337,10 +344,10 @@ mod tests {
     }
 
     #[test]
-    fn few_views_get_no_more_than_the_preset() {
+    fn few_views_get_twice_the_steps_of_the_preset_at_most() {
         let settings = within(1e6, 12).unwrap();
         let camera = Camera::looking_forward(400, 400, 1.0);
-        let usual = TrainPreset::Standard.settings_for(None, &vec![camera; 12]);
+        let usual = TrainPreset::Standard.settings_for(Some(4_000), &vec![camera; 12]);
         assert_eq!(settings, TrainSettings { exactly: true, ..usual.for_points(0) });
         // Many points raise the number as they do without a time limit.
         let from_points = Speed { points: 8_000, ..speed(12) };

@@ -197,7 +197,8 @@ impl<R: Optimizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
         if self.exposures.is_due(settings.exposure, views, context.step, settings.iterations) {
             let render = shown(settings, &Effects { statistics: Statistics::None, ..context.effects });
             let were_used = self.exposures.are_used();
-            self.exposures.solve((on, splats), &self.views.train, &render, settings.exposure).await?;
+            let factor = settings.resolution.factor(context.step as f32 / settings.iterations as f32);
+            self.exposures.solve((on, splats), &self.views.train, &render, (settings.exposure, factor)).await?;
             if were_used || self.exposures.are_used() {
                 self.images.forget();
             }
