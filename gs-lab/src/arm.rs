@@ -29,13 +29,13 @@ pub struct Arm {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub iterations: Option<u32>,
     /// What a training starts from, as `gs train --start`; studies of scenes only. By default what
-    /// suits the data set: [`StartName::usual`]. The images are not searched for more points, so that
-    /// arms with other settings start alike.
+    /// suits the data set: [`StartName::usual`]. Without `like-gs-train`, the images are not
+    /// searched for more points, so that arms with other settings start alike.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub start: Option<StartName>,
-    /// Trains as `gs train` does with the arm's preset alone: with the preset's own number of Gaussians
-    /// for the data set, where the budget allows it, and from points that are also looked for in the
-    /// images where the preset says so. Studies of scenes only.
+    /// Whether the arm has the number of Gaussians and the start that `gs train` chooses for its
+    /// preset. The budget is the largest number allowed; initial points raise a number of at most half
+    /// of it only. Studies of scenes only.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub like_gs_train: bool,
     /// A policy by its name, with its source's parameters: one of [`gs_density::Policy::NAMES`]. In

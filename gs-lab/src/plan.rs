@@ -133,7 +133,7 @@ impl Plan {
     /// pixels for each Gaussian.
     pub fn work(&self, run: &Run) -> f64 {
         let pixels = self.target(run).pixels_per_step();
-        f64::from(run.settings.iterations().max(1)) * (pixels + 50.0 * f64::from(run.budget))
+        f64::from(run.settings.iterations().max(1)) * (pixels + 50.0 * f64::from(run.settings.gaussians()))
     }
 
     /// The error that this program does not have the policy of an arm.

@@ -227,7 +227,11 @@ impl Study {
         let tables = std::iter::once(("settings".to_owned(), &self.settings))
             .chain(self.arms.iter().map(|arm| (format!("arm `{}`: settings", arm.name), &arm.settings)));
         for (place, table) in tables {
-            for (key, mend) in [("gaussians", "list it under budgets"), ("seed", "list it under seeds")] {
+            for (key, mend) in [
+                ("gaussians", "list it under budgets"),
+                ("gaussians-per-point", "the budget is the number of Gaussians"),
+                ("seed", "list it under seeds"),
+            ] {
                 if table.contains_key(key) {
                     return Err(self.wrong(format!("{place}: `{key}` is not for settings"), mend));
                 }

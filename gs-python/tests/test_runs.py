@@ -257,3 +257,10 @@ def test_a_resumed_training(dataset: Path, cpu: gs.Backend, tmp_path: Path) -> N
     resumed, whole = rest.result(), gs.train(dataset, 200, **options)
     assert np.array_equal(resumed.scene.means, whole.scene.means)
     assert not checkpoint.exists()
+    # With the preset's number, which points may raise.
+    run = gs.TrainRun(dataset, checkpoint=checkpoint, **options)
+    next(run)
+    run.stop()
+    with pytest.raises(RuntimeError, match="stopped"):
+        run.result()
+    assert len(gs.train(dataset, checkpoint=checkpoint, **options).scene) > 0

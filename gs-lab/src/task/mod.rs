@@ -165,6 +165,11 @@ impl RunSettings {
         of_either!(self, settings => settings.to_toml())
     }
 
+    /// Largest number of Gaussians.
+    pub fn gaussians(&self) -> u32 {
+        of_either!(self, settings => settings.gaussians)
+    }
+
     /// Number of steps.
     pub fn iterations(&self) -> u32 {
         of_either!(self, settings => settings.iterations)

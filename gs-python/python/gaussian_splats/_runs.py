@@ -74,7 +74,8 @@ def train(
     """Train a 3D scene from posed images.
 
     :param dataset: the folder of a COLMAP, Nerfstudio or Blender data set.
-    :param gaussians: largest number of Gaussians; by default the preset's.
+    :param gaussians: largest number of Gaussians; by default the preset's, which many initial
+        points raise.
     :param preset: "standard" (the default), "quick", "3dgs" or "mcmc", as for ``gs train``.
     :param iterations: number of steps; by default the preset's.
     :param start: "points" (those of the data set), "points-and-images" (these and points found

@@ -80,10 +80,14 @@ impl TrainRun {
                 let mut trainer = match start.checkpoint {
                     Some(checkpoint) => {
                         let trainer = Trainer3d::resume_views(rasterizer, views, checkpoint)?;
-                        // The extent is measured when a training begins.
-                        let mut wanted = train;
-                        wanted.extent = wanted.extent.or(trainer.settings().extent);
-                        check_settings(trainer.settings(), &wanted)?;
+                        // The extent is measured when a training begins, and the points of its start
+                        // may raise the number of Gaussians.
+                        let (mut wanted, held) = (train, trainer.settings());
+                        wanted.extent = wanted.extent.or(held.extent);
+                        if wanted.may_be_raised_to(held.gaussians) {
+                            wanted = wanted.with_gaussians(held.gaussians);
+                        }
+                        check_settings(held, &wanted)?;
                         trainer
                     }
                     None => block_on(Trainer3d::from_views(rasterizer, views, initial, train))?,
@@ -184,11 +188,13 @@ fn wanted(
         train = train.with_policy(policy.named()?);
     }
     if let Given::Preset { changes, .. } = &given {
-        let changed = settings::with("settings", train.clone(), changes.as_ref())?;
-        let gaussians = changed.gaussians;
+        train = settings::with("settings", train, changes.as_ref())?;
+        let has = |key: &str| changes.as_ref().map_or(Ok(false), |changes| changes.contains(key));
         // Points do not raise a number of the caller's own.
-        let is_own = gaussians != train.gaussians && changed.gaussians_per_point == train.gaussians_per_point;
-        train = if is_own { changed.with_gaussians(gaussians) } else { changed };
+        if has("gaussians")? && !has("gaussians-per-point")? {
+            let gaussians = train.gaussians;
+            train = train.with_gaussians(gaussians);
+        }
     }
     train.validate().map_err(IntoPython::into_python)?;
     Ok(train)

@@ -1,10 +1,9 @@
 //! Correction of exposure and white balance: an affine colour map for each training view, solved
 //! while the scene is trained.
 //!
-//! A few times in a run, each training view is rendered at the resolution of the steps, and the map
+//! A few times in a run, each training view is rendered, not larger than in the steps, and the map
 //! from rendering to image is solved by least squares over the pixels of both at a reduced size of a
-//! few thousand pixels.
-//! Later steps compare renderings with images to which the inverse maps are applied. The mean map
+//! few thousand pixels. Later steps compare renderings with images to which the inverse maps are applied. The mean map
 //! is the identity, which fixes the colours of the scene.
 
 use std::collections::BTreeMap;
@@ -57,6 +56,9 @@ const LEAST_STEPS_PER_VIEW: u32 = 5;
 /// twelve unknowns of a map.
 const PIXELS: u64 = 10_000;
 
+/// Least number of pixels in each half of a view whose gain is measured.
+const LEAST_PAIRS: usize = 50;
+
 /// Range of pixel values that count as not clipped by the camera.
 const UNCLIPPED: [f32; 2] = [0.01, 0.98];
 
@@ -81,8 +83,8 @@ struct Maps {
 pub struct ExposureReport {
     /// Whether the maps are used: with [`Exposure::Auto`], only where they gain enough.
     pub used: bool,
-    /// Gain in the right half of a view by a map fitted to its left half, over the mean of the maps
-    /// of all views; mean over the training views, dB.
+    /// How much better the map of a view's left half fits its right half than the mean of all these
+    /// maps does; mean over the training views, dB.
     pub gain_db: f64,
 }
 
@@ -134,13 +136,13 @@ impl SmallView {
 }
 
 /// Gain in the right half of a view by a map fitted to its left half, over the mean of these maps,
-/// dB; mean over the views. `halves` are the pairs of both halves of each view, neither without any.
+/// dB; mean over the views. `halves` are the pairs of both halves of each view.
 ///
-/// The mean map is no difference between images: it is what the rendering of the scene so far lacks
-/// in all views.
+/// What the mean map corrects is no difference between images, but what the scene still lacks in
+/// all views.
 fn gain_db(halves: &[[&[ColorPair]; 2]]) -> f64 {
     let maps: Vec<ColorMap> = halves.iter().map(|[left, _]| ColorMap::robust_fit(left)).collect();
-    let common = ColorMap::mean(&maps);
+    let common = mean_of_possible(&maps);
     let gain = |(map, [_, right]): (&ColorMap, &[&[ColorPair]; 2])| {
         10.0 * (common.squared_error(right) / map.squared_error(right)).log10()
     };
@@ -229,7 +231,7 @@ impl Exposures {
         let fits: Vec<ColorMap> = pairs.iter().map(|pairs| ColorMap::robust_fit(pairs)).collect();
         let halves = pairs.iter().zip(&self.small).map(|(pairs, small)| pairs.split_at(small.left).into());
         let halves: Vec<[&[ColorPair]; 2]> =
-            halves.filter(|halves: &[&[ColorPair]; 2]| halves.iter().all(|half| !half.is_empty())).collect();
+            halves.filter(|halves: &[&[ColorPair]; 2]| halves.iter().all(|half| half.len() >= LEAST_PAIRS)).collect();
         let gain_db = gain_db(&halves);
         let differ = views.len() > 1 && gain_db >= LEAST_GAIN_DB;
         let used = exposure == Exposure::Affine || differ;
@@ -247,11 +249,14 @@ impl Exposures {
 /// [`ColorMap::inverse`]'s limit, which no camera makes, is not in the mean, and is replaced by the
 /// identity.
 fn undone(fits: &[ColorMap]) -> Vec<ColorMap> {
-    let inverses: Vec<Option<ColorMap>> = fits.iter().map(ColorMap::inverse).collect();
-    let possible: Vec<ColorMap> =
-        fits.iter().zip(&inverses).filter_map(|(fit, inverse)| inverse.map(|_| *fit)).collect();
-    let mean = ColorMap::mean(&possible);
-    inverses.iter().map(|inverse| inverse.map_or(ColorMap::IDENTITY, |inverse| mean.after(&inverse))).collect()
+    let mean = mean_of_possible(fits);
+    fits.iter().map(|fit| fit.inverse().map_or(ColorMap::IDENTITY, |inverse| mean.after(&inverse))).collect()
+}
+
+/// The mean of the maps that have an inverse.
+fn mean_of_possible(maps: &[ColorMap]) -> ColorMap {
+    let possible: Vec<ColorMap> = maps.iter().filter(|map| map.inverse().is_some()).copied().collect();
+    ColorMap::mean(&possible)
 }
 
 #[cfg(test)]
@@ -283,18 +288,20 @@ mod tests {
 
     #[test]
     fn what_all_views_lack_is_no_difference_between_images() {
-        let colors: Vec<[f32; 3]> = (0..60).map(|i| [0.1, 0.4, 0.7].map(|c| c + 0.004 * i as f32)).collect();
-        let taken = |gain: f32| -> Vec<ColorPair> {
-            let noisy = |(i, color): (usize, &[f32; 3])| (*color, color.map(|c| gain * c + 0.01 * (i % 3) as f32));
-            colors.iter().enumerate().map(noisy).collect()
+        // Views of other colours and with other errors.
+        let taken = |(view, gain): (usize, f32)| -> Vec<ColorPair> {
+            let spread = |i: usize, by: f32| (by * (60 * view + i) as f32).fract();
+            let color = |i: usize| [0.618, 0.414, 0.732].map(|by| 0.1 + 0.5 * spread(i, by));
+            let error = |i: usize| 0.05 * spread(i, 0.303);
+            (0..60).map(|i| (color(i), color(i).map(|c| gain * c + error(i)))).collect()
         };
         let gain = |gains: [f32; 3]| {
-            let views = gains.map(taken);
+            let views: Vec<_> = gains.into_iter().enumerate().map(taken).collect();
             let halves: Vec<[&[ColorPair]; 2]> = views.iter().map(|pairs| pairs.split_at(30).into()).collect();
             gain_db(&halves)
         };
-        assert!(gain([0.7; 3]).abs() < 0.1, "a scene that is too bright: {} dB", gain([0.7; 3]));
-        assert!(gain([0.7, 0.9, 1.1]) > 10.0, "{} dB", gain([0.7, 0.9, 1.1]));
+        assert!(gain([0.7; 3]).abs() < 1.0, "a scene that is too bright: {} dB", gain([0.7; 3]));
+        assert!(gain([0.7, 0.9, 1.1]) > 5.0, "{} dB", gain([0.7, 0.9, 1.1]));
         assert_eq!(gain_db(&[]), 0.0);
     }
 

@@ -53,7 +53,8 @@ pub struct PointInit {
     /// which no point is seen: for sky and far surfaces. Default false.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub shell: bool,
-    /// If a data set has fewer points than this share of the largest number of Gaussians, 0..=1,
+    /// If a data set has fewer points than this share of the largest number of Gaussians (before
+    /// points raise it), 0..=1,
     /// training starts with [`Start::PointsAndImages`] unless another start is given. Default 0: never.
     #[serde(skip_serializing_if = "is_zero")]
     pub search_below: f32,
@@ -148,10 +149,11 @@ impl Start {
         Ok(if points.len() < LEAST_FOUND { Self::Random } else { Self::Points(points) })
     }
 
-    /// Number of points that it starts from; 0 for a start from random points or from a scene.
-    pub(super) fn points(&self) -> usize {
+    /// Number of points that a training with these settings starts from, if the number of Gaussians
+    /// allows them all; 0 for a start from random points or from a scene.
+    pub(super) fn points(&self, init: &PointInit) -> usize {
         match self {
-            Self::Points(points) => points.len(),
+            Self::Points(points) => points.len().min(init.most_points.map_or(usize::MAX, |most| most as usize)),
             _ => 0,
         }
     }

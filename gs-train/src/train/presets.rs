@@ -57,7 +57,7 @@ const STANDARD_STEPS: [usize; 2] = [2_000, 8_000];
 /// more Gaussians, scenes fit few views ever better, and views between them worse.
 const PIXELS_PER_GAUSSIAN: u64 = 160;
 
-/// Gaussians of a run of minutes for each point that it starts from, where there are so many points.
+/// Gaussians of a run of minutes for each initial point, where that is more than one for 160 pixels.
 /// Many points are found in images that agree well, and such images need more Gaussians.
 const GAUSSIANS_PER_POINT: f32 = 4.0;
 
@@ -65,7 +65,7 @@ const GAUSSIANS_PER_POINT: f32 = 4.0;
 /// share of the largest number of Gaussians.
 const FEW_POINTS: f32 = 0.25;
 
-/// Least and largest number of Gaussians that a run of minutes may reach.
+/// Bounds of the number of Gaussians that follows from the pixels.
 const STANDARD_GAUSSIANS: [u64; 2] = [20_000, 1_000_000];
 
 /// Least number of steps for the published schedules; a shorter run would not recover from its

@@ -39,9 +39,10 @@ pub enum StepBackground {
 pub struct TrainSettings {
     /// Largest number of Gaussians, at least 1.
     pub gaussians: u32,
-    /// [`Self::gaussians`] for each point that training starts from: where the points are so many
-    /// that this is more than [`Self::gaussians`], that is raised before the first step, to twice its
-    /// value at most. Not negative; default 0. See [`Self::with_gaussians`].
+    /// Number of Gaussians for each point that training starts from, far points of
+    /// [`PointInit::shell`] not counted. If that makes more than [`Self::gaussians`], `gaussians` is
+    /// raised to it before the first step, to twice its value at most. Not negative; default 0:
+    /// never. The settings of a training that has begun have the raised number, and 0 here.
     #[serde(skip_serializing_if = "is_zero")]
     pub gaussians_per_point: f32,
     /// Whether the run ends with exactly as many Gaussians as [`Self::gaussians`] says, along a
@@ -117,9 +118,17 @@ impl TrainSettings {
     #[must_use]
     pub fn for_points(self, points: usize) -> Self {
         let wanted = (f64::from(self.gaussians_per_point) * points as f64) as u32;
-        let most = self.gaussians.saturating_mul(2).min(MAX_GAUSSIANS);
-        let gaussians = wanted.clamp(self.gaussians, most.max(self.gaussians));
+        let gaussians = wanted.clamp(self.gaussians, self.most_for_points());
         self.with_gaussians(gaussians)
+    }
+
+    /// Whether [`Self::for_points`] gives this number for some number of points.
+    pub fn may_be_raised_to(&self, gaussians: u32) -> bool {
+        self.gaussians_per_point > 0.0 && (self.gaussians..=self.most_for_points()).contains(&gaussians)
+    }
+
+    fn most_for_points(&self) -> u32 {
+        self.gaussians.saturating_mul(2).min(MAX_GAUSSIANS).max(self.gaussians)
     }
 
     /// The Gaussians that the step after `step` steps leaves out.
@@ -337,6 +346,9 @@ mod tests {
         let raised = [0, 25, 30, 50, 1_000].map(|points| settings.clone().for_points(points).gaussians);
         assert_eq!(raised, [100, 100, 120, 200, 200]);
         assert_eq!(settings.clone().for_points(30), settings.clone().with_gaussians(120));
+        let possible = [99, 100, 200, 201].map(|gaussians| settings.may_be_raised_to(gaussians));
+        assert_eq!(possible, [false, true, true, false]);
+        assert!(!settings.clone().with_gaussians(70).may_be_raised_to(70));
         assert_eq!(settings.with_gaussians(70).for_points(1_000).gaussians, 70);
     }
 

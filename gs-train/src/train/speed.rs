@@ -34,7 +34,7 @@ const MOST_TEST_VIEWS: usize = 4;
 
 /// Candidate sizes of a run relative to the preset: a factor for the steps and one for the
 /// Gaussians. The first candidate that fits into the time is used.
-const SIZES: [[f64; 2]; 21] = [
+const SIZES: [[f64; 2]; 19] = [
     [3.0, 2.0],
     [2.5, 2.0],
     [3.0, 1.5],
@@ -42,9 +42,7 @@ const SIZES: [[f64; 2]; 21] = [
     [2.5, 1.5],
     [2.0, 1.5],
     [1.7, 1.5],
-    [2.0, 1.0],
     [1.4, 1.2],
-    [1.5, 1.0],
     [1.2, 1.0],
     [1.0, 1.0],
     [0.85, 0.9],
@@ -65,8 +63,8 @@ const SHORT: f64 = 0.25;
 /// twice its steps. Fewer views are soon overfitted.
 const MANY_VIEWS: usize = 50;
 
-/// The largest size of a run with fewer views.
-const LARGEST_OF_FEW: [f64; 2] = [2.0, 1.0];
+/// Sizes of a run with fewer views before those of [`SIZES`] with at most the preset's steps.
+const SIZES_FOR_FEW_VIEWS: [[f64; 2]; 3] = [[2.0, 1.0], [1.5, 1.0], [1.2, 1.0]];
 
 /// Speed of training on one machine with one backend and the views of one data set.
 #[derive(Debug, Clone, PartialEq)]
@@ -142,7 +140,7 @@ impl Speed {
             Start::Scene(scene) => scene.len(),
             _ => 0,
         };
-        let points = start.points();
+        let points = start.points(&settings.init);
         let gaussians = settings.gaussians.min(MOST_GAUSSIANS);
         // Few enough that their number changes during the trial.
         let most = (gaussians as usize / 4).max(1);
@@ -241,7 +239,7 @@ fn thinned(start: Start, most: usize, settings: &TrainSettings) -> (Start, usize
     let budget = settings.gaussians as usize;
     match start {
         Start::Points(points) => {
-            let first = points.len().min(budget);
+            let first = points.len();
             let every = points.len().div_ceil(most).max(1);
             (Start::Points(points.into_iter().step_by(every).collect()), first)
         }
@@ -258,11 +256,11 @@ impl TrainPreset {
     /// Settings of [`TrainPreset::Standard`] for training on these views in at most `seconds`,
     /// including `evaluations` measurements of all test views.
     ///
-    /// With many views and enough time, there are up to 3 times the steps and 2 times the Gaussians
-    /// of [`Self::settings_for`], with few views up to 2 times the steps; with less time, there are
-    /// fewer. `gaussians` sets the largest
-    /// number of Gaussians instead. Very short runs start at a quarter of the resolution. `None` if
-    /// even the shortest run takes longer.
+    /// With enough time there are up to 3 times the steps and 2 times the Gaussians of `standard` for
+    /// these views and points; with fewer than 50 views, up to 2 times the steps and no more
+    /// Gaussians. With less time, there are fewer. `gaussians` sets the largest number of Gaussians
+    /// instead. Very short runs start at a quarter of the resolution. `None` if even the shortest run
+    /// takes longer.
     pub fn settings_within<'a>(
         seconds: f64,
         speed: &Speed,
@@ -272,25 +270,22 @@ impl TrainPreset {
     ) -> Option<TrainSettings> {
         let cameras: Vec<&Camera> = cameras.into_iter().collect();
         let usual = Self::Standard.settings_for(None, cameras.iter().copied()).for_points(speed.points);
-        let few = cameras.len() < MANY_VIEWS;
-        let possible = |size: &[f64; 2]| !few || size[0] <= LARGEST_OF_FEW[0] && size[1] <= LARGEST_OF_FEW[1];
+        let sizes: Vec<[f64; 2]> = if cameras.len() < MANY_VIEWS {
+            SIZES_FOR_FEW_VIEWS.into_iter().chain(SIZES.into_iter().filter(|size| size[0] <= 1.0)).collect()
+        } else {
+            SIZES.to_vec()
+        };
         let settings = |[steps, share]: [f64; 2]| {
             let iterations = (f64::from(usual.iterations) * steps) as u32;
             let scaled = (f64::from(usual.gaussians) * share) as u32;
             let gaussians = gaussians.unwrap_or(scaled).max(speed.given as u32);
             let mut settings = Self::Standard.settings(Some(iterations)).with_gaussians(gaussians);
-            // Growth by rank alone may not reach the number that the time was planned for.
-            settings.exactly = true;
             if steps < SHORT {
                 settings.resolution = Resolution::from_coarse(4);
             }
             settings
         };
-        SIZES
-            .into_iter()
-            .filter(possible)
-            .map(settings)
-            .find(|settings| speed.seconds(settings, evaluations) <= seconds)
+        sizes.into_iter().map(settings).find(|settings| speed.seconds(settings, evaluations) <= seconds)
     }
 }
 
@@ -348,7 +343,7 @@ mod tests {
         let settings = within(1e6, 12).unwrap();
         let camera = Camera::looking_forward(400, 400, 1.0);
         let usual = TrainPreset::Standard.settings_for(Some(4_000), &vec![camera; 12]);
-        assert_eq!(settings, TrainSettings { exactly: true, ..usual.for_points(0) });
+        assert_eq!(settings, usual.for_points(0));
         // Many points raise the number as they do without a time limit.
         let from_points = Speed { points: 8_000, ..speed(12) };
         let settings = TrainPreset::settings_within(1e6, &from_points, &vec![camera; 12], None, 5).unwrap();

@@ -48,7 +48,8 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
         let cameras: Vec<Camera> = views.train_cameras().copied().collect();
         let views = for_evidence(views, &settings)?;
         let mut start = start.searched(&views.train)?;
-        settings = settings.for_points(start.points());
+        let points = start.points(&settings.init);
+        settings = settings.for_points(points);
         if settings.init.shell {
             start = start.with_shell(&views.train)?;
         }

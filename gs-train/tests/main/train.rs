@@ -151,6 +151,23 @@ fn a_resumed_training_ends_bit_identical() {
     }
 }
 
+#[test]
+fn many_points_raise_the_number_of_gaussians() {
+    let rasterizer = rasterizer();
+    let points: Vec<Point> = thirty().means.iter().map(|mean| Point { position: *mean, color: [0.5; 3] }).collect();
+    let allowed = |start: Start, most_points: Option<u32>| {
+        let mut settings = short(0).with_gaussians(70);
+        settings.gaussians_per_point = 4.0;
+        settings.init.most_points = most_points;
+        let trainer = Trainer3d::from_views(&rasterizer, views(&rasterizer), start, settings).block_on().unwrap();
+        assert_eq!(trainer.settings().gaussians_per_point, 0.0);
+        trainer.settings().gaussians
+    };
+    assert_eq!(allowed(Start::Points(points.clone()), None), 120);
+    assert_eq!(allowed(Start::Points(points), Some(20)), 80);
+    assert_eq!([allowed(Start::Random, None), allowed(Start::Scene(thirty()), None)], [70, 70]);
+}
+
 /// These views as cameras with other exposures and white balances took them.
 fn tinted(views: Views) -> Views {
     changed(views, |i, posed| {
