@@ -41,9 +41,9 @@ A study file; preset, iterations and settings may be given for all arms or for o
     include_str!("example.toml"),
     "
 A study of 3D scenes has scenes in place of images: data sets as gs train reads them, in --data or \
-beside the file. Its arms may also have start, as gs train --start. With like-gs-train = true they have the number \
-of Gaussians and the start that gs train chooses for their preset. All keys of a training's \
-settings.toml go under settings. Factors expand into arms, one for each combination of their levels:
+beside the file. Its arms may also have start, as gs train --start. With like-gs-train = true they \
+have the number of Gaussians and the start that gs train chooses for their preset. All keys of a \
+training's settings.toml go under settings. Factors expand into arms, one for each combination of their levels:
 
 ",
     include_str!("example-3d.toml"),
