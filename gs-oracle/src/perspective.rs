@@ -7,7 +7,7 @@
 
 use gs_core::{
     Camera, CullCause, Error, Output, RenderSettings,
-    constants::{DILATION_PX2, MIN_DETERMINANT_PX4, MIN_QUATERNION_NORM2, MIP_DILATION_PX2},
+    constants::{MIN_DETERMINANT_PX4, MIN_QUATERNION_NORM2},
     effects::{Antialias, Blend, Order},
 };
 
@@ -279,11 +279,7 @@ impl Covariance {
     ) -> Result<Self, CullCause> {
         let spread = |i: usize, j: usize| dot(&footprint[i], &footprint[j]);
         let minor = |a: usize, b: usize| footprint[0][a] * footprint[1][b] - footprint[0][b] * footprint[1][a];
-        let dilation = Rounded::exact(match antialias {
-            Antialias::None => 0.0,
-            Antialias::Dilate | Antialias::Compensated => f64::from(DILATION_PX2),
-            Antialias::Mip => f64::from(MIP_DILATION_PX2),
-        });
+        let dilation = Rounded::exact(antialias.dilation().into());
         let (uu, uv, vv) = (spread(0, 0), spread(0, 1), spread(1, 1));
         // Cauchy–Binet: cancellation is only possible within a minor.
         let thin = minor(0, 1).squared() + minor(0, 2).squared() + minor(1, 2).squared();

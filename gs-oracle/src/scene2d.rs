@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 
 use gs_core::{
     Canvas, CullCause, Error, RenderSettings,
-    constants::{DILATION_PX2, MIN_DETERMINANT_PX4, MIP_DILATION_PX2},
+    constants::MIN_DETERMINANT_PX4,
     effects::{Antialias, Blend, Order},
 };
 
@@ -86,11 +86,7 @@ impl OracleView for Canvas {
             zoom[i] * zoom[j] * (variances[0] * axes[0][i] * axes[0][j] + variances[1] * axes[1][i] * axes[1][j])
         };
         let antialias = settings.effects.antialias;
-        let dilation = match antialias {
-            Antialias::None => 0.0,
-            Antialias::Dilate | Antialias::Compensated => f64::from(DILATION_PX2),
-            Antialias::Mip => f64::from(MIP_DILATION_PX2),
-        };
+        let dilation = f64::from(antialias.dilation());
         let thin = variances[0] * variances[1] * (zoom[0] * zoom[1]).powi(2);
         let determinant = thin + dilation * (entry(0, 0) + entry(1, 1)) + dilation * dilation;
         let (xx, xy, yy) = (entry(0, 0) + dilation, entry(0, 1), entry(1, 1) + dilation);

@@ -54,8 +54,8 @@ pub struct PointInit {
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub shell: bool,
     /// If a data set has fewer points than this share of the largest number of Gaussians (before
-    /// points raise it), 0..=1,
-    /// training starts with [`Start::PointsAndImages`] unless another start is given. Default 0: never.
+    /// points raise it), 0..=1, training starts with [`Start::PointsAndImages`] unless another start
+    /// is given. Default 0: never.
     #[serde(skip_serializing_if = "is_zero")]
     pub search_below: f32,
 }
@@ -116,10 +116,10 @@ pub enum Start {
 impl Start {
     /// Searches the images or their depth maps for points.
     ///
-    /// [`Self::Images`], [`Self::PointsAndImages`] and [`Self::Depths`] become [`Self::Points`], with the known
-    /// points first. Without known points, they become
-    /// [`Self::Random`] if fewer than 100 points are found. Other starts stay as they are. A training
-    /// calls this itself if it has not been called.
+    /// [`Self::Images`], [`Self::PointsAndImages`] and [`Self::Depths`] become [`Self::Points`], with
+    /// the known points first. Without known points, they become [`Self::Random`] if fewer than 100
+    /// points are found. Other starts stay as they are. A training calls this itself if it has not
+    /// been called.
     ///
     /// # Errors
     /// Those of reading an image or a depth map.

@@ -185,9 +185,11 @@ impl Speed {
         Ok(Self { step, round, view, viewed, first, given, points, training_views, test_views })
     }
 
-    /// Seconds of one measurement of all test views with this many Gaussians. This is an upper
-    /// estimate, which assumes that the time is proportional to the number of Gaussians.
-    pub fn evaluation_seconds(&self, gaussians: u32) -> f64 {
+    /// Seconds of one measurement of all test views with as many Gaussians as these settings allow
+    /// for the points of the trial. This is an upper estimate, which assumes that the time is
+    /// proportional to the number of Gaussians.
+    pub fn evaluation_seconds(&self, settings: &TrainSettings) -> f64 {
+        let gaussians = settings.clone().for_points(self.points).gaussians;
         let more = (f64::from(gaussians) / f64::from(self.viewed.max(1))).max(1.0);
         self.view * more * self.test_views as f64
     }
@@ -218,7 +220,7 @@ impl Speed {
             Exposure::Affine => 4,
         };
         let reading = self.view * (self.training_views * (1 + solutions)) as f64;
-        steps + rounds + reading + self.evaluation_seconds(settings.gaussians) * evaluations as f64
+        steps + rounds + reading + self.evaluation_seconds(settings) * evaluations as f64
     }
 }
 

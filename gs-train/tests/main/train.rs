@@ -366,7 +366,7 @@ fn a_trial_measures_the_speed_of_steps() {
         speed.seconds(&TrainPreset::Standard.settings(Some(1_000)).with(|s| s.gaussians = gaussians), 0)
     };
     assert!(with(1_000_000) > 3.0 * with(1_000), "{} s, {} s", with(1_000_000), with(1_000));
-    assert!(speed.evaluation_seconds(1) > 0.0);
+    assert!(speed.evaluation_seconds(&settings) > 0.0);
 }
 
 #[test]

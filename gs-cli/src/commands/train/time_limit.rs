@@ -59,7 +59,7 @@ impl TimeLimit {
         let speed = speed.map_err(|error| not_begun(error, &dataset.root))?;
         let trial = clock.elapsed().as_secs_f64();
         let left = PLANNED * (self.seconds() - self.started.elapsed().as_secs_f64());
-        let times = (MEASURED * left / speed.evaluation_seconds(usual.gaussians)) as usize;
+        let times = (MEASURED * left / speed.evaluation_seconds(usual)) as usize;
         let times = times.clamp(1, 20);
         let cameras = || dataset.views_of(Split::Train).map(|view| &view.camera);
         let chosen =
@@ -68,7 +68,7 @@ impl TimeLimit {
             let short = format!("--minutes {}: too short for this data set on this machine", self.minutes);
             return Err(Failure::usage(short).hint("give more minutes, or smaller images with --max-size"));
         };
-        self.afterwards = AFTERWARDS as f64 * speed.evaluation_seconds(chosen.gaussians);
+        self.afterwards = AFTERWARDS as f64 * speed.evaluation_seconds(&chosen);
         let mut chosen = with_flags(&args.settings, chosen.on(dataset.kind.background()))?;
         chosen.render = args.effects.for_training(&chosen.render);
         chosen.depth_loss = usual.depth_loss;
