@@ -38,7 +38,7 @@ impl StudyTask for Scene3d {
             start.of(dataset).map_err(|error| WrongKey::new("start", format!("{error} ({})", target.label())))?;
         }
         let cameras = dataset.views_of(Split::Train).map(|view| &view.camera);
-        let mut settings = preset.settings_for(asked.iterations(), cameras).on(dataset.kind.background());
+        let mut settings = preset.settings_for(asked.iterations(), dataset.kind, cameras);
         settings = match asked.arm.like_gs_train {
             // The points of the start may double the preset's number.
             true if settings.gaussians <= asked.budget / 2 => settings,

@@ -178,7 +178,7 @@ fn wanted(
         Given::Preset { name, .. } => {
             let preset: TrainPreset = settings::named("preset", name)?;
             let cameras = dataset.views_of(Split::Train).map(|view| &view.camera);
-            preset.settings_for(iterations, cameras).on(dataset.kind.background())
+            preset.settings_for(iterations, dataset.kind, cameras)
         }
     };
     if let Some(gaussians) = gaussians {

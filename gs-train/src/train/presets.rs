@@ -10,6 +10,7 @@ use gs_core::{
     effects::{Antialias, Order},
 };
 use gs_density::{Actions, Densify, Grow, Mcmc, Policy, Prune, Signal, SizeThreshold};
+use gs_io::dataset::DatasetKind;
 use serde::{Deserialize, Serialize};
 
 use super::{
@@ -106,26 +107,41 @@ impl TrainPreset {
 }
 
 impl TrainPreset {
-    /// [`Self::settings`] for training with these views, which determine the steps and the largest
-    /// number of Gaussians of [`Self::Standard`]: 40 steps a view, 2,000 to 8,000 in all, and a
-    /// Gaussian for 160 pixels, 20,000 to 1,000,000 in all. Its
-    /// [`gaussians_per_point`](TrainSettings::gaussians_per_point) may raise that number.
+    /// [`Self::settings`] for training with the views of these cameras, from a data set of this kind,
+    /// on its usual background.
+    ///
+    /// The views determine the steps and the largest number of Gaussians of [`Self::Standard`]: 40
+    /// steps a view, 2,000 to 8,000 in all, and a Gaussian for 160 pixels, 20,000 to 1,000,000 in
+    /// all. Its [`gaussians_per_point`](TrainSettings::gaussians_per_point) may raise that number.
+    ///
+    /// [`Self::Standard`] and [`Self::Quick`] use [`Antialias::Mip`] for Blender's data sets: a
+    /// rendered image has no blur of a lens, so its pixels are means over their own squares, whose
+    /// variance is about the 0.1 px² of `Mip`.
     pub fn settings_for<'a>(
         self,
         iterations: Option<u32>,
+        kind: DatasetKind,
         cameras: impl IntoIterator<Item = &'a Camera>,
     ) -> TrainSettings {
-        if self != Self::Standard {
-            return self.settings(iterations);
+        let mut settings = match self {
+            Self::Standard => standard_for(iterations, cameras),
+            _ => self.settings(iterations),
+        };
+        if kind == DatasetKind::Blender && matches!(self, Self::Standard | Self::Quick) {
+            settings.render.effects.antialias = Antialias::Mip;
         }
-        let pixels: Vec<u64> =
-            cameras.into_iter().map(|camera| u64::from(camera.width) * u64::from(camera.height)).collect();
-        let [shortest, longest] = STANDARD_STEPS;
-        let steps = (pixels.len() * STEPS_PER_VIEW).clamp(shortest, longest) as u32;
-        let [least, most] = STANDARD_GAUSSIANS;
-        let gaussians = (pixels.iter().sum::<u64>() / PIXELS_PER_GAUSSIAN).clamp(least, most) as u32;
-        TrainSettings { gaussians, ..standard(iterations.unwrap_or(steps)) }
+        settings.on(kind.background())
     }
+}
+
+fn standard_for<'a>(iterations: Option<u32>, cameras: impl IntoIterator<Item = &'a Camera>) -> TrainSettings {
+    let pixels: Vec<u64> =
+        cameras.into_iter().map(|camera| u64::from(camera.width) * u64::from(camera.height)).collect();
+    let [shortest, longest] = STANDARD_STEPS;
+    let steps = (pixels.len() * STEPS_PER_VIEW).clamp(shortest, longest) as u32;
+    let [least, most] = STANDARD_GAUSSIANS;
+    let gaussians = (pixels.iter().sum::<u64>() / PIXELS_PER_GAUSSIAN).clamp(least, most) as u32;
+    TrainSettings { gaussians, ..standard(iterations.unwrap_or(steps)) }
 }
 
 impl fmt::Display for TrainPreset {
@@ -304,7 +320,7 @@ mod tests {
     fn steps_and_gaussians_of_minutes_follow_the_views() {
         let settings = |views: usize, width: u32, height: u32, steps: Option<u32>| {
             let camera = Camera::looking_forward(width, height, 1.0);
-            let settings = TrainPreset::Standard.settings_for(steps, &vec![camera; views]);
+            let settings = TrainPreset::Standard.settings_for(steps, DatasetKind::Colmap, &vec![camera; views]);
             settings.validate().unwrap();
             (settings.iterations, settings.gaussians)
         };
@@ -314,7 +330,19 @@ mod tests {
         assert_eq!(settings(12, 80, 60, Some(300)), (300, 20_000));
         let cameras = [Camera::looking_forward(400, 400, 1.0)];
         for preset in [TrainPreset::Quick, TrainPreset::ThreeDgs, TrainPreset::Mcmc] {
-            assert_eq!(preset.settings_for(Some(50), &cameras), preset.settings(Some(50)));
+            assert_eq!(preset.settings_for(Some(50), DatasetKind::Colmap, &cameras), preset.settings(Some(50)));
+        }
+    }
+
+    #[test]
+    fn rendered_images_have_the_pixels_of_mip_except_as_published() {
+        for preset in TrainPreset::ALL {
+            let render = |kind: DatasetKind| preset.settings_for(None, kind, &[]).render;
+            let [photographs, rendered] = [DatasetKind::Nerfstudio, DatasetKind::Blender].map(render);
+            let published = matches!(preset, TrainPreset::ThreeDgs | TrainPreset::Mcmc);
+            assert_eq!(photographs.effects.antialias, Antialias::Dilate, "{preset}");
+            assert_eq!(rendered.effects.antialias == Antialias::Dilate, published, "{preset}");
+            assert_eq!((photographs.background, rendered.background), ([0.0; 3], [1.0; 3]), "{preset}");
         }
     }
 

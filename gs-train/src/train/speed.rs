@@ -4,6 +4,7 @@
 use std::collections::BTreeMap;
 
 use gs_core::{Camera, Optimizer, Scene, Scene3d};
+use gs_io::dataset::DatasetKind;
 use web_time::Instant;
 
 use super::{
@@ -255,8 +256,8 @@ fn thinned(start: Start, most: usize, settings: &TrainSettings) -> (Start, usize
 }
 
 impl TrainPreset {
-    /// Settings of [`TrainPreset::Standard`] for training on these views in at most `seconds`,
-    /// including `evaluations` measurements of all test views.
+    /// Settings of [`TrainPreset::Standard`] for training with the views of these cameras, from a data
+    /// set of this kind, in at most `seconds`, including `evaluations` measurements of all test views.
     ///
     /// With enough time there are up to 3 times the steps and 2 times the Gaussians of `standard` for
     /// these views and points; with fewer than 50 views, up to 2 times the steps and no more
@@ -266,12 +267,13 @@ impl TrainPreset {
     pub fn settings_within<'a>(
         seconds: f64,
         speed: &Speed,
+        kind: DatasetKind,
         cameras: impl IntoIterator<Item = &'a Camera>,
         gaussians: Option<u32>,
         evaluations: usize,
     ) -> Option<TrainSettings> {
         let cameras: Vec<&Camera> = cameras.into_iter().collect();
-        let usual = Self::Standard.settings_for(None, cameras.iter().copied()).for_points(speed.points);
+        let usual = Self::Standard.settings_for(None, kind, cameras.iter().copied()).for_points(speed.points);
         let sizes: Vec<[f64; 2]> = if cameras.len() < MANY_VIEWS {
             SIZES_FOR_FEW_VIEWS.into_iter().chain(SIZES.into_iter().filter(|size| size[0] <= 1.0)).collect()
         } else {
@@ -281,7 +283,7 @@ impl TrainPreset {
             let iterations = (f64::from(usual.iterations) * steps) as u32;
             let scaled = (f64::from(usual.gaussians) * share) as u32;
             let gaussians = gaussians.unwrap_or(scaled).max(speed.given as u32);
-            let mut settings = Self::Standard.settings(Some(iterations)).with_gaussians(gaussians);
+            let mut settings = Self::Standard.settings_for(Some(iterations), kind, []).with_gaussians(gaussians);
             if steps < SHORT {
                 settings.resolution = Resolution::from_coarse(4);
             }
@@ -294,6 +296,8 @@ impl TrainPreset {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    const COLMAP: DatasetKind = DatasetKind::Colmap;
 
     /// Steps of 10 ms and 1 µs a Gaussian at full resolution, a third of that at half.
     fn speed(training_views: usize) -> Speed {
@@ -313,7 +317,7 @@ mod tests {
 
     fn within(seconds: f64, views: usize) -> Option<TrainSettings> {
         let camera = Camera::looking_forward(400, 400, 1.0);
-        TrainPreset::settings_within(seconds, &speed(views), &vec![camera; views], None, 5)
+        TrainPreset::settings_within(seconds, &speed(views), COLMAP, &vec![camera; views], None, 5)
     }
 
     #[test]
@@ -344,18 +348,19 @@ mod tests {
     fn few_views_get_twice_the_steps_of_the_preset_at_most() {
         let settings = within(1e6, 12).unwrap();
         let camera = Camera::looking_forward(400, 400, 1.0);
-        let usual = TrainPreset::Standard.settings_for(Some(4_000), &vec![camera; 12]);
+        let usual = TrainPreset::Standard.settings_for(Some(4_000), COLMAP, &vec![camera; 12]);
         assert_eq!(settings, usual.for_points(0));
         // Many points raise the number as they do without a time limit.
         let from_points = Speed { points: 8_000, ..speed(12) };
-        let settings = TrainPreset::settings_within(1e6, &from_points, &vec![camera; 12], None, 5).unwrap();
+        let settings = TrainPreset::settings_within(1e6, &from_points, COLMAP, &vec![camera; 12], None, 5).unwrap();
         assert_eq!(settings.gaussians, 32_000);
     }
 
     #[test]
     fn a_given_number_of_gaussians_stays() {
         let camera = Camera::looking_forward(400, 400, 1.0);
-        let settings = TrainPreset::settings_within(60.0, &speed(100), &vec![camera; 100], Some(77_000), 5).unwrap();
+        let settings =
+            TrainPreset::settings_within(60.0, &speed(100), COLMAP, &vec![camera; 100], Some(77_000), 5).unwrap();
         assert_eq!(settings.gaussians, 77_000);
     }
 }

@@ -27,9 +27,8 @@ pub(super) fn settings(args: &TrainSettingsArgs, dataset: &Dataset) -> Result<Tr
         }
         None => {
             let preset = args.preset.unwrap_or(TrainPresetName::Standard);
-            let settings = TrainPreset::from(preset)
-                .settings_for(args.iterations, dataset.views_of(Split::Train).map(|view| &view.camera));
-            settings.on(dataset.kind.background())
+            let cameras = dataset.views_of(Split::Train).map(|view| &view.camera);
+            TrainPreset::from(preset).settings_for(args.iterations, dataset.kind, cameras)
         }
     };
     with_flags(args, settings)

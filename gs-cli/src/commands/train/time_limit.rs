@@ -61,15 +61,15 @@ impl TimeLimit {
         let left = PLANNED * (self.seconds() - self.started.elapsed().as_secs_f64());
         let times = (MEASURED * left / speed.evaluation_seconds(usual)) as usize;
         let times = times.clamp(1, 20);
-        let cameras = || dataset.views_of(Split::Train).map(|view| &view.camera);
-        let chosen =
-            TrainPreset::settings_within(left, &speed, cameras(), args.settings.gaussians, times + 1 + AFTERWARDS);
+        let (gaussians, evaluations) = (args.settings.gaussians, times + 1 + AFTERWARDS);
+        let cameras = dataset.views_of(Split::Train).map(|view| &view.camera);
+        let chosen = TrainPreset::settings_within(left, &speed, dataset.kind, cameras, gaussians, evaluations);
         let Some(chosen) = chosen else {
             let short = format!("--minutes {}: too short for this data set on this machine", self.minutes);
             return Err(Failure::usage(short).hint("give more minutes, or smaller images with --max-size"));
         };
         self.afterwards = AFTERWARDS as f64 * speed.evaluation_seconds(&chosen);
-        let mut chosen = with_flags(&args.settings, chosen.on(dataset.kind.background()))?;
+        let mut chosen = with_flags(&args.settings, chosen)?;
         chosen.render = args.effects.for_training(&chosen.render);
         chosen.depth_loss = usual.depth_loss;
         let first = match chosen.resolution {
@@ -81,7 +81,7 @@ impl TimeLimit {
             self.minutes,
             counted(chosen.iterations, "step"),
             counted(chosen.gaussians, "Gaussian"),
-            (self.started.elapsed().as_secs_f64() + speed.seconds(&chosen, times + 1 + AFTERWARDS)) / 60.0,
+            (self.started.elapsed().as_secs_f64() + speed.seconds(&chosen, evaluations)) / 60.0,
         ));
         let log = MetricsLog::for_steps(chosen.iterations).measured_at_most(times as u32, chosen.iterations);
         Ok((chosen, log))
