@@ -8,7 +8,7 @@ use std::{
 };
 
 use gs_conformance::posed::{small_scene, write_dataset};
-use gs_core::{Scene as _, Scene3d};
+use gs_core::{Scene as _, Scene3d, effects::Antialias};
 use gs_cpu::{CpuRasterizer, CpuSettings};
 use serde_json::{Value, json};
 
@@ -340,13 +340,18 @@ fn a_scene_is_shown_from_views_orbits_and_paths() {
     assert_eq!(size(&flown.join("frame-00001.png")), (16, 12));
 }
 
+/// Makes a Blender data set of one of Nerfstudio.
+fn make_blender(dataset: &Path) {
+    let transforms: Value = serde_json::from_slice(&fs::read(dataset.join("transforms.json")).unwrap()).unwrap();
+    let blender = json!({ "camera_angle_x": 0.7, "frames": transforms["frames"] });
+    fs::write(dataset.join("transforms_train.json"), blender.to_string()).unwrap();
+}
+
 #[test]
 fn an_object_without_surroundings_is_shown_before_white() {
     let place = folder();
     let (dataset, scene) = dataset_and_scene(place.path());
-    let transforms: Value = serde_json::from_slice(&fs::read(dataset.join("transforms.json")).unwrap()).unwrap();
-    let blender = json!({ "camera_angle_x": 0.7, "frames": transforms["frames"] });
-    fs::write(dataset.join("transforms_train.json"), blender.to_string()).unwrap();
+    make_blender(&dataset);
     let (picture, view) = (place.path().join("view.png"), format!("{}:3", text(&dataset)));
     let corner = |flags: &[&str]| {
         let words = ["render", text(&scene), "-o", text(&picture), "--camera", &view];
@@ -372,6 +377,28 @@ fn a_scene_is_judged_as_it_was_trained() {
             (summary["evaluation"]["psnr"].as_f64().unwrap(), eval.json()["psnr"].as_f64().unwrap());
         assert!((trained - judged).abs() < 1e-3, "{antialias}: {trained} {judged}");
     }
+}
+
+#[test]
+fn rendered_images_are_trained_with_mip_unless_flags_or_the_first_scene_say_otherwise() {
+    let place = folder();
+    let (dataset, _) = dataset_and_scene(place.path());
+    make_blender(&dataset);
+    let [first, second] = ["first", "second"].map(|name| place.path().join(name));
+    let antialias = |output: &Path, flags: &[&str]| {
+        let words = small(&dataset, output);
+        let run = gs(words.into_iter().chain(["--no-report", "--overwrite"]).chain(flags.iter().copied())).done();
+        let known = gs_io::read_3d(&output.join("scene.ply")).unwrap().trained_with.antialias.unwrap();
+        let told =
+            run.stderr.contains("viewers must show scene.ply") || run.stdout.contains("viewers must show scene.ply");
+        assert_eq!(told, known.compensates(), "{run:?}");
+        known
+    };
+    assert_eq!(antialias(&first, &[]), Antialias::Mip);
+    assert_eq!(antialias(&first, &["--antialias", "dilate"]), Antialias::Dilate);
+    let scene = first.join("scene.ply");
+    assert_eq!(antialias(&second, &["--start", text(&scene)]), Antialias::Dilate);
+    assert_eq!(antialias(&second, &["--start", text(&scene), "--antialias", "mip"]), Antialias::Mip);
 }
 
 #[test]

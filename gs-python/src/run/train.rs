@@ -68,8 +68,13 @@ impl TrainRun {
         let chosen = backend::chosen(py, backend)?;
         let policy = policy.map(PolicyArgument::of).transpose()?;
         let given = Given::of("settings", preset, settings)?;
-        let train = wanted(&dataset, gaussians, iterations, policy.as_ref(), given)?;
+        let mut train = wanted(&dataset, gaussians, iterations, policy.as_ref(), &given)?;
         let initial = first(&dataset, start, &train)?;
+        if let Some(scene) = start.and_then(|start| start.cast::<Scene3d>().ok())
+            && !given.sets("render")?
+        {
+            train.render.effects.antialias = scene.get().render([0.0; 3]).effects.antialias;
+        }
         let start = Start::read(py, checkpoint)?;
         let steps = train.iterations.saturating_sub(start.step());
         let shared = Arc::new(Shared::default());
@@ -166,9 +171,9 @@ fn wanted(
     gaussians: Option<u32>,
     iterations: Option<u32>,
     policy: Option<&PolicyArgument<'_>>,
-    given: Given<'_>,
+    given: &Given<'_>,
 ) -> PyResult<TrainSettings> {
-    let mut train = match &given {
+    let mut train = match given {
         Given::File(_) if iterations.is_some() => {
             return Err(errors::value("iterations", "the settings file has them, and schedules that follow them"));
         }
@@ -187,11 +192,10 @@ fn wanted(
     if let Some(policy) = policy {
         train = train.with_policy(policy.named()?);
     }
-    if let Given::Preset { changes, .. } = &given {
+    if let Given::Preset { changes, .. } = given {
         train = settings::with("settings", train, changes.as_ref())?;
-        let has = |key: &str| changes.as_ref().map_or(Ok(false), |changes| changes.contains(key));
         // Points do not raise a number of the caller's own.
-        if has("gaussians")? && !has("gaussians-per-point")? {
+        if given.sets("gaussians")? && !given.sets("gaussians-per-point")? {
             let gaussians = train.gaussians;
             train = train.with_gaussians(gaussians);
         }

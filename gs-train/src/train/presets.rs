@@ -107,16 +107,16 @@ impl TrainPreset {
 }
 
 impl TrainPreset {
-    /// [`Self::settings`] for training with the views of these cameras, from a data set of this kind,
-    /// on its usual background.
+    /// [`Self::settings`] for training with the views of these cameras, from a data set of this
+    /// kind, on the usual background of the kind.
     ///
     /// The views determine the steps and the largest number of Gaussians of [`Self::Standard`]: 40
     /// steps a view, 2,000 to 8,000 in all, and a Gaussian for 160 pixels, 20,000 to 1,000,000 in
     /// all. Its [`gaussians_per_point`](TrainSettings::gaussians_per_point) may raise that number.
     ///
-    /// [`Self::Standard`] and [`Self::Quick`] use [`Antialias::Mip`] for Blender's data sets: a
-    /// rendered image has no blur of a lens, so its pixels are means over their own squares, whose
-    /// variance is about the 0.1 px² of `Mip`.
+    /// [`Self::Standard`] and [`Self::Quick`] use [`Antialias::Mip`] for Blender's data sets. A pixel of
+    /// a rendered image is about the mean over its square, whose variance of 1/12 px² is close to
+    /// the 0.1 px² of `Mip`. Photographs are also blurred by the lens.
     pub fn settings_for<'a>(
         self,
         iterations: Option<u32>,

@@ -190,15 +190,19 @@ impl Speed {
     /// for the points of the trial. This is an upper estimate, which assumes that the time is
     /// proportional to the number of Gaussians.
     pub fn evaluation_seconds(&self, settings: &TrainSettings) -> f64 {
-        let gaussians = settings.clone().for_points(self.points).gaussians;
-        let more = (f64::from(gaussians) / f64::from(self.viewed.max(1))).max(1.0);
+        let more = (self.gaussians(settings) / f64::from(self.viewed.max(1))).max(1.0);
         self.view * more * self.test_views as f64
+    }
+
+    /// Largest number of Gaussians for the points of the trial.
+    fn gaussians(&self, settings: &TrainSettings) -> f64 {
+        settings.clone().for_points(self.points).gaussians.into()
     }
 
     /// Estimated seconds of a training with these settings: reading each training view once, maps of
     /// colours, steps, rounds, and `evaluations` measurements of all test views.
     pub fn seconds(&self, settings: &TrainSettings, evaluations: usize) -> f64 {
-        let budget = f64::from(settings.gaussians);
+        let budget = self.gaussians(settings);
         let first = (self.first as f64).min(budget);
         let last_round = settings.rounds.last(settings.iterations).max(1);
         let count = |step: u32| {
@@ -295,6 +299,8 @@ impl TrainPreset {
 
 #[cfg(test)]
 mod tests {
+    use gs_core::effects::Antialias;
+
     use super::*;
 
     const COLMAP: DatasetKind = DatasetKind::Colmap;
@@ -354,6 +360,15 @@ mod tests {
         let from_points = Speed { points: 8_000, ..speed(12) };
         let settings = TrainPreset::settings_within(1e6, &from_points, COLMAP, &vec![camera; 12], None, 5).unwrap();
         assert_eq!(settings.gaussians, 32_000);
+    }
+
+    #[test]
+    fn rendered_images_have_their_antialiasing_within_a_time_limit_too() {
+        let camera = Camera::looking_forward(400, 400, 1.0);
+        let settings =
+            TrainPreset::settings_within(60.0, &speed(100), DatasetKind::Blender, &vec![camera; 100], None, 5);
+        let render = settings.unwrap().render;
+        assert_eq!((render.effects.antialias, render.background), (Antialias::Mip, [1.0; 3]));
     }
 
     #[test]

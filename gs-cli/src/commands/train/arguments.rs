@@ -24,7 +24,7 @@ DATASET is a folder that COLMAP, Nerfstudio or Blender wrote, or a transforms.js
 what is in it.
 
 DIR then holds:
-  scene.ply        the Gaussians, for any splat viewer; gs convert makes other formats of it
+  scene.ply        the Gaussians, for splat viewers; gs convert makes other formats of it
   views/           each held-out view: the image, and its rendering to the right
   ellipses.png     the first of these views, with the most important Gaussians drawn over it as \
 ellipses
@@ -157,7 +157,8 @@ pub(crate) struct TrainSettingsArgs {
     /// Order of blending
     #[arg(long, value_enum, value_name = "ORDER")]
     pub(crate) order: Option<OrderName>,
-    /// Treatment of Gaussians narrower than a pixel
+    /// Treatment of Gaussians narrower than a pixel [default: mip for Blender with preset standard or
+    /// quick, that of the scene with --start SCENE, otherwise dilate]
     #[arg(long, value_enum, value_name = "ANTIALIAS")]
     pub(crate) antialias: Option<AntialiasName>,
     /// Background: black, white, random (another colour in each step), or R,G,B [default: white for

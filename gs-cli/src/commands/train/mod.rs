@@ -59,7 +59,7 @@ pub(crate) fn run(args: &TrainArgs) -> Result<(), Failure> {
         None => {
             let mut settings = settings::settings(&args.settings, &dataset)?;
             settings.render = args.effects.for_training(&settings.render);
-            let (initial, description) = settings::initial(&args.settings, &dataset, &settings)?;
+            let (initial, description) = settings::initial(&args.settings, &dataset, &mut settings)?;
             Start::Fresh { settings: Box::new(settings), initial, description }
         }
     };

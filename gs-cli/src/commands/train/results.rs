@@ -4,7 +4,10 @@
 use std::{path::Path, time::Instant};
 
 use gs_backend::{AnyRasterizer, Chosen, FutureExt as _, block_on};
-use gs_core::{Camera, Canvas, RenderSettings, Scene as _, Scene3d, counted, effects::EffectDecision};
+use gs_core::{
+    Camera, Canvas, RenderSettings, Scene as _, Scene3d, counted,
+    effects::{Antialias, Effect, EffectDecision},
+};
 use gs_io::{TrainedWith, WriteOptions3d, write_3d, write_png};
 use gs_lab::{
     effects::sampled,
@@ -97,7 +100,19 @@ impl results::Summary for Summary {
                 Some(format!("{unused} of {maps} did not fit the scene with any scale and shift, and were not used"))
             }
         });
-        let notes = [drift, exposure, depths, shortfall.as_ref().map(ToString::to_string)].into_iter().flatten();
+        let antialiases = |decision: &&EffectDecision| {
+            decision.effect == Effect::Antialias
+                && Antialias::named(decision.wanted).is_some_and(Antialias::compensates)
+        };
+        let antialias = self.effects.iter().find(antialiases).map(|decision| {
+            format!(
+                "viewers must show scene.ply with the antialiasing that it names, {}: for those that cannot, train \
+                 with --antialias dilate",
+                decision.wanted
+            )
+        });
+        let notes =
+            [drift, exposure, depths, antialias, shortfall.as_ref().map(ToString::to_string)].into_iter().flatten();
         let notes: String = notes.map(|note| format!("\nnote: {note}")).collect();
         format!(
             "{} after {} in {seconds:.1} s ({:.1} s in all): PSNR {:.2} dB, SSIM {:.4}{matched} over {evaluated}{unmeasured}{trained}{problems}; \

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use gs_core::{Participants, counted};
+use gs_core::{Participants, counted, effects::Antialias};
 use gs_density::Policy;
 use gs_io::dataset::{Dataset, Split};
 use gs_train::{
@@ -74,11 +74,11 @@ pub(super) fn with_flags(args: &TrainSettingsArgs, mut settings: TrainSettings) 
 }
 
 /// The initial Gaussians, and what they are in words where that is known before the images are
-/// searched.
+/// searched. Those of a scene keep its antialiasing unless the flags or a settings file give another.
 pub(super) fn initial(
     args: &TrainSettingsArgs,
     dataset: &Dataset,
-    settings: &TrainSettings,
+    settings: &mut TrainSettings,
 ) -> Result<(Start, String), Failure> {
     let named = match args.start.as_deref() {
         None => Some(StartName::usual_for(dataset, settings)),
@@ -98,7 +98,11 @@ pub(super) fn initial(
         }
         (None, file) => {
             let file = file.as_deref().unwrap_or_default();
-            Ok((Start::Scene(scene::read_3d(Path::new(file))?.scene), format!("the Gaussians of {file}")))
+            let read = scene::read_3d(Path::new(file))?;
+            if args.antialias.is_none() && args.settings.is_none() {
+                settings.render.effects.antialias = read.trained_with.antialias.unwrap_or(Antialias::Dilate);
+            }
+            Ok((Start::Scene(read.scene), format!("the Gaussians of {file}")))
         }
     }
 }

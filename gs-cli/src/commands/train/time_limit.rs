@@ -70,7 +70,7 @@ impl TimeLimit {
         };
         self.afterwards = AFTERWARDS as f64 * speed.evaluation_seconds(&chosen);
         let mut chosen = with_flags(&args.settings, chosen)?;
-        chosen.render = args.effects.for_training(&chosen.render);
+        chosen.render = usual.render;
         chosen.depth_loss = usual.depth_loss;
         let first = match chosen.resolution {
             Resolution::CoarseToFine { from, .. } => format!(", at 1/{from} of the size first"),
