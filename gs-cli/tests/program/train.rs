@@ -388,7 +388,7 @@ fn rendered_images_are_trained_with_mip_unless_flags_or_the_first_scene_say_othe
     let antialias = |output: &Path, flags: &[&str]| {
         let words = small(&dataset, output);
         let run = gs(words.into_iter().chain(["--no-report", "--overwrite"]).chain(flags.iter().copied())).done();
-        let known = gs_io::read_3d(&output.join("scene.ply")).unwrap().trained_with.antialias.unwrap();
+        let known = gs_io::read_3d(output.join("scene.ply")).unwrap().trained_with.antialias.unwrap();
         let told =
             run.stderr.contains("viewers must show scene.ply") || run.stdout.contains("viewers must show scene.ply");
         assert_eq!(told, known.compensates(), "{run:?}");
