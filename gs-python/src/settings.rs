@@ -25,14 +25,6 @@ pub(crate) enum Given<'py> {
 }
 
 impl<'py> Given<'py> {
-    /// Whether this key is given: each is in a file.
-    pub(crate) fn sets(&self, key: &str) -> PyResult<bool> {
-        match self {
-            Self::Preset { changes, .. } => changes.as_ref().map_or(Ok(false), |changes| changes.contains(key)),
-            Self::File(_) => Ok(true),
-        }
-    }
-
     /// What `preset` and `settings` say.
     pub(crate) fn of(argument: &str, preset: Option<&str>, settings: Option<&Bound<'py, PyAny>>) -> PyResult<Self> {
         let file = settings.and_then(|settings| settings.extract::<PathBuf>().ok());

@@ -216,6 +216,25 @@ def test_a_training(dataset: Path, cpu: gs.Backend) -> None:
     assert shown is not None and shown.startswith(b"\x89PNG")
 
 
+def test_a_scene_to_start_from_keeps_its_antialiasing(
+    dataset: Path, cpu: gs.Backend, tmp_path: Path
+) -> None:
+    def trained(start: Any, render: dict[str, Any]) -> gs.Scene3d:
+        options: Any = {"iterations": 2, "settings": {"init": {"random": 50}, "render": render}}
+        return gs.train(dataset, 200, start=start, backend=cpu, **options).scene
+
+    def antialias(scene: gs.Scene3d) -> str:
+        scene.save(tmp_path / "scene.ply")
+        header = (tmp_path / "scene.ply").read_bytes().split(b"end_header")[0]
+        return header.split(b"gs antialias: ")[1].split()[0].decode()
+
+    assert antialias(trained("random", {})) == "mip", "the images are rendered"
+    scene = trained("random", {"effects": {"antialias": "compensated"}})
+    assert antialias(scene) == "compensated"
+    assert antialias(trained(scene, {"background": [0.1, 0.2, 0.3]})) == "compensated"
+    assert antialias(trained(scene, {"effects": {"antialias": "dilate"}})) == "dilate"
+
+
 def test_a_policy_in_a_training(dataset: Path, cpu: gs.Backend) -> None:
     seen: list[tuple[int, ...]] = []
 

@@ -80,7 +80,8 @@ def train(
     :param iterations: number of steps; by default the preset's.
     :param start: "points" (those of the data set), "points-and-images" (these and points found
         in the images), "depths" (these and points of the depth maps), "images" (only points found
-        in the images) or "random"; or a scene to start from. The default is that of ``gs train``.
+        in the images) or "random"; or a scene, whose antialiasing a preset keeps. The default is
+        that of ``gs train``.
     :param reading: how the data set is read: "max-size", "holdout", "images", "alpha", "views" and
         "test-views", as in study files.
 

@@ -68,13 +68,9 @@ impl TrainRun {
         let chosen = backend::chosen(py, backend)?;
         let policy = policy.map(PolicyArgument::of).transpose()?;
         let given = Given::of("settings", preset, settings)?;
-        let mut train = wanted(&dataset, gaussians, iterations, policy.as_ref(), &given)?;
+        let scene = start.and_then(|start| start.cast::<Scene3d>().ok()).map(Bound::get);
+        let train = wanted(&dataset, scene, (gaussians, iterations), policy.as_ref(), given)?;
         let initial = first(&dataset, start, &train)?;
-        if let Some(scene) = start.and_then(|start| start.cast::<Scene3d>().ok())
-            && !given.sets("render")?
-        {
-            train.render.effects.antialias = scene.get().render([0.0; 3]).effects.antialias;
-        }
         let start = Start::read(py, checkpoint)?;
         let steps = train.iterations.saturating_sub(start.step());
         let shared = Arc::new(Shared::default());
@@ -165,15 +161,16 @@ fn first(dataset: &Dataset, start: Option<&Bound<'_, PyAny>>, settings: &TrainSe
     name.of(dataset).map_err(|problem| errors::value("start", problem))
 }
 
-/// The settings that the arguments ask for, for this data set.
+/// The settings that the arguments ask for, for this data set. A preset keeps the antialiasing of the
+/// scene that the training starts from.
 fn wanted(
     dataset: &Dataset,
-    gaussians: Option<u32>,
-    iterations: Option<u32>,
+    scene: Option<&Scene3d>,
+    (gaussians, iterations): (Option<u32>, Option<u32>),
     policy: Option<&PolicyArgument<'_>>,
-    given: &Given<'_>,
+    given: Given<'_>,
 ) -> PyResult<TrainSettings> {
-    let mut train = match given {
+    let mut train = match &given {
         Given::File(_) if iterations.is_some() => {
             return Err(errors::value("iterations", "the settings file has them, and schedules that follow them"));
         }
@@ -183,7 +180,11 @@ fn wanted(
         Given::Preset { name, .. } => {
             let preset: TrainPreset = settings::named("preset", name)?;
             let cameras = dataset.views_of(Split::Train).map(|view| &view.camera);
-            preset.settings_for(iterations, dataset.kind, cameras)
+            let mut train = preset.settings_for(iterations, dataset.kind, cameras);
+            if let Some(scene) = scene {
+                train.render.effects.antialias = scene.render([0.0; 3]).effects.antialias;
+            }
+            train
         }
     };
     if let Some(gaussians) = gaussians {
@@ -192,10 +193,11 @@ fn wanted(
     if let Some(policy) = policy {
         train = train.with_policy(policy.named()?);
     }
-    if let Given::Preset { changes, .. } = given {
+    if let Given::Preset { changes, .. } = &given {
         train = settings::with("settings", train, changes.as_ref())?;
+        let has = |key: &str| changes.as_ref().map_or(Ok(false), |changes| changes.contains(key));
         // Points do not raise a number of the caller's own.
-        if given.sets("gaussians")? && !given.sets("gaussians-per-point")? {
+        if has("gaussians")? && !has("gaussians-per-point")? {
             let gaussians = train.gaussians;
             train = train.with_gaussians(gaussians);
         }

@@ -114,9 +114,9 @@ impl TrainPreset {
     /// steps a view, 2,000 to 8,000 in all, and a Gaussian for 160 pixels, 20,000 to 1,000,000 in
     /// all. Its [`gaussians_per_point`](TrainSettings::gaussians_per_point) may raise that number.
     ///
-    /// [`Self::Standard`] and [`Self::Quick`] use [`Antialias::Mip`] for Blender's data sets. A pixel of
-    /// a rendered image is about the mean over its square, whose variance of 1/12 px² is close to
-    /// the 0.1 px² of `Mip`. Photographs are also blurred by the lens.
+    /// [`Self::Standard`] and [`Self::Quick`] use [`Antialias::Mip`] for Blender's data sets. A pixel
+    /// of a rendered image is about the mean over its square, whose variance of 1/12 px² is close
+    /// to the 0.1 px² of `Mip`. Photographs are also blurred by the lens.
     pub fn settings_for<'a>(
         self,
         iterations: Option<u32>,
@@ -134,6 +134,7 @@ impl TrainPreset {
     }
 }
 
+/// [`TrainPreset::Standard`] for the views of these cameras.
 fn standard_for<'a>(iterations: Option<u32>, cameras: impl IntoIterator<Item = &'a Camera>) -> TrainSettings {
     let pixels: Vec<u64> =
         cameras.into_iter().map(|camera| u64::from(camera.width) * u64::from(camera.height)).collect();

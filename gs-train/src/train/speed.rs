@@ -260,8 +260,9 @@ fn thinned(start: Start, most: usize, settings: &TrainSettings) -> (Start, usize
 }
 
 impl TrainPreset {
-    /// Settings of [`TrainPreset::Standard`] for training with the views of these cameras, from a data
-    /// set of this kind, in at most `seconds`, including `evaluations` measurements of all test views.
+    /// Settings of [`TrainPreset::Standard`] for training with the views of these cameras, from a
+    /// data set of this kind, in at most `seconds`, including `evaluations` measurements of all test
+    /// views.
     ///
     /// With enough time there are up to 3 times the steps and 2 times the Gaussians of `standard` for
     /// these views and points; with fewer than 50 views, up to 2 times the steps and no more

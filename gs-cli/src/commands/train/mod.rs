@@ -58,8 +58,8 @@ pub(crate) fn run(args: &TrainArgs) -> Result<(), Failure> {
         Some(file) => Start::Resumed(Box::new(read_checkpoint(file)?), file.clone()),
         None => {
             let mut settings = settings::settings(&args.settings, &dataset)?;
-            settings.render = args.effects.for_training(&settings.render);
             let (initial, description) = settings::initial(&args.settings, &dataset, &mut settings)?;
+            settings.render = args.effects.for_training(&settings.render);
             Start::Fresh { settings: Box::new(settings), initial, description }
         }
     };
