@@ -28,7 +28,7 @@ DIR then holds:
   views/           each held-out view: the image, and its rendering to the right
   ellipses.png     the first of these views, with the most important Gaussians drawn over it as \
 ellipses
-  evaluation.json  PSNR, SSIM and L1 of each held-out view, and their means
+  evaluation.json  PSNR, SSIM, MS-SSIM and L1 of each held-out view, and their means
   metrics.csv      count, edits and loss over the steps, now and then with PSNR and L1 over the \
 held-out views; metrics.part.csv until the end
   curve.png        count, loss and PSNR over the steps
