@@ -18,7 +18,7 @@ pub enum PruneCause {
     TooLarge,
     /// A parameter that is NaN or infinite.
     NotFinite,
-    /// A contribution among the least, to make room for others.
+    /// A contribution among the least, or none to any training image.
     Unimportant,
 }
 

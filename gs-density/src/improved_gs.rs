@@ -82,7 +82,7 @@ impl ImprovedGs {
     }
 
     /// Whether the round after `step` (from 0) removes the Gaussians that have recovered least.
-    fn recovers_after(&self, step: u32) -> bool {
+    pub fn recovers_after(&self, step: u32) -> bool {
         let (steps, every) = (u64::from(step) + 1, u64::from(self.actions.reset.every));
         let Some(since) = steps.checked_sub(u64::from(self.recovery_steps)).filter(|_| every > 0) else { return false };
         since.is_multiple_of(every) && (1..=u64::from(self.recovery_resets)).contains(&(since / every))

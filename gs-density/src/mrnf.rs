@@ -24,26 +24,26 @@ gs_core::impl_with!(Mrnf);
 /// with replacement of pruned Gaussians. For training in 3D.
 ///
 /// This follows the strategy MRNF of LichtFeld Studio, which has no publication. The numbers are
-/// those of its settings file for evaluation of August 2026, and the rules those of its source at
-/// that time, except for the choices named below.
+/// those of its settings file for evaluation of August 2026, and the rules those of the source that
+/// reads this file, except for the choices named below.
 ///
 /// - A Gaussian's error in a view is Σ w e over the pixels, with its blending weight w and the
 ///   pixel's error e; its visibility is Σ w. Both are taken from several training views of the
 ///   round. Its *score* is the largest error / visibility^[`Self::power`] over the views.
-/// - Gaussians with an error of at least [`Self::error`] in some view are candidates. In a round,
-///   [`Self::percent`] % of them grow, drawn in proportion to their score, but no more than an even
-///   pace to the budget allows: the missing Gaussians divided by the rounds of growth that are
-///   left.
 /// - Gaussians below the pruning opacity are removed. As many others, drawn in proportion to their
 ///   opacity among those that some view shows, are split in their place, also after growth.
+/// - Gaussians with an error of at least [`Self::error`] in some view are candidates. In a round of
+///   growth, [`Self::percent`] % of their number are split, those in place of removed ones included,
+///   but no more than an even pace to the budget allows: the missing Gaussians divided by the later
+///   rounds of growth. The others are drawn among the candidates in proportion to their score.
 /// - Growth and replacement split a Gaussian side by side along its long axis.
 ///
 /// Choices of this project: the power is one of the visibility; shares are rounded up, so that few
 /// Gaussians grow, too; e is the mean absolute difference, scaled to 0..=1 within its view (the
 /// source has a structural error), so the bound of candidates is in another unit; and evidence is
 /// gathered in the round, not in the steps before it. Left out: edge guidance, decay of opacities
-/// and scales after a round, and noise on the means. Points in the far field are no part of the
-/// policy: the initialization places them, for every policy.
+/// and scales after a round, and noise on the means. The source adds points in the far field during
+/// growth; here the initialization places them (`init.shell`), for every policy.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, rename_all = "kebab-case", deny_unknown_fields)]
 #[non_exhaustive]
@@ -100,15 +100,15 @@ impl Mrnf {
         Scores { error, score }
     }
 
-    /// Number of Gaussians that grow besides replacements, of `candidates`, with room for
-    /// `missing`.
+    /// Number of Gaussians that are split in a round of growth, those in place of removed ones
+    /// included, with `candidates` and room for `missing`.
     fn pace<S: DensityScene>(&self, observation: &Observation<'_, S>, candidates: usize, missing: usize) -> usize {
         let Observation { progress, progress_before, .. } = *observation;
         if !self.actions.grows(progress) {
             return 0;
         }
-        // This round and those after it that still grow.
-        let left = (f64::from(self.actions.growth_fraction - progress_before)
+        // The rounds after this one that still grow.
+        let left = (f64::from(self.actions.growth_fraction - progress)
             / f64::from(progress - progress_before).max(1e-9)
             + 1e-3)
             .floor()
@@ -182,10 +182,11 @@ impl ByEvidence for Mrnf {
         let shown = |index: &u32| score[*index as usize] > 0.0;
         let parents = round.survivors().filter(shown).map(|index| (index, opacity(index)));
         let replaced = sample(parents, pruned_count.min(round.room()), rng);
-        let is_candidate = |index: &u32| error[*index as usize] >= self.error && replaced.binary_search(index).is_err();
+        let is_candidate = |index: &u32| error[*index as usize] >= self.error;
         let candidates: Vec<u32> = round.survivors().filter(is_candidate).collect();
-        let count = self.pace(observation, candidates.len(), round.room() - replaced.len());
-        let grown = sample(candidates.into_iter().map(|index| (index, score[index as usize])), count, rng);
+        let count = self.pace(observation, candidates.len(), round.room()).saturating_sub(replaced.len());
+        let others = candidates.into_iter().filter(|index| replaced.binary_search(index).is_err());
+        let grown = sample(others.map(|index| (index, score[index as usize])), count, rng);
         let densify = self.actions.densify;
         let two_of = |index: u32| densify.grow(index, observation, rng);
         Ok(round.grow_by([replaced, grown].concat(), two_of))

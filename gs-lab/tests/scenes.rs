@@ -306,6 +306,25 @@ fn an_arm_like_gs_train_has_the_number_and_the_start_of_its_preset() {
     assert!(message.contains("arm `alike`: like-gs-train: is for scenes"), "{message}");
 }
 
+/// The preset has a round every 10 of these 300 steps, and FastGS prunes at every tenth of them.
+#[test]
+fn a_policy_follows_the_rounds_of_the_study() {
+    let place = place(2);
+    let arms = "preset = 'standard'\nsettings.rounds.every = 25\n\
+        [[arm]]\nname = 'fastgs'\npolicy = 'fastgs'\n\
+        [[arm]]\nname = 'often'\npolicy = 'fastgs'\nsettings.rounds.every = 7\n";
+    let study = format!("name = 'x'\nscenes = ['one']\nbudgets = [50]\nseeds = [0]\niterations = 300\n{arms}");
+    let plan = laid_out(&study, place.path()).unwrap();
+    let intervals = plan.runs.iter().map(|run| match &run.settings {
+        RunSettings::Scene(settings) => match &settings.policy {
+            Policy::FastGs(policy) => (settings.rounds.every, policy.final_every),
+            _ => (0, 0),
+        },
+        _ => (0, 0),
+    });
+    assert_eq!(intervals.collect::<Vec<_>>(), [(25, 50), (7, 35)]);
+}
+
 #[test]
 fn effects_of_factors_have_intervals() {
     let place = place(2);

@@ -18,7 +18,8 @@ const CLEARLY: f64 = 0.9;
 /// Largest number of rounds that is suggested.
 const MOST_ROUNDS: u32 = 10_000;
 
-/// A finished run's shortfall: it has less than nine tenths of the Gaussians of its budget.
+/// A finished run's shortfall: it has less than nine tenths of the Gaussians of its budget, or fewer
+/// than all where it should end with exactly as many.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
@@ -43,15 +44,18 @@ impl Shortfall {
     /// its budget.
     pub(crate) fn of<R: Optimizer<S>, S: Trainable>(trainer: &Trainer<'_, R, S>, policy: &Policy) -> Option<Self> {
         let (gaussians, budget) = (trainer.count(), trainer.settings().budget());
-        if !trainer.is_finished() || f64::from(gaussians) >= CLEARLY * f64::from(budget) {
+        let exactly = trainer.settings().governor().is_some();
+        let least = if exactly { 1.0 } else { CLEARLY };
+        if !trainer.is_finished() || f64::from(gaussians) >= least * f64::from(budget) {
             return None;
         }
+        let growth_fraction = policy.actions().map_or(1.0, |actions| actions.growth_fraction);
         let growth = Growth {
             policy: (!trainer.has_foreign_policy()).then_some(policy),
             first: (gaussians + trainer.edits().pruned()).saturating_sub(trainer.edits().added()),
             budget,
-            rounds: trainer.rounds_of_scene(),
-            exactly: trainer.settings().governor().is_some(),
+            rounds: trainer.rounds_of_scene(if exactly { 1.0 } else { growth_fraction }),
+            exactly,
             edits: *trainer.edits(),
         };
         let reason = match trainer.fresh_starts().last() {
@@ -73,7 +77,7 @@ struct Growth<'p> {
     /// Number of Gaussians at the start.
     first: u32,
     budget: u32,
-    /// Rounds of density control.
+    /// Rounds of density control in which the number of Gaussians grows.
     rounds: u32,
     /// Whether a schedule ends at exactly the budget.
     exactly: bool,

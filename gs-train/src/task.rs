@@ -177,6 +177,11 @@ pub trait TrainingTask<R: Optimizer<S>, S: SceneTask> {
         request: EvidenceRequest,
     ) -> impl Future<Output = Result<Option<Evidence>, Error>>;
 
+    /// Gaussians of this scene that the end of the run removes, by index, ascending.
+    fn unwanted(&self, _scene: &S, _settings: &S::Settings, _effects: &Effects) -> Vec<u32> {
+        Vec::new()
+    }
+
     /// Called after an edit of density control.
     ///
     /// # Errors

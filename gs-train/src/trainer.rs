@@ -197,7 +197,7 @@ impl<'a, R: Optimizer<S>, S: Trainable> Trainer<'a, R, S> {
         };
         self.add_noise()?;
         if self.is_finished() {
-            self.drop_not_finite(&mut edits).await?;
+            self.clean_up(&mut edits).await?;
         }
         let fresh_start = self.restart_if_diverged().await?;
         self.count_time(started);
@@ -229,11 +229,12 @@ impl<'a, R: Optimizer<S>, S: Trainable> Trainer<'a, R, S> {
         }
     }
 
-    /// Number of rounds of density control since the start or the last restart.
-    pub(crate) fn rounds_of_scene(&self) -> u32 {
+    /// Number of rounds of density control since the start or the last restart, until this progress.
+    pub(crate) fn rounds_of_scene(&self, until: f32) -> u32 {
         let Record { settings, step, fresh_starts, .. } = &self.record;
         let since = fresh_starts.last().map_or(0, |start| start.step);
-        (since + 1..=*step).filter(|&at| self.rounds().progress(at, settings.iterations()).is_some()).count() as u32
+        let counts = |at: &u32| self.rounds().progress(*at, settings.iterations()).is_some_and(|now| now <= until);
+        (since + 1..=*step).filter(counts).count() as u32
     }
 
     /// Whether the run has a policy of the caller's own.

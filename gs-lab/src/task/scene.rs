@@ -15,7 +15,7 @@ use super::{AnyScene, Asked, Measured, StudyTask, WrongKey, image::wrong_kind};
 use crate::{
     arm::{AnyPolicy, Arm},
     clock::Clock,
-    digest,
+    digest, overrides,
     record::ViewResult,
     target::StudyTarget,
 };
@@ -48,6 +48,14 @@ impl StudyTask for Scene3d {
             }
             false => settings.with_gaussians(asked.budget),
         };
+        // How often some policies prune depends on the rounds.
+        for over in [&asked.study.settings, &asked.arm.settings] {
+            if let Some(rounds) = over.get("rounds") {
+                let over = toml::Table::from_iter([("rounds".to_owned(), rounds.clone())]);
+                // What is wrong with it is reported later, with its place.
+                settings = overrides::applied(&settings, &over).unwrap_or(settings);
+            }
+        }
         if let Some(name) = &asked.arm.policy {
             let policy = Policy::from_name(name).map_err(|error| WrongKey::new("policy", error))?;
             settings = settings.with_policy(policy);

@@ -238,7 +238,7 @@ fn invisible_where_broken(mut scene: Scene3d) -> Scene3d {
 }
 
 /// The parameters of a Gaussian without its colour.
-fn ellipsoid(scene: &Scene3d, index: usize) -> Ellipsoid {
+pub(super) fn ellipsoid(scene: &Scene3d, index: usize) -> Ellipsoid {
     Ellipsoid {
         mean: scene.means[index],
         log_scale: scene.log_scales[index],

@@ -201,7 +201,7 @@ impl Exposures {
             Exposure::Off => false,
             Exposure::Affine => SOLVED_AT.into_iter().any(at),
             Exposure::Auto => match self.maps.report {
-                None => at(SOLVED_AT[0]) && step >= LEAST_STEPS_PER_VIEW.saturating_mul(views),
+                None => SOLVED_AT.into_iter().any(at) && step >= LEAST_STEPS_PER_VIEW.saturating_mul(views),
                 Some(report) => report.used && SOLVED_AT.into_iter().any(at),
             },
         }
@@ -331,13 +331,14 @@ mod tests {
         };
         assert_eq!(
             [Exposure::Off, Exposure::Affine, Exposure::Auto].map(|of| due(&exposures, of)),
-            [0, SOLVED_AT.len(), 1]
+            [0, SOLVED_AT.len(), SOLVED_AT.len()]
         );
         exposures.maps.report = Some(ExposureReport { used: true, gain_db: 2.0 });
         assert_eq!(due(&exposures, Exposure::Auto), SOLVED_AT.len());
         exposures.maps.report = Some(ExposureReport { used: false, gain_db: 0.1 });
         assert_eq!(due(&exposures, Exposure::Auto), 0);
-        let none = Exposures::default();
-        assert!((0..=steps).all(|step| !none.is_due(Exposure::Auto, 41, step, steps)), "5 steps a view are 205");
+        // Five steps for each of these views are 200, 205, 650 and 655.
+        let first = |views| (0..=steps).find(|&step| Exposures::default().is_due(Exposure::Auto, views, step, steps));
+        assert_eq!([40, 41, 130, 131].map(first), [Some(200), Some(350), Some(650), None]);
     }
 }

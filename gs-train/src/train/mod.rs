@@ -14,6 +14,7 @@ mod exposure;
 mod faces;
 mod flat;
 mod geometry;
+mod idle;
 mod images;
 mod init;
 mod neighbours;
@@ -23,13 +24,13 @@ mod reduction;
 mod resolution;
 mod settings;
 mod shell;
-mod simplification;
 mod speed;
 mod start_name;
 mod summary;
 mod sweep;
 mod task;
 mod trainer;
+mod unseen;
 mod views;
 
 pub use self::{

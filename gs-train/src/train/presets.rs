@@ -27,7 +27,10 @@ use crate::{recovery::Recovery, rounds::Rounds};
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub enum TrainPreset {
-    /// The settings of 3DGS (Kerbl et al. 2023), 30,000 steps, for comparison with other work.
+    /// The settings of 3DGS (Kerbl et al. 2023), 30,000 steps, for comparison with other work. As in
+    /// gsplat, α is at most 0.999 (in the code of 3DGS 0.99), and Gaussians reach as far as α is
+    /// above the cut (three standard deviations); `render.accuracy` is
+    /// [`Accuracy::THREE_DGS`](gs_core::Accuracy::THREE_DGS) for the latter.
     #[default]
     #[serde(rename = "3dgs")]
     ThreeDgs,
@@ -202,6 +205,7 @@ fn three_dgs(iterations: u32) -> TrainSettings {
         dropout: 0.0,
         policy: Policy::Grow(Grow::absolute(Signal::MeanGradient).with_actions(actions)),
         rounds: published_rounds(iterations, 0.5),
+        remove_unseen: false,
         resolution: Resolution::Full,
         exposure: Exposure::Off,
         depth_loss: DepthLoss::default(),
@@ -279,6 +283,7 @@ fn standard(iterations: u32) -> TrainSettings {
         adam: faster(usual.adam, 3.0, 2.5),
         policy: Policy::Grow(policy),
         rounds: rounds(iterations, 500, 0.67),
+        remove_unseen: true,
         init: PointInit { search_below: FEW_POINTS, ..usual.init },
         resolution: Resolution::from_coarse(2),
         exposure: Exposure::Auto,
@@ -295,6 +300,7 @@ fn quick(iterations: u32) -> TrainSettings {
         adam: faster(usual.adam, 4.0, 4.0),
         policy: Policy::Grow(Grow::percentile(Signal::MeanGradient).with_actions(actions)),
         rounds: rounds(iterations, 200, 0.6),
+        remove_unseen: true,
         init: PointInit { random: 20_000, ..PointInit::default() },
         resolution: Resolution::CoarseToFine { from: 2, full_after: 0.4 },
         ..usual

@@ -87,6 +87,12 @@ pub struct TrainSettings {
     pub policy: Policy,
     /// Rounds of density control.
     pub rounds: Rounds,
+    /// Whether Gaussians that no training view shows are removed after the last step, because other
+    /// views may show them. A run that ends with [`Self::exactly`] its number of Gaussians, or that
+    /// starts from a scene, keeps them. Default false, as published; true in the presets `standard`
+    /// and `quick`.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub remove_unseen: bool,
     /// What happens to a diverging training.
     #[serde(skip_serializing_if = "Recovery::is_default")]
     pub recovery: Recovery,
@@ -191,15 +197,26 @@ impl TrainSettings {
     }
 
     /// Returns these settings with another policy. Pruning and opacity resets stay those of these
-    /// settings, or those of 3DGS where they have none. In runs that are shorter than the published
-    /// ones, FastGS prunes as often after its growth as there.
+    /// settings, or those of 3DGS where they have none; MRNF, which resets no opacities, has its
+    /// own. Where a policy prunes on after its growth, as FastGS and MRNF do, the rounds go on for as
+    /// long as is published, if the run does. In runs that are shorter than the published ones,
+    /// FastGS prunes as often after its growth as there.
     #[must_use]
     pub fn with_policy(mut self, policy: Policy) -> Self {
         let usual = self.policy.actions().copied().or(Self::default().policy.actions().copied()).unwrap_or_default();
         self.policy = policy.for_3d();
+        let has_own = matches!(self.policy, Policy::Mrnf(_));
         if let Some(actions) = self.policy.actions_mut() {
-            (actions.prune, actions.reset) = (usual.prune, usual.reset);
+            if !has_own {
+                (actions.prune, actions.reset) = (usual.prune, usual.reset);
+            }
             actions.simplify = actions.simplify.or(usual.simplify);
+            // Growth ends where that of these settings does.
+            let share = f64::from(actions.growth_fraction / usual.growth_fraction);
+            let until = (f64::from(self.rounds.until) / share).round();
+            if share < 1.0 && until < f64::from(self.iterations) {
+                self.rounds.until = until as u32;
+            }
         }
         if let Policy::FastGs(fast) = &mut self.policy {
             let every = self.rounds.every.max(1);
@@ -405,12 +422,34 @@ mod tests {
                 let policy = Policy::from_name(name).unwrap();
                 let settings = preset.settings(None).with_policy(policy);
                 assert_eq!(settings.validate().is_err(), ["residual", "image-gs"].contains(&name), "{name}");
-                if let Some(actions) = settings.policy.actions() {
+                if let Some(actions) = settings.policy.actions().filter(|_| name != "mrnf") {
                     assert_eq!(actions.prune.larger_after, 3000, "{name}");
                     let expected = if preset == TrainPreset::Standard { 0 } else { 3000 };
                     assert_eq!(actions.reset.every, expected);
                 }
             }
+        }
+        let mrnf = TrainPreset::ThreeDgs.settings(None).with_policy(Policy::from_name("mrnf").unwrap());
+        assert_eq!(mrnf.policy.actions().unwrap().reset.every, 0);
+        assert_eq!(mrnf.policy.actions().unwrap().prune.opacity, 1.0 / 255.0);
+    }
+
+    /// Growth until step 15,000, as published, and rounds until 27,000 and 28,500.
+    #[test]
+    fn pruning_after_growth_goes_on_as_published() {
+        let rounds = |preset: TrainPreset, iterations, name: &str| {
+            preset.settings(iterations).with_policy(Policy::from_name(name).unwrap()).rounds
+        };
+        for (name, until) in [("absolute", 15_000), ("taming", 15_000), ("fastgs", 27_000), ("mrnf", 28_500)] {
+            assert_eq!(rounds(TrainPreset::ThreeDgs, None, name), Rounds { every: 100, from: 500, until }, "{name}");
+        }
+        let fast = TrainPreset::ThreeDgs.settings(None).with_policy(Policy::from_name("fastgs").unwrap());
+        let grows = |step| fast.policy.actions().unwrap().grows(fast.rounds.progress(step, 30_000).unwrap());
+        assert_eq!([14_900, 15_300].map(grows), [true, false]);
+        // A shorter run has the rounds of its preset.
+        for (preset, iterations) in [(TrainPreset::Standard, 4_000), (TrainPreset::ThreeDgs, 7_000)] {
+            let usual = preset.settings(Some(iterations));
+            assert_eq!(rounds(preset, Some(iterations), "fastgs"), usual.rounds, "{preset}");
         }
     }
 

@@ -19,6 +19,7 @@ use super::{
     order::Order,
     resolution::{possible, reduced_camera},
     settings::{StepBackground, TrainSettings},
+    unseen::unseen,
     views::{PosedView, Views},
 };
 use crate::{
@@ -270,6 +271,13 @@ impl<R: Optimizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
             gathering.add(&camera, posed, &settings.loss, purpose).await?;
         }
         Ok(Some(gathering.finish()))
+    }
+
+    fn unwanted(&self, scene: &Scene3d, settings: &TrainSettings, effects: &Effects) -> Vec<u32> {
+        match settings.remove_unseen && !settings.exactly {
+            true => unseen(scene, self.views.train_cameras(), &shown(settings, effects)),
+            false => Vec::new(),
+        }
     }
 
     async fn after_edit(&mut self, _: &R, _: &mut R::Splats, _: &TrainSettings, _: &Effects) -> Result<(), Error> {

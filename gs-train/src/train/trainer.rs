@@ -45,6 +45,7 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
             let allowed = "off or auto with a single training view, whose exposure differs from no other";
             return Err(gs_core::Error::setting("exposure", "affine", allowed).into());
         }
+        settings.remove_unseen &= !matches!(start, Start::Scene(_));
         let cameras: Vec<Camera> = views.train_cameras().copied().collect();
         let views = for_evidence(views, &settings)?;
         let mut start = start.searched(&views.train)?;

@@ -82,12 +82,17 @@ impl<R: Optimizer<S>, S: Trainable> Trainer<'_, R, S> {
         Ok(self.rasterizer.add_noise(&mut self.splats, &noise)?)
     }
 
-    /// Removes Gaussians that are not finite; they draw nothing, and files refuse them.
-    pub(super) async fn drop_not_finite(&mut self, edits: &mut Option<EditCounts>) -> Result<(), Error> {
+    /// Removes, after the last step, Gaussians that are not finite, which draw nothing and which
+    /// files refuse, and those that the task does not want.
+    pub(super) async fn clean_up(&mut self, edits: &mut Option<EditCounts>) -> Result<(), Error> {
         let scene = self.rasterizer.download(&self.splats).await?;
-        let lost = (0..scene.len()).filter(|&index| !scene.gaussian(index).is_finite());
+        let unwanted = self.task.unwanted(&scene, &self.record.settings, &self.effects());
+        let cause = |index: u32| match scene.gaussian(index as usize).is_finite() {
+            false => Some(PruneCause::NotFinite),
+            true => unwanted.binary_search(&index).is_ok().then_some(PruneCause::Unimportant),
+        };
         let removed: Vec<Removal> =
-            lost.map(|index| Removal { index: index as u32, cause: PruneCause::NotFinite }).collect();
+            (0..scene.len() as u32).filter_map(|index| Some(Removal { index, cause: cause(index)? })).collect();
         if !removed.is_empty() {
             let plan = EditPlan { removed, statistics: AfterEdit::Keep, ..EditPlan::default() };
             self.rasterizer.edit(&mut self.splats, &plan).await?;

@@ -70,10 +70,21 @@ fn counted(views: Views, reads: &Arc<AtomicU32>) -> Views {
     Views { train: views.train.into_iter().map(count).collect(), ..views }
 }
 
-/// The footprint of a Gaussian is the pixels that change when it alone is rendered. Contributions
-/// are checked with white Gaussians, where the image is the sum of their weights.
+/// Sums of 1, e, and whether e is high, over the pixels with these weights.
+fn sums(weights: impl Iterator<Item = f32>, errors: &[f32]) -> [f64; 3] {
+    weights.zip(errors).fold([0.0; 3], |[pixels, error, high], (w, &e)| {
+        let w = f64::from(w);
+        [pixels + w, error + w * f64::from(e), high + if e > 0.5 { w } else { 0.0 }]
+    })
+}
+
+/// In pictures of white Gaussians on black, the weights of a Gaussian are what is missing without
+/// its colour. Its footprint is the pixels that change when it alone is rendered. The error is the
+/// difference to the view's image, scaled to 0..=1.
 #[test]
 fn sums_are_those_of_renderings() {
+    use gs_core::Rasterizer as _;
+
     let rasterizer = rasterizer();
     let on = rasterizer.for_3d();
     let request = EvidenceRequest::default().with(|s| {
@@ -84,6 +95,7 @@ fn sums_are_those_of_renderings() {
     let policy = Curious::new(Some(request));
     let mut settings = short(11);
     settings.render.effects.sh_degree = 0;
+    let images = views(&rasterizer).train;
     let mut trainer = Trainer3d::from_views(&rasterizer, views(&rasterizer), Start::Random, settings)
         .block_on()
         .unwrap()
@@ -92,30 +104,45 @@ fn sums_are_those_of_renderings() {
     let (scene, evidence) = policy.seen.lock().unwrap().take().expect("there was a round");
     assert_eq!((evidence.views.len(), evidence.views[0].covered.pixels.len()), (12, scene.len()));
 
-    use gs_core::Rasterizer as _;
     let shown = trainer.shown();
+    let mut high = 0;
     for (number, view) in evidence.views.iter().enumerate().step_by(5) {
         let camera = camera(number);
-        // With all colours 1 the image on black is the sum of the weights.
-        let white =
-            Scene3d { sh: vec![glam::Vec3::splat(0.5 / gs_core::constants::SH_C0); scene.len()], ..scene.clone() };
-        let image = on.render(&white, &camera, &shown).block_on().unwrap();
-        let total: f64 = image.pixels().iter().map(|pixel| f64::from(pixel[0])).sum();
-        let found: f64 = view.blended.pixels.iter().map(|&v| f64::from(v)).sum();
-        assert!((found / total - 1.0).abs() < 1e-3, "{found} instead of {total}");
-        assert!(view.blended.error.iter().zip(&view.blended.pixels).all(|(error, pixels)| error <= pixels));
+        let draw = |scene: &Scene3d| on.render(scene, &camera, &shown).block_on().unwrap();
+        let (rendered, image) = (draw(&scene), images[number].image().unwrap().image);
+        let differences: Vec<f32> = (rendered.pixels().iter().zip(image.pixels()))
+            .map(|(c, y)| (0..3).map(|k| (c[k] - y[k]).abs()).sum::<f32>() / 3.0)
+            .collect();
+        let least = differences.iter().copied().fold(f32::INFINITY, f32::min);
+        let most = differences.iter().copied().fold(0.0, f32::max);
+        let errors: Vec<f32> = differences.iter().map(|e| (e - least) / (most - least)).collect();
+        let white = glam::Vec3::splat(0.5 / gs_core::constants::SH_C0);
+        let white = Scene3d { sh: vec![white; scene.len()], ..scene.clone() };
+        let all = draw(&white);
         for index in (0..scene.len()).step_by(37) {
+            let mut without = white.clone();
+            without.sh[index] = -white.sh[index];
+            let without = draw(&without);
+            let weights = all.pixels().iter().zip(without.pixels()).map(|(with, without)| with[0] - without[0]);
             let mut alone = Scene3d { sh_degree: 0, ..Scene3d::default() };
             alone.push(white.gaussian(index));
-            let drawn = on.render(&alone, &camera, &shown).block_on().unwrap();
-            let pixels = drawn.pixels().iter().filter(|pixel| pixel[0] > 0.0).count() as f32;
-            let found = view.covered.pixels[index];
-            assert!((found - pixels).abs() <= 1e-2 + 2e-3 * pixels, "Gaussian {index}: {found} px instead of {pixels}");
-            assert!(view.covered.high_error[index] <= found * 1.01);
-            assert!(pixels == 0.0 || view.depth[index] > 0.0 && view.radius_px[index] > 0.0);
+            let footprint = draw(&alone);
+            let covered = footprint.pixels().iter().map(|pixel| if pixel[0] > 0.0 { 1.0 } else { 0.0 });
+            for (kind, found, expected) in
+                [("blended", &view.blended, sums(weights, &errors)), ("covered", &view.covered, sums(covered, &errors))]
+            {
+                let found = [found.pixels[index], found.error[index], found.high_error[index]].map(f64::from);
+                for (found, expected) in found.into_iter().zip(expected) {
+                    let near = (found - expected).abs() <= 1e-2 + 2e-3 * expected;
+                    assert!(near, "view {number}, Gaussian {index}, {kind}: {found} instead of {expected}");
+                }
+                high += usize::from(expected[2] > 1.0);
+            }
+            assert!(view.covered.pixels[index] == 0.0 || view.depth[index] > 0.0 && view.radius_px[index] > 0.0);
         }
         assert!(view.loss > 0.0);
     }
+    assert!(high > 5, "only {high} sums of high error");
 }
 
 /// The contribution over all views is summed beside the views that a policy requests, and alone.

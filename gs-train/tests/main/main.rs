@@ -13,3 +13,4 @@ mod regularization;
 mod resume;
 mod train;
 mod trouble;
+mod unseen;

@@ -32,7 +32,7 @@ use crate::{
     dataset::{AlphaName, DatasetArgs, remark_text},
     failure::Failure,
     memory::Need,
-    output::{self, quoted},
+    output::{self, printable, quoted},
     output_folder::{self, OutputFolder},
     training::{
         self,
@@ -67,9 +67,7 @@ pub(crate) fn run(args: &TrainArgs) -> Result<(), Failure> {
     output::note(&backend.reason);
     dataset.remarks.iter().for_each(|remark| output::note(format_args!("note: {}", remark_text(remark))));
     let (trainer, log, description) = start.begin(args, &backend.rasterizer, &dataset, limit.as_mut())?;
-    if let Some(remark) = trainer.settings().idle_simplification() {
-        output::note(format_args!("note: {remark}"));
-    }
+    trainer.settings().idle_parts().iter().for_each(|part| output::note(format_args!("note: {part}")));
     check_memory(args, &trainer)?;
     let folder = OutputFolder::begin(claim)?;
     let iterations = trainer.settings().iterations;
@@ -204,13 +202,19 @@ fn not_resumed(error: gs_train::Error, file: &Path, dataset: &Dataset) -> Failur
 
 fn announce(args: &TrainArgs, dataset: &Dataset, start: &str, trainer: &Trainer3d<'_, AnyRasterizer>) {
     let settings = trainer.settings();
+    let held: Vec<&str> = dataset.views_of(Split::Test).map(|view| view.name.as_str()).collect();
+    let names = match *held {
+        [] => String::new(),
+        [one] => format!(": {}", printable(one)),
+        [first, .., last] => format!(": {} to {}", printable(first), printable(last)),
+    };
     output::note(format_args!(
-        "training on {} of {} of {} ({}, {} held out) from {start}, with at most {} in {}, into {}",
+        "training on {} of {} of {} ({}; {} held out{names}) from {start}, with at most {} in {}, into {}",
         trainer.views().train.len(),
         counted(dataset.views.len(), "view"),
         args.dataset.display(),
         dataset.kind.name(),
-        dataset.views_of(Split::Test).count(),
+        held.len(),
         counted(settings.gaussians, "Gaussian"),
         counted(settings.iterations - trainer.step(), "step"),
         args.output.output.display()

@@ -9,6 +9,7 @@ mod fixture_2d;
 #[path = "../../../../gs-train/tests/main/fixture_3d.rs"]
 mod fixture_3d;
 
+mod evidence;
 mod kodak;
 mod late;
 mod wgpu_bytes;

@@ -1,0 +1,101 @@
+//! Evidence over several views, gathered on both backends.
+
+use std::sync::{Arc, Mutex};
+
+use super::fixture_3d;
+use gs_core::{EditPlan, Error, Gaussian3d, Optimizer, Scene3d, effects::Statistics};
+use gs_density::{DensityPolicy, Evidence, EvidenceRequest, Observation, PixelSums, Rng};
+use gs_train::{
+    Rounds,
+    train::{Start, Trainer3d},
+};
+use gs_wgpu::{WgpuRasterizer, WgpuSettings};
+use pollster::FutureExt as _;
+
+/// A policy that requests all evidence of all views, edits nothing, and keeps what it gets.
+#[derive(Default)]
+struct Curious(Mutex<Option<Evidence>>);
+
+impl DensityPolicy<Scene3d> for Curious {
+    fn plan(&self, observation: &Observation<'_, Scene3d>, _: &mut Rng) -> Result<EditPlan<Gaussian3d>, Error> {
+        *self.0.lock().unwrap() = observation.evidence.cloned();
+        Ok(EditPlan::default())
+    }
+
+    fn statistics(&self) -> Statistics {
+        Statistics::None
+    }
+
+    fn needs_residual(&self) -> bool {
+        false
+    }
+
+    fn needs_evidence(&self) -> bool {
+        true
+    }
+
+    fn evidence(&self, _: u32, _: f32) -> Option<EvidenceRequest> {
+        let mut request = EvidenceRequest::of_contribution(0);
+        (request.views, request.edges, request.high_error) = (0, 0.5, 0.3);
+        (request.blended, request.covered, request.geometry, request.splitting) = (true, true, true, true);
+        Some(request)
+    }
+}
+
+/// The evidence of a round after a step that moves nothing.
+fn gathered(on: &impl Optimizer<Scene3d>) -> Evidence {
+    let mut settings = fixture_3d::short(2);
+    settings.rounds = Rounds::until(1, 1);
+    let adam = &mut settings.adam;
+    for group in
+        [&mut adam.mean, &mut adam.scale, &mut adam.rotation, &mut adam.opacity, &mut adam.color, &mut adam.color_rest]
+    {
+        group.learning_rate = 0.0;
+    }
+    let policy = Arc::new(Curious::default());
+    let views = fixture_3d::views(&fixture_3d::rasterizer());
+    let mut trainer =
+        Trainer3d::from_views(on, views, Start::Random, settings).block_on().unwrap().controlled_by(policy.clone());
+    trainer.run(&mut ()).block_on().unwrap();
+    policy.0.lock().unwrap().take().expect("there was a round")
+}
+
+/// Largest difference, relative to the size of the numbers or to `unit`, whichever is larger.
+fn difference<T: Copy + Into<f64>>(found: &[T], expected: &[T], unit: f64) -> f64 {
+    assert!(!expected.is_empty() && found.len() == expected.len());
+    let of = |(&found, &expected): (&T, &T)| {
+        let (found, expected): (f64, f64) = (found.into(), expected.into());
+        (found - expected).abs() / expected.abs().max(unit)
+    };
+    found.iter().zip(expected).map(of).fold(0.0, f64::max)
+}
+
+#[test]
+fn both_backends_gather_the_same_evidence() {
+    let wgpu = WgpuRasterizer::new(WgpuSettings::default()).block_on().expect("`cargo xtask test` installs a driver");
+    let (found, expected) = (gathered(&wgpu), gathered(&fixture_3d::rasterizer()));
+    assert_eq!((found.views.len(), expected.views.len()), (12, 12));
+    for (number, (found, expected)) in found.views.iter().zip(&expected.views).enumerate() {
+        let near = |what: &str, difference: f64, most: f64| {
+            assert!(difference < most, "{what} of view {number} differ by {difference}");
+        };
+        near("losses", difference(&[found.loss], &[expected.loss], 1e-3), 1e-4);
+        near("depths", difference(&found.depth, &expected.depth, 1e-3), 1e-4);
+        near("radii", difference(&found.radius_px, &expected.radius_px, 1.0), 1e-3);
+        for (kind, found, expected) in
+            [("blended", &found.blended, &expected.blended), ("covered", &found.covered, &expected.covered)]
+        {
+            let PixelSums { pixels, error, high_error } = found;
+            near(kind, difference(pixels, &expected.pixels, 100.0), 0.02);
+            near(kind, difference(error, &expected.error, 100.0), 0.02);
+            // A pixel at the bound may be on either side of it.
+            near(kind, difference(high_error, &expected.high_error, 100.0), 0.05);
+        }
+    }
+    let of_all = difference(&found.contribution, &expected.contribution, 10.0);
+    assert!(of_all < 1e-3, "contributions differ by {of_all}");
+    let [found, expected] = [&found, &expected].map(|evidence| evidence.splitting.as_flattened());
+    let largest = expected.iter().fold(0.0f32, |largest, v| largest.max(v.abs()));
+    let of_splitting = difference(found, expected, f64::from(largest) / 100.0);
+    assert!(largest > 0.0 && of_splitting < 0.01, "splitting matrices differ by {of_splitting}");
+}
