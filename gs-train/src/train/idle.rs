@@ -19,16 +19,21 @@ impl TrainSettings {
 
     fn idle_recovery(&self) -> Option<String> {
         let Policy::ImprovedGs(policy) = &self.policy else { return None };
-        if policy.recovery_percent == 0.0 || self.any_round(|step| policy.recovers_after(step - 1)) {
+        let steps = policy.recovery_steps;
+        let is_round = |step: u32| self.rounds.progress(step, self.iterations).is_some();
+        // A reset is made in a round, too.
+        let recovers = |step: u32| policy.recovers_after(step - 1) && is_round(step.saturating_sub(steps));
+        if policy.recovery_percent == 0.0 || policy.recovery_resets == 0 || self.any_round(recovers) {
             return None;
         }
-        let steps = policy.recovery_steps;
         let reason = match policy.actions.reset.every {
-            0 => "the preset resets no opacities".to_owned(),
+            0 => "these settings reset no opacities".to_owned(),
             every => format!("opacities are reset every {every} steps, and no round is {steps} steps after a reset"),
         };
         Some(format!(
-            "Improved-GS prunes nothing {steps} steps after opacity resets: {reason}; set policy.actions.reset.every"
+            "Improved-GS prunes nothing {steps} steps after opacity resets: {reason}; it takes multiples of the {} steps \
+             from round to round for policy.actions.reset.every and policy.recovery-steps",
+            self.rounds.every
         ))
     }
 
@@ -77,14 +82,23 @@ mod tests {
         assert!(with(TrainPreset::Standard, 4_000, Some(odd)).is_some());
         assert!(with(TrainPreset::Standard, 0, speedy).unwrap().contains("no rounds"));
     }
+
     #[test]
     fn pruning_after_resets_is_reported_where_there_are_none() {
         let with = |preset: TrainPreset, iterations| {
             let policy = Policy::from_name("improved-gs").unwrap();
             preset.settings(Some(iterations)).with_policy(policy).idle_parts().join("; ")
         };
-        assert!(with(TrainPreset::Standard, 4_000).contains("the preset resets no opacities"));
+        assert!(with(TrainPreset::Standard, 4_000).contains("these settings reset no opacities"));
         assert_eq!(with(TrainPreset::ThreeDgs, 7_000), "");
         assert!(with(TrainPreset::Quick, 2_000).contains("reset every 3000 steps, and no round is 300 steps after"));
+        let mut settings =
+            TrainPreset::Standard.settings(Some(2_000)).with_policy(Policy::from_name("improved-gs").unwrap());
+        // Rounds are 66 steps apart: after step 660 there is one, after step 360 there is no reset.
+        settings.policy.actions_mut().unwrap().reset.every = 360;
+        assert!(settings.idle_parts()[0].contains("multiples of the 66 steps"), "{:?}", settings.idle_parts());
+        let Policy::ImprovedGs(policy) = &mut settings.policy else { panic!("it is improved-gs") };
+        (policy.actions.reset.every, policy.recovery_steps) = (660, 132);
+        assert!(settings.idle_parts().is_empty());
     }
 }

@@ -88,9 +88,10 @@ pub struct TrainSettings {
     /// Rounds of density control.
     pub rounds: Rounds,
     /// Whether Gaussians that no training view shows are removed after the last step, because other
-    /// views may show them. A run that ends with [`Self::exactly`] its number of Gaussians, or that
-    /// starts from a scene, keeps them. Default false, as published; true in the presets `standard`
-    /// and `quick`.
+    /// views may show them: those whose ellipse reaches into no image, and those that are too
+    /// transparent to be drawn. A run that ends with [`Self::exactly`] its number of Gaussians keeps
+    /// them. A run that starts from a scene does so, too: it sets this to false. Default false, as
+    /// published; true in the presets `standard` and `quick`.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub remove_unseen: bool,
     /// What happens to a diverging training.
@@ -198,8 +199,8 @@ impl TrainSettings {
 
     /// Returns these settings with another policy. Pruning and opacity resets stay those of these
     /// settings, or those of 3DGS where they have none; MRNF, which resets no opacities, has its
-    /// own. Where a policy prunes on after its growth, as FastGS and MRNF do, the rounds go on for as
-    /// long as is published, if the run does. In runs that are shorter than the published ones,
+    /// own. Where a policy prunes on after its growth, as FastGS and MRNF do, the rounds of a preset go
+    /// on for as long as is published, if that fits into the run. In runs that are shorter than the published ones,
     /// FastGS prunes as often after its growth as there.
     #[must_use]
     pub fn with_policy(mut self, policy: Policy) -> Self {
@@ -434,7 +435,7 @@ mod tests {
         assert_eq!(mrnf.policy.actions().unwrap().prune.opacity, 1.0 / 255.0);
     }
 
-    /// Growth until step 15,000, as published, and rounds until 27,000 and 28,500.
+    /// Growth until about step 15,000, as published, and rounds until 27,000 and 28,500.
     #[test]
     fn pruning_after_growth_goes_on_as_published() {
         let rounds = |preset: TrainPreset, iterations, name: &str| {

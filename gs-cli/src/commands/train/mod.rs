@@ -206,7 +206,8 @@ fn announce(args: &TrainArgs, dataset: &Dataset, start: &str, trainer: &Trainer3
     let names = match *held {
         [] => String::new(),
         [one] => format!(": {}", printable(one)),
-        [first, .., last] => format!(": {} to {}", printable(first), printable(last)),
+        [first, last] => format!(": {} and {}", printable(first), printable(last)),
+        [first, .., last] => format!(": {}, ..., {}", printable(first), printable(last)),
     };
     output::note(format_args!(
         "training on {} of {} of {} ({}; {} held out{names}) from {start}, with at most {} in {}, into {}",
