@@ -27,10 +27,10 @@ use crate::{recovery::Recovery, rounds::Rounds};
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub enum TrainPreset {
-    /// The settings of 3DGS (Kerbl et al. 2023), 30,000 steps, for comparison with other work. As in
-    /// gsplat, α is at most 0.999 (in the code of 3DGS 0.99), and Gaussians reach as far as α is
-    /// above the cut (three standard deviations); `render.accuracy` is
-    /// [`Accuracy::THREE_DGS`](gs_core::Accuracy::THREE_DGS) for the latter.
+    /// The settings of 3DGS (Kerbl et al. 2023), 30,000 steps, for comparison with other work. Two
+    /// numbers differ from the code of 3DGS: α is at most 0.999 instead of 0.99, as in gsplat, and
+    /// Gaussians reach as far as α is above the cut instead of three standard deviations. With
+    /// [`Accuracy::THREE_DGS`](gs_core::Accuracy::THREE_DGS) as `render.accuracy` they are the same.
     #[default]
     #[serde(rename = "3dgs")]
     ThreeDgs,

@@ -199,9 +199,9 @@ impl TrainSettings {
 
     /// Returns these settings with another policy. Pruning and opacity resets stay those of these
     /// settings, or those of 3DGS where they have none; MRNF, which resets no opacities, has its
-    /// own. Where a policy prunes on after its growth, as FastGS and MRNF do, the rounds of a preset go
-    /// on for as long as is published, if that fits into the run. In runs that are shorter than the published ones,
-    /// FastGS prunes as often after its growth as there.
+    /// own. Where a policy prunes on after its growth, as FastGS and MRNF do, the rounds of a preset
+    /// go on for as long as is published, if that fits into the run. In runs that are shorter than
+    /// the published ones, FastGS prunes as often after its growth as there.
     #[must_use]
     pub fn with_policy(mut self, policy: Policy) -> Self {
         let usual = self.policy.actions().copied().or(Self::default().policy.actions().copied()).unwrap_or_default();

@@ -2,56 +2,19 @@
 //! that do not request it read no extra images, and image fits refuse policies that need it.
 
 use std::sync::{
-    Arc, Mutex,
+    Arc,
     atomic::{AtomicU32, Ordering::Relaxed},
 };
 
-use gs_core::{
-    EditPlan, Error as CoreError, Gaussian2d, Gaussian3d, Image, Scene, Scene2d, Scene3d, effects::Statistics,
-};
-use gs_density::{DensityPolicy, Evidence, EvidenceRequest, Observation, Policy, Rng};
+use gs_core::{EditPlan, Error as CoreError, Gaussian2d, Image, Scene, Scene2d, Scene3d, effects::Statistics};
+use gs_density::{DensityPolicy, EvidenceRequest, Observation, Policy, Rng};
 use gs_train::{
     Error, FitSettings, Rounds, Trainer, Trainer3d,
     train::{PosedView, Start, Views},
 };
 use pollster::FutureExt as _;
 
-use crate::fixture_3d::{camera, rasterizer, short, views};
-
-/// A policy that requests all evidence, edits nothing and keeps the evidence that it gets.
-struct Curious {
-    request: Option<EvidenceRequest>,
-    seen: Mutex<Option<(Scene3d, Evidence)>>,
-}
-
-impl Curious {
-    fn new(request: Option<EvidenceRequest>) -> Arc<Self> {
-        Arc::new(Self { request, seen: Mutex::default() })
-    }
-}
-
-impl DensityPolicy<Scene3d> for Curious {
-    fn plan(&self, observation: &Observation<'_, Scene3d>, _: &mut Rng) -> Result<EditPlan<Gaussian3d>, CoreError> {
-        *self.seen.lock().unwrap() = observation.evidence.map(|e| (observation.scene.clone(), e.clone()));
-        Ok(EditPlan::default())
-    }
-
-    fn statistics(&self) -> Statistics {
-        Statistics::None
-    }
-
-    fn needs_residual(&self) -> bool {
-        false
-    }
-
-    fn needs_evidence(&self) -> bool {
-        self.request.is_some()
-    }
-
-    fn evidence(&self, _: u32, _: f32) -> Option<EvidenceRequest> {
-        self.request
-    }
-}
+use crate::fixture_3d::{Curious, camera, rasterizer, short, views};
 
 /// Views that count how often their images are read.
 fn counted(views: Views, reads: &Arc<AtomicU32>) -> Views {

@@ -1,10 +1,15 @@
 //! A 3D scene and the views of it that these tests share.
 
+use std::sync::{Arc, Mutex};
+
 use glam::{Vec2, Vec3};
 use gs_core::{
-    Blend, Camera, Gaussian3d, Rasterizer, RenderSettings, Scene, Scene3d, constants::SH_C0, effects::Order,
+    Blend, Camera, EditPlan, Gaussian3d, Rasterizer, RenderSettings, Scene, Scene3d,
+    constants::SH_C0,
+    effects::{Order, Statistics},
 };
 use gs_cpu::{CpuRasterizer, CpuSettings};
+use gs_density::{DensityPolicy, Evidence, EvidenceRequest, Observation, Rng};
 use gs_io::dataset::PosedImage;
 use gs_train::{
     Rounds, TrainPreset, TrainSettings,
@@ -92,4 +97,44 @@ pub(crate) fn short(iterations: u32) -> TrainSettings {
     settings.sh_degree_every = iterations / 4;
     settings.rounds = Rounds::until(10, (iterations / 2).max(10));
     settings
+}
+
+/// A policy that makes this request in each round, edits nothing, and keeps the last scene and the
+/// evidence about it.
+pub(crate) struct Curious {
+    request: Option<EvidenceRequest>,
+    pub(crate) seen: Mutex<Option<(Scene3d, Evidence)>>,
+}
+
+impl Curious {
+    pub(crate) fn new(request: Option<EvidenceRequest>) -> Arc<Self> {
+        Arc::new(Self { request, seen: Mutex::default() })
+    }
+}
+
+impl DensityPolicy<Scene3d> for Curious {
+    fn plan(
+        &self,
+        observation: &Observation<'_, Scene3d>,
+        _: &mut Rng,
+    ) -> Result<EditPlan<Gaussian3d>, gs_core::Error> {
+        *self.seen.lock().unwrap() = observation.evidence.map(|e| (observation.scene.clone(), e.clone()));
+        Ok(EditPlan::default())
+    }
+
+    fn statistics(&self) -> Statistics {
+        Statistics::None
+    }
+
+    fn needs_residual(&self) -> bool {
+        false
+    }
+
+    fn needs_evidence(&self) -> bool {
+        self.request.is_some()
+    }
+
+    fn evidence(&self, _: u32, _: f32) -> Option<EvidenceRequest> {
+        self.request
+    }
 }

@@ -1,10 +1,8 @@
 //! Evidence over several views, gathered on both backends.
 
-use std::sync::{Arc, Mutex};
-
 use super::fixture_3d;
-use gs_core::{EditPlan, Error, Gaussian3d, Optimizer, Scene3d, effects::Statistics};
-use gs_density::{DensityPolicy, Evidence, EvidenceRequest, Observation, PixelSums, Rng};
+use gs_core::{Optimizer, Scene3d};
+use gs_density::{Evidence, EvidenceRequest, PixelSums};
 use gs_train::{
     Rounds,
     train::{Start, Trainer3d},
@@ -12,34 +10,12 @@ use gs_train::{
 use gs_wgpu::{WgpuRasterizer, WgpuSettings};
 use pollster::FutureExt as _;
 
-/// A policy that requests all evidence of all views, edits nothing, and keeps what it gets.
-#[derive(Default)]
-struct Curious(Mutex<Option<Evidence>>);
-
-impl DensityPolicy<Scene3d> for Curious {
-    fn plan(&self, observation: &Observation<'_, Scene3d>, _: &mut Rng) -> Result<EditPlan<Gaussian3d>, Error> {
-        *self.0.lock().unwrap() = observation.evidence.cloned();
-        Ok(EditPlan::default())
-    }
-
-    fn statistics(&self) -> Statistics {
-        Statistics::None
-    }
-
-    fn needs_residual(&self) -> bool {
-        false
-    }
-
-    fn needs_evidence(&self) -> bool {
-        true
-    }
-
-    fn evidence(&self, _: u32, _: f32) -> Option<EvidenceRequest> {
-        let mut request = EvidenceRequest::of_contribution(0);
-        (request.views, request.edges, request.high_error) = (0, 0.5, 0.3);
-        (request.blended, request.covered, request.geometry, request.splitting) = (true, true, true, true);
-        Some(request)
-    }
+/// A request for all evidence of all views.
+fn everything() -> EvidenceRequest {
+    let mut request = EvidenceRequest::of_contribution(0);
+    (request.views, request.edges, request.high_error) = (0, 0.5, 0.3);
+    (request.blended, request.covered, request.geometry, request.splitting) = (true, true, true, true);
+    request
 }
 
 /// The evidence of a round after a step that moves nothing.
@@ -52,12 +28,12 @@ fn gathered(on: &impl Optimizer<Scene3d>) -> Evidence {
     {
         group.learning_rate = 0.0;
     }
-    let policy = Arc::new(Curious::default());
+    let policy = fixture_3d::Curious::new(Some(everything()));
     let views = fixture_3d::views(&fixture_3d::rasterizer());
     let mut trainer =
         Trainer3d::from_views(on, views, Start::Random, settings).block_on().unwrap().controlled_by(policy.clone());
     trainer.run(&mut ()).block_on().unwrap();
-    policy.0.lock().unwrap().take().expect("there was a round")
+    policy.seen.lock().unwrap().take().expect("there was a round").1
 }
 
 /// Largest difference, relative to the size of the numbers or to `unit`, whichever is larger.
