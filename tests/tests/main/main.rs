@@ -6,6 +6,7 @@ mod corpus;
 mod cpu;
 mod cpu_3d;
 mod fuzzed;
+mod gpus;
 mod guards;
 mod oracle;
 mod oracle_3d;

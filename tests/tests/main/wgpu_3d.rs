@@ -5,7 +5,6 @@ mod moments;
 
 use gs_core::Rasterizer as _;
 use pollster::FutureExt as _;
-use std::{num::NonZero, sync::OnceLock};
 
 use glam::Vec3;
 use gs_conformance::{
@@ -20,28 +19,10 @@ use gs_core::{
     effects::{Order, Statistics},
 };
 use gs_cpu::{CpuRasterizer, CpuSettings};
-use gs_wgpu::{FreshBuffers, Kernels, WgpuRasterizer, WgpuSettings};
+use gs_wgpu::{WgpuRasterizer, WgpuSettings};
 use proptest::prelude::*;
 
-/// A device for each kind of kernels that the adapter supports, with few work groups per row and
-/// buffers full of NaN.
-fn rasterizers() -> &'static [(Kernels, WgpuRasterizer)] {
-    static RASTERIZERS: OnceLock<Vec<(Kernels, WgpuRasterizer)>> = OnceLock::new();
-    RASTERIZERS.get_or_init(|| {
-        let rasterizer = |kernels| {
-            let settings = WgpuSettings::default().with(|s| {
-                s.fresh_buffers = FreshBuffers::Poison;
-                s.kernels = Some(kernels);
-                s.most_groups = NonZero::new(3);
-            });
-            Some((kernels, WgpuRasterizer::new(settings).block_on().ok()?))
-        };
-        let kernels = [Kernels::Portable, Kernels::Subgroups];
-        let found: Vec<_> = kernels.into_iter().filter_map(rasterizer).collect();
-        assert!(!found.is_empty(), "`cargo xtask test` installs a software driver where there is no adapter");
-        found
-    })
-}
+use crate::gpus::rasterizers;
 
 #[test]
 fn conforms_with_all_kernels() {

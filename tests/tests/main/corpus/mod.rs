@@ -3,7 +3,6 @@
 
 mod faulty;
 
-use pollster::FutureExt as _;
 use std::collections::HashSet;
 
 use gs_conformance::{
@@ -16,9 +15,10 @@ use gs_conformance::{
 };
 use gs_core::{Loss, Optimizer, Scene2d, Scene3d, effects::Blend};
 use gs_cpu::{CpuRasterizer, CpuSettings, SimdLevel};
-use gs_wgpu::{FreshBuffers, Kernels, WgpuRasterizer, WgpuSettings};
+use gs_wgpu::{Kernels, WgpuRasterizer};
 
 use self::faulty::{Fault, Faulty};
+use crate::gpus;
 
 /// A rasterizer with one thread: with images of this size, threads would wait for each other.
 fn cpu(level: SimdLevel) -> CpuRasterizer {
@@ -27,23 +27,6 @@ fn cpu(level: SimdLevel) -> CpuRasterizer {
         s.level = Some(level);
     }))
     .unwrap()
-}
-
-/// A device with this kind of kernels, if the adapter supports them, and with buffers full of NaN.
-fn wgpu_with(kernels: Kernels) -> Option<WgpuRasterizer> {
-    let settings = WgpuSettings::default().with(|s| {
-        s.fresh_buffers = FreshBuffers::Poison;
-        s.kernels = Some(kernels);
-    });
-    WgpuRasterizer::new(settings).block_on().ok()
-}
-
-/// A device for each kind of kernels that the adapter supports.
-fn wgpu() -> Vec<(Kernels, WgpuRasterizer)> {
-    let of = |kernels| Some((kernels, wgpu_with(kernels)?));
-    let found: Vec<_> = [Kernels::Portable, Kernels::Subgroups].into_iter().filter_map(of).collect();
-    assert!(!found.is_empty(), "`cargo xtask test` installs a software driver where there is no adapter");
-    found
 }
 
 /// The records of every `step`-th case, from the case `first` on.
@@ -78,7 +61,7 @@ fn the_cpu_passes_at_every_level() {
 
 /// Fails for records that are not as expected with one kind of kernels, if the adapter supports it.
 fn check(kernels: Kernels, records: impl Fn(&WgpuRasterizer) -> Vec<Record>) {
-    let Some(rasterizer) = wgpu_with(kernels) else { return };
+    let Some(rasterizer) = gpus::with_kernels(kernels, None) else { return };
     // A software driver refuses lists that are longer than its loops with this error.
     let (refused, failures): (Vec<_>, Vec<_>) =
         unexpected(&records(&rasterizer)).into_iter().partition(|failure| failure.contains("ends loops after"));
@@ -291,7 +274,7 @@ fn gradients_of_hard_scenes_match_difference_quotients() {
 
 #[test]
 fn gradients_of_hard_scenes_match_difference_quotients_on_wgpu() {
-    let rasterizers = wgpu();
+    let rasterizers = gpus::of_each_kind(None);
     for loss in [Loss::L2, Loss::PAPER] {
         let sets = Sets::new(loss, SEEDS);
         let mut failures = Vec::new();

@@ -3,7 +3,7 @@
 
 use gs_core::Rasterizer as _;
 use pollster::FutureExt as _;
-use std::{num::NonZero, sync::OnceLock};
+use std::sync::OnceLock;
 
 use gs_conformance::{
     Failure,
@@ -27,37 +27,20 @@ use gs_wgpu::{
 };
 use proptest::prelude::*;
 
+use crate::gpus::rasterizers;
+
 mod drawn;
 mod long_lists;
 mod pending_steps;
 
-/// The device for all tests, with buffers full of NaN.
+/// A device with the kernels that it has by default, and with buffers full of NaN.
 fn rasterizer() -> &'static WgpuRasterizer {
     static RASTERIZER: OnceLock<WgpuRasterizer> = OnceLock::new();
     RASTERIZER.get_or_init(|| {
-        poisoned(None).expect("`cargo xtask test` installs a software driver where there is no adapter")
-    })
-}
-
-fn poisoned(kernels: Option<Kernels>) -> Result<WgpuRasterizer, Error> {
-    // With few work groups per row, every dispatch has several rows. No tested adapter has memory
-    // for 65,535, the usual limit.
-    let most_groups = if kernels.is_some() { NonZero::new(3) } else { None };
-    let fresh_buffers = FreshBuffers::Poison;
-    WgpuRasterizer::new(WgpuSettings::default().with(|s| {
-        s.fresh_buffers = fresh_buffers;
-        s.kernels = kernels;
-        s.most_groups = most_groups;
-    }))
-    .block_on()
-}
-
-/// A device for each kind of kernels that the adapter supports.
-fn rasterizers() -> &'static [(Kernels, WgpuRasterizer)] {
-    static RASTERIZERS: OnceLock<Vec<(Kernels, WgpuRasterizer)>> = OnceLock::new();
-    RASTERIZERS.get_or_init(|| {
-        let kernels = [Kernels::Portable, Kernels::Subgroups];
-        kernels.into_iter().filter_map(|kernels| Some((kernels, poisoned(Some(kernels)).ok()?))).collect()
+        let settings = WgpuSettings::default().with(|s| s.fresh_buffers = FreshBuffers::Poison);
+        WgpuRasterizer::new(settings)
+            .block_on()
+            .expect("`cargo xtask test` installs a software driver where there is no adapter")
     })
 }
 
@@ -137,7 +120,7 @@ fn outdated_lists_keep_all_numbers_finite() {
 fn unsupported_kernels_are_refused() {
     let found: Vec<Kernels> = rasterizers().iter().map(|&(kernels, _)| kernels).collect();
     assert_eq!(found[0], Kernels::Portable, "every adapter has these");
-    match poisoned(Some(Kernels::Subgroups)) {
+    match WgpuRasterizer::new(WgpuSettings::default().with(|s| s.kernels = Some(Kernels::Subgroups))).block_on() {
         Ok(_) => assert!(found.contains(&Kernels::Subgroups)),
         Err(error) => assert!(error.to_string().contains("subgroups"), "{error}"),
     }

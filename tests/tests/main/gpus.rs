@@ -1,0 +1,37 @@
+//! Devices of gs-wgpu for the tests.
+
+use pollster::FutureExt as _;
+use std::{num::NonZero, sync::OnceLock};
+
+use gs_wgpu::{FreshBuffers, Kernels, WgpuRasterizer, WgpuSettings};
+
+/// A device with these kernels and with buffers full of NaN; `None` where the adapter does not
+/// support them. `most_groups` limits the work groups in a row of a dispatch.
+///
+/// # Panics
+/// If there is no adapter.
+pub(crate) fn with_kernels(kernels: Kernels, most_groups: Option<NonZero<u32>>) -> Option<WgpuRasterizer> {
+    let settings = WgpuSettings::default().with(|s| {
+        s.fresh_buffers = FreshBuffers::Poison;
+        s.kernels = Some(kernels);
+        s.most_groups = most_groups;
+    });
+    match WgpuRasterizer::new(settings).block_on() {
+        Ok(rasterizer) => Some(rasterizer),
+        Err(error) if kernels == Kernels::Subgroups && error.to_string().contains("subgroups") => None,
+        Err(error) => panic!("{error} (`cargo xtask test` installs a software driver)"),
+    }
+}
+
+/// A device for each kind of kernels that the adapter supports, the portable ones first.
+pub(crate) fn of_each_kind(most_groups: Option<NonZero<u32>>) -> Vec<(Kernels, WgpuRasterizer)> {
+    let kinds = [Kernels::Portable, Kernels::Subgroups];
+    kinds.into_iter().filter_map(|kernels| Some((kernels, with_kernels(kernels, most_groups)?))).collect()
+}
+
+/// The same, with so few work groups in a row that every dispatch has several rows: no tested
+/// adapter has memory for more than 65,535, the usual limit.
+pub(crate) fn rasterizers() -> &'static [(Kernels, WgpuRasterizer)] {
+    static RASTERIZERS: OnceLock<Vec<(Kernels, WgpuRasterizer)>> = OnceLock::new();
+    RASTERIZERS.get_or_init(|| of_each_kind(NonZero::new(3)))
+}
