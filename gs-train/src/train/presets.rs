@@ -63,7 +63,7 @@ const PIXELS_PER_GAUSSIAN: u64 = 160;
 
 /// Gaussians of a run of minutes for each initial point, where that is more than one for 160 pixels.
 /// Many points are found in images that agree well, and such images need more Gaussians.
-const GAUSSIANS_PER_POINT: f32 = 4.0;
+const GAUSSIANS_PER_POINT: f32 = 5.0;
 
 /// A run of minutes also searches the images for points if a data set has fewer points than this
 /// share of the largest number of Gaussians.

@@ -47,8 +47,8 @@ const NEAREST_WITHIN: f32 = 0.2;
 /// Number of neighbouring views that a view is compared with.
 const NEIGHBOURS: usize = 6;
 
-/// Number of neighbours, those that agree best, whose mean is the score. The others may not see the
-/// surface.
+/// Largest number of neighbours, those that agree best, whose mean is the score. The others may not
+/// see the surface.
 const AGREEING: usize = 3;
 
 /// The best angle between the rays of two views, rad: large enough for a precise depth, small
@@ -283,48 +283,71 @@ struct Pixel<'a> {
 }
 
 impl Pixel<'_> {
-    /// Mean correlation at this depth with the neighbours that agree best; −1 where fewer see the
-    /// point.
-    fn score(&self, depth: f32) -> f32 {
+    /// How well the neighbours that see the point at this depth agree.
+    fn score(&self, depth: f32) -> Score {
         let origin = self.plate.camera.position();
         let place = |offset: Vec2| origin + depth * self.plate.ray(self.at + offset);
         let [centre, right, below] = [Vec2::ZERO, Vec2::X, Vec2::Y].map(place);
         let mut best = [-1.0f32; AGREEING];
-        let mut seen = 0;
+        let mut seeing = 0;
         for plate in self.neighbours {
             let project = |world| plate.camera.project(world).map(|(at, _)| at);
             let (Some(at), Some(right), Some(below)) = (project(centre), project(right), project(below)) else {
                 continue;
             };
             let Some(mut score) = plate.correlation(&self.patch, at, right - at, below - at) else { continue };
-            seen += 1;
+            seeing += 1;
             for kept in &mut best {
                 if score > *kept {
                     std::mem::swap(kept, &mut score);
                 }
             }
         }
-        let agreeing = self.neighbours.len().min(AGREEING);
-        if seen < agreeing.max(2) { -1.0 } else { best[..agreeing].iter().sum::<f32>() / agreeing as f32 }
+        let agreeing = seeing.clamp(1, AGREEING);
+        Score { seeing, mean: best[..agreeing].iter().sum::<f32>() / agreeing as f32 }
     }
 
     /// The depth at which the pixel looks the same in its neighbours, if there is a single one.
+    ///
+    /// It is looked for among the depths at which [`AGREEING`] neighbours see the point, and if there
+    /// is none, where fewer do: near the borders of its view, a surface is seen by few others.
     fn depth(&self, depths: Depths) -> Option<f32> {
-        let scores: Vec<f32> = (0..depths.count).map(|step| self.score(depths.at(step as f32))).collect();
-        let best = (0..depths.count).max_by(|&a, &b| scores[a].total_cmp(&scores[b]))?;
+        let scores: Vec<Score> = (0..depths.count).map(|step| self.score(depths.at(step as f32))).collect();
+        (1..=AGREEING).rev().find_map(|seeing| self.single_depth(depths, &scores, seeing))
+    }
+
+    /// The same, among the depths that this number of neighbours sees, or more.
+    fn single_depth(&self, depths: Depths, scores: &[Score], seeing: usize) -> Option<f32> {
+        let best = (0..depths.count).max_by(|&a, &b| scores[a].of(seeing).total_cmp(&scores[b].of(seeing)))?;
         // Half steps and quarters around the best depth.
-        let (mut place, mut score) = (best as f32, scores[best]);
+        let (mut place, mut score) = (best as f32, scores[best].of(seeing));
         for width in [0.5, 0.25, 0.125] {
             for other in [place - width, place + width] {
-                let found = self.score(depths.at(other));
+                let found = self.score(depths.at(other)).of(seeing);
                 if found > score {
                     (place, score) = (other, found);
                 }
             }
         }
-        let elsewhere = (0..depths.count).filter(|step| step.abs_diff(best) > SAME_DEPTHS).map(|step| scores[step]);
-        let unique = score - elsewhere.fold(-1.0, f32::max) >= LEAST_LEAD;
+        let elsewhere = (0..depths.count).filter(|step| step.abs_diff(best) > SAME_DEPTHS);
+        let unique = score - elsewhere.map(|step| scores[step].of(seeing)).fold(-1.0, f32::max) >= LEAST_LEAD;
         (score >= LEAST_SCORE && unique && place > 0.0).then(|| depths.at(place))
+    }
+}
+
+/// How well a pixel's surroundings agree at one depth.
+#[derive(Debug, Clone, Copy)]
+struct Score {
+    /// Number of neighbours that see the point.
+    seeing: usize,
+    /// Mean correlation with at most [`AGREEING`] of them.
+    mean: f32,
+}
+
+impl Score {
+    /// The mean, or −1 where fewer neighbours see the point.
+    fn of(self, seeing: usize) -> f32 {
+        if self.seeing < seeing { -1.0 } else { self.mean }
     }
 }
 

@@ -121,7 +121,7 @@ pub(crate) struct TrainSettingsArgs {
     #[arg(long, value_name = "FILE.toml", conflicts_with_all = ["preset", "iterations"])]
     pub(crate) settings: Option<PathBuf>,
     /// The most Gaussians [default: that of the preset; standard: one for 160 pixels of the views, or
-    /// four for each initial point if that is more, but at most twice the former]
+    /// five for each initial point if that is more, but at most twice the former]
     #[arg(short = 'n', long, alias = "max-gaussians", value_name = "N", value_parser = whole::<u32>(1..))]
     pub(crate) gaussians: Option<u32>,
     /// End with exactly the number of Gaussians that --gaussians sets, under any policy

@@ -60,6 +60,15 @@ fn pixels_without_contrast_beside_a_surface_have_no_depth() {
 }
 
 #[test]
+fn a_single_neighbour_is_enough() {
+    let mut two = views_of_plane(waves);
+    two.truncate(2);
+    let found = points(&two).unwrap();
+    let right = found.iter().filter(|point| point.position.z.abs() < 0.1).count();
+    assert!(right > 100 && right as f32 > 0.8 * found.len() as f32, "{right} of {}", found.len());
+}
+
+#[test]
 fn points_that_a_single_view_finds_do_not_count() {
     let plates: Vec<Plate> = views_of_plane(waves).iter().map(|view| Plate::read(view).unwrap()).collect();
     let cameras: Vec<Camera> = plates.iter().map(|plate| plate.camera).collect();
