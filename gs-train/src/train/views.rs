@@ -4,6 +4,7 @@ use std::{fmt, sync::Arc};
 
 use gs_core::{Camera, Image};
 use gs_io::dataset::{AlphaMeaning, Dataset, DepthMap, PosedImage, Split, View};
+use rayon::prelude::*;
 
 use super::faces;
 use crate::error::Error;
@@ -203,7 +204,7 @@ impl Views {
                     None => view,
                 })
             };
-            self.train = self.train.into_iter().map(held).collect::<Result<_, Error>>()?;
+            self.train = self.train.into_par_iter().map(held).collect::<Result<_, Error>>()?;
         }
         Ok(self)
     }
