@@ -57,6 +57,13 @@ pub fn applied<T: Serialize + DeserializeOwned>(settings: &T, over: &Table) -> R
     })
 }
 
+/// `settings` with the rounds of density control of `over`, if they are possible: for a policy that
+/// is chosen before the rest of `over` is applied. How often some policies prune depends on them.
+pub fn with_rounds<T: Serialize + DeserializeOwned>(settings: T, over: &Table) -> T {
+    let Some(rounds) = over.get("rounds") else { return settings };
+    applied(&settings, &Table::from_iter([("rounds".to_owned(), rounds.clone())])).unwrap_or(settings)
+}
+
 /// The path of the value in `over` that makes it fail: the one without which it is possible, or
 /// else the first value with which, added to those before it, it becomes impossible. Kinds come
 /// first, as other values depend on them.

@@ -103,6 +103,22 @@ pub(crate) fn with<T: Serialize + DeserializeOwned>(
     }
 }
 
+/// Settings with the rounds of density control of a mapping, if they are possible: for a policy that
+/// is chosen before the rest of it is applied.
+///
+/// # Errors
+/// `ValueError` for what is no mapping of settings.
+pub(crate) fn with_rounds<T: Serialize + DeserializeOwned>(
+    argument: &str,
+    settings: T,
+    over: Option<&Bound<'_, PyAny>>,
+) -> PyResult<T> {
+    over.map(|over| table(argument, over)).transpose().map(|over| match over {
+        Some(over) => overrides::with_rounds(settings, &over),
+        None => settings,
+    })
+}
+
 /// A Rust value as Python objects: dictionaries, lists, numbers and strings.
 pub(crate) fn to_python<'py>(py: Python<'py>, value: &impl Serialize) -> PyResult<Bound<'py, PyAny>> {
     let text = serde_json::to_string(value).map_err(|error| PyValueError::new_err(error.to_string()))?;

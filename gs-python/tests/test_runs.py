@@ -249,6 +249,17 @@ def test_a_policy_in_a_training(dataset: Path, cpu: gs.Backend) -> None:
     assert seen and all(shape[1] == 3 for shape in seen)
 
 
+def test_a_policy_follows_the_rounds_of_the_settings(dataset: Path, cpu: gs.Backend) -> None:
+    def final_every(every: int) -> int:
+        settings: Any = {"init": {"random": 50}, "rounds": {"every": every}}
+        options: Any = {"iterations": 100, "start": "random", "settings": settings}
+        training = gs.train(dataset, 60, policy="fastgs", backend=cpu, **options)
+        return training.summary["settings"]["policy"]["final-every"]
+
+    assert final_every(25) == 25
+    assert final_every(50) == 50
+
+
 def test_wrong_arguments_of_a_training(dataset: Path, cpu: gs.Backend, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="start"):
         gs.train(dataset, start="points", backend=cpu)

@@ -48,13 +48,9 @@ impl StudyTask for Scene3d {
             }
             false => settings.with_gaussians(asked.budget),
         };
-        // How often some policies prune depends on the rounds.
+        // What is wrong with the rounds is reported later, with its place.
         for over in [&asked.study.settings, &asked.arm.settings] {
-            if let Some(rounds) = over.get("rounds") {
-                let over = toml::Table::from_iter([("rounds".to_owned(), rounds.clone())]);
-                // What is wrong with it is reported later, with its place.
-                settings = overrides::applied(&settings, &over).unwrap_or(settings);
-            }
+            settings = overrides::with_rounds(settings, over);
         }
         if let Some(name) = &asked.arm.policy {
             let policy = Policy::from_name(name).map_err(|error| WrongKey::new("policy", error))?;

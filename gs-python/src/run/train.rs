@@ -190,6 +190,9 @@ fn wanted(
     if let Some(gaussians) = gaussians {
         train = train.with_gaussians(gaussians);
     }
+    if let Given::Preset { changes, .. } = &given {
+        train = settings::with_rounds("settings", train, changes.as_ref())?;
+    }
     if let Some(policy) = policy {
         train = train.with_policy(policy.named()?);
     }
