@@ -57,8 +57,9 @@ pub fn applied<T: Serialize + DeserializeOwned>(settings: &T, over: &Table) -> R
     })
 }
 
-/// `settings` with the rounds of density control of `over`, if they are possible: for a policy that
-/// is chosen before the rest of `over` is applied. How often some policies prune depends on them.
+/// `settings` with the rounds of density control of `over`. Call this before a policy is chosen,
+/// because some policies depend on the rounds. Rounds that are not possible are ignored here;
+/// [`applied`] reports them.
 pub fn with_rounds<T: Serialize + DeserializeOwned>(settings: T, over: &Table) -> T {
     let Some(rounds) = over.get("rounds") else { return settings };
     applied(&settings, &Table::from_iter([("rounds".to_owned(), rounds.clone())])).unwrap_or(settings)

@@ -103,20 +103,21 @@ pub(crate) fn with<T: Serialize + DeserializeOwned>(
     }
 }
 
-/// Settings with the rounds of density control of a mapping, if they are possible: for a policy that
-/// is chosen before the rest of it is applied.
+/// Settings with the rounds of density control of a mapping. Call this before a policy is chosen,
+/// because some policies depend on the rounds. Rounds that are not possible are ignored here;
+/// [`with`] reports them.
 ///
 /// # Errors
-/// `ValueError` for what is no mapping of settings.
+/// `ValueError` if the argument is not a mapping of settings.
 pub(crate) fn with_rounds<T: Serialize + DeserializeOwned>(
     argument: &str,
     settings: T,
     over: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<T> {
-    over.map(|over| table(argument, over)).transpose().map(|over| match over {
-        Some(over) => overrides::with_rounds(settings, &over),
-        None => settings,
-    })
+    match over {
+        None => Ok(settings),
+        Some(over) => Ok(overrides::with_rounds(settings, &table(argument, over)?)),
+    }
 }
 
 /// A Rust value as Python objects: dictionaries, lists, numbers and strings.

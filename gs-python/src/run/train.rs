@@ -177,21 +177,18 @@ fn wanted(
         Given::File(file) => {
             TrainSettings::from_toml(&settings::text_of(file)?, file).map_err(IntoPython::into_python)?
         }
-        Given::Preset { name, .. } => {
+        Given::Preset { name, changes } => {
             let preset: TrainPreset = settings::named("preset", name)?;
             let cameras = dataset.views_of(Split::Train).map(|view| &view.camera);
             let mut train = preset.settings_for(iterations, dataset.kind, cameras);
             if let Some(scene) = scene {
                 train.render.effects.antialias = scene.render([0.0; 3]).effects.antialias;
             }
-            train
+            settings::with_rounds("settings", train, changes.as_ref())?
         }
     };
     if let Some(gaussians) = gaussians {
         train = train.with_gaussians(gaussians);
-    }
-    if let Given::Preset { changes, .. } = &given {
-        train = settings::with_rounds("settings", train, changes.as_ref())?;
     }
     if let Some(policy) = policy {
         train = train.with_policy(policy.named()?);

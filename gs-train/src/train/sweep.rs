@@ -47,8 +47,8 @@ const NEAREST_WITHIN: f32 = 0.2;
 /// Number of neighbouring views that a view is compared with.
 const NEIGHBOURS: usize = 6;
 
-/// Largest number of neighbours, those that agree best, whose mean is the score. The others may not
-/// see the surface.
+/// The score is the mean correlation with the neighbours that agree best, at most this many. The
+/// others may not see the surface.
 const AGREEING: usize = 3;
 
 /// The best angle between the rays of two views, rad: large enough for a precise depth, small
@@ -309,45 +309,47 @@ impl Pixel<'_> {
 
     /// The depth at which the pixel looks the same in its neighbours, if there is a single one.
     ///
-    /// It is looked for among the depths at which [`AGREEING`] neighbours see the point, and if there
-    /// is none, where fewer do: near the borders of its view, a surface is seen by few others.
+    /// Depths that at least [`AGREEING`] neighbours see are tried first. If none of them counts, those
+    /// that fewer neighbours see are tried: few other views see a surface near the border of an image.
     fn depth(&self, depths: Depths) -> Option<f32> {
         let scores: Vec<Score> = (0..depths.count).map(|step| self.score(depths.at(step as f32))).collect();
-        (1..=AGREEING).rev().find_map(|seeing| self.single_depth(depths, &scores, seeing))
+        (1..=AGREEING).rev().find_map(|least| self.single_depth(depths, &scores, least))
     }
 
-    /// The same, among the depths that this number of neighbours sees, or more.
-    fn single_depth(&self, depths: Depths, scores: &[Score], seeing: usize) -> Option<f32> {
-        let best = (0..depths.count).max_by(|&a, &b| scores[a].of(seeing).total_cmp(&scores[b].of(seeing)))?;
+    /// The depth at which the pixel looks the same in its neighbours, among those that at least `least`
+    /// of them see; `None` if there is no single one.
+    fn single_depth(&self, depths: Depths, scores: &[Score], least: usize) -> Option<f32> {
+        let best =
+            (0..depths.count).max_by(|&a, &b| scores[a].if_seen_by(least).total_cmp(&scores[b].if_seen_by(least)))?;
         // Half steps and quarters around the best depth.
-        let (mut place, mut score) = (best as f32, scores[best].of(seeing));
+        let (mut place, mut score) = (best as f32, scores[best].if_seen_by(least));
         for width in [0.5, 0.25, 0.125] {
             for other in [place - width, place + width] {
-                let found = self.score(depths.at(other)).of(seeing);
+                let found = self.score(depths.at(other)).if_seen_by(least);
                 if found > score {
                     (place, score) = (other, found);
                 }
             }
         }
         let elsewhere = (0..depths.count).filter(|step| step.abs_diff(best) > SAME_DEPTHS);
-        let unique = score - elsewhere.map(|step| scores[step].of(seeing)).fold(-1.0, f32::max) >= LEAST_LEAD;
+        let unique = score - elsewhere.map(|step| scores[step].if_seen_by(least)).fold(-1.0, f32::max) >= LEAST_LEAD;
         (score >= LEAST_SCORE && unique && place > 0.0).then(|| depths.at(place))
     }
 }
 
-/// How well a pixel's surroundings agree at one depth.
+/// How well the surroundings of a pixel agree with its neighbours at one depth.
 #[derive(Debug, Clone, Copy)]
 struct Score {
-    /// Number of neighbours that see the point.
+    /// Number of neighbours whose image contains the patch at this depth.
     seeing: usize,
-    /// Mean correlation with at most [`AGREEING`] of them.
+    /// Mean correlation with those that agree best, at most [`AGREEING`]; −1 without any.
     mean: f32,
 }
 
 impl Score {
-    /// The mean, or −1 where fewer neighbours see the point.
-    fn of(self, seeing: usize) -> f32 {
-        if self.seeing < seeing { -1.0 } else { self.mean }
+    /// The mean, or −1 if fewer than `least` neighbours see the point.
+    fn if_seen_by(self, least: usize) -> f32 {
+        if self.seeing < least { -1.0 } else { self.mean }
     }
 }
 

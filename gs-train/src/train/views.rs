@@ -204,7 +204,9 @@ impl Views {
                     None => view,
                 })
             };
-            self.train = self.train.into_par_iter().map(held).collect::<Result<_, Error>>()?;
+            let held: Vec<_> = self.train.into_par_iter().map(held).collect();
+            // The first error, whichever thread was faster.
+            self.train = held.into_iter().collect::<Result<_, Error>>()?;
         }
         Ok(self)
     }

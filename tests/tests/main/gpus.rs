@@ -18,7 +18,7 @@ pub(crate) fn with_kernels(kernels: Kernels, most_groups: Option<NonZero<u32>>) 
     });
     match WgpuRasterizer::new(settings).block_on() {
         Ok(rasterizer) => Some(rasterizer),
-        Err(error) if kernels == Kernels::Subgroups && error.to_string().contains("subgroups") => None,
+        Err(error) if kernels == Kernels::Subgroups && error.to_string().contains("has no Subgroups kernels") => None,
         Err(error) => panic!("{error} (`cargo xtask test` installs a software driver)"),
     }
 }
@@ -29,8 +29,8 @@ pub(crate) fn of_each_kind(most_groups: Option<NonZero<u32>>) -> Vec<(Kernels, W
     kinds.into_iter().filter_map(|kernels| Some((kernels, with_kernels(kernels, most_groups)?))).collect()
 }
 
-/// The same, with so few work groups in a row that every dispatch has several rows: no tested
-/// adapter has memory for more than 65,535, the usual limit.
+/// Devices that all tests share, with at most three work groups in a row, so that every dispatch has
+/// several rows. A scene that exceeds the usual limit of 65,535 would be too large for tests.
 pub(crate) fn rasterizers() -> &'static [(Kernels, WgpuRasterizer)] {
     static RASTERIZERS: OnceLock<Vec<(Kernels, WgpuRasterizer)>> = OnceLock::new();
     RASTERIZERS.get_or_init(|| of_each_kind(NonZero::new(3)))

@@ -69,6 +69,25 @@ fn a_single_neighbour_is_enough() {
 }
 
 #[test]
+fn depths_that_enough_neighbours_see_are_preferred() {
+    let plate = Plate::read(&views_of_plane(waves)[0]).unwrap();
+    let patch = plate.patch(16, 16).unwrap();
+    // Without neighbours, no depth between these is better.
+    let pixel = Pixel { plate: &plate, neighbours: &[], at: Vec2::splat(16.5), patch };
+    let depths = Depths { count: 64, inverse: [0.05, 1.0] };
+    let mut scores = vec![Score { seeing: 3, mean: 0.0 }; 64];
+    scores[10].mean = 0.85;
+    scores[40] = Score { seeing: 1, mean: 0.99 };
+    let found = [3, 2, 1].map(|least| pixel.single_depth(depths, &scores, least));
+    assert_eq!(found, [Some(depths.at(10.0)), Some(depths.at(10.0)), Some(depths.at(40.0))]);
+    scores[20].mean = 0.83;
+    assert_eq!(pixel.single_depth(depths, &scores, 3), None, "two depths");
+    scores[10].mean = 0.5;
+    scores[20].mean = 0.79;
+    assert_eq!(pixel.single_depth(depths, &scores, 3), None, "a low score");
+}
+
+#[test]
 fn points_that_a_single_view_finds_do_not_count() {
     let plates: Vec<Plate> = views_of_plane(waves).iter().map(|view| Plate::read(view).unwrap()).collect();
     let cameras: Vec<Camera> = plates.iter().map(|plate| plate.camera).collect();
