@@ -254,7 +254,7 @@ def test_a_policy_follows_the_rounds_of_the_settings(dataset: Path, cpu: gs.Back
         settings: Any = {"init": {"random": 50}, "rounds": {"every": every}}
         options: Any = {"iterations": 100, "start": "random", "settings": settings}
         training = gs.train(dataset, 60, policy="fastgs", backend=cpu, **options)
-        return training.summary["settings"]["policy"]["final-every"]
+        return int(training.summary["settings"]["policy"]["final-every"])
 
     assert final_every(25) == 25
     assert final_every(50) == 50
