@@ -3,6 +3,7 @@
 
 use glam::{DVec2, dvec2};
 use gs_core::{Camera, Image};
+use rayon::prelude::*;
 
 use super::{posed_image::PosedImage, source_camera::SourceCamera};
 
@@ -70,23 +71,25 @@ impl<'a, const N: usize> Grid<'a, N> {
     ) -> (Vec<[f32; N]>, Option<Vec<bool>>) {
         let (focal, center) = (camera.focal.as_dvec2(), camera.center.as_dvec2());
         let size = dvec2(f64::from(self.width), f64::from(self.height));
-        let count = camera.width as usize * camera.height as usize;
-        let (mut pixels, mut counts) = (Vec::with_capacity(count), Vec::with_capacity(count));
-        for y in 0..camera.height {
-            for x in 0..camera.width {
-                let ray = |within: DVec2| (dvec2(f64::from(x), f64::from(y)) + within - center) / focal;
+        let width = camera.width as usize;
+        let count = width * camera.height as usize;
+        let (mut pixels, mut counts) = (vec![[0.0; N]; count], vec![false; count]);
+        let rows = pixels.par_chunks_mut(width).zip(counts.par_chunks_mut(width)).enumerate();
+        rows.for_each(|(y, (pixels, counts))| {
+            for (x, (pixel, counts)) in pixels.iter_mut().zip(counts).enumerate() {
+                let ray = |within: DVec2| (dvec2(x as f64, y as f64) + within - center) / focal;
                 let place = |within: DVec2| {
                     source.to_pixel(ray(within)).filter(|p| p.cmpge(DVec2::ZERO).all() && p.cmple(size).all())
                 };
                 let seen = place(DVec2::splat(0.5));
                 let samples = if self.closed { samples(ray(DVec2::splat(0.5)), seen, focal, source) } else { 1 };
-                pixels.push(match samples {
+                *pixel = match samples {
                     1 => seen.map_or([0.0; N], |place| self.between(place)),
                     _ => self.mean(samples, place),
-                });
-                counts.push(seen.is_some_and(|place| mask.is_none_or(|mask| mask[self.nearest(place)])));
+                };
+                *counts = seen.is_some_and(|place| mask.is_none_or(|mask| mask[self.nearest(place)]));
             }
-        }
+        });
         let all = mask.is_none() && counts.iter().all(|counts| *counts);
         (pixels, (!all).then_some(counts))
     }
@@ -121,20 +124,27 @@ impl<'a, const N: usize> Grid<'a, N> {
             (false, x) => x.clamp(0, width - 1) as usize,
         };
         let row = |k: i64| (corner.y as i64 + k).clamp(0, i64::from(self.height) - 1) as usize;
-        let (columns, weights) = ([-1, 0, 1, 2].map(column), catmull_rom(fraction.x as f32));
-        let (mut sum, mut low, mut high) = ([0.0; N], [f32::INFINITY; N], [f32::NEG_INFINITY; N]);
-        for (k, weight_y) in (-1..).zip(catmull_rom(fraction.y as f32)) {
+        let columns = [column(-1), column(0), column(1), column(2)];
+        // Columns by themselves first: their sums fill whole vectors.
+        let (mut sums, mut lows, mut highs) = ([[0.0; N]; 4], [[f32::INFINITY; N]; 4], [[f32::NEG_INFINITY; N]; 4]);
+        for (k, weight) in (-1..).zip(catmull_rom(fraction.y as f32)) {
             let line = &self.pixels[row(k) * self.width as usize..];
-            for (&x, weight_x) in columns.iter().zip(weights) {
-                for c in 0..N {
-                    let value = line[x][c];
-                    sum[c] += weight_x * weight_y * value;
-                    low[c] = low[c].min(value);
-                    high[c] = high[c].max(value);
+            for (j, &x) in columns.iter().enumerate() {
+                let values = line[x];
+                for (c, value) in values.into_iter().enumerate() {
+                    sums[j][c] += weight * value;
+                    lows[j][c] = if value < lows[j][c] { value } else { lows[j][c] };
+                    highs[j][c] = if value > highs[j][c] { value } else { highs[j][c] };
                 }
             }
         }
-        std::array::from_fn(|c| sum[c].max(low[c]).min(high[c]))
+        let weights = catmull_rom(fraction.x as f32);
+        std::array::from_fn(|c| {
+            let sum = (0..4).map(|j| weights[j] * sums[j][c]).sum::<f32>();
+            let low = lows.iter().fold(f32::INFINITY, |low, column| low.min(column[c]));
+            let high = highs.iter().fold(f32::NEG_INFINITY, |high, column| high.max(column[c]));
+            sum.max(low).min(high)
+        })
     }
 }
 

@@ -1,6 +1,7 @@
 //! Scales images down by averaging over areas.
 
 use gs_core::{Camera, Error, Image};
+use rayon::prelude::*;
 
 use super::posed_image::PosedImage;
 
@@ -35,34 +36,36 @@ type Sums = [f32; 5];
 pub(super) fn shrunk(posed: &PosedImage, (width, height): (u32, u32)) -> Result<PosedImage, Error> {
     let PosedImage { image, alpha, mask } = posed;
     let (columns, rows) = (spans(image.width(), width), spans(image.height(), height));
-    let count = width as usize * height as usize;
-    let (mut colors, mut alphas) = (Vec::with_capacity(count), Vec::with_capacity(count));
-    let mut counts = Vec::with_capacity(count);
     let stride = image.width() as usize;
-    let mut line = vec![[0.0; 5]; stride];
-    for row in &rows {
-        line.fill([0.0; 5]);
+    let sums_of = |row: &Span| {
+        let mut line = vec![[0.0; 5]; stride];
         for (y, weight) in row.parts() {
             for (x, sums) in line.iter_mut().enumerate() {
                 let index = y * stride + x;
                 if mask.as_ref().is_none_or(|mask| mask[index]) {
                     let alpha = alpha.as_ref().map_or(1.0, |alpha| alpha[index]);
-                    let [r, g, b] = image.pixels()[index].map(|value| value * alpha);
-                    add(sums, &[r, g, b, alpha, 1.0], weight);
+                    let [r, g, b] = image.pixels()[index];
+                    add(sums, &[r * alpha, g * alpha, b * alpha, alpha, 1.0], weight);
                 }
             }
         }
+        let mut row = Vec::with_capacity(columns.len());
         for column in &columns {
             let mut sums = [0.0; 5];
             column.parts().for_each(|(x, weight)| add(&mut sums, &line[x], weight));
-            let [r, g, b, opacity, area] = sums;
-            colors.push(if opacity > 0.0 { [r, g, b].map(|sum| sum / opacity) } else { [0.0; 3] });
-            alphas.push(if area > 0.0 { opacity / area } else { 0.0 });
-            counts.push(area > COVERED);
+            row.push(sums);
         }
-    }
+        row
+    };
+    let sums: Vec<Sums> = rows.par_iter().flat_map_iter(sums_of).collect();
+    let color = |&[r, g, b, opacity, _]: &Sums| {
+        if opacity > 0.0 { [r / opacity, g / opacity, b / opacity] } else { [0.0; 3] }
+    };
+    let colors = sums.iter().map(color).collect();
+    let alphas = || sums.iter().map(|&[.., opacity, area]| if area > 0.0 { opacity / area } else { 0.0 }).collect();
+    let counts = || sums.iter().map(|&[.., area]| area > COVERED).collect();
     let image = Image::from_pixels(width, height, colors)?;
-    Ok(PosedImage { image, alpha: alpha.as_ref().map(|_| alphas), mask: mask.as_ref().map(|_| counts) })
+    Ok(PosedImage { image, alpha: alpha.as_ref().map(|_| alphas()), mask: mask.as_ref().map(|_| counts()) })
 }
 
 fn add(sums: &mut Sums, values: &Sums, weight: f32) {
