@@ -215,7 +215,7 @@ impl TrainSettings {
             // Growth ends where that of these settings does.
             let share = f64::from(actions.growth_fraction / usual.growth_fraction);
             let until = (f64::from(self.rounds.until) / share).round();
-            if share < 1.0 && until < f64::from(self.iterations) {
+            if (1.0..f64::from(self.iterations)).contains(&until) {
                 self.rounds.until = until as u32;
             }
         }
@@ -452,6 +452,9 @@ mod tests {
             let usual = preset.settings(Some(iterations));
             assert_eq!(rounds(preset, Some(iterations), "fastgs"), usual.rounds, "{preset}");
         }
+        // A policy that grows in all its rounds ends with the growth of the one before.
+        let absolute = fast.with_policy(Policy::from_name("absolute").unwrap());
+        assert_eq!(absolute.rounds, Rounds { every: 100, from: 500, until: 15_000 });
     }
 
     #[test]
