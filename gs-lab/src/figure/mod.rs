@@ -248,7 +248,7 @@ impl Figure {
         let mut text = String::new();
         self.draw(Surface::Svg(SVGBackend::with_string(&mut text, (WIDTH, self.height()))), paper, 1)?;
         // The corners of noisy lines must not reach beyond them.
-        Ok(text.replacen("<svg ", "<svg stroke-linejoin=\"round\" ", 1))
+        Ok(joined_lines(&text).replacen("<svg ", "<svg stroke-linejoin=\"round\" ", 1))
     }
 
     fn failed(&self, message: String) -> Error {
@@ -272,6 +272,31 @@ impl Figure {
         };
         drawn.and_then(|()| drawing.surface.finish()).map_err(|message| self.failed(message))
     }
+}
+
+/// The SVG with consecutive lines of the same style, such as the dashes of a curve, as one path: half
+/// of its size.
+fn joined_lines(svg: &str) -> String {
+    let mut joined = String::with_capacity(svg.len());
+    let mut style = None;
+    for element in svg.lines() {
+        let line = element.strip_prefix("<polyline ").and_then(|rest| rest.strip_suffix(" \"/>"));
+        let line = line.and_then(|line| line.split_once(" points=\""));
+        if style.is_some() && style != line.map(|(style, _)| style) {
+            joined.push_str("\"/>\n");
+        }
+        match line {
+            Some((of_line, points)) => {
+                if style != Some(of_line) {
+                    joined.extend(["<path ", of_line, " d=\""]);
+                }
+                joined.extend(["M", points]);
+            }
+            None => joined.extend([element, "\n"]),
+        }
+        style = line.map(|(style, _)| style);
+    }
+    joined
 }
 
 #[cfg(test)]
@@ -304,6 +329,15 @@ mod tests {
         let image = figure.image().unwrap();
         let near = |p: &&[f32; 3]| p.iter().zip(blue).all(|(a, b)| (a - b).abs() < 0.02);
         assert!(image.pixels().iter().filter(near).count() > 200);
+    }
+
+    #[test]
+    fn lines_of_one_style_are_one_path() {
+        let line = |stroke: &str, points: &str| format!("<polyline stroke=\"{stroke}\" points=\"{points} \"/>\n");
+        let dashes = [line("red", "0,0 6,0"), line("red", "10,0 16,0"), line("blue", "0,1 6,1")].concat();
+        let expected =
+            "<svg>\n<path stroke=\"red\" d=\"M0,0 6,0M10,0 16,0\"/>\n<path stroke=\"blue\" d=\"M0,1 6,1\"/>\n</svg>\n";
+        assert_eq!(joined_lines(&format!("<svg>\n{dashes}</svg>\n")), expected);
     }
 
     #[test]
