@@ -41,7 +41,7 @@ settings.policy.kind = 'percentile'
 ";
 
 /// Two trainings of the data set that the example `posed_images` writes. Each takes several times
-/// longer than Slurm needs to cancel a task, so the cancelled one always leaves a checkpoint.
+/// longer than Slurm needs to cancel a task, so the cancelled one leaves a checkpoint.
 const TRAININGS: &str = "\
 name = 'cluster-3d'
 scenes = ['posed']
@@ -244,8 +244,7 @@ fn once(logs: &[String], alone: &Path, killed: Option<u32>) -> Result<(), String
     Ok(())
 }
 
-/// Checks in the logs that a run went on from a checkpoint, as that of the cancelled task must. It
-/// may be the run after the one that was seen before the task was cancelled.
+/// Checks in the logs that a run went on from a checkpoint, as that of the cancelled task must.
 fn resumed(logs: &[String]) -> Result<(), String> {
     let mut lines = logs.iter().flat_map(|log| log.lines());
     let line = lines.find(|line| line.contains("goes on from its checkpoint at step "));

@@ -74,9 +74,9 @@ impl<'a, const N: usize> Grid<'a, N> {
         let width = camera.width as usize;
         let count = width * camera.height as usize;
         let (mut pixels, mut counts) = (vec![[0.0; N]; count], vec![false; count]);
-        let rows = pixels.par_chunks_mut(width).zip(counts.par_chunks_mut(width)).enumerate();
+        let rows = pixels.par_chunks_mut(width.max(1)).zip(counts.par_chunks_mut(width.max(1))).enumerate();
         rows.for_each(|(y, (pixels, counts))| {
-            for (x, (pixel, counts)) in pixels.iter_mut().zip(counts).enumerate() {
+            for (x, (pixel, is_valid)) in pixels.iter_mut().zip(counts).enumerate() {
                 let ray = |within: DVec2| (dvec2(x as f64, y as f64) + within - center) / focal;
                 let place = |within: DVec2| {
                     source.to_pixel(ray(within)).filter(|p| p.cmpge(DVec2::ZERO).all() && p.cmple(size).all())
@@ -87,7 +87,7 @@ impl<'a, const N: usize> Grid<'a, N> {
                     1 => seen.map_or([0.0; N], |place| self.between(place)),
                     _ => self.mean(samples, place),
                 };
-                *counts = seen.is_some_and(|place| mask.is_none_or(|mask| mask[self.nearest(place)]));
+                *is_valid = seen.is_some_and(|place| mask.is_none_or(|mask| mask[self.nearest(place)]));
             }
         });
         let all = mask.is_none() && counts.iter().all(|counts| *counts);
@@ -125,7 +125,7 @@ impl<'a, const N: usize> Grid<'a, N> {
         };
         let row = |k: i64| (corner.y as i64 + k).clamp(0, i64::from(self.height) - 1) as usize;
         let columns = [column(-1), column(0), column(1), column(2)];
-        // Columns by themselves first: their sums fill whole vectors.
+        // Each column is summed first: these 4·N independent sums fit SIMD registers.
         let (mut sums, mut lows, mut highs) = ([[0.0; N]; 4], [[f32::INFINITY; N]; 4], [[f32::NEG_INFINITY; N]; 4]);
         for (k, weight) in (-1..).zip(catmull_rom(fraction.y as f32)) {
             let line = &self.pixels[row(k) * self.width as usize..];

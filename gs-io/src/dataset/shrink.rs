@@ -37,27 +37,27 @@ pub(super) fn shrunk(posed: &PosedImage, (width, height): (u32, u32)) -> Result<
     let PosedImage { image, alpha, mask } = posed;
     let (columns, rows) = (spans(image.width(), width), spans(image.height(), height));
     let stride = image.width() as usize;
-    let sums_of = |row: &Span| {
-        let mut line = vec![[0.0; 5]; stride];
-        for (y, weight) in row.parts() {
-            for (x, sums) in line.iter_mut().enumerate() {
-                let index = y * stride + x;
-                if mask.as_ref().is_none_or(|mask| mask[index]) {
-                    let alpha = alpha.as_ref().map_or(1.0, |alpha| alpha[index]);
-                    let [r, g, b] = image.pixels()[index];
-                    add(sums, &[r * alpha, g * alpha, b * alpha, alpha, 1.0], weight);
+    let mut sums: Vec<Sums> = vec![[0.0; 5]; width as usize * height as usize];
+    let lines = sums.par_chunks_mut(columns.len().max(1)).zip(&rows);
+    lines.for_each_init(
+        || vec![[0.0; 5]; stride],
+        |line, (sums, row)| {
+            line.fill([0.0; 5]);
+            for (y, weight) in row.parts() {
+                for (x, sums) in line.iter_mut().enumerate() {
+                    let index = y * stride + x;
+                    if mask.as_ref().is_none_or(|mask| mask[index]) {
+                        let alpha = alpha.as_ref().map_or(1.0, |alpha| alpha[index]);
+                        let [r, g, b] = image.pixels()[index];
+                        add(sums, &[r * alpha, g * alpha, b * alpha, alpha, 1.0], weight);
+                    }
                 }
             }
-        }
-        let mut row = Vec::with_capacity(columns.len());
-        for column in &columns {
-            let mut sums = [0.0; 5];
-            column.parts().for_each(|(x, weight)| add(&mut sums, &line[x], weight));
-            row.push(sums);
-        }
-        row
-    };
-    let sums: Vec<Sums> = rows.par_iter().flat_map_iter(sums_of).collect();
+            for (sums, column) in sums.iter_mut().zip(&columns) {
+                column.parts().for_each(|(x, weight)| add(sums, &line[x], weight));
+            }
+        },
+    );
     let color = |&[r, g, b, opacity, _]: &Sums| {
         if opacity > 0.0 { [r / opacity, g / opacity, b / opacity] } else { [0.0; 3] }
     };

@@ -1,7 +1,7 @@
 //! The faces of 360° images as sources: an image is decoded once for all its faces.
 
 use std::sync::{
-    Arc, Mutex, PoisonError,
+    Arc, Mutex, TryLockError,
     atomic::{AtomicU64, Ordering::Relaxed},
 };
 
@@ -54,8 +54,13 @@ fn bytes_of(posed: &PosedImage) -> u64 {
 impl ImageSource for Face {
     fn read(&self) -> Result<PosedImage, gs_io::Error> {
         let Panorama { faces, made, held } = &*self.of;
-        // Locked while the image is decoded, so that the other faces wait for it.
-        let mut made = made.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut made = match made.try_lock() {
+            Ok(made) => made,
+            Err(TryLockError::Poisoned(made)) => made.into_inner(),
+            // The faces are just being made. Waiting for them could take forever: their maker waits
+            // for threads of the same pool, maybe for this one.
+            Err(TryLockError::WouldBlock) => return faces[self.index].read_image(),
+        };
         if let Some(posed) = made[self.index].take() {
             held.fetch_sub(bytes_of(&posed), Relaxed);
             return Ok(posed);
