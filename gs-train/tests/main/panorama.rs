@@ -14,6 +14,7 @@ use gs_train::{
     train::{PosedView, Start, Views, evaluate},
 };
 use pollster::FutureExt as _;
+use rayon::prelude::*;
 
 /// Columns and rows of the 360° images, and of the renderings that they are made of.
 const SIZE: (u32, u32) = (384, 192);
@@ -125,4 +126,32 @@ fn a_360_image_is_decoded_once_for_its_faces() {
         assert_eq!(faces[index].source.read().unwrap(), expected[index], "{}", faces[index].name);
     }
     assert!(faces[0].source.read().is_err(), "faces that have been read are not kept");
+}
+
+/// On a pool of more threads than this machine may have: a thread that waits for others while it
+/// makes faces must not wait for itself in another face.
+#[test]
+fn faces_are_read_on_many_threads() {
+    let folder = tempfile::tempdir().unwrap();
+    let color = |x: u32, y: u32| [x as f32 / 64.0, y as f32 / 32.0, 0.5];
+    let rows = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]];
+    let frames: Vec<_> = (0..12)
+        .map(|number| {
+            let name = format!("{number:02}.png");
+            gs_io::write_png(folder.path().join(&name), &Image::from_fn(64, 32, color).unwrap()).unwrap();
+            serde_json::json!({"file_path": name, "transform_matrix": rows})
+        })
+        .collect();
+    let transforms = serde_json::json!({"camera_model": "EQUIRECTANGULAR", "frames": frames});
+    fs::write(folder.path().join("transforms.json"), transforms.to_string()).unwrap();
+    let settings = DatasetSettings::default().with(|s| s.test_every = None);
+    let dataset = read_dataset(folder.path(), &settings).unwrap();
+    let expected: Vec<_> = dataset.views[..6].iter().map(|view| view.read_image().unwrap()).collect();
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(8).build().unwrap();
+    for _ in 0..5 {
+        let faces = Views::of_dataset(&dataset).train;
+        assert_eq!(faces.len(), 72);
+        let read: Vec<_> = pool.install(|| faces.par_iter().map(|face| face.source.read().unwrap()).collect());
+        assert!(read.chunks(6).all(|read| read == expected));
+    }
 }
