@@ -53,9 +53,10 @@ pub fn read_images(views: &[View]) -> Result<Vec<PosedImage>, Error> {
 
 impl View {
     /// Reads the image, undistorts it, applies the mask, and scales it to the size of the view's
-    /// camera. Nothing is cached. Views can be
-    /// read in parallel. Threads of rayon's pool share the work, so hold no lock meanwhile for which
-    /// another of them waits.
+    /// camera. Nothing is cached.
+    ///
+    /// Views can be read in parallel. The threads of rayon's pool share the work of one view, too, so
+    /// hold no lock meanwhile that a job of this pool waits for.
     ///
     /// Undistorted pixels are interpolated by Catmull-Rom's cubic, with premultiplied colours if
     /// there is alpha, clamped to the range of the contributing pixels.

@@ -1,4 +1,5 @@
-//! The faces of 360° images as sources: an image is decoded once for all its faces.
+//! The faces of 360° images as sources: an image is decoded once for all its faces if they are read
+//! one after the other, as in training.
 
 use std::sync::{
     Arc, Mutex, TryLockError,
@@ -57,8 +58,8 @@ impl ImageSource for Face {
         let mut made = match made.try_lock() {
             Ok(made) => made,
             Err(TryLockError::Poisoned(made)) => made.into_inner(),
-            // The faces are just being made. Waiting for them could take forever: their maker waits
-            // for threads of the same pool, maybe for this one.
+            // Another job is making the faces. Waiting for it could take forever, because it may wait
+            // for this thread.
             Err(TryLockError::WouldBlock) => return faces[self.index].read_image(),
         };
         if let Some(posed) = made[self.index].take() {
