@@ -37,6 +37,7 @@ mod ply;
 mod scene3d;
 mod scene_file;
 mod svg;
+mod world_frame;
 
 pub use crate::{
     animation::{Animation, write_animation},
@@ -59,4 +60,5 @@ pub use crate::{
         WriteOptions3d, Written3d, decode_3d, encode_3d, format_3d, read_3d, read_3d_unchecked, write_3d,
     },
     svg::write_svg,
+    world_frame::WorldFrame,
 };

@@ -8,12 +8,12 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use glam::{DVec2, dvec2};
+use glam::{DVec2, DVec3, dvec2};
 use gs_core::{Camera, constants::NEAR_WORLD};
 
 use super::{
     CubeFace, Dataset, DatasetKind, DatasetSettings, DepthFile, Distortion, Lens, Point, Remark, Skip, SourceCamera,
-    Split, View,
+    Split, View, WorldPoint,
     cube::{is_two_to_one, shows_all_directions},
     depth,
     place::Place,
@@ -22,6 +22,7 @@ use super::{
     tally::Tally,
 };
 use crate::{
+    WorldFrame,
     error::Error,
     image::{ImageHeader, ImageRemark, Orientation, decode, read_header},
 };
@@ -40,6 +41,16 @@ pub(super) struct Draft {
     pub(super) pose: Option<Pose>,
     /// `None` if the data set does not say.
     pub(super) split: Option<Split>,
+}
+
+impl Draft {
+    /// Takes the pose, and the unit of depths, from the world to a frame.
+    fn move_to(&mut self, frame: &WorldFrame) {
+        self.pose = self.pose.map(|pose| pose.in_frame(frame)).filter(|pose| pose.translation.as_vec3().is_finite());
+        if let Some(DepthFile { unit: Some(unit), .. }) = &mut self.depth {
+            *unit = (f64::from(*unit) / frame.unit) as f32;
+        }
+    }
 }
 
 /// The numbers of a camera as its file has them, for messages.
@@ -117,7 +128,7 @@ pub(super) struct Parts<'a> {
     pub(super) kind: DatasetKind,
     pub(super) root: &'a Path,
     pub(super) drafts: Vec<Draft>,
-    pub(super) points: Vec<Point>,
+    pub(super) points: Vec<WorldPoint>,
     /// Folders that may contain the images; the first with an image of the name is used.
     pub(super) places: Vec<Place>,
     pub(super) remarks: Vec<Remark>,
@@ -125,7 +136,7 @@ pub(super) struct Parts<'a> {
 
 /// Assembles the data set.
 pub(super) fn assemble(parts: Parts<'_>, settings: &DatasetSettings) -> Result<Dataset, Error> {
-    let Parts { kind, root, mut drafts, mut points, places, mut remarks } = parts;
+    let Parts { kind, root, mut drafts, points, places, mut remarks } = parts;
     let found = drafts.len();
     let has =
         |place: &Place| drafts.iter().filter_map(|draft| draft.file.as_ref()).any(|file| place.find(file).is_some());
@@ -141,6 +152,11 @@ pub(super) fn assemble(parts: Parts<'_>, settings: &DatasetSettings) -> Result<D
         first
     });
     drafts.sort_by(|a, b| a.name.cmp(&b.name));
+    let frame = settings.frame.unwrap_or_else(|| frame_of(&drafts, &points));
+    if !frame.is_world() {
+        remarks.push(Remark::Frame { frame: frame.to_string() });
+        drafts.iter_mut().for_each(|draft| draft.move_to(&frame));
+    }
     let mut lenses = Lenses::default();
     let mut unused_depths = 0;
     // Of each image, its number of views and its split in the data set.
@@ -175,7 +191,7 @@ pub(super) fn assemble(parts: Parts<'_>, settings: &DatasetSettings) -> Result<D
         remarks.push(Remark::DepthsUnused { count: unused_depths });
     }
     let listed = points.len();
-    points.retain(|point| point.position.is_finite() && point.color.iter().all(|c| c.is_finite()));
+    let points = points_in(&frame, points);
     if points.len() < listed {
         remarks.push(Remark::PointsNotFinite { count: listed - points.len() });
     }
@@ -184,7 +200,21 @@ pub(super) fn assemble(parts: Parts<'_>, settings: &DatasetSettings) -> Result<D
     }
     split(&mut views, &images, settings, &mut remarks);
     views.sort_by(|a, b| a.name.cmp(&b.name));
-    Ok(Dataset { kind, root: root.to_owned(), views, points, remarks })
+    Ok(Dataset { kind, root: root.to_owned(), frame, views, points, remarks })
+}
+
+/// The frame that suits the poses and points of a data set.
+fn frame_of(drafts: &[Draft], points: &[WorldPoint]) -> WorldFrame {
+    let cameras: Vec<DVec3> = drafts.iter().filter_map(|draft| Some(draft.pose?.position())).collect();
+    let points: Vec<DVec3> = points.iter().map(|point| point.position).collect();
+    WorldFrame::of(&cameras, &points)
+}
+
+/// The finite points, in a frame.
+fn points_in(frame: &WorldFrame, points: Vec<WorldPoint>) -> Vec<Point> {
+    let moved = |WorldPoint { position, color }| Point { position: frame.to_frame(position).as_vec3(), color };
+    let is_finite = |point: &Point| point.position.is_finite() && point.color.iter().all(|c| c.is_finite());
+    points.into_iter().map(moved).filter(is_finite).collect()
 }
 
 /// The first view of the shape of a 360° image with another camera model, if its borders are those of

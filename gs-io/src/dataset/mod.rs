@@ -10,7 +10,8 @@
 //! the headers, so that intrinsics fit the files that exist. [`View::read_image`] reads and
 //! undistorts an image when it is needed; a 360° image is six views, the faces of a cube. [`Dataset::remarks`] says what was left out, and why.
 //!
-//! World axes and unit are the data set's own.
+//! Poses and points are read in `f64`, and taken into the frame of [`Dataset::frame`] before they are
+//! rounded. World axes are the data set's own.
 
 mod assemble;
 mod colmap;
@@ -35,7 +36,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use gs_core::Camera;
 use serde::Serialize;
 
@@ -49,7 +50,7 @@ pub use self::{
     remark::{Remark, Skip},
     source_camera::SourceCamera,
 };
-use crate::{atomic::open, error::Error, image::Orientation, scene3d::Format3d};
+use crate::{WorldFrame, atomic::open, error::Error, image::Orientation, scene3d::Format3d};
 
 /// Where COLMAP models are searched, relative to the data set.
 const COLMAP_FOLDERS: [&str; 5] = ["sparse/0", "sparse", "colmap/sparse/0", "colmap/sparse", "."];
@@ -58,7 +59,7 @@ const LOOKED_FOR: &str = "transforms_train.json (Blender), transforms.json (Nerf
                           sparse, colmap/sparse/0, colmap/sparse and the folder itself (COLMAP)";
 
 /// Settings for reading a data set.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct DatasetSettings {
     /// The folder with the images, relative to the data set, such as `images_4`. `None` uses the
@@ -73,6 +74,9 @@ pub struct DatasetSettings {
     /// Images with a longer side are scaled down to this many pixels when they are read, with their
     /// intrinsics. `None` never scales.
     pub max_side: Option<NonZeroU32>,
+    /// The frame of cameras and points, such as that of a scene to render from these views. `None`
+    /// chooses one that suits the data set ([`WorldFrame::of`]).
+    pub frame: Option<WorldFrame>,
     /// Whether files outside the data set's folder may be read, if the data set refers to them by
     /// absolute paths or `..`. Otherwise such a data set is refused. Links inside the folder are
     /// always followed.
@@ -88,6 +92,7 @@ impl Default for DatasetSettings {
             test_every: NonZeroU32::new(8),
             alpha: AlphaMeaning::Opacity,
             max_side: None,
+            frame: None,
             allow_outside: false,
         }
     }
@@ -151,6 +156,8 @@ pub struct Dataset {
     pub kind: DatasetKind,
     /// The folder.
     pub root: PathBuf,
+    /// The frame of all cameras and points, relative to the data set's own world.
+    pub frame: WorldFrame,
     /// The usable views, sorted by unique names; never empty, and at least one is for training.
     pub views: Vec<View>,
     /// Points of the scene; often none (Blender).
@@ -210,10 +217,17 @@ pub struct View {
 /// A point of the scene.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Point {
-    /// Position, world units; finite.
+    /// Position in the data set's frame; finite.
     pub position: Vec3,
     /// RGB as in the images, 0 to 1.
     pub color: [f32; 3],
+}
+
+/// A point as a file has it, in the data set's world.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct WorldPoint {
+    position: DVec3,
+    color: [f32; 3],
 }
 
 /// Whether a path may be that of a data set: a folder, or a JSON file other than `meta.json`, which

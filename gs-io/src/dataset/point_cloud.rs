@@ -7,7 +7,7 @@ use glam::DVec3;
 use serde::Deserialize;
 use serde_ply::{PlyReader, PropertyType, ScalarType};
 
-use super::{Point, read_file};
+use super::{WorldPoint, read_file};
 use crate::error::Error;
 
 /// A row of the element `vertex`.
@@ -27,11 +27,11 @@ struct Row {
 }
 
 /// Reads a point cloud; points without a colour are mid-grey.
-pub(super) fn read(path: &Path) -> Result<Vec<Point>, Error> {
+pub(super) fn read(path: &Path) -> Result<Vec<WorldPoint>, Error> {
     parse(&read_file(path)?).map_err(|message| Error::NotAPointCloud { path: path.to_owned(), message })
 }
 
-fn parse(bytes: &[u8]) -> Result<Vec<Point>, String> {
+fn parse(bytes: &[u8]) -> Result<Vec<WorldPoint>, String> {
     let mut rest = bytes;
     let mut reader = PlyReader::from_reader(&mut rest).map_err(|error| one_line(&error))?;
     let Some(vertex) = reader.header().elem_defs.first().filter(|element| element.name == "vertex") else {
@@ -55,7 +55,7 @@ fn parse(bytes: &[u8]) -> Result<Vec<Point>, String> {
     let rows: Vec<Row> = reader.next_element().map_err(|error| one_line(&error))?;
     let color =
         |row: &Row| [row.red, row.green, row.blue].map(|c| c.map_or(0.5, |c| (c / white).clamp(0.0, 1.0) as f32));
-    let point = |row: &Row| Point { position: DVec3::new(row.x, row.y, row.z).as_vec3(), color: color(row) };
+    let point = |row: &Row| WorldPoint { position: DVec3::new(row.x, row.y, row.z), color: color(row) };
     Ok(rows.iter().map(point).collect())
 }
 
@@ -66,7 +66,6 @@ fn one_line(error: &impl ToString) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::Vec3;
 
     fn ply(format: &str, properties: &str, count: u64, rows: &[u8]) -> Vec<u8> {
         let header = format!("ply\nformat {format} 1.0\nelement vertex {count}\n{properties}end_header\n");
@@ -80,14 +79,14 @@ mod tests {
         let bytes = format!("{POSITIONS}property uchar red\nproperty uchar green\nproperty uchar blue\n");
         let text = ply("ascii", &bytes, 2, b"1 2 3 255 0 51\n-1 0.5 4 0 0 0\n");
         let points = parse(&text).unwrap();
-        assert_eq!(points[0], Point { position: Vec3::new(1.0, 2.0, 3.0), color: [1.0, 0.0, 0.2] });
-        assert_eq!(points[1].position, Vec3::new(-1.0, 0.5, 4.0));
+        assert_eq!(points[0], WorldPoint { position: DVec3::new(1.0, 2.0, 3.0), color: [1.0, 0.0, 0.2] });
+        assert_eq!(points[1].position, DVec3::new(-1.0, 0.5, 4.0));
 
         let doubles = "property double x\nproperty double y\nproperty double z\nproperty float nx\nproperty float red\nproperty float green\nproperty float blue\n";
         let mut row: Vec<u8> = [1.0_f64, 2.0, 3.0].iter().flat_map(|v| v.to_le_bytes()).collect();
         row.extend([9.0_f32, 0.25, 0.5, 1.0].iter().flat_map(|v| v.to_le_bytes()));
         let points = parse(&ply("binary_little_endian", doubles, 1, &row)).unwrap();
-        assert_eq!(points, [Point { position: Vec3::new(1.0, 2.0, 3.0), color: [0.25, 0.5, 1.0] }]);
+        assert_eq!(points, [WorldPoint { position: DVec3::new(1.0, 2.0, 3.0), color: [0.25, 0.5, 1.0] }]);
     }
 
     #[test]
@@ -97,7 +96,7 @@ mod tests {
         assert_eq!(parse(&ply("ascii", POSITIONS, 0, b"")).unwrap(), []);
         let row: Vec<u8> = [1.0_f32, 2.0, 3.0].iter().flat_map(|v| v.to_le_bytes()).collect();
         let points = parse(&ply("binary_little_endian", POSITIONS, 1, &row)).unwrap();
-        assert_eq!(points, [Point { position: Vec3::new(1.0, 2.0, 3.0), color: [0.5; 3] }]);
+        assert_eq!(points, [WorldPoint { position: DVec3::new(1.0, 2.0, 3.0), color: [0.5; 3] }]);
         let partly = format!("{POSITIONS}property uchar green\n");
         let points = parse(&ply("binary_little_endian", &partly, 1, &[&row[..], &[255]].concat())).unwrap();
         assert_eq!(points[0].color, [0.5, 1.0, 0.5]);

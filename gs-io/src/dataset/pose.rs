@@ -2,6 +2,8 @@
 
 use glam::{DMat3, DQuat, DVec3, dvec3};
 
+use crate::WorldFrame;
+
 /// Tolerance of a rotation matrix, for any element of MᵀM − 1. Text with six digits and `f32`
 /// arithmetic stay well below.
 const ROTATION_TOLERANCE: f64 = 1e-3;
@@ -41,6 +43,16 @@ impl Pose {
         let turned = DMat3::from_quat(DQuat::from_mat3(&turned).normalize());
         let rotation = DMat3::from_cols(turned.x_axis, -turned.y_axis, -turned.z_axis).transpose();
         Some(Self { rotation, translation: -(rotation * position) })
+    }
+
+    /// Position of the camera in the world.
+    pub(super) fn position(&self) -> DVec3 {
+        -(self.rotation.transpose() * self.translation)
+    }
+
+    /// The pose relative to a frame: x_camera / unit = rotation · x_frame + translation.
+    pub(super) fn in_frame(&self, frame: &WorldFrame) -> Self {
+        Self { translation: (self.translation + self.rotation * frame.origin) / frame.unit, ..*self }
     }
 }
 

@@ -91,6 +91,11 @@ pub enum Remark {
         /// Columns and rows of the first.
         to: (u32, u32),
     },
+    /// Cameras and points are relative to a [frame](crate::WorldFrame) that `f32` can resolve.
+    Frame {
+        /// The frame in words.
+        frame: String,
+    },
     /// The data set has no points, so a scene must start at random or from a file.
     NoPoints,
     /// Points that were left out because they are not finite.
@@ -203,6 +208,7 @@ impl fmt::Display for Remark {
                      {width}x{height} px)"
                 )
             }
+            Self::Frame { frame } => write!(f, "coordinates moved to a frame in which 32 bits suffice: {frame}"),
             Self::NoPoints => f.write_str("no points"),
             Self::PointsNotFinite { count } => write!(f, "{} left out: not finite", counted(*count, "point")),
             Self::PointsMissing { file } => write!(f, "no points: there is no file {file}"),

@@ -16,7 +16,8 @@ use glam::{DMat3, DVec3, dvec2};
 use serde::{Deserialize, de::DeserializeOwned};
 
 use super::{
-    BrownConrady, Dataset, DatasetKind, DatasetSettings, DepthFile, Distortion, Fisheye, Point, Remark, Skip, Split,
+    BrownConrady, Dataset, DatasetKind, DatasetSettings, DepthFile, Distortion, Fisheye, Remark, Skip, Split,
+    WorldPoint,
     assemble::{Draft, Focal, Intrinsics, Parts, Stated, assemble},
     colmap::{ColmapModel, points_of},
     place::{IMAGE_FOLDERS, NamePart, Place, check_inside, find_image},
@@ -289,7 +290,7 @@ fn places(root: &Path, settings: &DatasetSettings) -> Result<Vec<Place>, Error> 
 }
 
 /// The points of the referenced file; `None` without a reference.
-fn listed_points(root: &Path, file: &Transforms, remarks: &mut Vec<Remark>) -> Result<Option<Vec<Point>>, Error> {
+fn listed_points(root: &Path, file: &Transforms, remarks: &mut Vec<Remark>) -> Result<Option<Vec<WorldPoint>>, Error> {
     let Some(name) = &file.ply_file_path else { return Ok(None) };
     match point_cloud::read(&root.join(name)) {
         Err(Error::Missing { .. }) => {
@@ -301,7 +302,7 @@ fn listed_points(root: &Path, file: &Transforms, remarks: &mut Vec<Remark>) -> R
 }
 
 /// The points of the COLMAP model beside the file, in the file's world.
-fn colmap_points(root: &Path, file: &Transforms) -> Result<Vec<Point>, Error> {
+fn colmap_points(root: &Path, file: &Transforms) -> Result<Vec<WorldPoint>, Error> {
     let folder = root.join(NERFSTUDIO_COLMAP);
     let (linear, offset) = match &file.applied_transform {
         None => (OLD_TRANSFORM, DVec3::ZERO),

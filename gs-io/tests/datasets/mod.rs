@@ -10,3 +10,4 @@ mod panorama;
 mod real;
 mod refusals;
 mod transforms;
+mod world;

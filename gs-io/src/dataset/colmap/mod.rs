@@ -17,7 +17,7 @@ use glam::{DQuat, DVec2, DVec3, dvec2};
 
 pub use self::camera_model::CameraModel;
 use super::{
-    Dataset, DatasetKind, DatasetSettings, DepthFile, Lens, Point, Remark, Skip, SourceCamera,
+    Dataset, DatasetKind, DatasetSettings, DepthFile, Lens, Remark, Skip, SourceCamera, WorldPoint,
     assemble::{Draft, Parts, Stated, assemble},
     depth,
     place::{IMAGE_FOLDERS, NamePart, Place, check_inside, find_image},
@@ -188,10 +188,8 @@ fn extension(folder: &Path) -> &'static str {
 }
 
 /// Points in the engine's form; those that are not finite are counted later.
-pub(super) fn points_of(points: &[ColmapPoint]) -> impl Iterator<Item = Point> {
-    points
-        .iter()
-        .map(|point| Point { position: point.position.as_vec3(), color: point.color.map(|c| f32::from(c) / 255.0) })
+pub(super) fn points_of(points: &[ColmapPoint]) -> impl Iterator<Item = WorldPoint> {
+    points.iter().map(|point| WorldPoint { position: point.position, color: point.color.map(|c| f32::from(c) / 255.0) })
 }
 
 /// Reads the data set at `root` with the model in `folder`.
