@@ -15,6 +15,7 @@ use gs_core::{
 use serde::Deserialize;
 
 use crate::{
+    WorldFrame,
     checkpoint::{Checkpoint, decode_checkpoint, is_checkpoint, read_checkpoint},
     dataset::Dataset,
     error::Error,
@@ -22,6 +23,9 @@ use crate::{
     scene_file::{File2d, decode_2d, is_2d, read_2d, read_2d_unchecked},
     scene3d::{self, File3d, Format3d, TrainedWith, format_3d, read_3d, read_3d_unchecked},
 };
+
+/// The entry of a checkpoint's metadata with its [`WorldFrame`]; absent for the world itself.
+const FRAME: &str = "frame";
 
 /// The files of an output folder that hold its scene, in the order of preference.
 pub(crate) const SCENE_NAMES: [&str; 4] =
@@ -174,13 +178,17 @@ fn of_checkpoint(path: &Path, checkpoint: Checkpoint, values: Values) -> Result<
         let (scene, left_out) =
             without_broken(SplatsState::scene_3d(&state).map_err(&broken)?, values).map_err(&broken)?;
         let effects = &settings.effects;
+        let frame = match metadata.get(FRAME) {
+            Some(text) => WorldFrame::from_toml(text).map_err(|why| unusable(format!("its `{FRAME}`: {why}")))?,
+            None => WorldFrame::WORLD,
+        };
         let file = File3d {
             scene,
             format: Format3d::Checkpoint,
             bytes: std::fs::metadata(path).map_or(0, |file| file.len()),
             beside: Vec::new(),
             losses: Vec::new(),
-            trained_with: TrainedWith { antialias: Some(effects.antialias), order: Some(effects.order) },
+            trained_with: TrainedWith { antialias: Some(effects.antialias), order: Some(effects.order), frame },
             settings: Some(settings),
             picture: None,
         };

@@ -56,8 +56,8 @@ pub use crate::{
     ply::{PICTURE_DISTANCE_WORLD, PICTURE_WORLD, flat_scene, write_ply},
     scene_file::{File2d, SCENE_EXTENSION, decode_2d, encode_2d, is_2d, read_2d, read_2d_unchecked, write_2d},
     scene3d::{
-        ConversionLoss, Encoded3d, File3d, Format3d, GltfBuffer, Rounding, SpzOptions, SpzVersion, TrainedWith,
-        WriteOptions3d, Written3d, decode_3d, encode_3d, format_3d, read_3d, read_3d_unchecked, write_3d,
+        ConversionLoss, Coordinates, Encoded3d, File3d, Format3d, GltfBuffer, Rounding, SpzOptions, SpzVersion,
+        TrainedWith, WriteOptions3d, Written3d, decode_3d, encode_3d, format_3d, read_3d, read_3d_unchecked, write_3d,
     },
     svg::write_svg,
     world_frame::WorldFrame,

@@ -60,9 +60,10 @@ pub fn write_ply(path: impl AsRef<Path>, file: &File2d) -> Result<(), Error> {
     let path = path.as_ref();
     let scene = flat_scene(file).map_err(Error::content(path))?;
     let axes = "x right, y down, z away from the viewer".to_owned();
-    let shown = TrainedWith { antialias: Some(Antialias::Dilate), order: Some(Order::Global) };
+    let shown =
+        TrainedWith { antialias: Some(Antialias::Dilate), order: Some(Order::Global), ..TrainedWith::default() };
     let comments = [vec![axes, ply::picture_comment(file.width, file.height)], shown.comments()].concat();
-    write_durably(path, |out| ply::write(&scene, &comments, out))
+    write_durably(path, |out| ply::write(&scene, &comments, None, out))
 }
 
 /// The 3D scene that [`write_ply`] writes.

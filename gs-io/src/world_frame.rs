@@ -77,6 +77,12 @@ impl WorldFrame {
         Self { origin: if far { (center / step).round() * step } else { DVec3::ZERO }, unit }
     }
 
+    /// The frame for places whose unit suits, world units: its origin stays unless `f32` could not
+    /// resolve the places around it.
+    pub fn around(places: &[DVec3]) -> Self {
+        Self { unit: 1.0, ..Self::of(places, &[]) }
+    }
+
     /// Whether this is the world itself.
     pub fn is_world(&self) -> bool {
         *self == Self::WORLD
@@ -102,6 +108,25 @@ impl WorldFrame {
         let scale = self.unit / other.unit;
         let shift = (self.origin - other.origin) / other.unit;
         DAffine3::from_mat3_translation(DMat3::from_diagonal(DVec3::splat(scale)), shift)
+    }
+
+    /// The frame as TOML, as checkpoints store it.
+    ///
+    /// # Errors
+    /// What is wrong, for a text that [`Self::to_toml`] did not write.
+    pub fn from_toml(text: &str) -> Result<Self, String> {
+        let frame: Self = toml::from_str(text).map_err(|error| error.message().to_owned())?;
+        if frame.is_valid() {
+            Ok(frame)
+        } else {
+            Err("origin and unit must be finite, and the unit above 0".to_owned())
+        }
+    }
+
+    /// The frame as TOML.
+    pub fn to_toml(&self) -> String {
+        let Self { origin: DVec3 { x, y, z }, unit } = self;
+        format!("origin = [{x:?}, {y:?}, {z:?}]\nunit = {unit:?}\n")
     }
 
     /// The frame in words of a file: `origin X Y Z unit U`.
@@ -204,6 +229,8 @@ mod tests {
         for bad in ["origin 0 0 0 unit 0", "origin 0 0 0 unit NaN", "origin 0 inf 0 unit 1", "origin 0 0 unit 1"] {
             assert_eq!(WorldFrame::of_words(&bad.split(' ').collect::<Vec<_>>()), None, "{bad}");
         }
+        assert_eq!(WorldFrame::from_toml(&frame.to_toml()), Ok(frame));
+        assert!(WorldFrame::from_toml("origin = [0.0, 0.0, 0.0]\nunit = 0.0").is_err());
         let other = WorldFrame { origin: DVec3::new(1.0, -4.4e6, 0.0), unit: 10.0 };
         let place = DVec3::new(3.0, 4.0, 5.0);
         let there = frame.to(&other).transform_point3(place);

@@ -5,6 +5,7 @@ use std::fmt;
 use gs_core::counted;
 
 use super::trained_with::TrainedWith;
+use crate::WorldFrame;
 
 /// Something that was dropped or rounded when a scene was read or written. Its text follows "lost:
 /// ".
@@ -50,6 +51,15 @@ pub enum ConversionLoss {
     },
     /// The file cannot store how the scene was trained, so readers may render it differently.
     TrainedWith(TrainedWith),
+    /// The file cannot store the frame of the scene, so its place and size in the world are lost.
+    Frame(WorldFrame),
+    /// Means were rounded from 64 to 32 bits.
+    RoundedMeans {
+        /// The largest change of a mean, relative to the smallest scale of its Gaussian.
+        largest: f64,
+        /// Number of Gaussians that move by more than a tenth of their smallest scale.
+        visible: usize,
+    },
     /// Quaternions were normalised. Rotations do not change.
     QuaternionLengths,
     /// Colours were converted from linear light: the constant part exactly, the directional part to
@@ -84,11 +94,19 @@ impl fmt::Display for ConversionLoss {
                     counted(*gaussians, "Gaussian")
                 )
             }
-            Self::TrainedWith(TrainedWith { antialias, order }) => {
+            Self::TrainedWith(TrainedWith { antialias, order, frame: _ }) => {
                 let antialias = antialias.map(|antialias| format!("antialias {}", antialias.name()));
                 let order = order.map(|order| format!("order {}", order.name()));
                 let trained_with = antialias.into_iter().chain(order).collect::<Vec<_>>().join(", ");
                 write!(f, "how the scene was trained, with {trained_with}: viewers must be set accordingly")
+            }
+            Self::Frame(frame) => write!(f, "where the scene is in the world: {frame}"),
+            Self::RoundedMeans { largest, visible } => {
+                write!(f, "means are rounded to 32 bits: by {:.1e} of the smallest scale at most", largest)?;
+                match visible {
+                    0 => Ok(()),
+                    _ => write!(f, ", and by more than a tenth in {}", counted(*visible, "Gaussian")),
+                }
             }
             Self::QuaternionLengths => f.write_str("the lengths of quaternions, which mean nothing"),
             Self::LinearLight => f.write_str("colours in linear light are converted to sRGB to first order"),

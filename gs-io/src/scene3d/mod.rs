@@ -36,7 +36,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use gs_core::{RenderSettings, Scene, Scene3d, examination::SMALLEST_LOG_SCALE};
 
 pub use self::{
@@ -48,6 +48,7 @@ pub use self::{
 };
 use self::{gltf::GltfFile, quantity::finite_logit, source::Source, unit::UnitRotations};
 use crate::{
+    WorldFrame,
     atomic::{open, write_durably},
     container::read_exactly,
     error::Error,
@@ -151,6 +152,11 @@ impl Format3d {
         }
     }
 
+    /// Whether files have the frame of their scene.
+    fn stores_frame(self) -> bool {
+        matches!(self, Self::Ply | Self::Gltf | Self::Glb)
+    }
+
     fn what(self) -> &'static str {
         match self {
             Self::Ply | Self::CompressedPly => "a PLY of Gaussians",
@@ -189,6 +195,14 @@ pub struct File3d {
     /// The picture's columns and rows, px, if the scene is a flat one that shows a picture
     /// ([`write_ply`](crate::write_ply)).
     pub picture: Option<(u32, u32)>,
+}
+
+impl File3d {
+    /// Takes the scene into another frame, such as that of a data set to train it with.
+    pub fn move_to(&mut self, frame: WorldFrame) {
+        transform::apply(&mut self.scene, &self.trained_with.frame.to(&frame));
+        self.trained_with.frame = frame;
+    }
 }
 
 /// The format of a scene file by its content; `None` for another kind of file.
@@ -310,11 +324,13 @@ pub fn decode_3d(format: Format3d, bytes: &[u8], path: &Path) -> Result<File3d, 
 }
 
 /// Options for writing scenes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 #[non_exhaustive]
 pub struct WriteOptions3d {
-    /// How the scene was trained, which is stored if the format allows it.
+    /// How the scene was trained, and in which frame it is, which is stored if the format allows it.
     pub trained_with: TrainedWith,
+    /// The coordinates of the file.
+    pub coordinates: Coordinates,
     /// Options for SPZ.
     pub spz: SpzOptions,
     /// Options for `.gltf`.
@@ -322,6 +338,25 @@ pub struct WriteOptions3d {
 }
 
 gs_core::impl_with!(WriteOptions3d);
+
+/// The coordinates in which a scene is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Coordinates {
+    /// Those of the scene, in its frame.
+    #[default]
+    Scene,
+    /// Those of the world that its frame refers to. Far from the world's origin, PLY has means of
+    /// 64 bits then, glTF a node that moves the scene, and other formats cannot hold them.
+    World,
+}
+
+impl WriteOptions3d {
+    /// The frame of the scene, if the file must have coordinates of another.
+    fn world(&self) -> Option<WorldFrame> {
+        let frame = self.trained_with.frame;
+        (self.coordinates == Coordinates::World && !frame.is_world()).then_some(frame)
+    }
+}
 
 /// The result of writing a scene.
 #[derive(Debug, Clone, PartialEq)]
@@ -349,7 +384,8 @@ pub fn write_3d(path: impl AsRef<Path>, scene: &Scene3d, options: &WriteOptions3
     let path = path.as_ref();
     if Format3d::to_write(path) == Some(Format3d::Ply) {
         check_writable(path, scene)?;
-        write_durably(path, |file| ply::write(scene, &options.trained_with.comments(), file))?;
+        let (comments, world) = ply_comments(options);
+        write_durably(path, |file| ply::write(scene, &comments, world, file))?;
         let losses = infinite_logits(scene).into_iter().collect();
         return Ok(Written3d { format: Format3d::Ply, losses, beside: Vec::new(), order: None });
     }
@@ -378,6 +414,24 @@ fn check_writable(path: &Path, scene: &Scene3d) -> Result<(), Error> {
     if scene.is_empty() { Err(Error::Empty { path: path.to_owned() }) } else { Ok(()) }
 }
 
+/// The comments of a PLY, and the frame from which it leads to the world, if it must.
+fn ply_comments(options: &WriteOptions3d) -> (Vec<String>, Option<WorldFrame>) {
+    let world = options.world();
+    let frame = if world.is_some() { WorldFrame::WORLD } else { options.trained_with.frame };
+    (options.trained_with.with(|s| s.frame = frame).comments(), world)
+}
+
+/// The scene in coordinates of the world, for a format of 32-bit numbers.
+fn in_world(path: &Path, scene: &Scene3d, frame: &WorldFrame) -> Result<Scene3d, Error> {
+    if frame.origin != DVec3::ZERO {
+        let what = format!("a scene in world coordinates around {}, which need 64 bits,", frame.origin);
+        return Err(Error::Unsupported { path: path.to_owned(), what, mend: "write a PLY or a glTF" });
+    }
+    let mut scene = scene.clone();
+    transform::apply(&mut scene, &frame.to(&WorldFrame::WORLD));
+    Ok(scene)
+}
+
 /// Encodes a scene as [`write_3d`] does, but writes nothing.
 ///
 /// # Errors
@@ -388,20 +442,27 @@ pub fn encode_3d(path: impl AsRef<Path>, scene: &Scene3d, options: &WriteOptions
         return Err(Error::UnknownEnding { path: path.to_owned() });
     };
     check_writable(path, scene)?;
+    if let Some(frame) = options.world().filter(|_| !format.stores_frame()) {
+        return encode_3d(
+            path,
+            &in_world(path, scene, &frame)?,
+            &options.with(|s| s.trained_with.frame = WorldFrame::WORLD),
+        );
+    }
     let mut order = None;
     let mut beside = Vec::new();
     let rotations = || UnitRotations::new(scene, path);
     let (bytes, losses) = match format {
         Format3d::Ply => {
             let mut bytes = Vec::new();
-            ply::write(scene, &options.trained_with.comments(), &mut bytes)
-                .map_err(|source| Error::write(path, source))?;
+            let (comments, world) = ply_comments(options);
+            ply::write(scene, &comments, world, &mut bytes).map_err(|source| Error::write(path, source))?;
             (bytes, infinite_logits(scene).into_iter().collect())
         }
         Format3d::Spz => spz::encode(path, scene, &rotations()?, options)?,
         Format3d::Gltf | Format3d::Glb => {
             let kind = if format == Format3d::Glb { GltfFile::Binary } else { GltfFile::Text(options.gltf_buffer) };
-            let encoded = gltf::encode(path, scene, &rotations()?, &options.trained_with, kind)?;
+            let encoded = gltf::encode(path, scene, &rotations()?, options, kind)?;
             beside.extend(encoded.beside.map(|buffer| (path.with_extension("bin"), buffer)));
             (encoded.file, encoded.losses)
         }

@@ -7,3 +7,4 @@ mod nodes;
 mod real_files;
 mod round_trips;
 mod samples;
+mod world;

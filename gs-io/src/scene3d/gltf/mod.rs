@@ -38,7 +38,7 @@ use super::{
     source::Source,
     transform,
 };
-use crate::error::Error;
+use crate::{WorldFrame, error::Error};
 
 /// Signs between glTF's axes and ours.
 const AXES: [f32; 3] = [-1.0, -1.0, 1.0];
@@ -97,7 +97,11 @@ pub(crate) fn read(source: &Source<'_>) -> Result<Read, Error> {
     let sh_degree = parts.iter().map(|part| part.scene.sh_degree).max().unwrap_or(0);
     let mut whole = Scene3d { sh_degree, ..Scene3d::default() };
     let mut losses = Vec::new();
-    for (part, place) in parts.into_iter().zip(&places) {
+    let said = places.iter().map(|place| TrainedWith::of_extras(&place.primitive.extras));
+    let mut trained_with = said.reduce(TrainedWith::in_common).unwrap_or_default();
+    let (maps, frame) = maps_and_frame(&parts, &places, trained_with.frame);
+    trained_with.frame = frame;
+    for (part, map) in parts.into_iter().zip(&maps) {
         let Part { mut scene, scales, linear_light } = part;
         let log_scales = scales.iter().map(|s| if draft { Vec3::from(*s) } else { s.map(log_of_scale).into() });
         scene.log_scales = log_scales.collect();
@@ -106,8 +110,7 @@ pub(crate) fn read(source: &Source<'_>) -> Result<Read, Error> {
             scene.sh.chunks_exact_mut(len).for_each(linear_light::to_srgb);
             losses.push(ConversionLoss::LinearLight);
         }
-        let axes = DMat3::from_diagonal(DVec3::from(AXES.map(f64::from)));
-        losses.extend(transform::apply(&mut scene, &(DAffine3::from_mat3(axes) * place.map)));
+        losses.extend(transform::apply(&mut scene, map));
         append(&mut whole, scene);
     }
     losses.extend(draft.then_some(ConversionLoss::DraftScales));
@@ -117,9 +120,32 @@ pub(crate) fn read(source: &Source<'_>) -> Result<Read, Error> {
             once.push(loss)
         }
     });
-    let said = places.iter().map(|place| TrainedWith::of_extras(&place.primitive.extras));
-    let trained_with = said.reduce(TrainedWith::in_common).unwrap_or_default();
     Ok(Read { scene: whole, losses: once, trained_with, files: buffers.files().clone() })
+}
+
+/// How each primitive's coordinates become those of the scene, in a frame that `f32` resolves.
+///
+/// `named` is the frame that the file names. If a node leads from it to the world, as
+/// [`Coordinates::World`](crate::Coordinates::World) writes it, the node is left out. In a file that
+/// names none, nodes may lead far away.
+fn maps_and_frame(parts: &[Part], places: &[Place<'_>], named: WorldFrame) -> (Vec<DAffine3>, WorldFrame) {
+    let axes = DAffine3::from_mat3(DMat3::from_diagonal(signs()));
+    let to_world = named.to(&WorldFrame::WORLD);
+    let tolerance = 1e-9 * to_world.translation.length().max(named.unit);
+    let leads_to_world = |place: &Place<'_>| (axes * place.map * axes).abs_diff_eq(to_world, tolerance);
+    if !named.is_world() && places.iter().all(leads_to_world) {
+        return (vec![axes; places.len()], named);
+    }
+    let mut maps: Vec<DAffine3> = places.iter().map(|place| axes * place.map).collect();
+    let mut frame = named;
+    if named.is_world() && places.iter().any(|place| place.map.translation != DVec3::ZERO) {
+        let means = |(part, map): (&Part, &DAffine3)| {
+            part.scene.means.iter().map(|mean| map.transform_point3(mean.as_dvec3())).collect::<Vec<_>>()
+        };
+        frame = WorldFrame::around(&parts.iter().zip(&maps).flat_map(means).collect::<Vec<_>>());
+        maps.iter_mut().for_each(|map| map.translation -= frame.origin);
+    }
+    (maps, frame)
 }
 
 /// A primitive of Gaussians with the transformation to the scene's coordinates.
@@ -265,4 +291,9 @@ fn unsupported(source: &Source<'_>, what: String) -> Error {
 /// The flips between glTF's axes and ours.
 pub(crate) const fn axes() -> Flips {
     Flips::new(AXES)
+}
+
+/// The signs of the axes: glTF = signs · ours, and the reverse.
+fn signs() -> DVec3 {
+    DVec3::from(AXES.map(f64::from))
 }

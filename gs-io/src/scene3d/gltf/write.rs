@@ -14,7 +14,7 @@ use super::{
 use crate::{
     error::Error,
     scene3d::{
-        TrainedWith,
+        WriteOptions3d,
         conversion_loss::ConversionLoss,
         quantity::{opacity_of_logit, scale_of_log},
         unit::UnitRotations,
@@ -53,11 +53,15 @@ pub(crate) fn encode(
     path: &Path,
     scene: &Scene3d,
     rotations: &UnitRotations<'_>,
-    trained_with: &TrainedWith,
+    options: &WriteOptions3d,
     kind: GltfFile,
 ) -> Result<Encoded, Error> {
     let (mut json, buffer) = document(scene, rotations);
-    if let Some(extras) = trained_with.extras() {
+    if let Some(frame) = options.world() {
+        json["nodes"][0]["translation"] = json!((frame.origin * super::signs()).to_array());
+        json["nodes"][0]["scale"] = json!([frame.unit, frame.unit, frame.unit]);
+    }
+    if let Some(extras) = options.trained_with.extras() {
         json["meshes"][0]["primitives"][0]["extras"] = extras;
     }
     let mut beside = None;

@@ -12,9 +12,10 @@ mod rows;
 
 use std::io::{self, Write};
 
+use glam::DVec3;
 use gs_core::{Scene, Scene3d, check_size};
 
-use self::header::{Element, Header};
+use self::header::{Element, Header, Number, Value};
 use super::{
     Format3d, TrainedWith,
     conversion_loss::ConversionLoss,
@@ -22,7 +23,7 @@ use super::{
     sh_degree::{MAX_DEGREE, degree_of_rest},
     source::Source,
 };
-use crate::error::Error;
+use crate::{WorldFrame, error::Error};
 
 /// The properties that every Gaussian must have, in the order of [`Columns::gaussian`].
 const REQUIRED: [&str; 14] = [
@@ -61,9 +62,10 @@ pub(crate) fn read(source: &Source<'_>) -> Result<Read, Error> {
     let wanted: Vec<usize> = columns.into_iter().chain(rest.iter().copied()).collect();
     let mut scene = Scene3d { sh_degree: degree, ..Scene3d::default() };
     let (kept, per_channel) = (scene.sh_len() - 1, rest.len() / 3);
+    let mut means = Vec::new();
     rows::read(source, &header, element, start, &wanted, |row| {
         let value = |k: usize| row[k] as f32;
-        scene.means.push([value(0), value(1), value(2)].into());
+        means.push(DVec3::new(row[0], row[1], row[2]));
         scene.log_scales.push([value(3), value(4), value(5)].into());
         scene.rotations.push([value(6), value(7), value(8), value(9)]);
         scene.opacity_logits.push(value(10));
@@ -71,10 +73,57 @@ pub(crate) fn read(source: &Source<'_>) -> Result<Read, Error> {
         let rest = |channel: usize, k: usize| value(14 + channel * per_channel + k);
         scene.sh.extend((0..kept).map(|k| glam::Vec3::new(rest(0, k), rest(1, k), rest(2, k))));
     })?;
-    let losses =
+    let mut losses =
         if degree < file_degree { vec![ConversionLoss::Sh { from: file_degree, to: degree }] } else { Vec::new() };
+    let mut trained_with = header.trained_with();
+    match header.comments.iter().find_map(|comment| world_frame_of(comment)) {
+        Some(frame) => trained_with.frame = take_to_frame(&mut scene, &means, frame),
+        // A `float` in text may have more digits, but they mean nothing.
+        None if [0, 1, 2].iter().all(|&k| !is_double(element, wanted[k])) => {
+            scene.means.extend(means.iter().map(|mean| mean.as_vec3()));
+        }
+        None => {
+            let frame = WorldFrame::around(&means);
+            trained_with.frame = take_to_frame(&mut scene, &means, frame);
+            losses.extend(rounded_means(&scene, &means, &frame));
+        }
+    }
     let picture = header.comments.iter().find_map(|comment| picture_of(comment));
-    Ok(Read { scene, format: Format3d::Ply, losses, trained_with: header.trained_with(), picture })
+    Ok(Read { scene, format: Format3d::Ply, losses, trained_with, picture })
+}
+
+/// Whether a property is a number of 64 bits.
+fn is_double(element: &Element, property: usize) -> bool {
+    element.properties[property].value == Value::Scalar(Number::F64)
+}
+
+/// Gives a scene, whose scales are in world units, these means, and takes both into a frame.
+fn take_to_frame(scene: &mut Scene3d, means: &[DVec3], frame: WorldFrame) -> WorldFrame {
+    scene.means.extend(means.iter().map(|&mean| frame.to_frame(mean).as_vec3()));
+    if frame.unit != 1.0 {
+        scene.log_scales.iter_mut().for_each(|s| *s = (s.as_dvec3() - frame.unit.ln()).as_vec3());
+    }
+    frame
+}
+
+/// What the means, which were rounded in this frame, have lost.
+fn rounded_means(scene: &Scene3d, means: &[DVec3], frame: &WorldFrame) -> Option<ConversionLoss> {
+    let moved = |i: usize| {
+        let change = frame.to_frame(means[i]).distance(scene.means[i].as_dvec3());
+        change / f64::from(scene.log_scales[i].min_element()).exp()
+    };
+    let changes = (0..means.len()).map(moved).filter(|change| *change > 0.0 && change.is_finite());
+    let (largest, visible) =
+        changes.fold((0.0, 0), |(largest, visible), c| (c.max(largest), visible + usize::from(c > 0.1)));
+    (largest > 0.0).then_some(ConversionLoss::RoundedMeans { largest, visible })
+}
+
+/// The start of the comment with the frame of a scene that is stored in coordinates of its world.
+const WORLD_FRAME: &str = "gs world-frame: ";
+
+/// The frame in such a comment.
+fn world_frame_of(comment: &str) -> Option<WorldFrame> {
+    WorldFrame::of_words(&comment.strip_prefix(WORLD_FRAME)?.split(' ').collect::<Vec<_>>())
 }
 
 /// The comment with the size of the picture that a flat scene shows.
@@ -120,7 +169,15 @@ fn rest_columns(source: &Source<'_>, element: &Element) -> Result<Vec<usize>, Er
 }
 
 /// Writes a scene in the layout of 3DGS: 62 properties at degree 3, fewer `f_rest` below.
-pub(crate) fn write(scene: &Scene3d, comments: &[String], file: &mut dyn Write) -> io::Result<()> {
+///
+/// With a frame, coordinates are those of its world: means of 64 bits if 32 do not suffice.
+pub(crate) fn write(
+    scene: &Scene3d,
+    comments: &[String],
+    world: Option<WorldFrame>,
+    file: &mut dyn Write,
+) -> io::Result<()> {
+    let is_far = world.is_some_and(|frame| frame.origin != DVec3::ZERO);
     let rest = scene.sh_len() - 1;
     let mut names: Vec<String> =
         ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"].map(str::to_owned).to_vec();
@@ -128,19 +185,30 @@ pub(crate) fn write(scene: &Scene3d, comments: &[String], file: &mut dyn Write) 
     names.extend(["opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"].map(str::to_owned));
     writeln!(file, "ply\nformat binary_little_endian 1.0")?;
     comments.iter().try_for_each(|comment| writeln!(file, "comment {comment}"))?;
+    world.iter().try_for_each(|frame| writeln!(file, "comment {WORLD_FRAME}{}", frame.to_words()))?;
     writeln!(file, "element vertex {}", scene.len())?;
-    names.iter().try_for_each(|name| writeln!(file, "property float {name}"))?;
+    let kind = |name: &str| if is_far && ["x", "y", "z"].contains(&name) { "double" } else { "float" };
+    names.iter().try_for_each(|name| writeln!(file, "property {} {name}", kind(name)))?;
     writeln!(file, "end_header")?;
     let mut row = Vec::with_capacity(4 * names.len());
     for i in 0..scene.len() {
         row.clear();
+        // In other coordinates. Without, -0 must stay -0.
+        let mean = scene.means[i].as_dvec3();
+        let mean = world.map_or(mean, |frame| frame.to_world(mean));
+        let log_scale = scene.log_scales[i];
+        let log_scale = world.map_or(log_scale, |frame| (log_scale.as_dvec3() + frame.unit.ln()).as_vec3());
+        match is_far {
+            true => mean.to_array().into_iter().for_each(|value| row.extend(value.to_le_bytes())),
+            false => mean.as_vec3().to_array().into_iter().for_each(|value| row.extend(value.to_le_bytes())),
+        }
         let mut put = |value: f32| row.extend(value.to_le_bytes());
-        scene.means[i].to_array().into_iter().chain([0.0; 3]).for_each(&mut put);
+        [0.0; 3].into_iter().for_each(&mut put);
         let (dc, higher) = scene.sh[i * scene.sh_len()..][..scene.sh_len()].split_at(1);
         dc[0].to_array().into_iter().for_each(&mut put);
         (0..3).for_each(|channel| higher.iter().for_each(|c| put(c[channel])));
         put(finite_logit(scene.opacity_logits[i]));
-        scene.log_scales[i].to_array().into_iter().chain(scene.rotations[i]).for_each(&mut put);
+        log_scale.to_array().into_iter().chain(scene.rotations[i]).for_each(&mut put);
         file.write_all(&row)?;
     }
     Ok(())
