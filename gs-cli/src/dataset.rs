@@ -3,7 +3,10 @@
 use std::{fmt, num::NonZeroU32, path::Path, str::FromStr};
 
 use clap::{Args, ValueEnum};
-use gs_io::dataset::{AlphaMeaning, Dataset, DatasetSettings, Remark, read_dataset};
+use gs_io::{
+    File3d, WorldFrame,
+    dataset::{AlphaMeaning, Dataset, DatasetSettings, Remark, read_dataset},
+};
 
 use crate::{failure::Failure, output::printable, values::whole};
 
@@ -29,9 +32,9 @@ impl ReadingArgs {
         })
     }
 
-    /// Reads a data set.
-    pub(crate) fn read(&self, path: &Path) -> Result<Dataset, Failure> {
-        Ok(read_dataset(path, &self.settings())?)
+    /// Reads the data set that a scene is shown with, in the frame of the scene.
+    pub(crate) fn read_for(&self, scene: &File3d, path: &Path) -> Result<Dataset, Failure> {
+        Ok(read_dataset(path, &self.settings().with(|s| s.frame = Some(scene.trained_with.frame)))?)
     }
 
     /// The flags that differ from the defaults, each after a space.
@@ -44,7 +47,11 @@ impl ReadingArgs {
 
 /// A remark of the reader as one line, with the flag that changes its subject.
 pub(crate) fn remark_text(remark: &Remark) -> String {
-    let flag = if matches!(remark, Remark::Reduced { .. }) { "; --max-size none reads all pixels" } else { "" };
+    let flag = match remark {
+        Remark::Reduced { .. } => "; --max-size none reads all pixels",
+        Remark::Frame { .. } => "; gs convert --frame world takes the scene back",
+        _ => "",
+    };
     printable(&remark.to_string()).into_owned() + flag
 }
 
@@ -68,9 +75,19 @@ pub(crate) struct DatasetArgs {
 }
 
 impl DatasetArgs {
-    /// Reads a data set.
+    /// Reads a data set to train with, in a frame that suits it.
     pub(crate) fn read(&self, path: &Path) -> Result<Dataset, Failure> {
+        self.read_in(None, path)
+    }
+
+    /// Reads the data set that a scene is evaluated with, in the frame of the scene.
+    pub(crate) fn read_for(&self, scene: &File3d, path: &Path) -> Result<Dataset, Failure> {
+        self.read_in(Some(scene.trained_with.frame), path)
+    }
+
+    fn read_in(&self, frame: Option<WorldFrame>, path: &Path) -> Result<Dataset, Failure> {
         let settings = self.reading.settings().with(|s| {
+            s.frame = frame;
             s.image_folder = self.images.clone();
             s.test_every = NonZeroU32::new(self.holdout);
             s.alpha = match self.alpha {

@@ -86,6 +86,7 @@ impl RenderArgs3d {
         TrainedWith::default().with(|s| {
             s.antialias = self.antialias.map(Into::into).or(file.antialias);
             s.order = self.order.map(Into::into).or(file.order);
+            s.frame = file.frame;
         })
     }
 

@@ -25,7 +25,7 @@ use crate::{
 };
 
 /// The entry of a checkpoint's metadata with its [`WorldFrame`]; absent for the world itself.
-const FRAME: &str = "frame";
+pub const FRAME_ENTRY: &str = "frame";
 
 /// The files of an output folder that hold its scene, in the order of preference.
 pub(crate) const SCENE_NAMES: [&str; 4] =
@@ -178,8 +178,8 @@ fn of_checkpoint(path: &Path, checkpoint: Checkpoint, values: Values) -> Result<
         let (scene, left_out) =
             without_broken(SplatsState::scene_3d(&state).map_err(&broken)?, values).map_err(&broken)?;
         let effects = &settings.effects;
-        let frame = match metadata.get(FRAME) {
-            Some(text) => WorldFrame::from_toml(text).map_err(|why| unusable(format!("its `{FRAME}`: {why}")))?,
+        let frame = match metadata.get(FRAME_ENTRY) {
+            Some(text) => WorldFrame::from_toml(text).map_err(|why| unusable(format!("its `{FRAME_ENTRY}`: {why}")))?,
             None => WorldFrame::WORLD,
         };
         let file = File3d {

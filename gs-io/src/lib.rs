@@ -41,7 +41,7 @@ mod world_frame;
 
 pub use crate::{
     animation::{Animation, write_animation},
-    any_scene::{AnyScene, SceneFile, Values, decode_scene, is_scene, read_scene, scene_in},
+    any_scene::{AnyScene, FRAME_ENTRY, SceneFile, Values, decode_scene, is_scene, read_scene, scene_in},
     atomic::{abandon_writes, prepare_folder, remove_leftovers, write_atomically, write_durably},
     checkpoint::{Checkpoint, decode_checkpoint, encode_checkpoint, is_checkpoint, read_checkpoint, write_checkpoint},
     error::Error,
@@ -57,7 +57,8 @@ pub use crate::{
     scene_file::{File2d, SCENE_EXTENSION, decode_2d, encode_2d, is_2d, read_2d, read_2d_unchecked, write_2d},
     scene3d::{
         ConversionLoss, Coordinates, Encoded3d, File3d, Format3d, GltfBuffer, Rounding, SpzOptions, SpzVersion,
-        TrainedWith, WriteOptions3d, Written3d, decode_3d, encode_3d, format_3d, read_3d, read_3d_unchecked, write_3d,
+        TrainedWith, WriteOptions3d, Written3d, decode_3d, encode_3d, format_3d, move_scene, read_3d,
+        read_3d_unchecked, write_3d,
     },
     svg::write_svg,
     world_frame::WorldFrame,

@@ -74,7 +74,8 @@ impl WorldFrame {
         let unit = 10f64.powi((spread / USUAL_SPREAD).log10().round() as i32);
         let step = ORIGIN_STEP * unit;
         let far = center.length() > MAX_DISTANCE * spread;
-        Self { origin: if far { (center / step).round() * step } else { DVec3::ZERO }, unit }
+        // Adding 0 makes 0 of -0.
+        Self { origin: if far { (center / step).round() * step + DVec3::ZERO } else { DVec3::ZERO }, unit }
     }
 
     /// The frame for places whose unit suits, world units: its origin stays unless `f32` could not

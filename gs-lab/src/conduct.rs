@@ -283,7 +283,8 @@ fn train_task<S: StudyTask, R: Optimizer<S>>(
         trajectory: trajectory.rows().to_vec(),
         views: measured.views,
     };
-    Ok(Some(Replayed { scene: scene.wrapped(), pictures: measured.pictures, settings: measured.render, finished }))
+    let (pictures, settings, frame) = (measured.pictures, measured.render, measured.frame);
+    Ok(Some(Replayed { scene: scene.wrapped(), frame, pictures, settings, finished }))
 }
 
 /// Begins a run, or goes on from its checkpoint.

@@ -2,7 +2,10 @@
 
 use std::{num::NonZeroU32, path::Path};
 
-use gs_io::dataset::{AlphaMeaning, Dataset, DatasetSettings, Split, View, read_dataset};
+use gs_io::{
+    WorldFrame,
+    dataset::{AlphaMeaning, Dataset, DatasetSettings, Split, View, read_dataset},
+};
 use serde::{Deserialize, Serialize};
 
 gs_core::impl_with!(DatasetReading);
@@ -56,7 +59,15 @@ impl DatasetReading {
     /// # Errors
     /// Those of [`read_dataset`].
     pub fn read(&self, path: &Path) -> Result<Dataset, gs_io::Error> {
-        let mut dataset = read_dataset(path, &self.settings())?;
+        self.read_in(None, path)
+    }
+
+    /// Reads a data set as [`Self::read`] does, into this frame, such as that of a scene.
+    ///
+    /// # Errors
+    /// Those of [`read_dataset`].
+    pub fn read_in(&self, frame: Option<WorldFrame>, path: &Path) -> Result<Dataset, gs_io::Error> {
+        let mut dataset = read_dataset(path, &self.settings().with(|s| s.frame = frame))?;
         self.thin(&mut dataset);
         Ok(dataset)
     }

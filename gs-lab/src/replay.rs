@@ -1,6 +1,7 @@
 //! Replays a row of a study. It must end in the recorded scene, bit for bit.
 
 use gs_core::{Image, RenderSettings};
+use gs_io::WorldFrame;
 
 use crate::{
     arm::AnyPolicy,
@@ -20,6 +21,8 @@ use crate::{
 pub struct Replayed {
     /// The scene, which is the recorded one.
     pub scene: AnyScene,
+    /// The frame of a 3D scene; the world itself for an image.
+    pub frame: WorldFrame,
     /// The rendering of the scene, not clamped: at the target's size, or for each of the held-out
     /// views that are shown.
     pub pictures: Vec<Image>,

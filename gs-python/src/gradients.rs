@@ -101,7 +101,7 @@ impl ForwardPass {
         })?;
         match gradient {
             Gradient::TwoD(gradient) => Scene2d::of(gradient).into_py_any(py),
-            Gradient::ThreeD(gradient) => Scene3d::of(gradient, None).into_py_any(py),
+            Gradient::ThreeD(gradient) => Scene3d::of(gradient, None, gs_io::WorldFrame::WORLD).into_py_any(py),
         }
     }
 }

@@ -53,8 +53,8 @@ pub(crate) fn evaluate<'py>(
     settings: Option<&Bound<'py, PyAny>>,
     backend: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyAny>> {
-    let dataset = run::read_dataset(py, &dataset, reading)?;
     let of = scene.get();
+    let dataset = run::read_dataset(py, &dataset, reading, Some(of.frame()))?;
     let render = settings::with("settings", of.render(dataset.kind.background()), settings)?;
     let chosen = backend::chosen(py, backend)?;
     let scene = of.scene.clone();

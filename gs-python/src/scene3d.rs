@@ -9,7 +9,7 @@ use gs_core::{
     effects::{Antialias, Order},
     math::sh,
 };
-use gs_io::{AnyScene, File3d, TrainedWith, Values as AllowedValues, WriteOptions3d};
+use gs_io::{AnyScene, File3d, TrainedWith, Values as AllowedValues, WorldFrame, WriteOptions3d};
 use numpy::{PyArray1, PyArray2, PyArray3};
 use pyo3::{
     IntoPyObjectExt,
@@ -37,12 +37,25 @@ pub(crate) struct Scene3d {
 }
 
 impl Scene3d {
-    pub(crate) fn of(scene: gs_core::Scene3d, settings: Option<RenderSettings>) -> Self {
+    pub(crate) fn of(scene: gs_core::Scene3d, settings: Option<RenderSettings>, frame: WorldFrame) -> Self {
         let trained_with = TrainedWith::default().with(|trained| {
             trained.antialias = settings.map(|settings| settings.effects.antialias);
             trained.order = settings.map(|settings| settings.effects.order);
+            trained.frame = frame;
         });
         Self { scene: Arc::new(scene), trained_with, settings }
+    }
+
+    /// The frame of the scene.
+    pub(crate) fn frame(&self) -> WorldFrame {
+        self.trained_with.frame
+    }
+
+    /// The scene in another frame.
+    pub(crate) fn in_frame(&self, frame: WorldFrame) -> gs_core::Scene3d {
+        let mut scene = gs_core::Scene3d::clone(&self.scene);
+        gs_io::move_scene(&mut scene, &self.trained_with.frame, &frame);
+        scene
     }
 
     /// How the scene is to be rendered: as it was trained, completed by what 3DGS uses, before this
@@ -94,7 +107,7 @@ impl Scene3d {
             sh: cast_slice(&sh).to_vec(),
         };
         scene.validate().map_err(IntoPython::into_python)?;
-        Ok(Self::of(scene, None))
+        Ok(Self::of(scene, None, WorldFrame::WORLD))
     }
 
     #[doc = doc!("Scene3d.means")]
@@ -136,6 +149,13 @@ impl Scene3d {
     #[getter]
     fn arrays<'py>(this: &Bound<'py, Self>) -> PyResult<Bound<'py, PyDict>> {
         arrays::by_name(this.as_any(), &["means", "log_scales", "rotations", "opacity_logits", "sh"])
+    }
+
+    #[doc = doc!("Scene3d.frame")]
+    #[getter(frame)]
+    fn frame_of(&self) -> ([f64; 3], f64) {
+        let WorldFrame { origin, unit } = self.frame();
+        (origin.to_array(), unit)
     }
 
     #[doc = doc!("Scene3d.sh_degree")]

@@ -130,13 +130,14 @@ impl Study {
     fn replay(&self, py: Python<'_>, output: PathBuf, row: usize) -> PyResult<Py<PyAny>> {
         let Prepared { plan, folder, backends } = self.prepared(py, output, 1, None)?;
         let replayed = errors::computed(py, || gs_lab::study::replay(&plan, row, backends[0].rasterizer(), &folder));
-        let Replayed { scene, pictures, settings, .. } = replayed.map_err(|error| self.raised().unwrap_or(error))?;
+        let Replayed { scene, frame, pictures, settings, .. } =
+            replayed.map_err(|error| self.raised().unwrap_or(error))?;
         match scene {
             AnyScene::In2d(scene) => {
                 let (render, size) = (Some(settings), pictures.first().map(gs_core::Image::size));
                 crate::scene2d::Scene2d { scene: Arc::new(scene), render, size, profile: None }.into_py_any(py)
             }
-            AnyScene::In3d(scene) => crate::scene3d::Scene3d::of(scene, Some(settings)).into_py_any(py),
+            AnyScene::In3d(scene) => crate::scene3d::Scene3d::of(scene, Some(settings), frame).into_py_any(py),
             _ => Err(PyRuntimeError::new_err("the scene is of a kind that has no class in Python")),
         }
     }

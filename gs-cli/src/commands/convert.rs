@@ -15,8 +15,8 @@ use gs_core::{
     examination::{self, Repair},
 };
 use gs_io::{
-    AnyScene, ConversionLoss, File3d, Format3d, GltfBuffer, Rounding, SCENE_EXTENSION, SceneFile, SpzOptions,
-    SpzVersion, TrainedWith, Values, WriteOptions3d, dataset::Dataset,
+    AnyScene, ConversionLoss, Coordinates, File3d, Format3d, GltfBuffer, Rounding, SCENE_EXTENSION, SceneFile,
+    SpzOptions, SpzVersion, TrainedWith, Values, WriteOptions3d, dataset::Dataset,
 };
 use serde::Serialize;
 
@@ -57,6 +57,11 @@ pub(crate) struct ConvertArgs {
     /// to a ring of cameras, are merged into neighbours or removed; prints what that costs in dB
     #[arg(short = 'n', long, value_name = "N", value_parser = whole::<u32>(1..))]
     gaussians: Option<u32>,
+    /// Coordinates of the file: those of the scene, or those of the world of its data set, from which
+    /// training may have moved the scene. Far from the world's origin, only PLY (means of 64 bits) and
+    /// glTF (a node) hold the latter
+    #[arg(long, value_name = "COORDINATES", default_value = "scene")]
+    frame: Frame,
     /// Leave out Gaussians that cannot be drawn, and print how many; gs doctor shows which and why
     #[arg(long)]
     drop_broken: bool,
@@ -73,6 +78,12 @@ enum Version {
     V3,
     #[value(name = "4")]
     V4,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum Frame {
+    Scene,
+    World,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -124,12 +135,13 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
         let failure = Failure::from(gs_io::Error::UnknownEnding { path: args.to.clone() });
         return Err(failure.hint(format_args!("or, for a 2D scene, .svg or .{SCENE_EXTENSION}")));
     }
-    let dataset = args.quality.dataset()?;
     let values = if args.drop_broken { Values::Any } else { Values::Checked };
     let SceneFile { path, scene, has_alpha, .. } = scene::read(&args.from, values)?;
     let mut inputs = vec![path.clone()];
+    let mut dataset = None;
     if let AnyScene::ThreeD(file) = &scene {
         inputs.extend(file.beside.iter().cloned());
+        dataset = args.quality.dataset(file)?;
     }
     inputs.extend(dataset.iter().flat_map(Dataset::files));
     output_folder::check_file(&args.to, &inputs)?;
@@ -138,7 +150,7 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
             let failure = Failure::usage("--gaussians is for 3D scenes, but this is a 2D scene").at(path.display());
             return Err(failure.hint("gs fit -n N fits the image with fewer"));
         }
-        AnyScene::TwoD(_) if dataset.is_some() => {
+        AnyScene::TwoD(_) if args.quality.dataset.is_some() => {
             let failure = Failure::usage("--dataset is for 3D scenes, but this is a 2D scene").at(path.display());
             return Err(failure.hint("leave it out"));
         }
@@ -167,7 +179,11 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
     beside.iter().flatten().try_for_each(|path| output_folder::check_file(path, &inputs))?;
     let File3d { scene, .. } = &file;
     let written = gs_io::write_3d(&args.to, scene, &options).map_err(Failure::of_scene)?;
-    let after = gs_io::read_3d(&args.to).map_err(Failure::of_scene)?;
+    let mut after = gs_io::read_3d(&args.to).map_err(Failure::of_scene)?;
+    // A format without a frame was read in the coordinates of the world.
+    if matches!(args.frame, Frame::World) {
+        after.move_to(options.trained_with.frame);
+    }
     let size = |path: &Path| std::fs::metadata(path).map_or(0, |file| file.len());
     let bytes = size(&args.to) + written.beside.iter().map(|path| size(path)).sum::<u64>();
     let sorted = written.order.map(|order| in_order(scene, &order));
@@ -198,6 +214,10 @@ fn in_order(scene: &Scene3d, order: &[u32]) -> Scene3d {
 fn options(args: &ConvertArgs, trained_with: TrainedWith) -> WriteOptions3d {
     WriteOptions3d::default().with(|s| {
         s.trained_with = trained_with;
+        s.coordinates = match args.frame {
+            Frame::Scene => Coordinates::Scene,
+            Frame::World => Coordinates::World,
+        };
         s.spz = SpzOptions::default().with(|s| {
             s.version = match args.spz_version {
                 Version::V3 => SpzVersion::V3,

@@ -107,7 +107,7 @@ fn rendered(args: &EvalArgs, picture: &GsiFile) -> Result<(Image, Image), Failur
 /// Evaluates a scene with the test views of a data set, or with all views if none is held out.
 fn evaluate_3d(args: &EvalArgs, file: &File3d) -> Result<(), Failure> {
     let scene = &file.scene;
-    let dataset = args.images.read(&args.b)?;
+    let dataset = args.images.read_for(file, &args.b)?;
     let render = args.render.settings(file, Some(&dataset));
     let views = Views::of_dataset(&dataset);
     let backend = args.backend.open()?;

@@ -102,7 +102,7 @@ mod window {
         let (Home { camera, target, up }, settings) = match &args.camera {
             None => (Home::of(file, args.size, up)?, args.render.settings(file, None)),
             Some(name) => {
-                let dataset = args.reading.read(&name.dataset)?;
+                let dataset = args.reading.read_for(file, &name.dataset)?;
                 let camera = cameras::of_view(&dataset, name)?;
                 let target = cameras::looked_at(&dataset, &camera);
                 let up = up.unwrap_or_else(|| cameras::up_of(&dataset));

@@ -481,3 +481,53 @@ fn cameras_that_look_away_are_the_data_sets_fault() {
         "{eval:?}"
     );
 }
+
+/// Moves the cameras of a Nerfstudio data set: to units of a hundredth, far from the origin.
+fn move_away(dataset: &Path) {
+    let file = dataset.join("transforms.json");
+    let mut transforms: Value = serde_json::from_slice(&fs::read(&file).unwrap()).unwrap();
+    for frame in transforms["frames"].as_array_mut().unwrap() {
+        for (row, origin) in [4_500_000.0, 451_000.0, -2000.0].into_iter().enumerate() {
+            let place = &mut frame["transform_matrix"][row][3];
+            *place = json!(origin + 100.0 * place.as_f64().unwrap());
+        }
+    }
+    fs::write(&file, transforms.to_string()).unwrap();
+}
+
+#[test]
+fn a_georeferenced_data_set_trains_alike_and_its_scene_finds_its_views() {
+    let place = folder();
+    let (dataset, _) = dataset_and_scene(place.path());
+    let [here, away] = ["here", "away"].map(|name| place.path().join(name));
+    let train = |output: &Path| {
+        let run = gs(small(&dataset, output).into_iter().chain(["--no-report", "--json", "--start", "random"]));
+        let notes = run.stderr.clone();
+        (run.json(), notes)
+    };
+    let (near, _) = train(&here);
+    move_away(&dataset);
+    let (far, notes) = train(&away);
+    assert!(
+        notes.contains("origin at (4500000, 451000, -2000)") && notes.contains("gs convert --frame world"),
+        "{notes}"
+    );
+    let psnr = |summary: &Value| summary["evaluation"]["psnr"].as_f64().unwrap();
+    assert!((psnr(&near) - psnr(&far)).abs() < 0.1, "{} {}", psnr(&near), psnr(&far));
+    assert_eq!((near.get("frame"), far["frame"]["unit"].as_f64()), (None, Some(100.0)));
+
+    // In either coordinates, the scene is seen from the same cameras.
+    let scene = away.join("scene.ply");
+    for to in ["world.ply", "world.glb"].map(|name| place.path().join(name)) {
+        gs(["convert", text(&scene), text(&to), "--frame", "world"]).done();
+        for file in [&scene, &to] {
+            let eval = gs(["eval", text(file), text(&dataset), "--json", "--backend", "cpu"]).json();
+            assert!((eval["psnr"].as_f64().unwrap() - psnr(&far)).abs() < 1e-3, "{}: {eval}", file.display());
+        }
+        // Training goes on from it, too.
+        let on = place.path().join("on");
+        let flags = ["--start", text(&to), "-i", "1", "-n", "400", "--no-report", "--json", "--backend", "cpu"];
+        let summary = gs(["train", text(&dataset), "-o", text(&on)].into_iter().chain(flags)).json();
+        assert!(psnr(&summary) > psnr(&far) - 1.0, "{summary}");
+    }
+}

@@ -154,7 +154,7 @@ pub(super) fn assemble(parts: Parts<'_>, settings: &DatasetSettings) -> Result<D
     drafts.sort_by(|a, b| a.name.cmp(&b.name));
     let frame = settings.frame.unwrap_or_else(|| frame_of(&drafts, &points));
     if !frame.is_world() {
-        remarks.push(Remark::Frame { frame: frame.to_string() });
+        remarks.extend(settings.frame.is_none().then(|| Remark::Frame { frame: frame.to_string() }));
         drafts.iter_mut().for_each(|draft| draft.move_to(&frame));
     }
     let mut lenses = Lenses::default();

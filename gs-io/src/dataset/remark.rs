@@ -208,7 +208,9 @@ impl fmt::Display for Remark {
                      {width}x{height} px)"
                 )
             }
-            Self::Frame { frame } => write!(f, "coordinates moved to a frame in which 32 bits suffice: {frame}"),
+            Self::Frame { frame } => {
+                write!(f, "cameras and points are taken into a frame that suits 32-bit numbers: {frame}")
+            }
             Self::NoPoints => f.write_str("no points"),
             Self::PointsNotFinite { count } => write!(f, "{} left out: not finite", counted(*count, "point")),
             Self::PointsMissing { file } => write!(f, "no points: there is no file {file}"),

@@ -200,8 +200,15 @@ pub struct File3d {
 impl File3d {
     /// Takes the scene into another frame, such as that of a data set to train it with.
     pub fn move_to(&mut self, frame: WorldFrame) {
-        transform::apply(&mut self.scene, &self.trained_with.frame.to(&frame));
+        move_scene(&mut self.scene, &self.trained_with.frame, &frame);
         self.trained_with.frame = frame;
+    }
+}
+
+/// Takes a scene from one frame to another.
+pub fn move_scene(scene: &mut Scene3d, from: &WorldFrame, to: &WorldFrame) {
+    if from != to {
+        transform::apply(scene, &from.to(to));
     }
 }
 

@@ -3,7 +3,7 @@
 use gs_backend::FutureExt as _;
 use gs_core::{Blend, Canvas, Error as CoreError, Gaussian2d, Optimizer, Parameterization, RenderSettings, Scene2d};
 use gs_density::Policy;
-use gs_io::Checkpoint;
+use gs_io::{Checkpoint, WorldFrame};
 use gs_train::{Error as TrainError, FitSettings, FitSummary, ForeignPolicy, InitialCount, Preset, Recovery, Trainer};
 
 use super::{AnyScene, Asked, Measured, StudyTask, WrongKey};
@@ -84,7 +84,7 @@ impl StudyTask for Scene2d {
         let (image, culled) = trainer.render().block_on()?;
         let FitSummary { psnr, ssim, ms_ssim, l1, loss, .. } = FitSummary::new(trainer, &image, culled).block_on()?;
         let (views, pictures, render) = (Vec::new(), vec![image], trainer.shown());
-        Ok(Measured { psnr, ssim, ms_ssim, l1, loss, culled, views, pictures, render })
+        Ok(Measured { psnr, ssim, ms_ssim, l1, loss, culled, views, pictures, render, frame: WorldFrame::WORLD })
     }
 
     fn draw_one<R: Optimizer<Self>>(

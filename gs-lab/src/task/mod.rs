@@ -10,7 +10,7 @@ use gs_core::{
     Culled, Error as CoreError, Image, Optimizer, Parameterization, RenderSettings, Scene2d, Scene3d,
     effects::Statistics,
 };
-use gs_io::Checkpoint;
+use gs_io::{Checkpoint, WorldFrame};
 use gs_train::{Error as TrainError, FitSettings, ForeignPolicy, TrainSettings, Trainable, Trainer};
 use serde::{Serialize, de::DeserializeOwned};
 
@@ -70,6 +70,8 @@ pub(crate) struct Measured {
     /// The rendering of the image, or of the views that are shown.
     pub(crate) pictures: Vec<Image>,
     pub(crate) render: RenderSettings,
+    /// The frame of a 3D scene.
+    pub(crate) frame: WorldFrame,
 }
 
 /// The kind of scene of a run.

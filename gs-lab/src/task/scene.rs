@@ -125,6 +125,7 @@ impl StudyTask for Scene3d {
             views: evaluation.views.into_iter().map(view).collect(),
             pictures: rendered.into_iter().map(|(_, image)| image).collect(),
             render: trainer.shown(),
+            frame: trainer.views().frame,
         })
     }
 

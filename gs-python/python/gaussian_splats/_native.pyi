@@ -202,6 +202,11 @@ class Scene3d:
     def arrays(self) -> dict[str, Floats]:
         """All arrays by name, as the constructor takes them."""
     @property
+    def frame(self) -> tuple[list[float], float]:
+        """Origin and unit of the scene's coordinates in the world of its data set: world = origin +
+        unit * mean. ([0, 0, 0], 1) unless training moved the scene, as it does for georeferenced
+        data sets."""
+    @property
     def sh_degree(self) -> int:
         """SH degree, 0 to 3: K = (degree + 1)²."""
     def save(self, path: Path) -> None:

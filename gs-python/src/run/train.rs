@@ -7,7 +7,10 @@ use std::{
 
 use gs_backend::block_on;
 use gs_core::Scene3d as CoreScene3d;
-use gs_io::dataset::{Dataset, Split};
+use gs_io::{
+    WorldFrame,
+    dataset::{Dataset, Split},
+};
 use gs_lab::study::DatasetReading;
 use gs_train::{
     ForeignPolicy, TrainPreset, TrainSettings, Trainer3d,
@@ -64,7 +67,7 @@ impl TrainRun {
         backend: Option<&Bound<'_, PyAny>>,
         checkpoint: Option<PathBuf>,
     ) -> PyResult<Self> {
-        let dataset = read_dataset(py, &dataset, reading)?;
+        let dataset = read_dataset(py, &dataset, reading, None)?;
         let chosen = backend::chosen(py, backend)?;
         let policy = policy.map(PolicyArgument::of).transpose()?;
         let given = Given::of("settings", preset, settings)?;
@@ -125,7 +128,7 @@ impl TrainRun {
     #[doc = doc!("TrainRun.result")]
     fn result(&self, py: Python<'_>) -> PyResult<Training> {
         let (done, history) = &*self.worker.result(py)?;
-        let scene = Scene3d::of(done.scene.clone(), Some(done.render));
+        let scene = Scene3d::of(done.scene.clone(), Some(done.render), done.summary.frame);
         let summary = settings::to_python(py, &done.summary)?;
         let psnr = done.summary.evaluation.psnr;
         let history = history.to_python(py)?.unbind();
@@ -137,10 +140,15 @@ impl TrainRun {
     }
 }
 
-/// Reads a data set; `reading` has the keys of the table `[dataset]` of study files.
-pub(crate) fn read_dataset(py: Python<'_>, path: &Path, reading: Option<&Bound<'_, PyAny>>) -> PyResult<Dataset> {
+/// Reads a data set, in the frame of a scene if there is one; `reading` has the keys of the table `[dataset]` of study files.
+pub(crate) fn read_dataset(
+    py: Python<'_>,
+    path: &Path,
+    reading: Option<&Bound<'_, PyAny>>,
+    frame: Option<WorldFrame>,
+) -> PyResult<Dataset> {
     let reading = settings::with("reading", DatasetReading::default(), reading)?;
-    errors::computed(py, || reading.read(path))
+    errors::computed(py, || reading.read_in(frame, path))
 }
 
 /// What a training starts from: a scene, or what a name says.
@@ -149,7 +157,7 @@ fn first(dataset: &Dataset, start: Option<&Bound<'_, PyAny>>, settings: &TrainSe
         None => StartName::usual_for(dataset, settings),
         Some(start) => {
             if let Ok(scene) = start.cast::<Scene3d>() {
-                return Ok(Initial::Scene(CoreScene3d::clone(&scene.get().scene)));
+                return Ok(Initial::Scene(scene.get().in_frame(dataset.frame)));
             }
             let Ok(name) = start.extract::<String>() else {
                 let found = start.get_type().name()?.to_string();

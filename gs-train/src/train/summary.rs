@@ -1,6 +1,7 @@
 //! The summary of a training in 3D, as in `summary.json`.
 
 use gs_core::{Optimizer, Scene3d, edit::EditCounts};
+use gs_io::WorldFrame;
 use serde::{Deserialize, Serialize};
 
 use crate::{clamped::Clamped, error::Error, recovery::FreshStart, shortfall::Shortfall};
@@ -45,6 +46,9 @@ pub struct TrainSummary {
     pub backend: String,
     /// Number of threads, where the caller knows it.
     pub threads: Option<u32>,
+    /// The frame of the scene, if its coordinates are not those of the data set.
+    #[serde(default, skip_serializing_if = "WorldFrame::is_world")]
+    pub frame: WorldFrame,
     /// Seed of all random numbers.
     pub seed: u32,
     /// Loss of the scene: [`TrainingViews::loss`].
@@ -90,6 +94,7 @@ impl TrainSummary {
             test_views: trainer.views().test.len(),
             backend: trainer.backend(),
             threads: None,
+            frame: trainer.views().frame,
             seed: settings.seed,
             loss: Some(training.loss),
             edits: *trainer.edits(),

@@ -212,7 +212,9 @@ impl<R: Optimizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
     }
 
     fn state(&self) -> Result<Vec<(&'static str, String)>, Error> {
-        Ok([self.exposures.to_metadata()?, self.depths.to_metadata()?].into_iter().flatten().collect())
+        let frame = self.views.frame;
+        let frame = (!frame.is_world()).then(|| (gs_io::FRAME_ENTRY, frame.to_toml()));
+        Ok([self.exposures.to_metadata()?, self.depths.to_metadata()?, frame].into_iter().flatten().collect())
     }
 
     async fn send(

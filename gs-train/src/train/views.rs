@@ -3,7 +3,10 @@
 use std::{fmt, sync::Arc};
 
 use gs_core::{Camera, Image};
-use gs_io::dataset::{AlphaMeaning, Dataset, DepthMap, PosedImage, Split, View};
+use gs_io::{
+    WorldFrame,
+    dataset::{AlphaMeaning, Dataset, DepthMap, PosedImage, Split, View},
+};
 use rayon::prelude::*;
 
 use super::faces;
@@ -162,15 +165,17 @@ pub struct Views {
     /// Largest number of bytes of images that are kept in memory, by default 4 GiB; other images
     /// are read for each step that needs them.
     pub keep_bytes: u64,
+    /// The frame of the cameras, which is also that of the scene.
+    pub frame: WorldFrame,
 }
 
 impl Views {
     /// Default of [`Self::keep_bytes`]: 4 GiB.
     pub const KEEP_BYTES: u64 = 4 << 30;
 
-    /// Views with the default limit of memory.
+    /// Views with the default limit of memory, in coordinates of the world.
     pub fn new(train: Vec<PosedView>, test: Vec<PosedView>) -> Self {
-        Self { train, test, keep_bytes: Self::KEEP_BYTES }
+        Self { train, test, keep_bytes: Self::KEEP_BYTES, frame: WorldFrame::WORLD }
     }
 
     /// The views of a data set, by its own split; validation views are left out.
@@ -181,7 +186,7 @@ impl Views {
             let posed = |((name, camera), source)| PosedView { name, camera, source };
             named.into_iter().zip(faces::sources(views)).map(posed).collect()
         };
-        Self::new(of(Split::Train), of(Split::Test))
+        Self { frame: dataset.frame, ..Self::new(of(Split::Train), of(Split::Test)) }
     }
 
     /// Bytes of the images of these views in memory: three colours and alpha of each pixel.

@@ -17,7 +17,7 @@ pub(super) struct QualityArgs {
     /// Measure the PSNR over the held-out views of this data set, as gs eval does, before and after
     /// the conversion
     #[arg(long, value_name = "DATASET")]
-    dataset: Option<PathBuf>,
+    pub(super) dataset: Option<PathBuf>,
     #[command(flatten)]
     images: DatasetArgs,
     #[command(flatten)]
@@ -42,9 +42,9 @@ impl QualityArgs {
         Ok(self.backend.open()?.rasterizer)
     }
 
-    /// Reads the data set, if there is one.
-    pub(super) fn dataset(&self) -> Result<Option<Dataset>, Failure> {
-        self.dataset.as_deref().map(|path| self.images.read(path)).transpose()
+    /// Reads the data set, if there is one, in the frame of the scene.
+    pub(super) fn dataset(&self, scene: &File3d) -> Result<Option<Dataset>, Failure> {
+        self.dataset.as_deref().map(|path| self.images.read_for(scene, path)).transpose()
     }
 
     /// Evaluates both scenes, each rendered as its file says.

@@ -8,8 +8,8 @@ use std::path::PathBuf;
 use clap::Args;
 use gs_backend::AnyRasterizer;
 use gs_core::{
-    Camera, Canvas, Optimizer, Parameterization, Rasterizer as _, RenderSettings, Scene as _, Scene2d, Scene3d,
-    counted, effects::RequiresEffects, view::Orbit,
+    Camera, Canvas, Optimizer, Parameterization, Rasterizer as _, RenderSettings, Scene as _, Scene2d, counted,
+    effects::RequiresEffects, view::Orbit,
 };
 use gs_io::{AnyScene, File3d};
 use gs_lab::effects::{UploadedScene, prices, prove, sampled, training_prices};
@@ -102,10 +102,11 @@ pub(crate) fn run(args: &EffectsCommandArgs) -> Result<(), Failure> {
         machine: backend.reason.clone(),
     };
     let report = match subject {
-        Subject::ThreeD { scene, cameras, wanted, seen } => {
+        Subject::ThreeD { file, cameras, wanted, seen } => {
+            let scene = &file.scene;
             let facts = facts(seen, scene.len(), cameras[0].width, cameras[0].height);
-            let report = examine(rasterizer, &scene, &cameras, &wanted, args, facts)?;
-            Ok(Report { training: training(rasterizer, &scene, &wanted, args)?, ..report })
+            let report = examine(rasterizer, scene, &cameras, &wanted, args, facts)?;
+            Ok(Report { training: training(rasterizer, &file, &wanted, args)?, ..report })
         }
         Subject::TwoD { scene, canvas, wanted } => {
             let facts = facts("its canvas".to_owned(), scene.len(), canvas.width, canvas.height);
@@ -127,7 +128,7 @@ pub(crate) fn run(args: &EffectsCommandArgs) -> Result<(), Failure> {
 
 /// What is examined.
 enum Subject {
-    ThreeD { scene: Scene3d, cameras: Vec<Camera>, wanted: RenderSettings, seen: String },
+    ThreeD { file: Box<File3d>, cameras: Vec<Camera>, wanted: RenderSettings, seen: String },
     TwoD { scene: Scene2d, canvas: Canvas, wanted: RenderSettings },
     Image { target: Box<Target>, size: Option<Size> },
 }
@@ -164,9 +165,9 @@ impl Subject {
             let cameras = Orbit { center: bulk.center, axis: up, frames: args.views }.cameras(&first);
             let wanted = args.render.settings(&file, None);
             let seen = format!("{} around it", counted(most, "camera"));
-            return Ok(Self::ThreeD { scene: file.scene, cameras, wanted, seen });
+            return Ok(Self::ThreeD { file: Box::new(file), cameras, wanted, seen });
         };
-        let dataset = args.reading.read(path)?;
+        let dataset = args.reading.read_for(&file, path)?;
         let wanted = args.render.settings(&file, Some(&dataset));
         let views = Views::of_dataset(&dataset);
         let which = if views.test.is_empty() { "view" } else { "test view" };
@@ -177,20 +178,20 @@ impl Subject {
             camera.validate().map_err(|error| Failure::usage(error).at("--size"))?;
         }
         let seen = format!("{} of {} of {}", cameras.len(), counted(all.len(), which), path.display());
-        Ok(Self::ThreeD { scene: file.scene, cameras, wanted, seen })
+        Ok(Self::ThreeD { file: Box::new(file), cameras, wanted, seen })
     }
 }
 
 /// The table of `--train`.
 fn training(
     rasterizer: &AnyRasterizer,
-    scene: &Scene3d,
+    file: &File3d,
     wanted: &RenderSettings,
     args: &EffectsCommandArgs,
 ) -> Result<Option<Training>, Failure> {
     let Some((path, steps)) = args.dataset.as_ref().zip(args.train) else { return Ok(None) };
-    let dataset = args.reading.read(path)?;
-    let prices = training_prices(rasterizer, scene, || Views::of_dataset(&dataset), wanted, steps)?;
+    let dataset = args.reading.read_for(file, path)?;
+    let prices = training_prices(rasterizer, &file.scene, || Views::of_dataset(&dataset), wanted, steps)?;
     Ok(Some(Training { steps, prices }))
 }
 

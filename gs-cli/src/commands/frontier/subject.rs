@@ -98,7 +98,7 @@ fn scene_3d(args: &FrontierArgs, file: File3d) -> Result<Seen<Scene3d>, Failure>
     let count = args.views as usize;
     let (all, render): (Vec<Camera>, RenderSettings) = match &args.dataset {
         Some(path) => {
-            let dataset = args.reading.read(path)?;
+            let dataset = args.reading.read_for(&file, path)?;
             let cameras: Vec<Camera> = dataset.views.iter().map(|view| view.camera).collect();
             let even = sampled(&cameras, 2 * count).into_iter();
             let sized =

@@ -8,7 +8,7 @@ use gs_core::{
     effects::{Antialias, Order},
     sigmoid,
 };
-use gs_io::File3d;
+use gs_io::{File3d, WorldFrame};
 use serde::Serialize;
 
 use super::{metadata_text, number};
@@ -44,6 +44,8 @@ struct Info {
     antialias: Option<&'static str>,
     /// Order of blending in training, if the file names it.
     order: Option<&'static str>,
+    /// The frame of the coordinates, if it is not the world itself.
+    frame: Option<WorldFrame>,
     /// What the scene lacks of the file.
     losses: Vec<String>,
     /// The metadata of a checkpoint.
@@ -66,7 +68,8 @@ pub(super) fn print(file: File3d, metadata: Option<BTreeMap<String, String>>, fo
         None => Info { format: Some(kind.to_string()), ..Info::of("3D scene", bytes, &scene) },
     };
     let (antialias, order) = (trained_with.antialias.map(Antialias::name), trained_with.order.map(Order::name));
-    Info { antialias, order, losses, picture, ..info }.print(format)
+    let frame = Some(trained_with.frame).filter(|frame| !frame.is_world());
+    Info { antialias, order, frame, losses, picture, ..info }.print(format)
 }
 
 impl Info {
@@ -97,6 +100,7 @@ impl Info {
             without_rotation: scene.without_rotation(),
             antialias: None,
             order: None,
+            frame: None,
             losses: Vec::new(),
             metadata: BTreeMap::new(),
         }
@@ -134,6 +138,7 @@ fn text(info: &Info) -> String {
     rows.push(("without rotation", info.without_rotation.to_string()));
     let trained_with = [("antialias", info.antialias), ("order", info.order)];
     rows.extend(trained_with.into_iter().filter_map(|(name, value)| Some((name, format!("{} in training", value?)))));
+    rows.extend(info.frame.map(|frame| ("frame", frame.to_string())));
     rows.extend(info.losses.iter().map(|loss| ("lost in reading", loss.clone())));
     let mut text = String::new();
     for (name, value) in &rows {

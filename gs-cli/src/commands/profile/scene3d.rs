@@ -38,7 +38,7 @@ impl Input3d {
         check_is_not_fitted(args, &name)?;
         let (camera, mut render) = match &args.camera {
             Some(view) => {
-                let dataset = args.reading.read(&view.dataset)?;
+                let dataset = args.reading.read_for(&file, &view.dataset)?;
                 let camera = cameras::of_view(&dataset, view)?;
                 let sized = |Size { width, height }: Size| camera.resized(width, height);
                 (args.size.map_or(camera, sized), args.render.settings(&file, Some(&dataset)))

@@ -117,7 +117,7 @@ fn cameras(args: &CameraArgs, size: Option<Size>, file: &File3d) -> Result<(Vec<
     }
     let sized = |camera: Camera| size.map_or(camera, |Size { width, height }| camera.resized(width, height));
     if let Some(name) = &args.camera {
-        let dataset = args.reading.read(&name.dataset)?;
+        let dataset = args.reading.read_for(file, &name.dataset)?;
         let camera = sized(cameras::of_view(&dataset, name)?);
         let cameras = match args.orbit {
             None => vec![camera],

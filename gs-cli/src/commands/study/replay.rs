@@ -56,7 +56,7 @@ fn open(args: &ReplayArgs, recorded: Option<Machine>) -> Result<Chosen, Failure>
 
 /// Writes what `gs fit` or `gs train` writes, without the pictures that explain it.
 fn write(run: &Run, replayed: &Replayed, claim: FolderClaim) -> Result<(), Failure> {
-    let Replayed { scene, pictures, settings: render, finished } = replayed;
+    let Replayed { scene, frame, pictures, settings: render, finished } = replayed;
     let folder = OutputFolder::begin(claim)?;
     match (scene, &pictures[..]) {
         (AnyScene::In2d(scene), [image]) => {
@@ -69,6 +69,7 @@ fn write(run: &Run, replayed: &Replayed, claim: FolderClaim) -> Result<(), Failu
             let trained_with = TrainedWith::default().with(|s| {
                 s.antialias = Some(render.effects.antialias);
                 s.order = Some(render.effects.order);
+                s.frame = *frame;
             });
             write_3d(
                 folder.file("scene.ply"),

@@ -8,7 +8,7 @@ use gs_core::{
     Camera, Canvas, RenderSettings, Scene as _, Scene3d, counted,
     effects::{Antialias, Effect, EffectDecision},
 };
-use gs_io::{TrainedWith, WriteOptions3d, write_3d, write_png};
+use gs_io::{TrainedWith, WorldFrame, WriteOptions3d, write_3d, write_png};
 use gs_lab::{
     effects::sampled,
     figure::{curve::CurvePoint, ellipses},
@@ -150,7 +150,7 @@ impl Results<'_> {
         // All other results can be made of the scene.
         let scene = without_broken(trainer.scene().block_on()?)?;
         let mut tried = vec![
-            self.write_scene(&scene, &trainer.shown()),
+            self.write_scene(&scene, &trainer.shown(), trainer.views().frame),
             write_table(self.folder, log),
             trainer
                 .settings()
@@ -252,7 +252,7 @@ impl Results<'_> {
         Ok(write_png(self.folder.file("ellipses.png"), &picture)?)
     }
 
-    fn write_scene(&self, scene: &Scene3d, shown: &RenderSettings) -> Result<(), Failure> {
+    fn write_scene(&self, scene: &Scene3d, shown: &RenderSettings, frame: WorldFrame) -> Result<(), Failure> {
         if scene.is_empty() {
             output::note("note: no Gaussian is left, so there is no scene.ply");
             return self.folder.leave_out("scene.ply");
@@ -260,6 +260,7 @@ impl Results<'_> {
         let trained_with = TrainedWith::default().with(|s| {
             s.antialias = Some(shown.effects.antialias);
             s.order = Some(shown.effects.order);
+            s.frame = frame;
         });
         let options = WriteOptions3d::default().with(|s| s.trained_with = trained_with);
         let write = |path: &Path| write_3d(path, scene, &options).map(drop);

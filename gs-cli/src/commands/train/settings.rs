@@ -98,7 +98,8 @@ pub(super) fn initial(
         }
         (None, file) => {
             let file = file.as_deref().unwrap_or_default();
-            let read = scene::read_3d(Path::new(file))?;
+            let mut read = scene::read_3d(Path::new(file))?;
+            read.move_to(dataset.frame);
             if args.antialias.is_none() && args.settings.is_none() {
                 settings.render.effects.antialias = read.trained_with.antialias.unwrap_or(Antialias::Dilate);
             }
