@@ -8,7 +8,10 @@ use glam::{Mat3, Vec2, Vec3};
 use gs_core::{Camera, Gaussian3d, Image, Rasterizer, Scene, Scene3d, constants::SH_C0};
 use gs_cpu::CpuRasterizer;
 use gs_density::Policy;
-use gs_io::dataset::{DatasetSettings, Remark, read_dataset};
+use gs_io::{
+    WorldFrame,
+    dataset::{DatasetSettings, Remark, read_dataset},
+};
 use gs_train::{
     Trainer3d,
     train::{PosedView, Start, Views, evaluate},
@@ -86,7 +89,8 @@ fn a_scene_is_as_good_in_the_faces_as_it_is() {
     });
     let file = serde_json::json!({"camera_model": "EQUIRECTANGULAR", "frames": frames.collect::<Vec<_>>()});
     fs::write(folder.path().join("transforms.json"), file.to_string()).unwrap();
-    let dataset = read_dataset(folder.path(), &DatasetSettings::default()).unwrap();
+    let dataset =
+        read_dataset(folder.path(), &DatasetSettings::default().with(|s| s.frame = Some(WorldFrame::WORLD))).unwrap();
     assert!(dataset.remarks.contains(&Remark::Split { count: 3 }));
     let views = Views::of_dataset(&dataset);
     assert_eq!((views.train.len(), views.test.len()), (12, 6));
