@@ -14,15 +14,18 @@ const MAX_BYTES: u64 = 64 << 20;
 
 /// Reads a text file; `hint` says what to do if the file does not exist.
 pub(crate) fn read_text(file: &Path, hint: &str) -> Result<String, Failure> {
-    let read = || -> io::Result<String> {
-        let mut text = String::new();
-        File::open(file)?.take(MAX_BYTES + 1).read_to_string(&mut text)?;
-        Ok(text)
+    let read = || -> io::Result<Vec<u8>> {
+        let mut bytes = Vec::new();
+        File::open(file)?.take(MAX_BYTES + 1).read_to_end(&mut bytes)?;
+        Ok(bytes)
     };
     let failed = |why: String| Failure::failed(why).at(file.display()).hint(hint);
     match read() {
-        Ok(text) if text.len() as u64 > MAX_BYTES => Err(failed(format!("is longer than {} MiB", MAX_BYTES >> 20))),
-        Ok(text) => Ok(text),
+        Ok(bytes) if bytes.len() as u64 > MAX_BYTES => Err(failed(format!("is longer than {} MiB", MAX_BYTES >> 20))),
+        Ok(bytes) => match str::from_utf8(gs_io::utf8_text(file, &bytes)?) {
+            Ok(text) => Ok(text.to_owned()),
+            Err(error) => Err(failed(format!("is not text in UTF-8: {error}"))),
+        },
         Err(error) if error.kind() == io::ErrorKind::NotFound => {
             Err(gs_io::Error::Missing { path: file.to_owned() }.into())
         }
@@ -45,10 +48,15 @@ mod tests {
         let file = folder.path().join("a.toml");
         std::fs::write(&file, "a = 1\n").unwrap();
         assert_eq!(read_text(&file, "name another").unwrap(), "a = 1\n");
-        std::fs::write(&file, [0xff, 0xfe]).unwrap();
-        for place in [&file, &folder.path().to_owned()] {
+        std::fs::write(&file, "\u{feff}a = 1\n").unwrap();
+        assert_eq!(read_text(&file, "name another").unwrap(), "a = 1\n", "a byte-order mark is skipped");
+        std::fs::write(&file, [0xff, 0xfe, b'a', 0]).unwrap();
+        let line = read_text(&file, "name another").unwrap_err().line().unwrap();
+        assert!(line.contains("a.toml: is text in UTF-16, but must be in UTF-8"), "{line}");
+        std::fs::write(&file, [0xff, b'a']).unwrap();
+        for (place, why) in [(&file, "is not text in UTF-8"), (&folder.path().to_owned(), "cannot be read")] {
             let line = read_text(place, "name another").unwrap_err().line().unwrap();
-            let start = format!("error: {}: cannot be read: ", place.display());
+            let start = format!("error: {}: {why}: ", place.display());
             assert!(line.starts_with(&start) && line.ends_with(": name another"), "{line}");
         }
         let line = read_text(&folder.path().join("absent"), "name another").unwrap_err().line().unwrap();

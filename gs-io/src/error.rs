@@ -170,6 +170,12 @@ pub enum Error {
         /// The reasons, each with the number of views and the first of them.
         skipped: Vec<String>,
     },
+    /// A text file in UTF-16.
+    #[error("{}: is text in UTF-16, but must be in UTF-8; save it again with that encoding", one_line(path))]
+    NotUtf8 {
+        /// The file.
+        path: PathBuf,
+    },
     /// A text file with a line that its format does not allow.
     #[error(
         "{}: line {line}: expected {expected}, found {found}; it is damaged or not {what}: write or fetch it again",

@@ -37,6 +37,7 @@ mod ply;
 mod scene3d;
 mod scene_file;
 mod svg;
+mod text;
 mod world_frame;
 
 pub use crate::{
@@ -61,5 +62,6 @@ pub use crate::{
         read_3d_unchecked, write_3d,
     },
     svg::write_svg,
+    text::utf8_text,
     world_frame::WorldFrame,
 };

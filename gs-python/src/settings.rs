@@ -1,6 +1,7 @@
 //! Settings as mappings of Python or as files, with the names of the settings files of `gs`.
 
 use std::{
+    fmt::Display,
     fs,
     path::{Path, PathBuf},
 };
@@ -40,7 +41,10 @@ impl<'py> Given<'py> {
 
 /// The text of a settings file.
 pub(crate) fn text_of(file: &Path) -> PyResult<String> {
-    fs::read_to_string(file).map_err(|error| PyOSError::new_err(format!("cannot read {}: {error}", file.display())))
+    let failed = |error: &dyn Display| PyOSError::new_err(format!("cannot read {}: {error}", file.display()));
+    let bytes = fs::read(file).map_err(|error| failed(&error))?;
+    let text = gs_io::utf8_text(file, &bytes).map_err(|error| PyOSError::new_err(error.to_string()))?;
+    str::from_utf8(text).map(str::to_owned).map_err(|error| failed(&error))
 }
 
 /// A mapping as a table of settings. Numbers and arrays of NumPy become those of Python.

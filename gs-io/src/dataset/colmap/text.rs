@@ -6,11 +6,11 @@ use std::{collections::BTreeMap, path::Path, str::FromStr};
 use glam::{DQuat, dvec2, dvec3};
 
 use super::{CameraModel, ColmapCamera, ColmapImage, ColmapObservation, ColmapPoint, NO_POINT, unknown_model};
-use crate::error::Error;
+use crate::{error::Error, text::utf8_text};
 
 /// `cameras.txt`: id, model, columns, rows, parameters.
 pub(super) fn cameras(path: &Path, bytes: &[u8]) -> Result<BTreeMap<u32, ColmapCamera>, Error> {
-    let mut lines = Lines::new(path, "a COLMAP cameras.txt", bytes);
+    let mut lines = Lines::new(path, "a COLMAP cameras.txt", bytes)?;
     let mut cameras = BTreeMap::new();
     while let Some(mut words) = lines.record()? {
         let id = words.number("a camera's number")?;
@@ -27,7 +27,7 @@ pub(super) fn cameras(path: &Path, bytes: &[u8]) -> Result<BTreeMap<u32, ColmapC
 /// `images.txt`: id, quaternion w x y z, translation, camera, name; then the keypoints: x, y, point
 /// or −1.
 pub(super) fn images(path: &Path, bytes: &[u8]) -> Result<Vec<ColmapImage>, Error> {
-    let mut lines = Lines::new(path, "a COLMAP images.txt", bytes);
+    let mut lines = Lines::new(path, "a COLMAP images.txt", bytes)?;
     let mut images = Vec::new();
     while let Some(mut words) = lines.record()? {
         let id = words.number("an image's number")?;
@@ -53,7 +53,7 @@ pub(super) fn images(path: &Path, bytes: &[u8]) -> Result<Vec<ColmapImage>, Erro
 
 /// `points3D.txt`: id, position, colour, error, track.
 pub(super) fn points(path: &Path, bytes: &[u8]) -> Result<Vec<ColmapPoint>, Error> {
-    let mut lines = Lines::new(path, "a COLMAP points3D.txt", bytes);
+    let mut lines = Lines::new(path, "a COLMAP points3D.txt", bytes)?;
     let mut points = Vec::new();
     while let Some(mut words) = lines.record()? {
         let id = words.number("a point's number")?;
@@ -82,8 +82,8 @@ struct Words<'a> {
 }
 
 impl<'a> Lines<'a> {
-    fn new(path: &'a Path, what: &'static str, bytes: &'a [u8]) -> Self {
-        Self { path, what, rest: bytes.split(|byte| *byte == b'\n'), line: 0 }
+    fn new(path: &'a Path, what: &'static str, bytes: &'a [u8]) -> Result<Self, Error> {
+        Ok(Self { path, what, rest: utf8_text(path, bytes)?.split(|byte| *byte == b'\n'), line: 0 })
     }
 
     /// The next line, empty or not; `None` at the end.

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use crate::{error::Error, scene3d::source::Source};
+use crate::{error::Error, scene3d::source::Source, text::utf8_text};
 
 /// The version that is read and written.
 pub(super) const VERSION: u32 = 2;
@@ -59,6 +59,7 @@ pub(super) struct Meta {
 
 impl Meta {
     pub(super) fn parse(source: &Source<'_>, text: &[u8]) -> Result<Self, Error> {
+        let text = utf8_text(source.path, text)?;
         let damaged =
             |error: serde_json::Error| source.damaged(0, "the meta.json of a SOG", format!("one with: {error}"));
         let version = serde_json::from_slice::<Value>(text).map_err(damaged)?["version"].as_u64();

@@ -1,0 +1,38 @@
+//! Text files with a byte-order mark, or in another encoding than UTF-8.
+
+use std::path::Path;
+
+use crate::error::Error;
+
+/// The mark with which some programs, most of them on Windows, begin text in UTF-8.
+const MARK: &[u8] = b"\xef\xbb\xbf";
+
+/// The bytes of a text file after its byte-order mark, if it has one. `path` is for the message.
+///
+/// # Errors
+/// [`Error::NotUtf8`] for text in UTF-16, with a mark or without.
+pub fn utf8_text<'b>(path: &Path, bytes: &'b [u8]) -> Result<&'b [u8], Error> {
+    let is_ascii = |byte: &u8| byte.is_ascii_graphic() || byte.is_ascii_whitespace();
+    match bytes {
+        [0xff, 0xfe, ..] | [0xfe, 0xff, ..] => Err(Error::NotUtf8 { path: path.to_owned() }),
+        [0, letter, ..] | [letter, 0, ..] if is_ascii(letter) => Err(Error::NotUtf8 { path: path.to_owned() }),
+        _ => Ok(bytes.strip_prefix(MARK).unwrap_or(bytes)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_byte_order_mark_is_skipped_and_utf_16_is_named() {
+        let path = Path::new("a.json");
+        for (bytes, text) in [("\u{feff}{}", "{}"), ("{}", "{}"), ("", ""), ("\u{feff}", ""), ("é", "é")] {
+            assert_eq!(utf8_text(path, bytes.as_bytes()).unwrap(), text.as_bytes());
+        }
+        for bytes in [&b"\xff\xfe{\0}\0"[..], b"\xfe\xff\0{\0}", b"{\0}\0", b"\0{\0}"] {
+            let error = utf8_text(path, bytes).unwrap_err().to_string();
+            assert_eq!(error, "a.json: is text in UTF-16, but must be in UTF-8; save it again with that encoding");
+        }
+    }
+}
