@@ -170,6 +170,30 @@ pub enum Error {
         /// The reasons, each with the number of views and the first of them.
         skipped: Vec<String>,
     },
+    /// A data set whose views for training cannot be used, but others can.
+    #[error("{}: none of the data set's views for training can be used: {}", one_line(path), skipped.join("; "))]
+    NoTrainingViews {
+        /// The data set's folder.
+        path: PathBuf,
+        /// The reasons, each with the number of views and the first of them.
+        skipped: Vec<String>,
+    },
+    /// A list of a data set's split that names none of its frames.
+    #[error(
+        "{}: {key} names no frame of the file: it begins with `{first}`, the frames with `{frame}`; correct the \
+         names or remove the list",
+        one_line(path)
+    )]
+    SplitMatchesNothing {
+        /// The file.
+        path: PathBuf,
+        /// The key of the list.
+        key: &'static str,
+        /// The first name in the list.
+        first: String,
+        /// The name of the first frame.
+        frame: String,
+    },
     /// A text file in UTF-16.
     #[error("{}: is text in UTF-16, but must be in UTF-8; save it again with that encoding", one_line(path))]
     NotUtf8 {

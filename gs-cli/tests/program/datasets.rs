@@ -31,8 +31,10 @@ fn info_describes_a_data_set() {
         assert!((57.0..65.0).contains(&degrees), "{info}");
         let text = gs(["info", path]).done().stdout;
         assert!(text.contains("Nerfstudio data set") && text.contains("40x30 px"), "{text}");
+        assert!(text.contains("split               none, no view held out") && info["split"] == "none", "{text}");
         assert!(
-            text.contains("1 image skipped: no image file (first: gone.png)") && text.contains("no points"),
+            text.contains("1 image skipped: no image file (first: gone.png: its folder has 1 other image")
+                && text.contains("no points"),
             "{text}"
         );
     }
@@ -105,7 +107,7 @@ fn text_of_a_data_set_does_not_reach_the_terminal_raw() {
     write(json!({ "camera_angle_x": 1.0, "ply_file_path": HOSTILE, "frames": frames }));
     let path = place.path().to_str().unwrap();
     let info = gs(["info", path]).done().stdout;
-    assert!(is_harmless(&info) && info.contains(&format!("(first: {PRINTED})")), "{info:?}");
+    assert!(is_harmless(&info) && info.contains(&format!("(first: {PRINTED}: ")), "{info:?}");
     assert!(info.contains(&format!("no points: there is no file {PRINTED}")), "{info:?}");
     let info = gs(["info", path, "--json"]).done().stdout;
     assert!(is_harmless(&info), "{info:?}");

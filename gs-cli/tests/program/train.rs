@@ -93,6 +93,7 @@ fn a_time_limit_chooses_settings_and_keeps_them() {
     assert!(run.stderr.contains("after a trial of") && run.stderr.contains("with 300 Gaussians"), "{}", run.stderr);
     let summary: Value = serde_json::from_str(&fs::read_to_string(output.join("summary.json")).unwrap()).unwrap();
     assert!(summary["total_seconds"].as_f64().unwrap() < 12.5, "{summary}");
+    assert_eq!(summary["split"], serde_json::json!({"every": 8}));
     for (minutes, expected) in [("0", "above 0"), ("1e-9", "too short")] {
         let run = train(minutes);
         assert!(run.status == Some(2) && run.stderr.contains(expected), "{}", run.stderr);

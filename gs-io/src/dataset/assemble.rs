@@ -13,12 +13,13 @@ use gs_core::{Camera, constants::NEAR_WORLD};
 
 use super::{
     CubeFace, Dataset, DatasetKind, DatasetSettings, DepthFile, Distortion, Lens, Point, Remark, Skip, SourceCamera,
-    Split, View, WorldPoint,
+    Split, SplitOrigin, View, WorldPoint,
     cube::{is_two_to_one, shows_all_directions},
     depth,
+    finder::Finder,
     place::Place,
     pose::Pose,
-    shrink,
+    shrink, split,
     tally::Tally,
 };
 use crate::{
@@ -26,6 +27,10 @@ use crate::{
     error::Error,
     image::{ImageHeader, ImageRemark, Orientation, decode, read_header},
 };
+
+/// How much closer a principal point must be to the centre of the upright image than to that of the
+/// image as it is stored to decide for the upright one.
+const UPRIGHT_FACTOR: f64 = 2.0;
 
 /// A view as the data set describes it.
 #[derive(Debug, Clone)]
@@ -35,10 +40,11 @@ pub(super) struct Draft {
     pub(super) file: Option<PathBuf>,
     pub(super) mask: Option<PathBuf>,
     pub(super) depth: Option<DepthFile>,
-    pub(super) intrinsics: Result<Intrinsics, Skip>,
+    /// The intrinsics, or why the view is left out.
+    pub(super) intrinsics: Result<Intrinsics, Refusal>,
     /// Where the intrinsics come from, for messages.
     pub(super) stated: Stated,
-    pub(super) pose: Option<Pose>,
+    pub(super) pose: Result<Pose, Skip>,
     /// `None` if the data set does not say.
     pub(super) split: Option<Split>,
 }
@@ -46,7 +52,9 @@ pub(super) struct Draft {
 impl Draft {
     /// Takes the pose, and the unit of depths, from the world to a frame.
     fn move_to(&mut self, frame: &WorldFrame) {
-        self.pose = self.pose.map(|pose| pose.in_frame(frame)).filter(|pose| pose.translation.as_vec3().is_finite());
+        let is_finite = |pose: &Pose| pose.translation.as_vec3().is_finite();
+        let pose = self.pose.map(|pose| pose.in_frame(frame));
+        self.pose = pose.and_then(|pose| is_finite(&pose).then_some(pose).ok_or(Skip::BadPose));
         if let Some(DepthFile { unit: Some(unit), .. }) = &mut self.depth {
             *unit = (f64::from(*unit) / frame.unit) as f32;
         }
@@ -64,10 +72,12 @@ pub(super) struct Stated {
 impl fmt::Display for Stated {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let number = |(name, value): &(&str, f64)| match value.abs() {
-            1e-3..1e6 => format!("{name} = {value}"),
+            0.0 | 1e-3..1e6 => format!("{name} = {value}"),
             _ => format!("{name} = {value:e}"),
         };
-        let numbers: Vec<String> = self.numbers.iter().filter(|(_, value)| *value != 0.0).map(number).collect();
+        // Most coefficients of lenses are 0.
+        let says = |(name, value): &&(&str, f64)| *value != 0.0 || !name.starts_with(['k', 'p', 's']);
+        let numbers: Vec<String> = self.numbers.iter().filter(says).map(number).collect();
         write!(f, "{} has {}", self.place, numbers.join(", "))
     }
 }
@@ -96,8 +106,11 @@ impl Intrinsics {
         let focal = match self.focal {
             Focal::Lengths(focal) => focal,
             Focal::Sphere => calibrated / dvec2(TAU, PI),
-            Focal::Angles(x, None) => DVec2::splat(0.5 * calibrated.x / (0.5 * x).tan()),
-            Focal::Angles(x, Some(y)) => 0.5 * calibrated / dvec2((0.5 * x).tan(), (0.5 * y).tan()),
+            Focal::Angles(x, y) => {
+                let length = |side: f64, angle: Option<f64>| angle.map(|angle| 0.5 * side / (0.5 * angle).tan());
+                let (x, y) = (length(calibrated.x, x), length(calibrated.y, y));
+                dvec2(x.or(y).unwrap_or(f64::NAN), y.or(x).unwrap_or(f64::NAN))
+            }
         };
         let center = self.center.unwrap_or(0.5 * calibrated) * scale;
         SourceCamera { width, height, focal: focal * scale, center, lens }
@@ -109,8 +122,8 @@ impl Intrinsics {
 pub(super) enum Focal {
     /// Focal lengths, px.
     Lengths(DVec2),
-    /// Horizontal and vertical angle of view, rad. Without the second, pixels are square.
-    Angles(f64, Option<f64>),
+    /// Horizontal and vertical angle of view, rad. Without one of them, pixels are square.
+    Angles(Option<f64>, Option<f64>),
     /// All directions: 2π over the width, π over the height.
     Sphere,
 }
@@ -131,16 +144,17 @@ pub(super) struct Parts<'a> {
     pub(super) points: Vec<WorldPoint>,
     /// Folders that may contain the images; the first with an image of the name is used.
     pub(super) places: Vec<Place>,
+    /// Where the data set states its split; `None` if it has none.
+    pub(super) split: Option<SplitOrigin>,
     pub(super) remarks: Vec<Remark>,
 }
 
 /// Assembles the data set.
 pub(super) fn assemble(parts: Parts<'_>, settings: &DatasetSettings) -> Result<Dataset, Error> {
-    let Parts { kind, root, mut drafts, points, places, mut remarks } = parts;
+    let Parts { kind, root, mut drafts, points, places, split, mut remarks } = parts;
     let found = drafts.len();
-    let has =
-        |place: &Place| drafts.iter().filter_map(|draft| draft.file.as_ref()).any(|file| place.find(file).is_some());
-    let place = places.iter().find(|place| has(place));
+    let files: Vec<&Path> = drafts.iter().filter_map(|draft| draft.file.as_deref()).collect();
+    let mut finder = Finder::new(root, &places, &files, &search_folders(root, settings));
     let mut tally = Tally::default();
     let mut names = HashSet::new();
     // The first in the file is kept of two views with the same name.
@@ -162,9 +176,12 @@ pub(super) fn assemble(parts: Parts<'_>, settings: &DatasetSettings) -> Result<D
     // Of each image, its number of views and its split in the data set.
     let (mut views, mut images) = (Vec::new(), Vec::new());
     for draft in &drafts {
-        match make_views(draft, place, settings, &mut lenses) {
-            Ok(Made { views: made, calibrated, remarks }) => {
+        match make_views(draft, &mut finder, settings, &mut lenses) {
+            Ok(Made { views: made, calibrated, renamed, remarks }) => {
                 tally.count(&made[0], calibrated, &remarks);
+                if renamed {
+                    tally.count_renamed(&draft.name, root, &made[0].image);
+                }
                 if let Some(Err(error)) = made[0].depth.as_ref().map(|depth| depth::check(&depth.path, &made[0].source))
                 {
                     tally.count_bad_depth(&error);
@@ -172,6 +189,10 @@ pub(super) fn assemble(parts: Parts<'_>, settings: &DatasetSettings) -> Result<D
                 unused_depths += usize::from(draft.depth.is_some() && made[0].depth.is_none());
                 images.push((made.len(), draft.split));
                 views.extend(made);
+            }
+            Err(Refusal { why: Skip::NoImage, .. }) if !tally.has(Skip::NoImage) => {
+                let detail = draft.file.as_ref().and_then(|file| finder.near(file));
+                tally.skip(&draft.name, Skip::NoImage, detail);
             }
             Err(Refusal { why, detail }) => tally.skip(&draft.name, why, detail),
         }
@@ -187,6 +208,10 @@ pub(super) fn assemble(parts: Parts<'_>, settings: &DatasetSettings) -> Result<D
         return Err(Error::UnsplitPanorama { path: view.image.clone() });
     }
     remarks.extend(tally.remarks());
+    if let Some(place) = finder.place().filter(|_| finder.elsewhere) {
+        let folder = place.folder.strip_prefix(root).unwrap_or(&place.folder);
+        remarks.push(Remark::OtherFolder { folder: folder.display().to_string() });
+    }
     if unused_depths > 0 {
         remarks.push(Remark::DepthsUnused { count: unused_depths });
     }
@@ -198,14 +223,20 @@ pub(super) fn assemble(parts: Parts<'_>, settings: &DatasetSettings) -> Result<D
     if points.is_empty() && !remarks.iter().any(|remark| matches!(remark, Remark::PointsMissing { .. })) {
         remarks.push(Remark::NoPoints);
     }
-    split(&mut views, &images, settings, &mut remarks);
+    let Some(split) = split::apply(split, &mut views, &images, settings.test_every, &mut remarks) else {
+        let skipped = remarks.iter().filter(|remark| matches!(remark, Remark::Skipped { .. }));
+        return Err(Error::NoTrainingViews {
+            path: root.to_owned(),
+            skipped: skipped.map(ToString::to_string).collect(),
+        });
+    };
     views.sort_by(|a, b| a.name.cmp(&b.name));
-    Ok(Dataset { kind, root: root.to_owned(), frame, views, points, remarks })
+    Ok(Dataset { kind, root: root.to_owned(), frame, views, points, split, remarks })
 }
 
 /// The frame that suits the poses and points of a data set.
 fn frame_of(drafts: &[Draft], points: &[WorldPoint]) -> WorldFrame {
-    let cameras: Vec<DVec3> = drafts.iter().filter_map(|draft| Some(draft.pose?.position())).collect();
+    let cameras: Vec<DVec3> = drafts.iter().filter_map(|draft| Some(draft.pose.ok()?.position())).collect();
     let points: Vec<DVec3> = points.iter().map(|point| point.position).collect();
     WorldFrame::of(&cameras, &points)
 }
@@ -226,25 +257,12 @@ fn unsplit_panorama(views: &[View]) -> Option<&View> {
     shows_all_directions(&image).then_some(first)
 }
 
-/// Applies the data set's own split or, if it has no test views, that of the settings. `images` has
-/// the number of views of each image, and its split in the data set: the faces of a 360° image stay
-/// together, because each shows what its neighbours border on.
-fn split(views: &mut [View], images: &[(usize, Option<Split>)], settings: &DatasetSettings, remarks: &mut Vec<Remark>) {
-    let stored_holds_out = images.iter().any(|(_, split)| split.is_some_and(|split| split != Split::Train));
-    let mut rest = &mut *views;
-    for (i, &(count, stored)) in images.iter().enumerate() {
-        let split = match (stored_holds_out, settings.test_every) {
-            (true, _) => stored.unwrap_or(Split::Train),
-            (false, Some(every)) if i.is_multiple_of(every.get() as usize) => Split::Test,
-            (false, _) => Split::Train,
-        };
-        let (of_image, others) = rest.split_at_mut(count);
-        of_image.iter_mut().for_each(|view| view.split = split);
-        rest = others;
-    }
-    if views.iter().all(|view| view.split != Split::Train) {
-        views.iter_mut().for_each(|view| view.split = Split::Train);
-        remarks.push(Remark::NothingHeldOut);
+/// Folders below which images are searched that are in none of the usual ones.
+fn search_folders(root: &Path, settings: &DatasetSettings) -> Vec<PathBuf> {
+    match (&settings.image_folder, settings.allow_outside) {
+        (Some(_), _) => Vec::new(),
+        (None, false) => vec![root.to_owned()],
+        (None, true) => vec![root.to_owned(), root.join("..")],
     }
 }
 
@@ -254,14 +272,17 @@ struct Made {
     views: Vec<View>,
     /// Columns and rows of its camera's calibration.
     calibrated: (u64, u64),
+    /// Whether the name of its file differs from that of the data set.
+    renamed: bool,
     /// Remarks on its image file.
     remarks: Vec<ImageRemark>,
 }
 
 /// Why a view cannot be used, with details if there are any.
-struct Refusal {
-    why: Skip,
-    detail: Option<String>,
+#[derive(Debug, Clone)]
+pub(super) struct Refusal {
+    pub(super) why: Skip,
+    pub(super) detail: Option<String>,
 }
 
 impl From<Skip> for Refusal {
@@ -271,36 +292,40 @@ impl From<Skip> for Refusal {
 }
 
 impl Refusal {
+    pub(super) fn new(why: Skip, detail: String) -> Self {
+        Self { why, detail: Some(detail) }
+    }
+
     /// A refusal because of a file that cannot be read. The view's name replaces the path at the
     /// beginning of the error.
     fn of_file(why: Skip, path: &Path, error: &Error) -> Self {
         let text = error.to_string();
         let detail = text.strip_prefix(&format!("{}: ", path.display())).unwrap_or(&text);
-        Self { why, detail: Some(detail.to_owned()) }
+        Self::new(why, detail.to_owned())
     }
 }
 
 /// Makes the views of an image that fits its camera.
 fn make_views(
     draft: &Draft,
-    place: Option<&Place>,
+    finder: &mut Finder<'_>,
     settings: &DatasetSettings,
     lenses: &mut Lenses,
 ) -> Result<Made, Refusal> {
-    let bad_camera = |fault: &str| Refusal { why: Skip::BadCamera, detail: Some(format!("{fault}; {}", draft.stated)) };
-    let intrinsics = draft.intrinsics?;
-    let pose = draft.pose.ok_or(Skip::BadPose)?;
-    let (place, file) = place.zip(draft.file.as_ref()).ok_or(Skip::NoImage)?;
-    let image = place.find(file).ok_or(Skip::NoImage)?;
+    let bad_camera = |fault: &str| Refusal::new(Skip::BadCamera, format!("{fault}; {}", draft.stated));
+    let intrinsics = draft.intrinsics.clone()?;
+    let pose = draft.pose?;
+    let found = draft.file.as_ref().and_then(|file| finder.find(file)).ok_or(Skip::NoImage)?;
+    let (image, shrunk) = (found.path, finder.place().map_or(1.0, |place| place.shrunk));
     let header = read_header(&image).map_err(|error| Refusal::of_file(Skip::BadImage, &image, &error))?;
-    let (orientation, size, calibrated) = fit(&intrinsics, &header, place.shrunk)?;
+    let (orientation, size, calibrated) = fit(&intrinsics, &header, shrunk)?;
     if let Some(mask) = &draft.mask {
         check_mask(mask, size)?;
     }
     let panorama = intrinsics.focal == Focal::Sphere;
     if panorama && !is_two_to_one(size) {
         let detail = format!("it is {}x{} px", size.0, size.1);
-        return Err(Refusal { why: Skip::Panorama, detail: Some(detail) });
+        return Err(Refusal::new(Skip::Panorama, detail));
     }
     let lens = lenses.get(intrinsics.distortion).ok_or_else(|| bad_camera("no such lens is possible"))?;
     let source = intrinsics.source(calibrated, size, lens);
@@ -328,7 +353,7 @@ fn make_views(
         false => vec![view(draft.name.clone(), source, &pose)?],
     };
     let calibrated = (calibrated.x.round() as u64, calibrated.y.round() as u64);
-    Ok(Made { views, calibrated, remarks: header.remarks })
+    Ok(Made { views, calibrated, renamed: found.renamed, remarks: header.remarks })
 }
 
 /// Checks that a mask can be read and has the shape of its image.
@@ -356,19 +381,27 @@ fn camera(pinhole: &SourceCamera, pose: &Pose) -> Result<Camera, Skip> {
 
 /// The orientation in which an image fits its camera, its size in that orientation, and the size of
 /// the calibration.
-fn fit(intrinsics: &Intrinsics, sizes: &ImageHeader, shrunk: f64) -> Result<(Orientation, (u32, u32), DVec2), Skip> {
+fn fit(intrinsics: &Intrinsics, sizes: &ImageHeader, shrunk: f64) -> Result<(Orientation, (u32, u32), DVec2), Refusal> {
     let ways = [(Orientation::AsStored, sizes.stored), (Orientation::Exif, sizes.upright)];
+    let sides = |(width, height): (u32, u32)| dvec2(f64::from(width), f64::from(height));
     let Some(size) = intrinsics.size else {
-        let (width, height) = sizes.stored;
-        return Ok((Orientation::AsStored, sizes.stored, dvec2(f64::from(width), f64::from(height)) * shrunk));
+        // Of a camera without size, the principal point is near the centre of the right way.
+        let distance = |side| intrinsics.center.map_or(0.0, |center| center.distance(0.5 * shrunk * sides(side)));
+        let is_upright = UPRIGHT_FACTOR * distance(sizes.upright) < distance(sizes.stored);
+        let (orientation, side) = ways[usize::from(is_upright)];
+        return Ok((orientation, side, sides(side) * shrunk));
+    };
+    let refusal = |why| {
+        let ((width, height), DVec2 { x, y }) = (sizes.stored, size);
+        Refusal::new(why, format!("the camera has {x}x{y} px, the image {width}x{height} px"))
     };
     if !(size.min_element() >= 1.0) || !size.is_finite() {
-        return Err(Skip::BadCamera);
+        return Err(refusal(Skip::BadCamera));
     }
-    let equal = |(width, height): (u32, u32)| dvec2(f64::from(width), f64::from(height)) == size;
     let similar = |side: (u32, u32)| same_shape(side, (size.x, size.y));
-    let way = ways.iter().find(|(_, side)| equal(*side)).or_else(|| ways.iter().find(|(_, side)| similar(*side)));
-    way.map(|&(orientation, side)| (orientation, side, size)).ok_or(Skip::OtherShape)
+    let way =
+        ways.iter().find(|(_, side)| sides(*side) == size).or_else(|| ways.iter().find(|(_, side)| similar(*side)));
+    way.map(|&(orientation, side)| (orientation, side, size)).ok_or_else(|| refusal(Skip::OtherShape))
 }
 
 /// Caches lenses, which neighbouring views share: checking one for folds takes a millisecond.

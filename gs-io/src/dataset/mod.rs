@@ -18,7 +18,9 @@ mod colmap;
 mod cube;
 mod depth;
 mod distortion;
+mod finder;
 mod lens;
+mod names;
 mod place;
 mod point_cloud;
 mod pose;
@@ -27,6 +29,7 @@ mod remark;
 mod resample;
 mod shrink;
 mod source_camera;
+mod split;
 mod tally;
 mod transforms;
 
@@ -49,6 +52,7 @@ pub use self::{
     posed_image::{PosedImage, read_images},
     remark::{Remark, Skip},
     source_camera::SourceCamera,
+    split::{Split, SplitOrigin},
 };
 use crate::{WorldFrame, atomic::open, error::Error, image::Orientation, scene3d::Format3d};
 
@@ -137,18 +141,6 @@ impl DatasetKind {
     }
 }
 
-/// The purpose of a view.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Split {
-    /// Training.
-    Train,
-    /// Choosing settings: Blender's `transforms_val.json`.
-    Validation,
-    /// Evaluation only.
-    Test,
-}
-
 /// A data set of posed images, with the points that were triangulated from them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Dataset {
@@ -162,6 +154,8 @@ pub struct Dataset {
     pub views: Vec<View>,
     /// Points of the scene; often none (Blender).
     pub points: Vec<Point>,
+    /// Where the split comes from.
+    pub split: SplitOrigin,
     /// Remarks on what was left out, scaled or undistorted.
     pub remarks: Vec<Remark>,
 }
@@ -242,7 +236,9 @@ pub fn may_be_dataset(path: &Path) -> bool {
 /// # Errors
 /// [`Error::Missing`], [`Error::NotADataset`], [`Error::NoViews`], [`Error::LeavesDataset`]; for
 /// its files [`Error::Read`], [`Error::Damaged`], [`Error::DamagedLine`], [`Error::DamagedJson`],
-/// [`Error::UnknownCameraModel`], [`Error::NotAPointCloud`], and [`Error::UnsplitPanorama`].
+/// [`Error::NotUtf8`], [`Error::UnknownCameraModel`], [`Error::NotAPointCloud`], and
+/// [`Error::UnsplitPanorama`]; for its split [`Error::NoTrainingViews`] and
+/// [`Error::SplitMatchesNothing`].
 pub fn read_dataset(path: impl AsRef<Path>, settings: &DatasetSettings) -> Result<Dataset, Error> {
     let path = path.as_ref();
     let metadata = std::fs::metadata(path).map_err(|source| Error::read(path, source))?;

@@ -5,14 +5,14 @@ use std::{
     path::{Component, Path, PathBuf},
 };
 
-use super::DatasetSettings;
+use super::{
+    DatasetSettings,
+    names::{self, EXTENSIONS},
+};
 use crate::{error::Error, image::image_files};
 
 /// Folders that are searched for images if none is given, the largest images first.
 pub(super) const IMAGE_FOLDERS: [&str; 4] = ["images", "images_2", "images_4", "images_8"];
-
-/// Extensions that are tried, in this order, if a file has no extension or does not exist.
-const EXTENSIONS: [&str; 12] = ["png", "jpg", "jpeg", "PNG", "JPG", "JPEG", "webp", "tif", "tiff", "bmp", "ppm", "gif"];
 
 /// A folder that may contain images.
 #[derive(Debug, Clone)]
@@ -43,17 +43,23 @@ impl Place {
 
     /// A folder whose name ends in `_4` contains images of a quarter of the size.
     pub(super) fn new(root: &Path, name: &str, part: NamePart) -> Self {
-        let shrunk = name.rsplit_once('_').and_then(|(_, factor)| factor.parse::<u32>().ok()).filter(|f| *f > 0);
-        Self { folder: root.join(name), part, shrunk: shrunk.map_or(1.0, f64::from) }
+        let folder = root.join(name);
+        let last = folder.file_name().unwrap_or_default().to_string_lossy();
+        let shrunk = last.rsplit_once('_').and_then(|(_, factor)| factor.parse::<u32>().ok()).filter(|f| *f > 0);
+        Self { shrunk: shrunk.map_or(1.0, f64::from), folder, part }
     }
 
     /// The file of the image of this name.
     pub(super) fn find(&self, file: &Path) -> Option<PathBuf> {
-        let path = match self.part {
+        find_image(&self.expected(file))
+    }
+
+    /// The path of the image of this name, whether it exists or not.
+    pub(super) fn expected(&self, file: &Path) -> PathBuf {
+        match self.part {
             NamePart::Path => self.folder.join(file),
-            NamePart::FileName => self.folder.join(file.file_name()?),
-        };
-        find_image(&path)
+            NamePart::FileName => self.folder.join(file.file_name().unwrap_or_default()),
+        }
     }
 }
 
@@ -80,7 +86,7 @@ pub(super) fn check_inside<'n>(
     names: impl IntoIterator<Item = (&'static str, &'n str)>,
     settings: &DatasetSettings,
 ) -> Result<(), Error> {
-    let mut leaving = names.into_iter().filter(|(_, name)| !settings.allow_outside && leaves(root, Path::new(name)));
+    let mut leaving = names.into_iter().filter(|(_, name)| !settings.allow_outside && leaves(root, name));
     let Some((key, name)) = leaving.next() else { return Ok(()) };
     let more = leaving.count();
     Err(Error::LeavesDataset { path: file.to_owned(), key, name: name.to_owned(), more })
@@ -88,11 +94,16 @@ pub(super) fn check_inside<'n>(
 
 /// Whether a path, joined to a folder, leaves it. Links are not checked: whoever may put files into
 /// the folder may put links there.
-fn leaves(folder: &Path, path: &Path) -> bool {
+fn leaves(folder: &Path, name: &str) -> bool {
+    let plain = names::plain(name);
+    let path = Path::new(&plain);
     let up = |part| matches!(part, Component::ParentDir);
     if path.is_absolute() {
         let inside = |folder: io::Result<PathBuf>| folder.is_ok_and(|folder| path.starts_with(folder));
         return path.components().any(up) || !(inside(std::path::absolute(folder)) || inside(fs::canonicalize(folder)));
+    }
+    if names::is_windows_absolute(name) {
+        return true;
     }
     let mut depth = 0_usize;
     path.components().any(|part| match part {

@@ -2,6 +2,7 @@
 
 use glam::{DMat3, DQuat, DVec3, dvec3};
 
+use super::Skip;
 use crate::WorldFrame;
 
 /// Tolerance of a rotation matrix, for any element of MᵀM − 1. Text with six digits and `f32`
@@ -17,32 +18,44 @@ pub(super) struct Pose {
 
 impl Pose {
     /// The pose of COLMAP's world-to-camera form, with a quaternion of any length but 0.
-    pub(super) fn world_to_camera(rotation: DQuat, translation: DVec3) -> Option<Self> {
+    ///
+    /// # Errors
+    /// [`Skip::PoseNotFinite`], [`Skip::BadPose`].
+    pub(super) fn world_to_camera(rotation: DQuat, translation: DVec3) -> Result<Self, Skip> {
         let norm = rotation.length();
-        if !(norm > 1e-6) || !norm.is_finite() || !translation.as_vec3().is_finite() {
-            return None;
+        if !norm.is_finite() || !translation.is_finite() {
+            return Err(Skip::PoseNotFinite);
         }
-        Some(Self { rotation: DMat3::from_quat(rotation / norm), translation })
+        if !(norm > 1e-6) || !translation.as_vec3().is_finite() {
+            return Err(Skip::BadPose);
+        }
+        Ok(Self { rotation: DMat3::from_quat(rotation / norm), translation })
     }
 
     /// The pose of Blender's and Nerfstudio's form: 3 or 4 rows of a camera-to-world matrix with
     /// camera axes right, up, back (OpenGL). A uniform scale, as of a scaled camera object in
-    /// Blender, does not change the picture and is ignored. `None` if the matrix is anything but
-    /// rotation, translation and uniform scale.
-    pub(super) fn camera_to_world(rows: &[Vec<f64>]) -> Option<Self> {
-        let (linear, position) = affine(rows)?;
+    /// Blender, does not change the picture and is ignored.
+    ///
+    /// # Errors
+    /// [`Skip::PoseNotFinite`]; [`Skip::BadPose`] if the matrix is anything but rotation, translation
+    /// and uniform scale.
+    pub(super) fn camera_to_world(rows: &[Vec<f64>]) -> Result<Self, Skip> {
+        if rows.iter().flatten().any(|value| !value.is_finite()) {
+            return Err(Skip::PoseNotFinite);
+        }
+        let (linear, position) = affine(rows).ok_or(Skip::BadPose)?;
         let scale = linear.determinant().cbrt();
         if !(scale > 1e-9) || !position.as_vec3().is_finite() {
-            return None;
+            return Err(Skip::BadPose);
         }
         let turned = linear * (1.0 / scale);
         if !(turned.transpose() * turned).abs_diff_eq(DMat3::IDENTITY, ROTATION_TOLERANCE) {
-            return None;
+            return Err(Skip::BadPose);
         }
         // Orthonormalises the matrix, then converts (right, up, back) to (right, down, forward).
         let turned = DMat3::from_quat(DQuat::from_mat3(&turned).normalize());
         let rotation = DMat3::from_cols(turned.x_axis, -turned.y_axis, -turned.z_axis).transpose();
-        Some(Self { rotation, translation: -(rotation * position) })
+        Ok(Self { rotation, translation: -(rotation * position) })
     }
 
     /// Position of the camera in the world.
@@ -95,21 +108,25 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_pose_is_none() {
+    fn what_is_no_pose_is_refused() {
         let spoilt = |i: usize, j: usize, value: f64| {
             let mut matrix = ABOVE;
             matrix[i][j] = value;
             Pose::camera_to_world(&rows(matrix))
         };
         for (i, j, value) in [(0, 0, -1.0), (0, 0, 2.0), (0, 1, 0.1), (1, 3, f64::NAN), (0, 0, 0.0), (3, 0, 1.0)] {
-            assert_eq!(spoilt(i, j, value), None, "{value} at ({i}, {j})");
+            let why = if value.is_nan() { Skip::PoseNotFinite } else { Skip::BadPose };
+            assert_eq!(spoilt(i, j, value), Err(why), "{value} at ({i}, {j})");
         }
-        assert_eq!(spoilt(2, 3, 1e300), None, "beyond f32");
-        assert_eq!(Pose::camera_to_world(&rows(ABOVE)[..2]), None);
-        assert_eq!(Pose::camera_to_world(&[vec![1.0], vec![], vec![]]), None);
-        assert_eq!(Pose::world_to_camera(DQuat::from_xyzw(0.0, 0.0, 0.0, 0.0), DVec3::ZERO), None);
-        assert_eq!(Pose::world_to_camera(DQuat::from_xyzw(f64::NAN, 0.0, 0.0, 1.0), DVec3::ZERO), None);
-        assert_eq!(Pose::world_to_camera(DQuat::IDENTITY, DVec3::splat(f64::INFINITY)), None);
+        assert_eq!(spoilt(2, 3, 1e300), Err(Skip::BadPose), "beyond f32");
+        assert_eq!(Pose::camera_to_world(&rows(ABOVE)[..2]), Err(Skip::BadPose));
+        assert_eq!(Pose::camera_to_world(&[vec![1.0], vec![], vec![]]), Err(Skip::BadPose));
+        assert_eq!(Pose::world_to_camera(DQuat::from_xyzw(0.0, 0.0, 0.0, 0.0), DVec3::ZERO), Err(Skip::BadPose));
+        assert_eq!(
+            Pose::world_to_camera(DQuat::from_xyzw(f64::NAN, 0.0, 0.0, 1.0), DVec3::ZERO),
+            Err(Skip::PoseNotFinite)
+        );
+        assert_eq!(Pose::world_to_camera(DQuat::IDENTITY, DVec3::splat(f64::INFINITY)), Err(Skip::PoseNotFinite));
         let doubled = Pose::world_to_camera(DQuat::IDENTITY * 2.0, DVec3::ONE).unwrap();
         assert_eq!(doubled.rotation, DMat3::IDENTITY);
     }

@@ -18,10 +18,25 @@ pub enum Remark {
         why: Skip,
         /// Number of views.
         count: usize,
-        /// Name of the first, in the order of the data set.
+        /// Name of the first; the first few names if the image files do not exist.
         first: String,
         /// Details about the first, if there are any.
         detail: Option<String>,
+    },
+    /// Image files whose names differ from those in the data set in letter case, Unicode form,
+    /// separators or extension.
+    Renamed {
+        /// Number of images.
+        count: usize,
+        /// Name of the first.
+        first: String,
+        /// Its file.
+        file: String,
+    },
+    /// The image files are in another folder than the data set says.
+    OtherFolder {
+        /// The folder.
+        folder: String,
     },
     /// A remark on image files.
     Image {
@@ -115,6 +130,44 @@ pub enum Remark {
     },
     /// The split would leave no view for training, so every view is used for training.
     NothingHeldOut,
+    /// The data set has a split without usable test or validation views.
+    NoTestViews,
+    /// The data set has no usable test views, so that its validation views are held out for tests.
+    ValidationTested {
+        /// Number of views.
+        count: usize,
+    },
+    /// Names in the lists of a split that fit a frame only without regard to folder, letter case or
+    /// extension.
+    ListedOtherwise {
+        /// Number of names.
+        count: usize,
+        /// The first.
+        listed: String,
+        /// The name of its frame.
+        frame: String,
+    },
+    /// Names in the lists of a split that belong to no frame.
+    ListedWithoutFrame {
+        /// Number of names.
+        count: usize,
+        /// The first.
+        first: String,
+    },
+    /// Frames that are listed both for training and as held out. They are held out.
+    ListedTwice {
+        /// Number of frames.
+        count: usize,
+        /// The name of the first.
+        first: String,
+    },
+    /// Frames in no list are used for training, because there is no list for training.
+    UnlistedTrained {
+        /// Number of frames.
+        count: usize,
+        /// The name of the first.
+        first: String,
+    },
 }
 
 /// Why a view cannot be used.
@@ -136,10 +189,16 @@ pub enum Skip {
     BadCamera,
     /// A 360° image that is not twice as wide as high.
     Panorama,
-    /// The pose is not finite or not a rotation.
+    /// The pose has NaN or infinite numbers.
+    PoseNotFinite,
+    /// The pose is not a rotation, or its position is out of range.
     BadPose,
     /// An earlier view has the same name.
     SameName,
+    /// The data set lists the views for training and for tests, and this one in neither list.
+    Unlisted,
+    /// The data set marks the image as bad.
+    MarkedBad,
 }
 
 impl fmt::Display for Skip {
@@ -152,8 +211,11 @@ impl fmt::Display for Skip {
             Self::NoCamera => "the camera is not in the model",
             Self::BadCamera => "the camera's size, focal lengths or lens are not possible",
             Self::Panorama => "a 360° image (equirectangular) must be twice as wide as high",
-            Self::BadPose => "the pose is not finite or not a rotation",
+            Self::PoseNotFinite => "the pose contains NaN or infinity",
+            Self::BadPose => "the pose is not a rotation, or its position is out of range",
             Self::SameName => "another view has the same name",
+            Self::Unlisted => "not in any list of the data set's split",
+            Self::MarkedBad => "marked as bad in the data set",
         })
     }
 }
@@ -168,6 +230,12 @@ impl fmt::Display for Remark {
             Self::Skipped { why, count, first, detail } => {
                 let detail = detail.as_ref().map_or_else(String::new, |detail| format!(": {detail}"));
                 write!(f, "{} skipped: {why} (first: {first}{detail})", images(*count))
+            }
+            Self::Renamed { count, first, file } => {
+                write!(f, "{} found under a similar name (first: {file} for {first})", images(*count))
+            }
+            Self::OtherFolder { folder } => {
+                write!(f, "images taken from the folder {folder}, the only one that has them")
             }
             Self::Image { remark, count, first } => {
                 write!(f, "{}: {remark} (first: {first})", images(*count))
@@ -218,6 +286,34 @@ impl fmt::Display for Remark {
                 write!(f, "{} in the data set not read: only the first is", counted(*count, "more COLMAP model"))
             }
             Self::NothingHeldOut => f.write_str("no view held out for tests, because there are too few"),
+            Self::NoTestViews => f.write_str(
+                "no view held out for tests: the data set's split has no usable test or validation views, so quality \
+                 is measured on training views",
+            ),
+            Self::ValidationTested { count } => {
+                write!(f, "{} held out for tests: there are no usable test views", counted(*count, "validation view"))
+            }
+            Self::ListedOtherwise { count, listed, frame } => {
+                let names = counted(*count, "name");
+                write!(
+                    f,
+                    "{names} in the lists of the split taken for similar names of frames (first: {listed} for {frame})"
+                )
+            }
+            Self::ListedWithoutFrame { count, first } => {
+                write!(f, "{} in the lists of the split without a frame (first: {first})", counted(*count, "name"))
+            }
+            Self::ListedTwice { count, first } => {
+                let frames = counted(*count, "frame");
+                write!(f, "{frames} listed both for training and for tests or validation, held out (first: {first})")
+            }
+            Self::UnlistedTrained { count, first } => {
+                let frames = counted(*count, "frame");
+                write!(
+                    f,
+                    "{frames} in no list of the split used for training, as train_filenames is missing (first: {first})"
+                )
+            }
         }
     }
 }

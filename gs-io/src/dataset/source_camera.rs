@@ -88,12 +88,13 @@ impl SourceCamera {
         let (size, longer) = (self.size(), self.size().max_element());
         let of = format!("for an image of {}x{} px", self.width, self.height);
         let shares = self.focal / longer;
-        // True for NaN.
-        if !(shares.min_element() >= FOCAL_RANGE.0 && shares.max_element() <= FOCAL_RANGE.1) {
+        // True for NaN, which min_element and max_element may pass over.
+        let in_range = |share: f64| (FOCAL_RANGE.0..=FOCAL_RANGE.1).contains(&share);
+        if !(in_range(shares.x) && in_range(shares.y)) {
             let DVec2 { x, y } = self.focal;
             return Some(format!("focal lengths of {x:e} and {y:e} px {of}"));
         }
-        if !((self.center - 0.5 * size).abs().max_element() <= CENTER_RANGE * longer) {
+        if !(self.center - 0.5 * size).abs().cmple(DVec2::splat(CENTER_RANGE * longer)).all() {
             let DVec2 { x, y } = self.center;
             return Some(format!("a principal point at {x:e}, {y:e} px {of}"));
         }

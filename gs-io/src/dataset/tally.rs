@@ -1,6 +1,6 @@
 //! Counts remarks on the views of a data set, with the first view of each kind.
 
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, path::Path};
 
 use gs_core::Camera;
 
@@ -17,13 +17,33 @@ pub(super) struct Tally {
     reduced: Option<Remark>,
     bent: BTreeMap<&'static str, Remark>,
     bad_depths: Option<Remark>,
+    renamed: Option<Remark>,
 }
+
+/// The most images that are named if there is no file of theirs.
+const NAMED: usize = 3;
 
 impl Tally {
     /// Counts a view that is left out.
     pub(super) fn skip(&mut self, name: &str, why: Skip, detail: Option<String>) {
-        let first = || Remark::Skipped { why, count: 0, first: name.to_owned(), detail };
-        add(self.skipped.entry(why).or_insert_with(first));
+        let new = || Remark::Skipped { why, count: 0, first: name.to_owned(), detail };
+        let remark = self.skipped.entry(why).or_insert_with(new);
+        if let Remark::Skipped { why: Skip::NoImage, count: 1..NAMED, first, .. } = remark {
+            first.push_str(", ");
+            first.push_str(name);
+        }
+        add(remark);
+    }
+
+    /// Whether a view was left out for this reason.
+    pub(super) fn has(&self, why: Skip) -> bool {
+        self.skipped.contains_key(&why)
+    }
+
+    /// Counts an image whose file has another name than in the data set at `root`.
+    pub(super) fn count_renamed(&mut self, name: &str, root: &Path, file: &Path) {
+        let file = file.strip_prefix(root).unwrap_or(file).display().to_string();
+        add(self.renamed.get_or_insert_with(|| Remark::Renamed { count: 0, first: name.to_owned(), file }));
     }
 
     /// Counts a depth map that cannot be used.
@@ -56,7 +76,7 @@ impl Tally {
 
     /// All remarks.
     pub(super) fn remarks(self) -> Vec<Remark> {
-        let images = self.images.into_values();
+        let images = self.renamed.into_iter().chain(self.images.into_values());
         let sizes = self.split.into_iter().chain(self.scaled).chain(self.reduced);
         let rest = self.bent.into_values().chain(self.bad_depths);
         self.skipped.into_values().chain(images).chain(sizes).chain(rest).collect()
@@ -71,6 +91,7 @@ fn add(remark: &mut Remark) {
     | Remark::Reduced { count, .. }
     | Remark::Undistorted { count, .. }
     | Remark::DepthsUnusable { count, .. }
+    | Remark::Renamed { count, .. }
     | Remark::Split { count } = remark
     {
         *count += 1;

@@ -9,8 +9,12 @@ use gs_io::{
     dataset::{AlphaMeaning, CameraModel, Dataset, DatasetSettings, PosedImage, read_dataset},
 };
 use image::{ImageBuffer, ImageEncoder, Rgba, codecs::png::PngEncoder, metadata::Orientation as Exif};
+use serde_json::json;
 
-use super::made::{binary, colmap, folder, model, read, write_model};
+use super::{
+    made::{binary, colmap, folder, model, read, write_model},
+    transforms::nerfstudio,
+};
 
 /// A data set of one view with a camera of 64×48 px, this model and this picture.
 fn one_view(root: &std::path::Path, name: &str, parameters: &[f64], picture: &Image) -> Dataset {
@@ -154,23 +158,49 @@ fn an_image_that_changed_since_is_refused() {
     assert!(matches!(view.read_image(), Err(Error::Missing { .. })));
 }
 
+/// A PNG of these sides that is to be shown turned by a quarter.
+fn turned_png((width, height): (u32, u32)) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    let mut encoder = PngEncoder::new(&mut bytes);
+    let exif: Vec<u8> = [
+        &b"II\x2a\0\x08\0\0\0"[..], // little-endian, the first directory at 8
+        &[1, 0, 0x12, 1, 3, 0, 1, 0, 0, 0, Exif::Rotate90.to_exif(), 0, 0, 0], // one entry: orientation
+        &[0; 4],
+    ]
+    .concat();
+    encoder.set_exif_metadata(exif).unwrap();
+    let pixels = vec![7; 3 * (width * height) as usize];
+    encoder.write_image(&pixels, width, height, image::ExtendedColorType::Rgb8).unwrap();
+    bytes
+}
+
+#[test]
+fn a_principal_point_decides_the_orientation_where_no_size_is_given() {
+    for (center, expected) in [
+        (json!({"cx": 15.5, "cy": 19.0}), Orientation::Exif),
+        (json!({"cx": 20, "cy": 15}), Orientation::AsStored),
+        (json!({"cx": 17.5, "cy": 17.5}), Orientation::AsStored),
+        (json!({}), Orientation::AsStored),
+        (json!({"cx": 15, "cy": 20, "w": 40, "h": 30}), Orientation::AsStored),
+    ] {
+        let place = folder();
+        let mut fields = json!({"fl_x": 35.0});
+        fields.as_object_mut().unwrap().extend(center.as_object().unwrap().clone());
+        nerfstudio(place.path(), fields);
+        fs::write(place.path().join("images/a.png"), turned_png((40, 30))).unwrap();
+        let view = read(place.path()).views.remove(0);
+        assert_eq!(view.orientation, expected, "{center}");
+        let size = if expected == Orientation::Exif { (30, 40) } else { (40, 30) };
+        assert_eq!(view.read_image().unwrap().image.size(), size);
+    }
+}
+
 #[test]
 fn pictures_are_taken_as_stored_unless_only_the_turned_one_fits() {
     for (stored, expected) in [((40, 30), Orientation::AsStored), ((30, 40), Orientation::Exif)] {
         let place = folder();
         colmap(place.path(), 1);
-        let mut bytes = Vec::new();
-        let mut encoder = PngEncoder::new(&mut bytes);
-        let exif: Vec<u8> = [
-            &b"II\x2a\0\x08\0\0\0"[..], // little-endian, the first directory at 8
-            &[1, 0, 0x12, 1, 3, 0, 1, 0, 0, 0, Exif::Rotate90.to_exif(), 0, 0, 0], // one entry: orientation
-            &[0; 4],
-        ]
-        .concat();
-        encoder.set_exif_metadata(exif).unwrap();
-        let pixels = vec![7; 3 * 40 * 30];
-        encoder.write_image(&pixels, stored.0, stored.1, image::ExtendedColorType::Rgb8).unwrap();
-        fs::write(place.path().join("images/view 000.png"), bytes).unwrap();
+        fs::write(place.path().join("images/view 000.png"), turned_png(stored)).unwrap();
         let view = read(place.path()).views.remove(0);
         assert_eq!(view.orientation, expected);
         assert_eq!(view.read_image().unwrap().image.size(), (40, 30));

@@ -2,12 +2,15 @@
 
 mod colmap;
 mod depth;
+mod dialects;
 mod images;
 mod lens;
 mod made;
 mod mutated;
+mod names;
 mod panorama;
 mod real;
 mod refusals;
+mod splits;
 mod transforms;
 mod world;

@@ -101,9 +101,8 @@ fn cameras_that_cannot_be_are_refused_with_their_numbers() {
         (json!({"cy": -4100.0}), "a principal point at", "cy = -4100"),
         (json!({"fl_x": 1e-40}), "focal lengths of 1e-40", "fl_x = 1e-40"),
         (json!({"fl_x": 1e9}), "focal lengths of 1e9", "fl_x = 1e9"),
-        (json!({"fl_x": -35.0}), "focal lengths of -3.5e1", "fl_x = -35"),
         (json!({"fl_y": 1e-9}), "focal lengths of", "fl_y = 1e-9"),
-        (json!({"camera_angle_x": 3.15, "fl_x": null}), "focal lengths of -", "camera_angle_x = 3.15"),
+        (json!({"cx": 0, "cy": 1e30}), "a principal point at 0e0, 1e30", "cx = 0, cy = 1e30"),
     ] {
         transforms(place.path(), &[frame("a.png")], fields.clone());
         let error = refusal(place.path());

@@ -12,20 +12,20 @@ use serde_json::{Value, json};
 use super::made::{binary, folder, model, picture, read, refusal, skipped, write_model};
 
 /// Camera-to-world at (2, 3, 5), looking along −z with y up.
-fn pose() -> Value {
+pub(super) fn pose() -> Value {
     json!([[1.0, 0.0, 0.0, 2.0], [0.0, 1.0, 0.0, 3.0], [0.0, 0.0, 1.0, 5.0], [0.0, 0.0, 0.0, 1.0]])
 }
 
-fn frame(file: &str) -> Value {
+pub(super) fn frame(file: &str) -> Value {
     json!({"file_path": file, "transform_matrix": pose()})
 }
 
-fn write(root: &Path, name: &str, value: &Value) {
+pub(super) fn write(root: &Path, name: &str, value: &Value) {
     fs::write(root.join(name), value.to_string()).unwrap();
 }
 
 /// Two frames of 40×30 px, `images/a.png` and `images/b.png`, with these other fields.
-fn nerfstudio(root: &Path, fields: Value) {
+pub(super) fn nerfstudio(root: &Path, fields: Value) {
     for name in ["a", "b"] {
         picture(root.join(format!("images/{name}.png")), 40, 30);
     }
@@ -34,7 +34,7 @@ fn nerfstudio(root: &Path, fields: Value) {
     write(root, "transforms.json", &file);
 }
 
-fn pinhole() -> Value {
+pub(super) fn pinhole() -> Value {
     json!({"fl_x": 35.0, "fl_y": 36.0, "cx": 19.0, "cy": 16.0, "w": 40, "h": 30})
 }
 
@@ -229,11 +229,10 @@ fn broken_json_is_refused_in_one_line() {
         "{\"frames\": 3}",
         "{}",
         "{\"frames\": [{}]}",
+        "{\"frames\": NaN}",
         &nested,
         &good[..good.len() / 2],
-        &good.replace("35.0", "NaN"),
         &good.replace("35.0", "1e999"),
-        &good.replace("35.0", "\"wide\""),
     ] {
         fs::write(place.path().join("transforms.json"), bad).unwrap();
         assert!(refusal(place.path()).contains("transforms.json: "), "{bad:.40}");

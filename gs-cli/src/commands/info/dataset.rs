@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use gs_core::counted;
-use gs_io::dataset::{CubeFace, Dataset, DatasetKind, Distortion, Lens, SourceCamera, Split, View};
+use gs_io::dataset::{CubeFace, Dataset, DatasetKind, Distortion, Lens, SourceCamera, Split, SplitOrigin, View};
 use serde::Serialize;
 
 use crate::{
@@ -24,6 +24,7 @@ struct Info {
     train: usize,
     validation: usize,
     test: usize,
+    split: SplitOrigin,
     cameras: Vec<CameraInfo>,
     points: usize,
     masks: usize,
@@ -82,6 +83,7 @@ impl Info {
             train: count(Split::Train),
             validation: count(Split::Validation),
             test: count(Split::Test),
+            split: dataset.split,
             cameras: cameras.into_iter().map(|(_, camera)| camera).collect(),
             points: dataset.points.len(),
             masks: dataset.views.iter().filter(|view| view.mask.is_some()).count(),
@@ -118,6 +120,7 @@ fn text(info: &Info) -> String {
     let splits = [("train", info.train), ("validation", info.validation), ("test", info.test)];
     let splits: Vec<_> = splits.iter().filter(|(_, n)| *n > 0).map(|(name, n)| format!("{n} {name}")).collect();
     rows.push(("views", format!("{}: {}", info.views, splits.join(", "))));
+    rows.push(("split", info.split.to_string()));
     for camera in info.cameras.iter().take(CAMERAS_SHOWN) {
         let ([width, height], [fx, fy], [x, y]) = (camera.image, camera.focal, camera.field_of_view);
         let mut line = format!("{width}x{height} px, ");

@@ -76,7 +76,8 @@ pub(crate) fn run(args: &TrainArgs) -> Result<(), Failure> {
     let checkpoints = Checkpoints::prepare(&args.checkpoints, &folder, iterations, every, resumed, command(args))?;
     announce(args, &dataset, &description, &trainer);
     let seconds_before = resumed.map_or(0.0, |_| trainer.seconds());
-    let results = Results { args, folder: &folder, backend: &backend, started, seconds_before };
+    let split = dataset.split;
+    let results = Results { args, folder: &folder, backend: &backend, split, started, seconds_before };
     let end = limit.map(|limit| limit.end_of_training());
     training::run(&args.output, &folder, checkpoints, (trainer, log), (end, None), |trainer, log, points| {
         results.write(trainer, log, points)

@@ -8,7 +8,7 @@ use gs_core::{
     Camera, Canvas, RenderSettings, Scene as _, Scene3d, counted,
     effects::{Antialias, Effect, EffectDecision},
 };
-use gs_io::{TrainedWith, WorldFrame, WriteOptions3d, write_3d, write_png};
+use gs_io::{TrainedWith, WorldFrame, WriteOptions3d, dataset::SplitOrigin, write_3d, write_png};
 use gs_lab::{
     effects::sampled,
     figure::{curve::CurvePoint, ellipses},
@@ -39,6 +39,8 @@ pub(super) struct Summary {
     #[serde(flatten)]
     program: ProgramSummary,
     dataset: String,
+    /// Where the split of the data set comes from.
+    split: SplitOrigin,
     /// Which effects the scene requires in the views that evaluate it, and why.
     effects: Vec<EffectDecision>,
 }
@@ -133,6 +135,7 @@ pub(super) struct Results<'a> {
     pub(super) args: &'a TrainArgs,
     pub(super) folder: &'a OutputFolder,
     pub(super) backend: &'a Chosen,
+    pub(super) split: SplitOrigin,
     /// When the program began.
     pub(super) started: Instant,
     /// Time before the checkpoint that was resumed, s.
@@ -238,6 +241,7 @@ impl Results<'_> {
             training,
             program: ProgramSummary::new(self.backend, self.started, self.seconds_before),
             dataset: self.args.dataset.display().to_string(),
+            split: self.split,
             effects,
         })
     }

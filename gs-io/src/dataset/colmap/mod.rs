@@ -18,8 +18,8 @@ use glam::{DQuat, DVec2, DVec3, dvec2};
 pub use self::camera_model::CameraModel;
 use super::{
     Dataset, DatasetKind, DatasetSettings, DepthFile, Lens, Remark, Skip, SourceCamera, WorldPoint,
-    assemble::{Draft, Parts, Stated, assemble},
-    depth,
+    assemble::{Draft, Parts, Refusal, Stated, assemble},
+    depth, names,
     place::{IMAGE_FOLDERS, NamePart, Place, check_inside, find_image},
     pose::Pose,
     read_file,
@@ -168,16 +168,18 @@ impl ColmapModel {
             let size = dvec2(camera.width as f64, camera.height as f64);
             camera.model.intrinsics(&camera.parameters, size)
         });
+        let intrinsics = intrinsics.map_err(Refusal::from);
         let stated = self.cameras.get(&image.camera_id).map(|camera| {
             let numbers = camera.model.parameter_names().iter().copied().zip(camera.parameters.iter().copied());
             Stated { place: format!("camera {} of {file}", image.camera_id), numbers: numbers.collect() }
         });
-        let file = Some(PathBuf::from(&image.name));
-        let mask = find_image(&root.join(MASK_FOLDER).join(&image.name));
-        let depth = depth::find(&root.join(DEPTH_FOLDER), Path::new(&image.name));
+        let name = names::plain(&image.name);
+        let file = Some(PathBuf::from(&name));
+        let mask = find_image(&root.join(MASK_FOLDER).join(&name));
+        let depth = depth::find(&root.join(DEPTH_FOLDER), Path::new(&name));
         let depth = depth.map(|path| DepthFile { path, unit: None });
         let pose = Pose::world_to_camera(image.rotation, image.translation);
-        let (name, stated) = (image.name.clone(), stated.unwrap_or_default());
+        let stated = stated.unwrap_or_default();
         Draft { name, file, mask, depth, intrinsics, stated, pose, split: None }
     }
 }
@@ -210,7 +212,7 @@ pub(super) fn read(root: &Path, folder: &Path, settings: &DatasetSettings) -> Re
     let drafts = model.images.iter().map(|image| model.draft(root, &cameras, image)).collect();
     let remarks = other_models(folder).into_iter().collect();
     let points = points_of(&model.points).collect();
-    assemble(Parts { kind: DatasetKind::Colmap, root, drafts, points, places, remarks }, settings)
+    assemble(Parts { kind: DatasetKind::Colmap, root, drafts, points, places, split: None, remarks }, settings)
 }
 
 fn unknown_model(path: &Path, found: impl ToString) -> Error {

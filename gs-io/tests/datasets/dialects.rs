@@ -1,0 +1,144 @@
+//! Text as other programs write it: byte-order marks, NaN, numbers in quotes, and other keys.
+
+use std::fs;
+
+use glam::dvec2;
+use gs_io::dataset::Skip;
+use serde_json::json;
+
+use super::{
+    made::{folder, model, read, refusal, skipped, text, write_model, write_pictures},
+    transforms::{frame, nerfstudio, pinhole, pose, write},
+};
+
+#[test]
+fn a_byte_order_mark_is_skipped() {
+    let place = folder();
+    nerfstudio(place.path(), pinhole());
+    let path = place.path().join("transforms.json");
+    let json = fs::read_to_string(&path).unwrap();
+    fs::write(&path, format!("\u{feff}{json}")).unwrap();
+    assert_eq!(read(place.path()).views.len(), 2);
+
+    let place = folder();
+    let model = model(3);
+    let marked = text(&model).map(|bytes| [b"\xef\xbb\xbf", &bytes[..]].concat());
+    write_model(&place.path().join("sparse/0"), &marked, "txt");
+    write_pictures(&place.path().join("images"), &model, 1);
+    let dataset = read(place.path());
+    assert_eq!((dataset.views.len(), dataset.points.len()), (3, 3));
+}
+
+#[test]
+fn text_in_utf_16_is_named() {
+    let utf_16 = |text: &str| -> Vec<u8> {
+        [0xfeff].into_iter().chain(text.encode_utf16()).flat_map(u16::to_le_bytes).collect()
+    };
+    let place = folder();
+    nerfstudio(place.path(), pinhole());
+    let path = place.path().join("transforms.json");
+    let json = fs::read_to_string(&path).unwrap();
+    fs::write(&path, utf_16(&json)).unwrap();
+    assert!(refusal(place.path()).contains("transforms.json: is text in UTF-16, but must be in UTF-8"));
+    fs::write(&path, &utf_16(&json)[2..]).unwrap();
+    assert!(refusal(place.path()).contains("UTF-16"), "without a mark");
+
+    let place = folder();
+    let mut files = text(&model(2));
+    files[1] = utf_16(str::from_utf8(&files[1]).unwrap());
+    write_model(&place.path().join("sparse/0"), &files, "txt");
+    assert!(refusal(place.path()).contains("images.txt: is text in UTF-16"));
+}
+
+#[test]
+fn a_pose_with_nan_leaves_out_its_frame() {
+    for literal in ["NaN", "Infinity", "-Infinity", "null", "\"nan\""] {
+        let place = folder();
+        nerfstudio(place.path(), pinhole());
+        let path = place.path().join("transforms.json");
+        let json = fs::read_to_string(&path).unwrap();
+        fs::write(&path, json.replacen("5.0]", &format!("{literal}]"), 1)).unwrap();
+        let dataset = read(place.path());
+        assert_eq!((dataset.views.len(), skipped(&dataset, Skip::PoseNotFinite)), (1, 1), "{literal}");
+        assert!(dataset.remarks.iter().any(|remark| remark.to_string().contains("the pose contains NaN or infinity")));
+    }
+}
+
+#[test]
+fn errors_have_the_position_in_the_file_with_nan() {
+    let place = folder();
+    fs::write(place.path().join("transforms.json"), "{\"a\": [NaN, -Infinity],\n \"b\": NaN, \"frames\" 3}").unwrap();
+    let error = refusal(place.path());
+    assert!(error.contains("at line 2 column 21"), "{error}");
+}
+
+#[test]
+fn numbers_in_quotes_are_numbers() {
+    let place = folder();
+    let mut fields = pinhole();
+    fields["w"] = json!("40");
+    fields["fl_x"] = json!(" 3.5e1 ");
+    nerfstudio(place.path(), fields);
+    assert_eq!(read(place.path()).views[0].source.focal, dvec2(35.0, 36.0));
+    let mut quoted = frame("images/a.png");
+    quoted["transform_matrix"] = pose();
+    quoted["transform_matrix"][0][3] = json!("2.0");
+    let mut file = pinhole();
+    file["frames"] = json!([quoted]);
+    write(place.path(), "transforms.json", &file);
+    assert_eq!(read(place.path()).views[0].camera.position().x, 2.0);
+}
+
+#[test]
+fn angles_of_any_key_stand_for_focal_lengths() {
+    let place = folder();
+    let (x, y) = (2.0 * (20.0 / 35.0_f64).atan(), 2.0 * (15.0 / 36.0_f64).atan());
+    for (fields, focal) in [
+        (json!({"camera_angle_y": y}), dvec2(36.0, 36.0)),
+        (json!({"camera_angle_y": y, "w": 40, "h": 30}), dvec2(36.0, 36.0)),
+        (json!({"x_fov": x.to_degrees()}), dvec2(35.0, 35.0)),
+        (json!({"y_fov": y.to_degrees()}), dvec2(36.0, 36.0)),
+        (json!({"x_fov": x.to_degrees(), "y_fov": y.to_degrees()}), dvec2(35.0, 36.0)),
+        (json!({"fl_y": 36.0}), dvec2(36.0, 36.0)),
+        (json!({"fl_x": 35.0, "x_fov": 1.0}), dvec2(35.0, 35.0)),
+    ] {
+        nerfstudio(place.path(), fields.clone());
+        assert!(read(place.path()).views[0].source.focal.distance(focal) < 1e-9, "{fields}");
+    }
+    // A frame's own angle comes before a length that all frames share.
+    let mut own = frame("images/a.png");
+    own["camera_angle_x"] = json!(x);
+    write(place.path(), "transforms.json", &json!({"fl_x": 99.0, "frames": [own]}));
+    assert!((read(place.path()).views[0].source.focal.x - 35.0).abs() < 1e-9);
+}
+
+#[test]
+fn the_key_that_is_wrong_or_missing_is_named() {
+    for (fields, fault) in [
+        (json!({"fl_x": "wide"}), "fl_x is \"wide\", but must be a number"),
+        (json!({"fl_x": [1]}), "fl_x is [1], but must be a number"),
+        (json!({"fl_x": "NaN"}), "fl_x is NaN, but must be a number"),
+        (json!({"fl_x": 0}), "fl_x is 0, but must be greater than 0"),
+        (json!({"fl_x": 35, "fl_y": -1.5}), "fl_y is -1.5, but must be greater than 0"),
+        (json!({"camera_angle_x": 40}), "camera_angle_x is 40, but must be between 0 and π rad"),
+        (json!({"camera_angle_y": 0}), "camera_angle_y is 0, but must be between 0 and π rad"),
+        (json!({"x_fov": 180}), "x_fov is 180, but must be between 0 and 180 degrees"),
+        (json!({"fl_x": 35, "w": 40}), "h is missing, but w is there"),
+        (json!({"fl_x": 35, "cy": 15}), "cx is missing, but cy is there"),
+        (json!({"fl_x": 35, "w": 0, "h": 30}), "w is 0, but must be greater than 0"),
+        (json!({"fl_x": 35, "k1": "Infinity"}), "k1 is inf, but must be a number"),
+        (
+            json!({"w": 40, "h": 30}),
+            "no focal length: one of fl_x, fl_y, camera_angle_x, camera_angle_y, x_fov and y_fov",
+        ),
+    ] {
+        let place = folder();
+        nerfstudio(place.path(), fields.clone());
+        let error = refusal(place.path());
+        assert!(error.contains("2 images skipped: the camera's size") && error.contains(fault), "{fields}: {error}");
+        assert!(error.contains("(first: images/a.png: transforms.json: "), "{error}");
+    }
+    let place = folder();
+    nerfstudio(place.path(), json!({"camera_model": 7}));
+    assert!(refusal(place.path()).contains("camera model 7 is not known"));
+}

@@ -1,0 +1,148 @@
+//! Names of images that differ from those of the files: Windows paths, letter case, Unicode form and
+//! folder.
+
+use std::fs;
+
+use gs_io::dataset::{Dataset, DatasetSettings, Remark, read_dataset};
+use serde_json::json;
+
+use super::{
+    made::{binary, folder, model, picture, read, refusal, write_model, write_pictures},
+    transforms::{frame, nerfstudio, pinhole, write},
+};
+
+/// The data set of frames with these names.
+fn named(root: &std::path::Path, names: &[&str]) {
+    let mut file = pinhole();
+    file["frames"] = names.iter().map(|name| frame(name)).collect();
+    write(root, "transforms.json", &file);
+}
+
+fn renamed(dataset: &Dataset) -> Option<(usize, &str, &str)> {
+    dataset.remarks.iter().find_map(|remark| match remark {
+        Remark::Renamed { count, first, file } => Some((*count, first.as_str(), file.as_str())),
+        _ => None,
+    })
+}
+
+#[test]
+fn windows_paths_are_read() {
+    let place = folder();
+    picture(place.path().join("masks/a.png"), 40, 30);
+    nerfstudio(place.path(), json!({}));
+    let mut first = frame("images\\a.png");
+    first["mask_path"] = json!(".\\masks\\a.png");
+    let mut file = pinhole();
+    file["frames"] = json!([first, frame(".\\images\\b.png")]);
+    write(place.path(), "transforms.json", &file);
+    let dataset = read(place.path());
+    let names: Vec<&str> = dataset.views.iter().map(|view| view.name.as_str()).collect();
+    assert_eq!(names, ["images/a.png", "images/b.png"]);
+    assert!(dataset.views[0].mask.is_some() && renamed(&dataset).is_none(), "{:?}", dataset.remarks);
+
+    let place = folder();
+    let mut model = model(2);
+    model.images[0].name = "sub\\0.png".to_owned();
+    write_model(&place.path().join("sparse/0"), &binary(&model), "bin");
+    model.images[0].name = "sub/0.png".to_owned();
+    write_pictures(&place.path().join("images"), &model, 1);
+    assert_eq!(read(place.path()).views.len(), 2);
+}
+
+#[test]
+fn windows_paths_do_not_leave_the_folder() {
+    let place = folder();
+    nerfstudio(place.path(), json!({}));
+    for name in ["..\\secret\\a.png", "C:\\Users\\a.png", "images\\..\\..\\a.png", "\\\\server\\a.png", "\\a.png"] {
+        named(place.path(), &["images/a.png", name]);
+        let error = refusal(place.path());
+        assert!(error.contains("leads out of the data set's folder"), "{name}: {error}");
+    }
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn a_single_similar_name_is_taken_with_a_remark() {
+    for (file, name) in [
+        ("images/IMG_1.JPG.png", "images/img_1.jpg.png"),
+        ("Images/0.png", "images/0.png"),
+        ("images/A.PNG", "images/a"),
+        ("images/u\u{308}.png", "images/\u{fc}.png"),
+        ("images/\u{fc}.PNG", "images/u\u{308}.jpg"),
+        ("images\\0.png", "images/0.png"),
+    ] {
+        let place = folder();
+        picture(place.path().join(file).with_extension("png"), 40, 30);
+        let _ = fs::rename(place.path().join(file).with_extension("png"), place.path().join(file));
+        named(place.path(), &[name]);
+        let dataset = read(place.path());
+        assert_eq!(renamed(&dataset), Some((1, name, file)));
+        assert_eq!(dataset.views[0].read_image().unwrap().image.size(), (40, 30));
+    }
+    // COLMAP's names are relative to the folder of images.
+    let place = folder();
+    let model = model(3);
+    write_model(&place.path().join("sparse/0"), &binary(&model), "bin");
+    write_pictures(&place.path().join("Images"), &model, 1);
+    let dataset = read(place.path());
+    assert_eq!(renamed(&dataset), Some((3, "view 000.png", "Images/view 000.png")));
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn of_several_similar_names_none_is_taken() {
+    let place = folder();
+    for file in ["AB.png", "ab.PNG.png"] {
+        picture(place.path().join("images").join(file), 40, 30);
+    }
+    fs::rename(place.path().join("images/ab.PNG.png"), place.path().join("images/ab.PNG")).unwrap();
+    named(place.path(), &["images/aB.png"]);
+    let error = refusal(place.path());
+    assert!(error.contains("(first: images/aB.png: several files fit: images/AB.png, images/ab.PNG)"), "{error}");
+}
+
+#[test]
+fn images_in_one_other_folder_are_taken_from_there() {
+    let place = folder();
+    for name in ["a", "b"] {
+        picture(place.path().join(format!("photos/x/{name}.png")), 40, 30);
+    }
+    named(place.path(), &["images/a.png", "images/b.png"]);
+    let dataset = read(place.path());
+    assert!(
+        dataset.views.len() == 2 && dataset.remarks.contains(&Remark::OtherFolder { folder: "photos/x".to_owned() })
+    );
+    // Masks have the names of the images: which folder is meant is not guessed.
+    picture(place.path().join("masks/a.png"), 40, 30);
+    let error = refusal(place.path());
+    let end = "(first: images/a.png, images/b.png: there is masks/a.png, photos/x/a.png)";
+    assert!(error.contains("2 images skipped: no image file") && error.contains(end), "{error}");
+}
+
+#[test]
+fn images_beside_the_folder_are_taken_if_that_is_allowed() {
+    let place = folder();
+    picture(place.path().join("undistorted_images/a.png"), 40, 30);
+    let root = place.path().join("nerfstudio");
+    fs::create_dir(&root).unwrap();
+    named(&root, &["a.png"]);
+    assert!(refusal(&root).contains("there is ../undistorted_images/a.png, but outside of the data set's folder"));
+    let settings = DatasetSettings::default().with(|s| s.allow_outside = true);
+    assert_eq!(read_dataset(&root, &settings).unwrap().views.len(), 1);
+}
+
+#[test]
+fn missing_images_are_named_with_what_is_there() {
+    let place = folder();
+    picture(place.path().join("images/frame_1.png"), 40, 30);
+    picture(place.path().join("images/0.png"), 40, 30);
+    named(place.path(), &["images/0.png", "images/1.png", "images/2.png", "images/3.png", "images/4.png"]);
+    let remark = read(place.path()).remarks[0].to_string();
+    assert_eq!(
+        remark,
+        "4 images skipped: no image file (first: images/1.png, images/2.png, images/3.png: its folder has 2 other \
+         images, such as images/0.png)"
+    );
+    named(place.path(), &["photos/1.png"]);
+    assert!(refusal(place.path()).contains("(first: photos/1.png: there is no folder photos)"));
+}

@@ -1,0 +1,172 @@
+//! Splits as data sets state them: lists, separate files, and what is done without.
+
+use std::{fs, num::NonZeroU32, path::Path};
+
+use gs_io::dataset::{Dataset, DatasetSettings, Remark, Skip, Split, SplitOrigin, read_dataset};
+use serde_json::{Value, json};
+
+use super::{
+    made::{folder, picture, read, refusal, skipped},
+    transforms::{frame, pinhole, write},
+};
+
+/// A `transforms.json` with frames `images/0.png` and so on, and these other fields.
+fn listed(root: &Path, count: u32, fields: Value) {
+    let names: Vec<String> = (0..count).map(|i| format!("images/{i}.png")).collect();
+    names.iter().for_each(|name| drop(picture(root.join(name), 40, 30)));
+    let mut file = pinhole();
+    file["frames"] = names.iter().map(|name| frame(name)).collect();
+    file.as_object_mut().unwrap().extend(fields.as_object().unwrap().clone());
+    write(root, "transforms.json", &file);
+}
+
+/// Files of NeRF-synthetic with so many frames each; without images where `has_images` is false.
+fn blender(root: &Path, files: &[(&str, u32, bool)]) {
+    for &(split, count, has_images) in files {
+        let names: Vec<String> = (0..count).map(|i| format!("./{split}/r_{i}")).collect();
+        let pictures = names.iter().filter(|_| has_images);
+        pictures.for_each(|name| drop(picture(root.join(format!("{name}.png")), 40, 40)));
+        let frames: Vec<Value> = names.iter().map(|name| frame(name)).collect();
+        write(root, &format!("transforms_{split}.json"), &json!({"camera_angle_x": 0.7, "frames": frames}));
+    }
+}
+
+/// Numbers of views for training, validation and tests.
+fn counts(dataset: &Dataset) -> [usize; 3] {
+    [Split::Train, Split::Validation, Split::Test].map(|split| dataset.views_of(split).count())
+}
+
+fn every(n: u32) -> SplitOrigin {
+    SplitOrigin::Every(NonZeroU32::new(n).unwrap())
+}
+
+#[test]
+fn unlisted_frames_are_left_out() {
+    let place = folder();
+    let lists = json!({
+        "train_filenames": ["images/0.png", "images/1.png"],
+        "val_filenames": ["./images/2.png"],
+        "test_filenames": ["images/3.png"],
+    });
+    listed(place.path(), 6, lists);
+    let dataset = read(place.path());
+    assert_eq!((counts(&dataset), dataset.split), ([2, 1, 1], SplitOrigin::Lists));
+    let unlisted = Remark::Skipped { why: Skip::Unlisted, count: 2, first: "images/4.png".to_owned(), detail: None };
+    assert!(dataset.remarks.contains(&unlisted), "{:?}", dataset.remarks);
+}
+
+#[test]
+fn frames_train_where_only_the_others_are_listed() {
+    let place = folder();
+    listed(place.path(), 4, json!({"train_filenames": [], "test_filenames": ["images/3.png"]}));
+    let dataset = read(place.path());
+    assert_eq!((counts(&dataset), dataset.split), ([3, 0, 1], SplitOrigin::Lists));
+    assert!(dataset.remarks.contains(&Remark::UnlistedTrained { count: 3, first: "images/0.png".to_owned() }));
+}
+
+#[test]
+fn listed_names_are_compared_leniently() {
+    for [train, test] in [["0.png", "1.png"], ["IMAGES\\0.PNG", ".\\images\\1.png"], ["other/0", "./images/1"]] {
+        let place = folder();
+        listed(place.path(), 2, json!({"train_filenames": [train], "test_filenames": [test]}));
+        let dataset = read(place.path());
+        assert_eq!(counts(&dataset), [1, 0, 1], "{train}, {test}");
+        assert!(dataset.views[0].split == Split::Train, "{train}");
+        let other = |remark: &&Remark| matches!(remark, Remark::ListedOtherwise { .. });
+        assert!(dataset.remarks.iter().any(|remark| other(&remark)), "{:?}", dataset.remarks);
+    }
+}
+
+#[test]
+fn a_list_that_names_no_frame_is_refused() {
+    let place = folder();
+    listed(place.path(), 9, json!({"train_filenames": ["images/0.png"], "test_filenames": ["images/x.png"]}));
+    let error = refusal(place.path());
+    assert!(
+        error.contains("transforms.json: test_filenames names no frame of the file: it begins with `images/x.png`"),
+        "{error}"
+    );
+    // Which of two frames a name without folder means is not guessed.
+    let mut file = pinhole();
+    file["frames"] = json!([frame("a/0.png"), frame("b/0.png")]);
+    file["test_filenames"] = json!(["0.png"]);
+    write(place.path(), "transforms.json", &file);
+    assert!(refusal(place.path()).contains("test_filenames names no frame"));
+}
+
+#[test]
+fn frames_listed_twice_and_names_without_frame_are_reported() {
+    let place = folder();
+    let lists = json!({
+        "train_filenames": ["images/0.png", "images/1.png", "images/7.png"],
+        "test_filenames": ["images/1.png"],
+    });
+    listed(place.path(), 2, lists);
+    let dataset = read(place.path());
+    assert_eq!(counts(&dataset), [1, 0, 1], "what is held out is not trained on");
+    assert!(dataset.remarks.contains(&Remark::ListedTwice { count: 1, first: "images/1.png".to_owned() }));
+    assert!(dataset.remarks.contains(&Remark::ListedWithoutFrame { count: 1, first: "images/7.png".to_owned() }));
+}
+
+#[test]
+fn test_frames_are_held_out_and_bad_ones_left_out() {
+    let place = folder();
+    let mut test = frame("images/8.png");
+    picture(place.path().join("images/8.png"), 40, 30);
+    test["is_bad"] = json!(false);
+    listed(place.path(), 8, json!({"test_frames": [test]}));
+    let path = place.path().join("transforms.json");
+    let mut file: Value = serde_json::from_slice(&fs::read(&path).unwrap()).unwrap();
+    file["frames"][3]["is_bad"] = json!(true);
+    write(place.path(), "transforms.json", &file);
+    let dataset = read(place.path());
+    assert_eq!((counts(&dataset), dataset.split), ([7, 0, 1], SplitOrigin::Lists));
+    assert_eq!(skipped(&dataset, Skip::MarkedBad), 1);
+}
+
+#[test]
+fn withheld_test_images_do_not_hold_out_training_views() {
+    let place = folder();
+    blender(place.path(), &[("train", 8, true), ("test", 2, false)]);
+    let dataset = read(place.path());
+    assert_eq!((counts(&dataset), dataset.split), ([8, 0, 0], SplitOrigin::Files));
+    assert_eq!(skipped(&dataset, Skip::NoImage), 2);
+    assert!(dataset.remarks.contains(&Remark::NoTestViews));
+    blender(place.path(), &[("val", 2, true)]);
+    assert_eq!(counts(&read(place.path())), [8, 0, 2], "validation views are there");
+}
+
+#[test]
+fn validation_views_are_held_out_where_there_are_no_test_views() {
+    let place = folder();
+    blender(place.path(), &[("train", 8, true), ("val", 2, true)]);
+    let dataset = read(place.path());
+    assert_eq!((counts(&dataset), dataset.split), ([8, 0, 2], SplitOrigin::Files));
+    assert!(dataset.remarks.contains(&Remark::ValidationTested { count: 2 }));
+    listed(place.path(), 3, json!({"train_filenames": ["0.png"], "val_filenames": ["1.png", "2.png"]}));
+    let dataset = read(&place.path().join("transforms.json"));
+    assert_eq!(counts(&dataset), [1, 0, 2]);
+}
+
+#[test]
+fn a_data_set_is_not_trained_on_its_test_views() {
+    let place = folder();
+    blender(place.path(), &[("train", 3, false), ("test", 2, true)]);
+    let error = refusal(place.path());
+    assert!(error.contains("none of the data set's views for training can be used: 3 images skipped"), "{error}");
+}
+
+#[test]
+fn without_a_split_the_origin_is_the_setting() {
+    let place = folder();
+    blender(place.path(), &[("train", 8, true)]);
+    let read = |n: u32| {
+        let settings = DatasetSettings::default().with(|s| s.test_every = NonZeroU32::new(n));
+        let dataset = read_dataset(place.path(), &settings).unwrap();
+        (counts(&dataset), dataset.split)
+    };
+    assert_eq!(read(8), ([7, 0, 1], every(8)));
+    assert_eq!(read(0), ([8, 0, 0], SplitOrigin::None));
+    assert_eq!(read(1), ([8, 0, 0], SplitOrigin::None), "one must be for training");
+    assert_eq!(every(8).to_string(), "none in the data set, 1 of 8 images held out");
+}
