@@ -153,8 +153,7 @@ pub(super) struct Parts<'a> {
 pub(super) fn assemble(parts: Parts<'_>, settings: &DatasetSettings) -> Result<Dataset, Error> {
     let Parts { kind, root, mut drafts, points, places, split, mut remarks } = parts;
     let found = drafts.len();
-    let files: Vec<&Path> = drafts.iter().filter_map(|draft| draft.file.as_deref()).collect();
-    let mut finder = Finder::new(root, &places, &files, &search_folders(root, settings));
+    let mut finder = Finder::new(root, &places, &drafts, &search_folders(root, settings));
     let mut tally = Tally::default();
     let mut names = HashSet::new();
     // The first in the file is kept of two views with the same name.

@@ -3,19 +3,23 @@
 
 use std::{
     collections::{HashMap, HashSet},
-    ffi::OsString,
+    ffi::{OsStr, OsString},
     fs,
     path::{Component, Path, PathBuf},
 };
 
 use super::{
-    names::{folded, without_extension},
-    place::{NamePart, Place},
+    assemble::Draft,
+    names::{self, folded, without_extension},
+    place::{NamePart, Place, find_image},
 };
 
-/// How deep below a folder images are searched that are in none of the usual places, and the most
-/// folders that are looked into.
+/// How deep below the data set's folder images are searched that are in none of the usual places, and
+/// the most folders that are looked into.
 const SEARCH: (usize, usize) = (4, 2_000);
+
+/// The same for the folder above, which may be anything.
+const SEARCH_ABOVE: (usize, usize) = (2, 100);
 
 /// The most files that a message names.
 const NAMED: usize = 3;
@@ -23,10 +27,13 @@ const NAMED: usize = 3;
 /// Finds images.
 pub(super) struct Finder<'a> {
     root: &'a Path,
+    files: Vec<PathBuf>,
     place: Option<Place>,
     /// Whether the folder of the images is one that the data set does not name.
     pub(super) elsewhere: bool,
-    listings: HashMap<PathBuf, Listing>,
+    folders: Folders,
+    /// Files that are already the image of a view; empty until the first is found by a similar name.
+    taken: HashSet<PathBuf>,
 }
 
 /// A file that was found.
@@ -35,6 +42,10 @@ pub(super) struct Found {
     /// Whether its name differs from that of the data set.
     pub(super) renamed: bool,
 }
+
+/// The entries of folders, each of which is read once.
+#[derive(Default)]
+pub(super) struct Folders(HashMap<PathBuf, Listing>);
 
 /// The entries of a folder by their [`folded`] names, whole and without the extension of an image.
 #[derive(Default)]
@@ -65,17 +76,23 @@ impl Listing {
 }
 
 impl<'a> Finder<'a> {
-    /// Decides in which of the `places` the images `files` are: the first with any of them. If there
-    /// is none, and `search` allows it, the only folder below one of its folders.
-    pub(super) fn new(root: &'a Path, places: &[Place], files: &[&Path], search: &[PathBuf]) -> Self {
+    /// Decides in which of the `places` the images of the `drafts` are: the first with any of them. If
+    /// there is none, the only other folder below one of those in `search`.
+    pub(super) fn new(root: &'a Path, places: &[Place], drafts: &[Draft], search: &[PathBuf]) -> Self {
+        let files: Vec<PathBuf> = drafts.iter().filter_map(|draft| draft.file.clone()).collect();
         let place = places.iter().find(|place| files.iter().any(|file| place.find(file).is_some())).cloned();
-        let mut finder = Self { root, place, elsewhere: false, listings: HashMap::new() };
+        let (folders, taken) = (Folders::default(), HashSet::new());
+        let mut finder = Self { root, files, place, elsewhere: false, folders, taken };
         if finder.place.is_none() {
+            let files = finder.files.clone();
             let mut fits = |place: &&Place| files.iter().any(|file| finder.similar(place, file).len() == 1);
             finder.place = places.iter().find(&mut fits).cloned();
         }
         if finder.place.is_none() {
-            let folder = search.iter().find_map(|from| only_folder_with(from, files));
+            let others =
+                drafts.iter().flat_map(|draft| [draft.mask.as_deref(), draft.depth.as_ref().map(|d| &*d.path)]);
+            let others: HashSet<&Path> = others.flatten().filter_map(Path::parent).collect();
+            let folder = search.iter().find_map(|from| only_folder_with(from, &finder.files, &others));
             finder.elsewhere = folder.is_some();
             finder.place = folder.map(|folder| Place::new(&folder, "", NamePart::FileName));
         }
@@ -93,8 +110,11 @@ impl<'a> Finder<'a> {
         if let Some(path) = place.find(file) {
             return Some(Found { path, renamed: false });
         }
-        match self.similar(&place, file).as_mut_slice() {
-            [path] => Some(Found { path: std::mem::take(path), renamed: true }),
+        if self.taken.is_empty() {
+            self.taken = self.files.iter().filter_map(|file| place.find(file)).collect();
+        }
+        match self.similar(&place, file).as_slice() {
+            [path] if self.taken.insert(path.clone()) => Some(Found { path: path.clone(), renamed: true }),
             _ => None,
         }
     }
@@ -131,7 +151,7 @@ impl<'a> Finder<'a> {
         if !folder.is_dir() {
             return Some(format!("there is no folder {}", shown(self.root, &folder)));
         }
-        let listing = self.listing(&folder);
+        let listing = self.folders.listing(&folder);
         let mut images: Vec<_> = listing.stems.values().flatten().map(|name| folder.join(name)).collect();
         images.sort();
         let first = images.first()?;
@@ -142,19 +162,49 @@ impl<'a> Finder<'a> {
         ))
     }
 
-    fn listing(&mut self, folder: &Path) -> &Listing {
-        self.listings.entry(folder.to_owned()).or_insert_with(|| Listing::of(folder))
-    }
-
     /// The files whose path differs from the one in `place` at most in what [`folded`] ignores, and in
     /// the extension.
     fn similar(&mut self, place: &Place, file: &Path) -> Vec<PathBuf> {
         let expected = place.expected(file);
-        let (start, path) = match (expected.strip_prefix(self.root), expected.strip_prefix(&place.folder)) {
-            (Ok(path), _) => (self.root.to_owned(), path),
-            (_, Ok(path)) => (place.folder.clone(), path),
-            _ => return Vec::new(),
-        };
+        match expected.strip_prefix(self.root) {
+            Ok(path) => self.folders.similar(self.root, path),
+            Err(_) => self.folders.similar(&place.folder, expected.strip_prefix(&place.folder).unwrap_or(&expected)),
+        }
+    }
+}
+
+impl Folders {
+    /// The image at a path below `root`, or else the only one with a similar path.
+    pub(super) fn image(&mut self, root: &Path, path: &str) -> Option<PathBuf> {
+        let path = names::plain(path);
+        find_image(&root.join(&path)).or_else(|| self.only_similar(root, Path::new(&path)))
+    }
+
+    /// The file at a path below `root`, or else the only one with a similar path and this extension.
+    pub(super) fn file(&mut self, root: &Path, path: &str) -> Option<PathBuf> {
+        let plain = names::plain(path);
+        let (path, extension) = (root.join(&plain), |path: &Path| path.extension().map(OsStr::to_ascii_lowercase));
+        let similar = |folders: &mut Self| folders.only_similar(root, Path::new(&plain));
+        match path.is_file() {
+            true => Some(path),
+            false => similar(self).filter(|found| extension(found) == extension(&path)),
+        }
+    }
+
+    fn only_similar(&mut self, root: &Path, path: &Path) -> Option<PathBuf> {
+        match self.similar(root, path).as_mut_slice() {
+            [path] => Some(std::mem::take(path)),
+            _ => None,
+        }
+    }
+
+    fn listing(&mut self, folder: &Path) -> &Listing {
+        self.0.entry(folder.to_owned()).or_insert_with(|| Listing::of(folder))
+    }
+
+    /// The files whose path below `root` differs at most in what [`folded`] ignores, and in the extension
+    /// of an image.
+    fn similar(&mut self, root: &Path, path: &Path) -> Vec<PathBuf> {
         let mut parts = Vec::new();
         for part in path.components() {
             match part {
@@ -164,7 +214,7 @@ impl<'a> Finder<'a> {
             }
         }
         let mut found = Vec::new();
-        self.descend(start, &parts, &mut found);
+        self.descend(root.to_owned(), &parts, &mut found);
         found
     }
 
@@ -193,16 +243,17 @@ fn entries(folder: &Path) -> impl Iterator<Item = OsString> {
     fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.file_name())
 }
 
-/// The only folder below `from` with any of these images, by their file names. `None` also where
-/// file names are not unique, so that folders matter.
-fn only_folder_with(from: &Path, files: &[&Path]) -> Option<PathBuf> {
+/// The only folder below `from` with any of these images, by their file names, apart from `others`.
+/// `None` also where file names are not unique, so that folders matter.
+fn only_folder_with(from: &Path, files: &[PathBuf], others: &HashSet<&Path>) -> Option<PathBuf> {
     let wanted: HashSet<String> = files.iter().filter_map(|file| stem(file)).collect();
     if wanted.len() < files.len() {
         return None;
     }
     let mut folders = Vec::new();
     walk(from, |folder, images| {
-        if images.iter().filter_map(|image| stem(image)).any(|stem| wanted.contains(&stem)) {
+        let has = |image: &PathBuf| stem(image).is_some_and(|stem| wanted.contains(&stem));
+        if !others.contains(folder) && images.iter().any(has) {
             folders.push(folder.to_owned());
         }
     });
@@ -224,9 +275,10 @@ fn stem(file: &Path) -> Option<String> {
     Some(without_extension(&name).to_owned())
 }
 
-/// Visits a folder and those below it with the images in each, within the limits of [`SEARCH`].
+/// Visits a folder and those below it with the images in each, within the limits of [`SEARCH`] and
+/// [`SEARCH_ABOVE`].
 fn walk(from: &Path, mut visit: impl FnMut(&Path, &[PathBuf])) {
-    let (deepest, most) = SEARCH;
+    let (deepest, most) = if from.ends_with("..") { SEARCH_ABOVE } else { SEARCH };
     let mut waiting = vec![(from.to_owned(), 0)];
     let mut visited = 0;
     while let Some((folder, depth)) = waiting.pop() {

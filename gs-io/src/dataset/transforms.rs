@@ -25,8 +25,9 @@ use super::{
     Dataset, DatasetKind, DatasetSettings, DepthFile, Remark, Skip, Split, SplitOrigin, WorldPoint,
     assemble::{Draft, Parts, assemble},
     colmap::{ColmapModel, points_of},
+    finder::Folders,
     names,
-    place::{IMAGE_FOLDERS, NamePart, Place, check_inside, find_image},
+    place::{IMAGE_FOLDERS, NamePart, Place, check_inside},
     point_cloud,
     pose::{Pose, affine},
 };
@@ -92,15 +93,16 @@ impl Frame {
         file: &Path,
         shared: &Map<String, Value>,
         split: Option<Split>,
+        folders: &mut Folders,
     ) -> Result<Draft, Error> {
         let name = names::plain(&self.file_path);
         let camera = CameraFields { own: &self.own, shared };
-        let depth = self.depth_file_path.as_ref().map(|depth| root.join(names::plain(depth)));
+        let depth = self.depth_file_path.as_ref().and_then(|depth| folders.file(root, depth));
         Ok(Draft {
             file: Some(PathBuf::from(&name)),
             name,
-            depth: depth.filter(|path| path.is_file()).map(|path| DepthFile { path, unit: Some(DEPTH_UNIT) }),
-            mask: self.mask_path.as_ref().and_then(|mask| find_image(&root.join(names::plain(mask)))),
+            depth: depth.map(|path| DepthFile { path, unit: Some(DEPTH_UNIT) }),
+            mask: self.mask_path.as_ref().and_then(|mask| folders.image(root, mask)),
             intrinsics: match self.is_bad {
                 Some(true) => Err(Skip::MarkedBad.into()),
                 _ => camera.intrinsics(file)?,
@@ -131,7 +133,8 @@ impl Transforms {
     fn drafts(&self, root: &Path, path: &Path, split: Option<Split>) -> Result<(Vec<Draft>, Vec<Remark>), Error> {
         let frames = self.frames.iter().map(|frame| (frame, split));
         let frames: Vec<_> = frames.chain(self.test_frames.iter().map(|frame| (frame, Some(Split::Test)))).collect();
-        let drafts = frames.iter().map(|(frame, split)| frame.draft(root, path, &self.shared, *split));
+        let mut folders = Folders::default();
+        let drafts = frames.iter().map(|(frame, split)| frame.draft(root, path, &self.shared, *split, &mut folders));
         let drafts = drafts.collect::<Result<Vec<_>, Error>>()?;
         let remarks = missing(frames.iter().map(|(frame, _)| *frame), &drafts);
         Ok((drafts, remarks))
@@ -208,7 +211,8 @@ fn places(root: &Path, settings: &DatasetSettings) -> Result<Vec<Place>, Error> 
 /// The points of the referenced file; `None` without a reference.
 fn listed_points(root: &Path, file: &Transforms, remarks: &mut Vec<Remark>) -> Result<Option<Vec<WorldPoint>>, Error> {
     let Some(name) = &file.ply_file_path else { return Ok(None) };
-    match point_cloud::read(&root.join(names::plain(name))) {
+    let path = Folders::default().file(root, name).unwrap_or_else(|| root.join(names::plain(name)));
+    match point_cloud::read(&path) {
         Err(Error::Missing { .. }) => {
             remarks.push(Remark::PointsMissing { file: name.clone() });
             Ok(Some(Vec::new()))

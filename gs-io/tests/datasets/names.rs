@@ -146,3 +146,56 @@ fn missing_images_are_named_with_what_is_there() {
     named(place.path(), &["photos/1.png"]);
     assert!(refusal(place.path()).contains("(first: photos/1.png: there is no folder photos)"));
 }
+
+#[test]
+#[cfg(target_os = "linux")]
+fn masks_depth_maps_and_points_are_found_under_similar_names() {
+    let place = folder();
+    nerfstudio(place.path(), json!({}));
+    picture(place.path().join("Masks/A.png"), 40, 30);
+    picture(place.path().join("Depths/a.png"), 40, 30);
+    let ply = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n1 2 3\n";
+    fs::write(place.path().join("Points.PLY"), ply).unwrap();
+    let mut first = frame("images/a.png");
+    first["mask_path"] = json!("masks/a.png");
+    first["depth_file_path"] = json!("depths\\a.png");
+    let mut file = pinhole();
+    file["frames"] = json!([first]);
+    file["ply_file_path"] = json!(".\\points.ply");
+    write(place.path(), "transforms.json", &file);
+    let dataset = read(place.path());
+    let view = &dataset.views[0];
+    assert!(view.mask.is_some() && view.depth.is_some() && dataset.points.len() == 1, "{:?}", dataset.remarks);
+    // A picture of the depths is not the depths.
+    file["frames"][0]["depth_file_path"] = json!("depths/a.npy");
+    file["ply_file_path"] = json!("depths/a.ply");
+    write(place.path(), "transforms.json", &file);
+    let dataset = read(place.path());
+    assert!(dataset.views[0].depth.is_none() && dataset.points.is_empty(), "{:?}", dataset.remarks);
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn a_file_is_the_image_of_one_view_only() {
+    let place = folder();
+    picture(place.path().join("images/a.png"), 40, 30);
+    named(place.path(), &["images/A.png", "images/a.png", "images/B.png"]);
+    picture(place.path().join("images/b.png"), 40, 30);
+    let dataset = read(place.path());
+    let names: Vec<&str> = dataset.views.iter().map(|view| view.name.as_str()).collect();
+    assert_eq!(names, ["images/B.png", "images/a.png"]);
+}
+
+#[test]
+fn masks_are_not_taken_for_missing_images() {
+    let place = folder();
+    let mut frames = json!([frame("images/a.png"), frame("images/b.png")]);
+    for (i, name) in ["masks/a.png", "masks/b.png"].into_iter().enumerate() {
+        picture(place.path().join(name), 40, 30);
+        frames[i]["mask_path"] = json!(name);
+    }
+    let mut file = pinhole();
+    file["frames"] = frames;
+    write(place.path(), "transforms.json", &file);
+    assert!(refusal(place.path()).contains("2 images skipped: no image file"));
+}
