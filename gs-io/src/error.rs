@@ -171,7 +171,7 @@ pub enum Error {
         skipped: Vec<String>,
     },
     /// A data set whose views for training cannot be used, but others can.
-    #[error("{}: none of the data set's views for training can be used: {}", one_line(path), skipped.join("; "))]
+    #[error("{}: no view for training can be used: {}", one_line(path), skipped.join("; "))]
     NoTrainingViews {
         /// The data set's folder.
         path: PathBuf,

@@ -31,7 +31,11 @@ fn info_describes_a_data_set() {
         assert!((57.0..65.0).contains(&degrees), "{info}");
         let text = gs(["info", path]).done().stdout;
         assert!(text.contains("Nerfstudio data set") && text.contains("40x30 px"), "{text}");
-        assert!(text.contains("split               none, no view held out") && info["split"] == "none", "{text}");
+        assert!(
+            text.contains("split               no view held out: the data set states no split")
+                && info["split"] == "none",
+            "{text}"
+        );
         assert!(
             text.contains("1 image skipped: no image file (first: gone.png: its folder has 1 other image")
                 && text.contains("no points"),

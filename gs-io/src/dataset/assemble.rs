@@ -224,10 +224,11 @@ pub(super) fn assemble(parts: Parts<'_>, settings: &DatasetSettings) -> Result<D
     }
     let Some(split) = split::apply(split, &mut views, &images, settings.test_every, &mut remarks) else {
         let skipped = remarks.iter().filter(|remark| matches!(remark, Remark::Skipped { .. }));
-        return Err(Error::NoTrainingViews {
-            path: root.to_owned(),
-            skipped: skipped.map(ToString::to_string).collect(),
-        });
+        let mut skipped: Vec<String> = skipped.map(ToString::to_string).collect();
+        if skipped.is_empty() {
+            skipped.push("its split lists none".to_owned());
+        }
+        return Err(Error::NoTrainingViews { path: root.to_owned(), skipped });
     };
     views.sort_by(|a, b| a.name.cmp(&b.name));
     Ok(Dataset { kind, root: root.to_owned(), frame, views, points, split, remarks })

@@ -39,8 +39,8 @@ impl fmt::Display for SplitOrigin {
         match self {
             Self::Lists => f.write_str("lists of the data set"),
             Self::Files => f.write_str("separate files of the data set"),
-            Self::Every(every) => write!(f, "none in the data set, 1 of {every} images held out"),
-            Self::None => f.write_str("none, no view held out"),
+            Self::Every(every) => write!(f, "1 of {every} images by name held out: the data set states no split"),
+            Self::None => f.write_str("no view held out: the data set states no split"),
         }
     }
 }

@@ -129,14 +129,14 @@ fn the_key_that_is_wrong_or_missing_is_named() {
         (json!({"fl_x": 35, "k1": "Infinity"}), "k1 is inf, but must be a number"),
         (
             json!({"w": 40, "h": 30}),
-            "no focal length: one of fl_x, fl_y, camera_angle_x, camera_angle_y, x_fov and y_fov",
+            "no focal length, such as in one of fl_x, fl_y, camera_angle_x, camera_angle_y, x_fov, y_fov",
         ),
     ] {
         let place = folder();
         nerfstudio(place.path(), fields.clone());
         let error = refusal(place.path());
         assert!(error.contains("2 images skipped: the camera's size") && error.contains(fault), "{fields}: {error}");
-        assert!(error.contains("(first: images/a.png: transforms.json: "), "{error}");
+        assert!(error.contains("(first: images/a.png: in transforms.json, "), "{error}");
     }
     let place = folder();
     nerfstudio(place.path(), json!({"camera_model": 7}));

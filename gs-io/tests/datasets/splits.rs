@@ -153,7 +153,10 @@ fn a_data_set_is_not_trained_on_its_test_views() {
     let place = folder();
     blender(place.path(), &[("train", 3, false), ("test", 2, true)]);
     let error = refusal(place.path());
-    assert!(error.contains("none of the data set's views for training can be used: 3 images skipped"), "{error}");
+    assert!(error.contains("no view for training can be used: 3 images skipped"), "{error}");
+    let place = folder();
+    listed(place.path(), 2, json!({"test_filenames": ["0.png", "1.png"]}));
+    assert!(refusal(place.path()).contains("no view for training can be used: its split lists none"));
 }
 
 #[test]
@@ -168,5 +171,5 @@ fn without_a_split_the_origin_is_the_setting() {
     assert_eq!(read(8), ([7, 0, 1], every(8)));
     assert_eq!(read(0), ([8, 0, 0], SplitOrigin::None));
     assert_eq!(read(1), ([8, 0, 0], SplitOrigin::None), "one must be for training");
-    assert_eq!(every(8).to_string(), "none in the data set, 1 of 8 images held out");
+    assert_eq!(every(8).to_string(), "1 of 8 images by name held out: the data set states no split");
 }

@@ -112,10 +112,8 @@ impl CameraFields<'_> {
                 (x, y) => return Ok(Focal::Angles(x, y)),
             }
         }
-        Err(format!(
-            "there is no focal length: one of {}, camera_angle_x, camera_angle_y, x_fov and y_fov is needed",
-            LENGTHS.join(", ")
-        ))
+        let keys = [LENGTHS, ANGLES[0].0, ANGLES[1].0].concat().join(", ");
+        Err(format!("there is no focal length, such as in one of {keys}"))
     }
 
     /// The intrinsics in the file at `path`.
@@ -157,7 +155,7 @@ impl CameraFields<'_> {
             Ok(Intrinsics { focal: self.focal()?, center, size, distortion })
         };
         let file = PathBuf::from(path.file_name().unwrap_or_default());
-        Ok(numbers().map_err(|fault| Refusal::new(Skip::BadCamera, format!("{}: {fault}", file.display()))))
+        Ok(numbers().map_err(|fault| Refusal::new(Skip::BadCamera, format!("in {}, {fault}", file.display()))))
     }
 
     /// The numbers with their keys, for messages.
