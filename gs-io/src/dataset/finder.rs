@@ -121,45 +121,37 @@ impl<'a> Finder<'a> {
 
     /// What there is instead of an image that was not found, in words.
     pub(super) fn near(&mut self, file: &Path) -> Option<String> {
-        let shown = |root: &Path, path: &PathBuf| path.strip_prefix(root).unwrap_or(path).display().to_string();
-        let list = |paths: &[PathBuf], root: &Path| -> String {
-            paths.iter().take(NAMED).map(|path| shown(root, path)).collect::<Vec<_>>().join(", ")
-        };
         let place = self.place.clone().unwrap_or_else(|| Place::new(self.root, "", NamePart::Path));
         let similar = self.similar(&place, file);
         if similar.len() > 1 {
-            return Some(format!("several files fit: {}", list(&similar, self.root)));
+            return Some(format!("several files fit: {}", self.list(similar)));
         }
-        let (mut elsewhere, mut images) = (Vec::new(), 0);
-        walk(self.root, |_, files| {
-            elsewhere.extend(named_alike(files, file));
-            images += files.len();
-        });
-        if images == 0 {
-            walk(&self.root.join(".."), |_, files| elsewhere.extend(named_alike(files, file)));
-            elsewhere.sort();
-            return Some(match elsewhere.is_empty() {
-                true => "there are no images in the data set's folder".to_owned(),
-                false => format!("there is {}, but outside of the data set's folder", list(&elsewhere, self.root)),
-            });
-        }
+        let (elsewhere, images) = named_alike(self.root, file);
         if !elsewhere.is_empty() {
-            elsewhere.sort();
-            return Some(format!("there is {}", list(&elsewhere, self.root)));
+            return Some(format!("there is {}", self.list(elsewhere)));
+        }
+        if images == 0 {
+            let (above, _) = named_alike(&self.root.join(".."), file);
+            return Some(match above.is_empty() {
+                true => "there are no images in the data set's folder".to_owned(),
+                false => format!("there is {}, but outside of the data set's folder", self.list(above)),
+            });
         }
         let folder = place.expected(file).parent()?.to_owned();
         if !folder.is_dir() {
-            return Some(format!("there is no folder {}", shown(self.root, &folder)));
+            return Some(format!("there is no folder {}", self.list(vec![folder])));
         }
-        let listing = self.folders.listing(&folder);
-        let mut images: Vec<_> = listing.stems.values().flatten().map(|name| folder.join(name)).collect();
-        images.sort();
-        let first = images.first()?;
-        Some(format!(
-            "its folder has {}, such as {}",
-            gs_core::counted(images.len(), "other image"),
-            shown(self.root, first)
-        ))
+        let others = self.folders.listing(&folder).stems.values().flatten();
+        let others: Vec<_> = others.map(|name| folder.join(name)).collect();
+        let (count, first) = (others.len(), others.into_iter().min()?);
+        Some(format!("its folder has {}, such as {}", gs_core::counted(count, "other image"), self.list(vec![first])))
+    }
+
+    /// The first few of these paths, relative to the data set.
+    fn list(&self, mut paths: Vec<PathBuf>) -> String {
+        paths.sort();
+        let shown = |path: &PathBuf| path.strip_prefix(self.root).unwrap_or(path).display().to_string();
+        paths.iter().take(NAMED).map(shown).collect::<Vec<_>>().join(", ")
     }
 
     /// The files whose path differs from the one in `place` at most in what [`folded`] ignores, and in
@@ -263,10 +255,15 @@ fn only_folder_with(from: &Path, files: &[PathBuf], others: &HashSet<&Path>) -> 
     }
 }
 
-/// The files that have the file name of an image, but for what [`folded`] ignores and the extension.
-fn named_alike(files: &[PathBuf], image: &Path) -> Vec<PathBuf> {
-    let wanted = stem(image);
-    files.iter().filter(|file| stem(file) == wanted).cloned().collect()
+/// The files below `from` that have the file name of an image, but for what [`folded`] ignores and the
+/// extension; and the number of all images there.
+fn named_alike(from: &Path, image: &Path) -> (Vec<PathBuf>, usize) {
+    let (wanted, mut found, mut count) = (stem(image), Vec::new(), 0);
+    walk(from, |_, images| {
+        found.extend(images.iter().filter(|image| stem(image) == wanted).cloned());
+        count += images.len();
+    });
+    (found, count)
 }
 
 /// The folded file name without the extension of an image.
@@ -296,7 +293,6 @@ fn walk(from: &Path, mut visit: impl FnMut(&Path, &[PathBuf])) {
                 waiting.push((path, depth + 1));
             }
         }
-        images.sort();
         visit(&folder, &images);
     }
 }

@@ -66,7 +66,7 @@ fn frames_train_where_only_the_others_are_listed() {
 
 #[test]
 fn listed_names_are_compared_leniently() {
-    for [train, test] in [["0.png", "1.png"], ["IMAGES\\0.PNG", ".\\images\\1.png"], ["other/0", "./images/1"]] {
+    for [train, test] in [["0.png", "1.png"], ["IMAGES\\0.PNG", ".\\images\\1.png"], ["data/images/0", "./images/1"]] {
         let place = folder();
         listed(place.path(), 2, json!({"train_filenames": [train], "test_filenames": [test]}));
         let dataset = read(place.path());
@@ -86,6 +86,9 @@ fn a_list_that_names_no_frame_is_refused() {
         error.contains("transforms.json: test_filenames names no frame of the file: it begins with `images/x.png`"),
         "{error}"
     );
+    // A frame of another folder is another frame.
+    listed(place.path(), 2, json!({"test_filenames": ["other/0.png"]}));
+    assert!(refusal(place.path()).contains("test_filenames names no frame"));
     // Which of two frames a name without folder means is not guessed.
     let mut file = pinhole();
     file["frames"] = json!([frame("a/0.png"), frame("b/0.png")]);

@@ -10,54 +10,31 @@ use crate::{
 /// A list of names with its key.
 pub(super) type List<'a> = (Split, &'static str, &'a [String]);
 
+/// In which of the lists for training, validation and tests a frame is.
+type Listed = [bool; 3];
+
+fn is_in(listed: &Listed, split: Split) -> bool {
+    listed[split as usize]
+}
+
 /// Sets the split of each draft that a list names. The others are left out if there is a list for
 /// training. *Source:* Nerfstudio, whose splits have no other frames either. Names may differ from
-/// those of the frames in what [`names`] ignores, or have another folder, if that leaves one frame.
+/// those of the frames in what [`names`] ignores, and lack the folder, if that leaves one frame.
 ///
 /// # Errors
 /// [`Error::SplitMatchesNothing`] for a list without any frame.
 pub(super) fn apply(path: &Path, lists: &[List<'_>], drafts: &mut [Draft]) -> Result<Vec<Remark>, Error> {
-    let index = Index::new(drafts);
-    let mut listed: Vec<[bool; 3]> = vec![[false; 3]; drafts.len()];
-    let (mut other, mut missing) = (Vec::new(), Vec::new());
-    for &(split, key, names) in lists {
-        let mut matches = 0;
-        for name in names {
-            let found = index.find(name);
-            matches += found.len();
-            match found.first() {
-                None => missing.push(name.clone()),
-                Some(&first) if drafts[first].name != names::plain(name) => {
-                    other.push((name.clone(), drafts[first].name.clone()));
-                }
-                Some(_) => {}
-            }
-            found.iter().for_each(|&frame| listed[frame][split as usize] = true);
-        }
-        if let (0, Some(first)) = (matches, names.first()) {
-            let frame = drafts.first().map_or_else(String::new, |draft| draft.name.clone());
-            return Err(Error::SplitMatchesNothing { path: path.to_owned(), key, first: first.clone(), frame });
-        }
-    }
-    let mut remarks = Vec::new();
-    if let Some((listed, frame)) = other.first() {
-        remarks.push(Remark::ListedOtherwise { count: other.len(), listed: listed.clone(), frame: frame.clone() });
-    }
-    if let Some(first) = missing.first() {
-        remarks.push(Remark::ListedWithoutFrame { count: missing.len(), first: first.clone() });
-    }
-    let is_in = |splits: [bool; 3], split: Split| splits[split as usize];
-    let held_out = |splits| is_in(splits, Split::Test) || is_in(splits, Split::Validation);
-    let twice = |splits: &[bool; 3]| is_in(*splits, Split::Train) && held_out(*splits);
-    if let Some(first) = listed.iter().position(twice) {
-        let count = listed.iter().filter(|splits| twice(splits)).count();
-        remarks.push(Remark::ListedTwice { count, first: drafts[first].name.clone() });
+    let (listed, mut remarks) = find(path, lists, drafts)?;
+    let held_out = |listed: &Listed| is_in(listed, Split::Test) || is_in(listed, Split::Validation);
+    let mut twice = listed.iter().zip(&*drafts).filter(|(listed, _)| is_in(listed, Split::Train) && held_out(listed));
+    if let Some((_, draft)) = twice.next() {
+        remarks.push(Remark::ListedTwice { first: draft.name.clone(), count: 1 + twice.count() });
     }
     let trains = lists.iter().any(|(split, ..)| *split == Split::Train);
     let mut unlisted = Vec::new();
-    for (draft, splits) in drafts.iter_mut().zip(listed).filter(|(draft, _)| draft.split.is_none()) {
+    for (draft, listed) in drafts.iter_mut().zip(&listed).filter(|(draft, _)| draft.split.is_none()) {
         // What is held out for tests is never trained on.
-        let first = [Split::Test, Split::Validation, Split::Train].into_iter().find(|split| is_in(splits, *split));
+        let first = [Split::Test, Split::Validation, Split::Train].into_iter().find(|split| is_in(listed, *split));
         draft.split = first.or(Some(Split::Train));
         match first {
             Some(_) => {}
@@ -71,38 +48,82 @@ pub(super) fn apply(path: &Path, lists: &[List<'_>], drafts: &mut [Draft]) -> Re
     Ok(remarks)
 }
 
-/// Finds frames by the names of lists.
-struct Index([HashMap<String, Vec<usize>>; 4]);
+/// The lists that each draft is in, with remarks on names that fit none or only loosely.
+fn find(path: &Path, lists: &[List<'_>], drafts: &[Draft]) -> Result<(Vec<Listed>, Vec<Remark>), Error> {
+    let index = Index::new(drafts);
+    let mut listed = vec![Listed::default(); drafts.len()];
+    let (mut other, mut missing) = (Vec::new(), Vec::new());
+    for &(split, key, names) in lists {
+        let mut matches = 0;
+        for name in names {
+            let frames = index.find(name);
+            matches += frames.len();
+            frames.iter().for_each(|&frame| listed[frame][split as usize] = true);
+            match frames.first().map(|&frame| &drafts[frame].name) {
+                None => missing.push(name),
+                Some(frame) if *frame != names::plain(name) => other.push((name, frame)),
+                Some(_) => {}
+            }
+        }
+        if let (0, Some(first), Some(frame)) = (matches, names.first(), drafts.first()) {
+            let (first, frame) = (first.clone(), frame.name.clone());
+            return Err(Error::SplitMatchesNothing { path: path.to_owned(), key, first, frame });
+        }
+    }
+    let other = other.first().map(|&(listed, frame)| Remark::ListedOtherwise {
+        count: other.len(),
+        listed: listed.clone(),
+        frame: frame.clone(),
+    });
+    let missing =
+        missing.first().map(|&first| Remark::ListedWithoutFrame { count: missing.len(), first: first.clone() });
+    Ok((listed, other.into_iter().chain(missing).collect()))
+}
 
-impl Index {
-    fn new(drafts: &[Draft]) -> Self {
+/// Finds frames by the names of lists.
+struct Index<'d> {
+    drafts: &'d [Draft],
+    /// Of each of the [`forms`] of a name, the frames that have it.
+    levels: [HashMap<String, Vec<usize>>; 4],
+}
+
+/// The forms of a name, from the strictest: as it is, without regard to case, without extension,
+/// without folder.
+fn forms(name: &str) -> [String; 4] {
+    let plain = names::plain(name);
+    let folded = names::folded(&plain);
+    let stem = names::without_extension(&folded).to_owned();
+    let file = stem.rsplit('/').next().unwrap_or(&stem).to_owned();
+    [plain, folded, stem, file]
+}
+
+impl<'d> Index<'d> {
+    fn new(drafts: &'d [Draft]) -> Self {
         let mut levels: [HashMap<String, Vec<usize>>; 4] = Default::default();
         for (frame, draft) in drafts.iter().enumerate() {
-            for (level, form) in levels.iter_mut().zip(Self::forms(&draft.name)) {
+            for (level, form) in levels.iter_mut().zip(forms(&draft.name)) {
                 level.entry(form).or_default().push(frame);
             }
         }
-        Self(levels)
-    }
-
-    /// The forms of a name, from the strictest: as it is, without regard to case, without extension,
-    /// without folder.
-    fn forms(name: &str) -> [String; 4] {
-        let plain = names::plain(name);
-        let folded = names::folded(&plain);
-        let stem = names::without_extension(&folded).to_owned();
-        let file = stem.rsplit('/').next().unwrap_or(&stem).to_owned();
-        [plain, folded, stem, file]
+        Self { drafts, levels }
     }
 
     /// The frames of a name: all that have it as it is, or the only one that has a looser form of it.
-    fn find(&self, name: &str) -> &[usize] {
-        let found = |(level, form): (&HashMap<String, Vec<usize>>, String)| level.get(&form).is_some();
-        let forms = || self.0.iter().zip(Self::forms(name));
-        let Some(strictest) = forms().position(found) else { return &[] };
-        match forms().nth(strictest).and_then(|(level, form)| level.get(&form)) {
-            Some(frames) if strictest == 0 || frames.len() == 1 => frames,
-            _ => &[],
-        }
+    /// If both have folders, those of one must end the other.
+    fn find(&self, name: &str) -> Vec<usize> {
+        let forms = forms(name);
+        let strictest = self.levels.iter().zip(&forms).position(|(level, form)| level.contains_key(form));
+        let Some(mut frames) = strictest.and_then(|at| self.levels[at].get(&forms[at])).cloned() else {
+            return Vec::new();
+        };
+        frames
+            .retain(|&frame| strictest != Some(3) || ends_alike(&forms[2], &self::forms(&self.drafts[frame].name)[2]));
+        if strictest == Some(0) || frames.len() == 1 { frames } else { Vec::new() }
     }
+}
+
+/// Whether one path is the end of the other, by whole parts.
+fn ends_alike(a: &str, b: &str) -> bool {
+    let ends = |long: &str, short: &str| long.strip_suffix(short).is_some_and(|start| start.ends_with('/'));
+    a == b || ends(a, b) || ends(b, a)
 }
