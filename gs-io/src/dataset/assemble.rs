@@ -219,6 +219,11 @@ pub(super) fn assemble(parts: Parts<'_>, settings: &DatasetSettings) -> Result<D
     if points.len() < listed {
         remarks.push(Remark::PointsNotFinite { count: listed - points.len() });
     }
+    let finite = points.len();
+    let points = without_copies(points);
+    if points.len() < finite {
+        remarks.push(Remark::PointsCoincide { count: finite - points.len() });
+    }
     if points.is_empty() && !remarks.iter().any(|remark| matches!(remark, Remark::PointsMissing { .. })) {
         remarks.push(Remark::NoPoints);
     }
@@ -246,6 +251,15 @@ fn points_in(frame: &WorldFrame, points: Vec<WorldPoint>) -> Vec<Point> {
     let moved = |WorldPoint { position, color }| Point { position: frame.to_frame(position).as_vec3(), color };
     let is_finite = |point: &Point| point.position.is_finite() && point.color.iter().all(|c| c.is_finite());
     points.into_iter().map(moved).filter(is_finite).collect()
+}
+
+/// The points without those at the place of an earlier one, which some programs write for each image
+/// that shows a point.
+fn without_copies(mut points: Vec<Point>) -> Vec<Point> {
+    let mut places = HashSet::with_capacity(points.len());
+    // Adding 0 makes 0 of -0.
+    points.retain(|point| places.insert((point.position + 0.0).to_array().map(f32::to_bits)));
+    points
 }
 
 /// The first view of the shape of a 360° image with another camera model, if its borders are those of

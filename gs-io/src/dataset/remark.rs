@@ -118,6 +118,11 @@ pub enum Remark {
         /// Number of points.
         count: usize,
     },
+    /// Points that were left out because an earlier one is at the same place.
+    PointsCoincide {
+        /// Number of points.
+        count: usize,
+    },
     /// The file of points does not exist.
     PointsMissing {
         /// The file, as the data set names it.
@@ -281,6 +286,9 @@ impl fmt::Display for Remark {
             }
             Self::NoPoints => f.write_str("no points"),
             Self::PointsNotFinite { count } => write!(f, "{} left out: not finite", counted(*count, "point")),
+            Self::PointsCoincide { count } => {
+                write!(f, "{} left out: at the same place as others", counted(*count, "point"))
+            }
             Self::PointsMissing { file } => write!(f, "no points: there is no file {file}"),
             Self::OtherModels { count } => {
                 write!(f, "{} in the data set not read: only the first is", counted(*count, "more COLMAP model"))

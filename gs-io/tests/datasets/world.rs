@@ -74,3 +74,19 @@ fn a_data_set_is_read_into_the_frame_of_a_scene() {
         assert!(place.as_vec3().distance(b.position) < 2e-4, "{place} {}", b.position);
     }
 }
+
+#[test]
+fn copies_of_points_are_left_out() {
+    let place = folder();
+    let model = ring(DVec3::ZERO, 1.0);
+    write_pictures(&place.path().join("images"), &model, 1);
+    let read = |model: &ColmapModel| {
+        write_model(&place.path().join("sparse/0"), &binary(model), "bin");
+        read_dataset(place.path(), &DatasetSettings::default()).unwrap()
+    };
+    let once = read(&model);
+    let points = model.points.iter().flat_map(|point| [*point; 5]).collect();
+    let copied = read(&ColmapModel { points, ..model });
+    assert_eq!(copied.points, once.points);
+    assert!(copied.remarks.contains(&Remark::PointsCoincide { count: 32 }), "{:?}", copied.remarks);
+}

@@ -1,6 +1,8 @@
 //! Distances of points from their nearest neighbours: the size that Gaussians need to leave no
 //! holes.
 
+use std::collections::HashMap;
+
 use glam::Vec3;
 use rayon::prelude::*;
 use rstar::{RTree, primitives::GeomWithData};
@@ -8,25 +10,79 @@ use rstar::{RTree, primitives::GeomWithData};
 /// Number of neighbours. *Source:* 3DGS.
 const NEIGHBOURS: usize = 3;
 
+/// Share of the usual distance to the sixteenth neighbour up to which a point is a copy of another,
+/// apart from rounding.
+const COPY: f32 = 1e-3;
+
+/// Number of the neighbour whose distance is usual among points, even where each stands there a few
+/// times.
+const USUAL: usize = 16;
+
+/// Number of points that the usual distance is measured at.
+const SAMPLE: usize = 256;
+
+/// Most copies of a point and its neighbours that are passed over.
+const MOST_PASSED: usize = 64;
+
+/// An R*-tree, not a k-d tree, which is slow for points that share a coordinate, as those of a
+/// scanner or a wall do.
+type Tree = RTree<GeomWithData<[f32; 3], usize>>;
+
 /// Root of the mean squared distance of each point to its three nearest neighbours (*source:*
-/// 3DGS), `[N]`, or to fewer where there are fewer; `None` where there is no other point. Points
-/// must be finite and below 1e15 in magnitude, so that squares do not overflow.
+/// 3DGS), `[N]`, or to fewer where there are fewer; `None` where there is no other point.
+///
+/// Copies of a point, which coincide with it or nearly so, are no neighbours of it, and count once as
+/// neighbours of others. Points must be finite and below 1e15 in magnitude, so that squares do not
+/// overflow.
 pub(super) fn neighbour_distances(points: &[Vec3]) -> Vec<Option<f32>> {
-    let entries = points.iter().enumerate().map(|(i, p)| GeomWithData::new(p.to_array(), i)).collect();
-    // An R*-tree, not a k-d tree, which is slow for points that share a coordinate, as those of a
-    // scanner or a wall do.
-    let tree: RTree<GeomWithData<[f32; 3], usize>> = RTree::bulk_load(entries);
-    points
-        .par_iter()
-        .with_min_len(256)
-        .enumerate()
-        .map(|(i, point)| {
-            let others = tree.nearest_neighbor_iter(point.to_array()).filter(|other| other.data != i);
-            let squares = others.take(NEIGHBOURS).map(|other| f64::from(point.distance_squared(points[other.data])));
-            let (count, sum) = squares.fold((0, 0.0), |(count, sum), square| (count + 1, sum + square));
-            (count > 0).then(|| (sum / f64::from(count)).sqrt() as f32)
-        })
-        .collect()
+    let mut numbers = HashMap::with_capacity(points.len());
+    // Adding 0 makes 0 of -0.
+    let key = |point: &Vec3| (*point + 0.0).to_array().map(f32::to_bits);
+    let mut distinct = Vec::with_capacity(points.len());
+    for point in points {
+        numbers.entry(key(point)).or_insert_with(|| {
+            distinct.push(*point);
+            distinct.len() - 1
+        });
+    }
+    let tree: Tree =
+        RTree::bulk_load(distinct.iter().enumerate().map(|(i, p)| GeomWithData::new(p.to_array(), i)).collect());
+    let copy = COPY * usual_distance(&tree, &distinct);
+    let distances: Vec<Option<f32>> =
+        (0..distinct.len()).into_par_iter().with_min_len(256).map(|i| distance(&tree, &distinct, i, copy)).collect();
+    points.iter().map(|point| distances[numbers[&key(point)]]).collect()
+}
+
+/// The median over some points of the distance to the sixteenth neighbour, or to the last.
+fn usual_distance(tree: &Tree, points: &[Vec3]) -> f32 {
+    let sample = points.iter().step_by(points.len().div_ceil(SAMPLE).max(1));
+    let far = |point: &Vec3| {
+        let neighbours = tree.nearest_neighbor_iter(point.to_array()).take(USUAL + 1);
+        neighbours.last().map_or(0.0, |last| point.distance(points[last.data]))
+    };
+    let mut distances: Vec<f32> = sample.map(far).collect();
+    distances.sort_by(f32::total_cmp);
+    distances.get(distances.len() / 2).copied().unwrap_or(0.0)
+}
+
+/// The distance of point `i`, where points nearer than `copy` to each other count once.
+fn distance(tree: &Tree, points: &[Vec3], i: usize, copy: f32) -> Option<f32> {
+    let point = points[i];
+    let mut found: [Vec3; NEIGHBOURS] = Default::default();
+    let mut count = 0;
+    let others = tree.nearest_neighbor_iter(point.to_array()).filter(|other| other.data != i);
+    for other in others.take(MOST_PASSED).map(|other| points[other.data]) {
+        let is_copy = |known: &Vec3| known.distance(other) < copy;
+        if !is_copy(&point) && !found[..count].iter().any(is_copy) {
+            found[count] = other;
+            count += 1;
+        }
+        if count == NEIGHBOURS {
+            break;
+        }
+    }
+    let squares = found[..count].iter().map(|other| f64::from(point.distance_squared(*other)));
+    (count > 0).then(|| (squares.sum::<f64>() / count as f64).sqrt() as f32)
 }
 
 #[cfg(test)]
@@ -51,10 +107,24 @@ mod tests {
         assert!(neighbour_distances(&[]).is_empty());
         assert_eq!(neighbour_distances(&[Vec3::ONE]), [None]);
         assert_eq!(neighbour_distances(&[Vec3::ZERO, Vec3::X]), [Some(1.0), Some(1.0)]);
-        assert!(neighbour_distances(&[Vec3::ONE; 5000]).iter().all(|d| *d == Some(0.0)));
+        assert!(neighbour_distances(&[Vec3::ONE; 5000]).iter().all(|d| d.is_none()));
         let wall: Vec<Vec3> = (0..5000).map(|i| Vec3::new(1.0, 0.0, i as f32)).collect();
         assert!(neighbour_distances(&wall).iter().all(|d| d.is_some_and(|d| (1.0..2.5).contains(&d))));
         let far = [Vec3::splat(1e15), Vec3::splat(-1e15)];
         assert!(neighbour_distances(&far).iter().all(|d| d.is_some_and(f32::is_finite)));
+    }
+
+    #[test]
+    fn copies_change_nothing() {
+        let hash = |i: usize, k: usize| ((i * 7919 + k * 104_729) % 1009) as f32 / 1009.0;
+        let points: Vec<Vec3> = (0..300).map(|i| Vec3::new(hash(i, 1), hash(i, 5), (i % 7) as f32)).collect();
+        let once = neighbour_distances(&points);
+        for noise in [0.0, 1e-6] {
+            let copies = points.iter().flat_map(|point| (0..5).map(move |k| *point + noise * k as f32));
+            for (i, distance) in neighbour_distances(&copies.collect::<Vec<_>>()).into_iter().enumerate() {
+                let expected = once[i / 5].unwrap();
+                assert!((distance.unwrap() - expected).abs() < 2e-5 + noise, "{i}: {distance:?}, not {expected}");
+            }
+        }
     }
 }
