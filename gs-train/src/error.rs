@@ -79,6 +79,17 @@ pub enum Error {
         /// Size and fingerprint of the image given.
         found: String,
     },
+    /// Images have been replaced or changed since a checkpoint was made.
+    #[error(
+        "{} changed since the checkpoint was made (first: {first}): restore them, or begin again without the checkpoint",
+        if *count == 1 { "1 image has".to_owned() } else { format!("{count} images have") }
+    )]
+    OtherImages {
+        /// Number of views with another image, mask or depth map.
+        count: usize,
+        /// Name of the first.
+        first: String,
+    },
     /// A checkpoint is not from this kind of training.
     #[error("the checkpoint cannot be used: {0}")]
     Checkpoint(String),

@@ -2,7 +2,7 @@
 
 use gs_core::Image;
 
-use super::{AlphaMeaning, View, assemble::same_shape, resample::undistorted, shrink::shrunk};
+use super::{AlphaMeaning, View, assemble::same_shape, read_file, resample::undistorted, shrink::shrunk};
 use crate::{
     error::Error,
     image::{composite, decode, decode_mask},
@@ -68,6 +68,23 @@ impl View {
     pub fn read_image(&self) -> Result<PosedImage, Error> {
         let whole = self.read_whole()?;
         if self.source.lens.is_pinhole() { self.scaled(whole) } else { self.undistorted(&whole) }
+    }
+
+    /// A checksum of the bytes of the view's files: image, mask and depth map. Views with other files
+    /// have another, except for a chance of 2⁻³². *Source:* CRC-32.
+    ///
+    /// # Errors
+    /// Those of reading a file.
+    pub fn digest(&self) -> Result<u32, Error> {
+        let depth = self.depth.as_ref().map(|depth| &depth.path);
+        let mut hasher = crc32fast::Hasher::new();
+        for path in [Some(&self.image), self.mask.as_ref(), depth].into_iter().flatten() {
+            let bytes = read_file(path)?;
+            hasher.update(&bytes);
+            // Where one file ends and the next begins counts, too.
+            hasher.update(&(bytes.len() as u64).to_le_bytes());
+        }
+        Ok(hasher.finalize())
     }
 
     /// The image of this view, from that of its file.

@@ -82,6 +82,10 @@ impl ImageSource for Face {
         self.of.faces[self.index].depth()
     }
 
+    fn digest(&self) -> Result<u32, gs_io::Error> {
+        self.of.faces[self.index].digest()
+    }
+
     fn counting(&self) -> Counting {
         self.of.faces[self.index].counting()
     }

@@ -1,6 +1,6 @@
 //! The task of training from views.
 
-use std::fmt;
+use std::{collections::BTreeMap, fmt};
 
 use gs_core::{
     Added, Camera, Culled, Effects, Gaussian3d, Image, Optimizer, RenderSettings, Scene3d, TrainStep,
@@ -54,6 +54,28 @@ pub struct ViewsTask<R: Optimizer<Scene3d>> {
     compact: bool,
     exposures: Exposures,
     depths: DepthMaps<R::Target>,
+    /// Checksums of the views' images.
+    digests: Vec<u32>,
+}
+
+/// The entry of a checkpoint's metadata with the checksums of the views' images.
+const DIGESTS_ENTRY: &str = "image-digests";
+
+/// Fails if the images of the views are others than those of a checkpoint with this metadata.
+pub(super) fn check_images(metadata: &BTreeMap<String, String>, views: &Views, digests: &[u32]) -> Result<(), Error> {
+    let stored = metadata.get(DIGESTS_ENTRY).map(String::as_str).unwrap_or_default();
+    let mut stored = stored.split(' ');
+    let all = views.train.iter().chain(&views.test).zip(digests);
+    let changed: Vec<&str> =
+        all.filter(|(_, digest)| stored.next() != Some(&*text_of(**digest))).map(|(view, _)| &*view.name).collect();
+    match changed.first() {
+        None => Ok(()),
+        Some(first) => Err(Error::OtherImages { count: changed.len(), first: (*first).to_owned() }),
+    }
+}
+
+fn text_of(digest: u32) -> String {
+    format!("{digest:08x}")
 }
 
 impl<R: Optimizer<Scene3d>> fmt::Debug for ViewsTask<R> {
@@ -81,12 +103,12 @@ impl SceneTask for Scene3d {
 }
 
 impl<R: Optimizer<Scene3d>> ViewsTask<R> {
-    pub(super) fn new(views: Views, extent: f32, exposures: Exposures, guides: Guides) -> Self {
+    pub(super) fn new(views: Views, digests: Vec<u32>, extent: f32, exposures: Exposures, guides: Guides) -> Self {
         let pixels = views.train_cameras().map(|camera| u64::from(camera.width) * u64::from(camera.height)).sum();
         let images = Images::new(views.keep_bytes);
         let depths = DepthMaps::new(guides, views.keep_bytes / DEPTH_SHARE);
         let compact = memory::is_compact(pixels);
-        Self { views, extent, order: Order::default(), images, compact, exposures, depths }
+        Self { views, extent, order: Order::default(), images, compact, exposures, depths, digests }
     }
 
     /// The views.
@@ -214,7 +236,9 @@ impl<R: Optimizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
     fn state(&self) -> Result<Vec<(&'static str, String)>, Error> {
         let frame = self.views.frame;
         let frame = (!frame.is_world()).then(|| (gs_io::FRAME_ENTRY, frame.to_toml()));
-        Ok([self.exposures.to_metadata()?, self.depths.to_metadata()?, frame].into_iter().flatten().collect())
+        let digests = self.digests.iter().map(|digest| text_of(*digest)).collect::<Vec<_>>().join(" ");
+        let own = [self.exposures.to_metadata()?, self.depths.to_metadata()?, frame, Some((DIGESTS_ENTRY, digests))];
+        Ok(own.into_iter().flatten().collect())
     }
 
     async fn send(

@@ -12,7 +12,7 @@ use super::{
     geometry::extent_of,
     init::Start,
     settings::TrainSettings,
-    task::{ViewsTask, shown},
+    task::{ViewsTask, check_images, shown},
     views::{Counting, PosedView, Views},
 };
 use crate::{
@@ -62,13 +62,13 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
         let extent = *settings.extent.get_or_insert_with(|| extent_of(&cameras, depth_of(&scene, &cameras)));
         settings.validate()?;
         let splats = rasterizer.upload(&scene, settings.parameterization)?;
-        let images = fingerprint(&views);
+        let (images, digests) = (fingerprint(&views), views.digests()?);
         let guides = match settings.depth_loss.is_off() {
             true => Guides::default(),
             false => Guides::of(&views.train, &scene.means)?,
         };
         let record = Record::beginning(settings, images);
-        let task = ViewsTask::new(views, extent, Exposures::default(), guides);
+        let task = ViewsTask::new(views, digests, extent, Exposures::default(), guides);
         let mut trainer = Self::assemble(rasterizer, record, splats, task);
         trainer.record.seconds = started.elapsed().as_secs_f64();
         Ok(trainer)
@@ -78,7 +78,7 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
     /// never stopped, unless it restarts ([`Recovery`](crate::Recovery)).
     ///
     /// # Errors
-    /// [`Error::WrongTarget`] for other views, [`Error::Checkpoint`] for metadata that are not
+    /// [`Error::WrongTarget`] for other views, [`Error::OtherImages`] for other images of them, [`Error::Checkpoint`] for metadata that are not
     /// those of a training in 3D, and those of the backend.
     pub fn resume_views(rasterizer: &'a R, views: Views, checkpoint: Checkpoint) -> Result<Self, Error> {
         let record = Record::from_metadata::<Scene3d>(&checkpoint.metadata)?;
@@ -87,6 +87,8 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
         if record.images != found {
             return Err(Error::WrongTarget { expected: record.images, found });
         }
+        let digests = views.digests()?;
+        check_images(&checkpoint.metadata, &views, &digests)?;
         let Some(extent) = record.settings.extent else {
             return Err(Error::Checkpoint("its settings lack the extent".to_owned()));
         };
@@ -94,7 +96,7 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
         let splats = rasterizer.restore(&checkpoint.state)?;
         let exposures = Exposures::from_metadata(&checkpoint.metadata, views.train.len())?;
         let guides = Guides::from_metadata(&checkpoint.metadata, views.train.len())?;
-        Ok(Self::assemble(rasterizer, record, splats, ViewsTask::new(views, extent, exposures, guides)))
+        Ok(Self::assemble(rasterizer, record, splats, ViewsTask::new(views, digests, extent, exposures, guides)))
     }
 
     /// The views.
@@ -175,8 +177,8 @@ fn depth_of(scene: &Scene3d, cameras: &[Camera]) -> Option<f32> {
     distances.get(scene.len() / 2).copied()
 }
 
-/// Identifies the views by names, cameras, roles and which pixels count; not by the pixels, which
-/// would all have to be read.
+/// Identifies the views by names, cameras, roles and which pixels count. Their images have
+/// [checksums](Views::digests) of their own, so that an error can name those that differ.
 fn fingerprint(views: &Views) -> String {
     let mut bytes = Vec::new();
     for (role, views) in [(0, &views.train), (1, &views.test)] {

@@ -10,7 +10,7 @@ use gs_io::{
 use rayon::prelude::*;
 
 use super::faces;
-use crate::error::Error;
+use crate::{checkpoint::digest, error::Error};
 
 /// Source of a view's image: memory, or a file that is read when it is needed.
 pub trait ImageSource: Send + Sync {
@@ -36,6 +36,19 @@ pub trait ImageSource: Send + Sync {
     /// Whether the image is in memory, so that reading it is a copy.
     fn is_in_memory(&self) -> bool {
         false
+    }
+
+    /// A checksum of what the source reads, so that a run is not resumed with other images. By default
+    /// that of the image's pixels.
+    ///
+    /// # Errors
+    /// Those of reading a file.
+    fn digest(&self) -> Result<u32, gs_io::Error> {
+        let PosedImage { image, alpha, mask } = self.read()?;
+        let floats = image.pixels().as_flattened().iter().chain(alpha.iter().flatten());
+        let bytes = floats.flat_map(|value| value.to_le_bytes());
+        let hash = digest(bytes.chain(mask.iter().flatten().map(|&counts| u8::from(counts))));
+        Ok((hash ^ (hash >> 32)) as u32)
     }
 }
 
@@ -69,6 +82,10 @@ impl ImageSource for View {
 
     fn depth(&self) -> Result<Option<DepthMap>, gs_io::Error> {
         self.read_depth()
+    }
+
+    fn digest(&self) -> Result<u32, gs_io::Error> {
+        Self::digest(self)
     }
 
     fn counting(&self) -> Counting {
@@ -146,6 +163,10 @@ impl ImageSource for Held {
         self.source.depth()
     }
 
+    fn digest(&self) -> Result<u32, gs_io::Error> {
+        self.source.digest()
+    }
+
     fn counting(&self) -> Counting {
         self.source.counting()
     }
@@ -219,6 +240,17 @@ impl Views {
     /// The views to evaluate a scene with: those held out, or all if there are none.
     pub fn test_or_train(&self) -> &[PosedView] {
         if self.test.is_empty() { &self.train } else { &self.test }
+    }
+
+    /// Checksums of the images of all views, those for training first.
+    ///
+    /// # Errors
+    /// Those of reading a file.
+    pub(super) fn digests(&self) -> Result<Vec<u32>, Error> {
+        let views: Vec<&PosedView> = self.train.iter().chain(&self.test).collect();
+        let digests: Vec<_> = views.par_iter().map(|view| view.source.digest()).collect();
+        // The first error, whichever thread was faster.
+        Ok(digests.into_iter().collect::<Result<_, _>>()?)
     }
 
     /// Cameras of the training views.

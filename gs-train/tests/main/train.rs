@@ -247,6 +247,15 @@ fn a_checkpoint_of_other_views_or_of_an_image_is_refused() {
     let masked = changed(views(&rasterizer), all);
     let refused = Trainer3d::resume_views(&rasterizer, masked, checkpoint.clone()).unwrap_err();
     assert!(matches!(refused, Error::WrongTarget { .. }), "{refused}");
+    let replaced = |i, mut posed: PosedImage| {
+        if i == 3 {
+            posed.image.pixels_mut()[5][1] += 1.0 / 255.0;
+        }
+        posed
+    };
+    let refused = Trainer3d::resume_views(&rasterizer, changed(views(&rasterizer), replaced), checkpoint.clone());
+    let Err(Error::OtherImages { count: 1, first }) = refused else { panic!("{refused:?}") };
+    assert_eq!(first, "view-03");
     let mut flat = checkpoint;
     flat.metadata.insert("format".to_owned(), "fit-2d-1".to_owned());
     let refused = Trainer3d::resume_views(&rasterizer, views(&rasterizer), flat).unwrap_err();
