@@ -64,6 +64,8 @@ struct Transforms {
     applied_transform: Option<Vec<Vec<Number>>>,
     applied_scale: Option<Number>,
     ply_file_path: Option<String>,
+    /// Whether there are masks; without, each `mask_path` is a name only (ScanNet++).
+    has_mask: Option<bool>,
     train_filenames: Option<Vec<String>>,
     val_filenames: Option<Vec<String>>,
     test_filenames: Option<Vec<String>>,
@@ -176,7 +178,10 @@ pub(super) fn read_blender(root: &Path, settings: &DatasetSettings) -> Result<Da
 
 /// Reads a `transforms.json` with files below `root`.
 pub(super) fn read_nerfstudio(root: &Path, path: &Path, settings: &DatasetSettings) -> Result<Dataset, Error> {
-    let file: Transforms = parse(path)?;
+    let mut file: Transforms = parse(path)?;
+    if file.has_mask == Some(false) {
+        file.frames.iter_mut().chain(&mut file.test_frames).for_each(|frame| frame.mask_path = None);
+    }
     file.check_inside(root, path, settings)?;
     let (mut drafts, mut remarks) = file.drafts(root, path, None)?;
     let lists = [

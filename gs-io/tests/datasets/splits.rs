@@ -121,10 +121,13 @@ fn test_frames_are_held_out_and_bad_ones_left_out() {
     let path = place.path().join("transforms.json");
     let mut file: Value = serde_json::from_slice(&fs::read(&path).unwrap()).unwrap();
     file["frames"][3]["is_bad"] = json!(true);
+    file["frames"][4]["mask_path"] = json!("4.png");
+    file["has_mask"] = json!(false);
     write(place.path(), "transforms.json", &file);
     let dataset = read(place.path());
     assert_eq!((counts(&dataset), dataset.split), ([7, 0, 1], SplitOrigin::Lists));
     assert_eq!(skipped(&dataset, Skip::MarkedBad), 1);
+    assert_eq!(dataset.remarks.len(), 2, "no mask is missed: {:?}", dataset.remarks);
 }
 
 #[test]
