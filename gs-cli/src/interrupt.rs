@@ -15,7 +15,7 @@ const SAME_REQUEST: Duration = Duration::from_secs(1);
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Interrupt(Arc<OnceLock<Instant>>);
 
-/// How work ends that takes checkpoints.
+/// Message for runs that stop at their next checkpoint.
 pub(crate) const AT_NEXT_STEP: &str = "stopping at the next step that can be resumed";
 
 /// What a signal asks for.

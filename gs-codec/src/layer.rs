@@ -30,7 +30,7 @@ pub struct LayerHead {
     pub turn_ratio: u8,
 }
 
-/// The integers of a Gaussian.
+/// A quantized Gaussian: the integers that a layer codes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Code {
     /// Row of the cell.

@@ -8,7 +8,7 @@ use crate::quantizer::{HALF, sin_cos};
 /// Gaussians of a cell that are looked at, the last ones.
 const MOST_OF_CELL: usize = 8;
 
-/// What later Gaussians are told about one.
+/// Context that one coded Gaussian gives to later ones.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Seen {
     pub(crate) amplitude: [i32; 3],

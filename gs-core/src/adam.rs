@@ -199,7 +199,7 @@ pub struct Adam {
     pub max_scale: f32,
     /// The Gaussians that a step moves.
     pub participants: Participants,
-    /// Regularisation beside the loss. 3D scenes.
+    /// Regularisation added to the loss. 3D scenes.
     pub penalty: Penalty,
 }
 
@@ -262,7 +262,7 @@ pub struct AdamRates {
     pub max_scale: f32,
     /// The Gaussians that move.
     pub participants: Participants,
-    /// Regularisation beside the loss.
+    /// Regularisation added to the loss.
     pub penalty: Penalty,
 }
 

@@ -90,7 +90,7 @@ pub trait Backend {
 /// [`Optimizer`] is for backends that train.
 pub trait Rasterizer<S: Scene>: Backend {
     /// A scene where this backend computes; backends that train keep Adam's moments and statistics
-    /// beside the parameters.
+    /// with the parameters.
     type Splats;
     /// A forward pass with all that its backward pass needs.
     type ForwardPass;
@@ -195,7 +195,7 @@ pub trait Rasterizer<S: Scene>: Backend {
     /// The image of splats, not clamped, and the numbers of Gaussians left out, without a backward
     /// pass.
     ///
-    /// The result equals that of [`Self::forward`], [`Self::image`] and [`Self::culled`] bit for
+    /// The result is the same as by [`Self::forward`], [`Self::image`] and [`Self::culled`], bit for
     /// bit. Backends may need less memory for it.
     ///
     /// # Errors
@@ -259,7 +259,7 @@ pub trait Optimizer<S: Scene>: Rasterizer<S> {
     /// [`Self::train_step`] along the gradients of the step's loss plus those of a further loss.
     ///
     /// Only Gaussians in the lists of the step's own view receive the added gradients. The loss
-    /// that is reported, and the statistics, are those of the step alone. Backends may refuse added
+    /// that is reported, and the statistics, are of the step alone. Backends may refuse added
     /// gradients of a kind of scene.
     ///
     /// # Errors

@@ -12,7 +12,7 @@ pub(crate) trait Collect {
     const ABSOLUTE: bool;
     /// Whether the numbers include Σ T α e, where e is the pixel's error.
     const ERROR: bool;
-    /// Whether the number is that of the pixels in which the Gaussian is blended.
+    /// Whether the number counts the pixels in which the Gaussian is blended.
     const COUNT: bool;
 }
 

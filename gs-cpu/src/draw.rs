@@ -12,7 +12,7 @@ use crate::{
 
 /// Size of the strips that are drawn before they are copied into the image.
 ///
-/// It is enough to occupy every thread, and small beside a large image.
+/// It is enough to occupy every thread, and small compared with a large image.
 const MOST_BYTES: usize = 32 << 20;
 
 /// Number of strips that are drawn at once.

@@ -1,4 +1,4 @@
-//! Stage `loss`: the loss of an image, and its gradient, which is written beside the image.
+//! Stage `loss`: the loss of an image, and its gradient, which is written next to the image.
 //! Parallel over tiles.
 
 use gs_core::{Error, Image, Loss, memory};

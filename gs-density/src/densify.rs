@@ -55,7 +55,7 @@ pub enum SplitPlacement {
 /// The halves are half as long, a little narrower and fainter. The drawn halves of 3DGS overlap by
 /// chance, hide more than the parent did and lose its shape. *Source:* Deng et al. 2024, "Efficient
 /// Density Control for 3D Gaussian Splatting", and 2025, "Improving Densification in 3D Gaussian
-/// Splatting for High-Fidelity Rendering"; the numbers are those of their code.
+/// Splatting for High-Fidelity Rendering"; the numbers come from their code.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, rename_all = "kebab-case", deny_unknown_fields)]
 #[non_exhaustive]
@@ -149,7 +149,7 @@ impl MomentHeir {
     }
 }
 
-/// Settings of cloning and splitting. The defaults are those of 3DGS, except [`Self::newcomers`].
+/// Settings of cloning and splitting. The defaults follow 3DGS, except [`Self::newcomers`].
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, rename_all = "kebab-case", deny_unknown_fields)]
 #[non_exhaustive]

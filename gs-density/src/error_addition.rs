@@ -25,7 +25,7 @@ gs_core::impl_with!(ErrorAddition);
 /// Nothing is cloned or split, and only Gaussians that are not finite are pruned. New Gaussians
 /// have no parents, so they can appear anywhere. A new Gaussian is round and of the size of the
 /// first ones. Its colour is the error at its pixel, as in the source; in a scene with opacities it
-/// is the target's colour. The error is that of the image clamped to 0..=1. No pixel is drawn twice
+/// is the target's colour. The error is measured on the image clamped to 0..=1. No pixel is drawn twice
 /// in one addition, unless there are not enough.
 ///
 /// Differences from the source: the target is not blurred before it is compared, which the source

@@ -16,7 +16,7 @@ gs_core::impl_with!(EvidenceRequest);
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub struct EvidenceRequest {
-    /// Number of training views, drawn anew in each round; 0 for all.
+    /// Number of training views, drawn again in each round; 0 for all.
     pub views: u32,
     /// Weight of the difference to the target in a pixel's error. Default 1.
     pub l1: f32,

@@ -46,7 +46,7 @@ gs_core::impl_with!(FastGs);
 #[serde(default, rename_all = "kebab-case", deny_unknown_fields)]
 #[non_exhaustive]
 pub struct FastGs {
-    /// Number of training views for the scores, drawn anew in each round; 0 for all. Default 10.
+    /// Number of training views for the scores, drawn again in each round; 0 for all. Default 10.
     pub views: u32,
     /// Least absolute gradient of a Gaussian that grows, normalised device units; not negative.
     /// Default 0.0012.

@@ -48,7 +48,7 @@ gs_core::impl_with!(Mrnf);
 #[serde(default, rename_all = "kebab-case", deny_unknown_fields)]
 #[non_exhaustive]
 pub struct Mrnf {
-    /// Number of training views for the scores, drawn anew in each round; 0 for all. Default 10
+    /// Number of training views for the scores, drawn again in each round; 0 for all. Default 10
     /// (this project's choice).
     pub views: u32,
     /// Least error of a candidate in some view, px; not negative. Default 0.003.

@@ -46,7 +46,7 @@ impl Noise {
     }
 
     /// The noise after step `step`, counted from 1, of a run with this seed. `rate` is the learning
-    /// rate of means relative to its first value; `extent` is that of the scene.
+    /// rate of means relative to its first value; `extent` is the size of the scene.
     pub fn of_step<S: DensityScene>(&self, extent: f32, rate: f32, seed: u32, step: u32) -> MeanNoise {
         MeanNoise { scale: S::noise_factor(self.strength * rate * (self.every as f32).sqrt(), extent), seed, step }
     }

@@ -124,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn whatever_is_not_finite_goes_even_where_nothing_else_does() {
+    fn prunes_nonfinite() {
         for bad in [
             Gaussian2d { mean: Vec2::new(f32::NAN, 0.0), ..gaussian() },
             Gaussian2d { log_scale: Vec2::new(0.0, f32::NEG_INFINITY), ..gaussian() },

@@ -29,7 +29,7 @@ gs_core::impl_with!(Simplify);
 #[serde(default, rename_all = "kebab-case", deny_unknown_fields)]
 #[non_exhaustive]
 pub struct Simplify {
-    /// Number of training views, drawn anew each time; 0, the default, for all.
+    /// Number of training views, drawn again each time; 0, the default, for all.
     pub views: u32,
     /// Steps between two simplifications, at least 1. Only rounds prune, so this should be a
     /// multiple of the steps between two rounds. Default 3000.

@@ -47,7 +47,7 @@ gs_core::impl_with!(SteepGs);
 #[serde(default, rename_all = "kebab-case", deny_unknown_fields)]
 #[non_exhaustive]
 pub struct SteepGs {
-    /// Number of training views for S, drawn anew in each round; 0 for all. Default 10 (this
+    /// Number of training views for S, drawn again in each round; 0 for all. Default 10 (this
     /// project's choice).
     pub views: u32,
     /// Least mean gradient of a Gaussian that grows, normalised device units; not negative. Default

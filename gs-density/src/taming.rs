@@ -31,7 +31,7 @@ gs_core::impl_with!(Taming, ScoreWeights);
 #[serde(default, rename_all = "kebab-case", deny_unknown_fields)]
 #[non_exhaustive]
 pub struct Taming {
-    /// Number of training views for the score, drawn anew in each round; 0 for all. Default 10.
+    /// Number of training views for the score, drawn again in each round; 0 for all. Default 10.
     pub views: u32,
     /// Least mean gradient of a Gaussian that grows, normalised device units; not negative. Default
     /// [`TAU_POSITION`].
@@ -45,7 +45,7 @@ pub struct Taming {
 }
 
 /// Weights of the parts of the score of [`Taming`]; none is negative. Each part is divided by its
-/// median over the Gaussians where it is positive. The defaults are those of the published code.
+/// median over the Gaussians where it is positive. The defaults come from the published code.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, rename_all = "kebab-case", deny_unknown_fields)]
 #[non_exhaustive]

@@ -211,7 +211,7 @@ fn fill(file: &File, content: &mut Content<'_>) -> io::Result<()> {
 /// Names of temporary files: prefix, number of random letters and digits, suffix.
 const TEMPORARY: (&str, usize, &str) = (".gs-", 6, ".tmp");
 
-/// Whether a file name is that of a temporary file of [`write_atomically`].
+/// Whether this is the name of a temporary file of [`write_atomically`].
 pub(crate) fn is_temporary(name: &str) -> bool {
     let (prefix, drawn, suffix) = TEMPORARY;
     let middle = name.strip_prefix(prefix).and_then(|name| name.strip_suffix(suffix));

@@ -379,7 +379,7 @@ pub enum Error {
     /// A compressed file that claims to hold much more than its size allows. It is refused before
     /// memory is allocated.
     #[error(
-        "{}: its {file_bytes} bytes claim to hold {claimed_bytes}, more than can be believed; fetch it again",
+        "{}: its {file_bytes} bytes declare {claimed_bytes} of content, more than its size allows; fetch it again",
         one_line(path)
     )]
     Expansion {

@@ -1,6 +1,6 @@
 //! Claims on the runs of a study that any number of processes share, on any number of machines.
 //!
-//! A claim is a file beside the run's record, `ADDRESS.0.claim`, that only one process can create.
+//! A claim is a file next to the run's record, `ADDRESS.0.claim`, that only one process can create.
 //! The process that created it computes the run, stores the record and removes the claim. While it
 //! computes, it rewrites the claim every sixth of the *lease*. A claim that is older than its lease
 //! belongs to a dead process, and whoever first creates `ADDRESS.1.claim` takes the run over.
@@ -107,7 +107,7 @@ pub(crate) enum Attempt<'a> {
 /// The state of a claim.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum State {
-    /// Its owner computes. The age is that of its last sign of life.
+    /// Its owner computes. The age is the time since its last sign of life.
     Live { note: Option<ClaimNote>, age: Duration },
     /// Its owner has given the run up.
     Released,

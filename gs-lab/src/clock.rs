@@ -36,7 +36,7 @@ impl Clock {
         }
     }
 
-    /// Begins a run whose training time is that of this clock, from its initialization on.
+    /// Begins a run whose training time this clock measures, from its initialization on.
     pub(crate) fn begin<'r, R: Optimizer<S>, S: Trainable>(
         self,
         begin: impl FnOnce() -> Result<Trainer<'r, R, S>, TrainError>,

@@ -28,7 +28,7 @@ pub struct Replayed {
     pub pictures: Vec<Image>,
     /// The settings to render the scene with: the effects that it was trained with.
     pub settings: RenderSettings,
-    /// The numbers; times are those of the replay.
+    /// The numbers; times are measured in the replay.
     pub finished: Finished,
 }
 

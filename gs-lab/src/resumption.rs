@@ -1,9 +1,9 @@
 //! Checkpoints of a study's runs: whoever claims a run that was interrupted goes on with it.
 //!
-//! A checkpoint stands beside the place of the run's record until the record is there. It holds the
+//! A checkpoint is next to the place of the run's record until the record is there. It holds the
 //! trainer's state and all that the record takes from the steps so far, so that the record is that
 //! of a run without an interruption. A digest guards it: what is not exactly the checkpoint of this
-//! run is left aside, and the run begins anew.
+//! run is ignored, and the run starts again.
 //!
 //! Two processes may store checkpoints of the same run, where one that seemed dead comes back. Each
 //! replaces the other whole, and every checkpoint of a run leads to the same record.

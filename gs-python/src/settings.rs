@@ -66,7 +66,7 @@ fn table(argument: &str, settings: &Bound<'_, PyAny>) -> PyResult<Table> {
     let text: String = text.cast::<PyString>()?.extract()?;
     let value: serde_json::Value = serde_json::from_str(&text).map_err(|error| errors::value(argument, error))?;
     if let Some(key) = key_of_none(&value) {
-        return Err(errors::value(&format!("{argument}{key}"), "None is no value of a setting; leave the key out"));
+        return Err(errors::value(&format!("{argument}{key}"), "a setting cannot be None; omit the key"));
     }
     Table::try_from(value).map_err(|error| errors::value(argument, format!("not possible as settings: {error}")))
 }

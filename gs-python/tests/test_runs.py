@@ -87,7 +87,7 @@ def test_settings_with_numbers_of_numpy(image: np.ndarray, cpu: gs.Backend) -> N
 
 
 def test_settings_without_a_value(image: np.ndarray, cpu: gs.Backend) -> None:
-    with pytest.raises(ValueError, match=r"settings\.adam\.mean: None is no value of a setting"):
+    with pytest.raises(ValueError, match=r"settings\.adam\.mean: a setting cannot be None"):
         gs.fit(image, 20, iterations=3, settings={"adam": {"mean": None}}, backend=cpu)
 
 

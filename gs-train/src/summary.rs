@@ -15,7 +15,7 @@ use crate::{
 
 /// Cost and quality of a fit.
 ///
-/// Figures of quality are those of the 8-bit image of the scene ([`ImageQuality::as_written`]). All
+/// Quality is measured on the 8-bit image of the scene ([`ImageQuality::as_written`]). All
 /// numbers except the cost (steps and seconds) describe the final scene, also where the fit
 /// returned to its first Gaussians.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -45,7 +45,7 @@ pub enum Outcome {
 ///
 /// A run is a function of settings, images and backend. At a step at which a checkpoint is
 /// possible, it depends only on the splats' state, the settings and the step: random numbers are
-/// drawn anew from (seed, step) in each round, and lists of which Gaussian touches which pixels are
+/// drawn from (seed, step) in each round, and lists of which Gaussian touches which pixels are
 /// not kept over such a step.
 pub struct Trainer<'a, R: Optimizer<S>, S: Trainable = Scene2d> {
     pub(crate) rasterizer: &'a R,

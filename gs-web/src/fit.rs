@@ -209,7 +209,7 @@ impl Fit {
     }
 
     /// The content of a file: "scene" (`.gs2d.safetensors`), "png", "target" (the image
-    /// that is fitted, a PNG), "gsi" (fits anew for it) or "settings" (TOML).
+    /// that is fitted, a PNG), "gsi" (runs a fit of its own) or "settings" (TOML).
     pub async fn file(&self, kind: String) -> Result<Vec<u8>, JsError> {
         let target = self.trainer.target();
         match kind.as_str() {

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-/// The folder of test data, which may not exist: `$GS_DATA`, or `../shared/data` beside the
+/// The folder of test data, which may not exist: `$GS_DATA`, or `../shared/data` next to the
 /// workspace.
 pub fn folder() -> PathBuf {
     std::env::var_os("GS_DATA")

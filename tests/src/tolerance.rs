@@ -29,7 +29,7 @@ pub const GRADIENT_FLIP_SHARE: f64 = 0.1;
 pub const MEANINGFUL_SHARE: f64 = 0.1;
 
 /// Largest difference of a parameter from Adam in `f64`, as a share of the step size, per step;
-/// beside one rounding of the parameter itself. gs-cpu is within 1e-5 at every SIMD level.
+/// in addition to one rounding of the parameter itself. gs-cpu is within 1e-5 at every SIMD level.
 pub const ADAM_SHARE: f64 = 1e-4;
 
 /// Largest difference of a 3D Gaussian from Adam in `f64` on covariance factors, in whitened
@@ -53,7 +53,7 @@ pub const LEAST_SQUARES: [f64; 2] = [1e-4, 1e-8];
 /// from a fused step. gs-cpu is within 1e-5.
 pub const STATISTICS_SHARE: f64 = 1e-4;
 
-/// Largest relative difference of a collected statistic from the oracle's, beside a thousandth of
+/// Largest relative difference of a collected statistic from the oracle's, in addition to a thousandth of
 /// the largest of the scene. gs-cpu is within 5e-6 at every SIMD level.
 pub const COLLECTED_SHARE: f64 = 1e-4;
 

@@ -41,7 +41,7 @@ impl OutputArgs {
 #[command(next_help_heading = "Checkpoints")]
 pub(crate) struct CheckpointArgs {
     /// File for checkpoints [default: DIR/checkpoint.safetensors, or checkpoint-2 and so on if that
-    /// is another run's; removed at the end, unless --checkpoint-every is given]
+    /// is another run's; removed at the end, unless this flag or --checkpoint-every is given]
     #[arg(long, value_name = "FILE")]
     pub(crate) checkpoint: Option<PathBuf>,
     /// Save a checkpoint about every STEPS steps [default: every two minutes, and every tenth of

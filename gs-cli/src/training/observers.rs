@@ -33,7 +33,7 @@ pub(crate) struct LogFile<'a> {
 }
 
 impl<'a> LogFile<'a> {
-    /// Begins the file anew, with the rows that the log has already.
+    /// Starts the file again, with the rows that the log already has.
     pub(crate) fn begin(folder: &OutputFolder, log: &'a mut MetricsLog, printer: Printer) -> Result<Self, Failure> {
         let path = folder.file(ROWS);
         let begun = File::create(&path).and_then(|mut file| {

@@ -63,7 +63,7 @@ pub enum Finding {
     Enormous,
     /// The axes differ by more than [`NEEDLE_ASPECT`].
     Needle,
-    /// Mean, scales and rotation are those of an earlier Gaussian, bit for bit (0 and −0 are the
+    /// Mean, scales and rotation equal an earlier Gaussian's, bit for bit (0 and −0 are the
     /// same); opacity and colour may differ.
     Duplicate,
     /// The opacity is below [`ALPHA_CUT`](crate::constants::ALPHA_CUT): under `Over` the Gaussian

@@ -81,7 +81,7 @@ impl fmt::Debug for SavedTensor<'_> {
 }
 
 impl SavedState<'_> {
-    /// The state in memory.
+    /// Copies the state into memory of its own.
     pub fn collect(&self) -> SplatsState {
         let mut state = SplatsState::new(self.parameterization);
         let tensors = self.tensors.iter().map(|tensor| (tensor.name.clone(), tensor.collect()));

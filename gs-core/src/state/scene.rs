@@ -11,7 +11,7 @@ use crate::{
 };
 
 impl SplatsState {
-    /// Whether the state is that of a 3D scene: only those have spherical harmonics.
+    /// Whether the state belongs to a 3D scene: only 3D scenes have spherical harmonics.
     pub fn is_3d(&self) -> bool {
         self.contains("sh")
     }

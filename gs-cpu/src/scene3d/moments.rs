@@ -94,7 +94,7 @@ impl Moments {
         }
     }
 
-    /// Rebuilds the moments after an edit: each Gaussian's are those of its heir, or 0.
+    /// Rebuilds the moments after an edit: each Gaussian gets the moments of its heir, or 0.
     pub(crate) fn rearrange(&mut self, heirs: &Moves, pitch: usize) {
         self.first_vector.iter_mut().for_each(|moments| heirs.apply(moments, LANES));
         match &mut self.rest {

@@ -8,7 +8,7 @@ macro_rules! policies {
         2D only:
         $($(#[$flat_docs:meta])* $flat_variant:ident($flat_type:ty) = $flat_name:literal: $flat_summary:literal;)*
     ) => {
-        /// Any of the policies. In a settings file, `kind` names the policy, beside its settings.
+        /// Any of the policies. In a settings file, `kind` names the policy, next to its settings.
         ///
         /// ```
         /// use gs_density::{Grow, Policy};

@@ -94,12 +94,12 @@ pub(super) fn face_side(width: u32) -> u32 {
     (width / 4).max(1)
 }
 
-/// Whether a size is that of a 360° image: twice as wide as high, apart from rounding.
+/// Whether an image of this size can be a 360° image: twice as wide as high, apart from rounding.
 pub(super) fn is_two_to_one((width, height): (u32, u32)) -> bool {
     (i64::from(width) - 2 * i64::from(height)).abs() <= 2
 }
 
-/// Whether the borders of an image are those of a 360° image: the left and right columns continue
+/// Whether the borders of an image match as in a 360° image: the left and right columns continue
 /// each other, and the upper and lower rows each show a single point.
 pub(super) fn shows_all_directions(image: &Image) -> bool {
     let (right, bottom) = (image.width() - 1, image.height() - 1);

@@ -2,7 +2,7 @@
 //!
 //! | kind | made by | what is looked for |
 //! |---|---|---|
-//! | [`Blender`](DatasetKind::Blender) | NeRF-synthetic and its like | `transforms_train.json`, with `_val` and `_test` beside it |
+//! | [`Blender`](DatasetKind::Blender) | NeRF-synthetic and its like | `transforms_train.json`, with `_val` and `_test` next to it |
 //! | [`Nerfstudio`](DatasetKind::Nerfstudio) | Nerfstudio, instant-ngp, Polycam | `transforms.json` |
 //! | [`Colmap`](DatasetKind::Colmap) | COLMAP and what writes its files | `cameras`, `images`, `points3D`, `.bin` or `.txt`, in `sparse/0`, `sparse`, `colmap/sparse/0` or the folder itself |
 //!
@@ -167,7 +167,7 @@ impl Dataset {
     }
 
     /// All files of the data set, which a program that reads it must not replace: images, masks,
-    /// depth maps, and everything beside them in its folder and in COLMAP's `sparse`, such as poses and points.
+    /// depth maps, and everything else in its folder and in COLMAP's `sparse`, such as poses and points.
     pub fn files(&self) -> Vec<PathBuf> {
         let depth = |view: &View| view.depth.as_ref().map(|depth| depth.path.clone());
         let files = |view: &View| [Some(view.image.clone()), view.mask.clone(), depth(view)];

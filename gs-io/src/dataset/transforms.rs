@@ -2,7 +2,7 @@
 //!
 //! Poses are camera-to-world with axes right, up, back (OpenGL), in the file's own world.
 //! Nerfstudio may have rotated that world (`applied_transform`) relative to the COLMAP model it was
-//! made from. Its `ply_file_path` is already in the file's world; a COLMAP model beside it is not.
+//! made from. Its `ply_file_path` is already in the file's world; a COLMAP model next to it is not.
 //!
 //! *Source:* Nerfstudio's documentation ("Data conventions"), and the files of NeRF-synthetic
 //! (Mildenhall et al. 2020).
@@ -226,7 +226,7 @@ fn listed_points(root: &Path, file: &Transforms, remarks: &mut Vec<Remark>) -> R
     }
 }
 
-/// The points of the COLMAP model beside the file, in the file's world.
+/// The points of the COLMAP model next to the file, in the file's world.
 fn colmap_points(root: &Path, file: &Transforms) -> Result<Vec<WorldPoint>, Error> {
     let folder = root.join(NERFSTUDIO_COLMAP);
     let (linear, offset) = match &file.applied_transform {

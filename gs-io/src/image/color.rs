@@ -20,7 +20,7 @@ const SAME: f32 = 1.0 / 255.0;
 /// Files have 0.45455.
 const GAMMA_TOLERANCE: f64 = 0.05;
 
-/// Longest profile beside which colours are kept: those of cameras, screens and editors have less, and
+/// Longest profile with which colours are kept: those of cameras, screens and editors have less, and
 /// longer ones weigh too much in a small file.
 const MOST_KEPT_BYTES: usize = 4096;
 
@@ -52,7 +52,7 @@ pub(super) struct Conversion {
     /// Whether the input is grey.
     grey: bool,
     from: String,
-    /// The profile, if colours can be kept as they are beside it.
+    /// The profile, if colours can be kept as they are with it.
     profile: Option<IccProfile>,
 }
 
@@ -151,7 +151,7 @@ impl Colors {
         if differences.fold(0.0, f32::max) <= SAME { Self::AsStored } else { Self::Converted(conversion) }
     }
 
-    /// These colours, which a file may keep beside their profile if that is a matrix and curves.
+    /// These colours, which a file may keep with their profile if that is a matrix and curves.
     fn beside(mut self, icc: &[u8], profile: &ColorProfile) -> Self {
         if let Self::Converted(conversion) = &mut self
             && profile.is_matrix_shaper()
@@ -164,7 +164,7 @@ impl Colors {
         self
     }
 
-    /// The profile beside which the colours can be kept as they are.
+    /// The profile with which the colours can be kept as they are.
     pub(super) fn profile(&self) -> Option<&IccProfile> {
         match self {
             Self::Converted(conversion) => conversion.profile.as_ref(),

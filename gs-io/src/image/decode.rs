@@ -48,7 +48,7 @@ pub(crate) fn decode(path: &Path, orientation: Orientation) -> Result<Decoded, E
     pixels.decoded(path, None, remarks)
 }
 
-/// Reads an image as it is stored, if it can be kept so beside its profile, or else in sRGB.
+/// Reads an image as it is stored, if it can be kept so with its profile, or else in sRGB.
 pub(super) fn decode_stored(path: &Path) -> Result<Decoded, Error> {
     let (mut pixels, colors, mut remarks) = read_pixels(path, Orientation::Exif)?;
     let profile = colors.profile().cloned();
@@ -128,7 +128,7 @@ fn check_memory(decoder: &impl ImageDecoder) -> Result<(), gs_core::Error> {
 /// How all decoders read. One type for all of them saves compile time.
 type Source<'a> = &'a mut BufReader<File>;
 
-/// A file whose first bytes are those of an image.
+/// A file that begins like an image.
 struct ImageFile<'a> {
     path: &'a Path,
     format: ImageFormat,

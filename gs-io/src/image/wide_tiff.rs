@@ -57,7 +57,7 @@ impl WideTiff {
             DecodingResult::U32(values) => values.into_iter().map(|value| value as f32).collect(),
             DecodingResult::U64(values) => values.into_iter().map(|value| value as f32).collect(),
             _ => {
-                return Err(Error::bad_depth(&self.path, "its numbers have a sign, but are no floating-point numbers"));
+                return Err(Error::bad_depth(&self.path, "signed integers are not supported"));
             }
         };
         match values.len() == pixels {

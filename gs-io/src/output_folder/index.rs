@@ -69,7 +69,7 @@ impl Index {
     }
 }
 
-/// Whether a name in an index is that of a file in the folder.
+/// Whether a name in an index names a file in the folder.
 fn stays_inside(name: &str) -> bool {
     !name.is_empty() && Path::new(name).components().all(|part| matches!(part, Component::Normal(_)))
 }

@@ -81,7 +81,7 @@ impl FolderClaim {
         Self { inputs, ..self }
     }
 
-    /// Allows to replace and remove files that no run of gs wrote, except inputs.
+    /// Allows replacing and removing files that no run of gs wrote, except inputs.
     #[must_use]
     pub fn overwriting(self, overwrite: bool) -> Self {
         Self { overwrite, ..self }
@@ -181,7 +181,7 @@ impl FolderClaim {
         Ok(())
     }
 
-    /// Fails if the name is that of a file that must not be replaced.
+    /// Fails if the name belongs to a file that must not be replaced.
     fn refuse(&self, name: &str, index: &Index) -> Result<(), Error> {
         let path = self.path.join(name);
         let Ok(found) = fs::symlink_metadata(&path) else { return Ok(()) };

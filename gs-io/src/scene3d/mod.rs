@@ -76,7 +76,7 @@ pub enum Format3d {
     Glb,
     /// SOG, PlayCanvas's format for the web, in one file: `.sog`.
     Sog,
-    /// SOG as images beside a file `meta.json`.
+    /// SOG as images next to a file `meta.json`.
     SogFolder,
     /// `.ksplat`, of mkkellogg's viewer.
     Ksplat,

@@ -9,7 +9,7 @@ use image::{Frame, ImageBuffer, ImageFormat, codecs::gif::GifEncoder};
 use super::{encoded, folder, refusal, rgb_pattern, saved};
 
 #[test]
-fn what_is_no_image_is_said_to_be_none() {
+fn rejects_non_images() {
     let place = folder();
     let long = "é".repeat(1000);
     for (name, bytes, found) in [
@@ -94,7 +94,7 @@ fn animated_webp() -> Vec<u8> {
 }
 
 #[test]
-fn of_an_animation_the_first_frame_is_read_and_that_is_said() {
+fn animation_reads_first_frame() {
     let place = folder();
     let path = place.path().join("a.png");
     let animation = Animation { width: 6, height: 4, frames: 2, fps: 10, last_s: 0 };

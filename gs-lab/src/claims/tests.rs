@@ -290,7 +290,7 @@ fn of_tasks_that_die_and_give_up_none_loses_a_run_or_does_it_twice() {
 
 #[test]
 #[ignore = "slow: a thousand threads; `cargo xtask test --slow` runs it"]
-fn of_a_thousand_tasks_that_die_and_give_up_none_loses_a_run_or_does_it_twice() {
+fn crashed_workers_lose_no_run() {
     check_in_a_folder(1000, 2000, true);
 }
 

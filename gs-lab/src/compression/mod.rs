@@ -1,4 +1,4 @@
-//! Compressed images beside those of other formats: files of the same image, curves of quality over
+//! Compressed images compared with other formats: files of the same image, curves of quality over
 //! size, Bjøntegaard rates, and the page of an encoded image.
 
 mod codec;

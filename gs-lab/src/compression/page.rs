@@ -1,4 +1,4 @@
-//! The page of an encoded image: the image beside what was made of it, what is wrong with that, and
+//! The page of an encoded image: the image next to what was made of it, what is wrong with that, and
 //! the same in other formats.
 
 use gs_core::Image;

@@ -1,4 +1,4 @@
-//! The page of the experiments: the paper's claims beside what was measured.
+//! The page of the experiments: the paper's claims compared with measurements.
 
 use gs_core::counted;
 use gs_io::png_bytes;

@@ -2,7 +2,7 @@
 //! the paper's experiments and frontiers all use this type; [`curve`] and [`ellipses`] show a
 //! single fit.
 //!
-//! Colours are those of Okabe and Ito, which can be distinguished with any kind of colour vision.
+//! Colours are the palette of Okabe and Ito, which can be distinguished with any kind of colour vision.
 //! Lines beyond the seventh are dashed, and markers differ in shape. Ink and grid have one colour
 //! each, so that a page can replace them in its dark theme. The font is embedded (Hack, MIT
 //! licence), so that pictures are the same on every machine.

@@ -88,7 +88,7 @@ pub(crate) trait StudyTask: Trainable<Settings: Serialize + DeserializeOwned> {
     /// The settings under which a diverging run fails, so that the study shows it.
     fn without_recovery(settings: &Self::Settings) -> Self::Settings;
 
-    /// Begins a run, whose training time is that of `clock`.
+    /// Begins a run, whose training time `clock` measures.
     fn begin<'r, R: Optimizer<Self>>(
         rasterizer: &'r R,
         target: &StudyTarget,

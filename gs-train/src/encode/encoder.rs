@@ -62,7 +62,7 @@ const PER_CELL: f64 = 0.6;
 const SURE: f64 = 0.5;
 
 /// Gaussians per stripe of a layer, at least. Stripes are decoded side by side; each costs about 300
-/// bytes, as its probabilities are learned anew.
+/// bytes, as its probabilities are learned again.
 const PER_STRIPE: usize = 8192;
 
 /// Layers of a file at most, stripes included.

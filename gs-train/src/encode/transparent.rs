@@ -1,4 +1,4 @@
-//! Transparent images: alpha is a picture of its own, beside premultiplied colours.
+//! Transparent images: alpha is a picture of its own, next to premultiplied colours.
 
 use gs_codec::{Alpha, Picture};
 use gs_core::{Image, Optimizer, Scene2d, to_8_bits};
@@ -12,7 +12,7 @@ use super::{
 };
 use crate::{error::Error, memory::TRANSPARENT};
 
-/// Bytes of the header that a file of alpha alone has, and that alpha beside colours does not need.
+/// Bytes of the header that a file of alpha alone has, and that alpha with colours does not need.
 const HEADER_BYTES: u64 = 12;
 
 /// Share of a size that alpha gets, and PSNR of alpha, dB, of which more is not worth its bytes.

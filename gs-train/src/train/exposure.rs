@@ -138,8 +138,7 @@ impl SmallView {
 /// Gain in the right half of a view by a map fitted to its left half, over the mean of these maps,
 /// dB; mean over the views. `halves` are the pairs of both halves of each view.
 ///
-/// What the mean map corrects is no difference between images, but what the scene still lacks in
-/// all views.
+/// The mean map is left out: it is an error of the scene, not a difference between images.
 fn gain_db(halves: &[[&[ColorPair]; 2]]) -> f64 {
     let maps: Vec<ColorMap> = halves.iter().map(|[left, _]| ColorMap::robust_fit(left)).collect();
     let common = mean_of_possible(&maps);

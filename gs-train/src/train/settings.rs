@@ -90,8 +90,8 @@ pub struct TrainSettings {
     /// Whether Gaussians that no training view shows are removed after the last step, because other
     /// views may show them: those whose ellipse reaches into no image, and those that are too
     /// transparent to be drawn. A run that ends with [`Self::exactly`] its number of Gaussians keeps
-    /// them. A run that starts from a scene does so, too: it sets this to false. Default false, as
-    /// published; true in the presets `standard` and `quick`.
+    /// them. Ignored (set to false) when training starts from a scene. Default: false, as published;
+    /// true in the presets `standard` and `quick`.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub remove_unseen: bool,
     /// What happens to a diverging training.

@@ -24,7 +24,7 @@ const FARTHEST: f32 = 1e15;
 /// Points on a sphere around the views, with the colours of the images.
 ///
 /// They lie along the rays of those cells of the images that show no known point, neither in the
-/// cell nor in the cells beside it. Points of several views in the same cell of directions are
+/// cell nor in the cells next to it. Points of several views in the same cell of directions are
 /// averaged to one. Without known points there are none.
 ///
 /// # Errors

@@ -20,7 +20,7 @@ pub const DRIFT_DB: f64 = 3.0;
 
 /// Cost and quality of a training.
 ///
-/// Figures of quality are those of the 8-bit images of the scene. All numbers except the cost
+/// Quality is measured on the 8-bit images of the scene. All numbers except the cost
 /// (steps and seconds) describe the final scene, also where the training returned to its first
 /// Gaussians.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -90,7 +90,7 @@ const SAME_POINT: f32 = 0.05;
 const FILL_RADIUS: f32 = 0.12;
 
 /// Largest difference between the ln-depths of the four pixels from which a pixel without contrast
-/// takes its depth. Background pixels beside a silhouette must not take the depth of the object.
+/// takes its depth. Background pixels next to a silhouette must not take the depth of the object.
 const LEVEL: f32 = 0.15;
 
 /// The points found, in the order of views and pixels; none where no two views overlap.

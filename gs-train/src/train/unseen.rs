@@ -42,7 +42,7 @@ mod tests {
     use super::*;
 
     /// Cameras at the origin that look along z: a Gaussian in the middle, one behind them, one
-    /// beside the image whose ellipse reaches into it, one whose ellipse does not, and a
+    /// next to the image whose ellipse reaches into it, one whose ellipse does not, and a
     /// transparent one.
     #[test]
     fn only_what_reaches_into_no_image_is_unseen() {

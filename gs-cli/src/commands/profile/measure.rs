@@ -48,7 +48,7 @@ impl Target {
 /// Seconds of whole passes, one for each repetition; for training steps, means over [`STEPS`].
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(super) struct Whole {
-    /// Training steps that make their lists anew.
+    /// Training steps that make new lists.
     pub(super) train_step_fresh: Vec<f64>,
     /// Training steps with the lists of the step before.
     pub(super) train_step_reused: Vec<f64>,

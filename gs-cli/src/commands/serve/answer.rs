@@ -29,7 +29,7 @@ type Answer = Response<Full<Bytes>>;
 /// What tells the page that it is served.
 const MARK: &str = "<meta name=\"gs-serve\" content=\"1\">\n</head>";
 
-/// Only the page itself computes and is shown, and only in frames of its own.
+/// Content-security policy: scripts and images from this server only; no embedding.
 const POLICY: &str = "default-src 'self'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self' 'unsafe-inline'; \
                       img-src 'self' data: blob:; connect-src 'self' data:; frame-ancestors 'none'";
 

@@ -12,7 +12,7 @@ use serde::Serialize;
 /// How deep folders are looked through.
 const DEPTH: usize = 5;
 
-/// Most entries of a list; more are no use to a person who chooses one.
+/// Longest list shown; people cannot choose from a longer one.
 const MOST: usize = 2000;
 
 /// The table of a run that goes on, or else of one that has ended.

@@ -29,7 +29,7 @@ use crate::{
 /// keep all threads busy, and several at once would take much memory.
 const SMALL_PX: u64 = 4_000_000;
 
-/// What became of an image; `None` where it was not begun.
+/// Result per image; `None` if not started.
 type Outcome<T> = Option<Result<Done<T>, Failure>>;
 
 /// An image in the array that `--json` prints.

@@ -285,7 +285,7 @@ fn append(whole: &mut Scene3d, part: Scene3d) {
 }
 
 fn unsupported(source: &Source<'_>, what: String) -> Error {
-    Error::Unsupported { path: source.path.to_owned(), what, mend: "export it without" }
+    Error::Unsupported { path: source.path.to_owned(), what, mend: "export the file without it" }
 }
 
 /// The flips between glTF's axes and ours.

@@ -11,7 +11,7 @@
 //! | `shN_centroids` | the palette: 64 rows in a line, a pixel per coefficient, indices into a table of 256 |
 //!
 //! `meta.json` names the images and has tables and ranges. All files are in a ZIP archive, `.sog`,
-//! or in a folder. Axes are those of a PLY. Gaussians are written along a Morton curve, so that
+//! or in a folder. Axes are the same as in a PLY. Gaussians are written along a Morton curve, so that
 //! neighbours in the image are neighbours in space, which the image coding needs.
 //!
 //! *Source:* PlayCanvas, "SOG file format"; checked against `@playcanvas/splat-transform`.
@@ -70,7 +70,7 @@ pub(crate) struct Read {
     pub(crate) files: BTreeMap<PathBuf, u64>,
 }
 
-/// Reads a bundle, or a `meta.json` with the images beside it.
+/// Reads a bundle, or a `meta.json` with the images next to it.
 pub(crate) fn read(source: &Source<'_>) -> Result<Read, Error> {
     let mut files = Files::of(source)?;
     let meta = Meta::parse(source, &files.meta()?)?;

@@ -71,7 +71,7 @@ pub struct Slot<S: Scene> {
 }
 
 impl<S: Scene> Slot<S> {
-    /// The tested values: [`VALUES`], the ends of the range, and the numbers beside each end.
+    /// The tested values: [`VALUES`], the ends of the range, and the numbers next to each end.
     fn values(&self) -> impl Iterator<Item = f32> {
         let ends = self.ends.iter().flat_map(|end| [end.next_down(), *end, end.next_up()]);
         VALUES.into_iter().chain(ends)

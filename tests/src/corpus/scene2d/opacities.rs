@@ -58,7 +58,7 @@ fn all(shown: f32) -> Image {
 const BELOW_HALF: f32 = -2.384_185_8e-7;
 const JUST_BELOW_HALF: f32 = 0.499_999_94;
 
-/// Ulps of an opacity that is a hair beside another. Four are the rounding of a logit of −5.5, as
+/// Ulps of an opacity that is a hair from another. Four are the rounding of a logit of −5.5, as
 /// many that of an exponential and a quotient.
 const HAIR_ULPS: f32 = 16.0;
 
