@@ -19,8 +19,10 @@ pub enum Verdict {
     Better,
     /// The whole interval lies below 0.
     Worse,
-    /// 0 lies in the interval, there is no interval, or a remark forbids a verdict.
+    /// 0 lies in the interval.
     CannotTell,
+    /// There is no interval, or a remark forbids a verdict: [`Difference::remarks`] says why.
+    None,
 }
 
 impl Verdict {
@@ -41,6 +43,7 @@ impl Verdict {
             Self::Better => "better",
             Self::Worse => "worse",
             Self::CannotTell => "can't tell",
+            Self::None => "no verdict",
         }
     }
 }

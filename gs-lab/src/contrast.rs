@@ -76,7 +76,7 @@ impl Results<'_> {
         }
         let verdict = match interval {
             Some(interval) if !remarks.iter().any(ResultRemark::forbids_verdict) => Verdict::of(interval),
-            _ => Verdict::CannotTell,
+            _ => Verdict::None,
         };
         let pairs = strata.iter().flatten().map(Vec::len).sum();
         let mean = Some(mean_of_strata(&strata)).filter(|mean| mean.is_finite());

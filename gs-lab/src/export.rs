@@ -1,4 +1,4 @@
-//! The tables of a study as CSV and JSON files. Times are in files of their own, so that all other
+//! The tables of a study as CSV, JSON, Markdown and LaTeX files. Times are in files of their own, so that all other
 //! files are the same byte for byte however a study was run: side by side, interrupted, or on more
 //! threads.
 
@@ -17,13 +17,16 @@ use crate::{
     remark::ResultRemark,
     study::Matching,
     tables::{Results, RunQuality, Spread},
+    text_tables,
 };
 
 const RESULTS: &str = "results.json";
 const VIEWS: &str = "views.csv";
+const MARKDOWN: &str = "tables.md";
+const LATEX: &str = "tables.tex";
 
 /// File names of the tables.
-pub(crate) const TABLES: [&str; 9] = [
+pub(crate) const TABLES: [&str; 11] = [
     "runs.csv",
     "quality.csv",
     "differences.csv",
@@ -32,6 +35,8 @@ pub(crate) const TABLES: [&str; 9] = [
     "effects.csv",
     "effects-at-time.csv",
     "times.csv",
+    MARKDOWN,
+    LATEX,
     RESULTS,
 ];
 
@@ -119,7 +124,8 @@ pub(crate) struct Recorded {
 /// Writes the tables: `runs.csv`, `quality.csv`, `differences.csv`, and `results.json` with all
 /// three. Tables that depend on measured time are `times.csv` and `differences-at-time.csv`. A study
 /// of scenes also has `views.csv`, one with factors `effects.csv` (also in `results.json`) and
-/// `effects-at-time.csv`.
+/// `effects-at-time.csv`. `tables.md` and `tables.tex` are for texts: quality, each image or scene, and
+/// differences from the baseline.
 ///
 /// # Errors
 /// [`Error::Io`].
@@ -142,6 +148,9 @@ pub fn write_tables(results: &Results<'_>, folder: &StudyFolder) -> Result<(), E
     folder.write("differences.csv", &differences_csv(&differences))?;
     folder.write("differences-at-time.csv", &differences_csv(&results.differences(&[Matching::Time])))?;
     folder.write("times.csv", &times_csv(results))?;
+    let (markdown, latex) = text_tables::texts(results);
+    folder.write(MARKDOWN, &markdown)?;
+    folder.write(LATEX, &latex)?;
     let everything = Everything {
         study: &plan.study.name,
         version: VERSION,

@@ -55,6 +55,7 @@ mod system;
 mod tables;
 mod target;
 mod task;
+mod text_tables;
 mod trajectory;
 mod work;
 

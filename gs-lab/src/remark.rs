@@ -140,33 +140,33 @@ impl fmt::Display for ResultRemark {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::ImagesMissing { missing, of } => {
-                write!(f, "no pair of finished runs on {missing} of {}", counted(*of, "image"))
+                write!(f, "there is no pair of finished runs on {missing} of {}", counted(*of, "image"))
             }
             Self::ScenesMissing { missing, of } => {
-                write!(f, "no pair of finished runs on {missing} of {}", counted(*of, "scene"))
+                write!(f, "there is no pair of finished runs on {missing} of {}", counted(*of, "scene"))
             }
             Self::TooFewSeeds { seeds, scenes, needed } => {
                 let verb = if *seeds == 1 { "is" } else { "are" };
                 let (seeds, scenes) = (counted(*seeds, "seed"), counted(*scenes, "scene"));
-                write!(f, "{seeds} on {scenes} {verb} too few: {needed} seeds at least, or {FEWEST} scenes")
+                write!(f, "{seeds} on {scenes} {verb} too few (an interval needs {needed} seeds, or {FEWEST} scenes)")
             }
             Self::TooFew { pairs, pairing } => {
                 let verb = if *pairs == 1 { "is" } else { "are" };
-                write!(f, "{} {verb} too few: {FEWEST} at least", counted(*pairs, pairing.word()))
+                write!(f, "{} {verb} too few (an interval needs {FEWEST})", counted(*pairs, pairing.word()))
             }
             Self::CountsDiffer { arm, against, place } => {
-                write!(f, "counts differ: {arm:.0} against {against:.0}")?;
+                write!(f, "counts differ ({arm:.0} against {against:.0})")?;
                 place.as_ref().map_or(Ok(()), |place| write!(f, " on {place}"))
             }
-            Self::ClocksDiffer { clocks } => write!(f, "timed in different ways: {}", clocks.join("; ")),
+            Self::ClocksDiffer { clocks } => write!(f, "runs were timed in different ways ({})", clocks.join("; ")),
             Self::Infinite { pairs } => write!(f, "PSNR is infinite in {}", counted(*pairs, "pair")),
             Self::Incomplete { pairs, of } => {
-                write!(f, "{pairs} of {}: other runs failed or are missing", counted(*of, "pair"))
+                write!(f, "{pairs} of {}, because other runs failed or are missing", counted(*of, "pair"))
             }
             Self::FewScenes { scenes } => {
-                write!(f, "only {}: verdicts about other scenes need {FEWEST}", counted(*scenes, "scene"))
+                write!(f, "only {}; verdicts about other scenes need {FEWEST}", counted(*scenes, "scene"))
             }
-            Self::FewSeeds { seeds } => write!(f, "only {}: use {FEWEST_SEEDS} or more", counted(*seeds, "seed")),
+            Self::FewSeeds { seeds } => write!(f, "only {}; use {FEWEST_SEEDS} or more", counted(*seeds, "seed")),
         }
     }
 }

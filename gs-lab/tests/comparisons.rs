@@ -147,14 +147,14 @@ fn runs_that_were_timed_in_other_ways_are_not_compared_by_time() {
             finished(end)
         });
         let by_time = at(&results, Matching::Time, 1, 0);
-        assert_eq!(by_time.verdict, Verdict::CannotTell);
+        assert_eq!(by_time.verdict, Verdict::None);
         assert!(
             matches!(&by_time.remarks[..], [ResultRemark::ClocksDiffer { clocks }] if clocks.len() == 2),
             "{by_time:?}"
         );
         assert_eq!(at(&results, Matching::Iterations, 1, 0).verdict, Verdict::Better);
         let line = report::headlines(&results).pop().unwrap();
-        assert!(line.contains("; no verdict on a: timed in different ways: "), "{line}");
+        assert!(line.contains("; no verdict, because runs were timed in different ways ("), "{line}");
     }
 }
 
@@ -189,9 +189,9 @@ fn a_headline_without_a_verdict_has_the_reason_that_the_tables_have() {
     let scenario = Scenario::new(2, 5, 3);
     let results = scenario.results(|run| finished(rising(30.0 + run.arm as f64 + wobble(run), 2.0)));
     let reason = at(&results, Matching::Count, 1, 0).remarks[0].to_string();
-    assert_eq!(reason, "2 images are too few: 6 at least");
+    assert_eq!(reason, "2 images are too few (an interval needs 6)");
     for line in report::headlines(&results) {
-        assert!(line.contains("c leads") && line.ends_with(&format!("; no verdict on a, b: {reason}")), "{line}");
+        assert!(line.contains("c leads") && line.ends_with(&format!("; no verdict, because {reason}")), "{line}");
     }
 }
 
@@ -228,13 +228,13 @@ fn an_arm_that_fails_on_an_image_is_neither_judged_nor_ranked() {
     });
     for against in [0, 1] {
         let difference = at(&results, Matching::Count, 2, against);
-        assert_eq!(difference.verdict, Verdict::CannotTell);
+        assert_eq!(difference.verdict, Verdict::None);
         assert_eq!(difference.remarks, [ResultRemark::ImagesMissing { missing: 1, of: 8 }]);
     }
     let headline = report::headlines(&results)[0].clone();
     assert!(
         headline.contains(": b leads with 28.")
-            && headline.ends_with("; no verdict on c: no pair of finished runs on 1 of 8 images"),
+            && headline.ends_with("; no verdict on c, because there is no pair of finished runs on 1 of 8 images"),
         "{headline}"
     );
     assert_eq!(results.qualities().iter().map(|quality| quality.images).collect::<Vec<_>>(), [8, 8, 7]);
@@ -247,7 +247,7 @@ fn an_image_that_is_met_exactly_is_not_too_few_images() {
         |run: &Run| if (run.arm, run.target, run.seed) == (1, 1, 1) { f64::INFINITY } else { 30.0 + wobble(run) };
     let results = scenario.results(|run| finished(Finished { psnr: psnr(run), ..rising(30.0, 2.0) }));
     let difference = at(&results, Matching::Count, 1, 0);
-    assert_eq!((difference.mean, difference.verdict), (None, Verdict::CannotTell));
+    assert_eq!((difference.mean, difference.verdict), (None, Verdict::None));
     assert_eq!(difference.remarks, [ResultRemark::Infinite { pairs: 1 }]);
 }
 
@@ -261,7 +261,7 @@ fn more_gaussians_in_one_run_do_not_make_up_for_fewer_in_another() {
     });
     let difference = at(&results, Matching::Count, 1, 0);
     assert!(matches!(difference.remarks[..], [ResultRemark::CountsDiffer { .. }]), "{difference:?}");
-    assert_eq!(difference.verdict, Verdict::CannotTell);
+    assert_eq!(difference.verdict, Verdict::None);
     assert_eq!(at(&results, Matching::Iterations, 1, 0).verdict, Verdict::Better);
 }
 
@@ -277,5 +277,5 @@ fn few_seeds_are_remarked_upon() {
     let alone = Scenario::new(1, 5, 2);
     let results = alone.results(|run| finished(rising(30.0 + run.arm as f64 + wobble(run), 2.0)));
     let words = at(&results, Matching::Count, 1, 0).remarks[0].to_string();
-    assert_eq!(words, "5 seeds are too few: 6 at least");
+    assert_eq!(words, "5 seeds are too few (an interval needs 6)");
 }

@@ -84,7 +84,7 @@ fn a_study_leaves_tables_and_a_report_and_its_rows_can_be_replayed() {
     assert!(run.stdout.contains("40 Gaussians, after equal iterations: percentile leads with "), "{run:?}");
     assert!(run.stderr.contains("12 runs (2 arms, 2 images, 1 budget, 3 seeds), 2 side by side"), "{run:?}");
     assert!(run.stderr.contains("12/12 runs  0 running  0 s left"), "{run:?}");
-    assert!(run.stdout.contains(": 2 images are too few: 6 at least"), "{run:?}");
+    assert!(run.stdout.contains("no verdict, because 2 images are too few (an interval needs 6)"), "{run:?}");
     let page = fs::read_to_string(output.join("report.html")).unwrap();
     assert!(page.contains(&format!("gs study {} -o {} --jobs 2 --backend cpu", file.display(), output.display())));
 
@@ -183,7 +183,7 @@ fn a_study_of_scenes_is_killed_resumed_and_replayed_like_one_of_images() {
     let run = gs(with(&whole, &[])).done();
     let length = started.elapsed();
     assert!(run.stderr.contains("16 runs (4 arms, 2 scenes, 1 budget, 2 seeds)"), "{run:?}");
-    assert!(run.stdout.contains("2 seeds on 2 scenes are too few: 4 seeds at least, or 6 scenes"), "{run:?}");
+    assert!(run.stdout.contains("2 seeds on 2 scenes are too few (an interval needs 4 seeds, or 6 scenes)"), "{run:?}");
 
     let mut child = command().args(with(&killed, &[])).spawn().unwrap();
     thread::sleep(length / 3);

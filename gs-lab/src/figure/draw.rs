@@ -105,7 +105,8 @@ impl Drawing<'_> {
 
     pub(super) fn intervals(&mut self, figure: &Figure, bars: &[Bar]) -> Result<(), String> {
         let top = self.head(&figure.title, &[])?;
-        let xs = range(bars.iter().flat_map(|bar| [bar.interval.low, bar.interval.high]).chain([0.0]), 0.05);
+        let ends = |bar: &Bar| bar.interval.map_or([bar.mean; 2], |interval| [interval.low, interval.high]);
+        let xs = range(bars.iter().flat_map(ends).chain([0.0]), 0.05);
         let rows = bars.len().max(1) as f64;
         let longest = bars.iter().map(|bar| bar.label.chars().count()).max().unwrap_or(0);
         let labels = (longest as f64 * LETTER * f64::from(SMALL)) as u32 + 12;
@@ -120,7 +121,9 @@ impl Drawing<'_> {
         self.surface.line(&[plot.at(0.0, 0.0), plot.at(0.0, rows)], INK, zoom)?;
         for (row, bar) in bars.iter().enumerate() {
             let (y, ink) = (middle(row), color(bar.style));
-            self.surface.line(&[plot.at(bar.interval.low, y), plot.at(bar.interval.high, y)], ink, 2 * zoom)?;
+            if bar.interval.is_some() {
+                self.surface.line(&ends(bar).map(|x| plot.at(x, y)), ink, 2 * zoom)?;
+            }
             match bar.is_judged {
                 true => self.mark(bar.style, plot.at(bar.mean, y), 5)?,
                 false => self.surface.circle(plot.at(bar.mean, y), 5 * zoom, ink, 2 * zoom)?,

@@ -180,8 +180,8 @@ pub struct Bar {
     pub label: String,
     /// The mean.
     pub mean: f64,
-    /// The interval of the mean.
-    pub interval: Interval,
+    /// The interval of the mean, if there are enough runs for one.
+    pub interval: Option<Interval>,
     /// Whether a verdict rests on the mean; the bar is drawn hollow otherwise.
     pub is_judged: bool,
 }

@@ -123,9 +123,10 @@ pub(crate) fn differences(results: &Results<'_>, matching: Matching) -> Figure {
     for &budget in &study.budgets {
         for arm in (0..study.arms.len()).filter(|&arm| arm != baseline) {
             let difference = results.difference(matching, Metric::Psnr, budget, arm, baseline);
-            let (Some(mean), Some(interval)) = (difference.mean, difference.interval) else { continue };
+            let Some(mean) = difference.mean else { continue };
+            let (interval, is_judged) = (difference.interval, difference.obstacle().is_none());
             let label = format!("{}, {budget}", study.arms[arm].name);
-            bars.push(Bar { style: arm, label, mean, interval, is_judged: difference.obstacle().is_none() });
+            bars.push(Bar { style: arm, label, mean, interval, is_judged });
         }
     }
     Figure {
@@ -142,7 +143,7 @@ pub(crate) fn effects(results: &Results<'_>, matching: Matching) -> Figure {
     let effects = results.effects(&[matching]);
     let of_psnr = effects.iter().filter(|effect| effect.metric == Metric::Psnr);
     let bars = of_psnr.enumerate().filter_map(|(style, effect)| {
-        let (mean, interval) = (effect.mean?, effect.interval?);
+        let (mean, interval) = (effect.mean?, effect.interval);
         Some(Bar { style, label: effect.of.label(), mean, interval, is_judged: effect.obstacle().is_none() })
     });
     Figure {

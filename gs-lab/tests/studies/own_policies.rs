@@ -53,7 +53,9 @@ fn a_run_that_fails_is_recorded_and_does_not_stop_the_others() {
     assert!(page.contains("Runs that failed") && page.contains("not today"));
     let headlines = report::headlines(&results);
     assert!(
-        headlines.iter().all(|line| line.contains("; no verdict on moody: no pair of finished runs on ")),
+        headlines
+            .iter()
+            .all(|line| line.contains("; no verdict on moody, because there is no pair of finished runs on ")),
         "{headlines:?}"
     );
     // The other arms are compared as if it did not exist.

@@ -57,11 +57,13 @@ DIR then holds:
 settings; needs no network
   quality.csv             each arm at each budget: mean over images, spread over seeds
   differences.csv         every two arms: paired differences with 95 % intervals, and better, \
-worse or can't tell
+worse, can't tell (0 is in the interval) or no verdict (there is no interval, and a remark says why)
   runs.csv                one row per run; gs study replay DIR ROW repeats it
   views.csv               of scenes: the quality of each run on each held-out view
   effects.csv             of factors: main effects and interactions of two, with intervals
   results.json            these tables
+  tables.md, tables.tex   for a text: quality, each image or scene, and differences, as Markdown \
+and as LaTeX with booktabs
   times.csv, *-at-time.csv   the tables that depend on time
   plots/                  the report's curves as SVG and PNG
   study.toml, machine.json   the study, and the machine that ran it

@@ -77,7 +77,8 @@ impl<'a> Display<'a> {
                 bar.set_position(state.done as u64);
                 bar.set_message(message);
             }
-            None if state.printed.elapsed() >= LINE || (state.done == self.plan.runs.len() && state.running == 0) => {
+            // Between two runs of one process none is running, so the line waits for the next one.
+            None if state.is_worth_a_line(self.plan.runs.len()) => {
                 state.printed = Instant::now();
                 let runs = counted(self.plan.runs.len(), "run");
                 output::note(format_args!("{}/{runs}  {message}", state.done));
@@ -88,6 +89,14 @@ impl<'a> Display<'a> {
 }
 
 impl State {
+    /// Whether to print a line: now and then while something runs, and at the end.
+    fn is_worth_a_line(&self, runs: usize) -> bool {
+        match self.running {
+            0 => self.done == runs,
+            _ => self.printed.elapsed() >= LINE,
+        }
+    }
+
     fn message(&self, elapsed: Duration) -> String {
         let failed = if self.failed > 0 { format!("{} failed  ", self.failed) } else { String::new() };
         let left = match self.work_done > 0.0 {

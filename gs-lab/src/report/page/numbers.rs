@@ -4,7 +4,7 @@ use gs_core::counted;
 use maud::{Markup, html};
 
 use crate::{
-    comparison::Verdict,
+    comparison::{Difference, Verdict},
     error::Error,
     html,
     remark::{FEWEST_SEEDS, ResultRemark},
@@ -88,8 +88,15 @@ impl Page<'_> {
             let of = |metric: Metric, (budget, arm): (u32, usize)| {
                 self.results.difference(matching, metric, budget, arm, baseline)
             };
+            // What is the same for all rows is said once.
+            let mut remarks = rows.iter().map(|&row| remark(&of(Metric::Psnr, row).remarks));
+            let first = remarks.next().flatten().filter(|_| rows.len() > 1);
+            let shared = first.filter(|first| remarks.all(|other| other.as_ref() == Some(first)));
+            let own =
+                |difference: &Difference| remark(&difference.remarks).filter(|text| shared.as_ref() != Some(text));
             parts.push(html! {
                 h3 { (capital(at_equal(matching))) }
+                @if let Some(shared) = &shared { p.quiet { "For every arm: " (shared) "." } }
                 div.beside {
                     (drawn)
                     div.wide { table.small {
@@ -100,7 +107,7 @@ impl Page<'_> {
                         tbody {
                             @for &row in &rows {
                                 @let psnr = of(Metric::Psnr, row);
-                                tr.remarked[remark(&psnr.remarks).is_some()] {
+                                tr.remarked[own(&psnr).is_some()] {
                                     td { (grouped(row.0)) }
                                     td.name { (self.swatch(row.1)) (study.arms[row.1].name) }
                                     (value_cells(psnr.mean, psnr.interval, psnr.verdict, 2))
@@ -109,7 +116,7 @@ impl Page<'_> {
                                         (value_cells(other.mean, other.interval, other.verdict, 4))
                                     }
                                 }
-                                @if let Some(text) = remark(&psnr.remarks) {
+                                @if let Some(text) = own(&psnr) {
                                     tr.remark { td {} td.quiet colspan=(columns - 1) { (text) } }
                                 }
                             }
@@ -124,8 +131,8 @@ impl Page<'_> {
                 p {
                     "Differences are paired "
                     @if study.is_of_scenes() { "held-out view by view" } @else { "image by image" }
-                    ". Below each mean difference is its 95 % interval; an arm is better or worse if the whole interval lies on one side of 0. "
-                    "Hollow marks have no verdict. Every other pair of arms is in " code { "differences.csv" } "."
+                    ". Below each mean difference is its 95 % interval; an arm is better or worse if the whole interval lies on one side of 0, "
+                    "and nobody can tell if it contains 0. Hollow marks have no verdict, for the reason that is given. Every other pair of arms is in " code { "differences.csv" } "."
                     @if study.is_of_scenes() && self.results.plan.targets.len() < FEWEST {
                         " " b { "Only " (counted(self.results.plan.targets.len(), "scene")) ": verdicts about other scenes need " (FEWEST) "." }
                         " Verdicts hold for other seeds and views of these scenes."
@@ -150,7 +157,7 @@ pub(super) fn value_cells(mean: Option<f64>, interval: Option<Interval>, verdict
     let class = match verdict {
         Verdict::Better => "verdict better",
         Verdict::Worse => "verdict worse",
-        Verdict::CannotTell => "verdict",
+        Verdict::CannotTell | Verdict::None => "verdict",
     };
     html! {
         td.number {

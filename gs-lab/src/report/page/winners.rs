@@ -24,7 +24,10 @@ pub(crate) fn headline(results: &Results<'_>, standing: &Standing) -> String {
         text += &format!("; can't be distinguished from it: {}", names(results, indistinguishable));
     }
     for (why, arms) in not_judged {
-        text += &format!("; no verdict on {}: {why}", names(results, arms));
+        match arms.len() == results.plan.study.arms.len() - 1 && not_judged.len() == 1 {
+            true => text += &format!("; no verdict, because {why}"),
+            false => text += &format!("; no verdict on {}, because {why}", names(results, arms)),
+        }
     }
     text
 }
@@ -76,7 +79,7 @@ impl Page<'_> {
                 br; span.verdict { "can't be distinguished from " } (names(self.results, indistinguishable))
             }
             @for (why, arms) in not_judged {
-                br; span.quiet { "no verdict on " (names(self.results, arms)) ": " (why) }
+                br; span.quiet { "no verdict on " (names(self.results, arms)) ", because " (why) }
             }
         }
     }
