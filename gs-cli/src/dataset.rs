@@ -86,16 +86,19 @@ impl DatasetArgs {
     }
 
     fn read_in(&self, frame: Option<WorldFrame>, path: &Path) -> Result<Dataset, Failure> {
-        let settings = self.reading.settings().with(|s| {
-            s.frame = frame;
+        Ok(read_dataset(path, &self.settings().with(|s| s.frame = frame))?)
+    }
+
+    /// The settings of the library.
+    pub(crate) fn settings(&self) -> DatasetSettings {
+        self.reading.settings().with(|s| {
             s.image_folder = self.images.clone();
             s.test_every = NonZeroU32::new(self.holdout);
             s.alpha = match self.alpha {
                 AlphaName::Opacity => AlphaMeaning::Opacity,
                 AlphaName::Mask => AlphaMeaning::Mask,
             };
-        });
-        Ok(read_dataset(path, &settings)?)
+        })
     }
 }
 

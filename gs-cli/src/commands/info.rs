@@ -17,7 +17,7 @@ use gs_lab::experiments::Cell;
 use serde::Serialize;
 
 use crate::{
-    dataset::ReadingArgs,
+    dataset::DatasetArgs,
     failure::Failure,
     output::{self, Format, printable},
     scene,
@@ -37,7 +37,7 @@ pub(crate) struct InfoArgs {
     #[arg(long)]
     json: bool,
     #[command(flatten)]
-    reading: ReadingArgs,
+    images: DatasetArgs,
 }
 
 /// What `gs info --json` prints.
@@ -101,7 +101,7 @@ pub(crate) fn run(args: &InfoArgs) -> Result<(), Failure> {
         return adapters::run(format);
     };
     if may_be_dataset(file) {
-        match read_dataset(file, &args.reading.settings()) {
+        match read_dataset(file, &args.images.settings()) {
             Err(gs_io::Error::NotADataset { .. }) if scene_in(file).is_some() => {}
             dataset => return dataset::print(&dataset?, format),
         }

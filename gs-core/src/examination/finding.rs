@@ -75,6 +75,12 @@ pub enum Finding {
     ExtremeColor,
     /// The Gaussian is further than [`OUTLIER_DISTANCES`] from the others.
     Outlier,
+    /// The scales of the whole scene look as if they were stored without their logarithm: all ln-scales
+    /// are above 0, and Gaussians are as large as a good part of the scene. 3D scenes.
+    ActivatedScale,
+    /// The opacities of the whole scene look as if they were stored without their logit: all are
+    /// between 0 and 1. 3D scenes.
+    ActivatedOpacity,
 }
 
 /// Action of a repair on a finding, the mildest first.
@@ -107,7 +113,9 @@ impl Finding {
             | Self::Transparent
             | Self::OpacityOutOfRange
             | Self::ExtremeColor
-            | Self::Outlier => Remedy::Leave,
+            | Self::Outlier
+            | Self::ActivatedScale
+            | Self::ActivatedOpacity => Remedy::Leave,
         }
     }
 
@@ -116,6 +124,12 @@ impl Finding {
         self.remedy() != Remedy::Leave
     }
 }
+
+/// Size of a Gaussian, compared with the median distance of the Gaussians from their middle, above which
+/// a scene of such Gaussians is suspect. Unit: none.
+///
+/// This project's choice: in trained scenes the median is below 0.01.
+pub(super) const SUSPECT_SIZE: f32 = 0.02;
 
 /// Writes the finding in words that complete "a Gaussian whose …".
 impl fmt::Display for Finding {
@@ -140,6 +154,14 @@ impl fmt::Display for Finding {
             Self::Outlier => {
                 write!(f, "place is more than {OUTLIER_DISTANCES} times as far off as half of them")
             }
+            Self::ActivatedScale => f.write_str(
+                "scale is probably stored as it is, not as its logarithm: all are above 0, and large for the scene; \
+                 take their logarithm in the program that wrote the file",
+            ),
+            Self::ActivatedOpacity => f.write_str(
+                "opacity is probably stored as it is, not as its logit: all are between 0 and 1; \
+                 take their logit in the program that wrote the file",
+            ),
         }
     }
 }

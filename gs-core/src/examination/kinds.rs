@@ -28,6 +28,10 @@ pub trait Inspect: Scene {
     /// Mean, ln-scales and rotation as bits that are equal where the values are; padded with 0.
     fn shape_bits(&self, index: usize) -> [u32; 10];
 
+    /// The ln-scales and the opacity logit of Gaussian `index` of a 3D scene; `None` in 2D, whose files
+    /// are written by this project alone.
+    fn stored(&self, index: usize) -> Option<([f32; 3], f32)>;
+
     /// Raises the scales of Gaussian `index` that are 0.
     fn widen(&mut self, index: usize);
 
@@ -59,6 +63,10 @@ impl Inspect for Scene2d {
     fn shape_bits(&self, index: usize) -> [u32; 10] {
         let ([x, y], [long, short]) = (self.means[index].to_array(), self.log_scales[index].to_array());
         bits([x, y, long, short, self.rotations[index], 0.0, 0.0, 0.0, 0.0, 0.0])
+    }
+
+    fn stored(&self, _: usize) -> Option<([f32; 3], f32)> {
+        None
     }
 
     fn widen(&mut self, index: usize) {
@@ -104,6 +112,10 @@ impl Inspect for Scene3d {
     fn shape_bits(&self, index: usize) -> [u32; 10] {
         let (m, s, q) = (self.means[index], self.log_scales[index], self.rotations[index]);
         bits([m.x, m.y, m.z, s.x, s.y, s.z, q[0], q[1], q[2], q[3]])
+    }
+
+    fn stored(&self, index: usize) -> Option<([f32; 3], f32)> {
+        Some((self.log_scales[index].to_array(), self.opacity_logits[index]))
     }
 
     fn widen(&mut self, index: usize) {

@@ -184,3 +184,23 @@ fn a_repair_keeps_that_opacities_are_stored() {
 fn the_smallest_scale_is_that_of_the_smallest_number() {
     assert_eq!(SMALLEST_LOG_SCALE, f64::from(f32::MIN_POSITIVE).ln() as f32);
 }
+
+#[test]
+fn scales_and_opacities_without_logarithm_and_logit_are_suspected() {
+    let findings = |scale: fn(f32) -> f32, opacity: fn(f32) -> f32| {
+        let mut scene = Scene3d { sh_degree: 1, ..Default::default() };
+        for i in 0..40 {
+            let t = i as f32 / 40.0;
+            let log_scale = Vec3::new(0.01 + 0.1 * t, 0.02, 0.005 + 0.01 * t).map(scale);
+            scene.push(Gaussian3d { log_scale, opacity_logit: opacity(0.05 + 0.9 * t), ..scene_3d(5.0 * t) });
+        }
+        let examination = examine(&scene).unwrap();
+        assert!(examination.is_sound() && examination.cases.iter().all(|case| case.count == 40));
+        examination.cases.iter().map(|case| case.finding).collect::<Vec<_>>()
+    };
+    let logit = |opacity: f32| (opacity / (1.0 - opacity)).ln();
+    assert_eq!(findings(f32::ln, logit), []);
+    assert_eq!(findings(|scale| scale, logit), [Finding::ActivatedScale]);
+    assert_eq!(findings(f32::ln, |opacity| opacity), [Finding::ActivatedOpacity]);
+    assert_eq!(findings(|s| s, |o| o), [Finding::ActivatedScale, Finding::ActivatedOpacity]);
+}

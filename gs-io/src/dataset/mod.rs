@@ -4,7 +4,7 @@
 //! |---|---|---|
 //! | [`Blender`](DatasetKind::Blender) | NeRF-synthetic and its like | `transforms_train.json`, with `_val` and `_test` next to it |
 //! | [`Nerfstudio`](DatasetKind::Nerfstudio) | Nerfstudio, instant-ngp, Polycam | `transforms.json` |
-//! | [`Colmap`](DatasetKind::Colmap) | COLMAP and what writes its files | `cameras`, `images`, `points3D`, `.bin` or `.txt`, in `sparse/0`, `sparse`, `colmap/sparse/0` or the folder itself |
+//! | [`Colmap`](DatasetKind::Colmap) | COLMAP and what writes its files | `cameras`, `images`, `points3D`, `.bin` or `.txt`, in `sparse`, `colmap/sparse`, `dense/sparse`, `distorted/sparse`, a subfolder of these, or the folder itself |
 //!
 //! [`read_dataset`] recognises the kind and reads everything but the pixels. Of the images it reads
 //! the headers, so that intrinsics fit the files that exist. [`View::read_image`] reads and
@@ -43,6 +43,7 @@ use glam::{DVec3, Vec3};
 use gs_core::Camera;
 use serde::Serialize;
 
+use self::colmap::Located;
 pub use self::{
     colmap::{CameraModel, ColmapCamera, ColmapImage, ColmapModel, ColmapObservation, ColmapPoint},
     cube::CubeFace,
@@ -54,13 +55,10 @@ pub use self::{
     source_camera::SourceCamera,
     split::{Split, SplitOrigin},
 };
-use crate::{WorldFrame, atomic::open, error::Error, image::Orientation, scene3d::Format3d};
+use crate::{WorldFrame, atomic::open, error::Error, image::Orientation};
 
-/// Where COLMAP models are searched, relative to the data set.
-const COLMAP_FOLDERS: [&str; 5] = ["sparse/0", "sparse", "colmap/sparse/0", "colmap/sparse", "."];
-
-const LOOKED_FOR: &str = "transforms_train.json (Blender), transforms.json (Nerfstudio), and cameras.bin or cameras.txt in sparse/0, \
-                          sparse, colmap/sparse/0, colmap/sparse and the folder itself (COLMAP)";
+const LOOKED_FOR: &str = "transforms_train.json (Blender), transforms.json (Nerfstudio), and cameras.bin or cameras.txt in sparse, \
+                          colmap/sparse, dense/sparse, distorted/sparse, their subfolders and the folder itself (COLMAP)";
 
 /// Settings for reading a data set.
 #[derive(Debug, Clone, PartialEq)]
@@ -224,11 +222,14 @@ struct WorldPoint {
     color: [f32; 3],
 }
 
-/// Whether a path may be that of a data set: a folder, or a JSON file other than `meta.json`, which
-/// belongs to a scene in SOG.
+/// Whether a path may be that of a data set: a folder, or a JSON file other than those of scenes:
+/// `meta.json` and `lod-meta.json` of SOG, and `tileset.json` of 3D Tiles.
 pub fn may_be_dataset(path: &Path) -> bool {
     let is_json = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("json"));
-    path.is_dir() || is_json && Format3d::to_write(path) != Some(Format3d::SogFolder)
+    let is_of_scene = ["meta.json", "lod-meta.json", "tileset.json"]
+        .iter()
+        .any(|name| path.file_name().is_some_and(|found| found.eq_ignore_ascii_case(name)));
+    path.is_dir() || is_json && !is_of_scene
 }
 
 /// Reads a data set: a folder, whose content determines the kind, or a `transforms.json`.
@@ -256,23 +257,14 @@ pub fn read_dataset(path: impl AsRef<Path>, settings: &DatasetSettings) -> Resul
     if nerfstudio.is_file() {
         return transforms::read_nerfstudio(path, &nerfstudio, settings);
     }
-    match colmap_folder(path) {
-        Some(folder) => colmap::read(path, &folder, settings),
-        None => Err(not_a_dataset(path)),
-    }
+    let Some(located) = Located::find(path) else { return Err(not_a_dataset(path)) };
+    // The folder of a model may be named, or that of its data set.
+    let root = if colmap::is_model(path) { Located::data_set(path) } else { path.to_owned() };
+    colmap::read(&root, &located, settings)
 }
 
 fn not_a_dataset(path: &Path) -> Error {
     Error::NotADataset { path: path.to_owned(), looked_for: LOOKED_FOR, mend: place::how_to_begin(path) }
-}
-
-/// The folder of the COLMAP model in a data set.
-fn colmap_folder(root: &Path) -> Option<PathBuf> {
-    let holds_model = |folder: &PathBuf| ["cameras.bin", "cameras.txt"].iter().any(|name| folder.join(name).is_file());
-    COLMAP_FOLDERS
-        .iter()
-        .map(|folder| if *folder == "." { root.to_owned() } else { root.join(folder) })
-        .find(holds_model)
 }
 
 /// Reads a file of a data set.

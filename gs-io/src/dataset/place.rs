@@ -7,6 +7,7 @@ use std::{
 
 use super::{
     DatasetSettings,
+    colmap::models_below,
     names::{self, EXTENSIONS},
 };
 use crate::{error::Error, image::image_files};
@@ -126,7 +127,26 @@ fn leaves(folder: &Path, name: &str) -> bool {
 /// Advice for a folder that is not a data set; if it contains images, how to find their cameras.
 pub(super) fn how_to_begin(folder: &Path) -> String {
     let images_in = |folder: &Path| image_files(folder).map_or(0, |files| files.len());
-    let places = [folder.to_owned(), folder.join(IMAGE_FOLDERS[0])];
+    let models = models_below(folder);
+    if let Some(first) = models.first() {
+        let more = if models.len() > 1 {
+            format!(" or another of {} folders with a COLMAP model", models.len())
+        } else {
+            String::new()
+        };
+        return format!(
+            "name {}{more}, with the folder of its images by --images",
+            quoted(&super::Located::data_set(first))
+        );
+    }
+    let places = [folder.to_owned(), folder.join(IMAGE_FOLDERS[0]), folder.join("input")];
+    if let Some((count, kind, folder)) = places.iter().find_map(|place| unreadable_photographs(place)) {
+        return format!(
+            "it holds {count} photographs in {kind}, which cannot be read: convert them, for example with ImageMagick: \
+             magick mogrify -format jpg {}",
+            quoted(&folder.join(format!("*.{kind}")))
+        );
+    }
     match places.iter().map(|place| (images_in(place), place)).find(|(count, _)| *count > 1) {
         None => "name the folder that holds one of them".to_owned(),
         Some((count, images)) => format!(
@@ -136,6 +156,18 @@ pub(super) fn how_to_begin(folder: &Path) -> String {
             quoted(images)
         ),
     }
+}
+
+/// Number, ending and folder of photographs of a kind that cannot be read, if there are more than of
+/// those that can.
+fn unreadable_photographs(folder: &Path) -> Option<(usize, &'static str, PathBuf)> {
+    const ENDINGS: [&str; 9] = ["heic", "heif", "avif", "dng", "cr2", "cr3", "nef", "arw", "raf"];
+    let files: Vec<PathBuf> = fs::read_dir(folder).ok()?.flatten().map(|entry| entry.path()).collect();
+    let count =
+        |ending: &str| files.iter().filter(|f| f.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending))).count();
+    let (most, ending) = ENDINGS.iter().map(|ending| (count(ending), *ending)).max_by_key(|found| found.0)?;
+    let readable = image_files(folder).map_or(0, |files| files.len());
+    (most > readable).then(|| (most, ending, folder.to_owned()))
 }
 
 /// A path quoted for a shell command.

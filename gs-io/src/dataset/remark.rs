@@ -128,10 +128,18 @@ pub enum Remark {
         /// The file, as the data set names it.
         file: String,
     },
-    /// The data set has several COLMAP models that are not connected; only the first is read.
+    /// The data set has several COLMAP models, which COLMAP could not connect; the one with most images
+    /// is read.
     OtherModels {
-        /// Number of other models.
-        count: usize,
+        /// The folder of the model, and its number of images.
+        read: String,
+        /// The same of the others.
+        others: Vec<String>,
+    },
+    /// The binary files of a COLMAP model are damaged, so its text files are read.
+    TextModel {
+        /// What is wrong with the binary files.
+        error: String,
     },
     /// The split would leave no view for training, so every view is used for training.
     NothingHeldOut,
@@ -290,9 +298,14 @@ impl fmt::Display for Remark {
                 write!(f, "{} left out: at the same place as others", counted(*count, "point"))
             }
             Self::PointsMissing { file } => write!(f, "no points: there is no file {file}"),
-            Self::OtherModels { count } => {
-                write!(f, "{} in the data set not read: only the first is", counted(*count, "more COLMAP model"))
+            Self::OtherModels { read, others } => {
+                write!(
+                    f,
+                    "{read} is the largest of several COLMAP models, and only it is read; not {}",
+                    others.join(", ")
+                )
             }
+            Self::TextModel { error } => write!(f, "the text files of the COLMAP model are read, because {error}"),
             Self::NothingHeldOut => f.write_str("no view held out for tests, because there are too few"),
             Self::NoTestViews => f.write_str(
                 "no view held out for tests: the data set's split has no usable test or validation views, so quality \

@@ -60,8 +60,17 @@ pub(super) fn decode_stored(path: &Path) -> Result<Decoded, Error> {
 }
 
 /// Reads a mask: an image whose values are not colours and stay as stored, without rotation.
+///
+/// A mask may be in alpha, beside a single colour. Where both colour and alpha vary, a pixel counts
+/// only if it is light and opaque, so their product is returned.
 pub(crate) fn decode_mask(path: &Path) -> Result<Image, Error> {
-    let (Pixels { width, height, colors, .. }, ..) = read_pixels(path, Orientation::AsStored)?;
+    let (Pixels { width, height, mut colors, alpha, .. }, ..) = read_pixels(path, Orientation::AsStored)?;
+    if let Some(alpha) = alpha.filter(|alpha| alpha.iter().any(|alpha| *alpha < 1.0)) {
+        let has_one_color = colors.windows(2).all(|pair| pair[0] == pair[1]);
+        for (color, alpha) in colors.iter_mut().zip(alpha) {
+            *color = if has_one_color { [alpha; 3] } else { color.map(|value| value * alpha) };
+        }
+    }
     Image::from_pixels(width, height, colors).map_err(Error::content(path))
 }
 

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use super::has_name;
 use crate::error::Error;
 
 /// The tool that reads most of them.
@@ -20,8 +21,15 @@ struct Kind {
 const ANY: &[&str] = &[];
 
 /// The first match counts.
-const KINDS: [Kind; 10] = [
+const KINDS: [Kind; 12] = [
     Kind { start: b"", endings: &["sogs"], what: "a SOG scene of version 1", mend: SPLAT_TRANSFORM },
+    Kind { start: b"", endings: &["rad"], what: "a RAD scene of Spark", mend: "convert it to PLY or SPZ with Spark" },
+    Kind {
+        start: b"",
+        endings: &["b3dm", "i3dm", "pnts", "cmpt", "subtree"],
+        what: "a tile of 3D Tiles",
+        mend: "name a PLY or a glTF of Gaussians that the tiles were made of",
+    },
     Kind { start: b"", endings: &["lcc"], what: "an XGrids .lcc scene", mend: SPLAT_TRANSFORM },
     Kind {
         start: b"PK\x03\x04",
@@ -65,6 +73,10 @@ pub(crate) fn refusal_of_json(json: &[u8], path: &Path) -> Option<Error> {
     let has = |keys: &[&str]| keys.iter().all(|key| object.contains_key(*key));
     let (what, mend) = if has(&["means", "scales", "quats"]) {
         ("the meta.json of a SOG scene", "name it meta.json, beside its images")
+    } else if has(&["lodLevels"]) || has(&["filenames", "tree"]) || has_name(path, "lod-meta.json") {
+        ("the lod-meta.json of a streamed SOG", "name the meta.json of one of its levels, in a folder beside it")
+    } else if has(&["root", "geometricError"]) {
+        ("a tileset of 3D Tiles", "name a PLY or a glTF of Gaussians that the tiles were made of")
     } else if has(&["frames"]) {
         ("a transforms.json, which belongs to a data set", "train a scene with gs train, or name a scene")
     } else {

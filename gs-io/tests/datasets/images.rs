@@ -5,8 +5,9 @@ use std::fs;
 use glam::{DVec2, dvec2};
 use gs_core::Image;
 use gs_io::{
-    Error, Orientation,
+    Error, Orientation, PngExtras,
     dataset::{AlphaMeaning, CameraModel, Dataset, DatasetSettings, PosedImage, read_dataset},
+    write_png_with,
 };
 use image::{ImageBuffer, ImageEncoder, Rgba, codecs::png::PngEncoder, metadata::Orientation as Exif};
 use serde_json::json;
@@ -205,4 +206,28 @@ fn pictures_are_taken_as_stored_unless_only_the_turned_one_fits() {
         assert_eq!(view.orientation, expected);
         assert_eq!(view.read_image().unwrap().image.size(), (40, 30));
     }
+}
+
+#[test]
+fn a_mask_may_be_in_alpha() {
+    let place = folder();
+    colmap(place.path(), 2);
+    fs::create_dir(place.path().join("masks")).unwrap();
+    let file = place.path().join("masks/view 000.png");
+    // The right half counts.
+    let alpha: Vec<f32> = (0..40 * 30).map(|i| if i % 40 >= 20 { 1.0 } else { 0.0 }).collect();
+    let lower = |_: u32, y: u32| if y >= 15 { [1.0; 3] } else { [0.0; 3] };
+    let row = |y: usize| read(place.path()).views[0].read_image().unwrap().mask.unwrap()[40 * y..][..40].to_vec();
+    let right = std::array::from_fn::<bool, 40, _>(|x| x >= 20);
+    for color in [[1.0; 3], [0.0; 3]] {
+        let image = Image::filled(40, 30, color).unwrap();
+        write_png_with(&file, &image, PngExtras { alpha: Some(&alpha), profile: None }).unwrap();
+        assert_eq!((row(0), row(29)), (right.to_vec(), right.to_vec()), "{color:?}");
+    }
+    // Where both vary, both must say so.
+    let image = Image::from_fn(40, 30, lower).unwrap();
+    write_png_with(&file, &image, PngExtras { alpha: Some(&alpha), profile: None }).unwrap();
+    assert_eq!((row(0), row(29)), (vec![false; 40], right.to_vec()));
+    write_png_with(&file, &image, PngExtras { alpha: Some(&[1.0; 1200]), profile: None }).unwrap();
+    assert_eq!((row(0), row(29)), (vec![false; 40], vec![true; 40]));
 }

@@ -158,7 +158,7 @@ fn spz_heads_that_cannot_be() {
     for (at, value, expected) in [
         (4, 5, "update this program"),
         (4, 3, "version 4 where there is no gzip stream"),
-        (4, 1, "version 2, 3 or 4"),
+        (4, 1, "version 1 of SPZ is not supported"),
         (12, 5, "an SH degree of 0 to 4"),
         (13, 24, "23 fractional bits"),
         (15, 5, "6 streams, found 5"),

@@ -5,22 +5,23 @@
 
 mod binary;
 mod camera_model;
+mod models;
 mod text;
 
 use std::{
     collections::BTreeMap,
-    fs,
     path::{Path, PathBuf},
 };
 
 use glam::{DQuat, DVec2, DVec3, dvec2};
 
 pub use self::camera_model::CameraModel;
+pub(super) use self::models::{Located, is_model, models_below};
 use super::{
     Dataset, DatasetKind, DatasetSettings, DepthFile, Lens, Remark, Skip, SourceCamera, WorldPoint,
     assemble::{Draft, Parts, Refusal, Stated, assemble},
     depth, names,
-    place::{IMAGE_FOLDERS, NamePart, Place, check_inside, find_image},
+    place::{NamePart, Place, check_inside, find_image},
     pose::Pose,
     read_file,
 };
@@ -116,13 +117,33 @@ pub struct ColmapPoint {
 
 impl ColmapModel {
     /// Reads the model in a folder: the binary files if there is a `cameras.bin`, else the text
-    /// files. The file of points is optional.
+    /// files, which are also read where the binary ones are damaged. The file of points is optional.
     ///
     /// # Errors
     /// [`Error::Missing`] or [`Error::Read`]; those of [`Self::from_binary`] or
     /// [`Self::from_text`].
     pub fn read(folder: &Path) -> Result<Self, Error> {
-        let extension = extension(folder);
+        Self::read_either(folder).map(|(model, _, _)| model)
+    }
+
+    /// Reads the model as [`Self::read`] does, with the extension of its files, and what was wrong with
+    /// others.
+    fn read_either(folder: &Path) -> Result<(Self, &'static str, Option<Remark>), Error> {
+        let has = |extension| folder.join("cameras").with_extension(extension).is_file();
+        if !has("bin") {
+            return Self::read_with(folder, "txt").map(|model| (model, "txt", None));
+        }
+        match Self::read_with(folder, "bin") {
+            Ok(model) => Ok((model, "bin", None)),
+            Err(error @ (Error::Damaged { .. } | Error::Missing { .. })) if has("txt") => {
+                let Ok(model) = Self::read_with(folder, "txt") else { return Err(error) };
+                Ok((model, "txt", Some(Remark::TextModel { error: error.to_string() })))
+            }
+            Err(error) => Err(error),
+        }
+    }
+
+    fn read_with(folder: &Path, extension: &str) -> Result<Self, Error> {
         let bytes = |name: &str| read_file(&folder.join(name).with_extension(extension));
         let (cameras, images) = (bytes("cameras")?, bytes("images")?);
         let points = match bytes("points3D") {
@@ -184,33 +205,26 @@ impl ColmapModel {
     }
 }
 
-/// The extension of a model's files.
-fn extension(folder: &Path) -> &'static str {
-    if folder.join("cameras.bin").is_file() { "bin" } else { "txt" }
-}
-
 /// Points in the engine's form; those that are not finite are counted later.
 pub(super) fn points_of(points: &[ColmapPoint]) -> impl Iterator<Item = WorldPoint> {
     points.iter().map(|point| WorldPoint { position: point.position, color: point.color.map(|c| f32::from(c) / 255.0) })
 }
 
-/// Reads the data set at `root` with the model in `folder`.
-pub(super) fn read(root: &Path, folder: &Path, settings: &DatasetSettings) -> Result<Dataset, Error> {
-    let model = ColmapModel::read(folder)?;
-    let extension = extension(folder);
+/// Reads the data set at `root` with a model.
+pub(super) fn read(root: &Path, located: &Located, settings: &DatasetSettings) -> Result<Dataset, Error> {
+    let folder = &located.folder;
+    let (model, extension, damaged) = ColmapModel::read_either(folder)?;
     let names = model.images.iter().map(|image| ("the image name", image.name.as_str()));
     check_inside(root, &folder.join("images").with_extension(extension), names, settings)?;
-    let places = match Place::chosen(root, settings, NamePart::Path)? {
+    // Where the model was named, the folder of images may be relative to it.
+    let is_of_root = settings.image_folder.as_ref().is_none_or(|name| root.join(name).is_dir());
+    let places = match Place::chosen(if is_of_root { root } else { folder }, settings, NamePart::Path)? {
         Some(place) => vec![place],
-        None => {
-            // COLMAP can work inside the folder of the images itself.
-            let own = Place { folder: root.to_owned(), part: NamePart::Path, shrunk: 1.0 };
-            IMAGE_FOLDERS.map(|name| Place::new(root, name, NamePart::Path)).into_iter().chain([own]).collect()
-        }
+        None => located.places(root),
     };
     let cameras = format!("cameras.{extension}");
     let drafts = model.images.iter().map(|image| model.draft(root, &cameras, image)).collect();
-    let remarks = other_models(folder).into_iter().collect();
+    let remarks = located.remark.iter().cloned().chain(damaged).collect();
     let points = points_of(&model.points).collect();
     assemble(Parts { kind: DatasetKind::Colmap, root, drafts, points, places, split: None, remarks }, settings)
 }
@@ -218,16 +232,4 @@ pub(super) fn read(root: &Path, folder: &Path, settings: &DatasetSettings) -> Re
 fn unknown_model(path: &Path, found: impl ToString) -> Error {
     let known = CameraModel::ALL.map(CameraModel::name).join(", ");
     Error::UnknownCameraModel { path: path.to_owned(), found: found.to_string(), known }
-}
-
-/// The remark on other models in the folder: COLMAP numbers the parts of a scene that it could not
-/// connect.
-fn other_models(folder: &Path) -> Option<Remark> {
-    if folder.file_name()? != "0" {
-        return None;
-    }
-    let siblings = fs::read_dir(folder.parent()?).ok()?.flatten();
-    let is_model = |name: &str| name != "0" && name.parse::<u32>().is_ok();
-    let count = siblings.filter(|entry| entry.file_name().to_str().is_some_and(is_model)).count();
-    (count > 0).then_some(Remark::OtherModels { count })
 }

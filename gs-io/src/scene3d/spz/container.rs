@@ -128,6 +128,14 @@ impl Head {
             let path = source.path.to_owned();
             return Err(Error::TooNew { path, what: source.what, supported: NEWEST_VERSION, found: version });
         }
+        if version == 1 {
+            let (path, what) = (source.path.to_owned(), "version 1 of SPZ".to_owned());
+            return Err(Error::Unsupported {
+                path,
+                what,
+                mend: "write it again with a current version of the program",
+            });
+        }
         if version < 2 {
             return Err(bad(4, "version 2, 3 or 4", version.to_string()));
         }
