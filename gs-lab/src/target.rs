@@ -199,7 +199,8 @@ impl StudyTarget {
                 let Some(view) = dataset.views.iter().find(|found| Some(found.name.as_str()) == view) else {
                     return Ok(None);
                 };
-                Ok(Some(view.read_image()?.over(background)))
+                let image = view.read_image()?.over(background).map_err(gs_train::Error::from)?;
+                Ok(Some(image))
             }
         }
     }

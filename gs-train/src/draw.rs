@@ -17,7 +17,7 @@ pub async fn draw_picture<R: Rasterizer<Scene2d>>(
     let mut values = None;
     if let Some(alpha) = alpha {
         let alpha = on.render(&alpha.scene, canvas, &alpha.settings).await?;
-        let (colors, alpha) = straight(image, &alpha);
+        let (colors, alpha) = straight(image, &alpha)?;
         (image, values) = (colors, Some(alpha));
     }
     let (image, profile) = (image.rounded_to_8_bits(), colors.profile.clone());

@@ -56,7 +56,7 @@ impl Forecast {
 
     /// The step of amplitudes, colour values · px, that goes with a fit of this PSNR.
     pub(crate) fn step(&self, count: f64, psnr: f64) -> f64 {
-        let error = 10f64.powf(-psnr / 10.0).max(LEAST_ERROR);
+        let error = gs_core::metrics::mse_of_psnr(psnr).max(LEAST_ERROR);
         (STEP_SHARE * error * self.pixels * 36.0 / (7.0 * count.max(1.0))).sqrt()
     }
 

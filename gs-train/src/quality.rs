@@ -67,16 +67,18 @@ pub(crate) fn psnr_float(rendered: &Image, target: &Image) -> Result<f64, Error>
     rendered.same_size(target)?;
     let pairs = rendered.pixels().as_flattened().iter().zip(target.pixels().as_flattened());
     let squared: f64 = pairs.map(|(&a, &b)| f64::from(held(a) - held(b)).powi(2)).sum();
-    Ok(-10.0 * (squared / (3 * target.pixels().len()) as f64).log10())
+    Ok(metrics::psnr_of_mse(squared / (3 * target.pixels().len()) as f64))
 }
 
-/// L1 (0 to 1) and PSNR (dB) of a rendering, rounded to 8 bits, against `target`; the images must
-/// have one size.
+/// L1 (0 to 1) and PSNR (dB) of a rendering, rounded to 8 bits, against `target`.
 ///
 /// The same as [`ImageQuality::as_written`] without the other measures, so that observing a
 /// training stays cheap.
-pub fn l1_and_psnr(rendered: &Image, target: &Image) -> (f64, f64) {
-    debug_assert_eq!(rendered.size(), target.size());
+///
+/// # Errors
+/// [`Error::SizesDiffer`] where the images differ in size.
+pub fn l1_and_psnr(rendered: &Image, target: &Image) -> Result<(f64, f64), Error> {
+    rendered.same_size(target)?;
     let row = rendered.width() as usize * 3;
     let (rendered, wanted) = (rendered.pixels().as_flattened(), target.pixels().as_flattened());
     let (mut absolute, mut squared) = (0.0f64, 0.0f64);
@@ -102,7 +104,7 @@ pub fn l1_and_psnr(rendered: &Image, target: &Image) -> (f64, f64) {
         squared += row_squared.iter().map(|&v| f64::from(v)).sum::<f64>();
     }
     let values = wanted.len() as f64;
-    (absolute / values, -10.0 * (squared / values).log10())
+    Ok((absolute / values, metrics::psnr_of_mse(squared / values)))
 }
 
 #[cfg(test)]
@@ -117,12 +119,21 @@ mod tests {
     #[test]
     fn the_quick_figures_are_those_of_the_slow_ones() {
         let (a, b) = (wave(0.0), wave(0.1));
-        let (l1, psnr) = l1_and_psnr(&a, &b);
+        let (l1, psnr) = l1_and_psnr(&a, &b).unwrap();
         let slow = ImageQuality::as_written(&a, &b).unwrap();
         assert!((l1 - slow.l1).abs() < 1e-7 && (psnr - slow.psnr).abs() < 1e-4, "{l1} {psnr} {slow:?}");
         assert!(psnr > 10.0 && psnr < 60.0, "{psnr}");
         let written = a.rounded_to_8_bits();
-        assert_eq!(l1_and_psnr(&a, &written), (0.0, f64::INFINITY));
+        assert_eq!(l1_and_psnr(&a, &written), Ok((0.0, f64::INFINITY)));
+    }
+
+    #[test]
+    fn images_of_different_sizes_are_refused() {
+        let [wide, tall] = [(12, 2), (2, 12)].map(|(w, h)| Image::filled(w, h, [0.5; 3]).unwrap());
+        let expected = Error::SizesDiffer { left_width: 12, left_height: 2, right_width: 2, right_height: 12 };
+        assert_eq!(l1_and_psnr(&wide, &tall), Err(expected.clone()));
+        assert_eq!(psnr_float(&wide, &tall), Err(expected.clone()));
+        assert_eq!(ImageQuality::between(&wide, &tall), Err(expected));
     }
 
     #[test]

@@ -223,7 +223,7 @@ impl<'a> Work<'a> {
         memory::check_image(file)?;
         let mut image = read_stored_image(file)?;
         if let Some(behind) = args.background {
-            image = image.on(behind.0);
+            image = image.on(behind.0)?;
         }
         let size = image.image.size();
         let settings = args.settings(size);

@@ -101,7 +101,7 @@ fn rendered(args: &EvalArgs, picture: &GsiFile) -> Result<(Image, Image), Failur
     memory::check_picture(args.a.display(), (width, height))?;
     let backend = args.backend.open()?;
     let drawn = draw_picture(&backend.rasterizer, picture, &Canvas::new(width, height)).block_on()?;
-    Ok((drawn.shown(), image))
+    Ok((drawn.shown()?, image))
 }
 
 /// Evaluates a scene with the test views of a data set, or with all views if none is held out.

@@ -61,7 +61,8 @@ fn alpha_and_a_profile_come_back() {
     gs(decode.iter().chain(&cpu)).done();
     let back = read_stored_image(&png).unwrap();
     assert_eq!(back.profile, original.profile);
-    let (psnr, alpha) = (metrics::psnr(&back.shown(), &original.shown()).unwrap(), back.alpha.unwrap());
+    let (psnr, alpha) =
+        (metrics::psnr(&back.shown().unwrap(), &original.shown().unwrap()).unwrap(), back.alpha.unwrap());
     assert!(psnr > 26.0 && alpha[64] < 0.1 && alpha[120] > 0.9, "{psnr} dB, {} {}", alpha[64], alpha[120]);
     // It is as good as its PNG, and other commands see it on white.
     let seen = |file: &Path| {

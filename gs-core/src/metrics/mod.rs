@@ -34,7 +34,17 @@ pub fn mean_absolute_error(a: &Image, b: &Image) -> Result<f64, Error> {
 pub fn psnr(a: &Image, b: &Image) -> Result<f64, Error> {
     a.same_size(b)?;
     let sum: f64 = differences(a, b).map(|d| d * d).sum();
-    Ok(-10.0 * (sum / (3 * a.pixels().len()) as f64).log10())
+    Ok(psnr_of_mse(sum / (3 * a.pixels().len()) as f64))
+}
+
+/// The PSNR of a mean squared error, dB, with peak 1: −10 log₁₀ of it; ∞ of 0.
+pub fn psnr_of_mse(mse: f64) -> f64 {
+    -10.0 * mse.log10()
+}
+
+/// The mean squared error of a PSNR in dB: the inverse of [`psnr_of_mse`].
+pub fn mse_of_psnr(psnr: f64) -> f64 {
+    10f64.powf(-psnr / 10.0)
 }
 
 /// All measures of how close two images are.
@@ -79,7 +89,7 @@ pub fn compare(
     let values = (3 * a.pixels().len()) as f64;
     Ok(Comparison {
         l1: absolute / values,
-        psnr: -10.0 * (squared / values).log10(),
+        psnr: psnr_of_mse(squared / values),
         ssim: scales.finest().mean_ssim(),
         ms_ssim: scales.has_coarser().then(|| scales.ms_ssim()),
     })
@@ -110,6 +120,12 @@ mod tests {
             assert_eq!(found, expected, "{width}x{height}");
             assert_ne!(compare((&a, |v| v), (&b, |v| v)).unwrap(), expected);
         }
+    }
+
+    #[test]
+    fn psnr_and_mean_squared_error_are_inverse() {
+        assert_eq!([1.0, 0.01, 0.0].map(psnr_of_mse), [0.0, 20.0, f64::INFINITY]);
+        assert_eq!([0.0, 20.0, f64::INFINITY].map(mse_of_psnr), [1.0, 0.01, 0.0]);
     }
 }
 

@@ -23,11 +23,14 @@ pub struct PosedImage {
 
 impl PosedImage {
     /// The image composited over a background: c·α + background·(1 − α), in the stored values.
-    pub fn over(mut self, background: [f32; 3]) -> Image {
+    ///
+    /// # Errors
+    /// [`gs_core::Error::Length`] where alpha is not as long as the image.
+    pub fn over(mut self, background: [f32; 3]) -> Result<Image, gs_core::Error> {
         if let Some(alpha) = &self.alpha {
-            composite(&mut self.image, alpha, background);
+            composite(&mut self.image, alpha, background)?;
         }
-        self.image
+        Ok(self.image)
     }
 }
 

@@ -97,12 +97,15 @@ pub fn read_image(path: impl AsRef<Path>) -> Result<LoadedImage, Error> {
 /// [`MAX_SIDE_PX`](gs_core::constants::MAX_SIDE_PX), before memory is allocated for them;
 /// [`Error::DamagedImage`] for one cut short; [`Error::ImageNotFinite`].
 pub fn read_image_with(path: impl AsRef<Path>, alpha: AlphaMode) -> Result<LoadedImage, Error> {
-    let mut decoded = decode(path.as_ref(), Orientation::Exif)?;
+    let path = path.as_ref();
+    let mut decoded = decode(path, Orientation::Exif)?;
     let (bits_per_channel, remarks) = (decoded.bits_per_channel, std::mem::take(&mut decoded.remarks));
     let transparent = decoded.alpha.as_ref().is_some_and(|alpha| alpha.iter().any(|a| *a < 1.0));
     let (image, transparency) = match (transparent, alpha) {
         (false, _) => (decoded.image, Transparency::None),
-        (true, AlphaMode::Composite(behind)) => (decoded.over(behind), Transparency::Composited),
+        (true, AlphaMode::Composite(behind)) => {
+            (decoded.over(behind).map_err(Error::content(path))?, Transparency::Composited)
+        }
         (true, AlphaMode::Ignore) => (decoded.image, Transparency::Ignored),
     };
     Ok(LoadedImage { image, bits_per_channel, transparency, remarks })
@@ -153,10 +156,10 @@ pub(crate) struct Decoded {
 
 impl Decoded {
     /// The image composited over a colour: c·α + behind·(1 − α).
-    pub(crate) fn over(mut self, behind: [f32; 3]) -> Image {
+    pub(crate) fn over(mut self, behind: [f32; 3]) -> Result<Image, gs_core::Error> {
         if let Some(alpha) = self.alpha {
-            composite(&mut self.image, &alpha, behind);
+            composite(&mut self.image, &alpha, behind)?;
         }
-        self.image
+        Ok(self.image)
     }
 }

@@ -34,23 +34,28 @@ pub fn read_stored_image(path: impl AsRef<Path>) -> Result<StoredImage, Error> {
 
 impl StoredImage {
     /// The opaque image on a colour of its own colour space: c·α + `behind`·(1 − α).
-    #[must_use]
-    pub fn on(mut self, behind: [f32; 3]) -> Self {
+    ///
+    /// # Errors
+    /// [`gs_core::Error::Length`] where alpha is not as long as the image.
+    pub fn on(mut self, behind: [f32; 3]) -> Result<Self, gs_core::Error> {
         if let Some(alpha) = self.alpha.take() {
-            composite(&mut self.image, &alpha, behind);
+            composite(&mut self.image, &alpha, behind)?;
         }
-        self
+        Ok(self)
     }
 
     /// The image in sRGB, and on white: what [`read_image`](super::read_image) reads.
-    pub fn shown(&self) -> Image {
+    ///
+    /// # Errors
+    /// [`gs_core::Error::Length`] where alpha is not as long as the image.
+    pub fn shown(&self) -> Result<Image, gs_core::Error> {
         let mut image = self.image.clone();
         if let Some(profile) = &self.profile {
             profile.to_srgb(&mut image);
         }
         if let Some(alpha) = &self.alpha {
-            composite(&mut image, alpha, [1.0; 3]);
+            composite(&mut image, alpha, [1.0; 3])?;
         }
-        image
+        Ok(image)
     }
 }

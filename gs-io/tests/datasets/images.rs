@@ -102,7 +102,7 @@ fn alpha_is_opacity_or_a_mask() {
     let alpha = posed.alpha.as_ref().unwrap();
     assert_eq!((alpha[0], alpha[39], posed.mask.is_none()), (0.0, 0.8, true));
     assert_eq!(posed.image.pixel(39, 0), [0.0, 0.4, 1.0], "not multiplied");
-    let over = posed.over([1.0; 3]);
+    let over = posed.over([1.0; 3]).unwrap();
     assert_eq!((over.pixel(0, 0), over.pixel(39, 0)[1]), ([1.0; 3], 0.4 * 0.8 + 1.0 * (1.0 - 0.8)));
 
     let settings = DatasetSettings::default().with(|s| s.alpha = AlphaMeaning::Mask);

@@ -114,5 +114,5 @@ fn lego() {
     let alpha = posed.alpha.as_ref().unwrap();
     let opaque = alpha.iter().filter(|a| **a > 0.99).count() as f32 / alpha.len() as f32;
     assert!((0.1..0.5).contains(&opaque) && alpha[0] == 0.0, "{opaque}");
-    assert_eq!(posed.over([1.0; 3]).pixel(0, 0), [1.0; 3]);
+    assert_eq!(posed.over([1.0; 3]).unwrap().pixel(0, 0), [1.0; 3]);
 }

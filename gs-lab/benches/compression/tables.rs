@@ -146,7 +146,7 @@ pub(crate) fn prefixes(points: &Points, rasterizer: &CpuRasterizer, sets: &[Set]
         let curve = points.curve(&image.name, OURS, Measure::Psnr);
         for (part, less) in [&bytes[..], &bytes[..bytes.len() / 3]].into_iter().zip(&mut less) {
             let picture = rendered(rasterizer, part, Extent::Prefix)?;
-            let (bpp, psnr) = (part.len() as f64 * 8.0 / pixels, l1_and_psnr(&picture, &image.image).1);
+            let (bpp, psnr) = (part.len() as f64 * 8.0 / pixels, l1_and_psnr(&picture, &image.image)?.1);
             let loss = curve.as_ref().and_then(|curve| curve.quality_at(bpp)).map(|plain| plain - psnr);
             less.extend(loss);
             let loss = loss.map_or("–".to_owned(), |loss| format!("{loss:.2}"));

@@ -8,7 +8,7 @@ mod training;
 use gs_backend::FutureExt as _;
 #[cfg(doc)]
 use gs_core::Effects;
-use gs_core::{Camera, Error, Image, Rasterizer, RenderSettings, Scene};
+use gs_core::{Camera, Error, Image, Rasterizer, RenderSettings, Scene, metrics::psnr_of_mse};
 use serde::Serialize;
 
 pub use self::{
@@ -52,7 +52,7 @@ impl<S: Scene, R: Rasterizer<S>> UploadedScene<'_, S, R> {
             };
             let expected = picture(wanted)?;
             for (settings, sum) in others.iter().zip(&mut sums) {
-                sum.add(&picture(settings)?, &expected);
+                sum.add(&picture(settings)?, &expected)?;
             }
         }
         Ok(sums.iter().map(Sum::difference).collect())
@@ -68,9 +68,9 @@ struct Sum {
 }
 
 impl Sum {
-    /// Adds two pictures of a view, which have the same size.
-    fn add(&mut self, image: &Image, expected: &Image) {
-        debug_assert_eq!(image.size(), expected.size());
+    /// Adds two pictures of a view.
+    fn add(&mut self, image: &Image, expected: &Image) -> Result<(), Error> {
+        image.same_size(expected)?;
         for (a, b) in image.pixels().as_flattened().iter().zip(expected.pixels().as_flattened()) {
             let difference = (a - b).abs();
             // NaN counts as the largest possible difference.
@@ -78,11 +78,12 @@ impl Sum {
             self.squares += f64::from(difference).powi(2);
         }
         self.values += 3 * image.pixels().len();
+        Ok(())
     }
 
     fn difference(&self) -> Difference {
         let most = if self.most.is_nan() { f32::INFINITY } else { self.most };
-        Difference { most, psnr: -10.0 * (self.squares / self.values.max(1) as f64).log10() }
+        Difference { most, psnr: psnr_of_mse(self.squares / self.values.max(1) as f64) }
     }
 }
 

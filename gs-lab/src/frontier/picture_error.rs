@@ -1,5 +1,6 @@
 //! The error of a picture.
 
+use gs_core::metrics::psnr_of_mse;
 use serde::Serialize;
 
 /// A display step of 8 bits.
@@ -23,7 +24,7 @@ impl PictureError {
     /// most approximations change less than a display step. The quality of a fit is measured on
     /// 8-bit images ([`gs_train::ImageQuality`]).
     pub fn psnr(&self) -> f64 {
-        -10.0 * self.mean_squared.log10()
+        psnr_of_mse(self.mean_squared)
     }
 
     /// The error of these pixel differences; all 0 without pixels. NaN counts as ∞.

@@ -5,7 +5,10 @@
 
 use glam::Vec2;
 use gs_codec::{Extent, Layer, LayerHead, Picture, Quantizer, decode};
-use gs_core::{Blend, Image, Optimizer, RenderSettings, Scene as _, Scene2d};
+use gs_core::{
+    Blend, Image, Optimizer, RenderSettings, Scene as _, Scene2d,
+    metrics::{mse_of_psnr, psnr_of_mse},
+};
 
 use super::{
     bands::{Band, bands},
@@ -133,15 +136,16 @@ struct MeanError {
 
 impl MeanError {
     /// Adds a part of which this was drawn.
-    fn add(&mut self, drawn: &Image, part: &Image) {
-        let (_, psnr) = l1_and_psnr(drawn, part);
+    fn add(&mut self, drawn: &Image, part: &Image) -> Result<(), Error> {
+        let (_, psnr) = l1_and_psnr(drawn, part)?;
         let pixels = part.pixels().len() as f64;
-        self.sum += pixels * 10f64.powf(-psnr / 10.0);
+        self.sum += pixels * mse_of_psnr(psnr);
         self.pixels += pixels;
+        Ok(())
     }
 
     fn psnr(&self) -> f64 {
-        -10.0 * (self.sum / self.pixels).log10()
+        psnr_of_mse(self.sum / self.pixels)
     }
 }
 
@@ -184,7 +188,7 @@ impl<'a, R: Optimizer<Scene2d>> Encoder<'a, R> {
             let target = FitTarget { image: &target, weights: self.weights_of(band) };
             let fit = fit(self.on, target, settings.clone(), &mut ()).await?;
             let drawn = band.without_overlap(&sequence::sum(&drawn, &fit.image)?)?;
-            error.add(&drawn, &band.part_of(self.image)?);
+            error.add(&drawn, &band.part_of(self.image)?)?;
             let (scene, beyond) = band.split(&fit.scene);
             above = above.iter().chain(scene.iter()).collect();
             parts.push(BandFit { scene, beyond, settings });
@@ -279,7 +283,7 @@ impl<'a, R: Optimizer<Scene2d>> Encoder<'a, R> {
         let scene = decode(&bytes, Extent::Whole)?.scene;
         let mut error = MeanError::default();
         for band in &self.bands {
-            error.add(&band.without_overlap(&self.drawn(band, &scene).await?)?, &band.part_of(self.image)?);
+            error.add(&band.without_overlap(&self.drawn(band, &scene).await?)?, &band.part_of(self.image)?)?;
         }
         Ok(Attempt { bytes, gaussians: scene.len(), psnr: error.psnr(), scene, layers })
     }
@@ -376,9 +380,8 @@ impl<'a, R: Optimizer<Scene2d>> Encoder<'a, R> {
         psnr: f64,
         mut best: Option<Attempt>,
     ) -> Result<Option<Attempt>, Error> {
-        let error = |psnr: f64| 10f64.powf(-psnr / 10.0);
-        let spare = error(psnr) - error(fitted.psnr);
-        if spare < 0.02 * error(psnr) {
+        let spare = mse_of_psnr(psnr) - mse_of_psnr(fitted.psnr);
+        if spare < 0.02 * mse_of_psnr(psnr) {
             return Ok(best);
         }
         let gaussians = fitted.len() as f64;
@@ -401,7 +404,7 @@ impl<'a, R: Optimizer<Scene2d>> Encoder<'a, R> {
             } else {
                 too_coarse = step.min(too_coarse);
             }
-            let share = spare / (error(found) - error(fitted.psnr)).max(0.1 * spare);
+            let share = spare / (mse_of_psnr(found) - mse_of_psnr(fitted.psnr)).max(0.1 * spare);
             step *= (share * 0.99).sqrt().clamp(0.5, 2.0);
             if enough > 0.0 && too_coarse < f64::INFINITY && !(enough..too_coarse).contains(&step) {
                 step = (enough * too_coarse).sqrt();

@@ -75,6 +75,7 @@ pub(super) fn sum(a: &Image, b: &Image) -> Result<Image, Error> {
 
 /// a + sign · b.
 fn plus(a: &Image, sign: f32, b: &Image) -> Result<Image, Error> {
+    a.same_size(b)?;
     let values = a.pixels().as_flattened().iter().zip(b.pixels().as_flattened());
     let values: Vec<f32> = values.map(|(&a, &b)| a + sign * b).collect();
     Ok(Image::from_pixels(a.width(), a.height(), values.as_chunks().0.to_vec())?)

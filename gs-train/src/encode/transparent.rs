@@ -1,7 +1,11 @@
 //! Transparent images: alpha is a picture of its own, next to premultiplied colours.
 
 use gs_codec::{Alpha, Picture};
-use gs_core::{Image, Optimizer, Scene2d, to_8_bits};
+use gs_core::{
+    Image, Optimizer, Scene2d,
+    metrics::{mse_of_psnr, psnr_of_mse},
+    to_8_bits,
+};
 use gs_io::premultiplied;
 
 use super::{
@@ -53,7 +57,7 @@ pub(super) async fn transparent<R: Optimizer<Scene2d>>(
         target => of_alpha(target).await?,
     };
     drop(grey);
-    let colors = premultiplied(image, alpha);
+    let colors = premultiplied(image, alpha)?;
     // Pixels that are not seen count most, as their black has no contrast. To fade them by their alpha
     // loses 0.4 dB and 0.0007 of MS-SSIM on white.
     let encoder = Encoder::new(on, &colors, [0; 3], settings.tune.weights(&colors), settings)?;
@@ -64,8 +68,7 @@ pub(super) async fn transparent<R: Optimizer<Scene2d>>(
 
 /// Both pictures in one.
 fn joined(colors: Part, alpha: Part, background: u8) -> Made {
-    let error = |psnr: f64| 10f64.powf(-psnr / 10.0);
-    let psnr = -10.0 * (0.75 * error(colors.psnr) + 0.25 * error(alpha.psnr)).log10();
+    let psnr = psnr_of_mse(0.75 * mse_of_psnr(colors.psnr) + 0.25 * mse_of_psnr(alpha.psnr));
     let gaussians = colors.gaussians + alpha.gaussians;
     let alpha = Some(Alpha { background, layers: alpha.picture.layers });
     Made { picture: Picture { alpha, ..colors.picture }, gaussians, psnr }

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use gs_core::{
     Blend, Canvas, Culled, Effects, Gaussian2d, Image, Loss, Optimizer, Parameterization, RenderSettings, Scene,
-    Scene2d, TargetImage, TrainStep,
+    Scene2d, TargetImage, TrainStep, metrics::psnr_of_mse,
 };
 use gs_density::{DensityPolicy, Evidence, EvidenceRequest, Governor, Residual};
 use gs_io::Checkpoint;
@@ -140,7 +140,7 @@ impl<R: Optimizer<Scene2d>> TrainingTask<R, Scene2d> for ImageTask<R> {
 
     fn psnr_estimate(&self, settings: &FitSettings, loss: f32) -> Option<f32> {
         let is_squares = settings.loss == Loss::L2 && self.residual.weights.is_none();
-        is_squares.then(|| -10.0 * loss.log10())
+        is_squares.then(|| psnr_of_mse(loss.into()) as f32)
     }
 
     async fn send(
@@ -197,7 +197,7 @@ impl<R: Optimizer<Scene2d>> TrainingTask<R, Scene2d> for ImageTask<R> {
         effects: &Effects,
     ) -> Result<Quality, Error> {
         let (image, culled) = self.render(on, splats, settings, effects).await?;
-        let (l1, psnr) = l1_and_psnr(&image, &self.residual.target);
+        let (l1, psnr) = l1_and_psnr(&image, &self.residual.target)?;
         Ok(Quality { l1, psnr, culled, clamped: Clamped::default(), views: Vec::new() })
     }
 }

@@ -3,7 +3,7 @@
 
 use gs_core::{
     Culled, Image, Parameterization, Rasterizer, RenderSettings, Scene3d,
-    metrics::{self, mean},
+    metrics::{self, mean, psnr_of_mse},
 };
 use gs_io::dataset::PosedImage;
 use serde::{Deserialize, Serialize};
@@ -107,21 +107,21 @@ pub(super) struct Pair {
 }
 
 /// Pairs a rendering with its image; `None` where no pixel counts.
-pub(super) fn measure(rendered: &Image, posed: PosedImage, background: [f32; 3]) -> Option<Pair> {
+pub(super) fn measure(rendered: &Image, posed: PosedImage, background: [f32; 3]) -> Result<Option<Pair>, Error> {
     let rendered = rendered.rounded_to_8_bits();
     let mask = posed.mask.clone();
-    let target = posed.over(background).clamped();
+    let target = posed.over(background)?.clamped();
     let (target, share) = match mask {
         None => (target, 1.0),
         Some(mask) => {
             let counted = mask.iter().filter(|counts| **counts).count();
             if counted == 0 {
-                return None;
+                return Ok(None);
             }
             (where_masked(target, &mask, &rendered), mask.len() as f64 / counted as f64)
         }
     };
-    Some(Pair { rendered, target, share })
+    Ok(Some(Pair { rendered, target, share }))
 }
 
 /// Variance of colours that say nothing about the map of a view: half a level of 255.
@@ -129,7 +129,7 @@ const PRIOR: f64 = 4e-6;
 
 /// Quality with matched colours; `None` where no pixel of one half counts.
 fn color_matched(rendered: &Image, posed: &PosedImage, background: [f32; 3]) -> Result<Option<ColorMatched>, Error> {
-    let (rendered, target) = (rendered.rounded_to_8_bits(), posed.clone().over(background));
+    let (rendered, target) = (rendered.rounded_to_8_bits(), posed.clone().over(background)?);
     let (width, middle) = (target.width() as usize, target.width() / 2);
     let is_left = |index: &usize| index % width < middle as usize;
     let counts = |index: &usize| posed.mask.as_ref().is_none_or(|mask| mask[*index]);
@@ -143,15 +143,15 @@ fn color_matched(rendered: &Image, posed: &PosedImage, background: [f32; 3]) -> 
         |image: &Image| Image::from_fn(image.width() - middle, image.height(), |x, y| image.pixel(x + middle, y));
     let mask = posed.mask.as_ref().map(|mask| (0..mask.len()).filter(|i| !is_left(i)).map(|i| mask[i]).collect());
     let posed = PosedImage { image: right(&target)?, alpha: None, mask };
-    let Some(pair) = measure(&map.image(&right(&rendered)?), posed, background) else { return Ok(None) };
-    let (_, psnr) = pair.l1_and_psnr();
+    let Some(pair) = measure(&map.image(&right(&rendered)?), posed, background)? else { return Ok(None) };
+    let (_, psnr) = pair.l1_and_psnr()?;
     Ok(Some(ColorMatched { psnr, ssim: metrics::ssim(&pair.rendered, &pair.target)? }))
 }
 
 impl Pair {
-    pub(super) fn l1_and_psnr(&self) -> (f64, f64) {
-        let (l1, psnr) = l1_and_psnr(&self.rendered, &self.target);
-        (l1 * self.share, psnr - 10.0 * self.share.log10())
+    pub(super) fn l1_and_psnr(&self) -> Result<(f64, f64), Error> {
+        let (l1, psnr) = l1_and_psnr(&self.rendered, &self.target)?;
+        Ok((l1 * self.share, psnr + psnr_of_mse(self.share)))
     }
 }
 
@@ -189,11 +189,11 @@ pub(super) async fn evaluate_splats<R: Rasterizer<Scene3d>>(
         look(view, &rendered)?;
         let (posed, background) = (view.image()?, render.background_color());
         let color_matched = color_matched(&rendered, &posed, background)?;
-        let Some(pair) = measure(&rendered, posed, background) else {
+        let Some(pair) = measure(&rendered, posed, background)? else {
             unmeasured.push(view.name.clone());
             continue;
         };
-        let (l1, psnr) = pair.l1_and_psnr();
+        let (l1, psnr) = pair.l1_and_psnr()?;
         let ssim = metrics::ssim(&pair.rendered, &pair.target)?;
         let ms_ssim = metrics::ms_ssim(&pair.rendered, &pair.target)?;
         qualities.push(ViewQuality { name: view.name.clone(), psnr, ssim, ms_ssim, l1, color_matched });
@@ -224,10 +224,10 @@ mod tests {
         let image = Image::from_fn(4, 4, |x, _| if x < 2 { [level + 0.1; 3] } else { [0.0; 3] }).unwrap();
         let mask: Vec<bool> = (0..16).map(|i| i % 4 < 2).collect();
         let posed = PosedImage { image, alpha: None, mask: Some(mask) };
-        let masked = measure(&rendered, posed.clone(), [0.0; 3]).unwrap().l1_and_psnr();
+        let masked = measure(&rendered, posed.clone(), [0.0; 3]).unwrap().unwrap().l1_and_psnr().unwrap();
         assert!((masked.0 - 0.1).abs() < 1e-6 && (masked.1 - 20.0).abs() < 1e-4, "{masked:?}");
         let nothing = PosedImage { mask: Some(vec![false; 16]), ..posed };
-        assert!(measure(&rendered, nothing, [0.0; 3]).is_none());
+        assert!(measure(&rendered, nothing, [0.0; 3]).unwrap().is_none());
     }
 
     #[test]
@@ -235,6 +235,7 @@ mod tests {
         let rendered = Image::filled(3, 3, [1.0; 3]).unwrap();
         let image = Image::filled(3, 3, [0.0; 3]).unwrap();
         let glass = PosedImage { image, alpha: Some(vec![0.0; 9]), mask: None };
-        assert_eq!(measure(&rendered, glass, [1.0; 3]).unwrap().l1_and_psnr(), (0.0, f64::INFINITY));
+        let pair = measure(&rendered, glass, [1.0; 3]).unwrap().unwrap();
+        assert_eq!(pair.l1_and_psnr().unwrap(), (0.0, f64::INFINITY));
     }
 }

@@ -125,7 +125,7 @@ impl<'a, R: Optimizer<Scene3d>> Gathering<'a, R> {
             let rendered = self.on.image(&pass).await?;
             let (target, _) = images::target(self.on, posed.clone(), Some(background), true)?;
             let loss = self.on.loss(self.splats, pass, &target, loss).await?;
-            let maps = maps(&rendered, &posed.over(background), mask, &self.request)?;
+            let maps = maps(&rendered, &posed.over(background)?, mask, &self.request)?;
             let mut view = ViewEvidence { loss, ..ViewEvidence::default() };
             if self.request.blended {
                 view.blended = self.sums(camera, self.render, &maps, 1.0).await?;

@@ -85,7 +85,7 @@ pub(super) fn target<R: Rasterizer<Scene3d>>(
 ) -> Result<(R::Target, u64), Error> {
     let mask = posed.mask.clone();
     let (image, alpha) = match background {
-        Some(background) => (posed.over(background), None),
+        Some(background) => (posed.over(background)?, None),
         None => (posed.image, posed.alpha),
     };
     let target = TargetImage { alpha: alpha.as_deref(), mask: mask.as_deref(), compact, ..TargetImage::from(&image) };

@@ -160,7 +160,9 @@ impl<R: Optimizer<Scene3d>> ViewsTask<R> {
             let pass = on.forward(splats, &view.camera, &render).await?;
             let background = render.background_color();
             let (target, _) = images::target(on, posed.clone(), Some(background), true)?;
-            psnr.extend(measure(&on.image(&pass).await?, posed, background).map(|pair| pair.l1_and_psnr().1));
+            if let Some(pair) = measure(&on.image(&pass).await?, posed, background)? {
+                psnr.push(pair.l1_and_psnr()?.1);
+            }
             losses.push(f64::from(on.loss(splats, pass, &target, &settings.loss).await?));
         }
         let measured = !psnr.is_empty();
@@ -325,8 +327,8 @@ impl<R: Optimizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
         for view in &views {
             let (rendered, left_out) = on.draw(splats, &view.camera, &render).await?;
             culled = culled.plus(left_out);
-            if let Some(pair) = measure(&rendered, view.image()?, render.background_color()) {
-                let measured = pair.l1_and_psnr();
+            if let Some(pair) = measure(&rendered, view.image()?, render.background_color())? {
+                let measured = pair.l1_and_psnr()?;
                 l1.push(measured.0);
                 psnr.push(measured.1);
             }

@@ -36,7 +36,7 @@ fn copies_are_merged_at_little_cost() {
     (0..6).for_each(|i| pruned.push(scene.gaussian(2 * i)));
     let psnr = |other: &Scene3d| {
         let image = |scene| on.render(scene, &camera(7), &render()).block_on().unwrap();
-        l1_and_psnr(&image(other), &image(&scene)).1
+        l1_and_psnr(&image(other), &image(&scene)).unwrap().1
     };
     let (merged, pruned) = (psnr(&reduced.scene), psnr(&pruned));
     assert!(merged > pruned + 3.0, "{merged} dB merged, {pruned} dB without the copies");

@@ -58,7 +58,7 @@ pub(super) fn reduce(
     for camera in &cameras {
         let image = |scene| rasterizer.for_3d().render(scene, camera, &render).block_on();
         let (before, after) = (image(&file.scene)?, image(&reduced.scene)?);
-        psnr += l1_and_psnr(&after, &before).1 / cameras.len() as f64;
+        psnr += l1_and_psnr(&after, &before)?.1 / cameras.len() as f64;
     }
     let from = file.scene.len();
     file.scene = reduced.scene;

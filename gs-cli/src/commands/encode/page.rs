@@ -42,8 +42,8 @@ pub(super) fn write(on: &Chosen, work: &Work<'_>, summary: &Summary, file: &Path
     let picture = draw_picture(&on.rasterizer, &decoded, &canvas).block_on()?;
     let text = page(&EncodePage {
         name: &target::title(work.file),
-        original: &work.image.shown(),
-        decoded: &picture.shown(),
+        original: &work.image.shown()?,
+        decoded: &picture.shown()?,
         bytes: summary.bytes as u64,
         gaussians: summary.gaussians,
         seconds: summary.seconds,

@@ -217,7 +217,7 @@ impl Results<'_> {
         let mut names = names.iter();
         let evaluation = block_on(trainer.evaluate(&mut |view, rendered| {
             if let Some((pictures, name)) = pictures.as_ref().zip(names.next()) {
-                let image = view.image()?.over(background);
+                let image = view.image()?.over(background)?;
                 tried.push(pictures.write(name, image, rendered).map_err(Failure::from));
             }
             Ok(())

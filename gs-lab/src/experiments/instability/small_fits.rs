@@ -128,7 +128,7 @@ impl Trajectory {
         }
         trajectory.note(iterations + 1, textbook.smallest_scale_px().into());
         let image = textbook.render(target.width(), target.height())?;
-        Ok(Self { psnr: Some(l1_and_psnr(&image, target).1), ..trajectory })
+        Ok(Self { psnr: Some(l1_and_psnr(&image, target)?.1), ..trajectory })
     }
 
     fn by_product<R: Optimizer<Scene2d>>(
