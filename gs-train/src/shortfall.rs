@@ -15,6 +15,9 @@ use crate::{
 /// Share of its budget below which a run has missed it.
 const CLEARLY: f64 = 0.9;
 
+/// A policy whose kind is not known.
+const OWN: &str = "the custom policy";
+
 /// Largest number of rounds that is suggested.
 const MOST_ROUNDS: u32 = 10_000;
 
@@ -39,26 +42,33 @@ impl fmt::Display for Shortfall {
     }
 }
 
-impl Shortfall {
-    /// The shortfall of a run under this policy; `None` where the run is not finished or comes near
-    /// its budget.
-    pub(crate) fn of<R: Optimizer<S>, S: Trainable>(trainer: &Trainer<'_, R, S>, policy: &Policy) -> Option<Self> {
-        let (gaussians, budget) = (trainer.count(), trainer.settings().budget());
-        let exactly = trainer.settings().governor().is_some();
+impl<R: Optimizer<S>, S: Trainable> Trainer<'_, R, S> {
+    /// Why the run ends with clearly fewer Gaussians than its settings allow, also under a policy of
+    /// the caller's own ([`Trainer::controlled_by`]).
+    ///
+    /// `None` where the run is not finished or comes near its budget. `None` also where the budget
+    /// is the default and the policy of the settings does not aim at it, such as that of 3DGS: it is
+    /// then only a bound.
+    pub fn shortfall(&self) -> Option<Shortfall> {
+        let (gaussians, budget) = (self.count(), self.settings().budget());
+        let policy = Some(self.settings().named_policy()).filter(|_| !self.has_foreign_policy());
+        let exactly = self.settings().governor().is_some();
         let least = if exactly { 1.0 } else { CLEARLY };
-        if !trainer.is_finished() || f64::from(gaussians) >= least * f64::from(budget) {
+        let is_bound = policy.is_some() && self.settings().budget_is_bound();
+        if !self.is_finished() || is_bound || f64::from(gaussians) >= least * f64::from(budget) {
             return None;
         }
-        let growth_fraction = policy.actions().map_or(1.0, |actions| actions.growth_fraction);
+        let actions = policy.filter(|_| !exactly).and_then(Policy::actions);
         let growth = Growth {
-            policy: (!trainer.has_foreign_policy()).then_some(policy),
-            first: (gaussians + trainer.edits().pruned()).saturating_sub(trainer.edits().added()),
+            policy,
+            first: (gaussians + self.edits().pruned()).saturating_sub(self.edits().added()),
+            last: gaussians,
             budget,
-            rounds: trainer.rounds_of_scene(if exactly { 1.0 } else { growth_fraction }),
+            rounds: self.rounds_of_scene(actions.map_or(1.0, |actions| actions.growth_fraction)),
             exactly,
-            edits: *trainer.edits(),
+            edits: *self.edits(),
         };
-        let reason = match trainer.fresh_starts().last() {
+        let reason = match self.fresh_starts().last() {
             Some(FreshStart { step, .. }) => format!(
                 "it restarted with its first {} after step {step}, and then {}",
                 counted(growth.first, "Gaussian"),
@@ -66,7 +76,7 @@ impl Shortfall {
             ),
             None => growth.reason(),
         };
-        Some(Self { gaussians, budget, reason })
+        Some(Shortfall { gaussians, budget, reason })
     }
 }
 
@@ -74,8 +84,9 @@ impl Shortfall {
 struct Growth<'p> {
     /// `None` for a policy of the caller's own.
     policy: Option<&'p Policy>,
-    /// Number of Gaussians at the start.
+    /// Number of Gaussians at the start, and at the end.
     first: u32,
+    last: u32,
     budget: u32,
     /// Rounds of density control in which the number of Gaussians grows.
     rounds: u32,
@@ -86,29 +97,43 @@ struct Growth<'p> {
 
 impl Growth<'_> {
     fn reason(&self) -> String {
-        let Some(policy) = self.policy else { return "its policy, one of the caller's own, added no more".to_owned() };
-        let name = policy.name();
         let rounds = counted(self.rounds, "round");
-        if *policy == Policy::None && !self.exactly {
+        if self.policy == Some(&Policy::None) && !self.exactly {
             return "policy `none` adds no Gaussians".to_owned();
         }
         if self.rounds == 0 {
             return "no round of density control was left to add any".to_owned();
         }
+        let name = self.policy.map_or_else(|| OWN.to_owned(), |policy| format!("`{}`", policy.name()));
         if self.exactly {
-            return self.by_schedule(name);
+            return self.by_schedule(&name);
         }
+        let Some(policy) = self.policy else { return self.by_rate() };
         let GrowthLimit { percent, condition, either, .. } = policy.growth_limit();
         let condition = condition.map(|which| format!("{which}, and too few did in {rounds}"));
         let grown = match (percent, condition) {
             (Some(percent), Some(which)) if either => {
                 format!("lets {percent} % of the Gaussians grow in a round, and besides those {which}")
             }
-            (Some(percent), condition) => return self.by_share(name, percent, condition),
+            (Some(percent), condition) => return self.by_share(&name, percent, condition),
             (None, Some(which)) => format!("lets only Gaussians grow {which}"),
             (None, None) => "adds none after its last round".to_owned(),
         };
-        format!("policy `{name}` {grown}{}", self.pruned())
+        format!("policy {name} {grown}{}", self.pruned())
+    }
+
+    /// The reason for a policy of the caller's own, of which only its edits are known.
+    fn by_rate(&self) -> String {
+        let (added, pruned, rounds) = (self.edits.added(), self.pruned(), counted(self.rounds, "round"));
+        if added == 0 || self.last <= self.first {
+            let added = if added == 0 { "no Gaussians".to_owned() } else { counted(added, "Gaussian") };
+            return format!("{OWN} added {added} in {rounds}{pruned}");
+        }
+        let rate = (f64::from(self.last) / f64::from(self.first.max(1))).powf(1.0 / f64::from(self.rounds)) - 1.0;
+        let percent = 100.0 * rate as f32;
+        let hint = self.hint(percent).map_or_else(String::new, |hint| format!("; at this rate {hint}"));
+        let Self { first, last, .. } = self;
+        format!("{OWN} turned the initial {first} into {last} in {rounds}, {percent:.1} % more in each{pruned}{hint}")
     }
 
     /// The reason for a run that should have ended at exactly the budget. In each of its rounds a
@@ -120,25 +145,25 @@ impl Growth<'_> {
             let needed = (f64::from(self.budget) / f64::from(self.first.max(1))).log2().ceil();
             let first = self.first;
             return format!(
-                "a Gaussian becomes at most two in a round, so that {rounds} of `{name}` can turn the initial {first} \
+                "a Gaussian becomes at most two in a round, so that {rounds} of {name} can turn the initial {first} \
                  into {most}; the budget takes {needed} rounds"
             );
         }
-        format!("it did not reach the end of its schedule in {rounds} of `{name}`{}", self.pruned())
+        format!("it did not reach the end of its schedule in {rounds} of {name}{}", self.pruned())
     }
 
     /// The reason for a policy that lets a share of the Gaussians grow in each round, among those
     /// above a threshold if it has one.
     fn by_share(&self, name: &str, percent: f32, calling: Option<String>) -> String {
-        let grows = format!("policy `{name}` adds at most {percent} % of the Gaussians in a round");
+        let grows = format!("policy {name} adds at most {percent} % of the Gaussians in a round");
         let reached = (0..self.rounds).fold(self.first, |count, _| self.next(count, percent));
         if reached >= self.budget {
             let calling = calling.map_or_else(String::new, |calling| format!(", and only Gaussians {calling}"));
             return format!("{grows}{calling}{}", self.pruned());
         }
         let rounds = counted(self.rounds, "round");
-        let mend = self.mend(percent).map_or_else(String::new, |mend| format!("; {mend}"));
-        format!("{grows}, so that {rounds} can turn the initial {} into {reached}{mend}", self.first)
+        let hint = self.hint(percent).map_or_else(String::new, |hint| format!("; {hint}"));
+        format!("{grows}, so that {rounds} can turn the initial {} into {reached}{hint}", self.first)
     }
 
     /// Number of Gaussians after a round with `count`.
@@ -148,7 +173,7 @@ impl Growth<'_> {
     }
 
     /// Number of rounds, or of first Gaussians, that reach the budget, in words.
-    fn mend(&self, percent: f32) -> Option<String> {
+    fn hint(&self, percent: f32) -> Option<String> {
         let mut count = self.first;
         let needed = (1..=MOST_ROUNDS).find(|_| {
             count = self.next(count, percent);
@@ -162,6 +187,7 @@ impl Growth<'_> {
     fn pruned(&self) -> String {
         match self.edits.pruned() {
             0 => String::new(),
+            1 => "; 1 Gaussian was pruned".to_owned(),
             pruned => format!("; {} were pruned", counted(pruned, "Gaussian")),
         }
     }
@@ -172,7 +198,7 @@ mod tests {
     use super::*;
 
     fn growth(policy: &Policy, first: u32, rounds: u32, edits: EditCounts) -> Growth<'_> {
-        Growth { policy: Some(policy), first, budget: 1_000, rounds, exactly: false, edits }
+        Growth { policy: Some(policy), first, last: first, budget: 1_000, rounds, exactly: false, edits }
     }
 
     fn reason(name: &str, first: u32, rounds: u32, edits: EditCounts) -> String {
@@ -229,6 +255,23 @@ mod tests {
         assert!(slow.contains("at most 7 %") && slow.contains("5 rounds can turn the initial 80 into 115"), "{slow}");
         let few = reason("mrnf", 900, 12, pruned);
         assert!(few.contains("only Gaussians whose error in some view is at least 0.003 px"), "{few}");
+    }
+
+    #[test]
+    fn growth_of_a_policy_of_the_callers_own_is_described_by_its_rate() {
+        let own = |last, rounds, edits| {
+            Growth { policy: None, first: 200, last, budget: 1_000, rounds, exactly: false, edits }.reason()
+        };
+        let grown = EditCounts { split: 203, pruned_transparent: 2, ..EditCounts::default() };
+        assert_eq!(
+            own(401, 6, grown),
+            "the custom policy turned the initial 200 into 401 in 6 rounds, 12.3 % more in each; 2 Gaussians were \
+             pruned; at this rate the budget takes 14 rounds (more steps), or 499 initial Gaussians"
+        );
+        assert_eq!(own(200, 6, EditCounts::default()), "the custom policy added no Gaussians in 6 rounds");
+        let shrunk = EditCounts { cloned: 1, pruned_too_large: 4, ..EditCounts::default() };
+        assert_eq!(own(197, 1, shrunk), "the custom policy added 1 Gaussian in 1 round; 4 Gaussians were pruned");
+        assert_eq!(own(200, 0, EditCounts::default()), "no round of density control was left to add any");
     }
 
     #[test]

@@ -27,7 +27,8 @@ pub struct FitSummary {
     pub height: u32,
     /// Number of Gaussians of the scene.
     pub gaussians: u32,
-    /// Why there are clearly fewer Gaussians than the settings allow, where this is so.
+    /// Why there are clearly fewer Gaussians than the settings allow, where this is so:
+    /// [`Trainer::shortfall`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub shortfall: Option<Shortfall>,
     /// Steps done, those before a restart included.
@@ -86,7 +87,7 @@ impl FitSummary {
             width: target.width(),
             height: target.height(),
             gaussians: trainer.count(),
-            shortfall: Shortfall::of(trainer, &trainer.settings().policy),
+            shortfall: trainer.shortfall(),
             iterations: trainer.step(),
             seconds: trainer.seconds(),
             l1,

@@ -4,7 +4,7 @@
 use std::{fmt::Debug, future::Future, path::Path};
 
 use gs_core::{Effects, Loss, Optimizer, Parameterization};
-use gs_density::{DensityPolicy, DensityScene, Evidence, EvidenceRequest, Governor, Residual};
+use gs_density::{DensityPolicy, DensityScene, Evidence, EvidenceRequest, Governor, Policy, Residual};
 
 use crate::{error::Error, observer::Quality, recovery::Recovery, rounds::Rounds};
 
@@ -70,6 +70,12 @@ pub trait RunSettings<S: SceneTask>: Clone + Debug + PartialEq {
     fn parameterization(&self) -> Parameterization;
     /// Policy of density control.
     fn policy(&self) -> &dyn DensityPolicy<S>;
+    /// The same policy by its kind.
+    fn named_policy(&self) -> &Policy;
+    /// Whether the budget is only a bound: a default that the policy does not aim at.
+    fn budget_is_bound(&self) -> bool {
+        false
+    }
     /// Effects of the step after `step` steps, by the effect schedule; the policy decides about
     /// statistics.
     fn effects_after(&self, step: u32) -> Effects;

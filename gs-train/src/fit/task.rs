@@ -6,7 +6,7 @@ use gs_core::{
     Blend, Canvas, Culled, Effects, Gaussian2d, Image, Loss, Optimizer, Parameterization, RenderSettings, Scene,
     Scene2d, TargetImage, TrainStep, metrics::psnr_of_mse,
 };
-use gs_density::{DensityPolicy, Evidence, EvidenceRequest, Governor, Residual};
+use gs_density::{DensityPolicy, Evidence, EvidenceRequest, Governor, Policy, Residual};
 use gs_io::Checkpoint;
 use web_time::Instant;
 
@@ -95,6 +95,10 @@ impl RunSettings<Scene2d> for FitSettings {
     }
 
     fn policy(&self) -> &dyn DensityPolicy {
+        &self.policy
+    }
+
+    fn named_policy(&self) -> &Policy {
         &self.policy
     }
 

@@ -302,6 +302,14 @@ impl RunSettings<Scene3d> for TrainSettings {
         &self.policy
     }
 
+    fn named_policy(&self) -> &Policy {
+        &self.policy
+    }
+
+    fn budget_is_bound(&self) -> bool {
+        self.gaussians == Self::default().gaussians && !self.policy.aims_at_budget()
+    }
+
     fn effects_after(&self, step: u32) -> Effects {
         Effects { sh_degree: self.sh_degree_at(step), ..self.render.effects }
     }

@@ -28,10 +28,8 @@ pub const DRIFT_DB: f64 = 3.0;
 pub struct TrainSummary {
     /// Number of Gaussians of the scene.
     pub gaussians: u32,
-    /// Why there are clearly fewer Gaussians than the settings allow, where this is so.
-    ///
-    /// `None` also where the number is the default and the policy has no goal, such as that of
-    /// 3DGS: the number is then a bound.
+    /// Why there are clearly fewer Gaussians than the settings allow, where this is so:
+    /// [`Trainer::shortfall`](crate::Trainer::shortfall).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub shortfall: Option<Shortfall>,
     /// Steps done, those before a restart included.
@@ -84,10 +82,9 @@ impl TrainSummary {
     pub async fn new<R: Optimizer<Scene3d>>(trainer: &Trainer3d<'_, R>, evaluation: Evaluation) -> Result<Self, Error> {
         let training = trainer.training_views().await?;
         let settings = trainer.settings();
-        let is_bound = settings.gaussians == TrainSettings::default().gaussians && !settings.policy.aims_at_budget();
         Ok(Self {
             gaussians: trainer.count(),
-            shortfall: Shortfall::of(trainer, &settings.policy).filter(|_| !is_bound),
+            shortfall: trainer.shortfall(),
             iterations: trainer.step(),
             seconds: trainer.seconds(),
             train_views: trainer.views().train.len(),

@@ -1,6 +1,8 @@
 //! Whole trainings in 3D: a scene comes back from its pictures, runs repeat and resume bit for bit,
 //! and what is masked or transparent counts as it should.
 
+use std::sync::Arc;
+
 use crate::fixture_3d::{LENS, changed, rasterizer, render, short, thirty, views};
 use gs_core::{Adam, Image, Participants, Scene, Scene3d, TensorData, adam::Group, constants::SH_C0, sigmoid};
 use gs_density::Policy;
@@ -483,6 +485,12 @@ fn the_summary_holds_how_well_the_views_are_fitted_that_it_trained_with() {
     let drifted = summary(others, 20);
     let apart = drifted.training.unwrap().psnr.unwrap() - drifted.evaluation.psnr;
     assert!(apart > DRIFT_DB && drifted.drift() == Some(apart), "{apart}");
+
+    let trainer = Trainer3d::from_views(&rasterizer, views(&rasterizer), Start::Scene(thirty()), short(20));
+    let mut trainer = trainer.block_on().unwrap().controlled_by(Arc::new(Policy::None));
+    trainer.run(&mut ()).block_on().unwrap();
+    let custom = trainer.shortfall().expect("it adds none");
+    assert_eq!(custom.reason, "the custom policy added no Gaussians in 1 round");
 
     // A default bound need not be reached.
     let shortfall = drifted.shortfall.as_ref().expect("one round is too few");
