@@ -52,9 +52,24 @@ pub enum Output {
     ///
     /// The SH coefficients have no effect, and no gradient.
     InverseDepth,
+    /// Alpha in all three channels: each Gaussian has 1 as its colour. 3D scenes.
+    ///
+    /// Without a background ([`RenderSettings::of_alpha`]), a pixel under [`Blend::Over`] is 1 − T,
+    /// where T is the transmittance of all Gaussians. The SH coefficients have no effect, and no
+    /// gradient.
+    Alpha,
 }
 
 impl Output {
+    /// Name in settings files.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Color => "color",
+            Self::InverseDepth => "inverse-depth",
+            Self::Alpha => "alpha",
+        }
+    }
+
     fn is_color(&self) -> bool {
         *self == Self::Color
     }
@@ -121,6 +136,10 @@ impl Accuracy {
 }
 
 /// Everything that a rendering depends on besides the scene and the view.
+///
+/// The default is the least that a scene needs: no view-dependent colours, no antialiasing, the
+/// order of the scene. A 3D scene of a file is rendered as its training rendered it by gs-io's
+/// `File3d::render`.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 #[non_exhaustive]
@@ -170,6 +189,15 @@ impl RenderSettings {
     pub fn on(mut self, background: [f32; 3]) -> Self {
         self.effects.background = Background::Solid;
         self.background = background;
+        self
+    }
+
+    /// Returns these settings for the alpha of the same picture: [`Output::Alpha`] without a
+    /// background.
+    #[must_use]
+    pub fn of_alpha(mut self) -> Self {
+        self.effects.background = Background::None;
+        self.output = Output::Alpha;
         self
     }
 
@@ -233,6 +261,13 @@ mod tests {
         assert!((three.cut_of(1.0) - 0.011_109).abs() < 1e-6);
         // The ellipse of a faint Gaussian's cut is within three standard deviations anyway.
         assert_eq!(three.cut_of(0.3), ALPHA_CUT);
+    }
+
+    #[test]
+    fn outputs_have_the_names_of_settings_files() {
+        for output in [Output::Color, Output::InverseDepth, Output::Alpha] {
+            assert_eq!(serde_json::to_string(&output).unwrap(), format!("\"{}\"", output.name()));
+        }
     }
 
     #[test]

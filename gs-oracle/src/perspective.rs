@@ -115,7 +115,8 @@ fn projected(camera: &Camera, g: &[f64], settings: &RenderSettings, lean: Lean) 
     let (direction, distance) = pinhole.direction(&mean);
     let shading = match settings.output {
         Output::Color => Shading::new(g, &direction, effects.sh_degree)?,
-        Output::InverseDepth => Shading::of_inverse_depth(point[2]),
+        Output::InverseDepth => Shading::constant(Rounded::ONE / point[2]),
+        Output::Alpha => Shading::constant(Rounded::ONE),
     };
 
     Ok(Splat3d {
@@ -374,9 +375,9 @@ impl Shading {
         Ok(Self { sh, color, shows })
     }
 
-    /// 1/z in place of the colour.
-    fn of_inverse_depth(z: Rounded) -> Self {
-        Self { sh: Vec::new(), color: [Rounded::ONE / z; 3], shows: [true; 3] }
+    /// A value in place of the colour.
+    fn constant(value: Rounded) -> Self {
+        Self { sh: Vec::new(), color: [value; 3], shows: [true; 3] }
     }
 }
 

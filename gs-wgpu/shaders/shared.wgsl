@@ -39,8 +39,8 @@ struct Step {
     compensates: u32,
     // Steps from one move of SH above degree 0 to the next.
     color_rest_every: u32,
-    // 1 if 3D Gaussians show their inverse depth in place of their colour.
-    inverse_depth: u32,
+    // What 3D Gaussians show: 0 for colours, 1 for inverse depths, 2 for alpha.
+    output: u32,
     // Weight of added gradients.
     added_weight: f32,
     // 3D scenes: the share of Gaussians that is left out, times 2²⁴, and the seed that selects them.

@@ -205,8 +205,8 @@ pub struct Step {
     pub(crate) compensates: u32,
     /// Steps from one move of SH coefficients above degree 0 to the next.
     pub(crate) color_rest_every: u32,
-    /// 1 if 3D Gaussians show their inverse depth in place of their colour.
-    pub(crate) inverse_depth: u32,
+    /// What 3D Gaussians show: 0 for colours, 1 for inverse depths, 2 for alpha.
+    pub(crate) output: u32,
     /// Weight of added gradients.
     pub(crate) added_weight: f32,
     /// The share of 3D Gaussians that is left out, times 2²⁴, and the seed that selects them.
@@ -327,7 +327,7 @@ mod tests {
                 dilation,
                 compensates,
                 color_rest_every,
-                inverse_depth,
+                output,
                 added_weight,
                 dropout_threshold,
                 dropout_seed,

@@ -94,7 +94,7 @@ impl SceneKind for Scene3d {
         workspace.tiles.set(Self::size(camera), settings);
         let degree = match settings.output {
             Output::Color => settings.effects.sh_degree.min(splats.sh_degree),
-            Output::InverseDepth => 0,
+            Output::InverseDepth | Output::Alpha => 0,
         };
         workspace.own.eye = Some(Eye {
             perspective: Perspective::new(camera, settings),

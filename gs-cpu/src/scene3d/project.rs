@@ -34,6 +34,7 @@ impl Eye {
         match self.output {
             Output::Color => sh::color(self.degree, self.direction(mean), splats::sh(row)),
             Output::InverseDepth => [self.perspective.inverse_depth(mean); 3],
+            Output::Alpha => [1.0; 3],
         }
     }
 
@@ -49,6 +50,7 @@ impl Eye {
                 self.direction_vjp(mean, v_direction)
             }
             Output::InverseDepth => self.perspective.inverse_depth_vjp(mean, v_color.iter().sum()),
+            Output::Alpha => Vec3::ZERO,
         }
     }
 

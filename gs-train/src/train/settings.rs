@@ -247,7 +247,7 @@ impl TrainSettings {
         self.resolution.validate()?;
         self.depth_loss.validate()?;
         if self.render.output != Output::Color {
-            return Err(Error::setting("render.output", "inverse-depth", "color: images have no depths"));
+            return Err(Error::setting("render.output", self.render.output.name(), "color, which images show"));
         }
         if !self.render.dropout.is_none() {
             return Err(Error::setting(

@@ -114,10 +114,10 @@ fn project_3d(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) grou
             atomicAdd(&status.outside, 1u);
             splat = culled();
         } else {
-            if step.inverse_depth == 1u {
-                splat.color = vec3f(1.0 / p.z);
-            } else {
-                splat.color = color_of(index, e.mean);
+            switch step.output {
+                case 1u: { splat.color = vec3f(1.0 / p.z); }
+                case 2u: { splat.color = vec3f(1.0); }
+                default: { splat.color = color_of(index, e.mean); }
             }
             if !all_finite(splat.color) {
                 atomicAdd(&status.not_finite, 1u);

@@ -86,12 +86,16 @@ fn color_bwd(index: u32, mean: vec3f, v_color: vec3f) -> vec3f {
     return (v_d - d * dot(d, v_d)) * seen.w;
 }
 
-// Writes v_sh = 0; returns v_mean through the inverse depth.
-fn inverse_depth_bwd(index: u32, mean: vec3f, v_color: vec3f) -> vec3f {
+// Writes v_sh = 0.
+fn sh_without_effect_bwd(index: u32) {
     let first = index * step.coefficients * 3u;
     for (var at = first; at < first + 3u * step.coefficients; at++) {
         v_sh[at] = 0.0;
     }
+}
+
+// v_mean through the inverse depth.
+fn inverse_depth_bwd(mean: vec3f, v_color: vec3f) -> vec3f {
     let inverse_z = 1.0 / in_camera(camera, mean).z;
     return in_world(camera, vec3f(0.0, 0.0, -inverse_z * inverse_z * (v_color.x + v_color.y + v_color.z)));
 }
@@ -161,10 +165,13 @@ fn project_bwd_3d(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) 
         let v_covariance = conic * mat2x2f(half.xy, half.yz) * transpose(conic);
         let e = ellipsoids[index];
         gradient = geometry_bwd(e, v_mean, vec3f(v_covariance[0].xy, v_covariance[1].y), sums.zeroth);
-        if step.inverse_depth == 1u {
-            gradient.mean += inverse_depth_bwd(index, e.mean, sums.color);
-        } else {
+        if step.output == 0u {
             gradient.mean += color_bwd(index, e.mean, sums.color);
+        } else {
+            sh_without_effect_bwd(index);
+            if step.output == 1u {
+                gradient.mean += inverse_depth_bwd(e.mean, sums.color);
+            }
         }
         if step.collect == 1u {
             gradient.device_norm = statistic_of(sums, v_mean);

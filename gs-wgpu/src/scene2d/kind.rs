@@ -49,7 +49,10 @@ impl SceneKind for Scene2d {
             return Err(unsupported(format!("order {:?} of a 2D scene, which has no depth", effects.order)));
         }
         if settings.output != Output::Color {
-            return Err(unsupported("depths of a 2D scene, which has none"));
+            return Err(unsupported(format!(
+                "output \"{}\" of a 2D scene, which shows colours only",
+                settings.output.name()
+            )));
         }
         if !settings.dropout.is_none() {
             return Err(unsupported("dropout in a 2D scene"));

@@ -105,7 +105,11 @@ impl SceneKind for Scene3d {
     fn describe(_: &Camera, settings: &RenderSettings, splats: &Splats<Self>, step: &mut Step) {
         step.coefficients = splats.state.coefficients() as u32;
         step.sh_degree = settings.effects.sh_degree.min(splats.state.sh_degree).into();
-        step.inverse_depth = (settings.output == Output::InverseDepth).into();
+        step.output = match settings.output {
+            Output::Color => 0,
+            Output::InverseDepth => 1,
+            Output::Alpha => 2,
+        };
         step.dropout_threshold = settings.dropout.threshold();
         step.dropout_seed = settings.dropout.seed;
     }

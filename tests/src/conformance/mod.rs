@@ -52,7 +52,7 @@ pub use self::{
     covariance_factors_3d::{
         covariance_factor_steps_match_3d, covariance_factors_come_back_3d, gradients_match_in_covariance_factors_3d,
     },
-    depths_3d::{added_gradients_join_the_step, inverse_depths_match},
+    depths_3d::{added_gradients_join_the_step, alphas_match, inverse_depths_match},
     dropout_3d::dropouts_match,
     editing::{changes_that_inherit_go_on, edits_carry_everything_along, refused_edits_change_nothing},
     errors::{bad_views_and_settings_are_errors, mismatches_are_errors, scenes_that_are_not_finite_are_refused},
@@ -210,6 +210,7 @@ pub fn cases_3d<R: Optimizer<Scene3d>>() -> Vec<Case<R>> {
         gradients_match_in_covariance_factors_3d: gradients_match_in_covariance_factors_3d::<R>,
         image_vjps_match: image_vjps_match::<Scene3d, R>,
         inverse_depths_match: inverse_depths_match::<R>,
+        alphas_match: alphas_match::<R>,
         dropouts_match: dropouts_match::<R>,
         scenes_3d_come_back: scenes_3d_come_back::<R>,
         covariance_factors_come_back_3d: covariance_factors_come_back_3d::<R>,

@@ -31,6 +31,7 @@ fn every_fault_is_caught_by_its_case() {
         (GradientsInWrongUnits, "gradients_match_3d"),
         (NegatesGivenGradients, "image_vjps_match"),
         (ShowsColoursForDepths, "inverse_depths_match"),
+        (ShowsColoursForDepths, "alphas_match"),
         (KeepsAllGaussians, "dropouts_match"),
         (ForgetsTheGain, "dropouts_match"),
         (LeavesOutTheSame, "dropouts_match"),
