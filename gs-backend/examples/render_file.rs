@@ -6,7 +6,7 @@
 use std::error::Error;
 
 use gs_backend::{Request, block_on, open};
-use gs_core::{Rasterizer, Scene, view::Bulk};
+use gs_core::{Scene, view::Bulk};
 
 /// Columns and rows of the picture, px.
 const SIZE: (u32, u32) = (800, 600);
@@ -21,14 +21,13 @@ fn main() -> Result<(), Box<dyn Error>> {
     };
 
     let file = gs_io::read_3d(&input)?; // .ply, .spz, .sog, .splat, .ksplat, .gltf or .glb
-    // The defaults of RenderSettings are for 2D scenes; the file knows its order, antialiasing and SH.
-    let settings = file.render_settings(None);
     let bulk = Bulk::of(&file.scene).ok_or("the scene has no Gaussian with a finite mean")?;
     let up = [0.0, -1.0, 0.0].into(); // y points down in the files of 3DGS
     let camera = bulk.overview(SIZE.0, SIZE.1, FIELD_OF_VIEW, up).ok_or("the direction `up` has no length")?;
 
     let chosen = block_on(open(&Request::default()))?;
-    let image = block_on(chosen.rasterizer.for_3d().render(&file.scene, &camera, &settings))?;
+    // The defaults of RenderSettings are for 2D scenes; the file knows its order, antialiasing and SH.
+    let image = block_on(file.render(&chosen.rasterizer, &camera))?;
     gs_io::write_png(&output, &image)?;
     println!("{}: {} Gaussians, on {}", output, file.scene.len(), chosen.reason);
     Ok(())

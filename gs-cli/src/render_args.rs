@@ -3,13 +3,13 @@
 use clap::{Args, ValueEnum};
 use gs_core::{
     Culled, RenderSettings, counted,
-    effects::{Antialias, Order},
+    effects::{Antialias, Background, Order},
 };
 use gs_io::{File3d, TrainedWith, dataset::Dataset};
 
 use crate::{
     output,
-    values::{Color, whole},
+    values::{Behind, Color, whole},
 };
 
 /// An order of blending.
@@ -61,8 +61,8 @@ impl From<AntialiasName> for Antialias {
 #[command(next_help_heading = "3D scenes")]
 pub(crate) struct RenderArgs3d {
     /// Background colour: black, white, or R,G,B [default: black; white for a Blender data set]
-    #[arg(long, value_name = "COLOUR")]
-    pub(crate) background: Option<Color>,
+    #[arg(long, value_name = "COLOUR", value_parser = Behind::solid)]
+    pub(crate) background: Option<Behind>,
     /// Highest degree of spherical harmonics (SH), 0 to 3 [default: the scene's]
     #[arg(long, value_name = "D", value_parser = whole::<u8>(0..=3))]
     pub(crate) sh_degree: Option<u8>,
@@ -112,20 +112,25 @@ impl RenderArgs3d {
         effects.sh_degree = self.sh_degree.unwrap_or(effects.sh_degree);
         effects.order = self.order.map_or(effects.order, Into::into);
         effects.antialias = self.antialias.map_or(effects.antialias, Into::into);
-        self.background.map_or(render, |color| render.on(color.0))
+        match self.background {
+            Some(Behind::Solid(color)) => return render.on(color.0),
+            Some(Behind::None) => render.effects.background = Background::None,
+            None => {}
+        }
+        render
     }
 }
 
 /// The effects that a scene is rendered with, in the words of the flags.
 pub(crate) fn describe(render: &RenderSettings) -> String {
+    format!("{}, background {}", describe_scene(render), Color(render.background_color()))
+}
+
+/// [`describe`] without the background.
+pub(crate) fn describe_scene(render: &RenderSettings) -> String {
     let effects = &render.effects;
-    format!(
-        "order {}, antialias {}, SH degree {}, background {}",
-        effects.order.name(),
-        effects.antialias.name(),
-        effects.sh_degree,
-        Color(render.background_color())
-    )
+    let (order, antialias) = (effects.order.name(), effects.antialias.name());
+    format!("order {order}, antialias {antialias}, SH degree {}", effects.sh_degree)
 }
 
 /// Why nothing of a scene is in sight, if that is so. `culled` is the sum over `views` renderings.

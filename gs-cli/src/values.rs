@@ -144,6 +144,33 @@ impl fmt::Display for Color {
     }
 }
 
+/// What is behind a 3D scene: a colour, or nothing, so that the picture has alpha.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Behind {
+    /// One colour.
+    Solid(Color),
+    /// Nothing.
+    None,
+}
+
+impl Behind {
+    /// Parses what commands accept that write no alpha.
+    pub(crate) fn solid(text: &str) -> Result<Self, String> {
+        match text {
+            "none" => Err("only gs render writes transparent pictures".to_owned()),
+            _ => text.parse().map(Self::Solid),
+        }
+    }
+
+    /// Parses what `gs render` accepts.
+    pub(crate) fn any(text: &str) -> Result<Self, String> {
+        match text {
+            "none" => Ok(Self::None),
+            _ => text.parse().map(Self::Solid).map_err(|error: String| format!("{error}; or none for alpha")),
+        }
+    }
+}
+
 /// The background of a scene in training, written black, white, random or R,G,B.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum TrainBackground {

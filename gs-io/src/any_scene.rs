@@ -8,8 +8,8 @@ use std::{
 
 use gs_codec::Extent;
 use gs_core::{
-    Blend, RenderSettings, SplatsState,
-    effects::{Antialias, Background, Order, Statistics},
+    RenderSettings, SplatsState,
+    effects::{Background, Statistics},
     examination::{self, Examinable},
 };
 use serde::Deserialize;
@@ -228,18 +228,14 @@ impl File3d {
     pub fn render_settings(&self, dataset: Option<&Dataset>) -> RenderSettings {
         self.settings.unwrap_or_else(|| {
             let background = dataset.map_or([0.0; 3], |dataset| dataset.kind.background());
-            let mut render = RenderSettings::blended(Blend::Over).on(background);
-            render.effects.sh_degree = self.scene.sh_degree;
-            render.effects.order = self.trained_with.order.unwrap_or(Order::Global);
-            render.effects.antialias = self.trained_with.antialias.unwrap_or(Antialias::Dilate);
-            render
+            self.trained_with.render_settings(self.scene.sh_degree, background)
         })
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use gs_core::{Parameterization, Tensor, TensorData};
+    use gs_core::{Parameterization, Tensor, TensorData, effects::Antialias};
 
     use super::*;
     use crate::checkpoint::write_checkpoint;

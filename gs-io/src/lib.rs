@@ -33,6 +33,7 @@ mod gsi;
 mod image;
 mod inputs;
 mod output_folder;
+mod picture;
 mod ply;
 mod scene3d;
 mod scene_file;
@@ -54,6 +55,7 @@ pub use crate::{
     },
     inputs::Inputs,
     output_folder::{FolderClaim, OutputFolder},
+    picture::draw_with_alpha,
     ply::{PICTURE_DISTANCE_WORLD, PICTURE_WORLD, flat_scene, write_ply},
     scene_file::{File2d, SCENE_EXTENSION, decode_2d, encode_2d, is_2d, read_2d, read_2d_unchecked, write_2d},
     scene3d::{

@@ -194,6 +194,14 @@ pub(crate) fn image_or_file(py: Python<'_>, argument: &str, value: &Bound<'_, Py
     }
 }
 
+/// A float32 array of an image, of shape (H, W, 4) if it has alpha and else (H, W, 3).
+pub(crate) fn of_stored(py: Python<'_>, image: StoredImage) -> PyResult<Bound<'_, numpy::PyArray3<f32>>> {
+    let StoredImage { image, alpha: Some(alpha), .. } = image else { return of_image(py, &image.image) };
+    let pixels = image.pixels().iter().zip(alpha);
+    let values: Vec<f32> = pixels.flat_map(|(&[r, g, b], alpha)| [r, g, b, alpha]).collect();
+    numpy::PyArray1::from_vec(py, values).reshape([image.height() as usize, image.width() as usize, 4])
+}
+
 /// The image of an array, which may have alpha, or of a file as it is stored.
 pub(crate) fn stored_image(py: Python<'_>, argument: &str, value: &Bound<'_, PyAny>) -> PyResult<StoredImage> {
     if let Ok(path) = value.extract::<PathBuf>() {

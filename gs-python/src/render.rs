@@ -3,7 +3,8 @@
 use std::sync::Arc;
 
 use gs_backend::block_on;
-use gs_core::{Canvas, Rasterizer as _, RenderSettings};
+use gs_core::{Canvas, Parameterization, Rasterizer as _, RenderSettings};
+use gs_io::draw_with_alpha;
 use gs_oracle::OracleScene;
 use numpy::PyArray3;
 use pyo3::prelude::*;
@@ -60,17 +61,31 @@ pub(crate) fn viewed(
 
 #[doc = doc!("render")]
 #[pyfunction]
-#[pyo3(signature = (scene, camera = None, *, size = None, settings = None, backend = None))]
+#[pyo3(signature = (scene, camera = None, *, size = None, alpha = false, settings = None, backend = None))]
 pub(crate) fn render<'py>(
     py: Python<'py>,
     scene: &Bound<'py, PyAny>,
     camera: Option<&Bound<'py, Camera>>,
     size: Option<(u32, u32)>,
+    alpha: bool,
     settings: Option<&Bound<'py, PyAny>>,
     backend: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArray3<f32>>> {
     let viewed = viewed(scene, camera, size, settings)?;
     let chosen = backend::chosen(py, backend)?;
+    if alpha {
+        let Viewed::ThreeD(scene, camera, settings) = &viewed else {
+            let problem = "only renderings of 3D scenes have one; decode_image() gives that of a .gsi file";
+            return Err(errors::value("alpha", problem));
+        };
+        let image = chosen.compute(py, |on| {
+            block_on(async {
+                let splats = on.upload(&**scene, Parameterization::ScaleRotation)?;
+                Ok::<_, gs_core::Error>(draw_with_alpha(on, &splats, camera, settings).await?.0)
+            })
+        })?;
+        return arrays::of_stored(py, image);
+    }
     let image = chosen.compute(py, |on| match &viewed {
         Viewed::TwoD(scene, canvas, settings) => block_on(on.render(&**scene, canvas, settings)),
         Viewed::ThreeD(scene, camera, settings) => block_on(on.render(&**scene, camera, settings)),

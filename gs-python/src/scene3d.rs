@@ -4,11 +4,7 @@ use std::{path::PathBuf, sync::Arc};
 
 use bytemuck::cast_slice;
 use gs_backend::block_on;
-use gs_core::{
-    Blend, Rasterizer as _, RenderSettings, Scene as _,
-    effects::{Antialias, Order},
-    math::sh,
-};
+use gs_core::{Rasterizer as _, RenderSettings, Scene as _, math::sh};
 use gs_io::{AnyScene, File3d, TrainedWith, Values as AllowedValues, WorldFrame, WriteOptions3d};
 use numpy::{PyArray1, PyArray2, PyArray3};
 use pyo3::{
@@ -61,13 +57,7 @@ impl Scene3d {
     /// How the scene is to be rendered: as it was trained, completed by what 3DGS uses, before this
     /// background unless it has one.
     pub(crate) fn render(&self, background: [f32; 3]) -> RenderSettings {
-        self.settings.unwrap_or_else(|| {
-            let mut render = RenderSettings::blended(Blend::Over).on(background);
-            render.effects.sh_degree = self.scene.sh_degree;
-            render.effects.order = self.trained_with.order.unwrap_or(Order::Global);
-            render.effects.antialias = self.trained_with.antialias.unwrap_or(Antialias::Dilate);
-            render
-        })
+        self.settings.unwrap_or_else(|| self.trained_with.render_settings(self.scene.sh_degree, background))
     }
 
     /// The scene from a little above as PNG; `None` where nothing of it can be seen.

@@ -145,6 +145,23 @@ def test_a_2d_scene_has_no_camera_and_a_3d_scene_needs_one(
     assert gs.render(scene_3d, camera, size=(64, 48)).shape == (48, 64, 3)
 
 
+def test_a_3d_scene_is_rendered_with_alpha(
+    scene_2d: gs.Scene2d, scene_3d: gs.Scene3d, camera: gs.Camera
+) -> None:
+    image = gs.render(scene_3d, camera, alpha=True)
+    colors, alpha = image[..., :3], image[..., 3:]
+    exact = gs.render(
+        scene_3d, camera, settings={"output": "alpha", "effects": {"background": "none"}}
+    )
+    assert image.shape == (24, 32, 4) and alpha.max() > 0.5 and alpha.min() < 0.1
+    assert np.abs(alpha - exact).max() <= 0.5 / 255 + 1e-6
+    for value in (0.0, 1.0):
+        behind = gs.render(scene_3d, camera, settings={"background": [value] * 3})
+        assert np.abs(colors * alpha + value * (1 - alpha) - behind.clip(0, 1)).max() < 1 / 255
+    with pytest.raises(ValueError, match="alpha: only renderings of 3D scenes"):
+        gs.render(scene_2d, size=(8, 8), alpha=True)
+
+
 def test_cameras() -> None:
     camera = gs.Camera(32, 24, fx=30.0).looking_at([0, 0, -5], [0, 0, 0])
     assert np.allclose(camera.position, [0, 0, -5], atol=1e-6)

@@ -19,6 +19,7 @@ mod popping;
 mod process;
 mod profile;
 mod quality;
+mod render;
 mod scene2d;
 mod scenes;
 mod several;

@@ -11,7 +11,10 @@
 //! SPZ's flag is documented as "antialiased mode (mip splatting)", so it is read as
 //! [`Antialias::Mip`]; a file without it is meant for the rendering of 3DGS, [`Antialias::Dilate`].
 
-use gs_core::effects::{Antialias, Order};
+use gs_core::{
+    Blend, RenderSettings,
+    effects::{Antialias, Order},
+};
 use serde::Deserialize;
 use serde_json::{Value, json};
 
@@ -38,6 +41,16 @@ gs_core::impl_with!(TrainedWith);
 impl TrainedWith {
     /// What other viewers assume by default: the rendering of 3DGS.
     const USUAL: (Antialias, Order) = (Antialias::Dilate, Order::Global);
+
+    /// The settings to render a scene of this SH degree with, before this background: completed by
+    /// what 3DGS uses.
+    pub fn render_settings(&self, sh_degree: u8, background: [f32; 3]) -> RenderSettings {
+        let mut render = RenderSettings::blended(Blend::Over).on(background);
+        render.effects.sh_degree = sh_degree;
+        render.effects.antialias = self.antialias.unwrap_or(Self::USUAL.0);
+        render.effects.order = self.order.unwrap_or(Self::USUAL.1);
+        render
+    }
 
     /// The PLY comments that store it. Brush and PlayCanvas know only `mip` and `default`, so `mip`
     /// stands for scaled opacities.

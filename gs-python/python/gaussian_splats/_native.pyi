@@ -239,6 +239,7 @@ def render(
     camera: Camera | None = None,
     *,
     size: tuple[int, int] | None = None,
+    alpha: bool = False,
     settings: Settings | None = None,
     backend: BackendChoice = None,
 ) -> Floats:
@@ -246,10 +247,15 @@ def render(
 
     :param camera: for 3D scenes only, which need one.
     :param size: columns and rows; by default those of the scene's image or of the camera.
+    :param alpha: leave out the background of a 3D scene; the array has shape (H, W, 4), with alpha
+        in 8 bits and colours that are not multiplied by it, as in a PNG. Alpha is 1 less the
+        transmittance; ``settings={"output": "alpha", "effects": {"background": "none"}}`` renders
+        it alone and not rounded.
     :param settings: changes to how the scene was trained, such as
         ``{"effects": {"sh-degree": 0}, "background": [1.0, 1.0, 1.0]}``.
     :param backend: a backend or its name; by default a GPU if there is one, otherwise the CPU.
-    :raises ValueError: for a missing camera or size, and for settings that are not possible.
+    :raises ValueError: for a missing camera or size, for alpha of a 2D scene, and for settings that
+        are not possible.
     """
 
 def forward(
@@ -262,7 +268,7 @@ def forward(
 ) -> ForwardPass:
     """Render a scene so that the result can be differentiated.
 
-    Parameters and errors are those of :func:`render`.
+    Parameters and errors are those of :func:`render`, without alpha.
 
     >>> forward = gs.forward(scene)
     >>> gradient = forward.backward(2 * (forward.image - target))
@@ -461,7 +467,11 @@ class Fit:
         """Each step's "step", "seconds", "count", "loss" and "psnr" (dB, estimated), (steps,)."""
     @property
     def summary(self) -> dict[str, Any]:
-        """Cost, quality and all settings, as in the file ``summary.json`` of ``gs fit``."""
+        """Cost, quality and all settings, as in the file ``summary.json`` of ``gs fit``.
+
+        ``shortfall`` says why there are fewer Gaussians than allowed, if so, also under a policy
+        of your own.
+        """
     def _repr_png_(self) -> bytes:
         """The rendering, for notebooks."""
     def _repr_html_(self) -> str:
@@ -513,7 +523,11 @@ class Training:
         """Each step's "step", "seconds", "count", "loss" and "psnr" (dB, estimated), (steps,)."""
     @property
     def summary(self) -> dict[str, Any]:
-        """Cost, quality and all settings, as in the file ``summary.json`` of ``gs train``."""
+        """Cost, quality and all settings, as in the file ``summary.json`` of ``gs train``.
+
+        ``shortfall`` says why there are fewer Gaussians than allowed, if so, also under a policy
+        of your own.
+        """
     def _repr_png_(self) -> bytes | None:
         """The scene from slightly above, for notebooks."""
     def _repr_html_(self) -> str:

@@ -21,7 +21,7 @@ use crate::{
     output_folder::OverwriteArgs,
     render_args::RenderArgs3d,
     scene,
-    values::{Axis, Region, Size, ViewName, whole},
+    values::{Axis, Behind, Region, Size, ViewName, whole},
 };
 
 const AFTER_HELP: &str = "\
@@ -33,6 +33,9 @@ OUTPUT is an animated PNG if it ends in .apng, a PNG if it ends in .png and ther
 frame, and otherwise a folder of frames. Frames of an earlier, longer film in that folder are \
 removed.
 
+With --background none, the pictures of a 3D scene are RGBA PNGs: alpha is 1 less the \
+transmittance, and colours are not multiplied by it, as PNG demands.
+
 With --camera, --orbit moves that camera around the point that the cameras of the data set look at.
 
 A path is a JSON file such as
@@ -40,9 +43,13 @@ A path is a JSON file such as
     \"keys\": [{ \"position\": [0, 0, -4], \"target\": [0, 0, 0] }, { \"position\": [4, 0, 0], \"target\": [0, 0, 0] }] }
 in the scene's own axes and unit; fov is horizontal, in degrees.";
 
+/// The help of `--background` of `gs render`.
+const BACKGROUND: &str = "Background colour: black, white, R,G,B, or none for PNGs with alpha [default: black; white for \
+                          a Blender data set]";
+
 /// The flags of `gs render`.
 #[derive(Debug, Clone, Args)]
-#[command(after_help = AFTER_HELP)]
+#[command(after_help = AFTER_HELP, mut_arg("background", |arg| arg.help(BACKGROUND).value_parser(Behind::any)))]
 pub(crate) struct RenderArgs {
     /// The scene: a scene file, a checkpoint, or the output folder of gs fit or gs train
     scene: PathBuf,

@@ -8,7 +8,10 @@ use gs_core::{
     effects::RequiredEffects,
     view::{CameraPath, Orbit},
 };
-use gs_io::{Animation, File3d, FolderClaim, dataset::Dataset, write_animation, write_png};
+use gs_io::{
+    Animation, File3d, FolderClaim, PngExtras, StoredImage, dataset::Dataset, draw_with_alpha, write_animation,
+    write_png_with,
+};
 use gs_train::parse_json;
 
 use super::{CameraArgs, RenderArgs};
@@ -20,7 +23,7 @@ use crate::{
     output_folder::{self, OutputFolder},
     render_args::{self, why_empty},
     text_file::read_text,
-    values::Size,
+    values::{Behind, Size},
 };
 
 /// Renders a scene from each camera.
@@ -33,6 +36,11 @@ pub(super) fn run(args: &RenderArgs, file: &File3d) -> Result<(), Failure> {
     let (cameras, dataset) = cameras(&args.cameras, args.size, file)?;
     for camera in &cameras {
         camera.validate().map_err(|error| Failure::usage(error).at("--camera, --path or --size"))?;
+    }
+    let is_transparent = args.render.background == Some(Behind::None);
+    if is_transparent && matches!(Output::of(args, cameras.len())?, Output::Animation) {
+        let message = "--background none: animated PNGs are written without alpha";
+        return Err(Failure::usage(message).hint("name a folder, which gets a PNG with alpha for each frame"));
     }
     let claim = claim(args, cameras.len(), dataset.as_ref())?;
     let Camera { width, height, .. } = cameras[0];
@@ -155,25 +163,39 @@ fn render_frames(
     let rasterizer = rasterizer.for_3d();
     let splats = rasterizer.upload(scene, Parameterization::ScaleRotation)?;
     let mut culled = Culled::default();
-    let mut frame = |camera: &Camera| -> Result<Image, Failure> {
-        let (image, left_out) = rasterizer.draw(&splats, camera, render).block_on()?;
+    let is_transparent = args.render.background == Some(Behind::None);
+    let mut frame = |camera: &Camera| -> Result<(Image, Option<Vec<f32>>), Failure> {
+        let (image, alpha, left_out) = match is_transparent {
+            false => {
+                let (image, left_out) = rasterizer.draw(&splats, camera, render).block_on()?;
+                (image, None, left_out)
+            }
+            true => {
+                let (StoredImage { image, alpha, .. }, left_out) =
+                    draw_with_alpha(rasterizer, &splats, camera, render).block_on()?;
+                (image, alpha, left_out)
+            }
+        };
         culled = culled.plus(left_out);
-        Ok(image)
+        Ok((image, alpha))
+    };
+    let write = |path: &Path, (image, alpha): (Image, Option<Vec<f32>>)| {
+        write_png_with(path, &image, PngExtras { alpha: alpha.as_deref(), profile: None })
     };
     let Camera { width, height, .. } = cameras[0];
     let output = &args.output;
     match (claim, Output::of(args, cameras.len())?) {
         (None, Output::Animation) => {
             let animation = Animation { width, height, frames: cameras.len() as u32, fps: args.cameras.fps, last_s: 0 };
-            write_animation(output, animation, |number| frame(&cameras[number as usize]))?;
+            write_animation(output, animation, |number| Ok::<_, Failure>(frame(&cameras[number as usize])?.0))?;
         }
-        (None, _) => write_png(output, &frame(&cameras[0])?)?,
+        (None, _) => write(output, frame(&cameras[0])?)?,
         (Some(claim), _) => {
             let folder = OutputFolder::begin(claim)?;
             let longer = frames_after(cameras.len(), folder.claimed("frame-"));
             longer.iter().try_for_each(|name| folder.leave_out(name))?;
             for (number, camera) in cameras.iter().enumerate() {
-                write_png(folder.file(&frame_name(number)), &frame(camera)?)?;
+                write(&folder.file(&frame_name(number)), frame(camera)?)?;
             }
         }
     }
@@ -181,7 +203,11 @@ fn render_frames(
         1 if matches!(Output::of(args, 1)?, Output::Picture) => format!("{width}x{height} px"),
         frames => format!("{} of {width}x{height} px", counted(frames, "frame")),
     };
-    output::note(format_args!("wrote {}, {size}: {}", output.display(), render_args::describe(render)));
+    let how = match is_transparent {
+        true => format!("{}, with alpha", render_args::describe_scene(render)),
+        false => render_args::describe(render),
+    };
+    output::note(format_args!("wrote {}, {size}: {how}", output.display()));
     if let Some(why) = why_empty(culled, scene.len(), cameras.len()) {
         output::note(format_args!("note: nothing of the scene is in sight: {why}"));
     }
