@@ -4,68 +4,95 @@
 use std::path::Path;
 
 use glam::DVec3;
-use serde::Deserialize;
-use serde_ply::{PlyReader, PropertyType, ScalarType};
+use gs_core::constants::SH_C0;
 
-use super::{WorldPoint, read_file};
-use crate::error::Error;
+use super::{Remark, WorldPoint, read_file};
+use crate::{
+    error::Error,
+    scene3d::{
+        ply::{self, Element, Header, Number, Value},
+        source::Source,
+    },
+};
 
-/// A row of the element `vertex`.
-#[derive(Deserialize)]
-struct Row {
-    x: f64,
-    y: f64,
-    z: f64,
-    // `default` is for binary files, whose rows are sequences, in which a missing value is not
-    // `None` by itself.
-    #[serde(default)]
-    red: Option<f64>,
-    #[serde(default)]
-    green: Option<f64>,
-    #[serde(default)]
-    blue: Option<f64>,
+/// Names of the colours' channels, as programs write them; the first set with a channel counts.
+const COLORS: [[&str; 3]; 4] = [
+    ["red", "green", "blue"],
+    ["diffuse_red", "diffuse_green", "diffuse_blue"],
+    ["r", "g", "b"],
+    // Gaussians: SH of degree 0.
+    ["f_dc_0", "f_dc_1", "f_dc_2"],
+];
+
+/// Reads a point cloud. Points without a known colour are mid-grey, with a remark that names `name`,
+/// the file as the data set does.
+pub(super) fn read(path: &Path, name: &str) -> Result<(Vec<WorldPoint>, Option<Remark>), Error> {
+    parse(&read_file(path)?, path, name)
 }
 
-/// Reads a point cloud; points without a colour are mid-grey.
-pub(super) fn read(path: &Path) -> Result<Vec<WorldPoint>, Error> {
-    parse(&read_file(path)?).map_err(|message| Error::NotAPointCloud { path: path.to_owned(), message })
-}
-
-fn parse(bytes: &[u8]) -> Result<Vec<WorldPoint>, String> {
-    let mut rest = bytes;
-    let mut reader = PlyReader::from_reader(&mut rest).map_err(|error| one_line(&error))?;
-    let Some(vertex) = reader.header().elem_defs.first().filter(|element| element.name == "vertex") else {
-        return Err("its first element is not `vertex`".to_owned());
-    };
-    let kind_of = |name: &str| vertex.get_property(name).map(|property| property.property_type.clone());
-    for name in ["x", "y", "z"] {
-        if !matches!(kind_of(name), Some(PropertyType::Scalar(_))) {
-            return Err(format!("its vertices have no number `{name}`"));
-        }
+fn parse(bytes: &[u8], path: &Path, name: &str) -> Result<(Vec<WorldPoint>, Option<Remark>), Error> {
+    let source = Source { path, what: "a PLY point cloud", bytes };
+    let refused = |message: String| Error::NotAPointCloud { path: path.to_owned(), message };
+    let header = Header::parse(&source)?;
+    let vertex = header.find("vertex").ok_or_else(|| refused("it has no element `vertex`".to_owned()))?;
+    let element = &header.elements[vertex];
+    let mut wanted = Vec::with_capacity(6);
+    for axis in ["x", "y", "z"] {
+        let found = element.find(axis).filter(|&at| matches!(element.properties[at].value, Value::Scalar(_)));
+        wanted.push(found.ok_or_else(|| refused(format!("its vertices have no number `{axis}`")))?);
     }
-    // A row has three bytes at least, whatever the header claims.
-    if vertex.count > bytes.len() / 3 {
-        return Err(format!("it counts {} vertices in a file of {} bytes", vertex.count, bytes.len()));
-    }
-    let white = match kind_of("red") {
-        Some(PropertyType::Scalar(ScalarType::F32 | ScalarType::F64)) => 1.0,
-        Some(PropertyType::Scalar(ScalarType::U16 | ScalarType::I16)) => 65535.0,
-        _ => 255.0,
+    let channels = COLORS.map(|names| names.map(|name| scalar(element, name)));
+    let set = channels.iter().position(|channels| channels.iter().any(Option::is_some));
+    let channels = set.map_or([None; 3], |set| channels[set]);
+    // The columns of the channels in a row.
+    let columns = channels.map(|channel| {
+        channel.map(|at| {
+            wanted.push(at);
+            wanted.len() - 1
+        })
+    });
+    let (mut positions, mut colors) = (Vec::new(), Vec::<[Option<f64>; 3]>::new());
+    ply::read_rows(&source, &header, vertex, &wanted, |row| {
+        positions.push(DVec3::new(row[0], row[1], row[2]));
+        colors.push(columns.map(|column| column.map(|at| row[at])));
+    })?;
+    let kind = channels.iter().flatten().next().map(|&at| element.properties[at].value);
+    let white = white(kind, &colors);
+    let color = |values: [Option<f64>; 3]| match set {
+        Some(3) => values.map(|v| v.map_or(0.5, |v| (0.5 + f64::from(SH_C0) * v).clamp(0.0, 1.0) as f32)),
+        _ => values.map(|v| v.map_or(0.5, |v| (v / white).clamp(0.0, 1.0) as f32)),
     };
-    let rows: Vec<Row> = reader.next_element().map_err(|error| one_line(&error))?;
-    let color =
-        |row: &Row| [row.red, row.green, row.blue].map(|c| c.map_or(0.5, |c| (c / white).clamp(0.0, 1.0) as f32));
-    let point = |row: &Row| WorldPoint { position: DVec3::new(row.x, row.y, row.z), color: color(row) };
-    Ok(rows.iter().map(point).collect())
+    let point = |(position, values)| WorldPoint { position, color: color(values) };
+    let points: Vec<WorldPoint> = positions.into_iter().zip(colors).map(point).collect();
+    let names = || element.properties.iter().map(|property| property.name.clone()).collect();
+    let is_grey = set.is_none() && !points.is_empty();
+    Ok((points, is_grey.then(|| Remark::PointsWithoutColor { file: name.to_owned(), properties: names() })))
 }
 
-fn one_line(error: &impl ToString) -> String {
-    error.to_string().split_whitespace().collect::<Vec<_>>().join(" ")
+/// The index of a property that is a number.
+fn scalar(element: &Element, name: &str) -> Option<usize> {
+    let at = element.properties.iter().position(|property| property.name.eq_ignore_ascii_case(name))?;
+    matches!(element.properties[at].value, Value::Scalar(_)).then_some(at)
+}
+
+/// The value of white: that of the type, or of what is stored in a type that has more.
+fn white(kind: Option<Value>, colors: &[[Option<f64>; 3]]) -> f64 {
+    let largest = colors.iter().flatten().flatten().fold(0.0, |largest: f64, value| largest.max(*value));
+    match kind {
+        Some(Value::Scalar(Number::F32 | Number::F64)) if largest <= 1.0 => 1.0,
+        Some(Value::Scalar(Number::U8 | Number::I8)) | None => 255.0,
+        _ if largest <= 255.0 => 255.0,
+        _ => 65535.0,
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn parse(bytes: &[u8]) -> Result<Vec<WorldPoint>, String> {
+        super::parse(bytes, Path::new("a.ply"), "a.ply").map(|(points, _)| points).map_err(|error| error.to_string())
+    }
 
     fn ply(format: &str, properties: &str, count: u64, rows: &[u8]) -> Vec<u8> {
         let header = format!("ply\nformat {format} 1.0\nelement vertex {count}\n{properties}end_header\n");
@@ -106,7 +133,7 @@ mod tests {
     fn lies_and_fragments_are_refused() {
         let listed = "property list uchar float x\nproperty float y\nproperty float z\n";
         for (bytes, expected) in [
-            (ply("ascii", POSITIONS, u64::MAX, b"1 2 3\n"), "counts"),
+            (ply("ascii", POSITIONS, u64::MAX, b"1 2 3\n"), "rows of element vertex"),
             (ply("binary_little_endian", POSITIONS, 4, &[0; 47]), ""),
             (ply("ascii", listed, 1, b"1 2 3 4\n"), "no number `x`"),
             (ply("ascii", "property float y\nproperty float z\n", 1, b"1 2\n"), "no number `x`"),
@@ -118,5 +145,36 @@ mod tests {
             let error = parse(&bytes).unwrap_err();
             assert!(error.contains(expected) && !error.contains('\n'), "{error}");
         }
+    }
+
+    #[test]
+    fn colours_have_other_names_and_ranges() {
+        let color = |properties: &str, row: &str| {
+            let text = ply("ascii", &format!("{POSITIONS}{properties}"), 1, format!("1 2 3 {row}\n").as_bytes());
+            parse(&text).unwrap()[0].color
+        };
+        let named = |kind: &str, names: [&str; 3]| names.map(|name| format!("property {kind} {name}\n")).concat();
+        assert_eq!(color(&named("uchar", COLORS[1]), "255 0 51"), [1.0, 0.0, 0.2]);
+        assert_eq!(color(&named("ushort", COLORS[0]), "65535 0 13107"), [1.0, 0.0, 0.2]);
+        assert_eq!(color(&named("int", COLORS[0]), "255 0 51"), [1.0, 0.0, 0.2]);
+        assert_eq!(color(&named("float", COLORS[0]), "255 0 51"), [1.0, 0.0, 0.2]);
+        assert_eq!(color(&named("uchar", ["Red", "Green", "Blue"]), "255 0 51"), [1.0, 0.0, 0.2]);
+        let of_gaussians = color(&named("float", COLORS[3]), "1.7724539 -9 0");
+        assert!((of_gaussians[0] - 1.0).abs() < 1e-6 && of_gaussians[1..] == [0.0, 0.5]);
+    }
+
+    #[test]
+    fn elements_before_the_vertices_are_passed_over() {
+        let text = "ply\nformat ascii 1.0\nelement camera 2\nproperty float f\nelement vertex 1\n\
+                    property float x\nproperty float y\nproperty float z\nend_header\n7\n8\n1 2 3\n";
+        assert_eq!(parse(text.as_bytes()).unwrap()[0].position, DVec3::new(1.0, 2.0, 3.0));
+    }
+
+    #[test]
+    fn unknown_colours_are_remarked_on() {
+        let text = ply("ascii", &format!("{POSITIONS}property float intensity\n"), 1, b"1 2 3 0.7\n");
+        let (_, remark) = super::parse(&text, Path::new("a.ply"), "a.ply").unwrap();
+        let remark = remark.unwrap().to_string();
+        assert!(remark.contains("a.ply") && remark.contains("x, y, z, intensity"), "{remark}");
     }
 }

@@ -113,6 +113,13 @@ pub enum Remark {
     },
     /// The data set has no points, so a scene must start at random or from a file.
     NoPoints,
+    /// The file of points has no colours that are known, so its points are grey.
+    PointsWithoutColor {
+        /// The file, as the data set names it.
+        file: String,
+        /// The properties of its vertices.
+        properties: Vec<String>,
+    },
     /// Points that were left out because they are not finite.
     PointsNotFinite {
         /// Number of points.
@@ -293,6 +300,11 @@ impl fmt::Display for Remark {
                 write!(f, "cameras and points are taken into a frame that suits 32-bit numbers: {frame}")
             }
             Self::NoPoints => f.write_str("no points"),
+            Self::PointsWithoutColor { file, properties } => write!(
+                f,
+                "points are grey: {file} has no colours by a known name, such as red, green and blue (its vertices have {})",
+                properties.join(", ")
+            ),
             Self::PointsNotFinite { count } => write!(f, "{} left out: not finite", counted(*count, "point")),
             Self::PointsCoincide { count } => {
                 write!(f, "{} left out: at the same place as others", counted(*count, "point"))

@@ -217,13 +217,12 @@ fn places(root: &Path, settings: &DatasetSettings) -> Result<Vec<Place>, Error> 
 fn listed_points(root: &Path, file: &Transforms, remarks: &mut Vec<Remark>) -> Result<Option<Vec<WorldPoint>>, Error> {
     let Some(name) = &file.ply_file_path else { return Ok(None) };
     let path = Folders::default().file(root, name).unwrap_or_else(|| root.join(names::plain(name)));
-    match point_cloud::read(&path) {
-        Err(Error::Missing { .. }) => {
-            remarks.push(Remark::PointsMissing { file: name.clone() });
-            Ok(Some(Vec::new()))
-        }
-        other => other.map(Some),
-    }
+    let (points, remark) = match point_cloud::read(&path, name) {
+        Err(Error::Missing { .. }) => (Vec::new(), Some(Remark::PointsMissing { file: name.clone() })),
+        read => read?,
+    };
+    remarks.extend(remark);
+    Ok(Some(points))
 }
 
 /// The points of the COLMAP model next to the file, in the file's world.

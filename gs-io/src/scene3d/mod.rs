@@ -24,7 +24,7 @@ mod rounding;
 mod sh_degree;
 mod sh_rotation;
 mod sog;
-mod source;
+pub(crate) mod source;
 mod splat;
 mod spz;
 mod trained_with;

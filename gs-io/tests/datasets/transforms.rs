@@ -184,7 +184,7 @@ fn listed_points_are_in_the_files_world_and_colmaps_are_moved_there() {
     fs::write(place.path().join("points.ply"), ply).unwrap();
     assert_eq!(first_point(), Vec3::new(1.0, 2.0, 3.0));
     fs::write(place.path().join("points.ply"), "ply\n").unwrap();
-    assert!(refusal(place.path()).contains("points.ply: expected a PLY point cloud"));
+    assert!(refusal(place.path()).contains("points.ply"));
 
     write_model(&place.path().join("colmap/sparse/0"), &binary(&model(1)), "bin");
     fields.as_object_mut().unwrap().remove("ply_file_path");

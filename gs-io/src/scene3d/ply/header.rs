@@ -1,7 +1,4 @@
 //! The header of a PLY: its elements and their properties.
-//!
-//! serde-ply is not used because properties are known at run time only, and errors must name the
-//! byte.
 
 use crate::{
     error::Error,

@@ -15,7 +15,7 @@ use std::io::{self, Write};
 use glam::DVec3;
 use gs_core::{Scene, Scene3d, check_size};
 
-use self::header::{Element, Header, Number, Value};
+pub(crate) use self::header::{Element, Header, Number, Value};
 use super::{
     Format3d, TrainedWith,
     conversion_loss::ConversionLoss,
@@ -58,12 +58,11 @@ pub(crate) fn read(source: &Source<'_>) -> Result<Read, Error> {
     let rest = rest_columns(source, element)?;
     let file_degree = degree_of_rest(rest.len()).unwrap_or(0);
     let degree = file_degree.min(MAX_DEGREE);
-    let start = element_start(source, &header, vertex)?;
     let wanted: Vec<usize> = columns.into_iter().chain(rest.iter().copied()).collect();
     let mut scene = Scene3d { sh_degree: degree, ..Scene3d::default() };
     let (kept, per_channel) = (scene.sh_len() - 1, rest.len() / 3);
     let mut means = Vec::new();
-    rows::read(source, &header, element, start, &wanted, |row| {
+    read_rows(source, &header, vertex, &wanted, |row| {
         let value = |k: usize| row[k] as f32;
         means.push(DVec3::new(row[0], row[1], row[2]));
         scene.log_scales.push([value(3), value(4), value(5)].into());
@@ -136,6 +135,18 @@ fn picture_of(comment: &str) -> Option<(u32, u32)> {
     let (width, height) = comment.strip_prefix(PICTURE)?.split_once('x')?;
     let size = (width.parse().ok()?, height.parse().ok()?);
     check_size(size.0, size.1).is_ok().then_some(size)
+}
+
+/// Calls `row` with the chosen columns of each row of an element; see [`rows::read`].
+pub(crate) fn read_rows(
+    source: &Source<'_>,
+    header: &Header,
+    element: usize,
+    wanted: &[usize],
+    row: impl FnMut(&[f64]),
+) -> Result<(), Error> {
+    let start = element_start(source, header, element)?;
+    rows::read(source, header, &header.elements[element], start, wanted, row).map(drop)
 }
 
 /// Position of the first row of an element, after the rows of all earlier elements.
