@@ -28,7 +28,7 @@ pub enum SplitOrigin {
     /// Separate files: `transforms_train.json`, `transforms_test.json`.
     Files,
     /// The data set has no split, and every n-th image by name is held out
-    /// ([`DatasetSettings::test_every`]).
+    /// ([`DatasetSettings::test_every`](super::DatasetSettings::test_every)).
     Every(NonZeroU32),
     /// The data set has no split, and no view is held out.
     None,
