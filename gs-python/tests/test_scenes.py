@@ -157,7 +157,8 @@ def test_a_3d_scene_is_rendered_with_alpha(
     assert np.abs(alpha - exact).max() <= 0.5 / 255 + 1e-6
     for value in (0.0, 1.0):
         behind = gs.render(scene_3d, camera, settings={"background": [value] * 3})
-        assert np.abs(colors * alpha + value * (1 - alpha) - behind.clip(0, 1)).max() < 1 / 255
+        composite = (colors * alpha + value * (1 - alpha)).clip(0, 1)
+        assert np.abs(composite - behind.clip(0, 1)).max() < 1 / 255
     with pytest.raises(ValueError, match="alpha: only renderings of 3D scenes"):
         gs.render(scene_2d, size=(8, 8), alpha=True)
 
