@@ -16,7 +16,7 @@ use gs_core::{
 };
 use gs_io::{
     AnyScene, ConversionLoss, Coordinates, File3d, Format3d, GltfBuffer, Rounding, SCENE_EXTENSION, SceneFile,
-    SpzOptions, SpzVersion, TrainedWith, Values, WriteOptions3d, dataset::Dataset,
+    SpzOptions, SpzVersion, TrainedWith, Values, WorldFrame, WriteOptions3d, dataset::Dataset,
 };
 use serde::Serialize;
 
@@ -101,6 +101,8 @@ struct Conversion {
     written: Side,
     gaussians: usize,
     sh_degree: u8,
+    /// The frame of the written coordinates; `null` for those of the world.
+    frame: Option<WorldFrame>,
     /// Gaussians that `--drop-broken` left out.
     dropped: usize,
     /// What `--gaussians` merged and removed.
@@ -187,11 +189,13 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
     let size = |path: &Path| std::fs::metadata(path).map_or(0, |file| file.len());
     let bytes = size(&args.to) + written.beside.iter().map(|path| size(path)).sum::<u64>();
     let sorted = written.order.map(|order| in_order(scene, &order));
+    let frame = if matches!(args.frame, Frame::World) { WorldFrame::WORLD } else { file.trained_with.frame };
     let conversion = Conversion {
         read: Side::new(&path, file.format, file.bytes, all),
         written: Side::new(&args.to, written.format, bytes, scene.len()),
         gaussians: scene.len(),
         sh_degree: scene.sh_degree,
+        frame: Some(frame).filter(|frame| !frame.is_world()),
         dropped: all - scene.len() - reduction.as_ref().map_or(0, Reduction::fewer),
         reduction,
         lost: losses.iter().chain(&written.losses).map(ConversionLoss::to_string).collect(),
@@ -232,11 +236,15 @@ fn options(args: &ConvertArgs, trained_with: TrainedWith) -> WriteOptions3d {
 }
 
 fn text(conversion: &Conversion) -> String {
-    let Conversion { read, written, gaussians, sh_degree, dropped, reduction, lost, rounding, cost } = conversion;
+    let Conversion { read, written, gaussians, sh_degree, frame, dropped, reduction, lost, rounding, cost } =
+        conversion;
     let side = |Side { file, format, bytes, bytes_per_gaussian }: &Side| {
         format!("{file}: {format}, {bytes} bytes, {bytes_per_gaussian:.1} a Gaussian")
     };
     let mut text = format!("read        {}\nGaussians   {gaussians}, SH degree {sh_degree}\n", side(read));
+    frame
+        .iter()
+        .for_each(|frame| _ = writeln!(text, "frame       {frame}; --frame world writes the world's coordinates"));
     if *dropped > 0 {
         let _ = writeln!(text, "dropped     {} that cannot be drawn", counted(*dropped, "Gaussian"));
     }
