@@ -306,7 +306,7 @@ mod tests {
     fn the_example_in_3d_is_a_study_whose_factors_expand() {
         assert!(AFTER_HELP.contains(EXAMPLE_3D));
         let study = Study::from_toml(EXAMPLE_3D, "example-3d.toml").unwrap();
-        assert_eq!((study.arms.len(), study.scenes.len(), study.runs()), (4, 2, 48));
+        assert_eq!((study.arms.len(), study.scenes.len(), study.runs()), (4, 2, 64));
     }
 
     #[test]
