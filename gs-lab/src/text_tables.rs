@@ -32,21 +32,24 @@ impl From<String> for Cell {
     }
 }
 
+/// The text of a number, and its value.
+type Number = (String, Option<f64>);
+
 impl TextTable {
-    /// A table whose best number in each column is emphasised. A row is a name, and of each number the
-    /// text and the value; more is better, and columns without values have no best.
-    fn with_best(caption: String, header: Vec<String>, rows: Vec<(String, Vec<(String, Option<f64>)>)>) -> Self {
+    /// A table whose best number in each column is emphasised. A row is a name and
+    /// numbers; more is better, and columns without values have no best.
+    fn with_best(caption: String, header: Vec<String>, rows: Vec<(String, Vec<Number>)>) -> Self {
         // Numbers that print alike are equally good.
         let best = |column: usize| {
             let valued = rows.iter().filter_map(|(_, cells)| Some((&cells[column].0, cells[column].1?)));
             valued.max_by(|a, b| a.1.total_cmp(&b.1)).map(|(text, _)| text.clone())
         };
         let best: Vec<Option<String>> = (1..header.len()).map(|column| best(column - 1)).collect();
-        let cell = |(column, (text, value)): (usize, &(String, Option<f64>))| Cell {
+        let cell = |(column, (text, value)): (usize, &Number)| Cell {
             text: text.clone(),
             is_best: rows.len() > 1 && value.is_some() && best[column].as_ref() == Some(text),
         };
-        let row = |(name, cells): &(String, Vec<(String, Option<f64>)>)| {
+        let row = |(name, cells): &(String, Vec<Number>)| {
             std::iter::once(name.clone().into()).chain(cells.iter().enumerate().map(cell)).collect()
         };
         Self { caption, header, rows: rows.iter().map(row).collect() }
