@@ -52,8 +52,9 @@ Options:
   --test     instead test a page that is built without optimising what does not compute, in headless
              Chromium and against the program, in target/web-test, where screenshots are kept.
              Without node, npm and Chromium, nothing is checked
-  --install  install the target and the component, and with --test Debian's chromium, nodejs and npm,
-             and packages of npm";
+  --install  install the target and the component, and put the page where a gs of cargo install finds
+             it, into share/gs/page of cargo's folder; with --test install Debian's chromium, nodejs
+             and npm, and packages of npm";
 
 /// What the command line asks for.
 enum Task {

@@ -1,7 +1,7 @@
 //! `cargo xtask web`: builds the page, and tests it in a browser.
 
 use std::{
-    env, fs,
+    env, fs, io,
     path::{Path, PathBuf},
     process::{Command, Stdio},
 };
@@ -67,6 +67,35 @@ pub(crate) fn run(options: Options) -> Result<(), String> {
     let page = target.join("page");
     build(&target, "web", "release", &page)?;
     eprintln!("built {}", page.display());
+    match installed_page().filter(|_| options.install) {
+        Some(installed) => copy_folder(&page, &installed),
+        None => Ok(()),
+    }
+}
+
+/// Where a `gs` that `cargo install` made looks for the page.
+fn installed_page() -> Option<PathBuf> {
+    let from = |name: &str| env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
+    let root = from("CARGO_INSTALL_ROOT").or_else(|| from("CARGO_HOME"));
+    Some(root.or_else(|| Some(env::home_dir()?.join(".cargo")))?.join("share").join("gs").join("page"))
+}
+
+/// Replaces a folder by a copy of another one.
+fn copy_folder(from: &Path, to: &Path) -> Result<(), String> {
+    fn copy(from: &Path, to: &Path) -> io::Result<()> {
+        fs::create_dir_all(to)?;
+        for entry in fs::read_dir(from)? {
+            let name = entry?.file_name();
+            let (source, copied) = (from.join(&name), to.join(&name));
+            if source.is_dir() { copy(&source, &copied)? } else { fs::copy(&source, &copied).map(drop)? }
+        }
+        Ok(())
+    }
+    if to.exists() {
+        fs::remove_dir_all(to).map_err(|error| format!("{}: {error}", to.display()))?;
+    }
+    copy(from, to).map_err(|error| format!("{}: {error}", to.display()))?;
+    eprintln!("copied to {}", to.display());
     Ok(())
 }
 

@@ -24,6 +24,7 @@ const LARGE: usize = 20_000_000;
 
 /// The flags of `gs page`.
 #[derive(Debug, Clone, Args)]
+#[command(after_help = page_files::HELP)]
 pub(crate) struct PageArgs {
     /// The scene: a scene file, a checkpoint, or the output folder of gs fit or gs train
     scene: PathBuf,
@@ -47,7 +48,7 @@ pub(crate) fn run(args: &PageArgs) -> Result<(), Failure> {
     let (name, bytes) = embedded(scene)?;
     let page = fs::read_to_string(&template).map_err(|error| Failure::failed(error).at(template.display()))?;
     let (before, after) = page.split_once(PLACE).ok_or_else(|| {
-        Failure::failed("has no place for a scene").at(template.display()).hint("cargo xtask web builds it")
+        Failure::failed("has no place for a scene").at(template.display()).hint("cargo xtask web --install builds it")
     })?;
     let element = format!(
         "<script type=\"text/plain\" id=\"embedded-scene\" data-name=\"{}\">{}</script>",

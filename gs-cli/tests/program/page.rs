@@ -45,15 +45,6 @@ fn a_page_has_the_scene_inside() {
     assert!(absent.status == Some(1) && absent.refusal().contains("no such file"), "{absent:?}");
 }
 
-#[test]
-fn without_the_page_it_is_said_how_to_build_it() {
-    let place = place();
-    fs::remove_dir_all(place.path().join("page")).unwrap();
-    let run = page(place.path(), "scene.ply", "a.html");
-    assert!(run.status == Some(1) && run.refusal().contains("cargo xtask web"), "{run:?}");
-    assert!(!place.path().join("a.html").exists());
-}
-
 /// A server, which ends with its test.
 struct Server(Child, String);
 

@@ -25,7 +25,7 @@ in the browser have no access. With --host 0.0.0.0, everyone in the network can 
 
 /// The flags of `gs serve`.
 #[derive(Debug, Clone, Args)]
-#[command(after_help = AFTER_HELP)]
+#[command(after_help = format!("{AFTER_HELP}\n\n{}", page_files::HELP))]
 pub(crate) struct ServeArgs {
     /// The folder with scenes, and outputs of gs fit and gs train, also of those that are going on
     #[arg(default_value = ".")]
