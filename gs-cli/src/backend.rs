@@ -27,7 +27,7 @@ pub(crate) enum Choice {
 #[derive(Debug, Clone, Default, Args)]
 #[command(next_help_heading = "Machine")]
 pub(crate) struct BackendArgs {
-    /// What computes
+    /// The backend that computes: the CPU, or a GPU through wgpu
     #[arg(long, value_enum, default_value_t)]
     pub(crate) backend: Choice,
     /// The GPU, by a part of its name, for the wgpu backend; gs info --adapters lists them

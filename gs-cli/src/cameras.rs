@@ -4,7 +4,10 @@ use std::path::Path;
 
 use glam::Vec3;
 use gs_core::{Camera, Scene3d, view::Bulk};
-use gs_io::{File3d, dataset::Dataset};
+use gs_io::{
+    File3d,
+    dataset::{Dataset, View},
+};
 use gs_train::train::{Flat, Focus, extent_of};
 
 use crate::{
@@ -66,15 +69,17 @@ pub(crate) fn of_view(dataset: &Dataset, name: &ViewName) -> Result<Camera, Fail
     let stem = |text: &str| Path::new(text).file_stem().map(|stem| stem.to_string_lossy().into_owned());
     let exact = dataset.views.iter().find(|view| view.name == name.view);
     // The name of the file alone is enough if only one view has it.
-    let mut alike = dataset.views.iter().filter(|view| stem(&view.name) == stem(&name.view));
-    match exact.or_else(|| alike.next().filter(|_| alike.next().is_none())) {
-        Some(view) => Ok(view.camera),
-        None => {
-            let names: Vec<&str> = dataset.views.iter().take(5).map(|view| view.name.as_str()).collect();
-            let more = if dataset.views.len() > 5 { ", ..." } else { "" };
-            let what = format_args!("{}: has no view `{}`, or several", name.dataset.display(), name.view);
-            Err(Failure::usage(what).hint(format_args!("its views are {}{more}", names.join(", "))))
-        }
+    let alike: Vec<&View> = dataset.views.iter().filter(|view| stem(&view.name) == stem(&name.view)).collect();
+    let refused = |what: &str, hint: &str, views: &[&View]| {
+        let names: Vec<&str> = views.iter().take(5).map(|view| view.name.as_str()).collect();
+        let more = if views.len() > 5 { ", ..." } else { "" };
+        let failure = Failure::usage(format_args!("{}: has {what} `{}`", name.dataset.display(), name.view));
+        Err(failure.hint(format_args!("{hint} {}{more}", names.join(", "))))
+    };
+    match (exact, alike.as_slice()) {
+        (Some(view), _) | (None, &[view]) => Ok(view.camera),
+        (None, []) => refused("no view", "its views are", &dataset.views.iter().collect::<Vec<_>>()),
+        (None, several) => refused("several views", "give the whole name, one of", several),
     }
 }
 

@@ -105,10 +105,10 @@ impl DatasetArgs {
 /// The meaning of an alpha channel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
 pub(crate) enum AlphaName {
-    /// How opaque the object is: the scene becomes as transparent
+    /// Opacity: transparent pixels stay transparent in the scene
     #[default]
     Opacity,
-    /// Which pixels count
+    /// A mask: only opaque pixels count
     Mask,
 }
 

@@ -64,9 +64,13 @@ impl Failure {
         }
     }
 
-    /// Adds what to do about it.
+    /// Adds what to do about it, in parentheses where the message already asks "did you mean ...?".
     pub(crate) fn hint(mut self, how: impl Display) -> Self {
-        self.message = format!("{}: {}", self.message, one_line(how));
+        let how = one_line(how);
+        self.message = match self.message.ends_with('?') {
+            true => format!("{} ({how})", self.message),
+            false => format!("{}: {how}", self.message),
+        };
         self
     }
 
@@ -197,6 +201,13 @@ mod tests {
     fn a_failure_is_one_line_of_where_what_and_hint() {
         let failure = Failure::failed("is a\n folder").at("out/x").hint("name a file");
         assert_eq!(failure.line().as_deref(), Some("error: out/x: is a folder: name a file"));
+    }
+
+    #[test]
+    fn a_hint_after_a_question_is_in_parentheses() {
+        let failure = Failure::usage("unknown key `accurcy`: did you mean `accuracy`?").hint("compare it with a.toml");
+        let line = "error: unknown key `accurcy`: did you mean `accuracy`? (compare it with a.toml)";
+        assert_eq!(failure.line().as_deref(), Some(line));
     }
 
     #[test]

@@ -31,27 +31,26 @@ use crate::{
 policies! {
     /// Relocate and copy by opacity, with noise between steps.
     Mcmc(Mcmc) = "mcmc":
-        "Move transparent Gaussians to opaque ones and add 5 % a round, with noise between steps (3DGS-MCMC); for \
-         images, needs --blend over";
+        "Move transparent Gaussians to opaque ones and add 5 % a round, with noise between steps (3DGS-MCMC)";
     /// Grow and prune where several views agree that pixels are wrong.
     FastGs(FastGs) = "fastgs":
-        "Grow and prune by the pixels of high error that a Gaussian covers in several views (FastGS); only in gs train";
+        "Grow and prune by the pixels of high error that a Gaussian covers in several views (FastGS)";
     /// Grow by a score of many parts, along a schedule of counts.
     Taming(Taming) = "taming":
         "Grow by a score of errors, edges, sizes and contributions over several views, along a schedule that ends at \
-         the budget (Taming 3DGS); only in gs train";
+         the budget (Taming 3DGS)";
     /// Split what draws edges, along a schedule of counts.
     ImprovedGs(ImprovedGs) = "improved-gs":
         "Split Gaussians that draw edges, side by side along the long axis, on a schedule that ends at the budget \
-         (Improved-GS); only in gs train";
+         (Improved-GS)";
     /// Split where two Gaussians can lower the loss and one cannot.
     SteepGs(SteepGs) = "steep-gs":
         "Split Gaussians whose splitting matrix over several views has a negative eigenvalue, along its eigenvector \
-         (SteepGS); only in gs train";
+         (SteepGS)";
     /// Grow by errors that are normalised by visibility, paced to reach the budget.
     Mrnf(Mrnf) = "mrnf":
         "Split Gaussians in proportion to their error over several views, normalised by visibility, and replace \
-         those that are pruned (after LichtFeld Studio); only in gs train";
+         those that are pruned (after LichtFeld Studio)";
     2D only:
     /// Start with half of the Gaussians and add in proportion to the error.
     ImageGs(ErrorAddition) = "image-gs":
@@ -67,6 +66,12 @@ fn named() -> impl Iterator<Item = &'static Named> {
 
 /// [`Policy::NAMES`] for messages.
 static LIST: LazyLock<String> = LazyLock::new(|| format!("one of {}", Policy::NAMES.join(", ")));
+
+/// The names of policies for images, for messages.
+static LIST_2D: LazyLock<String> = LazyLock::new(|| {
+    let fits = |name: &&str| Policy::from_name(name).is_ok_and(|policy| !policy.of_2d_scenes().needs_evidence());
+    format!("one of {} for an image", Policy::NAMES.into_iter().filter(fits).collect::<Vec<_>>().join(", "))
+});
 
 /// The names of policies for 3D scenes, for messages.
 static LIST_3D: LazyLock<String> = LazyLock::new(|| {
@@ -153,8 +158,8 @@ impl Policy {
     /// [`Error::Setting`] naming the policy; those of [`Self::validate`].
     pub fn validate_2d(&self) -> Result<(), Error> {
         if self.of_2d_scenes().needs_evidence() {
-            let allowed = "for images one without evidence over several views, which only training in 3D has";
-            return Err(Error::setting("policy", format!("`{}`", self.evidence_name()), allowed));
+            let found = format!("`{}`, which needs several views of a 3D scene", self.evidence_name());
+            return Err(Error::setting("policy", found, &LIST_2D));
         }
         self.validate()
     }

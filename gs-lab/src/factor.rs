@@ -139,9 +139,9 @@ mod tests {
             ("policy = 'none'", "settings.rebin-every = 3", "sets `settings.rebin-every`, too: set each key in one"),
             ("{ name = 'none', policy = 'none' }, ", "", "factor `policy` has fewer than two levels"),
             ("[[factor]]\nname = 'lists'", "[[arm]]\nname = 'a'\n[[factor]]\nname = 'lists'", "both arms and factors"),
-            ("name = 'new'", "name = 'old'", "\"none+old\" stands there twice"),
+            ("name = 'new'", "name = 'old'", "\"none+old\" is listed twice"),
             ("rebin-every = 1", "rebin-evry = 1", ""),
-            ("name = 'lists'", "name = 'policy'", "factor: \"policy\" stands there twice"),
+            ("name = 'lists'", "name = 'policy'", "factor: \"policy\" is listed twice"),
             ("name = 'lists'", "name = 'li/sts'", "factor `li/sts`: its name is not a word"),
         ] {
             let found = Study::from_toml(&STUDY.replacen(from, to, 1), "x.toml").map(|study| study.arms.len());

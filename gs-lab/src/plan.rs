@@ -298,7 +298,7 @@ mod tests {
     fn what_is_wrong_with_a_study_is_said_with_its_place_and_mend() {
         for (from, to, expected) in [
             ("seeds = [3, 4]", "seeds = []", "study `x`: seeds: there are none: name at least one"),
-            ("seeds = [3, 4]", "seeds = [3, 3]", "seeds: 3 stands there twice"),
+            ("seeds = [3, 4]", "seeds = [3, 3]", "seeds: 3 is listed twice"),
             ("seeds = [3, 4]", "seed = [3]", "a.toml: line 4: unknown key `seed`: did you mean `seeds`?"),
             ("seeds = [3, 4]", "seeds = [-1]", "line 4"),
             ("budgets = [10, 600]", "budgets = [0]", "0 Gaussians draw nothing"),
@@ -309,7 +309,7 @@ mod tests {
                 "name = 'b'\npolicy = 'percentil'",
                 "line 12: arm `b`: policy: policy is `percentil`, but must be one of absolute",
             ),
-            ("name = 'b'", "name = 'a'", "\"a\" stands there twice"),
+            ("name = 'b'", "name = 'a'", "\"a\" is listed twice"),
             ("name = 'b'", "name = 'a/b'", "its name is not a word"),
             ("name = 'x'", "name = 'x'\nbaseline = 'c'", "there is no arm `c`"),
             (

@@ -270,7 +270,7 @@ impl Study {
     fn unrepeated<T: PartialEq + fmt::Debug>(&self, key: &str, values: &[T]) -> Result<(), Error> {
         let twice = values.iter().enumerate().find(|(i, value)| values[..*i].contains(value));
         match twice {
-            Some((_, value)) => Err(self.wrong(format!("{key}: {value:?} stands there twice"), "leave one out")),
+            Some((_, value)) => Err(self.wrong(format!("{key}: {value:?} is listed twice"), "remove one")),
             None => Ok(()),
         }
     }

@@ -293,7 +293,11 @@ fn missing_evidence_is_an_error_that_names_the_policy() {
         assert!(matches!(&error, Error::State(message) if message.contains(name)), "{error}");
         assert!(matches!(round(Some(&short)).plan(&policy), Err(Error::Length { .. })));
         let refused = policy.validate_2d().unwrap_err().to_string();
-        assert!(refused.contains(name) && refused.contains("only training in 3D"), "{refused}");
+        assert!(
+            refused.contains(name)
+                && refused.contains(", which needs several views of a 3D scene, but must be one of absolute"),
+            "{refused}"
+        );
         policy.validate_3d().unwrap();
     }
     let actions = Actions::default().with(|s| s.simplify = Some(Simplify::speedy_splat()));

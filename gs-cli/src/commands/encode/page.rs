@@ -31,7 +31,7 @@ pub(super) fn check(file: &Path, image: &Path, overwrite: OverwriteArgs) -> Resu
     if overwrite.overwrite || !page.exists() || is_ours(&page) {
         return Ok(());
     }
-    let failure = Failure::failed("is in the way: it is no page of an encoded image").at(page.display());
+    let failure = Failure::failed("exists and was not written by gs encode --page").at(page.display());
     Err(failure.hint("choose another name with --output, or replace it with --overwrite"))
 }
 

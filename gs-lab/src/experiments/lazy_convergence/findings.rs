@@ -39,7 +39,7 @@ impl LazyMeasured {
         }
     }
 
-    /// The threshold that works as a function of each respect, relative to the paper's target.
+    /// Working threshold against contrast, frequency and size, relative to the paper's target.
     fn dependence_chart(&self) -> Figure {
         let series = |label: &str, relative: fn(&DiscAndSquare) -> Option<f32>| {
             let found = self.cases.iter().filter_map(|case| Some((relative(&case.target)?.into(), case.working()?)));

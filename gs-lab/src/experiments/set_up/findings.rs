@@ -9,8 +9,8 @@ impl SetUpMeasured {
             method: format!(
                 "A soft red disc and a hard blue square on white, 128×128 px; 20 random Gaussians of σ 15 px, blended front \
                  to back; \
-                 {} steps of Adam on L1 + D-SSIM; a round of growth every 100 steps. {} seeds. How the paper gets from 20 to 600 it \
-                 does not say; here a Gaussian grows that is in the top 10 % or above the absolute threshold.",
+                 {} steps of Adam on L1 + D-SSIM; a round of growth every 100 steps. {} seeds. The paper does not say how 20 \
+                 become 600; here, Gaussians in the top 10 % or above the absolute threshold grow.",
                 settings.iterations,
                 self.grown.counts.len()
             ),
