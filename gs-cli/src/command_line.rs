@@ -10,6 +10,7 @@ use crate::{
         fit::FitArgs, frontier::FrontierArgs, info::InfoArgs, page::PageArgs, paper::PaperArgs, popping::PoppingArgs,
         profile::ProfileArgs, render::RenderArgs, serve::ServeArgs, study::StudyArgs, train::TrainArgs, view::ViewArgs,
     },
+    defaults,
     failure::Failure,
     help,
 };
@@ -96,14 +97,14 @@ pub(crate) enum Command {
     Profile(Box<ProfileArgs>),
     /// Show which effects a scene requires, and what each one costs and changes
     Effects(Box<EffectsCommandArgs>),
-    /// Repeat the paper's experiments, and compare its claims with measurements
-    Paper(Box<PaperArgs>),
+    /// Measure what accuracy costs in time, and choose settings for a limit on error or time
+    Frontier(Box<FrontierArgs>),
     /// Measure how much a 3D scene flickers while the camera moves, in both orders of blending
     Popping(Box<PoppingArgs>),
-    /// Measure what accuracy costs in time, and choose settings for a budget of either
-    Frontier(Box<FrontierArgs>),
     /// Compare density policies over images, budgets and seeds, with intervals and a report
     Study(Box<StudyArgs>),
+    /// Repeat the paper's experiments, and compare its claims with measurements
+    Paper(Box<PaperArgs>),
 }
 
 /// The parsed command line.
@@ -131,9 +132,10 @@ pub(crate) fn parse() -> Result<Parsed, Failure> {
             Ok(Parsed::Answered(ExitCode::from(2)))
         }
         _ => {
-            let command = std::env::args().nth(1).filter(|word| COMMANDS.contains(&word.as_str()));
+            let is_command = |word: &String| GROUPS.iter().any(|(_, names)| names.contains(&word.as_str()));
+            let command = std::env::args().nth(1).filter(is_command);
             let help = command.map_or_else(|| "gs --help".to_owned(), |command| format!("gs {command} --help"));
-            Err(Failure::usage(essence(&error.to_string())).hint(format_args!("see {help}")))
+            Err(Failure::usage(refusal(&error.to_string(), &help)))
         }
     }
 }
@@ -149,9 +151,27 @@ fn command() -> clap::Command {
     let command = with_negative_numbers(CommandLine::command());
     let command = command.mut_subcommands(|command| match command.get_name() {
         "convert" => command.mut_args(requires_dataset),
+        "fit" => command.mut_args(defaults::of_fit),
+        "train" => command.mut_args(defaults::of_train),
         _ => command,
     });
-    help::wrapped(command)
+    let groups = grouped(&command);
+    help::wrapped(command, &groups)
+}
+
+/// The list of commands, in groups.
+fn grouped(command: &clap::Command) -> String {
+    let entry = |name: &&str| {
+        let found = command.find_subcommand(name);
+        let about = found.and_then(clap::Command::get_about).map(ToString::to_string).unwrap_or_default();
+        let aliases = found.into_iter().flat_map(clap::Command::get_visible_aliases);
+        let aliases: String = aliases.map(|alias| format!(" [alias: {alias}]")).collect();
+        format!("  {name:<8}  {about}{aliases}")
+    };
+    let group = |(heading, names): &(&str, &[&str])| {
+        format!("{heading}:\n{}", names.iter().map(entry).collect::<Vec<_>>().join("\n"))
+    };
+    GROUPS.iter().map(group).collect::<Vec<_>>().join("\n\n")
 }
 
 /// The flag with the requirement of `--dataset` or of drawing, if it only acts with that.
@@ -172,20 +192,32 @@ const FOR_DRAWING: [&str; 4] = ["backend", "adapter", "threads", "simd"];
 /// The flags of `gs convert` that only act with `--dataset`.
 const FOR_DATASET: [&str; 7] = ["holdout", "images", "alpha", "max_size", "allow_outside", "background", "sh_degree"];
 
-const COMMANDS: [&str; 17] = [
-    "fit", "encode", "train", "render", "view", "page", "serve", "eval", "convert", "info", "doctor", "profile",
-    "effects", "paper", "popping", "frontier", "study",
+/// The commands, in the groups and the order of docs/guide.md.
+const GROUPS: [(&str, &[&str]); 7] = [
+    ("Images", &["fit", "encode"]),
+    ("3D scenes", &["train"]),
+    ("Looking at scenes", &["render", "view", "page", "serve"]),
+    ("Quality", &["eval"]),
+    ("Files", &["convert", "info", "doctor"]),
+    ("Cost", &["profile", "effects", "frontier", "popping"]),
+    ("Studies", &["study", "paper"]),
 ];
 
-/// The parser's message without its usage, its pointers to the help and to `--`, and its own
-/// "error:".
-fn essence(message: &str) -> String {
-    let paragraphs = message.split("\n\n").map(str::trim);
+/// The parser's message as one line that ends with this command for help: without its usage, its
+/// pointer to `--`, and its own "error:"; "tip: a similar argument exists" becomes a question.
+fn refusal(message: &str, help: &str) -> String {
+    let lines = message.lines().map(str::trim).take_while(|line| !line.starts_with("Usage:"));
+    let lines = lines.filter(|line| !line.is_empty() && !line.starts_with("For more information"));
+    let (tips, text): (Vec<&str>, Vec<&str>) = lines.partition(|line| line.starts_with("tip: "));
+    let text = text.join(" ");
+    let text = text.strip_prefix("error: ").unwrap_or(&text);
     // The tip about `--` does not help with a misspelt flag.
-    let left_out = ["Usage:", "For more information", "tip: to pass"];
-    let kept = paragraphs.filter(|p| !p.is_empty() && !left_out.iter().any(|beginning| p.starts_with(beginning)));
-    let text = kept.collect::<Vec<_>>().join(": ");
-    text.strip_prefix("error: ").unwrap_or(&text).to_owned()
+    let similar =
+        tips.iter().filter(|tip| tip.contains("similar")).find_map(|tip| tip.split_once("exist")?.1.split_once(": "));
+    match similar {
+        Some((_, names)) => format!("{text}; did you mean {}? (see {help})", names.replace(", ", " or ")),
+        None => format!("{text}; see {help}"),
+    }
 }
 
 #[cfg(test)]
@@ -196,18 +228,95 @@ mod tests {
     fn the_command_line_is_consistent() {
         command().debug_assert();
         let known: Vec<_> = command().get_subcommands().map(|c| c.get_name().to_owned()).collect();
-        assert_eq!(known, COMMANDS);
+        assert_eq!(known, GROUPS.iter().flat_map(|(_, names)| *names).copied().collect::<Vec<_>>());
+    }
+
+    /// The help of a command, as with `--help`.
+    fn help_of(words: &[&str]) -> String {
+        let line = ["gs"].iter().chain(words).chain(&["--help"]);
+        command().try_get_matches_from(line).unwrap_err().to_string()
     }
 
     #[test]
-    fn an_unknown_flag_has_no_tip() {
-        let error = command().try_get_matches_from(["gs", "fit", "--turbo"]).unwrap_err();
-        assert_eq!(essence(&error.to_string()), "unexpected argument '--turbo' found");
+    fn commands_are_listed_in_the_groups_of_the_guide() {
+        let help = help_of(&[]);
+        let guide = include_str!("../../docs/guide.md");
+        let mut from = (0, 0);
+        for (heading, names) in GROUPS {
+            let places = (help.find(&format!("\n{heading}:\n")), guide.find(&format!("\n## {heading}\n")));
+            let (Some(place), Some(in_guide)) = places else { panic!("{heading}: {help}") };
+            assert!(place > from.0 && in_guide > from.1, "{heading}: {help}");
+            from = (place, in_guide);
+            assert!(names.iter().all(|name| help.contains(&format!("\n  {name:<8}  "))), "{help}");
+        }
+        assert!(help.contains("--version") && help.contains("Examples:"), "{help}");
     }
 
     #[test]
-    fn the_essence_of_a_message_is_kept() {
-        let message = "error: invalid value 'x' for '--policy <P>'\n  [possible values: a, b]\n\n  tip: try a\n\nUsage: gs fit\n\nFor more information, try '--help'.\n";
-        assert_eq!(essence(message), "invalid value 'x' for '--policy <P>'\n  [possible values: a, b]: tip: try a");
+    fn the_help_has_the_defaults_of_the_presets() {
+        let (fit, train) = (help_of(&["fit"]), help_of(&["train"]));
+        let has = |help: &str, default: &str| {
+            let words = help.split_whitespace().collect::<Vec<_>>().join(" ");
+            assert!(words.contains(default), "{default}: {words}");
+        };
+        has(&fit, "Loss to minimise [default: l2; paper: l1-dssim]");
+        has(&fit, "0 keeps the initial Gaussians [default: 400; quick: 50, best: 1500, paper: 2500]");
+        has(&fit, "initial Gaussians [default: gradient; paper: random]");
+        has(&fit, "become its colour [default: sum; paper: over]");
+        has(&train, "Loss to minimise [default: l1-dssim");
+        has(&train, "spherical harmonics (SH), 0 to 3 [default: 3");
+        has(&train, "Order of blending [default: global]");
+        has(&train, "1, 2, 4 or 8 [default: 2; 3dgs and mcmc: 1]");
+        for (help, command) in [(&fit, "fit"), (&train, "train")] {
+            assert!(!help.contains("[default: ;") && !help.contains("[default: ]"), "{command}: {help}");
+        }
+    }
+
+    #[test]
+    fn help_speaks_of_its_own_command() {
+        let (fit, train, encode) = (help_of(&["fit"]), help_of(&["train"]), help_of(&["encode"]));
+        assert!(!fit.contains("fastgs") && fit.contains("needs --blend over"), "{fit}");
+        assert!(!train.contains("--blend") && !train.contains("only in gs train"), "{train}");
+        assert!(!encode.contains("loss l"), "{encode}");
+    }
+
+    #[test]
+    fn flags_stand_under_headings_that_fit_them() {
+        let heading = |name: &str, flag: &str| {
+            let command = command();
+            let mut args = command.find_subcommand(name).unwrap().get_arguments();
+            args.find(|arg| arg.get_long() == Some(flag)).unwrap().get_help_heading().map(str::to_owned)
+        };
+        for name in ["fit", "train", "render", "view"] {
+            assert_eq!(heading(name, "effects").as_deref(), Some("Rendering"), "{name}");
+        }
+        assert_eq!(heading("render", "settings"), None);
+    }
+
+    #[test]
+    fn refusals_are_one_line_without_chains_of_colons() {
+        for (words, expected) in [
+            (&["fit", "--turbo"][..], "unexpected argument '--turbo' found; see gs X --help"),
+            (
+                &["fit", "--gausians", "5"],
+                "unexpected argument '--gausians' found; did you mean '--gaussians'? (see gs X --help)",
+            ),
+            (
+                &["fit", "--loss", "l1-dsim"],
+                "invalid value 'l1-dsim' for '--loss <LOSS>' [possible values: l2, l1, l1-dssim]; did you mean 'l1-dssim'? (see gs X --help)",
+            ),
+            (&["fitt"], "unrecognized subcommand 'fitt'; did you mean 'fit'? (see gs X --help)"),
+            (
+                &["render", "a", "-o", "b", "--size", "3"],
+                "invalid value '3' for '--size <WxH>': write it as WIDTHxHEIGHT in whole pixels, such as 1536x1024; see gs X --help",
+            ),
+            (
+                &["encode", "a"],
+                "the following required arguments were not provided: --output <OUTPUT>; see gs X --help",
+            ),
+        ] {
+            let error = command().try_get_matches_from(["gs"].iter().chain(words)).unwrap_err();
+            assert_eq!(refusal(&error.to_string(), "gs X --help"), expected, "{words:?}");
+        }
     }
 }

@@ -16,7 +16,7 @@ pub(crate) struct EffectsArgs {
     /// Effects to simulate: auto (those that change a pixel by more than 1/512), all, or a list of
     /// order, sh-degree, antialias and background; gs effects shows what each one costs [default:
     /// auto]
-    #[arg(long, value_name = "auto|all|LIST")]
+    #[arg(long, value_name = "auto|all|LIST", help_heading = "Rendering")]
     effects: Option<Choice>,
 }
 

@@ -1,17 +1,20 @@
-//! The layout of help texts: lists keep their columns at any width of the terminal.
+//! The layout of texts on a terminal: lines break between words, and lists keep their columns.
 
 use clap::Command;
-use console::Term;
+use console::{Term, measure_text_width};
 
 /// Columns of the help if neither the terminal nor the environment defines them, as in clap.
 const WIDTH: usize = 100;
 
-/// The command with the texts below its help, and below that of its subcommands, wrapped for the
-/// terminal.
-pub(crate) fn wrapped(command: Command) -> Command {
+/// The command with this list in place of its list of subcommands, and with the texts below its help,
+/// and below that of its subcommands, wrapped for the terminal.
+pub(crate) fn wrapped(command: Command, subcommands: &str) -> Command {
     let columns = || std::env::var("COLUMNS").ok()?.parse().ok();
     let width = Term::stdout().size_checked().map(|(_, columns)| columns.into()).or_else(columns).unwrap_or(WIDTH);
-    wrapped_at(command, width)
+    let list = wrap(subcommands, width);
+    let template =
+        format!("{{about-with-newline}}\n{{usage-heading}} {{usage}}\n\n{list}\n\nOptions:\n{{options}}{{after-help}}");
+    wrapped_at(command, width).help_template(template)
 }
 
 fn wrapped_at(command: Command, width: usize) -> Command {
@@ -23,9 +26,10 @@ fn wrapped_at(command: Command, width: usize) -> Command {
     command.mut_subcommands(|subcommand| wrapped_at(subcommand, width))
 }
 
-/// Wraps each line. A line of a list, "  name   what it is", continues below "what it is".
-fn wrap(text: &str, width: usize) -> String {
-    text.lines().map(|line| wrap_line(line, width)).collect::<Vec<_>>().join("\n")
+/// Wraps each line between words. A line of a list, "  name   what it is", continues below "what it
+/// is".
+pub(crate) fn wrap(text: &str, width: usize) -> String {
+    text.split('\n').map(|line| wrap_line(line, width)).collect::<Vec<_>>().join("\n")
 }
 
 fn wrap_line(line: &str, width: usize) -> String {
@@ -34,7 +38,7 @@ fn wrap_line(line: &str, width: usize) -> String {
     // Words with the spaces in front of them.
     for word in line.split_inclusive(' ').fold(Vec::<String>::new(), joined_spaces) {
         let is_first = current.trim().is_empty();
-        if !is_first && current.chars().count() + word.trim_end().chars().count() > width {
+        if !is_first && measure_text_width(&current) + measure_text_width(word.trim_end()) > width {
             lines.push(std::mem::replace(&mut current, indent.clone()));
         }
         current += &word;
@@ -71,9 +75,9 @@ mod tests {
     #[test]
     fn lists_keep_their_columns() {
         let text = "A text of more than twenty columns.\n\nList:\n  a    one\n  bc   two words and more\n";
-        let expected = "A text of more than\ntwenty columns.\n\nList:\n  a    one\n  bc   two words and\n       more";
+        let expected = "A text of more than\ntwenty columns.\n\nList:\n  a    one\n  bc   two words and\n       more\n";
         assert_eq!(wrap(text, 20), expected);
-        assert_eq!(wrap(text.trim_end(), 100), text.trim_end());
+        assert_eq!(wrap(text, 100), text);
         assert_eq!(wrap("  a-long-name   then words", 16), "  a-long-name\n  then words", "no room for two columns");
     }
 }

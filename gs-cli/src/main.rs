@@ -12,6 +12,7 @@ mod cameras;
 mod command_line;
 mod commands;
 mod dataset;
+mod defaults;
 mod effects_args;
 mod failure;
 mod frontier_settings;

@@ -11,9 +11,10 @@ use std::{
     path::Path,
 };
 
+use console::Term;
 use serde::Serialize;
 
-use crate::failure::Failure;
+use crate::{failure::Failure, help};
 
 /// The format of a command's result.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -108,9 +109,16 @@ pub(crate) fn in_columns(rows: &[Vec<String>]) -> String {
     rows.iter().map(line).collect::<Vec<_>>().join("\n")
 }
 
-/// Prints a line to standard error. Errors of writing are ignored.
+/// Prints a line to standard error, wrapped between words if that is a terminal. Errors of writing
+/// are ignored.
 pub(crate) fn note(line: impl Display) {
-    let _ = writeln!(io::stderr().lock(), "{}", lines(line));
+    let columns = Term::stderr().size_checked().map(|(_, columns)| columns.into());
+    let _ = writeln!(io::stderr().lock(), "{}", wrapped(&lines(line), columns));
+}
+
+/// The lines, wrapped at this width if there is one.
+fn wrapped(text: &str, columns: Option<usize>) -> Cow<'_, str> {
+    columns.map_or(Cow::Borrowed(text), |columns| Cow::Owned(help::wrap(text, columns)))
 }
 
 /// A path as one word of a shell's command line.
@@ -138,6 +146,23 @@ mod tests {
             assert!(matches!(printable(shown), Cow::Borrowed(same) if same == shown), "{shown}");
         }
         assert_eq!(lines("one\ntwo\r"), "one\ntwo\\r");
+    }
+
+    #[test]
+    fn notes_are_wrapped_between_words_on_a_terminal() {
+        let note =
+            "cpu (avx512, 2 threads): no GPU was found, the fastest SIMD level of this machine, one thread a core";
+        let at_80 =
+            "cpu (avx512, 2 threads): no GPU was found, the fastest SIMD level of this\nmachine, one thread a core";
+        assert_eq!(wrapped(note, Some(80)), at_80);
+        for columns in [20, 60, 80] {
+            let text = wrapped(note, Some(columns));
+            assert!(text.lines().all(|line| line.len() <= columns), "{text}");
+            assert_eq!(text.split_whitespace().collect::<Vec<_>>(), note.split_whitespace().collect::<Vec<_>>());
+        }
+        assert_eq!(wrapped(note, None), note);
+        assert_eq!(wrapped("a folder\n写真写真 写真", Some(8)), "a folder\n写真写真\n写真", "wide characters");
+        assert_eq!(wrapped("\n0123456789\n", Some(4)), "\n0123456789\n", "long words and line breaks stay");
     }
 
     #[test]

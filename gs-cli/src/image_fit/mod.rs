@@ -4,9 +4,9 @@
 pub(crate) mod batch;
 pub(crate) mod target;
 
-use std::path::PathBuf;
+use std::{path::PathBuf, sync::LazyLock};
 
-use clap::{Args, ValueEnum};
+use clap::{Args, ValueEnum, builder::PossibleValue};
 use gs_backend::{AnyRasterizer, FutureExt as _};
 use gs_core::{Blend, Scene2d, counted, effects::Background};
 use gs_density::Policy;
@@ -45,27 +45,28 @@ pub(crate) struct FitSettingsArgs {
     pub(crate) iterations: Option<u32>,
     /// Density control: which Gaussians grow and which are removed
     #[arg(long, value_enum, value_name = "POLICY")]
-    pub(crate) policy: Option<PolicyName>,
+    pub(crate) policy: Option<FitPolicyName>,
     /// Placement of the initial Gaussians
     #[arg(long, value_enum, value_name = "INIT")]
     pub(crate) init: Option<InitName>,
     /// Loss to minimise
     #[arg(long, value_enum, value_name = "LOSS")]
     pub(crate) loss: Option<LossName>,
-    /// The measure to tune for [default: psnr]
+    /// The measure to tune for; ssim needs loss l2 or l1
     #[arg(long, value_enum, value_name = "MEASURE")]
     pub(crate) tune: Option<TuneName>,
     /// How the Gaussians at a pixel become its colour
     #[arg(long, value_enum, value_name = "BLEND")]
     pub(crate) blend: Option<BlendName>,
-    /// Treatment of Gaussians narrower than a pixel [default: none]
+    /// Treatment of Gaussians narrower than a pixel
     #[arg(long, value_enum, value_name = "ANTIALIAS")]
     pub(crate) antialias: Option<AntialiasName>,
     /// Coordinates of the optimizer
     #[arg(long, value_enum, value_name = "NAME", alias = "chart")]
     pub(crate) parameterization: Option<ParameterizationName>,
     /// Background colour, each part from 0 to 1, such as 1,1,1 for white; with --resume, for
-    /// transparent pixels only
+    /// transparent pixels only [default: white for transparent pixels; with --blend over, the image's mean
+    /// colour for the scene]
     #[arg(long, value_name = "R,G,B")]
     pub(crate) background: Option<Color>,
     /// Seed of all random numbers; the same seed gives the same bits on the same SIMD level or GPU
@@ -84,6 +85,26 @@ pub(crate) enum PresetName {
     Standard,
     /// More steps, a little better
     Best,
+}
+
+/// A density-control policy for images.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct FitPolicyName(PolicyName);
+
+impl ValueEnum for FitPolicyName {
+    fn value_variants<'a>() -> &'a [Self] {
+        static ALL: LazyLock<Vec<FitPolicyName>> =
+            LazyLock::new(|| PolicyName::those(|policy| policy.validate_2d().is_ok()).map(FitPolicyName).collect());
+        &ALL
+    }
+
+    fn to_possible_value(&self) -> Option<PossibleValue> {
+        let possible = self.0.to_possible_value()?;
+        // It moves Gaussians by their opacities, which sums do not have.
+        let needs_over = matches!(Policy::from_name(self.0.0), Ok(Policy::Mcmc(_)));
+        let summary = possible.get_help().map(ToString::to_string).unwrap_or_default();
+        Some(if needs_over { possible.help(format!("{summary}; needs --blend over")) } else { possible })
+    }
 }
 
 /// A placement of the initial Gaussians.
@@ -106,7 +127,7 @@ pub(crate) enum InitName {
 pub(crate) enum TuneName {
     /// PSNR: every pixel counts the same
     Psnr,
-    /// SSIM and MS-SSIM: pixels count more where there is little contrast; not with loss l1-dssim
+    /// SSIM and MS-SSIM: pixels count more where there is little contrast
     Ssim,
 }
 
@@ -284,16 +305,10 @@ mod tests {
         settings(args, &SettingsFile::None, &target()).unwrap()
     }
 
-    /// The policies that an image fit accepts.
-    fn policies() -> impl Iterator<Item = (PolicyName, &'static str)> {
-        let named = PolicyName::value_variants().iter().copied().zip(Policy::NAMES);
-        named.filter(|(_, name)| Policy::from_name(name).unwrap().validate_2d().is_ok())
-    }
-
     #[test]
     fn every_preset_and_every_override_is_read_from_its_toml() {
         for &preset in PresetName::value_variants() {
-            for (policy, _) in policies() {
+            for &policy in FitPolicyName::value_variants() {
                 for &init in InitName::value_variants() {
                     let (preset, policy, init) = (Some(preset), Some(policy), Some(init));
                     let settings = resolved(&FitSettingsArgs { preset, policy, init, ..FitSettingsArgs::default() });
@@ -324,15 +339,18 @@ mod tests {
     }
 
     #[test]
-    fn every_policy_of_the_library_has_its_flag() {
-        let flags: Vec<_> = PolicyName::value_variants().iter().filter_map(|p| p.to_possible_value()).collect();
-        assert_eq!(flags.iter().map(|flag| flag.get_name()).collect::<Vec<_>>(), Policy::NAMES);
-        for (policy, name) in policies() {
-            let settings = resolved(&FitSettingsArgs { policy: Some(policy), ..FitSettingsArgs::default() });
-            assert_eq!(settings.policy.name(), name);
+    fn the_offered_policies_are_those_that_can_fit_images() {
+        let offered: Vec<&str> = FitPolicyName::value_variants().iter().map(|policy| policy.0.0).collect();
+        for name in Policy::NAMES {
+            let fits = Policy::from_name(name).unwrap().validate_2d().is_ok();
+            assert_eq!(offered.contains(&name), fits, "{name}");
         }
-        let fast = FitSettingsArgs { policy: Some(PolicyName("fastgs")), ..FitSettingsArgs::default() };
-        let refused = format!("{:?}", settings(&fast, &SettingsFile::None, &target()).unwrap_err());
-        assert!(refused.contains("fastgs"), "{refused}");
+        for &policy in FitPolicyName::value_variants() {
+            let blend = Some(BlendName::Over);
+            let settings = resolved(&FitSettingsArgs { policy: Some(policy), blend, ..FitSettingsArgs::default() });
+            assert_eq!(settings.policy.name(), policy.0.0);
+            let help = policy.to_possible_value().unwrap().get_help().unwrap().to_string();
+            assert_eq!(help.contains("needs --blend over"), policy.0.0 == "mcmc", "{help}");
+        }
     }
 }

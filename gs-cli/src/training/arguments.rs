@@ -61,21 +61,15 @@ impl CheckpointArgs {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct PolicyName(pub(crate) &'static str);
 
-impl ValueEnum for PolicyName {
-    fn value_variants<'a>() -> &'a [Self] {
-        const ALL: [PolicyName; Policy::NAMES.len()] = {
-            let mut all = [PolicyName(""); Policy::NAMES.len()];
-            let mut at = 0;
-            while at < all.len() {
-                all[at] = PolicyName(Policy::NAMES[at]);
-                at += 1;
-            }
-            all
-        };
-        &ALL
+impl PolicyName {
+    /// The names of policies that pass this test.
+    pub(crate) fn those(pass: impl Fn(&Policy) -> bool) -> impl Iterator<Item = Self> {
+        let passes = move |name: &Self| Policy::from_name(name.0).is_ok_and(|policy| pass(&policy));
+        Policy::NAMES.into_iter().map(Self).filter(passes)
     }
 
-    fn to_possible_value(&self) -> Option<PossibleValue> {
+    /// The name as a value of a flag, with what the policy does.
+    pub(crate) fn to_possible_value(self) -> Option<PossibleValue> {
         Some(PossibleValue::new(self.0).help(Policy::summary(self.0).unwrap_or_default()))
     }
 }

@@ -166,7 +166,7 @@ fn help_and_version_are_results_and_nothing_is_bad_usage() {
 #[test]
 fn an_error_about_a_number_names_its_range() {
     for (words, expected) in [
-        (&["fit", "-n", "-5"][..], "invalid value '-5' for '--gaussians <N>': must be at least 1: see gs fit --help"),
+        (&["fit", "-n", "-5"][..], "invalid value '-5' for '--gaussians <N>': must be at least 1; see gs fit --help"),
         (&["fit", "--iterations", "-1"], "'--iterations <K>': must be at least 0"),
         (&["train", "x", "--sh-degree", "-2"], "must be from 0 to 3"),
         (&["train", "x", "--max-size", "0"], "'--max-size <PX>': must be at least 1 px, such as 1600, or none"),

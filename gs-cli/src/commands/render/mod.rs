@@ -39,8 +39,11 @@ transmittance, and colours are not multiplied by it, as PNG demands.
 With --camera, --orbit moves that camera around the point that the cameras of the data set look at.
 
 A path is a JSON file such as
-  { \"width\": 800, \"height\": 600, \"fov\": 60, \"up\": [0, -1, 0], \"frames\": 90, \"ends\": \"open\",
-    \"keys\": [{ \"position\": [0, 0, -4], \"target\": [0, 0, 0] }, { \"position\": [4, 0, 0], \"target\": [0, 0, 0] }] }
+  { \"width\": 800, \"height\": 600, \"fov\": 60,
+    \"up\": [0, -1, 0], \"frames\": 90, \"ends\": \"open\",
+    \"keys\": [
+      { \"position\": [0, 0, -4], \"target\": [0, 0, 0] },
+      { \"position\": [4, 0, 0], \"target\": [0, 0, 0] }] }
 in the scene's own axes and unit; fov is horizontal, in degrees.";
 
 /// The help of `--background` of `gs render`.
@@ -72,11 +75,11 @@ pub(crate) struct RenderArgs {
     /// the border
     #[arg(long, value_name = "X,Y,W,H", allow_hyphen_values = true, conflicts_with_all = ["camera", "orbit", "path"])]
     region: Option<Region>,
-    #[command(flatten)]
-    cameras: CameraArgs,
     /// Settings file of gs frontier, with accuracy, effects and backend; flags override it
     #[arg(long, value_name = "FILE.toml")]
     settings: Option<PathBuf>,
+    #[command(flatten)]
+    cameras: CameraArgs,
     #[command(flatten)]
     effects: EffectsArgs,
     #[command(flatten)]

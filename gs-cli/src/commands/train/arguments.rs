@@ -168,12 +168,11 @@ pub(crate) struct TrainSettingsArgs {
     /// Train with images of 1/F of their size first, then half of that, and so on: 1, 2, 4 or 8
     #[arg(long, value_name = "F", value_parser = whole::<u32>(1..=8))]
     pub(crate) coarse: Option<u32>,
-    /// How to treat differences in exposure and white balance between the images [default: auto
-    /// with preset standard, otherwise off]
+    /// How to treat differences in exposure and white balance between the images
     #[arg(long, value_enum, value_name = "WHICH")]
     pub(crate) exposure: Option<ExposureName>,
     /// Weight of the data set's depth maps in the loss of the first step; it falls to a hundredth of
-    /// that. 1 is usual. With 0, depth maps only give initial Gaussians [default: 0]
+    /// that. 1 is usual. With 0, depth maps only give initial Gaussians
     #[arg(long, value_name = "W")]
     pub(crate) depth_weight: Option<f32>,
     /// Which Gaussians a step moves
@@ -213,9 +212,8 @@ pub(crate) struct TrainPolicyName(PolicyName);
 impl ValueEnum for TrainPolicyName {
     fn value_variants<'a>() -> &'a [Self] {
         static ALL: LazyLock<Vec<TrainPolicyName>> = LazyLock::new(|| {
-            let trains =
-                |name: &PolicyName| Policy::from_name(name.0).is_ok_and(|policy| policy.for_3d().validate_3d().is_ok());
-            PolicyName::value_variants().iter().copied().filter(trains).map(TrainPolicyName).collect()
+            let trains = |policy: &Policy| policy.clone().for_3d().validate_3d().is_ok();
+            PolicyName::those(trains).map(TrainPolicyName).collect()
         });
         &ALL
     }

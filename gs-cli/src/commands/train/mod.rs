@@ -26,7 +26,7 @@ use gs_train::{
     train::{Start as Initial, Views},
 };
 
-pub(crate) use self::arguments::TrainArgs;
+pub(crate) use self::arguments::{ExposureName, ParticipantsName, TrainArgs};
 use self::{results::Results, time_limit::TimeLimit};
 use crate::{
     dataset::{AlphaName, DatasetArgs, remark_text},
