@@ -47,7 +47,10 @@ pub use crate::{
     clamped::Clamped,
     count::count_for_psnr,
     draw::draw_picture,
-    encode::{EncodeImage, EncodeLayers, EncodeSettings, EncodeTarget, Encoded, encode},
+    encode::{
+        EncodeImage, EncodeLayers, EncodeProgress, EncodeSettings, EncodeTarget, EncodeWork, Encoded, encode,
+        encode_observed,
+    },
     error::Error,
     fit::{Fit, FitTarget, fit},
     flat::mean_color,

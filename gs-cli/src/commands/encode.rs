@@ -1,6 +1,7 @@
 //! `gs encode`: images become compressed `.gsi` files.
 
 mod page;
+mod progress;
 
 use std::path::{Path, PathBuf};
 
@@ -8,9 +9,10 @@ use clap::Args;
 use gs_backend::{Chosen, FutureExt as _};
 use gs_core::{Blend, RenderSettings, counted};
 use gs_io::{GSI_EXTENSION, IccProfile, Inputs, StoredImage, read_stored_image, write_durably};
-use gs_train::{EncodeLayers, EncodeSettings, EncodeTarget, Encoded, Tune, encode};
+use gs_train::{EncodeLayers, EncodeProgress, EncodeSettings, EncodeTarget, Encoded, Tune, encode_observed};
 use serde::Serialize;
 
+use self::progress::Display;
 use crate::{
     backend::BackendArgs,
     failure::Failure,
@@ -162,7 +164,10 @@ fn run_one(args: &EncodeArgs, image: &Path) -> Result<(), Failure> {
     work.need().check_and_print()?;
     let backend = args.backend.open_to_render_2d(&RenderSettings::blended(Blend::Sum))?;
     output::note(&backend.reason);
-    let summary = work.write(&backend, &args.output)?;
+    let display = Display::new();
+    let summary = work.write(&backend, &args.output, &|progress| display.show(progress));
+    display.clear();
+    let summary = summary?;
     if args.page {
         let page = page::path(&args.output);
         page::write(&backend, &work, &summary, &args.output, &page)?;
@@ -201,7 +206,7 @@ fn run_several(args: &EncodeArgs, images: &[BatchImage]) -> Result<(), Failure> 
         work.image.remarks.iter().for_each(named);
         work.need().check()?;
         let file = folder.file(&name(image));
-        let summary = work.write(on, &file)?;
+        let summary = work.write(on, &file, &|_| ())?;
         if args.page {
             page::write(on, &work, &summary, &file, &folder.file(&page_name(image)))?;
         }
@@ -241,11 +246,11 @@ impl<'a> Work<'a> {
     }
 
     /// Encodes the image and writes the file.
-    fn write(&self, on: &Chosen, path: &Path) -> Result<Summary, Failure> {
+    fn write(&self, on: &Chosen, path: &Path, observer: &dyn Fn(EncodeProgress)) -> Result<Summary, Failure> {
         let StoredImage { image, alpha, profile, .. } = &self.image;
         let (width, height) = image.size();
         let Encoded { bytes, gaussians, psnr, seconds, .. } =
-            encode(&on.rasterizer, &self.image, &self.settings).block_on()?;
+            encode_observed(&on.rasterizer, &self.image, &self.settings, observer).block_on()?;
         write_durably(path, |file| file.write_all(&bytes))?;
         Ok(Summary {
             image: batch::shown(self.file),

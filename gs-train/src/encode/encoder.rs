@@ -13,6 +13,7 @@ use gs_core::{
 use super::{
     bands::{Band, bands},
     layers::FirstLayer,
+    progress::{EncodeWork, Report},
     sequence,
     settings::{EncodeSettings, EncodeTarget},
 };
@@ -104,6 +105,7 @@ pub(super) struct Encoder<'a, R> {
     layers: Vec<Layer>,
     done: Scene2d,
     forecast: Forecast,
+    report: &'a Report<'a>,
 }
 
 /// A fit: a scene of each band, in coordinates of the whole image.
@@ -156,11 +158,12 @@ impl<'a, R: Optimizer<Scene2d>> Encoder<'a, R> {
         background: [u8; 3],
         weights: Option<Vec<f32>>,
         settings: &EncodeSettings,
+        report: &'a Report<'a>,
     ) -> Result<Self, Error> {
         let of_weights = weights.as_ref().map_or(0, |weights| weights.len() as u64 * WEIGHT);
         let bands = bands(image, settings.memory.saturating_sub(of_weights))?;
         let (forecast, layers, done) = (Forecast::new(image), Vec::new(), Scene2d::default());
-        Ok(Self { on, image, background, weights, seed: settings.seed, bands, layers, done, forecast })
+        Ok(Self { on, image, background, weights, seed: settings.seed, bands, layers, done, forecast, report })
     }
 
     /// The weights of the pixels that a band is fitted to.
@@ -180,13 +183,15 @@ impl<'a, R: Optimizer<Scene2d>> Encoder<'a, R> {
 
     async fn fit(&mut self, preset: Preset, count: u32) -> Result<Fitted, Error> {
         let (mut parts, mut above, mut error) = (Vec::new(), self.done.clone(), MeanError::default());
+        let mut stage = self.report.begin(EncodeWork::Fit, count as usize, self.bands.len());
         for band in &self.bands {
             let drawn = self.drawn(band, &above).await?;
             let target = sequence::difference(&band.with_overlap(self.image)?, &drawn)?;
             let mut settings = preset.settings(band.count(count), target.size());
             settings.seed = self.seed;
             let target = FitTarget { image: &target, weights: self.weights_of(band) };
-            let fit = fit(self.on, target, settings.clone(), &mut ()).await?;
+            let fit = fit(self.on, target, settings.clone(), &mut stage).await?;
+            stage.end_band();
             let drawn = band.without_overlap(&sequence::sum(&drawn, &fit.image)?)?;
             error.add(&drawn, &band.part_of(self.image)?)?;
             let (scene, beyond) = band.split(&fit.scene);
@@ -267,6 +272,7 @@ impl<'a, R: Optimizer<Scene2d>> Encoder<'a, R> {
     /// Quantizes a fit in turns, as the last layers.
     async fn quantized(&self, fitted: &Fitted, step: f64) -> Result<Attempt, Error> {
         let (mut layers, mut above) = (Vec::new(), self.done.clone());
+        let mut stage = self.report.begin(EncodeWork::Rounding, fitted.len(), self.bands.len());
         for (band, BandFit { scene, beyond, settings }) in self.bands.iter().zip(&fitted.parts) {
             let all = self.quantizer(step, band, scene);
             let kept: Scene2d = scene.iter().filter(|g| all.quantize(g).is_some()).collect();
@@ -274,7 +280,9 @@ impl<'a, R: Optimizer<Scene2d>> Encoder<'a, R> {
             let others: Scene2d = above.iter().chain(beyond.iter()).collect();
             let target = sequence::difference(&band.with_overlap(self.image)?, &self.drawn(band, &others).await?)?;
             let target = FitTarget { image: &target, weights: self.weights_of(band) };
-            let codes = sequence::quantize(self.on, (target, &band.canvas()), &kept, &quantizer, settings).await?;
+            let codes =
+                sequence::quantize(self.on, (target, &band.canvas()), &kept, &quantizer, settings, &stage).await?;
+            stage.end_band();
             above = above.iter().chain(codes.iter().map(|code| quantizer.reconstruct(code))).collect();
             layers.push(Layer { head: *quantizer.head(), codes });
         }

@@ -6,6 +6,7 @@
 mod bands;
 mod encoder;
 mod layers;
+mod progress;
 mod sequence;
 mod settings;
 mod transparent;
@@ -16,11 +17,15 @@ use gs_io::StoredImage;
 use web_time::Instant;
 
 pub(crate) use self::bands::LEAST_FITTED_ROWS;
-pub use self::settings::{EncodeLayers, EncodeSettings, EncodeTarget};
 use self::{
     encoder::{Encoder, Part},
     layers::FirstLayer,
+    progress::Report,
     transparent::transparent,
+};
+pub use self::{
+    progress::{EncodeProgress, EncodeWork},
+    settings::{EncodeLayers, EncodeSettings, EncodeTarget},
 };
 use crate::{error::Error, flat::mean_color, memory};
 
@@ -75,6 +80,19 @@ pub async fn encode<R: Optimizer<Scene2d>>(
     image: impl Into<EncodeImage<'_>>,
     settings: &EncodeSettings,
 ) -> Result<Encoded, Error> {
+    encode_observed(rasterizer, image, settings, &|_| ()).await
+}
+
+/// [`encode`], which reports how far it is at the beginning of each stage and after each of its steps.
+///
+/// # Errors
+/// Those of [`encode`].
+pub async fn encode_observed<R: Optimizer<Scene2d>>(
+    rasterizer: &R,
+    image: impl Into<EncodeImage<'_>>,
+    settings: &EncodeSettings,
+    observer: &dyn Fn(EncodeProgress),
+) -> Result<Encoded, Error> {
     settings.validate()?;
     let EncodeImage { image, alpha, profile } = image.into();
     TargetImage { alpha, ..image.into() }.validate()?;
@@ -87,9 +105,10 @@ pub async fn encode<R: Optimizer<Scene2d>>(
     }
     let started = Instant::now();
     let target = settings.target.without(profile_bytes(profile) as u64);
+    let report = Report::new(observer);
     let made = match alpha {
-        None => opaque(rasterizer, image, target, settings).await,
-        Some(alpha) => transparent(rasterizer, image, alpha, target, settings).await,
+        None => opaque(rasterizer, image, target, settings, &report).await,
+        Some(alpha) => transparent(rasterizer, image, alpha, target, settings, &report).await,
     };
     let Made { picture, gaussians, psnr } = made.map_err(|error| match error {
         Error::Unreachable { .. } => settings.target.unreachable(),
@@ -122,9 +141,10 @@ async fn opaque<R: Optimizer<Scene2d>>(
     image: &Image,
     target: EncodeTarget,
     settings: &EncodeSettings,
+    report: &Report<'_>,
 ) -> Result<Made, Error> {
     let background = mean_color(image).map(to_8_bits);
-    let encoder = Encoder::new(on, image, background, settings.tune.weights(image), settings)?;
+    let encoder = Encoder::new(on, image, background, settings.tune.weights(image), settings, report)?;
     let Part { picture, gaussians, psnr, .. } = encoder.encode(target, FirstLayer::of(settings.layers)).await?;
     Ok(Made { picture, gaussians, psnr })
 }

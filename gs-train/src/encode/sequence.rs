@@ -10,6 +10,7 @@ use gs_core::{
     TrainStep,
 };
 
+use super::progress::Stage;
 use crate::{error::Error, fit::FitTarget, settings::FitSettings};
 
 /// Groups of Gaussians.
@@ -31,6 +32,7 @@ pub(super) async fn quantize<R: Optimizer<Scene2d>>(
     scene: &Scene2d,
     quantizer: &Quantizer,
     settings: &FitSettings,
+    stage: &Stage<'_>,
 ) -> Result<Vec<Code>, Error> {
     let render = RenderSettings::blended(Blend::Sum);
     let mut rest: Vec<Gaussian2d> = scene.iter().collect();
@@ -59,6 +61,7 @@ pub(super) async fn quantize<R: Optimizer<Scene2d>>(
         }
         on.solve_colors(&mut splats, canvas, &goal, &render, SOLVER_ITERATIONS).await?;
         rest = on.download(&splats).await?.iter().collect();
+        stage.report((group + 1) as f64 / GROUPS as f64);
     }
     Ok(codes)
 }

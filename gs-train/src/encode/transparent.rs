@@ -12,6 +12,7 @@ use super::{
     EncodeSettings, Made,
     encoder::{Encoder, Part},
     layers::FirstLayer,
+    progress::Report,
     settings::EncodeTarget,
 };
 use crate::{error::Error, memory::TRANSPARENT};
@@ -34,13 +35,14 @@ pub(super) async fn transparent<R: Optimizer<Scene2d>>(
     alpha: &[f32],
     target: EncodeTarget,
     settings: &EncodeSettings,
+    report: &Report<'_>,
 ) -> Result<Made, Error> {
     let (first, background) = (FirstLayer::of(settings.layers), median(alpha));
     let waiting = alpha.len() as u64 * TRANSPARENT;
     let settings = &settings.with(|s| s.memory = s.memory.saturating_sub(waiting));
     let grey = Image::from_pixels(image.width(), image.height(), alpha.iter().map(|&alpha| [alpha; 3]).collect())?;
     let of_alpha = async |target| {
-        let encoder = Encoder::new(on, &grey, [background; 3], None, settings)?;
+        let encoder = Encoder::new(on, &grey, [background; 3], None, settings, report)?;
         encoder.encode(target, first.map(FirstLayer::of_alpha)).await
     };
     let alpha_part = match target {
@@ -60,7 +62,7 @@ pub(super) async fn transparent<R: Optimizer<Scene2d>>(
     let colors = premultiplied(image, alpha)?;
     // Pixels that are not seen count most, as their black has no contrast. To fade them by their alpha
     // loses 0.4 dB and 0.0007 of MS-SSIM on white.
-    let encoder = Encoder::new(on, &colors, [0; 3], settings.tune.weights(&colors), settings)?;
+    let encoder = Encoder::new(on, &colors, [0; 3], settings.tune.weights(&colors), settings, report)?;
     let target = target.without(alpha_part.bytes - HEADER_BYTES);
     let colors = encoder.encode(target, first.map(FirstLayer::of_colors)).await?;
     Ok(joined(colors, alpha_part, background))

@@ -8,7 +8,8 @@ use gs_core::{
 use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_io::{File2d, GsiFile, decode_gsi, premultiplied, straight};
 use gs_train::{
-    EncodeImage, EncodeLayers, EncodeSettings, EncodeTarget, Encoded, Error, ImageQuality, Tune, encode, l1_and_psnr,
+    EncodeImage, EncodeLayers, EncodeSettings, EncodeTarget, EncodeWork, Encoded, Error, ImageQuality, Tune, encode,
+    encode_observed, l1_and_psnr,
 };
 use pollster::FutureExt as _;
 
@@ -35,6 +36,25 @@ fn encoded_in<'a>(
 ) -> Result<Encoded, Error> {
     let cpu = CpuRasterizer::new(CpuSettings::default()).unwrap();
     encode(&cpu, image, &EncodeSettings::default().with(|s| (s.target, s.layers) = (target, layers))).block_on()
+}
+
+#[test]
+fn an_encoder_reports_its_stages_from_beginning_to_end() {
+    let (image, cpu) = (picture(), CpuRasterizer::new(CpuSettings::default()).unwrap());
+    let reports = std::cell::RefCell::new(Vec::new());
+    let settings = EncodeSettings::default().with(|s| s.target = EncodeTarget::Bytes(500));
+    let observer = |progress| reports.borrow_mut().push(progress);
+    let watched = encode_observed(&cpu, &image, &settings, &observer).block_on().unwrap();
+    assert_eq!(watched.bytes, encode(&cpu, &image, &settings).block_on().unwrap().bytes);
+    let reports = reports.into_inner();
+    let stages: Vec<_> = reports.chunk_by(|a, b| a.stage == b.stage).collect();
+    let works: Vec<EncodeWork> = stages.iter().map(|stage| stage[0].work).collect();
+    assert!(works.starts_with(&[EncodeWork::Fit, EncodeWork::Fit, EncodeWork::Rounding]), "{works:?}");
+    for (stage, number) in stages.iter().zip(1..) {
+        assert!(stage.iter().all(|progress| progress.stage == number && progress.gaussians > 0), "{stage:?}");
+        assert!(stage.is_sorted_by(|a, b| a.done <= b.done) && stage[0].done == 0.0, "{stage:?}");
+        assert!(stage.last().is_some_and(|last| (0.9..=1.0).contains(&last.done)), "{stage:?}");
+    }
 }
 
 #[test]
