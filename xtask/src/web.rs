@@ -209,3 +209,22 @@ fn has_program(name: &str) -> bool {
     let run = Command::new(name).arg("--version").stdout(Stdio::null()).stderr(Stdio::null()).status();
     run.is_ok_and(|status| status.success())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_installed_page_is_replaced_with_its_folders() {
+        let place = env::temp_dir().join(format!("gs-xtask-page-{}", std::process::id()));
+        let [built, installed] = ["built", "share/gs/page"].map(|folder| place.join(folder));
+        fs::create_dir_all(built.join("threads")).unwrap();
+        fs::create_dir_all(&installed).unwrap();
+        fs::write(built.join("threads/worker.js"), "new").unwrap();
+        fs::write(installed.join("old.js"), "old").unwrap();
+        copy_folder(&built, &installed).unwrap();
+        assert_eq!(fs::read_to_string(installed.join("threads/worker.js")).unwrap(), "new");
+        assert!(!installed.join("old.js").exists());
+        fs::remove_dir_all(&place).unwrap();
+    }
+}
