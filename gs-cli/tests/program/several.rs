@@ -146,7 +146,7 @@ fn a_page_is_written_beside_the_file_and_replaces_no_other() {
     let (gsi, page) = (path("a.gsi"), path("a.html"));
     let words = ["encode", image.to_str().unwrap(), "-o", &gsi, "--quality", "30", "--backend", "cpu", "--page"];
     fs::write(&page, "mine").unwrap();
-    assert!(gs(words).refusal().contains("a.html: is in the way"));
+    assert!(gs(words).refusal().contains("a.html: exists and was not written by gs encode --page"));
     assert!(!Path::new(&gsi).exists());
     gs(words.iter().chain(&["--overwrite"])).done();
     let text = fs::read_to_string(&page).unwrap();
