@@ -6,6 +6,7 @@ mod evidence;
 mod fit;
 mod fixture_2d;
 mod fixture_3d;
+mod frame;
 mod panorama;
 mod recovery;
 mod reduction;

@@ -6,10 +6,7 @@ use std::sync::Arc;
 use crate::fixture_3d::{LENS, changed, rasterizer, render, short, thirty, views};
 use gs_core::{Adam, Image, Participants, Scene, Scene3d, TensorData, adam::Group, constants::SH_C0, sigmoid};
 use gs_density::Policy;
-use gs_io::{
-    WorldFrame,
-    dataset::{Point, PosedImage},
-};
+use gs_io::dataset::{Point, PosedImage};
 use gs_train::{
     Control, Error, MetricsLog, Observer, Outcome, Progress, TrainPreset, TrainSettings, Trainer3d,
     train::{
@@ -517,24 +514,4 @@ fn a_3d_training_that_diverges_names_step_and_gaussian() {
     assert!(suspect.index < 30 && suspect.to_string().contains("SH"), "{suspect}");
     // No checkpoint is made of the result.
     assert!(matches!(trainer.checkpoint().block_on(), Err(Error::Diverged { .. })));
-}
-
-#[test]
-fn the_frame_of_the_views_is_that_of_checkpoint_and_summary() {
-    let rasterizer = rasterizer();
-    let frame = WorldFrame { origin: glam::DVec3::new(4.5e6, -0.1, 3.0), unit: 100.0 };
-    let folder = tempfile::tempdir().unwrap();
-    for frame in [frame, WorldFrame::WORLD] {
-        let views = Views { frame, ..views(&rasterizer) };
-        let mut trainer = Trainer3d::from_views(&rasterizer, views, Start::Random, short(1)).block_on().unwrap();
-        trainer.run(&mut ()).block_on().unwrap();
-        let file = folder.path().join("checkpoint.safetensors");
-        gs_io::write_checkpoint(&file, &trainer.checkpoint().block_on().unwrap()).unwrap();
-        let gs_io::AnyScene::ThreeD(read) = gs_io::read_scene(&file, gs_io::Values::Checked).unwrap().scene else {
-            panic!("a 2D scene")
-        };
-        assert_eq!(read.trained_with.frame, frame);
-        let evaluation = trainer.evaluate(&mut |_, _| Ok(())).block_on().unwrap();
-        assert_eq!(TrainSummary::new(&trainer, evaluation).block_on().unwrap().frame, frame);
-    }
 }
