@@ -36,9 +36,10 @@ fn reprojection_errors(dataset: &Dataset, model: &ColmapModel) -> (f64, f64, usi
 fn banana() {
     let Some(folder) = data::find("banana") else { return };
     let dataset = read(&folder);
-    assert_eq!((dataset.kind, dataset.views.len(), dataset.points.len()), (DatasetKind::Colmap, 14, 6277));
+    assert_eq!((dataset.kind, dataset.views.len(), dataset.points.len()), (DatasetKind::Colmap, 14, 5932));
     assert_eq!((dataset.views_of(Split::Test).count(), dataset.views_of(Split::Train).count()), (2, 12));
-    assert_eq!(dataset.remarks, [Remark::Scaled { count: 14, from: (1600, 1063), to: (800, 532) }]);
+    let scaled = Remark::Scaled { count: 14, from: (1600, 1063), to: (800, 532) };
+    assert_eq!(dataset.remarks, [scaled, Remark::PointsCoincide { count: 345 }]);
     let model = ColmapModel::read(&folder.join("sparse/0")).unwrap();
     let full = model.cameras.values().next().unwrap().source().unwrap();
     let camera = dataset.views[0].camera;
@@ -55,8 +56,9 @@ fn banana() {
 fn lund_door() {
     let Some(folder) = data::find("lund_door") else { return };
     let dataset = read(&folder);
-    assert_eq!((dataset.kind, dataset.views.len(), dataset.points.len()), (DatasetKind::Colmap, 12, 11_384));
-    assert_eq!(dataset.remarks, [Remark::Undistorted { count: 12, lens: "Brown-Conrady" }]);
+    assert_eq!((dataset.kind, dataset.views.len(), dataset.points.len()), (DatasetKind::Colmap, 12, 10_960));
+    let undistorted = Remark::Undistorted { count: 12, lens: "Brown-Conrady" };
+    assert_eq!(dataset.remarks, [undistorted, Remark::PointsCoincide { count: 424 }]);
     let view = &dataset.views[0];
     assert!(matches!(view.source.lens.distortion(), Distortion::BrownConrady(lens) if lens.radial[0] == -0.0336422));
     assert_eq!((view.source.width, view.source.height), (1296, 1936));
@@ -79,12 +81,13 @@ fn lund_door() {
     for id in
         model.images.iter().find(|image| image.name == view.name).unwrap().observations.iter().filter_map(|o| o.point)
     {
-        let point = &dataset.points[numbers[&id]];
-        let (pixel, _) = view.camera.project(point.position).unwrap();
+        let point = &model.points[numbers[&id]];
+        let color = point.color.map(|c| f32::from(c) / 255.0);
+        let (pixel, _) = view.camera.project(point.position.as_vec3()).unwrap();
         let (x, y) = (pixel.x as u32, pixel.y as u32);
         if x < view.camera.width && y < view.camera.height {
-            at_place += difference(point.color, posed.image.pixel(x, y));
-            elsewhere += difference(point.color, posed.image.pixel(view.camera.width - 1 - x, y));
+            at_place += difference(color, posed.image.pixel(x, y));
+            elsewhere += difference(color, posed.image.pixel(view.camera.width - 1 - x, y));
             seen += 1.0;
         }
     }
