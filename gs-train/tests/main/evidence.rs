@@ -224,7 +224,7 @@ fn fits_of_images_refuse_policies_that_need_views() {
     let settings = || FitSettings::standard(20).with(|s| s.rounds = Rounds::until(5, 10));
     let named = settings().with_policy(Policy::from_name("fastgs").unwrap());
     let refused = Trainer::new(&rasterizer, &target, named).block_on().err().map(|e| e.to_string()).unwrap();
-    assert!(refused.contains("fastgs") && refused.contains("only training in 3D"), "{refused}");
+    assert!(refused.contains("fastgs") && refused.contains("several views of a 3D scene"), "{refused}");
     let own: Trainer<'_, _, Scene2d> = Trainer::new(&rasterizer, &target, settings()).block_on().unwrap();
     let error = own.controlled_by(Arc::new(CuriousIn2d)).step_once().block_on().unwrap_err();
     assert!(matches!(&error, Error::Core(CoreError::State(_))), "{error:?}");
