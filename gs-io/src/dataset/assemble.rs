@@ -21,6 +21,7 @@ use super::{
     pose::Pose,
     shrink, split,
     tally::Tally,
+    wide,
 };
 use crate::{
     WorldFrame,
@@ -91,13 +92,15 @@ pub(super) struct Intrinsics {
     /// Columns and rows of the calibration, px; by default those of the image.
     pub(super) size: Option<DVec2>,
     pub(super) distortion: Distortion,
+    /// Radius of the image circle about the principal point, px of the calibration, if it is stated.
+    pub(super) circle: Option<f64>,
 }
 
 impl Intrinsics {
     /// Those of a 360° image of this size.
     pub(super) fn panorama(size: Option<DVec2>) -> Self {
         let distortion = Distortion::Equirectangular { face: CubeFace::default() };
-        Self { focal: Focal::Sphere, center: None, size, distortion }
+        Self { focal: Focal::Sphere, center: None, size, distortion, circle: None }
     }
 
     /// The camera of an image of `width` × `height` px, calibrated at `calibrated` px.
@@ -113,6 +116,8 @@ impl Intrinsics {
             }
         };
         let center = self.center.unwrap_or(0.5 * calibrated) * scale;
+        // The image circle is one in the image as it was calibrated.
+        let lens = self.circle.map_or(lens, |radius| lens.within(radius / focal));
         SourceCamera { width, height, focal: focal * scale, center, lens }
     }
 }
@@ -177,7 +182,7 @@ pub(super) fn assemble(parts: Parts<'_>, settings: &DatasetSettings) -> Result<D
     for draft in &drafts {
         match make_views(draft, &mut finder, settings, &mut lenses) {
             Ok(Made { views: made, calibrated, renamed, remarks }) => {
-                tally.count(&made[0], calibrated, &remarks);
+                tally.count(&made, calibrated, &remarks);
                 if renamed {
                     tally.count_renamed(&draft.name, root, &made[0].image);
                 }
@@ -282,7 +287,7 @@ fn search_folders(root: &Path, settings: &DatasetSettings) -> Vec<PathBuf> {
 
 /// A usable image.
 struct Made {
-    /// Its views: the faces of a 360° image, or one.
+    /// Its views: the faces of a 360° image or of a wide fish-eye, or one.
     views: Vec<View>,
     /// Columns and rows of its camera's calibration.
     calibrated: (u64, u64),
@@ -341,11 +346,15 @@ fn make_views(
         let detail = format!("it is {}x{} px", size.0, size.1);
         return Err(Refusal::new(Skip::Panorama, detail));
     }
-    let lens = lenses.get(intrinsics.distortion).ok_or_else(|| bad_camera("no such lens is possible"))?;
+    let (lens, wide) = lenses.get(intrinsics.distortion).ok_or_else(|| bad_camera("no such lens is possible"))?;
     let source = intrinsics.source(calibrated, size, lens);
     if let Some(fault) = source.fault() {
         return Err(bad_camera(&fault));
     }
+    let faces = match panorama {
+        true => Some(panorama_faces(&source)?),
+        false => wide::faces(&source, &intrinsics.source(calibrated, size, wide).lens, intrinsics.circle.is_some()),
+    };
     let view = |name: String, source: SourceCamera, pose: &Pose| {
         let full = camera(&source.pinhole(), pose)?;
         let camera = match settings.max_side {
@@ -354,20 +363,27 @@ fn make_views(
         };
         let (image, mask, alpha) = (image.clone(), draft.mask.clone(), settings.alpha);
         // Networks and sensors do not write depths for all directions in one convention.
-        let depth = draft.depth.clone().filter(|_| !panorama);
+        let depth = draft.depth.clone().filter(|_| source.face().is_none());
         Ok(View { name, camera, full, source, image, orientation, mask, depth, alpha, split: Split::Train })
     };
-    let face = |face: CubeFace| {
-        let lens = Lens::new(Distortion::Equirectangular { face }).ok_or(Skip::BadCamera)?;
-        let name = format!("{}#{}", draft.name, face.name());
-        view(name, SourceCamera { lens, ..source }, &face.pose(&pose))
+    let face = |(face, source): (CubeFace, SourceCamera)| {
+        view(format!("{}#{}", draft.name, face.name()), source, &face.pose(&pose))
     };
-    let views = match panorama {
-        true => CubeFace::ALL.into_iter().map(face).collect::<Result<_, Skip>>()?,
-        false => vec![view(draft.name.clone(), source, &pose)?],
+    let views = match faces {
+        Some(faces) => faces.into_iter().map(face).collect::<Result<_, Skip>>()?,
+        None => vec![view(draft.name.clone(), source, &pose)?],
     };
     let calibrated = (calibrated.x.round() as u64, calibrated.y.round() as u64);
     Ok(Made { views, calibrated, renamed: found.renamed, remarks: header.remarks })
+}
+
+/// The faces of a 360° image with their cameras.
+fn panorama_faces(source: &SourceCamera) -> Result<Vec<(CubeFace, SourceCamera)>, Skip> {
+    let of_face = |face| {
+        let lens = Lens::new(Distortion::Equirectangular { face }).ok_or(Skip::BadCamera)?;
+        Ok((face, SourceCamera { lens, ..*source }))
+    };
+    CubeFace::ALL.into_iter().map(of_face).collect()
 }
 
 /// Checks that a mask can be read and has the shape of its image.
@@ -420,14 +436,15 @@ fn fit(intrinsics: &Intrinsics, sizes: &ImageHeader, shrunk: f64) -> Result<(Ori
 
 /// Caches lenses, which neighbouring views share: checking one for folds takes a millisecond.
 #[derive(Default)]
-struct Lenses(Option<(Distortion, Option<Lens>)>);
+struct Lenses(Option<(Distortion, Option<(Lens, Lens)>)>);
 
 impl Lenses {
-    fn get(&mut self, distortion: Distortion) -> Option<Lens> {
+    /// The lens to 89° from the axis, and to the angle at which it ends.
+    fn get(&mut self, distortion: Distortion) -> Option<(Lens, Lens)> {
         match self.0 {
             Some((last, lens)) if last == distortion => lens,
             _ => {
-                let lens = Lens::new(distortion);
+                let lens = Lens::new(distortion).map(|lens| (lens, lens.wide()));
                 self.0 = Some((distortion, lens));
                 lens
             }

@@ -57,7 +57,7 @@ impl CubeFace {
 
     /// The rotation whose columns are the face's right, down and forward, in the axes of the 360°
     /// camera (right, down, forward).
-    fn axes(self) -> DMat3 {
+    pub(super) fn axes(self) -> DMat3 {
         let (right, down, forward) = match self {
             Self::Front => (DVec3::X, DVec3::Y, DVec3::Z),
             Self::Right => (DVec3::NEG_Z, DVec3::Y, DVec3::X),

@@ -8,11 +8,20 @@ use std::f64::consts::FRAC_PI_2;
 
 use glam::{DMat2, DVec2};
 
-use super::distortion::{Distortion, Plane};
+use super::{
+    cube::CubeFace,
+    distortion::{Distortion, Plane},
+};
 
 /// Largest angle of rays from the axis, rad (89°): a pinhole image would need an infinite plane
 /// beyond.
 const MAX_ANGLE: f64 = FRAC_PI_2 * 89.0 / 90.0;
+
+/// The same for the faces of a cube around a fish-eye, rad (175°).
+const MAX_WIDE_ANGLE: f64 = FRAC_PI_2 * 175.0 / 90.0;
+
+/// Directions in which the angle of an image circle is taken.
+const CIRCLE_POINTS: u32 = 64;
 
 /// Share of the areas at the centre below which the lens has folded or is about to: a pixel would
 /// be stretched over a hundred.
@@ -36,12 +45,14 @@ pub struct Lens {
     distortion: Distortion,
     /// Largest radius in the distortion's plane for which it is one-to-one.
     limit: f64,
+    /// The face of a cube whose rays are meant, instead of those about the axis.
+    face: Option<CubeFace>,
 }
 
 impl Default for Lens {
     /// A pinhole.
     fn default() -> Self {
-        Self { distortion: Distortion::None, limit: MAX_ANGLE.tan() }
+        Self { distortion: Distortion::None, limit: MAX_ANGLE.tan(), face: None }
     }
 }
 
@@ -58,9 +69,35 @@ impl Lens {
                 Distortion::Division { k } if k > 0.0 => MAX_ANGLE.tan().min(0.5 / k.sqrt()),
                 _ => MAX_ANGLE.tan(),
             },
-            None => fold(&distortion),
+            None => fold(&distortion, MAX_ANGLE),
         };
-        (limit > 0.0).then_some(Self { distortion, limit })
+        (limit > 0.0).then_some(Self { distortion, limit, face: None })
+    }
+
+    /// The lens for rays of any direction, of which a face of a cube shows a part: to where it folds,
+    /// or to 175° from the axis. Lenses whose formula ends at a right angle stay as they are.
+    pub(super) fn wide(self) -> Self {
+        match self.distortion.plane() {
+            Plane::Tangent => self,
+            Plane::Equidistant => Self { limit: fold(&self.distortion, MAX_WIDE_ANGLE), ..self },
+        }
+    }
+
+    /// The lens, for rays of a face of the cube around it.
+    pub(super) fn facing(self, face: CubeFace) -> Self {
+        Self { face: Some(face), ..self }
+    }
+
+    /// The face of a cube around a fish-eye whose rays the lens maps.
+    pub(super) fn cube_face(&self) -> Option<CubeFace> {
+        self.face
+    }
+
+    /// The lens without what it images outside of an ellipse of these radii in normalised coordinates.
+    pub(super) fn within(self, radii: DVec2) -> Self {
+        let direction = |k: u32| DVec2::from_angle(std::f64::consts::TAU * f64::from(k) / f64::from(CIRCLE_POINTS));
+        let points = (0..CIRCLE_POINTS).filter_map(|k| self.to_plane(direction(k) * radii));
+        Self { limit: points.map(DVec2::length).fold(self.limit, f64::min), ..self }
     }
 
     /// The distortion.
@@ -73,7 +110,8 @@ impl Lens {
         self.distortion == Distortion::None
     }
 
-    /// Largest usable angle from the axis, rad: where it folds, or 89°.
+    /// Largest usable angle from the axis, rad: where it folds or its image circle ends, or 89° (175° for
+    /// the faces of a wide fish-eye).
     pub fn max_angle(&self) -> f64 {
         match self.distortion.plane() {
             Plane::Tangent => self.limit.atan(),
@@ -84,9 +122,20 @@ impl Lens {
     /// The position of the ray p = (X/Z, Y/Z) in normalised coordinates; `None` beyond
     /// [`Self::max_angle`].
     pub fn distort(&self, p: DVec2) -> Option<DVec2> {
-        let p = match self.distortion.plane() {
-            Plane::Tangent => p,
-            Plane::Equidistant => {
+        let p = match (self.face, self.distortion.plane()) {
+            (Some(face), plane) => {
+                let ray = face.axes() * p.extend(1.0);
+                match plane {
+                    Plane::Tangent if !(ray.z > 0.0) => return None,
+                    Plane::Tangent => ray.truncate() / ray.z,
+                    Plane::Equidistant => {
+                        let r = ray.truncate().length();
+                        if r < 1e-9 * ray.z { ray.truncate() / ray.z } else { ray.truncate() * (r.atan2(ray.z) / r) }
+                    }
+                }
+            }
+            (None, Plane::Tangent) => p,
+            (None, Plane::Equidistant) => {
                 let r = p.length();
                 if r < 1e-9 { p } else { p * (r.atan() / r) }
             }
@@ -102,6 +151,24 @@ impl Lens {
     /// The ray (X/Z, Y/Z) that arrives at `d`, the inverse of [`Self::distort`]; `None` if there is
     /// none.
     pub fn undistort(&self, d: DVec2) -> Option<DVec2> {
+        let p = self.to_plane(d)?;
+        let r = p.length();
+        let Some(face) = self.face else {
+            return match self.distortion.plane() {
+                Plane::Equidistant if r > 1e-9 => Some(p * (r.tan() / r)),
+                _ => Some(p),
+            };
+        };
+        let ray = match self.distortion.plane() {
+            Plane::Equidistant if r > 1e-9 => (p * (r.sin() / r)).extend(r.cos()),
+            _ => p.extend(1.0),
+        };
+        let ray = face.axes().transpose() * ray;
+        (ray.z > 0.0).then(|| ray.truncate() / ray.z)
+    }
+
+    /// The point of the distortion's plane that is mapped to `d`.
+    fn to_plane(&self, d: DVec2) -> Option<DVec2> {
         if !d.is_finite() {
             return None;
         }
@@ -109,14 +176,7 @@ impl Lens {
             Some(p) => p?,
             None => self.solve(d)?,
         };
-        let r = p.length();
-        if !(r <= self.limit) {
-            return None;
-        }
-        match self.distortion.plane() {
-            Plane::Equidistant if r > 1e-9 => Some(p * (r.tan() / r)),
-            _ => Some(p),
-        }
+        (p.length() <= self.limit).then_some(p)
     }
 
     /// The point of the distortion's plane that is mapped to `d`: bisection along d's direction,
@@ -149,8 +209,8 @@ impl Lens {
     }
 }
 
-/// The radius at which the distortion first folds in any direction, or that of [`MAX_ANGLE`].
-fn fold(distortion: &Distortion) -> f64 {
+/// The radius at which the distortion first folds in any direction, or that of `max_angle`.
+fn fold(distortion: &Distortion, max_angle: f64) -> f64 {
     let radius = |angle: f64| match distortion.plane() {
         Plane::Tangent => angle.tan(),
         Plane::Equidistant => angle,
@@ -162,10 +222,10 @@ fn fold(distortion: &Distortion) -> f64 {
         let stretch = jacobian(distortion, direction * radius(angle));
         stretch.determinant() > MIN_STRETCH && stretch.x_axis.x + stretch.y_axis.y > 0.0
     };
-    let mut limit = MAX_ANGLE;
+    let mut limit = max_angle;
     for k in 0..directions {
         let direction = DVec2::from_angle(std::f64::consts::TAU * f64::from(k) / f64::from(directions));
-        let angle = |i: u32| MAX_ANGLE * f64::from(i) / f64::from(angles);
+        let angle = |i: u32| max_angle * f64::from(i) / f64::from(angles);
         let Some(i) = (0..=angles).find(|&i| !unfolded(direction, angle(i))) else { continue };
         if i == 0 {
             return 0.0;

@@ -32,6 +32,7 @@ mod source_camera;
 mod split;
 mod tally;
 mod transforms;
+mod wide;
 
 use std::{
     io::Read,
@@ -181,7 +182,7 @@ impl Dataset {
 #[derive(Debug, Clone, PartialEq)]
 pub struct View {
     /// The name in the data set: the path below its image folder, with extension if it has one. A
-    /// face of a 360° image adds its own: `image.jpg#front`.
+    /// face of a 360° image or of a wide fish-eye adds its own: `image.jpg#front`.
     pub name: String,
     /// The pinhole camera of [`Self::read_image`]: pose, and intrinsics at that size.
     pub camera: Camera,

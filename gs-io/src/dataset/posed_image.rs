@@ -2,7 +2,7 @@
 
 use gs_core::Image;
 
-use super::{AlphaMeaning, View, assemble::same_shape, read_file, resample::undistorted, shrink::shrunk};
+use super::{AlphaMeaning, View, assemble::same_shape, read_file, resample::undistorted, shrink::shrunk, wide};
 use crate::{
     error::Error,
     image::{composite, decode, decode_mask},
@@ -122,10 +122,14 @@ impl View {
                 None
             }
         };
-        Ok(PosedImage { image: decoded.image, alpha, mask })
+        let mut posed = PosedImage { image: decoded.image, alpha, mask };
+        if self.source.face().is_some() && !self.source.is_panorama() {
+            wide::mask_border(&mut posed, self.source.center);
+        }
+        Ok(posed)
     }
 
-    /// Whether another view is made of the same files: another face of the same 360° image.
+    /// Whether another view is made of the same files: another face of the same image.
     fn shares_files(&self, other: &Self) -> bool {
         let files = |view: &Self| (view.image.clone(), view.mask.clone(), view.orientation, view.alpha);
         files(self) == files(other)

@@ -80,7 +80,7 @@ pub enum Remark {
         /// The error of the first.
         first: String,
     },
-    /// The data set refers to depth maps of 360° images, which are not used.
+    /// The data set refers to depth maps of images that are split into faces, which are not used.
     DepthsUnused {
         /// Number of images.
         count: usize,
@@ -96,6 +96,13 @@ pub enum Remark {
     Split {
         /// Number of images.
         count: usize,
+    },
+    /// Wide fish-eye images, each of which is several views of 90°.
+    SplitFisheye {
+        /// Number of images.
+        count: usize,
+        /// Number of views.
+        views: usize,
     },
     /// Images have another size than their camera's calibration, and intrinsics were scaled.
     Scaled {
@@ -278,7 +285,11 @@ impl fmt::Display for Remark {
                 write!(f, "{} that a training could not use (first: {first})", counted(*count, "depth map"))
             }
             Self::DepthsUnused { count } => {
-                write!(f, "{} not used: depth maps of 360° images are not supported", counted(*count, "depth map"))
+                write!(
+                    f,
+                    "{} not used: depth maps of images that are split into faces are not supported",
+                    counted(*count, "depth map")
+                )
             }
             Self::Undistorted { count, lens } => {
                 write!(f, "{} with lens distortion ({lens}), undistorted when read", images(*count))
@@ -286,6 +297,9 @@ impl fmt::Display for Remark {
             Self::Split { count } => {
                 let images = counted(*count, "360° image");
                 write!(f, "{images} split into the six faces of a cube each: {} views", 6 * count)
+            }
+            Self::SplitFisheye { count, views } => {
+                write!(f, "{} split into 90° faces: {views} views", counted(*count, "wide fish-eye image"))
             }
             Self::Scaled { count, from, to } => {
                 let ((w, h), (width, height)) = (from, to);

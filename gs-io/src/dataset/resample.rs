@@ -58,7 +58,7 @@ fn samples(ray: DVec2, seen: Option<DVec2>, focal: DVec2, source: &SourceCamera)
 
 impl<'a, const N: usize> Grid<'a, N> {
     fn new(pixels: &'a [[f32; N]], source: &SourceCamera) -> Self {
-        Self { pixels, width: source.width, height: source.height, closed: source.face().is_some() }
+        Self { pixels, width: source.width, height: source.height, closed: source.is_panorama() }
     }
 
     /// The pixels of the pinhole picture, row-major, 0 where there are none, and a mask if not all

@@ -61,13 +61,18 @@ impl SourceCamera {
     /// The pinhole camera of the undistorted picture: the same focal lengths, and the largest frame
     /// in which every pixel comes from the image (COLMAP with `blank_pixels` = 0, OpenCV with alpha
     /// = 0), limited to between a fifth and twice the image's sides. For a pinhole, the camera
-    /// itself; for a 360° image, its face of 90°, with a quarter of the image's width.
+    /// itself; for a 360° image, its face of 90°, with a quarter of the image's width; for a wide
+    /// fish-eye, its face of 90°, with twice the focal length.
     pub fn pinhole(&self) -> Self {
         if self.lens.is_pinhole() {
             return *self;
         }
         if self.face().is_some() {
-            let side = cube::face_side(self.width);
+            // The face of a fish-eye has the resolution of the image at its middle.
+            let side = match self.is_panorama() {
+                true => cube::face_side(self.width),
+                false => self.focal.element_sum().round().clamp(1.0, f64::from(MAX_SIDE_PX)) as u32,
+            };
             let half = DVec2::splat(0.5 * f64::from(side));
             return Self { width: side, height: side, focal: half, center: half, lens: Lens::default() };
         }
@@ -114,12 +119,33 @@ impl SourceCamera {
         (!(sane && shows_enough)).then(|| format!("a lens that shows less than a fifth of the width or height {of}"))
     }
 
-    /// The face of the cube that a view of a 360° image shows; `None` for other images.
+    /// The face of the cube that a view of a 360° image or of a wide fish-eye shows; `None` for other
+    /// images.
     pub fn face(&self) -> Option<CubeFace> {
         match *self.lens.distortion() {
             Distortion::Equirectangular { face } => Some(face),
-            _ => None,
+            _ => self.lens.cube_face(),
         }
+    }
+
+    /// Whether the image is a 360° image.
+    pub fn is_panorama(&self) -> bool {
+        matches!(self.lens.distortion(), Distortion::Equirectangular { .. })
+    }
+
+    /// The camera of the front face, which stands for all faces of its image; otherwise the camera itself.
+    pub fn front(&self) -> Self {
+        let lens = match (self.face(), self.is_panorama()) {
+            (None, _) => self.lens,
+            (Some(_), false) => self.lens.facing(CubeFace::Front),
+            (Some(_), true) => Lens::new(Distortion::Equirectangular { face: CubeFace::Front }).unwrap_or(self.lens),
+        };
+        Self { lens, ..*self }
+    }
+
+    /// Whether the image shows this ray.
+    pub(super) fn shows(&self, ray: DVec2) -> bool {
+        self.to_pixel(ray).is_some_and(|pixel| pixel.cmpge(DVec2::ZERO).all() && pixel.cmple(self.size()).all())
     }
 
     fn size(&self) -> DVec2 {

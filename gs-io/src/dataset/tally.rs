@@ -14,6 +14,7 @@ pub(super) struct Tally {
     images: BTreeMap<ImageRemark, Remark>,
     scaled: Option<Remark>,
     split: Option<Remark>,
+    split_fisheye: Option<Remark>,
     reduced: Option<Remark>,
     bent: BTreeMap<&'static str, Remark>,
     bad_depths: Option<Remark>,
@@ -51,11 +52,18 @@ impl Tally {
         add(self.bad_depths.get_or_insert_with(|| Remark::DepthsUnusable { count: 0, first: error.to_string() }));
     }
 
-    /// Counts an image that stays by its first view, with the size of its calibration and the remarks on its file.
-    pub(super) fn count(&mut self, view: &View, calibrated: (u64, u64), remarks: &[ImageRemark]) {
+    /// Counts an image that stays by its views, with the size of its calibration and the remarks on its file.
+    pub(super) fn count(&mut self, of_image: &[View], calibrated: (u64, u64), remarks: &[ImageRemark]) {
+        let Some(view) = of_image.first() else { return };
         let SourceCamera { width, height, lens, .. } = view.source;
-        if view.source.face().is_some() {
+        if view.source.is_panorama() {
             add(self.split.get_or_insert(Remark::Split { count: 0 }));
+        } else if view.source.face().is_some() {
+            let remark = self.split_fisheye.get_or_insert(Remark::SplitFisheye { count: 0, views: 0 });
+            add(remark);
+            if let Remark::SplitFisheye { views, .. } = remark {
+                *views += of_image.len();
+            }
         } else if !lens.is_pinhole() {
             let lens = lens.distortion().name();
             add(self.bent.entry(lens).or_insert(Remark::Undistorted { count: 0, lens }));
@@ -77,7 +85,7 @@ impl Tally {
     /// All remarks.
     pub(super) fn remarks(self) -> Vec<Remark> {
         let images = self.renamed.into_iter().chain(self.images.into_values());
-        let sizes = self.split.into_iter().chain(self.scaled).chain(self.reduced);
+        let sizes = self.split.into_iter().chain(self.split_fisheye).chain(self.scaled).chain(self.reduced);
         let rest = self.bent.into_values().chain(self.bad_depths);
         self.skipped.into_values().chain(images).chain(sizes).chain(rest).collect()
     }
@@ -92,6 +100,7 @@ fn add(remark: &mut Remark) {
     | Remark::Undistorted { count, .. }
     | Remark::DepthsUnusable { count, .. }
     | Remark::Renamed { count, .. }
+    | Remark::SplitFisheye { count, .. }
     | Remark::Split { count } = remark
     {
         *count += 1;

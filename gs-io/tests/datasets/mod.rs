@@ -13,4 +13,5 @@ mod real;
 mod refusals;
 mod splits;
 mod transforms;
+mod wide;
 mod world;

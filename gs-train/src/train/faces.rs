@@ -1,5 +1,5 @@
-//! The faces of 360° images as sources: an image is decoded once for all its faces if they are read
-//! one after the other, as in training.
+//! The faces of 360° images and wide fish-eyes as sources: an image is decoded once for all its faces
+//! if they are read one after the other, as in training.
 
 use std::sync::{
     Arc, Mutex, TryLockError,
@@ -10,18 +10,18 @@ use gs_io::dataset::{DepthMap, PosedImage, View, read_images};
 
 use super::views::{Counting, ImageSource};
 
-/// Most bytes of faces that have been made and not been read yet. Beyond that, a 360° image is
+/// Most bytes of faces that have been made and not been read yet. Beyond that, an image is
 /// decoded again for another face.
 const MOST_BYTES: u64 = 1 << 30;
 
-/// A face of a 360° image.
+/// A face of an image.
 struct Face {
     index: usize,
-    of: Arc<Panorama>,
+    of: Arc<Whole>,
 }
 
-/// A 360° image.
-struct Panorama {
+/// An image that is split into faces.
+struct Whole {
     faces: Vec<View>,
     /// Faces that were made when another was read, until they are read themselves.
     made: Mutex<Vec<Option<PosedImage>>>,
@@ -39,7 +39,7 @@ pub(super) fn sources(views: Vec<View>) -> Vec<Box<dyn ImageSource>> {
             continue;
         }
         let made = Mutex::new(faces.iter().map(|_| None).collect());
-        let of = Arc::new(Panorama { faces: faces.to_vec(), made, held: Arc::clone(&held) });
+        let of = Arc::new(Whole { faces: faces.to_vec(), made, held: Arc::clone(&held) });
         sources
             .extend((0..faces.len()).map(|index| -> Box<dyn ImageSource> { Box::new(Face { index, of: of.clone() }) }));
     }
@@ -54,7 +54,7 @@ fn bytes_of(posed: &PosedImage) -> u64 {
 
 impl ImageSource for Face {
     fn read(&self) -> Result<PosedImage, gs_io::Error> {
-        let Panorama { faces, made, held } = &*self.of;
+        let Whole { faces, made, held } = &*self.of;
         let mut made = match made.try_lock() {
             Ok(made) => made,
             Err(TryLockError::Poisoned(made)) => made.into_inner(),

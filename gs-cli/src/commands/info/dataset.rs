@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use gs_core::counted;
-use gs_io::dataset::{CubeFace, Dataset, DatasetKind, Distortion, Lens, SourceCamera, Split, SplitOrigin, View};
+use gs_io::dataset::{Dataset, DatasetKind, Distortion, SourceCamera, Split, SplitOrigin, View};
 use serde::Serialize;
 
 use crate::{
@@ -47,13 +47,8 @@ struct CameraInfo {
     lens: &'static str,
     /// Whether the camera takes 360° images. Each of them is split into six views.
     all_directions: bool,
-}
-
-/// The camera of the whole image: for all six faces of a 360° image, the camera of the front face.
-fn whole(source: SourceCamera) -> SourceCamera {
-    let front = Distortion::Equirectangular { face: CubeFace::Front };
-    let lens = source.face().and_then(|_| Lens::new(front)).unwrap_or(source.lens);
-    SourceCamera { lens, ..source }
+    /// Whether each image is split into several views: a 360° image, or one of a wide fish-eye.
+    faces: bool,
 }
 
 /// Prints the content of a data set.
@@ -70,7 +65,7 @@ impl Info {
         let count = |split| dataset.views_of(split).count();
         let mut cameras: Vec<(SourceCamera, CameraInfo)> = Vec::new();
         for view in &dataset.views {
-            let camera = whole(view.source);
+            let camera = view.source.front();
             match cameras.iter_mut().find(|(source, _)| *source == camera) {
                 Some((_, found)) => found.views += 1,
                 None => cameras.push((camera, CameraInfo::of(view))),
@@ -110,7 +105,8 @@ impl CameraInfo {
                 angle(camera.height, camera.focal.y, camera.center.y),
             ],
             lens: source.lens.distortion().name(),
-            all_directions: source.face().is_some(),
+            all_directions: source.is_panorama(),
+            faces: source.face().is_some(),
         }
     }
 }
@@ -126,12 +122,14 @@ fn text(info: &Info) -> String {
         let mut line = format!("{width}x{height} px, ");
         let _ = match camera.all_directions {
             true => write!(line, "360°, {}", camera.lens),
+            false if camera.faces => write!(line, "focal {fx:.1}, {fy:.1} px, {}", camera.lens),
             false => write!(line, "focal {fx:.1}, {fy:.1} px, {x:.1} x {y:.1} degrees, {}", camera.lens),
         };
         if camera.undistorted != camera.image {
             let [width, height] = camera.undistorted;
             let done = match camera.lens {
                 _ if camera.all_directions => "split into six faces of",
+                _ if camera.faces => "split into 90° faces of",
                 lens if lens == Distortion::None.name() => "scaled to",
                 _ => "undistorted to",
             };

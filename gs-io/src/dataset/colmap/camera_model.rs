@@ -134,7 +134,13 @@ impl CameraModel {
             _ => return Ok(Intrinsics::panorama(Some(size))),
         };
         let distortion = self.distortion(rest).ok_or(Skip::BadCamera)?;
-        Ok(Intrinsics { focal: Focal::Lengths(focal), center: Some(center), size: Some(size), distortion })
+        Ok(Intrinsics {
+            focal: Focal::Lengths(focal),
+            center: Some(center),
+            size: Some(size),
+            distortion,
+            circle: None,
+        })
     }
 
     /// The distortion by the parameters after the principal point; `None` if their number is wrong.

@@ -29,8 +29,11 @@ const LENGTHS: [&str; 2] = ["fl_x", "fl_y"];
 const ANGLES: [([&str; 2], f64, &str); 2] =
     [(["camera_angle_x", "camera_angle_y"], 1.0, "rad"), (["x_fov", "y_fov"], PI / 180.0, "degrees")];
 
+/// Radius of a fish-eye's image circle about the principal point, px.
+const CIRCLE: &str = "fisheye_crop_radius";
+
 /// All keys of numbers.
-const NUMBERS: [&str; 16] = [
+const NUMBERS: [&str; 17] = [
     "camera_angle_x",
     "camera_angle_y",
     "x_fov",
@@ -47,6 +50,7 @@ const NUMBERS: [&str; 16] = [
     "k4",
     "p1",
     "p2",
+    CIRCLE,
 ];
 
 /// The fields of a frame, completed by those that all frames share. A value of `null` is missing.
@@ -152,7 +156,11 @@ impl CameraFields<'_> {
                 false => Distortion::BrownConrady(brown),
             };
             let center = self.pair(["cx", "cy"], f64::NEG_INFINITY, "a number")?;
-            Ok(Intrinsics { focal: self.focal()?, center, size, distortion })
+            let circle = match is_fisheye {
+                true => self.between(CIRCLE, 0.0, f64::INFINITY, "greater than 0")?,
+                false => None,
+            };
+            Ok(Intrinsics { focal: self.focal()?, center, size, distortion, circle })
         };
         let file = PathBuf::from(path.file_name().unwrap_or_default());
         Ok(numbers().map_err(|fault| Refusal::new(Skip::BadCamera, format!("in {}, {fault}", file.display()))))
