@@ -182,8 +182,8 @@ fn without_a_circle_the_whole_image_counts() {
     let place = folder();
     let image = picture(CIRCLE / HALF_ANGLE, 0.0, 3.0);
     let dataset = nerfstudio(place.path(), json!({}), &image);
-    // The corners of the image.
-    check(&dataset, 95.0 * 64.0 * 2.0_f32.sqrt() / CIRCLE as f32);
+    // As far towards the corners of the image, at 139°, as the faces at the sides reach.
+    check(&dataset, 126.0);
 }
 
 #[test]
