@@ -96,7 +96,7 @@ impl Lens {
     /// The lens without what it images outside of an ellipse of these radii in normalised coordinates.
     pub(super) fn within(self, radii: DVec2) -> Self {
         let direction = |k: u32| DVec2::from_angle(std::f64::consts::TAU * f64::from(k) / f64::from(CIRCLE_POINTS));
-        let points = (0..CIRCLE_POINTS).filter_map(|k| self.to_plane(direction(k) * radii));
+        let points = (0..CIRCLE_POINTS).filter_map(|k| self.plane_point(direction(k) * radii));
         Self { limit: points.map(DVec2::length).fold(self.limit, f64::min), ..self }
     }
 
@@ -151,7 +151,7 @@ impl Lens {
     /// The ray (X/Z, Y/Z) that arrives at `d`, the inverse of [`Self::distort`]; `None` if there is
     /// none.
     pub fn undistort(&self, d: DVec2) -> Option<DVec2> {
-        let p = self.to_plane(d)?;
+        let p = self.plane_point(d)?;
         let r = p.length();
         let Some(face) = self.face else {
             return match self.distortion.plane() {
@@ -168,7 +168,7 @@ impl Lens {
     }
 
     /// The point of the distortion's plane that is mapped to `d`.
-    fn to_plane(&self, d: DVec2) -> Option<DVec2> {
+    fn plane_point(&self, d: DVec2) -> Option<DVec2> {
         if !d.is_finite() {
             return None;
         }
