@@ -45,9 +45,12 @@ const USUAL_SPREAD: f64 = 2.2;
 /// rounds positions to 2e-6 spreads there, which is 1/500 px in an image of 1,000 px.
 const MAX_DISTANCE: f64 = 32.0;
 
-/// Share of the points' distance that the spread is at least. For cameras in one place, which only
-/// turn, the points give the unit.
-const MIN_SPREAD: f64 = 0.2;
+/// Share of the points' distance below which cameras stand in one place and only turn. A sky far away
+/// must not make a scene small.
+const ONE_PLACE: f64 = 1e-6;
+
+/// Share of the points' distance that stands for the spread of cameras in one place.
+const SHARE_OF_DISTANCE: f64 = 0.2;
 
 /// The origin's coordinates are multiples of this many units, which are easy to read and usually
 /// exact in text.
@@ -66,7 +69,9 @@ impl WorldFrame {
     pub fn of(cameras: &[DVec3], points: &[DVec3]) -> Self {
         let center = DVec3::from([0, 1, 2].map(|axis| median(cameras.iter().map(|c| c[axis])).unwrap_or(0.0)));
         let distance = |positions: &[DVec3]| median(positions.iter().map(|p| p.distance(center))).unwrap_or(0.0);
-        let spread = distance(cameras).max(MIN_SPREAD * distance(points));
+        let (of_cameras, of_points) = (distance(cameras), distance(points));
+        let in_one_place = of_cameras <= ONE_PLACE * of_points;
+        let spread = if in_one_place { SHARE_OF_DISTANCE * of_points } else { of_cameras };
         // Rounding of f64 leaves that much of cameras in one place.
         if !(spread > 1e-9 * center.length() && spread > 1e-30 && spread.is_finite()) {
             return Self { origin: if center.length() > 1e3 { center.round() } else { DVec3::ZERO }, unit: 1.0 };
@@ -212,6 +217,7 @@ mod tests {
         let mut points = vec![DVec3::ONE; 20];
         points[3] = DVec3::splat(1e15);
         assert_eq!(WorldFrame::of(&cameras, &points), WorldFrame::WORLD);
+        assert_eq!(WorldFrame::of(&ring(3.2, DVec3::ZERO), &ring(1e5, DVec3::ZERO)), WorldFrame::WORLD, "a sky");
     }
 
     #[test]

@@ -4,7 +4,7 @@ use std::{fs, num::NonZeroU32};
 
 use glam::{DQuat, Vec2, Vec3, dvec3};
 use gs_io::{
-    Error,
+    Error, WorldFrame,
     dataset::{CameraModel, ColmapModel, DatasetKind, DatasetSettings, Remark, Skip, Split, read_dataset},
 };
 
@@ -25,7 +25,8 @@ fn both_encodings_hold_the_same_model() {
 fn views_and_points_are_the_models() {
     let place = folder();
     colmap(place.path(), 4);
-    let dataset = read(place.path());
+    let in_world = DatasetSettings::default().with(|s| s.frame = Some(WorldFrame::WORLD));
+    let dataset = read_dataset(place.path(), &in_world).unwrap();
     assert_eq!((dataset.kind, dataset.views.len(), dataset.points.len()), (DatasetKind::Colmap, 4, 3));
     let view = &dataset.views[1];
     assert_eq!((view.name.as_str(), view.camera.width, view.camera.height), ("view 001.png", 40, 30));

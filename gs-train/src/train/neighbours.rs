@@ -10,16 +10,9 @@ use rstar::{RTree, primitives::GeomWithData};
 /// Number of neighbours. *Source:* 3DGS.
 const NEIGHBOURS: usize = 3;
 
-/// Share of the usual distance to the sixteenth neighbour up to which a point is a copy of another,
-/// apart from rounding.
-const COPY: f32 = 1e-3;
-
-/// Number of the neighbour whose distance is usual among points, even where each stands there a few
-/// times.
-const USUAL: usize = 16;
-
-/// Number of points that the usual distance is measured at.
-const SAMPLE: usize = 256;
+/// Share of a point's distance from the origin, and of one unit, up to which another point is a copy of
+/// it, apart from rounding. It must not depend on the other points, most of which may be far away.
+const COPY: f32 = 1e-5;
 
 /// Most copies of a point and its neighbours that are passed over.
 const MOST_PASSED: usize = 64;
@@ -47,27 +40,15 @@ pub(super) fn neighbour_distances(points: &[Vec3]) -> Vec<Option<f32>> {
     }
     let tree: Tree =
         RTree::bulk_load(distinct.iter().enumerate().map(|(i, p)| GeomWithData::new(p.to_array(), i)).collect());
-    let copy = COPY * usual_distance(&tree, &distinct);
     let distances: Vec<Option<f32>> =
-        (0..distinct.len()).into_par_iter().with_min_len(256).map(|i| distance(&tree, &distinct, i, copy)).collect();
+        (0..distinct.len()).into_par_iter().with_min_len(256).map(|i| distance(&tree, &distinct, i)).collect();
     points.iter().map(|point| distances[numbers[&key(point)]]).collect()
 }
 
-/// The median over some points of the distance to the sixteenth neighbour, or to the last.
-fn usual_distance(tree: &Tree, points: &[Vec3]) -> f32 {
-    let sample = points.iter().step_by(points.len().div_ceil(SAMPLE).max(1));
-    let far = |point: &Vec3| {
-        let neighbours = tree.nearest_neighbor_iter(point.to_array()).take(USUAL + 1);
-        neighbours.last().map_or(0.0, |last| point.distance(points[last.data]))
-    };
-    let mut distances: Vec<f32> = sample.map(far).collect();
-    distances.sort_by(f32::total_cmp);
-    distances.get(distances.len() / 2).copied().unwrap_or(0.0)
-}
-
-/// The distance of point `i`, where points nearer than `copy` to each other count once.
-fn distance(tree: &Tree, points: &[Vec3], i: usize, copy: f32) -> Option<f32> {
+/// The distance of point `i`, where copies count once.
+fn distance(tree: &Tree, points: &[Vec3], i: usize) -> Option<f32> {
     let point = points[i];
+    let copy = COPY * (1.0 + point.length());
     let mut found: [Vec3; NEIGHBOURS] = Default::default();
     let mut count = 0;
     let others = tree.nearest_neighbor_iter(point.to_array()).filter(|other| other.data != i);
@@ -126,5 +107,14 @@ mod tests {
                 assert!((distance.unwrap() - expected).abs() < 2e-5 + noise, "{i}: {distance:?}, not {expected}");
             }
         }
+    }
+
+    #[test]
+    fn far_points_do_not_make_copies_of_near_ones() {
+        let hash = |i: usize, k: usize| ((i * 7919 + k * 104_729) % 1009) as f32 / 1009.0;
+        let near: Vec<Vec3> = (0..300).map(|i| Vec3::new(hash(i, 1), hash(i, 5), (i % 7) as f32)).collect();
+        let far = (0..900).map(|i| 1e4 * Vec3::new(hash(i, 2) - 0.5, hash(i, 3) - 0.5, 2.0));
+        let all: Vec<Vec3> = near.iter().copied().chain(far).collect();
+        assert_eq!(neighbour_distances(&all)[..300], neighbour_distances(&near));
     }
 }
