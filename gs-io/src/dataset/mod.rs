@@ -172,8 +172,8 @@ impl Dataset {
         let files = |view: &View| [Some(view.image.clone()), view.mask.clone(), depth(view)];
         let of_views = self.views.iter().flat_map(files).flatten();
         let root = if self.root.as_os_str().is_empty() { Path::new(".") } else { &self.root };
-        let folders = ["", "sparse", "sparse/0", "colmap/sparse/0"].map(|name| root.join(name));
-        let entries = folders.into_iter().flat_map(|folder| std::fs::read_dir(folder).into_iter().flatten().flatten());
+        let folders = std::iter::once(root.to_owned()).chain(colmap::model_folders(root));
+        let entries = folders.flat_map(|folder| std::fs::read_dir(folder).into_iter().flatten().flatten());
         of_views.chain(entries.map(|entry| entry.path()).filter(|path| path.is_file())).collect()
     }
 }

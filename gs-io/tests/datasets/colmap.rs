@@ -222,7 +222,10 @@ fn models_are_found_where_programs_put_them() {
         let (of_model, of_images) = (place.path().join(folder_of_model), place.path().join(folder_of_images));
         write_model(&of_model, &binary(&model), "bin");
         write_pictures(&of_images, &model, 1);
-        assert_eq!(read(place.path()).views.len(), 3, "{folder_of_model}");
+        let dataset = read(place.path());
+        assert_eq!(dataset.views.len(), 3, "{folder_of_model}");
+        let is_cameras = |file: &std::path::PathBuf| file.ends_with("cameras.bin");
+        assert!(dataset.files().iter().any(is_cameras), "{folder_of_model}: which no run may replace");
         // The model's own folder may be named, too.
         assert_eq!(read(&of_model).views.len(), 3, "{folder_of_model}");
     }

@@ -16,7 +16,7 @@ use std::{
 use glam::{DQuat, DVec2, DVec3, dvec2};
 
 pub use self::camera_model::CameraModel;
-pub(super) use self::models::{Located, is_model, models_below};
+pub(super) use self::models::{Located, is_model, model_folders, models_below};
 use super::{
     Dataset, DatasetKind, DatasetSettings, DepthFile, Lens, Remark, Skip, SourceCamera, WorldPoint,
     assemble::{Draft, Parts, Refusal, Stated, assemble},

@@ -91,6 +91,15 @@ pub(in crate::dataset) fn is_model(folder: &Path) -> bool {
     ["cameras.bin", "cameras.txt"].iter().any(|name| folder.join(name).is_file())
 }
 
+/// All folders of a data set that hold a model, and those that they stand in.
+pub(in crate::dataset) fn model_folders(root: &Path) -> impl Iterator<Item = PathBuf> {
+    FOLDERS.into_iter().flat_map(|base| {
+        let base = root.join(base);
+        let models = models_in(&base);
+        std::iter::once(base).chain(models)
+    })
+}
+
 /// The models in a folder, itself or its subfolders, by name.
 fn models_in(base: &Path) -> Vec<PathBuf> {
     let mut models: Vec<PathBuf> =
