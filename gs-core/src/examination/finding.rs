@@ -76,7 +76,7 @@ pub enum Finding {
     /// The Gaussian is further than [`OUTLIER_DISTANCES`] from the others.
     Outlier,
     /// The scales of the whole scene look as if they were stored without their logarithm: all ln-scales
-    /// are above 0, and Gaussians are as large as a good part of the scene. 3D scenes.
+    /// are above 0, and spread as sizes do. 3D scenes.
     ActivatedScale,
     /// The opacities of the whole scene look as if they were stored without their logit: all are
     /// between 0 and 1. 3D scenes.
@@ -125,11 +125,11 @@ impl Finding {
     }
 }
 
-/// Size of a Gaussian, compared with the median distance of the Gaussians from their middle, above which
-/// a scene of such Gaussians is suspect. Unit: none.
+/// Distance from the median of scales to their 95th percentile, in units of that to their 5th, above which
+/// they are not logarithms. Unit: none; it does not depend on that of the scene.
 ///
-/// This project's choice: in trained scenes the median is below 0.01.
-pub(super) const SUSPECT_SIZE: f32 = 0.02;
+/// This project's choice: the ln-scales of trained scenes have 0.3 to 1, their scales 4 to 12.
+pub(super) const SIZE_SKEW: f32 = 2.5;
 
 /// Writes the finding in words that complete "a Gaussian whose …".
 impl fmt::Display for Finding {
@@ -155,7 +155,7 @@ impl fmt::Display for Finding {
                 write!(f, "place is more than {OUTLIER_DISTANCES} times as far off as half of them")
             }
             Self::ActivatedScale => f.write_str(
-                "scale is probably stored as it is, not as its logarithm: all are above 0, and large for the scene; \
+                "scale is probably stored as it is, not as its logarithm: all are above 0 and spread as sizes do; \
                  take their logarithm in the program that wrote the file",
             ),
             Self::ActivatedOpacity => f.write_str(

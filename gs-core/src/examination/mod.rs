@@ -122,7 +122,7 @@ pub fn examine<S: Examinable>(scene: &S) -> Result<Examination, Error> {
     // Broken Gaussians have no place or shape to compare.
     whole::duplicates(scene, &drawn, &mut |index| note(index, Finding::Duplicate));
     whole::outliers(scene, &drawn, &mut |index| note(index, Finding::Outlier));
-    whole::activated(scene, &drawn, &mut note);
+    whole::activated(scene, &mut note);
     cases.sort_unstable_by_key(|case| case.finding);
     Ok(Examination { gaussians: scene.len(), cases, removed, widened })
 }

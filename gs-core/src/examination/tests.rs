@@ -204,3 +204,22 @@ fn scales_and_opacities_without_logarithm_and_logit_are_suspected() {
     assert_eq!(findings(f32::ln, |opacity| opacity), [Finding::ActivatedOpacity]);
     assert_eq!(findings(|s| s, |o| o), [Finding::ActivatedScale, Finding::ActivatedOpacity]);
 }
+
+#[test]
+fn whether_scales_are_suspected_depends_on_no_unit() {
+    // Sizes from e⁻⁴ to e⁻¹·⁵ at places up to 2.5 from the middle.
+    let is_suspected = |unit: f32, stored: fn(f32) -> f32| {
+        let mut scene = Scene3d { sh_degree: 1, ..Default::default() };
+        for i in 0..200 {
+            let share = |k: i32| (i * k % 200) as f32 / 200.0;
+            let log_scale = Vec3::new(share(1), share(7), share(13)).map(|t| stored(unit * (2.5 * t - 4.0).exp()));
+            let mean = unit * (5.0 * Vec3::new(share(3), share(11), share(17)) - 2.5);
+            scene.push(Gaussian3d { mean, log_scale, ..scene_3d(0.0) });
+        }
+        examine(&scene).unwrap().cases.iter().any(|case| case.finding == Finding::ActivatedScale && case.count == 200)
+    };
+    for unit in [1e-5, 0.001, 0.1, 1.0, 30.0, 1000.0, 1e6] {
+        assert!(!is_suspected(unit, f32::ln), "logarithms in units of 1/{unit}");
+        assert!(is_suspected(unit, |size| size), "sizes in units of 1/{unit}");
+    }
+}

@@ -3,7 +3,7 @@
 use glam::{DVec3, Vec3};
 
 use super::{
-    finding::{Finding, OUTLIER_DISTANCES, SUSPECT_SIZE},
+    finding::{Finding, OUTLIER_DISTANCES, SIZE_SKEW},
     kinds::Examinable,
 };
 
@@ -41,25 +41,39 @@ fn middle_and_distance<S: Examinable>(scene: &S, among: &[usize]) -> Option<(DVe
     Some((middle, median(among.iter().map(|&index| distance(index)).collect())?))
 }
 
-/// Reports all Gaussians among these if their scales or opacities look as if an exporter had stored
-/// them as they are, without logarithm or logit.
-pub(super) fn activated<S: Examinable>(scene: &S, among: &[usize], found: &mut dyn FnMut(usize, Finding)) {
+/// Reports all Gaussians with finite values if their scales or opacities look as if an exporter had
+/// stored them as they are, without logarithm or logit.
+pub(super) fn activated<S: Examinable>(scene: &S, found: &mut dyn FnMut(usize, Finding)) {
     /// Fewest Gaussians that say anything.
     const FEWEST: usize = 10;
-    let stored: Vec<([f32; 3], f32)> = among.iter().filter_map(|&index| scene.stored(index)).collect();
-    let Some((_, usual)) = middle_and_distance(scene, among).filter(|_| stored.len() >= FEWEST) else { return };
-    let scales = stored.iter().flat_map(|(scales, _)| scales);
-    let sizes = stored.iter().map(|(scales, _)| scales.iter().fold(f32::MIN, |a, b| a.max(*b)).exp()).collect();
-    let are_large = median(sizes).is_some_and(|size| size > SUSPECT_SIZE * usual);
-    if are_large && scales.clone().all(|scale| *scale > 0.0) {
-        among.iter().for_each(|&index| found(index, Finding::ActivatedScale));
+    // Those of activated scales in a small unit cannot be drawn: exp of 100 is infinite.
+    let is_finite = |&(index, (scales, opacity)): &(usize, ([f32; 3], f32))| {
+        scene.place(index).is_finite() && scales.iter().all(|scale| scale.is_finite()) && !opacity.is_nan()
+    };
+    let stored = (0..scene.len()).filter_map(|index| Some((index, scene.stored(index)?)));
+    let (indices, stored): (Vec<_>, Vec<_>) = stored.filter(is_finite).unzip();
+    let Some((_, extent)) = middle_and_distance(scene, &indices).filter(|_| stored.len() >= FEWEST) else { return };
+    if are_sizes(stored.iter().flat_map(|(scales, _)| *scales).collect(), extent) {
+        indices.iter().for_each(|&index| found(index, Finding::ActivatedScale));
     }
     let opacities = stored.iter().map(|(_, opacity)| *opacity);
     let (low, high) = opacities.fold((f32::MAX, f32::MIN), |(low, high), v| (low.min(v), high.max(v)));
     // Equal ones are how training begins.
     if low >= 0.0 && high <= 1.0 && high - low > 0.1 {
-        among.iter().for_each(|&index| found(index, Finding::ActivatedOpacity));
+        indices.iter().for_each(|&index| found(index, Finding::ActivatedOpacity));
     }
+}
+
+/// Whether values that should be ln-scales are rather scales, whatever the unit: all are above 0, and the
+/// upper ones spread much further than the lower ones, as sizes do and their logarithms do not; or the sizes of
+/// which they would be the logarithms are nearly equal, or much larger than the scene.
+fn are_sizes(mut values: Vec<f32>, extent: f32) -> bool {
+    values.sort_unstable_by(f32::total_cmp);
+    let [low, middle, high] = [5, 50, 95].map(|percent| values[(values.len() - 1) * percent / 100]);
+    let are_skewed = high - middle > SIZE_SKEW * (middle - low) && middle > low;
+    let would_be_equal = high - low < 0.5 && high > 2.0 * low;
+    let would_be_enormous = extent > 0.0 && high > (10.0 * extent).ln();
+    values[0] > 0.0 && (are_skewed || would_be_equal || would_be_enormous)
 }
 
 /// The middle one of the values; of an even number the upper of the two.
