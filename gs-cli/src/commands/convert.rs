@@ -62,7 +62,8 @@ pub(crate) struct ConvertArgs {
     /// glTF (a node) hold the latter
     #[arg(long, value_name = "COORDINATES", default_value = "scene")]
     frame: Frame,
-    /// Leave out Gaussians that cannot be drawn, and print how many; gs doctor shows which and why
+    /// Leave out Gaussians that cannot be drawn or that the format cannot hold, and print how many; gs
+    /// doctor shows which and why
     #[arg(long)]
     drop_broken: bool,
     /// Print JSON
@@ -105,6 +106,8 @@ struct Conversion {
     frame: Option<WorldFrame>,
     /// Gaussians that `--drop-broken` left out.
     dropped: usize,
+    /// Those among them that could be drawn, but not be stored in this format.
+    beyond_format: usize,
     /// What `--gaussians` merged and removed.
     reduction: Option<Reduction>,
     /// What the written file lacks, in words.
@@ -165,10 +168,11 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
             .at(args.to.display())
             .hint("use .ply, .splat, .spz, .sog, .gltf or .glb, or draw a PNG with gs render"));
     }
-    let (all, mut losses) = (file.scene.len(), std::mem::take(&mut file.losses));
+    let (all, mut losses, mut beyond_format) = (file.scene.len(), std::mem::take(&mut file.losses), 0);
     if args.drop_broken {
         let Repair { widened, .. } = examination::repair(&mut file.scene)?;
         losses.extend((widened > 0).then_some(ConversionLoss::ZeroScales { gaussians: widened }));
+        beyond_format = drop_beyond_format(&mut file.scene, &args.to, &options(args, file.trained_with));
     }
     file.trained_with = args.quality.render.trained_with(file.trained_with);
     let before = (args.gaussians.is_some() && dataset.is_some()).then(|| file.clone());
@@ -197,6 +201,7 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
         sh_degree: scene.sh_degree,
         frame: Some(frame).filter(|frame| !frame.is_world()),
         dropped: all - scene.len() - reduction.as_ref().map_or(0, Reduction::fewer),
+        beyond_format,
         reduction,
         lost: losses.iter().chain(&written.losses).map(ConversionLoss::to_string).collect(),
         rounding: Rounding::between(sorted.as_ref().unwrap_or(scene), &after.scene),
@@ -205,6 +210,16 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
             .transpose()?,
     };
     if args.json { output::json(&conversion) } else { output::result(text(&conversion)) }
+}
+
+/// Removes the Gaussians that a file of this name cannot hold, and returns their number.
+fn drop_beyond_format(scene: &mut Scene3d, to: &Path, options: &WriteOptions3d) -> usize {
+    let beyond = Format3d::to_write(to).map_or_else(Vec::new, |format| format.cannot_hold(scene, options));
+    if !beyond.is_empty() {
+        let others = (0..scene.len() as u32).filter(|i| beyond.binary_search(&(*i as usize)).is_err());
+        *scene = in_order(scene, &others.collect::<Vec<_>>());
+    }
+    beyond.len()
 }
 
 /// The Gaussians of these numbers.
@@ -236,8 +251,19 @@ fn options(args: &ConvertArgs, trained_with: TrainedWith) -> WriteOptions3d {
 }
 
 fn text(conversion: &Conversion) -> String {
-    let Conversion { read, written, gaussians, sh_degree, frame, dropped, reduction, lost, rounding, cost } =
-        conversion;
+    let Conversion {
+        read,
+        written,
+        gaussians,
+        sh_degree,
+        frame,
+        dropped,
+        beyond_format,
+        reduction,
+        lost,
+        rounding,
+        cost,
+    } = conversion;
     let side = |Side { file, format, bytes, bytes_per_gaussian }: &Side| {
         format!("{file}: {format}, {bytes} bytes, {bytes_per_gaussian:.1} a Gaussian")
     };
@@ -245,8 +271,9 @@ fn text(conversion: &Conversion) -> String {
     frame
         .iter()
         .for_each(|frame| _ = writeln!(text, "frame       {frame}; --frame world writes the world's coordinates"));
-    if *dropped > 0 {
-        let _ = writeln!(text, "dropped     {} that cannot be drawn", counted(*dropped, "Gaussian"));
+    let why = ["cannot be drawn", "the format cannot hold"];
+    for (dropped, why) in [dropped - beyond_format, *beyond_format].into_iter().zip(why).filter(|(n, _)| *n > 0) {
+        let _ = writeln!(text, "dropped     {} that {why}", counted(dropped, "Gaussian"));
     }
     reduction.iter().for_each(|reduction| _ = writeln!(text, "reduced     {reduction}"));
     let _ = write!(text, "wrote       {}", side(written));

@@ -185,6 +185,10 @@ fn broken_gaussians_are_named_counted_and_dropped_on_request() {
     let text = convert(&first, &to, &["--drop-broken"]).done().stdout;
     assert!(text.contains("dropped     2 Gaussians") && text.contains("Gaussians   8"), "{text}");
     assert_eq!(read_3d(&to).unwrap().scene.len(), 8);
+    break_ply(&first, 5, 0, &[1e30]);
+    let text = convert(&first, &to, &["--drop-broken"]).done().stdout;
+    assert!(text.contains("dropped     1 Gaussian that the format cannot hold\n"), "{text}");
+    assert_eq!(read_3d(&to).unwrap().scene.len(), 7);
 }
 
 #[test]

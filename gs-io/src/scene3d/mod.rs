@@ -20,6 +20,7 @@ mod gltf;
 mod ksplat;
 pub(crate) mod ply;
 mod quantity;
+mod range;
 mod rounding;
 mod sh_degree;
 mod sh_rotation;
@@ -449,6 +450,7 @@ pub fn encode_3d(path: impl AsRef<Path>, scene: &Scene3d, options: &WriteOptions
         return Err(Error::UnknownEnding { path: path.to_owned() });
     };
     check_writable(path, scene)?;
+    range::check(path, format, scene, options)?;
     if let Some(frame) = options.world().filter(|_| !format.stores_frame()) {
         return encode_3d(
             path,

@@ -84,7 +84,11 @@ impl fmt::Display for Short {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self(value) = *self;
         let digits = if value > 0.0 { 1.0 - value.log10().floor() } else { 0.0 };
-        if digits > 6.0 { write!(f, "{value:.1e}") } else { write!(f, "{value:.*}", digits.max(0.0) as usize) }
+        if !(-4.0..=6.0).contains(&digits) {
+            write!(f, "{value:.1e}")
+        } else {
+            write!(f, "{value:.*}", digits.max(0.0) as usize)
+        }
     }
 }
 
@@ -128,8 +132,8 @@ mod tests {
         ];
         assert_eq!(lines, expected);
         assert_eq!(
-            [0.0, 0.000_012, 1.3e-8, 1234.0].map(|value| Short(value).to_string()),
-            ["0", "0.000012", "1.3e-8", "1234"]
+            [0.0, 0.000_012, 1.3e-8, 1234.0, 5.7e18].map(|value| Short(value).to_string()),
+            ["0", "0.000012", "1.3e-8", "1234", "5.7e18"]
         );
     }
 }

@@ -298,9 +298,10 @@ fn what_cannot_be_written_is_refused_and_leaves_nothing() {
     broken.means[1].y = f32::INFINITY;
     let mut far = good.clone();
     far.means[1].y = 1e9;
-    for (name, scene, expected) in
-        [("a.ply", &broken, "mean of Gaussian 1 is not finite"), ("a.spz", &far, "farther than 8,388,607 units")]
-    {
+    for (name, scene, expected) in [
+        ("a.ply", &broken, "mean of Gaussian 1 is not finite"),
+        ("a.spz", &far, "a coordinate of ±1e9 (Gaussian 1), beyond ±8388607 units, is not supported"),
+    ] {
         assert!(write(name, scene, &options).contains(expected), "{name}");
     }
     let spz = SpzOptions::default().with(|s| s.degree_1_bits = 0);

@@ -9,7 +9,9 @@ use gs_core::{
     effects::{Antialias, Order},
     sigmoid,
 };
-use gs_io::{ConversionLoss, Format3d, GltfBuffer, SpzVersion, TrainedWith, WriteOptions3d, read_3d, write_3d};
+use gs_io::{
+    ConversionLoss, Format3d, GltfBuffer, SpzVersion, TrainedWith, WriteOptions3d, encode_3d, read_3d, write_3d,
+};
 use proptest::{collection::vec, prelude::*};
 
 use super::samples;
@@ -400,4 +402,22 @@ fn degree_4_is_cut_to_3_and_said_so() {
     assert_eq!(file.losses, [ConversionLoss::Sh { from: 4, to: 3 }]);
     // Each channel has 24, of which the first 15 are kept.
     assert_eq!((file.scene.sh[1], file.scene.sh[15]), (Vec3::new(0.0, 24.0, 48.0), Vec3::new(14.0, 38.0, 62.0)));
+}
+
+/// Alone, each other coefficient is off by a few hundredths at most.
+#[test]
+fn one_extreme_coefficient_leaves_a_sog_its_others() {
+    for (which, what) in [(0, "of degree 0"), (2, "above degree 0")] {
+        let mut scene = samples::scene(400, 1);
+        scene.sh[7 * 4 + which].y = -1e20;
+        let options = WriteOptions3d::default();
+        let written = encode_3d("a.sog", &scene, &options).unwrap();
+        let lost = format!("coefficients {what} outside -1000..1000 are clamped: 1 value");
+        assert!(written.written.losses.iter().any(|loss| loss.to_string() == lost), "{lost}");
+        let read = samples::read(&written.bytes, "a.sog").unwrap().scene;
+        for (i, &from) in written.written.order.unwrap().iter().enumerate().filter(|(_, from)| **from != 7) {
+            let of_scene = &scene.sh[4 * from as usize..][..4];
+            read.sh[4 * i..][..4].iter().zip(of_scene).for_each(|(a, b)| assert_near("coefficient", *a, *b, 0.1));
+        }
+    }
 }

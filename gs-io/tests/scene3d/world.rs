@@ -5,7 +5,10 @@ use std::fs;
 
 use glam::{DVec3, dvec3};
 use gs_core::Scene3d;
-use gs_io::{ConversionLoss, Coordinates, File3d, TrainedWith, WorldFrame, WriteOptions3d, read_3d, write_3d};
+use gs_io::{
+    ConversionLoss, Coordinates, File3d, Format3d, TrainedWith, WorldFrame, WriteOptions3d, encode_3d, read_3d,
+    write_3d,
+};
 
 use super::samples;
 
@@ -86,6 +89,30 @@ fn formats_without_a_frame_say_what_they_lose_or_refuse() {
         assert!(error.to_string().contains("need 64 bits") && error.to_string().contains("write a PLY"), "{error}");
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
     }
+}
+
+#[test]
+fn a_format_says_which_gaussians_it_cannot_hold() {
+    let mut scene = samples::scene(6, 0);
+    (scene.means[1].z, scene.means[3].x, scene.means[4].y) = (-9e6, 1e36, 8.3e6);
+    let in_scene = options(KILOMETRES, Coordinates::Scene);
+    let in_world = options(KILOMETRES, Coordinates::World);
+    for (format, options, expected) in [
+        (Format3d::Spz, &in_scene, &[1, 3][..]),
+        (Format3d::Spz, &in_world, &[1, 3, 4]),
+        (Format3d::Sog, &in_scene, &[]),
+        (Format3d::Sog, &in_world, &[3]),
+        (Format3d::Splat, &in_world, &[3]),
+        (Format3d::Glb, &in_world, &[]),
+        (Format3d::Ply, &in_scene, &[]),
+    ] {
+        assert_eq!(format.cannot_hold(&scene, options), expected, "{format} {:?}", options.coordinates);
+    }
+    let message = encode_3d("a.spz", &scene, &in_scene).unwrap_err().to_string();
+    assert!(message.contains("a coordinate of ±9e6 (Gaussian 1 and 1 other), beyond ±8388607 units"), "{message}");
+    (scene.means[1].z, scene.means[3].x) = (0.0, 0.0);
+    let losses = encode_3d("a.spz", &scene, &in_scene).unwrap().written.losses;
+    assert!(losses.iter().any(|loss| loss.to_string().contains("1 units, because Gaussian 4 is at ±8300000")));
 }
 
 #[test]

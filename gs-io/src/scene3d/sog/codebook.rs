@@ -69,12 +69,15 @@ fn fitted(values: &[f32]) -> Vec<f32> {
 }
 
 /// Levels with a density that is the cube root of that of the values, which is best for many levels
-/// (Panter and Dite, 1951).
+/// (Panter and Dite, 1951). The density is that of all but a thousandth at each end, which may be anywhere;
+/// the extreme values are levels.
 fn first_estimate(values: &[f32]) -> Vec<f32> {
-    let (low, high) = (f64::from(values[0]), f64::from(values[values.len() - 1]));
+    let last = values.len() - 1;
+    let ends = (values.len() / 1000).max(1);
+    let (low, high) = (f64::from(values[ends]), f64::from(values[last - ends]));
     let width = (high - low) / BINS as f64;
     let edge = |bin: usize| low + width * bin as f64;
-    let mut start = 0;
+    let mut start = ends;
     let weights: Vec<f64> = (1..=BINS)
         .map(|bin| {
             let end = values.partition_point(|&value| f64::from(value) <= edge(bin));
@@ -94,7 +97,9 @@ fn first_estimate(values: &[f32]) -> Vec<f32> {
         let part = if weights[bin] > 0.0 { (wanted - passed) / weights[bin] } else { 0.5 };
         (edge(bin) + width * part.clamp(0.0, 1.0)) as f32
     };
-    (0..LEVELS).map(level).collect()
+    let mut levels: Vec<f32> = (0..LEVELS).map(level).collect();
+    (levels[0], levels[LEVELS - 1]) = (values[0], values[last]);
+    levels
 }
 
 #[cfg(test)]
@@ -125,5 +130,16 @@ mod tests {
         let mean = values.iter().map(error).sum::<f64>() / 1e5;
         let best = 1.0 / 12.0 / 256.0_f64.powi(2);
         assert!(mean < 1.02 * best, "{mean} {best}");
+    }
+
+    #[test]
+    fn values_far_away_leave_levels_to_the_others() {
+        let mut values: Vec<f32> = (0..10_000).map(|k| k as f32 / 1e6).collect();
+        values.extend([-1000.0, 30.0, 1000.0]);
+        let book = Codebook::of(values.clone());
+        let table = book.values();
+        let error = |&value: &f32| (table[usize::from(book.index(value))].unwrap() - value).abs();
+        assert!(values[..10_000].iter().map(error).fold(0.0, f32::max) < 0.01 / 200.0);
+        assert!(values[10_000..].iter().all(|value| error(value) < 1e-3));
     }
 }

@@ -24,12 +24,13 @@ mod palette;
 mod planes;
 
 use std::{
+    borrow::Cow,
     collections::BTreeMap,
     path::{Path, PathBuf},
 };
 
 use glam::Vec3;
-use gs_core::{Scene, Scene3d};
+use gs_core::{Scene, Scene3d, examination::EXTREME_COLOR};
 
 pub(crate) use self::bundle::{bundled, recognises_bundle};
 use self::{
@@ -42,7 +43,7 @@ use self::{
 };
 use super::{
     TrainedWith,
-    conversion_loss::ConversionLoss,
+    conversion_loss::{Clamp, ConversionLoss},
     quantity::{byte_of_logit, logit_of_step},
     sh_degree::rest_of_degree,
     source::Source,
@@ -205,6 +206,8 @@ pub(crate) fn encode(
         what: format!("a SOG of {} Gaussians", scene.len()),
         mend: "write a PLY",
     })?;
+    let (scene, clamped) = without_extremes(scene);
+    let scene = &*scene;
     let grid = Grid::around(&scene.means);
     let words: Vec<[u16; 3]> = scene.means.iter().map(|&mean| grid.words(mean)).collect();
     let order = order::along_morton_curve(&words);
@@ -246,7 +249,8 @@ pub(crate) fn encode(
         let named = ["shN_centroids.webp", "shN_labels.webp"].map(str::to_owned).to_vec();
         palette = Some(Palette { count: rows as u32, bands: scene.sh_degree, codebook: book.values(), files: named });
     }
-    let losses = losses(scene, trained_with, palette.as_ref(), rotations);
+    let mut losses = losses(scene, trained_with, palette.as_ref(), rotations);
+    losses.extend(clamped);
     let named = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect();
     let meta = Meta {
         version: meta::VERSION,
@@ -260,6 +264,22 @@ pub(crate) fn encode(
     };
     files.push((META, meta.text()));
     Ok(Encoded { files, losses, order })
+}
+
+/// The scene with coefficients of at most [`EXTREME_COLOR`]. One of 1e20 would leave no bits of a sum for the
+/// others, and so spoil the palette for all.
+fn without_extremes(scene: &Scene3d) -> (Cow<'_, Scene3d>, Vec<ConversionLoss>) {
+    if !scene.sh.iter().any(|c| c.abs().max_element() > EXTREME_COLOR) {
+        return (Cow::Borrowed(scene), Vec::new());
+    }
+    let [mut constant, mut others] = ["coefficients of degree 0", "coefficients above degree 0"]
+        .map(|what| Clamp::new(what, -EXTREME_COLOR, EXTREME_COLOR, 0.0));
+    let (mut clamped, len) = (scene.clone(), scene.sh_len());
+    for (k, c) in clamped.sh.iter_mut().enumerate() {
+        let clamp = if k % len == 0 { &mut constant } else { &mut others };
+        *c = c.map(|v| clamp.apply(v));
+    }
+    (Cow::Owned(clamped), [constant, others].iter().filter_map(Clamp::loss).collect())
 }
 
 fn losses(

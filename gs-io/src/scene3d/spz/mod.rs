@@ -116,11 +116,7 @@ pub(crate) fn encode(
         what: format!("an SPZ of {} Gaussians", scene.len()),
         mend: "write a PLY",
     })?;
-    let fraction = FractionalBits::for_means(&scene.means).ok_or_else(|| Error::Unsupported {
-        path: path.to_owned(),
-        what: "a mean farther than 8,388,607 units from the origin along an axis".to_owned(),
-        mend: "scale the scene, remove such Gaussians, or write a PLY",
-    })?;
+    let fraction = FractionalBits::for_means(&scene.means);
     let mut packing = quantum::Packing::new(options, fraction);
     let rest = scene.sh_len() - 1;
     let mut streams = Streams::<Vec<u8>>::default();
@@ -142,7 +138,7 @@ pub(crate) fn encode(
     let antialiased = trained_with.spz_flag();
     let head = Head { version, count, degree: scene.sh_degree, fraction, antialiased };
     let bytes = container::write(&head, &streams).map_err(|source| Error::write(path, source))?;
-    let mut losses = packing.losses(scene.sh_degree, rotations);
+    let mut losses = packing.losses(scene, rotations);
     losses.extend(trained_with.lost(&TrainedWith::of_spz_flag(antialiased)));
     Ok((bytes, losses))
 }

@@ -13,11 +13,13 @@
 use std::f32::consts::FRAC_1_SQRT_2;
 
 use glam::Vec3;
+use gs_core::Scene3d;
 
 use super::SpzOptions;
 use crate::scene3d::{
     conversion_loss::{Clamp, ConversionLoss},
     quantity::{byte_of_logit, logit_of_step},
+    range::farthest,
     unit::UnitRotations,
 };
 
@@ -41,12 +43,11 @@ impl FractionalBits {
         (bits <= 23).then_some(Self(bits))
     }
 
-    /// The largest number, at most 12, that leaves room for these means; `None` if not even whole
-    /// units fit.
-    pub(super) fn for_means(means: &[Vec3]) -> Option<Self> {
+    /// The largest number, at most 12, that leaves room for these means, which are in the range of SPZ.
+    pub(super) fn for_means(means: &[Vec3]) -> Self {
         let farthest = means.iter().fold(0.0, |far: f32, m| far.max(m.abs().max_element()));
         let fits = |bits: u8| (f64::from(farthest) * f64::from(1_u32 << bits)).round() <= f64::from((1 << 23) - 1);
-        (0..=Self::USUAL).rev().find(|&bits| fits(bits)).map(Self)
+        Self((0..=Self::USUAL).rev().find(|&bits| fits(bits)).unwrap_or(0))
     }
 
     /// The number of bits.
@@ -167,10 +168,13 @@ impl Packing {
         bits.to_le_bytes()
     }
 
-    pub(super) fn losses(&self, degree: u8, rotations: &UnitRotations<'_>) -> Vec<ConversionLoss> {
+    pub(super) fn losses(&self, scene: &Scene3d, rotations: &UnitRotations<'_>) -> Vec<ConversionLoss> {
+        let degree = scene.sh_degree;
+        let why = farthest(scene).filter(|_| self.fraction.0 < FractionalBits::USUAL);
+        let why = why.map_or_else(String::new, |(i, place)| format!(", because Gaussian {i} is at ±{place:.0}"));
         let rounded = |what, to: String| ConversionLoss::Rounded { what, to };
         let mut losses = vec![
-            rounded("means", format!("{} units", 1.0 / self.fraction.per_unit())),
+            rounded("means", format!("{} units{why}", 1.0 / self.fraction.per_unit())),
             rounded("log-scales", "sixteenths".to_owned()),
             rounded("colours and opacities", "8 bits".to_owned()),
             rounded("the parts of quaternions", "10 bits".to_owned()),
@@ -195,7 +199,7 @@ mod tests {
     use super::*;
 
     fn packing(means: &[Vec3]) -> Packing {
-        Packing::new(SpzOptions::default(), FractionalBits::for_means(means).unwrap())
+        Packing::new(SpzOptions::default(), FractionalBits::for_means(means))
     }
 
     #[test]
@@ -216,7 +220,15 @@ mod tests {
                 assert!((sh_of_byte(packing.sh(k, Vec3::splat(v))[2]) - v).abs() <= 0.5 * step / 128.0, "{k} {v}");
             }
         }
-        assert_eq!(packing.losses(3, &UnitRotations::new(&Default::default(), "".as_ref()).unwrap()).len(), 6);
+        assert_eq!(
+            packing
+                .losses(
+                    &Scene3d { sh_degree: 3, ..Default::default() },
+                    &UnitRotations::new(&Default::default(), "".as_ref()).unwrap()
+                )
+                .len(),
+            6
+        );
     }
 
     #[test]
@@ -232,12 +244,9 @@ mod tests {
     }
 
     #[test]
-    fn large_scenes_get_fewer_fractional_bits_and_too_large_ones_none() {
-        let bits = |x| FractionalBits::for_means(&[Vec3::X * x]).map(FractionalBits::get);
-        assert_eq!(
-            [bits(2047.9), bits(2048.0), bits(8e6), bits(8_388_607.0), bits(8_388_608.0)],
-            [Some(12), Some(11), Some(0), Some(0), None]
-        );
+    fn large_scenes_get_fewer_fractional_bits() {
+        let bits = |x| FractionalBits::for_means(&[Vec3::X * x]).get();
+        assert_eq!([bits(2047.9), bits(2048.0), bits(8e6), bits(8_388_607.0)], [12, 11, 0, 0]);
         assert_eq!(FractionalBits::new(24), None);
     }
 
@@ -246,7 +255,8 @@ mod tests {
         let mut packing = packing(&[]);
         packing.log_scale(Vec3::new(-11.0, 0.0, 7.0));
         packing.color(Vec3::new(4.0, 0.0, 0.0));
-        let losses = packing.losses(0, &UnitRotations::new(&Default::default(), "".as_ref()).unwrap());
+        let losses =
+            packing.losses(&Default::default(), &UnitRotations::new(&Default::default(), "".as_ref()).unwrap());
         let clamped =
             |values| losses.iter().any(|l| matches!(l, ConversionLoss::Clamped { values: v, .. } if *v == values));
         assert!(clamped(2) && clamped(1), "{losses:?}");
