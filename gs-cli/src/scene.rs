@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use gs_core::counted;
-use gs_io::{AnyScene, File3d, SCENE_EXTENSION, SceneFile, Values, is_scene, read_scene, scene_in};
+use gs_io::{AnyScene, File3d, SCENE_EXTENSION, SceneFile, Values, is_scene, read_scene, readable_in};
 
 use crate::{failure::Failure, memory, output};
 
@@ -27,7 +27,7 @@ pub(crate) fn read(path: &Path, values: Values) -> Result<SceneFile, Failure> {
 /// The file that a command reads if it is given this path: in a folder, the one that holds its
 /// scene.
 pub(crate) fn file_of(path: &Path) -> PathBuf {
-    let found = if path.is_dir() { scene_in(path) } else { None };
+    let found = if path.is_dir() { readable_in(path) } else { None };
     found.unwrap_or_else(|| path.to_owned())
 }
 

@@ -21,7 +21,7 @@ use crate::{
     error::Error,
     gsi::{GSI_EXTENSION, decode_gsi, is_gsi, read_gsi},
     scene_file::{File2d, decode_2d, is_2d, read_2d, read_2d_unchecked},
-    scene3d::{self, File3d, Format3d, TrainedWith, format_3d, read_3d, read_3d_unchecked},
+    scene3d::{self, File3d, Format3d, TrainedWith, foreign, format_3d, read_3d, read_3d_unchecked},
 };
 
 /// The entry of a checkpoint's metadata with its [`WorldFrame`]; absent for the world itself.
@@ -80,7 +80,7 @@ pub fn is_scene(path: impl AsRef<Path>) -> Result<bool, Error> {
 /// training.
 ///
 /// # Errors
-/// [`Error::NoScene`] for a folder without one; those of [`read_2d`], [`read_gsi`], [`read_3d`] and
+/// [`Error::NoScene`] for a folder without one, or [`Error::ForeignScene`] for one of another kind; those of [`read_2d`], [`read_gsi`], [`read_3d`] and
 /// [`read_checkpoint`]; [`Error::Content`] for a checkpoint whose metadata do not say how its scene
 /// is rendered.
 pub fn read_scene(path: impl AsRef<Path>, values: Values) -> Result<SceneFile, Error> {
@@ -88,7 +88,7 @@ pub fn read_scene(path: impl AsRef<Path>, values: Values) -> Result<SceneFile, E
     if !path.is_dir() {
         return read_file(path, values);
     }
-    let found = scene_in(path).ok_or_else(|| Error::NoScene { path: path.to_owned() })?;
+    let found = readable_in(path).ok_or_else(|| Error::NoScene { path: path.to_owned() })?;
     read_file(&found, values)
 }
 
@@ -115,6 +115,13 @@ pub fn decode_scene(bytes: &[u8], name: &Path) -> Result<AnyScene, Error> {
 /// The file of an output folder that holds its scene.
 pub fn scene_in(folder: impl AsRef<Path>) -> Option<PathBuf> {
     SCENE_NAMES.iter().map(|name| folder.as_ref().join(name)).find(|file| file.is_file())
+}
+
+/// The file of a folder that [`read_scene`] opens: that of [`scene_in`], or one that describes a scene of many
+/// files, so that the error names its kind.
+pub fn readable_in(folder: impl AsRef<Path>) -> Option<PathBuf> {
+    let foreign = foreign::FOLDER_NAMES.map(|name| folder.as_ref().join(name));
+    scene_in(folder).or_else(|| foreign.into_iter().find(|file| file.is_file()))
 }
 
 fn read_file(path: &Path, values: Values) -> Result<SceneFile, Error> {
@@ -287,6 +294,22 @@ mod tests {
         }
         let message = read_scene(folder.path(), Values::Checked).unwrap_err().to_string();
         assert!(message.contains("holds no scene: looked for scene.gs2d.safetensors, scene.ply"), "{message}");
+    }
+
+    #[test]
+    fn a_folder_of_a_scene_of_many_files_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        for (name, text, expected) in [
+            ("tileset.json", r#"{"asset": {}, "geometricError": 3, "root": {}}"#, "a tileset of 3D Tiles"),
+            ("lod-meta.json", r#"{"lodLevels": 3, "filenames": [], "tree": {}}"#, "a streamed SOG"),
+        ] {
+            std::fs::write(folder.path().join(name), text).unwrap();
+            let error = read_scene(folder.path(), Values::Checked).unwrap_err();
+            assert!(matches!(error, Error::ForeignScene { .. }) && error.to_string().contains(expected), "{error}");
+        }
+        assert_eq!(scene_in(folder.path()), None);
+        std::fs::write(folder.path().join("scene.ply"), "").unwrap();
+        assert_eq!(readable_in(folder.path()), Some(folder.path().join("scene.ply")));
     }
 
     #[test]

@@ -43,7 +43,7 @@ mod world_frame;
 
 pub use crate::{
     animation::{Animation, write_animation},
-    any_scene::{AnyScene, FRAME_ENTRY, SceneFile, Values, decode_scene, is_scene, read_scene, scene_in},
+    any_scene::{AnyScene, FRAME_ENTRY, SceneFile, Values, decode_scene, is_scene, read_scene, readable_in, scene_in},
     atomic::{abandon_writes, prepare_folder, remove_leftovers, write_atomically, write_durably},
     checkpoint::{Checkpoint, decode_checkpoint, encode_checkpoint, is_checkpoint, read_checkpoint, write_checkpoint},
     error::Error,

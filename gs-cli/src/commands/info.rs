@@ -11,7 +11,7 @@ use gs_core::{RenderSettings, Scene, Scene2d, ValueQuantiles, counted, sigmoid};
 use gs_io::{
     AnyScene, IccProfile, SceneFile, Values,
     dataset::{may_be_dataset, read_dataset},
-    scene_in,
+    readable_in,
 };
 use gs_lab::experiments::Cell;
 use serde::Serialize;
@@ -102,7 +102,7 @@ pub(crate) fn run(args: &InfoArgs) -> Result<(), Failure> {
     };
     if may_be_dataset(file) {
         match read_dataset(file, &args.images.settings()) {
-            Err(gs_io::Error::NotADataset { .. }) if scene_in(file).is_some() => {}
+            Err(gs_io::Error::NotADataset { .. }) if readable_in(file).is_some() => {}
             dataset => return dataset::print(&dataset?, format),
         }
     }

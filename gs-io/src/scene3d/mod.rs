@@ -15,7 +15,7 @@
 
 mod conversion_loss;
 mod flips;
-mod foreign;
+pub(crate) mod foreign;
 mod gltf;
 mod ksplat;
 pub(crate) mod ply;
