@@ -20,6 +20,7 @@
 //! the owner is dead, and the run need not wait for the end of the lease.
 
 use std::{
+    collections::HashSet,
     sync::{Arc, Mutex, MutexGuard, PoisonError},
     time::{Duration, Instant, SystemTime},
 };
@@ -28,7 +29,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     error::Error,
-    run_files::{self, RUNS},
+    job_files::{self, JobFile, RUNS},
     run_store::{Locked, OwnFile, RunStore},
     system,
 };
@@ -136,7 +137,7 @@ impl Claims {
         let note = |locked| self.note(run, locked, &token);
         let mut generation = 0;
         let file = loop {
-            let name = run_files::claim(address, generation);
+            let name = job_files::claim(address, generation);
             if let Some(file) = self.store.create(&name, &|locked| [WORKING, &note(locked)].concat())? {
                 break file;
             }
@@ -197,6 +198,35 @@ impl Claims {
         Ok(self.now()?.duration_since(written).is_ok_and(|age| age > self.lease))
     }
 
+    /// Removes what processes that died have left: claims on jobs that have a record, their
+    /// checkpoints, and temporary files that are older than a lease.
+    ///
+    /// # Errors
+    /// [`Error::Path`] or [`Error::Store`] where the folder cannot be read, [`Error::Io`] where it
+    /// cannot be written to.
+    pub(crate) fn sweep(&self) -> Result<(), Error> {
+        let names = self.store.names(RUNS)?;
+        let files = || names.iter().filter_map(|name| Some((name, JobFile::of(name)?)));
+        let ended: HashSet<&str> = files()
+            .filter_map(|(_, file)| match file {
+                JobFile::Record(address) => Some(address),
+                _ => None,
+            })
+            .collect();
+        for (name, file) in files() {
+            let name = format!("{RUNS}/{name}");
+            let is_left = match file {
+                JobFile::Claim(address, _) | JobFile::Checkpoint(address) => ended.contains(address),
+                JobFile::Temporary => self.is_old(&name)?,
+                JobFile::Record(_) => false,
+            };
+            if is_left {
+                let _ = self.store.remove(&name);
+            }
+        }
+        Ok(())
+    }
+
     /// The time of the store, at most [`CLOCK`] old. A time that is too early makes claims seem
     /// younger, so none expires too soon.
     fn now(&self) -> Result<SystemTime, Error> {
@@ -225,7 +255,7 @@ impl Claims {
     }
 
     fn has_record(&self, address: &str) -> Result<bool, Error> {
-        self.store.has(&run_files::record(address))
+        self.store.has(&job_files::record(address))
     }
 
     fn held(&self) -> MutexGuard<'_, Vec<Arc<OwnClaim>>> {
@@ -250,7 +280,7 @@ impl Claim<'_> {
         self.close();
         for generation in 0..=self.generation {
             // Claims of runs that have ended mean nothing; the next report removes what is left.
-            let _ = self.claims.store.remove(&run_files::claim(&self.address, generation));
+            let _ = self.claims.store.remove(&job_files::claim(&self.address, generation));
         }
     }
 

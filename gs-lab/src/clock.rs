@@ -7,7 +7,7 @@ use gs_core::Optimizer;
 use gs_train::{Error as TrainError, Trainable, Trainer};
 use serde::{Deserialize, Serialize};
 
-use crate::{error::Error, plan::Plan, task::StudyBackend};
+use crate::error::Error;
 
 /// What a study measures as the time of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -59,21 +59,6 @@ impl Clock {
                 let seconds = trainer.seconds();
                 trainer.timed_by(cpu_time, seconds)
             }
-        }
-    }
-
-    /// Fails where the clock would not count what a backend does.
-    ///
-    /// # Errors
-    /// [`Error::Study`] for CPU time of a GPU.
-    pub(crate) fn check<R: StudyBackend>(self, plan: &Plan, rasterizer: &R) -> Result<(), Error> {
-        let backend = rasterizer.describe();
-        match self {
-            Self::Cpu if !backend.starts_with("cpu") => Err(plan.study.wrong(
-                format!("clock: CPU time says nothing about {backend}"),
-                "choose --backend cpu, or leave the clock out",
-            )),
-            _ => Ok(()),
         }
     }
 

@@ -1,6 +1,6 @@
 //! Comparison of two arms: paired differences, their interval, and the verdict.
 
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use crate::{
     contrast::{Cell, Contrast, Judged},
@@ -8,45 +8,8 @@ use crate::{
     statistics::Interval,
     study::Matching,
     tables::{Metric, Results},
+    verdict::Verdict,
 };
-
-/// The verdict on a difference between two arms.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-#[non_exhaustive]
-pub enum Verdict {
-    /// The whole interval lies above 0.
-    Better,
-    /// The whole interval lies below 0.
-    Worse,
-    /// 0 lies in the interval.
-    CannotTell,
-    /// There is no interval, or a remark forbids a verdict: [`Difference::remarks`] says why.
-    None,
-}
-
-impl Verdict {
-    /// The verdict that follows from an interval alone, of a metric of which more is better.
-    pub fn of(interval: Interval) -> Self {
-        if interval.low > 0.0 {
-            Self::Better
-        } else if interval.high < 0.0 {
-            Self::Worse
-        } else {
-            Self::CannotTell
-        }
-    }
-
-    /// The verdict as reports print it.
-    pub const fn words(self) -> &'static str {
-        match self {
-            Self::Better => "better",
-            Self::Worse => "worse",
-            Self::CannotTell => "can't tell",
-            Self::None => "no verdict",
-        }
-    }
-}
 
 /// How much better an arm is than another.
 #[derive(Debug, Clone, PartialEq, Serialize)]

@@ -1,7 +1,6 @@
 //! Conducts a study: does its runs side by side, each on its own rasterizer, and stores each result
 //! at once.
 
-use gs_backend::FutureExt as _;
 use std::{
     any::Any,
     panic::{AssertUnwindSafe, catch_unwind},
@@ -9,58 +8,22 @@ use std::{
     thread,
 };
 
-use gs_core::{Error as CoreError, Image, Optimizer, Scene2d, Scene3d};
-use gs_io::Checkpoint;
-use gs_train::{Error as TrainError, RunSettings as _, Trainer};
+use gs_core::{Error as CoreError, Image};
+use gs_train::Error as TrainError;
 
 use crate::{
+    clock::Clock,
     error::Error,
     folder::StudyFolder,
     plan::{Plan, Run, VERSION},
     queue::Queue,
     record::{Finished, Record, RunOutcome},
-    replay::Replayed,
     resumption::{Interruptions, RunCheckpoints},
-    task::{RunSettings, StudyBackend, StudyTask},
-    trajectory::Trajectory,
+    task::StudyBackend,
+    train::{Replayed, train},
+    watcher::Watcher,
     work::WorkSettings,
 };
-
-/// Watches a study; called from several threads. `()` ignores everything.
-pub trait Watcher: Sync {
-    /// A run has begun.
-    fn begun(&self, run: &Run) {
-        let _ = run;
-    }
-
-    /// A run that has begun goes on from a checkpoint after this many steps.
-    fn resumed(&self, run: &Run, step: u32) {
-        let _ = (run, step);
-    }
-
-    /// Something went wrong that costs time but changes no result, such as that a checkpoint of a run
-    /// could not be stored.
-    fn warned(&self, run: &Run, message: &str) {
-        let _ = (run, message);
-    }
-
-    /// A run has ended, and its outcome is stored.
-    fn ended(&self, run: &Run, outcome: &RunOutcome) {
-        let _ = (run, outcome);
-    }
-
-    /// The folder has records of this many runs of the study, done by this process or others.
-    fn counted(&self, ended: usize) {
-        let _ = ended;
-    }
-
-    /// Whether to stop. Runs in progress are given back, each with a checkpoint.
-    fn wants_stop(&self) -> bool {
-        false
-    }
-}
-
-impl Watcher for () {}
 
 /// How a study ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -145,7 +108,7 @@ struct Place<'a> {
 fn conduct_from<R: StudyBackend>(queue: &Queue<'_>, rasterizer: &R, at: &Place<'_>) -> Result<(), Error> {
     let &Place { plan, folder, watcher, .. } = at;
     let words = |index: usize| plan.describe(&plan.runs[index]);
-    while let Some((index, claim)) = queue.next(words, watcher)? {
+    while let Some((index, claim)) = queue.next(words, &watcher)? {
         let run = &plan.runs[index];
         watcher.begun(run);
         // A claim that is dropped leaves the run to others.
@@ -169,7 +132,7 @@ fn conduct_from<R: StudyBackend>(queue: &Queue<'_>, rasterizer: &R, at: &Place<'
 /// # Errors
 /// [`Error::Arm`] with what is missing, [`Error::Study`] for the clock.
 pub fn refuse_unsupported<R: StudyBackend>(plan: &Plan, rasterizer: &R) -> Result<(), Error> {
-    plan.study.clock.check(plan, rasterizer)?;
+    check_clock(plan, rasterizer)?;
     for (index, arm) in plan.study.arms.iter().enumerate() {
         let Some(run) = plan.runs.iter().find(|run| run.arm == index) else { continue };
         let mut render = *run.settings.render();
@@ -183,6 +146,21 @@ pub fn refuse_unsupported<R: StudyBackend>(plan: &Plan, rasterizer: &R) -> Resul
         }
     }
     Ok(())
+}
+
+/// Fails where the study's clock would not count what a backend does.
+///
+/// # Errors
+/// [`Error::Study`] for CPU time of a GPU.
+fn check_clock<R: StudyBackend>(plan: &Plan, rasterizer: &R) -> Result<(), Error> {
+    let backend = rasterizer.describe();
+    match plan.study.clock {
+        Clock::Cpu if !backend.starts_with("cpu") => Err(plan.study.wrong(
+            format!("clock: CPU time says nothing about {backend}"),
+            "choose --backend cpu, or leave the clock out",
+        )),
+        _ => Ok(()),
+    }
 }
 
 /// Whether the backend still works.
@@ -228,91 +206,6 @@ fn attempt<R: StudyBackend>(
 fn message(panic: &(dyn Any + Send)) -> &str {
     let text = panic.downcast_ref::<String>().map(String::as_str);
     text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("without a message")
-}
-
-/// Does a run, from its checkpoint on if it has one, with its scene, pictures and numbers; `None`
-/// where the watcher stopped it.
-pub(crate) fn train<R: StudyBackend>(
-    plan: &Plan,
-    run: &Run,
-    rasterizer: &R,
-    interruptions: Interruptions<'_>,
-) -> Result<Option<Replayed>, TrainError> {
-    match &run.settings {
-        RunSettings::Image(settings) => train_task::<Scene2d, R>(plan, run, settings, rasterizer, interruptions),
-        RunSettings::Scene(settings) => train_task::<Scene3d, R>(plan, run, settings, rasterizer, interruptions),
-    }
-}
-
-fn train_task<S: StudyTask, R: Optimizer<S>>(
-    plan: &Plan,
-    run: &Run,
-    settings: &S::Settings,
-    rasterizer: &R,
-    interruptions: Interruptions<'_>,
-) -> Result<Option<Replayed>, TrainError> {
-    let arm = plan.arm(run);
-    let (mut trainer, mut trajectory) = begin::<S, R>(plan, run, settings, rasterizer, &interruptions)?;
-    if let Some(policy) = arm.own_policy.as_ref().and_then(|own| S::own(&own.policy)) {
-        trainer = trainer.controlled_by(policy.clone());
-    }
-    trainer.run(&mut (&mut trajectory, interruptions)).block_on()?;
-    if !trainer.is_finished() {
-        return Ok(None);
-    }
-    let mut measured = S::measure(&trainer)?;
-    for (index, view) in measured.views.iter_mut().enumerate() {
-        view.curve = trajectory.curve(index);
-    }
-    let scene = trainer.scene().block_on()?;
-    let finished = Finished {
-        gaussians: trainer.count(),
-        bytes: scene.bytes(),
-        iterations: trainer.step(),
-        psnr: measured.psnr,
-        ssim: measured.ssim,
-        ms_ssim: measured.ms_ssim,
-        l1: measured.l1,
-        loss: measured.loss,
-        edits: *trainer.edits(),
-        culled: measured.culled,
-        scene: scene.digest(),
-        seconds: trainer.seconds(),
-        backend: trainer.backend(),
-        side_by_side: 1,
-        trajectory: trajectory.rows().to_vec(),
-        views: measured.views,
-    };
-    let (pictures, settings, frame) = (measured.pictures, measured.render, measured.frame);
-    Ok(Some(Replayed { scene: scene.wrapped(), frame, pictures, settings, finished }))
-}
-
-/// Begins a run, or goes on from its checkpoint.
-fn begin<'r, S: StudyTask, R: Optimizer<S>>(
-    plan: &Plan,
-    run: &Run,
-    settings: &S::Settings,
-    rasterizer: &'r R,
-    interruptions: &Interruptions<'_>,
-) -> Result<(Trainer<'r, R, S>, Trajectory), TrainError> {
-    let (arm, target, iterations) = (plan.arm(run), plan.target(run), settings.iterations());
-    let clock = plan.study.clock;
-    let resume = |checkpoint: Checkpoint| {
-        let trajectory = Trajectory::resumed(iterations, &checkpoint.metadata)?;
-        Ok((clock.go_on(S::resume(rasterizer, target, checkpoint)?), trajectory))
-    };
-    match interruptions.checkpoint().map(resume) {
-        Some(Ok(resumed)) => {
-            interruptions.resumed(resumed.0.step());
-            return Ok(resumed);
-        }
-        Some(Err(error @ TrainError::Core(CoreError::Backend { .. }))) => return Err(error),
-        Some(Err(error)) => interruptions.refuse(error),
-        None => {}
-    }
-    // A diverging arm must fail instead of recovering, so that the study shows it.
-    let trainer = S::begin(rasterizer, target, arm, S::without_recovery(settings), clock)?;
-    Ok((trainer, Trajectory::begun(iterations)))
 }
 
 fn record(plan: &Plan, run: &Run, outcome: RunOutcome) -> Result<Record, Error> {

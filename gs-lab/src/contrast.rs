@@ -5,13 +5,13 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::{
-    comparison::Verdict,
     reach::Reach,
     record::Finished,
     remark::{FEWEST_SEEDS, Pairing, ResultRemark},
     statistics::{FEWEST, Interval, Strata, cluster_interval, freedom, mean, mean_of_strata},
     study::Matching,
     tables::{Metric, Results},
+    verdict::Verdict,
 };
 
 /// Counts that differ by more than this share are treated as different.

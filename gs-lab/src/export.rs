@@ -4,7 +4,7 @@
 
 use std::fmt::Write;
 
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use crate::{
     comparison::Difference,
@@ -13,90 +13,14 @@ use crate::{
     folder::StudyFolder,
     machine::Machine,
     plan::{Plan, Run, VERSION},
-    record::{Record, RunOutcome},
+    record::Finished,
+    recorded::Row,
     remark::ResultRemark,
+    result_names::{LATEX, MARKDOWN, RESULTS, VIEWS},
     study::Matching,
     tables::{Results, RunQuality, Spread},
     text_tables,
 };
-
-const RESULTS: &str = "results.json";
-const VIEWS: &str = "views.csv";
-const MARKDOWN: &str = "tables.md";
-const LATEX: &str = "tables.tex";
-
-/// File names of the tables.
-pub(crate) const TABLES: [&str; 11] = [
-    "runs.csv",
-    "quality.csv",
-    "differences.csv",
-    "differences-at-time.csv",
-    VIEWS,
-    "effects.csv",
-    "effects-at-time.csv",
-    "times.csv",
-    MARKDOWN,
-    LATEX,
-    RESULTS,
-];
-
-/// One run in `runs.csv` and `results.json`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub(crate) struct Row {
-    row: usize,
-    arm: String,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    image: Option<String>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    data_set: Option<String>,
-    budget: u32,
-    seed: u32,
-    pub(crate) address: String,
-    status: String,
-    gaussians: Option<u32>,
-    #[serde(default)]
-    bytes: Option<u64>,
-    iterations: Option<u32>,
-    psnr: Option<f64>,
-    ssim: Option<f64>,
-    ms_ssim: Option<f64>,
-    l1: Option<f64>,
-    pub(crate) scene: Option<String>,
-    error: Option<String>,
-}
-
-impl Row {
-    fn new(plan: &Plan, run: &Run, record: Option<&Record>) -> Self {
-        let end = record.and_then(|record| record.outcome.finished());
-        let (status, error) = match record.map(|record| &record.outcome) {
-            Some(RunOutcome::Finished(_)) => ("finished", None),
-            Some(RunOutcome::Failed { error }) => ("failed", Some(error.clone())),
-            None => ("missing", None),
-        };
-        let target = Some(plan.target(run).name.clone());
-        let (image, data_set) = if plan.study.is_of_scenes() { (None, target) } else { (target, None) };
-        Self {
-            row: run.row,
-            arm: plan.arm(run).name.clone(),
-            image,
-            data_set,
-            budget: run.budget,
-            seed: run.seed,
-            address: run.address.clone(),
-            status: status.to_owned(),
-            gaussians: end.map(|end| end.gaussians),
-            bytes: end.map(|end| end.bytes),
-            iterations: end.map(|end| end.iterations),
-            psnr: end.map(|end| end.psnr),
-            ssim: end.map(|end| end.ssim),
-            ms_ssim: end.and_then(|end| end.ms_ssim),
-            l1: end.map(|end| end.l1),
-            scene: end.map(|end| end.scene.clone()),
-            error,
-        }
-    }
-}
 
 #[derive(Serialize)]
 #[serde(rename_all = "kebab-case")]
@@ -110,15 +34,6 @@ struct Everything<'a> {
     differences: &'a [Difference],
     #[serde(skip_serializing_if = "<[Effect]>::is_empty")]
     effects: &'a [Effect],
-}
-
-/// The part of [`Everything`] that [`recorded`] reads.
-#[derive(Debug, Deserialize)]
-pub(crate) struct Recorded {
-    pub(crate) version: String,
-    #[serde(flatten)]
-    pub(crate) machine: Machine,
-    pub(crate) runs: Vec<Row>,
 }
 
 /// Writes the tables: `runs.csv`, `quality.csv`, `differences.csv`, and `results.json` with all
@@ -163,11 +78,6 @@ pub fn write_tables(results: &Results<'_>, folder: &StudyFolder) -> Result<(), E
     let json = serde_json::to_string(&everything)
         .map_err(|error| Error::Path { path: folder.file(RESULTS), source: error.into() })?;
     folder.write(RESULTS, &(json + "\n"))
-}
-
-/// The rows as they were last written, if they can be read.
-pub(crate) fn recorded(folder: &StudyFolder) -> Option<Recorded> {
-    serde_json::from_slice(&std::fs::read(folder.file(RESULTS)).ok()?).ok()
 }
 
 fn runs_csv(rows: &[Row], plan: &Plan) -> String {
@@ -291,7 +201,7 @@ fn remarks(remarks: &[ResultRemark]) -> String {
 
 fn times_csv(results: &Results<'_>) -> String {
     let ends = results.rows().filter_map(|(run, record)| Some((run, record?.outcome.finished()?)));
-    let line = |(run, end): (&Run, &crate::record::Finished)| {
+    let line = |(run, end): (&Run, &Finished)| {
         format!("{},{:.6},{},{}", run.row, end.seconds, quoted(&end.backend), end.side_by_side)
     };
     table("row,seconds,backend,side_by_side", ends.map(line))

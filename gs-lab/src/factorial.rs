@@ -7,8 +7,9 @@ use crate::{
     contrast::{Cell, Contrast, Judged},
     remark::{Pairing, ResultRemark},
     statistics::Interval,
-    study::{Matching, Verdict},
+    study::Matching,
     tables::{Metric, Results},
+    verdict::Verdict,
 };
 
 /// The name of the factor that the study's budgets are.

@@ -16,17 +16,16 @@ use serde::Serialize;
 use crate::{
     claims::{Claims, State},
     error::Error,
-    export::TABLES,
+    job_files::{self, Listing, RUNS},
     locked_results::{LockedResults, begin, results_claim, write},
     machine::Machine,
     origin::Origin,
     plan::{Plan, Run},
     queue::Queue,
     record::{Record, RunOutcome},
-    report::PAGE,
-    run_files::{self, Listing, PICTURES, RUNS},
+    result_names::{PAGE, TABLES},
+    run_files::{self, PICTURES},
     run_store::{self, Keep, RunStore, StoreAddress},
-    tables::Results,
     target::StudyTarget,
     work::WorkSettings,
 };
@@ -203,7 +202,7 @@ impl StudyFolder {
         let claimed = claimed.filter_map(|run| Some((run, *listing.claimed.get(&run.address)?)));
         let mut running = Vec::new();
         for (run, generation) in claimed {
-            let (note, age) = match claims.state(&run_files::claim(&run.address, generation))? {
+            let (note, age) = match claims.state(&job_files::claim(&run.address, generation))? {
                 State::Live { note, age } => (note, Some(age)),
                 State::Expired { note } => (note, None),
                 State::Released | State::Gone => continue,
@@ -213,15 +212,15 @@ impl StudyFolder {
         Ok(running)
     }
 
-    /// Removes records of a plan's runs that are damaged, such as cut short, so that the runs are
-    /// done again. Returns their rows. `results` is what was read.
+    /// Removes the records of those of `unread` that are damaged, such as cut short, so that the runs
+    /// are done again. Returns their rows. `unread` are runs of which no record could be read.
     ///
     /// # Errors
     /// [`Error::Path`] where a file cannot be removed.
-    pub fn remove_damaged(&self, results: &Results<'_>) -> Result<Vec<usize>, Error> {
+    pub fn remove_damaged<'r>(&self, unread: impl IntoIterator<Item = &'r Run>) -> Result<Vec<usize>, Error> {
         let mut rows = Vec::new();
-        for (run, _) in results.rows().filter(|(_, record)| record.is_none()) {
-            let name = run_files::record(&run.address);
+        for run in unread {
+            let name = job_files::record(&run.address);
             // It may have been stored since the results were read.
             if self.store.has(&name)? && self.record(run)?.is_none() {
                 self.store.remove(&name)?;
@@ -236,7 +235,7 @@ impl StudyFolder {
     /// # Errors
     /// [`Error::Path`] and [`Error::Io`] where the folder cannot be read or written to.
     pub fn sweep(&self) -> Result<(), Error> {
-        run_files::sweep(&*self.store, &self.claims(&WorkSettings::default()))
+        self.claims(&WorkSettings::default()).sweep()
     }
 
     /// Locks the folder's tables and report to write them. Waits where another process has them.
@@ -294,7 +293,7 @@ impl StudyFolder {
     /// # Errors
     /// [`Error::Path`] or [`Error::Store`] where it cannot be read.
     pub fn record(&self, run: &Run) -> Result<Option<Record>, Error> {
-        let Some(text) = self.store.read(&run_files::record(&run.address))? else { return Ok(None) };
+        let Some(text) = self.store.read(&job_files::record(&run.address))? else { return Ok(None) };
         let Ok(mut record) = serde_json::from_slice::<Record>(&text) else { return Ok(None) };
         if let RunOutcome::Finished(finished) = &mut record.outcome {
             // A report holds the trajectories of all runs.
@@ -332,7 +331,7 @@ impl StudyFolder {
                 _ => Ok(()),
             };
         }
-        let name = run_files::record(&run.address);
+        let name = job_files::record(&run.address);
         self.store.write(&name, Keep::AfterPowerCut, &mut |file| Ok(serde_json::to_writer(file, record)?))
     }
 
@@ -341,7 +340,7 @@ impl StudyFolder {
     /// # Errors
     /// [`Error::Io`] where it is damaged, [`Error::Path`] or [`Error::Store`] where it cannot be read.
     pub(crate) fn checkpoint(&self, run: &Run) -> Result<Option<Checkpoint>, Error> {
-        let name = run_files::checkpoint(&run.address);
+        let name = job_files::checkpoint(&run.address);
         let bytes = self.store.read(&name)?;
         Ok(bytes.map(|bytes| decode_checkpoint(&bytes, Path::new(&name))).transpose()?)
     }
@@ -351,14 +350,14 @@ impl StudyFolder {
     /// # Errors
     /// [`Error::Io`] or [`Error::Store`].
     pub(crate) fn store_checkpoint(&self, run: &Run, checkpoint: &Checkpoint<SavedState<'_>>) -> Result<(), Error> {
-        let name = run_files::checkpoint(&run.address);
+        let name = job_files::checkpoint(&run.address);
         self.store.write(&name, Keep::AfterPowerCut, &mut |file| encode_checkpoint(file, checkpoint))
     }
 
     /// Removes the checkpoint of a run that has a record. What cannot be removed does no harm; the
     /// next report removes it.
     pub(crate) fn remove_checkpoint(&self, run: &Run) {
-        let _ = self.store.remove(&run_files::checkpoint(&run.address));
+        let _ = self.store.remove(&job_files::checkpoint(&run.address));
     }
 
     /// Stores a picture of a run's scene, without waiting for the disk: the first, or of a 3D scene

@@ -12,9 +12,8 @@ use gs_io::{FolderClaim, OutputFolder};
 
 use crate::{
     error::Error,
-    export::TABLES,
     folder::StudyFolder,
-    report::{PAGE, PLOTS},
+    result_names::{PAGE, PLOTS, TABLES},
 };
 
 /// Longest time to wait for another process that prepares the folder or writes its report.

@@ -10,9 +10,8 @@ use std::{
 
 use crate::{
     claims::{Attempt, Claim, Claims},
-    conduct::Watcher,
     error::Error,
-    run_files::Listing,
+    job_files::Listing,
     run_store::RunStore,
     system,
     work::{AtEnd, WorkSettings},
@@ -33,6 +32,21 @@ const SHARE_OF_LOOKING: u32 = 50;
 
 /// Longest time in which a request to stop is not noticed.
 const NOTICE: Duration = Duration::from_millis(100);
+
+/// What a queue reports to and asks while it waits; `()` ignores everything and never stops.
+pub(crate) trait Overseer {
+    /// This many of the runs have ended, by this process or others.
+    fn counted(&self, ended: usize) {
+        let _ = ended;
+    }
+
+    /// Whether no further run is to begin.
+    fn wants_stop(&self) -> bool {
+        false
+    }
+}
+
+impl Overseer for () {}
 
 /// The runs of a study that this process may still claim. Threads share it.
 #[derive(Debug)]
@@ -81,17 +95,17 @@ impl<'a> Queue<'a> {
 
     /// Claims the next run: its place in the study, and the claim. Waits while all runs that are
     /// left are with others, as [`WorkSettings::at_end`] says. Returns `None` where nothing is
-    /// left, and where the watcher wants to stop. `words` describes a run for people.
+    /// left, and where the overseer wants to stop. `words` describes a run for people.
     ///
     /// # Errors
     /// [`Error::Path`] and [`Error::Io`] where the folder cannot be read or written to.
     pub(crate) fn next(
         &self,
         words: impl Fn(usize) -> String,
-        watcher: &dyn Watcher,
+        overseer: &dyn Overseer,
     ) -> Result<Option<(usize, Claim<'_>)>, Error> {
         self.look_again();
-        while !watcher.wants_stop() {
+        while !overseer.wants_stop() {
             let candidate = self.order().pop();
             if let Some(index) = candidate {
                 match self.claims.attempt(self.addresses[index], &words(index))? {
@@ -104,7 +118,7 @@ impl<'a> Queue<'a> {
                 }
                 continue;
             }
-            match self.look(watcher)? {
+            match self.look(overseer)? {
                 Look::Candidates => {}
                 Look::Wait(time) => self.wait(time.min(NOTICE)),
                 Look::Nothing => break,
@@ -156,7 +170,7 @@ impl<'a> Queue<'a> {
 
     /// Lists the folder, if it is time to, and queues the runs that are free; if there are none,
     /// some of those that others have claimed, whose owners may be dead.
-    fn look(&self, watcher: &dyn Watcher) -> Result<Look, Error> {
+    fn look(&self, overseer: &dyn Overseer) -> Result<Look, Error> {
         let mut order = self.order();
         let now = Instant::now();
         match order.next_look {
@@ -170,7 +184,7 @@ impl<'a> Queue<'a> {
         let left = (0..self.addresses.len()).filter(|&index| !listing.ended.contains(self.addresses[index]));
         let (taken, free): (Vec<usize>, Vec<usize>) =
             left.partition(|&index| listing.claimed.contains_key(self.addresses[index]));
-        watcher.counted(self.addresses.len() - taken.len() - free.len());
+        overseer.counted(self.addresses.len() - taken.len() - free.len());
         if taken.is_empty() && free.is_empty() {
             return Ok(Look::Nothing);
         }

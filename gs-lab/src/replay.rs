@@ -1,36 +1,16 @@
 //! Replays a row of a study. It must end in the recorded scene, bit for bit.
 
-use gs_core::{Image, RenderSettings};
-use gs_io::WorldFrame;
-
 use crate::{
     arm::AnyPolicy,
-    conduct,
     error::Error,
-    export,
     folder::StudyFolder,
     machine::Machine,
     plan::{Plan, Run, VERSION},
-    record::Finished,
+    recorded,
     resumption::Interruptions,
-    task::{AnyScene, StudyBackend},
+    task::StudyBackend,
+    train::{Replayed, train},
 };
-
-/// A replayed run.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Replayed {
-    /// The scene, which is the recorded one.
-    pub scene: AnyScene,
-    /// The frame of a 3D scene; the world itself for an image.
-    pub frame: WorldFrame,
-    /// The rendering of the scene, not clamped: at the target's size, or for each of the held-out
-    /// views that are shown.
-    pub pictures: Vec<Image>,
-    /// The settings to render the scene with: the effects that it was trained with.
-    pub settings: RenderSettings,
-    /// The numbers; times are measured in the replay.
-    pub finished: Finished,
-}
 
 /// What is recorded of a row.
 struct End {
@@ -76,7 +56,7 @@ pub fn replay<R: StudyBackend>(
         recorded: recorded.to_owned(),
         found: found.to_owned(),
     };
-    let replayed = conduct::train(plan, run, rasterizer, Interruptions::new(run, &(), None))?
+    let replayed = train(plan, run, rasterizer, Interruptions::new(run, &(), None))?
         .ok_or_else(|| differs(end.scene.as_deref().unwrap_or("none"), "none"))?;
     match &end.scene {
         Some(recorded) if *recorded != replayed.finished.scene => Err(differs(recorded, &replayed.finished.scene)),
@@ -111,7 +91,7 @@ fn other_machine(row: usize, recorded: &Machine, found: &Machine) -> Error {
 /// # Errors
 /// [`Error::NoRow`].
 pub fn recorded_run<'p>(plan: &'p Plan, row: usize, folder: &StudyFolder) -> Result<&'p Run, Error> {
-    let Some(recorded) = export::recorded(folder) else { return plan.run(row) };
+    let Some(recorded) = recorded::recorded(folder) else { return plan.run(row) };
     let rows = recorded.runs.len();
     let found = row.checked_sub(1).and_then(|index| recorded.runs.get(index)).ok_or(Error::NoRow { row, rows })?;
     match plan.runs.iter().find(|run| run.address == found.address) {
@@ -126,7 +106,7 @@ fn end(run: &Run, row: usize, folder: &StudyFolder) -> Result<Option<End>, Error
         let scene = record.outcome.finished().map(|finished| finished.scene.clone());
         return Ok(Some(End { address: record.address, scene, version: record.version, machine: record.machine }));
     }
-    Ok(export::recorded(folder).and_then(|recorded| {
+    Ok(recorded::recorded(folder).and_then(|recorded| {
         let row = recorded.runs.into_iter().nth(row - 1)?;
         let is_missing = row.scene.is_none() && row.address == run.address;
         let (version, machine) = (recorded.version, recorded.machine);

@@ -17,7 +17,7 @@ use gs_core::SavedState;
 use gs_io::Checkpoint;
 use gs_train::{Control, Error as TrainError, Observer, Progress};
 
-use crate::{conduct::Watcher, digest, error::Error, folder::StudyFolder, plan::Run};
+use crate::{digest, error::Error, folder::StudyFolder, plan::Run, watcher::Watcher};
 
 /// Checkpoints per lease: a process that dies loses less work than others then wait for its runs.
 const PER_LEASE: u32 = 4;

@@ -10,7 +10,7 @@ use sha2::{Digest, Sha256};
 
 /// Files and folders of the workspace that the result of a run depends on. The paper's experiments,
 /// tables and reports may change without invalidating results, so they are left out.
-pub(crate) const SOURCES: [&str; 16] = [
+pub(crate) const SOURCES: [&str; 17] = [
     "Cargo.lock",
     "gs-core/src",
     "gs-cpu/src",
@@ -26,6 +26,7 @@ pub(crate) const SOURCES: [&str; 16] = [
     "gs-lab/src/synthetic",
     "gs-lab/src/target.rs",
     "gs-lab/src/task",
+    "gs-lab/src/train.rs",
     "gs-lab/src/trajectory.rs",
 ];
 

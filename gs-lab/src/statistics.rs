@@ -142,7 +142,7 @@ fn quantile(sorted: &[f64], share: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::comparison::Verdict;
+    use crate::verdict::Verdict;
 
     /// `n` normally distributed values.
     fn normal(rng: &mut Rng, n: usize, mean: f64, sd: f64) -> Vec<f64> {

@@ -138,6 +138,11 @@ impl<'a> Results<'a> {
         rows.filter_map(|(run, record)| Some((run, record?.outcome.finished()?)))
     }
 
+    /// The runs without a record that could be read, in the plan's order.
+    pub fn missing(&self) -> impl Iterator<Item = &'a Run> {
+        self.rows().filter(|(_, record)| record.is_none()).map(|(run, _)| run)
+    }
+
     /// Whether every run has ended, successfully or not.
     pub fn is_whole(&self) -> bool {
         self.records.iter().all(Option::is_some)

@@ -10,9 +10,8 @@ use std::{
 
 use super::*;
 use crate::{
-    conduct::Watcher,
-    queue::Queue,
-    run_files::{self, Listing},
+    job_files::{self, Listing},
+    queue::{Overseer, Queue},
     run_store::FolderStore,
     work::{AtEnd, Shard, WorkSettings},
 };
@@ -47,7 +46,7 @@ fn claimed(attempt: Attempt<'_>) -> Claim<'_> {
 
 /// Stores what counts as a record. Fails where there is one.
 fn store(to: &dyn RunStore, address: &str) {
-    let created = to.create(&run_files::record(address), &|_| system::token().into_bytes()).unwrap();
+    let created = to.create(&job_files::record(address), &|_| system::token().into_bytes()).unwrap();
     created.expect("no run is done twice");
 }
 
@@ -60,7 +59,7 @@ fn names(of: &dyn RunStore) -> Vec<String> {
 /// Makes a claim that nobody has locked, as that of a process on another machine, written at this
 /// time of the file server.
 fn foreign(folder: &Path, address: &str, generation: u32, written: SystemTime) -> PathBuf {
-    let path = folder.join(run_files::claim(address, generation));
+    let path = folder.join(job_files::claim(address, generation));
     let note = ClaimNote {
         worker: "elsewhere".to_owned(),
         run: "a run".to_owned(),
@@ -83,7 +82,7 @@ fn a_run_is_claimed_once_and_is_free_again_when_given_back() {
     for claims in [&one, &other] {
         assert!(matches!(claims.attempt(&run, "a run").unwrap(), Attempt::Taken));
     }
-    let State::Live { note: Some(note), age } = other.state(&run_files::claim(&run, 0)).unwrap() else {
+    let State::Live { note: Some(note), age } = other.state(&job_files::claim(&run, 0)).unwrap() else {
         panic!("alive")
     };
     assert_eq!((note.worker.as_str(), note.run.as_str(), note.lease), ("a test", "a run", 60.0));
@@ -94,7 +93,7 @@ fn a_run_is_claimed_once_and_is_free_again_when_given_back() {
     store(&*folder_store(place.path()), &run);
     second.finish();
     assert!(matches!(one.attempt(&run, "a run").unwrap(), Attempt::Ended));
-    assert_eq!(names(&*folder_store(place.path())), [run_files::record(&run)]);
+    assert_eq!(names(&*folder_store(place.path())), [job_files::record(&run)]);
 }
 
 #[test]
@@ -104,7 +103,7 @@ fn a_dead_process_of_this_system_is_recognised_at_once() {
     let mut claim = claimed(dead.attempt(&address(1), "a run").unwrap());
     // The end of a process closes its files and writes nothing.
     drop(claim.close());
-    assert!(matches!(other.state(&run_files::claim(&address(1), 0)).unwrap(), State::Expired { note: Some(_) }));
+    assert!(matches!(other.state(&job_files::claim(&address(1), 0)).unwrap(), State::Expired { note: Some(_) }));
     assert_eq!(claimed(other.attempt(&address(1), "a run").unwrap()).generation, 1);
 }
 
@@ -123,7 +122,7 @@ fn a_claim_of_another_machine_expires_by_the_file_servers_clock_and_is_taken_ove
         (now + hour, true),
     ] {
         let path = foreign(place.path(), &address(1), 0, written);
-        let state = one.state(&run_files::claim(&address(1), 0)).unwrap();
+        let state = one.state(&job_files::claim(&address(1), 0)).unwrap();
         assert_eq!(matches!(state, State::Live { .. }), is_live, "{written:?} {now:?} {state:?}");
         fs::remove_file(path).unwrap();
     }
@@ -133,11 +132,11 @@ fn a_claim_of_another_machine_expires_by_the_file_servers_clock_and_is_taken_ove
     assert_eq!(taken.generation, 2);
     assert!(matches!(other.attempt(&address(1), "a run").unwrap(), Attempt::Taken));
     // A claim without a note is of a process that has just begun, or died then.
-    fs::write(place.path().join(run_files::claim(&address(2), 0)), "").unwrap();
+    fs::write(place.path().join(job_files::claim(&address(2), 0)), "").unwrap();
     assert!(matches!(one.attempt(&address(2), "a run").unwrap(), Attempt::Taken));
     File::options()
         .write(true)
-        .open(place.path().join(run_files::claim(&address(2), 0)))
+        .open(place.path().join(job_files::claim(&address(2), 0)))
         .unwrap()
         .set_modified(now - hour)
         .unwrap();
@@ -149,7 +148,7 @@ fn a_heartbeat_renews_a_claim() {
     let place = place();
     let one = claims(place.path());
     let claim = claimed(one.attempt(&address(1), "a run").unwrap());
-    let path = place.path().join(run_files::claim(&address(1), 0));
+    let path = place.path().join(job_files::claim(&address(1), 0));
     let old = one.now().unwrap() - LEASE * 2;
     File::options().write(true).open(&path).unwrap().set_modified(old).unwrap();
     one.beat();
@@ -179,8 +178,8 @@ fn a_run_that_ended_while_it_was_claimed_is_not_done_again() {
         }
     });
     assert!(matches!(claims.attempt(&run, "a run").unwrap(), Attempt::Ended));
-    run_files::sweep(&*folder_store(place.path()), &claims).unwrap();
-    assert_eq!(names(&*folder_store(place.path())), [run_files::record(&run)]);
+    claims.sweep().unwrap();
+    assert_eq!(names(&*folder_store(place.path())), [job_files::record(&run)]);
 }
 
 #[test]
@@ -203,12 +202,12 @@ fn what_the_dead_have_left_is_swept_and_the_rest_stays() {
     write("0011223344556677.now", old);
     write(".gs-aLiVe0.tmp", old + LEASE * 2);
     write("notes.txt", old);
-    run_files::sweep(&*folder_store(place.path()), &claims).unwrap();
+    claims.sweep().unwrap();
     let kept = [
         "runs/.gs-aLiVe0.tmp",
-        &run_files::record(&address(1)),
-        &run_files::claim(&address(2), 0),
-        &run_files::checkpoint(&address(2)),
+        &job_files::record(&address(1)),
+        &job_files::claim(&address(2), 0),
+        &job_files::checkpoint(&address(2)),
         "runs/notes.txt",
     ];
     assert_eq!(names(&*folder_store(place.path())), kept);
@@ -303,7 +302,7 @@ fn without_shares_all_begin_at_the_same_run_and_none_is_done_twice() {
 #[derive(Default)]
 struct Seen(Mutex<Vec<usize>>);
 
-impl Watcher for Seen {
+impl Overseer for Seen {
     fn counted(&self, ended: usize) {
         self.0.lock().unwrap().push(ended);
     }

@@ -13,9 +13,9 @@ use gs_core::{Canvas, Image, Loss, Optimizer, Scene2d, effects::Statistics};
 use gs_density::{Grow, Policy, ResidualGrowth, Signal, WhenFlat};
 
 use super::{
-    Cell, Circumstance, Claim, Findings, Laboratory, Number, Picture, SHARP_DB, Table,
+    Cell, Circumstance, Claim, Findings, Laboratory, Number, Picture, Table,
     findings::significant,
-    laboratory::{Ellipses, Run, Shown, seeds_in_words},
+    laboratory::{Ellipses, Run, SHARP_DB, Shown, seeds_in_words},
     paired::{mean, median},
     set_up::paper_settings,
 };

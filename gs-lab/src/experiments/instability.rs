@@ -9,6 +9,7 @@
 mod driven;
 mod findings;
 mod floors;
+mod guard;
 mod precision;
 mod small_fits;
 
@@ -16,68 +17,27 @@ use gs_core::{Optimizer, Scene2d};
 
 #[cfg(test)]
 pub(crate) use self::floors::floor_settings;
+use self::guard::CLAMP_PX;
 pub(crate) use self::{
     driven::Drive,
     floors::Floor,
+    guard::Guard,
     precision::{Determinant, Precision},
-    small_fits::{Free, Trajectory, small_settings},
+    small_fits::{Free, Trajectory},
 };
 use super::{
-    Cell, Circumstance, Claim, Findings, Laboratory, Number, Paired, Picture, SHARP_DB, Table, findings::significant,
-    paired::gain, textbook::Guards,
+    Cell, Circumstance, Claim, Findings, Laboratory, Number, Paired, Picture, Table, findings::significant,
+    laboratory::SHARP_DB, paired::gain,
 };
 use crate::figure::{Axis, Figure, Marks, Series};
 use crate::synthetic::SyntheticTarget;
 use gs_train::Error;
-
-/// Length of the needle whose other scale goes to zero, px.
-const NEEDLE_PX: f32 = 10.0;
-
-/// The paper's clamp, px.
-const CLAMP_PX: f32 = 1.0;
 
 /// This project's minimum scale, px.
 const PROJECT_FLOOR_PX: f32 = 0.25;
 
 /// The minimum scales whose price is measured, px: the paper's and this project's.
 pub(crate) const FLOORS_PX: [f32; 2] = [CLAMP_PX, PROJECT_FLOOR_PX];
-
-/// What keeps scales from going to zero.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub(crate) enum Guard {
-    /// No guard.
-    Off,
-    /// ε = 1e-6 px⁴ added to the determinant.
-    Epsilon,
-    /// The paper's guards: no scale below 1 px, and ε.
-    Paper,
-    /// This project's guards, as in the product.
-    Project,
-}
-
-impl Guard {
-    pub(crate) const ALL: [Self; 4] = [Self::Off, Self::Epsilon, Self::Paper, Self::Project];
-
-    /// The name in reports.
-    pub(crate) fn name(self) -> &'static str {
-        match self {
-            Self::Off => "none",
-            Self::Epsilon => "ε = 1e-6 on the determinant",
-            Self::Paper => "the paper's: σ ≥ 1 px and ε",
-            Self::Project => "this project's: σ ≥ 0.25 px",
-        }
-    }
-
-    /// The guards of the textbook solver; `None` for the product, which has its own.
-    fn of_textbook(self) -> Option<Guards> {
-        match self {
-            Self::Off => Some(Guards::OFF),
-            Self::Epsilon => Some(Guards::EPSILON),
-            Self::Paper => Some(Guards::PAPER),
-            Self::Project => None,
-        }
-    }
-}
 
 /// The results of the experiment.
 #[derive(Debug, Clone, PartialEq)]
@@ -113,15 +73,6 @@ pub(crate) fn measure<R: Optimizer<Scene2d>>(laboratory: &mut Laboratory<'_, R>)
     Ok(InstabilityMeasured { precision: Precision::of_needle(), drives, free, floors, pictures })
 }
 
-/// `None` for a fit that diverged.
-fn unless_diverged<T>(made: Result<T, Error>) -> Result<Option<T>, Error> {
-    match made {
-        Ok(made) => Ok(Some(made)),
-        Err(Error::Diverged { .. }) => Ok(None),
-        Err(error) => Err(error),
-    }
-}
-
 impl InstabilityMeasured {
     /// The results of setting a scale under a guard.
     pub(crate) fn drive(&self, guard: Guard) -> &Drive {
@@ -146,18 +97,5 @@ impl InstabilityMeasured {
     pub(crate) fn free_fits(&self, guard: Guard) -> (usize, usize) {
         let with = self.free.iter().filter(|free| free.guard == guard);
         with.fold((0, 0), |(fits, diverged), free| (fits + free.fits(), diverged + free.diverged()))
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_divergence_is_counted_and_other_errors_are_not() {
-        let diverged = Error::Diverged { step: 3, loss: f32::NAN, suspect: None };
-        assert_eq!(unless_diverged::<()>(Err(diverged)).unwrap(), None);
-        assert_eq!(unless_diverged(Ok(7)).unwrap(), Some(7));
-        assert!(unless_diverged::<()>(Err(Error::Finished { iterations: 3 })).is_err());
     }
 }

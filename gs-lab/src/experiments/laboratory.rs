@@ -7,6 +7,10 @@ use super::findings::Picture;
 use crate::figure::{Axis, Figure, Marks, Series};
 use gs_train::{Control, Error, Fit, FitSettings, FitSummary, Observer, Progress, Recovery, Trainer};
 
+/// The PSNR from which on a reconstruction of the paper's target counts as sharp, dB. Its root mean
+/// square error is then 1.8 % of the range; that of 20 Gaussians without growth is 8 %.
+pub(crate) const SHARP_DB: f64 = 35.0;
+
 /// How much of an experiment runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum ExperimentSize {

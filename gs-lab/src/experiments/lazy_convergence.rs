@@ -17,9 +17,9 @@ use gs_density::{Grow, Policy, Signal};
 pub(crate) use self::case::{Case, Outcome, Trial, Variation};
 use self::case::{SQUARE_SIDE_PX, targets};
 use super::{
-    Cell, Circumstance, Claim, ExperimentSize, Findings, Laboratory, Number, Paired, Picture, SHARP_DB, Table,
+    Cell, Circumstance, Claim, ExperimentSize, Findings, Laboratory, Number, Paired, Picture, Table,
     findings::significant,
-    laboratory::{Ellipses, Run, Shown, curve_charts, seeds_in_words},
+    laboratory::{Ellipses, Run, SHARP_DB, Shown, curve_charts, seeds_in_words},
     paired::{Sense, gain, mean},
     set_up::paper_settings,
 };

@@ -13,8 +13,8 @@ use gs_core::{Optimizer, Scene as _, Scene2d};
 use gs_density::{Grow, Policy, Signal};
 
 use super::{
-    Cell, Circumstance, Claim, ExperimentSize, Findings, Laboratory, Number, Paired, Picture, SHARP_DB, Table,
-    laboratory::{Ellipses, Run, Shown, curve_charts},
+    Cell, Circumstance, Claim, ExperimentSize, Findings, Laboratory, Number, Paired, Picture, Table,
+    laboratory::{Ellipses, Run, SHARP_DB, Shown, curve_charts},
     paired::{Sense, gain, mean, median},
 };
 use crate::figure::Series;

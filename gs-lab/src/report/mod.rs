@@ -9,12 +9,13 @@ use std::fs;
 
 use rayon::prelude::*;
 
-use crate::{error::Error, figure::Figure, folder::StudyFolder, report::page::Page, study::Matching, tables::Results};
-
-/// The file name of the page.
-pub(crate) const PAGE: &str = "report.html";
-/// The folder of the figures.
-pub(crate) const PLOTS: &str = "plots";
+use crate::{
+    error::Error,
+    folder::StudyFolder,
+    report::page::Page,
+    result_names::{PAGE, PLOTS},
+    tables::Results,
+};
 
 /// Writes `report.html` and `plots/`. The page shows `command` as the way it was made.
 ///
@@ -49,18 +50,4 @@ pub fn write(results: &Results<'_>, folder: &StudyFolder, command: &str) -> Resu
 /// The leading arm at each budget, at equal count, iterations and time, one line each.
 pub fn headlines(results: &Results<'_>) -> Vec<String> {
     standings::standings(results).iter().map(|standing| page::headline(results, standing)).collect()
-}
-
-/// The figure of that name.
-fn figure<'a>(figures: &'a [Figure], name: &str) -> Option<&'a Figure> {
-    figures.iter().find(|figure| figure.name == name)
-}
-
-/// What is held equal, in words.
-fn at_equal(matching: Matching) -> &'static str {
-    match matching {
-        Matching::Count => "at equal count",
-        Matching::Iterations => "after equal iterations",
-        Matching::Time => "after equal time",
-    }
 }

@@ -5,10 +5,10 @@ use std::collections::BTreeMap;
 use crate::statistics::mean;
 
 use crate::{
-    comparison::Verdict,
     reach::Reach,
     study::Matching,
     tables::{Metric, Results},
+    verdict::Verdict,
 };
 
 /// The ranking of the arms at a budget. Means and verdicts are of the same runs, as far as all arms

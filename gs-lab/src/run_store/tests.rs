@@ -23,7 +23,7 @@ use tokio::{net::TcpListener, sync::RwLock};
 use super::{objects::ObjectRuns, *};
 use crate::{
     Existing, Places, Plan, Results, Study, StudyFolder, claims::tests::check_that_each_run_is_done_once, conduct,
-    export::write_tables, run_files::RUNS, study::Conducted, system,
+    export::write_tables, job_files::RUNS, study::Conducted, system,
 };
 
 const BUCKET: &str = "studies";

@@ -22,7 +22,7 @@ fn damaged_records_are_no_rows_and_their_runs_are_done_again() {
     fs::copy(file(7), file(6)).unwrap();
     let results = Results::read(&plan, &folder).unwrap();
     assert_eq!(results.records.iter().flatten().count(), plan.runs.len() - 3);
-    assert_eq!(folder.remove_damaged(&results).unwrap(), [2, 5, 6]);
+    assert_eq!(folder.remove_damaged(results.missing()).unwrap(), [2, 5, 6]);
     let counter = Counter::default();
     conduct(&plan, &[&cpu(1)], &folder, &counter).unwrap();
     assert_eq!(counter.begun.into_inner(), 3);

@@ -16,7 +16,7 @@ pub(super) fn run(args: &ReportArgs) -> Result<(), Failure> {
     folder.sweep()?;
     let results = Results::read(&plan, folder)?;
     remove_damaged(&results, folder)?;
-    let missing = results.records.iter().filter(|record| record.is_none()).count();
+    let missing = results.missing().count();
     if missing == plan.runs.len() {
         let hint = format_args!("do runs with gs study work {}", quoted(folder.path()));
         return Err(Failure::failed("no run has ended yet").at(folder.path().display()).hint(hint));
@@ -38,7 +38,7 @@ pub(super) fn write(results: &Results<'_>, folder: &StudyFolder, command: &str) 
 
 /// Removes damaged records, so that their runs are done again, and returns their number.
 pub(super) fn remove_damaged(results: &Results<'_>, folder: &StudyFolder) -> Result<usize, Failure> {
-    let rows = folder.remove_damaged(results)?;
+    let rows = folder.remove_damaged(results.missing())?;
     for row in &rows {
         output::note(format_args!(
             "row {row}: its record was damaged (cut short?) and is removed: the run counts as missing"

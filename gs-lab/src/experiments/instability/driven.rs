@@ -5,7 +5,10 @@ use glam::{Vec2, Vec3};
 use gs_backend::FutureExt as _;
 use gs_core::{Canvas, Gaussian2d, Image, Optimizer, Scene as _, Scene2d, logit};
 
-use super::{Guard, NEEDLE_PX, small_settings};
+use super::{
+    guard::{Guard, NEEDLE_PX},
+    small_fits::small_settings,
+};
 use crate::experiments::textbook::Textbook;
 use gs_train::Error;
 

@@ -1,6 +1,6 @@
 //! The findings of the instability experiment.
 
-use super::{small_fits::SMALL_GAUSSIANS, *};
+use super::{guard::NEEDLE_PX, small_fits::SMALL_GAUSSIANS, *};
 use crate::experiments::paired::Sense;
 
 impl InstabilityMeasured {

@@ -3,7 +3,7 @@
 
 use gs_core::{Image, Optimizer, Scene2d};
 
-use super::{CLAMP_PX, unless_diverged};
+use super::guard::{CLAMP_PX, unless_diverged};
 use crate::{
     experiments::ExperimentSize, experiments::Laboratory, experiments::Picture, experiments::laboratory::Ellipses,
     experiments::laboratory::Run, experiments::laboratory::Shown, experiments::paired::mean,

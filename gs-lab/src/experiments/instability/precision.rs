@@ -2,7 +2,7 @@
 
 use glam::Mat2;
 
-use super::NEEDLE_PX;
+use super::guard::NEEDLE_PX;
 use crate::experiments::textbook::covariance;
 
 /// The precision of a determinant in `f32`.

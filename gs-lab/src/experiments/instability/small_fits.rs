@@ -4,7 +4,7 @@ use gs_backend::FutureExt as _;
 use gs_core::{Image, Loss, Optimizer, Scene2d};
 use gs_density::Policy;
 
-use super::{Guard, unless_diverged};
+use super::guard::{Guard, unless_diverged};
 use crate::{experiments::Laboratory, experiments::paired::mean, experiments::textbook::Textbook};
 use gs_train::{Error, FitSettings, Init, InitialCount, Rounds, Trainer, init::Random, l1_and_psnr};
 

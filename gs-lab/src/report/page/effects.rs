@@ -6,13 +6,11 @@ use crate::{
     error::Error,
     factorial::{Effect, EffectOf},
     html,
-    report::{
-        at_equal, figure,
-        page::{
-            Page,
-            numbers::{remark, value_cells},
-            words::capital,
-        },
+    report::page::{
+        Page,
+        figures::figure,
+        numbers::{remark, value_cells},
+        words::{at_equal, capital},
     },
     study::Matching,
     tables::Metric,

@@ -4,12 +4,18 @@ use maud::{Markup, html};
 
 use crate::{
     error::Error,
+    figure::Figure,
     html,
     report::{
         page::{Page, words::gaussians},
         pictures::FULL_SCALE,
     },
 };
+
+/// The figure of that name.
+pub(super) fn figure<'a>(figures: &'a [Figure], name: &str) -> Option<&'a Figure> {
+    figures.iter().find(|figure| figure.name == name)
+}
 
 impl Page<'_> {
     pub(super) fn curves(&self) -> Result<Markup, Error> {

@@ -4,20 +4,19 @@ use gs_core::counted;
 use maud::{Markup, html};
 
 use crate::{
-    comparison::{Difference, Verdict},
+    comparison::Difference,
     error::Error,
     html,
     remark::{FEWEST_SEEDS, ResultRemark},
-    report::{
-        at_equal, figure,
-        page::{
-            Page,
-            words::{capital, grouped, signed},
-        },
+    report::page::{
+        Page,
+        figures::figure,
+        words::{at_equal, capital, grouped, signed},
     },
     statistics::{FEWEST, Interval},
     study::Matching,
     tables::{Metric, RunQuality, Spread},
+    verdict::Verdict,
 };
 
 impl Page<'_> {

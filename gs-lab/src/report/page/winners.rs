@@ -5,8 +5,10 @@ use maud::{Markup, html};
 
 use crate::{
     report::{
-        at_equal,
-        page::{Page, words::gaussians},
+        page::{
+            Page,
+            words::{at_equal, gaussians},
+        },
         standings::{Standing, standings},
     },
     study::Matching,

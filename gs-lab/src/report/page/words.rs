@@ -1,4 +1,6 @@
-//! Numbers and lists as the page shows them.
+//! Numbers, lists and conditions as the page shows them.
+
+use crate::study::Matching;
 
 pub(super) fn listed(values: &[u32]) -> String {
     values.iter().map(|&value| grouped(value)).collect::<Vec<_>>().join(", ")
@@ -17,6 +19,15 @@ pub(super) fn gaussians(count: u32) -> String {
 /// A number with its sign; the minus is as wide as the plus.
 pub(super) fn signed(value: f64, digits: usize) -> String {
     format!("{value:+.digits$}").replace('-', "−")
+}
+
+/// What is held equal, in words.
+pub(super) fn at_equal(matching: Matching) -> &'static str {
+    match matching {
+        Matching::Count => "at equal count",
+        Matching::Iterations => "after equal iterations",
+        Matching::Time => "after equal time",
+    }
 }
 
 pub(super) fn capital(text: &str) -> String {

@@ -1,0 +1,31 @@
+//! Names of the files with the results of a study, which its folder protects.
+
+/// The table with everything, which replays read.
+pub(crate) const RESULTS: &str = "results.json";
+/// The table of held-out views.
+pub(crate) const VIEWS: &str = "views.csv";
+/// The tables for texts in Markdown.
+pub(crate) const MARKDOWN: &str = "tables.md";
+/// The tables for texts in LaTeX.
+pub(crate) const LATEX: &str = "tables.tex";
+
+/// File names of the tables.
+pub(crate) const TABLES: [&str; 11] = [
+    "runs.csv",
+    "quality.csv",
+    "differences.csv",
+    "differences-at-time.csv",
+    VIEWS,
+    "effects.csv",
+    "effects-at-time.csv",
+    "times.csv",
+    MARKDOWN,
+    LATEX,
+    RESULTS,
+];
+
+/// The page of the report.
+pub(crate) const PAGE: &str = "report.html";
+
+/// The folder of the report's figures.
+pub(crate) const PLOTS: &str = "plots";
