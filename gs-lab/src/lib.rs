@@ -48,6 +48,7 @@ mod resumption;
 mod run_files;
 mod run_store;
 mod selection;
+mod settings;
 pub mod slurm;
 #[cfg(test)]
 mod sources;

@@ -13,9 +13,9 @@ use crate::{
     error::Error,
     machine::Machine,
     overrides::{self, applied},
+    settings::{Asked, Planned, RunSettings, WrongKey},
     study::Study,
     target::{Places, StudyTarget, TargetContent},
-    task::{Asked, RunSettings, StudyTask, WrongKey},
 };
 
 /// The version of this program, such as "0.1.0+1f0c9d2a7b3e". Results of another version are never
@@ -160,7 +160,7 @@ fn settings(asked: &Asked<'_>, target: &StudyTarget, seed: u32) -> Result<RunSet
 }
 
 /// The settings of a run on one kind of target.
-fn settings_of<S: StudyTask>(asked: &Asked<'_>, target: &StudyTarget, seed: u32) -> Result<S::Settings, Error> {
+fn settings_of<S: Planned>(asked: &Asked<'_>, target: &StudyTarget, seed: u32) -> Result<S::Settings, Error> {
     let Asked { study, arm, .. } = *asked;
     let is_of_other_kind = |own: &AnyPolicy| !matches!(own, AnyPolicy::Elsewhere) && S::own(own).is_none();
     if arm.own_policy.as_ref().is_some_and(|own| is_of_other_kind(&own.policy)) {
@@ -201,7 +201,7 @@ fn until_unknown<'p>(path: &'p str, message: &str) -> &'p str {
 }
 
 /// A remark on a key that is unknown in one kind of settings, but known in the other.
-fn is_known_elsewhere<S: StudyTask>(over: &toml::Table, key: &str, message: &str) -> &'static str {
+fn is_known_elsewhere<S: Planned>(over: &toml::Table, key: &str, message: &str) -> &'static str {
     let first = key.split('.').nth(1).unwrap_or_default();
     let Some(value) = over.get(first).filter(|_| message.starts_with("unknown key")) else { return "" };
     let alone: toml::Table = [(first.to_owned(), value.clone())].into_iter().collect();

@@ -9,7 +9,8 @@ use crate::{
     plan::{Plan, Run},
     record::Finished,
     resumption::Interruptions,
-    task::{AnyScene, RunSettings, StudyBackend, StudyTask},
+    settings::RunSettings,
+    task::{AnyScene, StudyBackend, StudyTask},
     trajectory::Trajectory,
 };
 

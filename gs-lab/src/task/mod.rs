@@ -1,24 +1,20 @@
-//! What differs between runs on images and runs on 3D scenes: settings, the trainer's beginning, and
-//! how its end is measured. Everything else of a study is the same for both.
+//! What differs between runs on images and runs on 3D scenes: the trainer's beginning, and how its
+//! end is measured. Together with their settings, that is all that differs.
 
 mod image;
 mod scene;
 
 pub(crate) use scene::PICTURED_VIEWS;
 
-use gs_core::{
-    Culled, Error as CoreError, Image, Optimizer, Parameterization, RenderSettings, Scene2d, Scene3d,
-    effects::Statistics,
-};
+use gs_core::{Culled, Error as CoreError, Image, Optimizer, Parameterization, RenderSettings, Scene2d, Scene3d};
 use gs_io::{Checkpoint, WorldFrame};
-use gs_train::{Error as TrainError, FitSettings, ForeignPolicy, TrainSettings, Trainable, Trainer};
-use serde::{Serialize, de::DeserializeOwned};
+use gs_train::{Error as TrainError, Trainer};
 
 use crate::{
-    arm::{AnyPolicy, Arm},
+    arm::Arm,
     clock::Clock,
     record::ViewResult,
-    study::Study,
+    settings::{Planned, RunSettings},
     target::StudyTarget,
 };
 
@@ -26,36 +22,6 @@ use crate::{
 pub trait StudyBackend: Optimizer<Scene2d> + Optimizer<Scene3d> {}
 
 impl<R: Optimizer<Scene2d> + Optimizer<Scene3d>> StudyBackend for R {}
-
-/// What an arm asks for besides its settings.
-pub(crate) struct Asked<'a> {
-    pub(crate) study: &'a Study,
-    pub(crate) arm: &'a Arm,
-    pub(crate) budget: u32,
-}
-
-impl Asked<'_> {
-    pub(crate) fn preset(&self) -> &str {
-        self.arm.preset.as_ref().unwrap_or(&self.study.preset)
-    }
-
-    pub(crate) fn iterations(&self) -> Option<u32> {
-        self.arm.iterations.or(self.study.iterations)
-    }
-}
-
-/// A key of an arm whose value is not possible, and why.
-#[derive(Debug)]
-pub(crate) struct WrongKey {
-    pub(crate) key: &'static str,
-    pub(crate) message: String,
-}
-
-impl WrongKey {
-    pub(crate) fn new(key: &'static str, message: impl ToString) -> Self {
-        Self { key, message: message.to_string() }
-    }
-}
 
 /// How a run ended, measured on its image or on its held-out views.
 pub(crate) struct Measured {
@@ -74,17 +40,8 @@ pub(crate) struct Measured {
     pub(crate) frame: WorldFrame,
 }
 
-/// The kind of scene of a run.
-pub(crate) trait StudyTask: Trainable<Settings: Serialize + DeserializeOwned> {
-    /// Whether this is the kind of scenes, for messages.
-    const IS_3D: bool;
-
-    /// The settings of an arm before its table of settings, without the seed.
-    fn start_settings(asked: &Asked<'_>, target: &StudyTarget) -> Result<Self::Settings, WrongKey>;
-
-    /// The settings with the seed, and with numbers that depend on others.
-    fn completed(settings: Self::Settings, seed: u32) -> Self::Settings;
-
+/// The kind of scene of a run, as far as doing the run needs it.
+pub(crate) trait StudyTask: Planned {
     /// The settings under which a diverging run fails, so that the study shows it.
     fn without_recovery(settings: &Self::Settings) -> Self::Settings;
 
@@ -114,9 +71,6 @@ pub(crate) trait StudyTask: Trainable<Settings: Serialize + DeserializeOwned> {
         parameterization: Parameterization,
     ) -> Result<(), CoreError>;
 
-    /// The policy, where it is one for this kind of scene.
-    fn own(policy: &AnyPolicy) -> Option<&ForeignPolicy<Self>>;
-
     /// Digest of the scene.
     fn digest(&self) -> String;
 
@@ -137,80 +91,7 @@ pub enum AnyScene {
     In3d(Scene3d),
 }
 
-/// The settings of a run.
-#[derive(Debug, Clone, PartialEq)]
-#[non_exhaustive]
-pub enum RunSettings {
-    /// Those of the fit of an image.
-    Image(Box<FitSettings>),
-    /// Those of the training of a scene.
-    Scene(Box<TrainSettings>),
-}
-
-/// Runs an expression on the settings of either kind.
-macro_rules! of_either {
-    ($settings:expr, $of:ident => $expression:expr) => {
-        match $settings {
-            RunSettings::Image($of) => $expression,
-            RunSettings::Scene($of) => $expression,
-        }
-    };
-}
-
 impl RunSettings {
-    /// The settings as the text of a TOML file, which `gs fit --settings` or `gs train --settings`
-    /// reads.
-    ///
-    /// # Errors
-    /// [`gs_train::Error::UnwritableSettings`] where TOML has no form for them.
-    pub fn to_toml(&self) -> Result<String, TrainError> {
-        of_either!(self, settings => settings.to_toml())
-    }
-
-    /// Largest number of Gaussians.
-    pub fn gaussians(&self) -> u32 {
-        of_either!(self, settings => settings.gaussians)
-    }
-
-    /// Number of steps.
-    pub fn iterations(&self) -> u32 {
-        of_either!(self, settings => settings.iterations)
-    }
-
-    /// Settings of renderings.
-    pub fn render(&self) -> &RenderSettings {
-        of_either!(self, settings => &settings.render)
-    }
-
-    /// Coordinates in which the optimizer moves.
-    pub fn parameterization(&self) -> Parameterization {
-        of_either!(self, settings => settings.parameterization)
-    }
-
-    /// The densification statistics that the policy needs.
-    pub(crate) fn statistics(&self) -> Statistics {
-        match self {
-            Self::Image(settings) => gs_density::DensityPolicy::<Scene2d>::statistics(&settings.policy),
-            Self::Scene(settings) => gs_density::DensityPolicy::<Scene3d>::statistics(&settings.policy),
-        }
-    }
-
-    /// The settings of a fit; `None` for a training.
-    pub fn of_image(&self) -> Option<&FitSettings> {
-        match self {
-            Self::Image(settings) => Some(settings),
-            Self::Scene(_) => None,
-        }
-    }
-
-    /// The settings of a training; `None` for a fit.
-    pub fn of_scene(&self) -> Option<&TrainSettings> {
-        match self {
-            Self::Image(_) => None,
-            Self::Scene(settings) => Some(settings),
-        }
-    }
-
     /// Draws one Gaussian on one pixel with other settings of rendering, to find out what a backend
     /// supports.
     pub(crate) fn draw_one<R: StudyBackend>(&self, rasterizer: &R, render: &RenderSettings) -> Result<(), CoreError> {
@@ -218,17 +99,5 @@ impl RunSettings {
             Self::Image(settings) => Scene2d::draw_one(rasterizer, render, settings.parameterization),
             Self::Scene(settings) => Scene3d::draw_one(rasterizer, render, settings.parameterization),
         }
-    }
-}
-
-impl From<FitSettings> for RunSettings {
-    fn from(settings: FitSettings) -> Self {
-        Self::Image(settings.into())
-    }
-}
-
-impl From<TrainSettings> for RunSettings {
-    fn from(settings: TrainSettings) -> Self {
-        Self::Scene(settings.into())
     }
 }

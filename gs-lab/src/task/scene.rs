@@ -4,69 +4,19 @@ use gs_backend::FutureExt as _;
 use gs_core::{
     Camera, Error as CoreError, Gaussian3d, Image, Optimizer, Parameterization, RenderSettings, Scene3d, math::sh,
 };
-use gs_density::Policy;
-use gs_io::{Checkpoint, dataset::Split};
+use gs_io::Checkpoint;
 use gs_train::{
-    Error as TrainError, ForeignPolicy, Recovery, TrainPreset, TrainSettings, Trainer, Trainer3d,
+    Error as TrainError, Recovery, TrainSettings, Trainer, Trainer3d,
     train::{PosedView, ViewQuality},
 };
 
-use super::{AnyScene, Asked, Measured, StudyTask, WrongKey, image::wrong_kind};
-use crate::{
-    arm::{AnyPolicy, Arm},
-    clock::Clock,
-    digest, overrides,
-    record::ViewResult,
-    target::StudyTarget,
-};
+use super::{AnyScene, Measured, StudyTask, image::wrong_kind};
+use crate::{arm::Arm, clock::Clock, digest, record::ViewResult, target::StudyTarget};
 
 /// Held-out views of each scene that reports show, evenly spread.
 pub(crate) const PICTURED_VIEWS: usize = 3;
 
 impl StudyTask for Scene3d {
-    const IS_3D: bool = true;
-
-    fn start_settings(asked: &Asked<'_>, target: &StudyTarget) -> Result<TrainSettings, WrongKey> {
-        let preset = TrainPreset::ALL.into_iter().find(|preset| preset.name() == asked.preset()).ok_or_else(|| {
-            let known = TrainPreset::ALL.map(TrainPreset::name).join(", ");
-            WrongKey::new("preset", format!("there is no preset `{}` for scenes: those are {known}", asked.preset()))
-        })?;
-        let Some(dataset) = target.dataset() else {
-            return Err(WrongKey::new("preset", "is for scenes"));
-        };
-        if let Some(start) = asked.arm.start {
-            start.of(dataset).map_err(|error| WrongKey::new("start", format!("{error} ({})", target.label())))?;
-        }
-        let cameras = dataset.views_of(Split::Train).map(|view| &view.camera);
-        let mut settings = preset.settings_for(asked.iterations(), dataset.kind, cameras);
-        settings = match asked.arm.like_gs_train {
-            // The points of the start may double the preset's number.
-            true if settings.gaussians <= asked.budget / 2 => settings,
-            true => {
-                let gaussians = settings.gaussians.min(asked.budget);
-                settings.with_gaussians(gaussians)
-            }
-            false => settings.with_gaussians(asked.budget),
-        };
-        // What is wrong with the rounds is reported later, with its place.
-        for over in [&asked.study.settings, &asked.arm.settings] {
-            settings = overrides::with_rounds(settings, over);
-        }
-        if let Some(name) = &asked.arm.policy {
-            let policy = Policy::from_name(name).map_err(|error| WrongKey::new("policy", error))?;
-            settings = settings.with_policy(policy);
-            settings.policy.validate_3d().map_err(|error| WrongKey::new("policy", error))?;
-        }
-        Ok(match asked.arm.parameterization {
-            Some(parameterization) => settings.with_parameterization(parameterization),
-            None => settings,
-        })
-    }
-
-    fn completed(settings: TrainSettings, seed: u32) -> TrainSettings {
-        settings.with(|s| s.seed = seed)
-    }
-
     fn without_recovery(settings: &TrainSettings) -> TrainSettings {
         settings.clone().with(|s| s.recovery = Recovery::Never)
     }
@@ -145,13 +95,6 @@ impl StudyTask for Scene3d {
         gs_core::Scene::push(&mut scene, gaussian);
         let splats = rasterizer.upload(&scene, parameterization)?;
         rasterizer.forward(&splats, &Camera::looking_forward(1, 1, 1.0), render).block_on().map(drop)
-    }
-
-    fn own(policy: &AnyPolicy) -> Option<&ForeignPolicy<Self>> {
-        match policy {
-            AnyPolicy::In2d(_) | AnyPolicy::Elsewhere => None,
-            AnyPolicy::In3d(policy) => Some(policy),
-        }
     }
 
     fn digest(&self) -> String {
