@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use gs_lab::frontier::{FrontierMachine, FrontierSettings, KernelsName};
+use gs_lab::price::frontier::{FrontierMachine, FrontierSettings, KernelsName};
 
 use crate::{backend::BackendArgs, failure::Failure, output, text_file::read_settings_text};
 

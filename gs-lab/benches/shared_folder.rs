@@ -19,7 +19,9 @@ use clap::Parser;
 use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_lab::{
     Existing, Places, Plan, Results, Study, StudyFolder, conduct, report,
-    study::{Record, Run, RunOutcome, Watcher, write_tables},
+    result::write_tables,
+    run::{Record, RunOutcome, Watcher},
+    study::Run,
 };
 use measure::{Options, Outcome, Quantiles, memory, ms, print_columns, print_head, print_row};
 

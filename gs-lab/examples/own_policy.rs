@@ -8,10 +8,7 @@ use std::{error::Error, sync::Arc};
 use gs_core::{EditPlan, Gaussian2d, effects::Statistics};
 use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_density::{Actions, DensityPolicy, Observation, Rng, Round, WhenFlat};
-use gs_lab::{
-    Existing, Places, Plan, Results, Study, StudyFolder, conduct, report,
-    study::{Arm, write_tables},
-};
+use gs_lab::{Existing, Places, Plan, Results, Study, StudyFolder, conduct, report, result::write_tables, study::Arm};
 
 struct RestlessMass(f32);
 

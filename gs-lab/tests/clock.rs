@@ -7,7 +7,8 @@ use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_density::{DensityPolicy, Observation, Rng};
 use gs_lab::{
     Error, Existing, Places, Plan, Study, StudyFolder, conduct,
-    study::{Arm, Clock, RunOutcome},
+    run::RunOutcome,
+    study::{Arm, Clock},
 };
 
 const STUDY: &str = "name = 'clocks'\nimages = ['paper-64px']\nbudgets = [30]\nseeds = [0]\npreset = 'paper'\n\
@@ -98,7 +99,7 @@ fn runs_that_would_share_a_clock_are_refused_before_any_begins() {
 }
 
 mod wgpu {
-    use gs_lab::study::refuse_unsupported;
+    use gs_lab::run::refuse_unsupported;
     use gs_wgpu::{WgpuRasterizer, WgpuSettings};
     use pollster::FutureExt as _;
 

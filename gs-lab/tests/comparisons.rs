@@ -3,7 +3,9 @@
 use gs_core::{Culled, Image, edit::EditCounts};
 use gs_lab::{
     Places, Plan, Results, Study, report,
-    study::{Difference, Finished, Matching, Metric, Record, ResultRemark, Run, RunOutcome, Verdict},
+    result::{Difference, Metric, ResultRemark, Verdict},
+    run::{Finished, Record, RunOutcome},
+    study::{Matching, Run},
 };
 use gs_train::MetricsRow;
 

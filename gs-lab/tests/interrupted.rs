@@ -13,7 +13,8 @@ use gs_density::Policy;
 use gs_io::{read_checkpoint, write_checkpoint};
 use gs_lab::{
     Existing, Places, Plan, Study, StudyFolder, conduct,
-    study::{Arm, Conducted, Finished, Run, RunOutcome, Watcher},
+    run::{Conducted, Finished, RunOutcome, Watcher},
+    study::{Arm, Run},
 };
 
 use crate::scenes::{self, cpu, laid_out};

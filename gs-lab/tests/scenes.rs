@@ -16,10 +16,9 @@ use gs_density::Policy;
 use gs_io::dataset::{DatasetSettings, read_dataset};
 use gs_lab::{
     Error, Existing, Places, Plan, Results, Study, StudyFolder, conduct, report,
-    study::{
-        AnyScene, Arm, Conducted, EffectOf, Finished, Interval, Matching, Metric, Pairing, Record, ResultRemark, Run,
-        RunOutcome, RunSettings, Verdict, ViewResult, Watcher, replay, scene_digest_3d, write_tables,
-    },
+    result::{EffectOf, Interval, Metric, Pairing, ResultRemark, Verdict, write_tables},
+    run::{AnyScene, Conducted, Finished, Record, RunOutcome, ViewResult, Watcher, replay},
+    study::{Arm, Matching, Run, RunSettings, scene_digest_3d},
 };
 use gs_train::{
     MetricsRow, Trainer3d,

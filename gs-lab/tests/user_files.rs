@@ -9,7 +9,7 @@ use gs_core::{
 use gs_cpu::{Bounds, CpuTuning};
 use gs_lab::{
     Error, Places, Plan, Study,
-    frontier::{FrontierEffects, FrontierMachine, FrontierSettings, KernelsName},
+    price::frontier::{FrontierEffects, FrontierMachine, FrontierSettings, KernelsName},
 };
 use gs_train::parse_json;
 use toml::{Table, Value};

@@ -6,7 +6,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use gs_lab::{
     Error, Existing, Places, Plan, Results, Study, StudyFolder, conduct,
-    study::{Run, RunOutcome, Watcher},
+    run::{RunOutcome, Watcher},
+    study::Run,
 };
 use gs_wgpu::{WgpuRasterizer, WgpuSettings};
 

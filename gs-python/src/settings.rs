@@ -6,7 +6,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use gs_lab::overrides;
+use gs_lab::study::overrides;
 use pyo3::{
     exceptions::{PyOSError, PyTypeError, PyValueError},
     prelude::*,

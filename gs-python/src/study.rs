@@ -14,11 +14,13 @@ use std::{
 use gs_backend::{AnyRasterizer, host_threads};
 use gs_core::{Scene2d, Scene3d};
 use gs_lab::{
-    Existing, Places, Plan, Results, StudyFolder, conduct_with, report, slurm,
-    study::{
-        AnyPolicy, AnyScene, Arm, AtEnd, Conducted, Machine, OwnPolicy, Replayed, Run, RunOutcome, Shard, Watcher,
-        WorkSettings, write_tables,
+    Existing, Places, Plan, Results, StudyFolder, conduct_with, report,
+    result::write_tables,
+    run::{
+        AnyScene, Conducted, Replayed, RunOutcome, Watcher,
+        jobs::{AtEnd, Shard, WorkSettings, slurm},
     },
+    study::{AnyPolicy, Arm, Machine, OwnPolicy, Run},
 };
 use gs_train::ForeignPolicy;
 use pyo3::{IntoPyObjectExt, exceptions::PyRuntimeError, prelude::*, types::PyAny};
@@ -129,7 +131,7 @@ impl Study {
     #[doc = doc!("Study.replay")]
     fn replay(&self, py: Python<'_>, output: PathBuf, row: usize) -> PyResult<Py<PyAny>> {
         let Prepared { plan, folder, backends } = self.prepared(py, output, 1, None)?;
-        let replayed = errors::computed(py, || gs_lab::study::replay(&plan, row, backends[0].rasterizer(), &folder));
+        let replayed = errors::computed(py, || gs_lab::run::replay(&plan, row, backends[0].rasterizer(), &folder));
         let Replayed { scene, frame, pictures, settings, .. } =
             replayed.map_err(|error| self.raised().unwrap_or(error))?;
         match scene {
@@ -216,7 +218,7 @@ impl Study {
             let plan = plan.map_err(IntoPython::into_python)?;
             let folder = match existing {
                 Some(existing) => {
-                    gs_lab::study::refuse_unsupported(&plan, rasterizer).map_err(IntoPython::into_python)?;
+                    gs_lab::run::refuse_unsupported(&plan, rasterizer).map_err(IntoPython::into_python)?;
                     StudyFolder::prepare(&output, &plan, existing)
                 }
                 None => StudyFolder::open(&output),

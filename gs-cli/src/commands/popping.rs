@@ -6,9 +6,9 @@ use clap::Args;
 use gs_backend::FutureExt as _;
 use gs_core::{Parameterization, Rasterizer as _, Scene as _, counted, view::Orbit};
 use gs_io::Inputs;
-use gs_lab::experiments::{
-    Table,
-    popping::{STRIDES, SlowOrbit, compare},
+use gs_lab::{
+    experiments::Table,
+    price::popping::{STRIDES, SlowOrbit, compare},
 };
 
 use crate::{

@@ -10,7 +10,7 @@ use clap::{Args, ValueEnum, builder::PossibleValue};
 use gs_backend::{AnyRasterizer, FutureExt as _};
 use gs_core::{Blend, Scene2d, counted, effects::Background};
 use gs_density::Policy;
-use gs_lab::frontier::{FrontierMachine, FrontierSettings};
+use gs_lab::price::frontier::{FrontierMachine, FrontierSettings};
 use gs_train::{FitSettings, Init, Preset, Trainer, Tune, mean_color};
 
 pub(crate) use self::target::Target;

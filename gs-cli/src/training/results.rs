@@ -5,7 +5,7 @@ use std::{path::Path, time::Instant};
 use gs_backend::Chosen;
 use gs_core::examination::{self, Examinable};
 use gs_io::write_png;
-use gs_lab::figure::curve::{self, CurvePoint};
+use gs_lab::report::figure::curve::{self, CurvePoint};
 use gs_train::MetricsLog;
 use serde::Serialize;
 

@@ -3,7 +3,7 @@
 use glam::Vec3;
 use gs_core::{Scene, Scene3d};
 use gs_io::{WriteOptions3d, write_3d};
-use gs_lab::experiments::popping::discs;
+use gs_lab::price::popping::discs;
 
 use crate::{
     process::{folder, gs, picture},

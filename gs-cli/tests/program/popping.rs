@@ -1,7 +1,7 @@
 //! `gs popping`: what it prints and writes, and what it refuses.
 
 use gs_io::{WriteOptions3d, write_3d};
-use gs_lab::experiments::popping::discs;
+use gs_lab::price::popping::discs;
 
 use crate::process::{folder, gs, names_in};
 

@@ -5,7 +5,7 @@ use std::{error::Error, fs, path::Path};
 use gs_core::counted;
 use gs_lab::{
     compression::{CODECS, RateCurve},
-    figure::{Axis, Figure, Marks, Series},
+    report::figure::{Axis, Figure, Marks, Series},
 };
 
 use crate::{

@@ -9,8 +9,10 @@ use maud::{Markup, html};
 use super::{CODECS, Codec, Coded, Original, RateCurve};
 use crate::{
     error::Error,
-    figure::{Axis, Dots, Figure, Marks, Series},
-    html,
+    report::{
+        figure::{Axis, Dots, Figure, Marks, Series},
+        html,
+    },
 };
 
 /// Factor of differences in the error map.
@@ -278,7 +280,7 @@ fn figure(of: &EncodePage<'_>, quality: &ImageQuality, rivals: &[Rival]) -> Figu
 }
 
 fn grouped(number: u64) -> String {
-    crate::figure::grouped(&number.to_string())
+    crate::report::figure::grouped(&number.to_string())
 }
 
 fn digits(psnr: f64) -> String {

@@ -9,8 +9,8 @@ use super::{
     set_up::{SMALL_SCALE_PX, fixed_settings, forced_growth_settings, paper_settings},
 };
 use crate::{
-    Places, Plan, Study, built_in,
-    study::{Run, SyntheticTarget},
+    study::{Places, Plan, Run, Study, built_in},
+    synthetic::SyntheticTarget,
 };
 use gs_density::Policy;
 use gs_train::FitSettings;

@@ -10,9 +10,10 @@ use super::{
     edges::{self, EdgesMeasured, Zone},
     instability::{self, Guard, InstabilityMeasured},
     lazy_convergence::{self, Case, Criterion, LazyMeasured, Variation},
-    popping::{self, PoppingMeasured, VISIBLE_LEVELS},
+    popping::{self, PoppingMeasured},
     set_up::{self, SetUpMeasured},
 };
+use crate::price::popping::VISIBLE_LEVELS;
 use gs_core::Loss;
 use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_train::PAPER_SIDE_PX;
@@ -307,7 +308,7 @@ mod edges_and_blobs {
 }
 
 mod popping_of_colours {
-    use super::super::popping::{PoppingComparison, SlowOrbit, compare, discs, discs_flight};
+    use crate::price::popping::{PoppingComparison, SlowOrbit, compare, discs, discs_flight};
     use glam::Vec3;
     use gs_core::{Blend, RenderSettings, Scene, Scene3d, effects::Antialias};
 

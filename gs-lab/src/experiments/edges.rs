@@ -9,7 +9,7 @@ use super::{
     laboratory::{Ellipses, Shown},
     paired::{mean, median},
 };
-use crate::figure::{Axis, Figure, Marks, Series};
+use crate::report::figure::{Axis, Figure, Marks, Series};
 use gs_train::{Error, FitSettings, PAPER_DISC, PAPER_SIDE_PX, PAPER_SQUARE, paper_target};
 
 /// Half the width of the zone around an edge, px. The disc's edge rises from 12 % to 88 % within

@@ -4,7 +4,7 @@
 use gs_io::png_bytes;
 
 use super::{Chapter, Findings, Table};
-use crate::{error::Error, export::quoted, figure::Figure};
+use crate::{error::Error, report::figure::Figure, result::quoted};
 
 /// A result file of an experiment.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -6,7 +6,7 @@ use std::fmt;
 use gs_core::{Canvas, Image, Scene2d};
 use serde::Serialize;
 
-use crate::figure::{Figure, ellipses};
+use crate::report::figure::{Figure, ellipses};
 
 /// The results of an experiment.
 #[derive(Debug, Clone, PartialEq)]

@@ -4,7 +4,7 @@ use gs_backend::FutureExt as _;
 use gs_core::{Canvas, Image, Optimizer, RenderSettings, Scene2d, counted};
 
 use super::findings::Picture;
-use crate::figure::{Axis, Figure, Marks, Series};
+use crate::report::figure::{Axis, Figure, Marks, Series};
 use gs_train::{Control, Error, Fit, FitSettings, FitSummary, Observer, Progress, Recovery, Trainer};
 
 /// The PSNR from which on a reconstruction of the paper's target counts as sharp, dB. Its root mean

@@ -4,7 +4,7 @@
 //! claims, each with a [`ClaimVerdict`] that is computed from its [`Circumstance`]s, and charts,
 //! tables and pictures.
 //!
-//! All experiments but [`popping`] fit 2D scenes. Every fit has ordinary
+//! All experiments but [`Experiment::Popping`] fit 2D scenes. Every fit has ordinary
 //! [`FitSettings`](gs_train::FitSettings) and is deterministic for a given seed.
 
 #[cfg(test)]
@@ -21,9 +21,8 @@ mod laboratory;
 mod lazy_convergence;
 mod page;
 mod paired;
-pub mod popping;
+mod popping;
 mod set_up;
-mod textbook;
 
 use gs_core::{Optimizer, Scene2d, Scene3d};
 

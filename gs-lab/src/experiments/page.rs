@@ -5,7 +5,7 @@ use gs_io::png_bytes;
 use maud::{Markup, html};
 
 use super::{Chapter, Circumstance, Claim, ClaimVerdict, Experiment, ExperimentSize, Picture, Table};
-use crate::{error::Error, html};
+use crate::{error::Error, report::html};
 
 /// Tables with more rows are folded.
 const MOST_OPEN_ROWS: usize = 14;
@@ -180,7 +180,7 @@ mod tests {
     use super::*;
     use crate::{
         experiments::{Findings, Number},
-        figure::{Axis, Figure, Marks, Series},
+        report::figure::{Axis, Figure, Marks, Series},
     };
 
     fn chapter() -> Chapter {

@@ -1,8 +1,8 @@
 //! Paired differences with their significance.
 
-use crate::{statistics::Interval, statistics::bootstrap_interval};
+use crate::result::{Interval, bootstrap_interval};
 
-pub(crate) use crate::{statistics::mean, statistics::median};
+pub(crate) use crate::result::{mean, median};
 
 /// Difference of two PSNRs, dB; 0 for equal ones, even if both are infinite.
 pub(crate) fn gain(of: f64, over: f64) -> f64 {

@@ -1,16 +1,14 @@
 //! The figures of a study: quality against count, quality and count over steps and time, differences
 //! from the baseline, and the effects of factors.
 
-use crate::statistics::mean;
+use crate::result::mean;
 use gs_core::counted;
 
+use super::figure::{Axis, Bar, Dots, Figure, FigurePoint, Marks, Series};
 use crate::{
-    figure::{Axis, Bar, Dots, Figure, FigurePoint, Marks, Series},
-    plan::Run,
-    reach::Reach,
-    record::Finished,
-    study::Matching,
-    tables::{Metric, Results},
+    result::{Metric, Reach, Results},
+    run::Finished,
+    study::{Matching, Run},
 };
 
 /// Points of a curve over time.

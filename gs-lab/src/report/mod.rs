@@ -1,6 +1,8 @@
 //! The report of a study: one HTML page without network access, and its figures as SVG and PNG.
 
 mod curves;
+pub mod figure;
+pub(crate) mod html;
 mod page;
 mod pictures;
 mod standings;
@@ -11,10 +13,9 @@ use rayon::prelude::*;
 
 use crate::{
     error::Error,
-    folder::StudyFolder,
     report::page::Page,
-    result_names::{PAGE, PLOTS},
-    tables::Results,
+    result::Results,
+    run::{PAGE, PLOTS, StudyFolder},
 };
 
 /// Writes `report.html` and `plots/`. The page shows `command` as the way it was made.

@@ -4,9 +4,12 @@
 use gs_core::Image;
 use image::{ExtendedColorType, ImageEncoder, codecs::jpeg::JpegEncoder};
 
+use super::html::data_uri;
 use crate::{
-    error::Error, html::data_uri, plan::Run, record::Record, tables::Results, target::TargetContent,
-    task::PICTURED_VIEWS,
+    error::Error,
+    result::Results,
+    run::{PICTURED_VIEWS, Record},
+    study::{Run, TargetContent},
 };
 
 /// Side of a picture of an image and of a scene's view, px.

@@ -2,13 +2,11 @@
 
 use std::collections::BTreeMap;
 
-use crate::statistics::mean;
+use crate::result::mean;
 
 use crate::{
-    reach::Reach,
+    result::{Metric, Reach, Results, Verdict},
     study::Matching,
-    tables::{Metric, Results},
-    verdict::Verdict,
 };
 
 /// The ranking of the arms at a budget. Means and verdicts are of the same runs, as far as all arms

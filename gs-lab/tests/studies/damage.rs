@@ -4,7 +4,9 @@ use std::{fs, path::Path};
 
 use gs_lab::{
     Existing, Plan, Results, StudyFolder, conduct,
-    study::{Conducted, Run, Watcher, write_tables},
+    result::write_tables,
+    run::{Conducted, Watcher},
+    study::Run,
 };
 
 use super::{Counter, conducted, cpu, laid_out, place, record, study, tables};

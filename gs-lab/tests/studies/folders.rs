@@ -2,10 +2,7 @@
 
 use std::fs;
 
-use gs_lab::{
-    Existing, Plan, StudyFolder,
-    study::{Safety, VERSION},
-};
+use gs_lab::{Existing, Plan, StudyFolder, run::Safety, study::VERSION};
 
 use super::{laid_out, place, study};
 

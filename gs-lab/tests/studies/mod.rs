@@ -21,7 +21,9 @@ use std::{
 use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_lab::{
     Existing, Places, Plan, Results, Study, StudyFolder, conduct, report,
-    study::{Conducted, Run, RunOutcome, Watcher, write_tables},
+    result::write_tables,
+    run::{Conducted, RunOutcome, Watcher},
+    study::Run,
 };
 
 const STUDY: &str = "name = 'small'\nquestion = 'Does growth help?'\nimages = ['paper', 'stripes.png']\nbudgets = [30, 60]\nseeds = [0, 1]\n\

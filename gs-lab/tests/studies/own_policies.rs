@@ -6,7 +6,9 @@ use gs_core::{EditPlan, Error as CoreError, Gaussian2d, effects::Statistics};
 use gs_density::{DensityPolicy, Observation, Rng};
 use gs_lab::{
     Existing, Plan, Results, Study, StudyFolder, conduct, report,
-    study::{Arm, Matching, Metric, replay, write_tables},
+    result::{Metric, write_tables},
+    run::replay,
+    study::{Arm, Matching},
 };
 
 use super::{Counter, conducted, cpu, laid_out, place, study};

@@ -5,7 +5,8 @@ use std::fs;
 
 use gs_lab::{
     Error, Places, Plan, StudyFolder,
-    study::{AnyScene, Machine, VERSION, replay, scene_digest},
+    run::{AnyScene, replay},
+    study::{Machine, VERSION, scene_digest},
 };
 use gs_train::fit;
 

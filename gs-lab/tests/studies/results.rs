@@ -4,7 +4,8 @@ use std::fs;
 
 use gs_lab::{
     Results,
-    study::{Matching, Metric, ResultRemark, VERSION, Verdict},
+    result::{Metric, ResultRemark, Verdict},
+    study::{Matching, VERSION},
 };
 
 use super::{conducted, laid_out, place, study};

@@ -4,7 +4,11 @@ use std::{fs, thread};
 
 use gs_lab::{
     Error, Existing, Results, StudyFolder, conduct, conduct_with,
-    study::{Conducted, Shard, WorkSettings, write_tables},
+    result::write_tables,
+    run::{
+        Conducted,
+        jobs::{Shard, WorkSettings},
+    },
 };
 
 use super::{Counter, conducted, cpu, laid_out, place, record, study, tables};

@@ -12,7 +12,7 @@ use gs_core::{
     effects::RequiresEffects, view::Orbit,
 };
 use gs_io::{AnyScene, File3d};
-use gs_lab::effects::{UploadedScene, prices, prove, sampled, training_prices};
+use gs_lab::price::effects::{UploadedScene, prices, prove, sampled, training_prices};
 use gs_train::train::Views;
 
 use self::report::{Facts, Report, Training};

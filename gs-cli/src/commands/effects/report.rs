@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use gs_core::{counted, effects::EffectDecision};
-use gs_lab::effects::{Difference, Price, Prices, Proof, TrainingOutcome, TrainingPrice};
+use gs_lab::price::effects::{Difference, Price, Prices, Proof, TrainingOutcome, TrainingPrice};
 use serde::Serialize;
 
 /// What was examined.

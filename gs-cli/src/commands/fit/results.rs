@@ -7,7 +7,7 @@ use std::{path::Path, thread, time::Instant};
 use gs_backend::{AnyRasterizer, Chosen, FutureExt as _};
 use gs_core::{Blend, Canvas, Culled, Image, Rasterizer as _, Scene as _, Scene2d, counted, effects::EffectDecision};
 use gs_io::{File2d, write_2d, write_ply, write_png};
-use gs_lab::figure::{curve::CurvePoint, ellipses};
+use gs_lab::report::figure::{curve::CurvePoint, ellipses};
 use gs_train::{ColorRange, FitSummary, MetricsLog, Trainer, Viewable, viewable};
 use serde::Serialize;
 

@@ -2,7 +2,7 @@
 //! others.
 
 use gs_core::{Effects, RenderSettings, counted, profile::Quantiles};
-use gs_lab::frontier::{
+use gs_lab::price::frontier::{
     Budget, Choice, Frontier, FrontierEffects, FrontierMachine, FrontierSettings, Measured, Noise, Verification,
 };
 use serde::Serialize;

@@ -3,7 +3,7 @@
 use gs_backend::{AnyRasterizer, FutureExt as _, Wanted};
 use gs_core::{Blend, Optimizer, Scene};
 use gs_lab::{
-    frontier::{Candidate, Contender, FrontierMachine, cpu_contenders, wgpu_contenders},
+    price::frontier::{Candidate, Contender, FrontierMachine, cpu_contenders, wgpu_contenders},
     study::Machine,
 };
 

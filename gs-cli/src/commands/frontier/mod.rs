@@ -11,7 +11,7 @@ use clap::Args;
 use gs_backend::AnyRasterizer;
 use gs_core::{Optimizer, counted};
 use gs_io::Inputs;
-use gs_lab::frontier::{
+use gs_lab::price::frontier::{
     Budget, Field, Frontier, SearchAnswer, SearchLimits, Verifiable, figure, search, to_csv, to_text,
 };
 use gs_oracle::OracleView;

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use gs_core::{Camera, Canvas, Effects, RenderSettings, Scene, Scene2d, Scene3d, view::Orbit};
 use gs_io::{AnyScene, File2d, File3d};
-use gs_lab::{
+use gs_lab::price::{
     effects::sampled,
     frontier::{FrontierEffects, unseen_cameras, unseen_canvases},
 };

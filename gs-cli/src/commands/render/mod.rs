@@ -9,7 +9,7 @@ use clap::Args;
 
 use gs_core::{Scene as _, counted};
 use gs_io::{AnyScene, GsiFile, is_gsi, read_gsi, read_gsi_prefix};
-use gs_lab::frontier::FrontierSettings;
+use gs_lab::price::frontier::FrontierSettings;
 
 use crate::{
     backend::BackendArgs,

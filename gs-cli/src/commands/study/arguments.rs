@@ -3,7 +3,10 @@
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
-use gs_lab::study::{Selection, Shard, StoreAddress};
+use gs_lab::{
+    run::jobs::{Shard, StoreAddress},
+    study::Selection,
+};
 
 use crate::{backend::BackendArgs, output_folder::OverwriteArgs, values::whole};
 

@@ -12,7 +12,7 @@ mod work;
 use gs_core::counted;
 use gs_lab::{
     Results, StudyFolder, conduct,
-    study::{Conducted, RunOutcome},
+    run::{Conducted, RunOutcome},
 };
 
 pub(crate) use self::arguments::StudyArgs;

@@ -9,7 +9,8 @@ use gs_backend::{AnyRasterizer, Chosen};
 use gs_core::counted;
 use gs_lab::{
     Error, Existing, Places, Plan, Study, StudyFolder, built_in,
-    study::{Machine, Safety, refuse_unsupported},
+    run::{Safety, refuse_unsupported},
+    study::Machine,
 };
 
 use super::arguments::{HeldStudyArgs, PartArgs, PrepareArgs};

@@ -9,7 +9,8 @@ use std::{
 use gs_core::counted;
 use gs_lab::{
     Plan, StudyFolder,
-    study::{Run, RunOutcome, Watcher},
+    run::{RunOutcome, Watcher},
+    study::Run,
 };
 use indicatif::ProgressBar;
 

@@ -5,7 +5,8 @@ use gs_core::counted;
 use gs_io::{File2d, FolderClaim, Inputs, TrainedWith, WriteOptions3d, write_2d, write_3d, write_png};
 use gs_lab::{
     StudyFolder,
-    study::{AnyScene, Machine, Replayed, Run, recorded_run, replay},
+    run::{AnyScene, Replayed, recorded_run, replay},
+    study::{Machine, Run},
 };
 
 use super::{arguments::ReplayArgs, prepare::HeldStudy};

@@ -1,7 +1,7 @@
 //! `gs study report`: tables and report of the runs that have ended so far.
 
 use gs_core::counted;
-use gs_lab::{Results, StudyFolder, study::write_tables};
+use gs_lab::{Results, StudyFolder, result::write_tables};
 
 use super::{arguments::ReportArgs, conclude, prepare::held};
 use crate::{

@@ -9,8 +9,12 @@ use std::{
 use gs_backend::Chosen;
 use gs_core::counted;
 use gs_lab::{
-    Plan, conduct_with, slurm,
-    study::{AtEnd, Conducted, Machine, Run, RunOutcome, Watcher, WorkSettings},
+    Plan, conduct_with,
+    run::{
+        Conducted, RunOutcome, Watcher,
+        jobs::{AtEnd, WorkSettings, slurm},
+    },
+    study::{Machine, Run},
 };
 
 use super::{

@@ -10,8 +10,8 @@ use gs_core::{
 };
 use gs_io::{TrainedWith, WorldFrame, WriteOptions3d, dataset::SplitOrigin, write_3d, write_png};
 use gs_lab::{
-    effects::sampled,
-    figure::{curve::CurvePoint, ellipses},
+    price::effects::sampled,
+    report::figure::{curve::CurvePoint, ellipses},
 };
 use gs_train::{
     MetricsLog, Trainer3d,

@@ -5,11 +5,11 @@ use glam::{Vec2, Vec3};
 use gs_backend::FutureExt as _;
 use gs_core::{Canvas, Gaussian2d, Image, Optimizer, Scene as _, Scene2d, logit};
 
+use super::textbook::Textbook;
 use super::{
     guard::{Guard, NEEDLE_PX},
     small_fits::small_settings,
 };
-use crate::experiments::textbook::Textbook;
 use gs_train::Error;
 
 /// The results for a needle, turned by many angles, one of whose scales goes down to 1e-12 px.

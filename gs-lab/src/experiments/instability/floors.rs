@@ -4,10 +4,11 @@
 use gs_core::{Image, Optimizer, Scene2d};
 
 use super::guard::{CLAMP_PX, unless_diverged};
-use crate::{
-    experiments::ExperimentSize, experiments::Laboratory, experiments::Picture, experiments::laboratory::Ellipses,
-    experiments::laboratory::Run, experiments::laboratory::Shown, experiments::paired::mean,
-    experiments::set_up::paper_settings,
+use crate::experiments::{
+    ExperimentSize, Laboratory, Picture,
+    laboratory::{Ellipses, Run, Shown},
+    paired::mean,
+    set_up::paper_settings,
 };
 use gs_train::{Error, FitSettings};
 

@@ -2,7 +2,7 @@
 
 use gs_train::Error;
 
-use crate::experiments::textbook::Guards;
+use super::textbook::Guards;
 
 /// Length of the needle whose other scale goes to zero, px.
 pub(super) const NEEDLE_PX: f32 = 10.0;

@@ -3,7 +3,7 @@
 use glam::Mat2;
 
 use super::guard::NEEDLE_PX;
-use crate::experiments::textbook::covariance;
+use super::textbook::covariance;
 
 /// The precision of a determinant in `f32`.
 #[derive(Debug, Clone, PartialEq)]

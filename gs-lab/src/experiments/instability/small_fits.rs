@@ -5,7 +5,8 @@ use gs_core::{Image, Loss, Optimizer, Scene2d};
 use gs_density::Policy;
 
 use super::guard::{Guard, unless_diverged};
-use crate::{experiments::Laboratory, experiments::paired::mean, experiments::textbook::Textbook};
+use super::textbook::Textbook;
+use crate::experiments::{Laboratory, paired::mean};
 use gs_train::{Error, FitSettings, Init, InitialCount, Rounds, Trainer, init::Random, l1_and_psnr};
 
 /// Number of Gaussians.

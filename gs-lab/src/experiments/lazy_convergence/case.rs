@@ -6,8 +6,13 @@ use gs_density::{FORCED_GROWTH_PERCENT, Grow, Policy, Signal};
 
 use super::{Blank, per_pixel};
 use crate::{
-    experiments::ExperimentSize, experiments::Laboratory, experiments::findings::significant,
-    experiments::laboratory::Run, experiments::paired::mean, experiments::paired::median, synthetic::SyntheticTarget,
+    experiments::{
+        ExperimentSize, Laboratory,
+        findings::significant,
+        laboratory::Run,
+        paired::{mean, median},
+    },
+    synthetic::SyntheticTarget,
 };
 use gs_train::{DiscAndSquare, Error, FitSettings, Init, PAPER_SIDE_PX, PAPER_SQUARE, Rounds, init::Random};
 

@@ -3,11 +3,9 @@
 use gs_backend::FutureExt as _;
 use gs_core::{Image, Optimizer, Parameterization, RenderSettings, Scene3d, constants::SSIM_WINDOW};
 
-use super::{
-    comparison::{Moment, ORDERS, ordered},
-    findings::DIFFERENCE_GAIN,
-};
+use super::findings::DIFFERENCE_GAIN;
 use crate::experiments::Picture;
+use crate::price::popping::{Moment, ORDERS, ordered};
 use gs_train::Error;
 
 /// Longest side of the part that is shown, px.

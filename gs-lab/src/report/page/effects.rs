@@ -4,16 +4,17 @@ use maud::{Markup, html};
 
 use crate::{
     error::Error,
-    factorial::{Effect, EffectOf},
-    html,
-    report::page::{
-        Page,
-        figures::figure,
-        numbers::{remark, value_cells},
-        words::{at_equal, capital},
+    report::{
+        html,
+        page::{
+            Page,
+            figures::figure,
+            numbers::{remark, value_cells},
+            words::{at_equal, capital},
+        },
     },
+    result::{Effect, EffectOf, Metric},
     study::Matching,
-    tables::Metric,
 };
 
 impl Page<'_> {

@@ -4,9 +4,9 @@ use maud::{Markup, html};
 
 use crate::{
     error::Error,
-    figure::Figure,
-    html,
     report::{
+        figure::Figure,
+        html,
         page::{Page, words::gaussians},
         pictures::FULL_SCALE,
     },

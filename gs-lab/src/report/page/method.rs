@@ -1,19 +1,16 @@
 //! The last part of the page: settings of the arms, failed runs, and the method.
 
-use crate::statistics::{CONFIDENCE, FEWEST, RESAMPLES};
+use crate::result::{CONFIDENCE, FEWEST, RESAMPLES};
 use maud::{Markup, html};
 
 use crate::{
-    clock::Clock,
-    contrast::EQUAL_COUNT,
-    plan::{Run, VERSION},
-    record::RunOutcome,
-    remark::FEWEST_SEEDS,
     report::page::{
         Page,
         words::{capital, grouped},
     },
-    target::StudyTarget,
+    result::{EQUAL_COUNT, FEWEST_SEEDS},
+    run::RunOutcome,
+    study::{Clock, Run, StudyTarget, VERSION},
 };
 
 impl Page<'_> {

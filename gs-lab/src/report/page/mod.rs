@@ -9,14 +9,13 @@ mod words;
 
 use maud::{Markup, html};
 
+use super::{figure::Figure, html};
 use crate::{
     error::Error,
-    figure::Figure,
-    html,
-    plan::VERSION,
-    record::RunOutcome,
     report::{page::words::listed, pictures::Multiples},
-    tables::Results,
+    result::Results,
+    run::RunOutcome,
+    study::VERSION,
 };
 
 pub(crate) use winners::headline;

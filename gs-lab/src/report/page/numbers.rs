@@ -4,19 +4,17 @@ use gs_core::counted;
 use maud::{Markup, html};
 
 use crate::{
-    comparison::Difference,
     error::Error,
-    html,
-    remark::{FEWEST_SEEDS, ResultRemark},
-    report::page::{
-        Page,
-        figures::figure,
-        words::{at_equal, capital, grouped, signed},
+    report::{
+        html,
+        page::{
+            Page,
+            figures::figure,
+            words::{at_equal, capital, grouped, signed},
+        },
     },
-    statistics::{FEWEST, Interval},
+    result::{Difference, FEWEST, FEWEST_SEEDS, Interval, Metric, ResultRemark, RunQuality, Spread, Verdict},
     study::Matching,
-    tables::{Metric, RunQuality, Spread},
-    verdict::Verdict,
 };
 
 impl Page<'_> {

@@ -11,8 +11,8 @@ use crate::{
         },
         standings::{Standing, standings},
     },
+    result::Results,
     study::Matching,
-    tables::Results,
 };
 
 /// A standing as a line of text.

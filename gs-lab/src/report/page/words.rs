@@ -8,7 +8,7 @@ pub(super) fn listed(values: &[u32]) -> String {
 
 /// A number with a comma before each three digits.
 pub(super) fn grouped(value: u32) -> String {
-    crate::figure::grouped(&value.to_string())
+    crate::report::figure::grouped(&value.to_string())
 }
 
 /// "1 Gaussian", "9,000 Gaussians".

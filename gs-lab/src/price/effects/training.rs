@@ -1,0 +1,127 @@
+//! The cost and the gain of the corrections that only a training has: those of exposure, and of
+//! depths by depth maps.
+
+use gs_backend::FutureExt as _;
+use gs_core::{Optimizer, RenderSettings, Scene, Scene3d};
+use gs_density::Policy;
+use gs_train::{
+    TrainPreset, TrainSettings, Trainer3d,
+    train::{DepthLoss, Exposure, Start, Views},
+};
+use serde::Serialize;
+
+use crate::error::Error;
+
+/// The cost of an effect of a training, and what it gains on the held-out views.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct TrainingPrice {
+    /// The effect.
+    pub effect: TrainingEffect,
+    /// The training with all effects.
+    pub with: TrainingOutcome,
+    /// The same training without this effect.
+    pub without: TrainingOutcome,
+}
+
+/// An effect of a training.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum TrainingEffect {
+    /// A colour map for each training view: [`Exposure::Affine`].
+    Exposure,
+    /// Depth maps in the loss: [`gs_train::train::DepthLoss`].
+    DepthMaps,
+}
+
+/// Cost and quality of a short training.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct TrainingOutcome {
+    /// Mean time of a step, ms.
+    pub milliseconds: f64,
+    /// Mean PSNR over the held-out views, dB.
+    pub psnr: f64,
+    /// The same with matched colours ([`gs_train::train::ColorMatched`]); `None` where no view allows
+    /// that.
+    pub color_matched: Option<f64>,
+}
+
+impl TrainingEffect {
+    /// Name in tables.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Exposure => "exposure",
+            Self::DepthMaps => "depth maps",
+        }
+    }
+
+    /// Whether views allow this effect: at least two, or one with a depth map.
+    fn is_possible(self, views: &Views) -> Result<bool, Error> {
+        match self {
+            Self::Exposure => Ok(views.train.len() > 1),
+            Self::DepthMaps => {
+                let maps = views.train.iter().map(|view| view.source.depth());
+                Ok(maps.collect::<Result<Vec<_>, _>>()?.iter().any(Option::is_some))
+            }
+        }
+    }
+
+    fn off(self, settings: &mut TrainSettings) {
+        match self {
+            Self::Exposure => settings.exposure = Exposure::Off,
+            Self::DepthMaps => settings.depth_loss.weight = 0.0,
+        }
+    }
+}
+
+/// Trains a scene for this many steps on views, with all effects of a training that the views allow,
+/// and without each of them. The number of Gaussians stays. `render` draws the scene.
+///
+/// # Errors
+/// Those of training and of reading an image or a depth map.
+pub fn training_prices<R: Optimizer<Scene3d>>(
+    on: &R,
+    scene: &Scene3d,
+    views: impl Fn() -> Views,
+    render: &RenderSettings,
+    steps: u32,
+) -> Result<Vec<TrainingPrice>, Error> {
+    let first = views();
+    let mut settings = TrainPreset::Quick.settings(Some(steps)).with(|s| {
+        s.gaussians = scene.len() as u32;
+        s.policy = Policy::None;
+        s.render = *render;
+        s.render.effects.sh_degree = scene.sh_degree;
+        s.sh_degree_every = 0;
+        s.exposure = Exposure::Affine;
+        s.depth_loss.weight = DepthLoss::USUAL_WEIGHT;
+    });
+    let mut effects = Vec::new();
+    for effect in [TrainingEffect::Exposure, TrainingEffect::DepthMaps] {
+        match effect.is_possible(&first)? {
+            true => effects.push(effect),
+            false => effect.off(&mut settings),
+        }
+    }
+    if effects.is_empty() {
+        return Ok(Vec::new());
+    }
+    let trained = |settings: TrainSettings| -> Result<TrainingOutcome, Error> {
+        let start = Start::Scene(scene.clone());
+        let mut trainer = Trainer3d::from_views(on, views(), start, settings).block_on()?;
+        let before = trainer.seconds();
+        trainer.run(&mut ()).block_on()?;
+        let milliseconds = 1e3 * (trainer.seconds() - before) / f64::from(steps.max(1));
+        let evaluation = trainer.evaluate(&mut |_, _| Ok(())).block_on()?;
+        let color_matched = evaluation.color_matched.map(|matched| matched.psnr);
+        Ok(TrainingOutcome { milliseconds, psnr: evaluation.psnr, color_matched })
+    };
+    let with = trained(settings.clone())?;
+    let price = |effect: TrainingEffect| {
+        let mut settings = settings.clone();
+        effect.off(&mut settings);
+        Ok(TrainingPrice { effect, with, without: trained(settings)? })
+    };
+    effects.into_iter().map(price).collect()
+}

@@ -1,0 +1,171 @@
+//! Finds the quickest settings that are exact enough, or the most exact that are quick enough, and
+//! verifies them on views that the search has not used.
+
+use crate::result::median;
+use gs_core::Error;
+use serde::Serialize;
+
+use super::{Field, Frontier, Measured, PictureError, Role, TimeComparison, Verifiable, pareto::ROUNDING};
+
+/// A limit on error or time.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Budget {
+    /// The largest error of any channel of any pixel.
+    MaxError(f64),
+    /// Seconds a view.
+    MaxSeconds(f64),
+}
+
+/// The error and time of settings on views that the search has not used.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Verification {
+    /// Number of views.
+    pub views: usize,
+    /// The error of their pictures.
+    pub error: PictureError,
+    /// Median seconds a view.
+    pub seconds: f64,
+}
+
+/// Settings that keep a budget, also on views that the search has not used.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Choice {
+    /// Index of their row.
+    #[serde(skip)]
+    pub row: usize,
+    /// Error and time on the other views.
+    pub verification: Verification,
+    /// Number of better candidates that kept the budget on the search's views only.
+    pub failed: usize,
+    /// Number of other candidates whose times do not differ from theirs beyond the noise.
+    pub within_noise: usize,
+}
+
+/// The result of [`Budget::choose`].
+#[derive(Debug, Clone, PartialEq)]
+pub enum SearchAnswer {
+    /// Settings that keep the budget.
+    Kept(Choice),
+    /// No measured settings keep the budget. Holds the least error, or the shortest time, that was
+    /// measured.
+    OutOfReach(f64),
+    /// No settings keep the budget on all views: this many keep it on the search's views, but not
+    /// on the others.
+    NotElsewhere(usize),
+}
+
+impl Budget {
+    fn is_kept(self, error: f64, seconds: f64) -> bool {
+        match self {
+            Self::MaxError(most) => error <= most,
+            Self::MaxSeconds(most) => seconds <= most,
+        }
+    }
+
+    /// The rows that keep the budget by their own measurement, best first. Times decide by their
+    /// medians, even within the noise, so that settings that are more exact than necessary are not
+    /// preferred. Errors below a rounding are equal.
+    fn candidates(self, frontier: &Frontier) -> Vec<usize> {
+        let of = |row: &Measured| (row.times().median, row.error.max);
+        let is_kept = |&i: &usize| {
+            let (seconds, error) = of(&frontier.rows[i]);
+            frontier.rows[i].role != Role::Again && self.is_kept(error, seconds)
+        };
+        let mut rows: Vec<usize> = (0..frontier.rows.len()).filter(is_kept).collect();
+        rows.sort_by(|&a, &b| {
+            let (a, b) = (&frontier.rows[a], &frontier.rows[b]);
+            let ((a_seconds, a_error), (b_seconds, b_error)) = (of(a), of(b));
+            let by_time = a_seconds.total_cmp(&b_seconds);
+            match self {
+                Self::MaxError(_) => by_time.then(a_error.total_cmp(&b_error)),
+                Self::MaxSeconds(_) => a_error.max(ROUNDING).total_cmp(&b_error.max(ROUNDING)).then(by_time),
+            }
+        });
+        rows
+    }
+
+    /// The best settings of a frontier that keep the budget both on its views and on `unseen` ones,
+    /// which are timed for `seconds`.
+    ///
+    /// Settings that a backend cannot render the unseen views with do not keep it.
+    ///
+    /// # Errors
+    /// Those of rendering, and of the oracle; [`Error::Setting`] if `unseen` is empty.
+    pub fn choose<S: Verifiable>(
+        self,
+        field: &Field<'_, S>,
+        frontier: &Frontier,
+        unseen: &[S::View],
+        seconds: f64,
+    ) -> Result<SearchAnswer, Error> {
+        if unseen.is_empty() {
+            return Err(Error::setting("the number of views to verify on", 0, "at least 1"));
+        }
+        let truths = field.truths(unseen)?;
+        let candidates = self.candidates(frontier);
+        for (failed, &row) in candidates.iter().enumerate() {
+            let measured = &frontier.rows[row];
+            if field.refusal(measured.contender, &measured.settings, unseen)?.is_some() {
+                continue;
+            }
+            let error = field.error(measured.contender, &measured.settings, unseen, &truths)?;
+            let times = field.times(&[measured], unseen, seconds / candidates.len() as f64)?;
+            let verification = Verification { views: unseen.len(), error, seconds: median(&times[0]) };
+            if self.is_kept(error.max, verification.seconds) {
+                let noise = frontier.noise_of(&measured.backend);
+                let is_alike = |other: &usize| {
+                    let seconds = frontier.rows[*other].times().median;
+                    *other != row && noise.compare(seconds, measured.times().median) == TimeComparison::NoDifference
+                };
+                let within_noise = candidates.iter().filter(|other| is_alike(other)).count();
+                return Ok(SearchAnswer::Kept(Choice { row, verification, failed, within_noise }));
+            }
+        }
+        if !candidates.is_empty() {
+            return Ok(SearchAnswer::NotElsewhere(candidates.len()));
+        }
+        let least = |of: fn(&Measured) -> f64| frontier.rows.iter().map(of).fold(f64::INFINITY, f64::min);
+        Ok(SearchAnswer::OutOfReach(match self {
+            Self::MaxError(_) => least(|row| row.error.max),
+            Self::MaxSeconds(_) => least(|row| row.times().median),
+        }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use gs_core::RenderSettings;
+
+    use super::*;
+    use crate::price::frontier::{Noise, outcome::BackendNoise};
+
+    fn row(seconds: f64, error: f64, on_frontier: bool) -> Measured {
+        Measured {
+            backend: "cpu".to_owned(),
+            machine: "one thread".to_owned(),
+            contender: 0,
+            role: Role::Alone,
+            changes: Vec::new(),
+            settings: RenderSettings::default(),
+            seconds: vec![seconds],
+            error: PictureError { max: error, ..PictureError::default() },
+            on_frontier,
+            comparison: TimeComparison::NoDifference,
+        }
+    }
+
+    /// The frontier contains the more exact of two settings though it took longer, with a noise of
+    /// a third.
+    #[test]
+    fn noise_does_not_make_a_slower_setting_the_quickest() {
+        let rows = vec![row(1.3, 1e-4, true), row(1.0, 1e-3, false), row(1.1, 9e-4, false), row(9.0, 1e-8, true)];
+        let noise = vec![BackendNoise { backend: "cpu".to_owned(), noise: Noise { factor: 1.33, again: 1.0 } }];
+        let frontier = Frontier { rows, refused: Vec::new(), noise, views: 1, sampled: 0, uncertainty: 0.0 };
+        assert_eq!(Budget::MaxError(2e-3).candidates(&frontier), [1, 2, 0, 3]);
+        assert_eq!(Budget::MaxError(5e-4).candidates(&frontier), [0, 3]);
+        assert_eq!(Budget::MaxSeconds(2.0).candidates(&frontier), [0, 2, 1]);
+    }
+}

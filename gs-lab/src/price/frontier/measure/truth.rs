@@ -1,0 +1,177 @@
+//! The true picture of a view: by the 64-bit oracle at some pixels, by a backend's tightest
+//! settings elsewhere.
+//!
+//! The oracle is dense: a pixel costs time in proportion to the number of Gaussians. It computes a
+//! sample of evenly spread pixels and, for each picture that is judged, the pixel with the largest
+//! error. That pixel is found with the backend's rendering without cut-offs, which is compared with
+//! the oracle at all computed pixels.
+
+use std::{cell::RefCell, collections::HashMap};
+
+use gs_core::{Error, Image, RenderSettings, Scene, Scene2d, Scene3d};
+use gs_oracle::{Oracle, OracleScene, OracleView, Projection};
+use rayon::prelude::*;
+
+use super::PictureError;
+
+/// Largest number of pairs of a Gaussian and a pixel that the oracle computes for the samples of
+/// all views: some seconds.
+const PAIRS: usize = 200_000_000;
+
+/// Fewest and most pixels in the sample of a view.
+const SAMPLE: [usize; 2] = [128, 8192];
+
+/// Distance of neighbours in the sample, as a share of the width: the golden ratio spreads any
+/// number of pixels evenly.
+const GOLDEN: f64 = 0.618_033_988_749_894_9;
+
+/// A kind of scene that the oracle can render.
+pub trait Verifiable: Scene<View: OracleView> {
+    /// The scene in the oracle's form.
+    fn rows(&self) -> OracleScene;
+}
+
+impl Verifiable for Scene2d {
+    fn rows(&self) -> OracleScene {
+        self.into()
+    }
+}
+
+impl Verifiable for Scene3d {
+    fn rows(&self) -> OracleScene {
+        self.into()
+    }
+}
+
+type SplatOf<S> = <<S as Scene>::View as OracleView>::Splat;
+
+/// The true picture of a view.
+pub(crate) struct Truth<S: Verifiable> {
+    oracle: Oracle<S::View>,
+    projected: Vec<Projection<SplatOf<S>>>,
+    /// A backend's rendering without cut-offs.
+    tightest: Image,
+    /// The sampled pixels with the oracle's colours.
+    sample: Vec<([u32; 2], [f64; 3])>,
+    /// Worst pixels of pictures so far, with the oracle's colours.
+    worst: RefCell<HashMap<[u32; 2], [f64; 3]>>,
+}
+
+impl<S: Verifiable> std::fmt::Debug for Truth<S> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Truth").field("sample", &self.sample.len()).finish_non_exhaustive()
+    }
+}
+
+impl<S: Verifiable> Truth<S> {
+    /// The true picture of one of `views` views of a scene. `settings` have no cut-offs, and
+    /// `tightest` is a backend's rendering with them.
+    pub(crate) fn new(
+        scene: &OracleScene,
+        view: &S::View,
+        settings: &RenderSettings,
+        tightest: Image,
+        views: usize,
+    ) -> Result<Self, Error> {
+        let oracle = Oracle::new(*view, *settings)?;
+        let projected = oracle.project(scene);
+        let (width, height) = tightest.size();
+        let all = width as usize * height as usize;
+        let affordable = PAIRS / views.max(1) / scene.gaussians.len().max(1);
+        let pixels = spread(width, height, affordable.clamp(SAMPLE[0], SAMPLE[1]).min(all));
+        let colors: Vec<[f64; 3]> =
+            pixels.par_chunks(16).flat_map_iter(|pixels| oracle.colors_at(&projected, pixels)).collect();
+        let sample = pixels.into_iter().zip(colors).collect();
+        Ok(Self { oracle, projected, tightest, sample, worst: RefCell::default() })
+    }
+
+    /// Number of pixels in the sample.
+    pub(crate) fn sampled(&self) -> usize {
+        self.sample.len()
+    }
+
+    /// The error of a picture of this view. The maximum is over the worst pixel and the sample, by
+    /// the oracle. The means are over all pixels by the tightest rendering, or over the sample by
+    /// the oracle, whichever are larger.
+    pub(crate) fn error(&self, picture: &Image) -> Result<PictureError, Error> {
+        self.tightest.same_size(picture)?;
+        let difference = |[x, y]: [u32; 2], true_color: [f64; 3]| {
+            let shown = picture.pixel(x, y);
+            [0, 1, 2].map(|k| f64::from(shown[k]) - true_color[k])
+        };
+        let pairs = picture.pixels().iter().zip(self.tightest.pixels());
+        let everywhere =
+            PictureError::of(pairs.clone().map(|(a, b)| [0, 1, 2].map(|k| f64::from(a[k]) - f64::from(b[k]))));
+        let largest = |(a, b): (&[f32; 3], &[f32; 3])| {
+            (0..3)
+                .map(|k| (a[k] - b[k]).abs())
+                .fold(0.0f32, |most, v| if v.is_nan() { f32::INFINITY } else { most.max(v) })
+        };
+        let worst = pairs.map(largest).enumerate().max_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(index, _)| index);
+        let width = picture.width() as usize;
+        let place = [(worst % width) as u32, (worst / width) as u32];
+        let at_worst = *self
+            .worst
+            .borrow_mut()
+            .entry(place)
+            .or_insert_with(|| self.oracle.colors_at(&self.projected, &[place])[0]);
+        let sampled = PictureError::of(self.sample.iter().map(|&(place, color)| difference(place, color)));
+        let at_worst = PictureError::of(std::iter::once(difference(place, at_worst)));
+        Ok(PictureError {
+            max: sampled.max.max(at_worst.max),
+            mean: everywhere.mean.max(sampled.mean),
+            mean_squared: everywhere.mean_squared.max(sampled.mean_squared),
+            share_visible: everywhere.share_visible,
+        })
+    }
+
+    /// Largest difference between the tightest rendering and the oracle, at all pixels that the
+    /// oracle has computed so far.
+    pub(crate) fn uncertainty(&self) -> f64 {
+        let worst = self.worst.borrow();
+        let asked = self.sample.iter().map(|(place, color)| (place, color)).chain(worst.iter());
+        let differences = asked.map(|(&[x, y], color)| {
+            let shown = self.tightest.pixel(x, y);
+            [0, 1, 2].map(|k| f64::from(shown[k]) - color[k])
+        });
+        PictureError::of(differences).max
+    }
+}
+
+/// `count` pixels of a picture, evenly spread by the golden ratio, all different.
+fn spread(width: u32, height: u32, count: usize) -> Vec<[u32; 2]> {
+    let all = u64::from(width) * u64::from(height);
+    if count as u64 >= all {
+        return (0..height).flat_map(|y| (0..width).map(move |x| [x, y])).collect();
+    }
+    let mut places: Vec<u64> = (0..count as u64)
+        .map(|i| {
+            // Rows in order, columns by the golden ratio.
+            let row = i * u64::from(height) / count as u64;
+            let column = ((i as f64 * GOLDEN).fract() * f64::from(width)) as u64;
+            (row * u64::from(width) + column).min(all - 1)
+        })
+        .collect();
+    places.sort_unstable();
+    places.dedup();
+    places.into_iter().map(|place| [(place % u64::from(width)) as u32, (place / u64::from(width)) as u32]).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_sample_is_spread_over_the_picture() {
+        let places = spread(300, 200, 400);
+        assert!(places.len() > 390);
+        for quarter in 0..4u32 {
+            let (x, y) = (150 * (quarter % 2), 100 * (quarter / 2));
+            let inside = |&&[px, py]: &&[u32; 2]| (x..x + 150).contains(&px) && (y..y + 100).contains(&py);
+            let count = places.iter().filter(inside).count();
+            assert!((85..=115).contains(&count), "{count} in quarter {quarter}");
+        }
+        assert_eq!(spread(1, 1, 1), [[0, 0]]);
+        assert_eq!(spread(2, 2, 4), [[0, 0], [1, 0], [0, 1], [1, 1]]);
+    }
+}

@@ -1,0 +1,242 @@
+//! The tables of a study as CSV, JSON, Markdown and LaTeX files. Times are in files of their own, so that all other
+//! files are the same byte for byte however a study was run: side by side, interrupted, or on more
+//! threads.
+
+use std::fmt::Write;
+
+use serde::Serialize;
+
+use super::{
+    comparison::Difference,
+    factorial::{Effect, EffectOf},
+    remark::ResultRemark,
+    tables::{Results, RunQuality, Spread},
+    text_tables,
+};
+use crate::{
+    error::Error,
+    run::{Finished, LATEX, MARKDOWN, RESULTS, Row, StudyFolder, VIEWS},
+    study::{Machine, Matching, Plan, Run, VERSION},
+};
+
+#[derive(Serialize)]
+#[serde(rename_all = "kebab-case")]
+struct Everything<'a> {
+    study: &'a str,
+    version: &'static str,
+    #[serde(flatten)]
+    machine: &'a Machine,
+    runs: &'a [Row],
+    quality: &'a [RunQuality],
+    differences: &'a [Difference],
+    #[serde(skip_serializing_if = "<[Effect]>::is_empty")]
+    effects: &'a [Effect],
+}
+
+/// Writes the tables: `runs.csv`, `quality.csv`, `differences.csv`, and `results.json` with all
+/// three. Tables that depend on measured time are `times.csv` and `differences-at-time.csv`. A study
+/// of scenes also has `views.csv`, one with factors `effects.csv` (also in `results.json`) and
+/// `effects-at-time.csv`. `tables.md` and `tables.tex` are for texts: quality, each image or scene, and
+/// differences from the baseline.
+///
+/// # Errors
+/// [`Error::Io`].
+pub fn write_tables(results: &Results<'_>, folder: &StudyFolder) -> Result<(), Error> {
+    let Results { plan, .. } = results;
+    let runs: Vec<Row> = results.rows().map(|(run, record)| Row::new(plan, run, record)).collect();
+    let quality = results.qualities();
+    let differences = results.differences(&[Matching::Count, Matching::Iterations]);
+    let effects = results.effects(&[Matching::Count, Matching::Iterations]);
+    let folder = folder.lock_results()?;
+    folder.write("runs.csv", &runs_csv(&runs, plan))?;
+    if plan.study.is_of_scenes() {
+        folder.write(VIEWS, &views_csv(results))?;
+    }
+    if !plan.study.factors.is_empty() {
+        folder.write("effects.csv", &effects_csv(&effects))?;
+        folder.write("effects-at-time.csv", &effects_csv(&results.effects(&[Matching::Time])))?;
+    }
+    folder.write("quality.csv", &quality_csv(&quality))?;
+    folder.write("differences.csv", &differences_csv(&differences))?;
+    folder.write("differences-at-time.csv", &differences_csv(&results.differences(&[Matching::Time])))?;
+    folder.write("times.csv", &times_csv(results))?;
+    let (markdown, latex) = text_tables::texts(results);
+    folder.write(MARKDOWN, &markdown)?;
+    folder.write(LATEX, &latex)?;
+    let everything = Everything {
+        study: &plan.study.name,
+        version: VERSION,
+        machine: &plan.machine,
+        runs: &runs,
+        quality: &quality,
+        differences: &differences,
+        effects: &effects,
+    };
+    let json = serde_json::to_string(&everything)
+        .map_err(|error| Error::Path { path: folder.file(RESULTS), source: error.into() })?;
+    folder.write(RESULTS, &(json + "\n"))
+}
+
+fn runs_csv(rows: &[Row], plan: &Plan) -> String {
+    let target = if plan.study.is_of_scenes() { "data_set" } else { "image" };
+    let header = format!(
+        "row,arm,{target},budget,seed,address,status,gaussians,bytes,iterations,psnr,ssim,ms_ssim,l1,scene,error"
+    );
+    let lines = rows.iter().map(|r| {
+        let cells = [
+            r.row.to_string(),
+            quoted(&r.arm),
+            r.image.iter().chain(&r.data_set).map(|name| quoted(name)).collect(),
+            r.budget.to_string(),
+            r.seed.to_string(),
+            r.address.clone(),
+            r.status.clone(),
+            whole(r.gaussians),
+            whole(r.bytes),
+            whole(r.iterations),
+            number(r.psnr, 6),
+            number(r.ssim, 8),
+            number(r.ms_ssim, 8),
+            number(r.l1, 8),
+            r.scene.clone().unwrap_or_default(),
+            r.error.as_deref().map_or_else(String::new, quoted),
+        ];
+        cells.join(",")
+    });
+    table(&header, lines)
+}
+
+fn views_csv(results: &Results<'_>) -> String {
+    let ends = results.rows().filter_map(|(run, record)| Some((run, record?.outcome.finished()?)));
+    let lines = ends.flat_map(|(run, end)| {
+        end.views.iter().map(|view| {
+            let cells = [
+                run.row.to_string(),
+                quoted(&view.name),
+                number(Some(view.psnr), 6),
+                number(Some(view.ssim), 8),
+                number(view.ms_ssim, 8),
+                number(Some(view.l1), 8),
+            ];
+            cells.join(",")
+        })
+    });
+    table("row,view,psnr,ssim,ms_ssim,l1", lines)
+}
+
+fn quality_csv(rows: &[RunQuality]) -> String {
+    let header = "arm,budget,finished,failed,missing,images,gaussians,gaussians_sd,bytes,psnr,psnr_sd,ssim,ssim_sd,ms_ssim,ms_ssim_sd";
+    let lines = rows.iter().map(|q| {
+        let spread = |spread: Option<Spread>, digits: usize| {
+            let over_seeds = spread.and_then(|spread| spread.over_seeds);
+            format!("{},{}", number(spread.map(|spread| spread.mean), digits), number(over_seeds, digits))
+        };
+        let bytes = number(q.bytes.map(|bytes| bytes.mean), 0);
+        let measured =
+            [spread(q.gaussians, 1), bytes, spread(q.psnr, 4), spread(q.ssim, 6), spread(q.ms_ssim, 6)].join(",");
+        format!("{},{},{},{},{},{},{measured}", quoted(&q.arm), q.budget, q.finished, q.failed, q.missing, q.images)
+    });
+    table(header, lines)
+}
+
+fn differences_csv(rows: &[Difference]) -> String {
+    let header = "match,metric,budget,arm,against,paired,pairs,mean,low,high,verdict,remarks";
+    let lines = rows.iter().map(|d| {
+        let cells = [
+            d.matching.name().to_owned(),
+            d.metric.name().to_owned(),
+            d.budget.to_string(),
+            quoted(&d.arm),
+            quoted(&d.against),
+            d.pairing.words().to_owned(),
+            d.pairs.to_string(),
+            number(d.mean, 6),
+            number(d.interval.map(|interval| interval.low), 6),
+            number(d.interval.map(|interval| interval.high), 6),
+            d.verdict.words().to_owned(),
+            remarks(&d.remarks),
+        ];
+        cells.join(",")
+    });
+    table(header, lines)
+}
+
+fn effects_csv(rows: &[Effect]) -> String {
+    let header =
+        "match,metric,effect,factor,level,against,factor2,level2,against2,paired,pairs,mean,low,high,verdict,remarks";
+    let lines = rows.iter().map(|e| {
+        let of = match &e.of {
+            EffectOf::Main { factor, level, against } => {
+                format!("main,{},{},{},,,", quoted(factor), quoted(level), quoted(against))
+            }
+            EffectOf::Interaction { factors, levels, against } => {
+                let each = |i: usize| [&factors[i], &levels[i], &against[i]].map(|name| quoted(name)).join(",");
+                format!("interaction,{},{}", each(0), each(1))
+            }
+        };
+        let cells = [
+            e.matching.name().to_owned(),
+            e.metric.name().to_owned(),
+            of,
+            e.pairing.words().to_owned(),
+            e.pairs.to_string(),
+            number(e.mean, 6),
+            number(e.interval.map(|interval| interval.low), 6),
+            number(e.interval.map(|interval| interval.high), 6),
+            e.verdict.words().to_owned(),
+            remarks(&e.remarks),
+        ];
+        cells.join(",")
+    });
+    table(header, lines)
+}
+
+/// A cell with remarks.
+fn remarks(remarks: &[ResultRemark]) -> String {
+    quoted(&remarks.iter().map(ResultRemark::to_string).collect::<Vec<_>>().join("; "))
+}
+
+fn times_csv(results: &Results<'_>) -> String {
+    let ends = results.rows().filter_map(|(run, record)| Some((run, record?.outcome.finished()?)));
+    let line = |(run, end): (&Run, &Finished)| {
+        format!("{},{:.6},{},{}", run.row, end.seconds, quoted(&end.backend), end.side_by_side)
+    };
+    table("row,seconds,backend,side_by_side", ends.map(line))
+}
+
+fn table(header: &str, lines: impl Iterator<Item = String>) -> String {
+    let mut text = format!("{header}\n");
+    for line in lines {
+        let written = writeln!(text, "{line}");
+        debug_assert!(written.is_ok(), "a string can always be written to");
+    }
+    text
+}
+
+fn number(value: Option<f64>, digits: usize) -> String {
+    value.map_or_else(String::new, |value| format!("{value:.digits$}"))
+}
+
+fn whole(value: Option<impl ToString>) -> String {
+    value.map_or_else(String::new, |value| value.to_string())
+}
+
+/// A CSV cell, quoted where necessary (RFC 4180).
+pub(crate) fn quoted(cell: &str) -> String {
+    match cell.contains([',', '"', '\n', '\r']) {
+        true => format!("\"{}\"", cell.replace('"', "\"\"")),
+        false => cell.to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cells_hold_anything() {
+        assert_eq!(quoted("a b"), "a b");
+        assert_eq!(quoted("a, \"b\""), "\"a, \"\"b\"\"\"");
+        assert_eq!((number(None, 2), number(Some(1.0 / 3.0), 2)), (String::new(), "0.33".to_owned()));
+    }
+}

@@ -1,0 +1,227 @@
+//! Conducts a study: does its runs side by side, each on its own rasterizer, and stores each result
+//! at once.
+
+use std::{
+    any::Any,
+    panic::{AssertUnwindSafe, catch_unwind},
+    sync::Mutex,
+    thread,
+};
+
+use gs_core::{Error as CoreError, Image};
+use gs_train::Error as TrainError;
+
+use super::{
+    folder::StudyFolder,
+    jobs::{Queue, WorkSettings},
+    record::{Finished, Record, RunOutcome},
+    resumption::{Interruptions, RunCheckpoints},
+    task::StudyBackend,
+    train::{Replayed, train},
+    watcher::Watcher,
+};
+use crate::{
+    error::Error,
+    study::{Clock, Plan, Run, VERSION},
+};
+
+/// How a study ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Conducted {
+    /// Every run has ended.
+    Whole,
+    /// The watcher stopped the study; it can be resumed.
+    Stopped,
+    /// The runs that are left are with other processes: see [`AtEnd::Leave`](crate::run::jobs::AtEnd).
+    Left,
+}
+
+/// Does all runs of a plan that have no record, in the order of their rows, one at a time on each
+/// rasterizer of `team`. Other processes may work in the same folder: each run is done by one.
+///
+/// Results depend neither on the size of the team nor on its threads. Runs that fail or panic are
+/// recorded and do not stop the others. If a backend fails for good, no further run begins, and
+/// nothing is recorded of the run in which it failed.
+///
+/// # Errors
+/// As for [`refuse_unsupported`], [`Error::Backend`] where a backend fails for good,
+/// [`Error::Io`] and [`Error::Path`] where a run cannot be claimed or its result not be stored, and
+/// [`Error::TwoResults`] where a run that was taken over ended in two results.
+pub fn conduct<R: StudyBackend + Sync>(
+    plan: &Plan,
+    team: &[&R],
+    folder: &StudyFolder,
+    watcher: &dyn Watcher,
+) -> Result<Conducted, Error> {
+    conduct_with(plan, team, folder, &WorkSettings::default(), watcher)
+}
+
+/// Does runs as [`conduct`] does, beginning with a part of the study, or leaving before its end.
+///
+/// # Errors
+/// As [`conduct`], and [`Error::Work`] for settings out of their range.
+pub fn conduct_with<R: StudyBackend + Sync>(
+    plan: &Plan,
+    team: &[&R],
+    folder: &StudyFolder,
+    settings: &WorkSettings,
+    watcher: &dyn Watcher,
+) -> Result<Conducted, Error> {
+    settings.validate()?;
+    plan.study.clock.check_team(team.len())?;
+    team.first().map_or(Ok(()), |rasterizer| refuse_unsupported(plan, *rasterizer))?;
+    let queue = folder.queue(plan, settings);
+    let trouble = Mutex::new(None);
+    let work = |rasterizer: &R| {
+        let at = Place { plan, folder, settings, side_by_side: team.len(), watcher };
+        if let Err(error) = conduct_from(&queue, rasterizer, &at) {
+            queue.close();
+            trouble.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).get_or_insert(error);
+        }
+    };
+    queue.keep_alive(|| {
+        thread::scope(|scope| {
+            for &rasterizer in team {
+                scope.spawn(|| work(rasterizer));
+            }
+        });
+    });
+    match trouble.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner()) {
+        Some(error) => Err(error),
+        None if queue.left()? == 0 => Ok(Conducted::Whole),
+        None if watcher.wants_stop() => Ok(Conducted::Stopped),
+        None => Ok(Conducted::Left),
+    }
+}
+
+/// What all runs of a process have in common.
+struct Place<'a> {
+    plan: &'a Plan,
+    folder: &'a StudyFolder,
+    settings: &'a WorkSettings,
+    side_by_side: usize,
+    watcher: &'a dyn Watcher,
+}
+
+/// Does runs of a queue until there are none, or the watcher stops.
+fn conduct_from<R: StudyBackend>(queue: &Queue<'_>, rasterizer: &R, at: &Place<'_>) -> Result<(), Error> {
+    let &Place { plan, folder, watcher, .. } = at;
+    let words = |index: usize| plan.describe(&plan.runs[index]);
+    while let Some((index, claim)) = queue.next(words, &watcher)? {
+        let run = &plan.runs[index];
+        watcher.begun(run);
+        // A claim that is dropped leaves the run to others.
+        let Some((outcome, pictures)) = attempt(run, rasterizer, at)? else { return Ok(()) };
+        // Pictures are stored first, so that a recorded run has all its files.
+        if is_shown(plan, run) {
+            pictures.iter().enumerate().try_for_each(|(index, picture)| folder.store_picture(run, index, picture))?;
+        }
+        folder.store(plan, run, &record(plan, run, outcome.clone())?)?;
+        folder.remove_checkpoint(run);
+        claim.finish();
+        watcher.ended(run, &outcome);
+    }
+    Ok(())
+}
+
+/// Fails, before any run begins, where the backend does not support what an arm needs, where this
+/// program does not have an arm's policy, or where the study's clock does not count what the backend
+/// does.
+///
+/// # Errors
+/// [`Error::Arm`] with what is missing, [`Error::Study`] for the clock.
+pub fn refuse_unsupported<R: StudyBackend>(plan: &Plan, rasterizer: &R) -> Result<(), Error> {
+    check_clock(plan, rasterizer)?;
+    for (index, arm) in plan.study.arms.iter().enumerate() {
+        let Some(run) = plan.runs.iter().find(|run| run.arm == index) else { continue };
+        let mut render = *run.settings.render();
+        render.effects.statistics = match &arm.own_policy {
+            Some(own) => own.policy.statistics().ok_or_else(|| plan.policy_is_elsewhere(arm))?,
+            None => run.settings.statistics(),
+        };
+        if let Err(error @ CoreError::Unsupported { .. }) = run.settings.draw_one(rasterizer, &render) {
+            let (study, arm, line) = (plan.study.name.clone(), arm.name.clone(), arm.line());
+            return Err(Error::Arm { study, line, arm, message: error.to_string() });
+        }
+    }
+    Ok(())
+}
+
+/// Fails where the study's clock would not count what a backend does.
+///
+/// # Errors
+/// [`Error::Study`] for CPU time of a GPU.
+fn check_clock<R: StudyBackend>(plan: &Plan, rasterizer: &R) -> Result<(), Error> {
+    let backend = rasterizer.describe();
+    match plan.study.clock {
+        Clock::Cpu if !backend.starts_with("cpu") => Err(plan.study.wrong(
+            format!("clock: CPU time says nothing about {backend}"),
+            "choose --backend cpu, or leave the clock out",
+        )),
+        _ => Ok(()),
+    }
+}
+
+/// Whether the backend still works.
+fn answers<R: StudyBackend>(rasterizer: &R, run: &Run) -> bool {
+    let drawn = catch_unwind(AssertUnwindSafe(|| run.settings.draw_one(rasterizer, run.settings.render())));
+    !matches!(drawn, Err(_) | Ok(Err(CoreError::Backend { .. })))
+}
+
+/// Whether a run's pictures are stored: only runs of the first seed.
+fn is_shown(plan: &Plan, run: &Run) -> bool {
+    plan.study.seeds.first() == Some(&run.seed)
+}
+
+/// Does a run. Returns `None` where the watcher stopped it, and an error where the backend failed
+/// and does not recover, which says nothing about the run.
+fn attempt<R: StudyBackend>(
+    run: &Run,
+    rasterizer: &R,
+    at: &Place<'_>,
+) -> Result<Option<(RunOutcome, Vec<Image>)>, Error> {
+    let &Place { plan, side_by_side, watcher, .. } = at;
+    let checkpoints = RunCheckpoints::new(at.folder, run, at.settings.lease);
+    // A run that panicked shares no state with others: its trainer was dropped.
+    let trained = catch_unwind(AssertUnwindSafe(|| {
+        train(plan, run, rasterizer, Interruptions::new(run, watcher, Some(checkpoints)))
+    }));
+    let failed = |error: String| Ok(Some((RunOutcome::Failed { error }, Vec::new())));
+    match trained {
+        Ok(Ok(Some(Replayed { pictures, finished, .. }))) => {
+            let finished = Finished { side_by_side, ..finished };
+            Ok(Some((RunOutcome::Finished(Box::new(finished)), pictures)))
+        }
+        Ok(Ok(None)) => Ok(None),
+        // A device with too little memory for this run may still have enough for others.
+        Ok(Err(TrainError::Core(source @ CoreError::Backend { .. }))) if !answers(rasterizer, run) => {
+            Err(Error::Backend { row: run.row, run: plan.describe(run), source })
+        }
+        Ok(Err(error)) => failed(error.to_string()),
+        Err(panic) => failed(format!("panicked: {}", message(panic.as_ref()))),
+    }
+}
+
+fn message(panic: &(dyn Any + Send)) -> &str {
+    let text = panic.downcast_ref::<String>().map(String::as_str);
+    text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("without a message")
+}
+
+fn record(plan: &Plan, run: &Run, outcome: RunOutcome) -> Result<Record, Error> {
+    let target = plan.target(run);
+    let settings = run
+        .settings
+        .to_toml()
+        .map_err(|error| plan.study.wrong(error.to_string(), "change the settings of the arm"))?;
+    Ok(Record {
+        address: run.address.clone(),
+        version: VERSION.to_owned(),
+        machine: plan.machine.clone(),
+        image: target.name.clone(),
+        target: target.digest.clone(),
+        policy: plan.arm(run).own_policy.as_ref().map(|own| own.fingerprint.clone()),
+        settings,
+        outcome,
+    })
+}

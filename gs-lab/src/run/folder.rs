@@ -1,0 +1,430 @@
+//! The output folder of a study: a file per run, named by the run's address and written atomically,
+//! and the tables, plots and report.
+
+use std::{
+    collections::{BTreeMap, HashSet},
+    fs,
+    path::{Path, PathBuf},
+    sync::Arc,
+    time::Duration,
+};
+
+use gs_core::{Image, SavedState};
+use gs_io::{Checkpoint, FolderClaim, Inputs, decode_checkpoint, encode_checkpoint, png_bytes};
+use serde::Serialize;
+
+use super::{
+    jobs::{
+        Claims, Keep, Queue, RunStore, State, StoreAddress, WorkSettings,
+        job_files::{self, Listing, RUNS},
+        run_store,
+    },
+    locked_results::{LockedResults, begin, results_claim, write},
+    origin::Origin,
+    record::{Record, RunOutcome},
+    result_names::{PAGE, TABLES},
+    run_files::{self, PICTURES},
+};
+use crate::{
+    error::Error,
+    study::{Machine, Plan, Run, StudyTarget},
+};
+
+const STUDY: &str = "study.toml";
+const IMAGES: &str = "images.json";
+const MACHINE: &str = "machine.json";
+
+/// What to do if the folder already holds results.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Existing {
+    /// Fail.
+    Refuse,
+    /// Reuse the results; runs that failed are tried again.
+    Resume,
+}
+
+/// Which files a study must not replace.
+#[derive(Debug, Clone, Default)]
+pub struct Safety {
+    /// Files that the caller reads. The images of the study need not be listed.
+    pub inputs: Vec<PathBuf>,
+    /// Whether files that no run wrote may be replaced.
+    pub overwrite: bool,
+}
+
+/// The output folder of a study. Any number of processes may do its runs at the same time.
+#[derive(Debug)]
+pub struct StudyFolder {
+    path: PathBuf,
+    /// The files of tables and report, which one process at a time writes.
+    results: FolderClaim,
+    /// Where the files of the runs are: in the folder, or in an object store.
+    store: Arc<dyn RunStore>,
+}
+
+/// A run that a process has claimed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RunningRun {
+    /// The row of the run.
+    pub row: usize,
+    /// The process; `None` where its claim cannot be read.
+    pub worker: Option<String>,
+    /// Time since the process has last shown that it is alive, by the file server's clock; `None` if
+    /// it is dead.
+    pub age: Option<Duration>,
+}
+
+impl StudyFolder {
+    /// Creates the folder for a plan, or opens it to resume. The study file is stored in it, so
+    /// that rows can be replayed.
+    ///
+    /// When a study is resumed, runs that failed and records that were cut short are removed, so
+    /// that they are done again.
+    ///
+    /// # Errors
+    /// [`Error::Folder`] where the folder holds another study, or this one and `existing` is
+    /// [`Existing::Refuse`], or cannot be written to; [`Error::Io`] where a file that no run wrote
+    /// would be replaced, or another process writes tables or a report there for minutes.
+    pub fn prepare(path: &Path, plan: &Plan, existing: Existing) -> Result<Self, Error> {
+        Self::prepare_with(path, plan, existing, &Safety::default(), None)
+    }
+
+    /// Prepares the folder as [`Self::prepare`] does, with further files to protect, or with
+    /// permission to replace files. Records, claims, checkpoints and pictures go to the object store
+    /// of an address, if one is given; a study that is resumed remembers its store.
+    ///
+    /// # Errors
+    /// As [`Self::prepare`], and [`Error::Store`] where the store cannot be used.
+    pub fn prepare_with(
+        path: &Path,
+        plan: &Plan,
+        existing: Existing,
+        safety: &Safety,
+        store: Option<&StoreAddress>,
+    ) -> Result<Self, Error> {
+        let is_held = refuse_held(path, plan, existing)?;
+        let store = store_of(path, is_held, store)?;
+        store.as_ref().map_or(Ok(()), run_store::check)?;
+        let read = plan.targets.iter().flat_map(StudyTarget::files);
+        let inputs = Inputs::from_iter(read.chain(safety.inputs.iter().cloned()));
+        // When a study is resumed from the file in its own folder, that file stays as it is.
+        let is_input = inputs.contain(&path.join(STUDY));
+        // Earlier versions kept no index of their files; the study file identifies their folders.
+        let is_of_older_version = is_held && !FolderClaim::is_indexed(path);
+        let results = results_claim(path).inputs(inputs).overwriting(safety.overwrite || is_of_older_version);
+        let claim = results.clone().files([IMAGES, MACHINE]).files((!is_input).then_some(STUDY));
+        let output = begin(claim)?;
+        if !is_held {
+            // Another process may have prepared the folder since.
+            refuse_held(path, plan, existing)?;
+        }
+        if is_of_older_version {
+            let names = [STUDY, IMAGES, MACHINE, PAGE].into_iter().chain(TABLES);
+            output.adopt(names.filter(|name| path.join(name).exists()).collect::<Vec<_>>())?;
+        }
+        let folder = Self { path: path.to_owned(), results, store: run_store::open(path, store.as_ref())? };
+        if store.is_none() {
+            for part in [folder.file(RUNS), folder.file(PICTURES)] {
+                fs::create_dir_all(&part).map_err(|source| Error::Path { path: part, source })?;
+            }
+        }
+        let canonical = |path: &PathBuf| fs::canonicalize(path).unwrap_or_else(|_| path.clone());
+        let found: BTreeMap<_, _> = plan.places().into_iter().map(|(name, path)| (name, canonical(path))).collect();
+        write(&output, IMAGES, &json(&found))?;
+        write(&output, MACHINE, &json(&Origin::of(plan, store)))?;
+        if !is_input {
+            write(&output, STUDY, &plan.study.to_toml()?)?;
+        }
+        folder.sweep()?;
+        folder.at_once(|| run_files::remove_unfinished(&*folder.store))?;
+        Ok(folder)
+    }
+
+    /// Opens the folder of a study.
+    ///
+    /// # Errors
+    /// [`Error::Folder`] where there is no study in it.
+    pub fn open(path: &Path) -> Result<Self, Error> {
+        Self::open_with(path, &Safety::default())
+    }
+
+    /// Opens the folder of a study as [`Self::open`] does, to write its tables and report with
+    /// further files to protect, or with permission to replace files.
+    ///
+    /// # Errors
+    /// [`Error::Folder`] where there is no study in it; [`Error::Store`] where its store cannot be used.
+    pub fn open_with(path: &Path, safety: &Safety) -> Result<Self, Error> {
+        let study = path.join(STUDY);
+        if !study.is_file() {
+            return Err(Error::Folder {
+                folder: path.to_owned(),
+                what: format!("holds no study: there is no {STUDY} in it"),
+                mend: "name the --output of a gs study",
+            });
+        }
+        let inputs = Inputs::from_iter(safety.inputs.iter().chain([&study]));
+        let results = results_claim(path).inputs(inputs).overwriting(safety.overwrite);
+        let address = origin(path).and_then(|origin| origin.store);
+        Ok(Self { path: path.to_owned(), results, store: run_store::open(path, address.as_ref())? })
+    }
+
+    /// Fails where a plan's runs are not those that the folder was prepared for: where this is
+    /// another version of the program, or an image or the machine differs.
+    ///
+    /// # Errors
+    /// [`Error::Folder`] with the difference.
+    pub fn check(&self, plan: &Plan) -> Result<(), Error> {
+        let missing =
+            || (format!("{MACHINE} is missing or damaged"), "prepare the study again, with gs study prepare --resume");
+        let checked = self.origin().ok_or_else(missing).and_then(|origin| origin.check(plan));
+        checked.map_err(|(what, mend)| Error::Folder { folder: self.path.clone(), what, mend })
+    }
+
+    /// The queue of a plan's runs in this folder.
+    pub(crate) fn queue<'a>(&self, plan: &'a Plan, settings: &'a WorkSettings) -> Queue<'a> {
+        Queue::new(plan.runs.iter().map(|run| run.address.as_str()).collect(), self.store.clone(), settings)
+    }
+
+    fn claims(&self, settings: &WorkSettings) -> Claims {
+        Claims::new(self.store.clone(), settings.worker.clone(), settings.lease)
+    }
+
+    /// The rows of a plan that have no record but a claim, in their order; runs that were given up
+    /// are not among them.
+    ///
+    /// # Errors
+    /// [`Error::Path`] and [`Error::Io`] where the folder cannot be read.
+    pub fn running(&self, plan: &Plan) -> Result<Vec<RunningRun>, Error> {
+        let listing = Listing::of(&*self.store)?;
+        let claims = self.claims(&WorkSettings::default());
+        let claimed = plan.runs.iter().filter(|run| !listing.ended.contains(&run.address));
+        let claimed = claimed.filter_map(|run| Some((run, *listing.claimed.get(&run.address)?)));
+        let mut running = Vec::new();
+        for (run, generation) in claimed {
+            let (note, age) = match claims.state(&job_files::claim(&run.address, generation))? {
+                State::Live { note, age } => (note, Some(age)),
+                State::Expired { note } => (note, None),
+                State::Released | State::Gone => continue,
+            };
+            running.push(RunningRun { row: run.row, worker: note.map(|note| note.worker), age });
+        }
+        Ok(running)
+    }
+
+    /// Removes the records of those of `unread` that are damaged, such as cut short, so that the runs
+    /// are done again. Returns their rows. `unread` are runs of which no record could be read.
+    ///
+    /// # Errors
+    /// [`Error::Path`] where a file cannot be removed.
+    pub fn remove_damaged<'r>(&self, unread: impl IntoIterator<Item = &'r Run>) -> Result<Vec<usize>, Error> {
+        let mut rows = Vec::new();
+        for run in unread {
+            let name = job_files::record(&run.address);
+            // It may have been stored since the results were read.
+            if self.store.has(&name)? && self.record(run)?.is_none() {
+                self.store.remove(&name)?;
+                rows.push(run.row);
+            }
+        }
+        Ok(rows)
+    }
+
+    /// Removes what processes that died have left in the folder.
+    ///
+    /// # Errors
+    /// [`Error::Path`] and [`Error::Io`] where the folder cannot be read or written to.
+    pub fn sweep(&self) -> Result<(), Error> {
+        self.claims(&WorkSettings::default()).sweep()
+    }
+
+    /// Locks the folder's tables and report to write them. Waits where another process has them.
+    pub(crate) fn lock_results(&self) -> Result<LockedResults<'_>, Error> {
+        Ok(LockedResults { folder: self, output: begin(self.results.clone())? })
+    }
+
+    /// This folder with the files of its runs elsewhere.
+    #[cfg(all(test, feature = "object-store-tests"))]
+    pub(crate) fn with_store(self, store: Arc<dyn RunStore>) -> Self {
+        Self { store, ..self }
+    }
+
+    /// The folder's path.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// The path of a file in the folder.
+    pub fn file(&self, name: &str) -> PathBuf {
+        self.path.join(name)
+    }
+
+    /// Where the study found its images or data sets, for [`Places::remembered`](crate::Places::remembered);
+    /// empty if that was not stored.
+    pub fn images(&self) -> BTreeMap<String, PathBuf> {
+        fs::read(self.file(IMAGES)).ok().and_then(|text| serde_json::from_slice(&text).ok()).unwrap_or_default()
+    }
+
+    /// The machine that last conducted the study, if it was stored.
+    pub fn machine(&self) -> Option<Machine> {
+        Some(self.origin()?.machine)
+    }
+
+    fn origin(&self) -> Option<Origin> {
+        origin(&self.path)
+    }
+
+    /// Does what waits for many files, with as many threads as the store is worth.
+    pub(crate) fn at_once<T: Send>(&self, work: impl FnOnce() -> T + Send) -> T {
+        let pool = self.store.width().and_then(|width| rayon::ThreadPoolBuilder::new().num_threads(width).build().ok());
+        match pool {
+            Some(pool) => pool.install(work),
+            None => work(),
+        }
+    }
+
+    /// The path of the study file.
+    pub fn study_file(&self) -> PathBuf {
+        self.file(STUDY)
+    }
+
+    /// The stored record of a run. One that is damaged, or of another run, counts as missing.
+    ///
+    /// # Errors
+    /// [`Error::Path`] or [`Error::Store`] where it cannot be read.
+    pub fn record(&self, run: &Run) -> Result<Option<Record>, Error> {
+        let Some(text) = self.store.read(&job_files::record(&run.address))? else { return Ok(None) };
+        let Ok(mut record) = serde_json::from_slice::<Record>(&text) else { return Ok(None) };
+        if let RunOutcome::Finished(finished) = &mut record.outcome {
+            // A report holds the trajectories of all runs.
+            finished.trajectory.shrink_to_fit();
+        }
+        Ok((record.address == run.address).then_some(record))
+    }
+
+    /// Addresses of the runs that have ended.
+    ///
+    /// # Errors
+    /// [`Error::Path`] where the folder cannot be read.
+    pub fn ended(&self) -> Result<HashSet<String>, Error> {
+        Ok(Listing::of(&*self.store)?.ended)
+    }
+
+    /// Stores the record of a run. It is on the disk before this returns, so that a power cut does
+    /// not lose it. If the run has been finished by another process, which takes over from one that
+    /// seems dead, the first record stays.
+    ///
+    /// # Errors
+    /// [`Error::Io`]; [`Error::TwoResults`] where the other process came to another result.
+    pub(crate) fn store(&self, plan: &Plan, run: &Run, record: &Record) -> Result<(), Error> {
+        let held = self.record(run)?;
+        if let Some(first) = held.as_ref().and_then(|held| held.outcome.finished()) {
+            return match record.outcome.finished() {
+                Some(second) if json(&first.without_clock()) != json(&second.without_clock()) => {
+                    Err(Error::TwoResults {
+                        row: run.row,
+                        run: plan.describe(run),
+                        recorded: first.scene.clone(),
+                        found: second.scene.clone(),
+                    })
+                }
+                _ => Ok(()),
+            };
+        }
+        let name = job_files::record(&run.address);
+        self.store.write(&name, Keep::AfterPowerCut, &mut |file| Ok(serde_json::to_writer(file, record)?))
+    }
+
+    /// The checkpoint of a run, if there is one.
+    ///
+    /// # Errors
+    /// [`Error::Io`] where it is damaged, [`Error::Path`] or [`Error::Store`] where it cannot be read.
+    pub(crate) fn checkpoint(&self, run: &Run) -> Result<Option<Checkpoint>, Error> {
+        let name = job_files::checkpoint(&run.address);
+        let bytes = self.store.read(&name)?;
+        Ok(bytes.map(|bytes| decode_checkpoint(&bytes, Path::new(&name))).transpose()?)
+    }
+
+    /// Stores a checkpoint of a run in place of the one before.
+    ///
+    /// # Errors
+    /// [`Error::Io`] or [`Error::Store`].
+    pub(crate) fn store_checkpoint(&self, run: &Run, checkpoint: &Checkpoint<SavedState<'_>>) -> Result<(), Error> {
+        let name = job_files::checkpoint(&run.address);
+        self.store.write(&name, Keep::AfterPowerCut, &mut |file| encode_checkpoint(file, checkpoint))
+    }
+
+    /// Removes the checkpoint of a run that has a record. What cannot be removed does no harm; the
+    /// next report removes it.
+    pub(crate) fn remove_checkpoint(&self, run: &Run) {
+        let _ = self.store.remove(&job_files::checkpoint(&run.address));
+    }
+
+    /// Stores a picture of a run's scene, without waiting for the disk: the first, or of a 3D scene
+    /// one more for each view that is shown. The report leaves out pictures that are missing.
+    ///
+    /// # Errors
+    /// [`Error::Io`] or [`Error::Store`].
+    pub(crate) fn store_picture(&self, run: &Run, index: usize, picture: &Image) -> Result<(), Error> {
+        let name = run_files::picture(&run.address, index);
+        self.store.write(&name, Keep::AfterCrash, &mut |file| file.write_all(&png_bytes(picture)))
+    }
+
+    /// A stored picture of a run's scene, counted from 0.
+    pub fn picture(&self, run: &Run, index: usize) -> Option<Image> {
+        let bytes = self.store.read(&run_files::picture(&run.address, index)).ok()??;
+        let picture = image::load_from_memory(&bytes).ok()?.into_rgb8();
+        let (width, height) = picture.dimensions();
+        let pixels = picture.pixels().map(|pixel| pixel.0.map(|value| f32::from(value) / 255.0));
+        Image::from_pixels(width, height, pixels.collect()).ok()
+    }
+}
+
+/// What the results in a folder come from, if that was stored.
+fn origin(path: &Path) -> Option<Origin> {
+    serde_json::from_slice(&fs::read(path.join(MACHINE)).ok()?).ok()
+}
+
+/// The store of a study that is prepared: the one that is asked for, or that it has.
+fn store_of(path: &Path, is_held: bool, asked: Option<&StoreAddress>) -> Result<Option<StoreAddress>, Error> {
+    let held = is_held.then(|| origin(path)).flatten();
+    match (held.map(|origin| origin.store), asked) {
+        (None, asked) => Ok(asked.cloned()),
+        (Some(held), asked) if asked.is_none() || asked == held.as_ref() => Ok(held),
+        (Some(held), _) => Err(Error::Folder {
+            folder: path.to_owned(),
+            what: held.map_or_else(|| "has its runs in itself".to_owned(), |held| format!("has its runs in {held}")),
+            mend: "leave out --store, or choose another folder with --output",
+        }),
+    }
+}
+
+fn json(value: &impl Serialize) -> String {
+    serde_json::to_string_pretty(value).unwrap_or_default() + "\n"
+}
+
+/// Whether the folder holds the plan's study. Fails where it must not, or holds another study.
+fn refuse_held(path: &Path, plan: &Plan, existing: Existing) -> Result<bool, Error> {
+    let wrong = |what: String, mend: &'static str| Err(Error::Folder { folder: path.to_owned(), what, mend });
+    let study = path.join(STUDY);
+    if !study.exists() {
+        return Ok(false);
+    }
+    if existing == Existing::Refuse {
+        let mend = "go on with it with --resume, or choose another folder with --output";
+        return wrong("holds a study already".to_owned(), mend);
+    }
+    let held = fs::read_to_string(&study).ok().and_then(|text| name_of(&text));
+    if held.as_ref() != Some(&plan.study.name) {
+        let held = held.map_or_else(|| "one that cannot be read".to_owned(), |name| format!("`{name}`"));
+        let what = format!("holds another study than `{}`: {held}", plan.study.name);
+        return wrong(what, "choose another folder with --output");
+    }
+    Ok(true)
+}
+
+/// The name of the study in a study file.
+fn name_of(text: &str) -> Option<String> {
+    let table: toml::Table = text.parse().ok()?;
+    Some(table.get("name")?.as_str()?.to_owned())
+}

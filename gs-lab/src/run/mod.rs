@@ -1,0 +1,35 @@
+//! Doing the runs of a plan, and what is stored of them.
+//!
+//! [`conduct()`] does the runs that are missing in a [`StudyFolder`] and stores a [`Record`] of each;
+//! [`replay()`] does one again and compares. Which process does which run is decided in [`jobs`].
+
+mod conduct;
+mod folder;
+pub mod jobs;
+mod locked_results;
+mod origin;
+mod record;
+mod recorded;
+mod replay;
+mod result_names;
+mod resumption;
+mod run_files;
+mod task;
+mod train;
+mod trajectory;
+mod watcher;
+
+pub use self::{
+    conduct::{Conducted, conduct, conduct_with, refuse_unsupported},
+    folder::{Existing, RunningRun, Safety, StudyFolder},
+    record::{Finished, Record, RunOutcome, ViewResult},
+    replay::{recorded_run, replay},
+    task::{AnyScene, StudyBackend},
+    train::Replayed,
+    watcher::Watcher,
+};
+pub(crate) use self::{
+    recorded::Row,
+    result_names::{LATEX, MARKDOWN, PAGE, PLOTS, RESULTS, VIEWS},
+    task::PICTURED_VIEWS,
+};

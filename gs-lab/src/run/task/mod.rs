@@ -1,0 +1,98 @@
+//! What differs between runs on images and runs on 3D scenes: the trainer's beginning, and how its
+//! end is measured. Together with their settings, that is all that differs.
+
+mod image;
+mod scene;
+
+pub(crate) use scene::PICTURED_VIEWS;
+
+use gs_core::{Culled, Error as CoreError, Image, Optimizer, Parameterization, RenderSettings, Scene2d, Scene3d};
+use gs_io::{Checkpoint, WorldFrame};
+use gs_train::{Error as TrainError, Trainer};
+
+use super::record::ViewResult;
+use crate::study::{Arm, Clock, Planned, RunSettings, StudyTarget};
+
+/// A backend that conducts studies of both kinds. All backends of this project do.
+pub trait StudyBackend: Optimizer<Scene2d> + Optimizer<Scene3d> {}
+
+impl<R: Optimizer<Scene2d> + Optimizer<Scene3d>> StudyBackend for R {}
+
+/// How a run ended, measured on its image or on its held-out views.
+pub(crate) struct Measured {
+    pub(crate) psnr: f64,
+    pub(crate) ssim: f64,
+    pub(crate) ms_ssim: Option<f64>,
+    pub(crate) l1: f64,
+    pub(crate) loss: Option<f32>,
+    pub(crate) culled: Culled,
+    /// Each held-out view; none for an image. Curves are added later.
+    pub(crate) views: Vec<ViewResult>,
+    /// The rendering of the image, or of the views that are shown.
+    pub(crate) pictures: Vec<Image>,
+    pub(crate) render: RenderSettings,
+    /// The frame of a 3D scene.
+    pub(crate) frame: WorldFrame,
+}
+
+/// The kind of scene of a run, as far as doing the run needs it.
+pub(crate) trait StudyTask: Planned {
+    /// The settings under which a diverging run fails, so that the study shows it.
+    fn without_recovery(settings: &Self::Settings) -> Self::Settings;
+
+    /// Begins a run, whose training time `clock` measures.
+    fn begin<'r, R: Optimizer<Self>>(
+        rasterizer: &'r R,
+        target: &StudyTarget,
+        arm: &Arm,
+        settings: Self::Settings,
+        clock: Clock,
+    ) -> Result<Trainer<'r, R, Self>, TrainError>;
+
+    /// Resumes a run from its checkpoint.
+    fn resume<'r, R: Optimizer<Self>>(
+        rasterizer: &'r R,
+        target: &StudyTarget,
+        checkpoint: Checkpoint,
+    ) -> Result<Trainer<'r, R, Self>, TrainError>;
+
+    /// Measures a finished run.
+    fn measure<R: Optimizer<Self>>(trainer: &Trainer<'_, R, Self>) -> Result<Measured, TrainError>;
+
+    /// Draws one Gaussian on one pixel, to find out what a backend supports.
+    fn draw_one<R: Optimizer<Self>>(
+        rasterizer: &R,
+        render: &RenderSettings,
+        parameterization: Parameterization,
+    ) -> Result<(), CoreError>;
+
+    /// Digest of the scene.
+    fn digest(&self) -> String;
+
+    /// Bytes of all parameters as 32-bit floats.
+    fn bytes(&self) -> u64;
+
+    /// The scene as one of either kind.
+    fn wrapped(self) -> AnyScene;
+}
+
+/// A scene of either kind.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub enum AnyScene {
+    /// The fit of an image.
+    In2d(Scene2d),
+    /// A trained scene.
+    In3d(Scene3d),
+}
+
+impl RunSettings {
+    /// Draws one Gaussian on one pixel with other settings of rendering, to find out what a backend
+    /// supports.
+    pub(crate) fn draw_one<R: StudyBackend>(&self, rasterizer: &R, render: &RenderSettings) -> Result<(), CoreError> {
+        match self {
+            Self::Image(settings) => Scene2d::draw_one(rasterizer, render, settings.parameterization),
+            Self::Scene(settings) => Scene3d::draw_one(rasterizer, render, settings.parameterization),
+        }
+    }
+}

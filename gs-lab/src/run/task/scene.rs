@@ -1,0 +1,115 @@
+//! Runs on scenes: trainings of 3D Gaussians from views.
+
+use gs_backend::FutureExt as _;
+use gs_core::{
+    Camera, Error as CoreError, Gaussian3d, Image, Optimizer, Parameterization, RenderSettings, Scene3d, math::sh,
+};
+use gs_io::Checkpoint;
+use gs_train::{
+    Error as TrainError, Recovery, TrainSettings, Trainer, Trainer3d,
+    train::{PosedView, ViewQuality},
+};
+
+use super::{AnyScene, Measured, StudyTask, image::wrong_kind};
+use crate::{
+    run::record::ViewResult,
+    study::{Arm, Clock, StudyTarget, digest},
+};
+
+/// Held-out views of each scene that reports show, evenly spread.
+pub(crate) const PICTURED_VIEWS: usize = 3;
+
+impl StudyTask for Scene3d {
+    fn without_recovery(settings: &TrainSettings) -> TrainSettings {
+        settings.clone().with(|s| s.recovery = Recovery::Never)
+    }
+
+    fn begin<'r, R: Optimizer<Self>>(
+        rasterizer: &'r R,
+        target: &StudyTarget,
+        arm: &Arm,
+        settings: TrainSettings,
+        clock: Clock,
+    ) -> Result<Trainer<'r, R, Self>, TrainError> {
+        let Some(dataset) = target.dataset() else { return Err(wrong_kind(target)) };
+        let views = target.views(dataset)?;
+        let start = target.start(arm.start(dataset, &settings), dataset, &views.train)?;
+        clock.begin(|| Trainer3d::from_views(rasterizer, views, start, settings).block_on())
+    }
+
+    fn resume<'r, R: Optimizer<Self>>(
+        rasterizer: &'r R,
+        target: &StudyTarget,
+        checkpoint: Checkpoint,
+    ) -> Result<Trainer<'r, R, Self>, TrainError> {
+        let Some(dataset) = target.dataset() else { return Err(wrong_kind(target)) };
+        Trainer3d::resume_views(rasterizer, target.views(dataset)?, checkpoint)
+    }
+
+    fn measure<R: Optimizer<Self>>(trainer: &Trainer<'_, R, Self>) -> Result<Measured, TrainError> {
+        let names: Vec<String> = trainer.evaluation_views().iter().map(|view| view.name.clone()).collect();
+        let shown = names.len().min(PICTURED_VIEWS);
+        let shown: Vec<&String> = (0..shown).map(|index| &names[index * names.len() / shown]).collect();
+        let mut rendered = Vec::new();
+        let mut look = |view: &PosedView, image: &Image| {
+            if shown.contains(&&view.name) {
+                rendered.push((view.name.clone(), image.clone()));
+            }
+            Ok(())
+        };
+        let evaluation = trainer.evaluate(&mut look).block_on()?;
+        rendered.retain(|(name, _)| !evaluation.unmeasured.contains(name));
+        let view = |view: ViewQuality| ViewResult {
+            is_shown: rendered.iter().any(|(name, _)| *name == view.name),
+            name: view.name,
+            psnr: view.psnr,
+            ssim: view.ssim,
+            ms_ssim: view.ms_ssim,
+            l1: view.l1,
+            curve: Vec::new(),
+        };
+        Ok(Measured {
+            psnr: evaluation.psnr,
+            ssim: evaluation.ssim,
+            ms_ssim: evaluation.ms_ssim,
+            l1: evaluation.l1,
+            loss: None,
+            culled: evaluation.culled,
+            views: evaluation.views.into_iter().map(view).collect(),
+            pictures: rendered.into_iter().map(|(_, image)| image).collect(),
+            render: trainer.shown(),
+            frame: trainer.views().frame,
+        })
+    }
+
+    fn draw_one<R: Optimizer<Self>>(
+        rasterizer: &R,
+        render: &RenderSettings,
+        parameterization: Parameterization,
+    ) -> Result<(), CoreError> {
+        let gaussian = Gaussian3d {
+            mean: [0.0, 0.0, 1.0].into(),
+            log_scale: [-3.0; 3].into(),
+            rotation: [1.0, 0.0, 0.0, 0.0],
+            opacity_logit: 0.0,
+            sh: vec![[0.5; 3].into(); sh::coefficients(render.effects.sh_degree)],
+        };
+        let mut scene = Self { sh_degree: render.effects.sh_degree, ..Self::default() };
+        gs_core::Scene::push(&mut scene, gaussian);
+        let splats = rasterizer.upload(&scene, parameterization)?;
+        rasterizer.forward(&splats, &Camera::looking_forward(1, 1, 1.0), render).block_on().map(drop)
+    }
+
+    fn digest(&self) -> String {
+        digest::of_scene_3d(self)
+    }
+
+    fn bytes(&self) -> u64 {
+        // Mean, scale, rotation, opacity, and SH.
+        4 * (11 * self.means.len() + 3 * self.sh.len()) as u64
+    }
+
+    fn wrapped(self) -> AnyScene {
+        AnyScene::In3d(self)
+    }
+}

@@ -1,0 +1,115 @@
+//! Does one run of a study, from its beginning or its checkpoint on.
+
+use gs_backend::FutureExt as _;
+use gs_core::{Error as CoreError, Image, Optimizer, RenderSettings, Scene2d, Scene3d};
+use gs_io::{Checkpoint, WorldFrame};
+use gs_train::{Error as TrainError, RunSettings as _, Trainer};
+
+use super::{
+    record::Finished,
+    resumption::Interruptions,
+    task::{AnyScene, StudyBackend, StudyTask},
+    trajectory::Trajectory,
+};
+use crate::study::{Plan, Run, RunSettings};
+
+/// A replayed run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Replayed {
+    /// The scene, which is the recorded one.
+    pub scene: AnyScene,
+    /// The frame of a 3D scene; the world itself for an image.
+    pub frame: WorldFrame,
+    /// The rendering of the scene, not clamped: at the target's size, or for each of the held-out
+    /// views that are shown.
+    pub pictures: Vec<Image>,
+    /// The settings to render the scene with: the effects that it was trained with.
+    pub settings: RenderSettings,
+    /// The numbers; times are measured in the replay.
+    pub finished: Finished,
+}
+
+/// Does a run, from its checkpoint on if it has one, with its scene, pictures and numbers; `None`
+/// where the watcher stopped it.
+pub(crate) fn train<R: StudyBackend>(
+    plan: &Plan,
+    run: &Run,
+    rasterizer: &R,
+    interruptions: Interruptions<'_>,
+) -> Result<Option<Replayed>, TrainError> {
+    match &run.settings {
+        RunSettings::Image(settings) => train_task::<Scene2d, R>(plan, run, settings, rasterizer, interruptions),
+        RunSettings::Scene(settings) => train_task::<Scene3d, R>(plan, run, settings, rasterizer, interruptions),
+    }
+}
+
+fn train_task<S: StudyTask, R: Optimizer<S>>(
+    plan: &Plan,
+    run: &Run,
+    settings: &S::Settings,
+    rasterizer: &R,
+    interruptions: Interruptions<'_>,
+) -> Result<Option<Replayed>, TrainError> {
+    let arm = plan.arm(run);
+    let (mut trainer, mut trajectory) = begin::<S, R>(plan, run, settings, rasterizer, &interruptions)?;
+    if let Some(policy) = arm.own_policy.as_ref().and_then(|own| S::own(&own.policy)) {
+        trainer = trainer.controlled_by(policy.clone());
+    }
+    trainer.run(&mut (&mut trajectory, interruptions)).block_on()?;
+    if !trainer.is_finished() {
+        return Ok(None);
+    }
+    let mut measured = S::measure(&trainer)?;
+    for (index, view) in measured.views.iter_mut().enumerate() {
+        view.curve = trajectory.curve(index);
+    }
+    let scene = trainer.scene().block_on()?;
+    let finished = Finished {
+        gaussians: trainer.count(),
+        bytes: scene.bytes(),
+        iterations: trainer.step(),
+        psnr: measured.psnr,
+        ssim: measured.ssim,
+        ms_ssim: measured.ms_ssim,
+        l1: measured.l1,
+        loss: measured.loss,
+        edits: *trainer.edits(),
+        culled: measured.culled,
+        scene: scene.digest(),
+        seconds: trainer.seconds(),
+        backend: trainer.backend(),
+        side_by_side: 1,
+        trajectory: trajectory.rows().to_vec(),
+        views: measured.views,
+    };
+    let (pictures, settings, frame) = (measured.pictures, measured.render, measured.frame);
+    Ok(Some(Replayed { scene: scene.wrapped(), frame, pictures, settings, finished }))
+}
+
+/// Begins a run, or goes on from its checkpoint.
+fn begin<'r, S: StudyTask, R: Optimizer<S>>(
+    plan: &Plan,
+    run: &Run,
+    settings: &S::Settings,
+    rasterizer: &'r R,
+    interruptions: &Interruptions<'_>,
+) -> Result<(Trainer<'r, R, S>, Trajectory), TrainError> {
+    let (arm, target, iterations) = (plan.arm(run), plan.target(run), settings.iterations());
+    let clock = plan.study.clock;
+    let resume = |checkpoint: Checkpoint| {
+        let trajectory = Trajectory::resumed(iterations, &checkpoint.metadata)?;
+        Ok((clock.go_on(S::resume(rasterizer, target, checkpoint)?), trajectory))
+    };
+    match interruptions.checkpoint().map(resume) {
+        Some(Ok(resumed)) => {
+            interruptions.resumed(resumed.0.step());
+            return Ok(resumed);
+        }
+        Some(Err(error @ TrainError::Core(CoreError::Backend { .. }))) => return Err(error),
+        Some(Err(error)) => interruptions.refuse(error),
+        None => {}
+    }
+    // A diverging arm must fail instead of recovering, so that the study shows it.
+    let trainer = S::begin(rasterizer, target, arm, S::without_recovery(settings), clock)?;
+    Ok((trainer, Trajectory::begun(iterations)))
+}

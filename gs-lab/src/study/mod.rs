@@ -1,0 +1,37 @@
+//! The definition of a study: what is compared, and the runs that follow from it.
+//!
+//! A [`Study`] is read from a TOML file, or is one of those [`built_in()`]. [`Arm`]s and [`Factor`]s
+//! say how its fits or trainings differ, [`StudyTarget`]s what they are of, and a [`Plan`] lists its
+//! [`Run`]s, each with all its settings and an address.
+
+mod arm;
+mod built_in;
+mod clock;
+mod dataset_reading;
+mod definition;
+pub(crate) mod digest;
+mod factor;
+mod key_lines;
+mod machine;
+pub mod overrides;
+mod plan;
+mod selection;
+mod settings;
+mod target;
+
+pub(crate) use self::settings::Planned;
+pub use self::{
+    arm::{AnyPolicy, Arm, OwnPolicy},
+    built_in::{BUILT_IN, built_in},
+    clock::Clock,
+    dataset_reading::{Alpha, DatasetReading},
+    definition::{Matching, Study},
+    digest::{of_scene as scene_digest, of_scene_3d as scene_digest_3d},
+    factor::Factor,
+    machine::Machine,
+    plan::{Plan, Run, VERSION},
+    selection::Selection,
+    settings::RunSettings,
+    target::{Places, StudyTarget, TargetContent},
+};
+pub use crate::synthetic::SyntheticTarget;

@@ -1,0 +1,58 @@
+//! Settings of runs on images: fits of 2D Gaussians.
+
+use gs_core::Scene2d;
+use gs_density::Policy;
+use gs_train::{FitSettings, ForeignPolicy, InitialCount, Preset};
+
+use super::{Asked, Planned, WrongKey};
+use crate::study::{arm::AnyPolicy, target::StudyTarget};
+
+impl Planned for Scene2d {
+    const IS_3D: bool = false;
+
+    fn start_settings(asked: &Asked<'_>, target: &StudyTarget) -> Result<FitSettings, WrongKey> {
+        let size = target.image().map_or((1, 1), |image| image.size());
+        let preset = Preset::ALL.into_iter().find(|preset| preset.name() == asked.preset()).ok_or_else(|| {
+            let known = Preset::ALL.map(Preset::name).join(", ");
+            WrongKey::new("preset", format!("there is no preset `{}` for images: those are {known}", asked.preset()))
+        })?;
+        if asked.arm.start.is_some() {
+            return Err(WrongKey::new("start", "is for scenes: an image starts from settings.init"));
+        }
+        if asked.arm.like_gs_train {
+            return Err(WrongKey::new("like-gs-train", "is for scenes"));
+        }
+        let mut settings = match (preset, asked.iterations()) {
+            (Preset::Paper, iterations) => {
+                let paper = Preset::Paper.settings(asked.budget, size);
+                let iterations = iterations.unwrap_or(paper.iterations);
+                paper.with_iterations(iterations)
+            }
+            (_, Some(iterations)) => FitSettings::for_image(asked.budget, size, iterations),
+            (preset, None) => preset.settings(asked.budget, size),
+        };
+        if let Some(name) = &asked.arm.policy {
+            settings.policy = Policy::from_name(name).map_err(|error| WrongKey::new("policy", error))?;
+        }
+        Ok(match asked.arm.parameterization {
+            Some(parameterization) => settings.with_parameterization(parameterization),
+            None => settings,
+        })
+    }
+
+    fn completed(settings: FitSettings, seed: u32) -> FitSettings {
+        settings.with(|s| {
+            s.seed = seed;
+            if let InitialCount::Fixed(count) = &mut s.initial {
+                *count = (*count).min(s.gaussians);
+            }
+        })
+    }
+
+    fn own(policy: &AnyPolicy) -> Option<&ForeignPolicy> {
+        match policy {
+            AnyPolicy::In2d(policy) => Some(policy),
+            AnyPolicy::In3d(_) | AnyPolicy::Elsewhere => None,
+        }
+    }
+}

@@ -1,0 +1,146 @@
+//! What differs between the settings of runs on images and those of runs on 3D scenes.
+
+mod image;
+mod scene;
+
+use gs_core::{Parameterization, RenderSettings, Scene2d, Scene3d, effects::Statistics};
+use gs_train::{Error as TrainError, FitSettings, ForeignPolicy, TrainSettings, Trainable};
+use serde::{Serialize, de::DeserializeOwned};
+
+use super::{
+    arm::{AnyPolicy, Arm},
+    definition::Study,
+    target::StudyTarget,
+};
+
+/// What an arm asks for besides its settings.
+pub(crate) struct Asked<'a> {
+    pub(crate) study: &'a Study,
+    pub(crate) arm: &'a Arm,
+    pub(crate) budget: u32,
+}
+
+impl Asked<'_> {
+    pub(crate) fn preset(&self) -> &str {
+        self.arm.preset.as_ref().unwrap_or(&self.study.preset)
+    }
+
+    pub(crate) fn iterations(&self) -> Option<u32> {
+        self.arm.iterations.or(self.study.iterations)
+    }
+}
+
+/// A key of an arm whose value is not possible, and why.
+#[derive(Debug)]
+pub(crate) struct WrongKey {
+    pub(crate) key: &'static str,
+    pub(crate) message: String,
+}
+
+impl WrongKey {
+    pub(crate) fn new(key: &'static str, message: impl ToString) -> Self {
+        Self { key, message: message.to_string() }
+    }
+}
+
+/// The kind of scene of a run, as far as a plan needs it.
+pub(crate) trait Planned: Trainable<Settings: Serialize + DeserializeOwned> {
+    /// Whether this is the kind of scenes, for messages.
+    const IS_3D: bool;
+
+    /// The settings of an arm before its table of settings, without the seed.
+    fn start_settings(asked: &Asked<'_>, target: &StudyTarget) -> Result<Self::Settings, WrongKey>;
+
+    /// The settings with the seed, and with numbers that depend on others.
+    fn completed(settings: Self::Settings, seed: u32) -> Self::Settings;
+
+    /// The policy, where it is one for this kind of scene.
+    fn own(policy: &AnyPolicy) -> Option<&ForeignPolicy<Self>>;
+}
+
+/// The settings of a run.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub enum RunSettings {
+    /// Those of the fit of an image.
+    Image(Box<FitSettings>),
+    /// Those of the training of a scene.
+    Scene(Box<TrainSettings>),
+}
+
+/// Runs an expression on the settings of either kind.
+macro_rules! of_either {
+    ($settings:expr, $of:ident => $expression:expr) => {
+        match $settings {
+            RunSettings::Image($of) => $expression,
+            RunSettings::Scene($of) => $expression,
+        }
+    };
+}
+
+impl RunSettings {
+    /// The settings as the text of a TOML file, which `gs fit --settings` or `gs train --settings`
+    /// reads.
+    ///
+    /// # Errors
+    /// [`gs_train::Error::UnwritableSettings`] where TOML has no form for them.
+    pub fn to_toml(&self) -> Result<String, TrainError> {
+        of_either!(self, settings => settings.to_toml())
+    }
+
+    /// Largest number of Gaussians.
+    pub fn gaussians(&self) -> u32 {
+        of_either!(self, settings => settings.gaussians)
+    }
+
+    /// Number of steps.
+    pub fn iterations(&self) -> u32 {
+        of_either!(self, settings => settings.iterations)
+    }
+
+    /// Settings of renderings.
+    pub fn render(&self) -> &RenderSettings {
+        of_either!(self, settings => &settings.render)
+    }
+
+    /// Coordinates in which the optimizer moves.
+    pub fn parameterization(&self) -> Parameterization {
+        of_either!(self, settings => settings.parameterization)
+    }
+
+    /// The densification statistics that the policy needs.
+    pub(crate) fn statistics(&self) -> Statistics {
+        match self {
+            Self::Image(settings) => gs_density::DensityPolicy::<Scene2d>::statistics(&settings.policy),
+            Self::Scene(settings) => gs_density::DensityPolicy::<Scene3d>::statistics(&settings.policy),
+        }
+    }
+
+    /// The settings of a fit; `None` for a training.
+    pub fn of_image(&self) -> Option<&FitSettings> {
+        match self {
+            Self::Image(settings) => Some(settings),
+            Self::Scene(_) => None,
+        }
+    }
+
+    /// The settings of a training; `None` for a fit.
+    pub fn of_scene(&self) -> Option<&TrainSettings> {
+        match self {
+            Self::Image(_) => None,
+            Self::Scene(settings) => Some(settings),
+        }
+    }
+}
+
+impl From<FitSettings> for RunSettings {
+    fn from(settings: FitSettings) -> Self {
+        Self::Image(settings.into())
+    }
+}
+
+impl From<TrainSettings> for RunSettings {
+    fn from(settings: TrainSettings) -> Self {
+        Self::Scene(settings.into())
+    }
+}
