@@ -277,7 +277,7 @@ fn unsplit_panorama(views: &[View]) -> Option<&View> {
 }
 
 /// Folders below which images are searched that are in none of the usual ones.
-fn search_folders(root: &Path, settings: &DatasetSettings) -> Vec<PathBuf> {
+pub(super) fn search_folders(root: &Path, settings: &DatasetSettings) -> Vec<PathBuf> {
     match (&settings.image_folder, settings.allow_outside) {
         (Some(_), _) => Vec::new(),
         (None, false) => vec![root.to_owned()],

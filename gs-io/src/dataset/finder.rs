@@ -230,7 +230,7 @@ impl Folders {
 }
 
 /// The names of the files and folders in a folder.
-fn entries(folder: &Path) -> impl Iterator<Item = OsString> {
+pub(super) fn entries(folder: &Path) -> impl Iterator<Item = OsString> {
     let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
     fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.file_name())
 }
@@ -274,7 +274,7 @@ fn stem(file: &Path) -> Option<String> {
 
 /// Visits a folder and those below it with the images in each, within the limits of [`SEARCH`] and
 /// [`SEARCH_ABOVE`].
-fn walk(from: &Path, mut visit: impl FnMut(&Path, &[PathBuf])) {
+pub(super) fn walk(from: &Path, mut visit: impl FnMut(&Path, &[PathBuf])) {
     let (deepest, most) = if from.ends_with("..") { SEARCH_ABOVE } else { SEARCH };
     let mut waiting = vec![(from.to_owned(), 0)];
     let mut visited = 0;

@@ -4,7 +4,7 @@
 //! |---|---|---|
 //! | [`Blender`](DatasetKind::Blender) | NeRF-synthetic and its like | `transforms_train.json`, with `_val` and `_test` next to it |
 //! | [`Nerfstudio`](DatasetKind::Nerfstudio) | Nerfstudio, instant-ngp, Polycam | `transforms.json` |
-//! | [`Colmap`](DatasetKind::Colmap) | COLMAP and what writes its files | `cameras`, `images`, `points3D`, `.bin` or `.txt`, in `sparse`, `colmap/sparse`, `dense/sparse`, `distorted/sparse`, a subfolder of these, or the folder itself |
+//! | [`Colmap`](DatasetKind::Colmap) | COLMAP and what writes its files | `cameras`, `images`, `points3D`, `.bin` or `.txt`, in `sparse`, `colmap/sparse`, `dense/sparse`, `undistorted/sparse`, `distorted/sparse`, a subfolder of these, or the folder itself |
 //!
 //! [`read_dataset`] recognises the kind and reads everything but the pixels. Of the images it reads
 //! the headers, so that intrinsics fit the files that exist. [`View::read_image`] reads and
@@ -44,7 +44,6 @@ use glam::{DVec3, Vec3};
 use gs_core::Camera;
 use serde::Serialize;
 
-use self::colmap::Located;
 pub use self::{
     colmap::{CameraModel, ColmapCamera, ColmapImage, ColmapModel, ColmapObservation, ColmapPoint},
     cube::CubeFace,
@@ -59,7 +58,7 @@ pub use self::{
 use crate::{WorldFrame, atomic::open, error::Error, image::Orientation};
 
 const LOOKED_FOR: &str = "transforms_train.json (Blender), transforms.json (Nerfstudio), and cameras.bin or cameras.txt in sparse, \
-                          colmap/sparse, dense/sparse, distorted/sparse, their subfolders and the folder itself (COLMAP)";
+                          colmap/sparse, dense/sparse, undistorted/sparse, distorted/sparse, their subfolders and the folder itself (COLMAP)";
 
 /// Settings for reading a data set.
 #[derive(Debug, Clone, PartialEq)]
@@ -172,8 +171,11 @@ impl Dataset {
         let files = |view: &View| [Some(view.image.clone()), view.mask.clone(), depth(view)];
         let of_views = self.views.iter().flat_map(files).flatten();
         let root = if self.root.as_os_str().is_empty() { Path::new(".") } else { &self.root };
-        let folders = std::iter::once(root.to_owned()).chain(colmap::model_folders(root));
-        let entries = folders.flat_map(|folder| std::fs::read_dir(folder).into_iter().flatten().flatten());
+        let models = colmap::models_of(root);
+        let above = models.iter().filter_map(|model| model.parent());
+        let folders: Vec<&Path> =
+            std::iter::once(root).chain(above).chain(models.iter().map(|model| &**model)).collect();
+        let entries = folders.into_iter().flat_map(|folder| std::fs::read_dir(folder).into_iter().flatten().flatten());
         of_views.chain(entries.map(|entry| entry.path()).filter(|path| path.is_file())).collect()
     }
 }
@@ -258,10 +260,10 @@ pub fn read_dataset(path: impl AsRef<Path>, settings: &DatasetSettings) -> Resul
     if nerfstudio.is_file() {
         return transforms::read_nerfstudio(path, &nerfstudio, settings);
     }
-    let Some(located) = Located::find(path) else { return Err(not_a_dataset(path)) };
-    // The folder of a model may be named, or that of its data set.
-    let root = if colmap::is_model(path) { Located::data_set(path) } else { path.to_owned() };
-    colmap::read(&root, &located, settings)
+    match colmap::models_of(path) {
+        models if models.is_empty() => Err(not_a_dataset(path)),
+        models => colmap::read(path, &models, settings),
+    }
 }
 
 fn not_a_dataset(path: &Path) -> Error {

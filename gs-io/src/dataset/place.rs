@@ -1,14 +1,17 @@
 //! Finds images: the folders of a data set, and file names without extension or with another one.
 
 use std::{
+    collections::BTreeSet,
     fs, io,
     path::{Component, Path, PathBuf},
 };
 
 use super::{
     DatasetSettings,
-    colmap::models_below,
+    colmap::{data_set_of, has_photographs, is_model, models_of},
+    finder::walk,
     names::{self, EXTENSIONS},
+    transforms::{BLENDER_TRAIN, NERFSTUDIO},
 };
 use crate::{error::Error, image::image_files};
 
@@ -127,17 +130,20 @@ fn leaves(folder: &Path, name: &str) -> bool {
 /// Advice for a folder that is not a data set; if it contains images, how to find their cameras.
 pub(super) fn how_to_begin(folder: &Path) -> String {
     let images_in = |folder: &Path| image_files(folder).map_or(0, |files| files.len());
-    let models = models_below(folder);
-    if let Some(first) = models.first() {
-        let more = if models.len() > 1 {
-            format!(" or another of {} folders with a COLMAP model", models.len())
+    let below = data_sets_below(folder);
+    if let Some(first) = below.first() {
+        let others = if below.len() > 1 { format!(", one of {} data sets in it", below.len()) } else { String::new() };
+        let images = if has_transforms(first) || has_photographs(first) {
+            ""
         } else {
-            String::new()
+            " with the folder of its images by --images"
         };
-        return format!(
-            "name {}{more}, with the folder of its images by --images",
-            quoted(&super::Located::data_set(first))
-        );
+        return format!("name {}{others}{images}", quoted(first));
+    }
+    let is_data_set = |folder: &&Path| has_transforms(folder) || !models_of(folder).is_empty();
+    let whole = std::path::absolute(folder).unwrap_or_else(|_| folder.to_owned());
+    if let Some(above) = whole.ancestors().skip(1).take(PARTS).find(is_data_set) {
+        return format!("it is part of the data set {}: name that", quoted(above));
     }
     let places = [folder.to_owned(), folder.join(IMAGE_FOLDERS[0]), folder.join("input")];
     if let Some((count, kind, folder)) = places.iter().find_map(|place| unreadable_photographs(place)) {
@@ -156,6 +162,27 @@ pub(super) fn how_to_begin(folder: &Path) -> String {
             quoted(images)
         ),
     }
+}
+
+/// How deep files are in a data set.
+const PARTS: usize = 3;
+
+fn has_transforms(folder: &Path) -> bool {
+    [NERFSTUDIO, BLENDER_TRAIN].iter().any(|name| folder.join(name).is_file())
+}
+
+/// The data sets below a folder, by absolute paths.
+fn data_sets_below(folder: &Path) -> BTreeSet<PathBuf> {
+    let mut found = BTreeSet::new();
+    let whole = std::path::absolute(folder).unwrap_or_else(|_| folder.to_owned());
+    walk(&whole, |folder, _| {
+        if has_transforms(folder) {
+            found.insert(folder.to_owned());
+        } else if is_model(folder) {
+            found.insert(data_set_of(folder));
+        }
+    });
+    found
 }
 
 /// Number, ending and folder of photographs of a kind that cannot be read, if there are more than of

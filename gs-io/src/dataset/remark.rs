@@ -142,8 +142,7 @@ pub enum Remark {
         /// The file, as the data set names it.
         file: String,
     },
-    /// The data set has several COLMAP models, which COLMAP could not connect; the one with most images
-    /// is read.
+    /// The data set has several COLMAP models; the one with most photographs is read.
     OtherModels {
         /// The folder of the model, and its number of images.
         read: String,
@@ -325,11 +324,7 @@ impl fmt::Display for Remark {
             }
             Self::PointsMissing { file } => write!(f, "no points: there is no file {file}"),
             Self::OtherModels { read, others } => {
-                write!(
-                    f,
-                    "{read} is the largest of several COLMAP models, and only it is read; not {}",
-                    others.join(", ")
-                )
+                write!(f, "of several COLMAP models, {read} is read, not {}", others.join(", "))
             }
             Self::TextModel { error } => write!(f, "the text files of the COLMAP model are read, because {error}"),
             Self::NothingHeldOut => f.write_str("no view held out for tests, because there are too few"),

@@ -189,62 +189,6 @@ fn a_model_without_points_is_fine_and_says_so() {
 }
 
 #[test]
-fn the_largest_of_several_models_is_read() {
-    let place = folder();
-    let whole = colmap(place.path(), 5);
-    for (name, count) in [("0", 2), ("2", 3)] {
-        write_model(&place.path().join("sparse").join(name), &binary(&model(count)), "bin");
-    }
-    write_model(&place.path().join("sparse/1"), &text(&whole), "txt");
-    fs::create_dir(place.path().join("sparse/other")).unwrap();
-    let dataset = read(place.path());
-    assert_eq!(dataset.views.len(), 5);
-    let [Remark::OtherModels { read, others }] = &dataset.remarks[..1] else { panic!("{:?}", dataset.remarks) };
-    assert_eq!(read, "sparse/1 (5 images)");
-    assert_eq!(others, &["sparse/0 (2 images)", "sparse/2 (3 images)"]);
-}
-
-#[test]
-fn models_are_found_where_programs_put_them() {
-    let model = model(3);
-    for (folder_of_model, folder_of_images) in [
-        ("sparse", "images"),
-        ("sparse/1", "images"),
-        ("sparse/0", "input"),
-        ("colmap/sparse/0", "images"),
-        ("distorted/sparse/0", "input"),
-        ("dense/sparse", "dense/images"),
-        ("dense/0/sparse", "dense/0/images"),
-        (".", "images"),
-        (".", "."),
-    ] {
-        let place = folder();
-        let (of_model, of_images) = (place.path().join(folder_of_model), place.path().join(folder_of_images));
-        write_model(&of_model, &binary(&model), "bin");
-        write_pictures(&of_images, &model, 1);
-        let dataset = read(place.path());
-        assert_eq!(dataset.views.len(), 3, "{folder_of_model}");
-        let is_cameras = |file: &std::path::PathBuf| file.ends_with("cameras.bin");
-        assert!(dataset.files().iter().any(is_cameras), "{folder_of_model}: which no run may replace");
-        // The model's own folder may be named, too.
-        assert_eq!(read(&of_model).views.len(), 3, "{folder_of_model}");
-    }
-}
-
-#[test]
-fn text_is_read_where_the_binary_files_are_damaged() {
-    let place = folder();
-    let model = colmap(place.path(), 3);
-    let sparse = place.path().join("sparse/0");
-    fs::write(sparse.join("cameras.bin"), b"").unwrap();
-    assert!(refusal(place.path()).contains("cameras.bin"));
-    write_model(&sparse, &text(&model), "txt");
-    let dataset = read(place.path());
-    assert_eq!(dataset.views.len(), 3);
-    assert!(matches!(&dataset.remarks[0], Remark::TextModel { error } if error.contains("cameras.bin")));
-}
-
-#[test]
 fn photographs_that_cannot_be_read_are_named() {
     let place = folder();
     fs::create_dir(place.path().join("images")).unwrap();
@@ -253,14 +197,6 @@ fn photographs_that_cannot_be_read_are_named() {
     }
     let error = refusal(place.path());
     assert!(error.contains("4 photographs in heic") && error.contains("magick mogrify -format jpg"), "{error}");
-}
-
-#[test]
-fn a_folder_above_a_data_set_names_it() {
-    let place = folder();
-    colmap(&place.path().join("scans/house"), 2);
-    let error = refusal(place.path());
-    assert!(error.contains("scans/house, with the folder of its images by --images"), "{error}");
 }
 
 #[test]

@@ -6,6 +6,7 @@ mod dialects;
 mod images;
 mod lens;
 mod made;
+mod models;
 mod mutated;
 mod names;
 mod panorama;

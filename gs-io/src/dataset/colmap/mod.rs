@@ -16,12 +16,13 @@ use std::{
 use glam::{DQuat, DVec2, DVec3, dvec2};
 
 pub use self::camera_model::CameraModel;
-pub(super) use self::models::{Located, is_model, model_folders, models_below};
+use self::models::{Candidate, read_largest};
+pub(super) use self::models::{data_set_of, has_photographs, is_model, models_of};
 use super::{
     Dataset, DatasetKind, DatasetSettings, DepthFile, Lens, Remark, Skip, SourceCamera, WorldPoint,
     assemble::{Draft, Parts, Refusal, Stated, assemble},
     depth, names,
-    place::{NamePart, Place, check_inside, find_image},
+    place::{NamePart, find_image},
     pose::Pose,
     read_file,
 };
@@ -145,7 +146,12 @@ impl ColmapModel {
 
     fn read_with(folder: &Path, extension: &str) -> Result<Self, Error> {
         let bytes = |name: &str| read_file(&folder.join(name).with_extension(extension));
-        let (cameras, images) = (bytes("cameras")?, bytes("images")?);
+        let cameras = bytes("cameras")?;
+        if cameras.is_empty() && extension == "bin" {
+            // The fault to name, even where other files are missing.
+            binary::cameras(&folder.join("cameras.bin"), &cameras)?;
+        }
+        let images = bytes("images")?;
         let points = match bytes("points3D") {
             Err(Error::Missing { .. }) => None,
             other => Some(other?),
@@ -210,21 +216,12 @@ pub(super) fn points_of(points: &[ColmapPoint]) -> impl Iterator<Item = WorldPoi
     points.iter().map(|point| WorldPoint { position: point.position, color: point.color.map(|c| f32::from(c) / 255.0) })
 }
 
-/// Reads the data set at `root` with a model.
-pub(super) fn read(root: &Path, located: &Located, settings: &DatasetSettings) -> Result<Dataset, Error> {
-    let folder = &located.folder;
-    let (model, extension, damaged) = ColmapModel::read_either(folder)?;
-    let names = model.images.iter().map(|image| ("the image name", image.name.as_str()));
-    check_inside(root, &folder.join("images").with_extension(extension), names, settings)?;
-    // Where the model was named, the folder of images may be relative to it.
-    let is_of_root = settings.image_folder.as_ref().is_none_or(|name| root.join(name).is_dir());
-    let places = match Place::chosen(if is_of_root { root } else { folder }, settings, NamePart::Path)? {
-        Some(place) => vec![place],
-        None => located.places(root),
-    };
-    let cameras = format!("cameras.{extension}");
-    let drafts = model.images.iter().map(|image| model.draft(root, &cameras, image)).collect();
-    let remarks = located.remark.iter().cloned().chain(damaged).collect();
+/// Reads the data set with these models, which were found at `named`: a data set's folder, or that of a
+/// model in it.
+pub(super) fn read(named: &Path, folders: &[PathBuf], settings: &DatasetSettings) -> Result<Dataset, Error> {
+    let root = &data_set_of(named);
+    let (Candidate { model, drafts, places, damaged }, others) = read_largest(root, folders, settings)?;
+    let remarks = others.into_iter().chain(damaged).collect();
     let points = points_of(&model.points).collect();
     assemble(Parts { kind: DatasetKind::Colmap, root, drafts, points, places, split: None, remarks }, settings)
 }
