@@ -22,11 +22,21 @@ use crate::{
     prune::Prune,
     residual::ResidualGrowth,
     round::Actions,
-    rule::{GrowthLimit, Named, Rule},
+    rule::{GrowthLimit, Rule},
     size::SizeThreshold,
     steep_gs::SteepGs,
     taming::Taming,
 };
+
+/// A policy with its default settings, by name.
+pub(crate) struct Named {
+    /// Name in flags and messages.
+    pub(crate) name: &'static str,
+    /// What it does, in one line.
+    pub(crate) summary: &'static str,
+    /// Makes it.
+    pub(crate) make: fn() -> Policy,
+}
 
 policies! {
     /// Relocate and copy by opacity, with noise between steps.

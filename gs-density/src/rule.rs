@@ -7,19 +7,8 @@ use crate::{
     evidence::EvidenceRequest,
     gaussian::DensityScene,
     observation::{DensityPolicy, Observation, Rng},
-    policy::Policy,
     round::{Actions, Round},
 };
-
-/// A policy with its default settings, by name.
-pub(crate) struct Named {
-    /// Name in flags and messages.
-    pub(crate) name: &'static str,
-    /// What it does, in one line.
-    pub(crate) summary: &'static str,
-    /// Makes it.
-    pub(crate) make: fn() -> Policy,
-}
 
 /// The bounds of a policy's growth in one round, for messages.
 #[derive(Debug, Clone, PartialEq, Default)]

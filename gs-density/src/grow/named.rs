@@ -6,10 +6,10 @@ use super::{Combine, Grow};
 use crate::{
     densify::{Densify, SplitPlacement},
     partial::{ActionsForm, Over as _},
-    policy::Policy,
+    policy::{Named, Policy},
     ranking::WhenFlat,
     round::Actions,
-    rule::{GrowthLimit, Named, Rule},
+    rule::{GrowthLimit, Rule},
     signal::Signal,
 };
 
