@@ -28,8 +28,7 @@ use crate::{
 pub const FRAME_ENTRY: &str = "frame";
 
 /// The files of an output folder that hold its scene, in the order of preference.
-pub(crate) const SCENE_NAMES: [&str; 4] =
-    ["scene.gs2d.safetensors", "scene.ply", "checkpoint.safetensors", "meta.json"];
+const SCENE_NAMES: [&str; 4] = ["scene.gs2d.safetensors", "scene.ply", "checkpoint.safetensors", "meta.json"];
 
 /// A scene that [`read_scene`] has read.
 #[derive(Debug, Clone)]
@@ -88,7 +87,8 @@ pub fn read_scene(path: impl AsRef<Path>, values: Values) -> Result<SceneFile, E
     if !path.is_dir() {
         return read_file(path, values);
     }
-    let found = readable_in(path).ok_or_else(|| Error::NoScene { path: path.to_owned() })?;
+    let none = || Error::NoScene { path: path.to_owned(), looked_for: SCENE_NAMES.join(", ") };
+    let found = readable_in(path).ok_or_else(none)?;
     read_file(&found, values)
 }
 

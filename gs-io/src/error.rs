@@ -8,8 +8,6 @@ use std::{
 
 use thiserror::Error;
 
-use crate::any_scene::SCENE_NAMES;
-
 /// An error of reading or writing a file. Its text is one line that can be shown to the user.
 #[derive(Debug, Error)]
 #[non_exhaustive]
@@ -365,10 +363,12 @@ pub enum Error {
         names: Vec<String>,
     },
     /// A folder without a scene.
-    #[error("{}: holds no scene: looked for {}; name the scene's file", one_line(path), SCENE_NAMES.join(", "))]
+    #[error("{}: holds no scene: looked for {looked_for}; name the scene's file", one_line(path))]
     NoScene {
         /// The folder.
         path: PathBuf,
+        /// The files that would be one, by their names.
+        looked_for: String,
     },
     /// A scene without Gaussians.
     #[error("{}: a scene without Gaussians, which has nothing to show; at least one is needed", one_line(path))]
