@@ -4,7 +4,7 @@ use std::fmt;
 
 use gs_core::Error;
 
-use crate::{gpu::backend_error, shaders::Kernels};
+use crate::{fault::backend_error, shaders::Kernels};
 
 /// What is said of a machine without adapters, with advice.
 #[cfg(not(target_family = "wasm"))]

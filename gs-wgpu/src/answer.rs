@@ -65,7 +65,7 @@ mod native {
     };
 
     use super::Answer;
-    use crate::gpu::Faults;
+    use crate::fault::Faults;
 
     /// Longest wait for a submission. Drivers abort a submission much earlier.
     const LONGEST_WAIT: Duration = Duration::from_secs(600);

@@ -1,40 +1,16 @@
-//! Forward passes and gradients on the device, and the pool of their buffers.
+//! Forward passes and gradients on the device.
 
-use std::{
-    fmt,
-    sync::{Arc, Mutex, PoisonError},
-};
+use std::{fmt, sync::Arc};
 
 use gs_core::{Culled, Error, Image, RenderSettings};
 
-use crate::{gpu::Gpu, kind::SceneKind, layout::Status, splats::Splats, workspace::Workspace};
-
-/// Workspaces that are not in use.
-#[derive(Debug)]
-pub struct Pool<S: SceneKind>(Mutex<Vec<Workspace<S>>>);
-
-impl<S: SceneKind> Default for Pool<S> {
-    fn default() -> Self {
-        Self(Mutex::default())
-    }
-}
-
-impl<S: SceneKind> Pool<S> {
-    pub(crate) fn take(&self, gpu: &Gpu) -> Result<Workspace<S>, Error> {
-        match self.0.lock().unwrap_or_else(PoisonError::into_inner).pop() {
-            Some(mut workspace) => {
-                // A step with `Binning::Reuse` must not use another's lists.
-                workspace.edition = None;
-                Ok(workspace)
-            }
-            None => Workspace::new(gpu),
-        }
-    }
-
-    pub(crate) fn give(&self, workspace: Workspace<S>) {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).push(workspace);
-    }
-}
+use crate::{
+    gpu::Gpu,
+    kind::SceneKind,
+    layout::Status,
+    splats::Splats,
+    workspace::{Pool, Workspace},
+};
 
 /// A forward pass on the device: the image, and what its backward pass needs.
 pub struct ForwardPass<S: SceneKind> {

@@ -19,10 +19,9 @@ use crate::answer::Poller;
 use crate::{
     adapter::{self, AdapterSummary},
     answer::Answer,
+    fault::{Faults, backend_error},
     shaders::{Kernels, SORT_BITS, Variant, shader_of},
 };
-
-pub(crate) const BACKEND: &str = "wgpu";
 
 /// The initial contents of buffers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -75,28 +74,6 @@ impl WgpuSettings {
 
     fn poisons(&self) -> bool {
         false
-    }
-}
-
-pub(crate) fn backend_error(message: impl Into<String>) -> Error {
-    Error::Backend { backend: BACKEND, message: message.into() }
-}
-
-/// The first error of a device.
-#[derive(Debug, Clone, Default)]
-pub(crate) struct Faults(Arc<Mutex<Option<String>>>);
-
-impl Faults {
-    pub(crate) fn note(&self, text: String) {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(text);
-    }
-
-    /// Fails if there was an error.
-    pub(crate) fn check(&self) -> Result<(), Error> {
-        match &*self.0.lock().unwrap_or_else(PoisonError::into_inner) {
-            None => Ok(()),
-            Some(fault) => Err(backend_error(fault.clone())),
-        }
     }
 }
 
@@ -424,3 +401,6 @@ impl Gpu {
 /// Usage of a buffer that shaders and the host read and write.
 pub(crate) const STORAGE: wgpu::BufferUsages =
     wgpu::BufferUsages::STORAGE.union(wgpu::BufferUsages::COPY_DST).union(wgpu::BufferUsages::COPY_SRC);
+
+/// Usage of a uniform that the host writes.
+pub(crate) const UNIFORM: wgpu::BufferUsages = wgpu::BufferUsages::UNIFORM.union(wgpu::BufferUsages::COPY_DST);

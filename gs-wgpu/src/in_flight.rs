@@ -15,20 +15,19 @@ use std::{
     task::{Poll, Waker},
 };
 
-use gs_core::{AdamRates, Added, Binning, Error, Loss, MeanNoise, RenderSettings, TrainStep, Wait};
+use gs_core::{AdamRates, Binning, Error, Loss, MeanNoise, RenderSettings, TrainStep, Wait};
 
 use crate::{
     answer::Answer,
     dispatch::{Commands, Groups, dispatch_some},
-    forward_pass::{Gradients, Pool},
-    gpu::Gpu,
+    gpu::{Gpu, UNIFORM},
     kind::SceneKind,
-    layout::{Noise, Status},
+    layout::{BY_GAUSSIAN, Noise, Status},
     shaders::Variant,
-    splats::{Splats, UNIFORM},
+    splats::Splats,
     target::Target,
-    tiles::{BY_GAUSSIAN, groups_of},
-    workspace::Workspace,
+    tiles::groups_of,
+    workspace::{Pool, Workspace},
 };
 
 /// Largest number of pending training steps of some splats. The host waits for the oldest before it
@@ -58,7 +57,7 @@ impl<S: SceneKind> Request<S> {
         view: &S::View,
         target: &Target,
         step: &TrainStep<'_>,
-        added: Option<Added<'_, Gradients<S>>>,
+        added: Option<(Vec<wgpu::Buffer>, f32)>,
     ) -> Self {
         Self {
             view: view.clone(),
@@ -67,7 +66,7 @@ impl<S: SceneKind> Request<S> {
             loss: step.loss,
             rates: *step.rates,
             binning: step.binning,
-            added: added.map(|added| (added.gradients.buffers.clone(), added.weight)),
+            added,
             noise: Vec::new(),
         }
     }

@@ -7,15 +7,13 @@ use std::{fmt::Debug, future::Future, sync::Arc};
 use gs_core::{AdamRates, Error, Parameterization, RenderSettings, Scene, SplatsState};
 
 use crate::{
-    WgpuRasterizer,
     dispatch::Commands,
-    forward_pass::{Gradients, Pool},
     gpu::Gpu,
     layout::Step,
     splats::{Edit, Splats},
     target::Target,
     unsupported::unsupported,
-    workspace::Workspace,
+    workspace::{Pool, Pools, Workspace},
 };
 
 mod sealed {
@@ -25,7 +23,7 @@ mod sealed {
     impl Sealed for gs_core::Scene3d {}
 }
 
-/// A kind of scene that [`WgpuRasterizer`] draws and trains.
+/// A kind of scene that [`WgpuRasterizer`](crate::WgpuRasterizer) draws and trains.
 ///
 /// Implemented for [`Scene2d`](gs_core::Scene2d) and [`Scene3d`](gs_core::Scene3d), and sealed.
 pub trait SceneKind: sealed::Sealed + Scene<View: PartialEq> + 'static {
@@ -57,7 +55,7 @@ pub trait SceneKind: sealed::Sealed + Scene<View: PartialEq> + 'static {
 
     /// The pool of this kind's workspaces.
     #[doc(hidden)]
-    fn pool(rasterizer: &WgpuRasterizer) -> &Arc<Pool<Self>>;
+    fn pool(pools: &Pools) -> &Arc<Pool<Self>>;
 
     /// The state of a scene's splats.
     #[doc(hidden)]
@@ -167,12 +165,13 @@ pub trait SceneKind: sealed::Sealed + Scene<View: PartialEq> + 'static {
         indirect: Option<&wgpu::Buffer>,
     );
 
-    /// The gradients as a scene of derivatives.
+    /// The gradients of `len` Gaussians as a scene of derivatives.
     #[doc(hidden)]
     fn derivatives(
         gpu: &Gpu,
         splats: &Splats<Self>,
-        gradients: &Gradients<Self>,
+        gradients: &[wgpu::Buffer],
+        len: usize,
     ) -> impl Future<Output = Result<Self, Error>>;
 
     /// The entry point that adds noise to means, and the buffer that has them.
@@ -188,7 +187,8 @@ pub trait SceneKind: sealed::Sealed + Scene<View: PartialEq> + 'static {
     /// Solves for the colours where the image is linear in them.
     #[doc(hidden)]
     fn solve_colors(
-        _rasterizer: &WgpuRasterizer,
+        _gpu: &Gpu,
+        _pools: &Pools,
         _splats: &mut Splats<Self>,
         _view: &Self::View,
         _target: &Target,

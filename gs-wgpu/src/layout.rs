@@ -6,7 +6,16 @@ use std::mem::offset_of;
 use bytemuck::{Pod, Zeroable};
 use gs_core::{Culled, Error};
 
-use crate::gpu::backend_error;
+use crate::fault::backend_error;
+
+/// Offset of dispatch sizes in `indirect`, bytes: one invocation per Gaussian.
+pub(crate) const BY_GAUSSIAN: u64 = 0;
+/// Offset of dispatch sizes in `indirect`, bytes: one work group per block of the sort.
+pub(crate) const BY_SORT_BLOCK: u64 = 12;
+/// Offset of dispatch sizes in `indirect`, bytes: one work group per block of histograms.
+pub(crate) const BY_HISTOGRAM: u64 = 24;
+/// Offset of dispatch sizes in `indirect`, bytes: one invocation per SH coefficient.
+pub(crate) const BY_COEFFICIENT: u64 = 36;
 
 /// A 2D Gaussian's parameters.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]

@@ -29,6 +29,7 @@ mod answer;
 mod blend;
 mod collect;
 mod dispatch;
+mod fault;
 mod forward_pass;
 mod gpu;
 mod in_flight;

@@ -4,9 +4,9 @@
 use crate::{
     dispatch::{Commands, Groups, dispatch, dispatch_some},
     gpu::Gpu,
-    layout::Status,
+    layout::{BY_GAUSSIAN, BY_HISTOGRAM, BY_SORT_BLOCK, Status},
     shaders::Variant,
-    tiles::{BY_GAUSSIAN, BY_HISTOGRAM, BY_SORT_BLOCK, Growing, Tiles, groups_of},
+    tiles::{Growing, Tiles, groups_of},
 };
 
 /// The input of a sort or prefix sum: the values of the override `WHICH` in `scan.wgsl` and

@@ -12,7 +12,8 @@
 use gs_core::Error;
 
 use crate::{
-    gpu::{Gpu, backend_error},
+    fault::backend_error,
+    gpu::Gpu,
     shaders::{Kernels, TILE_COLUMNS, TILE_ROWS},
 };
 

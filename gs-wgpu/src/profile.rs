@@ -206,11 +206,11 @@ impl WgpuRasterizer {
         target.check_size(S::size(view))?;
         let (gpu, rates) = (&self.gpu, still());
         splats.settle(gpu).await?;
-        let mut workspace = S::pool(self).take(gpu)?;
+        let mut workspace = S::pool(&self.pools).take(gpu)?;
         workspace.set(gpu, splats, view, settings)?;
         let describe = |w: &Workspace<S>| w.describe(gpu, splats, Some(loss), Some(&rates));
         // From here on, the lists fit.
-        let status = self.with_lists(&mut workspace, splats, describe, |_, _| Ok(())).await?;
+        let status = workspace.with_lists(gpu, splats, describe, |_, _| Ok(())).await?;
         workspace.write_step(gpu, &describe(&workspace));
         let stages = Stage::ALL.to_vec();
         let mut pass = Pass { rasterizer: self, workspace, splats, target, loss, stages };
@@ -228,7 +228,7 @@ impl WgpuRasterizer {
             replaces: &[],
         };
         let stages = stages.into_iter().enumerate().map(stage_time).collect();
-        S::pool(self).give(workspace);
+        S::pool(&self.pools).give(workspace);
         Ok(Profile { stages, clock, pairs, entries })
     }
 }

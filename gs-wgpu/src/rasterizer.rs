@@ -13,24 +13,23 @@ use crate::{
     adapter::AdapterSummary,
     blend::Differentiated,
     dispatch::Commands,
-    forward_pass::{ForwardPass, Gradients, Pool},
-    gpu::{Gpu, STORAGE},
+    forward_pass::{ForwardPass, Gradients},
+    gpu::{Gpu, STORAGE, UNIFORM},
     in_flight::Request,
     kind::SceneKind,
     layout::{Status, Step},
     shaders::Kernels,
-    splats::{Splats, UNIFORM},
+    splats::Splats,
     target::Target,
     unsupported::unsupported,
-    workspace::Workspace,
+    workspace::{Pools, Workspace},
 };
 
 /// The GPU backend. It owns its device and the buffers that its forward passes use in turn.
 #[derive(Debug)]
 pub struct WgpuRasterizer {
     pub(crate) gpu: Gpu,
-    pub(crate) pool_2d: Arc<Pool<Scene2d>>,
-    pub(crate) pool_3d: Arc<Pool<Scene3d>>,
+    pub(crate) pools: Pools,
 }
 
 impl WgpuRasterizer {
@@ -56,7 +55,7 @@ impl WgpuRasterizer {
     }
 
     fn with(gpu: Gpu) -> Self {
-        Self { gpu, pool_2d: Arc::default(), pool_3d: Arc::default() }
+        Self { gpu, pools: Pools::default() }
     }
 
     /// Returns this rasterizer for 2D scenes only.
@@ -109,30 +108,6 @@ impl WgpuRasterizer {
     #[cfg(feature = "test-hooks")]
     pub fn lose_device(&self) {
         self.gpu.lose();
-    }
-
-    /// Makes new lists and runs `encode` on them. Repeats with larger buffers until the lists fit.
-    pub(crate) async fn with_lists<S: SceneKind>(
-        &self,
-        workspace: &mut Workspace<S>,
-        splats: &Splats<S>,
-        step: impl Fn(&Workspace<S>) -> Step,
-        mut encode: impl FnMut(&mut Workspace<S>, &mut Commands) -> Result<(), Error>,
-    ) -> Result<Status, Error> {
-        loop {
-            workspace.write_step(&self.gpu, &step(workspace));
-            let mut commands = Commands::new(&self.gpu);
-            workspace.encode_lists(&self.gpu, &mut commands, splats, true);
-            encode(workspace, &mut commands)?;
-            commands.submit(&self.gpu);
-            let status = workspace.tiles.read_status(&self.gpu).await?;
-            if status.overflow == 0 {
-                status.check()?;
-                workspace.edition = Some(splats.edition);
-                return Ok(status);
-            }
-            workspace.make_room(&self.gpu, &status)?;
-        }
     }
 
     /// Gradients of a forward pass; `encode` records all stages until `blend_bwd`.
@@ -195,15 +170,15 @@ impl<S: SceneKind> Rasterizer<S> for WgpuRasterizer {
     ) -> Result<ForwardPass<S>, Error> {
         S::check(view, settings)?;
         splats.settle(&self.gpu).await?;
-        let mut workspace = S::pool(self).take(&self.gpu)?;
+        let mut workspace = S::pool(&self.pools).take(&self.gpu)?;
         workspace.set(&self.gpu, splats, view, settings)?;
         let describe = |w: &Workspace<S>| w.describe(&self.gpu, splats, None, None);
         let blend = |w: &mut Workspace<S>, commands: &mut Commands| {
             w.tiles.encode_blend(&self.gpu, commands);
             Ok(())
         };
-        let status = self.with_lists(&mut workspace, splats, describe, blend).await?;
-        Ok(ForwardPass { workspace: Some(workspace), status, pool: Arc::clone(S::pool(self)) })
+        let status = workspace.with_lists(&self.gpu, splats, describe, blend).await?;
+        Ok(ForwardPass { workspace: Some(workspace), status, pool: Arc::clone(S::pool(&self.pools)) })
     }
 
     async fn image(&self, pass: &ForwardPass<S>) -> Result<Image, Error> {
@@ -257,7 +232,7 @@ impl<S: SceneKind> Rasterizer<S> for WgpuRasterizer {
     async fn gradients(&self, splats: &Splats<S>, gradients: &Gradients<S>) -> Result<S, Error> {
         gradients.check_len(splats)?;
         splats.settle(&self.gpu).await?;
-        S::derivatives(&self.gpu, splats, gradients).await
+        S::derivatives(&self.gpu, splats, &gradients.buffers, gradients.len).await
     }
 
     async fn download(&self, splats: &Splats<S>) -> Result<S, Error> {
@@ -288,8 +263,9 @@ impl<S: SceneKind> Optimizer<S> for WgpuRasterizer {
             gradients.check_len(splats)?;
         }
         S::prepare(&self.gpu, splats, Some(step.rates)).await?;
+        let added = added.map(|added| (added.gradients.buffers.clone(), added.weight));
         let mut in_flight = splats.in_flight().await;
-        in_flight.train(&self.gpu, S::pool(self), splats, Request::new(view, target, step, added)).await
+        in_flight.train(&self.gpu, S::pool(&self.pools), splats, Request::new(view, target, step, added)).await
     }
 
     async fn losses(&self, splats: &mut Splats<S>, wait: Wait, losses: &mut Vec<f32>) -> Result<(), Error> {
@@ -306,7 +282,7 @@ impl<S: SceneKind> Optimizer<S> for WgpuRasterizer {
         let gpu = &self.gpu;
         splats.settle(gpu).await?;
         S::prepare(gpu, splats, Some(rates)).await?;
-        let mut workspace = S::pool(self).take(gpu)?;
+        let mut workspace = S::pool(&self.pools).take(gpu)?;
         workspace.set(gpu, splats, &gradients.view, &gradients.settings)?;
         let step = workspace.describe(gpu, splats, None, Some(rates));
         let uniform = gpu.allocate("step", size_of::<Step>() as u64, UNIFORM)?;
@@ -315,7 +291,7 @@ impl<S: SceneKind> Optimizer<S> for WgpuRasterizer {
         let buffers: Vec<&wgpu::Buffer> = gradients.buffers.iter().collect();
         S::encode_adam(gpu, &mut commands, splats, &uniform, &buffers, None);
         commands.submit(gpu);
-        S::pool(self).give(workspace);
+        S::pool(&self.pools).give(workspace);
         gpu.check()
     }
 
@@ -354,7 +330,7 @@ impl<S: SceneKind> Optimizer<S> for WgpuRasterizer {
         if !target.is_complete {
             return Err(unsupported("solving for the colours where the target has an alpha or a mask"));
         }
-        S::solve_colors(self, splats, view, target, settings, iterations).await
+        S::solve_colors(&self.gpu, &self.pools, splats, view, target, settings, iterations).await
     }
 
     async fn save(&self, splats: &Splats<S>) -> Result<SplatsState, Error> {

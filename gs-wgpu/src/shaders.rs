@@ -13,7 +13,7 @@ use gs_core::constants::{
 
 use crate::{
     collect::Collected,
-    tiles::{BY_COEFFICIENT, BY_GAUSSIAN, BY_HISTOGRAM, BY_SORT_BLOCK},
+    layout::{BY_COEFFICIENT, BY_GAUSSIAN, BY_HISTOGRAM, BY_SORT_BLOCK},
 };
 
 /// Columns of a tile.

@@ -8,10 +8,11 @@ use gs_core::{Culled, Error, RenderSettings};
 use crate::{
     WgpuRasterizer,
     dispatch::Commands,
-    gpu::{Gpu, backend_error},
+    fault::backend_error,
+    gpu::{Gpu, UNIFORM},
     kind::SceneKind,
     layout::Shown,
-    splats::{Splats, UNIFORM},
+    splats::Splats,
     workspace::Workspace,
 };
 
@@ -41,16 +42,16 @@ impl WgpuRasterizer {
         check_texture(texture, S::size(view))?;
         let gpu = &self.gpu;
         splats.settle(gpu).await?;
-        let mut workspace = S::pool(self).take(gpu)?;
+        let mut workspace = S::pool(&self.pools).take(gpu)?;
         workspace.set(gpu, splats, view, settings)?;
         let describe = |w: &Workspace<S>| w.describe(gpu, splats, None, None);
         let blend = |w: &mut Workspace<S>, commands: &mut Commands| {
             w.tiles.encode_blend(gpu, commands);
             Ok(())
         };
-        let status = self.with_lists(&mut workspace, splats, describe, blend).await?;
+        let status = workspace.with_lists(gpu, splats, describe, blend).await?;
         gpu.show(&workspace.tiles.image.buffer, texture)?;
-        S::pool(self).give(workspace);
+        S::pool(&self.pools).give(workspace);
         Ok(status.culled())
     }
 }

@@ -11,7 +11,7 @@ use gs_core::{
 
 use crate::{
     dispatch::Commands,
-    gpu::{Gpu, STORAGE},
+    gpu::{Gpu, STORAGE, UNIFORM},
     in_flight::{Home, Taken},
     kind::SceneKind,
     layout::{Source, Statistics, Step},
@@ -136,9 +136,6 @@ impl<S: SceneKind> Splats<S> {
         Self::from_parts(gpu, S::restore(gpu, state, n)?, &statistics)
     }
 }
-
-/// Usage of a uniform that the host writes.
-pub(crate) const UNIFORM: wgpu::BufferUsages = wgpu::BufferUsages::UNIFORM.union(wgpu::BufferUsages::COPY_DST);
 
 /// Fails if a tensor of a saved state has the wrong number of Gaussians.
 pub(crate) fn check_len(what: &'static str, expected: usize, found: usize) -> Result<(), Error> {

@@ -6,21 +6,11 @@ use gs_core::{AdamRates, Blend, Error, Loss, Participants, RenderSettings, adam:
 use crate::{
     collect::Collected,
     dispatch::{Commands, Groups},
-    gpu::{Gpu, STORAGE},
+    gpu::{Gpu, STORAGE, UNIFORM},
     layout::{QUEUED_BYTES, SPLAT_BYTES, Status, Step},
     loop_limit::{check_tiles, longest_list, too_long},
     shaders::{SORT_BITS, SORT_BLOCK, TILE_COLUMNS, TILE_ROWS, Variant, stride},
-    splats::UNIFORM,
 };
-
-/// Offset of dispatch sizes in `indirect`, bytes: one invocation per Gaussian.
-pub(crate) const BY_GAUSSIAN: u64 = 0;
-/// Offset of dispatch sizes in `indirect`, bytes: one work group per block of the sort.
-pub(crate) const BY_SORT_BLOCK: u64 = 12;
-/// Offset of dispatch sizes in `indirect`, bytes: one work group per block of histograms.
-pub(crate) const BY_HISTOGRAM: u64 = 24;
-/// Offset of dispatch sizes in `indirect`, bytes: one invocation per SH coefficient.
-pub(crate) const BY_COEFFICIENT: u64 = 36;
 
 /// Smallest initial capacity, entries.
 const FIRST_CAPACITY: u64 = 1 << 14;

@@ -2,7 +2,7 @@
 
 use gs_core::{Cut, Error, Extent, RenderSettings};
 
-use crate::gpu::BACKEND;
+use crate::fault::BACKEND;
 
 /// An error for an effect that this backend does not offer.
 pub(crate) fn unsupported(effect: impl Into<String>) -> Error {

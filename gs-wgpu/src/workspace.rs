@@ -1,6 +1,8 @@
 //! A pass through the stages: its buffers, and the order in which the stages are recorded.
 
-use gs_core::{AdamRates, Error, Loss, RenderSettings};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use gs_core::{AdamRates, Error, Loss, RenderSettings, Scene2d, Scene3d};
 
 use crate::{
     dispatch::Commands,
@@ -121,6 +123,64 @@ impl<S: SceneKind> Workspace<S> {
         self.edition = None;
         self.tiles.make_room(gpu, status)
     }
+
+    /// Makes new lists and runs `encode` on them. Repeats with larger buffers until the lists fit.
+    pub(crate) async fn with_lists(
+        &mut self,
+        gpu: &Gpu,
+        splats: &Splats<S>,
+        step: impl Fn(&Self) -> Step,
+        mut encode: impl FnMut(&mut Self, &mut Commands) -> Result<(), Error>,
+    ) -> Result<Status, Error> {
+        loop {
+            self.write_step(gpu, &step(self));
+            let mut commands = Commands::new(gpu);
+            self.encode_lists(gpu, &mut commands, splats, true);
+            encode(self, &mut commands)?;
+            commands.submit(gpu);
+            let status = self.tiles.read_status(gpu).await?;
+            if status.overflow == 0 {
+                status.check()?;
+                self.edition = Some(splats.edition);
+                return Ok(status);
+            }
+            self.make_room(gpu, &status)?;
+        }
+    }
+}
+
+/// Workspaces that are not in use.
+#[derive(Debug)]
+pub struct Pool<S: SceneKind>(Mutex<Vec<Workspace<S>>>);
+
+impl<S: SceneKind> Default for Pool<S> {
+    fn default() -> Self {
+        Self(Mutex::default())
+    }
+}
+
+impl<S: SceneKind> Pool<S> {
+    pub(crate) fn take(&self, gpu: &Gpu) -> Result<Workspace<S>, Error> {
+        match self.0.lock().unwrap_or_else(PoisonError::into_inner).pop() {
+            Some(mut workspace) => {
+                // A step with `Binning::Reuse` must not use another's lists.
+                workspace.edition = None;
+                Ok(workspace)
+            }
+            None => Workspace::new(gpu),
+        }
+    }
+
+    pub(crate) fn give(&self, workspace: Workspace<S>) {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).push(workspace);
+    }
+}
+
+/// The pools of both kinds of scenes.
+#[derive(Debug, Default)]
+pub struct Pools {
+    pub(crate) pool_2d: Arc<Pool<Scene2d>>,
+    pub(crate) pool_3d: Arc<Pool<Scene3d>>,
 }
 
 #[cfg(test)]

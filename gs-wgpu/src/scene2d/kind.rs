@@ -10,18 +10,16 @@ use gs_core::{
 
 use super::{solve_colors::solve_colors, state::State2d};
 use crate::{
-    WgpuRasterizer,
     dispatch::{Commands, Groups, dispatch, dispatch_some},
-    forward_pass::{Gradients, Pool},
     gpu::Gpu,
     kind::SceneKind,
-    layout::{Gaussian, Gradient, Step},
+    layout::{BY_GAUSSIAN, Gaussian, Gradient, Step},
     shaders::Variant,
     splats::{Edit, Splats},
     target::Target,
-    tiles::{BY_GAUSSIAN, Growing, groups_of},
+    tiles::{Growing, groups_of},
     unsupported::{check_settings, unsupported},
-    workspace::Workspace,
+    workspace::{Pool, Pools, Workspace},
 };
 
 /// The vectors and scalars of `solve_colors`.
@@ -71,8 +69,8 @@ impl SceneKind for Scene2d {
         [view.width, view.height]
     }
 
-    fn pool(rasterizer: &WgpuRasterizer) -> &Arc<Pool<Self>> {
-        &rasterizer.pool_2d
+    fn pool(pools: &Pools) -> &Arc<Pool<Self>> {
+        &pools.pool_2d
     }
 
     fn upload(gpu: &Gpu, scene: &Self, parameterization: Parameterization) -> Result<State2d, Error> {
@@ -177,8 +175,13 @@ impl SceneKind for Scene2d {
         dispatch(gpu, commands, "adam", in_parameterization(splats), &bindings, groups);
     }
 
-    async fn derivatives(gpu: &Gpu, splats: &Splats<Self>, gradients: &Gradients<Self>) -> Result<Self, Error> {
-        let found: Vec<Gradient> = gpu.read(&gradients.buffers[0], gradients.len).await?;
+    async fn derivatives(
+        gpu: &Gpu,
+        splats: &Splats<Self>,
+        gradients: &[wgpu::Buffer],
+        len: usize,
+    ) -> Result<Self, Error> {
+        let found: Vec<Gradient> = gpu.read(&gradients[0], len).await?;
         let mut scene = Self::default();
         for (gradient, gaussian) in found.iter().zip(splats.state.download_gaussians(gpu, splats.len).await?) {
             let (mean, [x, y, angle]) = match gradient.visible {
@@ -205,14 +208,15 @@ impl SceneKind for Scene2d {
     }
 
     async fn solve_colors(
-        rasterizer: &WgpuRasterizer,
+        gpu: &Gpu,
+        pools: &Pools,
         splats: &mut Splats<Self>,
         view: &Canvas,
         target: &Target,
         settings: &RenderSettings,
         iterations: u32,
     ) -> Result<(), Error> {
-        solve_colors(rasterizer, splats, view, target, settings, iterations).await
+        solve_colors(gpu, pools, splats, view, target, settings, iterations).await
     }
 }
 

@@ -3,7 +3,6 @@
 use gs_core::{Blend, Canvas, Error, RenderSettings, Scene2d, effects::Statistics};
 
 use crate::{
-    WgpuRasterizer,
     blend::Differentiated,
     dispatch::{Commands, Groups, dispatch_some},
     gpu::Gpu,
@@ -14,12 +13,13 @@ use crate::{
     target::Target,
     tiles::groups_of,
     unsupported::unsupported,
-    workspace::Workspace,
+    workspace::{Pools, Workspace},
 };
 
 /// Moves the colours towards the least-squares solution.
 pub(crate) async fn solve_colors(
-    rasterizer: &WgpuRasterizer,
+    gpu: &Gpu,
+    pools: &Pools,
     splats: &Splats<Scene2d>,
     view: &Canvas,
     target: &Target,
@@ -31,19 +31,18 @@ pub(crate) async fn solve_colors(
     }
     let mut settings = *settings;
     settings.effects.statistics = Statistics::None;
-    let gpu = &rasterizer.gpu;
     splats.settle(gpu).await?;
-    let mut workspace = rasterizer.pool_2d.take(gpu)?;
+    let mut workspace = pools.pool_2d.take(gpu)?;
     workspace.set(gpu, splats, view, &settings)?;
     let describe = |w: &Workspace<Scene2d>| w.describe(gpu, splats, None, None);
-    rasterizer.with_lists(&mut workspace, splats, describe, |_, _| Ok(())).await?;
+    workspace.with_lists(gpu, splats, describe, |_, _| Ok(())).await?;
     let step = describe(&workspace);
     let without_background = gpu.storage("step", &[Step { background: [0.0; 3], ..step }])?;
     workspace.write_step(gpu, &step);
     let mut commands = Commands::new(gpu);
     workspace.encode_solve(gpu, &mut commands, splats, target, iterations, &without_background)?;
     commands.submit(gpu);
-    rasterizer.pool_2d.give(workspace);
+    pools.pool_2d.give(workspace);
     gpu.check()
 }
 

@@ -10,16 +10,14 @@ use super::{
     state::{COLOR_BYTES, State3d},
 };
 use crate::{
-    WgpuRasterizer,
     dispatch::Commands,
-    forward_pass::{Gradients, Pool},
     gpu::Gpu,
     kind::SceneKind,
     layout::{EllipsoidGradient, SPLAT_BYTES, Step},
     splats::{Edit, Splats},
     tiles::DEPTH_BYTES,
     unsupported::check_settings,
-    workspace::Workspace,
+    workspace::{Pool, Pools, Workspace},
 };
 
 impl SceneKind for Scene3d {
@@ -37,8 +35,8 @@ impl SceneKind for Scene3d {
         [camera.width, camera.height]
     }
 
-    fn pool(rasterizer: &WgpuRasterizer) -> &Arc<Pool<Self>> {
-        &rasterizer.pool_3d
+    fn pool(pools: &Pools) -> &Arc<Pool<Self>> {
+        &pools.pool_3d
     }
 
     fn upload(gpu: &Gpu, scene: &Self, parameterization: Parameterization) -> Result<State3d, Error> {
@@ -147,10 +145,15 @@ impl SceneKind for Scene3d {
         stages::encode_adam(gpu, commands, splats, step, gradients, indirect);
     }
 
-    async fn derivatives(gpu: &Gpu, splats: &Splats<Self>, gradients: &Gradients<Self>) -> Result<Self, Error> {
+    async fn derivatives(
+        gpu: &Gpu,
+        splats: &Splats<Self>,
+        gradients: &[wgpu::Buffer],
+        len: usize,
+    ) -> Result<Self, Error> {
         let k = splats.state.coefficients();
-        let found: Vec<EllipsoidGradient> = gpu.read(&gradients.buffers[0], gradients.len).await?;
-        let sh: Vec<[f32; 3]> = gpu.read(&gradients.buffers[1], gradients.len * k).await?;
+        let found: Vec<EllipsoidGradient> = gpu.read(&gradients[0], len).await?;
+        let sh: Vec<[f32; 3]> = gpu.read(&gradients[1], len * k).await?;
         let mut scene = Self { sh_degree: splats.state.sh_degree, ..Self::default() };
         for (g, sh) in found.iter().zip(sh.chunks_exact(k)) {
             scene.means.push(Vec3::from_array(g.mean));

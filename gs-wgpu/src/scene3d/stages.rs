@@ -4,12 +4,13 @@ use gs_core::{Camera, Error, RenderSettings, Scene3d, effects::Order, math::pers
 
 use crate::{
     dispatch::{Commands, Groups, dispatch},
-    gpu::Gpu,
+    gpu::{Gpu, UNIFORM},
     layout,
+    layout::{BY_COEFFICIENT, BY_GAUSSIAN},
     lists::{Sorting, Which},
     shaders::{SORT_BITS, SORT_BLOCK, Variant},
-    splats::{Splats, UNIFORM},
-    tiles::{BY_COEFFICIENT, BY_GAUSSIAN, Growing, groups_of},
+    splats::Splats,
+    tiles::{Growing, groups_of},
     workspace::Workspace,
 };
 
