@@ -61,12 +61,15 @@ pub(super) fn decode_stored(path: &Path) -> Result<Decoded, Error> {
 
 /// Reads a mask: an image whose values are not colours and stay as stored, without rotation.
 ///
-/// A mask may be in alpha, beside a single colour. Where both colour and alpha vary, a pixel counts
+/// A mask may be in alpha, beside a single colour of all pixels that are not transparent. Where both colour and alpha vary, a pixel counts
 /// only if it is light and opaque, so their product is returned.
 pub(crate) fn decode_mask(path: &Path) -> Result<Image, Error> {
     let (Pixels { width, height, mut colors, alpha, .. }, ..) = read_pixels(path, Orientation::AsStored)?;
     if let Some(alpha) = alpha.filter(|alpha| alpha.iter().any(|alpha| *alpha < 1.0)) {
-        let has_one_color = colors.windows(2).all(|pair| pair[0] == pair[1]);
+        // What programs store in transparent pixels means nothing.
+        let mut visible = colors.iter().zip(&alpha).filter(|(_, alpha)| **alpha > 0.0).map(|(color, _)| color);
+        let first = visible.next();
+        let has_one_color = visible.all(|color| Some(color) == first);
         for (color, alpha) in colors.iter_mut().zip(alpha) {
             *color = if has_one_color { [alpha; 3] } else { color.map(|value| value * alpha) };
         }

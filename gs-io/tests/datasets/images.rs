@@ -224,6 +224,11 @@ fn a_mask_may_be_in_alpha() {
         write_png_with(&file, &image, PngExtras { alpha: Some(&alpha), profile: None }).unwrap();
         assert_eq!((row(0), row(29)), (right.to_vec(), right.to_vec()), "{color:?}");
     }
+    // Transparent pixels may store anything.
+    let noise = |x: u32, y: u32| if x >= 20 { [0.0; 3] } else { [0.1 * (x + y) as f32 % 1.0; 3] };
+    let image = Image::from_fn(40, 30, noise).unwrap();
+    write_png_with(&file, &image, PngExtras { alpha: Some(&alpha), profile: None }).unwrap();
+    assert_eq!((row(0), row(29)), (right.to_vec(), right.to_vec()));
     // Where both vary, both must say so.
     let image = Image::from_fn(40, 30, lower).unwrap();
     write_png_with(&file, &image, PngExtras { alpha: Some(&alpha), profile: None }).unwrap();
