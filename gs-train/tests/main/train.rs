@@ -255,6 +255,10 @@ fn a_checkpoint_of_other_views_or_of_an_image_is_refused() {
     let refused = Trainer3d::resume_views(&rasterizer, changed(views(&rasterizer), replaced), checkpoint.clone());
     let Err(Error::OtherImages { count: 1, first }) = refused else { panic!("{refused:?}") };
     assert_eq!(first, "view-03");
+    // One of an earlier version has no checksums.
+    let mut earlier = checkpoint.clone();
+    earlier.metadata.remove("image-digests").unwrap();
+    Trainer3d::resume_views(&rasterizer, changed(views(&rasterizer), replaced), earlier).unwrap();
     let mut flat = checkpoint;
     flat.metadata.insert("format".to_owned(), "fit-2d-1".to_owned());
     let refused = Trainer3d::resume_views(&rasterizer, views(&rasterizer), flat).unwrap_err();
