@@ -51,7 +51,7 @@ pub use crate::{
     image::{
         AlphaMode, IccProfile, ImageRemark, LoadedImage, Orientation, PngExtras, StoredImage, Transparency,
         image_files, png_bytes, png_bytes_with, premultiplied, read_image, read_image_size, read_image_with,
-        read_stored_image, straight, write_png, write_png_with,
+        read_stored_image, straight, unreadable_photographs, write_png, write_png_with,
     },
     inputs::Inputs,
     output_folder::{FolderClaim, OutputFolder},

@@ -20,6 +20,15 @@ pub fn utf8_text<'b>(path: &Path, bytes: &'b [u8]) -> Result<&'b [u8], Error> {
     }
 }
 
+/// A path quoted for a shell command.
+pub(crate) fn quoted(path: &Path) -> String {
+    let text = path.display().to_string();
+    match text.contains(|c: char| c.is_whitespace() || "'\"$&;()<>|*?`!#".contains(c)) {
+        false => text,
+        true => format!("'{}'", text.replace('\'', r"'\''")),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

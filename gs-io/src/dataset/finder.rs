@@ -13,6 +13,7 @@ use super::{
     names::{self, folded, without_extension},
     place::{NamePart, Place, find_image},
 };
+use crate::image::{how_to_convert, is_unreadable};
 
 /// How deep below the data set's folder images are searched that are in none of the usual places, and
 /// the most folders that are looked into.
@@ -31,6 +32,8 @@ pub(super) struct Finder<'a> {
     place: Option<Place>,
     /// Whether the folder of the images is one that the data set does not name.
     pub(super) elsewhere: bool,
+    /// Whether [`Self::near`] found an image outside of the data set's folder.
+    pub(super) outside: bool,
     folders: Folders,
     /// Files that are already the image of a view; empty until the first is found by a similar name.
     taken: HashSet<PathBuf>,
@@ -82,7 +85,7 @@ impl<'a> Finder<'a> {
         let files: Vec<PathBuf> = drafts.iter().filter_map(|draft| draft.file.clone()).collect();
         let place = places.iter().find(|place| files.iter().any(|file| place.find(file).is_some())).cloned();
         let (folders, taken) = (Folders::default(), HashSet::new());
-        let mut finder = Self { root, files, place, elsewhere: false, folders, taken };
+        let mut finder = Self { root, files, place, elsewhere: false, outside: false, folders, taken };
         if finder.place.is_none() {
             let files = finder.files.clone();
             let mut fits = |place: &&Place| files.iter().any(|file| finder.similar(place, file).len() == 1);
@@ -130,8 +133,13 @@ impl<'a> Finder<'a> {
         if !elsewhere.is_empty() {
             return Some(format!("there is {}", self.list(elsewhere)));
         }
+        if let Some(photograph) = unreadable_alike(self.root, file) {
+            let how = how_to_convert(&photograph);
+            return Some(format!("there is {}, which {how}", self.list(vec![photograph])));
+        }
         if images == 0 {
             let (above, _) = named_alike(&self.root.join(".."), file);
+            self.outside = !above.is_empty();
             return Some(match above.is_empty() {
                 true => "there are no images in the data set's folder".to_owned(),
                 false => format!("there is {}, but outside of the data set's folder", self.list(above)),
@@ -264,6 +272,16 @@ fn named_alike(from: &Path, image: &Path) -> (Vec<PathBuf>, usize) {
         count += images.len();
     });
     (found, count)
+}
+
+/// A photograph below `from` that cannot be read, with the file name of an image but for the extension.
+fn unreadable_alike(from: &Path, image: &Path) -> Option<PathBuf> {
+    let (wanted, mut found) = (stem(image), None);
+    walk(from, |folder, _| {
+        let mut files = entries(folder).map(|name| folder.join(name)).filter(|file| is_unreadable(file));
+        found = found.take().or_else(|| files.find(|file| stem(&file.with_extension("")) == wanted));
+    });
+    found
 }
 
 /// The folded file name without the extension of an image.

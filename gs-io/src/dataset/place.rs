@@ -13,7 +13,11 @@ use super::{
     names::{self, EXTENSIONS},
     transforms::{BLENDER_TRAIN, NERFSTUDIO},
 };
-use crate::{error::Error, image::image_files};
+use crate::{
+    error::Error,
+    image::{image_files, unreadable_photographs},
+    text::quoted,
+};
 
 /// Folders that are searched for images if none is given, the largest images first.
 pub(super) const IMAGE_FOLDERS: [&str; 4] = ["images", "images_2", "images_4", "images_8"];
@@ -146,12 +150,8 @@ pub(super) fn how_to_begin(folder: &Path) -> String {
         return format!("it is part of the data set {}: name that", quoted(above));
     }
     let places = [folder.to_owned(), folder.join(IMAGE_FOLDERS[0]), folder.join("input")];
-    if let Some((count, kind, folder)) = places.iter().find_map(|place| unreadable_photographs(place)) {
-        return format!(
-            "it holds {count} photographs in {kind}, which cannot be read: convert them, for example with ImageMagick: \
-             magick mogrify -format jpg {}",
-            quoted(&folder.join(format!("*.{kind}")))
-        );
+    if let Some(unreadable) = places.iter().find_map(unreadable_photographs) {
+        return format!("it holds {unreadable}");
     }
     match places.iter().map(|place| (images_in(place), place)).find(|(count, _)| *count > 1) {
         None => "name the folder that holds one of them".to_owned(),
@@ -183,25 +183,4 @@ fn data_sets_below(folder: &Path) -> BTreeSet<PathBuf> {
         }
     });
     found
-}
-
-/// Number, ending and folder of photographs of a kind that cannot be read, if there are more than of
-/// those that can.
-fn unreadable_photographs(folder: &Path) -> Option<(usize, &'static str, PathBuf)> {
-    const ENDINGS: [&str; 9] = ["heic", "heif", "avif", "dng", "cr2", "cr3", "nef", "arw", "raf"];
-    let files: Vec<PathBuf> = fs::read_dir(folder).ok()?.flatten().map(|entry| entry.path()).collect();
-    let count =
-        |ending: &str| files.iter().filter(|f| f.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending))).count();
-    let (most, ending) = ENDINGS.iter().map(|ending| (count(ending), *ending)).max_by_key(|found| found.0)?;
-    let readable = image_files(folder).map_or(0, |files| files.len());
-    (most > readable).then(|| (most, ending, folder.to_owned()))
-}
-
-/// A path quoted for a shell command.
-fn quoted(path: &Path) -> String {
-    let text = path.display().to_string();
-    match text.contains(|c: char| c.is_whitespace() || "'\"$&;()<>|*?`!#".contains(c)) {
-        false => text,
-        true => format!("'{}'", text.replace('\'', r"'\''")),
-    }
 }

@@ -5,16 +5,44 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use crate::error::Error;
+use crate::{error::Error, text::quoted};
 
 /// Endings of image files, in lower case.
 const ENDINGS: [&str; 13] =
     ["png", "jpg", "jpeg", "webp", "tif", "tiff", "bmp", "gif", "ppm", "pgm", "pbm", "pnm", "pam"];
 
-/// Whether a file's name ends as an image's does, in letters of any case.
-fn is_named_as_image(file: &Path) -> bool {
+/// Endings of photographs that cannot be read, in lower case.
+const UNREADABLE: [&str; 15] =
+    ["heic", "heif", "avif", "jxl", "dng", "cr2", "cr3", "nef", "nrw", "arw", "raf", "orf", "rw2", "pef", "srw"];
+
+/// Whether a file's name has one of these endings, in letters of any case.
+fn ends_in(file: &Path, endings: &[&str]) -> bool {
     let ending = file.extension().map(|ending| ending.to_string_lossy().to_lowercase());
-    ending.is_some_and(|ending| ENDINGS.contains(&ending.as_str()))
+    ending.is_some_and(|ending| endings.contains(&ending.as_str()))
+}
+
+/// Whether a file's name ends as that of a photograph that cannot be read.
+pub(crate) fn is_unreadable(file: &Path) -> bool {
+    ends_in(file, &UNREADABLE)
+}
+
+/// How to convert a photograph that cannot be read and those beside it.
+pub(crate) fn how_to_convert(photograph: &Path) -> String {
+    let all = Path::new("*").with_extension(photograph.extension().unwrap_or_default());
+    let all = quoted(&photograph.with_file_name(all));
+    format!("cannot be read: convert such files, for example with ImageMagick: magick mogrify -format jpg {all}")
+}
+
+/// What to do about a folder with more photographs of kinds that cannot be read, such as HEIC, than
+/// of those that can: "4 photographs that cannot be read: ...". `None` for any other folder.
+pub fn unreadable_photographs(folder: impl AsRef<Path>) -> Option<String> {
+    let readable = image_files(&folder).ok()?.len();
+    let paths = fs::read_dir(folder).ok()?.flatten().map(|entry| entry.path());
+    let mut files: Vec<PathBuf> = paths.filter(|path| is_unreadable(path)).collect();
+    files.sort();
+    let first = files.first().filter(|_| files.len() > readable)?;
+    let name = first.file_name()?.to_string_lossy();
+    Some(format!("{}, such as {name}, which {}", gs_core::counted(files.len(), "photograph"), how_to_convert(first)))
 }
 
 /// The files in a folder, without those of folders in it, whose names end as an image's do; sorted.
@@ -29,7 +57,7 @@ pub fn image_files(folder: impl AsRef<Path>) -> Result<Vec<PathBuf>, Error> {
     for entry in fs::read_dir(folder).map_err(failed)? {
         let entry = entry.map_err(failed)?;
         let path = entry.path();
-        if !entry.file_name().to_string_lossy().starts_with('.') && is_named_as_image(&path) && path.is_file() {
+        if !entry.file_name().to_string_lossy().starts_with('.') && ends_in(&path, &ENDINGS) && path.is_file() {
             files.push(path);
         }
     }

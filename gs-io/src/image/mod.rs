@@ -19,10 +19,11 @@ use gs_core::Image;
 pub(crate) use self::{
     alpha::composite,
     decode::{decode, decode_grey, decode_mask, grey_size, read_header},
+    folder::{how_to_convert, is_unreadable},
 };
 pub use self::{
     alpha::{premultiplied, straight},
-    folder::image_files,
+    folder::{image_files, unreadable_photographs},
     png_file::{PngExtras, png_bytes, png_bytes_with, write_png, write_png_with},
     profile::IccProfile,
     remark::ImageRemark,

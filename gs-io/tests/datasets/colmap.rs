@@ -196,7 +196,19 @@ fn photographs_that_cannot_be_read_are_named() {
         fs::write(place.path().join(format!("images/IMG_{i}.HEIC")), b"").unwrap();
     }
     let error = refusal(place.path());
-    assert!(error.contains("4 photographs in heic") && error.contains("magick mogrify -format jpg"), "{error}");
+    assert!(error.contains("4 photographs, such as IMG_0.HEIC") && error.contains("images/*.HEIC"), "{error}");
+}
+
+#[test]
+fn photographs_of_listed_images_that_cannot_be_read_are_named() {
+    let place = folder();
+    colmap(place.path(), 2);
+    for i in 0..2 {
+        let name = |ending| place.path().join(format!("images/view 00{i}.{ending}"));
+        fs::rename(name("png"), name("HEIC")).unwrap();
+    }
+    let error = refusal(place.path());
+    assert!(error.contains("there is images/view 000.HEIC, which cannot be read: convert"), "{error}");
 }
 
 #[test]

@@ -11,7 +11,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use gs_io::image_files;
+use gs_io::{image_files, unreadable_photographs};
 use serde::Serialize;
 
 pub(crate) use self::workers::run;
@@ -53,7 +53,10 @@ pub(crate) fn several(arguments: &[PathBuf]) -> Result<Option<Vec<BatchImage>>, 
         };
         if files.is_empty() {
             let failure = Failure::failed("there is no image in this folder").at(argument.display());
-            return Err(failure.hint("name one whose files end in .png, .jpg or the like"));
+            let unreadable = unreadable_photographs(argument).map(|unreadable| format!("it holds {unreadable}"));
+            return Err(
+                failure.hint(unreadable.as_deref().unwrap_or("name one whose files end in .png, .jpg or the like"))
+            );
         }
         images.extend(files.into_iter().map(BatchImage::new).collect::<Result<Vec<_>, _>>()?);
     }
@@ -133,6 +136,10 @@ mod tests {
         assert_eq!(names(&[path("c.png"), path("photos"), path("missing.gif")]).unwrap(), ["c", "a", "b", "missing"]);
         let line = |arguments: &[PathBuf]| several(arguments).unwrap_err().line().unwrap();
         assert!(line(&[path("empty")]).contains("there is no image in this folder"));
+        std::fs::write(path("empty").join("a.HEIC"), "").unwrap();
+        assert!(
+            line(&[path("empty")]).contains("it holds 1 photograph, such as a.HEIC, which cannot be read: convert")
+        );
         let twice = line(&[path("photos"), path("A.gif")]);
         assert!(twice.contains("a.png and ") && twice.contains("A.gif have one name, A"), "{twice}");
     }
