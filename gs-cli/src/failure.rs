@@ -139,7 +139,7 @@ impl From<gs_io::Error> for Failure {
     fn from(error: gs_io::Error) -> Self {
         match error {
             gs_io::Error::UnknownEnding { .. } => Self::usage(error),
-            gs_io::Error::LeavesDataset { .. } => Self::failed(error)
+            gs_io::Error::LeavesDataset { .. } | gs_io::Error::NoViews { outside: true, .. } => Self::failed(error)
                 .hint("or read it anyway with --allow-outside, if you trust the author of the data set"),
             gs_io::Error::IsInput { .. } => Self::usage(error).hint("write the results elsewhere"),
             gs_io::Error::InTheWay { .. } => {
@@ -217,6 +217,15 @@ mod tests {
         assert_eq!(Failure::first_of([Ok(()), failed("a")]), failed("a"));
         let line = Failure::first_of([failed("a"), Ok(()), failed("b"), failed("c")]).unwrap_err().line().unwrap();
         assert_eq!(line, "error: a: 2 more of the results failed, too");
+    }
+
+    #[test]
+    fn photographs_outside_of_a_data_set_name_the_flag() {
+        let error = |outside| {
+            let (path, kind, skipped) = ("a".into(), "COLMAP", vec!["no image file".to_owned()]);
+            Failure::from(gs_io::Error::NoViews { path, kind, found: 2, skipped, outside })
+        };
+        assert!(error(true).message().contains("--allow-outside") && !error(false).message().contains("--allow"));
     }
 
     #[test]

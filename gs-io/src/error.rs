@@ -167,6 +167,8 @@ pub enum Error {
         found: usize,
         /// The reasons, each with the number of views and the first of them.
         skipped: Vec<String>,
+        /// Whether an image of these names is outside of the folder.
+        outside: bool,
     },
     /// A data set whose views for training cannot be used, but others can.
     #[error("{}: no view for training can be used: {}", one_line(path), skipped.join("; "))]

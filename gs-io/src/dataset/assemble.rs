@@ -206,7 +206,8 @@ pub(super) fn assemble(parts: Parts<'_>, settings: &DatasetSettings) -> Result<D
         if found == 0 {
             skipped.push("it lists none".to_owned());
         }
-        return Err(Error::NoViews { path: root.to_owned(), kind: kind.name(), found, skipped });
+        let outside = finder.outside;
+        return Err(Error::NoViews { path: root.to_owned(), kind: kind.name(), found, skipped, outside });
     }
     if let Some(view) = unsplit_panorama(&views) {
         return Err(Error::UnsplitPanorama { path: view.image.clone() });
