@@ -59,10 +59,10 @@ pub(crate) fn remark_text(remark: &Remark) -> String {
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Data sets")]
 pub(crate) struct DatasetArgs {
-    /// Hold out every N-th view by name for tests, if the data set does not say which; 0 holds out
-    /// none
-    #[arg(long, value_name = "N", default_value_t = 8, value_parser = whole::<u32>(0..))]
-    pub(crate) holdout: u32,
+    /// Hold out every N-th view by name for tests, whatever the data set says; 0 holds out none
+    /// [default: what the data set says, or else 8]
+    #[arg(long, value_name = "N", value_parser = whole::<u32>(0..))]
+    pub(crate) holdout: Option<u32>,
     /// The folder of the data set to take images from, such as images_4 [default: the first that
     /// there is]
     #[arg(long, value_name = "FOLDER")]
@@ -93,7 +93,10 @@ impl DatasetArgs {
     pub(crate) fn settings(&self) -> DatasetSettings {
         self.reading.settings().with(|s| {
             s.image_folder = self.images.clone();
-            s.test_every = NonZeroU32::new(self.holdout);
+            if let Some(holdout) = self.holdout {
+                s.test_every = NonZeroU32::new(holdout);
+                s.replace_split = true;
+            }
             s.alpha = match self.alpha {
                 AlphaName::Opacity => AlphaMeaning::Opacity,
                 AlphaName::Mask => AlphaMeaning::Mask,

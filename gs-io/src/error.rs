@@ -180,7 +180,7 @@ pub enum Error {
     },
     /// A list of a data set's split that names none of its frames.
     #[error(
-        "{}: {key} names no frame of the file: it begins with `{first}`, the frames with `{frame}`; correct the \
+        "{}: {key} names no frame of the data set: it begins with `{first}`, the frames with `{frame}`; correct the \
          names or remove the list",
         one_line(path)
     )]

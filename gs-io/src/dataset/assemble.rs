@@ -233,7 +233,7 @@ pub(super) fn assemble(parts: Parts<'_>, settings: &DatasetSettings) -> Result<D
     if points.is_empty() && !remarks.iter().any(|remark| matches!(remark, Remark::PointsMissing { .. })) {
         remarks.push(Remark::NoPoints);
     }
-    let Some(split) = split::apply(split, &mut views, &images, settings.test_every, &mut remarks) else {
+    let Some(split) = split::apply(split, &mut views, &images, settings, &mut remarks) else {
         let skipped = remarks.iter().filter(|remark| matches!(remark, Remark::Skipped { .. }));
         let mut skipped: Vec<String> = skipped.map(ToString::to_string).collect();
         if skipped.is_empty() {

@@ -30,6 +30,7 @@ mod resample;
 mod shrink;
 mod source_camera;
 mod split;
+mod split_lists;
 mod tally;
 mod transforms;
 mod wide;
@@ -71,6 +72,8 @@ pub struct DatasetSettings {
     /// If the data set has no split, every n-th view by name, starting with the first, is held out
     /// for tests; `None` holds out none. *Source:* Mip-NeRF 360 and 3DGS hold out every 8th.
     pub test_every: Option<NonZeroU32>,
+    /// Whether [`Self::test_every`] replaces the data set's own split.
+    pub replace_split: bool,
     /// The meaning of the images' alpha channels.
     pub alpha: AlphaMeaning,
     /// Images with a longer side are scaled down to this many pixels when they are read, with their
@@ -92,6 +95,7 @@ impl Default for DatasetSettings {
         Self {
             image_folder: None,
             test_every: NonZeroU32::new(8),
+            replace_split: false,
             alpha: AlphaMeaning::Opacity,
             max_side: None,
             frame: None,

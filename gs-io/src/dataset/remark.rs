@@ -154,6 +154,8 @@ pub enum Remark {
         /// What is wrong with the binary files.
         error: String,
     },
+    /// The data set has a split, which the settings replace.
+    SplitReplaced,
     /// The split would leave no view for training, so every view is used for training.
     NothingHeldOut,
     /// The data set has a split without usable test or validation views.
@@ -327,6 +329,7 @@ impl fmt::Display for Remark {
                 write!(f, "of several COLMAP models, {read} is read, not {}", others.join(", "))
             }
             Self::TextModel { error } => write!(f, "the text files of the COLMAP model are read, because {error}"),
+            Self::SplitReplaced => f.write_str("the data set's own split is not used, as another was asked for"),
             Self::NothingHeldOut => f.write_str("no view held out for tests, because there are too few"),
             Self::NoTestViews => f.write_str(
                 "no view held out for tests: the data set's split has no usable test or validation views, so quality \

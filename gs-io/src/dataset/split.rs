@@ -4,7 +4,7 @@ use std::{fmt, num::NonZeroU32};
 
 use serde::Serialize;
 
-use super::{Remark, View};
+use super::{DatasetSettings, Remark, View};
 
 /// The purpose of a view.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
@@ -23,7 +23,7 @@ pub enum Split {
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub enum SplitOrigin {
-    /// Lists in the data set's file: `train_filenames` and its like, or `test_frames`.
+    /// Lists: `train_filenames` and its like, `test_frames`, `train_test_lists.json` or `test.txt`.
     Lists,
     /// Separate files: `transforms_train.json`, `transforms_test.json`.
     Files,
@@ -32,6 +32,9 @@ pub enum SplitOrigin {
     Every(NonZeroU32),
     /// The data set has no split, and no view is held out.
     None,
+    /// Every n-th image by name, or none, is held out in place of the data set's own split
+    /// ([`DatasetSettings::replace_split`](super::DatasetSettings::replace_split)).
+    Replaced(Option<NonZeroU32>),
 }
 
 impl fmt::Display for SplitOrigin {
@@ -40,6 +43,10 @@ impl fmt::Display for SplitOrigin {
             Self::Lists => f.write_str("lists of the data set"),
             Self::Files => f.write_str("separate files of the data set"),
             Self::Every(every) => write!(f, "1 of {every} images by name held out: the data set states no split"),
+            Self::Replaced(Some(every)) => {
+                write!(f, "1 of {every} images by name held out, in place of the data set's split")
+            }
+            Self::Replaced(None) => f.write_str("no view held out, in place of the data set's split"),
             Self::None => f.write_str("no view held out: the data set states no split"),
         }
     }
@@ -66,12 +73,19 @@ pub(super) fn apply(
     stated: Option<SplitOrigin>,
     views: &mut [View],
     images: &[(usize, Option<Split>)],
-    every: Option<NonZeroU32>,
+    settings: &DatasetSettings,
     remarks: &mut Vec<Remark>,
 ) -> Option<SplitOrigin> {
     match stated {
-        Some(origin) => apply_stated(views, images, remarks).then_some(origin),
-        None => Some(hold_out(views, images, every, remarks)),
+        Some(origin) if !settings.replace_split => apply_stated(views, images, remarks).then_some(origin),
+        Some(_) => {
+            remarks.push(Remark::SplitReplaced);
+            Some(match hold_out(views, images, settings.test_every, remarks) {
+                SplitOrigin::Every(every) => SplitOrigin::Replaced(Some(every)),
+                _ => SplitOrigin::Replaced(None),
+            })
+        }
+        None => Some(hold_out(views, images, settings.test_every, remarks)),
     }
 }
 

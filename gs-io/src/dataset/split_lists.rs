@@ -1,14 +1,54 @@
-//! The lists of frames for training, validation and tests in a `transforms.json`.
+//! The lists of frames for training, validation and tests: in a `transforms.json`, and in files of
+//! their own.
 
-use std::{collections::HashMap, path::Path};
-
-use crate::{
-    dataset::{Remark, Skip, Split, assemble::Draft, names},
-    error::Error,
+use std::{
+    collections::HashMap,
+    path::{Path, PathBuf},
 };
 
+use serde::Deserialize;
+
+use crate::{
+    dataset::{DatasetSettings, Remark, Skip, Split, SplitOrigin, assemble::Draft, names, read_file, transforms},
+    error::Error,
+    text::utf8_text,
+};
+
+/// ScanNet++'s file of lists, in the folder above those of its cameras.
+const TRAIN_TEST: &str = "train_test_lists.json";
+
+/// The list of test images beside a COLMAP model. *Source:* `dataset_readers.py` of 3DGS.
+const TEST: &str = "test.txt";
+
 /// A list of names with its key.
-pub(super) type List<'a> = (Split, &'static str, &'a [String]);
+pub(super) type List = (Split, &'static str, Vec<String>);
+
+/// The lists in files of their own, with the file; a `model` is COLMAP's.
+///
+/// # Errors
+/// Those of reading a file, and [`Error::DamagedJson`].
+pub(super) fn in_files(
+    root: &Path,
+    model: Option<&Path>,
+    settings: &DatasetSettings,
+) -> Result<Option<(PathBuf, Vec<List>)>, Error> {
+    #[derive(Deserialize)]
+    struct TrainTest {
+        train: Vec<String>,
+        test: Vec<String>,
+    }
+    let above = settings.allow_outside.then(|| root.join(".."));
+    let paths = std::iter::once(root.to_owned()).chain(above).map(|folder| folder.join(TRAIN_TEST));
+    if let Some(path) = paths.into_iter().find(|path| path.is_file()) {
+        let TrainTest { train, test } = transforms::parse(&path)?;
+        return Ok(Some((path, vec![(Split::Train, "train", train), (Split::Test, "test", test)])));
+    }
+    let Some(path) = model.map(|model| model.join(TEST)).filter(|path| path.is_file()) else { return Ok(None) };
+    let bytes = read_file(&path)?;
+    let text = String::from_utf8_lossy(utf8_text(&path, &bytes)?);
+    let names = text.lines().map(|line| line.trim().to_owned()).filter(|name| !name.is_empty()).collect();
+    Ok(Some((path, vec![(Split::Test, "the list", names)])))
+}
 
 /// In which of the lists for training, validation and tests a frame is.
 type Listed = [bool; 3];
@@ -17,14 +57,25 @@ fn is_in(listed: &Listed, split: Split) -> bool {
     listed[split as usize]
 }
 
-/// Sets the split of each draft that a list names. The others are left out if there is a list for
-/// training. *Source:* Nerfstudio, whose splits have no other frames either. Names may differ from
-/// those of the frames in what [`names`] ignores, and lack the folder, if that leaves one frame.
+/// Sets the split of each draft that a list names, unless the settings replace it, and returns where
+/// it comes from. The others are left out if there is a list for training. *Source:* Nerfstudio, whose
+/// splits have no other frames either. Names may differ from those of the frames in what [`names`]
+/// ignores, and lack the folder, if that leaves one frame.
 ///
 /// # Errors
 /// [`Error::SplitMatchesNothing`] for a list without any frame.
-pub(super) fn apply(path: &Path, lists: &[List<'_>], drafts: &mut [Draft]) -> Result<Vec<Remark>, Error> {
-    let (listed, mut remarks) = find(path, lists, drafts)?;
+pub(super) fn apply(
+    lists: Option<(PathBuf, Vec<List>)>,
+    drafts: &mut [Draft],
+    remarks: &mut Vec<Remark>,
+    settings: &DatasetSettings,
+) -> Result<Option<SplitOrigin>, Error> {
+    let Some((path, lists)) = lists else { return Ok(None) };
+    if settings.replace_split || lists.is_empty() {
+        return Ok(Some(SplitOrigin::Lists));
+    }
+    let (listed, of_names) = find(&path, &lists, drafts)?;
+    remarks.extend(of_names);
     let held_out = |listed: &Listed| is_in(listed, Split::Test) || is_in(listed, Split::Validation);
     let mut twice = listed.iter().zip(&*drafts).filter(|(listed, _)| is_in(listed, Split::Train) && held_out(listed));
     if let Some((_, draft)) = twice.next() {
@@ -42,23 +93,24 @@ pub(super) fn apply(path: &Path, lists: &[List<'_>], drafts: &mut [Draft]) -> Re
             None => unlisted.push(draft.name.clone()),
         }
     }
-    if let Some(first) = unlisted.first() {
+    // 3DGS's list is one of tests alone.
+    if let Some(first) = unlisted.first().filter(|_| !path.ends_with(TEST)) {
         remarks.push(Remark::UnlistedTrained { count: unlisted.len(), first: first.clone() });
     }
-    Ok(remarks)
+    Ok(Some(SplitOrigin::Lists))
 }
 
 /// The lists that each draft is in, with remarks on names that fit none or only loosely.
-fn find(path: &Path, lists: &[List<'_>], drafts: &[Draft]) -> Result<(Vec<Listed>, Vec<Remark>), Error> {
+fn find(path: &Path, lists: &[List], drafts: &[Draft]) -> Result<(Vec<Listed>, Vec<Remark>), Error> {
     let index = Index::new(drafts);
     let mut listed = vec![Listed::default(); drafts.len()];
     let (mut other, mut missing) = (Vec::new(), Vec::new());
-    for &(split, key, names) in lists {
+    for (split, key, names) in lists {
         let mut matches = 0;
         for name in names {
             let frames = index.find(name);
             matches += frames.len();
-            frames.iter().for_each(|&frame| listed[frame][split as usize] = true);
+            frames.iter().for_each(|&frame| listed[frame][*split as usize] = true);
             match frames.first().map(|&frame| &drafts[frame].name) {
                 None => missing.push(name),
                 Some(frame) if *frame != names::plain(name) => other.push((name, frame)),

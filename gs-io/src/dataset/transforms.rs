@@ -9,7 +9,6 @@
 
 mod camera_fields;
 mod json;
-mod split_lists;
 
 use std::path::{Path, PathBuf};
 
@@ -17,10 +16,8 @@ use glam::{DMat3, DVec3};
 use serde::Deserialize;
 use serde_json::{Map, Value};
 
-use self::{
-    camera_fields::CameraFields,
-    json::{Number, parse},
-};
+pub(super) use self::json::parse;
+use self::{camera_fields::CameraFields, json::Number};
 use super::{
     Dataset, DatasetKind, DatasetSettings, DepthFile, Remark, Skip, Split, SplitOrigin, WorldPoint,
     assemble::{Draft, Parts, assemble},
@@ -30,6 +27,7 @@ use super::{
     place::{IMAGE_FOLDERS, NamePart, Place, check_inside},
     point_cloud,
     pose::{Pose, affine},
+    split_lists,
 };
 use crate::error::Error;
 
@@ -189,12 +187,13 @@ pub(super) fn read_nerfstudio(root: &Path, path: &Path, settings: &DatasetSettin
         (Split::Validation, "val_filenames", &file.val_filenames),
         (Split::Test, "test_filenames", &file.test_filenames),
     ];
-    let named = lists.into_iter().filter_map(|(split, key, names)| Some((split, key, names.as_deref()?)));
+    let named = lists.into_iter().filter_map(|(split, key, names)| Some((split, key, names.clone()?)));
     let lists: Vec<_> = named.filter(|(.., names)| !names.is_empty()).collect();
-    if !lists.is_empty() {
-        remarks.extend(split_lists::apply(path, &lists, &mut drafts)?);
-    }
-    let split = (!lists.is_empty() || !file.test_frames.is_empty()).then_some(SplitOrigin::Lists);
+    let lists = match lists.is_empty() && file.test_frames.is_empty() {
+        true => split_lists::in_files(root, None, settings)?,
+        false => Some((path.to_owned(), lists)),
+    };
+    let split = split_lists::apply(lists, &mut drafts, &mut remarks, settings)?;
     let points = match listed_points(root, &file, &mut remarks)? {
         Some(points) => points,
         None => colmap_points(root, &file)?,

@@ -6,7 +6,7 @@ use gs_io::dataset::{Dataset, DatasetSettings, Remark, Skip, Split, SplitOrigin,
 use serde_json::{Value, json};
 
 use super::{
-    made::{folder, picture, read, refusal, skipped},
+    made::{colmap, folder, picture, read, refusal, skipped},
     transforms::{frame, pinhole, write},
 };
 
@@ -83,7 +83,7 @@ fn a_list_that_names_no_frame_is_refused() {
     listed(place.path(), 9, json!({"train_filenames": ["images/0.png"], "test_filenames": ["images/x.png"]}));
     let error = refusal(place.path());
     assert!(
-        error.contains("transforms.json: test_filenames names no frame of the file: it begins with `images/x.png`"),
+        error.contains("transforms.json: test_filenames names no frame of the data set: it begins with `images/x.png`"),
         "{error}"
     );
     // A frame of another folder is another frame.
@@ -178,4 +178,51 @@ fn without_a_split_the_origin_is_the_setting() {
     assert_eq!(read(0), ([8, 0, 0], SplitOrigin::None));
     assert_eq!(read(1), ([8, 0, 0], SplitOrigin::None), "one must be for training");
     assert_eq!(every(8).to_string(), "1 of 8 images by name held out: the data set states no split");
+}
+
+#[test]
+fn a_split_may_be_replaced() {
+    let place = folder();
+    listed(place.path(), 6, json!({"train_filenames": ["images/0.png"], "test_filenames": ["images/3.png"]}));
+    let replaced = |test_every| {
+        let settings = DatasetSettings::default().with(|s| (s.test_every, s.replace_split) = (test_every, true));
+        read_dataset(place.path(), &settings).unwrap()
+    };
+    let dataset = replaced(NonZeroU32::new(3));
+    assert_eq!((counts(&dataset), dataset.split), ([4, 0, 2], SplitOrigin::Replaced(NonZeroU32::new(3))));
+    assert!(dataset.remarks.contains(&Remark::SplitReplaced));
+    assert_eq!(counts(&replaced(None)), [6, 0, 0]);
+    // Without a split, nothing is replaced.
+    listed(place.path(), 6, json!({}));
+    let dataset = replaced(NonZeroU32::new(3));
+    assert_eq!((dataset.split, dataset.remarks.contains(&Remark::SplitReplaced)), (every(3), false));
+}
+
+#[test]
+fn lists_of_scannetpp_are_read() {
+    let place = folder();
+    let inner = place.path().join("nerfstudio");
+    listed(&inner, 6, json!({}));
+    write(place.path(), "train_test_lists.json", &json!({"train": ["0.png", "2.png"], "test": ["5.png"]}));
+    assert_eq!(read(&inner).split, every(8), "files outside are not read unless they are allowed");
+    let dataset = read_dataset(&inner, &DatasetSettings::default().with(|s| s.allow_outside = true)).unwrap();
+    assert_eq!((counts(&dataset), dataset.split), ([2, 0, 1], SplitOrigin::Lists));
+    assert_eq!(skipped(&dataset, Skip::Unlisted), 3);
+    colmap(place.path(), 4);
+    let lists = json!({"train": ["view 000.png", "view 001.png"], "test": ["view 003.png"]});
+    write(place.path(), "train_test_lists.json", &lists);
+    assert_eq!(counts(&read(place.path())), [2, 0, 1]);
+}
+
+#[test]
+fn the_test_list_of_3dgs_is_read() {
+    let place = folder();
+    colmap(place.path(), 4);
+    let list = place.path().join("sparse/0/test.txt");
+    fs::write(&list, "\u{feff}view 001.png\r\nview 002.png\r\n\r\n").unwrap();
+    let dataset = read(place.path());
+    assert_eq!((counts(&dataset), dataset.split), ([2, 0, 2], SplitOrigin::Lists));
+    assert!(!dataset.remarks.iter().any(|remark| matches!(remark, Remark::UnlistedTrained { .. })));
+    fs::write(&list, "other.png\n").unwrap();
+    assert!(refusal(place.path()).contains("test.txt: the list names no frame of the data set"));
 }

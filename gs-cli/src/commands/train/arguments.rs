@@ -40,8 +40,8 @@ files is DIR/.gs-files.json. If any other file has the name of a result, the tra
 start; --overwrite replaces it. Other files in views/ stay: new pictures get other names. Two runs \
 cannot write into one folder at once. DIR cannot be the folder of the data set or of its images.
 
-If the data set does not say which views are for tests, every 8th is held out (--holdout). If none \
-is held out, the scene is evaluated with some of the views that it was trained with.
+If the data set does not say which views are for tests, every 8th is held out. --holdout decides \
+in any case. If none is held out, the scene is evaluated with some of the views that it was trained with.
 
 Ctrl-C stops the training, saves a checkpoint, and writes the results so far. Pressing it again \
 after a second or more quits at once.";

@@ -226,7 +226,7 @@ fn announce(args: &TrainArgs, dataset: &Dataset, start: &str, trainer: &Trainer3
 /// The command that resumes the training, without its flag `--resume`.
 fn command(args: &TrainArgs) -> String {
     let DatasetArgs { holdout, images, alpha, reading } = &args.images;
-    let holdout = if *holdout == 8 { String::new() } else { format!(" --holdout {holdout}") };
+    let holdout = holdout.map_or_else(String::new, |holdout| format!(" --holdout {holdout}"));
     let images = images.as_ref().map_or_else(String::new, |images| format!(" --images {}", quoted(Path::new(images))));
     let alpha = if *alpha == AlphaName::Mask { " --alpha mask" } else { "" };
     let (dataset, output, reading) = (quoted(&args.dataset), quoted(&args.output.output), reading.flags());

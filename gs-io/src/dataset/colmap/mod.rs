@@ -24,7 +24,7 @@ use super::{
     depth, names,
     place::{NamePart, find_image},
     pose::Pose,
-    read_file,
+    read_file, split_lists,
 };
 use crate::error::Error;
 
@@ -220,10 +220,13 @@ pub(super) fn points_of(points: &[ColmapPoint]) -> impl Iterator<Item = WorldPoi
 /// model in it.
 pub(super) fn read(named: &Path, folders: &[PathBuf], settings: &DatasetSettings) -> Result<Dataset, Error> {
     let root = &data_set_of(named);
-    let (Candidate { model, drafts, places, damaged }, others) = read_largest(root, folders, settings)?;
-    let remarks = others.into_iter().chain(damaged).collect();
+    let (candidate, others) = read_largest(root, folders, settings)?;
+    let Candidate { folder, model, mut drafts, places, damaged } = candidate;
+    let mut remarks = others.into_iter().chain(damaged).collect();
+    let lists = split_lists::in_files(root, Some(&folder), settings)?;
+    let split = split_lists::apply(lists, &mut drafts, &mut remarks, settings)?;
     let points = points_of(&model.points).collect();
-    assemble(Parts { kind: DatasetKind::Colmap, root, drafts, points, places, split: None, remarks }, settings)
+    assemble(Parts { kind: DatasetKind::Colmap, root, drafts, points, places, split, remarks }, settings)
 }
 
 fn unknown_model(path: &Path, found: impl ToString) -> Error {

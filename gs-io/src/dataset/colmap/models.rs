@@ -113,6 +113,7 @@ fn places(root: &Path, model: &Path, settings: &DatasetSettings) -> Result<Vec<P
 
 /// A model that has been read.
 pub(super) struct Candidate {
+    pub(super) folder: PathBuf,
     pub(super) model: ColmapModel,
     pub(super) drafts: Vec<Draft>,
     pub(super) places: Vec<Place>,
@@ -127,7 +128,7 @@ impl Candidate {
         check_inside(root, &folder.join("images").with_extension(extension), names, settings)?;
         let cameras = format!("cameras.{extension}");
         let drafts = model.images.iter().map(|image| model.draft(root, &cameras, image)).collect();
-        Ok(Self { model, drafts, places: places(root, folder, settings)?, damaged })
+        Ok(Self { folder: folder.to_owned(), model, drafts, places: places(root, folder, settings)?, damaged })
     }
 
     /// Number of its images whose files are there.

@@ -43,7 +43,7 @@ pub(super) fn shown(value: &Value) -> String {
 }
 
 /// Reads a file.
-pub(super) fn parse<T: DeserializeOwned>(path: &Path) -> Result<T, Error> {
+pub(in crate::dataset) fn parse<T: DeserializeOwned>(path: &Path) -> Result<T, Error> {
     let bytes = read_file(path)?;
     serde_json::from_slice(&without_literals(utf8_text(path, &bytes)?)).map_err(|error| {
         let message = error.to_string().split_whitespace().collect::<Vec<_>>().join(" ");
