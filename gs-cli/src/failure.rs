@@ -139,7 +139,10 @@ impl From<gs_io::Error> for Failure {
     fn from(error: gs_io::Error) -> Self {
         match error {
             gs_io::Error::UnknownEnding { .. } => Self::usage(error),
-            gs_io::Error::LeavesDataset { .. } | gs_io::Error::NoViews { outside: true, .. } => Self::failed(error)
+            gs_io::Error::NoViews { outside: true, .. } => {
+                Self::failed(error).hint("read it with --allow-outside, if you trust the author of the data set")
+            }
+            gs_io::Error::LeavesDataset { .. } => Self::failed(error)
                 .hint("or read it anyway with --allow-outside, if you trust the author of the data set"),
             gs_io::Error::IsInput { .. } => Self::usage(error).hint("write the results elsewhere"),
             gs_io::Error::InTheWay { .. } => {
