@@ -43,6 +43,7 @@ fn a_picture_is_fitted_and_its_settings_are_priced() {
     let image = picture(place.path(), 48, 32);
     let output = place.path().join("out");
     let run = frontier(&image, &["-n", "30", "-o", output.to_str().unwrap()]).done();
+    assert!(run.stderr.contains(" settings in ") && run.stderr.contains(" ms: about "), "{}", run.stderr);
     for expected in
         ["30 Gaussians, 48x32 px", "default, again", "3DGS", "no cut-offs", "alpha cut 1/512", "64-bit oracle"]
     {

@@ -5,7 +5,7 @@ use gs_core::{Accuracy, Error, Extent, RenderSettings, Scene};
 use super::{
     Contender, Frontier, Measured, Noise, PictureError, Role, Setting, TimeComparison, Truth, Verifiable, alternatives,
     frontier_of,
-    measure::{Candidate, interleaved},
+    measure::{Candidate, ROUNDS, interleaved},
     outcome::{BackendNoise, Refused, name},
     predict::{Alone, combinations},
 };
@@ -54,6 +54,31 @@ impl<S: Verifiable> Field<'_, S> {
     /// The default settings without cut-offs, which the true picture has.
     fn tightest(&self) -> RenderSettings {
         self.shown.with(|s| s.accuracy = Accuracy::TIGHTEST)
+    }
+
+    /// What a search is about to do, with the time of the default's second rendering, after a warm-up.
+    fn announcement(&self, views: &[S::View], limits: SearchLimits) -> Result<String, Error> {
+        /// Default, the default again, no cut-offs, 3DGS.
+        const LANDMARKS: usize = 4;
+        // Tried, and its error measured; scouted and measured in turn, with a warm-up each.
+        let renderings = (2 + 2 * (1 + ROUNDS[0])) * views.len();
+        let (mut settings, mut seconds) = (0, 0.0);
+        for base in self.bases() {
+            let Contender { renderer, backend, .. } = &self.contenders[base];
+            let others = self.contenders.iter().filter(|c| c.change.is_some() && c.backend == *backend).count();
+            let own = LANDMARKS + alternatives(&self.shown).len() + others + limits.combinations;
+            renderer.seconds(&views[0], &self.shown)?;
+            seconds += renderer.seconds(&views[0], &self.shown)? * (own * renderings) as f64;
+            settings += own;
+        }
+        let milliseconds = 1e3 * seconds / (settings * renderings) as f64;
+        let seconds = seconds.max(limits.seconds);
+        let time = if seconds < 100.0 { format!("{seconds:.0} s") } else { format!("{:.0} min", seconds / 60.0) };
+        Ok(format!(
+            "measuring up to {settings} settings in {} or more renderings of about {milliseconds:.1} ms: about {time}, \
+             and some seconds for true pictures",
+            settings * renderings
+        ))
     }
 
     /// The true pictures of the views. Their worst pixels are found on the first backend that can
@@ -256,6 +281,7 @@ pub fn search<S: Verifiable>(
     if views.is_empty() || field.contenders.is_empty() {
         return Err(Error::setting("the number of views or contenders", 0, "at least 1"));
     }
+    watch(&field.announcement(views, limits)?);
     watch("computing true pictures with the 64-bit oracle");
     let truths = field.truths(views)?;
     let bases = field.bases();

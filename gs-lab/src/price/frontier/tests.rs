@@ -138,6 +138,18 @@ fn errors_and_times_are_those_of_the_settings() {
 }
 
 #[test]
+fn a_search_says_before_it_starts_how_much_it_will_measure() {
+    let (scene, mut lines) = (scene(), Vec::new());
+    let limits = LIMITS.with(|s| s.combinations = 0);
+    let frontier = search(&field(&scene, Blend::Sum), &[Canvas::new(64, 48)], limits, &mut |line| {
+        lines.push(line.to_owned());
+    });
+    let settings = frontier.unwrap().rows.len();
+    let expected = format!("measuring up to {settings} settings in {} or more renderings of about ", 18 * settings);
+    assert!(lines[0].starts_with(&expected) && lines[0].contains(" ms: about "), "{lines:?}");
+}
+
+#[test]
 fn each_step_of_the_frontier_is_more_exact_than_quicker_ones() {
     let frontier = found(Blend::Over);
     let steps = frontier.steps();

@@ -13,6 +13,6 @@ pub use self::{
     unseen::{unseen_cameras, unseen_canvases},
 };
 pub(crate) use self::{
-    timing::{Candidate, interleaved},
+    timing::{Candidate, ROUNDS, interleaved},
     truth::Truth,
 };

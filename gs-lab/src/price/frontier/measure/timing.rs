@@ -6,7 +6,7 @@ use gs_core::{Error, RenderSettings};
 use crate::price::frontier::Contender;
 
 /// Fewest and most rounds.
-const ROUNDS: [usize; 2] = [7, 60];
+pub(crate) const ROUNDS: [usize; 2] = [7, 60];
 
 /// A candidate slower than the quickest of its backend by this factor is measured in every second
 /// round; by four times this factor, in every fourth.
