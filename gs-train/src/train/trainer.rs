@@ -78,8 +78,9 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
     /// never stopped, unless it restarts ([`Recovery`](crate::Recovery)).
     ///
     /// # Errors
-    /// [`Error::WrongTarget`] for other views, [`Error::OtherImages`] for other images of them, [`Error::Checkpoint`] for metadata that are not
-    /// those of a training in 3D, and those of the backend.
+    /// [`Error::WrongTarget`] for other views, [`Error::OtherImages`] for other images of them,
+    /// [`Error::Checkpoint`] for metadata that are not those of a training in 3D, and those of the
+    /// backend.
     pub fn resume_views(rasterizer: &'a R, views: Views, checkpoint: Checkpoint) -> Result<Self, Error> {
         let record = Record::from_metadata::<Scene3d>(&checkpoint.metadata)?;
         views.validate()?;

@@ -3,10 +3,12 @@
 mod depths;
 mod encode;
 mod evidence;
+mod exposure;
 mod fit;
 mod fixture_2d;
 mod fixture_3d;
 mod frame;
+mod masks;
 mod panorama;
 mod recovery;
 mod reduction;

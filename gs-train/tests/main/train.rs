@@ -1,10 +1,10 @@
-//! Whole trainings in 3D: a scene comes back from its pictures, runs repeat and resume bit for bit,
-//! and what is masked or transparent counts as it should.
+//! Whole trainings in 3D: a scene comes back from its pictures, and runs repeat and resume bit for
+//! bit.
 
 use std::sync::Arc;
 
 use crate::fixture_3d::{LENS, changed, rasterizer, render, short, thirty, views};
-use gs_core::{Adam, Image, Participants, Scene, Scene3d, TensorData, adam::Group, constants::SH_C0, sigmoid};
+use gs_core::{Adam, Image, Participants, Scene, Scene3d, TensorData, adam::Group};
 use gs_density::Policy;
 use gs_io::dataset::{Point, PosedImage};
 use gs_train::{
@@ -170,66 +170,6 @@ fn many_points_raise_the_number_of_gaussians() {
     assert_eq!([allowed(Start::Random, None), allowed(Start::Scene(thirty()), None)], [70, 70]);
 }
 
-/// These views as cameras with other exposures and white balances took them.
-fn tinted(views: Views) -> Views {
-    changed(views, |i, posed| {
-        let gain = [0, 1, 2].map(|k| 0.5 + 0.1 * ((i * 5 + k * 3) % 6) as f32);
-        let tint = |x, y| {
-            let color = posed.image.pixel(x, y);
-            [0, 1, 2].map(|k| gain[k] * color[k] + 0.02 * (i % 3) as f32)
-        };
-        PosedImage { image: Image::from_fn(LENS.0, LENS.1, tint).unwrap(), ..posed }
-    })
-}
-
-#[test]
-fn differences_in_exposure_are_corrected_where_there_are_any() {
-    let rasterizer = rasterizer();
-    let run = |views: Views, exposure: Exposure| {
-        let mut settings = short(600);
-        settings.exposure = exposure;
-        settings.policy = Policy::None;
-        settings.render.effects.sh_degree = 0;
-        settings.adam.color.learning_rate *= 4.0;
-        let mut grey = thirty();
-        grey.sh.fill(glam::Vec3::ZERO);
-        let mut trainer = Trainer3d::from_views(&rasterizer, views, Start::Scene(grey), settings).block_on().unwrap();
-        trainer.run(&mut ()).block_on().unwrap();
-        let matched = trainer.evaluate(&mut |_, _| Ok(())).block_on().unwrap().color_matched.unwrap();
-        (matched.psnr, trainer.exposure())
-    };
-    let all = || views(&rasterizer);
-    let (without, none) = run(tinted(all()), Exposure::Off);
-    let (corrected, report) = run(tinted(all()), Exposure::Affine);
-    let (decided, found) = run(tinted(all()), Exposure::Auto);
-    let (plain, agree) = run(all(), Exposure::Auto);
-    assert!(corrected > without + 4.0 && decided > without + 4.0, "{without}, {corrected}, {decided} dB");
-    assert!(
-        none.is_none() && report.unwrap().used && found.unwrap().used && !agree.unwrap().used,
-        "{found:?} {agree:?}"
-    );
-    assert_eq!(run(all(), Exposure::Off).0, plain, "images that agree are trained on as they are");
-}
-
-#[test]
-fn exposure_of_a_single_image_is_refused() {
-    let rasterizer = rasterizer();
-    let single = || {
-        let mut views = views(&rasterizer);
-        views.train.truncate(1);
-        views
-    };
-    let begun = |exposure| {
-        Trainer3d::from_views(&rasterizer, single(), Start::Scene(thirty()), short(40).with(|s| s.exposure = exposure))
-            .block_on()
-    };
-    let refused = begun(Exposure::Affine).unwrap_err().to_string();
-    assert!(refused.contains("exposure") && refused.contains("single"), "{refused}");
-    let mut alone = begun(Exposure::Auto).unwrap();
-    alone.run(&mut ()).block_on().unwrap();
-    assert!(!alone.exposure().unwrap().used);
-}
-
 #[test]
 fn a_checkpoint_of_other_views_or_of_an_image_is_refused() {
     let rasterizer = rasterizer();
@@ -263,78 +203,6 @@ fn a_checkpoint_of_other_views_or_of_an_image_is_refused() {
     flat.metadata.insert("format".to_owned(), "fit-2d-1".to_owned());
     let refused = Trainer3d::resume_views(&rasterizer, views(&rasterizer), flat).unwrap_err();
     assert!(matches!(refused, Error::Checkpoint(_)), "{refused}");
-}
-
-#[test]
-fn what_is_masked_does_not_count() {
-    let rasterizer = rasterizer();
-    // The left half of every image is painted over, and masked.
-    let spoiled = |masked: bool| {
-        changed(views(&rasterizer), |_, posed| {
-            let (width, height) = posed.image.size();
-            let left = |x: u32| x < width / 2;
-            let paint = |x, y| if left(x) { [0.0, 1.0, 0.0] } else { posed.image.pixel(x, y) };
-            let image = Image::from_fn(width, height, paint).unwrap();
-            let mask = (0..height).flat_map(|_| (0..width).map(left)).map(|painted| !painted).collect();
-            PosedImage { image, alpha: None, mask: masked.then_some(mask) }
-        })
-    };
-    let quality = |masked| {
-        let mut settings = short(40);
-        settings.policy = Policy::None;
-        trained(settings, spoiled(masked), Start::Scene(thirty())).1.psnr
-    };
-    let (with_mask, without) = (quality(true), quality(false));
-    assert!(with_mask > 32.0 && without < with_mask - 5.0, "{with_mask} dB with the mask, {without} dB without");
-}
-
-#[test]
-fn the_loss_of_a_masked_step_is_reported_in_its_place() {
-    let rasterizer = rasterizer();
-    let half_masked = changed(views(&rasterizer), |i, posed| {
-        let mask = (i % 2 == 0).then(|| vec![true; posed.image.pixels().len()]);
-        PosedImage { mask, ..posed }
-    });
-    let losses = |views| {
-        let mut trainer = Trainer3d::from_views(&rasterizer, views, Start::Random, short(24)).block_on().unwrap();
-        let mut losses = Vec::new();
-        while !trainer.is_finished() {
-            trainer.step_once().block_on().unwrap();
-            losses.extend_from_slice(trainer.new_losses().1);
-        }
-        losses
-    };
-    let (plain, masked) = (losses(views(&rasterizer)), losses(half_masked));
-    assert_eq!((plain.len(), masked.len()), (24, 24));
-    for (step, (plain, masked)) in plain.iter().zip(&masked).enumerate() {
-        assert!((plain - masked).abs() < 1e-3 * plain, "step {step}: a mask that hides nothing: {plain}, {masked}");
-    }
-}
-
-#[test]
-fn random_backgrounds_make_what_is_transparent_so() {
-    let rasterizer = rasterizer();
-    // An image of nothing at all, stored as black glass.
-    let glass = || {
-        changed(views(&rasterizer), |_, posed| {
-            let alpha = Some(vec![0.0; posed.image.pixels().len()]);
-            PosedImage { image: Image::filled(48, 40, [0.0; 3]).unwrap(), alpha, mask: None }
-        })
-    };
-    let opacity = |background| {
-        let settings = short(60).with(|s| {
-            s.background = background;
-            s.policy = Policy::None;
-        });
-        let mut black = thirty();
-        black.sh.fill(glam::Vec3::splat(-0.5 / SH_C0));
-        let (scene, _) = trained(settings, glass(), Start::Scene(black));
-        scene.opacity_logits.iter().map(|&l| sigmoid(l)).sum::<f32>() / scene.len() as f32
-    };
-    let before = thirty().opacity_logits.iter().map(|&l| sigmoid(l)).sum::<f32>() / 30.0;
-    let (random, black) = (opacity(StepBackground::Random), opacity(StepBackground::Same));
-    assert!(black > 0.95 * before, "{black}: on black, black Gaussians do no harm");
-    assert!(random < 0.8 * before, "{random}, not {before}");
 }
 
 #[test]
@@ -413,43 +281,6 @@ fn pictures_that_there_is_no_room_for_are_read_again() {
     let rasterizer = rasterizer();
     let with = |keep_bytes| trained(short(30), Views { keep_bytes, ..views(&rasterizer) }, Start::Random).0;
     assert!(bits(&with(0)) == bits(&with(u64::MAX)));
-}
-
-#[test]
-fn a_test_view_of_which_no_pixel_counts_is_in_no_mean() {
-    let rasterizer = rasterizer();
-    let masked = |hidden: usize| {
-        let mut views = views(&rasterizer);
-        for view in &mut views.test[..hidden] {
-            let posed = view.image().unwrap();
-            let mask = Some(vec![false; posed.image.pixels().len()]);
-            view.source = Box::new(PosedImage { mask, ..posed });
-        }
-        views
-    };
-    // Not the scene that the images show, whose PSNR is infinite.
-    let mut fainter = thirty();
-    fainter.opacity_logits.iter_mut().for_each(|logit| *logit -= 0.5);
-    let judged = |hidden| evaluate(&rasterizer, &fainter, &masked(hidden).test, &render()).block_on();
-    let two = judged(1).unwrap();
-    assert_eq!((two.views.len(), two.unmeasured.as_slice()), (2, &["view-12".to_owned()][..]));
-    let all = judged(0).unwrap();
-    assert!((two.ssim - (all.views[1].ssim + all.views[2].ssim) / 2.0).abs() < 1e-12 && two.psnr.is_finite());
-    assert!(matches!(judged(3), Err(Error::NothingCounts { views: 3 })));
-    // While it trains, too.
-    let quality = |hidden| {
-        Trainer3d::from_views(&rasterizer, masked(hidden), Start::Scene(fainter.clone()), short(40))
-            .block_on()
-            .unwrap()
-            .quality()
-            .block_on()
-    };
-    // A measurement lists the views that count, as the evaluation does.
-    let (seen, judged) = (quality(1).unwrap(), judged(1).unwrap());
-    assert_eq!(seen.views, judged.views.iter().map(|view| view.psnr).collect::<Vec<_>>());
-    assert_eq!((seen.views.len(), seen.psnr), (2, judged.psnr));
-    assert!(quality(2).unwrap().psnr.is_finite());
-    assert!(matches!(quality(3), Err(Error::NothingCounts { views: 3 })));
 }
 
 #[test]
