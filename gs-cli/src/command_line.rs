@@ -2,7 +2,11 @@
 
 use std::process::ExitCode;
 
-use clap::{CommandFactory, FromArgMatches, Parser, Subcommand, error::ErrorKind};
+use clap::{
+    CommandFactory, FromArgMatches, Parser, Subcommand,
+    error::{ContextKind, ContextValue, ErrorKind},
+};
+use gs_density::Policy;
 
 use crate::{
     commands::{
@@ -134,8 +138,9 @@ pub(crate) fn parse() -> Result<Parsed, Failure> {
         _ => {
             let is_command = |word: &String| GROUPS.iter().any(|(_, names)| names.contains(&word.as_str()));
             let command = std::env::args().nth(1).filter(is_command);
-            let help = command.map_or_else(|| "gs --help".to_owned(), |command| format!("gs {command} --help"));
-            Err(Failure::usage(refusal(&error.to_string(), &help)))
+            let command = command.map_or_else(|| "gs".to_owned(), |command| format!("gs {command}"));
+            let of_policy = policy_refusal(&error, &command);
+            Err(Failure::usage(of_policy.unwrap_or_else(|| refusal(&error.to_string(), &format!("{command} --help")))))
         }
     }
 }
@@ -202,6 +207,20 @@ const GROUPS: [(&str, &[&str]); 7] = [
     ("Cost", &["profile", "effects", "frontier", "popping"]),
     ("Studies", &["study", "paper"]),
 ];
+
+/// The message for a density-control policy of the other kind of scenes, which is no misspelling; `None` for
+/// any other error.
+fn policy_refusal(error: &clap::Error, command: &str) -> Option<String> {
+    let (Some(ContextValue::String(flag)), Some(ContextValue::String(name)), Some(ContextValue::Strings(possible))) =
+        (error.get(ContextKind::InvalidArg), error.get(ContextKind::InvalidValue), error.get(ContextKind::ValidValue))
+    else {
+        return None;
+    };
+    let policy = Policy::from_name(name).ok().filter(|_| flag.starts_with("--policy"))?;
+    let (scenes, trainer) = if policy.validate_2d().is_ok() { ("images", "gs fit") } else { ("3D scenes", "gs train") };
+    let possible = possible.join(", ");
+    Some(format!("--policy {name} is a policy for {scenes}, which {trainer} takes; {command} takes {possible}"))
+}
 
 /// The parser's message as one line that ends with this command for help: without its usage, its
 /// pointer to `--`, and its own "error:"; "tip: a similar argument exists" becomes a question.
@@ -294,6 +313,26 @@ mod tests {
     }
 
     #[test]
+    fn a_policy_of_the_other_kind_of_scenes_is_said_to_be_one() {
+        let refused = |command: &str, policy: &str| {
+            let error = command_line_error(&[command, "a", "--policy", policy]);
+            policy_refusal(&error, &format!("gs {command}"))
+        };
+        let message = refused("fit", "fastgs").unwrap();
+        let start = "--policy fastgs is a policy for 3D scenes, which gs train takes; gs fit takes absolute, ";
+        assert!(message.starts_with(start) && message.ends_with(", none") && !message.contains("mrnf"), "{message}");
+        let message = refused("train", "residual").unwrap();
+        let start = "--policy residual is a policy for images, which gs fit takes; gs train takes absolute, ";
+        assert!(message.starts_with(start) && message.contains("mrnf"), "{message}");
+        assert_eq!(refused("fit", "fastergs"), None);
+        assert_eq!(policy_refusal(&command_line_error(&["fit", "--loss", "mcmc"]), "gs fit"), None);
+    }
+
+    fn command_line_error(words: &[&str]) -> clap::Error {
+        command().try_get_matches_from(["gs"].iter().chain(words)).unwrap_err()
+    }
+
+    #[test]
     fn refusals_are_one_line_without_chains_of_colons() {
         for (words, expected) in [
             (&["fit", "--turbo"][..], "unexpected argument '--turbo' found; see gs X --help"),
@@ -315,7 +354,7 @@ mod tests {
                 "the following required arguments were not provided: --output <OUTPUT>; see gs X --help",
             ),
         ] {
-            let error = command().try_get_matches_from(["gs"].iter().chain(words)).unwrap_err();
+            let error = command_line_error(words);
             assert_eq!(refusal(&error.to_string(), "gs X --help"), expected, "{words:?}");
         }
     }

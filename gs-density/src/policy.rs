@@ -87,7 +87,7 @@ static LIST_2D: LazyLock<String> = LazyLock::new(|| {
 static LIST_3D: LazyLock<String> = LazyLock::new(|| {
     let possible = |named: &&Named| (named.make)().of_3d_scenes().is_some();
     let names: Vec<&str> = named().filter(possible).map(|named| named.name).collect();
-    format!("for 3D scenes one of {}: the residual of an image is in 2D", names.join(", "))
+    format!("one of {} for a 3D scene", names.join(", "))
 });
 
 impl Policy {
@@ -201,7 +201,10 @@ impl Policy {
         }
         match self.of_3d_scenes() {
             Some(_) => self.validate(),
-            None => Err(Error::setting("policy", format!("`{}`", self.name()), &LIST_3D)),
+            None => {
+                let found = format!("`{}`, which needs the residual of an image", self.name());
+                Err(Error::setting("policy", found, &LIST_3D))
+            }
         }
     }
 
