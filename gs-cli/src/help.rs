@@ -26,8 +26,7 @@ fn wrapped_at(command: Command, width: usize) -> Command {
     command.mut_subcommands(|subcommand| wrapped_at(subcommand, width))
 }
 
-/// Wraps each line between words. A line of a list, "  name   what it is", continues below "what it
-/// is".
+/// Wraps each line between words. A line of a list, "name   what it is", continues below "what it is".
 pub(crate) fn wrap(text: &str, width: usize) -> String {
     text.split('\n').map(|line| wrap_line(line, width)).collect::<Vec<_>>().join("\n")
 }
@@ -65,7 +64,7 @@ fn margin(line: &str) -> usize {
 fn second_column(line: &str) -> Option<usize> {
     let start = margin(line);
     let gap = start + line[start..].find("  ")?;
-    (start > 0).then(|| gap + margin(&line[gap..]))
+    Some(gap + margin(&line[gap..]))
 }
 
 #[cfg(test)]
@@ -78,6 +77,9 @@ mod tests {
         let expected = "A text of more than\ntwenty columns.\n\nList:\n  a    one\n  bc   two words and\n       more\n";
         assert_eq!(wrap(text, 20), expected);
         assert_eq!(wrap(text, 100), text);
+        let text = "broken    none\ndoubtful  5 whose scale is\n          2 whose opacity is 7";
+        let expected = "broken    none\ndoubtful  5 whose\n          scale is\n          2 whose\n          opacity is\n          7";
+        assert_eq!(wrap(text, 20), expected);
         assert_eq!(wrap("  a-long-name   then words", 16), "  a-long-name\n  then words", "no room for two columns");
     }
 }

@@ -71,8 +71,14 @@ fn lines(text: impl Display) -> String {
     text.to_string().split('\n').map(printable).collect::<Vec<_>>().join("\n")
 }
 
-/// Prints a result to standard output.
+/// Prints a result to standard output, wrapped between words if that is a terminal.
 pub(crate) fn result(text: impl Display) -> Result<(), Failure> {
+    let columns = Term::stdout().size_checked().map(|(_, columns)| columns.into());
+    write_result(&wrapped(&lines(text), columns))
+}
+
+/// Prints the content of a file to standard output.
+pub(crate) fn file(text: impl Display) -> Result<(), Failure> {
     write_result(&lines(text))
 }
 

@@ -149,5 +149,6 @@ fn policies_for_images_and_for_views_are_refused_by_name_elsewhere() {
     }
     let message = Policy::from_name("residual").unwrap().validate_3d().unwrap_err().to_string();
     assert!(message.contains("steep-gs") && !message.contains("image-gs"), "{message}");
+    assert!(message.contains("`residual`, which needs the residual of an image"), "{message}");
     assert_eq!(Policy::summary("nothing"), None);
 }

@@ -180,7 +180,7 @@ where
         None => output::result(text),
         Some(answer) => {
             output::note(text);
-            output::result(answer.file.trim_end())
+            output::file(answer.file.trim_end())
         }
     }?;
     if let Some(folder) = folder {

@@ -143,7 +143,7 @@ pub(crate) struct TrainSettingsArgs {
     /// (images), random points (random), or a scene (a file or an output folder) [default: depths
     /// if there are depth maps; images if there are no points; with preset standard,
     /// points-and-images if there are few points; otherwise points]
-    #[arg(long, value_name = "points|points-and-images|depths|images|random|SCENE")]
+    #[arg(long, value_name = "START")]
     pub(crate) start: Option<String>,
     /// Loss to minimise
     #[arg(long, value_enum, value_name = "LOSS")]
