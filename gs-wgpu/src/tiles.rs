@@ -13,7 +13,7 @@ use crate::{
 };
 
 /// Smallest initial capacity, entries.
-const FIRST_CAPACITY: u64 = 1 << 14;
+const FIRST_CAPACITY: u64 = 1 << 12;
 
 /// Bytes of a pixel: RGB and a fourth number.
 pub(crate) const PIXEL_BYTES: u64 = 16;

@@ -134,7 +134,7 @@ fn unsupported_kernels_are_refused() {
 /// More Gaussians than a work group, and more entries than a block of the sort and the first
 /// buffers.
 fn many(blend: Blend) -> Draw {
-    let mut draw = Draw::new(Kind2d::Large, blend, 900, (173, 141), 42).on([0.1, 0.5, 0.3]);
+    let mut draw = Draw::new(Kind2d::Large, blend, 300, (115, 94), 42).on([0.1, 0.5, 0.3]);
     draw.settings.effects.statistics = Statistics::MeanGradient;
     draw
 }

@@ -110,7 +110,7 @@ impl Room {
 
 /// Losses, state and bytes moved after steps of which some need much larger buffers.
 fn trained_with_room(blend: Blend, room: Room) -> (Vec<f32>, SplatsState, u64) {
-    let draw = Draw::new(Kind2d::Large, blend, 800, (173, 141), 42).on([0.1, 0.5, 0.3]);
+    let draw = Draw::new(Kind2d::Large, blend, 200, (173, 141), 42).on([0.1, 0.5, 0.3]);
     let r = room.device_for(&draw);
     let mut training = Training::new(&r, draw);
     let before = r.bytes_moved();
@@ -180,7 +180,7 @@ const LOOKS: [(&str, Look); 7] = [
 /// The bits of the results after two steps, and the bytes moved.
 fn seen_after_two_steps(look: Look, room: Room) -> (Vec<u32>, u64) {
     // Each Gaussian touches every tile.
-    let mut draw = Draw::new(Kind2d::Large, Blend::Sum, 1200, (160, 144), 43);
+    let mut draw = Draw::new(Kind2d::Large, Blend::Sum, 80, (160, 144), 43);
     draw.scene.log_scales.fill(glam::Vec2::splat(5.0));
     draw.settings.effects.statistics = Statistics::MeanGradient;
     let r = room.device_for(&draw);

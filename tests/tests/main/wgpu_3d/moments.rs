@@ -112,11 +112,6 @@ fn infinities_and_nan_stay() {
     }
 }
 
-/// Gaussians whose lists do not fit the buffers of a new device.
-fn large() -> Draw<Scene3d> {
-    Draw::for_3d(Kind3d::Large, Blend::Over, 400, (173, 141), 43)
-}
-
 /// The state after a step in each of these formats, and the bytes moved. With `restores`, the run
 /// goes on from a restored state after each step.
 fn in_formats(r: &WgpuRasterizer, formats: &[MomentFormat], restores: bool) -> (SplatsState, u64) {
