@@ -86,6 +86,10 @@ impl ImageSource for Face {
         self.of.faces[self.index].digest()
     }
 
+    fn is_face(&self) -> bool {
+        true
+    }
+
     fn counting(&self) -> Counting {
         self.of.faces[self.index].counting()
     }

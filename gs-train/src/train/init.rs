@@ -50,9 +50,10 @@ pub struct PointInit {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub most_points: Option<u32>,
     /// Whether starts from points also have points far beyond them, along the rays of pixels near
-    /// which no point is seen: for sky and far surfaces. Default false.
-    #[serde(skip_serializing_if = "std::ops::Not::not")]
-    pub shell: bool,
+    /// which no point is seen: for sky and far surfaces. By default, where views are faces of wider
+    /// images ([`ImageSource::is_face`](super::ImageSource::is_face)), of which most show sky.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub shell: Option<bool>,
     /// If a data set has fewer points than this share of the largest number of Gaussians (before
     /// points raise it), 0..=1, training starts with [`Start::PointsAndImages`] unless another start
     /// is given. Default 0: never.
@@ -62,7 +63,7 @@ pub struct PointInit {
 
 impl Default for PointInit {
     fn default() -> Self {
-        Self { opacity: 0.1, scale: 1.0, random: 100_000, most_points: None, shell: false, search_below: 0.0 }
+        Self { opacity: 0.1, scale: 1.0, random: 100_000, most_points: None, shell: None, search_below: 0.0 }
     }
 }
 

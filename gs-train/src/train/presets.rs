@@ -201,7 +201,7 @@ fn three_dgs(iterations: u32) -> TrainSettings {
             s.min_scale = 1e-7;
             s.max_scale = 1e3;
         }),
-        init: PointInit::default(),
+        init: PointInit { shell: Some(false), ..PointInit::default() },
         dropout: 0.0,
         policy: Policy::Grow(Grow::absolute(Signal::MeanGradient).with_actions(actions)),
         rounds: published_rounds(iterations, 0.5),
@@ -247,7 +247,7 @@ fn mcmc(iterations: u32) -> TrainSettings {
     TrainSettings {
         adam: usual.adam.with(|s| s.penalty = Penalty { opacity: 0.01, scale: 0.01 }),
         gaussians: 1_000_000,
-        init: PointInit { opacity: 0.5, scale: 0.1, ..PointInit::default() },
+        init: PointInit { opacity: 0.5, scale: 0.1, ..usual.init },
         policy: Policy::Mcmc(Mcmc::default()).for_3d(),
         rounds: published_rounds(iterations, 5.0 / 6.0),
         ..usual
@@ -284,7 +284,7 @@ fn standard(iterations: u32) -> TrainSettings {
         policy: Policy::Grow(policy),
         rounds: rounds(iterations, 500, 0.67),
         remove_unseen: true,
-        init: PointInit { search_below: FEW_POINTS, ..usual.init },
+        init: PointInit { search_below: FEW_POINTS, ..PointInit::default() },
         resolution: Resolution::from_coarse(2),
         exposure: Exposure::Auto,
         ..usual

@@ -28,6 +28,11 @@ pub trait ImageSource: Send + Sync {
         Ok(None)
     }
 
+    /// Whether the image is a face of a wider one: of a 360° image or of a wide fish-eye.
+    fn is_face(&self) -> bool {
+        false
+    }
+
     /// How the view's pixels count, as far as is known without reading it.
     fn counting(&self) -> Counting {
         Counting::default()
@@ -86,6 +91,10 @@ impl ImageSource for View {
 
     fn digest(&self) -> Result<u32, gs_io::Error> {
         Self::digest(self)
+    }
+
+    fn is_face(&self) -> bool {
+        self.source.face().is_some()
     }
 
     fn counting(&self) -> Counting {
@@ -169,6 +178,10 @@ impl ImageSource for Held {
 
     fn counting(&self) -> Counting {
         self.source.counting()
+    }
+
+    fn is_face(&self) -> bool {
+        self.source.is_face()
     }
 
     fn is_in_memory(&self) -> bool {

@@ -10,8 +10,8 @@ use gs_io::dataset::{Point, PosedImage};
 use gs_train::{
     Control, Error, MetricsLog, Observer, Outcome, Progress, TrainPreset, TrainSettings, Trainer3d,
     train::{
-        DRIFT_DB, Evaluation, Exposure, PosedView, Resolution, Speed, Start, StepBackground, TrainSummary, Views,
-        evaluate,
+        DRIFT_DB, Evaluation, Exposure, ImageSource, PosedView, Resolution, Speed, Start, StepBackground, TrainSummary,
+        Views, evaluate,
     },
 };
 use pollster::FutureExt as _;
@@ -50,18 +50,39 @@ fn a_scene_comes_back_from_its_pictures() {
     assert!(evaluation.ssim > 0.9, "{}", evaluation.ssim);
 }
 
+/// A face of a wider image.
+struct FaceOf(PosedImage);
+
+impl ImageSource for FaceOf {
+    fn read(&self) -> Result<PosedImage, gs_io::Error> {
+        Ok(self.0.clone())
+    }
+
+    fn is_face(&self) -> bool {
+        true
+    }
+}
+
 #[test]
-fn points_get_a_shell_where_the_settings_ask_for_it() {
+fn points_get_a_shell_on_request_and_among_faces_of_wide_images() {
     let rasterizer = rasterizer();
     let points: Vec<Point> = thirty().means.iter().map(|mean| Point { position: *mean, color: [0.5; 3] }).collect();
-    let count = |shell: bool, start: Start| {
+    let count = |shell: Option<bool>, faces: bool, start: Start| {
         let mut settings = short(0);
         settings.init.shell = shell;
-        Trainer3d::from_views(&rasterizer, views(&rasterizer), start, settings).block_on().unwrap().count()
+        let mut views = views(&rasterizer);
+        if faces {
+            let face = |view: PosedView| PosedView { source: Box::new(FaceOf(view.image().unwrap())), ..view };
+            views.train = views.train.into_iter().map(face).collect();
+        }
+        Trainer3d::from_views(&rasterizer, views, start, settings).block_on().unwrap().count()
     };
-    assert_eq!(count(false, Start::Points(points.clone())), 30);
-    assert!(count(true, Start::Points(points)) > 60);
-    assert_eq!(count(true, Start::Scene(thirty())), 30);
+    let points = || Start::Points(points.clone());
+    let with_shell = count(Some(true), false, points());
+    assert!(with_shell > 60);
+    assert_eq!(count(None, true, points()), with_shell);
+    assert_eq!([count(None, false, points()), count(Some(false), true, points())], [30; 2]);
+    assert_eq!(count(Some(true), false, Start::Scene(thirty())), 30);
 }
 
 #[test]
