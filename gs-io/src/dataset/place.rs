@@ -145,8 +145,7 @@ pub(super) fn how_to_begin(folder: &Path) -> String {
         return format!("name {}{others}{images}", quoted(first));
     }
     let is_data_set = |folder: &&Path| has_transforms(folder) || !models_of(folder).is_empty();
-    let whole = std::path::absolute(folder).unwrap_or_else(|_| folder.to_owned());
-    if let Some(above) = whole.ancestors().skip(1).take(PARTS).find(is_data_set) {
+    if let Some(above) = whole(folder).ancestors().skip(1).take(PARTS).find(is_data_set) {
         return format!("it is part of the data set {}: name that", quoted(above));
     }
     let places = [folder.to_owned(), folder.join(IMAGE_FOLDERS[0]), folder.join("input")];
@@ -164,6 +163,13 @@ pub(super) fn how_to_begin(folder: &Path) -> String {
     }
 }
 
+/// The absolute path of a folder, without `..`.
+pub(super) fn whole(folder: &Path) -> PathBuf {
+    let goes_up = folder.components().any(|part| part == Component::ParentDir);
+    let whole = if goes_up { folder.canonicalize() } else { std::path::absolute(folder) };
+    whole.unwrap_or_else(|_| folder.to_owned())
+}
+
 /// How deep files are in a data set.
 const PARTS: usize = 3;
 
@@ -174,8 +180,7 @@ fn has_transforms(folder: &Path) -> bool {
 /// The data sets below a folder, by absolute paths.
 fn data_sets_below(folder: &Path) -> BTreeSet<PathBuf> {
     let mut found = BTreeSet::new();
-    let whole = std::path::absolute(folder).unwrap_or_else(|_| folder.to_owned());
-    walk(&whole, |folder, _| {
+    walk(&whole(folder), |folder, _| {
         if has_transforms(folder) {
             found.insert(folder.to_owned());
         } else if is_model(folder) {

@@ -143,7 +143,7 @@ fn a_part_of_a_data_set_may_be_named() {
     for part in ["sparse", "sparse/0/..", "sparse/0"] {
         assert_eq!(read(&place.path().join(part)).views.len(), 2, "{part}");
     }
-    for part in ["images", "images/inner"] {
+    for part in ["images", "images/inner", "sparse/../images"] {
         let part = place.path().join(part);
         fs::create_dir_all(&part).unwrap();
         let expected = format!("it is part of the data set {}: name that", place.path().display());

@@ -2,7 +2,7 @@
 
 use std::{
     collections::BTreeSet,
-    path::{Component, MAIN_SEPARATOR, Path, PathBuf},
+    path::{MAIN_SEPARATOR, Path, PathBuf},
 };
 
 use super::{ColmapModel, NamePart};
@@ -11,7 +11,7 @@ use crate::{
         DatasetSettings, Remark,
         assemble::{Draft, search_folders},
         finder::{Finder, entries},
-        place::{IMAGE_FOLDERS, Place, check_inside},
+        place::{IMAGE_FOLDERS, Place, check_inside, whole},
     },
     error::Error,
     image::image_files,
@@ -79,9 +79,7 @@ pub(in crate::dataset) fn has_photographs(folder: &Path) -> bool {
 /// The folder of the data set that a model or the folder of models is part of: the nearest one with
 /// photographs.
 pub(in crate::dataset) fn data_set_of(named: &Path) -> PathBuf {
-    let goes_up = named.components().any(|part| part == Component::ParentDir);
-    let whole = if goes_up { named.canonicalize() } else { std::path::absolute(named) };
-    let Ok(whole) = whole else { return named.to_owned() };
+    let whole = whole(named);
     let is_inner = |folder: &Path| is_named(folder, |name| INNER.contains(&name));
     let mut folder = whole.as_path();
     while let Some(above) = folder.parent().filter(|_| !has_photographs(folder)) {
