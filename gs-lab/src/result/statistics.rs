@@ -227,7 +227,7 @@ mod tests {
     #[test]
     fn runs_whose_views_are_related_seldom_show_a_difference_that_is_not_there() {
         let mut rng = Rng::seed_from_u64(3);
-        let studies = 300;
+        let studies = 150;
         // Four scenes from three seeds, each run with an error of its own that all its views share.
         let nothing = |rng: &mut Rng| -> Strata {
             let run = |rng: &mut Rng| {
@@ -239,8 +239,8 @@ mod tests {
         let seen = (0..studies)
             .filter(|_| Verdict::of(cluster_interval(&nothing(&mut rng)).unwrap()) != Verdict::CannotTell)
             .count();
-        // 15 are expected; 4 standard deviations are 15. The interval is a little too wide.
-        assert!((2..=30).contains(&seen), "{seen} of {studies}");
+        // 7.5 are expected; 4 standard deviations are 11. The interval is a little too wide.
+        assert!((1..=18).contains(&seen), "{seen} of {studies}");
     }
 
     #[test]

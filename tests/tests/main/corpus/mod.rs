@@ -71,13 +71,13 @@ fn check(kernels: Kernels, records: impl Fn(&WgpuRasterizer) -> Vec<Record>) {
 }
 
 #[test]
-fn wgpu_passes_a_sixth_of_the_cases_with_portable_kernels() {
-    check(Kernels::Portable, |rasterizer| every(6, 0, rasterizer));
+fn wgpu_passes_a_twelfth_of_the_cases_with_portable_kernels() {
+    check(Kernels::Portable, |rasterizer| every(12, 0, rasterizer));
 }
 
 #[test]
-fn wgpu_passes_another_sixth_of_the_cases_with_subgroups() {
-    check(Kernels::Subgroups, |rasterizer| every(6, 3, rasterizer));
+fn wgpu_passes_another_twelfth_of_the_cases_with_subgroups() {
+    check(Kernels::Subgroups, |rasterizer| every(12, 6, rasterizer));
 }
 
 #[test]
@@ -236,6 +236,13 @@ impl Sets {
         }
         Self { scene_2d, scene_3d }
     }
+
+    /// The failures of a backend.
+    fn wrong_on<R: Optimizer<Scene2d> + Optimizer<Scene3d>>(&self, rasterizer: &R) -> Vec<String> {
+        let mut failures = wrong(&self.scene_2d, |quotients| quotients.check_backend(rasterizer));
+        failures.extend(wrong(&self.scene_3d, |quotients| quotients.check_backend(rasterizer)));
+        failures
+    }
 }
 
 /// Failures of one kind of scene, and sets with too many ill-conditioned gradients.
@@ -257,30 +264,19 @@ fn wrong<S: Subject>(
     wrong
 }
 
+/// The quotients take most of the time, so one test compares all backends with them.
 #[test]
 fn gradients_of_hard_scenes_match_difference_quotients() {
+    let on_gpu = gpus::of_each_kind(None);
     for loss in [Loss::L2, Loss::PAPER] {
         let sets = Sets::new(loss, SEEDS);
         let mut failures = wrong(&sets.scene_2d, Quotients::check_oracle);
         failures.extend(wrong(&sets.scene_3d, Quotients::check_oracle));
         for level in SimdLevel::available() {
-            let rasterizer = cpu(level);
-            failures.extend(wrong(&sets.scene_2d, |quotients| quotients.check_backend(&rasterizer)));
-            failures.extend(wrong(&sets.scene_3d, |quotients| quotients.check_backend(&rasterizer)));
+            failures.extend(sets.wrong_on(&cpu(level)));
         }
-        assert!(failures.is_empty(), "{}", failures.join("\n"));
-    }
-}
-
-#[test]
-fn gradients_of_hard_scenes_match_difference_quotients_on_wgpu() {
-    let rasterizers = gpus::of_each_kind(None);
-    for loss in [Loss::L2, Loss::PAPER] {
-        let sets = Sets::new(loss, SEEDS);
-        let mut failures = Vec::new();
-        for (_, rasterizer) in &rasterizers {
-            failures.extend(wrong(&sets.scene_2d, |quotients| quotients.check_backend(rasterizer)));
-            failures.extend(wrong(&sets.scene_3d, |quotients| quotients.check_backend(rasterizer)));
+        for (_, rasterizer) in &on_gpu {
+            failures.extend(sets.wrong_on(rasterizer));
         }
         assert!(failures.is_empty(), "{}", failures.join("\n"));
     }

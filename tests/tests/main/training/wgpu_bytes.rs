@@ -15,7 +15,7 @@ use gs_wgpu::{WgpuRasterizer, WgpuSettings};
 use pollster::FutureExt as _;
 
 /// Steps whose bytes are counted.
-const STEPS: u64 = 8;
+const STEPS: u64 = 5;
 
 /// Bytes that describe a step, and that come back of it: two structures of half a KiB, and a
 /// camera.
