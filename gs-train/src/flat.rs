@@ -3,9 +3,7 @@
 //! A sum of Gaussians cannot make a flat colour exactly: it ripples by one level of 8 bits and more
 //! in a short fit. A solid background is exact and leaves the Gaussians to the details.
 
-use gs_core::{Blend, Image, effects::Background};
-
-use crate::settings::FitSettings;
+use gs_core::Image;
 
 /// Least share of pixels of one colour in an image of one colour.
 const FLAT_SHARE: f64 = 0.9;
@@ -45,23 +43,6 @@ pub fn mean_color(image: &Image) -> [f32; 3] {
     sum.map(|channel| (channel / count) as f32)
 }
 
-impl FitSettings {
-    /// Returns this fit with the colour of nine tenths of the target's pixels as background, if
-    /// they have one colour, Gaussians are summed, and there is no background yet.
-    #[must_use]
-    pub fn before_flat_color(mut self, target: &Image) -> Self {
-        let effects = &self.render.effects;
-        if effects.blend == Blend::Sum
-            && effects.background == Background::None
-            && let Some(color) = flat_color(target)
-            && color != [0.0; 3]
-        {
-            self.render = self.render.on(color);
-        }
-        self
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -77,20 +58,5 @@ mod tests {
         };
         assert_eq!(of(90), Some([200.0 / 255.0, 128.0 / 255.0, 1.0]));
         assert_eq!(of(85), None);
-    }
-
-    #[test]
-    fn only_a_sum_before_nothing_gets_a_background() {
-        let white = Image::filled(4, 4, [1.0; 3]).unwrap();
-        let settings = FitSettings::standard(10);
-        assert_eq!(settings.clone().before_flat_color(&white).render.background_color(), [1.0; 3]);
-        let given = FitSettings { render: settings.render.on([0.5; 3]), ..settings.clone() };
-        assert_eq!(given.clone().before_flat_color(&white), given);
-        let grey = Image::filled(4, 4, [0.25; 3]).unwrap();
-        assert_eq!(FitSettings::paper().before_flat_color(&grey), FitSettings::paper());
-        let black = Image::filled(4, 4, [0.0; 3]).unwrap();
-        assert_eq!(settings.clone().before_flat_color(&black), settings, "nothing is black already");
-        let ramp = Image::from_fn(16, 1, |x, _| [x as f32 / 15.0; 3]).unwrap();
-        assert_eq!(settings.clone().before_flat_color(&ramp), settings);
     }
 }

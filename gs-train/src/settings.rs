@@ -1,10 +1,12 @@
 //! Settings of a 2D fit: everything that it depends on besides the image and the backend.
 
-use gs_core::{Adam, Blend, Error, Loss, Parameterization, RenderSettings, constants::MAX_GAUSSIANS};
+use gs_core::{
+    Adam, Blend, Error, Image, Loss, Parameterization, RenderSettings, constants::MAX_GAUSSIANS, effects::Background,
+};
 use gs_density::Policy;
 use serde::{Deserialize, Serialize};
 
-use crate::{init::Init, presets::Preset, recovery::Recovery, rounds::Rounds, tune::Tune};
+use crate::{flat::flat_color, init::Init, presets::Preset, recovery::Recovery, rounds::Rounds, tune::Tune};
 
 gs_core::impl_with!(FitSettings, ColorSolve);
 
@@ -243,6 +245,21 @@ impl FitSettings {
         self.loss.validate()?;
         self.adam.validate()
     }
+
+    /// Returns this fit with the colour of nine tenths of the target's pixels as background, if
+    /// they have one colour, Gaussians are summed, and there is no background yet.
+    #[must_use]
+    pub fn before_flat_color(mut self, target: &Image) -> Self {
+        let effects = &self.render.effects;
+        if effects.blend == Blend::Sum
+            && effects.background == Background::None
+            && let Some(color) = flat_color(target)
+            && color != [0.0; 3]
+        {
+            self.render = self.render.on(color);
+        }
+        self
+    }
 }
 
 #[cfg(test)]
@@ -331,5 +348,20 @@ mod tests {
         assert_eq!(standard().with_policy(Policy::None).initial.resolve(1000), 1000);
         let half = standard().with_policy(Policy::from_name("image-gs").unwrap());
         assert_eq!(half.initial.resolve(1000), 500);
+    }
+
+    #[test]
+    fn only_a_sum_before_nothing_gets_a_background() {
+        let white = Image::filled(4, 4, [1.0; 3]).unwrap();
+        let settings = FitSettings::standard(10);
+        assert_eq!(settings.clone().before_flat_color(&white).render.background_color(), [1.0; 3]);
+        let given = FitSettings { render: settings.render.on([0.5; 3]), ..settings.clone() };
+        assert_eq!(given.clone().before_flat_color(&white), given);
+        let grey = Image::filled(4, 4, [0.25; 3]).unwrap();
+        assert_eq!(FitSettings::paper().before_flat_color(&grey), FitSettings::paper());
+        let black = Image::filled(4, 4, [0.0; 3]).unwrap();
+        assert_eq!(settings.clone().before_flat_color(&black), settings, "nothing is black already");
+        let ramp = Image::from_fn(16, 1, |x, _| [x as f32 / 15.0; 3]).unwrap();
+        assert_eq!(settings.clone().before_flat_color(&ramp), settings);
     }
 }

@@ -2,10 +2,6 @@
 
 use std::fmt;
 
-use gs_density::DensityGaussian;
-
-use crate::task::Trainable;
-
 /// The Gaussian that probably caused a divergence: the first whose parameters are not finite, or
 /// else the one with the largest.
 #[derive(Debug, Clone, PartialEq)]
@@ -20,25 +16,6 @@ pub struct Suspect {
     pub opacity_logit: f32,
     /// Number of Gaussians in the scene with parameters that are not finite.
     pub not_finite: usize,
-}
-
-impl Suspect {
-    /// The suspect of a scene; `None` for an empty scene.
-    pub(crate) fn of<S: Trainable>(scene: &S) -> Option<Self> {
-        let worst = |index: usize| {
-            let gaussian = scene.gaussian(index);
-            let values = S::parameters(&gaussian).into_iter().flat_map(|(_, values)| values);
-            let largest = values.fold(0.0f32, |m, v| if v.is_finite() { m.max(v.abs()) } else { f32::INFINITY });
-            if gaussian.opacity_logit().is_nan() { f32::INFINITY } else { largest }
-        };
-        let worst: Vec<f32> = (0..scene.len()).map(worst).collect();
-        let not_finite = worst.iter().filter(|&&worst| worst == f32::INFINITY).count();
-        // The first of several equals.
-        let index = (0..scene.len()).reduce(|a, b| if worst[b] > worst[a] { b } else { a })?;
-        let gaussian = scene.gaussian(index);
-        let (parameters, opacity_logit) = (S::parameters(&gaussian), gaussian.opacity_logit());
-        Some(Self { index, parameters, opacity_logit, not_finite })
-    }
 }
 
 impl fmt::Display for Suspect {

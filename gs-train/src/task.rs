@@ -4,9 +4,11 @@
 use std::{fmt::Debug, future::Future, path::Path};
 
 use gs_core::{Effects, Loss, Optimizer, Parameterization};
-use gs_density::{DensityPolicy, DensityScene, Evidence, EvidenceRequest, Governor, Policy, Residual};
+use gs_density::{
+    DensityGaussian as _, DensityPolicy, DensityScene, Evidence, EvidenceRequest, Governor, Policy, Residual,
+};
 
-use crate::{error::Error, observer::Quality, recovery::Recovery, rounds::Rounds};
+use crate::{error::Error, observer::Quality, recovery::Recovery, rounds::Rounds, suspect::Suspect};
 
 /// A kind of scene that [`Trainer`](crate::Trainer) can train: [`Scene2d`](gs_core::Scene2d), whose
 /// settings are [`FitSettings`](crate::FitSettings), and [`Scene3d`](gs_core::Scene3d), whose
@@ -32,6 +34,25 @@ pub trait SceneTask: DensityScene {
     /// # Panics
     /// Where there is no such Gaussian.
     fn log_scale_range(&self, index: usize) -> (f32, f32);
+}
+
+impl Suspect {
+    /// The suspect of a scene; `None` for an empty scene.
+    pub(crate) fn of<S: Trainable>(scene: &S) -> Option<Self> {
+        let worst = |index: usize| {
+            let gaussian = scene.gaussian(index);
+            let values = S::parameters(&gaussian).into_iter().flat_map(|(_, values)| values);
+            let largest = values.fold(0.0f32, |m, v| if v.is_finite() { m.max(v.abs()) } else { f32::INFINITY });
+            if gaussian.opacity_logit().is_nan() { f32::INFINITY } else { largest }
+        };
+        let worst: Vec<f32> = (0..scene.len()).map(worst).collect();
+        let not_finite = worst.iter().filter(|&&worst| worst == f32::INFINITY).count();
+        // The first of several equals.
+        let index = (0..scene.len()).reduce(|a, b| if worst[b] > worst[a] { b } else { a })?;
+        let gaussian = scene.gaussian(index);
+        let (parameters, opacity_logit) = (S::parameters(&gaussian), gaussian.opacity_logit());
+        Some(Self { index, parameters, opacity_logit, not_finite })
+    }
 }
 
 /// Settings of a run as the loop needs them.
