@@ -1,21 +1,15 @@
-//! 2D hard cases by theme, and their common parts.
+//! 2D hard cases by theme.
 
+mod common;
 mod images;
 mod opacities;
 mod optimizer;
 mod refusals;
 mod shapes;
 
-use glam::{Vec2, Vec3};
-use gs_core::{Canvas, Gaussian2d, RenderSettings, Scene2d, effects::Blend};
+use gs_core::Scene2d;
 
-use super::case::{Case, Source};
-
-/// Both blends, whose kernels have nothing in common.
-const BLENDS: [Blend; 2] = [Blend::Sum, Blend::Over];
-
-/// An image of neither whole tiles nor whole vectors.
-const VIEW: (u32, u32) = (24, 19);
+use super::case::Case;
 
 /// All 2D cases.
 pub fn corpus_2d() -> Vec<Case<Scene2d>> {
@@ -23,43 +17,4 @@ pub fn corpus_2d() -> Vec<Case<Scene2d>> {
         .into_iter()
         .flatten()
         .collect()
-}
-
-/// A half-opaque Gaussian in the middle of the image, 3 px by 2 px.
-const PLAIN: Gaussian2d = Gaussian2d {
-    mean: Vec2::new(11.3, 9.6),
-    log_scale: Vec2::new(1.1, 0.7),
-    rotation: 0.4,
-    opacity_logit: 0.3,
-    color: Vec3::new(0.7, 0.4, 0.9),
-};
-
-/// Makes a scene of these Gaussians, without opacities under `Sum`.
-fn scene(blend: Blend, gaussians: impl IntoIterator<Item = Gaussian2d>) -> Scene2d {
-    let opaque = |g: Gaussian2d| match blend {
-        Blend::Sum => Gaussian2d { opacity_logit: f32::INFINITY, ..g },
-        Blend::Over => g,
-    };
-    gaussians.into_iter().map(opaque).collect()
-}
-
-/// A case with [`VIEW`] and a background that is not black.
-fn case(
-    name: impl std::fmt::Display,
-    why: &'static str,
-    source: Source,
-    blend: Blend,
-    gaussians: impl IntoIterator<Item = Gaussian2d>,
-) -> Case<Scene2d> {
-    let settings = RenderSettings::blended(blend).on([0.2, 0.3, 0.1]);
-    let name = format!("{name}, {}", named(blend));
-    Case::new(name, why, source, scene(blend, gaussians), Canvas::new(VIEW.0, VIEW.1), settings)
-}
-
-/// A blend in the name of a case.
-fn named(blend: Blend) -> &'static str {
-    match blend {
-        Blend::Sum => "sum",
-        Blend::Over => "over",
-    }
 }

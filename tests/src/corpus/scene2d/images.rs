@@ -3,7 +3,7 @@
 use glam::{Vec2, Vec3};
 use gs_core::{Canvas, Gaussian2d, Image, Loss, Scene2d, effects::Blend};
 
-use super::{BLENDS, PLAIN, case};
+use super::common::{BLENDS, PLAIN, case};
 use crate::corpus::case::{Case, Goal, Picture, Slopes, Source, Training};
 
 /// Number of entries in one tile: 2²⁰. Twice as many Gaussians exceed WebGPU's default buffer

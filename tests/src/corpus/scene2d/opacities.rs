@@ -3,7 +3,7 @@
 use glam::{Vec2, Vec3};
 use gs_core::{Canvas, Culled, Gaussian2d, Image, Scene, Scene2d, effects::Blend, logit};
 
-use super::{PLAIN, case};
+use super::common::{PLAIN, case};
 use crate::{
     corpus::case::{Case, Picture, STACK_STEPS, Slopes, Source, Training},
     oracle::{Oracle, OracleScene},

@@ -3,7 +3,7 @@
 use glam::Vec2;
 use gs_core::{Culled, Gaussian2d, Image, Loss, Scene2d, adam::Group, effects::Blend};
 
-use super::{BLENDS, PLAIN, VIEW, case};
+use super::common::{BLENDS, PLAIN, VIEW, case};
 use crate::corpus::case::{Case, Goal, Picture, Slopes, Source, Training};
 
 fn flat(value: f32) -> Goal {

@@ -3,7 +3,7 @@
 use glam::Vec2;
 use gs_core::{Canvas, Error, Gaussian2d, Scene2d, effects::Blend};
 
-use super::{PLAIN, VIEW, case};
+use super::common::{PLAIN, VIEW, case};
 use crate::corpus::case::{Case, Source};
 
 /// The error names the second Gaussian.

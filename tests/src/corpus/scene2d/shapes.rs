@@ -5,7 +5,7 @@ use std::f32::consts::{FRAC_PI_2, PI};
 use glam::Vec2;
 use gs_core::{Canvas, Culled, Gaussian2d, Scene2d, effects::Blend};
 
-use super::{BLENDS, PLAIN, VIEW, case};
+use super::common::{BLENDS, PLAIN, VIEW, case};
 use crate::corpus::case::{Case, Slopes, Source, Training};
 
 pub(super) fn cases() -> Vec<Case<Scene2d>> {

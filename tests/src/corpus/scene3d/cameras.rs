@@ -4,7 +4,7 @@
 use glam::{Mat3, Vec2, Vec3};
 use gs_core::{Camera, Culled, Gaussian3d, Loss, Scene3d};
 
-use super::{camera, case, plain, seen};
+use super::common::{camera, case, plain, seen};
 use crate::corpus::case::{Case, Goal, Slopes, Source, Training};
 
 pub(super) fn cases() -> Vec<Case<Scene3d>> {

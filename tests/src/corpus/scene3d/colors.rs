@@ -3,7 +3,7 @@
 use glam::{Vec2, Vec3};
 use gs_core::{Gaussian3d, Scene3d};
 
-use super::{case, seen};
+use super::common::{case, seen};
 use crate::corpus::case::{Case, Source};
 
 pub(super) fn cases() -> Vec<Case<Scene3d>> {

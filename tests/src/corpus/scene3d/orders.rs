@@ -3,7 +3,7 @@
 use glam::{Vec2, Vec3};
 use gs_core::{Culled, Gaussian3d, Scene3d, effects::Order, logit};
 
-use super::{camera, case, ordered, plain, seen};
+use super::common::{camera, case, ordered, plain, seen};
 use crate::corpus::case::{Case, STACK_STEPS, Slopes, Source, Training};
 
 const ORDERS: [Order; 3] = [Order::Index, Order::Global, Order::PerPixel];

@@ -5,7 +5,7 @@ use std::f32::consts::PI;
 use glam::{Quat, Vec2, Vec3};
 use gs_core::{Culled, Gaussian3d, Scene3d, effects::Antialias};
 
-use super::{ANTIALIASES, antialiased, case, plain, seen, summed};
+use super::common::{ANTIALIASES, antialiased, case, plain, seen, summed};
 use crate::corpus::case::{Case, Slopes, Source, Training};
 
 pub(super) fn cases() -> Vec<Case<Scene3d>> {
