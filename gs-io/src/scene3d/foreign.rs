@@ -2,7 +2,6 @@
 
 use std::path::Path;
 
-use super::has_name;
 use crate::error::Error;
 
 /// The tool that reads most of them.
@@ -87,4 +86,9 @@ pub(crate) fn refusal_of_json(json: &[u8], path: &Path) -> Option<Error> {
         return refusal(json, path);
     };
     Some(Error::ForeignScene { path: path.to_owned(), what, mend })
+}
+
+/// Whether a path ends in a file of this name, in whatever case.
+pub(super) fn has_name(path: &Path, name: &str) -> bool {
+    path.file_name().is_some_and(|found| found.eq_ignore_ascii_case(name))
 }

@@ -16,8 +16,10 @@
 mod conversion_loss;
 mod flips;
 pub(crate) mod foreign;
+mod format;
 mod gltf;
 mod ksplat;
+mod options;
 pub(crate) mod ply;
 mod quantity;
 mod range;
@@ -32,22 +34,20 @@ mod trained_with;
 mod transform;
 mod unit;
 
-use std::{
-    fmt,
-    path::{Path, PathBuf},
-};
+use std::path::{Path, PathBuf};
 
 use glam::{DVec3, Vec3};
 use gs_core::{RenderSettings, Scene, Scene3d, examination::SMALLEST_LOG_SCALE};
 
 pub use self::{
     conversion_loss::ConversionLoss,
+    format::Format3d,
     gltf::GltfBuffer,
+    options::{Coordinates, SpzOptions, SpzVersion, WriteOptions3d},
     rounding::Rounding,
-    spz::{SpzOptions, SpzVersion},
     trained_with::TrainedWith,
 };
-use self::{gltf::GltfFile, quantity::finite_logit, source::Source, unit::UnitRotations};
+use self::{foreign::has_name, gltf::GltfFile, quantity::finite_logit, source::Source, unit::UnitRotations};
 use crate::{
     WorldFrame,
     atomic::{open, write_durably},
@@ -57,51 +57,6 @@ use crate::{
 
 /// Bytes that are enough to recognise a file.
 const START_BYTES: usize = 64;
-
-/// A file format of 3D scenes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-#[non_exhaustive]
-pub enum Format3d {
-    /// 3DGS PLY.
-    Ply,
-    /// PlayCanvas compressed PLY. Readers treat it like [`Self::Ply`], because the header
-    /// distinguishes them.
-    CompressedPly,
-    /// `.splat`.
-    Splat,
-    /// SPZ.
-    Spz,
-    /// `.gltf`.
-    Gltf,
-    /// `.glb`. Readers treat it like [`Self::Gltf`], because the first bytes distinguish them.
-    Glb,
-    /// SOG, PlayCanvas's format for the web, in one file: `.sog`.
-    Sog,
-    /// SOG as images next to a file `meta.json`.
-    SogFolder,
-    /// `.ksplat`, of mkkellogg's viewer.
-    Ksplat,
-    /// A checkpoint of a training run, which [`read_checkpoint`](crate::read_checkpoint) reads
-    /// instead of this module.
-    Checkpoint,
-}
-
-impl fmt::Display for Format3d {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Ply => "3DGS PLY",
-            Self::CompressedPly => "compressed PLY",
-            Self::Splat => ".splat",
-            Self::Spz => "SPZ",
-            Self::Gltf => "glTF",
-            Self::Glb => "binary glTF",
-            Self::Sog => "SOG",
-            Self::SogFolder => "SOG in a folder",
-            Self::Ksplat => ".ksplat",
-            Self::Checkpoint => "checkpoint",
-        })
-    }
-}
 
 impl Format3d {
     /// The format of a file by its first bytes or else by its extension; `None` for another kind of
@@ -169,11 +124,6 @@ impl Format3d {
             Self::Checkpoint => "a checkpoint",
         }
     }
-}
-
-/// Whether a path ends in a file of this name, in whatever case.
-fn has_name(path: &Path, name: &str) -> bool {
-    path.file_name().is_some_and(|found| found.eq_ignore_ascii_case(name))
 }
 
 /// A scene with information about its file.
@@ -329,41 +279,6 @@ pub fn decode_3d(format: Format3d, bytes: &[u8], path: &Path) -> Result<File3d, 
         return Err(Error::Empty { path: path.to_owned() });
     }
     Ok(File3d { scene, format, bytes: size, beside, losses, trained_with, settings: None, picture })
-}
-
-/// Options for writing scenes.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-#[non_exhaustive]
-pub struct WriteOptions3d {
-    /// How the scene was trained, and in which frame it is, which is stored if the format allows it.
-    pub trained_with: TrainedWith,
-    /// The coordinates of the file.
-    pub coordinates: Coordinates,
-    /// Options for SPZ.
-    pub spz: SpzOptions,
-    /// Options for `.gltf`.
-    pub gltf_buffer: GltfBuffer,
-}
-
-gs_core::impl_with!(WriteOptions3d);
-
-/// The coordinates in which a scene is written.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Coordinates {
-    /// Those of the scene, in its frame.
-    #[default]
-    Scene,
-    /// Those of the world that its frame refers to. Far from the world's origin, PLY has means of
-    /// 64 bits then, glTF a node that moves the scene, and other formats cannot hold them.
-    World,
-}
-
-impl WriteOptions3d {
-    /// The frame of the scene, if the file must have coordinates of another.
-    fn world(&self) -> Option<WorldFrame> {
-        let frame = self.trained_with.frame;
-        (self.coordinates == Coordinates::World && !frame.is_world()).then_some(frame)
-    }
 }
 
 /// The result of writing a scene.

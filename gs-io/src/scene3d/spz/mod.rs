@@ -21,47 +21,16 @@ use self::{
     quantum::FractionalBits,
 };
 use super::{
-    TrainedWith, WriteOptions3d,
+    TrainedWith,
     conversion_loss::ConversionLoss,
     flips::Flips,
+    options::{SpzVersion, WriteOptions3d},
     sh_degree::{MAX_DEGREE, rest_of_degree},
     source::Source,
     transform,
     unit::UnitRotations,
 };
 use crate::error::Error;
-
-/// A version of SPZ that can be written.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[non_exhaustive]
-pub enum SpzVersion {
-    /// One gzip stream, for readers older than 2026.
-    V3,
-    /// A zstd stream per parameter: smaller, and faster to read.
-    #[default]
-    V4,
-}
-
-/// Options for writing SPZ.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[non_exhaustive]
-pub struct SpzOptions {
-    /// The version.
-    pub version: SpzVersion,
-    /// Bits of SH coefficients of degree 1, 1 to 8. Fewer bits compress better.
-    pub degree_1_bits: u8,
-    /// Bits of SH coefficients of higher degrees, 1 to 8.
-    pub higher_degree_bits: u8,
-}
-
-gs_core::impl_with!(SpzOptions);
-
-impl Default for SpzOptions {
-    /// Version 4 with 5 and 4 bits, as in Niantic's library.
-    fn default() -> Self {
-        Self { version: SpzVersion::default(), degree_1_bits: 5, higher_degree_bits: 4 }
-    }
-}
 
 /// The default axes of files: right, up, back.
 const AXES: Flips = Flips::new([1.0, -1.0, -1.0]);

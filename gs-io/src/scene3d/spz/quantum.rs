@@ -15,7 +15,7 @@ use std::f32::consts::FRAC_1_SQRT_2;
 use glam::Vec3;
 use gs_core::Scene3d;
 
-use super::SpzOptions;
+use crate::scene3d::options::SpzOptions;
 use crate::scene3d::{
     conversion_loss::{Clamp, ConversionLoss},
     quantity::{byte_of_logit, logit_of_step},
