@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use thiserror::Error;
 
-use crate::suspect::Suspect;
+use crate::run::Suspect;
 
 /// An error of training.
 #[derive(Debug, Error)]

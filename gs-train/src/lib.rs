@@ -11,65 +11,32 @@
 // Guards are phrased so that NaN fails them: `!(x > 0.0)` is not `x <= 0.0`.
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
 
-mod checkpoint;
-mod clamped;
-mod count;
-mod draw;
 mod encode;
 mod error;
 mod fit;
-mod flat;
-mod forecast;
-pub mod init;
-mod losses;
+pub mod limits;
 pub mod memory;
-mod metrics_log;
-mod observer;
-mod presets;
-mod quality;
-mod recovery;
-mod rounds;
-mod settings;
-mod settings_file;
-mod shortfall;
-mod summary;
-mod suspect;
-mod target;
-mod task;
+mod run;
+mod start;
 pub mod train;
-mod trainer;
-mod tune;
-mod viewable;
+mod views;
 
 #[doc(hidden)]
-pub use crate::task::{RunSettings, SceneTask, TrainingTask};
+pub use crate::run::{RunSettings, SceneTask, TrainingTask};
 pub use crate::{
-    clamped::Clamped,
-    count::count_for_psnr,
-    draw::draw_picture,
     encode::{
-        EncodeImage, EncodeLayers, EncodeProgress, EncodeSettings, EncodeTarget, EncodeWork, Encoded, encode,
-        encode_observed,
+        EncodeImage, EncodeLayers, EncodeProgress, EncodeSettings, EncodeTarget, EncodeWork, Encoded, count_for_psnr,
+        draw_picture, encode, encode_observed,
     },
     error::Error,
-    fit::{Fit, FitTarget, fit},
-    flat::mean_color,
-    init::Init,
-    metrics_log::{MetricsLog, MetricsRow},
-    observer::{Control, Observer, Progress, Quality},
-    presets::Preset,
-    quality::{ImageQuality, l1_and_psnr},
-    recovery::{FreshStart, Recovery},
-    rounds::Rounds,
-    settings::{ColorSolve, FitSettings, InitialCount},
-    settings_file::{parse_json, parse_settings, settings_to_toml},
-    shortfall::Shortfall,
-    summary::FitSummary,
-    suspect::Suspect,
-    target::{DiscAndSquare, Fill, PAPER_DISC, PAPER_SIDE_PX, PAPER_SQUARE, paper_target},
-    task::Trainable,
+    fit::{
+        ColorRange, ColorSolve, DiscAndSquare, Fill, Fit, FitSettings, FitSummary, FitTarget, Init, InitialCount,
+        PAPER_DISC, PAPER_SIDE_PX, PAPER_SQUARE, Preset, Tune, Viewable, fit, init, mean_color, paper_target, viewable,
+    },
+    run::{
+        Clamped, Control, ForeignPolicy, FreshStart, ImageQuality, MetricsLog, MetricsRow, Observer, Outcome, Progress,
+        Quality, Recovery, Rounds, Shortfall, Suspect, Trainable, Trainer, l1_and_psnr, parse_json, parse_settings,
+        settings_to_toml,
+    },
     train::{TrainPreset, TrainSettings, Trainer3d},
-    trainer::{ForeignPolicy, Outcome, Trainer},
-    tune::Tune,
-    viewable::{ColorRange, Viewable, viewable},
 };

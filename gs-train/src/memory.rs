@@ -10,9 +10,8 @@ use gs_io::Format3d;
 
 use crate::{
     encode::{EncodeSettings, LEAST_FITTED_ROWS},
-    settings::FitSettings,
+    fit::{FitSettings, Tune},
     train::TrainSettings,
-    tune::Tune,
 };
 
 /// A pixel of an image: three `f32`.

@@ -19,12 +19,9 @@ use super::{
 };
 use crate::{
     error::Error,
-    fit::{FitTarget, fit},
-    forecast::Forecast,
+    fit::{FitSettings, FitTarget, Forecast, Preset, fit},
     memory::WEIGHT,
-    presets::Preset,
-    quality::l1_and_psnr,
-    settings::FitSettings,
+    run::l1_and_psnr,
 };
 
 /// A picture as it is in a file.

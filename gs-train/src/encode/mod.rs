@@ -4,6 +4,8 @@
 //! picture, in grey.
 
 mod bands;
+mod count;
+mod draw;
 mod encoder;
 mod layers;
 mod progress;
@@ -17,17 +19,19 @@ use gs_io::StoredImage;
 use web_time::Instant;
 
 pub(crate) use self::bands::LEAST_FITTED_ROWS;
+pub use self::{
+    count::count_for_psnr,
+    draw::draw_picture,
+    progress::{EncodeProgress, EncodeWork},
+    settings::{EncodeLayers, EncodeSettings, EncodeTarget},
+};
 use self::{
     encoder::{Encoder, Part},
     layers::FirstLayer,
     progress::Report,
     transparent::transparent,
 };
-pub use self::{
-    progress::{EncodeProgress, EncodeWork},
-    settings::{EncodeLayers, EncodeSettings, EncodeTarget},
-};
-use crate::{error::Error, flat::mean_color, memory};
+use crate::{error::Error, fit::mean_color, memory};
 
 /// An image to encode.
 #[derive(Debug, Clone, Copy)]

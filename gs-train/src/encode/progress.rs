@@ -2,7 +2,7 @@
 
 use std::cell::Cell;
 
-use crate::observer::{Control, Observer, Progress};
+use crate::run::{Control, Observer, Progress};
 
 /// The work of a stage of encoding.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -11,7 +11,10 @@ use gs_core::{
 };
 
 use super::progress::Stage;
-use crate::{error::Error, fit::FitTarget, settings::FitSettings};
+use crate::{
+    error::Error,
+    fit::{FitSettings, FitTarget},
+};
 
 /// Groups of Gaussians.
 const GROUPS: usize = 16;

@@ -2,7 +2,7 @@
 
 use gs_core::Error;
 
-use crate::{error, tune::Tune};
+use crate::{error, fit::Tune};
 
 gs_core::impl_with!(EncodeSettings);
 

@@ -9,12 +9,12 @@ use gs_core::{
 use gs_io::premultiplied;
 
 use super::{
-    EncodeSettings, Made,
     encoder::{Encoder, Part},
     layers::FirstLayer,
     progress::Report,
-    settings::EncodeTarget,
+    settings::{EncodeSettings, EncodeTarget},
 };
+use crate::encode::Made;
 use crate::{error::Error, memory::TRANSPARENT};
 
 /// Bytes of the header that a file of alpha alone has, and that alpha with colours does not need.

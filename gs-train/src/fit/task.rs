@@ -10,19 +10,14 @@ use gs_density::{DensityPolicy, Evidence, EvidenceRequest, Governor, Policy, Res
 use gs_io::Checkpoint;
 use web_time::Instant;
 
-use super::FitTarget;
+use super::whole_fit::FitTarget;
+use super::{settings::FitSettings, summary::FitSummary};
 use crate::{
-    checkpoint::Record,
-    clamped::Clamped,
     error::Error,
-    observer::Quality,
-    quality::l1_and_psnr,
-    recovery::Recovery,
-    rounds::Rounds,
-    settings::FitSettings,
-    summary::FitSummary,
-    task::{RunSettings, SceneTask, StepContext, TrainingTask},
-    trainer::{Trainer, random},
+    run::{
+        Clamped, Quality, Record, Recovery, Rounds, RunSettings, SceneTask, StepContext, Trainer, TrainingTask,
+        l1_and_psnr, random,
+    },
 };
 
 /// The image to fit, where the backend computes and on the host.
@@ -62,11 +57,11 @@ impl RunSettings<Scene2d> for FitSettings {
     const FORMAT: &'static str = "fit-2d-1";
     const EARLIER_FORMAT: &'static str = "planar-fit-1";
 
-    fn from_toml(text: &str, file: &Path) -> Result<Self, crate::Error> {
+    fn from_toml(text: &str, file: &Path) -> Result<Self, crate::error::Error> {
         Self::from_toml(text, file)
     }
 
-    fn to_toml(&self) -> Result<String, crate::Error> {
+    fn to_toml(&self) -> Result<String, crate::error::Error> {
         self.to_toml()
     }
 

@@ -21,14 +21,11 @@ use gs_core::{
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::{
-    depth_fit::{Fit, Sample, fits, samples, values_at},
-    images::{Images, training_image},
-    resolution::{possible, reduced_camera},
-    sweep::searched_camera,
-    views::PosedView,
-};
 use crate::error::Error;
+use crate::{
+    start::searched_camera,
+    views::{Fit, Images, PosedView, Sample, fits, possible, reduced_camera, samples, training_image, values_at},
+};
 
 gs_core::impl_with!(DepthLoss);
 

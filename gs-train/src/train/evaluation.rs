@@ -8,8 +8,12 @@ use gs_core::{
 use gs_io::dataset::PosedImage;
 use serde::{Deserialize, Serialize};
 
-use super::{color_map::ColorMap, task::where_masked, views::PosedView};
-use crate::{error::Error, quality::l1_and_psnr, summary::infinite_where_null};
+use super::task::where_masked;
+use crate::views::{ColorMap, PosedView};
+use crate::{
+    error::Error,
+    run::{infinite_where_null, l1_and_psnr},
+};
 
 /// Quality where differences in exposure and white balance do not count: an affine map of colours
 /// is fitted from the left half of the 8-bit rendering to that of the image, and the right half is

@@ -22,8 +22,8 @@ use gs_io::dataset::PosedImage;
 use rand::{SeedableRng, seq::index};
 
 use self::maps::{counted_pixels, maps};
-use super::images;
 use crate::error::Error;
+use crate::views::images;
 
 /// Stream of random numbers for the views, independent of all others.
 const EVIDENCE_STREAM: u64 = 0x6576_6964;
@@ -209,7 +209,7 @@ impl<'a, R: Optimizer<Scene3d>> Gathering<'a, R> {
 }
 
 /// The scene in grey.
-pub(super) fn plain(scene: &Scene3d) -> Scene3d {
+pub(crate) fn plain(scene: &Scene3d) -> Scene3d {
     invisible_where_broken(Scene3d { sh_degree: 0, sh: vec![Vec3::ZERO; scene.len()], ..scene.clone() })
 }
 

@@ -12,12 +12,8 @@ use gs_core::{Image, Rasterizer, RenderSettings, Scene3d, metrics::mean};
 use gs_io::dataset::PosedImage;
 use serde::{Deserialize, Serialize};
 
-use super::{
-    color_map::{ColorMap, ColorPair},
-    resolution::{possible, reduced, reduced_camera},
-    views::PosedView,
-};
 use crate::error::Error;
+use crate::views::{ColorMap, ColorPair, PosedView, possible, reduced, reduced_camera};
 
 /// How differences in exposure and white balance between images are treated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]

@@ -16,11 +16,10 @@ use serde::{Deserialize, Serialize};
 use super::{
     depth_loss::DepthLoss,
     exposure::Exposure,
-    init::PointInit,
-    resolution::Resolution,
     settings::{StepBackground, TrainSettings},
 };
-use crate::{recovery::Recovery, rounds::Rounds};
+use crate::run::{Recovery, Rounds};
+use crate::{start::PointInit, views::Resolution};
 
 /// A preset of a 3D training: settings by name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]

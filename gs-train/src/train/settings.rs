@@ -9,12 +9,15 @@ use gs_core::{
 use gs_density::{DensityPolicy, Governor, Policy};
 use serde::{Deserialize, Serialize};
 
-use super::{
-    depth_loss::DepthLoss, exposure::Exposure, init::PointInit, presets::geometric_groups, resolution::Resolution,
+use super::{depth_loss::DepthLoss, exposure::Exposure, presets::geometric_groups};
+use crate::run::{Recovery, Rounds, RunSettings};
+use crate::{
+    start::{PointInit, is_zero},
+    views::Resolution,
 };
-use crate::{recovery::Recovery, rounds::Rounds, task::RunSettings};
 
 gs_core::impl_with!(TrainSettings);
+crate::run::in_toml!(TrainSettings);
 
 /// Background in training steps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -106,12 +109,6 @@ pub struct TrainSettings {
     #[serde(skip_serializing_if = "DepthLoss::is_off")]
     pub depth_loss: DepthLoss,
 }
-
-/// Settings files leave out numbers that are 0 by default.
-pub(super) fn is_zero(value: &f32) -> bool {
-    *value == 0.0
-}
-
 impl TrainSettings {
     /// Returns these settings with this largest number of Gaussians, which the points that training
     /// starts from do not raise.
@@ -266,11 +263,11 @@ impl RunSettings<Scene3d> for TrainSettings {
     const FORMAT: &'static str = "training-3d-1";
     const EARLIER_FORMAT: &'static str = "spatial-training-1";
 
-    fn from_toml(text: &str, file: &Path) -> Result<Self, crate::Error> {
+    fn from_toml(text: &str, file: &Path) -> Result<Self, crate::error::Error> {
         Self::from_toml(text, file)
     }
 
-    fn to_toml(&self) -> Result<String, crate::Error> {
+    fn to_toml(&self) -> Result<String, crate::error::Error> {
         self.to_toml()
     }
 

@@ -4,7 +4,10 @@ use gs_core::{Optimizer, Scene3d, edit::EditCounts};
 use gs_io::WorldFrame;
 use serde::{Deserialize, Serialize};
 
-use crate::{clamped::Clamped, error::Error, recovery::FreshStart, shortfall::Shortfall};
+use crate::{
+    error::Error,
+    run::{Clamped, FreshStart, Shortfall},
+};
 
 use super::{
     depth_loss::DepthMapCounts,

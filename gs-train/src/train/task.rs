@@ -15,26 +15,21 @@ use super::{
     evaluation::{TrainingViews, measure},
     evidence::{Gathering, views_of_round},
     exposure::{ExposureReport, Exposures},
-    images::{self, Images},
-    order::Order,
-    resolution::{possible, reduced_camera},
     settings::{StepBackground, TrainSettings},
     unseen::unseen,
-    views::{PosedView, Views},
 };
+use crate::views::{Images, Order, PosedView, Views, images, possible, reduced_camera};
 use crate::{
-    clamped::Clamped,
     error::Error,
     memory,
-    observer::Quality,
-    task::{SceneTask, StepContext, TrainingTask},
+    run::{Clamped, Quality, SceneTask, StepContext, TrainingTask},
 };
 
 /// Stream of random numbers for backgrounds.
 const BACKGROUND_STREAM: u64 = 0x6261_636b;
 
 /// Number of training views, evenly spread, that replace missing test views.
-pub(super) const STAND_INS: usize = 8;
+pub(crate) const STAND_INS: usize = 8;
 
 /// Largest sample of training views for their quality: their mean is known to half a dB, and they
 /// cost less than the test views.

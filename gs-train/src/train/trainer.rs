@@ -9,17 +9,17 @@ use super::{
     depth_loss::{DepthMapCounts, Guides},
     evaluation::{Evaluation, TrainingViews, evaluate_splats},
     exposure::{Exposure, ExposureReport, Exposures},
-    geometry::extent_of,
-    init::Start,
     settings::TrainSettings,
     task::{ViewsTask, check_images, shown},
-    views::{Counting, PosedView, Views},
 };
 use crate::{
-    checkpoint::{Record, digest},
     error::Error,
     memory::MOST_FOR_EVIDENCE,
-    trainer::{Trainer, random},
+    run::{Record, Trainer, digest, random},
+};
+use crate::{
+    start::Start,
+    views::{Counting, PosedView, Views, extent_of},
 };
 
 /// The training of a 3D scene, in progress.

@@ -2,7 +2,7 @@
 
 use glam::{Vec2, Vec3};
 use gs_core::{Gaussian3d, Rasterizer, Scene, Scene3d, logit};
-use gs_train::{l1_and_psnr, train::reduce};
+use gs_train::{l1_and_psnr, limits::reduce};
 use pollster::FutureExt as _;
 
 use crate::fixture_3d::{camera, rasterizer, render, thirty};

@@ -9,9 +9,10 @@ use gs_density::Policy;
 use gs_io::dataset::{Point, PosedImage};
 use gs_train::{
     Control, Error, MetricsLog, Observer, Outcome, Progress, TrainPreset, TrainSettings, Trainer3d,
+    limits::Speed,
     train::{
-        DRIFT_DB, Evaluation, Exposure, ImageSource, PosedView, Resolution, Speed, Start, StepBackground, TrainSummary,
-        Views, evaluate,
+        DRIFT_DB, Evaluation, Exposure, ImageSource, PosedView, Resolution, Start, StepBackground, TrainSummary, Views,
+        evaluate,
     },
 };
 use pollster::FutureExt as _;

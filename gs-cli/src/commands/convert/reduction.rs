@@ -5,7 +5,7 @@ use std::fmt;
 use gs_backend::FutureExt as _;
 use gs_core::{Camera, Rasterizer as _, Scene as _, counted, view::Orbit};
 use gs_io::{File3d, dataset::Dataset};
-use gs_train::{l1_and_psnr, train};
+use gs_train::{l1_and_psnr, limits};
 use serde::Serialize;
 
 use super::quality::QualityArgs;
@@ -53,7 +53,7 @@ pub(super) fn reduce(
     };
     let rasterizer = args.open()?;
     let render = args.render.settings(file, dataset);
-    let reduced = train::reduce(&rasterizer, &file.scene, &cameras, &render, count as usize).block_on()?;
+    let reduced = limits::reduce(&rasterizer, &file.scene, &cameras, &render, count as usize).block_on()?;
     let mut psnr = 0.0;
     for camera in &cameras {
         let image = |scene| rasterizer.for_3d().render(scene, camera, &render).block_on();

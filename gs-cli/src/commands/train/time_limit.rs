@@ -7,7 +7,8 @@ use gs_core::counted;
 use gs_io::dataset::{Dataset, Split};
 use gs_train::{
     MetricsLog, TrainPreset, TrainSettings,
-    train::{Resolution, Speed, Start, Views},
+    limits::Speed,
+    train::{Resolution, Start, Views},
 };
 
 use super::{TrainArgs, not_begun, settings::with_flags};

@@ -4,7 +4,7 @@ use gs_io::dataset::{DepthMap, PosedImage};
 use pollster::FutureExt as _;
 
 use super::*;
-use crate::train::{geometry::tests::looking_at, views::ImageSource};
+use crate::views::{ImageSource, geometry::tests::looking_at};
 
 /// An image with a depth map.
 struct Mapped {

@@ -1,0 +1,122 @@
+//! Initialisers that place Gaussians where the target needs them.
+
+use glam::Vec3;
+use gs_core::{Blend, Error, Gaussian2d, Image};
+use gs_density::{
+    Rng,
+    seed::{DensityMap, HilbertOrder, Plane, SeedShape, Structure, mean_color, seed_gaussians},
+};
+use serde::{Deserialize, Serialize};
+
+use crate::fit::flat;
+use crate::fit::init::{INITIAL_OPACITY, opacity_logit, positive, shared_color};
+
+gs_core::impl_with!(Guided);
+
+/// Smallest σ of a first Gaussian, px.
+const MIN_SIGMA_PX: f32 = 0.7;
+
+/// Largest σ of a first Gaussian, as a share of the image's longer side.
+const MAX_SIGMA_SHARE: f32 = 0.25;
+
+/// Placement by a density: in strata along a Hilbert curve, spread by Lloyd steps, sized by the
+/// density, stretched along edges, with the target's colours.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, rename_all = "kebab-case", deny_unknown_fields)]
+#[non_exhaustive]
+pub struct Guided {
+    /// Share of the Gaussians that is spread uniformly, 0..=1; the others follow the image.
+    pub uniform_fraction: f32,
+    /// Passes of the (1, 2, 1)/4 kernel over the density before it is drawn from, at most 64: σ =
+    /// √(passes/2) px.
+    pub smoothing_passes: u32,
+    /// Lloyd steps, at most 100; each takes about 1 ms for 700 Gaussians on 0.4 megapixels.
+    pub lloyd_steps: u32,
+    /// Largest average number of Gaussians per pixel; positive.
+    pub max_per_pixel: f32,
+    /// σ in units of the distance between Gaussians: σ = `sigma_factor` / √density; positive.
+    pub sigma_factor: f32,
+    /// Largest ratio of axes of a Gaussian on an edge, at least 1.
+    pub max_aspect: f32,
+    /// Opacity, above 0 and below 1.
+    pub opacity: f32,
+}
+
+impl Default for Guided {
+    fn default() -> Self {
+        Self {
+            uniform_fraction: 0.1,
+            smoothing_passes: 2,
+            lloyd_steps: 2,
+            max_per_pixel: 0.3,
+            sigma_factor: 0.5,
+            max_aspect: 6.0,
+            opacity: INITIAL_OPACITY,
+        }
+    }
+}
+
+impl Guided {
+    pub(super) fn validate(&self) -> Result<(), Error> {
+        if !(0.0..=1.0).contains(&self.uniform_fraction) {
+            return Err(Error::setting("the initial uniform-fraction", self.uniform_fraction, "0 to 1"));
+        }
+        if self.smoothing_passes > 64 {
+            return Err(Error::setting("the initial smoothing-passes", self.smoothing_passes, "0 to 64"));
+        }
+        if self.lloyd_steps > 100 {
+            return Err(Error::setting("the initial lloyd-steps", self.lloyd_steps, "0 to 100"));
+        }
+        positive("the initial max-per-pixel", self.max_per_pixel)?;
+        positive("the initial sigma-factor", self.sigma_factor)?;
+        if !(self.max_aspect >= 1.0 && self.max_aspect.is_finite()) {
+            return Err(Error::setting("the initial max-aspect", self.max_aspect, "finite and at least 1"));
+        }
+        Ok(())
+    }
+
+    /// Density by the magnitude of luminance's gradient.
+    pub(super) fn by_gradient(&self, target: &Image, count: usize, blend: Blend, rng: &mut Rng) -> Vec<Gaussian2d> {
+        let structure = Structure::new(target);
+        let weights = structure.gradient_magnitude();
+        self.gaussians(target, &structure, weights, count, blend, rng)
+    }
+
+    /// Density by the squared difference from the mean colour.
+    pub(super) fn by_error(&self, target: &Image, count: usize, blend: Blend, rng: &mut Rng) -> Vec<Gaussian2d> {
+        let (width, height) = target.size();
+        let mean = Vec3::from_array(flat::mean_color(target));
+        let weights = Plane::from_rows(width, height, |y, row| {
+            for (out, &pixel) in row.iter_mut().zip(&target.pixels()[y * width as usize..]) {
+                *out = (Vec3::from_array(pixel) - mean).length_squared();
+            }
+        });
+        self.gaussians(target, &Structure::new(target), weights, count, blend, rng)
+    }
+
+    fn gaussians(
+        &self,
+        target: &Image,
+        structure: &Structure<'_>,
+        mut weights: Plane,
+        count: usize,
+        blend: Blend,
+        rng: &mut Rng,
+    ) -> Vec<Gaussian2d> {
+        let (width, height) = target.size();
+        weights.smooth(self.smoothing_passes);
+        weights.mix_uniform(self.uniform_fraction);
+        let density = DensityMap::from_weights(weights, count, self.max_per_pixel);
+        let mut positions = density.stratified(&HilbertOrder::shared(width, height), rng);
+        density.relax(&mut positions, self.lloyd_steps);
+        let shape = SeedShape {
+            sigma_factor: self.sigma_factor,
+            sigma_range_px: [MIN_SIGMA_PX, (width.max(height) as f32 * MAX_SIGMA_SHARE).max(MIN_SIGMA_PX)],
+            max_aspect: self.max_aspect,
+            opacity_logit: opacity_logit(blend, self.opacity),
+        };
+        seed_gaussians(&positions, &density, structure, &shape, |mean, sigma| {
+            shared_color(mean_color(target, mean, sigma), blend, sigma, density.at(mean))
+        })
+    }
+}

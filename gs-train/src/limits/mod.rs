@@ -1,0 +1,10 @@
+//! What keeps a training within limits: of time ([`Speed`]) and of Gaussians ([`reduce`]).
+
+mod idle;
+mod reduction;
+mod speed;
+
+pub use self::{
+    reduction::{Reduced, reduce},
+    speed::Speed,
+};

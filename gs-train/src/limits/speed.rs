@@ -1,0 +1,380 @@
+//! Settings for a time limit: a short trial measures how fast this machine trains on these views,
+//! and settings are chosen that it can finish in time.
+
+use std::collections::BTreeMap;
+
+use gs_core::{Camera, Optimizer, Scene, Scene3d};
+use gs_io::dataset::DatasetKind;
+use web_time::Instant;
+
+use crate::{
+    error::Error,
+    run::{Recovery, Rounds},
+};
+use crate::{
+    start::Start,
+    train::{Exposure, STAND_INS, TrainPreset, TrainSettings, Trainer3d},
+    views::{PosedView, Resolution, Views},
+};
+
+/// Steps of a trial: enough for a dozen steps without a round at each of the two resolutions.
+const STEPS: u32 = 48;
+
+/// Steps between two rounds of density control in a trial.
+const ROUND_EVERY: u32 = 4;
+
+/// Largest number of Gaussians in a trial. Times for more Gaussians are extrapolated.
+const MOST_GAUSSIANS: u32 = 200_000;
+
+/// Largest number of training views in a trial, as many as policies look at in a round, and of test
+/// views.
+const MOST_TRAINING_VIEWS: usize = 10;
+const MOST_TEST_VIEWS: usize = 4;
+
+/// Candidate sizes of a run relative to the preset: a factor for the steps and one for the
+/// Gaussians. The first candidate that fits into the time is used.
+const SIZES: [[f64; 2]; 19] = [
+    [3.0, 2.0],
+    [2.5, 2.0],
+    [3.0, 1.5],
+    [2.0, 2.0],
+    [2.5, 1.5],
+    [2.0, 1.5],
+    [1.7, 1.5],
+    [1.4, 1.2],
+    [1.2, 1.0],
+    [1.0, 1.0],
+    [0.85, 0.9],
+    [0.7, 0.8],
+    [0.6, 0.7],
+    [0.5, 0.6],
+    [0.4, 0.5],
+    [0.3, 0.45],
+    [0.2, 0.4],
+    [0.13, 0.3],
+    [0.08, 0.25],
+];
+
+/// Factor of the steps below which a run starts at a quarter of the resolution.
+const SHORT: f64 = 0.25;
+
+/// Least number of views with which a run may have more Gaussians than the preset, and more than
+/// twice its steps. Fewer views are soon overfitted.
+const MANY_VIEWS: usize = 50;
+
+/// Sizes of a run with fewer views before those of [`SIZES`] with at most the preset's steps.
+const SIZES_FOR_FEW_VIEWS: [[f64; 2]; 3] = [[2.0, 1.0], [1.5, 1.0], [1.2, 1.0]];
+
+/// Speed of training on one machine with one backend and the views of one data set.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Speed {
+    /// Seconds of a step, by the factor by which the sides of the images are reduced.
+    step: BTreeMap<u32, Line>,
+    /// Seconds of a round of density control.
+    round: Line,
+    /// Seconds for reading a view, rendering it and measuring its quality, with `viewed` Gaussians.
+    view: f64,
+    viewed: u32,
+    /// Number of Gaussians at the start.
+    first: usize,
+    /// Number of Gaussians of the scene that the training starts from; 0 without one.
+    given: usize,
+    /// Number of points that the training starts from.
+    points: usize,
+    training_views: usize,
+    test_views: usize,
+}
+
+/// Seconds as a linear function of the number of Gaussians.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Line {
+    fixed: f64,
+    per_gaussian: f64,
+}
+
+impl Line {
+    /// The Theil–Sen line: median slope and median intercept, which a few slow steps hardly change.
+    fn through(points: &[(u32, f64)]) -> Self {
+        let slopes = points.iter().enumerate().flat_map(|(i, a)| {
+            points[..i].iter().filter(|b| b.0 != a.0).map(|b| (a.1 - b.1) / (f64::from(a.0) - f64::from(b.0)))
+        });
+        let per_gaussian = median(slopes.collect()).max(0.0);
+        let fixed = median(points.iter().map(|&(count, seconds)| seconds - per_gaussian * f64::from(count)).collect());
+        Self { fixed: fixed.max(0.0), per_gaussian }
+    }
+
+    fn at(&self, count: f64) -> f64 {
+        self.fixed + self.per_gaussian * count
+    }
+}
+
+/// The median; 0 if there are no values.
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_unstable_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(0.0)
+}
+
+impl Speed {
+    /// Measures the speed by a trial: 48 steps with these settings on a few of the views, first at
+    /// half and then at full resolution, with numbers of Gaussians up to 200,000. Its scene is
+    /// discarded.
+    ///
+    /// # Errors
+    /// Those of [`Trainer3d::from_views`] and of training.
+    pub async fn measure<R: Optimizer<Scene3d>>(
+        on: &R,
+        views: Views,
+        start: Start,
+        settings: &TrainSettings,
+    ) -> Result<Self, Error> {
+        let (training_views, test_views) = (views.train.len(), evaluated(&views));
+        let start = start.searched(&views.train)?;
+        let views =
+            Views { train: few(views.train, MOST_TRAINING_VIEWS), test: few(views.test, MOST_TEST_VIEWS), ..views };
+        let resolution = match settings.resolution {
+            Resolution::Full => Resolution::Full,
+            Resolution::CoarseToFine { from, .. } => Resolution::CoarseToFine { from, full_after: 0.5 },
+        };
+        let given = match &start {
+            Start::Scene(scene) => scene.len(),
+            _ => 0,
+        };
+        let points = start.points(&settings.init);
+        let gaussians = settings.gaussians.min(MOST_GAUSSIANS);
+        // Few enough that their number changes during the trial.
+        let most = (gaussians as usize / 4).max(1);
+        let (start, first) = thinned(start, most, settings);
+        let trial = TrainSettings {
+            init: settings.init.with(|s| s.random = settings.init.random.min(most as u32)),
+            exactly: true,
+            iterations: STEPS,
+            sh_degree_every: 1,
+            rounds: Rounds { every: ROUND_EVERY, from: ROUND_EVERY, until: STEPS - 1 },
+            resolution,
+            recovery: Recovery::Never,
+            ..settings.clone().with_gaussians(gaussians)
+        };
+        let mut trainer = Trainer3d::from_views(on, views, start, trial).await?;
+        let thin = trainer.count();
+        let mut steps = BTreeMap::<u32, Vec<(u32, f64)>>::new();
+        let mut rounds = Vec::new();
+        let (mut view, mut viewed) = (0.0, thin);
+        let (mut before, mut count) = (trainer.seconds(), thin);
+        while !trainer.is_finished() {
+            if trainer.step() == STEPS / 2 {
+                // With the Gaussians of half of the schedule. In the second half, at full
+                // resolution, their number goes back to the first.
+                let clock = Instant::now();
+                let views = trainer.evaluation_views().len();
+                trainer.quality().await?;
+                (view, viewed) = (clock.elapsed().as_secs_f64() / views.max(1) as f64, count);
+                trainer.record.settings.gaussians = thin;
+            }
+            let factor = resolution.factor(trainer.step() as f32 / STEPS as f32);
+            let progress = trainer.step_once().await?;
+            let seconds = progress.seconds - before;
+            match progress.edits {
+                None => steps.entry(factor).or_default().push((count, seconds)),
+                Some(_) => rounds.push((count, seconds)),
+            }
+            (before, count) = (progress.seconds, progress.count);
+        }
+        let step = steps.into_iter().map(|(factor, points)| (factor, Line::through(&points))).collect();
+        let round = Line::through(&rounds);
+        Ok(Self { step, round, view, viewed, first, given, points, training_views, test_views })
+    }
+
+    /// Seconds of one measurement of all test views with as many Gaussians as these settings allow
+    /// for the points of the trial. This is an upper estimate, which assumes that the time is
+    /// proportional to the number of Gaussians.
+    pub fn evaluation_seconds(&self, settings: &TrainSettings) -> f64 {
+        let more = (self.gaussians(settings) / f64::from(self.viewed.max(1))).max(1.0);
+        self.view * more * self.test_views as f64
+    }
+
+    /// Largest number of Gaussians for the points of the trial.
+    fn gaussians(&self, settings: &TrainSettings) -> f64 {
+        settings.clone().for_points(self.points).gaussians.into()
+    }
+
+    /// Estimated seconds of a training with these settings: reading each training view once, maps of
+    /// colours, steps, rounds, and `evaluations` measurements of all test views.
+    pub fn seconds(&self, settings: &TrainSettings, evaluations: usize) -> f64 {
+        let budget = self.gaussians(settings);
+        let first = (self.first as f64).min(budget);
+        let last_round = settings.rounds.last(settings.iterations).max(1);
+        let count = |step: u32| {
+            let left = 1.0 - (f64::from(step) / f64::from(last_round)).min(1.0);
+            budget - (budget - first) * left * left
+        };
+        let step = |step: u32| {
+            let factor = settings.resolution.factor(step as f32 / settings.iterations.max(1) as f32);
+            // At a divisor that was not measured, a step takes at most as long as at the next
+            // smaller one.
+            let line = self.step.range(..=factor).next_back().or(self.step.first_key_value());
+            line.map_or(0.0, |(_, line)| line.at(count(step)))
+        };
+        let is_round = |step: &u32| settings.rounds.progress(*step, settings.iterations).is_some();
+        let steps: f64 = (0..settings.iterations).map(step).sum();
+        let rounds: f64 = (1..=settings.iterations).filter(is_round).map(|step| self.round.at(count(step))).sum();
+        let solutions = match settings.exposure {
+            Exposure::Off => 0,
+            Exposure::Auto => 1,
+            Exposure::Affine => 4,
+        };
+        let reading = self.view * (self.training_views * (1 + solutions)) as f64;
+        steps + rounds + reading + self.evaluation_seconds(settings) * evaluations as f64
+    }
+}
+
+/// At most `most` of the views, evenly spread.
+fn few(views: Vec<PosedView>, most: usize) -> Vec<PosedView> {
+    let every = views.len().div_ceil(most).max(1);
+    views.into_iter().step_by(every).collect()
+}
+
+/// Number of views that a scene is evaluated with while it is trained.
+fn evaluated(views: &Views) -> usize {
+    if views.test.is_empty() { views.train.len().min(STAND_INS) } else { views.test.len() }
+}
+
+/// The start with at most `most` Gaussians, evenly drawn, and the number that it has with these
+/// settings.
+fn thinned(start: Start, most: usize, settings: &TrainSettings) -> (Start, usize) {
+    let budget = settings.gaussians as usize;
+    match start {
+        Start::Points(points) => {
+            let first = points.len();
+            let every = points.len().div_ceil(most).max(1);
+            (Start::Points(points.into_iter().step_by(every).collect()), first)
+        }
+        Start::Scene(scene) => {
+            let every = scene.len().div_ceil(most).max(1);
+            let thin: Scene3d = (0..scene.len()).step_by(every).map(|index| scene.gaussian(index)).collect();
+            (Start::Scene(thin), scene.len())
+        }
+        start => (start, (settings.init.random as usize).min(budget)),
+    }
+}
+
+impl TrainPreset {
+    /// Settings of [`TrainPreset::Standard`] for training with the views of these cameras, from a
+    /// data set of this kind, in at most `seconds`, including `evaluations` measurements of all test
+    /// views.
+    ///
+    /// With enough time there are up to 3 times the steps and 2 times the Gaussians of `standard` for
+    /// these views and points; with fewer than 50 views, up to 2 times the steps and no more
+    /// Gaussians. With less time, there are fewer. `gaussians` sets the largest number of Gaussians
+    /// instead. Very short runs start at a quarter of the resolution. `None` if even the shortest run
+    /// takes longer.
+    pub fn settings_within<'a>(
+        seconds: f64,
+        speed: &Speed,
+        kind: DatasetKind,
+        cameras: impl IntoIterator<Item = &'a Camera>,
+        gaussians: Option<u32>,
+        evaluations: usize,
+    ) -> Option<TrainSettings> {
+        let cameras: Vec<&Camera> = cameras.into_iter().collect();
+        let usual = Self::Standard.settings_for(None, kind, cameras.iter().copied()).for_points(speed.points);
+        let sizes: Vec<[f64; 2]> = if cameras.len() < MANY_VIEWS {
+            SIZES_FOR_FEW_VIEWS.into_iter().chain(SIZES.into_iter().filter(|size| size[0] <= 1.0)).collect()
+        } else {
+            SIZES.to_vec()
+        };
+        let settings = |[steps, share]: [f64; 2]| {
+            let iterations = (f64::from(usual.iterations) * steps) as u32;
+            let scaled = (f64::from(usual.gaussians) * share) as u32;
+            let gaussians = gaussians.unwrap_or(scaled).max(speed.given as u32);
+            let mut settings = Self::Standard.settings_for(Some(iterations), kind, []).with_gaussians(gaussians);
+            if steps < SHORT {
+                settings.resolution = Resolution::from_coarse(4);
+            }
+            settings
+        };
+        sizes.into_iter().map(settings).find(|settings| speed.seconds(settings, evaluations) <= seconds)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use gs_core::effects::Antialias;
+
+    use super::*;
+
+    const COLMAP: DatasetKind = DatasetKind::Colmap;
+
+    /// Steps of 10 ms and 1 µs a Gaussian at full resolution, a third of that at half.
+    fn speed(training_views: usize) -> Speed {
+        let line = |share: f64| Line { fixed: 0.01 * share, per_gaussian: 1e-6 * share };
+        Speed {
+            step: BTreeMap::from([(1, line(1.0)), (2, line(1.0 / 3.0))]),
+            round: line(2.0),
+            view: 0.05,
+            viewed: 100_000,
+            first: 10_000,
+            given: 0,
+            points: 0,
+            training_views,
+            test_views: 10,
+        }
+    }
+
+    fn within(seconds: f64, views: usize) -> Option<TrainSettings> {
+        let camera = Camera::looking_forward(400, 400, 1.0);
+        TrainPreset::settings_within(seconds, &speed(views), COLMAP, &vec![camera; views], None, 5)
+    }
+
+    #[test]
+    fn a_line_is_not_moved_by_a_few_slow_steps() {
+        let mut points: Vec<(u32, f64)> = (1..20).map(|n| (n * 1_000, 0.01 + f64::from(n) * 1e-3)).collect();
+        points[3].1 += 5.0;
+        points[11].1 += 5.0;
+        let line = Line::through(&points);
+        assert!((line.at(30_000.0) - 0.04).abs() < 1e-3, "{line:?}");
+        assert_eq!(Line::through(&[(7, 0.5)]), Line { fixed: 0.5, per_gaussian: 0.0 });
+    }
+
+    #[test]
+    fn more_time_buys_more_steps_and_never_takes_longer_than_there_is() {
+        let mut before = 0;
+        for seconds in [30.0, 60.0, 120.0, 300.0, 900.0, 3_000.0] {
+            let settings = within(seconds, 100).unwrap();
+            settings.validate().unwrap();
+            assert!(speed(100).seconds(&settings, 5) <= seconds);
+            assert!(settings.iterations >= before, "{seconds} s: {} steps", settings.iterations);
+            before = settings.iterations;
+        }
+        assert_eq!(before, 12_000);
+        assert!(within(2.0, 100).is_none());
+    }
+
+    #[test]
+    fn few_views_get_twice_the_steps_of_the_preset_at_most() {
+        let settings = within(1e6, 12).unwrap();
+        let camera = Camera::looking_forward(400, 400, 1.0);
+        let usual = TrainPreset::Standard.settings_for(Some(4_000), COLMAP, &vec![camera; 12]);
+        assert_eq!(settings, usual.for_points(0));
+        // Many points raise the number as they do without a time limit.
+        let from_points = Speed { points: 7_000, ..speed(12) };
+        let settings = TrainPreset::settings_within(1e6, &from_points, COLMAP, &vec![camera; 12], None, 5).unwrap();
+        assert_eq!(settings.gaussians, 35_000);
+    }
+
+    #[test]
+    fn rendered_images_have_their_antialiasing_within_a_time_limit_too() {
+        let camera = Camera::looking_forward(400, 400, 1.0);
+        let settings =
+            TrainPreset::settings_within(60.0, &speed(100), DatasetKind::Blender, &vec![camera; 100], None, 5);
+        let render = settings.unwrap().render;
+        assert_eq!((render.effects.antialias, render.background), (Antialias::Mip, [1.0; 3]));
+    }
+
+    #[test]
+    fn a_given_number_of_gaussians_stays() {
+        let camera = Camera::looking_forward(400, 400, 1.0);
+        let settings =
+            TrainPreset::settings_within(60.0, &speed(100), COLMAP, &vec![camera; 100], Some(77_000), 5).unwrap();
+        assert_eq!(settings.gaussians, 77_000);
+    }
+}

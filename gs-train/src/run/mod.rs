@@ -1,0 +1,39 @@
+//! The training loop of every kind of training, and what is recorded of a run.
+//!
+//! A [`Trainer`] does the steps and rounds of density control of a [`Trainable`] scene. [`Observer`]s
+//! watch it; [`Recovery`] restarts it where it diverges.
+
+mod checkpoint;
+mod clamped;
+mod losses;
+mod metrics_log;
+mod observer;
+mod quality;
+mod recovery;
+mod rounds;
+mod settings_file;
+mod shortfall;
+mod suspect;
+mod task;
+mod trainer;
+
+pub(crate) use self::{
+    checkpoint::{Record, digest, fingerprint},
+    quality::{infinite_where_null, psnr_float},
+    settings_file::in_toml,
+    task::StepContext,
+    trainer::random,
+};
+pub use self::{
+    clamped::Clamped,
+    metrics_log::{MetricsLog, MetricsRow},
+    observer::{Control, Observer, Progress, Quality},
+    quality::{ImageQuality, l1_and_psnr},
+    recovery::{FreshStart, Recovery},
+    rounds::Rounds,
+    settings_file::{parse_json, parse_settings, settings_to_toml},
+    shortfall::Shortfall,
+    suspect::Suspect,
+    task::{RunSettings, SceneTask, Trainable, TrainingTask},
+    trainer::{ForeignPolicy, Outcome, Trainer},
+};

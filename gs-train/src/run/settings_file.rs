@@ -1,0 +1,378 @@
+//! Settings in TOML files, and what users write as JSON, with errors that name the line, the key
+//! and the nearest known key.
+
+use std::{borrow::Cow, fmt, path::Path};
+
+use serde::{Serialize, de::DeserializeOwned};
+use toml::{
+    Spanned,
+    de::{DeTable, DeValue},
+};
+
+use crate::error::Error;
+
+/// Parses the text of a settings file. `file` is its name for the error.
+///
+/// ```
+/// use gs_train::{FitSettings, parse_settings};
+///
+/// let text = "iterations = 7\n[render.effects]\nantialais = 'mip'";
+/// let error = parse_settings::<FitSettings>(text, "settings.toml".as_ref()).unwrap_err();
+/// let expected = "settings.toml:3: unknown key `antialais` in [render.effects]: did you mean `antialias`?";
+/// assert_eq!(error.to_string(), expected);
+/// ```
+///
+/// # Errors
+/// [`Error::Settings`] where the text is not TOML, a key is unknown, or a value has the wrong type.
+/// Ranges are checked by the settings' own `validate`.
+pub fn parse_settings<T: DeserializeOwned>(text: &str, file: &Path) -> Result<T, Error> {
+    parse(text).map_err(|(start, problem)| {
+        let line = 1 + text[..start].matches('\n').count();
+        Error::Settings { file: file.to_owned(), line, problem }
+    })
+}
+
+/// Parses the text of a JSON file that a user wrote, with errors like those of [`parse_settings`].
+/// `file` is its name for the error.
+///
+/// ```
+/// use gs_core::view::CameraPath;
+///
+/// let text = "{ \"width\": 8,\n  \"heigth\": 6 }";
+/// let error = gs_train::parse_json::<CameraPath>(text, "path.json".as_ref()).unwrap_err();
+/// assert_eq!(error.to_string(), "path.json:2: unknown key `heigth`: did you mean `height`?");
+/// ```
+///
+/// # Errors
+/// [`Error::Settings`] where the text is not JSON, a key is unknown, or a value has the wrong type.
+pub fn parse_json<T: DeserializeOwned>(text: &str, file: &Path) -> Result<T, Error> {
+    serde_json::from_str(text).map_err(|error| {
+        let (line, message) = (error.line(), error.to_string());
+        let message = message.strip_suffix(&format!(" at line {line} column {}", error.column())).unwrap_or(&message);
+        let problem = Unknown::of(message, "", 0).map_or_else(|| message.to_owned(), |unknown| unknown.to_string());
+        Error::Settings { file: file.to_owned(), line: line.max(1), problem }
+    })
+}
+
+/// Parses settings; an error is the byte at which it is, and what is wrong there.
+fn parse<T: DeserializeOwned>(text: &str) -> Result<T, (usize, String)> {
+    let text = without_effect_schedule(text)?;
+    toml::from_str(&text).map_err(|error| {
+        let start = error.span().map_or(0, |span| span.start.min(text.len()));
+        match Unknown::of(error.message(), &text, start) {
+            Some(unknown) => (unknown.start, unknown.to_string()),
+            None => (start, error.message().to_owned()),
+        }
+    })
+}
+
+/// The text without `joining = "scheduled"`, which earlier versions wrote; spaces take its place.
+/// Other values are refused.
+///
+/// `joining` chose between effects by schedule, as today, and effects that were switched on when
+/// the scene required them.
+fn without_effect_schedule(text: &str) -> Result<Cow<'_, str>, (usize, String)> {
+    let Ok(document) = DeTable::parse(text) else { return Ok(text.into()) };
+    let Some((key, value)) = document.get_ref().get_key_value("joining") else { return Ok(text.into()) };
+    let start = key.span().start;
+    if value.get_ref().as_str() != Some("scheduled") {
+        let problem = "`joining = when-called-for` is no longer possible: effects that wait until the scene requires them were \
+                       measured to gain nothing. Effects follow a schedule (`sh-degree-every`); remove `joining`";
+        return Err((start, problem.to_owned()));
+    }
+    let end = value.span().end;
+    Ok(format!("{}{}{}", &text[..start], " ".repeat(end - start), &text[end..]).into())
+}
+
+/// `from_toml` and `to_toml` of settings: [`parse_settings`] and [`settings_to_toml`], compiled
+/// once instead of in each crate that uses them.
+macro_rules! in_toml {
+    ($settings:ty) => {
+        impl $settings {
+            /// Parses the text of a settings file; `file` is its name for the error. As
+            /// [`parse_settings`](crate::parse_settings).
+            ///
+            /// # Errors
+            /// Those of [`parse_settings`](crate::parse_settings).
+            pub fn from_toml(text: &str, file: &std::path::Path) -> Result<Self, $crate::Error> {
+                $crate::parse_settings(text, file)
+            }
+
+            /// The settings as the text of a TOML file. As
+            /// [`settings_to_toml`](crate::settings_to_toml).
+            ///
+            /// # Errors
+            /// Those of [`settings_to_toml`](crate::settings_to_toml).
+            pub fn to_toml(&self) -> Result<String, $crate::Error> {
+                $crate::settings_to_toml(self)
+            }
+        }
+    };
+}
+pub(crate) use in_toml;
+
+/// The settings as the text of a TOML file, for [`parse_settings`]. Numbers have as many digits as
+/// `f32` needs.
+///
+/// # Errors
+/// [`Error::UnwritableSettings`] where TOML has no form for them.
+pub fn settings_to_toml(settings: &impl Serialize) -> Result<String, Error> {
+    let unwritable = |error: toml::ser::Error| Error::UnwritableSettings(error.to_string());
+    let mut value = toml::Value::try_from(settings).map_err(unwritable)?;
+    shorten(&mut value);
+    toml::to_string(&value).map_err(unwritable)
+}
+
+/// Shortens numbers, which are all `f32`, to the digits that matter.
+fn shorten(value: &mut toml::Value) {
+    match value {
+        toml::Value::Float(number) => *number = (*number as f32).to_string().parse().unwrap_or(*number),
+        toml::Value::Array(values) => values.iter_mut().for_each(shorten),
+        toml::Value::Table(table) => table.iter_mut().for_each(|(_, value)| shorten(value)),
+        _ => {}
+    }
+}
+
+/// An unknown key, or an unknown name of a value.
+struct Unknown<'a> {
+    /// "key" or "name".
+    what: &'static str,
+    /// The key or the name.
+    word: &'a str,
+    /// The word's place in the text, bytes.
+    start: usize,
+    /// The table that it is in; empty for the file's own.
+    table: String,
+    /// The most similar known one.
+    nearest: Option<&'a str>,
+    /// All known names, for an unknown name.
+    names: Vec<&'a str>,
+}
+
+impl<'a> Unknown<'a> {
+    /// The unknown key or name of an error message, if it is about one, at its first place from
+    /// `start` on. The message about a table with a `kind` points at the table.
+    fn of(message: &'a str, text: &str, start: usize) -> Option<Self> {
+        let (what, word, known) = if let Some(rest) = message.strip_prefix("unexpected keys in table: ") {
+            // The toml crate's wording for the table of an enum's variant.
+            let (keys, known) = rest.split_once(", available keys: ")?;
+            let key = keys.split(", ").next()?;
+            ("key", key, known.split(", ").collect::<Vec<_>>())
+        } else {
+            let key = message.strip_prefix("unknown field `").map(|rest| ("key", rest));
+            let (what, rest) = key.or_else(|| Some(("name", message.strip_prefix("unknown variant `")?)))?;
+            let mut names = rest.split('`').step_by(2);
+            let word = names.next()?;
+            (what, word, names.collect())
+        };
+        let nearest = nearest(word, known.iter().copied());
+        let names = if what == "name" { known } else { Vec::new() };
+        let mut places = Vec::new();
+        if let Ok(document) = DeTable::parse(text) {
+            find(document.get_ref(), word, "", &mut places);
+        }
+        places.sort_unstable();
+        let place = places.iter().find(|(place, _)| *place >= start).or(places.first()).cloned();
+        let (start, table) = place.unwrap_or((start, String::new()));
+        Some(Self { what, word, start, table, nearest, names })
+    }
+}
+
+impl fmt::Display for Unknown<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "unknown {} `{}`", self.what, self.word)?;
+        if !self.table.is_empty() {
+            write!(f, " in [{}]", self.table)?;
+        }
+        match self.nearest {
+            Some(nearest) => write!(f, ": did you mean `{nearest}`?"),
+            None if self.names.is_empty() => Ok(()),
+            None => write!(f, ", which is none of {}", self.names.join(", ")),
+        }
+    }
+}
+
+/// The name most similar to `word`, if any is similar; among equals, the first.
+fn nearest<'a>(word: &str, names: impl Iterator<Item = &'a str>) -> Option<&'a str> {
+    let far = 1 + word.chars().count() / 3;
+    names
+        .map(|name| (strsim::osa_distance(word, name), name))
+        .filter(|(distance, _)| *distance <= far)
+        .min_by_key(|(distance, _)| *distance)
+        .map(|(_, name)| name)
+}
+
+/// All places of `word` in a table and its tables, as a key or a text: the byte, and the path of
+/// its table.
+fn find(table: &DeTable<'_>, word: &str, path: &str, places: &mut Vec<(usize, String)>) {
+    for (name, value) in table {
+        if name.get_ref() == word || value.get_ref().as_str() == Some(word) {
+            places.push((name.span().start, path.to_owned()));
+        }
+        let path = if path.is_empty() { name.get_ref().to_string() } else { format!("{path}.{}", name.get_ref()) };
+        find_within(value, word, &path, places);
+    }
+}
+
+fn find_within(value: &Spanned<DeValue<'_>>, word: &str, path: &str, places: &mut Vec<(usize, String)>) {
+    match value.get_ref() {
+        DeValue::Table(table) => find(table, word, path, places),
+        DeValue::Array(values) => values.iter().for_each(|value| find_within(value, word, path, places)),
+        _ => {}
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use gs_core::{Extent, Loss, Parameterization, adam::Schedule, effects::Order};
+    use gs_density::{LongAxisSplit, Policy, Simplify, SizeThreshold, SplitPlacement};
+    use toml::Table;
+
+    use super::*;
+    use crate::{
+        fit::{
+            FitSettings, InitialCount, Preset,
+            init::{Grid, Guided, Init, Periphery, Random},
+        },
+        run::recovery::Recovery,
+        train::{StepBackground, TrainPreset, TrainSettings},
+        views::Resolution,
+    };
+
+    fn parse<T: DeserializeOwned>(text: &str) -> Result<T, String> {
+        parse_settings(text, "settings.toml".as_ref()).map_err(|error| error.to_string())
+    }
+
+    /// Misspells each key in turn, and expects it to be named, with its table and the right key.
+    fn misspell_each<T: DeserializeOwned>(whole: &Table, path: &[&str]) -> usize {
+        let table = path.iter().fold(whole, |table, key| table[*key].as_table().unwrap());
+        let mut seen = 0;
+        for (key, value) in table {
+            let misspelt = format!("{key}h");
+            let mut wrong = whole.clone();
+            let place = path.iter().fold(&mut wrong, |table, key| table[*key].as_table_mut().unwrap());
+            let value_kept = place.remove(key).unwrap();
+            place.insert(misspelt.clone(), value_kept);
+            let text = toml::to_string(&wrong).unwrap();
+            let message = parse::<T>(&text).err().unwrap_or_else(|| panic!("`{misspelt}` passes:\n{text}"));
+            if key == "kind" {
+                assert!(message.contains("missing field `kind`"), "{message}");
+            } else {
+                let place = if path.is_empty() { String::new() } else { format!(" in [{}]", path.join(".")) };
+                let named = format!("`{misspelt}`{place}: did you mean `{key}`?");
+                assert!(message.contains(&named), "{named}: {message}\n{text}");
+                let line = 1 + text.lines().position(|line| line.contains(&misspelt)).unwrap();
+                assert!(message.starts_with(&format!("settings.toml:{line}: unknown ")), "{message}\n{text}");
+            }
+            seen += 1;
+            if value.is_table() {
+                seen += misspell_each::<T>(whole, &[path, &[key]].concat());
+            }
+        }
+        seen
+    }
+
+    fn held<T: Serialize + DeserializeOwned + PartialEq + std::fmt::Debug>(settings: &T) {
+        let text = settings_to_toml(settings).unwrap();
+        assert_eq!(&parse::<T>(&text).unwrap(), settings, "{text}");
+        let seen = misspell_each::<T>(&text.parse().unwrap(), &[]);
+        assert!(seen > 40, "{seen} keys");
+    }
+
+    /// Every policy, with what its settings may have or not.
+    fn policies() -> Vec<Policy> {
+        let mut policies: Vec<Policy> = Policy::NAMES.iter().map(|name| Policy::from_name(name).unwrap()).collect();
+        for policy in &mut policies {
+            if let Some(actions) = policy.actions_mut() {
+                actions.prune.larger_than = Some(SizeThreshold::ExtentFraction(0.5));
+                actions.prune.larger_after = 7;
+                (actions.simplify, actions.growth_fraction) = (Some(Simplify::speedy_splat()), 0.5);
+                actions.densify.split_placement = SplitPlacement::LongAxisSplit(LongAxisSplit::default());
+            }
+        }
+        policies
+    }
+
+    #[test]
+    fn the_effect_schedule_of_earlier_versions_is_read_and_effects_on_demand_are_refused() {
+        let old = "iterations = 7\njoining = \"scheduled\"\nseed = 3\n";
+        let fit: FitSettings = parse(old).unwrap();
+        assert_eq!((fit.iterations, fit.seed), (7, 3));
+        let training: TrainSettings = parse(old).unwrap();
+        assert_eq!((training.iterations, training.seed), (7, 3));
+        assert!(!settings_to_toml(&fit).unwrap().contains("joining"));
+        let demand = "iterations = 7\n[joining.when-called-for]\nevery = 100\nnarrow = 0.01\nview-dependence = 0.25\n";
+        for message in [parse::<FitSettings>(demand).unwrap_err(), parse::<TrainSettings>(demand).unwrap_err()] {
+            assert!(
+                message.starts_with("settings.toml:2: `joining = when-called-for` is no longer possible"),
+                "{message}"
+            );
+        }
+    }
+
+    #[test]
+    fn each_key_of_a_fits_settings_is_known_and_no_other() {
+        let inits = [
+            Init::Random(Random::default()),
+            Init::Periphery(Periphery::default()),
+            Init::Grid(Grid::default()),
+            Init::Gradient(Guided::default()),
+            Init::Error(Guided::default()),
+        ];
+        let initials = [InitialCount::Fixed(3), InitialCount::Fraction(0.5)];
+        let schedules = [Schedule::Constant, Schedule::Cosine { to: 0.5 }, Schedule::Exponential { to: 0.25 }];
+        for (index, policy) in policies().into_iter().enumerate() {
+            let mut settings = Preset::ALL[index % Preset::ALL.len()].settings(9, (8, 8));
+            settings.policy = policy;
+            settings.init = inits[index % inits.len()];
+            settings.initial = initials[index % initials.len()];
+            settings.adam.mean = settings.adam.mean.with(|s| s.schedule = schedules[index % schedules.len()]);
+            settings.recovery = Recovery::Never;
+            settings.loss = Loss::PAPER;
+            settings.render.accuracy.extent = Extent::Sigmas(3.0);
+            held(&settings);
+        }
+    }
+
+    #[test]
+    fn each_key_of_a_trainings_settings_is_known_and_no_other() {
+        for (index, policy) in policies().into_iter().enumerate() {
+            let mut settings = TrainPreset::ALL[index % TrainPreset::ALL.len()].settings(Some(100));
+            settings.policy = policy;
+            settings.extent = Some(2.0);
+            settings.recovery = Recovery::Never;
+            settings.resolution = Resolution::CoarseToFine { from: 2, full_after: 0.5 };
+            held(&settings);
+        }
+    }
+
+    #[test]
+    fn a_key_that_is_known_elsewhere_is_named_where_it_is_not() {
+        let text = "adam.mean.schedule.cosine.to = 0.5\n[render.accuracy]\nto = 1";
+        let message = parse::<FitSettings>(text).unwrap_err();
+        assert_eq!(message, "settings.toml:3: unknown key `to` in [render.accuracy]");
+        let message = parse::<FitSettings>("[adam.mean]\nlearning-rate = 1\n[policy]\nkind = 'none'\npercent = 5");
+        assert_eq!(message.unwrap_err(), "settings.toml:5: unknown key `percent` in [policy]");
+        let message = parse::<FitSettings>("init.kind = 'gird'").unwrap_err();
+        assert_eq!(message, "settings.toml:1: unknown name `gird` in [init]: did you mean `grid`?");
+        let message = parse::<FitSettings>("seed = 3\niterations = 'many'").unwrap_err();
+        assert!(message.starts_with("settings.toml:2: invalid type"), "{message}");
+        assert!(parse::<FitSettings>("seed = = 3").unwrap_err().starts_with("settings.toml:1: "));
+    }
+
+    #[test]
+    fn files_of_earlier_versions_are_read() {
+        let text = "\
+            chart = 'local-frame'\n\
+            [render.effects]\norder = 'pixel-depth'\noutputs = 'color'\nexposure = 'none'\nlens = 'pinhole'\n\
+            [policy]\nkind = 'hybrid'\nsignal = 'mean-gradient'\npercent = 20.0\nfloor = 0.5\n";
+        let fit = parse::<FitSettings>(text).unwrap();
+        assert_eq!(fit.parameterization, Parameterization::CovarianceFactor);
+        assert_eq!(fit.render.effects.order, Order::PerPixel);
+        let Policy::Grow(grow) = fit.policy else { panic!("another policy") };
+        assert_eq!((grow.percent, grow.threshold), (20.0, 0.5));
+        let text = "backdrop = 'random'\nchart = 'scale-rotation'\nrender.effects.order = 'tile-depth'";
+        let train = parse::<TrainSettings>(text).unwrap();
+        assert_eq!((train.background, train.render.effects.order), (StepBackground::Random, Order::Global));
+    }
+}

@@ -1,0 +1,94 @@
+//! The images of a training, read when they are first needed and kept as far as memory allows.
+
+use std::collections::{BTreeMap, btree_map::Entry};
+
+use gs_core::{Rasterizer, Scene3d, TargetImage};
+use gs_io::dataset::PosedImage;
+
+use super::{color_map::ColorMap, resolution::reduced, view::PosedView};
+use crate::error::Error;
+
+/// Cache of target images.
+pub(crate) struct Images<T> {
+    /// Targets by view, all of one resolution.
+    kept: BTreeMap<usize, T>,
+    factor: u32,
+    bytes: u64,
+    /// Largest number of bytes.
+    limit: u64,
+    /// The last target for which there was no room.
+    passing: Option<T>,
+}
+
+impl<T> Images<T> {
+    /// An empty cache for at most this many bytes of targets.
+    pub(crate) fn new(limit: u64) -> Self {
+        Self { kept: BTreeMap::new(), factor: 1, bytes: 0, limit, passing: None }
+    }
+
+    /// Forgets all targets: what they were made with has changed.
+    pub(crate) fn forget(&mut self) {
+        (self.kept, self.bytes) = (BTreeMap::new(), 0);
+    }
+
+    /// The target of view `index` at 1/`factor` of its size, which `make` makes if it is not there,
+    /// with its number of floats.
+    ///
+    /// # Errors
+    /// Those of `make`.
+    pub(crate) fn get(
+        &mut self,
+        index: usize,
+        factor: u32,
+        make: impl FnOnce() -> Result<(T, u64), Error>,
+    ) -> Result<&T, Error> {
+        if factor != self.factor {
+            self.forget();
+            self.factor = factor;
+        }
+        let place = match self.kept.entry(index) {
+            Entry::Occupied(target) => return Ok(target.into_mut()),
+            Entry::Vacant(place) => place,
+        };
+        let (target, floats) = make()?;
+        let bytes = floats * size_of::<f32>() as u64;
+        if self.bytes + bytes > self.limit {
+            return Ok(self.passing.insert(target));
+        }
+        self.bytes += bytes;
+        Ok(place.insert(target))
+    }
+}
+
+/// The image of a view at 1/`factor` of its size, with mapped colours.
+///
+/// # Errors
+/// Those of reading the image.
+pub(crate) fn training_image(view: &PosedView, factor: u32, map: Option<&ColorMap>) -> Result<PosedImage, Error> {
+    let mut posed = view.image()?;
+    if factor > 1 {
+        posed = reduced(&posed, factor)?;
+    }
+    if let Some(map) = map {
+        posed.image = map.image(&posed.image);
+    }
+    Ok(posed)
+}
+
+/// Uploads an image as target, over `background` if there is one, or else with its alpha; also
+/// returns its number of floats.
+pub(crate) fn target<R: Rasterizer<Scene3d>>(
+    on: &R,
+    posed: PosedImage,
+    background: Option<[f32; 3]>,
+    compact: bool,
+) -> Result<(R::Target, u64), Error> {
+    let mask = posed.mask.clone();
+    let (image, alpha) = match background {
+        Some(background) => (posed.over(background)?, None),
+        None => (posed.image, posed.alpha),
+    };
+    let target = TargetImage { alpha: alpha.as_deref(), mask: mask.as_deref(), compact, ..TargetImage::from(&image) };
+    let floats = if alpha.is_none() && mask.is_none() { 3 } else { 4 };
+    Ok((on.upload_target(target)?, floats * image.pixels().len() as u64))
+}
