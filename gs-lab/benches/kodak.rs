@@ -14,9 +14,9 @@ use clap::Parser;
 use gs_cpu::{CpuRasterizer, SimdLevel};
 use gs_train::{Control, FitSummary, Observer, Preset, Progress, fit};
 use measure::{
-    Options, Outcome, Quantiles, cell, count,
+    Options, Outcome, Quantiles,
     images::{BenchImage, BenchImages},
-    mean, number, print_columns, print_head, print_row, print_section,
+    mean, print_columns, print_head, print_row, print_section,
 };
 
 /// The count for which quality against time is measured.
@@ -222,4 +222,23 @@ fn as_csv(runs: &[Run], rasterizer: &CpuRasterizer) -> String {
         writeln!(csv, "{line}").expect("a string takes all that is written to it");
     }
     csv
+}
+
+/// Median and 10 % and 90 % quantiles as a table's cell: "1.23 (1.20–1.31)".
+fn cell(Quantiles { low, median, high }: Quantiles) -> String {
+    format!("{} ({}–{})", number(median), number(low), number(high))
+}
+
+/// A number with three significant digits.
+fn number(value: f64) -> String {
+    let digits = if value == 0.0 || !value.is_finite() { 0 } else { value.abs().log10().floor() as i32 };
+    format!("{value:.*}", (2 - digits).clamp(0, 6) as usize)
+}
+
+/// A count with thousands separators: "1,000,000".
+fn count(value: u64) -> String {
+    let digits = value.to_string();
+    let groups: Vec<&str> =
+        digits.as_bytes().rchunks(3).rev().map(|g| std::str::from_utf8(g).expect("digits are text")).collect();
+    groups.join(",")
 }

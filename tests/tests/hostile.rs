@@ -8,10 +8,6 @@
 #[allow(dead_code)]
 #[path = "../../gs-train/tests/main/fixture_3d.rs"]
 mod fixture_3d;
-/// Shared with benchmarks, which use all of it.
-#[allow(dead_code)]
-#[path = "../../gs-lab/benches/measure/memory.rs"]
-mod memory;
 
 use glam::{Vec2, Vec3};
 use gs_core::{
@@ -172,8 +168,15 @@ fn endure_all(length: Length, fit: impl Fn(Hostility, u32) -> Result<usize, Stri
         println!("{hostility:?}: {restarted} of {} restarted, {fresh_starts} times", length.seeds);
     }
     assert!(failures.is_empty(), "{} fits failed:\n{}", failures.len(), failures.join("\n"));
-    let peak = memory::peak().unwrap_or(0);
+    let peak = peak_memory().unwrap_or(0);
     assert!(peak <= MOST_BYTES, "{peak} bytes");
+}
+
+/// Peak memory of this process in bytes; on Linux only.
+fn peak_memory() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
+    Some(line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()? * 1024)
 }
 
 const PLANE: (u32, u32) = (16, 12);

@@ -15,9 +15,10 @@ mod plots;
 mod points;
 mod tables;
 
-use std::{fs, path::PathBuf};
+use std::{error::Error, fs, path::PathBuf};
 
 use clap::Parser;
+use gs_conformance::data;
 use gs_lab::compression::CODECS;
 use measure::{
     Options, Outcome,
@@ -54,7 +55,7 @@ fn main() -> Outcome {
     let kodak = BenchImages::load()?;
     let origin = format!("{}; others from the test data where they are there", kodak.origin);
     let mut sets =
-        vec![Set { name: "Kodak", images: kodak.all }, Set { name: "Other images", images: BenchImages::others()? }];
+        vec![Set { name: "Kodak", images: kodak.all }, Set { name: "Other images", images: other_images()? }];
     sets.iter_mut().for_each(|set| set.images.truncate(common.pick(usize::MAX, 1)));
     sets.retain(|set| !set.images.is_empty());
     print_head("Compressed images", common, &[common.threads()], &origin);
@@ -87,4 +88,17 @@ fn main() -> Outcome {
         plots::write(&points, &sets, folder)?;
     }
     Ok(())
+}
+
+/// Images that are not of the Kodak set: those in the folder `images` of the test data, and two
+/// photographs of the data set `banana`. Those that are not there are left out.
+fn other_images() -> Result<Vec<BenchImage>, Box<dyn Error>> {
+    let folder = |name: &str| gs_io::image_files(data::folder().join(name)).unwrap_or_default();
+    let views = folder("banana/images_2");
+    let two = views.iter().step_by((views.len() / 2).max(1)).take(2).cloned();
+    let read = |path: PathBuf| {
+        let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        Ok(BenchImage { name, image: gs_io::read_image(&path)?.image })
+    };
+    folder("images").into_iter().chain(two).map(read).collect()
 }

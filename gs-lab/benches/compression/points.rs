@@ -1,6 +1,6 @@
 //! The files of all images in all formats, with their sizes, qualities and times.
 
-use std::{error::Error, fmt::Write as _};
+use std::{error::Error, fmt::Write as _, hint::black_box, time::Instant};
 
 use gs_codec::Extent;
 use gs_core::{Canvas, Image, Rasterizer as _};
@@ -11,7 +11,7 @@ use gs_train::{EncodeSettings, EncodeTarget, ImageQuality, Tune, encode};
 use pollster::FutureExt as _;
 use ssimulacra2::{ColorPrimaries, Rgb, TransferCharacteristic, compute_frame_ssimulacra2};
 
-use crate::measure::{Quantiles, images::BenchImage, try_time};
+use crate::measure::{Quantiles, images::BenchImage};
 
 /// Names of our format, tuned for PSNR and for SSIM.
 pub(crate) const OURS: &str = "gsi";
@@ -157,4 +157,15 @@ fn rgb(image: &Image) -> Result<Rgb, Box<dyn Error>> {
     let (width, height) = (image.width() as usize, image.height() as usize);
     let (curve, primaries) = (TransferCharacteristic::SRGB, ColorPrimaries::BT709);
     Ok(Rgb::new(image.pixels().to_vec(), width, height, curve, primaries)?)
+}
+
+/// Seconds of each of `repetitions` runs that can fail.
+fn try_time<T, E>(repetitions: usize, mut run: impl FnMut() -> Result<T, E>) -> Result<Vec<f64>, E> {
+    let mut seconds = Vec::with_capacity(repetitions);
+    for _ in 0..repetitions {
+        let start = Instant::now();
+        black_box(run()?);
+        seconds.push(start.elapsed().as_secs_f64());
+    }
+    Ok(seconds)
 }

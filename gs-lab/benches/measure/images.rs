@@ -48,24 +48,6 @@ impl BenchImages {
         let origin = format!("{} images of the Kodak test set, 768x512 or 512x768 px", all.len());
         Ok(Self { all, origin })
     }
-
-    /// Images that are not of the Kodak set: those in the folder `images` of the test data, and two
-    /// photographs of the data set `banana`. Those that are not there are left out.
-    pub(crate) fn others() -> Result<Vec<BenchImage>, Box<dyn Error>> {
-        let folder = |name: &str| gs_io::image_files(data::folder().join(name)).unwrap_or_default();
-        let views = folder("banana/images_2");
-        let two = views.iter().step_by((views.len() / 2).max(1)).take(2).cloned();
-        let read = |path: PathBuf| {
-            let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-            Ok(BenchImage { name, image: gs_io::read_image(&path)?.image })
-        };
-        folder("images").into_iter().chain(two).map(read).collect()
-    }
-
-    /// The image for measurements of a single one: kodim04, a portrait, or else the first.
-    pub(crate) fn portrait(&self) -> &BenchImage {
-        self.all.iter().find(|image| image.name == "kodim04").unwrap_or(&self.all[0])
-    }
 }
 
 /// Similar to a natural image: waves in all directions whose amplitude falls with frequency, and
@@ -99,21 +81,4 @@ fn synthetic(width: u32, height: u32) -> Image {
         color.map(|c| c.clamp(0.0, 1.0))
     };
     Image::from_fn(width, height, color).expect("the size is possible")
-}
-
-/// The middle of an image, or all of it if it is smaller.
-pub(crate) fn cropped(image: &Image, width: u32, height: u32) -> Image {
-    let (width, height) = (width.min(image.width()), height.min(image.height()));
-    let (left, top) = ((image.width() - width) / 2, (image.height() - height) / 2);
-    Image::from_fn(width, height, |x, y| image.pixel(left + x, top + y)).expect("a part has a possible size")
-}
-
-/// An image at half its size: means of 2×2 pixels. Both sides must be at least 2 px.
-pub(crate) fn halved(image: &Image) -> Image {
-    let color = |x: u32, y: u32| {
-        let of = |dx, dy| image.pixel(2 * x + dx, 2 * y + dy);
-        let [a, b, c, d] = [of(0, 0), of(1, 0), of(0, 1), of(1, 1)];
-        [0, 1, 2].map(|k| 0.25 * (a[k] + b[k] + c[k] + d[k]))
-    };
-    Image::from_fn(image.width() / 2, image.height() / 2, color).expect("half a size is possible")
 }

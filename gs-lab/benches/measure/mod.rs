@@ -1,14 +1,8 @@
 //! What all benchmarks share: options, the head of a report, timing, and table cells.
 
-// Every benchmark compiles this module and uses a part of it.
-#![allow(dead_code)]
-
 pub(crate) mod images;
-pub(crate) mod linear;
-pub(crate) mod memory;
-pub(crate) mod scenes;
 
-use std::{error::Error, hint::black_box, time::Instant};
+use std::error::Error;
 
 use clap::Parser;
 pub(crate) use gs_core::profile::Quantiles;
@@ -54,13 +48,6 @@ impl Options {
     /// The most threads in use.
     pub(crate) fn threads(&self) -> usize {
         self.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from))
-    }
-
-    /// 1, and the most threads.
-    pub(crate) fn thread_counts(&self) -> Vec<usize> {
-        let mut counts = vec![1, self.threads()];
-        counts.dedup();
-        counts
     }
 
     /// The CPU backend with `threads` threads.
@@ -116,52 +103,6 @@ pub(crate) fn print_columns(names: &[&str]) {
 pub(crate) fn print_row<T: AsRef<str>>(cells: &[T]) {
     let cells: Vec<&str> = cells.iter().map(AsRef::as_ref).collect();
     println!("| {} |", cells.join(" | "));
-}
-
-/// Seconds of each of `repetitions` runs.
-pub(crate) fn time<T>(repetitions: usize, mut run: impl FnMut() -> T) -> Vec<f64> {
-    (0..repetitions)
-        .map(|_| {
-            let start = Instant::now();
-            black_box(run());
-            start.elapsed().as_secs_f64()
-        })
-        .collect()
-}
-
-/// Times runs that can fail, as [`time`] does.
-pub(crate) fn try_time<T, E>(repetitions: usize, mut run: impl FnMut() -> Result<T, E>) -> Result<Vec<f64>, E> {
-    let mut seconds = Vec::with_capacity(repetitions);
-    for _ in 0..repetitions {
-        let start = Instant::now();
-        black_box(run()?);
-        seconds.push(start.elapsed().as_secs_f64());
-    }
-    Ok(seconds)
-}
-
-/// Median and 10 % and 90 % quantiles as a table's cell: "1.23 (1.20–1.31)".
-pub(crate) fn cell(Quantiles { low, median, high }: Quantiles) -> String {
-    format!("{} ({}–{})", number(median), number(low), number(high))
-}
-
-/// Seconds as a table's cell in milliseconds.
-pub(crate) fn ms(seconds: Quantiles) -> String {
-    cell(seconds.times(1e3))
-}
-
-/// A number with three significant digits.
-pub(crate) fn number(value: f64) -> String {
-    let digits = if value == 0.0 || !value.is_finite() { 0 } else { value.abs().log10().floor() as i32 };
-    format!("{value:.*}", (2 - digits).clamp(0, 6) as usize)
-}
-
-/// A count with thousands separators: "1,000,000".
-pub(crate) fn count(value: u64) -> String {
-    let digits = value.to_string();
-    let groups: Vec<&str> =
-        digits.as_bytes().rchunks(3).rev().map(|g| std::str::from_utf8(g).expect("digits are text")).collect();
-    groups.join(",")
 }
 
 /// The mean; NaN of none.

@@ -166,8 +166,8 @@ fn elsewhere() -> Markup {
                 div {
                     h3 { "Measured " span.badge { "– not here" } }
                     p {
-                        "Measured by two benchmarks of gs-lab: " code { "formats" } " (bytes per Gaussian on disk in every format) and "
-                        code { "memory" } " (peak memory in training by Gaussians, tile entries and pixels). Their records are in benchmarks/."
+                        "Two records in benchmarks/ have it: " code { "formats.md" } " (bytes per Gaussian on disk in every format) and "
+                        code { "memory.md" } " (peak memory in training by Gaussians, tile entries and pixels)."
                     }
                 }
             }
