@@ -45,7 +45,7 @@ pub struct PointInit {
     pub most_points: Option<u32>,
     /// Whether starts from points also have points far beyond them, along the rays of pixels near
     /// which no point is seen: for sky and far surfaces. By default, where views are faces of wider
-    /// images ([`ImageSource::is_face`](super::ImageSource::is_face)), of which most show sky.
+    /// images ([`ImageSource::is_face`](crate::train::ImageSource::is_face)), of which most show sky.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub shell: Option<bool>,
     /// If a data set has fewer points than this share of the largest number of Gaussians (before

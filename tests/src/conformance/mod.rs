@@ -95,6 +95,8 @@ pub use self::{
     },
 };
 use crate::failure::Failure;
+#[cfg(doc)]
+use crate::subject::Subject;
 
 /// A named case.
 #[derive(Debug)]
