@@ -5,7 +5,7 @@ use std::path::Path;
 
 use gs_lab::price::frontier::{FrontierMachine, FrontierSettings, KernelsName};
 
-use crate::{backend::BackendArgs, failure::Failure, output, text_file::read_settings_text};
+use crate::{backend::BackendArgs, failure::Failure, text_file::read_settings_text};
 
 /// How to get a settings file of `gs frontier` where one is wrong.
 const HINT: &str = "gs frontier with --max-error or --max-ms writes such a file";
@@ -22,9 +22,6 @@ pub(crate) fn parse_if_any(text: &str, file: &Path) -> Result<Option<FrontierSet
 
 fn parse(text: &str, file: &Path) -> Result<FrontierSettings, Failure> {
     let settings = FrontierSettings::from_toml(text, file).map_err(|error| Failure::usage(error).hint(HINT))?;
-    if settings.machine.kernels == Some(KernelsName::Vectors) {
-        output::note("machine.kernels \"vectors\" no longer exists: wgpu uses the usual kernels of the adapter");
-    }
     settings.validate().map_err(|error| Failure::usage(error).at(file.display()).hint(HINT))?;
     check_flags(&settings.machine.flags).map_err(|failure| failure.at(file.display()).hint(HINT))?;
     Ok(settings)
@@ -49,7 +46,7 @@ pub(crate) fn backend(machine: &FrontierMachine, flags: &BackendArgs) -> Backend
         Ok(recorded) if flags.is_open() => BackendArgs {
             threads: flags.threads.or(recorded.threads),
             tuning: machine.cpu.unwrap_or_default(),
-            kernels: machine.kernels.and_then(KernelsName::kernels),
+            kernels: machine.kernels.map(KernelsName::kernels),
             ..recorded
         },
         _ => flags.clone(),

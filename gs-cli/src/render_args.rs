@@ -16,10 +16,8 @@ use crate::{
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(crate) enum OrderName {
     /// By the depth of the means (3DGS)
-    #[value(alias = "tile-depth")]
     Global,
     /// By the depth at each pixel: no popping, slower
-    #[value(alias = "pixel-depth")]
     PerPixel,
 }
 

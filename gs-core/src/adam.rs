@@ -22,7 +22,6 @@ pub enum Parameterization {
     ///
     /// A step is the same fraction of its extent for every Gaussian, however small or thin. For 3D
     /// scenes see [`covariance_factor`](crate::math::covariance_factor).
-    #[serde(alias = "local-frame")]
     CovarianceFactor,
 }
 

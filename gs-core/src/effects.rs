@@ -28,14 +28,12 @@ pub enum Order {
     Index,
     /// Order by one depth per Gaussian, that of its mean (3DGS, paper §2.3.1); ties by index. 3D
     /// scenes.
-    #[serde(alias = "tile-depth")]
     Global,
     /// Order by depth along each pixel's ray, ties by index: no popping (paper §5.4). A Gaussian's
     /// depth at a pixel is the mean of z given that the ray goes through the pixel
     /// ([`Projection::depth_slope`]). 3D scenes.
     ///
     /// [`Projection::depth_slope`]: crate::math::perspective::Projection::depth_slope
-    #[serde(alias = "pixel-depth")]
     PerPixel,
 }
 
@@ -125,14 +123,9 @@ impl Order {
     /// All values.
     pub const ALL: [Self; 3] = [Self::Index, Self::Global, Self::PerPixel];
 
-    /// The order of this name, or of the name that earlier versions wrote; `None` for an unknown
-    /// name.
+    /// The order of this name; `None` for an unknown name.
     pub fn named(name: &str) -> Option<Self> {
-        match name {
-            "tile-depth" => Some(Self::Global),
-            "pixel-depth" => Some(Self::PerPixel),
-            name => Self::ALL.into_iter().find(|order| order.name() == name),
-        }
+        Self::ALL.into_iter().find(|order| order.name() == name)
     }
 
     /// Name in settings files and flags.
@@ -202,7 +195,7 @@ impl Background {
 
 /// The effects of a rendering. Exhaustive: a backend must handle or refuse each field.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case", try_from = "Stored")]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct Effects {
     /// Order of blending.
     pub order: Order,
@@ -216,55 +209,4 @@ pub struct Effects {
     pub background: Background,
     /// Statistic collected in training.
     pub statistics: Statistics,
-}
-
-/// [`Effects`] in files, with three keys of earlier versions that only ever had one value.
-#[derive(Default, Deserialize)]
-#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
-struct Stored {
-    order: Order,
-    blend: Blend,
-    sh_degree: u8,
-    antialias: Antialias,
-    background: Background,
-    statistics: Statistics,
-    outputs: Option<String>,
-    exposure: Option<String>,
-    lens: Option<String>,
-}
-
-impl TryFrom<Stored> for Effects {
-    type Error = String;
-
-    fn try_from(stored: Stored) -> Result<Self, String> {
-        let Stored { order, blend, sh_degree, antialias, background, statistics, outputs, exposure, lens } = stored;
-        for (name, value, only) in
-            [("outputs", outputs, "color"), ("exposure", exposure, "none"), ("lens", lens, "pinhole")]
-        {
-            if let Some(value) = value.filter(|value| value != only) {
-                return Err(format!("no backend offers {name} \"{value}\": leave {name} out, which means \"{only}\""));
-            }
-        }
-        Ok(Self { order, blend, sh_degree, antialias, background, statistics })
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn settings_of_one_value_are_read_and_others_refused_by_name() {
-        let read = |text: &str| serde_json::from_str::<Effects>(text);
-        let all = r#"{"sh-degree": 2, "outputs": "color", "exposure": "none", "lens": "pinhole"}"#;
-        assert_eq!(read(all).unwrap(), Effects { sh_degree: 2, ..Effects::default() });
-        for (name, value) in [("outputs", "color-alpha"), ("exposure", "affine-per-view"), ("lens", "distorted")] {
-            let error = read(&format!("{{\"{name}\": \"{value}\"}}")).unwrap_err().to_string();
-            assert!(error.contains(name) && error.contains(value), "{error}");
-        }
-        assert!(read(r#"{"lense": "pinhole"}"#).unwrap_err().to_string().contains("unknown field `lense`"));
-        let written = serde_json::to_string(&Effects::default()).unwrap();
-        assert!(!written.contains("lens"), "{written}");
-        assert_eq!(read(&written).unwrap(), Effects::default());
-    }
 }

@@ -10,7 +10,6 @@ pub struct DensityStatistics {
     /// for its values and units. Zeros where none is collected.
     ///
     /// There is one sum: two statistics must not be mixed without an edit between them.
-    #[serde(alias = "gradient_sum")]
     pub signal_sum: Vec<f32>,
     /// Sum over steps of the weight of the statistic: the number of steps in which the Gaussian was
     /// drawn, and for [`PixelGradient`](crate::effects::Statistics::PixelGradient) the number of

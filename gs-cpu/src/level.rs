@@ -132,9 +132,6 @@ impl SimdLevel {
 const NAMES: [(SimdLevel, &str); 3] =
     [(SimdLevel::Baseline, "baseline"), (SimdLevel::Avx2, "avx2"), (SimdLevel::Avx512, "avx512")];
 
-/// Names of levels in older versions, which had more of them.
-const OLD_NAMES: [&str; 3] = ["scalar", "sse4.2", "native"];
-
 impl fmt::Display for SimdLevel {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let name = NAMES.iter().find(|(level, _)| level == self).map_or("unknown", |(_, name)| name);
@@ -147,7 +144,6 @@ impl FromStr for SimdLevel {
 
     fn from_str(name: &str) -> Result<Self, Error> {
         let found = NAMES.iter().find(|(_, n)| *n == name).map(|(level, _)| *level);
-        let found = found.or(OLD_NAMES.contains(&name).then_some(Self::Baseline));
         found.ok_or_else(|| Error::setting("SIMD level", name, "one of baseline, avx2, avx512"))
     }
 }
@@ -161,7 +157,6 @@ mod tests {
         for level in SimdLevel::available() {
             assert_eq!(level.to_string().parse::<SimdLevel>(), Ok(level));
         }
-        assert_eq!("scalar".parse(), Ok(SimdLevel::Baseline));
         assert!("mmx".parse::<SimdLevel>().is_err());
         assert!(SimdLevel::available().contains(&SimdLevel::Baseline));
     }

@@ -156,7 +156,7 @@ struct Trained {
     #[serde(default)]
     render: RenderSettings,
     /// What is behind a 3D scene in training: "random" is another colour in each step.
-    #[serde(default, alias = "backdrop")]
+    #[serde(default)]
     background: Option<String>,
 }
 
@@ -314,10 +314,8 @@ mod tests {
 
     #[test]
     fn a_random_background_in_training_is_rendered_as_a_solid_one() {
-        for key in ["background", "backdrop"] {
-            let trained: Trained = toml::from_str(&format!("{key} = 'random'")).unwrap();
-            assert_eq!(trained.render_settings().effects.background, Background::Solid);
-        }
+        let trained: Trained = toml::from_str("background = 'random'").unwrap();
+        assert_eq!(trained.render_settings().effects.background, Background::Solid);
         assert_eq!(Trained::default().render_settings(), RenderSettings::default());
     }
 }

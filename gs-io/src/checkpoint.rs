@@ -21,7 +21,7 @@ use crate::{
     error::Error,
 };
 
-const KIND: FileKind = FileKind { format: "gs-checkpoint", earlier_format: None, version: 1, what: "a checkpoint" };
+const KIND: FileKind = FileKind { format: "gs-checkpoint", version: 1, what: "a checkpoint" };
 const PREFIX: &str = "state.";
 
 /// The state of a training run.
@@ -38,7 +38,6 @@ pub struct Checkpoint<S = SplatsState> {
 
 #[derive(Serialize, Deserialize)]
 struct Content {
-    #[serde(alias = "chart")]
     parameterization: Parameterization,
     metadata: BTreeMap<String, String>,
 }
@@ -88,7 +87,7 @@ where
 
 /// Whether a file is a checkpoint. Only its header is read, so the rest may be damaged.
 pub fn is_checkpoint(path: impl AsRef<Path>) -> bool {
-    container::format_of(path.as_ref()).is_some_and(|format| KIND.is_named(&format))
+    container::format_of(path.as_ref()).is_some_and(|format| format == KIND.format)
 }
 
 /// Reads what [`write_checkpoint`] wrote: the same state, bit for bit. The backend that restores
@@ -122,8 +121,6 @@ fn state_of(file: Container<Content>) -> Result<Checkpoint, Error> {
             Some(Dtype::F32) => TensorData::F32(file.f32(&full_name, &shape)?),
             _ => return Err(file.tensor_error(&full_name, "F32 or U32".to_owned())),
         };
-        // "factor" was called "frame" in earlier versions.
-        let name = if name == "frame" { "factor" } else { name };
         state.tensors.insert(name.to_owned(), Tensor { shape, data });
     }
     Ok(Checkpoint { state, metadata: file.content.metadata })

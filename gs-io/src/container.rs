@@ -37,19 +37,10 @@ const HEAD_KEY: &str = "gs";
 pub(crate) struct FileKind {
     /// The format's name in the head.
     pub(crate) format: &'static str,
-    /// The name that earlier versions of this program wrote.
-    pub(crate) earlier_format: Option<&'static str>,
     /// The version that is written, and the newest that can be read.
     pub(crate) version: u32,
     /// The kind for messages: "a scene file".
     pub(crate) what: &'static str,
-}
-
-impl FileKind {
-    /// Whether a file of this format is of this kind.
-    pub(crate) fn is_named(&self, format: &str) -> bool {
-        format == self.format || self.earlier_format == Some(format)
-    }
 }
 
 #[derive(Serialize, Deserialize)]
@@ -220,7 +211,7 @@ pub(crate) fn read_from<C: DeserializeOwned>(
     let expected_head = format!("metadata `{HEAD_KEY}` of format {}", kind.format);
     let head: Head<serde_json::Value> =
         serde_json::from_str(head).map_err(|e| damaged(LENGTH_BYTES, expected_head.clone(), e.to_string()))?;
-    if !kind.is_named(&head.format) {
+    if head.format != kind.format {
         return Err(damaged(LENGTH_BYTES, expected_head, format!("format {:?}", head.format)));
     }
     if head.version > kind.version {

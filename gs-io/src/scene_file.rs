@@ -30,8 +30,7 @@ use crate::{
 /// too.
 pub const SCENE_EXTENSION: &str = "gs2d.safetensors";
 
-const KIND: FileKind =
-    FileKind { format: "gs-scene-2d", earlier_format: Some("gs-planar-scene"), version: 1, what: "a scene file" };
+const KIND: FileKind = FileKind { format: "gs-scene-2d", version: 1, what: "a scene file" };
 const TENSORS: [&str; 5] = ["mean", "log_scale", "rotation", "opacity_logit", "color"];
 
 /// A 2D scene with its canvas and render settings.
@@ -127,7 +126,7 @@ fn encoded(file: &File2d) -> Result<container::Encoded<'_>, gs_core::Error> {
 
 /// Whether a file is a 2D scene. Only its header is read, so the rest may be damaged.
 pub fn is_2d(path: impl AsRef<Path>) -> bool {
-    container::format_of(path.as_ref()).is_some_and(|format| KIND.is_named(&format))
+    container::format_of(path.as_ref()).is_some_and(|format| format == KIND.format)
 }
 
 /// Reads what [`write_2d`] wrote: the same scene, bit for bit. The scene may be empty.

@@ -9,7 +9,7 @@ use std::{
 
 use gs_conformance::properties::fresh;
 use gs_core::{Blend, Parameterization, RenderSettings, Scene2d, SplatsState, Tensor, TensorData};
-use gs_io::{Checkpoint, Error, File2d, IccProfile, is_2d, read_2d, read_checkpoint, write_2d, write_checkpoint};
+use gs_io::{Checkpoint, Error, File2d, IccProfile, read_2d, read_checkpoint, write_2d, write_checkpoint};
 use proptest::{collection::vec, prelude::*};
 
 fn finite() -> impl Strategy<Value = f32> {
@@ -202,14 +202,6 @@ fn a_scene_without_gaussians_is_a_scene() {
     let empty = File2d { scene: Scene2d::default(), ..small_file() };
     let file = written(|path| write_2d(path, &empty).unwrap());
     assert_eq!(read_2d(&file.path).unwrap(), empty);
-}
-
-#[test]
-fn a_scene_file_of_an_earlier_version_is_read() {
-    let file = small_scene_written();
-    fs::write(&file.path, edited(&file.bytes, "gs-scene-2d", "gs-planar-scene")).unwrap();
-    assert!(is_2d(&file.path));
-    assert_eq!(read_2d(&file.path).unwrap(), small_file());
 }
 
 #[test]

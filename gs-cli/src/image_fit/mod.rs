@@ -28,14 +28,14 @@ use crate::{
 #[command(next_help_heading = "Settings")]
 pub(crate) struct FitSettingsArgs {
     /// The settings to start from [default: standard, or paper without an image]
-    #[arg(long, alias = "quality", value_enum, value_name = "PRESET")]
+    #[arg(long, value_enum, value_name = "PRESET")]
     pub(crate) preset: Option<PresetName>,
     /// Settings file: the settings.toml of a fit, or that of gs frontier with accuracy and backend;
     /// flags override it
     #[arg(long, value_name = "FILE.toml", conflicts_with = "preset")]
     pub(crate) settings: Option<PathBuf>,
     /// The most Gaussians [default: 9000 for each 768x512 px; 600 with preset paper]
-    #[arg(short = 'n', long, alias = "max-gaussians", value_name = "N", value_parser = whole::<u32>(1..))]
+    #[arg(short = 'n', long, value_name = "N", value_parser = whole::<u32>(1..))]
     pub(crate) gaussians: Option<u32>,
     /// End with exactly the number of Gaussians that --gaussians sets, under any policy
     #[arg(long)]
@@ -62,7 +62,7 @@ pub(crate) struct FitSettingsArgs {
     #[arg(long, value_enum, value_name = "ANTIALIAS")]
     pub(crate) antialias: Option<AntialiasName>,
     /// Coordinates of the optimizer
-    #[arg(long, value_enum, value_name = "NAME", alias = "chart")]
+    #[arg(long, value_enum, value_name = "NAME")]
     pub(crate) parameterization: Option<ParameterizationName>,
     /// Background colour, each part from 0 to 1, such as 1,1,1 for white; with --resume, for
     /// transparent pixels only [default: white for transparent pixels; with --blend over, the image's mean

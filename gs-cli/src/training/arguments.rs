@@ -91,7 +91,6 @@ pub(crate) enum ParameterizationName {
     /// Position, ln-scale and rotation (3DGS)
     ScaleRotation,
     /// The Gaussian's own coordinates, where a step is the same fraction of every Gaussian
-    #[value(alias = "local-frame")]
     CovarianceFactor,
 }
 

@@ -132,7 +132,7 @@ fn how_a_scene_was_trained_goes_along() {
     assert!(!render("scene.ply", &["--antialias", "dilate"]).contains(guess));
 
     // A flag says what the file does not; each further format keeps it.
-    convert(&first, &path("a.ply"), &["--antialias", "compensated", "--order", "pixel-depth"]).done();
+    convert(&first, &path("a.ply"), &["--antialias", "compensated", "--order", "per-pixel"]).done();
     convert(&path("a.ply"), &path("a.glb"), &[]).done();
     let kept = info("a.glb");
     assert_eq!((&kept["antialias"], &kept["order"]), (&"compensated".into(), &"per-pixel".into()));

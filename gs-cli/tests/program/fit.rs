@@ -70,24 +70,6 @@ fn an_image_becomes_results_and_a_summary() {
 }
 
 #[test]
-fn settings_of_effects_on_demand_are_refused_with_the_reason() {
-    let place = folder();
-    let settings = place.path().join("old.toml");
-    let fit = |text: &str| {
-        fs::write(&settings, text).unwrap();
-        let output = place.path().join("out");
-        let words = ["fit", "-n", "5", "--iterations", "2", "--no-report", "--backend", "cpu", "--settings"];
-        gs(words.into_iter().chain([settings.to_str().unwrap(), "-o", output.to_str().unwrap()]))
-    };
-    let refused = fit("[joining.when-called-for]\nevery = 10\n");
-    assert_eq!(refused.status, Some(2), "{}", refused.stderr);
-    for part in ["old.toml", "no longer possible", "sh-degree-every"] {
-        assert!(refused.refusal().contains(part), "{}", refused.stderr);
-    }
-    fit("joining = \"scheduled\"\n").done();
-}
-
-#[test]
 fn the_paper_needs_no_file() {
     let place = folder();
     let arguments = ["fit", "-o", place.path().to_str().unwrap(), "--iterations", "30", "--json"];
@@ -184,7 +166,7 @@ fn settings_may_come_through_a_pipe() {
     let own = Run::fed(&fit, "gaussians = 25\niterations = 12\n").json();
     assert_eq!((&own["settings"]["gaussians"], &own["iterations"]), (&25.into(), &12.into()));
 
-    let chosen = "[machine]\nflags = ['--backend', 'cpu', '--simd', 'scalar']\n[accuracy]\nalpha-cut = 0.25\n";
+    let chosen = "[machine]\nflags = ['--backend', 'cpu', '--simd', 'baseline']\n[accuracy]\nalpha-cut = 0.25\n";
     let fitted = Run::fed(&[&fit[..], &["-n", "20", "-i", "10"]].concat(), chosen).json();
     assert_eq!(
         (&fitted["simd"], &fitted["settings"]["render"]["accuracy"]["alpha-cut"]),
@@ -281,8 +263,8 @@ fn every_override_fits() {
         &["--init", "random", "--blend", "over", "--background", "0,0,0"],
         &["--init", "periphery", "--parameterization", "scale-rotation"],
         &["--init", "grid", "--loss", "l1-dssim"],
-        &["--init", "error", "--quality", "best"],
-        &["--simd", "baseline", "--quality", "quick"],
+        &["--init", "error", "--preset", "best"],
+        &["--simd", "baseline", "--preset", "quick"],
         &["--iterations", "0"],
     ];
     for flags in cases {

@@ -87,7 +87,7 @@ fn a_budget_is_answered_by_a_file_that_render_and_fit_take() {
     let coarse = place.path().join("coarse.toml");
     fs::write(
         &coarse,
-        "[accuracy]\nalpha-cut = 0.5\n[machine]\nflags = [\"--backend\", \"cpu\", \"--simd\", \"scalar\"]\n",
+        "[accuracy]\nalpha-cut = 0.5\n[machine]\nflags = [\"--backend\", \"cpu\", \"--simd\", \"baseline\"]\n",
     )
     .unwrap();
     let coarse_picture = render("coarse.png", &["--settings", coarse.to_str().unwrap()]);

@@ -141,7 +141,6 @@ impl Rule for Grow {
 pub(crate) struct GrowForm {
     signal: Signal,
     percent: Option<f32>,
-    #[serde(alias = "floor")]
     threshold: Option<f32>,
     when_flat: WhenFlat,
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -67,7 +67,7 @@ fn settings_files_are_held_to_their_fields_and_ranges() {
     for out_of_range in [
         "kind = 'absolute'\nthreshold = -1.0",
         "kind = 'percentile'\npercent = 101.0",
-        "kind = 'hybrid'\nfloor = nan",
+        "kind = 'hybrid'\nthreshold = nan",
         "kind = 'paper'\nactions.densify.shrink = 0.5",
         "kind = 'paper'\nactions.densify.split-above = { pixels = 0.0 }",
         "kind = 'paper'\nactions.prune.opacity = 1.5",

@@ -102,11 +102,6 @@ impl FolderClaim {
         same(folder, &self.path) && self.files.iter().any(|file| Some(file.as_str()) == name)
     }
 
-    /// Whether a folder has an index. Earlier versions wrote none.
-    pub fn is_indexed(folder: &Path) -> bool {
-        folder.join(index::NAME).exists()
-    }
-
     /// Checks whether the run may begin, without changing anything.
     ///
     /// # Errors
@@ -237,18 +232,6 @@ impl OutputFolder {
         names.iter().try_for_each(|name| self.claim.refuse(name, &index))?;
         self.lock_claimed().extend(names);
         Ok(())
-    }
-
-    /// Adds files to the index that are known to be results of earlier runs, such as those of a
-    /// version without an index.
-    ///
-    /// # Errors
-    /// [`Error::Write`] where the index cannot be written.
-    pub fn adopt<N: Into<String>>(&self, names: impl IntoIterator<Item = N>) -> Result<(), Error> {
-        let mut index = self.index();
-        let known = index.0.len();
-        index.0.extend(names.into_iter().map(Into::into));
-        if index.0.len() > known { index.store(self.path()) } else { Ok(()) }
     }
 
     /// The claimed and indexed files whose paths in the folder begin with `beginning`.

@@ -154,14 +154,6 @@ mod tests {
     }
 
     #[test]
-    fn orders_that_earlier_versions_wrote_are_read() {
-        for (old, order) in [("tile-depth", Order::Global), ("pixel-depth", Order::PerPixel)] {
-            assert_eq!(TrainedWith::of_comments([&*format!("gs order: {old}")]).order, Some(order));
-            assert_eq!(TrainedWith::of_extras(&json!({ "gs": { "order": old } })).order, Some(order));
-        }
-    }
-
-    #[test]
     fn comments_of_other_programs_are_understood() {
         let read = |comments: &[&str]| TrainedWith::of_comments(comments.iter().copied()).antialias;
         assert_eq!(read(&["Exported from Brush", "SplatRenderMode: mip"]), Some(Antialias::Mip));

@@ -22,7 +22,6 @@ use super::{
     locked_results::{LockedResults, begin, results_claim, write},
     origin::Origin,
     record::{Record, RunOutcome},
-    result_names::{PAGE, TABLES},
     run_files::{self, PICTURES},
 };
 use crate::{
@@ -110,18 +109,12 @@ impl StudyFolder {
         let inputs = Inputs::from_iter(read.chain(safety.inputs.iter().cloned()));
         // When a study is resumed from the file in its own folder, that file stays as it is.
         let is_input = inputs.contain(&path.join(STUDY));
-        // Earlier versions kept no index of their files; the study file identifies their folders.
-        let is_of_older_version = is_held && !FolderClaim::is_indexed(path);
-        let results = results_claim(path).inputs(inputs).overwriting(safety.overwrite || is_of_older_version);
+        let results = results_claim(path).inputs(inputs).overwriting(safety.overwrite);
         let claim = results.clone().files([IMAGES, MACHINE]).files((!is_input).then_some(STUDY));
         let output = begin(claim)?;
         if !is_held {
             // Another process may have prepared the folder since.
             refuse_held(path, plan, existing)?;
-        }
-        if is_of_older_version {
-            let names = [STUDY, IMAGES, MACHINE, PAGE].into_iter().chain(TABLES);
-            output.adopt(names.filter(|name| path.join(name).exists()).collect::<Vec<_>>())?;
         }
         let folder = Self { path: path.to_owned(), results, store: run_store::open(path, store.as_ref())? };
         if store.is_none() {

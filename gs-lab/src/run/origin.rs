@@ -12,7 +12,7 @@ use crate::study::{Machine, Plan, VERSION};
 pub(crate) struct Origin {
     #[serde(flatten)]
     pub(crate) machine: Machine,
-    /// The version of the program; `None` in folders of earlier versions.
+    /// The version of the program; `None` where the file does not say it.
     #[serde(default)]
     version: Option<String>,
     /// Digests of the images or scenes by their names in the study.
@@ -33,7 +33,7 @@ impl Origin {
     /// Fails where a plan's results come from something else, with the difference and what to do.
     pub(crate) fn check(&self, plan: &Plan) -> Result<(), (String, &'static str)> {
         if self.version.as_deref() != Some(VERSION) {
-            let theirs = self.version.as_deref().unwrap_or("an earlier one");
+            let theirs = self.version.as_deref().unwrap_or("(not stored)");
             let mend = "use that version, or begin again with this one in another folder";
             return Err((format!("is a study by version {theirs} of gs, but this is {VERSION}"), mend));
         }

@@ -12,9 +12,6 @@ const CHOICES: [[&str; 2]; 3] = [["fixed", "fraction"], ["extent-fraction", "pix
 /// A key whose table has the name of a choice as its only key, so that it is replaced as a whole.
 const CHOICE: &str = "loss";
 
-/// Keys that were renamed: the old name and the present one.
-const RENAMED: [(&str, &str); 2] = [("chart", "parameterization"), ("floor", "threshold")];
-
 /// Merges `over` into `base`, key by key. A table is replaced as a whole if `over` has another
 /// `kind`, or the other one of two keys that exclude each other.
 pub(crate) fn lay_upon(base: &mut Table, over: &Table) {
@@ -27,18 +24,11 @@ pub(crate) fn lay_upon(base: &mut Table, over: &Table) {
         return;
     }
     for (key, value) in over {
-        let key = current_name(base, key);
         match (base.get_mut(key), value) {
             (Some(Value::Table(base)), Value::Table(over)) if key != CHOICE => lay_upon(base, over),
             _ => drop(base.insert(key.to_owned(), value.clone())),
         }
     }
-}
-
-/// The present name of `key`, if `table` has it under that name only.
-fn current_name<'k>(table: &Table, key: &'k str) -> &'k str {
-    let renamed = RENAMED.iter().find(|(old, new)| *old == key && table.contains_key(*new));
-    renamed.map_or(key, |&(_, new)| new)
 }
 
 /// `settings` with the values of `over` in place of their own.

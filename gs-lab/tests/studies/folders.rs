@@ -68,11 +68,9 @@ fn a_study_replaces_no_file_that_is_not_a_studys() {
     assert!(refused.contains("report.html: is in the way"), "{refused}");
     assert_eq!(fs::read_dir(&output).unwrap().count(), 1, "nothing is begun");
     drop(prepare(Existing::Refuse, true).unwrap());
-    // The refused run did not write the report, so it is still the user's. In a folder of a version
-    // without an index, all files count as a study's.
+    // The refused run did not write the report, so it is still the user's.
     prepare(Existing::Resume, false).unwrap_err();
-    fs::write(output.join("runs.csv"), "of an older version").unwrap();
-    fs::remove_file(output.join(".gs-files.json")).unwrap();
+    fs::remove_file(output.join("report.html")).unwrap();
     drop(prepare(Existing::Resume, false).unwrap());
 
     // A study that is resumed from the file in its own folder does not change that file.

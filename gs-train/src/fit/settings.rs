@@ -57,7 +57,6 @@ pub struct FitSettings {
     /// Seed of all random numbers.
     pub seed: u32,
     /// Coordinates in which the optimizer moves.
-    #[serde(alias = "chart")]
     pub parameterization: Parameterization,
     /// Blending, background and accuracy. The policy decides about its `effects.statistics`.
     pub render: RenderSettings,

@@ -55,7 +55,6 @@ impl SceneTask for Scene2d {
 
 impl RunSettings<Scene2d> for FitSettings {
     const FORMAT: &'static str = "fit-2d-1";
-    const EARLIER_FORMAT: &'static str = "planar-fit-1";
 
     fn from_toml(text: &str, file: &Path) -> Result<Self, crate::error::Error> {
         Self::from_toml(text, file)

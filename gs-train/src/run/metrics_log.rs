@@ -24,13 +24,6 @@ const HEADINGS: &str = "step,seconds,count,cloned,split,seeded,pruned_transparen
                         pruned_unimportant,loss,l1,psnr,culled_not_finite,culled_near,culled_degenerate,culled_transparent,\
                         culled_outside,clamped_smallest,clamped_largest,began_again_at_loss,first_loss";
 
-const FRESH_START_HEADINGS: &str = ",began_again_at_loss,first_loss";
-
-/// Columns that earlier versions wrote after [`RETIRED_FROM`] others, about effects that were
-/// switched on when required.
-const RETIRED_HEADINGS: &str = ",joined_sh_degree,sh_explains,joined_antialias,narrow,shown";
-const RETIRED_FROM: usize = 20;
-
 /// A row of a [`MetricsLog`]. Exhaustive: tables have a column for each field.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -188,21 +181,12 @@ fn line(row: &MetricsRow, digits: Digits) -> String {
 fn rows_of(csv: &str, last_step: u32) -> Result<Vec<MetricsRow>, Error> {
     let wrong = |line: usize, what: &str| Error::Checkpoint(format!("line {line} of its `{KEY}` {what}"));
     let mut lines = csv.lines();
-    let headings = lines.next().unwrap_or_default();
-    let retired = headings.contains(RETIRED_HEADINGS);
-    // Tables of versions without restarts have no columns for them.
-    let missing = match headings.replace(RETIRED_HEADINGS, "").as_str() {
-        HEADINGS => "",
-        headings if HEADINGS.strip_prefix(headings) == Some(FRESH_START_HEADINGS) => ",,",
-        _ => return Err(wrong(1, "does not name the columns of a table of metrics")),
-    };
+    if lines.next() != Some(HEADINGS) {
+        return Err(wrong(1, "does not name the columns of a table of metrics"));
+    }
     let mut rows: Vec<MetricsRow> = Vec::new();
     for (line, text) in lines.enumerate().map(|(i, text)| (i + 2, text)) {
-        let mut cells: Vec<&str> = text.split(',').collect();
-        if retired && cells.len() >= RETIRED_FROM + 5 {
-            cells.drain(RETIRED_FROM..RETIRED_FROM + 5);
-        }
-        cells.extend(missing.split_terminator(','));
+        let cells: Vec<&str> = text.split(',').collect();
         let row = row_of(&cells).ok_or_else(|| wrong(line, &format!("is no row of metrics: `{text}`")))?;
         if rows.last().is_some_and(|before| before.step >= row.step) || row.step > last_step {
             return Err(wrong(line, &format!("is out of order: step {} of a fit at step {last_step}", row.step)));
@@ -325,11 +309,6 @@ mod tests {
         let shown = csv(&rows, Digits::Shown);
         assert!(shown.contains("\n1,0.333333,") && shown.contains(",0.3000000,33.3333,"), "{shown}");
         assert_eq!(csv(&rows_of(&all(&rows), 3).unwrap(), Digits::Shown), shown);
-        let before = all(&rows[..1]).replace(FRESH_START_HEADINGS, "").replace(",,\n", "\n");
-        assert_eq!(rows_of(&before, 3).unwrap(), rows[..1], "{before}");
-        let earlier = before.replace("clamped_largest", &format!("clamped_largest{RETIRED_HEADINGS}"));
-        let earlier = earlier.trim_end().to_owned() + ",1,0.5,mip,2,9\n";
-        assert_eq!(rows_of(&earlier, 3).unwrap(), rows[..1], "{earlier}");
         let log = MetricsLog { rows, ..MetricsLog::new(1) };
         assert_eq!(
             log.csv_from(1) + &log.csv_from(9),

@@ -1,7 +1,7 @@
 //! Settings in TOML files, and what users write as JSON, with errors that name the line, the key
 //! and the nearest known key.
 
-use std::{borrow::Cow, fmt, path::Path};
+use std::{fmt, path::Path};
 
 use serde::{Serialize, de::DeserializeOwned};
 use toml::{
@@ -56,32 +56,13 @@ pub fn parse_json<T: DeserializeOwned>(text: &str, file: &Path) -> Result<T, Err
 
 /// Parses settings; an error is the byte at which it is, and what is wrong there.
 fn parse<T: DeserializeOwned>(text: &str) -> Result<T, (usize, String)> {
-    let text = without_effect_schedule(text)?;
-    toml::from_str(&text).map_err(|error| {
+    toml::from_str(text).map_err(|error| {
         let start = error.span().map_or(0, |span| span.start.min(text.len()));
-        match Unknown::of(error.message(), &text, start) {
+        match Unknown::of(error.message(), text, start) {
             Some(unknown) => (unknown.start, unknown.to_string()),
             None => (start, error.message().to_owned()),
         }
     })
-}
-
-/// The text without `joining = "scheduled"`, which earlier versions wrote; spaces take its place.
-/// Other values are refused.
-///
-/// `joining` chose between effects by schedule, as today, and effects that were switched on when
-/// the scene required them.
-fn without_effect_schedule(text: &str) -> Result<Cow<'_, str>, (usize, String)> {
-    let Ok(document) = DeTable::parse(text) else { return Ok(text.into()) };
-    let Some((key, value)) = document.get_ref().get_key_value("joining") else { return Ok(text.into()) };
-    let start = key.span().start;
-    if value.get_ref().as_str() != Some("scheduled") {
-        let problem = "`joining = when-called-for` is no longer possible: effects that wait until the scene requires them were \
-                       measured to gain nothing. Effects follow a schedule (`sh-degree-every`); remove `joining`";
-        return Err((start, problem.to_owned()));
-    }
-    let end = value.span().end;
-    Ok(format!("{}{}{}", &text[..start], " ".repeat(end - start), &text[end..]).into())
 }
 
 /// `from_toml` and `to_toml` of settings: [`parse_settings`] and [`settings_to_toml`], compiled
@@ -224,7 +205,7 @@ fn find_within(value: &Spanned<DeValue<'_>>, word: &str, path: &str, places: &mu
 
 #[cfg(test)]
 mod tests {
-    use gs_core::{Extent, Loss, Parameterization, adam::Schedule, effects::Order};
+    use gs_core::{Extent, Loss, adam::Schedule};
     use gs_density::{LongAxisSplit, Policy, Simplify, SizeThreshold, SplitPlacement};
     use toml::Table;
 
@@ -235,7 +216,7 @@ mod tests {
             init::{Grid, Guided, Init, Periphery, Random},
         },
         run::recovery::Recovery,
-        train::{StepBackground, TrainPreset, TrainSettings},
+        train::TrainPreset,
         views::Resolution,
     };
 
@@ -294,23 +275,6 @@ mod tests {
     }
 
     #[test]
-    fn the_effect_schedule_of_earlier_versions_is_read_and_effects_on_demand_are_refused() {
-        let old = "iterations = 7\njoining = \"scheduled\"\nseed = 3\n";
-        let fit: FitSettings = parse(old).unwrap();
-        assert_eq!((fit.iterations, fit.seed), (7, 3));
-        let training: TrainSettings = parse(old).unwrap();
-        assert_eq!((training.iterations, training.seed), (7, 3));
-        assert!(!settings_to_toml(&fit).unwrap().contains("joining"));
-        let demand = "iterations = 7\n[joining.when-called-for]\nevery = 100\nnarrow = 0.01\nview-dependence = 0.25\n";
-        for message in [parse::<FitSettings>(demand).unwrap_err(), parse::<TrainSettings>(demand).unwrap_err()] {
-            assert!(
-                message.starts_with("settings.toml:2: `joining = when-called-for` is no longer possible"),
-                "{message}"
-            );
-        }
-    }
-
-    #[test]
     fn each_key_of_a_fits_settings_is_known_and_no_other() {
         let inits = [
             Init::Random(Random::default()),
@@ -358,21 +322,5 @@ mod tests {
         let message = parse::<FitSettings>("seed = 3\niterations = 'many'").unwrap_err();
         assert!(message.starts_with("settings.toml:2: invalid type"), "{message}");
         assert!(parse::<FitSettings>("seed = = 3").unwrap_err().starts_with("settings.toml:1: "));
-    }
-
-    #[test]
-    fn files_of_earlier_versions_are_read() {
-        let text = "\
-            chart = 'local-frame'\n\
-            [render.effects]\norder = 'pixel-depth'\noutputs = 'color'\nexposure = 'none'\nlens = 'pinhole'\n\
-            [policy]\nkind = 'hybrid'\nsignal = 'mean-gradient'\npercent = 20.0\nfloor = 0.5\n";
-        let fit = parse::<FitSettings>(text).unwrap();
-        assert_eq!(fit.parameterization, Parameterization::CovarianceFactor);
-        assert_eq!(fit.render.effects.order, Order::PerPixel);
-        let Policy::Grow(grow) = fit.policy else { panic!("another policy") };
-        assert_eq!((grow.percent, grow.threshold), (20.0, 0.5));
-        let text = "backdrop = 'random'\nchart = 'scale-rotation'\nrender.effects.order = 'tile-depth'";
-        let train = parse::<TrainSettings>(text).unwrap();
-        assert_eq!((train.background, train.render.effects.order), (StepBackground::Random, Order::Global));
     }
 }

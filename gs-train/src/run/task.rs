@@ -60,8 +60,6 @@ impl Suspect {
 pub trait RunSettings<S: SceneTask>: Clone + Debug + PartialEq {
     /// Format name in checkpoints, so that a checkpoint of another kind of training is refused.
     const FORMAT: &'static str;
-    /// The name of the same format in checkpoints of earlier versions.
-    const EARLIER_FORMAT: &'static str;
 
     /// Parses the text of a settings file; `file` is its name for the error.
     ///

@@ -64,13 +64,11 @@ pub struct TrainSettings {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub extent: Option<f32>,
     /// Coordinates in which the optimizer moves.
-    #[serde(alias = "chart")]
     pub parameterization: Parameterization,
     /// Effects, background and accuracy. Its `effects.sh_degree` is the highest; the policy decides
     /// about its `effects.statistics`.
     pub render: RenderSettings,
     /// Background in training steps.
-    #[serde(alias = "backdrop")]
     pub background: StepBackground,
     /// Steps after which the SH degree grows by one, from 0; 0 starts with the highest. Default
     /// 1000 (3DGS).
@@ -261,7 +259,6 @@ impl TrainSettings {
 
 impl RunSettings<Scene3d> for TrainSettings {
     const FORMAT: &'static str = "training-3d-1";
-    const EARLIER_FORMAT: &'static str = "spatial-training-1";
 
     fn from_toml(text: &str, file: &Path) -> Result<Self, crate::error::Error> {
         Self::from_toml(text, file)

@@ -56,10 +56,10 @@ pub struct ViewsTask<R: Optimizer<Scene3d>> {
 /// The entry of a checkpoint's metadata with the checksums of the views' images.
 const DIGESTS_ENTRY: &str = "image-digests";
 
-/// Fails if the images of the views are others than those of a checkpoint with this metadata. One of
-/// an earlier version, without checksums, is accepted.
+/// Fails if the images of the views are others than those of a checkpoint with this metadata.
 pub(super) fn check_images(metadata: &BTreeMap<String, String>, views: &Views, digests: &[u32]) -> Result<(), Error> {
-    let Some(stored) = metadata.get(DIGESTS_ENTRY) else { return Ok(()) };
+    let stored = metadata.get(DIGESTS_ENTRY);
+    let stored = stored.ok_or_else(|| Error::Checkpoint(format!("its metadata lack `{DIGESTS_ENTRY}`")))?;
     let mut stored = stored.split(' ');
     let all = views.train.iter().chain(&views.test).zip(digests);
     let changed: Vec<&str> =

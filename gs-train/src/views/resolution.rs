@@ -19,7 +19,6 @@ pub enum Resolution {
         from: u32,
         /// Share of the run after which all steps are at full resolution, 0..=1; the steps before
         /// are shared evenly among the lower resolutions.
-        #[serde(alias = "full_after")]
         full_after: f32,
     },
 }

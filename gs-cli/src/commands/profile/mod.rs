@@ -80,7 +80,7 @@ pub(crate) struct ProfileArgs {
     blend: Option<BlendName>,
     /// Coordinates of the optimizer [default: covariance-factor; scale-rotation for the circle and
     /// square and in 3D]
-    #[arg(long, value_enum, value_name = "NAME", alias = "chart")]
+    #[arg(long, value_enum, value_name = "NAME")]
     parameterization: Option<ParameterizationName>,
     /// Camera of a view of a data set [default: the whole scene from slightly above]
     #[arg(long, value_name = "DATASET:VIEW", help_heading = "3D scenes")]

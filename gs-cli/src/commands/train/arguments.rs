@@ -122,7 +122,7 @@ pub(crate) struct TrainSettingsArgs {
     pub(crate) settings: Option<PathBuf>,
     /// The most Gaussians [default: that of the preset; standard: one for 160 pixels of the views, or
     /// five for each initial point if that is more, but at most twice the former]
-    #[arg(short = 'n', long, alias = "max-gaussians", value_name = "N", value_parser = whole::<u32>(1..))]
+    #[arg(short = 'n', long, value_name = "N", value_parser = whole::<u32>(1..))]
     pub(crate) gaussians: Option<u32>,
     /// End with exactly the number of Gaussians that --gaussians sets, under any policy
     #[arg(long)]
@@ -149,7 +149,7 @@ pub(crate) struct TrainSettingsArgs {
     #[arg(long, value_enum, value_name = "LOSS")]
     pub(crate) loss: Option<LossName>,
     /// Coordinates of the optimizer
-    #[arg(long, value_enum, value_name = "NAME", alias = "chart")]
+    #[arg(long, value_enum, value_name = "NAME")]
     pub(crate) parameterization: Option<ParameterizationName>,
     /// Highest degree of spherical harmonics (SH), 0 to 3
     #[arg(long, value_name = "D", value_parser = whole::<u8>(0..=3))]
@@ -193,7 +193,6 @@ pub(crate) struct TrainSettingsArgs {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(crate) enum TrainPresetName {
     /// For runs of minutes
-    #[value(alias = "short")]
     Standard,
     /// For a first look
     Quick,

@@ -2,9 +2,9 @@
 //! in particular no image of a data set.
 
 use std::{
-    collections::{BTreeMap, BTreeSet},
+    collections::BTreeSet,
     fs, io,
-    path::{Component, Path, PathBuf},
+    path::{Path, PathBuf},
 };
 
 use gs_core::{Image, constants::MAX_SIDE_PX};
@@ -17,10 +17,6 @@ use crate::{failure::Failure, output_folder::OutputFolder};
 
 /// The folder among the results.
 const FOLDER: &str = "views";
-
-/// The index of version 0.1.0 in the folder of pictures, with the names of pictures and of their
-/// views.
-const OLD_INDEX: &str = "gs-train.json";
 
 /// Columns between an image and its rendering, px.
 const GAP_PX: u32 = 4;
@@ -68,7 +64,6 @@ pub(super) struct ViewPictures<'o> {
 impl<'o> ViewPictures<'o> {
     /// Removes the pictures of an earlier training, and the folder if it is empty then.
     pub(super) fn clear(output: &OutputFolder) -> Result<(), Failure> {
-        adopt_older(output)?;
         output.claimed(&format!("{FOLDER}/")).iter().try_for_each(|name| output.leave_out(name))?;
         // Fails if there are other files, which is intended.
         let _ = fs::remove_dir(output.path().join(FOLDER));
@@ -95,20 +90,6 @@ impl<'o> ViewPictures<'o> {
     pub(super) fn write(&self, name: &str, image: Image, rendered: &Image) -> Result<(), gs_train::Error> {
         Ok(write_png(self.output.file(name), &beside(image, rendered)?)?)
     }
-}
-
-/// Takes over the pictures of a training of version 0.1.0.
-fn adopt_older(output: &OutputFolder) -> Result<(), Failure> {
-    let Ok(index) = fs::read(output.path().join(FOLDER).join(OLD_INDEX)) else { return Ok(()) };
-    let pictures: BTreeMap<String, String> = serde_json::from_slice(&index).unwrap_or_default();
-    let names = pictures.keys().map(String::as_str).filter(|name| is_picture(name)).chain([OLD_INDEX]);
-    Ok(output.adopt(names.map(|name| format!("{FOLDER}/{name}")))?)
-}
-
-/// Whether a name from an index is the name of a PNG, rather than a path to another folder.
-fn is_picture(name: &str) -> bool {
-    let mut parts = Path::new(name).components();
-    matches!((parts.next(), parts.next()), (Some(Component::Normal(_)), None)) && name.ends_with(".png")
 }
 
 /// A name for a view's picture that no file has in any letter case.
@@ -152,10 +133,6 @@ mod tests {
         assert_eq!(bare_name("test/r_0"), "test_r_0");
         assert_eq!(bare_name("../../etc/passwd"), "_.._etc_passwd");
         assert_eq!(bare_name("IMG 1.jpg"), "IMG_1");
-        assert!(is_picture("IMG_1.png"));
-        for elsewhere in ["../a.png", "/a.png", "a/b.png", "..", "", "a.jpg", "gs-train.json"] {
-            assert!(!is_picture(elsewhere), "{elsewhere}");
-        }
     }
 
     #[test]
@@ -172,20 +149,6 @@ mod tests {
         ViewPictures::clear(&output).unwrap();
         assert_eq!(fs::read_dir(&views).unwrap().count(), 1);
         assert_eq!(fs::read(views.join("B.png")).unwrap(), b"mine");
-    }
-
-    #[test]
-    fn pictures_of_version_0_1_0_are_removed_by_its_index() {
-        let place = tempfile::tempdir().unwrap();
-        let views = place.path().join(FOLDER);
-        fs::create_dir(&views).unwrap();
-        ["a.png", "mine.png"].iter().for_each(|name| fs::write(views.join(name), "a picture").unwrap());
-        fs::write(place.path().join("b.png"), "not below").unwrap();
-        fs::write(views.join(OLD_INDEX), r#"{ "a.png": "a.jpg", "../b.png": "b.jpg" }"#).unwrap();
-        ViewPictures::clear(&begun(place.path(), &[])).unwrap();
-        let left: Vec<_> = fs::read_dir(&views).unwrap().map(|entry| entry.unwrap().file_name()).collect();
-        assert_eq!(left, ["mine.png"]);
-        assert!(place.path().join("b.png").exists());
     }
 
     #[test]

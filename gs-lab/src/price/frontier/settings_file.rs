@@ -10,7 +10,7 @@ use gs_core::{
 use gs_cpu::CpuTuning;
 use gs_train::{parse_settings, settings_to_toml};
 use gs_wgpu::Kernels;
-use serde::{Deserialize, Deserializer, Serialize, de::Error as _};
+use serde::{Deserialize, Serialize};
 
 use crate::error::Error;
 
@@ -64,44 +64,29 @@ pub struct FrontierMachine {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub cpu: Option<CpuTuning>,
     /// Kernels of the wgpu backend, unless they are the adapter's usual ones.
-    #[serde(skip_serializing_if = "Option::is_none", deserialize_with = "kernels")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub kernels: Option<KernelsName>,
 }
 
 /// Kernels of the wgpu backend, by their names in settings files.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum KernelsName {
     /// [`Kernels::Portable`].
     Portable,
     /// [`Kernels::Subgroups`].
     Subgroups,
-    /// Kernels that earlier versions had for software drivers. The adapter's usual ones take their
-    /// place.
-    Vectors,
 }
 
 gs_core::impl_with!(FrontierSettings, FrontierMachine);
 
 impl KernelsName {
-    /// The kernels; `None` for the adapter's usual ones.
-    pub const fn kernels(self) -> Option<Kernels> {
+    /// The kernels.
+    pub const fn kernels(self) -> Kernels {
         match self {
-            Self::Portable => Some(Kernels::Portable),
-            Self::Subgroups => Some(Kernels::Subgroups),
-            Self::Vectors => None,
+            Self::Portable => Kernels::Portable,
+            Self::Subgroups => Kernels::Subgroups,
         }
-    }
-}
-
-/// The kernels of a name. An error does not offer those of earlier versions.
-fn kernels<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<KernelsName>, D::Error> {
-    let name = String::deserialize(deserializer)?;
-    match name.as_str() {
-        "portable" => Ok(Some(KernelsName::Portable)),
-        "subgroups" => Ok(Some(KernelsName::Subgroups)),
-        "vectors" => Ok(Some(KernelsName::Vectors)),
-        _ => Err(D::Error::unknown_variant(&name, &["portable", "subgroups"])),
     }
 }
 
@@ -161,13 +146,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn kernels_of_earlier_versions_become_the_usual_ones() {
+    fn kernels_are_known_by_name() {
         let parse = |name: &str| {
             let text = format!("[machine]\nkernels = '{name}'\n");
             FrontierSettings::from_toml(&text, "settings.toml".as_ref()).map(|settings| settings.machine.kernels)
         };
-        assert_eq!(parse("vectors").unwrap().unwrap().kernels(), None);
-        assert_eq!(parse("subgroups").unwrap().unwrap().kernels(), Some(Kernels::Subgroups));
+        assert_eq!(parse("subgroups").unwrap().unwrap().kernels(), Kernels::Subgroups);
         let message = parse("abacus").unwrap_err().to_string();
         assert!(
             message.ends_with("unknown name `abacus` in [machine], which is none of portable, subgroups"),
