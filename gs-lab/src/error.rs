@@ -99,20 +99,15 @@ pub enum Error {
         /// Digest of the scene found now.
         found: String,
     },
-    /// The store of a study's runs cannot be used, or not be reached.
-    #[error("{place}: {what}")]
-    Store {
-        /// The store's address, or that of an object in it.
-        place: String,
-        /// What is wrong with it, and how to fix it.
-        what: String,
-    },
-    /// A setting of the work on a shared study is out of its range.
+    /// A command line that the study does not allow, such as for its clock.
     #[error("{message}")]
     Work {
-        /// The setting, and its range.
+        /// What is wrong, and what to do instead.
         message: String,
     },
+    /// An error of jobs that processes share: see [`gs_jobs::Error`].
+    #[error(transparent)]
+    Jobs(#[from] gs_jobs::Error),
     /// The study has no such row.
     #[error("row {row}: the study has rows 1 to {rows}")]
     NoRow {

@@ -56,8 +56,18 @@ impl IntoPython for gs_lab::Error {
         match self {
             Self::Io(error) => error.into_python(),
             Self::Fit(error) => error.into_python(),
+            Self::Jobs(error) => error.into_python(),
             Self::NoImage { .. } | Self::NoScene { .. } | Self::Path { .. } => PyOSError::new_err(text(&self)),
             _ => PyValueError::new_err(text(&self)),
+        }
+    }
+}
+
+impl IntoPython for gs_jobs::Error {
+    fn into_python(self) -> PyErr {
+        match self {
+            Self::Work { .. } => PyValueError::new_err(text(&self)),
+            _ => PyOSError::new_err(text(&self)),
         }
     }
 }

@@ -13,13 +13,11 @@ use std::{
 
 use gs_backend::{AnyRasterizer, host_threads};
 use gs_core::{Scene2d, Scene3d};
+use gs_jobs::{AtEnd, Shard, WorkSettings, slurm};
 use gs_lab::{
     Existing, Places, Plan, Results, StudyFolder, conduct_with, report,
     result::write_tables,
-    run::{
-        AnyScene, Conducted, Replayed, RunOutcome, Watcher,
-        jobs::{AtEnd, Shard, WorkSettings, slurm},
-    },
+    run::{AnyScene, Conducted, Replayed, RunOutcome, Watcher},
     study::{AnyPolicy, Arm, Machine, OwnPolicy, Run},
 };
 use gs_train::ForeignPolicy;

@@ -105,7 +105,7 @@ impl<'a> Results<'a> {
     /// Reads the records of a plan's runs.
     ///
     /// # Errors
-    /// [`Error::Path`] or [`Error::Store`] where one is there but cannot be read.
+    /// [`Error::Jobs`] where one is there but cannot be read.
     pub fn read(plan: &'a Plan, folder: &StudyFolder) -> Result<Self, Error> {
         let record = |run: &Run| {
             let record = folder.record(run)?;

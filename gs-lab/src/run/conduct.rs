@@ -9,11 +9,11 @@ use std::{
 };
 
 use gs_core::{Error as CoreError, Image};
+use gs_jobs::{Queue, WorkSettings};
 use gs_train::Error as TrainError;
 
 use super::{
     folder::StudyFolder,
-    jobs::{Queue, WorkSettings},
     record::{Finished, Record, RunOutcome},
     resumption::{Interruptions, RunCheckpoints},
     task::StudyBackend,
@@ -33,7 +33,7 @@ pub enum Conducted {
     Whole,
     /// The watcher stopped the study; it can be resumed.
     Stopped,
-    /// The runs that are left are with other processes: see [`AtEnd::Leave`](crate::run::jobs::AtEnd).
+    /// The runs that are left are with other processes: see [`AtEnd::Leave`](gs_jobs::AtEnd).
     Left,
 }
 

@@ -11,14 +11,14 @@ use std::{
 
 use gs_core::{Image, SavedState};
 use gs_io::{Checkpoint, FolderClaim, Inputs, decode_checkpoint, encode_checkpoint, png_bytes};
+use gs_jobs::{
+    Claims, JobStore, Keep, Listing, Queue, State, StoreAddress, WorkSettings,
+    files::{self, RUNS},
+    store,
+};
 use serde::Serialize;
 
 use super::{
-    jobs::{
-        Claims, Keep, Queue, RunStore, State, StoreAddress, WorkSettings,
-        job_files::{self, Listing, RUNS},
-        run_store,
-    },
     locked_results::{LockedResults, begin, results_claim, write},
     origin::Origin,
     record::{Record, RunOutcome},
@@ -59,7 +59,7 @@ pub struct StudyFolder {
     /// The files of tables and report, which one process at a time writes.
     results: FolderClaim,
     /// Where the files of the runs are: in the folder, or in an object store.
-    store: Arc<dyn RunStore>,
+    store: Arc<dyn JobStore>,
 }
 
 /// A run that a process has claimed.
@@ -94,7 +94,7 @@ impl StudyFolder {
     /// of an address, if one is given; a study that is resumed remembers its store.
     ///
     /// # Errors
-    /// As [`Self::prepare`], and [`Error::Store`] where the store cannot be used.
+    /// As [`Self::prepare`], and [`Error::Jobs`] where the store cannot be used.
     pub fn prepare_with(
         path: &Path,
         plan: &Plan,
@@ -104,7 +104,7 @@ impl StudyFolder {
     ) -> Result<Self, Error> {
         let is_held = refuse_held(path, plan, existing)?;
         let store = store_of(path, is_held, store)?;
-        store.as_ref().map_or(Ok(()), run_store::check)?;
+        store.as_ref().map_or(Ok(()), store::check)?;
         let read = plan.targets.iter().flat_map(StudyTarget::files);
         let inputs = Inputs::from_iter(read.chain(safety.inputs.iter().cloned()));
         // When a study is resumed from the file in its own folder, that file stays as it is.
@@ -116,7 +116,7 @@ impl StudyFolder {
             // Another process may have prepared the folder since.
             refuse_held(path, plan, existing)?;
         }
-        let folder = Self { path: path.to_owned(), results, store: run_store::open(path, store.as_ref())? };
+        let folder = Self { path: path.to_owned(), results, store: store::open(path, store.as_ref())? };
         if store.is_none() {
             for part in [folder.file(RUNS), folder.file(PICTURES)] {
                 fs::create_dir_all(&part).map_err(|source| Error::Path { path: part, source })?;
@@ -146,7 +146,7 @@ impl StudyFolder {
     /// further files to protect, or with permission to replace files.
     ///
     /// # Errors
-    /// [`Error::Folder`] where there is no study in it; [`Error::Store`] where its store cannot be used.
+    /// [`Error::Folder`] where there is no study in it; [`Error::Jobs`] where its store cannot be used.
     pub fn open_with(path: &Path, safety: &Safety) -> Result<Self, Error> {
         let study = path.join(STUDY);
         if !study.is_file() {
@@ -159,7 +159,7 @@ impl StudyFolder {
         let inputs = Inputs::from_iter(safety.inputs.iter().chain([&study]));
         let results = results_claim(path).inputs(inputs).overwriting(safety.overwrite);
         let address = origin(path).and_then(|origin| origin.store);
-        Ok(Self { path: path.to_owned(), results, store: run_store::open(path, address.as_ref())? })
+        Ok(Self { path: path.to_owned(), results, store: store::open(path, address.as_ref())? })
     }
 
     /// Fails where a plan's runs are not those that the folder was prepared for: where this is
@@ -195,7 +195,7 @@ impl StudyFolder {
         let claimed = claimed.filter_map(|run| Some((run, *listing.claimed.get(&run.address)?)));
         let mut running = Vec::new();
         for (run, generation) in claimed {
-            let (note, age) = match claims.state(&job_files::claim(&run.address, generation))? {
+            let (note, age) = match claims.state(&files::claim(&run.address, generation))? {
                 State::Live { note, age } => (note, Some(age)),
                 State::Expired { note } => (note, None),
                 State::Released | State::Gone => continue,
@@ -213,7 +213,7 @@ impl StudyFolder {
     pub fn remove_damaged<'r>(&self, unread: impl IntoIterator<Item = &'r Run>) -> Result<Vec<usize>, Error> {
         let mut rows = Vec::new();
         for run in unread {
-            let name = job_files::record(&run.address);
+            let name = files::record(&run.address);
             // It may have been stored since the results were read.
             if self.store.has(&name)? && self.record(run)?.is_none() {
                 self.store.remove(&name)?;
@@ -228,7 +228,7 @@ impl StudyFolder {
     /// # Errors
     /// [`Error::Path`] and [`Error::Io`] where the folder cannot be read or written to.
     pub fn sweep(&self) -> Result<(), Error> {
-        self.claims(&WorkSettings::default()).sweep()
+        Ok(self.claims(&WorkSettings::default()).sweep()?)
     }
 
     /// Locks the folder's tables and report to write them. Waits where another process has them.
@@ -238,7 +238,7 @@ impl StudyFolder {
 
     /// This folder with the files of its runs elsewhere.
     #[cfg(all(test, feature = "object-store-tests"))]
-    pub(crate) fn with_store(self, store: Arc<dyn RunStore>) -> Self {
+    pub(crate) fn with_store(self, store: Arc<dyn JobStore>) -> Self {
         Self { store, ..self }
     }
 
@@ -284,9 +284,9 @@ impl StudyFolder {
     /// The stored record of a run. One that is damaged, or of another run, counts as missing.
     ///
     /// # Errors
-    /// [`Error::Path`] or [`Error::Store`] where it cannot be read.
+    /// [`Error::Jobs`] where it cannot be read.
     pub fn record(&self, run: &Run) -> Result<Option<Record>, Error> {
-        let Some(text) = self.store.read(&job_files::record(&run.address))? else { return Ok(None) };
+        let Some(text) = self.store.read(&files::record(&run.address))? else { return Ok(None) };
         let Ok(mut record) = serde_json::from_slice::<Record>(&text) else { return Ok(None) };
         if let RunOutcome::Finished(finished) = &mut record.outcome {
             // A report holds the trajectories of all runs.
@@ -324,16 +324,16 @@ impl StudyFolder {
                 _ => Ok(()),
             };
         }
-        let name = job_files::record(&run.address);
-        self.store.write(&name, Keep::AfterPowerCut, &mut |file| Ok(serde_json::to_writer(file, record)?))
+        let name = files::record(&run.address);
+        Ok(self.store.write(&name, Keep::AfterPowerCut, &mut |file| Ok(serde_json::to_writer(file, record)?))?)
     }
 
     /// The checkpoint of a run, if there is one.
     ///
     /// # Errors
-    /// [`Error::Io`] where it is damaged, [`Error::Path`] or [`Error::Store`] where it cannot be read.
+    /// [`Error::Io`] where it is damaged, [`Error::Jobs`] where it cannot be read.
     pub(crate) fn checkpoint(&self, run: &Run) -> Result<Option<Checkpoint>, Error> {
-        let name = job_files::checkpoint(&run.address);
+        let name = files::checkpoint(&run.address);
         let bytes = self.store.read(&name)?;
         Ok(bytes.map(|bytes| decode_checkpoint(&bytes, Path::new(&name))).transpose()?)
     }
@@ -341,26 +341,26 @@ impl StudyFolder {
     /// Stores a checkpoint of a run in place of the one before.
     ///
     /// # Errors
-    /// [`Error::Io`] or [`Error::Store`].
+    /// [`Error::Io`] or [`Error::Jobs`].
     pub(crate) fn store_checkpoint(&self, run: &Run, checkpoint: &Checkpoint<SavedState<'_>>) -> Result<(), Error> {
-        let name = job_files::checkpoint(&run.address);
-        self.store.write(&name, Keep::AfterPowerCut, &mut |file| encode_checkpoint(file, checkpoint))
+        let name = files::checkpoint(&run.address);
+        Ok(self.store.write(&name, Keep::AfterPowerCut, &mut |file| encode_checkpoint(file, checkpoint))?)
     }
 
     /// Removes the checkpoint of a run that has a record. What cannot be removed does no harm; the
     /// next report removes it.
     pub(crate) fn remove_checkpoint(&self, run: &Run) {
-        let _ = self.store.remove(&job_files::checkpoint(&run.address));
+        let _ = self.store.remove(&files::checkpoint(&run.address));
     }
 
     /// Stores a picture of a run's scene, without waiting for the disk: the first, or of a 3D scene
     /// one more for each view that is shown. The report leaves out pictures that are missing.
     ///
     /// # Errors
-    /// [`Error::Io`] or [`Error::Store`].
+    /// [`Error::Io`] or [`Error::Jobs`].
     pub(crate) fn store_picture(&self, run: &Run, index: usize, picture: &Image) -> Result<(), Error> {
         let name = run_files::picture(&run.address, index);
-        self.store.write(&name, Keep::AfterCrash, &mut |file| file.write_all(&png_bytes(picture)))
+        Ok(self.store.write(&name, Keep::AfterCrash, &mut |file| file.write_all(&png_bytes(picture)))?)
     }
 
     /// A stored picture of a run's scene, counted from 0.

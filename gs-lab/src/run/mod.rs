@@ -1,11 +1,12 @@
 //! Doing the runs of a plan, and what is stored of them.
 //!
 //! [`conduct()`] does the runs that are missing in a [`StudyFolder`] and stores a [`Record`] of each;
-//! [`replay()`] does one again and compares. Which process does which run is decided in [`jobs`].
+//! [`replay()`] does one again and compares. Which process does which run is decided by [`gs_jobs`].
 
 mod conduct;
 mod folder;
-pub mod jobs;
+#[cfg(all(test, feature = "object-store-tests"))]
+mod in_object_store;
 mod locked_results;
 mod origin;
 mod record;

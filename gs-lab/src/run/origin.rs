@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use super::jobs::StoreAddress;
 use crate::study::{Machine, Plan, VERSION};
+use gs_jobs::StoreAddress;
 
 /// What the results in a folder come from, in `machine.json`.
 #[derive(Debug, Serialize, Deserialize)]

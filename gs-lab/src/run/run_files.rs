@@ -1,14 +1,12 @@
 //! The files of a study's runs besides those of all jobs: what is in records, and pictures.
 
+use gs_jobs::{
+    JobStore,
+    files::{ADDRESS_DIGITS, JobFile, RUNS},
+};
 use rayon::prelude::*;
 
-use super::{
-    jobs::{
-        RunStore,
-        job_files::{ADDRESS_DIGITS, JobFile, RUNS},
-    },
-    record::{Record, RunOutcome},
-};
+use super::record::{Record, RunOutcome};
 use crate::{error::Error, study::digest};
 
 // A run's address is a digest.
@@ -31,18 +29,18 @@ pub(crate) fn picture(address: &str, index: usize) -> String {
 /// again.
 ///
 /// # Errors
-/// [`Error::Path`] or [`Error::Store`] where the folder cannot be read or a file cannot be removed.
-pub(crate) fn remove_unfinished(store: &dyn RunStore) -> Result<(), Error> {
+/// [`Error::Jobs`] where the folder cannot be read or a file cannot be removed.
+pub(crate) fn remove_unfinished(store: &dyn JobStore) -> Result<(), Error> {
     let names = store.names(RUNS)?;
     let records = names.par_iter().filter(|name| matches!(JobFile::of(name), Some(JobFile::Record(_))));
     records.map(|name| format!("{RUNS}/{name}")).try_for_each(|name| match is_finished(store, &name)? {
         true => Ok(()),
-        false => store.remove(&name),
+        false => Ok(store.remove(&name)?),
     })
 }
 
 /// Whether a file is the record of a run that finished. One that has just been removed counts as one.
-fn is_finished(store: &dyn RunStore, name: &str) -> Result<bool, Error> {
+fn is_finished(store: &dyn JobStore, name: &str) -> Result<bool, Error> {
     if store.end(name, END_OF_FINISHED.len())?.is_none_or(|end| end == END_OF_FINISHED) {
         return Ok(true);
     }

@@ -1,6 +1,8 @@
 //! Watches the runs of a study.
 
-use super::{jobs::Overseer, record::RunOutcome};
+use gs_jobs::Overseer;
+
+use super::record::RunOutcome;
 use crate::study::Run;
 
 /// Watches a study; called from several threads. `()` ignores everything.

@@ -2,14 +2,8 @@
 
 use std::{fs, thread};
 
-use gs_lab::{
-    Error, Existing, Results, StudyFolder, conduct, conduct_with,
-    result::write_tables,
-    run::{
-        Conducted,
-        jobs::{Shard, WorkSettings},
-    },
-};
+use gs_jobs::{Shard, WorkSettings};
+use gs_lab::{Error, Existing, Results, StudyFolder, conduct, conduct_with, result::write_tables, run::Conducted};
 
 use super::{Counter, conducted, cpu, laid_out, place, record, study, tables};
 

@@ -3,10 +3,8 @@
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
-use gs_lab::{
-    run::jobs::{Shard, StoreAddress},
-    study::Selection,
-};
+use gs_jobs::{Shard, StoreAddress};
+use gs_lab::study::Selection;
 
 use crate::{backend::BackendArgs, output_folder::OverwriteArgs, values::whole};
 

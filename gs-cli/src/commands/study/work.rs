@@ -8,12 +8,10 @@ use std::{
 
 use gs_backend::Chosen;
 use gs_core::counted;
+use gs_jobs::{AtEnd, WorkSettings, slurm};
 use gs_lab::{
     Plan, conduct_with,
-    run::{
-        Conducted, RunOutcome, Watcher,
-        jobs::{AtEnd, WorkSettings, slurm},
-    },
+    run::{Conducted, RunOutcome, Watcher},
     study::{Machine, Run},
 };
 

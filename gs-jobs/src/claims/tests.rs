@@ -9,10 +9,10 @@ use std::{
 };
 
 use super::*;
-use crate::run::jobs::{
-    job_files::{self, Listing},
+use crate::{
+    files::{self, Listing},
     queue::{Overseer, Queue},
-    run_store::FolderStore,
+    store::FolderStore,
     work::{AtEnd, Shard, WorkSettings},
 };
 
@@ -22,14 +22,14 @@ fn address(run: usize) -> String {
     format!("{run:032x}")
 }
 
-/// A folder for the runs of a study.
+/// A folder for jobs.
 fn place() -> tempfile::TempDir {
     let place = tempfile::tempdir().unwrap();
     fs::create_dir(place.path().join(RUNS)).unwrap();
     place
 }
 
-fn folder_store(folder: &Path) -> Arc<dyn RunStore> {
+fn folder_store(folder: &Path) -> Arc<dyn JobStore> {
     Arc::new(FolderStore::new(folder))
 }
 
@@ -45,12 +45,12 @@ fn claimed(attempt: Attempt<'_>) -> Claim<'_> {
 }
 
 /// Stores what counts as a record. Fails where there is one.
-fn store(to: &dyn RunStore, address: &str) {
-    let created = to.create(&job_files::record(address), &|_| system::token().into_bytes()).unwrap();
+fn store(to: &dyn JobStore, address: &str) {
+    let created = to.create(&files::record(address), &|_| system::token().into_bytes()).unwrap();
     created.expect("no run is done twice");
 }
 
-fn names(of: &dyn RunStore) -> Vec<String> {
+fn names(of: &dyn JobStore) -> Vec<String> {
     let mut names: Vec<String> = of.names(RUNS).unwrap().iter().map(|name| format!("{RUNS}/{name}")).collect();
     names.sort();
     names
@@ -59,10 +59,10 @@ fn names(of: &dyn RunStore) -> Vec<String> {
 /// Makes a claim that nobody has locked, as that of a process on another machine, written at this
 /// time of the file server.
 fn foreign(folder: &Path, address: &str, generation: u32, written: SystemTime) -> PathBuf {
-    let path = folder.join(job_files::claim(address, generation));
+    let path = folder.join(files::claim(address, generation));
     let note = ClaimNote {
         worker: "elsewhere".to_owned(),
-        run: "a run".to_owned(),
+        job: "a job".to_owned(),
         lease: LEASE.as_secs_f64(),
         system: "another system".to_owned(),
         locked: true,
@@ -78,33 +78,31 @@ fn a_run_is_claimed_once_and_is_free_again_when_given_back() {
     let place = place();
     let (one, other) = (claims(place.path()), claims(place.path()));
     let run = address(1);
-    let claim = claimed(one.attempt(&run, "a run").unwrap());
+    let claim = claimed(one.attempt(&run, "a job").unwrap());
     for claims in [&one, &other] {
-        assert!(matches!(claims.attempt(&run, "a run").unwrap(), Attempt::Taken));
+        assert!(matches!(claims.attempt(&run, "a job").unwrap(), Attempt::Taken));
     }
-    let State::Live { note: Some(note), age } = other.state(&job_files::claim(&run, 0)).unwrap() else {
-        panic!("alive")
-    };
-    assert_eq!((note.worker.as_str(), note.run.as_str(), note.lease), ("a test", "a run", 60.0));
+    let State::Live { note: Some(note), age } = other.state(&files::claim(&run, 0)).unwrap() else { panic!("alive") };
+    assert_eq!((note.worker.as_str(), note.job.as_str(), note.lease), ("a test", "a job", 60.0));
     assert!(age < LEASE);
     drop(claim);
-    let second = claimed(other.attempt(&run, "a run").unwrap());
+    let second = claimed(other.attempt(&run, "a job").unwrap());
     assert_eq!(names(&*folder_store(place.path())).len(), 2, "claims are only added");
     store(&*folder_store(place.path()), &run);
     second.finish();
-    assert!(matches!(one.attempt(&run, "a run").unwrap(), Attempt::Ended));
-    assert_eq!(names(&*folder_store(place.path())), [job_files::record(&run)]);
+    assert!(matches!(one.attempt(&run, "a job").unwrap(), Attempt::Ended));
+    assert_eq!(names(&*folder_store(place.path())), [files::record(&run)]);
 }
 
 #[test]
 fn a_dead_process_of_this_system_is_recognised_at_once() {
     let place = place();
     let (dead, other) = (claims(place.path()), claims(place.path()));
-    let mut claim = claimed(dead.attempt(&address(1), "a run").unwrap());
+    let mut claim = claimed(dead.attempt(&address(1), "a job").unwrap());
     // The end of a process closes its files and writes nothing.
     drop(claim.close());
-    assert!(matches!(other.state(&job_files::claim(&address(1), 0)).unwrap(), State::Expired { note: Some(_) }));
-    assert_eq!(claimed(other.attempt(&address(1), "a run").unwrap()).generation, 1);
+    assert!(matches!(other.state(&files::claim(&address(1), 0)).unwrap(), State::Expired { note: Some(_) }));
+    assert_eq!(claimed(other.attempt(&address(1), "a job").unwrap()).generation, 1);
 }
 
 #[test]
@@ -122,33 +120,33 @@ fn a_claim_of_another_machine_expires_by_the_file_servers_clock_and_is_taken_ove
         (now + hour, true),
     ] {
         let path = foreign(place.path(), &address(1), 0, written);
-        let state = one.state(&job_files::claim(&address(1), 0)).unwrap();
+        let state = one.state(&files::claim(&address(1), 0)).unwrap();
         assert_eq!(matches!(state, State::Live { .. }), is_live, "{written:?} {now:?} {state:?}");
         fs::remove_file(path).unwrap();
     }
     foreign(place.path(), &address(1), 0, now - hour);
     foreign(place.path(), &address(1), 1, now - hour);
-    let taken = claimed(one.attempt(&address(1), "a run").unwrap());
+    let taken = claimed(one.attempt(&address(1), "a job").unwrap());
     assert_eq!(taken.generation, 2);
-    assert!(matches!(other.attempt(&address(1), "a run").unwrap(), Attempt::Taken));
+    assert!(matches!(other.attempt(&address(1), "a job").unwrap(), Attempt::Taken));
     // A claim without a note is of a process that has just begun, or died then.
-    fs::write(place.path().join(job_files::claim(&address(2), 0)), "").unwrap();
-    assert!(matches!(one.attempt(&address(2), "a run").unwrap(), Attempt::Taken));
+    fs::write(place.path().join(files::claim(&address(2), 0)), "").unwrap();
+    assert!(matches!(one.attempt(&address(2), "a job").unwrap(), Attempt::Taken));
     File::options()
         .write(true)
-        .open(place.path().join(job_files::claim(&address(2), 0)))
+        .open(place.path().join(files::claim(&address(2), 0)))
         .unwrap()
         .set_modified(now - hour)
         .unwrap();
-    assert_eq!(claimed(one.attempt(&address(2), "a run").unwrap()).generation, 1);
+    assert_eq!(claimed(one.attempt(&address(2), "a job").unwrap()).generation, 1);
 }
 
 #[test]
 fn a_heartbeat_renews_a_claim() {
     let place = place();
     let one = claims(place.path());
-    let claim = claimed(one.attempt(&address(1), "a run").unwrap());
-    let path = place.path().join(job_files::claim(&address(1), 0));
+    let claim = claimed(one.attempt(&address(1), "a job").unwrap());
+    let path = place.path().join(files::claim(&address(1), 0));
     let old = one.now().unwrap() - LEASE * 2;
     File::options().write(true).open(&path).unwrap().set_modified(old).unwrap();
     one.beat();
@@ -168,7 +166,7 @@ fn a_run_that_ended_while_it_was_claimed_is_not_done_again() {
     foreign(place.path(), &run, 0, claims.now().unwrap() - LEASE * 2);
     thread::scope(|scope| {
         for _ in 0..4 {
-            scope.spawn(|| match claims.attempt(&run, "a run").unwrap() {
+            scope.spawn(|| match claims.attempt(&run, "a job").unwrap() {
                 Attempt::Claimed(claim) => {
                     store(&*folder_store(place.path()), &run);
                     claim.finish();
@@ -177,9 +175,9 @@ fn a_run_that_ended_while_it_was_claimed_is_not_done_again() {
             });
         }
     });
-    assert!(matches!(claims.attempt(&run, "a run").unwrap(), Attempt::Ended));
+    assert!(matches!(claims.attempt(&run, "a job").unwrap(), Attempt::Ended));
     claims.sweep().unwrap();
-    assert_eq!(names(&*folder_store(place.path())), [job_files::record(&run)]);
+    assert_eq!(names(&*folder_store(place.path())), [files::record(&run)]);
 }
 
 #[test]
@@ -205,9 +203,9 @@ fn what_the_dead_have_left_is_swept_and_the_rest_stays() {
     claims.sweep().unwrap();
     let kept = [
         "runs/.gs-aLiVe0.tmp",
-        &job_files::record(&address(1)),
-        &job_files::claim(&address(2), 0),
-        &job_files::checkpoint(&address(2)),
+        &files::record(&address(1)),
+        &files::claim(&address(2), 0),
+        &files::checkpoint(&address(2)),
         "runs/notes.txt",
     ];
     assert_eq!(names(&*folder_store(place.path())), kept);
@@ -225,10 +223,10 @@ impl Fate {
     }
 }
 
-/// Does runs as one process of many: some are given back, and some processes die. Returns whether it
+/// Does jobs as one process of many: some are given back, and some processes die. Returns whether it
 /// died.
 fn take_part(
-    store_of_runs: &Arc<dyn RunStore>,
+    store_of_runs: &Arc<dyn JobStore>,
     addresses: &[String],
     settings: &WorkSettings,
     fate: &mut Fate,
@@ -255,7 +253,7 @@ fn take_part(
 
 /// Lets `processes` at a time work on `runs`; those that die are replaced. Each opens the store.
 pub(crate) fn check_that_each_run_is_done_once(
-    open: impl Fn() -> Arc<dyn RunStore> + Sync,
+    open: impl Fn() -> Arc<dyn JobStore> + Sync,
     (processes, runs): (usize, usize),
     shares: bool,
     lease: Duration,
@@ -317,7 +315,7 @@ fn a_process_begins_with_its_share_and_leaves_what_others_are_doing() {
         s.lease = Duration::from_secs(1);
     });
     let others = claims(place.path());
-    let held = claimed(others.attempt(&addresses[4], "a run").unwrap());
+    let held = claimed(others.attempt(&addresses[4], "a job").unwrap());
     let queue = Queue::new(addresses.iter().map(String::as_str).collect(), folder_store(place.path()), &settings);
     let (mut order, seen) = (Vec::new(), Seen::default());
     while let Some((index, claim)) = queue.next(|index| index.to_string(), &seen).unwrap() {
@@ -334,7 +332,7 @@ fn a_process_begins_with_its_share_and_leaves_what_others_are_doing() {
 }
 
 #[test]
-fn shares_are_interleaved_and_cover_the_study() {
+fn shares_are_interleaved_and_cover_all_jobs() {
     let count = 3;
     let mut of = HashMap::<u32, Vec<usize>>::new();
     for place in 0..8 {

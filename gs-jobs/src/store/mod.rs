@@ -1,12 +1,14 @@
-//! Where the files of a study's runs are: records, claims, checkpoints and pictures.
+//! Where the files of jobs are: records, claims, checkpoints and pictures.
 //!
-//! This is all that a study needs of the place, and all that [`claims`](crate::run::jobs::claims) builds
+//! This is all that jobs need of the place, and all that claims build
 //! on: a file that only one process can create, files that appear whole, and times that one clock has set.
 
 mod address;
 mod folder;
 #[cfg(feature = "object-store")]
 mod objects;
+#[cfg(feature = "object-store-tests")]
+pub mod test_server;
 #[cfg(all(test, feature = "object-store-tests"))]
 mod tests;
 
@@ -20,11 +22,11 @@ use std::{
 };
 
 pub use self::address::StoreAddress;
-pub(crate) use self::folder::FolderStore;
+pub use self::folder::FolderStore;
 use crate::error::Error;
 
-/// The place of the files of a study's runs. Names are relative to it, with `/`.
-pub(crate) trait RunStore: fmt::Debug + Send + Sync {
+/// The place of the files of jobs. Names are relative to it, with `/`.
+pub trait JobStore: fmt::Debug + Send + Sync {
     /// Creates a file; `None` where there is one of this name. Of all processes that try, one
     /// succeeds. `content` is told whether the file is locked, as far as the store has locks; a call
     /// must not give the same bytes as any other.
@@ -65,11 +67,11 @@ pub(crate) trait RunStore: fmt::Debug + Send + Sync {
 }
 
 /// The content of a file, called once.
-pub(crate) type Content<'a> = dyn FnMut(&mut dyn Write) -> io::Result<()> + 'a;
+pub type Content<'a> = dyn FnMut(&mut dyn Write) -> io::Result<()> + 'a;
 
 /// What a written file must survive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Keep {
+pub enum Keep {
     /// The end of the process.
     AfterCrash,
     /// The end of the machine.
@@ -78,14 +80,16 @@ pub(crate) enum Keep {
 
 /// Whether a process holds the lock of a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Locked {
+pub enum Locked {
+    /// This process holds it.
     Yes,
+    /// It does not, or the store has no locks.
     No,
 }
 
 /// A file that this process has created, and that no other writes to. It is locked, where it can be,
 /// until this is dropped.
-pub(crate) trait OwnFile: fmt::Debug + Send + Sync {
+pub trait OwnFile: fmt::Debug + Send + Sync {
     /// Whether it is locked.
     fn locked(&self) -> Locked;
 
@@ -95,27 +99,28 @@ pub(crate) trait OwnFile: fmt::Debug + Send + Sync {
 
 /// A small file of any process.
 #[derive(Debug)]
-pub(crate) struct Seen {
-    pub(crate) content: Vec<u8>,
-    /// When it was last written, by the clock of [`RunStore::now`]; `None` where that is not known.
-    pub(crate) written: Option<SystemTime>,
+pub struct Seen {
+    /// The content.
+    pub content: Vec<u8>,
+    /// When it was last written, by the clock of [`JobStore::now`]; `None` where that is not known.
+    pub written: Option<SystemTime>,
     /// The open file, where there are locks.
     file: Option<File>,
 }
 
 impl Seen {
     /// Whether nobody holds the lock of the file.
-    pub(crate) fn is_free(&self) -> bool {
+    pub fn is_free(&self) -> bool {
         self.file.as_ref().is_some_and(|file| file.try_lock_shared().is_ok())
     }
 }
 
-/// The store of a study in a folder: the folder itself, or that of an address.
+/// The store of jobs in a folder: the folder itself, or that of an address.
 ///
 /// # Errors
 /// [`Error::Store`] where a store cannot be used by this program or in this environment.
-pub(crate) fn open(folder: &Path, address: Option<&StoreAddress>) -> Result<Arc<dyn RunStore>, Error> {
-    address.map_or_else(|| Ok(Arc::new(FolderStore::new(folder)) as Arc<dyn RunStore>), open_objects)
+pub fn open(folder: &Path, address: Option<&StoreAddress>) -> Result<Arc<dyn JobStore>, Error> {
+    address.map_or_else(|| Ok(Arc::new(FolderStore::new(folder)) as Arc<dyn JobStore>), open_objects)
 }
 
 /// Fails where a store cannot be reached, or cannot protect claims.
@@ -123,22 +128,26 @@ pub(crate) fn open(folder: &Path, address: Option<&StoreAddress>) -> Result<Arc<
 /// # Errors
 /// [`Error::Store`].
 #[cfg(feature = "object-store")]
-pub(crate) fn check(address: &StoreAddress) -> Result<(), Error> {
+pub fn check(address: &StoreAddress) -> Result<(), Error> {
     objects::ObjectRuns::check(address)
 }
 
 #[cfg(feature = "object-store")]
-fn open_objects(address: &StoreAddress) -> Result<Arc<dyn RunStore>, Error> {
+fn open_objects(address: &StoreAddress) -> Result<Arc<dyn JobStore>, Error> {
     Ok(Arc::new(objects::ObjectRuns::open(address)?))
 }
 
+/// Fails: this program has no object stores.
+///
+/// # Errors
+/// [`Error::Store`].
 #[cfg(not(feature = "object-store"))]
-pub(crate) fn check(address: &StoreAddress) -> Result<(), Error> {
+pub fn check(address: &StoreAddress) -> Result<(), Error> {
     open_objects(address).map(drop)
 }
 
 #[cfg(not(feature = "object-store"))]
-fn open_objects(address: &StoreAddress) -> Result<Arc<dyn RunStore>, Error> {
+fn open_objects(address: &StoreAddress) -> Result<Arc<dyn JobStore>, Error> {
     let what = "this gs is built without object stores: build it with \
                 cargo install --path gs-cli --features object-store";
     Err(Error::Store { place: address.to_string(), what: what.to_owned() })

@@ -1,23 +1,23 @@
-//! Claims on the runs of a study that any number of processes share, on any number of machines.
+//! Claims on jobs that any number of processes share, on any number of machines.
 //!
-//! A claim is a file next to the run's record, `ADDRESS.0.claim`, that only one process can create.
-//! The process that created it computes the run, stores the record and removes the claim. While it
+//! A claim is a file next to the job's record, `ADDRESS.0.claim`, that only one process can create.
+//! The process that created it computes the job, stores the record and removes the claim. While it
 //! computes, it rewrites the claim every sixth of the *lease*. A claim that is older than its lease
-//! belongs to a dead process, and whoever first creates `ADDRESS.1.claim` takes the run over.
+//! belongs to a dead process, and whoever first creates `ADDRESS.1.claim` takes the job over.
 //!
 //! Three rules keep this correct without locks between machines:
 //!
-//! - **Claims are only added** while a run has no record: a process that gives a run up marks its
+//! - **Claims are only added** while a job has no record: a process that gives a job up marks its
 //!   claim as released, and the next claim has the next number. Each number is created once, so two
 //!   processes never take over the same claim.
-//! - **The record is looked for again after the claim was created,** because the run may have ended
+//! - **The record is looked for again after the claim was created,** because the job may have ended
 //!   in between. Records and claims lie in one folder, so that creating the claim renews what an
 //!   NFS client knows of the folder.
 //! - **Ages are differences of times that the file server or the object store has set:** that of the
 //!   claim and that of a file made for the comparison. The clocks of the machines do not matter.
 //!
 //! A process also locks its claims. Where another process of the same running system gets the lock,
-//! the owner is dead, and the run need not wait for the end of the lease.
+//! the owner is dead, and the job need not wait for the end of the lease.
 
 use std::{
     collections::HashSet,
@@ -28,8 +28,8 @@ use std::{
 use serde::{Deserialize, Serialize};
 
 use super::{
-    job_files::{self, JobFile, RUNS},
-    run_store::{Locked, OwnFile, RunStore},
+    files::{self, JobFile, RUNS},
+    store::{JobStore, Locked, OwnFile},
     system,
 };
 use crate::error::Error;
@@ -51,8 +51,8 @@ const RELEASED: &[u8] = b"released\n";
 pub struct ClaimNote {
     /// The process that computes, in words: its machine, its number and its job.
     pub worker: String,
-    /// The run, in words.
-    pub run: String,
+    /// The job, in words.
+    pub job: String,
     /// Time after which the claim expires unless it is rewritten, s.
     pub lease: f64,
     /// The running system and its file system. Where it is that of the reader, locks on the claim
@@ -67,8 +67,8 @@ pub struct ClaimNote {
 
 /// The claims in a store, made by one process.
 #[derive(Debug)]
-pub(crate) struct Claims {
-    store: Arc<dyn RunStore>,
+pub struct Claims {
+    store: Arc<dyn JobStore>,
     worker: String,
     lease: Duration,
     system: Option<String>,
@@ -94,50 +94,58 @@ impl OwnClaim {
     }
 }
 
-/// An attempt to claim a run.
+/// An attempt to claim a job.
 #[derive(Debug)]
 pub(crate) enum Attempt<'a> {
-    /// The run belongs to the caller.
+    /// The job belongs to the caller.
     Claimed(Claim<'a>),
-    /// The run has a record.
+    /// The job has a record.
     Ended,
-    /// Another process computes the run.
+    /// Another process computes the job.
     Taken,
 }
 
 /// The state of a claim.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) enum State {
+pub enum State {
     /// Its owner computes. The age is the time since its last sign of life.
-    Live { note: Option<ClaimNote>, age: Duration },
-    /// Its owner has given the run up.
+    Live {
+        /// What the claim says; `None` before its owner has written it.
+        note: Option<ClaimNote>,
+        /// Time since the last sign of life, by the store's clock.
+        age: Duration,
+    },
+    /// Its owner has given the job up.
     Released,
     /// Its owner is dead.
-    Expired { note: Option<ClaimNote> },
-    /// It has been removed, because the run has ended.
+    Expired {
+        /// What the claim says; `None` where its owner died before writing it.
+        note: Option<ClaimNote>,
+    },
+    /// It has been removed, because the job has ended.
     Gone,
 }
 
 impl Claims {
     /// Claims in a store. `worker` names this process in its claims.
-    pub(crate) fn new(store: Arc<dyn RunStore>, worker: String, lease: Duration) -> Self {
+    pub fn new(store: Arc<dyn JobStore>, worker: String, lease: Duration) -> Self {
         let system = store.system();
         Self { store, worker, lease, system, held: Mutex::default(), clock: Mutex::default() }
     }
 
-    /// Tries to claim a run. `run` describes it for people.
+    /// Tries to claim a job. `job` describes it for people.
     ///
     /// # Errors
-    /// [`Error::Io`] or [`Error::Store`] where the claim cannot be written.
-    pub(crate) fn attempt(&self, address: &str, run: &str) -> Result<Attempt<'_>, Error> {
+    /// [`Error::Write`] or [`Error::Store`] where the claim cannot be written.
+    pub(crate) fn attempt(&self, address: &str, job: &str) -> Result<Attempt<'_>, Error> {
         if self.has_record(address)? {
             return Ok(Attempt::Ended);
         }
         let token = system::token();
-        let note = |locked| self.note(run, locked, &token);
+        let note = |locked| self.note(job, locked, &token);
         let mut generation = 0;
         let file = loop {
-            let name = job_files::claim(address, generation);
+            let name = files::claim(address, generation);
             if let Some(file) = self.store.create(&name, &|locked| [WORKING, &note(locked)].concat())? {
                 break file;
             }
@@ -170,8 +178,8 @@ impl Claims {
     /// The state of a claim.
     ///
     /// # Errors
-    /// [`Error::Io`] or [`Error::Store`] where it or the store's time cannot be read.
-    pub(crate) fn state(&self, name: &str) -> Result<State, Error> {
+    /// [`Error::Write`] or [`Error::Store`] where it or the store's time cannot be read.
+    pub fn state(&self, name: &str) -> Result<State, Error> {
         let Some(seen) = self.store.look(name)? else { return Ok(State::Gone) };
         if seen.content.starts_with(RELEASED) {
             return Ok(State::Released);
@@ -192,7 +200,7 @@ impl Claims {
     /// Whether a file was last written longer ago than a lease, by the store's clock.
     ///
     /// # Errors
-    /// [`Error::Io`] or [`Error::Store`] where it or the store's time cannot be read.
+    /// [`Error::Write`] or [`Error::Store`] where it or the store's time cannot be read.
     pub(crate) fn is_old(&self, name: &str) -> Result<bool, Error> {
         let Some(written) = self.store.look(name)?.and_then(|seen| seen.written) else { return Ok(false) };
         Ok(self.now()?.duration_since(written).is_ok_and(|age| age > self.lease))
@@ -202,9 +210,9 @@ impl Claims {
     /// checkpoints, and temporary files that are older than a lease.
     ///
     /// # Errors
-    /// [`Error::Path`] or [`Error::Store`] where the folder cannot be read, [`Error::Io`] where it
+    /// [`Error::Path`] or [`Error::Store`] where the folder cannot be read, [`Error::Write`] where it
     /// cannot be written to.
-    pub(crate) fn sweep(&self) -> Result<(), Error> {
+    pub fn sweep(&self) -> Result<(), Error> {
         let names = self.store.names(RUNS)?;
         let files = || names.iter().filter_map(|name| Some((name, JobFile::of(name)?)));
         let ended: HashSet<&str> = files()
@@ -242,10 +250,10 @@ impl Claims {
     }
 
     /// Who holds a claim, and for how long, as it is written.
-    fn note(&self, run: &str, locked: Locked, token: &str) -> Vec<u8> {
+    fn note(&self, job: &str, locked: Locked, token: &str) -> Vec<u8> {
         let note = ClaimNote {
             worker: self.worker.clone(),
-            run: run.to_owned(),
+            job: job.to_owned(),
             lease: self.lease.as_secs_f64(),
             system: self.system.clone().unwrap_or_default(),
             locked: locked == Locked::Yes,
@@ -255,7 +263,7 @@ impl Claims {
     }
 
     fn has_record(&self, address: &str) -> Result<bool, Error> {
-        self.store.has(&job_files::record(address))
+        self.store.has(&files::record(address))
     }
 
     fn held(&self) -> MutexGuard<'_, Vec<Arc<OwnClaim>>> {
@@ -263,9 +271,9 @@ impl Claims {
     }
 }
 
-/// A run that belongs to this process. When dropped, the run is free for others.
+/// A job that belongs to this process. When dropped, the job is free for others.
 #[derive(Debug)]
-pub(crate) struct Claim<'a> {
+pub struct Claim<'a> {
     claims: &'a Claims,
     address: String,
     generation: u32,
@@ -274,13 +282,13 @@ pub(crate) struct Claim<'a> {
 }
 
 impl Claim<'_> {
-    /// Removes the claim, and those that it took over. The run must have a record.
-    pub(crate) fn finish(mut self) {
+    /// Removes the claim, and those that it took over. The job must have a record.
+    pub fn finish(mut self) {
         // Closed first: an NFS client renames a file that is removed while it is open.
         self.close();
         for generation in 0..=self.generation {
-            // Claims of runs that have ended mean nothing; the next report removes what is left.
-            let _ = self.claims.store.remove(&job_files::claim(&self.address, generation));
+            // Claims of jobs that have ended mean nothing; the next report removes what is left.
+            let _ = self.claims.store.remove(&files::claim(&self.address, generation));
         }
     }
 

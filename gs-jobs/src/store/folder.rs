@@ -1,29 +1,27 @@
-//! The files of a study's runs in a folder, on a file system that all processes see.
+//! The files of jobs in a folder, on a file system that all processes see.
 
 use std::{
     fs::{self, File},
-    io::{self, ErrorKind, Read, Seek, SeekFrom, Write},
+    io::{self, BufWriter, ErrorKind, Read, Seek, SeekFrom, Write},
     path::{Path, PathBuf},
     time::SystemTime,
 };
 
-use gs_io::{write_atomically, write_durably};
-
-use super::{Content, Keep, Locked, OwnFile, RunStore, Seen};
-use crate::{error::Error, run::jobs::system};
+use super::{Content, JobStore, Keep, Locked, OwnFile, Seen};
+use crate::{error::Error, system};
 
 /// Longest file that is read with its time, bytes.
 const MOST_BYTES: u64 = 4096;
 
 /// A folder.
 #[derive(Debug)]
-pub(crate) struct FolderStore {
+pub struct FolderStore {
     path: PathBuf,
 }
 
 impl FolderStore {
     /// A store in a folder, which need not exist yet.
-    pub(crate) fn new(path: &Path) -> Self {
+    pub fn new(path: &Path) -> Self {
         Self { path: path.to_owned() }
     }
 
@@ -32,7 +30,7 @@ impl FolderStore {
     }
 }
 
-impl RunStore for FolderStore {
+impl JobStore for FolderStore {
     fn create(&self, name: &str, content: &dyn Fn(Locked) -> Vec<u8>) -> Result<Option<Box<dyn OwnFile>>, Error> {
         let path = self.file(name);
         // Atomic on local file systems, and on NFS since version 3.
@@ -84,11 +82,27 @@ impl RunStore for FolderStore {
         unless_missing(read(), || self.file(name))
     }
 
+    /// Into a temporary file, which is then renamed.
     fn write(&self, name: &str, keep: Keep, content: &mut Content<'_>) -> Result<(), Error> {
-        Ok(match keep {
-            Keep::AfterCrash => write_atomically(self.file(name), content),
-            Keep::AfterPowerCut => write_durably(self.file(name), content),
-        }?)
+        let path = self.file(name);
+        let folder = path.parent().unwrap_or(&self.path);
+        let mut written = || {
+            let mut file = tempfile::Builder::new().prefix(".gs-").suffix(".tmp").tempfile_in(folder)?;
+            let mut buffered = BufWriter::new(file.as_file_mut());
+            content(&mut buffered)?;
+            buffered.flush()?;
+            drop(buffered);
+            if keep == Keep::AfterPowerCut {
+                file.as_file().sync_all()?;
+            }
+            file.persist(&path)?;
+            if keep == Keep::AfterPowerCut {
+                // Not all systems can synchronise a folder; the file itself is safe anyway.
+                let _ = File::open(folder).and_then(|folder| folder.sync_all());
+            }
+            Ok(())
+        };
+        written().map_err(|source| cannot_write(path.clone(), source))
     }
 
     fn remove(&self, name: &str) -> Result<(), Error> {
@@ -99,7 +113,7 @@ impl RunStore for FolderStore {
         let path = self.file(folder);
         let list = || fs::read_dir(&path)?.map(|entry| Ok(entry?.file_name().into_string().ok())).collect();
         let names: io::Result<Vec<Option<String>>> = list();
-        // Names that are not text are not of a study.
+        // Names that are not text are not of jobs.
         Ok(names.map_err(|source| Error::Path { path, source })?.into_iter().flatten().collect())
     }
 
@@ -156,5 +170,5 @@ fn unless_missing<T>(result: io::Result<T>, path: impl Fn() -> PathBuf) -> Resul
 }
 
 fn cannot_write(path: PathBuf, source: io::Error) -> Error {
-    gs_io::Error::Write { path, source }.into()
+    Error::Write { path, source }
 }

@@ -1,4 +1,4 @@
-//! The files of a study's runs as objects of a store with the interface of Amazon's S3.
+//! The files of jobs as objects of a store with the interface of Amazon's S3.
 //!
 //! A claim is created with `If-None-Match: *` and renewed with `If-Match` and the tag of its last
 //! version, so the server decides who has it. Times are those that the server gives to objects.
@@ -22,8 +22,8 @@ use object_store::{
 };
 use tokio::runtime::Runtime;
 
-use super::{Content, Keep, Locked, OwnFile, RunStore, Seen, StoreAddress};
-use crate::{error::Error, run::jobs::system};
+use super::{Content, JobStore, Keep, Locked, OwnFile, Seen, StoreAddress};
+use crate::{error::Error, system};
 
 /// Requests at the same time: they wait for the network, not for a processor.
 const WIDTH: usize = 32;
@@ -137,7 +137,7 @@ impl ObjectRuns {
     }
 }
 
-impl RunStore for ObjectRuns {
+impl JobStore for ObjectRuns {
     fn create(&self, name: &str, content: &dyn Fn(Locked) -> Vec<u8>) -> Result<Option<Box<dyn OwnFile>>, Error> {
         let (path, content) = (self.path(name), content(Locked::No));
         let version = match self.client.put(&path, &content, PutMode::Create) {

@@ -1,11 +1,11 @@
-//! How a process takes part in a study that others work on, too.
+//! How a process takes part in work that others do, too.
 
 use std::{process, time::Duration};
 
 use super::system;
 use crate::error::Error;
 
-/// The part of a study that a process begins with. When it has ended, the process helps with the
+/// The part of jobs that a process begins with. When it has ended, the process helps with the
 /// other parts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Shard {
@@ -16,40 +16,38 @@ pub struct Shard {
 }
 
 impl Shard {
-    /// Whether the part has the run at this place, counted from 0. Parts are interleaved: each has
-    /// runs of all seeds, budgets and images.
+    /// Whether the part has the job at this place, counted from 0. Parts are interleaved: each has
+    /// jobs of all seeds, budgets and images.
     pub(crate) fn contains(self, place: usize) -> bool {
         place % self.count as usize == self.index as usize
     }
 }
 
-/// What a process does when all runs that are left are with other processes.
+/// What a process does when all jobs that are left are with other processes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum AtEnd {
-    /// It waits until every run has ended.
+    /// It waits until every job has ended.
     #[default]
     Wait,
-    /// It takes over the runs of processes that are dead, and leaves after one lease without any.
+    /// It takes over the jobs of processes that are dead, and leaves after one lease without any.
     Leave,
 }
 
-/// How a process takes part in a study.
+/// How a process takes part in the jobs.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct WorkSettings {
     /// The process in words, for people who look at claims; by default its machine and its number.
     pub worker: String,
-    /// The part of the study to begin with; `None` begins at the first run.
+    /// The part of the jobs to begin with; `None` begins at the first job.
     pub shard: Option<Shard>,
-    /// Time after which others take over the runs of this process unless it shows that it is alive,
+    /// Time after which others take over the jobs of this process unless it shows that it is alive,
     /// which it does six times as often. At least 1 s, at most a day; by default 2 minutes, which
     /// outlasts the restart of a file server.
     pub lease: Duration,
-    /// What to do when all runs that are left are with other processes.
+    /// What to do when all jobs that are left are with other processes.
     pub at_end: AtEnd,
 }
-
-gs_core::impl_with!(WorkSettings);
 
 impl Default for WorkSettings {
     fn default() -> Self {
@@ -59,6 +57,14 @@ impl Default for WorkSettings {
 }
 
 impl WorkSettings {
+    /// Returns these settings after `change`, which assigns fields: `settings.with(|s|
+    /// s.field = value)`.
+    #[must_use]
+    pub fn with(mut self, change: impl FnOnce(&mut Self)) -> Self {
+        change(&mut self);
+        self
+    }
+
     /// Fails where a setting is out of its range.
     ///
     /// # Errors

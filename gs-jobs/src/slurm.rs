@@ -2,7 +2,7 @@
 
 use super::work::Shard;
 
-/// The part of a study for this task of an array; `None` outside of arrays.
+/// The part of jobs for this task of an array; `None` outside of arrays.
 pub fn shard() -> Option<Shard> {
     shard_of(variable)
 }

@@ -1,4 +1,4 @@
-//! The order in which a process claims the runs of a study, and what it does when all others are
+//! The order in which a process claims jobs, and what it does when all others are
 //! taken.
 
 use std::{
@@ -10,18 +10,18 @@ use std::{
 
 use super::{
     claims::{Attempt, Claim, Claims},
-    job_files::Listing,
-    run_store::RunStore,
+    files::Listing,
+    store::JobStore,
     system,
     work::{AtEnd, WorkSettings},
 };
 use crate::error::Error;
 
 /// Most claims of others that a process examines each time it looks for a dead owner. Many
-/// processes wait at the end of a study, and each begins elsewhere, so together they examine all.
+/// processes wait at the end of jobs, and each begins elsewhere, so together they examine all.
 const MOST_EXAMINED: usize = 32;
 
-/// Fewest runs in a row that could not be claimed before a process looks at the folder again.
+/// Fewest jobs in a row that could not be claimed before a process looks at the folder again.
 const FEWEST_MISSES: usize = 64;
 
 /// First pause between two looks at the folder. Each is twice as long as the one before.
@@ -34,13 +34,13 @@ const SHARE_OF_LOOKING: u32 = 50;
 const NOTICE: Duration = Duration::from_millis(100);
 
 /// What a queue reports to and asks while it waits; `()` ignores everything and never stops.
-pub(crate) trait Overseer {
-    /// This many of the runs have ended, by this process or others.
+pub trait Overseer {
+    /// This many of the jobs have ended, by this process or others.
     fn counted(&self, ended: usize) {
         let _ = ended;
     }
 
-    /// Whether no further run is to begin.
+    /// Whether no further job is to begin.
     fn wants_stop(&self) -> bool {
         false
     }
@@ -48,12 +48,12 @@ pub(crate) trait Overseer {
 
 impl Overseer for () {}
 
-/// The runs of a study that this process may still claim. Threads share it.
+/// The jobs that this process may still claim. Threads share it.
 #[derive(Debug)]
-pub(crate) struct Queue<'a> {
-    /// The addresses of all runs, in the study's order.
+pub struct Queue<'a> {
+    /// The addresses of all jobs, in the order given.
     addresses: Vec<&'a str>,
-    store: Arc<dyn RunStore>,
+    store: Arc<dyn JobStore>,
     claims: Claims,
     settings: &'a WorkSettings,
     order: Mutex<Order>,
@@ -62,20 +62,20 @@ pub(crate) struct Queue<'a> {
 
 #[derive(Debug, Default)]
 struct Order {
-    /// Runs to claim, by their places in the study.
+    /// Jobs to claim, by their places in the list.
     candidates: VecDeque<usize>,
-    /// How far to step after a run that another process has claimed.
+    /// How far to step after a job that another process has claimed.
     stride: usize,
     /// Runs in a row that could not be claimed.
     misses: usize,
-    /// Whether no further run is to begin.
+    /// Whether no further job is to begin.
     closed: bool,
     /// When to look at the folder again.
     next_look: Option<Instant>,
     pause: Duration,
-    /// Since when all runs left have been with others.
+    /// Since when all jobs left have been with others.
     idle_since: Option<Instant>,
-    /// Whether the process leaves unless it can take a run over now.
+    /// Whether the process leaves unless it can take a job over now.
     is_last: bool,
 }
 
@@ -87,19 +87,19 @@ enum Look {
 }
 
 impl<'a> Queue<'a> {
-    /// A queue of runs whose records and claims are in `store`.
-    pub(crate) fn new(addresses: Vec<&'a str>, store: Arc<dyn RunStore>, settings: &'a WorkSettings) -> Self {
+    /// A queue of jobs whose records and claims are in `store`.
+    pub fn new(addresses: Vec<&'a str>, store: Arc<dyn JobStore>, settings: &'a WorkSettings) -> Self {
         let claims = Claims::new(store.clone(), settings.worker.clone(), settings.lease);
         Self { addresses, store, claims, settings, order: Mutex::default(), changed: Condvar::new() }
     }
 
-    /// Claims the next run: its place in the study, and the claim. Waits while all runs that are
+    /// Claims the next job: its place in the list, and the claim. Waits while all jobs that are
     /// left are with others, as [`WorkSettings::at_end`] says. Returns `None` where nothing is
-    /// left, and where the overseer wants to stop. `words` describes a run for people.
+    /// left, and where the overseer wants to stop. `words` describes a job for people.
     ///
     /// # Errors
-    /// [`Error::Path`] and [`Error::Io`] where the folder cannot be read or written to.
-    pub(crate) fn next(
+    /// [`Error::Path`] and [`Error::Write`] where the folder cannot be read or written to.
+    pub fn next(
         &self,
         words: impl Fn(usize) -> String,
         overseer: &dyn Overseer,
@@ -127,23 +127,23 @@ impl<'a> Queue<'a> {
         Ok(None)
     }
 
-    /// No further run begins.
-    pub(crate) fn close(&self) {
+    /// No further job begins.
+    pub fn close(&self) {
         self.order().closed = true;
         self.changed.notify_all();
     }
 
-    /// Number of runs that have no record.
+    /// Number of jobs that have no record.
     ///
     /// # Errors
     /// [`Error::Path`] where the folder cannot be read.
-    pub(crate) fn left(&self) -> Result<usize, Error> {
+    pub fn left(&self) -> Result<usize, Error> {
         let ended = Listing::of(&*self.store)?.ended;
         Ok(self.addresses.iter().filter(|&&address| !ended.contains(address)).count())
     }
 
     /// Does work, during which a thread shows that the owner of this process' claims is alive.
-    pub(crate) fn keep_alive<T>(&self, work: impl FnOnce() -> T) -> T {
+    pub fn keep_alive<T>(&self, work: impl FnOnce() -> T) -> T {
         let (working, ended) = mpsc::channel::<()>();
         thread::scope(|scope| {
             scope.spawn(move || {
@@ -157,7 +157,7 @@ impl<'a> Queue<'a> {
         })
     }
 
-    /// Called when a run of this process has ended: the folder has changed.
+    /// Called when a job of this process has ended: the folder has changed.
     fn look_again(&self) {
         let mut order = self.order();
         (order.next_look, order.idle_since, order.is_last) = (None, None, false);
@@ -168,7 +168,7 @@ impl<'a> Queue<'a> {
         drop(self.changed.wait_timeout(self.order(), time).unwrap_or_else(PoisonError::into_inner));
     }
 
-    /// Lists the folder, if it is time to, and queues the runs that are free; if there are none,
+    /// Lists the folder, if it is time to, and queues the jobs that are free; if there are none,
     /// some of those that others have claimed, whose owners may be dead.
     fn look(&self, overseer: &dyn Overseer) -> Result<Look, Error> {
         let mut order = self.order();
@@ -219,7 +219,7 @@ impl Order {
         if self.closed { None } else { self.candidates.pop_front() }
     }
 
-    /// A run was claimed.
+    /// A job was claimed.
     fn found(&mut self) {
         (self.stride, self.misses) = (0, 0);
     }

@@ -2,46 +2,46 @@
 
 use std::collections::{HashMap, HashSet};
 
-use super::run_store::RunStore;
+use super::store::JobStore;
 use crate::error::Error;
 
 /// The folder of records, claims and checkpoints.
-pub(crate) const RUNS: &str = "runs";
+pub const RUNS: &str = "runs";
 
 /// Hexadecimal digits of a job's address.
-pub(crate) const ADDRESS_DIGITS: usize = 32;
+pub const ADDRESS_DIGITS: usize = 32;
 
-/// The name of a run's record.
-pub(crate) fn record(address: &str) -> String {
+/// The name of a job's record.
+pub fn record(address: &str) -> String {
     format!("{RUNS}/{address}.json")
 }
 
-/// The name of a claim on a run.
-pub(crate) fn claim(address: &str, generation: u32) -> String {
+/// The name of a claim on a job.
+pub fn claim(address: &str, generation: u32) -> String {
     format!("{RUNS}/{address}.{generation}.claim")
 }
 
-/// The name of a run's checkpoint.
-pub(crate) fn checkpoint(address: &str) -> String {
+/// The name of a job's checkpoint.
+pub fn checkpoint(address: &str) -> String {
     format!("{RUNS}/{address}.safetensors")
 }
 
 /// A file in the folder of the jobs.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) enum JobFile<'a> {
-    /// The record of the run with this address.
+pub enum JobFile<'a> {
+    /// The record of the job with this address.
     Record(&'a str),
-    /// A claim on the run with this address, and the claim's number.
+    /// A claim on the job with this address, and the claim's number.
     Claim(&'a str, u32),
-    /// The checkpoint of the run with this address.
+    /// The checkpoint of the job with this address.
     Checkpoint(&'a str),
     /// A file under a name that processes give to files they are about to rename or remove.
     Temporary,
 }
 
 impl<'a> JobFile<'a> {
-    /// The file of this name; `None` for names that are not of a study.
-    pub(crate) fn of(name: &'a str) -> Option<Self> {
+    /// The file of this name; `None` for names that are not of jobs.
+    pub fn of(name: &'a str) -> Option<Self> {
         if name.ends_with(".now") || (name.starts_with(".gs-") && name.ends_with(".tmp")) {
             return Some(Self::Temporary);
         }
@@ -59,11 +59,11 @@ impl<'a> JobFile<'a> {
 
 /// What the folder of the jobs holds.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Listing {
-    /// Addresses of the runs that have a record.
-    pub(crate) ended: HashSet<String>,
-    /// The last claim on each run that has claims, by the run's address.
-    pub(crate) claimed: HashMap<String, u32>,
+pub struct Listing {
+    /// Addresses of the jobs that have a record.
+    pub ended: HashSet<String>,
+    /// The last claim on each job that has claims, by the job's address.
+    pub claimed: HashMap<String, u32>,
 }
 
 impl Listing {
@@ -71,7 +71,7 @@ impl Listing {
     ///
     /// # Errors
     /// [`Error::Path`] or [`Error::Store`] where it cannot be read.
-    pub(crate) fn of(store: &dyn RunStore) -> Result<Self, Error> {
+    pub fn of(store: &dyn JobStore) -> Result<Self, Error> {
         let mut listing = Self::default();
         for name in store.names(RUNS)? {
             match JobFile::of(&name) {
