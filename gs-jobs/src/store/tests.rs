@@ -71,23 +71,18 @@ fn of_150_tasks_that_die_and_give_up_none_loses_a_run_or_does_it_twice_in_an_obj
 fn what_is_wrong_with_a_store_is_said_in_one_line() {
     let server = Server::start(None);
     let quick = RetryConfig { max_retries: 0, ..RetryConfig::default() };
-    let failed = |bucket: &str, builder: AmazonS3Builder| {
-        let address: StoreAddress = format!("s3://{bucket}/x").parse().unwrap();
-        ObjectRuns::check_on(&address, builder.with_retry(quick.clone())).unwrap_err().to_string()
+    // The server makes a bucket that is not there, so that mistake is not tried.
+    let failed = |builder: AmazonS3Builder| {
+        ObjectRuns::check_on(&address("x"), builder.with_retry(quick.clone())).unwrap_err().to_string()
     };
     for (message, start, expected) in [
         (
-            failed("none", server.builder()),
-            "s3://none/x: cannot be written to: ",
-            "is there such a bucket at AWS_ENDPOINT?",
-        ),
-        (
-            failed(BUCKET, server.builder().with_secret_access_key("wrong")),
+            failed(server.builder().with_secret_access_key("wrong")),
             "s3://studies/x: cannot be written to: SignatureDoesNotMatch",
             "check AWS_ACCESS_KEY_ID",
         ),
         (
-            failed(BUCKET, server.builder().with_endpoint("http://127.0.0.1:9")),
+            failed(server.builder().with_endpoint("http://127.0.0.1:9")),
             "s3://studies/x: cannot be written to: ",
             "check AWS_ENDPOINT",
         ),
