@@ -32,9 +32,6 @@ pub struct EvidenceRequest {
     pub geometry: bool,
     /// Whether [`Evidence::splitting`] is needed, of the same views.
     pub splitting: bool,
-    /// Number of views of which [`Evidence::contribution`] is needed, 0 for all; default `None`:
-    /// not needed. It is summed view by view, so it costs no memory for each of them.
-    pub contribution: Option<u32>,
 }
 
 impl Default for EvidenceRequest {
@@ -48,23 +45,11 @@ impl Default for EvidenceRequest {
             covered: false,
             geometry: false,
             splitting: false,
-            contribution: None,
         }
     }
 }
 
 impl EvidenceRequest {
-    /// A request for [`Evidence::contribution`] alone.
-    pub fn of_contribution(views: u32) -> Self {
-        Self { contribution: Some(views), ..Self::default() }
-    }
-
-    /// This request, with the contribution that the other one needs.
-    #[must_use]
-    pub fn and(self, other: Option<Self>) -> Self {
-        Self { contribution: self.contribution.or(other.and_then(|other| other.contribution)), ..self }
-    }
-
     /// Whether arrays of single views are needed.
     pub fn needs_views(&self) -> bool {
         self.blended || self.covered || self.geometry
@@ -75,10 +60,9 @@ impl EvidenceRequest {
         let number = size_of::<f32>() as u64;
         let views = if self.views == 0 { count } else { count.min(self.views.into()) };
         let of_view = 3 * u64::from(self.blended) + 3 * u64::from(self.covered) + 2 * u64::from(self.geometry);
-        let contribution = if self.contribution.is_some() { size_of::<f64>() as u64 } else { 0 };
         // Sums of six numbers, and of the views that show the Gaussian.
         let splitting = if self.splitting { 7 * number } else { 0 };
-        views * of_view * number + contribution + splitting
+        views * of_view * number + splitting
     }
 }
 
@@ -118,9 +102,6 @@ pub struct ViewEvidence {
 pub struct Evidence {
     /// One entry for each view.
     pub views: Vec<ViewEvidence>,
-    /// Σ of the blending weights over the pixels of the views of
-    /// [`EvidenceRequest::contribution`], px, `[N]`.
-    pub contribution: Vec<f64>,
     /// The splitting matrix S of each Gaussian, in its own standard deviations and the unit of the
     /// loss: the mean over the views that show it; xx, xy, xz, yy, yz, zz, `[N]`.
     ///
@@ -152,10 +133,8 @@ impl Evidence {
 
     /// Checks that the requested arrays describe `len` Gaussians.
     fn check_lengths(&self, len: usize, request: &EvidenceRequest) -> Result<(), Error> {
-        let totals =
-            [(request.contribution.is_some(), self.contribution.len()), (request.splitting, self.splitting.len())];
-        if let Some((_, found)) = totals.into_iter().find(|&(wanted, found)| wanted && found != len) {
-            return Err(Error::Length { what: "evidence", expected: len, found });
+        if request.splitting && self.splitting.len() != len {
+            return Err(Error::Length { what: "evidence", expected: len, found: self.splitting.len() });
         }
         for ViewEvidence { blended, covered, depth, radius_px, .. } in &self.views {
             let sums = |wanted: bool, s: &PixelSums| {
@@ -191,20 +170,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_joined_request_keeps_its_own_views() {
-        let few = EvidenceRequest { views: 4, edges: 2.0, covered: true, ..EvidenceRequest::default() };
-        let both = few.and(Some(EvidenceRequest::of_contribution(0)));
-        assert_eq!(both, EvidenceRequest { contribution: Some(0), ..few });
-        assert_eq!(few.and(None), few);
-        assert!(both.needs_views() && !EvidenceRequest::of_contribution(3).needs_views());
-    }
-
-    #[test]
-    fn contributions_take_no_memory_for_each_view() {
+    fn memory_follows_the_views_and_what_is_gathered_of_each() {
         let few = EvidenceRequest { views: 4, covered: true, geometry: true, ..EvidenceRequest::default() };
         assert_eq!([few.bytes_per_gaussian(300), few.bytes_per_gaussian(2)], [4 * 5 * 4, 2 * 5 * 4]);
         assert_eq!(EvidenceRequest { views: 0, ..few }.bytes_per_gaussian(300), 300 * 5 * 4);
-        assert_eq!(EvidenceRequest::of_contribution(0).bytes_per_gaussian(300), 8);
     }
 
     #[test]

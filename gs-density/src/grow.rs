@@ -8,7 +8,6 @@ pub(crate) use self::named::{GrowForm, NAMED, kind, name};
 
 use crate::{
     densify::Densify,
-    evidence::EvidenceRequest,
     gaussian::DensityScene,
     observation::{DensityPolicy, Observation, Rng},
     ranking::WhenFlat,
@@ -186,11 +185,7 @@ impl<S: DensityScene> DensityPolicy<S> for Grow {
     }
 
     fn needs_evidence(&self) -> bool {
-        self.actions.simplify.is_some()
-    }
-
-    fn evidence(&self, step: u32, _: f32) -> Option<EvidenceRequest> {
-        self.actions.evidence(step)
+        false
     }
 }
 

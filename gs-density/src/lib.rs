@@ -12,7 +12,6 @@
 //! - [`Mcmc`] relocates and copies by opacity, with [`Noise`] between steps.
 //! - [`FastGs`], [`Taming`], [`ImprovedGs`], [`SteepGs`] and [`Mrnf`] read [`Evidence`] over
 //!   several training views, which training in 3D gathers in the rounds that request it.
-//!   [`Simplify`] prunes by it, with any growth.
 //! - [`Governor`] holds any of them to a schedule that ends at exactly the budget.
 //!
 //! # A policy of your own
@@ -104,7 +103,6 @@ mod rule;
 mod sample;
 pub mod seed;
 mod signal;
-mod simplify;
 mod size;
 mod steep_gs;
 mod taming;
@@ -131,7 +129,6 @@ pub use residual::ResidualGrowth;
 pub use round::{Actions, Round};
 pub use rule::GrowthLimit;
 pub use signal::Signal;
-pub use simplify::Simplify;
 pub use size::SizeThreshold;
 pub use steep_gs::SteepGs;
 pub use taming::{ScoreWeights, Taming};

@@ -14,7 +14,6 @@ use crate::{
     reset::OpacityReset,
     round::Actions,
     rule::Rule,
-    simplify::Simplify,
     size::SizeThreshold,
 };
 
@@ -105,7 +104,6 @@ form!(ActionsForm of Actions {
     densify: DensifyForm,
     prune: PruneForm,
     reset: ResetForm,
-    simplify: Option<Option<Simplify>>,
     growth_fraction: Option<f32>,
 });
 

@@ -168,22 +168,10 @@ impl Policy {
     /// [`Error::Setting`] naming the policy; those of [`Self::validate`].
     pub fn validate_2d(&self) -> Result<(), Error> {
         if self.of_2d_scenes().needs_evidence() {
-            let found = format!("`{}`, which needs several views of a 3D scene", self.evidence_name());
+            let found = format!("`{}`, which needs several views of a 3D scene", self.name());
             return Err(Error::setting("policy", found, &LIST_2D));
         }
         self.validate()
-    }
-
-    /// What needs the evidence: the policy, or its actions.
-    fn evidence_name(&self) -> String {
-        let mut plain = self.clone();
-        if let Some(actions) = plain.actions_mut() {
-            actions.simplify = None;
-        }
-        match plain.of_2d_scenes().needs_evidence() {
-            true => self.name().to_owned(),
-            false => format!("{} with actions.simplify", self.name()),
-        }
     }
 
     /// Checks the policy for 3D scenes, where growth by residual and sizes in px are not possible.

@@ -9,13 +9,11 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     densify::Densify,
-    evidence::EvidenceRequest,
     gaussian::DensityScene,
     observation::{Observation, Rng},
     prune::Prune,
     ranking::{Ranking, WhenFlat},
     reset::OpacityReset,
-    simplify::Simplify,
 };
 
 gs_core::impl_with!(Actions);
@@ -31,9 +29,6 @@ pub struct Actions {
     pub prune: Prune,
     /// Opacity resets.
     pub reset: OpacityReset,
-    /// Pruning by contribution to several views, in 3D. Default none.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub simplify: Option<Simplify>,
     /// Share of the rounds in which the number of Gaussians grows, 0..=1; later rounds only prune,
     /// without opacity resets.
     /// Default 1.
@@ -52,7 +47,6 @@ impl Default for Actions {
             densify: Densify::default(),
             prune: Prune::default(),
             reset: OpacityReset::default(),
-            simplify: None,
             growth_fraction: 1.0,
         }
     }
@@ -62,11 +56,6 @@ impl Actions {
     /// Whether the number of Gaussians grows in the round at this progress.
     pub fn grows(&self, progress: f32) -> bool {
         progress <= self.growth_fraction
-    }
-
-    /// The evidence that these actions need in the round after `step` (from 0).
-    pub fn evidence(&self, step: u32) -> Option<EvidenceRequest> {
-        self.simplify.as_ref().and_then(|simplify| simplify.evidence(step))
     }
 
     /// Checks the ranges of all settings.
@@ -80,7 +69,7 @@ impl Actions {
         if !(0.0..=1.0).contains(&self.growth_fraction) {
             return Err(Error::setting("growth-fraction", self.growth_fraction, "0 to 1"));
         }
-        self.simplify.as_ref().map_or(Ok(()), Simplify::validate)
+        Ok(())
     }
 }
 
@@ -97,7 +86,7 @@ impl<'a, S: DensityScene> Round<'a, S> {
     ///
     /// # Errors
     /// [`Error::Setting`] where a setting of an action is outside its range, [`Error::Length`]
-    /// where scene and statistics differ in length, [`Error::State`] where evidence is missing.
+    /// where scene and statistics differ in length.
     pub fn open(actions: &Actions, observation: &'a Observation<'a, S>) -> Result<Self, Error> {
         actions.validate()?;
         observation.check_lengths()?;
@@ -112,13 +101,10 @@ impl<'a, S: DensityScene> Round<'a, S> {
     pub fn with_removed(
         actions: &Actions,
         observation: &'a Observation<'a, S>,
-        mut removed: Vec<Removal>,
+        removed: Vec<Removal>,
     ) -> Result<Self, Error> {
         actions.validate()?;
         observation.check_lengths()?;
-        if let Some(simplify) = &actions.simplify {
-            simplify.remove(observation, actions.grows(observation.progress), &mut removed)?;
-        }
         Ok(Self { actions: *actions, observation, removed })
     }
 

@@ -110,10 +110,6 @@ impl<S: DensityScene, P: ByEvidence> DensityPolicy<S> for P {
     }
 
     fn evidence(&self, step: u32, progress: f32) -> Option<EvidenceRequest> {
-        let simplify = self.own_actions().evidence(step);
-        match self.reads_evidence(step, progress) {
-            true => Some(self.request().and(simplify)),
-            false => simplify,
-        }
+        self.reads_evidence(step, progress).then(|| self.request())
     }
 }

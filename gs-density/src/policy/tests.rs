@@ -88,8 +88,6 @@ fn settings_files_are_held_to_their_fields_and_ranges() {
         "kind = 'absolute'\nfull-depth = -1.0",
         "kind = 'improved-gs'\nrecovery-percent = 101.0",
         "kind = 'absolute'\nactions.growth-fraction = 1.5",
-        "kind = 'absolute'\nactions.simplify.mass = nan",
-        "kind = 'absolute'\nactions.simplify.every = 0",
         "kind = 'image-gs'\nadditions = 0",
         "kind = 'image-gs'\nstart-fraction = 1.5",
         "kind = 'image-gs'\nopacity = 1.0",
@@ -104,13 +102,12 @@ fn settings_files_are_held_to_their_fields_and_ranges() {
 #[test]
 fn actions_that_are_not_given_stay_those_of_the_policy() {
     type Change = fn(&mut Actions);
-    let changes: [(&str, Change); 6] = [
+    let changes: [(&str, Change); 5] = [
         ("densify.shrink = 2.5", |s| s.densify.shrink = 2.5),
         ("densify.split-above = { world-units = 3.0 }", |s| s.densify.split_above = SizeThreshold::WorldUnits(3.0)),
         ("prune.larger-after = 77", |s| s.prune.larger_after = 77),
         ("reset.to = 0.5", |s| s.reset.to = 0.5),
         ("growth-fraction = 1.0", |s| s.growth_fraction = 1.0),
-        ("simplify.every = 9", |s| s.simplify = Some(crate::Simplify::default().with(|s| s.every = 9))),
     ];
     let with_actions = |kind: &&str| Policy::from_name(kind).unwrap().actions().is_some();
     assert!(kinds().filter(with_actions).count() >= 9);

@@ -7,8 +7,8 @@ use gs_core::{
     logit, sigmoid,
 };
 use gs_density::{
-    Actions, DensityPolicy, Evidence, FastGs, Grow, ImprovedGs, Mrnf, Observation, PixelSums, Policy, Rng, Signal,
-    Simplify, SteepGs, Taming, ViewEvidence,
+    DensityPolicy, Evidence, FastGs, ImprovedGs, Mrnf, Observation, PixelSums, Policy, Rng, SteepGs, Taming,
+    ViewEvidence,
 };
 
 const EXTENT: f32 = 5.0;
@@ -43,9 +43,8 @@ pub(crate) fn evidence(views: &[(f32, &[f32])]) -> Evidence {
         }
     };
     let len = views.first().map_or(0, |(_, values)| values.len());
-    let contribution = (0..len).map(|i| views.iter().map(|(_, values)| f64::from(values[i])).sum()).collect();
     let splitting = vec![[-1.0, 0.0, 0.0, -1.0, 0.0, -1.0]; len];
-    Evidence { views: views.iter().map(view).collect(), contribution, splitting }
+    Evidence { views: views.iter().map(view).collect(), splitting }
 }
 
 struct Round<'a> {
@@ -238,42 +237,6 @@ fn improved_gs_prunes_what_recovers_slowly() {
     assert_eq!([at(2_999), at(3_399), at(9_299), at(299)], [const { Vec::new() }; 4]);
 }
 
-/// Contributions of 1, 2, 3, … to 10 (together 55) in two views. Soft pruning removes 8 of 10, hard
-/// pruning 3; to hold 1 % of all is not possible for the least, 20 % (of both views: 22 of 110) is
-/// held by 1 + 2 + 3 + 4 = 10 per view.
-#[test]
-fn the_least_contributing_are_removed_beside_any_growth() {
-    let scene = scene(&[(0.1, 0.5); 10]);
-    let contributions: Vec<f32> = (1..=10).map(|i| i as f32).collect();
-    let evidence = evidence(&[(0.1, &contributions), (0.9, &contributions)]);
-    let count = |simplify: Simplify, step: u32, progress: f32| {
-        let actions = Actions::default().with(|s| {
-            s.simplify = Some(simplify);
-            s.growth_fraction = 0.5;
-        });
-        let policy = Policy::Grow(Grow::absolute(Signal::MeanGradient).with_actions(actions));
-        let round = Round {
-            scene: &scene,
-            gradients: &[0.1; 10],
-            evidence: Some(&evidence),
-            step,
-            progress: [0.0, progress],
-            budget: 100,
-        };
-        let plan = round.plan(&policy).unwrap();
-        let gone = removed(&plan);
-        assert!(gone.iter().enumerate().all(|(i, r)| *r == (i as u32, PruneCause::Unimportant)), "{gone:?}");
-        assert_eq!(plan.added.len(), if progress <= 0.5 { 10 - gone.len() } else { 0 });
-        gone.len()
-    };
-    let speedy = Simplify::speedy_splat();
-    assert_eq!(count(speedy, 5_999, 0.4), 8);
-    assert_eq!(count(speedy, 8_999, 0.6), 3);
-    assert_eq!([count(speedy, 2_999, 0.4), count(speedy, 6_099, 0.4)], [0, 0], "not due");
-    assert_eq!(count(Simplify::mini_splatting(), 19_999, 0.6), 0);
-    assert_eq!(count(Simplify::mini_splatting().with(|s| s.mass = 0.2), 19_999, 0.6), 4);
-}
-
 #[test]
 fn missing_evidence_is_an_error_that_names_the_policy() {
     let scene = scene(&[(0.1, 0.5); 2]);
@@ -300,9 +263,6 @@ fn missing_evidence_is_an_error_that_names_the_policy() {
         );
         policy.validate_3d().unwrap();
     }
-    let actions = Actions::default().with(|s| s.simplify = Some(Simplify::speedy_splat()));
-    let simplified = Policy::Grow(Grow::absolute(Signal::MeanGradient).with_actions(actions));
-    assert!(simplified.validate_2d().unwrap_err().to_string().contains("simplify"));
     Policy::from_name("absolute").unwrap().validate_2d().unwrap();
 }
 

@@ -206,7 +206,7 @@ fn find_within(value: &Spanned<DeValue<'_>>, word: &str, path: &str, places: &mu
 #[cfg(test)]
 mod tests {
     use gs_core::{Extent, Loss, adam::Schedule};
-    use gs_density::{LongAxisSplit, Policy, Simplify, SizeThreshold, SplitPlacement};
+    use gs_density::{LongAxisSplit, Policy, SizeThreshold, SplitPlacement};
     use toml::Table;
 
     use super::*;
@@ -267,7 +267,7 @@ mod tests {
             if let Some(actions) = policy.actions_mut() {
                 actions.prune.larger_than = Some(SizeThreshold::ExtentFraction(0.5));
                 actions.prune.larger_after = 7;
-                (actions.simplify, actions.growth_fraction) = (Some(Simplify::speedy_splat()), 0.5);
+                actions.growth_fraction = 0.5;
                 actions.densify.split_placement = SplitPlacement::LongAxisSplit(LongAxisSplit::default());
             }
         }

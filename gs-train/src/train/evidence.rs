@@ -21,7 +21,7 @@ use gs_density::{DensityGaussian, Evidence, EvidenceRequest, PixelSums, Rng, Vie
 use gs_io::dataset::PosedImage;
 use rand::{SeedableRng, seq::index};
 
-use self::maps::{counted_pixels, maps};
+use self::maps::maps;
 use crate::error::Error;
 use crate::views::images;
 
@@ -31,31 +31,13 @@ const EVIDENCE_STREAM: u64 = 0x6576_6964;
 /// α in every pixel of a footprint. A thousand Gaussians in front hide a thousandth of a pixel.
 const FOOTPRINT_ALPHA: f32 = 1e-6;
 
-/// What a view of a round is for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Purpose {
-    /// The arrays of the view, and the splitting matrices.
-    own: bool,
-    /// The contribution over all views.
-    contribution: bool,
-}
-
 /// The views, of `count`, for the evidence of the round after `step` steps, by index.
-pub(super) fn views_of_round(seed: u32, step: u32, count: usize, request: &EvidenceRequest) -> Vec<(usize, Purpose)> {
-    let drawn = |wanted: u32| {
-        let wanted = if wanted == 0 { count } else { count.min(wanted as usize) };
-        let state = (u64::from(seed) << 32 | u64::from(step)) ^ EVIDENCE_STREAM.rotate_left(16);
-        let mut is_drawn = vec![false; count];
-        index::sample(&mut Rng::seed_from_u64(state), count, wanted).iter().for_each(|index| is_drawn[index] = true);
-        is_drawn
-    };
-    let own = (request.needs_views() || request.splitting).then(|| drawn(request.views));
-    let contribution = request.contribution.map(drawn);
-    let is_in = |views: &Option<Vec<bool>>, index: usize| views.as_ref().is_some_and(|views| views[index]);
-    (0..count)
-        .map(|index| (index, Purpose { own: is_in(&own, index), contribution: is_in(&contribution, index) }))
-        .filter(|(_, purpose)| purpose.own || purpose.contribution)
-        .collect()
+pub(super) fn views_of_round(seed: u32, step: u32, count: usize, request: &EvidenceRequest) -> Vec<usize> {
+    let wanted = if request.views == 0 { count } else { count.min(request.views as usize) };
+    let state = (u64::from(seed) << 32 | u64::from(step)) ^ EVIDENCE_STREAM.rotate_left(16);
+    let mut drawn = index::sample(&mut Rng::seed_from_u64(state), count, wanted).into_vec();
+    drawn.sort_unstable();
+    drawn
 }
 
 /// Gathers the evidence of a round, view by view.
@@ -90,9 +72,6 @@ impl<'a, R: Optimizer<Scene3d>> Gathering<'a, R> {
     ) -> Result<Self, Error> {
         let plain = on.upload(&plain(scene), Parameterization::ScaleRotation)?;
         let mut evidence = Evidence::default();
-        if request.contribution.is_some() {
-            evidence.contribution = vec![0.0; scene.len()];
-        }
         let uneven = match request.splitting {
             true => {
                 evidence.splitting = vec![[0.0; 6]; scene.len()];
@@ -106,20 +85,13 @@ impl<'a, R: Optimizer<Scene3d>> Gathering<'a, R> {
     }
 
     /// Adds a view: its camera and its image, both at the resolution of the step.
-    pub(super) async fn add(
-        &mut self,
-        camera: &Camera,
-        posed: PosedImage,
-        loss: &gs_core::Loss,
-        purpose: Purpose,
-    ) -> Result<(), Error> {
+    pub(super) async fn add(&mut self, camera: &Camera, posed: PosedImage, loss: &gs_core::Loss) -> Result<(), Error> {
         let mask = posed.mask.clone();
         let mask = mask.as_deref();
-        let mut blended = None;
-        if purpose.own && self.request.splitting {
+        if self.request.splitting {
             self.add_splitting(camera, posed.clone(), loss).await?;
         }
-        if purpose.own && self.request.needs_views() {
+        if self.request.needs_views() {
             let background = self.render.background_color();
             let pass = self.on.forward(self.splats, camera, &self.render).await?;
             let rendered = self.on.image(&pass).await?;
@@ -129,7 +101,6 @@ impl<'a, R: Optimizer<Scene3d>> Gathering<'a, R> {
             let mut view = ViewEvidence { loss, ..ViewEvidence::default() };
             if self.request.blended {
                 view.blended = self.sums(camera, self.render, &maps, 1.0).await?;
-                blended = Some(self.evidence.views.len());
             }
             if self.request.covered {
                 let mut footprints = self.render;
@@ -142,16 +113,6 @@ impl<'a, R: Optimizer<Scene3d>> Gathering<'a, R> {
                 (view.depth, view.radius_px) = geometry(self.scene, camera, &self.render);
             }
             self.evidence.views.push(view);
-        }
-        if purpose.contribution {
-            match blended {
-                Some(view) => add_to(&mut self.evidence.contribution, &self.evidence.views[view].blended.pixels),
-                None => {
-                    let maps = counted_pixels((camera.width, camera.height), mask)?;
-                    let pixels = self.sums(camera, self.render, &maps, 1.0).await?.pixels;
-                    add_to(&mut self.evidence.contribution, &pixels);
-                }
-            }
         }
         Ok(())
     }
@@ -247,10 +208,6 @@ pub(super) fn ellipsoid(scene: &Scene3d, index: usize) -> Ellipsoid {
     }
 }
 
-fn add_to(sums: &mut [f64], values: &[f32]) {
-    sums.iter_mut().zip(values).for_each(|(sum, &value)| *sum += f64::from(value));
-}
-
 /// [`ViewEvidence::depth`] and [`ViewEvidence::radius_px`].
 fn geometry(scene: &Scene3d, camera: &Camera, render: &RenderSettings) -> (Vec<f32>, Vec<f32>) {
     let perspective = Perspective::new(camera, render);
@@ -274,20 +231,13 @@ mod tests {
     #[test]
     fn views_are_drawn_anew_in_each_round_and_repeat_with_the_seed() {
         let request = EvidenceRequest::default().with(|s| (s.views, s.covered) = (4, true));
-        let indices = |seed, step, count, request: &EvidenceRequest| -> Vec<usize> {
-            views_of_round(seed, step, count, request).into_iter().map(|(index, _)| index).collect()
-        };
+        let indices =
+            |seed, step, count, request: &EvidenceRequest| -> Vec<usize> { views_of_round(seed, step, count, request) };
         let of = |seed, step| indices(seed, step, 30, &request);
         assert_eq!((of(1, 100).len(), of(1, 100)), (4, of(1, 100)));
         assert!(of(1, 100).windows(2).all(|pair| pair[0] < pair[1]));
         assert!(of(1, 100) != of(1, 200) && of(1, 100) != of(2, 100));
         let all = request.with(|s| s.views = 0);
         assert_eq!([indices(1, 100, 3, &all), indices(1, 100, 3, &request)], [[0, 1, 2], [0, 1, 2]]);
-        // A contribution over more views leaves the policy its own.
-        let joined = request.and(Some(EvidenceRequest::of_contribution(0)));
-        let views = views_of_round(1, 100, 30, &joined);
-        assert!(views.len() == 30 && views.iter().all(|(_, purpose)| purpose.contribution));
-        let own: Vec<usize> = views.iter().filter(|(_, purpose)| purpose.own).map(|(index, _)| *index).collect();
-        assert_eq!(own, of(1, 100));
     }
 }

@@ -206,7 +206,6 @@ impl TrainSettings {
             if !has_own {
                 (actions.prune, actions.reset) = (usual.prune, usual.reset);
             }
-            actions.simplify = actions.simplify.or(usual.simplify);
             // Growth ends where that of these settings does.
             let share = f64::from(actions.growth_fraction / usual.growth_fraction);
             let until = (f64::from(self.rounds.until) / share).round();

@@ -289,10 +289,10 @@ impl<R: Optimizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
         request: EvidenceRequest,
     ) -> Result<Option<Evidence>, Error> {
         let mut gathering = Gathering::new(on, of, shown(settings, effects), request)?;
-        for (index, purpose) in views_of_round(settings.seed, step, self.views.train.len(), &request) {
+        for index in views_of_round(settings.seed, step, self.views.train.len(), &request) {
             let (camera, factor) = self.reduced(index, settings, step);
             let posed = images::training_image(&self.views.train[index], factor, self.exposures.map(index))?;
-            gathering.add(&camera, posed, &settings.loss, purpose).await?;
+            gathering.add(&camera, posed, &settings.loss).await?;
         }
         Ok(Some(gathering.finish()))
     }

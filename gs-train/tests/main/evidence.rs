@@ -108,31 +108,6 @@ fn sums_are_those_of_renderings() {
     assert!(high > 5, "only {high} sums of high error");
 }
 
-/// The contribution over all views is summed beside the views that a policy requests, and alone.
-#[test]
-fn contributions_are_sums_over_their_own_views() {
-    let rasterizer = rasterizer();
-    let gathered = |request: EvidenceRequest| {
-        let policy = Curious::new(Some(request));
-        let mut trainer = Trainer3d::from_views(&rasterizer, views(&rasterizer), Start::Random, short(11))
-            .block_on()
-            .unwrap()
-            .controlled_by(policy.clone());
-        trainer.run(&mut ()).block_on().unwrap();
-        policy.seen.lock().unwrap().take().expect("there was a round").1
-    };
-    let of_all = EvidenceRequest::default().with(|s| (s.views, s.blended, s.contribution) = (0, true, Some(0)));
-    let all = gathered(of_all);
-    assert_eq!(all.contribution, all.sum(all.contribution.len(), |_| 1.0, |view| &view.blended.pixels));
-    assert!(all.contribution.iter().sum::<f64>() > 100.0);
-    let few = gathered(of_all.with(|s| s.views = 3));
-    let alone = gathered(EvidenceRequest::of_contribution(0));
-    assert_eq!((all.views.len(), few.views.len(), alone.views.len()), (12, 3, 0));
-    assert!(few.contribution == all.contribution && alone.contribution == all.contribution);
-    let of_some = gathered(EvidenceRequest::of_contribution(4)).contribution;
-    assert!(of_some.iter().zip(&all.contribution).all(|(some, all)| some <= all) && of_some != all.contribution);
-}
-
 /// The gradients of balls do not determine their splitting matrices, but those of the copies do:
 /// they are found for every Gaussian that a view shows, and a policy grows by them.
 #[test]

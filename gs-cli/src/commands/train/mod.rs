@@ -67,7 +67,7 @@ pub(crate) fn run(args: &TrainArgs) -> Result<(), Failure> {
     output::note(&backend.reason);
     dataset.remarks.iter().for_each(|remark| output::note(format_args!("note: {}", remark_text(remark))));
     let (trainer, log, description) = start.begin(args, &backend.rasterizer, &dataset, limit.as_mut())?;
-    trainer.settings().idle_parts().iter().for_each(|part| output::note(format_args!("note: {part}")));
+    trainer.settings().idle_part().iter().for_each(|part| output::note(format_args!("note: {part}")));
     check_memory(args, &trainer)?;
     let folder = OutputFolder::begin(claim)?;
     let iterations = trainer.settings().iterations;

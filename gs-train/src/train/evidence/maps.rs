@@ -3,14 +3,6 @@
 use gs_core::Image;
 use gs_density::EvidenceRequest;
 
-/// 1 in the first channel where a pixel counts.
-pub(super) fn counted_pixels((width, height): (u32, u32), mask: Option<&[bool]>) -> Result<Image, gs_core::Error> {
-    Image::from_fn(width, height, |x, y| {
-        let counts = mask.is_none_or(|mask| mask[(y * width + x) as usize]);
-        [if counts { 1.0 } else { 0.0 }, 0.0, 0.0]
-    })
-}
-
 /// The maps of [`PixelSums`]: 1, e, and whether the error is high; 0 where the mask leaves a pixel
 /// out.
 pub(super) fn maps(
