@@ -88,7 +88,7 @@ pub(crate) fn of_view(dataset: &Dataset, name: &ViewName) -> Result<Camera, Fail
 pub(crate) fn looked_at(dataset: &Dataset, camera: &Camera) -> Vec3 {
     let cameras: Vec<Camera> = dataset.views.iter().map(|view| view.camera).collect();
     Focus::of(&cameras)
-        .map_or_else(|| camera.position() + camera.rotation.row(2) * extent_of(&cameras, None), |focus| focus.point)
+        .map_or_else(|| camera.position() + camera.rotation.row(2) * extent_of(&cameras, &[]), |focus| focus.point)
 }
 
 /// The mean up direction of a data set's cameras, of any length.

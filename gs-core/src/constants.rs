@@ -225,3 +225,11 @@ pub const MAX_GAUSSIANS: u32 = 100_000_000;
 /// Largest side of an image. Unit: px. Row numbers stay exact in `f32` with room for fractions, and
 /// a header bomb is refused.
 pub const MAX_SIDE_PX: u32 = 16_384;
+
+/// Share of the points' distance below which cameras stand in one place and only turn: a head that
+/// pans moves a lens by millimetres, and text rounds positions.
+pub const ONE_PLACE: f64 = 2e-3;
+
+/// Share of the points, those nearest to the cameras, beyond which lies the distance that
+/// [`ONE_PLACE`] is a share of: a sky far away does not make a scene small.
+pub const NEAREST_POINTS: f64 = 0.05;

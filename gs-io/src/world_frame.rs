@@ -7,6 +7,7 @@
 use std::fmt;
 
 use glam::{DAffine3, DMat3, DVec3};
+use gs_core::constants::{NEAREST_POINTS, ONE_PLACE};
 use serde::{Deserialize, Serialize};
 
 /// A frame: world = origin + unit · frame, with the axes of the world.
@@ -45,10 +46,6 @@ const USUAL_SPREAD: f64 = 2.2;
 /// rounds positions to 2e-6 spreads there, which is 1/500 px in an image of 1,000 px.
 const MAX_DISTANCE: f64 = 32.0;
 
-/// Share of the points' distance below which cameras stand in one place and only turn. A sky far away
-/// must not make a scene small.
-const ONE_PLACE: f64 = 1e-6;
-
 /// Share of the points' distance that stands for the spread of cameras in one place.
 const SHARE_OF_DISTANCE: f64 = 0.2;
 
@@ -70,7 +67,8 @@ impl WorldFrame {
         let center = DVec3::from([0, 1, 2].map(|axis| median(cameras.iter().map(|c| c[axis])).unwrap_or(0.0)));
         let distance = |positions: &[DVec3]| median(positions.iter().map(|p| p.distance(center))).unwrap_or(0.0);
         let (of_cameras, of_points) = (distance(cameras), distance(points));
-        let in_one_place = of_cameras <= ONE_PLACE * of_points;
+        let nearest = quantile(points.iter().map(|p| p.distance(center)), NEAREST_POINTS).unwrap_or(0.0);
+        let in_one_place = of_cameras <= ONE_PLACE * nearest;
         let spread = if in_one_place { SHARE_OF_DISTANCE * of_points } else { of_cameras };
         // Rounding of f64 leaves that much of cameras in one place.
         if !(spread > 1e-9 * center.length() && spread > 1e-30 && spread.is_finite()) {
@@ -165,9 +163,14 @@ impl fmt::Display for WorldFrame {
 
 /// The median of the finite values: the upper one of an even number.
 fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
+    quantile(values, 0.5)
+}
+
+/// The first of the finite values that this share, below 1, is smaller than.
+fn quantile(values: impl Iterator<Item = f64>, share: f64) -> Option<f64> {
     let mut values: Vec<f64> = values.filter(|value| value.is_finite()).collect();
-    let middle = values.len() / 2;
-    (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
+    let place = (share * values.len() as f64) as usize;
+    (!values.is_empty()).then(|| *values.select_nth_unstable_by(place, f64::total_cmp).1)
 }
 
 #[cfg(test)]
@@ -217,7 +220,8 @@ mod tests {
         let mut points = vec![DVec3::ONE; 20];
         points[3] = DVec3::splat(1e15);
         assert_eq!(WorldFrame::of(&cameras, &points), WorldFrame::WORLD);
-        assert_eq!(WorldFrame::of(&ring(3.2, DVec3::ZERO), &ring(1e5, DVec3::ZERO)), WorldFrame::WORLD, "a sky");
+        let with_sky = [ring(1e5, DVec3::ZERO), ring(5.0, DVec3::ZERO)].concat();
+        assert_eq!(WorldFrame::of(&ring(3.2, DVec3::ZERO), &with_sky), WorldFrame::WORLD, "a sky");
     }
 
     #[test]
@@ -226,6 +230,11 @@ mod tests {
         let points: Vec<DVec3> = ring(2000.0, place);
         assert_eq!(WorldFrame::of(&[place; 5], &points), WorldFrame { origin: place, unit: 100.0 });
         assert_eq!(WorldFrame::of(&[place; 5], &[]), WorldFrame { origin: place, unit: 1.0 });
+        // A head that pans.
+        assert_eq!(WorldFrame::of(&ring(1.0, place), &points), WorldFrame { origin: place, unit: 100.0 });
+        assert_eq!(WorldFrame::of(&ring(100.0, place), &points).unit, 100.0);
+        let close = ring(200.0, place);
+        assert_eq!(WorldFrame::of(&ring(1.0, place), &close).unit, 1.0);
     }
 
     #[test]

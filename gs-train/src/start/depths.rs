@@ -35,7 +35,7 @@ pub(crate) fn points(views: &[PosedView], known: &[Point]) -> Result<Vec<Point>,
     let reliefs = fitted(maps.into_iter().flatten().collect(), known);
     let (plates, depths): (Vec<Plate>, Vec<Vec<f32>>) = reliefs.into_iter().map(|r| (r.plate, r.values)).unzip();
     let cameras: Vec<_> = plates.iter().map(|plate| plate.camera).collect();
-    let distance = Focus::of(&cameras).map_or_else(|| extent_of(&cameras, None), |focus| focus.distance);
+    let distance = Focus::of(&cameras).map_or_else(|| extent_of(&cameras, &[]), |focus| focus.distance);
     let pixels: usize = depths.iter().flatten().filter(|depth| **depth > 0.0).count();
     let stride = ((pixels as f32 / MOST_PIXELS as f32).sqrt().ceil() as usize).max(1);
     let found: Vec<Vec<Found>> = (0..plates.len())

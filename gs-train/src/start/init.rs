@@ -239,7 +239,7 @@ fn gaussians_at(points: &[Point], init: &PointInit, sh_degree: u8) -> Scene3d {
 /// random cameras.
 fn random_points(cameras: &[Camera], count: usize, rng: &mut Rng) -> Vec<Point> {
     let focus = Focus::of(cameras);
-    let extent = extent_of(cameras, None);
+    let extent = extent_of(cameras, &[]);
     (0..count)
         .map(|_| {
             let position = match focus {

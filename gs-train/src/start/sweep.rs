@@ -99,7 +99,7 @@ pub(crate) fn points(views: &[PosedView]) -> Result<Vec<Point>, Error> {
     let cameras: Vec<Camera> = plates.iter().map(|plate| plate.camera).collect();
     let (distance, nearest) = match Focus::of(&cameras) {
         Some(focus) => (focus.distance, NEAREST_AROUND),
-        None => (extent_of(&cameras, None), NEAREST_WITHIN),
+        None => (extent_of(&cameras, &[]), NEAREST_WITHIN),
     };
     let pixels: usize = plates.iter().map(|plate| plate.solid.iter().filter(|&&solid| solid).count()).sum();
     let stride = ((pixels as f32 / MOST_PIXELS as f32).sqrt().ceil() as u32).max(1);

@@ -59,7 +59,7 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
         if !scene.means.iter().any(|&mean| cameras.iter().any(|camera| sees(camera, mean))) {
             return Err(Error::NothingInView { gaussians: scene.len(), views: cameras.len() });
         }
-        let extent = *settings.extent.get_or_insert_with(|| extent_of(&cameras, depth_of(&scene, &cameras)));
+        let extent = *settings.extent.get_or_insert_with(|| extent_of(&cameras, &scene.means));
         settings.validate()?;
         let splats = rasterizer.upload(&scene, settings.parameterization)?;
         let (images, digests) = (fingerprint(&views), views.digests()?);
@@ -168,14 +168,6 @@ fn for_evidence(views: Views, settings: &TrainSettings) -> Result<Views, Error> 
 fn sees(camera: &Camera, mean: glam::Vec3) -> bool {
     let size = glam::Vec2::new(camera.width as f32, camera.height as f32);
     camera.project(mean).is_some_and(|(at, _)| at.cmpge(glam::Vec2::ZERO).all() && at.cmple(size).all())
-}
-
-/// Median distance of the Gaussians from the first camera.
-fn depth_of(scene: &Scene3d, cameras: &[Camera]) -> Option<f32> {
-    let from = cameras.first()?.position();
-    let mut distances: Vec<f32> = scene.means.iter().map(|mean| mean.distance(from)).collect();
-    distances.sort_by(f32::total_cmp);
-    distances.get(scene.len() / 2).copied()
 }
 
 /// Identifies the views by names, cameras, roles and which pixels count. Their images have

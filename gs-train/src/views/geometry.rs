@@ -1,19 +1,30 @@
 //! Properties of a scene that follow from its cameras: its extent, and their focus.
 
 use glam::{DMat3, DVec3, Vec3};
-use gs_core::Camera;
+use gs_core::{
+    Camera,
+    constants::{NEAREST_POINTS, ONE_PLACE},
+};
+
+/// Distance of a camera from the others that rounding of `f32` alone may leave, world units.
+const LEAST_SPREAD: f64 = 1e-5;
 
 /// Extent of a scene, world units, in which learning rates and sizes are expressed.
 ///
 /// It is 1.1 times the largest distance of a camera from the mean of all camera positions
-/// (*source:* the code of 3DGS). For cameras in one place it is their distance from the scene,
-/// `depth`, or else 1.
-pub fn extent_of<'a>(cameras: impl IntoIterator<Item = &'a Camera>, depth: Option<f32>) -> f32 {
+/// (*source:* the code of 3DGS). For cameras in one place ([`ONE_PLACE`]) it is the median distance of
+/// the scene's `points` from there, or 1 without any.
+pub fn extent_of<'a>(cameras: impl IntoIterator<Item = &'a Camera>, points: &[Vec3]) -> f32 {
     let positions: Vec<DVec3> = cameras.into_iter().map(|camera| camera.position().as_dvec3()).collect();
     let mean = positions.iter().sum::<DVec3>() / positions.len().max(1) as f64;
     let spread = positions.iter().map(|position| position.distance(mean)).fold(0.0, f64::max);
-    let candidates = [Some(1.1 * spread as f32), depth];
-    candidates.into_iter().flatten().find(|extent| *extent > 1e-6 && extent.is_finite()).unwrap_or(1.0)
+    let mut distances: Vec<f64> = points.iter().map(|point| point.as_dvec3().distance(mean)).collect();
+    distances.retain(|distance| distance.is_finite());
+    distances.sort_by(f64::total_cmp);
+    let distance = |share: f64| distances.get((share * distances.len() as f64) as usize).copied();
+    let least = distance(NEAREST_POINTS).map_or(LEAST_SPREAD, |nearest| LEAST_SPREAD.max(ONE_PLACE * nearest));
+    let extent = if spread > least { 1.1 * spread } else { distance(0.5).unwrap_or(1.0) } as f32;
+    if extent > 0.0 && extent.is_finite() { extent } else { 1.0 }
 }
 
 /// The point that the cameras look at.
@@ -79,10 +90,23 @@ pub(crate) mod tests {
     fn the_extent_is_that_of_3dgs() {
         let at = |x: f32| looking_at(Vec3::new(x, 0.0, 0.0), Vec3::new(0.0, 5.0, 0.0), 8);
         let cameras = [at(-1.0), at(0.0), at(4.0)];
-        assert!((extent_of(&cameras, None) - 1.1 * 3.0).abs() < 1e-5);
-        assert_eq!(extent_of(&cameras[..1], Some(7.0)), 7.0);
-        assert_eq!(extent_of(&cameras[..1], None), 1.0);
-        assert_eq!(extent_of(&[], Some(f32::NAN)), 1.0);
+        assert!((extent_of(&cameras, &[]) - 1.1 * 3.0).abs() < 1e-5);
+        assert_eq!(extent_of(&[], &[Vec3::NAN]), 1.0);
+    }
+
+    /// Rounding, text and a head that pans move cameras that stand in one place.
+    #[test]
+    fn cameras_in_one_place_have_the_extent_of_the_points() {
+        let points: Vec<Vec3> = (0..20).map(|i| 7.0 * Vec3::new((i as f32).cos(), (i as f32).sin(), 0.0)).collect();
+        let with_sky: Vec<Vec3> = points.iter().copied().chain((0..20).map(|i| Vec3::Z * (1e4 + i as f32))).collect();
+        for jitter in [0.0, 2e-6, 1e-4, 1e-2] {
+            let at = |x: f32| looking_at(Vec3::X * x, Vec3::new(0.0, 5.0, 0.0), 8);
+            let cameras = [at(-jitter), at(0.0), at(jitter)];
+            assert!((extent_of(&cameras, &points) - 7.0).abs() < 0.02, "{jitter}");
+        }
+        let cameras = [-0.1, 0.1].map(|x| looking_at(Vec3::X * x, Vec3::Y, 8));
+        assert!((extent_of(&cameras, &with_sky) - 0.11).abs() < 1e-5);
+        assert_eq!(extent_of(&cameras[..1], &[]), 1.0);
     }
 
     #[test]
