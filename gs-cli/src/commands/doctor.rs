@@ -192,7 +192,7 @@ fn text(report: &Report) -> String {
                 Remedy::Widen => ": --fix makes it the smallest that there is",
                 Remedy::Leave => "",
             };
-            let _ = writeln!(text, "{name:<12}{count} whose {meaning}, first Gaussian {first}{remedy}");
+            let _ = writeln!(text, "{name:<12}{count} (first: Gaussian {first}) whose {meaning}{remedy}");
             name = "";
         }
         if !name.is_empty() {

@@ -46,9 +46,9 @@ fn a_broken_scene_is_reported_and_mended_and_sound_gaussians_stay_bit_for_bit() 
     let sick = doctor(&path, &[]);
     assert_eq!(sick.status, Some(1));
     for part in [
-        "1 whose opacity is NaN, first Gaussian 3: --fix removes them",
-        "1 whose quaternion is 0, first Gaussian 7: --fix removes them",
-        "doubtful    1 whose shape is a needle",
+        "1 (first: Gaussian 3) whose opacity is NaN: --fix removes them",
+        "1 (first: Gaussian 7) whose quaternion is 0: --fix removes them",
+        "doubtful    1 (first: Gaussian 8) whose shape is a needle",
     ] {
         assert!(sick.stdout.contains(part), "{part}: {sick:?}");
     }
@@ -87,7 +87,7 @@ fn scales_of_zero_are_found_and_raised() {
     break_ply(&path, 3, 7, &[f32::NEG_INFINITY]);
     let sick = doctor(&path, &[]);
     assert_eq!(sick.status, Some(1));
-    assert!(sick.stdout.contains("1 whose scale is 0, first Gaussian 3"), "{sick:?}");
+    assert!(sick.stdout.contains("1 (first: Gaussian 3) whose scale is 0"), "{sick:?}");
     let json = doctor(&path, &["--fix", "-o", mended.to_str().unwrap(), "--json"]).json();
     assert_eq!((&json["fixed"]["removed"], &json["fixed"]["widened"]), (&0.into(), &1.into()), "{json}");
     assert!(read_3d(&mended).unwrap().losses.is_empty());
@@ -120,11 +120,11 @@ fn a_2d_scene_is_mended_too() {
     assert!(refused.refusal().contains(".gs2d.safetensors"), "{refused:?}");
     let text = doctor(&path, &["--fix", "-o", mended.to_str().unwrap()]).done().stdout;
     assert!(
-        text.contains("2D scene, 5 Gaussians") && text.contains("1 whose mean is NaN or infinite, first Gaussian 2"),
+        text.contains("2D scene, 5 Gaussians") && text.contains("1 (first: Gaussian 2) whose mean is NaN or infinite"),
         "{text}"
     );
     assert!(
-        text.contains("doubtful    1 whose place and shape are those of an earlier one, first Gaussian 4"),
+        text.contains("doubtful    1 (first: Gaussian 4) whose place and shape are those of an earlier one"),
         "{text}"
     );
     let expected: Scene2d = [1.0, 2.0, 4.0, 4.0].map(gaussian).into_iter().collect();

@@ -312,7 +312,10 @@ impl fmt::Display for Remark {
                 )
             }
             Self::Frame { frame } => {
-                write!(f, "cameras and points are taken into a frame that suits 32-bit numbers: {frame}")
+                write!(
+                    f,
+                    "the scene has a frame of its own, because 32-bit numbers do not resolve the data set's coordinates: {frame}"
+                )
             }
             Self::NoPoints => f.write_str("no points"),
             Self::PointsWithoutColor { file, properties } => write!(

@@ -102,7 +102,7 @@ impl Growth<'_> {
             return "policy `none` adds no Gaussians".to_owned();
         }
         if self.rounds == 0 {
-            return "no round of density control was left to add any".to_owned();
+            return "the run was too short for a round of density control".to_owned();
         }
         let name = self.policy.map_or_else(|| OWN.to_owned(), |policy| format!("`{}`", policy.name()));
         if self.exactly {
@@ -228,7 +228,7 @@ mod tests {
         assert!(reason("hybrid-error", 500, 9, EditCounts::default()).contains("pixel error is at least 0.00"));
         assert!(reason("mcmc", 900, 12, pruned).ends_with("7 Gaussians were pruned"));
         assert_eq!(reason("none", 80, 5, pruned), "policy `none` adds no Gaussians");
-        assert_eq!(reason("paper", 20, 0, pruned), "no round of density control was left to add any");
+        assert_eq!(reason("paper", 20, 0, pruned), "the run was too short for a round of density control");
     }
 
     #[test]
@@ -271,7 +271,7 @@ mod tests {
         assert_eq!(own(200, 6, EditCounts::default()), "the custom policy added no Gaussians in 6 rounds");
         let shrunk = EditCounts { cloned: 1, pruned_too_large: 4, ..EditCounts::default() };
         assert_eq!(own(197, 1, shrunk), "the custom policy added 1 Gaussian in 1 round; 4 Gaussians were pruned");
-        assert_eq!(own(200, 0, EditCounts::default()), "no round of density control was left to add any");
+        assert_eq!(own(200, 0, EditCounts::default()), "the run was too short for a round of density control");
     }
 
     #[test]

@@ -41,6 +41,9 @@ pub(super) struct Summary {
     dataset: String,
     /// Where the split of the data set comes from.
     split: SplitOrigin,
+    /// Whether the user named a number of Gaussians, so that a shortfall is worth a note.
+    #[serde(skip)]
+    names_gaussians: bool,
     /// Which effects the scene requires in the views that evaluate it, and why.
     effects: Vec<EffectDecision>,
 }
@@ -113,8 +116,8 @@ impl results::Summary for Summary {
                 decision.wanted
             )
         });
-        let notes =
-            [drift, exposure, depths, antialias, shortfall.as_ref().map(ToString::to_string)].into_iter().flatten();
+        let shortfall = shortfall.as_ref().filter(|_| self.names_gaussians || verbosity == Verbosity::Verbose);
+        let notes = [drift, exposure, depths, antialias, shortfall.map(ToString::to_string)].into_iter().flatten();
         let notes: String = notes.map(|note| format!("\nnote: {note}")).collect();
         format!(
             "{} after {} in {seconds:.1} s ({:.1} s in all): PSNR {:.2} dB, SSIM {:.4}{matched} over {evaluated}{unmeasured}{trained}{problems}; \
@@ -238,6 +241,7 @@ impl Results<'_> {
         training.backend = self.backend.rasterizer.name().to_owned();
         training.threads = u32::try_from(self.backend.threads).ok();
         Ok(Summary {
+            names_gaussians: self.args.settings.gaussians.is_some() || self.args.settings.exactly,
             training,
             program: ProgramSummary::new(self.backend, self.started, self.seconds_before),
             dataset: self.args.dataset.display().to_string(),
