@@ -13,27 +13,13 @@
 //! Poses and points are read in `f64`, and taken into the frame of [`Dataset::frame`] before they are
 //! rounded. World axes are the data set's own.
 
-mod assemble;
+mod camera;
 mod colmap;
-mod cube;
-mod depth;
-mod distortion;
-mod finder;
-mod lens;
-mod names;
-mod place;
-mod point_cloud;
-mod pose;
-mod posed_image;
+mod images;
+mod read;
 mod remark;
-mod resample;
-mod shrink;
-mod source_camera;
 mod split;
-mod split_lists;
-mod tally;
 mod transforms;
-mod wide;
 
 use std::{
     io::Read,
@@ -46,14 +32,10 @@ use gs_core::Camera;
 use serde::Serialize;
 
 pub use self::{
+    camera::{AriaFisheye, BrownConrady, CubeFace, Distortion, Fisheye, Lens, SourceCamera},
     colmap::{CameraModel, ColmapCamera, ColmapImage, ColmapModel, ColmapObservation, ColmapPoint},
-    cube::CubeFace,
-    depth::{DepthFile, DepthMap},
-    distortion::{AriaFisheye, BrownConrady, Distortion, Fisheye},
-    lens::Lens,
-    posed_image::{PosedImage, read_images},
+    images::{DepthFile, DepthMap, PosedImage, read_images},
     remark::{Remark, Skip},
-    source_camera::SourceCamera,
     split::{Split, SplitOrigin},
 };
 use crate::{WorldFrame, atomic::open, error::Error, image::Orientation};
@@ -271,7 +253,7 @@ pub fn read_dataset(path: impl AsRef<Path>, settings: &DatasetSettings) -> Resul
 }
 
 fn not_a_dataset(path: &Path) -> Error {
-    Error::NotADataset { path: path.to_owned(), looked_for: LOOKED_FOR, mend: place::how_to_begin(path) }
+    Error::NotADataset { path: path.to_owned(), looked_for: LOOKED_FOR, mend: read::how_to_begin(path) }
 }
 
 /// Reads a file of a data set.

@@ -69,7 +69,7 @@ fn by_image<'v>(
 
 /// Decides the split of all views: by the data set, or every n-th image. `None` if no view is for
 /// training.
-pub(super) fn apply(
+pub(crate) fn apply(
     stated: Option<SplitOrigin>,
     views: &mut [View],
     images: &[(usize, Option<Split>)],

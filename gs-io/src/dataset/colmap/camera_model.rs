@@ -6,8 +6,8 @@ use glam::{DVec2, dvec2};
 
 use crate::dataset::{
     AriaFisheye, BrownConrady, Distortion, Fisheye, Skip,
-    assemble::{Focal, Intrinsics},
-    cube::is_two_to_one,
+    camera::is_two_to_one,
+    read::{Focal, Intrinsics},
 };
 
 /// A camera model of COLMAP. The discriminant is its id in binary files.
@@ -123,7 +123,7 @@ impl CameraModel {
     }
 
     /// The intrinsics of a camera of `size` px with these parameters.
-    pub(in crate::dataset) fn intrinsics(self, parameters: &[f64], size: DVec2) -> Result<Intrinsics, Skip> {
+    pub(crate) fn intrinsics(self, parameters: &[f64], size: DVec2) -> Result<Intrinsics, Skip> {
         if parameters.len() != self.parameter_names().len() {
             return Err(Skip::BadCamera);
         }

@@ -20,11 +20,10 @@ use self::models::{Candidate, read_largest};
 pub(super) use self::models::{data_set_of, has_photographs, is_model, models_of};
 use super::{
     Dataset, DatasetKind, DatasetSettings, DepthFile, Lens, Remark, Skip, SourceCamera, WorldPoint,
-    assemble::{Draft, Parts, Refusal, Stated, assemble},
-    depth, names,
-    place::{NamePart, find_image},
-    pose::Pose,
-    read_file, split_lists,
+    camera::Pose,
+    images::find_depth,
+    read::{Draft, Parts, Refusal, Stated, apply_lists, assemble, find_image, lists_in_files, plain},
+    read_file,
 };
 use crate::error::Error;
 
@@ -200,10 +199,10 @@ impl ColmapModel {
             let numbers = camera.model.parameter_names().iter().copied().zip(camera.parameters.iter().copied());
             Stated { place: format!("camera {} of {file}", image.camera_id), numbers: numbers.collect() }
         });
-        let name = names::plain(&image.name);
+        let name = plain(&image.name);
         let file = Some(PathBuf::from(&name));
         let mask = find_image(&root.join(MASK_FOLDER).join(&name));
-        let depth = depth::find(&root.join(DEPTH_FOLDER), Path::new(&name));
+        let depth = find_depth(&root.join(DEPTH_FOLDER), Path::new(&name));
         let depth = depth.map(|path| DepthFile { path, unit: None });
         let pose = Pose::world_to_camera(image.rotation, image.translation);
         let stated = stated.unwrap_or_default();
@@ -223,8 +222,8 @@ pub(super) fn read(named: &Path, folders: &[PathBuf], settings: &DatasetSettings
     let (candidate, others) = read_largest(root, folders, settings)?;
     let Candidate { folder, model, mut drafts, places, damaged } = candidate;
     let mut remarks = others.into_iter().chain(damaged).collect();
-    let lists = split_lists::in_files(root, Some(&folder), settings)?;
-    let split = split_lists::apply(lists, &mut drafts, &mut remarks, settings)?;
+    let lists = lists_in_files(root, Some(&folder), settings)?;
+    let split = apply_lists(lists, &mut drafts, &mut remarks, settings)?;
     let points = points_of(&model.points).collect();
     assemble(Parts { kind: DatasetKind::Colmap, root, drafts, points, places, split, remarks }, settings)
 }

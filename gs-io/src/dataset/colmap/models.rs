@@ -5,13 +5,11 @@ use std::{
     path::{MAIN_SEPARATOR, Path, PathBuf},
 };
 
-use super::{ColmapModel, NamePart};
+use super::ColmapModel;
 use crate::{
     dataset::{
         DatasetSettings, Remark,
-        assemble::{Draft, search_folders},
-        finder::{Finder, entries},
-        place::{IMAGE_FOLDERS, Place, check_inside, whole},
+        read::{Draft, Finder, IMAGE_FOLDERS, NamePart, Place, check_inside, entries, search_folders, whole},
     },
     error::Error,
     image::image_files,
@@ -42,12 +40,12 @@ const INNER: [&str; 7] = ["sparse", "colmap", "dense", "undistorted", "sparse_tx
 const INPUT: &str = "input";
 
 /// Whether a folder has the files of a model.
-pub(in crate::dataset) fn is_model(folder: &Path) -> bool {
+pub(crate) fn is_model(folder: &Path) -> bool {
     ["cameras.bin", "cameras.txt"].iter().any(|name| folder.join(name).is_file())
 }
 
 /// The folders of the models of a data set.
-pub(in crate::dataset) fn models_of(root: &Path) -> Vec<PathBuf> {
+pub(crate) fn models_of(root: &Path) -> Vec<PathBuf> {
     let mut found = Vec::new();
     for base in FOLDERS {
         let base = if base.is_empty() { root.to_owned() } else { root.join(base) };
@@ -71,14 +69,14 @@ fn is_number(folder: &Path) -> bool {
 }
 
 /// Whether photographs of a data set are in this folder, or where they usually are in it.
-pub(in crate::dataset) fn has_photographs(folder: &Path) -> bool {
+pub(crate) fn has_photographs(folder: &Path) -> bool {
     IMAGE_FOLDERS.iter().chain([&INPUT]).any(|name| folder.join(name).is_dir())
         || image_files(folder).is_ok_and(|files| !files.is_empty())
 }
 
 /// The folder of the data set that a model or the folder of models is part of: the nearest one with
 /// photographs.
-pub(in crate::dataset) fn data_set_of(named: &Path) -> PathBuf {
+pub(crate) fn data_set_of(named: &Path) -> PathBuf {
     let whole = whole(named);
     let is_inner = |folder: &Path| is_named(folder, |name| INNER.contains(&name));
     let mut folder = whole.as_path();

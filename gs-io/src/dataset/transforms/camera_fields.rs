@@ -8,11 +8,10 @@ use std::{
 use glam::{DVec2, dvec2};
 use serde_json::{Map, Value};
 
-use super::json::{number_of, shown};
 use crate::{
     dataset::{
         BrownConrady, Distortion, Fisheye, Skip,
-        assemble::{Focal, Intrinsics, Refusal, Stated},
+        read::{Focal, Intrinsics, Refusal, Stated, number_of, shown},
     },
     error::Error,
 };

@@ -3,13 +3,13 @@
 use gs_core::{Camera, Error, Image};
 use rayon::prelude::*;
 
-use super::posed_image::PosedImage;
+use super::PosedImage;
 
 /// A pixel counts if at least this share of its area is covered; less is rounding.
 const COVERED: f32 = 1e-4;
 
 /// The camera of the same picture at another size.
-pub(super) fn resized(camera: &Camera, (width, height): (u32, u32)) -> Camera {
+pub(crate) fn resized(camera: &Camera, (width, height): (u32, u32)) -> Camera {
     let by = |new: u32, old: u32| f64::from(new) / f64::from(old);
     let scale = glam::dvec2(by(width, camera.width), by(height, camera.height));
     Camera {
@@ -22,7 +22,7 @@ pub(super) fn resized(camera: &Camera, (width, height): (u32, u32)) -> Camera {
 }
 
 /// The size of a picture scaled down to at most this many pixels on its longer side.
-pub(super) fn within((width, height): (u32, u32), max_side: u32) -> (u32, u32) {
+pub(crate) fn within((width, height): (u32, u32), max_side: u32) -> (u32, u32) {
     let longer = width.max(height);
     let scaled = |side: u32| ((f64::from(side) * f64::from(max_side) / f64::from(longer)).round() as u32).max(1);
     if longer > max_side { (scaled(width), scaled(height)) } else { (width, height) }
@@ -33,7 +33,7 @@ type Sums = [f32; 5];
 
 /// The image at a size no larger than its own: means of (premultiplied) colours over the area that
 /// counts. A pixel counts if any of its area does.
-pub(super) fn shrunk(posed: &PosedImage, (width, height): (u32, u32)) -> Result<PosedImage, Error> {
+pub(crate) fn shrunk(posed: &PosedImage, (width, height): (u32, u32)) -> Result<PosedImage, Error> {
     let PosedImage { image, alpha, mask } = posed;
     let (columns, rows) = (spans(image.width(), width), spans(image.height(), height));
     let stride = image.width() as usize;

@@ -11,20 +11,16 @@ use std::{
 use glam::{DVec2, DVec3, dvec2};
 use gs_core::{Camera, constants::NEAR_WORLD};
 
-use super::{
-    CubeFace, Dataset, DatasetKind, DatasetSettings, DepthFile, Distortion, Lens, Point, Remark, Skip, SourceCamera,
-    Split, SplitOrigin, View, WorldPoint,
-    cube::{is_two_to_one, shows_all_directions},
-    depth,
-    finder::Finder,
-    place::Place,
-    pose::Pose,
-    shrink, split,
-    tally::Tally,
-    wide,
-};
+use super::{Finder, Place, tally::Tally};
 use crate::{
     WorldFrame,
+    dataset::{
+        CubeFace, Dataset, DatasetKind, DatasetSettings, DepthFile, Distortion, Lens, Point, Remark, Skip,
+        SourceCamera, Split, SplitOrigin, View, WorldPoint,
+        camera::{Pose, is_two_to_one, shows_all_directions, wide_faces},
+        images::{check_depth, resized, within},
+        split,
+    },
     error::Error,
     image::{ImageHeader, ImageRemark, Orientation, decode, read_header},
 };
@@ -35,19 +31,19 @@ const UPRIGHT_FACTOR: f64 = 2.0;
 
 /// A view as the data set describes it.
 #[derive(Debug, Clone)]
-pub(super) struct Draft {
-    pub(super) name: String,
+pub(crate) struct Draft {
+    pub(crate) name: String,
     /// Path of the image below the image folder; `None` for an invalid name.
-    pub(super) file: Option<PathBuf>,
-    pub(super) mask: Option<PathBuf>,
-    pub(super) depth: Option<DepthFile>,
+    pub(crate) file: Option<PathBuf>,
+    pub(crate) mask: Option<PathBuf>,
+    pub(crate) depth: Option<DepthFile>,
     /// The intrinsics, or why the view is left out.
-    pub(super) intrinsics: Result<Intrinsics, Refusal>,
+    pub(crate) intrinsics: Result<Intrinsics, Refusal>,
     /// Where the intrinsics come from, for messages.
-    pub(super) stated: Stated,
-    pub(super) pose: Result<Pose, Skip>,
+    pub(crate) stated: Stated,
+    pub(crate) pose: Result<Pose, Skip>,
     /// `None` if the data set does not say.
-    pub(super) split: Option<Split>,
+    pub(crate) split: Option<Split>,
 }
 
 impl Draft {
@@ -64,10 +60,10 @@ impl Draft {
 
 /// The numbers of a camera as its file has them, for messages.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Stated {
+pub(crate) struct Stated {
     /// "transforms.json", "camera 7 of cameras.bin".
-    pub(super) place: String,
-    pub(super) numbers: Vec<(&'static str, f64)>,
+    pub(crate) place: String,
+    pub(crate) numbers: Vec<(&'static str, f64)>,
 }
 
 impl fmt::Display for Stated {
@@ -85,26 +81,26 @@ impl fmt::Display for Stated {
 
 /// The calibration of a camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Intrinsics {
-    pub(super) focal: Focal,
+pub(crate) struct Intrinsics {
+    pub(crate) focal: Focal,
     /// Principal point, px; by default the centre.
-    pub(super) center: Option<DVec2>,
+    pub(crate) center: Option<DVec2>,
     /// Columns and rows of the calibration, px; by default those of the image.
-    pub(super) size: Option<DVec2>,
-    pub(super) distortion: Distortion,
+    pub(crate) size: Option<DVec2>,
+    pub(crate) distortion: Distortion,
     /// Radius of the image circle about the principal point, px of the calibration, if it is stated.
-    pub(super) circle: Option<f64>,
+    pub(crate) circle: Option<f64>,
 }
 
 impl Intrinsics {
     /// Those of a 360° image of this size.
-    pub(super) fn panorama(size: Option<DVec2>) -> Self {
+    pub(crate) fn panorama(size: Option<DVec2>) -> Self {
         let distortion = Distortion::Equirectangular { face: CubeFace::default() };
         Self { focal: Focal::Sphere, center: None, size, distortion, circle: None }
     }
 
     /// The camera of an image of `width` × `height` px, calibrated at `calibrated` px.
-    pub(super) fn source(&self, calibrated: DVec2, (width, height): (u32, u32), lens: Lens) -> SourceCamera {
+    pub(crate) fn source(&self, calibrated: DVec2, (width, height): (u32, u32), lens: Lens) -> SourceCamera {
         let scale = dvec2(f64::from(width), f64::from(height)) / calibrated;
         let focal = match self.focal {
             Focal::Lengths(focal) => focal,
@@ -124,7 +120,7 @@ impl Intrinsics {
 
 /// The field of view of a camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Focal {
+pub(crate) enum Focal {
     /// Focal lengths, px.
     Lengths(DVec2),
     /// Horizontal and vertical angle of view, rad. Without one of them, pixels are square.
@@ -134,7 +130,7 @@ pub(super) enum Focal {
 }
 
 /// Whether two sizes are those of the same picture, apart from rounding to whole pixels.
-pub(super) fn same_shape((width, height): (u32, u32), (other_width, other_height): (f64, f64)) -> bool {
+pub(crate) fn same_shape((width, height): (u32, u32), (other_width, other_height): (f64, f64)) -> bool {
     let (width, height) = (f64::from(width), f64::from(height));
     // (w + a)·H = (h + b)·W with |a|, |b| < 1. False for NaN.
     (width * other_height - height * other_width).abs() < other_width + other_height
@@ -142,20 +138,20 @@ pub(super) fn same_shape((width, height): (u32, u32), (other_width, other_height
 
 /// The result of a reader.
 #[derive(Debug)]
-pub(super) struct Parts<'a> {
-    pub(super) kind: DatasetKind,
-    pub(super) root: &'a Path,
-    pub(super) drafts: Vec<Draft>,
-    pub(super) points: Vec<WorldPoint>,
+pub(crate) struct Parts<'a> {
+    pub(crate) kind: DatasetKind,
+    pub(crate) root: &'a Path,
+    pub(crate) drafts: Vec<Draft>,
+    pub(crate) points: Vec<WorldPoint>,
     /// Folders that may contain the images; the first with an image of the name is used.
-    pub(super) places: Vec<Place>,
+    pub(crate) places: Vec<Place>,
     /// Where the data set states its split; `None` if it has none.
-    pub(super) split: Option<SplitOrigin>,
-    pub(super) remarks: Vec<Remark>,
+    pub(crate) split: Option<SplitOrigin>,
+    pub(crate) remarks: Vec<Remark>,
 }
 
 /// Assembles the data set.
-pub(super) fn assemble(parts: Parts<'_>, settings: &DatasetSettings) -> Result<Dataset, Error> {
+pub(crate) fn assemble(parts: Parts<'_>, settings: &DatasetSettings) -> Result<Dataset, Error> {
     let Parts { kind, root, mut drafts, points, places, split, mut remarks } = parts;
     let found = drafts.len();
     let mut finder = Finder::new(root, &places, &drafts, &search_folders(root, settings));
@@ -186,7 +182,7 @@ pub(super) fn assemble(parts: Parts<'_>, settings: &DatasetSettings) -> Result<D
                 if renamed {
                     tally.count_renamed(&draft.name, root, &made[0].image);
                 }
-                if let Some(Err(error)) = made[0].depth.as_ref().map(|depth| depth::check(&depth.path, &made[0].source))
+                if let Some(Err(error)) = made[0].depth.as_ref().map(|depth| check_depth(&depth.path, &made[0].source))
                 {
                     tally.count_bad_depth(&error);
                 }
@@ -278,7 +274,7 @@ fn unsplit_panorama(views: &[View]) -> Option<&View> {
 }
 
 /// Folders below which images are searched that are in none of the usual ones.
-pub(super) fn search_folders(root: &Path, settings: &DatasetSettings) -> Vec<PathBuf> {
+pub(crate) fn search_folders(root: &Path, settings: &DatasetSettings) -> Vec<PathBuf> {
     match (&settings.image_folder, settings.allow_outside) {
         (Some(_), _) => Vec::new(),
         (None, false) => vec![root.to_owned()],
@@ -300,9 +296,9 @@ struct Made {
 
 /// Why a view cannot be used, with details if there are any.
 #[derive(Debug, Clone)]
-pub(super) struct Refusal {
-    pub(super) why: Skip,
-    pub(super) detail: Option<String>,
+pub(crate) struct Refusal {
+    pub(crate) why: Skip,
+    pub(crate) detail: Option<String>,
 }
 
 impl From<Skip> for Refusal {
@@ -312,7 +308,7 @@ impl From<Skip> for Refusal {
 }
 
 impl Refusal {
-    pub(super) fn new(why: Skip, detail: String) -> Self {
+    pub(crate) fn new(why: Skip, detail: String) -> Self {
         Self { why, detail: Some(detail) }
     }
 
@@ -354,12 +350,12 @@ fn make_views(
     }
     let faces = match panorama {
         true => Some(panorama_faces(&source)?),
-        false => wide::faces(&source, &intrinsics.source(calibrated, size, wide).lens, intrinsics.circle.is_some()),
+        false => wide_faces(&source, &intrinsics.source(calibrated, size, wide).lens, intrinsics.circle.is_some()),
     };
     let view = |name: String, source: SourceCamera, pose: &Pose| {
         let full = camera(&source.pinhole(), pose)?;
         let camera = match settings.max_side {
-            Some(max_side) => shrink::resized(&full, shrink::within((full.width, full.height), max_side.get())),
+            Some(max_side) => resized(&full, within((full.width, full.height), max_side.get())),
             None => full,
         };
         let (image, mask, alpha) = (image.clone(), draft.mask.clone(), settings.alpha);

@@ -2,8 +2,9 @@
 
 use gs_core::Image;
 
-use super::{AlphaMeaning, View, assemble::same_shape, read_file, resample::undistorted, shrink::shrunk, wide};
+use super::{resample::undistorted, shrink::shrunk};
 use crate::{
+    dataset::{AlphaMeaning, View, camera::mask_border, read::same_shape, read_file},
     error::Error,
     image::{composite, decode, decode_mask},
 };
@@ -124,7 +125,7 @@ impl View {
         };
         let mut posed = PosedImage { image: decoded.image, alpha, mask };
         if self.source.face().is_some() && !self.source.is_panorama() {
-            wide::mask_border(&mut posed, self.source.center);
+            mask_border(&mut posed, self.source.center);
         }
         Ok(posed)
     }

@@ -4,11 +4,11 @@ use unicode_normalization::UnicodeNormalization;
 
 /// Extensions of images, in the order in which they are tried if a name has none or its file does
 /// not exist.
-pub(super) const EXTENSIONS: [&str; 12] =
+pub(crate) const EXTENSIONS: [&str; 12] =
     ["png", "jpg", "jpeg", "PNG", "JPG", "JPEG", "webp", "tif", "tiff", "bmp", "ppm", "gif"];
 
 /// A path with `/` between its parts and without `.` among them: `images/0.png` for `.\images\0.png`.
-pub(super) fn plain(name: &str) -> String {
+pub(crate) fn plain(name: &str) -> String {
     if name.starts_with(r"\\") {
         return name.to_owned();
     }
@@ -20,12 +20,12 @@ pub(super) fn plain(name: &str) -> String {
 
 /// The form of a name in which names are compared that differ in letter case, Unicode normalization
 /// or separators.
-pub(super) fn folded(name: &str) -> String {
+pub(crate) fn folded(name: &str) -> String {
     plain(name).to_lowercase().nfc().collect()
 }
 
 /// The name without the extension of an image, if it has one.
-pub(super) fn without_extension(name: &str) -> &str {
+pub(crate) fn without_extension(name: &str) -> &str {
     match name.rsplit_once('.') {
         Some((stem, extension)) if EXTENSIONS.iter().any(|known| known.eq_ignore_ascii_case(extension)) => stem,
         _ => name,
@@ -34,7 +34,7 @@ pub(super) fn without_extension(name: &str) -> &str {
 
 /// Whether a path begins with the drive of Windows, or is in a network folder: `C:\a.png`,
 /// `\\server\a.png`.
-pub(super) fn is_windows_absolute(name: &str) -> bool {
+pub(crate) fn is_windows_absolute(name: &str) -> bool {
     let mut letters = name.chars();
     let drive = letters.next().is_some_and(|letter| letter.is_ascii_alphabetic()) && letters.next() == Some(':');
     drive && matches!(letters.next(), None | Some('/' | '\\')) || name.starts_with('\\')

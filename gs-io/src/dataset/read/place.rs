@@ -7,33 +7,35 @@ use std::{
 };
 
 use super::{
-    DatasetSettings,
-    colmap::{data_set_of, has_photographs, is_model, models_of},
     finder::walk,
     names::{self, EXTENSIONS},
-    transforms::{BLENDER_TRAIN, NERFSTUDIO},
 };
 use crate::{
+    dataset::{
+        DatasetSettings,
+        colmap::{data_set_of, has_photographs, is_model, models_of},
+        transforms::{BLENDER_TRAIN, NERFSTUDIO},
+    },
     error::Error,
     image::{image_files, unreadable_photographs},
     text::quoted,
 };
 
 /// Folders that are searched for images if none is given, the largest images first.
-pub(super) const IMAGE_FOLDERS: [&str; 4] = ["images", "images_2", "images_4", "images_8"];
+pub(crate) const IMAGE_FOLDERS: [&str; 4] = ["images", "images_2", "images_4", "images_8"];
 
 /// A folder that may contain images.
 #[derive(Debug, Clone)]
-pub(super) struct Place {
-    pub(super) folder: PathBuf,
-    pub(super) part: NamePart,
+pub(crate) struct Place {
+    pub(crate) folder: PathBuf,
+    pub(crate) part: NamePart,
     /// The factor by which its images are smaller than those of the data set.
-    pub(super) shrunk: f64,
+    pub(crate) shrunk: f64,
 }
 
 /// The part of an image's name that is looked up in a folder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum NamePart {
+pub(crate) enum NamePart {
     /// The whole path.
     Path,
     /// The file name only.
@@ -42,7 +44,7 @@ pub(super) enum NamePart {
 
 impl Place {
     /// The folder that the settings name, if they do.
-    pub(super) fn chosen(root: &Path, settings: &DatasetSettings, part: NamePart) -> Result<Option<Self>, Error> {
+    pub(crate) fn chosen(root: &Path, settings: &DatasetSettings, part: NamePart) -> Result<Option<Self>, Error> {
         let Some(name) = &settings.image_folder else { return Ok(None) };
         let folder = root.join(name);
         fs::metadata(&folder).map_err(|source| Error::read(&folder, source))?;
@@ -50,7 +52,7 @@ impl Place {
     }
 
     /// A folder whose name ends in `_4` contains images of a quarter of the size.
-    pub(super) fn new(root: &Path, name: &str, part: NamePart) -> Self {
+    pub(crate) fn new(root: &Path, name: &str, part: NamePart) -> Self {
         let folder = root.join(name);
         let last = folder.file_name().unwrap_or_default().to_string_lossy();
         let shrunk = last.rsplit_once('_').and_then(|(_, factor)| factor.parse::<u32>().ok()).filter(|f| *f > 0);
@@ -58,12 +60,12 @@ impl Place {
     }
 
     /// The file of the image of this name.
-    pub(super) fn find(&self, file: &Path) -> Option<PathBuf> {
+    pub(crate) fn find(&self, file: &Path) -> Option<PathBuf> {
         find_image(&self.expected(file))
     }
 
     /// The path of the image of this name, whether it exists or not.
-    pub(super) fn expected(&self, file: &Path) -> PathBuf {
+    pub(crate) fn expected(&self, file: &Path) -> PathBuf {
         match self.part {
             NamePart::Path => self.folder.join(file),
             NamePart::FileName => self.folder.join(file.file_name().unwrap_or_default()),
@@ -72,7 +74,7 @@ impl Place {
 }
 
 /// The image at a path, or one with the same name and another extension.
-pub(super) fn find_image(path: &Path) -> Option<PathBuf> {
+pub(crate) fn find_image(path: &Path) -> Option<PathBuf> {
     if path.is_file() {
         return Some(path.to_owned());
     }
@@ -88,7 +90,7 @@ pub(super) fn find_image(path: &Path) -> Option<PathBuf> {
 
 /// Fails where a data set refers to a file outside its folder `root`, unless the settings allow it.
 /// `file` contains the references, with their keys.
-pub(super) fn check_inside<'n>(
+pub(crate) fn check_inside<'n>(
     root: &Path,
     file: &Path,
     names: impl IntoIterator<Item = (&'static str, &'n str)>,
@@ -132,7 +134,7 @@ fn leaves(folder: &Path, name: &str) -> bool {
 }
 
 /// Advice for a folder that is not a data set; if it contains images, how to find their cameras.
-pub(super) fn how_to_begin(folder: &Path) -> String {
+pub(crate) fn how_to_begin(folder: &Path) -> String {
     let images_in = |folder: &Path| image_files(folder).map_or(0, |files| files.len());
     let below = data_sets_below(folder);
     if let Some(first) = below.first() {
@@ -164,7 +166,7 @@ pub(super) fn how_to_begin(folder: &Path) -> String {
 }
 
 /// The absolute path of a folder, without `..`.
-pub(super) fn whole(folder: &Path) -> PathBuf {
+pub(crate) fn whole(folder: &Path) -> PathBuf {
     let goes_up = folder.components().any(|part| part == Component::ParentDir);
     let whole = if goes_up { folder.canonicalize() } else { std::path::absolute(folder) };
     whole.unwrap_or_else(|_| folder.to_owned())

@@ -8,7 +8,7 @@
 //! (Mildenhall et al. 2020).
 
 mod camera_fields;
-mod json;
+mod point_cloud;
 
 use std::path::{Path, PathBuf};
 
@@ -16,18 +16,15 @@ use glam::{DMat3, DVec3};
 use serde::Deserialize;
 use serde_json::{Map, Value};
 
-pub(super) use self::json::parse;
-use self::{camera_fields::CameraFields, json::Number};
+use self::camera_fields::CameraFields;
 use super::{
     Dataset, DatasetKind, DatasetSettings, DepthFile, Remark, Skip, Split, SplitOrigin, WorldPoint,
-    assemble::{Draft, Parts, assemble},
+    camera::{Pose, affine},
     colmap::{ColmapModel, points_of},
-    finder::Folders,
-    names,
-    place::{IMAGE_FOLDERS, NamePart, Place, check_inside},
-    point_cloud,
-    pose::{Pose, affine},
-    split_lists,
+    read::{
+        Draft, Folders, IMAGE_FOLDERS, NamePart, Number, Parts, Place, apply_lists, assemble, check_inside,
+        lists_in_files, parse, plain,
+    },
 };
 use crate::error::Error;
 
@@ -95,7 +92,7 @@ impl Frame {
         split: Option<Split>,
         folders: &mut Folders,
     ) -> Result<Draft, Error> {
-        let name = names::plain(&self.file_path);
+        let name = plain(&self.file_path);
         let camera = CameraFields { own: &self.own, shared };
         let depth = self.depth_file_path.as_ref().and_then(|depth| folders.file(root, depth));
         Ok(Draft {
@@ -190,10 +187,10 @@ pub(super) fn read_nerfstudio(root: &Path, path: &Path, settings: &DatasetSettin
     let named = lists.into_iter().filter_map(|(split, key, names)| Some((split, key, names.clone()?)));
     let lists: Vec<_> = named.filter(|(.., names)| !names.is_empty()).collect();
     let lists = match lists.is_empty() && file.test_frames.is_empty() {
-        true => split_lists::in_files(root, None, settings)?,
+        true => lists_in_files(root, None, settings)?,
         false => Some((path.to_owned(), lists)),
     };
-    let split = split_lists::apply(lists, &mut drafts, &mut remarks, settings)?;
+    let split = apply_lists(lists, &mut drafts, &mut remarks, settings)?;
     let points = match listed_points(root, &file, &mut remarks)? {
         Some(points) => points,
         None => colmap_points(root, &file)?,
@@ -215,7 +212,7 @@ fn places(root: &Path, settings: &DatasetSettings) -> Result<Vec<Place>, Error> 
 /// The points of the referenced file; `None` without a reference.
 fn listed_points(root: &Path, file: &Transforms, remarks: &mut Vec<Remark>) -> Result<Option<Vec<WorldPoint>>, Error> {
     let Some(name) = &file.ply_file_path else { return Ok(None) };
-    let path = Folders::default().file(root, name).unwrap_or_else(|| root.join(names::plain(name)));
+    let path = Folders::default().file(root, name).unwrap_or_else(|| root.join(plain(name)));
     let (points, remark) = match point_cloud::read(&path, name) {
         Err(Error::Missing { .. }) => (Vec::new(), Some(Remark::PointsMissing { file: name.clone() })),
         read => read?,

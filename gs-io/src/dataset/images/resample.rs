@@ -5,10 +5,11 @@ use glam::{DVec2, dvec2};
 use gs_core::{Camera, Image};
 use rayon::prelude::*;
 
-use super::{posed_image::PosedImage, source_camera::SourceCamera};
+use super::PosedImage;
+use crate::dataset::SourceCamera;
 
 /// The picture that the pinhole `camera` would have seen from the place of `source`.
-pub(super) fn undistorted(
+pub(crate) fn undistorted(
     posed: &PosedImage,
     source: &SourceCamera,
     camera: &Camera,

@@ -8,8 +8,9 @@ use std::{
 
 use serde::Deserialize;
 
+use super::{Draft, names, parse};
 use crate::{
-    dataset::{DatasetSettings, Remark, Skip, Split, SplitOrigin, assemble::Draft, names, read_file, transforms},
+    dataset::{DatasetSettings, Remark, Skip, Split, SplitOrigin, read_file},
     error::Error,
     text::utf8_text,
 };
@@ -21,13 +22,13 @@ const TRAIN_TEST: &str = "train_test_lists.json";
 const TEST: &str = "test.txt";
 
 /// A list of names with its key.
-pub(super) type List = (Split, &'static str, Vec<String>);
+pub(crate) type List = (Split, &'static str, Vec<String>);
 
 /// The lists in files of their own, with the file; a `model` is COLMAP's.
 ///
 /// # Errors
 /// Those of reading a file, and [`Error::DamagedJson`].
-pub(super) fn in_files(
+pub(crate) fn in_files(
     root: &Path,
     model: Option<&Path>,
     settings: &DatasetSettings,
@@ -40,7 +41,7 @@ pub(super) fn in_files(
     let above = settings.allow_outside.then(|| root.join(".."));
     let paths = std::iter::once(root.to_owned()).chain(above).map(|folder| folder.join(TRAIN_TEST));
     if let Some(path) = paths.into_iter().find(|path| path.is_file()) {
-        let TrainTest { train, test } = transforms::parse(&path)?;
+        let TrainTest { train, test } = parse(&path)?;
         return Ok(Some((path, vec![(Split::Train, "train", train), (Split::Test, "test", test)])));
     }
     let Some(path) = model.map(|model| model.join(TEST)).filter(|path| path.is_file()) else { return Ok(None) };
@@ -64,7 +65,7 @@ fn is_in(listed: &Listed, split: Split) -> bool {
 ///
 /// # Errors
 /// [`Error::SplitMatchesNothing`] for a list without any frame.
-pub(super) fn apply(
+pub(crate) fn apply(
     lists: Option<(PathBuf, Vec<List>)>,
     drafts: &mut [Draft],
     remarks: &mut Vec<Remark>,

@@ -57,7 +57,7 @@ impl CubeFace {
 
     /// The rotation whose columns are the face's right, down and forward, in the axes of the 360°
     /// camera (right, down, forward).
-    pub(super) fn axes(self) -> DMat3 {
+    pub(crate) fn axes(self) -> DMat3 {
         let (right, down, forward) = match self {
             Self::Front => (DVec3::X, DVec3::Y, DVec3::Z),
             Self::Right => (DVec3::NEG_Z, DVec3::Y, DVec3::X),
@@ -70,19 +70,19 @@ impl CubeFace {
     }
 
     /// The pose of the face, given that of the 360° camera.
-    pub(super) fn pose(self, camera: &Pose) -> Pose {
+    pub(crate) fn pose(self, camera: &Pose) -> Pose {
         let turn = self.axes().transpose();
         Pose { rotation: turn * camera.rotation, translation: turn * camera.translation }
     }
 
     /// Longitude and latitude of the face's ray (X/Z, Y/Z), rad. Latitude increases downwards.
-    pub(super) fn angles(self, ray: DVec2) -> DVec2 {
+    pub(crate) fn angles(self, ray: DVec2) -> DVec2 {
         let DVec3 { x, y, z } = self.axes() * ray.extend(1.0);
         dvec2(x.atan2(z), y.atan2(x.hypot(z)))
     }
 
     /// The face's ray (X/Z, Y/Z) at these angles; `None` behind the face.
-    pub(super) fn ray(self, angles: DVec2) -> Option<DVec2> {
+    pub(crate) fn ray(self, angles: DVec2) -> Option<DVec2> {
         let ((sin_x, cos_x), (sin_y, cos_y)) = (angles.x.sin_cos(), angles.y.sin_cos());
         let ray = self.axes().transpose() * dvec3(sin_x * cos_y, sin_y, cos_x * cos_y);
         (ray.z > 0.0).then(|| ray.truncate() / ray.z)
@@ -90,18 +90,18 @@ impl CubeFace {
 }
 
 /// Side of a face, px, for an image of `width` px: about the resolution of the image at its middle.
-pub(super) fn face_side(width: u32) -> u32 {
+pub(crate) fn face_side(width: u32) -> u32 {
     (width / 4).max(1)
 }
 
 /// Whether an image of this size can be a 360° image: twice as wide as high, apart from rounding.
-pub(super) fn is_two_to_one((width, height): (u32, u32)) -> bool {
+pub(crate) fn is_two_to_one((width, height): (u32, u32)) -> bool {
     (i64::from(width) - 2 * i64::from(height)).abs() <= 2
 }
 
 /// Whether the borders of an image match as in a 360° image: the left and right columns continue
 /// each other, and the upper and lower rows each show a single point.
-pub(super) fn shows_all_directions(image: &Image) -> bool {
+pub(crate) fn shows_all_directions(image: &Image) -> bool {
     let (right, bottom) = (image.width() - 1, image.height() - 1);
     if right < 2 || bottom < 2 {
         return false;

@@ -12,9 +12,10 @@ use std::{
 
 use gs_core::{Camera, check_size};
 
-use super::{SourceCamera, View, assemble::same_shape, read_file, shrink::resized};
+use super::shrink::resized;
 use crate::{
     atomic::open,
+    dataset::{SourceCamera, View, read::same_shape, read_file},
     error::Error,
     image::{decode_grey, grey_size},
 };
@@ -84,7 +85,7 @@ impl View {
 }
 
 /// Finds the depth map of the image `file` in a folder of depth maps.
-pub(super) fn find(folder: &Path, file: &Path) -> Option<PathBuf> {
+pub(crate) fn find(folder: &Path, file: &Path) -> Option<PathBuf> {
     let beside = |ending: &str| {
         let mut appended = folder.join(file).into_os_string();
         appended.push(".");
@@ -95,7 +96,7 @@ pub(super) fn find(folder: &Path, file: &Path) -> Option<PathBuf> {
 }
 
 /// Checks the header of a depth map against the camera of its image.
-pub(super) fn check(path: &Path, source: &SourceCamera) -> Result<(), Error> {
+pub(crate) fn check(path: &Path, source: &SourceCamera) -> Result<(), Error> {
     let size = if is_npy(path) { Npy::open(path)?.size } else { grey_size(path)? };
     check_shape(path, size, source)
 }

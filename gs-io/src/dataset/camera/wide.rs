@@ -6,7 +6,8 @@
 
 use glam::{DVec2, dvec2};
 
-use super::{CubeFace, Distortion, Lens, PosedImage, SourceCamera};
+use super::{CubeFace, Distortion, Lens, SourceCamera};
+use crate::dataset::PosedImage;
 
 /// Widest picture of a fish-eye that stays a single pinhole view, horizontally and vertically, rad
 /// (110°): its corners are stretched nine times, those of a 90° face five times.
@@ -32,7 +33,7 @@ const BORDER: f64 = 2.0;
 /// pinhole view shows a fish-eye well enough, and for other lenses. `wide` is the lens beyond 89°. The
 /// face behind the camera needs a stated image circle (`is_bounded`): otherwise only the corners of
 /// the image would reach it, which usually are outside of the circle.
-pub(super) fn faces(source: &SourceCamera, wide: &Lens, is_bounded: bool) -> Option<Vec<(CubeFace, SourceCamera)>> {
+pub(crate) fn faces(source: &SourceCamera, wide: &Lens, is_bounded: bool) -> Option<Vec<(CubeFace, SourceCamera)>> {
     if !is_fisheye(source.lens.distortion()) || !is_too_wide(source) {
         return None;
     }
@@ -46,7 +47,7 @@ pub(super) fn faces(source: &SourceCamera, wide: &Lens, is_bounded: bool) -> Opt
 }
 
 /// Whether a distortion is of a fish-eye rather than of a perspective lens.
-pub(super) fn is_fisheye(distortion: &Distortion) -> bool {
+pub(crate) fn is_fisheye(distortion: &Distortion) -> bool {
     matches!(
         distortion,
         Distortion::Fisheye(_)
@@ -73,7 +74,7 @@ fn share(face: &SourceCamera) -> f64 {
 
 /// Masks what is outside of the image circle in the image of a wide fish-eye: if all pixels beyond a
 /// circle about the principal point are black, they are none of the scene.
-pub(super) fn mask_border(posed: &mut PosedImage, center: DVec2) {
+pub(crate) fn mask_border(posed: &mut PosedImage, center: DVec2) {
     let (width, height) = posed.image.size();
     let from_center = |i: usize| {
         let (x, y) = (i as u32 % width, i as u32 / width);

@@ -88,7 +88,7 @@ pub struct AriaFisheye {
 
 /// The plane that a lens's polynomial acts on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Plane {
+pub(crate) enum Plane {
     /// p itself.
     Tangent,
     /// q = p θ/r.
@@ -124,7 +124,7 @@ impl Distortion {
         }
     }
 
-    pub(super) fn plane(&self) -> Plane {
+    pub(crate) fn plane(&self) -> Plane {
         match self {
             Self::Fisheye(_) | Self::AriaFisheye(_) => Plane::Equidistant,
             _ => Plane::Tangent,
@@ -132,7 +132,7 @@ impl Distortion {
     }
 
     /// Maps the plane ([`Plane`]) to d; not finite at poles and outside of the domain.
-    pub(super) fn map(&self, p: DVec2) -> DVec2 {
+    pub(crate) fn map(&self, p: DVec2) -> DVec2 {
         let r2 = p.length_squared();
         match self {
             Self::None => p,
@@ -160,7 +160,7 @@ impl Distortion {
 
     /// The inverse of [`Self::map`] in closed form. The outer `None` means that there is none, the
     /// inner that no ray arrives at `d`.
-    pub(super) fn closed_inverse(&self, d: DVec2) -> Option<Option<DVec2>> {
+    pub(crate) fn closed_inverse(&self, d: DVec2) -> Option<Option<DVec2>> {
         let r2 = d.length_squared();
         Some(match *self {
             Self::None => Some(d),

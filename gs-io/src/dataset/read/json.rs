@@ -14,7 +14,7 @@ const LITERALS: [(&[u8], &[u8]); 3] =
 
 /// A number, finite or not.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Number(pub(super) f64);
+pub(crate) struct Number(pub(crate) f64);
 
 impl<'de> Deserialize<'de> for Number {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
@@ -24,7 +24,7 @@ impl<'de> Deserialize<'de> for Number {
 }
 
 /// The number of a value, which may be in quotes. `null` stands for NaN, as JavaScript writes it.
-pub(super) fn number_of(value: &Value) -> Option<f64> {
+pub(crate) fn number_of(value: &Value) -> Option<f64> {
     match value {
         Value::Number(number) => number.as_f64(),
         Value::String(text) if text == "N" => Some(f64::NAN),
@@ -35,7 +35,7 @@ pub(super) fn number_of(value: &Value) -> Option<f64> {
 }
 
 /// A value for a message.
-pub(super) fn shown(value: &Value) -> String {
+pub(crate) fn shown(value: &Value) -> String {
     match number_of(value) {
         Some(number) => number.to_string(),
         None => value.to_string().chars().filter(|c| !c.is_control()).take(40).collect(),
@@ -43,7 +43,7 @@ pub(super) fn shown(value: &Value) -> String {
 }
 
 /// Reads a file.
-pub(in crate::dataset) fn parse<T: DeserializeOwned>(path: &Path) -> Result<T, Error> {
+pub(crate) fn parse<T: DeserializeOwned>(path: &Path) -> Result<T, Error> {
     let bytes = read_file(path)?;
     serde_json::from_slice(&without_literals(utf8_text(path, &bytes)?)).map_err(|error| {
         let message = error.to_string().split_whitespace().collect::<Vec<_>>().join(" ");

@@ -76,7 +76,7 @@ impl Lens {
 
     /// The lens for rays of any direction, of which a face of a cube shows a part: to where it folds,
     /// or to 175° from the axis. Lenses whose formula ends at a right angle stay as they are.
-    pub(super) fn wide(self) -> Self {
+    pub(crate) fn wide(self) -> Self {
         match self.distortion.plane() {
             Plane::Tangent => self,
             Plane::Equidistant => Self { limit: fold(&self.distortion, MAX_WIDE_ANGLE), ..self },
@@ -84,17 +84,17 @@ impl Lens {
     }
 
     /// The lens, for rays of a face of the cube around it.
-    pub(super) fn facing(self, face: CubeFace) -> Self {
+    pub(crate) fn facing(self, face: CubeFace) -> Self {
         Self { face: Some(face), ..self }
     }
 
     /// The face of a cube around a fish-eye whose rays the lens maps.
-    pub(super) fn cube_face(&self) -> Option<CubeFace> {
+    pub(crate) fn cube_face(&self) -> Option<CubeFace> {
         self.face
     }
 
     /// The lens without what it images outside of an ellipse of these radii in normalised coordinates.
-    pub(super) fn within(self, radii: DVec2) -> Self {
+    pub(crate) fn within(self, radii: DVec2) -> Self {
         let direction = |k: u32| DVec2::from_angle(std::f64::consts::TAU * f64::from(k) / f64::from(CIRCLE_POINTS));
         let points = (0..CIRCLE_POINTS).filter_map(|k| self.plane_point(direction(k) * radii));
         Self { limit: points.map(DVec2::length).fold(self.limit, f64::min), ..self }

@@ -9,7 +9,7 @@ use std::{
 };
 
 use super::{
-    assemble::Draft,
+    Draft,
     names::{self, folded, without_extension},
     place::{NamePart, Place, find_image},
 };
@@ -26,29 +26,29 @@ const SEARCH_ABOVE: (usize, usize) = (2, 100);
 const NAMED: usize = 3;
 
 /// Finds images.
-pub(super) struct Finder<'a> {
+pub(crate) struct Finder<'a> {
     root: &'a Path,
     files: Vec<PathBuf>,
     place: Option<Place>,
     /// Whether the folder of the images is one that the data set does not name.
-    pub(super) elsewhere: bool,
+    pub(crate) elsewhere: bool,
     /// Whether [`Self::near`] found an image outside of the data set's folder.
-    pub(super) outside: bool,
+    pub(crate) outside: bool,
     folders: Folders,
     /// Files that are already the image of a view; empty until the first is found by a similar name.
     taken: HashSet<PathBuf>,
 }
 
 /// A file that was found.
-pub(super) struct Found {
-    pub(super) path: PathBuf,
+pub(crate) struct Found {
+    pub(crate) path: PathBuf,
     /// Whether its name differs from that of the data set.
-    pub(super) renamed: bool,
+    pub(crate) renamed: bool,
 }
 
 /// The entries of folders, each of which is read once.
 #[derive(Default)]
-pub(super) struct Folders(HashMap<PathBuf, Listing>);
+pub(crate) struct Folders(HashMap<PathBuf, Listing>);
 
 /// The entries of a folder by their [`folded`] names, whole and without the extension of an image.
 #[derive(Default)]
@@ -81,7 +81,7 @@ impl Listing {
 impl<'a> Finder<'a> {
     /// Decides in which of the `places` the images of the `drafts` are: the first with any of them. If
     /// there is none, the only other folder below one of those in `search`.
-    pub(super) fn new(root: &'a Path, places: &[Place], drafts: &[Draft], search: &[PathBuf]) -> Self {
+    pub(crate) fn new(root: &'a Path, places: &[Place], drafts: &[Draft], search: &[PathBuf]) -> Self {
         let files: Vec<PathBuf> = drafts.iter().filter_map(|draft| draft.file.clone()).collect();
         let place = places.iter().find(|place| files.iter().any(|file| place.find(file).is_some())).cloned();
         let (folders, taken) = (Folders::default(), HashSet::new());
@@ -103,12 +103,12 @@ impl<'a> Finder<'a> {
     }
 
     /// The folder of the images.
-    pub(super) fn place(&self) -> Option<&Place> {
+    pub(crate) fn place(&self) -> Option<&Place> {
         self.place.as_ref()
     }
 
     /// The image of this name.
-    pub(super) fn find(&mut self, file: &Path) -> Option<Found> {
+    pub(crate) fn find(&mut self, file: &Path) -> Option<Found> {
         let place = self.place.clone()?;
         if let Some(path) = place.find(file) {
             return Some(Found { path, renamed: false });
@@ -123,7 +123,7 @@ impl<'a> Finder<'a> {
     }
 
     /// What there is instead of an image that was not found, in words.
-    pub(super) fn near(&mut self, file: &Path) -> Option<String> {
+    pub(crate) fn near(&mut self, file: &Path) -> Option<String> {
         let place = self.place.clone().unwrap_or_else(|| Place::new(self.root, "", NamePart::Path));
         let similar = self.similar(&place, file);
         if similar.len() > 1 {
@@ -175,13 +175,13 @@ impl<'a> Finder<'a> {
 
 impl Folders {
     /// The image at a path below `root`, or else the only one with a similar path.
-    pub(super) fn image(&mut self, root: &Path, path: &str) -> Option<PathBuf> {
+    pub(crate) fn image(&mut self, root: &Path, path: &str) -> Option<PathBuf> {
         let path = names::plain(path);
         find_image(&root.join(&path)).or_else(|| self.only_similar(root, Path::new(&path)))
     }
 
     /// The file at a path below `root`, or else the only one with a similar path and this extension.
-    pub(super) fn file(&mut self, root: &Path, path: &str) -> Option<PathBuf> {
+    pub(crate) fn file(&mut self, root: &Path, path: &str) -> Option<PathBuf> {
         let plain = names::plain(path);
         let (path, extension) = (root.join(&plain), |path: &Path| path.extension().map(OsStr::to_ascii_lowercase));
         let similar = |folders: &mut Self| folders.only_similar(root, Path::new(&plain));
@@ -238,7 +238,7 @@ impl Folders {
 }
 
 /// The names of the files and folders in a folder.
-pub(super) fn entries(folder: &Path) -> impl Iterator<Item = OsString> {
+pub(crate) fn entries(folder: &Path) -> impl Iterator<Item = OsString> {
     let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
     fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.file_name())
 }
@@ -292,7 +292,7 @@ fn stem(file: &Path) -> Option<String> {
 
 /// Visits a folder and those below it with the images in each, within the limits of [`SEARCH`] and
 /// [`SEARCH_ABOVE`].
-pub(super) fn walk(from: &Path, mut visit: impl FnMut(&Path, &[PathBuf])) {
+pub(crate) fn walk(from: &Path, mut visit: impl FnMut(&Path, &[PathBuf])) {
     let (deepest, most) = if from.ends_with("..") { SEARCH_ABOVE } else { SEARCH };
     let mut waiting = vec![(from.to_owned(), 0)];
     let mut visited = 0;

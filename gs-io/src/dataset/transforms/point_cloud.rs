@@ -6,8 +6,8 @@ use std::path::Path;
 use glam::DVec3;
 use gs_core::constants::SH_C0;
 
-use super::{Remark, WorldPoint, read_file};
 use crate::{
+    dataset::{Remark, WorldPoint, read_file},
     error::Error,
     scene3d::{
         ply::{self, Element, Header, Number, Value},

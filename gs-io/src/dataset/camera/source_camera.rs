@@ -89,7 +89,7 @@ impl SourceCamera {
 
     /// Why the camera is impossible, in words: focal length or principal point beyond any camera's,
     /// or a lens that shows less than a fifth of the image's width or height.
-    pub(super) fn fault(&self) -> Option<String> {
+    pub(crate) fn fault(&self) -> Option<String> {
         let (size, longer) = (self.size(), self.size().max_element());
         let of = format!("for an image of {}x{} px", self.width, self.height);
         let shares = self.focal / longer;
@@ -144,7 +144,7 @@ impl SourceCamera {
     }
 
     /// Whether the image shows this ray.
-    pub(super) fn shows(&self, ray: DVec2) -> bool {
+    pub(crate) fn shows(&self, ray: DVec2) -> bool {
         self.to_pixel(ray).is_some_and(|pixel| pixel.cmpge(DVec2::ZERO).all() && pixel.cmple(self.size()).all())
     }
 

@@ -2,8 +2,7 @@
 
 use glam::{DMat3, DQuat, DVec3, dvec3};
 
-use super::Skip;
-use crate::WorldFrame;
+use crate::{WorldFrame, dataset::Skip};
 
 /// Tolerance of a rotation matrix, for any element of MᵀM − 1. Text with six digits and `f32`
 /// arithmetic stay well below.
@@ -11,9 +10,9 @@ const ROTATION_TOLERANCE: f64 = 1e-3;
 
 /// A pose: x_camera = rotation · x_world + translation, with camera axes right, down, forward.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Pose {
-    pub(super) rotation: DMat3,
-    pub(super) translation: DVec3,
+pub(crate) struct Pose {
+    pub(crate) rotation: DMat3,
+    pub(crate) translation: DVec3,
 }
 
 impl Pose {
@@ -21,7 +20,7 @@ impl Pose {
     ///
     /// # Errors
     /// [`Skip::PoseNotFinite`], [`Skip::BadPose`].
-    pub(super) fn world_to_camera(rotation: DQuat, translation: DVec3) -> Result<Self, Skip> {
+    pub(crate) fn world_to_camera(rotation: DQuat, translation: DVec3) -> Result<Self, Skip> {
         let norm = rotation.length();
         if !norm.is_finite() || !translation.is_finite() {
             return Err(Skip::PoseNotFinite);
@@ -39,7 +38,7 @@ impl Pose {
     /// # Errors
     /// [`Skip::PoseNotFinite`]; [`Skip::BadPose`] if the matrix is anything but rotation, translation
     /// and uniform scale.
-    pub(super) fn camera_to_world(rows: &[Vec<f64>]) -> Result<Self, Skip> {
+    pub(crate) fn camera_to_world(rows: &[Vec<f64>]) -> Result<Self, Skip> {
         if rows.iter().flatten().any(|value| !value.is_finite()) {
             return Err(Skip::PoseNotFinite);
         }
@@ -59,19 +58,19 @@ impl Pose {
     }
 
     /// Position of the camera in the world.
-    pub(super) fn position(&self) -> DVec3 {
+    pub(crate) fn position(&self) -> DVec3 {
         -(self.rotation.transpose() * self.translation)
     }
 
     /// The pose relative to a frame: x_camera / unit = rotation · x_frame + translation.
-    pub(super) fn in_frame(&self, frame: &WorldFrame) -> Self {
+    pub(crate) fn in_frame(&self, frame: &WorldFrame) -> Self {
         Self { translation: (self.translation + self.rotation * frame.origin) / frame.unit, ..*self }
     }
 }
 
 /// The linear part and the translation of a 3×4 or 4×4 matrix by rows; `None` for another shape, a
 /// last row other than (0, 0, 0, 1), or numbers that are not finite.
-pub(super) fn affine(rows: &[Vec<f64>]) -> Option<(DMat3, DVec3)> {
+pub(crate) fn affine(rows: &[Vec<f64>]) -> Option<(DMat3, DVec3)> {
     let finite = rows.iter().all(|row| row.len() == 4 && row.iter().all(|v| v.is_finite()));
     let last = rows.get(3).is_none_or(|row| row[..] == [0.0, 0.0, 0.0, 1.0]);
     if !(3..=4).contains(&rows.len()) || !finite || !last {

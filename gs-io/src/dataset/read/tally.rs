@@ -4,12 +4,15 @@ use std::{collections::BTreeMap, path::Path};
 
 use gs_core::Camera;
 
-use super::{Remark, Skip, SourceCamera, View};
-use crate::{error::Error, image::ImageRemark};
+use crate::{
+    dataset::{Remark, Skip, SourceCamera, View},
+    error::Error,
+    image::ImageRemark,
+};
 
 /// Counts so far.
 #[derive(Default)]
-pub(super) struct Tally {
+pub(crate) struct Tally {
     skipped: BTreeMap<Skip, Remark>,
     images: BTreeMap<ImageRemark, Remark>,
     scaled: Option<Remark>,
@@ -26,7 +29,7 @@ const NAMED: usize = 3;
 
 impl Tally {
     /// Counts a view that is left out.
-    pub(super) fn skip(&mut self, name: &str, why: Skip, detail: Option<String>) {
+    pub(crate) fn skip(&mut self, name: &str, why: Skip, detail: Option<String>) {
         let new = || Remark::Skipped { why, count: 0, first: name.to_owned(), detail };
         let remark = self.skipped.entry(why).or_insert_with(new);
         if let Remark::Skipped { why: Skip::NoImage, count: 1..NAMED, first, .. } = remark {
@@ -37,23 +40,23 @@ impl Tally {
     }
 
     /// Whether a view was left out for this reason.
-    pub(super) fn has(&self, why: Skip) -> bool {
+    pub(crate) fn has(&self, why: Skip) -> bool {
         self.skipped.contains_key(&why)
     }
 
     /// Counts an image whose file has another name than in the data set at `root`.
-    pub(super) fn count_renamed(&mut self, name: &str, root: &Path, file: &Path) {
+    pub(crate) fn count_renamed(&mut self, name: &str, root: &Path, file: &Path) {
         let file = file.strip_prefix(root).unwrap_or(file).display().to_string();
         add(self.renamed.get_or_insert_with(|| Remark::Renamed { count: 0, first: name.to_owned(), file }));
     }
 
     /// Counts a depth map that cannot be used.
-    pub(super) fn count_bad_depth(&mut self, error: &Error) {
+    pub(crate) fn count_bad_depth(&mut self, error: &Error) {
         add(self.bad_depths.get_or_insert_with(|| Remark::DepthsUnusable { count: 0, first: error.to_string() }));
     }
 
     /// Counts an image that stays by its views, with the size of its calibration and the remarks on its file.
-    pub(super) fn count(&mut self, of_image: &[View], calibrated: (u64, u64), remarks: &[ImageRemark]) {
+    pub(crate) fn count(&mut self, of_image: &[View], calibrated: (u64, u64), remarks: &[ImageRemark]) {
         let Some(view) = of_image.first() else { return };
         let SourceCamera { width, height, lens, .. } = view.source;
         if view.source.is_panorama() {
@@ -83,7 +86,7 @@ impl Tally {
     }
 
     /// All remarks.
-    pub(super) fn remarks(self) -> Vec<Remark> {
+    pub(crate) fn remarks(self) -> Vec<Remark> {
         let images = self.renamed.into_iter().chain(self.images.into_values());
         let sizes = self.split.into_iter().chain(self.split_fisheye).chain(self.scaled).chain(self.reduced);
         let rest = self.bent.into_values().chain(self.bad_depths);
