@@ -19,8 +19,7 @@ use crate::{
     checkpoint::{Checkpoint, decode_checkpoint, is_checkpoint, read_checkpoint},
     dataset::Dataset,
     error::Error,
-    gsi::{GSI_EXTENSION, decode_gsi, is_gsi, read_gsi},
-    scene_file::{File2d, decode_2d, is_2d, read_2d, read_2d_unchecked},
+    scene2d::{File2d, GSI_EXTENSION, decode_2d, decode_gsi, is_2d, is_gsi, read_2d, read_2d_unchecked, read_gsi},
     scene3d::{self, File3d, Format3d, TrainedWith, foreign, format_3d, read_3d, read_3d_unchecked},
 };
 

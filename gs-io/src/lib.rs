@@ -29,15 +29,12 @@ mod checkpoint;
 mod container;
 pub mod dataset;
 mod error;
-mod gsi;
 mod image;
 mod inputs;
 mod output_folder;
 mod picture;
-mod ply;
+mod scene2d;
 mod scene3d;
-mod scene_file;
-mod svg;
 mod text;
 mod world_frame;
 
@@ -47,7 +44,6 @@ pub use crate::{
     atomic::{abandon_writes, prepare_folder, remove_leftovers, write_atomically, write_durably},
     checkpoint::{Checkpoint, decode_checkpoint, encode_checkpoint, is_checkpoint, read_checkpoint, write_checkpoint},
     error::Error,
-    gsi::{GSI_EXTENSION, GsiFile, decode_gsi, is_gsi, read_gsi, read_gsi_prefix},
     image::{
         AlphaMode, IccProfile, ImageRemark, LoadedImage, Orientation, PngExtras, StoredImage, Transparency,
         image_files, png_bytes, png_bytes_with, premultiplied, read_image, read_image_size, read_image_with,
@@ -56,14 +52,16 @@ pub use crate::{
     inputs::Inputs,
     output_folder::{FolderClaim, OutputFolder},
     picture::draw_with_alpha,
-    ply::{PICTURE_DISTANCE_WORLD, PICTURE_WORLD, flat_scene, write_ply},
-    scene_file::{File2d, SCENE_EXTENSION, decode_2d, encode_2d, is_2d, read_2d, read_2d_unchecked, write_2d},
+    scene2d::{
+        File2d, GSI_EXTENSION, GsiFile, PICTURE_DISTANCE_WORLD, PICTURE_WORLD, SCENE_EXTENSION, decode_2d, decode_gsi,
+        encode_2d, flat_scene, is_2d, is_gsi, read_2d, read_2d_unchecked, read_gsi, read_gsi_prefix, write_2d,
+        write_ply, write_svg,
+    },
     scene3d::{
         ConversionLoss, Coordinates, Encoded3d, File3d, Format3d, GltfBuffer, Rounding, SpzOptions, SpzVersion,
         TrainedWith, WriteOptions3d, Written3d, decode_3d, encode_3d, format_3d, move_scene, read_3d,
         read_3d_unchecked, write_3d,
     },
-    svg::write_svg,
     text::utf8_text,
     world_frame::WorldFrame,
 };

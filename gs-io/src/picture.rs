@@ -7,7 +7,7 @@ use gs_core::{
 
 use crate::{
     image::{StoredImage, straight},
-    scene_file::File2d,
+    scene2d::File2d,
     scene3d::File3d,
 };
 

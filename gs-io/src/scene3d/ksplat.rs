@@ -25,9 +25,8 @@ use glam::Vec3;
 use gs_core::{Scene3d, constants::SH_C0};
 
 use super::{
-    quantity::{log_of_scale, logit_of_step},
-    sh_degree::rest_of_degree,
     source::Source,
+    values::{log_of_scale, logit_of_step, rest_of_degree},
 };
 use crate::error::Error;
 

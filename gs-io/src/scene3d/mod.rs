@@ -14,25 +14,19 @@
 //! them by convention; SPZ (right, up, back) and glTF (left, up, forward) are converted.
 
 mod conversion_loss;
-mod flips;
 pub(crate) mod foreign;
 mod format;
 mod gltf;
 mod ksplat;
 mod options;
 pub(crate) mod ply;
-mod quantity;
 mod range;
-mod rounding;
-mod sh_degree;
-mod sh_rotation;
 mod sog;
 pub(crate) mod source;
 mod splat;
 mod spz;
 mod trained_with;
-mod transform;
-mod unit;
+mod values;
 
 use std::path::{Path, PathBuf};
 
@@ -44,10 +38,15 @@ pub use self::{
     format::Format3d,
     gltf::GltfBuffer,
     options::{Coordinates, SpzOptions, SpzVersion, WriteOptions3d},
-    rounding::Rounding,
     trained_with::TrainedWith,
+    values::Rounding,
 };
-use self::{foreign::has_name, gltf::GltfFile, quantity::finite_logit, source::Source, unit::UnitRotations};
+use self::{
+    foreign::has_name,
+    gltf::GltfFile,
+    source::Source,
+    values::{UnitRotations, finite_logit, transform},
+};
 use crate::{
     WorldFrame,
     atomic::{open, write_durably},
@@ -159,7 +158,7 @@ impl File3d {
 /// Takes a scene from one frame to another.
 pub fn move_scene(scene: &mut Scene3d, from: &WorldFrame, to: &WorldFrame) {
     if from != to {
-        transform::apply(scene, &from.to(to));
+        transform(scene, &from.to(to));
     }
 }
 
@@ -351,7 +350,7 @@ fn in_world(path: &Path, scene: &Scene3d, frame: &WorldFrame) -> Result<Scene3d,
         return Err(Error::Unsupported { path: path.to_owned(), what, mend: "write a PLY or a glTF" });
     }
     let mut scene = scene.clone();
-    transform::apply(&mut scene, &frame.to(&WorldFrame::WORLD));
+    transform(&mut scene, &frame.to(&WorldFrame::WORLD));
     Ok(scene)
 }
 

@@ -16,9 +16,8 @@ use gs_core::{Scene, Scene3d};
 use super::{
     TrainedWith,
     conversion_loss::{Clamp, ConversionLoss},
-    quantity::{byte_of_logit, log_of_scale, logit_of_step, scale_of_log},
     source::Source,
-    unit::UnitRotations,
+    values::{UnitRotations, byte_of_logit, log_of_scale, logit_of_step, scale_of_log},
 };
 use crate::error::Error;
 

@@ -31,12 +31,9 @@ use self::{
 use super::{
     TrainedWith,
     conversion_loss::ConversionLoss,
-    flips::Flips,
     foreign,
-    quantity::{log_of_scale, logit_of_opacity, logit_of_step},
-    sh_degree::MAX_DEGREE,
     source::Source,
-    transform,
+    values::{Flips, MAX_DEGREE, log_of_scale, logit_of_opacity, logit_of_step, transform},
 };
 use crate::{WorldFrame, error::Error};
 
@@ -110,7 +107,7 @@ pub(crate) fn read(source: &Source<'_>) -> Result<Read, Error> {
             scene.sh.chunks_exact_mut(len).for_each(linear_light::to_srgb);
             losses.push(ConversionLoss::LinearLight);
         }
-        losses.extend(transform::apply(&mut scene, map));
+        losses.extend(transform(&mut scene, map));
         append(&mut whole, scene);
     }
     losses.extend(draft.then_some(ConversionLoss::DraftScales));

@@ -16,8 +16,7 @@ use crate::{
     scene3d::{
         WriteOptions3d,
         conversion_loss::ConversionLoss,
-        quantity::{opacity_of_logit, scale_of_log},
-        unit::UnitRotations,
+        values::{UnitRotations, opacity_of_logit, scale_of_log},
     },
 };
 

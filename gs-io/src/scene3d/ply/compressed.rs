@@ -17,9 +17,8 @@ use crate::{
     scene3d::{
         Format3d,
         conversion_loss::ConversionLoss,
-        quantity::logit_of_step,
-        sh_degree::{MAX_DEGREE, degree_of_rest},
         source::Source,
+        values::{MAX_DEGREE, degree_of_rest, logit_of_step},
     },
 };
 

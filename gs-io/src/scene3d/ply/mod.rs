@@ -19,9 +19,8 @@ pub(crate) use self::header::{Element, Header, Number, Value};
 use super::{
     Format3d, TrainedWith,
     conversion_loss::ConversionLoss,
-    quantity::finite_logit,
-    sh_degree::{MAX_DEGREE, degree_of_rest},
     source::Source,
+    values::{MAX_DEGREE, degree_of_rest, finite_logit},
 };
 use crate::{WorldFrame, error::Error};
 

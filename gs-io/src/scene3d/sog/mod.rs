@@ -44,10 +44,8 @@ use self::{
 use super::{
     TrainedWith,
     conversion_loss::{Clamp, ConversionLoss},
-    quantity::{byte_of_logit, logit_of_step},
-    sh_degree::rest_of_degree,
     source::Source,
-    unit::UnitRotations,
+    values::{UnitRotations, byte_of_logit, logit_of_step, rest_of_degree},
 };
 use crate::error::Error;
 

@@ -25,8 +25,8 @@ use super::quantum::FractionalBits;
 use crate::{
     error::Error,
     scene3d::{
-        sh_degree::{MAX_FILE_DEGREE, rest_of_degree},
         source::Source,
+        values::{MAX_FILE_DEGREE, rest_of_degree},
     },
 };
 

@@ -23,12 +23,9 @@ use self::{
 use super::{
     TrainedWith,
     conversion_loss::ConversionLoss,
-    flips::Flips,
     options::{SpzVersion, WriteOptions3d},
-    sh_degree::{MAX_DEGREE, rest_of_degree},
     source::Source,
-    transform,
-    unit::UnitRotations,
+    values::{Flips, MAX_DEGREE, UnitRotations, rest_of_degree, transform},
 };
 use crate::error::Error;
 
@@ -59,7 +56,7 @@ pub(crate) fn read(source: &Source<'_>) -> Result<(Scene3d, Vec<ConversionLoss>,
     }
     match packed.extensions.iter().find_map(Extension::axes) {
         None => AXES.apply(&mut scene),
-        Some(axes) => _ = transform::apply(&mut scene, &DAffine3::from_mat3(axes)),
+        Some(axes) => _ = transform(&mut scene, &DAffine3::from_mat3(axes)),
     }
     let cut = degree < head.degree;
     let losses = if cut { vec![ConversionLoss::Sh { from: head.degree, to: degree }] } else { Vec::new() };

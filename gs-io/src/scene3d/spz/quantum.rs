@@ -18,9 +18,8 @@ use gs_core::Scene3d;
 use crate::scene3d::options::SpzOptions;
 use crate::scene3d::{
     conversion_loss::{Clamp, ConversionLoss},
-    quantity::{byte_of_logit, logit_of_step},
     range::farthest,
-    unit::UnitRotations,
+    values::{UnitRotations, byte_of_logit, logit_of_step},
 };
 
 /// Factor of coefficients of degree 0; for colours it would be 0.282.

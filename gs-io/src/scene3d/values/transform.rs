@@ -7,7 +7,8 @@
 use glam::{DAffine3, DMat3, DQuat, DVec3, Vec3};
 use gs_core::{Scene, Scene3d, constants::MIN_QUATERNION_NORM2};
 
-use super::{conversion_loss::ConversionLoss, flips::Flips, sh_rotation::ShRotation};
+use super::{flips::Flips, sh_rotation::ShRotation};
+use crate::scene3d::ConversionLoss;
 
 /// Relative tolerance with which AᵀA must be a multiple of the identity for A to count as rotation
 /// and scale.

@@ -5,7 +5,8 @@ use std::{fs::File, path::Path};
 use gs_codec::{Decoded, DecodedAlpha, Extent, MAGIC, decode};
 use gs_core::{Blend, RenderSettings, Scene as _, Scene2d};
 
-use crate::{atomic::open, container::read_exactly, error::Error, image::IccProfile, scene_file::File2d};
+use super::File2d;
+use crate::{atomic::open, container::read_exactly, error::Error, image::IccProfile};
 
 /// The extension of compressed pictures.
 pub const GSI_EXTENSION: &str = "gsi";

@@ -13,7 +13,8 @@ use std::{
 use glam::{Mat2, Vec2};
 use gs_core::{Blend, Gaussian2d, Scene, effects::Antialias, sigmoid, to_8_bits};
 
-use crate::{File2d, atomic::write_durably, error::Error};
+use super::File2d;
+use crate::{atomic::write_durably, error::Error};
 
 /// Radius of a gradient, standard deviations. A Gaussian's weight is 1/255 there, where the
 /// renderer cuts it off, too.

@@ -23,8 +23,8 @@ use gs_core::{
     effects::{Antialias, Order},
 };
 
+use super::File2d;
 use crate::{
-    File2d,
     atomic::write_durably,
     error::Error,
     scene3d::{TrainedWith, ply},

@@ -1,0 +1,16 @@
+//! Files of 2D scenes.
+//!
+//! [`read_2d`] and [`write_2d`] are lossless; [`read_gsi`] reads compressed pictures. [`write_ply`]
+//! and [`write_svg`] export for other programs.
+
+mod flat_ply;
+mod gsi;
+mod scene_file;
+mod svg;
+
+pub use self::{
+    flat_ply::{PICTURE_DISTANCE_WORLD, PICTURE_WORLD, flat_scene, write_ply},
+    gsi::{GSI_EXTENSION, GsiFile, decode_gsi, is_gsi, read_gsi, read_gsi_prefix},
+    scene_file::{File2d, SCENE_EXTENSION, decode_2d, encode_2d, is_2d, read_2d, read_2d_unchecked, write_2d},
+    svg::write_svg,
+};
