@@ -1,10 +1,11 @@
 //! Cameras: poses, lenses with their distortion, and images of wide angles as the faces of a cube.
 //!
-//! [`SourceCamera`] is the camera of an image file, [`Lens`] its lens, and [`Pose`] where it stands.
-//! [`wide_faces`] says into which faces a fish-eye is split.
+//! [`Intrinsics`] are the calibration that a file states; [`SourceCamera`] is the camera of an image,
+//! [`Lens`] its lens, and [`Pose`] where it stands. [`wide_faces`] splits a fish-eye into faces.
 
 mod cube;
 mod distortion;
+mod intrinsics;
 mod lens;
 mod pose;
 mod source_camera;
@@ -18,6 +19,7 @@ pub use self::{
 };
 pub(super) use self::{
     cube::{is_two_to_one, shows_all_directions},
+    intrinsics::{Focal, Intrinsics},
     pose::{Pose, affine},
-    wide::{faces as wide_faces, mask_border},
+    wide::faces as wide_faces,
 };

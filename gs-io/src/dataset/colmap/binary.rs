@@ -4,7 +4,10 @@ use std::{collections::BTreeMap, path::Path};
 
 use glam::{DQuat, DVec3, dvec2, dvec3};
 
-use super::{CameraModel, ColmapCamera, ColmapImage, ColmapObservation, ColmapPoint, NO_POINT, unknown_model};
+use super::{
+    CameraModel, ColmapCamera, ColmapImage, ColmapObservation, ColmapPoint, camera_model::unknown_model,
+    model::NO_POINT,
+};
 use crate::error::Error;
 
 /// Size of a camera's id, model and size.

@@ -2,12 +2,16 @@
 //!
 //! *Source:* COLMAP's documentation ("Camera Models") and `sensor/models`, as of version 4.
 
+use std::path::Path;
+
 use glam::{DVec2, dvec2};
 
-use crate::dataset::{
-    AriaFisheye, BrownConrady, Distortion, Fisheye, Skip,
-    camera::is_two_to_one,
-    read::{Focal, Intrinsics},
+use crate::{
+    dataset::{
+        AriaFisheye, BrownConrady, Distortion, Fisheye, Skip,
+        camera::{Focal, Intrinsics, is_two_to_one},
+    },
+    error::Error,
 };
 
 /// A camera model of COLMAP. The discriminant is its id in binary files.
@@ -175,6 +179,12 @@ impl CameraModel {
             _ => return None,
         })
     }
+}
+
+/// The error for a camera model that COLMAP does not have.
+pub(super) fn unknown_model(path: &Path, found: impl ToString) -> Error {
+    let known = CameraModel::ALL.map(CameraModel::name).join(", ");
+    Error::UnknownCameraModel { path: path.to_owned(), found: found.to_string(), known }
 }
 
 #[cfg(test)]

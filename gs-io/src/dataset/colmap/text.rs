@@ -5,7 +5,10 @@ use std::{collections::BTreeMap, path::Path, str::FromStr};
 
 use glam::{DQuat, dvec2, dvec3};
 
-use super::{CameraModel, ColmapCamera, ColmapImage, ColmapObservation, ColmapPoint, NO_POINT, unknown_model};
+use super::{
+    CameraModel, ColmapCamera, ColmapImage, ColmapObservation, ColmapPoint, camera_model::unknown_model,
+    model::NO_POINT,
+};
 use crate::{error::Error, text::utf8_text};
 
 /// `cameras.txt`: id, model, columns, rows, parameters.

@@ -12,10 +12,10 @@ use std::{
 
 use gs_core::{Camera, check_size};
 
-use super::shrink::resized;
+use super::{DepthFile, View, shape::same_shape, shrink::resized};
 use crate::{
     atomic::open,
-    dataset::{SourceCamera, View, read::same_shape, read_file},
+    dataset::{SourceCamera, file::read_file},
     error::Error,
     image::{decode_grey, grey_size},
 };
@@ -25,16 +25,6 @@ const HEADER_BYTES: u64 = 4096;
 
 /// File extensions that are tried, in this order, for the depth map of an image.
 const ENDINGS: [&str; 4] = ["npy", "png", "tiff", "tif"];
-
-/// The file of a view's depth map.
-#[derive(Debug, Clone, PartialEq)]
-pub struct DepthFile {
-    /// A grey image or a NumPy array with the aspect ratio of the image.
-    pub path: PathBuf,
-    /// World units of a stored value of 1, if the data set's format defines them; `None` if values
-    /// are only known up to scale and shift.
-    pub unit: Option<f32>,
-}
 
 /// The depth map of a view, undistorted.
 #[derive(Debug, Clone, PartialEq)]

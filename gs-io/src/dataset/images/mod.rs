@@ -1,18 +1,25 @@
 //! The files of a view: its image, undistorted and scaled, and its depth map.
 //!
-//! [`View::read_image`](super::View::read_image) and [`View::read_depth`](super::View::read_depth)
-//! read them, [`read_images`] those of several views.
+//! [`View::read_image`] and [`View::read_depth`] read them, [`read_images`] the images of several
+//! views.
 
+mod border;
 mod depth;
 mod posed_image;
+mod read_image;
 mod resample;
+mod shape;
 mod shrink;
+mod view;
 
 pub use self::{
-    depth::{DepthFile, DepthMap},
-    posed_image::{PosedImage, read_images},
+    depth::DepthMap,
+    posed_image::PosedImage,
+    read_image::read_images,
+    view::{DepthFile, View},
 };
 pub(super) use self::{
     depth::{check as check_depth, find as find_depth},
+    shape::same_shape,
     shrink::{resized, within},
 };

@@ -5,7 +5,7 @@ use std::{borrow::Cow, path::Path};
 use serde::{Deserialize, Deserializer, de::DeserializeOwned, de::Error as _};
 use serde_json::Value;
 
-use crate::{dataset::read_file, error::Error, text::utf8_text};
+use crate::{dataset::file::read_file, error::Error, text::utf8_text};
 
 /// Literals of Python that JSON does not have, each with a string of the same length for which
 /// [`number_of`] gives the number. Positions in messages stay right.

@@ -1,20 +1,27 @@
 //! What readers of all kinds share: names, places of images, splits, and the data set made of it.
 //!
-//! A reader describes each view as a [`Draft`] and hands all of them to [`assemble`].
+//! A reader describes each view as a [`Draft`] and hands all of them to [`assemble`] as [`Parts`],
+//! with the [`Place`]s where images may be. [`lists_in_files`] and [`apply_lists`] split by lists.
 
 mod assemble;
+mod draft;
 mod finder;
 mod json;
 mod names;
 mod place;
+mod points;
 mod split_lists;
+mod splits;
 mod tally;
+mod views;
 
 pub(super) use self::{
-    assemble::{Draft, Focal, Intrinsics, Parts, Refusal, Stated, assemble, same_shape, search_folders},
-    finder::{Finder, Folders, entries},
+    assemble::{Parts, assemble},
+    draft::{Draft, Refusal, Stated},
+    finder::{Finder, Folders, entries, walk},
     json::{Number, number_of, parse, shown},
     names::plain,
-    place::{IMAGE_FOLDERS, NamePart, Place, check_inside, find_image, how_to_begin, whole},
+    place::{IMAGE_FOLDERS, NamePart, Place, check_inside, find_image, search_folders, whole},
+    points::WorldPoint,
     split_lists::{apply as apply_lists, in_files as lists_in_files},
 };

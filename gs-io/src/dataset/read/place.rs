@@ -1,25 +1,12 @@
 //! Finds images: the folders of a data set, and file names without extension or with another one.
 
 use std::{
-    collections::BTreeSet,
     fs, io,
     path::{Component, Path, PathBuf},
 };
 
-use super::{
-    finder::walk,
-    names::{self, EXTENSIONS},
-};
-use crate::{
-    dataset::{
-        DatasetSettings,
-        colmap::{data_set_of, has_photographs, is_model, models_of},
-        transforms::{BLENDER_TRAIN, NERFSTUDIO},
-    },
-    error::Error,
-    image::{image_files, unreadable_photographs},
-    text::quoted,
-};
+use super::names::{self, EXTENSIONS};
+use crate::{dataset::DatasetSettings, error::Error};
 
 /// Folders that are searched for images if none is given, the largest images first.
 pub(crate) const IMAGE_FOLDERS: [&str; 4] = ["images", "images_2", "images_4", "images_8"];
@@ -133,38 +120,6 @@ fn leaves(folder: &Path, name: &str) -> bool {
     })
 }
 
-/// Advice for a folder that is not a data set; if it contains images, how to find their cameras.
-pub(crate) fn how_to_begin(folder: &Path) -> String {
-    let images_in = |folder: &Path| image_files(folder).map_or(0, |files| files.len());
-    let below = data_sets_below(folder);
-    if let Some(first) = below.first() {
-        let others = if below.len() > 1 { format!(", one of {} data sets in it", below.len()) } else { String::new() };
-        let images = if has_transforms(first) || has_photographs(first) {
-            ""
-        } else {
-            " with the folder of its images by --images"
-        };
-        return format!("name {}{others}{images}", quoted(first));
-    }
-    let is_data_set = |folder: &&Path| has_transforms(folder) || !models_of(folder).is_empty();
-    if let Some(above) = whole(folder).ancestors().skip(1).take(PARTS).find(is_data_set) {
-        return format!("it is part of the data set {}: name that", quoted(above));
-    }
-    let places = [folder.to_owned(), folder.join(IMAGE_FOLDERS[0]), folder.join("input")];
-    if let Some(unreadable) = places.iter().find_map(unreadable_photographs) {
-        return format!("it holds {unreadable}");
-    }
-    match places.iter().map(|place| (images_in(place), place)).find(|(count, _)| *count > 1) {
-        None => "name the folder that holds one of them".to_owned(),
-        Some((count, images)) => format!(
-            "it holds {count} images without camera poses: estimate these first, for example with COLMAP: \
-             colmap automatic_reconstructor --workspace_path {} --image_path {} --dense 0",
-            quoted(folder),
-            quoted(images)
-        ),
-    }
-}
-
 /// The absolute path of a folder, without `..`.
 pub(crate) fn whole(folder: &Path) -> PathBuf {
     let goes_up = folder.components().any(|part| part == Component::ParentDir);
@@ -172,22 +127,11 @@ pub(crate) fn whole(folder: &Path) -> PathBuf {
     whole.unwrap_or_else(|_| folder.to_owned())
 }
 
-/// How deep files are in a data set.
-const PARTS: usize = 3;
-
-fn has_transforms(folder: &Path) -> bool {
-    [NERFSTUDIO, BLENDER_TRAIN].iter().any(|name| folder.join(name).is_file())
-}
-
-/// The data sets below a folder, by absolute paths.
-fn data_sets_below(folder: &Path) -> BTreeSet<PathBuf> {
-    let mut found = BTreeSet::new();
-    walk(&whole(folder), |folder, _| {
-        if has_transforms(folder) {
-            found.insert(folder.to_owned());
-        } else if is_model(folder) {
-            found.insert(data_set_of(folder));
-        }
-    });
-    found
+/// Folders below which images are searched that are in none of the usual ones.
+pub(crate) fn search_folders(root: &Path, settings: &DatasetSettings) -> Vec<PathBuf> {
+    match (&settings.image_folder, settings.allow_outside) {
+        (Some(_), _) => Vec::new(),
+        (None, false) => vec![root.to_owned()],
+        (None, true) => vec![root.to_owned(), root.join("..")],
+    }
 }

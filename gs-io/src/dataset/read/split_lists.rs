@@ -10,7 +10,7 @@ use serde::Deserialize;
 
 use super::{Draft, names, parse};
 use crate::{
-    dataset::{DatasetSettings, Remark, Skip, Split, SplitOrigin, read_file},
+    dataset::{DatasetSettings, Remark, Skip, Split, SplitOrigin, file::read_file},
     error::Error,
     text::utf8_text,
 };

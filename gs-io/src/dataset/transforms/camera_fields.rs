@@ -11,7 +11,8 @@ use serde_json::{Map, Value};
 use crate::{
     dataset::{
         BrownConrady, Distortion, Fisheye, Skip,
-        read::{Focal, Intrinsics, Refusal, Stated, number_of, shown},
+        camera::{Focal, Intrinsics},
+        read::{Refusal, Stated, number_of, shown},
     },
     error::Error,
 };

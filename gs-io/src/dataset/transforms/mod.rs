@@ -1,4 +1,5 @@
-//! `transforms.json` of Nerfstudio and instant-ngp, and the three files of NeRF-synthetic.
+//! `transforms.json` of Nerfstudio and instant-ngp, and the three files of NeRF-synthetic:
+//! [`read_nerfstudio`] and [`read_blender`].
 //!
 //! Poses are camera-to-world with axes right, up, back (OpenGL), in the file's own world.
 //! Nerfstudio may have rotated that world (`applied_transform`) relative to the COLMAP model it was
@@ -18,11 +19,11 @@ use serde_json::{Map, Value};
 
 use self::camera_fields::CameraFields;
 use super::{
-    Dataset, DatasetKind, DatasetSettings, DepthFile, Remark, Skip, Split, SplitOrigin, WorldPoint,
+    Dataset, DatasetKind, DatasetSettings, DepthFile, Remark, Skip, Split, SplitOrigin,
     camera::{Pose, affine},
     colmap::{ColmapModel, points_of},
     read::{
-        Draft, Folders, IMAGE_FOLDERS, NamePart, Number, Parts, Place, apply_lists, assemble, check_inside,
+        Draft, Folders, IMAGE_FOLDERS, NamePart, Number, Parts, Place, WorldPoint, apply_lists, assemble, check_inside,
         lists_in_files, parse, plain,
     },
 };

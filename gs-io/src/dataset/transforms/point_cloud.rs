@@ -7,7 +7,7 @@ use glam::DVec3;
 use gs_core::constants::SH_C0;
 
 use crate::{
-    dataset::{Remark, WorldPoint, read_file},
+    dataset::{Remark, file::read_file, read::WorldPoint},
     error::Error,
     scene3d::{
         ply::{self, Element, Header, Number, Value},

@@ -1,93 +1,34 @@
-//! Finds the COLMAP model of a data set: where programs put it, and which one of several.
+//! Reads the models of a data set, and chooses one of several.
 
 use std::{
     collections::BTreeSet,
     path::{MAIN_SEPARATOR, Path, PathBuf},
 };
 
-use super::ColmapModel;
+use glam::dvec2;
+
+use super::{
+    ColmapImage, ColmapModel, data_set_of,
+    folders::{INPUT, is_named},
+};
 use crate::{
     dataset::{
-        DatasetSettings, Remark,
-        read::{Draft, Finder, IMAGE_FOLDERS, NamePart, Place, check_inside, entries, search_folders, whole},
+        DatasetSettings, DepthFile, Remark, Skip,
+        camera::Pose,
+        images::find_depth,
+        read::{
+            Draft, Finder, IMAGE_FOLDERS, NamePart, Place, Refusal, Stated, check_inside, find_image, plain,
+            search_folders,
+        },
     },
     error::Error,
-    image::image_files,
 };
 
-/// Folders of models, relative to the data set, in the order of preference. Each may be a model itself,
-/// or have models in its subfolders, which COLMAP numbers.
-const FOLDERS: [&str; 12] = [
-    "",
-    "sparse",
-    "colmap/sparse",
-    "colmap",
-    "dense/sparse",
-    "dense/0/sparse",
-    "dense",
-    "undistorted/sparse",
-    "undistorted",
-    "sparse_txt",
-    "text",
-    "distorted/sparse",
-];
+/// The folder of masks: `masks/NAME.png` for the image `images/NAME`.
+const MASK_FOLDER: &str = "masks";
 
-/// Names of folders that are part of a data set.
-const INNER: [&str; 7] = ["sparse", "colmap", "dense", "undistorted", "sparse_txt", "text", "distorted"];
-
-/// The folder of the photographs that a distorted model was made of, which are moved there by 3DGS's
-/// convert.py.
-const INPUT: &str = "input";
-
-/// Whether a folder has the files of a model.
-pub(crate) fn is_model(folder: &Path) -> bool {
-    ["cameras.bin", "cameras.txt"].iter().any(|name| folder.join(name).is_file())
-}
-
-/// The folders of the models of a data set.
-pub(crate) fn models_of(root: &Path) -> Vec<PathBuf> {
-    let mut found = Vec::new();
-    for base in FOLDERS {
-        let base = if base.is_empty() { root.to_owned() } else { root.join(base) };
-        let mut inner: Vec<PathBuf> = entries(&base).map(|name| base.join(name)).collect();
-        // Other folders in that of the data set are data sets of their own.
-        inner.retain(|folder| base != root || is_number(folder));
-        inner.sort();
-        inner.insert(0, base);
-        inner.retain(|folder| is_model(folder) && !found.contains(folder));
-        found.append(&mut inner);
-    }
-    found
-}
-
-fn is_named(folder: &Path, matches: impl Fn(&str) -> bool) -> bool {
-    folder.file_name().and_then(|name| name.to_str()).is_some_and(matches)
-}
-
-fn is_number(folder: &Path) -> bool {
-    is_named(folder, |name| name.bytes().all(|byte| byte.is_ascii_digit()))
-}
-
-/// Whether photographs of a data set are in this folder, or where they usually are in it.
-pub(crate) fn has_photographs(folder: &Path) -> bool {
-    IMAGE_FOLDERS.iter().chain([&INPUT]).any(|name| folder.join(name).is_dir())
-        || image_files(folder).is_ok_and(|files| !files.is_empty())
-}
-
-/// The folder of the data set that a model or the folder of models is part of: the nearest one with
-/// photographs.
-pub(crate) fn data_set_of(named: &Path) -> PathBuf {
-    let whole = whole(named);
-    let is_inner = |folder: &Path| is_named(folder, |name| INNER.contains(&name));
-    let mut folder = whole.as_path();
-    while let Some(above) = folder.parent().filter(|_| !has_photographs(folder)) {
-        if !(is_inner(folder) || is_number(folder) && (is_inner(above) || has_photographs(above))) {
-            break;
-        }
-        folder = above;
-    }
-    if folder == whole { named.to_owned() } else { folder.to_owned() }
-}
+/// The folder of depth maps: `depths/NAME` for the image `images/NAME`, ending in `.png` or `.npy`.
+const DEPTH_FOLDER: &str = "depths";
 
 /// Where the images of a model may be, in the order of preference.
 fn places(root: &Path, model: &Path, settings: &DatasetSettings) -> Result<Vec<Place>, Error> {
@@ -123,7 +64,7 @@ impl Candidate {
         let names = model.images.iter().map(|image| ("the image name", image.name.as_str()));
         check_inside(root, &folder.join("images").with_extension(extension), names, settings)?;
         let cameras = format!("cameras.{extension}");
-        let drafts = model.images.iter().map(|image| model.draft(root, &cameras, image)).collect();
+        let drafts = model.images.iter().map(|image| draft(&model, root, &cameras, image)).collect();
         Ok(Self { folder: folder.to_owned(), model, drafts, places: places(root, folder, settings)?, damaged })
     }
 
@@ -140,6 +81,27 @@ impl Candidate {
     fn names(&self) -> BTreeSet<&str> {
         self.drafts.iter().map(|draft| &*draft.name).collect()
     }
+}
+
+/// The draft of a view. `file` is that of the cameras.
+fn draft(model: &ColmapModel, root: &Path, file: &str, image: &ColmapImage) -> Draft {
+    let intrinsics = model.cameras.get(&image.camera_id).ok_or(Skip::NoCamera).and_then(|camera| {
+        let size = dvec2(camera.width as f64, camera.height as f64);
+        camera.model.intrinsics(&camera.parameters, size)
+    });
+    let intrinsics = intrinsics.map_err(Refusal::from);
+    let stated = model.cameras.get(&image.camera_id).map(|camera| {
+        let numbers = camera.model.parameter_names().iter().copied().zip(camera.parameters.iter().copied());
+        Stated { place: format!("camera {} of {file}", image.camera_id), numbers: numbers.collect() }
+    });
+    let name = plain(&image.name);
+    let file = Some(PathBuf::from(&name));
+    let mask = find_image(&root.join(MASK_FOLDER).join(&name));
+    let depth = find_depth(&root.join(DEPTH_FOLDER), Path::new(&name));
+    let depth = depth.map(|path| DepthFile { path, unit: None });
+    let pose = Pose::world_to_camera(image.rotation, image.translation);
+    let stated = stated.unwrap_or_default();
+    Draft { name, file, mask, depth, intrinsics, stated, pose, split: None }
 }
 
 /// Reads the model with most photographs, then images; of equal ones an undistorted one, or the first.

@@ -1,0 +1,88 @@
+//! A data set that has been read.
+
+use std::path::{Path, PathBuf};
+
+use glam::Vec3;
+use serde::Serialize;
+
+use super::{Remark, Split, SplitOrigin, View, colmap::models_of};
+use crate::WorldFrame;
+
+/// The kind of a data set.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+#[non_exhaustive]
+pub enum DatasetKind {
+    /// COLMAP's sparse model.
+    Colmap,
+    /// A `transforms.json`.
+    Nerfstudio,
+    /// `transforms_train.json` and its companions.
+    Blender,
+}
+
+impl DatasetKind {
+    /// The name for messages.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Colmap => "COLMAP",
+            Self::Nerfstudio => "Nerfstudio",
+            Self::Blender => "Blender",
+        }
+    }
+
+    /// The usual background: white for Blender's objects without surroundings, otherwise black.
+    pub fn background(self) -> [f32; 3] {
+        if self == Self::Blender { [1.0; 3] } else { [0.0; 3] }
+    }
+}
+
+/// A data set of posed images, with the points that were triangulated from them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Dataset {
+    /// The kind.
+    pub kind: DatasetKind,
+    /// The folder.
+    pub root: PathBuf,
+    /// The frame of all cameras and points, relative to the data set's own world.
+    pub frame: WorldFrame,
+    /// The usable views, sorted by unique names; never empty, and at least one is for training.
+    pub views: Vec<View>,
+    /// Points of the scene; often none (Blender).
+    pub points: Vec<Point>,
+    /// Where the split comes from.
+    pub split: SplitOrigin,
+    /// Remarks on what was left out, scaled or undistorted.
+    pub remarks: Vec<Remark>,
+}
+
+impl Dataset {
+    /// The views of a split, sorted by name.
+    pub fn views_of(&self, split: Split) -> impl Iterator<Item = &View> {
+        self.views.iter().filter(move |view| view.split == split)
+    }
+
+    /// All files of the data set, which a program that reads it must not replace: images, masks,
+    /// depth maps, and everything else in its folder and in COLMAP's `sparse`, such as poses and points.
+    pub fn files(&self) -> Vec<PathBuf> {
+        let depth = |view: &View| view.depth.as_ref().map(|depth| depth.path.clone());
+        let files = |view: &View| [Some(view.image.clone()), view.mask.clone(), depth(view)];
+        let of_views = self.views.iter().flat_map(files).flatten();
+        let root = if self.root.as_os_str().is_empty() { Path::new(".") } else { &self.root };
+        let models = models_of(root);
+        let above = models.iter().filter_map(|model| model.parent());
+        let folders: Vec<&Path> =
+            std::iter::once(root).chain(above).chain(models.iter().map(|model| &**model)).collect();
+        let entries = folders.into_iter().flat_map(|folder| std::fs::read_dir(folder).into_iter().flatten().flatten());
+        of_views.chain(entries.map(|entry| entry.path()).filter(|path| path.is_file())).collect()
+    }
+}
+
+/// A point of the scene.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Point {
+    /// Position in the data set's frame; finite.
+    pub position: Vec3,
+    /// RGB as in the images, 0 to 1.
+    pub color: [f32; 3],
+}

@@ -1,0 +1,68 @@
+//! What to do about a folder that is not a data set.
+
+use std::{
+    collections::BTreeSet,
+    path::{Path, PathBuf},
+};
+
+use super::{
+    colmap::{data_set_of, has_photographs, is_model, models_of},
+    read::{IMAGE_FOLDERS, walk, whole},
+    transforms::{BLENDER_TRAIN, NERFSTUDIO},
+};
+use crate::{
+    image::{image_files, unreadable_photographs},
+    text::quoted,
+};
+
+/// How deep files are in a data set.
+const PARTS: usize = 3;
+
+/// Advice for a folder that is not a data set; if it contains images, how to find their cameras.
+pub(super) fn how_to_begin(folder: &Path) -> String {
+    let images_in = |folder: &Path| image_files(folder).map_or(0, |files| files.len());
+    let below = data_sets_below(folder);
+    if let Some(first) = below.first() {
+        let others = if below.len() > 1 { format!(", one of {} data sets in it", below.len()) } else { String::new() };
+        let images = if has_transforms(first) || has_photographs(first) {
+            ""
+        } else {
+            " with the folder of its images by --images"
+        };
+        return format!("name {}{others}{images}", quoted(first));
+    }
+    let is_data_set = |folder: &&Path| has_transforms(folder) || !models_of(folder).is_empty();
+    if let Some(above) = whole(folder).ancestors().skip(1).take(PARTS).find(is_data_set) {
+        return format!("it is part of the data set {}: name that", quoted(above));
+    }
+    let places = [folder.to_owned(), folder.join(IMAGE_FOLDERS[0]), folder.join("input")];
+    if let Some(unreadable) = places.iter().find_map(unreadable_photographs) {
+        return format!("it holds {unreadable}");
+    }
+    match places.iter().map(|place| (images_in(place), place)).find(|(count, _)| *count > 1) {
+        None => "name the folder that holds one of them".to_owned(),
+        Some((count, images)) => format!(
+            "it holds {count} images without camera poses: estimate these first, for example with COLMAP: \
+             colmap automatic_reconstructor --workspace_path {} --image_path {} --dense 0",
+            quoted(folder),
+            quoted(images)
+        ),
+    }
+}
+
+fn has_transforms(folder: &Path) -> bool {
+    [NERFSTUDIO, BLENDER_TRAIN].iter().any(|name| folder.join(name).is_file())
+}
+
+/// The data sets below a folder, by absolute paths.
+fn data_sets_below(folder: &Path) -> BTreeSet<PathBuf> {
+    let mut found = BTreeSet::new();
+    walk(&whole(folder), |folder, _| {
+        if has_transforms(folder) {
+            found.insert(folder.to_owned());
+        } else if is_model(folder) {
+            found.insert(data_set_of(folder));
+        }
+    });
+    found
+}

@@ -1,0 +1,92 @@
+//! A view as its data set describes it, before its image is found.
+
+use std::{
+    fmt,
+    path::{Path, PathBuf},
+};
+
+use crate::{
+    WorldFrame,
+    dataset::{
+        DepthFile, Skip, Split,
+        camera::{Intrinsics, Pose},
+    },
+    error::Error,
+};
+
+/// A view as the data set describes it.
+#[derive(Debug, Clone)]
+pub(crate) struct Draft {
+    pub(crate) name: String,
+    /// Path of the image below the image folder; `None` for an invalid name.
+    pub(crate) file: Option<PathBuf>,
+    pub(crate) mask: Option<PathBuf>,
+    pub(crate) depth: Option<DepthFile>,
+    /// The intrinsics, or why the view is left out.
+    pub(crate) intrinsics: Result<Intrinsics, Refusal>,
+    /// Where the intrinsics come from, for messages.
+    pub(crate) stated: Stated,
+    pub(crate) pose: Result<Pose, Skip>,
+    /// `None` if the data set does not say.
+    pub(crate) split: Option<Split>,
+}
+
+impl Draft {
+    /// Takes the pose, and the unit of depths, from the world to a frame.
+    pub(crate) fn move_to(&mut self, frame: &WorldFrame) {
+        let is_finite = |pose: &Pose| pose.translation.as_vec3().is_finite();
+        let pose = self.pose.map(|pose| pose.in_frame(frame));
+        self.pose = pose.and_then(|pose| is_finite(&pose).then_some(pose).ok_or(Skip::BadPose));
+        if let Some(DepthFile { unit: Some(unit), .. }) = &mut self.depth {
+            *unit = (f64::from(*unit) / frame.unit) as f32;
+        }
+    }
+}
+
+/// The numbers of a camera as its file has them, for messages.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Stated {
+    /// "transforms.json", "camera 7 of cameras.bin".
+    pub(crate) place: String,
+    pub(crate) numbers: Vec<(&'static str, f64)>,
+}
+
+impl fmt::Display for Stated {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let number = |(name, value): &(&str, f64)| match value.abs() {
+            0.0 | 1e-3..1e6 => format!("{name} = {value}"),
+            _ => format!("{name} = {value:e}"),
+        };
+        // Most coefficients of lenses are 0.
+        let says = |(name, value): &&(&str, f64)| *value != 0.0 || !name.starts_with(['k', 'p', 's']);
+        let numbers: Vec<String> = self.numbers.iter().filter(says).map(number).collect();
+        write!(f, "{} has {}", self.place, numbers.join(", "))
+    }
+}
+
+/// Why a view cannot be used, with details if there are any.
+#[derive(Debug, Clone)]
+pub(crate) struct Refusal {
+    pub(crate) why: Skip,
+    pub(crate) detail: Option<String>,
+}
+
+impl From<Skip> for Refusal {
+    fn from(why: Skip) -> Self {
+        Self { why, detail: None }
+    }
+}
+
+impl Refusal {
+    pub(crate) fn new(why: Skip, detail: String) -> Self {
+        Self { why, detail: Some(detail) }
+    }
+
+    /// A refusal because of a file that cannot be read. The view's name replaces the path at the
+    /// beginning of the error.
+    pub(crate) fn of_file(why: Skip, path: &Path, error: &Error) -> Self {
+        let text = error.to_string();
+        let detail = text.strip_prefix(&format!("{}: ", path.display())).unwrap_or(&text);
+        Self::new(why, detail.to_owned())
+    }
+}
