@@ -36,8 +36,7 @@ use gs_core::{RenderSettings, Scene, Scene3d, examination::SMALLEST_LOG_SCALE};
 pub use self::{
     conversion_loss::ConversionLoss,
     format::Format3d,
-    gltf::GltfBuffer,
-    options::{Coordinates, SpzOptions, SpzVersion, WriteOptions3d},
+    options::{Coordinates, GltfBuffer, SpzOptions, SpzVersion, WriteOptions3d},
     trained_with::TrainedWith,
     values::Rounding,
 };

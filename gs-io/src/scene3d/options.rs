@@ -1,6 +1,6 @@
 //! Options for writing 3D scenes.
 
-use super::{gltf::GltfBuffer, trained_with::TrainedWith};
+use super::trained_with::TrainedWith;
 use crate::WorldFrame;
 
 /// Options for writing scenes.
@@ -68,4 +68,15 @@ impl Default for SpzOptions {
     fn default() -> Self {
         Self { version: SpzVersion::default(), degree_1_bits: 5, higher_degree_bits: 4 }
     }
+}
+
+/// Where the buffer of a `.gltf` is stored.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[non_exhaustive]
+pub enum GltfBuffer {
+    /// In the JSON as base64: a single file, a third larger.
+    #[default]
+    Inside,
+    /// In a `.bin` of the same name.
+    Beside,
 }

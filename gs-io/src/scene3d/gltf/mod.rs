@@ -21,7 +21,6 @@ use std::{collections::BTreeMap, path::PathBuf};
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 use gs_core::Scene3d;
 
-pub use self::write::GltfBuffer;
 pub(crate) use self::write::{GltfFile, encode};
 use self::{
     accessor::Accessors,

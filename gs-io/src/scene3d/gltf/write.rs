@@ -16,20 +16,10 @@ use crate::{
     scene3d::{
         WriteOptions3d,
         conversion_loss::ConversionLoss,
+        options::GltfBuffer,
         values::{UnitRotations, opacity_of_logit, scale_of_log},
     },
 };
-
-/// Where the buffer of a `.gltf` is stored.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[non_exhaustive]
-pub enum GltfBuffer {
-    /// In the JSON as base64: a single file, a third larger.
-    #[default]
-    Inside,
-    /// In a `.bin` of the same name.
-    Beside,
-}
 
 /// The kind of glTF file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -9,7 +9,7 @@ use std::{
 use flate2::read::DeflateDecoder;
 use rawzip::{CompressionMethod, ZipArchive, ZipArchiveWriter};
 
-use super::META;
+use super::meta::META;
 use crate::{atomic::open, error::Error, scene3d::source::Source};
 
 /// Whether a file starts like a ZIP archive whose first file is one of a SOG. The name stands at

@@ -5,6 +5,9 @@ use serde_json::Value;
 
 use crate::{error::Error, scene3d::source::Source, text::utf8_text};
 
+/// The file that describes the others.
+pub(crate) const META: &str = "meta.json";
+
 /// The version that is read and written.
 pub(super) const VERSION: u32 = 2;
 

@@ -32,7 +32,6 @@ use std::{
 use glam::Vec3;
 use gs_core::{Scene, Scene3d, examination::EXTREME_COLOR};
 
-pub(crate) use self::bundle::{bundled, recognises_bundle};
 use self::{
     bundle::Files,
     codebook::Codebook,
@@ -41,6 +40,10 @@ use self::{
     palette::Clusters,
     planes::{Plane, PlaneSize},
 };
+pub(crate) use self::{
+    bundle::{bundled, recognises_bundle},
+    meta::META,
+};
 use super::{
     TrainedWith,
     conversion_loss::{Clamp, ConversionLoss},
@@ -48,9 +51,6 @@ use super::{
     values::{UnitRotations, byte_of_logit, logit_of_step, rest_of_degree},
 };
 use crate::error::Error;
-
-/// The file that describes the others.
-pub(crate) const META: &str = "meta.json";
 
 /// Rows of the palette in a line of `shN_centroids`.
 const PALETTE_COLUMNS: usize = 64;
