@@ -20,7 +20,7 @@ pub(crate) struct ImageHeader {
     pub(crate) stored: (u32, u32),
     /// Columns and rows after the EXIF rotation, px.
     pub(crate) upright: (u32, u32),
-    /// The remarks of [`decode`](super::decode).
+    /// The remarks of [`decode`](super::decode()).
     pub(crate) remarks: Vec<ImageRemark>,
 }
 

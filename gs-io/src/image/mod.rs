@@ -1,4 +1,4 @@
-//! Images: read from common formats into `f32`, written as PNG.
+//! Images: read from common formats into `f32` by [`read_image`], written as PNG by [`write_png`].
 
 mod alpha;
 mod color;

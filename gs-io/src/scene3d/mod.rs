@@ -1,5 +1,8 @@
 //! Files of 3D scenes in common formats.
 //!
+//! [`read_3d`] and [`write_3d`] read and write files, [`decode_3d`] and [`encode_3d`] their bytes. Each
+//! format has a module of its own.
+//!
 //! | format | read | written | keeps |
 //! |---|---|---|---|
 //! | 3DGS PLY: text, binary of either byte order | any degree up to 4 (3 kept) | binary little endian | everything, bit for bit, but infinite logits |

@@ -1,6 +1,6 @@
 //! What readers of all kinds share: names, places of images, splits, and the data set made of it.
 //!
-//! A reader describes each view as a [`Draft`] and hands all of them to [`assemble`] as [`Parts`],
+//! A reader describes each view as a [`Draft`] and hands all of them to [`assemble()`] as [`Parts`],
 //! with the [`Place`]s where images may be. [`lists_in_files`] and [`apply_lists`] split by lists.
 
 mod assemble;

@@ -1,4 +1,5 @@
-//! glTF with `KHR_gaussian_splatting`: `.gltf` with an embedded or separate buffer, and `.glb`.
+//! glTF with `KHR_gaussian_splatting`: `.gltf` with an embedded or separate buffer, and `.glb`;
+//! [`read`] and [`encode`].
 //!
 //! A primitive's attributes are POSITION and, after the extension's name and a colon, ROTATION (x,
 //! y, z, w), SCALE (linear), OPACITY (0 to 1) and SH_DEGREE_l_COEF_n. All primitives of the default

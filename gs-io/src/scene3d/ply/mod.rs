@@ -1,4 +1,4 @@
-//! PLY: reads and writes that of 3DGS, and reads PlayCanvas's compressed one.
+//! PLY: [`read`]s and [`write()`]s that of 3DGS, and reads PlayCanvas's compressed one.
 //!
 //! Vertices of the 3DGS kind have, by name: `x y z` (mean), `nx ny nz` (unused), `f_dc_0..2` (SH of
 //! degree 0, RGB), `f_rest_*` (the others, all of red first, then green, then blue), `opacity`
@@ -24,7 +24,7 @@ use super::{
 };
 use crate::{WorldFrame, error::Error};
 
-/// The properties that every Gaussian must have, in the order of [`Columns::gaussian`].
+/// The properties that every Gaussian must have, in the order in which [`read`] takes them.
 const REQUIRED: [&str; 14] = [
     "x", "y", "z", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3", "opacity", "f_dc_0", "f_dc_1",
     "f_dc_2",

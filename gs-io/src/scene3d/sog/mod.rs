@@ -1,5 +1,5 @@
 //! SOG version 2, PlayCanvas's format for the web: the numbers of all Gaussians as pixels of
-//! lossless WebP images, read and written.
+//! lossless WebP images. [`read`] reads them; [`encode`] makes them, and [`bundled`] a file of them.
 //!
 //! | image | pixel of a Gaussian |
 //! |---|---|

@@ -1,4 +1,4 @@
-//! SPZ, Niantic's compressed format: reads versions 2 to 4, writes 3 and 4.
+//! SPZ, Niantic's compressed format: [`read`]s versions 2 to 4, [`encode`]s 3 and 4.
 //!
 //! A Gaussian takes 20 bytes (19 in version 2) and one for each coefficient of the spherical sh
 //! above degree 0; see [`quantum`]. They are stored by parameter: all positions, opacities,
