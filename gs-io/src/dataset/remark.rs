@@ -24,7 +24,7 @@ pub enum Remark {
         detail: Option<String>,
     },
     /// Image files whose names differ from those in the data set in letter case, Unicode form,
-    /// separators or extension.
+    /// separators, extension or folder.
     Renamed {
         /// Number of images.
         count: usize,
@@ -260,7 +260,7 @@ impl fmt::Display for Remark {
                 write!(f, "{} skipped: {why} (first: {first}{detail})", images(*count))
             }
             Self::Renamed { count, first, file } => {
-                write!(f, "{} found under a similar name (first: {file} for {first})", images(*count))
+                write!(f, "{} found under another name (first: {file} for {first})", images(*count))
             }
             Self::OtherFolder { folder } => {
                 write!(f, "images taken from the folder {folder}, the only one that has them")
@@ -359,7 +359,7 @@ impl fmt::Display for Remark {
                 let frames = counted(*count, "frame");
                 write!(
                     f,
-                    "{frames} in no list of the split used for training, as train_filenames is missing (first: {first})"
+                    "{frames} in no list of the split used for training, as none is listed for it (first: {first})"
                 )
             }
         }

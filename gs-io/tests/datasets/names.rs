@@ -7,7 +7,7 @@ use gs_io::dataset::{Dataset, DatasetSettings, Remark, read_dataset};
 use serde_json::json;
 
 use super::{
-    made::{binary, folder, model, picture, read, refusal, write_model, write_pictures},
+    made::{binary, colmap, folder, model, picture, read, refusal, write_model, write_pictures},
     transforms::{frame, nerfstudio, pinhole, write},
 };
 
@@ -198,4 +198,59 @@ fn masks_are_not_taken_for_missing_images() {
     file["frames"] = frames;
     write(place.path(), "transforms.json", &file);
     assert!(refusal(place.path()).contains("2 images skipped: no image file"));
+}
+
+#[test]
+fn a_file_that_fits_two_frames_is_the_image_of_neither() {
+    let near = "(first: left/0.png, right/0.png: there is images/0.png)";
+    for names in [["left/0.png", "right/0.png"], ["right/0", "left/0.jpg"]] {
+        let place = folder();
+        picture(place.path().join("images/0.png"), 40, 30);
+        named(place.path(), &names);
+        let error = refusal(place.path());
+        assert!(
+            error.contains("2 images skipped: no image file") && error.contains("there is images/0.png"),
+            "{error}"
+        );
+        assert!(names[0] != "left/0.png" || error.contains(near), "{error}");
+    }
+    // A name that is that of the file comes first.
+    let place = folder();
+    picture(place.path().join("images/0.png"), 40, 30);
+    named(place.path(), &["images/0.jpg", "images/0.png", "images/0.PNG"]);
+    let dataset = read(place.path());
+    assert!(dataset.views.len() == 1 && dataset.views[0].name == "images/0.png" && renamed(&dataset).is_none());
+}
+
+#[test]
+fn images_of_another_folder_or_extension_are_reported() {
+    for (file, name) in [
+        ("images/0.png", "images/0.jpg"),
+        ("images/0.jpg.png", "images/0.jpg"),
+        ("images/0.png", "0.png"),
+        ("images/0.png", "color/0.png"),
+        ("images_2/0.png", "images/0.png"),
+    ] {
+        let place = folder();
+        picture(place.path().join(file), 40, 30);
+        named(place.path(), &[name]);
+        assert_eq!(renamed(&read(place.path())), Some((1, name, file)));
+    }
+    for (file, name) in [("images/0.png", "images/0"), ("images/0.5.png", "./images/0.5"), ("a/../0.png", "a/../0.png")]
+    {
+        let place = folder();
+        fs::create_dir(place.path().join("a")).unwrap();
+        picture(place.path().join(file), 40, 30);
+        named(place.path(), &[name]);
+        assert_eq!(renamed(&read(place.path())), None, "{name}");
+    }
+    // The folder of COLMAP's images is the usual one, and another may be asked for.
+    let place = folder();
+    colmap(place.path(), 2);
+    assert_eq!(renamed(&read(place.path())), None);
+    let place = folder();
+    picture(place.path().join("small/0.png"), 40, 30);
+    named(place.path(), &["images/0.png"]);
+    let settings = DatasetSettings::default().with(|s| s.image_folder = Some("small".to_owned()));
+    assert_eq!(renamed(&read_dataset(place.path(), &settings).unwrap()), None);
 }

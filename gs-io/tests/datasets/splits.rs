@@ -226,3 +226,50 @@ fn the_test_list_of_3dgs_is_read() {
     fs::write(&list, "other.png\n").unwrap();
     assert!(refusal(place.path()).contains("test.txt: the list names no frame of the data set"));
 }
+
+#[test]
+fn a_test_frame_that_is_also_a_training_frame_is_held_out() {
+    let place = folder();
+    // The same image with and without its extension is one image, too.
+    listed(place.path(), 4, json!({"test_frames": [frame("./images/1.png"), frame("images/3")]}));
+    let dataset = read(place.path());
+    assert_eq!((counts(&dataset), dataset.split), ([2, 0, 2], SplitOrigin::Lists));
+    assert!(dataset.remarks.contains(&Remark::ListedTwice { count: 2, first: "images/1.png".to_owned() }));
+    let replaced = DatasetSettings::default().with(|s| s.replace_split = true);
+    assert_eq!(read_dataset(place.path(), &replaced).unwrap().views.len(), 4);
+
+    let place = folder();
+    blender(place.path(), &[("train", 4, true)]);
+    let test = json!({"camera_angle_x": 0.7, "frames": [frame("train/r_2"), frame("./train/r_0.png")]});
+    write(place.path(), "transforms_test.json", &test);
+    let dataset = read(place.path());
+    assert_eq!((counts(&dataset), dataset.split), ([2, 0, 2], SplitOrigin::Files));
+    assert!(dataset.remarks.iter().any(|remark| matches!(remark, Remark::ListedTwice { count: 2, .. })));
+    fs::copy(place.path().join("transforms_train.json"), place.path().join("transforms_test.json")).unwrap();
+    assert!(refusal(place.path()).contains("4 frames listed both for training and for tests or validation"));
+}
+
+#[test]
+fn frames_may_say_their_split() {
+    let place = folder();
+    let with_splits = |splits: &[Value], fields: Value| {
+        listed(place.path(), 6, fields);
+        let path = place.path().join("transforms.json");
+        let mut file: Value = serde_json::from_slice(&fs::read(&path).unwrap()).unwrap();
+        (0..6).for_each(|i| file["frames"][i]["split"] = splits[i].clone());
+        write(place.path(), "transforms.json", &file);
+        read(place.path())
+    };
+    let splits = ["train", "val", "test", "eval", "train", "other"].map(Value::from);
+    let dataset = with_splits(&splits, json!({}));
+    assert_eq!((counts(&dataset), dataset.split), ([2, 1, 2], SplitOrigin::Lists));
+    assert_eq!(skipped(&dataset, Skip::Unlisted), 1);
+    // Beside lists, what either holds out is held out.
+    let dataset =
+        with_splits(&splits, json!({"train_filenames": ["images/2.png"], "test_filenames": ["images/4.png"]}));
+    assert_eq!(counts(&dataset), [1, 1, 3]);
+    let mut splits = vec![Value::Null; 6];
+    assert_eq!(with_splits(&splits, json!({})).split, every(8));
+    splits[5] = json!("test");
+    assert_eq!(counts(&with_splits(&splits, json!({}))), [5, 0, 1]);
+}

@@ -1,11 +1,16 @@
 //! Turns the content of a data set of any kind into usable views, and counts what is left out.
 
-use std::{collections::HashSet, path::Path};
+use std::{
+    cmp::Reverse,
+    collections::{HashMap, hash_map::Entry},
+    path::{Path, PathBuf},
+};
 
 use glam::DVec3;
 
 use super::{
     Draft, Finder, Place, Refusal, WorldPoint,
+    finder::is_bare,
     place::search_folders,
     points::{points_in, without_copies},
     splits,
@@ -15,7 +20,7 @@ use super::{
 use crate::{
     WorldFrame,
     dataset::{
-        Dataset, DatasetKind, DatasetSettings, Remark, Skip, SplitOrigin, View,
+        Dataset, DatasetKind, DatasetSettings, Remark, Skip, Split, SplitOrigin, View,
         camera::{is_two_to_one, shows_all_directions},
         images::check_depth,
     },
@@ -43,15 +48,8 @@ pub(crate) fn assemble(parts: Parts<'_>, settings: &DatasetSettings) -> Result<D
     let found = drafts.len();
     let mut finder = Finder::new(root, &places, &drafts, &search_folders(root, settings));
     let mut tally = Tally::default();
-    let mut names = HashSet::new();
-    // The first in the file is kept of two views with the same name.
-    drafts.retain(|draft| {
-        let first = names.insert(draft.name.clone());
-        if !first {
-            tally.skip(&draft.name, Skip::SameName, None);
-        }
-        first
-    });
+    remarks.extend(keep_one_of_each(&mut drafts, finder.place(), settings, &mut tally));
+    finder.search_for(&drafts);
     drafts.sort_by(|a, b| a.name.cmp(&b.name));
     let frame = settings.frame.unwrap_or_else(|| frame_of(&drafts, &points));
     if !frame.is_world() {
@@ -117,7 +115,7 @@ pub(crate) fn assemble(parts: Parts<'_>, settings: &DatasetSettings) -> Result<D
         remarks.push(Remark::NoPoints);
     }
     let Some(split) = splits::apply(split, &mut views, &images, settings, &mut remarks) else {
-        let skipped = remarks.iter().filter(|remark| matches!(remark, Remark::Skipped { .. }));
+        let skipped = remarks.iter().filter(|r| matches!(r, Remark::Skipped { .. } | Remark::ListedTwice { .. }));
         let mut skipped: Vec<String> = skipped.map(ToString::to_string).collect();
         if skipped.is_empty() {
             skipped.push("its split lists none".to_owned());
@@ -126,6 +124,42 @@ pub(crate) fn assemble(parts: Parts<'_>, settings: &DatasetSettings) -> Result<D
     };
     views.sort_by(|a, b| a.name.cmp(&b.name));
     Ok(Dataset { kind, root: root.to_owned(), frame, views, points, split, remarks })
+}
+
+/// Keeps one of the views of each image: what is held out is never trained on; else the first in the file.
+fn keep_one_of_each(
+    drafts: &mut Vec<Draft>,
+    place: Option<&Place>,
+    settings: &DatasetSettings,
+    tally: &mut Tally,
+) -> Option<Remark> {
+    let is_held_out = |draft: &Draft| draft.split > Some(Split::Train) && !settings.replace_split;
+    drafts.sort_by_key(|draft| Reverse(draft.split));
+    let (mut kept, mut twice) = (HashMap::new(), Vec::new());
+    drafts.retain(|draft| match kept.entry(image_name(draft, place)) {
+        Entry::Vacant(entry) => {
+            entry.insert(is_held_out(draft));
+            true
+        }
+        Entry::Occupied(entry) if *entry.get() && !is_held_out(draft) => {
+            twice.push(draft.name.clone());
+            false
+        }
+        Entry::Occupied(_) => {
+            tally.skip(&draft.name, Skip::SameName, None);
+            false
+        }
+    });
+    let count = twice.len();
+    twice.into_iter().next().map(|first| Remark::ListedTwice { count, first })
+}
+
+/// The name of a view, with the extension of its image's file if it has none.
+fn image_name(draft: &Draft, place: Option<&Place>) -> PathBuf {
+    let bare = draft.file.as_ref().filter(|file| is_bare(file));
+    let found = bare.and_then(|file| place?.find(file));
+    let name = found.as_ref().and_then(|path| path.file_name());
+    name.map_or_else(|| PathBuf::from(&draft.name), |name| Path::new(&draft.name).with_file_name(name))
 }
 
 /// The frame that suits the poses and points of a data set.

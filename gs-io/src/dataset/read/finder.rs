@@ -35,14 +35,17 @@ pub(crate) struct Finder<'a> {
     /// Whether [`Self::near`] found an image outside of the data set's folder.
     pub(crate) outside: bool,
     folders: Folders,
-    /// Files that are already the image of a view; empty until the first is found by a similar name.
-    taken: HashSet<PathBuf>,
+    /// The file of each image, once the first is asked for.
+    found: Option<HashMap<PathBuf, Found>>,
+    /// Whether the images need not be in the folder that the data set names.
+    anywhere: bool,
 }
 
 /// A file that was found.
+#[derive(Clone)]
 pub(crate) struct Found {
     pub(crate) path: PathBuf,
-    /// Whether its name differs from that of the data set.
+    /// Whether its name or folder differs from that of the data set.
     pub(crate) renamed: bool,
 }
 
@@ -82,10 +85,10 @@ impl<'a> Finder<'a> {
     /// Decides in which of the `places` the images of the `drafts` are: the first with any of them. If
     /// there is none, the only other folder below one of those in `search`.
     pub(crate) fn new(root: &'a Path, places: &[Place], drafts: &[Draft], search: &[PathBuf]) -> Self {
-        let files: Vec<PathBuf> = drafts.iter().filter_map(|draft| draft.file.clone()).collect();
+        let files = files_of(drafts);
         let place = places.iter().find(|place| files.iter().any(|file| place.find(file).is_some())).cloned();
-        let (folders, taken) = (Folders::default(), HashSet::new());
-        let mut finder = Self { root, files, place, elsewhere: false, outside: false, folders, taken };
+        let (folders, anywhere) = (Folders::default(), search.is_empty());
+        let mut finder = Self { root, files, place, elsewhere: false, outside: false, folders, found: None, anywhere };
         if finder.place.is_none() {
             let files = finder.files.clone();
             let mut fits = |place: &&Place| files.iter().any(|file| finder.similar(place, file).len() == 1);
@@ -97,6 +100,7 @@ impl<'a> Finder<'a> {
             let others: HashSet<&Path> = others.flatten().filter_map(Path::parent).collect();
             let folder = search.iter().find_map(|from| only_folder_with(from, &finder.files, &others));
             finder.elsewhere = folder.is_some();
+            finder.anywhere |= finder.elsewhere;
             finder.place = folder.map(|folder| Place::new(&folder, "", NamePart::FileName));
         }
         finder
@@ -107,19 +111,48 @@ impl<'a> Finder<'a> {
         self.place.as_ref()
     }
 
+    /// Searches for the images of these drafts only.
+    pub(crate) fn search_for(&mut self, drafts: &[Draft]) {
+        (self.files, self.found) = (files_of(drafts), None);
+    }
+
     /// The image of this name.
     pub(crate) fn find(&mut self, file: &Path) -> Option<Found> {
-        let place = self.place.clone()?;
-        if let Some(path) = place.find(file) {
-            return Some(Found { path, renamed: false });
+        if self.found.is_none() {
+            self.found = Some(self.find_all());
         }
-        if self.taken.is_empty() {
-            self.taken = self.files.iter().filter_map(|file| place.find(file)).collect();
+        self.found.as_ref()?.get(file).cloned()
+    }
+
+    /// The files of all images. One that fits several names is the image of the closest, and of none of
+    /// them if there are several such.
+    fn find_all(&mut self) -> HashMap<PathBuf, Found> {
+        let Some(place) = self.place.clone() else { return HashMap::new() };
+        let is_at = |path: &Path, named: PathBuf| path == named || is_bare(&named) && path.with_extension("") == named;
+        let mut fitting: HashMap<PathBuf, Vec<(u8, PathBuf)>> = HashMap::new();
+        for file in self.files.iter().cloned().collect::<HashSet<_>>() {
+            let own = if place.part == NamePart::Path { &place.folder } else { self.root };
+            let named = |path: &Path| is_at(path, self.root.join(&file)) || is_at(path, own.join(&file));
+            let (distance, path) = match place.find(&file) {
+                Some(path) => (u8::from(!named(&path)), path),
+                None => match self.similar(&place, &file).as_mut_slice() {
+                    [path] => (2, std::mem::take(path)),
+                    _ => continue,
+                },
+            };
+            fitting.entry(path).or_default().push((distance, file));
         }
-        match self.similar(&place, file).as_slice() {
-            [path] if self.taken.insert(path.clone()) => Some(Found { path: path.clone(), renamed: true }),
-            _ => None,
+        let mut found = HashMap::new();
+        for (path, mut files) in fitting {
+            files.sort();
+            if let [(distance, file), rest @ ..] = &files[..]
+                && rest.first().is_none_or(|(next, _)| next > distance)
+            {
+                let anywhere = self.anywhere && is_at(&path, place.expected(file));
+                found.insert(file.clone(), Found { path, renamed: *distance > 0 && !anywhere });
+            }
         }
+        found
     }
 
     /// What there is instead of an image that was not found, in words.
@@ -235,6 +268,16 @@ impl Folders {
             self.descend(folder.join(name), rest, found);
         }
     }
+}
+
+fn files_of(drafts: &[Draft]) -> Vec<PathBuf> {
+    drafts.iter().filter_map(|draft| draft.file.clone()).collect()
+}
+
+/// Whether a name has no extension of an image.
+pub(crate) fn is_bare(file: &Path) -> bool {
+    let name = file.to_string_lossy();
+    without_extension(&name) == name
 }
 
 /// The names of the files and folders in a folder.

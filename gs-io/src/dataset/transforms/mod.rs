@@ -127,6 +127,16 @@ impl Transforms {
         check_inside(root, path, images.chain(masks).chain(depths).chain(points), settings)
     }
 
+    /// The names of the frames by their keys `split`.
+    fn split_by_frame(&self) -> [(Split, &'static str, Vec<String>); 3] {
+        let values = [(Split::Train, &["train"][..]), (Split::Validation, &["val"]), (Split::Test, &["test", "eval"])];
+        values.map(|(split, values)| {
+            let is_of =
+                |frame: &&Frame| frame.own.get("split").and_then(Value::as_str).is_some_and(|v| values.contains(&v));
+            (split, "split", self.frames.iter().filter(is_of).map(|frame| frame.file_path.clone()).collect())
+        })
+    }
+
     /// Drafts of the frames, with remarks on what they refer to. `split` is that of `frames`.
     fn drafts(&self, root: &Path, path: &Path, split: Option<Split>) -> Result<(Vec<Draft>, Vec<Remark>), Error> {
         let frames = self.frames.iter().map(|frame| (frame, split));
@@ -186,7 +196,7 @@ pub(super) fn read_nerfstudio(root: &Path, path: &Path, settings: &DatasetSettin
         (Split::Test, "test_filenames", &file.test_filenames),
     ];
     let named = lists.into_iter().filter_map(|(split, key, names)| Some((split, key, names.clone()?)));
-    let lists: Vec<_> = named.filter(|(.., names)| !names.is_empty()).collect();
+    let lists: Vec<_> = named.chain(file.split_by_frame()).filter(|(.., names)| !names.is_empty()).collect();
     let lists = match lists.is_empty() && file.test_frames.is_empty() {
         true => lists_in_files(root, None, settings)?,
         false => Some((path.to_owned(), lists)),
