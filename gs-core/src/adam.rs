@@ -4,7 +4,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    constants::{COLOR_REST_TURN, MAX_SCALE_PX, MIN_SCALE_PX},
+    constants::{MAX_SCALE_PX, MIN_SCALE_PX},
     error::Error,
 };
 
@@ -133,11 +133,6 @@ impl MomentFormat {
     }
 }
 
-/// Whether a setting has its default of 1.
-fn is_one(value: &u32) -> bool {
-    *value == 1
-}
-
 /// Regularisation that makes every Gaussian fainter and smaller. 3D scenes.
 ///
 /// It adds opacity · (mean of all opacities) + scale · (mean of all scales, in the scene's unit) to
@@ -178,15 +173,6 @@ pub struct Adam {
     pub color: Group,
     /// SH coefficients above degree 0. 3D scenes.
     pub color_rest: Group,
-    /// Number of steps of a Gaussian from one move of its SH coefficients above degree 0 to the
-    /// next, at least 1. 3D scenes.
-    ///
-    /// In the steps between, these coefficients and their moments neither change nor cost time;
-    /// their gradients are dropped. They are 45 of the 59 numbers of a Gaussian of degree 3. A
-    /// sixteenth of the Gaussians in turn moves them in each step, if this is 16. *Source:* LiteGS
-    /// and OpenSplat 1.2 do so for all Gaussians in the same step.
-    #[serde(skip_serializing_if = "is_one")]
-    pub color_rest_every: u32,
     /// Format of the moments of SH coefficients above degree 0. 3D scenes.
     #[serde(skip_serializing_if = "MomentFormat::is_default")]
     pub color_rest_moments: MomentFormat,
@@ -211,7 +197,6 @@ impl Default for Adam {
             opacity: Group::constant(0.05),
             color: Group::constant(0.01),
             color_rest: Group::constant(0.01 / 20.0),
-            color_rest_every: 1,
             color_rest_moments: MomentFormat::F32,
             epsilon: 1e-15,
             min_scale: MIN_SCALE_PX,
@@ -249,9 +234,7 @@ pub struct AdamRates {
     pub color: Rate,
     /// SH coefficients above degree 0.
     pub color_rest: Rate,
-    /// Number of steps of a Gaussian from one move of these coefficients to the next.
-    pub color_rest_every: u32,
-    /// Format of the moments of these coefficients.
+    /// Format of the moments of SH coefficients above degree 0.
     pub color_rest_moments: MomentFormat,
     /// Number added to √v̂.
     pub epsilon: f32,
@@ -274,19 +257,6 @@ impl AdamRates {
             rate.learning_rate *= factor;
         }
         self
-    }
-
-    /// The number of moves of the SH coefficients above degree 0 up to a Gaussian's step number
-    /// `steps`, this one included, by which the bias of their moments is corrected; `None` where
-    /// they do not move in this step.
-    ///
-    /// Gaussians take turns in groups of [`COLOR_REST_TURN`] neighbours.
-    #[inline]
-    pub fn color_rest_step(&self, index: u32, steps: u32) -> Option<u32> {
-        let every = self.color_rest_every.max(1);
-        let at = u64::from(steps) + u64::from(index / COLOR_REST_TURN % every);
-        let every = u64::from(every);
-        at.is_multiple_of(every).then(|| (at / every).min(u32::MAX.into()) as u32)
     }
 
     /// Checks the ranges. Backends call it before they move anything.
@@ -313,9 +283,6 @@ impl AdamRates {
                     return Err(Error::setting(what, beta, "at least 0 and below 1"));
                 }
             }
-        }
-        if self.color_rest_every == 0 {
-            return Err(Error::setting("color-rest-every", 0, "at least 1"));
         }
         // A parameter that never had a gradient makes a step of 0/ε.
         if !(self.epsilon >= f32::MIN_POSITIVE && self.epsilon.is_finite()) {
@@ -361,7 +328,6 @@ impl Adam {
             opacity: rate(&self.opacity),
             color: rate(&self.color),
             color_rest: rate(&self.color_rest),
-            color_rest_every: self.color_rest_every,
             color_rest_moments: self.color_rest_moments,
             epsilon: self.epsilon,
             min_scale: self.min_scale,
@@ -390,7 +356,6 @@ mod tests {
             Adam { min_scale: 3.0, max_scale: 2.0, ..good },
             Adam { max_scale: f32::NAN, ..good },
             Adam { penalty: Penalty { opacity: -1.0, ..Penalty::NONE }, ..good },
-            Adam { color_rest_every: 0, ..good },
         ];
         for adam in wrong {
             for refused in [adam.at(0.0).validate(), adam.validate()] {
@@ -416,25 +381,12 @@ mod tests {
     }
 
     #[test]
-    fn sh_above_degree_0_move_in_turn() {
-        let rates = Adam { color_rest_every: 3, ..Adam::default() }.at(0.0);
-        let of = |index: u32| (1..=7).map(|steps| rates.color_rest_step(index, steps)).collect::<Vec<_>>();
-        assert_eq!(of(0), [None, None, Some(1), None, None, Some(2), None]);
-        assert_eq!(of(COLOR_REST_TURN - 1), of(0));
-        assert_eq!(of(COLOR_REST_TURN), [None, Some(1), None, None, Some(2), None, None]);
-        assert_eq!(of(2 * COLOR_REST_TURN), [Some(1), None, None, Some(2), None, None, Some(3)]);
-        assert_eq!(of(3 * COLOR_REST_TURN), of(0));
-        let always = Adam::default().at(0.0);
-        assert_eq!((always.color_rest_step(77, 5), always.color_rest_step(0, u32::MAX)), (Some(5), Some(u32::MAX)));
-    }
-
-    #[test]
     fn settings_at_their_defaults_are_left_out() {
         let keys = |adam: Adam| serde_json::to_string(&adam).unwrap();
         assert!(!keys(Adam::default()).contains("color-rest-"));
-        let other = Adam { color_rest_every: 4, color_rest_moments: MomentFormat::Bf16, ..Adam::default() };
+        let other = Adam { color_rest_moments: MomentFormat::Bf16, ..Adam::default() };
         let text = keys(other);
-        assert!(text.contains(r#""color-rest-every":4,"color-rest-moments":"bf16""#), "{text}");
+        assert!(text.contains(r#""color-rest-moments":"bf16""#), "{text}");
         assert_eq!(serde_json::from_str::<Adam>(&text).unwrap(), other);
     }
 }

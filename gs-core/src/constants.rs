@@ -199,10 +199,6 @@ pub const OPACITY_RESET_EVERY: u32 = 3000;
 /// Largest opacity after an opacity reset. Unit: none. *Source:* 3DGS.
 pub const OPACITY_RESET_TO: f32 = 0.01;
 
-/// Number of neighbouring Gaussians that move their SH coefficients above degree 0 in the same
-/// steps; see [`Adam::color_rest_every`](crate::adam::Adam::color_rest_every).
-pub const COLOR_REST_TURN: u32 = 16;
-
 /// λ of the loss (1 − λ) L1 + λ D-SSIM. *Source:* paper eq. 6, 3DGS.
 pub const DSSIM_LAMBDA: f32 = 0.2;
 

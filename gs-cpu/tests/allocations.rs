@@ -115,7 +115,6 @@ fn bytes_of_warm_steps_3d(cpu: &impl Optimizer<Scene3d>, steps: usize) -> usize 
     // Gaussians that do not move keep the length of the lists, whose growth would be counted.
     let mut rates = still();
     rates.color_rest_moments = MomentFormat::Bf16;
-    rates.color_rest_every = 3;
     let step = TrainStep { settings: &settings, loss: Loss::PAPER, rates: &rates, binning: Binning::Fresh };
     let camera = Camera::looking_forward(width, height, 1.0);
     let mut losses = Vec::new();

@@ -50,13 +50,7 @@ impl AdamReference {
             self.steps[g] += 1;
             let length = gradients[g].len();
             for i in 0..length {
-                let mut steps = self.steps[g];
-                if is_color_rest(i, length) {
-                    match rates.color_rest_step(g as u32, steps as u32) {
-                        Some(moves) => steps = moves as i32,
-                        None => continue,
-                    }
-                }
+                let steps = self.steps[g];
                 let Rate { learning_rate, beta1, beta2 } = *rate_of(i, length, rates);
                 let [rate, beta1, beta2] = [learning_rate, beta1, beta2].map(f64::from);
                 let gradient = gradients[g][i];

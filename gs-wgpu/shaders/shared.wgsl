@@ -37,8 +37,6 @@ struct Step {
     // 2D scenes: the dilation of Sigma', px², and 1 if the opacity compensates for it.
     dilation: f32,
     compensates: u32,
-    // Steps from one move of SH above degree 0 to the next.
-    color_rest_every: u32,
     // What 3D Gaussians show: 0 for colours, 1 for inverse depths, 2 for alpha.
     output: u32,
     // Weight of added gradients.
@@ -46,6 +44,7 @@ struct Step {
     // 3D scenes: the share of Gaussians that is left out, times 2²⁴, and the seed that selects them.
     dropout_threshold: u32,
     dropout_seed: u32,
+    unused: u32,
     // Adam: mean, scale, rotation, opacity, colour, SH above degree 0. Learning rate, beta1, beta2,
     // 1 - beta1; ln beta1, ln beta2, 1 - beta2, and for scales and opacities the penalty's weight
     // per number.

@@ -212,8 +212,6 @@ pub struct Step {
     pub(crate) longest_list: u32,
     pub(crate) dilation: f32,
     pub(crate) compensates: u32,
-    /// Steps from one move of SH coefficients above degree 0 to the next.
-    pub(crate) color_rest_every: u32,
     /// What 3D Gaussians show: 0 for colours, 1 for inverse depths, 2 for alpha.
     pub(crate) output: u32,
     /// Weight of added gradients.
@@ -221,6 +219,7 @@ pub struct Step {
     /// The share of 3D Gaussians that is left out, times 2²⁴, and the seed that selects them.
     pub(crate) dropout_threshold: u32,
     pub(crate) dropout_seed: u32,
+    pub(crate) unused: u32,
     /// Rates per group: learning rate, β₁, β₂, 1 − β₁.
     pub(crate) rates: [[f32; 4]; 6],
     /// Decays per group: ln β₁, ln β₂, 1 − β₂, and for scales and opacities the penalty's weight
@@ -335,11 +334,11 @@ mod tests {
                 longest_list,
                 dilation,
                 compensates,
-                color_rest_every,
                 output,
                 added_weight,
                 dropout_threshold,
                 dropout_seed,
+                unused,
                 rates,
                 decays,
             }

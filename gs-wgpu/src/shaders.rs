@@ -6,9 +6,9 @@
 use std::fmt::Write;
 
 use gs_core::constants::{
-    COLOR_REST_TURN, MAX_DERIVATIVE, MAX_ETA, MAX_RESIDUAL, MAX_XI, MIN_DETERMINANT_PX4, MIN_QUATERNION_NORM2,
-    NOISE_OPACITY, NOISE_STEEPNESS, QUATERNION_SHRINK, SAFE_SQUARES, SH_C0, SH_C1, SH_C2, SH_C3, SSIM_C1, SSIM_C2,
-    SSIM_MAX, SSIM_SIGMA, SSIM_WINDOW, VANISHING_MOMENT,
+    MAX_DERIVATIVE, MAX_ETA, MAX_RESIDUAL, MAX_XI, MIN_DETERMINANT_PX4, MIN_QUATERNION_NORM2, NOISE_OPACITY,
+    NOISE_STEEPNESS, QUATERNION_SHRINK, SAFE_SQUARES, SH_C0, SH_C1, SH_C2, SH_C3, SSIM_C1, SSIM_C2, SSIM_MAX,
+    SSIM_SIGMA, SSIM_WINDOW, VANISHING_MOMENT,
 };
 
 use crate::{
@@ -193,7 +193,7 @@ fn prelude(variant: Variant) -> String {
     let mut text = format!(
         "const TILE_COLUMNS: u32 = {TILE_COLUMNS}u;\nconst TILE_ROWS: u32 = {TILE_ROWS}u;\nconst ROWS: u32 = {ROWS}u;\n\
          const HELD: u32 = {HELD}u;\nconst STRIDE: u32 = {stride}u;\nconst GRADIENTS: u32 = {gradients}u;\nconst BATCH: u32 = {batch}u;\n\
-         const SORT_BLOCK: u32 = {SORT_BLOCK}u;\nconst COLOR_REST_TURN: u32 = {COLOR_REST_TURN}u;\n\
+         const SORT_BLOCK: u32 = {SORT_BLOCK}u;\n\
          const SSIM_SEGMENT: u32 = {SSIM_SEGMENT}u;\nconst SSIM_BLOCK: u32 = {SSIM_BLOCK}u;\nconst DSSIM_GROUP: u32 = {DSSIM_GROUP}u;\nconst SSIM_RADIUS: u32 = {SSIM_RADIUS}u;\n\
          const SSIM_C1: f32 = {SSIM_C1:?};\nconst SSIM_C2: f32 = {SSIM_C2:?};\n\
          const NOISE_STEEPNESS: f32 = {NOISE_STEEPNESS:?};\nconst NOISE_OPACITY: f32 = {NOISE_OPACITY:?};\n",

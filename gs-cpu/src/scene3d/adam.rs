@@ -167,8 +167,7 @@ impl<'a> Rows<'a> {
                 bound_scales(first_vector, step.log_scales);
             }
         }
-        let Some(rest_steps) = step.rates.color_rest_step(index, steps) else { return };
-        let lanes = Lanes::<S>::of_rest(simd, step, step.bias.at(rest_steps));
+        let lanes = Lanes::<S>::of_rest(simd, step, step.bias.at(steps));
         let from = i * (step.pitch - LANES);
         for at in (0..parameters.len()).step_by(LANES) {
             let g = gradient.map_or(splat(simd, 0.0), |gradient| load(simd, gradient, LANES + at));

@@ -160,10 +160,10 @@ mod tests {
 
     #[test]
     fn settings_of_trainings_are_replaced_in_the_same_way() {
-        let over = "resolution = { coarse-to-fine = { from = 4, full-after = 0.5 } }\nadam.color-rest-every = 16\n\
+        let over = "resolution = { coarse-to-fine = { from = 4, full-after = 0.5 } }\nadam.epsilon = 0.5\n\
                     render.effects.order = 'per-pixel'\npolicy.kind = 'mcmc'";
         let settings = applied(&TrainSettings::default(), &over.parse().unwrap()).unwrap();
-        assert_eq!((settings.adam.color_rest_every, settings.resolution.factor(0.0)), (16, 4));
+        assert_eq!((settings.adam.epsilon, settings.resolution.factor(0.0)), (0.5, 4));
         assert_eq!(settings.policy, Policy::from_name("mcmc").unwrap());
         let wrong = applied(&TrainSettings::default(), &"rebin-every = 4".parse().unwrap()).unwrap_err();
         assert!(wrong.starts_with("unknown key `rebin-every`"), "{wrong}");

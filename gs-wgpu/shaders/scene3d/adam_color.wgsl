@@ -83,19 +83,8 @@ fn adam_color_3d(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) g
     if step.visible_only == 1u && !visible {
         return;
     }
-    // SH above degree 0 take turns, in groups of neighbours. The number of their moves corrects the
-    // bias of their moments.
     let steps = ellipsoids[index].steps;
-    var moves = steps;
-    if k > 0u {
-        let every = step.color_rest_every;
-        let at = steps % every + index / COLOR_REST_TURN % every;
-        if at % every != 0u {
-            return;
-        }
-        moves = steps / every + at / every;
-    }
-    let rates = rates_of(vec4u(select(5u, 4u, k == 0u)), f32(moves));
+    let rates = rates_of(vec4u(select(5u, 4u, k == 0u)), f32(steps));
     let first = 3u * at;
     var gradient = vec4f(0.0);
     if visible {

@@ -90,8 +90,7 @@ pub use self::{
         statistics_are_the_positional_gradients, steps_decrease_the_loss,
     },
     training_3d::{
-        only_participants_move, reused_lists_change_nothing_without_movement, scenes_3d_come_back, sh_take_turns,
-        visible_are_counted,
+        only_participants_move, reused_lists_change_nothing_without_movement, scenes_3d_come_back, visible_are_counted,
     },
 };
 use crate::failure::Failure;
@@ -199,7 +198,6 @@ pub fn cases_3d<R: Optimizer<Scene3d>>() -> Vec<Case<R>> {
         adam_matches: adam_matches::<Scene3d, R>,
         covariance_factor_steps_match_3d: covariance_factor_steps_match_3d::<R>,
         only_participants_move: only_participants_move::<R>,
-        sh_take_turns: sh_take_turns::<R>,
         fused_steps_match_separate_stages: fused_steps_match_separate_stages::<Scene3d, R>,
         added_gradients_join_the_step: added_gradients_join_the_step::<R>,
         reused_lists_change_nothing_without_movement: reused_lists_change_nothing_without_movement::<R>,

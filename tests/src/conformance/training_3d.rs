@@ -75,28 +75,6 @@ pub fn only_participants_move<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(
     Ok(())
 }
 
-/// With `color-rest-every`, SH coefficients above degree 0 move in the steps of their turn, and
-/// keep their values and moments in the others.
-pub fn sh_take_turns<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
-    let draw = Draw::for_3d(Kind3d::Typical, Blend::Over, 40, (30, 24), 2617);
-    Failure::unless(draw.scene.sh_degree > 0, || "the scene has no SH above degree 0".to_owned())?;
-    let target = rasterizer.upload_target(&draw.target()?)?;
-    for every in [2, 3] {
-        let mut rates = distinct::<Scene3d>(1e-3);
-        rates.color_rest_every = every;
-        let mut splats = rasterizer.upload(&draw.scene, Parameterization::ScaleRotation)?;
-        let mut reference = AdamReference::new(draw.scene.rows());
-        for steps in 1..=5 {
-            let gradients = step(rasterizer, &mut splats, &draw, &target, &rates)?;
-            reference.step(&gradients, &rates);
-            let found = rasterizer.download(&splats).block_on()?.rows();
-            compare_parameters::<Scene3d>(&reference.scene, &found, &rates, steps)
-                .map_err(|failure| failure.at(format!("every {every} steps, step {steps}")))?;
-        }
-    }
-    Ok(())
-}
-
 /// A step may reuse lists: nothing changes if the Gaussians did not move, or if the camera is
 /// another one, for which the lists are invalid.
 pub fn reused_lists_change_nothing_without_movement<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {

@@ -13,7 +13,6 @@ fn rates(format: MomentFormat) -> AdamRates {
         .with(|s| {
             s.min_scale = 1e-4;
             s.color_rest_moments = format;
-            s.color_rest_every = 2;
             s.participants = Participants::Visible;
         })
         .at(0.0)

@@ -42,7 +42,7 @@ fn results_have_the_same_bits_for_every_number_of_threads() {
             assert!(gradients.means.iter().any(|g| g.length() > 0.0));
             let mut rates = Adam::default().with(|s| s.min_scale = 1e-4).at(0.0);
             if blend == Blend::Over {
-                (rates.color_rest_every, rates.color_rest_moments) = (2, MomentFormat::Bf16);
+                rates.color_rest_moments = MomentFormat::Bf16;
             }
             let step = TrainStep { settings: &settings, loss: Loss::PAPER, rates: &rates, binning: Binning::Fresh };
             for _ in 0..3 {
@@ -69,7 +69,6 @@ fn training_steps_are_forward_backward_and_step() {
     let target = r.upload_target(&image).unwrap();
     let rates = Adam::default().with(|s| {
         s.min_scale = 1e-4;
-        s.color_rest_every = 2;
     });
     let rates = rates.at(0.3);
     let [mut whole, mut parts] = [0, 1].map(|_| r.upload(&scene, Parameterization::ScaleRotation).unwrap());

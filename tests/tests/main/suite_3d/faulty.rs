@@ -54,7 +54,6 @@ pub(crate) enum Fault {
     ForgetsBiasCorrection,
     MovesAll,
     MovesOnlyTheVisible,
-    MovesShInEveryStep,
     FusedStepDoesTooMuch,
     IgnoresAddedGradients,
     AddsToTheUnseen,
@@ -346,7 +345,6 @@ impl Optimizer<Scene3d> for Faulty {
             OneRateForAllColours => rates.color_rest = rates.color,
             MovesAll => rates.participants = Participants::All,
             MovesOnlyTheVisible => rates.participants = Participants::Visible,
-            MovesShInEveryStep => rates.color_rest_every = 1,
             MovesInTheWorld if splats.parameterization == Parameterization::CovarianceFactor => {
                 rates.mean.learning_rate *= 0.9
             }

@@ -47,7 +47,6 @@ fn every_fault_is_caught_by_its_case() {
         (ForgetsBiasCorrection, "adam_matches"),
         (MovesAll, "only_participants_move"),
         (MovesOnlyTheVisible, "only_participants_move"),
-        (MovesShInEveryStep, "sh_take_turns"),
         (FusedStepDoesTooMuch, "fused_steps_match_separate_stages"),
         (IgnoresAddedGradients, "added_gradients_join_the_step"),
         (AddsToTheUnseen, "added_gradients_join_the_step"),

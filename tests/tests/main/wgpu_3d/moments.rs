@@ -20,7 +20,7 @@ fn typical() -> Draw<Scene3d> {
 }
 
 fn in_format(format: MomentFormat) -> AdamRates {
-    AdamRates { color_rest_moments: format, color_rest_every: 2, ..rates(Participants::Visible) }
+    AdamRates { color_rest_moments: format, ..rates(Participants::Visible) }
 }
 
 /// The bits of the first or second moments of SH above degree 0.
@@ -120,7 +120,7 @@ fn in_formats(r: &WgpuRasterizer, formats: &[MomentFormat], restores: bool) -> (
     let mut splats = r.upload(&draw.scene, Parameterization::ScaleRotation).unwrap();
     let before = r.bytes_moved();
     for &format in formats {
-        let rates = AdamRates { color_rest_every: 1, ..in_format(format) };
+        let rates = in_format(format);
         let step = TrainStep { settings: &draw.settings, loss: Loss::PAPER, rates: &rates, binning: Binning::Fresh };
         r.train_step(&mut splats, &draw.view, &target, &step).block_on().unwrap();
         if restores {
