@@ -1,6 +1,5 @@
 //! `gs encode`: images become compressed `.gsi` files.
 
-mod page;
 mod progress;
 
 use std::path::{Path, PathBuf};
@@ -61,10 +60,6 @@ pub(crate) struct EncodeArgs {
     /// Let the first 300 bytes of the file show a coarse picture
     #[arg(long)]
     preview: bool,
-    /// Also write a page beside each file, photo.html beside photo.gsi: the image, the result, its
-    /// errors, and files of other formats of the same size
-    #[arg(long)]
-    page: bool,
     /// Put transparent pixels on this colour of the image's colour space, instead of keeping alpha: R,G,B
     /// from 0 to 1, black or white
     #[arg(long, value_name = "R,G,B")]
@@ -158,9 +153,6 @@ fn run_one(args: &EncodeArgs, image: &Path) -> Result<(), Failure> {
     let work = Work::read(args, image)?;
     work.image.remarks.iter().for_each(|remark| output::note(printable(&format!("note: {remark}"))));
     output_folder::check_file(&args.output, [image])?;
-    if args.page {
-        page::check(&args.output, image, args.overwrite)?;
-    }
     work.need().check_and_print()?;
     let backend = args.backend.open_to_render_2d(&RenderSettings::blended(Blend::Sum))?;
     output::note(&backend.reason);
@@ -168,11 +160,6 @@ fn run_one(args: &EncodeArgs, image: &Path) -> Result<(), Failure> {
     let summary = work.write(&backend, &args.output, &|progress| display.show(progress));
     display.clear();
     let summary = summary?;
-    if args.page {
-        let page = page::path(&args.output);
-        page::write(&backend, &work, &summary, &args.output, &page)?;
-        output::note(format_args!("see {}", page.display()));
-    }
     if args.json {
         return output::json(&summary);
     }
@@ -192,9 +179,7 @@ fn run_several(args: &EncodeArgs, images: &[BatchImage]) -> Result<(), Failure> 
     args.settings((1000, 1000)).validate()?;
     let name = |image: &BatchImage| format!("{}.{GSI_EXTENSION}", image.name);
     let inputs: Inputs = images.iter().map(|image| &image.file).collect();
-    let page_name = |image: &BatchImage| format!("{}.html", image.name);
-    let pages = images.iter().filter(|_| args.page).map(page_name);
-    let claim = args.overwrite.claim(&args.output, [], inputs).files(images.iter().map(name).chain(pages));
+    let claim = args.overwrite.claim(&args.output, [], inputs).files(images.iter().map(name));
     let folder = OutputFolder::begin(claim)?;
     let render = RenderSettings::blended(Blend::Sum);
     let peak = |size| gs_train::memory::encoding(size, false, &args.settings(size));
@@ -207,9 +192,6 @@ fn run_several(args: &EncodeArgs, images: &[BatchImage]) -> Result<(), Failure> 
         work.need().check()?;
         let file = folder.file(&name(image));
         let summary = work.write(on, &file, &|_| ())?;
-        if args.page {
-            page::write(on, &work, &summary, &file, &folder.file(&page_name(image)))?;
-        }
         let Summary { width, height, bytes, gaussians, psnr, seconds, .. } = summary;
         let row = Row { size: (width, height), bytes: bytes as u64, gaussians, psnr, seconds };
         Ok(Done { row, summary })

@@ -139,24 +139,6 @@ fn ctrl_c_stops_between_images() {
 }
 
 #[test]
-fn a_page_is_written_beside_the_file_and_replaces_no_other() {
-    let place = folder();
-    let image = picture(place.path(), 40, 32);
-    let path = |name: &str| place.path().join(name).to_str().unwrap().to_owned();
-    let (gsi, page) = (path("a.gsi"), path("a.html"));
-    let words = ["encode", image.to_str().unwrap(), "-o", &gsi, "--quality", "30", "--backend", "cpu", "--page"];
-    fs::write(&page, "mine").unwrap();
-    assert!(gs(words).refusal().contains("a.html: exists and was not written by gs encode --page"));
-    assert!(!Path::new(&gsi).exists());
-    gs(words.iter().chain(&["--overwrite"])).done();
-    let text = fs::read_to_string(&page).unwrap();
-    for part in ["picture-40x32.png", "JPEG", "this gsi file", "bits per pixel", "data:image/png;base64,"] {
-        assert!(text.contains(part), "{part}");
-    }
-    gs(words).done();
-}
-
-#[test]
 fn the_number_of_gaussians_follows_from_a_psnr_or_a_size() {
     let place = folder();
     let (image, out) = (picture(place.path(), 48, 40), place.path().join("out"));

@@ -27,8 +27,6 @@ pub struct Codec {
     ending: &'static str,
     /// Levels of quality that make a curve, from the smallest file.
     pub levels: &'static [u32],
-    /// The level of the best file.
-    best: u32,
     /// The value of the encoder's quality flag at a level.
     flag: fn(u32) -> String,
     /// The command that encodes `IN` as `FILE` in the quality `Q`; its input is a PPM or a PNG.
@@ -45,7 +43,6 @@ pub const CODECS: [Codec; 4] = [
         name: "JPEG",
         ending: "jpg",
         levels: &[4, 8, 15, 25, 40, 60, 80, 90, 95],
-        best: 100,
         flag: |level| level.to_string(),
         encode: &["cjpeg", "-quality", "Q", "-optimize", "-outfile", "FILE", "IN"],
         input: "ppm",
@@ -56,7 +53,6 @@ pub const CODECS: [Codec; 4] = [
         name: "WebP",
         ending: "webp",
         levels: &[0, 2, 6, 12, 25, 45, 65, 80, 90, 96],
-        best: 100,
         flag: |level| level.to_string(),
         encode: &["cwebp", "-quiet", "-m", "6", "-q", "Q", "IN", "-o", "FILE"],
         input: "png",
@@ -67,7 +63,6 @@ pub const CODECS: [Codec; 4] = [
         name: "AVIF",
         ending: "avif",
         levels: &[3, 7, 13, 19, 25, 31, 37, 43, 49, 54],
-        best: 63,
         flag: |level| (63 - level).to_string(),
         encode: &["avifenc", "-s", "5", "-j", "1", "--min", "Q", "--max", "Q", "IN", "FILE"],
         input: "png",
@@ -78,7 +73,6 @@ pub const CODECS: [Codec; 4] = [
         name: "JPEG XL",
         ending: "jxl",
         levels: &[0, 50, 80, 100, 115, 125, 132, 138, 142, 145, 147],
-        best: 149,
         // The distance, 15 to 0.1: thresholds of visibility.
         flag: |level| format!("{:.1}", f64::from(150 - level) / 10.0),
         encode: &["cjxl", "-e", "7", "--num_threads=0", "-d", "Q", "IN", "FILE"],
@@ -153,27 +147,6 @@ impl Codec {
         levels.par_iter().map(|&level| self.file(of, level)).collect()
     }
 
-    /// The best file that has at most this many bytes, between the known ones; `None` where even the
-    /// smallest has more.
-    ///
-    /// # Errors
-    /// Those of [`Self::files`].
-    pub fn within(&self, of: &Original<'_>, bytes: u64, known: &[Coded]) -> Result<Option<Coded>, Error> {
-        let mut best = known.iter().filter(|file| file.bytes <= bytes).max_by_key(|file| file.level).cloned();
-        let too_large = known.iter().filter(|file| file.bytes > bytes).map(|file| file.level).min();
-        let (mut low, mut high) = (best.as_ref().map_or(0, |file| file.level + 1), too_large.unwrap_or(self.best + 1));
-        while low < high {
-            let middle = low.midpoint(high);
-            let file = self.file(of, middle)?;
-            if file.bytes <= bytes {
-                (best, low) = (Some(file), middle + 1);
-            } else {
-                high = middle;
-            }
-        }
-        Ok(best)
-    }
-
     fn file(&self, of: &Original<'_>, level: u32) -> Result<Coded, Error> {
         let folder = of.folder.path();
         let file = folder.join(format!("{level}.{}", self.ending));
@@ -240,7 +213,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn better_levels_have_larger_files_and_the_largest_that_fits_is_found() {
+    fn better_levels_have_larger_and_better_files() {
         let wave = |x: u32, y: u32| ((x * x + 3 * y) as f32 * 0.02).sin() * 0.4 + 0.5;
         let image = Image::from_fn(96, 64, |x, y| [wave(x, y), wave(y, x), 0.3]).unwrap();
         let original = Original::new(&image).unwrap();
@@ -248,10 +221,6 @@ mod tests {
             let known = codec.files(&original, &codec.levels[2..5]).unwrap();
             let rises = |value: fn(&Coded) -> f64| known.windows(2).all(|pair| value(&pair[0]) < value(&pair[1]));
             assert!(rises(|file| file.bytes as f64) && rises(|file| file.quality.psnr), "{}", codec.name);
-            let limit = known[1].bytes + 1;
-            let found = codec.within(&original, limit, &known).unwrap().unwrap();
-            assert!(found.bytes <= limit && found.level >= known[1].level, "{}", codec.name);
-            assert!(codec.within(&original, 1, &known).unwrap().is_none());
         }
     }
 }
