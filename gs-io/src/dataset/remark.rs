@@ -113,6 +113,22 @@ pub enum Remark {
         /// Columns and rows of the first.
         to: (u32, u32),
     },
+    /// The principal point is outside of the image, as in a cut-out.
+    OffCenter {
+        /// Number of images.
+        count: usize,
+        /// Name of the first.
+        first: String,
+        /// Its key and value, and the side of the image in px.
+        fault: String,
+    },
+    /// A folder of masks that are not used.
+    MasksUnused {
+        /// The folder.
+        folder: &'static str,
+        /// How masks are named in such a data set.
+        how: &'static str,
+    },
     /// Cameras and points are relative to a [frame](crate::WorldFrame) that `f32` can resolve.
     Frame {
         /// The frame in words.
@@ -217,6 +233,8 @@ pub enum Skip {
     BadCamera,
     /// A 360° image that is not twice as wide as high.
     Panorama,
+    /// There is no pose.
+    NoPose,
     /// The pose has NaN or infinite numbers.
     PoseNotFinite,
     /// The pose is not a rotation, or its position is out of range.
@@ -239,6 +257,7 @@ impl fmt::Display for Skip {
             Self::NoCamera => "the camera is not in the model",
             Self::BadCamera => "the camera's size, focal lengths or lens are not possible",
             Self::Panorama => "a 360° image (equirectangular) must be twice as wide as high",
+            Self::NoPose => "there is no pose (transform_matrix)",
             Self::PoseNotFinite => "the pose contains NaN or infinity",
             Self::BadPose => "the pose is not a rotation, or its position is out of range",
             Self::SameName => "another view has the same name",
@@ -311,6 +330,14 @@ impl fmt::Display for Remark {
                      {width}x{height} px)"
                 )
             }
+            Self::OffCenter { count, first, fault } => {
+                let images = images(*count);
+                write!(
+                    f,
+                    "{images} with a principal point outside of the image, as in a cut-out (first: {first}: {fault})"
+                )
+            }
+            Self::MasksUnused { folder, how } => write!(f, "{folder}/ is not used: {how}"),
             Self::Frame { frame } => {
                 write!(
                     f,

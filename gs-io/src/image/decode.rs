@@ -59,12 +59,14 @@ pub(super) fn decode_stored(path: &Path) -> Result<Decoded, Error> {
     pixels.decoded(path, profile, remarks)
 }
 
-/// Reads a mask: an image whose values are not colours and stay as stored, without rotation.
+/// Reads a mask: an image whose values are not colours and stay as stored, without rotation. Of integers
+/// 0 and 1, the 1 is white.
 ///
 /// A mask may be in alpha, beside a single colour of all pixels that are not transparent. Where both colour and alpha vary, a pixel counts
 /// only if it is light and opaque, so their product is returned.
 pub(crate) fn decode_mask(path: &Path) -> Result<Image, Error> {
-    let (Pixels { width, height, mut colors, alpha, .. }, ..) = read_pixels(path, Orientation::AsStored)?;
+    let (Pixels { width, height, mut colors, alpha, bits_per_channel, .. }, ..) =
+        read_pixels(path, Orientation::AsStored)?;
     if let Some(alpha) = alpha.filter(|alpha| alpha.iter().any(|alpha| *alpha < 1.0)) {
         // What programs store in transparent pixels means nothing.
         let mut visible = colors.iter().zip(&alpha).filter(|(_, alpha)| **alpha > 0.0).map(|(color, _)| color);
@@ -73,6 +75,11 @@ pub(crate) fn decode_mask(path: &Path) -> Result<Image, Error> {
         for (color, alpha) in colors.iter_mut().zip(alpha) {
             *color = if has_one_color { [alpha; 3] } else { color.map(|value| value * alpha) };
         }
+    }
+    let whole = if bits_per_channel == 16 { 65535.0 } else { 255.0 };
+    let largest = colors.iter().flatten().copied().fold(0.0, f32::max);
+    if bits_per_channel <= 16 && (largest * whole).round() == 1.0 {
+        colors.iter_mut().flatten().for_each(|value| *value *= whole);
     }
     Image::from_pixels(width, height, colors).map_err(Error::content(path))
 }

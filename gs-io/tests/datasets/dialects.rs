@@ -142,3 +142,62 @@ fn the_key_that_is_wrong_or_missing_is_named() {
     nerfstudio(place.path(), json!({"camera_model": 7}));
     assert!(refusal(place.path()).contains("camera model 7 is not known"));
 }
+
+#[test]
+fn a_frame_without_pose_is_left_out() {
+    for pose in [Some(json!(null)), None] {
+        let place = folder();
+        nerfstudio(place.path(), pinhole());
+        let mut file = pinhole();
+        let mut bare = json!({"file_path": "images/a.png"});
+        if let Some(pose) = pose {
+            bare["transform_matrix"] = pose;
+        }
+        file["frames"] = json!([bare, frame("images/b.png")]);
+        write(place.path(), "transforms.json", &file);
+        let dataset = read(place.path());
+        assert_eq!((dataset.views.len(), skipped(&dataset, Skip::NoPose)), (1, 1));
+    }
+}
+
+#[test]
+fn a_principal_point_outside_of_the_image_is_reported() {
+    for (center, fault) in [
+        (
+            json!({"cx": 500.0}),
+            Some(
+                "2 images with a principal point outside of the image, as in a cut-out (first: images/a.png: cx is 500, of 40 px)",
+            ),
+        ),
+        (json!({"cy": -0.5}), Some("cy is -0.5, of 30 px")),
+        (json!({"cx": 40.0, "cy": 0.0}), None),
+    ] {
+        let place = folder();
+        let mut fields = pinhole();
+        fields.as_object_mut().unwrap().extend(center.as_object().unwrap().clone());
+        nerfstudio(place.path(), fields);
+        let remarks = read(place.path()).remarks.iter().map(ToString::to_string).collect::<String>();
+        assert_eq!(remarks.contains("principal point"), fault.is_some(), "{remarks}");
+        assert!(remarks.contains(fault.unwrap_or_default()), "{remarks}");
+    }
+}
+
+#[test]
+fn a_missing_line_of_keypoints_is_named() {
+    for dropped in [3, 5] {
+        let place = folder();
+        let mut files = text(&model(3));
+        let lines = String::from_utf8(files[1].clone()).unwrap();
+        let kept = lines.lines().enumerate().filter(|(i, _)| *i != dropped).map(|(_, line)| format!("{line}\n"));
+        files[1] = kept.collect::<String>().into_bytes();
+        write_model(&place.path().join("sparse/0"), &files, "txt");
+        let error = refusal(place.path());
+        let name = if dropped == 3 { "view 000.png" } else { "view 001.png" };
+        let expected = format!(
+            "images.txt: line {}: expected the keypoints of {name}, the second line of each image, which may be \
+             empty, found the next image",
+            dropped + 1
+        );
+        assert!(error.contains(&expected), "{error}");
+    }
+}

@@ -13,7 +13,7 @@ use image::{ImageBuffer, ImageEncoder, Rgba, codecs::png::PngEncoder, metadata::
 use serde_json::json;
 
 use super::{
-    made::{binary, colmap, folder, model, read, write_model},
+    made::{binary, colmap, folder, model, picture, read, write_model},
     transforms::nerfstudio,
 };
 
@@ -235,4 +235,56 @@ fn a_mask_may_be_in_alpha() {
     assert_eq!((row(0), row(29)), (vec![false; 40], right.to_vec()));
     write_png_with(&file, &image, PngExtras { alpha: Some(&[1.0; 1200]), profile: None }).unwrap();
     assert_eq!((row(0), row(29)), (vec![false; 40], vec![true; 40]));
+}
+
+#[test]
+fn integers_of_0_and_1_are_a_mask() {
+    let place = folder();
+    colmap(place.path(), 1);
+    fs::create_dir(place.path().join("masks")).unwrap();
+    let right: Vec<u8> = (0..40 * 30).map(|i| u8::from(i % 40 >= 20)).collect();
+    let wide: Vec<u16> = right.iter().copied().map(u16::from).collect();
+    for pixels in [
+        image::DynamicImage::from(image::GrayImage::from_raw(40, 30, right).unwrap()),
+        image::ImageBuffer::<image::Luma<u16>, _>::from_raw(40, 30, wide).unwrap().into(),
+    ] {
+        pixels.save(place.path().join("masks/view 000.png")).unwrap();
+        let mask = read(place.path()).views[0].read_image().unwrap().mask.unwrap();
+        assert!(mask.iter().enumerate().all(|(i, counts)| *counts == (i % 40 >= 20)), "{:?}", pixels.color());
+    }
+}
+
+#[test]
+fn square_pixels_decide_the_orientation_where_angles_alone_are_given() {
+    let angle = |side: f64| 2.0 * (0.5 * side / 35.0).atan();
+    for (x, y, expected) in [(30.0, 40.0, Orientation::Exif), (40.0, 30.0, Orientation::AsStored)] {
+        let place = folder();
+        nerfstudio(place.path(), json!({"camera_angle_x": angle(x), "camera_angle_y": angle(y)}));
+        fs::write(place.path().join("images/a.png"), turned_png((40, 30))).unwrap();
+        let view = read(place.path()).views.remove(0);
+        assert_eq!(view.orientation, expected);
+        assert!(view.source.focal.distance(DVec2::splat(35.0)) < 1e-9);
+    }
+}
+
+#[test]
+fn folders_of_masks_that_are_not_used_are_reported() {
+    let unused = |place: &tempfile::TempDir| {
+        let remarks = read(place.path()).remarks;
+        remarks.iter().map(ToString::to_string).find(|remark| remark.contains("is not used"))
+    };
+    for folder_of_masks in ["masks", "mask"] {
+        let place = folder();
+        nerfstudio(place.path(), json!({"fl_x": 35.0}));
+        assert_eq!(unused(&place), None);
+        picture(place.path().join(folder_of_masks).join("a.png"), 40, 30);
+        let expected = format!("{folder_of_masks}/ is not used: name the mask of each frame in its mask_path");
+        assert_eq!(unused(&place), Some(expected));
+    }
+    let place = folder();
+    colmap(place.path(), 1);
+    picture(place.path().join("mask/view 000.png"), 40, 30);
+    assert!(unused(&place).unwrap().contains("the mask of an image is masks/NAME"));
+    picture(place.path().join("masks/view 000.png"), 40, 30);
+    assert_eq!(unused(&place), None);
 }

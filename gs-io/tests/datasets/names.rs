@@ -112,10 +112,15 @@ fn images_in_one_other_folder_are_taken_from_there() {
     assert!(
         dataset.views.len() == 2 && dataset.remarks.contains(&Remark::OtherFolder { folder: "photos/x".to_owned() })
     );
-    // Masks have the names of the images: which folder is meant is not guessed.
-    picture(place.path().join("masks/a.png"), 40, 30);
+    // Masks and the like have the names of the images, but are none.
+    for folder in ["masks", "Depth", "normals_2", "x/mask/y"] {
+        picture(place.path().join(folder).join("a.png"), 40, 30);
+    }
+    assert_eq!(read(place.path()).views.len(), 2);
+    // Which of two folders is meant is not guessed.
+    picture(place.path().join("copies/a.png"), 40, 30);
     let error = refusal(place.path());
-    let end = "(first: images/a.png, images/b.png: there is masks/a.png, photos/x/a.png)";
+    let end = "(first: images/a.png, images/b.png: there is Depth/a.png, copies/a.png, masks/a.png)";
     assert!(error.contains("2 images skipped: no image file") && error.contains(end), "{error}");
 }
 
@@ -253,4 +258,15 @@ fn images_of_another_folder_or_extension_are_reported() {
     named(place.path(), &["images/0.png"]);
     let settings = DatasetSettings::default().with(|s| s.image_folder = Some("small".to_owned()));
     assert_eq!(renamed(&read_dataset(place.path(), &settings).unwrap()), None);
+}
+
+#[test]
+fn masks_alone_are_no_photographs() {
+    let place = folder();
+    picture(place.path().join("data/masks/a.png"), 40, 30);
+    named(place.path(), &["images/a.png"]);
+    assert!(refusal(place.path()).contains("no image file (first: images/a.png: there is data/masks/a.png)"));
+    // Unless the file names their folder.
+    named(place.path(), &["masks/a.png"]);
+    assert_eq!(read(place.path()).views.len(), 1);
 }

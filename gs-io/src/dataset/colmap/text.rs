@@ -40,6 +40,7 @@ pub(super) fn images(path: &Path, bytes: &[u8]) -> Result<Vec<ColmapImage>, Erro
         let name = words.rest("an image's name")?.to_owned();
         let mut observations = Vec::new();
         if let Some(mut words) = lines.next()? {
+            words.check_keypoints(&name)?;
             while !words.is_empty() {
                 let [x, y] = words.numbers("a keypoint x y")?;
                 // -1 stands for no point, in files of old versions the largest number.
@@ -112,6 +113,20 @@ impl<'a> Lines<'a> {
 }
 
 impl<'a> Words<'a> {
+    /// Fails where the line is the first of another image, not the keypoints of the image of this name.
+    fn check_keypoints(&self, name: &str) -> Result<(), Error> {
+        let is_number = |word: &str| word.parse::<f64>().is_ok();
+        let mut words = self.rest.split_whitespace();
+        if words.by_ref().take(9).filter(|word| is_number(word)).count() == 9
+            && words.next().is_some_and(|w| !is_number(w))
+        {
+            let expected =
+                format!("the keypoints of {}, the second line of each image, which may be empty", shortened(name));
+            return Err(self.damaged(&expected, "the next image".to_owned()));
+        }
+        Ok(())
+    }
+
     fn is_empty(&self) -> bool {
         self.rest.is_empty()
     }

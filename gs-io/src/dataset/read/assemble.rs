@@ -101,6 +101,7 @@ pub(crate) fn assemble(parts: Parts<'_>, settings: &DatasetSettings) -> Result<D
     if unused_depths > 0 {
         remarks.push(Remark::DepthsUnused { count: unused_depths });
     }
+    remarks.extend(unused_masks(kind, root, &drafts, &remarks));
     let listed = points.len();
     let points = points_in(&frame, points);
     if points.len() < listed {
@@ -160,6 +161,20 @@ fn image_name(draft: &Draft, place: Option<&Place>) -> PathBuf {
     let found = bare.and_then(|file| place?.find(file));
     let name = found.as_ref().and_then(|path| path.file_name());
     name.map_or_else(|| PathBuf::from(&draft.name), |name| Path::new(&draft.name).with_file_name(name))
+}
+
+/// A remark on a folder of masks, if the data set has no other masks.
+fn unused_masks(kind: DatasetKind, root: &Path, drafts: &[Draft], remarks: &[Remark]) -> Option<Remark> {
+    let is_missing = |remark: &Remark| matches!(remark, Remark::MasksMissing { .. });
+    if drafts.iter().any(|draft| draft.mask.is_some()) || remarks.iter().any(is_missing) {
+        return None;
+    }
+    let folder = ["masks", "mask"].into_iter().find(|folder| root.join(folder).is_dir())?;
+    let how = match kind {
+        DatasetKind::Colmap => "the mask of an image is masks/NAME, by the name of the image",
+        _ => "name the mask of each frame in its mask_path",
+    };
+    Some(Remark::MasksUnused { folder, how })
 }
 
 /// The frame that suits the poses and points of a data set.

@@ -22,6 +22,9 @@ const SEARCH: (usize, usize) = (4, 2_000);
 /// The same for the folder above, which may be anything.
 const SEARCH_ABOVE: (usize, usize) = (2, 100);
 
+/// Folders of other pictures than photographs, which may be in the plural.
+const OTHER_PICTURES: [&str; 3] = ["mask", "depth", "normal"];
+
 /// The most files that a message names.
 const NAMED: usize = 3;
 
@@ -293,10 +296,14 @@ fn only_folder_with(from: &Path, files: &[PathBuf], others: &HashSet<&Path>) -> 
     if wanted.len() < files.len() {
         return None;
     }
+    let parents: HashSet<&Path> =
+        files.iter().filter_map(|file| file.parent()).filter(|parent| *parent != Path::new("")).collect();
     let mut folders = Vec::new();
     walk(from, |folder, images| {
         let has = |image: &PathBuf| stem(image).is_some_and(|stem| wanted.contains(&stem));
-        if !others.contains(folder) && images.iter().any(has) {
+        let is_named = || parents.iter().any(|parent| folder.ends_with(parent));
+        let is_photographs = !has_other_pictures(folder.strip_prefix(from).unwrap_or(folder)) || is_named();
+        if is_photographs && !others.contains(folder) && images.iter().any(has) {
             folders.push(folder.to_owned());
         }
     });
@@ -304,6 +311,15 @@ fn only_folder_with(from: &Path, files: &[PathBuf], others: &HashSet<&Path>) -> 
         [folder] => Some(std::mem::take(folder)),
         _ => None,
     }
+}
+
+/// Whether a path leads through a folder of masks, depths or normals, such as `masks` or `mask_2`.
+pub(crate) fn has_other_pictures(folder: &Path) -> bool {
+    folder.components().any(|part| {
+        let name = folded(&part.as_os_str().to_string_lossy());
+        let name = name.trim_end_matches(|c: char| c.is_ascii_digit() || c == '_');
+        OTHER_PICTURES.contains(&name.strip_suffix('s').unwrap_or(name))
+    })
 }
 
 /// The files below `from` that have the file name of an image, but for what [`folded`] ignores and the

@@ -19,6 +19,7 @@ pub(crate) struct Tally {
     split: Option<Remark>,
     split_fisheye: Option<Remark>,
     reduced: Option<Remark>,
+    off_center: Option<Remark>,
     bent: BTreeMap<&'static str, Remark>,
     bad_depths: Option<Remark>,
     renamed: Option<Remark>,
@@ -79,6 +80,14 @@ impl Tally {
         if from != to {
             add(self.reduced.get_or_insert(Remark::Reduced { count: 0, max_side: to.0.max(to.1), from, to }));
         }
+        let [x, y] = view.source.center.to_array();
+        let axes = [("cx", x, width), ("cy", y, height)];
+        if let Some((key, value, side)) =
+            axes.into_iter().find(|(_, value, side)| !(0.0..=f64::from(*side)).contains(value))
+        {
+            let fault = format!("{key} is {value}, of {side} px");
+            add(self.off_center.get_or_insert_with(|| Remark::OffCenter { count: 0, first: view.name.clone(), fault }));
+        }
         for remark in remarks {
             let first = || Remark::Image { remark: remark.clone(), count: 0, first: view.name.clone() };
             add(self.images.entry(remark.clone()).or_insert_with(first));
@@ -89,6 +98,7 @@ impl Tally {
     pub(crate) fn remarks(self) -> Vec<Remark> {
         let images = self.renamed.into_iter().chain(self.images.into_values());
         let sizes = self.split.into_iter().chain(self.split_fisheye).chain(self.scaled).chain(self.reduced);
+        let sizes = sizes.chain(self.off_center);
         let rest = self.bent.into_values().chain(self.bad_depths);
         self.skipped.into_values().chain(images).chain(sizes).chain(rest).collect()
     }
@@ -103,6 +113,7 @@ fn add(remark: &mut Remark) {
     | Remark::Undistorted { count, .. }
     | Remark::DepthsUnusable { count, .. }
     | Remark::Renamed { count, .. }
+    | Remark::OffCenter { count, .. }
     | Remark::SplitFisheye { count, .. }
     | Remark::Split { count } = remark
     {

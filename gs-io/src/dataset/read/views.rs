@@ -17,7 +17,7 @@ use crate::{
 };
 
 /// How much closer a principal point must be to the centre of the upright image than to that of the
-/// image as it is stored to decide for the upright one.
+/// image as it is stored to decide for the upright one; or the logarithm of its pixels' aspect ratio to 0.
 const UPRIGHT_FACTOR: f64 = 2.0;
 
 /// A usable image.
@@ -123,8 +123,16 @@ fn fit(intrinsics: &Intrinsics, sizes: &ImageHeader, shrunk: f64) -> Result<(Ori
     let ways = [(Orientation::AsStored, sizes.stored), (Orientation::Exif, sizes.upright)];
     let sides = |(width, height): (u32, u32)| dvec2(f64::from(width), f64::from(height));
     let Some(size) = intrinsics.size else {
-        // Of a camera without size, the principal point is near the centre of the right way.
-        let distance = |side| intrinsics.center.map_or(0.0, |center| center.distance(0.5 * shrunk * sides(side)));
+        // Of a camera without size, the principal point is near the centre of the right way, or its
+        // pixels are square.
+        let distance = |side| match (intrinsics.center, intrinsics.focal) {
+            (Some(center), _) => center.distance(0.5 * shrunk * sides(side)),
+            (None, Focal::Angles(Some(x), Some(y))) => {
+                let focal = sides(side) / dvec2((0.5 * x).tan(), (0.5 * y).tan());
+                (focal.x / focal.y).ln().abs()
+            }
+            (None, _) => 0.0,
+        };
         let is_upright = UPRIGHT_FACTOR * distance(sizes.upright) < distance(sizes.stored);
         let (orientation, side) = ways[usize::from(is_upright)];
         return Ok((orientation, side, sides(side) * shrunk));

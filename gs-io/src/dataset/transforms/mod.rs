@@ -74,7 +74,7 @@ struct Transforms {
 #[derive(Debug, Deserialize)]
 struct Frame {
     file_path: String,
-    transform_matrix: Vec<Vec<Number>>,
+    transform_matrix: Option<Vec<Vec<Number>>>,
     mask_path: Option<String>,
     depth_file_path: Option<String>,
     /// Whether the image is blurred or not registered well (ScanNet++).
@@ -106,7 +106,10 @@ impl Frame {
                 _ => camera.intrinsics(file)?,
             },
             stated: camera.stated(file),
-            pose: Pose::camera_to_world(&rows(&self.transform_matrix)),
+            pose: match &self.transform_matrix {
+                Some(matrix) => Pose::camera_to_world(&rows(matrix)),
+                None => Err(Skip::NoPose),
+            },
             split,
         })
     }
