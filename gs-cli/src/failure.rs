@@ -142,8 +142,7 @@ impl From<gs_io::Error> for Failure {
             gs_io::Error::NoViews { outside: true, .. } => {
                 Self::failed(error).hint("read it with --allow-outside, if you trust the author of the data set")
             }
-            gs_io::Error::LeavesDataset { .. } => Self::failed(error)
-                .hint("or read it anyway with --allow-outside, if you trust the author of the data set"),
+            gs_io::Error::LeavesDataset { .. } => Self::failed(format!("{error}, or pass --allow-outside")),
             gs_io::Error::IsInput { .. } => Self::usage(error).hint("write the results elsewhere"),
             gs_io::Error::InTheWay { .. } => {
                 Self::failed(error).hint("choose another folder with --output, or replace such files with --overwrite")

@@ -139,7 +139,7 @@ pub enum Error {
     },
     /// A data set refers to a file outside its folder.
     #[error(
-        "{}: {key} `{name}` leads out of the data set's folder{}; copy what it needs into the folder",
+        "{}: {key} `{name}` leads out of the data set's folder{}; copy the files into the folder",
         one_line(path),
         if *more > 0 { format!(" (and {})", gs_core::counted(*more, "more path")) } else { String::new() }
     )]

@@ -53,7 +53,7 @@ fn windows_paths_are_read() {
 fn windows_paths_do_not_leave_the_folder() {
     let place = folder();
     nerfstudio(place.path(), json!({}));
-    for name in ["..\\secret\\a.png", "C:\\Users\\a.png", "images\\..\\..\\a.png", "\\\\server\\a.png", "\\a.png"] {
+    for name in ["..\\secret\\a.png", "C:\\Users\\x.png", "images\\..\\..\\a.png", "\\\\server\\x.png", "\\x.png"] {
         named(place.path(), &["images/a.png", name]);
         let error = refusal(place.path());
         assert!(error.contains("leads out of the data set's folder"), "{name}: {error}");
@@ -269,4 +269,58 @@ fn masks_alone_are_no_photographs() {
     // Unless the file names their folder.
     named(place.path(), &["masks/a.png"]);
     assert_eq!(read(place.path()).views.len(), 1);
+}
+
+#[test]
+fn absolute_paths_of_another_machine_are_those_inside_that_end_alike() {
+    for (name, file) in [
+        ("/home/x/images/0.png", "images/0.png"),
+        ("C:\\data\\images\\0.jpg", "images/0.png"),
+        ("\\\\server\\..\\photos\\0.png", "photos/0.png"),
+        ("/data/0.png", "0.png"),
+        ("/data/0.png", "images/0.png"),
+        ("/data/images/0.png", "photos/0.png"),
+    ] {
+        let place = folder();
+        picture(place.path().join(file), 40, 30);
+        picture(place.path().join("masks/0.png"), 40, 30);
+        let mut only = frame(name);
+        only["mask_path"] = json!("/home/x/masks/0.png");
+        let mut file_of_frames = pinhole();
+        file_of_frames["frames"] = json!([only]);
+        write(place.path(), "transforms.json", &file_of_frames);
+        for allow_outside in [false, true] {
+            let settings = DatasetSettings::default().with(|s| s.allow_outside = allow_outside);
+            let dataset = read_dataset(place.path(), &settings).unwrap();
+            assert_eq!(renamed(&dataset), Some((1, name, file)));
+            assert!(dataset.views[0].mask.is_some());
+        }
+    }
+    // A file that two paths end in is that of neither.
+    for file in ["0.png", "images/0.png"] {
+        let place = folder();
+        picture(place.path().join(file), 40, 30);
+        named(place.path(), &["/home/left/0.png", "/home/right/0.png"]);
+        let error = refusal(place.path());
+        assert!(error.contains(&format!("there is {file}")), "{error}");
+    }
+    let place = folder();
+    let mut model = colmap(place.path(), 2);
+    model.images.iter_mut().for_each(|image| image.name = format!("/home/x/images/{}", image.name));
+    write_model(&place.path().join("sparse/0"), &binary(&model), "bin");
+    let dataset = read(place.path());
+    assert_eq!(renamed(&dataset), Some((2, "/home/x/images/view 000.png", "images/view 000.png")));
+    assert_eq!(dataset.views[1].name, "view 001.png");
+}
+
+#[test]
+fn a_file_outside_is_never_read_for_one_inside() {
+    let place = folder();
+    let outside = picture(place.path().join("secret/a.png"), 40, 30);
+    let root = place.path().join("data");
+    picture(root.join("a.png"), 40, 30);
+    named(&root, &[outside.to_str().unwrap()]);
+    assert_eq!(read(&root).views[0].image, root.join("a.png"));
+    let settings = DatasetSettings::default().with(|s| s.allow_outside = true);
+    assert_eq!(read_dataset(&root, &settings).unwrap().views[0].image, outside);
 }

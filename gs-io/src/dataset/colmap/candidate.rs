@@ -17,7 +17,7 @@ use crate::{
         camera::Pose,
         images::find_depth,
         read::{
-            Draft, Finder, IMAGE_FOLDERS, NamePart, Place, Refusal, Stated, check_inside, find_image, plain,
+            Draft, Finder, IMAGE_FOLDERS, NamePart, Place, Refusal, Stated, check_inside, find_image, localize, plain,
             search_folders,
         },
     },
@@ -60,11 +60,19 @@ pub(super) struct Candidate {
 
 impl Candidate {
     fn read(root: &Path, folder: &Path, settings: &DatasetSettings) -> Result<Self, Error> {
-        let (model, extension, damaged) = ColmapModel::read_either(folder)?;
+        let (mut model, extension, damaged) = ColmapModel::read_either(folder)?;
+        let mut names: Vec<&mut String> = model.images.iter_mut().map(|image| &mut image.name).collect();
+        let written = localize(root, &mut names, settings);
+        // Names are relative to the folder of images.
+        let in_images = |name: &str| Some(name.strip_prefix(IMAGE_FOLDERS[0])?.strip_prefix('/')?.to_owned());
+        for (name, _) in names.into_iter().zip(&written).filter(|(_, written)| written.is_some()) {
+            *name = in_images(name).unwrap_or_else(|| std::mem::take(name));
+        }
         let names = model.images.iter().map(|image| ("the image name", image.name.as_str()));
         check_inside(root, &folder.join("images").with_extension(extension), names, settings)?;
         let cameras = format!("cameras.{extension}");
-        let drafts = model.images.iter().map(|image| draft(&model, root, &cameras, image)).collect();
+        let images = model.images.iter().zip(written);
+        let drafts = images.map(|(image, written)| Draft { written, ..draft(&model, root, &cameras, image) }).collect();
         Ok(Self { folder: folder.to_owned(), model, drafts, places: places(root, folder, settings)?, damaged })
     }
 
@@ -101,7 +109,7 @@ fn draft(model: &ColmapModel, root: &Path, file: &str, image: &ColmapImage) -> D
     let depth = depth.map(|path| DepthFile { path, unit: None });
     let pose = Pose::world_to_camera(image.rotation, image.translation);
     let stated = stated.unwrap_or_default();
-    Draft { name, file, mask, depth, intrinsics, stated, pose, split: None }
+    Draft { name, written: None, file, mask, depth, intrinsics, stated, pose, split: None }
 }
 
 /// Reads the model with most photographs, then images; of equal ones an undistorted one, or the first.

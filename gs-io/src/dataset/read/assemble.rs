@@ -64,8 +64,8 @@ pub(crate) fn assemble(parts: Parts<'_>, settings: &DatasetSettings) -> Result<D
         match make_views(draft, &mut finder, settings, &mut lenses) {
             Ok(Made { views: made, calibrated, renamed, remarks }) => {
                 tally.count(&made, calibrated, &remarks);
-                if renamed {
-                    tally.count_renamed(&draft.name, root, &made[0].image);
+                if renamed || draft.written.is_some() {
+                    tally.count_renamed(draft.written.as_ref().unwrap_or(&draft.name), root, &made[0].image);
                 }
                 if let Some(Err(error)) = made[0].depth.as_ref().map(|depth| check_depth(&depth.path, &made[0].source))
                 {

@@ -18,6 +18,8 @@ use crate::{
 #[derive(Debug, Clone)]
 pub(crate) struct Draft {
     pub(crate) name: String,
+    /// The path of another machine in the data set that stands for the name.
+    pub(crate) written: Option<String>,
     /// Path of the image below the image folder; `None` for an invalid name.
     pub(crate) file: Option<PathBuf>,
     pub(crate) mask: Option<PathBuf>,

@@ -313,8 +313,19 @@ fn only_folder_with(from: &Path, files: &[PathBuf], others: &HashSet<&Path>) -> 
     }
 }
 
+/// The [`stem`]s of all photographs below a folder.
+pub(crate) fn photographs(from: &Path) -> HashSet<Option<String>> {
+    let mut found = HashSet::new();
+    walk(from, |folder, images| {
+        if !has_other_pictures(folder.strip_prefix(from).unwrap_or(folder)) {
+            found.extend(images.iter().map(|image| stem(image)));
+        }
+    });
+    found
+}
+
 /// Whether a path leads through a folder of masks, depths or normals, such as `masks` or `mask_2`.
-pub(crate) fn has_other_pictures(folder: &Path) -> bool {
+fn has_other_pictures(folder: &Path) -> bool {
     folder.components().any(|part| {
         let name = folded(&part.as_os_str().to_string_lossy());
         let name = name.trim_end_matches(|c: char| c.is_ascii_digit() || c == '_');
@@ -344,7 +355,7 @@ fn unreadable_alike(from: &Path, image: &Path) -> Option<PathBuf> {
 }
 
 /// The folded file name without the extension of an image.
-fn stem(file: &Path) -> Option<String> {
+pub(crate) fn stem(file: &Path) -> Option<String> {
     let name = folded(&file.file_name()?.to_string_lossy());
     Some(without_extension(&name).to_owned())
 }

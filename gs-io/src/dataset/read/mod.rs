@@ -21,7 +21,7 @@ pub(super) use self::{
     finder::{Finder, Folders, entries, walk},
     json::{Number, number_of, parse, shown},
     names::plain,
-    place::{IMAGE_FOLDERS, NamePart, Place, check_inside, find_image, search_folders, whole},
+    place::{IMAGE_FOLDERS, NamePart, Place, check_inside, ending_inside, find_image, localize, search_folders, whole},
     points::WorldPoint,
     split_lists::{apply as apply_lists, in_files as lists_in_files},
 };

@@ -1,11 +1,16 @@
 //! Finds images: the folders of a data set, and file names without extension or with another one.
 
 use std::{
+    cell::LazyCell,
+    collections::{HashMap, HashSet},
     fs, io,
     path::{Component, Path, PathBuf},
 };
 
-use super::names::{self, EXTENSIONS};
+use super::{
+    finder::{photographs, stem},
+    names::{self, EXTENSIONS},
+};
 use crate::{dataset::DatasetSettings, error::Error};
 
 /// Folders that are searched for images if none is given, the largest images first.
@@ -87,6 +92,49 @@ pub(crate) fn check_inside<'n>(
     let Some((key, name)) = leaving.next() else { return Ok(()) };
     let more = leaving.count();
     Err(Error::LeavesDataset { path: file.to_owned(), key, name: name.to_owned(), more })
+}
+
+/// Takes absolute paths of another machine for those of the files inside the folder `root` that end alike,
+/// and returns the paths that were replaced. Images without such a file, or with one that fits several of
+/// them, keep their own folders, to be searched for, if there is a photograph of the name.
+pub(crate) fn localize(root: &Path, images: &mut [&mut String], settings: &DatasetSettings) -> Vec<Option<String>> {
+    let found: Vec<Option<String>> = images.iter().map(|name| ending_inside(root, name, settings)).collect();
+    let mut uses: HashMap<String, HashSet<String>> = HashMap::new();
+    for (tail, name) in found.iter().zip(&*images) {
+        let name = names::plain(name);
+        uses.entry(tail.clone().unwrap_or_else(|| name.clone())).or_default().insert(name);
+    }
+    let photographs = LazyCell::new(|| photographs(root));
+    let is_alone = |tail: &String| uses.get(tail).is_some_and(|names| names.len() == 1);
+    let replace = |(name, tail): (&mut &mut String, &Option<String>)| {
+        let is_there = |parts: &String| photographs.contains(&stem(Path::new(parts)));
+        let parts = || is_foreign(root, name, settings).then(|| relative(name)).filter(is_there);
+        let new = tail.clone().filter(is_alone).or_else(parts)?;
+        Some(std::mem::replace(*name, new))
+    };
+    images.iter_mut().zip(&found).map(replace).collect()
+}
+
+/// Whether a path is absolute, leads out of the folder `root`, and may not be followed there or leads nowhere.
+fn is_foreign(root: &Path, name: &str, settings: &DatasetSettings) -> bool {
+    let plain = names::plain(name);
+    let is_absolute = Path::new(&plain).is_absolute() || names::is_windows_absolute(name);
+    is_absolute && leaves(root, name) && !(settings.allow_outside && find_image(Path::new(&plain)).is_some())
+}
+
+/// An absolute path without its root and all above its last `..`.
+fn relative(name: &str) -> String {
+    let mut parts: Vec<&str> = name.rsplit(['/', '\\']).take_while(|part| *part != "..").collect();
+    parts.retain(|part| !(part.is_empty() || *part == "." || part.ends_with(':')));
+    parts.reverse();
+    parts.join("/")
+}
+
+/// The longest end of an absolute path of another machine at which there is a file inside the folder `root`.
+pub(crate) fn ending_inside(root: &Path, name: &str, settings: &DatasetSettings) -> Option<String> {
+    let whole = Some(relative(name)).filter(|_| is_foreign(root, name, settings))?;
+    let mut ends = std::iter::successors(Some(whole.as_str()), |end| Some(end.split_once('/')?.1));
+    ends.find(|end| !end.is_empty() && find_image(&root.join(end)).is_some()).map(str::to_owned)
 }
 
 /// Whether a path, joined to a folder, leaves it. Links are not checked: whoever may put files into

@@ -24,7 +24,7 @@ use super::{
     colmap::{ColmapModel, points_of},
     read::{
         Draft, Folders, IMAGE_FOLDERS, NamePart, Number, Parts, Place, WorldPoint, apply_lists, assemble, check_inside,
-        lists_in_files, parse, plain,
+        ending_inside, lists_in_files, localize, parse, plain,
     },
 };
 use crate::error::Error;
@@ -74,6 +74,9 @@ struct Transforms {
 #[derive(Debug, Deserialize)]
 struct Frame {
     file_path: String,
+    /// The path of another machine that stood for it.
+    #[serde(skip)]
+    written: Option<String>,
     transform_matrix: Option<Vec<Vec<Number>>>,
     mask_path: Option<String>,
     depth_file_path: Option<String>,
@@ -99,6 +102,7 @@ impl Frame {
         Ok(Draft {
             file: Some(PathBuf::from(&name)),
             name,
+            written: self.written.clone(),
             depth: depth.map(|path| DepthFile { path, unit: Some(DEPTH_UNIT) }),
             mask: self.mask_path.as_ref().and_then(|mask| folders.image(root, mask)),
             intrinsics: match self.is_bad {
@@ -121,6 +125,21 @@ fn rows(matrix: &[Vec<Number>]) -> Vec<Vec<f64>> {
 }
 
 impl Transforms {
+    /// Takes paths of another machine for those inside the folder.
+    fn localize(&mut self, root: &Path, settings: &DatasetSettings) {
+        let mut frames: Vec<&mut Frame> = self.frames.iter_mut().chain(&mut self.test_frames).collect();
+        let mut images: Vec<&mut String> = frames.iter_mut().map(|frame| &mut frame.file_path).collect();
+        let written = localize(root, &mut images, settings);
+        for (frame, written) in frames.into_iter().zip(written) {
+            frame.written = written;
+            let others = [&mut frame.mask_path, &mut frame.depth_file_path].into_iter().flatten();
+            others.for_each(|path| *path = ending_inside(root, path, settings).unwrap_or_else(|| std::mem::take(path)));
+        }
+        if let Some(path) = &mut self.ply_file_path {
+            *path = ending_inside(root, path, settings).unwrap_or_else(|| std::mem::take(path));
+        }
+    }
+
     fn check_inside(&self, root: &Path, path: &Path, settings: &DatasetSettings) -> Result<(), Error> {
         let frames = || self.frames.iter().chain(&self.test_frames);
         let images = frames().map(|frame| ("file_path", frame.file_path.as_str()));
@@ -171,7 +190,8 @@ pub(super) fn read_blender(root: &Path, settings: &DatasetSettings) -> Result<Da
         if !path.is_file() {
             continue;
         }
-        let file: Transforms = parse(&path)?;
+        let mut file: Transforms = parse(&path)?;
+        file.localize(root, settings);
         file.check_inside(root, &path, settings)?;
         let (of_file, missing) = file.drafts(root, &path, Some(split))?;
         drafts.extend(of_file);
@@ -191,6 +211,7 @@ pub(super) fn read_nerfstudio(root: &Path, path: &Path, settings: &DatasetSettin
     if file.has_mask == Some(false) {
         file.frames.iter_mut().chain(&mut file.test_frames).for_each(|frame| frame.mask_path = None);
     }
+    file.localize(root, settings);
     file.check_inside(root, path, settings)?;
     let (mut drafts, mut remarks) = file.drafts(root, path, None)?;
     let lists = [
