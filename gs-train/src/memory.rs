@@ -105,15 +105,7 @@ pub(crate) fn encoding_at_once((width, height): (u32, u32), most: u64) -> u64 {
 /// Memory for reading and processing a 3D scene from a file of this many bytes in this format,
 /// bytes.
 pub fn reading_3d(format: Format3d, file_bytes: u64) -> u64 {
-    // A Gaussian takes 56 bytes in memory, and 12 for each SH coefficient above degree 0, besides
-    // its bytes in the file.
-    let times = match format {
-        Format3d::Splat => 4,
-        Format3d::Spz | Format3d::Sog | Format3d::SogFolder => 14,
-        Format3d::Ksplat => 5,
-        _ => 3,
-    };
-    times * file_bytes
+    format.memory_per_byte() * file_bytes
 }
 
 /// Memory that training on images of this many pixels takes in any case.

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use gs_core::counted;
+use gs_core::{Scene3d, counted};
 
 use super::trained_with::TrainedWith;
 use crate::WorldFrame;
@@ -70,6 +70,14 @@ pub enum ConversionLoss {
     /// A node scales its Gaussians non-uniformly. Shapes are transformed exactly; the directions of
     /// colours follow its rotation only.
     Stretched,
+}
+
+impl ConversionLoss {
+    /// What finite logits in place of infinite ones change.
+    pub(super) fn of_infinite_logits(scene: &Scene3d) -> Option<Self> {
+        let gaussians = scene.opacity_logits.iter().filter(|logit| logit.is_infinite()).count();
+        (gaussians > 0).then_some(Self::InfiniteLogits { gaussians })
+    }
 }
 
 impl fmt::Display for ConversionLoss {

@@ -1,7 +1,5 @@
 //! The formats of files with 3D scenes.
 
-use std::fmt;
-
 /// A file format of 3D scenes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[non_exhaustive]
@@ -28,21 +26,4 @@ pub enum Format3d {
     /// A checkpoint of a training run, which [`read_checkpoint`](crate::read_checkpoint) reads
     /// instead of this module.
     Checkpoint,
-}
-
-impl fmt::Display for Format3d {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Ply => "3DGS PLY",
-            Self::CompressedPly => "compressed PLY",
-            Self::Splat => ".splat",
-            Self::Spz => "SPZ",
-            Self::Gltf => "glTF",
-            Self::Glb => "binary glTF",
-            Self::Sog => "SOG",
-            Self::SogFolder => "SOG in a folder",
-            Self::Ksplat => ".ksplat",
-            Self::Checkpoint => "checkpoint",
-        })
-    }
 }

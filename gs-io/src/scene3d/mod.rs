@@ -19,6 +19,7 @@
 mod conversion_loss;
 pub(crate) mod foreign;
 mod format;
+mod formats;
 mod gltf;
 mod ksplat;
 mod options;
@@ -44,10 +45,8 @@ pub use self::{
     values::Rounding,
 };
 use self::{
-    foreign::has_name,
-    gltf::GltfFile,
     source::Source,
-    values::{UnitRotations, finite_logit, transform},
+    values::{finite_logit, transform},
 };
 use crate::{
     WorldFrame,
@@ -58,74 +57,6 @@ use crate::{
 
 /// Bytes that are enough to recognise a file.
 const START_BYTES: usize = 64;
-
-impl Format3d {
-    /// The format of a file by its first bytes or else by its extension; `None` for another kind of
-    /// file.
-    pub fn recognise(start: &[u8], path: &Path) -> Option<Self> {
-        let has_ending = |ending: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending));
-        if start.starts_with(b"ply\n") || start.starts_with(b"ply\r\n") {
-            Some(Self::Ply)
-        } else if start.starts_with(b"NGSP") || start.starts_with(&[0x1f, 0x8b, 8]) {
-            Some(Self::Spz)
-        } else if sog::recognises_bundle(start) || (start.starts_with(b"PK") && has_ending("sog")) {
-            Some(Self::Sog)
-        } else if gltf::recognises(start) && has_name(path, sog::META) {
-            Some(Self::SogFolder)
-        } else if gltf::recognises(start) {
-            Some(if start.starts_with(b"glTF") { Self::Glb } else { Self::Gltf })
-        } else if has_ending("splat") {
-            Some(Self::Splat)
-        } else if has_ending("ksplat") {
-            Some(Self::Ksplat)
-        } else {
-            None
-        }
-    }
-
-    /// The format to write by a file's extension; `None` if there is none.
-    pub fn to_write(path: &Path) -> Option<Self> {
-        let name = path.file_name()?.to_string_lossy().to_lowercase();
-        if has_name(path, sog::META) {
-            return Some(Self::SogFolder);
-        }
-        let kinds = [
-            (".sog", Self::Sog),
-            (".ply", Self::Ply),
-            (".splat", Self::Splat),
-            (".spz", Self::Spz),
-            (".gltf", Self::Gltf),
-            (".glb", Self::Glb),
-        ];
-        kinds.into_iter().find(|(ending, _)| name.ends_with(ending) && !name.ends_with(".compressed.ply")).map(|k| k.1)
-    }
-
-    /// The further files that writing a scene of this degree to a path in this format makes.
-    pub fn beside(self, path: &Path, sh_degree: u8, options: &WriteOptions3d) -> Vec<PathBuf> {
-        match (self, options.gltf_buffer) {
-            (Self::Gltf, GltfBuffer::Beside) => vec![path.with_extension("bin")],
-            (Self::SogFolder, _) => sog::image_names(sh_degree).iter().map(|name| path.with_file_name(name)).collect(),
-            _ => Vec::new(),
-        }
-    }
-
-    /// Whether files have the frame of their scene.
-    fn stores_frame(self) -> bool {
-        matches!(self, Self::Ply | Self::Gltf | Self::Glb)
-    }
-
-    fn what(self) -> &'static str {
-        match self {
-            Self::Ply | Self::CompressedPly => "a PLY of Gaussians",
-            Self::Splat => "a .splat file",
-            Self::Spz => "an SPZ file",
-            Self::Gltf | Self::Glb => "a glTF of Gaussians",
-            Self::Sog | Self::SogFolder => "a SOG",
-            Self::Ksplat => "a .ksplat file",
-            Self::Checkpoint => "a checkpoint",
-        }
-    }
-}
 
 /// A scene with information about its file.
 #[derive(Debug, Clone, PartialEq)]
@@ -193,7 +124,7 @@ pub fn read_3d(path: impl AsRef<Path>) -> Result<File3d, Error> {
 /// The file with zero scales raised and infinite logits made finite, if all other values are finite.
 pub(crate) fn checked(mut file: File3d, path: &Path) -> Result<File3d, Error> {
     file.losses.extend(raise_zero_scales(&mut file.scene));
-    file.losses.extend(infinite_logits(&file.scene));
+    file.losses.extend(ConversionLoss::of_infinite_logits(&file.scene));
     file.scene.opacity_logits.iter_mut().for_each(|logit| *logit = finite_logit(*logit));
     file.scene.validate().map_err(Error::content(path))?;
     Ok(file)
@@ -205,11 +136,6 @@ fn raise_zero_scales(scene: &mut Scene3d) -> Option<ConversionLoss> {
     let raised = |scale: f32| if scale == f32::NEG_INFINITY { SMALLEST_LOG_SCALE } else { scale };
     zero.iter().for_each(|&index| scene.log_scales[index] = scene.log_scales[index].map(raised));
     (!zero.is_empty()).then_some(ConversionLoss::ZeroScales { gaussians: zero.len() })
-}
-
-fn infinite_logits(scene: &Scene3d) -> Option<ConversionLoss> {
-    let gaussians = scene.opacity_logits.iter().filter(|logit| logit.is_infinite()).count();
-    (gaussians > 0).then_some(ConversionLoss::InfiniteLogits { gaussians })
 }
 
 /// Reads a 3D scene as [`read_3d`] does, but allows values that are NaN or infinite, including
@@ -244,42 +170,15 @@ pub(crate) fn decode_recognised(bytes: &[u8], path: &Path) -> Result<File3d, Err
 /// [`Error::Expansion`] for a bomb, [`Error::Empty`] for no Gaussians, [`Error::NotA3dScene`] for a
 /// glTF of something else; for a glTF's buffer or a SOG's image those of opening it.
 pub fn decode_3d(format: Format3d, bytes: &[u8], path: &Path) -> Result<File3d, Error> {
-    let source = Source { path, what: format.what(), bytes };
-    let mut size = bytes.len() as u64;
-    let (mut picture, mut beside) = (None, Vec::new());
-    let (scene, format, losses, trained_with) = match format {
-        Format3d::Ply | Format3d::CompressedPly => {
-            let read = ply::read(&source)?;
-            picture = read.picture;
-            (read.scene, read.format, read.losses, read.trained_with)
-        }
-        Format3d::Splat => (splat::read(&source)?, format, Vec::new(), TrainedWith::default()),
-        Format3d::Spz => {
-            let (scene, losses, trained_with) = spz::read(&source)?;
-            (scene, format, losses, trained_with)
-        }
-        Format3d::Gltf | Format3d::Glb => {
-            let gltf::Read { scene, losses, trained_with, files } = gltf::read(&source)?;
-            size = files.values().fold(size, |sum, bytes| sum.saturating_add(*bytes));
-            beside = files.into_keys().collect();
-            (scene, format, losses, trained_with)
-        }
-        Format3d::Sog | Format3d::SogFolder => {
-            let sog::Read { scene, trained_with, files } = sog::read(&source)?;
-            size = files.values().fold(size, |sum, bytes| sum.saturating_add(*bytes));
-            beside = files.into_keys().collect();
-            (scene, format, Vec::new(), trained_with)
-        }
-        Format3d::Ksplat => (ksplat::read(&source)?, format, Vec::new(), TrainedWith::default()),
-        Format3d::Checkpoint => {
-            let found = "a checkpoint".to_owned();
-            return Err(Error::NotA3dScene { path: path.to_owned(), found });
-        }
-    };
+    let row = format.row();
+    let formats::Decoded { scene, format, losses, trained_with, files, picture } =
+        (row.read)(&Source { path, what: row.what, bytes })?;
     if scene.is_empty() {
         return Err(Error::Empty { path: path.to_owned() });
     }
-    Ok(File3d { scene, format, bytes: size, beside, losses, trained_with, settings: None, picture })
+    let bytes = files.iter().fold(bytes.len() as u64, |sum, (_, bytes)| sum.saturating_add(*bytes));
+    let beside = files.into_iter().map(|(path, _)| path).collect();
+    Ok(File3d { scene, format, bytes, beside, losses, trained_with, settings: None, picture })
 }
 
 /// The result of writing a scene.
@@ -308,9 +207,9 @@ pub fn write_3d(path: impl AsRef<Path>, scene: &Scene3d, options: &WriteOptions3
     let path = path.as_ref();
     if Format3d::to_write(path) == Some(Format3d::Ply) {
         check_writable(path, scene)?;
-        let (comments, world) = ply_comments(options);
+        let (comments, world) = formats::ply_comments(options);
         write_durably(path, |file| ply::write(scene, &comments, world, file))?;
-        let losses = infinite_logits(scene).into_iter().collect();
+        let losses = ConversionLoss::of_infinite_logits(scene).into_iter().collect();
         return Ok(Written3d { format: Format3d::Ply, losses, beside: Vec::new(), order: None });
     }
     let Encoded3d { bytes, beside, written } = encode_3d(path, scene, options)?;
@@ -338,13 +237,6 @@ fn check_writable(path: &Path, scene: &Scene3d) -> Result<(), Error> {
     if scene.is_empty() { Err(Error::Empty { path: path.to_owned() }) } else { Ok(()) }
 }
 
-/// The comments of a PLY, and the frame from which it leads to the world, if it must.
-fn ply_comments(options: &WriteOptions3d) -> (Vec<String>, Option<WorldFrame>) {
-    let world = options.world();
-    let frame = if world.is_some() { WorldFrame::WORLD } else { options.trained_with.frame };
-    (options.trained_with.with(|s| s.frame = frame).comments(), world)
-}
-
 /// The scene in coordinates of the world, for a format of 32-bit numbers.
 fn in_world(path: &Path, scene: &Scene3d, frame: &WorldFrame) -> Result<Scene3d, Error> {
     if frame.origin != DVec3::ZERO {
@@ -367,46 +259,14 @@ pub fn encode_3d(path: impl AsRef<Path>, scene: &Scene3d, options: &WriteOptions
     };
     check_writable(path, scene)?;
     range::check(path, format, scene, options)?;
-    if let Some(frame) = options.world().filter(|_| !format.stores_frame()) {
+    if let Some(frame) = options.world().filter(|_| !format.row().stores_frame) {
         return encode_3d(
             path,
             &in_world(path, scene, &frame)?,
             &options.with(|s| s.trained_with.frame = WorldFrame::WORLD),
         );
     }
-    let mut order = None;
-    let mut beside = Vec::new();
-    let rotations = || UnitRotations::new(scene, path);
-    let (bytes, losses) = match format {
-        Format3d::Ply => {
-            let mut bytes = Vec::new();
-            let (comments, world) = ply_comments(options);
-            ply::write(scene, &comments, world, &mut bytes).map_err(|source| Error::write(path, source))?;
-            (bytes, infinite_logits(scene).into_iter().collect())
-        }
-        Format3d::Spz => spz::encode(path, scene, &rotations()?, options)?,
-        Format3d::Gltf | Format3d::Glb => {
-            let kind = if format == Format3d::Glb { GltfFile::Binary } else { GltfFile::Text(options.gltf_buffer) };
-            let encoded = gltf::encode(path, scene, &rotations()?, options, kind)?;
-            beside.extend(encoded.beside.map(|buffer| (path.with_extension("bin"), buffer)));
-            (encoded.file, encoded.losses)
-        }
-        Format3d::Sog | Format3d::SogFolder => {
-            let sog::Encoded { mut files, losses, order: sorted } =
-                sog::encode(path, scene, &rotations()?, &options.trained_with)?;
-            order = Some(sorted);
-            if format == Format3d::Sog {
-                // Readers of streams need the description first.
-                files.rotate_right(1);
-                (sog::bundled(&files).map_err(|source| Error::write(path, source))?, losses)
-            } else {
-                let meta = files.pop().map(|(_, bytes)| bytes).unwrap_or_default();
-                beside.extend(files.into_iter().map(|(name, bytes)| (path.with_file_name(name), bytes)));
-                (meta, losses)
-            }
-        }
-        _ => splat::encode(scene, &rotations()?, &options.trained_with),
-    };
+    let formats::Encoding { bytes, losses, beside, order } = (format.row().encode)(path, scene, options)?;
     let written = Written3d { format, losses, beside: beside.iter().map(|(path, _)| path.clone()).collect(), order };
     Ok(Encoded3d { bytes, beside, written })
 }

@@ -11,14 +11,9 @@ impl Format3d {
     /// Indices of the Gaussians whose means a file of this format cannot hold, ascending: beyond ±8,388,607
     /// units in SPZ, or infinite in 32 bits once they are in the coordinates of the file.
     pub fn cannot_hold(self, scene: &Scene3d, options: &WriteOptions3d) -> Vec<usize> {
-        let unit = options.world().filter(|_| !self.stores_frame()).map_or(1.0, |frame| frame.unit);
-        let is_beyond = |&i: &usize| (distance(scene, i) * unit).round() > self.largest();
+        let unit = options.world().filter(|_| !self.row().stores_frame).map_or(1.0, |frame| frame.unit);
+        let is_beyond = |&i: &usize| (distance(scene, i) * unit).round() > self.row().largest;
         (0..scene.means.len()).filter(is_beyond).collect()
-    }
-
-    /// Largest coordinate in a file.
-    fn largest(self) -> f64 {
-        if self == Self::Spz { f64::from((1 << 23) - 1) } else { f32::MAX.into() }
     }
 }
 
@@ -38,7 +33,7 @@ pub(super) fn check(path: &Path, format: Format3d, scene: &Scene3d, options: &Wr
     let Some(&first) = beyond.first() else { return Ok(()) };
     let others = beyond.len() - 1;
     let others = if others > 0 { format!(" and {}", counted(others, "other")) } else { String::new() };
-    let (place, largest) = (distance(scene, first) as f32, format.largest());
+    let (place, largest) = (distance(scene, first) as f32, format.row().largest);
     Err(Error::Unsupported {
         path: path.to_owned(),
         what: format!("a coordinate of ±{place:e} (Gaussian {first}{others}), beyond ±{largest} units,"),

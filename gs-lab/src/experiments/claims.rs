@@ -172,8 +172,7 @@ mod lazy {
 
     #[test]
     fn claims() {
-        let measured =
-            lazy_convergence::measure(&mut Laboratory::new(&cpu(), ExperimentSize::Quick, &mut ())).unwrap();
+        let measured = lazy_convergence::measure(&mut Laboratory::new(&cpu(), ExperimentSize::Quick, &mut ())).unwrap();
         check_claims(
             &measured,
             &measured.findings(),

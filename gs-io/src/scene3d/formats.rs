@@ -1,0 +1,297 @@
+//! The table of formats: all that the rest of the crate knows of one is in its row.
+
+use std::path::{Path, PathBuf};
+
+use gs_core::Scene3d;
+
+use super::{
+    Format3d,
+    conversion_loss::ConversionLoss,
+    foreign::has_name,
+    gltf::{self, GltfFile},
+    ksplat,
+    options::{GltfBuffer, WriteOptions3d},
+    ply, sog,
+    source::Source,
+    splat, spz,
+    trained_with::TrainedWith,
+    values::UnitRotations,
+};
+use crate::{WorldFrame, error::Error};
+
+/// A format.
+pub(super) struct Row {
+    pub(super) format: Format3d,
+    /// Its name.
+    pub(super) name: &'static str,
+    /// A file of the format in messages, with an article.
+    pub(super) what: &'static str,
+    /// The end of the names of files that are written in the format; of a format that is only read, none.
+    pub(super) ending: Option<&'static str>,
+    /// Whether a file is of the format, by its first bytes and its path.
+    recognises: fn(&[u8], &Path) -> bool,
+    pub(super) read: fn(&Source<'_>) -> Result<Decoded, Error>,
+    pub(super) encode: fn(&Path, &Scene3d, &WriteOptions3d) -> Result<Encoding, Error>,
+    /// The further files that writing a scene of an SH degree to a path makes.
+    pub(super) beside: fn(&Path, u8, &WriteOptions3d) -> Vec<PathBuf>,
+    /// Whether files have the frame of their scene.
+    pub(super) stores_frame: bool,
+    /// Largest coordinate in a file.
+    pub(super) largest: f64,
+    /// Bytes of memory that reading takes for each byte of a file. A Gaussian takes 56 in memory, and
+    /// 12 for each SH coefficient above degree 0, besides its bytes in the file.
+    pub(super) memory: u64,
+}
+
+/// What a format's reader has found.
+pub(super) struct Decoded {
+    pub(super) scene: Scene3d,
+    /// That of the table, or a more exact one.
+    pub(super) format: Format3d,
+    pub(super) losses: Vec<ConversionLoss>,
+    pub(super) trained_with: TrainedWith,
+    /// Further files with their sizes, bytes.
+    pub(super) files: Vec<(PathBuf, u64)>,
+    /// Columns and rows of the picture that the scene shows.
+    pub(super) picture: Option<(u32, u32)>,
+}
+
+/// What a format's writer has made.
+pub(super) struct Encoding {
+    pub(super) bytes: Vec<u8>,
+    pub(super) losses: Vec<ConversionLoss>,
+    /// The further files.
+    pub(super) beside: Vec<(PathBuf, Vec<u8>)>,
+    /// The number in the scene of each Gaussian in the file, where the format sorts them.
+    pub(super) order: Option<Vec<u32>>,
+}
+
+/// All formats. The first that recognises a file is its format.
+const FORMATS: &[Row] = &[
+    Row {
+        format: Format3d::Ply,
+        name: "3DGS PLY",
+        what: "a PLY of Gaussians",
+        ending: Some(".ply"),
+        recognises: |start, _| start.starts_with(b"ply\n") || start.starts_with(b"ply\r\n"),
+        read: read_ply,
+        encode: encode_ply,
+        stores_frame: true,
+        ..ROW
+    },
+    // The reader of PLY tells it apart.
+    Row { format: Format3d::CompressedPly, name: "compressed PLY", what: "a PLY of Gaussians", read: read_ply, ..ROW },
+    Row {
+        format: Format3d::Spz,
+        name: "SPZ",
+        what: "an SPZ file",
+        ending: Some(".spz"),
+        recognises: |start, _| start.starts_with(b"NGSP") || start.starts_with(&[0x1f, 0x8b, 8]),
+        read: |source| {
+            let (scene, losses, trained_with) = spz::read(source)?;
+            Ok(Decoded { losses, trained_with, ..Decoded::of(Format3d::Spz, scene) })
+        },
+        encode: |path, scene, options| {
+            Ok(Encoding::of(spz::encode(path, scene, &UnitRotations::new(scene, path)?, options)?))
+        },
+        largest: ((1 << 23) - 1) as f64,
+        memory: 14,
+        ..ROW
+    },
+    Row {
+        format: Format3d::Sog,
+        name: "SOG",
+        what: "a SOG",
+        ending: Some(".sog"),
+        recognises: |start, path| {
+            sog::recognises_bundle(start) || (start.starts_with(b"PK") && has_ending(path, "sog"))
+        },
+        read: |source| read_sog(source, Format3d::Sog),
+        encode: |path, scene, options| {
+            let rotations = UnitRotations::new(scene, path)?;
+            let sog::Encoded { mut files, losses, order } =
+                sog::encode(path, scene, &rotations, &options.trained_with)?;
+            // Readers of streams need the description first.
+            files.rotate_right(1);
+            let bytes = sog::bundled(&files).map_err(|source| Error::write(path, source))?;
+            Ok(Encoding { order: Some(order), ..Encoding::of((bytes, losses)) })
+        },
+        memory: 14,
+        ..ROW
+    },
+    Row {
+        format: Format3d::SogFolder,
+        name: "SOG in a folder",
+        what: "a SOG",
+        ending: Some(sog::META),
+        recognises: |start, path| gltf::recognises(start) && has_name(path, sog::META),
+        read: |source| read_sog(source, Format3d::SogFolder),
+        encode: |path, scene, options| {
+            let rotations = UnitRotations::new(scene, path)?;
+            let sog::Encoded { mut files, losses, order } =
+                sog::encode(path, scene, &rotations, &options.trained_with)?;
+            let meta = files.pop().map(|(_, bytes)| bytes).unwrap_or_default();
+            let beside = files.into_iter().map(|(name, bytes)| (path.with_file_name(name), bytes)).collect();
+            Ok(Encoding { order: Some(order), beside, ..Encoding::of((meta, losses)) })
+        },
+        beside: |path, sh_degree, _| sog::image_names(sh_degree).iter().map(|name| path.with_file_name(name)).collect(),
+        memory: 14,
+        ..ROW
+    },
+    Row {
+        format: Format3d::Glb,
+        name: "binary glTF",
+        what: "a glTF of Gaussians",
+        ending: Some(".glb"),
+        recognises: |start, _| start.starts_with(b"glTF"),
+        read: |source| read_gltf(source, Format3d::Glb),
+        encode: |path, scene, options| encode_gltf(path, scene, options, GltfFile::Binary),
+        stores_frame: true,
+        ..ROW
+    },
+    Row {
+        format: Format3d::Gltf,
+        name: "glTF",
+        what: "a glTF of Gaussians",
+        ending: Some(".gltf"),
+        recognises: |start, _| gltf::recognises(start),
+        read: |source| read_gltf(source, Format3d::Gltf),
+        encode: |path, scene, options| encode_gltf(path, scene, options, GltfFile::Text(options.gltf_buffer)),
+        beside: |path, _, options| match options.gltf_buffer {
+            GltfBuffer::Beside => vec![path.with_extension("bin")],
+            GltfBuffer::Inside => Vec::new(),
+        },
+        stores_frame: true,
+        ..ROW
+    },
+    Row {
+        format: Format3d::Splat,
+        name: ".splat",
+        what: "a .splat file",
+        ending: Some(".splat"),
+        recognises: |_, path| has_ending(path, "splat"),
+        read: |source| Ok(Decoded::of(Format3d::Splat, splat::read(source)?)),
+        encode: |path, scene, options| {
+            Ok(Encoding::of(splat::encode(scene, &UnitRotations::new(scene, path)?, &options.trained_with)))
+        },
+        memory: 4,
+        ..ROW
+    },
+    Row {
+        format: Format3d::Ksplat,
+        name: ".ksplat",
+        what: "a .ksplat file",
+        recognises: |_, path| has_ending(path, "ksplat"),
+        read: |source| Ok(Decoded::of(Format3d::Ksplat, ksplat::read(source)?)),
+        memory: 5,
+        ..ROW
+    },
+    ROW,
+];
+
+/// What most formats have, and the row of checkpoints, which this module does not read.
+const ROW: Row = Row {
+    format: Format3d::Checkpoint,
+    name: "checkpoint",
+    what: "a checkpoint",
+    ending: None,
+    recognises: |_, _| false,
+    read: |source| Err(Error::NotA3dScene { path: source.path.to_owned(), found: "a checkpoint".to_owned() }),
+    encode: |path, _, _| Err(Error::UnknownEnding { path: path.to_owned() }),
+    beside: |_, _, _| Vec::new(),
+    stores_frame: false,
+    largest: f32::MAX as f64,
+    memory: 3,
+};
+
+impl Format3d {
+    pub(super) fn row(self) -> &'static Row {
+        FORMATS.iter().find(|row| row.format == self).expect("every format has a row")
+    }
+
+    /// The format of a file by its first bytes or else by its extension; `None` for another kind of
+    /// file.
+    pub fn recognise(start: &[u8], path: &Path) -> Option<Self> {
+        FORMATS.iter().find(|row| (row.recognises)(start, path)).map(|row| row.format)
+    }
+
+    /// The format to write by a file's extension; `None` if there is none.
+    pub fn to_write(path: &Path) -> Option<Self> {
+        let name = path.file_name()?.to_string_lossy().to_lowercase();
+        let is_of = |ending: &str| match ending.starts_with('.') {
+            true => name.ends_with(ending) && !name.ends_with(".compressed.ply"),
+            false => has_name(path, ending),
+        };
+        FORMATS.iter().find(|row| row.ending.is_some_and(is_of)).map(|row| row.format)
+    }
+
+    /// The further files that writing a scene of this degree to a path in this format makes.
+    pub fn beside(self, path: &Path, sh_degree: u8, options: &WriteOptions3d) -> Vec<PathBuf> {
+        (self.row().beside)(path, sh_degree, options)
+    }
+
+    /// Bytes of memory that reading a file takes for each of the file's bytes.
+    pub fn memory_per_byte(self) -> u64 {
+        self.row().memory
+    }
+}
+
+impl std::fmt::Display for Format3d {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.row().name)
+    }
+}
+
+impl Decoded {
+    /// A scene of which nothing else is known.
+    fn of(format: Format3d, scene: Scene3d) -> Self {
+        let trained_with = TrainedWith::default();
+        Self { scene, format, losses: Vec::new(), trained_with, files: Vec::new(), picture: None }
+    }
+}
+
+impl Encoding {
+    /// A single file.
+    fn of((bytes, losses): (Vec<u8>, Vec<ConversionLoss>)) -> Self {
+        Self { bytes, losses, beside: Vec::new(), order: None }
+    }
+}
+
+fn has_ending(path: &Path, ending: &str) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending))
+}
+
+fn read_ply(source: &Source<'_>) -> Result<Decoded, Error> {
+    let ply::Read { scene, format, losses, trained_with, picture } = ply::read(source)?;
+    Ok(Decoded { losses, trained_with, picture, ..Decoded::of(format, scene) })
+}
+
+/// The comments of a PLY, and the frame from which it leads to the world, if it must.
+pub(super) fn ply_comments(options: &WriteOptions3d) -> (Vec<String>, Option<WorldFrame>) {
+    let world = options.world();
+    let frame = if world.is_some() { WorldFrame::WORLD } else { options.trained_with.frame };
+    (options.trained_with.with(|s| s.frame = frame).comments(), world)
+}
+
+fn encode_ply(path: &Path, scene: &Scene3d, options: &WriteOptions3d) -> Result<Encoding, Error> {
+    let mut bytes = Vec::new();
+    let (comments, world) = ply_comments(options);
+    ply::write(scene, &comments, world, &mut bytes).map_err(|source| Error::write(path, source))?;
+    Ok(Encoding::of((bytes, ConversionLoss::of_infinite_logits(scene).into_iter().collect())))
+}
+
+fn read_gltf(source: &Source<'_>, format: Format3d) -> Result<Decoded, Error> {
+    let gltf::Read { scene, losses, trained_with, files } = gltf::read(source)?;
+    Ok(Decoded { losses, trained_with, files: files.into_iter().collect(), ..Decoded::of(format, scene) })
+}
+
+fn encode_gltf(path: &Path, scene: &Scene3d, options: &WriteOptions3d, kind: GltfFile) -> Result<Encoding, Error> {
+    let encoded = gltf::encode(path, scene, &UnitRotations::new(scene, path)?, options, kind)?;
+    let beside = encoded.beside.map(|buffer| (path.with_extension("bin"), buffer)).into_iter().collect();
+    Ok(Encoding { beside, ..Encoding::of((encoded.file, encoded.losses)) })
+}
+
+fn read_sog(source: &Source<'_>, format: Format3d) -> Result<Decoded, Error> {
+    let sog::Read { scene, trained_with, files } = sog::read(source)?;
+    Ok(Decoded { trained_with, files: files.into_iter().collect(), ..Decoded::of(format, scene) })
+}
