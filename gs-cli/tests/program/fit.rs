@@ -451,7 +451,7 @@ fn lost_gaussians_are_reported_during_the_fit_and_at_its_end() {
     let settings = place.path().join("wild.toml");
     // In the covariance factor no step is so long. A fit that went back to its first Gaussians
     // would have lost none of them.
-    let wild = "gaussians = 20\niterations = 30\nrecovery = \"never\"\nchart = \"scale-rotation\"\n[adam.mean]\nlearning-rate = 2e38\n";
+    let wild = "gaussians = 20\niterations = 30\nrecovery = \"never\"\nparameterization = \"scale-rotation\"\n[adam.mean]\nlearning-rate = 2e38\n";
     fs::write(&settings, wild).unwrap();
     let words =
         ["fit", image.to_str().unwrap(), "-o", output.to_str().unwrap(), "--settings", settings.to_str().unwrap()];
