@@ -237,6 +237,9 @@ fn a_test_frame_that_is_also_a_training_frame_is_held_out() {
     assert!(dataset.remarks.contains(&Remark::ListedTwice { count: 2, first: "images/1.png".to_owned() }));
     let replaced = DatasetSettings::default().with(|s| s.replace_split = true);
     assert_eq!(read_dataset(place.path(), &replaced).unwrap().views.len(), 4);
+    // So is one by its path on another machine.
+    listed(place.path(), 4, json!({"test_frames": [frame("/home/x/images/1.png")]}));
+    assert_eq!(counts(&read(place.path())), [3, 0, 1]);
 
     let place = folder();
     blender(place.path(), &[("train", 4, true)]);

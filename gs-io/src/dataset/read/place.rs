@@ -100,9 +100,8 @@ pub(crate) fn check_inside<'n>(
 pub(crate) fn localize(root: &Path, images: &mut [&mut String], settings: &DatasetSettings) -> Vec<Option<String>> {
     let found: Vec<Option<String>> = images.iter().map(|name| ending_inside(root, name, settings)).collect();
     let mut uses: HashMap<String, HashSet<String>> = HashMap::new();
-    for (tail, name) in found.iter().zip(&*images) {
-        let name = names::plain(name);
-        uses.entry(tail.clone().unwrap_or_else(|| name.clone())).or_default().insert(name);
+    for (tail, name) in found.iter().zip(&*images).filter_map(|(tail, name)| Some((tail.clone()?, name))) {
+        uses.entry(tail).or_default().insert(names::plain(name));
     }
     let photographs = LazyCell::new(|| photographs(root));
     let is_alone = |tail: &String| uses.get(tail).is_some_and(|names| names.len() == 1);
