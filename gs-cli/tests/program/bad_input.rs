@@ -172,7 +172,7 @@ fn an_error_about_a_number_names_its_range() {
         (&["train", "x", "--max-size", "0"], "'--max-size <PX>': must be at least 1 px, such as 1600, or none"),
         (&["study", "replay", "x", "1", "--threads", "-1"], "must be from 1 to 1024"),
         (&["frontier", "x", "--max-error", "-1"], "write a positive number"),
-        (&["train", "x", "--policy", "residual"], "invalid value 'residual' for '--policy <POLICY>'"),
+        (&["train", "x", "--policy", "residual"], "--policy residual is a policy for images, which gs fit takes"),
     ] {
         let run = gs(words);
         assert!(run.refusal().contains(expected) && run.status == Some(2), "{words:?}: {run:?}");

@@ -372,7 +372,7 @@ fn what_cannot_be_shown_or_trained_is_refused_in_one_line() {
         (&["render", scene, "-o", out, "--path", text(&path)], "path.json"),
         (&["render", scene, "-o", out, "--region", "0,0,4,4"], "--region is for 2D scenes"),
         (&["render", scene, "-o", out, "--up", "w"], "write x, y, z"),
-        (&["train", dataset, "-o", out, "--policy", "residual"], "invalid value 'residual'"),
+        (&["train", dataset, "-o", out, "--policy", "residual"], "residual is a policy for images"),
         (&["train", dataset, "-o", out, "--start", "points"], "for a data set without points"),
         (&["train", dataset, "-o", out, "--start", "depths"], "for a data set without depth maps"),
         (&["train", dataset, "-o", out, "--coarse", "3"], "2, 4 or 8"),
