@@ -87,6 +87,10 @@ impl JobStore for FolderStore {
         let path = self.file(name);
         let folder = path.parent().unwrap_or(&self.path);
         let mut written = || {
+            if !folder.is_dir() {
+                let what = format!("there is no folder {}", folder.display());
+                return Err(io::Error::new(ErrorKind::NotFound, what));
+            }
             let mut file = tempfile::Builder::new().prefix(".gs-").suffix(".tmp").tempfile_in(folder)?;
             let mut buffered = BufWriter::new(file.as_file_mut());
             content(&mut buffered)?;
