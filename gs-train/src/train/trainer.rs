@@ -56,7 +56,8 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
         }
         let (budget, degree) = (settings.gaussians as usize, settings.render.effects.sh_degree);
         let scene = start.scene(&cameras, &settings.init, budget, degree, &mut random(settings.seed, 0))?;
-        if !scene.means.iter().any(|&mean| cameras.iter().any(|camera| sees(camera, mean))) {
+        let mut gaussians = scene.means.iter().zip(&scene.log_scales);
+        if !gaussians.any(|(mean, scales)| cameras.iter().any(|camera| sees(camera, *mean, scales.max_element()))) {
             return Err(Error::NothingInView { gaussians: scene.len(), views: cameras.len() });
         }
         let extent = *settings.extent.get_or_insert_with(|| extent_of(&cameras, &scene.means));
@@ -165,9 +166,16 @@ fn for_evidence(views: Views, settings: &TrainSettings) -> Result<Views, Error> 
     }
 }
 
-fn sees(camera: &Camera, mean: glam::Vec3) -> bool {
+/// Smallest size of a Gaussian in a view that sees it, px: those of a scene in the coordinates of
+/// another data set may be thousands of kilometres away.
+const SMALLEST_PX: f32 = 1e-4;
+
+fn sees(camera: &Camera, mean: glam::Vec3, log_scale: f32) -> bool {
     let size = glam::Vec2::new(camera.width as f32, camera.height as f32);
-    camera.project(mean).is_some_and(|(at, _)| at.cmpge(glam::Vec2::ZERO).all() && at.cmple(size).all())
+    camera.project(mean).is_some_and(|(at, depth)| {
+        let is_inside = at.cmpge(glam::Vec2::ZERO).all() && at.cmple(size).all();
+        is_inside && camera.focal.max_element() * log_scale.exp() >= SMALLEST_PX * depth
+    })
 }
 
 /// Identifies the views by names, cameras, roles and which pixels count. Their images have

@@ -62,7 +62,7 @@ fn a_missed_budget_is_reported_with_the_reason() {
          turn the initial 20 into 25; the budget takes 18 rounds (more steps), or 52 initial Gaussians"
     );
     assert_eq!(shortfall("none", 42).unwrap().reason, "policy `none` adds no Gaussians");
-    assert_eq!(shortfall("absolute", 5).unwrap().reason, "no round of density control was left to add any");
+    assert_eq!(shortfall("absolute", 5).unwrap().reason, "the run was too short for a round of density control");
     assert_eq!(shortfall("residual", 42), None);
 }
 

@@ -217,10 +217,11 @@ fn a_checkpoint_of_other_views_or_of_an_image_is_refused() {
     let refused = Trainer3d::resume_views(&rasterizer, changed(views(&rasterizer), replaced), checkpoint.clone());
     let Err(Error::OtherImages { count: 1, first }) = refused else { panic!("{refused:?}") };
     assert_eq!(first, "view-03");
-    // One of an earlier version has no checksums.
-    let mut earlier = checkpoint.clone();
-    earlier.metadata.remove("image-digests").unwrap();
-    Trainer3d::resume_views(&rasterizer, changed(views(&rasterizer), replaced), earlier).unwrap();
+    // Without checksums, images could not be compared.
+    let mut without = checkpoint.clone();
+    without.metadata.remove("image-digests").unwrap();
+    let refused = Trainer3d::resume_views(&rasterizer, views(&rasterizer), without).unwrap_err();
+    assert!(matches!(&refused, Error::Checkpoint(text) if text.contains("image-digests")), "{refused}");
     let mut flat = checkpoint;
     flat.metadata.insert("format".to_owned(), "fit-2d-1".to_owned());
     let refused = Trainer3d::resume_views(&rasterizer, views(&rasterizer), flat).unwrap_err();
@@ -288,6 +289,12 @@ fn views_that_see_nothing_and_steps_that_are_over_are_errors() {
     let rasterizer = rasterizer();
     let behind = Start::Points(vec![Point { position: glam::Vec3::new(0.0, 0.0, 1e3), color: [0.5; 3] }]);
     let refused = Trainer3d::from_views(&rasterizer, views(&rasterizer), behind, short(20)).block_on().unwrap_err();
+    assert!(matches!(refused, Error::NothingInView { .. }), "{refused}");
+    // The coordinates of another data set: in front of some view, and too far away to be seen.
+    let mut elsewhere = thirty();
+    elsewhere.means.iter_mut().for_each(|mean| *mean += glam::Vec3::new(4.5e6, 4.5e6, 4.5e6));
+    let start = Start::Scene(elsewhere);
+    let refused = Trainer3d::from_views(&rasterizer, views(&rasterizer), start, short(20)).block_on().unwrap_err();
     assert!(matches!(refused, Error::NothingInView { .. }), "{refused}");
     let none = Views::new(Vec::new(), Vec::new());
     let refused = Trainer3d::from_views(&rasterizer, none, Start::Random, short(20)).block_on().unwrap_err();
