@@ -18,7 +18,7 @@ use crate::error::Error;
 /// `gs render --settings` and `gs fit --settings` take.
 ///
 /// ```
-/// use gs_lab::frontier::FrontierSettings;
+/// use gs_lab::price::frontier::FrontierSettings;
 ///
 /// let text = "[accuracy]\nalpha-cut = 0.001\n[machine]\nflags = ['--backend', 'cpu']\n";
 /// let settings = FrontierSettings::from_toml(text, "settings.toml".as_ref())?;
