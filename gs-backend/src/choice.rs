@@ -8,17 +8,18 @@ use gs_wgpu::{WgpuRasterizer, WgpuSettings};
 
 use crate::{AnyRasterizer, threads::Threads};
 
-/// Which backend is wanted.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[non_exhaustive]
-pub enum Wanted {
-    /// A suitable GPU if there is one, otherwise the CPU.
-    #[default]
-    Fastest,
-    /// The CPU.
-    Cpu,
-    /// The adapter that [`WgpuSettings`](gs_wgpu::WgpuSettings) name, or the first.
-    Wgpu,
+gs_core::choices! {
+    /// Which backend is wanted.
+    #[derive(Default)]
+    pub enum Wanted {
+        /// A suitable GPU if there is one, otherwise the CPU.
+        #[default]
+        Fastest = "auto": "A GPU if this machine has one, otherwise the CPU",
+        /// The CPU.
+        Cpu = "cpu": "The CPU, with all its cores and its widest SIMD level",
+        /// The adapter that [`WgpuSettings`](gs_wgpu::WgpuSettings) name, or the first.
+        Wgpu = "wgpu": "Any GPU through Vulkan, Metal or DirectX 12, or a software driver",
+    }
 }
 
 /// A request for a backend.

@@ -1,6 +1,6 @@
 //! The flags that choose a backend, and what they mean.
 
-use clap::{Args, Parser, ValueEnum, builder::NonEmptyStringValueParser};
+use clap::{Args, Parser, builder::NonEmptyStringValueParser};
 use gs_backend::{
     AnyRasterizer, Chosen, FutureExt as _, Request, Wanted, can_render_2d, can_train_3d, host_threads, open_for,
 };
@@ -9,27 +9,18 @@ use gs_cpu::{CpuRasterizer, CpuSettings, CpuTuning, SimdLevel};
 use gs_lab::study::Machine;
 use gs_wgpu::{Kernels, WgpuSettings};
 
-use crate::{failure::Failure, values::whole};
-
-/// Which backend to use.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
-pub(crate) enum Choice {
-    /// A GPU if this machine has one, otherwise the CPU
-    #[default]
-    Auto,
-    /// The CPU, with all its cores and its widest SIMD level
-    Cpu,
-    /// Any GPU through Vulkan, Metal or DirectX 12, or a software driver
-    Wgpu,
-}
+use crate::{
+    failure::Failure,
+    values::{by_name, whole},
+};
 
 /// The flags of every command that computes.
 #[derive(Debug, Clone, Default, Args)]
 #[command(next_help_heading = "Machine")]
 pub(crate) struct BackendArgs {
     /// The backend that computes: the CPU, or a GPU through wgpu
-    #[arg(long, value_enum, default_value_t)]
-    pub(crate) backend: Choice,
+    #[arg(long, value_parser = by_name::<Wanted>(), default_value_t)]
+    pub(crate) backend: Wanted,
     /// The GPU, by a part of its name, for the wgpu backend; gs info --adapters lists them
     /// [default: the fastest kind]
     #[arg(long, value_name = "NAME", value_parser = NonEmptyStringValueParser::new())]
@@ -103,7 +94,7 @@ impl BackendArgs {
 
     /// Whether no flag chooses a backend.
     pub(crate) fn is_open(&self) -> bool {
-        self.backend == Choice::Auto && self.adapter.is_none() && self.simd.is_none()
+        self.backend == Wanted::Fastest && self.adapter.is_none() && self.simd.is_none()
     }
 
     /// Parses flags that were recorded in a file.
@@ -117,25 +108,24 @@ impl BackendArgs {
     pub(crate) fn request(&self) -> Result<Request, Failure> {
         let Self { backend, adapter, simd, threads, tuning, kernels } = self;
         let (wanted, why) = match (backend, adapter.as_deref(), simd.as_deref()) {
-            (Choice::Cpu, Some(name), _) => {
+            (Wanted::Cpu, Some(name), _) => {
                 return Err(contradiction(&format!(
                     "--adapter {name} is for --backend wgpu, but --backend cpu is given"
                 )));
             }
-            (Choice::Wgpu, _, Some(level)) => {
+            (Wanted::Wgpu, _, Some(level)) => {
                 return Err(contradiction(&format!(
                     "--simd {level} is for --backend cpu, but --backend wgpu is given"
                 )));
             }
-            (Choice::Auto, Some(name), Some(level)) => {
+            (Wanted::Fastest, Some(name), Some(level)) => {
                 return Err(contradiction(&format!(
                     "--simd {level} is for --backend cpu, and --adapter {name} for --backend wgpu"
                 )));
             }
-            (Choice::Auto, None, None) => (Wanted::Fastest, None),
-            (Choice::Auto, None, Some(_)) => (Wanted::Cpu, Some("as --simd asks")),
-            (Choice::Cpu, None, _) => (Wanted::Cpu, None),
-            (Choice::Wgpu, _, None) | (Choice::Auto, Some(_), None) => (Wanted::Wgpu, None),
+            (Wanted::Fastest, None, Some(_)) => (Wanted::Cpu, Some("as --simd asks")),
+            (Wanted::Fastest, Some(_), None) => (Wanted::Wgpu, None),
+            (wanted, ..) => (*wanted, None),
         };
         let wgpu = WgpuSettings::default().with(|s| {
             s.adapter = adapter.clone();
@@ -217,7 +207,7 @@ pub(crate) fn on_cpu<T>(chosen: &Chosen, work: impl FnOnce(&AnyRasterizer) -> T)
 mod tests {
     use super::*;
 
-    fn args(backend: Choice, adapter: Option<&str>, simd: Option<&str>) -> BackendArgs {
+    fn args(backend: Wanted, adapter: Option<&str>, simd: Option<&str>) -> BackendArgs {
         let owned = |text: Option<&str>| text.map(str::to_owned);
         BackendArgs { backend, adapter: owned(adapter), simd: owned(simd), ..BackendArgs::default() }
     }
@@ -230,33 +220,33 @@ mod tests {
         };
         let open = BackendArgs { threads: Some(3), ..BackendArgs::default() };
         let found = open.or_recorded(&recorded);
-        assert_eq!((found.backend, found.simd.as_deref(), found.threads), (Choice::Cpu, Some("baseline"), Some(3)));
-        let given = args(Choice::Auto, None, Some("avx2")).or_recorded(&recorded);
-        assert_eq!((given.backend, given.simd.as_deref()), (Choice::Auto, Some("avx2")));
+        assert_eq!((found.backend, found.simd.as_deref(), found.threads), (Wanted::Cpu, Some("baseline"), Some(3)));
+        let given = args(Wanted::Fastest, None, Some("avx2")).or_recorded(&recorded);
+        assert_eq!((given.backend, given.simd.as_deref()), (Wanted::Fastest, Some("avx2")));
         let unknown = Machine { flags: vec!["--abacus".to_owned()], ..recorded };
-        assert_eq!(open.or_recorded(&unknown).backend, Choice::Auto);
+        assert_eq!(open.or_recorded(&unknown).backend, Wanted::Fastest);
     }
 
-    fn check_reason_as_requested(wanted: Wanted, choice: Choice) {
+    fn check_reason_as_requested(wanted: Wanted) {
         let reason = BackendArgs::default().open_to_compare(wanted).unwrap().reason;
         assert!(reason.contains("to be compared") && !reason.contains("as requested"), "{reason}");
-        let asked = args(choice, None, None).open_to_compare(wanted).unwrap().reason;
+        let asked = args(wanted, None, None).open_to_compare(wanted).unwrap().reason;
         assert!(asked.contains("as requested"), "{asked}");
     }
 
     #[test]
     fn the_cpu_is_reported_as_requested_only_if_it_was() {
-        check_reason_as_requested(Wanted::Cpu, Choice::Cpu);
+        check_reason_as_requested(Wanted::Cpu);
     }
 
     #[test]
     fn wgpu_is_reported_as_requested_only_if_it_was() {
-        check_reason_as_requested(Wanted::Wgpu, Choice::Wgpu);
+        check_reason_as_requested(Wanted::Wgpu);
     }
 
     #[test]
     fn every_combination_of_flags_is_a_request_or_a_contradiction() {
-        use Choice::{Auto, Cpu, Wgpu};
+        use Wanted::{Cpu, Fastest as Auto, Wgpu};
         let (adapter, level) = (Some("llvm"), Some("baseline"));
         for (flags, wanted, why) in [
             ((Auto, None, None), Wanted::Fastest, None),

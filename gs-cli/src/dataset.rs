@@ -2,13 +2,17 @@
 
 use std::{fmt, num::NonZeroU32, path::Path, str::FromStr};
 
-use clap::{Args, ValueEnum};
+use clap::Args;
 use gs_io::{
     File3d, WorldFrame,
     dataset::{AlphaMeaning, Dataset, DatasetSettings, Remark, read_dataset},
 };
 
-use crate::{failure::Failure, output::printable, values::whole};
+use crate::{
+    failure::Failure,
+    output::printable,
+    values::{by_name, whole},
+};
 
 /// How any data set is read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Args)]
@@ -68,8 +72,8 @@ pub(crate) struct DatasetArgs {
     #[arg(long, value_name = "FOLDER")]
     pub(crate) images: Option<String>,
     /// What the alpha channel of the images means
-    #[arg(long, value_enum, default_value_t)]
-    pub(crate) alpha: AlphaName,
+    #[arg(long, value_parser = by_name::<AlphaMeaning>(), default_value_t)]
+    pub(crate) alpha: AlphaMeaning,
     #[command(flatten)]
     pub(crate) reading: ReadingArgs,
 }
@@ -97,22 +101,9 @@ impl DatasetArgs {
                 s.test_every = NonZeroU32::new(holdout);
                 s.replace_split = true;
             }
-            s.alpha = match self.alpha {
-                AlphaName::Opacity => AlphaMeaning::Opacity,
-                AlphaName::Mask => AlphaMeaning::Mask,
-            };
+            s.alpha = self.alpha;
         })
     }
-}
-
-/// The meaning of an alpha channel.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
-pub(crate) enum AlphaName {
-    /// Opacity: transparent pixels stay transparent in the scene
-    #[default]
-    Opacity,
-    /// A mask: only opaque pixels count
-    Mask,
 }
 
 /// The most pixels of an image's longer side, a number or none.

@@ -1,14 +1,7 @@
 //! Defaults in the help of `gs fit` and `gs train`, read from the presets.
 
-use clap::{Arg, ValueEnum};
-use gs_train::{FitSettings, Init, Preset, TrainPreset, TrainSettings};
-
-use crate::{
-    commands::train::{ExposureName, ParticipantsName},
-    image_fit::{BlendName, InitName, TuneName},
-    render_args::{AntialiasName, OrderName},
-    training::arguments::{LossName, ParameterizationName, name_of},
-};
+use clap::Arg;
+use gs_train::{FitSettings, Init, InitKind, Preset, TrainPreset, TrainSettings};
 
 /// A flag of `gs fit` with its default in each preset.
 pub(crate) fn of_fit(flag: Arg) -> Arg {
@@ -17,14 +10,14 @@ pub(crate) fn of_fit(flag: Arg) -> Arg {
         "policy" => |s| s.policy.name().to_owned(),
         "init" => |s| {
             let blend = s.render.effects.blend;
-            let is_used = |name: &&InitName| Init::from_name(&name_of(*name), blend).as_ref() == Ok(&s.init);
-            InitName::value_variants().iter().find(is_used).map(name_of).unwrap_or_default()
+            let used = InitKind::ALL.into_iter().find(|kind| Init::of_kind(*kind, blend) == s.init);
+            used.map_or_else(String::new, |kind| kind.to_string())
         },
-        "loss" => |s| named::<LossName, _>(s.loss),
-        "tune" => |s| named::<TuneName, _>(s.tune),
-        "blend" => |s| named::<BlendName, _>(s.render.effects.blend),
-        "antialias" => |s| named::<AntialiasName, _>(s.render.effects.antialias),
-        "parameterization" => |s| named::<ParameterizationName, _>(s.parameterization),
+        "loss" => |s| s.loss.to_string(),
+        "tune" => |s| s.tune.to_string(),
+        "blend" => |s| s.render.effects.blend.to_string(),
+        "antialias" => |s| s.render.effects.antialias.to_string(),
+        "parameterization" => |s| s.parameterization.to_string(),
         "seed" => |s| s.seed.to_string(),
         _ => return flag,
     };
@@ -36,26 +29,20 @@ pub(crate) fn of_fit(flag: Arg) -> Arg {
 pub(crate) fn of_train(flag: Arg) -> Arg {
     let value: fn(&TrainSettings) -> String = match flag.get_id().as_str() {
         "policy" => |s| s.policy.name().to_owned(),
-        "loss" => |s| named::<LossName, _>(s.loss),
-        "parameterization" => |s| named::<ParameterizationName, _>(s.parameterization),
+        "loss" => |s| s.loss.to_string(),
+        "parameterization" => |s| s.parameterization.to_string(),
         "sh_degree" => |s| s.render.effects.sh_degree.to_string(),
-        "order" => |s| named::<OrderName, _>(s.render.effects.order),
+        "order" => |s| s.render.effects.order.to_string(),
         "coarse" => |s| s.resolution.factor(0.0).to_string(),
-        "exposure" => |s| named::<ExposureName, _>(s.exposure),
+        "exposure" => |s| s.exposure.to_string(),
         "depth_weight" => |s| s.depth_loss.weight.to_string(),
-        "participants" => |s| named::<ParticipantsName, _>(s.adam.participants),
+        "participants" => |s| s.adam.participants.to_string(),
         "opacity_weight" => |s| s.adam.penalty.opacity.to_string(),
         "scale_weight" => |s| s.adam.penalty.scale.to_string(),
         "seed" => |s| s.seed.to_string(),
         _ => return flag,
     };
     with_default(flag, TrainPreset::ALL.map(|preset| (preset.name(), value(&preset.settings(None)))))
-}
-
-/// The name of a value in flags.
-fn named<N: ValueEnum, V: From<N> + PartialEq>(value: V) -> String {
-    let is_used = |name: &&N| V::from((*name).clone()) == value;
-    N::value_variants().iter().find(is_used).map(name_of).unwrap_or_default()
 }
 
 /// The flag, whose help ends with the default of the first preset, and with those of the others that

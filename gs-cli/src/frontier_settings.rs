@@ -60,7 +60,7 @@ mod tests {
     use gs_cpu::CpuTuning;
 
     use super::*;
-    use crate::backend::Choice;
+    use gs_backend::Wanted;
 
     #[test]
     fn impossible_values_are_refused_and_other_settings_files_ignored() {
@@ -91,7 +91,7 @@ mod tests {
         let machine = FrontierMachine::default().with(|m| (m.flags, m.cpu) = (flags, Some(cpu)));
         let open = backend(&machine, &BackendArgs::default());
         assert_eq!((open.simd.as_deref(), open.threads, open.tuning), (Some("baseline"), Some(2), cpu));
-        let given = backend(&machine, &BackendArgs { backend: Choice::Cpu, ..BackendArgs::default() });
+        let given = backend(&machine, &BackendArgs { backend: Wanted::Cpu, ..BackendArgs::default() });
         assert_eq!((given.simd.as_deref(), given.threads, given.tuning), (None, None, CpuTuning::default()));
     }
 }

@@ -1,6 +1,6 @@
 //! How a 3D scene is rendered: as flags ask, otherwise as it was trained.
 
-use clap::{Args, ValueEnum};
+use clap::Args;
 use gs_core::{
     Culled, RenderSettings, counted,
     effects::{Antialias, Background, Order},
@@ -9,50 +9,11 @@ use gs_io::{File3d, TrainedWith, dataset::Dataset};
 
 use crate::{
     output,
-    values::{Behind, Color, whole},
+    values::{Behind, Color, by_name, one_of, whole},
 };
 
-/// An order of blending.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(crate) enum OrderName {
-    /// By the depth of the means (3DGS)
-    Global,
-    /// By the depth at each pixel: no popping, slower
-    PerPixel,
-}
-
-/// Treatment of Gaussians narrower than a pixel.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(crate) enum AntialiasName {
-    /// No treatment
-    None,
-    /// Widen by 0.3 px² (3DGS)
-    Dilate,
-    /// Widen by 0.1 px² and fade accordingly (Mip-Splatting)
-    Mip,
-    /// Widen by 0.3 px² and fade accordingly (`antialiased` in gsplat and Nerfstudio)
-    Compensated,
-}
-
-impl From<OrderName> for Order {
-    fn from(name: OrderName) -> Self {
-        match name {
-            OrderName::Global => Self::Global,
-            OrderName::PerPixel => Self::PerPixel,
-        }
-    }
-}
-
-impl From<AntialiasName> for Antialias {
-    fn from(name: AntialiasName) -> Self {
-        match name {
-            AntialiasName::None => Self::None,
-            AntialiasName::Dilate => Self::Dilate,
-            AntialiasName::Mip => Self::Mip,
-            AntialiasName::Compensated => Self::Compensated,
-        }
-    }
-}
+/// The orders of 3D scenes.
+pub(crate) const DEPTH_ORDERS: [Order; 2] = [Order::Global, Order::PerPixel];
 
 /// The flags of commands that render a 3D scene.
 #[derive(Debug, Clone, Default, Args)]
@@ -65,11 +26,11 @@ pub(crate) struct RenderArgs3d {
     #[arg(long, value_name = "D", value_parser = whole::<u8>(0..=3))]
     pub(crate) sh_degree: Option<u8>,
     /// Order of blending [default: as the file says, otherwise global]
-    #[arg(long, value_enum, value_name = "ORDER")]
-    pub(crate) order: Option<OrderName>,
+    #[arg(long, value_parser = one_of(&DEPTH_ORDERS), value_name = "ORDER")]
+    pub(crate) order: Option<Order>,
     /// Treatment of Gaussians narrower than a pixel [default: as the file says, otherwise dilate]
-    #[arg(long, value_enum, value_name = "ANTIALIAS")]
-    antialias: Option<AntialiasName>,
+    #[arg(long, value_parser = by_name::<Antialias>(), value_name = "ANTIALIAS")]
+    antialias: Option<Antialias>,
 }
 
 impl RenderArgs3d {
@@ -82,8 +43,8 @@ impl RenderArgs3d {
     /// How a scene was trained: as flags say, otherwise as its file does.
     pub(crate) fn trained_with(&self, file: TrainedWith) -> TrainedWith {
         TrainedWith::default().with(|s| {
-            s.antialias = self.antialias.map(Into::into).or(file.antialias);
-            s.order = self.order.map(Into::into).or(file.order);
+            s.antialias = self.antialias.or(file.antialias);
+            s.order = self.order.or(file.order);
             s.frame = file.frame;
         })
     }
@@ -108,8 +69,8 @@ impl RenderArgs3d {
     pub(crate) fn applied_to(&self, mut render: RenderSettings) -> RenderSettings {
         let effects = &mut render.effects;
         effects.sh_degree = self.sh_degree.unwrap_or(effects.sh_degree);
-        effects.order = self.order.map_or(effects.order, Into::into);
-        effects.antialias = self.antialias.map_or(effects.antialias, Into::into);
+        effects.order = self.order.unwrap_or(effects.order);
+        effects.antialias = self.antialias.unwrap_or(effects.antialias);
         match self.background {
             Some(Behind::Solid(color)) => return render.on(color.0),
             Some(Behind::None) => render.effects.background = Background::None,
@@ -155,17 +116,6 @@ pub(crate) fn why_empty(culled: Culled, gaussians: usize, views: usize) -> Optio
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn flags_and_settings_files_have_the_same_names() {
-        let flag = |name: &dyn Fn() -> Option<clap::builder::PossibleValue>| name().unwrap().get_name().to_owned();
-        for name in OrderName::value_variants() {
-            assert_eq!(flag(&|| name.to_possible_value()), Order::from(*name).name());
-        }
-        for name in AntialiasName::value_variants() {
-            assert_eq!(flag(&|| name.to_possible_value()), Antialias::from(*name).name());
-        }
-    }
 
     #[test]
     fn an_empty_picture_is_explained() {

@@ -7,8 +7,9 @@ use std::{
     str::FromStr,
 };
 
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use glam::{Vec2, Vec3};
-use gs_core::Canvas;
+use gs_core::{Canvas, Choice};
 
 use crate::failure::Failure;
 
@@ -32,6 +33,17 @@ pub(crate) fn whole<T: Copy + Into<i128> + TryFrom<i128>>(
             (None, None) => Err("is too large".to_owned()),
         }
     }
+}
+
+/// A parser of a setting of the libraries by name. The help lists all its values.
+pub(crate) fn by_name<T: Choice>() -> impl TypedValueParser<Value = T> {
+    one_of(T::CHOICES)
+}
+
+/// [`by_name`] for some of the values.
+pub(crate) fn one_of<T: Choice>(choices: &'static [T]) -> impl TypedValueParser<Value = T> {
+    let possible = choices.iter().map(|choice| PossibleValue::new(choice.name()).help(choice.summary()));
+    PossibleValuesParser::new(possible).map(|name| T::from_name(&name).expect("it is one of the possible values"))
 }
 
 /// A number of bytes, with k for thousands and M for millions.

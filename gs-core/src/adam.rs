@@ -10,28 +10,20 @@ use crate::{
 
 crate::impl_with!(Adam, Group);
 
-/// Coordinates in which the optimizer moves a Gaussian.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Parameterization {
-    /// Mean in px (world units), ln-scale, angle (quaternion), as in the paper and in 3DGS.
-    #[default]
-    ScaleRotation,
-    /// The Gaussian's own whitened coordinates, Σ = L Lᵀ: μ ← μ + L ξ, L ← L (I + η + η²/2) with η
-    /// symmetric.
-    ///
-    /// A step is the same fraction of its extent for every Gaussian, however small or thin. For 3D
-    /// scenes see [`covariance_factor`](crate::math::covariance_factor).
-    CovarianceFactor,
-}
-
-impl Parameterization {
-    /// Name in settings files and flags.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::ScaleRotation => "scale-rotation",
-            Self::CovarianceFactor => "covariance-factor",
-        }
+crate::choices! {
+    /// Coordinates in which the optimizer moves a Gaussian.
+    #[derive(Default)]
+    pub enum Parameterization {
+        /// Mean in px (world units), ln-scale, angle (quaternion), as in the paper and in 3DGS.
+        #[default]
+        ScaleRotation = "scale-rotation": "Position, ln-scale and rotation (3DGS)",
+        /// The Gaussian's own whitened coordinates, Σ = L Lᵀ: μ ← μ + L ξ, L ← L (I + η + η²/2) with η
+        /// symmetric.
+        ///
+        /// A step is the same fraction of its extent for every Gaussian, however small or thin. For 3D
+        /// scenes see [`covariance_factor`](crate::math::covariance_factor).
+        CovarianceFactor = "covariance-factor":
+            "The Gaussian's own coordinates, where a step is the same fraction of every Gaussian",
     }
 }
 
@@ -96,17 +88,18 @@ impl Group {
     }
 }
 
-/// The Gaussians that an Adam step moves. Exhaustive: a backend must handle each value.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Participants {
-    /// All: the moments of Gaussians out of view decay, and still move them (3DGS).
-    #[default]
-    All,
-    /// Gaussians that some tile of this step's view lists. The others do not change, and their
-    /// steps are not counted. A step then costs time in proportion to what is in view. *Source:*
-    /// sparse Adam, as in Taming 3DGS, Mallick et al. 2024.
-    Visible,
+crate::choices! {
+    /// The Gaussians that an Adam step moves. Exhaustive: a backend must handle each value.
+    #[derive(Default)]
+    pub enum Participants {
+        /// All: the moments of Gaussians out of view decay, and still move them (3DGS).
+        #[default]
+        All = "all": "All (3DGS)",
+        /// Gaussians that some tile of this step's view lists. The others do not change, and their
+        /// steps are not counted. A step then costs time in proportion to what is in view. *Source:*
+        /// sparse Adam, as in Taming 3DGS, Mallick et al. 2024.
+        Visible = "visible": "Gaussians in sight of the step's view",
+    }
 }
 
 /// Format in which a backend holds Adam's moments of the SH coefficients above degree 0. 3D scenes.

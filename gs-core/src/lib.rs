@@ -11,6 +11,7 @@
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
 
 pub mod adam;
+mod choice;
 pub mod constants;
 mod dropout;
 pub mod edit;
@@ -35,6 +36,7 @@ mod words;
 
 pub use crate::{
     adam::{Adam, AdamRates, MomentFormat, Parameterization, Participants, Penalty},
+    choice::Choice,
     dropout::Dropout,
     edit::EditPlan,
     effects::{Blend, Effects},

@@ -1,8 +1,10 @@
 //! The losses that training can minimise.
 
+use std::fmt;
+
 use serde::{Deserialize, Serialize};
 
-use crate::{constants::DSSIM_LAMBDA, error::Error};
+use crate::{choice::Choice, constants::DSSIM_LAMBDA, error::Error};
 
 /// Loss between the rendered image C and the target Y, both `[H, W, 3]`, not clamped.
 ///
@@ -26,15 +28,6 @@ impl Loss {
     /// The paper's loss: L1 and D-SSIM with λ = 0.2.
     pub const PAPER: Self = Self::L1Dssim { lambda: DSSIM_LAMBDA };
 
-    /// Name in flags.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::L2 => "l2",
-            Self::L1 => "l1",
-            Self::L1Dssim { .. } => "l1-dssim",
-        }
-    }
-
     /// Whether the loss is a sum over pixels, so that [`TargetImage::weights`] can be factors of it.
     ///
     /// [`TargetImage::weights`]: crate::TargetImage::weights
@@ -52,6 +45,33 @@ impl Loss {
                 Err(Error::setting("loss lambda", lambda, "0 to 1"))
             }
             _ => Ok(()),
+        }
+    }
+}
+
+impl fmt::Display for Loss {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl Choice for Loss {
+    const CHOICES: &'static [Self] = &[Self::L2, Self::L1, Self::PAPER];
+
+    /// The same for every λ.
+    fn name(self) -> &'static str {
+        match self {
+            Self::L2 => "l2",
+            Self::L1 => "l1",
+            Self::L1Dssim { .. } => "l1-dssim",
+        }
+    }
+
+    fn summary(self) -> &'static str {
+        match self {
+            Self::L2 => "Mean squared difference: the best PSNR",
+            Self::L1 => "Mean absolute difference",
+            Self::L1Dssim { .. } => "0.8 L1 + 0.2 (1 - SSIM), as in the paper",
         }
     }
 }

@@ -40,36 +40,28 @@ pub enum Extent {
     Sigmas(f32),
 }
 
-/// What the pixels of a rendering show. Exhaustive: a backend must handle or refuse each value.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Output {
-    /// The colours of the Gaussians.
-    #[default]
-    Color,
-    /// The inverse depths of the Gaussians in all three channels, in inverse world units: each has
-    /// 1/z as its colour, where z is the depth of its mean along the optical axis. 3D scenes.
-    ///
-    /// The SH coefficients have no effect, and no gradient.
-    InverseDepth,
-    /// Alpha in all three channels: each Gaussian has 1 as its colour. 3D scenes.
-    ///
-    /// Without a background ([`RenderSettings::of_alpha`]), a pixel under [`Blend::Over`] is 1 − T,
-    /// where T is the transmittance of all Gaussians. The SH coefficients have no effect, and no
-    /// gradient.
-    Alpha,
+crate::choices! {
+    /// What the pixels of a rendering show. Exhaustive: a backend must handle or refuse each value.
+    #[derive(Default)]
+    pub enum Output {
+        /// The colours of the Gaussians.
+        #[default]
+        Color = "color",
+        /// The inverse depths of the Gaussians in all three channels, in inverse world units: each has
+        /// 1/z as its colour, where z is the depth of its mean along the optical axis. 3D scenes.
+        ///
+        /// The SH coefficients have no effect, and no gradient.
+        InverseDepth = "inverse-depth",
+        /// Alpha in all three channels: each Gaussian has 1 as its colour. 3D scenes.
+        ///
+        /// Without a background ([`RenderSettings::of_alpha`]), a pixel under [`Blend::Over`] is 1 − T,
+        /// where T is the transmittance of all Gaussians. The SH coefficients have no effect, and no
+        /// gradient.
+        Alpha = "alpha",
+    }
 }
 
 impl Output {
-    /// Name in settings files.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Color => "color",
-            Self::InverseDepth => "inverse-depth",
-            Self::Alpha => "alpha",
-        }
-    }
-
     fn is_color(&self) -> bool {
         *self == Self::Color
     }

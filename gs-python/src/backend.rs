@@ -6,6 +6,7 @@ use std::{
 };
 
 use gs_backend::{AnyRasterizer, Chosen, Request, Wanted, block_on};
+use gs_core::Choice as _;
 use pyo3::{
     exceptions::{PyRuntimeError, PyTypeError},
     prelude::*,
@@ -25,12 +26,9 @@ pub(crate) struct Opened {
 
 impl Opened {
     pub(crate) fn new(name: &str, threads: Option<usize>) -> PyResult<Self> {
-        let wanted = match name {
-            "auto" => Wanted::Fastest,
-            "cpu" => Wanted::Cpu,
-            "wgpu" => Wanted::Wgpu,
-            _ => return Err(errors::value("backend", format!("{name:?} is not one of 'auto', 'cpu', 'wgpu'"))),
-        };
+        let wanted = Wanted::from_name(name).ok_or_else(|| {
+            errors::value("backend", format!("{name:?} is not one of '{}'", Wanted::ALL.map(Wanted::name).join("', '")))
+        })?;
         let request = Request::default().with(|request| {
             request.wanted = wanted;
             request.threads = threads;

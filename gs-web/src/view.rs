@@ -5,7 +5,8 @@ use std::path::Path;
 use glam::Vec3;
 use gs_backend::{AnyRasterizer, AnySplats};
 use gs_core::{
-    Camera, Canvas, Culled, Image, Parameterization, Rasterizer, RenderSettings, Scene as _, Scene2d, Scene3d,
+    Camera, Canvas, Choice as _, Culled, Image, Parameterization, Rasterizer, RenderSettings, Scene as _, Scene2d,
+    Scene3d,
     effects::{Antialias, Order},
     view::Bulk,
 };
@@ -172,10 +173,10 @@ impl View {
         let mut settings = self.settings();
         let effects = &mut settings.effects;
         if let Some(order) = &frame.order {
-            effects.order = Order::named(order).ok_or_else(|| JsError::new("no such order"))?;
+            effects.order = Order::from_name(order).ok_or_else(|| JsError::new("no such order"))?;
         }
         if let Some(antialias) = &frame.antialias {
-            effects.antialias = Antialias::named(antialias).ok_or_else(|| JsError::new("no such antialiasing"))?;
+            effects.antialias = Antialias::from_name(antialias).ok_or_else(|| JsError::new("no such antialiasing"))?;
         }
         effects.sh_degree = frame.sh_degree.map_or(effects.sh_degree, |degree| degree.min(effects.sh_degree));
         if let Some(background) = frame.background {

@@ -38,7 +38,7 @@ impl Target {
     pub(crate) fn check_loss(&self, loss: Loss) -> Result<(), Error> {
         loss.validate()?;
         if self.weights.is_some() && !loss.is_pointwise() {
-            return Err(unsupported(format!("weights of pixels under loss `{}`", loss.name())));
+            return Err(unsupported(format!("weights of pixels under loss `{loss}`")));
         }
         Ok(())
     }

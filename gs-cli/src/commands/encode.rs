@@ -15,14 +15,11 @@ use self::progress::Display;
 use crate::{
     backend::BackendArgs,
     failure::Failure,
-    image_fit::{
-        TuneName,
-        batch::{self, BatchImage, Done, Row},
-    },
+    image_fit::batch::{self, BatchImage, Done, Row},
     memory::{self, Need},
     output::{self, printable},
     output_folder::{self, OutputFolder, OverwriteArgs},
-    values::{Bytes, Color, positive, whole},
+    values::{Bytes, Color, by_name, positive, whole},
 };
 
 const AFTER_HELP: &str = "\
@@ -51,8 +48,8 @@ pub(crate) struct EncodeArgs {
     #[command(flatten)]
     overwrite: OverwriteArgs,
     /// The measure to tune for [default: psnr]
-    #[arg(long, value_enum, value_name = "MEASURE")]
-    tune: Option<TuneName>,
+    #[arg(long, value_parser = by_name::<Tune>(), value_name = "MEASURE")]
+    tune: Option<Tune>,
     /// Let the first third of the file show the picture nearly as well as a file of that size; the whole
     /// is about 1.4 dB worse
     #[arg(long, conflicts_with = "preview")]
@@ -260,7 +257,7 @@ impl EncodeArgs {
                 (_, true) => EncodeLayers::Preview,
                 _ => EncodeLayers::One,
             };
-            s.tune = self.tune.map_or(s.tune, Into::into);
+            s.tune = self.tune.unwrap_or(s.tune);
             s.memory = self.memory.0;
             s.seed = self.seed;
         })

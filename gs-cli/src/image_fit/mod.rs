@@ -4,23 +4,25 @@
 pub(crate) mod batch;
 pub(crate) mod target;
 
-use std::{path::PathBuf, sync::LazyLock};
+use std::path::PathBuf;
 
-use clap::{Args, ValueEnum, builder::PossibleValue};
+use clap::{Args, builder::TypedValueParser};
 use gs_backend::{AnyRasterizer, FutureExt as _};
-use gs_core::{Blend, Scene2d, counted, effects::Background};
+use gs_core::{
+    Blend, Loss, Parameterization, Scene2d, counted,
+    effects::{Antialias, Background},
+};
 use gs_density::Policy;
 use gs_lab::price::frontier::{FrontierMachine, FrontierSettings};
-use gs_train::{FitSettings, Init, Preset, Trainer, Tune, mean_color};
+use gs_train::{FitSettings, Init, InitKind, Preset, Trainer, Tune, mean_color};
 
 pub(crate) use self::target::Target;
 use crate::{
     failure::Failure,
     frontier_settings, output,
-    render_args::AntialiasName,
     text_file::read_settings_text,
-    training::arguments::{LossName, ParameterizationName, PolicyName, name_of},
-    values::{Color, whole},
+    training::arguments::policy_by_name,
+    values::{Color, by_name, whole},
 };
 
 /// The settings of a fit: a preset or a settings file, and changes to it.
@@ -28,8 +30,8 @@ use crate::{
 #[command(next_help_heading = "Settings")]
 pub(crate) struct FitSettingsArgs {
     /// The settings to start from [default: standard, or paper without an image]
-    #[arg(long, value_enum, value_name = "PRESET")]
-    pub(crate) preset: Option<PresetName>,
+    #[arg(long, value_parser = by_name::<Preset>(), value_name = "PRESET")]
+    pub(crate) preset: Option<Preset>,
     /// Settings file: the settings.toml of a fit, or that of gs frontier with accuracy and backend;
     /// flags override it
     #[arg(long, value_name = "FILE.toml", conflicts_with = "preset")]
@@ -44,26 +46,26 @@ pub(crate) struct FitSettingsArgs {
     #[arg(short, long, value_name = "K", value_parser = whole::<u32>(0..))]
     pub(crate) iterations: Option<u32>,
     /// Density control: which Gaussians grow and which are removed
-    #[arg(long, value_enum, value_name = "POLICY")]
-    pub(crate) policy: Option<FitPolicyName>,
+    #[arg(long, value_parser = policy(), value_name = "POLICY")]
+    pub(crate) policy: Option<Policy>,
     /// Placement of the initial Gaussians
-    #[arg(long, value_enum, value_name = "INIT")]
-    pub(crate) init: Option<InitName>,
+    #[arg(long, value_parser = by_name::<InitKind>(), value_name = "INIT")]
+    pub(crate) init: Option<InitKind>,
     /// Loss to minimise
-    #[arg(long, value_enum, value_name = "LOSS")]
-    pub(crate) loss: Option<LossName>,
+    #[arg(long, value_parser = by_name::<Loss>(), value_name = "LOSS")]
+    pub(crate) loss: Option<Loss>,
     /// The measure to tune for; ssim needs loss l2 or l1
-    #[arg(long, value_enum, value_name = "MEASURE")]
-    pub(crate) tune: Option<TuneName>,
+    #[arg(long, value_parser = by_name::<Tune>(), value_name = "MEASURE")]
+    pub(crate) tune: Option<Tune>,
     /// How the Gaussians at a pixel become its colour
-    #[arg(long, value_enum, value_name = "BLEND")]
-    pub(crate) blend: Option<BlendName>,
+    #[arg(long, value_parser = by_name::<Blend>(), value_name = "BLEND")]
+    pub(crate) blend: Option<Blend>,
     /// Treatment of Gaussians narrower than a pixel
-    #[arg(long, value_enum, value_name = "ANTIALIAS")]
-    pub(crate) antialias: Option<AntialiasName>,
+    #[arg(long, value_parser = by_name::<Antialias>(), value_name = "ANTIALIAS")]
+    pub(crate) antialias: Option<Antialias>,
     /// Coordinates of the optimizer
-    #[arg(long, value_enum, value_name = "NAME")]
-    pub(crate) parameterization: Option<ParameterizationName>,
+    #[arg(long, value_parser = by_name::<Parameterization>(), value_name = "NAME")]
+    pub(crate) parameterization: Option<Parameterization>,
     /// Background colour, each part from 0 to 1, such as 1,1,1 for white; with --resume, for
     /// transparent pixels only [default: white for transparent pixels; with --blend over, the image's mean
     /// colour for the scene]
@@ -74,79 +76,13 @@ pub(crate) struct FitSettingsArgs {
     pub(crate) seed: Option<u32>,
 }
 
-/// A preset.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(crate) enum PresetName {
-    /// The paper's experiment: 20 Gaussians that grow, front-to-back blending
-    Paper,
-    /// For a first look: a fraction of the time
-    Quick,
-    /// For images: the best within a second or so
-    Standard,
-    /// More steps, a little better
-    Best,
-}
-
-/// A density-control policy for images.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct FitPolicyName(PolicyName);
-
-impl ValueEnum for FitPolicyName {
-    fn value_variants<'a>() -> &'a [Self] {
-        static ALL: LazyLock<Vec<FitPolicyName>> =
-            LazyLock::new(|| PolicyName::those(|policy| policy.validate_2d().is_ok()).map(FitPolicyName).collect());
-        &ALL
-    }
-
-    fn to_possible_value(&self) -> Option<PossibleValue> {
-        let possible = self.0.to_possible_value()?;
+/// A parser of the policies for images.
+fn policy() -> impl TypedValueParser<Value = Policy> {
+    policy_by_name(|policy| {
         // It moves Gaussians by their opacities, which sums do not have.
-        let needs_over = matches!(Policy::from_name(self.0.0), Ok(Policy::Mcmc(_)));
-        let summary = possible.get_help().map(ToString::to_string).unwrap_or_default();
-        Some(if needs_over { possible.help(format!("{summary}; needs --blend over")) } else { possible })
-    }
-}
-
-/// A placement of the initial Gaussians.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(crate) enum InitName {
-    /// Anywhere, large
-    Random,
-    /// Along the border of the image
-    Periphery,
-    /// On a grid
-    Grid,
-    /// At the edges of the image
-    Gradient,
-    /// Where a coarse rendering of the image is most wrong
-    Error,
-}
-
-/// The measure that a fit is tuned for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(crate) enum TuneName {
-    /// PSNR: every pixel counts the same
-    Psnr,
-    /// SSIM and MS-SSIM: pixels count more where there is little contrast
-    Ssim,
-}
-
-impl From<TuneName> for Tune {
-    fn from(name: TuneName) -> Self {
-        match name {
-            TuneName::Psnr => Self::Psnr,
-            TuneName::Ssim => Self::Ssim,
-        }
-    }
-}
-
-/// A blending.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(crate) enum BlendName {
-    /// Sum without order or opacity; fastest
-    Sum,
-    /// Front to back with opacities, as in splat viewers
-    Over,
+        let needs_over = matches!(policy, Policy::Mcmc(_));
+        policy.validate_2d().is_ok().then_some(if needs_over { "; needs --blend over" } else { "" })
+    })
 }
 
 /// The content of a settings file. The file is read once, as it may be a pipe.
@@ -202,7 +138,7 @@ pub(crate) fn settings(args: &FitSettingsArgs, file: &SettingsFile, target: &Tar
             settings.as_ref().clone().with_gaussians(gaussians).with_iterations(iterations)
         }
         _ => {
-            let preset = args.preset.map_or(target.preset(), Preset::from);
+            let preset = args.preset.unwrap_or(target.preset());
             FitSettings::from_preset(preset, target.image.size(), args.gaussians, args.iterations)
         }
     };
@@ -210,28 +146,28 @@ pub(crate) fn settings(args: &FitSettingsArgs, file: &SettingsFile, target: &Tar
         settings.render.accuracy = frontier.accuracy;
     }
     settings.exactly |= args.exactly;
-    settings.loss = args.loss.map_or(settings.loss, Into::into);
-    settings.tune = args.tune.map_or(settings.tune, Into::into);
+    settings.loss = args.loss.unwrap_or(settings.loss);
+    settings.tune = args.tune.unwrap_or(settings.tune);
     if let Some(parameterization) = args.parameterization {
-        settings = settings.with_parameterization(parameterization.into());
+        settings = settings.with_parameterization(parameterization);
     }
     if let Some(blend) = args.blend {
         // The colour behind transparent pixels. The settings do not hold the target, so this puts
         // them on the same colour when they are used again.
         let behind = target.behind.map_or_else(|| mean_color(&target.image), |color| color.0);
-        settings = settings.with_blend(blend.into(), behind);
+        settings = settings.with_blend(blend, behind);
     }
     if let Some(antialias) = args.antialias {
-        settings.render.effects.antialias = antialias.into();
+        settings.render.effects.antialias = antialias;
     }
     if let Some(color) = args.background {
         settings.render = settings.render.on(color.0);
     }
-    if let Some(policy) = args.policy {
-        settings = settings.with_policy(Policy::from_name(&name_of(&policy))?);
+    if let Some(policy) = &args.policy {
+        settings = settings.with_policy(policy.clone());
     }
     if let Some(init) = args.init {
-        settings.init = Init::from_name(&name_of(&init), settings.render.effects.blend)?;
+        settings.init = Init::of_kind(init, settings.render.effects.blend);
     }
     settings.seed = args.seed.unwrap_or(settings.seed);
     if !matches!(file, SettingsFile::Fit(_)) {
@@ -270,26 +206,6 @@ pub(crate) fn fit_first(
     Ok(trainer.scene().block_on()?)
 }
 
-impl From<PresetName> for Preset {
-    fn from(name: PresetName) -> Self {
-        match name {
-            PresetName::Paper => Self::Paper,
-            PresetName::Quick => Self::Quick,
-            PresetName::Standard => Self::Standard,
-            PresetName::Best => Self::Best,
-        }
-    }
-}
-
-impl From<BlendName> for Blend {
-    fn from(name: BlendName) -> Self {
-        match name {
-            BlendName::Sum => Self::Sum,
-            BlendName::Over => Self::Over,
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use gs_core::Image;
@@ -305,12 +221,17 @@ mod tests {
         settings(args, &SettingsFile::None, &target()).unwrap()
     }
 
+    /// The names of the policies that are offered.
+    fn offered() -> Vec<String> {
+        policy().possible_values().unwrap().map(|value| value.get_name().to_owned()).collect()
+    }
+
     #[test]
     fn every_preset_and_every_override_is_read_from_its_toml() {
-        for &preset in PresetName::value_variants() {
-            for &policy in FitPolicyName::value_variants() {
-                for &init in InitName::value_variants() {
-                    let (preset, policy, init) = (Some(preset), Some(policy), Some(init));
+        for preset in Preset::ALL {
+            for name in offered() {
+                for init in InitKind::ALL {
+                    let (preset, policy, init) = (Some(preset), Policy::from_name(&name).ok(), Some(init));
                     let settings = resolved(&FitSettingsArgs { preset, policy, init, ..FitSettingsArgs::default() });
                     let text = settings.to_toml().unwrap();
                     assert_eq!(FitSettings::from_toml(&text, "a".as_ref()).unwrap(), settings, "{text}");
@@ -340,17 +261,18 @@ mod tests {
 
     #[test]
     fn the_offered_policies_are_those_that_can_fit_images() {
-        let offered: Vec<&str> = FitPolicyName::value_variants().iter().map(|policy| policy.0.0).collect();
+        let offered = offered();
         for name in Policy::NAMES {
             let fits = Policy::from_name(name).unwrap().validate_2d().is_ok();
-            assert_eq!(offered.contains(&name), fits, "{name}");
+            assert_eq!(offered.iter().any(|offered| offered == name), fits, "{name}");
         }
-        for &policy in FitPolicyName::value_variants() {
-            let blend = Some(BlendName::Over);
-            let settings = resolved(&FitSettingsArgs { policy: Some(policy), blend, ..FitSettingsArgs::default() });
-            assert_eq!(settings.policy.name(), policy.0.0);
-            let help = policy.to_possible_value().unwrap().get_help().unwrap().to_string();
-            assert_eq!(help.contains("needs --blend over"), policy.0.0 == "mcmc", "{help}");
+        for value in policy().possible_values().unwrap() {
+            let (name, blend) = (value.get_name(), Some(Blend::Over));
+            let policy = Policy::from_name(name).ok();
+            let settings = resolved(&FitSettingsArgs { policy, blend, ..FitSettingsArgs::default() });
+            assert_eq!(settings.policy.name(), name);
+            let help = value.get_help().unwrap().to_string();
+            assert_eq!(help.contains("needs --blend over"), name == "mcmc", "{help}");
         }
     }
 }

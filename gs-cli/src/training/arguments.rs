@@ -1,9 +1,11 @@
-//! Flags that `gs fit` and `gs train` share, and the values behind them.
+//! Flags that `gs fit` and `gs train` share.
 
 use std::path::PathBuf;
 
-use clap::{Args, ValueEnum, builder::PossibleValue};
-use gs_core::{Loss, Parameterization};
+use clap::{
+    Args,
+    builder::{PossibleValue, PossibleValuesParser, TypedValueParser},
+};
 use gs_density::Policy;
 
 use crate::{output::Verbosity, output_folder::OverwriteArgs, values::whole};
@@ -57,63 +59,15 @@ impl CheckpointArgs {
     }
 }
 
-/// A density-control policy by its name in gs-density.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct PolicyName(pub(crate) &'static str);
-
-impl PolicyName {
-    /// The names of policies that pass this test.
-    pub(crate) fn those(pass: impl Fn(&Policy) -> bool) -> impl Iterator<Item = Self> {
-        let passes = move |name: &Self| Policy::from_name(name.0).is_ok_and(|policy| pass(&policy));
-        Policy::NAMES.into_iter().map(Self).filter(passes)
-    }
-
-    /// The name as a value of a flag, with what the policy does.
-    pub(crate) fn to_possible_value(self) -> Option<PossibleValue> {
-        Some(PossibleValue::new(self.0).help(Policy::summary(self.0).unwrap_or_default()))
-    }
-}
-
-/// A loss.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(crate) enum LossName {
-    /// Mean squared difference: the best PSNR
-    L2,
-    /// Mean absolute difference
-    L1,
-    /// 0.8 L1 + 0.2 (1 - SSIM), as in the paper
-    L1Dssim,
-}
-
-/// The coordinates of the optimizer.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(crate) enum ParameterizationName {
-    /// Position, ln-scale and rotation (3DGS)
-    ScaleRotation,
-    /// The Gaussian's own coordinates, where a step is the same fraction of every Gaussian
-    CovarianceFactor,
-}
-
-impl From<LossName> for Loss {
-    fn from(name: LossName) -> Self {
-        match name {
-            LossName::L2 => Self::L2,
-            LossName::L1 => Self::L1,
-            LossName::L1Dssim => Self::PAPER,
-        }
-    }
-}
-
-impl From<ParameterizationName> for Parameterization {
-    fn from(name: ParameterizationName) -> Self {
-        match name {
-            ParameterizationName::ScaleRotation => Self::ScaleRotation,
-            ParameterizationName::CovarianceFactor => Self::CovarianceFactor,
-        }
-    }
-}
-
-/// The name of a flag's value, which is the same in settings files.
-pub(crate) fn name_of(value: &impl ValueEnum) -> String {
-    value.to_possible_value().expect("no value is skipped").get_name().to_owned()
+/// A parser of density-control policies by name. `offered` chooses them, and gives what the help adds to
+/// the summary of a policy.
+pub(crate) fn policy_by_name(
+    offered: impl Fn(&Policy) -> Option<&'static str>,
+) -> impl TypedValueParser<Value = Policy> {
+    let possible = Policy::NAMES.into_iter().filter_map(|name| {
+        let added = offered(&Policy::from_name(name).ok()?)?;
+        Some(PossibleValue::new(name).help(format!("{}{added}", Policy::summary(name)?)))
+    });
+    PossibleValuesParser::new(possible.collect::<Vec<_>>())
+        .map(|name| Policy::from_name(&name).expect("it is one of the possible values"))
 }

@@ -1,47 +1,32 @@
 //! The effects one by one: their names, their values as words, and the next cheaper value.
 
-use std::{fmt, str::FromStr};
-
-use serde::{Deserialize, Serialize};
+use std::str::FromStr;
 
 use super::{Antialias, Background, Blend, Effects, Order};
-use crate::error::Error;
+use crate::{choice::Choice as _, error::Error};
 
-/// An effect that a scene may require. Statistics are not among them: they are a matter of
-/// training.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Effect {
-    /// [`Effects::order`].
-    Order,
-    /// [`Effects::blend`].
-    Blend,
-    /// [`Effects::sh_degree`].
-    ShDegree,
-    /// [`Effects::antialias`].
-    Antialias,
-    /// [`Effects::background`].
-    Background,
+crate::choices! {
+    /// An effect that a scene may require. Statistics are not among them: they are a matter of
+    /// training.
+    #[derive(PartialOrd, Ord)]
+    pub enum Effect {
+        /// [`Effects::order`].
+        Order = "order",
+        /// [`Effects::blend`].
+        Blend = "blend",
+        /// [`Effects::sh_degree`].
+        ShDegree = "sh-degree",
+        /// [`Effects::antialias`].
+        Antialias = "antialias",
+        /// [`Effects::background`].
+        Background = "background",
+    }
 }
 
 /// The SH degrees as words.
 const DEGREES: [&str; 4] = ["0", "1", "2", "3"];
 
 impl Effect {
-    /// All values.
-    pub const ALL: [Self; 5] = [Self::Order, Self::Blend, Self::ShDegree, Self::Antialias, Self::Background];
-
-    /// Name in settings files and flags.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Order => "order",
-            Self::Blend => "blend",
-            Self::ShDegree => "sh-degree",
-            Self::Antialias => "antialias",
-            Self::Background => "background",
-        }
-    }
-
     /// The effect's value in `effects`, as a word.
     pub fn value(self, effects: &Effects) -> &'static str {
         match self {
@@ -110,18 +95,12 @@ impl Effect {
     }
 }
 
-impl fmt::Display for Effect {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.name())
-    }
-}
-
 impl FromStr for Effect {
     type Err = Error;
 
     fn from_str(name: &str) -> Result<Self, Error> {
-        let found = Self::ALL.into_iter().find(|effect| effect.name() == name);
-        found.ok_or_else(|| Error::setting("an effect", name, "order, blend, sh-degree, antialias or background"))
+        Self::from_name(name)
+            .ok_or_else(|| Error::setting("an effect", name, "order, blend, sh-degree, antialias or background"))
     }
 }
 

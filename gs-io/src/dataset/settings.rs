@@ -47,12 +47,14 @@ impl Default for DatasetSettings {
     }
 }
 
-/// The meaning of an image's alpha channel.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum AlphaMeaning {
-    /// Opacity of the object: the scene should be as transparent (NeRF-synthetic).
-    #[default]
-    Opacity,
-    /// A mask: pixels count from ½ on.
-    Mask,
+gs_core::choices! {
+    /// The meaning of an image's alpha channel.
+    #[derive(Default)]
+    pub enum AlphaMeaning {
+        /// Opacity of the object: the scene should be as transparent (NeRF-synthetic).
+        #[default]
+        Opacity = "opacity": "Opacity: transparent pixels stay transparent in the scene",
+        /// A mask: pixels count from ½ on.
+        Mask = "mask": "A mask: only opaque pixels count",
+    }
 }

@@ -12,7 +12,7 @@
 //! [`Antialias::Mip`]; a file without it is meant for the rendering of 3DGS, [`Antialias::Dilate`].
 
 use gs_core::{
-    Blend, RenderSettings,
+    Blend, Choice as _, RenderSettings,
     effects::{Antialias, Order},
 };
 use serde::Deserialize;
@@ -73,8 +73,8 @@ impl TrainedWith {
         for comment in comments {
             let comment = comment.to_lowercase();
             match comment.split_ascii_whitespace().collect::<Vec<_>>().as_slice() {
-                [OURS, "antialias:", name] => ours.antialias = Antialias::named(name).or(ours.antialias),
-                [OURS, "order:", name] => ours.order = Order::named(name).or(ours.order),
+                [OURS, "antialias:", name] => ours.antialias = Antialias::from_name(name).or(ours.antialias),
+                [OURS, "order:", name] => ours.order = Order::from_name(name).or(ours.order),
                 [OURS, "frame:", words @ ..] => ours.frame = WorldFrame::of_words(words).unwrap_or(ours.frame),
                 ["splatrendermode:", "mip"] | ["antialiased", "1"] => others = Some(Antialias::Mip),
                 ["splatrendermode:", "default"] | ["antialiased", "0"] => others = Some(Antialias::Dilate),
@@ -108,8 +108,8 @@ impl TrainedWith {
         let name = |key: &str| extras[OURS][key].as_str();
         let frame = WorldFrame::deserialize(&extras[OURS]["frame"]).ok().filter(WorldFrame::is_valid);
         Self {
-            antialias: name("antialias").and_then(Antialias::named),
-            order: name("order").and_then(Order::named),
+            antialias: name("antialias").and_then(Antialias::from_name),
+            order: name("order").and_then(Order::from_name),
             frame: frame.unwrap_or_default(),
         }
     }

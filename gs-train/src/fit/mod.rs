@@ -16,7 +16,7 @@ mod whole_fit;
 pub(crate) use self::forecast::Forecast;
 pub use self::{
     flat::mean_color,
-    init::Init,
+    init::{Init, InitKind},
     plane_scene::Flat,
     presets::Preset,
     settings::{ColorSolve, FitSettings, InitialCount},

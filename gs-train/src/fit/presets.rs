@@ -1,13 +1,10 @@
 //! Presets of fits: the paper's experiment, and images at three levels of effort.
 
-use std::fmt;
-
 use gs_core::{
     Adam, Blend, Loss, Parameterization, RenderSettings,
     adam::{Group, Schedule},
 };
 use gs_density::{Grow, Policy, ResidualGrowth, Signal};
-use serde::{Deserialize, Serialize};
 
 use super::{
     init::{Init, Random},
@@ -39,35 +36,22 @@ const ROUNDS_POWER: f64 = 0.6;
 /// on, quality at the fit's own size falls; at 0.25 px an enlargement by two is 0.5 to 0.8 dB worse.
 const MIN_SCALE_PX: f32 = 0.4;
 
-/// A preset of a fit: settings by name.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-#[non_exhaustive]
-pub enum Preset {
-    /// [`FitSettings::paper`].
-    Paper,
-    /// [`FitSettings::quick`].
-    Quick,
-    /// [`FitSettings::standard`].
-    Standard,
-    /// [`FitSettings::best`].
-    Best,
+gs_core::choices! {
+    /// A preset of a fit: settings by name.
+    #[non_exhaustive]
+    pub enum Preset {
+        /// [`FitSettings::paper`].
+        Paper = "paper": "The paper's experiment: 20 Gaussians that grow, front-to-back blending",
+        /// [`FitSettings::quick`].
+        Quick = "quick": "For a first look: a fraction of the time",
+        /// [`FitSettings::standard`].
+        Standard = "standard": "For images: the best within a second or so",
+        /// [`FitSettings::best`].
+        Best = "best": "More steps, a little better",
+    }
 }
 
 impl Preset {
-    /// All presets, the paper's first, then by effort.
-    pub const ALL: [Self; 4] = [Self::Paper, Self::Quick, Self::Standard, Self::Best];
-
-    /// Name in flags.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Paper => "paper",
-            Self::Quick => "quick",
-            Self::Standard => "standard",
-            Self::Best => "best",
-        }
-    }
-
     /// The settings for at most `gaussians` on an image of `size` (columns, rows). The paper's
     /// ignore the size.
     pub fn settings(self, gaussians: u32, size: (u32, u32)) -> FitSettings {
@@ -77,12 +61,6 @@ impl Preset {
             Self::Standard => FitSettings::for_image(gaussians, size, STANDARD_ITERATIONS),
             Self::Best => FitSettings::for_image(gaussians, size, BEST_ITERATIONS),
         }
-    }
-}
-
-impl fmt::Display for Preset {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.name())
     }
 }
 

@@ -237,7 +237,7 @@ impl FitSettings {
             return Err(Error::setting("rebin-every", 0, "at least 1"));
         }
         if self.tune != Tune::Psnr && !self.loss.is_pointwise() {
-            return Err(Error::setting("the loss under tune = \"ssim\"", self.loss.name(), "l2 or l1"));
+            return Err(Error::setting("the loss under tune = \"ssim\"", self.loss, "l2 or l1"));
         }
         self.init.validate()?;
         self.policy.validate_2d()?;

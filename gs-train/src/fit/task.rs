@@ -204,8 +204,7 @@ impl<R: Optimizer<Scene2d>> ImageTask<R> {
     fn new(on: &R, target: FitTarget<'_>, settings: &FitSettings) -> Result<Self, Error> {
         let (image, weights) = (target.image, target.weights(settings));
         if weights.is_some() && !settings.loss.is_pointwise() {
-            let name = settings.loss.name();
-            return Err(gs_core::Error::setting("the loss of weighted pixels", name, "l2 or l1").into());
+            return Err(gs_core::Error::setting("the loss of weighted pixels", settings.loss, "l2 or l1").into());
         }
         let canvas = Canvas::new(image.width(), image.height());
         let target = on.upload_target(TargetImage { weights: weights.as_deref(), ..image.into() })?;

@@ -2,26 +2,26 @@
 
 use gs_core::Image;
 use gs_density::seed::Plane;
-use serde::{Deserialize, Serialize};
 
-/// The measure that a 2D fit or an encoded image is tuned for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Tune {
-    /// PSNR: every pixel counts the same.
-    #[default]
-    Psnr,
-    /// SSIM and MS-SSIM: a pixel counts more where there is little contrast around it, because errors
-    /// are easier to see there.
-    ///
-    /// Its weight is proportional to b(1/(2v + C₂))^0.6, where v is the variance of luminance around
-    /// each pixel, b and the variance use a Gaussian window of 2.4 px (one standard deviation), and C₂ is
-    /// the constant of SSIM. The mean weight is 1. The policies `residual` and `image-gs` place
-    /// Gaussians by it, too; with other policies only the loss is tuned. Needs the loss L2 or L1.
-    ///
-    /// Near the image, 1 − SSIM is about a sum of squared errors over 2v + C₂. The exponent 1, which
-    /// follows from that, costs more PSNR than it gains of either measure.
-    Ssim,
+gs_core::choices! {
+    /// The measure that a 2D fit or an encoded image is tuned for.
+    #[derive(Default)]
+    pub enum Tune {
+        /// PSNR: every pixel counts the same.
+        #[default]
+        Psnr = "psnr": "PSNR: every pixel counts the same",
+        /// SSIM and MS-SSIM: a pixel counts more where there is little contrast around it, because errors
+        /// are easier to see there.
+        ///
+        /// Its weight is proportional to b(1/(2v + C₂))^0.6, where v is the variance of luminance around
+        /// each pixel, b and the variance use a Gaussian window of 2.4 px (one standard deviation), and C₂ is
+        /// the constant of SSIM. The mean weight is 1. The policies `residual` and `image-gs` place
+        /// Gaussians by it, too; with other policies only the loss is tuned. Needs the loss L2 or L1.
+        ///
+        /// Near the image, 1 − SSIM is about a sum of squared errors over 2v + C₂. The exponent 1, which
+        /// follows from that, costs more PSNR than it gains of either measure.
+        Ssim = "ssim": "SSIM and MS-SSIM: pixels count more where there is little contrast",
+    }
 }
 
 /// Passes of the binomial kernel over the contrast: σ = √(passes/2) px.

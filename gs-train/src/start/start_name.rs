@@ -1,50 +1,28 @@
 //! The first Gaussians of a data set by name, as in `gs train --start` and in study files.
 
-use std::fmt;
-
 use gs_core::Error;
 use gs_io::dataset::{Dataset, Split};
-use serde::{Deserialize, Serialize};
 
 use super::init::Start;
 
-/// What a training on a data set starts from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-#[non_exhaustive]
-pub enum StartName {
-    /// The points of the data set: [`Start::Points`].
-    Points,
-    /// The points and those found in the images: [`Start::PointsAndImages`].
-    PointsAndImages,
-    /// The points and those of the depth maps: [`Start::Depths`].
-    Depths,
-    /// Points found in the images: [`Start::Images`].
-    Images,
-    /// Random points: [`Start::Random`].
-    Random,
+gs_core::choices! {
+    /// What a training on a data set starts from.
+    #[non_exhaustive]
+    pub enum StartName {
+        /// The points of the data set: [`Start::Points`].
+        Points = "points",
+        /// The points and those found in the images: [`Start::PointsAndImages`].
+        PointsAndImages = "points-and-images",
+        /// The points and those of the depth maps: [`Start::Depths`].
+        Depths = "depths",
+        /// Points found in the images: [`Start::Images`].
+        Images = "images",
+        /// Random points: [`Start::Random`].
+        Random = "random",
+    }
 }
 
 impl StartName {
-    /// All of them.
-    pub const ALL: [Self; 5] = [Self::Points, Self::PointsAndImages, Self::Depths, Self::Images, Self::Random];
-
-    /// The name in flags and files.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Points => "points",
-            Self::PointsAndImages => "points-and-images",
-            Self::Depths => "depths",
-            Self::Images => "images",
-            Self::Random => "random",
-        }
-    }
-
-    /// The one of that name, if there is one.
-    pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|start| start.name() == name)
-    }
-
     /// The start that suits a data set: depth maps if it has any, otherwise points, or images if it
     /// has no points either.
     pub fn usual(dataset: &Dataset) -> Self {
@@ -72,12 +50,6 @@ impl StartName {
             Self::Images => Ok(Start::Images),
             Self::Random => Ok(Start::Random),
         }
-    }
-}
-
-impl fmt::Display for StartName {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.name())
     }
 }
 

@@ -15,20 +15,21 @@ use serde::{Deserialize, Serialize};
 use crate::error::Error;
 use crate::views::{ColorMap, ColorPair, PosedView, possible, reduced, reduced_camera};
 
-/// How differences in exposure and white balance between images are treated.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-#[non_exhaustive]
-pub enum Exposure {
-    /// The scene is trained on the images as they are.
-    #[default]
-    Off,
-    /// Each training view has an affine colour map, solved while the scene is trained. Needs at
-    /// least two training views.
-    Affine,
-    /// As [`Self::Affine`] as long as the maps show that images differ; as [`Self::Off`] from the
-    /// first solution on that does not, and in runs too short to tell.
-    Auto,
+gs_core::choices! {
+    /// How differences in exposure and white balance between images are treated.
+    #[derive(Default)]
+    #[non_exhaustive]
+    pub enum Exposure {
+        /// The scene is trained on the images as they are.
+        #[default]
+        Off = "off": "Train on the images as they are",
+        /// Each training view has an affine colour map, solved while the scene is trained. Needs at
+        /// least two training views.
+        Affine = "affine": "Correct the colours of each training view by an affine map found during the training",
+        /// As [`Self::Affine`] as long as the maps show that images differ; as [`Self::Off`] from the
+        /// first solution on that does not, and in runs too short to tell.
+        Auto = "auto": "As affine if the images differ in exposure or white balance, otherwise as off",
+    }
 }
 
 impl Exposure {

@@ -1,7 +1,5 @@
 //! Presets of training in 3D: runs of minutes, a quick look, and the published 3DGS and 3DGS-MCMC.
 
-use std::fmt;
-
 use gs_core::{
     Adam, Blend, Camera, Loss, Parameterization, Penalty, RenderSettings,
     adam::{Group, MomentFormat, Schedule},
@@ -11,7 +9,6 @@ use gs_core::{
 };
 use gs_density::{Actions, Densify, Grow, Mcmc, Policy, Prune, Signal, SizeThreshold};
 use gs_io::dataset::DatasetKind;
-use serde::{Deserialize, Serialize};
 
 use super::{
     depth_loss::DepthLoss,
@@ -21,28 +18,28 @@ use super::{
 use crate::run::{Recovery, Rounds};
 use crate::{start::PointInit, views::Resolution};
 
-/// A preset of a 3D training: settings by name.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-#[non_exhaustive]
-pub enum TrainPreset {
-    /// The settings of 3DGS (Kerbl et al. 2023), 30,000 steps, for comparison with other work. Two
-    /// numbers differ from the code of 3DGS: α is at most 0.999 instead of 0.99, as in gsplat, and
-    /// Gaussians reach as far as α is above the cut instead of three standard deviations. With
-    /// [`Accuracy::THREE_DGS`](gs_core::Accuracy::THREE_DGS) as `render.accuracy` they are the same.
-    #[default]
-    #[serde(rename = "3dgs")]
-    ThreeDgs,
-    /// The settings of 3DGS-MCMC (Kheradmand et al. 2024), 30,000 steps, for a fixed number of
-    /// Gaussians.
-    Mcmc,
-    /// Runs of minutes, 2,000 to 8,000 steps: 3DGS with growth by rank of AbsGS's gradients, longer
-    /// steps, learning rates that decay within the run, half the resolution at first, points found
-    /// in the images where the data set has few, no opacity resets, no density control in the last
-    /// third, and moments of SH above degree 0 in 16 bits.
-    Standard,
-    /// A first look in 2,000 steps, at half resolution first, with the same moments.
-    Quick,
+gs_core::choices! {
+    /// A preset of a 3D training: settings by name.
+    #[derive(Default)]
+    #[non_exhaustive]
+    pub enum TrainPreset {
+        /// Runs of minutes, 2,000 to 8,000 steps: 3DGS with growth by rank of AbsGS's gradients, longer
+        /// steps, learning rates that decay within the run, half the resolution at first, points found
+        /// in the images where the data set has few, no opacity resets, no density control in the last
+        /// third, and moments of SH above degree 0 in 16 bits.
+        Standard = "standard": "For runs of minutes",
+        /// A first look in 2,000 steps, at half resolution first, with the same moments.
+        Quick = "quick": "For a first look",
+        /// The settings of 3DGS (Kerbl et al. 2023), 30,000 steps, for comparison with other work. Two
+        /// numbers differ from the code of 3DGS: α is at most 0.999 instead of 0.99, as in gsplat, and
+        /// Gaussians reach as far as α is above the cut instead of three standard deviations. With
+        /// [`Accuracy::THREE_DGS`](gs_core::Accuracy::THREE_DGS) as `render.accuracy` they are the same.
+        #[default]
+        ThreeDgs = "3dgs": "3D Gaussian Splatting as published",
+        /// The settings of 3DGS-MCMC (Kheradmand et al. 2024), 30,000 steps, for a fixed number of
+        /// Gaussians.
+        Mcmc = "mcmc": "3DGS-MCMC: a fixed number of Gaussians, moved to where they are needed",
+    }
 }
 
 /// Steps of the published runs.
@@ -79,19 +76,6 @@ const SHORTEST_AS_PUBLISHED: u32 = OPACITY_RESET_EVERY + 500;
 const QUICK_ITERATIONS: u32 = 2_000;
 
 impl TrainPreset {
-    /// All presets.
-    pub const ALL: [Self; 4] = [Self::Standard, Self::Quick, Self::ThreeDgs, Self::Mcmc];
-
-    /// Name in flags.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::ThreeDgs => "3dgs",
-            Self::Mcmc => "mcmc",
-            Self::Standard => "standard",
-            Self::Quick => "quick",
-        }
-    }
-
     /// The settings for a run of `iterations` steps, by default the preset's own number.
     ///
     /// The published presets keep their schedules: density control from step 500 to 15,000 (MCMC:
@@ -145,12 +129,6 @@ fn standard_for<'a>(iterations: Option<u32>, cameras: impl IntoIterator<Item = &
     let [least, most] = STANDARD_GAUSSIANS;
     let gaussians = (pixels.iter().sum::<u64>() / PIXELS_PER_GAUSSIAN).clamp(least, most) as u32;
     TrainSettings { gaussians, ..standard(iterations.unwrap_or(steps)) }
-}
-
-impl fmt::Display for TrainPreset {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.name())
-    }
 }
 
 impl Default for TrainSettings {

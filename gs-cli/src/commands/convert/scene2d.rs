@@ -3,7 +3,7 @@
 
 use std::{fmt::Write, path::Path};
 
-use gs_backend::FutureExt as _;
+use gs_backend::{FutureExt as _, Wanted};
 use gs_core::{
     Scene as _, counted,
     examination::{self, Repair},
@@ -13,12 +13,7 @@ use gs_train::{ColorRange, Viewable, viewable};
 use serde::Serialize;
 
 use super::ConvertArgs;
-use crate::{
-    backend::{BackendArgs, Choice},
-    failure::Failure,
-    memory, output,
-    scene::is_scene_2d,
-};
+use crate::{backend::BackendArgs, failure::Failure, memory, output, scene::is_scene_2d};
 
 /// What `gs convert --json` prints of a 2D scene.
 #[derive(Debug, Serialize)]
@@ -110,7 +105,7 @@ pub(super) fn run(args: &ConvertArgs, from: &Path, mut file: File2d, has_alpha: 
 fn trained(args: &ConvertArgs, from: &Path, file: &File2d, range: ColorRange) -> Result<(usize, f64), Failure> {
     memory::check_picture(from.display(), (file.width, file.height))?;
     // GPUs do not offer all that is needed.
-    let cpu = BackendArgs { backend: Choice::Cpu, ..BackendArgs::default() }.open()?;
+    let cpu = BackendArgs { backend: Wanted::Cpu, ..BackendArgs::default() }.open()?;
     let Viewable { file: made, psnr, .. } = viewable(&cpu.rasterizer, file, range).block_on()?;
     match range {
         ColorRange::Unit => write_svg(&args.to, &made)?,

@@ -215,7 +215,7 @@ mod tests {
     use clap::Parser;
 
     use super::*;
-    use crate::backend::Choice;
+    use gs_backend::Wanted;
 
     #[derive(Debug, Parser)]
     struct Flags {
@@ -236,7 +236,7 @@ mod tests {
         let args = flags(&[&words[..], &["--checkpoint-every", "10"]].concat());
         let target = Target::read(None, None).unwrap();
         let settings = image_fit::settings(&args.settings, &SettingsFile::None, &target).unwrap();
-        let wgpu = BackendArgs { backend: Choice::Wgpu, ..BackendArgs::default() };
+        let wgpu = BackendArgs { backend: Wanted::Wgpu, ..BackendArgs::default() };
         let backend = wgpu.open().expect("`cargo xtask test` installs a driver");
         let failure = thread::scope(|scope| {
             scope.spawn(|| {

@@ -3,14 +3,13 @@
 use std::{fs, time::Instant};
 
 use gs_backend::Chosen;
-use gs_core::Loss;
-use gs_train::{FitSettings, Preset, Tune};
+use gs_train::{FitSettings, Preset};
 
 use super::{FitArgs, Start, backend_args, command, film::Film, read_target, results::Results};
 use crate::{
     failure::Failure,
     image_fit::{
-        SettingsFile, Target,
+        FitSettingsArgs, SettingsFile, Target,
         batch::{self, BatchImage, Done},
     },
     interrupt::{AT_NEXT_STEP, Interrupt},
@@ -38,7 +37,7 @@ pub(super) fn run(args: &FitArgs, images: &[BatchImage]) -> Result<(), Failure> 
         SettingsFile::Fit(settings) => settings.peak_bytes(size),
         _ => {
             let settings = FitSettings::from_preset(Preset::Standard, size, args.settings.gaussians, None);
-            let (loss, tune) = (args.settings.loss.map(Loss::from), args.settings.tune.map(Tune::from));
+            let FitSettingsArgs { loss, tune, .. } = args.settings;
             let chosen = settings.with(|s| (s.loss, s.tune) = (loss.unwrap_or(s.loss), tune.unwrap_or(s.tune)));
             chosen.peak_bytes(size)
         }

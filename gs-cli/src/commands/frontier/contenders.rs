@@ -7,11 +7,7 @@ use gs_lab::{
     study::Machine,
 };
 
-use crate::{
-    backend::{BackendArgs, Choice},
-    failure::Failure,
-    output,
-};
+use crate::{backend::BackendArgs, failure::Failure, output};
 
 /// Contenders, and the settings that choose each of them.
 pub(super) type Contenders<'a, V> = (Vec<Contender<'a, V>>, Vec<FrontierMachine>);
@@ -24,7 +20,7 @@ where
     AnyRasterizer: Optimizer<S>,
 {
     let mut found: Vec<Candidate<'a, S::View>> = Vec::new();
-    if args.backend != Choice::Wgpu && args.adapter.is_none() {
+    if args.backend != Wanted::Wgpu && args.adapter.is_none() {
         let base = args.open_to_compare(Wanted::Cpu)?;
         output::note(&base.reason);
         if let AnyRasterizer::Cpu(rasterizer) = base.rasterizer {
@@ -33,9 +29,9 @@ where
             found.extend(cpu_contenders(*rasterizer, scene, blend, flags)?);
         }
     }
-    let may_use_wgpu = args.backend != Choice::Cpu && args.simd.is_none();
+    let may_use_wgpu = args.backend != Wanted::Cpu && args.simd.is_none();
     if may_use_wgpu
-        && (args.backend == Choice::Wgpu || args.adapter.is_some() || !gs_wgpu::adapters().block_on().is_empty())
+        && (args.backend == Wanted::Wgpu || args.adapter.is_some() || !gs_wgpu::adapters().block_on().is_empty())
     {
         let base = args.open_to_compare(Wanted::Wgpu)?;
         output::note(&base.reason);

@@ -8,6 +8,7 @@ mod scene3d;
 use std::path::PathBuf;
 
 use clap::Args;
+use gs_core::{Blend, Loss, Parameterization};
 use gs_io::{AnyScene, Inputs};
 
 use self::{measure::measure, scene2d::Input2d, scene3d::Input3d};
@@ -15,13 +16,11 @@ use crate::{
     backend::BackendArgs,
     dataset::ReadingArgs,
     failure::Failure,
-    image_fit::BlendName,
     memory, output,
     output_folder::{self, OutputFolder, OverwriteArgs},
     render_args::RenderArgs3d,
     scene,
-    training::arguments::{LossName, ParameterizationName},
-    values::{Size, ViewName, whole},
+    values::{Size, ViewName, by_name, whole},
 };
 
 const AFTER_HELP: &str = "\
@@ -72,16 +71,16 @@ pub(crate) struct ProfileArgs {
     #[arg(short, long, value_name = "K", value_parser = whole::<u32>(0..))]
     iterations: Option<u32>,
     /// Loss to minimise [default: l2; l1-dssim for the circle and square and in 3D]
-    #[arg(long, value_enum, value_name = "LOSS")]
-    loss: Option<LossName>,
+    #[arg(long, value_parser = by_name::<Loss>(), value_name = "LOSS")]
+    loss: Option<Loss>,
     /// How the Gaussians at a pixel become its colour [default: that of the scene; sum for images,
     /// over in 3D]
-    #[arg(long, value_enum, value_name = "BLEND")]
-    blend: Option<BlendName>,
+    #[arg(long, value_parser = by_name::<Blend>(), value_name = "BLEND")]
+    blend: Option<Blend>,
     /// Coordinates of the optimizer [default: covariance-factor; scale-rotation for the circle and
     /// square and in 3D]
-    #[arg(long, value_enum, value_name = "NAME")]
-    parameterization: Option<ParameterizationName>,
+    #[arg(long, value_parser = by_name::<Parameterization>(), value_name = "NAME")]
+    parameterization: Option<Parameterization>,
     /// Camera of a view of a data set [default: the whole scene from slightly above]
     #[arg(long, value_name = "DATASET:VIEW", help_heading = "3D scenes")]
     camera: Option<ViewName>,

@@ -223,7 +223,7 @@ impl Report {
         let Self { reason, name, width, height, target, clock_text, repetitions, .. } = self;
         let fitted =
             self.fitted_steps.map_or_else(String::new, |steps| format!(", fitted in {}", counted(steps, "step")));
-        let (blend, loss, parameterization) = (self.blend.name(), self.loss.name(), self.parameterization.name());
+        let Self { blend, loss, parameterization, .. } = self;
         // 2D scenes have none of these.
         let effects = match self.kind {
             SceneKind::TwoD => String::new(),

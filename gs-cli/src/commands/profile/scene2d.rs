@@ -55,14 +55,14 @@ impl Input2d {
         let target =
             args.image.as_deref().map(|image| read_target(image, (canvas.width, canvas.height))).transpose()?;
         let mut render = file.settings;
-        render.effects.blend = args.blend.map_or(render.effects.blend, Into::into);
+        render.effects.blend = args.blend.unwrap_or(render.effects.blend);
         Ok(Self {
             name: name.clone(),
             file: Some(name),
             canvas,
             render,
-            loss: args.loss.map_or(Loss::L2, Loss::from),
-            parameterization: args.parameterization.map_or(Parameterization::CovarianceFactor, Parameterization::from),
+            loss: args.loss.unwrap_or(Loss::L2),
+            parameterization: args.parameterization.unwrap_or(Parameterization::CovarianceFactor),
             source: Source::Scene(file.scene),
             target,
         })

@@ -47,11 +47,11 @@ impl Input3d {
         };
         camera.validate().map_err(|error| Failure::usage(error).at("--camera or --size"))?;
         args.render.note_guess(&file);
-        render.effects.blend = args.blend.map_or(render.effects.blend, Into::into);
+        render.effects.blend = args.blend.unwrap_or(render.effects.blend);
         let target =
             args.image.as_deref().map(|image| read_target(image, (camera.width, camera.height))).transpose()?;
-        let loss = args.loss.map_or(Loss::PAPER, Loss::from);
-        let parameterization = args.parameterization.map_or(Parameterization::ScaleRotation, Parameterization::from);
+        let loss = args.loss.unwrap_or(Loss::PAPER);
+        let parameterization = args.parameterization.unwrap_or(Parameterization::ScaleRotation);
         Ok(Self { name, scene: file.scene, camera, render, loss, parameterization, target })
     }
 

@@ -1,22 +1,27 @@
 //! The flags of `gs train`.
 
-use std::{path::PathBuf, sync::LazyLock};
+use std::path::PathBuf;
 
-use clap::{Args, ValueEnum, builder::PossibleValue};
+use clap::{Args, builder::TypedValueParser};
+use gs_core::{
+    Loss, Parameterization, Participants,
+    effects::{Antialias, Order},
+};
 use gs_density::Policy;
 use gs_io::{FolderClaim, Inputs};
+use gs_train::{TrainPreset, train::Exposure};
 
 use crate::{
     backend::BackendArgs,
     dataset::DatasetArgs,
     effects_args::EffectsArgs,
-    render_args::{AntialiasName, OrderName},
+    render_args::DEPTH_ORDERS,
     scene,
     training::{
-        arguments::{CheckpointArgs, LossName, OutputArgs, ParameterizationName, PolicyName},
+        arguments::{CheckpointArgs, OutputArgs, policy_by_name},
         results,
     },
-    values::{Minutes, TrainBackground, whole},
+    values::{Minutes, TrainBackground, by_name, one_of, whole},
 };
 
 const AFTER_HELP: &str = "\
@@ -115,8 +120,8 @@ impl TrainArgs {
 #[command(next_help_heading = "Settings")]
 pub(crate) struct TrainSettingsArgs {
     /// The settings to start from [default: standard]
-    #[arg(long, value_enum, value_name = "PRESET")]
-    pub(crate) preset: Option<TrainPresetName>,
+    #[arg(long, value_parser = by_name::<TrainPreset>(), value_name = "PRESET")]
+    pub(crate) preset: Option<TrainPreset>,
     /// Settings file, such as the settings.toml of a training; flags override it
     #[arg(long, value_name = "FILE.toml", conflicts_with_all = ["preset", "iterations"])]
     pub(crate) settings: Option<PathBuf>,
@@ -136,8 +141,8 @@ pub(crate) struct TrainSettingsArgs {
     #[arg(short, long, value_name = "K", value_parser = whole::<u32>(0..))]
     pub(crate) iterations: Option<u32>,
     /// Density control: which Gaussians grow and which are removed
-    #[arg(long, value_enum, value_name = "POLICY")]
-    pub(crate) policy: Option<TrainPolicyName>,
+    #[arg(long, value_parser = policy(), value_name = "POLICY")]
+    pub(crate) policy: Option<Policy>,
     /// What to start from: points of the data set (points), these and points found in the images
     /// (points-and-images), these and points of the depth maps (depths), only points found in the images
     /// (images), random points (random), or a scene (a file or an output folder) [default: depths
@@ -146,21 +151,21 @@ pub(crate) struct TrainSettingsArgs {
     #[arg(long, value_name = "START")]
     pub(crate) start: Option<String>,
     /// Loss to minimise
-    #[arg(long, value_enum, value_name = "LOSS")]
-    pub(crate) loss: Option<LossName>,
+    #[arg(long, value_parser = by_name::<Loss>(), value_name = "LOSS")]
+    pub(crate) loss: Option<Loss>,
     /// Coordinates of the optimizer
-    #[arg(long, value_enum, value_name = "NAME")]
-    pub(crate) parameterization: Option<ParameterizationName>,
+    #[arg(long, value_parser = by_name::<Parameterization>(), value_name = "NAME")]
+    pub(crate) parameterization: Option<Parameterization>,
     /// Highest degree of spherical harmonics (SH), 0 to 3
     #[arg(long, value_name = "D", value_parser = whole::<u8>(0..=3))]
     pub(crate) sh_degree: Option<u8>,
     /// Order of blending
-    #[arg(long, value_enum, value_name = "ORDER")]
-    pub(crate) order: Option<OrderName>,
+    #[arg(long, value_parser = one_of(&DEPTH_ORDERS), value_name = "ORDER")]
+    pub(crate) order: Option<Order>,
     /// Treatment of Gaussians narrower than a pixel [default: mip for Blender with preset standard or
     /// quick, that of the scene with --start SCENE, otherwise dilate]
-    #[arg(long, value_enum, value_name = "ANTIALIAS")]
-    pub(crate) antialias: Option<AntialiasName>,
+    #[arg(long, value_parser = by_name::<Antialias>(), value_name = "ANTIALIAS")]
+    pub(crate) antialias: Option<Antialias>,
     /// Background: black, white, random (another colour in each step), or R,G,B [default: white for
     /// Blender, otherwise black]
     #[arg(long, value_name = "COLOUR")]
@@ -169,15 +174,15 @@ pub(crate) struct TrainSettingsArgs {
     #[arg(long, value_name = "F", value_parser = whole::<u32>(1..=8))]
     pub(crate) coarse: Option<u32>,
     /// How to treat differences in exposure and white balance between the images
-    #[arg(long, value_enum, value_name = "WHICH")]
-    pub(crate) exposure: Option<ExposureName>,
+    #[arg(long, value_parser = by_name::<Exposure>(), value_name = "WHICH")]
+    pub(crate) exposure: Option<Exposure>,
     /// Weight of the data set's depth maps in the loss of the first step; it falls to a hundredth of
     /// that. 1 is usual. With 0, depth maps only give initial Gaussians
     #[arg(long, value_name = "W")]
     pub(crate) depth_weight: Option<f32>,
     /// Which Gaussians a step moves
-    #[arg(long, value_enum, value_name = "WHICH")]
-    pub(crate) participants: Option<ParticipantsName>,
+    #[arg(long, value_parser = by_name::<Participants>(), value_name = "WHICH")]
+    pub(crate) participants: Option<Participants>,
     /// Weight of the mean opacity in the loss, as in 3DGS-MCMC
     #[arg(long, value_name = "W")]
     pub(crate) opacity_weight: Option<f32>,
@@ -189,71 +194,21 @@ pub(crate) struct TrainSettingsArgs {
     pub(crate) seed: Option<u32>,
 }
 
-/// A preset.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(crate) enum TrainPresetName {
-    /// For runs of minutes
-    Standard,
-    /// For a first look
-    Quick,
-    /// 3D Gaussian Splatting as published
-    #[value(name = "3dgs")]
-    ThreeDgs,
-    /// 3DGS-MCMC: a fixed number of Gaussians, moved to where they are needed
-    Mcmc,
-}
-
-/// A density-control policy for 3D scenes: not those that use the residual of one image, residual
-/// and image-gs.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct TrainPolicyName(PolicyName);
-
-impl ValueEnum for TrainPolicyName {
-    fn value_variants<'a>() -> &'a [Self] {
-        static ALL: LazyLock<Vec<TrainPolicyName>> = LazyLock::new(|| {
-            let trains = |policy: &Policy| policy.clone().for_3d().validate_3d().is_ok();
-            PolicyName::those(trains).map(TrainPolicyName).collect()
-        });
-        &ALL
-    }
-
-    fn to_possible_value(&self) -> Option<PossibleValue> {
-        self.0.to_possible_value()
-    }
-}
-
-/// How differences in exposure and white balance are treated.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(crate) enum ExposureName {
-    /// Train on the images as they are
-    Off,
-    /// Correct the colours of each training view by an affine map found during the training
-    Affine,
-    /// As affine if the images differ in exposure or white balance, otherwise as off
-    Auto,
-}
-
-/// The Gaussians that a step of Adam moves.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(crate) enum ParticipantsName {
-    /// All (3DGS)
-    All,
-    /// Gaussians in sight of the step's view
-    Visible,
+/// A parser of the policies for 3D scenes: not those that use the residual of one image, residual and
+/// image-gs.
+fn policy() -> impl TypedValueParser<Value = Policy> {
+    policy_by_name(|policy| policy.clone().for_3d().validate_3d().is_ok().then_some(""))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use clap::Command;
-    use gs_train::TrainPreset;
 
     #[test]
     fn the_offered_policies_are_those_that_can_train_3d_scenes() {
-        let offered: Vec<String> = TrainPolicyName::value_variants()
-            .iter()
-            .map(|name| name.to_possible_value().unwrap().get_name().to_owned())
-            .collect();
+        let offered: Vec<String> =
+            policy().possible_values().unwrap().map(|value| value.get_name().to_owned()).collect();
         for name in Policy::NAMES {
             let settings = TrainPreset::default().settings(None).with_policy(Policy::from_name(name).unwrap());
             assert_eq!(offered.iter().any(|offered| offered == name), settings.validate().is_ok(), "{name}");

@@ -18,7 +18,7 @@ use gs_backend::{AnyRasterizer, FutureExt as _};
 use gs_core::{Parameterization, counted};
 use gs_io::{
     Checkpoint,
-    dataset::{Dataset, Remark, Split},
+    dataset::{AlphaMeaning, Dataset, Remark, Split},
     read_checkpoint,
 };
 use gs_train::{
@@ -26,10 +26,10 @@ use gs_train::{
     train::{Start as Initial, Views},
 };
 
-pub(crate) use self::arguments::{ExposureName, ParticipantsName, TrainArgs};
+pub(crate) use self::arguments::TrainArgs;
 use self::{results::Results, time_limit::TimeLimit};
 use crate::{
-    dataset::{AlphaName, DatasetArgs, remark_text},
+    dataset::{DatasetArgs, remark_text},
     failure::Failure,
     memory::Need,
     output::{self, printable, quoted},
@@ -228,7 +228,7 @@ fn command(args: &TrainArgs) -> String {
     let DatasetArgs { holdout, images, alpha, reading } = &args.images;
     let holdout = holdout.map_or_else(String::new, |holdout| format!(" --holdout {holdout}"));
     let images = images.as_ref().map_or_else(String::new, |images| format!(" --images {}", quoted(Path::new(images))));
-    let alpha = if *alpha == AlphaName::Mask { " --alpha mask" } else { "" };
+    let alpha = if *alpha == AlphaMeaning::Mask { " --alpha mask" } else { "" };
     let (dataset, output, reading) = (quoted(&args.dataset), quoted(&args.output.output), reading.flags());
     format!("gs train {dataset}{holdout}{images}{alpha}{reading} -o {output}")
 }

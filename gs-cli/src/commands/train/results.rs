@@ -5,7 +5,7 @@ use std::{path::Path, time::Instant};
 
 use gs_backend::{AnyRasterizer, Chosen, FutureExt as _, block_on};
 use gs_core::{
-    Camera, Canvas, RenderSettings, Scene as _, Scene3d, counted,
+    Camera, Canvas, Choice as _, RenderSettings, Scene as _, Scene3d, counted,
     effects::{Antialias, Effect, EffectDecision},
 };
 use gs_io::{TrainedWith, WorldFrame, WriteOptions3d, dataset::SplitOrigin, write_3d, write_png};
@@ -107,7 +107,7 @@ impl results::Summary for Summary {
         });
         let antialiases = |decision: &&EffectDecision| {
             decision.effect == Effect::Antialias
-                && Antialias::named(decision.wanted).is_some_and(Antialias::compensates)
+                && Antialias::from_name(decision.wanted).is_some_and(Antialias::compensates)
         };
         let antialias = self.effects.iter().find(antialiases).map(|decision| {
             format!(

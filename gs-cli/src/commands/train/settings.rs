@@ -2,18 +2,15 @@
 
 use std::path::Path;
 
-use gs_core::{Participants, counted, effects::Antialias};
-use gs_density::Policy;
+use gs_core::{Choice as _, counted, effects::Antialias};
 use gs_io::dataset::{Dataset, Split};
 use gs_train::{
     TrainPreset, TrainSettings,
-    train::{Exposure, Resolution, Start, StartName, StepBackground},
+    train::{Resolution, Start, StartName, StepBackground},
 };
 
-use super::arguments::{ExposureName, ParticipantsName, TrainPresetName, TrainSettingsArgs};
-use crate::{
-    failure::Failure, scene, text_file::read_settings_text, training::arguments::name_of, values::TrainBackground,
-};
+use super::arguments::TrainSettingsArgs;
+use crate::{failure::Failure, scene, text_file::read_settings_text, values::TrainBackground};
 
 /// The settings that the flags ask for, for this data set.
 pub(super) fn settings(args: &TrainSettingsArgs, dataset: &Dataset) -> Result<TrainSettings, Failure> {
@@ -26,9 +23,9 @@ pub(super) fn settings(args: &TrainSettingsArgs, dataset: &Dataset) -> Result<Tr
             settings
         }
         None => {
-            let preset = args.preset.unwrap_or(TrainPresetName::Standard);
+            let preset = args.preset.unwrap_or(TrainPreset::Standard);
             let cameras = dataset.views_of(Split::Train).map(|view| &view.camera);
-            TrainPreset::from(preset).settings_for(args.iterations, dataset.kind, cameras)
+            preset.settings_for(args.iterations, dataset.kind, cameras)
         }
     };
     with_flags(args, settings)
@@ -36,22 +33,22 @@ pub(super) fn settings(args: &TrainSettingsArgs, dataset: &Dataset) -> Result<Tr
 
 /// These settings with the values of the flags.
 pub(super) fn with_flags(args: &TrainSettingsArgs, mut settings: TrainSettings) -> Result<TrainSettings, Failure> {
-    if let Some(policy) = args.policy {
-        settings = settings.with_policy(Policy::from_name(&name_of(&policy))?);
+    if let Some(policy) = &args.policy {
+        settings = settings.with_policy(policy.clone());
     }
     if let Some(gaussians) = args.gaussians {
         settings = settings.with_gaussians(gaussians);
     }
     settings.exactly |= args.exactly;
-    settings.loss = args.loss.map_or(settings.loss, Into::into);
+    settings.loss = args.loss.unwrap_or(settings.loss);
     if let Some(parameterization) = args.parameterization {
-        settings = settings.with_parameterization(parameterization.into());
+        settings = settings.with_parameterization(parameterization);
     }
     settings.seed = args.seed.unwrap_or(settings.seed);
     let effects = &mut settings.render.effects;
     effects.sh_degree = args.sh_degree.unwrap_or(effects.sh_degree);
-    effects.order = args.order.map_or(effects.order, Into::into);
-    effects.antialias = args.antialias.map_or(effects.antialias, Into::into);
+    effects.order = args.order.unwrap_or(effects.order);
+    effects.antialias = args.antialias.unwrap_or(effects.antialias);
     match args.background {
         None => {}
         Some(TrainBackground::Random) => settings.background = StepBackground::Random,
@@ -63,10 +60,10 @@ pub(super) fn with_flags(args: &TrainSettingsArgs, mut settings: TrainSettings) 
     if let Some(from) = args.coarse {
         settings.resolution = Resolution::from_coarse(from);
     }
-    settings.exposure = args.exposure.map_or(settings.exposure, Into::into);
+    settings.exposure = args.exposure.unwrap_or(settings.exposure);
     settings.depth_loss.weight = args.depth_weight.unwrap_or(settings.depth_loss.weight);
     let adam = &mut settings.adam;
-    adam.participants = args.participants.map_or(adam.participants, Into::into);
+    adam.participants = args.participants.unwrap_or(adam.participants);
     adam.penalty.opacity = args.opacity_weight.unwrap_or(adam.penalty.opacity);
     adam.penalty.scale = args.scale_weight.unwrap_or(adam.penalty.scale);
     settings.validate()?;
@@ -104,36 +101,6 @@ pub(super) fn initial(
                 settings.render.effects.antialias = read.trained_with.antialias.unwrap_or(Antialias::Dilate);
             }
             Ok((Start::Scene(read.scene), format!("the Gaussians of {file}")))
-        }
-    }
-}
-
-impl From<TrainPresetName> for TrainPreset {
-    fn from(name: TrainPresetName) -> Self {
-        match name {
-            TrainPresetName::ThreeDgs => Self::ThreeDgs,
-            TrainPresetName::Mcmc => Self::Mcmc,
-            TrainPresetName::Standard => Self::Standard,
-            TrainPresetName::Quick => Self::Quick,
-        }
-    }
-}
-
-impl From<ExposureName> for Exposure {
-    fn from(name: ExposureName) -> Self {
-        match name {
-            ExposureName::Off => Self::Off,
-            ExposureName::Affine => Self::Affine,
-            ExposureName::Auto => Self::Auto,
-        }
-    }
-}
-
-impl From<ParticipantsName> for Participants {
-    fn from(name: ParticipantsName) -> Self {
-        match name {
-            ParticipantsName::All => Self::All,
-            ParticipantsName::Visible => Self::Visible,
         }
     }
 }

@@ -11,18 +11,12 @@ use std::{
     time::Instant,
 };
 
-use gs_backend::{AnyRasterizer, Chosen};
+use gs_backend::{AnyRasterizer, Chosen, Wanted};
 use gs_core::{RenderSettings, counted};
 use serde::Serialize;
 
 use super::{BatchImage, Done, Row, shown, table};
-use crate::{
-    backend::{BackendArgs, Choice},
-    failure::Failure,
-    interrupt::Interrupt,
-    memory, output,
-    progress_bar::Printer,
-};
+use crate::{backend::BackendArgs, failure::Failure, interrupt::Interrupt, memory, output, progress_bar::Printer};
 
 /// Images of at most this many pixels are worked on side by side: two cores encode three of 768x512
 /// px in 21 s rather than 26, although one of them is alone at the end. The parts of a larger image
@@ -78,7 +72,7 @@ pub(crate) fn run<T: Serialize + Send>(
     match side_by_side(&whole, small.len(), most) {
         0 | 1 => small.iter().for_each(|&index| one(index, &whole)),
         several => {
-            let cpu = BackendArgs { backend: Choice::Cpu, ..backend.clone() };
+            let cpu = BackendArgs { backend: Wanted::Cpu, ..backend.clone() };
             on_each(&cpu.open_several(several)?, small, one);
         }
     }

@@ -1,6 +1,6 @@
 //! Settings of runs on images: fits of 2D Gaussians.
 
-use gs_core::Scene2d;
+use gs_core::{Choice as _, Scene2d};
 use gs_density::Policy;
 use gs_train::{FitSettings, ForeignPolicy, InitialCount, Preset};
 
@@ -12,7 +12,7 @@ impl Planned for Scene2d {
 
     fn start_settings(asked: &Asked<'_>, target: &StudyTarget) -> Result<FitSettings, WrongKey> {
         let size = target.image().map_or((1, 1), |image| image.size());
-        let preset = Preset::ALL.into_iter().find(|preset| preset.name() == asked.preset()).ok_or_else(|| {
+        let preset = Preset::from_name(asked.preset()).ok_or_else(|| {
             let known = Preset::ALL.map(Preset::name).join(", ");
             WrongKey::new("preset", format!("there is no preset `{}` for images: those are {known}", asked.preset()))
         })?;

@@ -1,6 +1,6 @@
 //! Settings of runs on scenes: trainings of 3D Gaussians from views.
 
-use gs_core::Scene3d;
+use gs_core::{Choice as _, Scene3d};
 use gs_density::Policy;
 use gs_io::dataset::Split;
 use gs_train::{ForeignPolicy, TrainPreset, TrainSettings};
@@ -12,7 +12,7 @@ impl Planned for Scene3d {
     const IS_3D: bool = true;
 
     fn start_settings(asked: &Asked<'_>, target: &StudyTarget) -> Result<TrainSettings, WrongKey> {
-        let preset = TrainPreset::ALL.into_iter().find(|preset| preset.name() == asked.preset()).ok_or_else(|| {
+        let preset = TrainPreset::from_name(asked.preset()).ok_or_else(|| {
             let known = TrainPreset::ALL.map(TrainPreset::name).join(", ");
             WrongKey::new("preset", format!("there is no preset `{}` for scenes: those are {known}", asked.preset()))
         })?;

@@ -34,6 +34,22 @@ pub enum Init {
     Error(Guided),
 }
 
+gs_core::choices! {
+    /// The kind of an [`Init`], as `kind` in a settings file.
+    pub enum InitKind {
+        /// [`Init::Random`].
+        Random = "random": "Anywhere, large",
+        /// [`Init::Periphery`].
+        Periphery = "periphery": "Along the border of the image",
+        /// [`Init::Grid`].
+        Grid = "grid": "On a grid",
+        /// [`Init::Gradient`].
+        Gradient = "gradient": "At the edges of the image",
+        /// [`Init::Error`].
+        Error = "error": "Where a coarse rendering of the image is most wrong",
+    }
+}
+
 impl Default for Init {
     fn default() -> Self {
         Self::Gradient(Guided::default())
@@ -41,28 +57,20 @@ impl Default for Init {
 }
 
 impl Init {
-    /// The initialiser of that name (`random`, `periphery`, `grid`, `gradient`, `error`), as `kind`
-    /// in a settings file, with its default settings for this blending. Under [`Blend::Sum`],
+    /// The initialiser of this kind with its default settings for this blending. Under [`Blend::Sum`],
     /// random Gaussians have the target's colours.
-    ///
-    /// # Errors
-    /// [`Error::Setting`], listing the names.
-    pub fn from_name(name: &str, blend: Blend) -> Result<Self, Error> {
+    pub fn of_kind(kind: InitKind, blend: Blend) -> Self {
         let colors = match blend {
             Blend::Sum => Colors::Target,
             Blend::Over => Colors::Random,
         };
-        Ok(match name {
-            "random" => Self::Random(Random { colors, ..Random::default() }),
-            "periphery" => Self::Periphery(Periphery { colors, ..Periphery::default() }),
-            "grid" => Self::Grid(Grid::default()),
-            "gradient" => Self::Gradient(Guided::default()),
-            "error" => Self::Error(Guided::default()),
-            _ => {
-                let allowed = "one of random, periphery, grid, gradient, error";
-                return Err(Error::setting("init", format!("`{name}`"), allowed));
-            }
-        })
+        match kind {
+            InitKind::Random => Self::Random(Random { colors, ..Random::default() }),
+            InitKind::Periphery => Self::Periphery(Periphery { colors, ..Periphery::default() }),
+            InitKind::Grid => Self::Grid(Grid::default()),
+            InitKind::Gradient => Self::Gradient(Guided::default()),
+            InitKind::Error => Self::Error(Guided::default()),
+        }
     }
 
     /// A scene of `count` Gaussians for `target`. Equal random numbers give an equal scene, for any
