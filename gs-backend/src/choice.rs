@@ -1,6 +1,6 @@
 //! Which backend computes, and why.
 
-use gs_core::{Backend, Canvas, Error, Parameterization, Rasterizer, RenderSettings, Scene2d, Scene3d};
+use gs_core::{Backend, Canvas, Error, Rasterizer, RenderSettings, Scene2d};
 #[cfg(feature = "cpu")]
 use gs_cpu::{CpuRasterizer, CpuSettings, CpuTuning, SimdLevel};
 #[cfg(feature = "wgpu")]
@@ -79,7 +79,7 @@ pub async fn open(request: &Request) -> Result<Chosen, Error> {
 /// Opens the requested backend. Under [`Wanted::Fastest`], a GPU for which `suits` returns an error
 /// is not used.
 ///
-/// [`can_render_2d`] and [`can_train_3d`] are such checks.
+/// [`can_render_2d`] is such a check.
 ///
 /// # Errors
 /// Those of [`open`].
@@ -107,14 +107,6 @@ pub async fn open_for(
 /// Those of [`Rasterizer::forward`].
 pub async fn can_render_2d(rasterizer: &AnyRasterizer, settings: &RenderSettings) -> Result<(), Error> {
     rasterizer.for_2d().render(&Scene2d::default(), &Canvas::new(1, 1), settings).await.map(drop)
-}
-
-/// Checks whether a backend offers training of 3D scenes in this parameterization.
-///
-/// # Errors
-/// Those of [`Rasterizer::upload`].
-pub async fn can_train_3d(rasterizer: &AnyRasterizer, parameterization: Parameterization) -> Result<(), Error> {
-    rasterizer.upload(&Scene3d::default(), parameterization).map(drop)
 }
 
 fn on_gpu(rasterizer: AnyRasterizer, why: &str, why_adapter: &str, threads: &Threads) -> Chosen {
@@ -219,14 +211,6 @@ mod tests {
     fn why_not(suits: impl AsyncFnOnce(&AnyRasterizer) -> Result<(), Error>) -> Option<String> {
         let gpu = WgpuRasterizer::new(WgpuSettings::default()).block_on();
         if_suitable(gpu.expect("`cargo xtask test` installs a driver"), suits).block_on().err()
-    }
-
-    #[test]
-    fn wgpu_without_a_parameterization_is_not_used() {
-        let with = |parameterization| why_not(async move |gpu| can_train_3d(gpu, parameterization).await);
-        assert_eq!(with(Parameterization::ScaleRotation), None);
-        let why = with(Parameterization::CovarianceFactor).unwrap();
-        assert!(why.contains("is not used") && why.contains("CovarianceFactor"), "{why}");
     }
 
     #[test]

@@ -10,6 +10,6 @@ mod gpu;
 mod threads;
 
 pub use any::{AnyForwardPass, AnyGradients, AnyOf, AnyRasterizer, AnySplats, AnyTarget};
-pub use choice::{Chosen, Request, Wanted, can_render_2d, can_train_3d, open, open_for};
+pub use choice::{Chosen, Request, Wanted, can_render_2d, open, open_for};
 pub use pollster::{FutureExt, block_on};
 pub use threads::host_threads;

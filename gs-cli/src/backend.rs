@@ -1,10 +1,8 @@
 //! The flags that choose a backend, and what they mean.
 
 use clap::{Args, Parser, builder::NonEmptyStringValueParser};
-use gs_backend::{
-    AnyRasterizer, Chosen, FutureExt as _, Request, Wanted, can_render_2d, can_train_3d, host_threads, open_for,
-};
-use gs_core::{Error, Parameterization, RenderSettings};
+use gs_backend::{AnyRasterizer, Chosen, FutureExt as _, Request, Wanted, can_render_2d, host_threads, open_for};
+use gs_core::{Error, RenderSettings};
 use gs_cpu::{CpuRasterizer, CpuSettings, CpuTuning, SimdLevel};
 use gs_lab::study::Machine;
 use gs_wgpu::{Kernels, WgpuSettings};
@@ -50,12 +48,6 @@ impl BackendArgs {
     /// these settings.
     pub(crate) fn open_to_render_2d(&self, settings: &RenderSettings) -> Result<Chosen, Failure> {
         self.open_if(async move |gpu: &AnyRasterizer| can_render_2d(gpu, settings).await)
-    }
-
-    /// Opens the backend. `--backend auto` does not use a GPU that cannot train 3D scenes in this
-    /// parameterization.
-    pub(crate) fn open_to_train_3d(&self, parameterization: Parameterization) -> Result<Chosen, Failure> {
-        self.open_if(async move |gpu: &AnyRasterizer| can_train_3d(gpu, parameterization).await)
     }
 
     /// Opens one of the backends that are compared, the CPU or wgpu, whether the flags ask for it

@@ -30,7 +30,6 @@ pub(crate) fn of_train(flag: Arg) -> Arg {
     let value: fn(&TrainSettings) -> String = match flag.get_id().as_str() {
         "policy" => |s| s.policy.name().to_owned(),
         "loss" => |s| s.loss.to_string(),
-        "parameterization" => |s| s.parameterization.to_string(),
         "sh_degree" => |s| s.render.effects.sh_degree.to_string(),
         "order" => |s| s.render.effects.order.to_string(),
         "coarse" => |s| s.resolution.factor(0.0).to_string(),

@@ -20,10 +20,25 @@ crate::choices! {
         /// The Gaussian's own whitened coordinates, Σ = L Lᵀ: μ ← μ + L ξ, L ← L (I + η + η²/2) with η
         /// symmetric.
         ///
-        /// A step is the same fraction of its extent for every Gaussian, however small or thin. For 3D
-        /// scenes see [`covariance_factor`](crate::math::covariance_factor).
+        /// A step is the same fraction of its extent for every Gaussian, however small or thin. For 2D
+        /// scenes only: in 3D, longer steps of [`Self::ScaleRotation`] gain as much.
         CovarianceFactor = "covariance-factor":
             "The Gaussian's own coordinates, where a step is the same fraction of every Gaussian",
+    }
+}
+
+impl Parameterization {
+    /// Checks that 3D scenes can be held in these coordinates.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] unless they are [`Self::ScaleRotation`].
+    pub fn check_3d(self) -> Result<(), Error> {
+        match self {
+            Self::ScaleRotation => Ok(()),
+            Self::CovarianceFactor => {
+                Err(Error::setting("parameterization of a 3D scene", self.name(), "scale-rotation"))
+            }
+        }
     }
 }
 

@@ -36,14 +36,12 @@ pub struct Tensor {
 /// `moment2 [N,9]` in the order mean 2, shape 3, colour 3, opacity 1; `steps [N]` (u32);
 /// `gradient_sum [N]` (of the statistic that is collected), `visible [N]` (u32).
 ///
-/// For 3D splats, with K = (d + 1)² coefficients: `mean [N,3]`, `factor [N,9]` (columns of M, in
-/// [`Parameterization::CovarianceFactor`]) or `log_scale [N,3]` and `rotation [N,4]` (w, x, y, z),
-/// `opacity_logit [N]`, `sh [N,3K]` (coefficient by coefficient, each R, G, B); `moment1`,
-/// `moment2` in the order mean 3, shape, opacity 1, SH 3K, where the shape is log-scale 3 and
-/// rotation 4 (`[N,11+3K]`), or in [`Parameterization::CovarianceFactor`] η₀₀, η₀₁, η₀₂, η₁₁, η₁₂,
-/// η₂₂ (`[N,10+3K]`); `steps`, `gradient_sum` and `visible` as above. Moments that a backend holds
-/// in 16 bits ([`MomentFormat`](crate::adam::MomentFormat)) are numbers of 32 bits here, which hold
-/// them exactly.
+/// For 3D splats, with K = (d + 1)² coefficients: `mean [N,3]`, `log_scale [N,3]`, `rotation [N,4]`
+/// (w, x, y, z), `opacity_logit [N]`, `sh [N,3K]` (coefficient by coefficient, each R, G, B);
+/// `moment1`, `moment2 [N,11+3K]` in the order mean 3, log-scale 3, rotation 4, opacity 1, SH 3K;
+/// `steps`, `gradient_sum` and `visible` as above. Moments that a backend holds in 16 bits
+/// ([`MomentFormat`](crate::adam::MomentFormat)) are numbers of 32 bits here, which hold them
+/// exactly.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SplatsState {
     /// Coordinates in which the optimizer moves; they decide how the shape is held.

@@ -11,7 +11,6 @@
 
 mod adam;
 mod colors;
-mod covariance_factor;
 mod least_squares;
 mod loss;
 mod parameters;
@@ -29,7 +28,6 @@ use gs_core::{Canvas, CullCause, Culled, Error, Image, Loss, RenderSettings, eff
 
 pub use self::{
     adam::{AdamReference, rate_of},
-    covariance_factor::{FactoredReference, factored_scene},
     least_squares::best_colors,
     parameters::{
         COLOR, OPACITY, OPACITY_3D, OracleScene, PARAMETER_NAMES, Parameters, QUATERNION, ROTATION, SH_3D,

@@ -2,15 +2,10 @@
 
 use std::fmt::Debug;
 
-use glam::{DQuat, Mat2, Mat3};
+use glam::{DMat2, Mat2, Mat3};
 use gs_core::{
-    Adam, Error, Gaussian2d, MeanNoise, Parameterization, Scene, Scene2d, Scene3d,
-    adam::Group,
-    effects::Blend,
-    math::{
-        covariance_factor::{self, PrincipalAxes},
-        whitened,
-    },
+    Adam, Error, Gaussian2d, MeanNoise, Parameterization, Scene, Scene2d, Scene3d, adam::Group, effects::Blend,
+    math::whitened,
 };
 
 use crate::{
@@ -35,8 +30,8 @@ pub trait Subject: Scene<View: OracleView + PartialEq> {
     /// Whether backends must solve for colours under [`Blend::Sum`].
     const SOLVES_COLORS: bool;
 
-    /// The column of the opacity in the saved moments in this parameterization.
-    fn opacity_moment(parameterization: Parameterization) -> usize;
+    /// The column of the opacity in the saved moments.
+    const OPACITY_MOMENT: usize;
 
     /// Rates that move generated scenes by little, with limits that include their scales.
     fn adam() -> Adam;
@@ -55,12 +50,17 @@ pub trait Subject: Scene<View: OracleView + PartialEq> {
     ///
     /// Computed in `f64`: in `f32`, the rotation of a needle is off by its aspect times the
     /// rounding. A factor without extent along an axis leaves the row unchanged. One that is not
-    /// finite yields scales that are not finite.
-    fn rows_of_factors(&self, factors: &[f32]) -> OracleScene;
+    /// finite yields scales that are not finite. Used for kinds of scenes with this
+    /// parameterization only.
+    fn rows_of_factors(&self, _: &[f32]) -> OracleScene {
+        self.rows()
+    }
 
     /// The factor that matches a parent's moments, in the form of
     /// [`Parameterization::CovarianceFactor`].
-    fn aligned(factor: &[f32], parent: &[f32]) -> Vec<f32>;
+    fn aligned(factor: &[f32], _: &[f32]) -> Vec<f32> {
+        factor.to_vec()
+    }
 
     /// The opacity logits.
     fn opacity_logits_mut(&mut self) -> &mut [f32];
@@ -100,12 +100,9 @@ impl Subject for Scene2d {
     const PARAMETERIZATIONS: &'static [Parameterization] =
         &[Parameterization::ScaleRotation, Parameterization::CovarianceFactor];
     const DIMENSIONS: usize = 2;
+    const OPACITY_MOMENT: usize = 8;
     const OPTIONAL_TENSORS: &'static [&'static str] = &["opacity_logit"];
     const SOLVES_COLORS: bool = true;
-
-    fn opacity_moment(_: Parameterization) -> usize {
-        8
-    }
 
     fn adam() -> Adam {
         Adam::default()
@@ -135,18 +132,15 @@ impl Subject for Scene2d {
     fn rows_of_factors(&self, factors: &[f32]) -> OracleScene {
         let mut rows = self.rows();
         for (row, &[a, b, c, d]) in rows.gaussians.iter_mut().zip(factors.as_chunks().0) {
-            let factor = Mat2::from_cols_array(&[a, b, c, d]);
-            let PrincipalAxes { axes, scales, .. } = PrincipalAxes::of(Mat3::from_mat2(factor));
+            let factor = DMat2::from_cols_array(&[a, b, c, d].map(f64::from));
+            let [xx, xy, _, yy] = (factor * factor.transpose()).to_cols_array();
+            // The larger scale first, as in `Gaussian2d::shape_of_factor`.
+            let large = (0.5 * (xx + yy + (xx - yy).hypot(2.0 * xy))).sqrt();
+            let small = factor.determinant().abs() / large;
             if !factor.is_finite() {
                 row[2..4].fill(f64::NAN);
-            } else if scales.min_element() > 0.0 {
-                // The larger scale first, as in `Gaussian2d::shape_of_factor`.
-                let (large, small, axis) = if scales.x < scales.y {
-                    (scales.y, scales.x, axes.y_axis)
-                } else {
-                    (scales.x, scales.y, axes.x_axis)
-                };
-                row[2..5].copy_from_slice(&[large.ln(), small.ln(), axis.y.atan2(axis.x)]);
+            } else if small > 0.0 {
+                row[2..5].copy_from_slice(&[large.ln(), small.ln(), 0.5 * (2.0 * xy).atan2(xx - yy)]);
             }
         }
         rows
@@ -181,18 +175,11 @@ impl Subject for Scene2d {
 impl Subject for Scene3d {
     type Kind2d = Kind3d;
 
-    const PARAMETERIZATIONS: &'static [Parameterization] =
-        &[Parameterization::ScaleRotation, Parameterization::CovarianceFactor];
+    const PARAMETERIZATIONS: &'static [Parameterization] = &[Parameterization::ScaleRotation];
     const DIMENSIONS: usize = 3;
+    const OPACITY_MOMENT: usize = 10;
     const OPTIONAL_TENSORS: &'static [&'static str] = &[];
     const SOLVES_COLORS: bool = false;
-
-    fn opacity_moment(parameterization: Parameterization) -> usize {
-        match parameterization {
-            Parameterization::ScaleRotation => 10,
-            Parameterization::CovarianceFactor => 9,
-        }
-    }
 
     fn adam() -> Adam {
         let color_rest = Group::constant(2e-3);
@@ -214,7 +201,7 @@ impl Subject for Scene3d {
 
     fn shifts(&self, noise: &MeanNoise) -> Vec<f32> {
         let shift = |i: usize| {
-            let factor = covariance_factor::factor_of(self.log_scales[i], self.rotations[i]).unwrap_or(Mat3::ZERO);
+            let factor = self.gaussian(i).factor().unwrap_or(Mat3::ZERO);
             noise.shift_3d(i as u32, factor, self.opacity_logits[i]).to_array()
         };
         (0..self.len()).flat_map(shift).collect()
@@ -226,27 +213,6 @@ impl Subject for Scene3d {
 
     fn rows(&self) -> OracleScene {
         OracleScene::from(self)
-    }
-
-    fn rows_of_factors(&self, factors: &[f32]) -> OracleScene {
-        let mut rows = self.rows();
-        for (row, factor) in rows.gaussians.iter_mut().zip(factors.as_chunks::<9>().0) {
-            let factor = Mat3::from_cols_array(factor);
-            let PrincipalAxes { axes, scales, .. } = PrincipalAxes::of(factor);
-            if !factor.is_finite() {
-                row[3..6].fill(f64::NAN);
-            } else if scales.min_element() > 0.0 {
-                let q = DQuat::from_mat3(&axes);
-                row[3..6].copy_from_slice(&scales.map(f64::ln).to_array());
-                row[6..10].copy_from_slice(&[q.w, q.x, q.y, q.z]);
-            }
-        }
-        rows
-    }
-
-    fn aligned(factor: &[f32], parent: &[f32]) -> Vec<f32> {
-        let [factor, parent] = [factor, parent].map(Mat3::from_cols_slice);
-        covariance_factor::aligned(factor, parent).to_cols_array().to_vec()
     }
 
     fn rows_of_gradients(&self) -> Vec<Parameters> {

@@ -1,7 +1,6 @@
 //! The arithmetic that every backend computes, written plainly: one Gaussian through a camera and
 //! at one pixel, and the derivatives of both.
 
-pub mod covariance_factor;
 pub mod packed_moments;
 pub mod perspective;
 pub mod sh;

@@ -1,11 +1,10 @@
 //! Projection of a 3D Gaussian through a camera (paper eq. 3–5), and the gradients back through it:
 //! the reference that every backend computes.
 //!
-//! With p = W μ + t and M = R(q/|q|) S, or M a factor of
-//! [`Parameterization::CovarianceFactor`](crate::Parameterization::CovarianceFactor), the Gaussian
-//! projects to M′ = J W M (2×3), Σ′ = M′ M′ᵀ + δ I. J is the Jacobian at p, with slopes x/z and y/z
-//! clamped a little beyond the image ([`JACOBIAN_MARGIN`]). det Σ is the sum of the squares of the
-//! three minors of M′ (Cauchy–Binet), which does not cancel as Σxx Σyy − Σxy² does in needles.
+//! With p = W μ + t and M = R(q/|q|) S, the Gaussian projects to M′ = J W M (2×3), Σ′ = M′ M′ᵀ + δ
+//! I. J is the Jacobian at p, with slopes x/z and y/z clamped a little beyond the image
+//! ([`JACOBIAN_MARGIN`]). det Σ is the sum of the squares of the three minors of M′ (Cauchy–Binet),
+//! which does not cancel as Σxx Σyy − Σxy² does in needles.
 //!
 //! A Gaussian that is left out is counted under the first cause that applies: a parameter is not
 //! finite; its mean is nearer than the near plane; its quaternion has no direction; its mean or
@@ -18,12 +17,11 @@
 
 mod splitting;
 
-use glam::{Mat3, Vec2, Vec3};
+use glam::{Mat3, Quat, Vec2, Vec3};
 
 use crate::{
     constants::{JACOBIAN_MARGIN, MIN_DETERMINANT_PX4, MIN_QUATERNION_NORM2, QUATERNION_SHRINK, SAFE_SQUARES},
     effects::{Antialias, Blend},
-    math::covariance_factor::{Factored, FactoredGradient},
     scene::sigmoid,
     settings::RenderSettings,
     statistics::CullCause,
@@ -44,6 +42,16 @@ pub struct Ellipsoid {
     pub rotation: [f32; 4],
     /// Logit of the opacity.
     pub opacity_logit: f32,
+}
+
+impl Ellipsoid {
+    /// R(q/|q|) S, a factor of Σ (paper eq. 5), world units. `None` where q is too short to have a
+    /// direction ([`MIN_QUATERNION_NORM2`]).
+    pub fn factor(&self) -> Option<Mat3> {
+        let Quaternion { scaled: [w, x, y, z], norm2, .. } = Quaternion::new(self.rotation);
+        let rotation = (norm2 >= MIN_QUATERNION_NORM2).then(|| Quat::from_xyzw(x, y, z, w).normalize())?;
+        Some(Mat3::from_quat(rotation) * Mat3::from_diagonal(self.log_scale.map(f32::exp)))
+    }
 }
 
 /// A projected Gaussian, without its colour.
@@ -109,7 +117,7 @@ struct Intermediate {
     clamped: Vec2,
 }
 
-/// The part of the VJP that does not depend on the parameterization.
+/// The part of the VJP up to the rows m₀, m₁, m₂.
 struct Returned {
     /// ∂L/∂p.
     v_p: Vec3,
@@ -124,12 +132,12 @@ struct Returned {
 
 /// A quaternion scaled by a power of two that keeps its square finite, and that square.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Quaternion {
-    pub(crate) scaled: [f32; 4],
+struct Quaternion {
+    scaled: [f32; 4],
     /// |scaled|²; NaN or infinite where a component of q is.
-    pub(crate) norm2: f32,
+    norm2: f32,
     /// 1 or [`QUATERNION_SHRINK`].
-    pub(crate) scale: f32,
+    scale: f32,
 }
 
 /// A rotation and the quaternion that it is made of.
@@ -188,24 +196,6 @@ impl Perspective {
         self.project_rows(p, self.rows(&turned(&quaternion).rotation, g.log_scale), g.opacity_logit)
     }
 
-    /// Projects a Gaussian whose shape is a factor.
-    ///
-    /// # Errors
-    /// The first [`CullCause`] that applies.
-    #[inline]
-    pub fn project_factored(&self, g: &Factored) -> Result<Projection, CullCause> {
-        let finite = g.mean.is_finite() && g.factor.is_finite();
-        if !finite || g.opacity_logit.is_nan() {
-            return Err(CullCause::NotFinite);
-        }
-        let p = self.in_front(g.mean)?;
-        // The factor of a quaternion without direction.
-        if g.factor == Mat3::ZERO {
-            return Err(CullCause::Degenerate);
-        }
-        self.project_rows(p, rows_of(&(self.rotation * g.factor)), g.opacity_logit)
-    }
-
     /// ∂L/∂(mean, log-scale, rotation, opacity logit) of a Gaussian that [`Self::project`] accepts,
     /// without the part through its colour. The gradient by q is orthogonal to q.
     #[inline]
@@ -223,23 +213,6 @@ impl Perspective {
             mean: to_world * v_p,
             log_scale: v_r0 * r0 + v_r1 * r1,
             rotation: quaternion_vjp(turned.unit, turned.inverse_norm, to_world * turn),
-            opacity_logit,
-        }
-    }
-
-    /// ∂L/∂(mean, η, opacity logit) of a Gaussian that [`Self::project_factored`] accepts, without
-    /// the part through its colour.
-    #[inline]
-    pub fn project_factored_vjp(&self, g: &Factored, v: &ProjectionGradient) -> FactoredGradient {
-        let p = self.rotation * g.mean + self.translation;
-        let rows = rows_of(&(self.rotation * g.factor));
-        let Returned { v_p, projected: [r0, r1], v_projected: [v_r0, v_r1], opacity_logit, .. } =
-            self.project_rows_vjp(p, &rows, g.opacity_logit, v);
-        // dM = M η, so that v_η = Mᵀ v_M = M′ᵀ v_M′, which is symmetric.
-        let by = |i: usize, j: usize| r0[i] * v_r0[j] + r1[i] * v_r1[j];
-        FactoredGradient {
-            mean: self.rotation.transpose() * v_p,
-            stretch: [by(0, 0), by(0, 1), by(0, 2), by(1, 1), by(1, 2), by(2, 2)],
             opacity_logit,
         }
     }
@@ -412,7 +385,7 @@ fn rows_of(matrix: &Mat3) -> [Vec3; 3] {
 
 impl Quaternion {
     #[inline(always)]
-    pub(crate) fn new(q: [f32; 4]) -> Self {
+    fn new(q: [f32; 4]) -> Self {
         let norm2 = |[w, x, y, z]: [f32; 4]| w * w + x * x + y * y + z * z;
         let plain = Self { scaled: q, norm2: norm2(q), scale: 1.0 };
         if plain.norm2 < f32::INFINITY {
@@ -440,7 +413,7 @@ fn turned(quaternion: &Quaternion) -> Turned {
 /// v_q of q with q/|q| = `unit`, from v_ω of a turn ω in the world's axes. As d(q/|q|) = ½ (0, ω)
 /// q/|q|, it is 2 (0, v_ω) q/|q|².
 #[inline(always)]
-pub(crate) fn quaternion_vjp(unit: [f32; 4], inverse_norm: f32, v_turn: Vec3) -> [f32; 4] {
+fn quaternion_vjp(unit: [f32; 4], inverse_norm: f32, v_turn: Vec3) -> [f32; 4] {
     let turn = v_turn * (2.0 * inverse_norm);
     let [w, x, y, z] = unit;
     let axis = Vec3::new(x, y, z);

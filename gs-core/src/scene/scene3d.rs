@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::{Scene, check_finite, check_len, check_logit};
 use crate::{
     error::Error,
-    math::{covariance_factor::factor_of, sh::coefficients},
+    math::{perspective::Ellipsoid, sh::coefficients},
     view::Camera,
 };
 
@@ -46,7 +46,8 @@ impl Gaussian3d {
     /// Covariance factor M = R(q) S, so that Σ = M Mᵀ (paper eq. 5). `None` where q is too short to
     /// have a direction ([`MIN_QUATERNION_NORM2`](crate::constants::MIN_QUATERNION_NORM2)).
     pub fn factor(&self) -> Option<Mat3> {
-        factor_of(self.log_scale, self.rotation)
+        let Self { mean, log_scale, rotation, opacity_logit, .. } = *self;
+        Ellipsoid { mean, log_scale, rotation, opacity_logit }.factor()
     }
 
     /// Returns this Gaussian with another SH degree: coefficients beyond it are dropped, missing

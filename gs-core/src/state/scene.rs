@@ -1,13 +1,13 @@
 //! Reading the scene of a saved state without a backend.
 
-use glam::{Mat2, Mat3, Vec2, Vec3};
+use glam::{Mat2, Vec2, Vec3};
 
 use super::SplatsState;
 use crate::{
     adam::Parameterization,
     error::Error,
     math::sh::coefficients,
-    scene::{Gaussian2d, Gaussian3d, Scene, Scene2d, Scene3d},
+    scene::{Gaussian2d, Scene, Scene2d, Scene3d},
 };
 
 impl SplatsState {
@@ -56,20 +56,10 @@ impl SplatsState {
         let Some(sh_degree) = (0..=3).find(|&degree| 3 * coefficients(degree) == columns) else {
             return Err(Error::State(format!("tensor `sh` has {columns} columns, not 3, 12, 27 or 48")));
         };
-        let (log_scales, rotations) = match self.parameterization {
-            Parameterization::ScaleRotation => {
-                let scales = self.rows::<3>("log_scale")?.into_iter().map(Vec3::from_array).collect();
-                (scales, self.rows::<4>("rotation")?)
-            }
-            Parameterization::CovarianceFactor => {
-                let factors = self.rows::<9>("factor")?;
-                factors.iter().map(|factor| Gaussian3d::shape_of_factor(Mat3::from_cols_array(factor))).unzip()
-            }
-        };
         let scene = Scene3d {
             means: self.rows::<3>("mean")?.into_iter().map(Vec3::from_array).collect(),
-            log_scales,
-            rotations,
+            log_scales: self.rows::<3>("log_scale")?.into_iter().map(Vec3::from_array).collect(),
+            rotations: self.rows::<4>("rotation")?,
             opacity_logits: self.rows::<1>("opacity_logit")?.into_iter().flatten().collect(),
             sh_degree,
             sh: sh.as_chunks::<3>().0.iter().map(|&c| Vec3::from_array(c)).collect(),
@@ -110,7 +100,7 @@ mod tests {
     }
 
     #[test]
-    fn a_3d_scene_is_read_in_either_parameterization() {
+    fn a_3d_scene_is_read() {
         let mut state = SplatsState::new(Parameterization::ScaleRotation);
         state.insert("mean", [[1.0, 2.0, 3.0]]);
         state.insert("log_scale", [[0.1, 0.2, 0.3]]);
@@ -120,11 +110,6 @@ mod tests {
         let scene = state.scene_3d().unwrap();
         assert!(state.is_3d());
         assert_eq!((scene.sh_degree, scene.sh[3]), (1, Vec3::new(9.0, 10.0, 11.0)));
-        state.parameterization = Parameterization::CovarianceFactor;
-        let covariance = scene.gaussian(0).covariance().unwrap();
-        state.insert("factor", [scene.gaussian(0).factor().unwrap().to_cols_array()]);
-        let factored = state.scene_3d().unwrap();
-        assert!(factored.gaussian(0).covariance().unwrap().abs_diff_eq(covariance, 1e-5));
         state.insert_matrix("sh", 5, vec![0.0; 5]);
         assert!(state.scene_3d().unwrap_err().to_string().contains("5 columns"));
     }

@@ -2,13 +2,8 @@
 //! statistics. Parallel over Gaussians.
 
 use fearless_simd::{Simd, prelude::*};
-use glam::Vec3;
 use gs_core::{
-    AdamRates, DensityStatistics, Parameterization, Participants, Penalty,
-    adam::Rate,
-    constants::{MAX_XI, VANISHING_MOMENT},
-    effects::Statistics,
-    math::covariance_factor::{stretched, sum_of_scales_vjp},
+    AdamRates, DensityStatistics, Participants, Penalty, adam::Rate, constants::VANISHING_MOMENT, effects::Statistics,
     sigmoid,
 };
 
@@ -16,7 +11,7 @@ use super::{
     moments::{self, Moments, Rest},
     own::Own3d,
     project_bwd::{BLOCK, Backward, Block},
-    splats::{self, FACTOR, LOG_SCALE, MEAN, OPACITY, ROTATION, SH, STRETCH, Splats3d},
+    splats::{LOG_SCALE, MEAN, OPACITY, ROTATION, SH, Splats3d},
 };
 use crate::{
     bias::{Bias, BiasTable},
@@ -32,29 +27,18 @@ pub(crate) const GROUPS: usize = 6;
 /// Gaussians per task.
 const CHUNK: usize = 256;
 
-/// The group of each number in a row's first vector. All later numbers are in the last group.
-///
-/// Numbers that a parameterization does not use stay 0.
-fn groups_of(parameterization: Parameterization) -> [usize; LANES] {
-    std::array::from_fn(|lane| match (lane, parameterization) {
-        (0..3, _) => 0,
-        (3..6, _) | (6..12, Parameterization::CovarianceFactor) => 1,
-        (6..12, Parameterization::ScaleRotation) => 2,
-        (OPACITY, _) => 3,
-        _ => 4,
-    })
-}
+/// The group of each number in a row's first vector, of which two are unused. All later numbers are
+/// in the last group.
+const GROUP_OF: [usize; LANES] = [0, 0, 0, 1, 1, 1, 2, 2, 2, 2, 2, 2, 3, 4, 4, 4];
 
 const _: () = assert!(MEAN.end == 3 && LOG_SCALE.end == 6 && ROTATION.start == 6 && OPACITY == 12 && SH + 3 == LANES);
 
 /// The arguments of a step that all Gaussians share.
 struct Step<'a> {
-    parameterization: Parameterization,
     /// Numbers from a row of parameters to the next, and how many of them move.
     pitch: usize,
     width: usize,
     groups: [Rate; GROUPS],
-    group_of: [usize; LANES],
     rates: &'a AdamRates,
     bias: &'a BiasTable<GROUPS>,
     /// ln of the smallest and largest scale.
@@ -160,13 +144,8 @@ impl<'a> Rows<'a> {
         let moved = lanes.moved(simd, g, &mut both);
         store(both[0], first, 0);
         store(both[1], second, 0);
-        match step.parameterization {
-            Parameterization::CovarianceFactor => move_factored(first_vector, moved.into(), step.rates),
-            Parameterization::ScaleRotation => {
-                store(load::<S, Whole<S>>(simd, first_vector, 0) - moved, first_vector, 0);
-                bound_scales(first_vector, step.log_scales);
-            }
-        }
+        store(load::<S, Whole<S>>(simd, first_vector, 0) - moved, first_vector, 0);
+        bound_scales(first_vector, step.log_scales);
         let lanes = Lanes::<S>::of_rest(simd, step, step.bias.at(steps));
         let from = i * (step.pitch - LANES);
         for at in (0..parameters.len()).step_by(LANES) {
@@ -252,17 +231,7 @@ fn step_along(
     let penalty = (rates.penalty != Penalty::NONE).then_some([opacity / count, scale / (3.0 * count)]);
     let pitch = splats.pitch();
     let width = workspace.own.gradient_pitch().min(pitch);
-    let step = Step {
-        parameterization: splats.parameterization,
-        pitch,
-        width,
-        groups,
-        group_of: groups_of(splats.parameterization),
-        rates,
-        bias: table,
-        log_scales,
-        penalty,
-    };
+    let step = Step { pitch, width, groups, rates, bias: table, log_scales, penalty };
     Rows::of(splats).for_each_block(0, pitch, &|first, mut rows: Rows<'_>| {
         let mut block = Block::EMPTY;
         gradients(first, rows.steps.len(), rows.parameters, &mut block);
@@ -293,58 +262,27 @@ fn bound_scales(row: &mut [f32], [floor, ceiling]: [f32; 2]) {
     }
 }
 
-/// The gradient by the numbers of a row's first vector, in the coordinates of the parameterization,
-/// with the penalty's gradient.
+/// The gradient by the numbers of a row's first vector, with the penalty's gradient.
 #[inline(always)]
 fn geometric(parameters: &[f32], of_row: Option<&[f32]>, step: &Step<'_>) -> [f32; LANES] {
     let mut gradient = [0.0; LANES];
     if let Some(of_row) = of_row {
         gradient.copy_from_slice(&of_row[..LANES]);
-        if step.parameterization == Parameterization::CovarianceFactor {
-            let by_xi = splats::factor(parameters).transpose() * splats::mean(of_row);
-            by_xi.write_to_slice(&mut gradient[MEAN]);
-        }
     }
     if let Some(weights) = step.penalty {
-        add_penalty(parameters, step.parameterization, weights, &mut gradient);
+        add_penalty(parameters, weights, &mut gradient);
     }
     gradient
 }
 
-/// Adds the penalty's gradient to that of a row's first vector.
-///
-/// It is w o (1 − o) for the opacity logit, and w s for each ln-scale or w V S Vᵀ for a factor.
-fn add_penalty(
-    parameters: &[f32],
-    parameterization: Parameterization,
-    [opacity, scale]: [f32; 2],
-    gradient: &mut [f32; LANES],
-) {
-    match parameterization {
-        _ if !(scale > 0.0) => {}
-        Parameterization::ScaleRotation => LOG_SCALE.for_each(|axis| gradient[axis] += scale * parameters[axis].exp()),
-        Parameterization::CovarianceFactor => {
-            let by_stretch = sum_of_scales_vjp(splats::factor(parameters));
-            STRETCH.zip(by_stretch).for_each(|(at, by)| gradient[at] += scale * by);
-        }
+/// Adds the penalty's gradient to that of a row's first vector: w o (1 − o) for the opacity logit,
+/// and w s for each ln-scale.
+fn add_penalty(parameters: &[f32], [opacity, scale]: [f32; 2], gradient: &mut [f32; LANES]) {
+    if scale > 0.0 {
+        LOG_SCALE.for_each(|axis| gradient[axis] += scale * parameters[axis].exp());
     }
     let o = sigmoid(parameters[OPACITY]);
     gradient[OPACITY] += opacity * o * (1.0 - o);
-}
-
-/// Moves the numbers of a row's first vector: −`moved` has ξ, η and the changes of opacity and
-/// colour.
-#[inline(always)]
-fn move_factored(parameters: &mut [f32], moved: [f32; LANES], rates: &AdamRates) {
-    let factor = splats::factor(parameters);
-    let xi = Vec3::from_slice(&moved[MEAN]).map(|entry| entry.clamp(-MAX_XI, MAX_XI));
-    let mean = splats::mean(parameters) - factor * xi;
-    mean.write_to_slice(&mut parameters[MEAN]);
-    let eta = std::array::from_fn(|k| -moved[STRETCH.start + k]);
-    parameters[FACTOR].copy_from_slice(&stretched(factor, eta, rates).to_cols_array());
-    for at in OPACITY..LANES {
-        parameters[at] -= moved[at];
-    }
 }
 
 /// Adam's settings for 16 parameters of a row.
@@ -363,7 +301,7 @@ impl<S: Simd> Lanes<S> {
     fn of_first(simd: S, step: &Step<'_>, bias: &Bias<GROUPS>) -> Self {
         let (mut rate, mut beta1, mut beta2) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
         let (mut first, mut second) = ([0.0; LANES], [0.0; LANES]);
-        for (lane, group) in step.group_of.into_iter().enumerate() {
+        for (lane, group) in GROUP_OF.into_iter().enumerate() {
             let of = &step.groups[group];
             (rate[lane], beta1[lane], beta2[lane]) = (of.learning_rate, of.beta1, of.beta2);
             (first[lane], second[lane]) = (bias.first[group], bias.second[group]);

@@ -15,7 +15,7 @@ use super::{
     own::{NO_PLACE, Own3d},
     project::{self, Eye},
     project_bwd,
-    splats::Splats3d,
+    splats::{Splats3d, ellipsoid},
 };
 use crate::{
     bias::BiasTable,
@@ -96,12 +96,8 @@ impl SceneKind for Scene3d {
             Output::Color => settings.effects.sh_degree.min(splats.sh_degree),
             Output::InverseDepth | Output::Alpha => 0,
         };
-        workspace.own.eye = Some(Eye {
-            perspective: Perspective::new(camera, settings),
-            degree,
-            output: settings.output,
-            parameterization: splats.parameterization,
-        });
+        workspace.own.eye =
+            Some(Eye { perspective: Perspective::new(camera, settings), degree, output: settings.output });
         Self::project(workspace, splats);
         Self::sort(workspace, splats);
         Self::bin(workspace)?;
@@ -153,7 +149,7 @@ impl SceneKind for Scene3d {
         let row = |index: usize| match workspace.lists(index) {
             true => {
                 let row = workspace.own.gradient(index);
-                (splats.ellipsoid_gradient(index, row), row)
+                (ellipsoid(row), row)
             }
             false => (Ellipsoid::default(), &zeros[..]),
         };

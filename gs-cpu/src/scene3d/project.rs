@@ -3,7 +3,7 @@
 
 use glam::Vec3;
 use gs_core::{
-    CullCause, Culled, Dropout, Output, Parameterization, RenderSettings,
+    CullCause, Culled, Dropout, Output, RenderSettings,
     math::{perspective::Perspective, sh},
 };
 use rayon::prelude::*;
@@ -23,7 +23,6 @@ pub(crate) struct Eye {
     /// The evaluated degree of the SH.
     pub(crate) degree: u8,
     pub(crate) output: Output,
-    pub(crate) parameterization: Parameterization,
 }
 
 impl Eye {
@@ -78,10 +77,7 @@ fn project(
     if dropout.is_some_and(|dropout| dropout.leaves_out(index as u32)) {
         return Err(CullCause::Transparent);
     }
-    let p = match eye.parameterization {
-        Parameterization::ScaleRotation => eye.perspective.project(&splats::ellipsoid(row)),
-        Parameterization::CovarianceFactor => eye.perspective.project_factored(&splats::factored(row)),
-    }?;
+    let p = eye.perspective.project(&splats::ellipsoid(row))?;
     let [xx, xy, yy] = p.covariance;
     let covariance = Covariance { xx, xy, yy, determinant: p.determinant };
     let mut splat = Splat::new(p.mean, covariance, [0.0; 3], (p.opacity, settings.accuracy.cut_of(p.opacity)), longest);

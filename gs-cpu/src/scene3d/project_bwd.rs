@@ -7,13 +7,13 @@
 use std::sync::atomic::Ordering::Relaxed;
 
 use glam::{Mat2, Vec2};
-use gs_core::{Parameterization, effects::Statistics, math::perspective::ProjectionGradient};
+use gs_core::{effects::Statistics, math::perspective::ProjectionGradient};
 use rayon::prelude::*;
 
 use super::{
     own::{NO_PLACE, Own3d},
     project::Eye,
-    splats::{self, LOG_SCALE, MEAN, MOST_NUMBERS, OPACITY, ROTATION, SH, STRETCH, Splats3d},
+    splats::{self, LOG_SCALE, MEAN, MOST_NUMBERS, OPACITY, ROTATION, SH, Splats3d},
 };
 use crate::{
     splat::{CHUNK, Received, Share, Splat},
@@ -134,22 +134,11 @@ fn gradient(
     let v_color = received.color.map(|v| v * scale);
     row[SH..].fill(0.0);
     let by_color = eye.color_vjp(parameters, v_color, row[SH..].as_chunks_mut().0);
-    match eye.parameterization {
-        Parameterization::ScaleRotation => {
-            let v = eye.perspective.project_vjp(&splats::ellipsoid(parameters), &upstream);
-            (v.mean + by_color).write_to_slice(&mut row[MEAN]);
-            v.log_scale.write_to_slice(&mut row[LOG_SCALE]);
-            row[ROTATION].copy_from_slice(&v.rotation);
-            row[OPACITY] = v.opacity_logit;
-        }
-        Parameterization::CovarianceFactor => {
-            let v = eye.perspective.project_factored_vjp(&splats::factored(parameters), &upstream);
-            (v.mean + by_color).write_to_slice(&mut row[MEAN]);
-            row[STRETCH].copy_from_slice(&v.stretch);
-            row[STRETCH.end..OPACITY].fill(0.0);
-            row[OPACITY] = v.opacity_logit;
-        }
-    }
+    let v = eye.perspective.project_vjp(&splats::ellipsoid(parameters), &upstream);
+    (v.mean + by_color).write_to_slice(&mut row[MEAN]);
+    v.log_scale.write_to_slice(&mut row[LOG_SCALE]);
+    row[ROTATION].copy_from_slice(&v.rotation);
+    row[OPACITY] = v.opacity_logit;
     let mean_gradient = || (v_mean * tiles.half_size()).length();
     match tiles.settings.effects.statistics {
         Statistics::None => Share::default(),

@@ -1,9 +1,8 @@
 //! 3D splats: one row of numbers per Gaussian, with edits, saving and restoring.
 //!
-//! A row holds mean 3, shape 9, opacity logit, then the SH coefficients, R, G, B each. Zeros fill
-//! it to whole vectors. The shape is log-scale 3 and rotation 4, or the three columns of a factor,
-//! by parameterization. A Gaussian is thus a few neighbouring cache lines, and Adam moves most of a
-//! row without regard to its meaning.
+//! A row holds mean 3, log-scale 3, rotation 4, two unused numbers, opacity logit, then the SH
+//! coefficients, R, G, B each. Zeros fill it to whole vectors. A Gaussian is thus a few neighbouring
+//! cache lines, and Adam moves most of a row without regard to its meaning.
 
 use std::ops::Range;
 
@@ -14,7 +13,6 @@ use gs_core::{
     edit::{self, Source},
     logit,
     math::{
-        covariance_factor::{self, Factored, Symmetric3},
         perspective::Ellipsoid,
         sh::{MOST_COEFFICIENTS, coefficients},
     },
@@ -30,14 +28,10 @@ const BLOCK_ROWS: usize = 16_384;
 
 /// The mean's place in a row.
 pub(crate) const MEAN: Range<usize> = 0..3;
-/// The log-scales in [`Parameterization::ScaleRotation`].
+/// The log-scales.
 pub(crate) const LOG_SCALE: Range<usize> = 3..6;
-/// The quaternion in [`Parameterization::ScaleRotation`].
+/// The quaternion.
 pub(crate) const ROTATION: Range<usize> = 6..10;
-/// The columns of M in [`Parameterization::CovarianceFactor`].
-pub(crate) const FACTOR: Range<usize> = 3..12;
-/// Gradients and moments by η in [`Parameterization::CovarianceFactor`].
-pub(crate) const STRETCH: Range<usize> = 3..9;
 /// The opacity logit.
 pub(crate) const OPACITY: usize = 12;
 /// The first SH coefficient.
@@ -49,7 +43,6 @@ pub(crate) const MOST_NUMBERS: usize = (SH + 3 * MOST_COEFFICIENTS).next_multipl
 /// 3D Gaussians on the CPU, with their Adam moments and density statistics.
 #[derive(Debug)]
 pub struct Splats3d {
-    pub(crate) parameterization: Parameterization,
     pub(crate) sh_degree: u8,
     /// `[N, pitch]`.
     pub(crate) parameters: Vec<f32>,
@@ -77,7 +70,7 @@ pub(crate) fn mean(row: &[f32]) -> Vec3 {
     Vec3::from_slice(&row[MEAN])
 }
 
-/// A row of [`Parameterization::ScaleRotation`] without its colour.
+/// A row without its colour.
 #[inline(always)]
 pub(crate) fn ellipsoid(row: &[f32]) -> Ellipsoid {
     Ellipsoid {
@@ -88,53 +81,24 @@ pub(crate) fn ellipsoid(row: &[f32]) -> Ellipsoid {
     }
 }
 
-/// A row of [`Parameterization::CovarianceFactor`] without its colour.
-#[inline(always)]
-pub(crate) fn factored(row: &[f32]) -> Factored {
-    Factored { mean: mean(row), factor: factor(row), opacity_logit: row[OPACITY] }
-}
-
-/// M of a row of [`Parameterization::CovarianceFactor`].
-#[inline(always)]
-pub(crate) fn factor(row: &[f32]) -> Mat3 {
-    Mat3::from_cols_slice(&row[FACTOR])
-}
-
-/// A gradient by η in a row of [`Parameterization::CovarianceFactor`].
-pub(crate) fn stretch(row: &[f32]) -> Symmetric3 {
-    std::array::from_fn(|k| row[STRETCH.start + k])
-}
-
 /// The SH coefficients of a row, and the padding.
 #[inline(always)]
 pub(crate) fn sh(row: &[f32]) -> &[[f32; 3]] {
     row[SH..].as_chunks().0
 }
 
-/// Writes a shape into a row. A zero quaternion becomes a factor of zeros.
-fn write_shape(parameterization: Parameterization, log_scale: Vec3, rotation: [f32; 4], row: &mut [f32]) {
-    match parameterization {
-        Parameterization::ScaleRotation => {
-            log_scale.write_to_slice(&mut row[LOG_SCALE]);
-            row[ROTATION].copy_from_slice(&rotation);
-        }
-        Parameterization::CovarianceFactor => {
-            let factor = covariance_factor::factor_of(log_scale, rotation).unwrap_or(Mat3::ZERO);
-            row[FACTOR].copy_from_slice(&factor.to_cols_array());
-        }
-    }
-}
-
 impl Splats3d {
     pub(crate) fn new(scene: &Scene3d, parameterization: Parameterization) -> Result<Self, Error> {
+        parameterization.check_3d()?;
         scene.validate()?;
         let n = scene.len();
-        let mut splats = Self::zeros(n, scene.sh_degree, parameterization);
+        let mut splats = Self::zeros(n, scene.sh_degree);
         let (pitch, columns) = (splats.pitch(), columns(scene.sh_degree));
         let k = scene.sh_len();
         for (i, row) in splats.parameters.chunks_exact_mut(pitch).enumerate() {
             scene.means[i].write_to_slice(&mut row[MEAN]);
-            write_shape(parameterization, scene.log_scales[i], scene.rotations[i], row);
+            scene.log_scales[i].write_to_slice(&mut row[LOG_SCALE]);
+            row[ROTATION].copy_from_slice(&scene.rotations[i]);
             row[OPACITY] = scene.opacity_logits[i];
             for (out, c) in row[SH..columns].as_chunks_mut::<3>().0.iter_mut().zip(&scene.sh[i * k..]) {
                 *out = c.to_array();
@@ -143,10 +107,9 @@ impl Splats3d {
         Ok(splats)
     }
 
-    fn zeros(n: usize, sh_degree: u8, parameterization: Parameterization) -> Self {
+    fn zeros(n: usize, sh_degree: u8) -> Self {
         let numbers = n * pitch_of(sh_degree);
         Self {
-            parameterization,
             sh_degree,
             parameters: vec![0.0; numbers],
             moments: Moments::zeros(n, sh_degree),
@@ -162,32 +125,6 @@ impl Splats3d {
     /// Numbers from a row to the next.
     pub(crate) fn pitch(&self) -> usize {
         pitch_of(self.sh_degree)
-    }
-
-    /// A row of parameters without its colour, in the parameterization of scenes.
-    fn ellipsoid(&self, row: &[f32]) -> Ellipsoid {
-        match self.parameterization {
-            Parameterization::ScaleRotation => ellipsoid(row),
-            Parameterization::CovarianceFactor => {
-                let Factored { mean, factor, opacity_logit } = factored(row);
-                let (log_scale, rotation) = Gaussian3d::shape_of_factor(factor);
-                Ellipsoid { mean, log_scale, rotation, opacity_logit }
-            }
-        }
-    }
-
-    /// A row of gradients of Gaussian `index` without its colour, in the parameterization of
-    /// scenes.
-    pub(crate) fn ellipsoid_gradient(&self, index: usize, row: &[f32]) -> Ellipsoid {
-        let of_row = ellipsoid(row);
-        match self.parameterization {
-            Parameterization::ScaleRotation => of_row,
-            Parameterization::CovarianceFactor => {
-                let factor = factor(&self.parameters[index * self.pitch()..]);
-                let (log_scale, rotation) = covariance_factor::by_scale_rotation(factor, stretch(row));
-                Ellipsoid { log_scale, rotation, ..of_row }
-            }
-        }
     }
 
     /// A scene of ellipsoids and of rows with their SH. SH that a row does not have are 0.
@@ -217,21 +154,15 @@ impl Splats3d {
         let pitch = self.pitch();
         let blocks = self.parameters.chunks(pitch * BLOCK_ROWS);
         self.scene_of(blocks.flat_map(|block| {
-            let ellipsoids: Vec<_> = block.par_chunks_exact(pitch).map(|row| self.ellipsoid(row)).collect();
+            let ellipsoids: Vec<_> = block.par_chunks_exact(pitch).map(ellipsoid).collect();
             ellipsoids.into_iter().zip(block.chunks_exact(pitch))
         }))
     }
 
     pub(crate) fn add_noise(&mut self, noise: &MeanNoise) {
-        let (pitch, parameterization) = (self.pitch(), self.parameterization);
+        let pitch = self.pitch();
         self.parameters.par_chunks_exact_mut(pitch).enumerate().for_each(|(index, row)| {
-            let factor = match parameterization {
-                Parameterization::ScaleRotation => {
-                    let Ellipsoid { log_scale, rotation, .. } = ellipsoid(row);
-                    covariance_factor::factor_of(log_scale, rotation).unwrap_or(Mat3::ZERO)
-                }
-                Parameterization::CovarianceFactor => factor(row),
-            };
+            let factor = ellipsoid(row).factor().unwrap_or(Mat3::ZERO);
             let shift = noise.shift_3d(index as u32, factor, row[OPACITY]);
             row[MEAN].iter_mut().zip(shift.to_array()).for_each(|(value, shift)| *value += shift);
         });
@@ -239,7 +170,8 @@ impl Splats3d {
 
     fn write(&self, g: &Gaussian3d, row: &mut [f32]) {
         g.mean.write_to_slice(&mut row[MEAN]);
-        write_shape(self.parameterization, g.log_scale, g.rotation, row);
+        g.log_scale.write_to_slice(&mut row[LOG_SCALE]);
+        row[ROTATION].copy_from_slice(&g.rotation);
         row[OPACITY] = g.opacity_logit;
         let columns = columns(self.sh_degree);
         for (out, c) in row[SH..columns].as_chunks_mut::<3>().0.iter_mut().zip(&g.sh) {
@@ -247,21 +179,9 @@ impl Splats3d {
         }
     }
 
-    /// The factors of the heirs' parents, by the index of the heir after an edit, of Gaussians that
-    /// the plan changes or adds.
-    fn parents(&self, plan: &EditPlan<Gaussian3d>, sources: &[Source]) -> Vec<(usize, Mat3)> {
-        if self.parameterization == Parameterization::ScaleRotation {
-            return Vec::new();
-        }
-        let fresh = sources.iter().enumerate().filter(|(_, source)| !matches!(source, Source::Kept(_)));
-        let heirs = fresh.filter_map(|(j, source)| Some((j, plan.origin(source, edit::Moments::heir_of)?)));
-        heirs.map(|(j, parent)| (j, factor(&self.parameters[parent as usize * self.pitch()..]))).collect()
-    }
-
     pub(crate) fn edit(&mut self, plan: &EditPlan<Gaussian3d>) -> Result<(), Error> {
         let sources = plan.sources(self.len())?;
         let pitch = self.pitch();
-        let parents = self.parents(plan, &sources);
         let kept = |source: &Source| match *source {
             Source::Kept(i) => Some(i),
             Source::Changed { .. } | Source::Added(_) => None,
@@ -274,10 +194,6 @@ impl Splats3d {
                 Source::Changed { change, .. } => self.write(&plan.changed[change as usize].gaussian, row),
                 Source::Added(k) => self.write(&plan.added[k as usize].gaussian, row),
             }
-        }
-        for (j, parent) in parents {
-            let row = &mut parameters[j * pitch..][FACTOR];
-            row.copy_from_slice(&covariance_factor::aligned(Mat3::from_cols_slice(row), parent).to_cols_array());
         }
         self.parameters = parameters;
         self.moments.rearrange(&Moves::new(&sources, |source| plan.origin(source, edit::Moments::heir_of)), pitch);
@@ -301,14 +217,14 @@ impl Splats3d {
     pub(crate) fn saved(&self) -> SavedState<'_> {
         let (n, pitch) = (self.len(), self.pitch());
         let mut saved: Vec<SavedTensor<'_>> = Vec::new();
-        for (name, range) in tensors(self.parameterization, self.sh_degree) {
+        for (name, range) in tensors(self.sh_degree) {
             saved.push(SavedTensor::new(name, vec![n, range.len()], TensorType::F32, move |to| {
                 let rows = self.parameters.chunks_exact(pitch);
                 rows.for_each(|row| to(bytemuck::cast_slice(&row[range.clone()])));
             }));
         }
         for (which, name) in MOMENTS.into_iter().enumerate() {
-            let places = moment_places(self.parameterization, self.sh_degree);
+            let places = moment_places(self.sh_degree);
             saved.push(SavedTensor::new(name, vec![n, width(&places)], TensorType::F32, move |to| {
                 self.moments.pass(which, &places, pitch, to);
             }));
@@ -318,16 +234,17 @@ impl Splats3d {
         saved.push(SavedTensor::new("visible", vec![n], TensorType::U32, |to| to(visible)));
         let sums = |to: &mut dyn FnMut(&[u32])| to(bytemuck::cast_slice(signal_sum));
         saved.push(SavedTensor::new("gradient_sum", vec![n, 1], TensorType::F32, sums));
-        SavedState { parameterization: self.parameterization, tensors: saved }
+        SavedState { parameterization: Parameterization::ScaleRotation, tensors: saved }
     }
 
     pub(crate) fn restore(state: &SplatsState) -> Result<Self, Error> {
+        state.parameterization.check_3d()?;
         let (sh_columns, _) = state.matrix("sh")?;
         let Some(sh_degree) = (0..=3).find(|&degree| 3 * coefficients(degree) == sh_columns) else {
             return Err(Error::State(format!("tensor `sh` has {sh_columns} columns, not 3, 12, 27 or 48")));
         };
         let steps = state.integers("steps")?;
-        let mut splats = Self::zeros(steps.len(), sh_degree, state.parameterization);
+        let mut splats = Self::zeros(steps.len(), sh_degree);
         let pitch = splats.pitch();
         let numbers = |name: &'static str, columns: usize| {
             let (found, numbers) = state.matrix(name)?;
@@ -337,13 +254,13 @@ impl Splats3d {
             check_len(name, steps.len(), numbers.len() / found)?;
             Ok::<_, Error>(numbers)
         };
-        for (name, range) in tensors(state.parameterization, sh_degree) {
+        for (name, range) in tensors(sh_degree) {
             let rows = numbers(name, range.len())?.chunks_exact(range.len());
             for (row, values) in splats.parameters.chunks_exact_mut(pitch).zip(rows) {
                 row[range.clone()].copy_from_slice(values);
             }
         }
-        let places = moment_places(state.parameterization, sh_degree);
+        let places = moment_places(sh_degree);
         for (which, name) in MOMENTS.into_iter().enumerate() {
             splats.moments.paste(which, &places, pitch, numbers(name, width(&places))?);
         }
@@ -363,22 +280,19 @@ impl Splats3d {
 const MOMENTS: [&str; 2] = ["moment1", "moment2"];
 
 /// The saved tensors of parameters, and their places in a row.
-fn tensors(parameterization: Parameterization, sh_degree: u8) -> Vec<(&'static str, Range<usize>)> {
-    let shape: &[(&'static str, Range<usize>)] = match parameterization {
-        Parameterization::ScaleRotation => &[("log_scale", LOG_SCALE), ("rotation", ROTATION)],
-        Parameterization::CovarianceFactor => &[("factor", FACTOR)],
-    };
-    let color = [("opacity_logit", OPACITY..SH), ("sh", SH..columns(sh_degree))];
-    [("mean", MEAN)].iter().chain(shape).chain(&color).cloned().collect()
+fn tensors(sh_degree: u8) -> [(&'static str, Range<usize>); 5] {
+    [
+        ("mean", MEAN),
+        ("log_scale", LOG_SCALE),
+        ("rotation", ROTATION),
+        ("opacity_logit", OPACITY..SH),
+        ("sh", SH..columns(sh_degree)),
+    ]
 }
 
 /// The places in a row of moments that make a row of the saved tensor.
-fn moment_places(parameterization: Parameterization, sh_degree: u8) -> [Range<usize>; 2] {
-    let shape = match parameterization {
-        Parameterization::ScaleRotation => ROTATION,
-        Parameterization::CovarianceFactor => STRETCH,
-    };
-    [MEAN.start..shape.end, OPACITY..columns(sh_degree)]
+fn moment_places(sh_degree: u8) -> [Range<usize>; 2] {
+    [MEAN.start..ROTATION.end, OPACITY..columns(sh_degree)]
 }
 
 fn width(places: &[Range<usize>]) -> usize {

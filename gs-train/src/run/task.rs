@@ -87,7 +87,9 @@ pub trait RunSettings<S: SceneTask>: Clone + Debug + PartialEq {
     /// Rounds of density control.
     fn rounds(&self) -> &Rounds;
     /// Coordinates in which the optimizer moves.
-    fn parameterization(&self) -> Parameterization;
+    fn parameterization(&self) -> Parameterization {
+        Parameterization::ScaleRotation
+    }
     /// Policy of density control.
     fn policy(&self) -> &dyn DensityPolicy<S>;
     /// The same policy by its kind.

@@ -1,7 +1,7 @@
 //! Presets of training in 3D: runs of minutes, a quick look, and the published 3DGS and 3DGS-MCMC.
 
 use gs_core::{
-    Adam, Blend, Camera, Loss, Parameterization, Penalty, RenderSettings,
+    Adam, Blend, Camera, Loss, Penalty, RenderSettings,
     adam::{Group, MomentFormat, Schedule},
     constants::OPACITY_RESET_EVERY,
     edit::Moments,
@@ -148,7 +148,7 @@ fn three_dgs(iterations: u32) -> TrainSettings {
         s.densify = densify;
         s.prune = prune;
     });
-    let [mean, scale, rotation] = geometric_groups(Parameterization::ScaleRotation);
+    let position = Group::constant(1.6e-4).with(|s| s.schedule = Schedule::Exponential { to: 0.01 });
     let mut render = RenderSettings::blended(Blend::Over).on([0.0; 3]);
     render.effects.order = Order::Global;
     render.effects.antialias = Antialias::Dilate;
@@ -161,16 +161,15 @@ fn three_dgs(iterations: u32) -> TrainSettings {
         decay_over: if iterations < SHORTEST_AS_PUBLISHED { 0 } else { ITERATIONS },
         seed: 0,
         extent: None,
-        parameterization: Parameterization::ScaleRotation,
         render,
         background: StepBackground::Same,
         recovery: Recovery::BeginAgain,
         sh_degree_every: (iterations / 7).clamp(1, 1_000),
         loss: Loss::PAPER,
         adam: Adam::default().with(|s| {
-            s.mean = mean;
-            s.scale = scale;
-            s.rotation = rotation;
+            s.mean = position;
+            s.scale = Group::constant(5e-3);
+            s.rotation = Group::constant(1e-3);
             s.opacity = Group::constant(5e-2);
             s.color = Group::constant(2.5e-3);
             s.color_rest = Group::constant(2.5e-3 / 20.0);
@@ -193,21 +192,6 @@ fn three_dgs(iterations: u32) -> TrainSettings {
 fn published_rounds(iterations: u32, until_share: f64) -> Rounds {
     let length = if iterations < SHORTEST_AS_PUBLISHED { iterations } else { ITERATIONS };
     rounds(length, 500, until_share)
-}
-
-/// Settings of Adam for mean, scale and rotation: those of 3DGS, or those for covariance factors,
-/// in standard deviations.
-///
-/// The latter were chosen on 12 images (800×532 px) in 500 steps: half of both rates is 2.2 dB
-/// worse, twice both about 1 dB better. The rates of 3DGS gain as much when they are multiplied, so
-/// short runs gain from larger steps in either parameterization.
-pub(super) fn geometric_groups(parameterization: Parameterization) -> [Group; 3] {
-    let decaying =
-        |learning_rate| Group::constant(learning_rate).with(|s| s.schedule = Schedule::Exponential { to: 0.01 });
-    match parameterization {
-        Parameterization::ScaleRotation => [decaying(1.6e-4), Group::constant(5e-3), Group::constant(1e-3)],
-        Parameterization::CovarianceFactor => [decaying(0.1), Group::constant(0.02), Group::constant(0.02)],
-    }
 }
 
 /// Rounds every 100 steps from `from` until this share of the run; closer together in runs of less

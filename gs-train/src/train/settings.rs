@@ -3,13 +3,13 @@
 use std::path::Path;
 
 use gs_core::{
-    Adam, AdamRates, Dropout, Effects, Error, Loss, Output, Parameterization, RenderSettings, Scene3d,
-    constants::MAX_GAUSSIANS, math::random_words,
+    Adam, AdamRates, Dropout, Effects, Error, Loss, Output, RenderSettings, Scene3d, constants::MAX_GAUSSIANS,
+    math::random_words,
 };
 use gs_density::{DensityPolicy, Governor, Policy};
 use serde::{Deserialize, Serialize};
 
-use super::{depth_loss::DepthLoss, exposure::Exposure, presets::geometric_groups};
+use super::{depth_loss::DepthLoss, exposure::Exposure};
 use crate::run::{Recovery, Rounds, RunSettings};
 use crate::{
     start::{PointInit, is_zero},
@@ -63,8 +63,6 @@ pub struct TrainSettings {
     /// ([`extent_of`](super::extent_of)).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub extent: Option<f32>,
-    /// Coordinates in which the optimizer moves.
-    pub parameterization: Parameterization,
     /// Effects, background and accuracy. Its `effects.sh_degree` is the highest; the policy decides
     /// about its `effects.statistics`.
     pub render: RenderSettings,
@@ -75,8 +73,8 @@ pub struct TrainSettings {
     pub sh_degree_every: u32,
     /// Loss to minimise.
     pub loss: Loss,
-    /// Settings of the optimizer. The bounds of scales, and in [`Parameterization::ScaleRotation`]
-    /// the learning rate of means, are in units of the extent.
+    /// Settings of the optimizer. The bounds of scales and the learning rate of means are in units of
+    /// the extent.
     pub adam: Adam,
     /// The first Gaussians at points.
     pub init: PointInit,
@@ -153,9 +151,7 @@ impl TrainSettings {
     /// Settings of Adam after `step` steps, in world units.
     pub(super) fn rates_at(&self, step: u32, extent: f32) -> AdamRates {
         let mut rates = self.adam.at(self.decay_at(step));
-        if self.parameterization == Parameterization::ScaleRotation {
-            rates.mean.learning_rate *= extent;
-        }
+        rates.mean.learning_rate *= extent;
         rates.min_scale *= extent;
         rates.max_scale *= extent;
         rates
@@ -176,18 +172,6 @@ impl TrainSettings {
         let first = self.rounds.from.next_multiple_of(self.rounds.every.max(1));
         if let Some(actions) = self.policy.actions_mut().filter(|actions| actions.reset.every > 0) {
             actions.reset.once_after = if background == [1.0; 3] { first } else { 0 };
-        }
-        self
-    }
-
-    /// Returns these settings with steps in another parameterization, and default learning rates of
-    /// mean and shape for it.
-    #[must_use]
-    pub fn with_parameterization(mut self, parameterization: Parameterization) -> Self {
-        if self.parameterization != parameterization {
-            self.parameterization = parameterization;
-            let Adam { mean, scale, rotation, .. } = &mut self.adam;
-            [*mean, *scale, *rotation] = geometric_groups(parameterization);
         }
         self
     }
@@ -320,10 +304,6 @@ impl RunSettings<Scene3d> for TrainSettings {
         self.loss
     }
 
-    fn parameterization(&self) -> Parameterization {
-        self.parameterization
-    }
-
     fn recovery(&self) -> Recovery {
         self.recovery
     }
@@ -402,19 +382,6 @@ mod tests {
         assert_eq!(once(&white.clone().on([0.0, 1.0, 0.0])), 0);
         let quick = TrainPreset::Quick.settings(Some(2_000)).on([1.0; 3]);
         assert!(quick.rounds.progress(once(&quick), 2_000).is_some(), "{:?}", quick.rounds);
-    }
-
-    #[test]
-    fn learning_rates_follow_the_parameterization() {
-        let usual = TrainPreset::ThreeDgs.settings(Some(100));
-        let local = usual.clone().with_parameterization(Parameterization::CovarianceFactor);
-        assert_eq!(usual.clone().with_parameterization(usual.parameterization), usual);
-        assert_eq!(local.clone().with_parameterization(usual.parameterization), usual);
-        // In standard deviations, whatever the extent; the bounds of scales are lengths still.
-        assert_eq!(local.rates_at(0, 5.0).mean.learning_rate, local.adam.mean.learning_rate);
-        assert_eq!(local.rates_at(0, 5.0).max_scale, 5.0 * local.adam.max_scale);
-        assert_eq!((local.adam.opacity, local.adam.color), (usual.adam.opacity, usual.adam.color));
-        local.validate().unwrap();
     }
 
     #[test]

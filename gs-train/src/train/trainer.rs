@@ -1,6 +1,6 @@
 //! Starting, resuming and evaluating the training of a 3D scene.
 
-use gs_core::{Camera, Image, Optimizer, RenderSettings, Scene, Scene3d};
+use gs_core::{Camera, Image, Optimizer, Parameterization, RenderSettings, Scene, Scene3d};
 use gs_density::DensityPolicy;
 use gs_io::{Checkpoint, dataset::AlphaMeaning};
 use web_time::Instant;
@@ -62,7 +62,7 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
         }
         let extent = *settings.extent.get_or_insert_with(|| extent_of(&cameras, &scene.means));
         settings.validate()?;
-        let splats = rasterizer.upload(&scene, settings.parameterization)?;
+        let splats = rasterizer.upload(&scene, Parameterization::ScaleRotation)?;
         let (images, digests) = (fingerprint(&views), views.digests()?);
         let guides = match settings.depth_loss.is_off() {
             true => Guides::default(),

@@ -14,7 +14,6 @@ use crate::{
     shaders::Variant,
     splats::{Edit, check_len},
     tiles::groups_of,
-    unsupported::unsupported,
 };
 
 /// Bytes of an SH coefficient's three channels.
@@ -130,16 +129,6 @@ fn packed(g: &Gaussian3d) -> Ellipsoid {
     }
 }
 
-/// Fails for parameterizations that this backend does not offer for 3D scenes.
-fn check_parameterization(parameterization: Parameterization) -> Result<(), Error> {
-    match parameterization {
-        Parameterization::ScaleRotation => Ok(()),
-        Parameterization::CovarianceFactor => {
-            Err(unsupported(format!("parameterization {parameterization:?} for 3D scenes")))
-        }
-    }
-}
-
 /// The parameters on the host.
 struct Parts {
     sh_degree: u8,
@@ -160,7 +149,7 @@ fn on_device(m: &[f32]) -> [f32; 12] {
 
 impl State3d {
     pub(crate) fn new(gpu: &Gpu, scene: &Scene3d, parameterization: Parameterization) -> Result<Self, Error> {
-        check_parameterization(parameterization)?;
+        parameterization.check_3d()?;
         scene.validate()?;
         let ellipsoid = |i: usize| Ellipsoid {
             mean: scene.means[i].to_array(),
@@ -298,7 +287,7 @@ impl State3d {
     }
 
     pub(crate) fn restore(gpu: &Gpu, state: &SplatsState, n: usize) -> Result<Self, Error> {
-        check_parameterization(state.parameterization)?;
+        state.parameterization.check_3d()?;
         let (columns, sh) = state.matrix("sh")?;
         let Some(sh_degree) = (0..=3).find(|&degree| 3 * coefficients(degree) == columns) else {
             return Err(Error::State(format!("tensor `sh` has {columns} columns, not 3, 12, 27 or 48")));

@@ -168,8 +168,7 @@ pub fn edits_carry_everything_along<S: Subject, R: Optimizer<S>>(rasterizer: &R)
                         row.entry("opacity_logit".to_owned())
                             .and_modify(|value| value[0] = value[0].min(logit(ceiling)));
                         for name in ["moment1", "moment2"] {
-                            row.entry(name.to_owned())
-                                .and_modify(|values| values[S::opacity_moment(parameterization)] = 0.0);
+                            row.entry(name.to_owned()).and_modify(|values| values[S::OPACITY_MOMENT] = 0.0);
                         }
                     }
                     compare(&expected, &rows(&rasterizer.save(&splats).block_on()?)?, &format!("{place}, ceiling"))?;

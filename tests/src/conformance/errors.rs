@@ -173,7 +173,8 @@ pub fn mismatches_are_errors<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Res
         refused(&format!("a state without `{name}`"), rasterizer.restore(&lacking), of_state)?;
     }
     let other = SplatsState { parameterization: Parameterization::CovarianceFactor, ..before.clone() };
-    let is_parameterization_error = |error: &Error| of_state(error) || unsupported(error);
+    let is_parameterization_error =
+        |error: &Error| of_state(error) || unsupported(error) || matches!(error, Error::Setting { .. });
     refused("a state of the other parameterization", rasterizer.restore(&other), is_parameterization_error)?;
     Failure::unless(rasterizer.save(&splats).block_on()? == before, || "a refused call changed the splats".to_owned())
 }

@@ -20,7 +20,6 @@
 //! ```
 
 mod checks;
-mod covariance_factors_3d;
 mod depths_3d;
 mod dropout_3d;
 mod editing;
@@ -52,9 +51,6 @@ use gs_core::{Optimizer, Scene2d, Scene3d};
 
 pub use self::{
     checks::{CaseOutcome, check_gradients, check_image},
-    covariance_factors_3d::{
-        covariance_factor_steps_match_3d, covariance_factors_come_back_3d, gradients_match_in_covariance_factors_3d,
-    },
     depths_3d::{added_gradients_join_the_step, alphas_match, inverse_depths_match},
     dropout_3d::dropouts_match,
     editing::{changes_that_inherit_go_on, edits_carry_everything_along, refused_edits_change_nothing},
@@ -186,17 +182,14 @@ pub fn cases_3d<R: Optimizer<Scene3d>>() -> Vec<Case<R>> {
         gradients_match_in_all_orders: gradients_match_in_all_orders::<R>,
         antialiased_gradients_match: antialiased_gradients_match::<R>,
         sh_gradients_match: sh_gradients_match::<R>,
-        gradients_match_in_covariance_factors_3d: gradients_match_in_covariance_factors_3d::<R>,
         image_vjps_match: image_vjps_match::<Scene3d, R>,
         inverse_depths_match: inverse_depths_match::<R>,
         alphas_match: alphas_match::<R>,
         dropouts_match: dropouts_match::<R>,
         scenes_3d_come_back: scenes_3d_come_back::<R>,
-        covariance_factors_come_back_3d: covariance_factors_come_back_3d::<R>,
         restored_splats_continue_bit_for_bit: restored_splats_continue_bit_for_bit::<Scene3d, R>,
         steps_decrease_the_loss: steps_decrease_the_loss::<Scene3d, R>,
         adam_matches: adam_matches::<Scene3d, R>,
-        covariance_factor_steps_match_3d: covariance_factor_steps_match_3d::<R>,
         only_participants_move: only_participants_move::<R>,
         fused_steps_match_separate_stages: fused_steps_match_separate_stages::<Scene3d, R>,
         added_gradients_join_the_step: added_gradients_join_the_step::<R>,

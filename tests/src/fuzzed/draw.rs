@@ -48,7 +48,11 @@ pub fn scene_2d(bytes: &[u8]) -> Fuzzed<Scene2d> {
     let mut bytes = Bytes::new(bytes);
     let view = canvas(&mut bytes);
     let settings = settings(&mut bytes, [Order::Index; 3]);
-    let (target, loss, parameterization, rates) = training(&mut bytes, (view.width, view.height));
+    let (target, loss, parameterization, rates) = training(
+        &mut bytes,
+        (view.width, view.height),
+        [Parameterization::ScaleRotation, Parameterization::CovarianceFactor],
+    );
     let binning = bytes.pick([Binning::Fresh, Binning::Reuse]);
     // Penalties are for 3D scenes.
     let rates = AdamRates { penalty: Penalty::NONE, ..rates };
@@ -74,7 +78,8 @@ pub fn scene_3d(bytes: &[u8]) -> Fuzzed<Scene3d> {
     let mut bytes = Bytes::new(bytes);
     let view = camera(&mut bytes);
     let settings = settings(&mut bytes, [Order::Index, Order::Global, Order::PerPixel]);
-    let (target, loss, parameterization, rates) = training(&mut bytes, (view.width, view.height));
+    let (target, loss, parameterization, rates) =
+        training(&mut bytes, (view.width, view.height), [Parameterization::ScaleRotation; 2]);
     let binning = bytes.pick([Binning::Fresh, Binning::Reuse]);
     let mut scene = Scene3d { sh_degree: bytes.below(4) as u8, ..Scene3d::default() };
     while scene.len() < MOST_GAUSSIANS && !bytes.is_empty() {
@@ -143,7 +148,11 @@ fn settings(bytes: &mut Bytes<'_>, orders: [Order; 3]) -> RenderSettings {
     settings
 }
 
-fn training(bytes: &mut Bytes<'_>, (width, height): (u32, u32)) -> (Image, Loss, Parameterization, AdamRates) {
+fn training(
+    bytes: &mut Bytes<'_>,
+    (width, height): (u32, u32),
+    parameterizations: [Parameterization; 2],
+) -> (Image, Loss, Parameterization, AdamRates) {
     let brightness = bytes.pick([0.0, 1.0, 1.0, 1e4]);
     let checked = bytes.below(2) == 1;
     let pixel = |x: u32, y: u32| {
@@ -153,7 +162,7 @@ fn training(bytes: &mut Bytes<'_>, (width, height): (u32, u32)) -> (Image, Loss,
     let target = Image::from_fn(width, height, pixel).expect("a drawn size is possible");
     let lambda = bytes.wild(0.0..1.0, 64);
     let loss = bytes.pick([Loss::L2, Loss::L1, Loss::PAPER, Loss::L1Dssim { lambda }]);
-    let parameterization = bytes.pick([Parameterization::ScaleRotation, Parameterization::CovarianceFactor]);
+    let parameterization = bytes.pick(parameterizations);
     let groups = std::array::from_fn(|_| Group::constant(bytes.pick([0.0, 1e-3, 0.1, 10.0])));
     let adam = Adam::default().with(|s| {
         [s.mean, s.scale, s.rotation, s.opacity, s.color, s.color_rest] = groups;

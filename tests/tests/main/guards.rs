@@ -4,9 +4,8 @@
 use glam::{Vec2, Vec3};
 use gs_conformance::Failure;
 use gs_core::{
-    Adam, Binning, Blend, Camera, Canvas, Error, Gaussian2d, Gaussian3d, Image, Loss, Optimizer, Parameterization,
-    RenderSettings, Scene, Scene2d, Scene3d, SplatsState, TensorData, TrainStep, adam::Group, constants::MAX_XI,
-    effects::Antialias, metrics,
+    Adam, Binning, Blend, Canvas, Error, Gaussian2d, Image, Loss, Optimizer, Parameterization, RenderSettings, Scene,
+    Scene2d, SplatsState, TensorData, TrainStep, adam::Group, constants::MAX_XI, effects::Antialias, metrics,
 };
 use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_density::{Policy, Ranking, WhenFlat};
@@ -32,7 +31,6 @@ checks! {
     /// Gradients are finite through factors that have an area by dilation alone.
     gradients_through_singular_factors_are_finite: singular_factors;
     /// Gradients are finite through factors that have no extent at all along an axis.
-    gradients_through_flat_factors_are_finite: flat_factors;
     /// Squares of derivatives stay finite.
     second_moments_stay_finite: second_moments;
     /// A step in a covariance factor moves no further than the Gaussian's extent.
@@ -104,32 +102,6 @@ fn singular_factors<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure
     let (_, gradients) = rasterizer.backward(&splats, factor, &target, &Loss::L2).block_on()?;
     let gradients = rasterizer.gradients(&splats, &gradients).block_on()?;
     Ok(gradients.validate()?)
-}
-
-fn flat_factors<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
-    let gaussian = Gaussian3d {
-        mean: Vec3::new(0.1, -0.1, 3.0),
-        log_scale: Vec3::new(-1.0, -1.3, -1.6),
-        rotation: [0.9, 0.2, -0.3, 0.1],
-        opacity_logit: 0.3,
-        sh: vec![Vec3::new(0.7, -0.4, 1.1)],
-    };
-    let mut scene = Scene3d::default();
-    scene.push(gaussian);
-    let mut state = rasterizer.save(&rasterizer.upload(&scene, Parameterization::CovarianceFactor)?).block_on()?;
-    // No scene has a scale of 0, as its logarithm is not finite; but a factor may have lost an axis
-    // to rounding.
-    let factor = floats(&mut state, "factor")?;
-    factor[6..].fill(0.0);
-    let splats = rasterizer.restore(&state)?;
-    let mut settings = RenderSettings::blended(Blend::Over);
-    settings.effects.antialias = Antialias::Dilate;
-    let seen = rasterizer.forward(&splats, &Camera::looking_forward(SIZE.0, SIZE.1, 0.9), &settings).block_on()?;
-    let culled = rasterizer.culled(&seen).total();
-    Failure::unless(culled == 0, || "what has no extent along one axis is not drawn".to_owned())?;
-    let target = rasterizer.upload_target(&target()?)?;
-    let (_, gradients) = rasterizer.backward(&splats, seen, &target, &Loss::L2).block_on()?;
-    Ok(rasterizer.gradients(&splats, &gradients).block_on()?.validate()?)
 }
 
 fn second_moments<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {

@@ -332,8 +332,6 @@ fn unsupported_features_are_errors_that_name_them() {
     smooth.accuracy.cut = Cut::Smooth;
     let error = r.render(&draw.scene, &draw.view, &smooth).block_on().unwrap_err();
     assert!(matches!(&error, Error::Unsupported { backend: "wgpu", effect } if effect.contains("smooth")), "{error}");
-    let error = r.upload(&draw.scene, Parameterization::CovarianceFactor).unwrap_err();
-    assert!(matches!(&error, Error::Unsupported { effect, .. } if effect.contains("CovarianceFactor")), "{error}");
 }
 
 proptest! {

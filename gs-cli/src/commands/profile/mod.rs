@@ -120,7 +120,7 @@ pub(crate) fn run(args: &ProfileArgs) -> Result<(), Failure> {
     memory::check_work("profiling", path, size, gs_train::memory::profiling(size))?;
     let backend = match &input {
         Input::TwoD(input) => args.backend.open_to_render_2d(&input.render),
-        Input::ThreeD(input) => args.backend.open_to_train_3d(input.parameterization),
+        Input::ThreeD(_) => args.backend.open(),
     }?;
     let folder = claim.map(OutputFolder::begin).transpose()?;
     let repetitions = args.repetitions as usize;

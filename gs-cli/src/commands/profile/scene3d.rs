@@ -51,7 +51,8 @@ impl Input3d {
         let target =
             args.image.as_deref().map(|image| read_target(image, (camera.width, camera.height))).transpose()?;
         let loss = args.loss.unwrap_or(Loss::PAPER);
-        let parameterization = args.parameterization.unwrap_or(Parameterization::ScaleRotation);
+        let parameterization = args.parameterization.unwrap_or_default();
+        parameterization.check_3d()?;
         Ok(Self { name, scene: file.scene, camera, render, loss, parameterization, target })
     }
 

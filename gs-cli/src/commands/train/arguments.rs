@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, builder::TypedValueParser};
 use gs_core::{
-    Loss, Parameterization, Participants,
+    Loss, Participants,
     effects::{Antialias, Order},
 };
 use gs_density::Policy;
@@ -52,7 +52,7 @@ Ctrl-C stops the training, saves a checkpoint, and writes the results so far. Pr
 after a second or more quits at once.";
 
 /// The flags that a checkpoint contains.
-const IN_CHECKPOINT: [&str; 21] = [
+const IN_CHECKPOINT: [&str; 20] = [
     "preset",
     "settings",
     "gaussians",
@@ -62,7 +62,6 @@ const IN_CHECKPOINT: [&str; 21] = [
     "policy",
     "start",
     "loss",
-    "parameterization",
     "sh_degree",
     "order",
     "antialias",
@@ -153,9 +152,6 @@ pub(crate) struct TrainSettingsArgs {
     /// Loss to minimise
     #[arg(long, value_parser = by_name::<Loss>(), value_name = "LOSS")]
     pub(crate) loss: Option<Loss>,
-    /// Coordinates of the optimizer
-    #[arg(long, value_parser = by_name::<Parameterization>(), value_name = "NAME")]
-    pub(crate) parameterization: Option<Parameterization>,
     /// Highest degree of spherical harmonics (SH), 0 to 3
     #[arg(long, value_name = "D", value_parser = whole::<u8>(0..=3))]
     pub(crate) sh_degree: Option<u8>,

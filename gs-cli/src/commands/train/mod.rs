@@ -15,7 +15,7 @@ use std::{
 };
 
 use gs_backend::{AnyRasterizer, FutureExt as _};
-use gs_core::{Parameterization, counted};
+use gs_core::counted;
 use gs_io::{
     Checkpoint,
     dataset::{AlphaMeaning, Dataset, Remark, Split},
@@ -63,7 +63,7 @@ pub(crate) fn run(args: &TrainArgs) -> Result<(), Failure> {
             Start::Fresh { settings: Box::new(settings), initial, description }
         }
     };
-    let backend = args.backend.open_to_train_3d(start.parameterization())?;
+    let backend = args.backend.open()?;
     output::note(&backend.reason);
     dataset.remarks.iter().for_each(|remark| output::note(format_args!("note: {}", remark_text(remark))));
     let (trainer, log, description) = start.begin(args, &backend.rasterizer, &dataset, limit.as_mut())?;
@@ -118,13 +118,6 @@ enum Start {
 }
 
 impl Start {
-    fn parameterization(&self) -> Parameterization {
-        match self {
-            Self::Fresh { settings, .. } => settings.parameterization,
-            Self::Resumed(checkpoint, _) => checkpoint.state.parameterization,
-        }
-    }
-
     /// The trainer at the start, its log so far, and the start in words.
     fn begin<'r>(
         self,

@@ -41,9 +41,6 @@ pub(super) fn with_flags(args: &TrainSettingsArgs, mut settings: TrainSettings) 
     }
     settings.exactly |= args.exactly;
     settings.loss = args.loss.unwrap_or(settings.loss);
-    if let Some(parameterization) = args.parameterization {
-        settings = settings.with_parameterization(parameterization);
-    }
     settings.seed = args.seed.unwrap_or(settings.seed);
     let effects = &mut settings.render.effects;
     effects.sh_degree = args.sh_degree.unwrap_or(effects.sh_degree);

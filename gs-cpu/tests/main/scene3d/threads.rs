@@ -14,17 +14,11 @@ fn results_have_the_same_bits_for_every_number_of_threads() {
     // More Gaussians than fit into one task or one block of the sort.
     let scene = scene(9000, 1, 3.0);
     let (view, image) = (camera(150, 110), image(150, 110));
-    for (parameterization, blend, order, antialias, statistics) in [
-        (Parameterization::ScaleRotation, Blend::Over, Order::Global, Antialias::Mip, Statistics::MeanGradient),
-        (
-            Parameterization::ScaleRotation,
-            Blend::Over,
-            Order::PerPixel,
-            Antialias::Dilate,
-            Statistics::AbsoluteGradient,
-        ),
-        (Parameterization::ScaleRotation, Blend::Sum, Order::Index, Antialias::None, Statistics::PixelError),
-        (Parameterization::CovarianceFactor, Blend::Over, Order::Global, Antialias::Mip, Statistics::PixelGradient),
+    for (blend, order, antialias, statistics) in [
+        (Blend::Over, Order::Global, Antialias::Mip, Statistics::MeanGradient),
+        (Blend::Over, Order::PerPixel, Antialias::Dilate, Statistics::AbsoluteGradient),
+        (Blend::Sum, Order::Index, Antialias::None, Statistics::PixelError),
+        (Blend::Over, Order::Global, Antialias::Mip, Statistics::PixelGradient),
     ] {
         let mut settings = settings(order, 1);
         settings.effects.blend = blend;
@@ -34,7 +28,7 @@ fn results_have_the_same_bits_for_every_number_of_threads() {
             let r = rasterizer(threads);
             let r = r.for_3d();
             let target = r.upload_target(&image).unwrap();
-            let mut splats = r.upload(&scene, parameterization).unwrap();
+            let mut splats = r.upload(&scene, Parameterization::ScaleRotation).unwrap();
             let pass = r.forward(&splats, &view, &settings).block_on().unwrap();
             let rendered = r.image(&pass).block_on().unwrap();
             let (_, gradients) = r.backward(&splats, pass, &target, &Loss::PAPER).block_on().unwrap();
@@ -54,7 +48,7 @@ fn results_have_the_same_bits_for_every_number_of_threads() {
             (rendered, gradients, losses, r.save(&splats).block_on().unwrap())
         });
         assert!(results[0].3.rows::<1>("gradient_sum").unwrap().iter().any(|[g]| *g > 0.0));
-        assert!(results[0] == results[1] && results[1] == results[2], "{parameterization:?} {blend:?} {order:?}");
+        assert!(results[0] == results[1] && results[1] == results[2], "{blend:?} {order:?}");
     }
 }
 

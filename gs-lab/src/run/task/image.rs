@@ -40,11 +40,7 @@ impl StudyTask for Scene2d {
         Ok(Measured { psnr, ssim, ms_ssim, l1, loss, culled, views, pictures, render, frame: WorldFrame::WORLD })
     }
 
-    fn draw_one<R: Optimizer<Self>>(
-        rasterizer: &R,
-        render: &RenderSettings,
-        parameterization: Parameterization,
-    ) -> Result<(), CoreError> {
+    fn draw_one<R: Optimizer<Self>>(rasterizer: &R, render: &RenderSettings) -> Result<(), CoreError> {
         let gaussian = Gaussian2d {
             mean: [0.5; 2].into(),
             log_scale: [0.0; 2].into(),
@@ -52,7 +48,7 @@ impl StudyTask for Scene2d {
             opacity_logit: if render.effects.blend == Blend::Sum { f32::INFINITY } else { 0.0 },
             color: [0.5; 3].into(),
         };
-        let splats = rasterizer.upload(&[gaussian].into_iter().collect(), parameterization)?;
+        let splats = rasterizer.upload(&[gaussian].into_iter().collect(), Parameterization::ScaleRotation)?;
         rasterizer.forward(&splats, &Canvas::new(1, 1), render).block_on().map(drop)
     }
 

@@ -6,7 +6,7 @@ mod scene;
 
 pub(crate) use scene::PICTURED_VIEWS;
 
-use gs_core::{Culled, Error as CoreError, Image, Optimizer, Parameterization, RenderSettings, Scene2d, Scene3d};
+use gs_core::{Culled, Error as CoreError, Image, Optimizer, RenderSettings, Scene2d, Scene3d};
 use gs_io::{Checkpoint, WorldFrame};
 use gs_train::{Error as TrainError, Trainer};
 
@@ -60,11 +60,7 @@ pub(crate) trait StudyTask: Planned {
     fn measure<R: Optimizer<Self>>(trainer: &Trainer<'_, R, Self>) -> Result<Measured, TrainError>;
 
     /// Draws one Gaussian on one pixel, to find out what a backend supports.
-    fn draw_one<R: Optimizer<Self>>(
-        rasterizer: &R,
-        render: &RenderSettings,
-        parameterization: Parameterization,
-    ) -> Result<(), CoreError>;
+    fn draw_one<R: Optimizer<Self>>(rasterizer: &R, render: &RenderSettings) -> Result<(), CoreError>;
 
     /// Digest of the scene.
     fn digest(&self) -> String;
@@ -91,8 +87,8 @@ impl RunSettings {
     /// supports.
     pub(crate) fn draw_one<R: StudyBackend>(&self, rasterizer: &R, render: &RenderSettings) -> Result<(), CoreError> {
         match self {
-            Self::Image(settings) => Scene2d::draw_one(rasterizer, render, settings.parameterization),
-            Self::Scene(settings) => Scene3d::draw_one(rasterizer, render, settings.parameterization),
+            Self::Image(_) => Scene2d::draw_one(rasterizer, render),
+            Self::Scene(_) => Scene3d::draw_one(rasterizer, render),
         }
     }
 }

@@ -82,11 +82,7 @@ impl StudyTask for Scene3d {
         })
     }
 
-    fn draw_one<R: Optimizer<Self>>(
-        rasterizer: &R,
-        render: &RenderSettings,
-        parameterization: Parameterization,
-    ) -> Result<(), CoreError> {
+    fn draw_one<R: Optimizer<Self>>(rasterizer: &R, render: &RenderSettings) -> Result<(), CoreError> {
         let gaussian = Gaussian3d {
             mean: [0.0, 0.0, 1.0].into(),
             log_scale: [-3.0; 3].into(),
@@ -96,7 +92,7 @@ impl StudyTask for Scene3d {
         };
         let mut scene = Self { sh_degree: render.effects.sh_degree, ..Self::default() };
         gs_core::Scene::push(&mut scene, gaussian);
-        let splats = rasterizer.upload(&scene, parameterization)?;
+        let splats = rasterizer.upload(&scene, Parameterization::ScaleRotation)?;
         rasterizer.forward(&splats, &Camera::looking_forward(1, 1, 1.0), render).block_on().map(drop)
     }
 

@@ -3,7 +3,7 @@
 mod image;
 mod scene;
 
-use gs_core::{Parameterization, RenderSettings, Scene2d, Scene3d, effects::Statistics};
+use gs_core::{RenderSettings, Scene2d, Scene3d, effects::Statistics};
 use gs_train::{Error as TrainError, FitSettings, ForeignPolicy, TrainSettings, Trainable};
 use serde::{Serialize, de::DeserializeOwned};
 
@@ -101,11 +101,6 @@ impl RunSettings {
     /// Settings of renderings.
     pub fn render(&self) -> &RenderSettings {
         of_either!(self, settings => &settings.render)
-    }
-
-    /// Coordinates in which the optimizer moves.
-    pub fn parameterization(&self) -> Parameterization {
-        of_either!(self, settings => settings.parameterization)
     }
 
     /// The densification statistics that the policy needs.

@@ -42,10 +42,9 @@ impl Planned for Scene3d {
             settings = settings.with_policy(policy);
             settings.policy.validate_3d().map_err(|error| WrongKey::new("policy", error))?;
         }
-        Ok(match asked.arm.parameterization {
-            Some(parameterization) => settings.with_parameterization(parameterization),
-            None => settings,
-        })
+        let parameterization = asked.arm.parameterization.unwrap_or_default();
+        parameterization.check_3d().map_err(|error| WrongKey::new("parameterization", error))?;
+        Ok(settings)
     }
 
     fn completed(settings: TrainSettings, seed: u32) -> TrainSettings {

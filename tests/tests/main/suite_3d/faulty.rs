@@ -8,7 +8,6 @@ use gs_core::{
     AdamRates, Added, Backend, Camera, Culled, DensityStatistics, Dropout, EditPlan, Error, Gaussian3d, Image, Loss,
     MeanNoise, Optimizer, Output, Parameterization, Participants, Rasterizer, RenderSettings, Scene, Scene3d,
     SplatsState, TargetImage, TrainStep, Wait,
-    edit::{Moments, Source},
     effects::{Antialias, Background, Order, Statistics},
     logit,
 };
@@ -17,15 +16,13 @@ use pollster::FutureExt as _;
 mod splats;
 
 use super::target::Target;
-use splats::{FACTOR, Gradients, Pass, Splats, narrow, scene_of, tensors};
+use splats::{Gradients, Pass, Splats, narrow, scene_of, tensors};
 
 /// The fault of the backend.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Fault {
-    /// No fault.
-    Faultless,
-    /// No fault either: a backend may refuse covariance factors.
-    RefusesFactors,
+    /// No fault: a backend may refuse statistics.
+    RefusesPixelGradients,
     ShiftsImages,
     DimsImages,
     DrawsInTheScenesOrder,
@@ -45,9 +42,6 @@ pub(crate) enum Fault {
     LeavesOutTheSame,
     NegatesGivenGradients,
     NormalisesQuaternions,
-    RoundsFactors,
-    TurnsTheGradientsAxes,
-    MovesInTheWorld,
     ForgetsMomentsOnRestore,
     StepsUphill,
     OneRateForAllColours,
@@ -88,15 +82,6 @@ pub(crate) struct Faulty(pub(crate) Fault);
 impl Faulty {
     fn is(&self, fault: Fault) -> bool {
         self.0 == fault
-    }
-
-    fn check_parameterization(&self, parameterization: Parameterization) -> Result<(), Error> {
-        match parameterization {
-            Parameterization::CovarianceFactor if self.is(RefusesFactors) => {
-                Err(Error::Unsupported { backend: "oracle", effect: "parameterization CovarianceFactor".to_owned() })
-            }
-            _ => Ok(()),
-        }
     }
 
     /// The inputs after a fault.
@@ -156,16 +141,13 @@ impl Rasterizer<Scene3d> for Faulty {
             scene.means.iter_mut().filter(|mean| mean.is_nan()).for_each(|mean| *mean = glam::Vec3::ZERO);
         }
         scene.validate()?;
-        self.check_parameterization(parameterization)?;
+        parameterization.check_3d()?;
         if self.is(NormalisesQuaternions) {
             for q in &mut scene.rotations {
                 *q = glam::Vec4::from_array(*q).normalize().to_array();
             }
         }
-        if self.is(RoundsFactors) && parameterization == Parameterization::CovarianceFactor {
-            scene.log_scales.iter_mut().for_each(|scales| *scales = (*scales * 100.0).round() / 100.0);
-        }
-        Ok(Splats::of(&scene, parameterization))
+        Ok(Splats::of(&scene))
     }
 
     async fn download(&self, splats: &Splats) -> Result<Scene3d, Error> {
@@ -189,6 +171,9 @@ impl Rasterizer<Scene3d> for Faulty {
     }
 
     async fn forward(&self, splats: &Splats, view: &Camera, settings: &RenderSettings) -> Result<Pass, Error> {
+        if self.is(RefusesPixelGradients) && settings.effects.statistics == Statistics::PixelGradient {
+            return Err(Error::Unsupported { backend: "oracle", effect: "gradients of pixels".to_owned() });
+        }
         let (scene, view, settings) = self.altered(splats, view, settings);
         let oracle = Oracle::new(view, settings)?;
         let rendering = oracle.render(&scene);
@@ -268,9 +253,6 @@ impl Rasterizer<Scene3d> for Faulty {
         let mut scene = scene_of(&narrow(&gradients.rows), splats.sh_len);
         match self.0 {
             NegatesQuaternionGradients => scene.rotations.iter_mut().flatten().for_each(|v| *v = -*v),
-            TurnsTheGradientsAxes if splats.parameterization == Parameterization::CovarianceFactor => {
-                scene.rotations.iter_mut().flatten().for_each(|v| *v *= 0.9);
-            }
             GradientsInWrongUnits => scene.means.iter_mut().for_each(|v| *v *= 1.01),
             _ => {}
         }
@@ -280,12 +262,12 @@ impl Rasterizer<Scene3d> for Faulty {
 
 impl Optimizer<Scene3d> for Faulty {
     async fn save(&self, splats: &Splats) -> Result<SplatsState, Error> {
-        let mut state = SplatsState::new(splats.parameterization);
+        let mut state = SplatsState::new(Parameterization::ScaleRotation);
         let columns = |range: std::ops::Range<usize>| -> Vec<f32> {
             splats.parameters.iter().flat_map(|row| row[range.clone()].iter().copied()).collect()
         };
         let mut from = 0;
-        for (name, columns_) in tensors(splats.parameterization, 3 * splats.sh_len) {
+        for (name, columns_) in tensors(3 * splats.sh_len) {
             state.insert_matrix(name, columns_, columns(from..from + columns_));
             from += columns_;
         }
@@ -299,7 +281,7 @@ impl Optimizer<Scene3d> for Faulty {
     }
 
     fn restore(&self, state: &SplatsState) -> Result<Splats, Error> {
-        self.check_parameterization(state.parameterization)?;
+        state.parameterization.check_3d()?;
         let restored = || {
             let (sh_width, _) = state.matrix("sh")?;
             let rows = |name, width| match state.matrix(name)? {
@@ -308,10 +290,10 @@ impl Optimizer<Scene3d> for Faulty {
                 }
                 (columns, _) => Err(Error::State(format!("`{name}` has {columns} columns"))),
             };
-            let empty = Splats { parameterization: state.parameterization, sh_len: sh_width / 3, ..Splats::default() };
+            let empty = Splats { sh_len: sh_width / 3, ..Splats::default() };
             let all = empty.moments();
             let mut parts = Vec::new();
-            for (name, width) in tensors(state.parameterization, sh_width) {
+            for (name, width) in tensors(sh_width) {
                 parts.push(rows(name, width)?);
             }
             let (steps, visible) = (state.integers("steps")?, state.integers("visible")?);
@@ -345,9 +327,6 @@ impl Optimizer<Scene3d> for Faulty {
             OneRateForAllColours => rates.color_rest = rates.color,
             MovesAll => rates.participants = Participants::All,
             MovesOnlyTheVisible => rates.participants = Participants::Visible,
-            MovesInTheWorld if splats.parameterization == Parameterization::CovarianceFactor => {
-                rates.mean.learning_rate *= 0.9
-            }
             ForgetsBiasCorrection => splats.steps.iter_mut().for_each(|steps| *steps = 100_000),
             StepsUphill => {
                 let AdamRates { mean, scale, rotation, opacity, color, color_rest, .. } = &mut rates;
@@ -441,17 +420,6 @@ impl Optimizer<Scene3d> for Faulty {
         let width = splats.moments();
         let before = splats.parameters.clone();
         splats.parameters = plan.gather(&sources, &before, |g| splats.row_of(g));
-        if splats.parameterization == Parameterization::CovarianceFactor {
-            // The factor of an heir is the one in whose coordinates the moments are.
-            let is_heir = |source: &Source| !matches!(source, Source::Kept(_));
-            for (row, source) in splats.parameters.iter_mut().zip(&sources).filter(|(_, source)| is_heir(source)) {
-                if let Some(parent) = plan.origin(source, Moments::heir_of) {
-                    let parent = &before[parent as usize][FACTOR];
-                    let aligned = Scene3d::aligned(&row[FACTOR], parent);
-                    row[FACTOR].copy_from_slice(&aligned);
-                }
-            }
-        }
         for moments in [&mut splats.first, &mut splats.second] {
             *moments = plan.gather_moments(&sources, moments);
             moments.iter_mut().for_each(|row| row.resize(width, 0.0));
@@ -460,7 +428,7 @@ impl Optimizer<Scene3d> for Faulty {
         splats.signal_sum = plan.gather_statistics(&sources, &splats.signal_sum);
         splats.visible = plan.gather_statistics(&sources, &splats.visible);
         if let Some(ceiling) = plan.opacity_ceiling {
-            let (place, moment) = (splats.geometry(), Scene3d::opacity_moment(splats.parameterization));
+            let (place, moment) = (OPACITY_3D, Scene3d::OPACITY_MOMENT);
             for g in 0..splats.steps.len() {
                 let value = &mut splats.parameters[g][place];
                 *value = value.min(logit(ceiling));
