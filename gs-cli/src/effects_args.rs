@@ -17,12 +17,12 @@ pub(crate) struct EffectsArgs {
     /// order, sh-degree, antialias and background; gs effects shows what each one costs [default:
     /// auto]
     #[arg(long, value_name = "auto|all|LIST", help_heading = "Rendering")]
-    effects: Option<Choice>,
+    effects: Option<EffectsChoice>,
 }
 
 /// Which effects are simulated.
 #[derive(Debug, Clone, PartialEq, Eq)]
-enum Choice {
+pub(crate) enum EffectsChoice {
     /// The effects that the scene requires.
     Auto,
     /// All effects.
@@ -33,7 +33,7 @@ enum Choice {
     Only(Vec<Effect>),
 }
 
-impl FromStr for Choice {
+impl FromStr for EffectsChoice {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
@@ -50,21 +50,24 @@ impl FromStr for Choice {
 }
 
 impl EffectsArgs {
-    /// The flag, if it is given; otherwise all effects of a settings file, whose budget includes
-    /// what they change.
-    pub(crate) fn or_from_file(&self) -> Self {
-        Self { effects: Some(self.effects.clone().unwrap_or(Choice::FromFile)) }
+    /// What the flag says, or otherwise its default.
+    pub(crate) fn choice(&self) -> EffectsChoice {
+        self.effects.clone().unwrap_or(EffectsChoice::Auto)
     }
 
-    fn choice(&self) -> &Choice {
-        self.effects.as_ref().unwrap_or(&Choice::Auto)
+    /// What the flag says, or otherwise all effects of a settings file, whose budget includes what they
+    /// change.
+    pub(crate) fn or_from_file(&self) -> EffectsChoice {
+        self.effects.clone().unwrap_or(EffectsChoice::FromFile)
     }
+}
 
+impl EffectsChoice {
     /// The settings to train a scene with, for which no effect can be decided yet.
     pub(crate) fn for_training(&self, wanted: &RenderSettings) -> RenderSettings {
-        match self.choice() {
-            Choice::Auto | Choice::All | Choice::FromFile => *wanted,
-            Choice::Only(list) => listed(list, wanted).settings,
+        match self {
+            Self::Auto | Self::All | Self::FromFile => *wanted,
+            Self::Only(list) => listed(list, wanted).settings,
         }
     }
 
@@ -77,11 +80,11 @@ impl EffectsArgs {
         wanted: &RenderSettings,
     ) -> Result<RequiredEffects, gs_core::Error> {
         let all = |why: &str| RequiredEffects::decided(wanted, |_| (wanted.effects, why.to_owned()));
-        Ok(match self.choice() {
-            Choice::Auto => Effects::required(scene, views, wanted)?,
-            Choice::All => all("--effects all"),
-            Choice::FromFile => all("as in --settings"),
-            Choice::Only(list) => listed(list, wanted),
+        Ok(match self {
+            Self::Auto => Effects::required(scene, views, wanted)?,
+            Self::All => all("--effects all"),
+            Self::FromFile => all("as in --settings"),
+            Self::Only(list) => listed(list, wanted),
         })
     }
 }
@@ -133,8 +136,8 @@ mod tests {
         let mut wanted = RenderSettings::blended(Blend::Over).on([0.0; 3]);
         wanted.effects.antialias = Antialias::Mip;
         wanted.effects.sh_degree = 3;
-        let args = EffectsArgs { effects: Some(text.parse().unwrap()) };
-        args.choose(&Scene2d::default(), &[], &wanted).unwrap()
+        let choice: EffectsChoice = text.parse().unwrap();
+        choice.choose(&Scene2d::default(), &[], &wanted).unwrap()
     }
 
     #[test]
@@ -146,7 +149,7 @@ mod tests {
         assert_eq!(chosen("order").settings.effects, Effects { blend: Blend::Over, ..Effects::default() });
         assert_eq!(chosen("auto").settings.effects.sh_degree, 0);
         for wrong in ["", "none", "blend", "order,", "Auto"] {
-            assert!(wrong.parse::<Choice>().is_err(), "{wrong}");
+            assert!(wrong.parse::<EffectsChoice>().is_err(), "{wrong}");
         }
     }
 

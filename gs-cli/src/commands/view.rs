@@ -90,7 +90,7 @@ mod window {
         }
         let size = size(args, file.width, file.height)?;
         let backend = args.backend.open()?;
-        let RequiredEffects { settings, .. } = args.effects.choose(&file.scene, &[], &file.settings)?;
+        let RequiredEffects { settings, .. } = args.effects.choice().choose(&file.scene, &[], &file.settings)?;
         let File2d { scene, width, height, profile, .. } = file;
         let viewed = Viewed::TwoD { scene, width: *width, height: *height, profile: profile.as_ref() };
         view(viewed, &backend.rasterizer, Options::new(name(args), size, settings)).map_err(failure)
@@ -113,7 +113,7 @@ mod window {
         let size = size(args, camera.width, camera.height)?;
         let backend = args.backend.open()?;
         // The camera may move anywhere, so the effects must be right from everywhere.
-        let RequiredEffects { settings, .. } = args.effects.choose(scene, &[], &settings)?;
+        let RequiredEffects { settings, .. } = args.effects.choice().choose(scene, &[], &settings)?;
         let viewed = Viewed::ThreeD { scene, camera, target, up };
         view(viewed, &backend.rasterizer, Options::new(name(args), size, settings)).map_err(failure)?;
         args.render.note_guess(file);

@@ -1,61 +1,83 @@
 //! Flags that `gs fit` and `gs train` share.
 
-use std::path::PathBuf;
+use std::{
+    path::{Path, PathBuf},
+    time::Instant,
+};
 
 use clap::{
     Args,
     builder::{PossibleValue, PossibleValuesParser, TypedValueParser},
 };
 use gs_density::Policy;
+use gs_io::{FolderClaim, Inputs};
 
-use crate::{output::Verbosity, output_folder::OverwriteArgs, values::whole};
+use super::{checkpoints::CheckpointPlan, job::Job, results};
+use crate::{
+    backend::BackendArgs, effects_args::EffectsArgs, failure::Failure, output::Verbosity, output_folder::OverwriteArgs,
+    values::whole,
+};
 
-/// Where results go, and what is printed.
+/// The flags of a run besides its input and its settings.
 #[derive(Debug, Clone, Args)]
-pub(crate) struct OutputArgs {
+#[command(next_help_heading = None::<&str>)]
+pub(crate) struct RunArgs {
     /// Folder for the results; made if necessary
     #[arg(short, long, value_name = "DIR", default_value = "gs-out")]
     pub(crate) output: PathBuf,
     #[command(flatten)]
-    pub(crate) overwrite: OverwriteArgs,
+    overwrite: OverwriteArgs,
     /// Print the summary as JSON on standard output, and nothing else there
     #[arg(long)]
     pub(crate) json: bool,
     /// Leave out the pictures that explain the result: curve.png, ellipses.png, and views/ of gs
     /// train
     #[arg(long)]
-    pub(crate) no_report: bool,
+    no_report: bool,
     /// Also print each round of density control, Gaussians whose size reaches a bound, and the
     /// effects that are simulated and why
     #[arg(short, long)]
     verbose: bool,
-}
-
-impl OutputArgs {
-    /// How much is printed.
-    pub(crate) fn verbosity(&self) -> Verbosity {
-        if self.verbose { Verbosity::Verbose } else { Verbosity::Normal }
-    }
-}
-
-/// Where checkpoints are stored, and when.
-#[derive(Debug, Clone, Args)]
-#[command(next_help_heading = "Checkpoints")]
-pub(crate) struct CheckpointArgs {
     /// File for checkpoints [default: DIR/checkpoint.safetensors, or checkpoint-2 and so on if that
     /// is another run's; removed at the end, unless this flag or --checkpoint-every is given]
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", help_heading = "Checkpoints")]
     pub(crate) checkpoint: Option<PathBuf>,
     /// Save a checkpoint about every STEPS steps [default: every two minutes, and every tenth of
     /// the steps if --checkpoint is given or a training has 2000 steps or more]
-    #[arg(long, value_name = "STEPS", value_parser = whole::<u32>(1..))]
-    pub(crate) checkpoint_every: Option<u32>,
+    #[arg(long, value_name = "STEPS", value_parser = whole::<u32>(1..), help_heading = "Checkpoints")]
+    checkpoint_every: Option<u32>,
+    #[command(flatten)]
+    pub(crate) effects: EffectsArgs,
+    #[command(flatten)]
+    pub(crate) backend: BackendArgs,
 }
 
-impl CheckpointArgs {
-    /// Whether a flag asks for checkpoints.
-    pub(crate) fn request_some(&self) -> bool {
-        self.checkpoint.is_some() || self.checkpoint_every.is_some()
+impl RunArgs {
+    /// A run with these flags that writes into this folder and reads these files, besides the checkpoint
+    /// that it resumes.
+    ///
+    /// # Errors
+    /// Those of [`CheckpointPlan::check`].
+    pub(crate) fn job(&self, folder: &Path, inputs: &[PathBuf], resumed: Option<&Path>) -> Result<Job, Failure> {
+        let claim = self.claim(folder, inputs, resumed);
+        let (file, every) = (self.checkpoint.clone(), self.checkpoint_every);
+        let checkpoints = CheckpointPlan { file, every, resumed: resumed.map(Path::to_owned) };
+        checkpoints.check(inputs, self.overwrite.overwrite, &claim)?;
+        Ok(Job {
+            claim,
+            json: self.json,
+            pictures: !self.no_report,
+            verbosity: if self.verbose { Verbosity::Verbose } else { Verbosity::Normal },
+            checkpoints,
+            effects: self.effects.choice(),
+            started: Instant::now(),
+        })
+    }
+
+    /// The claim of such a run to its folder.
+    pub(crate) fn claim(&self, folder: &Path, inputs: &[PathBuf], resumed: Option<&Path>) -> FolderClaim {
+        let read: Inputs = inputs.iter().map(PathBuf::as_path).chain(resumed).collect();
+        self.overwrite.claim(folder, results::FILES, read)
     }
 }
 

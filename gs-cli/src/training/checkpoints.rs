@@ -11,44 +11,51 @@ use gs_core::SavedState;
 use gs_io::{Checkpoint, FolderClaim, Inputs, prepare_folder, read_checkpoint, write_checkpoint};
 use gs_train::{Error, Observer, Outcome, Progress};
 
-use super::arguments::CheckpointArgs;
 use crate::{
     failure::Failure,
     output::quoted,
-    output_folder::{OutputFolder, OverwriteArgs, folder_of},
+    output_folder::{OutputFolder, folder_of},
     progress_bar::Printer,
 };
 
 /// The default time between checkpoints.
 const DEFAULT_INTERVAL: Duration = Duration::from_secs(120);
 
-/// Refuses a file for checkpoints that must not be replaced: an input of the run other than the
-/// checkpoint that it resumes, a result, or any file that is not a checkpoint.
-pub(crate) fn check_checkpoint_file<P: AsRef<Path>>(
-    args: &CheckpointArgs,
-    inputs: impl IntoIterator<Item = P>,
-    overwrite: OverwriteArgs,
-    results: &FolderClaim,
-) -> Result<(), Failure> {
-    let Some(file) = &args.checkpoint else { return Ok(()) };
-    let another = "name another file with --checkpoint";
-    if results.claims(file) {
-        let message = "is the name of a result, which would replace the checkpoint";
-        return Err(Failure::usage(message).at(file.display()).hint(another));
+/// Where checkpoints are stored, and when, as far as flags say it.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct CheckpointPlan {
+    /// The file that a flag names.
+    pub(crate) file: Option<PathBuf>,
+    /// Steps between checkpoints.
+    pub(crate) every: Option<u32>,
+    /// The checkpoint that the run resumes.
+    pub(crate) resumed: Option<PathBuf>,
+}
+
+impl CheckpointPlan {
+    /// Refuses a file for checkpoints that must not be replaced: an input of the run other than the
+    /// checkpoint that it resumes, a result, or any file that is not a checkpoint.
+    pub(super) fn check(&self, inputs: &[PathBuf], overwrite: bool, results: &FolderClaim) -> Result<(), Failure> {
+        let Some(file) = &self.file else { return Ok(()) };
+        let another = "name another file with --checkpoint";
+        if results.claims(file) {
+            let message = "is the name of a result, which would replace the checkpoint";
+            return Err(Failure::usage(message).at(file.display()).hint(another));
+        }
+        if file.is_dir() {
+            let message = "is a folder, not a file for checkpoints";
+            return Err(Failure::usage(message).at(file.display()).hint("name a file with --checkpoint"));
+        }
+        if inputs.iter().collect::<Inputs>().contain(file) {
+            let message = "is an input of this run, which no checkpoint replaces";
+            return Err(Failure::usage(message).at(file.display()).hint(another));
+        }
+        if file.is_file() && !overwrite && read_checkpoint(file).is_err() {
+            let hint = format_args!("{another}, or replace it with --overwrite");
+            return Err(Failure::failed("is in the way: it is not a checkpoint").at(file.display()).hint(hint));
+        }
+        Ok(())
     }
-    if file.is_dir() {
-        let message = "is a folder, not a file for checkpoints";
-        return Err(Failure::usage(message).at(file.display()).hint("name a file with --checkpoint"));
-    }
-    if inputs.into_iter().collect::<Inputs>().contain(file) {
-        let message = "is an input of this run, which no checkpoint replaces";
-        return Err(Failure::usage(message).at(file.display()).hint(another));
-    }
-    if file.is_file() && !overwrite.overwrite && read_checkpoint(file).is_err() {
-        let hint = format_args!("{another}, or replace it with --overwrite");
-        return Err(Failure::failed("is in the way: it is not a checkpoint").at(file.display()).hint(hint));
-    }
-    Ok(())
 }
 
 /// The default file for checkpoints. It replaces no other run's checkpoint, only the one that this
@@ -87,26 +94,25 @@ pub(crate) struct Checkpoints {
 impl Checkpoints {
     /// Prepares for checkpoints of a run of `iterations` steps. `every` is the default number of
     /// steps between them, `command` the command that resumes the run, without its flag `--resume`.
-    pub(crate) fn prepare(
-        args: &CheckpointArgs,
+    pub(super) fn prepare(
+        plan: &CheckpointPlan,
         folder: &OutputFolder,
         iterations: u32,
         every: Option<u32>,
-        resumed: Option<&Path>,
         command: String,
     ) -> Result<Self, Failure> {
-        let CheckpointArgs { checkpoint, checkpoint_every } = args;
-        let file = checkpoint.clone().unwrap_or_else(|| default_file(folder.path(), resumed));
+        let CheckpointPlan { file: named, every: asked, resumed } = plan;
+        let file = named.clone().unwrap_or_else(|| default_file(folder.path(), resumed.as_deref()));
         prepare_folder(folder_of(&file))
             .map_err(|error| Failure::from(error).hint("choose another with --checkpoint"))?;
-        let tenth = checkpoint.as_ref().map(|_| (iterations / 10).max(1));
+        let tenth = named.as_ref().map(|_| (iterations / 10).max(1));
         Ok(Self {
             file,
-            every: checkpoint_every.or(tenth).or(every),
-            interval: checkpoint_every.is_none().then_some(DEFAULT_INTERVAL),
-            requested: args.request_some(),
+            every: asked.or(tenth).or(every),
+            interval: asked.is_none().then_some(DEFAULT_INTERVAL),
+            requested: named.is_some() || asked.is_some(),
             stored: false,
-            resumed: resumed.map(Path::to_owned),
+            resumed: resumed.clone(),
             command,
             failure: None,
         })
@@ -272,9 +278,9 @@ mod tests {
         let [photo, notes] = ["photo.png", "notes.txt"].map(|name| place.path().join(name));
         [&photo, &notes].iter().for_each(|file| fs::write(file, "mine").unwrap());
         let line = |file: &Path, overwrite| {
-            let args = CheckpointArgs { checkpoint: Some(file.to_owned()), checkpoint_every: None };
+            let plan = CheckpointPlan { file: Some(file.to_owned()), ..CheckpointPlan::default() };
             let results = FolderClaim::new(place.path()).files(["scene.ply"]);
-            let checked = check_checkpoint_file(&args, [&photo], OverwriteArgs { overwrite }, &results);
+            let checked = plan.check(std::slice::from_ref(&photo), overwrite, &results);
             checked.err().map(|failure| failure.line().unwrap())
         };
         assert!(line(&photo, true).unwrap().contains("photo.png: is an input of this run"));
@@ -302,21 +308,20 @@ mod tests {
     fn the_default_file_is_no_other_runs_checkpoint() {
         let place = tempfile::tempdir().unwrap();
         let folder = begun(place.path(), &[]);
-        let default = CheckpointArgs { checkpoint: None, checkpoint_every: None };
-        let name = |args: &CheckpointArgs, resumed: Option<&Path>| {
-            let file = Checkpoints::prepare(args, &folder, 100, None, resumed, String::new()).unwrap().file;
+        let name = |named: Option<&PathBuf>, resumed: Option<&PathBuf>| {
+            let plan = CheckpointPlan { file: named.cloned(), every: None, resumed: resumed.cloned() };
+            let file = Checkpoints::prepare(&plan, &folder, 100, None, String::new()).unwrap().file;
             file.file_name().unwrap().to_str().unwrap().to_owned()
         };
-        assert_eq!(name(&default, None), "checkpoint.safetensors");
+        assert_eq!(name(None, None), "checkpoint.safetensors");
         let [first, second] =
             ["checkpoint.safetensors", "checkpoint-2.safetensors"].map(|name| place.path().join(name));
         fs::write(&first, "of an earlier run").unwrap();
-        assert_eq!(name(&default, None), "checkpoint-2.safetensors");
-        assert_eq!(name(&default, Some(&first)), "checkpoint.safetensors");
+        assert_eq!(name(None, None), "checkpoint-2.safetensors");
+        assert_eq!(name(None, Some(&first)), "checkpoint.safetensors");
         fs::create_dir(&second).unwrap();
-        assert_eq!(name(&default, None), "checkpoint-3.safetensors");
-        let named = CheckpointArgs { checkpoint: Some(first.clone()), ..default };
-        assert_eq!(name(&named, None), "checkpoint.safetensors");
+        assert_eq!(name(None, None), "checkpoint-3.safetensors");
+        assert_eq!(name(Some(&first), None), "checkpoint.safetensors");
     }
 
     #[test]

@@ -4,6 +4,7 @@
 pub(crate) mod arguments;
 pub(crate) mod checkpoints;
 mod frames;
+pub(crate) mod job;
 mod observers;
 mod problems;
 mod progress;
@@ -19,9 +20,9 @@ use gs_train::{MetricsLog, Observer as _, Outcome, Trainable, Trainer};
 
 pub(crate) use self::frames::Frames;
 use self::{
-    arguments::OutputArgs,
     checkpoints::{Checkpoints, StoreCheckpoints},
     frames::PauseAt,
+    job::Run,
     observers::{Curve, LogFile, StopAtEnd, StopOnInterrupt},
     progress::Display,
     results::Summary,
@@ -36,8 +37,7 @@ use crate::{
 /// Trains to the last step, until `end` or until Ctrl-C, then writes the results and prints the
 /// summary.
 pub(crate) fn run<S: Trainable, T: Summary>(
-    args: &OutputArgs,
-    folder: &OutputFolder,
+    run: &Run,
     checkpoints: Checkpoints,
     (trainer, log): (Trainer<'_, AnyRasterizer, S>, MetricsLog),
     (end, frames): (Option<Instant>, Option<&dyn Frames<S>>),
@@ -46,14 +46,15 @@ pub(crate) fn run<S: Trainable, T: Summary>(
 where
     AnyRasterizer: Optimizer<S>,
 {
-    let display = Display::new(trainer.step(), trainer.iterations(), args.verbosity());
+    let Run { job, folder, .. } = run;
+    let display = Display::new(trainer.step(), trainer.iterations(), job.verbosity);
     let interrupt = Interrupt::listen(display.printer(), AT_NEXT_STEP);
     let watched = Watched { display, interrupt: &interrupt, end, frames };
     let ended = complete(watched, folder, checkpoints, (trainer, log), write_results)?;
-    if args.json {
+    if job.json {
         output::json(&ended.summary)?;
     } else {
-        output::note(ended.summary.text(folder.path(), args.verbosity()));
+        output::note(ended.summary.text(folder.path(), job.verbosity));
     }
     ended.finish()
 }

@@ -1,6 +1,6 @@
 //! Results that a fit and a training have in common.
 
-use std::{path::Path, time::Instant};
+use std::path::Path;
 
 use gs_backend::Chosen;
 use gs_core::examination::{self, Examinable};
@@ -9,6 +9,7 @@ use gs_lab::report::figure::curve::{self, CurvePoint};
 use gs_train::MetricsLog;
 use serde::Serialize;
 
+use super::job::Run;
 pub(crate) use super::{observers::write_table, problems::Problems};
 use crate::{
     failure::Failure,
@@ -52,13 +53,12 @@ pub(crate) struct ProgramSummary {
 }
 
 impl ProgramSummary {
-    /// Summarizes a program that began at `started`, after `seconds_before` of the run that it
-    /// resumed.
-    pub(crate) fn new(backend: &Chosen, started: Instant, seconds_before: f64) -> Self {
+    /// Summarizes a run on this backend.
+    pub(crate) fn new(backend: &Chosen, run: &Run) -> Self {
         Self {
             adapter: backend.rasterizer.adapter().map(str::to_owned),
             simd: backend.rasterizer.simd_level(),
-            total_seconds: seconds_before + started.elapsed().as_secs_f64(),
+            total_seconds: run.seconds(),
             peak_memory: memory::peak(),
         }
     }

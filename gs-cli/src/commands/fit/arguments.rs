@@ -3,16 +3,11 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use gs_io::{FolderClaim, Inputs};
 
 use crate::{
-    backend::BackendArgs,
-    effects_args::EffectsArgs,
-    image_fit::{FitSettingsArgs, batch::BatchImage},
-    training::{
-        arguments::{CheckpointArgs, OutputArgs},
-        results,
-    },
+    failure::Failure,
+    image_fit::FitSettingsArgs,
+    training::{arguments::RunArgs, job::Job},
     values::{Bytes, positive},
 };
 
@@ -86,44 +81,26 @@ pub(crate) struct FitArgs {
     #[arg(value_name = "IMAGE")]
     pub(crate) images: Vec<PathBuf>,
     #[command(flatten)]
-    pub(crate) output: OutputArgs,
-    /// Also write growth.apng, an animation of the fit in about 40 frames of at most 512 px
-    #[arg(long)]
-    pub(crate) film: bool,
-    #[command(flatten)]
     pub(crate) settings: FitSettingsArgs,
     #[command(flatten)]
     pub(crate) count: CountArgs,
     #[command(flatten)]
-    pub(crate) checkpoints: CheckpointArgs,
+    pub(crate) run: RunArgs,
+    /// Also write growth.apng, an animation of the fit in about 40 frames of at most 512 px
+    #[arg(long, help_heading = None::<&str>)]
+    pub(crate) film: bool,
     /// Resume a fit from its checkpoint, given the same image; the result is the same as without
     /// the interruption
     #[arg(long, value_name = "FILE", conflicts_with_all = IN_CHECKPOINT, conflicts_with = "effects", help_heading = "Checkpoints")]
     pub(crate) resume: Option<PathBuf>,
-    #[command(flatten)]
-    pub(crate) effects: EffectsArgs,
-    #[command(flatten)]
-    pub(crate) backend: BackendArgs,
 }
 
 impl FitArgs {
-    /// The image of a single fit; `None` is the paper's.
-    pub(crate) fn image(&self) -> Option<&Path> {
-        self.images.first().map(PathBuf::as_path)
-    }
-
-    /// The flags of a fit of one of several images, into its folder.
-    pub(super) fn of_one(&self, image: &BatchImage) -> Self {
-        let mut one = Self { images: vec![image.file.clone()], ..self.clone() };
-        one.output.output.push(&image.name);
-        one
-    }
-
-    /// A claim to the files that the fit writes or removes.
-    pub(crate) fn claim(&self) -> FolderClaim {
-        let inputs: Inputs =
-            [self.image(), self.settings.settings.as_deref(), self.resume.as_deref()].into_iter().flatten().collect();
-        self.output.overwrite.claim(&self.output.output, results::FILES, inputs)
+    /// The fit of this image, or of the paper's, into this folder.
+    pub(super) fn job(&self, image: Option<&Path>, folder: &Path) -> Result<Job, Failure> {
+        let inputs: Vec<PathBuf> =
+            [image, self.settings.settings.as_deref()].into_iter().flatten().map(Path::to_owned).collect();
+        self.run.job(folder, &inputs, self.resume.as_deref())
     }
 }
 

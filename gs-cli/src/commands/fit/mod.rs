@@ -9,18 +9,15 @@ mod film;
 mod results;
 mod several;
 
-use std::{
-    path::{Path, PathBuf},
-    time::Instant,
-};
+use std::path::{Path, PathBuf};
 
 use gs_backend::{AnyRasterizer, Chosen, FutureExt as _};
 use gs_core::{RenderSettings, counted};
-use gs_io::{Checkpoint, FolderClaim, read_checkpoint};
+use gs_io::{Checkpoint, read_checkpoint};
 use gs_train::{FitSettings, MetricsLog, Trainer};
 
 pub(crate) use self::arguments::FitArgs;
-use self::{film::Film, results::Results};
+use self::{arguments::CountArgs, film::Film, results::Results};
 use crate::{
     backend::BackendArgs,
     failure::Failure,
@@ -28,11 +25,8 @@ use crate::{
     image_fit::{self, SettingsFile, Target, batch},
     memory::{self, Need},
     output::{self, quoted},
-    output_folder::{self, OutputFolder},
-    training::{
-        self,
-        checkpoints::{Checkpoints, check_checkpoint_file},
-    },
+    output_folder,
+    training::{self, job::Job},
 };
 
 /// Fits Gaussians to images and writes the results.
@@ -44,36 +38,30 @@ pub(crate) fn run(args: &FitArgs) -> Result<(), Failure> {
 }
 
 fn run_one(args: &FitArgs) -> Result<(), Failure> {
-    let started = Instant::now();
     args.count.validate()?;
-    let claim = args.claim();
-    check_checkpoint_file(
-        &args.checkpoints,
-        [args.image(), args.settings.settings.as_deref()].into_iter().flatten(),
-        args.output.overwrite,
-        &claim,
-    )?;
-    output_folder::check(&claim)?;
+    let image = args.images.first().map(PathBuf::as_path);
+    let job = args.job(image, &args.run.output)?;
+    output_folder::check(&job.claim)?;
     let file = SettingsFile::read(&args.settings)?;
-    let target = read_target(args, &file)?;
+    let target = read_target(args, image, &file)?;
     let start = match &args.resume {
         Some(file) => Start::Resumed(Box::new(read_checkpoint(file)?), file.clone()),
         None => Start::fresh(args, &file, &target)?,
     };
     let backend = backend_args(args, &file).open_to_render_2d(&start.render())?;
-    let start = start.counted(args, &target, &backend)?;
-    fit(args, &target, start, &backend, claim, started)
+    let start = start.counted(&args.count, &target, &backend)?;
+    fit(job, &target, start, &backend, args.film)
 }
 
-fn read_target(args: &FitArgs, file: &SettingsFile) -> Result<Target, Failure> {
-    args.image().map_or(Ok(()), memory::check_image)?;
-    Ok(Target::read(args.image(), file.background(&args.settings))?)
+fn read_target(args: &FitArgs, image: Option<&Path>, file: &SettingsFile) -> Result<Target, Failure> {
+    image.map_or(Ok(()), memory::check_image)?;
+    Ok(Target::read(image, file.background(&args.settings))?)
 }
 
 /// The flags of the backend, or the machine that a settings file names.
 fn backend_args(args: &FitArgs, file: &SettingsFile) -> BackendArgs {
-    let machine = file.machine();
-    machine.map_or_else(|| args.backend.clone(), |machine| frontier_settings::backend(machine, &args.backend))
+    let (flags, machine) = (&args.run.backend, file.machine());
+    machine.map_or_else(|| flags.clone(), |machine| frontier_settings::backend(machine, flags))
 }
 
 /// Where a fit begins.
@@ -87,17 +75,17 @@ impl Start {
     /// The start with the settings that flags and file ask for.
     fn fresh(args: &FitArgs, file: &SettingsFile, target: &Target) -> Result<Self, Failure> {
         let mut settings = image_fit::settings(&args.settings, file, target)?;
-        settings.render = args.effects.for_training(&settings.render);
+        settings.render = args.run.effects.choice().for_training(&settings.render);
         Ok(Self::Fresh(Box::new(settings)))
     }
 
     /// The start with the number of Gaussians that flags choose, which takes a few fits.
-    fn counted(self, args: &FitArgs, target: &Target, on: &Chosen) -> Result<Self, Failure> {
+    fn counted(self, count: &CountArgs, target: &Target, on: &Chosen) -> Result<Self, Failure> {
         match self {
-            Self::Fresh(settings) if args.count.chooses() => {
+            Self::Fresh(settings) if count.chooses() => {
                 check_memory(target, &settings)?;
                 output::note(format_args!("looking for the number of Gaussians for {}", target.name()));
-                Ok(Self::Fresh(Box::new(args.count.apply(&on.rasterizer, target, *settings)?)))
+                Ok(Self::Fresh(Box::new(count.apply(&on.rasterizer, target, *settings)?)))
             }
             start => Ok(start),
         }
@@ -139,33 +127,16 @@ impl Start {
     }
 }
 
-fn fit(
-    args: &FitArgs,
-    target: &Target,
-    start: Start,
-    backend: &Chosen,
-    claim: FolderClaim,
-    started: Instant,
-) -> Result<(), Failure> {
+fn fit(job: Job, target: &Target, start: Start, backend: &Chosen, films: bool) -> Result<(), Failure> {
     let (trainer, log) = start.begin(&backend.rasterizer, target)?;
-    let folder = OutputFolder::begin(claim)?;
-    let (iterations, resumed) = (trainer.settings().iterations, args.resume.as_deref());
-    let command = command(args, target);
-    let checkpoints = Checkpoints::prepare(&args.checkpoints, &folder, iterations, None, resumed, command)?;
-    announce(args, target, backend, &trainer);
-    let seconds_before = resumed.map_or(0.0, |_| trainer.seconds());
-
-    let film = args.film.then(|| Film::begin(&backend.rasterizer, &trainer)).transpose()?;
+    let command = command(target, job.claim.path());
+    let (run, checkpoints) = job.begin(&trainer, None, command)?;
+    announce(target, run.folder.path(), backend, &trainer);
+    let film = films.then(|| Film::begin(&backend.rasterizer, &trainer)).transpose()?;
     let film = film.as_ref();
-    let results = Results { args, folder: &folder, target, backend, started, seconds_before, film };
-    training::run(
-        &args.output,
-        &folder,
-        checkpoints,
-        (trainer, log),
-        (None, film.map(Film::as_frames)),
-        |trainer, log, points| results.write(trainer, log, points),
-    )
+    let results = Results { run: &run, target, backend, film };
+    let limits = (None, film.map(Film::as_frames));
+    training::run(&run, checkpoints, (trainer, log), limits, |trainer, log, points| results.write(trainer, log, points))
 }
 
 /// How to reduce the memory of a fit.
@@ -186,7 +157,7 @@ fn not_resumed(error: gs_train::Error, file: &Path) -> Failure {
     if wrong_target { failure.hint("give the same image and --background") } else { failure }
 }
 
-fn announce(args: &FitArgs, target: &Target, backend: &Chosen, trainer: &Trainer<'_, AnyRasterizer>) {
+fn announce(target: &Target, folder: &Path, backend: &Chosen, trainer: &Trainer<'_, AnyRasterizer>) {
     output::note(&backend.reason);
     target.remarks.iter().for_each(output::note);
     let settings = trainer.settings();
@@ -197,15 +168,15 @@ fn announce(args: &FitArgs, target: &Target, backend: &Chosen, trainer: &Trainer
         target.image.height(),
         counted(settings.gaussians, "Gaussian"),
         counted(settings.iterations - trainer.step(), "step"),
-        args.output.output.display()
+        folder.display()
     ));
 }
 
 /// The command that resumes the fit, without its flag `--resume`.
-fn command(args: &FitArgs, target: &Target) -> String {
+fn command(target: &Target, folder: &Path) -> String {
     let image = target.file.as_ref().map_or_else(String::new, |file| format!(" {}", quoted(file)));
     let background = target.behind.map_or_else(String::new, |color| format!(" --background {color}"));
-    format!("gs fit{image}{background} -o {}", quoted(&args.output.output))
+    format!("gs fit{image}{background} -o {}", quoted(folder))
 }
 
 #[cfg(test)]
@@ -235,6 +206,7 @@ mod tests {
         let words = ["-o", output_flag, "-n", "30", "-i", "1000000", "--checkpoint", state_flag];
         let args = flags(&[&words[..], &["--checkpoint-every", "10"]].concat());
         let target = Target::read(None, None).unwrap();
+        let job = args.job(None, &output).unwrap();
         let settings = image_fit::settings(&args.settings, &SettingsFile::None, &target).unwrap();
         let wgpu = BackendArgs { backend: Wanted::Wgpu, ..BackendArgs::default() };
         let backend = wgpu.open().expect("`cargo xtask test` installs a driver");
@@ -247,7 +219,7 @@ mod tests {
                 gpu.lose_device();
             });
             let start = Start::Fresh(Box::new(settings));
-            fit(&args, &target, start, &backend, args.claim(), Instant::now()).unwrap_err()
+            fit(job, &target, start, &backend, false).unwrap_err()
         });
         let line = failure.line().unwrap();
         assert!(line.starts_with("error: backend wgpu: ") && line.contains("the device was lost"), "{line}");

@@ -2,7 +2,7 @@
 //! not keep the others from being written. Files of an earlier run are removed. The summary comes
 //! last.
 
-use std::{path::Path, thread, time::Instant};
+use std::{path::Path, thread};
 
 use gs_backend::{AnyRasterizer, Chosen, FutureExt as _};
 use gs_core::{Blend, Canvas, Culled, Image, Rasterizer as _, Scene as _, Scene2d, counted, effects::EffectDecision};
@@ -11,15 +11,17 @@ use gs_lab::report::figure::{curve::CurvePoint, ellipses};
 use gs_train::{ColorRange, FitSummary, MetricsLog, Trainer, Viewable, viewable};
 use serde::Serialize;
 
-use super::{FitArgs, film::Film};
+use super::film::Film;
 use crate::{
     backend::on_cpu,
     effects_args,
     failure::Failure,
     image_fit::{Target, batch::Row},
     output::{self, Verbosity},
-    output_folder::OutputFolder,
-    training::results::{self, Problems, ProgramSummary, without_broken, write_curve, write_table},
+    training::{
+        job::Run,
+        results::{self, Problems, ProgramSummary, without_broken, write_curve, write_table},
+    },
 };
 
 /// What `summary.json` holds and `--json` prints.
@@ -77,14 +79,9 @@ struct Renderings {
 
 /// Where results go, and what else they contain.
 pub(crate) struct Results<'a> {
-    pub(crate) args: &'a FitArgs,
-    pub(crate) folder: &'a OutputFolder,
-    pub(crate) target: &'a Target,
-    pub(crate) backend: &'a Chosen,
-    /// When the program began.
-    pub(crate) started: Instant,
-    /// Time before the checkpoint that was resumed, s.
-    pub(crate) seconds_before: f64,
+    pub(super) run: &'a Run,
+    pub(super) target: &'a Target,
+    pub(super) backend: &'a Chosen,
     /// The film of the fit, if it has one.
     pub(super) film: Option<&'a Film<'a>>,
 }
@@ -102,7 +99,7 @@ impl Results<'_> {
         let scene = without_broken(trainer.scene().block_on()?)?;
         let file = File2d { scene, width, height, settings: trainer.shown(), profile: None };
         // All other results can be made of the scene.
-        let mut tried = vec![self.folder.write_precious("scene.gs2d.safetensors", |path| write_2d(path, &file))];
+        let mut tried = vec![self.run.folder.write_precious("scene.gs2d.safetensors", |path| write_2d(path, &file))];
         let mut renderings = self.render(trainer, &file);
         let background = renderings.as_mut().ok().and_then(|renderings| renderings.background.take());
         let settings = trainer.settings().to_toml().map_err(Failure::failed);
@@ -115,11 +112,13 @@ impl Results<'_> {
                 .map(|(picture, canvas)| scope.spawn(move || vec![self.write_ellipses(&file.scene, picture, &canvas)]));
             let others = scope.spawn(|| {
                 vec![
-                    write_table(self.folder, log),
-                    settings.and_then(|text| self.folder.write("settings.toml", &text)),
+                    write_table(&self.run.folder, log),
+                    settings.and_then(|text| self.run.folder.write("settings.toml", &text)),
                     match self.explains() {
-                        true => write_curve(self.folder, points, log, &title),
-                        false => ["ellipses.png", "curve.png"].iter().try_for_each(|name| self.folder.leave_out(name)),
+                        true => write_curve(&self.run.folder, points, log, &title),
+                        false => {
+                            ["ellipses.png", "curve.png"].iter().try_for_each(|name| self.run.folder.leave_out(name))
+                        }
                     },
                 ]
             });
@@ -135,15 +134,15 @@ impl Results<'_> {
             tried.push(self.write_ellipses_over(&file, reconstruction));
         }
         tried.push(match self.film {
-            Some(film) => film.write(&self.folder.file("growth.apng"), trainer),
-            None => self.folder.leave_out("growth.apng"),
+            Some(film) => film.write(&self.run.folder.file("growth.apng"), trainer),
+            None => self.run.folder.leave_out("growth.apng"),
         });
         // An existing file is of an earlier training.
-        tried.push(self.folder.leave_out("evaluation.json"));
+        tried.push(self.run.folder.leave_out("evaluation.json"));
         let summary = fit.and_then(|fit| self.summary(fit, &file));
         match &summary {
-            Ok(summary) => tried.push(self.folder.write_json("summary.json", summary)),
-            Err(failure) => tried.extend([Err(failure.clone()), self.folder.leave_out("summary.json")]),
+            Ok(summary) => tried.push(self.run.folder.write_json("summary.json", summary)),
+            Err(failure) => tried.extend([Err(failure.clone()), self.run.folder.leave_out("summary.json")]),
         }
         Failure::first_of(tried)?;
         summary
@@ -151,7 +150,7 @@ impl Results<'_> {
 
     /// Whether pictures that explain the result are drawn.
     fn explains(&self) -> bool {
-        !self.args.output.no_report
+        self.run.job.pictures
     }
 
     /// Renders what the pictures need. The backend may fail here.
@@ -174,20 +173,20 @@ impl Results<'_> {
         fit.threads = u32::try_from(self.backend.threads).ok();
         Ok(Summary {
             fit,
-            program: ProgramSummary::new(self.backend, self.started, self.seconds_before),
+            program: ProgramSummary::new(self.backend, self.run),
             image: self.target.file.as_ref().map(|file| file.display().to_string()),
-            effects: self.args.effects.choose(&file.scene, &[canvas], &file.settings)?.decisions,
+            effects: self.run.job.effects.choose(&file.scene, &[canvas], &file.settings)?.decisions,
         })
     }
 
     fn write_renderings(&self, file: &File2d, renderings: &Renderings) -> Vec<Result<(), Failure>> {
-        let reconstruction = write_png(self.folder.file("reconstruction.png"), &renderings.reconstruction);
+        let reconstruction = write_png(self.run.folder.file("reconstruction.png"), &renderings.reconstruction);
         vec![reconstruction.map_err(Failure::from), self.write_ply(file)]
     }
 
     fn write_ellipses(&self, scene: &Scene2d, mut picture: Image, canvas: &Canvas) -> Result<(), Failure> {
         ellipses::draw(&mut picture, scene, canvas);
-        Ok(write_png(self.folder.file("ellipses.png"), &picture)?)
+        Ok(write_png(self.run.folder.file("ellipses.png"), &picture)?)
     }
 
     /// Draws the ellipses over the reconstruction itself if it is large enough. This comes last, so
@@ -204,15 +203,15 @@ impl Results<'_> {
     /// conversion is a training of its own.
     fn write_ply(&self, file: &File2d) -> Result<(), Failure> {
         if file.settings.effects.blend == Blend::Sum {
-            return self.folder.leave_out("scene.ply");
+            return self.run.folder.leave_out("scene.ply");
         }
         if file.scene.is_empty() {
             output::note("note: no Gaussian is left, so there is no scene.ply");
-            return self.folder.leave_out("scene.ply");
+            return self.run.folder.leave_out("scene.ply");
         }
         let Viewable { file, psnr, .. } =
             on_cpu(self.backend, |cpu| viewable(cpu, file, ColorRange::NotNegative).block_on())??;
-        write_ply(self.folder.file("scene.ply"), &file)?;
+        write_ply(self.run.folder.file("scene.ply"), &file)?;
         output::note(format_args!("scene.ply shows the reconstruction in splat viewers, at {psnr:.2} dB"));
         Ok(())
     }

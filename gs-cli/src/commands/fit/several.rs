@@ -1,6 +1,6 @@
 //! `gs fit` of several images, each into a folder of its own.
 
-use std::{fs, time::Instant};
+use std::fs;
 
 use gs_backend::Chosen;
 use gs_train::{FitSettings, Preset};
@@ -13,16 +13,14 @@ use crate::{
         batch::{self, BatchImage, Done},
     },
     interrupt::{AT_NEXT_STEP, Interrupt},
-    output,
-    output_folder::{self, OutputFolder},
-    training::{self, Watched, checkpoints::Checkpoints},
+    output, output_folder,
+    training::{self, Watched, job::Job},
 };
 
 /// Fits each image. What would fail for all fails before the first is begun: flags, settings, and
 /// files that are in the way.
 pub(super) fn run(args: &FitArgs, images: &[BatchImage]) -> Result<(), Failure> {
-    for (flag, given) in [("--resume", args.resume.is_some()), ("--checkpoint", args.checkpoints.checkpoint.is_some())]
-    {
+    for (flag, given) in [("--resume", args.resume.is_some()), ("--checkpoint", args.run.checkpoint.is_some())] {
         if given {
             return Err(Failure::usage("names the checkpoint of one fit, but there are several images").at(flag));
         }
@@ -30,7 +28,7 @@ pub(super) fn run(args: &FitArgs, images: &[BatchImage]) -> Result<(), Failure> 
     args.count.validate()?;
     let file = SettingsFile::read(&args.settings)?;
     for image in images {
-        output_folder::check(&args.of_one(image).claim())?;
+        output_folder::check(&job_of(args, image)?.claim)?;
     }
     let stand_in = Start::fresh(args, &file, &Target::stand_in(&images[0].file))?;
     let peak = |size| match &file {
@@ -43,33 +41,38 @@ pub(super) fn run(args: &FitArgs, images: &[BatchImage]) -> Result<(), Failure> 
         }
     };
     let machine = (&backend_args(args, &file), &stand_in.render());
-    batch::run(images, machine, args.output.json, AT_NEXT_STEP, peak, |image, on, interrupt| {
-        fit_one(&args.of_one(image), &file, on, interrupt)
+    batch::run(images, machine, args.run.json, AT_NEXT_STEP, peak, |image, on, interrupt| {
+        fit_one(args, image, &file, on, interrupt)
     })
+}
+
+/// The fit of one of several images, into its folder.
+fn job_of(args: &FitArgs, image: &BatchImage) -> Result<Job, Failure> {
+    args.job(Some(&image.file), &args.run.output.join(&image.name))
 }
 
 fn fit_one(
     args: &FitArgs,
+    image: &BatchImage,
     file: &SettingsFile,
     on: &Chosen,
     interrupt: &Interrupt,
 ) -> Result<Done<super::results::Summary>, Failure> {
-    let started = Instant::now();
-    let target = read_target(args, file)?;
+    let job = job_of(args, image)?;
+    let target = read_target(args, Some(&image.file), file)?;
     target.remarks.iter().for_each(|remark| output::note(format_args!("{}: {remark}", target.name())));
-    let start = Start::fresh(args, file, &target)?.counted(args, &target, on)?;
+    let start = Start::fresh(args, file, &target)?.counted(&args.count, &target, on)?;
     let (trainer, log) = start.begin(&on.rasterizer, &target)?;
-    let folder = OutputFolder::begin(args.claim())?;
-    let iterations = trainer.settings().iterations;
-    let checkpoints = Checkpoints::prepare(&args.checkpoints, &folder, iterations, None, None, command(args, &target))?;
+    let command = command(&target, job.claim.path());
+    let (run, checkpoints) = job.begin(&trainer, None, command)?;
     let film = args.film.then(|| Film::begin(&on.rasterizer, &trainer)).transpose()?;
     let film = film.as_ref();
-    let results = Results { args, folder: &folder, target: &target, backend: on, started, seconds_before: 0.0, film };
+    let results = Results { run: &run, target: &target, backend: on, film };
     let watched = Watched::silently(interrupt, film.map(Film::as_frames));
-    let ended = training::complete(watched, &folder, checkpoints, (trainer, log), |trainer, log, points| {
+    let ended = training::complete(watched, &run.folder, checkpoints, (trainer, log), |trainer, log, points| {
         results.write(trainer, log, points)
     })?;
     ended.finish()?;
-    let bytes = fs::metadata(folder.path().join("scene.gs2d.safetensors")).map_or(0, |file| file.len());
+    let bytes = fs::metadata(run.folder.path().join("scene.gs2d.safetensors")).map_or(0, |file| file.len());
     Ok(Done { row: ended.summary.row(target.image.size(), bytes), summary: ended.summary })
 }

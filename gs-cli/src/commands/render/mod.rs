@@ -14,7 +14,7 @@ use gs_lab::price::frontier::FrontierSettings;
 use crate::{
     backend::BackendArgs,
     dataset::ReadingArgs,
-    effects_args::EffectsArgs,
+    effects_args::{EffectsArgs, EffectsChoice},
     failure::Failure,
     frontier_settings,
     output::{self, printable},
@@ -104,8 +104,8 @@ impl RenderArgs {
     }
 
     /// Which effects are simulated: the flag's, or those of the settings file.
-    fn effects(&self) -> EffectsArgs {
-        if self.settings.is_some() { self.effects.or_from_file() } else { self.effects.clone() }
+    fn effects(&self) -> EffectsChoice {
+        if self.settings.is_some() { self.effects.or_from_file() } else { self.effects.choice() }
     }
 }
 

@@ -8,19 +8,13 @@ use gs_core::{
     effects::{Antialias, Order},
 };
 use gs_density::Policy;
-use gs_io::{FolderClaim, Inputs};
 use gs_train::{TrainPreset, train::Exposure};
 
 use crate::{
-    backend::BackendArgs,
     dataset::DatasetArgs,
-    effects_args::EffectsArgs,
     render_args::DEPTH_ORDERS,
     scene,
-    training::{
-        arguments::{CheckpointArgs, OutputArgs, policy_by_name},
-        results,
-    },
+    training::arguments::{RunArgs, policy_by_name},
     values::{Minutes, TrainBackground, by_name, one_of, whole},
 };
 
@@ -82,35 +76,22 @@ pub(crate) struct TrainArgs {
     /// The data set of posed images
     pub(crate) dataset: PathBuf,
     #[command(flatten)]
-    pub(crate) output: OutputArgs,
-    #[command(flatten)]
     pub(crate) images: DatasetArgs,
     #[command(flatten)]
     pub(crate) settings: TrainSettingsArgs,
     #[command(flatten)]
-    pub(crate) checkpoints: CheckpointArgs,
+    pub(crate) run: RunArgs,
     /// Resume a training from its checkpoint, given the same data set; the result is the same as
     /// without the interruption
     #[arg(long, value_name = "FILE", conflicts_with_all = IN_CHECKPOINT, conflicts_with = "effects", help_heading = "Checkpoints")]
     pub(crate) resume: Option<PathBuf>,
-    #[command(flatten)]
-    pub(crate) effects: EffectsArgs,
-    #[command(flatten)]
-    pub(crate) backend: BackendArgs,
 }
 
 impl TrainArgs {
     /// The files that the flags name for reading, except for the checkpoint to resume.
-    pub(crate) fn files(&self) -> impl Iterator<Item = PathBuf> {
+    pub(super) fn files(&self) -> Vec<PathBuf> {
         let start = self.settings.start.as_ref().map(|start| scene::file_of(start.as_ref()));
-        [Some(self.dataset.clone()), self.settings.settings.clone(), start].into_iter().flatten()
-    }
-
-    /// A claim to the files that the training writes or removes, given the other files that it
-    /// reads.
-    pub(crate) fn claim(&self, others: impl IntoIterator<Item = PathBuf>) -> FolderClaim {
-        let inputs: Inputs = self.files().chain(self.resume.clone()).chain(others).collect();
-        self.output.overwrite.claim(&self.output.output, results::FILES, inputs)
+        [Some(self.dataset.clone()), self.settings.settings.clone(), start].into_iter().flatten().collect()
     }
 }
 

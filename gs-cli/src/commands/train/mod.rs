@@ -14,7 +14,7 @@ use std::{
     time::Instant,
 };
 
-use gs_backend::{AnyRasterizer, FutureExt as _};
+use gs_backend::{AnyRasterizer, Chosen, FutureExt as _};
 use gs_core::counted;
 use gs_io::{
     Checkpoint,
@@ -33,11 +33,8 @@ use crate::{
     failure::Failure,
     memory::Need,
     output::{self, printable, quoted},
-    output_folder::{self, OutputFolder},
-    training::{
-        self,
-        checkpoints::{Checkpoints, check_checkpoint_file},
-    },
+    output_folder,
+    training::{self, job::Job},
 };
 
 /// Number of steps from which a training stores checkpoints by default.
@@ -46,42 +43,58 @@ const LONG: u32 = 2_000;
 /// Trains a scene from a data set and writes the results.
 pub(crate) fn run(args: &TrainArgs) -> Result<(), Failure> {
     let started = Instant::now();
-    output_folder::check(&args.claim([]))?;
-    let dataset = args.images.read(&args.dataset)?;
-    pictures::keep_off(&dataset, &args.output.output)?;
-    let read = dataset.files();
-    let inputs = args.files().chain(read.iter().cloned());
-    check_checkpoint_file(&args.checkpoints, inputs, args.output.overwrite, &args.claim([]))?;
-    let claim = args.claim(read);
-    let mut limit = args.settings.minutes.map(|minutes| TimeLimit::new(started, minutes));
-    let start = match &args.resume {
-        Some(file) => Start::Resumed(Box::new(read_checkpoint(file)?), file.clone()),
+    let (path, resumed, output) = (args.dataset.as_path(), args.resume.as_deref(), args.run.output.as_path());
+    let mut inputs = args.files();
+    output_folder::check(&args.run.claim(output, &inputs, resumed))?;
+    let dataset = args.images.read(path)?;
+    pictures::keep_off(&dataset, output)?;
+    inputs.extend(dataset.files());
+    let job = Job { started, ..args.run.job(output, &inputs, resumed)? };
+    let limit = args.settings.minutes.map(|minutes| TimeLimit::new(started, minutes, &args.settings));
+    let start = match resumed {
+        Some(file) => Start::Resumed(Box::new(read_checkpoint(file)?), file.to_owned()),
         None => {
             let mut settings = settings::settings(&args.settings, &dataset)?;
             let (initial, description) = settings::initial(&args.settings, &dataset, &mut settings)?;
-            settings.render = args.effects.for_training(&settings.render);
+            settings.render = job.effects.for_training(&settings.render);
             Start::Fresh { settings: Box::new(settings), initial, description }
         }
     };
-    let backend = args.backend.open()?;
+    let backend = args.run.backend.open()?;
     output::note(&backend.reason);
     dataset.remarks.iter().for_each(|remark| output::note(format_args!("note: {}", remark_text(remark))));
-    let (trainer, log, description) = start.begin(args, &backend.rasterizer, &dataset, limit.as_mut())?;
+    let names_gaussians = args.settings.gaussians.is_some() || args.settings.exactly;
+    let command = command(path, &args.images, output);
+    train(job, Input { path, dataset: &dataset, names_gaussians }, (start, limit), &backend, command)
+}
+
+/// What a training reads.
+#[derive(Clone, Copy)]
+struct Input<'a> {
+    /// The path of the data set as it was given.
+    path: &'a Path,
+    dataset: &'a Dataset,
+    /// Whether the user named a number of Gaussians.
+    names_gaussians: bool,
+}
+
+fn train(
+    job: Job,
+    input: Input<'_>,
+    (start, mut limit): (Start, Option<TimeLimit<'_>>),
+    backend: &Chosen,
+    command: String,
+) -> Result<(), Failure> {
+    let (trainer, log, description) = start.begin(&backend.rasterizer, input.dataset, limit.as_mut())?;
     trainer.settings().idle_part().iter().for_each(|part| output::note(format_args!("note: {part}")));
-    check_memory(args, &trainer)?;
-    let folder = OutputFolder::begin(claim)?;
+    check_memory(input.path, &trainer)?;
     let iterations = trainer.settings().iterations;
     let every = (iterations >= LONG).then_some(iterations / 10);
-    let resumed = args.resume.as_deref();
-    let checkpoints = Checkpoints::prepare(&args.checkpoints, &folder, iterations, every, resumed, command(args))?;
-    announce(args, &dataset, &description, &trainer);
-    let seconds_before = resumed.map_or(0.0, |_| trainer.seconds());
-    let split = dataset.split;
-    let results = Results { args, folder: &folder, backend: &backend, split, started, seconds_before };
-    let end = limit.map(|limit| limit.end_of_training());
-    training::run(&args.output, &folder, checkpoints, (trainer, log), (end, None), |trainer, log, points| {
-        results.write(trainer, log, points)
-    })
+    let (run, checkpoints) = job.begin(&trainer, every, command)?;
+    announce(input, run.folder.path(), &description, &trainer);
+    let results = Results { run: &run, input, backend };
+    let limits = (limit.map(|limit| limit.end_of_training()), None);
+    training::run(&run, checkpoints, (trainer, log), limits, |trainer, log, points| results.write(trainer, log, points))
 }
 
 /// What a search for points has found, in words; `None` where nothing was searched.
@@ -121,10 +134,9 @@ impl Start {
     /// The trainer at the start, its log so far, and the start in words.
     fn begin<'r>(
         self,
-        args: &TrainArgs,
         rasterizer: &'r AnyRasterizer,
         dataset: &Dataset,
-        limit: Option<&mut TimeLimit>,
+        limit: Option<&mut TimeLimit<'_>>,
     ) -> Result<(Trainer3d<'r, AnyRasterizer>, MetricsLog, String), Failure> {
         let views = Views::of_dataset(dataset);
         match self {
@@ -133,7 +145,7 @@ impl Start {
                 let initial = initial.searched(&views.train)?;
                 let description = found(&asked, &initial).unwrap_or(description);
                 let (settings, log) = match limit {
-                    Some(limit) => limit.choose(args, rasterizer, dataset, &initial, &settings)?,
+                    Some(limit) => limit.choose(rasterizer, dataset, &initial, &settings)?,
                     None => {
                         let log = MetricsLog::for_steps(settings.iterations);
                         (*settings, log)
@@ -156,11 +168,11 @@ impl Start {
 
 /// Fails where there is not enough memory for the views and the initial Gaussians. Prints a note if
 /// there is not enough for the most Gaussians: they need not become so many.
-fn check_memory(args: &TrainArgs, trainer: &Trainer3d<'_, AnyRasterizer>) -> Result<(), Failure> {
+fn check_memory(dataset: &Path, trainer: &Trainer3d<'_, AnyRasterizer>) -> Result<(), Failure> {
     let (views, settings) = (trainer.views(), trainer.settings());
     let sizes = || views.train_cameras().map(|camera| (camera.width, camera.height));
     let need = |gaussians: u32| Need {
-        what: format!("training on {} with {gaussians} Gaussians", args.dataset.display()),
+        what: format!("training on {} with {gaussians} Gaussians", dataset.display()),
         bytes: settings.peak_bytes(sizes(), views.keep_bytes, gaussians.into())
             + trainer.depth_maps().map_or(0, |_| settings.depth_bytes(sizes(), gaussians.into())),
         held: 0,
@@ -194,7 +206,12 @@ fn not_resumed(error: gs_train::Error, file: &Path, dataset: &Dataset) -> Failur
     }
 }
 
-fn announce(args: &TrainArgs, dataset: &Dataset, start: &str, trainer: &Trainer3d<'_, AnyRasterizer>) {
+fn announce(
+    Input { path, dataset, .. }: Input<'_>,
+    folder: &Path,
+    start: &str,
+    trainer: &Trainer3d<'_, AnyRasterizer>,
+) {
     let settings = trainer.settings();
     let held: Vec<&str> = dataset.views_of(Split::Test).map(|view| view.name.as_str()).collect();
     let names = match *held {
@@ -207,21 +224,21 @@ fn announce(args: &TrainArgs, dataset: &Dataset, start: &str, trainer: &Trainer3
         "training on {} of {} of {} ({}; {} held out{names}) from {start}, with at most {} in {}, into {}",
         trainer.views().train.len(),
         counted(dataset.views.len(), "view"),
-        args.dataset.display(),
+        path.display(),
         dataset.kind.name(),
         held.len(),
         counted(settings.gaussians, "Gaussian"),
         counted(settings.iterations - trainer.step(), "step"),
-        args.output.output.display()
+        folder.display()
     ));
 }
 
 /// The command that resumes the training, without its flag `--resume`.
-fn command(args: &TrainArgs) -> String {
-    let DatasetArgs { holdout, images, alpha, reading } = &args.images;
+fn command(dataset: &Path, args: &DatasetArgs, output: &Path) -> String {
+    let DatasetArgs { holdout, images, alpha, reading } = args;
     let holdout = holdout.map_or_else(String::new, |holdout| format!(" --holdout {holdout}"));
     let images = images.as_ref().map_or_else(String::new, |images| format!(" --images {}", quoted(Path::new(images))));
     let alpha = if *alpha == AlphaMeaning::Mask { " --alpha mask" } else { "" };
-    let (dataset, output, reading) = (quoted(&args.dataset), quoted(&args.output.output), reading.flags());
+    let (dataset, output, reading) = (quoted(dataset), quoted(output), reading.flags());
     format!("gs train {dataset}{holdout}{images}{alpha}{reading} -o {output}")
 }

@@ -1,7 +1,7 @@
 //! The results of a training. Each file is written completely or not at all, and a failure of one
 //! does not keep the others from being written. The summary comes last.
 
-use std::{path::Path, time::Instant};
+use std::path::Path;
 
 use gs_backend::{AnyRasterizer, Chosen, FutureExt as _, block_on};
 use gs_core::{
@@ -19,13 +19,15 @@ use gs_train::{
 };
 use serde::Serialize;
 
-use super::{arguments::TrainArgs, pictures::ViewPictures};
+use super::{Input, pictures::ViewPictures};
 use crate::{
     effects_args,
     failure::Failure,
     output::{self, Verbosity},
-    output_folder::OutputFolder,
-    training::results::{self, Problems, ProgramSummary, without_broken, write_curve, write_table},
+    training::{
+        job::Run,
+        results::{self, Problems, ProgramSummary, without_broken, write_curve, write_table},
+    },
 };
 
 /// The most views for which required effects are decided.
@@ -135,14 +137,9 @@ impl results::Summary for Summary {
 
 /// Where results go, and what else they contain.
 pub(super) struct Results<'a> {
-    pub(super) args: &'a TrainArgs,
-    pub(super) folder: &'a OutputFolder,
+    pub(super) run: &'a Run,
+    pub(super) input: Input<'a>,
     pub(super) backend: &'a Chosen,
-    pub(super) split: SplitOrigin,
-    /// When the program began.
-    pub(super) started: Instant,
-    /// Time before the checkpoint that was resumed, s.
-    pub(super) seconds_before: f64,
 }
 
 impl Results<'_> {
@@ -157,44 +154,44 @@ impl Results<'_> {
         let scene = without_broken(trainer.scene().block_on()?)?;
         let mut tried = vec![
             self.write_scene(&scene, &trainer.shown(), trainer.views().frame),
-            write_table(self.folder, log),
+            write_table(&self.run.folder, log),
             trainer
                 .settings()
                 .to_toml()
                 .map_err(Failure::failed)
-                .and_then(|text| self.folder.write("settings.toml", &text)),
+                .and_then(|text| self.run.folder.write("settings.toml", &text)),
             // Existing files are of an earlier fit.
             ["scene.gs2d.safetensors", "reconstruction.png", "growth.apng"]
                 .iter()
-                .try_for_each(|name| self.folder.leave_out(name)),
-            match self.args.output.no_report {
-                true => ["ellipses.png", "curve.png"].iter().try_for_each(|name| self.folder.leave_out(name)),
+                .try_for_each(|name| self.run.folder.leave_out(name)),
+            match !self.run.job.pictures {
+                true => ["ellipses.png", "curve.png"].iter().try_for_each(|name| self.run.folder.leave_out(name)),
                 false => self.write_curve(trainer.count(), points, log),
             },
         ];
-        if !self.args.output.no_report {
+        if self.run.job.pictures {
             tried.push(self.write_ellipses(trainer, &scene));
         }
-        let effects = self.args.effects.choose(&scene, &cameras(trainer.views()), &trainer.shown());
+        let effects = self.run.job.effects.choose(&scene, &cameras(trainer.views()), &trainer.shown());
         let gaussians = scene.len();
         // Else this copy would be there when the passes below take the most memory.
         drop(scene);
-        let evaluation = match self.args.output.no_report {
+        let evaluation = match !self.run.job.pictures {
             true => {
-                tried.push(ViewPictures::clear(self.folder));
+                tried.push(ViewPictures::clear(&self.run.folder));
                 trainer.evaluate(&mut |_, _| Ok(())).block_on().map_err(Failure::from)
             }
             false => self.write_views(trainer, &mut tried),
         };
         let summary = evaluation.and_then(|evaluation| {
-            tried.push(self.folder.write_json("evaluation.json", &evaluation));
+            tried.push(self.run.folder.write_json("evaluation.json", &evaluation));
             self.summary(trainer, evaluation, gaussians, effects?.decisions)
         });
         match &summary {
-            Ok(summary) => tried.push(self.folder.write_json("summary.json", summary)),
+            Ok(summary) => tried.push(self.run.folder.write_json("summary.json", summary)),
             Err(failure) => tried.extend([
                 Err(failure.clone()),
-                ["evaluation.json", "summary.json"].iter().try_for_each(|name| self.folder.leave_out(name)),
+                ["evaluation.json", "summary.json"].iter().try_for_each(|name| self.run.folder.leave_out(name)),
             ]),
         }
         Failure::first_of(tried)?;
@@ -210,7 +207,7 @@ impl Results<'_> {
     ) -> Result<Evaluation, Failure> {
         let background = trainer.shown().background_color();
         let views = trainer.evaluation_views().into_iter().map(|view| view.name.as_str());
-        let (pictures, names) = match ViewPictures::prepare(self.folder, views) {
+        let (pictures, names) = match ViewPictures::prepare(&self.run.folder, views) {
             Ok((pictures, names)) => (Some(pictures), names),
             Err(failure) => {
                 tried.push(Err(failure));
@@ -241,11 +238,11 @@ impl Results<'_> {
         training.backend = self.backend.rasterizer.name().to_owned();
         training.threads = u32::try_from(self.backend.threads).ok();
         Ok(Summary {
-            names_gaussians: self.args.settings.gaussians.is_some() || self.args.settings.exactly,
+            names_gaussians: self.input.names_gaussians,
             training,
-            program: ProgramSummary::new(self.backend, self.started, self.seconds_before),
-            dataset: self.args.dataset.display().to_string(),
-            split: self.split,
+            program: ProgramSummary::new(self.backend, self.run),
+            dataset: self.input.path.display().to_string(),
+            split: self.input.dataset.split,
             effects,
         })
     }
@@ -257,13 +254,13 @@ impl Results<'_> {
         let camera = view.resized(width, height);
         let mut picture = trainer.render_view(&camera).block_on()?.clamped();
         ellipses::draw_3d(&mut picture, scene, &camera, &trainer.shown());
-        Ok(write_png(self.folder.file("ellipses.png"), &picture)?)
+        Ok(write_png(self.run.folder.file("ellipses.png"), &picture)?)
     }
 
     fn write_scene(&self, scene: &Scene3d, shown: &RenderSettings, frame: WorldFrame) -> Result<(), Failure> {
         if scene.is_empty() {
             output::note("note: no Gaussian is left, so there is no scene.ply");
-            return self.folder.leave_out("scene.ply");
+            return self.run.folder.leave_out("scene.ply");
         }
         let trained_with = TrainedWith::default().with(|s| {
             s.antialias = Some(shown.effects.antialias);
@@ -272,17 +269,17 @@ impl Results<'_> {
         });
         let options = WriteOptions3d::default().with(|s| s.trained_with = trained_with);
         let write = |path: &Path| write_3d(path, scene, &options).map(drop);
-        self.folder.write_precious("scene.ply", write)
+        self.run.folder.write_precious("scene.ply", write)
     }
 
     fn write_curve(&self, count: u32, points: &[CurvePoint], log: &MetricsLog) -> Result<(), Failure> {
-        let dataset = &self.args.dataset;
+        let dataset = self.input.path;
         // Also if the path is `.`.
-        let path = dataset.canonicalize().unwrap_or_else(|_| dataset.clone());
+        let path = dataset.canonicalize().unwrap_or_else(|_| dataset.to_owned());
         let name =
             path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned());
         let title = format!("{name}: {}", counted(count, "Gaussian"));
-        write_curve(self.folder, points, log, &title)
+        write_curve(&self.run.folder, points, log, &title)
     }
 }
 

@@ -11,7 +11,7 @@ use gs_train::{
     train::{Resolution, Start, Views},
 };
 
-use super::{TrainArgs, not_begun, settings::with_flags};
+use super::{arguments::TrainSettingsArgs, not_begun, settings::with_flags};
 use crate::{failure::Failure, output, values::Minutes};
 
 /// Share of the remaining time that the chosen settings may use. The rest is a reserve for what the
@@ -29,16 +29,18 @@ const WRITING: f64 = 1.0;
 const AFTERWARDS: usize = 6;
 
 /// The time limit of a training.
-pub(super) struct TimeLimit {
+pub(super) struct TimeLimit<'a> {
+    /// The settings of the flags, which the chosen ones keep.
+    flags: &'a TrainSettingsArgs,
     started: Instant,
     minutes: f64,
     /// Seconds reserved for the results after the training.
     afterwards: f64,
 }
 
-impl TimeLimit {
-    pub(super) fn new(started: Instant, Minutes(minutes): Minutes) -> Self {
-        Self { started, minutes, afterwards: 0.0 }
+impl<'a> TimeLimit<'a> {
+    pub(super) fn new(started: Instant, Minutes(minutes): Minutes, flags: &'a TrainSettingsArgs) -> Self {
+        Self { flags, started, minutes, afterwards: 0.0 }
     }
 
     /// Seconds from the start of the program to the time limit.
@@ -49,7 +51,6 @@ impl TimeLimit {
     /// Chooses settings by a trial and prints them. Also returns the metrics log for them.
     pub(super) fn choose(
         &mut self,
-        args: &TrainArgs,
         rasterizer: &AnyRasterizer,
         dataset: &Dataset,
         start: &Start,
@@ -62,7 +63,7 @@ impl TimeLimit {
         let left = PLANNED * (self.seconds() - self.started.elapsed().as_secs_f64());
         let times = (MEASURED * left / speed.evaluation_seconds(usual)) as usize;
         let times = times.clamp(1, 20);
-        let (gaussians, evaluations) = (args.settings.gaussians, times + 1 + AFTERWARDS);
+        let (gaussians, evaluations) = (self.flags.gaussians, times + 1 + AFTERWARDS);
         let cameras = dataset.views_of(Split::Train).map(|view| &view.camera);
         let chosen = TrainPreset::settings_within(left, &speed, dataset.kind, cameras, gaussians, evaluations);
         let Some(chosen) = chosen else {
@@ -70,7 +71,7 @@ impl TimeLimit {
             return Err(Failure::usage(short).hint("give more minutes, or smaller images with --max-size"));
         };
         self.afterwards = AFTERWARDS as f64 * speed.evaluation_seconds(&chosen);
-        let mut chosen = with_flags(&args.settings, chosen)?;
+        let mut chosen = with_flags(self.flags, chosen)?;
         chosen.render = usual.render;
         chosen.depth_loss = usual.depth_loss;
         let first = match chosen.resolution {
