@@ -1,12 +1,10 @@
 //! The task of fitting 2D Gaussians to one image.
 
-use std::path::Path;
-
 use gs_core::{
     Blend, Canvas, Culled, Effects, Gaussian2d, Image, Loss, Optimizer, Parameterization, RenderSettings, Scene,
     Scene2d, TargetImage, TrainStep, metrics::psnr_of_mse,
 };
-use gs_density::{DensityPolicy, Evidence, EvidenceRequest, Governor, Policy, Residual};
+use gs_density::{Evidence, EvidenceRequest, Residual};
 use gs_io::Checkpoint;
 use web_time::Instant;
 
@@ -15,8 +13,7 @@ use super::{settings::FitSettings, summary::FitSummary};
 use crate::{
     error::Error,
     run::{
-        Clamped, Quality, Record, Recovery, Rounds, RunSettings, SceneTask, StepContext, Trainer, TrainingTask,
-        l1_and_psnr, random,
+        Clamped, Quality, Record, SceneTask, StepContext, Trainer, TrainingTask, impl_run_settings, l1_and_psnr, random,
     },
 };
 
@@ -53,47 +50,11 @@ impl SceneTask for Scene2d {
     }
 }
 
-impl RunSettings<Scene2d> for FitSettings {
+impl_run_settings!(FitSettings, Scene2d, {
     const FORMAT: &'static str = "fit-2d-1";
 
-    fn from_toml(text: &str, file: &Path) -> Result<Self, crate::error::Error> {
-        Self::from_toml(text, file)
-    }
-
-    fn to_toml(&self) -> Result<String, crate::error::Error> {
-        self.to_toml()
-    }
-
-    fn validate(&self) -> Result<(), gs_core::Error> {
-        Self::validate(self)
-    }
-
-    fn iterations(&self) -> u32 {
-        self.iterations
-    }
-
-    fn seed(&self) -> u32 {
-        self.seed
-    }
-
-    fn budget(&self) -> u32 {
-        self.gaussians
-    }
-
-    fn governor(&self) -> Option<Governor> {
-        self.exactly.then(|| Governor::from(&self.policy))
-    }
-
-    fn rounds(&self) -> &Rounds {
-        &self.rounds
-    }
-
-    fn policy(&self) -> &dyn DensityPolicy {
-        &self.policy
-    }
-
-    fn named_policy(&self) -> &Policy {
-        &self.policy
+    fn parameterization(&self) -> Parameterization {
+        self.parameterization
     }
 
     fn effects_after(&self, _: u32) -> Effects {
@@ -108,22 +69,10 @@ impl RunSettings<Scene2d> for FitSettings {
         (self.adam.min_scale, self.adam.max_scale)
     }
 
-    fn loss(&self) -> Loss {
-        self.loss
-    }
-
-    fn parameterization(&self) -> Parameterization {
-        self.parameterization
-    }
-
-    fn recovery(&self) -> Recovery {
-        self.recovery
-    }
-
     fn bins_afresh_after(&self, step: u32) -> bool {
         step.is_multiple_of(self.rebin_every) || step.saturating_add(self.rebin_every) >= self.iterations
     }
-}
+});
 
 impl<R: Optimizer<Scene2d>> TrainingTask<R, Scene2d> for ImageTask<R> {
     const HAS_VIEWS: bool = false;

@@ -21,7 +21,7 @@ pub(crate) use self::{
     checkpoint::{Record, digest, fingerprint},
     quality::{infinite_where_null, psnr_float},
     settings_file::in_toml,
-    task::StepContext,
+    task::{StepContext, impl_run_settings},
     trainer::random,
 };
 pub use self::{

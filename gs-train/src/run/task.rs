@@ -113,6 +113,65 @@ pub trait RunSettings<S: SceneTask>: Clone + Debug + PartialEq {
     fn bins_afresh_after(&self, step: u32) -> bool;
 }
 
+/// Implements [`RunSettings`] for settings whose fields have the usual names; the block has what differs.
+macro_rules! impl_run_settings {
+    ($Settings:ty, $Scene:ty, { $($own:tt)* }) => {
+        impl $crate::run::RunSettings<$Scene> for $Settings {
+            $($own)*
+
+            fn from_toml(text: &str, file: &std::path::Path) -> Result<Self, $crate::error::Error> {
+                Self::from_toml(text, file)
+            }
+
+            fn to_toml(&self) -> Result<String, $crate::error::Error> {
+                self.to_toml()
+            }
+
+            fn validate(&self) -> Result<(), gs_core::Error> {
+                self.validate()
+            }
+
+            fn iterations(&self) -> u32 {
+                self.iterations
+            }
+
+            fn seed(&self) -> u32 {
+                self.seed
+            }
+
+            fn budget(&self) -> u32 {
+                self.gaussians
+            }
+
+            fn governor(&self) -> Option<gs_density::Governor> {
+                self.exactly.then(|| gs_density::Governor::from(&self.policy))
+            }
+
+            fn rounds(&self) -> &$crate::run::Rounds {
+                &self.rounds
+            }
+
+            fn policy(&self) -> &dyn gs_density::DensityPolicy<$Scene> {
+                &self.policy
+            }
+
+            fn named_policy(&self) -> &gs_density::Policy {
+                &self.policy
+            }
+
+            fn loss(&self) -> gs_core::Loss {
+                self.loss
+            }
+
+            fn recovery(&self) -> $crate::run::Recovery {
+                self.recovery
+            }
+        }
+    };
+}
+
+pub(crate) use impl_run_settings;
+
 /// Context of a step that a task sends.
 #[derive(Debug, Clone, Copy)]
 pub struct StepContext {

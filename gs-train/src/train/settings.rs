@@ -1,16 +1,14 @@
 //! Settings of a 3D training: everything that it depends on besides its views and the backend.
 
-use std::path::Path;
-
 use gs_core::{
     Adam, AdamRates, Dropout, Effects, Error, Loss, Output, RenderSettings, Scene3d, constants::MAX_GAUSSIANS,
     math::random_words,
 };
-use gs_density::{DensityPolicy, Governor, Policy};
+use gs_density::Policy;
 use serde::{Deserialize, Serialize};
 
 use super::{depth_loss::DepthLoss, exposure::Exposure};
-use crate::run::{Recovery, Rounds, RunSettings};
+use crate::run::{Recovery, Rounds, impl_run_settings};
 use crate::{
     start::{PointInit, is_zero},
     views::Resolution,
@@ -240,48 +238,8 @@ impl TrainSettings {
     }
 }
 
-impl RunSettings<Scene3d> for TrainSettings {
+impl_run_settings!(TrainSettings, Scene3d, {
     const FORMAT: &'static str = "training-3d-1";
-
-    fn from_toml(text: &str, file: &Path) -> Result<Self, crate::error::Error> {
-        Self::from_toml(text, file)
-    }
-
-    fn to_toml(&self) -> Result<String, crate::error::Error> {
-        self.to_toml()
-    }
-
-    fn validate(&self) -> Result<(), Error> {
-        Self::validate(self)
-    }
-
-    fn iterations(&self) -> u32 {
-        self.iterations
-    }
-
-    fn seed(&self) -> u32 {
-        self.seed
-    }
-
-    fn budget(&self) -> u32 {
-        self.gaussians
-    }
-
-    fn governor(&self) -> Option<Governor> {
-        self.exactly.then(|| Governor::from(&self.policy))
-    }
-
-    fn rounds(&self) -> &Rounds {
-        &self.rounds
-    }
-
-    fn policy(&self) -> &dyn DensityPolicy<Scene3d> {
-        &self.policy
-    }
-
-    fn named_policy(&self) -> &Policy {
-        &self.policy
-    }
 
     fn budget_is_bound(&self) -> bool {
         self.gaussians == Self::default().gaussians && !self.policy.aims_at_budget()
@@ -300,19 +258,11 @@ impl RunSettings<Scene3d> for TrainSettings {
         (rates.min_scale, rates.max_scale)
     }
 
-    fn loss(&self) -> Loss {
-        self.loss
-    }
-
-    fn recovery(&self) -> Recovery {
-        self.recovery
-    }
-
     /// Returns true: each step has another view.
     fn bins_afresh_after(&self, _: u32) -> bool {
         true
     }
-}
+});
 
 #[cfg(test)]
 mod tests {
