@@ -155,7 +155,7 @@ impl<'a, S: DensityScene> Observation<'a, S> {
     ///
     /// # Errors
     /// [`Error::State`] where it is missing, [`Error::Length`] where it is of another scene.
-    pub fn requested(&self, policy: &str, request: &EvidenceRequest) -> Result<&'a Evidence, Error> {
+    pub(crate) fn requested(&self, policy: &str, request: &EvidenceRequest) -> Result<&'a Evidence, Error> {
         let has_views = |evidence: &&Evidence| !request.needs_views() || !evidence.views.is_empty();
         let Some(evidence) = self.evidence.filter(has_views) else {
             return Err(Error::State(format!("policy `{policy}` needs evidence over several views")));

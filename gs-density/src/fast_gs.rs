@@ -17,7 +17,7 @@ use crate::{
     prune::Prune,
     ranking::WhenFlat,
     round::{Actions, Round},
-    rule::{ByEvidence, GrowthLimit, Rule},
+    rule::{ByEvidence, GrowthLimit},
     sample::sample,
     size::SizeThreshold,
 };
@@ -188,14 +188,8 @@ impl FastGs {
     }
 }
 
-impl Rule for FastGs {
-    fn actions(&self) -> Option<&Actions> {
-        Some(&self.actions)
-    }
-
-    fn actions_mut(&mut self) -> Option<&mut Actions> {
-        Some(&mut self.actions)
-    }
+impl ByEvidence for FastGs {
+    const STATISTICS: Statistics = Statistics::AbsoluteGradient;
 
     fn aims_at_budget(&self) -> bool {
         false
@@ -207,15 +201,6 @@ impl Rule for FastGs {
             format!("whose absolute gradient is at least {threshold} and that cover {pixels} pixels of high error");
         GrowthLimit { condition: Some(condition), ..GrowthLimit::default() }
     }
-}
-
-impl ByEvidence for FastGs {
-    const NAME: &'static str = "fastgs";
-    const STATISTICS: Statistics = Statistics::AbsoluteGradient;
-
-    fn own_actions(&self) -> &Actions {
-        &self.actions
-    }
 
     fn request(&self) -> EvidenceRequest {
         EvidenceRequest { views: self.views, high_error: self.high_error, covered: true, ..EvidenceRequest::default() }
@@ -225,16 +210,12 @@ impl ByEvidence for FastGs {
         self.actions.grows(progress) || self.prunes_after(step)
     }
 
-    fn check(&self) -> Result<(), Error> {
-        self.validate()
-    }
-
     fn plan_with<S: DensityScene>(
         &self,
         observation: &Observation<'_, S>,
+        evidence: &Evidence,
         rng: &mut Rng,
     ) -> Result<EditPlan<S::Gaussian>, Error> {
-        let evidence = observation.requested(Self::NAME, &self.request())?;
         let Scores { density, pruning } = Scores::of(evidence, observation.scene.len());
         if !self.actions.grows(observation.progress) {
             let removed = self.removed_after_growth(observation, &pruning);

@@ -17,7 +17,7 @@ use crate::{
     partial,
     ranking::WhenFlat,
     round::{Actions, Round},
-    rule::{ByEvidence, GrowthLimit, Rule},
+    rule::{ByEvidence, GrowthLimit},
     sample::{add_normalised, sample},
 };
 
@@ -118,44 +118,25 @@ impl ImprovedGs {
     }
 }
 
-impl Rule for ImprovedGs {
-    fn actions(&self) -> Option<&Actions> {
-        Some(&self.actions)
-    }
-
-    fn actions_mut(&mut self) -> Option<&mut Actions> {
-        Some(&mut self.actions)
-    }
+impl ByEvidence for ImprovedGs {
+    const STATISTICS: Statistics = Statistics::AbsoluteGradient;
 
     fn growth_limit(&self) -> GrowthLimit {
         let condition = format!("that draw edges and whose absolute gradient is at least {}", self.threshold);
         GrowthLimit { condition: Some(condition), ..GrowthLimit::default() }
-    }
-}
-
-impl ByEvidence for ImprovedGs {
-    const NAME: &'static str = "improved-gs";
-    const STATISTICS: Statistics = Statistics::AbsoluteGradient;
-
-    fn own_actions(&self) -> &Actions {
-        &self.actions
     }
 
     fn request(&self) -> EvidenceRequest {
         EvidenceRequest { views: self.views, l1: 0.0, edges: 1.0, blended: true, ..EvidenceRequest::default() }
     }
 
-    fn check(&self) -> Result<(), Error> {
-        self.validate()
-    }
-
     fn plan_with<S: DensityScene>(
         &self,
         observation: &Observation<'_, S>,
+        evidence: &Evidence,
         rng: &mut Rng,
     ) -> Result<EditPlan<S::Gaussian>, Error> {
         let round = Round::with_removed(&self.actions, observation, self.removed(observation))?;
-        let evidence = observation.requested(Self::NAME, &self.request())?;
         let scores = Self::scores(evidence, observation.scene.len());
         let grown = (f64::from(observation.progress) / f64::from(self.actions.growth_fraction)).clamp(0.0, 1.0);
         let wanted = (observation.budget as f64 * grown.sqrt()) as usize;

@@ -14,7 +14,7 @@ use crate::{
     prune::Prune,
     reset::OpacityReset,
     round::{Actions, Round},
-    rule::{ByEvidence, GrowthLimit, Rule},
+    rule::{ByEvidence, GrowthLimit},
     sample::sample,
 };
 
@@ -132,27 +132,12 @@ impl Mrnf {
     }
 }
 
-impl Rule for Mrnf {
-    fn actions(&self) -> Option<&Actions> {
-        Some(&self.actions)
-    }
-
-    fn actions_mut(&mut self) -> Option<&mut Actions> {
-        Some(&mut self.actions)
-    }
+impl ByEvidence for Mrnf {
+    const STATISTICS: Statistics = Statistics::None;
 
     fn growth_limit(&self) -> GrowthLimit {
         let condition = format!("whose error in some view is at least {} px", self.error);
         GrowthLimit { percent: Some(self.percent), condition: Some(condition), either: false }
-    }
-}
-
-impl ByEvidence for Mrnf {
-    const NAME: &'static str = "mrnf";
-    const STATISTICS: Statistics = Statistics::None;
-
-    fn own_actions(&self) -> &Actions {
-        &self.actions
     }
 
     fn request(&self) -> EvidenceRequest {
@@ -164,20 +149,17 @@ impl ByEvidence for Mrnf {
         true
     }
 
-    fn check(&self) -> Result<(), Error> {
-        self.validate()
-    }
-
     fn plan_with<S: DensityScene>(
         &self,
         observation: &Observation<'_, S>,
+        evidence: &Evidence,
         rng: &mut Rng,
     ) -> Result<EditPlan<S::Gaussian>, Error> {
         let scene = observation.scene;
         let pruned = self.actions.prune.removals(observation);
         let pruned_count = pruned.len();
         let round = Round::with_removed(&self.actions, observation, pruned)?;
-        let Scores { error, score } = self.scores(observation.requested(Self::NAME, &self.request())?, scene.len());
+        let Scores { error, score } = self.scores(evidence, scene.len());
         let opacity = |index: u32| f64::from(sigmoid(scene.opacity_logit(index as usize)));
         let shown = |index: &u32| score[*index as usize] > 0.0;
         let parents = round.survivors().filter(shown).map(|index| (index, opacity(index)));

@@ -22,7 +22,7 @@ use crate::{
     prune::Prune,
     residual::ResidualGrowth,
     round::Actions,
-    rule::{GrowthLimit, Rule},
+    rule::{GrowthLimit, Listed, Rule},
     size::SizeThreshold,
     steep_gs::SteepGs,
     taming::Taming,
@@ -43,22 +43,22 @@ policies! {
     Mcmc(Mcmc) = "mcmc":
         "Move transparent Gaussians to opaque ones and add 5 % a round, with noise between steps (3DGS-MCMC)";
     /// Grow and prune where several views agree that pixels are wrong.
-    FastGs(FastGs) = "fastgs":
+    FastGs(FastGs) = "fastgs", by evidence:
         "Grow and prune by the pixels of high error that a Gaussian covers in several views (FastGS)";
     /// Grow by a score of many parts, along a schedule of counts.
-    Taming(Taming) = "taming":
+    Taming(Taming) = "taming", by evidence:
         "Grow by a score of errors, edges, sizes and contributions over several views, along a schedule that ends at \
          the budget (Taming 3DGS)";
     /// Split what draws edges, along a schedule of counts.
-    ImprovedGs(ImprovedGs) = "improved-gs":
+    ImprovedGs(ImprovedGs) = "improved-gs", by evidence:
         "Split Gaussians that draw edges, side by side along the long axis, on a schedule that ends at the budget \
          (Improved-GS)";
     /// Split where two Gaussians can lower the loss and one cannot.
-    SteepGs(SteepGs) = "steep-gs":
+    SteepGs(SteepGs) = "steep-gs", by evidence:
         "Split Gaussians whose splitting matrix over several views has a negative eigenvalue, along its eigenvector \
          (SteepGS)";
     /// Grow by errors that are normalised by visibility, paced to reach the budget.
-    Mrnf(Mrnf) = "mrnf":
+    Mrnf(Mrnf) = "mrnf", by evidence:
         "Split Gaussians in proportion to their error over several views, normalised by visibility, and replace \
          those that are pruned (after LichtFeld Studio)";
     2D only:

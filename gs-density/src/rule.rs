@@ -1,10 +1,11 @@
 //! What [`Policy`] must know about a policy besides its plans. A new policy is a file with a type
-//! that implements [`Rule`] and a [`DensityPolicy`], and an entry in the table of `policy.rs`.
+//! that implements [`ByEvidence`], or [`Rule`] and a [`DensityPolicy`], and an entry in the table of
+//! `policy.rs`, the only list of their names.
 
 use gs_core::{EditPlan, Error, effects::Statistics};
 
 use crate::{
-    evidence::EvidenceRequest,
+    evidence::{Evidence, EvidenceRequest},
     gaussian::DensityScene,
     observation::{DensityPolicy, Observation, Rng},
     round::{Actions, Round},
@@ -48,15 +49,33 @@ pub(crate) trait Rule {
     fn adapt_to_3d(&mut self) {}
 }
 
-/// A policy that reads [`Evidence`](crate::Evidence) while the number of Gaussians grows.
-pub(crate) trait ByEvidence: Rule {
+/// What follows from the entry of a policy that reads evidence in the table of policies.
+pub(crate) trait Listed {
     /// Name in messages.
     const NAME: &'static str;
+
+    /// How Gaussians are cloned, split, pruned and reset.
+    fn own_actions(&self) -> &Actions;
+
+    /// [`Self::own_actions`], mutable.
+    fn own_actions_mut(&mut self) -> &mut Actions;
+
+    /// Checks the ranges of all settings.
+    fn check(&self) -> Result<(), Error>;
+}
+
+/// A policy that reads [`Evidence`] while the number of Gaussians grows.
+pub(crate) trait ByEvidence: Listed {
     /// Statistic that training must collect.
     const STATISTICS: Statistics;
 
-    /// The actions.
-    fn own_actions(&self) -> &Actions;
+    /// Whether the policy tries to reach the budget.
+    fn aims_at_budget(&self) -> bool {
+        true
+    }
+
+    /// Which Gaussians may grow in one round.
+    fn growth_limit(&self) -> GrowthLimit;
 
     /// The evidence of a round that needs any.
     fn request(&self) -> EvidenceRequest;
@@ -67,13 +86,11 @@ pub(crate) trait ByEvidence: Rule {
         self.own_actions().grows(progress)
     }
 
-    /// Checks the ranges of all settings.
-    fn check(&self) -> Result<(), Error>;
-
     /// The edits of a round that needs evidence.
     fn plan_with<S: DensityScene>(
         &self,
         observation: &Observation<'_, S>,
+        evidence: &Evidence,
         rng: &mut Rng,
     ) -> Result<EditPlan<S::Gaussian>, Error>;
 
@@ -87,12 +104,30 @@ pub(crate) trait ByEvidence: Rule {
     }
 }
 
+impl<P: ByEvidence> Rule for P {
+    fn actions(&self) -> Option<&Actions> {
+        Some(self.own_actions())
+    }
+
+    fn actions_mut(&mut self) -> Option<&mut Actions> {
+        Some(self.own_actions_mut())
+    }
+
+    fn aims_at_budget(&self) -> bool {
+        ByEvidence::aims_at_budget(self)
+    }
+
+    fn growth_limit(&self) -> GrowthLimit {
+        ByEvidence::growth_limit(self)
+    }
+}
+
 impl<S: DensityScene, P: ByEvidence> DensityPolicy<S> for P {
     fn plan(&self, observation: &Observation<'_, S>, rng: &mut Rng) -> Result<EditPlan<S::Gaussian>, Error> {
         self.check()?;
         observation.check_lengths()?;
         match self.reads_evidence(observation.step, observation.progress) {
-            true => self.plan_with(observation, rng),
+            true => self.plan_with(observation, observation.requested(P::NAME, &self.request())?, rng),
             false => self.plan_without(observation, rng),
         }
     }

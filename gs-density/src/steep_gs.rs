@@ -14,13 +14,13 @@ use crate::{
     correction::OpacityCorrection,
     densify::Densify,
     eigen,
-    evidence::EvidenceRequest,
+    evidence::{Evidence, EvidenceRequest},
     gaussian::{DensityGaussian, DensityScene},
     observation::{Observation, Rng},
     partial,
     ranking::WhenFlat,
     round::{Actions, Round},
-    rule::{ByEvidence, GrowthLimit, Rule},
+    rule::{ByEvidence, GrowthLimit},
 };
 
 gs_core::impl_with!(SteepGs);
@@ -122,14 +122,8 @@ impl SteepGs {
     }
 }
 
-impl Rule for SteepGs {
-    fn actions(&self) -> Option<&Actions> {
-        Some(&self.actions)
-    }
-
-    fn actions_mut(&mut self) -> Option<&mut Actions> {
-        Some(&mut self.actions)
-    }
+impl ByEvidence for SteepGs {
+    const STATISTICS: Statistics = Statistics::MeanGradient;
 
     fn aims_at_budget(&self) -> bool {
         false
@@ -142,31 +136,19 @@ impl Rule for SteepGs {
         );
         GrowthLimit { condition: Some(condition), ..GrowthLimit::default() }
     }
-}
-
-impl ByEvidence for SteepGs {
-    const NAME: &'static str = "steep-gs";
-    const STATISTICS: Statistics = Statistics::MeanGradient;
-
-    fn own_actions(&self) -> &Actions {
-        &self.actions
-    }
 
     fn request(&self) -> EvidenceRequest {
         EvidenceRequest { views: self.views, splitting: true, ..EvidenceRequest::default() }
     }
 
-    fn check(&self) -> Result<(), Error> {
-        self.validate()
-    }
-
     fn plan_with<S: DensityScene>(
         &self,
         observation: &Observation<'_, S>,
+        evidence: &Evidence,
         rng: &mut Rng,
     ) -> Result<EditPlan<S::Gaussian>, Error> {
         let round = Round::open(&self.actions, observation)?;
-        let splitting = &observation.requested(Self::NAME, &self.request())?.splitting;
+        let splitting = &evidence.splitting;
         let ranking = round.rank_by_statistic(WhenFlat::Nothing);
         let mut directions: Vec<(u32, Vec3)> = (ranking.at_least(self.threshold).iter())
             .filter_map(|&index| {

@@ -11,7 +11,7 @@ use crate::{
     partial,
     ranking::WhenFlat,
     round::{Actions, Round},
-    rule::{ByEvidence, GrowthLimit, Rule},
+    rule::{ByEvidence, GrowthLimit},
     sample::{add_normalised, sample},
 };
 
@@ -146,27 +146,12 @@ impl Taming {
     }
 }
 
-impl Rule for Taming {
-    fn actions(&self) -> Option<&Actions> {
-        Some(&self.actions)
-    }
-
-    fn actions_mut(&mut self) -> Option<&mut Actions> {
-        Some(&mut self.actions)
-    }
+impl ByEvidence for Taming {
+    const STATISTICS: Statistics = Statistics::MeanGradient;
 
     fn growth_limit(&self) -> GrowthLimit {
         let condition = format!("whose mean gradient is at least {}", self.threshold);
         GrowthLimit { condition: Some(condition), ..GrowthLimit::default() }
-    }
-}
-
-impl ByEvidence for Taming {
-    const NAME: &'static str = "taming";
-    const STATISTICS: Statistics = Statistics::MeanGradient;
-
-    fn own_actions(&self) -> &Actions {
-        &self.actions
     }
 
     fn request(&self) -> EvidenceRequest {
@@ -181,17 +166,14 @@ impl ByEvidence for Taming {
         }
     }
 
-    fn check(&self) -> Result<(), Error> {
-        self.validate()
-    }
-
     fn plan_with<S: DensityScene>(
         &self,
         observation: &Observation<'_, S>,
+        evidence: &Evidence,
         rng: &mut Rng,
     ) -> Result<EditPlan<S::Gaussian>, Error> {
         let round = Round::open(&self.actions, observation)?;
-        let scores = self.scores(observation, observation.requested(Self::NAME, &self.request())?);
+        let scores = self.scores(observation, evidence);
         let ranking = round.rank_by_statistic(WhenFlat::Nothing);
         let is_split = |i: u32| {
             self.actions.densify.split_above.is_exceeded(&observation.scene.gaussian(i as usize), observation.extent)

@@ -1,10 +1,11 @@
 //! The macro that makes [`Policy`](super::Policy) of the table of policies.
 
 /// Declares [`Policy`] and its form in settings files from the table of policies: variant, type,
-/// name, and what it does in one line. Those of the second part are for 2D scenes only.
+/// name, whether it reads evidence, and what it does in one line. Those of the second part are for 2D
+/// scenes only.
 macro_rules! policies {
     (
-        $($(#[$docs:meta])* $variant:ident($type:ty) = $name:literal: $summary:literal;)*
+        $($(#[$docs:meta])* $variant:ident($type:ty) = $name:literal $(, by $evidence:ident)?: $summary:literal;)*
         2D only:
         $($(#[$flat_docs:meta])* $flat_variant:ident($flat_type:ty) = $flat_name:literal: $flat_summary:literal;)*
     ) => {
@@ -72,6 +73,8 @@ macro_rules! policies {
             }
         }
 
+        $($(declare_listed!($type, $name, $evidence);)?)*
+
         /// The policies that are no [`Grow`], by name.
         const OTHERS: &[Named] = &[
             $(Named { name: $name, summary: $summary, make: || Policy::$variant(<$type>::default()) },)*
@@ -138,6 +141,27 @@ macro_rules! policies {
                     $(Self::$flat_variant(_) => None,)*
                     Self::None => Some(&NoGrowth),
                 }
+            }
+        }
+    };
+}
+
+/// Implements [`Listed`](crate::rule::Listed) for a policy that reads evidence.
+macro_rules! declare_listed {
+    ($type:ty, $name:literal, evidence) => {
+        impl Listed for $type {
+            const NAME: &'static str = $name;
+
+            fn own_actions(&self) -> &Actions {
+                &self.actions
+            }
+
+            fn own_actions_mut(&mut self) -> &mut Actions {
+                &mut self.actions
+            }
+
+            fn check(&self) -> Result<(), Error> {
+                self.validate()
             }
         }
     };
