@@ -67,14 +67,6 @@ impl Interrupt {
     }
 }
 
-/// Quits on Ctrl-C, for work that has nothing to save. Files under way are removed.
-pub(crate) fn quit_on_ctrl_c(printer: Printer) {
-    handle(move || {
-        printer.clear_bar();
-        failure::quit_now();
-    });
-}
-
 fn handle(handler: impl FnMut() + Send + 'static) {
     if let Err(error) = ctrlc::set_handler(handler) {
         output::note(format_args!("note: Ctrl-C will end the program at once, without saving anything: {error}"));

@@ -53,16 +53,16 @@ impl Scenario {
     }
 }
 
-fn failed() -> Option<RunOutcome> {
+pub(crate) fn failed() -> Option<RunOutcome> {
     Some(RunOutcome::Failed { error: "no luck".to_owned() })
 }
 
-fn finished(end: Finished) -> Option<RunOutcome> {
+pub(crate) fn finished(end: Finished) -> Option<RunOutcome> {
     Some(RunOutcome::Finished(Box::new(end)))
 }
 
 /// A run whose PSNR rises linearly from 0 dB to `psnr` in `seconds`.
-fn rising(psnr: f64, seconds: f64) -> Finished {
+pub(crate) fn rising(psnr: f64, seconds: f64) -> Finished {
     let row = |tenth: u32| {
         let part = f64::from(tenth) / 10.0;
         MetricsRow {
@@ -95,6 +95,7 @@ fn rising(psnr: f64, seconds: f64) -> Finished {
         side_by_side: 1,
         trajectory: (0..=10).map(row).collect(),
         views: Vec::new(),
+        measured: Default::default(),
     }
 }
 

@@ -1,5 +1,6 @@
 //! The laboratory from end to end. One binary for all modules, so that the tests link once.
 
+mod claims;
 mod clock;
 mod comparisons;
 mod interrupted;

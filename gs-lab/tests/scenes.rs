@@ -207,6 +207,7 @@ fn made_up<'p>(plan: &'p Plan, gain: impl Fn(&Run) -> Vec<f64>) -> Results<'p> {
             side_by_side: 1,
             trajectory: vec![row(mean)],
             views: psnrs.iter().enumerate().map(view).collect(),
+            measured: Default::default(),
         };
         Some(Record {
             address: run.address.clone(),

@@ -2,7 +2,15 @@
 
 use std::fmt;
 
+use gs_core::counted;
+
 use super::Findings;
+use crate::{
+    error::Error,
+    report::Excerpt,
+    result::Results,
+    study::{Study, built_in},
+};
 
 /// An experiment, in the paper's order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -63,6 +71,26 @@ impl Experiment {
         }
     }
 
+    /// The studies with the experiment's fits and claims, in their full or quick form.
+    ///
+    /// # Errors
+    /// Those of a study that is not possible.
+    pub fn studies(self, size: ExperimentSize) -> Result<Vec<Study>, Error> {
+        let names: &[&str] = match self {
+            Self::SetUp => &["set-up"],
+            Self::ColdStart => &["cold-start"],
+            Self::LazyConvergence => &["lazy-convergence", "thresholds"],
+            Self::Instability => &["instability"],
+            Self::Edges => &["edges"],
+            Self::Popping => &[],
+        };
+        let of_size = |name: &&str| match size {
+            ExperimentSize::Full => built_in(name),
+            ExperimentSize::Quick => built_in(name)?.quick(),
+        };
+        names.iter().map(of_size).collect()
+    }
+
     /// The experiment of that name.
     ///
     /// # Errors
@@ -74,13 +102,50 @@ impl Experiment {
     }
 }
 
+/// How much of an experiment runs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub enum ExperimentSize {
+    /// A full run: several seeds and all cases.
+    #[default]
+    Full,
+    /// A quick run: fewer seeds, steps and cases.
+    Quick,
+}
+
+impl ExperimentSize {
+    /// Returns `full` or `quick`, according to the size.
+    pub(crate) fn choose<T>(self, full: T, quick: T) -> T {
+        match self {
+            Self::Full => full,
+            Self::Quick => quick,
+        }
+    }
+}
+
 /// An experiment with its findings.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Chapter {
     /// The experiment.
     pub experiment: Experiment,
-    /// The experiment's findings.
+    /// The experiment's findings: the claims of its studies, and what it measures besides.
     pub findings: Findings,
+    /// Tables, curves and pictures of its studies.
+    pub excerpts: Vec<Excerpt>,
+}
+
+impl Chapter {
+    /// A chapter without findings.
+    pub fn new(experiment: Experiment) -> Self {
+        Self { experiment, findings: Findings::default(), excerpts: Vec::new() }
+    }
+
+    /// Adds a study of the experiment with its claims.
+    pub fn add(&mut self, results: &Results<'_>, excerpt: Excerpt) {
+        let study = &results.plan.study;
+        let runs = format!("{} ({}).", study.question, counted(results.plan.runs.len(), "run"));
+        self.findings.add(Findings { method: runs, claims: results.claims(), ..Findings::default() });
+        self.excerpts.push(excerpt);
+    }
 }
 
 impl fmt::Display for Experiment {
@@ -92,6 +157,7 @@ impl fmt::Display for Experiment {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::study::{Places, Plan};
 
     #[test]
     fn names_are_found_and_the_error_lists_them() {
@@ -99,6 +165,22 @@ mod tests {
         for experiment in Experiment::ALL {
             assert_eq!(Experiment::from_name(experiment.name()).unwrap(), experiment);
             assert!(message.contains(experiment.name()), "{message}");
+        }
+    }
+
+    #[test]
+    fn the_papers_studies_are_possible_in_both_forms_with_all_their_claims() {
+        let places = Places::default();
+        for experiment in Experiment::ALL {
+            let [full, quick] =
+                [ExperimentSize::Full, ExperimentSize::Quick].map(|size| experiment.studies(size).unwrap());
+            for (full, quick) in full.into_iter().zip(quick) {
+                let name = full.name.clone();
+                assert!(!full.claims.is_empty() && full.claims.len() == quick.claims.len(), "{name}");
+                let [full, quick] = [full, quick].map(|study| Plan::new(study, &places, "test").unwrap());
+                let work = |plan: &Plan| plan.runs.iter().map(|run| plan.work(run)).sum::<f64>();
+                assert!(work(&quick) < 0.6 * work(&full), "{name}: the quick form is hardly quicker");
+            }
         }
     }
 }

@@ -3,7 +3,7 @@
 
 use gs_io::png_bytes;
 
-use super::{Chapter, Findings, Table};
+use super::{Findings, Table};
 use crate::{error::Error, report::figure::Figure, result::quoted};
 
 /// A result file of an experiment.
@@ -37,27 +37,6 @@ impl Findings {
         }
         Ok(files)
     }
-}
-
-/// All claims with their verdicts as CSV: a row for each circumstance, with how often it holds, and
-/// one for each number.
-pub fn claims_csv(chapters: &[Chapter]) -> String {
-    let mut csv = "experiment,claim,section,verdict,number,value,unit\n".to_owned();
-    for Chapter { experiment, findings } in chapters {
-        for claim in &findings.claims {
-            let verdict = claim.verdict().to_string();
-            let mut add = |what: &str, value: &str, unit: &str| {
-                add_row(&mut csv, [experiment.name(), claim.name, claim.section, &verdict, what, value, unit]);
-            };
-            for circumstance in &claim.circumstances {
-                add(&circumstance.what, &circumstance.held.to_string(), &format!("of {}", circumstance.of));
-            }
-            for number in &claim.numbers {
-                add(&number.what, &number.value.to_string(), number.unit);
-            }
-        }
-    }
-    csv
 }
 
 fn figure_csv(figure: &Figure) -> String {

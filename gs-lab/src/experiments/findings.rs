@@ -4,12 +4,15 @@
 use std::fmt;
 
 use gs_core::{Canvas, Image, Scene2d};
-use serde::Serialize;
 
-use crate::report::figure::{Figure, ellipses};
+pub(crate) use crate::result::significant;
+use crate::{
+    report::figure::{Figure, ellipses},
+    result::Claim,
+};
 
 /// The results of an experiment.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Findings {
     /// The method in a few sentences: target, settings, number of fits.
     pub method: String,
@@ -23,123 +26,15 @@ pub struct Findings {
     pub pictures: Vec<Picture>,
 }
 
-/// A claim of the paper, with what was measured.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Claim {
-    /// Short name, in kebab-case, unique within an experiment.
-    pub name: &'static str,
-    /// What the paper claims, in other words.
-    pub statement: &'static str,
-    /// Sections and figures of the paper.
-    pub section: &'static str,
-    /// The conditions that the verdict is computed from.
-    pub circumstances: Vec<Circumstance>,
-    /// The measurement in words and numbers.
-    pub measured: String,
-    /// The numbers behind the claim.
-    pub numbers: Vec<Number>,
-}
-
-impl Claim {
-    /// The verdict that follows from the circumstances.
-    pub fn verdict(&self) -> ClaimVerdict {
-        ClaimVerdict::of(&self.circumstances)
-    }
-}
-
-/// A condition of a claim, counted over all cases: seeds, angles, targets.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub struct Circumstance {
-    /// The condition, such as "600 Gaussians are reached".
-    pub what: String,
-    /// Number of cases in which the circumstance holds.
-    pub held: usize,
-    /// Number of cases. Without any case the condition does not hold.
-    pub of: usize,
-}
-
-impl Circumstance {
-    /// A condition with a single case.
-    pub fn once(what: impl Into<String>, holds: bool) -> Self {
-        Self { what: what.into(), held: holds.into(), of: 1 }
-    }
-
-    /// A condition counted over many cases.
-    pub fn counted(what: impl Into<String>, each: impl IntoIterator<Item = bool>) -> Self {
-        let (held, of) = each.into_iter().fold((0, 0), |(held, of), holds| (held + usize::from(holds), of + 1));
-        Self { what: what.into(), held, of }
-    }
-
-    /// The verdict: confirmed if the circumstance holds in all cases, refuted if in none.
-    pub fn verdict(&self) -> ClaimVerdict {
-        match self.held {
-            0 => ClaimVerdict::Refuted,
-            held if held == self.of => ClaimVerdict::Confirmed,
-            _ => ClaimVerdict::Partly,
-        }
-    }
-}
-
-impl fmt::Display for Circumstance {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self.of {
-            1 => f.write_str(&self.what),
-            of => write!(f, "{}: {} of {of}", self.what, self.held),
-        }
-    }
-}
-
-/// The verdict on a claim.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum ClaimVerdict {
-    /// All circumstances hold in all cases.
-    Confirmed,
-    /// No circumstance holds in any case.
-    Refuted,
-    /// Some circumstances hold, or hold in some cases.
-    Partly,
-}
-
-impl ClaimVerdict {
-    /// The verdict that follows from the circumstances. Without circumstances nothing is confirmed.
-    pub fn of(circumstances: &[Circumstance]) -> Self {
-        let all = |verdict| circumstances.iter().all(|circumstance| circumstance.verdict() == verdict);
-        if all(Self::Refuted) {
-            Self::Refuted
-        } else if all(Self::Confirmed) {
-            Self::Confirmed
-        } else {
-            Self::Partly
-        }
-    }
-}
-
-impl fmt::Display for ClaimVerdict {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Confirmed => "confirmed",
-            Self::Refuted => "refuted",
-            Self::Partly => "partly",
-        })
-    }
-}
-
-/// A measured number.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Number {
-    /// What was measured.
-    pub what: String,
-    /// The value.
-    pub value: f64,
-    /// The unit, such as "dB"; empty for a pure number.
-    pub unit: &'static str,
-}
-
-impl Number {
-    /// A number with its name and unit.
-    pub fn new(what: impl Into<String>, value: f64, unit: &'static str) -> Self {
-        Self { what: what.into(), value, unit }
+impl Findings {
+    /// Adds those of another part of the experiment.
+    pub fn add(&mut self, mut other: Self) {
+        let space = if self.method.is_empty() { "" } else { " " };
+        self.method += &(space.to_owned() + &other.method);
+        self.claims.append(&mut other.claims);
+        self.charts.append(&mut other.charts);
+        self.tables.append(&mut other.tables);
+        self.pictures.append(&mut other.pictures);
     }
 }
 
@@ -214,19 +109,6 @@ impl fmt::Display for Cell {
     }
 }
 
-/// A number with `digits` significant digits, in plain notation where that is short and as a power
-/// of ten otherwise.
-pub(crate) fn significant(value: f64, digits: usize) -> String {
-    if value == 0.0 || !value.is_finite() {
-        return format!("{value}");
-    }
-    let exponent = value.abs().log10().floor() as i32;
-    match exponent {
-        -4..=5 => format!("{value:.*}", (digits as i32 - 1 - exponent).max(0) as usize),
-        _ => format!("{value:.*e}", digits.saturating_sub(1)),
-    }
-}
-
 /// A picture, with ellipses that are drawn over it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Picture {
@@ -254,23 +136,6 @@ impl Picture {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_verdict_is_what_its_circumstances_come_to() {
-        let counted = |held: usize, of: usize| Circumstance::counted("c", (0..of).map(|i| i < held));
-        let cases = [
-            (vec![counted(3, 3), Circumstance::once("c", true)], ClaimVerdict::Confirmed),
-            (vec![counted(3, 3), Circumstance::once("c", false)], ClaimVerdict::Partly),
-            (vec![counted(1, 3)], ClaimVerdict::Partly),
-            (vec![counted(0, 3), counted(0, 0)], ClaimVerdict::Refuted),
-            (vec![counted(3, 3), counted(0, 0)], ClaimVerdict::Partly),
-            (vec![], ClaimVerdict::Refuted),
-        ];
-        for (circumstances, expected) in cases {
-            assert_eq!(ClaimVerdict::of(&circumstances), expected, "{circumstances:?}");
-        }
-        assert_eq!(counted(1, 3).to_string(), "c: 1 of 3");
-    }
 
     #[test]
     fn numbers_are_as_short_as_they_can_be() {

@@ -1,58 +1,43 @@
 //! The experiments of the paper (§3 to §5.4, Figs. 6 to 9).
 //!
-//! [`Experiment::run`] performs an experiment on any backend. Its [`Findings`] contain the paper's
-//! claims, each with a [`ClaimVerdict`] that is computed from its [`Circumstance`]s, and charts,
-//! tables and pictures.
-//!
-//! All experiments but [`Experiment::Popping`] fit 2D scenes. Every fit has ordinary
-//! [`FitSettings`](gs_train::FitSettings) and is deterministic for a given seed.
+//! An [`Experiment`] is one or several [studies](Experiment::studies) that come with the program,
+//! whose files hold the paper's claims: [`Results::claims`](crate::Results::claims) judges them. What
+//! no study can express, [`Experiment::run`] measures: fits without the product's guards, and a camera
+//! flight in 3D. [`page()`] compares all claims with what was measured.
 
-#[cfg(test)]
-mod as_studies;
-#[cfg(test)]
-mod claims;
-mod cold_start;
-mod edges;
 mod experiment;
 mod files;
 mod findings;
 mod instability;
-mod laboratory;
-mod lazy_convergence;
 mod page;
-mod paired;
 mod popping;
-mod set_up;
 
 use gs_core::{Optimizer, Scene2d, Scene3d};
 
-pub(crate) use self::paired::Paired;
 pub use self::{
-    experiment::{Chapter, Experiment},
-    files::{ResultFile, claims_csv},
-    findings::{Cell, Circumstance, Claim, ClaimVerdict, Findings, Number, Picture, Table},
-    laboratory::{ExperimentSize, Laboratory, Watch},
+    experiment::{Chapter, Experiment, ExperimentSize},
+    files::ResultFile,
+    findings::{Cell, Findings, Picture, Table},
     page::{PageSetting, page},
 };
 use gs_train::Error;
 
 impl Experiment {
-    /// Performs the experiment.
+    /// What the experiment measures besides its [studies](Self::studies); `None` if nothing. Lines about
+    /// the progress go to `note`.
     ///
     /// # Errors
-    /// Those of the backend, and [`Error::Diverged`] where a fit diverges. [`Self::Instability`]
-    /// counts diverging fits instead.
+    /// Those of the backend. Fits that diverge are counted instead.
     pub fn run<R: Optimizer<Scene2d> + Optimizer<Scene3d>>(
         self,
-        laboratory: &mut Laboratory<'_, R>,
-    ) -> Result<Findings, Error> {
-        match self {
-            Self::SetUp => Ok(set_up::measure(laboratory)?.findings()),
-            Self::ColdStart => Ok(cold_start::measure(laboratory)?.findings()),
-            Self::LazyConvergence => Ok(lazy_convergence::measure(laboratory)?.findings()),
-            Self::Instability => Ok(instability::measure(laboratory)?.findings()),
-            Self::Edges => Ok(edges::measure(laboratory)?.findings()),
-            Self::Popping => Ok(popping::measure(laboratory)?.findings()),
-        }
+        rasterizer: &R,
+        size: ExperimentSize,
+        note: &dyn Fn(&str),
+    ) -> Result<Option<Findings>, Error> {
+        Ok(match self {
+            Self::Instability => Some(instability::measure(rasterizer, size, note)?.findings()),
+            Self::Popping => Some(popping::measure(rasterizer, size, note)?.findings()),
+            _ => None,
+        })
     }
 }

@@ -2,10 +2,13 @@
 
 use gs_core::counted;
 use gs_io::png_bytes;
-use maud::{Markup, html};
+use maud::{Markup, PreEscaped, html};
 
-use super::{Chapter, Circumstance, Claim, ClaimVerdict, Experiment, ExperimentSize, Picture, Table};
-use crate::{error::Error, report::html};
+use super::{Chapter, Experiment, ExperimentSize, Picture, Table};
+use crate::{
+    error::Error,
+    report::{Excerpt, claims, html},
+};
 
 /// Tables with more rows are folded.
 const MOST_OPEN_ROWS: usize = 14;
@@ -55,14 +58,14 @@ fn head(chapters: &[Chapter], setting: PageSetting<'_>) -> Markup {
             div.wide { table {
                 thead { tr { th { "experiment" } th { "the paper says" } th { "verdict" } } }
                 tbody {
-                    @for Chapter { experiment, findings } in chapters {
+                    @for Chapter { experiment, findings, .. } in chapters {
                         @for (index, claim) in findings.claims.iter().enumerate() {
                             tr.first[index == 0] {
                                 @if index == 0 {
                                     th rowspan=(findings.claims.len()) { a href={ "#" (experiment) } { (experiment.title()) } }
                                 }
                                 td { (claim.statement) }
-                                td { (badge(claim.verdict())) }
+                                td { (claims::badge(claim.verdict())) }
                             }
                         }
                     }
@@ -72,16 +75,19 @@ fn head(chapters: &[Chapter], setting: PageSetting<'_>) -> Markup {
     }
 }
 
-fn section(Chapter { experiment, findings }: &Chapter) -> Result<Markup, Error> {
+fn section(Chapter { experiment, findings, excerpts }: &Chapter) -> Result<Markup, Error> {
     let charts = findings.charts.iter().map(html::figure).collect::<Result<Vec<_>, _>>()?;
     Ok(html! {
         section id=(experiment) {
             h2 { (experiment.title()) " " span.quiet.small { (experiment.section()) } }
             p.quiet { (findings.method) }
-            @for claim in &findings.claims { (claim_card(claim)) }
+            @for claim in &findings.claims { (claims::card(claim, "The paper")) }
             div.figures { @for chart in charts { (chart) } }
             div.pictures { @for picture in &findings.pictures { (shown(picture)) } }
             @for table in findings.tables.iter().filter(|table| !table.rows.is_empty()) { (table_of(table)) }
+            @for Excerpt { study, html } in excerpts {
+                details { summary { "Tables, curves and pictures of the study " code { (study) } } (PreEscaped(html)) }
+            }
         }
     })
 }
@@ -95,41 +101,6 @@ fn shown(picture: &Picture) -> Markup {
             img src=(html::data_uri("png", &png_bytes(&image))) alt=(picture.caption);
             figcaption { (picture.caption) }
         }
-    }
-}
-
-fn claim_card(claim: &Claim) -> Markup {
-    html! {
-        div.claim {
-            div {
-                h3 { "The paper says " span.quiet { (claim.section) } }
-                p { (claim.statement) }
-            }
-            div {
-                h3 { "Measured here " (badge(claim.verdict())) }
-                ul { @for circumstance in &claim.circumstances { (line(circumstance)) } }
-                p { (claim.measured) }
-            }
-        }
-    }
-}
-
-/// A condition of the verdict as a list item.
-fn line(circumstance: &Circumstance) -> Markup {
-    let verdict = circumstance.verdict();
-    html! { li { span class=(verdict) title=(verdict) { (sign(verdict)) } (circumstance) } }
-}
-
-/// A verdict with a sign, so that it does not depend on colour.
-fn badge(verdict: ClaimVerdict) -> Markup {
-    html! { span class={ "badge " (verdict) } { (sign(verdict)) " " (verdict) } }
-}
-
-fn sign(verdict: ClaimVerdict) -> &'static str {
-    match verdict {
-        ClaimVerdict::Confirmed => "✓",
-        ClaimVerdict::Partly => "◐",
-        ClaimVerdict::Refuted => "✗",
     }
 }
 
@@ -179,8 +150,9 @@ fn elsewhere() -> Markup {
 mod tests {
     use super::*;
     use crate::{
-        experiments::{Findings, Number},
+        experiments::Findings,
         report::figure::{Axis, Figure, Marks, Series},
+        result::{Circumstance, Claim, Number},
     };
 
     fn chapter() -> Chapter {
@@ -192,9 +164,9 @@ mod tests {
             marks: Marks::lines(vec![Series::line("one", vec![(0.0, 1.0), (1.0, 2.0)])]),
         };
         let claim = Claim {
-            name: "c",
-            statement: "a < b & c",
-            section: "§1",
+            name: "c".to_owned(),
+            statement: "a < b & c".to_owned(),
+            section: "§1".to_owned(),
             circumstances: vec![Circumstance::counted("held < of", [true, false])],
             measured: "1 > 0".to_owned(),
             numbers: vec![Number::new("n", 1.0, "dB")],
@@ -213,6 +185,7 @@ mod tests {
                 }],
                 pictures: vec![],
             },
+            excerpts: vec![Excerpt { study: "edges".to_owned(), html: "<p>a table</p>".to_owned() }],
         }
     }
 
@@ -229,6 +202,7 @@ mod tests {
             "20 rows",
             "Memory and storage",
             "Quick form",
+            "<p>a table</p>",
         ] {
             assert!(whole.contains(part), "{part}");
         }

@@ -1,5 +1,6 @@
 //! The report of a study: one HTML page without network access, and its figures as SVG and PNG.
 
+pub(crate) mod claims;
 mod curves;
 pub mod figure;
 pub(crate) mod html;
@@ -13,25 +14,26 @@ use rayon::prelude::*;
 
 use crate::{
     error::Error,
-    report::page::Page,
+    report::{figure::Figure, page::Page},
     result::Results,
     run::{PAGE, PLOTS, StudyFolder},
 };
+
+/// Tables, curves and pictures of a study, for another page.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Excerpt {
+    /// The name of the study.
+    pub(crate) study: String,
+    /// The sections, as HTML.
+    pub(crate) html: String,
+}
 
 /// Writes `report.html` and `plots/`. The page shows `command` as the way it was made.
 ///
 /// # Errors
 /// [`Error::Io`] and [`Error::Path`] for files, [`Error::Picture`] where something cannot be drawn.
 pub fn write(results: &Results<'_>, folder: &StudyFolder, command: &str) -> Result<(), Error> {
-    let study = &results.plan.study;
-    let mut figures = vec![curves::quality_over_count(results)];
-    let of_budget = |&budget: &u32| curves::developments(results, budget).collect::<Vec<_>>();
-    let of_budgets: Vec<Vec<_>> = study.budgets.par_iter().map(of_budget).collect();
-    figures.extend(of_budgets.into_iter().flatten());
-    figures.extend(study.matchings.iter().map(|&matching| curves::differences(results, matching)));
-    if !study.factors.is_empty() {
-        figures.extend(study.matchings.iter().map(|&matching| curves::effects(results, matching)));
-    }
+    let figures = figures(results);
     let folder = folder.lock_results()?;
     let plots = folder.file(PLOTS);
     fs::create_dir_all(&plots).map_err(|source| Error::Path { path: plots, source })?;
@@ -42,13 +44,46 @@ pub fn write(results: &Results<'_>, folder: &StudyFolder, command: &str) -> Resu
         folder.write(&format!("{PLOTS}/{}.svg", figure.name), &figure.svg_file()?)?;
         gs_io::write_png(folder.file_to_write(&format!("{PLOTS}/{}.png", figure.name)), &figure.image()?)?;
     }
-    let most = study.budgets.iter().copied().max().unwrap_or(0);
-    let multiples = pictures::multiples(results, most, |run, index| folder.picture(run, index))?;
-    let page = Page { results, command, figures: &figures, multiples: &multiples, pictured: most };
-    folder.write(PAGE, &page.html()?)
+    folder.write(PAGE, &with_page(results, &folder, command, &figures, |page| page.html())?)
 }
 
-/// The leading arm at each budget, at equal count, iterations and time, one line each.
+/// What another page shows of a study.
+///
+/// # Errors
+/// [`Error::Picture`] where something cannot be drawn.
+pub fn excerpt(results: &Results<'_>, folder: &StudyFolder) -> Result<Excerpt, Error> {
+    let html = with_page(results, folder, "", &figures(results), |page| page.excerpt())?;
+    Ok(Excerpt { study: results.plan.study.name.clone(), html })
+}
+
+fn figures(results: &Results<'_>) -> Vec<Figure> {
+    let study = &results.plan.study;
+    let mut figures = vec![curves::quality_over_count(results)];
+    let of_budget = |&budget: &u32| curves::developments(results, budget).collect::<Vec<_>>();
+    let of_budgets: Vec<Vec<_>> = study.budgets.par_iter().map(of_budget).collect();
+    figures.extend(of_budgets.into_iter().flatten());
+    figures.extend(study.matchings.iter().map(|&matching| curves::differences(results, matching)));
+    if !study.factors.is_empty() {
+        figures.extend(study.matchings.iter().map(|&matching| curves::effects(results, matching)));
+    }
+    figures
+}
+
+fn with_page(
+    results: &Results<'_>,
+    folder: &StudyFolder,
+    command: &str,
+    figures: &[Figure],
+    html: fn(&Page<'_>) -> Result<String, Error>,
+) -> Result<String, Error> {
+    let pictured = results.plan.study.budgets.iter().copied().max().unwrap_or(0);
+    let multiples = pictures::multiples(results, pictured, |run, index| folder.picture(run, index))?;
+    html(&Page { results, command, figures, multiples: &multiples, pictured })
+}
+
+/// The leading arm at each budget, at equal count, iterations and time, and the verdict on each
+/// claim, one line each.
 pub fn headlines(results: &Results<'_>) -> Vec<String> {
-    standings::standings(results).iter().map(|standing| page::headline(results, standing)).collect()
+    let claims = results.claims().into_iter().map(|claim| format!("claim {}: {}", claim.name, claim.verdict()));
+    standings::standings(results).iter().map(|standing| page::headline(results, standing)).chain(claims).collect()
 }

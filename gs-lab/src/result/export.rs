@@ -7,6 +7,7 @@ use std::fmt::Write;
 use serde::Serialize;
 
 use super::{
+    claim::claims_csv,
     comparison::Difference,
     factorial::{Effect, EffectOf},
     remark::ResultRemark,
@@ -15,7 +16,7 @@ use super::{
 };
 use crate::{
     error::Error,
-    run::{Finished, LATEX, MARKDOWN, RESULTS, Row, StudyFolder, VIEWS},
+    run::{CLAIMS, Finished, LATEX, MARKDOWN, RESULTS, Row, StudyFolder, VIEWS},
     study::{Machine, Matching, Plan, Run, VERSION},
 };
 
@@ -35,7 +36,7 @@ struct Everything<'a> {
 
 /// Writes the tables: `runs.csv`, `quality.csv`, `differences.csv`, and `results.json` with all
 /// three. Tables that depend on measured time are `times.csv` and `differences-at-time.csv`. A study
-/// of scenes also has `views.csv`, one with factors `effects.csv` (also in `results.json`) and
+/// of scenes also has `views.csv`, one with claims `claims.csv`, one with factors `effects.csv` (also in `results.json`) and
 /// `effects-at-time.csv`. `tables.md` and `tables.tex` are for texts: quality, each image or scene, and
 /// differences from the baseline.
 ///
@@ -55,6 +56,9 @@ pub fn write_tables(results: &Results<'_>, folder: &StudyFolder) -> Result<(), E
     if !plan.study.factors.is_empty() {
         folder.write("effects.csv", &effects_csv(&effects))?;
         folder.write("effects-at-time.csv", &effects_csv(&results.effects(&[Matching::Time])))?;
+    }
+    if !plan.study.claims.is_empty() {
+        folder.write(CLAIMS, &claims_csv([(plan.study.name.as_str(), results.claims().as_slice())]))?;
     }
     folder.write("quality.csv", &quality_csv(&quality))?;
     folder.write("differences.csv", &differences_csv(&differences))?;

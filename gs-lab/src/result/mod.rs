@@ -3,6 +3,8 @@
 //!
 //! [`Results`] are read from a study's folder; [`write_tables`] writes them as files.
 
+mod claim;
+mod claims;
 mod comparison;
 mod contrast;
 mod export;
@@ -14,7 +16,16 @@ mod tables;
 mod text_tables;
 mod verdict;
 
+pub(crate) use self::{
+    claim::significant,
+    contrast::EQUAL_COUNT,
+    export::quoted,
+    reach::Reach,
+    remark::FEWEST_SEEDS,
+    statistics::{CONFIDENCE, FEWEST, RESAMPLES, mean, median},
+};
 pub use self::{
+    claim::{Circumstance, Claim, ClaimVerdict, Number, claims_csv, verdicts},
     comparison::Difference,
     export::write_tables,
     factorial::{Effect, EffectOf},
@@ -22,11 +33,4 @@ pub use self::{
     statistics::Interval,
     tables::{Metric, Results, RunQuality, Spread},
     verdict::Verdict,
-};
-pub(crate) use self::{
-    contrast::EQUAL_COUNT,
-    export::quoted,
-    reach::Reach,
-    remark::FEWEST_SEEDS,
-    statistics::{CONFIDENCE, FEWEST, RESAMPLES, bootstrap_interval, mean, median},
 };

@@ -31,6 +31,6 @@ pub use self::{
 };
 pub(crate) use self::{
     recorded::Row,
-    result_names::{LATEX, MARKDOWN, PAGE, PLOTS, RESULTS, VIEWS},
+    result_names::{CLAIMS, LATEX, MARKDOWN, PAGE, PLOTS, RESULTS, VIEWS},
     task::PICTURED_VIEWS,
 };

@@ -1,10 +1,12 @@
 //! The stored record of a run on an image or a scene.
 
+use std::collections::BTreeMap;
+
 use gs_core::{Culled, edit::EditCounts};
 use gs_train::MetricsRow;
 use serde::{Deserialize, Deserializer, Serialize};
 
-use crate::study::Machine;
+use crate::study::{Column, Machine};
 
 /// The content of a run's file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -93,6 +95,9 @@ pub struct Finished {
     /// Each held-out view in which some pixel counts; none for a fit.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub views: Vec<ViewResult>,
+    /// What the study measures besides, as far as it is finite.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub measured: BTreeMap<Column, f64>,
 }
 
 /// The quality of a trained scene on a held-out view.
@@ -213,6 +218,7 @@ pub(crate) mod tests {
             side_by_side: 1,
             trajectory: vec![row(20, 1.0, Some(10.0)), row(60, 1.5, None), row(100, 2.0, Some(psnr))],
             views: Vec::new(),
+            measured: BTreeMap::new(),
         }
     }
 

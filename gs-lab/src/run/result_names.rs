@@ -4,18 +4,21 @@
 pub(crate) const RESULTS: &str = "results.json";
 /// The table of held-out views.
 pub(crate) const VIEWS: &str = "views.csv";
+/// The verdicts on the study's claims.
+pub(crate) const CLAIMS: &str = "claims.csv";
 /// The tables for texts in Markdown.
 pub(crate) const MARKDOWN: &str = "tables.md";
 /// The tables for texts in LaTeX.
 pub(crate) const LATEX: &str = "tables.tex";
 
 /// File names of the tables.
-pub(crate) const TABLES: [&str; 11] = [
+pub(crate) const TABLES: [&str; 12] = [
     "runs.csv",
     "quality.csv",
     "differences.csv",
     "differences-at-time.csv",
     VIEWS,
+    CLAIMS,
     "effects.csv",
     "effects-at-time.csv",
     "times.csv",

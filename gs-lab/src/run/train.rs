@@ -1,5 +1,7 @@
 //! Does one run of a study, from its beginning or its checkpoint on.
 
+use std::collections::BTreeMap;
+
 use gs_backend::FutureExt as _;
 use gs_core::{Error as CoreError, Image, Optimizer, RenderSettings, Scene2d, Scene3d};
 use gs_io::{Checkpoint, WorldFrame};
@@ -64,6 +66,11 @@ fn train_task<S: StudyTask, R: Optimizer<S>>(
         view.curve = trajectory.curve(index);
     }
     let scene = trainer.scene().block_on()?;
+    let mut further = BTreeMap::new();
+    for &measure in &plan.study.measure {
+        further.extend(S::further(measure, rasterizer, plan.target(run), settings, &scene)?);
+    }
+    further.retain(|_, value| value.is_finite());
     let finished = Finished {
         gaussians: trainer.count(),
         bytes: scene.bytes(),
@@ -81,6 +88,7 @@ fn train_task<S: StudyTask, R: Optimizer<S>>(
         side_by_side: 1,
         trajectory: trajectory.rows().to_vec(),
         views: measured.views,
+        measured: further,
     };
     let (pictures, settings, frame) = (measured.pictures, measured.render, measured.frame);
     Ok(Some(Replayed { scene: scene.wrapped(), frame, pictures, settings, finished }))

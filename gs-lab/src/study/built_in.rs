@@ -1,14 +1,15 @@
-//! The studies that come with the program: one for each 2D experiment of the paper, three on the
+//! The studies that come with the program: six with the 2D experiments of the paper, three on the
 //! Kodak images, and four on 3D scenes.
 
 use super::definition::Study;
 use crate::error::Error;
 
 /// Name and TOML text of each built-in study.
-pub const BUILT_IN: [(&str, &str); 12] = [
+pub const BUILT_IN: [(&str, &str); 13] = [
     ("set-up", include_str!("../../studies/set-up.toml")),
     ("cold-start", include_str!("../../studies/cold-start.toml")),
     ("lazy-convergence", include_str!("../../studies/lazy-convergence.toml")),
+    ("thresholds", include_str!("../../studies/thresholds.toml")),
     ("instability", include_str!("../../studies/instability.toml")),
     ("edges", include_str!("../../studies/edges.toml")),
     ("absolute-vs-percentile", include_str!("../../studies/absolute-vs-percentile.toml")),
@@ -45,6 +46,7 @@ mod tests {
         target::Places,
     };
     use gs_conformance::posed::{small_scene, write_dataset};
+    use gs_density::Policy;
 
     #[test]
     fn every_one_is_possible_and_called_as_its_file() {
@@ -75,5 +77,32 @@ mod tests {
         assert_eq!(built_in("paper").unwrap().name, "set-up");
         let message = built_in("all-policy").unwrap_err().to_string();
         assert!(message.contains("all-policy: is neither a file") && message.contains("all-policies"), "{message}");
+    }
+
+    #[test]
+    fn no_policy_is_forgotten_and_each_has_its_sources_numbers() {
+        let plan = {
+            let study = Study { images: vec!["paper".to_owned()], ..built_in("all-policies").unwrap() };
+            Plan::new(study, &Places::default(), "test").unwrap()
+        };
+        for name in Policy::NAMES.into_iter().filter(|name| Policy::from_name(name).unwrap().validate_2d().is_ok()) {
+            let arms = plan.study.arms.iter().enumerate();
+            let of_policy = arms.filter(|(_, arm)| arm.policy.as_deref() == Some(name)).collect::<Vec<_>>();
+            assert!(!of_policy.is_empty(), "{name} takes no part");
+            // The first of them is the policy itself, except that opacities are conserved where this
+            // can be chosen.
+            let (index, arm) = of_policy[0];
+            let run = plan.runs.iter().find(|run| run.arm == index).unwrap();
+            let mut source = Policy::from_name(name).unwrap();
+            if let Some(conserved) = arm.settings.get("policy") {
+                let expected = "actions.densify.opacity-correction = 'conserve'".parse::<toml::Table>().unwrap();
+                assert_eq!(conserved, &toml::Value::Table(expected), "{name}");
+                let mut settings = toml::Table::try_from(&source).unwrap();
+                let densify = settings["actions"]["densify"].as_table_mut().unwrap();
+                densify.insert("opacity-correction".to_owned(), "conserve".into());
+                source = settings.try_into().unwrap();
+            }
+            assert_eq!(run.settings.of_image().unwrap().policy, source, "{name}");
+        }
     }
 }

@@ -4,7 +4,16 @@ use gs_train::parse_settings;
 use serde::{Deserialize, Serialize};
 use std::{fmt, path::Path};
 
-use super::{arm::Arm, clock::Clock, dataset_reading::DatasetReading, factor::Factor, key_lines::KeyLines};
+use super::{
+    arm::Arm,
+    claim::{Choice, StatedClaim},
+    clock::Clock,
+    column::Measure,
+    dataset_reading::DatasetReading,
+    factor::Factor,
+    key_lines::KeyLines,
+    selection::Quick,
+};
 use crate::error::Error;
 #[cfg(doc)]
 use crate::synthetic::SyntheticTarget;
@@ -38,6 +47,9 @@ pub struct Study {
     /// What is measured as the time of a run.
     #[serde(default, skip_serializing_if = "Clock::is_wall")]
     pub clock: Clock,
+    /// What is measured of every run besides the usual; images only.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(crate) measure: Vec<Measure>,
     /// The arm that the report compares the others with; by default the first. The tables compare
     /// all pairs.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -62,6 +74,15 @@ pub struct Study {
     /// The factors of a factorial design.
     #[serde(default, rename = "factor", skip_serializing_if = "Vec::is_empty")]
     pub factors: Vec<Factor>,
+    /// A smaller form of the study, for a first look.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) quick: Option<Quick>,
+    /// Arms that claims choose case by case.
+    #[serde(default, rename = "choice", skip_serializing_if = "Vec::is_empty")]
+    pub(crate) choices: Vec<Choice>,
+    /// What the study's runs confirm or refute.
+    #[serde(default, rename = "claim", skip_serializing_if = "Vec::is_empty")]
+    pub(crate) claims: Vec<StatedClaim>,
     /// The lines of the file's keys.
     #[serde(skip)]
     pub(crate) lines: KeyLines,
@@ -212,7 +233,7 @@ impl Study {
                 }
             }
         }
-        Ok(())
+        self.validate_claims()
     }
 
     /// Index of the baseline among the arms.
@@ -242,7 +263,7 @@ impl Study {
         self.unrepeated(key, values)
     }
 
-    fn unrepeated<T: PartialEq + fmt::Debug>(&self, key: &str, values: &[T]) -> Result<(), Error> {
+    pub(super) fn unrepeated<T: PartialEq + fmt::Debug>(&self, key: &str, values: &[T]) -> Result<(), Error> {
         let twice = values.iter().enumerate().find(|(i, value)| values[..*i].contains(value));
         match twice {
             Some((_, value)) => Err(self.wrong(format!("{key}: {value:?} is listed twice"), "remove one")),

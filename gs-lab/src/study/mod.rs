@@ -6,7 +6,9 @@
 
 mod arm;
 mod built_in;
+mod claim;
 mod clock;
+mod column;
 mod dataset_reading;
 mod definition;
 pub(crate) mod digest;
@@ -19,11 +21,11 @@ mod selection;
 mod settings;
 mod target;
 
-pub(crate) use self::settings::Planned;
 pub use self::{
     arm::{AnyPolicy, Arm, OwnPolicy},
     built_in::{BUILT_IN, built_in},
     clock::Clock,
+    column::Column,
     dataset_reading::{Alpha, DatasetReading},
     definition::{Matching, Study},
     digest::{of_scene as scene_digest, of_scene_3d as scene_digest_3d},
@@ -33,5 +35,10 @@ pub use self::{
     selection::Selection,
     settings::RunSettings,
     target::{Places, StudyTarget, TargetContent},
+};
+pub(crate) use self::{
+    claim::{Choice, Join, Other, Per, Quantity, StatedClaim},
+    column::Measure,
+    settings::Planned,
 };
 pub use crate::synthetic::SyntheticTarget;

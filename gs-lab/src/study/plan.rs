@@ -234,7 +234,8 @@ fn address(
     let all = ["gs-lab run 1", VERSION, machine, &target.digest, policy, &settings];
     // Times of two clocks are never mixed.
     let clock = (study.clock != Clock::Wall).then(|| study.clock.unit());
-    Ok(digest::of_texts(all.into_iter().chain(start).chain(clock)))
+    let measured = study.measure.iter().map(|measure| measure.name());
+    Ok(digest::of_texts(all.into_iter().chain(start).chain(clock).chain(measured)))
 }
 
 #[cfg(test)]

@@ -2,7 +2,9 @@
 
 use std::{fmt::Display, path::Path};
 
-use super::definition::Study;
+use serde::{Deserialize, Serialize};
+
+use super::{definition::Study, overrides};
 use crate::error::Error;
 
 /// The images or scenes, budgets, seeds and arms of a study to run. An empty list selects all.
@@ -18,6 +20,30 @@ pub struct Selection {
     pub seeds: Vec<u32>,
     /// Arms by their names.
     pub arms: Vec<String>,
+}
+
+/// A smaller form of a study. What is left out is as in the study.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "kebab-case")]
+pub(crate) struct Quick {
+    /// Some of its images or scenes.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(crate) images: Vec<String>,
+    /// Some of its arms.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(crate) arms: Vec<String>,
+    /// Some of its seeds.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(crate) seeds: Vec<u32>,
+    /// Other budgets.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(crate) budgets: Vec<u32>,
+    /// Fewer steps.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) iterations: Option<u32>,
+    /// Settings of all arms, laid over those of the study.
+    #[serde(default, skip_serializing_if = "toml::Table::is_empty")]
+    pub(crate) settings: toml::Table,
 }
 
 impl Study {
@@ -46,7 +72,25 @@ impl Study {
         if !arms.is_empty() {
             self.factors.clear();
         }
-        Ok(Self { images, scenes, budgets, seeds, ..self })
+        let mut part = Self { images, scenes, budgets, seeds, ..self };
+        part.drop_claims_of_others();
+        Ok(part)
+    }
+
+    /// The smaller form of the study that its table `quick` describes; the study itself without one.
+    ///
+    /// # Errors
+    /// Those of [`Self::select`].
+    pub(crate) fn quick(mut self) -> Result<Self, Error> {
+        let Some(Quick { images, arms, seeds, budgets, iterations, settings }) = self.quick.take() else {
+            return Ok(self);
+        };
+        if !budgets.is_empty() {
+            self.budgets = budgets;
+        }
+        self.iterations = iterations.or(self.iterations);
+        overrides::lay_upon(&mut self.settings, &settings);
+        self.select(&Selection { images, seeds, arms, ..Selection::default() })
     }
 
     /// Number of runs of the study.
@@ -136,5 +180,24 @@ mod tests {
         assert!(message(Selection { images: names("y"), ..Selection::default() }).contains("it has paper, thin-lines"));
         assert!(message(Selection { seeds: vec![0, 7], ..Selection::default() }).contains("seed `7`: it has 0, 1"));
         assert!(message(Selection { budgets: vec![5], ..Selection::default() }).contains("budget `5`: it has 10, 20"));
+    }
+
+    #[test]
+    fn a_part_keeps_the_claims_about_it_and_a_folder_stores_them() {
+        let claim = |name: &str, rest: &str| {
+            format!(
+                "[[claim]]\nname = '{name}'\nstatement = 's'\ncircumstances = [{{ arm = 'a', of = 'psnr', above = 0, {rest} }}]\n"
+            )
+        };
+        let claims = [
+            claim("of-a", "images = ['paper', 'thin-lines']"),
+            claim("against-b", "less = { arms = ['b'] }"),
+            claim("of-lines", "images = ['thin-lines']"),
+        ];
+        let part = Selection { arms: vec!["a".to_owned()], images: vec!["paper".to_owned()], ..Selection::default() };
+        let part = Study::from_toml(&format!("{STUDY}{}", claims.concat()), "x.toml").unwrap().select(&part).unwrap();
+        assert_eq!(part.claims.iter().map(|claim| claim.name.as_str()).collect::<Vec<_>>(), ["of-a"]);
+        assert_eq!(part.claims[0].circumstances[0].images, ["paper"]);
+        assert_eq!(Study::from_toml(&part.to_toml().unwrap(), "x.toml").unwrap().claims, part.claims);
     }
 }

@@ -12,7 +12,6 @@ use self::thin_lines::thin_lines;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SyntheticTarget {
     name: &'static str,
-    about: &'static str,
     recipe: Recipe,
 }
 
@@ -27,44 +26,43 @@ const PAPER: DiscAndSquare = DiscAndSquare::PAPER;
 
 impl SyntheticTarget {
     /// The paper's target.
-    pub(crate) const PAPER: Self = Self::varied("paper", "the paper's", PAPER);
+    pub(crate) const PAPER: Self = Self::varied("paper", PAPER);
 
     /// The paper's target rounded to 8 bits a channel, as an image file holds it: the disc's faint
     /// rim ends before the border.
-    pub(crate) const PAPER_8_BIT: Self =
-        Self { name: "paper-8bit", about: "in 8 bits a channel", recipe: Recipe::DiscAndSquareInEightBits };
+    pub(crate) const PAPER_8_BIT: Self = Self { name: "paper-8bit", recipe: Recipe::DiscAndSquareInEightBits };
 
     /// Dark lines of one pixel, as large as the paper's target.
     pub(crate) const THIN_LINES: Self =
-        Self { name: "thin-lines", about: "thin lines", recipe: Recipe::ThinLines { side_px: PAPER.side_px } };
+        Self { name: "thin-lines", recipe: Recipe::ThinLines { side_px: PAPER.side_px } };
 
     /// Dark lines of one pixel in a small image, for fits of a few Gaussians.
     pub(crate) const THIN_LINES_24_PX: Self =
-        Self { name: "thin-lines-24px", about: "thin lines, 24×24 px", recipe: Recipe::ThinLines { side_px: 24 } };
+        Self { name: "thin-lines-24px", recipe: Recipe::ThinLines { side_px: 24 } };
 
     /// All targets: the paper's, then variations of it, then others.
     pub const ALL: [Self; 13] = [
         Self::PAPER,
-        Self::varied("paper-64px", "64×64 px", DiscAndSquare { side_px: 64, ..PAPER }),
-        Self::varied("paper-256px", "256×256 px", DiscAndSquare { side_px: 256, ..PAPER }),
-        Self::varied("paper-contrast-50", "contrast × 0.5", DiscAndSquare { contrast: 0.5, ..PAPER }),
-        Self::varied("paper-contrast-25", "contrast × 0.25", DiscAndSquare { contrast: 0.25, ..PAPER }),
-        Self::varied("paper-contrast-10", "contrast × 0.1", DiscAndSquare { contrast: 0.1, ..PAPER }),
-        Self::varied("paper-soft-4px", "square's edge softened by 4 px", DiscAndSquare { softness_px: 4.0, ..PAPER }),
-        Self::striped("paper-stripes-20px", "stripes of 20 px", 20.0),
-        Self::striped("paper-stripes-10px", "stripes of 10 px", 10.0),
-        Self::striped("paper-stripes-5px", "stripes of 5 px", 5.0),
+        Self::varied("paper-64px", DiscAndSquare { side_px: 64, ..PAPER }),
+        Self::varied("paper-256px", DiscAndSquare { side_px: 256, ..PAPER }),
+        Self::varied("paper-contrast-50", DiscAndSquare { contrast: 0.5, ..PAPER }),
+        Self::varied("paper-contrast-25", DiscAndSquare { contrast: 0.25, ..PAPER }),
+        Self::varied("paper-contrast-10", DiscAndSquare { contrast: 0.1, ..PAPER }),
+        Self::varied("paper-soft-4px", DiscAndSquare { softness_px: 4.0, ..PAPER }),
+        Self::striped("paper-stripes-20px", 20.0),
+        Self::striped("paper-stripes-10px", 10.0),
+        Self::striped("paper-stripes-5px", 5.0),
         Self::PAPER_8_BIT,
         Self::THIN_LINES,
         Self::THIN_LINES_24_PX,
     ];
 
-    const fn varied(name: &'static str, about: &'static str, varied: DiscAndSquare) -> Self {
-        Self { name, about, recipe: Recipe::DiscAndSquare(varied) }
+    const fn varied(name: &'static str, varied: DiscAndSquare) -> Self {
+        Self { name, recipe: Recipe::DiscAndSquare(varied) }
     }
 
-    const fn striped(name: &'static str, about: &'static str, period_px: f32) -> Self {
-        Self::varied(name, about, DiscAndSquare { fill: Fill::Stripes { period_px }, ..PAPER })
+    const fn striped(name: &'static str, period_px: f32) -> Self {
+        Self::varied(name, DiscAndSquare { fill: Fill::Stripes { period_px }, ..PAPER })
     }
 
     /// The target of that name.
@@ -83,16 +81,12 @@ impl SyntheticTarget {
         self.name
     }
 
-    /// A short description: how it differs from the paper's target, or what it shows.
-    pub const fn about(&self) -> &'static str {
-        self.about
-    }
-
-    /// The parameters of the paper's target or of a variation of it; `None` for other targets.
-    pub(crate) const fn disc_and_square(&self) -> Option<DiscAndSquare> {
+    /// Whether the paper's disc and square stand where they do in the paper's target.
+    pub(crate) fn has_the_papers_shapes(&self) -> bool {
         match self.recipe {
-            Recipe::DiscAndSquare(varied) => Some(varied),
-            Recipe::DiscAndSquareInEightBits | Recipe::ThinLines { .. } => None,
+            Recipe::DiscAndSquare(varied) => varied.side_px == PAPER.side_px,
+            Recipe::DiscAndSquareInEightBits => true,
+            Recipe::ThinLines { .. } => false,
         }
     }
 

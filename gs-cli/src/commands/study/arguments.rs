@@ -13,10 +13,10 @@ const AFTER_HELP: &str = concat!(
 A study is arms (settings that differ) x images or 3D scenes x budgets x seeds, in a TOML file; \
 these come with the program:
   set-up (or: paper)       the paper's experiment, its two criteria one by one, and no growth; \
-needs no file, as the next four
+needs no file, as the next five
   cold-start               small Gaussians on the border, and the cure
-  lazy-convergence         the absolute threshold, forced growth and the hybrid on targets of other \
-contrast and frequency
+  lazy-convergence         the absolute threshold, forced growth and the hybrid
+  thresholds               the threshold that works on targets of other contrast and frequency
   instability              the cost of the paper's clamp of scales at 1 px
   edges                    hard edges and soft ones, with growth and without
   absolute-vs-percentile   growth above a threshold or by rank, on images of the Kodak test set \
@@ -62,6 +62,7 @@ worse, can't tell (0 is in the interval) or no verdict (there is no interval, an
   runs.csv                one row per run; gs study replay DIR ROW repeats it
   views.csv               of scenes: the quality of each run on each held-out view
   effects.csv             of factors: main effects and interactions of two, with intervals
+  claims.csv              of claims: verdicts, with how often each condition holds, and numbers
   results.json            these tables
   tables.md, tables.tex   for a text: quality, each image or scene, and differences, as Markdown \
 and as LaTeX with booktabs

@@ -15,11 +15,10 @@ use gs_lab::{
     run::{Conducted, RunOutcome},
 };
 
-pub(crate) use self::arguments::StudyArgs;
+pub(crate) use self::{arguments::StudyArgs, progress::Display};
 use self::{
     arguments::{ConductArgs, StudyAction},
     prepare::{command, prepare, rasterizers},
-    progress::Display,
 };
 use crate::{
     failure::Failure,

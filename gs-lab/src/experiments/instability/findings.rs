@@ -1,10 +1,9 @@
 //! The findings of the instability experiment.
 
 use super::{guard::NEEDLE_PX, small_fits::SMALL_GAUSSIANS, *};
-use crate::experiments::paired::Sense;
 
 impl InstabilityMeasured {
-    pub(crate) fn findings(&self) -> Findings {
+    pub(in crate::experiments) fn findings(&self) -> Findings {
         let error = |label, value: fn(&Determinant) -> f64| {
             let determinants = self.precision.determinants.iter().rev();
             Series::line(label, determinants.map(|d| (d.short_px, value(d).max(1e-9))).collect())
@@ -22,12 +21,11 @@ impl InstabilityMeasured {
                  px (L1, 800 steps, {} seeds), where an optimizer may drive a scale to zero by itself. Without guards and with the \
                  paper's, this is computed in 32 bits as the formulas are written down (Σ multiplied out, inverted by a·c − \
                  b², Adam on the scales themselves), by a dense solver that only this experiment uses; with this \
-                 project's guards, by the product. Finally the paper's fit of 600 Gaussians, with the clamp at 1 px and with \
-                 the project's floor of 0.25 px.",
+                 project's guards, by the product.",
                 self.drive(Guard::Off).angles,
                 self.trajectories(Guard::Project).count(),
             ),
-            claims: vec![self.nan_claim(), self.clamp_claim(), self.price_claim()],
+            claims: vec![self.nan_claim(), self.clamp_claim()],
             charts: vec![
                 Figure {
                     name: "determinant".to_owned(),
@@ -47,8 +45,8 @@ impl InstabilityMeasured {
                     marks: Marks::lines(scales.collect()),
                 },
             ],
-            tables: vec![self.drives_table(), self.free_table(), self.floors_table()],
-            pictures: self.pictures.clone(),
+            tables: vec![self.drives_table(), self.free_table()],
+            pictures: Vec::new(),
         }
     }
 
@@ -70,9 +68,11 @@ impl InstabilityMeasured {
         let smallest =
             self.trajectories(Guard::Off).map(|trajectory| trajectory.smallest_scale_px).fold(f64::INFINITY, f64::min);
         Claim {
-            name: "singular-covariances-give-nan",
-            statement: "When the optimizer drives a scale to near zero, the covariance becomes singular and the loss NaN.",
-            section: "§3.4.2",
+            name: "singular-covariances-give-nan".to_owned(),
+            statement:
+                "When the optimizer drives a scale to near zero, the covariance becomes singular and the loss NaN."
+                    .to_owned(),
+            section: "§3.4.2".to_owned(),
             circumstances: vec![
                 Circumstance::once(
                     "in 32 bits the determinant of Σ stops being positive at a scale above zero",
@@ -125,9 +125,9 @@ impl InstabilityMeasured {
         let pairs = self.trajectories(Guard::Off).zip(self.trajectories(Guard::Paper));
         let cured = pairs.filter(|(off, _)| off.diverged).map(|(_, paper)| !paper.diverged);
         Claim {
-            name: "clamp-and-epsilon-cure",
-            statement: "A hard minimum scale of 1.0 and an ε in the determinant cure it.",
-            section: "§3.4.2",
+            name: "clamp-and-epsilon-cure".to_owned(),
+            statement: "A hard minimum scale of 1.0 and an ε in the determinant cure it.".to_owned(),
+            section: "§3.4.2".to_owned(),
             circumstances: vec![
                 Circumstance {
                     what: "angles at which a scale driven by hand stays finite with both".to_owned(),
@@ -140,7 +140,7 @@ impl InstabilityMeasured {
             measured: format!(
                 "With both, everything is finite at {} of {} angles, and {diverged} of {fits} fits diverge. With ε alone, {} of {} angles \
                  and {epsilon_diverged} of {epsilon_fits} fits do not stay finite. With this project's guards, {} of {} angles stay finite and \
-                 {project_diverged} of {project_fits} fits diverge; they let a scale shrink to {PROJECT_FLOOR_PX} px in training (the \
+                 {project_diverged} of {project_fits} fits diverge; they let a scale shrink to 0.25 px in training (the \
                  smallest met at any step is {} px) and leave a Gaussian of {NEEDLE_PX} px out whose other scale is below {} px.",
                 paper.angles - paper.not_finite,
                 paper.angles,
@@ -158,41 +158,6 @@ impl InstabilityMeasured {
                 Number::new("fits that diverge with clamp and ε", diverged as f64, ""),
                 Number::new("fits that diverge with ε alone", epsilon_diverged as f64, ""),
                 Number::new("fits that diverge with this project's guards", project_diverged as f64, ""),
-            ],
-        }
-    }
-
-    fn price_claim(&self) -> Claim {
-        let [shapes, lines] = ["circle and square", "thin lines"].map(|target| self.price_of_clamp(target));
-        let clamped = self.floor("circle and square", CLAMP_PX);
-        let clamped_lines = self.floor("thin lines", CLAMP_PX).mean_psnr();
-        let guarded = self.floors.iter().filter(|floor| floor.min_scale_px == PROJECT_FLOOR_PX);
-        let (diverged, fits) = guarded.fold((0, 0), |(d, n), floor| (d + floor.diverged(), n + floor.psnr.len()));
-        Claim {
-            name: "price-of-the-clamp",
-            statement: "With the clamp in force, 600 Gaussians still reconstruct both shapes, the hard square among them.",
-            section: "§3.3, §3.4.2, Fig. 7",
-            circumstances: vec![Circumstance::counted(
-                format!("seeds that end sharp with the clamp, at {SHARP_DB} dB or more"),
-                clamped.psnr.iter().map(|psnr| psnr.is_some_and(|psnr| psnr >= SHARP_DB)),
-            )],
-            measured: format!(
-                "With 600 Gaussians the clamp leaves {:.1} dB on the circle and square. Against this project's floor of {PROJECT_FLOOR_PX} \
-                 px, of whose {fits} fits {diverged} diverged, it costs {:.1} dB there (seeds: {}), and {:.1} \
-                 dB ({}) on thin lines, where it leaves {clamped_lines:.1} dB. The paper does not mention a price, so the verdict \
-                 ignores it.",
-                clamped.mean_psnr(),
-                -shapes.mean,
-                shapes.interval_in_words(Sense::Reversed, 1),
-                -lines.mean,
-                lines.interval_in_words(Sense::Reversed, 1),
-            ),
-            numbers: vec![
-                Number::new("price on the circle and square", -shapes.mean, "dB"),
-                Number::new("price on thin lines", -lines.mean, "dB"),
-                Number::new("PSNR with the clamp, circle and square", clamped.mean_psnr(), "dB"),
-                Number::new("PSNR with the clamp, thin lines", clamped_lines, "dB"),
-                Number::new("fits with this project's floor that diverged", diverged as f64, ""),
             ],
         }
     }
@@ -232,32 +197,6 @@ impl InstabilityMeasured {
             title: "Small fits to thin lines".to_owned(),
             columns: vec!["guard", "Adam's step of σ", "fits", "diverged", "smallest |σ|, px", "PSNR, dB"],
             rows: self.free.iter().map(row).collect(),
-        }
-    }
-
-    fn floors_table(&self) -> Table {
-        let row = |floor: &Floor| {
-            vec![
-                floor.target.into(),
-                Cell::Fixed(floor.min_scale_px.into(), 2),
-                floor.psnr.len().into(),
-                floor.diverged().into(),
-                Cell::Fixed(floor.mean_psnr(), 2),
-                Cell::Fixed(100.0 * floor.below_one_px, 0),
-            ]
-        };
-        Table {
-            name: "floors",
-            title: "What a floor of the scales costs, 600 Gaussians".to_owned(),
-            columns: vec![
-                "target",
-                "smallest σ, px",
-                "seeds",
-                "diverged",
-                "PSNR, dB",
-                "Gaussians thinner than 1 px, %",
-            ],
-            rows: self.floors.iter().map(row).collect(),
         }
     }
 }

@@ -7,9 +7,6 @@ use super::textbook::Guards;
 /// Length of the needle whose other scale goes to zero, px.
 pub(super) const NEEDLE_PX: f32 = 10.0;
 
-/// The paper's clamp, px.
-pub(super) const CLAMP_PX: f32 = 1.0;
-
 /// What keeps scales from going to zero.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(crate) enum Guard {

@@ -1,6 +1,6 @@
 //! Numerical instability (paper §3.4.2): loss and gradients as a scale goes to zero, without
 //! guards, with the paper's clamp and ε, and with this project's guards, which allow scales below a
-//! pixel; and the price of each in PSNR.
+//! pixel. What the clamp costs is measured by the study `instability`.
 //!
 //! The product's guards cannot be switched off. Fits without them use `textbook`, a dense solver
 //! that follows the paper's formulas literally. A fit that diverges is counted and does not end the
@@ -8,95 +8,86 @@
 
 mod driven;
 mod findings;
-mod floors;
 mod guard;
 mod precision;
 mod small_fits;
 mod textbook;
 
 use gs_core::{Optimizer, Scene2d};
+use gs_train::Error;
 
-#[cfg(test)]
-pub(crate) use self::floors::floor_settings;
-use self::guard::CLAMP_PX;
-pub(crate) use self::{
+use self::{
     driven::Drive,
-    floors::Floor,
     guard::Guard,
     precision::{Determinant, Precision},
     small_fits::{Free, Trajectory},
 };
-use super::{
-    Cell, Circumstance, Claim, Findings, Laboratory, Number, Paired, Picture, Table, findings::significant,
-    laboratory::SHARP_DB, paired::gain,
+use super::{Cell, ExperimentSize, Findings, Table};
+use crate::{
+    report::figure::{Axis, Figure, Marks, Series},
+    result::{Circumstance, Claim, Number, significant},
+    synthetic::SyntheticTarget,
 };
-use crate::report::figure::{Axis, Figure, Marks, Series};
-use crate::synthetic::SyntheticTarget;
-use gs_train::Error;
-
-/// This project's minimum scale, px.
-const PROJECT_FLOOR_PX: f32 = 0.25;
-
-/// The minimum scales whose price is measured, px: the paper's and this project's.
-pub(crate) const FLOORS_PX: [f32; 2] = [CLAMP_PX, PROJECT_FLOOR_PX];
 
 /// The results of the experiment.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct InstabilityMeasured {
+pub(super) struct InstabilityMeasured {
     /// The determinant of a needle of 10 px.
-    pub(crate) precision: Precision,
+    precision: Precision,
     /// A scale that is set to ever smaller values, as in [`Guard::ALL`].
-    pub(crate) drives: Vec<Drive>,
+    drives: Vec<Drive>,
     /// Small fits in which the optimizer may shrink a scale by itself.
-    pub(crate) free: Vec<Free>,
-    /// The price of a minimum scale, in fits of 600 Gaussians.
-    pub(crate) floors: Vec<Floor>,
-    pictures: Vec<Picture>,
+    free: Vec<Free>,
 }
 
-/// Sets a scale to ever smaller values with every guard, makes small fits, and measures the price
-/// of minimum scales.
-pub(crate) fn measure<R: Optimizer<Scene2d>>(laboratory: &mut Laboratory<'_, R>) -> Result<InstabilityMeasured, Error> {
+/// Sets a scale to ever smaller values with every guard, and makes small fits.
+pub(super) fn measure<R: Optimizer<Scene2d>>(
+    rasterizer: &R,
+    size: ExperimentSize,
+    note: &dyn Fn(&str),
+) -> Result<InstabilityMeasured, Error> {
     let small = SyntheticTarget::THIN_LINES_24_PX.image();
-    let angles = laboratory.extent().choose(32, 8);
-    let drives = Guard::ALL.iter().map(|&guard| Drive::measure(laboratory.rasterizer(), guard, &small, angles));
+    note("a scale that is driven to zero");
+    let drives = Guard::ALL.iter().map(|&guard| Drive::measure(rasterizer, guard, &small, size.choose(32, 8)));
     let drives = drives.collect::<Result<_, Error>>()?;
-    let free = Free::measure_all(laboratory, &small)?;
-    let (mut floors, mut pictures) = (Vec::new(), Vec::new());
-    for (name, target) in [("circle and square", SyntheticTarget::PAPER), ("thin lines", SyntheticTarget::THIN_LINES)] {
-        let target = target.image();
-        for min_scale_px in FLOORS_PX {
-            let (floor, picture) = Floor::measure(laboratory, name, &target, min_scale_px)?;
-            floors.push(floor);
-            pictures.extend(picture.filter(|_| name == "thin lines"));
-        }
-    }
-    Ok(InstabilityMeasured { precision: Precision::of_needle(), drives, free, floors, pictures })
+    note("small fits with and without guards");
+    let free = Free::measure_all(rasterizer, size, &small)?;
+    Ok(InstabilityMeasured { precision: Precision::of_needle(), drives, free })
 }
 
 impl InstabilityMeasured {
     /// The results of setting a scale under a guard.
-    pub(crate) fn drive(&self, guard: Guard) -> &Drive {
+    fn drive(&self, guard: Guard) -> &Drive {
         self.drives.iter().find(|drive| drive.guard == guard).expect("all guards are measured")
     }
 
-    /// The fits of a target with a minimum scale.
-    pub(crate) fn floor(&self, target: &str, min_scale_px: f32) -> &Floor {
-        let mut floors = self.floors.iter();
-        floors.find(|f| f.target == target && f.min_scale_px == min_scale_px).expect("all floors are measured")
-    }
-
-    /// PSNR with the clamp at 1 px less that with this project's minimum and the same seed, dB,
-    /// where neither fit diverged.
-    pub(crate) fn price_of_clamp(&self, target: &str) -> Paired {
-        let [clamped, guarded] = [CLAMP_PX, PROJECT_FLOOR_PX].map(|floor| &self.floor(target, floor).psnr);
-        let pairs = clamped.iter().zip(guarded).filter_map(|(clamped, guarded)| Some(gain((*clamped)?, (*guarded)?)));
-        Paired::of(&pairs.collect::<Vec<_>>())
-    }
-
     /// Number of small fits with a guard, and how many of them diverged.
-    pub(crate) fn free_fits(&self, guard: Guard) -> (usize, usize) {
+    fn free_fits(&self, guard: Guard) -> (usize, usize) {
         let with = self.free.iter().filter(|free| free.guard == guard);
         with.fold((0, 0), |(fits, diverged), free| (fits + free.fits(), diverged + free.diverged()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::result::ClaimVerdict;
+    use gs_cpu::{CpuRasterizer, CpuSettings};
+
+    #[test]
+    fn scales_that_vanish_give_nan_without_guards_and_only_there() {
+        let cpu = CpuRasterizer::new(CpuSettings::default()).unwrap();
+        let small = SyntheticTarget::THIN_LINES_24_PX.image();
+        let drives = Guard::ALL.map(|guard| Drive::measure(&cpu, guard, &small, 8).unwrap()).to_vec();
+        let measured = InstabilityMeasured { precision: Precision::of_needle(), drives, free: Vec::new() };
+        let off = measured.drive(Guard::Off);
+        assert!(off.not_finite > 0 && off.from_px.is_some_and(|from| (1e-4..1e-2).contains(&from)), "{off:?}");
+        assert!(measured.precision.wrong_below_px > off.from_px.unwrap(), "wrong before it is NaN");
+        for guard in [Guard::Paper, Guard::Project] {
+            assert_eq!(measured.drive(guard).not_finite, 0, "{guard:?}");
+        }
+        assert!(measured.drive(Guard::Project).left_out_px.is_some_and(|scale| scale < 1e-3));
+        let verdicts: Vec<ClaimVerdict> = measured.findings().claims.iter().map(Claim::verdict).collect();
+        assert_eq!(verdicts, [ClaimVerdict::Partly; 2], "without fits nothing is known of fits");
     }
 }

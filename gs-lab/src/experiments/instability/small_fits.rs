@@ -6,7 +6,7 @@ use gs_density::Policy;
 
 use super::guard::{Guard, unless_diverged};
 use super::textbook::Textbook;
-use crate::experiments::{Laboratory, paired::mean};
+use crate::{experiments::ExperimentSize, result::mean};
 use gs_train::{Error, FitSettings, Init, InitialCount, Rounds, Trainer, init::Random, l1_and_psnr};
 
 /// Number of Gaussians.
@@ -56,25 +56,23 @@ pub(crate) fn small_settings(seed: u32) -> FitSettings {
 impl Free {
     /// Fits with all guards; those of the textbook solver with each step size.
     pub(super) fn measure_all<R: Optimizer<Scene2d>>(
-        laboratory: &mut Laboratory<'_, R>,
+        rasterizer: &R,
+        size: ExperimentSize,
         target: &Image,
     ) -> Result<Vec<Self>, Error> {
-        let rates = laboratory.extent().choose(&SCALE_RATES_PX[..], &SCALE_RATES_PX[2..]);
-        let seeds = laboratory.extent().seeds(20, 10);
+        let rates = size.choose(&SCALE_RATES_PX[..], &SCALE_RATES_PX[2..]);
+        let seeds = 0..size.choose(20, 10);
         let mut all = Vec::new();
         for guard in Guard::ALL {
             let Some(guards) = guard.of_textbook() else {
-                let trajectories = seeds.clone().map(|seed| Trajectory::by_product(laboratory, target, seed)).collect();
+                let trajectories = seeds.clone().map(|seed| Trajectory::by_product(rasterizer, target, seed)).collect();
                 all.push(Self { guard, scale_rate_px: None, trajectories: Result::from_iter::<Vec<_>>(trajectories)? });
                 continue;
             };
             for &rate in rates {
                 let trajectory = |seed| {
                     let settings = small_settings(seed);
-                    let scene = Trainer::new(laboratory.rasterizer(), target, settings.clone())
-                        .block_on()?
-                        .scene()
-                        .block_on()?;
+                    let scene = Trainer::new(rasterizer, target, settings.clone()).block_on()?.scene().block_on()?;
                     let textbook = Textbook::new(&scene, settings.render.background, guards, rate);
                     Trajectory::by_textbook(target, settings.iterations, textbook)
                 };
@@ -132,19 +130,13 @@ impl Trajectory {
         Ok(Self { psnr: Some(l1_and_psnr(&image, target)?.1), ..trajectory })
     }
 
-    fn by_product<R: Optimizer<Scene2d>>(
-        laboratory: &mut Laboratory<'_, R>,
-        target: &Image,
-        seed: u32,
-    ) -> Result<Self, Error> {
+    fn by_product<R: Optimizer<Scene2d>>(rasterizer: &R, target: &Image, seed: u32) -> Result<Self, Error> {
         let mut trajectory = Self::new();
-        let mut trainer = Trainer::new(laboratory.rasterizer(), target, small_settings(seed)).block_on()?;
-        laboratory.watch().on_fit(&format!("thin lines, seed {seed}"));
+        let mut trainer = Trainer::new(rasterizer, target, small_settings(seed)).block_on()?;
         while !trainer.is_finished() {
             trajectory.note(trainer.step() + 1, smallest_scale_px(&trainer.scene().block_on()?));
-            match unless_diverged(trainer.step_once().block_on())? {
-                Some(progress) => laboratory.watch().on_step(&progress),
-                None => return Ok(Self { diverged: true, ..trajectory }),
+            if unless_diverged(trainer.step_once().block_on())?.is_none() {
+                return Ok(Self { diverged: true, ..trajectory });
             }
         }
         let scene = trainer.scene().block_on()?;

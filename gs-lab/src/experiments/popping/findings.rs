@@ -118,10 +118,10 @@ impl PoppingMeasured {
         let coarse = self.ball[0].comparison.finest();
         let more = |of: &OfSize| of.comparison.finest().tile().squares() > of.comparison.finest().pixel().squares();
         Claim {
-            name: "colours-pop",
+            name: "colours-pop".to_owned(),
             statement: "Sorting by one depth per Gaussian and tile can make colours pop where Gaussians intersect or tiles meet, as the order \
-                        of blending flips while the camera moves.",
-            section: "§5.4",
+                        of blending flips while the camera moves.".to_owned(),
+            section: "§5.4".to_owned(),
             circumstances: vec![
                 Circumstance::once("two discs through each other jump, whatever the step", tile >= STAYS),
                 Circumstance::once("with the per-pixel sort nothing jumps visibly", highest[1] < VISIBLE_LEVELS),
@@ -170,10 +170,10 @@ impl PoppingMeasured {
             Number::new(format!("jumps with Gaussians of {} px", of.sigma_px), squares, "levels² per degree")
         });
         Claim {
-            name: "negligible-at-pixel-size",
+            name: "negligible-at-pixel-size".to_owned(),
             statement: "That one depth per Gaussian is not right at every pixel becomes negligible as Gaussians converge to the size of \
-                        pixels.",
-            section: "§2.3.1",
+                        pixels.".to_owned(),
+            section: "§2.3.1".to_owned(),
             circumstances: vec![
                 Circumstance::counted(
                     "halvings of σ after which less jumps",

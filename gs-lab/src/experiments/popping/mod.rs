@@ -13,12 +13,13 @@ use gs_core::{
     effects::{Antialias, Order},
 };
 
-use super::{Cell, Circumstance, Claim, ExperimentSize, Findings, Laboratory, Number, Picture, Table};
+use super::{Cell, ExperimentSize, Findings, Picture, Table};
 use crate::price::popping::{
     AtStep, ORDERS, Popping, PoppingComparison, VISIBLE_LEVELS, ball_flight, ball_in_sea, compare, discs, discs_flight,
     ordered, px_per_unit,
 };
 use crate::report::figure::{Axis, Figure, Marks, Series};
+use crate::result::{Circumstance, Claim, Number};
 use gs_train::Error;
 
 /// Side of the pictures of the synthetic scenes, px.
@@ -54,12 +55,15 @@ pub(crate) struct PoppingMeasured {
 }
 
 /// Flies around both synthetic scenes.
-pub(crate) fn measure<R: Optimizer<Scene3d>>(laboratory: &mut Laboratory<'_, R>) -> Result<PoppingMeasured, Error> {
-    let (extent, rasterizer) = (laboratory.extent(), laboratory.rasterizer());
+pub(crate) fn measure<R: Optimizer<Scene3d>>(
+    rasterizer: &R,
+    extent: ExperimentSize,
+    note: &dyn Fn(&str),
+) -> Result<PoppingMeasured, Error> {
     let render = usual_settings();
     let mut pictures = Vec::new();
 
-    laboratory.watch().on_fit("two discs through each other");
+    note("two discs through each other");
     let (scene, (flight, first)) = (discs(), discs_flight(SIDE_PX, 24, STEP_DEGREES));
     let of_discs = compare(rasterizer, &scene, &flight, &first, &render)?;
     let caption = findings::caption("Two discs through each other", of_discs.finest().step_degrees);
@@ -69,7 +73,7 @@ pub(crate) fn measure<R: Optimizer<Scene3d>>(laboratory: &mut Laboratory<'_, R>)
     let (flight, first) = ball_flight(SIDE_PX, extent.choose(8, 4), extent.choose(25, 13), STEP_DEGREES);
     let mut ball = Vec::new();
     for &sigma_px in sizes {
-        laboratory.watch().on_fit(&format!("ball in a sea, Gaussians of {sigma_px} px"));
+        note(&format!("ball in a sea, Gaussians of {sigma_px} px"));
         let scene = ball_in_sea(sigma_px / px_per_unit(SIDE_PX));
         let comparison = compare(rasterizer, &scene, &flight, &first, &render)?;
         if sigma_px == sizes[0] {
@@ -115,3 +119,6 @@ fn grid_trace<R: Optimizer<Scene3d>>(
     let pixels = (0..camera.height).flat_map(|y| (0..camera.width).map(move |x| (x, y)));
     Ok(255.0 * f64::from(pixels.map(difference).fold(0.0, f32::max)))
 }
+
+#[cfg(test)]
+mod tests;

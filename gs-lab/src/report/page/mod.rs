@@ -9,7 +9,7 @@ mod words;
 
 use maud::{Markup, html};
 
-use super::{figure::Figure, html};
+use super::{claims, figure::Figure, html};
 use crate::{
     error::Error,
     report::{page::words::listed, pictures::Multiples},
@@ -43,6 +43,7 @@ impl Page<'_> {
             }
             main {
                 (self.winners())
+                (self.claims())
                 (self.quality())
                 (self.differences()?)
                 (self.effects()?)
@@ -54,6 +55,27 @@ impl Page<'_> {
             }
         };
         Ok(html::page(&format!("Study: {}", study.name), &body))
+    }
+
+    /// The sections that another page shows.
+    pub(crate) fn excerpt(&self) -> Result<String, Error> {
+        Ok(html! { (self.quality()) (self.curves()?) (self.pictures()) }.into_string())
+    }
+
+    fn claims(&self) -> Markup {
+        let claims = self.results.claims();
+        html! {
+            @if !claims.is_empty() {
+                section {
+                    h2 { "Claims" }
+                    p {
+                        "Each verdict is computed from the runs: a claim is confirmed if all its conditions hold in all cases, and refuted if none "
+                        "holds in any. All numbers are in " code { "claims.csv" } "."
+                    }
+                    @for claim in &claims { (claims::card(claim, "The study")) }
+                }
+            }
+        }
     }
 
     fn facts(&self) -> Markup {

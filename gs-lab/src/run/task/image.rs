@@ -5,8 +5,8 @@ use gs_core::{Blend, Canvas, Error as CoreError, Gaussian2d, Optimizer, Paramete
 use gs_io::{Checkpoint, WorldFrame};
 use gs_train::{Error as TrainError, FitSettings, FitSummary, Recovery, Trainer};
 
-use super::{AnyScene, Measured, StudyTask};
-use crate::study::{Arm, Clock, StudyTarget, digest};
+use super::{AnyScene, Measured, StudyTask, shapes, start};
+use crate::study::{Arm, Clock, Column, Measure, StudyTarget, digest};
 
 impl StudyTask for Scene2d {
     fn without_recovery(settings: &FitSettings) -> FitSettings {
@@ -38,6 +38,20 @@ impl StudyTask for Scene2d {
         let FitSummary { psnr, ssim, ms_ssim, l1, loss, .. } = FitSummary::new(trainer, &image, culled).block_on()?;
         let (views, pictures, render) = (Vec::new(), vec![image], trainer.shown());
         Ok(Measured { psnr, ssim, ms_ssim, l1, loss, culled, views, pictures, render, frame: WorldFrame::WORLD })
+    }
+
+    fn further<R: Optimizer<Self>>(
+        measure: Measure,
+        rasterizer: &R,
+        target: &StudyTarget,
+        settings: &FitSettings,
+        scene: &Self,
+    ) -> Result<Vec<(Column, f64)>, TrainError> {
+        let Some(image) = target.image() else { return Err(wrong_kind(target)) };
+        match measure {
+            Measure::Start => start::measure(rasterizer, image, settings),
+            Measure::Shapes => Ok(shapes::measure(scene)),
+        }
     }
 
     fn draw_one<R: Optimizer<Self>>(rasterizer: &R, render: &RenderSettings) -> Result<(), CoreError> {

@@ -3,6 +3,8 @@
 
 mod image;
 mod scene;
+mod shapes;
+mod start;
 
 pub(crate) use scene::PICTURED_VIEWS;
 
@@ -11,7 +13,7 @@ use gs_io::{Checkpoint, WorldFrame};
 use gs_train::{Error as TrainError, Trainer};
 
 use super::record::ViewResult;
-use crate::study::{Arm, Clock, Planned, RunSettings, StudyTarget};
+use crate::study::{Arm, Clock, Column, Measure, Planned, RunSettings, StudyTarget};
 
 /// A backend that conducts studies of both kinds. All backends of this project do.
 pub trait StudyBackend: Optimizer<Scene2d> + Optimizer<Scene3d> {}
@@ -58,6 +60,15 @@ pub(crate) trait StudyTask: Planned {
 
     /// Measures a finished run.
     fn measure<R: Optimizer<Self>>(trainer: &Trainer<'_, R, Self>) -> Result<Measured, TrainError>;
+
+    /// What a study measures of a finished run besides the usual; `scene` is its end.
+    fn further<R: Optimizer<Self>>(
+        measure: Measure,
+        rasterizer: &R,
+        target: &StudyTarget,
+        settings: &Self::Settings,
+        scene: &Self,
+    ) -> Result<Vec<(Column, f64)>, TrainError>;
 
     /// Draws one Gaussian on one pixel, to find out what a backend supports.
     fn draw_one<R: Optimizer<Self>>(rasterizer: &R, render: &RenderSettings) -> Result<(), CoreError>;

@@ -13,7 +13,7 @@ use gs_train::{
 use super::{AnyScene, Measured, StudyTask, image::wrong_kind};
 use crate::{
     run::record::ViewResult,
-    study::{Arm, Clock, StudyTarget, digest},
+    study::{Arm, Clock, Column, Measure, StudyTarget, digest},
 };
 
 /// Held-out views of each scene that reports show, evenly spread.
@@ -80,6 +80,16 @@ impl StudyTask for Scene3d {
             render: trainer.shown(),
             frame: trainer.views().frame,
         })
+    }
+
+    fn further<R: Optimizer<Self>>(
+        _: Measure,
+        _: &R,
+        _: &StudyTarget,
+        _: &TrainSettings,
+        _: &Self,
+    ) -> Result<Vec<(Column, f64)>, TrainError> {
+        Ok(Vec::new())
     }
 
     fn draw_one<R: Optimizer<Self>>(rasterizer: &R, render: &RenderSettings) -> Result<(), CoreError> {
