@@ -1,17 +1,17 @@
 //! Stages `blend` and `blend_bwd` under `Over`: C = Σ T α c, front to back. One task per tile;
-//! vectors are those of `blend_sum`.
+//! vectors are those of `at_pixel`.
 //!
 //! Both passes go through the entries front to back. A full pixel stores its transmittance with a
 //! negative sign, so that every later Gaussian fails the test against the minimum. Rows whose
 //! pixels are all full are skipped. The backward pass keeps T and v_C·(the colour behind) for each
 //! pixel, and never divides by less than 1 − α_max.
 //!
-//! Legend: as in `blend_sum`, with t = α·v_α.
+//! Legend: that of `at_pixel`.
 
 use fearless_simd::{Simd, prelude::*};
 
 use crate::{
-    blend_sum::{Weights, add, add_absolute, add_collected, add_error, passes_by, u_in_row},
+    at_pixel::{Over, Weights, add, add_absolute, add_collected, add_error, passes_by, u_in_row},
     collect::Collect,
     lanes::{Floats, LANES, Whole, each_part, fma, load, load3, splat, splat3, store, sums},
     layout::{Row, ScalarRow},
@@ -139,9 +139,7 @@ fn forward_part<S: Simd, V: Floats<S>>(
     if passes_by::<S, V>(s, first_column, lane) {
         return;
     }
-    let (zero, cut, opacity): (V, V, V) = (splat(simd, 0.0), splat(simd, s.cut), splat(simd, s.opacity));
-    let (alpha_max, minimum) = (accuracy.alpha_max, accuracy.transmittance_min);
-    let (alpha_max, minimum): (V, V) = (splat(simd, alpha_max), splat(simd, minimum));
+    let over = Over::<V>::new(simd, s, accuracy);
     let color = splat3(simd, s.color);
     let mut weights = Weights::<V>::new(simd, s, first_column, lane);
     let run = s.restart_rows as usize;
@@ -149,16 +147,7 @@ fn forward_part<S: Simd, V: Floats<S>>(
         weights.start(simd, u_in_row(simd, s, weights.dx, row));
         row += rows.len();
         for (Row(pixels), ScalarRow(t)) in rows.iter_mut().zip(transmittance) {
-            let uncut = weights.w * opacity;
-            let alpha = uncut.min(alpha_max);
-            let before: V = load(simd, t, lane);
-            let share = before * alpha;
-            let behind = before - share;
-            let touches = uncut.simd_ge(cut);
-            let counts = behind.simd_ge(minimum);
-            let after = counts.select(behind, -before.abs());
-            store(touches.select(after, before), t, lane);
-            let share = (touches & counts).select(share, zero);
+            let share = over.blended(simd, weights.w, t, lane).share;
             for k in 0..3 {
                 store(fma(share, color[k], load(simd, &pixels[k], lane)), &mut pixels[k], lane);
             }
@@ -229,10 +218,8 @@ fn backward_part<S: Simd, V: Floats<S>, K: Collect>(
     if passes_by::<S, V>(s, first_column, lane) {
         return;
     }
-    let (zero, one): (V, V) = (splat(simd, 0.0), splat(simd, 1.0));
-    let (cut, opacity): (V, V) = (splat(simd, s.cut), splat(simd, s.opacity));
-    let (alpha_max, minimum) = (accuracy.alpha_max, accuracy.transmittance_min);
-    let (alpha_max, minimum): (V, V) = (splat(simd, alpha_max), splat(simd, minimum));
+    let over = Over::<V>::new(simd, s, accuracy);
+    let zero: V = splat(simd, 0.0);
     let color = splat3(simd, s.color);
     let mut weights = Weights::<V>::new(simd, s, first_column, lane);
     let (mut v_color, mut s_0, mut s_u, mut s_uu) = ([zero; 3], zero, zero, zero);
@@ -244,18 +231,8 @@ fn backward_part<S: Simd, V: Floats<S>, K: Collect>(
         weights.start(simd, u);
         row += rows.len();
         for (Row([t, rest, _]), Row(v)) in rows.iter_mut().zip(v_rows) {
-            let uncut = weights.w * opacity;
-            let alpha = uncut.min(alpha_max);
-            let before: V = load(simd, t, lane);
-            let share = before * alpha;
-            let behind = before - share;
-            let touches = uncut.simd_ge(cut);
-            let counts = behind.simd_ge(minimum);
-            let after = counts.select(behind, -before.abs());
-            store(touches.select(after, before), t, lane);
-            let counted = touches & counts;
-            let share = counted.select(share, zero);
-
+            let blended = over.blended(simd, weights.w, t, lane);
+            let share = blended.share;
             let v = load3(simd, v, lane);
             for k in 0..3 {
                 v_color[k] = fma(share, v[k], v_color[k]);
@@ -264,10 +241,7 @@ fn backward_part<S: Simd, V: Floats<S>, K: Collect>(
             let rest_before: V = load(simd, rest, lane);
             let behind_it = rest_before - share * v_dot_c;
             store(behind_it, rest, lane);
-            let v_alpha = before * v_dot_c - behind_it / (one - alpha);
-            // The gradient of a clamped α is zero.
-            let free = counted & uncut.simd_le(alpha_max);
-            let t = free.select(v_alpha * alpha, zero);
+            let t = over.through_alpha(&blended, v_dot_c, behind_it);
             let tu = t * u;
             s_0 += t;
             s_u += tu;
@@ -279,7 +253,7 @@ fn backward_part<S: Simd, V: Floats<S>, K: Collect>(
                 errors = add_error(simd, &mut collected, share, errors, lane);
             }
             if K::COUNT {
-                collected[0] += counted.select(one, zero);
+                collected[0] += blended.counted.select(splat(simd, 1.0), zero);
             }
             u += 1.0;
             weights.advance::<S>();

@@ -6,7 +6,7 @@
 //! depth, so they are nearly sorted. The backward pass repeats this and adds each pixel's gradients
 //! to the entries' slots: one task, one order of sums.
 //!
-//! Legend: that of `blend_over`.
+//! One pixel's arithmetic is [`over`] of gs-core. Legend: that of `at_pixel`.
 
 use fearless_simd::Simd;
 use gs_core::math::splat::over::{self, Backward, Forward};

@@ -1,23 +1,14 @@
 //! Stages `blend` and `blend_bwd` under `Sum`: C = Σ w c. One task per tile.
 //!
-//! A vector is a row of 16 pixels. Where the level's registers are narrower, it is a part of a row,
-//! and parts that the Gaussian does not touch are skipped.
-//!
-//! Down a column, w = exp(e₀ − ½ c u²) with u = dy − slope·dx grows by a factor that itself shrinks
-//! by the constant factor exp(−c): two fused multiply-adds a row instead of an exponential. The
-//! recurrence starts again every `restart_rows` rows.
-//!
-//! Legend: K = the sums for a statistic (`collect`); t = w·v_w; S, Sx, Su, Sxx, Sxu, Suu = Σ over
-//! the entry's pixels of t times 1, dx, u, dx², dx·u, u².
+//! What a Gaussian does at a vector of pixels is in `at_pixel`, with the legend; here t = w·v_w.
 
 use fearless_simd::{Simd, prelude::*};
 
 use crate::{
+    at_pixel::{Weights, add, add_absolute, add_collected, add_error, passes_by, u_in_row},
     bin::Entry,
     collect::Collect,
-    lanes::{
-        Floats, LANES, Whole, each_part, exp, exp_less, fma, iota, load, load3, masked, splat, splat3, store, sums,
-    },
+    lanes::{Floats, LANES, Whole, each_part, fma, iota, load, load3, splat, splat3, store, sums},
     layout::{Row, ScalarRow},
     splat::Splat,
 };
@@ -28,85 +19,6 @@ pub(crate) const STRIDE: usize = 8;
 
 /// Numbers per entry that [`backward_colors`] writes: v_colour 3, and a 0.
 pub(crate) const COLOR_STRIDE: usize = 4;
-
-/// The weights of an entry, row by row, in the lanes from `lane` on.
-#[derive(Clone, Copy)]
-pub(crate) struct Weights<V> {
-    /// dx of the lanes.
-    pub(crate) dx: V,
-    /// −½ dx²/Σxx.
-    across: V,
-    c: f32,
-    ratio: V,
-    /// Number subtracted from the stored ratio: 1 for wide Gaussians, else 0.
-    ///
-    /// `minus_fall` and `mask` are −(1 − exp(−c)) and all ones for wide Gaussians, else 0.
-    base: f32,
-    minus_fall: V,
-    mask: V,
-    /// w of the current row, and the factor to the next row's w, minus `base`.
-    pub(crate) w: V,
-    growth: V,
-}
-
-impl<V> Weights<V> {
-    #[inline(always)]
-    pub(crate) fn new<S: Simd>(simd: S, splat_: &Splat, first_column: usize, lane: usize) -> Self
-    where
-        V: Floats<S>,
-    {
-        let dx = iota::<S, V>(simd, lane) + (first_column as f32 + 0.5 - splat_.mean[0]);
-        let zero: V = splat(simd, 0.0);
-        let across = dx * dx * (-0.5 * splat_.inverse_xx);
-        let (base, mask) = if splat_.fall > 0.0 { (1.0, f32::from_bits(u32::MAX)) } else { (0.0, 0.0) };
-        let (ratio, minus_fall, mask) = (splat(simd, splat_.ratio), splat(simd, -splat_.fall), splat(simd, mask));
-        Self { dx, across, c: splat_.c, ratio, base, minus_fall, mask, w: zero, growth: zero }
-    }
-
-    /// Starts the recurrence at the row in which u is `u`.
-    #[inline(always)]
-    pub(crate) fn start<S: Simd>(&mut self, simd: S, u: V)
-    where
-        V: Floats<S>,
-    {
-        let cu = u * self.c;
-        self.w = exp(simd, fma(cu * u, splat(simd, -0.5), self.across));
-        // `exp_less` is wrong beyond ±87, which never brings a weight above the cut. c(|u| + ½) >
-        // 87 means that w is 0 here or that c > 30. If w is 0, it stays 0 or NaN up to the next
-        // start, and the true weight is below the cut. If c > 30, the next start is after at most
-        // two rows, and the weight of the second row is negative.
-        self.growth = exp_less(simd, -(cu + 0.5 * self.c), self.base);
-    }
-
-    /// Goes to the next row: w ← w (base + growth), growth ← (base + growth) ratio − base.
-    #[inline(always)]
-    pub(crate) fn advance<S: Simd>(&mut self)
-    where
-        V: Floats<S>,
-    {
-        self.w = fma(self.w, self.growth, masked(self.w, self.mask));
-        self.growth = fma(self.growth, self.ratio, self.minus_fall);
-    }
-}
-
-/// u in row `row`.
-#[inline(always)]
-pub(crate) fn u_in_row<S: Simd, V: Floats<S>>(simd: S, splat_: &Splat, dx: V, row: usize) -> V {
-    let dy = row as f32 + 0.5 - splat_.mean[1];
-    fma(dx, splat(simd, -splat_.slope), splat(simd, dy))
-}
-
-/// Whether all lanes of the vector at `lane` are outside the columns that a Gaussian touches.
-///
-/// False where a vector is a whole row: such an entry would not be listed.
-#[inline(always)]
-pub(crate) fn passes_by<S: Simd, V: Floats<S>>(splat_: &Splat, first_column: usize, lane: usize) -> bool {
-    if V::LEN == LANES {
-        return false;
-    }
-    let middle = (first_column + lane) as f32 + 0.5 * V::LEN as f32;
-    (middle - splat_.mean[0]).abs() > splat_.half_x + 0.5 * V::LEN as f32
-}
 
 /// Fills `rows` with background − target, from which [`forward`] computes the residual.
 #[inline(always)]
@@ -264,47 +176,6 @@ fn backward_part<S: Simd, V: Floats<S>, K: Collect>(
     let t = fma(v_color[2], color[2], fma(v_color[1], color[1], v_color[0] * color[0]));
     let tx = t * weights.dx;
     add(slot, &sums([v_color[0], v_color[1], v_color[2], tx, s_u, tx * weights.dx, s_u * weights.dx, s_uu]));
-}
-
-/// Adds the magnitudes of t Σ′⁻¹ d, one pixel's share of the positional gradient, to `collected`.
-/// `across` is dx/Σxx.
-///
-/// σ = ½ (dx²/Σxx + c u²) with u = dy − slope·dx, so that ∂σ/∂(dx, dy) = (dx/Σxx − slope·c·u, c·u).
-#[inline(always)]
-pub(crate) fn add_absolute<S: Simd, V: Floats<S>>(collected: &mut [V; 2], t: V, across: V, u: V, s: &Splat) {
-    let (size, down) = (t.abs(), u * s.c);
-    collected[0] = fma(size, (across - down * s.slope).abs(), collected[0]);
-    collected[1] = fma(size, down.abs(), collected[1]);
-}
-
-/// Adds `share` times the pixels' errors to `collected`, and returns the remaining rows of errors.
-#[inline(always)]
-pub(crate) fn add_error<'e, S: Simd, V: Floats<S>>(
-    simd: S,
-    collected: &mut [V; 2],
-    share: V,
-    errors: &'e [ScalarRow],
-    lane: usize,
-) -> &'e [ScalarRow] {
-    let Some((ScalarRow(error), rest)) = errors.split_first() else { return errors };
-    collected[0] = fma(share, load(simd, error, lane), collected[0]);
-    rest
-}
-
-/// Adds the statistic's sums over the lanes of one vector to the slot.
-#[inline(always)]
-pub(crate) fn add_collected<S: Simd, V: Floats<S>, K: Collect>(extra: &mut [f32], collected: [V; 2]) {
-    for (total, value) in extra.iter_mut().zip(&collected[..K::NUMBERS]) {
-        *total += value.reduce_sum();
-    }
-}
-
-/// Adds the sums over the lanes of one vector to the slot.
-#[inline(always)]
-pub(crate) fn add(slot: &mut [f32], part: &[f32; 8]) {
-    for (total, value) in slot.iter_mut().zip(part) {
-        *total += value;
-    }
 }
 
 /// Computes the gradients by the colours alone, as [`backward`] does: [`COLOR_STRIDE`] numbers per

@@ -13,6 +13,7 @@
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
 #![forbid(unsafe_code)]
 
+mod at_pixel;
 mod bias;
 mod bin;
 mod blend_over;

@@ -1,6 +1,10 @@
 // Stage `bin`: writes one entry per Gaussian and tile that it touches; the entries of a Gaussian
 // are neighbours. One invocation per Gaussian.
 
+#import prelude: TILE_COLUMNS, TILE_ROWS
+#import shared: flat, rows_in_column, Splat, step, tile_columns
+#import least_depth: least_depth
+
 @group(0) @binding(1) var<storage, read> projected: array<Splat>;
 @group(0) @binding(2) var<storage, read> offsets: array<u32>;
 // The tile of each entry.

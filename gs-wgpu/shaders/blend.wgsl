@@ -1,8 +1,9 @@
 // Stage `blend`: draws the image from the sorted entries of each tile. One work group per tile; an
 // invocation has four rows of a column, as one vector.
-//
-// Under `Over`, a full pixel stores its transmittance with a negative sign, so that every later
-// Gaussian fails the test against the minimum.
+
+#import prelude: ROWS, TILE_COLUMNS, TILE_ROWS
+#import shared: flat, Splat, step
+#import at_pixel: blended, share_of, weights_at
 
 @group(0) @binding(1) var<storage, read> tile_start: array<u32>;
 @group(0) @binding(2) var<storage, read> order: array<u32>;
@@ -18,19 +19,14 @@ struct Pixels {
     transmittance: vec4f,
 }
 
-fn blend_rows(pixels: ptr<function, Pixels>, s: Splat, u: vec4f, across: f32, curve: f32) {
-    let w = weights(fma(u * u, vec4f(curve), vec4f(across)));
+fn blend_rows(pixels: ptr<function, Pixels>, s: Splat, dx: f32, u: vec4f) {
+    let w = weights_at(s.inverse_xx, s.c, dx, u);
 #if OVER
-    let uncut = w * s.opacity;
-    let alpha = min(uncut, vec4f(step.alpha_max));
-    let before = (*pixels).transmittance;
-    let behind = before - before * alpha;
-    let touches = uncut >= vec4f(step.alpha_cut);
-    let counts = behind >= vec4f(step.transmittance_min);
-    (*pixels).transmittance = select(before, select(-abs(before), behind, counts), touches);
-    let share = select(vec4f(0.0), before * alpha, touches & counts);
+    let b = blended((*pixels).transmittance, w * s.opacity);
+    (*pixels).transmittance = b.transmittance;
+    let share = b.share;
 #else
-    let share = select(vec4f(0.0), w, w >= vec4f(step.alpha_cut));
+    let share = share_of(w);
 #endif
     (*pixels).red = fma(share, vec4f(s.color.x), (*pixels).red);
     (*pixels).green = fma(share, vec4f(s.color.y), (*pixels).green);
@@ -74,12 +70,10 @@ fn blend(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: v
         let first = entry.y & 0xffffu;
         let last = entry.y >> 16u;
         let s = projected[entry.x];
-        let curve = -0.5 * LOG2_E * s.c;
         let dx = x - s.mean.x;
-        let across = dx * dx * (-0.5 * LOG2_E * s.inverse_xx);
         let u = (y - s.mean.y) - s.slope * dx;
         if first < within + ROWS && last > within {
-            blend_rows(&pixels, s, u, across, curve);
+            blend_rows(&pixels, s, dx, u);
         }
     }
     store(pixels, column, corner.y + within);

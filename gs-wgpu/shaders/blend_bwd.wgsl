@@ -8,6 +8,10 @@
 // for statistics: with ABSOLUTE the magnitudes of t Sigma'^-1 d, with COUNT the number of pixels,
 // with ERROR each pixel's share of the Gaussian times its error.
 
+#import prelude: BATCH, GRADIENTS, ROWS, STRIDE, TILE_COLUMNS, TILE_ROWS
+#import shared: flat, Splat, step
+#import at_pixel: blended, share_of, through_alpha, weights_at
+
 @group(0) @binding(1) var<storage, read> tile_start: array<u32>;
 @group(0) @binding(2) var<storage, read> order: array<u32>;
 @group(0) @binding(3) var<storage, read> entries: array<vec2u>;
@@ -81,26 +85,18 @@ fn total(v: vec4f) -> f32 {
     return (v.x + v.y) + (v.z + v.w);
 }
 
-fn gather_rows(rows: ptr<function, Rows>, sums: ptr<function, Sums>, s: Splat, dx: f32, u: vec4f, across: f32, curve: f32) {
-    let w = weights(fma(u * u, vec4f(curve), vec4f(across)));
+fn gather_rows(rows: ptr<function, Rows>, sums: ptr<function, Sums>, s: Splat, dx: f32, u: vec4f) {
+    let w = weights_at(s.inverse_xx, s.c, dx, u);
     let v_dot_c = fma((*rows).v_blue, vec4f(s.color.z), fma((*rows).v_green, vec4f(s.color.y), (*rows).v_red * s.color.x));
 #if OVER
-    let uncut = w * s.opacity;
-    let alpha = min(uncut, vec4f(step.alpha_max));
     let before = (*rows).transmittance;
-    let share_all = before * alpha;
-    let behind = before - share_all;
-    let touches = uncut >= vec4f(step.alpha_cut);
-    let counts = behind >= vec4f(step.transmittance_min);
-    (*rows).transmittance = select(before, select(-abs(before), behind, counts), touches);
-    let counted = touches & counts;
-    let share = select(vec4f(0.0), share_all, counted);
+    let b = blended(before, w * s.opacity);
+    let share = b.share;
+    (*rows).transmittance = b.transmittance;
     (*rows).rest -= share * v_dot_c;
-    let v_alpha = before * v_dot_c - (*rows).rest / (1.0 - alpha);
-    // The gradient of a clamped alpha is zero.
-    let t = select(vec4f(0.0), v_alpha * alpha, counted & (uncut <= vec4f(step.alpha_max)));
+    let t = through_alpha(b, before, v_dot_c, (*rows).rest);
 #else
-    let share = select(vec4f(0.0), w, w >= vec4f(step.alpha_cut));
+    let share = share_of(w);
     let t = share * v_dot_c;
 #endif
     let tu = t * u;
@@ -182,13 +178,11 @@ fn blend_bwd(
             let first = entry.y & 0xffffu;
             let last = entry.y >> 16u;
             let s = projected[entry.x];
-            let curve = -0.5 * LOG2_E * s.c;
             let dx = x - s.mean.x;
-            let across = dx * dx * (-0.5 * LOG2_E * s.inverse_xx);
             let u = (y - s.mean.y) - s.slope * dx;
             var sums = Sums(vec3f(0.0), 0.0, 0.0, 0.0, vec2f(0.0));
             if first < within + ROWS && last > within {
-                gather_rows(&rows, &sums, s, dx, u, across, curve);
+                gather_rows(&rows, &sums, s, dx, u);
             }
             var color = sums.color;
             var t = sums.t;

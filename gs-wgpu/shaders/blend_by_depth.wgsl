@@ -13,6 +13,12 @@
 //
 // Legend: that of `blend_bwd`.
 
+#import prelude: GRADIENTS, HELD, STRIDE, TILE_COLUMNS, TILE_ROWS
+#import shared: FARTHEST, NO_DEPTH, flat, is_nan, Queued, step
+#import counted: Counted
+#import queued: UNITS, WORDS, power_of_two, twice_sigma, Unit, unit_of
+#import at_pixel: blended, through_alpha, weights_at
+
 @group(0) @binding(1) var<storage, read> tile_start: array<u32>;
 @group(0) @binding(2) var<storage, read> queue: array<Queued>;
 @group(0) @binding(3) var<storage, read_write> status: Counted;
@@ -59,8 +65,7 @@ fn is_nearer(a: Seen, b: Seen) -> bool {
 
 fn seen_at(at: u32, q: Queued, d: vec2f) -> Seen {
     let u = d.y - q.slope * d.x;
-    let across = d.x * d.x * (-0.5 * LOG2_E * q.inverse_xx);
-    let w = weights(vec4f(fma(u * u, -0.5 * LOG2_E * q.c, across))).x;
+    let w = weights_at(q.inverse_xx, q.c, d.x, vec4f(u)).x;
     let depth = fma(d.x, q.depth_slope.x, fma(d.y, q.depth_slope.y, q.depth));
     return Seen(select(clamp(depth, -FARTHEST, FARTHEST), FARTHEST, is_nan(depth)), q.index, at, w * q.opacity);
 }
@@ -137,21 +142,18 @@ fn sum_of(total: u32, unit: Unit) -> f32 {
 // Blends a Gaussian behind the earlier ones. Returns whether the pixel was not full.
 fn blend_one(pixel: ptr<function, Pixel>, seen: Seen) -> bool {
     let q = queue[seen.at];
-    let alpha = min(seen.uncut, step.alpha_max);
     let before = (*pixel).transmittance;
-    let share = before * alpha;
-    let behind = before - share;
-    if !(behind >= step.transmittance_min) {
+    let b = blended(vec4f(before), vec4f(seen.uncut));
+    if b.transmittance.x < 0.0 {
         return false;
     }
-    (*pixel).transmittance = behind;
+    let share = b.share.x;
+    (*pixel).transmittance = b.transmittance.x;
 #if BACKWARD
     let v = (*pixel).v;
     let v_w = dot(v, q.color);
     (*pixel).rest -= share * v_w;
-    let v_alpha = before * v_w - (*pixel).rest / (1.0 - alpha);
-    // The gradient of a clamped alpha is zero.
-    let t = select(0.0, v_alpha * alpha, seen.uncut <= step.alpha_max);
+    let t = through_alpha(b, vec4f(before), vec4f(v_w), vec4f((*pixel).rest)).x;
     let d = (*pixel).center - q.mean;
     let u = d.y - q.slope * d.x;
     let lengths = lengths_of(q);

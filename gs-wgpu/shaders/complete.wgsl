@@ -1,6 +1,8 @@
 // Completes a masked target: blended with the background, and equal to the rendering where the mask
 // excludes a pixel. One invocation per pixel.
 
+#import shared: flat, step
+
 @group(0) @binding(1) var<storage, read> image: array<vec4f>;
 // Colours, and as fourth number the alpha, or -1 where the mask excludes the pixel.
 @group(0) @binding(2) var<storage, read> target_image: array<vec4f>;

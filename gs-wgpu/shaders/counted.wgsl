@@ -1,5 +1,8 @@
 // `Status` with atomic counts, and projected splats: the causes of culling, and the touched tiles.
 
+#import prelude: TILE_ROWS
+#import shared: rows_in_column, Splat, step, tile_columns
+
 // `Status` with atomics.
 struct Counted {
     entries: u32,

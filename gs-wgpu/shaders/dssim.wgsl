@@ -11,6 +11,10 @@
 // It keeps the numbers under the window in registers, so a number is read once per segment, and
 // again where two segments meet. A place is a channel of a column.
 
+#import prelude: DSSIM_GROUP, SSIM_BLOCK, SSIM_C1, SSIM_C2, SSIM_MAX, SSIM_RADIUS, SSIM_SEGMENT
+#import prelude: WINDOW
+#import shared: dssim_groups, flat, step
+
 // Four floats per pixel, of which three are the channels.
 @group(0) @binding(1) var<storage, read> image: array<f32>;
 @group(0) @binding(2) var<storage, read> target_image: array<f32>;

@@ -1,5 +1,9 @@
 // Stage `edit`: fills every slot of the edited arrays from its source. One invocation per slot.
 
+#import shared: Ellipsoid, EllipsoidMoments, factor_of, flat, Gaussian, is_finite, Moments
+#import shared: Statistics, step
+#import sources: NONE, Source
+
 #if SCENE_3D
 alias Parameters = Ellipsoid;
 alias Moved = EllipsoidMoments;

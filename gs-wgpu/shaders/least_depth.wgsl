@@ -1,5 +1,8 @@
 // The least depth of a Gaussian in a tile.
 
+#import prelude: TILE_COLUMNS, TILE_ROWS
+#import shared: FARTHEST, is_nan, Splat, step
+
 // A lower bound of the depth at the tile's pixels inside the cut's ellipse: at the nearest point of
 // the ellipse, or of its bounding rectangle within the tile, whichever is farther.
 fn least_depth(s: Splat, depth: f32, depth_slope: vec2f, corner: vec2u) -> f32 {

@@ -2,6 +2,9 @@
 // fixed order. KIND: 0, the difference (for solving colours); 1, its square (L2); 2, its absolute
 // value (L1); 3, the image itself (for solving colours). Each is multiplied by the pixel's weight.
 
+#import prelude: MAX_RESIDUAL
+#import shared: dssim_groups, flat, Status, step
+
 @group(0) @binding(1) var<storage, read> image: array<vec4f>;
 @group(0) @binding(2) var<storage, read> target_image: array<vec4f>;
 @group(0) @binding(3) var<storage, read_write> v_image: array<vec4f>;

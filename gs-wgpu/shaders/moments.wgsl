@@ -1,5 +1,8 @@
 // Adam's moments, for the parameters of 2D and 3D Gaussians.
 
+#import prelude: MAX_DERIVATIVE, VANISHING_MOMENT
+#import shared: one_less_exp, step
+
 // Adam's settings for four parameters.
 struct Rates {
     rate: vec4f,

@@ -1,6 +1,10 @@
 // Noise on the means, as `MeanNoise` of gs-core defines it: eta is a function of the seed, the step
 // and the Gaussian's index.
 
+#import prelude: NOISE_OPACITY, NOISE_STEEPNESS
+#import shared: direction, sigmoid
+#import random: random_words
+
 struct Noise {
     scale: f32,
     seed: u32,

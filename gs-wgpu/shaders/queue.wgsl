@@ -2,6 +2,10 @@
 // them, each with the least depth of itself and all later entries in the tile. One work group per
 // tile, which starts at the end of the list.
 
+#import prelude: TILE_COLUMNS, TILE_ROWS
+#import shared: NO_DEPTH, flat, Queued, Splat, step
+#import least_depth: least_depth
+
 @group(0) @binding(1) var<storage, read> tile_start: array<u32>;
 @group(0) @binding(2) var<storage, read> order: array<u32>;
 @group(0) @binding(3) var<storage, read> entries: array<vec2u>;

@@ -4,6 +4,9 @@
 // 2^-53 of the largest contribution of a pixel that the entry reaches. It does not depend on
 // Gaussians that share no pixel with the entry, however bright.
 
+#import prelude: STRIDE
+#import shared: Queued
+
 // Twice sigma at distance d from the mean.
 fn twice_sigma(q: Queued, d: vec2f) -> f32 {
     let u = d.y - q.slope * d.x;

@@ -1,6 +1,10 @@
 // Stage `ranges`: finds each tile's entries in the sorted list by binary search. One invocation per
 // tile.
 
+#import prelude: BY_COEFFICIENT, BY_GAUSSIAN
+#import shared: flat, step
+#import counted: Counted
+
 @group(0) @binding(1) var<storage, read_write> status: Counted;
 @group(0) @binding(2) var<storage, read> keys: array<u32>;
 // [tiles + 1]

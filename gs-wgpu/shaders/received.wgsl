@@ -1,5 +1,8 @@
 // The gradient of a splat: the sum over its entries' slots, which are neighbours.
 
+#import prelude: GRADIENTS, STRIDE
+#import shared: Splat, step
+
 @group(0) @binding(2) var<storage, read> projected: array<Splat>;
 @group(0) @binding(3) var<storage, read> offsets: array<u32>;
 @group(0) @binding(4) var<storage, read> slots: array<f32>;

@@ -3,6 +3,9 @@
 // 0, the tile counts of all Gaussians and a final 0; 1, the histograms of a sort of entries; 2,
 // those of a sort of Gaussians.
 
+#import prelude: SORT_BLOCK
+#import shared: flat, Status, step
+
 @group(0) @binding(1) var<storage, read_write> data: array<u32>;
 @group(0) @binding(2) var<storage, read_write> sums: array<u32>;
 @group(0) @binding(3) var<storage, read> status: Status;

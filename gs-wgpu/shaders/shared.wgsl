@@ -1,6 +1,8 @@
 // Shared by all stages: the layouts that `src/layout.rs` mirrors, and arithmetic whose precision
 // WGSL leaves open.
 
+#import prelude: DSSIM_GROUP, MAX_EXPONENT_2, MAX_EXPONENT_E, SSIM_SEGMENT, TILE_COLUMNS
+
 struct Step {
     // View: plane coordinates of the canvas' corner, pixels per plane unit, size in px, size in
     // tiles.

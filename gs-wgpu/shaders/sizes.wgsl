@@ -2,6 +2,9 @@
 // that depend on them. Before `adam`, `stop_unfinished` decides whether the step is taken. One
 // invocation each.
 
+#import prelude: BY_COEFFICIENT, BY_GAUSSIAN, BY_HISTOGRAM, BY_SORT_BLOCK, SORT_BLOCK
+#import shared: Status, step
+
 @group(0) @binding(1) var<storage, read> offsets: array<u32>;
 @group(0) @binding(2) var<storage, read_write> status: Status;
 // Work groups along x, y, z, at each of the BY_… offsets.

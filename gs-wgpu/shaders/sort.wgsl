@@ -3,6 +3,9 @@
 // after a scan over (digit, block), `sort_scatter` moves each entry to its place. A lane has 16
 // consecutive entries, which keeps the order within a digit.
 
+#import prelude: SORT_BLOCK
+#import shared: flat, Status, step
+
 struct Pass {
     shift: u32,
 }

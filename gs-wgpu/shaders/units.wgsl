@@ -2,6 +2,10 @@
 // largest contributions of the pixels that it reaches. One work group per tile; one invocation per
 // pixel, then per entry, which reads all pixels.
 
+#import prelude: TILE_COLUMNS, TILE_ROWS
+#import shared: flat, Queued, step
+#import queued: UNITS, WORDS, packed_units, twice_sigma
+
 @group(0) @binding(1) var<storage, read> tile_start: array<u32>;
 @group(0) @binding(2) var<storage, read> queue: array<Queued>;
 @group(0) @binding(3) var<storage, read> v_image: array<vec4f>;

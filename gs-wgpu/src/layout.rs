@@ -414,8 +414,8 @@ mod tests {
         let limits = wgpu::Limits::default();
         let mut seen = HashSet::new();
         for (shader, variant) in SHADERS.iter().flat_map(|s| variants().map(move |v| (s, v))) {
-            let depends = |source: &&str| source.contains("#if PACKED") || source.contains("#if WEIGHTED");
-            if variant.packed && !shader.sources.iter().any(depends) {
+            let depends = |source: &str| source.contains("#if PACKED") || source.contains("#if WEIGHTED");
+            if variant.packed && !shader.sources().any(depends) {
                 continue; // Building the texts takes time.
             }
             let text = shader.text(variant);

@@ -1,7 +1,9 @@
-//! The shaders: one file per stage, after a prelude of gs-core's constants and a shared file.
+//! The shaders: one file per stage, after a prelude of gs-core's constants and the files that it
+//! imports.
 //!
-//! `#if NAME`, `#else` and `#endif` select the lines of a variant. Numbers that only one entry
-//! point needs are WGSL overrides.
+//! `#import FILE: names` says which names come from another file; the prelude's are in this file.
+//! `#if NAME`, `#else` and `#endif` select the lines of a variant. Numbers that only one entry point
+//! needs are WGSL overrides.
 
 use std::fmt::Write;
 
@@ -99,62 +101,83 @@ pub enum Kernels {
     Subgroups,
 }
 
-/// A shader: the stage's file after those that it shares with others.
+/// A shader: the stage's file after those that it imports.
 #[derive(Debug)]
 pub(crate) struct Shader {
     pub(crate) name: &'static str,
-    pub(crate) sources: &'static [&'static str],
     pub(crate) entry_points: &'static [&'static str],
 }
 
 macro_rules! shaders {
-    ($($name:literal $(after $shared:literal)*: [$($entry:literal),* $(,)?]),* $(,)?) => {
+    ($($shared:literal),* $(,)?; $($name:literal: [$($entry:literal),* $(,)?]),* $(,)?) => {
         /// Every shader.
-        pub(crate) const SHADERS: &[Shader] = &[$(Shader {
-            name: $name,
-            sources: &[
-                $(include_str!(concat!("../shaders/", $shared, ".wgsl")),)*
-                include_str!(concat!("../shaders/", $name, ".wgsl")),
-            ],
-            entry_points: &[$($entry),*],
-        }),*];
+        pub(crate) const SHADERS: &[Shader] = &[$(Shader { name: $name, entry_points: &[$($entry),*] }),*];
+
+        /// Every file, without what is in `show.rs`.
+        const FILES: &[(&str, &str)] = &[
+            $(($shared, include_str!(concat!("../shaders/", $shared, ".wgsl"))),)*
+            $(($name, include_str!(concat!("../shaders/", $name, ".wgsl"))),)*
+        ];
     };
 }
 
 shaders! {
-    "scene2d/project" after "counted": ["project"],
-    "scene3d/project" after "counted" after "scene3d/shared" after "random": ["project_3d"],
+    "shared", "at_pixel", "counted", "least_depth", "moments", "noise", "queued", "random", "received",
+    "scene3d/shared", "sources";
+    "scene2d/project": ["project"],
+    "scene3d/project": ["project_3d"],
     "scene3d/place": ["place"],
     "scan": ["scan_blocks", "scan_sums", "scan_spread"],
     "sizes": ["sizes", "stop_unfinished"],
-    "bin" after "least_depth": ["bin"],
+    "bin": ["bin"],
     "sort": ["sort_count", "sort_scatter"],
-    "ranges" after "counted": ["ranges"],
+    "ranges": ["ranges"],
     "blend": ["blend"],
-    "queue" after "least_depth": ["queue_up"],
-    "units" after "queued": ["units"],
-    "blend_by_depth" after "counted" after "queued": ["blend_by_depth"],
+    "queue": ["queue_up"],
+    "units": ["units"],
+    "blend_by_depth": ["blend_by_depth"],
     "loss": ["loss", "loss_sum"],
     "dssim": ["dssim_moments", "dssim_derivatives", "dssim_gradient"],
     "blend_bwd": ["blend_bwd"],
-    "scene2d/project_bwd" after "received": ["project_bwd"],
-    "scene3d/project_bwd" after "received" after "scene3d/shared": ["project_bwd_3d"],
-    "scene2d/adam" after "moments": ["adam"],
+    "scene2d/project_bwd": ["project_bwd"],
+    "scene3d/project_bwd": ["project_bwd_3d"],
+    "scene2d/adam": ["adam"],
     "scene3d/add": ["add_gradients_3d"],
-    "scene3d/adam" after "moments": ["adam_3d"],
-    "scene3d/adam_color" after "moments": ["adam_color_3d"],
-    "scene2d/noise" after "random" after "noise": ["add_noise"],
-    "scene3d/noise" after "random" after "noise" after "scene3d/shared": ["add_noise_3d"],
+    "scene3d/adam": ["adam_3d"],
+    "scene3d/adam_color": ["adam_color_3d"],
+    "scene2d/noise": ["add_noise"],
+    "scene3d/noise": ["add_noise_3d"],
     "complete": ["complete"],
-    "edit" after "sources": ["edit"],
-    "scene3d/edit_color" after "sources": ["edit_color"],
+    "edit": ["edit"],
+    "scene3d/edit_color": ["edit_color"],
     "scene2d/solve_colors": [
         "solve_start", "solve_product", "solve_step", "solve_direction", "solve_end", "solve_scalars",
     ],
 }
 
-/// The file that all shaders share.
-const SHARED: &str = include_str!("../shaders/shared.wgsl");
+/// The name under which files import the constants of [`prelude`].
+const PRELUDE: &str = "prelude";
+
+/// The text of a file.
+fn source_of(name: &str) -> &'static str {
+    FILES.iter().find(|(file, _)| *file == name).unwrap_or_else(|| panic!("no shader file {name}")).1
+}
+
+/// The files and names that a text imports.
+fn imports(source: &str) -> impl Iterator<Item = (&str, impl Iterator<Item = &str>)> {
+    let lines = source.lines().filter_map(|line| line.strip_prefix("#import ")?.split_once(": "));
+    lines.map(|(file, names)| (file, names.split(", ")))
+}
+
+/// Adds a file after those that it imports, each once.
+fn add_file(name: &'static str, files: &mut Vec<&'static str>) {
+    if !files.contains(&name) {
+        for (file, _) in imports(source_of(name)).filter(|(file, _)| *file != PRELUDE) {
+            add_file(file, files);
+        }
+        files.push(name);
+    }
+}
 
 /// The shader with an entry point of this name.
 pub(crate) fn shader_of(entry_point: &str) -> &'static Shader {
@@ -172,14 +195,17 @@ fn gradients(variant: Variant) -> u32 {
 }
 
 impl Shader {
+    /// The stage's file after those that it imports.
+    pub(crate) fn sources(&self) -> impl Iterator<Item = &'static str> {
+        let mut files = vec!["shared"];
+        add_file(self.name, &mut files);
+        files.into_iter().map(source_of)
+    }
+
     /// The complete text of a variant.
     pub(crate) fn text(&self, variant: Variant) -> String {
-        let mut text = prelude(variant);
-        text += &preprocess(SHARED, variant);
-        for source in self.sources {
-            text += &preprocess(source, variant);
-        }
-        text
+        let sources = self.sources().map(|source| preprocess(source, variant));
+        std::iter::once(prelude(variant)).chain(sources).collect()
     }
 }
 
@@ -285,7 +311,7 @@ fn preprocess(source: &str, variant: Variant) -> String {
             *last = !*last;
         } else if trimmed == "#endif" {
             conditions.pop().expect("#endif ends an #if");
-        } else if conditions.iter().all(|&c| c) {
+        } else if conditions.iter().all(|&c| c) && !trimmed.starts_with("#import ") {
             text.push_str(line);
         }
         text.push('\n');
@@ -334,4 +360,53 @@ fn repeat(source: &str) -> String {
         }
     }
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Every identifier of a text without its comments and imports.
+    fn words(text: &str) -> impl Iterator<Item = &str> {
+        let code = text.lines().filter(|line| !line.starts_with('#'));
+        let code = code.map(|line| line.split("//").next().unwrap_or_default());
+        code.flat_map(|line| line.split(|c: char| !c.is_alphanumeric() && c != '_'))
+    }
+
+    /// The names that a text declares outside functions and structs.
+    fn declared(text: &str) -> impl Iterator<Item = &str> {
+        let lines = text.lines().filter_map(|line| {
+            let kinds = ["fn ", "struct ", "const ", "override "];
+            let of_kind = kinds.iter().find_map(|kind| line.strip_prefix(kind));
+            of_kind.or_else(|| {
+                Some(line)
+                    .filter(|line| line.starts_with(['@', 'v']))
+                    .and_then(|line| line.split_once("> "))
+                    .map(|(_, name)| name)
+            })
+        });
+        lines.filter_map(|line| line.split(|c: char| !c.is_alphanumeric() && c != '_').next())
+    }
+
+    #[test]
+    fn files_import_the_names_that_they_use() {
+        let prelude = prelude(Variant::default());
+        for (name, text) in FILES {
+            let imported: Vec<(&str, &str)> =
+                imports(text).flat_map(|(file, names)| names.map(move |name| (file, name))).collect();
+            for (file, import) in &imported {
+                let source = if *file == PRELUDE { &prelude } else { source_of(file) };
+                assert!(declared(source).any(|declared| declared == *import), "{name}: {file} has no {import}");
+                assert!(words(text).any(|word| word == *import), "{name} does not use {import}");
+            }
+            // Names in lower case may be those of variables.
+            let known = FILES.iter().flat_map(|(_, source)| declared(source)).chain(declared(&prelude));
+            for used in known.filter(|known| known.starts_with(char::is_uppercase) && words(text).any(|w| w == *known))
+            {
+                let is_named =
+                    declared(text).chain(imported.iter().map(|(_, import)| *import)).any(|name| name == used);
+                assert!(is_named, "{name} does not import {used}");
+            }
+        }
+    }
 }

@@ -1,5 +1,10 @@
 // Stage `adam`: one step of every Gaussian, and its statistics. One invocation per Gaussian.
 
+#import prelude: MAX_ETA, MAX_XI
+#import shared: determinant_of, exp_exact, factor_of, flat, Gaussian, Gradient, is_finite, Moments
+#import shared: one_less_exp, solve_transposed, Statistics, step, with_share
+#import moments: moved, rates_of
+
 @group(0) @binding(1) var<storage, read> gradients: array<Gradient>;
 @group(0) @binding(2) var<storage, read_write> gaussians: array<Gaussian>;
 @group(0) @binding(3) var<storage, read_write> moments: array<Moments>;

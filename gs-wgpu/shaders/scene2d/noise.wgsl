@@ -1,5 +1,8 @@
 // Noise on the means of 2D scenes. One invocation per Gaussian.
 
+#import shared: factor_of, flat, Gaussian, is_finite
+#import noise: noise, noise_weight, normals
+
 @group(0) @binding(2) var<storage, read_write> gaussians: array<Gaussian>;
 
 @compute @workgroup_size(64)

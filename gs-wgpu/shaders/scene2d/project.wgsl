@@ -4,6 +4,10 @@
 // Sigma' is stored so that the exponent is a sum of squares, without the cancellation that a
 // quadratic form suffers in needles.
 
+#import prelude: MIN_DETERMINANT_PX4
+#import shared: determinant_of, factor_of, flat, Gaussian, is_finite, is_nan, sigmoid, Splat, step
+#import counted: Counted, culled, splat_of, tiles_of
+
 @group(0) @binding(1) var<storage, read> gaussians: array<Gaussian>;
 @group(0) @binding(2) var<storage, read_write> projected: array<Splat>;
 @group(0) @binding(3) var<storage, read_write> counts: array<u32>;

@@ -6,6 +6,10 @@
 // of Sigma', and a rotation leads from there to the factor of L'. Where Sigma' is dilated, L' is
 // not a root of it: there z = L'^T Sigma'^-1 d.
 
+#import shared: determinant_of, factor_of, flat, Gaussian, Gradient, sigmoid, solve_transposed
+#import shared: Splat, step
+#import received: offsets, projected, Received, received, statistic_of, weight_of
+
 // In whitened coordinates: v_xi, and v_eta as (xx, xy, yy).
 struct Whitened {
     xi: vec2f,

@@ -2,6 +2,9 @@
 // Every iteration blends the direction, differentiates that image and runs these kernels. The three
 // channels are three systems with the same matrix.
 
+#import prelude: STRIDE
+#import shared: flat, Gaussian, is_finite, Splat, step
+
 // The CG vectors of a Gaussian.
 struct Conjugate {
     solution: vec4f,

@@ -1,6 +1,10 @@
 // Stage `adam` of 3D scenes: one step of every Gaussian without its colour, and its statistics. One
 // invocation per Gaussian.
 
+#import shared: Ellipsoid, EllipsoidGradient, EllipsoidMoments, exp_exact, flat, sigmoid
+#import shared: Statistics, step, with_share
+#import moments: moved, rates_of
+
 @group(0) @binding(1) var<storage, read> gradients: array<EllipsoidGradient>;
 @group(0) @binding(2) var<storage, read_write> ellipsoids: array<Ellipsoid>;
 @group(0) @binding(3) var<storage, read_write> moments: array<EllipsoidMoments>;

@@ -1,6 +1,9 @@
 // Stage `adam` of 3D scenes for colours: one step of every evaluated SH coefficient. The others
 // keep their values and moments. One invocation per coefficient, with its three channels.
 
+#import shared: Ellipsoid, EllipsoidGradient, evaluated, flat, is_finite, step
+#import moments: moved, rates_of
+
 @group(0) @binding(1) var<storage, read> gradients: array<EllipsoidGradient>;
 @group(0) @binding(2) var<storage, read> ellipsoids: array<Ellipsoid>;
 // [N, coefficients, 3]

@@ -1,6 +1,8 @@
 // Adds the gradients of a further loss to those of a step, for the Gaussians that some tile lists
 // in both. One invocation per Gaussian.
 
+#import shared: EllipsoidGradient, flat, step
+
 @group(0) @binding(1) var<storage, read_write> gradients: array<EllipsoidGradient>;
 // [N, coefficients, 3]
 @group(0) @binding(2) var<storage, read_write> v_sh: array<f32>;

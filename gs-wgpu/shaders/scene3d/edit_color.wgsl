@@ -1,6 +1,9 @@
 // Stage `edit` for SH coefficients; `edit.wgsl` has the rest. One invocation per coefficient, with
 // its three channels.
 
+#import shared: flat, step
+#import sources: NONE, Source
+
 @group(0) @binding(1) var<storage, read> sources: array<Source>;
 // [.., coefficients, 3] each.
 @group(0) @binding(2) var<storage, read> fresh: array<f32>;

@@ -1,5 +1,10 @@
 // Noise on the means of 3D scenes. One invocation per Gaussian.
 
+#import prelude: MIN_QUATERNION_NORM2
+#import shared: Ellipsoid, exp_exact, flat
+#import noise: noise, noise_weight, normals
+#import scene3d/shared: all_finite, quaternion
+
 @group(0) @binding(2) var<storage, read_write> ellipsoids: array<Ellipsoid>;
 
 @compute @workgroup_size(64)

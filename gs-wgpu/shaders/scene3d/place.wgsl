@@ -1,6 +1,8 @@
 // Stage `place` of 3D scenes: moves splats and their tile counts into the order of blending. One
 // invocation per Gaussian, and one more for the final 0.
 
+#import shared: flat, Splat, step
+
 // Place -> index.
 @group(0) @binding(1) var<storage, read> order: array<u32>;
 @group(0) @binding(2) var<storage, read> projected: array<Splat>;

@@ -2,6 +2,12 @@
 // index; `place` brings them into the order of blending. Colours are only evaluated for Gaussians
 // that touch a tile. One invocation per Gaussian.
 
+#import prelude: MIN_DETERMINANT_PX4, MIN_QUATERNION_NORM2
+#import shared: Ellipsoid, evaluated, flat, is_finite, is_nan, sigmoid, Splat, step
+#import counted: Counted, culled, splat_of, tiles_of
+#import scene3d/shared: all_finite, basis, Camera, in_camera, intermediate, quaternion, towards
+#import random: random_words
+
 @group(0) @binding(1) var<uniform> camera: Camera;
 @group(0) @binding(2) var<storage, read> ellipsoids: array<Ellipsoid>;
 // [N, coefficients, 3]

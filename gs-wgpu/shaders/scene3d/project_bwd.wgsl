@@ -4,6 +4,11 @@
 // With Sigma'^-1 d = A (dx, u): v_mean' = sum t Sigma'^-1 d, v_Sigma' = ½ sum t (Sigma'^-1
 // d)(Sigma'^-1 d)^T, linear in the slots' sums.
 
+#import prelude: SH_C1, SH_C2, SH_C3
+#import shared: Ellipsoid, EllipsoidGradient, evaluated, flat, sigmoid, step
+#import received: offsets, projected, received, statistic_of, weight_of
+#import scene3d/shared: basis, Camera, in_camera, in_world, intermediate, towards
+
 @group(0) @binding(1) var<uniform> camera: Camera;
 @group(0) @binding(5) var<storage, read_write> gradients: array<EllipsoidGradient>;
 @group(0) @binding(6) var<storage, read> ellipsoids: array<Ellipsoid>;

@@ -1,5 +1,8 @@
 // The camera, and the projection of a Gaussian, as in gs-core's `perspective` and `sh`.
 
+#import prelude: QUATERNION_SHRINK, SAFE_SQUARE_LEAST, SAFE_SQUARE_MOST, SH_C0, SH_C1, SH_C2, SH_C3
+#import shared: Ellipsoid, exp_exact, is_finite
+
 struct Camera {
     // Rows of W, each with its component of t.
     world_to_camera: array<vec4f, 3>,
