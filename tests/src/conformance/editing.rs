@@ -119,7 +119,7 @@ fn plan<S: Subject>(newcomers: &S, statistics: AfterEdit) -> EditPlan<S::Gaussia
 
 /// Parameters, moments, step counts and statistics follow their Gaussians through an edit. A
 /// ceiling lowers opacities and sets their moments to 0.
-pub fn edits_carry_everything_along<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn edits_carry_everything_along<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
     for parameterization in parameterizations::<S, R>(rasterizer)? {
         for blend in [Blend::Sum, Blend::Over] {
             for statistics in [AfterEdit::Keep, AfterEdit::Restart] {
@@ -181,7 +181,7 @@ pub fn edits_carry_everything_along<S: Subject, R: Optimizer<S>>(rasterizer: &R)
 
 /// A Gaussian that is replaced by itself and inherits its moments trains on as without the edit, in
 /// every parameterization.
-pub fn changes_that_inherit_go_on<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn changes_that_inherit_go_on<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
     let draw = S::overlapping(Blend::Over, 9, (24, 20), 1811);
     let target = rasterizer.upload_target(&draw.target()?)?;
     let rates = S::adam().at(0.0);
@@ -245,7 +245,7 @@ fn compare(expected: &[Row], found: &[Row], place: &str) -> Result<(), Failure> 
 }
 
 /// A contradictory plan is refused as [`Error::Plan`], and the splats do not change.
-pub fn refused_edits_change_nothing<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn refused_edits_change_nothing<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
     let newcomers = S::typical(Blend::Over, 7, (24, 20), 1807).scene;
     let good = plan(&newcomers, AfterEdit::Restart);
     let gone = |index| Removal { index, cause: PruneCause::Transparent };

@@ -23,7 +23,7 @@ pub(crate) fn refused<T>(what: &str, result: Result<T, Error>, right: impl Fn(&E
 }
 
 /// Scenes with values that are not finite, or with arrays of different lengths, are refused.
-pub fn scenes_that_are_not_finite_are_refused<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn scenes_that_are_not_finite_are_refused<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     let scene = Draw::new(Kind2d::Typical, Blend::Over, 6, (10, 10), 1900).scene;
     let mut wrong = vec![scene; 6];
     wrong[0].means[3].x = f32::NAN;
@@ -46,7 +46,7 @@ pub fn scenes_that_are_not_finite_are_refused<R: Optimizer<Scene2d>>(rasterizer:
 
 /// Invalid canvases, settings and losses are errors, in a forward pass and in a training step,
 /// which then changes nothing.
-pub fn bad_views_and_settings_are_errors<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn bad_views_and_settings_are_errors<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     let draw = Draw::new(Kind2d::Typical, Blend::Over, 6, (10, 10), 1900);
     let view = draw.view;
     let views = [
@@ -125,7 +125,7 @@ pub(super) fn bad_are_errors<S: Subject, R: Optimizer<S>>(
 
 /// Targets of another size, gradients of other splats, invalid states, and solving for colours
 /// under `Over` are errors.
-pub fn mismatches_are_errors<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn mismatches_are_errors<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
     let draw = S::typical(Blend::Over, 6, (10, 10), 1903);
     let mut splats = rasterizer.upload(&draw.scene, Parameterization::ScaleRotation)?;
     let before = rasterizer.save(&splats).block_on()?;

@@ -15,7 +15,7 @@ fn draw() -> Draw<Scene3d> {
 
 /// Scenes with values that are not finite, arrays of different lengths or an invalid degree are
 /// refused.
-pub fn scenes_3d_that_are_not_finite_are_refused<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn scenes_3d_that_are_not_finite_are_refused<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     let mut wrong = vec![draw().scene; 7];
     wrong[0].means[3].z = f32::NAN;
     wrong[1].log_scales[5].y = f32::INFINITY;
@@ -39,7 +39,7 @@ pub fn scenes_3d_that_are_not_finite_are_refused<R: Optimizer<Scene3d>>(rasteriz
 
 /// Invalid cameras, settings and losses are errors, in a forward pass and in a training step, which
 /// then changes nothing. Effects and parameterizations without support are [`Error::Unsupported`].
-pub fn bad_cameras_and_settings_are_errors<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn bad_cameras_and_settings_are_errors<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     let draw = draw();
     let view = draw.view;
     let views = [

@@ -6,14 +6,14 @@ use gs_core::{
     effects::{Antialias, Blend},
 };
 
-use super::{LOSSES, check_gradients, images::BLENDS};
+use super::{LOSSES, check_gradients, rendering::BLENDS};
 use crate::{
     failure::Failure,
     scenes::{Draw, Kind2d},
 };
 
 /// Gradients match for every kind of scene, both blends and every loss.
-pub fn gradients_match<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn gradients_match<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in BLENDS {
         for loss in LOSSES {
             for (seed, kind) in (500..).zip(Kind2d::ALL) {
@@ -26,7 +26,7 @@ pub fn gradients_match<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Fail
 }
 
 /// Gradients match through a dilated Σ′, and through the compensation of the opacity.
-pub fn antialiased_gradients_match_2d<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn antialiased_gradients_match_2d<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     for (antialias, blend) in [
         (Antialias::Dilate, Blend::Sum),
         (Antialias::Dilate, Blend::Over),
@@ -43,7 +43,7 @@ pub fn antialiased_gradients_match_2d<R: Optimizer<Scene2d>>(rasterizer: &R) -> 
 }
 
 /// Gradients match through canvases of odd sizes and other scales.
-pub fn gradients_match_through_canvases<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn gradients_match_through_canvases<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     let views = [
         Canvas::new(1, 1),
         Canvas::new(1, 17),
@@ -65,7 +65,7 @@ pub fn gradients_match_through_canvases<R: Optimizer<Scene2d>>(rasterizer: &R) -
 }
 
 /// Gradients are by the scene's parameters in the parameterization of covariance factors, too.
-pub fn gradients_match_in_covariance_factors<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn gradients_match_in_covariance_factors<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in BLENDS {
         for (seed, kind) in (700..).zip([Kind2d::Typical, Kind2d::OffCanvas, Kind2d::Opaque]) {
             let draw = Draw::new(kind, blend, 20, (30, 30), seed);

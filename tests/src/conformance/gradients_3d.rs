@@ -12,7 +12,7 @@ use crate::{
 };
 
 /// Gradients match for every kind of scene, both blends and every loss.
-pub fn gradients_match_3d<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn gradients_match_3d<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in [Blend::Sum, Blend::Over] {
         for loss in LOSSES {
             for (seed, kind) in (2300..).zip(Kind3d::ALL) {
@@ -26,7 +26,7 @@ pub fn gradients_match_3d<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), F
 
 /// Gradients match in the order of the scene and, unless the backend refuses it, with a sort at
 /// each pixel.
-pub fn gradients_match_in_all_orders<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn gradients_match_in_all_orders<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     for order in [Order::Index, Order::PerPixel] {
         for (seed, kind) in (2320..).zip([Kind3d::Typical, Kind3d::Needles, Kind3d::Overlapping, Kind3d::Edge]) {
             let draw = Draw::for_3d(kind, Blend::Over, 20, (35, 26), seed).on([0.3, 0.6, 0.2]).in_order(order);
@@ -39,7 +39,7 @@ pub fn gradients_match_in_all_orders<R: Optimizer<Scene3d>>(rasterizer: &R) -> R
 }
 
 /// Gradients match through a dilated Σ′, and through the compensation of the opacity.
-pub fn antialiased_gradients_match<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn antialiased_gradients_match<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     for (antialias, blend) in [
         (Antialias::Dilate, Blend::Over),
         (Antialias::Mip, Blend::Over),
@@ -56,7 +56,7 @@ pub fn antialiased_gradients_match<R: Optimizer<Scene3d>>(rasterizer: &R) -> Res
 
 /// Gradients by all SH coefficients, and through the direction, match if scene and rendering have
 /// different degrees.
-pub fn sh_gradients_match<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn sh_gradients_match<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     for seed in 2360..2364 {
         for sh_degree in 0..=3 {
             let mut draw = Draw::for_3d(Kind3d::Overlapping, Blend::Over, 10, (20, 17), seed);

@@ -14,7 +14,7 @@ use crate::{failure::Failure, oracle::Oracle, scenes::Draw, subject::Subject, to
 /// Gradients from a random gradient of the image, and from that of a loss, match those of the
 /// oracle, whichever statistic the pass collects. A gradient of another size, or one that is not
 /// finite, is an error.
-pub fn image_vjps_match<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn image_vjps_match<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in [Blend::Sum, Blend::Over] {
         for (seed, statistics) in (2380..).zip([Statistics::None, Statistics::PixelError]) {
             for draw in [S::typical(blend, 20, (35, 26), seed), S::overlapping(blend, 12, (17, 9), seed)] {

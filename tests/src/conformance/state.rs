@@ -16,7 +16,7 @@ use crate::{
 
 /// Upload and download return the same scene: the same bits if the parameterization is that of
 /// scenes, else the same covariances.
-pub fn scenes_come_back<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn scenes_come_back<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     for (blend, kind) in [(Blend::Sum, Kind2d::Typical), (Blend::Over, Kind2d::Opaque), (Blend::Over, Kind2d::Needles)]
     {
         let scene = Draw::new(kind, blend, 37, (40, 30), 1000).scene;
@@ -48,7 +48,7 @@ fn same_shape(a: &Gaussian2d, b: &Gaussian2d) -> bool {
 }
 
 /// Saving and restoring keeps all bits of the state, and of later training steps.
-pub fn restored_splats_continue_bit_for_bit<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn restored_splats_continue_bit_for_bit<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
     for parameterization in parameterizations::<S, R>(rasterizer)? {
         for blend in [Blend::Sum, Blend::Over] {
             for loss in LOSSES {
@@ -100,7 +100,7 @@ fn check_moments(state: &SplatsState) -> Result<(), Failure> {
 
 /// `add_noise` moves the means by [`MeanNoise`], and leaves all other numbers and pending losses
 /// unchanged. The result is the same with and without pending steps.
-pub fn noise_moves_means_and_nothing_else<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn noise_moves_means_and_nothing_else<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
     let noise = MeanNoise { scale: 0.05, seed: 11, step: 3 };
     for parameterization in parameterizations::<S, R>(rasterizer)? {
         let mut draw = S::typical(Blend::Over, 9, (34, 20), 1151);

@@ -19,24 +19,24 @@ use crate::{
 };
 
 /// [`Statistics::MeanGradient`] is the length of the gradient by the projected mean alone.
-pub fn mean_gradients_match<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<CaseOutcome, Failure> {
+pub(crate) fn mean_gradients_match<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<CaseOutcome, Failure> {
     check(rasterizer, Statistics::MeanGradient, |step| &step.mean_gradient)
 }
 
 /// [`Statistics::AbsoluteGradient`] sums magnitudes pixel by pixel: for both blends, for fused and
 /// separate steps, and through a view of another scale.
-pub fn absolute_gradients_match<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<CaseOutcome, Failure> {
+pub(crate) fn absolute_gradients_match<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<CaseOutcome, Failure> {
     check(rasterizer, Statistics::AbsoluteGradient, |step| &step.absolute_gradient)
 }
 
 /// [`Statistics::PixelGradient`] weights the gradient of each step by the Gaussian's number of
 /// pixels, which is summed, too, and in 3D by its depth.
-pub fn pixel_gradients_match<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<CaseOutcome, Failure> {
+pub(crate) fn pixel_gradients_match<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<CaseOutcome, Failure> {
     check(rasterizer, Statistics::PixelGradient, |step| &step.pixel_gradient)
 }
 
 /// [`Statistics::PixelError`] sums each pixel's share of a Gaussian times the pixel's error.
-pub fn pixel_errors_match<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<CaseOutcome, Failure> {
+pub(crate) fn pixel_errors_match<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<CaseOutcome, Failure> {
     check(rasterizer, Statistics::PixelError, |step| &step.pixel_error)
 }
 

@@ -7,10 +7,9 @@ use gs_core::{
 };
 use pollster::FutureExt as _;
 
-use super::{
-    check_image,
-    images::{BLENDS, other_accuracies},
-    is_refused,
+use crate::conformance::{
+    check_image, is_refused,
+    rendering::{BLENDS, other_accuracies},
 };
 use crate::{
     failure::Failure,
@@ -20,7 +19,7 @@ use crate::{
 };
 
 /// Images match for every kind of scene, both blends, with and without background.
-pub fn images_match_3d<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn images_match_3d<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in BLENDS {
         for (seed, kind) in (2100..).zip(Kind3d::ALL) {
             let draw = Draw::for_3d(kind, blend, 40, (48, 37), seed);
@@ -33,7 +32,7 @@ pub fn images_match_3d<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Fail
 
 /// Images match in the order of the scene and, unless the backend refuses it, with a sort at each
 /// pixel.
-pub fn orders_match<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn orders_match<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     for order in [Order::Index, Order::PerPixel] {
         for (seed, kind) in (2120..).zip(Kind3d::ALL) {
             let draw = Draw::for_3d(kind, Blend::Over, 40, (48, 37), seed).on([0.2, 0.5, 0.1]).in_order(order);
@@ -46,7 +45,7 @@ pub fn orders_match<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure
 }
 
 /// Images match for every kind of scene with a dilated Σ′, with and without compensation.
-pub fn antialiased_images_match<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn antialiased_images_match<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     for (antialias, blend) in [
         (Antialias::Dilate, Blend::Over),
         (Antialias::Mip, Blend::Over),
@@ -61,7 +60,7 @@ pub fn antialiased_images_match<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result
 }
 
 /// Images match for scenes of SH degree 0 to 3 rendered with degree 0 to 3: the lower one applies.
-pub fn sh_match<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn sh_match<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     for seed in 2160..2164 {
         for sh_degree in 0..=3 {
             let mut draw = Draw::for_3d(Kind3d::Typical, Blend::Over, 25, (33, 24), seed);
@@ -73,7 +72,7 @@ pub fn sh_match<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
 }
 
 /// Images match for sizes of one pixel, of one column, and on either side of a tile's edge.
-pub fn sizes_match_3d<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn sizes_match_3d<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     let sizes = [(1, 1), (1, 17), (17, 1), (15, 15), (16, 16), (17, 17), (129, 3), (3, 129), (64, 32), (31, 33)];
     for blend in BLENDS {
         for (seed, size) in (2200..).zip(sizes) {
@@ -86,7 +85,7 @@ pub fn sizes_match_3d<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failu
 }
 
 /// Images match with other cuts, clamps and minimum transmittances.
-pub fn accuracies_match_3d<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn accuracies_match_3d<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in BLENDS {
         for (seed, accuracy) in (2240..).zip(other_accuracies()) {
             for kind in [Kind3d::Typical, Kind3d::Opaque] {
@@ -100,7 +99,7 @@ pub fn accuracies_match_3d<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), 
 }
 
 /// A view without Gaussians shows the background only.
-pub fn empty_space_shows_the_background<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn empty_space_shows_the_background<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     let mut away = Draw::for_3d(Kind3d::Typical, Blend::Over, 9, (19, 18), 2260);
     // A camera that looks backwards: x and z change their signs.
     away.view.rotation = glam::Mat3::from_diagonal(Vec3::new(-1.0, 1.0, -1.0)) * away.view.rotation;
@@ -122,7 +121,7 @@ pub fn empty_space_shows_the_background<R: Optimizer<Scene3d>>(rasterizer: &R) -
 }
 
 /// Culled Gaussians are counted by cause, and do not change the image.
-pub fn causes_are_counted<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn causes_are_counted<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     let view = Camera { near: 0.5, ..Camera::looking_forward(24, 18, 1.2) };
     let good = Gaussian3d {
         mean: Vec3::new(0.1, -0.2, 3.0),
@@ -187,7 +186,7 @@ pub fn causes_are_counted<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), F
     Ok(())
 }
 
-pub(super) fn culled<R: Optimizer<Scene3d>>(
+pub(crate) fn culled<R: Optimizer<Scene3d>>(
     rasterizer: &R,
     scene: &Scene3d,
     view: &Camera,

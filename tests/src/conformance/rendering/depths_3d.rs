@@ -6,10 +6,9 @@ use gs_core::{
 };
 use pollster::FutureExt as _;
 
-use super::{
-    check_gradients, check_image, is_refused,
-    optimizer::{compare_parameters, distinct},
-    parameterizations,
+use crate::conformance::{
+    check_gradients, check_image, is_refused, parameterizations,
+    training::{compare_parameters, distinct},
 };
 use crate::{
     failure::Failure,
@@ -20,13 +19,13 @@ use crate::{
 
 /// Images of inverse depths and their gradients match, in every order that the backend offers, for
 /// both blends and every parameterization.
-pub fn inverse_depths_match<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn inverse_depths_match<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     output_matches(rasterizer, Output::InverseDepth)
 }
 
 /// Alphas and their gradients match likewise, and are what shows of the background: the difference of
 /// a picture before white and before black is 1 − alpha.
-pub fn alphas_match<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn alphas_match<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     output_matches(rasterizer, Output::Alpha)?;
     for (seed, kind) in (2670..).zip([Kind3d::Typical, Kind3d::Overlapping]) {
         let draw = Draw::for_3d(kind, Blend::Over, 20, (35, 26), seed);
@@ -70,7 +69,7 @@ fn output_matches<R: Optimizer<Scene3d>>(rasterizer: &R, output: Output) -> Resu
 
 /// A step with added gradients equals Adam in `f64` along both gradients. Gaussians that the step's
 /// own view does not show receive none of the added ones.
-pub fn added_gradients_join_the_step<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn added_gradients_join_the_step<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     let draw = Draw::for_3d(Kind3d::Typical, Blend::Over, 14, (30, 24), 2613);
     let mut own = draw.clone();
     own.view.near = 5.0;

@@ -7,9 +7,9 @@ use gs_core::{
 };
 use pollster::FutureExt as _;
 
-use super::{
+use crate::conformance::{
     is_refused,
-    metamorphic::{analysis, around, permuted},
+    rendering::{analysis, around, permuted},
 };
 use crate::{
     failure::Failure,
@@ -19,7 +19,7 @@ use crate::{
 };
 
 /// The indices of the Gaussians do not change the image with a depth sort.
-pub fn indices_do_not_matter_by_depth<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn indices_do_not_matter_by_depth<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     for order in [Order::Global, Order::PerPixel] {
         for (seed, kind) in (2500..).zip([Kind3d::Typical, Kind3d::Overlapping, Kind3d::Needles]) {
             let draw = Draw::for_3d(kind, Blend::Over, 50, (40, 30), seed).in_order(order);
@@ -36,7 +36,7 @@ pub fn indices_do_not_matter_by_depth<R: Optimizer<Scene3d>>(rasterizer: &R) -> 
 }
 
 /// Moving camera and scene together, with the SH rotated, does not change the image.
-pub fn rigid_motions_change_nothing<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn rigid_motions_change_nothing<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     let turn = Quat::from_axis_angle(Vec3::new(0.6, -0.48, 0.64), 2.1);
     let shift = Vec3::new(3.0, -5.5, 1.25);
     let moved = |draw: &Draw<Scene3d>| {
@@ -75,7 +75,7 @@ pub fn rigid_motions_change_nothing<R: Optimizer<Scene3d>>(rasterizer: &R) -> Re
 }
 
 /// Scaling scene and camera by a power of two does not change the image.
-pub fn scales_of_the_world_change_nothing<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn scales_of_the_world_change_nothing<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     for power in [-5, 7] {
         let factor = 2f32.powi(power);
         for (seed, kind) in (2541..).zip([Kind3d::Typical, Kind3d::Near, Kind3d::Edge]) {

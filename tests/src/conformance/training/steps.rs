@@ -8,7 +8,7 @@ use gs_core::{
 };
 use pollster::FutureExt as _;
 
-use super::{LOSSES, losses_of, parameterizations, targets::weights_of};
+use crate::conformance::{LOSSES, losses_of, parameterizations, training::weights_of};
 use crate::{
     failure::Failure,
     oracle::{Oracle, OracleScene, best_colors, rate_of, rows_of_gradients},
@@ -21,7 +21,7 @@ const PARAMETERIZATIONS: [Parameterization; 2] = [Parameterization::ScaleRotatio
 
 /// Ten small steps each decrease the loss of the oracle. The reported loss is the one before the
 /// step.
-pub fn steps_decrease_the_loss<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn steps_decrease_the_loss<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
     let group = Group::constant(3e-3);
     let groups = S::adam().with(|s| {
         s.mean = group;
@@ -66,7 +66,9 @@ pub fn steps_decrease_the_loss<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> R
 
 /// A step with [`Binning::Reuse`] does not use lists of an earlier rendering, as Gaussians may have
 /// moved since. It has the same bits as a step after saving and restoring.
-pub fn first_steps_do_not_reuse_lists_of_renderings<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn first_steps_do_not_reuse_lists_of_renderings<R: Optimizer<Scene2d>>(
+    rasterizer: &R,
+) -> Result<(), Failure> {
     // Further than the extent of most Gaussians.
     let rates = Adam::default().with(|s| s.mean = Group::constant(8.0)).at(0.0);
     for blend in [Blend::Sum, Blend::Over] {
@@ -93,7 +95,7 @@ pub fn first_steps_do_not_reuse_lists_of_renderings<R: Optimizer<Scene2d>>(raste
 
 /// `train_step` equals `forward`, `backward` and `step` over five steps, in every parameterization,
 /// blend and loss, also through a canvas of another scale.
-pub fn fused_steps_match_separate_stages<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn fused_steps_match_separate_stages<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
     // With this ε, a step is in proportion to a gradient that is mere rounding.
     let rates = S::adam().with(|s| s.epsilon = 1e-3).at(0.0);
     let parameterizations = parameterizations::<S, R>(rasterizer)?;
@@ -154,7 +156,7 @@ pub fn fused_steps_match_separate_stages<S: Subject, R: Optimizer<S>>(rasterizer
 
 /// The statistics sum ‖(∂L/∂u · W/2, ∂L/∂v · H/2)‖, u and v in pixels of the canvas, over the steps
 /// in which a Gaussian is drawn, in separate and fused steps; nothing without statistics.
-pub fn statistics_are_the_positional_gradients<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn statistics_are_the_positional_gradients<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     let still = Group::constant(1e-4);
     let rates = Adam::default().with(|s| {
         s.mean = still;
@@ -216,7 +218,7 @@ pub fn statistics_are_the_positional_gradients<R: Optimizer<Scene2d>>(rasterizer
 
 /// `solve_colors` approaches the least-squares solution, and changes nothing else; where pixels have
 /// weights, it leaves no gradient of the weighted loss by the colours.
-pub fn solved_colors_are_the_best<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn solved_colors_are_the_best<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     for parameterization in PARAMETERIZATIONS {
         for (kind, count, size) in
             [(Kind2d::Typical, 16, (24, 18)), (Kind2d::Overlapping, 5, (20, 20)), (Kind2d::Tiny, 30, (9, 7))]

@@ -7,16 +7,16 @@ use gs_core::{
 };
 use pollster::FutureExt as _;
 
-use super::check_image;
+use crate::conformance::check_image;
 use crate::{
     failure::Failure,
     scenes::{Draw, Kind2d},
 };
 
-pub(super) const BLENDS: [Blend; 2] = [Blend::Sum, Blend::Over];
+pub(crate) const BLENDS: [Blend; 2] = [Blend::Sum, Blend::Over];
 
 /// Images match for every kind of scene, both blends, with and without background.
-pub fn images_match<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn images_match<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in BLENDS {
         for (seed, kind) in (100..).zip(Kind2d::ALL) {
             let draw = Draw::new(kind, blend, 40, (48, 37), seed);
@@ -29,7 +29,7 @@ pub fn images_match<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure
 
 /// Images match with dilated Gaussians, with and without compensation, also through scaled
 /// canvases.
-pub fn antialiased_images_match_2d<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn antialiased_images_match_2d<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     for antialias in [Antialias::Dilate, Antialias::Mip, Antialias::Compensated] {
         for blend in BLENDS {
             for (seed, kind) in (2900..).zip(Kind2d::ALL) {
@@ -43,7 +43,7 @@ pub fn antialiased_images_match_2d<R: Optimizer<Scene2d>>(rasterizer: &R) -> Res
 }
 
 /// Images match for sizes of one pixel, of one column, and on either side of a tile's edge.
-pub fn sizes_match<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn sizes_match<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     let sizes = [(1, 1), (1, 17), (17, 1), (15, 15), (16, 16), (17, 17), (257, 3), (3, 257), (64, 32), (31, 33)];
     for blend in BLENDS {
         for (seed, size) in (200..).zip(sizes) {
@@ -55,7 +55,7 @@ pub fn sizes_match<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure>
 }
 
 /// Images match through canvases that enlarge, shrink, stretch, and show a part of the plane.
-pub fn canvases_match<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn canvases_match<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     let own = Canvas::new(40, 30);
     let views = [
         own.resized(97, 71),
@@ -75,7 +75,7 @@ pub fn canvases_match<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failu
 }
 
 /// Other cuts, clamps and minimum transmittances than the defaults.
-pub(super) fn other_accuracies() -> [Accuracy; 6] {
+pub(crate) fn other_accuracies() -> [Accuracy; 6] {
     let usual = Accuracy::default();
     [
         usual.with(|s| s.alpha_cut = 1e-6),
@@ -88,7 +88,7 @@ pub(super) fn other_accuracies() -> [Accuracy; 6] {
 }
 
 /// Images match with other cuts, clamps and minimum transmittances.
-pub fn other_accuracies_match<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn other_accuracies_match<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in BLENDS {
         for (seed, accuracy) in (400..).zip(other_accuracies()) {
             for kind in [Kind2d::Typical, Kind2d::Opaque] {
@@ -102,7 +102,7 @@ pub fn other_accuracies_match<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(
 }
 
 /// An empty scene shows the background only.
-pub fn empty_scenes_show_the_background<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn empty_scenes_show_the_background<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in BLENDS {
         let settings = RenderSettings::blended(blend);
         for (settings, color) in [(settings, [0.0; 3]), (settings.on([0.25, 2.0, -1.0]), [0.25, 2.0, -1.0])] {
@@ -114,7 +114,7 @@ pub fn empty_scenes_show_the_background<R: Optimizer<Scene2d>>(rasterizer: &R) -
 }
 
 /// Culled Gaussians are counted by cause, and do not change the image.
-pub fn culled_are_counted<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn culled_are_counted<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     let good = Gaussian2d {
         mean: Vec2::new(12.0, 9.0),
         log_scale: Vec2::new(0.8, 0.3),

@@ -13,7 +13,7 @@ use crate::{
 };
 
 /// The oracle's error analysis with another image: two images of a backend are both uncertain.
-pub(super) fn around(image: &Image, analysis: &Rendering) -> Rendering {
+pub(crate) fn around(image: &Image, analysis: &Rendering) -> Rendering {
     Rendering {
         pixels: image.pixels().iter().map(|p| p.map(f64::from)).collect(),
         rounding: analysis.rounding.iter().map(|p| p.map(|v| 2.0 * v)).collect(),
@@ -21,12 +21,12 @@ pub(super) fn around(image: &Image, analysis: &Rendering) -> Rendering {
     }
 }
 
-pub(super) fn analysis<S: Subject>(draw: &Draw<S>) -> Result<Rendering, Failure> {
+pub(crate) fn analysis<S: Subject>(draw: &Draw<S>) -> Result<Rendering, Failure> {
     Ok(Oracle::new(draw.view, draw.settings)?.render(&draw.scene.rows()))
 }
 
 /// Under `Sum`, the order of the Gaussians does not change the image.
-pub fn order_does_not_matter_under_sum<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn order_does_not_matter_under_sum<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
     let (size, count) = ((40, 30), 50);
     for draw in [S::typical(Blend::Sum, count, size, 800), S::overlapping(Blend::Sum, count, size, 801)] {
         let image = rasterizer.render(&draw.scene, &draw.view, &draw.settings).block_on()?;
@@ -37,7 +37,7 @@ pub fn order_does_not_matter_under_sum<S: Subject, R: Optimizer<S>>(rasterizer: 
 }
 
 /// Returns these Gaussians at other indices. 17 and 50 are coprime, so each appears once.
-pub(super) fn permuted<S: Subject>(scene: &S) -> S {
+pub(crate) fn permuted<S: Subject>(scene: &S) -> S {
     scene.picked((0..50).map(|i| (i * 17 + 1) % 50))
 }
 
@@ -46,7 +46,7 @@ pub(super) fn permuted<S: Subject>(scene: &S) -> S {
 ///
 /// Under `Over` this holds only where the weight is 1, so the Gaussian is far larger than the
 /// image.
-pub fn halves_make_the_whole<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn halves_make_the_whole<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in [Blend::Sum, Blend::Over] {
         let mut draw = Draw::new(Kind2d::Typical, blend, 20, (40, 30), 850);
         let opacity = 0.75;
@@ -76,7 +76,7 @@ pub fn halves_make_the_whole<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<()
 }
 
 /// A canvas of a part of the plane shows that part of the whole image.
-pub fn crops_are_parts_of_the_image<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn crops_are_parts_of_the_image<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in [Blend::Sum, Blend::Over] {
         for (seed, kind) in (900..).zip([Kind2d::Typical, Kind2d::Opaque, Kind2d::Large]) {
             let draw = Draw::new(kind, blend, 40, (60, 45), seed).on([0.2, 0.3, 0.4]);

@@ -7,9 +7,9 @@ use gs_core::{
 };
 use pollster::FutureExt as _;
 
-use super::{
+use crate::conformance::{
     losses_of,
-    optimizer::{compare_parameters, distinct, step},
+    training::{compare_parameters, distinct, step},
 };
 use crate::{
     failure::Failure,
@@ -20,7 +20,7 @@ use crate::{
 };
 
 /// Upload and download keep all bits of scenes of every SH degree.
-pub fn scenes_3d_come_back<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn scenes_3d_come_back<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     for seed in 2600..2604 {
         let scene = Draw::for_3d(Kind3d::Opaque, Blend::Over, 37, (40, 30), seed).scene;
         let splats = rasterizer.upload(&scene, Parameterization::ScaleRotation)?;
@@ -43,7 +43,7 @@ fn beyond(view: Camera, near: f32) -> Camera {
 
 /// Gaussians out of view move by their moments with [`Participants::All`]. With
 /// [`Participants::Visible`], they do not change, step counts included.
-pub fn only_participants_move<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn only_participants_move<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     for participants in [Participants::All, Participants::Visible] {
         let mut draw = Draw::for_3d(Kind3d::Typical, Blend::Over, 14, (30, 24), 2613);
         let target = rasterizer.upload_target(&draw.target()?)?;
@@ -77,7 +77,9 @@ pub fn only_participants_move<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(
 
 /// A step may reuse lists: nothing changes if the Gaussians did not move, or if the camera is
 /// another one, for which the lists are invalid.
-pub fn reused_lists_change_nothing_without_movement<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn reused_lists_change_nothing_without_movement<R: Optimizer<Scene3d>>(
+    rasterizer: &R,
+) -> Result<(), Failure> {
     let still = Group::constant(0.0);
     let groups = Scene3d::adam().with(|s| {
         s.mean = still;
@@ -117,7 +119,7 @@ pub fn reused_lists_change_nothing_without_movement<R: Optimizer<Scene3d>>(raste
 }
 
 /// `visible` counts the steps in which a Gaussian was in view.
-pub fn visible_are_counted<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn visible_are_counted<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     let mut draw = Draw::for_3d(Kind3d::Typical, Blend::Over, 14, (30, 24), 2633);
     draw.settings.effects.statistics = Statistics::MeanGradient;
     let still = Group::constant(0.0);

@@ -19,7 +19,7 @@ use crate::{
 
 /// Rates and betas that differ between all groups, and an ε as large as √v̂, so that any wrong one
 /// has an effect.
-pub(super) fn distinct<S: Subject>(epsilon: f32) -> AdamRates {
+pub(crate) fn distinct<S: Subject>(epsilon: f32) -> AdamRates {
     let group = |learning_rate, beta1, beta2| {
         Group::constant(learning_rate).with(|s| {
             s.beta1 = beta1;
@@ -40,7 +40,7 @@ pub(super) fn distinct<S: Subject>(epsilon: f32) -> AdamRates {
 }
 
 /// Runs forward, backward and one Adam step; returns the gradients.
-pub(super) fn step<S: Subject, R: Optimizer<S>>(
+pub(crate) fn step<S: Subject, R: Optimizer<S>>(
     rasterizer: &R,
     splats: &mut R::Splats,
     draw: &Draw<S>,
@@ -57,7 +57,7 @@ pub(super) fn step<S: Subject, R: Optimizer<S>>(
 /// Six steps in ln-scales and rotation, with a Gaussian born after the third, equal Adam in `f64`:
 /// with the rates and betas of each group, bias correction by each Gaussian's own count, and ε
 /// added to √v̂.
-pub fn adam_matches<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn adam_matches<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in [Blend::Sum, Blend::Over] {
         for epsilon in [1e-3, 1e-8] {
             let draw = S::overlapping(blend, 12, (24, 20), 1203);
@@ -91,7 +91,7 @@ pub fn adam_matches<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), F
     Ok(())
 }
 
-pub(super) fn compare_parameters<S: Subject>(
+pub(crate) fn compare_parameters<S: Subject>(
     expected: &OracleScene,
     found: &OracleScene,
     rates: &AdamRates,
@@ -114,7 +114,7 @@ pub(super) fn compare_parameters<S: Subject>(
 
 /// The first step in covariance factors moves by the rate against the sign of each gradient in
 /// whitened coordinates: μ + L ξ and L (I + η + η²/2), η symmetric.
-pub fn covariance_factor_steps_match<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn covariance_factor_steps_match<R: Optimizer<Scene2d>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in [Blend::Sum, Blend::Over] {
         let draw = Draw::new(Kind2d::Typical, blend, 40, (40, 30), 1300);
         let target = rasterizer.upload_target(&draw.target()?)?;

@@ -5,7 +5,7 @@ use gs_core::{
     effects::{Antialias, Blend, Order},
 };
 
-use super::{check_gradients, check_image, images_3d::culled, is_refused, parameterizations};
+use crate::conformance::{check_gradients, check_image, is_refused, parameterizations, rendering::culled};
 use crate::{
     failure::Failure,
     scenes::{Draw, Kind3d},
@@ -13,7 +13,7 @@ use crate::{
 
 /// Images and their gradients match with dropout, in every order that the backend offers, and the
 /// Gaussians that are left out count as transparent.
-pub fn dropouts_match<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn dropouts_match<R: Optimizer<Scene3d>>(rasterizer: &R) -> Result<(), Failure> {
     for (order, antialias, rate) in [
         (Order::Global, Antialias::Dilate, 0.1),
         (Order::Global, Antialias::Compensated, 0.5),

@@ -7,7 +7,7 @@ use gs_core::{
 };
 use pollster::FutureExt as _;
 
-use super::{losses_of, parameterizations};
+use crate::conformance::{losses_of, parameterizations};
 use crate::{failure::Failure, scenes::Draw, subject::Subject};
 
 /// More steps than any backend has pending at once.
@@ -65,7 +65,9 @@ fn same(what: &str, expected: &[f32], found: &[f32]) -> Result<(), Failure> {
 ///
 /// The result is the same whether the caller waits for each step, polls, or waits at the end.
 /// Refused steps have no loss.
-pub fn losses_are_reported_once_and_in_order<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn losses_are_reported_once_and_in_order<S: Subject, R: Optimizer<S>>(
+    rasterizer: &R,
+) -> Result<(), Failure> {
     for blend in [Blend::Sum, Blend::Over] {
         let training = Training::<S>::new(rasterizer, blend)?;
         let mut splats = training.upload(rasterizer)?;
@@ -103,7 +105,7 @@ pub fn losses_are_reported_once_and_in_order<S: Subject, R: Optimizer<S>>(raster
 }
 
 /// Every call sees all steps that were submitted before it, and leaves the losses unchanged.
-pub fn every_call_sees_pending_steps<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn every_call_sees_pending_steps<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in [Blend::Sum, Blend::Over] {
         let training = Training::<S>::new(rasterizer, blend)?;
         let target = rasterizer.upload_target(&training.image)?;

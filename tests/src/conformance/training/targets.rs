@@ -7,13 +7,13 @@ use gs_core::{
 };
 use pollster::FutureExt as _;
 
-use super::{LOSSES, losses_of, refused};
+use crate::conformance::{LOSSES, losses_of, refused};
 use crate::{failure::Failure, subject::Subject};
 
 /// A target with alpha and mask equals the target that was completed by hand: blended with the
 /// background, and with the rendered colours where the mask excludes a pixel. Losses, gradients,
 /// steps and statistics agree within rounding; the loss alone equals that with gradients.
-pub fn incomplete_targets_are_completed<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn incomplete_targets_are_completed<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in [Blend::Sum, Blend::Over] {
         let mut draw = S::typical(blend, 20, (37, 25), 1301).on([0.2, 0.7, 0.4]);
         let image = draw.target()?;
@@ -74,7 +74,7 @@ pub fn incomplete_targets_are_completed<S: Subject, R: Optimizer<S>>(rasterizer:
 
 /// Weights are factors of the loss of each pixel and of its gradient: loss and gradients are those of
 /// the weighted gradient of the image, computed here. D-SSIM refuses them.
-pub fn weights_are_factors_of_the_loss<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
+pub(crate) fn weights_are_factors_of_the_loss<S: Subject, R: Optimizer<S>>(rasterizer: &R) -> Result<(), Failure> {
     for blend in [Blend::Sum, Blend::Over] {
         let draw = S::typical(blend, 20, (37, 25), 1302).on([0.2, 0.7, 0.4]);
         let image = draw.target()?;
@@ -132,7 +132,7 @@ pub fn weights_are_factors_of_the_loss<S: Subject, R: Optimizer<S>>(rasterizer: 
 }
 
 /// Weights of an image's pixels from 0 to 3, unlike from pixel to pixel.
-pub(super) fn weights_of(image: &Image) -> Vec<f32> {
+pub(crate) fn weights_of(image: &Image) -> Vec<f32> {
     (0..image.pixels().len()).map(|i| [0.0, 0.3, 1.0, 1.7, 3.0][i * 7 % 5]).collect()
 }
 
