@@ -5,24 +5,24 @@ use std::{fmt, sync::Arc};
 use gs_core::{Error, Image, Scene2d, Scene3d};
 
 use crate::{
-    kind::SceneKind,
+    kind::Kind,
     workspace::{Pool, Workspace},
 };
 
 /// A workspace that goes back to its pool when it is dropped.
-struct Lent<S: SceneKind> {
+struct Lent<S: Kind> {
     /// `Some` until dropped.
     workspace: Option<Workspace<S::Own>>,
     pool: Arc<Pool<S::Own>>,
 }
 
-impl<S: SceneKind> Lent<S> {
+impl<S: Kind> Lent<S> {
     fn get(&self) -> &Workspace<S::Own> {
         self.workspace.as_ref().expect("the workspace is there until it is dropped")
     }
 }
 
-impl<S: SceneKind> Drop for Lent<S> {
+impl<S: Kind> Drop for Lent<S> {
     fn drop(&mut self) {
         if let Some(workspace) = self.workspace.take() {
             self.pool.give(workspace);
@@ -31,10 +31,10 @@ impl<S: SceneKind> Drop for Lent<S> {
 }
 
 /// A forward pass on the CPU: the image, and what its backward pass needs.
-pub struct ForwardPass<S: SceneKind>(Lent<S>);
+pub struct ForwardPass<S: Kind>(Lent<S>);
 
 /// The gradients of a backward pass on the CPU.
-pub struct Gradients<S: SceneKind>(Lent<S>);
+pub struct Gradients<S: Kind>(Lent<S>);
 
 /// A 2D scene's [`ForwardPass`].
 pub type ForwardPass2d = ForwardPass<Scene2d>;
@@ -48,7 +48,7 @@ pub type ForwardPass3d = ForwardPass<Scene3d>;
 /// A 3D scene's [`Gradients`].
 pub type Gradients3d = Gradients<Scene3d>;
 
-impl<S: SceneKind> ForwardPass<S> {
+impl<S: Kind> ForwardPass<S> {
     pub(crate) fn new(workspace: Workspace<S::Own>, pool: &Arc<Pool<S::Own>>) -> Self {
         Self(Lent { workspace: Some(workspace), pool: Arc::clone(pool) })
     }
@@ -83,20 +83,20 @@ impl<S: SceneKind> ForwardPass<S> {
     }
 }
 
-impl<S: SceneKind> Gradients<S> {
+impl<S: Kind> Gradients<S> {
     pub(crate) fn workspace(&self) -> &Workspace<S::Own> {
         self.0.get()
     }
 }
 
-impl<S: SceneKind> fmt::Debug for ForwardPass<S> {
+impl<S: Kind> fmt::Debug for ForwardPass<S> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let tiles = &self.workspace().tiles;
         f.debug_struct("ForwardPass").field("grid", &tiles.grid).field("culled", &tiles.culled()).finish()
     }
 }
 
-impl<S: SceneKind> fmt::Debug for Gradients<S> {
+impl<S: Kind> fmt::Debug for Gradients<S> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Gradients").field("len", &self.workspace().len).finish()
     }

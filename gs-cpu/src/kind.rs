@@ -22,90 +22,67 @@ use crate::{
     workspace::{Pool, Workspace},
 };
 
-mod sealed {
-    pub trait Sealed {}
+/// Gaussians of one kind on the CPU, with all that training changes.
+pub trait Splats<S: Kind>: Debug + Send + Sync + Sized {
+    /// Splats of a scene.
+    fn new(scene: &S, parameterization: Parameterization) -> Result<Self, Error>;
 
-    impl Sealed for gs_core::Scene2d {}
-    impl Sealed for gs_core::Scene3d {}
+    /// The parameters as a scene.
+    fn scene(&self) -> S;
+
+    /// The whole state.
+    fn saved(&self) -> SavedState<'_>;
+
+    /// Splats with a saved state.
+    fn restore(state: &SplatsState) -> Result<Self, Error>;
+
+    /// Applies an edit plan.
+    fn edit(&mut self, plan: &EditPlan<S::Gaussian>) -> Result<(), Error>;
+
+    /// Adds noise to the means.
+    fn add_noise(&mut self, noise: &MeanNoise);
+
+    /// The part that both kinds share.
+    fn shared(&self) -> &Shared<S>;
+
+    /// The part that both kinds share, mutable.
+    fn shared_mut(&mut self) -> &mut Shared<S>;
 }
 
-/// A kind of scene that [`CpuRasterizer`](crate::CpuRasterizer) draws and trains.
-///
-/// Implemented for [`Scene2d`] and [`Scene3d`], and sealed.
-pub trait SceneKind: sealed::Sealed + Scene + 'static {
+/// A kind of scene that [`CpuRasterizer`](crate::CpuRasterizer) draws and trains: [`Scene2d`] or
+/// [`Scene3d`].
+pub trait Kind: Scene + 'static {
     /// Splats of this kind.
-    type Splats: Debug + Send + Sync;
+    type Splats: Splats<Self>;
     /// Buffers of the stages that only this kind has.
-    #[doc(hidden)]
     type Own: Debug + Default + Send + Sync;
     /// Adam's bias corrections.
-    #[doc(hidden)]
     type Bias: Debug + Default + Send;
 
     /// The stages before `bin`, in order.
-    #[doc(hidden)]
     const BEFORE_BIN: [Stage; 2];
 
     /// Whether a step can use the lists of the step before, so that splats keep their buffers.
-    #[doc(hidden)]
     const REUSES_LISTS: bool;
 
     /// The stages after `blend_bwd`, in order.
-    #[doc(hidden)]
     const AFTER_BLEND: &'static [Stage];
 
     /// Fails for an invalid view or an unsupported effect.
-    #[doc(hidden)]
     fn check(view: &Self::View, settings: &RenderSettings) -> Result<(), Error>;
 
     /// Fails for Adam settings that this kind does not support.
-    #[doc(hidden)]
     fn check_rates(_rates: &AdamRates) -> Result<(), Error> {
         Ok(())
     }
 
     /// Columns and rows of a view's image.
-    #[doc(hidden)]
     fn size(view: &Self::View) -> (u32, u32);
 
     /// The pools of this kind.
-    #[doc(hidden)]
     fn resources(all: &AllResources) -> &Resources<Self>;
 
-    /// Splats of a scene.
-    #[doc(hidden)]
-    fn upload(scene: &Self, parameterization: Parameterization) -> Result<Self::Splats, Error>;
-
-    /// The splats' parameters as a scene.
-    #[doc(hidden)]
-    fn download(splats: &Self::Splats) -> Self;
-
-    /// The whole state.
-    #[doc(hidden)]
-    fn saved(splats: &Self::Splats) -> SavedState<'_>;
-
-    /// Splats with a saved state.
-    #[doc(hidden)]
-    fn restore(state: &SplatsState) -> Result<Self::Splats, Error>;
-
-    /// Applies an edit plan.
-    #[doc(hidden)]
-    fn edit(splats: &mut Self::Splats, plan: &EditPlan<Self::Gaussian>) -> Result<(), Error>;
-
-    /// Adds noise to the means.
-    #[doc(hidden)]
-    fn add_noise(splats: &mut Self::Splats, noise: &MeanNoise);
-
-    /// The part of the splats that both kinds share.
-    #[doc(hidden)]
-    fn shared(splats: &Self::Splats) -> &Shared<Self>;
-
-    /// The part of the splats that both kinds share, mutable.
-    #[doc(hidden)]
-    fn shared_mut(splats: &mut Self::Splats) -> &mut Shared<Self>;
-
     /// Runs the stages up to `bin`.
-    #[doc(hidden)]
     fn prepare(
         workspace: &mut Workspace<Self::Own>,
         splats: &Self::Splats,
@@ -115,24 +92,19 @@ pub trait SceneKind: sealed::Sealed + Scene + 'static {
     ) -> Result<(), Error>;
 
     /// Runs stage `project`.
-    #[doc(hidden)]
     fn project(workspace: &mut Workspace<Self::Own>, splats: &Self::Splats);
 
     /// Runs stage `sort`: finds the order in which tiles see the splats.
-    #[doc(hidden)]
     fn sort(workspace: &mut Workspace<Self::Own>, splats: &Self::Splats);
 
     /// Runs stage `bin`: lists the splats of each tile in that order.
-    #[doc(hidden)]
     fn bin(workspace: &mut Workspace<Self::Own>) -> Result<(), Error>;
 
     /// Runs stage `project_bwd`: every Gaussian's gradient, times `scale`.
-    #[doc(hidden)]
     fn project_bwd(workspace: &mut Workspace<Self::Own>, splats: &Self::Splats, scale: f32);
 
     /// Adds `weight` times other gradients of `project_bwd`, of as many Gaussians, to those of the
     /// Gaussians that some tile lists in both.
-    #[doc(hidden)]
     fn add_gradients(
         _workspace: &mut Workspace<Self::Own>,
         _added: &Workspace<Self::Own>,
@@ -142,11 +114,9 @@ pub trait SceneKind: sealed::Sealed + Scene + 'static {
     }
 
     /// The gradients of `project_bwd` as a scene of derivatives.
-    #[doc(hidden)]
     fn derivatives(workspace: &Workspace<Self::Own>, splats: &Self::Splats) -> Self;
 
     /// Runs stage `adam`: one step along the gradients of `project_bwd`, and the statistics.
-    #[doc(hidden)]
     fn adam(
         splats: &mut Self::Splats,
         bias: &mut Self::Bias,
@@ -157,7 +127,6 @@ pub trait SceneKind: sealed::Sealed + Scene + 'static {
 
     /// Runs stages `project_bwd`, with gradients times `scale`, and `adam`: stage `update`, where a
     /// kind has a faster way that leaves no gradients behind.
-    #[doc(hidden)]
     fn update(
         splats: &mut Self::Splats,
         bias: &mut Self::Bias,
@@ -171,13 +140,11 @@ pub trait SceneKind: sealed::Sealed + Scene + 'static {
     }
 
     /// Fails where the image is not linear in the colours, or no solver exists for this kind.
-    #[doc(hidden)]
     fn check_solve_colors(_settings: &RenderSettings) -> Result<(), Error> {
         Err(unsupported("solving for the colours of 3D scenes"))
     }
 
     /// Solves for the colours; `workspace` has been prepared.
-    #[doc(hidden)]
     fn solve_colors(
         _workspace: &mut Workspace<Self::Own>,
         _splats: &mut Self::Splats,
@@ -191,7 +158,7 @@ pub trait SceneKind: sealed::Sealed + Scene + 'static {
 
 /// The part of the splats that both kinds share.
 #[derive(Debug)]
-pub struct Shared<S: SceneKind> {
+pub struct Shared<S: Kind> {
     pub(crate) statistics: DensityStatistics,
     /// Buffers of training steps with the lists for [`Binning::Reuse`], of kinds that reuse them.
     pub(crate) workspace: Option<Workspace<S::Own>>,
@@ -201,7 +168,7 @@ pub struct Shared<S: SceneKind> {
     pub(crate) edition: u64,
 }
 
-impl<S: SceneKind> Shared<S> {
+impl<S: Kind> Shared<S> {
     pub(crate) fn new(statistics: DensityStatistics) -> Self {
         Self { statistics, workspace: None, losses: Vec::new(), edition: next_edition() }
     }
@@ -225,12 +192,12 @@ fn next_edition() -> u64 {
 
 /// What a rasterizer keeps for one kind of scene.
 #[derive(Debug)]
-pub struct Resources<S: SceneKind> {
+pub struct Resources<S: Kind> {
     pub(crate) pool: Arc<Pool<S::Own>>,
     pub(crate) bias: Mutex<S::Bias>,
 }
 
-impl<S: SceneKind> Default for Resources<S> {
+impl<S: Kind> Default for Resources<S> {
     fn default() -> Self {
         Self { pool: Arc::default(), bias: Mutex::default() }
     }

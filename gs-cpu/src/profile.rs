@@ -7,11 +7,11 @@ use gs_core::{
 use web_time::Instant;
 
 use crate::{
-    kind::SceneKind, loss, rasterizer::CpuRasterizer, stage::Stage, target::Target, tiles::Tiles, workspace::Workspace,
+    kind::Kind, loss, rasterizer::CpuRasterizer, stage::Stage, target::Target, tiles::Tiles, workspace::Workspace,
 };
 
 /// The arguments of the stages.
-struct Pass<'a, S: SceneKind> {
+struct Pass<'a, S: Kind> {
     rasterizer: &'a CpuRasterizer,
     workspace: Workspace<S::Own>,
     splats: &'a mut S::Splats,
@@ -21,7 +21,7 @@ struct Pass<'a, S: SceneKind> {
     bias: S::Bias,
 }
 
-impl<S: SceneKind> Pass<'_, S> {
+impl<S: Kind> Pass<'_, S> {
     fn run(&mut self, stage: Stage) -> Result<(), Error> {
         let Self { workspace, splats, target, bias, .. } = self;
         let level = self.rasterizer.level;
@@ -45,7 +45,7 @@ impl<S: SceneKind> Pass<'_, S> {
     }
 }
 
-impl<S: SceneKind> Profiler<S> for CpuRasterizer {
+impl<S: Kind> Profiler<S> for CpuRasterizer {
     async fn profile(
         &self,
         splats: &mut S::Splats,

@@ -14,7 +14,7 @@ use gs_core::{
 
 use crate::{
     forward_pass::{ForwardPass, ForwardPass2d, ForwardPass3d, Gradients, Gradients2d, Gradients3d},
-    kind::{AllResources, Resources, SceneKind},
+    kind::{AllResources, Kind, Resources, Splats as _},
     level::Level,
     level::SimdLevel,
     loss,
@@ -142,14 +142,14 @@ impl Backend for CpuRasterizer {
 }
 
 /// Every future does its work when it is first polled, and is ready then.
-impl<S: SceneKind> Rasterizer<S> for CpuRasterizer {
+impl<S: Kind> Rasterizer<S> for CpuRasterizer {
     type Splats = S::Splats;
     type ForwardPass = ForwardPass<S>;
     type Gradients = Gradients<S>;
     type Target = Target;
 
     fn upload(&self, scene: &S, parameterization: Parameterization) -> Result<S::Splats, Error> {
-        S::upload(scene, parameterization)
+        S::Splats::new(scene, parameterization)
     }
 
     async fn forward(
@@ -245,11 +245,11 @@ impl<S: SceneKind> Rasterizer<S> for CpuRasterizer {
     /// control would else be the peak of a training's memory.
     async fn download(&self, splats: &S::Splats) -> Result<S, Error> {
         S::resources(&self.resources).pool.clear();
-        Ok(S::download(splats))
+        Ok(splats.scene())
     }
 
     fn len(&self, splats: &S::Splats) -> usize {
-        S::shared(splats).len()
+        splats.shared().len()
     }
 
     async fn draw(
@@ -271,7 +271,7 @@ impl<S: SceneKind> Rasterizer<S> for CpuRasterizer {
     }
 }
 
-impl<S: SceneKind> Optimizer<S> for CpuRasterizer {
+impl<S: Kind> Optimizer<S> for CpuRasterizer {
     async fn train_step_with(
         &self,
         splats: &mut S::Splats,
@@ -289,7 +289,7 @@ impl<S: SceneKind> Optimizer<S> for CpuRasterizer {
             check_len::<S>(gradients, splats)?;
         }
         let Resources { pool, bias } = S::resources(&self.resources);
-        let workspace = S::shared_mut(splats).workspace.take().unwrap_or_else(|| pool.take());
+        let workspace = splats.shared_mut().workspace.take().unwrap_or_else(|| pool.take());
         let mut workspace = workspace.tuned(self.tuning);
         let mut bias = bias.lock().unwrap_or_else(PoisonError::into_inner);
         let bias = &mut *bias;
@@ -315,7 +315,7 @@ impl<S: SceneKind> Optimizer<S> for CpuRasterizer {
             }
             Ok::<f64, Error>(value)
         })?;
-        let shared = S::shared_mut(splats);
+        let shared = splats.shared_mut();
         if S::REUSES_LISTS {
             shared.workspace = Some(workspace);
         } else {
@@ -326,7 +326,7 @@ impl<S: SceneKind> Optimizer<S> for CpuRasterizer {
     }
 
     async fn losses(&self, splats: &mut S::Splats, _: Wait, losses: &mut Vec<f32>) -> Result<(), Error> {
-        losses.append(&mut S::shared_mut(splats).losses);
+        losses.append(&mut splats.shared_mut().losses);
         Ok(())
     }
 
@@ -341,16 +341,16 @@ impl<S: SceneKind> Optimizer<S> for CpuRasterizer {
     }
 
     async fn statistics(&self, splats: &S::Splats) -> Result<DensityStatistics, Error> {
-        Ok(S::shared(splats).statistics.clone())
+        Ok(splats.shared().statistics.clone())
     }
 
     async fn edit(&self, splats: &mut S::Splats, plan: &EditPlan<S::Gaussian>) -> Result<(), Error> {
-        S::edit(splats, plan)
+        splats.edit(plan)
     }
 
     fn add_noise(&self, splats: &mut S::Splats, noise: &MeanNoise) -> Result<(), Error> {
         noise.validate()?;
-        self.install(|| S::add_noise(splats, noise));
+        self.install(|| splats.add_noise(noise));
         Ok(())
     }
 
@@ -385,25 +385,25 @@ impl<S: SceneKind> Optimizer<S> for CpuRasterizer {
     /// Also frees the buffers of passes; see [`Self::download`].
     async fn saved<'s>(&self, splats: &'s S::Splats) -> Result<SavedState<'s>, Error> {
         S::resources(&self.resources).pool.clear();
-        Ok(S::saved(splats))
+        Ok(splats.saved())
     }
 
     fn restore(&self, state: &SplatsState) -> Result<S::Splats, Error> {
-        S::restore(state)
+        S::Splats::restore(state)
     }
 }
 
 /// Fails unless the forward pass was made from these splats, as they are now.
-fn check_edition<S: SceneKind>(workspace: &Workspace<S::Own>, splats: &S::Splats) -> Result<(), Error> {
-    if workspace.edition == Some(S::shared(splats).edition) {
+fn check_edition<S: Kind>(workspace: &Workspace<S::Own>, splats: &S::Splats) -> Result<(), Error> {
+    if workspace.edition == Some(splats.shared().edition) {
         return Ok(());
     }
     Err(Error::State("the forward pass was made from other splats, or before an edit of these".to_owned()))
 }
 
 /// Fails unless the gradients belong to as many Gaussians as there are splats.
-fn check_len<S: SceneKind>(gradients: &Gradients<S>, splats: &S::Splats) -> Result<(), Error> {
-    let (found, expected) = (gradients.workspace().len, S::shared(splats).len());
+fn check_len<S: Kind>(gradients: &Gradients<S>, splats: &S::Splats) -> Result<(), Error> {
+    let (found, expected) = (gradients.workspace().len, splats.shared().len());
     if found == expected {
         return Ok(());
     }

@@ -6,21 +6,21 @@ use gs_core::{Culled, Error, Image, RenderSettings};
 
 use crate::{
     gpu::Gpu,
-    kind::SceneKind,
+    kind::Kind,
     layout::Status,
     splats::Splats,
     workspace::{Pool, Workspace},
 };
 
 /// A forward pass on the device: the image, and what its backward pass needs.
-pub struct ForwardPass<S: SceneKind> {
+pub struct ForwardPass<S: Kind> {
     /// `Some` until dropped.
     pub(crate) workspace: Option<Workspace<S>>,
     pub(crate) status: Status,
     pub(crate) pool: Arc<Pool<S>>,
 }
 
-impl<S: SceneKind> ForwardPass<S> {
+impl<S: Kind> ForwardPass<S> {
     pub(crate) fn workspace(&self) -> &Workspace<S> {
         self.workspace.as_ref().expect("a forward pass has its workspace until it is dropped")
     }
@@ -43,7 +43,7 @@ impl<S: SceneKind> ForwardPass<S> {
     }
 }
 
-impl<S: SceneKind> Drop for ForwardPass<S> {
+impl<S: Kind> Drop for ForwardPass<S> {
     fn drop(&mut self) {
         if let Some(workspace) = self.workspace.take() {
             self.pool.give(workspace);
@@ -51,7 +51,7 @@ impl<S: SceneKind> Drop for ForwardPass<S> {
     }
 }
 
-impl<S: SceneKind> fmt::Debug for ForwardPass<S> {
+impl<S: Kind> fmt::Debug for ForwardPass<S> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("ForwardPass").field("status", &self.status).finish_non_exhaustive()
     }
@@ -59,7 +59,7 @@ impl<S: SceneKind> fmt::Debug for ForwardPass<S> {
 
 /// The gradients of a backward pass, `[N]`, on the device.
 #[derive(Debug)]
-pub struct Gradients<S: SceneKind> {
+pub struct Gradients<S: Kind> {
     pub(crate) buffers: Vec<wgpu::Buffer>,
     pub(crate) len: usize,
     /// The view of the forward pass, which the uniform of an Adam step needs.
@@ -67,7 +67,7 @@ pub struct Gradients<S: SceneKind> {
     pub(crate) settings: RenderSettings,
 }
 
-impl<S: SceneKind> Gradients<S> {
+impl<S: Kind> Gradients<S> {
     /// Fails unless the gradients belong to as many Gaussians as there are splats.
     pub(crate) fn check_len(&self, splats: &Splats<S>) -> Result<(), Error> {
         if self.len == splats.len {

@@ -21,7 +21,7 @@ use crate::{
     answer::Answer,
     dispatch::{Commands, Groups, dispatch_some},
     gpu::{Gpu, UNIFORM},
-    kind::SceneKind,
+    kind::{Kind, State as _},
     layout::{BY_GAUSSIAN, Noise, Status},
     shaders::Variant,
     splats::Splats,
@@ -39,7 +39,7 @@ pub const STEPS_IN_FLIGHT: usize = 4;
 
 /// The arguments of a step, to submit it and to repeat it.
 #[derive(Debug)]
-pub(crate) struct Request<S: SceneKind> {
+pub(crate) struct Request<S: Kind> {
     view: S::View,
     target: Target,
     settings: RenderSettings,
@@ -52,7 +52,7 @@ pub(crate) struct Request<S: SceneKind> {
     noise: Vec<MeanNoise>,
 }
 
-impl<S: SceneKind> Request<S> {
+impl<S: Kind> Request<S> {
     pub(crate) fn new(
         view: &S::View,
         target: &Target,
@@ -76,7 +76,7 @@ const STATUS_BYTES: u64 = size_of::<Status>() as u64;
 
 /// A pending step.
 #[derive(Debug)]
-struct Sent<S: SceneKind> {
+struct Sent<S: Kind> {
     request: Request<S>,
     /// The buffer for its status.
     status: wgpu::Buffer,
@@ -87,13 +87,13 @@ struct Sent<S: SceneKind> {
 
 /// The pending steps, unless a future waits for them.
 #[derive(Debug)]
-pub(crate) struct Home<S: SceneKind> {
+pub(crate) struct Home<S: Kind> {
     in_flight: Option<InFlight<S>>,
     /// Wakers of other futures that wait for them.
     wakers: Vec<Waker>,
 }
 
-impl<S: SceneKind> Default for Home<S> {
+impl<S: Kind> Default for Home<S> {
     fn default() -> Self {
         Self { in_flight: Some(InFlight::default()), wakers: Vec::new() }
     }
@@ -101,12 +101,12 @@ impl<S: SceneKind> Default for Home<S> {
 
 /// The pending steps while a future waits for them. They go back when this is dropped.
 #[derive(Debug)]
-pub(crate) struct Taken<'a, S: SceneKind> {
+pub(crate) struct Taken<'a, S: Kind> {
     home: &'a Mutex<Home<S>>,
     in_flight: InFlight<S>,
 }
 
-impl<'a, S: SceneKind> Taken<'a, S> {
+impl<'a, S: Kind> Taken<'a, S> {
     /// Takes the pending steps, once no other future has them.
     pub(crate) async fn from(home: &'a Mutex<Home<S>>) -> Self {
         poll_fn(|context| {
@@ -123,7 +123,7 @@ impl<'a, S: SceneKind> Taken<'a, S> {
     }
 }
 
-impl<S: SceneKind> Drop for Taken<'_, S> {
+impl<S: Kind> Drop for Taken<'_, S> {
     fn drop(&mut self) {
         let mut home = self.home.lock().unwrap_or_else(PoisonError::into_inner);
         home.in_flight = Some(std::mem::take(&mut self.in_flight));
@@ -133,7 +133,7 @@ impl<S: SceneKind> Drop for Taken<'_, S> {
     }
 }
 
-impl<S: SceneKind> Deref for Taken<'_, S> {
+impl<S: Kind> Deref for Taken<'_, S> {
     type Target = InFlight<S>;
 
     fn deref(&self) -> &InFlight<S> {
@@ -141,13 +141,13 @@ impl<S: SceneKind> Deref for Taken<'_, S> {
     }
 }
 
-impl<S: SceneKind> DerefMut for Taken<'_, S> {
+impl<S: Kind> DerefMut for Taken<'_, S> {
     fn deref_mut(&mut self) -> &mut InFlight<S> {
         &mut self.in_flight
     }
 }
 
-impl<S: SceneKind> Home<S> {
+impl<S: Kind> Home<S> {
     /// Number of pending steps; 0 while a future waits for them.
     pub(crate) fn len(&self) -> usize {
         self.in_flight.as_ref().map_or(0, |in_flight| in_flight.sent.len())
@@ -161,7 +161,7 @@ impl<S: SceneKind> Home<S> {
 
 /// The pending steps of some splats, and their buffers.
 #[derive(Debug)]
-pub(crate) struct InFlight<S: SceneKind> {
+pub(crate) struct InFlight<S: Kind> {
     /// Buffers with the lists of the last submitted step.
     workspace: Option<Workspace<S>>,
     /// Oldest first.
@@ -174,13 +174,13 @@ pub(crate) struct InFlight<S: SceneKind> {
     pub(crate) losses: Vec<f32>,
 }
 
-impl<S: SceneKind> Default for InFlight<S> {
+impl<S: Kind> Default for InFlight<S> {
     fn default() -> Self {
         Self { workspace: None, sent: VecDeque::new(), free: Vec::new(), noise: None, losses: Vec::new() }
     }
 }
 
-impl<S: SceneKind> InFlight<S> {
+impl<S: Kind> InFlight<S> {
     /// Submits a step, as soon as fewer than [`STEPS_IN_FLIGHT`] are pending.
     pub(crate) async fn train(
         &mut self,
@@ -323,7 +323,7 @@ impl<S: SceneKind> InFlight<S> {
             None => groups_of(gpu, splats.len as u64, 64),
         };
         let (entry_point, gaussians) = S::noise(splats);
-        let variant = Variant { covariance_factor: S::has_factors(&splats.state), ..Variant::default() };
+        let variant = Variant { covariance_factor: splats.state.has_factors(), ..Variant::default() };
         let mut commands = Commands::new(gpu);
         dispatch_some(gpu, &mut commands, entry_point, variant, (&[1, 2], &[&uniform, gaussians]), groups);
         commands.submit(gpu);

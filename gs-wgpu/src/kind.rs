@@ -16,54 +16,67 @@ use crate::{
     workspace::{Pool, Pools, Workspace},
 };
 
-mod sealed {
-    pub trait Sealed {}
+/// Parameters and Adam moments of one kind on the device.
+pub trait State<S: Scene>: Debug + wgpu::WasmNotSendSync + Sized {
+    /// The state of a scene's splats.
+    fn new(gpu: &Gpu, scene: &S, parameterization: Parameterization) -> Result<Self, Error>;
 
-    impl Sealed for gs_core::Scene2d {}
-    impl Sealed for gs_core::Scene3d {}
+    /// The parameters of `len` Gaussians.
+    fn scene(&self, gpu: &Gpu, len: usize) -> impl Future<Output = Result<S, Error>>;
+
+    /// The state without the statistics, to save.
+    fn save(&self, gpu: &Gpu, len: usize) -> impl Future<Output = Result<SplatsState, Error>>;
+
+    /// A saved state of `len` Gaussians.
+    fn restore(gpu: &Gpu, state: &SplatsState, len: usize) -> Result<Self, Error>;
+
+    /// Records the commands of an edit, including that of the statistics; returns the edited state.
+    fn edit(&self, gpu: &Gpu, commands: &mut Commands, edit: &Edit<'_, S::Gaussian>) -> Result<Self, Error>;
+
+    /// Whether opacities are stored after `fresh` Gaussians were added.
+    fn has_opacity_with(&self, _fresh: &[&S::Gaussian]) -> bool {
+        true
+    }
+
+    /// K, the number of SH coefficients per Gaussian; 0 in 2D.
+    fn coefficients(&self) -> usize {
+        0
+    }
+
+    /// Whether the parameterization is `CovarianceFactor`.
+    fn has_factors(&self) -> bool {
+        false
+    }
 }
 
-/// A kind of scene that [`WgpuRasterizer`](crate::WgpuRasterizer) draws and trains.
-///
-/// Implemented for [`Scene2d`](gs_core::Scene2d) and [`Scene3d`](gs_core::Scene3d), and sealed.
-pub trait SceneKind: sealed::Sealed + Scene<View: PartialEq> + 'static {
+/// A kind of scene that [`WgpuRasterizer`](crate::WgpuRasterizer) draws and trains:
+/// [`Scene2d`](gs_core::Scene2d) or [`Scene3d`](gs_core::Scene3d).
+pub trait Kind: Scene<View: PartialEq> + 'static {
     /// Parameters and Adam moments on the device.
-    #[doc(hidden)]
-    type State: Debug + wgpu::WasmNotSendSync;
+    type State: State<Self>;
     /// Buffers of the stages that only this kind has.
-    #[doc(hidden)]
     type Own: Debug + wgpu::WasmNotSendSync;
 
     /// Whether several steps may share lists. False for 3D scenes, where each step has another
     /// camera.
-    #[doc(hidden)]
     const LISTS_LAST: bool;
 
     /// Fails for an invalid view or an unsupported effect.
-    #[doc(hidden)]
     fn check(view: &Self::View, settings: &RenderSettings) -> Result<(), Error>;
 
     /// Fails for Adam settings that this kind does not support.
-    #[doc(hidden)]
     fn check_rates(_rates: &AdamRates) -> Result<(), Error> {
         Ok(())
     }
 
     /// Columns and rows of a view's image.
-    #[doc(hidden)]
     fn size(view: &Self::View) -> [u32; 2];
 
     /// The pool of this kind's workspaces.
-    #[doc(hidden)]
     fn pool(pools: &Pools) -> &Arc<Pool<Self>>;
-
-    /// The state of a scene's splats.
-    #[doc(hidden)]
-    fn upload(gpu: &Gpu, scene: &Self, parameterization: Parameterization) -> Result<Self::State, Error>;
 
     /// Allocates the buffers that moving and editing Gaussians needs, and drawing does not; those
     /// for steps with `rates` in their format.
-    #[doc(hidden)]
     fn prepare(
         _gpu: &Gpu,
         _splats: &mut Splats<Self>,
@@ -72,63 +85,24 @@ pub trait SceneKind: sealed::Sealed + Scene<View: PartialEq> + 'static {
         async { Ok(()) }
     }
 
-    /// The parameters of `len` Gaussians.
-    #[doc(hidden)]
-    fn download(gpu: &Gpu, state: &Self::State, len: usize) -> impl Future<Output = Result<Self, Error>>;
-
-    /// The state without the statistics, to save.
-    #[doc(hidden)]
-    fn save(gpu: &Gpu, state: &Self::State, len: usize) -> impl Future<Output = Result<SplatsState, Error>>;
-
-    /// A saved state of `len` Gaussians.
-    #[doc(hidden)]
-    fn restore(gpu: &Gpu, state: &SplatsState, len: usize) -> Result<Self::State, Error>;
-
-    /// Whether opacities are stored after `fresh` Gaussians were added.
-    #[doc(hidden)]
-    fn has_opacity(_state: &Self::State, _fresh: &[&Self::Gaussian]) -> bool {
-        true
-    }
-
-    /// Number of SH coefficients per Gaussian.
-    #[doc(hidden)]
-    fn coefficients(_state: &Self::State) -> u32 {
-        0
-    }
-
-    /// Records the commands of an edit, including that of the statistics; returns the edited state.
-    #[doc(hidden)]
-    fn edit(
-        gpu: &Gpu,
-        commands: &mut Commands,
-        state: &Self::State,
-        edit: &Edit<'_, Self::Gaussian>,
-    ) -> Result<Self::State, Error>;
-
     /// Empty buffers of the stages that only this kind has.
-    #[doc(hidden)]
     fn own(gpu: &Gpu) -> Result<Self::Own, Error>;
 
     /// Enlarges these buffers for the splats.
-    #[doc(hidden)]
     fn ensure(_workspace: &mut Workspace<Self>, _gpu: &Gpu, _splats: &Splats<Self>) -> Result<(), Error> {
         Ok(())
     }
 
     /// Bytes of each buffer of gradients.
-    #[doc(hidden)]
     fn gradient_bytes(splats: &Splats<Self>) -> Vec<u64>;
 
     /// Adds this kind's numbers to the uniform of a pass.
-    #[doc(hidden)]
     fn describe(view: &Self::View, settings: &RenderSettings, splats: &Splats<Self>, step: &mut Step);
 
     /// Writes the parameters of the view that are not in [`Step`].
-    #[doc(hidden)]
     fn write_view(_workspace: &Workspace<Self>, _gpu: &Gpu, _view: &Self::View) {}
 
     /// Records stage `project` and those after it that bring the splats into the order of blending.
-    #[doc(hidden)]
     fn encode_project(
         workspace: &Workspace<Self>,
         gpu: &Gpu,
@@ -138,12 +112,10 @@ pub trait SceneKind: sealed::Sealed + Scene<View: PartialEq> + 'static {
     );
 
     /// Records stage `project_bwd`.
-    #[doc(hidden)]
     fn encode_project_bwd(workspace: &Workspace<Self>, gpu: &Gpu, commands: &mut Commands, splats: &Splats<Self>);
 
     /// Records the addition of a further loss's gradients, times the weight in the uniform, to those
     /// of `project_bwd`.
-    #[doc(hidden)]
     fn encode_add(
         _workspace: &Workspace<Self>,
         _gpu: &Gpu,
@@ -155,7 +127,6 @@ pub trait SceneKind: sealed::Sealed + Scene<View: PartialEq> + 'static {
 
     /// Records stage `adam`. With `indirect`, the device sets the sizes of its dispatches, 0 to
     /// skip it.
-    #[doc(hidden)]
     fn encode_adam(
         gpu: &Gpu,
         commands: &mut Commands,
@@ -166,7 +137,6 @@ pub trait SceneKind: sealed::Sealed + Scene<View: PartialEq> + 'static {
     );
 
     /// The gradients of `len` Gaussians as a scene of derivatives.
-    #[doc(hidden)]
     fn derivatives(
         gpu: &Gpu,
         splats: &Splats<Self>,
@@ -175,17 +145,9 @@ pub trait SceneKind: sealed::Sealed + Scene<View: PartialEq> + 'static {
     ) -> impl Future<Output = Result<Self, Error>>;
 
     /// The entry point that adds noise to means, and the buffer that has them.
-    #[doc(hidden)]
     fn noise(splats: &Splats<Self>) -> (&'static str, &wgpu::Buffer);
 
-    /// Whether the parameterization is `CovarianceFactor`.
-    #[doc(hidden)]
-    fn has_factors(_state: &Self::State) -> bool {
-        false
-    }
-
     /// Solves for the colours where the image is linear in them.
-    #[doc(hidden)]
     fn solve_colors(
         _gpu: &Gpu,
         _pools: &Pools,

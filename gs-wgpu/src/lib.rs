@@ -59,7 +59,6 @@ pub use crate::{
     forward_pass::{ForwardPass, Gradients},
     gpu::WgpuSettings,
     in_flight::STEPS_IN_FLIGHT,
-    kind::SceneKind,
     rasterizer::WgpuRasterizer,
     shaders::Kernels,
     splats::Splats,

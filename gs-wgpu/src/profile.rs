@@ -14,7 +14,7 @@ use crate::{
     blend::Differentiated,
     dispatch::Commands,
     gpu::Gpu,
-    kind::SceneKind,
+    kind::Kind,
     shaders::{ROWS, TILE_COLUMNS, TILE_ROWS},
     splats::Splats,
     target::Target,
@@ -73,7 +73,7 @@ impl Stage {
 }
 
 /// The arguments of the stages.
-struct Pass<'a, S: SceneKind> {
+struct Pass<'a, S: Kind> {
     rasterizer: &'a WgpuRasterizer,
     workspace: Workspace<S>,
     splats: &'a Splats<S>,
@@ -82,7 +82,7 @@ struct Pass<'a, S: SceneKind> {
     stages: Vec<Stage>,
 }
 
-impl<S: SceneKind> Pass<'_, S> {
+impl<S: Kind> Pass<'_, S> {
     fn encode(&mut self, stage: Stage, commands: &mut Commands) -> Result<(), Error> {
         let Self { rasterizer, workspace, splats, target, loss, .. } = self;
         let gpu = &rasterizer.gpu;
@@ -192,7 +192,7 @@ fn rows_visited(rows: u32) -> u32 {
 
 impl WgpuRasterizer {
     /// [`Profiler::profile`] with these timestamps.
-    async fn profile_by<S: SceneKind>(
+    async fn profile_by<S: Kind>(
         &self,
         timestamps: impl Fn(&Gpu, u32) -> Result<Option<Timestamps>, Error>,
         splats: &Splats<S>,
@@ -233,7 +233,7 @@ impl WgpuRasterizer {
     }
 }
 
-impl<S: SceneKind> Profiler<S> for WgpuRasterizer {
+impl<S: Kind> Profiler<S> for WgpuRasterizer {
     async fn profile(
         &self,
         splats: &mut Splats<S>,

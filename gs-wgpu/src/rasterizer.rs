@@ -16,7 +16,7 @@ use crate::{
     forward_pass::{ForwardPass, Gradients},
     gpu::{Gpu, STORAGE, UNIFORM},
     in_flight::Request,
-    kind::SceneKind,
+    kind::{Kind, State as _},
     layout::{Status, Step},
     shaders::Kernels,
     splats::Splats,
@@ -111,7 +111,7 @@ impl WgpuRasterizer {
     }
 
     /// Gradients of a forward pass; `encode` records all stages until `blend_bwd`.
-    async fn differentiate<S: SceneKind>(
+    async fn differentiate<S: Kind>(
         &self,
         splats: &Splats<S>,
         mut pass: ForwardPass<S>,
@@ -152,7 +152,7 @@ impl Backend for WgpuRasterizer {
     }
 }
 
-impl<S: SceneKind> Rasterizer<S> for WgpuRasterizer {
+impl<S: Kind> Rasterizer<S> for WgpuRasterizer {
     type Splats = Splats<S>;
     type ForwardPass = ForwardPass<S>;
     type Gradients = Gradients<S>;
@@ -237,7 +237,7 @@ impl<S: SceneKind> Rasterizer<S> for WgpuRasterizer {
 
     async fn download(&self, splats: &Splats<S>) -> Result<S, Error> {
         splats.settle(&self.gpu).await?;
-        S::download(&self.gpu, &splats.state, splats.len).await
+        splats.state.scene(&self.gpu, splats.len).await
     }
 
     fn len(&self, splats: &Splats<S>) -> usize {
@@ -245,7 +245,7 @@ impl<S: SceneKind> Rasterizer<S> for WgpuRasterizer {
     }
 }
 
-impl<S: SceneKind> Optimizer<S> for WgpuRasterizer {
+impl<S: Kind> Optimizer<S> for WgpuRasterizer {
     async fn train_step_with(
         &self,
         splats: &mut Splats<S>,
@@ -307,7 +307,7 @@ impl<S: SceneKind> Optimizer<S> for WgpuRasterizer {
 
     fn add_noise(&self, splats: &mut Splats<S>, noise: &MeanNoise) -> Result<(), Error> {
         noise.validate()?;
-        if splats.len == 0 || !S::has_opacity(&splats.state, &[]) {
+        if splats.len == 0 || !splats.state.has_opacity_with(&[]) {
             return Ok(());
         }
         let home = splats.in_flight.get_mut().unwrap_or_else(PoisonError::into_inner);

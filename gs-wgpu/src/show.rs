@@ -10,7 +10,7 @@ use crate::{
     dispatch::Commands,
     fault::backend_error,
     gpu::{Gpu, UNIFORM},
-    kind::SceneKind,
+    kind::Kind,
     layout::Shown,
     splats::Splats,
     workspace::Workspace,
@@ -31,7 +31,7 @@ impl WgpuRasterizer {
     /// # Errors
     /// Those of [`Rasterizer::forward`](gs_core::Rasterizer::forward); [`Error::Setting`] for any
     /// other texture.
-    pub async fn draw_to_texture<S: SceneKind>(
+    pub async fn draw_to_texture<S: Kind>(
         &self,
         splats: &Splats<S>,
         view: &S::View,
@@ -214,7 +214,7 @@ mod tests {
         }
 
         /// Draws a scene into textures of several formats and compares them with the image.
-        fn compare<S: SceneKind>(&self, scene: &S, view: &S::View, settings: &RenderSettings) {
+        fn compare<S: Kind>(&self, scene: &S, view: &S::View, settings: &RenderSettings) {
             let splats = self.rasterizer.upload(scene, Parameterization::ScaleRotation).unwrap();
             let drawn = <WgpuRasterizer as Rasterizer<S>>::draw(&self.rasterizer, &splats, view, settings);
             let (image, culled) = drawn.block_on().unwrap();

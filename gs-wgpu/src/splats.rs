@@ -13,13 +13,13 @@ use crate::{
     dispatch::Commands,
     gpu::{Gpu, STORAGE, UNIFORM},
     in_flight::{Home, Taken},
-    kind::SceneKind,
+    kind::{Kind, State as _},
     layout::{Source, Statistics, Step},
 };
 
 /// Gaussians on a device, with their Adam moments and density statistics.
 #[derive(Debug)]
-pub struct Splats<S: SceneKind> {
+pub struct Splats<S: Kind> {
     pub(crate) len: usize,
     pub(crate) state: S::State,
     pub(crate) statistics: wgpu::Buffer,
@@ -29,7 +29,7 @@ pub struct Splats<S: SceneKind> {
     pub(crate) edition: u64,
 }
 
-/// An edit that the host has uploaded, for [`SceneKind::edit`] to apply to parameters and moments.
+/// An edit that the host has uploaded, for [`State::edit`] to apply to parameters and moments.
 #[derive(Debug)]
 pub struct Edit<'a, G> {
     /// Number of Gaussians after the edit.
@@ -43,9 +43,9 @@ pub struct Edit<'a, G> {
     pub(crate) statistics: [&'a wgpu::Buffer; 2],
 }
 
-impl<S: SceneKind> Splats<S> {
+impl<S: Kind> Splats<S> {
     pub(crate) fn new(gpu: &Gpu, scene: &S, parameterization: Parameterization) -> Result<Self, Error> {
-        let state = S::upload(gpu, scene, parameterization)?;
+        let state = S::State::new(gpu, scene, parameterization)?;
         Self::from_parts(gpu, state, &vec![Statistics::default(); scene.len()])
     }
 
@@ -92,10 +92,10 @@ impl<S: SceneKind> Splats<S> {
         let fresh: Vec<&S::Gaussian> = changed.chain(plan.added.iter().map(|b| &b.gaussian)).collect();
         let records: Vec<Source> = sources.iter().map(|source| record(plan, source)).collect();
         let n = records.len();
-        let ceiling = plan.opacity_ceiling.filter(|_| S::has_opacity(&self.state, &fresh));
+        let ceiling = plan.opacity_ceiling.filter(|_| self.state.has_opacity_with(&fresh));
         let step = Step {
             gaussians: n as u32,
-            coefficients: S::coefficients(&self.state),
+            coefficients: self.state.coefficients() as u32,
             collect: u32::from(ceiling.is_some()),
             alpha_max: ceiling.map_or(f32::INFINITY, logit),
             ..Step::default()
@@ -111,7 +111,7 @@ impl<S: SceneKind> Splats<S> {
             statistics: [&self.statistics, &statistics],
         };
         let mut commands = Commands::new(gpu);
-        let state = S::edit(gpu, &mut commands, &self.state, &edit)?;
+        let state = self.state.edit(gpu, &mut commands, &edit)?;
         commands.submit(gpu);
         gpu.check()?;
         (self.len, self.state, self.statistics, self.edition) = (n, state, statistics, next_edition());
@@ -119,7 +119,7 @@ impl<S: SceneKind> Splats<S> {
     }
 
     pub(crate) async fn save(&self, gpu: &Gpu) -> Result<SplatsState, Error> {
-        let mut state = S::save(gpu, &self.state, self.len).await?;
+        let mut state = self.state.save(gpu, self.len).await?;
         let statistics = self.density_statistics(gpu).await?;
         state.insert("gradient_sum", statistics.signal_sum.iter().map(|&g| [g]));
         state.insert_u32("visible", statistics.visible);
@@ -133,7 +133,7 @@ impl<S: SceneKind> Splats<S> {
         check_len("visible", n, visible.len())?;
         let statistics: Vec<Statistics> =
             sums.iter().zip(&visible).map(|(&[signal_sum], &visible)| Statistics { signal_sum, visible }).collect();
-        Self::from_parts(gpu, S::restore(gpu, state, n)?, &statistics)
+        Self::from_parts(gpu, S::State::restore(gpu, state, n)?, &statistics)
     }
 }
 

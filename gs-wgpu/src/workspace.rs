@@ -7,7 +7,7 @@ use gs_core::{AdamRates, Error, Loss, RenderSettings, Scene2d, Scene3d};
 use crate::{
     dispatch::Commands,
     gpu::Gpu,
-    kind::SceneKind,
+    kind::Kind,
     layout::{Status, Step},
     splats::Splats,
     tiles::{Growing, Tiles},
@@ -15,7 +15,7 @@ use crate::{
 
 /// Inputs and results of a pass.
 #[derive(Debug)]
-pub struct Workspace<S: SceneKind> {
+pub struct Workspace<S: Kind> {
     pub(crate) tiles: Tiles,
     /// `None` before the first pass.
     pub(crate) view: Option<S::View>,
@@ -26,7 +26,7 @@ pub struct Workspace<S: SceneKind> {
     pub(crate) edition: Option<u64>,
 }
 
-impl<S: SceneKind> Workspace<S> {
+impl<S: Kind> Workspace<S> {
     pub(crate) fn new(gpu: &Gpu) -> Result<Self, Error> {
         Ok(Self { tiles: Tiles::new(gpu)?, view: None, own: S::own(gpu)?, gradients: Vec::new(), edition: None })
     }
@@ -151,15 +151,15 @@ impl<S: SceneKind> Workspace<S> {
 
 /// Workspaces that are not in use.
 #[derive(Debug)]
-pub struct Pool<S: SceneKind>(Mutex<Vec<Workspace<S>>>);
+pub struct Pool<S: Kind>(Mutex<Vec<Workspace<S>>>);
 
-impl<S: SceneKind> Default for Pool<S> {
+impl<S: Kind> Default for Pool<S> {
     fn default() -> Self {
         Self(Mutex::default())
     }
 }
 
-impl<S: SceneKind> Pool<S> {
+impl<S: Kind> Pool<S> {
     pub(crate) fn take(&self, gpu: &Gpu) -> Result<Workspace<S>, Error> {
         match self.0.lock().unwrap_or_else(PoisonError::into_inner).pop() {
             Some(mut workspace) => {

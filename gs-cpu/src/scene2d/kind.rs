@@ -1,9 +1,6 @@
-//! [`SceneKind`] for 2D scenes, and the order in which tiles see their Gaussians.
+//! [`Kind`] for 2D scenes, and the order in which tiles see their Gaussians.
 
-use gs_core::{
-    AdamRates, Binning, Blend, Canvas, EditPlan, Error, Gaussian2d, MeanNoise, Output, Parameterization, Penalty,
-    RenderSettings, SavedState, Scene2d, SplatsState, effects::Order,
-};
+use gs_core::{AdamRates, Binning, Blend, Canvas, Error, Output, Penalty, RenderSettings, Scene2d, effects::Order};
 
 use super::{
     adam,
@@ -13,7 +10,7 @@ use super::{
 };
 use crate::{
     bias::BiasTable,
-    kind::{AllResources, Resources, SceneKind, Shared},
+    kind::{AllResources, Kind, Resources},
     level::Level,
     stage::Stage,
     target::Target,
@@ -21,7 +18,7 @@ use crate::{
     workspace::Workspace,
 };
 
-impl SceneKind for Scene2d {
+impl Kind for Scene2d {
     type Splats = Splats2d;
     type Own = Own2d;
     type Bias = BiasTable<{ VECTOR + 1 }>;
@@ -61,38 +58,6 @@ impl SceneKind for Scene2d {
 
     fn resources(all: &AllResources) -> &Resources<Self> {
         &all.for_2d
-    }
-
-    fn upload(scene: &Self, parameterization: Parameterization) -> Result<Splats2d, Error> {
-        Splats2d::new(scene, parameterization)
-    }
-
-    fn download(splats: &Splats2d) -> Self {
-        splats.scene()
-    }
-
-    fn saved(splats: &Splats2d) -> SavedState<'_> {
-        splats.saved()
-    }
-
-    fn restore(state: &SplatsState) -> Result<Splats2d, Error> {
-        Splats2d::restore(state)
-    }
-
-    fn edit(splats: &mut Splats2d, plan: &EditPlan<Gaussian2d>) -> Result<(), Error> {
-        splats.edit(plan)
-    }
-
-    fn add_noise(splats: &mut Splats2d, noise: &MeanNoise) {
-        splats.add_noise(noise);
-    }
-
-    fn shared(splats: &Splats2d) -> &Shared<Self> {
-        &splats.shared
-    }
-
-    fn shared_mut(splats: &mut Splats2d) -> &mut Shared<Self> {
-        &mut splats.shared
     }
 
     fn prepare(

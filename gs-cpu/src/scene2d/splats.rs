@@ -11,7 +11,7 @@ use gs_core::{
 };
 use rayon::prelude::*;
 
-use crate::kind::Shared;
+use crate::kind::{Shared, Splats};
 
 /// The shapes of all Gaussians in their parameterization.
 #[derive(Debug, Clone)]
@@ -43,27 +43,6 @@ pub struct Splats2d {
 }
 
 impl Splats2d {
-    pub(crate) fn new(scene: &Scene2d, parameterization: Parameterization) -> Result<Self, Error> {
-        scene.validate()?;
-        let shapes = match parameterization {
-            Parameterization::ScaleRotation => {
-                Shapes::ScaleRotation(scene.iter().map(|g| scale_rotation(&g)).collect())
-            }
-            Parameterization::CovarianceFactor => Shapes::CovarianceFactor(scene.iter().map(|g| g.factor()).collect()),
-        };
-        let n = scene.len();
-        Ok(Self {
-            means: scene.means.clone(),
-            shapes,
-            colors: scene.colors.iter().map(Vec3::to_array).collect(),
-            opacity_logits: scene.opacity_logits.clone(),
-            moments: [vec![[0.0; VECTOR]; n], vec![[0.0; VECTOR]; n]],
-            opacity_moments: vec![[0.0; 2]; scene.opacity_logits.len()],
-            steps: vec![0; n],
-            shared: Shared::new(DensityStatistics::zeros(n)),
-        })
-    }
-
     pub(crate) fn len(&self) -> usize {
         self.means.len()
     }
@@ -87,7 +66,52 @@ impl Splats2d {
         }
     }
 
-    pub(crate) fn scene(&self) -> Scene2d {
+    fn check_lengths(&self) -> Result<(), Error> {
+        let shapes = match &self.shapes {
+            Shapes::ScaleRotation(shapes) => shapes.len(),
+            Shapes::CovarianceFactor(factors) => factors.len(),
+        };
+        let opacities = if self.opacity_logits.is_empty() { self.len() } else { self.opacity_logits.len() };
+        let lengths = [
+            ("shape", shapes),
+            ("color", self.colors.len()),
+            ("opacity_logit", opacities),
+            ("moment1", self.moments[0].len()),
+            ("moment2", self.moments[1].len()),
+            ("steps", self.steps.len()),
+            ("gradient_sum", self.shared.statistics.signal_sum.len()),
+            ("visible", self.shared.statistics.visible.len()),
+        ];
+        match lengths.into_iter().find(|&(_, found)| found != self.len()) {
+            None => Ok(()),
+            Some((what, found)) => Err(Error::Length { what, expected: self.len(), found }),
+        }
+    }
+}
+
+impl Splats<Scene2d> for Splats2d {
+    fn new(scene: &Scene2d, parameterization: Parameterization) -> Result<Self, Error> {
+        scene.validate()?;
+        let shapes = match parameterization {
+            Parameterization::ScaleRotation => {
+                Shapes::ScaleRotation(scene.iter().map(|g| scale_rotation(&g)).collect())
+            }
+            Parameterization::CovarianceFactor => Shapes::CovarianceFactor(scene.iter().map(|g| g.factor()).collect()),
+        };
+        let n = scene.len();
+        Ok(Self {
+            means: scene.means.clone(),
+            shapes,
+            colors: scene.colors.iter().map(Vec3::to_array).collect(),
+            opacity_logits: scene.opacity_logits.clone(),
+            moments: [vec![[0.0; VECTOR]; n], vec![[0.0; VECTOR]; n]],
+            opacity_moments: vec![[0.0; 2]; scene.opacity_logits.len()],
+            steps: vec![0; n],
+            shared: Shared::new(DensityStatistics::zeros(n)),
+        })
+    }
+
+    fn scene(&self) -> Scene2d {
         let (log_scales, rotations) = match &self.shapes {
             Shapes::ScaleRotation(shapes) => shapes.iter().map(|&[x, y, angle]| (Vec2::new(x, y), angle)).unzip(),
             Shapes::CovarianceFactor(factors) => factors.iter().map(|&l| Gaussian2d::shape_of_factor(l)).unzip(),
@@ -101,7 +125,70 @@ impl Splats2d {
         }
     }
 
-    pub(crate) fn edit(&mut self, plan: &EditPlan<Gaussian2d>) -> Result<(), Error> {
+    fn saved(&self) -> SavedState<'static> {
+        let mut state = SplatsState::new(self.parameterization());
+        state.insert("mean", self.means.iter().map(|m| m.to_array()));
+        match &self.shapes {
+            Shapes::ScaleRotation(shapes) => {
+                state.insert("log_scale", shapes.iter().map(|&[x, y, _]| [x, y]));
+                state.insert("rotation", shapes.iter().map(|&[_, _, angle]| [angle]));
+            }
+            Shapes::CovarianceFactor(factors) => state.insert("factor", factors.iter().map(|l| l.to_cols_array())),
+        }
+        state.insert("color", self.colors.iter().copied());
+        if !self.opacity_logits.is_empty() {
+            state.insert("opacity_logit", self.opacity_logits.iter().map(|&o| [o]));
+        }
+        for (order, (name, moments)) in ["moment1", "moment2"].into_iter().zip(&self.moments).enumerate() {
+            let nine = |(i, &[a, b, c, d, e, f, g, h]): (usize, &[f32; VECTOR])| {
+                [a, b, c, d, e, f, g, h, self.opacity_moments.get(i).map_or(0.0, |m| m[order])]
+            };
+            state.insert(name, moments.iter().enumerate().map(nine));
+        }
+        state.insert_u32("steps", self.steps.clone());
+        state.insert("gradient_sum", self.shared.statistics.signal_sum.iter().map(|&g| [g]));
+        state.insert_u32("visible", self.shared.statistics.visible.clone());
+        state.into()
+    }
+
+    fn restore(state: &SplatsState) -> Result<Self, Error> {
+        let flat = |rows: Vec<[f32; 1]>| rows.into_iter().map(|[v]| v).collect::<Vec<_>>();
+        let means: Vec<Vec2> = state.rows::<2>("mean")?.into_iter().map(Vec2::from_array).collect();
+        let shapes = match state.parameterization {
+            Parameterization::ScaleRotation => {
+                let pairs = state.rows::<2>("log_scale")?.into_iter().zip(state.rows::<1>("rotation")?);
+                Shapes::ScaleRotation(pairs.map(|([x, y], [angle])| [x, y, angle]).collect())
+            }
+            Parameterization::CovarianceFactor => {
+                Shapes::CovarianceFactor(state.rows::<4>("factor")?.iter().map(Mat2::from_cols_array).collect())
+            }
+        };
+        let opacity_logits =
+            if state.contains("opacity_logit") { flat(state.rows::<1>("opacity_logit")?) } else { Vec::new() };
+        let nines = [state.rows::<9>("moment1")?, state.rows::<9>("moment2")?];
+        let opacity_moments = match opacity_logits.len() {
+            0 => Vec::new(),
+            _ => nines[0].iter().zip(&nines[1]).map(|(m, v)| [m[8], v[8]]).collect(),
+        };
+        let eight = |nine: &[f32; 9]| std::array::from_fn(|k| nine[k]);
+        let splats = Self {
+            shapes,
+            colors: state.rows::<3>("color")?,
+            moments: [0, 1].map(|k: usize| nines[k].iter().map(eight).collect()),
+            opacity_moments,
+            opacity_logits,
+            steps: state.integers("steps")?,
+            shared: Shared::new(DensityStatistics {
+                signal_sum: flat(state.rows::<1>("gradient_sum")?),
+                visible: state.integers("visible")?,
+            }),
+            means,
+        };
+        splats.check_lengths()?;
+        Ok(splats)
+    }
+
+    fn edit(&mut self, plan: &EditPlan<Gaussian2d>) -> Result<(), Error> {
         let sources = plan.sources(self.len())?;
         let births_are_translucent = plan.added.iter().any(|b| b.gaussian.opacity_logit != f32::INFINITY)
             || plan.changed.iter().any(|c| c.gaussian.opacity_logit != f32::INFINITY);
@@ -148,96 +235,19 @@ impl Splats2d {
         Ok(())
     }
 
-    pub(crate) fn add_noise(&mut self, noise: &MeanNoise) {
+    fn add_noise(&mut self, noise: &MeanNoise) {
         let mut means = std::mem::take(&mut self.means);
         (means.par_iter_mut().zip(&self.opacity_logits).enumerate())
             .for_each(|(i, (mean, &logit))| *mean += noise.shift_2d(i as u32, self.factor(i), logit));
         self.means = means;
     }
 
-    pub(crate) fn saved(&self) -> SavedState<'static> {
-        let mut state = SplatsState::new(self.parameterization());
-        state.insert("mean", self.means.iter().map(|m| m.to_array()));
-        match &self.shapes {
-            Shapes::ScaleRotation(shapes) => {
-                state.insert("log_scale", shapes.iter().map(|&[x, y, _]| [x, y]));
-                state.insert("rotation", shapes.iter().map(|&[_, _, angle]| [angle]));
-            }
-            Shapes::CovarianceFactor(factors) => state.insert("factor", factors.iter().map(|l| l.to_cols_array())),
-        }
-        state.insert("color", self.colors.iter().copied());
-        if !self.opacity_logits.is_empty() {
-            state.insert("opacity_logit", self.opacity_logits.iter().map(|&o| [o]));
-        }
-        for (order, (name, moments)) in ["moment1", "moment2"].into_iter().zip(&self.moments).enumerate() {
-            let nine = |(i, &[a, b, c, d, e, f, g, h]): (usize, &[f32; VECTOR])| {
-                [a, b, c, d, e, f, g, h, self.opacity_moments.get(i).map_or(0.0, |m| m[order])]
-            };
-            state.insert(name, moments.iter().enumerate().map(nine));
-        }
-        state.insert_u32("steps", self.steps.clone());
-        state.insert("gradient_sum", self.shared.statistics.signal_sum.iter().map(|&g| [g]));
-        state.insert_u32("visible", self.shared.statistics.visible.clone());
-        state.into()
+    fn shared(&self) -> &Shared<Scene2d> {
+        &self.shared
     }
 
-    pub(crate) fn restore(state: &SplatsState) -> Result<Self, Error> {
-        let flat = |rows: Vec<[f32; 1]>| rows.into_iter().map(|[v]| v).collect::<Vec<_>>();
-        let means: Vec<Vec2> = state.rows::<2>("mean")?.into_iter().map(Vec2::from_array).collect();
-        let shapes = match state.parameterization {
-            Parameterization::ScaleRotation => {
-                let pairs = state.rows::<2>("log_scale")?.into_iter().zip(state.rows::<1>("rotation")?);
-                Shapes::ScaleRotation(pairs.map(|([x, y], [angle])| [x, y, angle]).collect())
-            }
-            Parameterization::CovarianceFactor => {
-                Shapes::CovarianceFactor(state.rows::<4>("factor")?.iter().map(Mat2::from_cols_array).collect())
-            }
-        };
-        let opacity_logits =
-            if state.contains("opacity_logit") { flat(state.rows::<1>("opacity_logit")?) } else { Vec::new() };
-        let nines = [state.rows::<9>("moment1")?, state.rows::<9>("moment2")?];
-        let opacity_moments = match opacity_logits.len() {
-            0 => Vec::new(),
-            _ => nines[0].iter().zip(&nines[1]).map(|(m, v)| [m[8], v[8]]).collect(),
-        };
-        let eight = |nine: &[f32; 9]| std::array::from_fn(|k| nine[k]);
-        let splats = Self {
-            shapes,
-            colors: state.rows::<3>("color")?,
-            moments: [0, 1].map(|k: usize| nines[k].iter().map(eight).collect()),
-            opacity_moments,
-            opacity_logits,
-            steps: state.integers("steps")?,
-            shared: Shared::new(DensityStatistics {
-                signal_sum: flat(state.rows::<1>("gradient_sum")?),
-                visible: state.integers("visible")?,
-            }),
-            means,
-        };
-        splats.check_lengths()?;
-        Ok(splats)
-    }
-
-    fn check_lengths(&self) -> Result<(), Error> {
-        let shapes = match &self.shapes {
-            Shapes::ScaleRotation(shapes) => shapes.len(),
-            Shapes::CovarianceFactor(factors) => factors.len(),
-        };
-        let opacities = if self.opacity_logits.is_empty() { self.len() } else { self.opacity_logits.len() };
-        let lengths = [
-            ("shape", shapes),
-            ("color", self.colors.len()),
-            ("opacity_logit", opacities),
-            ("moment1", self.moments[0].len()),
-            ("moment2", self.moments[1].len()),
-            ("steps", self.steps.len()),
-            ("gradient_sum", self.shared.statistics.signal_sum.len()),
-            ("visible", self.shared.statistics.visible.len()),
-        ];
-        match lengths.into_iter().find(|&(_, found)| found != self.len()) {
-            None => Ok(()),
-            Some((what, found)) => Err(Error::Length { what, expected: self.len(), found }),
-        }
+    fn shared_mut(&mut self) -> &mut Shared<Scene2d> {
+        &mut self.shared
     }
 }
 

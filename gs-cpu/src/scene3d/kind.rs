@@ -1,10 +1,9 @@
-//! [`SceneKind`] for 3D scenes, and the order of depth in which tiles see their Gaussians.
+//! [`Kind`] for 3D scenes, and the order of depth in which tiles see their Gaussians.
 
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 use gs_core::{
-    AdamRates, Binning, Blend, Camera, EditPlan, Error, Gaussian3d, MeanNoise, Output, Parameterization,
-    RenderSettings, SavedState, Scene3d, SplatsState,
+    AdamRates, Binning, Blend, Camera, Error, Output, RenderSettings, Scene3d,
     effects::Order,
     math::perspective::{Ellipsoid, Perspective},
 };
@@ -19,7 +18,7 @@ use super::{
 };
 use crate::{
     bias::BiasTable,
-    kind::{AllResources, Resources, SceneKind, Shared},
+    kind::{AllResources, Kind, Resources},
     level::Level,
     splat::CHUNK,
     stage::Stage,
@@ -27,7 +26,7 @@ use crate::{
     workspace::Workspace,
 };
 
-impl SceneKind for Scene3d {
+impl Kind for Scene3d {
     type Splats = Splats3d;
     type Own = Own3d;
     type Bias = BiasTable<{ adam::GROUPS }>;
@@ -47,38 +46,6 @@ impl SceneKind for Scene3d {
 
     fn resources(all: &AllResources) -> &Resources<Self> {
         &all.for_3d
-    }
-
-    fn upload(scene: &Self, parameterization: Parameterization) -> Result<Splats3d, Error> {
-        Splats3d::new(scene, parameterization)
-    }
-
-    fn download(splats: &Splats3d) -> Self {
-        splats.scene()
-    }
-
-    fn saved(splats: &Splats3d) -> SavedState<'_> {
-        splats.saved()
-    }
-
-    fn restore(state: &SplatsState) -> Result<Splats3d, Error> {
-        Splats3d::restore(state)
-    }
-
-    fn edit(splats: &mut Splats3d, plan: &EditPlan<Gaussian3d>) -> Result<(), Error> {
-        splats.edit(plan)
-    }
-
-    fn add_noise(splats: &mut Splats3d, noise: &MeanNoise) {
-        splats.add_noise(noise);
-    }
-
-    fn shared(splats: &Splats3d) -> &Shared<Self> {
-        &splats.shared
-    }
-
-    fn shared_mut(splats: &mut Splats3d) -> &mut Shared<Self> {
-        &mut splats.shared
     }
 
     /// `Binning::Reuse` has no effect, because the next step has another camera.

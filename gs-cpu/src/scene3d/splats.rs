@@ -21,7 +21,11 @@ use gs_core::{
 use rayon::prelude::*;
 
 use super::moments::Moments;
-use crate::{kind::Shared, lanes::LANES, rows::Moves};
+use crate::{
+    kind::{Shared, Splats},
+    lanes::LANES,
+    rows::Moves,
+};
 
 /// Rows that are brought to the host at once.
 const BLOCK_ROWS: usize = 16_384;
@@ -88,25 +92,6 @@ pub(crate) fn sh(row: &[f32]) -> &[[f32; 3]] {
 }
 
 impl Splats3d {
-    pub(crate) fn new(scene: &Scene3d, parameterization: Parameterization) -> Result<Self, Error> {
-        parameterization.check_3d()?;
-        scene.validate()?;
-        let n = scene.len();
-        let mut splats = Self::zeros(n, scene.sh_degree);
-        let (pitch, columns) = (splats.pitch(), columns(scene.sh_degree));
-        let k = scene.sh_len();
-        for (i, row) in splats.parameters.chunks_exact_mut(pitch).enumerate() {
-            scene.means[i].write_to_slice(&mut row[MEAN]);
-            scene.log_scales[i].write_to_slice(&mut row[LOG_SCALE]);
-            row[ROTATION].copy_from_slice(&scene.rotations[i]);
-            row[OPACITY] = scene.opacity_logits[i];
-            for (out, c) in row[SH..columns].as_chunks_mut::<3>().0.iter_mut().zip(&scene.sh[i * k..]) {
-                *out = c.to_array();
-            }
-        }
-        Ok(splats)
-    }
-
     fn zeros(n: usize, sh_degree: u8) -> Self {
         let numbers = n * pitch_of(sh_degree);
         Self {
@@ -150,24 +135,6 @@ impl Splats3d {
         scene
     }
 
-    pub(crate) fn scene(&self) -> Scene3d {
-        let pitch = self.pitch();
-        let blocks = self.parameters.chunks(pitch * BLOCK_ROWS);
-        self.scene_of(blocks.flat_map(|block| {
-            let ellipsoids: Vec<_> = block.par_chunks_exact(pitch).map(ellipsoid).collect();
-            ellipsoids.into_iter().zip(block.chunks_exact(pitch))
-        }))
-    }
-
-    pub(crate) fn add_noise(&mut self, noise: &MeanNoise) {
-        let pitch = self.pitch();
-        self.parameters.par_chunks_exact_mut(pitch).enumerate().for_each(|(index, row)| {
-            let factor = ellipsoid(row).factor().unwrap_or(Mat3::ZERO);
-            let shift = noise.shift_3d(index as u32, factor, row[OPACITY]);
-            row[MEAN].iter_mut().zip(shift.to_array()).for_each(|(value, shift)| *value += shift);
-        });
-    }
-
     fn write(&self, g: &Gaussian3d, row: &mut [f32]) {
         g.mean.write_to_slice(&mut row[MEAN]);
         g.log_scale.write_to_slice(&mut row[LOG_SCALE]);
@@ -178,43 +145,38 @@ impl Splats3d {
             *out = c.to_array();
         }
     }
+}
 
-    pub(crate) fn edit(&mut self, plan: &EditPlan<Gaussian3d>) -> Result<(), Error> {
-        let sources = plan.sources(self.len())?;
-        let pitch = self.pitch();
-        let kept = |source: &Source| match *source {
-            Source::Kept(i) => Some(i),
-            Source::Changed { .. } | Source::Added(_) => None,
-        };
-        Moves::new(&sources, kept).apply(&mut self.parameters, pitch);
-        let mut parameters = std::mem::take(&mut self.parameters);
-        for (row, source) in parameters.chunks_exact_mut(pitch).zip(&sources) {
-            match *source {
-                Source::Kept(_) => {}
-                Source::Changed { change, .. } => self.write(&plan.changed[change as usize].gaussian, row),
-                Source::Added(k) => self.write(&plan.added[k as usize].gaussian, row),
+impl Splats<Scene3d> for Splats3d {
+    fn new(scene: &Scene3d, parameterization: Parameterization) -> Result<Self, Error> {
+        parameterization.check_3d()?;
+        scene.validate()?;
+        let n = scene.len();
+        let mut splats = Self::zeros(n, scene.sh_degree);
+        let (pitch, columns) = (splats.pitch(), columns(scene.sh_degree));
+        let k = scene.sh_len();
+        for (i, row) in splats.parameters.chunks_exact_mut(pitch).enumerate() {
+            scene.means[i].write_to_slice(&mut row[MEAN]);
+            scene.log_scales[i].write_to_slice(&mut row[LOG_SCALE]);
+            row[ROTATION].copy_from_slice(&scene.rotations[i]);
+            row[OPACITY] = scene.opacity_logits[i];
+            for (out, c) in row[SH..columns].as_chunks_mut::<3>().0.iter_mut().zip(&scene.sh[i * k..]) {
+                *out = c.to_array();
             }
         }
-        self.parameters = parameters;
-        self.moments.rearrange(&Moves::new(&sources, |source| plan.origin(source, edit::Moments::heir_of)), pitch);
-        self.steps = plan.gather_steps(&sources, &self.steps);
-        let statistics = &self.shared.statistics;
-        self.shared.edited(DensityStatistics {
-            signal_sum: plan.gather_statistics(&sources, &statistics.signal_sum),
-            visible: plan.gather_statistics(&sources, &statistics.visible),
-        });
-        if let Some(ceiling) = plan.opacity_ceiling {
-            for row in self.parameters.chunks_exact_mut(pitch) {
-                if !(sigmoid(row[OPACITY]) <= ceiling) {
-                    row[OPACITY] = logit(ceiling);
-                }
-            }
-            self.moments.zero(OPACITY);
-        }
-        Ok(())
+        Ok(splats)
     }
 
-    pub(crate) fn saved(&self) -> SavedState<'_> {
+    fn scene(&self) -> Scene3d {
+        let pitch = self.pitch();
+        let blocks = self.parameters.chunks(pitch * BLOCK_ROWS);
+        self.scene_of(blocks.flat_map(|block| {
+            let ellipsoids: Vec<_> = block.par_chunks_exact(pitch).map(ellipsoid).collect();
+            ellipsoids.into_iter().zip(block.chunks_exact(pitch))
+        }))
+    }
+
+    fn saved(&self) -> SavedState<'_> {
         let (n, pitch) = (self.len(), self.pitch());
         let mut saved: Vec<SavedTensor<'_>> = Vec::new();
         for (name, range) in tensors(self.sh_degree) {
@@ -237,7 +199,7 @@ impl Splats3d {
         SavedState { parameterization: Parameterization::ScaleRotation, tensors: saved }
     }
 
-    pub(crate) fn restore(state: &SplatsState) -> Result<Self, Error> {
+    fn restore(state: &SplatsState) -> Result<Self, Error> {
         state.parameterization.check_3d()?;
         let (sh_columns, _) = state.matrix("sh")?;
         let Some(sh_degree) = (0..=3).find(|&degree| 3 * coefficients(degree) == sh_columns) else {
@@ -273,6 +235,58 @@ impl Splats3d {
         splats.shared = Shared::new(statistics);
         splats.steps = steps;
         Ok(splats)
+    }
+
+    fn edit(&mut self, plan: &EditPlan<Gaussian3d>) -> Result<(), Error> {
+        let sources = plan.sources(self.len())?;
+        let pitch = self.pitch();
+        let kept = |source: &Source| match *source {
+            Source::Kept(i) => Some(i),
+            Source::Changed { .. } | Source::Added(_) => None,
+        };
+        Moves::new(&sources, kept).apply(&mut self.parameters, pitch);
+        let mut parameters = std::mem::take(&mut self.parameters);
+        for (row, source) in parameters.chunks_exact_mut(pitch).zip(&sources) {
+            match *source {
+                Source::Kept(_) => {}
+                Source::Changed { change, .. } => self.write(&plan.changed[change as usize].gaussian, row),
+                Source::Added(k) => self.write(&plan.added[k as usize].gaussian, row),
+            }
+        }
+        self.parameters = parameters;
+        self.moments.rearrange(&Moves::new(&sources, |source| plan.origin(source, edit::Moments::heir_of)), pitch);
+        self.steps = plan.gather_steps(&sources, &self.steps);
+        let statistics = &self.shared.statistics;
+        self.shared.edited(DensityStatistics {
+            signal_sum: plan.gather_statistics(&sources, &statistics.signal_sum),
+            visible: plan.gather_statistics(&sources, &statistics.visible),
+        });
+        if let Some(ceiling) = plan.opacity_ceiling {
+            for row in self.parameters.chunks_exact_mut(pitch) {
+                if !(sigmoid(row[OPACITY]) <= ceiling) {
+                    row[OPACITY] = logit(ceiling);
+                }
+            }
+            self.moments.zero(OPACITY);
+        }
+        Ok(())
+    }
+
+    fn add_noise(&mut self, noise: &MeanNoise) {
+        let pitch = self.pitch();
+        self.parameters.par_chunks_exact_mut(pitch).enumerate().for_each(|(index, row)| {
+            let factor = ellipsoid(row).factor().unwrap_or(Mat3::ZERO);
+            let shift = noise.shift_3d(index as u32, factor, row[OPACITY]);
+            row[MEAN].iter_mut().zip(shift.to_array()).for_each(|(value, shift)| *value += shift);
+        });
+    }
+
+    fn shared(&self) -> &Shared<Scene3d> {
+        &self.shared
+    }
+
+    fn shared_mut(&mut self) -> &mut Shared<Scene3d> {
+        &mut self.shared
     }
 }
 

@@ -1,21 +1,21 @@
-//! [`SceneKind`] for 2D scenes.
+//! [`Kind`] for 2D scenes.
 
 use std::sync::Arc;
 
 use glam::{Vec2, Vec3};
 use gs_core::{
-    AdamRates, Blend, Canvas, Error, Gaussian2d, Output, Parameterization, Penalty, RenderSettings, Scene2d,
-    SplatsState, effects::Order, math::whitened::WhitenedGradient,
+    AdamRates, Blend, Canvas, Error, Output, Parameterization, Penalty, RenderSettings, Scene2d, effects::Order,
+    math::whitened::WhitenedGradient,
 };
 
 use super::{solve_colors::solve_colors, state::State2d};
 use crate::{
     dispatch::{Commands, Groups, dispatch, dispatch_some},
     gpu::Gpu,
-    kind::SceneKind,
+    kind::{Kind, State as _},
     layout::{BY_GAUSSIAN, Gaussian, Gradient, Step},
     shaders::Variant,
-    splats::{Edit, Splats},
+    splats::Splats,
     target::Target,
     tiles::{Growing, groups_of},
     unsupported::{check_settings, unsupported},
@@ -30,10 +30,10 @@ pub struct Own2d {
 }
 
 fn in_parameterization(splats: &Splats<Scene2d>) -> Variant {
-    Variant { covariance_factor: Scene2d::has_factors(&splats.state), ..Variant::default() }
+    Variant { covariance_factor: splats.state.has_factors(), ..Variant::default() }
 }
 
-impl SceneKind for Scene2d {
+impl Kind for Scene2d {
     type State = State2d;
     type Own = Own2d;
 
@@ -71,35 +71,6 @@ impl SceneKind for Scene2d {
 
     fn pool(pools: &Pools) -> &Arc<Pool<Self>> {
         &pools.pool_2d
-    }
-
-    fn upload(gpu: &Gpu, scene: &Self, parameterization: Parameterization) -> Result<State2d, Error> {
-        State2d::new(gpu, scene, parameterization)
-    }
-
-    async fn download(gpu: &Gpu, state: &State2d, len: usize) -> Result<Self, Error> {
-        state.scene(gpu, len).await
-    }
-
-    async fn save(gpu: &Gpu, state: &State2d, len: usize) -> Result<SplatsState, Error> {
-        state.save(gpu, len).await
-    }
-
-    fn restore(gpu: &Gpu, state: &SplatsState, len: usize) -> Result<State2d, Error> {
-        State2d::restore(gpu, state, len)
-    }
-
-    fn has_opacity(state: &State2d, fresh: &[&Gaussian2d]) -> bool {
-        state.has_opacity_with(fresh)
-    }
-
-    fn edit(
-        gpu: &Gpu,
-        commands: &mut Commands,
-        state: &State2d,
-        edit: &Edit<'_, Gaussian2d>,
-    ) -> Result<State2d, Error> {
-        state.edit(gpu, commands, edit)
     }
 
     fn own(gpu: &Gpu) -> Result<Own2d, Error> {
@@ -201,10 +172,6 @@ impl SceneKind for Scene2d {
 
     fn noise(splats: &Splats<Self>) -> (&'static str, &wgpu::Buffer) {
         ("add_noise", &splats.state.gaussians)
-    }
-
-    fn has_factors(state: &State2d) -> bool {
-        state.parameterization == Parameterization::CovarianceFactor
     }
 
     async fn solve_colors(

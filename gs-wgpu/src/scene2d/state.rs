@@ -6,6 +6,7 @@ use gs_core::{Error, Gaussian2d, Parameterization, Scene, Scene2d, SplatsState};
 use crate::{
     dispatch::{Commands, dispatch},
     gpu::{Gpu, STORAGE},
+    kind::State,
     layout::{Gaussian, Moments},
     shaders::Variant,
     splats::{Edit, check_len},
@@ -39,13 +40,6 @@ fn packed(g: &Gaussian2d, parameterization: Parameterization) -> Gaussian {
 }
 
 impl State2d {
-    pub(crate) fn new(gpu: &Gpu, scene: &Scene2d, parameterization: Parameterization) -> Result<Self, Error> {
-        scene.validate()?;
-        let gaussians: Vec<Gaussian> = scene.iter().map(|g| packed(&g, parameterization)).collect();
-        let moments = vec![Moments::default(); gaussians.len()];
-        Self::from_parts(gpu, parameterization, scene.has_opacity(), &gaussians, &moments)
-    }
-
     fn from_parts(
         gpu: &Gpu,
         parameterization: Parameterization,
@@ -72,8 +66,17 @@ impl State2d {
     pub(crate) async fn download_gaussians(&self, gpu: &Gpu, len: usize) -> Result<Vec<Gaussian>, Error> {
         gpu.read(&self.gaussians, len).await
     }
+}
 
-    pub(crate) async fn scene(&self, gpu: &Gpu, len: usize) -> Result<Scene2d, Error> {
+impl State<Scene2d> for State2d {
+    fn new(gpu: &Gpu, scene: &Scene2d, parameterization: Parameterization) -> Result<Self, Error> {
+        scene.validate()?;
+        let gaussians: Vec<Gaussian> = scene.iter().map(|g| packed(&g, parameterization)).collect();
+        let moments = vec![Moments::default(); gaussians.len()];
+        Self::from_parts(gpu, parameterization, scene.has_opacity(), &gaussians, &moments)
+    }
+
+    async fn scene(&self, gpu: &Gpu, len: usize) -> Result<Scene2d, Error> {
         let mut scene = Scene2d::default();
         for g in self.download_gaussians(gpu, len).await? {
             let (log_scale, rotation) = match self.parameterization {
@@ -91,41 +94,7 @@ impl State2d {
         Ok(scene)
     }
 
-    /// Whether opacities are stored after `fresh` Gaussians were added.
-    pub(crate) fn has_opacity_with(&self, fresh: &[&Gaussian2d]) -> bool {
-        self.has_opacity || fresh.iter().any(|g| g.opacity_logit != f32::INFINITY)
-    }
-
-    pub(crate) fn edit(&self, gpu: &Gpu, commands: &mut Commands, edit: &Edit<'_, Gaussian2d>) -> Result<Self, Error> {
-        let fresh: Vec<Gaussian> = edit.fresh.iter().map(|g| packed(g, self.parameterization)).collect();
-        let fresh = gpu.storage("new Gaussians", &fresh)?;
-        let edited = Self {
-            parameterization: self.parameterization,
-            has_opacity: self.has_opacity_with(&edit.fresh),
-            gaussians: gpu.allocate("Gaussians", (edit.len * size_of::<Gaussian>()) as u64, STORAGE)?,
-            moments: gpu.allocate("Adam moments", (edit.len * size_of::<Moments>()) as u64, STORAGE)?,
-        };
-        let [statistics, edited_statistics] = edit.statistics;
-        let bindings = [
-            &edit.step,
-            &edit.sources,
-            &fresh,
-            &self.gaussians,
-            &self.moments,
-            statistics,
-            &edited.gaussians,
-            &edited.moments,
-            edited_statistics,
-        ];
-        let variant = Variant {
-            covariance_factor: self.parameterization == Parameterization::CovarianceFactor,
-            ..Variant::default()
-        };
-        dispatch(gpu, commands, "edit", variant, &bindings, groups_of(gpu, edit.len as u64, 64));
-        Ok(edited)
-    }
-
-    pub(crate) async fn save(&self, gpu: &Gpu, len: usize) -> Result<SplatsState, Error> {
+    async fn save(&self, gpu: &Gpu, len: usize) -> Result<SplatsState, Error> {
         let gaussians = self.download_gaussians(gpu, len).await?;
         let moments: Vec<Moments> = gpu.read(&self.moments, len).await?;
         let mut state = SplatsState::new(self.parameterization);
@@ -152,7 +121,7 @@ impl State2d {
         Ok(state)
     }
 
-    pub(crate) fn restore(gpu: &Gpu, state: &SplatsState, n: usize) -> Result<Self, Error> {
+    fn restore(gpu: &Gpu, state: &SplatsState, n: usize) -> Result<Self, Error> {
         let means = state.rows::<2>("mean")?;
         let shapes: Vec<[f32; 4]> = match state.parameterization {
             Parameterization::ScaleRotation => {
@@ -195,5 +164,43 @@ impl State2d {
         let gaussians: Vec<Gaussian> = (0..n).map(gaussian).collect();
         let moments: Vec<Moments> = (0..n).map(moments).collect();
         Self::from_parts(gpu, state.parameterization, has_opacity, &gaussians, &moments)
+    }
+
+    fn edit(&self, gpu: &Gpu, commands: &mut Commands, edit: &Edit<'_, Gaussian2d>) -> Result<Self, Error> {
+        let fresh: Vec<Gaussian> = edit.fresh.iter().map(|g| packed(g, self.parameterization)).collect();
+        let fresh = gpu.storage("new Gaussians", &fresh)?;
+        let edited = Self {
+            parameterization: self.parameterization,
+            has_opacity: self.has_opacity_with(&edit.fresh),
+            gaussians: gpu.allocate("Gaussians", (edit.len * size_of::<Gaussian>()) as u64, STORAGE)?,
+            moments: gpu.allocate("Adam moments", (edit.len * size_of::<Moments>()) as u64, STORAGE)?,
+        };
+        let [statistics, edited_statistics] = edit.statistics;
+        let bindings = [
+            &edit.step,
+            &edit.sources,
+            &fresh,
+            &self.gaussians,
+            &self.moments,
+            statistics,
+            &edited.gaussians,
+            &edited.moments,
+            edited_statistics,
+        ];
+        let variant = Variant {
+            covariance_factor: self.parameterization == Parameterization::CovarianceFactor,
+            ..Variant::default()
+        };
+        dispatch(gpu, commands, "edit", variant, &bindings, groups_of(gpu, edit.len as u64, 64));
+        Ok(edited)
+    }
+
+    /// Whether opacities are stored after `fresh` Gaussians were added.
+    fn has_opacity_with(&self, fresh: &[&Gaussian2d]) -> bool {
+        self.has_opacity || fresh.iter().any(|g| g.opacity_logit != f32::INFINITY)
+    }
+
+    fn has_factors(&self) -> bool {
+        self.parameterization == Parameterization::CovarianceFactor
     }
 }

@@ -1,9 +1,9 @@
-//! [`SceneKind`] for 3D scenes.
+//! [`Kind`] for 3D scenes.
 
 use std::sync::Arc;
 
 use glam::Vec3;
-use gs_core::{AdamRates, Camera, Error, Gaussian3d, Output, Parameterization, RenderSettings, Scene3d, SplatsState};
+use gs_core::{AdamRates, Camera, Error, Output, RenderSettings, Scene3d};
 
 use super::{
     stages::{self, Own3d},
@@ -12,15 +12,15 @@ use super::{
 use crate::{
     dispatch::Commands,
     gpu::Gpu,
-    kind::SceneKind,
+    kind::{Kind, State as _},
     layout::{EllipsoidGradient, SPLAT_BYTES, Step},
-    splats::{Edit, Splats},
+    splats::Splats,
     tiles::DEPTH_BYTES,
     unsupported::check_settings,
     workspace::{Pool, Pools, Workspace},
 };
 
-impl SceneKind for Scene3d {
+impl Kind for Scene3d {
     type State = State3d;
     type Own = Own3d;
 
@@ -39,10 +39,6 @@ impl SceneKind for Scene3d {
         &pools.pool_3d
     }
 
-    fn upload(gpu: &Gpu, scene: &Self, parameterization: Parameterization) -> Result<State3d, Error> {
-        State3d::new(gpu, scene, parameterization)
-    }
-
     async fn prepare(gpu: &Gpu, splats: &mut Splats<Self>, rates: Option<&AdamRates>) -> Result<(), Error> {
         let found = splats.state.moment_format();
         let format = rates.map_or(found.unwrap_or_default(), |rates| rates.color_rest_moments);
@@ -51,31 +47,6 @@ impl SceneKind for Scene3d {
             splats.settle(gpu).await?;
         }
         splats.state.make_moments(gpu, splats.len, format).await
-    }
-
-    async fn download(gpu: &Gpu, state: &State3d, len: usize) -> Result<Self, Error> {
-        state.scene(gpu, len).await
-    }
-
-    async fn save(gpu: &Gpu, state: &State3d, len: usize) -> Result<SplatsState, Error> {
-        state.save(gpu, len).await
-    }
-
-    fn restore(gpu: &Gpu, state: &SplatsState, len: usize) -> Result<State3d, Error> {
-        State3d::restore(gpu, state, len)
-    }
-
-    fn coefficients(state: &State3d) -> u32 {
-        state.coefficients() as u32
-    }
-
-    fn edit(
-        gpu: &Gpu,
-        commands: &mut Commands,
-        state: &State3d,
-        edit: &Edit<'_, Gaussian3d>,
-    ) -> Result<State3d, Error> {
-        state.edit(gpu, commands, edit)
     }
 
     fn own(gpu: &Gpu) -> Result<Own3d, Error> {

@@ -5,6 +5,7 @@ use gs_core::{Camera, Error, RenderSettings, Scene3d, effects::Order, math::pers
 use crate::{
     dispatch::{Commands, Groups, dispatch},
     gpu::{Gpu, UNIFORM},
+    kind::State as _,
     layout,
     layout::{BY_COEFFICIENT, BY_GAUSSIAN},
     lists::{Sorting, Which},

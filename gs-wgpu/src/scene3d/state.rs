@@ -10,6 +10,7 @@ use gs_core::{
 use crate::{
     dispatch::{Commands, dispatch},
     gpu::{Gpu, STORAGE},
+    kind::State,
     layout::{Ellipsoid, EllipsoidMoments},
     shaders::Variant,
     splats::{Edit, check_len},
@@ -148,24 +149,6 @@ fn on_device(m: &[f32]) -> [f32; 12] {
 }
 
 impl State3d {
-    pub(crate) fn new(gpu: &Gpu, scene: &Scene3d, parameterization: Parameterization) -> Result<Self, Error> {
-        parameterization.check_3d()?;
-        scene.validate()?;
-        let ellipsoid = |i: usize| Ellipsoid {
-            mean: scene.means[i].to_array(),
-            opacity_logit: scene.opacity_logits[i],
-            log_scale: scene.log_scales[i].to_array(),
-            steps: 0,
-            rotation: scene.rotations[i],
-        };
-        let parts = Parts {
-            sh_degree: scene.sh_degree,
-            ellipsoids: (0..scene.len()).map(ellipsoid).collect(),
-            sh: scene.sh.iter().map(Vec3::to_array).collect(),
-        };
-        Self::from_parts(gpu, &parts, None)
-    }
-
     fn from_parts(gpu: &Gpu, parts: &Parts, moments: Option<Moments>) -> Result<Self, Error> {
         Ok(Self {
             sh_degree: parts.sh_degree,
@@ -200,13 +183,28 @@ impl State3d {
     pub(crate) fn moments(&self) -> &Moments {
         self.moments.as_ref().expect("moments are made before Gaussians are moved or edited")
     }
+}
 
-    /// K, the number of SH coefficients per Gaussian.
-    pub(crate) fn coefficients(&self) -> usize {
-        coefficients(self.sh_degree)
+impl State<Scene3d> for State3d {
+    fn new(gpu: &Gpu, scene: &Scene3d, parameterization: Parameterization) -> Result<Self, Error> {
+        parameterization.check_3d()?;
+        scene.validate()?;
+        let ellipsoid = |i: usize| Ellipsoid {
+            mean: scene.means[i].to_array(),
+            opacity_logit: scene.opacity_logits[i],
+            log_scale: scene.log_scales[i].to_array(),
+            steps: 0,
+            rotation: scene.rotations[i],
+        };
+        let parts = Parts {
+            sh_degree: scene.sh_degree,
+            ellipsoids: (0..scene.len()).map(ellipsoid).collect(),
+            sh: scene.sh.iter().map(Vec3::to_array).collect(),
+        };
+        Self::from_parts(gpu, &parts, None)
     }
 
-    pub(crate) async fn scene(&self, gpu: &Gpu, len: usize) -> Result<Scene3d, Error> {
+    async fn scene(&self, gpu: &Gpu, len: usize) -> Result<Scene3d, Error> {
         let mut scene = Scene3d { sh_degree: self.sh_degree, ..Scene3d::default() };
         for g in gpu.read::<Ellipsoid>(&self.ellipsoids, len).await? {
             scene.means.push(Vec3::from_array(g.mean));
@@ -219,45 +217,7 @@ impl State3d {
         Ok(scene)
     }
 
-    pub(crate) fn edit(&self, gpu: &Gpu, commands: &mut Commands, edit: &Edit<'_, Gaussian3d>) -> Result<Self, Error> {
-        let k = self.coefficients();
-        let fresh: Vec<Ellipsoid> = edit.fresh.iter().map(|g| packed(g)).collect();
-        // As in `Scene::push`, the SH are cut or padded with 0 to the splats' degree.
-        let color = |g: &&Gaussian3d| {
-            let mut sh: Vec<[f32; 3]> = g.sh.iter().map(Vec3::to_array).collect();
-            sh.resize(k, [0.0; 3]);
-            sh
-        };
-        let fresh_sh: Vec<[f32; 3]> = edit.fresh.iter().flat_map(color).collect();
-        let (fresh, fresh_sh) = (gpu.storage("new Gaussians", &fresh)?, gpu.storage("new colours", &fresh_sh)?);
-        let (n, numbers) = (edit.len as u64, (edit.len * k) as u64);
-        let ellipsoids = gpu.allocate("Gaussians", n * size_of::<Ellipsoid>() as u64, STORAGE)?;
-        let sh = gpu.allocate("SH coefficients", numbers * COLOR_BYTES, STORAGE)?;
-        let moments = self.moments();
-        let edited = Moments::allocate(gpu, n, k as u64, moments.format)?;
-        let [statistics, edited_statistics] = edit.statistics;
-        let bindings = [
-            &edit.step,
-            &edit.sources,
-            &fresh,
-            &self.ellipsoids,
-            &moments.geometry,
-            statistics,
-            &ellipsoids,
-            &edited.geometry,
-            edited_statistics,
-        ];
-        let scene_3d = Variant { scene_3d: true, ..Variant::default() };
-        dispatch(gpu, commands, "edit", scene_3d, &bindings, groups_of(gpu, n, 64));
-        let [first, second] = &moments.sh;
-        let [edited_first, edited_second] = &edited.sh;
-        let bindings =
-            [&edit.step, &edit.sources, &fresh_sh, &self.sh, first, second, &sh, edited_first, edited_second];
-        dispatch(gpu, commands, "edit_color", moments.variant(), &bindings, groups_of(gpu, numbers, 64));
-        Ok(Self { sh_degree: self.sh_degree, ellipsoids, sh, moments: Some(edited) })
-    }
-
-    pub(crate) async fn save(&self, gpu: &Gpu, len: usize) -> Result<SplatsState, Error> {
+    async fn save(&self, gpu: &Gpu, len: usize) -> Result<SplatsState, Error> {
         let columns = 3 * self.coefficients();
         let ellipsoids: Vec<Ellipsoid> = gpu.read(&self.ellipsoids, len).await?;
         let sh: Vec<f32> = gpu.read(&self.sh, len * columns).await?;
@@ -286,7 +246,7 @@ impl State3d {
         Ok(state)
     }
 
-    pub(crate) fn restore(gpu: &Gpu, state: &SplatsState, n: usize) -> Result<Self, Error> {
+    fn restore(gpu: &Gpu, state: &SplatsState, n: usize) -> Result<Self, Error> {
         state.parameterization.check_3d()?;
         let (columns, sh) = state.matrix("sh")?;
         let Some(sh_degree) = (0..=3).find(|&degree| 3 * coefficients(degree) == columns) else {
@@ -333,6 +293,49 @@ impl State3d {
         let [first, second] = &sh_moments;
         let moments = Moments::upload(gpu, geometry, [first, second], columns / 3, MomentFormat::F32)?;
         Self::from_parts(gpu, &parts, Some(moments))
+    }
+
+    fn edit(&self, gpu: &Gpu, commands: &mut Commands, edit: &Edit<'_, Gaussian3d>) -> Result<Self, Error> {
+        let k = self.coefficients();
+        let fresh: Vec<Ellipsoid> = edit.fresh.iter().map(|g| packed(g)).collect();
+        // As in `Scene::push`, the SH are cut or padded with 0 to the splats' degree.
+        let color = |g: &&Gaussian3d| {
+            let mut sh: Vec<[f32; 3]> = g.sh.iter().map(Vec3::to_array).collect();
+            sh.resize(k, [0.0; 3]);
+            sh
+        };
+        let fresh_sh: Vec<[f32; 3]> = edit.fresh.iter().flat_map(color).collect();
+        let (fresh, fresh_sh) = (gpu.storage("new Gaussians", &fresh)?, gpu.storage("new colours", &fresh_sh)?);
+        let (n, numbers) = (edit.len as u64, (edit.len * k) as u64);
+        let ellipsoids = gpu.allocate("Gaussians", n * size_of::<Ellipsoid>() as u64, STORAGE)?;
+        let sh = gpu.allocate("SH coefficients", numbers * COLOR_BYTES, STORAGE)?;
+        let moments = self.moments();
+        let edited = Moments::allocate(gpu, n, k as u64, moments.format)?;
+        let [statistics, edited_statistics] = edit.statistics;
+        let bindings = [
+            &edit.step,
+            &edit.sources,
+            &fresh,
+            &self.ellipsoids,
+            &moments.geometry,
+            statistics,
+            &ellipsoids,
+            &edited.geometry,
+            edited_statistics,
+        ];
+        let scene_3d = Variant { scene_3d: true, ..Variant::default() };
+        dispatch(gpu, commands, "edit", scene_3d, &bindings, groups_of(gpu, n, 64));
+        let [first, second] = &moments.sh;
+        let [edited_first, edited_second] = &edited.sh;
+        let bindings =
+            [&edit.step, &edit.sources, &fresh_sh, &self.sh, first, second, &sh, edited_first, edited_second];
+        dispatch(gpu, commands, "edit_color", moments.variant(), &bindings, groups_of(gpu, numbers, 64));
+        Ok(Self { sh_degree: self.sh_degree, ellipsoids, sh, moments: Some(edited) })
+    }
+
+    /// K, the number of SH coefficients per Gaussian.
+    fn coefficients(&self) -> usize {
+        coefficients(self.sh_degree)
     }
 }
 
