@@ -3,7 +3,7 @@
 //! Parallel over Gaussians, then over groups of tiles. Bounds are tight by default: an entry covers
 //! the rows in which the ellipse of the α cut meets the tile's columns, so a Gaussian is not listed
 //! in a tile where all its weights are below the cut. The entries of a tile are in the order of
-//! places for every number of threads.
+//! ranks for every number of threads.
 
 use std::ops::Range;
 
@@ -35,13 +35,13 @@ pub(crate) struct Found {
     tile: u32,
 }
 
-/// The entries of one chunk of places, and their positions in the lists.
+/// The entries of one chunk of ranks, and their positions in the lists.
 #[derive(Debug, Default)]
 struct Chunk {
     found: Vec<Found>,
     /// The position of each of `found` in [`Bins::entries`].
     slots: Vec<u32>,
-    /// Index of the first of `found` for each place of the chunk, and the end: `[places + 1]`.
+    /// Index of the first of `found` for each rank of the chunk, and the end: `[ranks + 1]`.
     starts: Vec<u32>,
     /// Per tile: first the number of entries, then the position of the next one.
     cursors: Vec<u32>,
@@ -76,11 +76,11 @@ impl Default for Bins {
 const MOST_CHUNKS: usize = 64;
 
 impl Bins {
-    /// The positions in [`Self::entries`] of the entries of `place`.
+    /// The positions in [`Self::entries`] of the entries of `rank`.
     #[inline(always)]
-    pub(crate) fn slots_of(&self, place: usize) -> &[u32] {
-        let chunk = &self.chunks[place / self.chunk_len];
-        let within = place % self.chunk_len;
+    pub(crate) fn slots_of(&self, rank: usize) -> &[u32] {
+        let chunk = &self.chunks[rank / self.chunk_len];
+        let within = rank % self.chunk_len;
         &chunk.slots[chunk.starts[within] as usize..chunk.starts[within + 1] as usize]
     }
 
@@ -96,7 +96,7 @@ impl Bins {
 
     /// Replaces the lists, and counts the Gaussians that touch no pixel.
     ///
-    /// The splat at `place` in 0..`count` is `projected[splat_at(place)]`.
+    /// The splat at `rank` in 0..`count` is `projected[splat_at(rank)]`.
     ///
     /// # Errors
     /// [`Error::Backend`] for more entries than [`Self::most_entries`], and [`Error::Memory`]. The
@@ -113,8 +113,8 @@ impl Bins {
         let chunk_len = self.chunk_len;
         self.chunks.resize_with(count.div_ceil(chunk_len), Chunk::default);
         self.chunks.par_iter_mut().enumerate().for_each(|(i, chunk)| {
-            let places = i * chunk_len..((i + 1) * chunk_len).min(count);
-            chunk.find(projected, places, &splat_at, grid, bounds);
+            let ranks = i * chunk_len..((i + 1) * chunk_len).min(count);
+            chunk.find(projected, ranks, &splat_at, grid, bounds);
         });
         self.outside = self.chunks.iter().map(|c| c.outside).sum::<u32>();
 
@@ -154,7 +154,7 @@ impl Chunk {
     fn find(
         &mut self,
         projected: &[Splat],
-        places: Range<usize>,
+        ranks: Range<usize>,
         splat_at: &impl Fn(usize) -> usize,
         grid: &Grid,
         bounds: Bounds,
@@ -167,10 +167,10 @@ impl Chunk {
         self.outside = 0;
         // Copied a few at a time, as in `TileInputs::gather`.
         let mut splats = [(0, Splat::CULLED); GATHERED];
-        for first in places.clone().step_by(GATHERED) {
-            let splats = &mut splats[..(places.end - first).min(GATHERED)];
-            for (place, (index, splat)) in (first..).zip(&mut *splats) {
-                *index = splat_at(place);
+        for first in ranks.clone().step_by(GATHERED) {
+            let splats = &mut splats[..(ranks.end - first).min(GATHERED)];
+            for (rank, (index, splat)) in (first..).zip(&mut *splats) {
+                *index = splat_at(rank);
                 *splat = projected[*index];
             }
             for (index, splat) in splats {

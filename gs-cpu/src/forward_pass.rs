@@ -12,12 +12,12 @@ use crate::{
 /// A workspace that goes back to its pool when it is dropped.
 struct Lent<S: Kind> {
     /// `Some` until dropped.
-    workspace: Option<Workspace<S::Own>>,
-    pool: Arc<Pool<S::Own>>,
+    workspace: Option<Workspace<S::Buffers>>,
+    pool: Arc<Pool<S::Buffers>>,
 }
 
 impl<S: Kind> Lent<S> {
-    fn get(&self) -> &Workspace<S::Own> {
+    fn get(&self) -> &Workspace<S::Buffers> {
         self.workspace.as_ref().expect("the workspace is there until it is dropped")
     }
 }
@@ -49,15 +49,15 @@ pub type ForwardPass3d = ForwardPass<Scene3d>;
 pub type Gradients3d = Gradients<Scene3d>;
 
 impl<S: Kind> ForwardPass<S> {
-    pub(crate) fn new(workspace: Workspace<S::Own>, pool: &Arc<Pool<S::Own>>) -> Self {
+    pub(crate) fn new(workspace: Workspace<S::Buffers>, pool: &Arc<Pool<S::Buffers>>) -> Self {
         Self(Lent { workspace: Some(workspace), pool: Arc::clone(pool) })
     }
 
-    pub(crate) fn workspace(&self) -> &Workspace<S::Own> {
+    pub(crate) fn workspace(&self) -> &Workspace<S::Buffers> {
         self.0.get()
     }
 
-    pub(crate) fn workspace_mut(&mut self) -> &mut Workspace<S::Own> {
+    pub(crate) fn workspace_mut(&mut self) -> &mut Workspace<S::Buffers> {
         self.0.workspace.as_mut().expect("the workspace is there until it is dropped")
     }
 
@@ -84,7 +84,7 @@ impl<S: Kind> ForwardPass<S> {
 }
 
 impl<S: Kind> Gradients<S> {
-    pub(crate) fn workspace(&self) -> &Workspace<S::Own> {
+    pub(crate) fn workspace(&self) -> &Workspace<S::Buffers> {
         self.0.get()
     }
 }

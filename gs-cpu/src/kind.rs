@@ -55,7 +55,7 @@ pub trait Kind: Scene + 'static {
     /// Splats of this kind.
     type Splats: Splats<Self>;
     /// Buffers of the stages that only this kind has.
-    type Own: Debug + Default + Send + Sync;
+    type Buffers: Debug + Default + Send + Sync;
     /// Adam's bias corrections.
     type Bias: Debug + Default + Send;
 
@@ -84,7 +84,7 @@ pub trait Kind: Scene + 'static {
 
     /// Runs the stages up to `bin`.
     fn prepare(
-        workspace: &mut Workspace<Self::Own>,
+        workspace: &mut Workspace<Self::Buffers>,
         splats: &Self::Splats,
         view: &Self::View,
         settings: &RenderSettings,
@@ -92,29 +92,29 @@ pub trait Kind: Scene + 'static {
     ) -> Result<(), Error>;
 
     /// Runs stage `project`.
-    fn project(workspace: &mut Workspace<Self::Own>, splats: &Self::Splats);
+    fn project(workspace: &mut Workspace<Self::Buffers>, splats: &Self::Splats);
 
     /// Runs stage `sort`: finds the order in which tiles see the splats.
-    fn sort(workspace: &mut Workspace<Self::Own>, splats: &Self::Splats);
+    fn sort(workspace: &mut Workspace<Self::Buffers>, splats: &Self::Splats);
 
     /// Runs stage `bin`: lists the splats of each tile in that order.
-    fn bin(workspace: &mut Workspace<Self::Own>) -> Result<(), Error>;
+    fn bin(workspace: &mut Workspace<Self::Buffers>) -> Result<(), Error>;
 
     /// Runs stage `project_bwd`: every Gaussian's gradient, times `scale`.
-    fn project_bwd(workspace: &mut Workspace<Self::Own>, splats: &Self::Splats, scale: f32);
+    fn project_bwd(workspace: &mut Workspace<Self::Buffers>, splats: &Self::Splats, scale: f32);
 
     /// Adds `weight` times other gradients of `project_bwd`, of as many Gaussians, to those of the
     /// Gaussians that some tile lists in both.
     fn add_gradients(
-        _workspace: &mut Workspace<Self::Own>,
-        _added: &Workspace<Self::Own>,
+        _workspace: &mut Workspace<Self::Buffers>,
+        _added: &Workspace<Self::Buffers>,
         _weight: f32,
     ) -> Result<(), Error> {
         Err(unsupported("added gradients of 2D scenes"))
     }
 
     /// The gradients of `project_bwd` as a scene of derivatives.
-    fn derivatives(workspace: &Workspace<Self::Own>, splats: &Self::Splats) -> Self;
+    fn derivatives(workspace: &Workspace<Self::Buffers>, splats: &Self::Splats) -> Self;
 
     /// Runs stage `adam`: one step along the gradients of `project_bwd`, and the statistics.
     fn adam(
@@ -122,7 +122,7 @@ pub trait Kind: Scene + 'static {
         bias: &mut Self::Bias,
         rates: &AdamRates,
         level: Level,
-        workspace: &Workspace<Self::Own>,
+        workspace: &Workspace<Self::Buffers>,
     );
 
     /// Runs stages `project_bwd`, with gradients times `scale`, and `adam`: stage `update`, where a
@@ -132,7 +132,7 @@ pub trait Kind: Scene + 'static {
         bias: &mut Self::Bias,
         rates: &AdamRates,
         level: Level,
-        workspace: &mut Workspace<Self::Own>,
+        workspace: &mut Workspace<Self::Buffers>,
         scale: f32,
     ) {
         Self::project_bwd(workspace, splats, scale);
@@ -146,7 +146,7 @@ pub trait Kind: Scene + 'static {
 
     /// Solves for the colours; `workspace` has been prepared.
     fn solve_colors(
-        _workspace: &mut Workspace<Self::Own>,
+        _workspace: &mut Workspace<Self::Buffers>,
         _splats: &mut Self::Splats,
         _target: &Target,
         _level: Level,
@@ -161,16 +161,16 @@ pub trait Kind: Scene + 'static {
 pub struct Shared<S: Kind> {
     pub(crate) statistics: DensityStatistics,
     /// Buffers of training steps with the lists for [`Binning::Reuse`], of kinds that reuse them.
-    pub(crate) workspace: Option<Workspace<S::Own>>,
+    pub(crate) workspace: Option<Workspace<S::Buffers>>,
     /// Losses of training steps that the caller has not taken yet.
     pub(crate) losses: Vec<f32>,
     /// A number that is unique to these splats since their last edit. It identifies invalid lists.
-    pub(crate) edition: u64,
+    pub(crate) version: u64,
 }
 
 impl<S: Kind> Shared<S> {
     pub(crate) fn new(statistics: DensityStatistics) -> Self {
-        Self { statistics, workspace: None, losses: Vec::new(), edition: next_edition() }
+        Self { statistics, workspace: None, losses: Vec::new(), version: next_version() }
     }
 
     /// Number of Gaussians.
@@ -181,11 +181,11 @@ impl<S: Kind> Shared<S> {
     /// Replaces the statistics after an edit.
     pub(crate) fn edited(&mut self, statistics: DensityStatistics) {
         self.statistics = statistics;
-        self.edition = next_edition();
+        self.version = next_version();
     }
 }
 
-fn next_edition() -> u64 {
+fn next_version() -> u64 {
     static NEXT: AtomicU64 = AtomicU64::new(0);
     NEXT.fetch_add(1, Ordering::Relaxed)
 }
@@ -193,7 +193,7 @@ fn next_edition() -> u64 {
 /// What a rasterizer keeps for one kind of scene.
 #[derive(Debug)]
 pub struct Resources<S: Kind> {
-    pub(crate) pool: Arc<Pool<S::Own>>,
+    pub(crate) pool: Arc<Pool<S::Buffers>>,
     pub(crate) bias: Mutex<S::Bias>,
 }
 

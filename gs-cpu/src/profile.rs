@@ -13,7 +13,7 @@ use crate::{
 /// The arguments of the stages.
 struct Pass<'a, S: Kind> {
     rasterizer: &'a CpuRasterizer,
-    workspace: Workspace<S::Own>,
+    workspace: Workspace<S::Buffers>,
     splats: &'a mut S::Splats,
     target: &'a Target,
     loss: Loss,

@@ -190,7 +190,7 @@ impl<S: Kind> Rasterizer<S> for CpuRasterizer {
         target.check_loss(*loss)?;
         let workspace = pass.workspace_mut();
         target.check_size(workspace.tiles.grid.size())?;
-        check_edition::<S>(workspace, splats)?;
+        check_version::<S>(workspace, splats)?;
         let value = self.install(|| {
             let value = loss::loss(&mut workspace.tiles, target, loss, self.level)?;
             workspace.tiles.blend_bwd(self.level)?;
@@ -210,7 +210,7 @@ impl<S: Kind> Rasterizer<S> for CpuRasterizer {
         target.check_loss(*loss)?;
         let workspace = pass.workspace_mut();
         target.check_size(workspace.tiles.grid.size())?;
-        check_edition::<S>(workspace, splats)?;
+        check_version::<S>(workspace, splats)?;
         Ok(self.install(|| loss::loss(&mut workspace.tiles, target, loss, self.level))? as f32)
     }
 
@@ -226,7 +226,7 @@ impl<S: Kind> Rasterizer<S> for CpuRasterizer {
             return Err(Error::SizesDiffer { left_width, left_height, right_width, right_height });
         }
         v_image.check_finite("the gradient of an image")?;
-        check_edition::<S>(workspace, splats)?;
+        check_version::<S>(workspace, splats)?;
         self.install(|| {
             loss::take(&mut workspace.tiles, v_image)?;
             workspace.tiles.blend_bwd(self.level)?;
@@ -394,8 +394,8 @@ impl<S: Kind> Optimizer<S> for CpuRasterizer {
 }
 
 /// Fails unless the forward pass was made from these splats, as they are now.
-fn check_edition<S: Kind>(workspace: &Workspace<S::Own>, splats: &S::Splats) -> Result<(), Error> {
-    if workspace.edition == Some(splats.shared().edition) {
+fn check_version<S: Kind>(workspace: &Workspace<S::Buffers>, splats: &S::Splats) -> Result<(), Error> {
+    if workspace.version == Some(splats.shared().version) {
         return Ok(());
     }
     Err(Error::State("the forward pass was made from other splats, or before an edit of these".to_owned()))

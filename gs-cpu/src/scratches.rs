@@ -14,8 +14,8 @@ impl<T: Default> Scratches<T> {
 
     /// Runs `work` with this thread's `T`.
     pub(crate) fn with<R>(&self, work: impl FnOnce(&mut T) -> R) -> R {
-        let own = rayon::current_thread_index().and_then(|thread| self.0.get(thread));
-        match own {
+        let buffers = rayon::current_thread_index().and_then(|thread| self.0.get(thread));
+        match buffers {
             Some(scratch) => work(&mut scratch.lock().unwrap_or_else(PoisonError::into_inner)),
             None => work(&mut T::default()),
         }

@@ -36,13 +36,13 @@ const OVER_BAND_ROWS: usize = MOST_ROWS_OVER;
 
 /// Projected splats, their lists per tile, images and gradients.
 ///
-/// A *place* is a splat's rank in the order in which tiles see the splats.
+/// A *rank* is a splat's number in the order in which tiles see the splats.
 #[derive(Debug, Default)]
 pub(crate) struct Tiles {
     pub(crate) settings: RenderSettings,
     pub(crate) tuning: CpuTuning,
     pub(crate) grid: Grid,
-    /// Splats, in an order of the scene's kind. Unspecified for Gaussians that have no place.
+    /// Splats, in an order of the scene's kind. Unspecified for Gaussians that have no rank.
     pub(crate) projected: Vec<Splat>,
     /// Depths of `projected`; only in 3D scenes.
     pub(crate) depths: Vec<PixelDepth>,
@@ -145,7 +145,7 @@ impl Tiles {
         self.culled.plus(Culled { outside: self.bins.outside, ..Culled::default() })
     }
 
-    /// Runs stage `bin`. The splat at `place` in 0..`count` is `projected[splat_at(place)]`.
+    /// Runs stage `bin`. The splat at `rank` in 0..`count` is `projected[splat_at(rank)]`.
     ///
     /// # Errors
     /// Those of [`Bins::fill`].
@@ -278,23 +278,23 @@ impl Tiles {
         Ok(self.sums.iter().sum())
     }
 
-    /// The gradient of the splat at `place`: its entries' slots, summed in the order of its tiles.
+    /// The gradient of the splat at `rank`: its entries' slots, summed in the order of its tiles.
     /// `None` where no tile lists it.
     #[inline(always)]
-    pub(crate) fn received(&self, place: usize) -> Option<Received> {
-        self.sum_of(self.bins.slots_of(place))
+    pub(crate) fn received(&self, rank: usize) -> Option<Received> {
+        self.sum_of(self.bins.slots_of(rank))
     }
 
-    /// [`Self::received`] of several places, `None` where a place is `None`.
+    /// [`Self::received`] of several ranks, `None` where a rank is `None`.
     ///
     /// A splat's slots are far from those of the splat before. Looking them up and adding them in
     /// two loops of little work lets the processor wait for many of them at a time.
     #[inline(always)]
-    pub(crate) fn gather<const N: usize>(&self, places: [Option<usize>; N]) -> [Option<Received>; N] {
+    pub(crate) fn gather<const N: usize>(&self, ranks: [Option<usize>; N]) -> [Option<Received>; N] {
         let mut slots = [&[][..]; N];
-        for (slots, place) in slots.iter_mut().zip(places) {
-            if let Some(place) = place {
-                *slots = self.bins.slots_of(place);
+        for (slots, rank) in slots.iter_mut().zip(ranks) {
+            if let Some(rank) = rank {
+                *slots = self.bins.slots_of(rank);
             }
         }
         let mut received = [None; N];

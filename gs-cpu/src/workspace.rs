@@ -10,11 +10,11 @@ use crate::{tiles::Tiles, tuning::CpuTuning};
 pub struct Workspace<O> {
     pub(crate) tiles: Tiles,
     /// Buffers of the stages that only this kind of scene has.
-    pub(crate) own: O,
+    pub(crate) buffers: O,
     /// Number of Gaussians.
     pub(crate) len: usize,
-    /// The edition of the splats that the lists were made for.
-    pub(crate) edition: Option<u64>,
+    /// The version of the splats that the lists were made for.
+    pub(crate) version: Option<u64>,
 }
 
 impl<O> Workspace<O> {
@@ -22,7 +22,7 @@ impl<O> Workspace<O> {
     pub(crate) fn tuned(mut self, tuning: CpuTuning) -> Self {
         if self.tiles.tuning != tuning {
             self.tiles.tuning = tuning;
-            self.edition = None;
+            self.version = None;
         }
         self
     }
@@ -37,7 +37,7 @@ impl<O: Default> Pool<O> {
     /// lists.
     pub(crate) fn take(&self) -> Workspace<O> {
         let taken = self.0.lock().unwrap_or_else(PoisonError::into_inner).pop().unwrap_or_default();
-        Workspace { edition: None, ..taken }
+        Workspace { version: None, ..taken }
     }
 }
 

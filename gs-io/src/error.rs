@@ -80,14 +80,14 @@ pub enum Error {
         source: io::Error,
     },
     /// The file is not an image, or an image of a kind that cannot be read.
-    #[error("{}: {found}; {mend}", one_line(path))]
+    #[error("{}: {found}; {hint}", one_line(path))]
     NotAnImage {
         /// The file.
         path: PathBuf,
         /// What the file is: "is empty", "is a HEIC image, but …".
         found: String,
         /// What to do.
-        mend: String,
+        hint: String,
     },
     /// A truncated or damaged image.
     #[error("{}: damaged {format} image: {message}; fetch or export it again", one_line(path))]
@@ -128,14 +128,14 @@ pub enum Error {
         value: f32,
     },
     /// A folder that contains no data set.
-    #[error("{}: is no data set: looked for {looked_for}; {mend}", one_line(path))]
+    #[error("{}: is no data set: looked for {looked_for}; {hint}", one_line(path))]
     NotADataset {
         /// The folder.
         path: PathBuf,
         /// The files that were searched, in words.
         looked_for: &'static str,
         /// What to do.
-        mend: String,
+        hint: String,
     },
     /// A data set refers to a file outside its folder.
     #[error(
@@ -347,14 +347,14 @@ pub enum Error {
         found: String,
     },
     /// A scene, mesh or the like of a known kind that cannot be read.
-    #[error("{}: is {what}, which is not read; {mend}", one_line(path))]
+    #[error("{}: is {what}, which is not read; {hint}", one_line(path))]
     ForeignScene {
         /// The file.
         path: PathBuf,
         /// The kind of file, such as "a SOG scene".
         what: &'static str,
         /// How to get a scene that can be read.
-        mend: &'static str,
+        hint: &'static str,
     },
     /// A PLY that lacks properties of Gaussians.
     #[error("{}: its vertices have no {}; it is not a scene of Gaussians: export it as a 3DGS PLY", one_line(path), names.join(", "))]
@@ -393,14 +393,14 @@ pub enum Error {
         claimed_bytes: u64,
     },
     /// A valid file with a feature that is not supported.
-    #[error("{}: {what} is not supported; {mend}", one_line(path))]
+    #[error("{}: {what} is not supported; {hint}", one_line(path))]
     Unsupported {
         /// The file.
         path: PathBuf,
         /// The feature.
         what: String,
         /// What to do.
-        mend: &'static str,
+        hint: &'static str,
     },
     /// The extension of an output file is not that of a 3D scene format that can be written.
     #[error(

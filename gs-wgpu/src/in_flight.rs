@@ -261,9 +261,9 @@ impl<S: Kind> InFlight<S> {
         request: Request<S>,
     ) -> Result<(), Error> {
         workspace.set(gpu, splats, &request.view, &request.settings)?;
-        let fresh = request.binning == Binning::Fresh || workspace.edition.is_none();
+        let fresh = request.binning == Binning::Fresh || workspace.version.is_none();
         if fresh {
-            workspace.edition = None;
+            workspace.version = None;
         }
         let usage = wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST;
         let buffer = || gpu.allocate("status to read", STATUS_BYTES, usage);
@@ -284,7 +284,7 @@ impl<S: Kind> InFlight<S> {
         let submission = commands.submit(gpu);
         let mapped = Gpu::map(&status, STATUS_BYTES);
         // If these lists do not fit, `make_room` resets this.
-        workspace.edition = Some(splats.edition);
+        workspace.version = Some(splats.version);
         for noise in &request.noise {
             self.send_noise(gpu, splats, noise, Some(&workspace.tiles.indirect))?;
         }

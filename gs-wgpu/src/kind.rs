@@ -55,7 +55,7 @@ pub trait Kind: Scene<View: PartialEq> + 'static {
     /// Parameters and Adam moments on the device.
     type State: State<Self>;
     /// Buffers of the stages that only this kind has.
-    type Own: Debug + wgpu::WasmNotSendSync;
+    type Buffers: Debug + wgpu::WasmNotSendSync;
 
     /// Whether several steps may share lists. False for 3D scenes, where each step has another
     /// camera.
@@ -86,7 +86,7 @@ pub trait Kind: Scene<View: PartialEq> + 'static {
     }
 
     /// Empty buffers of the stages that only this kind has.
-    fn own(gpu: &Gpu) -> Result<Self::Own, Error>;
+    fn buffers(gpu: &Gpu) -> Result<Self::Buffers, Error>;
 
     /// Enlarges these buffers for the splats.
     fn ensure(_workspace: &mut Workspace<Self>, _gpu: &Gpu, _splats: &Splats<Self>) -> Result<(), Error> {

@@ -120,7 +120,7 @@ impl WgpuRasterizer {
     ) -> Result<(Status, Gradients<S>), Error> {
         let gpu = &self.gpu;
         let workspace = pass.workspace.as_mut().expect("a forward pass has its workspace until it is dropped");
-        if workspace.edition != Some(splats.edition) {
+        if workspace.version != Some(splats.version) {
             return Err(Error::State(
                 "the forward pass was made from other splats, or before an edit of these".to_owned(),
             ));

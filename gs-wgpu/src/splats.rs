@@ -26,7 +26,7 @@ pub struct Splats<S: Kind> {
     /// Pending training steps. Methods with `&self` wait for them, too, hence the mutex.
     pub(crate) in_flight: Mutex<Home<S>>,
     /// A number that is unique to these splats since their last edit. It identifies invalid lists.
-    pub(crate) edition: u64,
+    pub(crate) version: u64,
 }
 
 /// An edit that the host has uploaded, for [`State::edit`] to apply to parameters and moments.
@@ -55,7 +55,7 @@ impl<S: Kind> Splats<S> {
             state,
             statistics: gpu.storage("statistics", statistics)?,
             in_flight: Mutex::default(),
-            edition: next_edition(),
+            version: next_version(),
         })
     }
 
@@ -114,7 +114,7 @@ impl<S: Kind> Splats<S> {
         let state = self.state.edit(gpu, &mut commands, &edit)?;
         commands.submit(gpu);
         gpu.check()?;
-        (self.len, self.state, self.statistics, self.edition) = (n, state, statistics, next_edition());
+        (self.len, self.state, self.statistics, self.version) = (n, state, statistics, next_version());
         Ok(())
     }
 
@@ -159,7 +159,7 @@ fn record<G>(plan: &EditPlan<G>, source: &From) -> Source {
     }
 }
 
-fn next_edition() -> u64 {
+fn next_version() -> u64 {
     use std::sync::atomic::{AtomicU64, Ordering};
     static NEXT: AtomicU64 = AtomicU64::new(0);
     NEXT.fetch_add(1, Ordering::Relaxed)

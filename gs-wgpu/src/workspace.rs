@@ -19,16 +19,22 @@ pub struct Workspace<S: Kind> {
     pub(crate) tiles: Tiles,
     /// `None` before the first pass.
     pub(crate) view: Option<S::View>,
-    pub(crate) own: S::Own,
+    pub(crate) buffers: S::Buffers,
     /// Empty before the first backward pass.
     pub(crate) gradients: Vec<Growing>,
-    /// The edition of the splats that the lists were made for.
-    pub(crate) edition: Option<u64>,
+    /// The version of the splats that the lists were made for.
+    pub(crate) version: Option<u64>,
 }
 
 impl<S: Kind> Workspace<S> {
     pub(crate) fn new(gpu: &Gpu) -> Result<Self, Error> {
-        Ok(Self { tiles: Tiles::new(gpu)?, view: None, own: S::own(gpu)?, gradients: Vec::new(), edition: None })
+        Ok(Self {
+            tiles: Tiles::new(gpu)?,
+            view: None,
+            buffers: S::buffers(gpu)?,
+            gradients: Vec::new(),
+            version: None,
+        })
     }
 
     /// Sets the splats, view and settings of the pass. Lists that were made for others become
@@ -41,8 +47,8 @@ impl<S: Kind> Workspace<S> {
         settings: &RenderSettings,
     ) -> Result<(), Error> {
         let same_view = self.view.as_ref() == Some(view) && self.tiles.settings == *settings;
-        if !(S::LISTS_LAST && same_view && self.edition == Some(splats.edition)) {
-            self.edition = None;
+        if !(S::LISTS_LAST && same_view && self.version == Some(splats.version)) {
+            self.version = None;
         }
         self.view = Some(view.clone());
         self.tiles.set(gpu, splats.len, S::size(view), settings)?;
@@ -120,7 +126,7 @@ impl<S: Kind> Workspace<S> {
 
     /// Enlarges the buffers that were too small for a pass, and resets its status.
     pub(crate) fn make_room(&mut self, gpu: &Gpu, status: &Status) -> Result<(), Error> {
-        self.edition = None;
+        self.version = None;
         self.tiles.make_room(gpu, status)
     }
 
@@ -141,7 +147,7 @@ impl<S: Kind> Workspace<S> {
             let status = self.tiles.read_status(gpu).await?;
             if status.overflow == 0 {
                 status.check()?;
-                self.edition = Some(splats.edition);
+                self.version = Some(splats.version);
                 return Ok(status);
             }
             self.make_room(gpu, &status)?;
@@ -164,7 +170,7 @@ impl<S: Kind> Pool<S> {
         match self.0.lock().unwrap_or_else(PoisonError::into_inner).pop() {
             Some(mut workspace) => {
                 // A step with `Binning::Reuse` must not use another's lists.
-                workspace.edition = None;
+                workspace.version = None;
                 Ok(workspace)
             }
             None => Workspace::new(gpu),

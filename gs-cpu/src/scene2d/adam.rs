@@ -12,7 +12,7 @@ use gs_core::{
 };
 
 use super::{
-    own::Gradient,
+    buffers::Gradient,
     splats::{Shapes, Splats2d, VECTOR},
 };
 use crate::{

@@ -4,7 +4,7 @@ use gs_core::{AdamRates, Binning, Blend, Canvas, Error, Output, Penalty, RenderS
 
 use super::{
     adam,
-    own::Own2d,
+    buffers::Buffers2d,
     project, project_bwd, solve_colors,
     splats::{Splats2d, VECTOR},
 };
@@ -20,7 +20,7 @@ use crate::{
 
 impl Kind for Scene2d {
     type Splats = Splats2d;
-    type Own = Own2d;
+    type Buffers = Buffers2d;
     type Bias = BiasTable<{ VECTOR + 1 }>;
 
     const BEFORE_BIN: [Stage; 2] = [Stage::Sort, Stage::Project];
@@ -61,80 +61,81 @@ impl Kind for Scene2d {
     }
 
     fn prepare(
-        workspace: &mut Workspace<Own2d>,
+        workspace: &mut Workspace<Buffers2d>,
         splats: &Splats2d,
         canvas: &Canvas,
         settings: &RenderSettings,
         binning: Binning,
     ) -> Result<(), Error> {
-        let edition = Some(splats.shared.edition);
-        let same =
-            workspace.own.canvas == *canvas && workspace.tiles.settings == *settings && workspace.edition == edition;
+        let version = Some(splats.shared.version);
+        let same = workspace.buffers.canvas == *canvas
+            && workspace.tiles.settings == *settings
+            && workspace.version == version;
         let reuse = binning == Binning::Reuse && same;
         workspace.len = splats.shared.len();
         if !reuse {
-            workspace.own.canvas = *canvas;
+            workspace.buffers.canvas = *canvas;
             workspace.tiles.set(Self::size(canvas), settings);
             // Sorted in each step: an order from earlier steps would be state that no checkpoint
             // has.
-            workspace.edition = None;
+            workspace.version = None;
             Self::sort(workspace, splats);
         }
         Self::project(workspace, splats);
         if !reuse {
             Self::bin(workspace)?;
-            workspace.edition = edition;
+            workspace.version = version;
         }
         workspace.tiles.fit();
         Ok(())
     }
 
-    fn project(workspace: &mut Workspace<Own2d>, splats: &Splats2d) {
-        let Workspace { tiles, own, .. } = workspace;
-        project::project_all(splats, &own.canvas, &own.order, tiles);
+    fn project(workspace: &mut Workspace<Buffers2d>, splats: &Splats2d) {
+        let Workspace { tiles, buffers, .. } = workspace;
+        project::project_all(splats, &buffers.canvas, &buffers.order, tiles);
     }
 
-    fn bin(workspace: &mut Workspace<Own2d>) -> Result<(), Error> {
-        workspace.tiles.bin(workspace.len, |place| place)
+    fn bin(workspace: &mut Workspace<Buffers2d>) -> Result<(), Error> {
+        workspace.tiles.bin(workspace.len, |rank| rank)
     }
 
     /// Sorts by index under `Over`. Under `Sum`, sorts by row, so that neighbours in a tile's list
     /// are neighbours in memory.
-    fn sort(workspace: &mut Workspace<Own2d>, splats: &Splats2d) {
-        let Workspace { tiles, own, .. } = workspace;
+    fn sort(workspace: &mut Workspace<Buffers2d>, splats: &Splats2d) {
+        let Workspace { tiles, buffers, .. } = workspace;
         let n = splats.shared.len() as u32;
-        own.place_of.clear();
+        buffers.rank_of.clear();
         match tiles.settings.effects.blend {
-            Blend::Over => own.place_of.extend(0..n),
+            Blend::Over => buffers.rank_of.extend(0..n),
             Blend::Sum => {
                 // Counting sort, stable; NaN casts to row 0.
                 let rows = tiles.grid.height;
                 let row = |index: usize| (splats.means[index].y as usize).min(rows - 1);
-                own.row_places.clear();
-                own.row_places.resize(rows, 0);
-                (0..n as usize).for_each(|index| own.row_places[row(index)] += 1);
+                buffers.next_ranks.clear();
+                buffers.next_ranks.resize(rows, 0);
+                (0..n as usize).for_each(|index| buffers.next_ranks[row(index)] += 1);
                 let mut next = 0;
-                for place in &mut own.row_places {
-                    next += std::mem::replace(place, next);
+                for rank in &mut buffers.next_ranks {
+                    next += std::mem::replace(rank, next);
                 }
                 for index in 0..n as usize {
-                    let place = &mut own.row_places[row(index)];
-                    own.place_of.push(*place);
-                    *place += 1;
+                    let rank = &mut buffers.next_ranks[row(index)];
+                    buffers.rank_of.push(*rank);
+                    *rank += 1;
                 }
             }
         }
-        own.order.resize(n as usize, 0);
-        for (index, &place) in own.place_of.iter().enumerate() {
-            own.order[place as usize] = index as u32;
+        buffers.order.resize(n as usize, 0);
+        for (index, &rank) in buffers.rank_of.iter().enumerate() {
+            buffers.order[rank as usize] = index as u32;
         }
     }
 
-    fn project_bwd(workspace: &mut Workspace<Own2d>, splats: &Splats2d, scale: f32) {
+    fn project_bwd(workspace: &mut Workspace<Buffers2d>, splats: &Splats2d, scale: f32) {
         project_bwd::all(workspace, splats, scale);
     }
 
-    fn derivatives(workspace: &Workspace<Own2d>, splats: &Splats2d) -> Self {
+    fn derivatives(workspace: &Workspace<Buffers2d>, splats: &Splats2d) -> Self {
         project_bwd::as_scene(splats, |index| workspace.gradient_of(index))
     }
 
@@ -143,7 +144,7 @@ impl Kind for Scene2d {
         bias: &mut Self::Bias,
         rates: &AdamRates,
         level: Level,
-        workspace: &Workspace<Own2d>,
+        workspace: &Workspace<Buffers2d>,
     ) {
         let statistics = workspace.tiles.settings.effects.statistics;
         adam::step(splats, bias, rates, level, statistics, |index| workspace.gradient_of(index));
@@ -157,7 +158,7 @@ impl Kind for Scene2d {
     }
 
     fn solve_colors(
-        workspace: &mut Workspace<Own2d>,
+        workspace: &mut Workspace<Buffers2d>,
         splats: &mut Splats2d,
         target: &Target,
         level: Level,

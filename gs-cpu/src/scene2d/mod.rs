@@ -1,8 +1,8 @@
 //! 2D scenes: the stages before `bin` and after `blend_bwd`.
 
 mod adam;
+mod buffers;
 mod kind;
-mod own;
 mod project;
 mod project_bwd;
 mod solve_colors;

@@ -55,7 +55,7 @@ fn project(
     Ok(Splat::new(mean, Covariance { xx, xy, yy, determinant }, color, (opacity, cut), longest))
 }
 
-/// Projects all Gaussians in the order `order` (place → index) into `tiles`, and counts the culled.
+/// Projects all Gaussians in the order `order` (rank → index) into `tiles`, and counts the culled.
 pub(crate) fn project_all(splats: &Splats2d, canvas: &Canvas, order: &[u32], tiles: &mut Tiles) {
     let Tiles { settings, tuning, projected, .. } = tiles;
     let settings = (&*settings, f32::from(tuning.recurrence_rows));

@@ -15,7 +15,7 @@ use gs_core::{
 use rayon::prelude::*;
 
 use super::{
-    own::{Gradient, Own2d},
+    buffers::{Buffers2d, Gradient},
     project::on_canvas,
     splats::{Shapes, Splats2d},
 };
@@ -24,9 +24,9 @@ use crate::{
     workspace::Workspace,
 };
 
-/// Writes every Gaussian's gradient, times `scale`, into the workspace (by place).
-pub(crate) fn all(workspace: &mut Workspace<Own2d>, splats: &Splats2d, scale: f32) {
-    let mut gradients = std::mem::take(&mut workspace.own.gradients);
+/// Writes every Gaussian's gradient, times `scale`, into the workspace (by rank).
+pub(crate) fn all(workspace: &mut Workspace<Buffers2d>, splats: &Splats2d, scale: f32) {
+    let mut gradients = std::mem::take(&mut workspace.buffers.gradients);
     gradients.resize(workspace.len, Gradient::default());
     let workspace_ = &*workspace;
     gradients.par_chunks_mut(CHUNK).enumerate().for_each(|(chunk, gradients)| {
@@ -34,21 +34,21 @@ pub(crate) fn all(workspace: &mut Workspace<Own2d>, splats: &Splats2d, scale: f3
             *out = gradient(workspace_, splats, chunk * CHUNK + i, scale).unwrap_or_default();
         }
     });
-    workspace.own.gradients = gradients;
+    workspace.buffers.gradients = gradients;
 }
 
-/// The gradient of the Gaussian at `place`, times `scale`; `None` where no tile lists it.
+/// The gradient of the Gaussian at `rank`, times `scale`; `None` where no tile lists it.
 #[inline(always)]
-fn gradient(workspace: &Workspace<Own2d>, splats: &Splats2d, place: usize, scale: f32) -> Option<Gradient> {
-    let Workspace { tiles, own, .. } = workspace;
+fn gradient(workspace: &Workspace<Buffers2d>, splats: &Splats2d, rank: usize, scale: f32) -> Option<Gradient> {
+    let Workspace { tiles, buffers, .. } = workspace;
     let effects = tiles.settings.effects;
-    let index = own.order[place] as usize;
-    let splat = &tiles.projected[place];
-    let received = tiles.received(place).filter(|_| !splat.is_culled())?;
+    let index = buffers.order[rank] as usize;
+    let splat = &tiles.projected[rank];
+    let received = tiles.received(rank).filter(|_| !splat.is_culled())?;
     let first = received.first * scale;
     let [xx, xu, uu] = received.second.map(|v| v * scale);
     let zeroth = received.zeroth * scale;
-    let (_, l) = on_canvas(&own.canvas, splats.means[index], splats.factor(index));
+    let (_, l) = on_canvas(&buffers.canvas, splats.means[index], splats.factor(index));
     let (xi, moment) = match effects.antialias {
         Antialias::None => {
             let (root_x, root_u) = (splat.inverse_xx.sqrt(), splat.c.sqrt());

@@ -9,7 +9,7 @@
 use gs_core::Error;
 use rayon::prelude::*;
 
-use super::{own::Own2d, splats::Splats2d};
+use super::{buffers::Buffers2d, splats::Splats2d};
 use crate::{
     blend_sum::{self, COLOR_STRIDE},
     layout::{Cuts, Row, TileBuffers, for_each_tile},
@@ -26,14 +26,14 @@ use crate::{
 /// # Errors
 /// [`Error::Memory`].
 pub(crate) fn solve(
-    workspace: &mut Workspace<Own2d>,
+    workspace: &mut Workspace<Buffers2d>,
     splats: &mut Splats2d,
     target: &Target,
     level: Level,
     iterations: u32,
 ) -> Result<(), Error> {
-    let Workspace { tiles, own, .. } = workspace;
-    let n = own.order.len();
+    let Workspace { tiles, buffers, .. } = workspace;
+    let n = buffers.order.len();
     let background = tiles.settings.background_color();
     let diagonal: Vec<f32> =
         (tiles.projected.iter()).map(|s| std::f32::consts::PI / (s.inverse_xx * s.c).sqrt()).collect();
@@ -70,10 +70,10 @@ pub(crate) fn solve(
         }
         rz = next;
     }
-    for (place, &index) in own.order.iter().enumerate() {
-        let splat = &mut tiles.projected[place];
-        if !splat.is_culled() && solution[place].iter().all(|v| v.is_finite()) {
-            splats.colors[index as usize] = solution[place];
+    for (rank, &index) in buffers.order.iter().enumerate() {
+        let splat = &mut tiles.projected[rank];
+        if !splat.is_culled() && solution[rank].iter().all(|v| v.is_finite()) {
+            splats.colors[index as usize] = solution[rank];
         }
     }
     Ok(())
@@ -90,7 +90,7 @@ fn dot(a: &[[f32; 3]], b: &[[f32; 3]]) -> [f64; 3] {
     sums
 }
 
-/// AᵀW(A c − y) by place, with the splats' colours c, the target's weights W, and y = target −
+/// AᵀW(A c − y) by rank, with the splats' colours c, the target's weights W, and y = target −
 /// background, or 0 without a background.
 fn normal_product(
     tiles: &mut Tiles,

@@ -8,8 +8,8 @@ use gs_core::{
 };
 
 use super::{
+    buffers::Buffers3d,
     moments::{self, Moments, Rest},
-    own::Own3d,
     project_bwd::{BLOCK, Backward, Block},
     splats::{LOG_SCALE, MEAN, OPACITY, ROTATION, SH, Splats3d},
 };
@@ -180,15 +180,15 @@ pub(crate) fn step(
     table: &mut BiasTable<GROUPS>,
     rates: &AdamRates,
     level: Level,
-    workspace: &Workspace<Own3d>,
+    workspace: &Workspace<Buffers3d>,
 ) {
-    let width = workspace.own.gradient_pitch();
+    let width = workspace.buffers.gradient_pitch();
     step_along(splats, table, rates, level, workspace, |first, count, _, block| {
         for i in 0..count {
             let listed = workspace.lists(first + i);
-            block.shares[i] = listed.then(|| workspace.own.shares[first + i]);
+            block.shares[i] = listed.then(|| workspace.buffers.shares[first + i]);
             if listed {
-                block.rows[i][..width].copy_from_slice(workspace.own.gradient(first + i));
+                block.rows[i][..width].copy_from_slice(workspace.buffers.gradient(first + i));
             }
         }
     });
@@ -202,7 +202,7 @@ pub(crate) fn update(
     table: &mut BiasTable<GROUPS>,
     rates: &AdamRates,
     level: Level,
-    workspace: &Workspace<Own3d>,
+    workspace: &Workspace<Buffers3d>,
     scale: f32,
 ) {
     let Some(backward) = Backward::new(workspace, splats, scale) else { return };
@@ -218,7 +218,7 @@ fn step_along(
     table: &mut BiasTable<GROUPS>,
     rates: &AdamRates,
     level: Level,
-    workspace: &Workspace<Own3d>,
+    workspace: &Workspace<Buffers3d>,
     gradients: impl Fn(usize, usize, &[f32], &mut Block) + Sync,
 ) {
     splats.moments.convert(rates.color_rest_moments);
@@ -230,7 +230,7 @@ fn step_along(
     let Penalty { opacity, scale } = rates.penalty;
     let penalty = (rates.penalty != Penalty::NONE).then_some([opacity / count, scale / (3.0 * count)]);
     let pitch = splats.pitch();
-    let width = workspace.own.gradient_pitch().min(pitch);
+    let width = workspace.buffers.gradient_pitch().min(pitch);
     let step = Step { pitch, width, groups, rates, bias: table, log_scales, penalty };
     Rows::of(splats).for_each_block(0, pitch, &|first, mut rows: Rows<'_>| {
         let mut block = Block::EMPTY;

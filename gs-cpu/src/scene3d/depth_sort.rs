@@ -106,10 +106,10 @@ impl DepthSort {
         self.len
     }
 
-    /// The Gaussian at `place`.
+    /// The Gaussian of this rank.
     #[inline(always)]
-    pub(crate) fn at(&self, place: usize) -> u32 {
-        self.keys[place].load(Relaxed) as u32
+    pub(crate) fn at(&self, rank: usize) -> u32 {
+        self.keys[rank].load(Relaxed) as u32
     }
 }
 
@@ -129,7 +129,7 @@ mod tests {
             let mut expected: Vec<u32> = (0..count as u32).filter(|&i| depth(i as usize) > 0.0).collect();
             expected.sort_by(|&a, &b| depth(a as usize).total_cmp(&depth(b as usize)));
             sort.sort(depth, count);
-            let found: Vec<u32> = (0..sort.len()).map(|place| sort.at(place)).collect();
+            let found: Vec<u32> = (0..sort.len()).map(|rank| sort.at(rank)).collect();
             assert_eq!(found, expected, "{count}");
         }
     }

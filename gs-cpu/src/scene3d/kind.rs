@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use super::{
     adam,
-    own::{NO_PLACE, Own3d},
+    buffers::{Buffers3d, NO_RANK},
     project::{self, Eye},
     project_bwd,
     splats::{Splats3d, ellipsoid},
@@ -28,7 +28,7 @@ use crate::{
 
 impl Kind for Scene3d {
     type Splats = Splats3d;
-    type Own = Own3d;
+    type Buffers = Buffers3d;
     type Bias = BiasTable<{ adam::GROUPS }>;
 
     const BEFORE_BIN: [Stage; 2] = [Stage::Project, Stage::Sort];
@@ -50,43 +50,43 @@ impl Kind for Scene3d {
 
     /// `Binning::Reuse` has no effect, because the next step has another camera.
     fn prepare(
-        workspace: &mut Workspace<Own3d>,
+        workspace: &mut Workspace<Buffers3d>,
         splats: &Splats3d,
         camera: &Camera,
         settings: &RenderSettings,
         _: Binning,
     ) -> Result<(), Error> {
-        workspace.edition = None;
+        workspace.version = None;
         workspace.len = splats.len();
         workspace.tiles.set(Self::size(camera), settings);
         let degree = match settings.output {
             Output::Color => settings.effects.sh_degree.min(splats.sh_degree),
             Output::InverseDepth | Output::Alpha => 0,
         };
-        workspace.own.eye =
+        workspace.buffers.eye =
             Some(Eye { perspective: Perspective::new(camera, settings), degree, output: settings.output });
         Self::project(workspace, splats);
         Self::sort(workspace, splats);
         Self::bin(workspace)?;
-        workspace.edition = Some(splats.shared.edition);
+        workspace.version = Some(splats.shared.version);
         workspace.tiles.fit();
         Ok(())
     }
 
-    fn project(workspace: &mut Workspace<Own3d>, splats: &Splats3d) {
-        let Workspace { tiles, own, .. } = workspace;
-        let Some(eye) = &own.eye else { return };
+    fn project(workspace: &mut Workspace<Buffers3d>, splats: &Splats3d) {
+        let Workspace { tiles, buffers, .. } = workspace;
+        let Some(eye) = &buffers.eye else { return };
         project::project_all(splats, eye, tiles);
     }
 
-    fn bin(workspace: &mut Workspace<Own3d>) -> Result<(), Error> {
-        let Workspace { tiles, own, .. } = workspace;
-        tiles.bin(own.depth_sort.len(), |place| own.depth_sort.at(place) as usize)
+    fn bin(workspace: &mut Workspace<Buffers3d>) -> Result<(), Error> {
+        let Workspace { tiles, buffers, .. } = workspace;
+        tiles.bin(buffers.depth_sort.len(), |rank| buffers.depth_sort.at(rank) as usize)
     }
 
-    fn sort(workspace: &mut Workspace<Own3d>, _: &Splats3d) {
-        let Workspace { tiles, own, .. } = workspace;
-        let Own3d { depth_sort, place_of, .. } = own;
+    fn sort(workspace: &mut Workspace<Buffers3d>, _: &Splats3d) {
+        let Workspace { tiles, buffers, .. } = workspace;
+        let Buffers3d { depth_sort, rank_of, .. } = buffers;
         let depths = &tiles.depths;
         let blend = tiles.settings.effects.blend;
         let order = tiles.settings.effects.order;
@@ -95,27 +95,31 @@ impl Kind for Scene3d {
             (Blend::Sum, _) | (Blend::Over, Order::Index) => depth_sort.collect(&depth, depths.len()),
             (Blend::Over, Order::Global | Order::PerPixel) => depth_sort.sort(depth, depths.len()),
         }
-        place_of.resize_with(depths.len(), AtomicU32::default);
-        place_of.par_iter().with_min_len(CHUNK).for_each(|place| place.store(NO_PLACE, Relaxed));
-        (0..depth_sort.len()).into_par_iter().with_min_len(CHUNK).for_each(|place| {
-            place_of[depth_sort.at(place) as usize].store(place as u32, Relaxed);
+        rank_of.resize_with(depths.len(), AtomicU32::default);
+        rank_of.par_iter().with_min_len(CHUNK).for_each(|rank| rank.store(NO_RANK, Relaxed));
+        (0..depth_sort.len()).into_par_iter().with_min_len(CHUNK).for_each(|rank| {
+            rank_of[depth_sort.at(rank) as usize].store(rank as u32, Relaxed);
         });
     }
 
-    fn project_bwd(workspace: &mut Workspace<Own3d>, splats: &Splats3d, scale: f32) {
+    fn project_bwd(workspace: &mut Workspace<Buffers3d>, splats: &Splats3d, scale: f32) {
         project_bwd::all(workspace, splats, scale);
     }
 
-    fn add_gradients(workspace: &mut Workspace<Own3d>, added: &Workspace<Own3d>, weight: f32) -> Result<(), Error> {
+    fn add_gradients(
+        workspace: &mut Workspace<Buffers3d>,
+        added: &Workspace<Buffers3d>,
+        weight: f32,
+    ) -> Result<(), Error> {
         project_bwd::add(workspace, added, weight);
         Ok(())
     }
 
-    fn derivatives(workspace: &Workspace<Own3d>, splats: &Splats3d) -> Self {
+    fn derivatives(workspace: &Workspace<Buffers3d>, splats: &Splats3d) -> Self {
         let zeros = vec![0.0; splats.pitch()];
         let row = |index: usize| match workspace.lists(index) {
             true => {
-                let row = workspace.own.gradient(index);
+                let row = workspace.buffers.gradient(index);
                 (ellipsoid(row), row)
             }
             false => (Ellipsoid::default(), &zeros[..]),
@@ -128,7 +132,7 @@ impl Kind for Scene3d {
         bias: &mut Self::Bias,
         rates: &AdamRates,
         level: Level,
-        workspace: &Workspace<Own3d>,
+        workspace: &Workspace<Buffers3d>,
     ) {
         adam::step(splats, bias, rates, level, workspace);
     }
@@ -137,7 +141,7 @@ impl Kind for Scene3d {
         bias: &mut Self::Bias,
         rates: &AdamRates,
         level: Level,
-        workspace: &mut Workspace<Own3d>,
+        workspace: &mut Workspace<Buffers3d>,
         scale: f32,
     ) {
         adam::update(splats, bias, rates, level, workspace, scale);

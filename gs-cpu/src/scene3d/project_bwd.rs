@@ -11,7 +11,7 @@ use gs_core::{effects::Statistics, math::perspective::ProjectionGradient};
 use rayon::prelude::*;
 
 use super::{
-    own::{NO_PLACE, Own3d},
+    buffers::{Buffers3d, NO_RANK},
     project::Eye,
     splats::{self, LOG_SCALE, MEAN, MOST_NUMBERS, OPACITY, ROTATION, SH, Splats3d},
 };
@@ -40,7 +40,7 @@ impl Block {
 /// What gradients are computed from.
 pub(crate) struct Backward<'a> {
     tiles: &'a Tiles,
-    own: &'a Own3d,
+    buffers: &'a Buffers3d,
     eye: Eye,
     /// Numbers from a row of parameters to the next.
     pitch: usize,
@@ -49,20 +49,20 @@ pub(crate) struct Backward<'a> {
 
 impl<'a> Backward<'a> {
     /// Of gradients times `scale`; `None` before a projection.
-    pub(crate) fn new(workspace: &'a Workspace<Own3d>, splats: &Splats3d, scale: f32) -> Option<Self> {
-        let Workspace { tiles, own, .. } = workspace;
-        Some(Self { tiles, own, eye: own.eye?, pitch: splats.pitch(), scale })
+    pub(crate) fn new(workspace: &'a Workspace<Buffers3d>, splats: &Splats3d, scale: f32) -> Option<Self> {
+        let Workspace { tiles, buffers, .. } = workspace;
+        Some(Self { tiles, buffers, eye: buffers.eye?, pitch: splats.pitch(), scale })
     }
 
     /// Computes the gradients of the Gaussians from `first` on that have these parameters.
     #[inline(always)]
     pub(crate) fn block(&self, first: usize, parameters: &[f32], block: &mut Block) {
-        let place = |i: usize| {
-            let place = self.own.place_of.get(first + i).map_or(NO_PLACE, |place| place.load(Relaxed));
-            (place != NO_PLACE).then_some(place as usize)
+        let rank = |i: usize| {
+            let rank = self.buffers.rank_of.get(first + i).map_or(NO_RANK, |rank| rank.load(Relaxed));
+            (rank != NO_RANK).then_some(rank as usize)
         };
-        let received = self.tiles.gather::<BLOCK>(std::array::from_fn(place));
-        let width = self.own.gradient_pitch();
+        let received = self.tiles.gather::<BLOCK>(std::array::from_fn(rank));
+        let width = self.buffers.gradient_pitch();
         for (i, parameters) in parameters.chunks_exact(self.pitch).enumerate() {
             let (splat, row) = (&self.tiles.projected[first + i], &mut block.rows[i][..width]);
             block.shares[i] = received[i]
@@ -73,10 +73,10 @@ impl<'a> Backward<'a> {
 
 /// Writes the gradients of all listed Gaussians, times `scale`, into `own.gradients` and
 /// `own.shares`.
-pub(crate) fn all(workspace: &mut Workspace<Own3d>, splats: &Splats3d, scale: f32) {
-    let own = &mut workspace.own;
-    let (mut gradients, mut shares) = (std::mem::take(&mut own.gradients), std::mem::take(&mut own.shares));
-    let (width, pitch) = (own.gradient_pitch(), splats.pitch());
+pub(crate) fn all(workspace: &mut Workspace<Buffers3d>, splats: &Splats3d, scale: f32) {
+    let buffers = &mut workspace.buffers;
+    let (mut gradients, mut shares) = (std::mem::take(&mut buffers.gradients), std::mem::take(&mut buffers.shares));
+    let (width, pitch) = (buffers.gradient_pitch(), splats.pitch());
     gradients.resize(splats.len() * width, 0.0);
     shares.resize(splats.len(), Share::default());
     if let Some(backward) = Backward::new(workspace, splats, scale) {
@@ -94,20 +94,20 @@ pub(crate) fn all(workspace: &mut Workspace<Own3d>, splats: &Splats3d, scale: f3
             }
         });
     }
-    (workspace.own.gradients, workspace.own.shares) = (gradients, shares);
+    (workspace.buffers.gradients, workspace.buffers.shares) = (gradients, shares);
 }
 
 /// Adds `weight` times the added gradients to those of `own.gradients`, for Gaussians that some tile
 /// lists in both.
-pub(crate) fn add(workspace: &mut Workspace<Own3d>, added: &Workspace<Own3d>, weight: f32) {
-    let mut gradients = std::mem::take(&mut workspace.own.gradients);
-    let rows = gradients.par_chunks_mut(workspace.own.gradient_pitch()).enumerate().with_min_len(CHUNK);
+pub(crate) fn add(workspace: &mut Workspace<Buffers3d>, added: &Workspace<Buffers3d>, weight: f32) {
+    let mut gradients = std::mem::take(&mut workspace.buffers.gradients);
+    let rows = gradients.par_chunks_mut(workspace.buffers.gradient_pitch()).enumerate().with_min_len(CHUNK);
     rows.for_each(|(index, row)| {
         if workspace.lists(index) && added.lists(index) {
-            row.iter_mut().zip(added.own.gradient(index)).for_each(|(sum, by)| *sum += weight * by);
+            row.iter_mut().zip(added.buffers.gradient(index)).for_each(|(sum, by)| *sum += weight * by);
         }
     });
-    workspace.own.gradients = gradients;
+    workspace.buffers.gradients = gradients;
 }
 
 /// Writes one Gaussian's gradient, from what its entries received, into `row`, and returns its

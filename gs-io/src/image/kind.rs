@@ -62,20 +62,20 @@ pub(super) fn format_of(path: &Path, reader: &mut (impl Read + Seek)) -> Result<
 /// The error for an image of a known kind that cannot be read.
 fn not_readable(path: &Path, what: &str, extension: &str) -> Error {
     let found = format!("is {what}, but {READABLE} are the images that can be read");
-    Error::NotAnImage { path: path.to_owned(), found, mend: convert(extension) }
+    Error::NotAnImage { path: path.to_owned(), found, hint: convert(extension) }
 }
 
 /// The error for an unsupported variant of a readable format.
 pub(super) fn not_supported(path: &Path, format: &str, message: &str) -> Error {
     let found = format!("is a {format} image of a kind that cannot be read ({message})");
-    Error::NotAnImage { path: path.to_owned(), found, mend: convert(&format.to_lowercase()) }
+    Error::NotAnImage { path: path.to_owned(), found, hint: convert(&format.to_lowercase()) }
 }
 
 /// The error for an image in CMYK.
 pub(super) fn cmyk(path: &Path, extension: &str) -> Error {
     let found = "is an image in CMYK, a printer's colours, which only its profile could turn into RGB".to_owned();
-    let mend = format!("{} -profile sRGB.icc photo.png", convert(extension).trim_end_matches(" photo.png"));
-    Error::NotAnImage { path: path.to_owned(), found, mend }
+    let hint = format!("{} -profile sRGB.icc photo.png", convert(extension).trim_end_matches(" photo.png"));
+    Error::NotAnImage { path: path.to_owned(), found, hint }
 }
 
 fn convert(extension: &str) -> String {
@@ -94,7 +94,7 @@ fn ends(reader: &mut (impl Read + Seek)) -> std::io::Result<(Vec<u8>, Vec<u8>)> 
 }
 
 fn no_image(path: &Path, ending: &str, start: &[u8], end: &[u8]) -> Error {
-    let error = |found: String, mend: &str| Error::NotAnImage { path: path.to_owned(), found, mend: mend.to_owned() };
+    let error = |found: String, hint: &str| Error::NotAnImage { path: path.to_owned(), found, hint: hint.to_owned() };
     if start.is_empty() {
         return error("is empty".to_owned(), "fetch or export it again");
     }

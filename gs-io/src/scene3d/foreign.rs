@@ -14,7 +14,7 @@ struct Kind {
     start: &'static [u8],
     endings: &'static [&'static str],
     what: &'static str,
-    mend: &'static str,
+    hint: &'static str,
 }
 
 /// Files that describe a scene in their folder and its subfolders.
@@ -25,37 +25,37 @@ const ANY: &[&str] = &[];
 
 /// The first match counts.
 const KINDS: [Kind; 12] = [
-    Kind { start: b"", endings: &["sogs"], what: "a SOG scene of version 1", mend: SPLAT_TRANSFORM },
-    Kind { start: b"", endings: &["rad"], what: "a RAD scene of Spark", mend: "convert it to PLY or SPZ with Spark" },
+    Kind { start: b"", endings: &["sogs"], what: "a SOG scene of version 1", hint: SPLAT_TRANSFORM },
+    Kind { start: b"", endings: &["rad"], what: "a RAD scene of Spark", hint: "convert it to PLY or SPZ with Spark" },
     Kind {
         start: b"",
         endings: &["b3dm", "i3dm", "pnts", "cmpt", "subtree"],
         what: "a tile of 3D Tiles",
-        mend: "name a PLY or a glTF of Gaussians that the tiles were made of",
+        hint: "name a PLY or a glTF of Gaussians that the tiles were made of",
     },
-    Kind { start: b"", endings: &["lcc"], what: "an XGrids .lcc scene", mend: SPLAT_TRANSFORM },
+    Kind { start: b"", endings: &["lcc"], what: "an XGrids .lcc scene", hint: SPLAT_TRANSFORM },
     Kind {
         start: b"PK\x03\x04",
         endings: &["pt", "pth", "ckpt"],
         what: "a PyTorch checkpoint",
-        mend: "export a PLY with the program that wrote it, such as Nerfstudio's ns-export gaussian-splat",
+        hint: "export a PLY with the program that wrote it, such as Nerfstudio's ns-export gaussian-splat",
     },
-    Kind { start: b"PK\x03\x04", endings: ANY, what: "a ZIP archive", mend: "unpack it and name the scene in it" },
+    Kind { start: b"PK\x03\x04", endings: ANY, what: "a ZIP archive", hint: "unpack it and name the scene in it" },
     Kind {
         start: b"",
         endings: &["csv", "tsv"],
         what: "a table of numbers",
-        mend: "export a PLY with the program that wrote it",
+        hint: "export a PLY with the program that wrote it",
     },
-    Kind { start: b"", endings: &["obj", "stl", "fbx", "dae", "off"], what: "a mesh", mend: TRAIN },
-    Kind { start: b"LASF", endings: ANY, what: "a LAS point cloud", mend: TRAIN },
-    Kind { start: b"", endings: &["las", "laz", "e57", "pcd", "xyz"], what: "a point cloud", mend: TRAIN },
-    Kind { start: b"Kaydara FBX Binary", endings: ANY, what: "a mesh", mend: TRAIN },
+    Kind { start: b"", endings: &["obj", "stl", "fbx", "dae", "off"], what: "a mesh", hint: TRAIN },
+    Kind { start: b"LASF", endings: ANY, what: "a LAS point cloud", hint: TRAIN },
+    Kind { start: b"", endings: &["las", "laz", "e57", "pcd", "xyz"], what: "a point cloud", hint: TRAIN },
+    Kind { start: b"Kaydara FBX Binary", endings: ANY, what: "a mesh", hint: TRAIN },
     Kind {
         start: b"[",
         endings: &["json"],
         what: "a list in JSON, such as the cameras.json of 3DGS",
-        mend: "name the scene that belongs to it, such as point_cloud.ply",
+        hint: "name the scene that belongs to it, such as point_cloud.ply",
     },
 ];
 
@@ -65,8 +65,8 @@ pub(crate) fn refusal(start: &[u8], path: &Path) -> Option<Error> {
     let fits = |kind: &&Kind| {
         start.starts_with(kind.start) && (kind.endings.is_empty() || kind.endings.iter().any(has_ending))
     };
-    let Kind { what, mend, .. } = KINDS.iter().find(fits)?;
-    Some(Error::ForeignScene { path: path.to_owned(), what, mend })
+    let Kind { what, hint, .. } = KINDS.iter().find(fits)?;
+    Some(Error::ForeignScene { path: path.to_owned(), what, hint })
 }
 
 /// The error for a JSON object that is not a glTF of Gaussians: it names the file's kind if that is
@@ -74,7 +74,7 @@ pub(crate) fn refusal(start: &[u8], path: &Path) -> Option<Error> {
 pub(crate) fn refusal_of_json(json: &[u8], path: &Path) -> Option<Error> {
     let object: serde_json::Map<String, serde_json::Value> = serde_json::from_slice(json).ok()?;
     let has = |keys: &[&str]| keys.iter().all(|key| object.contains_key(*key));
-    let (what, mend) = if has(&["means", "scales", "quats"]) {
+    let (what, hint) = if has(&["means", "scales", "quats"]) {
         ("the meta.json of a SOG scene", "name it meta.json, beside its images")
     } else if has(&["lodLevels"]) || has(&["filenames", "tree"]) || has_name(path, LEVELS) {
         ("the lod-meta.json of a streamed SOG", "name the meta.json of one of its levels, in a folder beside it")
@@ -85,7 +85,7 @@ pub(crate) fn refusal_of_json(json: &[u8], path: &Path) -> Option<Error> {
     } else {
         return refusal(json, path);
     };
-    Some(Error::ForeignScene { path: path.to_owned(), what, mend })
+    Some(Error::ForeignScene { path: path.to_owned(), what, hint })
 }
 
 /// Whether a path ends in a file of this name, in whatever case.

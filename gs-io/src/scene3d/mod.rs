@@ -241,7 +241,7 @@ fn check_writable(path: &Path, scene: &Scene3d) -> Result<(), Error> {
 fn in_world(path: &Path, scene: &Scene3d, frame: &WorldFrame) -> Result<Scene3d, Error> {
     if frame.origin != DVec3::ZERO {
         let what = format!("a scene in world coordinates around {}, which need 64 bits,", frame.origin);
-        return Err(Error::Unsupported { path: path.to_owned(), what, mend: "write a PLY or a glTF" });
+        return Err(Error::Unsupported { path: path.to_owned(), what, hint: "write a PLY or a glTF" });
     }
     let mut scene = scene.clone();
     transform(&mut scene, &frame.to(&WorldFrame::WORLD));

@@ -37,6 +37,6 @@ pub(super) fn check(path: &Path, format: Format3d, scene: &Scene3d, options: &Wr
     Err(Error::Unsupported {
         path: path.to_owned(),
         what: format!("a coordinate of ±{place:e} (Gaussian {first}{others}), beyond ±{largest} units,"),
-        mend: "leave such Gaussians out (gs convert --drop-broken), scale the scene, or write a PLY",
+        hint: "leave such Gaussians out (gs convert --drop-broken), scale the scene, or write a PLY",
     })
 }

@@ -307,7 +307,7 @@ fn words(error: &ObjectError) -> String {
         _ => deepest(error),
     };
     let code = tagged("Code").unwrap_or_default();
-    let mend = match error {
+    let hint = match error {
         ObjectError::NotFound { .. } => ": is there such a bucket at AWS_ENDPOINT?",
         _ if code == "RequestTimeTooSkewed" => ": set the clock of this machine",
         ObjectError::PermissionDenied { .. } | ObjectError::Unauthenticated { .. } => {
@@ -318,7 +318,7 @@ fn words(error: &ObjectError) -> String {
         }
         _ => "",
     };
-    one_line(format_args!("{said}{mend}"))
+    one_line(format_args!("{said}{hint}"))
 }
 
 /// The cause of an error that no other error has caused.

@@ -9,7 +9,7 @@ use glam::{Vec2, Vec3};
 use gs_io::dataset::Point;
 use rayon::prelude::*;
 
-use super::sweep::{Found, Plate, evenly, merged, neighbours};
+use super::sweep::{Found, SearchedImage, evenly, merged, neighbours};
 use crate::error::Error;
 use crate::views::{Fit, Focus, PosedView, Sample, extent_of, fits, samples, values_at};
 
@@ -33,27 +33,28 @@ const SAME_SURFACE: f32 = 0.03;
 pub(crate) fn points(views: &[PosedView], known: &[Point]) -> Result<Vec<Point>, Error> {
     let maps = evenly(views).into_par_iter().map(Relief::read).collect::<Result<Vec<_>, _>>()?;
     let reliefs = fitted(maps.into_iter().flatten().collect(), known);
-    let (plates, depths): (Vec<Plate>, Vec<Vec<f32>>) = reliefs.into_iter().map(|r| (r.plate, r.values)).unzip();
-    let cameras: Vec<_> = plates.iter().map(|plate| plate.camera).collect();
+    let (images, depths): (Vec<SearchedImage>, Vec<Vec<f32>>) =
+        reliefs.into_iter().map(|r| (r.image, r.values)).unzip();
+    let cameras: Vec<_> = images.iter().map(|image| image.camera).collect();
     let distance = Focus::of(&cameras).map_or_else(|| extent_of(&cameras, &[]), |focus| focus.distance);
     let pixels: usize = depths.iter().flatten().filter(|depth| **depth > 0.0).count();
     let stride = ((pixels as f32 / MOST_PIXELS as f32).sqrt().ceil() as usize).max(1);
-    let found: Vec<Vec<Found>> = (0..plates.len())
+    let found: Vec<Vec<Found>> = (0..images.len())
         .into_par_iter()
         .map(|index| {
-            let others: Vec<(&Plate, &[f32])> = neighbours(&plates, index, distance)
+            let others: Vec<(&SearchedImage, &[f32])> = neighbours(&images, index, distance)
                 .into_iter()
-                .map(|other| (&plates[other], &depths[other][..]))
+                .map(|other| (&images[other], &depths[other][..]))
                 .collect();
-            confirmed(&plates[index], &depths[index], &others, stride)
+            confirmed(&images[index], &depths[index], &others, stride)
         })
         .collect();
     Ok(merged(found.into_iter().flatten()))
 }
 
-/// A view with its map at the size of a [`Plate`].
+/// A view with its map at the size of a [`SearchedImage`].
 struct Relief {
-    plate: Plate,
+    image: SearchedImage,
     /// Values of the map, row-major; 0 where unknown.
     values: Vec<f32>,
     unit: Option<f32>,
@@ -63,15 +64,15 @@ impl Relief {
     /// Reads a view; `None` without a map.
     fn read(view: &PosedView) -> Result<Option<Self>, Error> {
         let Some(map) = view.source.depth()? else { return Ok(None) };
-        let plate = Plate::read(view)?;
-        let at_pixels = values_at(&map, &plate.camera).into_iter().zip(&plate.solid);
+        let image = SearchedImage::read(view)?;
+        let at_pixels = values_at(&map, &image.camera).into_iter().zip(&image.solid);
         let values = at_pixels.map(|(value, &solid)| if solid { value } else { 0.0 }).collect();
-        Ok(Some(Self { plate, values, unit: map.unit }))
+        Ok(Some(Self { image, values, unit: map.unit }))
     }
 
     /// The map's values and the depths of the known points in sight.
     fn samples(&self, known: &[Point]) -> Vec<Sample> {
-        samples(&self.plate.camera, &self.values, CELL, known.iter().map(|point| point.position))
+        samples(&self.image.camera, &self.values, CELL, known.iter().map(|point| point.position))
     }
 
     /// This view with depths in place of the map's values; 0 where the fit gives no valid depth.
@@ -95,10 +96,10 @@ fn fitted(maps: Vec<Relief>, known: &[Point]) -> Vec<Relief> {
 
 /// The points at every `stride`-th pixel that other views confirm: at least one view has the same
 /// depth there, and no more views than that see past the point.
-fn confirmed(plate: &Plate, depths: &[f32], others: &[(&Plate, &[f32])], stride: usize) -> Vec<Found> {
-    let (width, height) = (plate.image.width() as usize, plate.image.height() as usize);
-    let cell = 0.5 * stride as f32 / plate.camera.focal.max_element();
-    let origin = plate.camera.position();
+fn confirmed(image: &SearchedImage, depths: &[f32], others: &[(&SearchedImage, &[f32])], stride: usize) -> Vec<Found> {
+    let (width, height) = (image.pixels.width() as usize, image.pixels.height() as usize);
+    let cell = 0.5 * stride as f32 / image.camera.focal.max_element();
+    let origin = image.camera.position();
     let mut found = Vec::new();
     for y in (stride / 2..height).step_by(stride) {
         for x in (stride / 2..width).step_by(stride) {
@@ -106,7 +107,7 @@ fn confirmed(plate: &Plate, depths: &[f32], others: &[(&Plate, &[f32])], stride:
             if !(depth > 0.0) {
                 continue;
             }
-            let position = origin + depth * plate.ray(Vec2::new(x as f32, y as f32) + 0.5);
+            let position = origin + depth * image.ray(Vec2::new(x as f32, y as f32) + 0.5);
             let differences = others.iter().filter_map(|(other, depths)| difference(position, other, depths));
             let (mut same, mut past) = (0, 0);
             for difference in differences {
@@ -114,7 +115,7 @@ fn confirmed(plate: &Plate, depths: &[f32], others: &[(&Plate, &[f32])], stride:
                 past += usize::from(difference < -SAME_SURFACE);
             }
             if same > 0 && same >= past {
-                let color = plate.image.pixel(x as u32, y as u32);
+                let color = image.pixels.pixel(x as u32, y as u32);
                 found.push(Found { point: Point { position, color }, cell: cell * depth });
             }
         }
@@ -124,9 +125,9 @@ fn confirmed(plate: &Plate, depths: &[f32], others: &[(&Plate, &[f32])], stride:
 
 /// ln-depth of a point in a view minus the ln-depth of the view's map; `None` if the point is
 /// outside the image or the map's value is unknown.
-fn difference(position: Vec3, plate: &Plate, depths: &[f32]) -> Option<f32> {
-    let (at, depth) = plate.camera.project(position)?;
-    let (width, height) = plate.image.size();
+fn difference(position: Vec3, image: &SearchedImage, depths: &[f32]) -> Option<f32> {
+    let (at, depth) = image.camera.project(position)?;
+    let (width, height) = image.pixels.size();
     let inside = at.cmpge(Vec2::ZERO).all() && at.x < width as f32 && at.y < height as f32;
     let known = inside.then(|| depths[at.y as usize * width as usize + at.x as usize])?;
     (known > 0.0).then(|| (depth / known).ln())

@@ -5,7 +5,7 @@ use gs_core::Camera;
 use gs_io::dataset::Point;
 use rayon::prelude::*;
 
-use super::sweep::{Plate, averaged, evenly};
+use super::sweep::{SearchedImage, averaged, evenly};
 use crate::error::Error;
 use crate::views::PosedView;
 
@@ -38,15 +38,15 @@ pub(crate) fn points(views: &[PosedView], known: &[Point]) -> Result<Vec<Point>,
     let radius = FAR * farthest;
     let seen = evenly(views)
         .into_par_iter()
-        .map(|view| Ok(beyond(&Plate::read(view)?, known, middle, radius)))
+        .map(|view| Ok(beyond(&SearchedImage::read(view)?, known, middle, radius)))
         .collect::<Result<Vec<_>, Error>>()?;
     Ok(averaged(seen.into_iter().flatten().map(|(cell, point)| (cell.to_array(), point))))
 }
 
 /// The points of one view on the shell around `middle`, each with its cell of directions from
 /// there.
-fn beyond(plate: &Plate, known: &[Point], middle: Vec3, radius: f32) -> Vec<(IVec3, Point)> {
-    let camera = &plate.camera;
+fn beyond(image: &SearchedImage, known: &[Point], middle: Vec3, radius: f32) -> Vec<(IVec3, Point)> {
+    let camera = &image.camera;
     let side = CELL * camera.width.max(camera.height) as f32;
     let size = Vec2::new(camera.width as f32, camera.height as f32);
     let (columns, rows) = ((size.x / side).ceil() as i32, (size.y / side).ceil() as i32);
@@ -63,15 +63,15 @@ fn beyond(plate: &Plate, known: &[Point], middle: Vec3, radius: f32) -> Vec<(IVe
     let point = |(x, y): (i32, i32)| {
         let at = ((Vec2::new(x as f32, y as f32) + 0.5) * side).min(size - 0.5);
         let (column, row) = (at.x as u32, at.y as u32);
-        let is_empty = empty[(y * columns + x) as usize] && plate.solid[(row * camera.width + column) as usize];
+        let is_empty = empty[(y * columns + x) as usize] && image.solid[(row * camera.width + column) as usize];
         // Where the ray leaves the sphere, in which all cameras are.
-        let ray = plate.ray(at).normalize();
+        let ray = image.ray(at).normalize();
         let along = origin.dot(ray);
         let way = (along * along - origin.length_squared() + radius * radius).sqrt() - along;
         let offset = origin + way * ray;
         let usable = is_empty && offset.is_finite();
         let cell = (offset / (radius * step)).floor().as_ivec3();
-        usable.then(|| (cell, Point { position: middle + offset, color: plate.image.pixel(column, row) }))
+        usable.then(|| (cell, Point { position: middle + offset, color: image.pixels.pixel(column, row) }))
     };
     (0..rows).flat_map(|y| (0..columns).map(move |x| (x, y))).filter_map(point).collect()
 }

@@ -94,21 +94,21 @@ const LEVEL: f32 = 0.15;
 /// # Errors
 /// Those of reading an image.
 pub(crate) fn points(views: &[PosedView]) -> Result<Vec<Point>, Error> {
-    let plates = evenly(views).into_par_iter().map(Plate::read).collect::<Result<Vec<_>, _>>()?;
-    let count = plates.len();
-    let cameras: Vec<Camera> = plates.iter().map(|plate| plate.camera).collect();
+    let images = evenly(views).into_par_iter().map(SearchedImage::read).collect::<Result<Vec<_>, _>>()?;
+    let count = images.len();
+    let cameras: Vec<Camera> = images.iter().map(|image| image.camera).collect();
     let (distance, nearest) = match Focus::of(&cameras) {
         Some(focus) => (focus.distance, NEAREST_AROUND),
         None => (extent_of(&cameras, &[]), NEAREST_WITHIN),
     };
-    let pixels: usize = plates.iter().map(|plate| plate.solid.iter().filter(|&&solid| solid).count()).sum();
+    let pixels: usize = images.iter().map(|image| image.solid.iter().filter(|&&solid| solid).count()).sum();
     let stride = ((pixels as f32 / MOST_PIXELS as f32).sqrt().ceil() as u32).max(1);
     let swept: Vec<Swept> =
-        (0..count).into_par_iter().map(|index| sweep(&plates, index, (distance, nearest), stride)).collect();
-    let seen_twice = |index: usize| seen_twice(&plates, &swept, index, 1.5 * stride as f32);
+        (0..count).into_par_iter().map(|index| sweep(&images, index, (distance, nearest), stride)).collect();
+    let seen_twice = |index: usize| seen_twice(&images, &swept, index, 1.5 * stride as f32);
     let found: Vec<Vec<Found>> = (0..count)
         .into_par_iter()
-        .map(|index| plates[index].found(seen_twice(index), &swept[index].flat, stride))
+        .map(|index| images[index].found(seen_twice(index), &swept[index].flat, stride))
         .collect();
     Ok(merged(found.into_iter().flatten()))
 }
@@ -130,9 +130,9 @@ pub(crate) fn searched_camera(camera: &Camera) -> Camera {
 }
 
 /// A view as it is searched.
-pub(crate) struct Plate {
+pub(crate) struct SearchedImage {
     pub(crate) camera: Camera,
-    pub(crate) image: Image,
+    pub(crate) pixels: Image,
     luma: Vec<f32>,
     /// Whether a pixel counts and is more opaque than not.
     pub(crate) solid: Vec<bool>,
@@ -144,7 +144,7 @@ pub(crate) struct Found {
     pub(crate) cell: f32,
 }
 
-impl Plate {
+impl SearchedImage {
     pub(crate) fn read(view: &PosedView) -> Result<Self, Error> {
         let camera = &view.camera;
         let factor = searched_factor(camera);
@@ -155,7 +155,7 @@ impl Plate {
                 alpha.as_ref().is_none_or(|alpha| alpha[index] > 0.5) && mask.as_ref().is_none_or(|mask| mask[index])
             })
             .collect();
-        Ok(Self { camera: reduced_camera(camera, factor), image, luma, solid })
+        Ok(Self { camera: reduced_camera(camera, factor), pixels: image, luma, solid })
     }
 
     /// The direction of the pixel at `at`, px, as long as one unit of depth, world axes.
@@ -194,7 +194,10 @@ impl Plate {
         let cell = 0.5 * stride as f32 / self.camera.focal.max_element();
         let origin = self.camera.position();
         let found = |(at, depth): (Vec2, f32)| Found {
-            point: Point { position: origin + depth * self.ray(at), color: self.image.pixel(at.x as u32, at.y as u32) },
+            point: Point {
+                position: origin + depth * self.ray(at),
+                color: self.pixels.pixel(at.x as u32, at.y as u32),
+            },
             cell: cell * depth,
         };
         known.into_iter().chain(filled).map(found).collect()
@@ -235,12 +238,12 @@ fn offsets() -> impl Iterator<Item = (i32, i32)> {
 
 /// The views to compare view `index` with: those whose rays meet its own at about [`BEST_ANGLE`] in
 /// this distance, among those that look in a similar direction.
-pub(crate) fn neighbours(plates: &[Plate], index: usize, distance: f32) -> Vec<usize> {
-    let camera = &plates[index].camera;
+pub(crate) fn neighbours(images: &[SearchedImage], index: usize, distance: f32) -> Vec<usize> {
+    let camera = &images[index].camera;
     let axis = |camera: &Camera| camera.rotation.row(2);
-    let mut others: Vec<(f32, usize)> = (0..plates.len())
-        .filter(|&other| other != index && axis(&plates[other].camera).dot(axis(camera)) > LEAST_COSINE)
-        .map(|other| (plates[other].camera.position().distance(camera.position()) / distance, other))
+    let mut others: Vec<(f32, usize)> = (0..images.len())
+        .filter(|&other| other != index && axis(&images[other].camera).dot(axis(camera)) > LEAST_COSINE)
+        .map(|other| (images[other].camera.position().distance(camera.position()) / distance, other))
         .filter(|&(angle, _)| angle > 0.02)
         .map(|(angle, other)| ((angle / BEST_ANGLE).ln().abs(), other))
         .collect();
@@ -272,8 +275,8 @@ impl Depths {
 
 /// A sweep for one pixel.
 struct Pixel<'a> {
-    plate: &'a Plate,
-    neighbours: &'a [&'a Plate],
+    image: &'a SearchedImage,
+    neighbours: &'a [&'a SearchedImage],
     at: Vec2,
     patch: [f32; PATCH],
 }
@@ -281,17 +284,17 @@ struct Pixel<'a> {
 impl Pixel<'_> {
     /// How well the neighbours that see the point at this depth agree.
     fn score(&self, depth: f32) -> Score {
-        let origin = self.plate.camera.position();
-        let place = |offset: Vec2| origin + depth * self.plate.ray(self.at + offset);
+        let origin = self.image.camera.position();
+        let place = |offset: Vec2| origin + depth * self.image.ray(self.at + offset);
         let [centre, right, below] = [Vec2::ZERO, Vec2::X, Vec2::Y].map(place);
         let mut best = [-1.0f32; AGREEING];
         let mut seeing = 0;
-        for plate in self.neighbours {
-            let project = |world| plate.camera.project(world).map(|(at, _)| at);
+        for image in self.neighbours {
+            let project = |world| image.camera.project(world).map(|(at, _)| at);
             let (Some(at), Some(right), Some(below)) = (project(centre), project(right), project(below)) else {
                 continue;
             };
-            let Some(mut score) = plate.correlation(&self.patch, at, right - at, below - at) else { continue };
+            let Some(mut score) = image.correlation(&self.patch, at, right - at, below - at) else { continue };
             seeing += 1;
             for kept in &mut best {
                 if score > *kept {
@@ -360,23 +363,23 @@ struct Swept {
 }
 
 /// Sweeps every `stride`-th pixel of one view.
-fn sweep(plates: &[Plate], index: usize, (distance, nearest): (f32, f32), stride: u32) -> Swept {
-    let plate = &plates[index];
-    let chosen = neighbours(plates, index, distance);
-    let neighbours: Vec<&Plate> = chosen.iter().map(|&other| &plates[other]).collect();
-    let depths = Depths::of(&plate.camera, distance, nearest);
-    let (width, height) = plate.image.size();
+fn sweep(images: &[SearchedImage], index: usize, (distance, nearest): (f32, f32), stride: u32) -> Swept {
+    let image = &images[index];
+    let chosen = neighbours(images, index, distance);
+    let neighbours: Vec<&SearchedImage> = chosen.iter().map(|&other| &images[other]).collect();
+    let depths = Depths::of(&image.camera, distance, nearest);
+    let (width, height) = image.pixels.size();
     let (mut known, mut flat): (Vec<(Vec2, f32)>, Vec<Vec2>) = (Vec::new(), Vec::new());
     let first = stride / 2;
     for y in (first..height).step_by(stride as usize) {
         for x in (first..width).step_by(stride as usize) {
-            if !plate.solid[(y * width + x) as usize] {
+            if !image.solid[(y * width + x) as usize] {
                 continue;
             }
             let at = Vec2::new(x as f32, y as f32) + 0.5;
-            match plate.patch(x, y) {
+            match image.patch(x, y) {
                 Some(patch) => {
-                    let pixel = Pixel { plate, neighbours: &neighbours, at, patch };
+                    let pixel = Pixel { image, neighbours: &neighbours, at, patch };
                     known.extend(pixel.depth(depths).map(|depth| (at, depth)));
                 }
                 None => flat.push(at),
@@ -388,12 +391,12 @@ fn sweep(plates: &[Plate], index: usize, (distance, nearest): (f32, f32), stride
 
 /// The pixels of one view whose points a neighbouring view also finds: a pixel within `reach` px of
 /// the projected point has about the same depth.
-fn seen_twice(plates: &[Plate], swept: &[Swept], index: usize, reach: f32) -> Vec<(Vec2, f32)> {
-    let plate = &plates[index];
+fn seen_twice(images: &[SearchedImage], swept: &[Swept], index: usize, reach: f32) -> Vec<(Vec2, f32)> {
+    let image = &images[index];
     let is_seen = |&(at, depth): &(Vec2, f32)| {
-        let point = plate.camera.position() + depth * plate.ray(at);
+        let point = image.camera.position() + depth * image.ray(at);
         swept[index].neighbours.iter().any(|&other| {
-            let Some((place, expected)) = plates[other].camera.project(point) else { return false };
+            let Some((place, expected)) = images[other].camera.project(point) else { return false };
             around(&swept[other].known, place, reach).any(|(_, found)| (found / expected).ln().abs() < SAME_POINT)
         })
     };

@@ -24,7 +24,7 @@ use crate::{
 
 /// The vectors and scalars of `solve_colors`.
 #[derive(Debug)]
-pub struct Own2d {
+pub struct Buffers2d {
     pub(crate) vectors: Growing,
     pub(crate) scalars: Growing,
 }
@@ -35,7 +35,7 @@ fn in_parameterization(splats: &Splats<Scene2d>) -> Variant {
 
 impl Kind for Scene2d {
     type State = State2d;
-    type Own = Own2d;
+    type Buffers = Buffers2d;
 
     const LISTS_LAST: bool = true;
 
@@ -73,8 +73,8 @@ impl Kind for Scene2d {
         &pools.pool_2d
     }
 
-    fn own(gpu: &Gpu) -> Result<Own2d, Error> {
-        Ok(Own2d {
+    fn buffers(gpu: &Gpu) -> Result<Buffers2d, Error> {
+        Ok(Buffers2d {
             vectors: Growing::new(gpu, "vectors of conjugate gradients")?,
             scalars: Growing::new(gpu, "scalars of conjugate gradients")?,
         })

@@ -58,8 +58,8 @@ impl Workspace<Scene2d> {
         without_background: &wgpu::Buffer,
     ) -> Result<(), Error> {
         let n = u64::from(self.tiles.gaussians);
-        self.own.vectors.ensure(gpu, n * CONJUGATE_BYTES)?;
-        self.own.scalars.ensure(gpu, 64)?;
+        self.buffers.vectors.ensure(gpu, n * CONJUGATE_BYTES)?;
+        self.buffers.scalars.ensure(gpu, 64)?;
         self.tiles.partial.ensure(gpu, n.div_ceil(256) * 16)?;
         self.tiles.encode_blend(gpu, commands);
         self.tiles.encode_comparison(gpu, commands, target, Comparison::Difference)?;
@@ -101,9 +101,9 @@ impl Workspace<Scene2d> {
             &self.tiles.projected.buffer,
             &self.tiles.offsets.buffer,
             &self.tiles.slots.buffer,
-            &self.own.vectors.buffer,
+            &self.buffers.vectors.buffer,
             &self.tiles.partial.buffer,
-            &self.own.scalars.buffer,
+            &self.buffers.scalars.buffer,
             &splats.state.gaussians,
         ];
         let used: &[u32] = match entry_point {

@@ -6,7 +6,7 @@ use glam::Vec3;
 use gs_core::{AdamRates, Camera, Error, Output, RenderSettings, Scene3d};
 
 use super::{
-    stages::{self, Own3d},
+    stages::{self, Buffers3d},
     state::{COLOR_BYTES, State3d},
 };
 use crate::{
@@ -22,7 +22,7 @@ use crate::{
 
 impl Kind for Scene3d {
     type State = State3d;
-    type Own = Own3d;
+    type Buffers = Buffers3d;
 
     const LISTS_LAST: bool = false;
 
@@ -49,20 +49,20 @@ impl Kind for Scene3d {
         splats.state.make_moments(gpu, splats.len, format).await
     }
 
-    fn own(gpu: &Gpu) -> Result<Own3d, Error> {
-        Own3d::new(gpu)
+    fn buffers(gpu: &Gpu) -> Result<Buffers3d, Error> {
+        Buffers3d::new(gpu)
     }
 
     fn ensure(workspace: &mut Workspace<Self>, gpu: &Gpu, splats: &Splats<Self>) -> Result<(), Error> {
-        let Workspace { tiles, own, .. } = workspace;
+        let Workspace { tiles, buffers, .. } = workspace;
         let n = splats.len as u64;
         tiles.ensure_sorting(gpu, n)?;
-        own.projected.ensure(gpu, n * SPLAT_BYTES)?;
-        own.counts.ensure(gpu, n * 4)?;
+        buffers.projected.ensure(gpu, n * SPLAT_BYTES)?;
+        buffers.counts.ensure(gpu, n * 4)?;
         if tiles.orders_by_pixel() {
-            own.pixel_depths.ensure(gpu, n * DEPTH_BYTES)?;
+            buffers.pixel_depths.ensure(gpu, n * DEPTH_BYTES)?;
         }
-        own.depths.iter_mut().chain(&mut own.order).try_for_each(|growing| growing.ensure(gpu, n * 4))
+        buffers.depths.iter_mut().chain(&mut buffers.order).try_for_each(|growing| growing.ensure(gpu, n * 4))
     }
 
     /// Bytes of the gradients by the ellipsoids, and by the SH coefficients.
@@ -84,7 +84,7 @@ impl Kind for Scene3d {
     }
 
     fn write_view(workspace: &Workspace<Self>, gpu: &Gpu, camera: &Camera) {
-        workspace.own.write_camera(gpu, camera, &workspace.tiles.settings);
+        workspace.buffers.write_camera(gpu, camera, &workspace.tiles.settings);
     }
 
     fn encode_project(workspace: &Workspace<Self>, gpu: &Gpu, commands: &mut Commands, splats: &Splats<Self>, _: bool) {

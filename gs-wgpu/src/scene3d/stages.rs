@@ -20,7 +20,7 @@ const DEPTH_PASSES: u32 = u32::BITS / SORT_BITS;
 
 /// The buffers that only 3D scenes need.
 #[derive(Debug)]
-pub struct Own3d {
+pub struct Buffers3d {
     camera: wgpu::Buffer,
     /// Splats by index.
     pub(crate) projected: Growing,
@@ -33,7 +33,7 @@ pub struct Own3d {
     pub(crate) order: [Growing; 2],
 }
 
-impl Own3d {
+impl Buffers3d {
     pub(crate) fn new(gpu: &Gpu) -> Result<Self, Error> {
         let growing = |label| Growing::new(gpu, label);
         Ok(Self {
@@ -71,43 +71,43 @@ impl Own3d {
 impl Workspace<Scene3d> {
     /// Records stage `project` by index, the sort by depth if needed, and stage `place`.
     pub(crate) fn encode_splats(&self, gpu: &Gpu, commands: &mut Commands, splats: &Splats<Scene3d>) {
-        let Self { tiles, own, .. } = self;
+        let Self { tiles, buffers, .. } = self;
         let n = u64::from(tiles.gaussians);
         let by_pixel = tiles.orders_by_pixel();
         let variant = Variant { by_pixel, ..Variant::default() };
         let mut bindings = vec![
             &tiles.step,
-            &own.camera,
+            &buffers.camera,
             &splats.state.ellipsoids,
             &splats.state.sh,
-            &own.projected.buffer,
-            &own.counts.buffer,
-            &own.depths[0].buffer,
-            &own.order[0].buffer,
+            &buffers.projected.buffer,
+            &buffers.counts.buffer,
+            &buffers.depths[0].buffer,
+            &buffers.order[0].buffer,
             &tiles.status,
         ];
         if by_pixel {
-            bindings.push(&own.pixel_depths.buffer);
+            bindings.push(&buffers.pixel_depths.buffer);
         }
         dispatch(gpu, commands, "project_3d", variant, &bindings, groups_of(gpu, n, 64));
         let passes = self.depth_passes();
         if passes > 0 {
             let blocks = n.div_ceil(SORT_BLOCK.into());
             let groups = [gpu.groups(blocks).into(), groups_of(gpu, blocks << SORT_BITS, 1024)];
-            let (keys, order) = (own.depths.each_ref(), own.order.each_ref());
+            let (keys, order) = (buffers.depths.each_ref(), buffers.order.each_ref());
             let sorting = Sorting { which: Which::Gaussians, keys, order, passes, groups };
             tiles.encode_sorting(gpu, commands, &sorting);
         }
         let mut bindings = vec![
             &tiles.step,
-            &own.order[0].buffer,
-            &own.projected.buffer,
-            &own.counts.buffer,
+            &buffers.order[0].buffer,
+            &buffers.projected.buffer,
+            &buffers.counts.buffer,
             &tiles.projected.buffer,
             &tiles.offsets.buffer,
         ];
         if by_pixel {
-            bindings.extend([&own.pixel_depths.buffer, &tiles.depths.buffer]);
+            bindings.extend([&buffers.pixel_depths.buffer, &tiles.depths.buffer]);
         }
         dispatch(gpu, commands, "place", variant, &bindings, groups_of(gpu, n + 1, 64));
     }
@@ -120,10 +120,10 @@ impl Workspace<Scene3d> {
 
     /// Records stage `project_bwd`.
     pub(crate) fn encode_splats_bwd(&self, gpu: &Gpu, commands: &mut Commands, splats: &Splats<Scene3d>) {
-        let Self { tiles, own, gradients, .. } = self;
+        let Self { tiles, buffers, gradients, .. } = self;
         let bindings = [
             &tiles.step,
-            &own.camera,
+            &buffers.camera,
             &tiles.projected.buffer,
             &tiles.offsets.buffer,
             &tiles.slots.buffer,
@@ -131,7 +131,7 @@ impl Workspace<Scene3d> {
             &splats.state.ellipsoids,
             &splats.state.sh,
             &gradients[1].buffer,
-            &own.order[0].buffer,
+            &buffers.order[0].buffer,
         ];
         let groups = groups_of(gpu, u64::from(tiles.gaussians), 64);
         dispatch(gpu, commands, "project_bwd_3d", tiles.variant(), &bindings, groups);

@@ -103,7 +103,7 @@ impl Accessors<'_> {
             return Err(Error::Unsupported {
                 path: self.source.path.to_owned(),
                 what: format!("an accessor that is sparse or has no buffer, {name},"),
-                mend: "export it with plain accessors",
+                hint: "export it with plain accessors",
             });
         };
         let view =

@@ -108,7 +108,7 @@ fn of_uri(
     let path = beside(source.path, uri).ok_or_else(|| Error::Unsupported {
         path: source.path.to_owned(),
         what: format!("the buffer {:?}, which is no file beside it", uri.chars().take(60).collect::<String>()),
-        mend: "put the buffer beside the glTF, or convert it to .glb",
+        hint: "put the buffer beside the glTF, or convert it to .glb",
     })?;
     let (file, metadata) = open(&path, "a glTF's buffer")?;
     let mut bytes = Vec::new();

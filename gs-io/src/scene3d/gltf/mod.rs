@@ -282,7 +282,7 @@ fn append(whole: &mut Scene3d, part: Scene3d) {
 }
 
 fn unsupported(source: &Source<'_>, what: String) -> Error {
-    Error::Unsupported { path: source.path.to_owned(), what, mend: "export the file without it" }
+    Error::Unsupported { path: source.path.to_owned(), what, hint: "export the file without it" }
 }
 
 /// The flips between glTF's axes and ours.

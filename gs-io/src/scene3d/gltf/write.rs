@@ -157,7 +157,7 @@ fn binary(path: &Path, json: &Value, buffer: &[u8]) -> Result<Vec<u8>, Error> {
     let total = u32::try_from(total).map_err(|_| Error::Unsupported {
         path: path.to_owned(),
         what: format!("a .glb of {total} bytes, more than its 32-bit lengths hold,"),
-        mend: "write a PLY or an SPZ",
+        hint: "write a PLY or an SPZ",
     })?;
     let mut file = GLB_MAGIC.to_vec();
     file.extend([GLB_VERSION, total].map(u32::to_le_bytes).concat());

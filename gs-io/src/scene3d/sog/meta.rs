@@ -68,7 +68,7 @@ impl Meta {
         let version = serde_json::from_slice::<Value>(text).map_err(damaged)?["version"].as_u64();
         if version != Some(VERSION.into()) {
             let unsupported =
-                |what: &str| Error::Unsupported { path: source.path.to_owned(), what: what.to_owned(), mend: CONVERT };
+                |what: &str| Error::Unsupported { path: source.path.to_owned(), what: what.to_owned(), hint: CONVERT };
             return Err(match version {
                 None | Some(..VERSION_1_END) => unsupported("version 1 of SOG"),
                 Some(found) => Error::TooNew {

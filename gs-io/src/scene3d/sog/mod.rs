@@ -202,7 +202,7 @@ pub(crate) fn encode(
     let count = count.ok_or_else(|| Error::Unsupported {
         path: path.to_owned(),
         what: format!("a SOG of {} Gaussians", scene.len()),
-        mend: "write a PLY",
+        hint: "write a PLY",
     })?;
     let (scene, clamped) = without_extremes(scene);
     let scene = &*scene;

@@ -133,7 +133,7 @@ impl Head {
             return Err(Error::Unsupported {
                 path,
                 what,
-                mend: "write it again with a current version of the program",
+                hint: "write it again with a current version of the program",
             });
         }
         if version < 2 {

@@ -80,7 +80,7 @@ pub(crate) fn encode(
     let count = u32::try_from(scene.len()).map_err(|_| Error::Unsupported {
         path: path.to_owned(),
         what: format!("an SPZ of {} Gaussians", scene.len()),
-        mend: "write a PLY",
+        hint: "write a PLY",
     })?;
     let fraction = FractionalBits::for_means(&scene.means);
     let mut packing = quantum::Packing::new(options, fraction);

@@ -70,10 +70,10 @@ fn a_single_neighbour_is_enough() {
 
 #[test]
 fn depths_that_enough_neighbours_see_are_preferred() {
-    let plate = Plate::read(&views_of_plane(waves)[0]).unwrap();
-    let patch = plate.patch(16, 16).unwrap();
+    let image = SearchedImage::read(&views_of_plane(waves)[0]).unwrap();
+    let patch = image.patch(16, 16).unwrap();
     // Without neighbours, no depth between these is better.
-    let pixel = Pixel { plate: &plate, neighbours: &[], at: Vec2::splat(16.5), patch };
+    let pixel = Pixel { image: &image, neighbours: &[], at: Vec2::splat(16.5), patch };
     let depths = Depths { count: 64, inverse: [0.05, 1.0] };
     let mut scores = vec![Score { seeing: 3, mean: 0.0 }; 64];
     scores[10].mean = 0.85;
@@ -89,15 +89,16 @@ fn depths_that_enough_neighbours_see_are_preferred() {
 
 #[test]
 fn points_that_a_single_view_finds_do_not_count() {
-    let plates: Vec<Plate> = views_of_plane(waves).iter().map(|view| Plate::read(view).unwrap()).collect();
-    let cameras: Vec<Camera> = plates.iter().map(|plate| plate.camera).collect();
+    let images: Vec<SearchedImage> =
+        views_of_plane(waves).iter().map(|view| SearchedImage::read(view).unwrap()).collect();
+    let cameras: Vec<Camera> = images.iter().map(|image| image.camera).collect();
     let distance = Focus::of(&cameras).unwrap().distance;
-    let mut swept: Vec<Swept> = (0..6).map(|index| sweep(&plates, index, (distance, NEAREST_AROUND), 1)).collect();
-    let (known, seen) = (swept[0].known.len(), seen_twice(&plates, &swept, 0, 1.5).len());
+    let mut swept: Vec<Swept> = (0..6).map(|index| sweep(&images, index, (distance, NEAREST_AROUND), 1)).collect();
+    let (known, seen) = (swept[0].known.len(), seen_twice(&images, &swept, 0, 1.5).len());
     assert!(known > 50 && seen as f32 > 0.9 * known as f32, "{seen} of {known}");
     // Other views do not find points at other depths.
     swept[0].known.iter_mut().for_each(|(_, depth)| *depth *= 1.2);
-    let seen = seen_twice(&plates, &swept, 0, 1.5).len();
+    let seen = seen_twice(&images, &swept, 0, 1.5).len();
     assert!(seen < known / 20, "{seen} of {known}");
 }
 

@@ -5,16 +5,16 @@ use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use super::{depth_sort::DepthSort, project::Eye, splats::pitch_of};
 use crate::{splat::Share, workspace::Workspace};
 
-/// The place of a Gaussian that is not drawn.
-pub(crate) const NO_PLACE: u32 = u32::MAX;
+/// The rank of a Gaussian that is not drawn.
+pub(crate) const NO_RANK: u32 = u32::MAX;
 
 /// The buffers that only 3D scenes need.
 #[derive(Debug, Default)]
-pub struct Own3d {
+pub struct Buffers3d {
     pub(crate) eye: Option<Eye>,
     pub(crate) depth_sort: DepthSort,
-    /// Gaussian → place, or [`NO_PLACE`].
-    pub(crate) place_of: Vec<AtomicU32>,
+    /// Gaussian → rank, or [`NO_RANK`].
+    pub(crate) rank_of: Vec<AtomicU32>,
     /// Gradients by index; each row is laid out as the splats' parameters, up to the evaluated SH.
     /// Unspecified for Gaussians that no tile lists.
     pub(crate) gradients: Vec<f32>,
@@ -23,7 +23,7 @@ pub struct Own3d {
     pub(crate) shares: Vec<Share>,
 }
 
-impl Own3d {
+impl Buffers3d {
     /// Numbers in a row of gradients. Later numbers in a row of parameters do not move.
     pub(crate) fn gradient_pitch(&self) -> usize {
         pitch_of(self.eye.map_or(0, |eye| eye.degree))
@@ -37,11 +37,11 @@ impl Own3d {
     }
 }
 
-impl Workspace<Own3d> {
+impl Workspace<Buffers3d> {
     /// Whether some tile lists Gaussian `index`.
     #[inline(always)]
     pub(crate) fn lists(&self, index: usize) -> bool {
-        let place = self.own.place_of[index].load(Relaxed);
-        place != NO_PLACE && !self.tiles.bins.slots_of(place as usize).is_empty()
+        let rank = self.buffers.rank_of[index].load(Relaxed);
+        rank != NO_RANK && !self.tiles.bins.slots_of(rank as usize).is_empty()
     }
 }

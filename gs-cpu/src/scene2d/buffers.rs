@@ -7,29 +7,29 @@ use crate::{splat::Share, workspace::Workspace};
 
 /// The buffers that only 2D scenes need.
 #[derive(Debug)]
-pub struct Own2d {
+pub struct Buffers2d {
     pub(crate) canvas: Canvas,
     /// Place → Gaussian: the order in which tiles see the Gaussians.
     pub(crate) order: Vec<u32>,
-    /// Gaussian → place.
-    pub(crate) place_of: Vec<u32>,
-    /// The next place in each image row, during the sort.
-    pub(crate) row_places: Vec<u32>,
-    /// Every Gaussian's gradient, by place.
+    /// Gaussian → rank.
+    pub(crate) rank_of: Vec<u32>,
+    /// The next rank in each image row, during the sort.
+    pub(crate) next_ranks: Vec<u32>,
+    /// Every Gaussian's gradient, by rank.
     pub(crate) gradients: Vec<Gradient>,
 }
 
-impl Default for Own2d {
+impl Default for Buffers2d {
     fn default() -> Self {
-        let (order, place_of, row_places, gradients) = Default::default();
-        Self { canvas: Canvas::new(1, 1), order, place_of, row_places, gradients }
+        let (order, rank_of, next_ranks, gradients) = Default::default();
+        Self { canvas: Canvas::new(1, 1), order, rank_of, next_ranks, gradients }
     }
 }
 
-impl Workspace<Own2d> {
+impl Workspace<Buffers2d> {
     /// The gradient of Gaussian `index`.
     pub(crate) fn gradient_of(&self, index: usize) -> &Gradient {
-        &self.own.gradients[self.own.place_of[index] as usize]
+        &self.buffers.gradients[self.buffers.rank_of[index] as usize]
     }
 }
 
