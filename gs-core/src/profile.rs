@@ -2,6 +2,8 @@
 
 use std::{fmt, future::Future};
 
+use serde::Serialize;
+
 use crate::{
     adam::{Adam, AdamRates},
     error::Error,
@@ -60,7 +62,8 @@ pub struct StageTime {
 }
 
 /// Clock by which a profile was measured.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[serde(tag = "clock", rename_all = "kebab-case")]
 pub enum Clock {
     /// The host's clock, around stages that the host computes.
     Host,
@@ -68,6 +71,7 @@ pub enum Clock {
     /// includes a round trip.
     RoundTrip {
         /// Why the device's clock was not used.
+        #[serde(rename = "clock_reason")]
         why: String,
     },
     /// Timestamps that the device writes between the stages of one submission, without a round
@@ -112,7 +116,7 @@ impl Profile {
 }
 
 /// Median and spread of some numbers.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Quantiles {
     /// The 10 % quantile.
     pub low: f64,

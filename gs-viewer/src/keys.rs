@@ -4,7 +4,7 @@
 use std::collections::HashSet;
 
 use glam::{Vec2, Vec3};
-use gs_core::effects::{Antialias, Order};
+use gs_core::effects::Effect;
 use winit::keyboard::{Key, KeyCode, NamedKey};
 
 use crate::navigation::{Mode, Motion};
@@ -19,14 +19,10 @@ pub(crate) enum Command {
     SwitchMode,
     /// Back to the first camera.
     Reset,
-    /// The next order of blending.
-    NextOrder,
-    /// Choose this order of blending.
-    Order(Order),
-    /// The next antialiasing.
-    NextAntialias,
-    /// Choose this antialiasing.
-    Antialias(Antialias),
+    /// The next value of an effect.
+    Next(Effect),
+    /// A value of an effect, by its place in [`Effect::values`].
+    Choose(Effect, usize),
     /// Zoom in, as by the wheel.
     ZoomIn,
     /// Zoom out.
@@ -51,15 +47,14 @@ pub(crate) fn command(key: &Key, mode: Mode) -> Option<Command> {
         ("-" | "_", Mode::Pan) => Command::ZoomOut,
         (_, Mode::Pan) => return None,
         ("f", _) => Command::SwitchMode,
-        ("o", _) => Command::NextOrder,
-        ("1", _) => Command::Order(Order::Global),
-        ("2", _) => Command::Order(Order::PerPixel),
-        ("a", Mode::Orbit) => Command::NextAntialias,
-        ("3", _) => Command::Antialias(Antialias::None),
-        ("4", _) => Command::Antialias(Antialias::Dilate),
-        ("5", _) => Command::Antialias(Antialias::Mip),
-        ("6", _) => Command::Antialias(Antialias::Compensated),
-        _ => return None,
+        ("o", _) => Command::Next(Effect::Order),
+        ("a", Mode::Orbit) => Command::Next(Effect::Antialias),
+        (digit, _) => match digit.parse() {
+            // In space, the order by index is none to choose.
+            Ok(order @ 1..=2) => Command::Choose(Effect::Order, order),
+            Ok(digit @ 3..=6) => Command::Choose(Effect::Antialias, digit - 3),
+            _ => return None,
+        },
     })
 }
 
@@ -115,14 +110,16 @@ mod tests {
 
     #[test]
     fn letters_are_commands_in_either_case_but_a_flies() {
-        for (key, expected) in [("f", Command::SwitchMode), ("R", Command::Reset), ("o", Command::NextOrder)] {
+        for (key, expected) in [("f", Command::SwitchMode), ("R", Command::Reset), ("o", Command::Next(Effect::Order))]
+        {
             assert_eq!(command(&character(key), Mode::Orbit), Some(expected));
             assert_eq!(command(&character(key), Mode::Fly), Some(expected));
         }
-        assert_eq!(command(&character("a"), Mode::Orbit), Some(Command::NextAntialias));
+        assert_eq!(command(&character("a"), Mode::Orbit), Some(Command::Next(Effect::Antialias)));
         assert_eq!(command(&character("a"), Mode::Fly), None);
-        assert_eq!(command(&character("5"), Mode::Fly), Some(Command::Antialias(Antialias::Mip)));
-        assert_eq!(command(&character("6"), Mode::Fly), Some(Command::Antialias(Antialias::Compensated)));
+        assert_eq!(command(&character("2"), Mode::Fly), Some(Command::Choose(Effect::Order, 2)));
+        assert_eq!(command(&character("6"), Mode::Fly), Some(Command::Choose(Effect::Antialias, 3)));
+        assert_eq!(command(&character("7"), Mode::Fly), None);
         assert_eq!(command(&Key::Named(NamedKey::Escape), Mode::Fly), Some(Command::Close));
         assert_eq!(command(&character("w"), Mode::Orbit), None);
     }

@@ -107,7 +107,7 @@ mod tests {
     use gs_core::view::Bulk;
     use gs_core::{
         Blend, Image, RenderSettings,
-        effects::{Antialias, Order},
+        effects::{Antialias, Effect},
     };
 
     use super::*;
@@ -154,7 +154,7 @@ mod tests {
     #[test]
     fn time_effects_and_machine_are_shown() {
         holds(&texts(0, 0, &[]).0.join("\n"), &["rendering the first frame"]);
-        let order = Command::Order(Order::PerPixel);
+        let order = Command::Choose(Effect::Order, 2);
         let (lines, title) = texts(3, 12, &[order]);
         let effects = ["per-pixel", "dilate", "background white", "cpu (avx2, 2 threads)", "12.0 ms", "a.ply"];
         holds(&title, &effects);

@@ -4,11 +4,7 @@
 use std::time::{Duration, Instant};
 
 use glam::Vec2;
-use gs_core::{
-    RenderSettings,
-    constants::MAX_SIDE_PX,
-    effects::{Antialias, Order},
-};
+use gs_core::{RenderSettings, constants::MAX_SIDE_PX, effects::Effect};
 use winit::keyboard::KeyCode;
 
 use crate::{
@@ -167,21 +163,12 @@ impl<N: Navigate> Session<N> {
             Command::Reset => self.navigator.reset(),
             Command::ZoomIn => self.navigator.zoom(KEY_NOTCHES, None),
             Command::ZoomOut => self.navigator.zoom(-KEY_NOTCHES, None),
-            Command::Order(order) => effects.order = order,
-            Command::NextOrder => {
-                effects.order = match effects.order {
-                    Order::PerPixel => Order::Global,
-                    Order::Global | Order::Index => Order::PerPixel,
-                }
-            }
-            Command::Antialias(antialias) => effects.antialias = antialias,
-            Command::NextAntialias => {
-                effects.antialias = match effects.antialias {
-                    Antialias::None => Antialias::Dilate,
-                    Antialias::Dilate => Antialias::Mip,
-                    Antialias::Mip => Antialias::Compensated,
-                    Antialias::Compensated => Antialias::None,
-                }
+            Command::Choose(effect, at) => *effects = effect.values(effects).get(at).copied().unwrap_or(*effects),
+            Command::Next(effect) => {
+                let values = effect.values(effects);
+                let after = values.iter().skip_while(|value| *value != effects).nth(1);
+                // In space, the order by index is none to choose.
+                *effects = *after.unwrap_or(&values[usize::from(effect == Effect::Order)]);
             }
             Command::Text => {
                 self.text = match self.text {
@@ -269,7 +256,7 @@ impl<N: Navigate> Session<N> {
 mod tests {
     use glam::Vec3;
     use gs_core::view::Bulk;
-    use gs_core::{Blend, Camera, Image};
+    use gs_core::{Blend, Camera, Image, effects::Order};
 
     use super::*;
     use crate::{
@@ -374,7 +361,7 @@ mod tests {
     #[test]
     fn an_unsupported_effect_is_switched_off_again_with_a_notice() {
         let (mut session, now) = showing(5);
-        session.obey(Command::NextOrder);
+        session.obey(Command::Next(Effect::Order));
         let request = session.next(now).request.unwrap();
         assert_eq!(request.settings.effects.order, Order::PerPixel);
         let refused = || gs_core::Error::Unsupported { backend: "wgpu", effect: "Order::PerPixel".to_owned() };
@@ -389,7 +376,7 @@ mod tests {
         session.obey(Command::Reset);
         let request = Request { settings: session.settings, ..request };
         assert!(session.take(Answer { request, result: Err(refused().into()) }).is_err());
-        session.obey(Command::NextAntialias);
+        session.obey(Command::Next(Effect::Antialias));
         let request = Request { settings: session.settings, ..request };
         let lost = gs_core::Error::Backend { backend: "wgpu", message: "the device is lost".to_owned() };
         assert!(session.take(Answer { request, result: Err(lost.into()) }).is_err());

@@ -1,6 +1,6 @@
 //! The effects one by one: their names, their values as words, and the next cheaper value.
 
-use std::str::FromStr;
+use std::{fmt, str::FromStr};
 
 use super::{Antialias, Background, Blend, Effects, Order};
 use crate::{choice::Choice as _, error::Error};
@@ -38,38 +38,24 @@ impl Effect {
         }
     }
 
-    /// Returns `effects` with this effect a step cheaper; `None` where it is off.
-    pub fn cheaper(self, effects: &Effects) -> Option<Effects> {
-        let mut cheaper = *effects;
+    /// Returns `effects` with each value of this effect, the cheapest first; SH degrees up to that of
+    /// `effects`.
+    pub fn values(self, effects: &Effects) -> Vec<Effects> {
         match self {
-            Self::Order => {
-                cheaper.order = match effects.order {
-                    Order::Index => return None,
-                    Order::Global => Order::Index,
-                    Order::PerPixel => Order::Global,
-                }
-            }
-            Self::Blend => {
-                cheaper.blend = match effects.blend {
-                    Blend::Sum => return None,
-                    Blend::Over => Blend::Sum,
-                }
-            }
-            Self::ShDegree => cheaper.sh_degree = effects.sh_degree.checked_sub(1)?,
-            Self::Antialias => {
-                cheaper.antialias = match effects.antialias {
-                    Antialias::None => return None,
-                    Antialias::Dilate | Antialias::Mip | Antialias::Compensated => Antialias::None,
-                }
-            }
-            Self::Background => {
-                cheaper.background = match effects.background {
-                    Background::None => return None,
-                    Background::Solid => Background::None,
-                }
-            }
+            Self::Order => Order::ALL.map(|order| Effects { order, ..*effects }).to_vec(),
+            Self::Blend => Blend::ALL.map(|blend| Effects { blend, ..*effects }).to_vec(),
+            Self::ShDegree => (0..=effects.sh_degree).map(|sh_degree| Effects { sh_degree, ..*effects }).collect(),
+            Self::Antialias => Antialias::ALL.map(|antialias| Effects { antialias, ..*effects }).to_vec(),
+            Self::Background => Background::ALL.map(|background| Effects { background, ..*effects }).to_vec(),
         }
-        Some(cheaper)
+    }
+
+    /// Returns `effects` with this effect a step cheaper; `None` where it is off. All kinds of
+    /// antialiasing cost the same, so a step from any of them is to none.
+    pub fn cheaper(self, effects: &Effects) -> Option<Effects> {
+        let values = self.values(effects);
+        let below = values.iter().position(|value| value == effects)?.checked_sub(1)?;
+        Some(values[if self == Self::Antialias { 0 } else { below }])
     }
 
     /// Returns `effects` with this effect off.
@@ -92,6 +78,15 @@ impl Effect {
             Self::Background => copy.background = source.background,
         }
         copy
+    }
+}
+
+impl fmt::Display for Effects {
+    /// The blending and the effects that are on: "blend over, antialias dilate".
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let is_shown = |effect: &Effect| *effect == Effect::Blend || effect.cheaper(self).is_some();
+        let shown = Effect::ALL.into_iter().filter(is_shown).map(|effect| format!("{effect} {}", effect.value(self)));
+        f.write_str(&shown.collect::<Vec<_>>().join(", "))
     }
 }
 
