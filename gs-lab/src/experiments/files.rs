@@ -3,8 +3,11 @@
 
 use gs_io::png_bytes;
 
-use super::{Findings, Table};
-use crate::{error::Error, report::figure::Figure, result::quoted};
+use super::Findings;
+use crate::{
+    error::Error,
+    report::{csv_row, figure::Figure},
+};
 
 /// A result file of an experiment.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -24,7 +27,7 @@ impl Findings {
         let file = |name: String, bytes: Vec<u8>| ResultFile { name: format!("{part}{name}"), bytes };
         let mut files = Vec::new();
         for table in &self.tables {
-            files.push(file(format!("{}.csv", table.name), table_csv(table).into_bytes()));
+            files.push(file(format!("{}.csv", table.name), table.csv().into_bytes()));
         }
         for figure in &self.charts {
             let name = |kind: &str| format!("{}-chart.{kind}", figure.name);
@@ -40,42 +43,11 @@ impl Findings {
 }
 
 fn figure_csv(figure: &Figure) -> String {
-    let mut csv = String::new();
-    add_row(&mut csv, ["series", &figure.x.label, &figure.y.label]);
+    let mut csv = csv_row(["series", &figure.x.label, &figure.y.label]);
     for series in figure.lines() {
         for point in &series.points {
-            add_row(&mut csv, [series.name.as_str(), &point.x.to_string(), &point.y.to_string()]);
+            csv += &csv_row([series.name.as_str(), &point.x.to_string(), &point.y.to_string()]);
         }
     }
     csv
-}
-
-fn table_csv(table: &Table) -> String {
-    let mut csv = String::new();
-    add_row(&mut csv, table.columns.iter().copied());
-    for row in &table.rows {
-        add_row(&mut csv, row.iter().map(ToString::to_string));
-    }
-    csv
-}
-
-fn add_row<T: AsRef<str>>(csv: &mut String, cells: impl IntoIterator<Item = T>) {
-    let cells: Vec<String> = cells.into_iter().map(|cell| quoted(cell.as_ref())).collect();
-    csv.push_str(&(cells.join(",") + "\n"));
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn cells_are_quoted_where_they_must_be() {
-        let table = Table {
-            name: "t",
-            title: String::new(),
-            columns: vec!["a, px", "b"],
-            rows: vec![vec!["x \"y\"".into(), 3u32.into()]],
-        };
-        assert_eq!(table_csv(&table), "\"a, px\",b\n\"x \"\"y\"\"\",3\n");
-    }
 }

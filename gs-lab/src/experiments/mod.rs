@@ -17,9 +17,10 @@ use gs_core::{Optimizer, Scene2d, Scene3d};
 pub use self::{
     experiment::{Chapter, Experiment, ExperimentSize},
     files::ResultFile,
-    findings::{Cell, Findings, Picture, Table},
+    findings::{Findings, Picture},
     page::{PageSetting, page},
 };
+pub use crate::report::{Cell, Table};
 use gs_train::Error;
 
 impl Experiment {

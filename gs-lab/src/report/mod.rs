@@ -7,11 +7,14 @@ pub(crate) mod html;
 mod page;
 mod pictures;
 mod standings;
+mod table;
 
 use std::fs;
 
 use rayon::prelude::*;
 
+pub use self::table::{Cell, Table};
+pub(crate) use self::table::csv_row;
 use crate::{
     error::Error,
     report::{figure::Figure, page::Page},
