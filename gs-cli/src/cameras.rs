@@ -11,6 +11,7 @@ use gs_io::{
 use gs_train::train::{Flat, Focus, extent_of};
 
 use crate::{
+    dataset::ReadingArgs,
     failure::Failure,
     values::{Size, ViewName},
 };
@@ -34,7 +35,26 @@ impl Home {
             return Ok(Self { camera: flat.camera(size), target: flat.center(), up: flat.up() });
         }
         let (bulk, up) = (bulk_of(&file.scene)?, up.unwrap_or(UP));
-        Ok(Self { camera: overview(&bulk, size, up).map_err(or_camera)?, target: bulk.center, up })
+        Ok(Self { camera: overview(&bulk, size, up)?, target: bulk.center, up })
+    }
+
+    /// The camera of the view that `--camera` names, with its data set, or else [`Self::of`] the scene.
+    pub(crate) fn named(
+        name: Option<&ViewName>,
+        reading: &ReadingArgs,
+        file: &File3d,
+        size: Option<Size>,
+        up: Option<Vec3>,
+    ) -> Result<(Self, Option<Dataset>), Failure> {
+        let Some(name) = name else {
+            let home = Self::of(file, size, up);
+            return Ok((home.map_err(|failure| failure.hint("name a camera with --camera DATASET:VIEW"))?, None));
+        };
+        let dataset = reading.read_for(file, &name.dataset)?;
+        let camera = of_view(&dataset, name)?;
+        let camera = size.map_or(camera, |Size { width, height }| camera.resized(width, height));
+        let up = up.unwrap_or_else(|| up_of(&dataset));
+        Ok((Self { camera, target: looked_at(&dataset, &camera), up }, Some(dataset)))
     }
 }
 
@@ -45,27 +65,22 @@ const SIZE: Size = Size { width: 800, height: 600 };
 const FIELD_OF_VIEW: f32 = 0.9;
 
 /// The default up direction: y points down in most scenes.
-pub(crate) const UP: Vec3 = Vec3::NEG_Y;
+const UP: Vec3 = Vec3::NEG_Y;
 
 /// Where most of a scene is.
-pub(crate) fn bulk_of(scene: &Scene3d) -> Result<Bulk, Failure> {
+fn bulk_of(scene: &Scene3d) -> Result<Bulk, Failure> {
     Bulk::of(scene).ok_or_else(|| Failure::failed("the scene has no Gaussian that could be seen"))
 }
 
 /// A camera slightly above that has the whole bulk in view.
-pub(crate) fn overview(bulk: &Bulk, size: Option<Size>, up: Vec3) -> Result<Camera, Failure> {
+fn overview(bulk: &Bulk, size: Option<Size>, up: Vec3) -> Result<Camera, Failure> {
     let Size { width, height } = size.unwrap_or(SIZE);
     bulk.overview(width, height, FIELD_OF_VIEW, up)
         .ok_or_else(|| Failure::failed("the scene is too large to be seen from outside; gs info shows its extent"))
 }
 
-/// Adds the flag of commands that take any camera.
-pub(crate) fn or_camera(failure: Failure) -> Failure {
-    failure.hint("name a camera with --camera DATASET:VIEW")
-}
-
 /// The camera of the view with this name.
-pub(crate) fn of_view(dataset: &Dataset, name: &ViewName) -> Result<Camera, Failure> {
+fn of_view(dataset: &Dataset, name: &ViewName) -> Result<Camera, Failure> {
     let stem = |text: &str| Path::new(text).file_stem().map(|stem| stem.to_string_lossy().into_owned());
     let exact = dataset.views.iter().find(|view| view.name == name.view);
     // The name of the file alone is enough if only one view has it.
@@ -85,13 +100,13 @@ pub(crate) fn of_view(dataset: &Dataset, name: &ViewName) -> Result<Camera, Fail
 
 /// The point that the cameras of a data set look at. If they have none in common, a point ahead of
 /// this camera.
-pub(crate) fn looked_at(dataset: &Dataset, camera: &Camera) -> Vec3 {
+fn looked_at(dataset: &Dataset, camera: &Camera) -> Vec3 {
     let cameras: Vec<Camera> = dataset.views.iter().map(|view| view.camera).collect();
     Focus::of(&cameras)
         .map_or_else(|| camera.position() + camera.rotation.row(2) * extent_of(&cameras, &[]), |focus| focus.point)
 }
 
 /// The mean up direction of a data set's cameras, of any length.
-pub(crate) fn up_of(dataset: &Dataset) -> Vec3 {
+fn up_of(dataset: &Dataset) -> Vec3 {
     dataset.views.iter().map(|view| -view.camera.rotation.row(1)).sum()
 }

@@ -10,9 +10,20 @@ use gs_density::Policy;
 
 use crate::{
     commands::{
-        convert::ConvertArgs, doctor::DoctorArgs, effects::EffectsCommandArgs, encode::EncodeArgs, eval::EvalArgs,
-        fit::FitArgs, frontier::FrontierArgs, info::InfoArgs, page::PageArgs, paper::PaperArgs, popping::PoppingArgs,
-        profile::ProfileArgs, render::RenderArgs, serve::ServeArgs, study::StudyArgs, train::TrainArgs, view::ViewArgs,
+        convert::ConvertArgs,
+        doctor::DoctorArgs,
+        encode::EncodeArgs,
+        eval::EvalArgs,
+        fit::FitArgs,
+        info::InfoArgs,
+        page::PageArgs,
+        paper::PaperArgs,
+        price::{effects::EffectsCommandArgs, frontier::FrontierArgs, popping::PoppingArgs, profile::ProfileArgs},
+        render::RenderArgs,
+        serve::ServeArgs,
+        study::StudyArgs,
+        train::TrainArgs,
+        view::ViewArgs,
     },
     defaults,
     failure::Failure,

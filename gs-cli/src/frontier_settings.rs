@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use gs_lab::price::frontier::{FrontierMachine, FrontierSettings, KernelsName};
+use gs_lab::price::frontier::{FrontierMachine, FrontierSettings};
 
 use crate::{backend::BackendArgs, failure::Failure, text_file::read_settings_text};
 
@@ -46,7 +46,7 @@ pub(crate) fn backend(machine: &FrontierMachine, flags: &BackendArgs) -> Backend
         Ok(recorded) if flags.is_open() => BackendArgs {
             threads: flags.threads.or(recorded.threads),
             tuning: machine.cpu.unwrap_or_default(),
-            kernels: machine.kernels.map(KernelsName::kernels),
+            kernels: machine.kernels,
             ..recorded
         },
         _ => flags.clone(),

@@ -81,12 +81,12 @@ fn run(parsed: Parsed) -> Result<ExitCode, Failure> {
         Command::Convert(args) => commands::convert::run(&args),
         Command::Info(args) => commands::info::run(&args),
         Command::Doctor(args) => commands::doctor::run(&args),
-        Command::Profile(args) => commands::profile::run(&args),
-        Command::Effects(args) => commands::effects::run(&args),
+        Command::Profile(args) => commands::price::profile::run(&args),
+        Command::Effects(args) => commands::price::effects::run(&args),
         Command::Paper(args) => commands::paper::run(&args),
-        Command::Popping(args) => commands::popping::run(&args),
+        Command::Popping(args) => commands::price::popping::run(&args),
         Command::Study(args) => commands::study::run(&args),
-        Command::Frontier(args) => commands::frontier::run(&args),
+        Command::Frontier(args) => commands::price::frontier::run(&args),
     }?;
     Ok(ExitCode::SUCCESS)
 }

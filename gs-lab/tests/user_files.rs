@@ -9,9 +9,10 @@ use gs_core::{
 use gs_cpu::{Bounds, CpuTuning};
 use gs_lab::{
     Error, Places, Plan, Study,
-    price::frontier::{FrontierEffects, FrontierMachine, FrontierSettings, KernelsName},
+    price::frontier::{FrontierEffects, FrontierMachine, FrontierSettings},
 };
 use gs_train::parse_json;
+use gs_wgpu::Kernels;
 use toml::{Table, Value};
 
 /// All tables that differ from `whole` in one misspelt key, at any depth, each with that key.
@@ -111,7 +112,7 @@ fn frontier_settings() -> FrontierSettings {
         s.effects = Some(FrontierEffects::of(&effects));
         s.machine = FrontierMachine::default().with(|m| {
             m.flags = ["--backend", "cpu"].map(str::to_owned).to_vec();
-            (m.cpu, m.kernels) = (Some(cpu), Some(KernelsName::Portable));
+            (m.cpu, m.kernels) = (Some(cpu), Some(Kernels::Portable));
         });
     })
 }

@@ -7,6 +7,8 @@
 
 use std::fmt::Write;
 
+use serde::{Deserialize, Serialize};
+
 use gs_core::constants::{
     MAX_DERIVATIVE, MAX_ETA, MAX_RESIDUAL, MAX_XI, MIN_DETERMINANT_PX4, MIN_QUATERNION_NORM2, NOISE_OPACITY,
     NOISE_STEEPNESS, QUATERNION_SHRINK, SAFE_SQUARES, SH_C0, SH_C1, SH_C2, SH_C3, SSIM_C1, SSIM_C2, SSIM_MAX,
@@ -91,7 +93,8 @@ const SSIM_RADIUS: u32 = SSIM_WINDOW as u32 / 2;
 
 /// The kind of kernels that visit every pixel. Results differ by rounding only, and are
 /// deterministic.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub enum Kernels {
     /// Kernels for every adapter that WebGPU allows.

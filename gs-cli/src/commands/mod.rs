@@ -2,16 +2,13 @@
 
 pub(crate) mod convert;
 pub(crate) mod doctor;
-pub(crate) mod effects;
 pub(crate) mod encode;
 pub(crate) mod eval;
 pub(crate) mod fit;
-pub(crate) mod frontier;
 pub(crate) mod info;
 pub(crate) mod page;
 pub(crate) mod paper;
-pub(crate) mod popping;
-pub(crate) mod profile;
+pub(crate) mod price;
 pub(crate) mod render;
 pub(crate) mod serve;
 pub(crate) mod study;

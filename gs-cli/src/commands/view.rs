@@ -67,10 +67,7 @@ mod window {
     use gs_viewer::{Options, Viewed, view};
 
     use super::*;
-    use crate::{
-        cameras::{self, Home},
-        memory, scene,
-    };
+    use crate::{cameras::Home, memory, scene};
 
     /// The largest default size of a window, px: images may be larger than screens.
     const LARGEST: Size = Size { width: 1280, height: 800 };
@@ -99,16 +96,9 @@ mod window {
     fn run_3d(args: &ViewArgs, file: &File3d) -> Result<(), Failure> {
         let scene = &file.scene;
         let up = args.up.map(|axis| axis.0);
-        let (Home { camera, target, up }, settings) = match &args.camera {
-            None => (Home::of(file, args.size, up)?, args.render.settings(file, None)),
-            Some(name) => {
-                let dataset = args.reading.read_for(file, &name.dataset)?;
-                let camera = cameras::of_view(&dataset, name)?;
-                let target = cameras::looked_at(&dataset, &camera);
-                let up = up.unwrap_or_else(|| cameras::up_of(&dataset));
-                (Home { camera, target, up }, args.render.settings(file, Some(&dataset)))
-            }
-        };
+        let (Home { camera, target, up }, dataset) =
+            Home::named(args.camera.as_ref(), &args.reading, file, args.size, up)?;
+        let settings = args.render.settings(file, dataset.as_ref());
         camera.validate().map_err(|error| Failure::usage(error).at("--camera or --size"))?;
         let size = size(args, camera.width, camera.height)?;
         let backend = args.backend.open()?;

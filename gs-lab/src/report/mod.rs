@@ -13,8 +13,8 @@ use std::fs;
 
 use rayon::prelude::*;
 
-pub use self::table::{Cell, Table};
 pub(crate) use self::table::csv_row;
+pub use self::table::{Cell, Table};
 use crate::{
     error::Error,
     report::{figure::Figure, page::Page},

@@ -16,7 +16,7 @@ use gs_train::parse_json;
 
 use super::{CameraArgs, RenderArgs};
 use crate::{
-    cameras::{self, Home},
+    cameras::Home,
     effects_args,
     failure::Failure,
     frontier_settings, memory, output,
@@ -123,28 +123,13 @@ fn cameras(args: &CameraArgs, size: Option<Size>, file: &File3d) -> Result<(Vec<
         let cameras = read_path(file)?.cameras().map_err(|error| Failure::usage(error).at(file.display()))?;
         return Ok((cameras, None));
     }
-    let sized = |camera: Camera| size.map_or(camera, |Size { width, height }| camera.resized(width, height));
-    if let Some(name) = &args.camera {
-        let dataset = args.reading.read_for(file, &name.dataset)?;
-        let camera = sized(cameras::of_view(&dataset, name)?);
-        let cameras = match args.orbit {
-            None => vec![camera],
-            Some(frames) => around(&dataset, args, frames, &camera),
-        };
-        return Ok((cameras, Some(dataset)));
-    }
-    let Home { camera, target, up } = Home::of(file, size, args.up.map(|axis| axis.0))?;
+    let up = args.up.map(|axis| axis.0);
+    let (Home { camera, target, up }, dataset) = Home::named(args.camera.as_ref(), &args.reading, file, size, up)?;
     let cameras = match args.orbit {
         None => vec![camera],
         Some(frames) => Orbit { center: target, axis: up, frames }.cameras(&camera),
     };
-    Ok((cameras, None))
-}
-
-/// The camera moved around the point that the cameras of its data set look at.
-fn around(dataset: &Dataset, args: &CameraArgs, frames: u32, camera: &Camera) -> Vec<Camera> {
-    let axis = args.up.map_or_else(|| cameras::up_of(dataset), |axis| axis.0);
-    Orbit { center: cameras::looked_at(dataset, camera), axis, frames }.cameras(camera)
+    Ok((cameras, dataset))
 }
 
 fn read_path(file: &Path) -> Result<CameraPath, Failure> {

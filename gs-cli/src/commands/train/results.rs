@@ -10,7 +10,7 @@ use gs_core::{
 };
 use gs_io::{TrainedWith, WorldFrame, WriteOptions3d, dataset::SplitOrigin, write_3d, write_png};
 use gs_lab::{
-    price::effects::sampled,
+    price::sampled,
     report::figure::{curve::CurvePoint, ellipses},
 };
 use gs_train::{

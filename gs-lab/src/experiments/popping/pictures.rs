@@ -1,11 +1,13 @@
 //! Pictures of popping: successive frames with both orders, and their differences.
 
-use gs_backend::FutureExt as _;
-use gs_core::{Image, Optimizer, Parameterization, RenderSettings, Scene3d, constants::SSIM_WINDOW};
+use gs_core::{Image, Optimizer, RenderSettings, Scene3d, constants::SSIM_WINDOW};
 
 use super::findings::DIFFERENCE_GAIN;
 use crate::experiments::Picture;
-use crate::price::popping::{Moment, ORDERS, ordered};
+use crate::price::{
+    Loaded, Renderer as _,
+    popping::{Moment, ORDERS, ordered},
+};
 use gs_train::Error;
 
 /// Longest side of the part that is shown, px.
@@ -26,11 +28,9 @@ pub(super) fn picture<R: Optimizer<Scene3d>>(
     render: &RenderSettings,
     (name, caption): (&'static str, String),
 ) -> Result<Picture, Error> {
-    let splats = rasterizer.upload(scene, Parameterization::ScaleRotation)?;
+    let on = Loaded::new(rasterizer, scene)?;
     let row = |order| {
-        let frame = |camera| {
-            rasterizer.image(&rasterizer.forward(&splats, camera, &ordered(render, order)).block_on()?).block_on()
-        };
+        let frame = |camera| on.image(camera, &ordered(render, order));
         moment.cameras.iter().map(frame).collect::<Result<Vec<Image>, _>>()
     };
     let rows = ORDERS.into_iter().map(row).collect::<Result<Vec<_>, _>>()?;

@@ -5,7 +5,11 @@ use crate::result::median;
 use gs_core::Error;
 use serde::Serialize;
 
-use super::{Field, Frontier, Measured, PictureError, Role, TimeComparison, Verifiable, pareto::ROUNDING};
+use super::{
+    super::{noise::TimeComparison, picture_error::PictureError, truth::Verifiable},
+    Field, Frontier, Measured, Role,
+    pareto::ROUNDING,
+};
 
 /// A limit on error or time.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -44,11 +48,9 @@ pub struct Choice {
     pub within_noise: usize,
 }
 
-/// The result of [`Budget::choose`].
-#[derive(Debug, Clone, PartialEq)]
-pub enum SearchAnswer {
-    /// Settings that keep the budget.
-    Kept(Choice),
+/// Why no settings are chosen.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Missed {
     /// No measured settings keep the budget. Holds the least error, or the shortest time, that was
     /// measured.
     OutOfReach(f64),
@@ -69,7 +71,7 @@ impl Budget {
     /// medians, even within the noise, so that settings that are more exact than necessary are not
     /// preferred. Errors below a rounding are equal.
     fn candidates(self, frontier: &Frontier) -> Vec<usize> {
-        let of = |row: &Measured| (row.times().median, row.error.max);
+        let of = |row: &Measured| (row.median(), row.error.max);
         let is_kept = |&i: &usize| {
             let (seconds, error) = of(&frontier.rows[i]);
             frontier.rows[i].role != Role::Again && self.is_kept(error, seconds)
@@ -90,7 +92,8 @@ impl Budget {
     /// The best settings of a frontier that keep the budget both on its views and on `unseen` ones,
     /// which are timed for `seconds`.
     ///
-    /// Settings that a backend cannot render the unseen views with do not keep it.
+    /// Settings that a backend cannot render the unseen views with do not keep it. The inner error
+    /// says why no settings are chosen.
     ///
     /// # Errors
     /// Those of rendering, and of the oracle; [`Error::Setting`] if `unseen` is empty.
@@ -100,7 +103,7 @@ impl Budget {
         frontier: &Frontier,
         unseen: &[S::View],
         seconds: f64,
-    ) -> Result<SearchAnswer, Error> {
+    ) -> Result<Result<Choice, Missed>, Error> {
         if unseen.is_empty() {
             return Err(Error::setting("the number of views to verify on", 0, "at least 1"));
         }
@@ -112,26 +115,26 @@ impl Budget {
                 continue;
             }
             let error = field.error(measured.contender, &measured.settings, unseen, &truths)?;
-            let times = field.times(&[measured], unseen, seconds / candidates.len() as f64)?;
+            let times = field.times(std::slice::from_ref(measured), unseen, seconds / candidates.len() as f64)?;
             let verification = Verification { views: unseen.len(), error, seconds: median(&times[0]) };
             if self.is_kept(error.max, verification.seconds) {
                 let noise = frontier.noise_of(&measured.backend);
                 let is_alike = |other: &usize| {
-                    let seconds = frontier.rows[*other].times().median;
-                    *other != row && noise.compare(seconds, measured.times().median) == TimeComparison::NoDifference
+                    let seconds = frontier.rows[*other].median();
+                    *other != row && noise.compare(seconds, measured.median()) == TimeComparison::NoDifference
                 };
                 let within_noise = candidates.iter().filter(|other| is_alike(other)).count();
-                return Ok(SearchAnswer::Kept(Choice { row, verification, failed, within_noise }));
+                return Ok(Ok(Choice { row, verification, failed, within_noise }));
             }
         }
         if !candidates.is_empty() {
-            return Ok(SearchAnswer::NotElsewhere(candidates.len()));
+            return Ok(Err(Missed::NotElsewhere(candidates.len())));
         }
         let least = |of: fn(&Measured) -> f64| frontier.rows.iter().map(of).fold(f64::INFINITY, f64::min);
-        Ok(SearchAnswer::OutOfReach(match self {
+        Ok(Err(Missed::OutOfReach(match self {
             Self::MaxError(_) => least(|row| row.error.max),
-            Self::MaxSeconds(_) => least(|row| row.times().median),
-        }))
+            Self::MaxSeconds(_) => least(|row| row.median()),
+        })))
     }
 }
 
@@ -140,7 +143,7 @@ mod tests {
     use gs_core::RenderSettings;
 
     use super::*;
-    use crate::price::frontier::{Noise, outcome::BackendNoise};
+    use crate::price::{frontier::outcome::BackendNoise, noise::Noise};
 
     fn row(seconds: f64, error: f64, on_frontier: bool) -> Measured {
         Measured {
@@ -150,8 +153,8 @@ mod tests {
             role: Role::Alone,
             changes: Vec::new(),
             settings: RenderSettings::default(),
-            seconds: vec![seconds],
-            error: PictureError { max: error, ..PictureError::default() },
+            seconds: vec![seconds].into(),
+            error: PictureError::new(error, [0.0; 3]),
             on_frontier,
             comparison: TimeComparison::NoDifference,
         }

@@ -3,12 +3,19 @@
 use gs_core::{Accuracy, Error, Extent, RenderSettings, Scene};
 
 use super::{
-    Contender, Frontier, Measured, Noise, PictureError, Role, Setting, TimeComparison, Truth, Verifiable, alternatives,
-    frontier_of,
-    measure::{Candidate, ROUNDS, interleaved},
-    outcome::{BackendNoise, Refused, name},
-    predict::{Alone, combinations},
+    super::{
+        machine::Contender,
+        noise::{Noise, TimeComparison},
+        picture_error::PictureError,
+        timing::{Candidate, ROUNDS, Rounds, Times, interleaved},
+        truth::{Truth, Verifiable},
+    },
+    outcome::{BackendNoise, Frontier, Measured, Refused, Role},
+    pareto::frontier_of,
+    predict::{Predicted, combinations},
+    setting::{Setting, alternatives},
 };
+use crate::result::median;
 
 /// Share of the time for finding out which combinations are worth measuring.
 const SCOUTING: f64 = 0.25;
@@ -43,75 +50,10 @@ impl Default for SearchLimits {
     }
 }
 
-/// A candidate with its role.
-struct Entry {
-    candidate: Candidate,
-    role: Role,
-    changes: Vec<super::Change>,
-}
-
 impl<S: Verifiable> Field<'_, S> {
     /// The default settings without cut-offs, which the true picture has.
     fn tightest(&self) -> RenderSettings {
         self.shown.with(|s| s.accuracy = Accuracy::TIGHTEST)
-    }
-
-    /// What a search is about to do, with the time of the default's second rendering, after a warm-up.
-    fn announcement(&self, views: &[S::View], limits: SearchLimits) -> Result<String, Error> {
-        /// Default, the default again, no cut-offs, 3DGS.
-        const LANDMARKS: usize = 4;
-        // Tried, and its error measured; scouted and measured in turn, with a warm-up each.
-        let renderings = (2 + 2 * (1 + ROUNDS[0])) * views.len();
-        let (mut settings, mut seconds) = (0, 0.0);
-        for base in self.bases() {
-            let Contender { renderer, backend, .. } = &self.contenders[base];
-            let others = self.contenders.iter().filter(|c| c.change.is_some() && c.backend == *backend).count();
-            let own = LANDMARKS + alternatives(&self.shown).len() + others + limits.combinations;
-            renderer.seconds(&views[0], &self.shown)?;
-            seconds += renderer.seconds(&views[0], &self.shown)? * (own * renderings) as f64;
-            settings += own;
-        }
-        let milliseconds = 1e3 * seconds / (settings * renderings) as f64;
-        let seconds = seconds.max(limits.seconds);
-        let time = if seconds < 100.0 { format!("{seconds:.0} s") } else { format!("{:.0} min", seconds / 60.0) };
-        Ok(format!(
-            "measuring up to {settings} settings in {} or more renderings of about {milliseconds:.1} ms: about {time}, \
-             and some seconds for true pictures",
-            settings * renderings
-        ))
-    }
-
-    /// The true pictures of the views. Their worst pixels are found on the first backend that can
-    /// render without cut-offs.
-    pub(super) fn truths(&self, views: &[S::View]) -> Result<Vec<Truth<S>>, Error> {
-        let (scene, settings) = (self.scene.rows(), self.tightest());
-        let able = self.able(&settings, views)?.unwrap_or_default();
-        let truth = |view: &S::View| {
-            let tightest = self.contenders[able].renderer.image(view, &settings)?;
-            Truth::new(&scene, view, &settings, tightest, views.len())
-        };
-        views.iter().map(truth).collect()
-    }
-
-    /// The error of a candidate's pictures.
-    pub(super) fn error(
-        &self,
-        contender: usize,
-        settings: &RenderSettings,
-        views: &[S::View],
-        truths: &[Truth<S>],
-    ) -> Result<PictureError, Error> {
-        let renderer = &self.contenders[contender].renderer;
-        let one = |(view, truth): (&S::View, &Truth<S>)| truth.error(&renderer.image(view, settings)?);
-        let errors = views.iter().zip(truths).map(one).collect::<Result<Vec<_>, Error>>()?;
-        Ok(PictureError::of_views(&errors))
-    }
-
-    /// Seconds per view of each row, measured interleaved as by [`search`].
-    pub(super) fn times(&self, rows: &[&Measured], views: &[S::View], seconds: f64) -> Result<Vec<Vec<f64>>, Error> {
-        let candidates: Vec<Candidate> =
-            rows.iter().map(|row| Candidate { contender: row.contender, settings: row.settings }).collect();
-        interleaved(&self.contenders, &candidates, views, seconds)
     }
 
     /// The first contender of each backend.
@@ -120,51 +62,62 @@ impl<S: Verifiable> Field<'_, S> {
         (0..self.contenders.len()).filter(is_first).collect()
     }
 
-    fn entry(&self, contender: usize, settings: RenderSettings, role: Role, changes: &[Setting]) -> Entry {
-        let own = self.contenders[contender].change.iter().cloned();
-        let changes = own.chain(changes.iter().map(|setting| setting.change())).collect();
-        Entry { candidate: Candidate { contender, settings }, role, changes }
-    }
-
-    /// The first backend that can render these views with these settings.
-    fn able(&self, settings: &RenderSettings, views: &[S::View]) -> Result<Option<usize>, Error> {
-        for base in self.bases() {
-            if self.refusal(base, settings, views)?.is_none() {
-                return Ok(Some(base));
-            }
+    /// A row that is not measured yet.
+    fn row(&self, contender: usize, settings: RenderSettings, role: Role, changes: &[Setting]) -> Measured {
+        let Contender { backend, name, change, .. } = &self.contenders[contender];
+        Measured {
+            backend: backend.clone(),
+            machine: name.clone(),
+            contender,
+            role,
+            changes: change.iter().cloned().chain(changes.iter().map(Setting::change)).collect(),
+            settings,
+            seconds: Vec::new().into(),
+            error: PictureError::of(std::iter::empty()),
+            on_frontier: false,
+            comparison: TimeComparison::NoDifference,
         }
-        Ok(None)
     }
 
-    /// Adds an entry to `admitted` if its contender can render it, else to `refused`.
-    fn admit(
+    /// The rows of a backend that are measured in any case: the default twice, no cut-offs, 3DGS, each
+    /// setting alone, and each other contender.
+    fn single_rows(&self, base: usize, views: &[S::View]) -> Result<Vec<Measured>, Error> {
+        let mut three_dgs = self.shown.with(|s| s.accuracy = Accuracy::THREE_DGS);
+        if self.refusal(base, &three_dgs, views)?.is_some() {
+            three_dgs.accuracy.extent = Extent::AlphaCut;
+        }
+        let landmarks = [
+            (self.shown, Role::Default),
+            (self.shown, Role::Again),
+            (self.tightest(), Role::Tightest),
+            (three_dgs, Role::ThreeDgs),
+        ];
+        let backend = &self.contenders[base].backend;
+        let others = (0..self.contenders.len()).filter(|&i| i != base && self.contenders[i].backend == *backend);
+        let alone = alternatives(&self.shown).into_iter();
+        let all = landmarks.into_iter().map(|(settings, role)| self.row(base, settings, role, &[]));
+        let all = all.chain(alone.map(|s| self.row(base, s.applied_to(&self.shown), Role::Alone, &[s])));
+        Ok(all.chain(others.map(|other| self.row(other, self.shown, Role::Alone, &[]))).collect())
+    }
+
+    /// Splits rows into those that their contenders can render and the others. The default has to be
+    /// rendered.
+    fn admitted(
         &self,
-        entry: Entry,
+        rows: Vec<Measured>,
         views: &[S::View],
-        admitted: &mut Vec<Entry>,
         refused: &mut Vec<Refused>,
-    ) -> Result<(), Error> {
-        let Candidate { contender, settings } = &entry.candidate;
-        match self.refusal(*contender, settings, views)? {
-            None => admitted.push(entry),
-            Some(why) => {
-                let (backend, what) = (self.contenders[*contender].backend.clone(), name(entry.role, &entry.changes));
-                refused.push(Refused { backend, what, why });
+    ) -> Result<Vec<Measured>, Error> {
+        let mut admitted = Vec::with_capacity(rows.len());
+        for row in rows {
+            let is_default = matches!(row.role, Role::Default | Role::Again);
+            let refusal = if is_default { None } else { self.refusal(row.contender, &row.settings, views)? };
+            match refusal {
+                None => admitted.push(row),
+                Some(why) => refused.push(Refused { backend: row.backend.clone(), what: row.name(), why }),
             }
         }
-        Ok(())
-    }
-
-    /// The entries that every backend's table contains.
-    fn landmarks(&self, base: usize, views: &[S::View], refused: &mut Vec<Refused>) -> Result<Vec<Entry>, Error> {
-        let three_dgs = self.shown.with(|s| s.accuracy = Accuracy::THREE_DGS);
-        let without_extent = Setting::Extent(Extent::AlphaCut).applied_to(&three_dgs);
-        let mut all =
-            vec![self.entry(base, self.shown, Role::Default, &[]), self.entry(base, self.shown, Role::Again, &[])];
-        self.admit(self.entry(base, self.tightest(), Role::Tightest, &[]), views, &mut all, refused)?;
-        let closest = if self.refusal(base, &three_dgs, views)?.is_none() { three_dgs } else { without_extent };
-        self.admit(self.entry(base, closest, Role::ThreeDgs, &[]), views, &mut all, refused)?;
-        Ok(all)
+        Ok(admitted)
     }
 
     /// The reason why a contender cannot render these views with these settings, if it cannot.
@@ -187,18 +140,72 @@ impl<S: Verifiable> Field<'_, S> {
         Ok(None)
     }
 
-    /// Measures each setting alone, and each contender.
-    fn alone(&self, base: usize, views: &[S::View], refused: &mut Vec<Refused>) -> Result<Vec<Entry>, Error> {
-        let backend = &self.contenders[base].backend;
-        let mut all = Vec::new();
-        for setting in alternatives(&self.shown) {
-            let entry = self.entry(base, setting.applied_to(&self.shown), Role::Alone, &[setting]);
-            self.admit(entry, views, &mut all, refused)?;
+    /// The first backend that can render these views with these settings.
+    fn able(&self, settings: &RenderSettings, views: &[S::View]) -> Result<Option<usize>, Error> {
+        for base in self.bases() {
+            if self.refusal(base, settings, views)?.is_none() {
+                return Ok(Some(base));
+            }
         }
-        for other in (0..self.contenders.len()).filter(|&i| i != base && self.contenders[i].backend == *backend) {
-            self.admit(self.entry(other, self.shown, Role::Alone, &[]), views, &mut all, refused)?;
+        Ok(None)
+    }
+
+    /// The true pictures of the views. Their worst pixels are found on the first backend that can
+    /// render without cut-offs.
+    pub(super) fn truths(&self, views: &[S::View]) -> Result<Vec<Truth<S>>, Error> {
+        let (scene, settings) = (self.scene.rows(), self.tightest());
+        let able = self.able(&settings, views)?.unwrap_or_default();
+        let truth = |view: &S::View| {
+            let tightest = self.contenders[able].renderer.image(view, &settings)?;
+            Truth::new(&scene, view, &settings, tightest, views.len())
+        };
+        views.iter().map(truth).collect()
+    }
+
+    /// The error of a contender's pictures.
+    pub(super) fn error(
+        &self,
+        contender: usize,
+        settings: &RenderSettings,
+        views: &[S::View],
+        truths: &[Truth<S>],
+    ) -> Result<PictureError, Error> {
+        let renderer = &self.contenders[contender].renderer;
+        let one = |(view, truth): (&S::View, &Truth<S>)| truth.error(&renderer.image(view, settings)?);
+        let errors = views.iter().zip(truths).map(one).collect::<Result<Vec<_>, Error>>()?;
+        Ok(PictureError::of_views(&errors))
+    }
+
+    /// Seconds per view of each row, measured in turn.
+    pub(super) fn times(&self, rows: &[Measured], views: &[S::View], seconds: f64) -> Result<Vec<Vec<f64>>, Error> {
+        let candidate = |row: &Measured| {
+            let Contender { renderer, backend, .. } = &self.contenders[row.contender];
+            Candidate { renderer: renderer.as_ref(), group: backend, settings: row.settings }
+        };
+        interleaved(&rows.iter().map(candidate).collect::<Vec<_>>(), views, Rounds::Within(seconds))
+    }
+
+    /// What a search is about to do with these rows, with the time of the default's second rendering,
+    /// after a warm-up.
+    fn announcement(&self, rows: &[Measured], views: &[S::View], limits: SearchLimits) -> Result<String, Error> {
+        // Tried, and its error measured; scouted and measured in turn, with a warm-up each.
+        let renderings = (2 + 2 * (1 + ROUNDS[0])) * views.len();
+        let (mut settings, mut seconds) = (0, 0.0);
+        for base in self.bases() {
+            let Contender { renderer, backend, .. } = &self.contenders[base];
+            let own = rows.iter().filter(|row| row.backend == *backend).count() + limits.combinations;
+            renderer.seconds(&views[0], &self.shown)?;
+            seconds += renderer.seconds(&views[0], &self.shown)? * (own * renderings) as f64;
+            settings += own;
         }
-        Ok(all)
+        let milliseconds = 1e3 * seconds / (settings * renderings) as f64;
+        let seconds = seconds.max(limits.seconds);
+        let time = if seconds < 100.0 { format!("{seconds:.0} s") } else { format!("{:.0} min", seconds / 60.0) };
+        Ok(format!(
+            "measuring up to {settings} settings in {} or more renderings of about {milliseconds:.1} ms: about {time}, \
+             and some seconds for true pictures",
+            settings * renderings
+        ))
     }
 
     /// The largest error of each value of each setting, the default's included, if it is the only
@@ -218,49 +225,40 @@ impl<S: Verifiable> Field<'_, S> {
         Ok(all)
     }
 
-    /// The combinations that are worth measuring, on the quickest contender of the backend.
-    fn together(
-        &self,
-        base: usize,
-        scouted: &[(Entry, f64)],
-        noise: Noise,
-        most: usize,
-        only: &[(Setting, f64)],
-    ) -> Vec<Entry> {
-        let default = scouted.iter().find(|(entry, _)| entry.role == Role::Default).map_or(1.0, |(_, time)| *time);
-        let error = |setting: Setting| only.iter().find(|(s, _)| *s == setting).map(|(_, error)| *error);
-        let mut axes: Vec<(String, Vec<Alone>)> = Vec::new();
+    /// The combinations that are worth measuring on the quickest contender of a backend, of which
+    /// `scouted` rows have a time each.
+    fn together(&self, scouted: &[(&Measured, f64)], only: &[(Setting, f64)], most: usize) -> Vec<Measured> {
+        let Some(&(base, default)) = scouted.iter().find(|(row, _)| row.role == Role::Default) else {
+            return Vec::new();
+        };
+        let error = |setting: &Setting| only.iter().find(|(known, _)| known == setting).map(|(_, error)| *error);
+        let mut axes: Vec<Vec<Predicted>> = Vec::new();
+        let mut last = None;
         for setting in alternatives(&self.shown) {
             let settings = setting.applied_to(&self.shown);
-            let Some((_, time)) =
-                scouted.iter().find(|(e, _)| e.role == Role::Alone && e.candidate.settings == settings)
+            let time = scouted.iter().find(|(row, _)| row.role == Role::Alone && row.settings == settings);
+            // An error cannot be attributed to a setting that no backend supports alone.
+            let (Some((_, time)), Some(usual), Some(error)) = (time, error(&setting.of(&self.shown)), error(&setting))
             else {
                 continue;
             };
-            // An error cannot be attributed to a setting that no backend supports alone.
-            let (Some(usual), Some(error)) = (error(setting.of(&self.shown)), error(setting)) else {
-                continue;
-            };
-            let axis = setting.change().axis;
-            if axes.last().is_none_or(|(last, _)| *last != axis) {
-                axes.push((axis, vec![Alone { setting: None, ratio: 1.0, error: usual }]));
+            if last.replace(setting.axis) != Some(setting.axis) {
+                axes.push(vec![Predicted { settings: Vec::new(), ratio: 1.0, error: usual }]);
             }
-            let alone = Alone { setting: Some(setting), ratio: time / default, error };
-            axes.last_mut().into_iter().for_each(|(_, values)| values.push(alone));
+            let alone = Predicted { settings: vec![setting], ratio: time / default, error };
+            axes.last_mut().into_iter().for_each(|values| values.push(alone.clone()));
         }
-        let mut quickest = (base, default);
-        for (Entry { candidate: Candidate { contender, .. }, .. }, time) in scouted {
-            if self.contenders[*contender].change.is_some()
-                && noise.compare(*time, quickest.1) == TimeComparison::Faster
-            {
-                quickest = (*contender, *time);
+        let noise = noise_of(scouted.iter().map(|(row, _)| *row));
+        let mut quickest = (base.contender, default);
+        for &(row, time) in scouted.iter().filter(|(row, _)| row.contender != base.contender) {
+            if noise.compare(time, quickest.1) == TimeComparison::Faster {
+                quickest = (row.contender, time);
             }
         }
-        let values: Vec<Vec<Alone>> = axes.into_iter().map(|(_, values)| values).collect();
-        let found = combinations(&values, most).into_iter().filter_map(|combination| {
-            let settings = combination.settings.iter().fold(self.shown, |settings, s| s.applied_to(&settings));
-            let is_new = combination.settings.len() > 1 || (quickest.0 != base && !combination.settings.is_empty());
-            is_new.then(|| self.entry(quickest.0, settings, Role::Together, &combination.settings))
+        let found = combinations(&axes, most).into_iter().filter_map(|Predicted { settings: changes, .. }| {
+            let settings = changes.iter().fold(self.shown, |settings, s| s.applied_to(&settings));
+            let is_new = changes.len() > 1 || (quickest.0 != base.contender && !changes.is_empty());
+            is_new.then(|| self.row(quickest.0, settings, Role::Together, &changes))
         });
         found.collect()
     }
@@ -281,60 +279,36 @@ pub fn search<S: Verifiable>(
     if views.is_empty() || field.contenders.is_empty() {
         return Err(Error::setting("the number of views or contenders", 0, "at least 1"));
     }
-    watch(&field.announcement(views, limits)?);
+    let mut rows = Vec::new();
+    for base in field.bases() {
+        rows.extend(field.single_rows(base, views)?);
+    }
+    watch(&field.announcement(&rows, views, limits)?);
     watch("computing true pictures with the 64-bit oracle");
     let truths = field.truths(views)?;
-    let bases = field.bases();
-    let (mut refused, mut entries, mut groups) = (Vec::new(), Vec::new(), Vec::new());
-    for &base in &bases {
-        let mut own = field.landmarks(base, views, &mut refused)?;
-        own.extend(field.alone(base, views, &mut refused)?);
-        groups.push(own.len());
-        entries.extend(own);
-    }
-    watch(&format!("scouting {} settings", entries.len()));
-    let candidates = |entries: &[Entry]| entries.iter().map(|entry| entry.candidate.clone()).collect::<Vec<_>>();
-    let scouted = interleaved(&field.contenders, &candidates(&entries), views, SCOUTING * limits.seconds)?;
+    let mut refused = Vec::new();
+    let mut rows = field.admitted(rows, views, &mut refused)?;
+    watch(&format!("scouting {} settings", rows.len()));
+    let scouted = field.times(&rows, views, SCOUTING * limits.seconds)?;
+    rows.iter_mut().zip(scouted).for_each(|(row, times)| row.seconds = times.into());
     watch("predicting which combinations are worth measuring");
     let only = field.only(views, &truths)?;
-    let mut all = Vec::new();
-    let mut scouted = entries.into_iter().zip(scouted);
-    for (&base, group) in bases.iter().zip(groups) {
-        let own: Vec<(Entry, Vec<f64>)> = scouted.by_ref().take(group).collect();
-        let noise = noise_of(own.iter().map(|(entry, times)| (entry.role, &times[..])));
-        let medians: Vec<(Entry, f64)> = own
-            .into_iter()
-            .map(|(entry, times)| {
-                let median = crate::result::median(times);
-                (entry, median)
-            })
-            .collect();
-        let together = field.together(base, &medians, noise, limits.combinations, &only);
-        all.extend(medians.into_iter().map(|(entry, _)| entry));
-        for entry in together {
-            field.admit(entry, views, &mut all, &mut refused)?;
-        }
+    let mut together = Vec::new();
+    for base in field.bases() {
+        let own = rows.iter().filter(|row| row.backend == field.contenders[base].backend);
+        let own: Vec<(&Measured, f64)> = own.map(|row| (row, median(&row.seconds.samples))).collect();
+        together.extend(field.together(&own, &only, limits.combinations));
     }
-    watch(&format!("measuring {} settings in turn", all.len()));
-    let times = interleaved(&field.contenders, &candidates(&all), views, (1.0 - SCOUTING) * limits.seconds)?;
-    let mut rows = Vec::with_capacity(all.len());
-    for (Entry { candidate: Candidate { contender, settings }, role, changes }, seconds) in all.into_iter().zip(times) {
-        let error = field.error(contender, &settings, views, &truths)?;
-        let Contender { backend, name, .. } = &field.contenders[contender];
-        rows.push(Measured {
-            backend: backend.clone(),
-            machine: name.clone(),
-            contender,
-            role,
-            changes,
-            settings,
-            seconds,
-            error,
-            on_frontier: false,
-            comparison: TimeComparison::NoDifference,
-        });
+    rows.extend(field.admitted(together, views, &mut refused)?);
+    watch(&format!("measuring {} settings in turn", rows.len()));
+    let times = field.times(&rows, views, (1.0 - SCOUTING) * limits.seconds)?;
+    for (row, times) in rows.iter_mut().zip(times) {
+        row.seconds = Times::from(times);
+        row.error = field.error(row.contender, &row.settings, views, &truths)?;
     }
-    let noise = judge(&mut rows);
+    let noise = field.bases().into_iter().map(|base| judge(&field.contenders[base].backend, &mut rows)).collect();
+    let place = |row: &Measured| field.contenders.iter().position(|contender| contender.backend == row.backend);
+    rows.sort_by(|a, b| place(a).cmp(&place(b)).then(a.median().total_cmp(&b.median())));
     Ok(Frontier {
         rows,
         refused,
@@ -345,57 +319,29 @@ pub fn search<S: Verifiable>(
     })
 }
 
-fn noise_of<'t>(rows: impl Iterator<Item = (Role, &'t [f64])> + Clone) -> Noise {
-    let of = |wanted: Role| rows.clone().find(|(role, _)| *role == wanted).map(|(_, times)| times);
-    match (of(Role::Default), of(Role::Again)) {
-        (Some(first), Some(again)) => Noise::of(first, again),
-        _ => Noise { factor: 1.0, again: 1.0 },
-    }
+fn noise_of<'r>(rows: impl Iterator<Item = &'r Measured> + Clone) -> Noise {
+    let of = |wanted: Role| rows.clone().find(|row| row.role == wanted).map(|row| &row.seconds.samples);
+    of(Role::Default).zip(of(Role::Again)).map_or(Noise::NONE, |(first, again)| Noise::of(first, again))
 }
 
-/// Sorts rows by backend and time, and determines each backend's noise and frontier.
-fn judge(rows: &mut [Measured]) -> Vec<BackendNoise> {
-    let mut backends: Vec<String> = Vec::new();
-    for row in rows.iter() {
-        if !backends.contains(&row.backend) {
-            backends.push(row.backend.clone());
-        }
+/// Determines a backend's noise and frontier.
+fn judge(backend: &str, rows: &mut [Measured]) -> BackendNoise {
+    let mut own: Vec<&mut Measured> = rows.iter_mut().filter(|row| row.backend == *backend).collect();
+    let noise = noise_of(own.iter().map(|row| &**row));
+    let default = own.iter().find(|row| row.role == Role::Default).map_or(f64::NAN, |row| row.median());
+    // The default counts once.
+    let point = |row: &&mut Measured| match row.role {
+        Role::Again => (f64::INFINITY, f64::INFINITY),
+        _ => (row.median(), row.error.max),
+    };
+    // Among rows with the same picture, the one with the fewest changes is kept on the frontier.
+    own.sort_by(|a, b| a.changes.len().cmp(&b.changes.len()).then(a.median().total_cmp(&b.median())));
+    let on_frontier = frontier_of(&own.iter().map(point).collect::<Vec<_>>(), noise);
+    for place in 0..own.len() {
+        let is_same = |other: &usize| on_frontier[*other] && own[*other].error == own[place].error;
+        own[place].on_frontier =
+            on_frontier[place] && own[place].role != Role::Again && !(0..place).any(|other| is_same(&other));
+        own[place].comparison = noise.compare(own[place].median(), default);
     }
-    let place = |backend: &String| backends.iter().position(|known| known == backend);
-    rows.sort_by(|a, b| {
-        let by_time = a.times().median.total_cmp(&b.times().median);
-        place(&a.backend).cmp(&place(&b.backend)).then(by_time)
-    });
-    let mut all = Vec::new();
-    for backend in &backends {
-        let mut own: Vec<&mut Measured> = rows.iter_mut().filter(|row| row.backend == *backend).collect();
-        let noise = noise_of(own.iter().map(|row| (row.role, &row.seconds[..])));
-        let default = own.iter().find(|row| row.role == Role::Default).map_or(f64::NAN, |row| row.times().median);
-        // The default counts once.
-        let points: Vec<(f64, f64)> = own
-            .iter()
-            .map(|row| match row.role {
-                Role::Again => (f64::INFINITY, f64::INFINITY),
-                _ => (row.times().median, row.error.max),
-            })
-            .collect();
-        for (row, on_frontier) in own.iter_mut().zip(frontier_of(&points, noise)) {
-            row.on_frontier = on_frontier && row.role != Role::Again;
-            row.comparison = noise.compare(row.times().median, default);
-        }
-        // Only the row with the fewest changes is kept on the frontier, among rows with the same
-        // picture.
-        for place in 0..own.len() {
-            let simpler = |other: usize| {
-                let (changes, others) = (own[place].changes.len(), own[other].changes.len());
-                let same = own[other].on_frontier && own[other].error == own[place].error;
-                same && (others < changes || (others == changes && other < place))
-            };
-            if (0..own.len()).any(simpler) {
-                own[place].on_frontier = false;
-            }
-        }
-        all.push(BackendNoise { backend: backend.clone(), noise });
-    }
-    all
+    BackendNoise { backend: backend.to_owned(), noise }
 }

@@ -1,11 +1,12 @@
 //! The price of accuracy: every approximation of a rendering is a setting, and its cost in time and
 //! error is measured on the given scene, views and machine.
 //!
-//! A [`Field`] is a scene on several [`Contender`]s: backends, instruction sets and configurations.
+//! A [`Field`] is a scene on several [`Contender`](super::Contender)s: backends, instruction sets and configurations.
 //! [`search`] measures every setting alone, predicts which combinations lie on the frontier, and
 //! measures those: their times, and their errors against the 64-bit oracle. Measurements are
 //! interleaved, after a warm-up. Each backend's default is measured twice, as if it were two
-//! settings; their difference is the noise below which nothing counts as faster ([`Noise`]).
+//! settings; their difference is the noise below which nothing counts as faster
+//! ([`Noise`](super::Noise)).
 //! [`Budget::choose`] picks the cheapest settings that are exact enough, and verifies them on views
 //! that the search has not used. [`FrontierSettings`] are those settings in a file.
 //!
@@ -16,11 +17,7 @@
 //! `Binning::Reuse` is left out: it is an approximation of training steps, not of a picture.
 
 mod budget;
-mod contender;
-mod contenders;
-mod export;
 mod field;
-mod measure;
 mod outcome;
 mod pareto;
 mod predict;
@@ -30,18 +27,9 @@ mod settings_file;
 mod tests;
 
 pub use self::{
-    budget::{Budget, Choice, SearchAnswer, Verification},
-    contender::{Contender, Loaded, Renderer},
-    contenders::{Candidate, cpu_contenders, wgpu_contenders},
-    export::{figure, to_csv, to_text},
+    budget::{Budget, Choice, Missed, Verification},
     field::{Field, SearchLimits, search},
-    measure::{Noise, PictureError, TimeComparison, Verifiable, unseen_cameras, unseen_canvases},
     outcome::{BackendNoise, Frontier, Measured, Refused, Role},
     setting::Change,
-    settings_file::{FrontierEffects, FrontierMachine, FrontierSettings, KernelsName},
-};
-use self::{
-    measure::Truth,
-    pareto::frontier_of,
-    setting::{Setting, alternatives},
+    settings_file::{FrontierEffects, FrontierMachine, FrontierSettings},
 };

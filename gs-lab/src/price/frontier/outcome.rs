@@ -1,9 +1,24 @@
-//! The result of a search: the times and errors of all measured settings.
+//! The result of a search: the times and errors of all measured settings, as a table and as a figure.
+//! The JSON form is its serialisation.
 
-use gs_core::{RenderSettings, profile::Quantiles};
+use gs_core::{RenderSettings, counted, profile::Quantiles};
 use serde::Serialize;
 
-use super::{Change, Noise, PictureError, TimeComparison};
+use super::{
+    super::{
+        noise::{Noise, TimeComparison},
+        picture_error::PictureError,
+        timing::Times,
+    },
+    Change,
+};
+use crate::report::{
+    Cell, Table,
+    figure::{Axis, Dots, Figure, FigurePoint, Marks, Series},
+};
+
+/// Smaller errors are drawn at this value; they are due to rounding.
+const LEAST_ERROR: f64 = 1e-8;
 
 /// The role of a row.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -43,7 +58,7 @@ pub struct Measured {
     /// All settings.
     pub settings: RenderSettings,
     /// Seconds per view, one value for each round.
-    pub seconds: Vec<f64>,
+    pub seconds: Times,
     /// The error of the pictures.
     pub error: PictureError,
     /// Whether nothing of the same backend is both quicker and as exact.
@@ -53,25 +68,20 @@ pub struct Measured {
 }
 
 impl Measured {
-    /// Median and quantiles of the row's times, seconds.
-    pub fn times(&self) -> Quantiles {
-        Quantiles::of(&self.seconds)
+    /// Median seconds per view.
+    pub fn median(&self) -> f64 {
+        self.seconds.spread.median
     }
 
     /// The differences from the default, in words.
     pub fn name(&self) -> String {
-        name(self.role, &self.changes)
-    }
-}
-
-/// The differences from the default, in words.
-pub(super) fn name(role: Role, changes: &[Change]) -> String {
-    match role {
-        Role::Default => "default".to_owned(),
-        Role::Again => "default, again".to_owned(),
-        Role::ThreeDgs => "3DGS".to_owned(),
-        Role::Tightest => "no cut-offs".to_owned(),
-        Role::Alone | Role::Together => changes.iter().map(ToString::to_string).collect::<Vec<_>>().join(", "),
+        match self.role {
+            Role::Default => "default".to_owned(),
+            Role::Again => "default, again".to_owned(),
+            Role::ThreeDgs => "3DGS".to_owned(),
+            Role::Tightest => "no cut-offs".to_owned(),
+            Role::Alone | Role::Together => self.changes.iter().map(ToString::to_string).collect::<Vec<_>>().join(", "),
+        }
     }
 }
 
@@ -115,17 +125,107 @@ pub struct Frontier {
     pub uncertainty: f64,
 }
 
+/// Rows that are drawn alike.
+type Kind = (&'static str, Dots, fn(&Measured) -> bool);
+
 impl Frontier {
     /// The noise of a backend; none if it is unknown.
     pub fn noise_of(&self, backend: &str) -> Noise {
         let found = self.noise.iter().find(|noise| noise.backend == backend);
-        found.map_or(Noise { factor: 1.0, again: 1.0 }, |found| found.noise)
+        found.map_or(Noise::NONE, |found| found.noise)
     }
 
     /// The rows on the frontier, of all backends, quickest first.
     pub fn steps(&self) -> Vec<&Measured> {
         let mut steps: Vec<&Measured> = self.rows.iter().filter(|row| row.on_frontier).collect();
-        steps.sort_by(|a, b| a.times().median.total_cmp(&b.times().median));
+        steps.sort_by(|a, b| a.median().total_cmp(&b.median()));
         steps
+    }
+
+    /// All rows. Those marked with `*` are on the frontier of their backend.
+    pub fn table(&self) -> Table {
+        let columns = [
+            "",
+            "backend",
+            "settings",
+            "ms",
+            "10 %",
+            "90 %",
+            "x",
+            "than default",
+            "max error",
+            "mean",
+            "PSNR, dB",
+            "> 1/255, %",
+        ];
+        let row = |row: &Measured| {
+            let default = self.rows.iter().find(|other| other.backend == row.backend && other.role == Role::Default);
+            let Quantiles { low, median, high } = row.seconds.spread.times(1e3);
+            vec![
+                if row.on_frontier { "*" } else { "" }.into(),
+                row.backend.as_str().into(),
+                row.name().into(),
+                Cell::Fixed(median, 3),
+                Cell::Fixed(low, 3),
+                Cell::Fixed(high, 3),
+                Cell::Fixed(default.map_or(f64::NAN, |default| row.median() / default.median()), 2),
+                row.comparison.words().into(),
+                Cell::Significant(row.error.max, 2),
+                Cell::Significant(row.error.mean, 2),
+                Cell::Fixed(row.error.psnr, 1),
+                Cell::Fixed(100.0 * row.error.share_visible, 2),
+            ]
+        };
+        Table::new("frontier", &columns, self.rows.iter().map(row).collect())
+    }
+
+    /// The table with what is to be known about it.
+    pub fn text(&self) -> String {
+        let mut text = self.table().text();
+        for Refused { backend, what, why } in &self.refused {
+            text += &format!("{backend}: {what}: not supported ({why})\n");
+        }
+        for BackendNoise { backend, noise } in &self.noise {
+            text += &format!(
+                "\n{backend}: times that differ by less than {:.1} % count as equal (the default measured again: {:+.1} %)",
+                100.0 * (noise.factor - 1.0),
+                100.0 * (noise.again - 1.0)
+            );
+        }
+        text + &format!(
+            "\n*: on the frontier: no other settings of the backend are both quicker and as exact. x: time divided by the default's. Errors \
+             are maxima over all channels and pixels of {}, against the 64-bit oracle, which computed {} and the worst pixel of each \
+             picture. A rendering within {:.0e} of the oracle locates the worst pixels.",
+            counted(self.views, "view"),
+            counted(self.sampled, "pixel"),
+            self.uncertainty
+        )
+    }
+
+    /// A figure of the largest error against time, both logarithmic: the frontier of each backend as a
+    /// line, all other settings as points, the default and 3DGS marked.
+    pub fn figure(&self, title: &str) -> Figure {
+        let point = |row: &Measured| {
+            let (x, y) = (1e3 * row.median(), row.error.max.max(LEAST_ERROR));
+            FigurePoint { x, y, low: y, high: y }
+        };
+        let kinds: [Kind; 4] = [
+            ("best trade-offs", Dots::All, |row| row.on_frontier),
+            ("other settings", Dots::Alone, |row| !row.on_frontier && row.role != Role::Again),
+            ("default", Dots::Alone, |row| row.role == Role::Default),
+            ("as in 3DGS", Dots::Alone, |row| row.role == Role::ThreeDgs),
+        ];
+        let all = self.noise.iter().flat_map(|noise| kinds.map(|kind| (&noise.backend, kind))).enumerate();
+        let series = all.map(|(style, (backend, (name, dots, is_kind)))| {
+            let own = self.rows.iter().filter(|row| row.backend == *backend && is_kind(row));
+            Series { style, name: format!("{backend}: {name}"), points: own.map(point).collect(), dots }
+        });
+        Figure {
+            name: "frontier".to_owned(),
+            title: title.to_owned(),
+            x: Axis::logarithmic("time of a view, ms"),
+            y: Axis::logarithmic("largest error of a pixel"),
+            marks: Marks::Lines(series.filter(|series| !series.points.is_empty()).collect()),
+        }
     }
 }

@@ -1,6 +1,6 @@
 //! The frontier: rows for which no other is both quicker and at least as exact.
 
-use super::Noise;
+use super::super::noise::Noise;
 
 /// Errors below this are due to rounding and count as equal: a four-hundredth of a display step.
 pub(super) const ROUNDING: f64 = 1e-5;

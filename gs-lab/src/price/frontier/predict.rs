@@ -1,39 +1,28 @@
 //! Predicts which combinations lie on the frontier, assuming that time ratios multiply and errors
 //! add up.
 
-use super::Setting;
+use super::setting::Setting;
 
-/// A value of a setting, measured alone.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Alone {
-    /// The value; `None` for the default's.
-    pub(super) setting: Option<Setting>,
-    /// The time divided by the default's.
-    pub(super) ratio: f64,
-    /// The largest error if the value is the only approximation.
-    pub(super) error: f64,
-}
-
-/// A combination of values of several settings.
+/// Values of settings: one, measured alone, or a combination.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Combination {
+pub(super) struct Predicted {
     /// Differences from the default.
     pub(super) settings: Vec<Setting>,
-    /// Predicted time divided by the default's.
+    /// The time divided by the default's.
     pub(super) ratio: f64,
-    /// Predicted error: the sum of the single errors, an upper bound as long as settings do not
-    /// influence each other.
+    /// The largest error if these are the only approximations. For a combination, the sum of the
+    /// single errors: an upper bound as long as settings do not influence each other.
     pub(super) error: f64,
 }
 
-/// The predicted frontier over all choices of one value per setting, quickest first, thinned out to
-/// `most` combinations including both ends.
-pub(super) fn combinations(settings: &[Vec<Alone>], most: usize) -> Vec<Combination> {
-    let mut frontier = vec![Combination { settings: Vec::new(), ratio: 1.0, error: 0.0 }];
-    for values in settings {
+/// The predicted frontier over all choices of one value for each axis, quickest first, thinned out to
+/// `most` combinations including both ends. The values of an axis include the default's.
+pub(super) fn combinations(axes: &[Vec<Predicted>], most: usize) -> Vec<Predicted> {
+    let mut frontier = vec![Predicted { settings: Vec::new(), ratio: 1.0, error: 0.0 }];
+    for values in axes {
         // A combination that is excluded stays so: each further value multiplies and adds alike.
-        let with = |combination: &Combination, value: &Alone| Combination {
-            settings: combination.settings.iter().copied().chain(value.setting).collect(),
+        let with = |combination: &Predicted, value: &Predicted| Predicted {
+            settings: combination.settings.iter().chain(&value.settings).copied().collect(),
             ratio: combination.ratio * value.ratio,
             error: combination.error + value.error,
         };
@@ -47,7 +36,7 @@ pub(super) fn combinations(settings: &[Vec<Alone>], most: usize) -> Vec<Combinat
 
 /// Keeps the combinations that are more exact than all quicker ones, quickest first; of equal ones
 /// the one with the fewest changes.
-fn undominated(mut all: Vec<Combination>) -> Vec<Combination> {
+fn undominated(mut all: Vec<Predicted>) -> Vec<Predicted> {
     all.sort_by(|a, b| {
         let by_time = a.ratio.total_cmp(&b.ratio).then(a.error.total_cmp(&b.error));
         by_time.then(a.settings.len().cmp(&b.settings.len()))
@@ -63,29 +52,27 @@ fn undominated(mut all: Vec<Combination>) -> Vec<Combination> {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use super::{
+        super::setting::{Axis, tests::setting},
+        *,
+    };
 
     #[test]
     fn the_frontier_of_two_settings_is_that_of_all_pairs() {
-        let value = |setting, ratio, error| Alone { setting, ratio, error };
-        let (coarse, fine) = (Setting::AlphaCut(0.1), Setting::AlphaCut(1e-4));
-        let (early, late) = (Setting::TransmittanceMin(0.1), Setting::TransmittanceMin(0.0));
-        let settings = [
-            vec![value(None, 1.0, 4e-3), value(Some(coarse), 0.5, 0.1), value(Some(fine), 2.0, 1e-4)],
-            vec![value(None, 1.0, 1e-4), value(Some(early), 0.9, 0.05), value(Some(late), 1.0, 0.0)],
+        let value = |settings: &[Setting], ratio, error| Predicted { settings: settings.to_vec(), ratio, error };
+        let [coarse, fine] = [0.1, 1e-4].map(|cut| setting(Axis::AlphaCut, |s| s.accuracy.alpha_cut = cut));
+        let [early, late] =
+            [0.1, 0.0].map(|least| setting(Axis::TransmittanceMin, |s| s.accuracy.transmittance_min = least));
+        let axes = [
+            vec![value(&[], 1.0, 4e-3), value(&[coarse], 0.5, 0.1), value(&[fine], 2.0, 1e-4)],
+            vec![value(&[], 1.0, 1e-4), value(&[early], 0.9, 0.05), value(&[late], 1.0, 0.0)],
         ];
-        let found = combinations(&settings, 100);
+        let found = combinations(&axes, 100);
         let names: Vec<_> = found.iter().map(|combination| combination.settings.clone()).collect();
         // "late" is as quick and more exact than the default of the second setting, so that one is
         // never chosen.
-        assert_eq!(
-            names,
-            [vec![coarse, early], vec![coarse, late], vec![early], vec![late], vec![fine, early], vec![fine, late]]
-                .into_iter()
-                .filter(|n| *n != [fine, early])
-                .collect::<Vec<_>>()
-        );
-        let ends = combinations(&settings, 2);
+        assert_eq!(names, [vec![coarse, early], vec![coarse, late], vec![early], vec![late], vec![fine, late]]);
+        let ends = combinations(&axes, 2);
         assert_eq!((&ends[0], ends.last()), (&found[0], found.last()));
     }
 }

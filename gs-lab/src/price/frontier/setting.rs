@@ -1,73 +1,75 @@
-//! The settings that are measured, and the values that are tried.
+//! The settings that are varied, and the values that are tried.
 
 use std::fmt;
 
 use gs_core::{
-    Extent, RenderSettings,
-    effects::{Antialias, Order},
+    Blend, Extent, RenderSettings,
+    effects::{Effect, Order},
 };
 
-/// A setting of a rendering with a value.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Setting {
-    /// Contributions with a smaller α are left out.
-    AlphaCut(f32),
+/// The effects that are varied. Another blending or background would be another scene.
+const EFFECTS: [Effect; 3] = [Effect::Order, Effect::Antialias, Effect::ShDegree];
+
+/// What can be varied.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Axis {
+    /// α below which contributions are left out.
+    AlphaCut,
     /// Blending stops before the transmittance of a pixel falls below this.
-    TransmittanceMin(f32),
+    TransmittanceMin,
     /// Upper limit of α.
-    AlphaMax(f32),
+    AlphaMax,
     /// How far from its mean a Gaussian is evaluated.
-    Extent(Extent),
-    /// Sort order of blending.
-    Order(Order),
-    /// Treatment of Gaussians narrower than a pixel.
-    Antialias(Antialias),
-    /// Highest SH degree.
-    ShDegree(u8),
+    Extent,
+    /// An effect.
+    Effect(Effect),
+}
+
+/// A setting with a value: that of an axis in render settings.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Setting {
+    pub(super) axis: Axis,
+    source: RenderSettings,
+}
+
+impl PartialEq for Setting {
+    fn eq(&self, other: &Self) -> bool {
+        self.change() == other.change()
+    }
 }
 
 impl Setting {
     /// `settings` with this value.
-    pub(super) fn applied_to(self, settings: &RenderSettings) -> RenderSettings {
+    pub(super) fn applied_to(&self, settings: &RenderSettings) -> RenderSettings {
         let mut settings = *settings;
-        let RenderSettings { effects, accuracy, .. } = &mut settings;
-        match self {
-            Self::AlphaCut(cut) => accuracy.alpha_cut = cut,
-            Self::TransmittanceMin(minimum) => accuracy.transmittance_min = minimum,
-            Self::AlphaMax(clamp) => accuracy.alpha_max = clamp,
-            Self::Extent(extent) => accuracy.extent = extent,
-            Self::Order(order) => effects.order = order,
-            Self::Antialias(antialias) => effects.antialias = antialias,
-            Self::ShDegree(degree) => effects.sh_degree = degree,
+        let (accuracy, source) = (&mut settings.accuracy, &self.source.accuracy);
+        match self.axis {
+            Axis::AlphaCut => accuracy.alpha_cut = source.alpha_cut,
+            Axis::TransmittanceMin => accuracy.transmittance_min = source.transmittance_min,
+            Axis::AlphaMax => accuracy.alpha_max = source.alpha_max,
+            Axis::Extent => accuracy.extent = source.extent,
+            Axis::Effect(effect) => settings.effects = effect.copied(&self.source.effects, &settings.effects),
         }
         settings
     }
 
-    /// The value of the same setting in `settings`.
-    pub(super) fn of(self, settings: &RenderSettings) -> Self {
-        let RenderSettings { effects, accuracy, .. } = settings;
-        match self {
-            Self::AlphaCut(_) => Self::AlphaCut(accuracy.alpha_cut),
-            Self::TransmittanceMin(_) => Self::TransmittanceMin(accuracy.transmittance_min),
-            Self::AlphaMax(_) => Self::AlphaMax(accuracy.alpha_max),
-            Self::Extent(_) => Self::Extent(accuracy.extent),
-            Self::Order(_) => Self::Order(effects.order),
-            Self::Antialias(_) => Self::Antialias(effects.antialias),
-            Self::ShDegree(_) => Self::ShDegree(effects.sh_degree),
-        }
+    /// The value of the same setting in `source`.
+    pub(super) fn of(&self, source: &RenderSettings) -> Self {
+        Self { axis: self.axis, source: *source }
     }
 
     /// Name and value as text.
-    pub(super) fn change(self) -> Change {
-        let (axis, value) = match self {
-            Self::AlphaCut(cut) => ("alpha cut", fraction(cut)),
-            Self::TransmittanceMin(minimum) => ("full below", fraction(minimum)),
-            Self::AlphaMax(clamp) => ("alpha max", clamp.to_string()),
-            Self::Extent(Extent::AlphaCut) => ("extent", "of the cut".to_owned()),
-            Self::Extent(Extent::Sigmas(k)) => ("extent", format!("{k} sigma")),
-            Self::Order(order) => ("order", order.name().to_owned()),
-            Self::Antialias(antialias) => ("antialias", antialias.name().to_owned()),
-            Self::ShDegree(degree) => ("SH degree", degree.to_string()),
+    pub(super) fn change(&self) -> Change {
+        let RenderSettings { effects, accuracy, .. } = &self.source;
+        let (axis, value) = match self.axis {
+            Axis::AlphaCut => ("alpha cut", fraction(accuracy.alpha_cut)),
+            Axis::TransmittanceMin => ("full below", fraction(accuracy.transmittance_min)),
+            Axis::AlphaMax => ("alpha max", accuracy.alpha_max.to_string()),
+            Axis::Extent => match accuracy.extent {
+                Extent::AlphaCut => ("extent", "of the cut".to_owned()),
+                Extent::Sigmas(k) => ("extent", format!("{k} sigma")),
+            },
+            Axis::Effect(effect) => (effect.name(), effect.value(effects).to_owned()),
         };
         Change { axis: axis.to_owned(), value }
     }
@@ -91,21 +93,28 @@ impl fmt::Display for Change {
 /// The values of each setting to try instead of those of `base`. With `Blend::Sum`, transmittance
 /// and the limit of α do not apply; in 2D, sort order, antialiasing and SH do not.
 pub(super) fn alternatives(base: &RenderSettings) -> Vec<Setting> {
-    let over = base.effects.blend == gs_core::Blend::Over;
-    let in_space = base.effects.order != Order::Index;
-    let cuts = [16, 32, 64, 128, 255, 512, 1024, 2048, 4096, 16384].map(|n| 1.0 / n as f32);
-    let mut all: Vec<Setting> = cuts.into_iter().chain([1e-6]).map(Setting::AlphaCut).collect();
-    all.extend([2.0, 2.5, 3.0, 4.0].map(|k| Setting::Extent(Extent::Sigmas(k))));
-    if over {
-        all.extend([0.1, 0.03, 1e-2, 1e-3, 1e-4, 1e-5, 0.0].map(Setting::TransmittanceMin));
-        all.extend([0.99, 0.999, 0.9999].map(Setting::AlphaMax));
+    let mut all = Vec::new();
+    let mut try_each = |axis, values: &[f32], set: fn(&mut RenderSettings, f32)| {
+        all.extend(values.iter().map(|&value| Setting { axis, source: base.with(|s| set(s, value)) }));
+    };
+    let cuts = [16.0f32, 32.0, 64.0, 128.0, 255.0, 512.0, 1024.0, 2048.0, 4096.0, 16384.0, 1e6].map(f32::recip);
+    try_each(Axis::AlphaCut, &cuts, |s, cut| s.accuracy.alpha_cut = cut);
+    try_each(Axis::Extent, &[2.0, 2.5, 3.0, 4.0], |s, k| s.accuracy.extent = Extent::Sigmas(k));
+    if base.effects.blend == Blend::Over {
+        let full = [0.1, 0.03, 1e-2, 1e-3, 1e-4, 1e-5, 0.0];
+        try_each(Axis::TransmittanceMin, &full, |s, least| s.accuracy.transmittance_min = least);
+        try_each(Axis::AlphaMax, &[0.99, 0.999, 0.9999], |s, most| s.accuracy.alpha_max = most);
     }
-    if in_space {
-        all.extend([Order::Index, Order::Global, Order::PerPixel].map(Setting::Order));
-        all.extend(Antialias::ALL.map(Setting::Antialias));
-        all.extend((0..base.effects.sh_degree).map(Setting::ShDegree));
+    if base.effects.order != Order::Index {
+        for effect in EFFECTS {
+            let values = effect.values(&base.effects).into_iter();
+            all.extend(
+                values
+                    .map(|effects| Setting { axis: Axis::Effect(effect), source: base.with(|s| s.effects = effects) }),
+            );
+        }
     }
-    all.retain(|setting| setting.applied_to(base) != *base);
+    all.retain(|setting| setting.source != *base);
     all
 }
 
@@ -124,33 +133,36 @@ fn fraction(value: f32) -> String {
 }
 
 #[cfg(test)]
-mod tests {
-    use gs_core::Blend;
-
+pub(super) mod tests {
     use super::*;
+
+    /// A setting with a value of its own.
+    pub(in crate::price::frontier) fn setting(axis: Axis, set: impl FnOnce(&mut RenderSettings)) -> Setting {
+        Setting { axis, source: RenderSettings::default().with(set) }
+    }
 
     #[test]
     fn values_are_said_as_they_are_meant() {
-        let said = |setting: Setting| setting.change().to_string();
-        assert_eq!(said(Setting::AlphaCut(1.0 / 255.0)), "alpha cut 1/255");
-        assert_eq!(said(Setting::AlphaCut(1e-6)), "alpha cut 1e-6");
-        assert_eq!(said(Setting::AlphaCut(1.0 / 16.0)), "alpha cut 0.0625");
-        assert_eq!(said(Setting::TransmittanceMin(0.0)), "full below 0");
-        assert_eq!(said(Setting::TransmittanceMin(1e-4)), "full below 1e-4");
-        assert_eq!(said(Setting::Extent(Extent::Sigmas(2.5))), "extent 2.5 sigma");
+        let said = |axis, set: fn(&mut gs_core::Accuracy)| setting(axis, |s| set(&mut s.accuracy)).change().to_string();
+        assert_eq!(said(Axis::AlphaCut, |a| a.alpha_cut = 1.0 / 255.0), "alpha cut 1/255");
+        assert_eq!(said(Axis::AlphaCut, |a| a.alpha_cut = 1e-6), "alpha cut 1e-6");
+        assert_eq!(said(Axis::AlphaCut, |a| a.alpha_cut = 1.0 / 16.0), "alpha cut 0.0625");
+        assert_eq!(said(Axis::TransmittanceMin, |a| a.transmittance_min = 0.0), "full below 0");
+        assert_eq!(said(Axis::TransmittanceMin, |a| a.transmittance_min = 1e-4), "full below 1e-4");
+        assert_eq!(said(Axis::Extent, |a| a.extent = Extent::Sigmas(2.5)), "extent 2.5 sigma");
     }
 
     #[test]
     fn only_what_a_scene_can_have_is_tried_and_never_what_it_has() {
-        let sum = RenderSettings::blended(Blend::Sum);
-        let tried = alternatives(&sum);
-        assert!(tried.iter().all(|s| matches!(s, Setting::AlphaCut(_) | Setting::Extent(_))), "{tried:?}");
+        let tried = alternatives(&RenderSettings::blended(Blend::Sum));
+        assert!(tried.iter().all(|s| matches!(s.axis, Axis::AlphaCut | Axis::Extent)), "{tried:?}");
         let mut space = RenderSettings::blended(Blend::Over);
         space.effects.order = Order::Global;
         space.effects.sh_degree = 2;
         let tried = alternatives(&space);
-        for expected in [Setting::Order(Order::PerPixel), Setting::ShDegree(1), Setting::TransmittanceMin(0.0)] {
-            assert!(tried.contains(&expected), "{expected:?}");
+        let names: Vec<String> = tried.iter().map(|setting| setting.change().to_string()).collect();
+        for expected in ["order per-pixel", "sh-degree 1", "antialias mip", "full below 0", "alpha cut 1e-6"] {
+            assert!(names.iter().any(|name| name == expected), "{expected}: {names:?}");
         }
         for setting in tried {
             let settings = setting.applied_to(&space);

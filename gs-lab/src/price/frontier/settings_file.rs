@@ -65,30 +65,10 @@ pub struct FrontierMachine {
     pub cpu: Option<CpuTuning>,
     /// Kernels of the wgpu backend, unless they are the adapter's usual ones.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub kernels: Option<KernelsName>,
-}
-
-/// Kernels of the wgpu backend, by their names in settings files.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum KernelsName {
-    /// [`Kernels::Portable`].
-    Portable,
-    /// [`Kernels::Subgroups`].
-    Subgroups,
+    pub kernels: Option<Kernels>,
 }
 
 gs_core::impl_with!(FrontierSettings, FrontierMachine);
-
-impl KernelsName {
-    /// The kernels.
-    pub const fn kernels(self) -> Kernels {
-        match self {
-            Self::Portable => Kernels::Portable,
-            Self::Subgroups => Kernels::Subgroups,
-        }
-    }
-}
 
 impl FrontierSettings {
     /// Whether the text of a settings file holds settings of the frontier: that of a fit or a
@@ -151,7 +131,7 @@ mod tests {
             let text = format!("[machine]\nkernels = '{name}'\n");
             FrontierSettings::from_toml(&text, "settings.toml".as_ref()).map(|settings| settings.machine.kernels)
         };
-        assert_eq!(parse("subgroups").unwrap().unwrap().kernels(), Kernels::Subgroups);
+        assert_eq!(parse("subgroups").unwrap(), Some(Kernels::Subgroups));
         let message = parse("abacus").unwrap_err().to_string();
         assert!(
             message.ends_with("unknown name `abacus` in [machine], which is none of portable, subgroups"),

@@ -1,13 +1,13 @@
 //! Searches with real pictures and made-up times, so that no verdict depends on the machine.
 
-use std::{cell::Cell, rc::Rc};
+use std::cell::Cell;
 
 use super::{
-    Budget, Change, Contender, Field, Frontier, Loaded, Renderer, Role, SearchAnswer, SearchLimits, TimeComparison,
-    figure, search, to_csv, to_text,
+    super::{Contender, Loaded, Renderer, TimeComparison},
+    Budget, Change, Field, Frontier, FrontierMachine, Missed, Role, SearchLimits, search,
 };
 use glam::{Vec2, Vec3};
-use gs_core::{Blend, Canvas, Error, Gaussian2d, Image, Parameterization, Rasterizer, RenderSettings, Scene2d};
+use gs_core::{Blend, Canvas, Error, Gaussian2d, Image, RenderSettings, Scene2d};
 use gs_cpu::{CpuRasterizer, CpuSettings};
 
 const LIMITS: SearchLimits = SearchLimits { seconds: 0.3, combinations: 4 };
@@ -26,7 +26,7 @@ fn scene() -> Scene2d {
 
 /// A renderer with made-up times and an error of `off` in every picture.
 struct Pretending {
-    renderer: Loaded<CpuRasterizer, Scene2d>,
+    renderer: Loaded<Box<CpuRasterizer>, Scene2d>,
     /// Time added to all times, s.
     slower: f64,
     off: f32,
@@ -82,25 +82,25 @@ impl<V, R: Renderer<V>> Renderer<V> for Choosy<R> {
     }
 }
 
-fn loaded(scene: &Scene2d) -> Loaded<CpuRasterizer, Scene2d> {
-    let rasterizer = CpuRasterizer::new(CpuSettings::default().with(|s| {
-        s.threads = Some(1);
-        s.level = None;
-    }))
-    .unwrap();
-    let splats = Rc::new(rasterizer.for_2d().upload(scene, Parameterization::ScaleRotation).unwrap());
-    Loaded { rasterizer, splats }
+fn loaded(scene: &Scene2d) -> Loaded<Box<CpuRasterizer>, Scene2d> {
+    let settings = CpuSettings::default().with(|s| (s.threads, s.level) = (Some(1), None));
+    Loaded::new(Box::new(CpuRasterizer::new(settings).unwrap()), scene).unwrap()
+}
+
+fn contender<'a>(backend: &str, value: Option<&str>, renderer: impl Renderer<Canvas> + 'a) -> Contender<'a, Canvas> {
+    Contender {
+        backend: backend.to_owned(),
+        name: "one thread".to_owned(),
+        change: value.map(|value| Change { axis: "handicap".to_owned(), value: value.to_owned() }),
+        machine: FrontierMachine::default(),
+        renderer: Box::new(renderer),
+    }
 }
 
 fn field(scene: &Scene2d, blend: Blend) -> Field<'_, Scene2d> {
-    let contender = |value: Option<&str>, slower: f64, off: f32| Contender {
-        backend: "cpu".to_owned(),
-        name: "one thread".to_owned(),
-        change: value.map(|value| Change { axis: "handicap".to_owned(), value: value.to_owned() }),
-        renderer: Box::new(Pretending::new(scene, slower, off)),
-    };
+    let handicapped = |value: Option<&str>, slower, off| contender("cpu", value, Pretending::new(scene, slower, off));
     let contenders =
-        vec![contender(None, 0.0, 0.0), contender(Some("slow"), 0.02, 0.0), contender(Some("wrong"), 0.0, 0.25)];
+        vec![handicapped(None, 0.0, 0.0), handicapped(Some("slow"), 0.02, 0.0), handicapped(Some("wrong"), 0.0, 0.25)];
     Field { scene, contenders, shown: RenderSettings::blended(blend) }
 }
 
@@ -123,16 +123,16 @@ fn errors_and_times_are_those_of_the_settings() {
         assert!((200..=64 * 48).contains(&frontier.sampled), "{}", frontier.sampled);
         let [exact, default, coarse] =
             ["no cut-offs", "default", "alpha cut 1/32"].map(|name| row(&frontier, name).error);
-        assert!(exact.max < 1e-5 && exact.psnr() > 110.0, "{exact:?}");
+        assert!(exact.max < 1e-5 && exact.psnr > 110.0, "{exact:?}");
         assert!(default.max > 1e-3 && default.max < 0.05, "{default:?}");
         assert!(coarse.max > 2.0 * default.max && coarse.share_visible > default.share_visible, "{coarse:?}");
         let wrong = row(&frontier, "handicap wrong");
         assert!((wrong.error.max - 0.25).abs() < 0.02, "{:?}", wrong.error);
         let slow = row(&frontier, "handicap slow");
         assert_eq!(slow.comparison, TimeComparison::Slower);
-        assert!(slow.times().median > 0.02);
+        assert!(slow.median() > 0.02);
         assert!(!slow.on_frontier && !wrong.on_frontier);
-        assert!(frontier.rows.iter().all(|row| row.seconds.len() >= 3), "too few rounds");
+        assert!(frontier.rows.iter().all(|row| row.seconds.samples.len() >= 3), "too few rounds");
         assert_eq!(frontier.rows.iter().filter(|row| row.role == Role::Again).count(), 1);
     }
 }
@@ -157,7 +157,7 @@ fn each_step_of_the_frontier_is_more_exact_than_quicker_ones() {
     for (i, step) in steps.iter().enumerate() {
         let noise = frontier.noise_of("cpu");
         for quicker in &steps[..i] {
-            let is_quicker = noise.compare(quicker.times().median, step.times().median) == TimeComparison::Faster;
+            let is_quicker = noise.compare(quicker.median(), step.median()) == TimeComparison::Faster;
             assert!(!is_quicker || quicker.error.max.max(1e-5) > step.error.max, "{} {}", quicker.name(), step.name());
         }
     }
@@ -166,12 +166,12 @@ fn each_step_of_the_frontier_is_more_exact_than_quicker_ones() {
 #[test]
 fn all_forms_of_the_result_have_all_rows() {
     let frontier = found(Blend::Sum);
-    let (csv, text) = (to_csv(&frontier), to_text(&frontier));
+    let (csv, text) = (frontier.table().csv(), frontier.text());
     assert_eq!(csv.lines().count(), 1 + frontier.rows.len());
     for row in &frontier.rows {
         assert!(text.contains(&row.name()), "{}", row.name());
     }
-    let svg = figure(&frontier, "a scene").svg_file().unwrap();
+    let svg = frontier.figure("a scene").svg_file().unwrap();
     for expected in ["a scene", "cpu: best trade-offs", "cpu: other settings", "cpu: as in 3DGS", "largest error"] {
         assert!(svg.contains(expected), "{expected}");
     }
@@ -185,22 +185,22 @@ fn a_budget_is_kept_on_other_views_too_or_said_to_be_out_of_reach() {
     let frontier = search(&field, &[view], LIMITS, &mut |_| ()).unwrap();
     let unseen = [view.resized(40, 30), view.showing(Vec2::new(8.0, 8.0), Vec2::new(32.0, 24.0))];
     let choose = |budget: Budget| budget.choose(&field, &frontier, &unseen, 0.05).unwrap();
-    let SearchAnswer::Kept(choice) = choose(Budget::MaxError(2e-3)) else { panic!("out of reach") };
+    let Ok(choice) = choose(Budget::MaxError(2e-3)) else { panic!("out of reach") };
     assert!(choice.verification.error.max <= 2e-3 && choice.verification.views == 2);
     let row = &frontier.rows[choice.row];
     let keeps = frontier.rows.iter().filter(|row| row.role != Role::Again && row.error.max <= 2e-3);
-    let quicker = keeps.filter(|other| other.times().median < row.times().median).count();
+    let quicker = keeps.filter(|other| other.median() < row.median()).count();
     assert!(row.error.max <= 2e-3 && quicker == choice.failed, "{choice:?}");
-    let SearchAnswer::Kept(choice) = choose(Budget::MaxSeconds(10.0)) else { panic!("out of reach") };
+    let Ok(choice) = choose(Budget::MaxSeconds(10.0)) else { panic!("out of reach") };
     assert!(frontier.rows[choice.row].error.max < 1e-4, "ten seconds are enough for the most exact");
-    let SearchAnswer::OutOfReach(best) = choose(Budget::MaxError(1e-12)) else { panic!("rounding is more") };
+    let Err(Missed::OutOfReach(best)) = choose(Budget::MaxError(1e-12)) else { panic!("rounding is more") };
     assert!(best > 1e-12 && best < 1e-5);
-    assert!(matches!(choose(Budget::MaxSeconds(1e-9)), SearchAnswer::OutOfReach(_)));
+    assert!(matches!(choose(Budget::MaxSeconds(1e-9)), Err(Missed::OutOfReach(_))));
     assert!(Budget::MaxError(2e-3).choose(&field, &frontier, &[], 0.05).is_err(), "nothing is verified by no view");
     // Every measured row can be chosen, whether or not it is on the frontier.
     for row in frontier.rows.iter().filter(|row| row.role != Role::Again) {
         let found = choose(Budget::MaxError(row.error.max));
-        assert!(!matches!(found, SearchAnswer::OutOfReach(_)), "{}: {found:?}", row.name());
+        assert!(!matches!(found, Err(Missed::OutOfReach(_))), "{}: {found:?}", row.name());
     }
 }
 
@@ -208,16 +208,14 @@ fn a_budget_is_kept_on_other_views_too_or_said_to_be_out_of_reach() {
 fn settings_that_keep_a_budget_on_no_other_view_are_reported_separately() {
     let scene = scene();
     let shown = RenderSettings::blended(Blend::Over);
-    let contender = |off: f32| Contender {
-        backend: "cpu".to_owned(),
-        name: "one thread".to_owned(),
-        change: None,
-        renderer: Box::new(Pretending::new(&scene, 0.0, off)),
+    let field = |off: f32| Field {
+        scene: &scene,
+        contenders: vec![contender("cpu", None, Pretending::new(&scene, 0.0, off))],
+        shown,
     };
-    let field = |off: f32| Field { scene: &scene, contenders: vec![contender(off)], shown };
     let frontier = search(&field(0.0), &[Canvas::new(64, 48)], LIMITS, &mut |_| ()).unwrap();
     let chosen = Budget::MaxError(0.1).choose(&field(0.5), &frontier, &[Canvas::new(40, 30)], 0.05).unwrap();
-    assert!(matches!(chosen, SearchAnswer::NotElsewhere(count) if count > 3), "{chosen:?}");
+    assert!(matches!(chosen, Err(Missed::NotElsewhere(count)) if count > 3), "{chosen:?}");
 }
 
 /// Settings that a backend does not support, alone, combined or without cut-offs, are listed, and
@@ -238,22 +236,16 @@ fn what_a_backend_does_not_offer_is_listed_and_ends_no_search() {
         ),
     ];
     for (refuses, expected) in refusals {
-        let contender = |backend: &str, renderer: Box<dyn Renderer<Canvas>>| Contender {
-            backend: backend.to_owned(),
-            name: backend.to_owned(),
-            change: None,
-            renderer,
-        };
         let contenders = vec![
-            contender("choosy", Box::new(Choosy(Pretending::new(&scene, 0.0, 0.0), refuses))),
-            contender("cpu", Box::new(Pretending::new(&scene, 0.0, 0.0))),
+            contender("choosy", None, Choosy(Pretending::new(&scene, 0.0, 0.0), refuses)),
+            contender("cpu", None, Pretending::new(&scene, 0.0, 0.0)),
         ];
         let field = Field { scene: &scene, contenders, shown };
         let frontier = search(&field, &[Canvas::new(64, 48)], LIMITS, &mut |_| ()).unwrap();
         let refused: Vec<&str> = frontier.refused.iter().map(|refused| refused.what.as_str()).collect();
         assert!(refused.iter().any(|what| what.contains(expected)), "{expected}: {refused:?}");
         assert!(frontier.rows.iter().any(|row| row.backend == "choosy" && row.on_frontier));
-        assert!(to_text(&frontier).contains("not supported"));
+        assert!(frontier.text().contains("not supported"));
     }
 }
 

@@ -11,18 +11,17 @@
 //! make its pixels jump one by one, which is not visible. The sum of magnitudes would be the same
 //! for an area that jumps at once; the sum of squares is not.
 
-use gs_backend::FutureExt as _;
 use std::collections::VecDeque;
 
-use gs_core::{
-    Camera, Error as CoreError, Image, Optimizer, Parameterization, RenderSettings, Scene3d, effects::Order,
-};
+use gs_core::{Camera, Error as CoreError, Image, Optimizer, RenderSettings, Scene3d, effects::Order, view::Orbit};
+use gs_train::Error;
 use rayon::prelude::*;
 
-use super::flicker::{Flicker, flicker};
+use super::{
+    super::{Loaded, Renderer as _},
+    flicker::{Flicker, flicker},
+};
 use crate::result::mean;
-use gs_core::view::Orbit;
-use gs_train::Error;
 
 /// The orders that are compared.
 pub(crate) const ORDERS: [Order; 2] = [Order::Global, Order::PerPixel];
@@ -60,32 +59,31 @@ impl SlowOrbit {
     /// # Errors
     /// [`CoreError::Setting`] where frames or step are not possible, or would take too much memory.
     pub fn stretches(&self, first: &Camera) -> Result<Vec<Vec<Camera>>, CoreError> {
+        let Self { orbit, frames, step_degrees } = *self;
         let least = 2 * STRIDES[STRIDES.len() - 1] as u32 + 1;
-        if !(least..=MOST_FRAMES).contains(&self.frames) {
-            return Err(CoreError::setting("frames of a stretch", self.frames, "9 to 10,000"));
-        }
-        if !(1..=MOST_FRAMES).contains(&self.orbit.frames) {
-            return Err(CoreError::setting("stretches of the orbit", self.orbit.frames, "1 to 10,000"));
-        }
-        if !(self.step_degrees > 0.0 && self.step_degrees <= 5.0) {
-            return Err(CoreError::setting("the step between frames", self.step_degrees, "above 0, at most 5 degrees"));
-        }
-        let in_all = u64::from(self.frames) * u64::from(self.orbit.frames);
-        if in_all > MOST_FRAMES_IN_ALL {
-            return Err(CoreError::setting("frames of all stretches together", in_all, "at most 1,000,000"));
-        }
+        let in_all = u64::from(frames) * u64::from(orbit.frames);
         let pixels = u64::from(first.width) * u64::from(first.height);
-        if pixels > MOST_PIXELS {
-            return Err(CoreError::setting("pixels of a frame", pixels, "at most 8,388,608, such as 3840x2160"));
-        }
-        let angle = |frame: u32| (self.step_degrees * frame as f32).to_radians();
-        let stretch = |begin| (0..self.frames).map(|frame| self.orbit.turned(begin, angle(frame))).collect();
-        Ok(self.orbit.cameras(first).iter().map(stretch).collect())
+        let check = |is_possible: bool, what, value: f64, possible| match is_possible {
+            true => Ok(()),
+            false => Err(CoreError::setting(what, value, possible)),
+        };
+        check((least..=MOST_FRAMES).contains(&frames), "frames of a stretch", frames.into(), "9 to 10,000")?;
+        let stretches = f64::from(orbit.frames);
+        check((1..=MOST_FRAMES).contains(&orbit.frames), "stretches of the orbit", stretches, "1 to 10,000")?;
+        let is_step = step_degrees > 0.0 && step_degrees <= 5.0;
+        check(is_step, "the step between frames", step_degrees.into(), "above 0, at most 5 degrees")?;
+        let what = "frames of all stretches together";
+        check(in_all <= MOST_FRAMES_IN_ALL, what, in_all as f64, "at most 1,000,000")?;
+        let most = "at most 8,388,608, such as 3840x2160";
+        check(pixels <= MOST_PIXELS, "pixels of a frame", pixels as f64, most)?;
+        let angle = |frame: u32| (step_degrees * frame as f32).to_radians();
+        let stretch = |begin| (0..frames).map(|frame| orbit.turned(begin, angle(frame))).collect();
+        Ok(orbit.cameras(first).iter().map(stretch).collect())
     }
 }
 
 /// The jumps with one order, evaluated with one step.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub(crate) struct Popping {
     /// Squared jumps while the camera turns by a degree, 8-bit levels², averaged over pixels; one
     /// value per stretch.
@@ -174,25 +172,27 @@ pub fn compare<R: Optimizer<Scene3d>>(
     first: &Camera,
     render: &RenderSettings,
 ) -> Result<PoppingComparison, Error> {
-    let splats = rasterizer.upload(scene, Parameterization::ScaleRotation)?;
+    let on = Loaded::new(rasterizer, scene)?;
     let stretches = flight.stretches(first)?;
-    let mut tallies = [(); STRIDES.len()].map(|()| [Tally::default(), Tally::default()]);
+    let step = |stride: usize| f64::from(flight.step_degrees) * stride as f64;
+    let mut steps = STRIDES.map(|stride| AtStep { step_degrees: step(stride), orders: Default::default() });
     let mut best = Moment { cameras: [*first; 3], pixel: (0, 0), excess: f64::NEG_INFINITY };
     for stretch in &stretches {
-        tallies.iter_mut().flatten().for_each(Tally::begin_stretch);
+        let mut triples: [[Vec<Triple>; 2]; STRIDES.len()] = Default::default();
         let mut frames: [VecDeque<Image>; 2] = Default::default();
         for (number, camera) in stretch.iter().enumerate() {
             for (order, frames) in ORDERS.into_iter().zip(&mut frames) {
-                frames.push_front(
-                    rasterizer
-                        .image(&rasterizer.forward(&splats, camera, &ordered(render, order)).block_on()?)
-                        .block_on()?,
-                );
+                frames.push_front(on.image(camera, &ordered(render, order))?);
                 frames.truncate(2 * STRIDES[STRIDES.len() - 1] + 1);
             }
             let found = flickers(&frames)?;
-            for (tallies, found) in tallies.iter_mut().zip(&found) {
-                tallies.iter_mut().zip(found).for_each(|(tally, found)| tally.add(found));
+            for ((at, triples), found) in steps.iter_mut().zip(&mut triples).zip(&found) {
+                for ((popping, triples), flicker) in at.orders.iter_mut().zip(triples).zip(found) {
+                    let highest = flicker.values().iter().copied().fold(0.0, f32::max);
+                    popping.highest = popping.highest.max(255.0 * f64::from(highest));
+                    let squares = 255.0 * 255.0 * flicker.mean_square();
+                    triples.push(Triple { squares, visible: flicker.share_above(VISIBLE_LEVELS as f32 / 255.0) });
+                }
             }
             if let [tile, pixel] = found[0].as_slice()
                 && let Some((excess, pixel)) = greatest_excess(tile, pixel).filter(|(excess, _)| *excess > best.excess)
@@ -200,19 +200,16 @@ pub fn compare<R: Optimizer<Scene3d>>(
                 best = Moment { cameras: [stretch[number - 2], stretch[number - 1], *camera], pixel, excess };
             }
         }
+        for (at, triples) in steps.iter_mut().zip(&triples) {
+            at.orders.iter_mut().zip(triples).for_each(|(popping, triples)| popping.add(triples, at.step_degrees));
+        }
     }
-    let step = |(stride, tallies): (usize, [Tally; 2])| {
-        let step_degrees = f64::from(flight.step_degrees) * stride as f64;
-        AtStep { step_degrees, orders: tallies.map(|tally| tally.popping(step_degrees)) }
-    };
-    Ok(PoppingComparison { steps: STRIDES.into_iter().zip(tallies).map(step).collect(), moment: best })
+    Ok(PoppingComparison { steps: steps.to_vec(), moment: best })
 }
 
 /// The settings with another order.
 pub(crate) fn ordered(render: &RenderSettings, order: Order) -> RenderSettings {
-    let mut render = *render;
-    render.effects.order = order;
-    render
+    render.with(|s| s.effects.order = order)
 }
 
 /// The flicker for each stride and order: that of the triple that ends with the newest frame (at
@@ -232,38 +229,22 @@ fn greatest_excess(a: &Flicker, b: &Flicker) -> Option<(f64, (u32, u32))> {
     Some((f64::from(excess) * 255.0, a.position(index)))
 }
 
-/// Sums over triples.
-#[derive(Default)]
-struct Tally {
-    /// Mean square flicker of each triple, levels², and its share of visible windows, by stretch.
-    stretches: Vec<Vec<(f64, f64)>>,
-    highest: f64,
+/// A triple of frames.
+#[derive(Debug, Clone, Copy)]
+struct Triple {
+    /// Mean square flicker, levels².
+    squares: f64,
+    /// Its share of visible windows.
+    visible: f64,
 }
 
-impl Tally {
-    fn begin_stretch(&mut self) {
-        self.stretches.push(Vec::new());
-    }
-
-    fn add(&mut self, found: &Flicker) {
-        let highest = found.values().iter().copied().fold(0.0, f32::max);
-        self.highest = self.highest.max(255.0 * f64::from(highest));
-        let triple = (255.0 * 255.0 * found.mean_square(), found.share_above(VISIBLE_LEVELS as f32 / 255.0));
-        if let Some(stretch) = self.stretches.last_mut() {
-            stretch.push(triple);
-        }
-    }
-
-    fn popping(self, step_degrees: f64) -> Popping {
+impl Popping {
+    /// Adds a stretch.
+    fn add(&mut self, stretch: &[Triple], step_degrees: f64) {
         // Each jump is in two triples.
-        let per_degree = |of: fn(&(f64, f64)) -> f64| {
-            self.stretches.iter().map(|stretch| mean(stretch.iter().map(of)) / (2.0 * step_degrees)).collect()
-        };
-        Popping {
-            squares_per_degree: per_degree(|triple| triple.0),
-            times_per_degree: per_degree(|triple| triple.1),
-            highest: self.highest,
-            trajectory: self.stretches.iter().flatten().map(|triple| triple.0.sqrt()).collect(),
-        }
+        let per_degree = |of: fn(&Triple) -> f64| mean(stretch.iter().map(of)) / (2.0 * step_degrees);
+        self.squares_per_degree.push(per_degree(|triple| triple.squares));
+        self.times_per_degree.push(per_degree(|triple| triple.visible));
+        self.trajectory.extend(stretch.iter().map(|triple| triple.squares.sqrt()));
     }
 }

@@ -49,6 +49,9 @@ impl TimeComparison {
 }
 
 impl Noise {
+    /// Of times that do not vary.
+    pub(super) const NONE: Self = Self { factor: 1.0, again: 1.0 };
+
     /// The noise of a setting that was measured twice, with at least one time each. Pairs of
     /// medians are resampled from all times together; the noise is what 95 % of the pairs stay
     /// within, or the observed difference of the two if that is larger.

@@ -1,36 +1,31 @@
 //! `gs frontier`: what accuracy costs in time for a scene on this machine, and the settings that
 //! keep a budget of either.
 
-mod answer;
-mod contenders;
-mod subject;
-
 use std::path::PathBuf;
 
 use clap::Args;
-use gs_backend::AnyRasterizer;
-use gs_core::{Optimizer, counted};
+use gs_backend::{AnyRasterizer, FutureExt as _, Wanted};
+use gs_core::{Effects, Optimizer, Scene, counted};
 use gs_io::Inputs;
-use gs_lab::price::frontier::{
-    Budget, Field, Frontier, SearchAnswer, SearchLimits, Verifiable, figure, search, to_csv, to_text,
+use gs_lab::price::{
+    Contender, Verifiable, contenders,
+    frontier::{Budget, Field, Frontier, FrontierEffects, SearchLimits, search},
+    unseen_cameras, unseen_canvases,
 };
-use gs_oracle::OracleView;
 use serde::Serialize;
 
-use self::{
-    answer::Answer,
-    contenders::contenders,
-    subject::{Seen, Subject},
+use super::{
+    Cameras, Facts, Seen, Subject, SubjectArgs,
+    answer::{self, Answer},
 };
 use crate::{
     backend::BackendArgs,
-    dataset::ReadingArgs,
     failure::Failure,
-    memory, output,
+    image_fit::FitSettingsArgs,
+    output,
     output_folder::{self, OutputFolder, OverwriteArgs},
-    render_args::RenderArgs3d,
     scene,
-    values::{Axis, Size, Tolerance, whole},
+    values::{Tolerance, whole},
 };
 
 const AFTER_HELP: &str = "\
@@ -79,27 +74,14 @@ pub(crate) struct FrontierArgs {
     /// Seconds for timing; there are at least seven rounds, however long they take
     #[arg(long, value_name = "S", default_value_t = 24, value_parser = whole::<u32>(1..=3600))]
     seconds: u32,
-    /// Size of the pictures [default: that of the image or of the data set; otherwise 800x600]
-    #[arg(long, value_name = "WxH")]
-    size: Option<Size>,
-    /// The most Gaussians to fit an image with [default: 9000 for each 768x512 px]
-    #[arg(short = 'n', long, value_name = "N", value_parser = whole::<u32>(1..))]
-    gaussians: Option<u32>,
     /// Data set whose views show a 3D scene
     #[arg(long, value_name = "DATASET")]
     dataset: Option<PathBuf>,
     /// Views of a 3D scene for the search, and as many again to verify
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = whole::<u32>(1..=100))]
     views: u32,
-    /// Up direction and axis of the orbit: x, y, z, -x, -y or -z [default: -y]
-    #[arg(long, value_name = "AXIS", allow_hyphen_values = true)]
-    up: Option<Axis>,
     #[command(flatten)]
-    reading: ReadingArgs,
-    #[command(flatten)]
-    render: RenderArgs3d,
-    #[command(flatten)]
-    backend: BackendArgs,
+    subject: SubjectArgs,
 }
 
 /// The files that are written or removed.
@@ -116,10 +98,8 @@ impl FrontierArgs {
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
 struct Report<'a> {
-    input: String,
-    gaussians: usize,
-    width: u32,
-    height: u32,
+    #[serde(flatten)]
+    facts: &'a Facts,
     #[serde(flatten)]
     frontier: &'a Frontier,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -131,50 +111,84 @@ pub(crate) fn run(args: &FrontierArgs) -> Result<(), Failure> {
     let inputs = Inputs::from_iter([scene::file_of(&args.input)]);
     let claim = args.output.as_ref().map(|path| args.overwrite.claim(path, FILES, inputs));
     claim.as_ref().map_or(Ok(()), output_folder::check)?;
-    let subject = Subject::load(args)?;
+    let cameras = args.dataset.as_deref();
+    let cameras = cameras.map_or(Cameras::Around(2 * args.views), |path| Cameras::Dataset(path, 2 * args.views));
+    let fit = FitSettingsArgs { iterations: args.subject.iterations, ..FitSettingsArgs::default() };
+    let mut subject = Subject::load(Some(&args.input), &args.subject, cameras, fit)?;
+    subject.check_work("measuring the frontier of", |size| gs_train::memory::comparing(size, args.views.into()))?;
+    if matches!(&subject, Subject::TwoD(seen) if seen.fit.is_some()) {
+        let backend = args.subject.seen.backend.open_to_render_2d(subject.render())?;
+        subject.fit_first(&backend.rasterizer)?;
+    }
     let folder = claim.map(OutputFolder::begin).transpose()?;
     match subject {
-        Subject::TwoD(seen) => measure(args, &seen, folder.as_ref()),
-        Subject::ThreeD(seen) => measure(args, &seen, folder.as_ref()),
+        Subject::TwoD(seen) => {
+            let unseen = unseen_canvases(seen.views[0]);
+            measure(args, &seen, (&seen.views, &unseen), |_| None, folder.as_ref())
+        }
+        Subject::ThreeD(seen, _) => {
+            let (views, unseen) = unseen_cameras(&seen.views);
+            let effects = |effects: &Effects| Some(FrontierEffects::of(effects));
+            measure(args, &seen, (&views, &unseen), effects, folder.as_ref())
+        }
     }
 }
 
-fn measure<S>(args: &FrontierArgs, seen: &Seen<S>, folder: Option<&OutputFolder>) -> Result<(), Failure>
+/// All contenders for a scene. `--backend auto` has the CPU and, if there is an adapter, wgpu.
+fn all_contenders<'a, S>(flags: &BackendArgs, seen: &Seen<S>) -> Result<Vec<Contender<'a, S::View>>, Failure>
+where
+    S: Scene + 'a,
+    AnyRasterizer: Optimizer<S>,
+{
+    let asks_for_wgpu = flags.backend == Wanted::Wgpu || flags.adapter.is_some();
+    let asks_for_cpu = flags.backend == Wanted::Cpu || flags.simd.is_some();
+    let mut wanted = Vec::new();
+    if !asks_for_wgpu {
+        wanted.push(Wanted::Cpu);
+    }
+    if asks_for_wgpu || !asks_for_cpu && !gs_wgpu::adapters().block_on().is_empty() {
+        wanted.push(Wanted::Wgpu);
+    }
+    let mut all = Vec::new();
+    for wanted in wanted {
+        let base = flags.open_to_compare(wanted)?;
+        output::note(&base.reason);
+        all.extend(contenders(base.rasterizer, &seen.scene, seen.render.effects.blend)?);
+    }
+    Ok(all)
+}
+
+/// Measures the scene in views, and verifies the answer on unseen ones; `effects` are those that can be
+/// chosen for its kind.
+fn measure<S>(
+    args: &FrontierArgs,
+    seen: &Seen<S>,
+    (views, unseen): (&[S::View], &[S::View]),
+    effects: fn(&Effects) -> Option<FrontierEffects>,
+    folder: Option<&OutputFolder>,
+) -> Result<(), Failure>
 where
     S: Verifiable,
     AnyRasterizer: Optimizer<S>,
 {
-    let size = seen.views[0].size();
-    let bytes = gs_train::memory::comparing(size, seen.views.len().max(seen.unseen.len()) as u64);
-    memory::check_work("measuring the frontier of", args.input.display(), size, bytes)?;
-    let (contenders, machines) = contenders(&args.backend, &seen.scene, seen.render.effects.blend)?;
+    let contenders = all_contenders(&args.subject.seen.backend, seen)?;
     let field = Field { scene: &seen.scene, contenders, shown: seen.render };
     let limits = SearchLimits::default().with(|s| s.seconds = f64::from(args.seconds));
-    let frontier = search(&field, &seen.views, limits, &mut |what| output::note(what))?;
-    let (width, height) = seen.views[0].size();
-    let what = format!("{}: {}, {width}x{height} px", seen.name, counted(seen.scene.len(), "Gaussian"));
+    let frontier = search(&field, views, limits, &mut |what| output::note(what))?;
+    let what = seen.facts.text();
     // The frontier is printed and written even if the budget cannot be kept.
-    let answer = args.budget().map(|budget| -> Result<Answer, Failure> {
-        output::note(format_args!("verifying on {} that the search did not use", counted(seen.unseen.len(), "view")));
-        match budget.choose(&field, &frontier, &seen.unseen, 0.1 * limits.seconds)? {
-            SearchAnswer::Kept(choice) => Answer::new(budget, &choice, &frontier, &machines, seen.effects, &what),
-            SearchAnswer::OutOfReach(best) => Err(answer::out_of_reach(budget, best)),
-            SearchAnswer::NotElsewhere(count) => Err(answer::not_elsewhere(budget, count, seen.unseen.len())),
-        }
+    let answer = args.budget().map(|budget| {
+        output::note(format_args!("verifying on {} that the search did not use", counted(unseen.len(), "view")));
+        let chosen = budget.choose(&field, &frontier, unseen, 0.1 * limits.seconds)?;
+        let choice = chosen.map_err(|why| answer::missed(budget, why, unseen.len()))?;
+        Answer::new(budget, choice, &field, &frontier, effects, &what)
     });
     let (answer, failure) = match answer.transpose() {
         Ok(answer) => (answer, None),
         Err(failure) => (None, Some(failure)),
     };
-    let report = Report {
-        input: args.input.display().to_string(),
-        gaussians: seen.scene.len(),
-        width,
-        height,
-        frontier: &frontier,
-        answer: answer.as_ref(),
-    };
-    let text = format!("{what}\n\n{}", to_text(&frontier));
+    let report = Report { facts: &seen.facts, frontier: &frontier, answer: answer.as_ref() };
+    let text = format!("{what}\n\n{}", frontier.text());
     match &answer {
         _ if args.json => output::json(&report),
         None => output::result(text),
@@ -184,10 +198,10 @@ where
         }
     }?;
     if let Some(folder) = folder {
-        let figure = figure(&frontier, &what);
-        folder.write("frontier.csv", to_csv(&frontier))?;
+        let figure = frontier.figure(&what);
+        folder.write("frontier.csv", frontier.table().csv())?;
         folder.write_json("frontier.json", &report)?;
-        folder.write("frontier.svg", &figure.svg_file()?)?;
+        folder.write("frontier.svg", figure.svg_file()?)?;
         gs_io::write_png(folder.file("frontier.png"), &figure.image()?)?;
         match &answer {
             Some(answer) => folder.write("settings.toml", &answer.file)?,

@@ -4,22 +4,18 @@ use std::path::PathBuf;
 
 use clap::Args;
 use gs_backend::FutureExt as _;
-use gs_core::{Parameterization, Rasterizer as _, Scene as _, counted, view::Orbit};
+use gs_core::{Rasterizer as _, Scene as _, counted};
 use gs_io::Inputs;
-use gs_lab::{
-    experiments::Table,
-    price::popping::{STRIDES, SlowOrbit, compare},
-};
+use gs_lab::price::popping::{STRIDES, SlowOrbit, compare};
 
+use super::{SeenArgs, around};
 use crate::{
-    backend::BackendArgs,
-    cameras,
     failure::Failure,
     output,
     output_folder::{self, OutputFolder, OverwriteArgs},
-    render_args::{RenderArgs3d, why_empty},
+    render_args::why_empty,
     scene,
-    values::{Axis, Size, whole},
+    values::whole,
 };
 
 const AFTER_HELP: &str = "\
@@ -44,12 +40,6 @@ pub(crate) struct PoppingArgs {
     output: PathBuf,
     #[command(flatten)]
     overwrite: OverwriteArgs,
-    /// Size of the pictures [default: 800x600]
-    #[arg(long, value_name = "WxH")]
-    size: Option<Size>,
-    /// Up direction and axis of the orbit: x, y, z, -x, -y or -z [default: -y]
-    #[arg(long, value_name = "AXIS", allow_hyphen_values = true)]
-    up: Option<Axis>,
     /// The largest step between frames, degrees; half and a quarter of it are measured, too
     #[arg(long, value_name = "DEGREES", default_value_t = 0.25)]
     step: f32,
@@ -60,9 +50,7 @@ pub(crate) struct PoppingArgs {
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = whole::<u32>(1..=10_000))]
     places: u32,
     #[command(flatten)]
-    render: RenderArgs3d,
-    #[command(flatten)]
-    backend: BackendArgs,
+    seen: SeenArgs,
 }
 
 /// The files that are written.
@@ -70,49 +58,36 @@ const FILES: [&str; 5] = ["popping.csv", "flicker-chart.csv", "flicker-chart.png
 
 /// Measures, prints the table and writes the files.
 pub(crate) fn run(args: &PoppingArgs) -> Result<(), Failure> {
-    if args.render.order.is_some() {
+    let flags = &args.seen.render;
+    if flags.order.is_some() {
         return Err(Failure::usage("--order: both orders are compared").hint("leave it out"));
     }
     let claim = args.overwrite.claim(&args.output, FILES, Inputs::from_iter([scene::file_of(&args.scene)]));
     output_folder::check(&claim)?;
     let file = scene::read_3d(&args.scene)?;
-    let scene = &file.scene;
-    let bulk = cameras::bulk_of(scene)?;
-    let up = args.up.map_or(cameras::UP, |axis| axis.0);
-    let first = cameras::overview(&bulk, args.size, up)?;
-    let orbit = Orbit { center: bulk.center, axis: up, frames: args.places };
-    first.validate().map_err(|error| Failure::usage(error).at("--size"))?;
+    let (orbit, first) = around(&file, &args.seen, args.places)?;
     let flight = SlowOrbit { orbit, frames: args.frames, step_degrees: args.step / STRIDES[STRIDES.len() - 1] as f32 };
     flight.stretches(&first).map_err(|error| Failure::usage(error).at("--size, --step, --frames or --places"))?;
     let folder = OutputFolder::begin(claim)?;
-    let backend = args.backend.open()?;
+    let backend = args.seen.backend.open()?;
     output::note(&backend.reason);
-    args.render.note_guess(&file);
-    let render = args.render.settings(&file, None);
+    flags.note_guess(&file);
+    let (rasterizer, scene, render) = (&backend.rasterizer, &file.scene, flags.settings(&file, None));
     let name = args.scene.file_stem().map_or_else(|| "scene".into(), |stem| stem.to_string_lossy());
     let what = format!("{name}, {}", counted(scene.len(), "Gaussian"));
-    let rasterizer = &backend.rasterizer;
-    let splats = rasterizer.upload(scene, Parameterization::ScaleRotation)?;
-    let (_, culled) = rasterizer.for_3d().draw(&splats, &first, &render).block_on()?;
-    drop(splats);
+    let culled = {
+        let splats = rasterizer.upload(scene, gs_core::Parameterization::ScaleRotation)?;
+        rasterizer.for_3d().draw(&splats, &first, &render).block_on()?.1
+    };
     if let Some(why) = why_empty(culled, scene.len(), 1) {
         output::note(format_args!("note: nothing of the scene is in the first frame: {why}"));
     }
     let compared = compare(rasterizer, scene, &flight, &first, &render)?;
-    let picture = compared.picture(rasterizer, scene, &render, &what)?;
-    let findings = compared.findings(&what, picture);
+    let findings = compared.findings(&what, compared.picture(rasterizer, scene, &render, &what)?);
     folder.write_findings("", &findings)?;
     for table in &findings.tables {
-        output::result(text(table))?;
+        output::result(format_args!("{}\n{}", table.title, table.text().trim_end()))?;
     }
     output::note(format_args!("see {}", folder.path().display()));
     Ok(())
-}
-
-/// A table below its title.
-fn text(table: &Table) -> String {
-    let rows: Vec<Vec<String>> = std::iter::once(table.columns.iter().map(ToString::to_string).collect())
-        .chain(table.rows.iter().map(|row| row.iter().map(ToString::to_string).collect()))
-        .collect();
-    format!("{}\n{}", table.title, output::in_columns(&rows))
 }

@@ -2,7 +2,7 @@
 //! depths by depth maps.
 
 use gs_backend::FutureExt as _;
-use gs_core::{Optimizer, RenderSettings, Scene, Scene3d};
+use gs_core::{Optimizer, RenderSettings, Scene, Scene3d, counted};
 use gs_density::Policy;
 use gs_train::{
     TrainPreset, TrainSettings, Trainer3d,
@@ -10,52 +10,54 @@ use gs_train::{
 };
 use serde::Serialize;
 
-use crate::error::Error;
+use crate::{
+    error::Error,
+    report::{Cell, Table},
+};
+
+/// The corrections of a training that views allow, and what each costs and gains.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct TrainingPrices {
+    /// Steps of each training.
+    pub(super) steps: u32,
+    /// A price for each correction.
+    pub(super) prices: Vec<TrainingPrice>,
+}
 
 /// The cost of an effect of a training, and what it gains on the held-out views.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub struct TrainingPrice {
-    /// The effect.
-    pub effect: TrainingEffect,
+pub(super) struct TrainingPrice {
+    effect: TrainingEffect,
     /// The training with all effects.
-    pub with: TrainingOutcome,
+    with: TrainingOutcome,
     /// The same training without this effect.
-    pub without: TrainingOutcome,
+    without: TrainingOutcome,
 }
 
-/// An effect of a training.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum TrainingEffect {
-    /// A colour map for each training view: [`Exposure::Affine`].
-    Exposure,
-    /// Depth maps in the loss: [`gs_train::train::DepthLoss`].
-    DepthMaps,
+gs_core::choices! {
+    /// An effect of a training.
+    pub(super) enum TrainingEffect {
+        /// A colour map for each training view: [`Exposure::Affine`].
+        Exposure = "exposure",
+        /// Depth maps in the loss: [`gs_train::train::DepthLoss`].
+        DepthMaps = "depth-maps",
+    }
 }
 
 /// Cost and quality of a short training.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub struct TrainingOutcome {
+pub(super) struct TrainingOutcome {
     /// Mean time of a step, ms.
-    pub milliseconds: f64,
+    milliseconds: f64,
     /// Mean PSNR over the held-out views, dB.
-    pub psnr: f64,
+    psnr: f64,
     /// The same with matched colours ([`gs_train::train::ColorMatched`]); `None` where no view allows
     /// that.
-    pub color_matched: Option<f64>,
+    color_matched: Option<f64>,
 }
 
 impl TrainingEffect {
-    /// Name in tables.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Exposure => "exposure",
-            Self::DepthMaps => "depth maps",
-        }
-    }
-
     /// Whether views allow this effect: at least two, or one with a depth map.
     fn is_possible(self, views: &Views) -> Result<bool, Error> {
         match self {
@@ -86,7 +88,7 @@ pub fn training_prices<R: Optimizer<Scene3d>>(
     views: impl Fn() -> Views,
     render: &RenderSettings,
     steps: u32,
-) -> Result<Vec<TrainingPrice>, Error> {
+) -> Result<TrainingPrices, Error> {
     let first = views();
     let mut settings = TrainPreset::Quick.settings(Some(steps)).with(|s| {
         s.gaussians = scene.len() as u32;
@@ -105,7 +107,7 @@ pub fn training_prices<R: Optimizer<Scene3d>>(
         }
     }
     if effects.is_empty() {
-        return Ok(Vec::new());
+        return Ok(TrainingPrices { steps, prices: Vec::new() });
     }
     let trained = |settings: TrainSettings| -> Result<TrainingOutcome, Error> {
         let start = Start::Scene(scene.clone());
@@ -123,5 +125,29 @@ pub fn training_prices<R: Optimizer<Scene3d>>(
         effect.off(&mut settings);
         Ok(TrainingPrice { effect, with, without: trained(settings)? })
     };
-    effects.into_iter().map(price).collect()
+    Ok(TrainingPrices { steps, prices: effects.into_iter().map(price).collect::<Result<_, Error>>()? })
+}
+
+impl TrainingPrices {
+    /// A row for each effect, with it and without it.
+    pub fn table(&self) -> Table {
+        let row = |TrainingPrice { effect, with, without }: &TrainingPrice| {
+            let both = |of: fn(&TrainingOutcome) -> Option<f64>| {
+                [with, without].map(|outcome| of(outcome).map_or(Cell::Empty, |value| Cell::Fixed(value, 2)))
+            };
+            let cells = [both(|o| Some(o.milliseconds)), both(|o| Some(o.psnr)), both(|o| o.color_matched)];
+            std::iter::once(effect.name().into()).chain(cells.into_iter().flatten()).collect()
+        };
+        let columns = ["correction", "a step, ms", "without", "PSNR, dB", "without", "colours matched, dB", "without"];
+        Table::new("training", &columns, self.prices.iter().map(row).collect())
+    }
+
+    /// The table with its title.
+    pub fn text(&self) -> String {
+        let steps = counted(self.steps, "step");
+        match self.prices.as_slice() {
+            [] => format!("training of {steps}: the views allow no correction to compare"),
+            _ => format!("training of {steps}, with and without each correction\n{}", self.table().text().trim_end()),
+        }
+    }
 }

@@ -1,7 +1,13 @@
-//! Views that a search does not use, to verify its results.
+//! The views of a measurement, and those that verify a search.
 
 use glam::Vec2;
 use gs_core::{Camera, Canvas};
+
+/// Selects at most `most` of the cameras, evenly spread.
+pub fn sampled(cameras: &[Camera], most: usize) -> Vec<Camera> {
+    let count = cameras.len().min(most);
+    (0..count).map(|number| cameras[number * cameras.len() / count]).collect()
+}
 
 /// The canvas at half the size, and two parts of it at twice the size: other grids of pixels.
 pub fn unseen_canvases(canvas: Canvas) -> Vec<Canvas> {
@@ -39,5 +45,13 @@ mod tests {
         assert_eq!(split(&[]), (vec![], vec![]));
         let canvas = Canvas::new(9, 7);
         assert!(unseen_canvases(canvas).iter().all(|other| *other != canvas && other.validate().is_ok()));
+    }
+
+    #[test]
+    fn samples_are_spread_evenly() {
+        let camera = |width| Camera::looking_forward(width, 8, 1.0);
+        let widths = |most| sampled(&(1..=10).map(camera).collect::<Vec<_>>(), most).iter().map(|c| c.width).collect();
+        let [few, all, none]: [Vec<u32>; 3] = [widths(4), widths(99), widths(0)];
+        assert_eq!((few, all.len(), none), (vec![1, 3, 6, 8], 10, vec![]));
     }
 }

@@ -8,11 +8,11 @@
 
 use std::{cell::RefCell, collections::HashMap};
 
-use gs_core::{Error, Image, RenderSettings, Scene, Scene2d, Scene3d};
+use gs_core::{Error, Image, RenderSettings, Scene};
 use gs_oracle::{Oracle, OracleScene, OracleView, Projection};
 use rayon::prelude::*;
 
-use super::PictureError;
+use super::picture_error::{PictureError, difference, largest};
 
 /// Largest number of pairs of a Gaussian and a pixel that the oracle computes for the samples of
 /// all views: some seconds.
@@ -31,13 +31,10 @@ pub trait Verifiable: Scene<View: OracleView> {
     fn rows(&self) -> OracleScene;
 }
 
-impl Verifiable for Scene2d {
-    fn rows(&self) -> OracleScene {
-        self.into()
-    }
-}
-
-impl Verifiable for Scene3d {
+impl<S: Scene<View: OracleView>> Verifiable for S
+where
+    for<'s> &'s S: Into<OracleScene>,
+{
     fn rows(&self) -> OracleScene {
         self.into()
     }
@@ -94,35 +91,24 @@ impl<S: Verifiable> Truth<S> {
     /// the oracle. The means are over all pixels by the tightest rendering, or over the sample by
     /// the oracle, whichever are larger.
     pub(crate) fn error(&self, picture: &Image) -> Result<PictureError, Error> {
-        self.tightest.same_size(picture)?;
-        let difference = |[x, y]: [u32; 2], true_color: [f64; 3]| {
-            let shown = picture.pixel(x, y);
-            [0, 1, 2].map(|k| f64::from(shown[k]) - true_color[k])
-        };
+        let everywhere = PictureError::between(picture, &self.tightest)?;
+        let off = |[x, y]: [u32; 2], color: [f64; 3]| difference(picture.pixel(x, y), color);
         let pairs = picture.pixels().iter().zip(self.tightest.pixels());
-        let everywhere =
-            PictureError::of(pairs.clone().map(|(a, b)| [0, 1, 2].map(|k| f64::from(a[k]) - f64::from(b[k]))));
-        let largest = |(a, b): (&[f32; 3], &[f32; 3])| {
-            (0..3)
-                .map(|k| (a[k] - b[k]).abs())
-                .fold(0.0f32, |most, v| if v.is_nan() { f32::INFINITY } else { most.max(v) })
-        };
-        let worst = pairs.map(largest).enumerate().max_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(index, _)| index);
-        let width = picture.width() as usize;
-        let place = [(worst % width) as u32, (worst / width) as u32];
+        let differences = pairs.map(|(&a, &b)| largest(difference(a, b.map(f64::from))));
+        let worst = differences.enumerate().max_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(index, _)| index as u32);
+        let place = [worst % picture.width(), worst / picture.width()];
         let at_worst = *self
             .worst
             .borrow_mut()
             .entry(place)
             .or_insert_with(|| self.oracle.colors_at(&self.projected, &[place])[0]);
-        let sampled = PictureError::of(self.sample.iter().map(|&(place, color)| difference(place, color)));
-        let at_worst = PictureError::of(std::iter::once(difference(place, at_worst)));
-        Ok(PictureError {
-            max: sampled.max.max(at_worst.max),
-            mean: everywhere.mean.max(sampled.mean),
-            mean_squared: everywhere.mean_squared.max(sampled.mean_squared),
-            share_visible: everywhere.share_visible,
-        })
+        let sampled = PictureError::of(self.sample.iter().map(|&(place, color)| off(place, color)));
+        let means = [
+            everywhere.mean.max(sampled.mean),
+            everywhere.mean_squared.max(sampled.mean_squared),
+            everywhere.share_visible,
+        ];
+        Ok(PictureError::new(sampled.max.max(largest(off(place, at_worst))), means))
     }
 
     /// Largest difference between the tightest rendering and the oracle, at all pixels that the
@@ -130,10 +116,7 @@ impl<S: Verifiable> Truth<S> {
     pub(crate) fn uncertainty(&self) -> f64 {
         let worst = self.worst.borrow();
         let asked = self.sample.iter().map(|(place, color)| (place, color)).chain(worst.iter());
-        let differences = asked.map(|(&[x, y], color)| {
-            let shown = self.tightest.pixel(x, y);
-            [0, 1, 2].map(|k| f64::from(shown[k]) - color[k])
-        });
+        let differences = asked.map(|(&[x, y], &color)| difference(self.tightest.pixel(x, y), color));
         PictureError::of(differences).max
     }
 }

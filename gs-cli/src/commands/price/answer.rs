@@ -1,0 +1,103 @@
+//! The answer to a budget: a settings file, with its measurements on the views of the search and on
+//! others.
+
+use gs_core::{Effects, Scene, counted, profile::Quantiles};
+use gs_lab::price::{
+    Noise,
+    frontier::{Budget, Choice, Field, Frontier, FrontierEffects, FrontierSettings, Measured, Missed, Verification},
+};
+use serde::Serialize;
+
+use crate::failure::Failure;
+
+/// Settings that keep a budget.
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub(super) struct Answer {
+    budget: Budget,
+    /// The differences from the default, in words.
+    settings: String,
+    machine: String,
+    #[serde(flatten)]
+    choice: Choice,
+    /// The settings file.
+    #[serde(skip)]
+    pub(super) file: String,
+}
+
+impl Answer {
+    /// The answer for the scene `what`, with the effects that can be chosen for its kind.
+    pub(super) fn new<S: Scene>(
+        budget: Budget,
+        choice: Choice,
+        field: &Field<'_, S>,
+        frontier: &Frontier,
+        effects: fn(&Effects) -> Option<FrontierEffects>,
+        what: &str,
+    ) -> Result<Self, Failure> {
+        let row = &frontier.rows[choice.row];
+        let settings = FrontierSettings::default().with(|s| {
+            (s.accuracy, s.effects) = (row.settings.accuracy, effects(&row.settings.effects));
+            s.machine = field.contenders[row.contender].machine.clone();
+        });
+        let comment = comment(budget, &choice, row, frontier.noise_of(&row.backend), what);
+        let comment: String = comment.lines().map(|line| format!("# {line}\n")).collect();
+        let file = comment + "\n" + &settings.to_toml().map_err(Failure::failed)?;
+        Ok(Self { budget, settings: row.name(), machine: row.machine.clone(), choice, file })
+    }
+}
+
+/// The failure where no settings keep the budget on the views of the search and on so many others.
+pub(super) fn missed(budget: Budget, why: Missed, others: usize) -> Failure {
+    let (flag, most) = match budget {
+        Budget::MaxError(most) => ("--max-error", most),
+        Budget::MaxSeconds(most) => ("--max-ms", 1e3 * most),
+    };
+    let (why, more) = match (why, budget) {
+        (Missed::OutOfReach(best), Budget::MaxError(_)) => {
+            (format!("the most exact settings are off by {best:.1e}"), "")
+        }
+        (Missed::OutOfReach(best), Budget::MaxSeconds(_)) => {
+            (format!("the quickest settings take {:.3} ms", 1e3 * best), "")
+        }
+        (Missed::NotElsewhere(count), _) => {
+            let (settings, views) = (counted(count, "setting"), counted(others, "other view"));
+            let more = ", as a margin for other views, or let the search see more with --views";
+            (format!("kept by {settings} on the views of the search, but by none on {views}"), more)
+        }
+    };
+    Failure::failed(format_args!("{flag} {most}: {why}")).hint(format_args!("give a larger {flag}{more}"))
+}
+
+fn comment(budget: Budget, choice: &Choice, row: &Measured, noise: Noise, what: &str) -> String {
+    let asked = match budget {
+        Budget::MaxError(most) => format!("the quickest within {most:.2e} at every pixel"),
+        Budget::MaxSeconds(most) => format!("the most exact within {:.3} ms a view", 1e3 * most),
+    };
+    let Quantiles { low, median, high } = row.seconds.spread.times(1e3);
+    let Verification { views, error, seconds } = choice.verification;
+    let failed = match choice.failed {
+        0 => String::new(),
+        count => format!("; {count} that looked better did not keep it there"),
+    };
+    let noise = match choice.within_noise {
+        0 => String::new(),
+        count => format!(
+            "\nThe noise is {:.0} %; within it, {} the budget as quickly, of which another run may choose one.",
+            100.0 * (noise.factor - 1.0),
+            if count == 1 { "1 other setting keeps".to_owned() } else { format!("{count} other settings keep") }
+        ),
+    };
+    format!(
+        "{what}: {asked}.\n{} on {}: {median:.3} ms ({low:.3} to {high:.3}), largest error {:.2e}, PSNR {:.1} dB.\nOn {}: \
+         {:.3} ms, largest error {:.2e}, PSNR {:.1} dB{failed}.{noise}",
+        row.name(),
+        row.machine,
+        row.error.max,
+        row.error.psnr,
+        counted(views, "other view"),
+        1e3 * seconds,
+        error.max,
+        error.psnr
+    )
+}

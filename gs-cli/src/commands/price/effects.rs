@@ -1,0 +1,109 @@
+//! `gs effects`: which effects a scene requires and why, what each costs on this machine, and what
+//! leaving it out would change.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use gs_backend::AnyRasterizer;
+use gs_core::{Optimizer, effects::RequiresEffects};
+use gs_lab::price::{EffectPrices, TrainingPrices, effect_prices, training_prices};
+use gs_train::train::Views;
+use serde::Serialize;
+
+use super::{Cameras, Facts, ITERATIONS, Seen, Subject, SubjectArgs};
+use crate::{failure::Failure, image_fit::FitSettingsArgs, output, values::whole};
+
+const AFTER_HELP: &str = "\
+INPUT is a 3D scene, a 2D scene, or an image, which is fitted first in a few steps.
+
+A 3D scene is seen from the test views of DATASET (from all views if none is held out), or from \
+cameras around it. The flags say which effects are wanted; the default is what 3DGS uses. An \
+effect is required unless it is certain that no pixel of these views changes by more than 1/512 \
+without it. Renderings with and without it verify that; if they contradict it, the effect is \
+required.
+
+The table has a row for each effect: its wanted and its required value; the extra time of a \
+picture with the wanted value in place of the next cheaper one; the largest difference of a pixel \
+and the PSNR between such pictures; and the reason.
+
+With --train, a second table has a row for each correction of a training that DATASET allows: of \
+exposure, and of depths by depth maps. Each row compares two trainings of K steps that begin with \
+the scene, with the correction and without it: time of a step, and mean PSNR over the test views, \
+as it is and with matched colours.";
+
+/// The flags of `gs effects`.
+#[derive(Debug, Clone, Args)]
+#[command(after_help = AFTER_HELP)]
+pub(crate) struct EffectsCommandArgs {
+    /// A scene, or an image to fit first
+    input: PathBuf,
+    /// Data set of posed images whose views show a 3D scene
+    dataset: Option<PathBuf>,
+    /// Print JSON on standard output, and nothing else there
+    #[arg(long)]
+    json: bool,
+    /// The most views
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = whole::<u32>(1..=10_000))]
+    views: u32,
+    /// Measurements of each time
+    #[arg(short, long, value_name = "R", default_value_t = 11, value_parser = whole::<u32>(1..=10_000))]
+    repetitions: u32,
+    /// Also train a 3D scene for K steps on the views of DATASET, with and without the correction of
+    /// exposure and of depths
+    #[arg(long, value_name = "K", requires = "dataset", value_parser = whole::<u32>(1..=1_000_000))]
+    train: Option<u32>,
+    #[command(flatten)]
+    subject: SubjectArgs,
+}
+
+/// What `gs effects --json` prints.
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+struct Report<'a> {
+    #[serde(flatten)]
+    facts: &'a Facts,
+    #[serde(flatten)]
+    prices: EffectPrices,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    training: Option<TrainingPrices>,
+}
+
+/// Decides and verifies which effects are required, measures them, and prints the table.
+pub(crate) fn run(args: &EffectsCommandArgs) -> Result<(), Failure> {
+    let cameras = args.dataset.as_deref();
+    let cameras = cameras.map_or(Cameras::Around(args.views), |path| Cameras::Dataset(path, args.views));
+    let iterations = args.subject.iterations.or(Some(ITERATIONS));
+    let fit = FitSettingsArgs { iterations, ..FitSettingsArgs::default() };
+    let mut subject = Subject::load(Some(&args.input), &args.subject, cameras, fit)?;
+    subject.check_work("measuring the effects of", |size| gs_train::memory::comparing(size, 1))?;
+    let backend = subject.open(&args.subject)?;
+    subject.fit_first(&backend.rasterizer)?;
+    let prices = match &subject {
+        Subject::TwoD(seen) => examine(&backend.rasterizer, seen, args),
+        Subject::ThreeD(seen, _) => examine(&backend.rasterizer, seen, args),
+    }?;
+    let training = match (&subject, args.train) {
+        (Subject::ThreeD(seen, Some(dataset)), Some(steps)) => {
+            let views = || Views::of_dataset(dataset);
+            Some(training_prices(&backend.rasterizer, &seen.scene, views, &seen.render, steps)?)
+        }
+        _ => None,
+    };
+    let report = Report { facts: subject.facts(), prices, training };
+    if args.json {
+        return output::json(&report);
+    }
+    let training = report.training.iter().map(|training| format!("\n\n{}", training.text()));
+    output::result(format_args!("{}\n\n{}{}", report.facts.text(), report.prices.text(), training.collect::<String>()))
+}
+
+fn examine<S: RequiresEffects>(
+    rasterizer: &AnyRasterizer,
+    seen: &Seen<S>,
+    args: &EffectsCommandArgs,
+) -> Result<EffectPrices, Failure>
+where
+    AnyRasterizer: Optimizer<S>,
+{
+    Ok(effect_prices(rasterizer, &seen.scene, &seen.views, &seen.render, args.repetitions as usize)?)
+}

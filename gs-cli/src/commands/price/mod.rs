@@ -1,0 +1,279 @@
+//! The commands that say what rendering and training cost. All of them choose a subject with the same
+//! flags, ask [`gs_lab::price`], and print its table.
+
+mod answer;
+pub(crate) mod effects;
+pub(crate) mod frontier;
+pub(crate) mod popping;
+pub(crate) mod profile;
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use gs_backend::{AnyRasterizer, Chosen};
+use gs_core::{Camera, RenderSettings, Scene, Scene2d, Scene3d, counted, view::Orbit};
+use gs_io::{AnyScene, File3d, dataset::Dataset};
+use gs_lab::price::sampled;
+use gs_train::{FitSettings, train::Views};
+use serde::Serialize;
+
+use crate::{
+    backend::BackendArgs,
+    cameras::Home,
+    dataset::ReadingArgs,
+    failure::Failure,
+    image_fit::{self, FitSettingsArgs, SettingsFile, Target},
+    memory,
+    render_args::RenderArgs3d,
+    scene,
+    values::{Axis, Size, ViewName, canvas, whole},
+};
+
+/// Steps to fit an image: enough that the Gaussians are as many, as large and as crowded as those
+/// of a whole fit.
+const ITERATIONS: u32 = 100;
+
+/// The flags of all these commands.
+#[derive(Debug, Clone, Args)]
+pub(crate) struct SeenArgs {
+    /// Size of the pictures [default: that of the image, the scene or the view; otherwise 800x600]
+    #[arg(long, value_name = "WxH")]
+    size: Option<Size>,
+    /// Up direction, around which cameras are placed: x, y, z, -x, -y or -z [default: -y]
+    #[arg(long, value_name = "AXIS", allow_hyphen_values = true)]
+    up: Option<Axis>,
+    #[command(flatten)]
+    render: RenderArgs3d,
+    #[command(flatten)]
+    backend: BackendArgs,
+}
+
+/// The flags of the commands that take a scene of any kind or an image.
+#[derive(Debug, Clone, Args)]
+pub(crate) struct SubjectArgs {
+    /// The most Gaussians to fit an image with [default: 9000 for each 768x512 px]
+    #[arg(short = 'n', long, value_name = "N", value_parser = whole::<u32>(1..))]
+    gaussians: Option<u32>,
+    /// Steps to fit an image [default: 100; a whole fit for gs frontier]
+    #[arg(short, long, value_name = "K", value_parser = whole::<u32>(0..))]
+    iterations: Option<u32>,
+    #[command(flatten)]
+    reading: ReadingArgs,
+    #[command(flatten)]
+    seen: SeenArgs,
+}
+
+/// The views of a 3D scene.
+#[derive(Debug, Clone, Copy)]
+enum Cameras<'a> {
+    /// The test views of a data set, or all of them if none is held out, but at most so many.
+    Dataset(&'a Path, u32),
+    /// A view of a data set.
+    View(&'a ViewName),
+    /// So many cameras around it.
+    Around(u32),
+}
+
+/// What is measured, as reports name it.
+#[derive(Debug, Clone, Serialize)]
+struct Facts {
+    /// The file; `null` is the paper's circle and square.
+    input: Option<PathBuf>,
+    gaussians: usize,
+    /// Steps in which the Gaussians were fitted to the image; `null` for a scene.
+    fitted_steps: Option<u32>,
+    /// The views.
+    seen: String,
+    width: u32,
+    height: u32,
+    /// The backend, where there is only one.
+    #[serde(flatten)]
+    backend: Option<BackendFacts>,
+}
+
+/// A backend, as reports name it.
+#[derive(Debug, Clone, Serialize)]
+struct BackendFacts {
+    backend: &'static str,
+    adapter: Option<String>,
+    threads: usize,
+    simd: Option<String>,
+    /// The backend, and why it is this one.
+    reason: String,
+}
+
+impl Facts {
+    /// The facts in a line, and the backend in another.
+    fn text(&self) -> String {
+        let name = self.input.as_deref().map_or_else(|| "circle and square".to_owned(), image_fit::target::title);
+        let fitted = self.fitted_steps.map_or_else(String::new, |n| format!(" fitted in {}", counted(n, "step")));
+        let Self { gaussians, seen, width, height, .. } = self;
+        let reason = self.backend.as_ref().map_or_else(String::new, |backend| format!("\n{}", backend.reason));
+        format!("{name}: {}{fitted}, seen from {seen}, {width}x{height} px{reason}", counted(*gaussians, "Gaussian"))
+    }
+}
+
+/// A scene with views of it, at least one.
+struct Seen<S: Scene> {
+    scene: S,
+    views: Vec<S::View>,
+    render: RenderSettings,
+    /// The image that the scene is fitted to first, and how.
+    fit: Option<(Target, FitSettings)>,
+    facts: Facts,
+}
+
+/// What is measured.
+enum Subject {
+    TwoD(Box<Seen<Scene2d>>),
+    ThreeD(Box<Seen<Scene3d>>, Option<Dataset>),
+}
+
+impl Subject {
+    /// Reads a scene or an image; without an input, takes the paper's. An image is fitted as `fit` asks,
+    /// but only by [`Self::fit_first`].
+    fn load(
+        input: Option<&Path>,
+        args: &SubjectArgs,
+        cameras: Cameras<'_>,
+        fit: FitSettingsArgs,
+    ) -> Result<Self, Failure> {
+        let name = || input.map_or_else(|| "circle and square".to_owned(), |path| path.display().to_string());
+        let refused = |message: &str, hint: &str| Err(Failure::usage(message).at(name()).hint(hint));
+        let scene = input.map(scene::read_if_any).transpose()?.flatten();
+        if scene.is_some() && (args.gaussians.is_some() || args.iterations.is_some()) {
+            let message = "is a scene, but --gaussians and --iterations are for images, which are fitted first";
+            return refused(message, "leave them out");
+        }
+        let has_cameras =
+            !matches!(cameras, Cameras::Around(_)) || args.seen.up.is_some() || args.seen.render.is_some();
+        let facts = |seen: &str, (width, height), gaussians| Facts {
+            input: input.map(Path::to_owned),
+            gaussians,
+            fitted_steps: None,
+            seen: seen.to_owned(),
+            width,
+            height,
+            backend: None,
+        };
+        let (canvas, scene, render, fit) = match scene {
+            Some(AnyScene::ThreeD(file)) => {
+                let (views, dataset, seen) = of_3d(&file, args, cameras)?;
+                args.seen.render.note_guess(&file);
+                let render = args.seen.render.settings(&file, dataset.as_ref());
+                let facts = facts(&seen, (views[0].width, views[0].height), file.scene.len());
+                let seen = Seen { scene: file.scene, views, render, fit: None, facts };
+                return Ok(Self::ThreeD(Box::new(seen), dataset));
+            }
+            _ if has_cameras => {
+                let message = "is not a 3D scene; only those have cameras, an order and a background to choose";
+                return refused(message, "leave out the flags for 3D scenes");
+            }
+            Some(AnyScene::TwoD(file)) => {
+                (canvas((file.width, file.height), args.seen.size)?, file.scene, file.settings, None)
+            }
+            None => {
+                let target = Target::read_to_fit_first(input)?;
+                let fit = FitSettingsArgs { gaussians: args.gaussians, ..fit };
+                let settings = image_fit::settings(&fit, &SettingsFile::None, &target)?;
+                let canvas = canvas(target.image.size(), args.seen.size)?;
+                (canvas, Scene2d::default(), settings.render, Some((target, settings)))
+            }
+        };
+        let facts = facts("its canvas", (canvas.width, canvas.height), scene.len());
+        Ok(Self::TwoD(Box::new(Seen { scene, views: vec![canvas], render, fit, facts })))
+    }
+
+    fn facts(&self) -> &Facts {
+        match self {
+            Self::TwoD(seen) => &seen.facts,
+            Self::ThreeD(seen, _) => &seen.facts,
+        }
+    }
+
+    fn render(&self) -> &RenderSettings {
+        match self {
+            Self::TwoD(seen) => &seen.render,
+            Self::ThreeD(seen, _) => &seen.render,
+        }
+    }
+
+    /// Fails where measuring pictures of this subject takes too much memory; `bytes` are for their size.
+    fn check_work(&self, work: &str, bytes: impl Fn((u32, u32)) -> u64) -> Result<(), Failure> {
+        let Facts { input, width, height, .. } = self.facts();
+        let name = input.as_ref().map_or_else(|| "circle and square".to_owned(), |path| path.display().to_string());
+        memory::check_work(work, name, (*width, *height), bytes((*width, *height)))
+    }
+
+    /// Opens the backend for this subject.
+    fn open(&mut self, args: &SubjectArgs) -> Result<Chosen, Failure> {
+        let flags = &args.seen.backend;
+        let (chosen, facts) = match self {
+            Self::TwoD(seen) => (flags.open_to_render_2d(&seen.render)?, &mut seen.facts),
+            Self::ThreeD(seen, _) => (flags.open()?, &mut seen.facts),
+        };
+        facts.backend = Some(BackendFacts {
+            backend: chosen.rasterizer.name(),
+            adapter: chosen.rasterizer.adapter().map(str::to_owned),
+            threads: chosen.threads,
+            simd: chosen.rasterizer.simd_level(),
+            reason: chosen.reason.clone(),
+        });
+        Ok(chosen)
+    }
+
+    /// Fits the image, if the subject is one.
+    fn fit_first(&mut self, rasterizer: &AnyRasterizer) -> Result<(), Failure> {
+        if let Self::TwoD(seen) = self
+            && let Some((target, settings)) = &seen.fit
+        {
+            seen.facts.fitted_steps = Some(settings.iterations);
+            seen.scene = image_fit::fit_first(rasterizer, target, settings.clone())?;
+            seen.facts.gaussians = seen.scene.len();
+        }
+        Ok(())
+    }
+}
+
+/// The cameras of a 3D scene, their data set, and what they are.
+fn of_3d(
+    file: &File3d,
+    args: &SubjectArgs,
+    cameras: Cameras<'_>,
+) -> Result<(Vec<Camera>, Option<Dataset>, String), Failure> {
+    let size = args.seen.size;
+    let (all, dataset, seen) = match cameras {
+        Cameras::Around(count) => {
+            let (orbit, first) = around(file, &args.seen, count)?;
+            (orbit.cameras(&first), None, format!("{} around it", counted(count, "camera")))
+        }
+        Cameras::View(name) => {
+            let (home, dataset) = Home::named(Some(name), &args.reading, file, size, None)?;
+            (vec![home.camera], dataset, format!("view {} of {}", name.view, name.dataset.display()))
+        }
+        Cameras::Dataset(path, most) => {
+            let dataset = args.reading.read_for(file, path)?;
+            let views = Views::of_dataset(&dataset);
+            let which = if views.test.is_empty() { "view" } else { "test view" };
+            let all: Vec<Camera> = views.test_or_train().iter().map(|view| view.camera).collect();
+            let sized = |camera: Camera| size.map_or(camera, |Size { width, height }| camera.resized(width, height));
+            let cameras: Vec<Camera> = sampled(&all, most as usize).into_iter().map(sized).collect();
+            let seen = format!("{} of {} of {}", cameras.len(), counted(all.len(), which), path.display());
+            (cameras, Some(dataset), seen)
+        }
+    };
+    if all.is_empty() {
+        return Err(Failure::failed("the data set has no view").hint("name another one"));
+    }
+    for camera in &all {
+        camera.validate().map_err(|error| Failure::usage(error).at("the camera of --size or the data set"))?;
+    }
+    Ok((all, dataset, seen))
+}
+
+/// An orbit of so many frames around a 3D scene, with its first camera.
+fn around(file: &File3d, args: &SeenArgs, frames: u32) -> Result<(Orbit, Camera), Failure> {
+    let Home { camera, target, up } = Home::of(file, args.size, args.up.map(|axis| axis.0))?;
+    camera.validate().map_err(|error| Failure::usage(error).at("--size"))?;
+    Ok((Orbit { center: target, axis: up, frames }, camera))
+}

@@ -1,0 +1,147 @@
+//! `gs profile`: the time of each stage of a training step, on any backend.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use gs_backend::AnyRasterizer;
+use gs_core::{Blend, Choice as _, Effects, Loss, Parameterization, Scene, profile::Profiler};
+use gs_io::Inputs;
+use gs_lab::price::{StagePrices, stage_prices};
+use serde::Serialize;
+
+use super::{Cameras, Facts, ITERATIONS, Seen, Subject, SubjectArgs};
+use crate::{
+    failure::Failure,
+    image_fit::FitSettingsArgs,
+    output,
+    output_folder::{self, OutputFolder, OverwriteArgs},
+    scene,
+    values::{ViewName, by_name, whole},
+};
+
+const AFTER_HELP: &str = "\
+A scene is profiled as it is: a 3D scene from a view of a data set, or from where all of it is in \
+sight. An image is fitted first, in a few steps on the same backend. The measured steps do not \
+move the Gaussians: their target is the scene's own rendering.
+
+A row of the table is a stage of a training step: its median time, its 10 % and 90 % quantiles, \
+its share of the sum, and the pairs of a pixel and a Gaussian that it visits. A stage that a \
+training step replaces by another has no share. Below are whole training steps (means over 4, sent \
+without waiting, as in a fit), with new lists and with those of the step before (in 3D always new), \
+and the forward pass alone, as a caller sees them.
+
+On a GPU, stages are timed by the device if the adapter has timestamps, otherwise by the host, \
+which then waits after each stage. The head of the table says which.
+
+DIR then holds profile.csv, the table, and profile.json, which --json prints: the same with all \
+samples and settings.";
+
+/// The flags of `gs profile`.
+#[derive(Debug, Clone, Args)]
+#[command(after_help = AFTER_HELP)]
+pub(crate) struct ProfileArgs {
+    /// A scene, or an image to fit first [default: the paper's circle and square, 128x128]
+    input: Option<PathBuf>,
+    /// Folder for profile.csv and profile.json; made if necessary [default: the table is only
+    /// printed]
+    #[arg(short, long, value_name = "DIR")]
+    output: Option<PathBuf>,
+    #[command(flatten)]
+    overwrite: OverwriteArgs,
+    /// Print JSON on standard output, and nothing else there
+    #[arg(long)]
+    json: bool,
+    /// Measurements of each stage
+    #[arg(short, long, value_name = "R", default_value_t = 20, value_parser = whole::<u32>(1..=100_000))]
+    repetitions: u32,
+    /// Loss to minimise [default: l2; l1-dssim for the circle and square and in 3D]
+    #[arg(long, value_parser = by_name::<Loss>(), value_name = "LOSS")]
+    loss: Option<Loss>,
+    /// How the Gaussians at a pixel become its colour [default: that of the scene; sum for images,
+    /// over in 3D]
+    #[arg(long, value_parser = by_name::<Blend>(), value_name = "BLEND")]
+    blend: Option<Blend>,
+    /// Coordinates of the optimizer [default: covariance-factor; scale-rotation for the circle and
+    /// square and in 3D]
+    #[arg(long, value_parser = by_name::<Parameterization>(), value_name = "NAME")]
+    parameterization: Option<Parameterization>,
+    /// Camera of a view of a data set [default: the whole scene from slightly above]
+    #[arg(long, value_name = "DATASET:VIEW", help_heading = "3D scenes")]
+    camera: Option<ViewName>,
+    #[command(flatten)]
+    subject: SubjectArgs,
+}
+
+/// What `profile.json` holds and `--json` prints.
+#[derive(Debug, Serialize)]
+struct Report<'a> {
+    #[serde(flatten)]
+    facts: &'a Facts,
+    #[serde(flatten)]
+    effects: Effects,
+    loss: Loss,
+    parameterization: Parameterization,
+    repetitions: u32,
+    #[serde(flatten)]
+    prices: StagePrices,
+}
+
+/// Profiles a scene or an image, prints the table, and writes it to files if a folder for them is
+/// named.
+pub(crate) fn run(args: &ProfileArgs) -> Result<(), Failure> {
+    let inputs: Inputs = args.input.iter().map(|path| scene::file_of(path)).collect();
+    let claim = args.output.as_ref().map(|path| args.overwrite.claim(path, ["profile.csv", "profile.json"], inputs));
+    claim.as_ref().map_or(Ok(()), output_folder::check)?;
+    let fit = FitSettingsArgs {
+        iterations: args.subject.iterations.or(Some(ITERATIONS)),
+        loss: args.loss,
+        blend: args.blend,
+        parameterization: args.parameterization,
+        ..FitSettingsArgs::default()
+    };
+    let cameras = args.camera.as_ref().map_or(Cameras::Around(1), Cameras::View);
+    let mut subject = Subject::load(args.input.as_deref(), &args.subject, cameras, fit)?;
+    subject.check_work("profiling", gs_train::memory::profiling)?;
+    let usual = match &subject {
+        Subject::TwoD(seen) => {
+            let fit = seen.fit.as_ref().map(|(_, fit)| (fit.loss, fit.parameterization));
+            fit.unwrap_or((Loss::L2, Parameterization::CovarianceFactor))
+        }
+        Subject::ThreeD(..) => (Loss::PAPER, Parameterization::ScaleRotation),
+    };
+    let (loss, parameterization) = (args.loss.unwrap_or(usual.0), args.parameterization.unwrap_or(usual.1));
+    if matches!(subject, Subject::ThreeD(..)) {
+        parameterization.check_3d()?;
+    }
+    let backend = subject.open(&args.subject)?;
+    let folder = claim.map(OutputFolder::begin).transpose()?;
+    subject.fit_first(&backend.rasterizer)?;
+    match &mut subject {
+        Subject::TwoD(seen) => report(args, seen, &backend.rasterizer, (loss, parameterization), folder.as_ref()),
+        Subject::ThreeD(seen, _) => report(args, seen, &backend.rasterizer, (loss, parameterization), folder.as_ref()),
+    }
+}
+
+fn report<S: Scene>(
+    args: &ProfileArgs,
+    Seen { scene, views, render, facts, .. }: &mut Seen<S>,
+    rasterizer: &AnyRasterizer,
+    (loss, parameterization): (Loss, Parameterization),
+    folder: Option<&OutputFolder>,
+) -> Result<(), Failure>
+where
+    AnyRasterizer: Profiler<S>,
+{
+    render.effects.blend = args.blend.unwrap_or(render.effects.blend);
+    let repetitions = args.repetitions;
+    let prices = stage_prices(rasterizer, scene, &views[0], render, (loss, parameterization), repetitions as usize)?;
+    let report = Report { facts, effects: render.effects, loss, parameterization, repetitions, prices };
+    if let Some(folder) = folder {
+        folder.write("profile.csv", report.prices.table().csv())?;
+        folder.write_json("profile.json", &report)?;
+        output::note(format_args!("wrote profile.csv and profile.json in {}", folder.path().display()));
+    }
+    let (loss, parameterization) = (loss.name(), parameterization.name());
+    let text = || format!("{}\n{}, {loss}, {parameterization}\n{}", facts.text(), render.effects, report.prices.text());
+    if args.json { output::json(&report) } else { output::result(text().trim_end()) }
+}

@@ -1,0 +1,304 @@
+//! `gs profile`, `effects`, `frontier` and `popping`: what they print and write, and what all of them
+//! refuse. What they measure is tested in gs-lab.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
+
+use glam::Vec3;
+use gs_core::{Scene as _, Scene3d};
+use gs_lab::price::popping::discs;
+use serde_json::{Value, json};
+
+use crate::{
+    process::{folder, gs, names_in, picture},
+    train::{dataset_and_scene, text},
+};
+
+/// Two discs, one through the other, with SH that change no pixel visibly, as a PLY file.
+fn faintly_shiny(place: &Path) -> PathBuf {
+    let mut scene = Scene3d { sh_degree: 2, ..Scene3d::default() };
+    let plain = discs();
+    (0..plain.len()).for_each(|index| scene.push(plain.gaussian(index).with_degree(2)));
+    for coefficients in scene.sh.chunks_exact_mut(9) {
+        coefficients[1..].fill(Vec3::splat(1e-4));
+    }
+    let path = place.join("discs.ply");
+    gs_io::write_3d(&path, &scene, &gs_io::WriteOptions3d::default()).unwrap();
+    path
+}
+
+/// A small picture as a 2D scene of 40 Gaussians.
+fn fitted(place: &Path) -> String {
+    let (image, output) = (picture(place, 48, 32), place.join("fit"));
+    let flags = ["-n", "40", "--iterations", "15", "--no-report", "--backend", "cpu"];
+    gs(["fit", text(&image), "-o", text(&output)].into_iter().chain(flags)).done();
+    text(&output.join("scene.gs2d.safetensors")).to_owned()
+}
+
+fn number(value: &Value) -> f64 {
+    value.as_f64().unwrap_or_else(|| panic!("{value} is no number"))
+}
+
+fn read_json(path: &Path) -> Value {
+    serde_json::from_slice(&fs::read(path).unwrap()).unwrap()
+}
+
+fn the_circle_and_square_are_profiled_on(backend: &str, clocks: &[&str]) {
+    let place = folder();
+    let output = place.path().join("made/on/demand");
+    let flags = ["-r", "3", "-n", "100", "-i", "20", "--backend", backend, "--json", "-o", text(&output)];
+    let run = gs(["profile"].iter().chain(&flags));
+    assert!(run.stderr.contains("wrote profile.csv and profile.json"), "{run:?}");
+    let json = run.json();
+    assert_eq!(names_in(&output), ["profile.csv", "profile.json"]);
+    assert_eq!(read_json(&output.join("profile.json")), json);
+    let stages = json["stages"].as_array().unwrap();
+    let csv = fs::read_to_string(output.join("profile.csv")).unwrap();
+    assert_eq!(csv.lines().count(), 1 + stages.len() + 4, "{csv}");
+    assert_eq!((&json["backend"], &json["input"]), (&json!(backend), &Value::Null));
+    assert_eq!((&json["width"], &json["height"], &json["fitted_steps"]), (&json!(128), &json!(128), &json!(20)));
+    assert_eq!((&json["blend"], &json["repetitions"]), (&json!("over"), &json!(3)));
+    assert!(clocks.contains(&json["clock"].as_str().unwrap()), "{json}");
+    assert_eq!((json["adapter"].is_string(), json["simd"].is_string()), (backend == "wgpu", backend == "cpu"));
+}
+
+#[test]
+fn the_circle_and_square_are_profiled_on_the_cpu() {
+    the_circle_and_square_are_profiled_on("cpu", &["host"]);
+}
+
+#[test]
+fn the_circle_and_square_are_profiled_on_wgpu() {
+    the_circle_and_square_are_profiled_on("wgpu", &["device", "round-trip"]);
+}
+
+#[test]
+fn scenes_are_profiled_as_flags_say() {
+    let place = folder();
+    let scene = fitted(place.path());
+    let profile = |arguments: &[&str]| gs(["profile", "-r", "2", "--backend", "cpu"].iter().chain(arguments)).done();
+    let run = profile(&[&scene]);
+    assert_eq!(run.stderr, "", "a scene needs no fit");
+    let head: Vec<&str> = run.stdout.lines().collect();
+    assert_eq!(head[0], "scene.gs2d.safetensors: 40 Gaussians, seen from its canvas, 48x32 px");
+    assert!(head[1].starts_with("cpu (") && head[2] == "blend sum, l2, covariance-factor", "{head:?}");
+    assert!(profile(&[&scene, "--blend", "over", "--loss", "l1"]).stdout.contains("\nblend over, l1, covariance"));
+
+    let (dataset, scene) = dataset_and_scene(place.path());
+    let view = format!("{}:3", dataset.display());
+    let of_view = profile(&[text(&scene), "--camera", &view, "--order", "per-pixel"]).stdout;
+    assert!(of_view.contains(", 32x32 px\n") || of_view.contains(", 32x24 px\n"), "{of_view}");
+    assert!(of_view.contains("order per-pixel, blend over, antialias dilate"), "{of_view}");
+}
+
+#[test]
+fn required_effects_of_a_3d_scene_are_reported() {
+    let place = folder();
+    let scene = faintly_shiny(place.path());
+    let flags = ["--size", "48x40", "--views", "3", "--repetitions", "2", "--backend", "cpu"];
+    let run = |more: &[&str]| gs(["effects", text(&scene)].iter().chain(&flags).chain(more));
+    let report = run(&["--json", "--order", "per-pixel"]).json();
+    let effects = &report["proof"]["required"]["settings"]["effects"];
+    assert_eq!((effects["order"].as_str(), effects["sh-degree"].as_u64()), (Some("per-pixel"), Some(0)));
+    assert_eq!((effects["background"].as_str(), effects["antialias"].as_str()), (Some("none"), Some("dilate")));
+    let most = number(&report["proof"]["difference"]["max"]);
+    assert!(most > 0.0 && most < 1.0 / 512.0, "{most}");
+    let order = &report["prices"]["each"][0];
+    assert_eq!((order["effect"].as_str(), order["cheaper"].as_str()), (Some("order"), Some("global")));
+    assert!(number(&order["change"]["max"]) > 0.1, "the discs pop: {order}");
+
+    let text = run(&[]).done().stdout;
+    assert!(text.contains("2 Gaussians, seen from 3 cameras around it, 48x40 px"), "{text}");
+    assert!(text.contains("higher coefficients change no pixel by more than 0.00"), "{text}");
+    assert!(text.contains("verified in 3 views: no pixel differs by more than 0.000"), "{text}");
+}
+
+#[test]
+fn a_picture_is_rendered_with_the_required_effects_unless_the_flag_says_otherwise() {
+    let place = folder();
+    let scene = faintly_shiny(place.path());
+    let render = |flags: &[&str]| {
+        let png = place.path().join("picture.png");
+        let words = ["render", text(&scene), "-o", text(&png), "--size", "48x40", "--backend", "cpu", "--verbose"];
+        let run = gs(words.iter().chain(flags)).done();
+        (gs_io::read_image(&png).unwrap().image, run.stderr)
+    };
+    let (auto, printed) = render(&[]);
+    assert!(printed.contains("without sh-degree 2 (higher coefficients change no pixel by more than"), "{printed}");
+    let (all, printed) = render(&["--effects", "all"]);
+    assert!(printed.contains("sh-degree 2 (--effects all)"), "{printed}");
+    let steps = auto.pixels().as_flattened().iter().zip(all.pixels().as_flattened());
+    let most = steps.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    assert!(most <= 1.0 / 255.0 + 1e-6, "at most one step of an eight-bit picture: {most}");
+    let (unordered, printed) = render(&["--effects", "sh-degree,antialias"]);
+    assert!(printed.contains("without order global (not in --effects)"), "{printed}");
+    assert!(unordered != auto);
+}
+
+#[test]
+fn an_image_is_fitted_before_its_effects_are_examined() {
+    let place = folder();
+    let image = picture(place.path(), 32, 24);
+    let flags = ["-i", "20", "--repetitions", "1", "--size", "9x7", "--backend", "cpu", "--json"];
+    let report = gs(["effects", text(&image)].iter().chain(&flags)).json();
+    assert_eq!(number(&report["proof"]["difference"]["max"]), 0.0, "bit-identical");
+    assert_eq!((&report["fitted_steps"], &report["width"]), (&json!(20), &json!(9)));
+}
+
+#[test]
+fn corrections_of_a_training_are_priced_on_request() {
+    let place = folder();
+    let (dataset, scene) = dataset_and_scene(place.path());
+    let flags = ["--train", "12", "--size", "32x24", "--views", "2", "--repetitions", "1", "--backend", "cpu"];
+    let run = |more: &[&str]| gs(["effects", text(&scene), text(&dataset)].iter().chain(&flags).chain(more));
+    let report = run(&["--json"]).json();
+    let [price] = &report["training"]["prices"].as_array().unwrap()[..] else { panic!("{report}") };
+    assert_eq!((price["effect"].as_str(), report["training"]["steps"].as_u64()), (Some("exposure"), Some(12)));
+    for side in ["with", "without"] {
+        let numbers = ["milliseconds", "psnr", "color-matched"].map(|name| number(&price[side][name]));
+        assert!(numbers.iter().all(|number| *number > 0.0), "{price}");
+    }
+    let printed = run(&[]).done().stdout;
+    assert!(printed.contains("training of 12 steps") && printed.contains("\nexposure "), "{printed}");
+}
+
+/// Runs `gs frontier` as quickly as possible; times are not tested.
+fn frontier<'a>(input: &'a str, flags: &[&'a str]) -> Vec<&'a str> {
+    [&["frontier", input, "--backend", "cpu", "--seconds", "1", "--threads", "2"], flags].concat()
+}
+
+#[test]
+fn a_budget_is_answered_by_a_file_that_render_and_fit_take() {
+    let place = folder();
+    let image = picture(place.path(), 48, 32);
+    let output = place.path().join("out");
+    let flags = ["-n", "30", "-i", "20", "--max-error", "1/1000", "-o", text(&output)];
+    let run = gs(frontier(text(&image), &flags)).done();
+    let file = output.join("settings.toml");
+    assert_eq!(run.stdout.trim_end(), fs::read_to_string(&file).unwrap().trim_end());
+    assert!(run.stdout.contains("# On 3 other views") && run.stdout.contains("[machine]"), "{}", run.stdout);
+    for expected in ["30 Gaussians", "default, again", "3DGS", "no cut-offs", "alpha cut 1/512", "64-bit oracle"] {
+        assert!(run.stderr.contains(expected), "{expected}: {}", run.stderr);
+    }
+    let names = ["frontier.csv", "frontier.json", "frontier.png", "frontier.svg", "settings.toml"];
+    assert_eq!(names_in(&output), names);
+    let json = read_json(&output.join("frontier.json"));
+    let rows = json["rows"].as_array().unwrap();
+    assert_eq!(fs::read_to_string(output.join("frontier.csv")).unwrap().lines().count(), rows.len() + 1);
+    assert!(number(&json["answer"]["verification"]["error"]["max"]) <= 1e-3);
+    let levels = rows.iter().filter(|row| row["role"] == "alone" && row["changes"][0]["axis"] == "SIMD").count();
+    assert_eq!(levels + 1, gs_cpu::SimdLevel::available().len());
+
+    // The file is used: a picture whose cut is half is empty.
+    let coarse = place.path().join("coarse.toml");
+    let flags = "flags = [\"--backend\", \"cpu\", \"--simd\", \"baseline\"]";
+    fs::write(&coarse, format!("[accuracy]\nalpha-cut = 0.5\n[machine]\n{flags}\n")).unwrap();
+    let scene = fitted(place.path());
+    let render = |name: &str, flags: &[&str]| {
+        let png = place.path().join(name);
+        gs(["render", &scene, "-o", text(&png)].iter().chain(flags)).done();
+        gs_io::read_image(&png).unwrap().image
+    };
+    let usual = render("usual.png", &[]);
+    let psnr = |file: &Path| gs_core::metrics::psnr(&usual, &render("a.png", &["--settings", text(file)])).unwrap();
+    assert!(psnr(&file) > 35.0 && psnr(&coarse) < 30.0);
+    let again = place.path().join("again");
+    let flags = ["-n", "30", "-i", "20", "--no-report", "--json", "--settings", text(&coarse), "-o", text(&again)];
+    let summary = gs(["fit", text(&image)].iter().chain(&flags)).json();
+    assert_eq!(summary["simd"], "baseline", "{summary}");
+}
+
+#[test]
+fn the_frontier_of_a_3d_scene_chooses_effects_or_says_what_is_out_of_reach() {
+    let place = folder();
+    let scene = faintly_shiny(place.path());
+    let output = place.path().join("out");
+    let flags = ["--size", "40x30", "--views", "2", "-o", text(&output)];
+    let run = gs(frontier(text(&scene), &[&flags[..], &["--max-ms", "1e5"]].concat())).done();
+    assert!(run.stdout.contains("[effects]"), "{}", run.stdout);
+    let json = read_json(&output.join("frontier.json"));
+    let axes: Vec<&str> =
+        json["rows"].as_array().unwrap().iter().filter_map(|row| row["changes"][0]["axis"].as_str()).collect();
+    for expected in ["order", "antialias", "sh-degree", "full below", "extent", "tile rows", "exp", "bounds"] {
+        assert!(axes.contains(&expected), "{expected}: {axes:?}");
+    }
+    let (png, file) = (place.path().join("a.png"), output.join("settings.toml"));
+    let words = ["render", text(&scene), "-o", text(&png), "--size", "30x20", "--verbose", "--settings", text(&file)];
+    assert!(gs(words).done().stderr.contains("as in --settings"));
+    // Measurements are printed and written all the same, and no earlier answer stays beside them.
+    let run = gs(frontier(text(&scene), &[&flags[..], &["--max-error", "1e-15"]].concat()));
+    assert_eq!(run.status, Some(1));
+    assert!(run.stderr.lines().last().unwrap().contains("--max-error"), "{run:?}");
+    assert!(run.stdout.contains("on the frontier"), "{run:?}");
+    assert!(output.join("frontier.csv").exists() && !file.exists());
+}
+
+#[test]
+fn popping_is_measured_in_both_orders() {
+    let place = folder();
+    let (scene, output) = (faintly_shiny(place.path()), place.path().join("out"));
+    let flags = ["--size", "48x40", "--places", "2", "--step", "1", "--frames", "9", "--backend", "cpu"];
+    let run = gs(["popping", text(&scene), "-o", text(&output)].into_iter().chain(flags)).done();
+    let lines: Vec<&str> = run.stdout.lines().collect();
+    assert!(lines[0].contains("discs, 2 Gaussians") && lines.len() == 8, "{}", run.stdout);
+    assert!(lines[2].contains("0.250") && lines[2].contains("global") && lines[3].contains("per-pixel"));
+    let names = ["flicker-chart.csv", "flicker-chart.png", "flicker-chart.svg", "popping.csv", "popping.png"];
+    assert_eq!(names_in(&output), names);
+    let csv = fs::read_to_string(output.join("popping.csv")).unwrap();
+    assert!(csv.starts_with("\"step, °\",order,") && csv.lines().count() == 7, "{csv}");
+    // Three columns and two rows of the whole picture, which is smaller than the part that would be
+    // shown.
+    assert_eq!(gs_io::read_image(output.join("popping.png")).unwrap().image.size(), (3 * 384 + 16, 2 * 320 + 8));
+}
+
+/// Command, input, flags, status, and parts of the message.
+type Case<'a> = (&'a str, &'a Path, &'a [&'a str], i32, &'a [&'a str]);
+
+#[test]
+fn what_cannot_be_measured_is_refused_before_anything_is_written() {
+    let place = folder();
+    let (scene, image) = (faintly_shiny(place.path()), picture(place.path(), 16, 12));
+    let output = place.path().join("out");
+    let [in_text, absent, none] = ["text", "absent.png", "none.ply"].map(|name| place.path().join(name));
+    fs::write(&in_text, "This is neither.\n").unwrap();
+    let cases: [Case<'_>; 21] = [
+        ("profile", &absent, &[], 1, &["absent.png", "no such file"]),
+        ("profile", &in_text, &[], 1, &["is text, not an image", "or name a scene"]),
+        ("profile", place.path(), &[], 1, &["holds no scene"]),
+        ("profile", &scene, &["-n", "9"], 2, &["discs.ply: is a scene", "leave them out"]),
+        ("profile", &scene, &["-i", "9"], 2, &["--iterations are for images"]),
+        ("profile", &scene, &["--size", "0x5"], 2, &["WIDTHxHEIGHT"]),
+        ("profile", &scene, &["--size", "20000x20000"], 2, &["--size", "20000x20000"]),
+        ("profile", &scene, &["--repetitions", "0"], 2, &["must be from 1 to 100000"]),
+        ("profile", &image, &["--camera", "data:1"], 2, &["is not a 3D scene"]),
+        ("frontier", &image, &["--max-error", "0"], 2, &["positive number"]),
+        ("frontier", &image, &["--max-error", "0.1", "--max-ms", "5"], 2, &["cannot be used with"]),
+        ("frontier", &image, &["--order", "global"], 2, &["leave out the flags for 3D scenes"]),
+        ("frontier", &scene, &["--dataset", "/no/such"], 1, &["/no/such"]),
+        ("popping", &scene, &["--order", "global"], 2, &["both orders are compared"]),
+        ("popping", &scene, &["--step", "0"], 2, &["above 0"]),
+        ("popping", &scene, &["--step", "NaN"], 2, &["above 0"]),
+        ("popping", &scene, &["--frames", "3"], 2, &["--frames"]),
+        ("popping", &scene, &["--size", "99999x9"], 2, &["--size"]),
+        ("popping", &scene, &["--size", "16384x16384"], 2, &["pixels of a frame"]),
+        ("popping", &none, &[], 1, &["none.ply"]),
+        ("popping", &image, &[], 1, &["picture-16x12.png"]),
+    ];
+    for (command, input, flags, status, expected) in cases {
+        let run = gs([command, text(input), "-o", text(&output)].iter().chain(flags));
+        assert_eq!(run.status, Some(status), "{command} {flags:?}: {run:?}");
+        for part in expected {
+            assert!(run.refusal().contains(part), "{part}: {run:?}");
+        }
+        assert!(!output.exists(), "{command} {flags:?}");
+    }
+    for (flags, part) in
+        [(vec!["dataset"], "is not a 3D scene"), (vec!["--views", "0"], "--views"), (vec!["--train", "12"], "DATASET")]
+    {
+        let run = gs(["effects", text(&image)].iter().chain(&flags));
+        assert_eq!(run.status, Some(2), "{flags:?}: {run:?}");
+        assert!(run.stderr.contains(part), "{flags:?}: {run:?}");
+    }
+}

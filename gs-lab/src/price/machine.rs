@@ -1,0 +1,176 @@
+//! What renders: backends with their SIMD levels, numbers of threads, tunings and kernels, each with
+//! the scene uploaded.
+
+use std::{ops::Deref, rc::Rc, time::Instant};
+
+use gs_backend::{AnyRasterizer, FutureExt as _};
+use gs_core::{
+    Backend as _, Blend, Error, Image, Optimizer, Parameterization, Rasterizer, RenderSettings, Scene, counted,
+};
+use gs_cpu::{Bounds, CpuRasterizer, CpuSettings, CpuTuning, SimdLevel};
+use gs_wgpu::{Kernels, WgpuRasterizer, WgpuSettings};
+
+use super::frontier::{Change, FrontierMachine};
+use crate::study::Machine;
+
+/// A rasterizer with its scene, independent of its type.
+pub trait Renderer<V> {
+    /// Seconds of one forward pass, until the backend has finished it. The image is not read back.
+    fn seconds(&self, view: &V, settings: &RenderSettings) -> Result<f64, Error>;
+
+    /// The picture.
+    fn image(&self, view: &V, settings: &RenderSettings) -> Result<Image, Error>;
+}
+
+/// A rasterizer, owned or borrowed, with an uploaded scene, which several may share.
+pub(crate) struct Loaded<P: Deref<Target: Rasterizer<S>>, S: Scene> {
+    rasterizer: P,
+    splats: Rc<<P::Target as Rasterizer<S>>::Splats>,
+}
+
+impl<P: Deref<Target: Rasterizer<S>>, S: Scene> Loaded<P, S> {
+    /// Uploads a scene.
+    pub(crate) fn new(rasterizer: P, scene: &S) -> Result<Self, Error> {
+        let splats = Rc::new(rasterizer.upload(scene, Parameterization::ScaleRotation)?);
+        Ok(Self { rasterizer, splats })
+    }
+}
+
+impl<P: Deref<Target: Rasterizer<S>>, S: Scene> Renderer<S::View> for Loaded<P, S> {
+    fn seconds(&self, view: &S::View, settings: &RenderSettings) -> Result<f64, Error> {
+        let start = Instant::now();
+        let frame = self.rasterizer.forward(&self.splats, view, settings).block_on()?;
+        // Reading the counts waits for the device.
+        self.rasterizer.culled(&frame);
+        Ok(start.elapsed().as_secs_f64())
+    }
+
+    fn image(&self, view: &S::View, settings: &RenderSettings) -> Result<Image, Error> {
+        self.rasterizer.image(&self.rasterizer.forward(&self.splats, view, settings).block_on()?).block_on()
+    }
+}
+
+/// A machine that takes part in a comparison.
+pub struct Contender<'a, V> {
+    /// Name of its backend. The first contender of a backend is the one that the default is measured
+    /// on.
+    pub backend: String,
+    /// The machine for reports: "cpu (avx512, 2 threads)".
+    pub name: String,
+    /// The difference from the first contender of the same backend; `None` for the first.
+    pub change: Option<Change>,
+    /// The settings that choose it.
+    pub machine: FrontierMachine,
+    /// What renders.
+    pub renderer: Box<dyn Renderer<V> + 'a>,
+}
+
+impl<V> std::fmt::Debug for Contender<'_, V> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Contender").field("backend", &self.backend).field("name", &self.name).finish_non_exhaustive()
+    }
+}
+
+/// The contenders of a backend for a scene with this blending, the given rasterizer first. On the CPU
+/// the others have another SIMD level, one thread, or another tuning; on a GPU, other kernels that its
+/// adapter can run.
+///
+/// # Errors
+/// Those of [`Rasterizer::upload`] and of [`CpuRasterizer::new`].
+pub fn contenders<'a, S>(base: AnyRasterizer, scene: &S, blend: Blend) -> Result<Vec<Contender<'a, S::View>>, Error>
+where
+    S: Scene + 'a,
+    AnyRasterizer: Optimizer<S>,
+{
+    let others = match &base {
+        AnyRasterizer::Cpu(cpu) => other_cpus(cpu, blend)?,
+        AnyRasterizer::Wgpu(gpu) => other_kernels(gpu),
+        _ => Vec::new(),
+    };
+    let usual = threads(&base);
+    let first = Loaded::new(Box::new(base), scene)?;
+    let splats = Rc::clone(&first.splats);
+    let on_cpu = usual.is_some();
+    let mut all = vec![contender(first, None, usual)];
+    for (axis, value, rasterizer) in others {
+        let rasterizer = Box::new(rasterizer);
+        let loaded = match on_cpu {
+            true => Loaded { rasterizer, splats: Rc::clone(&splats) },
+            false => Loaded::new(rasterizer, scene)?,
+        };
+        all.push(contender(loaded, Some(Change { axis: axis.to_owned(), value }), usual));
+    }
+    Ok(all)
+}
+
+fn contender<'a, S>(
+    loaded: Loaded<Box<AnyRasterizer>, S>,
+    change: Option<Change>,
+    usual_threads: Option<usize>,
+) -> Contender<'a, S::View>
+where
+    S: Scene + 'a,
+    AnyRasterizer: Optimizer<S>,
+{
+    let rasterizer = &*loaded.rasterizer;
+    let mut machine = FrontierMachine { flags: Machine::of(rasterizer).flags, ..FrontierMachine::default() };
+    if let Some(threads) = threads(rasterizer).filter(|&threads| Some(threads) != usual_threads) {
+        machine.flags.extend(["--threads".to_owned(), threads.to_string()]);
+    }
+    match rasterizer {
+        AnyRasterizer::Cpu(cpu) => machine.cpu = Some(cpu.tuning()).filter(|&tuning| tuning != CpuTuning::default()),
+        AnyRasterizer::Wgpu(gpu) => machine.kernels = change.is_some().then(|| gpu.kernels()),
+        _ => {}
+    }
+    let (backend, name) = (rasterizer.name().to_owned(), rasterizer.describe());
+    Contender { backend, name, change, machine, renderer: Box::new(loaded) }
+}
+
+/// The threads of the CPU backend.
+fn threads(rasterizer: &AnyRasterizer) -> Option<usize> {
+    if let AnyRasterizer::Cpu(cpu) = rasterizer { Some(cpu.threads()) } else { None }
+}
+
+/// A setting of a backend, its value, and the rasterizer that has it.
+type Other = (&'static str, String, AnyRasterizer);
+
+fn other_cpus(base: &CpuRasterizer, blend: Blend) -> Result<Vec<Other>, Error> {
+    let (level, threads, usual) = (base.simd_level(), base.threads(), CpuTuning::default());
+    let start = |threads: usize, level: SimdLevel, tuning: CpuTuning| {
+        let settings = CpuSettings::default().with(|s| (s.threads, s.level) = (Some(threads), Some(level)));
+        Ok(AnyRasterizer::Cpu(Box::new(CpuRasterizer::new(settings)?.with_tuning(tuning)?)))
+    };
+    let mut all = Vec::new();
+    for other in SimdLevel::available().into_iter().filter(|&other| other != level) {
+        all.push(("SIMD", other.to_string(), start(threads, other, usual)?));
+    }
+    if threads > 1 {
+        all.push(("threads", "1".to_owned(), start(1, level, usual)?));
+    }
+    for recurrence_rows in [1, 8, 128, 256] {
+        let value = format!("every {}", counted(recurrence_rows, "row"));
+        all.push(("exp", value, start(threads, level, usual.with(|s| s.recurrence_rows = recurrence_rows))?));
+    }
+    let rows: &[u16] = match blend {
+        Blend::Sum => &[16, 64],
+        Blend::Over => &[8, 16, 32],
+    };
+    for &rows in rows {
+        all.push(("tile rows", rows.to_string(), start(threads, level, usual.with(|s| s.tile_rows = Some(rows)))?));
+    }
+    all.push(("bounds", "box".to_owned(), start(threads, level, usual.with(|s| s.bounds = Bounds::Box))?));
+    Ok(all)
+}
+
+fn other_kernels(base: &WgpuRasterizer) -> Vec<Other> {
+    let others = [Kernels::Portable, Kernels::Subgroups].into_iter().filter(|&kernels| kernels != base.kernels());
+    let opened = |kernels: Kernels| {
+        let name = base.adapter().name.clone();
+        let settings = WgpuSettings::default().with(|s| (s.adapter, s.kernels) = (Some(name), Some(kernels)));
+        // Not every adapter can run every kind.
+        let rasterizer = WgpuRasterizer::new(settings).block_on().ok()?;
+        let value = format!("{kernels:?}").to_lowercase();
+        Some(("kernels", value, AnyRasterizer::Wgpu(Box::new(rasterizer))))
+    };
+    others.filter_map(opened).collect()
+}
