@@ -414,9 +414,18 @@ mod tests {
         let limits = wgpu::Limits::default();
         let mut seen = HashSet::new();
         for (shader, variant) in SHADERS.iter().flat_map(|s| variants().map(move |v| (s, v))) {
-            let depends = |source: &str| source.contains("#if PACKED") || source.contains("#if WEIGHTED");
-            if variant.packed && !shader.sources().any(depends) {
-                continue; // Building the texts takes time.
+            let depends = |name: &str| shader.sources().any(|source| source.contains(&format!("#if {name}\n")));
+            let selects = [
+                (variant.covariance_factor, "COVARIANCE_FACTOR"),
+                (variant.lists, "LISTS"),
+                (variant.on_cpu, "ON_CPU"),
+                (variant.scene_3d, "SCENE_3D"),
+                (variant.by_pixel, "PER_PIXEL"),
+                (variant.pass == Pass::Backward, "BACKWARD"),
+            ];
+            let is_new = selects.iter().all(|(is_set, name)| !is_set || depends(name));
+            if !is_new || (variant.packed && !depends("PACKED") && !depends("WEIGHTED")) {
+                continue; // The text is that of a variant without this flag, and building it takes time.
             }
             let text = shader.text(variant);
             let is_compiled = match shader.name {
