@@ -9,11 +9,9 @@ use gs_core::{
 };
 
 use crate::{
-    densify::Densify,
-    gaussian::{DensityGaussian, DensityScene},
-    observation::{DensityPolicy, Observation, Rng},
+    observation::{DensityGaussian, DensityPolicy, DensityScene, Observation, Rng},
     policy::Policy,
-    ranking::{Ranking, WhenFlat},
+    round::{Densify, Ranking, WhenFlat},
 };
 
 /// The scheduled number of Gaussians after the round at `progress`, given the `count` after the
@@ -154,7 +152,7 @@ mod tests {
     use rand::SeedableRng;
 
     use super::*;
-    use crate::{grow::Grow, signal::Signal};
+    use crate::{observation::Signal, policy::Grow};
 
     /// Gaussians of these opacities, signals and scales (px).
     fn plan(policy: &Policy, gaussians: &[(f32, f32, f32)], budget: usize) -> EditPlan<Gaussian2d> {

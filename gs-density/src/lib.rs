@@ -77,58 +77,29 @@
 // Guards are phrased so that NaN fails them: `!(x > 0.0)` is not `x <= 0.0`.
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
 
-mod correction;
-mod densify;
 mod eigen;
-mod error_addition;
-mod evidence;
-mod fast_gs;
-mod gaussian;
 mod governor;
-mod grow;
-mod improved_gs;
-mod mcmc;
 mod merge;
-mod mrnf;
 mod noise;
 mod observation;
-mod partial;
 mod policy;
-mod prune;
-mod ranking;
-mod reset;
-mod residual;
 mod round;
-mod rule;
-mod sample;
 pub mod seed;
-mod signal;
-mod size;
-mod steep_gs;
-mod taming;
 
-pub use correction::OpacityCorrection;
-pub use densify::{ClonePlacement, Densify, LongAxisSplit, MomentHeir, SplitPlacement};
-pub use error_addition::ErrorAddition;
-pub use evidence::{Evidence, EvidenceRequest, PixelSums, ViewEvidence};
-pub use fast_gs::FastGs;
-pub use gaussian::{DensityGaussian, DensityScene};
-pub use governor::{Governor, scheduled_count};
-pub use grow::{Combine, FORCED_GROWTH_PERCENT, Grow, share_of};
-pub use improved_gs::ImprovedGs;
-pub use mcmc::Mcmc;
-pub use merge::merged;
-pub use mrnf::Mrnf;
-pub use noise::Noise;
-pub use observation::{DensityPolicy, Observation, Residual, Rng};
-pub use policy::Policy;
-pub use prune::Prune;
-pub use ranking::{Ranking, WhenFlat};
-pub use reset::OpacityReset;
-pub use residual::ResidualGrowth;
-pub use round::{Actions, Round};
-pub use rule::GrowthLimit;
-pub use signal::Signal;
-pub use size::SizeThreshold;
-pub use steep_gs::SteepGs;
-pub use taming::{ScoreWeights, Taming};
+pub use self::{
+    governor::{Governor, scheduled_count},
+    merge::merged,
+    noise::Noise,
+    observation::{
+        DensityGaussian, DensityPolicy, DensityScene, Evidence, EvidenceRequest, Observation, PixelSums, Residual, Rng,
+        Signal, ViewEvidence,
+    },
+    policy::{
+        Combine, ErrorAddition, FORCED_GROWTH_PERCENT, FastGs, Grow, GrowthLimit, ImprovedGs, Mcmc, Mrnf, Policy,
+        ResidualGrowth, ScoreWeights, SteepGs, Taming, share_of,
+    },
+    round::{
+        Actions, ClonePlacement, Densify, LongAxisSplit, MomentHeir, OpacityCorrection, OpacityReset, Prune, Ranking,
+        Round, SizeThreshold, SplitPlacement, WhenFlat,
+    },
+};

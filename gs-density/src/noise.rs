@@ -4,7 +4,7 @@
 use gs_core::{Error, MeanNoise};
 use serde::{Deserialize, Serialize};
 
-use crate::gaussian::DensityScene;
+use crate::observation::DensityScene;
 
 gs_core::impl_with!(Noise);
 

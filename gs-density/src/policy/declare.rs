@@ -146,7 +146,7 @@ macro_rules! policies {
     };
 }
 
-/// Implements [`Listed`](crate::rule::Listed) for a policy that reads evidence.
+/// Implements [`Listed`](crate::policy::rule::Listed) for a policy that reads evidence.
 macro_rules! declare_listed {
     ($type:ty, $name:literal, evidence) => {
         impl Listed for $type {

@@ -10,14 +10,14 @@ use gs_core::{
 use rand::RngExt;
 use serde::{Deserialize, Serialize};
 
-use crate::{
-    densify::check_newcomers,
-    gaussian::{DensityGaussian, DensityScene},
+use super::{
     grow::{check_percent, share_of},
-    noise::Noise,
-    observation::{DensityPolicy, Observation, Rng},
-    prune::Prune,
     rule::{GrowthLimit, Rule},
+};
+use crate::{
+    noise::Noise,
+    observation::{DensityGaussian, DensityPolicy, DensityScene, Observation, Rng},
+    round::{Prune, check_newcomers},
 };
 
 gs_core::impl_with!(Mcmc);

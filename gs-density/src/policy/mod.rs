@@ -1,31 +1,47 @@
-//! All policies as one value, for settings files and command lines.
+//! The policies, a file for each, and all of them as one value, for settings files and command lines.
+//!
+//! The table in this file is the only list of their names. `rule` says what each must answer.
 
 #[macro_use]
 mod declare;
+mod error_addition;
+mod fast_gs;
+mod grow;
+mod improved_gs;
+mod mcmc;
+mod mrnf;
+mod partial;
+mod residual;
+mod rule;
+mod steep_gs;
+mod taming;
+
+pub use self::{
+    error_addition::ErrorAddition,
+    fast_gs::FastGs,
+    grow::{Combine, FORCED_GROWTH_PERCENT, Grow, share_of},
+    improved_gs::ImprovedGs,
+    mcmc::Mcmc,
+    mrnf::Mrnf,
+    residual::ResidualGrowth,
+    rule::GrowthLimit,
+    steep_gs::SteepGs,
+    taming::{ScoreWeights, Taming},
+};
 
 use std::sync::LazyLock;
 
 use gs_core::{EditPlan, Error, Gaussian2d, Gaussian3d, Scene2d, Scene3d, edit::Moments, effects::Statistics};
 use serde::{Deserialize, Serialize};
 
+use self::{
+    grow::GrowForm,
+    rule::{Listed, Rule},
+};
 use crate::{
-    error_addition::ErrorAddition,
-    evidence::EvidenceRequest,
-    fast_gs::FastGs,
-    gaussian::DensityScene,
-    grow::{self, Grow, GrowForm},
-    improved_gs::ImprovedGs,
-    mcmc::Mcmc,
-    mrnf::Mrnf,
     noise::Noise,
-    observation::{DensityPolicy, Observation, Rng},
-    prune::Prune,
-    residual::ResidualGrowth,
-    round::Actions,
-    rule::{GrowthLimit, Listed, Rule},
-    size::SizeThreshold,
-    steep_gs::SteepGs,
-    taming::Taming,
+    observation::{DensityPolicy, DensityScene, EvidenceRequest, Observation, Rng},
+    round::{Actions, Prune, SizeThreshold},
 };
 
 /// A policy with its default settings, by name.

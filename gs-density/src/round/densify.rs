@@ -12,12 +12,8 @@ use gs_core::{
 };
 use serde::{Deserialize, Serialize};
 
-use crate::{
-    correction::OpacityCorrection,
-    gaussian::{DensityGaussian, DensityScene},
-    observation::{Observation, Rng},
-    size::SizeThreshold,
-};
+use super::{correction::OpacityCorrection, size::SizeThreshold};
+use crate::observation::{DensityGaussian, DensityScene, Observation, Rng};
 
 gs_core::impl_with!(Densify, LongAxisSplit);
 

@@ -3,16 +3,14 @@
 use gs_core::{EditPlan, Error, constants::TAU_POSITION, effects::Statistics, sigmoid};
 use serde::{Deserialize, Serialize};
 
-use crate::{
-    evidence::{Evidence, EvidenceRequest, ViewEvidence},
-    gaussian::{DensityGaussian, DensityScene},
-    governor::scheduled_count,
-    observation::{Observation, Rng},
+use super::{
     partial,
-    ranking::WhenFlat,
-    round::{Actions, Round},
     rule::{ByEvidence, GrowthLimit},
-    sample::{add_normalised, sample},
+};
+use crate::{
+    governor::scheduled_count,
+    observation::{DensityGaussian, DensityScene, Evidence, EvidenceRequest, Observation, Rng, ViewEvidence},
+    round::{Actions, Round, WhenFlat, add_normalised, sample},
 };
 
 gs_core::impl_with!(Taming, ScoreWeights);

@@ -3,7 +3,7 @@
 use gs_core::{logit, sigmoid};
 use serde::{Deserialize, Serialize};
 
-use crate::gaussian::DensityGaussian;
+use crate::observation::DensityGaussian;
 
 /// Correction of the opacities of two Gaussians that replace one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]

@@ -8,11 +8,8 @@ use gs_core::{
 };
 use serde::{Deserialize, Serialize};
 
-use crate::{
-    gaussian::{DensityGaussian, DensityScene},
-    observation::Observation,
-    size::SizeThreshold,
-};
+use super::size::SizeThreshold;
+use crate::observation::{DensityGaussian, DensityScene, Observation};
 
 gs_core::impl_with!(Prune);
 

@@ -1,13 +1,19 @@
 //! The interface of density policies: the observation and the policy trait.
 
+mod evidence;
+mod gaussian;
+mod signal;
+
+pub use self::{
+    evidence::{Evidence, EvidenceRequest, PixelSums, ViewEvidence},
+    gaussian::{DensityGaussian, DensityScene},
+    signal::Signal,
+};
+
 use glam::Vec2;
 use gs_core::{DensityStatistics, EditPlan, Error, Image, Scene2d, effects::Statistics};
 
-use crate::{
-    evidence::{Evidence, EvidenceRequest},
-    gaussian::DensityScene,
-    noise::Noise,
-};
+use crate::noise::Noise;
 
 /// Random number generator of a policy. The training loop makes a new one for every round, from the
 /// run's seed and the step, so that a resumed run draws the same numbers as an uninterrupted one.

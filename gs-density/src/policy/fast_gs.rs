@@ -8,18 +8,13 @@ use gs_core::{
 };
 use serde::{Deserialize, Serialize};
 
-use crate::{
-    densify::Densify,
-    evidence::{Evidence, EvidenceRequest},
-    gaussian::DensityScene,
-    observation::{Observation, Rng},
+use super::{
     partial,
-    prune::Prune,
-    ranking::WhenFlat,
-    round::{Actions, Round},
     rule::{ByEvidence, GrowthLimit},
-    sample::sample,
-    size::SizeThreshold,
+};
+use crate::{
+    observation::{DensityScene, Evidence, EvidenceRequest, Observation, Rng},
+    round::{Actions, Densify, Prune, Round, SizeThreshold, WhenFlat, sample},
 };
 
 gs_core::impl_with!(FastGs);

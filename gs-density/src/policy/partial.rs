@@ -7,14 +7,9 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use gs_core::edit::{Moments, Place};
 
-use crate::{
-    correction::OpacityCorrection,
-    densify::{ClonePlacement, Densify, MomentHeir, SplitPlacement},
-    prune::Prune,
-    reset::OpacityReset,
-    round::Actions,
-    rule::Rule,
-    size::SizeThreshold,
+use super::rule::Rule;
+use crate::round::{
+    Actions, ClonePlacement, Densify, MomentHeir, OpacityCorrection, OpacityReset, Prune, SizeThreshold, SplitPlacement,
 };
 
 /// The form of a `T` in which any part may be missing.

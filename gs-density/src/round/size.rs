@@ -3,7 +3,7 @@
 use gs_core::Error;
 use serde::{Deserialize, Serialize};
 
-use crate::gaussian::DensityGaussian;
+use crate::observation::DensityGaussian;
 
 /// Threshold on a Gaussian's largest scale (its standard deviation along the longest axis).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

@@ -7,13 +7,8 @@ use gs_core::{EditPlan, Error, effects::Statistics};
 pub(crate) use self::named::{GrowForm, NAMED, kind, name};
 
 use crate::{
-    densify::Densify,
-    gaussian::DensityScene,
-    observation::{DensityPolicy, Observation, Rng},
-    ranking::WhenFlat,
-    round::{Actions, Round},
-    signal::Signal,
-    size::SizeThreshold,
+    observation::{DensityPolicy, DensityScene, Observation, Rng, Signal},
+    round::{Actions, Densify, Round, SizeThreshold, WhenFlat},
 };
 
 gs_core::impl_with!(Grow);

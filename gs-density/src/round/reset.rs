@@ -6,7 +6,7 @@ use gs_core::{
 };
 use serde::{Deserialize, Serialize};
 
-use crate::{gaussian::DensityScene, observation::Observation};
+use crate::observation::{DensityScene, Observation};
 
 gs_core::impl_with!(OpacityReset);
 

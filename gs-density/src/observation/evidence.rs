@@ -3,7 +3,7 @@
 
 use gs_core::Error;
 
-use crate::{gaussian::DensityScene, observation::Observation};
+use super::{Observation, gaussian::DensityScene};
 
 gs_core::impl_with!(EvidenceRequest);
 

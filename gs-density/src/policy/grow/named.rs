@@ -4,13 +4,13 @@ use serde::{Deserialize, Serialize};
 
 use super::{Combine, Grow};
 use crate::{
-    densify::{Densify, SplitPlacement},
-    partial::{ActionsForm, Over as _},
-    policy::{Named, Policy},
-    ranking::WhenFlat,
-    round::Actions,
-    rule::{GrowthLimit, Rule},
-    signal::Signal,
+    observation::Signal,
+    policy::{
+        Named, Policy,
+        partial::{ActionsForm, Over as _},
+        rule::{GrowthLimit, Rule},
+    },
+    round::{Actions, Densify, SplitPlacement, WhenFlat},
 };
 
 /// Threshold of `long-axis` on the absolute gradient. *Source:* the code of Deng et al. 2024,

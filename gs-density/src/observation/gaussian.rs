@@ -7,7 +7,7 @@ use glam::{Mat3, Vec2, Vec3};
 use gs_core::{Gaussian2d, Gaussian3d, Scene, Scene2d, Scene3d};
 use rand_distr::{Distribution, StandardNormal};
 
-use crate::observation::Rng;
+use super::Rng;
 
 /// A Gaussian whose density can be controlled. Lengths are in the scene's unit: px, or world units.
 pub trait DensityGaussian: Clone + Debug + PartialEq {

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::grow::share_of;
+use crate::policy::share_of;
 
 /// What growth by rank does with Gaussians whose score is 0.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]

@@ -8,17 +8,14 @@ use gs_core::{
 };
 use serde::{Deserialize, Serialize};
 
-use crate::{
-    densify::{Densify, LongAxisSplit},
-    evidence::{Evidence, EvidenceRequest},
-    gaussian::DensityScene,
+use super::{
     grow::{check_percent, share_of},
-    observation::{Observation, Rng},
     partial,
-    ranking::WhenFlat,
-    round::{Actions, Round},
     rule::{ByEvidence, GrowthLimit},
-    sample::{add_normalised, sample},
+};
+use crate::{
+    observation::{DensityScene, Evidence, EvidenceRequest, Observation, Rng},
+    round::{Actions, Densify, LongAxisSplit, Round, WhenFlat, add_normalised, sample},
 };
 
 gs_core::impl_with!(ImprovedGs);

@@ -1,5 +1,26 @@
 //! A round of density control, shared by all criteria: prune, let candidates grow up to the budget,
-//! reset opacities.
+//! reset opacities. Each of these has a file here; so have ranking and drawing of candidates.
+
+mod correction;
+mod densify;
+mod prune;
+mod ranking;
+mod reset;
+mod sample;
+mod size;
+
+pub use self::{
+    correction::OpacityCorrection,
+    densify::{ClonePlacement, Densify, LongAxisSplit, MomentHeir, SplitPlacement},
+    prune::Prune,
+    ranking::{Ranking, WhenFlat},
+    reset::OpacityReset,
+    size::SizeThreshold,
+};
+pub(crate) use self::{
+    densify::check_newcomers,
+    sample::{add_normalised, sample},
+};
 
 use gs_core::{
     EditPlan, Error, Scene2d,
@@ -7,14 +28,7 @@ use gs_core::{
 };
 use serde::{Deserialize, Serialize};
 
-use crate::{
-    densify::Densify,
-    gaussian::DensityScene,
-    observation::{Observation, Rng},
-    prune::Prune,
-    ranking::{Ranking, WhenFlat},
-    reset::OpacityReset,
-};
+use crate::observation::{DensityScene, Observation, Rng};
 
 gs_core::impl_with!(Actions);
 

@@ -1,13 +1,11 @@
 //! What [`Policy`] must know about a policy besides its plans. A new policy is a file with a type
 //! that implements [`ByEvidence`], or [`Rule`] and a [`DensityPolicy`], and an entry in the table of
-//! `policy.rs`, the only list of their names.
+//! `mod.rs`, the only list of their names.
 
 use gs_core::{EditPlan, Error, effects::Statistics};
 
 use crate::{
-    evidence::{Evidence, EvidenceRequest},
-    gaussian::DensityScene,
-    observation::{DensityPolicy, Observation, Rng},
+    observation::{DensityPolicy, DensityScene, Evidence, EvidenceRequest, Observation, Rng},
     round::{Actions, Round},
 };
 

@@ -10,17 +10,14 @@ use gs_core::{
 use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
 
-use crate::{
-    correction::OpacityCorrection,
-    densify::Densify,
-    eigen,
-    evidence::{Evidence, EvidenceRequest},
-    gaussian::{DensityGaussian, DensityScene},
-    observation::{Observation, Rng},
+use super::{
     partial,
-    ranking::WhenFlat,
-    round::{Actions, Round},
     rule::{ByEvidence, GrowthLimit},
+};
+use crate::{
+    eigen,
+    observation::{DensityGaussian, DensityScene, Evidence, EvidenceRequest, Observation, Rng},
+    round::{Actions, Densify, OpacityCorrection, Round, WhenFlat},
 };
 
 gs_core::impl_with!(SteepGs);

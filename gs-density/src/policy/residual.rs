@@ -10,9 +10,9 @@ use gs_core::{
 };
 use serde::{Deserialize, Serialize};
 
+use super::rule::Rule;
 use crate::{
     observation::{DensityPolicy, Observation, Residual, Rng},
-    rule::Rule,
     seed::{DensityMap, HilbertOrder, Plane, SeedShape, Structure, mean_around, seed_gaussians},
 };
 

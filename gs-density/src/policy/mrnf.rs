@@ -4,18 +4,14 @@
 use gs_core::{EditPlan, Error, effects::Statistics, sigmoid};
 use serde::{Deserialize, Serialize};
 
-use crate::{
-    densify::{Densify, LongAxisSplit},
-    evidence::{Evidence, EvidenceRequest},
-    gaussian::DensityScene,
+use super::{
     grow::{check_percent, share_of},
-    observation::{Observation, Rng},
     partial,
-    prune::Prune,
-    reset::OpacityReset,
-    round::{Actions, Round},
     rule::{ByEvidence, GrowthLimit},
-    sample::sample,
+};
+use crate::{
+    observation::{DensityScene, Evidence, EvidenceRequest, Observation, Rng},
+    round::{Actions, Densify, LongAxisSplit, OpacityReset, Prune, Round, sample},
 };
 
 gs_core::impl_with!(Mrnf);

@@ -10,10 +10,10 @@ use gs_core::{
 use rand::RngExt;
 use serde::{Deserialize, Serialize};
 
+use super::rule::Rule;
 use crate::{
     observation::{DensityPolicy, Observation, Residual, Rng},
-    prune::Prune,
-    rule::Rule,
+    round::Prune,
     seed::Plane,
 };
 
