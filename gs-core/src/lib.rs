@@ -10,46 +10,35 @@
 // Guards are phrased so that NaN fails them: `!(x > 0.0)` is not `x <= 0.0`.
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
 
-pub mod adam;
-mod choice;
 pub mod constants;
-mod dropout;
-pub mod edit;
 pub mod effects;
 mod error;
 pub mod examination;
 mod image;
-mod loss;
 pub mod math;
 pub mod memory;
 pub mod metrics;
-mod noise;
 pub mod profile;
 mod rasterizer;
 mod scene;
 mod settings;
 mod state;
-mod statistics;
-mod target;
+mod training;
 pub mod view;
 mod words;
 
+pub use self::training::{adam, edit};
 pub use crate::{
     adam::{Adam, AdamRates, MomentFormat, Parameterization, Participants, Penalty},
-    choice::Choice,
-    dropout::Dropout,
     edit::EditPlan,
     effects::{Blend, Effects},
     error::Error,
-    image::{Image, check_size, rounded_to_8_bits, to_8_bits},
-    loss::Loss,
-    noise::MeanNoise,
+    image::{Image, TargetImage, check_size, rounded_to_8_bits, to_8_bits},
     rasterizer::{Added, Backend, Binning, Optimizer, Rasterizer, TrainStep, Wait},
     scene::{Gaussian2d, Gaussian3d, NotFinite3d, Scene, Scene2d, Scene3d, ValueQuantiles, logit, sigmoid},
-    settings::{Accuracy, Cut, Extent, Output, RenderSettings},
+    settings::{Accuracy, Choice, Cut, Dropout, Extent, Output, RenderSettings},
     state::{SavedState, SavedTensor, SplatsState, Tensor, TensorData, TensorType},
-    statistics::{CullCause, Culled, DensityStatistics},
-    target::TargetImage,
+    training::{CullCause, Culled, DensityStatistics, Loss, MeanNoise},
     view::{Camera, Canvas},
     words::counted,
 };

@@ -7,10 +7,10 @@ use serde::Serialize;
 use crate::{
     adam::{Adam, AdamRates},
     error::Error,
-    loss::Loss,
     rasterizer::Optimizer,
     scene::Scene,
     settings::RenderSettings,
+    training::Loss,
 };
 
 /// A backend that measures the stages of a training step.

@@ -19,14 +19,11 @@ use crate::{
     adam::{AdamRates, Parameterization},
     edit::EditPlan,
     error::Error,
-    image::Image,
-    loss::Loss,
-    noise::MeanNoise,
+    image::{Image, TargetImage},
     scene::Scene,
     settings::RenderSettings,
     state::{SavedState, SplatsState},
-    statistics::{Culled, DensityStatistics},
-    target::TargetImage,
+    training::{Culled, DensityStatistics, Loss, MeanNoise},
 };
 
 /// Whether a training step may reuse the previous step's lists of which Gaussian touches which

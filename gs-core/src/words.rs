@@ -15,23 +15,6 @@ pub(crate) fn there_are(count: usize, noun: &str) -> String {
     format!("{} {}", counted(count, noun), if count == 1 { "is" } else { "are" })
 }
 
-/// Gives settings types a method `with`, by which code outside of their crate changes fields.
-#[doc(hidden)]
-#[macro_export]
-macro_rules! impl_with {
-    ($($settings:ty),+ $(,)?) => {$(
-        impl $settings {
-            /// Returns these settings after `change`, which assigns fields: `settings.with(|s|
-            /// s.field = value)`.
-            #[must_use]
-            pub fn with(mut self, change: impl FnOnce(&mut Self)) -> Self {
-                change(&mut self);
-                self
-            }
-        }
-    )+};
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -15,13 +15,11 @@ mod least_squares;
 mod loss;
 mod parameters;
 mod perspective;
-mod perspective_bwd;
 mod pixel;
 mod rounded;
 mod scene2d;
 mod spherical_harmonics;
 mod splat;
-mod ssim;
 mod statistics;
 
 use gs_core::{Canvas, CullCause, Culled, Error, Image, Loss, RenderSettings, effects::Blend};

@@ -3,7 +3,7 @@
 use std::{fmt, str::FromStr};
 
 use super::{Antialias, Background, Blend, Effects, Order};
-use crate::{choice::Choice as _, error::Error};
+use crate::{error::Error, settings::Choice as _};
 
 crate::choices! {
     /// An effect that a scene may require. Statistics are not among them: they are a matter of

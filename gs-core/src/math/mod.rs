@@ -7,4 +7,4 @@ pub mod sh;
 pub mod splat;
 pub mod whitened;
 
-pub use crate::{noise::random_words, target::completed};
+pub use crate::{image::completed, training::random_words};

@@ -24,7 +24,7 @@ use crate::{
     effects::{Antialias, Blend},
     scene::sigmoid,
     settings::RenderSettings,
-    statistics::CullCause,
+    training::CullCause,
     view::Camera,
 };
 

@@ -4,7 +4,7 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use crate::{choice::Choice, constants::DSSIM_LAMBDA, error::Error};
+use crate::{constants::DSSIM_LAMBDA, error::Error, settings::Choice};
 
 /// Loss between the rendered image C and the target Y, both `[H, W, 3]`, not clamped.
 ///

@@ -1,6 +1,10 @@
 //! Images in memory: RGB in `f32`, as in the image file (no linearisation), 0 black, 1 white, not
 //! clamped.
 
+mod target;
+
+pub use self::target::{TargetImage, completed};
+
 use std::sync::Arc;
 
 use crate::{constants::MAX_SIDE_PX, error::Error, memory};

@@ -1,8 +1,11 @@
 //! The losses and their derivatives with respect to the image, in `f64`.
 
+mod ssim;
+
 use gs_core::{Image, Loss};
 
-use super::{rounded::F32_ROUNDING, ssim::Channel};
+use self::ssim::Channel;
+use super::rounded::F32_ROUNDING;
 
 /// The derivatives of a loss by the image, v_C = ∂L/∂C.
 #[derive(Debug, Clone, PartialEq)]

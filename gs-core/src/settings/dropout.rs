@@ -3,7 +3,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::{error::Error, noise::random_words};
+use crate::{error::Error, training::random_words};
 
 crate::impl_with!(Dropout);
 

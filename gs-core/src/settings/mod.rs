@@ -1,13 +1,34 @@
 //! Settings of a rendering: effects and accuracy.
 
+mod choice;
+mod dropout;
+
+pub use self::{choice::Choice, dropout::Dropout};
+
 use serde::{Deserialize, Serialize};
 
 use crate::{
     constants::{ALPHA_CUT, ALPHA_MAX, TRANSMITTANCE_MIN},
-    dropout::Dropout,
     effects::{Background, Blend, Effects},
     error::Error,
 };
+
+/// Gives settings types a method `with`, by which code outside of their crate changes fields.
+#[doc(hidden)]
+#[macro_export]
+macro_rules! impl_with {
+    ($($settings:ty),+ $(,)?) => {$(
+        impl $settings {
+            /// Returns these settings after `change`, which assigns fields: `settings.with(|s|
+            /// s.field = value)`.
+            #[must_use]
+            pub fn with(mut self, change: impl FnOnce(&mut Self)) -> Self {
+                change(&mut self);
+                self
+            }
+        }
+    )+};
+}
 
 crate::impl_with!(Accuracy, RenderSettings);
 

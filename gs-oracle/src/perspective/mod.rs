@@ -1,9 +1,11 @@
 //! The projection of a 3D Gaussian in `f64`: centre, precision matrix, depth and colour on the
-//! image (paper eq. 4, 5). `perspective_bwd` has its derivatives.
+//! image (paper eq. 4, 5). `backward` has its derivatives.
 //!
 //! Legend: μ = mean, p = W μ + t, J = the perspective's Jacobian at p with clamped slopes, R =
 //! rotation of q/|q|, S = diag(scales), N = W R S, M′ = J N, Σ = M′ M′ᵀ before antialiasing, Σ′
 //! after; `v_x` = ∂L/∂x.
+
+mod backward;
 
 use gs_core::{
     Camera, CullCause, Error, Output, RenderSettings,
@@ -11,9 +13,9 @@ use gs_core::{
     effects::{Antialias, Blend, Order},
 };
 
+use self::backward::Chain;
 use super::{
     parameters::{OPACITY_3D, SH_3D, sh_len},
-    perspective_bwd::Chain,
     rounded::{F32_ROUNDING, Matrix, Rounded, applied, dot, product, transposed},
     spherical_harmonics,
     splat::{Appearance, Depth, Exponent, Lean, OracleView, Projection, Splat},

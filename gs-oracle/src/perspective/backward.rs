@@ -2,7 +2,7 @@
 
 use gs_core::Output;
 
-use super::{
+use crate::{
     parameters::SH_3D,
     rounded::{Matrix, Rounded, applied, dot, product, transposed},
     spherical_harmonics,

@@ -1,6 +1,7 @@
 //! Target images as a program passes them to a backend.
 
-use crate::{error::Error, image::Image};
+use super::Image;
+use crate::error::Error;
 
 /// A target image, with optional alpha, mask and weights.
 ///

@@ -3,7 +3,7 @@
 
 use gs_core::constants::{SSIM_C1, SSIM_C2, SSIM_SIGMA, SSIM_WINDOW};
 
-use super::rounded::F32_ROUNDING;
+use crate::rounded::F32_ROUNDING;
 
 /// Roundings of one convolution.
 const OPERATIONS: f64 = 4.0;
