@@ -96,10 +96,10 @@ pub use self::{
     },
     policy::{
         Combine, ErrorAddition, FORCED_GROWTH_PERCENT, FastGs, Grow, GrowthLimit, ImprovedGs, Mcmc, Mrnf, Policy,
-        ResidualGrowth, ScoreWeights, SteepGs, Taming, share_of,
+        ResidualGrowth, ScoreWeights, SteepGs, Taming,
     },
     round::{
         Actions, ClonePlacement, Densify, LongAxisSplit, MomentHeir, OpacityCorrection, OpacityReset, Prune, Ranking,
-        Round, SizeThreshold, SplitPlacement, WhenFlat,
+        Round, SizeThreshold, SplitPlacement, WhenFlat, share_of,
     },
 };

@@ -184,17 +184,6 @@ impl<S: DensityScene> DensityPolicy<S> for Grow {
     }
 }
 
-/// `percent` % of `count`, rounded up, so at least one unless `percent` is 0.
-pub fn share_of(count: usize, percent: f32) -> usize {
-    if percent >= 100.0 {
-        return count;
-    }
-    let exact = count as f64 * f64::from(percent) / 100.0;
-    // A percentage that f32 holds a little too large, such as 0.1, must not round a whole number up
-    // to the next.
-    (exact * (1.0 - f64::from(f32::EPSILON))).ceil() as usize
-}
-
 /// Checks that `value` is a percentage.
 pub(crate) fn check_percent(value: f32) -> Result<(), Error> {
     if (0.0..=100.0).contains(&value) { Ok(()) } else { Err(Error::setting("percent", value, "0 to 100")) }

@@ -9,13 +9,13 @@ use gs_core::{
 use serde::{Deserialize, Serialize};
 
 use super::{
-    grow::{check_percent, share_of},
+    grow::check_percent,
     partial,
     rule::{ByEvidence, GrowthLimit},
 };
 use crate::{
     observation::{DensityScene, Evidence, EvidenceRequest, Observation, Rng},
-    round::{Actions, Densify, LongAxisSplit, Round, WhenFlat, add_normalised, sample},
+    round::{Actions, Densify, LongAxisSplit, Round, WhenFlat, add_normalised, sample, share_of},
 };
 
 gs_core::impl_with!(ImprovedGs);

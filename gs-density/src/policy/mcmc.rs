@@ -11,13 +11,13 @@ use rand::RngExt;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    grow::{check_percent, share_of},
+    grow::check_percent,
     rule::{GrowthLimit, Rule},
 };
 use crate::{
     noise::Noise,
     observation::{DensityGaussian, DensityPolicy, DensityScene, Observation, Rng},
-    round::{Prune, check_newcomers},
+    round::{Prune, check_newcomers, share_of},
 };
 
 gs_core::impl_with!(Mcmc);

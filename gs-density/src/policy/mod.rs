@@ -19,7 +19,7 @@ mod taming;
 pub use self::{
     error_addition::ErrorAddition,
     fast_gs::FastGs,
-    grow::{Combine, FORCED_GROWTH_PERCENT, Grow, share_of},
+    grow::{Combine, FORCED_GROWTH_PERCENT, Grow},
     improved_gs::ImprovedGs,
     mcmc::Mcmc,
     mrnf::Mrnf,

@@ -5,13 +5,13 @@ use gs_core::{EditPlan, Error, effects::Statistics, sigmoid};
 use serde::{Deserialize, Serialize};
 
 use super::{
-    grow::{check_percent, share_of},
+    grow::check_percent,
     partial,
     rule::{ByEvidence, GrowthLimit},
 };
 use crate::{
     observation::{DensityScene, Evidence, EvidenceRequest, Observation, Rng},
-    round::{Actions, Densify, LongAxisSplit, OpacityReset, Prune, Round, sample},
+    round::{Actions, Densify, LongAxisSplit, OpacityReset, Prune, Round, sample, share_of},
 };
 
 gs_core::impl_with!(Mrnf);

@@ -13,7 +13,7 @@ pub use self::{
     correction::OpacityCorrection,
     densify::{ClonePlacement, Densify, LongAxisSplit, MomentHeir, SplitPlacement},
     prune::Prune,
-    ranking::{Ranking, WhenFlat},
+    ranking::{Ranking, WhenFlat, share_of},
     reset::OpacityReset,
     size::SizeThreshold,
 };

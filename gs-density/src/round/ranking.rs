@@ -2,8 +2,6 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::policy::share_of;
-
 /// What growth by rank does with Gaussians whose score is 0.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -59,6 +57,17 @@ impl Ranking {
     pub fn top_percent(&self, percent: f32) -> &[u32] {
         &self.indices[..share_of(self.population, percent).min(self.indices.len())]
     }
+}
+
+/// `percent` % of `count`, rounded up, so at least one unless `percent` is 0.
+pub fn share_of(count: usize, percent: f32) -> usize {
+    if percent >= 100.0 {
+        return count;
+    }
+    let exact = count as f64 * f64::from(percent) / 100.0;
+    // A percentage that f32 holds a little too large, such as 0.1, must not round a whole number up
+    // to the next.
+    (exact * (1.0 - f64::from(f32::EPSILON))).ceil() as usize
 }
 
 #[cfg(test)]
