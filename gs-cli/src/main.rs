@@ -4,37 +4,25 @@
 //! Results go to standard output, progress and errors to standard error. Exit status: 0 done, 1
 //! failed, 2 bad usage, 130 stopped by Ctrl-C. A closed pipe on standard output is not a failure.
 //!
-//! Modules depend on each other in one direction: `commands` use the modules for scenes, flags and
-//! training runs, and these `output`, `failure` and `values`.
+//! Modules depend on each other in one direction: `commands` use those for training runs, fits and
+//! `flags`, and these `files`, `terminal` and `failure`.
 
-mod backend;
-mod cameras;
 mod command_line;
 mod commands;
-mod dataset;
-mod defaults;
-mod effects_args;
 mod failure;
-mod frontier_settings;
-mod help;
+mod files;
+mod flags;
 mod image_fit;
-mod interrupt;
 mod memory;
-mod output;
-mod output_folder;
-mod page_files;
-mod progress_bar;
-mod render_args;
-mod scene;
-mod text_file;
+mod terminal;
 mod training;
-mod values;
 
 use std::process::ExitCode;
 
 use crate::{
     command_line::{Command, Parsed},
     failure::Failure,
+    terminal::output,
 };
 
 fn main() -> ExitCode {

@@ -12,7 +12,7 @@ use std::{
 use gs_core::memory::amount;
 use gs_io::format_3d;
 
-use crate::{failure::Failure, output};
+use crate::{failure::Failure, terminal::output};
 
 /// A larger need is printed.
 const LARGE: u64 = 1_000_000_000;

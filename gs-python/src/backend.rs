@@ -13,7 +13,7 @@ use pyo3::{
 };
 use rayon::ThreadPoolBuilder;
 
-use crate::errors::{self, IntoPython};
+use crate::convert::errors::{self, IntoPython};
 
 /// A backend that is open in this process.
 #[derive(Debug)]

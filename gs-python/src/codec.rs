@@ -12,9 +12,12 @@ use pyo3::{
 };
 
 use crate::{
-    arrays, backend,
-    errors::{self, IntoPython},
-    scene2d::Scene2d,
+    backend,
+    convert::{
+        arrays,
+        errors::{self, IntoPython},
+    },
+    scene::scene2d::Scene2d,
 };
 
 #[doc = doc!("Encoded")]

@@ -8,12 +8,10 @@ use numpy::{PyArray3, PyArrayMethods as _, PyUntypedArrayMethods as _};
 use pyo3::{IntoPyObjectExt, exceptions::PyRuntimeError, prelude::*};
 
 use crate::{
-    arrays,
     backend::{self, Opened},
-    camera::Camera,
+    convert::arrays,
     render::{Viewed, viewed},
-    scene2d::Scene2d,
-    scene3d::Scene3d,
+    scene::{camera::Camera, scene2d::Scene2d, scene3d::Scene3d},
 };
 
 #[doc = doc!("ForwardPass")]

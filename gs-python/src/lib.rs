@@ -7,23 +7,16 @@
 
 include!(concat!(env!("OUT_DIR"), "/docstrings.rs"));
 
-mod arrays;
 mod backend;
-mod camera;
 mod codec;
-mod errors;
+mod convert;
+mod density;
 mod gradients;
-mod notebook;
-mod observation;
 mod oracle;
-mod plan;
-mod policy;
 mod quality;
 mod render;
 mod run;
-mod scene2d;
-mod scene3d;
-mod settings;
+mod scene;
 mod study;
 
 use pyo3::prelude::*;
@@ -34,17 +27,18 @@ mod _native {
     #[pymodule_export]
     use super::{
         backend::Backend,
-        camera::Camera,
         codec::{Encoded, decode, decode_image, encode},
+        density::{observation::Observation, plan::Plan},
         gradients::{ForwardPass, forward},
-        observation::Observation,
         oracle::{oracle_gradient, oracle_render},
-        plan::Plan,
         quality::{compare, evaluate, read_image, write_png},
         render::render,
         run::{Fit, FitRun, Progress, TrainRun, Training, stop_runs},
-        scene2d::Scene2d,
-        scene3d::{Scene3d, load},
+        scene::{
+            camera::Camera,
+            scene2d::Scene2d,
+            scene3d::{Scene3d, load},
+        },
         study::Study,
     };
     use pyo3::prelude::*;
@@ -59,6 +53,6 @@ mod _native {
     #[cfg(debug_assertions)]
     #[pyfunction(name = "_panic")]
     fn panic(py: Python<'_>) -> PyResult<()> {
-        crate::errors::computed(py, || -> Result<(), gs_core::Error> { panic!("on request") })
+        crate::convert::errors::computed(py, || -> Result<(), gs_core::Error> { panic!("on request") })
     }
 }

@@ -6,10 +6,9 @@ use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods as _};
 use pyo3::prelude::*;
 
 use crate::{
-    arrays,
-    camera::Camera,
-    errors,
+    convert::{arrays, errors},
     render::{Viewed, viewed},
+    scene::camera::Camera,
 };
 
 #[doc = doc!("oracle_render")]

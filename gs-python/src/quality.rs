@@ -10,7 +10,12 @@ use gs_train::{
 use numpy::PyArray3;
 use pyo3::prelude::*;
 
-use crate::{arrays, backend, errors, run, scene3d::Scene3d, settings};
+use crate::{
+    backend,
+    convert::{arrays, errors, settings},
+    run,
+    scene::scene3d::Scene3d,
+};
 
 #[doc = doc!("read_image")]
 #[pyfunction]

@@ -9,7 +9,11 @@ use gs_oracle::OracleScene;
 use numpy::PyArray3;
 use pyo3::prelude::*;
 
-use crate::{arrays, backend, camera::Camera, errors, scene2d::Scene2d, scene3d::Scene3d, settings};
+use crate::{
+    backend,
+    convert::{arrays, errors, settings},
+    scene::{camera::Camera, scene2d::Scene2d, scene3d::Scene3d},
+};
 
 /// A scene of either kind with its view.
 pub(crate) enum Viewed {

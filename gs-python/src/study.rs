@@ -26,8 +26,8 @@ use toml::Table;
 
 use crate::{
     backend::Opened,
-    errors::{self, IntoPython},
-    policy::{PolicyArgument, PythonPolicy, Raised},
+    convert::errors::{self, IntoPython},
+    density::policy::{PolicyArgument, PythonPolicy, Raised},
 };
 
 #[doc = doc!("Study")]
@@ -135,9 +135,9 @@ impl Study {
         match scene {
             AnyScene::In2d(scene) => {
                 let (render, size) = (Some(settings), pictures.first().map(gs_core::Image::size));
-                crate::scene2d::Scene2d { scene: Arc::new(scene), render, size, profile: None }.into_py_any(py)
+                crate::scene::scene2d::Scene2d { scene: Arc::new(scene), render, size, profile: None }.into_py_any(py)
             }
-            AnyScene::In3d(scene) => crate::scene3d::Scene3d::of(scene, Some(settings), frame).into_py_any(py),
+            AnyScene::In3d(scene) => crate::scene::scene3d::Scene3d::of(scene, Some(settings), frame).into_py_any(py),
             _ => Err(PyRuntimeError::new_err("the scene is of a kind that has no class in Python")),
         }
     }

@@ -25,7 +25,12 @@ use self::{
     reduction::Reduction,
     scene2d::Form,
 };
-use crate::{failure::Failure, output, output_folder, scene, values::whole};
+use crate::{
+    failure::Failure,
+    files::{output_folder, scene},
+    flags::values::whole,
+    terminal::output,
+};
 
 const AFTER_HELP: &str = "\
 A .gsi file or a checkpoint of a 2D scene can be written as .gs2d.safetensors, without loss; a \

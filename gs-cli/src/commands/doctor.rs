@@ -15,8 +15,8 @@ use serde::Serialize;
 
 use crate::{
     failure::Failure,
-    output::{self, quoted},
-    output_folder, scene,
+    files::{output_folder, scene},
+    terminal::output::{self, quoted},
 };
 
 const AFTER_HELP: &str = "\

@@ -13,13 +13,15 @@ use serde::Serialize;
 
 use self::progress::Display;
 use crate::{
-    backend::BackendArgs,
     failure::Failure,
+    files::output_folder::{self, OutputFolder, OverwriteArgs},
+    flags::{
+        backend::BackendArgs,
+        values::{Bytes, Color, by_name, positive, whole},
+    },
     image_fit::batch::{self, BatchImage, Done, Row},
     memory::{self, Need},
-    output::{self, printable},
-    output_folder::{self, OutputFolder, OverwriteArgs},
-    values::{Bytes, Color, by_name, positive, whole},
+    terminal::output::{self, printable},
 };
 
 const AFTER_HELP: &str = "\

@@ -14,13 +14,15 @@ use gs_train::{
 use serde::Serialize;
 
 use crate::{
-    backend::BackendArgs,
-    dataset::DatasetArgs,
     failure::Failure,
+    files::scene,
+    flags::{
+        backend::BackendArgs,
+        dataset::DatasetArgs,
+        render_args::{self, RenderArgs3d, why_empty},
+    },
     memory,
-    output::{self, printable},
-    render_args::{self, RenderArgs3d, why_empty},
-    scene,
+    terminal::output::{self, printable},
 };
 
 /// The flags of `gs eval`.

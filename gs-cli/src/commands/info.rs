@@ -17,10 +17,10 @@ use gs_lab::experiments::Cell;
 use serde::Serialize;
 
 use crate::{
-    dataset::DatasetArgs,
     failure::Failure,
-    output::{self, Format, printable},
-    scene,
+    files::scene,
+    flags::dataset::DatasetArgs,
+    terminal::output::{self, Format, printable},
 };
 
 /// The flags of `gs info`.

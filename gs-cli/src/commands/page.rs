@@ -11,9 +11,12 @@ use gs_io::{AnyScene, SceneFile, Values, WriteOptions3d, encode_2d, encode_3d, w
 
 use crate::{
     failure::Failure,
-    output, output_folder,
-    page_files::{self, ONE_FILE},
-    scene,
+    files::{
+        output_folder,
+        page_files::{self, ONE_FILE},
+        scene,
+    },
+    terminal::output,
 };
 
 /// Where the page takes a scene.

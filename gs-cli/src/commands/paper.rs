@@ -20,12 +20,14 @@ use gs_lab::{
 
 use super::study::Display;
 use crate::{
-    backend::BackendArgs,
     failure::Failure,
-    interrupt::{AT_NEXT_STEP, Interrupt},
-    output,
-    output_folder::{self, OutputFolder, OverwriteArgs},
-    progress_bar::Printer,
+    files::output_folder::{self, OutputFolder, OverwriteArgs},
+    flags::backend::BackendArgs,
+    terminal::{
+        interrupt::{AT_NEXT_STEP, Interrupt},
+        output,
+        progress_bar::Printer,
+    },
 };
 
 const AFTER_HELP: &str = "\

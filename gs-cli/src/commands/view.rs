@@ -5,12 +5,14 @@ use std::path::PathBuf;
 use clap::Args;
 
 use crate::{
-    backend::BackendArgs,
-    dataset::ReadingArgs,
-    effects_args::EffectsArgs,
     failure::Failure,
-    render_args::RenderArgs3d,
-    values::{Axis, Size, ViewName},
+    flags::{
+        backend::BackendArgs,
+        dataset::ReadingArgs,
+        effects_args::EffectsArgs,
+        render_args::RenderArgs3d,
+        values::{Axis, Size, ViewName},
+    },
 };
 
 /// What to do without a window.
@@ -67,7 +69,7 @@ mod window {
     use gs_viewer::{Options, Viewed, view};
 
     use super::*;
-    use crate::{cameras::Home, memory, scene};
+    use crate::{files::scene, flags::cameras::Home, memory};
 
     /// The largest default size of a window, px: images may be larger than screens.
     const LARGEST: Size = Size { width: 1280, height: 800 };

@@ -19,10 +19,13 @@ use gs_train::{FitSettings, Init, InitKind, Preset, Trainer, Tune, mean_color};
 pub(crate) use self::target::Target;
 use crate::{
     failure::Failure,
-    frontier_settings, output,
-    text_file::read_settings_text,
+    files::text_file::read_settings_text,
+    flags::{
+        frontier_settings,
+        values::{Color, by_name, whole},
+    },
+    terminal::output,
     training::arguments::policy_by_name,
-    values::{Color, by_name, whole},
 };
 
 /// The settings of a fit: a preset or a settings file, and changes to it.

@@ -9,8 +9,8 @@ use gs_train::{Preset, paper_target};
 use super::batch::shown;
 use crate::{
     failure::Failure,
-    output::{self, printable},
-    values::Color,
+    flags::values::Color,
+    terminal::output::{self, printable},
 };
 
 /// The target and where it is from.

@@ -14,8 +14,10 @@ use gs_io::{FolderClaim, Inputs};
 
 use super::{checkpoints::CheckpointPlan, job::Job, results};
 use crate::{
-    backend::BackendArgs, effects_args::EffectsArgs, failure::Failure, output::Verbosity, output_folder::OverwriteArgs,
-    values::whole,
+    failure::Failure,
+    files::output_folder::OverwriteArgs,
+    flags::{backend::BackendArgs, effects_args::EffectsArgs, values::whole},
+    terminal::output::Verbosity,
 };
 
 /// The flags of a run besides its input and its settings.

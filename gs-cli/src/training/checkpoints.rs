@@ -13,9 +13,8 @@ use gs_train::{Error, Observer, Outcome, Progress};
 
 use crate::{
     failure::Failure,
-    output::quoted,
-    output_folder::{OutputFolder, folder_of},
-    progress_bar::Printer,
+    files::output_folder::{OutputFolder, folder_of},
+    terminal::{output::quoted, progress_bar::Printer},
 };
 
 /// The default time between checkpoints.
@@ -230,7 +229,7 @@ mod tests {
     use gs_train::{Preset, Trainer};
 
     use super::*;
-    use crate::output_folder::tests::begun;
+    use crate::files::output_folder::tests::begun;
 
     fn checkpoints(stored: bool, resumed: Option<&str>) -> Checkpoints {
         Checkpoints {

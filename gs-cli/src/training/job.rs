@@ -8,7 +8,10 @@ use gs_io::FolderClaim;
 use gs_train::{Trainable, Trainer};
 
 use super::checkpoints::{CheckpointPlan, Checkpoints};
-use crate::{effects_args::EffectsChoice, failure::Failure, output::Verbosity, output_folder::OutputFolder};
+use crate::{
+    failure::Failure, files::output_folder::OutputFolder, flags::effects_args::EffectsChoice,
+    terminal::output::Verbosity,
+};
 
 /// What both kinds of runs have besides their input and their settings.
 #[derive(Debug)]

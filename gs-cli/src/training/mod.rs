@@ -29,9 +29,11 @@ use self::{
 };
 use crate::{
     failure::Failure,
-    interrupt::{AT_NEXT_STEP, Interrupt},
-    output,
-    output_folder::OutputFolder,
+    files::output_folder::OutputFolder,
+    terminal::{
+        interrupt::{AT_NEXT_STEP, Interrupt},
+        output,
+    },
 };
 
 /// Trains to the last step, until `end` or until Ctrl-C, then writes the results and prints the

@@ -13,7 +13,11 @@ use gs_io::Checkpoint;
 use gs_lab::report::figure::curve::CurvePoint;
 use gs_train::{Control, Error, MetricsLog, Observer, Progress};
 
-use crate::{failure::Failure, interrupt::Interrupt, output_folder::OutputFolder, progress_bar::Printer};
+use crate::{
+    failure::Failure,
+    files::output_folder::OutputFolder,
+    terminal::{interrupt::Interrupt, progress_bar::Printer},
+};
 
 /// The table of a finished run.
 const TABLE: &str = "metrics.csv";

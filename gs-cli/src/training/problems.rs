@@ -5,7 +5,7 @@ use std::fmt;
 use gs_core::{Culled, counted, edit::EditCounts};
 use gs_train::{Clamped, FreshStart};
 
-use crate::output::Verbosity;
+use crate::terminal::output::Verbosity;
 
 /// Numbers of Gaussians with problems, and of restarts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

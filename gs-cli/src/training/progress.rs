@@ -7,7 +7,7 @@ use gs_train::{Control, FreshStart, Observer, Progress};
 use indicatif::{ProgressBar, TermLike};
 
 use super::{problems::Problems, status::Status};
-use crate::{
+use crate::terminal::{
     output::{self, Verbosity},
     progress_bar::{Printer, Terminal, bar},
 };

@@ -13,9 +13,9 @@ use super::job::Run;
 pub(crate) use super::{observers::write_table, problems::Problems};
 use crate::{
     failure::Failure,
+    files::output_folder::OutputFolder,
     memory,
-    output::{self, Verbosity},
-    output_folder::OutputFolder,
+    terminal::output::{self, Verbosity},
 };
 
 /// The files of a run's results, in which the files of another kind of run must not stay.

@@ -3,7 +3,7 @@
 
 use gs_core::counted;
 
-use crate::progress_bar::time;
+use crate::terminal::progress_bar::time;
 
 /// The least width of the bar, columns.
 const BAR: usize = 10;

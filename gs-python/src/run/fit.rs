@@ -16,13 +16,15 @@ use super::{
     worker::{Shared, Worker},
 };
 use crate::{
-    arrays,
     backend::{self, Opened},
-    errors::IntoPython,
-    notebook,
-    policy::PolicyArgument,
-    scene2d::Scene2d,
-    settings::{self, Given},
+    convert::{
+        arrays,
+        errors::IntoPython,
+        notebook,
+        settings::{self, Given},
+    },
+    density::policy::PolicyArgument,
+    scene::scene2d::Scene2d,
 };
 
 /// What a fit ends with.

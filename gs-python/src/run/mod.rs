@@ -27,8 +27,8 @@ use self::{
     worker::{Failure, Shared},
 };
 use crate::{
-    errors::IntoPython,
-    policy::{PolicyArgument, PythonPolicy},
+    convert::errors::IntoPython,
+    density::policy::{PolicyArgument, PythonPolicy},
 };
 
 /// Where a run begins, and where its checkpoints go.
@@ -104,7 +104,7 @@ fn check_settings<T: PartialEq>(held: &T, wanted: &T) -> Result<(), Failure> {
         return Ok(());
     }
     let problem = "the file is of a run with other settings; give these, or remove the file to start afresh";
-    Err(Failure::Error(crate::errors::value("checkpoint", problem)))
+    Err(Failure::Error(crate::convert::errors::value("checkpoint", problem)))
 }
 
 /// The policy of an object in Python, where it is one.

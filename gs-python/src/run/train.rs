@@ -28,11 +28,13 @@ use super::{
 };
 use crate::{
     backend,
-    errors::{self, IntoPython},
-    notebook,
-    policy::PolicyArgument,
-    scene3d::Scene3d,
-    settings::{self, Given},
+    convert::{
+        errors::{self, IntoPython},
+        notebook,
+        settings::{self, Given},
+    },
+    density::policy::PolicyArgument,
+    scene::scene3d::Scene3d,
 };
 
 /// What a training ends with.

@@ -16,8 +16,8 @@ use pyo3::{exceptions::PyRuntimeError, prelude::*};
 
 use super::progress::{History, Progress, Reporter};
 use crate::{
-    errors::{self, IntoPython},
-    policy::Raised,
+    convert::errors::{self, IntoPython},
+    density::policy::Raised,
 };
 
 /// Time between two looks for Ctrl-C.

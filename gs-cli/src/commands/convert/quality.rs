@@ -9,7 +9,10 @@ use gs_io::{File3d, dataset::Dataset};
 use gs_train::train::{Views, evaluate};
 use serde::Serialize;
 
-use crate::{backend::BackendArgs, dataset::DatasetArgs, failure::Failure, render_args::RenderArgs3d};
+use crate::{
+    failure::Failure,
+    flags::{backend::BackendArgs, dataset::DatasetArgs, render_args::RenderArgs3d},
+};
 
 /// The flags for measuring the quality. Except for order and antialiasing, they need `--dataset`.
 #[derive(Debug, Clone, Args)]

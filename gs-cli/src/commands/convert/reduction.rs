@@ -9,7 +9,10 @@ use gs_train::{l1_and_psnr, limits};
 use serde::Serialize;
 
 use super::quality::QualityArgs;
-use crate::{cameras::Home, failure::Failure, values::Size};
+use crate::{
+    failure::Failure,
+    flags::{cameras::Home, values::Size},
+};
 
 /// Cameras of the ring around a scene without a data set.
 const RING: u32 = 16;

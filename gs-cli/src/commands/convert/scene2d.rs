@@ -13,7 +13,7 @@ use gs_train::{ColorRange, Viewable, viewable};
 use serde::Serialize;
 
 use super::ConvertArgs;
-use crate::{backend::BackendArgs, failure::Failure, memory, output, scene::is_scene_2d};
+use crate::{failure::Failure, files::scene::is_scene_2d, flags::backend::BackendArgs, memory, terminal::output};
 
 /// What `gs convert --json` prints of a 2D scene.
 #[derive(Debug, Serialize)]

@@ -9,7 +9,7 @@ use gs_core::counted;
 use gs_train::{EncodeProgress, EncodeWork};
 use indicatif::ProgressBar;
 
-use crate::{output, progress_bar::bar};
+use crate::terminal::{output, progress_bar::bar};
 
 /// Length of the bar.
 const LENGTH: f64 = 1000.0;

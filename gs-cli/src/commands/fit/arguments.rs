@@ -6,9 +6,9 @@ use clap::Args;
 
 use crate::{
     failure::Failure,
+    flags::values::{Bytes, positive},
     image_fit::FitSettingsArgs,
     training::{arguments::RunArgs, job::Job},
-    values::{Bytes, positive},
 };
 
 const AFTER_HELP: &str = "\

@@ -5,7 +5,7 @@ use gs_core::counted;
 use gs_train::{EncodeSettings, EncodeTarget, FitSettings, count_for_psnr, encode};
 
 use super::arguments::CountArgs;
-use crate::{failure::Failure, image_fit::Target, output};
+use crate::{failure::Failure, image_fit::Target, terminal::output};
 
 impl CountArgs {
     /// Whether a flag chooses the number.

@@ -19,13 +19,12 @@ use gs_train::{FitSettings, MetricsLog, Trainer};
 pub(crate) use self::arguments::FitArgs;
 use self::{arguments::CountArgs, film::Film, results::Results};
 use crate::{
-    backend::BackendArgs,
     failure::Failure,
-    frontier_settings,
+    files::output_folder,
+    flags::{backend::BackendArgs, frontier_settings},
     image_fit::{self, SettingsFile, Target, batch},
     memory::{self, Need},
-    output::{self, quoted},
-    output_folder,
+    terminal::output::{self, quoted},
     training::{self, job::Job},
 };
 

@@ -13,11 +13,10 @@ use serde::Serialize;
 
 use super::film::Film;
 use crate::{
-    backend::on_cpu,
-    effects_args,
     failure::Failure,
+    flags::{backend::on_cpu, effects_args},
     image_fit::{Target, batch::Row},
-    output::{self, Verbosity},
+    terminal::output::{self, Verbosity},
     training::{
         job::Run,
         results::{self, Problems, ProgramSummary, without_broken, write_curve, write_table},

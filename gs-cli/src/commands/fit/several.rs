@@ -8,12 +8,15 @@ use gs_train::{FitSettings, Preset};
 use super::{FitArgs, Start, backend_args, command, film::Film, read_target, results::Results};
 use crate::{
     failure::Failure,
+    files::output_folder,
     image_fit::{
         FitSettingsArgs, SettingsFile, Target,
         batch::{self, BatchImage, Done},
     },
-    interrupt::{AT_NEXT_STEP, Interrupt},
-    output, output_folder,
+    terminal::{
+        interrupt::{AT_NEXT_STEP, Interrupt},
+        output,
+    },
     training::{self, Watched, job::Job},
 };
 

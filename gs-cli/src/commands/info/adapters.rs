@@ -7,9 +7,9 @@ use gs_wgpu::{AdapterSummary, WgpuRasterizer, WgpuSettings};
 use serde::Serialize;
 
 use crate::{
-    backend::BackendArgs,
     failure::Failure,
-    output::{self, Format},
+    flags::backend::BackendArgs,
+    terminal::output::{self, Format},
 };
 
 /// What `gs info --adapters --json` prints.

@@ -7,9 +7,9 @@ use gs_io::dataset::{Dataset, DatasetKind, Distortion, SourceCamera, Split, Spli
 use serde::Serialize;
 
 use crate::{
-    dataset::remark_text,
     failure::Failure,
-    output::{self, Format, printable},
+    flags::dataset::remark_text,
+    terminal::output::{self, Format, printable},
 };
 
 /// Cameras that are printed in full. The others are counted.

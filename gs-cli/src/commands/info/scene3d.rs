@@ -14,7 +14,7 @@ use serde::Serialize;
 use super::{metadata_text, number};
 use crate::{
     failure::Failure,
-    output::{self, Format, printable},
+    terminal::output::{self, Format, printable},
 };
 
 /// What `gs info --json` prints of a 3D scene.

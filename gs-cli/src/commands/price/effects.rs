@@ -11,7 +11,7 @@ use gs_train::train::Views;
 use serde::Serialize;
 
 use super::{Cameras, Facts, ITERATIONS, Seen, Subject, SubjectArgs};
-use crate::{failure::Failure, image_fit::FitSettingsArgs, output, values::whole};
+use crate::{failure::Failure, flags::values::whole, image_fit::FitSettingsArgs, terminal::output};
 
 const AFTER_HELP: &str = "\
 INPUT is a 3D scene, a 2D scene, or an image, which is fitted first in a few steps.

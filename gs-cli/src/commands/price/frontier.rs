@@ -19,13 +19,17 @@ use super::{
     answer::{self, Answer},
 };
 use crate::{
-    backend::BackendArgs,
     failure::Failure,
+    files::{
+        output_folder::{self, OutputFolder, OverwriteArgs},
+        scene,
+    },
+    flags::{
+        backend::BackendArgs,
+        values::{Tolerance, whole},
+    },
     image_fit::FitSettingsArgs,
-    output,
-    output_folder::{self, OutputFolder, OverwriteArgs},
-    scene,
-    values::{Tolerance, whole},
+    terminal::output,
 };
 
 const AFTER_HELP: &str = "\

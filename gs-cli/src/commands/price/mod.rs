@@ -18,15 +18,17 @@ use gs_train::{FitSettings, train::Views};
 use serde::Serialize;
 
 use crate::{
-    backend::BackendArgs,
-    cameras::Home,
-    dataset::ReadingArgs,
     failure::Failure,
+    files::scene,
+    flags::{
+        backend::BackendArgs,
+        cameras::Home,
+        dataset::ReadingArgs,
+        render_args::RenderArgs3d,
+        values::{Axis, Size, ViewName, canvas, whole},
+    },
     image_fit::{self, FitSettingsArgs, SettingsFile, Target},
     memory,
-    render_args::RenderArgs3d,
-    scene,
-    values::{Axis, Size, ViewName, canvas, whole},
 };
 
 /// Steps to fit an image: enough that the Gaussians are as many, as large and as crowded as those

@@ -11,11 +11,12 @@ use gs_lab::price::popping::{STRIDES, SlowOrbit, compare};
 use super::{SeenArgs, around};
 use crate::{
     failure::Failure,
-    output,
-    output_folder::{self, OutputFolder, OverwriteArgs},
-    render_args::why_empty,
-    scene,
-    values::whole,
+    files::{
+        output_folder::{self, OutputFolder, OverwriteArgs},
+        scene,
+    },
+    flags::{render_args::why_empty, values::whole},
+    terminal::output,
 };
 
 const AFTER_HELP: &str = "\

@@ -12,11 +12,13 @@ use serde::Serialize;
 use super::{Cameras, Facts, ITERATIONS, Seen, Subject, SubjectArgs};
 use crate::{
     failure::Failure,
+    files::{
+        output_folder::{self, OutputFolder, OverwriteArgs},
+        scene,
+    },
+    flags::values::{ViewName, by_name, whole},
     image_fit::FitSettingsArgs,
-    output,
-    output_folder::{self, OutputFolder, OverwriteArgs},
-    scene,
-    values::{ViewName, by_name, whole},
+    terminal::output,
 };
 
 const AFTER_HELP: &str = "\

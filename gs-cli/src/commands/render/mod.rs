@@ -12,16 +12,17 @@ use gs_io::{AnyScene, GsiFile, is_gsi, read_gsi, read_gsi_prefix};
 use gs_lab::price::frontier::FrontierSettings;
 
 use crate::{
-    backend::BackendArgs,
-    dataset::ReadingArgs,
-    effects_args::{EffectsArgs, EffectsChoice},
     failure::Failure,
-    frontier_settings,
-    output::{self, printable},
-    output_folder::OverwriteArgs,
-    render_args::RenderArgs3d,
-    scene,
-    values::{Axis, Behind, Region, Size, ViewName, whole},
+    files::{output_folder::OverwriteArgs, scene},
+    flags::{
+        backend::BackendArgs,
+        dataset::ReadingArgs,
+        effects_args::{EffectsArgs, EffectsChoice},
+        frontier_settings,
+        render_args::RenderArgs3d,
+        values::{Axis, Behind, Region, Size, ViewName, whole},
+    },
+    terminal::output::{self, printable},
 };
 
 const AFTER_HELP: &str = "\

@@ -9,10 +9,14 @@ use gs_train::draw_picture;
 
 use super::RenderArgs;
 use crate::{
-    effects_args,
     failure::Failure,
-    frontier_settings, memory, output, output_folder,
-    values::{Region, Size},
+    files::output_folder,
+    flags::{
+        effects_args, frontier_settings,
+        values::{Region, Size},
+    },
+    memory,
+    terminal::output,
 };
 
 /// Renders a picture into a PNG.

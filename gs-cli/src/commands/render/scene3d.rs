@@ -16,14 +16,19 @@ use gs_train::parse_json;
 
 use super::{CameraArgs, RenderArgs};
 use crate::{
-    cameras::Home,
-    effects_args,
     failure::Failure,
-    frontier_settings, memory, output,
-    output_folder::{self, OutputFolder},
-    render_args::{self, why_empty},
-    text_file::read_text,
-    values::{Behind, Size},
+    files::{
+        output_folder::{self, OutputFolder},
+        text_file::read_text,
+    },
+    flags::{
+        cameras::Home,
+        effects_args, frontier_settings,
+        render_args::{self, why_empty},
+        values::{Behind, Size},
+    },
+    memory,
+    terminal::output,
 };
 
 /// Renders a scene from each camera.

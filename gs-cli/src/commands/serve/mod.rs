@@ -15,7 +15,7 @@ use hyper_util::rt::{TokioIo, TokioTimer};
 use tokio::{net::TcpListener, runtime, task::LocalSet};
 
 use self::answer::Site;
-use crate::{failure::Failure, output, page_files};
+use crate::{failure::Failure, files::page_files, terminal::output};
 
 const AFTER_HELP: &str = "\
 Open the address that is printed. Over ssh, forward the port: ssh -L 7860:localhost:7860 HOST.

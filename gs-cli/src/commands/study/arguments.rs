@@ -6,7 +6,10 @@ use clap::{Args, Subcommand};
 use gs_jobs::{Shard, StoreAddress};
 use gs_lab::study::Selection;
 
-use crate::{backend::BackendArgs, output_folder::OverwriteArgs, values::whole};
+use crate::{
+    files::output_folder::OverwriteArgs,
+    flags::{backend::BackendArgs, values::whole},
+};
 
 const AFTER_HELP: &str = concat!(
     "\

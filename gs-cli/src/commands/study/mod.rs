@@ -22,8 +22,10 @@ use self::{
 };
 use crate::{
     failure::Failure,
-    interrupt::{AT_NEXT_STEP, Interrupt},
-    output,
+    terminal::{
+        interrupt::{AT_NEXT_STEP, Interrupt},
+        output,
+    },
 };
 
 /// Conducts a study and writes its tables and its report, or does another thing with a study.

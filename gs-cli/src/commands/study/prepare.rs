@@ -16,8 +16,8 @@ use gs_lab::{
 use super::arguments::{HeldStudyArgs, PartArgs, PrepareArgs};
 use crate::{
     failure::Failure,
-    output::{self, quoted},
-    text_file::read_text,
+    files::text_file::read_text,
+    terminal::output::{self, quoted},
 };
 
 /// A study whose folder is made.

@@ -16,9 +16,11 @@ use indicatif::ProgressBar;
 
 use crate::{
     failure::Failure,
-    interrupt::Interrupt,
-    output,
-    progress_bar::{Printer, bar, time},
+    terminal::{
+        interrupt::Interrupt,
+        output,
+        progress_bar::{Printer, bar, time},
+    },
 };
 
 /// Time between two lines if there is no bar.

@@ -12,8 +12,8 @@ use gs_lab::{
 use super::{arguments::ReplayArgs, prepare::HeldStudy};
 use crate::{
     failure::Failure,
-    output,
-    output_folder::{self, OutputFolder},
+    files::output_folder::{self, OutputFolder},
+    terminal::output,
 };
 
 /// The files that are written of a fit.

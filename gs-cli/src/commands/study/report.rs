@@ -6,7 +6,7 @@ use gs_lab::{Results, StudyFolder, result::write_tables};
 use super::{arguments::ReportArgs, conclude, prepare::held};
 use crate::{
     failure::Failure,
-    output::{self, quoted},
+    terminal::output::{self, quoted},
 };
 
 /// Writes tables and report.

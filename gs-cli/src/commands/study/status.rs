@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, fs, path::Path, process::Command};
 use gs_core::counted;
 
 use super::{arguments::HeldStudyArgs, prepare::held, submit::SCRIPT};
-use crate::{failure::Failure, output};
+use crate::{failure::Failure, terminal::output};
 
 /// Prints the state of the study.
 pub(super) fn run(args: &HeldStudyArgs) -> Result<(), Failure> {

@@ -15,8 +15,8 @@ use super::{
 };
 use crate::{
     failure::Failure,
-    output::{self, quoted},
-    output_folder::OutputFolder,
+    files::output_folder::OutputFolder,
+    terminal::output::{self, quoted},
 };
 
 /// The script in the study's folder.

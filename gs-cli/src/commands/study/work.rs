@@ -21,9 +21,11 @@ use super::{
 };
 use crate::{
     failure::Failure,
-    interrupt::{AT_NEXT_STEP, Interrupt},
-    output::{self, quoted},
-    progress_bar::Printer,
+    terminal::{
+        interrupt::{AT_NEXT_STEP, Interrupt},
+        output::{self, quoted},
+        progress_bar::Printer,
+    },
 };
 
 /// Does runs until none is left for this process.

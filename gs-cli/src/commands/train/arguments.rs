@@ -11,11 +11,13 @@ use gs_density::Policy;
 use gs_train::{TrainPreset, train::Exposure};
 
 use crate::{
-    dataset::DatasetArgs,
-    render_args::DEPTH_ORDERS,
-    scene,
+    files::scene,
+    flags::{
+        dataset::DatasetArgs,
+        render_args::DEPTH_ORDERS,
+        values::{Minutes, TrainBackground, by_name, one_of, whole},
+    },
     training::arguments::{RunArgs, policy_by_name},
-    values::{Minutes, TrainBackground, by_name, one_of, whole},
 };
 
 const AFTER_HELP: &str = "\

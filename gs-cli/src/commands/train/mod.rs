@@ -29,11 +29,11 @@ use gs_train::{
 pub(crate) use self::arguments::TrainArgs;
 use self::{results::Results, time_limit::TimeLimit};
 use crate::{
-    dataset::{DatasetArgs, remark_text},
     failure::Failure,
+    files::output_folder,
+    flags::dataset::{DatasetArgs, remark_text},
     memory::Need,
-    output::{self, printable, quoted},
-    output_folder,
+    terminal::output::{self, printable, quoted},
     training::{self, job::Job},
 };
 

@@ -13,7 +13,7 @@ use gs_io::{
     write_png,
 };
 
-use crate::{failure::Failure, output_folder::OutputFolder};
+use crate::{failure::Failure, files::output_folder::OutputFolder};
 
 /// The folder among the results.
 const FOLDER: &str = "views";
@@ -126,7 +126,7 @@ fn beside(image: Image, rendered: &Image) -> Result<Image, gs_core::Error> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::output_folder::tests::begun;
+    use crate::files::output_folder::tests::begun;
 
     #[test]
     fn names_of_views_stay_in_their_folder() {

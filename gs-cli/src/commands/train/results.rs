@@ -21,9 +21,9 @@ use serde::Serialize;
 
 use super::{Input, pictures::ViewPictures};
 use crate::{
-    effects_args,
     failure::Failure,
-    output::{self, Verbosity},
+    flags::effects_args,
+    terminal::output::{self, Verbosity},
     training::{
         job::Run,
         results::{self, Problems, ProgramSummary, without_broken, write_curve, write_table},

@@ -10,7 +10,11 @@ use gs_train::{
 };
 
 use super::arguments::TrainSettingsArgs;
-use crate::{failure::Failure, scene, text_file::read_settings_text, values::TrainBackground};
+use crate::{
+    failure::Failure,
+    files::{scene, text_file::read_settings_text},
+    flags::values::TrainBackground,
+};
 
 /// The settings that the flags ask for, for this data set.
 pub(super) fn settings(args: &TrainSettingsArgs, dataset: &Dataset) -> Result<TrainSettings, Failure> {

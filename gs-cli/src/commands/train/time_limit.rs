@@ -12,7 +12,7 @@ use gs_train::{
 };
 
 use super::{arguments::TrainSettingsArgs, not_begun, settings::with_flags};
-use crate::{failure::Failure, output, values::Minutes};
+use crate::{failure::Failure, flags::values::Minutes, terminal::output};
 
 /// Share of the remaining time that the chosen settings may use. The rest is a reserve for what the
 /// trial cannot measure, such as other programs on the machine.

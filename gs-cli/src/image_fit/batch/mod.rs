@@ -15,7 +15,7 @@ use gs_io::{image_files, unreadable_photographs};
 use serde::Serialize;
 
 pub(crate) use self::workers::run;
-use crate::{failure::Failure, output::printable};
+use crate::{failure::Failure, terminal::output::printable};
 
 /// An image of several.
 #[derive(Debug, Clone, PartialEq, Eq)]

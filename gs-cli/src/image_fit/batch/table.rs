@@ -5,7 +5,7 @@ use std::path::Path;
 use gs_core::{counted, metrics::mean};
 
 use super::{Row, shown};
-use crate::output;
+use crate::terminal::output;
 
 const COLUMNS: [&str; 7] = ["image", "size, px", "bytes", "bits/px", "Gaussians", "PSNR, dB", "time, s"];
 

@@ -16,7 +16,12 @@ use gs_core::{RenderSettings, counted};
 use serde::Serialize;
 
 use super::{BatchImage, Done, Row, shown, table};
-use crate::{backend::BackendArgs, failure::Failure, interrupt::Interrupt, memory, output, progress_bar::Printer};
+use crate::{
+    failure::Failure,
+    flags::backend::BackendArgs,
+    memory,
+    terminal::{interrupt::Interrupt, output, progress_bar::Printer},
+};
 
 /// Images of at most this many pixels are worked on side by side: two cores encode three of 768x512
 /// px in 21 s rather than 26, although one of them is alone at the end. The parts of a larger image

@@ -5,7 +5,8 @@ use std::path::Path;
 
 use gs_lab::price::frontier::{FrontierMachine, FrontierSettings};
 
-use crate::{backend::BackendArgs, failure::Failure, text_file::read_settings_text};
+use super::backend::BackendArgs;
+use crate::{failure::Failure, files::text_file::read_settings_text};
 
 /// How to get a settings file of `gs frontier` where one is wrong.
 const HINT: &str = "gs frontier with --max-error or --max-ms writes such a file";

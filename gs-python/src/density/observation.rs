@@ -6,7 +6,7 @@ use gs_density::{DensityScene, Residual};
 use numpy::{PyArray1, PyArray2, PyArray3};
 use pyo3::{prelude::*, types::PyAny};
 
-use crate::arrays;
+use crate::convert::arrays;
 
 #[doc = doc!("Observation")]
 #[pyclass(frozen, module = "gaussian_splats")]

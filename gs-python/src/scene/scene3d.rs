@@ -13,12 +13,14 @@ use pyo3::{
     types::{PyAny, PyBytes, PyDict},
 };
 
+use super::{camera, scene2d::Scene2d};
 use crate::{
-    arrays::{self, Side, Values},
-    backend, camera,
-    errors::{self, IntoPython},
-    notebook,
-    scene2d::Scene2d,
+    backend,
+    convert::{
+        arrays::{self, Side, Values},
+        errors::{self, IntoPython},
+        notebook,
+    },
 };
 
 #[doc = doc!("Scene3d")]

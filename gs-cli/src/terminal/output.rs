@@ -14,7 +14,8 @@ use std::{
 use console::Term;
 use serde::Serialize;
 
-use crate::{failure::Failure, help};
+use super::help;
+use crate::failure::Failure;
 
 /// The format of a command's result.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -13,10 +13,11 @@ use pyo3::{
 };
 
 use crate::{
-    arrays,
-    errors::{self, IntoPython},
-    scene2d::Scene2d,
-    scene3d::Scene3d,
+    convert::{
+        arrays,
+        errors::{self, IntoPython},
+    },
+    scene::{scene2d::Scene2d, scene3d::Scene3d},
 };
 
 #[doc = doc!("Plan")]

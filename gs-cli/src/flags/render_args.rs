@@ -7,10 +7,8 @@ use gs_core::{
 };
 use gs_io::{File3d, TrainedWith, dataset::Dataset};
 
-use crate::{
-    output,
-    values::{Behind, Color, by_name, one_of, whole},
-};
+use super::values::{Behind, Color, by_name, one_of, whole};
+use crate::terminal::output;
 
 /// The orders of 3D scenes.
 pub(crate) const DEPTH_ORDERS: [Order; 2] = [Order::Global, Order::PerPixel];

@@ -17,10 +17,12 @@ use pyo3::{
 };
 
 use crate::{
-    arrays::{self, Side, Values},
     backend,
-    errors::{self, IntoPython},
-    notebook,
+    convert::{
+        arrays::{self, Side, Values},
+        errors::{self, IntoPython},
+        notebook,
+    },
 };
 
 #[doc = doc!("Scene2d")]

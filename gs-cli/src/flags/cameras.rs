@@ -10,11 +10,11 @@ use gs_io::{
 };
 use gs_train::train::{Flat, Focus, extent_of};
 
-use crate::{
+use super::{
     dataset::ReadingArgs,
-    failure::Failure,
     values::{Size, ViewName},
 };
+use crate::failure::Failure;
 
 /// The default camera for a 3D scene.
 #[derive(Debug, Clone, Copy)]

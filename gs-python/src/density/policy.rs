@@ -7,12 +7,11 @@ use gs_density::{Actions, DensityPolicy, Observation, Policy, Rng};
 use pyo3::{exceptions::PyTypeError, prelude::*, types::PyAny};
 use rand::Rng as _;
 
-use crate::{
-    errors::IntoPython,
+use super::{
     observation::{Observation as Seen, SeenScene},
     plan::{Plan, PythonScene},
-    settings,
 };
+use crate::convert::{errors::IntoPython, settings};
 
 /// The exception that a policy has raised, for the thread that waits for the run.
 pub(crate) type Raised = Arc<Mutex<Option<PyErr>>>;

@@ -7,10 +7,8 @@ use gs_cpu::{CpuRasterizer, CpuSettings, CpuTuning, SimdLevel};
 use gs_lab::study::Machine;
 use gs_wgpu::{Kernels, WgpuSettings};
 
-use crate::{
-    failure::Failure,
-    values::{by_name, whole},
-};
+use super::values::{by_name, whole};
+use crate::failure::Failure;
 
 /// The flags of every command that computes.
 #[derive(Debug, Clone, Default, Args)]

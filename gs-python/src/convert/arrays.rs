@@ -14,7 +14,7 @@ use pyo3::{
     types::PyDict,
 };
 
-use crate::errors;
+use super::errors;
 
 /// A length in the shape of an argument.
 #[derive(Clone, Copy)]

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use gs_core::counted;
 use gs_io::{AnyScene, File3d, SCENE_EXTENSION, SceneFile, Values, is_scene, read_scene, readable_in};
 
-use crate::{failure::Failure, memory, output};
+use crate::{failure::Failure, memory, terminal::output};
 
 /// Reads a scene file, a checkpoint or an output folder, and names the file that it took from a
 /// folder.

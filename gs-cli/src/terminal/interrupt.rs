@@ -5,7 +5,8 @@ use std::{
     time::{Duration, Instant},
 };
 
-use crate::{failure, output, progress_bar::Printer};
+use super::{output, progress_bar::Printer};
+use crate::failure;
 
 /// Signals within this time of the first are the same request: `timeout` signals the process and
 /// then its whole group.

@@ -8,7 +8,7 @@ use gs_core::{
     effects::{Effect, EffectDecision, RequiredEffects, Requirement, RequiresEffects},
 };
 
-use crate::output::Verbosity;
+use crate::terminal::output::Verbosity;
 
 /// The flag of commands that render.
 #[derive(Debug, Clone, Default, Args)]

@@ -15,7 +15,7 @@ use pyo3::{
 use serde::{Serialize, de::DeserializeOwned};
 use toml::Table;
 
-use crate::errors;
+use super::errors;
 
 /// The settings that a run starts from, as its arguments give them.
 pub(crate) enum Given<'py> {

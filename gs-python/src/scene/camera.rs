@@ -4,10 +4,10 @@ use glam::{Mat3, Vec2, Vec3};
 use gs_core::view::Bulk;
 use pyo3::{prelude::*, types::PyAny};
 
-use crate::{
+use super::scene3d::Scene3d;
+use crate::convert::{
     arrays,
     errors::{self, IntoPython},
-    scene3d::Scene3d,
 };
 
 #[doc = doc!("Camera")]

@@ -8,7 +8,7 @@ use std::{
 use console::Term;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle, TermLike};
 
-use crate::output;
+use super::output;
 
 /// Redrawings of a bar in a second.
 const REDRAWS: u8 = 10;

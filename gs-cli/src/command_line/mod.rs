@@ -1,5 +1,7 @@
 //! The command line: its commands and the help of the program. An error is one line.
 
+mod defaults;
+
 use std::process::ExitCode;
 
 use clap::{
@@ -25,9 +27,8 @@ use crate::{
         train::TrainArgs,
         view::ViewArgs,
     },
-    defaults,
     failure::Failure,
-    help,
+    terminal::help,
 };
 
 const EXAMPLES: &str = "\
@@ -270,7 +271,7 @@ mod tests {
     #[test]
     fn commands_are_listed_in_the_groups_of_the_guide() {
         let help = help_of(&[]);
-        let guide = include_str!("../../docs/guide.md");
+        let guide = include_str!("../../../docs/guide.md");
         let mut from = (0, 0);
         for (heading, names) in GROUPS {
             let places = (help.find(&format!("\n{heading}:\n")), guide.find(&format!("\n## {heading}\n")));

@@ -8,11 +8,8 @@ use gs_io::{
     dataset::{AlphaMeaning, Dataset, DatasetSettings, Remark, read_dataset},
 };
 
-use crate::{
-    failure::Failure,
-    output::printable,
-    values::{by_name, whole},
-};
+use super::values::{by_name, whole};
+use crate::{failure::Failure, terminal::output::printable};
 
 /// How any data set is read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Args)]
