@@ -7,13 +7,11 @@
 //! - [`conduct`] does the runs that are missing, side by side, and stores each as one file. Any
 //!   number of processes may do so in one folder; each claims its runs.
 //! - [`Results`] makes tables with intervals, [`report`] a page.
-//! - [`price`] measures what approximations cost, [`experiments`] are those of the paper, and
-//!   [`compression`] compares with image formats.
+//! - [`price`] measures what approximations cost, and [`experiments`] are those of the paper.
 //!
 //! A room uses only those before it: [`study`], [`run`], [`result`], [`report`], [`price`],
 //! [`experiments`].
 
-pub mod compression;
 mod error;
 pub mod experiments;
 pub mod price;

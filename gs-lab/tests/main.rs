@@ -3,6 +3,7 @@
 mod claims;
 mod clock;
 mod comparisons;
+mod compression;
 mod interrupted;
 mod scenes;
 mod studies;

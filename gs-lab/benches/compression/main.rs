@@ -9,6 +9,8 @@
 
 #![allow(clippy::print_stdout)]
 
+mod codec;
+mod curve;
 #[path = "../measure/mod.rs"]
 mod measure;
 mod plots;
@@ -19,14 +21,16 @@ use std::{error::Error, fs, path::PathBuf};
 
 use clap::Parser;
 use gs_conformance::data;
-use gs_lab::compression::CODECS;
 use measure::{
     Options, Outcome,
     images::{BenchImage, BenchImages},
     print_head,
 };
 
-use self::points::{OURS, Points, TUNED};
+use self::{
+    codec::CODECS,
+    points::{OURS, Points, TUNED},
+};
 
 #[derive(Debug, Parser)]
 struct CompressionOptions {

@@ -3,13 +3,12 @@
 use std::{error::Error, fs, path::Path};
 
 use gs_core::counted;
-use gs_lab::{
-    compression::{CODECS, RateCurve},
-    report::figure::{Axis, Figure, Marks, Series},
-};
+use gs_lab::report::figure::{Axis, Figure, Marks, Series};
 
 use crate::{
     Set,
+    codec::CODECS,
+    curve::RateCurve,
     measure::mean,
     points::{Measure, OURS, Points, TUNED},
 };

@@ -6,12 +6,15 @@ use gs_codec::Extent;
 use gs_core::{Canvas, Image, Rasterizer as _};
 use gs_cpu::CpuRasterizer;
 use gs_io::decode_gsi;
-use gs_lab::compression::{CODECS, Original, RateCurve, ms_ssim_decibels};
 use gs_train::{EncodeSettings, EncodeTarget, ImageQuality, Tune, encode};
 use pollster::FutureExt as _;
 use ssimulacra2::{ColorPrimaries, Rgb, TransferCharacteristic, compute_frame_ssimulacra2};
 
-use crate::measure::{Quantiles, images::BenchImage};
+use crate::{
+    codec::{CODECS, Original},
+    curve::{RateCurve, ms_ssim_decibels},
+    measure::{Quantiles, images::BenchImage},
+};
 
 /// Names of our format, tuned for PSNR and for SSIM.
 pub(crate) const OURS: &str = "gsi";

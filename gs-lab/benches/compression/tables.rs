@@ -4,12 +4,12 @@ use std::error::Error;
 
 use gs_codec::Extent;
 use gs_cpu::CpuRasterizer;
-use gs_lab::compression::CODECS;
 use gs_train::{EncodeLayers, EncodeSettings, EncodeTarget, Encoded, encode, l1_and_psnr};
 use pollster::FutureExt as _;
 
 use crate::{
     Set,
+    codec::CODECS,
     measure::{images::BenchImage, mean, print_columns, print_row, print_section},
     points::{Measure, OURS, Point, Points, TUNED, rendered},
 };

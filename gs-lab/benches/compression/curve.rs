@@ -9,9 +9,9 @@ const STEPS: u32 = 400;
 /// Size over quality, through files: a monotone cubic curve of the logarithm of bits per pixel.
 /// *Source:* Fritsch and Carlson 1980, as in the usual programs for Bjøntegaard rates.
 #[derive(Debug, Clone)]
-pub struct RateCurve {
+pub(crate) struct RateCurve {
     /// (quality, ln of bits per pixel), both rising.
-    points: Vec<(f64, f64)>,
+    pub(crate) points: Vec<(f64, f64)>,
     /// d ln(bits) / d quality at the points.
     slopes: Vec<f64>,
 }
@@ -19,7 +19,7 @@ pub struct RateCurve {
 impl RateCurve {
     /// The curve through files of (bits per pixel, quality), in any order. A file that is not better
     /// than a smaller one, or not finite, is left out; `None` where fewer than two are left.
-    pub fn new(files: impl IntoIterator<Item = (f64, f64)>) -> Option<Self> {
+    pub(crate) fn new(files: impl IntoIterator<Item = (f64, f64)>) -> Option<Self> {
         let mut files: Vec<(f64, f64)> = files.into_iter().filter(|(bpp, q)| *bpp > 0.0 && q.is_finite()).collect();
         files.sort_by(|a, b| a.0.total_cmp(&b.0));
         let mut points: Vec<(f64, f64)> = Vec::new();
@@ -32,18 +32,18 @@ impl RateCurve {
     }
 
     /// The quality of the smallest and of the best file.
-    pub fn range(&self) -> (f64, f64) {
+    pub(crate) fn range(&self) -> (f64, f64) {
         (self.points[0].0, self.points[self.points.len() - 1].0)
     }
 
     /// Bits per pixel of a file of this quality; `None` outside the range.
-    pub fn bpp_at(&self, quality: f64) -> Option<f64> {
+    pub(crate) fn bpp_at(&self, quality: f64) -> Option<f64> {
         let (low, high) = self.range();
         (low..=high).contains(&quality).then(|| self.rate(quality).exp())
     }
 
     /// Quality of a file of this size, bits per pixel; `None` outside the sizes of the files.
-    pub fn quality_at(&self, bpp: f64) -> Option<f64> {
+    pub(crate) fn quality_at(&self, bpp: f64) -> Option<f64> {
         let (smallest, largest) = (self.points[0].1, self.points[self.points.len() - 1].1);
         let rate = bpp.ln();
         if !(smallest..=largest).contains(&rate) {
@@ -60,7 +60,7 @@ impl RateCurve {
     /// The Bjøntegaard rate: mean over the common range of quality of ln(size) less that of
     /// `reference`, as a ratio less 1: −0.25 is a quarter less at equal quality. Only the qualities
     /// count at which both files have a size in `bpp`, bits per pixel; `None` where there are none.
-    pub fn bd_rate(&self, reference: &Self, bpp: RangeInclusive<f64>) -> Option<f64> {
+    pub(crate) fn bd_rate(&self, reference: &Self, bpp: RangeInclusive<f64>) -> Option<f64> {
         let ranges = [self, reference].map(|curve| curve.range_within(&bpp));
         let low = ranges.iter().map(|range| range.0).fold(f64::NEG_INFINITY, f64::max);
         let high = ranges.iter().map(|range| range.1).fold(f64::INFINITY, f64::min);
@@ -110,55 +110,6 @@ fn slopes(points: &[(f64, f64)]) -> Vec<f64> {
 }
 
 /// MS-SSIM in dB, −10·log₁₀(1 − MS-SSIM), in which equal steps are about equally visible.
-pub fn ms_ssim_decibels(ms_ssim: f64) -> f64 {
+pub(crate) fn ms_ssim_decibels(ms_ssim: f64) -> f64 {
     -10.0 * (1.0 - ms_ssim).log10()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Files whose size doubles each 3 dB, times `factor`.
-    fn curve(factor: f64, psnrs: &[f64]) -> RateCurve {
-        RateCurve::new(psnrs.iter().map(|&psnr| (factor * 2f64.powf((psnr - 30.0) / 3.0), psnr))).unwrap()
-    }
-
-    #[test]
-    fn equal_ratios_are_the_bd_rate_whatever_the_points() {
-        let ours = curve(0.75, &[24.0, 27.5, 31.0, 33.0, 36.0]);
-        let theirs = curve(1.0, &[25.0, 28.0, 30.5, 35.0]);
-        let rate = ours.bd_rate(&theirs, 0.0..=f64::INFINITY).unwrap();
-        assert!((rate + 0.25).abs() < 1e-9, "{rate}");
-        let rate = theirs.bd_rate(&ours, 0.5..=2.0).unwrap();
-        assert!((rate - 1.0 / 3.0).abs() < 1e-9, "{rate}");
-        assert!(ours.bd_rate(&theirs, 1e-9..=1e-8).is_none() && ours.bd_rate(&theirs, 90.0..=99.0).is_none());
-        assert!((theirs.quality_at(1.0).unwrap() - 30.0).abs() < 1e-6);
-        assert!((theirs.bpp_at(33.0).unwrap() - 2.0).abs() < 1e-6 && theirs.bpp_at(36.0).is_none());
-    }
-
-    #[test]
-    fn only_sizes_in_the_range_count() {
-        // Half the size up to 30 dB, and the same above.
-        let theirs = curve(1.0, &[24.0, 27.0, 30.0, 30.01, 33.0, 36.0]);
-        let ours = RateCurve::new(
-            [24.0f64, 27.0, 30.0, 30.01, 33.0, 36.0]
-                .map(|q| (2f64.powf((q - 30.0) / 3.0) * if q > 30.0 { 1.0 } else { 0.5 }, q)),
-        )
-        .unwrap();
-        let small = ours.bd_rate(&theirs, 0.0..=0.5).unwrap();
-        let all = ours.bd_rate(&theirs, 0.0..=9.0).unwrap();
-        assert!((small + 0.5).abs() < 0.01 && all > -0.35, "{small} {all}");
-    }
-
-    #[test]
-    fn a_curve_rises_between_its_points_and_leaves_out_worse_files() {
-        let curve =
-            RateCurve::new([(0.1, 25.0), (0.2, 30.0), (0.3, 29.0), (0.9, 30.5), (1.0, 40.0), (2.0, f64::INFINITY)]);
-        let curve = curve.unwrap();
-        assert_eq!(curve.points.len(), 4);
-        let rates: Vec<f64> = (0..=150).map(|k| curve.bpp_at(25.0 + 0.1 * f64::from(k)).unwrap()).collect();
-        assert!(rates.windows(2).all(|pair| pair[0] < pair[1]), "{rates:?}");
-        assert!(RateCurve::new([(0.1, 25.0)]).is_none());
-        assert!((ms_ssim_decibels(0.99) - 20.0).abs() < 1e-9);
-    }
 }

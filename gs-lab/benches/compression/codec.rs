@@ -11,22 +11,20 @@ use std::{
 };
 
 use gs_core::Image;
-use gs_train::ImageQuality;
+use gs_lab::Error;
 use image::{ExtendedColorType, codecs::jpeg::JpegEncoder};
 use rayon::prelude::*;
 use tempfile::TempDir;
 
-use crate::error::Error;
-
 /// An image format and what makes and reads its files.
 #[derive(Debug)]
-pub struct Codec {
+pub(crate) struct Codec {
     /// Name of the format.
-    pub name: &'static str,
+    pub(crate) name: &'static str,
     /// Ending of its files.
     ending: &'static str,
     /// Levels of quality that make a curve, from the smallest file.
-    pub levels: &'static [u32],
+    pub(crate) levels: &'static [u32],
     /// The value of the encoder's quality flag at a level.
     flag: fn(u32) -> String,
     /// The command that encodes `IN` as `FILE` in the quality `Q`; its input is a PPM or a PNG.
@@ -38,7 +36,7 @@ pub struct Codec {
 }
 
 /// The formats, the oldest first.
-pub const CODECS: [Codec; 4] = [
+pub(crate) const CODECS: [Codec; 4] = [
     Codec {
         name: "JPEG",
         ending: "jpg",
@@ -84,20 +82,16 @@ pub const CODECS: [Codec; 4] = [
 
 /// A file of an image, decoded.
 #[derive(Debug, Clone)]
-pub struct Coded {
-    /// Level of quality, from [`Codec::levels`] or between them.
-    pub level: u32,
+pub(crate) struct Coded {
     /// Size of the file on disk.
-    pub bytes: u64,
+    pub(crate) bytes: u64,
     /// The decoded picture.
-    pub picture: Image,
-    /// Its quality against the image.
-    pub quality: ImageQuality,
+    pub(crate) picture: Image,
 }
 
 /// An image that the formats' programs can read, in a folder of its own that goes with it.
 #[derive(Debug)]
-pub struct Original<'a> {
+pub(crate) struct Original<'a> {
     image: &'a Image,
     folder: TempDir,
 }
@@ -107,7 +101,7 @@ impl<'a> Original<'a> {
     ///
     /// # Errors
     /// [`Error::Path`] where that fails.
-    pub fn new(image: &'a Image) -> Result<Self, Error> {
+    pub(crate) fn new(image: &'a Image) -> Result<Self, Error> {
         let failed = |source| Error::Path { path: std::env::temp_dir(), source };
         let folder = tempfile::tempdir().map_err(failed)?;
         gs_io::write_png(folder.path().join("in.png"), image)?;
@@ -118,7 +112,7 @@ impl<'a> Original<'a> {
 
 impl Codec {
     /// Whether there is something that makes files of this format.
-    pub fn is_there(&self) -> bool {
+    pub(crate) fn is_there(&self) -> bool {
         self.has_program() || self.name == "JPEG"
     }
 
@@ -127,7 +121,7 @@ impl Codec {
     }
 
     /// What makes the files, for readers: `cwebp -m 6`.
-    pub fn maker(&self) -> String {
+    pub(crate) fn maker(&self) -> String {
         if !self.has_program() {
             return "the crate image".to_owned();
         }
@@ -143,7 +137,7 @@ impl Codec {
     ///
     /// # Errors
     /// [`Error::Picture`] with what the program says, [`Error::Io`] for a picture that cannot be read.
-    pub fn files(&self, of: &Original<'_>, levels: &[u32]) -> Result<Vec<Coded>, Error> {
+    pub(crate) fn files(&self, of: &Original<'_>, levels: &[u32]) -> Result<Vec<Coded>, Error> {
         levels.par_iter().map(|&level| self.file(of, level)).collect()
     }
 
@@ -160,8 +154,7 @@ impl Codec {
             gs_io::read_image(&file)?.image
         };
         let bytes = fs::metadata(&file).map_err(|source| Error::Path { path: file, source })?.len();
-        let quality = ImageQuality::as_written(&picture, of.image).map_err(|error| self.failed(error.to_string()))?;
-        Ok(Coded { level, bytes, picture, quality })
+        Ok(Coded { bytes, picture })
     }
 
     fn call(&self, command: &[&str], of: &Original<'_>, file: &Path, decoded: &Path, level: u32) -> Result<(), Error> {
@@ -206,21 +199,4 @@ fn write_jpeg(path: &Path, image: &Image, level: u32) -> Result<(), image::Image
         ExtendedColorType::Rgb8,
     )?;
     Ok(file.flush()?)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn better_levels_have_larger_and_better_files() {
-        let wave = |x: u32, y: u32| ((x * x + 3 * y) as f32 * 0.02).sin() * 0.4 + 0.5;
-        let image = Image::from_fn(96, 64, |x, y| [wave(x, y), wave(y, x), 0.3]).unwrap();
-        let original = Original::new(&image).unwrap();
-        for codec in CODECS.iter().filter(|codec| codec.is_there()) {
-            let known = codec.files(&original, &codec.levels[2..5]).unwrap();
-            let rises = |value: fn(&Coded) -> f64| known.windows(2).all(|pair| value(&pair[0]) < value(&pair[1]));
-            assert!(rises(|file| file.bytes as f64) && rises(|file| file.quality.psnr), "{}", codec.name);
-        }
-    }
 }
