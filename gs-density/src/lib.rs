@@ -12,7 +12,7 @@
 //! - [`Mcmc`] relocates and copies by opacity, with [`Noise`] between steps.
 //! - [`FastGs`], [`Taming`], [`ImprovedGs`], [`SteepGs`] and [`Mrnf`] read [`Evidence`] over
 //!   several training views, which training in 3D gathers in the rounds that request it.
-//! - [`Governor`] holds any of them to a schedule that ends at exactly the budget.
+//! - [`CountSchedule`] holds any of them to a schedule that ends at exactly the budget.
 //!
 //! # A policy of your own
 //!
@@ -77,8 +77,8 @@
 // Guards are phrased so that NaN fails them: `!(x > 0.0)` is not `x <= 0.0`.
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
 
+mod count_schedule;
 mod eigen;
-mod governor;
 mod merge;
 mod noise;
 mod observation;
@@ -87,7 +87,7 @@ mod round;
 pub mod seed;
 
 pub use self::{
-    governor::{Governor, scheduled_count},
+    count_schedule::{CountSchedule, scheduled_count},
     merge::merged,
     noise::Noise,
     observation::{

@@ -20,7 +20,7 @@ use gs_lab::{
     run::{AnyScene, Conducted, Replayed, RunOutcome, Watcher},
     study::{AnyPolicy, Arm, Machine, OwnPolicy, Run},
 };
-use gs_train::ForeignPolicy;
+use gs_train::CustomPolicy;
 use pyo3::{IntoPyObjectExt, exceptions::PyRuntimeError, prelude::*, types::PyAny};
 use toml::Table;
 
@@ -184,8 +184,8 @@ fn arm_of(
     let actions = usual.actions().copied().unwrap_or_default();
     let own = Arc::new(PythonPolicy::new(&object, actions, raised.clone())?);
     let policy = match is_of_scenes {
-        true => AnyPolicy::In3d(own as ForeignPolicy<Scene3d>),
-        false => AnyPolicy::In2d(own as ForeignPolicy<Scene2d>),
+        true => AnyPolicy::In3d(own as CustomPolicy<Scene3d>),
+        false => AnyPolicy::In2d(own as CustomPolicy<Scene2d>),
     };
     Ok(Arm::named(name).with(|arm| {
         arm.policy = Some("absolute".to_owned());

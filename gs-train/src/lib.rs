@@ -35,7 +35,7 @@ pub use crate::{
         paper_target, viewable,
     },
     run::{
-        Clamped, Control, ForeignPolicy, FreshStart, ImageQuality, MetricsLog, MetricsRow, Observer, Outcome, Progress,
+        Clamped, Control, CustomPolicy, FreshStart, ImageQuality, MetricsLog, MetricsRow, Observer, Outcome, Progress,
         Quality, Recovery, Rounds, Shortfall, Suspect, Trainable, Trainer, l1_and_psnr, parse_json, parse_settings,
         settings_to_toml,
     },

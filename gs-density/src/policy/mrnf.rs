@@ -39,7 +39,7 @@ gs_core::impl_with!(Mrnf);
 /// source has a structural error), so the bound of candidates is in another unit; and evidence is
 /// gathered in the round, not in the steps before it. Left out: edge guidance, decay of opacities
 /// and scales after a round, and noise on the means. The source adds points in the far field during
-/// growth; here the initialization places them (`init.shell`), for every policy.
+/// growth; here the initialization places them (`init.far-points`), for every policy.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, rename_all = "kebab-case", deny_unknown_fields)]
 #[non_exhaustive]

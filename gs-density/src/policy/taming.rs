@@ -8,7 +8,7 @@ use super::{
     rule::{ByEvidence, GrowthLimit},
 };
 use crate::{
-    governor::scheduled_count,
+    count_schedule::scheduled_count,
     observation::{DensityGaussian, DensityScene, Evidence, EvidenceRequest, Observation, Rng, ViewEvidence},
     round::{Actions, Round, WhenFlat, add_normalised, sample},
 };

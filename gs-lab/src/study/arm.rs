@@ -4,7 +4,7 @@ use std::fmt;
 
 use gs_core::{Parameterization, Scene3d, effects::Statistics};
 use gs_io::dataset::Dataset;
-use gs_train::{ForeignPolicy, TrainSettings, train::StartName};
+use gs_train::{CustomPolicy, TrainSettings, train::StartName};
 use serde::{Deserialize, Serialize};
 
 use super::key_lines::KeyLines;
@@ -81,7 +81,7 @@ impl Arm {
 
     /// An arm that differs from the settings of a study of images only in its policy. `fingerprint`
     /// is explained at [`OwnPolicy::fingerprint`].
-    pub fn with_policy(name: impl Into<String>, fingerprint: impl Into<String>, policy: ForeignPolicy) -> Self {
+    pub fn with_policy(name: impl Into<String>, fingerprint: impl Into<String>, policy: CustomPolicy) -> Self {
         Self::with_any_policy(name, fingerprint, AnyPolicy::In2d(policy))
     }
 
@@ -89,7 +89,7 @@ impl Arm {
     pub fn with_policy_3d(
         name: impl Into<String>,
         fingerprint: impl Into<String>,
-        policy: ForeignPolicy<Scene3d>,
+        policy: CustomPolicy<Scene3d>,
     ) -> Self {
         Self::with_any_policy(name, fingerprint, AnyPolicy::In3d(policy))
     }
@@ -144,9 +144,9 @@ impl From<OwnPolicy> for String {
 #[non_exhaustive]
 pub enum AnyPolicy {
     /// For fits of images.
-    In2d(ForeignPolicy),
+    In2d(CustomPolicy),
     /// For the training of 3D scenes.
-    In3d(ForeignPolicy<Scene3d>),
+    In3d(CustomPolicy<Scene3d>),
     /// A policy that only another program has.
     Elsewhere,
 }

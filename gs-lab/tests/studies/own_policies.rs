@@ -88,7 +88,7 @@ fn a_policy_of_ones_own_takes_part_under_its_fingerprint() {
     assert_eq!(changed, plan.runs.len() / 3, "those of the arm with another policy, and no others");
     let folder = conducted(&plan, &place.path().join("out"), 1, 1);
     let results = Results::read(&plan, &folder).unwrap();
-    // The foreign policy has the results of the arm `none`, to the bit.
+    // The custom policy has the results of the arm `none`, to the bit.
     let scenes = |arm: usize| results.finished(arm, 60).map(|(_, end)| end.scene.clone()).collect::<Vec<_>>();
     assert_eq!(scenes(2), scenes(0));
     assert_ne!(scenes(1), scenes(0));

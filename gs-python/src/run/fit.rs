@@ -4,7 +4,7 @@ use std::{path::PathBuf, sync::Arc};
 
 use gs_backend::block_on;
 use gs_core::Image;
-use gs_train::{FitSettings, FitSummary, ForeignPolicy, Preset, Trainer};
+use gs_train::{CustomPolicy, FitSettings, FitSummary, Preset, Trainer};
 use numpy::PyArray3;
 use pyo3::{
     prelude::*,
@@ -67,7 +67,7 @@ impl FitRun {
         let start = Start::read(py, checkpoint)?;
         let steps = fit.iterations.saturating_sub(start.step());
         let shared = Arc::new(Shared::default());
-        let own = own_policy(policy, fit.policy.actions(), &shared)?.map(|own| own as ForeignPolicy);
+        let own = own_policy(policy, fit.policy.actions(), &shared)?.map(|own| own as CustomPolicy);
         let on = backend.clone();
         let worker = Worker::spawn(shared, move |reporter| {
             on.within(|rasterizer| {

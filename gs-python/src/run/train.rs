@@ -13,7 +13,7 @@ use gs_io::{
 };
 use gs_lab::study::DatasetReading;
 use gs_train::{
-    ForeignPolicy, TrainPreset, TrainSettings, Trainer3d,
+    CustomPolicy, TrainPreset, TrainSettings, Trainer3d,
     train::{Start as Initial, StartName, TrainSummary, Views},
 };
 use pyo3::{
@@ -79,7 +79,7 @@ impl TrainRun {
         let start = Start::read(py, checkpoint)?;
         let steps = train.iterations.saturating_sub(start.step());
         let shared = Arc::new(Shared::default());
-        let own = own_policy(policy, train.policy.actions(), &shared)?.map(|own| own as ForeignPolicy<CoreScene3d>);
+        let own = own_policy(policy, train.policy.actions(), &shared)?.map(|own| own as CustomPolicy<CoreScene3d>);
         let worker = Worker::spawn(shared, move |reporter| {
             chosen.within(|rasterizer| {
                 let views = Views::of_dataset(&dataset);

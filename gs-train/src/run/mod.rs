@@ -35,5 +35,5 @@ pub use self::{
     shortfall::Shortfall,
     suspect::Suspect,
     task::{RunSettings, SceneTask, Trainable, TrainingTask},
-    trainer::{ForeignPolicy, Outcome, Trainer},
+    trainer::{CustomPolicy, Outcome, Trainer},
 };

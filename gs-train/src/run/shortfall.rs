@@ -51,8 +51,8 @@ impl<R: Optimizer<S>, S: Trainable> Trainer<'_, R, S> {
     /// then only a bound.
     pub fn shortfall(&self) -> Option<Shortfall> {
         let (gaussians, budget) = (self.count(), self.settings().budget());
-        let policy = Some(self.settings().named_policy()).filter(|_| !self.has_foreign_policy());
-        let exactly = self.settings().governor().is_some();
+        let policy = Some(self.settings().named_policy()).filter(|_| !self.has_custom_policy());
+        let exactly = self.settings().count_schedule().is_some();
         let least = if exactly { 1.0 } else { CLEARLY };
         let is_bound = policy.is_some() && self.settings().budget_is_bound();
         if !self.is_finished() || is_bound || f64::from(gaussians) >= least * f64::from(budget) {

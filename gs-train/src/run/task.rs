@@ -5,7 +5,7 @@ use std::{fmt::Debug, future::Future, path::Path};
 
 use gs_core::{Effects, Loss, Optimizer, Parameterization};
 use gs_density::{
-    DensityGaussian as _, DensityPolicy, DensityScene, Evidence, EvidenceRequest, Governor, Policy, Residual,
+    CountSchedule, DensityGaussian as _, DensityPolicy, DensityScene, Evidence, EvidenceRequest, Policy, Residual,
 };
 
 use super::{observer::Quality, recovery::Recovery, rounds::Rounds, suspect::Suspect};
@@ -83,7 +83,7 @@ pub trait RunSettings<S: SceneTask>: Clone + Debug + PartialEq {
     /// Largest number of Gaussians.
     fn budget(&self) -> u32;
     /// Holds the policy to a schedule that ends at exactly the budget, if asked for.
-    fn governor(&self) -> Option<Governor>;
+    fn count_schedule(&self) -> Option<CountSchedule>;
     /// Rounds of density control.
     fn rounds(&self) -> &Rounds;
     /// Coordinates in which the optimizer moves.
@@ -143,8 +143,8 @@ macro_rules! impl_run_settings {
                 self.gaussians
             }
 
-            fn governor(&self) -> Option<gs_density::Governor> {
-                self.exactly.then(|| gs_density::Governor::from(&self.policy))
+            fn count_schedule(&self) -> Option<gs_density::CountSchedule> {
+                self.exactly.then(|| gs_density::CountSchedule::from(&self.policy))
             }
 
             fn rounds(&self) -> &$crate::run::Rounds {

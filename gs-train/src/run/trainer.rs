@@ -59,12 +59,12 @@ pub struct Trainer<'a, R: Optimizer<S>, S: Trainable = Scene2d> {
     watch: Watch,
     start: Option<Start<S>>,
     /// Policy in place of that of the settings.
-    foreign: Option<ForeignPolicy<S>>,
+    custom: Option<CustomPolicy<S>>,
     clock: fn() -> Duration,
 }
 
 /// A policy of the caller's own, which settings cannot name; see [`Trainer::controlled_by`].
-pub type ForeignPolicy<S = Scene2d> = Arc<dyn DensityPolicy<S> + Send + Sync>;
+pub type CustomPolicy<S = Scene2d> = Arc<dyn DensityPolicy<S> + Send + Sync>;
 
 impl<R: Optimizer<S>, S: Trainable> fmt::Debug for Trainer<'_, R, S> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -94,7 +94,7 @@ impl<'a, R: Optimizer<S>, S: Trainable> Trainer<'a, R, S> {
             losses,
             watch: Watch::default(),
             start: None,
-            foreign: None,
+            custom: None,
             clock: wall,
         }
     }
@@ -103,8 +103,8 @@ impl<'a, R: Optimizer<S>, S: Trainable> Trainer<'a, R, S> {
     ///
     /// A checkpoint does not hold the policy: pass it again to a resumed run.
     #[must_use]
-    pub fn controlled_by(self, policy: ForeignPolicy<S>) -> Self {
-        Self { foreign: Some(policy), ..self }
+    pub fn controlled_by(self, policy: CustomPolicy<S>) -> Self {
+        Self { custom: Some(policy), ..self }
     }
 
     /// Returns this run with another clock for its training time, of which `seconds` have passed so
@@ -120,7 +120,7 @@ impl<'a, R: Optimizer<S>, S: Trainable> Trainer<'a, R, S> {
     }
 
     fn policy(&self) -> &dyn DensityPolicy<S> {
-        policy(&self.foreign, &self.record.settings)
+        policy(&self.custom, &self.record.settings)
     }
 
     /// Runs until the last step, or until an observer stops the run.
@@ -238,8 +238,8 @@ impl<'a, R: Optimizer<S>, S: Trainable> Trainer<'a, R, S> {
     }
 
     /// Whether the run has a policy of the caller's own.
-    pub(crate) fn has_foreign_policy(&self) -> bool {
-        self.foreign.is_some()
+    pub(crate) fn has_custom_policy(&self) -> bool {
+        self.custom.is_some()
     }
 
     /// Learning-rate scale.
@@ -448,10 +448,10 @@ fn wall() -> Duration {
 }
 
 fn policy<'p, S: Trainable>(
-    foreign: &'p Option<ForeignPolicy<S>>,
+    custom: &'p Option<CustomPolicy<S>>,
     settings: &'p S::Settings,
 ) -> &'p dyn DensityPolicy<S> {
-    match foreign {
+    match custom {
         Some(policy) => policy.as_ref(),
         None => settings.policy(),
     }

@@ -8,7 +8,7 @@ use gs_io::dataset::Point;
 use rand::RngExt;
 use serde::{Deserialize, Serialize};
 
-use super::{depths, neighbours::neighbour_distances, shell, sweep};
+use super::{depths, far_points, neighbours::neighbour_distances, sweep};
 use crate::views::{Focus, PosedView, extent_of};
 
 gs_core::impl_with!(PointInit);
@@ -47,7 +47,7 @@ pub struct PointInit {
     /// which no point is seen: for sky and far surfaces. By default, where views are faces of wider
     /// images ([`ImageSource::is_face`](crate::train::ImageSource::is_face)), of which most show sky.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub shell: Option<bool>,
+    pub far_points: Option<bool>,
     /// If a data set has fewer points than this share of the largest number of Gaussians (before
     /// points raise it), 0..=1, training starts with [`Start::PointsAndImages`] unless another start
     /// is given. Default 0: never.
@@ -57,7 +57,7 @@ pub struct PointInit {
 
 impl Default for PointInit {
     fn default() -> Self {
-        Self { opacity: 0.1, scale: 1.0, random: 100_000, most_points: None, shell: None, search_below: 0.0 }
+        Self { opacity: 0.1, scale: 1.0, random: 100_000, most_points: None, far_points: None, search_below: 0.0 }
     }
 }
 
@@ -153,13 +153,13 @@ impl Start {
         }
     }
 
-    /// The start with the points of [`PointInit::shell`], if it has points.
+    /// The start with the points of [`PointInit::far_points`], if it has points.
     ///
     /// # Errors
     /// Those of reading an image.
     pub(crate) fn with_shell(self, views: &[PosedView]) -> Result<Self, crate::error::Error> {
         let Self::Points(mut points) = self else { return Ok(self) };
-        points.extend(shell::points(views, &points)?);
+        points.extend(far_points::points(views, &points)?);
         Ok(Self::Points(points))
     }
 

@@ -2,9 +2,9 @@
 //! in the images, or at random.
 
 mod depths;
+mod far_points;
 mod init;
 mod neighbours;
-mod shell;
 mod start_name;
 mod sweep;
 

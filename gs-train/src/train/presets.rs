@@ -177,7 +177,7 @@ fn three_dgs(iterations: u32) -> TrainSettings {
             s.min_scale = 1e-7;
             s.max_scale = 1e3;
         }),
-        init: PointInit { shell: Some(false), ..PointInit::default() },
+        init: PointInit { far_points: Some(false), ..PointInit::default() },
         dropout: 0.0,
         policy: Policy::Grow(Grow::absolute(Signal::MeanGradient).with_actions(actions)),
         rounds: published_rounds(iterations, 0.5),

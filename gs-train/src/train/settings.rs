@@ -41,13 +41,13 @@ pub struct TrainSettings {
     /// Largest number of Gaussians, at least 1.
     pub gaussians: u32,
     /// Number of Gaussians for each point that training starts from, far points of
-    /// [`PointInit::shell`] not counted. If that makes more than [`Self::gaussians`], `gaussians` is
+    /// [`PointInit::far_points`] not counted. If that makes more than [`Self::gaussians`], `gaussians` is
     /// raised to it before the first step, to twice its value at most. Not negative; default 0:
     /// never. The settings of a training that has begun have the raised number, and 0 here.
     #[serde(skip_serializing_if = "is_zero")]
     pub gaussians_per_point: f32,
     /// Whether the run ends with exactly as many Gaussians as [`Self::gaussians`] says, along a
-    /// schedule ([`Governor`]), under any policy. Default false.
+    /// schedule ([`CountSchedule`]), under any policy. Default false.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub exactly: bool,
     /// Number of steps, one view each; 0 leaves the first scene as it is.

@@ -51,7 +51,7 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
         let mut start = start.searched(&views.train)?;
         let points = start.points(&settings.init);
         settings = settings.for_points(points);
-        if settings.init.shell.unwrap_or_else(|| views.train.iter().any(|view| view.source.is_face())) {
+        if settings.init.far_points.unwrap_or_else(|| views.train.iter().any(|view| view.source.is_face())) {
             start = start.with_shell(&views.train)?;
         }
         let (budget, degree) = (settings.gaussians as usize, settings.render.effects.sh_degree);

@@ -68,9 +68,9 @@ impl ImageSource for FaceOf {
 fn points_get_a_shell_on_request_and_among_faces_of_wide_images() {
     let rasterizer = rasterizer();
     let points: Vec<Point> = thirty().means.iter().map(|mean| Point { position: *mean, color: [0.5; 3] }).collect();
-    let count = |shell: Option<bool>, faces: bool, start: Start| {
+    let count = |far_points: Option<bool>, faces: bool, start: Start| {
         let mut settings = short(0);
-        settings.init.shell = shell;
+        settings.init.far_points = far_points;
         let mut views = views(&rasterizer);
         if faces {
             let face = |view: PosedView| PosedView { source: Box::new(FaceOf(view.image().unwrap())), ..view };

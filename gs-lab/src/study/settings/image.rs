@@ -2,7 +2,7 @@
 
 use gs_core::{Choice as _, Scene2d};
 use gs_density::Policy;
-use gs_train::{FitSettings, ForeignPolicy, InitialCount, Preset};
+use gs_train::{CustomPolicy, FitSettings, InitialCount, Preset};
 
 use super::{Asked, Planned, WrongKey};
 use crate::study::{arm::AnyPolicy, target::StudyTarget};
@@ -49,7 +49,7 @@ impl Planned for Scene2d {
         })
     }
 
-    fn own(policy: &AnyPolicy) -> Option<&ForeignPolicy> {
+    fn own(policy: &AnyPolicy) -> Option<&CustomPolicy> {
         match policy {
             AnyPolicy::In2d(policy) => Some(policy),
             AnyPolicy::In3d(_) | AnyPolicy::Elsewhere => None,

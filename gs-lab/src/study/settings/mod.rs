@@ -4,7 +4,7 @@ mod image;
 mod scene;
 
 use gs_core::{RenderSettings, Scene2d, Scene3d, effects::Statistics};
-use gs_train::{Error as TrainError, FitSettings, ForeignPolicy, TrainSettings, Trainable};
+use gs_train::{CustomPolicy, Error as TrainError, FitSettings, TrainSettings, Trainable};
 use serde::{Serialize, de::DeserializeOwned};
 
 use super::{
@@ -55,7 +55,7 @@ pub(crate) trait Planned: Trainable<Settings: Serialize + DeserializeOwned> {
     fn completed(settings: Self::Settings, seed: u32) -> Self::Settings;
 
     /// The policy, where it is one for this kind of scene.
-    fn own(policy: &AnyPolicy) -> Option<&ForeignPolicy<Self>>;
+    fn own(policy: &AnyPolicy) -> Option<&CustomPolicy<Self>>;
 }
 
 /// The settings of a run.

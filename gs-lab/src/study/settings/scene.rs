@@ -3,7 +3,7 @@
 use gs_core::{Choice as _, Scene3d};
 use gs_density::Policy;
 use gs_io::dataset::Split;
-use gs_train::{ForeignPolicy, TrainPreset, TrainSettings};
+use gs_train::{CustomPolicy, TrainPreset, TrainSettings};
 
 use super::{Asked, Planned, WrongKey};
 use crate::study::{arm::AnyPolicy, overrides, target::StudyTarget};
@@ -51,7 +51,7 @@ impl Planned for Scene3d {
         settings.with(|s| s.seed = seed)
     }
 
-    fn own(policy: &AnyPolicy) -> Option<&ForeignPolicy<Self>> {
+    fn own(policy: &AnyPolicy) -> Option<&CustomPolicy<Self>> {
         match policy {
             AnyPolicy::In2d(_) | AnyPolicy::Elsewhere => None,
             AnyPolicy::In3d(policy) => Some(policy),

@@ -21,7 +21,7 @@ impl<R: Optimizer<S>, S: Trainable> Trainer<'_, R, S> {
     /// Runs a round of density control; `progress` as in [`Observation`].
     pub(super) async fn control_density(&mut self, progress: f32) -> Result<EditCounts, Error> {
         let Record { settings, step, .. } = &self.record;
-        let policy = policy(&self.foreign, settings);
+        let policy = policy(&self.custom, settings);
         let scene = self.rasterizer.download(&self.splats).await?;
         let statistics = match policy.statistics() {
             Statistics::None => DensityStatistics::zeros(scene.len()),
@@ -55,8 +55,8 @@ impl<R: Optimizer<S>, S: Trainable> Trainer<'_, R, S> {
             budget: settings.budget() as usize,
         };
         let rng = &mut random(settings.seed(), *step);
-        let plan = match settings.governor() {
-            Some(governor) => governor.plan(policy, &observation, rng)?,
+        let plan = match settings.count_schedule() {
+            Some(schedule) => schedule.plan(policy, &observation, rng)?,
             None => policy.plan(&observation, rng)?,
         };
         let counts = plan.counts();

@@ -45,12 +45,12 @@ pub fn scheduled_count(count: usize, budget: usize, previous: f32, progress: f32
 /// are removed. *Source:* a schedule of target counts for any policy is the idea of Smart Target
 /// Point Control (arXiv 2605.16158).
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Governor {
+pub struct CountSchedule {
     /// How Gaussians that the policy left alone are cloned or split.
     pub densify: Densify,
 }
 
-impl From<&Policy> for Governor {
+impl From<&Policy> for CountSchedule {
     /// Clones and splits with the policy's settings, or with the defaults of [`Densify`] for a
     /// policy that neither clones nor splits.
     fn from(policy: &Policy) -> Self {
@@ -58,7 +58,7 @@ impl From<&Policy> for Governor {
     }
 }
 
-impl Governor {
+impl CountSchedule {
     /// The edits of `policy` in one round, corrected to the scheduled count.
     ///
     /// # Errors
@@ -181,7 +181,7 @@ mod tests {
             progress_before: 0.5,
             budget,
         };
-        let plan = Governor::default().plan(policy, &observation, &mut Rng::seed_from_u64(1)).unwrap();
+        let plan = CountSchedule::default().plan(policy, &observation, &mut Rng::seed_from_u64(1)).unwrap();
         plan.sources(scene.len()).unwrap();
         plan
     }
