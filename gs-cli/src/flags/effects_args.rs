@@ -13,11 +13,21 @@ use crate::terminal::output::Verbosity;
 /// The flag of commands that render.
 #[derive(Debug, Clone, Default, Args)]
 pub(crate) struct EffectsArgs {
-    /// Effects to simulate: auto (those that change a pixel by more than 1/512), all, or a list of
-    /// order, sh-degree, antialias and background; gs effects shows what each one costs [default:
-    /// auto]
-    #[arg(long, value_name = "auto|all|LIST", help_heading = "Rendering")]
+    #[arg(long, value_name = "auto|all|LIST", help = help(), help_heading = "Rendering")]
     effects: Option<EffectsChoice>,
+}
+
+fn help() -> String {
+    format!(
+        "Effects to simulate: auto (those that change a pixel by more than 1/512), all, or a list of {}; gs effects shows \
+         what each one costs [default: auto]",
+        names()
+    )
+}
+
+/// The names of the effects that can be left out.
+fn names() -> String {
+    Effect::OPTIONAL.map(Effect::name).join(", ")
 }
 
 /// Which effects are simulated.
@@ -42,10 +52,9 @@ impl FromStr for EffectsChoice {
             "all" => return Ok(Self::All),
             _ => {}
         }
-        let named = |name: &str| name.trim().parse().ok().filter(|effect| *effect != Effect::Blend);
+        let named = |name: &str| Effect::OPTIONAL.into_iter().find(|effect| effect.name() == name.trim());
         let list: Option<Vec<Effect>> = text.split(',').map(named).collect();
-        list.map(Self::Only)
-            .ok_or_else(|| "write auto, all, or a list of order, sh-degree, antialias and background".to_owned())
+        list.map(Self::Only).ok_or_else(|| format!("write auto, all, or a list of {}", names()))
     }
 }
 

@@ -1,9 +1,8 @@
 //! The effects one by one: their names, their values as words, and the next cheaper value.
 
-use std::{fmt, str::FromStr};
+use std::fmt;
 
 use super::{Antialias, Background, Blend, Effects, Order};
-use crate::{error::Error, settings::Choice as _};
 
 crate::choices! {
     /// An effect that a scene may require. Statistics are not among them: they are a matter of
@@ -27,6 +26,9 @@ crate::choices! {
 const DEGREES: [&str; 4] = ["0", "1", "2", "3"];
 
 impl Effect {
+    /// The effects that can be left out of a rendering. Without its blending, a scene is another one.
+    pub const OPTIONAL: [Self; 4] = [Self::Order, Self::ShDegree, Self::Antialias, Self::Background];
+
     /// The effect's value in `effects`, as a word.
     pub fn value(self, effects: &Effects) -> &'static str {
         match self {
@@ -90,15 +92,6 @@ impl fmt::Display for Effects {
     }
 }
 
-impl FromStr for Effect {
-    type Err = Error;
-
-    fn from_str(name: &str) -> Result<Self, Error> {
-        Self::from_name(name)
-            .ok_or_else(|| Error::setting("an effect", name, "order, blend, sh-degree, antialias or background"))
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -121,11 +114,11 @@ mod tests {
             assert_eq!(effect.copied(&all, &effect.off(&all)), all);
             let values: Vec<&str> = down.iter().map(|effects| effect.value(effects)).collect();
             assert!(!values.contains(&effect.value(&all)), "{effect}: {values:?}");
-            assert_eq!(effect.name().parse::<Effect>().unwrap(), effect);
             // In the words of settings files.
             let in_a_file = serde_json::to_value(all).unwrap()[effect.name()].clone();
             assert_eq!(in_a_file.to_string().trim_matches('"'), effect.value(&all));
         }
-        assert!("sparkle".parse::<Effect>().unwrap_err().to_string().contains("sh-degree"));
+        assert_eq!(all.to_string(), "order per-pixel, blend over, sh-degree 3, antialias mip, background solid");
+        assert_eq!(Effects::default().to_string(), "blend over");
     }
 }

@@ -14,7 +14,7 @@ use super::frontier::{Change, FrontierMachine};
 use crate::study::Machine;
 
 /// A rasterizer with its scene, independent of its type.
-pub trait Renderer<V> {
+pub(crate) trait Renderer<V> {
     /// Seconds of one forward pass, until the backend has finished it. The image is not read back.
     fn seconds(&self, view: &V, settings: &RenderSettings) -> Result<f64, Error>;
 
@@ -54,15 +54,15 @@ impl<P: Deref<Target: Rasterizer<S>>, S: Scene> Renderer<S::View> for Loaded<P, 
 pub struct Contender<'a, V> {
     /// Name of its backend. The first contender of a backend is the one that the default is measured
     /// on.
-    pub backend: String,
+    pub(crate) backend: String,
     /// The machine for reports: "cpu (avx512, 2 threads)".
-    pub name: String,
+    pub(crate) name: String,
     /// The difference from the first contender of the same backend; `None` for the first.
-    pub change: Option<Change>,
+    pub(crate) change: Option<Change>,
     /// The settings that choose it.
-    pub machine: FrontierMachine,
+    pub(crate) machine: FrontierMachine,
     /// What renders.
-    pub renderer: Box<dyn Renderer<V> + 'a>,
+    pub(crate) renderer: Box<dyn Renderer<V> + 'a>,
 }
 
 impl<V> std::fmt::Debug for Contender<'_, V> {

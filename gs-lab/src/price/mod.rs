@@ -1,6 +1,6 @@
 //! What an approximation costs, in time, error, flicker and by stage.
 //!
-//! One engine measures for all: a [`Renderer`] is a scene on a machine; settings are timed in turn,
+//! One engine measures for all: a [`Contender`] is a scene on a machine; settings are timed in turn,
 //! after a warm-up, and compared by their medians and their [`Noise`]; pictures are compared with a
 //! true one ([`PictureError`]), by another rendering or by the 64-bit oracle. The questions are:
 //!
@@ -24,11 +24,11 @@ mod training;
 mod truth;
 mod views;
 
-pub(crate) use self::machine::Loaded;
+pub(crate) use self::machine::{Loaded, Renderer};
 pub use self::{
     effects::{EffectPrices, effect_prices},
-    machine::{Contender, Renderer, contenders},
-    noise::{Noise, TimeComparison},
+    machine::{Contender, contenders},
+    noise::Noise,
     picture_error::PictureError,
     stages::{StagePrices, stage_prices},
     timing::Times,

@@ -22,13 +22,13 @@ pub struct Noise {
     /// Noise factor, at least 1. Medians differ if their ratio is above this or below its inverse.
     pub factor: f64,
     /// The second median divided by the first.
-    pub again: f64,
+    pub(crate) again: f64,
 }
 
 /// The verdict on two times.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum TimeComparison {
+pub(crate) enum TimeComparison {
     /// Shorter by more than the noise.
     Faster,
     /// Within the noise.
@@ -39,7 +39,7 @@ pub enum TimeComparison {
 
 impl TimeComparison {
     /// The verdict as reports print it.
-    pub fn words(self) -> &'static str {
+    pub(crate) fn words(self) -> &'static str {
         match self {
             Self::Faster => "faster",
             Self::NoDifference => "no difference",
@@ -55,7 +55,7 @@ impl Noise {
     /// The noise of a setting that was measured twice, with at least one time each. Pairs of
     /// medians are resampled from all times together; the noise is what 95 % of the pairs stay
     /// within, or the observed difference of the two if that is larger.
-    pub fn of(first: &[f64], again: &[f64]) -> Self {
+    pub(crate) fn of(first: &[f64], again: &[f64]) -> Self {
         let all: Vec<f64> = first.iter().chain(again).copied().collect();
         let observed = median(again) / median(first);
         let mut rng = Rng::seed_from_u64(SEED);
@@ -67,7 +67,7 @@ impl Noise {
     }
 
     /// Compares a time with another.
-    pub fn compare(self, seconds: f64, with: f64) -> TimeComparison {
+    pub(crate) fn compare(self, seconds: f64, with: f64) -> TimeComparison {
         let is_less = |a: f64, b: f64| (a * self.factor).total_cmp(&b) == Ordering::Less;
         if is_less(seconds, with) {
             TimeComparison::Faster

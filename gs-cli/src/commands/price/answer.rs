@@ -1,10 +1,10 @@
 //! The answer to a budget: a settings file, with its measurements on the views of the search and on
 //! others.
 
-use gs_core::{Effects, Scene, counted, profile::Quantiles};
+use gs_core::{counted, profile::Quantiles};
 use gs_lab::price::{
-    Noise,
-    frontier::{Budget, Choice, Field, Frontier, FrontierEffects, FrontierSettings, Measured, Missed, Verification},
+    Noise, Verifiable,
+    frontier::{Budget, Choice, Field, Frontier, Measured, Missed, Verification},
 };
 use serde::Serialize;
 
@@ -26,23 +26,18 @@ pub(super) struct Answer {
 }
 
 impl Answer {
-    /// The answer for the scene `what`, with the effects that can be chosen for its kind.
-    pub(super) fn new<S: Scene>(
+    /// The answer for the scene `what`.
+    pub(super) fn new<S: Verifiable>(
         budget: Budget,
         choice: Choice,
         field: &Field<'_, S>,
         frontier: &Frontier,
-        effects: fn(&Effects) -> Option<FrontierEffects>,
         what: &str,
     ) -> Result<Self, Failure> {
         let row = &frontier.rows[choice.row];
-        let settings = FrontierSettings::default().with(|s| {
-            (s.accuracy, s.effects) = (row.settings.accuracy, effects(&row.settings.effects));
-            s.machine = field.contenders[row.contender].machine.clone();
-        });
         let comment = comment(budget, &choice, row, frontier.noise_of(&row.backend), what);
         let comment: String = comment.lines().map(|line| format!("# {line}\n")).collect();
-        let file = comment + "\n" + &settings.to_toml().map_err(Failure::failed)?;
+        let file = comment + "\n" + &field.settings_of(row).to_toml().map_err(Failure::failed)?;
         Ok(Self { budget, settings: row.name(), machine: row.machine.clone(), choice, file })
     }
 }

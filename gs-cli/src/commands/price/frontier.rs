@@ -5,11 +5,11 @@ use std::path::PathBuf;
 
 use clap::Args;
 use gs_backend::{AnyRasterizer, FutureExt as _, Wanted};
-use gs_core::{Effects, Optimizer, Scene, counted};
+use gs_core::{Optimizer, Scene, counted};
 use gs_io::Inputs;
 use gs_lab::price::{
     Contender, Verifiable, contenders,
-    frontier::{Budget, Field, Frontier, FrontierEffects, SearchLimits, search},
+    frontier::{Budget, Field, Frontier, SearchLimits, search},
     unseen_cameras, unseen_canvases,
 };
 use serde::Serialize;
@@ -128,12 +128,11 @@ pub(crate) fn run(args: &FrontierArgs) -> Result<(), Failure> {
     match subject {
         Subject::TwoD(seen) => {
             let unseen = unseen_canvases(seen.views[0]);
-            measure(args, &seen, (&seen.views, &unseen), |_| None, folder.as_ref())
+            measure(args, &seen, (&seen.views, &unseen), folder.as_ref())
         }
         Subject::ThreeD(seen, _) => {
             let (views, unseen) = unseen_cameras(&seen.views);
-            let effects = |effects: &Effects| Some(FrontierEffects::of(effects));
-            measure(args, &seen, (&views, &unseen), effects, folder.as_ref())
+            measure(args, &seen, (&views, &unseen), folder.as_ref())
         }
     }
 }
@@ -162,13 +161,11 @@ where
     Ok(all)
 }
 
-/// Measures the scene in views, and verifies the answer on unseen ones; `effects` are those that can be
-/// chosen for its kind.
+/// Measures the scene in views, and verifies the answer on unseen ones.
 fn measure<S>(
     args: &FrontierArgs,
     seen: &Seen<S>,
     (views, unseen): (&[S::View], &[S::View]),
-    effects: fn(&Effects) -> Option<FrontierEffects>,
     folder: Option<&OutputFolder>,
 ) -> Result<(), Failure>
 where
@@ -185,7 +182,7 @@ where
         output::note(format_args!("verifying on {} that the search did not use", counted(unseen.len(), "view")));
         let chosen = budget.choose(&field, &frontier, unseen, 0.1 * limits.seconds)?;
         let choice = chosen.map_err(|why| answer::missed(budget, why, unseen.len()))?;
-        Answer::new(budget, choice, &field, &frontier, effects, &what)
+        Answer::new(budget, choice, &field, &frontier, &what)
     });
     let (answer, failure) = match answer.transpose() {
         Ok(answer) => (answer, None),

@@ -1,6 +1,6 @@
 //! The search for the frontier.
 
-use gs_core::{Accuracy, Error, Extent, RenderSettings, Scene};
+use gs_core::{Accuracy, Error, Extent, RenderSettings, Scene, effects::Order};
 
 use super::{
     super::{
@@ -14,6 +14,7 @@ use super::{
     pareto::frontier_of,
     predict::{Predicted, combinations},
     setting::{Setting, alternatives},
+    settings_file::{FrontierEffects, FrontierSettings},
 };
 use crate::result::median;
 
@@ -60,6 +61,14 @@ impl<S: Verifiable> Field<'_, S> {
     fn bases(&self) -> Vec<usize> {
         let is_first = |&i: &usize| self.contenders[i].change.is_none();
         (0..self.contenders.len()).filter(is_first).collect()
+    }
+
+    /// The settings file of a row, with the effects that a 3D scene has.
+    pub fn settings_of(&self, row: &Measured) -> FrontierSettings {
+        let RenderSettings { accuracy, effects, .. } = row.settings;
+        let is_3d = self.shown.effects.order != Order::Index;
+        let machine = self.contenders[row.contender].machine.clone();
+        FrontierSettings { accuracy, effects: is_3d.then(|| FrontierEffects::of(&effects)), machine }
     }
 
     /// A row that is not measured yet.

@@ -29,7 +29,7 @@ mod tests;
 pub use self::{
     budget::{Budget, Choice, Missed, Verification},
     field::{Field, SearchLimits, search},
-    outcome::{BackendNoise, Frontier, Measured, Refused, Role},
-    setting::Change,
+    outcome::{Frontier, Measured},
     settings_file::{FrontierEffects, FrontierMachine, FrontierSettings},
 };
+pub(crate) use self::{outcome::Role, setting::Change};

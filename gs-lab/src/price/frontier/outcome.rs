@@ -24,7 +24,7 @@ const LEAST_ERROR: f64 = 1e-8;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
-pub enum Role {
+pub(crate) enum Role {
     /// The default settings.
     Default,
     /// The default settings measured again, to determine the noise.
@@ -50,11 +50,11 @@ pub struct Measured {
     pub machine: String,
     /// Index of the contender.
     #[serde(skip)]
-    pub contender: usize,
+    pub(crate) contender: usize,
     /// The role of the row.
-    pub role: Role,
+    pub(crate) role: Role,
     /// Differences from the backend's default.
-    pub changes: Vec<Change>,
+    pub(crate) changes: Vec<Change>,
     /// All settings.
     pub settings: RenderSettings,
     /// Seconds per view, one value for each round.
@@ -62,14 +62,14 @@ pub struct Measured {
     /// The error of the pictures.
     pub error: PictureError,
     /// Whether nothing of the same backend is both quicker and as exact.
-    pub on_frontier: bool,
+    pub(crate) on_frontier: bool,
     /// The time compared with that of the backend's default.
-    pub comparison: TimeComparison,
+    pub(crate) comparison: TimeComparison,
 }
 
 impl Measured {
     /// Median seconds per view.
-    pub fn median(&self) -> f64 {
+    pub(crate) fn median(&self) -> f64 {
         self.seconds.spread.median
     }
 
@@ -87,22 +87,22 @@ impl Measured {
 
 /// Settings that a backend does not support.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub struct Refused {
+pub(crate) struct Refused {
     /// The backend.
-    pub backend: String,
+    pub(crate) backend: String,
     /// The settings.
-    pub what: String,
+    pub(crate) what: String,
     /// The backend's reason.
-    pub why: String,
+    pub(crate) why: String,
 }
 
 /// The noise of a backend.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct BackendNoise {
+pub(crate) struct BackendNoise {
     /// The backend.
-    pub backend: String,
+    pub(crate) backend: String,
     /// The noise of the backend's times.
-    pub noise: Noise,
+    pub(crate) noise: Noise,
 }
 
 /// The result of a search.
@@ -113,16 +113,16 @@ pub struct Frontier {
     /// All measured rows, by backend, quickest first.
     pub rows: Vec<Measured>,
     /// Settings that were not measured because a backend does not support them.
-    pub refused: Vec<Refused>,
+    pub(crate) refused: Vec<Refused>,
     /// The noise of each backend.
-    pub noise: Vec<BackendNoise>,
+    pub(crate) noise: Vec<BackendNoise>,
     /// Number of views.
-    pub views: usize,
+    pub(crate) views: usize,
     /// Pixels of all views that the oracle computed for every picture.
-    pub sampled: usize,
+    pub(crate) sampled: usize,
     /// Largest difference between the oracle and the backend rendering that locates the worst
     /// pixels.
-    pub uncertainty: f64,
+    pub(crate) uncertainty: f64,
 }
 
 /// Rows that are drawn alike.
@@ -133,13 +133,6 @@ impl Frontier {
     pub fn noise_of(&self, backend: &str) -> Noise {
         let found = self.noise.iter().find(|noise| noise.backend == backend);
         found.map_or(Noise::NONE, |found| found.noise)
-    }
-
-    /// The rows on the frontier, of all backends, quickest first.
-    pub fn steps(&self) -> Vec<&Measured> {
-        let mut steps: Vec<&Measured> = self.rows.iter().filter(|row| row.on_frontier).collect();
-        steps.sort_by(|a, b| a.median().total_cmp(&b.median()));
-        steps
     }
 
     /// All rows. Those marked with `*` are on the frontier of their backend.

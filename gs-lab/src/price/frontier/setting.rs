@@ -7,9 +7,6 @@ use gs_core::{
     effects::{Effect, Order},
 };
 
-/// The effects that are varied. Another blending or background would be another scene.
-const EFFECTS: [Effect; 3] = [Effect::Order, Effect::Antialias, Effect::ShDegree];
-
 /// What can be varied.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Axis {
@@ -77,11 +74,11 @@ impl Setting {
 
 /// A difference from a backend's default: a setting of the rendering, or of the backend.
 #[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
-pub struct Change {
+pub(crate) struct Change {
     /// The setting: "alpha cut".
-    pub axis: String,
+    pub(crate) axis: String,
     /// The setting's value: "1/1024".
-    pub value: String,
+    pub(crate) value: String,
 }
 
 impl fmt::Display for Change {
@@ -106,7 +103,8 @@ pub(super) fn alternatives(base: &RenderSettings) -> Vec<Setting> {
         try_each(Axis::AlphaMax, &[0.99, 0.999, 0.9999], |s, most| s.accuracy.alpha_max = most);
     }
     if base.effects.order != Order::Index {
-        for effect in EFFECTS {
+        // Another background would be another scene.
+        for effect in Effect::OPTIONAL.into_iter().filter(|effect| *effect != Effect::Background) {
             let values = effect.values(&base.effects).into_iter();
             all.extend(
                 values
