@@ -4,10 +4,7 @@
 use gs_io::png_bytes;
 
 use super::Findings;
-use crate::{
-    error::Error,
-    report::{csv_row, figure::Figure},
-};
+use crate::{error::Error, report::figure::Figure, result::csv_row};
 
 /// A result file of an experiment.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -13,7 +13,6 @@ use std::fs;
 
 use rayon::prelude::*;
 
-pub(crate) use self::table::csv_row;
 pub use self::table::{Cell, Table};
 use crate::{
     error::Error,

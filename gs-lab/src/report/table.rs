@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use crate::result::{quoted, significant};
+use crate::result::{csv_row, significant};
 
 /// A table.
 #[derive(Debug, Clone, PartialEq)]
@@ -67,11 +67,6 @@ impl Table {
         let line = |row: &Vec<String>| row.iter().zip(&columns).map(padded).collect::<Vec<_>>().join("  ");
         rows.iter().map(|row| line(row).trim_end().to_owned() + "\n").collect()
     }
-}
-
-/// A line of CSV, with cells quoted where necessary.
-pub(crate) fn csv_row<T: AsRef<str>>(cells: impl IntoIterator<Item = T>) -> String {
-    cells.into_iter().map(|cell| quoted(cell.as_ref())).collect::<Vec<_>>().join(",") + "\n"
 }
 
 impl From<&str> for Cell {

@@ -1,11 +1,11 @@
 //! A claim with its verdict, which follows from conditions that are counted over many cases.
 
-use std::fmt::{self, Write as _};
+use std::fmt;
 
 use gs_core::counted;
 use serde::Serialize;
 
-use super::export::quoted;
+use super::export::csv_row;
 
 /// Significant digits of a number in a sentence.
 const DIGITS: usize = 4;
@@ -158,9 +158,7 @@ pub fn claims_csv<'a>(groups: impl IntoIterator<Item = (&'a str, &'a [Claim])>) 
         let circumstances = circumstances.map(|c| (&c.what, c.held.to_string(), format!("of {}", c.of)));
         let numbers = claim.numbers.iter().map(|number| (&number.what, number.value.to_string(), number.unit.clone()));
         for (what, value, unit) in circumstances.chain(numbers) {
-            let cells = [experiment, &claim.name, &claim.section, &verdict, what, &value, &unit].map(quoted);
-            let written = writeln!(csv, "{}", cells.join(","));
-            debug_assert!(written.is_ok(), "a string can always be written to");
+            csv += &csv_row([experiment, &claim.name, &claim.section, &verdict, what, &value, &unit]);
         }
     }
     csv

@@ -2,8 +2,6 @@
 //! files are the same byte for byte however a study was run: side by side, interrupted, or on more
 //! threads.
 
-use std::fmt::Write;
-
 use serde::Serialize;
 
 use super::{
@@ -89,8 +87,8 @@ fn runs_csv(rows: &[Row], plan: &Plan) -> String {
     let lines = rows.iter().map(|r| {
         let cells = [
             r.row.to_string(),
-            quoted(&r.arm),
-            r.image.iter().chain(&r.data_set).map(|name| quoted(name)).collect(),
+            r.arm.clone(),
+            r.image.iter().chain(&r.data_set).cloned().collect(),
             r.budget.to_string(),
             r.seed.to_string(),
             r.address.clone(),
@@ -103,9 +101,9 @@ fn runs_csv(rows: &[Row], plan: &Plan) -> String {
             number(r.ms_ssim, 8),
             number(r.l1, 8),
             r.scene.clone().unwrap_or_default(),
-            r.error.as_deref().map_or_else(String::new, quoted),
+            r.error.clone().unwrap_or_default(),
         ];
-        cells.join(",")
+        csv_row(cells)
     });
     table(&header, lines)
 }
@@ -116,13 +114,13 @@ fn views_csv(results: &Results<'_>) -> String {
         end.views.iter().map(|view| {
             let cells = [
                 run.row.to_string(),
-                quoted(&view.name),
+                view.name.clone(),
                 number(Some(view.psnr), 6),
                 number(Some(view.ssim), 8),
                 number(view.ms_ssim, 8),
                 number(Some(view.l1), 8),
             ];
-            cells.join(",")
+            csv_row(cells)
         })
     });
     table("row,view,psnr,ssim,ms_ssim,l1", lines)
@@ -133,12 +131,12 @@ fn quality_csv(rows: &[RunQuality]) -> String {
     let lines = rows.iter().map(|q| {
         let spread = |spread: Option<Spread>, digits: usize| {
             let over_seeds = spread.and_then(|spread| spread.over_seeds);
-            format!("{},{}", number(spread.map(|spread| spread.mean), digits), number(over_seeds, digits))
+            [number(spread.map(|spread| spread.mean), digits), number(over_seeds, digits)]
         };
-        let bytes = number(q.bytes.map(|bytes| bytes.mean), 0);
-        let measured =
-            [spread(q.gaussians, 1), bytes, spread(q.psnr, 4), spread(q.ssim, 6), spread(q.ms_ssim, 6)].join(",");
-        format!("{},{},{},{},{},{},{measured}", quoted(&q.arm), q.budget, q.finished, q.failed, q.missing, q.images)
+        let counts = [q.finished, q.failed, q.missing, q.images].map(|count| count.to_string());
+        let cells = [q.arm.clone(), q.budget.to_string()].into_iter().chain(counts).chain(spread(q.gaussians, 1));
+        let cells = cells.chain([number(q.bytes.map(|bytes| bytes.mean), 0)]).chain(spread(q.psnr, 4));
+        csv_row(cells.chain(spread(q.ssim, 6)).chain(spread(q.ms_ssim, 6)))
     });
     table(header, lines)
 }
@@ -150,8 +148,8 @@ fn differences_csv(rows: &[Difference]) -> String {
             d.matching.name().to_owned(),
             d.metric.name().to_owned(),
             d.budget.to_string(),
-            quoted(&d.arm),
-            quoted(&d.against),
+            d.arm.clone(),
+            d.against.clone(),
             d.pairing.words().to_owned(),
             d.pairs.to_string(),
             number(d.mean, 6),
@@ -160,7 +158,7 @@ fn differences_csv(rows: &[Difference]) -> String {
             d.verdict.words().to_owned(),
             remarks(&d.remarks),
         ];
-        cells.join(",")
+        csv_row(cells)
     });
     table(header, lines)
 }
@@ -169,19 +167,16 @@ fn effects_csv(rows: &[Effect]) -> String {
     let header =
         "match,metric,effect,factor,level,against,factor2,level2,against2,paired,pairs,mean,low,high,verdict,remarks";
     let lines = rows.iter().map(|e| {
-        let of = match &e.of {
+        let (kind, factors) = match &e.of {
             EffectOf::Main { factor, level, against } => {
-                format!("main,{},{},{},,,", quoted(factor), quoted(level), quoted(against))
+                ("main", [[factor, level, against], [const { &String::new() }; 3]])
             }
             EffectOf::Interaction { factors, levels, against } => {
-                let each = |i: usize| [&factors[i], &levels[i], &against[i]].map(|name| quoted(name)).join(",");
-                format!("interaction,{},{}", each(0), each(1))
+                ("interaction", [0, 1].map(|i| [&factors[i], &levels[i], &against[i]]))
             }
         };
-        let cells = [
-            e.matching.name().to_owned(),
-            e.metric.name().to_owned(),
-            of,
+        let head = [e.matching.name(), e.metric.name(), kind].map(str::to_owned);
+        let measured = [
             e.pairing.words().to_owned(),
             e.pairs.to_string(),
             number(e.mean, 6),
@@ -190,31 +185,27 @@ fn effects_csv(rows: &[Effect]) -> String {
             e.verdict.words().to_owned(),
             remarks(&e.remarks),
         ];
-        cells.join(",")
+        csv_row(head.into_iter().chain(factors.into_iter().flatten().cloned()).chain(measured))
     });
     table(header, lines)
 }
 
 /// A cell with remarks.
 fn remarks(remarks: &[ResultRemark]) -> String {
-    quoted(&remarks.iter().map(ResultRemark::to_string).collect::<Vec<_>>().join("; "))
+    remarks.iter().map(ResultRemark::to_string).collect::<Vec<_>>().join("; ")
 }
 
 fn times_csv(results: &Results<'_>) -> String {
     let ends = results.rows().filter_map(|(run, record)| Some((run, record?.outcome.finished()?)));
     let line = |(run, end): (&Run, &Finished)| {
-        format!("{},{:.6},{},{}", run.row, end.seconds, quoted(&end.backend), end.side_by_side)
+        let seconds = number(Some(end.seconds), 6);
+        csv_row([run.row.to_string(), seconds, end.backend.clone(), end.side_by_side.to_string()])
     };
     table("row,seconds,backend,side_by_side", ends.map(line))
 }
 
 fn table(header: &str, lines: impl Iterator<Item = String>) -> String {
-    let mut text = format!("{header}\n");
-    for line in lines {
-        let written = writeln!(text, "{line}");
-        debug_assert!(written.is_ok(), "a string can always be written to");
-    }
-    text
+    std::iter::once(format!("{header}\n")).chain(lines).collect()
 }
 
 fn number(value: Option<f64>, digits: usize) -> String {
@@ -225,8 +216,12 @@ fn whole(value: Option<impl ToString>) -> String {
     value.map_or_else(String::new, |value| value.to_string())
 }
 
-/// A CSV cell, quoted where necessary (RFC 4180).
-pub(crate) fn quoted(cell: &str) -> String {
+/// A line of CSV, with cells quoted where necessary (RFC 4180).
+pub(crate) fn csv_row<T: AsRef<str>>(cells: impl IntoIterator<Item = T>) -> String {
+    cells.into_iter().map(|cell| quoted(cell.as_ref())).collect::<Vec<_>>().join(",") + "\n"
+}
+
+fn quoted(cell: &str) -> String {
     match cell.contains([',', '"', '\n', '\r']) {
         true => format!("\"{}\"", cell.replace('"', "\"\"")),
         false => cell.to_owned(),

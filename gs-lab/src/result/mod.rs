@@ -19,7 +19,7 @@ mod verdict;
 pub(crate) use self::{
     claim::significant,
     contrast::EQUAL_COUNT,
-    export::quoted,
+    export::csv_row,
     reach::Reach,
     remark::FEWEST_SEEDS,
     statistics::{CONFIDENCE, FEWEST, RESAMPLES, mean, median},
