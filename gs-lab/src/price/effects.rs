@@ -175,7 +175,7 @@ impl<V> Seen<'_, V> {
 
 impl EffectPrices {
     /// A row for each effect.
-    pub fn table(&self) -> Table {
+    fn table(&self) -> Table {
         let columns = ["effect", "wanted", "required", "cost, ms", "%", "instead", "max error", "PSNR, dB", "why"];
         let row = |EffectDecision { effect, wanted, value, reason, .. }: &EffectDecision| {
             let price = self.prices.each.iter().find(|price| price.effect == *effect);

@@ -130,7 +130,7 @@ pub fn training_prices<R: Optimizer<Scene3d>>(
 
 impl TrainingPrices {
     /// A row for each effect, with it and without it.
-    pub fn table(&self) -> Table {
+    fn table(&self) -> Table {
         let row = |TrainingPrice { effect, with, without }: &TrainingPrice| {
             let both = |of: fn(&TrainingOutcome) -> Option<f64>| {
                 [with, without].map(|outcome| of(outcome).map_or(Cell::Empty, |value| Cell::Fixed(value, 2)))
