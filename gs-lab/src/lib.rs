@@ -6,14 +6,17 @@
 //!   depends on.
 //! - [`conduct`] does the runs that are missing, side by side, and stores each as one file. Any
 //!   number of processes may do so in one folder; each claims its runs.
-//! - [`Results`] makes tables with intervals, [`report`] a page.
-//! - [`price`] measures what approximations cost, and [`experiments`] are those of the paper.
+//! - [`Results`] makes tables with intervals and judges the claims of the study, [`report`] makes a
+//!   page.
+//! - [`price`] measures what approximations cost, and [`experiments`] names the studies of the paper
+//!   and makes their page.
 //!
 //! A room uses only those before it: [`study`], [`run`], [`result`], [`report`], [`price`],
 //! [`experiments`].
 
 mod error;
 pub mod experiments;
+mod median;
 pub mod price;
 pub mod report;
 pub mod result;

@@ -10,7 +10,7 @@ use sha2::{Digest, Sha256};
 
 /// Files and folders of the workspace that the result of a run depends on. The paper's experiments,
 /// tables and reports may change without invalidating results, so they are left out.
-pub(crate) const SOURCES: [&str; 18] = [
+pub(crate) const SOURCES: [&str; 20] = [
     "Cargo.lock",
     "gs-core/src",
     "gs-cpu/src",
@@ -18,7 +18,9 @@ pub(crate) const SOURCES: [&str; 18] = [
     "gs-density/src",
     "gs-io/src",
     "gs-train/src",
+    "gs-lab/src/median.rs",
     "gs-lab/src/run/conduct.rs",
+    "gs-lab/src/study/column.rs",
     "gs-lab/src/study/dataset_reading.rs",
     "gs-lab/src/study/digest.rs",
     "gs-lab/src/run/record.rs",
@@ -98,7 +100,7 @@ mod tests {
         assert_eq!((before.len(), digest(place.path())), (DIGITS, Some(before.clone())));
         write(place.path(), "gs-cli/src/main.rs", "fn main() {}");
         write(place.path(), "gs-lab/src/report/page.rs", "another page");
-        write(place.path(), "gs-lab/src/experiments/edges.rs", "another experiment");
+        write(place.path(), "gs-lab/src/experiments/page.rs", "another experiment");
         assert_eq!(digest(place.path()), Some(before.clone()));
         for (name, content) in [
             ("gs-cpu/src/shaders/blend.wgsl", "a kernel by another formula"),

@@ -1,7 +1,6 @@
 //! Means, variances, and bootstrap intervals of means, for experiments and studies.
 
-use std::borrow::Borrow;
-
+pub(crate) use crate::median::median;
 pub(crate) use gs_core::metrics::mean;
 use gs_density::Rng;
 use rand::{RngExt, SeedableRng};
@@ -29,17 +28,6 @@ pub struct Interval {
     pub low: f64,
     /// Upper end.
     pub high: f64,
-}
-
-/// The median: the mean of the two middle values of an even number, NaN of none.
-pub(crate) fn median(values: impl IntoIterator<Item: Borrow<f64>>) -> f64 {
-    let mut values: Vec<f64> = values.into_iter().map(|value| *value.borrow()).collect();
-    values.sort_unstable_by(f64::total_cmp);
-    match values.len() {
-        0 => f64::NAN,
-        n if n % 2 == 1 => values[n / 2],
-        n => (values[n / 2 - 1] + values[n / 2]) / 2.0,
-    }
 }
 
 /// The sample variance (with n − 1); `None` for fewer than two values.
@@ -241,12 +229,5 @@ mod tests {
             .count();
         // 7.5 are expected; 4 standard deviations are 11. The interval is a little too wide.
         assert!((1..=18).contains(&seen), "{seen} of {studies}");
-    }
-
-    #[test]
-    fn the_median_is_in_the_middle() {
-        assert_eq!(median([3.0, 1.0, 2.0]), 2.0);
-        assert_eq!(median([4.0, 1.0, 2.0, 3.0]), 2.5);
-        assert!(median([0.0; 0]).is_nan());
     }
 }
