@@ -43,14 +43,21 @@ fn counted(conditions: &[&str], psnr: impl Fn(&Run) -> f64) -> Vec<(usize, usize
 fn a_verdict_follows_from_the_runs_and_its_control_refutes_it() {
     let claims = "[[claim]]\nname = 'better'\nstatement = 's'\nsection = '1, 2'\nnote = 'Mind.'\n\
                   circumstances = [{ what = 'w', arm = 'b', of = 'psnr', less = { arms = ['a'] }, above = 0 }]\n\
-                  numbers = [{ what = 'gain', arm = 'b', of = 'psnr', less = { arms = ['a'] }, unit = 'dB' }]\n";
+                  numbers = [{ what = 'gain', arm = 'b', of = 'psnr', less = { arms = ['a'] }, unit = 'dB' }, \
+                  { what = 'PSNR', arm = 'a', of = 'psnr', take = 'interval' }]\n";
     let verdict = |gain: &dyn Fn(&Run) -> f64| {
         let psnr = |run: &Run| if run.arm == 1 { 30.0 + gain(run) } else { 30.0 };
         let claims = judged(claims, |run| finished(rising(psnr(run), 1.0)));
         (claims[0].verdict(), claims[0].circumstances[0].held, claims[0].measured.clone())
     };
-    assert_eq!(verdict(&|_| 1.5), (ClaimVerdict::Confirmed, 21, "gain: 1.500 dB. Mind.".to_owned()));
-    assert_eq!(verdict(&|_| -1.5), (ClaimVerdict::Refuted, 0, "gain: -1.500 dB. Mind.".to_owned()));
+    assert_eq!(
+        verdict(&|_| 1.5),
+        (ClaimVerdict::Confirmed, 21, "gain: 1.500 dB; PSNR: 30 (95 % interval 30 to 30). Mind.".to_owned())
+    );
+    assert_eq!(
+        verdict(&|_| -1.5),
+        (ClaimVerdict::Refuted, 0, "gain: -1.500 dB; PSNR: 30 (95 % interval 30 to 30). Mind.".to_owned())
+    );
     assert_eq!(verdict(&|_| 0.0).0, ClaimVerdict::Refuted);
     assert_eq!(verdict(&|run| if run.target == 0 { 1.0 } else { -1.0 }).1, 7);
     let claims = judged(claims, |_| finished(rising(30.0, 1.0)));
@@ -58,7 +65,8 @@ fn a_verdict_follows_from_the_runs_and_its_control_refutes_it() {
     assert_eq!(
         claims_csv([("x", claims.as_slice())]),
         "experiment,claim,section,verdict,number,value,unit\nx,better,\"1, 2\",refuted,w,0,of 21\n\
-         x,better,\"1, 2\",refuted,gain,0,dB\n"
+         x,better,\"1, 2\",refuted,gain,0,dB\nx,better,\"1, 2\",refuted,PSNR,30,\n\
+         x,better,\"1, 2\",refuted,\"its 95 % interval, from\",30,\nx,better,\"1, 2\",refuted,\"its 95 % interval, to\",30,\n"
     );
 }
 
@@ -116,6 +124,8 @@ fn an_interval_holds_only_as_a_whole() {
         )
     };
     assert_eq!((within(0.01), within(3.0)), (vec![(1, 1)], vec![(0, 1)]), "the mean is 20 in both");
+    let of_images = "arm = 'a', per = 'seed', join = 'interval', above = 0";
+    assert_eq!(counted(&[of_images], |_| 20.0), [(0, 7)], "three values are too few");
 }
 
 #[test]

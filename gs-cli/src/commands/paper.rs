@@ -86,6 +86,10 @@ pub(crate) fn run(args: &PaperArgs) -> Result<(), Failure> {
     let experiments = args.only.map_or_else(|| Experiment::ALL.to_vec(), |only| vec![only]);
     let size = if args.quick { ExperimentSize::Quick } else { ExperimentSize::Full };
     let claim = args.overwrite.claim(&args.output, [CLAIMS, PAGE], Inputs::default());
+    // The folder of a study protects itself.
+    let alone =
+        experiments.iter().filter(|experiment| experiment.studies(size).is_ok_and(|studies| studies.is_empty()));
+    let claim = claim.folders(alone.map(|experiment| experiment.name()));
     output_folder::check(&claim)?;
     let backend = args.backend.open()?;
     let folder = OutputFolder::begin(claim)?;
@@ -145,6 +149,13 @@ fn chapter(
     interrupt: &Interrupt,
 ) -> Result<Chapter, Failure> {
     let mut chapter = Chapter::new(*experiment);
+    if let Some(findings) =
+        experiment.run(rasterizer, size, &|what| output::note(format_args!("{experiment}: {what}")))?
+    {
+        folder.make(experiment.name())?;
+        folder.write_findings(&format!("{experiment}/"), &findings)?;
+        chapter.findings.add(findings);
+    }
     for (plan, of_study) in studies {
         output::note(format_args!("{}: {}", plan.study.name, counted(plan.runs.len(), "run")));
         let display = Display::new(plan, of_study)?;
@@ -158,13 +169,6 @@ fn chapter(
         let command = format!("gs study {}", plan.study.name);
         report::write(&results, of_study, &command)?;
         chapter.add(&results, report::excerpt(&results, of_study)?);
-    }
-    if let Some(findings) =
-        experiment.run(rasterizer, size, &|what| output::note(format_args!("{experiment}: {what}")))?
-    {
-        folder.make(experiment.name())?;
-        folder.write_findings(&format!("{experiment}/"), &findings)?;
-        chapter.findings.add(findings);
     }
     Ok(chapter)
 }

@@ -133,8 +133,14 @@ impl Number {
 impl fmt::Display for Number {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let unit = if self.unit.is_empty() { String::new() } else { format!(" {}", self.unit) };
-        write!(f, "{}: {}{unit}", self.what, significant(self.value, DIGITS))
+        write!(f, "{}: {}{unit}", self.what, in_words(self.value))
     }
+}
+
+/// A whole number as it is, any other with [`DIGITS`].
+pub(super) fn in_words(value: f64) -> String {
+    let is_whole = value.fract() == 0.0 && value.abs() < 1e6;
+    if is_whole { format!("{value}") } else { significant(value, DIGITS) }
 }
 
 /// "3 claims: 2 confirmed, 1 partly".

@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 
 use super::{
-    claim::{Circumstance, Claim, Number},
-    statistics::{bootstrap_interval, mean, median},
+    claim::{self, Circumstance, Claim, Number},
+    statistics::{FEWEST, Interval, bootstrap_interval, mean, median},
     tables::Results,
 };
 use crate::{
@@ -34,18 +34,16 @@ impl Results<'_> {
             let holding = self.holding(condition);
             Circumstance::counted(&condition.what, holding.into_values())
         };
-        let numbers: Vec<Number> = claim.numbers.iter().flat_map(|number| self.numbers(number)).collect();
-        let mut words = numbers.iter().map(Number::to_string).collect::<Vec<_>>().join("; ");
-        if !words.is_empty() {
-            words.push_str(". ");
-        }
+        let numbers: Vec<Vec<Number>> = claim.numbers.iter().map(|number| self.numbers(number)).collect();
+        let words: Vec<String> = numbers.iter().filter(|of| !of.is_empty()).map(|of| in_words(of)).collect();
+        let words = if words.is_empty() { String::new() } else { words.join("; ") + ". " };
         Claim {
             name: claim.name.clone(),
             statement: claim.statement.clone(),
             section: claim.section.clone(),
             circumstances: claim.circumstances.iter().map(circumstance).collect(),
             measured: words + &claim.note,
-            numbers,
+            numbers: numbers.concat(),
         }
     }
 
@@ -55,7 +53,7 @@ impl Results<'_> {
         let holds = |values: Vec<f64>| match condition.join {
             Join::Every => values.iter().all(allowed),
             Join::Some => values.iter().any(allowed),
-            Join::Interval => bootstrap_interval(&values).is_some_and(|i| allowed(&i.low) && allowed(&i.high)),
+            Join::Interval => interval(&values).is_some_and(|i| allowed(&i.low) && allowed(&i.high)),
             join => allowed(&joined(join, &values)),
         };
         let mut holding: BTreeMap<Key, bool> =
@@ -77,7 +75,7 @@ impl Results<'_> {
         if values.is_empty() || value.is_nan() {
             return Vec::new();
         }
-        let interval = if number.take == Join::Interval { bootstrap_interval(&values) } else { None };
+        let interval = if number.take == Join::Interval { interval(&values) } else { None };
         let ends = interval.map(|interval| [("from", interval.low), ("to", interval.high)]);
         let ends = ends.into_iter().flatten().map(|(end, value)| named(format!("its 95 % interval, {end}"), value));
         std::iter::once(named(number.what.clone(), value)).chain(ends).collect()
@@ -173,6 +171,22 @@ impl Results<'_> {
         let place = (case.seed * study.budgets.len() + case.budget) * self.plan.targets.len() + case.target;
         let index = place * study.arms.len() + arm;
         Some((&self.plan.runs[index], &self.records[index].as_ref()?.outcome))
+    }
+}
+
+/// The interval of the mean of values, of which it needs as many as that of a difference between arms.
+fn interval(values: &[f64]) -> Option<Interval> {
+    if values.len() < FEWEST { None } else { bootstrap_interval(values) }
+}
+
+/// A number in words, with its interval if it has one.
+fn in_words(number: &[Number]) -> String {
+    match number {
+        [number, low, high] => {
+            let [low, high] = [low, high].map(|end| claim::in_words(end.value));
+            format!("{number} (95 % interval {low} to {high})")
+        }
+        numbers => numbers.iter().map(Number::to_string).collect(),
     }
 }
 
