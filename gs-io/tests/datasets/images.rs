@@ -21,7 +21,7 @@ use super::{
 fn one_view(root: &std::path::Path, name: &str, parameters: &[f64], picture: &Image) -> Dataset {
     let mut model = model(1);
     let camera = model.cameras.get_mut(&1).unwrap();
-    camera.model = CameraModel::from_name(name).unwrap();
+    camera.model = <CameraModel as gs_core::Choice>::from_name(name).unwrap();
     (camera.width, camera.height, camera.parameters) = (64, 48, parameters.to_vec());
     write_model(&root.join("sparse/0"), &binary(&model), "bin");
     fs::create_dir_all(root.join("images")).unwrap();

@@ -7,7 +7,7 @@ use gs_io::dataset::{
 use proptest::prelude::*;
 
 fn camera(name: &str, parameters: &[f64]) -> Result<SourceCamera, Skip> {
-    let model = CameraModel::from_name(name).unwrap();
+    let model = <CameraModel as gs_core::Choice>::from_name(name).unwrap();
     ColmapCamera { model, width: 640, height: 480, parameters: parameters.to_vec() }.source()
 }
 

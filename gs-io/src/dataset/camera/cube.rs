@@ -21,40 +21,27 @@ const POLE_SPREAD: f32 = 0.1;
 /// Differences of luma that count as rounding or noise.
 const ROUNDING: f32 = 0.01;
 
-/// A face of the cube around a 360° camera, by its direction from the camera.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
-pub enum CubeFace {
-    /// Ahead: the middle of the image.
-    #[default]
-    Front,
-    /// To the right.
-    Right,
-    /// Behind: the left and right borders of the image.
-    Back,
-    /// To the left.
-    Left,
-    /// Above: the upper border of the image. Its lower border adjoins [`Self::Front`].
-    Up,
-    /// Below: the lower border of the image. Its upper border adjoins [`Self::Front`].
-    Down,
+gs_core::choices! {
+    /// A face of the cube around a 360° camera, by its direction from the camera.
+    #[derive(Default)]
+    pub enum CubeFace {
+        /// Ahead: the middle of the image.
+        #[default]
+        Front = "front",
+        /// To the right.
+        Right = "right",
+        /// Behind: the left and right borders of the image.
+        Back = "back",
+        /// To the left.
+        Left = "left",
+        /// Above: the upper border of the image. Its lower border adjoins [`Self::Front`].
+        Up = "up",
+        /// Below: the lower border of the image. Its upper border adjoins [`Self::Front`].
+        Down = "down",
+    }
 }
 
 impl CubeFace {
-    /// All faces.
-    pub const ALL: [Self; 6] = [Self::Front, Self::Right, Self::Back, Self::Left, Self::Up, Self::Down];
-
-    /// The name after `#` in the name of the face's view, such as `image.jpg#front`.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Front => "front",
-            Self::Right => "right",
-            Self::Back => "back",
-            Self::Left => "left",
-            Self::Up => "up",
-            Self::Down => "down",
-        }
-    }
-
     /// The rotation whose columns are the face's right, down and forward, in the axes of the 360°
     /// camera (right, down, forward).
     pub(crate) fn axes(self) -> DMat3 {

@@ -14,81 +14,36 @@ use crate::{
     error::Error,
 };
 
-/// A camera model of COLMAP. The discriminant is its id in binary files.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-#[repr(u8)]
-#[allow(missing_docs, reason = "the names are COLMAP's, and their parameters stand in `parameter_names`")]
-#[non_exhaustive]
-pub enum CameraModel {
-    SimplePinhole,
-    Pinhole,
-    SimpleRadial,
-    Radial,
-    OpenCv,
-    OpenCvFisheye,
-    FullOpenCv,
-    Fov,
-    SimpleRadialFisheye,
-    RadialFisheye,
-    ThinPrismFisheye,
-    RadTanThinPrismFisheye,
-    SimpleDivision,
-    Division,
-    SimpleFisheye,
-    Fisheye,
-    Eucm,
-    Equirectangular,
+gs_core::choices! {
+    /// A camera model of COLMAP. The discriminant is its id in binary files.
+    #[repr(u8)]
+    #[allow(missing_docs, reason = "the names are COLMAP's, and their parameters stand in `parameter_names`")]
+    #[non_exhaustive]
+    pub enum CameraModel {
+        SimplePinhole = "SIMPLE_PINHOLE",
+        Pinhole = "PINHOLE",
+        SimpleRadial = "SIMPLE_RADIAL",
+        Radial = "RADIAL",
+        OpenCv = "OPENCV",
+        OpenCvFisheye = "OPENCV_FISHEYE",
+        FullOpenCv = "FULL_OPENCV",
+        Fov = "FOV",
+        SimpleRadialFisheye = "SIMPLE_RADIAL_FISHEYE",
+        RadialFisheye = "RADIAL_FISHEYE",
+        ThinPrismFisheye = "THIN_PRISM_FISHEYE",
+        RadTanThinPrismFisheye = "RAD_TAN_THIN_PRISM_FISHEYE",
+        SimpleDivision = "SIMPLE_DIVISION",
+        Division = "DIVISION",
+        SimpleFisheye = "SIMPLE_FISHEYE",
+        Fisheye = "FISHEYE",
+        Eucm = "EUCM",
+        Equirectangular = "EQUIRECTANGULAR",
+    }
 }
 
 use CameraModel as M;
 
 impl CameraModel {
-    /// All models in the order of their ids.
-    pub const ALL: [Self; 18] = [
-        M::SimplePinhole,
-        M::Pinhole,
-        M::SimpleRadial,
-        M::Radial,
-        M::OpenCv,
-        M::OpenCvFisheye,
-        M::FullOpenCv,
-        M::Fov,
-        M::SimpleRadialFisheye,
-        M::RadialFisheye,
-        M::ThinPrismFisheye,
-        M::RadTanThinPrismFisheye,
-        M::SimpleDivision,
-        M::Division,
-        M::SimpleFisheye,
-        M::Fisheye,
-        M::Eucm,
-        M::Equirectangular,
-    ];
-
-    /// The name in text files.
-    pub fn name(self) -> &'static str {
-        match self {
-            M::SimplePinhole => "SIMPLE_PINHOLE",
-            M::Pinhole => "PINHOLE",
-            M::SimpleRadial => "SIMPLE_RADIAL",
-            M::Radial => "RADIAL",
-            M::OpenCv => "OPENCV",
-            M::OpenCvFisheye => "OPENCV_FISHEYE",
-            M::FullOpenCv => "FULL_OPENCV",
-            M::Fov => "FOV",
-            M::SimpleRadialFisheye => "SIMPLE_RADIAL_FISHEYE",
-            M::RadialFisheye => "RADIAL_FISHEYE",
-            M::ThinPrismFisheye => "THIN_PRISM_FISHEYE",
-            M::RadTanThinPrismFisheye => "RAD_TAN_THIN_PRISM_FISHEYE",
-            M::SimpleDivision => "SIMPLE_DIVISION",
-            M::Division => "DIVISION",
-            M::SimpleFisheye => "SIMPLE_FISHEYE",
-            M::Fisheye => "FISHEYE",
-            M::Eucm => "EUCM",
-            M::Equirectangular => "EQUIRECTANGULAR",
-        }
-    }
-
     /// The id in binary files.
     pub fn id(self) -> u32 {
         self as u32
@@ -97,11 +52,6 @@ impl CameraModel {
     /// The model of an id.
     pub fn from_id(id: u32) -> Option<Self> {
         Self::ALL.get(id as usize).copied()
-    }
-
-    /// The model of a name.
-    pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|model| model.name() == name)
     }
 
     /// The names of the parameters, in their order: focal lengths and principal point in px, and
@@ -189,6 +139,8 @@ pub(super) fn unknown_model(path: &Path, found: impl ToString) -> Error {
 
 #[cfg(test)]
 mod tests {
+    use gs_core::Choice as _;
+
     use super::*;
 
     #[test]

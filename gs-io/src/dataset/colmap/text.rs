@@ -4,6 +4,7 @@
 use std::{collections::BTreeMap, path::Path, str::FromStr};
 
 use glam::{DQuat, dvec2, dvec3};
+use gs_core::Choice as _;
 
 use super::{
     CameraModel, ColmapCamera, ColmapImage, ColmapObservation, ColmapPoint, camera_model::unknown_model,
