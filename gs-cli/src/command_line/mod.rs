@@ -345,6 +345,38 @@ mod tests {
     }
 
     #[test]
+    fn a_refused_value_names_what_is_possible() {
+        for (words, expected) in [
+            (&["fit", "-n", "-5"][..], "invalid value '-5' for '--gaussians <N>': must be at least 1; see gs X --help"),
+            (&["fit", "-n", "0"], "must be at least 1"),
+            (&["fit", "-n", "1e9"], "must be a whole number"),
+            (&["fit", "--iterations", "-1"], "'--iterations <K>': must be at least 0"),
+            (&["fit", "--init", "nowhere"], "possible values: random"),
+            (&["fit", "--loss", "l3"], "possible values: l2"),
+            (&["fit", "--blend", "under"], "possible values: sum"),
+            (&["fit", "--preset", "worst"], "possible values: paper"),
+            (&["fit", "--backend", "cuda"], "possible values: auto, cpu, wgpu"),
+            (&["fit", "--adapter", ""], "--adapter"),
+            (&["fit", "--threads", "0"], "must be from 1 to 1024"),
+            (&["fit", "--threads", "4000000000"], "must be from 1 to 1024"),
+            (&["fit", "--background", "1,2,3"], "from 0 to 1"),
+            (&["fit", "--seed", "minus one"], "must be a whole number"),
+            (&["train", "x", "--sh-degree", "-2"], "must be from 0 to 3"),
+            (&["train", "x", "--max-size", "0"], "'--max-size <PX>': must be at least 1 px, such as 1600, or none"),
+            (&["render", "x", "-o", "y", "--region", "0,0,0,9"], "X,Y,WIDTH,HEIGHT"),
+            (&["render", "x", "-o", "y", "--camera", "nowhere"], "DATASET:VIEW"),
+            (&["render", "x", "-o", "y", "--up", "w"], "write x, y, z"),
+            (&["convert", "x", "y", "--spz-version", "5"], "possible values: 3, 4"),
+            (&["study", "x", "--jobs", "0"], "--jobs"),
+            (&["study", "replay", "x", "1", "--threads", "-1"], "must be from 1 to 1024"),
+            (&["frontier", "x", "--max-error", "-1"], "write a positive number"),
+        ] {
+            let line = refusal(&command_line_error(words).to_string(), "gs X --help");
+            assert!(line.contains(expected) && !line.contains("tip: "), "{words:?}: {line}");
+        }
+    }
+
+    #[test]
     fn refusals_are_one_line_without_chains_of_colons() {
         for (words, expected) in [
             (&["fit", "--turbo"][..], "unexpected argument '--turbo' found; see gs X --help"),

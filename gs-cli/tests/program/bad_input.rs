@@ -45,22 +45,11 @@ fn refuse_fit(image: &Path, expected: &str) {
 fn images_that_are_none() {
     let place = folder();
     let path = |name: &str| place.path().join(name);
-    let good = fs::read(picture(place.path(), 32, 32)).unwrap();
     fs::write(path("text.png"), "This is not a picture.\n").unwrap();
-    fs::write(path("empty.png"), "").unwrap();
-    fs::write(path("short.png"), &good[..good.len() / 2]).unwrap();
-    fs::write(path("none.png"), png_without_pixels(0, 0)).unwrap();
     fs::write(path("bomb.png"), png_without_pixels(20_000, 20_000)).unwrap();
 
     refuse_fit(&path("absent.png"), "no such file");
-    let none = folder();
-    refuse_fit(none.path(), "image");
     refuse_fit(&path("text.png"), "is text, not an image");
-    refuse_fit(&path("empty.png"), "is empty");
-    refuse_fit(&path("short.png"), "damaged");
-    for part in ["none.png: ", "damaged PNG image: ", "Invalid image dimensions", "; fetch or export it again"] {
-        refuse_fit(&path("none.png"), part);
-    }
     refuse_fit(&path("bomb.png"), "20000x20000");
 }
 
@@ -69,21 +58,9 @@ fn flags_that_ask_for_what_cannot_be() {
     let place = folder();
     let image = picture(place.path(), 16, 16);
     let output = place.path().join("out");
-    let cases: [(&[&str], &str); 16] = [
-        (&["--gaussians", "0"], "--gaussians"),
-        (&["--gaussians", "-3"], "-3"),
-        (&["--gaussians", "1e9"], "1e9"),
+    let cases: [(&[&str], &str); 4] = [
         (&["--policy", "frobnicate"], "possible values: absolute"),
-        (&["--init", "nowhere"], "possible values: random"),
-        (&["--loss", "l3"], "possible values: l2"),
-        (&["--blend", "under"], "possible values: sum"),
-        (&["--preset", "worst"], "possible values: paper"),
-        (&["--threads", "0"], "--threads"),
-        (&["--threads", "4000000000"], "--threads"),
         (&["--simd", "mmx"], "mmx"),
-        (&["--background", "1,2,3"], "from 0 to 1"),
-        (&["--seed", "minus one"], "minus one"),
-        (&["--frobnicate"], "--frobnicate"),
         (&["--settings", "/no/such/file.toml"], "/no/such/file.toml"),
         (&["--resume", "/no/such/checkpoint"], "/no/such/checkpoint"),
     ];
@@ -107,13 +84,7 @@ fn settings_files_that_cannot_be() {
     let image = picture(place.path(), 16, 16);
     let output = place.path().join("out");
     let file = place.path().join("settings.toml");
-    for (text, expected) in [
-        ("iterations = \"many\"", "settings.toml:1: "),
-        ("iteration = 3", "iteration"),
-        ("gaussians = 0", "Gaussians"),
-        ("iterations = [", "settings.toml:1: "),
-        ("rebin-every = 0", "rebin-every"),
-    ] {
+    for (text, expected) in [("iterations = \"many\"", "settings.toml:1: "), ("gaussians = 0", "Gaussians")] {
         fs::write(&file, text).unwrap();
         let run = gs([Path::new("fit"), &image, "-o".as_ref(), &output, "--settings".as_ref(), &file]);
         let line = run.refusal();
@@ -161,23 +132,4 @@ fn help_and_version_are_results_and_nothing_is_bad_usage() {
     assert_eq!((nothing.status, nothing.stdout.as_str()), (Some(2), ""));
     assert!(nothing.stderr.contains("Usage"));
     assert!(gs(["frobnicate"]).refusal().contains("frobnicate"));
-}
-
-#[test]
-fn an_error_about_a_number_names_its_range() {
-    for (words, expected) in [
-        (&["fit", "-n", "-5"][..], "invalid value '-5' for '--gaussians <N>': must be at least 1; see gs fit --help"),
-        (&["fit", "--iterations", "-1"], "'--iterations <K>': must be at least 0"),
-        (&["train", "x", "--sh-degree", "-2"], "must be from 0 to 3"),
-        (&["train", "x", "--max-size", "0"], "'--max-size <PX>': must be at least 1 px, such as 1600, or none"),
-        (&["study", "replay", "x", "1", "--threads", "-1"], "must be from 1 to 1024"),
-        (&["frontier", "x", "--max-error", "-1"], "write a positive number"),
-        (&["train", "x", "--policy", "residual"], "--policy residual is a policy for images, which gs fit takes"),
-    ] {
-        let run = gs(words);
-        assert!(run.refusal().contains(expected) && run.status == Some(2), "{words:?}: {run:?}");
-        assert!(!run.stderr.contains("tip: "), "{run:?}");
-    }
-    let offered = gs(["train", "--help"]).done().stdout;
-    assert!(offered.contains("mcmc") && !offered.contains("image-gs"), "{offered}");
 }
