@@ -336,10 +336,7 @@ pub enum Error {
         found: String,
     },
     /// The file is not a 3D scene of a kind that can be read.
-    #[error(
-        "{}: expected a scene (PLY, .splat, .ksplat, SPZ, SOG, .gltf or .glb), found {found}; export it as PLY",
-        one_line(path)
-    )]
+    #[error("{}: expected a 3D scene, found {found}; export it as PLY", one_line(path))]
     NotA3dScene {
         /// The file.
         path: PathBuf,
@@ -403,11 +400,10 @@ pub enum Error {
         hint: &'static str,
     },
     /// The extension of an output file is not that of a 3D scene format that can be written.
-    #[error(
-        "{}: its ending names no kind of scene that can be written; use .ply, .splat, .spz, .sog, .gltf or .glb",
-        one_line(path)
-    )]
+    #[error("{}: its ending names no kind of scene that can be written; use {endings}", one_line(path))]
     UnknownEnding {
+        /// The extensions that can be written.
+        endings: String,
         /// The file.
         path: PathBuf,
     },

@@ -44,13 +44,17 @@ them, with the scene.";
 #[derive(Debug, Clone, Args)]
 #[command(after_help = AFTER_HELP, group(ArgGroup::new("drawn").args(["dataset", "gaussians"]).multiple(true)))]
 pub(crate) struct ConvertArgs {
-    /// The scene: PLY (3DGS or compressed), .splat, .ksplat, SPZ, SOG, .gltf or .glb, recognised by
-    /// content; a 2D scene (.gs2d.safetensors or .gsi), a checkpoint, or the output folder of gs fit or
-    /// gs train
+    #[arg(help = format!(
+        "The scene: {}, recognised by content; a 2D scene (.gs2d.safetensors or .gsi), a checkpoint, or the output \
+         folder of gs fit or gs train",
+        Format3d::names()
+    ))]
     from: PathBuf,
-    /// The file to write, with the ending of its format: .ply, .splat, .spz, .sog, .gltf or .glb;
-    /// meta.json for a SOG as images in its folder; for a 2D scene .ply, .svg or
-    /// .gs2d.safetensors
+    #[arg(help = format!(
+        "The file to write, with the ending of its format: {}; meta.json for a SOG as images in its folder; for a 2D \
+         scene .ply, .svg or .gs2d.safetensors",
+        Format3d::endings()
+    ))]
     to: PathBuf,
     /// Version of an SPZ: 4 is smaller, 3 is for readers older than 2026
     #[arg(long, value_name = "VERSION", default_value = "4")]
@@ -142,7 +146,7 @@ impl Side {
 /// Converts a scene.
 pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
     if Format3d::to_write(&args.to).is_none() && Form::of(&args.to).is_none() {
-        let failure = Failure::from(gs_io::Error::UnknownEnding { path: args.to.clone() });
+        let failure = Failure::from(Format3d::unknown_ending(&args.to));
         return Err(failure.hint(format_args!("or, for a 2D scene, .svg or .{SCENE_EXTENSION}")));
     }
     let values = if args.drop_broken { Values::Any } else { Values::Checked };
@@ -171,7 +175,7 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
         let message = "cannot write a 3D scene in this format, which holds only 2D scenes";
         return Err(Failure::usage(message)
             .at(args.to.display())
-            .hint("use .ply, .splat, .spz, .sog, .gltf or .glb, or draw a PNG with gs render"));
+            .hint(format_args!("use {}, or draw a PNG with gs render", Format3d::endings())));
     }
     let (all, mut losses, mut beyond_format) = (file.scene.len(), std::mem::take(&mut file.losses), 0);
     if args.drop_broken {

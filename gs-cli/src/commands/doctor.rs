@@ -37,9 +37,10 @@ pub(crate) struct DoctorArgs {
     /// Write a repaired copy
     #[arg(long, requires = "output")]
     fix: bool,
-    /// The file for the copy, other than SCENE; for a 3D scene with the ending of its format: .ply,
-    /// .splat, .spz, .sog, .gltf or .glb
-    #[arg(short, long, value_name = "FILE", requires = "fix")]
+    #[arg(short, long, value_name = "FILE", requires = "fix", help = format!(
+        "The file for the copy, other than SCENE; for a 3D scene with the ending of its format: {}",
+        Format3d::endings()
+    ))]
     output: Option<PathBuf>,
     /// Print JSON
     #[arg(long)]
@@ -118,7 +119,7 @@ fn check_ending(output: &Path, scene: &AnyScene) -> Result<(), Failure> {
         }
         AnyScene::ThreeD(_) => match Format3d::to_write(output) {
             Some(_) => Ok(()),
-            None => Err(gs_io::Error::UnknownEnding { path: output.to_owned() }.into()),
+            None => Err(Format3d::unknown_ending(output).into()),
         },
     }
 }

@@ -213,7 +213,7 @@ fn what_cannot_be_converted_is_refused() {
     fs::write(path("short.ply"), &fs::read(&first).unwrap()[..2000]).unwrap();
     let before = names_in(place.path());
     for (from, to, status, expected) in [
-        (&first, "a.obj", 2, "use .ply, .splat, .spz, .sog, .gltf or .glb"),
+        (&first, "a.obj", 2, "use .ply, .spz, .sog, .glb, .gltf or .splat"),
         (&first, "no/such/a.ply", 1, "no folder"),
         (&path("absent.ply"), "a.spz", 1, "no such file"),
         (&path("short.ply"), "a.spz", 1, "10 rows of element vertex"),

@@ -197,7 +197,7 @@ const ROW: Row = Row {
     ending: None,
     recognises: |_, _| false,
     read: |source| Err(Error::NotA3dScene { path: source.path.to_owned(), found: "a checkpoint".to_owned() }),
-    encode: |path, _, _| Err(Error::UnknownEnding { path: path.to_owned() }),
+    encode: |path, _, _| Err(Format3d::unknown_ending(path)),
     beside: |_, _, _| Vec::new(),
     stores_frame: false,
     largest: f32::MAX as f64,
@@ -225,6 +225,21 @@ impl Format3d {
         FORMATS.iter().find(|row| row.ending.is_some_and(is_of)).map(|row| row.format)
     }
 
+    /// The error for a file whose extension is not that of a format that can be written.
+    pub fn unknown_ending(path: &Path) -> Error {
+        Error::UnknownEnding { path: path.to_owned(), endings: Self::endings() }
+    }
+
+    /// The extensions of the formats that can be written, as a list in words.
+    pub fn endings() -> String {
+        in_words(FORMATS.iter().filter_map(|row| row.ending).filter(|ending| ending.starts_with('.')))
+    }
+
+    /// The names of the formats that can be read, as a list in words.
+    pub fn names() -> String {
+        in_words(FORMATS.iter().filter(|row| row.format != Self::Checkpoint).map(|row| row.name))
+    }
+
     /// The further files that writing a scene of this degree to a path in this format makes.
     pub fn beside(self, path: &Path, sh_degree: u8, options: &WriteOptions3d) -> Vec<PathBuf> {
         (self.row().beside)(path, sh_degree, options)
@@ -233,6 +248,15 @@ impl Format3d {
     /// Bytes of memory that reading a file takes for each of the file's bytes.
     pub fn memory_per_byte(self) -> u64 {
         self.row().memory
+    }
+}
+
+/// "a, b or c".
+fn in_words(names: impl Iterator<Item = &'static str>) -> String {
+    let names: Vec<_> = names.collect();
+    match &names[..] {
+        [first @ .., last] if !first.is_empty() => format!("{} or {last}", first.join(", ")),
+        names => names.concat(),
     }
 }
 

@@ -255,7 +255,7 @@ fn in_world(path: &Path, scene: &Scene3d, frame: &WorldFrame) -> Result<Scene3d,
 pub fn encode_3d(path: impl AsRef<Path>, scene: &Scene3d, options: &WriteOptions3d) -> Result<Encoded3d, Error> {
     let path = path.as_ref();
     let Some(format) = Format3d::to_write(path) else {
-        return Err(Error::UnknownEnding { path: path.to_owned() });
+        return Err(Format3d::unknown_ending(path));
     };
     check_writable(path, scene)?;
     range::check(path, format, scene, options)?;

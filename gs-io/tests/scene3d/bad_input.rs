@@ -287,7 +287,7 @@ fn what_cannot_be_written_is_refused_and_leaves_nothing() {
     };
     let (good, options) = (scene(3, 0), WriteOptions3d::default());
     for name in ["a.txt", "a", "a.compressed.ply", "ply"] {
-        assert!(write(name, &good, &options).contains("use .ply, .splat, .spz, .sog, .gltf or .glb"), "{name}");
+        assert!(write(name, &good, &options).contains("use .ply, .spz, .sog, .glb, .gltf or .splat"), "{name}");
     }
     let mut degenerate = good.clone();
     degenerate.rotations[2] = [0.0; 4];
