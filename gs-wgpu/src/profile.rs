@@ -23,50 +23,23 @@ use crate::{
     workspace::Workspace,
 };
 
-/// The stages in order; `scan` includes `sizes`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Stage {
-    Project,
-    Scan,
-    Bin,
-    Sort,
-    Ranges,
-    Blend,
-    Loss,
-    BlendBwd,
-    ProjectBwd,
-    Adam,
+gs_core::choices! {
+    /// The stages in order; `scan` includes `sizes`.
+    pub(crate) enum Stage {
+        Project = "project",
+        Scan = "scan",
+        Bin = "bin",
+        Sort = "sort",
+        Ranges = "ranges",
+        Blend = "blend",
+        Loss = "loss",
+        BlendBwd = "blend_bwd",
+        ProjectBwd = "project_bwd",
+        Adam = "adam",
+    }
 }
 
 impl Stage {
-    const ALL: [Self; 10] = [
-        Self::Project,
-        Self::Scan,
-        Self::Bin,
-        Self::Sort,
-        Self::Ranges,
-        Self::Blend,
-        Self::Loss,
-        Self::BlendBwd,
-        Self::ProjectBwd,
-        Self::Adam,
-    ];
-
-    fn name(self) -> &'static str {
-        match self {
-            Self::Project => "project",
-            Self::Scan => "scan",
-            Self::Bin => "bin",
-            Self::Sort => "sort",
-            Self::Ranges => "ranges",
-            Self::Blend => "blend",
-            Self::Loss => "loss",
-            Self::BlendBwd => "blend_bwd",
-            Self::ProjectBwd => "project_bwd",
-            Self::Adam => "adam",
-        }
-    }
-
     fn visits_pairs(self) -> bool {
         matches!(self, Self::Blend | Self::BlendBwd)
     }
