@@ -345,6 +345,14 @@ mod tests {
     }
 
     #[test]
+    fn a_resumed_training_has_the_settings_of_its_checkpoint() {
+        for flag in [&["--seed", "1"][..], &["--exactly"], &["--preset", "quick"], &["--effects", "all"]] {
+            let error = command_line_error(&[&["train", "x", "--resume", "a"], flag].concat()).to_string();
+            assert!(error.contains(flag[0]) && error.contains("cannot be used with"), "{error}");
+        }
+    }
+
+    #[test]
     fn a_refused_value_names_what_is_possible() {
         for (words, expected) in [
             (&["fit", "-n", "-5"][..], "invalid value '-5' for '--gaussians <N>': must be at least 1; see gs X --help"),
