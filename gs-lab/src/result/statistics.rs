@@ -73,6 +73,10 @@ pub(crate) fn bootstrap_interval(values: &[f64]) -> Option<Interval> {
 /// `None` where a stratum has fewer than two clusters, a cluster has no value, or a value is not
 /// finite.
 pub(crate) fn cluster_interval(strata: &Strata) -> Option<Interval> {
+    interval_from(strata, RESAMPLES)
+}
+
+fn interval_from(strata: &Strata, resamples: usize) -> Option<Interval> {
     let values = strata.iter().flatten().flatten();
     let is_usable = values.clone().count() > 0 && values.clone().all(|value| value.is_finite());
     if !is_usable || strata.iter().flatten().any(Vec::is_empty) {
@@ -81,7 +85,7 @@ pub(crate) fn cluster_interval(strata: &Strata) -> Option<Interval> {
     let fewest = strata.iter().map(Vec::len).min()?;
     let tail = expanded_tail(fewest, freedom(strata))?;
     let mut rng = Rng::seed_from_u64(SEED);
-    let mut means: Vec<f64> = (0..RESAMPLES).map(|_| resampled_mean(strata, &mut rng)).collect();
+    let mut means: Vec<f64> = (0..resamples).map(|_| resampled_mean(strata, &mut rng)).collect();
     means.sort_unstable_by(f64::total_cmp);
     Some(Interval { low: quantile(&means, tail), high: quantile(&means, 1.0 - tail) })
 }
@@ -132,6 +136,9 @@ mod tests {
     use super::*;
     use crate::result::verdict::Verdict;
 
+    /// Resamples for each of hundreds of studies: the test is about the shares of these.
+    const FEW_RESAMPLES: usize = 2_000;
+
     /// `n` normally distributed values.
     fn normal(rng: &mut Rng, n: usize, mean: f64, sd: f64) -> Vec<f64> {
         let law = Normal::new(mean, sd).unwrap();
@@ -154,8 +161,8 @@ mod tests {
         let studies = 400;
         let seen = (0..studies)
             .filter(|_| {
-                let nothing = normal(&mut rng, 8, 0.0, 0.3);
-                let Interval { low, high } = bootstrap_interval(&nothing).unwrap();
+                let nothing = normal(&mut rng, 8, 0.0, 0.3).into_iter().map(|value| vec![value]).collect();
+                let Interval { low, high } = interval_from(&vec![nothing], FEW_RESAMPLES).unwrap();
                 low > 0.0 || high < 0.0
             })
             .count();
@@ -225,7 +232,7 @@ mod tests {
             (0..4).map(|_| (0..3).map(|_| run(rng)).collect()).collect()
         };
         let seen = (0..studies)
-            .filter(|_| Verdict::of(cluster_interval(&nothing(&mut rng)).unwrap()) != Verdict::CannotTell)
+            .filter(|_| Verdict::of(interval_from(&nothing(&mut rng), FEW_RESAMPLES).unwrap()) != Verdict::CannotTell)
             .count();
         // 7.5 are expected; 4 standard deviations are 11. The interval is a little too wide.
         assert!((1..=18).contains(&seen), "{seen} of {studies}");
