@@ -377,7 +377,13 @@ mod tests {
             (&["convert", "x", "y", "--spz-version", "5"], "possible values: 3, 4"),
             (&["study", "x", "--jobs", "0"], "--jobs"),
             (&["study", "replay", "x", "1", "--threads", "-1"], "must be from 1 to 1024"),
+            (&["profile", "--size", "0x5"], "WIDTHxHEIGHT"),
+            (&["profile", "--repetitions", "0"], "must be from 1 to 100000"),
+            (&["effects", "x", "--views", "0"], "must be from 1 to 10000"),
+            (&["effects", "x", "--train", "12"], "<DATASET>"),
             (&["frontier", "x", "--max-error", "-1"], "write a positive number"),
+            (&["frontier", "x", "--max-error", "0.1", "--max-ms", "5"], "cannot be used with"),
+            (&["popping", "x", "--frames", "3"], "must be from 9 to 10000"),
         ] {
             let line = refusal(&command_line_error(words).to_string(), "gs X --help");
             assert!(line.contains(expected) && !line.contains("tip: "), "{words:?}: {line}");

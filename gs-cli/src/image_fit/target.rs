@@ -71,8 +71,13 @@ impl Target {
 
     /// The name for messages.
     pub(crate) fn name(&self) -> String {
-        self.file.as_deref().map_or_else(|| "circle and square".to_owned(), shown)
+        name(self.file.as_deref())
     }
+}
+
+/// The name of an image for messages: its path, or that of the paper's image.
+pub(crate) fn name(file: Option<&Path>) -> String {
+    file.map_or_else(|| "circle and square".to_owned(), shown)
 }
 
 /// The name of an image's file for titles: without folders.

@@ -27,7 +27,7 @@ use crate::{
         render_args::RenderArgs3d,
         values::{Axis, Size, ViewName, canvas, whole},
     },
-    image_fit::{self, FitSettingsArgs, SettingsFile, Target},
+    image_fit::{self, FitSettingsArgs, SettingsFile, Target, target},
     memory,
 };
 
@@ -107,7 +107,7 @@ struct BackendFacts {
 impl Facts {
     /// The facts in a line, and the backend in another.
     fn text(&self) -> String {
-        let name = self.input.as_deref().map_or_else(|| "circle and square".to_owned(), image_fit::target::title);
+        let name = self.input.as_deref().map_or_else(|| target::name(None), target::title);
         let fitted = self.fitted_steps.map_or_else(String::new, |n| format!(" fitted in {}", counted(n, "step")));
         let Self { gaussians, seen, width, height, .. } = self;
         let reason = self.backend.as_ref().map_or_else(String::new, |backend| format!("\n{}", backend.reason));
@@ -140,8 +140,7 @@ impl Subject {
         cameras: Cameras<'_>,
         fit: FitSettingsArgs,
     ) -> Result<Self, Failure> {
-        let name = || input.map_or_else(|| "circle and square".to_owned(), |path| path.display().to_string());
-        let refused = |message: &str, hint: &str| Err(Failure::usage(message).at(name()).hint(hint));
+        let refused = |message: &str, hint: &str| Err(Failure::usage(message).at(target::name(input)).hint(hint));
         let scene = input.map(scene::read_if_any).transpose()?.flatten();
         if scene.is_some() && (args.gaussians.is_some() || args.iterations.is_some()) {
             let message = "is a scene, but --gaussians and --iterations are for images, which are fitted first";
@@ -203,8 +202,7 @@ impl Subject {
     /// Fails where measuring pictures of this subject takes too much memory; `bytes` are for their size.
     fn check_work(&self, work: &str, bytes: impl Fn((u32, u32)) -> u64) -> Result<(), Failure> {
         let Facts { input, width, height, .. } = self.facts();
-        let name = input.as_ref().map_or_else(|| "circle and square".to_owned(), |path| path.display().to_string());
-        memory::check_work(work, name, (*width, *height), bytes((*width, *height)))
+        memory::check_work(work, target::name(input.as_deref()), (*width, *height), bytes((*width, *height)))
     }
 
     /// Opens the backend for this subject.
