@@ -87,7 +87,7 @@ mod round;
 pub mod seed;
 
 pub use self::{
-    count_schedule::{CountSchedule, scheduled_count},
+    count_schedule::CountSchedule,
     merge::merged,
     noise::Noise,
     observation::{
@@ -100,6 +100,6 @@ pub use self::{
     },
     round::{
         Actions, ClonePlacement, Densify, LongAxisSplit, MomentHeir, OpacityCorrection, OpacityReset, Prune, Ranking,
-        Round, SizeThreshold, SplitPlacement, WhenFlat, share_of,
+        Round, SizeThreshold, SplitPlacement, WhenFlat, scheduled_count, share_of,
     },
 };

@@ -26,7 +26,7 @@ fn every_command_refuses_to_replace_what_no_run_wrote() {
         (&["train", dataset, "--no-report"], "curve.png"),
         (&["render", scene, "--orbit", "2"], "frame-00001.png"),
         (&["profile", image], "profile.csv"),
-        (&["paper", "--only", "edges"], "edges/zones.csv"),
+        (&["paper", "--only", "popping"], "popping/zones.csv"),
         (&["paper"], "index.html"),
         (&["popping", scene], "popping.png"),
         (&["frontier", image], "settings.toml"),

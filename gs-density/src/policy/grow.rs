@@ -6,6 +6,7 @@ use gs_core::{EditPlan, Error, effects::Statistics};
 
 pub(crate) use self::named::{GrowForm, NAMED, kind, name};
 
+use super::rule::check_percent;
 use crate::{
     observation::{DensityPolicy, DensityScene, Observation, Rng, Signal},
     round::{Actions, Densify, Round, SizeThreshold, WhenFlat},
@@ -182,9 +183,4 @@ impl<S: DensityScene> DensityPolicy<S> for Grow {
     fn needs_evidence(&self) -> bool {
         false
     }
-}
-
-/// Checks that `value` is a percentage.
-pub(crate) fn check_percent(value: f32) -> Result<(), Error> {
-    if (0.0..=100.0).contains(&value) { Ok(()) } else { Err(Error::setting("percent", value, "0 to 100")) }
 }

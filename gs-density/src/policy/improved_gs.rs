@@ -9,9 +9,8 @@ use gs_core::{
 use serde::{Deserialize, Serialize};
 
 use super::{
-    grow::check_percent,
     partial,
-    rule::{ByEvidence, GrowthLimit},
+    rule::{ByEvidence, GrowthLimit, check_percent},
 };
 use crate::{
     observation::{DensityScene, Evidence, EvidenceRequest, Observation, Rng},

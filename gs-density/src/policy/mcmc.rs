@@ -10,10 +10,7 @@ use gs_core::{
 use rand::RngExt;
 use serde::{Deserialize, Serialize};
 
-use super::{
-    grow::check_percent,
-    rule::{GrowthLimit, Rule},
-};
+use super::rule::{GrowthLimit, Rule, check_percent};
 use crate::{
     noise::Noise,
     observation::{DensityGaussian, DensityPolicy, DensityScene, Observation, Rng},

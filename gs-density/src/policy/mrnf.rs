@@ -5,9 +5,8 @@ use gs_core::{EditPlan, Error, effects::Statistics, sigmoid};
 use serde::{Deserialize, Serialize};
 
 use super::{
-    grow::check_percent,
     partial,
-    rule::{ByEvidence, GrowthLimit},
+    rule::{ByEvidence, GrowthLimit, check_percent},
 };
 use crate::{
     observation::{DensityScene, Evidence, EvidenceRequest, Observation, Rng},

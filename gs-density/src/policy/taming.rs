@@ -8,9 +8,8 @@ use super::{
     rule::{ByEvidence, GrowthLimit},
 };
 use crate::{
-    count_schedule::scheduled_count,
     observation::{DensityGaussian, DensityScene, Evidence, EvidenceRequest, Observation, Rng, ViewEvidence},
-    round::{Actions, Round, WhenFlat, add_normalised, sample},
+    round::{Actions, Round, WhenFlat, add_normalised, sample, scheduled_count},
 };
 
 gs_core::impl_with!(Taming, ScoreWeights);

@@ -7,6 +7,7 @@ mod prune;
 mod ranking;
 mod reset;
 mod sample;
+mod schedule;
 mod size;
 
 pub use self::{
@@ -15,6 +16,7 @@ pub use self::{
     prune::Prune,
     ranking::{Ranking, WhenFlat, share_of},
     reset::OpacityReset,
+    schedule::scheduled_count,
     size::SizeThreshold,
 };
 pub(crate) use self::{

@@ -7,14 +7,11 @@ mod conduct;
 mod folder;
 #[cfg(all(test, feature = "object-store-tests"))]
 mod in_object_store;
-mod locked_results;
-mod origin;
 mod record;
 mod recorded;
 mod replay;
 mod result_names;
 mod resumption;
-mod run_files;
 mod task;
 mod train;
 mod trajectory;

@@ -5,14 +5,13 @@ use serde::{Deserialize, Serialize};
 use std::{fmt, path::Path};
 
 use super::{
-    arm::Arm,
+    arm::{Arm, Factor},
     claim::{Choice, StatedClaim},
     clock::Clock,
     column::Measure,
-    dataset_reading::DatasetReading,
-    factor::Factor,
     key_lines::KeyLines,
     selection::Quick,
+    target::DatasetReading,
 };
 use crate::error::Error;
 #[cfg(doc)]

@@ -9,10 +9,8 @@ mod built_in;
 mod claim;
 mod clock;
 mod column;
-mod dataset_reading;
 mod definition;
 pub(crate) mod digest;
-mod factor;
 mod key_lines;
 mod machine;
 pub mod overrides;
@@ -22,19 +20,17 @@ mod settings;
 mod target;
 
 pub use self::{
-    arm::{AnyPolicy, Arm, OwnPolicy},
+    arm::{AnyPolicy, Arm, Factor, OwnPolicy},
     built_in::{BUILT_IN, built_in},
     clock::Clock,
     column::Column,
-    dataset_reading::{Alpha, DatasetReading},
     definition::{Matching, Study},
     digest::{of_scene as scene_digest, of_scene_3d as scene_digest_3d},
-    factor::Factor,
     machine::Machine,
     plan::{Plan, Run, VERSION},
     selection::Selection,
     settings::RunSettings,
-    target::{Places, StudyTarget, TargetContent},
+    target::{Alpha, DatasetReading, Places, StudyTarget, TargetContent},
 };
 pub(crate) use self::{
     claim::{Choice, Join, Other, Per, Quantity, StatedClaim},

@@ -1,6 +1,10 @@
 //! The output folder of a study: a file per run, named by the run's address and written atomically,
 //! and the tables, plots and report.
 
+mod locked_results;
+mod origin;
+mod run_files;
+
 use std::{
     collections::{BTreeMap, HashSet},
     fs,
@@ -18,12 +22,12 @@ use gs_jobs::{
 };
 use serde::Serialize;
 
-use super::{
+use self::{
     locked_results::{LockedResults, begin, results_claim, write},
     origin::Origin,
-    record::{Record, RunOutcome},
-    run_files::{self, PICTURES},
+    run_files::PICTURES,
 };
+use super::record::{Record, RunOutcome};
 use crate::{
     error::Error,
     study::{Machine, Plan, Run, StudyTarget},

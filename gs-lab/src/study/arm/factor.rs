@@ -3,8 +3,11 @@
 use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 
-use super::{arm::Arm, definition::Study, key_lines::joined, overrides};
-use crate::error::Error;
+use super::Arm;
+use crate::{
+    error::Error,
+    study::{definition::Study, key_lines::joined, overrides},
+};
 
 /// A factor of a factorial design, such as the policy or the initialization. The arms of a study
 /// with factors are all combinations of their levels.

@@ -1,12 +1,15 @@
 //! The images and scenes of a study.
 
+mod dataset_reading;
+
 use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
     sync::{Arc, Mutex, OnceLock, PoisonError},
 };
 
-use super::{dataset_reading::DatasetReading, digest};
+pub use self::dataset_reading::{Alpha, DatasetReading};
+use super::digest;
 use crate::{error::Error, synthetic::SyntheticTarget};
 use gs_core::{Image, metrics::mean};
 use gs_io::dataset::{Dataset, PosedImage, Split};

@@ -1,5 +1,7 @@
 //! An arm of a study.
 
+mod factor;
+
 use std::fmt;
 
 use gs_core::{Parameterization, Scene3d, effects::Statistics};
@@ -7,6 +9,7 @@ use gs_io::dataset::Dataset;
 use gs_train::{CustomPolicy, TrainSettings, train::StartName};
 use serde::{Deserialize, Serialize};
 
+pub use self::factor::Factor;
 use super::key_lines::KeyLines;
 
 gs_core::impl_with!(Arm);

@@ -6,8 +6,11 @@ use gs_jobs::{
 };
 use rayon::prelude::*;
 
-use super::record::{Record, RunOutcome};
-use crate::{error::Error, study::digest};
+use crate::{
+    error::Error,
+    run::record::{Record, RunOutcome},
+    study::digest,
+};
 
 // A run's address is a digest.
 const _: () = assert!(ADDRESS_DIGITS == digest::DIGITS);

@@ -10,11 +10,11 @@ use std::{
 
 use gs_io::{FolderClaim, OutputFolder};
 
-use super::{
-    folder::StudyFolder,
-    result_names::{PAGE, PLOTS, TABLES},
+use super::StudyFolder;
+use crate::{
+    error::Error,
+    run::result_names::{PAGE, PLOTS, TABLES},
 };
-use crate::error::Error;
 
 /// Longest time to wait for another process that prepares the folder or writes its report.
 const PATIENCE: Duration = Duration::from_secs(120);
