@@ -50,7 +50,7 @@ pub(crate) fn command(key: &Key, mode: Mode) -> Option<Command> {
         ("o", _) => Command::Next(Effect::Order),
         ("a", Mode::Orbit) => Command::Next(Effect::Antialias),
         (digit, _) => match digit.parse() {
-            // In space, the order by index is none to choose.
+            // The order by index is for 2D scenes only.
             Ok(order @ 1..=2) => Command::Choose(Effect::Order, order),
             Ok(digit @ 3..=6) => Command::Choose(Effect::Antialias, digit - 3),
             _ => return None,

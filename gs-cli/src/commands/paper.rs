@@ -41,10 +41,10 @@ The experiments:
 
 DIR then holds index.html, which needs no other file and no network; claims.csv, every claim with \
 its verdict and numbers; and a folder for each experiment. All but popping are studies that come \
-with the program, and their folders are those of gs study, with tables, curves and a report each; \
-what only an experiment measures lies beside them as tables and curves (CSV), charts (PNG and SVG) \
-and pictures (PNG). Verdicts are computed from the measurements. The same backend gives the same \
-numbers each time. A command that was stopped goes on where it was, in the same folder.";
+with the program, and their folders are those of gs study, with tables, curves and a report each. \
+Measurements that no study contains are saved in the same folders as CSV, PNG and SVG files. \
+Verdicts are computed from the measurements. The same backend gives the same numbers each time. \
+Run the same command again to continue one that was stopped.";
 
 /// The flags of `gs paper`.
 #[derive(Debug, Clone, Args)]

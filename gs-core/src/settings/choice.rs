@@ -19,8 +19,8 @@ pub trait Choice: Copy + Send + Sync + 'static {
     }
 }
 
-/// Declares an enum whose values have names. This one list is that of files (serde), of flags and of
-/// messages (`Display`). A value that is offered to users also has a summary.
+/// Declares an enum whose values have names. Settings files (serde), flags and messages (`Display`)
+/// use these names. A value that is offered to users also has a summary.
 ///
 /// ```
 /// use gs_core::Choice as _;

@@ -26,8 +26,8 @@ gs_core::choices! {
         /// Each training view has an affine colour map, solved while the scene is trained. Needs at
         /// least two training views.
         Affine = "affine": "Correct the colours of each training view by an affine map found during the training",
-        /// As [`Self::Affine`] as long as the maps show that images differ; as [`Self::Off`] from the
-        /// first solution on that does not, and in runs too short to tell.
+        /// Starts like [`Self::Affine`]. Switches to [`Self::Off`] once a solution shows that the
+        /// images do not differ, and stays off in runs that are too short to tell.
         Auto = "auto": "As affine if the images differ in exposure or white balance, otherwise as off",
     }
 }

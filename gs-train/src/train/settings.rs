@@ -47,7 +47,7 @@ pub struct TrainSettings {
     #[serde(skip_serializing_if = "is_zero")]
     pub gaussians_per_point: f32,
     /// Whether the run ends with exactly as many Gaussians as [`Self::gaussians`] says, along a
-    /// schedule ([`CountSchedule`]), under any policy. Default false.
+    /// schedule ([`CountSchedule`](gs_density::CountSchedule)), under any policy. Default false.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub exactly: bool,
     /// Number of steps, one view each; 0 leaves the first scene as it is.

@@ -137,7 +137,7 @@ pub(crate) fn run(args: &FrontierArgs) -> Result<(), Failure> {
     }
 }
 
-/// All contenders for a scene. `--backend auto` has the CPU and, if there is an adapter, wgpu.
+/// All contenders for a scene. `--backend auto` compares the CPU and, if there is an adapter, wgpu.
 fn all_contenders<'a, S>(flags: &BackendArgs, seen: &Seen<S>) -> Result<Vec<Contender<'a, S::View>>, Failure>
 where
     S: Scene + 'a,
