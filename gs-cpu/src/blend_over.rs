@@ -1,12 +1,12 @@
-//! Stages `blend` and `blend_bwd` under `Over`: C = Σ T α c, front to back. One task per tile;
-//! vectors are those of `at_pixel`.
+//! Stages `blend` and `blend_bwd` under `Over`: C = Σ T α c, front to back. One task per tile.
+//! A vector is a row of pixels, as in `at_pixel`.
 //!
 //! Both passes go through the entries front to back. A full pixel stores its transmittance with a
 //! negative sign, so that every later Gaussian fails the test against the minimum. Rows whose
 //! pixels are all full are skipped. The backward pass keeps T and v_C·(the colour behind) for each
 //! pixel, and never divides by less than 1 − α_max.
 //!
-//! Legend: that of `at_pixel`.
+//! The legend is in `at_pixel`.
 
 use fearless_simd::{Simd, prelude::*};
 

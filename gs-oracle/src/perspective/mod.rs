@@ -22,8 +22,7 @@ use super::{
 };
 use crate::ROUNDINGS;
 
-/// Margin beyond the image's edge within which slopes are not clamped, as a share of half the
-/// image: 3DGS's 1.3 times the tangent of half the field of view.
+/// Unclamped margin beyond the image's edge, as a share of half the image (3DGS: 0.3).
 const MARGIN: f64 = 0.3;
 
 /// Roundings of a term of σ, or of a depth: those of Σ′⁻¹, of the offset, of the products.
