@@ -1,37 +1,27 @@
 //! Remarks on an image file.
 
-use std::fmt;
-
-use serde::Serialize;
+use thiserror::Error;
 
 /// A remark on an image file. Its text is one line that follows the image's name.
-#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Error)]
 #[non_exhaustive]
 pub enum ImageRemark {
     /// The file is an animation; its first frame was read.
+    #[error("animated: only the first frame is used")]
     FirstFrame,
     /// The file has several pages; the first was read.
+    #[error("several pages: only the first is used")]
     FirstPage,
     /// The colours were converted to sRGB.
+    #[error("colours converted from {from} to sRGB")]
     Converted {
         /// The profile's name, or the gamma.
         from: String,
     },
     /// The colours were read as sRGB though the file declares something else.
+    #[error("colours taken for sRGB, although {why}")]
     ProfileIgnored {
         /// The reason.
         why: String,
     },
-}
-
-impl fmt::Display for ImageRemark {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::FirstFrame => f.write_str("animated: only the first frame is used"),
-            Self::FirstPage => f.write_str("several pages: only the first is used"),
-            Self::Converted { from } => write!(f, "colours converted from {from} to sRGB"),
-            Self::ProfileIgnored { why } => write!(f, "colours taken for sRGB, although {why}"),
-        }
-    }
 }

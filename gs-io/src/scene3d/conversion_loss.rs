@@ -1,18 +1,18 @@
 //! Losses of converting a scene from or to a file format.
 
-use std::fmt;
-
 use gs_core::{Scene3d, counted};
+use thiserror::Error;
 
-use super::trained_with::TrainedWith;
+use super::{trained_with::TrainedWith, values::rest_of_degree};
 use crate::WorldFrame;
 
 /// Something that was dropped or rounded when a scene was read or written. Its text follows "lost:
 /// ".
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Error)]
 #[non_exhaustive]
 pub enum ConversionLoss {
     /// SH above a degree were dropped: colours depend less on the direction.
+    #[error("SH above degree {to}: {} coefficients of each Gaussian", dropped(*from, *to))]
     Sh {
         /// The degree before.
         from: u8,
@@ -20,6 +20,7 @@ pub enum ConversionLoss {
         to: u8,
     },
     /// Values were rounded, as the format requires.
+    #[error("{what} are rounded to {to}")]
     Rounded {
         /// The parameter: "opacities".
         what: &'static str,
@@ -27,6 +28,7 @@ pub enum ConversionLoss {
         to: String,
     },
     /// Values outside of the format's range were clamped.
+    #[error("{what} outside {low}..{high} are clamped: {}", counted(*values, "value"))]
     Clamped {
         /// The parameter: "log-scales".
         what: &'static str,
@@ -39,21 +41,26 @@ pub enum ConversionLoss {
     },
     /// Scales of 0, which have no logarithm, were raised to the smallest normal number. Pictures do
     /// not change.
+    #[error("scales of 0 are raised to the smallest number above it: {}", counted(*gaussians, "Gaussian"))]
     ZeroScales {
         /// Number of Gaussians with such a scale.
         gaussians: usize,
     },
     /// Infinite logits, which are opacities of exactly 1 and 0, were made finite. Pictures do not
     /// change.
+    #[error("infinite opacity logits are made finite, which draws the same: {}", counted(*gaussians, "Gaussian"))]
     InfiniteLogits {
         /// Number of Gaussians with such a logit.
         gaussians: usize,
     },
     /// The file cannot store how the scene was trained, so readers may render it differently.
+    #[error("how the scene was trained, with {}: viewers must be set accordingly", .0.in_words())]
     TrainedWith(TrainedWith),
     /// The file cannot store the frame of the scene, so its place and size in the world are lost.
+    #[error("where the scene is in the world: {0}")]
     Frame(WorldFrame),
     /// Means were rounded from 64 to 32 bits.
+    #[error("means are rounded to 32 bits: by {largest:.1e} of the smallest scale at most{}", visible_moves(*visible))]
     RoundedMeans {
         /// The largest change of a mean, relative to the smallest scale of its Gaussian.
         largest: f64,
@@ -61,14 +68,18 @@ pub enum ConversionLoss {
         visible: usize,
     },
     /// Quaternions were normalised. Rotations do not change.
+    #[error("the lengths of quaternions, which mean nothing")]
     QuaternionLengths,
     /// Colours were converted from linear light: the constant part exactly, the directional part to
     /// first order. Blending is different.
+    #[error("colours in linear light are converted to sRGB to first order")]
     LinearLight,
     /// Scales were read as logarithms, as in drafts of the format, because some are negative.
+    #[error("scales below 0: taken as logarithms, as drafts of the format had them")]
     DraftScales,
     /// A node scales its Gaussians non-uniformly. Shapes are transformed exactly; the directions of
     /// colours follow its rotation only.
+    #[error("unequal scales of a node: colours' directions follow its rotation only")]
     Stretched,
 }
 
@@ -80,47 +91,15 @@ impl ConversionLoss {
     }
 }
 
-impl fmt::Display for ConversionLoss {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Sh { from, to } => {
-                let coefficients = |degree: &u8| 3 * (usize::from(*degree) + 1).pow(2);
-                let dropped = coefficients(from) - coefficients(to);
-                write!(f, "SH above degree {to}: {dropped} coefficients of each Gaussian")
-            }
-            Self::Rounded { what, to } => write!(f, "{what} are rounded to {to}"),
-            Self::Clamped { what, values, low, high } => {
-                write!(f, "{what} outside {low}..{high} are clamped: {}", counted(*values, "value"))
-            }
-            Self::ZeroScales { gaussians } => {
-                write!(f, "scales of 0 are raised to the smallest number above it: {}", counted(*gaussians, "Gaussian"))
-            }
-            Self::InfiniteLogits { gaussians } => {
-                write!(
-                    f,
-                    "infinite opacity logits are made finite, which draws the same: {}",
-                    counted(*gaussians, "Gaussian")
-                )
-            }
-            Self::TrainedWith(TrainedWith { antialias, order, frame: _ }) => {
-                let antialias = antialias.map(|antialias| format!("antialias {}", antialias.name()));
-                let order = order.map(|order| format!("order {}", order.name()));
-                let trained_with = antialias.into_iter().chain(order).collect::<Vec<_>>().join(", ");
-                write!(f, "how the scene was trained, with {trained_with}: viewers must be set accordingly")
-            }
-            Self::Frame(frame) => write!(f, "where the scene is in the world: {frame}"),
-            Self::RoundedMeans { largest, visible } => {
-                write!(f, "means are rounded to 32 bits: by {:.1e} of the smallest scale at most", largest)?;
-                match visible {
-                    0 => Ok(()),
-                    _ => write!(f, ", and by more than a tenth in {}", counted(*visible, "Gaussian")),
-                }
-            }
-            Self::QuaternionLengths => f.write_str("the lengths of quaternions, which mean nothing"),
-            Self::LinearLight => f.write_str("colours in linear light are converted to sRGB to first order"),
-            Self::DraftScales => f.write_str("scales below 0: taken as logarithms, as drafts of the format had them"),
-            Self::Stretched => f.write_str("unequal scales of a node: colours' directions follow its rotation only"),
-        }
+/// How many coefficients a Gaussian loses.
+fn dropped(from: u8, to: u8) -> usize {
+    rest_of_degree(from) - rest_of_degree(to)
+}
+
+fn visible_moves(count: usize) -> String {
+    match count {
+        0 => String::new(),
+        _ => format!(", and by more than a tenth in {}", counted(count, "Gaussian")),
     }
 }
 

@@ -52,6 +52,13 @@ impl TrainedWith {
         render
     }
 
+    /// Antialiasing and order, as far as they are known.
+    pub(crate) fn in_words(&self) -> String {
+        let antialias = self.antialias.map(|antialias| format!("antialias {}", antialias.name()));
+        let order = self.order.map(|order| format!("order {}", order.name()));
+        antialias.into_iter().chain(order).collect::<Vec<_>>().join(", ")
+    }
+
     /// The PLY comments that store it. Brush and PlayCanvas know only `mip` and `default`, so `mip`
     /// stands for scaled opacities.
     pub(crate) fn comments(&self) -> Vec<String> {
