@@ -78,7 +78,8 @@ pub fn is_scene(path: impl AsRef<Path>) -> Result<bool, Error> {
 /// training.
 ///
 /// # Errors
-/// [`Error::NoScene`] for a folder without one, or [`Error::ForeignScene`] for one of another kind; those of [`read_2d`], [`read_gsi`], [`read_3d`] and
+/// [`Error::NoScene`] for a folder without one, or [`Error::Unusable`] for one of another kind; those of
+/// [`read_2d`], [`read_gsi`], [`read_3d`] and
 /// [`read_checkpoint`]; [`Error::Content`] for a checkpoint whose metadata do not say how its scene
 /// is rendered.
 pub fn read_scene(path: impl AsRef<Path>, values: Values) -> Result<SceneFile, Error> {
@@ -304,7 +305,7 @@ mod tests {
         ] {
             std::fs::write(folder.path().join(name), text).unwrap();
             let error = read_scene(folder.path(), Values::Checked).unwrap_err();
-            assert!(matches!(error, Error::ForeignScene { .. }) && error.to_string().contains(expected), "{error}");
+            assert!(matches!(error, Error::Unusable { .. }) && error.to_string().contains(expected), "{error}");
         }
         assert_eq!(scene_in(folder.path()), None);
         std::fs::write(folder.path().join("scene.ply"), "").unwrap();

@@ -176,7 +176,7 @@ pub(crate) fn read_from<C: DeserializeOwned>(
     let damaged = |byte: u64, expected: String, found: String| Error::Damaged {
         path: path.to_owned(),
         what: kind.what,
-        byte,
+        place: format!("byte {byte}"),
         expected,
         found,
     };
@@ -289,7 +289,8 @@ impl<C> Container<C> {
             Some(TensorInfo { dtype, shape, .. }) => format!("{dtype:?} {shape:?}"),
             None => "none".to_owned(),
         };
-        Error::Tensor { path: self.path.clone(), what: self.kind.what, tensor: name.to_owned(), expected, found }
+        let problem = format!("tensor `{name}`: expected {expected}, found {found}");
+        Error::unusable(&self.path, problem, format!("write {} again", self.kind.what))
     }
 
     fn words(&self, name: &str, dtype: Dtype, shape: &[usize]) -> Result<&[[u8; 4]], Error> {

@@ -2,10 +2,12 @@
 //! how to fix it, in one line.
 
 use std::{
-    io,
+    borrow::Cow,
+    fmt, io,
     path::{Path, PathBuf},
 };
 
+use gs_core::{check_size, constants::MAX_SIDE_PX};
 use thiserror::Error;
 
 /// An error of reading or writing a file. Its text is one line that can be shown to the user.
@@ -89,44 +91,6 @@ pub enum Error {
         /// What to do.
         hint: String,
     },
-    /// A truncated or damaged image.
-    #[error("{}: damaged {format} image: {message}; fetch or export it again", one_line(path))]
-    DamagedImage {
-        /// The file.
-        path: PathBuf,
-        /// The format, such as "PNG".
-        format: &'static str,
-        /// The decoder's message.
-        message: String,
-    },
-    /// An image without pixels, or larger than a canvas can be. It is refused before memory is
-    /// allocated.
-    #[error(
-        "{}: the image is {width}x{height} px, but each side must be 1 to {limit} px; scale it first",
-        one_line(path)
-    )]
-    ImageSize {
-        /// The file.
-        path: PathBuf,
-        /// Columns.
-        width: u32,
-        /// Rows.
-        height: u32,
-        /// The longest side allowed.
-        limit: u32,
-    },
-    /// A floating-point image contains NaN or ∞.
-    #[error("{}: pixel ({x}, {y}) is {value}, not a finite number; repair it in an image editor", one_line(path))]
-    ImageNotFinite {
-        /// The file.
-        path: PathBuf,
-        /// Column.
-        x: u32,
-        /// Row.
-        y: u32,
-        /// The value.
-        value: f32,
-    },
     /// A folder that contains no data set.
     #[error("{}: is no data set: looked for {looked_for}; {hint}", one_line(path))]
     NotADataset {
@@ -170,120 +134,9 @@ pub enum Error {
         /// Whether an image of these names is outside of the folder.
         outside: bool,
     },
-    /// A data set whose views for training cannot be used, but others can.
-    #[error("{}: no view for training can be used: {}", one_line(path), skipped.join("; "))]
-    NoTrainingViews {
-        /// The data set's folder.
-        path: PathBuf,
-        /// The reasons, each with the number of views and the first of them.
-        skipped: Vec<String>,
-    },
-    /// A list of a data set's split that names none of its frames.
+    /// Content of a file that its format does not allow.
     #[error(
-        "{}: {key} names no frame of the data set: it begins with `{first}`, the frames with `{frame}`; correct the \
-         names or remove the list",
-        one_line(path)
-    )]
-    SplitMatchesNothing {
-        /// The file.
-        path: PathBuf,
-        /// The key of the list.
-        key: &'static str,
-        /// The first name in the list.
-        first: String,
-        /// The name of the first frame.
-        frame: String,
-    },
-    /// A text file in UTF-16.
-    #[error("{}: is text in UTF-16, but must be in UTF-8; save it again with that encoding", one_line(path))]
-    NotUtf8 {
-        /// The file.
-        path: PathBuf,
-    },
-    /// A text file with a line that its format does not allow.
-    #[error(
-        "{}: line {line}: expected {expected}, found {found}; it is damaged or not {what}: write or fetch it again",
-        one_line(path)
-    )]
-    DamagedLine {
-        /// The file.
-        path: PathBuf,
-        /// The kind of file, such as "a COLMAP cameras.txt".
-        what: &'static str,
-        /// The line, counted from 1.
-        line: usize,
-        /// What the format requires.
-        expected: String,
-        /// What was found.
-        found: String,
-    },
-    /// A `transforms.json` that is not JSON or lacks a required value.
-    #[error("{}: {message}; it is damaged or not a transforms.json: write or fetch it again", one_line(path))]
-    DamagedJson {
-        /// The file.
-        path: PathBuf,
-        /// The problem, with line and column.
-        message: String,
-    },
-    /// An unknown camera model.
-    #[error(
-        "{}: camera model {found} is not known (known: {known}); undistort the data set with the program that made it",
-        one_line(path)
-    )]
-    UnknownCameraModel {
-        /// The file.
-        path: PathBuf,
-        /// The model's name or number.
-        found: String,
-        /// The known models.
-        known: String,
-    },
-    /// A PLY file that is not a point cloud: it is damaged or has no positions.
-    #[error("{}: expected a PLY point cloud: {message}; export it again", one_line(path))]
-    NotAPointCloud {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong.
-        message: String,
-    },
-    /// An image whose size does not fit what it belongs to.
-    #[error(
-        "{}: the image is {width}x{height} px, but {expected_width}x{expected_height} px or its shape is needed; put the right one there",
-        one_line(path)
-    )]
-    ImageShape {
-        /// The file.
-        path: PathBuf,
-        /// Columns.
-        width: u32,
-        /// Rows.
-        height: u32,
-        /// Columns that are needed.
-        expected_width: u32,
-        /// Rows that are needed.
-        expected_height: u32,
-    },
-    /// A 360° image of a camera with another model, whose views would all be wrong.
-    #[error(
-        "{}: it is twice as wide as high, and its borders meet as those of a 360° image do, but its camera has a perspective \
-         model; set the camera's model to EQUIRECTANGULAR, or cut a few columns off if it is no 360° image",
-        one_line(path)
-    )]
-    UnsplitPanorama {
-        /// The image.
-        path: PathBuf,
-    },
-    /// A depth map that cannot be used.
-    #[error("{}: {message}; write this depth map again, or remove it", one_line(path))]
-    BadDepth {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong.
-        message: String,
-    },
-    /// A scene file or checkpoint with bytes that its format does not allow.
-    #[error(
-        "{}: byte {byte}: expected {expected}, found {found}; it is damaged or not {what}: write or fetch it again",
+        "{}: {place}: expected {expected}, found {found}; it is damaged or not {what}: write or fetch it again",
         one_line(path)
     )]
     Damaged {
@@ -291,12 +144,23 @@ pub enum Error {
         path: PathBuf,
         /// The kind of file, such as "a scene file".
         what: &'static str,
-        /// Position in the file, counted from 0.
-        byte: u64,
+        /// Where in the file: "byte 12", counted from 0, or "line 12", counted from 1.
+        place: String,
         /// What the format requires.
         expected: String,
         /// What was found.
         found: String,
+    },
+    /// A file that can be read but not used: of another kind, incomplete, impossible in what it says,
+    /// beyond a limit, or with a feature that is not supported.
+    #[error("{}: {problem}; {remedy}", one_line(path))]
+    Unusable {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong: "is a LAS point cloud, which is not read".
+        problem: String,
+        /// What to do.
+        remedy: Cow<'static, str>,
     },
     /// A `.gsi` file that cannot be decoded.
     #[error("{}: {source}; {}", one_line(path), remedy(source))]
@@ -321,46 +185,6 @@ pub enum Error {
         /// The file's version.
         found: u32,
     },
-    /// A tensor of a scene file or checkpoint is missing, unexpected, or of another shape or type.
-    #[error("{}: tensor `{tensor}`: expected {expected}, found {found}; write {what} again", one_line(path))]
-    Tensor {
-        /// The file.
-        path: PathBuf,
-        /// The kind of file, such as "a scene file".
-        what: &'static str,
-        /// The tensor.
-        tensor: String,
-        /// Type and shape that it should have.
-        expected: String,
-        /// The tensor's type and shape, or "none".
-        found: String,
-    },
-    /// The file is not a 3D scene of a kind that can be read.
-    #[error("{}: expected a 3D scene, found {found}; export it as PLY", one_line(path))]
-    NotA3dScene {
-        /// The file.
-        path: PathBuf,
-        /// What the file's first bytes or its content are.
-        found: String,
-    },
-    /// A scene, mesh or the like of a known kind that cannot be read.
-    #[error("{}: is {what}, which is not read; {hint}", one_line(path))]
-    ForeignScene {
-        /// The file.
-        path: PathBuf,
-        /// The kind of file, such as "a SOG scene".
-        what: &'static str,
-        /// How to get a scene that can be read.
-        hint: &'static str,
-    },
-    /// A PLY that lacks properties of Gaussians.
-    #[error("{}: its vertices have no {}; it is not a scene of Gaussians: export it as a 3DGS PLY", one_line(path), names.join(", "))]
-    MissingProperties {
-        /// The file.
-        path: PathBuf,
-        /// The missing properties, or the first of them.
-        names: Vec<String>,
-    },
     /// A folder without a scene.
     #[error("{}: holds no scene: looked for {looked_for}; name the scene's file", one_line(path))]
     NoScene {
@@ -368,36 +192,6 @@ pub enum Error {
         path: PathBuf,
         /// The files that would be one, by their names.
         looked_for: String,
-    },
-    /// A scene without Gaussians.
-    #[error("{}: a scene without Gaussians, which has nothing to show; at least one is needed", one_line(path))]
-    Empty {
-        /// The file.
-        path: PathBuf,
-    },
-    /// A compressed file that claims to hold much more than its size allows. It is refused before
-    /// memory is allocated.
-    #[error(
-        "{}: its {file_bytes} bytes declare {claimed_bytes} of content, more than its size allows; fetch it again",
-        one_line(path)
-    )]
-    Expansion {
-        /// The file.
-        path: PathBuf,
-        /// The size of the file and the files it refers to.
-        file_bytes: u64,
-        /// The claimed size.
-        claimed_bytes: u64,
-    },
-    /// A valid file with a feature that is not supported.
-    #[error("{}: {what} is not supported; {hint}", one_line(path))]
-    Unsupported {
-        /// The file.
-        path: PathBuf,
-        /// The feature.
-        what: String,
-        /// What to do.
-        hint: &'static str,
     },
     /// The extension of an output file is not that of a 3D scene format that can be written.
     #[error("{}: its ending names no kind of scene that can be written; use {endings}", one_line(path))]
@@ -438,15 +232,59 @@ impl Error {
         Self::Write { path: path.to_owned(), source }
     }
 
-    /// An image with a size that does not fit.
-    pub(crate) fn image_shape(path: &Path, (width, height): (u32, u32), expected: (u32, u32)) -> Self {
-        let (expected_width, expected_height) = expected;
-        Self::ImageShape { path: path.to_owned(), width, height, expected_width, expected_height }
+    /// A file that cannot be used, with what to do about it.
+    pub(crate) fn unusable(path: &Path, problem: impl Into<String>, remedy: impl Into<Cow<'static, str>>) -> Self {
+        Self::Unusable { path: path.to_owned(), problem: problem.into(), remedy: remedy.into() }
+    }
+
+    /// A feature that is not supported, of a file that is right.
+    pub(crate) fn unsupported(path: &Path, what: impl fmt::Display, hint: &'static str) -> Self {
+        Self::unusable(path, format!("{what} is not supported"), hint)
+    }
+
+    /// A known kind of file that cannot be read as a scene.
+    pub(crate) fn foreign_scene(path: &Path, what: &str, hint: &'static str) -> Self {
+        Self::unusable(path, format!("is {what}, which is not read"), hint)
+    }
+
+    /// A file that is not a 3D scene.
+    pub(crate) fn not_a_3d_scene(path: &Path, found: &str) -> Self {
+        Self::unusable(path, format!("expected a 3D scene, found {found}"), "export it as PLY")
+    }
+
+    /// A scene without Gaussians.
+    pub(crate) fn empty(path: &Path) -> Self {
+        Self::unusable(path, "a scene without Gaussians, which has nothing to show", "at least one is needed")
+    }
+
+    /// A truncated or damaged image of a format.
+    pub(crate) fn damaged_image(path: &Path, format: &str, message: impl fmt::Display) -> Self {
+        Self::unusable(path, format!("damaged {format} image: {message}"), "fetch or export it again")
+    }
+
+    /// Fails for an image without pixels, or larger than a canvas can be, before memory is allocated for it.
+    pub(crate) fn check_image_size(path: &Path, (width, height): (u32, u32)) -> Result<(), Self> {
+        check_size(width, height).map_err(|_| {
+            let problem = format!("the image is {width}x{height} px, but each side must be 1 to {MAX_SIDE_PX} px");
+            Self::unusable(path, problem, "scale it first")
+        })
+    }
+
+    /// An image whose size does not fit what it belongs to.
+    pub(crate) fn image_shape(path: &Path, (width, height): (u32, u32), needed: (u32, u32)) -> Self {
+        let needed = format!("{}x{} px or its shape is needed", needed.0, needed.1);
+        Self::unusable(path, format!("the image is {width}x{height} px, but {needed}"), "put the right one there")
     }
 
     /// A depth map that cannot be used.
     pub(crate) fn bad_depth(path: &Path, message: impl Into<String>) -> Self {
-        Self::BadDepth { path: path.to_owned(), message: message.into() }
+        Self::unusable(path, message, "write this depth map again, or remove it")
+    }
+
+    /// An unknown camera model.
+    pub(crate) fn unknown_camera_model(path: &Path, found: impl fmt::Display, known: &str) -> Self {
+        let problem = format!("camera model {found} is not known (known: {known})");
+        Self::unusable(path, problem, "undistort the data set with the program that made it")
     }
 
     /// Describes a file of an unknown kind by its first bytes.

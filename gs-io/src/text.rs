@@ -10,12 +10,14 @@ const MARK: &[u8] = b"\xef\xbb\xbf";
 /// The bytes of a text file after its byte-order mark, if it has one. `path` is for the message.
 ///
 /// # Errors
-/// [`Error::NotUtf8`] for text in UTF-16, with a mark or without.
+/// [`Error::Unusable`] for text in UTF-16, with a mark or without.
 pub fn utf8_text<'b>(path: &Path, bytes: &'b [u8]) -> Result<&'b [u8], Error> {
     let is_ascii = |byte: &u8| byte.is_ascii_graphic() || byte.is_ascii_whitespace();
+    let utf_16 =
+        || Error::unusable(path, "is text in UTF-16, but must be in UTF-8", "save it again with that encoding");
     match bytes {
-        [0xff, 0xfe, ..] | [0xfe, 0xff, ..] => Err(Error::NotUtf8 { path: path.to_owned() }),
-        [0, letter, ..] | [letter, 0, ..] if is_ascii(letter) => Err(Error::NotUtf8 { path: path.to_owned() }),
+        [0xff, 0xfe, ..] | [0xfe, 0xff, ..] => Err(utf_16()),
+        [0, letter, ..] | [letter, 0, ..] if is_ascii(letter) => Err(utf_16()),
         _ => Ok(bytes.strip_prefix(MARK).unwrap_or(bytes)),
     }
 }

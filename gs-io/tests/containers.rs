@@ -234,7 +234,7 @@ fn a_header_that_lies_is_found_out() {
     let file = small_scene_written();
     let tensor_error = |from: &str, to: &str| {
         let error = refusal(&file, &edited(&file.bytes, from, to));
-        assert!(matches!(error, Error::Tensor { .. }), "{error}");
+        assert!(error.to_string().contains(": tensor `"), "{error}");
         error.to_string()
     };
     // Another shape with as many numbers, another type with as many bytes, another name.

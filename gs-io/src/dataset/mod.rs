@@ -56,10 +56,8 @@ pub fn may_be_dataset(path: &Path) -> bool {
 ///
 /// # Errors
 /// [`Error::Missing`], [`Error::NotADataset`], [`Error::NoViews`], [`Error::LeavesDataset`]; for
-/// its files [`Error::Read`], [`Error::Damaged`], [`Error::DamagedLine`], [`Error::DamagedJson`],
-/// [`Error::NotUtf8`], [`Error::UnknownCameraModel`], [`Error::NotAPointCloud`], and
-/// [`Error::UnsplitPanorama`]; for its split [`Error::NoTrainingViews`] and
-/// [`Error::SplitMatchesNothing`].
+/// its files [`Error::Read`] and [`Error::Damaged`]; [`Error::Unusable`] for what they cannot say, such
+/// as an unknown camera model, and for a split that leaves nothing to train on.
 pub fn read_dataset(path: impl AsRef<Path>, settings: &DatasetSettings) -> Result<Dataset, Error> {
     let path = path.as_ref();
     let metadata = std::fs::metadata(path).map_err(|source| Error::read(path, source))?;

@@ -7,7 +7,7 @@ use std::{
     path::Path,
 };
 
-use gs_core::{Image, check_size, constants::MAX_SIDE_PX, memory};
+use gs_core::{Image, constants::MAX_SIDE_PX, memory};
 use image::{
     DynamicImage, ExtendedColorType, ImageDecoder, ImageError, ImageFormat, ImageReader, Limits,
     codecs::tiff::TiffDecoder, metadata::Orientation as Turn,
@@ -130,7 +130,10 @@ fn read_pixels(path: &Path, orientation: Orientation) -> Result<(Pixels, Colors,
     }
     let pixels = Pixels::of_image(decoded);
     match pixels.first_not_finite() {
-        Some((x, y, value)) => Err(Error::ImageNotFinite { path: path.to_owned(), x, y, value }),
+        Some((x, y, value)) => {
+            let problem = format!("pixel ({x}, {y}) is {value}, not a finite number");
+            Err(Error::unusable(path, problem, "repair it in an image editor"))
+        }
         None => Ok((pixels, colors, remarks)),
     }
 }
@@ -171,7 +174,7 @@ impl<'a> ImageFile<'a> {
             None => Ok(()),
             Some(end) => {
                 let message = format!("it ends at byte {end}, in the middle of the picture");
-                Err(Error::DamagedImage { path: self.path.to_owned(), format: "JPEG", message })
+                Err(Error::damaged_image(self.path, "JPEG", message))
             }
         }
     }
@@ -222,9 +225,7 @@ fn open_decoder<'a>(path: &Path, format: ImageFormat, reader: Source<'a>) -> Res
     limits.max_alloc = Some(MAX_DECODER_BYTES);
     reader.limits(limits);
     let decoder = reader.into_decoder().map_err(|error| decoder_error(path, format, error))?;
-    let (width, height) = decoder.dimensions();
-    let limit = MAX_SIDE_PX;
-    check_size(width, height).map_err(|_| Error::ImageSize { path: path.to_owned(), width, height, limit })?;
+    Error::check_image_size(path, decoder.dimensions())?;
     Ok(decoder)
 }
 
@@ -232,10 +233,7 @@ fn decoder_error(path: &Path, format: ImageFormat, error: ImageError) -> Error {
     match error {
         ImageError::IoError(source) if source.kind() != std::io::ErrorKind::UnexpectedEof => Error::read(path, source),
         ImageError::Unsupported(error) => kind::not_supported(path, name_of(format), &one_line(&error.to_string())),
-        error => {
-            let message = one_line(&error.to_string());
-            Error::DamagedImage { path: path.to_owned(), format: name_of(format), message }
-        }
+        error => Error::damaged_image(path, name_of(format), one_line(&error.to_string())),
     }
 }
 

@@ -97,9 +97,9 @@ pub fn read_image(path: impl AsRef<Path>) -> Result<LoadedImage, Error> {
 ///
 /// # Errors
 /// [`Error::Missing`], [`Error::NotAFile`] or [`Error::Read`]; [`Error::NotAnImage`] for other
-/// content and for CMYK; [`Error::ImageSize`] for no pixels or a side longer than
+/// content and for CMYK; [`Error::Unusable`] for no pixels or a side longer than
 /// [`MAX_SIDE_PX`](gs_core::constants::MAX_SIDE_PX), before memory is allocated for them;
-/// [`Error::DamagedImage`] for one cut short; [`Error::ImageNotFinite`].
+/// for one cut short, and for pixels that are not finite.
 pub fn read_image_with(path: impl AsRef<Path>, alpha: AlphaMode) -> Result<LoadedImage, Error> {
     let path = path.as_ref();
     let mut decoded = decode(path, Orientation::Exif)?;

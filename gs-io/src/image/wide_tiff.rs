@@ -7,7 +7,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use gs_core::{check_size, constants::MAX_SIDE_PX, memory};
+use gs_core::memory;
 use image::ImageFormat;
 use tiff::{
     ColorType, TiffError,
@@ -40,8 +40,7 @@ impl WideTiff {
         let (Ok(ColorType::Gray(bits @ (32 | 64))), Ok(size)) = (decoder.colortype(), decoder.dimensions()) else {
             return Ok(None);
         };
-        let ((width, height), limit) = (size, MAX_SIDE_PX);
-        check_size(width, height).map_err(|_| Error::ImageSize { path: path.to_owned(), width, height, limit })?;
+        Error::check_image_size(path, size)?;
         Ok(Some(Self { path: path.to_owned(), decoder, size, bits }))
     }
 
@@ -72,7 +71,7 @@ fn damaged(path: &Path, error: TiffError) -> Error {
         TiffError::IoError(source) if source.kind() != std::io::ErrorKind::UnexpectedEof => Error::read(path, source),
         error => {
             let message = error.to_string().split_whitespace().collect::<Vec<_>>().join(" ");
-            Error::DamagedImage { path: path.to_owned(), format: "TIFF", message }
+            Error::damaged_image(path, "TIFF", message)
         }
     }
 }

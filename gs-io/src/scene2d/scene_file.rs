@@ -145,7 +145,7 @@ pub fn read_2d(path: impl AsRef<Path>) -> Result<File2d, Error> {
 ///
 /// # Errors
 /// [`Error::Missing`], [`Error::NotAFile`] or [`Error::Read`]; [`Error::Damaged`] for a truncated
-/// file or another kind of file, [`Error::TooNew`] for one of a later version, [`Error::Tensor`]
+/// file or another kind of file, [`Error::TooNew`] for one of a later version, [`Error::Unusable`]
 /// for a tensor of the wrong type or shape, [`Error::Content`] for an impossible canvas or
 /// settings.
 pub fn read_2d_unchecked(path: impl AsRef<Path>) -> Result<File2d, Error> {

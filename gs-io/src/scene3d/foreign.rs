@@ -66,7 +66,7 @@ pub(crate) fn refusal(start: &[u8], path: &Path) -> Option<Error> {
         start.starts_with(kind.start) && (kind.endings.is_empty() || kind.endings.iter().any(has_ending))
     };
     let Kind { what, hint, .. } = KINDS.iter().find(fits)?;
-    Some(Error::ForeignScene { path: path.to_owned(), what, hint })
+    Some(Error::foreign_scene(path, what, hint))
 }
 
 /// The error for a JSON object that is not a glTF of Gaussians: it names the file's kind if that is
@@ -85,7 +85,7 @@ pub(crate) fn refusal_of_json(json: &[u8], path: &Path) -> Option<Error> {
     } else {
         return refusal(json, path);
     };
-    Some(Error::ForeignScene { path: path.to_owned(), what, hint })
+    Some(Error::foreign_scene(path, what, hint))
 }
 
 /// Whether a path ends in a file of this name, in whatever case.

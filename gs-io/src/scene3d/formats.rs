@@ -196,7 +196,7 @@ const ROW: Row = Row {
     what: "a checkpoint",
     ending: None,
     recognises: |_, _| false,
-    read: |source| Err(Error::NotA3dScene { path: source.path.to_owned(), found: "a checkpoint".to_owned() }),
+    read: |source| Err(Error::not_a_3d_scene(source.path, "a checkpoint")),
     encode: |path, _, _| Err(Format3d::unknown_ending(path)),
     beside: |_, _, _| Vec::new(),
     stores_frame: false,

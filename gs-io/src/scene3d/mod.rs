@@ -98,7 +98,7 @@ pub fn move_scene(scene: &mut Scene3d, from: &WorldFrame, to: &WorldFrame) {
 /// The format of a scene file by its content; `None` for another kind of file.
 ///
 /// # Errors
-/// [`Error::Missing`], [`Error::NotAFile`] or [`Error::Read`]; [`Error::ForeignScene`] for a known
+/// [`Error::Missing`], [`Error::NotAFile`] or [`Error::Read`]; [`Error::Unusable`] for a known
 /// kind that cannot be read.
 pub fn format_3d(path: impl AsRef<Path>) -> Result<Option<Format3d>, Error> {
     let path = path.as_ref();
@@ -142,8 +142,8 @@ fn raise_zero_scales(scene: &mut Scene3d) -> Option<ConversionLoss> {
 /// ln-scales of −∞, for programs that inspect or repair broken scenes.
 ///
 /// # Errors
-/// [`Error::Missing`], [`Error::NotAFile`] or [`Error::Read`]; [`Error::ForeignScene`] or
-/// [`Error::NotA3dScene`] for another kind of file; those of [`decode_3d`].
+/// [`Error::Missing`], [`Error::NotAFile`] or [`Error::Read`]; [`Error::Unusable`]
+/// for another kind of file; those of [`decode_3d`].
 pub fn read_3d_unchecked(path: impl AsRef<Path>) -> Result<File3d, Error> {
     let path = path.as_ref();
     let (mut file, metadata) = open(path, WANTED)?;
@@ -155,7 +155,7 @@ pub fn read_3d_unchecked(path: impl AsRef<Path>) -> Result<File3d, Error> {
 pub(crate) fn decode_recognised(bytes: &[u8], path: &Path) -> Result<File3d, Error> {
     let start = &bytes[..bytes.len().min(START_BYTES)];
     let Some(format) = Format3d::recognise(start, path) else {
-        let unknown = || Error::NotA3dScene { path: path.to_owned(), found: Error::found(start) };
+        let unknown = || Error::not_a_3d_scene(path, &Error::found(start));
         return Err(foreign::refusal(start, path).unwrap_or_else(unknown));
     };
     decode_3d(format, bytes, path)
@@ -165,16 +165,15 @@ pub(crate) fn decode_recognised(bytes: &[u8], path: &Path) -> Result<File3d, Err
 /// to find a glTF's buffers and a SOG's images. Memory is limited by the number of bytes.
 ///
 /// # Errors
-/// [`Error::Damaged`] for bytes that are not what their kind prescribes, [`Error::TooNew`],
-/// [`Error::MissingProperties`], [`Error::Unsupported`] for what is right but not read,
-/// [`Error::Expansion`] for a bomb, [`Error::Empty`] for no Gaussians, [`Error::NotA3dScene`] for a
-/// glTF of something else; for a glTF's buffer or a SOG's image those of opening it.
+/// [`Error::Damaged`] for bytes that are not what their kind prescribes, [`Error::TooNew`];
+/// [`Error::Unusable`] for what is right but not read, for missing properties, for a bomb, for no
+/// Gaussians, and for a glTF of something else; for a glTF's buffer or a SOG's image those of opening it.
 pub fn decode_3d(format: Format3d, bytes: &[u8], path: &Path) -> Result<File3d, Error> {
     let row = format.row();
     let formats::Decoded { scene, format, losses, trained_with, files, picture } =
         (row.read)(&Source { path, what: row.what, bytes })?;
     if scene.is_empty() {
-        return Err(Error::Empty { path: path.to_owned() });
+        return Err(Error::empty(path));
     }
     let bytes = files.iter().fold(bytes.len() as u64, |sum, (_, bytes)| sum.saturating_add(*bytes));
     let beside = files.into_iter().map(|(path, _)| path).collect();
@@ -201,8 +200,8 @@ pub struct Written3d {
 ///
 /// # Errors
 /// [`Error::UnknownEnding`]; [`Error::Content`] where [`Scene3d::validate`](Scene::validate) fails,
-/// or a quaternion is too short to be a rotation and the format needs one; [`Error::Empty`];
-/// [`Error::Unsupported`] for a scene too large for the format; those of [`write_durably`].
+/// or a quaternion is too short to be a rotation and the format needs one; [`Error::Unusable`] for no
+/// Gaussians, or too many for the format; those of [`write_durably`].
 pub fn write_3d(path: impl AsRef<Path>, scene: &Scene3d, options: &WriteOptions3d) -> Result<Written3d, Error> {
     let path = path.as_ref();
     if Format3d::to_write(path) == Some(Format3d::Ply) {
@@ -234,14 +233,14 @@ pub struct Encoded3d {
 
 fn check_writable(path: &Path, scene: &Scene3d) -> Result<(), Error> {
     scene.validate().map_err(Error::content(path))?;
-    if scene.is_empty() { Err(Error::Empty { path: path.to_owned() }) } else { Ok(()) }
+    if scene.is_empty() { Err(Error::empty(path)) } else { Ok(()) }
 }
 
 /// The scene in coordinates of the world, for a format of 32-bit numbers.
 fn in_world(path: &Path, scene: &Scene3d, frame: &WorldFrame) -> Result<Scene3d, Error> {
     if frame.origin != DVec3::ZERO {
         let what = format!("a scene in world coordinates around {}, which need 64 bits,", frame.origin);
-        return Err(Error::Unsupported { path: path.to_owned(), what, hint: "write a PLY or a glTF" });
+        return Err(Error::unsupported(path, what, "write a PLY or a glTF"));
     }
     let mut scene = scene.clone();
     transform(&mut scene, &frame.to(&WorldFrame::WORLD));

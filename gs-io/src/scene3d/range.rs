@@ -34,9 +34,7 @@ pub(super) fn check(path: &Path, format: Format3d, scene: &Scene3d, options: &Wr
     let others = beyond.len() - 1;
     let others = if others > 0 { format!(" and {}", counted(others, "other")) } else { String::new() };
     let (place, largest) = (distance(scene, first) as f32, format.row().largest);
-    Err(Error::Unsupported {
-        path: path.to_owned(),
-        what: format!("a coordinate of ±{place:e} (Gaussian {first}{others}), beyond ±{largest} units,"),
-        hint: "leave such Gaussians out (gs convert --drop-broken), scale the scene, or write a PLY",
-    })
+    let what = format!("a coordinate of ±{place:e} (Gaussian {first}{others}), beyond ±{largest} units,");
+    let hint = "leave such Gaussians out (gs convert --drop-broken), scale the scene, or write a PLY";
+    Err(Error::unsupported(path, what, hint))
 }

@@ -27,7 +27,7 @@ impl<'a> Source<'a> {
     /// An error about the content at a byte.
     pub(crate) fn damaged(&self, byte: usize, expected: impl Into<String>, found: impl Into<String>) -> Error {
         let (path, what) = (self.path.to_owned(), self.what);
-        Error::Damaged { path, what, byte: byte as u64, expected: expected.into(), found: found.into() }
+        Error::Damaged { path, what, place: format!("byte {byte}"), expected: expected.into(), found: found.into() }
     }
 
     /// `len` bytes from `start`.
@@ -61,6 +61,7 @@ impl<'a> Source<'a> {
         if claimed_bytes <= FREE_BYTES.saturating_add(file_bytes.saturating_mul(MAX_EXPANSION)) {
             return Ok(());
         }
-        Err(Error::Expansion { path: self.path.to_owned(), file_bytes, claimed_bytes })
+        let claim = format!("its {file_bytes} bytes declare {claimed_bytes} of content, more than its size allows");
+        Err(Error::unusable(self.path, claim, "fetch it again"))
     }
 }

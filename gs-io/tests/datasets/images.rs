@@ -145,7 +145,7 @@ fn masks_of_any_size_black_out_what_does_not_count() {
 
     gs_io::write_png(place.path().join("masks/view 000.png.png"), &Image::filled(20, 20, [1.0; 3]).unwrap()).unwrap();
     let error = views[0].read_image().unwrap_err();
-    assert!(matches!(error, Error::ImageShape { width: 20, expected_width: 40, .. }), "{error}");
+    assert!(error.to_string().contains("is 20x20 px, but 40x"), "{error}");
 }
 
 #[test]
@@ -154,7 +154,7 @@ fn an_image_that_changed_since_is_refused() {
     colmap(place.path(), 1);
     let view = read(place.path()).views.remove(0);
     gs_io::write_png(&view.image, &Image::filled(20, 15, [1.0; 3]).unwrap()).unwrap();
-    assert!(matches!(view.read_image(), Err(Error::ImageShape { width: 20, .. })));
+    assert!(view.read_image().unwrap_err().to_string().contains("the image is 20x15 px, but 40x30 px"));
     fs::remove_file(&view.image).unwrap();
     assert!(matches!(view.read_image(), Err(Error::Missing { .. })));
 }

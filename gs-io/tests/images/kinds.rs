@@ -135,5 +135,5 @@ fn a_gif_is_read_with_its_transparency() {
     let loaded = read_image(saved(place.path(), "a.gif", &bytes)).unwrap();
     assert_eq!((loaded.image.pixel(0, 0), loaded.image.pixel(3, 1)), ([9.0, 200.0, 30.0].map(|v| v / 255.0), [1.0; 3]));
     let error = refusal(place.path(), "b.gif", &bytes[..bytes.len() / 2]);
-    assert!(matches!(error, Error::DamagedImage { format: "GIF", .. }), "{error}");
+    assert!(error.to_string().contains("damaged GIF image"), "{error}");
 }

@@ -97,7 +97,7 @@ fn floating_point_tiff_is_taken_as_it_is_but_must_be_finite() {
     assert_eq!((loaded.bits_per_channel, loaded.image.pixel(0, 1)), (32, [-0.25, 0.5, 1.5]));
     values.get_pixel_mut(1, 1).0[2] = f32::NAN;
     let error = refusal(folder.path(), "b.tif", &encoded(&values.into(), ImageFormat::Tiff));
-    assert!(matches!(error, Error::ImageNotFinite { x: 1, y: 1, .. }), "{error}");
+    assert!(error.to_string().contains("pixel (1, 1) is NaN"), "{error}");
 }
 
 #[test]
@@ -204,7 +204,7 @@ fn one_pixel_is_an_image_and_none_is_not() {
     empty_png[16..24].fill(0);
     for (name, bytes) in [("a.ppm", b"P6\n0 0\n255\n".as_slice()), ("b.png", &empty_png)] {
         let error = refusal(folder.path(), name, bytes);
-        assert!(matches!(error, Error::ImageSize { .. } | Error::DamagedImage { .. }), "{error}");
+        assert!(matches!(error, Error::Unusable { .. }), "{error}");
     }
 }
 
@@ -227,7 +227,7 @@ fn a_header_that_claims_too_much_is_refused_by_its_size() {
         [("a.png", bomb), ("b.ppm", b"P6\n20000 20000\n255\n".to_vec()), ("c.bmp", bmp(20_000)), ("d.bmp", bmp(60_000))]
     {
         let error = refusal(folder.path(), name, &bytes);
-        assert!(matches!(error, Error::ImageSize { limit: 16_384, .. }), "{error}");
+        assert!(error.to_string().contains("each side must be 1 to 16384 px"), "{error}");
     }
 }
 

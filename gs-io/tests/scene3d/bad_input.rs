@@ -47,7 +47,7 @@ fn scenes_and_meshes_of_other_kinds_are_named() {
             [read_3d(&path).unwrap_err(), format_3d(&path).err().unwrap_or_else(|| read_3d(&path).unwrap_err())]
         {
             let text = error.to_string();
-            assert!(matches!(error, Error::ForeignScene { .. }) && text.contains(expected), "{text}");
+            assert!(matches!(error, Error::Unusable { .. }) && text.contains(expected), "{text}");
         }
     }
 }
@@ -83,7 +83,9 @@ fn lying_ply_headers() {
         "a.ply",
         "export it as a 3DGS PLY",
     );
-    assert!(matches!(error, Error::MissingProperties { names, .. } if names.len() == 13));
+    assert!(
+        error.to_string().contains("no y, z, scale_0, scale_1, scale_2, rot_0, rot_1, rot_2, rot_3, opacity, f_dc_0")
+    );
     refused(&edited(&compressed_ply(), b"element sh 3", b"element sh 2"), "a.ply", "3 rows of element sh");
     refused(&edited(&compressed_ply(), b"element chunk 1", b"element chunk 0"), "a.ply", "1 chunks for 3 vertices");
 }
@@ -132,7 +134,7 @@ fn an_spz_that_promises_too_much() {
     };
     for bytes in [gzip(&[bomb(3), vec![0; 1 << 20]].concat()), bomb(4)] {
         let error = refused(&bytes, "a.spz", "more than its size allows");
-        assert!(matches!(error, Error::Expansion { claimed_bytes: 13_000_000_000, .. }), "{error:?}");
+        assert!(error.to_string().contains("declare 13000000000 of content"), "{error}");
     }
     // A stream that decompresses to more than the table says: 10 MB of zeros for three Gaussians.
     let good = written("a.spz", &scene(3, 0), &WriteOptions3d::default());
@@ -250,7 +252,7 @@ fn a_gltf_that_repeats_itself_without_end() {
     json["nodes"] = (0..5000).map(|_| serde_json::json!({ "mesh": 0 })).collect();
     json["scenes"][0]["nodes"] = (0..5000).collect();
     let error = refused(json.to_string().as_bytes(), "a.gltf", "more than its size allows");
-    assert!(matches!(error, Error::Expansion { claimed_bytes: 2_800_000_000, .. }), "{error:?}");
+    assert!(error.to_string().contains("declare 2800000000 of content"), "{error}");
 
     // A thousand nodes that each refer to a thousand empty primitives.
     let mut json: serde_json::Value =
@@ -267,7 +269,7 @@ fn empty_scenes_are_neither_read_nor_written() {
     let folder = tempfile::tempdir().unwrap();
     for name in ["a.ply", "a.splat", "a.spz", "a.gltf", "a.glb"] {
         let error = write_3d(folder.path().join(name), &Scene3d::default(), &WriteOptions3d::default());
-        assert!(matches!(error.unwrap_err(), Error::Empty { .. }), "{name}");
+        assert!(error.unwrap_err().to_string().contains("without Gaussians"), "{name}");
     }
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
     let mut head = b"NGSP".to_vec();
@@ -275,7 +277,7 @@ fn empty_scenes_are_neither_read_nor_written() {
     let header = edited(&text_ply(), b"vertex 2", b"vertex 0");
     for (bytes, name) in [(gzip(&head), "a.spz"), (header, "a.ply"), (Vec::new(), "a.splat")] {
         let error = read(&bytes, name).unwrap_err();
-        assert!(matches!(error, Error::Empty { .. }), "{name}: {error}");
+        assert!(error.to_string().contains("without Gaussians"), "{name}: {error}");
     }
 }
 
@@ -319,7 +321,7 @@ fn other_files_are_said_to_be_none() {
         fs::write(&path, bytes).unwrap();
         assert_eq!(format_3d(&path).unwrap(), None);
         let error = read_3d(&path).unwrap_err();
-        assert!(matches!(&error, Error::NotA3dScene { found: f, .. } if f == found), "{error}");
+        assert!(error.to_string().contains(&format!("expected a 3D scene, found {found}")), "{error}");
     }
     assert!(matches!(read_3d(folder.path()).unwrap_err(), Error::NotAFile { .. }));
     assert!(matches!(read_3d(folder.path().join("absent.ply")).unwrap_err(), Error::Missing { .. }));

@@ -163,6 +163,7 @@ impl Reader<'_> {
     }
 
     fn damaged(&self, expected: String, found: String) -> Error {
-        Error::Damaged { path: self.path.to_owned(), what: self.what, byte: self.at as u64, expected, found }
+        let place = format!("byte {}", self.at);
+        Error::Damaged { path: self.path.to_owned(), what: self.what, place, expected, found }
     }
 }

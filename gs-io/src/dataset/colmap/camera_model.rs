@@ -2,7 +2,7 @@
 //!
 //! *Source:* COLMAP's documentation ("Camera Models") and `sensor/models`, as of version 4.
 
-use std::path::Path;
+use std::{fmt::Display, path::Path};
 
 use glam::{DVec2, dvec2};
 
@@ -132,9 +132,8 @@ impl CameraModel {
 }
 
 /// The error for a camera model that COLMAP does not have.
-pub(super) fn unknown_model(path: &Path, found: impl ToString) -> Error {
-    let known = CameraModel::ALL.map(CameraModel::name).join(", ");
-    Error::UnknownCameraModel { path: path.to_owned(), found: found.to_string(), known }
+pub(super) fn unknown_model(path: &Path, found: impl Display) -> Error {
+    Error::unknown_camera_model(path, found, &CameraModel::ALL.map(CameraModel::name).join(", "))
 }
 
 #[cfg(test)]

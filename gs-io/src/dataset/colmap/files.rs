@@ -57,7 +57,7 @@ impl ColmapModel {
     ///
     /// # Errors
     /// [`Error::Damaged`] where a file ends early or claims more than it can contain,
-    /// [`Error::UnknownCameraModel`].
+    /// [`Error::Unusable`] for an unknown camera model.
     pub fn from_binary(folder: &Path, cameras: &[u8], images: &[u8], points: Option<&[u8]>) -> Result<Self, Error> {
         let points = points.map(|bytes| binary::points(&folder.join("points3D.bin"), bytes)).transpose()?;
         Ok(Self {
@@ -71,7 +71,7 @@ impl ColmapModel {
     /// messages.
     ///
     /// # Errors
-    /// [`Error::DamagedLine`], [`Error::UnknownCameraModel`].
+    /// Those of [`Self::from_binary`].
     pub fn from_text(folder: &Path, cameras: &[u8], images: &[u8], points: Option<&[u8]>) -> Result<Self, Error> {
         let points = points.map(|bytes| text::points(&folder.join("points3D.txt"), bytes)).transpose()?;
         Ok(Self {

@@ -172,7 +172,7 @@ impl<'a> Words<'a> {
 
     fn damaged(&self, expected: &str, found: String) -> Error {
         let (path, what) = (self.path.to_owned(), self.what);
-        Error::DamagedLine { path, what, line: self.line, expected: expected.to_owned(), found }
+        Error::Damaged { path, what, place: format!("line {}", self.line), expected: expected.to_owned(), found }
     }
 }
 

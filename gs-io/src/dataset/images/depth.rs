@@ -41,8 +41,8 @@ impl View {
     /// Reads the depth map, if there is one, and undistorts it if needed, without interpolation.
     ///
     /// # Errors
-    /// [`Error::BadDepth`] for a map that is not grey, has no known value, or is damaged;
-    /// [`Error::ImageShape`] for another aspect ratio than the image's; those of reading a file.
+    /// [`Error::Unusable`] for a map that is not grey, has no known value, is damaged, or has another
+    /// aspect ratio than the image; those of reading a file.
     pub fn read_depth(&self) -> Result<Option<DepthMap>, Error> {
         let Some(DepthFile { path, unit }) = &self.depth else { return Ok(None) };
         let (size, values) = match is_npy(path) {

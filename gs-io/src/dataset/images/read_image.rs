@@ -39,7 +39,7 @@ impl View {
     ///
     /// # Errors
     /// Those of [`read_image_with`](crate::read_image_with) for image and mask, in
-    /// [`Error::BadView`] if they concern the content; [`Error::ImageShape`] if a shape has changed
+    /// [`Error::BadView`] if they concern the content; [`Error::Unusable`] if a shape has changed
     /// since the data set was opened.
     pub fn read_image(&self) -> Result<PosedImage, Error> {
         let whole = self.read_whole()?;
@@ -131,9 +131,7 @@ impl View {
 /// Advises to leave out a file that seemed whole when the data set was opened.
 fn leave_out(error: Error) -> Error {
     match error {
-        Error::DamagedImage { .. } | Error::NotAnImage { .. } | Error::ImageNotFinite { .. } => {
-            Error::BadView(Box::new(error))
-        }
+        Error::NotAnImage { .. } | Error::Unusable { .. } => Error::BadView(Box::new(error)),
         other => other,
     }
 }

@@ -91,7 +91,10 @@ pub(crate) fn assemble(parts: Parts<'_>, settings: &DatasetSettings) -> Result<D
         return Err(Error::NoViews { path: root.to_owned(), kind: kind.name(), found, skipped, outside });
     }
     if let Some(view) = unsplit_panorama(&views) {
-        return Err(Error::UnsplitPanorama { path: view.image.clone() });
+        let problem = "it is twice as wide as high, and its borders meet as those of a 360° image do, but its camera \
+                       has a perspective model";
+        let remedy = "set the camera's model to EQUIRECTANGULAR, or cut a few columns off if it is no 360° image";
+        return Err(Error::unusable(&view.image, problem, remedy));
     }
     remarks.extend(tally.remarks());
     if let Some(place) = finder.place().filter(|_| finder.elsewhere) {
@@ -121,7 +124,8 @@ pub(crate) fn assemble(parts: Parts<'_>, settings: &DatasetSettings) -> Result<D
         if skipped.is_empty() {
             skipped.push("its split lists none".to_owned());
         }
-        return Err(Error::NoTrainingViews { path: root.to_owned(), skipped });
+        let problem = format!("no view for training can be used: {}", skipped.join("; "));
+        return Err(Error::unusable(root, problem, "correct this, or the data set's split"));
     };
     views.sort_by(|a, b| a.name.cmp(&b.name));
     Ok(Dataset { kind, root: root.to_owned(), frame, views, points, split, remarks })

@@ -27,7 +27,7 @@ pub(crate) type List = (Split, &'static str, Vec<String>);
 /// The lists in files of their own, with the file; a `model` is COLMAP's.
 ///
 /// # Errors
-/// Those of reading a file, and [`Error::DamagedJson`].
+/// Those of reading a file, and [`Error::Unusable`].
 pub(crate) fn in_files(
     root: &Path,
     model: Option<&Path>,
@@ -64,7 +64,7 @@ fn is_in(listed: &Listed, split: Split) -> bool {
 /// ignores, and lack the folder, if that leaves one frame.
 ///
 /// # Errors
-/// [`Error::SplitMatchesNothing`] for a list without any frame.
+/// [`Error::Unusable`] for a list without any frame.
 pub(crate) fn apply(
     lists: Option<(PathBuf, Vec<List>)>,
     drafts: &mut [Draft],
@@ -119,8 +119,9 @@ fn find(path: &Path, lists: &[List], drafts: &[Draft]) -> Result<(Vec<Listed>, V
             }
         }
         if let (0, Some(first), Some(frame)) = (matches, names.first(), drafts.first()) {
-            let (first, frame) = (first.clone(), frame.name.clone());
-            return Err(Error::SplitMatchesNothing { path: path.to_owned(), key, first, frame });
+            let names = format!("it begins with `{first}`, the frames with `{}`", frame.name);
+            let problem = format!("{key} names no frame of the data set: {names}");
+            return Err(Error::unusable(path, problem, "correct the names or remove the list"));
         }
     }
     let other = other.first().map(|&(listed, frame)| Remark::ListedOtherwise {

@@ -123,7 +123,7 @@ impl CameraFields<'_> {
     /// The intrinsics in the file at `path`.
     ///
     /// # Errors
-    /// [`Error::UnknownCameraModel`]; inside, why the camera is impossible, with the key.
+    /// [`Error::Unusable`] for an unknown model; inside, why the camera is impossible, with the key.
     pub(super) fn intrinsics(&self, path: &Path) -> Result<Result<Intrinsics, Refusal>, Error> {
         let fisheye = self.get("is_fisheye").and_then(Value::as_bool).unwrap_or_default();
         let usual = if fisheye { FISHEYE[0] } else { PERSPECTIVE[0] };
@@ -137,8 +137,8 @@ impl CameraFields<'_> {
         let is_fisheye = FISHEYE.contains(&model.as_str());
         if !is_fisheye && model != PANORAMA && !PERSPECTIVE.contains(&model.as_str()) {
             let known = [&FISHEYE[..], &PERSPECTIVE, &[PANORAMA]].concat().join(", ");
-            let found = model.chars().filter(|c| !c.is_control()).take(40).collect();
-            return Err(Error::UnknownCameraModel { path: path.to_owned(), found, known });
+            let found: String = model.chars().filter(|c| !c.is_control()).take(40).collect();
+            return Err(Error::unknown_camera_model(path, found, &known));
         }
         let numbers = || -> Result<Intrinsics, String> {
             let size = self.pair(["w", "h"], 0.0, "greater than 0")?;

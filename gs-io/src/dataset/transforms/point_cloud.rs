@@ -32,7 +32,8 @@ pub(super) fn read(path: &Path, name: &str) -> Result<(Vec<WorldPoint>, Option<R
 
 fn parse(bytes: &[u8], path: &Path, name: &str) -> Result<(Vec<WorldPoint>, Option<Remark>), Error> {
     let source = Source { path, what: "a PLY point cloud", bytes };
-    let refused = |message: String| Error::NotAPointCloud { path: path.to_owned(), message };
+    let refused =
+        |message: String| Error::unusable(path, format!("expected a PLY point cloud: {message}"), "export it again");
     let header = Header::parse(&source)?;
     let vertex = header.find("vertex").ok_or_else(|| refused("it has no element `vertex`".to_owned()))?;
     let element = &header.elements[vertex];

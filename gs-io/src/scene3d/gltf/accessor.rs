@@ -100,11 +100,8 @@ impl Accessors<'_> {
         let component = Component::numbered(accessor.component_type)
             .ok_or_else(|| bad("a component type of at most 16 bits or float", accessor.component_type.to_string()))?;
         let Some(view) = accessor.buffer_view.filter(|_| accessor.sparse.is_none()) else {
-            return Err(Error::Unsupported {
-                path: self.source.path.to_owned(),
-                what: format!("an accessor that is sparse or has no buffer, {name},"),
-                hint: "export it with plain accessors",
-            });
+            let what = format!("an accessor that is sparse or has no buffer, {name},");
+            return Err(Error::unsupported(self.source.path, what, "export it with plain accessors"));
         };
         let view =
             self.document.buffer_views.get(view).ok_or_else(|| bad("a buffer view that there is", view.to_string()))?;

@@ -105,10 +105,9 @@ fn of_uri(
         let bytes = data.split_once(";base64,").and_then(|(_, text)| STANDARD.decode(text).ok());
         return bytes.ok_or_else(|| source.damaged(0, "a data uri in base64", "one that is not"));
     }
-    let path = beside(source.path, uri).ok_or_else(|| Error::Unsupported {
-        path: source.path.to_owned(),
-        what: format!("the buffer {:?}, which is no file beside it", uri.chars().take(60).collect::<String>()),
-        hint: "put the buffer beside the glTF, or convert it to .glb",
+    let path = beside(source.path, uri).ok_or_else(|| {
+        let what = format!("the buffer {:?}, which is no file beside it", uri.chars().take(60).collect::<String>());
+        Error::unsupported(source.path, what, "put the buffer beside the glTF, or convert it to .glb")
     })?;
     let (file, metadata) = open(&path, "a glTF's buffer")?;
     let mut bytes = Vec::new();

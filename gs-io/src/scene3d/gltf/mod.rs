@@ -77,8 +77,7 @@ pub(crate) fn read(source: &Source<'_>) -> Result<Read, Error> {
     }
     let places = places(source, &document)?;
     if places.is_empty() {
-        let found = format!("a glTF without {EXTENSION} in its scene");
-        let unknown = || Error::NotA3dScene { path: source.path.to_owned(), found };
+        let unknown = || Error::not_a_3d_scene(source.path, &format!("a glTF without {EXTENSION} in its scene"));
         return Err(foreign::refusal_of_json(json, source.path).unwrap_or_else(unknown));
     }
     let buffers = Buffers::read(source, &document, binary)?;
@@ -282,7 +281,7 @@ fn append(whole: &mut Scene3d, part: Scene3d) {
 }
 
 fn unsupported(source: &Source<'_>, what: String) -> Error {
-    Error::Unsupported { path: source.path.to_owned(), what, hint: "export the file without it" }
+    Error::unsupported(source.path, what, "export the file without it")
 }
 
 /// The flips between glTF's axes and ours.

@@ -154,10 +154,9 @@ fn binary(path: &Path, json: &Value, buffer: &[u8]) -> Result<Vec<u8>, Error> {
     let mut text = json.to_string().into_bytes();
     text.resize(text.len().next_multiple_of(4), b' ');
     let total = 12 + 8 + text.len() + 8 + buffer.len().next_multiple_of(4);
-    let total = u32::try_from(total).map_err(|_| Error::Unsupported {
-        path: path.to_owned(),
-        what: format!("a .glb of {total} bytes, more than its 32-bit lengths hold,"),
-        hint: "write a PLY or an SPZ",
+    let total = u32::try_from(total).map_err(|_| {
+        let what = format!("a .glb of {total} bytes, more than its 32-bit lengths hold,");
+        Error::unsupported(path, what, "write a PLY or an SPZ")
     })?;
     let mut file = GLB_MAGIC.to_vec();
     file.extend([GLB_VERSION, total].map(u32::to_le_bytes).concat());

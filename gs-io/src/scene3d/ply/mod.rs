@@ -156,12 +156,12 @@ fn element_start(source: &Source<'_>, header: &Header, element: usize) -> Result
 
 /// Indices of the properties with these names.
 fn columns(source: &Source<'_>, element: &Element, names: &[&str]) -> Result<Vec<usize>, Error> {
-    let missing = names.iter().filter(|name| element.find(name).is_none());
-    let missing: Vec<String> = missing.map(|&name| name.to_owned()).collect();
+    let missing: Vec<&str> = names.iter().copied().filter(|name| element.find(name).is_none()).collect();
     if missing.is_empty() {
         return Ok(names.iter().filter_map(|name| element.find(name)).collect());
     }
-    Err(Error::MissingProperties { path: source.path.to_owned(), names: missing })
+    let problem = format!("its vertices have no {}", missing.join(", "));
+    Err(Error::unusable(source.path, problem, "it is not a scene of Gaussians: export it as a 3DGS PLY"))
 }
 
 /// Indices of `f_rest_0`, `f_rest_1`, …, as many as some degree has.

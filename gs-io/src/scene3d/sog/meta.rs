@@ -67,10 +67,8 @@ impl Meta {
             |error: serde_json::Error| source.damaged(0, "the meta.json of a SOG", format!("one with: {error}"));
         let version = serde_json::from_slice::<Value>(text).map_err(damaged)?["version"].as_u64();
         if version != Some(VERSION.into()) {
-            let unsupported =
-                |what: &str| Error::Unsupported { path: source.path.to_owned(), what: what.to_owned(), hint: CONVERT };
             return Err(match version {
-                None | Some(..VERSION_1_END) => unsupported("version 1 of SOG"),
+                None | Some(..VERSION_1_END) => Error::unsupported(source.path, "version 1 of SOG", CONVERT),
                 Some(found) => Error::TooNew {
                     path: source.path.to_owned(),
                     what: source.what,

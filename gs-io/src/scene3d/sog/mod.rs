@@ -199,11 +199,8 @@ pub(crate) fn encode(
     trained_with: &TrainedWith,
 ) -> Result<Encoded, Error> {
     let count = u32::try_from(scene.len()).ok().filter(|&count| count <= PlaneSize::MAX_PIXELS);
-    let count = count.ok_or_else(|| Error::Unsupported {
-        path: path.to_owned(),
-        what: format!("a SOG of {} Gaussians", scene.len()),
-        hint: "write a PLY",
-    })?;
+    let too_many = || Error::unsupported(path, format!("a SOG of {} Gaussians", scene.len()), "write a PLY");
+    let count = count.ok_or_else(too_many)?;
     let (scene, clamped) = without_extremes(scene);
     let scene = &*scene;
     let grid = Grid::around(&scene.means);

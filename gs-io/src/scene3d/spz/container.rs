@@ -129,12 +129,8 @@ impl Head {
             return Err(Error::TooNew { path, what: source.what, supported: NEWEST_VERSION, found: version });
         }
         if version == 1 {
-            let (path, what) = (source.path.to_owned(), "version 1 of SPZ".to_owned());
-            return Err(Error::Unsupported {
-                path,
-                what,
-                hint: "write it again with a current version of the program",
-            });
+            let hint = "write it again with a current version of the program";
+            return Err(Error::unsupported(source.path, "version 1 of SPZ", hint));
         }
         if version < 2 {
             return Err(bad(4, "version 2, 3 or 4", version.to_string()));

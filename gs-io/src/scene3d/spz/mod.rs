@@ -77,11 +77,8 @@ pub(crate) fn encode(
     };
     check(options.degree_1_bits, "the number of bits of SH degree 1")?;
     check(options.higher_degree_bits, "the number of bits of higher SH degrees")?;
-    let count = u32::try_from(scene.len()).map_err(|_| Error::Unsupported {
-        path: path.to_owned(),
-        what: format!("an SPZ of {} Gaussians", scene.len()),
-        hint: "write a PLY",
-    })?;
+    let too_many = |_| Error::unsupported(path, format!("an SPZ of {} Gaussians", scene.len()), "write a PLY");
+    let count = u32::try_from(scene.len()).map_err(too_many)?;
     let fraction = FractionalBits::for_means(&scene.means);
     let mut packing = quantum::Packing::new(options, fraction);
     let rest = scene.sh_len() - 1;
