@@ -14,7 +14,7 @@ use gs_core::{
 };
 use gs_density::Policy;
 use gs_lab::price::frontier::{FrontierMachine, FrontierSettings};
-use gs_train::{FitSettings, Init, InitKind, Preset, Trainer, Tune, mean_color};
+use gs_train::{FitSettings, Init, InitKind, Preset, SettingsFile as _, Trainer, Tune, mean_color};
 
 pub(crate) use self::target::Target;
 use crate::{

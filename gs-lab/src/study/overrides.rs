@@ -2,8 +2,7 @@
 
 use std::path::Path;
 
-use gs_train::{parse_settings, settings_to_toml};
-use serde::{Serialize, de::DeserializeOwned};
+use gs_train::SettingsFile;
 use toml::{Table, Value};
 
 /// Pairs of keys of the same table that exclude each other.
@@ -35,13 +34,13 @@ pub(crate) fn lay_upon(base: &mut Table, over: &Table) {
 ///
 /// # Errors
 /// What is wrong with `over`: an unknown key, or a value that is not possible.
-pub fn applied<T: Serialize + DeserializeOwned>(settings: &T, over: &Table) -> Result<T, String> {
+pub fn applied<T: SettingsFile>(settings: &T, over: &Table) -> Result<T, String> {
     let unreadable = |error: toml::de::Error| error.to_string();
-    let text = settings_to_toml(settings).map_err(|error| error.to_string())?;
+    let text = settings.to_toml().map_err(|error| error.to_string())?;
     let mut table: Table = text.parse().map_err(unreadable)?;
     lay_upon(&mut table, over);
     // The line number is left out: it is one of the merged text, which the user does not see.
-    parse_settings(&table.to_string(), Path::new("")).map_err(|error| match error {
+    T::from_toml(&table.to_string(), Path::new("")).map_err(|error| match error {
         gs_train::Error::Settings { problem, .. } => problem,
         error => error.to_string(),
     })
@@ -50,7 +49,7 @@ pub fn applied<T: Serialize + DeserializeOwned>(settings: &T, over: &Table) -> R
 /// `settings` with the rounds of density control of `over`. Call this before a policy is chosen,
 /// because some policies depend on the rounds. Rounds that are not possible are ignored here;
 /// [`applied`] reports them.
-pub fn with_rounds<T: Serialize + DeserializeOwned>(settings: T, over: &Table) -> T {
+pub fn with_rounds<T: SettingsFile>(settings: T, over: &Table) -> T {
     let Some(rounds) = over.get("rounds") else { return settings };
     applied(&settings, &Table::from_iter([("rounds".to_owned(), rounds.clone())])).unwrap_or(settings)
 }

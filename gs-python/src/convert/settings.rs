@@ -7,6 +7,7 @@ use std::{
 };
 
 use gs_lab::study::overrides;
+use gs_train::SettingsFile;
 use pyo3::{
     exceptions::{PyOSError, PyTypeError, PyValueError},
     prelude::*,
@@ -89,11 +90,7 @@ fn key_of_none(value: &serde_json::Value) -> Option<String> {
 ///
 /// # Errors
 /// `ValueError` that names the unknown key or the impossible value.
-pub(crate) fn with<T: Serialize + DeserializeOwned>(
-    argument: &str,
-    settings: T,
-    over: Option<&Bound<'_, PyAny>>,
-) -> PyResult<T> {
+pub(crate) fn with<T: SettingsFile>(argument: &str, settings: T, over: Option<&Bound<'_, PyAny>>) -> PyResult<T> {
     match over {
         None => Ok(settings),
         Some(over) => {
@@ -113,7 +110,7 @@ pub(crate) fn with<T: Serialize + DeserializeOwned>(
 ///
 /// # Errors
 /// `ValueError` if the argument is not a mapping of settings.
-pub(crate) fn with_rounds<T: Serialize + DeserializeOwned>(
+pub(crate) fn with_rounds<T: SettingsFile>(
     argument: &str,
     settings: T,
     over: Option<&Bound<'_, PyAny>>,

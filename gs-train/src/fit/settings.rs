@@ -10,8 +10,6 @@ use super::{flat::flat_color, init::Init, presets::Preset, tune::Tune};
 use crate::run::{Recovery, Rounds};
 
 gs_core::impl_with!(FitSettings, ColorSolve);
-crate::run::in_toml!(FitSettings);
-
 /// Learning rate of opacity logits where a fit is switched to [`Blend::Over`].
 const OPACITY_RATE: f32 = 0.05;
 /// Learning rate in standard deviations where a fit is switched to

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use super::{
     recovery::FreshStart,
     task::{RunSettings, Trainable},
+    toml_value::from_toml,
 };
 use crate::error::Error;
 
@@ -124,7 +125,7 @@ fn parsed<T: FromStr<Err: Display>>(metadata: &BTreeMap<String, String>, key: &s
 }
 
 fn table<T: DeserializeOwned>(metadata: &BTreeMap<String, String>, key: &str) -> Result<T, Error> {
-    toml::from_str(value(metadata, key)?).map_err(|e| Error::Checkpoint(format!("its `{key}`: {}", e.message())))
+    from_toml(value(metadata, key)?).map_err(|e| Error::Checkpoint(format!("its `{key}`: {e}")))
 }
 
 /// Size and hash of an image as text. Images that differ have different ones, except for a chance

@@ -15,13 +15,14 @@ mod settings_file;
 mod shortfall;
 mod suspect;
 mod task;
+mod toml_value;
 mod trainer;
 
 pub(crate) use self::{
     checkpoint::{Record, digest, fingerprint},
     quality::{infinite_where_null, psnr_float},
-    settings_file::in_toml,
     task::{StepContext, impl_run_settings},
+    toml_value::from_toml,
     trainer::random,
 };
 pub use self::{
@@ -31,7 +32,7 @@ pub use self::{
     quality::{ImageQuality, l1_and_psnr},
     recovery::{FreshStart, Recovery},
     rounds::Rounds,
-    settings_file::{parse_json, parse_settings, settings_to_toml},
+    settings_file::{SettingsFile, parse_json, parse_settings, settings_to_toml},
     shortfall::Shortfall,
     suspect::Suspect,
     task::{RunSettings, SceneTask, Trainable, TrainingTask},

@@ -9,6 +9,7 @@ use toml::{
     de::{DeTable, DeValue},
 };
 
+use super::toml_value::{Misread, from_toml};
 use crate::error::Error;
 
 /// Parses the text of a settings file. `file` is its name for the error.
@@ -56,41 +57,45 @@ pub fn parse_json<T: DeserializeOwned>(text: &str, file: &Path) -> Result<T, Err
 
 /// Parses settings; an error is the byte at which it is, and what is wrong there.
 fn parse<T: DeserializeOwned>(text: &str) -> Result<T, (usize, String)> {
-    toml::from_str(text).map_err(|error| {
-        let start = error.span().map_or(0, |span| span.start.min(text.len()));
-        match Unknown::of(error.message(), text, start) {
+    from_toml(text).map_err(|Misread { start, message }| {
+        let start = start.unwrap_or(0).min(text.len());
+        match Unknown::of(&message, text, start) {
             Some(unknown) => (unknown.start, unknown.to_string()),
-            None => (start, error.message().to_owned()),
+            None => (start, message),
         }
     })
 }
 
-/// `from_toml` and `to_toml` of settings: [`parse_settings`] and [`settings_to_toml`], compiled
-/// once instead of in each crate that uses them.
-macro_rules! in_toml {
-    ($settings:ty) => {
-        impl $settings {
-            /// Parses the text of a settings file; `file` is its name for the error. As
-            /// [`parse_settings`](crate::parse_settings).
-            ///
-            /// # Errors
-            /// Those of [`parse_settings`](crate::parse_settings).
-            pub fn from_toml(text: &str, file: &std::path::Path) -> Result<Self, $crate::Error> {
-                $crate::parse_settings(text, file)
+/// Settings as the text of a TOML file. What [`parse_settings`] and [`settings_to_toml`] do, compiled
+/// once for each type of settings instead of in each crate that uses them.
+pub trait SettingsFile: Sized {
+    /// Parses the text of a settings file; `file` is its name for the error.
+    ///
+    /// # Errors
+    /// Those of [`parse_settings`].
+    fn from_toml(text: &str, file: &Path) -> Result<Self, Error>;
+
+    /// The settings as the text of a TOML file.
+    ///
+    /// # Errors
+    /// Those of [`settings_to_toml`].
+    fn to_toml(&self) -> Result<String, Error>;
+}
+
+macro_rules! in_a_file {
+    ($($Settings:ty),*) => {
+        $(impl SettingsFile for $Settings {
+            fn from_toml(text: &str, file: &Path) -> Result<Self, Error> {
+                parse_settings(text, file)
             }
 
-            /// The settings as the text of a TOML file. As
-            /// [`settings_to_toml`](crate::settings_to_toml).
-            ///
-            /// # Errors
-            /// Those of [`settings_to_toml`](crate::settings_to_toml).
-            pub fn to_toml(&self) -> Result<String, $crate::Error> {
-                $crate::settings_to_toml(self)
+            fn to_toml(&self) -> Result<String, Error> {
+                settings_to_toml(self)
             }
-        }
+        })*
     };
 }
-pub(crate) use in_toml;
+in_a_file!(crate::fit::FitSettings, crate::train::TrainSettings);
 
 /// The settings as the text of a TOML file, for [`parse_settings`]. Numbers have as many digits as
 /// `f32` needs.
@@ -134,18 +139,11 @@ impl<'a> Unknown<'a> {
     /// The unknown key or name of an error message, if it is about one, at its first place from
     /// `start` on. The message about a table with a `kind` points at the table.
     fn of(message: &'a str, text: &str, start: usize) -> Option<Self> {
-        let (what, word, known) = if let Some(rest) = message.strip_prefix("unexpected keys in table: ") {
-            // The toml crate's wording for the table of an enum's variant.
-            let (keys, known) = rest.split_once(", available keys: ")?;
-            let key = keys.split(", ").next()?;
-            ("key", key, known.split(", ").collect::<Vec<_>>())
-        } else {
-            let key = message.strip_prefix("unknown field `").map(|rest| ("key", rest));
-            let (what, rest) = key.or_else(|| Some(("name", message.strip_prefix("unknown variant `")?)))?;
-            let mut names = rest.split('`').step_by(2);
-            let word = names.next()?;
-            (what, word, names.collect())
-        };
+        let key = message.strip_prefix("unknown field `").map(|rest| ("key", rest));
+        let (what, rest) = key.or_else(|| Some(("name", message.strip_prefix("unknown variant `")?)))?;
+        let mut names = rest.split('`').step_by(2);
+        let word = names.next()?;
+        let known: Vec<&str> = names.collect();
         let nearest = nearest(word, known.iter().copied());
         let names = if what == "name" { known } else { Vec::new() };
         let mut places = Vec::new();

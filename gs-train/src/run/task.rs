@@ -1,14 +1,14 @@
 //! The part of the training loop that differs between kinds of training: settings, and the task,
 //! which knows the target images.
 
-use std::{fmt::Debug, future::Future, path::Path};
+use std::{fmt::Debug, future::Future};
 
 use gs_core::{Effects, Loss, Optimizer, Parameterization};
 use gs_density::{
     CountSchedule, DensityGaussian as _, DensityPolicy, DensityScene, Evidence, EvidenceRequest, Policy, Residual,
 };
 
-use super::{observer::Quality, recovery::Recovery, rounds::Rounds, suspect::Suspect};
+use super::{observer::Quality, recovery::Recovery, rounds::Rounds, settings_file::SettingsFile, suspect::Suspect};
 use crate::error::Error;
 
 /// A kind of scene that [`Trainer`](crate::Trainer) can train: [`Scene2d`](gs_core::Scene2d), whose
@@ -57,20 +57,10 @@ impl Suspect {
 }
 
 /// Settings of a run as the loop needs them.
-pub trait RunSettings<S: SceneTask>: Clone + Debug + PartialEq {
+pub trait RunSettings<S: SceneTask>: SettingsFile + Clone + Debug + PartialEq {
     /// Format name in checkpoints, so that a checkpoint of another kind of training is refused.
     const FORMAT: &'static str;
 
-    /// Parses the text of a settings file; `file` is its name for the error.
-    ///
-    /// # Errors
-    /// [`Error::Settings`], as [`parse_settings`](crate::parse_settings).
-    fn from_toml(text: &str, file: &Path) -> Result<Self, Error>;
-    /// The settings as the text of a TOML file.
-    ///
-    /// # Errors
-    /// [`Error::UnwritableSettings`] where TOML has no form for them.
-    fn to_toml(&self) -> Result<String, Error>;
     /// Checks the ranges of all settings.
     ///
     /// # Errors
@@ -118,14 +108,6 @@ macro_rules! impl_run_settings {
     ($Settings:ty, $Scene:ty, { $($own:tt)* }) => {
         impl $crate::run::RunSettings<$Scene> for $Settings {
             $($own)*
-
-            fn from_toml(text: &str, file: &std::path::Path) -> Result<Self, $crate::error::Error> {
-                Self::from_toml(text, file)
-            }
-
-            fn to_toml(&self) -> Result<String, $crate::error::Error> {
-                self.to_toml()
-            }
 
             fn validate(&self) -> Result<(), gs_core::Error> {
                 self.validate()

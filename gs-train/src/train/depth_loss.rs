@@ -22,6 +22,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::error::Error;
+use crate::run::from_toml;
 use crate::{
     start::searched_camera,
     views::{Fit, Images, PosedView, Sample, fits, possible, reduced_camera, samples, training_image, values_at},
@@ -152,8 +153,7 @@ impl Guides {
     /// [`Error::Checkpoint`] where they are not those of such a run.
     pub(super) fn from_metadata(metadata: &BTreeMap<String, String>, views: usize) -> Result<Self, Error> {
         let Some(text) = metadata.get(KEY) else { return Ok(Self::default()) };
-        let found: Self =
-            toml::from_str(text).map_err(|e| Error::Checkpoint(format!("its `{KEY}`: {}", e.message())))?;
+        let found: Self = from_toml(text).map_err(|e| Error::Checkpoint(format!("its `{KEY}`: {e}")))?;
         let in_order = found.of_views.windows(2).all(|pair| pair[0].view < pair[1].view);
         if !in_order || found.of_views.last().is_some_and(|last| last.view >= views) {
             return Err(Error::Checkpoint(format!("its `{KEY}` are not those of {views} views")));

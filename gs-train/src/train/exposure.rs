@@ -13,6 +13,7 @@ use gs_io::dataset::PosedImage;
 use serde::{Deserialize, Serialize};
 
 use crate::error::Error;
+use crate::run::from_toml;
 use crate::views::{ColorMap, ColorPair, PosedView, possible, reduced, reduced_camera};
 
 gs_core::choices! {
@@ -153,8 +154,7 @@ impl Exposures {
     /// [`Error::Checkpoint`] where they are not those of such a run.
     pub(super) fn from_metadata(metadata: &BTreeMap<String, String>, views: usize) -> Result<Self, Error> {
         let Some(text) = metadata.get(KEY) else { return Ok(Self::default()) };
-        let maps: Maps =
-            toml::from_str(text).map_err(|e| Error::Checkpoint(format!("its `{KEY}`: {}", e.message())))?;
+        let maps: Maps = from_toml(text).map_err(|e| Error::Checkpoint(format!("its `{KEY}`: {e}")))?;
         let found = maps.of_views.len();
         if found != 0 && found != views {
             return Err(Error::Checkpoint(format!("its `{KEY}` is of {found} views, not of {views}")));

@@ -15,8 +15,6 @@ use crate::{
 };
 
 gs_core::impl_with!(TrainSettings);
-crate::run::in_toml!(TrainSettings);
-
 /// Background in training steps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]

@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 use gs_backend::{AnyRasterizer, Chosen, FutureExt as _};
 use gs_core::{RenderSettings, counted};
 use gs_io::{Checkpoint, read_checkpoint};
-use gs_train::{FitSettings, MetricsLog, Trainer};
+use gs_train::{FitSettings, MetricsLog, SettingsFile as _, Trainer};
 
 pub(crate) use self::arguments::FitArgs;
 use self::{arguments::CountArgs, film::Film, results::Results};

@@ -8,7 +8,7 @@ use gs_backend::{AnyRasterizer, Chosen, FutureExt as _};
 use gs_core::{Blend, Canvas, Culled, Image, Rasterizer as _, Scene as _, Scene2d, counted, effects::EffectDecision};
 use gs_io::{File2d, write_2d, write_ply, write_png};
 use gs_lab::report::figure::{curve::CurvePoint, ellipses};
-use gs_train::{ColorRange, FitSummary, MetricsLog, Trainer, Viewable, viewable};
+use gs_train::{ColorRange, FitSummary, MetricsLog, SettingsFile as _, Trainer, Viewable, viewable};
 use serde::Serialize;
 
 use super::film::Film;

@@ -1,6 +1,7 @@
 //! The results of a training. Each file is written completely or not at all, and a failure of one
 //! does not keep the others from being written. The summary comes last.
 
+use gs_train::SettingsFile as _;
 use std::path::Path;
 
 use gs_backend::{AnyRasterizer, Chosen, FutureExt as _, block_on};

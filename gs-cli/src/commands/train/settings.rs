@@ -1,5 +1,6 @@
 //! The settings and the initial Gaussians that the flags of a training ask for.
 
+use gs_train::SettingsFile as _;
 use std::path::Path;
 
 use gs_core::{Choice as _, counted, effects::Antialias};

@@ -4,8 +4,7 @@ mod image;
 mod scene;
 
 use gs_core::{RenderSettings, Scene2d, Scene3d, effects::Statistics};
-use gs_train::{CustomPolicy, Error as TrainError, FitSettings, TrainSettings, Trainable};
-use serde::{Serialize, de::DeserializeOwned};
+use gs_train::{CustomPolicy, Error as TrainError, FitSettings, SettingsFile as _, TrainSettings, Trainable};
 
 use super::{
     arm::{AnyPolicy, Arm},
@@ -44,7 +43,7 @@ impl WrongKey {
 }
 
 /// The kind of scene of a run, as far as a plan needs it.
-pub(crate) trait Planned: Trainable<Settings: Serialize + DeserializeOwned> {
+pub(crate) trait Planned: Trainable {
     /// Whether this is the kind of scenes, for messages.
     const IS_3D: bool;
 
