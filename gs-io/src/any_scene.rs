@@ -127,7 +127,7 @@ pub fn readable_in(folder: impl AsRef<Path>) -> Option<PathBuf> {
 fn read_file(path: &Path, values: Values) -> Result<SceneFile, Error> {
     let of = |scene| Ok(SceneFile { path: path.to_owned(), scene, metadata: None, left_out: 0, has_alpha: false });
     if is_gsi(path) {
-        let file = read_gsi(path)?;
+        let file = read_gsi(path, Extent::Whole)?;
         let has_alpha = file.alpha.is_some();
         return Ok(SceneFile { has_alpha, ..of(AnyScene::TwoD(Box::new(file.on_white())))? });
     }
@@ -190,14 +190,10 @@ fn of_checkpoint(path: &Path, checkpoint: Checkpoint, values: Values) -> Result<
             None => WorldFrame::WORLD,
         };
         let file = File3d {
-            scene,
-            format: Format3d::Checkpoint,
             bytes: std::fs::metadata(path).map_or(0, |file| file.len()),
-            beside: Vec::new(),
-            losses: Vec::new(),
             trained_with: TrainedWith { antialias: Some(effects.antialias), order: Some(effects.order), frame },
             settings: Some(settings),
-            picture: None,
+            ..File3d::of(Format3d::Checkpoint, scene)
         };
         (AnyScene::ThreeD(Box::new(file)), left_out)
     } else {

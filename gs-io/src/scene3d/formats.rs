@@ -5,19 +5,15 @@ use std::path::{Path, PathBuf};
 use gs_core::Scene3d;
 
 use super::{
-    Format3d,
-    conversion_loss::ConversionLoss,
+    Encoded3d, File3d, Format3d,
     foreign::has_name,
-    gltf::{self, GltfFile},
-    ksplat,
+    gltf, ksplat,
     options::{GltfBuffer, WriteOptions3d},
     ply, sog,
     source::Source,
     splat, spz,
-    trained_with::TrainedWith,
-    values::UnitRotations,
 };
-use crate::{WorldFrame, error::Error};
+use crate::error::Error;
 
 /// A format.
 pub(super) struct Row {
@@ -30,8 +26,8 @@ pub(super) struct Row {
     pub(super) ending: Option<&'static str>,
     /// Whether a file is of the format, by its first bytes and its path.
     recognises: fn(&[u8], &Path) -> bool,
-    pub(super) read: fn(&Source<'_>) -> Result<Decoded, Error>,
-    pub(super) encode: fn(&Path, &Scene3d, &WriteOptions3d) -> Result<Encoding, Error>,
+    pub(super) read: fn(&Source<'_>, Format3d) -> Result<File3d, Error>,
+    pub(super) encode: fn(Format3d, &Path, &Scene3d, &WriteOptions3d) -> Result<Encoded3d, Error>,
     /// The further files that writing a scene of an SH degree to a path makes.
     pub(super) beside: fn(&Path, u8, &WriteOptions3d) -> Vec<PathBuf>,
     /// Whether files have the frame of their scene.
@@ -43,29 +39,6 @@ pub(super) struct Row {
     pub(super) memory: u64,
 }
 
-/// What a format's reader has found.
-pub(super) struct Decoded {
-    pub(super) scene: Scene3d,
-    /// That of the table, or a more exact one.
-    pub(super) format: Format3d,
-    pub(super) losses: Vec<ConversionLoss>,
-    pub(super) trained_with: TrainedWith,
-    /// Further files with their sizes, bytes.
-    pub(super) files: Vec<(PathBuf, u64)>,
-    /// Columns and rows of the picture that the scene shows.
-    pub(super) picture: Option<(u32, u32)>,
-}
-
-/// What a format's writer has made.
-pub(super) struct Encoding {
-    pub(super) bytes: Vec<u8>,
-    pub(super) losses: Vec<ConversionLoss>,
-    /// The further files.
-    pub(super) beside: Vec<(PathBuf, Vec<u8>)>,
-    /// The number in the scene of each Gaussian in the file, where the format sorts them.
-    pub(super) order: Option<Vec<u32>>,
-}
-
 /// All formats. The first that recognises a file is its format.
 const FORMATS: &[Row] = &[
     Row {
@@ -74,26 +47,21 @@ const FORMATS: &[Row] = &[
         what: "a PLY of Gaussians",
         ending: Some(".ply"),
         recognises: |start, _| start.starts_with(b"ply\n") || start.starts_with(b"ply\r\n"),
-        read: read_ply,
-        encode: encode_ply,
+        read: ply::read,
+        encode: ply::encode,
         stores_frame: true,
         ..ROW
     },
     // The reader of PLY tells it apart.
-    Row { format: Format3d::CompressedPly, name: "compressed PLY", what: "a PLY of Gaussians", read: read_ply, ..ROW },
+    Row { format: Format3d::CompressedPly, name: "compressed PLY", what: "a PLY of Gaussians", read: ply::read, ..ROW },
     Row {
         format: Format3d::Spz,
         name: "SPZ",
         what: "an SPZ file",
         ending: Some(".spz"),
         recognises: |start, _| start.starts_with(b"NGSP") || start.starts_with(&[0x1f, 0x8b, 8]),
-        read: |source| {
-            let (scene, losses, trained_with) = spz::read(source)?;
-            Ok(Decoded { losses, trained_with, ..Decoded::of(Format3d::Spz, scene) })
-        },
-        encode: |path, scene, options| {
-            Ok(Encoding::of(spz::encode(path, scene, &UnitRotations::new(scene, path)?, options)?))
-        },
+        read: spz::read,
+        encode: spz::encode,
         largest: ((1 << 23) - 1) as f64,
         memory: 14,
         ..ROW
@@ -106,16 +74,8 @@ const FORMATS: &[Row] = &[
         recognises: |start, path| {
             sog::recognises_bundle(start) || (start.starts_with(b"PK") && has_ending(path, "sog"))
         },
-        read: |source| read_sog(source, Format3d::Sog),
-        encode: |path, scene, options| {
-            let rotations = UnitRotations::new(scene, path)?;
-            let sog::Encoded { mut files, losses, order } =
-                sog::encode(path, scene, &rotations, &options.trained_with)?;
-            // Readers of streams need the description first.
-            files.rotate_right(1);
-            let bytes = sog::bundled(&files).map_err(|source| Error::write(path, source))?;
-            Ok(Encoding { order: Some(order), ..Encoding::of((bytes, losses)) })
-        },
+        read: sog::read,
+        encode: sog::encode,
         memory: 14,
         ..ROW
     },
@@ -125,15 +85,8 @@ const FORMATS: &[Row] = &[
         what: "a SOG",
         ending: Some(sog::META),
         recognises: |start, path| gltf::recognises(start) && has_name(path, sog::META),
-        read: |source| read_sog(source, Format3d::SogFolder),
-        encode: |path, scene, options| {
-            let rotations = UnitRotations::new(scene, path)?;
-            let sog::Encoded { mut files, losses, order } =
-                sog::encode(path, scene, &rotations, &options.trained_with)?;
-            let meta = files.pop().map(|(_, bytes)| bytes).unwrap_or_default();
-            let beside = files.into_iter().map(|(name, bytes)| (path.with_file_name(name), bytes)).collect();
-            Ok(Encoding { order: Some(order), beside, ..Encoding::of((meta, losses)) })
-        },
+        read: sog::read,
+        encode: sog::encode,
         beside: |path, sh_degree, _| sog::image_names(sh_degree).iter().map(|name| path.with_file_name(name)).collect(),
         memory: 14,
         ..ROW
@@ -144,8 +97,8 @@ const FORMATS: &[Row] = &[
         what: "a glTF of Gaussians",
         ending: Some(".glb"),
         recognises: |start, _| start.starts_with(b"glTF"),
-        read: |source| read_gltf(source, Format3d::Glb),
-        encode: |path, scene, options| encode_gltf(path, scene, options, GltfFile::Binary),
+        read: gltf::read,
+        encode: gltf::encode,
         stores_frame: true,
         ..ROW
     },
@@ -155,8 +108,8 @@ const FORMATS: &[Row] = &[
         what: "a glTF of Gaussians",
         ending: Some(".gltf"),
         recognises: |start, _| gltf::recognises(start),
-        read: |source| read_gltf(source, Format3d::Gltf),
-        encode: |path, scene, options| encode_gltf(path, scene, options, GltfFile::Text(options.gltf_buffer)),
+        read: gltf::read,
+        encode: gltf::encode,
         beside: |path, _, options| match options.gltf_buffer {
             GltfBuffer::Beside => vec![path.with_extension("bin")],
             GltfBuffer::Inside => Vec::new(),
@@ -170,10 +123,8 @@ const FORMATS: &[Row] = &[
         what: "a .splat file",
         ending: Some(".splat"),
         recognises: |_, path| has_ending(path, "splat"),
-        read: |source| Ok(Decoded::of(Format3d::Splat, splat::read(source)?)),
-        encode: |path, scene, options| {
-            Ok(Encoding::of(splat::encode(scene, &UnitRotations::new(scene, path)?, &options.trained_with)))
-        },
+        read: splat::read,
+        encode: splat::encode,
         memory: 4,
         ..ROW
     },
@@ -182,7 +133,7 @@ const FORMATS: &[Row] = &[
         name: ".ksplat",
         what: "a .ksplat file",
         recognises: |_, path| has_ending(path, "ksplat"),
-        read: |source| Ok(Decoded::of(Format3d::Ksplat, ksplat::read(source)?)),
+        read: ksplat::read,
         memory: 5,
         ..ROW
     },
@@ -196,8 +147,8 @@ const ROW: Row = Row {
     what: "a checkpoint",
     ending: None,
     recognises: |_, _| false,
-    read: |source| Err(Error::not_a_3d_scene(source.path, "a checkpoint")),
-    encode: |path, _, _| Err(Format3d::unknown_ending(path)),
+    read: |source, _| Err(Error::not_a_3d_scene(source.path, "a checkpoint")),
+    encode: |_, path, _, _| Err(Format3d::unknown_ending(path)),
     beside: |_, _, _| Vec::new(),
     stores_frame: false,
     largest: f32::MAX as f64,
@@ -266,56 +217,6 @@ impl std::fmt::Display for Format3d {
     }
 }
 
-impl Decoded {
-    /// A scene of which nothing else is known.
-    fn of(format: Format3d, scene: Scene3d) -> Self {
-        let trained_with = TrainedWith::default();
-        Self { scene, format, losses: Vec::new(), trained_with, files: Vec::new(), picture: None }
-    }
-}
-
-impl Encoding {
-    /// A single file.
-    fn of((bytes, losses): (Vec<u8>, Vec<ConversionLoss>)) -> Self {
-        Self { bytes, losses, beside: Vec::new(), order: None }
-    }
-}
-
 fn has_ending(path: &Path, ending: &str) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending))
-}
-
-fn read_ply(source: &Source<'_>) -> Result<Decoded, Error> {
-    let ply::Read { scene, format, losses, trained_with, picture } = ply::read(source)?;
-    Ok(Decoded { losses, trained_with, picture, ..Decoded::of(format, scene) })
-}
-
-/// The comments of a PLY, and the frame from which it leads to the world, if it must.
-pub(super) fn ply_comments(options: &WriteOptions3d) -> (Vec<String>, Option<WorldFrame>) {
-    let world = options.world();
-    let frame = if world.is_some() { WorldFrame::WORLD } else { options.trained_with.frame };
-    (options.trained_with.with(|s| s.frame = frame).comments(), world)
-}
-
-fn encode_ply(path: &Path, scene: &Scene3d, options: &WriteOptions3d) -> Result<Encoding, Error> {
-    let mut bytes = Vec::new();
-    let (comments, world) = ply_comments(options);
-    ply::write(scene, &comments, world, &mut bytes).map_err(|source| Error::write(path, source))?;
-    Ok(Encoding::of((bytes, ConversionLoss::of_infinite_logits(scene).into_iter().collect())))
-}
-
-fn read_gltf(source: &Source<'_>, format: Format3d) -> Result<Decoded, Error> {
-    let gltf::Read { scene, losses, trained_with, files } = gltf::read(source)?;
-    Ok(Decoded { losses, trained_with, files: files.into_iter().collect(), ..Decoded::of(format, scene) })
-}
-
-fn encode_gltf(path: &Path, scene: &Scene3d, options: &WriteOptions3d, kind: GltfFile) -> Result<Encoding, Error> {
-    let encoded = gltf::encode(path, scene, &UnitRotations::new(scene, path)?, options, kind)?;
-    let beside = encoded.beside.map(|buffer| (path.with_extension("bin"), buffer)).into_iter().collect();
-    Ok(Encoding { beside, ..Encoding::of((encoded.file, encoded.losses)) })
-}
-
-fn read_sog(source: &Source<'_>, format: Format3d) -> Result<Decoded, Error> {
-    let sog::Read { scene, trained_with, files } = sog::read(source)?;
-    Ok(Decoded { trained_with, files: files.into_iter().collect(), ..Decoded::of(format, scene) })
 }

@@ -25,6 +25,7 @@ use glam::Vec3;
 use gs_core::{Scene3d, constants::SH_C0};
 
 use super::{
+    File3d, Format3d,
     source::Source,
     values::{log_of_scale, logit_of_step, rest_of_degree},
 };
@@ -40,7 +41,7 @@ const DEFAULT_RANGE: u32 = 32_767;
 const MAX_DEGREE: u16 = 2;
 
 /// Reads a scene of degree 0, 1 or 2.
-pub(crate) fn read(source: &Source<'_>) -> Result<Scene3d, Error> {
+pub(crate) fn read(source: &Source<'_>, format: Format3d) -> Result<File3d, Error> {
     let version = [source.bytes.first(), source.bytes.get(1)].map(|byte| byte.copied().unwrap_or_default());
     if version[0] != 0 || version[1] < 1 {
         return Err(source.damaged(0, "version 0.1", format!("{}.{}", version[0], version[1])));
@@ -63,7 +64,7 @@ pub(crate) fn read(source: &Source<'_>) -> Result<Scene3d, Error> {
     let degree = read.iter().filter(|section| section.count > 0).map(|section| section.degree).max().unwrap_or(0);
     let mut scene = Scene3d { sh_degree: degree, ..Scene3d::default() };
     read.iter().try_for_each(|section| section.append(source, &level, &mut scene))?;
-    Ok(scene)
+    Ok(File3d::of(format, scene))
 }
 
 /// How numbers are stored.

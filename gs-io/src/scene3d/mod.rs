@@ -22,6 +22,7 @@ mod format;
 mod formats;
 mod gltf;
 mod ksplat;
+pub(crate) mod number;
 mod options;
 pub(crate) mod ply;
 mod range;
@@ -32,7 +33,10 @@ mod spz;
 mod trained_with;
 mod values;
 
-use std::path::{Path, PathBuf};
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
 
 use glam::{DVec3, Vec3};
 use gs_core::{RenderSettings, Scene, Scene3d, examination::SMALLEST_LOG_SCALE};
@@ -50,8 +54,7 @@ use self::{
 };
 use crate::{
     WorldFrame,
-    atomic::{open, write_durably},
-    container::read_exactly,
+    atomic::{open, read_exactly, read_file, write_durably},
     error::Error,
 };
 
@@ -81,6 +84,18 @@ pub struct File3d {
 }
 
 impl File3d {
+    /// A scene of which nothing else is known.
+    pub(crate) fn of(format: Format3d, scene: Scene3d) -> Self {
+        let (beside, losses, trained_with) = (Vec::new(), Vec::new(), TrainedWith::default());
+        Self { scene, format, bytes: 0, beside, losses, trained_with, settings: None, picture: None }
+    }
+
+    /// The file with the further files that were read for it, and their sizes.
+    pub(crate) fn beside(self, files: BTreeMap<PathBuf, u64>) -> Self {
+        let bytes = files.values().fold(0_u64, |sum, bytes| sum.saturating_add(*bytes));
+        Self { bytes, beside: files.into_keys().collect(), ..self }
+    }
+
     /// Takes the scene into another frame, such as that of a data set to train it with.
     pub fn move_to(&mut self, frame: WorldFrame) {
         move_scene(&mut self.scene, &self.trained_with.frame, &frame);
@@ -146,9 +161,7 @@ fn raise_zero_scales(scene: &mut Scene3d) -> Option<ConversionLoss> {
 /// for another kind of file; those of [`decode_3d`].
 pub fn read_3d_unchecked(path: impl AsRef<Path>) -> Result<File3d, Error> {
     let path = path.as_ref();
-    let (mut file, metadata) = open(path, WANTED)?;
-    let bytes = read_exactly(&mut file, metadata.len()).map_err(|source| Error::read(path, source))?;
-    decode_recognised(&bytes, path)
+    decode_recognised(&read_file(path, WANTED)?, path)
 }
 
 /// Decodes the bytes of a file of any format; see [`decode_3d`].
@@ -170,14 +183,12 @@ pub(crate) fn decode_recognised(bytes: &[u8], path: &Path) -> Result<File3d, Err
 /// Gaussians, and for a glTF of something else; for a glTF's buffer or a SOG's image those of opening it.
 pub fn decode_3d(format: Format3d, bytes: &[u8], path: &Path) -> Result<File3d, Error> {
     let row = format.row();
-    let formats::Decoded { scene, format, losses, trained_with, files, picture } =
-        (row.read)(&Source { path, what: row.what, bytes })?;
-    if scene.is_empty() {
+    let mut file = (row.read)(&Source { path, what: row.what, bytes }, format)?;
+    if file.scene.is_empty() {
         return Err(Error::empty(path));
     }
-    let bytes = files.iter().fold(bytes.len() as u64, |sum, (_, bytes)| sum.saturating_add(*bytes));
-    let beside = files.into_iter().map(|(path, _)| path).collect();
-    Ok(File3d { scene, format, bytes, beside, losses, trained_with, settings: None, picture })
+    file.bytes = file.bytes.saturating_add(bytes.len() as u64);
+    Ok(file)
 }
 
 /// The result of writing a scene.
@@ -206,7 +217,7 @@ pub fn write_3d(path: impl AsRef<Path>, scene: &Scene3d, options: &WriteOptions3
     let path = path.as_ref();
     if Format3d::to_write(path) == Some(Format3d::Ply) {
         check_writable(path, scene)?;
-        let (comments, world) = formats::ply_comments(options);
+        let (comments, world) = ply::comments(options);
         write_durably(path, |file| ply::write(scene, &comments, world, file))?;
         let losses = ConversionLoss::of_infinite_logits(scene).into_iter().collect();
         return Ok(Written3d { format: Format3d::Ply, losses, beside: Vec::new(), order: None });
@@ -229,6 +240,19 @@ pub struct Encoded3d {
     pub beside: Vec<(PathBuf, Vec<u8>)>,
     /// What [`write_3d`] returns.
     pub written: Written3d,
+}
+
+impl Encoded3d {
+    /// A single file.
+    pub(crate) fn of(format: Format3d, bytes: Vec<u8>, losses: Vec<ConversionLoss>) -> Self {
+        Self { bytes, beside: Vec::new(), written: Written3d { format, losses, beside: Vec::new(), order: None } }
+    }
+
+    /// The file with further ones.
+    pub(crate) fn beside(mut self, files: Vec<(PathBuf, Vec<u8>)>) -> Self {
+        self.written.beside = files.iter().map(|(path, _)| path.clone()).collect();
+        Self { beside: files, ..self }
+    }
 }
 
 fn check_writable(path: &Path, scene: &Scene3d) -> Result<(), Error> {
@@ -265,9 +289,7 @@ pub fn encode_3d(path: impl AsRef<Path>, scene: &Scene3d, options: &WriteOptions
             &options.with(|s| s.trained_with.frame = WorldFrame::WORLD),
         );
     }
-    let formats::Encoding { bytes, losses, beside, order } = (format.row().encode)(path, scene, options)?;
-    let written = Written3d { format, losses, beside: beside.iter().map(|(path, _)| path.clone()).collect(), order };
-    Ok(Encoded3d { bytes, beside, written })
+    (format.row().encode)(format, path, scene, options)
 }
 
 const WANTED: &str = "a scene file";

@@ -10,11 +10,13 @@
 //! Little-endian; axes are those of the PLY it was made from. Without a header, only its extension
 //! identifies it.
 
+use std::path::Path;
+
 use gs_core::constants::SH_C0;
 use gs_core::{Scene, Scene3d};
 
 use super::{
-    TrainedWith,
+    Encoded3d, File3d, Format3d, TrainedWith, WriteOptions3d,
     conversion_loss::{Clamp, ConversionLoss},
     source::Source,
     values::{UnitRotations, byte_of_logit, log_of_scale, logit_of_step, scale_of_log},
@@ -24,7 +26,7 @@ use crate::error::Error;
 const RECORD_BYTES: usize = 32;
 
 /// Reads a scene of degree 0.
-pub(crate) fn read(source: &Source<'_>) -> Result<Scene3d, Error> {
+pub(crate) fn read(source: &Source<'_>, format: Format3d) -> Result<File3d, Error> {
     let (records, rest) = source.bytes.as_chunks::<RECORD_BYTES>();
     if !rest.is_empty() {
         let start = source.bytes.len() - rest.len();
@@ -41,15 +43,17 @@ pub(crate) fn read(source: &Source<'_>) -> Result<Scene3d, Error> {
         scene.opacity_logits.push(logit_of_step(record[27].into(), 255));
         scene.rotations.push([28, 29, 30, 31].map(|k: usize| (f32::from(record[k]) - 128.0) / 128.0));
     }
-    Ok(scene)
+    Ok(File3d::of(format, scene))
 }
 
 /// Encodes a scene.
 pub(crate) fn encode(
+    format: Format3d,
+    path: &Path,
     scene: &Scene3d,
-    rotations: &UnitRotations<'_>,
-    trained_with: &TrainedWith,
-) -> (Vec<u8>, Vec<ConversionLoss>) {
+    options: &WriteOptions3d,
+) -> Result<Encoded3d, Error> {
+    let rotations = UnitRotations::new(scene, path)?;
     let mut bytes = Vec::with_capacity(scene.len() * RECORD_BYTES);
     let mut clamp = Clamp::new("colours", 0.0, 1.0, 0.5 / 255.0);
     let byte = |share: f32| (share * 255.0).round() as u8;
@@ -69,6 +73,6 @@ pub(crate) fn encode(
     let rounded = |what| ConversionLoss::Rounded { what, to: "8 bits".to_owned() };
     losses.extend(["colours", "opacities", "the parts of quaternions"].map(rounded));
     losses.extend(clamp.loss());
-    losses.extend(trained_with.lost(&TrainedWith::default()));
-    (bytes, losses)
+    losses.extend(options.trained_with.lost(&TrainedWith::default()));
+    Ok(Encoded3d::of(format, bytes, losses))
 }

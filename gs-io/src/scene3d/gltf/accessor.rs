@@ -4,63 +4,31 @@ use super::{
     buffers::Buffers,
     document::{Accessor, Document},
 };
-use crate::{error::Error, scene3d::source::Source};
+use crate::{
+    error::Error,
+    scene3d::{number::Number, source::Source},
+};
 
-/// A number type, by glTF's and OpenGL's code.
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum Component {
-    I8,
-    U8,
-    I16,
-    U16,
-    F32,
+/// The number type of a component by glTF's and OpenGL's code.
+fn component(code: u32) -> Option<Number> {
+    Some(match code {
+        5120 => Number::I8,
+        5121 => Number::U8,
+        5122 => Number::I16,
+        5123 => Number::U16,
+        5126 => Number::F32,
+        _ => return None,
+    })
 }
 
-impl Component {
-    fn numbered(number: u32) -> Option<Self> {
-        Some(match number {
-            5120 => Self::I8,
-            5121 => Self::U8,
-            5122 => Self::I16,
-            5123 => Self::U16,
-            5126 => Self::F32,
-            _ => return None,
-        })
-    }
-
-    fn bytes(self) -> usize {
-        match self {
-            Self::I8 | Self::U8 => 1,
-            Self::I16 | Self::U16 => 2,
-            Self::F32 => 4,
-        }
-    }
-
-    /// The integer that stands for 1 if integers are normalised.
-    fn largest(self) -> Option<u16> {
-        match self {
-            Self::I8 => Some(127),
-            Self::U8 => Some(255),
-            Self::I16 => Some(32_767),
-            Self::U16 => Some(65_535),
-            Self::F32 => None,
-        }
-    }
-
-    /// Decodes the number at the start of `bytes`; a normalised integer stands for −1..1 or 0..1.
-    fn decode(self, bytes: &[u8], normalized: bool) -> f32 {
-        let two = || [bytes[0], bytes[1]];
-        let value = match self {
-            Self::I8 => f32::from(bytes[0].cast_signed()),
-            Self::U8 => f32::from(bytes[0]),
-            Self::I16 => f32::from(i16::from_le_bytes(two())),
-            Self::U16 => f32::from(u16::from_le_bytes(two())),
-            Self::F32 => f32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]),
-        };
-        match self.largest().filter(|_| normalized) {
-            Some(largest) => (value / f32::from(largest)).max(-1.0),
-            None => value,
-        }
+/// The integer that stands for 1 in an accessor of normalised integers; `None` for any other.
+fn largest(accessor: &Accessor) -> Option<u16> {
+    match component(accessor.component_type).filter(|_| accessor.normalized)? {
+        Number::I8 => Some(127),
+        Number::U8 => Some(255),
+        Number::I16 => Some(32_767),
+        Number::U16 => Some(65_535),
+        _ => None,
     }
 }
 
@@ -81,8 +49,7 @@ impl Accessors<'_> {
     /// The number of equal steps between 0 and 1 in accessor `number`; `None` for floats and
     /// integers that are not normalised.
     pub(super) fn steps(&self, number: usize) -> Result<Option<u16>, Error> {
-        let accessor = self.accessor(number)?;
-        Ok(Component::numbered(accessor.component_type).and_then(Component::largest).filter(|_| accessor.normalized))
+        self.accessor(number).map(largest)
     }
 
     /// All rows of accessor `number`, each of N numbers; `name` is for messages.
@@ -97,7 +64,7 @@ impl Accessors<'_> {
         if accessor.kind != wanted {
             return Err(bad(wanted, format!("{:?}", accessor.kind)));
         }
-        let component = Component::numbered(accessor.component_type)
+        let component = component(accessor.component_type)
             .ok_or_else(|| bad("a component type of at most 16 bits or float", accessor.component_type.to_string()))?;
         let Some(view) = accessor.buffer_view.filter(|_| accessor.sparse.is_none()) else {
             let what = format!("an accessor that is sparse or has no buffer, {name},");
@@ -123,8 +90,12 @@ impl Accessors<'_> {
             .and_then(|len| range(accessor.byte_offset, len))
             .and_then(|range| part.get(range))
             .ok_or_else(|| outside("an accessor"))?;
-        let row =
-            |row: &[u8]| std::array::from_fn(|k| component.decode(&row[k * component.bytes()..], accessor.normalized));
+        let largest = largest(accessor).map(f32::from);
+        let value = |bytes: &[u8]| {
+            let value = component.decode::<true>(bytes) as f32;
+            largest.map_or(value, |largest| (value / largest).max(-1.0))
+        };
+        let row = |row: &[u8]| std::array::from_fn(|k| value(&row[k * component.bytes()..]));
         Ok(bytes.chunks(stride as usize).map(row).collect())
     }
 

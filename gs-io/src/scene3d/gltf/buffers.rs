@@ -58,7 +58,7 @@ fn chunk<'a>(file: &Source<'a>, start: usize, kind: [u8; 4]) -> Result<&'a [u8],
 pub(super) struct Buffers<'a> {
     contents: Vec<Cow<'a, [u8]>>,
     /// Sizes of the separate files, each once.
-    files: BTreeMap<PathBuf, u64>,
+    pub(super) files: BTreeMap<PathBuf, u64>,
 }
 
 impl<'a> Buffers<'a> {
@@ -87,11 +87,6 @@ impl<'a> Buffers<'a> {
     /// Total size of buffers that are not part of the file as they are.
     pub(super) fn decoded_bytes(&self) -> u64 {
         self.contents.iter().filter(|b| matches!(b, Cow::Owned(_))).map(|b| b.len() as u64).sum()
-    }
-
-    /// The separate files with their sizes.
-    pub(super) fn files(&self) -> &BTreeMap<PathBuf, u64> {
-        &self.files
     }
 }
 

@@ -17,19 +17,17 @@ mod document;
 mod linear_light;
 mod write;
 
-use std::{collections::BTreeMap, path::PathBuf};
-
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 use gs_core::Scene3d;
 
-pub(crate) use self::write::{GltfFile, encode};
+pub(crate) use self::write::encode;
 use self::{
     accessor::Accessors,
     buffers::Buffers,
     document::{Document, EXTENSION, Primitive, Splatting},
 };
 use super::{
-    TrainedWith,
+    File3d, Format3d, TrainedWith,
     conversion_loss::ConversionLoss,
     foreign,
     source::Source,
@@ -50,22 +48,14 @@ const HARMLESS: [&str; 2] = [EXTENSION, "KHR_mesh_quantization"];
 /// Whether a file starts like a `.glb` or a `.gltf`, which is JSON.
 pub(crate) fn recognises(start: &[u8]) -> bool {
     let text = start.strip_prefix(b"\xef\xbb\xbf").unwrap_or(start);
-    let mut visible = text.iter().filter(|byte| !byte.is_ascii_whitespace());
+    let is_text = text.iter().all(|byte| !byte.is_ascii_control() || byte.is_ascii_whitespace());
+    let mut visible = text.iter().filter(|byte| is_text && !byte.is_ascii_whitespace());
     start.starts_with(&buffers::GLB_MAGIC)
         || (visible.next() == Some(&b'{') && matches!(visible.next(), Some(b'"' | b'}')))
 }
 
-/// The content of a glTF.
-pub(crate) struct Read {
-    pub(crate) scene: Scene3d,
-    pub(crate) losses: Vec<ConversionLoss>,
-    pub(crate) trained_with: TrainedWith,
-    /// The separate files with their sizes in bytes.
-    pub(crate) files: BTreeMap<PathBuf, u64>,
-}
-
 /// Reads all Gaussians of the default scene, with the losses.
-pub(crate) fn read(source: &Source<'_>) -> Result<Read, Error> {
+pub(crate) fn read(source: &Source<'_>, format: Format3d) -> Result<File3d, Error> {
     let (json_start, json, binary) = buffers::split(source)?;
     let document: Document = serde_json::from_slice(json).map_err(|error| {
         let line_start = json.split_inclusive(|&b| b == b'\n').take(error.line().saturating_sub(1)).map(<[u8]>::len);
@@ -116,7 +106,7 @@ pub(crate) fn read(source: &Source<'_>) -> Result<Read, Error> {
             once.push(loss)
         }
     });
-    Ok(Read { scene: whole, losses: once, trained_with, files: buffers.files().clone() })
+    Ok(File3d { losses: once, trained_with, ..File3d::of(format, whole) }.beside(buffers.files))
 }
 
 /// How each primitive's coordinates become those of the scene, in a frame that `f32` resolves.

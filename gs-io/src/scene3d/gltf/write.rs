@@ -14,38 +14,22 @@ use super::{
 use crate::{
     error::Error,
     scene3d::{
-        WriteOptions3d,
+        Encoded3d, Format3d, WriteOptions3d,
         conversion_loss::ConversionLoss,
         options::GltfBuffer,
         values::{UnitRotations, opacity_of_logit, scale_of_log},
     },
 };
 
-/// The kind of glTF file.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum GltfFile {
-    /// JSON.
-    Text(GltfBuffer),
-    /// `.glb`.
-    Binary,
-}
-
-/// The bytes of a glTF and of its separate buffer, if it has one.
-pub(crate) struct Encoded {
-    pub(crate) file: Vec<u8>,
-    pub(crate) beside: Option<Vec<u8>>,
-    pub(crate) losses: Vec<ConversionLoss>,
-}
-
-/// `path` determines the name of a separate buffer.
+/// Encodes a scene. `path` determines the name of a separate buffer.
 pub(crate) fn encode(
+    format: Format3d,
     path: &Path,
     scene: &Scene3d,
-    rotations: &UnitRotations<'_>,
     options: &WriteOptions3d,
-    kind: GltfFile,
-) -> Result<Encoded, Error> {
-    let (mut json, buffer) = document(scene, rotations);
+) -> Result<Encoded3d, Error> {
+    let rotations = UnitRotations::new(scene, path)?;
+    let (mut json, buffer) = document(scene, &rotations);
     if let Some(frame) = options.world() {
         json["nodes"][0]["translation"] = json!((frame.origin * super::signs()).to_array());
         json["nodes"][0]["scale"] = json!([frame.unit, frame.unit, frame.unit]);
@@ -53,22 +37,6 @@ pub(crate) fn encode(
     if let Some(extras) = options.trained_with.extras() {
         json["meshes"][0]["primitives"][0]["extras"] = extras;
     }
-    let mut beside = None;
-    let file = match kind {
-        GltfFile::Text(place) => {
-            let uri = match place {
-                GltfBuffer::Inside => format!("data:application/octet-stream;base64,{}", STANDARD.encode(&buffer)),
-                GltfBuffer::Beside => {
-                    let name = path.with_extension("bin");
-                    beside = Some(buffer);
-                    percent_encoded(&name.file_name().unwrap_or_default().to_string_lossy())
-                }
-            };
-            json["buffers"][0]["uri"] = Value::String(uri);
-            json.to_string().into_bytes()
-        }
-        GltfFile::Binary => binary(path, &json, &buffer)?,
-    };
     let mut losses = vec![
         ConversionLoss::Rounded { what: "opacities", to: "24 bits of 0..1".to_owned() },
         ConversionLoss::Rounded { what: "scales", to: "24 bits".to_owned() },
@@ -76,7 +44,20 @@ pub(crate) fn encode(
     if !rotations.all_unit() {
         losses.push(ConversionLoss::QuaternionLengths);
     }
-    Ok(Encoded { file, beside, losses })
+    if format == Format3d::Glb {
+        return Ok(Encoded3d::of(format, binary(path, &json, &buffer)?, losses));
+    }
+    let name = path.with_extension("bin");
+    let uri = match options.gltf_buffer {
+        GltfBuffer::Inside => format!("data:application/octet-stream;base64,{}", STANDARD.encode(&buffer)),
+        GltfBuffer::Beside => percent_encoded(&name.file_name().unwrap_or_default().to_string_lossy()),
+    };
+    json["buffers"][0]["uri"] = Value::String(uri);
+    let encoded = Encoded3d::of(format, json.to_string().into_bytes(), losses);
+    Ok(match options.gltf_buffer {
+        GltfBuffer::Inside => encoded,
+        GltfBuffer::Beside => encoded.beside(vec![(name, buffer)]),
+    })
 }
 
 /// The JSON, without a uri for its buffer, and the buffer.

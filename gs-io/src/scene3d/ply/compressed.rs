@@ -11,11 +11,11 @@
 use gs_core::Scene3d;
 use gs_core::constants::SH_C0;
 
-use super::{Read, columns, element_start, header::Header, rest_columns, rows};
+use super::{columns, element_start, header::Header, rest_columns, rows};
 use crate::{
     error::Error,
     scene3d::{
-        Format3d,
+        File3d, Format3d,
         conversion_loss::ConversionLoss,
         source::Source,
         values::{MAX_DEGREE, degree_of_rest, logit_of_step},
@@ -50,7 +50,7 @@ struct Chunk {
 }
 
 /// Reads a file whose [`Header`] is of this kind.
-pub(super) fn read(source: &Source<'_>, header: &Header) -> Result<Read, Error> {
+pub(super) fn read(source: &Source<'_>, header: &Header) -> Result<File3d, Error> {
     let chunks = read_chunks(source, header)?;
     let place = |name: &str| header.find(name).ok_or_else(|| source.damaged(0, format!("an element `{name}`"), "none"));
     let vertex = place("vertex")?;
@@ -82,8 +82,7 @@ pub(super) fn read(source: &Source<'_>, header: &Header) -> Result<Read, Error> 
         }
         Some(sh) => read_sh(source, header, sh, &mut scene, &dc)?,
     };
-    let trained_with = header.trained_with();
-    Ok(Read { scene, format: Format3d::CompressedPly, losses, trained_with, picture: None })
+    Ok(File3d { losses, trained_with: header.trained_with(), ..File3d::of(Format3d::CompressedPly, scene) })
 }
 
 fn read_chunks(source: &Source<'_>, header: &Header) -> Result<Vec<Chunk>, Error> {

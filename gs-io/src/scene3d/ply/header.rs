@@ -2,7 +2,7 @@
 
 use crate::{
     error::Error,
-    scene3d::{TrainedWith, source::Source},
+    scene3d::{TrainedWith, number::Number, source::Source},
 };
 
 /// The encoding of rows.
@@ -11,45 +11,6 @@ pub(crate) enum Encoding {
     Ascii,
     LittleEndian,
     BigEndian,
-}
-
-/// A number type.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Number {
-    I8,
-    U8,
-    I16,
-    U16,
-    I32,
-    U32,
-    F32,
-    F64,
-}
-
-impl Number {
-    fn named(name: &str) -> Option<Self> {
-        Some(match name {
-            "char" | "int8" => Self::I8,
-            "uchar" | "uint8" => Self::U8,
-            "short" | "int16" => Self::I16,
-            "ushort" | "uint16" => Self::U16,
-            "int" | "int32" => Self::I32,
-            "uint" | "uint32" => Self::U32,
-            "float" | "float32" => Self::F32,
-            "double" | "float64" => Self::F64,
-            _ => return None,
-        })
-    }
-
-    /// Size in a binary file, bytes.
-    pub(crate) fn bytes(self) -> usize {
-        match self {
-            Self::I8 | Self::U8 => 1,
-            Self::I16 | Self::U16 => 2,
-            Self::I32 | Self::U32 | Self::F32 => 4,
-            Self::F64 => 8,
-        }
-    }
 }
 
 /// The type of a property.
@@ -132,7 +93,7 @@ impl Header {
                     elements.push(Element { name: (*name).to_owned(), count, properties: Vec::new() });
                 }
                 ["property", rest @ ..] => {
-                    let number = |name| Number::named(name).ok_or_else(|| bad("a type of numbers, such as float"));
+                    let number = |name| number_named(name).ok_or_else(|| bad("a type of numbers, such as float"));
                     let (value, name) = match rest {
                         ["list", length, item, name] => (Value::List(number(length)?, number(item)?), name),
                         [scalar, name] => (Value::Scalar(number(scalar)?), name),
@@ -147,6 +108,21 @@ impl Header {
         let missing = || source.damaged(0, "a line `format ascii 1.0` or the like", "none");
         Ok(Self { encoding: encoding.ok_or_else(missing)?, elements, comments, data_start: lines.next })
     }
+}
+
+/// The type of numbers of this name.
+fn number_named(name: &str) -> Option<Number> {
+    Some(match name {
+        "char" | "int8" => Number::I8,
+        "uchar" | "uint8" => Number::U8,
+        "short" | "int16" => Number::I16,
+        "ushort" | "uint16" => Number::U16,
+        "int" | "int32" => Number::I32,
+        "uint" | "uint32" => Number::U32,
+        "float" | "float32" => Number::F32,
+        "double" | "float64" => Number::F64,
+        _ => return None,
+    })
 }
 
 /// A line shortened for a message.

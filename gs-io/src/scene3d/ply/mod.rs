@@ -4,21 +4,25 @@
 //! degree 0, RGB), `f_rest_*` (the others, all of red first, then green, then blue), `opacity`
 //! (logit), `scale_0..2` (logarithms), `rot_0..3` (quaternion w, x, y, z). Order does not matter to
 //! us, and properties that are not known are passed over; what is written has them in 3DGS's order.
-//! Comments say how a scene was trained: see [`TrainedWith`].
+//! Comments say how a scene was trained: see [`TrainedWith`](crate::TrainedWith).
 
 mod compressed;
 mod header;
 mod rows;
 
-use std::io::{self, Write};
+use std::{
+    io::{self, Write},
+    path::Path,
+};
 
 use glam::DVec3;
 use gs_core::{Scene, Scene3d, check_size};
 
-pub(crate) use self::header::{Element, Header, Number, Value};
+pub(crate) use self::header::{Element, Header, Value};
 use super::{
-    Format3d, TrainedWith,
+    Encoded3d, File3d, Format3d, WriteOptions3d,
     conversion_loss::ConversionLoss,
+    number::Number,
     source::Source,
     values::{MAX_DEGREE, degree_of_rest, finite_logit},
 };
@@ -33,18 +37,8 @@ const REQUIRED: [&str; 14] = [
 /// The start of the comment with the size of the picture that the scene shows.
 const PICTURE: &str = "gs picture ";
 
-/// The content of a PLY.
-pub(crate) struct Read {
-    pub(crate) scene: Scene3d,
-    pub(crate) format: Format3d,
-    pub(crate) losses: Vec<ConversionLoss>,
-    pub(crate) trained_with: TrainedWith,
-    /// Columns and rows of the picture that the scene shows, if a comment says so.
-    pub(crate) picture: Option<(u32, u32)>,
-}
-
 /// Reads a PLY of either kind.
-pub(crate) fn read(source: &Source<'_>) -> Result<Read, Error> {
+pub(crate) fn read(source: &Source<'_>, _: Format3d) -> Result<File3d, Error> {
     let header = Header::parse(source)?;
     let Some(vertex) = header.find("vertex") else {
         return Err(source.damaged(0, "an element `vertex`", "none"));
@@ -87,7 +81,7 @@ pub(crate) fn read(source: &Source<'_>) -> Result<Read, Error> {
         }
     }
     let picture = header.comments.iter().find_map(|comment| picture_of(comment));
-    Ok(Read { scene, format: Format3d::Ply, losses, trained_with, picture })
+    Ok(File3d { losses, trained_with, picture, ..File3d::of(Format3d::Ply, scene) })
 }
 
 /// Whether a property is a number of 64 bits.
@@ -176,6 +170,26 @@ fn rest_columns(source: &Source<'_>, element: &Element) -> Result<Vec<usize>, Er
     }
     let names: Vec<String> = (0..count).map(|k| format!("f_rest_{k}")).collect();
     columns(source, element, &names.iter().map(String::as_str).collect::<Vec<_>>())
+}
+
+/// Encodes a scene as [`write()`] writes it.
+pub(crate) fn encode(
+    format: Format3d,
+    path: &Path,
+    scene: &Scene3d,
+    options: &WriteOptions3d,
+) -> Result<Encoded3d, Error> {
+    let mut bytes = Vec::new();
+    let (comments, world) = comments(options);
+    write(scene, &comments, world, &mut bytes).map_err(|source| Error::write(path, source))?;
+    Ok(Encoded3d::of(format, bytes, ConversionLoss::of_infinite_logits(scene).into_iter().collect()))
+}
+
+/// The comments of a file, and the frame from which it leads to the world, if it must.
+pub(crate) fn comments(options: &WriteOptions3d) -> (Vec<String>, Option<WorldFrame>) {
+    let world = options.world();
+    let frame = if world.is_some() { WorldFrame::WORLD } else { options.trained_with.frame };
+    (options.trained_with.with(|s| s.frame = frame).comments(), world)
 }
 
 /// Writes a scene in the layout of 3DGS: 62 properties at degree 3, fewer `f_rest` below.

@@ -1,7 +1,10 @@
 //! Reads rows of a PLY's elements in any of its three encodings.
 
-use super::header::{Element, Encoding, Header, Number, Value};
-use crate::{error::Error, scene3d::source::Source};
+use super::header::{Element, Encoding, Header, Value};
+use crate::{
+    error::Error,
+    scene3d::{number::Number, source::Source},
+};
 
 /// Calls `row` with the chosen columns of each row of the element at `start`, and returns where the
 /// next element starts; where an element has no columns at all, there are no rows to call it with,
@@ -74,7 +77,7 @@ fn read_binary<const LITTLE: bool>(
         let rows = source.slice(start, element.count.saturating_mul(stride as u64), &element.name)?;
         for bytes in rows.chunks_exact(stride) {
             for (number, &(offset, kind)) in numbers.iter_mut().zip(&columns) {
-                *number = decode::<LITTLE>(kind, &bytes[offset..]);
+                *number = kind.decode::<LITTLE>(&bytes[offset..]);
             }
             row(&numbers);
         }
@@ -86,14 +89,14 @@ fn read_binary<const LITTLE: bool>(
         for (property, target) in element.properties.iter().zip(&targets) {
             match property.value {
                 Value::Scalar(kind) => {
-                    let value = decode::<LITTLE>(kind, source.slice(at, kind.bytes() as u64, &property.name)?);
+                    let value = kind.decode::<LITTLE>(source.slice(at, kind.bytes() as u64, &property.name)?);
                     at += kind.bytes();
                     if let Some(target) = *target {
                         numbers[target] = value;
                     }
                 }
                 Value::List(length, item) => {
-                    let items = decode::<LITTLE>(length, source.slice(at, length.bytes() as u64, &property.name)?);
+                    let items = length.decode::<LITTLE>(source.slice(at, length.bytes() as u64, &property.name)?);
                     let items = check_length(source, at, items)?;
                     at += length.bytes();
                     at += source.slice(at, items.saturating_mul(item.bytes() as u64), &property.name)?.len();
@@ -148,28 +151,6 @@ fn check_length(source: &Source<'_>, byte: usize, length: f64) -> Result<u64, Er
         return Ok(length as u64);
     }
     Err(source.damaged(byte, "the length of a list", format!("{length}")))
-}
-
-/// Decodes the number at the start of `bytes`.
-fn decode<const LITTLE: bool>(kind: Number, bytes: &[u8]) -> f64 {
-    fn array<const N: usize, const LITTLE: bool>(bytes: &[u8]) -> [u8; N] {
-        let mut array = [0; N];
-        array.copy_from_slice(&bytes[..N]);
-        if !LITTLE {
-            array.reverse();
-        }
-        array
-    }
-    match kind {
-        Number::I8 => f64::from(bytes[0].cast_signed()),
-        Number::U8 => f64::from(bytes[0]),
-        Number::I16 => f64::from(i16::from_le_bytes(array::<2, LITTLE>(bytes))),
-        Number::U16 => f64::from(u16::from_le_bytes(array::<2, LITTLE>(bytes))),
-        Number::I32 => f64::from(i32::from_le_bytes(array::<4, LITTLE>(bytes))),
-        Number::U32 => f64::from(u32::from_le_bytes(array::<4, LITTLE>(bytes))),
-        Number::F32 => f64::from(f32::from_le_bytes(array::<4, LITTLE>(bytes))),
-        Number::F64 => f64::from_le_bytes(array::<8, LITTLE>(bytes)),
-    }
 }
 
 /// Numbers in text, separated by white space.

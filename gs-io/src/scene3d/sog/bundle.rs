@@ -10,7 +10,7 @@ use flate2::read::DeflateDecoder;
 use rawzip::{CompressionMethod, ZipArchive, ZipArchiveWriter};
 
 use super::meta::META;
-use crate::{atomic::open, error::Error, scene3d::source::Source};
+use crate::{atomic::read_file, error::Error, scene3d::source::Source};
 
 /// Whether a file starts like a ZIP archive whose first file is one of a SOG. The name stands at
 /// byte 30.
@@ -25,8 +25,8 @@ pub(super) struct Files<'a> {
     source: &'a Source<'a>,
     /// Position and length of each file in the archive; `None` in a folder.
     archived: Option<BTreeMap<String, Entry<'a>>>,
-    /// Files that were read from the folder.
-    read: BTreeMap<PathBuf, u64>,
+    /// Files that were read from the folder, with their sizes.
+    pub(super) read: BTreeMap<PathBuf, u64>,
     /// Bytes of all files that were opened so far.
     bytes: u64,
 }
@@ -81,10 +81,8 @@ impl<'a> Files<'a> {
             return Err(self.source.damaged(0, "names of images in the folder of meta.json", found));
         }
         let path = self.source.path.with_file_name(name);
-        let (mut file, metadata) = open(&path, "an image of a SOG")?;
-        let mut bytes = Vec::new();
-        file.read_to_end(&mut bytes).map_err(|error| Error::read(&path, error))?;
-        if self.read.insert(path, metadata.len()).is_none() {
+        let bytes = read_file(&path, "an image of a SOG")?;
+        if self.read.insert(path, bytes.len() as u64).is_none() {
             self.bytes = self.bytes.saturating_add(bytes.len() as u64);
         }
         Ok(bytes)
@@ -98,11 +96,6 @@ impl<'a> Files<'a> {
     /// Fails if what the files claim to hold is more than their size justifies.
     pub(super) fn check_claim(&self, claimed: u64) -> Result<(), Error> {
         self.source.check_claim(self.bytes, claimed)
-    }
-
-    /// The files of a folder, with their sizes.
-    pub(super) fn beside(self) -> BTreeMap<PathBuf, u64> {
-        self.read
     }
 }
 
@@ -122,7 +115,7 @@ fn entries<'a>(source: &Source<'a>) -> Result<BTreeMap<String, Entry<'a>>, Error
 }
 
 /// An archive of files, which are stored as they are: WebP images do not shrink.
-pub(crate) fn bundled(files: &[(&'static str, Vec<u8>)]) -> io::Result<Vec<u8>> {
+pub(super) fn bundled(files: &[(&'static str, Vec<u8>)]) -> io::Result<Vec<u8>> {
     let mut archive = ZipArchiveWriter::new(Vec::new());
     for (name, content) in files {
         let (mut entry, config) = archive.new_file(*name).start().map_err(io::Error::other)?;

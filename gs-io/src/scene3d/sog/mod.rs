@@ -1,5 +1,5 @@
 //! SOG version 2, PlayCanvas's format for the web: the numbers of all Gaussians as pixels of
-//! lossless WebP images. [`read`] reads them; [`encode`] makes them, and [`bundled`] a file of them.
+//! lossless WebP images. [`read`] reads them, [`encode`] makes them.
 //!
 //! | image | pixel of a Gaussian |
 //! |---|---|
@@ -23,29 +23,22 @@ mod order;
 mod palette;
 mod planes;
 
-use std::{
-    borrow::Cow,
-    collections::BTreeMap,
-    path::{Path, PathBuf},
-};
+use std::{borrow::Cow, path::Path};
 
 use glam::Vec3;
 use gs_core::{Scene, Scene3d, examination::EXTREME_COLOR};
 
+pub(crate) use self::{bundle::recognises_bundle, meta::META};
 use self::{
-    bundle::Files,
+    bundle::{Files, bundled},
     codebook::Codebook,
     meta::{Coded, Means, Meta, Named, Palette},
     order::Grid,
     palette::Clusters,
     planes::{Plane, PlaneSize},
 };
-pub(crate) use self::{
-    bundle::{bundled, recognises_bundle},
-    meta::META,
-};
 use super::{
-    TrainedWith,
+    Encoded3d, File3d, Format3d, TrainedWith, WriteOptions3d,
     conversion_loss::{Clamp, ConversionLoss},
     source::Source,
     values::{UnitRotations, byte_of_logit, logit_of_step, rest_of_degree},
@@ -61,16 +54,8 @@ const MAX_PALETTE: usize = 1 << 16;
 /// The largest component of a quaternion, w, x, y or z, is stored as its index plus this.
 const LARGEST: u8 = 252;
 
-/// The content of a SOG.
-pub(crate) struct Read {
-    pub(crate) scene: Scene3d,
-    pub(crate) trained_with: TrainedWith,
-    /// The images of a folder, with their sizes in bytes; none for a bundle.
-    pub(crate) files: BTreeMap<PathBuf, u64>,
-}
-
 /// Reads a bundle, or a `meta.json` with the images next to it.
-pub(crate) fn read(source: &Source<'_>) -> Result<Read, Error> {
+pub(crate) fn read(source: &Source<'_>, format: Format3d) -> Result<File3d, Error> {
     let mut files = Files::of(source)?;
     let meta = Meta::parse(source, &files.meta()?)?;
     let count = meta.count as usize;
@@ -79,7 +64,7 @@ pub(crate) fn read(source: &Source<'_>) -> Result<Read, Error> {
     let mut plane = |named: &[String], index: usize| Plane::read(&mut files, named, index, count);
 
     let (low, high) = (plane(&meta.means.files, 0)?, plane(&meta.means.files, 1)?);
-    let grid = Grid::new(meta.means.mins, meta.means.maxs);
+    let grid = Grid { mins: meta.means.mins, maxs: meta.means.maxs };
     let word = |i: usize, axis: usize| u16::from_le_bytes([low.pixel(i)[axis], high.pixel(i)[axis]]);
     let means = (0..count).map(|i| grid.mean([0, 1, 2].map(|axis| word(i, axis)))).collect();
 
@@ -89,10 +74,10 @@ pub(crate) fn read(source: &Source<'_>) -> Result<Read, Error> {
         rotations.ok_or_else(|| source.damaged(0, "quaternions whose fourth byte is 252 to 255", "others"))?;
 
     let scales = plane(&meta.scales.files, 0)?;
-    let log_scales = decoded(source, &meta.scales, (0..count).map(|i| scales.pixel(i)))?;
+    let log_scales = decoded(source, &meta.scales.codebook, (0..count).map(|i| scales.pixel(i)))?;
 
     let colors = plane(&meta.sh0.files, 0)?;
-    let constant = decoded(source, &meta.sh0, (0..count).map(|i| colors.pixel(i)))?;
+    let constant = decoded(source, &meta.sh0.codebook, (0..count).map(|i| colors.pixel(i)))?;
     let opacity_logits = (0..count).map(|i| logit_of_step(colors.pixel(i)[3].into(), 255)).collect();
 
     let mut scene = Scene3d { means, log_scales, rotations, opacity_logits, sh_degree: degree, sh: constant };
@@ -101,21 +86,20 @@ pub(crate) fn read(source: &Source<'_>) -> Result<Read, Error> {
         scene.sh = with_palette(source, &mut files, palette, &scene, &labels)?;
     }
     let trained_with = meta.antialias.map_or_else(TrainedWith::default, TrainedWith::of_spz_flag);
-    Ok(Read { scene, trained_with, files: files.beside() })
+    Ok(File3d { trained_with, ..File3d::of(format, scene) }.beside(files.read))
 }
 
 /// The triples that bytes stand for.
 fn decoded<'a>(
     source: &Source<'_>,
-    coded: &Coded,
+    codebook: &[Option<f32>],
     pixels: impl Iterator<Item = &'a [u8; 4]>,
 ) -> Result<Vec<Vec3>, Error> {
-    let value = |byte: u8| coded.codebook.get(usize::from(byte)).map(|value| value.unwrap_or(f32::NAN));
+    let value = |byte: u8| codebook.get(usize::from(byte)).map(|value| value.unwrap_or(f32::NAN));
     let triple = |&[a, b, c, _]: &[u8; 4]| Some(Vec3::new(value(a)?, value(b)?, value(c)?));
     let all: Option<Vec<_>> = pixels.map(triple).collect();
-    all.ok_or_else(|| {
-        source.damaged(0, format!("indices below {}, the length of a codebook", coded.codebook.len()), "others")
-    })
+    let expected = || format!("indices below {}, the length of a codebook", codebook.len());
+    all.ok_or_else(|| source.damaged(0, expected(), "others"))
 }
 
 /// Coefficients of all degrees: the constant ones of `scene`, and those of the palette.
@@ -129,12 +113,11 @@ fn with_palette(
     let rest = rest_of_degree(palette.bands) / 3;
     let rows = palette.count as usize;
     let centroids = Plane::read(files, &palette.files, 0, rows.div_ceil(PALETTE_COLUMNS) * PALETTE_COLUMNS * rest)?;
-    if centroids.width() != PALETTE_COLUMNS * rest {
+    if centroids.width != PALETTE_COLUMNS * rest {
         let expected = format!("a palette of {} columns", PALETTE_COLUMNS * rest);
-        return Err(source.damaged(0, expected, centroids.width().to_string()));
+        return Err(source.damaged(0, expected, centroids.width.to_string()));
     }
-    let coded = Coded { codebook: palette.codebook.clone(), files: Vec::new() };
-    let table = decoded(source, &coded, (0..rows * rest).map(|k| centroids.pixel(k)))?;
+    let table = decoded(source, &palette.codebook, (0..rows * rest).map(|k| centroids.pixel(k)))?;
     let mut sh = Vec::with_capacity(scene.means.len() * (1 + rest));
     for (i, constant) in scene.sh.iter().enumerate() {
         let [low, high, ..] = *labels.pixel(i);
@@ -168,15 +151,6 @@ fn pixel_of_rotation(q: [f32; 4]) -> [u8; 4] {
     [a, b, c, LARGEST + largest as u8]
 }
 
-/// The files of a SOG and what they lack.
-pub(crate) struct Encoded {
-    /// Names and contents; `meta.json` is the last.
-    pub(crate) files: Vec<(&'static str, Vec<u8>)>,
-    pub(crate) losses: Vec<ConversionLoss>,
-    /// The number in the scene of each Gaussian of the file.
-    pub(crate) order: Vec<u32>,
-}
-
 /// The names of the images that [`encode`] makes of scenes of this degree.
 pub(crate) fn image_names(sh_degree: u8) -> &'static [&'static str] {
     const NAMES: [&str; 7] = [
@@ -191,13 +165,15 @@ pub(crate) fn image_names(sh_degree: u8) -> &'static [&'static str] {
     if sh_degree == 0 { &NAMES[..5] } else { &NAMES }
 }
 
-/// Encodes a scene.
+/// Encodes a scene as a bundle, or as `meta.json` with the images beside it.
 pub(crate) fn encode(
+    format: Format3d,
     path: &Path,
     scene: &Scene3d,
-    rotations: &UnitRotations<'_>,
-    trained_with: &TrainedWith,
-) -> Result<Encoded, Error> {
+    options: &WriteOptions3d,
+) -> Result<Encoded3d, Error> {
+    let rotations = UnitRotations::new(scene, path)?;
+    let trained_with = &options.trained_with;
     let count = u32::try_from(scene.len()).ok().filter(|&count| count <= PlaneSize::MAX_PIXELS);
     let too_many = || Error::unsupported(path, format!("a SOG of {} Gaussians", scene.len()), "write a PLY");
     let count = count.ok_or_else(too_many)?;
@@ -231,34 +207,42 @@ pub(crate) fn encode(
     let mut palette = None;
     if scene.sh_degree > 0 {
         let clusters = Clusters::of(scene, MAX_PALETTE);
-        let book = Codebook::of(clusters.centroids().iter().flat_map(|c| c.to_array()).collect());
-        let rows = clusters.centroids().len() / (len - 1);
+        let book = Codebook::of(clusters.centroids.iter().flat_map(|c| c.to_array()).collect());
+        let rows = clusters.centroids.len() / (len - 1);
         let lines = PlaneSize { width: PALETTE_COLUMNS * (len - 1), height: rows.div_ceil(PALETTE_COLUMNS) };
-        let pixels = clusters.centroids().iter().map(|&c| opaque(coded(&book, c), 255));
+        let pixels = clusters.centroids.iter().map(|&c| opaque(coded(&book, c), 255));
         files.push(("shN_centroids.webp", lines.encode(pixels)));
         let label = |i: usize| {
-            let [low, high] = clusters.label(i).to_le_bytes();
+            let [low, high] = clusters.labels[i].to_le_bytes();
             [low, high, 0, 255]
         };
         files.push(("shN_labels.webp", image(&label)));
         let named = ["shN_centroids.webp", "shN_labels.webp"].map(str::to_owned).to_vec();
         palette = Some(Palette { count: rows as u32, bands: scene.sh_degree, codebook: book.values(), files: named });
     }
-    let mut losses = losses(scene, trained_with, palette.as_ref(), rotations);
+    let mut losses = losses(scene, trained_with, palette.as_ref(), &rotations);
     losses.extend(clamped);
     let named = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect();
     let meta = Meta {
         version: meta::VERSION,
         count,
         antialias: trained_with.antialias.map(|_| trained_with.spz_flag()),
-        means: Means { mins: grid.mins(), maxs: grid.maxs(), files: named(&["means_l.webp", "means_u.webp"]) },
+        means: Means { mins: grid.mins, maxs: grid.maxs, files: named(&["means_l.webp", "means_u.webp"]) },
         scales: Coded { codebook: scales.values(), files: named(&["scales.webp"]) },
         quats: Named { files: named(&["quats.webp"]) },
         sh0: Coded { codebook: colors.values(), files: named(&["sh0.webp"]) },
         sh_n: palette,
     };
-    files.push((META, meta.text()));
-    Ok(Encoded { files, losses, order })
+    let mut encoded = if format == Format3d::SogFolder {
+        let beside = files.into_iter().map(|(name, bytes)| (path.with_file_name(name), bytes)).collect();
+        Encoded3d::of(format, meta.text(), losses).beside(beside)
+    } else {
+        // Readers of streams need the description first.
+        files.insert(0, (META, meta.text()));
+        Encoded3d::of(format, bundled(&files).map_err(|source| Error::write(path, source))?, losses)
+    };
+    encoded.written.order = Some(order);
+    Ok(encoded)
 }
 
 /// The scene with coefficients of at most [`EXTREME_COLOR`]. One of 1e20 would leave no bits of a sum for the

@@ -8,28 +8,16 @@ const STEPS: f64 = 65_535.0;
 /// The range of each axis, sign(x) ln(1 + abs(x)).
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Grid {
-    mins: [f64; 3],
-    maxs: [f64; 3],
+    pub(super) mins: [f64; 3],
+    pub(super) maxs: [f64; 3],
 }
 
 impl Grid {
-    pub(super) fn new(mins: [f64; 3], maxs: [f64; 3]) -> Self {
-        Self { mins, maxs }
-    }
-
     /// The smallest grid that holds all means.
     pub(super) fn around(means: &[Vec3]) -> Self {
         let low = means.iter().fold(Vec3::INFINITY, |low, &mean| low.min(mean));
         let high = means.iter().fold(Vec3::NEG_INFINITY, |high, &mean| high.max(mean));
         Self { mins: low.to_array().map(log), maxs: high.to_array().map(log) }
-    }
-
-    pub(super) fn mins(&self) -> [f64; 3] {
-        self.mins
-    }
-
-    pub(super) fn maxs(&self) -> [f64; 3] {
-        self.maxs
     }
 
     /// The nearest point.

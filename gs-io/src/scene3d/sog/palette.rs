@@ -16,8 +16,9 @@ const ROUNDS: usize = 4;
 #[derive(Debug)]
 pub(super) struct Clusters {
     /// Coefficients of each cluster in sequence.
-    centroids: Vec<Vec3>,
-    labels: Vec<u16>,
+    pub(super) centroids: Vec<Vec3>,
+    /// The cluster of each Gaussian.
+    pub(super) labels: Vec<u16>,
 }
 
 /// A cluster that may be split; ordered by its squared distances, then by its place.
@@ -72,16 +73,6 @@ impl Clusters {
             centroids.extend(rows.mean(inside));
         }
         Self { centroids, labels }
-    }
-
-    /// The coefficients of all clusters in sequence.
-    pub(super) fn centroids(&self) -> &[Vec3] {
-        &self.centroids
-    }
-
-    /// The cluster of a Gaussian.
-    pub(super) fn label(&self, index: usize) -> u16 {
-        self.labels[index]
     }
 }
 
@@ -172,9 +163,9 @@ mod tests {
     fn gaussians_that_are_alike_share_a_row() {
         let scene = scene((0..64).map(|k| (k % 4) as f32));
         let clusters = Clusters::of(&scene, 16);
-        assert_eq!(clusters.centroids().len(), 4 * 3);
+        assert_eq!(clusters.centroids.len(), 4 * 3);
         for i in 0..64 {
-            let row = &clusters.centroids()[3 * usize::from(clusters.label(i))..][..3];
+            let row = &clusters.centroids[3 * usize::from(clusters.labels[i])..][..3];
             assert_eq!(row, &scene.sh[4 * i + 1..4 * i + 4]);
         }
     }
@@ -183,12 +174,12 @@ mod tests {
     fn there_are_no_more_rows_than_wanted() {
         let spread = scene((0..1000).map(|k| (k as f32).sin()));
         let clusters = Clusters::of(&spread, 256);
-        assert_eq!(clusters.centroids().len(), 256 * 3);
+        assert_eq!(clusters.centroids.len(), 256 * 3);
         let error = |i: usize| {
-            let row = &clusters.centroids()[3 * usize::from(clusters.label(i))..][..3];
+            let row = &clusters.centroids[3 * usize::from(clusters.labels[i])..][..3];
             distance2(row, &spread.sh[4 * i + 1..4 * i + 4])
         };
         assert!((0..1000).map(error).fold(0.0, f32::max) < 0.001);
-        assert_eq!(Clusters::of(&scene([0.5].into_iter()), 256).centroids().len(), 3);
+        assert_eq!(Clusters::of(&scene([0.5].into_iter()), 256).centroids.len(), 3);
     }
 }

@@ -13,7 +13,7 @@ const MAX_SIDE: usize = 16_384;
 /// A decoded image.
 #[derive(Debug)]
 pub(super) struct Plane {
-    width: usize,
+    pub(super) width: usize,
     pixels: Vec<[u8; 4]>,
 }
 
@@ -41,10 +41,6 @@ impl Plane {
         };
         pixels.truncate(count);
         Ok(Self { width: width as usize, pixels })
-    }
-
-    pub(super) fn width(&self) -> usize {
-        self.width
     }
 
     pub(super) fn pixel(&self, index: usize) -> &[u8; 4] {

@@ -21,7 +21,7 @@ use self::{
     quantum::FractionalBits,
 };
 use super::{
-    TrainedWith,
+    Encoded3d, File3d, Format3d, TrainedWith,
     conversion_loss::ConversionLoss,
     options::{SpzVersion, WriteOptions3d},
     source::Source,
@@ -32,8 +32,8 @@ use crate::error::Error;
 /// The default axes of files: right, up, back.
 const AXES: Flips = Flips::new([1.0, -1.0, -1.0]);
 
-/// Reads a scene, its losses, and how it was trained.
-pub(crate) fn read(source: &Source<'_>) -> Result<(Scene3d, Vec<ConversionLoss>, TrainedWith), Error> {
+/// Reads a scene.
+pub(crate) fn read(source: &Source<'_>, format: Format3d) -> Result<File3d, Error> {
     let packed = container::read(source)?;
     let head = packed.head;
     let streams = packed.streams();
@@ -60,16 +60,18 @@ pub(crate) fn read(source: &Source<'_>) -> Result<(Scene3d, Vec<ConversionLoss>,
     }
     let cut = degree < head.degree;
     let losses = if cut { vec![ConversionLoss::Sh { from: head.degree, to: degree }] } else { Vec::new() };
-    Ok((scene, losses, TrainedWith::of_spz_flag(head.antialiased)))
+    let trained_with = TrainedWith::of_spz_flag(head.antialiased);
+    Ok(File3d { losses, trained_with, ..File3d::of(format, scene) })
 }
 
 /// Encodes a scene.
 pub(crate) fn encode(
+    format: Format3d,
     path: &Path,
     scene: &Scene3d,
-    rotations: &UnitRotations<'_>,
     options: &WriteOptions3d,
-) -> Result<(Vec<u8>, Vec<ConversionLoss>), Error> {
+) -> Result<Encoded3d, Error> {
+    let rotations = UnitRotations::new(scene, path)?;
     let WriteOptions3d { spz: options, trained_with, .. } = *options;
     let check = |bits: u8, what| match bits {
         1..=8 => Ok(()),
@@ -101,7 +103,7 @@ pub(crate) fn encode(
     let antialiased = trained_with.spz_flag();
     let head = Head { version, count, degree: scene.sh_degree, fraction, antialiased };
     let bytes = container::write(&head, &streams).map_err(|source| Error::write(path, source))?;
-    let mut losses = packing.losses(scene, rotations);
+    let mut losses = packing.losses(scene, &rotations);
     losses.extend(trained_with.lost(&TrainedWith::of_spz_flag(antialiased)));
-    Ok((bytes, losses))
+    Ok(Encoded3d::of(format, bytes, losses))
 }
