@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use gs_core::Image;
-use gs_io::{AlphaMode, Transparency, read_image_with};
+use gs_io::read_image_on;
 use gs_train::{Preset, paper_target};
 
 use super::batch::shown;
@@ -33,8 +33,8 @@ impl Target {
             return Ok(Self { image: paper_target(), file: None, behind: None, remarks: Vec::new() });
         };
         let behind = background.unwrap_or(Color([1.0; 3]));
-        let loaded = read_image_with(path, AlphaMode::Composite(behind.0))?;
-        let transparent = loaded.transparency != Transparency::None;
+        let loaded = read_image_on(path, behind.0)?;
+        let transparent = loaded.had_alpha;
         let mut remarks: Vec<String> =
             loaded.remarks.iter().map(|remark| format!("note: {}", printable(&remark.to_string()))).collect();
         remarks.extend(

@@ -13,14 +13,23 @@ use image::{
     codecs::tiff::TiffDecoder, metadata::Orientation as Turn,
 };
 
-use super::{
-    Decoded, IccProfile, ImageHeader, ImageRemark, Orientation, color::Colors, kind, whole, wide_tiff::WideTiff,
-};
+use super::{IccProfile, ImageRemark, Orientation, StoredImage, color::Colors, kind, whole, wide_tiff::WideTiff};
 use crate::{atomic::open, error::Error};
 
 /// The most memory a decoder may allocate: an image of the largest size with four 16-bit channels
 /// (2 GiB), and half of that for its own tables.
 const MAX_DECODER_BYTES: u64 = 3 * (MAX_SIDE_PX as u64) * (MAX_SIDE_PX as u64) * 4;
+
+/// The header of an image.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct ImageHeader {
+    /// Columns and rows as stored, px.
+    pub(crate) stored: (u32, u32),
+    /// Columns and rows after the EXIF rotation, px.
+    pub(crate) upright: (u32, u32),
+    /// The remarks of [`decode`].
+    pub(crate) remarks: Vec<ImageRemark>,
+}
 
 /// Reads the header of an image. If the file seems to end too early, its pixels are decoded to find
 /// out.
@@ -40,23 +49,23 @@ pub(crate) fn read_header(path: &Path) -> Result<ImageHeader, Error> {
 }
 
 /// Reads an image in sRGB, with colour and alpha separate. The formats are those of
-/// [`read_image_with`](crate::read_image_with).
-pub(crate) fn decode(path: &Path, orientation: Orientation) -> Result<Decoded, Error> {
+/// [`read_image_on`](crate::read_image_on).
+pub(crate) fn decode(path: &Path, orientation: Orientation) -> Result<StoredImage, Error> {
     let (mut pixels, colors, remarks) = read_pixels(path, orientation)?;
     colors.apply(&mut pixels.colors);
     let remarks = with_remark(remarks, &colors);
-    pixels.decoded(path, None, remarks)
+    pixels.stored(path, None, remarks)
 }
 
 /// Reads an image as it is stored, if it can be kept so with its profile, or else in sRGB.
-pub(super) fn decode_stored(path: &Path) -> Result<Decoded, Error> {
+pub(super) fn decode_stored(path: &Path) -> Result<StoredImage, Error> {
     let (mut pixels, colors, mut remarks) = read_pixels(path, Orientation::Exif)?;
     let profile = colors.profile().cloned();
     if profile.is_none() {
         colors.apply(&mut pixels.colors);
         remarks = with_remark(remarks, &colors);
     }
-    pixels.decoded(path, profile, remarks)
+    pixels.stored(path, profile, remarks)
 }
 
 /// Reads a mask: an image whose values are not colours and stay as stored, without rotation. Of integers
@@ -281,10 +290,10 @@ impl Pixels {
         Self { width, height, colors, alpha, bits_per_channel }
     }
 
-    fn decoded(self, path: &Path, profile: Option<IccProfile>, remarks: Vec<ImageRemark>) -> Result<Decoded, Error> {
-        let Self { width, height, colors, alpha, bits_per_channel } = self;
+    fn stored(self, path: &Path, profile: Option<IccProfile>, remarks: Vec<ImageRemark>) -> Result<StoredImage, Error> {
+        let Self { width, height, colors, alpha, .. } = self;
         let image = Image::from_pixels(width, height, colors).map_err(Error::content(path))?;
-        Ok(Decoded { image, alpha, profile, bits_per_channel, remarks })
+        Ok(StoredImage { image, alpha, profile, remarks })
     }
 
     /// Column, row and value of the first pixel that is NaN or infinite.

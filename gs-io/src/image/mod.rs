@@ -3,7 +3,6 @@
 mod alpha;
 mod color;
 mod decode;
-mod decoded;
 mod folder;
 mod kind;
 mod png_file;
@@ -19,13 +18,11 @@ use gs_core::Image;
 
 pub(crate) use self::{
     alpha::composite,
-    decode::{decode, decode_grey, decode_mask, grey_size, read_header},
-    decoded::{Decoded, ImageHeader},
+    decode::{ImageHeader, decode, decode_grey, decode_mask, grey_size, read_header},
     folder::{how_to_convert, is_unreadable},
 };
 pub use self::{
     alpha::{premultiplied, straight},
-    decoded::Orientation,
     folder::{image_files, unreadable_photographs},
     png_file::{PngExtras, png_bytes, png_bytes_with, write_png, write_png_with},
     profile::IccProfile,
@@ -34,55 +31,33 @@ pub use self::{
 };
 use crate::error::Error;
 
-/// The meaning of an alpha channel.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum AlphaMode {
-    /// Transparent pixels are composited over this colour: c·α + colour·(1 − α), in the stored
-    /// values, as browsers do.
-    Composite([f32; 3]),
-    /// Alpha is dropped, and transparent pixels keep the colour that the file stores for them.
-    Ignore,
-}
-
-impl Default for AlphaMode {
-    /// Composites over white.
-    fn default() -> Self {
-        Self::Composite([1.0; 3])
-    }
-}
-
-/// Whether an image had transparent pixels, and how they were treated.
+/// Which way up an image is read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum Transparency {
-    /// No alpha channel, or an opaque one.
-    None,
-    /// Transparent pixels were composited over a colour.
-    Composited,
-    /// The alpha of transparent pixels was dropped.
-    Ignored,
+pub enum Orientation {
+    /// Rows and columns as they are stored.
+    AsStored,
+    /// Rotated as the file's EXIF data says, if it has any.
+    Exif,
 }
 
-/// An image with information about its file.
+/// An opaque image with information about its file.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct LoadedImage {
     /// The pixels. Grey is repeated in all channels, and palettes are looked up.
     pub image: Image,
-    /// Bits per channel as decoded: 8, 16 or 32 (floating point).
-    pub bits_per_channel: u8,
-    /// How transparent pixels were treated.
-    pub transparency: Transparency,
+    /// Whether the file has transparent pixels, which were composited over a colour.
+    pub had_alpha: bool,
     /// Remarks, such as that colours were converted.
     pub remarks: Vec<ImageRemark>,
 }
 
-/// Reads an image; transparent pixels are composited over white. See [`read_image_with`].
+/// Reads an image; transparent pixels are composited over white. See [`read_image_on`].
 ///
 /// # Errors
-/// Those of [`read_image_with`].
+/// Those of [`read_image_on`].
 pub fn read_image(path: impl AsRef<Path>) -> Result<LoadedImage, Error> {
-    read_image_with(path, AlphaMode::default())
+    read_image_on(path, [1.0; 3])
 }
 
 /// Reads a PNG, JPEG, BMP, TIFF, WebP, GIF or PNM image, recognised by its content. It may have 8
@@ -93,32 +68,26 @@ pub fn read_image(path: impl AsRef<Path>) -> Result<LoadedImage, Error> {
 /// declares to be other than sRGB, by an ICC profile or by PNG's cICP, gAMA and cHRM, are converted
 /// to sRGB; a colour outside sRGB becomes the nearest inside, channel by channel. A declaration
 /// that cannot be followed is ignored. [`LoadedImage::remarks`] says which. Floating-point TIFF is
-/// taken as it is. EXIF orientation is applied.
+/// taken as it is. EXIF orientation is applied. Transparent pixels are composited over `behind`, in
+/// the stored values, as browsers do: c·α + behind·(1 − α).
 ///
 /// # Errors
 /// [`Error::Missing`], [`Error::NotAFile`] or [`Error::Read`]; [`Error::NotAnImage`] for other
 /// content and for CMYK; [`Error::Unusable`] for no pixels or a side longer than
 /// [`MAX_SIDE_PX`](gs_core::constants::MAX_SIDE_PX), before memory is allocated for them;
 /// for one cut short, and for pixels that are not finite.
-pub fn read_image_with(path: impl AsRef<Path>, alpha: AlphaMode) -> Result<LoadedImage, Error> {
+pub fn read_image_on(path: impl AsRef<Path>, behind: [f32; 3]) -> Result<LoadedImage, Error> {
     let path = path.as_ref();
-    let mut decoded = decode(path, Orientation::Exif)?;
-    let (bits_per_channel, remarks) = (decoded.bits_per_channel, std::mem::take(&mut decoded.remarks));
-    let transparent = decoded.alpha.as_ref().is_some_and(|alpha| alpha.iter().any(|a| *a < 1.0));
-    let (image, transparency) = match (transparent, alpha) {
-        (false, _) => (decoded.image, Transparency::None),
-        (true, AlphaMode::Composite(behind)) => {
-            (decoded.over(behind).map_err(Error::content(path))?, Transparency::Composited)
-        }
-        (true, AlphaMode::Ignore) => (decoded.image, Transparency::Ignored),
-    };
-    Ok(LoadedImage { image, bits_per_channel, transparency, remarks })
+    let stored = decode(path, Orientation::Exif)?;
+    let had_alpha = stored.alpha.as_ref().is_some_and(|alpha| alpha.iter().any(|a| *a < 1.0));
+    let StoredImage { image, remarks, .. } = stored.on(behind).map_err(Error::content(path))?;
+    Ok(LoadedImage { image, had_alpha, remarks })
 }
 
 /// Columns and rows of an upright image; only its header is read.
 ///
 /// # Errors
-/// Those of [`read_image_with`] that concern the header.
+/// Those of [`read_image_on`] that concern the header.
 pub fn read_image_size(path: impl AsRef<Path>) -> Result<(u32, u32), Error> {
     Ok(read_header(path.as_ref())?.upright)
 }

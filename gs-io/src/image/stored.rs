@@ -4,7 +4,7 @@ use std::path::Path;
 
 use gs_core::{Image, to_8_bits};
 
-use super::{Decoded, IccProfile, ImageRemark, alpha::composite, decode::decode_stored};
+use super::{IccProfile, ImageRemark, alpha::composite, decode::decode_stored};
 use crate::error::Error;
 
 /// An image as its file stores it.
@@ -20,16 +20,16 @@ pub struct StoredImage {
     pub remarks: Vec<ImageRemark>,
 }
 
-/// Reads an image as [`read_image_with`](super::read_image_with) does, but with its alpha, and with
+/// Reads an image as [`read_image_on`](super::read_image_on) does, but with its alpha, and with
 /// colours that are not converted if they have an ICC profile of RGB by a matrix and curves, of at most
 /// 4,096 bytes, that is not sRGB.
 ///
 /// # Errors
-/// Those of [`read_image_with`](super::read_image_with).
+/// Those of [`read_image_on`](super::read_image_on).
 pub fn read_stored_image(path: impl AsRef<Path>) -> Result<StoredImage, Error> {
-    let Decoded { image, alpha, profile, remarks, .. } = decode_stored(path.as_ref())?;
-    let alpha = alpha.filter(|alpha| alpha.iter().any(|&alpha| to_8_bits(alpha) < u8::MAX));
-    Ok(StoredImage { image, alpha, profile, remarks })
+    let mut stored = decode_stored(path.as_ref())?;
+    stored.alpha = stored.alpha.filter(|alpha| alpha.iter().any(|&alpha| to_8_bits(alpha) < u8::MAX));
+    Ok(stored)
 }
 
 impl StoredImage {
