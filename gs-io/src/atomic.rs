@@ -3,7 +3,7 @@
 use std::{
     collections::BTreeSet,
     fs::{self, File},
-    io::{self, BufWriter, Write},
+    io::{self, BufWriter, Read, Write},
     path::{Path, PathBuf},
     sync::{Mutex, MutexGuard, PoisonError},
 };
@@ -227,6 +227,24 @@ fn new_temporary(folder: &Path) -> io::Result<tempfile::NamedTempFile> {
     #[cfg(unix)]
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
     builder.tempfile_in(folder)
+}
+
+/// Reads a regular file; `wanted` names its kind: "an image file".
+pub(crate) fn read_file(path: &Path, wanted: &'static str) -> Result<Vec<u8>, Error> {
+    let (mut file, metadata) = open(path, wanted)?;
+    read_exactly(&mut file, metadata.len()).map_err(|source| Error::read(path, source))
+}
+
+/// Reads exactly `bytes` bytes. Running out of memory is an error.
+pub(crate) fn read_exactly(file: &mut impl Read, bytes: u64) -> io::Result<Vec<u8>> {
+    let mut content = Vec::new();
+    let len = usize::try_from(bytes).map_err(|_| io::ErrorKind::OutOfMemory)?;
+    content.try_reserve_exact(len).map_err(|_| io::ErrorKind::OutOfMemory)?;
+    file.take(bytes).read_to_end(&mut content)?;
+    if content.len() < len {
+        return Err(io::ErrorKind::UnexpectedEof.into()); // it shrank since its length was read
+    }
+    Ok(content)
 }
 
 /// Opens a regular file to read; `wanted` names its kind: "an image file".

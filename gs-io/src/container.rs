@@ -18,7 +18,10 @@ use safetensors::{
 };
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
-use crate::{atomic::open, error::Error};
+use crate::{
+    atomic::{open, read_exactly},
+    error::Error,
+};
 
 /// The longest header that is read or written, bytes. It has room for a hundred thousand tensors.
 const MAX_HEADER_BYTES: u64 = 16 << 20;
@@ -243,18 +246,6 @@ pub(crate) fn format_of(path: &Path) -> Option<String> {
     let header: Metadata = serde_json::from_slice(&read_exactly(&mut file, header_bytes).ok()?).ok()?;
     let head = header.metadata().as_ref()?.get(HEAD_KEY)?;
     Some(serde_json::from_str::<Head<serde_json::Value>>(head).ok()?.format)
-}
-
-/// Reads exactly `bytes` bytes. Running out of memory is an error.
-pub(crate) fn read_exactly(file: &mut impl Read, bytes: u64) -> io::Result<Vec<u8>> {
-    let mut content = Vec::new();
-    let len = usize::try_from(bytes).map_err(|_| io::ErrorKind::OutOfMemory)?;
-    content.try_reserve_exact(len).map_err(|_| io::ErrorKind::OutOfMemory)?;
-    file.take(bytes).read_to_end(&mut content)?;
-    if content.len() < len {
-        return Err(io::ErrorKind::UnexpectedEof.into()); // it shrank since its length was read
-    }
-    Ok(content)
 }
 
 impl<C> Container<C> {

@@ -38,6 +38,8 @@ mod scene3d;
 mod text;
 mod world_frame;
 
+pub use gs_codec::Extent;
+
 pub use crate::{
     animation::{Animation, write_animation},
     any_scene::{AnyScene, FRAME_ENTRY, SceneFile, Values, decode_scene, is_scene, read_scene, readable_in, scene_in},
@@ -45,17 +47,16 @@ pub use crate::{
     checkpoint::{Checkpoint, decode_checkpoint, encode_checkpoint, is_checkpoint, read_checkpoint, write_checkpoint},
     error::Error,
     image::{
-        AlphaMode, IccProfile, ImageRemark, LoadedImage, Orientation, PngExtras, StoredImage, Transparency,
-        image_files, png_bytes, png_bytes_with, premultiplied, read_image, read_image_size, read_image_with,
-        read_stored_image, straight, unreadable_photographs, write_png, write_png_with,
+        IccProfile, ImageRemark, LoadedImage, Orientation, PngExtras, StoredImage, image_files, png_bytes,
+        png_bytes_with, premultiplied, read_image, read_image_on, read_image_size, read_stored_image, straight,
+        unreadable_photographs, write_png, write_png_with,
     },
     inputs::Inputs,
     output_folder::{FolderClaim, OutputFolder},
     picture::draw_with_alpha,
     scene2d::{
         File2d, GSI_EXTENSION, GsiFile, PICTURE_DISTANCE_WORLD, PICTURE_WORLD, SCENE_EXTENSION, decode_2d, decode_gsi,
-        encode_2d, flat_scene, is_2d, is_gsi, read_2d, read_2d_unchecked, read_gsi, read_gsi_prefix, write_2d,
-        write_ply, write_svg,
+        encode_2d, flat_scene, is_2d, is_gsi, read_2d, read_2d_unchecked, read_gsi, write_2d, write_ply, write_svg,
     },
     scene3d::{
         ConversionLoss, Coordinates, Encoded3d, File3d, Format3d, GltfBuffer, Rounding, SpzOptions, SpzVersion,

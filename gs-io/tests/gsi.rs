@@ -3,7 +3,7 @@
 use std::fs;
 
 use glam::{Vec2, Vec3};
-use gs_codec::{Alpha, Layer, LayerHead, Picture, Quantizer};
+use gs_codec::{Alpha, Extent, Layer, LayerHead, Picture, Quantizer};
 use gs_core::{Blend, Gaussian2d, effects::Background};
 use gs_io::{AnyScene, Error, Values, is_scene, read_gsi, read_scene};
 
@@ -52,7 +52,7 @@ fn a_transparent_picture_is_a_scene_on_white() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("picture.gsi");
     fs::write(&path, &bytes).unwrap();
-    let file = read_gsi(&path).unwrap();
+    let file = read_gsi(&path, Extent::Whole).unwrap();
     let (colors, alpha) = (file.colors.scene.clone(), file.alpha.clone().unwrap());
     assert_eq!((colors.means.len(), alpha.scene.means.len(), alpha.width), (30, 20, 48));
 
@@ -92,5 +92,5 @@ fn damaged_pictures_are_refused_in_one_line() {
         let message = error.to_string();
         assert!(message.contains(expected) && !message.contains('\n'), "{message}");
     }
-    assert!(matches!(read_gsi(folder.path().join("absent.gsi")), Err(Error::Missing { .. })));
+    assert!(matches!(read_gsi(folder.path().join("absent.gsi"), Extent::Whole), Err(Error::Missing { .. })));
 }

@@ -178,7 +178,8 @@ fn run_several(args: &EncodeArgs, images: &[BatchImage]) -> Result<(), Failure> 
     args.settings((1000, 1000)).validate()?;
     let name = |image: &BatchImage| format!("{}.{GSI_EXTENSION}", image.name);
     let inputs: Inputs = images.iter().map(|image| &image.file).collect();
-    let claim = args.overwrite.claim(&args.output, [], inputs).files(images.iter().map(name));
+    let mut claim = args.overwrite.claim(&args.output, [], inputs);
+    claim.files.extend(images.iter().map(name));
     let folder = OutputFolder::begin(claim)?;
     let render = RenderSettings::blended(Blend::Sum);
     let peak = |size| gs_train::memory::encoding(size, false, &args.settings(size));

@@ -6,7 +6,9 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use gs_backend::FutureExt as _;
 use gs_core::{Canvas, Image, Scene as _, counted};
-use gs_io::{AnyScene, File2d, File3d, GsiFile, ImageRemark, LoadedImage, dataset::may_be_dataset, is_gsi, read_gsi};
+use gs_io::{
+    AnyScene, Extent, File2d, File3d, GsiFile, ImageRemark, LoadedImage, dataset::may_be_dataset, is_gsi, read_gsi,
+};
 use gs_train::{
     ImageQuality, draw_picture,
     train::{ColorMatched, ViewQuality, Views, evaluate},
@@ -59,7 +61,7 @@ pub(crate) fn run(args: &EvalArgs) -> Result<(), Failure> {
     let (a, b) = match scene {
         Some(AnyScene::ThreeD(file)) => return evaluate_3d(args, &file),
         Some(AnyScene::TwoD(file)) => rendered(args, &(*file).into())?,
-        None if is_gsi(&args.a) => rendered(args, &read_gsi(&args.a)?)?,
+        None if is_gsi(&args.a) => rendered(args, &read_gsi(&args.a, Extent::Whole)?)?,
         // An image has no views: the reader of scenes says that it is not a scene.
         None if may_be_dataset(&args.b) => return evaluate_3d(args, &scene::read_3d(&args.a)?),
         None => (read(&args.a)?, read(&args.b)?),

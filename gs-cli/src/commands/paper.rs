@@ -85,11 +85,11 @@ pub(crate) fn run(args: &PaperArgs) -> Result<(), Failure> {
     let started = Instant::now();
     let experiments = args.only.map_or_else(|| Experiment::ALL.to_vec(), |only| vec![only]);
     let size = if args.quick { ExperimentSize::Quick } else { ExperimentSize::Full };
-    let claim = args.overwrite.claim(&args.output, [CLAIMS, PAGE], Inputs::default());
+    let mut claim = args.overwrite.claim(&args.output, [CLAIMS, PAGE], Inputs::default());
     // The folder of a study protects itself.
     let alone =
         experiments.iter().filter(|experiment| experiment.studies(size).is_ok_and(|studies| studies.is_empty()));
-    let claim = claim.folders(alone.map(|experiment| experiment.name()));
+    claim.folders.extend(alone.map(|experiment| experiment.name().to_owned()));
     output_folder::check(&claim)?;
     let backend = args.backend.open()?;
     let folder = OutputFolder::begin(claim)?;

@@ -32,7 +32,7 @@ impl OverwriteArgs {
         files: impl IntoIterator<Item = &'n str>,
         inputs: Inputs,
     ) -> FolderClaim {
-        FolderClaim::new(folder).files(files).inputs(inputs).overwriting(self.overwrite)
+        FolderClaim { inputs, overwrite: self.overwrite, ..FolderClaim::new(folder, files) }
     }
 }
 

@@ -278,7 +278,7 @@ mod tests {
         [&photo, &notes].iter().for_each(|file| fs::write(file, "mine").unwrap());
         let line = |file: &Path, overwrite| {
             let plan = CheckpointPlan { file: Some(file.to_owned()), ..CheckpointPlan::default() };
-            let results = FolderClaim::new(place.path()).files(["scene.ply"]);
+            let results = FolderClaim::new(place.path(), ["scene.ply"]);
             let checked = plan.check(std::slice::from_ref(&photo), overwrite, &results);
             checked.err().map(|failure| failure.line().unwrap())
         };

@@ -36,60 +36,36 @@ const LOCK: &str = ".gs-lock";
 /// # std::fs::write(&photo, "").unwrap();
 /// # std::fs::create_dir(&out).unwrap();
 /// std::fs::write(out.join("notes.txt"), "mine")?;
-/// let claim = FolderClaim::new(&out).files(["scene.ply"]).inputs(Inputs::from_iter([&photo]));
+/// let inputs = Inputs::from_iter([&photo]);
+/// let claim = FolderClaim { inputs, ..FolderClaim::new(&out, ["scene.ply"]) };
 /// let folder = claim.begin()?;
 /// gs_io::write_atomically(folder.file("scene.ply"), |file| file.write_all(b"ply\n"))?;
 /// drop(folder);
 ///
-/// assert!(FolderClaim::new(&out).files(["scene.ply"]).begin().is_ok());
-/// assert!(FolderClaim::new(&out).files(["notes.txt"]).begin().is_err());
+/// assert!(FolderClaim::new(&out, ["scene.ply"]).begin().is_ok());
+/// assert!(FolderClaim::new(&out, ["notes.txt"]).begin().is_err());
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Debug, Clone)]
 pub struct FolderClaim {
-    path: PathBuf,
-    files: Vec<String>,
-    folders: Vec<String>,
-    inputs: Inputs,
-    overwrite: bool,
+    /// The folder, which need not exist.
+    pub path: PathBuf,
+    /// Files that the run may write or remove, by their paths in the folder, with `/`.
+    pub files: Vec<String>,
+    /// Subfolders for files whose names are not known yet; [`OutputFolder::claim`] adds the names. They
+    /// must not contain files that no run of gs wrote.
+    pub folders: Vec<String>,
+    /// The files that the run reads.
+    pub inputs: Inputs,
+    /// Whether files that no run of gs wrote may be replaced and removed, except inputs.
+    pub overwrite: bool,
 }
 
 impl FolderClaim {
-    /// A claim to the folder at `path`, which need not exist.
-    pub fn new(path: impl Into<PathBuf>) -> Self {
-        Self { path: path.into(), files: Vec::new(), folders: Vec::new(), inputs: Inputs::default(), overwrite: false }
-    }
-
-    /// Adds files that the run may write or remove, by their paths in the folder, with `/`.
-    #[must_use]
-    pub fn files<N: Into<String>>(mut self, names: impl IntoIterator<Item = N>) -> Self {
-        self.files.extend(names.into_iter().map(Into::into));
-        self
-    }
-
-    /// Adds subfolders for files whose names are not known yet; [`OutputFolder::claim`] adds the
-    /// names. They must not contain files that no run of gs wrote.
-    #[must_use]
-    pub fn folders<N: Into<String>>(mut self, names: impl IntoIterator<Item = N>) -> Self {
-        self.folders.extend(names.into_iter().map(Into::into));
-        self
-    }
-
-    /// Sets the files that the run reads.
-    #[must_use]
-    pub fn inputs(self, inputs: Inputs) -> Self {
-        Self { inputs, ..self }
-    }
-
-    /// Allows replacing and removing files that no run of gs wrote, except inputs.
-    #[must_use]
-    pub fn overwriting(self, overwrite: bool) -> Self {
-        Self { overwrite, ..self }
-    }
-
-    /// The folder.
-    pub fn path(&self) -> &Path {
-        &self.path
+    /// A claim to these files in the folder at `path`.
+    pub fn new<N: Into<String>>(path: impl Into<PathBuf>, files: impl IntoIterator<Item = N>) -> Self {
+        let files = files.into_iter().map(Into::into).collect();
+        Self { path: path.into(), files, folders: Vec::new(), inputs: Inputs::default(), overwrite: false }
     }
 
     /// Whether the run may write or remove the file at this path.
@@ -273,12 +249,14 @@ mod tests {
     use super::*;
     use crate::write_atomically;
 
+    const NONE: [&str; 0] = [];
+
     fn write(folder: &OutputFolder, name: &str) {
         write_atomically(folder.file(name), |file| file.write_all(b"a run's")).unwrap();
     }
 
     fn begin(path: &Path, names: &[&str]) -> Result<OutputFolder, Error> {
-        FolderClaim::new(path).files(names.iter().copied()).begin()
+        FolderClaim::new(path, names.iter().copied()).begin()
     }
 
     #[test]
@@ -287,7 +265,7 @@ mod tests {
         let plots = place.path().join("plots");
         fs::create_dir(&plots).unwrap();
         fs::write(plots.join(".gs-dEaD00.tmp"), "half").unwrap();
-        let claim = FolderClaim::new(place.path()).folders(["plots"]);
+        let claim = FolderClaim { folders: vec!["plots".to_owned()], ..FolderClaim::new(place.path(), NONE) };
         claim.check().unwrap();
         fs::write(plots.join("mine.svg"), "mine").unwrap();
         assert!(matches!(claim.begin(), Err(Error::InTheWay { .. })));
@@ -308,7 +286,7 @@ mod tests {
         assert!(matches!(&refused, Error::InTheWay { path } if *path == curve), "{refused}");
         assert_eq!(fs::read(&curve).unwrap(), b"mine");
 
-        let claim = FolderClaim::new(&path).files(["curve"]).overwriting(true);
+        let claim = FolderClaim { overwrite: true, ..FolderClaim::new(&path, ["curve"]) };
         let folder = claim.begin().unwrap();
         folder.remove("curve").unwrap();
         assert!(!curve.exists());
@@ -331,8 +309,8 @@ mod tests {
         let place = tempfile::tempdir().unwrap();
         fs::write(place.path().join("scene"), "mine").unwrap();
         begin(place.path(), &["scene"]).unwrap_err();
-        FolderClaim::new(place.path().join("scene")).check().unwrap_err();
-        FolderClaim::new(place.path().join("new")).files(["scene"]).check().unwrap();
+        FolderClaim::new(place.path().join("scene"), NONE).check().unwrap_err();
+        FolderClaim::new(place.path().join("new"), ["scene"]).check().unwrap();
         assert_eq!(fs::read_dir(place.path()).unwrap().count(), 1);
     }
 
@@ -343,8 +321,9 @@ mod tests {
         let folder = begin(place.path(), &["photo", "views/photo"]).unwrap();
         write(&folder, "photo");
         drop(folder);
-        let claim = FolderClaim::new(place.path()).inputs(Inputs::from_iter([&photo])).overwriting(true);
-        let refused = claim.clone().files(["photo"]).check().unwrap_err();
+        let inputs = Inputs::from_iter([&photo]);
+        let claim = FolderClaim { inputs, overwrite: true, ..FolderClaim::new(place.path(), NONE) };
+        let refused = FolderClaim { files: vec!["photo".to_owned()], ..claim.clone() }.check().unwrap_err();
         assert!(matches!(refused, Error::IsInput { .. }), "{refused}");
         let folder = claim.begin().unwrap();
         assert!(folder.claim(["photo"]).is_err() && folder.remove("photo").is_err() && photo.exists());
@@ -354,7 +333,7 @@ mod tests {
     fn one_run_at_a_time_works_in_a_folder() {
         let place = tempfile::tempdir().unwrap();
         let first = begin(place.path(), &["scene"]).unwrap();
-        for refused in [begin(place.path(), &["other"]).map(drop), FolderClaim::new(place.path()).check()] {
+        for refused in [begin(place.path(), &["other"]).map(drop), FolderClaim::new(place.path(), NONE).check()] {
             assert!(matches!(refused, Err(Error::Busy { .. })), "{refused:?}");
         }
         drop(first);
@@ -364,7 +343,7 @@ mod tests {
     #[test]
     fn files_of_unknown_names_are_claimed_when_they_are_known() {
         let place = tempfile::tempdir().unwrap();
-        let claim = FolderClaim::new(place.path()).folders(["plots"]);
+        let claim = FolderClaim { folders: vec!["plots".to_owned()], ..FolderClaim::new(place.path(), NONE) };
         let folder = claim.clone().begin().unwrap();
         fs::create_dir(place.path().join("plots")).unwrap();
         folder.claim(["plots/a.svg"]).unwrap();
@@ -374,7 +353,7 @@ mod tests {
         claim.check().unwrap();
         fs::write(place.path().join("plots/notes.txt"), "mine").unwrap();
         assert!(claim.check().unwrap_err().to_string().contains("notes.txt"));
-        assert!(claim.overwriting(true).begin().unwrap().claim(["plots/b.svg"]).is_ok());
+        assert!(FolderClaim { overwrite: true, ..claim }.begin().unwrap().claim(["plots/b.svg"]).is_ok());
     }
 
     #[test]
@@ -392,7 +371,7 @@ mod tests {
     fn a_folder_in_the_place_of_a_file_is_refused() {
         let place = tempfile::tempdir().unwrap();
         fs::create_dir(place.path().join("scene")).unwrap();
-        let claim = FolderClaim::new(place.path()).files(["scene"]).overwriting(true);
+        let claim = FolderClaim { overwrite: true, ..FolderClaim::new(place.path(), ["scene"]) };
         assert!(matches!(claim.check(), Err(Error::NotAFile { found: "a folder", .. })));
     }
 }

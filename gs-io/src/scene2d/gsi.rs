@@ -6,12 +6,14 @@ use gs_codec::{Decoded, DecodedAlpha, Extent, MAGIC, decode};
 use gs_core::{Blend, RenderSettings, Scene as _, Scene2d};
 
 use super::File2d;
-use crate::{atomic::open, container::read_exactly, error::Error, image::IccProfile};
+use crate::{
+    atomic::{read_exactly, read_file},
+    error::Error,
+    image::IccProfile,
+};
 
 /// The extension of compressed pictures.
 pub const GSI_EXTENSION: &str = "gsi";
-
-const WHAT: &str = "a .gsi file";
 
 /// A decoded `.gsi` file.
 #[derive(Debug, Clone, PartialEq)]
@@ -64,26 +66,14 @@ pub fn is_gsi(path: impl AsRef<Path>) -> bool {
     path.extension().is_some_and(|ending| ending == GSI_EXTENSION) || begins() == Some(true)
 }
 
-/// Reads a `.gsi` file. A truncated file is an error.
+/// Reads a `.gsi` file: the whole, or what is there of one that may be truncated.
 ///
 /// # Errors
 /// [`Error::Missing`], [`Error::NotAFile`], [`Error::Read`]; [`Error::Compressed`] for a file that is
-/// damaged, truncated or of a later version.
-pub fn read_gsi(path: impl AsRef<Path>) -> Result<GsiFile, Error> {
-    read(path.as_ref(), Extent::Whole)
-}
-
-/// Reads what is there of a `.gsi` file that may be truncated.
-///
-/// # Errors
-/// Those of [`read_gsi`], but for a file that ends after its header.
-pub fn read_gsi_prefix(path: impl AsRef<Path>) -> Result<GsiFile, Error> {
-    read(path.as_ref(), Extent::Prefix)
-}
-
-fn read(path: &Path, extent: Extent) -> Result<GsiFile, Error> {
-    let (mut file, metadata) = open(path, WHAT)?;
-    let bytes = read_exactly(&mut file, metadata.len()).map_err(|source| Error::read(path, source))?;
+/// damaged, of a later version, or truncated: as a whole, or already in its header.
+pub fn read_gsi(path: impl AsRef<Path>, extent: Extent) -> Result<GsiFile, Error> {
+    let path = path.as_ref();
+    let bytes = read_file(path, "a .gsi file")?;
     decode_gsi(&bytes, extent).map_err(|source| Error::Compressed { path: path.to_owned(), source })
 }
 

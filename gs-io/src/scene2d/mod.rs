@@ -10,7 +10,7 @@ mod svg;
 
 pub use self::{
     flat_ply::{PICTURE_DISTANCE_WORLD, PICTURE_WORLD, flat_scene, write_ply},
-    gsi::{GSI_EXTENSION, GsiFile, decode_gsi, is_gsi, read_gsi, read_gsi_prefix},
+    gsi::{GSI_EXTENSION, GsiFile, decode_gsi, is_gsi, read_gsi},
     scene_file::{File2d, SCENE_EXTENSION, decode_2d, encode_2d, is_2d, read_2d, read_2d_unchecked, write_2d},
     svg::write_svg,
 };

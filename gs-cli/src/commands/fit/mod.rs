@@ -128,7 +128,7 @@ impl Start {
 
 fn fit(job: Job, target: &Target, start: Start, backend: &Chosen, films: bool) -> Result<(), Failure> {
     let (trainer, log) = start.begin(&backend.rasterizer, target)?;
-    let command = command(target, job.claim.path());
+    let command = command(target, &job.claim.path);
     let (run, checkpoints) = job.begin(&trainer, None, command)?;
     announce(target, run.folder.path(), backend, &trainer);
     let film = films.then(|| Film::begin(&backend.rasterizer, &trainer)).transpose()?;

@@ -66,7 +66,7 @@ fn fit_one(
     target.remarks.iter().for_each(|remark| output::note(format_args!("{}: {remark}", target.name())));
     let start = Start::fresh(args, file, &target)?.counted(&args.count, &target, on)?;
     let (trainer, log) = start.begin(&on.rasterizer, &target)?;
-    let command = command(&target, job.claim.path());
+    let command = command(&target, &job.claim.path);
     let (run, checkpoints) = job.begin(&trainer, None, command)?;
     let film = args.film.then(|| Film::begin(&on.rasterizer, &trainer)).transpose()?;
     let film = film.as_ref();

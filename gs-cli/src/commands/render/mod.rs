@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use gs_core::{Scene as _, counted};
-use gs_io::{AnyScene, GsiFile, is_gsi, read_gsi, read_gsi_prefix};
+use gs_io::{AnyScene, Extent, GsiFile, is_gsi, read_gsi};
 use gs_lab::price::frontier::FrontierSettings;
 
 use crate::{
@@ -164,9 +164,9 @@ pub(crate) fn run(args: &RenderArgs) -> Result<(), Failure> {
 fn read_compressed(args: &RenderArgs) -> Result<GsiFile, Failure> {
     let path = &args.scene;
     if !args.partial {
-        return read_gsi(path).map_err(Failure::of_scene);
+        return read_gsi(path, Extent::Whole).map_err(Failure::of_scene);
     }
-    let file = read_gsi_prefix(path)?;
+    let file = read_gsi(path, Extent::Prefix)?;
     let (whole, all) = file.layers;
     if whole < all {
         let gaussians = file.colors.scene.len() + file.alpha.as_ref().map_or(0, |alpha| alpha.scene.len());

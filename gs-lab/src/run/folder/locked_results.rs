@@ -21,7 +21,8 @@ const PATIENCE: Duration = Duration::from_secs(120);
 
 /// A claim to the files of tables and report.
 pub(crate) fn results_claim(path: &Path) -> FolderClaim {
-    FolderClaim::new(path).files(TABLES).files([PAGE]).folders([PLOTS])
+    let files = TABLES.into_iter().chain([PAGE]);
+    FolderClaim { folders: vec![PLOTS.to_owned()], ..FolderClaim::new(path, files) }
 }
 
 /// A study's folder whose tables and report this process alone writes.
@@ -65,7 +66,7 @@ pub(crate) fn begin(claim: FolderClaim) -> Result<OutputFolder, Error> {
             Err(gs_io::Error::Write { source, .. }) => {
                 let what = format!("cannot be written to: {source}");
                 let mend = "choose another folder with --output";
-                return Err(Error::Folder { folder: claim.path().to_owned(), what, mend });
+                return Err(Error::Folder { folder: claim.path, what, mend });
             }
             ended => return Ok(ended?),
         }

@@ -113,8 +113,9 @@ impl StudyFolder {
         let inputs = Inputs::from_iter(read.chain(safety.inputs.iter().cloned()));
         // When a study is resumed from the file in its own folder, that file stays as it is.
         let is_input = inputs.contain(&path.join(STUDY));
-        let results = results_claim(path).inputs(inputs).overwriting(safety.overwrite);
-        let claim = results.clone().files([IMAGES, MACHINE]).files((!is_input).then_some(STUDY));
+        let results = FolderClaim { inputs, overwrite: safety.overwrite, ..results_claim(path) };
+        let mut claim = results.clone();
+        claim.files.extend([IMAGES, MACHINE].into_iter().chain((!is_input).then_some(STUDY)).map(str::to_owned));
         let output = begin(claim)?;
         if !is_held {
             // Another process may have prepared the folder since.
@@ -161,7 +162,7 @@ impl StudyFolder {
             });
         }
         let inputs = Inputs::from_iter(safety.inputs.iter().chain([&study]));
-        let results = results_claim(path).inputs(inputs).overwriting(safety.overwrite);
+        let results = FolderClaim { inputs, overwrite: safety.overwrite, ..results_claim(path) };
         let address = origin(path).and_then(|origin| origin.store);
         Ok(Self { path: path.to_owned(), results, store: store::open(path, address.as_ref())? })
     }
