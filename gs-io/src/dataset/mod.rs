@@ -16,7 +16,6 @@
 mod camera;
 mod colmap;
 mod data_set;
-mod file;
 mod how_to_begin;
 mod images;
 mod read;
@@ -38,6 +37,9 @@ pub use self::{
     split::{Split, SplitOrigin},
 };
 use crate::error::Error;
+
+/// What its files are, where something else is found.
+const FILE: &str = "a file of a data set";
 
 const LOOKED_FOR: &str = "transforms_train.json (Blender), transforms.json (Nerfstudio), and cameras.bin or cameras.txt in sparse, \
                           colmap/sparse, dense/sparse, undistorted/sparse, distorted/sparse, their subfolders and the folder itself (COLMAP)";

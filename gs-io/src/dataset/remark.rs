@@ -5,8 +5,8 @@ use thiserror::Error;
 
 use crate::image::ImageRemark;
 
-/// A remark on a data set.
-#[derive(Debug, Clone, PartialEq, Eq, Error)]
+/// A remark on a data set. The order is that of reports.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Error)]
 #[non_exhaustive]
 pub enum Remark {
     /// Views that cannot be used.
@@ -51,63 +51,6 @@ pub enum Remark {
         /// Name of the first.
         first: String,
     },
-    /// Images are scaled down when they are read.
-    #[error(
-        "{} scaled down to {max_side} px on the longer side (first: {}x{} to {}x{} px)",
-        images(*count), from.0, from.1, to.0, to.1
-    )]
-    Reduced {
-        /// Number of images.
-        count: usize,
-        /// The most pixels of their longer side.
-        max_side: u32,
-        /// Columns and rows of the first.
-        from: (u32, u32),
-        /// Columns and rows of the first after scaling.
-        to: (u32, u32),
-    },
-    /// Masks do not exist, so every pixel of their images counts.
-    #[error("{} not found, so all pixels of the image count (first: {first})", counted(*count, "mask"))]
-    MasksMissing {
-        /// Number of masks.
-        count: usize,
-        /// The first, as the data set names it.
-        first: String,
-    },
-    /// Depth maps that the data set refers to do not exist.
-    #[error("{} not found (first: {first})", counted(*count, "depth map"))]
-    DepthsMissing {
-        /// Number of depth maps.
-        count: usize,
-        /// The first, as the data set names it.
-        first: String,
-    },
-    /// Depth maps that cannot be read, or have another shape than their images. They are an error
-    /// where they are read.
-    #[error("{} that a training could not use (first: {first})", counted(*count, "depth map"))]
-    DepthsUnusable {
-        /// Number of depth maps.
-        count: usize,
-        /// The error of the first.
-        first: String,
-    },
-    /// The data set refers to depth maps of images that are split into faces, which are not used.
-    #[error(
-        "{} not used: depth maps of images that are split into faces are not supported",
-        counted(*count, "depth map")
-    )]
-    DepthsUnused {
-        /// Number of images.
-        count: usize,
-    },
-    /// Images are undistorted when they are read.
-    #[error("{} with lens distortion ({lens}), undistorted when read", images(*count))]
-    Undistorted {
-        /// Number of images.
-        count: usize,
-        /// The lens model of these images.
-        lens: &'static str,
-    },
     /// 360° images, each of which is six views.
     #[error("{} split into the six faces of a cube each: {} views", counted(*count, "360° image"), 6 * count)]
     Split {
@@ -135,6 +78,21 @@ pub enum Remark {
         /// Columns and rows of the first.
         to: (u32, u32),
     },
+    /// Images are scaled down when they are read.
+    #[error(
+        "{} scaled down to {max_side} px on the longer side (first: {}x{} to {}x{} px)",
+        images(*count), from.0, from.1, to.0, to.1
+    )]
+    Reduced {
+        /// Number of images.
+        count: usize,
+        /// The most pixels of their longer side.
+        max_side: u32,
+        /// Columns and rows of the first.
+        from: (u32, u32),
+        /// Columns and rows of the first after scaling.
+        to: (u32, u32),
+    },
     /// The principal point is outside of the image, as in a cut-out.
     #[error(
         "{} with a principal point outside of the image, as in a cut-out (first: {first}: {fault})",
@@ -147,6 +105,48 @@ pub enum Remark {
         first: String,
         /// Its key and value, and the side of the image in px.
         fault: String,
+    },
+    /// Images are undistorted when they are read.
+    #[error("{} with lens distortion ({lens}), undistorted when read", images(*count))]
+    Undistorted {
+        /// The lens model of these images.
+        lens: &'static str,
+        /// Number of images.
+        count: usize,
+    },
+    /// Depth maps that cannot be read, or have another shape than their images. They are an error
+    /// where they are read.
+    #[error("{} that a training could not use (first: {first})", counted(*count, "depth map"))]
+    DepthsUnusable {
+        /// Number of depth maps.
+        count: usize,
+        /// The error of the first.
+        first: String,
+    },
+    /// Masks do not exist, so every pixel of their images counts.
+    #[error("{} not found, so all pixels of the image count (first: {first})", counted(*count, "mask"))]
+    MasksMissing {
+        /// Number of masks.
+        count: usize,
+        /// The first, as the data set names it.
+        first: String,
+    },
+    /// Depth maps that the data set refers to do not exist.
+    #[error("{} not found (first: {first})", counted(*count, "depth map"))]
+    DepthsMissing {
+        /// Number of depth maps.
+        count: usize,
+        /// The first, as the data set names it.
+        first: String,
+    },
+    /// The data set refers to depth maps of images that are split into faces, which are not used.
+    #[error(
+        "{} not used: depth maps of images that are split into faces are not supported",
+        counted(*count, "depth map")
+    )]
+    DepthsUnused {
+        /// Number of images.
+        count: usize,
     },
     /// A folder of masks that are not used.
     #[error("{folder}/ is not used: {how}")]

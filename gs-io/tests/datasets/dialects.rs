@@ -65,6 +65,49 @@ fn a_pose_with_nan_leaves_out_its_frame() {
 }
 
 #[test]
+fn a_matrix_may_be_one_list_and_a_row_of_null_leaves_out_its_frame() {
+    let place = folder();
+    nerfstudio(place.path(), pinhole());
+    let path = place.path().join("transforms.json");
+    let nested = read(place.path());
+    let mut json: serde_json::Value = serde_json::from_slice(&fs::read(&path).unwrap()).unwrap();
+    for frame in json["frames"].as_array_mut().unwrap() {
+        let flat: Vec<_> = frame["transform_matrix"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .flat_map(|row| row.as_array().unwrap().clone())
+            .collect();
+        frame["transform_matrix"] = flat.into();
+    }
+    fs::write(&path, json.to_string()).unwrap();
+    assert_eq!(read(place.path()).views, nested.views);
+    json["frames"][0]["transform_matrix"] = json!([[1.0, 0.0, 0.0, 0.0], null, [0.0, 0.0, 1.0, 0.0]]);
+    fs::write(&path, json.to_string()).unwrap();
+    assert_eq!(skipped(&read(place.path()), Skip::PoseNotFinite), 1);
+    json["frames"][0]["transform_matrix"] = json!({ "rows": 4 });
+    fs::write(&path, json.to_string()).unwrap();
+    assert!(refusal(place.path()).contains("is not a matrix of numbers"));
+}
+
+#[test]
+fn whole_numbers_of_a_text_model_may_have_a_point() {
+    let place = folder();
+    let model = model(3);
+    let mut files = text(&model);
+    let cameras = String::from_utf8(files[0].clone()).unwrap();
+    let (width, height) = (model.cameras[&1].width, model.cameras[&1].height);
+    files[0] = cameras.replace(&format!(" {width} {height} "), &format!(" {width}.0 {height}.00 ")).into_bytes();
+    assert_ne!(files[0], text(&model)[0]);
+    write_model(&place.path().join("sparse/0"), &files, "txt");
+    write_pictures(&place.path().join("images"), &model, 1);
+    assert_eq!(read(place.path()).views.len(), 3);
+    files[0] = cameras.replace(&format!(" {width} "), &format!(" {width}.5 ")).into_bytes();
+    write_model(&place.path().join("sparse/0"), &files, "txt");
+    assert!(refusal(place.path()).contains("expected a width in px"));
+}
+
+#[test]
 fn errors_have_the_position_in_the_file_with_nan() {
     let place = folder();
     fs::write(place.path().join("transforms.json"), "{\"a\": [NaN, -Infinity],\n \"b\": NaN, \"frames\" 3}").unwrap();

@@ -60,7 +60,7 @@ pub(crate) fn binary(model: &ColmapModel) -> [Vec<u8>; 3] {
     let mut cameras = (model.cameras.len() as u64).to_le_bytes().to_vec();
     for (id, camera) in &model.cameras {
         cameras.extend(id.to_le_bytes());
-        cameras.extend(camera.model.id().to_le_bytes());
+        cameras.extend((camera.model as u32).to_le_bytes());
         cameras.extend(camera.width.to_le_bytes());
         cameras.extend(camera.height.to_le_bytes());
         cameras.extend(camera.parameters.iter().flat_map(|v| v.to_le_bytes()));

@@ -1,169 +1,109 @@
 //! COLMAP's binary files: little-endian, without padding; each starts with its number of records.
 
-use std::{collections::BTreeMap, path::Path};
-
-use glam::{DQuat, DVec3, dvec2, dvec3};
+use std::path::Path;
 
 use super::{
-    CameraModel, ColmapCamera, ColmapImage, ColmapObservation, ColmapPoint, camera_model::unknown_model,
+    CameraModel, ColmapObservation,
+    camera_model::unknown_model,
     model::NO_POINT,
+    records::{Number, Records, WHAT},
 };
-use crate::error::Error;
+use crate::{error::Error, scene3d::source::Source};
 
-/// Size of a camera's id, model and size.
-const CAMERA_BYTES: usize = 4 + 4 + 8 + 8;
-/// Size of an image without name and keypoints: id, pose, camera, end of the name, number of
-/// keypoints.
-const IMAGE_BYTES: usize = 4 + 7 * 8 + 4 + 1 + 8;
-/// Bytes of a keypoint.
-const OBSERVATION_BYTES: usize = 8 + 8 + 8;
-/// Size of a point without a track: id, position, colour, error, length of the track.
-const POINT_BYTES: usize = 8 + 3 * 8 + 3 + 8 + 8;
-/// Size of a track element: image, keypoint.
-const TRACK_BYTES: usize = 4 + 4;
+/// Records of a kind: their plural, and the least size of one, bytes.
+type Kind = (&'static str, usize);
 
-/// `cameras.bin`.
-pub(super) fn cameras(path: &Path, bytes: &[u8]) -> Result<BTreeMap<u32, ColmapCamera>, Error> {
-    let mut reader = Reader { path, what: "a COLMAP cameras.bin", bytes, at: 0 };
-    let count = reader.count("cameras", CAMERA_BYTES)?;
-    let mut cameras = BTreeMap::new();
-    for _ in 0..count {
-        let (id, model) = (reader.u32()?, reader.u32()?);
-        let model = CameraModel::from_id(model).ok_or_else(|| unknown_model(path, model))?;
-        let (width, height) = (reader.u64()?, reader.u64()?);
-        let parameters = model.parameter_names().iter().map(|_| reader.f64()).collect::<Result<_, _>>()?;
-        cameras.insert(id, ColmapCamera { model, width, height, parameters });
-    }
-    reader.end()?;
-    Ok(cameras)
-}
+/// Id, model and size.
+pub(super) const CAMERAS: Kind = ("cameras", 4 + 4 + 8 + 8);
+/// Id, pose, camera, end of the name, number of keypoints.
+pub(super) const IMAGES: Kind = ("images", 4 + 7 * 8 + 4 + 1 + 8);
+/// Id, position, colour, error, length of the track.
+pub(super) const POINTS: Kind = ("points", 8 + 3 * 8 + 3 + 8 + 8);
+/// Position, point.
+const KEYPOINTS: Kind = ("keypoints", 8 + 8 + 8);
+/// Image, keypoint.
+const TRACK: Kind = ("observations of a point", 4 + 4);
 
-/// `images.bin`.
-pub(super) fn images(path: &Path, bytes: &[u8]) -> Result<Vec<ColmapImage>, Error> {
-    let mut reader = Reader { path, what: "a COLMAP images.bin", bytes, at: 0 };
-    let count = reader.count("images", IMAGE_BYTES)?;
-    let mut images = Vec::with_capacity(count);
-    for _ in 0..count {
-        let id = reader.u32()?;
-        let [w, x, y, z] = reader.f64s()?;
-        let translation = DVec3::from_array(reader.f64s()?);
-        let camera_id = reader.u32()?;
-        let name = reader.name()?;
-        let keypoints = reader.count("keypoints", OBSERVATION_BYTES)?;
-        let mut observations = Vec::with_capacity(keypoints);
-        for _ in 0..keypoints {
-            let [x, y] = reader.f64s()?;
-            let point = Some(reader.u64()?).filter(|point| *point != NO_POINT);
-            observations.push(ColmapObservation { position: dvec2(x, y), point });
-        }
-        images.push(ColmapImage {
-            id,
-            rotation: DQuat::from_xyzw(x, y, z, w),
-            translation,
-            camera_id,
-            name,
-            observations,
-        });
-    }
-    reader.end()?;
-    Ok(images)
-}
-
-/// `points3D.bin`.
-pub(super) fn points(path: &Path, bytes: &[u8]) -> Result<Vec<ColmapPoint>, Error> {
-    let mut reader = Reader { path, what: "a COLMAP points3D.bin", bytes, at: 0 };
-    let count = reader.count("points", POINT_BYTES)?;
-    let mut points = Vec::with_capacity(count);
-    for _ in 0..count {
-        let id = reader.u64()?;
-        let [x, y, z] = reader.f64s()?;
-        let color = reader.take::<3>()?;
-        let error = reader.f64()?;
-        let track = reader.count("observations of a point", TRACK_BYTES)?;
-        reader.at += track * TRACK_BYTES; // that many are there: `count` has seen to it
-        points.push(ColmapPoint { id, position: dvec3(x, y, z), color, error });
-    }
-    reader.end()?;
-    Ok(points)
-}
-
-/// A cursor in the bytes of a file.
-struct Reader<'a> {
-    path: &'a Path,
-    what: &'static str,
-    bytes: &'a [u8],
+/// The records of a binary file.
+pub(super) struct Binary<'a> {
+    source: Source<'a>,
     at: usize,
+    /// Records that follow.
+    left: usize,
 }
 
-impl Reader<'_> {
-    fn take<const N: usize>(&mut self) -> Result<[u8; N], Error> {
-        let Some(taken) = self.bytes[self.at..].first_chunk::<N>() else {
-            return Err(self.damaged(format!("{N} more bytes"), format!("the end of the file after {}", self.left())));
-        };
-        self.at += N;
-        Ok(*taken)
+impl<'a> Binary<'a> {
+    /// The records of a file, which are of this kind.
+    pub(super) fn new(path: &'a Path, bytes: &'a [u8], kind: Kind) -> Result<Self, Error> {
+        let mut file = Self { source: Source { path, what: WHAT, bytes }, at: 0, left: 0 };
+        file.left = file.count(kind)?;
+        Ok(file)
     }
 
-    fn u32(&mut self) -> Result<u32, Error> {
-        self.take().map(u32::from_le_bytes)
-    }
-
-    fn u64(&mut self) -> Result<u64, Error> {
-        self.take().map(u64::from_le_bytes)
-    }
-
-    fn f64(&mut self) -> Result<f64, Error> {
-        self.take().map(f64::from_le_bytes)
-    }
-
-    fn f64s<const N: usize>(&mut self) -> Result<[f64; N], Error> {
-        let mut values = [0.0; N];
-        for value in &mut values {
-            *value = self.f64()?;
-        }
-        Ok(values)
-    }
-
-    /// Reads a number of records of at least `least` bytes each, and checks that the rest of the
-    /// file has room for them.
-    fn count(&mut self, records: &str, least: usize) -> Result<usize, Error> {
+    /// Reads a number of records, and checks that the rest of the file has room for them.
+    fn count(&mut self, (records, least): Kind) -> Result<usize, Error> {
         let start = self.at;
-        let count = self.u64()?;
-        let room = self.left() / least;
-        match usize::try_from(count) {
-            Ok(count) if count <= room => Ok(count),
-            _ => {
-                self.at = start;
-                Err(self.damaged(format!("at most {room} {records}, for which there is room"), format!("{count}")))
-            }
+        let count: u64 = self.number(&format!("the number of {records}"))?;
+        let room = (self.source.bytes.len() - self.at) / least;
+        let is_possible = |count: &usize| *count <= room;
+        usize::try_from(count).ok().filter(is_possible).ok_or_else(|| {
+            let expected = format!("at most {room} {records}, for which there is room");
+            self.source.damaged(start, expected, count.to_string())
+        })
+    }
+}
+
+impl Records for Binary<'_> {
+    fn next(&mut self) -> Result<bool, Error> {
+        if let Some(left) = self.left.checked_sub(1) {
+            self.left = left;
+            return Ok(true);
+        }
+        match self.source.bytes.len() - self.at {
+            0 => Ok(false),
+            more => Err(self.source.damaged(self.at, "the end of the file", format!("{more} more bytes"))),
         }
     }
 
-    /// Reads a text that ends with a 0 byte; invalid UTF-8 becomes U+FFFD.
+    fn number<T: Number>(&mut self, expected: &str) -> Result<T, Error> {
+        let bytes = self.source.slice(self.at, T::BYTES as u64, expected)?;
+        self.at += bytes.len();
+        T::of_bytes(bytes).ok_or_else(|| self.source.damaged(self.at, expected, "another number of bytes"))
+    }
+
+    fn model(&mut self) -> Result<CameraModel, Error> {
+        let id = self.number("a camera model")?;
+        CameraModel::from_id(id).ok_or_else(|| unknown_model(self.source.path, id))
+    }
+
+    /// A text that ends with a 0 byte; invalid UTF-8 becomes U+FFFD.
     fn name(&mut self) -> Result<String, Error> {
-        let rest = &self.bytes[self.at..];
+        let rest = &self.source.bytes[self.at..];
         let Some(length) = rest.iter().position(|byte| *byte == 0) else {
-            return Err(
-                self.damaged("a name that ends with a 0 byte".to_owned(), "none to the end of the file".to_owned())
-            );
+            let found = "none to the end of the file";
+            return Err(self.source.damaged(self.at, "a name that ends with a 0 byte", found));
         };
         self.at += length + 1;
         Ok(String::from_utf8_lossy(&rest[..length]).into_owned())
     }
 
-    fn end(&self) -> Result<(), Error> {
-        match self.left() {
-            0 => Ok(()),
-            more => Err(self.damaged("the end of the file".to_owned(), format!("{more} more bytes"))),
-        }
+    fn observations(&mut self, _: &str) -> Result<Vec<ColmapObservation>, Error> {
+        let count = self.count(KEYPOINTS)?;
+        let observation = |_| {
+            let position = self.keypoint()?;
+            let point = Some(self.number("a point's number")?).filter(|point| *point != NO_POINT);
+            Ok(ColmapObservation { position, point })
+        };
+        (0..count).map(observation).collect()
     }
 
-    fn left(&self) -> usize {
-        self.bytes.len() - self.at
+    fn pass_over_track(&mut self) -> Result<(), Error> {
+        // That many bytes are there: `count` has seen to it.
+        self.at += self.count(TRACK)? * TRACK.1;
+        Ok(())
     }
 
-    fn damaged(&self, expected: String, found: String) -> Error {
-        let place = format!("byte {}", self.at);
-        Error::Damaged { path: self.path.to_owned(), what: self.what, place, expected, found }
+    fn end(&mut self) -> Result<(), Error> {
+        Ok(())
     }
 }

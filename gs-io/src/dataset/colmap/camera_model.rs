@@ -44,12 +44,7 @@ gs_core::choices! {
 use CameraModel as M;
 
 impl CameraModel {
-    /// The id in binary files.
-    pub fn id(self) -> u32 {
-        self as u32
-    }
-
-    /// The model of an id.
+    /// The model of an id in binary files.
     pub fn from_id(id: u32) -> Option<Self> {
         Self::ALL.get(id as usize).copied()
     }
@@ -145,7 +140,7 @@ mod tests {
     #[test]
     fn numbers_names_and_parameters_belong_together() {
         for (id, model) in (0..).zip(CameraModel::ALL) {
-            assert_eq!((model.id(), CameraModel::from_id(id)), (id, Some(model)));
+            assert_eq!((model as u32, CameraModel::from_id(id)), (id, Some(model)));
             assert_eq!(CameraModel::from_name(model.name()), Some(model));
             let parameters = vec![0.5; model.parameter_names().len()];
             assert!(model.intrinsics(&parameters, dvec2(20.0, 10.0)).is_ok(), "{model:?}");

@@ -2,9 +2,15 @@
 
 use std::path::Path;
 
-use super::{ColmapModel, binary, text};
+use super::{
+    ColmapModel,
+    binary::{Binary, CAMERAS, IMAGES, POINTS},
+    records,
+    text::Text,
+};
 use crate::{
-    dataset::{Remark, file::read_file},
+    atomic::read_file,
+    dataset::{FILE, Remark},
     error::Error,
 };
 
@@ -37,11 +43,11 @@ impl ColmapModel {
     }
 
     fn read_with(folder: &Path, extension: &str) -> Result<Self, Error> {
-        let bytes = |name: &str| read_file(&folder.join(name).with_extension(extension));
+        let bytes = |name: &str| read_file(&folder.join(name).with_extension(extension), FILE);
         let cameras = bytes("cameras")?;
         if cameras.is_empty() && extension == "bin" {
             // The fault to name, even where other files are missing.
-            binary::cameras(&folder.join("cameras.bin"), &cameras)?;
+            Self::from_binary(folder, &cameras, &[], None)?;
         }
         let images = bytes("images")?;
         let points = match bytes("points3D") {
@@ -59,11 +65,12 @@ impl ColmapModel {
     /// [`Error::Damaged`] where a file ends early or claims more than it can contain,
     /// [`Error::Unusable`] for an unknown camera model.
     pub fn from_binary(folder: &Path, cameras: &[u8], images: &[u8], points: Option<&[u8]>) -> Result<Self, Error> {
-        let points = points.map(|bytes| binary::points(&folder.join("points3D.bin"), bytes)).transpose()?;
+        let file = |name: &str| folder.join(name).with_extension("bin");
+        let points = points.map(|bytes| records::points(Binary::new(&file("points3D"), bytes, POINTS)?));
         Ok(Self {
-            cameras: binary::cameras(&folder.join("cameras.bin"), cameras)?,
-            images: binary::images(&folder.join("images.bin"), images)?,
-            points: points.unwrap_or_default(),
+            points: points.transpose()?.unwrap_or_default(),
+            cameras: records::cameras(Binary::new(&file("cameras"), cameras, CAMERAS)?)?,
+            images: records::images(Binary::new(&file("images"), images, IMAGES)?)?,
         })
     }
 
@@ -73,11 +80,12 @@ impl ColmapModel {
     /// # Errors
     /// Those of [`Self::from_binary`].
     pub fn from_text(folder: &Path, cameras: &[u8], images: &[u8], points: Option<&[u8]>) -> Result<Self, Error> {
-        let points = points.map(|bytes| text::points(&folder.join("points3D.txt"), bytes)).transpose()?;
+        let file = |name: &str| folder.join(name).with_extension("txt");
+        let points = points.map(|bytes| records::points(Text::new(&file("points3D"), bytes)?));
         Ok(Self {
-            cameras: text::cameras(&folder.join("cameras.txt"), cameras)?,
-            images: text::images(&folder.join("images.txt"), images)?,
-            points: points.unwrap_or_default(),
+            points: points.transpose()?.unwrap_or_default(),
+            cameras: records::cameras(Text::new(&file("cameras"), cameras)?)?,
+            images: records::images(Text::new(&file("images"), images)?)?,
         })
     }
 }

@@ -12,6 +12,7 @@ mod candidate;
 mod files;
 mod folders;
 mod model;
+mod records;
 mod text;
 
 use std::path::{Path, PathBuf};

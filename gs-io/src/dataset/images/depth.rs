@@ -14,8 +14,8 @@ use gs_core::{Camera, check_size};
 
 use super::{DepthFile, View, shape::same_shape, shrink::resized};
 use crate::{
-    atomic::open,
-    dataset::{SourceCamera, file::read_file},
+    atomic::{open, read_file},
+    dataset::{FILE, SourceCamera},
     error::Error,
     image::{decode_grey, grey_size},
 };
@@ -170,7 +170,7 @@ impl Npy {
 
     /// The size and the numbers, row-major.
     fn values(&self, path: &Path) -> Result<((u32, u32), Vec<f32>), Error> {
-        let bytes = read_file(path)?;
+        let bytes = read_file(path, FILE)?;
         let numbers = bytes.get(self.start..).unwrap_or_default();
         let values: Vec<f32> = match self.kind {
             Kind::F32 => numbers.as_chunks::<4>().0.iter().map(|b| f32::from_le_bytes(*b)).collect(),

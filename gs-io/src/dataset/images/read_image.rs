@@ -2,7 +2,8 @@
 
 use super::{PosedImage, View, border::mask_border, resample::undistorted, shape::same_shape, shrink::shrunk};
 use crate::{
-    dataset::{AlphaMeaning, file::read_file},
+    atomic::read_file,
+    dataset::{AlphaMeaning, FILE},
     error::Error,
     image::{decode, decode_mask},
 };
@@ -38,7 +39,7 @@ impl View {
     /// there is alpha, clamped to the range of the contributing pixels.
     ///
     /// # Errors
-    /// Those of [`read_image_with`](crate::read_image_with) for image and mask, in
+    /// Those of [`read_image_on`](crate::read_image_on) for image and mask, in
     /// [`Error::BadView`] if they concern the content; [`Error::Unusable`] if a shape has changed
     /// since the data set was opened.
     pub fn read_image(&self) -> Result<PosedImage, Error> {
@@ -55,7 +56,7 @@ impl View {
         let depth = self.depth.as_ref().map(|depth| &depth.path);
         let mut hasher = crc32fast::Hasher::new();
         for path in [Some(&self.image), self.mask.as_ref(), depth].into_iter().flatten() {
-            let bytes = read_file(path)?;
+            let bytes = read_file(path, FILE)?;
             hasher.update(&bytes);
             // Where one file ends and the next begins counts, too.
             hasher.update(&(bytes.len() as u64).to_le_bytes());

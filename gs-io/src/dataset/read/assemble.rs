@@ -58,8 +58,7 @@ pub(crate) fn assemble(parts: Parts<'_>, settings: &DatasetSettings) -> Result<D
     }
     let mut lenses = Lenses::default();
     let mut unused_depths = 0;
-    // Of each image, its number of views and its split in the data set.
-    let (mut views, mut images) = (Vec::new(), Vec::new());
+    let mut views = Vec::new();
     for draft in &drafts {
         match make_views(draft, &mut finder, settings, &mut lenses) {
             Ok(Made { views: made, calibrated, renamed, remarks }) => {
@@ -72,7 +71,6 @@ pub(crate) fn assemble(parts: Parts<'_>, settings: &DatasetSettings) -> Result<D
                     tally.count_bad_depth(&error);
                 }
                 unused_depths += usize::from(draft.depth.is_some() && made[0].depth.is_none());
-                images.push((made.len(), draft.split));
                 views.extend(made);
             }
             Err(Refusal { why: Skip::NoImage, .. }) if !tally.has(Skip::NoImage) => {
@@ -118,7 +116,7 @@ pub(crate) fn assemble(parts: Parts<'_>, settings: &DatasetSettings) -> Result<D
     if points.is_empty() && !remarks.iter().any(|remark| matches!(remark, Remark::PointsMissing { .. })) {
         remarks.push(Remark::NoPoints);
     }
-    let Some(split) = splits::apply(split, &mut views, &images, settings, &mut remarks) else {
+    let Some(split) = splits::apply(split, &mut views, settings, &mut remarks) else {
         let skipped = remarks.iter().filter(|r| matches!(r, Remark::Skipped { .. } | Remark::ListedTwice { .. }));
         let mut skipped: Vec<String> = skipped.map(ToString::to_string).collect();
         if skipped.is_empty() {

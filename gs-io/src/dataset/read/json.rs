@@ -5,7 +5,7 @@ use std::{borrow::Cow, path::Path};
 use serde::{Deserialize, Deserializer, de::DeserializeOwned, de::Error as _};
 use serde_json::Value;
 
-use crate::{dataset::file::read_file, error::Error, text::utf8_text};
+use crate::{atomic::read_file, dataset::FILE, error::Error, text::utf8_text};
 
 /// Literals of Python that JSON does not have, each with a string of the same length for which
 /// [`number_of`] gives the number. Positions in messages stay right.
@@ -20,6 +20,27 @@ impl<'de> Deserialize<'de> for Number {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         let value = Value::deserialize(deserializer)?;
         number_of(&value).map(Self).ok_or_else(|| D::Error::custom(format!("{} is not a number", shown(&value))))
+    }
+}
+
+/// A matrix by rows; all numbers in one list are rows of four.
+#[derive(Debug, Clone)]
+pub(crate) struct Matrix(pub(crate) Vec<Vec<f64>>);
+
+impl<'de> Deserialize<'de> for Matrix {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let value = Value::deserialize(deserializer)?;
+        let row = |row: &Value| match row {
+            Value::Array(numbers) => numbers.iter().map(number_of).collect::<Option<Vec<f64>>>(),
+            Value::Null => Some(vec![f64::NAN; 4]),
+            _ => None,
+        };
+        let is_flat = |values: &&Vec<Value>| values.iter().all(|value| value.is_number() || value.is_string());
+        let rows = match value.as_array().filter(is_flat) {
+            Some(_) => row(&value).map(|numbers| numbers.chunks(4).map(<[f64]>::to_vec).collect()),
+            None => value.as_array().and_then(|rows| rows.iter().map(row).collect()),
+        };
+        rows.map(Self).ok_or_else(|| D::Error::custom(format!("{} is not a matrix of numbers", shown(&value))))
     }
 }
 
@@ -44,7 +65,7 @@ pub(crate) fn shown(value: &Value) -> String {
 
 /// Reads a file.
 pub(crate) fn parse<T: DeserializeOwned>(path: &Path) -> Result<T, Error> {
-    let bytes = read_file(path)?;
+    let bytes = read_file(path, FILE)?;
     serde_json::from_slice(&without_literals(utf8_text(path, &bytes)?)).map_err(|error| {
         let message = error.to_string().split_whitespace().collect::<Vec<_>>().join(" ");
         Error::unusable(path, message, "it is damaged or not a transforms.json: write or fetch it again")

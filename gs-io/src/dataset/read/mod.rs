@@ -19,7 +19,7 @@ pub(super) use self::{
     assemble::{Parts, assemble},
     draft::{Draft, Refusal, Stated},
     finder::{Finder, Folders, entries, walk},
-    json::{Number, number_of, parse, shown},
+    json::{Matrix, Number, number_of, parse, shown},
     names::plain,
     place::{IMAGE_FOLDERS, NamePart, Place, check_inside, ending_inside, find_image, localize, search_folders, whole},
     points::WorldPoint,

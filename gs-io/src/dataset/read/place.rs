@@ -149,22 +149,13 @@ fn leaves(folder: &Path, name: &str) -> bool {
     if names::is_windows_absolute(name) {
         return true;
     }
-    let mut depth = 0_usize;
-    path.components().any(|part| match part {
-        Component::Prefix(_) | Component::RootDir => true,
-        Component::CurDir => false,
-        Component::Normal(_) => {
-            depth += 1;
-            false
-        }
-        Component::ParentDir => match depth.checked_sub(1) {
-            Some(less) => {
-                depth = less;
-                false
-            }
-            None => true,
-        },
-    })
+    let depth = path.components().try_fold(0_usize, |depth, part| match part {
+        Component::Normal(_) => Some(depth + 1),
+        Component::CurDir => Some(depth),
+        Component::ParentDir => depth.checked_sub(1),
+        Component::Prefix(_) | Component::RootDir => None,
+    });
+    depth.is_none()
 }
 
 /// The absolute path of a folder, without `..`.

@@ -10,7 +10,8 @@ use serde::Deserialize;
 
 use super::{Draft, names, parse};
 use crate::{
-    dataset::{DatasetSettings, Remark, Skip, Split, SplitOrigin, file::read_file},
+    atomic::read_file,
+    dataset::{DatasetSettings, FILE, Remark, Skip, Split, SplitOrigin},
     error::Error,
     text::utf8_text,
 };
@@ -45,7 +46,7 @@ pub(crate) fn in_files(
         return Ok(Some((path, vec![(Split::Train, "train", train), (Split::Test, "test", test)])));
     }
     let Some(path) = model.map(|model| model.join(TEST)).filter(|path| path.is_file()) else { return Ok(None) };
-    let bytes = read_file(&path)?;
+    let bytes = read_file(&path, FILE)?;
     let text = String::from_utf8_lossy(utf8_text(&path, &bytes)?);
     let names = text.lines().map(|line| line.trim().to_owned()).filter(|name| !name.is_empty()).collect();
     Ok(Some((path, vec![(Split::Test, "the list", names)])))

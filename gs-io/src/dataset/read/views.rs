@@ -72,7 +72,8 @@ pub(crate) fn make_views(
         let (image, mask, alpha) = (image.clone(), draft.mask.clone(), settings.alpha);
         // Networks and sensors do not write depths for all directions in one convention.
         let depth = draft.depth.clone().filter(|_| source.face().is_none());
-        Ok(View { name, camera, full, source, image, orientation, mask, depth, alpha, split: Split::Train })
+        let split = draft.split.unwrap_or(Split::Train);
+        Ok(View { name, camera, full, source, image, orientation, mask, depth, alpha, split })
     };
     let face = |(face, source): (CubeFace, SourceCamera)| {
         view(format!("{}#{}", draft.name, face.name()), source, &face.pose(&pose))

@@ -23,8 +23,8 @@ use super::{
     camera::{Pose, affine},
     colmap::{ColmapModel, points_of},
     read::{
-        Draft, Folders, IMAGE_FOLDERS, NamePart, Number, Parts, Place, WorldPoint, apply_lists, assemble, check_inside,
-        ending_inside, lists_in_files, localize, parse, plain,
+        Draft, Folders, IMAGE_FOLDERS, Matrix, NamePart, Number, Parts, Place, WorldPoint, apply_lists, assemble,
+        check_inside, ending_inside, lists_in_files, localize, parse, plain,
     },
 };
 use crate::error::Error;
@@ -57,7 +57,7 @@ struct Transforms {
     #[serde(default)]
     test_frames: Vec<Frame>,
     /// Transform from COLMAP's world to the file's, 3×4 by rows.
-    applied_transform: Option<Vec<Vec<Number>>>,
+    applied_transform: Option<Matrix>,
     applied_scale: Option<Number>,
     ply_file_path: Option<String>,
     /// Whether there are masks; without, each `mask_path` is a name only (ScanNet++).
@@ -77,7 +77,7 @@ struct Frame {
     /// The path of another machine that stood for it.
     #[serde(skip)]
     written: Option<String>,
-    transform_matrix: Option<Vec<Vec<Number>>>,
+    transform_matrix: Option<Matrix>,
     mask_path: Option<String>,
     depth_file_path: Option<String>,
     /// Whether the image is blurred or not registered well (ScanNet++).
@@ -111,17 +111,12 @@ impl Frame {
             },
             stated: camera.stated(file),
             pose: match &self.transform_matrix {
-                Some(matrix) => Pose::camera_to_world(&rows(matrix)),
+                Some(matrix) => Pose::camera_to_world(&matrix.0),
                 None => Err(Skip::NoPose),
             },
             split,
         })
     }
-}
-
-/// The numbers of a matrix by rows.
-fn rows(matrix: &[Vec<Number>]) -> Vec<Vec<f64>> {
-    matrix.iter().map(|row| row.iter().map(|number| number.0).collect()).collect()
 }
 
 impl Transforms {
@@ -262,7 +257,7 @@ fn colmap_points(root: &Path, file: &Transforms) -> Result<Vec<WorldPoint>, Erro
     let (linear, offset) = match &file.applied_transform {
         None => (OLD_TRANSFORM, DVec3::ZERO),
         // With an invalid transform, the place of the points is unknown.
-        Some(matrix) => match affine(&rows(matrix)) {
+        Some(matrix) => match affine(&matrix.0) {
             Some(transform) => transform,
             None => return Ok(Vec::new()),
         },

@@ -7,10 +7,12 @@ use glam::DVec3;
 use gs_core::constants::SH_C0;
 
 use crate::{
-    dataset::{Remark, file::read_file, read::WorldPoint},
+    atomic::read_file,
+    dataset::{FILE, Remark, read::WorldPoint},
     error::Error,
     scene3d::{
-        ply::{self, Element, Header, Number, Value},
+        number::Number,
+        ply::{self, Element, Header, Value},
         source::Source,
     },
 };
@@ -27,7 +29,7 @@ const COLORS: [[&str; 3]; 4] = [
 /// Reads a point cloud. Points without a known colour are mid-grey, with a remark that names `name`,
 /// the file as the data set does.
 pub(super) fn read(path: &Path, name: &str) -> Result<(Vec<WorldPoint>, Option<Remark>), Error> {
-    parse(&read_file(path)?, path, name)
+    parse(&read_file(path, FILE)?, path, name)
 }
 
 fn parse(bytes: &[u8], path: &Path, name: &str) -> Result<(Vec<WorldPoint>, Option<Remark>), Error> {
