@@ -55,13 +55,12 @@ pub use crate::{
     output_folder::{FolderClaim, OutputFolder},
     picture::draw_with_alpha,
     scene2d::{
-        File2d, GSI_EXTENSION, GsiFile, PICTURE_DISTANCE_WORLD, PICTURE_WORLD, SCENE_EXTENSION, decode_2d, decode_gsi,
-        encode_2d, flat_scene, is_2d, is_gsi, read_2d, read_2d_unchecked, read_gsi, write_2d, write_ply, write_svg,
+        File2d, GSI_EXTENSION, GsiFile, PICTURE_DISTANCE_WORLD, PICTURE_WORLD, SCENE_EXTENSION, decode_gsi, encode_2d,
+        flat_scene, is_gsi, read_2d, read_gsi, write_2d, write_ply, write_svg,
     },
     scene3d::{
         ConversionLoss, Coordinates, Encoded3d, File3d, Format3d, GltfBuffer, Rounding, SpzOptions, SpzVersion,
-        TrainedWith, WriteOptions3d, Written3d, decode_3d, encode_3d, format_3d, move_scene, read_3d,
-        read_3d_unchecked, write_3d,
+        TrainedWith, WriteOptions3d, Written3d, decode_3d, encode_3d, format_3d, move_scene, read_3d, write_3d,
     },
     text::utf8_text,
     world_frame::WorldFrame,

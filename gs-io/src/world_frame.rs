@@ -21,7 +21,7 @@ use serde::{Deserialize, Serialize};
 /// let cameras = drone.map(|(x, y)| dvec3(451_230.0 + x, 5_411_870.0 + y, 420.0));
 /// let frame = WorldFrame::of(&cameras, &[]);
 /// assert_eq!((frame.origin, frame.unit), (dvec3(451_000.0, 5_412_000.0, 0.0), 100.0));
-/// assert!(frame.to_frame(cameras[0]).abs_diff_eq(dvec3(2.3, -1.3, 4.2), 1e-9));
+/// assert!(frame.to_world(dvec3(2.3, -1.3, 4.2)).abs_diff_eq(cameras[0], 1e-6));
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -83,7 +83,7 @@ impl WorldFrame {
 
     /// The frame for places whose unit suits, world units: its origin stays unless `f32` could not
     /// resolve the places around it.
-    pub fn around(places: &[DVec3]) -> Self {
+    pub(crate) fn around(places: &[DVec3]) -> Self {
         Self { unit: 1.0, ..Self::of(places, &[]) }
     }
 
@@ -93,12 +93,12 @@ impl WorldFrame {
     }
 
     /// Whether origin and unit are possible.
-    pub fn is_valid(&self) -> bool {
+    pub(crate) fn is_valid(&self) -> bool {
         self.origin.is_finite() && self.unit > 0.0 && self.unit.is_finite()
     }
 
     /// The frame's coordinates of a place in the world.
-    pub fn to_frame(&self, world: DVec3) -> DVec3 {
+    pub(crate) fn to_frame(self, world: DVec3) -> DVec3 {
         (world - self.origin) / self.unit
     }
 

@@ -22,13 +22,16 @@ mod read;
 mod remark;
 mod settings;
 mod split;
+#[cfg(test)]
+mod tests;
 mod transforms;
 
 use std::path::Path;
 
+use self::camera::{AriaFisheye, BrownConrady, CubeFace, Distortion, Fisheye, Lens};
 use self::how_to_begin::how_to_begin;
 pub use self::{
-    camera::{AriaFisheye, BrownConrady, CubeFace, Distortion, Fisheye, Lens, SourceCamera},
+    camera::SourceCamera,
     colmap::{CameraModel, ColmapCamera, ColmapImage, ColmapModel, ColmapObservation, ColmapPoint},
     data_set::{Dataset, DatasetKind, Point},
     images::{DepthFile, DepthMap, PosedImage, View, read_images},

@@ -8,9 +8,10 @@ mod gsi;
 mod scene_file;
 mod svg;
 
+pub(crate) use self::scene_file::{decode_2d, is_2d, read_2d_unchecked};
 pub use self::{
     flat_ply::{PICTURE_DISTANCE_WORLD, PICTURE_WORLD, flat_scene, write_ply},
     gsi::{GSI_EXTENSION, GsiFile, decode_gsi, is_gsi, read_gsi},
-    scene_file::{File2d, SCENE_EXTENSION, decode_2d, encode_2d, is_2d, read_2d, read_2d_unchecked, write_2d},
+    scene_file::{File2d, SCENE_EXTENSION, encode_2d, read_2d, write_2d},
     svg::write_svg,
 };

@@ -125,14 +125,18 @@ fn encoded(file: &File2d) -> Result<container::Encoded<'_>, gs_core::Error> {
 }
 
 /// Whether a file is a 2D scene. Only its header is read, so the rest may be damaged.
-pub fn is_2d(path: impl AsRef<Path>) -> bool {
-    container::format_of(path.as_ref()).is_some_and(|format| format == KIND.format)
+pub(crate) fn is_2d(path: &Path) -> bool {
+    container::format_of(path).is_some_and(|format| format == KIND.format)
 }
 
 /// Reads what [`write_2d`] wrote: the same scene, bit for bit. The scene may be empty.
 ///
 /// # Errors
-/// Those of [`read_2d_unchecked`]; [`Error::Content`] for values that are not possible (NaN).
+/// [`Error::Missing`], [`Error::NotAFile`] or [`Error::Read`]; [`Error::Damaged`] for a truncated
+/// file or another kind of file, [`Error::TooNew`] for one of a later version, [`Error::Unusable`]
+/// for a tensor of the wrong type or shape, [`Error::Content`] for an impossible canvas or
+/// settings
+/// or values that are not possible (NaN).
 pub fn read_2d(path: impl AsRef<Path>) -> Result<File2d, Error> {
     let path = path.as_ref();
     let file = read_2d_unchecked(path)?;
@@ -140,16 +144,8 @@ pub fn read_2d(path: impl AsRef<Path>) -> Result<File2d, Error> {
     Ok(file)
 }
 
-/// Reads a 2D scene as [`read_2d`] does, but allows Gaussians with NaN and ∞, for programs that
-/// inspect or repair broken scenes.
-///
-/// # Errors
-/// [`Error::Missing`], [`Error::NotAFile`] or [`Error::Read`]; [`Error::Damaged`] for a truncated
-/// file or another kind of file, [`Error::TooNew`] for one of a later version, [`Error::Unusable`]
-/// for a tensor of the wrong type or shape, [`Error::Content`] for an impossible canvas or
-/// settings.
-pub fn read_2d_unchecked(path: impl AsRef<Path>) -> Result<File2d, Error> {
-    let path = path.as_ref();
+/// Reads a 2D scene as [`read_2d`] does, but allows Gaussians with NaN and ∞.
+pub(crate) fn read_2d_unchecked(path: &Path) -> Result<File2d, Error> {
     scene_of(container::read::<Content>(path, &KIND)?, path)
 }
 
@@ -157,7 +153,7 @@ pub fn read_2d_unchecked(path: impl AsRef<Path>) -> Result<File2d, Error> {
 ///
 /// # Errors
 /// Those of [`read_2d`] that concern the content.
-pub fn decode_2d(bytes: &[u8], name: &Path) -> Result<File2d, Error> {
+pub(crate) fn decode_2d(bytes: &[u8], name: &Path) -> Result<File2d, Error> {
     let file = scene_of(container::read_from::<Content>(bytes, bytes.len() as u64, name, &KIND)?, name)?;
     file.validate().map_err(Error::content(name))?;
     Ok(file)

@@ -130,7 +130,8 @@ pub fn format_3d(path: impl AsRef<Path>) -> Result<Option<Format3d>, Error> {
 /// made finite ([`ConversionLoss::InfiniteLogits`]).
 ///
 /// # Errors
-/// Those of [`read_3d_unchecked`]; [`Error::Content`] for other values that are NaN or infinite.
+/// [`Error::Missing`], [`Error::NotAFile`] or [`Error::Read`]; [`Error::Unusable`] for another kind of
+/// file; those of [`decode_3d`]; [`Error::Content`] for other values that are NaN or infinite.
 pub fn read_3d(path: impl AsRef<Path>) -> Result<File3d, Error> {
     let path = path.as_ref();
     checked(read_3d_unchecked(path)?, path)
@@ -154,13 +155,8 @@ fn raise_zero_scales(scene: &mut Scene3d) -> Option<ConversionLoss> {
 }
 
 /// Reads a 3D scene as [`read_3d`] does, but allows values that are NaN or infinite, including
-/// ln-scales of −∞, for programs that inspect or repair broken scenes.
-///
-/// # Errors
-/// [`Error::Missing`], [`Error::NotAFile`] or [`Error::Read`]; [`Error::Unusable`]
-/// for another kind of file; those of [`decode_3d`].
-pub fn read_3d_unchecked(path: impl AsRef<Path>) -> Result<File3d, Error> {
-    let path = path.as_ref();
+/// ln-scales of −∞.
+pub(crate) fn read_3d_unchecked(path: &Path) -> Result<File3d, Error> {
     decode_recognised(&read_file(path, WANTED)?, path)
 }
 

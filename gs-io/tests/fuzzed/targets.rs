@@ -144,7 +144,7 @@ pub fn colmap_text(bytes: &[u8]) {
 /// parameters.
 pub fn lens(bytes: &[u8]) {
     let Some((id, rest)) = bytes.split_first() else { return };
-    let Some(model) = CameraModel::from_id((*id).into()) else { return };
+    let Some(&model) = CameraModel::ALL.get(usize::from(*id)) else { return };
     let parameters = rest.as_chunks::<8>().0.iter().map(|chunk| f64::from_le_bytes(*chunk)).collect();
     let Ok(source) = (ColmapCamera { model, width: 64, height: 48, parameters }).source() else { return };
     for (x, y) in [(0.0, 0.0), (32.0, 24.0), (64.0, 1.0), (1e3, -1e9)] {

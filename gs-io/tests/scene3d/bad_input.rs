@@ -1,14 +1,22 @@
 //! Invalid files give one error that says what is wrong, where, and how to fix it.
 
-use std::fs;
+use std::{fs, path::Path};
 
 use gs_core::{Scene3d, examination::SMALLEST_LOG_SCALE};
 use gs_io::{
-    ConversionLoss, Error, Format3d, SpzOptions, SpzVersion, WriteOptions3d, format_3d, read_3d, read_3d_unchecked,
-    write_3d,
+    AnyScene, ConversionLoss, Error, File3d, Format3d, SpzOptions, SpzVersion, Values, WriteOptions3d, format_3d,
+    read_3d, read_scene, write_3d,
 };
 
 use super::samples::{self, compressed_ply, gzip, read, scene, text_ply, written};
+
+/// The scene with whatever values it has.
+fn unchecked(path: &Path) -> File3d {
+    match read_scene(path, Values::Any).unwrap().scene {
+        AnyScene::ThreeD(file) => *file,
+        AnyScene::TwoD(_) => panic!("a 2D scene"),
+    }
+}
 
 /// The bytes with a piece replaced.
 fn edited(bytes: &[u8], from: &[u8], to: &[u8]) -> Vec<u8> {
@@ -101,7 +109,7 @@ fn the_first_number_that_is_none_is_named() {
         fs::write(&path, &bytes).unwrap();
         let text = read_3d(&path).unwrap_err().to_string();
         assert!(text.contains(&format!("{what} of Gaussian 3 is not finite (NaN)")), "{text}");
-        assert_eq!(read_3d_unchecked(&path).unwrap().scene.means.len(), 5);
+        assert_eq!(unchecked(&path).scene.means.len(), 5);
     }
 }
 
@@ -115,7 +123,7 @@ fn scales_of_zero_are_raised_and_reported_except_in_unchecked_reads() {
         let at = bytes.len() - 2 * row + 4 * number;
         bytes[at..at + 4].copy_from_slice(&zero.to_le_bytes());
         fs::write(&path, &bytes).unwrap();
-        assert_eq!(read_3d_unchecked(&path).unwrap().scene.log_scales[3].x, f32::NEG_INFINITY, "{name}");
+        assert_eq!(unchecked(&path).scene.log_scales[3].x, f32::NEG_INFINITY, "{name}");
         let read = read_3d(&path).unwrap();
         assert_eq!(read.losses, [ConversionLoss::ZeroScales { gaussians: 1 }], "{name}");
         assert_eq!(read.scene.log_scales[3].x, SMALLEST_LOG_SCALE, "{name}");

@@ -33,7 +33,7 @@ struct Whole {
 pub(crate) fn sources(views: Vec<View>) -> Vec<Box<dyn ImageSource>> {
     let held = Arc::new(AtomicU64::new(0));
     let mut sources: Vec<Box<dyn ImageSource>> = Vec::with_capacity(views.len());
-    for faces in views.chunk_by(|a, b| a.source.face().is_some() && a.image == b.image) {
+    for faces in views.chunk_by(|a, b| a.source.is_face() && a.image == b.image) {
         if let [view] = faces {
             sources.push(Box::new(view.clone()));
             continue;

@@ -94,7 +94,7 @@ impl ImageSource for View {
     }
 
     fn is_face(&self) -> bool {
-        self.source.face().is_some()
+        self.source.is_face()
     }
 
     fn counting(&self) -> Counting {

@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use gs_core::counted;
-use gs_io::dataset::{Dataset, DatasetKind, Distortion, SourceCamera, Split, SplitOrigin, View};
+use gs_io::dataset::{Dataset, DatasetKind, SourceCamera, Split, SplitOrigin, View};
 use serde::Serialize;
 
 use crate::{
@@ -104,9 +104,9 @@ impl CameraInfo {
                 angle(camera.width, camera.focal.x, camera.center.x),
                 angle(camera.height, camera.focal.y, camera.center.y),
             ],
-            lens: source.lens.distortion().name(),
+            lens: source.lens_name(),
             all_directions: source.is_panorama(),
-            faces: source.face().is_some(),
+            faces: source.is_face(),
         }
     }
 }
@@ -130,7 +130,7 @@ fn text(info: &Info) -> String {
             let done = match camera.lens {
                 _ if camera.all_directions => "split into six faces of",
                 _ if camera.faces => "split into 90° faces of",
-                lens if lens == Distortion::None.name() => "scaled to",
+                "pinhole" => "scaled to",
                 _ => "undistorted to",
             };
             let _ = write!(line, ", {done} {width}x{height} px");

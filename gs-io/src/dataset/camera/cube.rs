@@ -24,7 +24,7 @@ const ROUNDING: f32 = 0.01;
 gs_core::choices! {
     /// A face of the cube around a 360° camera, by its direction from the camera.
     #[derive(Default)]
-    pub enum CubeFace {
+    pub(crate) enum CubeFace {
         /// Ahead: the middle of the image.
         #[default]
         Front = "front",

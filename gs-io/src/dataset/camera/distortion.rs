@@ -13,8 +13,7 @@ use super::cube::CubeFace;
 
 /// The distortion of a lens. Coefficients are dimensionless unless stated otherwise.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-#[non_exhaustive]
-pub enum Distortion {
+pub(crate) enum Distortion {
     /// No distortion: a pinhole.
     #[default]
     None,
@@ -53,37 +52,37 @@ pub enum Distortion {
 /// Radial and tangential distortion (Brown 1966, Conrady 1919), as OpenCV has it: d = p · (1 + k₁r²
 /// + k₂r⁴ + k₃r⁶ + k₄r⁸) / (1 + m₁r² + m₂r⁴ + m₃r⁶) + (2p₁xy + p₂(r² + 2x²), 2p₂xy + p₁(r² + 2y²)).
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct BrownConrady {
+pub(crate) struct BrownConrady {
     /// k₁ … k₄; only Nerfstudio has a fourth.
-    pub radial: [f64; 4],
+    pub(crate) radial: [f64; 4],
     /// m₁, m₂, m₃: what OpenCV calls k₄, k₅, k₆.
-    pub divisor: [f64; 3],
+    pub(crate) divisor: [f64; 3],
     /// p₁, p₂.
-    pub tangential: [f64; 2],
+    pub(crate) tangential: [f64; 2],
 }
 
 /// An equidistant fish-eye: q = p θ/r, then d = q · (1 + k₁θ² + k₂θ⁴ + k₃θ⁶ + k₄θ⁸) + tangential
 /// terms of q as in [`BrownConrady`] + (s₁, s₂) θ².
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Fisheye {
+pub(crate) struct Fisheye {
     /// k₁ … k₄.
-    pub radial: [f64; 4],
+    pub(crate) radial: [f64; 4],
     /// p₁, p₂.
-    pub tangential: [f64; 2],
+    pub(crate) tangential: [f64; 2],
     /// s₁, s₂: the thin prism (Weng et al. 1992).
-    pub prism: [f64; 2],
+    pub(crate) prism: [f64; 2],
 }
 
 /// q = p θ/r, t = q · (1 + Σ kᵢ θ²ⁱ), d = t + tangential terms of t as in [`BrownConrady`] + (s₁ρ²
 /// + s₂ρ⁴, s₃ρ² + s₄ρ⁴) with ρ = ‖t‖.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct AriaFisheye {
+pub(crate) struct AriaFisheye {
     /// k₁ … k₆.
-    pub radial: [f64; 6],
+    pub(crate) radial: [f64; 6],
     /// p₁, p₂ in [`BrownConrady`]'s order, the reverse of COLMAP's.
-    pub tangential: [f64; 2],
+    pub(crate) tangential: [f64; 2],
     /// s₁ … s₄.
-    pub prism: [f64; 4],
+    pub(crate) prism: [f64; 4],
 }
 
 /// The plane that a lens's polynomial acts on.
@@ -97,7 +96,7 @@ pub(crate) enum Plane {
 
 impl Distortion {
     /// Whether the coefficients are finite and in range.
-    pub fn is_possible(&self) -> bool {
+    pub(crate) fn is_possible(&self) -> bool {
         let finite = |values: &[f64]| values.iter().all(|v| v.is_finite());
         match self {
             Self::None | Self::Equirectangular { .. } => true,
@@ -111,7 +110,7 @@ impl Distortion {
     }
 
     /// The name in calibration programs.
-    pub fn name(&self) -> &'static str {
+    pub(crate) fn name(&self) -> &'static str {
         match self {
             Self::None => "pinhole",
             Self::BrownConrady(_) => "Brown-Conrady",

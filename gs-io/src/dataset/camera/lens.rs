@@ -41,7 +41,7 @@ const INVERSE_TOLERANCE: f64 = 1e-11;
 
 /// A [`Distortion`], restricted to where it is one-to-one.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Lens {
+pub(crate) struct Lens {
     distortion: Distortion,
     /// Largest radius in the distortion's plane for which it is one-to-one.
     limit: f64,
@@ -59,7 +59,7 @@ impl Default for Lens {
 impl Lens {
     /// A lens with this distortion; `None` if its coefficients are not possible
     /// ([`Distortion::is_possible`]), or if it is not one-to-one around the axis.
-    pub fn new(distortion: Distortion) -> Option<Self> {
+    pub(crate) fn new(distortion: Distortion) -> Option<Self> {
         if !distortion.is_possible() {
             return None;
         }
@@ -101,18 +101,18 @@ impl Lens {
     }
 
     /// The distortion.
-    pub fn distortion(&self) -> &Distortion {
+    pub(crate) fn distortion(&self) -> &Distortion {
         &self.distortion
     }
 
     /// Whether the lens has no distortion.
-    pub fn is_pinhole(&self) -> bool {
+    pub(crate) fn is_pinhole(&self) -> bool {
         self.distortion == Distortion::None
     }
 
     /// Largest usable angle from the axis, rad: where it folds or its image circle ends, or 89° (175° for
     /// the faces of a wide fish-eye).
-    pub fn max_angle(&self) -> f64 {
+    pub(crate) fn max_angle(&self) -> f64 {
         match self.distortion.plane() {
             Plane::Tangent => self.limit.atan(),
             Plane::Equidistant => self.limit,
@@ -121,7 +121,7 @@ impl Lens {
 
     /// The position of the ray p = (X/Z, Y/Z) in normalised coordinates; `None` beyond
     /// [`Self::max_angle`].
-    pub fn distort(&self, p: DVec2) -> Option<DVec2> {
+    pub(crate) fn distort(&self, p: DVec2) -> Option<DVec2> {
         let p = match (self.face, self.distortion.plane()) {
             (Some(face), plane) => {
                 let ray = face.axes() * p.extend(1.0);
@@ -150,7 +150,7 @@ impl Lens {
 
     /// The ray (X/Z, Y/Z) that arrives at `d`, the inverse of [`Self::distort`]; `None` if there is
     /// none.
-    pub fn undistort(&self, d: DVec2) -> Option<DVec2> {
+    pub(crate) fn undistort(&self, d: DVec2) -> Option<DVec2> {
         let p = self.plane_point(d)?;
         let r = p.length();
         let Some(face) = self.face else {

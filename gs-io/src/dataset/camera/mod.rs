@@ -11,15 +11,12 @@ mod pose;
 mod source_camera;
 mod wide;
 
-pub use self::{
-    cube::CubeFace,
-    distortion::{AriaFisheye, BrownConrady, Distortion, Fisheye},
-    lens::Lens,
-    source_camera::SourceCamera,
-};
+pub use self::source_camera::SourceCamera;
 pub(super) use self::{
-    cube::{is_two_to_one, shows_all_directions},
+    cube::{CubeFace, is_two_to_one, shows_all_directions},
+    distortion::{AriaFisheye, BrownConrady, Distortion, Fisheye},
     intrinsics::{Focal, Intrinsics},
+    lens::Lens,
     pose::{Pose, affine},
     wide::faces as wide_faces,
 };

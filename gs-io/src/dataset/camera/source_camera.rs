@@ -43,7 +43,7 @@ pub struct SourceCamera {
     /// ½, j + ½), as in COLMAP.
     pub center: DVec2,
     /// How the lens bends rays.
-    pub lens: Lens,
+    pub(crate) lens: Lens,
 }
 
 impl SourceCamera {
@@ -119,9 +119,19 @@ impl SourceCamera {
         (!(sane && shows_enough)).then(|| format!("a lens that shows less than a fifth of the width or height {of}"))
     }
 
+    /// The name of the lens in calibration programs; "pinhole" without distortion.
+    pub fn lens_name(&self) -> &'static str {
+        self.lens.distortion().name()
+    }
+
+    /// Whether a view shows a face of the cube around a 360° camera or a wide fish-eye.
+    pub fn is_face(&self) -> bool {
+        self.face().is_some()
+    }
+
     /// The face of the cube that a view of a 360° image or of a wide fish-eye shows; `None` for other
     /// images.
-    pub fn face(&self) -> Option<CubeFace> {
+    pub(crate) fn face(&self) -> Option<CubeFace> {
         match *self.lens.distortion() {
             Distortion::Equirectangular { face } => Some(face),
             _ => self.lens.cube_face(),

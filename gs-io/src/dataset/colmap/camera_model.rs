@@ -17,7 +17,7 @@ use crate::{
 gs_core::choices! {
     /// A camera model of COLMAP. The discriminant is its id in binary files.
     #[repr(u8)]
-    #[allow(missing_docs, reason = "the names are COLMAP's, and their parameters stand in `parameter_names`")]
+    #[allow(missing_docs, reason = "the names are COLMAP's, and so are their parameters")]
     #[non_exhaustive]
     pub enum CameraModel {
         SimplePinhole = "SIMPLE_PINHOLE",
@@ -45,13 +45,13 @@ use CameraModel as M;
 
 impl CameraModel {
     /// The model of an id in binary files.
-    pub fn from_id(id: u32) -> Option<Self> {
+    pub(crate) fn from_id(id: u32) -> Option<Self> {
         Self::ALL.get(id as usize).copied()
     }
 
     /// The names of the parameters, in their order: focal lengths and principal point in px, and
     /// dimensionless coefficients.
-    pub fn parameter_names(self) -> &'static [&'static str] {
+    pub(crate) fn parameter_names(self) -> &'static [&'static str] {
         match self {
             M::SimplePinhole | M::SimpleFisheye => &["f", "cx", "cy"],
             M::Pinhole | M::Fisheye => &["fx", "fy", "cx", "cy"],

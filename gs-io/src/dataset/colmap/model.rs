@@ -30,7 +30,7 @@ pub struct ColmapCamera {
     pub width: u64,
     /// Rows of the camera's images, px.
     pub height: u64,
-    /// The parameters, in the order of [`CameraModel::parameter_names`].
+    /// The parameters, in the order in which COLMAP documents them.
     pub parameters: Vec<f64>,
 }
 

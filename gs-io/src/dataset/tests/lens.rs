@@ -1,9 +1,9 @@
 //! Camera models compared with values computed elsewhere, their inverses, and their folds.
 
-use glam::{DVec2, dvec2};
-use gs_io::dataset::{
+use crate::dataset::{
     AriaFisheye, BrownConrady, CameraModel, ColmapCamera, Distortion, Fisheye, Lens, Skip, SourceCamera,
 };
+use glam::{DVec2, dvec2};
 use proptest::prelude::*;
 
 fn camera(name: &str, parameters: &[f64]) -> Result<SourceCamera, Skip> {

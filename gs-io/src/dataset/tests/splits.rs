@@ -2,7 +2,7 @@
 
 use std::{fs, num::NonZeroU32, path::Path};
 
-use gs_io::dataset::{Dataset, DatasetSettings, Remark, Skip, Split, SplitOrigin, read_dataset};
+use crate::dataset::{Dataset, DatasetSettings, Remark, Skip, Split, SplitOrigin, read_dataset};
 use serde_json::{Value, json};
 
 use super::{

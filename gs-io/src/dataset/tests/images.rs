@@ -2,13 +2,13 @@
 
 use std::fs;
 
-use glam::{DVec2, dvec2};
-use gs_core::Image;
-use gs_io::{
+use crate::{
     Error, Orientation, PngExtras,
     dataset::{AlphaMeaning, CameraModel, Dataset, DatasetSettings, PosedImage, read_dataset},
     write_png_with,
 };
+use glam::{DVec2, dvec2};
+use gs_core::Image;
 use image::{ImageBuffer, ImageEncoder, Rgba, codecs::png::PngEncoder, metadata::Orientation as Exif};
 use serde_json::json;
 
@@ -25,7 +25,7 @@ fn one_view(root: &std::path::Path, name: &str, parameters: &[f64], picture: &Im
     (camera.width, camera.height, camera.parameters) = (64, 48, parameters.to_vec());
     write_model(&root.join("sparse/0"), &binary(&model), "bin");
     fs::create_dir_all(root.join("images")).unwrap();
-    gs_io::write_png(root.join("images/view 000.png"), picture).unwrap();
+    crate::write_png(root.join("images/view 000.png"), picture).unwrap();
     read(root)
 }
 
@@ -132,8 +132,8 @@ fn masks_of_any_size_black_out_what_does_not_count() {
     colmap(place.path(), 3);
     fs::create_dir(place.path().join("masks")).unwrap();
     let half = Image::from_fn(20, 15, |x, _| if x < 5 { [0.0; 3] } else { [1.0; 3] }).unwrap();
-    gs_io::write_png(place.path().join("masks/view 000.png.png"), &half).unwrap();
-    gs_io::write_png(place.path().join("masks/view 002.png"), &half).unwrap();
+    crate::write_png(place.path().join("masks/view 000.png.png"), &half).unwrap();
+    crate::write_png(place.path().join("masks/view 002.png"), &half).unwrap();
     let views = read(place.path()).views;
     let mask = views[0].read_image().unwrap().mask.unwrap();
     assert_eq!(mask[..40], std::array::from_fn::<bool, 40, _>(|x| x >= 10));
@@ -143,7 +143,7 @@ fn masks_of_any_size_black_out_what_does_not_count() {
     let share = masked / bent.image.pixels().len() as f32;
     assert!((share - 0.25).abs() < 0.03, "{share}: masks are undistorted as well");
 
-    gs_io::write_png(place.path().join("masks/view 000.png.png"), &Image::filled(20, 20, [1.0; 3]).unwrap()).unwrap();
+    crate::write_png(place.path().join("masks/view 000.png.png"), &Image::filled(20, 20, [1.0; 3]).unwrap()).unwrap();
     let error = views[0].read_image().unwrap_err();
     assert!(error.to_string().contains("is 20x20 px, but 40x"), "{error}");
 }
@@ -153,7 +153,7 @@ fn an_image_that_changed_since_is_refused() {
     let place = folder();
     colmap(place.path(), 1);
     let view = read(place.path()).views.remove(0);
-    gs_io::write_png(&view.image, &Image::filled(20, 15, [1.0; 3]).unwrap()).unwrap();
+    crate::write_png(&view.image, &Image::filled(20, 15, [1.0; 3]).unwrap()).unwrap();
     assert!(view.read_image().unwrap_err().to_string().contains("the image is 20x15 px, but 40x30 px"));
     fs::remove_file(&view.image).unwrap();
     assert!(matches!(view.read_image(), Err(Error::Missing { .. })));

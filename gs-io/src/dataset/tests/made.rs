@@ -6,12 +6,12 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use glam::{DQuat, dvec2, dvec3};
-use gs_core::Image;
-use gs_io::dataset::{
+use crate::dataset::{
     CameraModel, ColmapCamera, ColmapImage, ColmapModel, ColmapObservation, ColmapPoint, Dataset, DatasetSettings,
     Remark, Skip, read_dataset,
 };
+use glam::{DQuat, dvec2, dvec3};
+use gs_core::Image;
 
 pub(crate) fn folder() -> tempfile::TempDir {
     tempfile::tempdir().unwrap()
@@ -21,7 +21,7 @@ pub(crate) fn folder() -> tempfile::TempDir {
 pub(crate) fn picture(path: PathBuf, width: u32, height: u32) -> PathBuf {
     fs::create_dir_all(path.parent().unwrap()).unwrap();
     let color = |x: u32, y: u32| [x as f32 / width as f32, y as f32 / height as f32, 0.5];
-    gs_io::write_png(&path, &Image::from_fn(width, height, color).unwrap()).unwrap();
+    crate::write_png(&path, &Image::from_fn(width, height, color).unwrap()).unwrap();
     path
 }
 

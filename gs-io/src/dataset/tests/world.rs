@@ -1,10 +1,10 @@
 //! Data sets whose world `f32` cannot resolve, or whose unit is unusual.
 
-use glam::{DQuat, DVec3};
-use gs_io::{
+use crate::{
     WorldFrame,
     dataset::{ColmapModel, Dataset, DatasetSettings, Remark, read_dataset},
 };
+use glam::{DQuat, DVec3};
 
 use super::made::{binary, folder, model, text, write_model, write_pictures};
 
@@ -20,7 +20,7 @@ fn ring(offset: DVec3, scale: f64) -> ColmapModel {
         image.rotation = DQuat::from_rotation_y(-angle);
         image.translation = -(image.rotation * (offset + scale * eye));
         let position = offset + scale * (0.3 * eye + DVec3::Y);
-        model.points.push(gs_io::dataset::ColmapPoint { id: i as u64, position, ..point });
+        model.points.push(crate::dataset::ColmapPoint { id: i as u64, position, ..point });
     }
     model
 }

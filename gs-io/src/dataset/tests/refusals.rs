@@ -2,11 +2,11 @@
 
 use std::{fs, num::NonZeroU32, path::Path};
 
-use gs_core::Image;
-use gs_io::{
+use crate::{
     Error, ImageRemark,
     dataset::{DatasetSettings, Remark, Skip, View, read_dataset},
 };
+use gs_core::Image;
 use image::{ExtendedColorType, ImageEncoder, codecs};
 use serde_json::{Value, json};
 
@@ -176,9 +176,9 @@ fn masks_are_used_and_unusable_ones_are_reported() {
     let place = folder();
     let half = Image::from_fn(20, 15, |x, _| if x < 5 { [0.0; 3] } else { [1.0; 3] }).unwrap();
     fs::create_dir(place.path().join("masks")).unwrap();
-    gs_io::write_png(place.path().join("masks/a.png"), &half).unwrap();
+    crate::write_png(place.path().join("masks/a.png"), &half).unwrap();
     fs::write(place.path().join("masks/b.png"), "no mask").unwrap();
-    gs_io::write_png(place.path().join("masks/c.png"), &Image::filled(20, 20, [1.0; 3]).unwrap()).unwrap();
+    crate::write_png(place.path().join("masks/c.png"), &Image::filled(20, 20, [1.0; 3]).unwrap()).unwrap();
     let frames = ["a", "b", "c", "d"].map(|name| {
         picture(place.path().join(format!("{name}.png")), 40, 30);
         let mut frame = frame(&format!("{name}.png"));

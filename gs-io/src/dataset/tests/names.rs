@@ -3,7 +3,7 @@
 
 use std::fs;
 
-use gs_io::dataset::{Dataset, DatasetSettings, Remark, read_dataset};
+use crate::dataset::{Dataset, DatasetSettings, Remark, read_dataset};
 use serde_json::json;
 
 use super::{

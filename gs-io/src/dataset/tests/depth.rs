@@ -2,7 +2,7 @@
 
 use std::{fs, path::Path};
 
-use gs_io::{
+use crate::{
     Error,
     dataset::{CameraModel, DatasetSettings, DepthMap, Remark, read_dataset},
 };

@@ -2,11 +2,11 @@
 
 use std::{fs, num::NonZeroU32};
 
-use glam::{DQuat, Vec2, Vec3, dvec3};
-use gs_io::{
+use crate::{
     Error, WorldFrame,
     dataset::{CameraModel, ColmapModel, DatasetKind, DatasetSettings, Remark, Skip, Split, read_dataset},
 };
+use glam::{DQuat, Vec2, Vec3, dvec3};
 
 use super::made::{binary, colmap, folder, model, picture, read, refusal, skipped, text, write_model, write_pictures};
 

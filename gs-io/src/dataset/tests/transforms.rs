@@ -2,11 +2,11 @@
 
 use std::{fs, path::Path};
 
-use glam::{Vec2, Vec3, dvec2};
-use gs_io::{
+use crate::{
     WorldFrame,
     dataset::{DatasetKind, DatasetSettings, Distortion, Remark, Skip, Split, read_dataset},
 };
+use glam::{Vec2, Vec3, dvec2};
 use serde_json::{Value, json};
 
 use super::made::{binary, folder, model, picture, read, refusal, skipped, write_model};

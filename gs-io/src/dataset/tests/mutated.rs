@@ -2,8 +2,8 @@
 
 use std::fs;
 
+use crate::dataset::{ColmapModel, DatasetSettings, read_dataset};
 use gs_conformance::properties::fresh;
-use gs_io::dataset::{ColmapModel, DatasetSettings, read_dataset};
 use proptest::prelude::*;
 
 use super::made::{binary, colmap, folder, model, picture, text};

@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use gs_io::dataset::{Dataset, Remark};
+use crate::dataset::{Dataset, Remark};
 
 use super::made::{binary, colmap, folder, model, read, refusal, text, write_model, write_pictures};
 

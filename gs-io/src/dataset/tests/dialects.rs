@@ -2,8 +2,8 @@
 
 use std::fs;
 
+use crate::dataset::Skip;
 use glam::dvec2;
-use gs_io::dataset::Skip;
 use serde_json::json;
 
 use super::{

@@ -2,9 +2,9 @@
 
 use std::{fs, path::Path};
 
+use crate::dataset::{CameraModel, ColmapCamera, CubeFace, Dataset, Remark, Split, View};
 use glam::{DVec2, DVec3, Vec2, Vec3, dvec2, dvec3};
 use gs_core::Image;
-use gs_io::dataset::{CameraModel, ColmapCamera, CubeFace, Dataset, Remark, Split, View};
 use serde_json::json;
 
 use super::made::{binary, folder, model, read, refusal, write_model};
@@ -67,7 +67,7 @@ fn colmap(root: &Path, model_of_lens: CameraModel, focal: f64, lens: &[f64], ima
 fn write(root: &Path, image: &Image) -> Dataset {
     fs::create_dir_all(root.join("images")).unwrap();
     for name in ["view 000.png", "view 001.png"] {
-        gs_io::write_png(root.join("images").join(name), image).unwrap();
+        crate::write_png(root.join("images").join(name), image).unwrap();
     }
     read(root)
 }
@@ -134,7 +134,7 @@ fn a_fisheye_beyond_180_degrees_is_five_views_without_its_black_border() {
     assert!(lines.contains(&"2 wide fish-eye images split into 90° faces: 10 views".to_owned()), "{lines:?}");
     check(&dataset, 92.0);
     assert_eq!(dataset.views_of(Split::Test).count(), 5, "the views of one image");
-    let all = gs_io::dataset::read_images(&dataset.views).unwrap();
+    let all = crate::dataset::read_images(&dataset.views).unwrap();
     assert!(all.iter().zip(&dataset.views).all(|(posed, view)| *posed == view.read_image().unwrap()));
 }
 

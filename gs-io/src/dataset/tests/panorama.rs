@@ -2,11 +2,11 @@
 
 use std::{f64::consts::PI, fs, path::Path};
 
-use glam::{DMat3, DQuat, DVec3, Vec2, Vec3, dvec3};
-use gs_core::{Camera, Image};
-use gs_io::dataset::{
+use crate::dataset::{
     AlphaMeaning, CameraModel, ColmapCamera, CubeFace, Dataset, DatasetSettings, Skip, Split, read_dataset,
 };
+use glam::{DMat3, DQuat, DVec3, Vec2, Vec3, dvec3};
+use gs_core::{Camera, Image};
 use image::{ImageBuffer, Rgba};
 use serde_json::json;
 
@@ -43,10 +43,10 @@ fn colmap(root: &Path, count: u32, (width, height): (u32, u32)) -> Vec<DMat3> {
     model.images.iter_mut().for_each(|image| image.rotation *= DQuat::from_rotation_z(0.4));
     write_model(&root.join("sparse/0"), &binary(&model), "bin");
     fs::create_dir_all(root.join("images")).unwrap();
-    let write = |image: &gs_io::dataset::ColmapImage| {
+    let write = |image: &crate::dataset::ColmapImage| {
         let rotation = DMat3::from_quat(image.rotation);
         let size = (width as u32, height as u32);
-        gs_io::write_png(root.join("images").join(&image.name), &panorama(rotation, size)).unwrap();
+        crate::write_png(root.join("images").join(&image.name), &panorama(rotation, size)).unwrap();
         rotation
     };
     model.images.iter().map(write).collect()
@@ -106,7 +106,7 @@ fn nerfstudio_means_the_same() {
     let rows = json!([[0.0, 0.0, -1.0, 1.0], [0.0, 1.0, 0.0, 2.0], [1.0, 0.0, 0.0, 3.0], [0.0, 0.0, 0.0, 1.0]]);
     let rotation = DMat3::from_cols(DVec3::Z, DVec3::NEG_Y, DVec3::X).transpose();
     fs::create_dir(place.path().join("images")).unwrap();
-    let write = |name: &str, size| gs_io::write_png(place.path().join(name), &panorama(rotation, size)).unwrap();
+    let write = |name: &str, size| crate::write_png(place.path().join(name), &panorama(rotation, size)).unwrap();
     write("images/a.png", SIZE);
     let frame = json!({"file_path": "images/a.png", "transform_matrix": rows});
     let transforms = |fields: serde_json::Value| {
@@ -203,7 +203,7 @@ fn a_360_image_of_a_perspective_camera_is_one_clear_error() {
     let file = |i: usize| place.path().join("images").join(&model.images[i].name);
     (0..2).for_each(|i| drop(picture(file(i), 256, 128)));
     assert_eq!(read(place.path()).views.len(), 2, "ordinary wide images");
-    gs_io::write_png(file(0), &panorama(DMat3::IDENTITY, (256, 128))).unwrap();
+    crate::write_png(file(0), &panorama(DMat3::IDENTITY, (256, 128))).unwrap();
     let error = refusal(place.path());
     assert!(
         error.contains("view 000.png: it is twice as wide as high") && error.contains("EQUIRECTANGULAR"),
@@ -211,6 +211,6 @@ fn a_360_image_of_a_perspective_camera_is_one_clear_error() {
     );
     // A drawing before white has equal borders, too, but nothing on them.
     let drawing = |x: u32, y: u32| [if (100..140).contains(&x) && (40..90).contains(&y) { 0.0 } else { 1.0 }; 3];
-    gs_io::write_png(file(0), &Image::from_fn(256, 128, drawing).unwrap()).unwrap();
+    crate::write_png(file(0), &Image::from_fn(256, 128, drawing).unwrap()).unwrap();
     assert_eq!(read(place.path()).views.len(), 2);
 }

@@ -2,9 +2,9 @@
 
 use std::collections::HashMap;
 
+use crate::dataset::{ColmapModel, Dataset, DatasetKind, Distortion, Remark, Split};
 use glam::{DVec3, Vec2};
 use gs_conformance::data;
-use gs_io::dataset::{ColmapModel, Dataset, DatasetKind, Distortion, Remark, Split};
 
 use super::made::read;
 
