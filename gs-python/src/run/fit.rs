@@ -4,7 +4,7 @@ use std::{path::PathBuf, sync::Arc};
 
 use gs_backend::block_on;
 use gs_core::Image;
-use gs_train::{CustomPolicy, FitSettings, FitSummary, Preset, Trainer};
+use gs_train::{CustomPolicy, FitSettings, FitSummary, Preset, SettingsFile as _, Trainer};
 use numpy::PyArray3;
 use pyo3::{
     prelude::*,

@@ -13,11 +13,10 @@ use gs_io::{
 };
 use gs_lab::study::DatasetReading;
 use gs_train::{
-    CustomPolicy, TrainPreset, TrainSettings, Trainer3d,
+    CustomPolicy, SettingsFile as _, TrainPreset, TrainSettings, Trainer3d,
     train::{Start as Initial, StartName, TrainSummary, Views},
 };
 use pyo3::{
-    exceptions::PyTypeError,
     prelude::*,
     types::{PyAny, PyBytes, PyDict},
 };
@@ -161,11 +160,8 @@ fn first(dataset: &Dataset, start: Option<&Bound<'_, PyAny>>, settings: &TrainSe
             if let Ok(scene) = start.cast::<Scene3d>() {
                 return Ok(Initial::Scene(scene.get().in_frame(dataset.frame)));
             }
-            let Ok(name) = start.extract::<String>() else {
-                let found = start.get_type().name()?.to_string();
-                return Err(PyTypeError::new_err(format!("start: expected a name or a Scene3d, not {found}")));
-            };
-            settings::named("start", &name)?
+            let name = start.extract::<String>();
+            settings::named("start", &name.map_err(|_| errors::wrong_type("start", "a name or a Scene3d", start))?)?
         }
     };
     name.of(dataset).map_err(|problem| errors::value("start", problem))

@@ -95,7 +95,7 @@ macro_rules! in_a_file {
         })*
     };
 }
-in_a_file!(crate::fit::FitSettings, crate::train::TrainSettings);
+in_a_file!(crate::fit::FitSettings, crate::train::TrainSettings, gs_core::RenderSettings, gs_density::Actions);
 
 /// The settings as the text of a TOML file, for [`parse_settings`]. Numbers have as many digits as
 /// `f32` needs.

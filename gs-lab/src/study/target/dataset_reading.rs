@@ -6,9 +6,20 @@ use gs_io::{
     WorldFrame,
     dataset::{AlphaMeaning, Dataset, DatasetSettings, Split, View, read_dataset},
 };
+use gs_train::{SettingsFile, parse_settings, settings_to_toml};
 use serde::{Deserialize, Serialize};
 
 gs_core::impl_with!(DatasetReading);
+
+impl SettingsFile for DatasetReading {
+    fn from_toml(text: &str, file: &Path) -> Result<Self, gs_train::Error> {
+        parse_settings(text, file)
+    }
+
+    fn to_toml(&self) -> Result<String, gs_train::Error> {
+        settings_to_toml(self)
+    }
+}
 
 /// How the data sets of a study are read: the flags of `gs train` by the same names, and how many
 /// views are used.
