@@ -7,10 +7,7 @@ use std::{
 
 use gs_backend::{AnyRasterizer, Chosen, Request, Wanted, block_on};
 use gs_core::Choice as _;
-use pyo3::{
-    exceptions::{PyRuntimeError, PyTypeError},
-    prelude::*,
-};
+use pyo3::{exceptions::PyRuntimeError, prelude::*};
 use rayon::ThreadPoolBuilder;
 
 use crate::convert::errors::{self, IntoPython};
@@ -146,7 +143,7 @@ pub(crate) fn chosen(py: Python<'_>, backend: Option<&Bound<'_, PyAny>>) -> PyRe
             if let Ok(backend) = backend.cast::<Backend>() {
                 return of_this_process(backend.get());
             }
-            backend.extract::<String>().map_err(|_| wrong_type(backend))?
+            backend.extract::<String>().map_err(|_| errors::wrong_type("backend", "a Backend or a name", backend))?
         }
     };
     py.detach(|| {
@@ -169,9 +166,4 @@ fn of_this_process(backend: &Backend) -> PyResult<Arc<Opened>> {
     let message = "backend: it was opened before this process was forked, and its threads did not come along; open a \
                    Backend in this process, or start processes by 'spawn'";
     Err(PyRuntimeError::new_err(message))
-}
-
-fn wrong_type(backend: &Bound<'_, PyAny>) -> PyErr {
-    let found = backend.get_type().name().map_or_else(|_| "something else".to_owned(), |name| name.to_string());
-    PyTypeError::new_err(format!("backend: expected a Backend or a name, not {found}"))
 }

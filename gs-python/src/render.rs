@@ -48,13 +48,9 @@ pub(crate) fn viewed(
         let canvas = Canvas::new(width, height).resized(columns, rows);
         return Ok(Viewed::TwoD(of.scene.clone(), canvas, settings::with("settings", of.render(), over)?));
     }
-    let Ok(scene) = scene.cast::<Scene3d>() else {
-        let found = scene.get_type().name()?.to_string();
-        let message = format!("scene: expected Scene2d or Scene3d, not {found}");
-        return Err(pyo3::exceptions::PyTypeError::new_err(message));
-    };
+    let wrong = |_| errors::wrong_type("scene", "Scene2d or Scene3d", scene);
+    let of = scene.cast::<Scene3d>().map_err(wrong)?.get();
     let Some(camera) = camera else { return Err(errors::value("camera", "a 3D scene needs one")) };
-    let of = scene.get();
     let usual = of.render([0.0; 3]);
     let mut camera = camera.get().camera;
     if let Some((width, height)) = size {

@@ -110,21 +110,14 @@ pub(crate) fn small(argument: &str, value: &Bound<'_, PyAny>, shape: &[usize]) -
     let sides: Vec<Side> = shape.iter().map(|&length| Side::Exactly(length)).collect();
     let expected = describe(&sides);
     let array = value.py().import("numpy")?.call_method1("ascontiguousarray", (value, "float32"));
-    let array = array.map_err(|_| {
-        let found = type_name(value);
-        PyTypeError::new_err(format!("{argument}: expected numbers of shape {expected}, not {found}"))
-    })?;
+    let array = array.map_err(|_| errors::wrong_type(argument, format!("numbers of shape {expected}"), value))?;
     numbers::<f32>(argument, &array, &sides, "float32").map(|(numbers, _)| numbers)
-}
-
-fn type_name(value: &Bound<'_, PyAny>) -> String {
-    value.get_type().name().map_or_else(|_| "something else".to_owned(), |name| name.to_string())
 }
 
 fn wrong_type(argument: &str, value: &Bound<'_, PyAny>, dtype: &str, shape: &[Side]) -> PyErr {
     let found = match value.cast::<PyUntypedArray>() {
         Ok(array) => format!("an array of {}", array.dtype()),
-        Err(_) => type_name(value),
+        Err(_) => errors::type_name(value),
     };
     let expected = describe(shape);
     PyTypeError::new_err(format!("{argument}: expected a NumPy array of {dtype} with shape {expected}, not {found}"))
@@ -225,6 +218,16 @@ pub(crate) fn view<'py, T: Element, D: Dimension>(
     // while it lives, and that the array keeps alive.
     #[allow(unsafe_code)]
     let array = unsafe { PyArray::borrow_from_array(&view, owner) };
+    Ok(readonly(array.readwrite()))
+}
+
+/// A read-only NumPy array of these numbers.
+pub(crate) fn owned<'py, T: Element, D: Dimension>(
+    py: Python<'py>,
+    values: Vec<T>,
+    shape: impl IntoDimension<Dim = D>,
+) -> PyResult<Bound<'py, PyArray<T, D>>> {
+    let array = numpy::PyArray1::from_vec(py, values).reshape(shape.into_dimension())?;
     Ok(readonly(array.readwrite()))
 }
 

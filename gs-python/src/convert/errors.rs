@@ -7,7 +7,7 @@ use std::{
 };
 
 use pyo3::{
-    exceptions::{PyOSError, PyRuntimeError, PyValueError},
+    exceptions::{PyOSError, PyRuntimeError, PyTypeError, PyValueError},
     prelude::*,
 };
 
@@ -90,6 +90,16 @@ fn text(error: &dyn std::error::Error) -> String {
 /// A `ValueError` about an argument.
 pub(crate) fn value(argument: &str, problem: impl Display) -> PyErr {
     PyValueError::new_err(format!("{argument}: {problem}"))
+}
+
+/// A `TypeError` about an argument that is of another type.
+pub(crate) fn wrong_type(argument: &str, expected: impl Display, found: &Bound<'_, PyAny>) -> PyErr {
+    PyTypeError::new_err(format!("{argument}: expected {expected}, not {}", type_name(found)))
+}
+
+/// The name of an object's type.
+pub(crate) fn type_name(object: &Bound<'_, PyAny>) -> String {
+    object.get_type().name().map_or_else(|_| "something else".to_owned(), |name| name.to_string())
 }
 
 /// A `RuntimeError` for a panic of the engine, which is a fault of ours.

@@ -9,7 +9,7 @@ use std::{
 use gs_lab::study::overrides;
 use gs_train::SettingsFile;
 use pyo3::{
-    exceptions::{PyOSError, PyTypeError, PyValueError},
+    exceptions::{PyOSError, PyValueError},
     prelude::*,
     types::{PyDict, PyMapping, PyString},
 };
@@ -55,8 +55,7 @@ pub(crate) fn text_of(file: &Path) -> PyResult<String> {
 fn table(argument: &str, settings: &Bound<'_, PyAny>) -> PyResult<Table> {
     let py = settings.py();
     if settings.cast::<PyMapping>().is_err() {
-        let found = settings.get_type().name()?.to_string();
-        return Err(PyTypeError::new_err(format!("{argument}: expected a mapping, not {found}")));
+        return Err(errors::wrong_type(argument, "a mapping", settings));
     }
     let options = PyDict::new(py);
     options.set_item("allow_nan", false)?;

@@ -68,11 +68,8 @@ macro_rules! python_scene {
     ($core:ty, $class:ident) => {
         impl PythonScene for $core {
             fn from_python(argument: &str, object: &Bound<'_, PyAny>) -> PyResult<Vec<Self::Gaussian>> {
-                let Ok(scene) = object.cast::<$class>() else {
-                    let found = object.get_type().name()?.to_string();
-                    let message = format!("{argument}: expected {}, not {found}", stringify!($class));
-                    return Err(pyo3::exceptions::PyTypeError::new_err(message));
-                };
+                let scene =
+                    object.cast::<$class>().map_err(|_| errors::wrong_type(argument, stringify!($class), object))?;
                 let scene = &scene.get().scene;
                 Ok((0..scene.len()).map(|index| scene.gaussian(index)).collect())
             }

@@ -11,7 +11,10 @@ use super::{
     observation::{Observation as Seen, SeenScene},
     plan::{Plan, PythonScene},
 };
-use crate::convert::{errors::IntoPython, settings};
+use crate::convert::{
+    errors::{self, IntoPython},
+    settings,
+};
 
 /// The exception that a policy has raised, for the thread that waits for the run.
 pub(crate) type Raised = Arc<Mutex<Option<PyErr>>>;
@@ -40,9 +43,7 @@ impl<'py> PolicyArgument<'py> {
         if policy.hasattr("plan")? && policy.getattr("plan")?.is_callable() {
             return Ok(Self::InPython(policy.clone()));
         }
-        let found = policy.get_type().name()?.to_string();
-        let message = format!("policy: expected a name or an object with a method plan(observation, rng), not {found}");
-        Err(PyTypeError::new_err(message))
+        Err(errors::wrong_type("policy", "a name or an object with a method plan(observation, rng)", policy))
     }
 
     /// The policy of the engine whose actions and first Gaussians a policy in Python starts from.
@@ -81,14 +82,12 @@ impl PythonPolicy {
 impl<S: PythonScene + SeenScene> DensityPolicy<S> for PythonPolicy {
     fn plan(&self, observation: &Observation<'_, S>, rng: &mut Rng) -> Result<EditPlan<S::Gaussian>, Error> {
         let planned = Python::attach(|py| {
-            let seen = Bound::new(py, Seen::of(observation))?;
+            let seen = Bound::new(py, Seen::of(py, observation)?)?;
             // Those of the plan's own edits are drawn as if it had drawn none.
             let numbers = py.import("numpy.random")?.call_method1("default_rng", (rng.clone().next_u64(),))?;
             let plan = self.object.bind(py).call_method1("plan", (seen, numbers))?;
-            let Ok(plan) = plan.cast::<Plan>() else {
-                let found = plan.get_type().name()?.to_string();
-                return Err(PyTypeError::new_err(format!("plan(observation, rng): expected a Plan, not {found}")));
-            };
+            let plan =
+                plan.cast::<Plan>().map_err(|_| errors::wrong_type("plan(observation, rng)", "a Plan", &plan))?;
             plan.get().edits(py, observation, &self.actions, rng)
         });
         planned.map_err(|error| {
