@@ -1,5 +1,5 @@
-//! 3D scenes: time of every stage, of forward passes, of forward and backward, and of training
-//! steps.
+//! Random 3D scenes: time of forward and backward, and of training steps with each kind of optimizer
+//! state. `gs profile` measures the stages of a step of any scene.
 //!
 //! `cargo bench -p gs-cpu --bench scene3d -- [SCENE…]`, with the scene names of the output; all
 //! without names. Scenes are drawn with the fixed seed [`SEED`].
@@ -15,11 +15,11 @@ use std::time::Instant;
 use garden::{Random, SEED, garden};
 use glam::Vec3;
 use gs_core::{
-    AdamRates, Binning, Blend, Camera, Error, Gaussian3d, Image, Loss, MomentFormat, Parameterization, Participants,
-    RenderSettings, Scene, Scene3d, TrainStep,
+    AdamRates, Binning, Blend, Camera, Error, Gaussian3d, Image, Loss, MomentFormat, Optimizer, Parameterization,
+    Participants, RenderSettings, Scene, Scene3d, TrainStep,
     effects::{Antialias, Order, Statistics},
     logit,
-    profile::{Profiler, Quantiles, still},
+    profile::{Quantiles, still},
 };
 use gs_cpu::{CpuRasterizer, CpuSettings};
 
@@ -117,7 +117,7 @@ fn median(repetitions: usize, mut work: impl FnMut() -> Result<(), Error>) -> Re
     Ok(Quantiles::of(&seconds).median * 1e3)
 }
 
-fn measure(cpu: &impl Profiler<Scene3d>, subject: &Subject) -> Result<(), Error> {
+fn measure(cpu: &impl Optimizer<Scene3d>, subject: &Subject) -> Result<(), Error> {
     let Subject { name, scene, camera, settings, repetitions } = subject;
     let image = Image::from_fn(camera.width, camera.height, |x, y| {
         [x as f32 / camera.width as f32, y as f32 / camera.height as f32, 0.5]
@@ -125,25 +125,12 @@ fn measure(cpu: &impl Profiler<Scene3d>, subject: &Subject) -> Result<(), Error>
     let target = cpu.upload_target(&image)?;
     let mut splats = cpu.upload(scene, Parameterization::ScaleRotation)?;
     let (loss, rates) = (Loss::PAPER, still());
-    let profile = cpu.profile(&mut splats, camera, &target, settings, loss, *repetitions).block_on()?;
-    let culled = cpu.culled(&cpu.forward(&splats, camera, settings).block_on()?);
-    println!(
-        "{name}: {} Gaussians, {}x{} px, {} entries, {} M pairs; {culled:?}",
-        scene.len(),
-        camera.width,
-        camera.height,
-        profile.entries,
-        profile.pairs / 1_000_000
-    );
-    for stage in profile.of_a_step() {
-        println!("  {:12} {:8.2} ms", stage.stage, Quantiles::of(&stage.seconds).median * 1e3);
-    }
-    let forward = median(*repetitions, || cpu.forward(&splats, camera, settings).block_on().map(drop))?;
+    println!("{name}: {} Gaussians, {}x{} px", scene.len(), camera.width, camera.height);
     let both = median(*repetitions, || {
         let pass = cpu.forward(&splats, camera, settings).block_on()?;
         cpu.backward(&splats, pass, &target, &loss).block_on().map(drop)
     })?;
-    println!("  forward {forward:.1} ms, forward and backward {both:.1} ms");
+    println!("  {:36} {both:8.1} ms", "forward and backward");
     let half = AdamRates { color_rest_moments: MomentFormat::Bf16, ..rates };
     let together = AdamRates { participants: Participants::Visible, ..half };
     for (name, rates) in [
