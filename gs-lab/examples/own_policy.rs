@@ -8,7 +8,7 @@ use std::{error::Error, sync::Arc};
 use gs_core::{EditPlan, Gaussian2d, effects::Statistics};
 use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_density::{Actions, DensityPolicy, Observation, Rng, Round, WhenFlat};
-use gs_lab::{Existing, Places, Plan, Results, Study, StudyFolder, conduct, report, result::write_tables, study::Arm};
+use gs_lab::{Existing, Places, Plan, Results, Study, StudyFolder, conduct, report, study::Arm};
 
 struct RestlessMass(f32);
 
@@ -35,6 +35,5 @@ fn main() -> Result<(), Box<dyn Error>> {
     let folder = StudyFolder::prepare("gs-out/own-policy".as_ref(), &plan, Existing::Resume)?;
     conduct(&plan, &[&cpu], &folder, &())?;
     let results = Results::read(&plan, &folder)?;
-    write_tables(&results, &folder)?;
     Ok(report::write(&results, &folder, "cargo run --release -p gs-lab --example own_policy")?)
 }

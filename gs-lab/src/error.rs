@@ -199,3 +199,9 @@ pub enum Error {
         message: String,
     },
 }
+
+impl From<gs_core::Error> for Error {
+    fn from(error: gs_core::Error) -> Self {
+        Self::Fit(error.into())
+    }
+}

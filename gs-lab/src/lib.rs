@@ -11,7 +11,7 @@
 //! - [`price`] measures what approximations cost, and [`experiments`] names the studies of the paper
 //!   and makes their page.
 //!
-//! A room uses only those before it: [`study`], [`run`], [`result`], [`report`], [`price`],
+//! A room uses only those before it: [`study`], [`run`], `result`, [`report`], [`price`],
 //! [`experiments`].
 
 mod error;
@@ -19,12 +19,14 @@ pub mod experiments;
 mod median;
 pub mod price;
 pub mod report;
-pub mod result;
+mod result;
 pub mod run;
 #[cfg(test)]
 mod sources;
 pub mod study;
 mod synthetic;
+#[cfg(test)]
+mod tests;
 
 pub use crate::{
     error::Error,

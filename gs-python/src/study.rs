@@ -16,9 +16,8 @@ use gs_core::{Scene2d, Scene3d};
 use gs_jobs::{AtEnd, Shard, WorkSettings, slurm};
 use gs_lab::{
     Existing, Places, Plan, Results, StudyFolder, conduct_with, report,
-    result::write_tables,
-    run::{AnyScene, Conducted, Replayed, RunOutcome, Watcher},
-    study::{AnyPolicy, Arm, Machine, OwnPolicy, Run},
+    run::{Conducted, Replayed, ReplayedScene, RunOutcome, Watcher},
+    study::{Arm, Machine, Run},
 };
 use gs_train::CustomPolicy;
 use pyo3::{IntoPyObjectExt, exceptions::PyRuntimeError, prelude::*, types::PyAny};
@@ -129,15 +128,18 @@ impl Study {
     #[doc = doc!("Study.replay")]
     fn replay(&self, py: Python<'_>, output: PathBuf, row: usize) -> PyResult<Py<PyAny>> {
         let Prepared { plan, folder, backends } = self.prepared(py, output, 1, None)?;
-        let replayed = errors::computed(py, || gs_lab::run::replay(&plan, row, backends[0].rasterizer(), &folder));
+        let replayed =
+            errors::computed(py, || gs_lab::run::replay(&plan, row, backends[0].rasterizer(), &folder, &|_| ()));
         let Replayed { scene, frame, pictures, settings, .. } =
             replayed.map_err(|error| self.raised().unwrap_or(error))?;
         match scene {
-            AnyScene::In2d(scene) => {
+            ReplayedScene::TwoD(scene) => {
                 let (render, size) = (Some(settings), pictures.first().map(gs_core::Image::size));
                 crate::scene::scene2d::Scene2d { scene: Arc::new(scene), render, size, profile: None }.into_py_any(py)
             }
-            AnyScene::In3d(scene) => crate::scene::scene3d::Scene3d::of(scene, Some(settings), frame).into_py_any(py),
+            ReplayedScene::ThreeD(scene) => {
+                crate::scene::scene3d::Scene3d::of(scene, Some(settings), frame).into_py_any(py)
+            }
             _ => Err(PyRuntimeError::new_err("the scene is of a kind that has no class in Python")),
         }
     }
@@ -183,14 +185,11 @@ fn arm_of(
     let usual = if is_of_scenes { usual.for_3d() } else { usual };
     let actions = usual.actions().copied().unwrap_or_default();
     let own = Arc::new(PythonPolicy::new(&object, actions, raised.clone())?);
-    let policy = match is_of_scenes {
-        true => AnyPolicy::In3d(own as CustomPolicy<Scene3d>),
-        false => AnyPolicy::In2d(own as CustomPolicy<Scene2d>),
+    let arm = match is_of_scenes {
+        true => Arm::with_policy_3d(name, fingerprint, own as CustomPolicy<Scene3d>),
+        false => Arm::with_policy(name, fingerprint, own as CustomPolicy<Scene2d>),
     };
-    Ok(Arm::named(name).with(|arm| {
-        arm.policy = Some("absolute".to_owned());
-        arm.own_policy = Some(OwnPolicy { fingerprint: fingerprint.to_owned(), policy });
-    }))
+    Ok(arm.with(|arm| arm.policy = Some("absolute".to_owned())))
 }
 
 /// A study with its folder and backends.
@@ -219,7 +218,7 @@ impl Study {
                     gs_lab::run::refuse_unsupported(&plan, rasterizer).map_err(IntoPython::into_python)?;
                     StudyFolder::prepare(&output, &plan, existing)
                 }
-                None => StudyFolder::open(&output),
+                None => StudyFolder::open(&output, false),
             };
             let folder = folder.map_err(IntoPython::into_python)?;
             Ok(Prepared { plan, folder, backends })
@@ -277,19 +276,11 @@ impl Study {
         let Prepared { plan, folder, .. } = study;
         let headlines = py.detach(|| {
             let results = Results::read(plan, folder).map_err(Ok)?;
-            let failed = results.records.iter().flatten().filter_map(|record| match &record.outcome {
-                RunOutcome::Failed { error } => Some(error.clone()),
-                RunOutcome::Finished(_) => None,
-            });
-            let failed: Vec<String> = failed.collect();
+            let failed = results.failures();
             if failed.len() == plan.runs.len() {
-                return Err(Err(failed.into_iter().next().unwrap_or_default()));
+                return Err(Err(failed.first().map_or_else(String::new, |&first| first.to_owned())));
             }
-            let write = || {
-                write_tables(&results, folder)?;
-                report::write(&results, folder, "gaussian_splats.Study.run")
-            };
-            write().map_err(Ok)?;
+            report::write(&results, folder, "gaussian_splats.Study.run").map_err(Ok)?;
             Ok(report::headlines(&results))
         });
         headlines.map_err(|error: Result<gs_lab::Error, String>| match error {

@@ -13,7 +13,7 @@ use gs_io::{
     dataset::{may_be_dataset, read_dataset},
     readable_in,
 };
-use gs_lab::experiments::Cell;
+use gs_lab::report::significant;
 use serde::Serialize;
 
 use crate::{
@@ -208,7 +208,7 @@ fn text(info: &Info) -> String {
 
 /// A value of a parameter, to five significant digits.
 fn number(value: f32) -> String {
-    Cell::Significant(value.into(), 5).to_string()
+    significant(value.into(), 5)
 }
 
 /// The metadata of a checkpoint, a line for each entry.

@@ -4,17 +4,16 @@ use std::{path::PathBuf, time::Instant};
 
 use clap::{
     Args,
-    builder::{PossibleValuesParser, TypedValueParser as _},
+    builder::{PossibleValuesParser, TypedValueParser},
 };
 use gs_backend::AnyRasterizer;
 use gs_core::counted;
 use gs_io::Inputs;
 use gs_lab::{
     Existing, Places, Plan, Results, StudyFolder, conduct,
-    experiments::{Chapter, Experiment, ExperimentSize, PageSetting, page},
+    experiments::{Chapter, EXPERIMENTS, Experiment, claims_csv, page, verdicts},
     report,
-    result::{claims_csv, verdicts, write_tables},
-    run::{Conducted, Safety},
+    run::{Conducted, Preparation},
     study::Machine,
 };
 
@@ -57,7 +56,7 @@ pub(crate) struct PaperArgs {
     overwrite: OverwriteArgs,
     /// Make only this experiment
     #[arg(long, value_name = "NAME", value_parser = experiment_parser())]
-    only: Option<Experiment>,
+    only: Option<&'static Experiment>,
     /// Fewer seeds and steps, for a first look
     #[arg(long)]
     quick: bool,
@@ -65,8 +64,10 @@ pub(crate) struct PaperArgs {
     backend: BackendArgs,
 }
 
-fn experiment_parser() -> impl clap::builder::TypedValueParser<Value = Experiment> {
-    PossibleValuesParser::new(Experiment::ALL.map(Experiment::name)).try_map(|name| Experiment::from_name(&name))
+fn experiment_parser() -> impl TypedValueParser<Value = &'static Experiment> {
+    let of_name = |name: String| EXPERIMENTS.iter().find(|experiment| experiment.name == name);
+    PossibleValuesParser::new(EXPERIMENTS.each_ref().map(|experiment| experiment.name))
+        .map(move |name| of_name(name).expect("it is one of the possible values"))
 }
 
 /// The page.
@@ -76,46 +77,41 @@ const CLAIMS: &str = "claims.csv";
 
 /// An experiment whose folders are made.
 struct Prepared {
-    experiment: Experiment,
+    experiment: &'static Experiment,
     studies: Vec<(Plan, StudyFolder)>,
 }
 
 /// Makes the experiments and writes their results.
 pub(crate) fn run(args: &PaperArgs) -> Result<(), Failure> {
     let started = Instant::now();
-    let experiments = args.only.map_or_else(|| Experiment::ALL.to_vec(), |only| vec![only]);
-    let size = if args.quick { ExperimentSize::Quick } else { ExperimentSize::Full };
+    let experiments = args.only.map_or_else(|| EXPERIMENTS.iter().collect(), |only| vec![only]);
     let mut claim = args.overwrite.claim(&args.output, [CLAIMS, PAGE], Inputs::default());
     // The folder of a study protects itself.
-    let alone =
-        experiments.iter().filter(|experiment| experiment.studies(size).is_ok_and(|studies| studies.is_empty()));
-    claim.folders.extend(alone.map(|experiment| experiment.name().to_owned()));
+    let alone = experiments.iter().filter(|one| one.studies(args.quick).is_ok_and(|studies| studies.is_empty()));
+    claim.folders.extend(alone.map(|experiment| experiment.name.to_owned()));
     output_folder::check(&claim)?;
     let backend = args.backend.open()?;
     let folder = OutputFolder::begin(claim)?;
     output::note(&backend.reason);
-    let prepare = |experiment| prepare(args, size, experiment, &backend.rasterizer);
+    let prepare = |experiment| prepare(args, experiment, &backend.rasterizer);
     let prepared = experiments.into_iter().map(prepare).collect::<Result<Vec<_>, Failure>>()?;
     let interrupt = Interrupt::listen(Printer::above(None), AT_NEXT_STEP);
     let (mut chapters, count) = (Vec::new(), prepared.len());
     for prepared in &prepared {
-        let started = Instant::now();
-        let chapter = chapter(prepared, size, &backend.rasterizer, &folder, &interrupt)?;
-        let left = match count - chapters.len() - 1 {
+        let (name, started) = (prepared.experiment.name, Instant::now());
+        chapters.push(chapter(prepared, args.quick, &backend.rasterizer, &folder, &interrupt)?);
+        let left = match count - chapters.len() {
             0 => String::new(),
             left => format!("; {} left", counted(left, "experiment")),
         };
-        let (experiment, verdicts) = (chapter.experiment, verdicts(&chapter.findings.claims));
-        output::note(format_args!("{experiment}: {verdicts}; {:.1} s{left}", started.elapsed().as_secs_f64()));
-        chapters.push(chapter);
+        let verdicts = verdicts(&chapters[chapters.len() - 1..]);
+        output::note(format_args!("{name}: {verdicts}; {:.1} s{left}", started.elapsed().as_secs_f64()));
     }
-    let claims = chapters.iter().map(|chapter| (chapter.experiment.name(), chapter.findings.claims.as_slice()));
-    folder.write(CLAIMS, claims_csv(claims))?;
-    let page = page(&chapters, PageSetting { extent: size, only: args.only, backend: &backend.reason })?;
-    folder.write(PAGE, page)?;
+    folder.write(CLAIMS, claims_csv(&chapters))?;
+    folder.write(PAGE, page(&chapters, args.only, args.quick, &backend.reason)?)?;
     output::note(format_args!(
         "{} in {:.0} s; see {}",
-        verdicts(chapters.iter().flat_map(|chapter| &chapter.findings.claims)),
+        verdicts(&chapters),
         started.elapsed().as_secs_f64(),
         folder.file(PAGE).display()
     ));
@@ -123,18 +119,13 @@ pub(crate) fn run(args: &PaperArgs) -> Result<(), Failure> {
 }
 
 /// Plans the studies of an experiment and makes their folders, in which finished runs are kept.
-fn prepare(
-    args: &PaperArgs,
-    size: ExperimentSize,
-    experiment: Experiment,
-    rasterizer: &AnyRasterizer,
-) -> Result<Prepared, Failure> {
-    let safety = Safety { overwrite: args.overwrite.overwrite, ..Safety::default() };
+fn prepare(args: &PaperArgs, experiment: &'static Experiment, on: &AnyRasterizer) -> Result<Prepared, Failure> {
+    let how = Preparation { overwrite: args.overwrite.overwrite, ..Existing::Resume.into() };
     let mut studies = Vec::new();
-    for study in experiment.studies(size)? {
+    for study in experiment.studies(args.quick)? {
         let path = args.output.join(&study.name);
-        let plan = Plan::new(study, &Places::default(), Machine::of(rasterizer))?;
-        let folder = StudyFolder::prepare_with(&path, &plan, Existing::Resume, &safety, None)?;
+        let plan = Plan::new(study, &Places::default(), Machine::of(on))?;
+        let folder = StudyFolder::prepare(&path, &plan, how.clone())?;
         studies.push((plan, folder));
     }
     Ok(Prepared { experiment, studies })
@@ -143,32 +134,30 @@ fn prepare(
 /// Makes an experiment and writes its results.
 fn chapter(
     Prepared { experiment, studies }: &Prepared,
-    size: ExperimentSize,
-    rasterizer: &AnyRasterizer,
+    quick: bool,
+    on: &AnyRasterizer,
     folder: &OutputFolder,
     interrupt: &Interrupt,
 ) -> Result<Chapter, Failure> {
-    let mut chapter = Chapter::new(*experiment);
-    if let Some(findings) =
-        experiment.run(rasterizer, size, &|what| output::note(format_args!("{experiment}: {what}")))?
-    {
-        folder.make(experiment.name())?;
-        folder.write_findings(&format!("{experiment}/"), &findings)?;
-        chapter.findings.add(findings);
+    let note = |what: &str| output::note(format_args!("{}: {what}", experiment.name));
+    // What this measures is not stored until it is complete, so there is nothing to go on from.
+    let mut chapter = interrupt.at_once(|| experiment.begin(on, quick, &note))?;
+    let files = chapter.files()?;
+    if !files.is_empty() {
+        folder.make(experiment.name)?;
+        folder.write_all(files)?;
     }
     for (plan, of_study) in studies {
         output::note(format_args!("{}: {}", plan.study.name, counted(plan.runs.len(), "run")));
         let display = Display::new(plan, of_study)?;
-        let conducted = conduct(plan, &[rasterizer], of_study, &display.stopped_by(interrupt));
+        let conducted = conduct(plan, &[on], of_study, &display.stopped_by(interrupt));
         display.printer().clear_bar();
         if conducted? != Conducted::Whole {
             return Err(Failure::interrupted("stopped; the same command goes on"));
         }
         let results = Results::read(plan, of_study)?;
-        write_tables(&results, of_study)?;
-        let command = format!("gs study {}", plan.study.name);
-        report::write(&results, of_study, &command)?;
-        chapter.add(&results, report::excerpt(&results, of_study)?);
+        report::write(&results, of_study, &format!("gs study {}", plan.study.name))?;
+        chapter.add(&results, of_study)?;
     }
     Ok(chapter)
 }

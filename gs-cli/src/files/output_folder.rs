@@ -9,7 +9,6 @@ use std::{
 
 use clap::Args;
 use gs_io::{FolderClaim, Inputs, remove_leftovers, write_atomically, write_durably};
-use gs_lab::experiments::Findings;
 use serde::Serialize;
 
 use crate::failure::Failure;
@@ -126,12 +125,10 @@ impl OutputFolder {
         Ok(self.remove(name)?)
     }
 
-    /// Writes tables, figures and pictures of an experiment, whose names in the folder begin with
-    /// `prefix`.
-    pub(crate) fn write_findings(&self, prefix: &str, findings: &Findings) -> Result<(), Failure> {
-        let files = findings.files(prefix)?;
-        self.claim(files.iter().map(|file| file.name.clone()))?;
-        files.into_iter().try_for_each(|file| self.write(&file.name, file.bytes))
+    /// Claims and writes files, given by name and content.
+    pub(crate) fn write_all(&self, files: Vec<(String, Vec<u8>)>) -> Result<(), Failure> {
+        self.claim(files.iter().map(|(name, _)| name.clone()))?;
+        files.into_iter().try_for_each(|(name, bytes)| self.write(&name, bytes))
     }
 }
 

@@ -110,3 +110,22 @@ fn looked_at(dataset: &Dataset, camera: &Camera) -> Vec3 {
 fn up_of(dataset: &Dataset) -> Vec3 {
     dataset.views.iter().map(|view| -view.camera.rotation.row(1)).sum()
 }
+
+/// Selects at most `most` of the cameras, evenly spread.
+pub(crate) fn sampled(cameras: &[Camera], most: usize) -> Vec<Camera> {
+    let count = cameras.len().min(most);
+    (0..count).map(|number| cameras[number * cameras.len() / count]).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn samples_are_spread_evenly() {
+        let camera = |width| Camera::looking_forward(width, 8, 1.0);
+        let widths = |most| sampled(&(1..=10).map(camera).collect::<Vec<_>>(), most).iter().map(|c| c.width).collect();
+        let [few, all, none]: [Vec<u32>; 3] = [widths(4), widths(99), widths(0)];
+        assert_eq!((few, all.len(), none), (vec![1, 3, 6, 8], 10, vec![]));
+    }
+}

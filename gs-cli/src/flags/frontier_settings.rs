@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use gs_lab::price::frontier::{FrontierMachine, FrontierSettings};
+use gs_lab::price::{FrontierMachine, FrontierSettings};
 
 use super::backend::BackendArgs;
 use crate::{failure::Failure, files::text_file::read_settings_text};
@@ -23,7 +23,6 @@ pub(crate) fn parse_if_any(text: &str, file: &Path) -> Result<Option<FrontierSet
 
 fn parse(text: &str, file: &Path) -> Result<FrontierSettings, Failure> {
     let settings = FrontierSettings::from_toml(text, file).map_err(|error| Failure::usage(error).hint(HINT))?;
-    settings.validate().map_err(|error| Failure::usage(error).at(file.display()).hint(HINT))?;
     check_flags(&settings.machine.flags).map_err(|failure| failure.at(file.display()).hint(HINT))?;
     Ok(settings)
 }
@@ -89,7 +88,8 @@ mod tests {
     fn tuning_is_used_on_its_own_machine_only() {
         let flags = ["--backend", "cpu", "--simd", "baseline", "--threads", "2"].map(str::to_owned).to_vec();
         let cpu = CpuTuning::default().with(|s| s.tile_rows = Some(16));
-        let machine = FrontierMachine::default().with(|m| (m.flags, m.cpu) = (flags, Some(cpu)));
+        let mut machine = FrontierMachine::default();
+        (machine.flags, machine.cpu) = (flags, Some(cpu));
         let open = backend(&machine, &BackendArgs::default());
         assert_eq!((open.simd.as_deref(), open.threads, open.tuning), (Some("baseline"), Some(2), cpu));
         let given = backend(&machine, &BackendArgs { backend: Wanted::Cpu, ..BackendArgs::default() });

@@ -15,7 +15,7 @@ use crate::{
 
 /// The target and where it is from.
 #[derive(Debug)]
-pub(crate) struct Target {
+pub(crate) struct FitImage {
     pub(crate) image: Image,
     /// The image's file; `None` for the paper's circle and square.
     pub(crate) file: Option<PathBuf>,
@@ -25,7 +25,7 @@ pub(crate) struct Target {
     pub(crate) remarks: Vec<String>,
 }
 
-impl Target {
+impl FitImage {
     /// Reads the image, with `background` (default: white) behind transparent pixels, or makes the
     /// paper's target.
     pub(crate) fn read(file: Option<&Path>, background: Option<Color>) -> Result<Self, gs_io::Error> {

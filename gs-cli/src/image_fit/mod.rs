@@ -2,7 +2,7 @@
 //! take an image in place of a scene.
 
 pub(crate) mod batch;
-pub(crate) mod target;
+pub(crate) mod fit_image;
 
 use std::path::PathBuf;
 
@@ -13,10 +13,10 @@ use gs_core::{
     effects::{Antialias, Background},
 };
 use gs_density::Policy;
-use gs_lab::price::frontier::{FrontierMachine, FrontierSettings};
+use gs_lab::price::{FrontierMachine, FrontierSettings};
 use gs_train::{FitSettings, Init, InitKind, Preset, SettingsFile as _, Trainer, Tune, mean_color};
 
-pub(crate) use self::target::Target;
+pub(crate) use self::fit_image::FitImage;
 use crate::{
     failure::Failure,
     files::text_file::read_settings_text,
@@ -133,7 +133,7 @@ impl SettingsFile {
 }
 
 /// The settings that the flags and the file ask for, for this target.
-pub(crate) fn settings(args: &FitSettingsArgs, file: &SettingsFile, target: &Target) -> Result<FitSettings, Failure> {
+pub(crate) fn settings(args: &FitSettingsArgs, file: &SettingsFile, target: &FitImage) -> Result<FitSettings, Failure> {
     let mut settings = match file {
         SettingsFile::Fit(settings) => {
             let gaussians = args.gaussians.unwrap_or(settings.gaussians);
@@ -183,7 +183,7 @@ pub(crate) fn settings(args: &FitSettingsArgs, file: &SettingsFile, target: &Tar
 /// A target of one flat colour, except for details, is fitted before that colour. If its
 /// transparent pixels show another colour, it is not: these settings, used again, would put them on
 /// the flat colour.
-fn before_flat_color(settings: FitSettings, target: &Target) -> FitSettings {
+fn before_flat_color(settings: FitSettings, target: &FitImage) -> FitSettings {
     let before = settings.clone().before_flat_color(&target.image);
     match target.behind {
         Some(behind) if before.render.background_color() != behind.0 => settings,
@@ -194,7 +194,7 @@ fn before_flat_color(settings: FitSettings, target: &Target) -> FitSettings {
 /// Fits a target with these settings, without results.
 pub(crate) fn fit_first(
     rasterizer: &AnyRasterizer,
-    target: &Target,
+    target: &FitImage,
     settings: FitSettings,
 ) -> Result<Scene2d, Failure> {
     let (width, height) = target.image.size();
@@ -215,9 +215,9 @@ mod tests {
 
     use super::*;
 
-    fn target() -> Target {
+    fn target() -> FitImage {
         let image = Image::from_fn(64, 48, |x, _| [x as f32 / 63.0, 0.5, 0.25]).unwrap();
-        Target { image, file: Some("picture.png".into()), behind: None, remarks: Vec::new() }
+        FitImage { image, file: Some("picture.png".into()), behind: None, remarks: Vec::new() }
     }
 
     fn resolved(args: &FitSettingsArgs) -> FitSettings {
@@ -246,8 +246,8 @@ mod tests {
 
     #[test]
     fn a_flat_picture_is_fitted_before_its_colour_unless_transparent_pixels_show_another() {
-        let flat = |behind| Target { image: Image::filled(9, 7, [1.0; 3]).unwrap(), behind, ..target() };
-        let background = |args: &FitSettingsArgs, target: &Target| {
+        let flat = |behind| FitImage { image: Image::filled(9, 7, [1.0; 3]).unwrap(), behind, ..target() };
+        let background = |args: &FitSettingsArgs, target: &FitImage| {
             let settings = super::settings(args, &SettingsFile::None, target).unwrap();
             (settings.render.effects.background == Background::Solid).then_some(settings.render.background)
         };

@@ -1,7 +1,10 @@
 //! Ctrl-C: the first asks the work to stop where it can be resumed, a later one quits at once.
 
 use std::{
-    sync::{Arc, OnceLock},
+    sync::{
+        Arc, OnceLock,
+        atomic::{AtomicBool, Ordering},
+    },
     time::{Duration, Instant},
 };
 
@@ -14,7 +17,11 @@ const SAME_REQUEST: Duration = Duration::from_secs(1);
 
 /// Whether Ctrl-C was pressed, and when first.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Interrupt(Arc<OnceLock<Instant>>);
+pub(crate) struct Interrupt {
+    first: Arc<OnceLock<Instant>>,
+    /// Whether the work cannot be resumed, so that the first already quits.
+    at_once: Arc<AtomicBool>,
+}
 
 /// Message for runs that stop at their next checkpoint.
 pub(crate) const AT_NEXT_STEP: &str = "stopping at the next step that can be resumed";
@@ -51,15 +58,27 @@ impl Interrupt {
 
     /// Whether the work was asked to stop.
     pub(crate) fn requested(&self) -> bool {
-        self.0.get().is_some()
+        self.first.get().is_some()
+    }
+
+    /// Does work that cannot be resumed: Ctrl-C quits at once.
+    pub(crate) fn at_once<T>(&self, work: impl FnOnce() -> T) -> T {
+        self.at_once.store(true, Ordering::SeqCst);
+        if self.requested() {
+            failure::quit_now();
+        }
+        let done = work();
+        self.at_once.store(false, Ordering::SeqCst);
+        done
     }
 
     /// The request of a signal that comes at this time.
     fn receive(&self, now: Instant) -> Request {
-        match self.0.get() {
+        match self.first.get() {
+            _ if self.at_once.load(Ordering::SeqCst) => Request::Quit,
             // Signals are handled one after the other.
             None => {
-                self.0.get_or_init(|| now);
+                self.first.get_or_init(|| now);
                 Request::Stop
             }
             Some(first) if now.duration_since(*first) < SAME_REQUEST => Request::Repeated,
@@ -88,5 +107,12 @@ mod tests {
             [Request::Stop, Request::Repeated, Request::Repeated, Request::Quit]
         );
         assert!(interrupt.requested());
+    }
+
+    #[test]
+    fn work_that_cannot_be_resumed_ends_at_the_first_signal() {
+        let interrupt = Interrupt::default();
+        assert_eq!(interrupt.at_once(|| interrupt.receive(Instant::now())), Request::Quit);
+        assert_eq!(interrupt.receive(Instant::now()), Request::Stop);
     }
 }

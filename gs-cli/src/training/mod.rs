@@ -15,7 +15,7 @@ use std::time::Instant;
 
 use gs_backend::{AnyRasterizer, FutureExt as _};
 use gs_core::Optimizer;
-use gs_lab::report::figure::curve::CurvePoint;
+use gs_lab::report::curve::CurvePoint;
 use gs_train::{MetricsLog, Observer as _, Outcome, Trainable, Trainer};
 
 pub(crate) use self::frames::Frames;

@@ -10,7 +10,7 @@ use std::{
 
 use gs_core::{SavedState, edit::EditCounts};
 use gs_io::Checkpoint;
-use gs_lab::report::figure::curve::CurvePoint;
+use gs_lab::report::curve::CurvePoint;
 use gs_train::{Control, Error, MetricsLog, Observer, Progress};
 
 use crate::{

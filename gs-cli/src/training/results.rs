@@ -5,7 +5,7 @@ use std::path::Path;
 use gs_backend::Chosen;
 use gs_core::examination::{self, Examinable};
 use gs_io::write_png;
-use gs_lab::report::figure::curve::{self, CurvePoint};
+use gs_lab::report::curve::{self, CurvePoint};
 use gs_train::MetricsLog;
 use serde::Serialize;
 
@@ -71,7 +71,7 @@ pub(crate) fn write_curve(
     log: &MetricsLog,
     title: &str,
 ) -> Result<(), Failure> {
-    let picture = curve::draw(points, &curve::measured(log.rows()), title)?;
+    let picture = curve::draw(points, log.rows(), title)?;
     Ok(write_png(folder.file("curve.png"), &picture)?)
 }
 

@@ -7,8 +7,7 @@ use std::{
 };
 
 use glam::Vec3;
-use gs_core::{Scene as _, Scene3d};
-use gs_lab::price::popping::discs;
+use gs_core::{Gaussian3d, Scene as _, Scene3d};
 use serde_json::{Value, json};
 
 use crate::{
@@ -19,8 +18,17 @@ use crate::{
 /// Two discs, one through the other, with SH that change no pixel visibly, as a PLY file.
 fn faintly_shiny(place: &Path) -> PathBuf {
     let mut scene = Scene3d { sh_degree: 2, ..Scene3d::default() };
-    let plain = discs();
-    (0..plain.len()).for_each(|index| scene.push(plain.gaussian(index).with_degree(2)));
+    for side in [-1.0, 1.0] {
+        let turned = glam::Quat::from_rotation_y(f32::to_radians(35.0 * side));
+        let disc = Gaussian3d {
+            mean: Vec3::new(0.05 * side, 0.0, 0.0),
+            log_scale: Vec3::new(0.4, 0.4, 0.04).map(f32::ln),
+            rotation: [turned.w, turned.x, turned.y, turned.z],
+            opacity_logit: 2.2,
+            sh: vec![Vec3::new(side, 0.0, -side)],
+        };
+        scene.push(disc.with_degree(2));
+    }
     for coefficients in scene.sh.chunks_exact_mut(9) {
         coefficients[1..].fill(Vec3::splat(1e-4));
     }

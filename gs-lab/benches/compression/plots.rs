@@ -3,7 +3,7 @@
 use std::{error::Error, fs, path::Path};
 
 use gs_core::counted;
-use gs_lab::report::figure::{Axis, Figure, Marks, Series};
+use gs_lab::report::line_chart;
 
 use crate::{
     Set,
@@ -24,32 +24,33 @@ pub(crate) fn write(points: &Points, sets: &[Set], folder: &Path) -> Result<(), 
             let names: Vec<&str> = set.images.iter().map(|image| image.name.as_str()).collect();
             let title = format!("{}: mean of {}", set.name, counted(names.len(), "image"));
             let name = format!("mean-of-{}", set.name.to_lowercase().replace(' ', "-"));
-            save(folder, figure(name, title, measure, |format| mean_curve(points, &names, format, measure)))?;
+            save(folder, &name, &title, measure, |format| mean_curve(points, &names, format, measure))?;
             for image in names {
                 let curve =
                     |format: &str| points.curve(image, format, measure).map_or_else(Vec::new, |curve| line(&curve));
-                save(folder, figure(image.to_owned(), image.to_owned(), measure, curve))?;
+                save(folder, image, image, measure, curve)?;
             }
         }
     }
     Ok(())
 }
 
-fn save(folder: &Path, figure: Figure) -> Result<(), Box<dyn Error>> {
-    Ok(fs::write(folder.join(format!("{}.svg", figure.name)), figure.svg_file()?)?)
-}
-
-fn figure(name: String, title: String, measure: Measure, curve: impl Fn(&str) -> Vec<(f64, f64)>) -> Figure {
+fn save(
+    folder: &Path,
+    name: &str,
+    title: &str,
+    measure: Measure,
+    curve: impl Fn(&str) -> Vec<(f64, f64)>,
+) -> Result<(), Box<dyn Error>> {
     let formats = [OURS, TUNED].into_iter().chain(CODECS.iter().map(|codec| codec.name));
-    let series = formats.map(|format| Series::line(format, curve(format))).filter(|series| !series.points.is_empty());
+    let lines = formats.map(|format| (format, curve(format))).filter(|(_, points)| !points.is_empty());
     let unit = match measure {
         Measure::Psnr => "PSNR, dB",
         Measure::MsSsim => "MS-SSIM, −10·log₁₀(1 − MS-SSIM), dB",
         Measure::Ssimulacra2 => "SSIMULACRA2",
     };
-    let name = format!("{name}-{}", measure.name().to_lowercase());
-    let (x, y) = (Axis::logarithmic("bits per pixel"), Axis::linear(unit));
-    Figure { name, title, x, y, marks: Marks::lines(series.collect()) }
+    let file = folder.join(format!("{name}-{}.svg", measure.name().to_lowercase()));
+    Ok(fs::write(file, line_chart(title, ["bits per pixel", unit], lines)?)?)
 }
 
 /// Places from 0.1 to 2 bits per pixel at which every image has a file.

@@ -4,45 +4,40 @@ use gs_core::counted;
 use gs_io::png_bytes;
 use maud::{Markup, PreEscaped, html};
 
-use super::{Chapter, Experiment, ExperimentSize, Picture, Table};
+use super::{Chapter, Experiment};
 use crate::{
     error::Error,
-    report::{Excerpt, claims, html},
+    report::{Picture, Table, claims, html},
 };
 
 /// Tables with more rows are folded.
 const MOST_OPEN_ROWS: usize = 14;
 
-/// How the experiments were performed.
-#[derive(Debug, Clone, Copy)]
-pub struct PageSetting<'a> {
-    /// The extent of the measurements.
-    pub extent: ExperimentSize,
-    /// The experiment, if only one was performed.
-    pub only: Option<Experiment>,
-    /// The backend, in words.
-    pub backend: &'a str,
-}
-
-/// The page as HTML, in a single file.
+/// The page of one experiment, or of all of them, as HTML in a single file. `backend` is what computed,
+/// in words.
 ///
 /// # Errors
 /// [`Error::Picture`] where a figure cannot be drawn.
-pub fn page(chapters: &[Chapter], setting: PageSetting<'_>) -> Result<String, Error> {
+pub fn page(
+    chapters: &[Chapter],
+    only: Option<&'static Experiment>,
+    is_quick: bool,
+    backend: &str,
+) -> Result<String, Error> {
     let sections = chapters.iter().map(section).collect::<Result<Vec<_>, _>>()?;
     let body = html! {
-        (head(chapters, setting))
+        (head(chapters, only, is_quick, backend))
         main {
             @for section in sections { (section) }
-            @if setting.only.is_none() { (elsewhere()) }
+            @if only.is_none() { (elsewhere()) }
         }
     };
     Ok(html::page("The paper's experiments, measured", &body))
 }
 
-fn head(chapters: &[Chapter], setting: PageSetting<'_>) -> Markup {
-    let quick = if setting.extent == ExperimentSize::Quick { " --quick" } else { "" };
-    let only = setting.only.map_or_else(String::new, |only| format!(" --only {only}"));
+fn head(chapters: &[Chapter], only: Option<&Experiment>, is_quick: bool, backend: &str) -> Markup {
+    let quick = if is_quick { " --quick" } else { "" };
+    let only = only.map_or_else(String::new, |only| format!(" --only {}", only.name));
     html! {
         header {
             h1 { "The paper’s experiments, measured" }
@@ -51,8 +46,8 @@ fn head(chapters: &[Chapter], setting: PageSetting<'_>) -> Markup {
                 code { "gs paper" (quick) (only) } " measured. Verdicts are computed from the numbers. PSNR is that of a picture rounded "
                 "to 8 bits, against its target before rounding."
             }
-            p.quiet.small { "gs " (env!("CARGO_PKG_VERSION")) " · " (setting.backend) }
-            @if setting.extent == ExperimentSize::Quick {
+            p.quiet.small { "gs " (env!("CARGO_PKG_VERSION")) " · " (backend) }
+            @if is_quick {
                 p.note { "Quick form: fewer seeds and steps, so numbers differ from those of the full form." }
             }
             div.wide { table {
@@ -62,7 +57,7 @@ fn head(chapters: &[Chapter], setting: PageSetting<'_>) -> Markup {
                         @for (index, claim) in findings.claims.iter().enumerate() {
                             tr.first[index == 0] {
                                 @if index == 0 {
-                                    th rowspan=(findings.claims.len()) { a href={ "#" (experiment) } { (experiment.title()) } }
+                                    th rowspan=(findings.claims.len()) { a href={ "#" (experiment.name) } { (experiment.title) } }
                                 }
                                 td { (claim.statement) }
                                 td { (claims::badge(claim.verdict())) }
@@ -78,14 +73,14 @@ fn head(chapters: &[Chapter], setting: PageSetting<'_>) -> Markup {
 fn section(Chapter { experiment, findings, excerpts }: &Chapter) -> Result<Markup, Error> {
     let charts = findings.charts.iter().map(html::figure).collect::<Result<Vec<_>, _>>()?;
     Ok(html! {
-        section id=(experiment) {
-            h2 { (experiment.title()) " " span.quiet.small { (experiment.section()) } }
+        section id=(experiment.name) {
+            h2 { (experiment.title) " " span.quiet.small { (experiment.section) } }
             p.quiet { (findings.method) }
             @for claim in &findings.claims { (claims::card(claim, "The paper")) }
             div.figures { @for chart in charts { (chart) } }
             div.pictures { @for picture in &findings.pictures { (shown(picture)) } }
             @for table in findings.tables.iter().filter(|table| !table.rows.is_empty()) { (table_of(table)) }
-            @for Excerpt { study, html } in excerpts {
+            @for (study, html) in excerpts {
                 details { summary { "Tables, curves and pictures of the study " code { (study) } } (PreEscaped(html)) }
             }
         }
@@ -93,13 +88,12 @@ fn section(Chapter { experiment, findings, excerpts }: &Chapter) -> Result<Marku
 }
 
 /// Pictures that consist of several are shown wider.
-fn shown(picture: &Picture) -> Markup {
-    let image = picture.drawn();
+fn shown(Picture { caption, image, .. }: &Picture) -> Markup {
     let is_broad = image.width() > image.height();
     html! {
         figure.broad[is_broad] {
-            img src=(html::data_uri("png", &png_bytes(&image))) alt=(picture.caption);
-            figcaption { (picture.caption) }
+            img src=(html::data_uri("png", &png_bytes(image))) alt=(caption);
+            figcaption { (caption) }
         }
     }
 }
@@ -150,7 +144,8 @@ fn elsewhere() -> Markup {
 mod tests {
     use super::*;
     use crate::{
-        experiments::Findings,
+        experiments::EXPERIMENTS,
+        report::Findings,
         report::figure::{Axis, Figure, Marks, Series},
         result::{Circumstance, Claim, Number},
     };
@@ -172,7 +167,7 @@ mod tests {
             numbers: vec![Number::new("n", 1.0, "dB")],
         };
         Chapter {
-            experiment: Experiment::Edges,
+            experiment: &EXPERIMENTS[4],
             findings: Findings {
                 method: "m".to_owned(),
                 claims: vec![claim],
@@ -185,14 +180,13 @@ mod tests {
                 }],
                 pictures: vec![],
             },
-            excerpts: vec![Excerpt { study: "edges".to_owned(), html: "<p>a table</p>".to_owned() }],
+            excerpts: vec![("edges".to_owned(), "<p>a table</p>".to_owned())],
         }
     }
 
     #[test]
     fn the_page_stands_alone_and_sets_statement_beside_measurement() {
-        let setting = |only| PageSetting { extent: ExperimentSize::Quick, only, backend: "cpu" };
-        let whole = page(&[chapter()], setting(None)).unwrap();
+        let whole = page(&[chapter()], None, true, "cpu").unwrap();
         for part in [
             "a &lt; b &amp; c",
             "1 &gt; 0",
@@ -208,6 +202,6 @@ mod tests {
         }
         let outside = whole.replace("http://www.w3.org/2000/svg", "");
         assert!(!outside.contains("http") && !outside.contains("<script") && !outside.contains("url("), "no network");
-        assert!(!page(&[chapter()], setting(Some(Experiment::Edges))).unwrap().contains("Memory and storage"));
+        assert!(!page(&[chapter()], Some(&EXPERIMENTS[4]), true, "cpu").unwrap().contains("Memory and storage"));
     }
 }

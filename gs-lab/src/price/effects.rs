@@ -1,7 +1,7 @@
 //! What effects change in a scene's pictures and what they cost in time, on any backend. Renderings
 //! prove the bounds behind [`Effects::required`], and each effect is timed.
 
-use std::cmp::Ordering;
+use std::{cmp::Ordering, fmt};
 
 use gs_core::{
     Effects, Error, Rasterizer, RenderSettings,
@@ -15,7 +15,7 @@ use super::{
     Loaded, Renderer,
     noise::Noise,
     picture_error::PictureError,
-    timing::{Candidate, Rounds, interleaved},
+    timing::{Rounds, Timed, interleaved},
 };
 use crate::{
     report::{Cell, Table},
@@ -152,8 +152,8 @@ impl<V> Seen<'_, V> {
             Effect::ALL.into_iter().filter_map(|effect| Some((effect, effect.cheaper(&wanted.effects)?))).collect();
         let without = cheaper.iter().map(|(_, effects)| wanted.with(|s| s.effects = *effects));
         let settings: Vec<RenderSettings> = [*wanted, *required, *wanted].into_iter().chain(without).collect();
-        let candidate = |&settings: &RenderSettings| Candidate { renderer: self.renderer, group: "", settings };
-        let candidates: Vec<Candidate<'_, V>> = settings.iter().map(candidate).collect();
+        let candidate = |&settings: &RenderSettings| Timed { renderer: self.renderer, group: "", settings };
+        let candidates: Vec<Timed<'_, V>> = settings.iter().map(candidate).collect();
         let times = interleaved(&candidates, self.views, Rounds::Exactly(rounds))?;
         let milliseconds = 1e3 * median(times[0].iter().chain(&times[2]));
         let changes = self.differences(wanted, &settings[3..])?;
@@ -192,13 +192,16 @@ impl EffectPrices {
                 reason.as_str().into(),
             ]
         };
-        Table::new("effects", &columns, self.proof.required.decisions.iter().map(row).collect())
+        Table::new("effects", "", &columns, self.proof.required.decisions.iter().map(row).collect())
     }
+}
 
-    /// The table with the times of pictures below it.
-    pub fn text(&self) -> String {
+/// The table with the times of pictures below it.
+impl fmt::Display for EffectPrices {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (Prices { milliseconds, required_milliseconds, noise, .. }, proof) = (&self.prices, &self.proof);
-        format!(
+        write!(
+            f,
             "{}\na picture takes {milliseconds:.2} ms with the wanted effects, {required_milliseconds:.2} ms with the required ones ({:.2} \
              times as fast); {noise:.2} ms are noise\nverified in {}: {}",
             self.table().text(),
@@ -251,7 +254,7 @@ mod tests {
         let found = effect_prices(cpu.for_2d(), &scene(), &views, &wanted, 1).unwrap();
         let proof = &found.proof;
         assert_eq!((proof.difference.max, proof.difference.psnr, proof.views), (0.0, f64::INFINITY, 2));
-        let text = found.text();
+        let text = found.to_string();
         assert!(text.ends_with("verified in 2 views: every pixel is the same"), "{text}");
         let row = text.lines().find(|line| line.starts_with("antialias")).unwrap();
         let cells: Vec<&str> = row.split_whitespace().collect();

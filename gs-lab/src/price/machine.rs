@@ -51,13 +51,13 @@ impl<P: Deref<Target: Rasterizer<S>>, S: Scene> Renderer<S::View> for Loaded<P, 
 }
 
 /// A machine that takes part in a comparison.
-pub struct Contender<'a, V> {
-    /// Name of its backend. The first contender of a backend is the one that the default is measured
+pub(crate) struct Candidate<'a, V> {
+    /// Name of its backend. The first candidate of a backend is the one that the default is measured
     /// on.
     pub(crate) backend: String,
     /// The machine for reports: "cpu (avx512, 2 threads)".
     pub(crate) name: String,
-    /// The difference from the first contender of the same backend; `None` for the first.
+    /// The difference from the first candidate of the same backend; `None` for the first.
     pub(crate) change: Option<Change>,
     /// The settings that choose it.
     pub(crate) machine: FrontierMachine,
@@ -65,19 +65,23 @@ pub struct Contender<'a, V> {
     pub(crate) renderer: Box<dyn Renderer<V> + 'a>,
 }
 
-impl<V> std::fmt::Debug for Contender<'_, V> {
+impl<V> std::fmt::Debug for Candidate<'_, V> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Contender").field("backend", &self.backend).field("name", &self.name).finish_non_exhaustive()
+        f.debug_struct("Candidate").field("backend", &self.backend).field("name", &self.name).finish_non_exhaustive()
     }
 }
 
-/// The contenders of a backend for a scene with this blending, the given rasterizer first. On the CPU
+/// The candidates of a backend for a scene with this blending, the given rasterizer first. On the CPU
 /// the others have another SIMD level, one thread, or another tuning; on a GPU, other kernels that its
 /// adapter can run.
 ///
 /// # Errors
 /// Those of [`Rasterizer::upload`] and of [`CpuRasterizer::new`].
-pub fn contenders<'a, S>(base: AnyRasterizer, scene: &S, blend: Blend) -> Result<Vec<Contender<'a, S::View>>, Error>
+pub(crate) fn candidates<'a, S>(
+    base: AnyRasterizer,
+    scene: &S,
+    blend: Blend,
+) -> Result<Vec<Candidate<'a, S::View>>, Error>
 where
     S: Scene + 'a,
     AnyRasterizer: Optimizer<S>,
@@ -91,23 +95,23 @@ where
     let first = Loaded::new(Box::new(base), scene)?;
     let splats = Rc::clone(&first.splats);
     let on_cpu = usual.is_some();
-    let mut all = vec![contender(first, None, usual)];
+    let mut all = vec![candidate(first, None, usual)];
     for (axis, value, rasterizer) in others {
         let rasterizer = Box::new(rasterizer);
         let loaded = match on_cpu {
             true => Loaded { rasterizer, splats: Rc::clone(&splats) },
             false => Loaded::new(rasterizer, scene)?,
         };
-        all.push(contender(loaded, Some(Change { axis: axis.to_owned(), value }), usual));
+        all.push(candidate(loaded, Some(Change { axis: axis.to_owned(), value }), usual));
     }
     Ok(all)
 }
 
-fn contender<'a, S>(
+fn candidate<'a, S>(
     loaded: Loaded<Box<AnyRasterizer>, S>,
     change: Option<Change>,
     usual_threads: Option<usize>,
-) -> Contender<'a, S::View>
+) -> Candidate<'a, S::View>
 where
     S: Scene + 'a,
     AnyRasterizer: Optimizer<S>,
@@ -123,7 +127,7 @@ where
         _ => {}
     }
     let (backend, name) = (rasterizer.name().to_owned(), rasterizer.describe());
-    Contender { backend, name, change, machine, renderer: Box::new(loaded) }
+    Candidate { backend, name, change, machine, renderer: Box::new(loaded) }
 }
 
 /// The threads of the CPU backend.

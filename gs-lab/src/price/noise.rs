@@ -18,9 +18,9 @@ const SEED: u64 = 0x006e_6f69_7365;
 
 /// The noise of time measurements, as the difference between two measurements of the same setting.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Noise {
+pub(crate) struct Noise {
     /// Noise factor, at least 1. Medians differ if their ratio is above this or below its inverse.
-    pub factor: f64,
+    pub(crate) factor: f64,
     /// The second median divided by the first.
     pub(crate) again: f64,
 }

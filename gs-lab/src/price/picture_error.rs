@@ -10,17 +10,17 @@ const DISPLAY_STEP: f64 = 1.0 / 255.0;
 /// because most approximations change less than a display step. The quality of a fit is measured on
 /// 8-bit images ([`gs_train::ImageQuality`]).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct PictureError {
+pub(crate) struct PictureError {
     /// Largest absolute difference; ∞ where a pixel is not a number.
-    pub max: f64,
+    pub(crate) max: f64,
     /// Mean absolute difference.
-    pub mean: f64,
+    pub(crate) mean: f64,
     /// Mean squared difference.
-    pub mean_squared: f64,
+    pub(crate) mean_squared: f64,
     /// PSNR with peak 1, dB; ∞ without error, which JSON writes as `null`.
-    pub psnr: f64,
+    pub(crate) psnr: f64,
     /// Share of the pixels with a channel that is off by more than a display step, 1/255.
-    pub share_visible: f64,
+    pub(crate) share_visible: f64,
 }
 
 impl PictureError {
@@ -28,9 +28,9 @@ impl PictureError {
     ///
     /// # Errors
     /// [`Error::SizesDiffer`].
-    pub(super) fn between(picture: &Image, truth: &Image) -> Result<Self, Error> {
-        picture.same_size(truth)?;
-        Ok(Self::of(picture.pixels().iter().zip(truth.pixels()).map(|(&a, &b)| difference(a, b.map(f64::from)))))
+    pub(super) fn between(picture: &Image, reference: &Image) -> Result<Self, Error> {
+        picture.same_size(reference)?;
+        Ok(Self::of(picture.pixels().iter().zip(reference.pixels()).map(|(&a, &b)| difference(a, b.map(f64::from)))))
     }
 
     /// The error of these pixel differences; all 0 without pixels. NaN counts as ∞.
@@ -62,8 +62,8 @@ impl PictureError {
 }
 
 /// What a pixel is off by.
-pub(super) fn difference(shown: [f32; 3], truth: [f64; 3]) -> [f64; 3] {
-    [0, 1, 2].map(|k| f64::from(shown[k]) - truth[k])
+pub(super) fn difference(shown: [f32; 3], reference: [f64; 3]) -> [f64; 3] {
+    [0, 1, 2].map(|k| f64::from(shown[k]) - reference[k])
 }
 
 /// The largest magnitude; ∞ for NaN.

@@ -43,7 +43,7 @@ where
 type SplatOf<S> = <<S as Scene>::View as OracleView>::Splat;
 
 /// The true picture of a view.
-pub(crate) struct Truth<S: Verifiable> {
+pub(crate) struct Reference<S: Verifiable> {
     oracle: Oracle<S::View>,
     projected: Vec<Projection<SplatOf<S>>>,
     /// A backend's rendering without cut-offs.
@@ -54,13 +54,13 @@ pub(crate) struct Truth<S: Verifiable> {
     worst: RefCell<HashMap<[u32; 2], [f64; 3]>>,
 }
 
-impl<S: Verifiable> std::fmt::Debug for Truth<S> {
+impl<S: Verifiable> std::fmt::Debug for Reference<S> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Truth").field("sample", &self.sample.len()).finish_non_exhaustive()
+        f.debug_struct("Reference").field("sample", &self.sample.len()).finish_non_exhaustive()
     }
 }
 
-impl<S: Verifiable> Truth<S> {
+impl<S: Verifiable> Reference<S> {
     /// The true picture of one of `views` views of a scene. `settings` have no cut-offs, and
     /// `tightest` is a backend's rendering with them.
     pub(crate) fn new(

@@ -1,7 +1,7 @@
 //! What the stages of a training step cost, as the backend times them, and whole passes, as a caller
 //! sees them.
 
-use std::time::Instant;
+use std::{fmt, time::Instant};
 
 use gs_backend::FutureExt as _;
 use gs_core::{
@@ -125,7 +125,7 @@ impl Stage {
 
 impl StagePrices {
     /// Stages, their sum, and whole passes.
-    pub fn table(&self) -> Table {
+    fn table(&self) -> Table {
         let cell = |value: Option<f64>, digits| value.map_or(Cell::Empty, |value| Cell::Fixed(value, digits));
         let row =
             |name: &str, Quantiles { low, median, high }: Quantiles, share: Option<f64>, stage: Option<&Stage>| {
@@ -150,27 +150,36 @@ impl StagePrices {
         ];
         let passes = passes.map(|(name, times)| row(name, times.spread, None, None));
         let rows = stages.chain([row("sum", sum, Some(1.0), None)]).chain(passes).collect();
-        Table::new("profile", &["stage", "ms", "10 %", "90 %", "share, %", "pairs", "Gpairs/s"], rows)
+        Table::new("profile", "", &["stage", "ms", "10 %", "90 %", "share, %", "pairs", "Gpairs/s"], rows)
     }
 
-    /// What was visited and how it was timed, the table, and why stages have no share.
-    pub fn text(&self) -> String {
+    /// The table as CSV.
+    pub fn csv(&self) -> String {
+        self.table().csv()
+    }
+}
+
+/// What was visited and how it was timed, the table, and why stages have no share.
+impl fmt::Display for StagePrices {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { entries, pairs, clock, train_step_fresh, .. } = self;
-        let mut text = format!(
+        write!(
+            f,
             "{entries} entries in tiles' lists, {pairs} pairs of a pixel and a Gaussian\nclock of the stages: {clock}; \
              {} repetitions\n\n{}",
             train_step_fresh.samples.len(),
             self.table().text()
-        );
+        )?;
         let replaced = self.stages.iter().filter_map(|stage| Some((stage.stage, stage.replaced_by?)));
         let (names, by): (Vec<&str>, Vec<&str>) = replaced.unzip();
         if let Some(by) = by.first() {
-            text += &format!(
+            write!(
+                f,
                 "\nA training step runs {by} in place of {}, which are shown for comparison and are not in the sum.",
                 names.join(", ")
-            );
+            )?;
         }
-        text
+        Ok(())
     }
 }
 
@@ -221,13 +230,13 @@ mod tests {
     #[test]
     fn the_table_has_stages_sum_and_whole_passes() {
         let found = timed(9, Loss::L1);
-        let (text, rows) = (found.text(), found.stages.len() + 4);
+        let (text, rows) = (found.to_string(), found.stages.len() + 4);
         assert!(!text.contains("fused") && text.contains("clock of the stages: host; 3 repetitions"), "{text}");
         assert_eq!((found.table().rows.len(), found.table().csv().lines().count()), (rows, rows + 1));
         for row in ["project ", "bin ", "blend ", "loss ", "blend_bwd ", "sum ", "training step, lists made anew "] {
             assert!(text.lines().any(|line| line.starts_with(row)), "{row}: {text}");
         }
-        let nothing = timed(0, Loss::L2).text();
+        let nothing = timed(0, Loss::L2).to_string();
         assert!(!nothing.contains("NaN") && !nothing.contains("inf"), "{nothing}");
     }
 }

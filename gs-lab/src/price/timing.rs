@@ -18,12 +18,12 @@ const FEWEST: usize = 3;
 
 /// Measured times, seconds, with their spread.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Times {
+pub(crate) struct Times {
     /// Median and quantiles.
     #[serde(flatten)]
-    pub spread: Quantiles,
+    pub(crate) spread: Quantiles,
     /// All measurements, in order.
-    pub samples: Vec<f64>,
+    pub(crate) samples: Vec<f64>,
 }
 
 impl From<Vec<f64>> for Times {
@@ -33,7 +33,7 @@ impl From<Vec<f64>> for Times {
 }
 
 /// What is timed: settings on a machine.
-pub(super) struct Candidate<'c, V> {
+pub(super) struct Timed<'c, V> {
     /// What renders.
     pub(super) renderer: &'c dyn Renderer<V>,
     /// The candidates among which slow ones are measured less often.
@@ -50,7 +50,7 @@ pub(super) enum Rounds {
     Within(f64),
 }
 
-impl<V> Candidate<'_, V> {
+impl<V> Timed<'_, V> {
     /// Seconds per view.
     fn seconds(&self, views: &[V]) -> Result<f64, Error> {
         let all = views.iter().map(|view| self.renderer.seconds(view, &self.settings)).sum::<Result<f64, Error>>()?;
@@ -60,7 +60,7 @@ impl<V> Candidate<'_, V> {
 
 impl Rounds {
     /// The number of rounds, and for each candidate the distance of the rounds that it takes part in.
-    fn of<V>(self, candidates: &[Candidate<'_, V>], warm: &[f64], views: usize) -> (usize, Vec<usize>) {
+    fn of<V>(self, candidates: &[Timed<'_, V>], warm: &[f64], views: usize) -> (usize, Vec<usize>) {
         let seconds = match self {
             Self::Exactly(rounds) => return (rounds.max(1), vec![1; warm.len()]),
             Self::Within(seconds) => seconds,
@@ -84,11 +84,7 @@ impl Rounds {
 /// Seconds per view of each candidate, one value for each round that it took part in, after a warm-up.
 /// Every second round is in reverse order, so that a candidate does not always follow the same
 /// neighbour.
-pub(super) fn interleaved<V>(
-    candidates: &[Candidate<'_, V>],
-    views: &[V],
-    rounds: Rounds,
-) -> Result<Vec<Vec<f64>>, Error> {
+pub(super) fn interleaved<V>(candidates: &[Timed<'_, V>], views: &[V], rounds: Rounds) -> Result<Vec<Vec<f64>>, Error> {
     let warm = candidates.iter().map(|candidate| candidate.seconds(views)).collect::<Result<Vec<f64>, Error>>()?;
     let (rounds, every) = rounds.of(candidates, &warm, views.len());
     let mut times = vec![Vec::with_capacity(rounds); candidates.len()];
@@ -98,7 +94,7 @@ pub(super) fn interleaved<V>(
             let at = if round % 2 == 0 { step } else { candidates.len() - 1 - step };
             // Slow candidates are spread over the rounds.
             if (round + at) % every[at] == 0 {
-                let Candidate { renderer, settings, .. } = candidates[at];
+                let Timed { renderer, settings, .. } = candidates[at];
                 // One pass that is not measured wakes up the machine's threads.
                 if !last.replace(renderer).is_some_and(|last| std::ptr::addr_eq(last, renderer)) {
                     renderer.seconds(&views[0], &settings)?;

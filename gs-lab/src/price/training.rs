@@ -1,6 +1,8 @@
 //! The cost and the gain of the corrections that only a training has: those of exposure, and of
 //! depths by depth maps.
 
+use std::fmt;
+
 use gs_backend::FutureExt as _;
 use gs_core::{Optimizer, RenderSettings, Scene, Scene3d, counted};
 use gs_density::Policy;
@@ -139,15 +141,17 @@ impl TrainingPrices {
             std::iter::once(effect.name().into()).chain(cells.into_iter().flatten()).collect()
         };
         let columns = ["correction", "a step, ms", "without", "PSNR, dB", "without", "colours matched, dB", "without"];
-        Table::new("training", &columns, self.prices.iter().map(row).collect())
+        Table::new("training", "", &columns, self.prices.iter().map(row).collect())
     }
+}
 
-    /// The table with its title.
-    pub fn text(&self) -> String {
+/// The table with its title.
+impl fmt::Display for TrainingPrices {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let steps = counted(self.steps, "step");
         match self.prices.as_slice() {
-            [] => format!("training of {steps}: the views allow no correction to compare"),
-            _ => format!("training of {steps}, with and without each correction\n{}", self.table().text().trim_end()),
+            [] => write!(f, "training of {steps}: the views allow no correction to compare"),
+            _ => write!(f, "training of {steps}, with and without each correction\n{}", self.table().text().trim_end()),
         }
     }
 }

@@ -2,7 +2,8 @@
 
 pub(crate) mod claims;
 mod curves;
-pub mod figure;
+pub(crate) mod figure;
+mod findings;
 pub(crate) mod html;
 mod page;
 mod pictures;
@@ -13,28 +14,45 @@ use std::fs;
 
 use rayon::prelude::*;
 
-pub use self::table::{Cell, Table};
+pub use self::{
+    figure::{captioned, curve, ellipses},
+    findings::Findings,
+};
+pub(crate) use self::{
+    findings::Picture,
+    table::{Cell, Table},
+};
+pub use crate::result::significant;
 use crate::{
     error::Error,
-    report::{figure::Figure, page::Page},
-    result::Results,
+    report::{
+        figure::{Axis, Figure, Marks, Series},
+        page::Page,
+    },
+    result::{Results, write_tables},
     run::{PAGE, PLOTS, StudyFolder},
 };
 
-/// Tables, curves and pictures of a study, for another page.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Excerpt {
-    /// The name of the study.
-    pub(crate) study: String,
-    /// The sections, as HTML.
-    pub(crate) html: String,
+/// A chart of lines through (x, y), by rising x, as an SVG file. Its horizontal axis is logarithmic.
+///
+/// # Errors
+/// [`Error::Picture`] with what the drawing library reports.
+pub fn line_chart(
+    title: &str,
+    [x, y]: [&str; 2],
+    lines: impl IntoIterator<Item = (&'static str, Vec<(f64, f64)>)>,
+) -> Result<String, Error> {
+    let lines = lines.into_iter().map(|(name, points)| Series::line(name, points));
+    let (name, title) = ("chart".to_owned(), title.to_owned());
+    Figure { name, title, x: Axis::logarithmic(x), y: Axis::linear(y), marks: Marks::lines(lines.collect()) }.svg_file()
 }
 
-/// Writes `report.html` and `plots/`. The page shows `command` as the way it was made.
+/// Writes the tables, `report.html` and `plots/`. The page shows `command` as the way it was made.
 ///
 /// # Errors
 /// [`Error::Io`] and [`Error::Path`] for files, [`Error::Picture`] where something cannot be drawn.
 pub fn write(results: &Results<'_>, folder: &StudyFolder, command: &str) -> Result<(), Error> {
+    write_tables(results, folder)?;
     let figures = figures(results);
     let folder = folder.lock_results()?;
     let plots = folder.file(PLOTS);
@@ -49,13 +67,12 @@ pub fn write(results: &Results<'_>, folder: &StudyFolder, command: &str) -> Resu
     folder.write(PAGE, &with_page(results, &folder, command, &figures, |page| page.html())?)
 }
 
-/// What another page shows of a study.
+/// Tables, curves and pictures of a study, as HTML for another page.
 ///
 /// # Errors
 /// [`Error::Picture`] where something cannot be drawn.
-pub fn excerpt(results: &Results<'_>, folder: &StudyFolder) -> Result<Excerpt, Error> {
-    let html = with_page(results, folder, "", &figures(results), |page| page.excerpt())?;
-    Ok(Excerpt { study: results.plan.study.name.clone(), html })
+pub(crate) fn excerpt(results: &Results<'_>, folder: &StudyFolder) -> Result<String, Error> {
+    with_page(results, folder, "", &figures(results), |page| page.excerpt())
 }
 
 fn figures(results: &Results<'_>) -> Vec<Figure> {

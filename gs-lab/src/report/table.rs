@@ -6,21 +6,21 @@ use crate::result::{csv_row, significant};
 
 /// A table.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Table {
+pub(crate) struct Table {
     /// File name without extension, in kebab-case.
-    pub name: &'static str,
+    pub(crate) name: &'static str,
     /// The title: what the table shows, one line.
-    pub title: String,
+    pub(crate) title: String,
     /// Headings, with units.
-    pub columns: Vec<&'static str>,
+    pub(crate) columns: Vec<&'static str>,
     /// Rows, each as long as the headings.
-    pub rows: Vec<Vec<Cell>>,
+    pub(crate) rows: Vec<Vec<Cell>>,
 }
 
 /// A cell of a table.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
-pub enum Cell {
+pub(crate) enum Cell {
     /// Text.
     Text(String),
     /// A whole number.
@@ -35,12 +35,17 @@ pub enum Cell {
 
 impl Table {
     /// A table of rows whose cells are in the order of the columns.
-    pub(crate) fn new(name: &'static str, columns: &[&'static str], rows: Vec<Vec<Cell>>) -> Self {
-        Self { name, title: String::new(), columns: columns.to_vec(), rows }
+    pub(crate) fn new(
+        name: &'static str,
+        title: impl Into<String>,
+        columns: &[&'static str],
+        rows: Vec<Vec<Cell>>,
+    ) -> Self {
+        Self { name, title: title.into(), columns: columns.to_vec(), rows }
     }
 
     /// The table as CSV (RFC 4180). Numbers have all their digits.
-    pub fn csv(&self) -> String {
+    pub(crate) fn csv(&self) -> String {
         let exact = |cell: &Cell| match cell {
             Cell::Fixed(value, _) | Cell::Significant(value, _) => value.to_string(),
             other => other.to_string(),
@@ -51,7 +56,7 @@ impl Table {
 
     /// The table as lines in columns as wide as their widest cells: text on the left, numbers on the
     /// right.
-    pub fn text(&self) -> String {
+    pub(crate) fn text(&self) -> String {
         let heads = self.columns.iter().map(|&head| head.to_owned()).collect();
         let rows: Vec<Vec<String>> = std::iter::once(heads)
             .chain(self.rows.iter().map(|row| row.iter().map(Cell::to_string).collect()))
@@ -126,14 +131,14 @@ mod tests {
 
     #[test]
     fn files_have_all_digits_and_quoted_cells() {
-        let table = Table::new("t", &["a, px", "b"], vec![vec!["x \"y\"".into(), Cell::Fixed(0.125, 1)]]);
+        let table = Table::new("t", "", &["a, px", "b"], vec![vec!["x \"y\"".into(), Cell::Fixed(0.125, 1)]]);
         assert_eq!(table.csv(), "\"a, px\",b\n\"x \"\"y\"\"\",0.125\n");
     }
 
     #[test]
     fn text_is_on_the_left_and_numbers_on_the_right() {
         let rows = vec![vec!["long".into(), Cell::Count(7), "why".into()], vec!["a".into(), Cell::Empty, Cell::Empty]];
-        let table = Table::new("t", &["name", "count", "reason"], rows);
+        let table = Table::new("t", "", &["name", "count", "reason"], rows);
         assert_eq!(table.text(), "name  count  reason\nlong      7  why\na\n");
     }
 }

@@ -12,53 +12,53 @@ const DIGITS: usize = 4;
 
 /// A claim, with what was measured.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Claim {
+pub(crate) struct Claim {
     /// Short name, in kebab-case, unique within a study or an experiment.
-    pub name: String,
+    pub(crate) name: String,
     /// What is claimed.
-    pub statement: String,
+    pub(crate) statement: String,
     /// Where it is claimed, such as sections of a paper.
-    pub section: String,
+    pub(crate) section: String,
     /// The conditions that the verdict is computed from.
-    pub circumstances: Vec<Circumstance>,
+    pub(crate) circumstances: Vec<Circumstance>,
     /// The measurement in words and numbers.
-    pub measured: String,
+    pub(crate) measured: String,
     /// The numbers behind the claim.
-    pub numbers: Vec<Number>,
+    pub(crate) numbers: Vec<Number>,
 }
 
 impl Claim {
     /// The verdict that follows from the circumstances.
-    pub fn verdict(&self) -> ClaimVerdict {
+    pub(crate) fn verdict(&self) -> ClaimVerdict {
         ClaimVerdict::of(&self.circumstances)
     }
 }
 
 /// A condition of a claim, counted over all cases: seeds, angles, targets.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub struct Circumstance {
+pub(crate) struct Circumstance {
     /// The condition, such as "600 Gaussians are reached".
-    pub what: String,
+    pub(crate) what: String,
     /// Number of cases in which the circumstance holds.
-    pub held: usize,
+    pub(crate) held: usize,
     /// Number of cases. Without any case the condition does not hold.
-    pub of: usize,
+    pub(crate) of: usize,
 }
 
 impl Circumstance {
     /// A condition with a single case.
-    pub fn once(what: impl Into<String>, holds: bool) -> Self {
+    pub(crate) fn once(what: impl Into<String>, holds: bool) -> Self {
         Self { what: what.into(), held: holds.into(), of: 1 }
     }
 
     /// A condition counted over many cases.
-    pub fn counted(what: impl Into<String>, each: impl IntoIterator<Item = bool>) -> Self {
+    pub(crate) fn counted(what: impl Into<String>, each: impl IntoIterator<Item = bool>) -> Self {
         let (held, of) = each.into_iter().fold((0, 0), |(held, of), holds| (held + usize::from(holds), of + 1));
         Self { what: what.into(), held, of }
     }
 
     /// The verdict: confirmed if the circumstance holds in all cases, refuted if in none.
-    pub fn verdict(&self) -> ClaimVerdict {
+    pub(crate) fn verdict(&self) -> ClaimVerdict {
         match self.held {
             0 => ClaimVerdict::Refuted,
             held if held == self.of => ClaimVerdict::Confirmed,
@@ -79,7 +79,7 @@ impl fmt::Display for Circumstance {
 /// The verdict on a claim.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum ClaimVerdict {
+pub(crate) enum ClaimVerdict {
     /// All circumstances hold in all cases.
     Confirmed,
     /// No circumstance holds in any case.
@@ -90,7 +90,7 @@ pub enum ClaimVerdict {
 
 impl ClaimVerdict {
     /// The verdict that follows from the circumstances. Without circumstances nothing is confirmed.
-    pub fn of(circumstances: &[Circumstance]) -> Self {
+    pub(crate) fn of(circumstances: &[Circumstance]) -> Self {
         let all = |verdict| circumstances.iter().all(|circumstance| circumstance.verdict() == verdict);
         if all(Self::Refuted) {
             Self::Refuted
@@ -114,18 +114,18 @@ impl fmt::Display for ClaimVerdict {
 
 /// A measured number.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Number {
+pub(crate) struct Number {
     /// What was measured.
-    pub what: String,
+    pub(crate) what: String,
     /// The value.
-    pub value: f64,
+    pub(crate) value: f64,
     /// The unit, such as "dB"; empty for a pure number.
-    pub unit: String,
+    pub(crate) unit: String,
 }
 
 impl Number {
     /// A number with its name and unit.
-    pub fn new(what: impl Into<String>, value: f64, unit: impl Into<String>) -> Self {
+    pub(crate) fn new(what: impl Into<String>, value: f64, unit: impl Into<String>) -> Self {
         Self { what: what.into(), value, unit: unit.into() }
     }
 }
@@ -144,7 +144,7 @@ pub(super) fn in_words(value: f64) -> String {
 }
 
 /// "3 claims: 2 confirmed, 1 partly".
-pub fn verdicts<'a>(claims: impl IntoIterator<Item = &'a Claim>) -> String {
+pub(crate) fn verdicts<'a>(claims: impl IntoIterator<Item = &'a Claim>) -> String {
     let verdicts: Vec<_> = claims.into_iter().map(Claim::verdict).collect();
     let all = [ClaimVerdict::Confirmed, ClaimVerdict::Partly, ClaimVerdict::Refuted].into_iter();
     let of = all.map(|verdict| (verdicts.iter().filter(|&&of| of == verdict).count(), verdict));
@@ -154,7 +154,7 @@ pub fn verdicts<'a>(claims: impl IntoIterator<Item = &'a Claim>) -> String {
 
 /// All claims of some experiments or studies with their verdicts as CSV: a row for each circumstance,
 /// with how often it holds, and one for each number.
-pub fn claims_csv<'a>(groups: impl IntoIterator<Item = (&'a str, &'a [Claim])>) -> String {
+pub(crate) fn claims_csv<'a>(groups: impl IntoIterator<Item = (&'a str, &'a [Claim])>) -> String {
     let mut csv = "experiment,claim,section,verdict,number,value,unit\n".to_owned();
     for (experiment, claim) in
         groups.into_iter().flat_map(|(name, claims)| claims.iter().map(move |claim| (name, claim)))
@@ -172,7 +172,7 @@ pub fn claims_csv<'a>(groups: impl IntoIterator<Item = (&'a str, &'a [Claim])>) 
 
 /// A number with `digits` significant digits, in plain notation where that is short and as a power
 /// of ten otherwise.
-pub(crate) fn significant(value: f64, digits: usize) -> String {
+pub fn significant(value: f64, digits: usize) -> String {
     if value == 0.0 || !value.is_finite() {
         return format!("{value}");
     }

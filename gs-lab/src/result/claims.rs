@@ -9,7 +9,7 @@ use super::{
 };
 use crate::{
     run::{Finished, RunOutcome},
-    study::{Choice, Column, Join, Other, Per, Quantity, Run, RunSettings, StatedClaim},
+    study::{ArmSettings, Choice, Column, Join, Other, Per, Quantity, Run, StatedClaim},
 };
 
 /// A budget, an image and a seed, by their indices.
@@ -25,7 +25,7 @@ type Key = [Option<usize>; 3];
 
 impl Results<'_> {
     /// The study's claims, judged by the runs that have ended.
-    pub fn claims(&self) -> Vec<Claim> {
+    pub(crate) fn claims(&self) -> Vec<Claim> {
         self.plan.study.claims.iter().map(|claim| self.judged(claim)).collect()
     }
 
@@ -225,8 +225,8 @@ fn of_run(of: Column, at: Option<f64>, run: &Run, end: &Finished) -> f64 {
         }
         Column::LastGrowth => (1..rows.len()).rev().find(|&i| grows(i)).map_or(0, |i| rows[i].step).into(),
         Column::SlopeChange => match &run.settings {
-            RunSettings::Image(settings) => mean(slope_changes(end, settings.rounds.every / 2)),
-            RunSettings::Scene(_) => f64::NAN,
+            ArmSettings::Image(settings) => mean(slope_changes(end, settings.rounds.every / 2)),
+            ArmSettings::Scene(_) => f64::NAN,
         },
         Column::Failed => 0.0,
         _ => end.measured.get(&of).copied().unwrap_or(f64::NAN),

@@ -14,31 +14,30 @@ use crate::study::Matching;
 /// How much better an arm is than another.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-#[non_exhaustive]
-pub struct Difference {
+pub(crate) struct Difference {
     /// What is held equal between the arms.
-    pub matching: Matching,
+    pub(crate) matching: Matching,
     /// What is measured.
-    pub metric: Metric,
+    pub(crate) metric: Metric,
     /// The largest number of Gaussians allowed.
-    pub budget: u32,
+    pub(crate) budget: u32,
     /// The arm that is judged.
-    pub arm: String,
+    pub(crate) arm: String,
     /// The arm that it is compared with.
-    pub against: String,
+    pub(crate) against: String,
     /// What the interval is over.
-    pub pairing: Pairing,
+    pub(crate) pairing: Pairing,
     /// Number of pairs: of images or seeds, and in 3D of views, of which several belong to one scene
     /// or one run.
-    pub pairs: usize,
+    pub(crate) pairs: usize,
     /// Mean difference, in the metric's unit; `None` without pairs and where it is not finite.
-    pub mean: Option<f64>,
+    pub(crate) mean: Option<f64>,
     /// 95 % interval of the mean difference.
-    pub interval: Option<Interval>,
+    pub(crate) interval: Option<Interval>,
     /// The verdict.
-    pub verdict: Verdict,
+    pub(crate) verdict: Verdict,
     /// What the reader must know besides the numbers, such as why there is no verdict.
-    pub remarks: Vec<ResultRemark>,
+    pub(crate) remarks: Vec<ResultRemark>,
 }
 
 impl Difference {
@@ -51,7 +50,7 @@ impl Difference {
 impl Results<'_> {
     /// Compares every arm with every arm listed before it, at equal count, iterations or time as
     /// given.
-    pub fn differences(&self, matchings: &[Matching]) -> Vec<Difference> {
+    pub(crate) fn differences(&self, matchings: &[Matching]) -> Vec<Difference> {
         let arms = self.plan.study.arms.len();
         let mut differences = Vec::new();
         for (matching, metric) in self.measures(matchings) {
@@ -76,7 +75,7 @@ impl Results<'_> {
     }
 
     /// Compares two arms over the pairs of runs that both finished.
-    pub fn difference(
+    pub(crate) fn difference(
         &self,
         matching: Matching,
         metric: Metric,

@@ -40,7 +40,7 @@ struct Everything<'a> {
 ///
 /// # Errors
 /// [`Error::Io`].
-pub fn write_tables(results: &Results<'_>, folder: &StudyFolder) -> Result<(), Error> {
+pub(crate) fn write_tables(results: &Results<'_>, folder: &StudyFolder) -> Result<(), Error> {
     let Results { plan, .. } = results;
     let runs: Vec<Row> = results.rows().map(|(run, record)| Row::new(plan, run, record)).collect();
     let quality = results.qualities();

@@ -18,8 +18,7 @@ const BUDGET: &str = "budget";
 /// What an [`Effect`] is of.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 #[serde(tag = "kind", rename_all = "kebab-case")]
-#[non_exhaustive]
-pub enum EffectOf {
+pub(crate) enum EffectOf {
     /// A level of a factor less its first level: mean over all combinations of the other factors.
     Main {
         /// The factor.
@@ -56,28 +55,27 @@ impl EffectOf {
 /// An effect in a factorial design, at equal count, iterations or time.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-#[non_exhaustive]
-pub struct Effect {
+pub(crate) struct Effect {
     /// What is held equal between the arms of each budget.
-    pub matching: Matching,
+    pub(crate) matching: Matching,
     /// What is measured.
-    pub metric: Metric,
+    pub(crate) metric: Metric,
     /// What the effect is of.
     #[serde(flatten)]
-    pub of: EffectOf,
+    pub(crate) of: EffectOf,
     /// What the interval is over.
-    pub pairing: Pairing,
+    pub(crate) pairing: Pairing,
     /// As [`Difference::pairs`](crate::result::Difference::pairs).
-    pub pairs: usize,
+    pub(crate) pairs: usize,
     /// The effect, in the metric's unit; `None` without runs of all combinations, and where it is
     /// not finite.
-    pub mean: Option<f64>,
+    pub(crate) mean: Option<f64>,
     /// 95 % interval of the effect.
-    pub interval: Option<Interval>,
+    pub(crate) interval: Option<Interval>,
     /// The verdict: better and worse are greater and less than 0.
-    pub verdict: Verdict,
+    pub(crate) verdict: Verdict,
     /// What the reader must know besides the numbers, such as why there is no verdict.
-    pub remarks: Vec<ResultRemark>,
+    pub(crate) remarks: Vec<ResultRemark>,
 }
 
 impl Effect {
@@ -96,7 +94,7 @@ struct Axis {
 impl Results<'_> {
     /// All main effects, then all two-way interactions, at equal count, iterations or time as given.
     /// The study's budgets are the last factor, if there are several. None without factors.
-    pub fn effects(&self, matchings: &[Matching]) -> Vec<Effect> {
+    pub(crate) fn effects(&self, matchings: &[Matching]) -> Vec<Effect> {
         let axes = self.axes();
         let measures = self.measures(matchings);
         let contrasts = contrasts(&axes, &self.cells());

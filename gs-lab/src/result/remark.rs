@@ -14,8 +14,7 @@ pub(crate) const FEWEST_SEEDS: usize = 5;
 /// What is paired in a comparison.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-#[non_exhaustive]
-pub enum Pairing {
+pub(crate) enum Pairing {
     /// Images, each with its mean over seeds. The interval generalises to other images of the same
     /// kind.
     Images,
@@ -52,8 +51,7 @@ impl Pairing {
 
 /// A remark on a difference.
 #[derive(Debug, Clone, PartialEq)]
-#[non_exhaustive]
-pub enum ResultRemark {
+pub(crate) enum ResultRemark {
     /// Some images have no seed with which both arms finished. Forbids a verdict.
     ImagesMissing {
         /// Number of such images.

@@ -23,11 +23,11 @@ const SEED: u64 = 0x6773_2d73_7475_6479;
 
 /// A confidence interval of a mean.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Interval {
+pub(crate) struct Interval {
     /// Lower end.
-    pub low: f64,
+    pub(crate) low: f64,
     /// Upper end.
-    pub high: f64,
+    pub(crate) high: f64,
 }
 
 /// The sample variance (with n − 1); `None` for fewer than two values.

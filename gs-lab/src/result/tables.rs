@@ -17,14 +17,14 @@ pub struct Results<'a> {
     pub plan: &'a Plan,
     /// The record of each run, in the plan's order; `None` where the run was not done yet. Records
     /// that [`Results::read`] has read lack the settings, which are also those of the plan's run.
-    pub records: Vec<Option<Record>>,
+    pub(crate) records: Vec<Option<Record>>,
 }
 
 /// A quality metric, measured at the end of a run. More is better.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
-pub enum Metric {
+pub(crate) enum Metric {
     /// Peak signal-to-noise ratio, dB.
     Psnr,
     /// Structural similarity, 0 to 1.
@@ -35,10 +35,10 @@ pub enum Metric {
 
 impl Metric {
     /// All metrics.
-    pub const ALL: [Self; 3] = [Self::Psnr, Self::Ssim, Self::MsSsim];
+    pub(crate) const ALL: [Self; 3] = [Self::Psnr, Self::Ssim, Self::MsSsim];
 
     /// The metric's name in tables.
-    pub const fn name(self) -> &'static str {
+    pub(crate) const fn name(self) -> &'static str {
         match self {
             Self::Psnr => "psnr",
             Self::Ssim => "ssim",
@@ -65,40 +65,40 @@ impl Metric {
 
 /// The mean over images or scenes of means over seeds, and the standard deviation over seeds.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Spread {
+pub(crate) struct Spread {
     /// The mean.
-    pub mean: f64,
+    pub(crate) mean: f64,
     /// Standard deviation over seeds, pooled over images or scenes; nothing for a single seed.
-    pub over_seeds: Option<f64>,
+    pub(crate) over_seeds: Option<f64>,
 }
 
 /// The quality of an arm at a budget.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
-pub struct RunQuality {
+pub(crate) struct RunQuality {
     /// The arm's name.
-    pub arm: String,
+    pub(crate) arm: String,
     /// The largest number of Gaussians allowed.
-    pub budget: u32,
+    pub(crate) budget: u32,
     /// Runs that did all their steps.
-    pub finished: usize,
+    pub(crate) finished: usize,
     /// Runs that failed.
-    pub failed: usize,
+    pub(crate) failed: usize,
     /// Runs that were not done yet.
-    pub missing: usize,
+    pub(crate) missing: usize,
     /// Images or scenes with finished runs. The means are over these only.
-    pub images: usize,
+    pub(crate) images: usize,
     /// Gaussians at the end.
-    pub gaussians: Option<Spread>,
+    pub(crate) gaussians: Option<Spread>,
     /// Bytes of their parameters.
-    pub bytes: Option<Spread>,
+    pub(crate) bytes: Option<Spread>,
     /// PSNR, dB.
-    pub psnr: Option<Spread>,
+    pub(crate) psnr: Option<Spread>,
     /// SSIM, 0 to 1.
-    pub ssim: Option<Spread>,
+    pub(crate) ssim: Option<Spread>,
     /// MS-SSIM, 0 to 1.
-    pub ms_ssim: Option<Spread>,
+    pub(crate) ms_ssim: Option<Spread>,
 }
 
 impl<'a> Results<'a> {
@@ -132,7 +132,7 @@ impl<'a> Results<'a> {
     }
 
     /// The finished runs of an arm at a budget.
-    pub fn finished(&self, arm: usize, budget: u32) -> impl Iterator<Item = (&'a Run, &Finished)> {
+    pub(crate) fn finished(&self, arm: usize, budget: u32) -> impl Iterator<Item = (&'a Run, &Finished)> {
         let rows = self.rows_at(self.plan.of_arm(arm, budget));
         rows.filter_map(|(run, record)| Some((run, record?.outcome.finished()?)))
     }
@@ -142,13 +142,17 @@ impl<'a> Results<'a> {
         self.rows().filter(|(_, record)| record.is_none()).map(|(run, _)| run)
     }
 
-    /// Whether every run has ended, successfully or not.
-    pub fn is_whole(&self) -> bool {
-        self.records.iter().all(Option::is_some)
+    /// Why runs failed, in the plan's order.
+    pub fn failures(&self) -> Vec<&str> {
+        let failed = self.records.iter().flatten().filter_map(|record| match &record.outcome {
+            RunOutcome::Failed { error } => Some(error.as_str()),
+            RunOutcome::Finished(_) => None,
+        });
+        failed.collect()
     }
 
     /// The quality of every arm at every budget.
-    pub fn qualities(&self) -> Vec<RunQuality> {
+    pub(crate) fn qualities(&self) -> Vec<RunQuality> {
         let budgets = &self.plan.study.budgets;
         budgets
             .iter()
@@ -179,7 +183,7 @@ impl<'a> Results<'a> {
     }
 
     /// Mean and standard deviation of a number over the runs of an arm at a budget.
-    pub fn spread(&self, arm: usize, budget: u32, of: impl Fn(&Finished) -> Option<f64>) -> Option<Spread> {
+    pub(crate) fn spread(&self, arm: usize, budget: u32, of: impl Fn(&Finished) -> Option<f64>) -> Option<Spread> {
         let images: Vec<Vec<f64>> = (0..self.plan.targets.len())
             .map(|target| {
                 let of_target = self.finished(arm, budget).filter(|(run, _)| run.target == target);

@@ -7,8 +7,7 @@ use super::statistics::Interval;
 /// The verdict on a difference between two arms.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-#[non_exhaustive]
-pub enum Verdict {
+pub(crate) enum Verdict {
     /// The whole interval lies above 0.
     Better,
     /// The whole interval lies below 0.
@@ -21,7 +20,7 @@ pub enum Verdict {
 
 impl Verdict {
     /// The verdict that follows from an interval alone, of a metric of which more is better.
-    pub fn of(interval: Interval) -> Self {
+    pub(crate) fn of(interval: Interval) -> Self {
         if interval.low > 0.0 {
             Self::Better
         } else if interval.high < 0.0 {
@@ -32,7 +31,7 @@ impl Verdict {
     }
 
     /// The verdict as reports print it.
-    pub const fn words(self) -> &'static str {
+    pub(crate) const fn words(self) -> &'static str {
         match self {
             Self::Better => "better",
             Self::Worse => "worse",

@@ -8,7 +8,7 @@ use std::{
     thread,
 };
 
-use gs_core::{Error as CoreError, Image};
+use gs_core::{Error as CoreError, Image, Optimizer, Scene2d, Scene3d};
 use gs_jobs::{Queue, WorkSettings};
 use gs_train::Error as TrainError;
 
@@ -48,7 +48,7 @@ pub enum Conducted {
 /// As for [`refuse_unsupported`], [`Error::Backend`] where a backend fails for good,
 /// [`Error::Io`] and [`Error::Path`] where a run cannot be claimed or its result not be stored, and
 /// [`Error::TwoResults`] where a run that was taken over ended in two results.
-pub fn conduct<R: StudyBackend + Sync>(
+pub fn conduct<R: Optimizer<Scene2d> + Optimizer<Scene3d> + Sync>(
     plan: &Plan,
     team: &[&R],
     folder: &StudyFolder,
@@ -61,7 +61,7 @@ pub fn conduct<R: StudyBackend + Sync>(
 ///
 /// # Errors
 /// As [`conduct`], and [`Error::Work`] for settings out of their range.
-pub fn conduct_with<R: StudyBackend + Sync>(
+pub fn conduct_with<R: Optimizer<Scene2d> + Optimizer<Scene3d> + Sync>(
     plan: &Plan,
     team: &[&R],
     folder: &StudyFolder,
@@ -131,8 +131,15 @@ fn conduct_from<R: StudyBackend>(queue: &Queue<'_>, rasterizer: &R, at: &Place<'
 ///
 /// # Errors
 /// [`Error::Arm`] with what is missing, [`Error::Study`] for the clock.
-pub fn refuse_unsupported<R: StudyBackend>(plan: &Plan, rasterizer: &R) -> Result<(), Error> {
-    check_clock(plan, rasterizer)?;
+pub fn refuse_unsupported<R>(plan: &Plan, rasterizer: &R) -> Result<(), Error>
+where
+    R: Optimizer<Scene2d> + Optimizer<Scene3d>,
+{
+    let backend = rasterizer.describe();
+    if plan.study.clock == Clock::Cpu && !backend.starts_with("cpu") {
+        let what = format!("clock: CPU time says nothing about {backend}");
+        return Err(plan.study.wrong(what, "choose --backend cpu, or leave the clock out"));
+    }
     for (index, arm) in plan.study.arms.iter().enumerate() {
         let Some(run) = plan.runs.iter().find(|run| run.arm == index) else { continue };
         let mut render = *run.settings.render();
@@ -146,21 +153,6 @@ pub fn refuse_unsupported<R: StudyBackend>(plan: &Plan, rasterizer: &R) -> Resul
         }
     }
     Ok(())
-}
-
-/// Fails where the study's clock would not count what a backend does.
-///
-/// # Errors
-/// [`Error::Study`] for CPU time of a GPU.
-fn check_clock<R: StudyBackend>(plan: &Plan, rasterizer: &R) -> Result<(), Error> {
-    let backend = rasterizer.describe();
-    match plan.study.clock {
-        Clock::Cpu if !backend.starts_with("cpu") => Err(plan.study.wrong(
-            format!("clock: CPU time says nothing about {backend}"),
-            "choose --backend cpu, or leave the clock out",
-        )),
-        _ => Ok(()),
-    }
 }
 
 /// Whether the backend still works.

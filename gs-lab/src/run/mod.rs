@@ -1,6 +1,6 @@
 //! Doing the runs of a plan, and what is stored of them.
 //!
-//! [`conduct()`] does the runs that are missing in a [`StudyFolder`] and stores a [`Record`] of each;
+//! [`conduct()`] does the runs that are missing in a [`StudyFolder`] and stores a `Record` of each;
 //! [`replay()`] does one again and compares. Which process does which run is decided by [`gs_jobs`].
 
 mod conduct;
@@ -17,16 +17,19 @@ mod train;
 mod trajectory;
 mod watcher;
 
+#[cfg(test)]
+pub(crate) use self::record::tests;
 pub use self::{
     conduct::{Conducted, conduct, conduct_with, refuse_unsupported},
-    folder::{Existing, RunningRun, Safety, StudyFolder},
-    record::{Finished, Record, RunOutcome, ViewResult},
-    replay::{recorded_run, replay},
-    task::{AnyScene, StudyBackend},
+    folder::{Existing, Preparation, RunningRun, StudyFolder},
+    record::{Finished, RunOutcome},
+    replay::replay,
+    task::ReplayedScene,
     train::Replayed,
     watcher::Watcher,
 };
 pub(crate) use self::{
+    record::{Record, ViewResult},
     recorded::Row,
     result_names::{CLAIMS, LATEX, MARKDOWN, PAGE, PLOTS, RESULTS, VIEWS},
     task::PICTURED_VIEWS,

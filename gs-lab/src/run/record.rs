@@ -11,24 +11,24 @@ use crate::study::{Column, Machine};
 /// The content of a run's file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub struct Record {
+pub(crate) struct Record {
     /// Digest of all other fields but the outcome; also the file's name.
-    pub address: String,
+    pub(crate) address: String,
     /// The version of the program.
-    pub version: String,
+    pub(crate) version: String,
     /// The machine that computed the run.
     #[serde(flatten)]
-    pub machine: Machine,
+    pub(crate) machine: Machine,
     /// The image or the scene, as the study names it.
-    pub image: String,
+    pub(crate) image: String,
     /// Digest of the image or the data set.
-    pub target: String,
+    pub(crate) target: String,
     /// Fingerprint of a policy that settings cannot name.
-    pub policy: Option<String>,
+    pub(crate) policy: Option<String>,
     /// All settings as TOML; `gs fit --settings` or `gs train --settings` reads them.
-    pub settings: String,
+    pub(crate) settings: String,
     /// Whether the run finished, and its numbers.
-    pub outcome: RunOutcome,
+    pub(crate) outcome: RunOutcome,
 }
 
 /// The outcome of a run.
@@ -46,7 +46,7 @@ pub enum RunOutcome {
 
 impl RunOutcome {
     /// The numbers of a run that finished; `None` if it failed.
-    pub fn finished(&self) -> Option<&Finished> {
+    pub(crate) fn finished(&self) -> Option<&Finished> {
         match self {
             Self::Finished(finished) => Some(finished),
             Self::Failed { .. } => None,
@@ -64,62 +64,62 @@ pub struct Finished {
     pub gaussians: u32,
     /// Bytes of their parameters as 32-bit floats.
     #[serde(default)]
-    pub bytes: u64,
+    pub(crate) bytes: u64,
     /// Steps done.
-    pub iterations: u32,
+    pub(crate) iterations: u32,
     /// PSNR, dB; ∞ for equal images, which JSON stores as `null`.
     #[serde(deserialize_with = "infinite_where_null")]
     pub psnr: f64,
     /// Structural similarity.
-    pub ssim: f64,
+    pub(crate) ssim: f64,
     /// Multi-scale structural similarity; `None` for images that are too small for it.
-    pub ms_ssim: Option<f64>,
+    pub(crate) ms_ssim: Option<f64>,
     /// Mean absolute difference.
-    pub l1: f64,
+    pub(crate) l1: f64,
     /// Loss of the final scene; `None` for a training.
-    pub loss: Option<f32>,
+    pub(crate) loss: Option<f32>,
     /// Edits by density control, summed over all rounds.
-    pub edits: EditCounts,
+    pub(crate) edits: EditCounts,
     /// Gaussians that were left out of the last rendering.
-    pub culled: Culled,
+    pub(crate) culled: Culled,
     /// Digest of the scene. A replay must end in the same.
-    pub scene: String,
+    pub(crate) scene: String,
     /// Time spent fitting, s.
     pub seconds: f64,
     /// The backend, with its threads.
-    pub backend: String,
+    pub(crate) backend: String,
     /// Number of runs that were done side by side.
-    pub side_by_side: usize,
+    pub(crate) side_by_side: usize,
     /// Count, loss and, in some rows, quality over steps and time.
-    pub trajectory: Vec<MetricsRow>,
+    pub(crate) trajectory: Vec<MetricsRow>,
     /// Each held-out view in which some pixel counts; none for a fit.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub views: Vec<ViewResult>,
+    pub(crate) views: Vec<ViewResult>,
     /// What the study measures besides, as far as it is finite.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
-    pub measured: BTreeMap<Column, f64>,
+    pub(crate) measured: BTreeMap<Column, f64>,
 }
 
 /// The quality of a trained scene on a held-out view.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub struct ViewResult {
+pub(crate) struct ViewResult {
     /// Name of the view in the data set.
-    pub name: String,
+    pub(crate) name: String,
     /// PSNR, dB; ∞, which JSON stores as `null`, for equal images.
     #[serde(deserialize_with = "infinite_where_null")]
-    pub psnr: f64,
+    pub(crate) psnr: f64,
     /// Structural similarity.
-    pub ssim: f64,
+    pub(crate) ssim: f64,
     /// Multi-scale structural similarity; `None` for images that are too small for it.
-    pub ms_ssim: Option<f64>,
+    pub(crate) ms_ssim: Option<f64>,
     /// Mean absolute difference.
-    pub l1: f64,
+    pub(crate) l1: f64,
     /// PSNR, dB, in those rows of the run's trajectory that have a PSNR.
     #[serde(deserialize_with = "all_infinite_where_null")]
-    pub curve: Vec<f64>,
+    pub(crate) curve: Vec<f64>,
     /// Whether the run has a picture of the view. Pictures are in the order of the views.
-    pub is_shown: bool,
+    pub(crate) is_shown: bool,
 }
 
 /// Reads `null` as ∞, which JSON cannot represent.

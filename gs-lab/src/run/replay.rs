@@ -4,9 +4,10 @@ use super::{
     folder::StudyFolder,
     recorded,
     resumption::Interruptions,
-    task::StudyBackend,
     train::{Replayed, train},
 };
+use gs_core::{Optimizer, Scene2d, Scene3d};
+
 use crate::{
     error::Error,
     study::{AnyPolicy, Machine, Plan, Run, VERSION},
@@ -21,7 +22,7 @@ struct End {
 }
 
 /// Replays a row of the study in `folder` and compares the scene with the recorded one. The tables
-/// in the folder suffice; the files of the runs may be missing.
+/// in the folder suffice; the files of the runs may be missing. `begun` is called first with the run.
 ///
 /// # Errors
 /// [`Error::NoRow`]; [`Error::Folder`] where the row has not been done; [`Error::OtherMachine`],
@@ -29,13 +30,15 @@ struct End {
 /// anything is computed; [`Error::Arm`] where this program does not have the arm's policy;
 /// [`Error::NotReplayed`] where the scene differs from the recorded one; [`Error::Fit`] where the run
 /// fails.
-pub fn replay<R: StudyBackend>(
+pub fn replay<R: Optimizer<Scene2d> + Optimizer<Scene3d>>(
     plan: &Plan,
     row: usize,
     rasterizer: &R,
     folder: &StudyFolder,
+    begun: &dyn Fn(&Run),
 ) -> Result<Replayed, Error> {
     let run = recorded_run(plan, row, folder)?;
+    begun(run);
     if let Some(recorded) = folder.machine().filter(|recorded| recorded.name != plan.machine.name) {
         return Err(other_machine(row, &recorded, &plan.machine));
     }
@@ -90,7 +93,7 @@ fn other_machine(row: usize, recorded: &Machine, found: &Machine) -> Error {
 ///
 /// # Errors
 /// [`Error::NoRow`].
-pub fn recorded_run<'p>(plan: &'p Plan, row: usize, folder: &StudyFolder) -> Result<&'p Run, Error> {
+fn recorded_run<'p>(plan: &'p Plan, row: usize, folder: &StudyFolder) -> Result<&'p Run, Error> {
     let Some(recorded) = recorded::recorded(folder) else { return plan.run(row) };
     let rows = recorded.runs.len();
     let found = row.checked_sub(1).and_then(|index| recorded.runs.get(index)).ok_or(Error::NoRow { row, rows })?;

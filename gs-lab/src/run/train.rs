@@ -10,16 +10,18 @@ use gs_train::{Error as TrainError, RunSettings as _, Trainer};
 use super::{
     record::Finished,
     resumption::Interruptions,
-    task::{AnyScene, StudyBackend, StudyTask},
+    task::{ReplayedScene, StudyBackend, StudyTask},
     trajectory::Trajectory,
 };
-use crate::study::{Plan, Run, RunSettings};
+use crate::study::{ArmSettings, Plan, Run};
 
 /// A replayed run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Replayed {
+    /// The run.
+    pub run: Run,
     /// The scene, which is the recorded one.
-    pub scene: AnyScene,
+    pub scene: ReplayedScene,
     /// The frame of a 3D scene; the world itself for an image.
     pub frame: WorldFrame,
     /// The rendering of the scene, not clamped: at the target's size, or for each of the held-out
@@ -40,8 +42,8 @@ pub(crate) fn train<R: StudyBackend>(
     interruptions: Interruptions<'_>,
 ) -> Result<Option<Replayed>, TrainError> {
     match &run.settings {
-        RunSettings::Image(settings) => train_task::<Scene2d, R>(plan, run, settings, rasterizer, interruptions),
-        RunSettings::Scene(settings) => train_task::<Scene3d, R>(plan, run, settings, rasterizer, interruptions),
+        ArmSettings::Image(settings) => train_task::<Scene2d, R>(plan, run, settings, rasterizer, interruptions),
+        ArmSettings::Scene(settings) => train_task::<Scene3d, R>(plan, run, settings, rasterizer, interruptions),
     }
 }
 
@@ -91,7 +93,7 @@ fn train_task<S: StudyTask, R: Optimizer<S>>(
         measured: further,
     };
     let (pictures, settings, frame) = (measured.pictures, measured.render, measured.frame);
-    Ok(Some(Replayed { scene: scene.wrapped(), frame, pictures, settings, finished }))
+    Ok(Some(Replayed { run: run.clone(), scene: scene.wrapped(), frame, pictures, settings, finished }))
 }
 
 /// Begins a run, or goes on from its checkpoint.

@@ -102,7 +102,7 @@ mod tests {
                 densify.insert("opacity-correction".to_owned(), "conserve".into());
                 source = settings.try_into().unwrap();
             }
-            assert_eq!(run.settings.of_image().unwrap().policy, source, "{name}");
+            assert_eq!(run.settings.of_image().policy, source, "{name}");
         }
     }
 }

@@ -229,8 +229,7 @@ impl Study {
         if self.is_of_scenes() && !(self.measure.is_empty() && self.claims.is_empty() && self.choices.is_empty()) {
             return Err(self.wrong("claims, choices and measure are for studies of images", "leave them out"));
         }
-        let has_shapes =
-            |image: &String| SyntheticTarget::from_name(image).is_ok_and(|target| target.has_the_papers_shapes());
+        let has_shapes = |image: &str| SyntheticTarget::named(image).is_some_and(|t| t.has_the_papers_shapes());
         if let Some(image) =
             self.images.iter().find(|image| self.measure.contains(&Measure::Shapes) && !has_shapes(image))
         {

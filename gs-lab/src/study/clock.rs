@@ -12,8 +12,7 @@ use crate::error::Error;
 /// What a study measures as the time of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-#[non_exhaustive]
-pub enum Clock {
+pub(crate) enum Clock {
     /// The time that passes. Other programs on the machine make it longer.
     #[default]
     Wall,

@@ -7,8 +7,7 @@ use serde::{Deserialize, Serialize};
 /// A number of a run that did all its steps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-#[non_exhaustive]
-pub enum Column {
+pub(crate) enum Column {
     /// Gaussians.
     Gaussians,
     /// PSNR, dB.

@@ -31,48 +31,48 @@ pub struct Study {
     /// Image files, relative to the data folder or to the study file; and names of
     /// [`SyntheticTarget`]s, which need no file, such as `paper`. A study has either images or scenes.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub images: Vec<String>,
+    pub(crate) images: Vec<String>,
     /// Data sets of posed images, as `gs train` reads them, relative to the data folder or to the
     /// study file.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub scenes: Vec<String>,
+    pub(crate) scenes: Vec<String>,
     /// The largest numbers of Gaussians allowed.
-    pub budgets: Vec<u32>,
+    pub(crate) budgets: Vec<u32>,
     /// Seeds of all random numbers, the same for every arm.
-    pub seeds: Vec<u32>,
+    pub(crate) seeds: Vec<u32>,
     /// What is held equal when arms are compared.
     #[serde(default = "Matching::all", rename = "match")]
-    pub matchings: Vec<Matching>,
+    pub(crate) matchings: Vec<Matching>,
     /// What is measured as the time of a run.
     #[serde(default, skip_serializing_if = "Clock::is_wall")]
-    pub clock: Clock,
+    pub(crate) clock: Clock,
     /// What is measured of every run besides the usual; images only.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub(crate) measure: Vec<Measure>,
     /// The arm that the report compares the others with; by default the first. The tables compare
     /// all pairs.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub baseline: Option<String>,
+    pub(crate) baseline: Option<String>,
     /// The preset that arms start from, unless they name another: a [`Preset`](gs_train::Preset), or
     /// for scenes a [`TrainPreset`](gs_train::TrainPreset).
     #[serde(default = "standard")]
-    pub preset: String,
+    pub(crate) preset: String,
     /// Steps of the optimizer instead of the preset's. The schedule is stretched accordingly.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub iterations: Option<u32>,
+    pub(crate) iterations: Option<u32>,
     /// How the data sets are read.
     #[serde(default, skip_serializing_if = "DatasetReading::is_default")]
-    pub dataset: DatasetReading,
+    pub(crate) dataset: DatasetReading,
     /// Settings of all arms that differ from the preset's, with the keys of
     /// [`gs_train::FitSettings`], or for scenes of [`gs_train::TrainSettings`].
     #[serde(default, skip_serializing_if = "toml::Table::is_empty")]
-    pub settings: toml::Table,
+    pub(crate) settings: toml::Table,
     /// The arms that are compared; those of a study with factors are all combinations of these.
     #[serde(default, rename = "arm", skip_serializing_if = "Vec::is_empty")]
     pub arms: Vec<Arm>,
     /// The factors of a factorial design.
     #[serde(default, rename = "factor", skip_serializing_if = "Vec::is_empty")]
-    pub factors: Vec<Factor>,
+    pub(crate) factors: Vec<Factor>,
     /// A smaller form of the study, for a first look.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) quick: Option<Quick>,
@@ -97,7 +97,7 @@ fn standard() -> String {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
-pub enum Matching {
+pub(crate) enum Matching {
     /// The number of Gaussians: the ends of runs whose counts are equal.
     Count,
     /// The number of steps: the largest that all arms of the study have reached.
@@ -108,12 +108,12 @@ pub enum Matching {
 
 impl Matching {
     /// All ways to match arms.
-    pub fn all() -> Vec<Self> {
+    pub(crate) fn all() -> Vec<Self> {
         vec![Self::Count, Self::Iterations, Self::Time]
     }
 
     /// The name in study files.
-    pub const fn name(self) -> &'static str {
+    pub(crate) const fn name(self) -> &'static str {
         match self {
             Self::Count => "count",
             Self::Iterations => "iterations",
@@ -165,7 +165,7 @@ impl Study {
     ///
     /// # Errors
     /// [`Error::Study`] where TOML has no form for it.
-    pub fn to_toml(&self) -> Result<String, Error> {
+    pub(crate) fn to_toml(&self) -> Result<String, Error> {
         let arms = if self.factors.is_empty() { self.arms.clone() } else { Vec::new() };
         let stored = Self { arms, ..self.clone() };
         toml::to_string(&stored).map_err(|error| self.wrong(error.to_string(), "leave it out"))
@@ -236,7 +236,7 @@ impl Study {
     }
 
     /// Index of the baseline among the arms.
-    pub fn baseline_arm(&self) -> usize {
+    pub(crate) fn baseline_arm(&self) -> usize {
         self.baseline.as_ref().and_then(|name| self.arms.iter().position(|arm| arm.name == *name)).unwrap_or(0)
     }
 
@@ -246,12 +246,12 @@ impl Study {
     }
 
     /// Images or scenes by their names.
-    pub fn target_names(&self) -> &[String] {
+    pub(crate) fn target_names(&self) -> &[String] {
         if self.is_of_scenes() { &self.scenes } else { &self.images }
     }
 
     /// "image" or "scene".
-    pub fn target_word(&self) -> &'static str {
+    pub(crate) fn target_word(&self) -> &'static str {
         if self.is_of_scenes() { "scene" } else { "image" }
     }
 

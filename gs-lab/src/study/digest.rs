@@ -78,7 +78,7 @@ fn of_file(path: &Path) -> Result<String, Error> {
 }
 
 /// The digest of a 3D scene. Two scenes have the same digest only if they are bit-identical.
-pub fn of_scene_3d(scene: &Scene3d) -> String {
+pub(crate) fn of_scene_3d(scene: &Scene3d) -> String {
     let mut hash = Sha256::new();
     hash.update((scene.means.len() as u64).to_le_bytes());
     hash.update([scene.sh_degree]);
@@ -91,7 +91,7 @@ pub fn of_scene_3d(scene: &Scene3d) -> String {
 }
 
 /// The digest of a scene. Two scenes have the same digest only if they are bit-identical.
-pub fn of_scene(scene: &Scene2d) -> String {
+pub(crate) fn of_scene(scene: &Scene2d) -> String {
     let mut hash = Sha256::new();
     hash.update((scene.means.len() as u64).to_le_bytes());
     hash.update((scene.opacity_logits.len() as u64).to_le_bytes());

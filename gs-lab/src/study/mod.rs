@@ -1,7 +1,7 @@
 //! The definition of a study: what is compared, and the runs that follow from it.
 //!
-//! A [`Study`] is read from a TOML file, or is one of those [`built_in()`]. [`Arm`]s and [`Factor`]s
-//! say how its fits or trainings differ, [`StudyTarget`]s what they are of, and a [`Plan`] lists its
+//! A [`Study`] is read from a TOML file, or is one of those [`built_in()`]. [`Arm`]s and `Factor`s
+//! say how its fits or trainings differ, `StudyTarget`s what they are of, and a [`Plan`] lists its
 //! [`Run`]s, each with all its settings and an address.
 
 mod arm;
@@ -19,22 +19,21 @@ mod selection;
 mod settings;
 mod target;
 
-pub use self::{
-    arm::{AnyPolicy, Arm, Factor, OwnPolicy},
-    built_in::{BUILT_IN, built_in},
+pub(crate) use self::{
+    arm::AnyPolicy,
+    claim::{Choice, Join, Other, Per, Quantity, StatedClaim},
     clock::Clock,
-    column::Column,
-    definition::{Matching, Study},
-    digest::{of_scene as scene_digest, of_scene_3d as scene_digest_3d},
+    column::{Column, Measure},
+    definition::Matching,
+    settings::{ArmSettings, Planned},
+    target::{StudyTarget, TargetContent},
+};
+pub use self::{
+    arm::Arm,
+    built_in::{BUILT_IN, built_in},
+    definition::Study,
     machine::Machine,
     plan::{Plan, Run, VERSION},
     selection::Selection,
-    settings::RunSettings,
-    target::{Alpha, DatasetReading, Places, StudyTarget, TargetContent},
+    target::{DatasetReading, Places},
 };
-pub(crate) use self::{
-    claim::{Choice, Join, Other, Per, Quantity, StatedClaim},
-    column::Measure,
-    settings::Planned,
-};
-pub use crate::synthetic::SyntheticTarget;

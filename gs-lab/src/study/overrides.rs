@@ -33,8 +33,18 @@ pub(crate) fn lay_upon(base: &mut Table, over: &Table) {
 /// `settings` with the values of `over` in place of their own.
 ///
 /// # Errors
+/// The path of the wrong value in `over`, if one is to blame, and what is wrong: an unknown key, or a value
+/// that is not possible.
+pub fn applied_to<T: SettingsFile>(settings: &T, over: &Table) -> Result<T, (Option<String>, String)> {
+    let place = || culprit(over, |part| applied(settings, part).is_ok());
+    applied(settings, over).map_err(|problem| (place(), problem))
+}
+
+/// `settings` with the values of `over` in place of their own.
+///
+/// # Errors
 /// What is wrong with `over`: an unknown key, or a value that is not possible.
-pub fn applied<T: SettingsFile>(settings: &T, over: &Table) -> Result<T, String> {
+pub(crate) fn applied<T: SettingsFile>(settings: &T, over: &Table) -> Result<T, String> {
     let unreadable = |error: toml::de::Error| error.to_string();
     let text = settings.to_toml().map_err(|error| error.to_string())?;
     let mut table: Table = text.parse().map_err(unreadable)?;
@@ -57,7 +67,7 @@ pub fn with_rounds<T: SettingsFile>(settings: T, over: &Table) -> T {
 /// The path of the value in `over` that makes it fail: the one without which it is possible, or
 /// else the first value with which, added to those before it, it becomes impossible. Kinds come
 /// first, as other values depend on them.
-pub fn culprit(over: &Table, is_possible: impl Fn(&Table) -> bool) -> Option<String> {
+pub(crate) fn culprit(over: &Table, is_possible: impl Fn(&Table) -> bool) -> Option<String> {
     let mut leaves = Vec::new();
     collect(over, &mut Vec::new(), &mut leaves);
     let is_kind = |path: &Vec<String>| path.last().is_some_and(|key| key == "kind");

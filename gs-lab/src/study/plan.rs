@@ -13,7 +13,7 @@ use super::{
     digest,
     machine::Machine,
     overrides::{self, applied},
-    settings::{Asked, Planned, RunSettings, WrongKey},
+    settings::{ArmSettings, Asked, Planned, WrongKey},
     target::{Places, StudyTarget, TargetContent},
 };
 use crate::error::Error;
@@ -28,7 +28,7 @@ pub struct Plan {
     /// The study.
     pub study: Study,
     /// The images or scenes of the study, in its order.
-    pub targets: Vec<StudyTarget>,
+    pub(crate) targets: Vec<StudyTarget>,
     /// The machine that computes.
     pub machine: Machine,
     /// All runs, ordered by seed, then budget, then image or scene, then arm. Runs that are compared with
@@ -43,18 +43,33 @@ pub struct Run {
     /// Row in the tables, counted from 1.
     pub row: usize,
     /// Index into [`Study::arms`].
-    pub arm: usize,
+    pub(crate) arm: usize,
     /// Index into [`Plan::targets`].
-    pub target: usize,
+    pub(crate) target: usize,
     /// The largest number of Gaussians allowed.
-    pub budget: u32,
+    pub(crate) budget: u32,
     /// The seed of all random numbers.
-    pub seed: u32,
+    pub(crate) seed: u32,
     /// All settings of the fit or training.
-    pub settings: RunSettings,
+    pub(crate) settings: ArmSettings,
     /// Digest of everything that the result depends on: settings, target, own policy, machine and
     /// version.
     pub address: String,
+}
+
+impl Run {
+    /// Number of steps.
+    pub fn iterations(&self) -> u32 {
+        self.settings.iterations()
+    }
+
+    /// All settings as the text of a TOML file, which `gs fit --settings` or `gs train --settings` reads.
+    ///
+    /// # Errors
+    /// [`gs_train::Error::UnwritableSettings`] where TOML has no form for them.
+    pub fn settings_file(&self) -> Result<String, gs_train::Error> {
+        self.settings.to_toml()
+    }
 }
 
 impl Plan {
@@ -109,23 +124,23 @@ impl Plan {
     ///
     /// # Errors
     /// [`Error::NoRow`].
-    pub fn run(&self, row: usize) -> Result<&Run, Error> {
+    pub(crate) fn run(&self, row: usize) -> Result<&Run, Error> {
         let rows = self.runs.len();
         row.checked_sub(1).and_then(|index| self.runs.get(index)).ok_or(Error::NoRow { row, rows })
     }
 
     /// The arm of a run.
-    pub fn arm(&self, run: &Run) -> &Arm {
+    pub(crate) fn arm(&self, run: &Run) -> &Arm {
         &self.study.arms[run.arm]
     }
 
     /// The image or scene of a run.
-    pub fn target(&self, run: &Run) -> &StudyTarget {
+    pub(crate) fn target(&self, run: &Run) -> &StudyTarget {
         &self.targets[run.target]
     }
 
     /// Where the study found its images and data sets, by their names; synthetic ones are nowhere.
-    pub fn places(&self) -> BTreeMap<&String, &std::path::PathBuf> {
+    pub(crate) fn places(&self) -> BTreeMap<&String, &std::path::PathBuf> {
         self.targets.iter().filter_map(|target| Some((&target.name, target.path.as_ref()?))).collect()
     }
 
@@ -143,6 +158,19 @@ impl Plan {
         wrong(&self.study, arm, None, message.to_owned())
     }
 
+    /// The runs in words, which are those of a part of a study of `all` runs:
+    /// "small: 8 of 16 runs (2 arms, 1 image, 2 budgets, 2 seeds)".
+    pub fn summary(&self, all: usize) -> String {
+        let runs = match self.runs.len() {
+            part if part == all => counted(all, "run"),
+            part => format!("{part} of {}", counted(all, "run")),
+        };
+        let Study { name, arms, budgets, seeds, .. } = &self.study;
+        let (arms, targets) = (counted(arms.len(), "arm"), counted(self.targets.len(), self.study.target_word()));
+        let (budgets, seeds) = (counted(budgets.len(), "budget"), counted(seeds.len(), "seed"));
+        format!("{name}: {runs} ({arms}, {targets}, {budgets}, {seeds})")
+    }
+
     /// A description of the run: "percentile, kodim04, 3000 Gaussians, seed 0".
     pub fn describe(&self, run: &Run) -> String {
         let Run { budget, seed, .. } = run;
@@ -152,7 +180,7 @@ impl Plan {
 }
 
 /// The settings of a run.
-fn settings(asked: &Asked<'_>, target: &StudyTarget, seed: u32) -> Result<RunSettings, Error> {
+fn settings(asked: &Asked<'_>, target: &StudyTarget, seed: u32) -> Result<ArmSettings, Error> {
     match target.content {
         TargetContent::Image(_) => Ok(settings_of::<Scene2d>(asked, target, seed)?.into()),
         TargetContent::Scene(_) => Ok(settings_of::<Scene3d>(asked, target, seed)?.into()),
@@ -221,13 +249,13 @@ fn wrong(study: &Study, arm: &Arm, key: Option<&str>, message: String) -> Error 
 fn address(
     study: &Study,
     arm: &Arm,
-    settings: &RunSettings,
+    settings: &ArmSettings,
     target: &StudyTarget,
     machine: &str,
 ) -> Result<String, String> {
     let start = match settings {
-        RunSettings::Scene(settings) => target.dataset().map(|dataset| arm.start(dataset, settings).name()),
-        RunSettings::Image(_) => None,
+        ArmSettings::Scene(settings) => target.dataset().map(|dataset| arm.start(dataset, settings).name()),
+        ArmSettings::Image(_) => None,
     };
     let settings = settings.to_toml().map_err(|error| error.to_string())?;
     let policy = arm.own_policy.as_ref().map_or("", |own| own.fingerprint.as_str());
@@ -264,10 +292,10 @@ mod tests {
         }
         let addresses: HashSet<_> = plan.runs.iter().map(|r| &r.address).collect();
         assert_eq!(addresses.len(), 8);
-        let first = plan.run(1).unwrap().settings.of_image().unwrap();
+        let first = plan.run(1).unwrap().settings.of_image();
         assert_eq!((first.seed, first.gaussians, first.iterations, first.initial.resolve(10)), (3, 10, 50, 10));
         for run in &plan.runs {
-            let text = toml::to_string(&run.settings.of_image().unwrap().policy).unwrap();
+            let text = toml::to_string(&run.settings.of_image().policy).unwrap();
             assert!(text.contains("shrink = 2.0"), "what all arms have in common: {text}");
         }
         assert!(matches!(plan.run(0), Err(Error::NoRow { .. })) && plan.run(9).is_err());
@@ -277,7 +305,7 @@ mod tests {
     fn a_policy_by_its_name_is_what_settings_differ_from() {
         let named =
             TWO_ARMS.replace("settings.policy.kind = 'percentile'", "policy = 'hybrid'\nsettings.policy.percent = 25");
-        let Policy::Grow(hybrid) = plan(&named).unwrap().runs[1].settings.of_image().unwrap().policy.clone() else {
+        let Policy::Grow(hybrid) = plan(&named).unwrap().runs[1].settings.of_image().policy.clone() else {
             panic!("a hybrid")
         };
         assert_eq!((hybrid.percent, hybrid.actions.densify.shrink), (25.0, 2.0));

@@ -1,13 +1,13 @@
 //! Claims of study files, judged by made-up runs. Each verdict has a control that refutes it.
 
-use gs_lab::{
+use crate::{
     Places, Plan, Results, Study,
     result::{Claim, ClaimVerdict, claims_csv, verdicts},
     run::{Finished, Record, RunOutcome},
     study::{Column, Run},
 };
 
-use crate::comparisons::{failed, finished, rising};
+use super::comparisons::{failed, finished, rising};
 
 const STUDY: &str = "name = 'x'\nimages = ['paper', 'thin-lines', 'paper-64px']\nbudgets = [600]\nseeds = [0, 1, 2, 3, 4, 5, 6]\n\
                      preset = 'paper'\nmeasure = ['start']\n[[arm]]\nname = 'a'\n[[arm]]\nname = 'b'\n[[arm]]\nname = 'c'\n";

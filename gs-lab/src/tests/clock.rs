@@ -2,14 +2,14 @@
 
 use std::{sync::Arc, thread, time::Duration};
 
-use gs_core::{EditPlan, Error as CoreError, Gaussian2d, effects::Statistics};
-use gs_cpu::{CpuRasterizer, CpuSettings};
-use gs_density::{DensityPolicy, Observation, Rng};
-use gs_lab::{
+use crate::{
     Error, Existing, Places, Plan, Study, StudyFolder, conduct,
     run::RunOutcome,
     study::{Arm, Clock},
 };
+use gs_core::{EditPlan, Error as CoreError, Gaussian2d, effects::Statistics};
+use gs_cpu::{CpuRasterizer, CpuSettings};
+use gs_density::{DensityPolicy, Observation, Rng};
 
 const STUDY: &str = "name = 'clocks'\nimages = ['paper-64px']\nbudgets = [30]\nseeds = [0]\npreset = 'paper'\n\
     iterations = 20\nclock = 'cpu'\nsettings.rounds = { every = 1, from = 1, until = 11 }\n\
@@ -99,7 +99,7 @@ fn runs_that_would_share_a_clock_are_refused_before_any_begins() {
 }
 
 mod wgpu {
-    use gs_lab::run::refuse_unsupported;
+    use crate::run::refuse_unsupported;
     use gs_wgpu::{WgpuRasterizer, WgpuSettings};
     use pollster::FutureExt as _;
 

@@ -1,12 +1,12 @@
 //! Verdicts on made-up runs. Each test is a way in which a comparison could be unfair.
 
-use gs_core::{Culled, Image, edit::EditCounts};
-use gs_lab::{
+use crate::{
     Places, Plan, Results, Study, report,
     result::{Difference, Metric, ResultRemark, Verdict},
     run::{Finished, Record, RunOutcome},
     study::{Matching, Run},
 };
+use gs_core::{Culled, Image, edit::EditCounts};
 use gs_train::MetricsRow;
 
 /// A study with the given numbers of images, seeds and arms. Arms are called `a`, `b`, ….

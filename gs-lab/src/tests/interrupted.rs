@@ -9,15 +9,15 @@ use std::{
     },
 };
 
-use gs_density::Policy;
-use gs_io::{read_checkpoint, write_checkpoint};
-use gs_lab::{
+use crate::{
     Existing, Places, Plan, Study, StudyFolder, conduct,
     run::{Conducted, Finished, RunOutcome, Watcher},
     study::{Arm, Run},
 };
+use gs_density::Policy;
+use gs_io::{read_checkpoint, write_checkpoint};
 
-use crate::scenes::{self, cpu, laid_out};
+use super::scenes::{self, cpu, laid_out};
 
 /// Stops after this many steps, and remembers what it was shown.
 #[derive(Default)]

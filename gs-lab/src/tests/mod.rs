@@ -1,9 +1,8 @@
-//! The laboratory from end to end. One binary for all modules, so that the tests link once.
+//! The laboratory from end to end.
 
 mod claims;
 mod clock;
 mod comparisons;
-mod compression;
 mod interrupted;
 mod scenes;
 mod studies;

@@ -149,7 +149,7 @@ pub(crate) fn read_dataset(
     frame: Option<WorldFrame>,
 ) -> PyResult<Dataset> {
     let reading = settings::with("reading", DatasetReading::default(), reading)?;
-    errors::computed(py, || reading.read_in(frame, path))
+    errors::computed(py, || reading.read(frame, path))
 }
 
 /// What a training starts from: a scene, or what a name says.

@@ -5,7 +5,7 @@ use gs_core::counted;
 use gs_train::{EncodeSettings, EncodeTarget, FitSettings, count_for_psnr, encode};
 
 use super::arguments::CountArgs;
-use crate::{failure::Failure, image_fit::Target, terminal::output};
+use crate::{failure::Failure, image_fit::FitImage, terminal::output};
 
 impl CountArgs {
     /// Whether a flag chooses the number.
@@ -23,7 +23,7 @@ impl CountArgs {
     pub(super) fn apply(
         &self,
         on: &AnyRasterizer,
-        target: &Target,
+        target: &FitImage,
         settings: FitSettings,
     ) -> Result<FitSettings, Failure> {
         let (count, why) = match (self.psnr, self.bytes) {

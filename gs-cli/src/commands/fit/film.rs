@@ -8,7 +8,7 @@ use std::{
 use gs_backend::{AnyRasterizer, FutureExt as _};
 use gs_core::{Canvas, Image, Rasterizer as _, Scene2d, counted};
 use gs_io::{Animation, write_animation};
-use gs_lab::report::figure::captioned;
+use gs_lab::report::captioned;
 use gs_train::Trainer;
 
 use crate::{failure::Failure, training::Frames};

@@ -22,7 +22,7 @@ use crate::{
     failure::Failure,
     files::output_folder,
     flags::{backend::BackendArgs, frontier_settings},
-    image_fit::{self, SettingsFile, Target, batch},
+    image_fit::{self, FitImage, SettingsFile, batch},
     memory::{self, Need},
     terminal::output::{self, quoted},
     training::{self, job::Job},
@@ -44,17 +44,17 @@ fn run_one(args: &FitArgs) -> Result<(), Failure> {
     let file = SettingsFile::read(&args.settings)?;
     let target = read_target(args, image, &file)?;
     let start = match &args.resume {
-        Some(file) => Start::Resumed(Box::new(read_checkpoint(file)?), file.clone()),
-        None => Start::fresh(args, &file, &target)?,
+        Some(file) => FitStart::Resumed(Box::new(read_checkpoint(file)?), file.clone()),
+        None => FitStart::fresh(args, &file, &target)?,
     };
     let backend = backend_args(args, &file).open_to_render_2d(&start.render())?;
     let start = start.counted(&args.count, &target, &backend)?;
     fit(job, &target, start, &backend, args.film)
 }
 
-fn read_target(args: &FitArgs, image: Option<&Path>, file: &SettingsFile) -> Result<Target, Failure> {
+fn read_target(args: &FitArgs, image: Option<&Path>, file: &SettingsFile) -> Result<FitImage, Failure> {
     image.map_or(Ok(()), memory::check_image)?;
-    Ok(Target::read(image, file.background(&args.settings))?)
+    Ok(FitImage::read(image, file.background(&args.settings))?)
 }
 
 /// The flags of the backend, or the machine that a settings file names.
@@ -64,22 +64,22 @@ fn backend_args(args: &FitArgs, file: &SettingsFile) -> BackendArgs {
 }
 
 /// Where a fit begins.
-enum Start {
+enum FitStart {
     Fresh(Box<FitSettings>),
     /// A checkpoint and its file.
     Resumed(Box<Checkpoint>, PathBuf),
 }
 
-impl Start {
+impl FitStart {
     /// The start with the settings that flags and file ask for.
-    fn fresh(args: &FitArgs, file: &SettingsFile, target: &Target) -> Result<Self, Failure> {
+    fn fresh(args: &FitArgs, file: &SettingsFile, target: &FitImage) -> Result<Self, Failure> {
         let mut settings = image_fit::settings(&args.settings, file, target)?;
         settings.render = args.run.effects.choice().for_training(&settings.render);
         Ok(Self::Fresh(Box::new(settings)))
     }
 
     /// The start with the number of Gaussians that flags choose, which takes a few fits.
-    fn counted(self, count: &CountArgs, target: &Target, on: &Chosen) -> Result<Self, Failure> {
+    fn counted(self, count: &CountArgs, target: &FitImage, on: &Chosen) -> Result<Self, Failure> {
         match self {
             Self::Fresh(settings) if count.chooses() => {
                 check_memory(target, &settings)?;
@@ -106,7 +106,7 @@ impl Start {
     fn begin<'r>(
         self,
         rasterizer: &'r AnyRasterizer,
-        target: &Target,
+        target: &FitImage,
     ) -> Result<(Trainer<'r, AnyRasterizer>, MetricsLog), Failure> {
         match self {
             Self::Fresh(settings) => {
@@ -126,7 +126,7 @@ impl Start {
     }
 }
 
-fn fit(job: Job, target: &Target, start: Start, backend: &Chosen, films: bool) -> Result<(), Failure> {
+fn fit(job: Job, target: &FitImage, start: FitStart, backend: &Chosen, films: bool) -> Result<(), Failure> {
     let (trainer, log) = start.begin(&backend.rasterizer, target)?;
     let command = command(target, &job.claim.path);
     let (run, checkpoints) = job.begin(&trainer, None, command)?;
@@ -142,7 +142,7 @@ fn fit(job: Job, target: &Target, start: Start, backend: &Chosen, films: bool) -
 const LESS: &str = "use a smaller image, fewer Gaussians, or gs encode, which divides the image into bands";
 
 /// Fails where there is not enough memory to fit this image.
-fn check_memory(target: &Target, settings: &FitSettings) -> Result<(), Failure> {
+fn check_memory(target: &FitImage, settings: &FitSettings) -> Result<(), Failure> {
     let (width, height) = target.image.size();
     let (bytes, held) = (settings.peak_bytes((width, height)), size_of_val(target.image.pixels()) as u64);
     let what = format!("fitting {} Gaussians to {} ({width}x{height} px)", settings.gaussians, target.name());
@@ -156,7 +156,7 @@ fn not_resumed(error: gs_train::Error, file: &Path) -> Failure {
     if wrong_target { failure.hint("give the same image and --background") } else { failure }
 }
 
-fn announce(target: &Target, folder: &Path, backend: &Chosen, trainer: &Trainer<'_, AnyRasterizer>) {
+fn announce(target: &FitImage, folder: &Path, backend: &Chosen, trainer: &Trainer<'_, AnyRasterizer>) {
     output::note(&backend.reason);
     target.remarks.iter().for_each(output::note);
     let settings = trainer.settings();
@@ -172,7 +172,7 @@ fn announce(target: &Target, folder: &Path, backend: &Chosen, trainer: &Trainer<
 }
 
 /// The command that resumes the fit, without its flag `--resume`.
-fn command(target: &Target, folder: &Path) -> String {
+fn command(target: &FitImage, folder: &Path) -> String {
     let image = target.file.as_ref().map_or_else(String::new, |file| format!(" {}", quoted(file)));
     let background = target.behind.map_or_else(String::new, |color| format!(" --background {color}"));
     format!("gs fit{image}{background} -o {}", quoted(folder))
@@ -204,7 +204,7 @@ mod tests {
         let (output_flag, state_flag) = (output.to_str().unwrap(), state.to_str().unwrap());
         let words = ["-o", output_flag, "-n", "30", "-i", "1000000", "--checkpoint", state_flag];
         let args = flags(&[&words[..], &["--checkpoint-every", "10"]].concat());
-        let target = Target::read(None, None).unwrap();
+        let target = FitImage::read(None, None).unwrap();
         let job = args.job(None, &output).unwrap();
         let settings = image_fit::settings(&args.settings, &SettingsFile::None, &target).unwrap();
         let wgpu = BackendArgs { backend: Wanted::Wgpu, ..BackendArgs::default() };
@@ -217,7 +217,7 @@ mod tests {
                 let AnyRasterizer::Wgpu(gpu) = &backend.rasterizer else { panic!("another backend") };
                 gpu.lose_device();
             });
-            let start = Start::Fresh(Box::new(settings));
+            let start = FitStart::Fresh(Box::new(settings));
             fit(job, &target, start, &backend, false).unwrap_err()
         });
         let line = failure.line().unwrap();

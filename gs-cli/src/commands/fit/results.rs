@@ -7,7 +7,7 @@ use std::{path::Path, thread};
 use gs_backend::{AnyRasterizer, Chosen, FutureExt as _};
 use gs_core::{Blend, Canvas, Culled, Image, Rasterizer as _, Scene as _, Scene2d, counted, effects::EffectDecision};
 use gs_io::{File2d, write_2d, write_ply, write_png};
-use gs_lab::report::figure::{curve::CurvePoint, ellipses};
+use gs_lab::report::{curve::CurvePoint, ellipses};
 use gs_train::{ColorRange, FitSummary, MetricsLog, SettingsFile as _, Trainer, Viewable, viewable};
 use serde::Serialize;
 
@@ -15,7 +15,7 @@ use super::film::Film;
 use crate::{
     failure::Failure,
     flags::{backend::on_cpu, effects_args},
-    image_fit::{Target, batch::Row},
+    image_fit::{FitImage, batch::Row},
     terminal::output::{self, Verbosity},
     training::{
         job::Run,
@@ -79,7 +79,7 @@ struct Renderings {
 /// Where results go, and what else they contain.
 pub(crate) struct Results<'a> {
     pub(super) run: &'a Run,
-    pub(super) target: &'a Target,
+    pub(super) target: &'a FitImage,
     pub(super) backend: &'a Chosen,
     /// The film of the fit, if it has one.
     pub(super) film: Option<&'a Film<'a>>,

@@ -5,12 +5,12 @@ use std::fs;
 use gs_backend::Chosen;
 use gs_train::{FitSettings, Preset};
 
-use super::{FitArgs, Start, backend_args, command, film::Film, read_target, results::Results};
+use super::{FitArgs, FitStart, backend_args, command, film::Film, read_target, results::Results};
 use crate::{
     failure::Failure,
     files::output_folder,
     image_fit::{
-        FitSettingsArgs, SettingsFile, Target,
+        FitImage, FitSettingsArgs, SettingsFile,
         batch::{self, BatchImage, Done},
     },
     terminal::{
@@ -33,7 +33,7 @@ pub(super) fn run(args: &FitArgs, images: &[BatchImage]) -> Result<(), Failure> 
     for image in images {
         output_folder::check(&job_of(args, image)?.claim)?;
     }
-    let stand_in = Start::fresh(args, &file, &Target::stand_in(&images[0].file))?;
+    let stand_in = FitStart::fresh(args, &file, &FitImage::stand_in(&images[0].file))?;
     let peak = |size| match &file {
         SettingsFile::Fit(settings) => settings.peak_bytes(size),
         _ => {
@@ -64,7 +64,7 @@ fn fit_one(
     let job = job_of(args, image)?;
     let target = read_target(args, Some(&image.file), file)?;
     target.remarks.iter().for_each(|remark| output::note(format_args!("{}: {remark}", target.name())));
-    let start = Start::fresh(args, file, &target)?.counted(&args.count, &target, on)?;
+    let start = FitStart::fresh(args, file, &target)?.counted(&args.count, &target, on)?;
     let (trainer, log) = start.begin(&on.rasterizer, &target)?;
     let command = command(&target, &job.claim.path);
     let (run, checkpoints) = job.begin(&trainer, None, command)?;

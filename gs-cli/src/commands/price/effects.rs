@@ -93,8 +93,8 @@ pub(crate) fn run(args: &EffectsCommandArgs) -> Result<(), Failure> {
     if args.json {
         return output::json(&report);
     }
-    let training = report.training.iter().map(|training| format!("\n\n{}", training.text()));
-    output::result(format_args!("{}\n\n{}{}", report.facts.text(), report.prices.text(), training.collect::<String>()))
+    let training = report.training.iter().map(|training| format!("\n\n{training}"));
+    output::result(format_args!("{}\n\n{}{}", report.facts.text(), report.prices, training.collect::<String>()))
 }
 
 fn examine<S: RequiresEffects>(

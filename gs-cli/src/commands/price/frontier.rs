@@ -5,18 +5,14 @@ use std::path::PathBuf;
 
 use clap::Args;
 use gs_backend::{AnyRasterizer, FutureExt as _, Wanted};
-use gs_core::{Optimizer, Scene, counted};
+use gs_core::Optimizer;
 use gs_io::Inputs;
-use gs_lab::price::{
-    Contender, Verifiable, contenders,
-    frontier::{Budget, Field, Frontier, SearchLimits, search},
-    unseen_cameras, unseen_canvases,
-};
+use gs_lab::price::{Budget, FrontierReport, Search, Verifiable};
 use serde::Serialize;
 
 use super::{
     Cameras, Facts, Seen, Subject, SubjectArgs,
-    answer::{self, Answer},
+    views::{unseen_cameras, unseen_canvases},
 };
 use crate::{
     failure::Failure,
@@ -105,9 +101,7 @@ struct Report<'a> {
     #[serde(flatten)]
     facts: &'a Facts,
     #[serde(flatten)]
-    frontier: &'a Frontier,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    answer: Option<&'a Answer>,
+    found: FrontierReport,
 }
 
 /// Measures, prints and writes.
@@ -137,12 +131,8 @@ pub(crate) fn run(args: &FrontierArgs) -> Result<(), Failure> {
     }
 }
 
-/// All contenders for a scene. `--backend auto` compares the CPU and, if there is an adapter, wgpu.
-fn all_contenders<'a, S>(flags: &BackendArgs, seen: &Seen<S>) -> Result<Vec<Contender<'a, S::View>>, Failure>
-where
-    S: Scene + 'a,
-    AnyRasterizer: Optimizer<S>,
-{
+/// A rasterizer of each backend. `--backend auto` compares the CPU and, if there is an adapter, wgpu.
+fn backends(flags: &BackendArgs) -> Result<Vec<AnyRasterizer>, Failure> {
     let asks_for_wgpu = flags.backend == Wanted::Wgpu || flags.adapter.is_some();
     let asks_for_cpu = flags.backend == Wanted::Cpu || flags.simd.is_some();
     let mut wanted = Vec::new();
@@ -152,13 +142,12 @@ where
     if asks_for_wgpu || !asks_for_cpu && !gs_wgpu::adapters().block_on().is_empty() {
         wanted.push(Wanted::Wgpu);
     }
-    let mut all = Vec::new();
-    for wanted in wanted {
+    let open = |wanted| {
         let base = flags.open_to_compare(wanted)?;
         output::note(&base.reason);
-        all.extend(contenders(base.rasterizer, &seen.scene, seen.render.effects.blend)?);
-    }
-    Ok(all)
+        Ok(base.rasterizer)
+    };
+    wanted.into_iter().map(open).collect()
 }
 
 /// Measures the scene in views, and verifies the answer on unseen ones.
@@ -172,43 +161,48 @@ where
     S: Verifiable,
     AnyRasterizer: Optimizer<S>,
 {
-    let contenders = all_contenders(&args.subject.seen.backend, seen)?;
-    let field = Field { scene: &seen.scene, contenders, shown: seen.render };
-    let limits = SearchLimits::default().with(|s| s.seconds = f64::from(args.seconds));
-    let frontier = search(&field, views, limits, &mut |what| output::note(what))?;
     let what = seen.facts.text();
-    // The frontier is printed and written even if the budget cannot be kept.
-    let answer = args.budget().map(|budget| {
-        output::note(format_args!("verifying on {} that the search did not use", counted(unseen.len(), "view")));
-        let chosen = budget.choose(&field, &frontier, unseen, 0.1 * limits.seconds)?;
-        let choice = chosen.map_err(|why| answer::missed(budget, why, unseen.len()))?;
-        Answer::new(budget, choice, &field, &frontier, &what)
-    });
-    let (answer, failure) = match answer.transpose() {
-        Ok(answer) => (answer, None),
-        Err(failure) => (None, Some(failure)),
+    let search = Search {
+        scene: (&seen.scene, &what),
+        backends: backends(&args.subject.seen.backend)?,
+        shown: seen.render,
+        views,
+        unseen,
+        seconds: f64::from(args.seconds),
+        budget: args.budget(),
     };
-    let report = Report { facts: &seen.facts, frontier: &frontier, answer: answer.as_ref() };
-    let text = format!("{what}\n\n{}", frontier.text());
-    match &answer {
+    let report = Report { facts: &seen.facts, found: search.run(&mut |what| output::note(what))? };
+    let found = &report.found;
+    let text = format!("{what}\n\n{found}");
+    match found.settings_file() {
         _ if args.json => output::json(&report),
         None => output::result(text),
-        Some(answer) => {
+        Some(settings) => {
             output::note(text);
-            output::file(answer.file.trim_end())
+            output::file(settings.trim_end())
         }
     }?;
     if let Some(folder) = folder {
-        let figure = frontier.figure(&what);
-        folder.write("frontier.csv", frontier.table().csv())?;
+        let (svg, image) = found.figure(&what)?;
+        folder.write("frontier.csv", found.csv())?;
         folder.write_json("frontier.json", &report)?;
-        folder.write("frontier.svg", figure.svg_file()?)?;
-        gs_io::write_png(folder.file("frontier.png"), &figure.image()?)?;
-        match &answer {
-            Some(answer) => folder.write("settings.toml", &answer.file)?,
+        folder.write("frontier.svg", svg)?;
+        gs_io::write_png(folder.file("frontier.png"), &image)?;
+        match found.settings_file() {
+            Some(settings) => folder.write("settings.toml", settings)?,
             None => folder.leave_out("settings.toml")?,
         }
         output::note(format_args!("wrote the frontier in {}", folder.path().display()));
     }
-    failure.map_or(Ok(()), Err)
+    // The frontier is printed and written even if the budget cannot be kept.
+    match (&found.missed, args.max_error, args.max_ms) {
+        (Some(why), Some(most), _) => Err(missed("--max-error", most, why)),
+        (Some(why), None, Some(most)) => Err(missed("--max-ms", most, why)),
+        _ => Ok(()),
+    }
+}
+
+/// The failure where no settings keep the budget that a flag sets.
+fn missed(flag: &str, Tolerance(most): Tolerance, (why, more): &(String, &'static str)) -> Failure {
+    Failure::failed(format_args!("{flag} {most}: {why}")).hint(format_args!("give a larger {flag}{more}"))
 }

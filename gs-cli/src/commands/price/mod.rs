@@ -1,11 +1,11 @@
 //! The commands that say what rendering and training cost. All of them choose a subject with the same
 //! flags, ask [`gs_lab::price`], and print its table.
 
-mod answer;
 pub(crate) mod effects;
 pub(crate) mod frontier;
 pub(crate) mod popping;
 pub(crate) mod profile;
+mod views;
 
 use std::path::{Path, PathBuf};
 
@@ -13,7 +13,6 @@ use clap::Args;
 use gs_backend::{AnyRasterizer, Chosen};
 use gs_core::{Camera, RenderSettings, Scene, Scene2d, Scene3d, counted, view::Orbit};
 use gs_io::{AnyScene, File3d, dataset::Dataset};
-use gs_lab::price::sampled;
 use gs_train::{FitSettings, train::Views};
 use serde::Serialize;
 
@@ -22,12 +21,12 @@ use crate::{
     files::scene,
     flags::{
         backend::BackendArgs,
-        cameras::Home,
+        cameras::{Home, sampled},
         dataset::ReadingArgs,
         render_args::RenderArgs3d,
         values::{Axis, Size, ViewName, canvas, whole},
     },
-    image_fit::{self, FitSettingsArgs, SettingsFile, Target, target},
+    image_fit::{self, FitImage, FitSettingsArgs, SettingsFile, fit_image},
     memory,
 };
 
@@ -107,7 +106,7 @@ struct BackendFacts {
 impl Facts {
     /// The facts in a line, and the backend in another.
     fn text(&self) -> String {
-        let name = self.input.as_deref().map_or_else(|| target::name(None), target::title);
+        let name = self.input.as_deref().map_or_else(|| fit_image::name(None), fit_image::title);
         let fitted = self.fitted_steps.map_or_else(String::new, |n| format!(" fitted in {}", counted(n, "step")));
         let Self { gaussians, seen, width, height, .. } = self;
         let reason = self.backend.as_ref().map_or_else(String::new, |backend| format!("\n{}", backend.reason));
@@ -121,7 +120,7 @@ struct Seen<S: Scene> {
     views: Vec<S::View>,
     render: RenderSettings,
     /// The image that the scene is fitted to first, and how.
-    fit: Option<(Target, FitSettings)>,
+    fit: Option<(FitImage, FitSettings)>,
     facts: Facts,
 }
 
@@ -140,7 +139,7 @@ impl Subject {
         cameras: Cameras<'_>,
         fit: FitSettingsArgs,
     ) -> Result<Self, Failure> {
-        let refused = |message: &str, hint: &str| Err(Failure::usage(message).at(target::name(input)).hint(hint));
+        let refused = |message: &str, hint: &str| Err(Failure::usage(message).at(fit_image::name(input)).hint(hint));
         let scene = input.map(scene::read_if_any).transpose()?.flatten();
         if scene.is_some() && (args.gaussians.is_some() || args.iterations.is_some()) {
             let message = "is a scene, but --gaussians and --iterations are for images, which are fitted first";
@@ -174,7 +173,7 @@ impl Subject {
                 (canvas((file.width, file.height), args.seen.size)?, file.scene, file.settings, None)
             }
             None => {
-                let target = Target::read_to_fit_first(input)?;
+                let target = FitImage::read_to_fit_first(input)?;
                 let fit = FitSettingsArgs { gaussians: args.gaussians, ..fit };
                 let settings = image_fit::settings(&fit, &SettingsFile::None, &target)?;
                 let canvas = canvas(target.image.size(), args.seen.size)?;
@@ -202,7 +201,7 @@ impl Subject {
     /// Fails where measuring pictures of this subject takes too much memory; `bytes` are for their size.
     fn check_work(&self, work: &str, bytes: impl Fn((u32, u32)) -> u64) -> Result<(), Failure> {
         let Facts { input, width, height, .. } = self.facts();
-        memory::check_work(work, target::name(input.as_deref()), (*width, *height), bytes((*width, *height)))
+        memory::check_work(work, fit_image::name(input.as_deref()), (*width, *height), bytes((*width, *height)))
     }
 
     /// Opens the backend for this subject.

@@ -6,7 +6,7 @@ use clap::Args;
 use gs_backend::FutureExt as _;
 use gs_core::{Rasterizer as _, Scene as _, counted};
 use gs_io::Inputs;
-use gs_lab::price::popping::{STRIDES, SlowOrbit, compare};
+use gs_lab::price::{SlowOrbit, popping_prices};
 
 use super::{SeenArgs, around};
 use crate::{
@@ -67,7 +67,7 @@ pub(crate) fn run(args: &PoppingArgs) -> Result<(), Failure> {
     output_folder::check(&claim)?;
     let file = scene::read_3d(&args.scene)?;
     let (orbit, first) = around(&file, &args.seen, args.places)?;
-    let flight = SlowOrbit { orbit, frames: args.frames, step_degrees: args.step / STRIDES[STRIDES.len() - 1] as f32 };
+    let flight = SlowOrbit::new(orbit, args.frames, args.step);
     flight.stretches(&first).map_err(|error| Failure::usage(error).at("--size, --step, --frames or --places"))?;
     let folder = OutputFolder::begin(claim)?;
     let backend = args.seen.backend.open()?;
@@ -83,12 +83,9 @@ pub(crate) fn run(args: &PoppingArgs) -> Result<(), Failure> {
     if let Some(why) = why_empty(culled, scene.len(), 1) {
         output::note(format_args!("note: nothing of the scene is in the first frame: {why}"));
     }
-    let compared = compare(rasterizer, scene, &flight, &first, &render)?;
-    let findings = compared.findings(&what, compared.picture(rasterizer, scene, &render, &what)?);
-    folder.write_findings("", &findings)?;
-    for table in &findings.tables {
-        output::result(format_args!("{}\n{}", table.title, table.text().trim_end()))?;
-    }
+    let findings = popping_prices(rasterizer, scene, &flight, &first, &render, &what)?;
+    folder.write_all(findings.files("")?)?;
+    output::result(findings.to_string().trim_end())?;
     output::note(format_args!("see {}", folder.path().display()));
     Ok(())
 }

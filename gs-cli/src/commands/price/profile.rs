@@ -139,11 +139,11 @@ where
     let prices = stage_prices(rasterizer, scene, &views[0], render, (loss, parameterization), repetitions as usize)?;
     let report = Report { facts, effects: render.effects, loss, parameterization, repetitions, prices };
     if let Some(folder) = folder {
-        folder.write("profile.csv", report.prices.table().csv())?;
+        folder.write("profile.csv", report.prices.csv())?;
         folder.write_json("profile.json", &report)?;
         output::note(format_args!("wrote profile.csv and profile.json in {}", folder.path().display()));
     }
     let (loss, parameterization) = (loss.name(), parameterization.name());
-    let text = || format!("{}\n{}, {loss}, {parameterization}\n{}", facts.text(), render.effects, report.prices.text());
+    let text = || format!("{}\n{}, {loss}, {parameterization}\n{}", facts.text(), render.effects, report.prices);
     if args.json { output::json(&report) } else { output::result(text().trim_end()) }
 }

@@ -1,16 +1,10 @@
-//! The views of a measurement, and those that verify a search.
+//! The views that verify a search for the frontier.
 
 use glam::Vec2;
 use gs_core::{Camera, Canvas};
 
-/// Selects at most `most` of the cameras, evenly spread.
-pub fn sampled(cameras: &[Camera], most: usize) -> Vec<Camera> {
-    let count = cameras.len().min(most);
-    (0..count).map(|number| cameras[number * cameras.len() / count]).collect()
-}
-
 /// The canvas at half the size, and two parts of it at twice the size: other grids of pixels.
-pub fn unseen_canvases(canvas: Canvas) -> Vec<Canvas> {
+pub(super) fn unseen_canvases(canvas: Canvas) -> Vec<Canvas> {
     let Canvas { width, height, origin, extent } = canvas;
     let part = |at: Vec2| canvas.showing(origin + at * extent, 0.5 * extent);
     let half = canvas.resized(width.div_ceil(2), height.div_ceil(2));
@@ -19,7 +13,7 @@ pub fn unseen_canvases(canvas: Canvas) -> Vec<Canvas> {
 
 /// Every second camera, beginning with the first, for the search, and the others to verify its
 /// results. A single camera is verified at half its size, which has other pixels.
-pub fn unseen_cameras(all: &[Camera]) -> (Vec<Camera>, Vec<Camera>) {
+pub(super) fn unseen_cameras(all: &[Camera]) -> (Vec<Camera>, Vec<Camera>) {
     let every_second = |first: usize| all.iter().copied().skip(first).step_by(2).collect::<Vec<_>>();
     let (views, mut unseen) = (every_second(0), every_second(1));
     if let (Some(only), true) = (views.first(), unseen.is_empty()) {
@@ -45,13 +39,5 @@ mod tests {
         assert_eq!(split(&[]), (vec![], vec![]));
         let canvas = Canvas::new(9, 7);
         assert!(unseen_canvases(canvas).iter().all(|other| *other != canvas && other.validate().is_ok()));
-    }
-
-    #[test]
-    fn samples_are_spread_evenly() {
-        let camera = |width| Camera::looking_forward(width, 8, 1.0);
-        let widths = |most| sampled(&(1..=10).map(camera).collect::<Vec<_>>(), most).iter().map(|c| c.width).collect();
-        let [few, all, none]: [Vec<u32>; 3] = [widths(4), widths(99), widths(0)];
-        assert_eq!((few, all.len(), none), (vec![1, 3, 6, 8], 10, vec![]));
     }
 }

@@ -9,7 +9,7 @@ use clap::Args;
 
 use gs_core::{Scene as _, counted};
 use gs_io::{AnyScene, Extent, GsiFile, is_gsi, read_gsi};
-use gs_lab::price::frontier::FrontierSettings;
+use gs_lab::price::FrontierSettings;
 
 use crate::{
     failure::Failure,

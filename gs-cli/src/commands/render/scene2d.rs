@@ -4,7 +4,7 @@ use glam::Vec2;
 use gs_backend::FutureExt as _;
 use gs_core::{Canvas, effects::RequiredEffects};
 use gs_io::{File2d, GsiFile, PngExtras, StoredImage, write_png_with};
-use gs_lab::price::frontier::FrontierSettings;
+use gs_lab::price::FrontierSettings;
 use gs_train::draw_picture;
 
 use super::RenderArgs;

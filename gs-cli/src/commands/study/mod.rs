@@ -10,10 +10,7 @@ mod submit;
 mod work;
 
 use gs_core::counted;
-use gs_lab::{
-    Results, StudyFolder, conduct,
-    run::{Conducted, RunOutcome},
-};
+use gs_lab::{Results, StudyFolder, conduct, run::Conducted};
 
 pub(crate) use self::{arguments::StudyArgs, progress::Display};
 use self::{
@@ -61,21 +58,13 @@ fn conduct_study(args: &ConductArgs) -> Result<(), Failure> {
             break results;
         }
     };
-    report::write(&results, &folder, &command)?;
+    gs_lab::report::write(&results, &folder, &command)?;
     conclude(&results, &folder)
 }
 
 /// Prints the results of the study.
 fn conclude(results: &Results<'_>, folder: &StudyFolder) -> Result<(), Failure> {
-    let failed: Vec<&str> = results
-        .records
-        .iter()
-        .flatten()
-        .filter_map(|record| match &record.outcome {
-            RunOutcome::Failed { error } => Some(error.as_str()),
-            RunOutcome::Finished(_) => None,
-        })
-        .collect();
+    let failed = results.failures();
     if let Some(first) = failed.first().filter(|_| failed.len() == results.plan.runs.len()) {
         let table = folder.file("runs.csv");
         let all = counted(failed.len(), "run");

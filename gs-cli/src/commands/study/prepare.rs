@@ -6,10 +6,9 @@ use std::{
 };
 
 use gs_backend::{AnyRasterizer, Chosen};
-use gs_core::counted;
 use gs_lab::{
     Error, Existing, Places, Plan, Study, StudyFolder, built_in,
-    run::{Safety, refuse_unsupported},
+    run::{Preparation, refuse_unsupported},
     study::Machine,
 };
 
@@ -53,38 +52,24 @@ pub(super) fn prepare(args: &PrepareArgs, jobs: usize) -> Result<Prepared, Failu
     if args.resume {
         note_other_origin(&output, &plan);
     }
-    let safety = Safety { inputs: vec![name.to_owned()], overwrite: args.overwrite.overwrite };
-    let folder = StudyFolder::prepare_with(&output, &plan, existing, &safety, args.store.as_ref())?;
-    let words = words(&plan, of);
+    let (inputs, overwrite, store) = (vec![name.to_owned()], args.overwrite.overwrite, args.store.clone());
+    let folder = StudyFolder::prepare(&output, &plan, Preparation { existing, inputs, overwrite, store })?;
+    let words = plan.summary(of);
     Ok(Prepared { plan, folder, backends, places, words })
 }
 
 /// Says that a study is resumed by another version, on another machine or with another image than it
 /// began with, so that finished runs have to be done again.
 fn note_other_origin(output: &Path, plan: &Plan) {
-    let Some(folder) = StudyFolder::open(output).ok().filter(|folder| folder.machine().is_some()) else { return };
+    let Some(folder) = StudyFolder::open(output, false).ok().filter(|folder| folder.machine().is_some()) else {
+        return;
+    };
     if let Err(Error::Folder { what, .. }) = folder.check(plan) {
         let place = output.display();
         output::note(format_args!(
             "note: {place}: {what}: results of both are never mixed, so its runs are done again"
         ));
     }
-}
-
-/// The runs of a plan in words; the whole study has `of` runs.
-fn words(plan: &Plan, of: usize) -> String {
-    format!(
-        "{}: {} ({}, {}, {}, {})",
-        plan.study.name,
-        match plan.runs.len() {
-            all if all == of => counted(all, "run"),
-            part => format!("{part} of {}", counted(of, "run")),
-        },
-        counted(plan.study.arms.len(), "arm"),
-        counted(plan.targets.len(), plan.study.target_word()),
-        counted(plan.study.budgets.len(), "budget"),
-        counted(plan.study.seeds.len(), "seed"),
-    )
 }
 
 /// The study of a file with the file's folder, or a built-in study.
@@ -146,8 +131,7 @@ impl HeldStudy {
 
 /// The study of a command about a folder.
 pub(super) fn held(args: &HeldStudyArgs, overwrite: bool) -> Result<HeldStudy, Failure> {
-    let safety = Safety { overwrite, ..Safety::default() };
-    HeldStudy::read(StudyFolder::open_with(&args.folder, &safety)?, args.data.as_deref())
+    HeldStudy::read(StudyFolder::open(&args.folder, overwrite)?, args.data.as_deref())
 }
 
 /// Where images and data sets are: in the folder of the flag or the environment, and beside the study.

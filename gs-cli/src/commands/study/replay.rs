@@ -5,7 +5,7 @@ use gs_core::counted;
 use gs_io::{File2d, FolderClaim, Inputs, TrainedWith, WriteOptions3d, write_2d, write_3d, write_png};
 use gs_lab::{
     StudyFolder,
-    run::{AnyScene, Replayed, recorded_run, replay},
+    run::{Replayed, ReplayedScene, replay},
     study::{Machine, Run},
 };
 
@@ -24,7 +24,7 @@ const FILES_3D: [&str; 6] = ["scene.ply", "settings.toml", "summary.json", "view
 
 /// Replays a row and writes its scene.
 pub(super) fn run(args: &ReplayArgs) -> Result<(), Failure> {
-    let folder = StudyFolder::open(&args.folder)?;
+    let folder = StudyFolder::open(&args.folder, false)?;
     let file = folder.study_file();
     let output = args.output.clone().unwrap_or_else(|| args.folder.join(format!("replay-{}", args.row)));
     let held = HeldStudy::read(folder, args.data.as_deref())?;
@@ -34,9 +34,9 @@ pub(super) fn run(args: &ReplayArgs) -> Result<(), Failure> {
     let folder = &held.folder;
     let backend = open(args, folder.machine())?;
     let plan = held.plan(Machine::of(&backend.rasterizer))?;
-    output::note(format_args!("row {}: {}", args.row, plan.describe(recorded_run(&plan, args.row, folder)?)));
-    let replayed = replay(&plan, args.row, &backend.rasterizer, folder)?;
-    write(recorded_run(&plan, args.row, folder)?, &replayed, claim)?;
+    let begun = |run: &Run| output::note(format_args!("row {}: {}", args.row, plan.describe(run)));
+    let replayed = replay(&plan, args.row, &backend.rasterizer, folder, &begun)?;
+    write(&replayed, claim)?;
     output::result(format_args!(
         "row {}: the recorded scene, bit for bit: {}, {:.2} dB; see {}",
         args.row,
@@ -56,17 +56,17 @@ fn open(args: &ReplayArgs, recorded: Option<Machine>) -> Result<Chosen, Failure>
 }
 
 /// Writes what `gs fit` or `gs train` writes, without the pictures that explain it.
-fn write(run: &Run, replayed: &Replayed, claim: FolderClaim) -> Result<(), Failure> {
-    let Replayed { scene, frame, pictures, settings: render, finished } = replayed;
+fn write(replayed: &Replayed, claim: FolderClaim) -> Result<(), Failure> {
+    let Replayed { run, scene, frame, pictures, settings: render, finished } = replayed;
     let folder = OutputFolder::begin(claim)?;
     match (scene, &pictures[..]) {
-        (AnyScene::In2d(scene), [image]) => {
+        (ReplayedScene::TwoD(scene), [image]) => {
             let (width, height) = image.size();
             let file = File2d { scene: scene.clone(), width, height, settings: *render, profile: None };
             write_2d(folder.file("scene.gs2d.safetensors"), &file)?;
             write_png(folder.file("reconstruction.png"), image)?;
         }
-        (AnyScene::In3d(scene), views) => {
+        (ReplayedScene::ThreeD(scene), views) => {
             let trained_with = TrainedWith::default().with(|s| {
                 s.antialias = Some(render.effects.antialias);
                 s.order = Some(render.effects.order);
@@ -83,6 +83,6 @@ fn write(run: &Run, replayed: &Replayed, claim: FolderClaim) -> Result<(), Failu
         }
         _ => return Err(Failure::failed("the replayed scene has no picture")),
     }
-    folder.write("settings.toml", &run.settings.to_toml().map_err(Failure::failed)?)?;
+    folder.write("settings.toml", &run.settings_file().map_err(Failure::failed)?)?;
     folder.write_json("summary.json", finished)
 }

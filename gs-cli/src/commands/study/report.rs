@@ -1,7 +1,7 @@
 //! `gs study report`: tables and report of the runs that have ended so far.
 
 use gs_core::counted;
-use gs_lab::{Results, StudyFolder, result::write_tables};
+use gs_lab::{Results, StudyFolder, report::write};
 
 use super::{arguments::ReportArgs, conclude, prepare::held};
 use crate::{
@@ -13,7 +13,6 @@ use crate::{
 pub(super) fn run(args: &ReportArgs) -> Result<(), Failure> {
     let held = held(&args.study, args.overwrite.overwrite)?;
     let (folder, plan) = (&held.folder, held.plan_as_prepared()?);
-    folder.sweep()?;
     let results = Results::read(&plan, folder)?;
     remove_damaged(&results, folder)?;
     let missing = results.missing().count();
@@ -28,12 +27,6 @@ pub(super) fn run(args: &ReportArgs) -> Result<(), Failure> {
     let command = format!("gs study work {}", quoted(folder.path()));
     write(&results, folder, &command)?;
     conclude(&results, folder)
-}
-
-/// Writes tables and report, which shows `command` as the way they were made.
-pub(super) fn write(results: &Results<'_>, folder: &StudyFolder, command: &str) -> Result<(), Failure> {
-    write_tables(results, folder)?;
-    Ok(gs_lab::report::write(results, folder, command)?)
 }
 
 /// Removes damaged records, so that their runs are done again, and returns their number.

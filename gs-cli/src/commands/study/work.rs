@@ -92,7 +92,7 @@ impl Watcher for Log<'_> {
     }
 
     fn resumed(&self, run: &Run, step: u32) {
-        self.note(run, format_args!("goes on from its checkpoint at step {step} of {}", run.settings.iterations()));
+        self.note(run, format_args!("goes on from its checkpoint at step {step} of {}", run.iterations()));
     }
 
     fn warned(&self, run: &Run, message: &str) {

@@ -23,7 +23,7 @@ use gs_io::{
 };
 use gs_train::{
     MetricsLog, TrainSettings, Trainer3d,
-    train::{Start as Initial, Views},
+    train::{Start, Views},
 };
 
 pub(crate) use self::arguments::TrainArgs;
@@ -52,12 +52,12 @@ pub(crate) fn run(args: &TrainArgs) -> Result<(), Failure> {
     let job = Job { started, ..args.run.job(output, &inputs, resumed)? };
     let limit = args.settings.minutes.map(|minutes| TimeLimit::new(started, minutes, &args.settings));
     let start = match resumed {
-        Some(file) => Start::Resumed(Box::new(read_checkpoint(file)?), file.to_owned()),
+        Some(file) => TrainStart::Resumed(Box::new(read_checkpoint(file)?), file.to_owned()),
         None => {
             let mut settings = settings::settings(&args.settings, &dataset)?;
             let (initial, description) = settings::initial(&args.settings, &dataset, &mut settings)?;
             settings.render = job.effects.for_training(&settings.render);
-            Start::Fresh { settings: Box::new(settings), initial, description }
+            TrainStart::Fresh { settings: Box::new(settings), initial, description }
         }
     };
     let backend = args.run.backend.open()?;
@@ -81,7 +81,7 @@ struct Input<'a> {
 fn train(
     job: Job,
     input: Input<'_>,
-    (start, mut limit): (Start, Option<TimeLimit<'_>>),
+    (start, mut limit): (TrainStart, Option<TimeLimit<'_>>),
     backend: &Chosen,
     command: String,
 ) -> Result<(), Failure> {
@@ -98,31 +98,31 @@ fn train(
 }
 
 /// What a search for points has found, in words; `None` where nothing was searched.
-fn found(asked: &Initial, initial: &Initial) -> Option<String> {
+fn found(asked: &Start, initial: &Start) -> Option<String> {
     let places = match asked {
-        Initial::Images | Initial::PointsAndImages(_) => "the images",
-        Initial::Depths(_) => "the depth maps",
+        Start::Images | Start::PointsAndImages(_) => "the images",
+        Start::Depths(_) => "the depth maps",
         _ => return None,
     };
     let known = match asked {
-        Initial::PointsAndImages(points) | Initial::Depths(points) => points.len(),
+        Start::PointsAndImages(points) | Start::Depths(points) => points.len(),
         _ => 0,
     };
     Some(match initial {
-        Initial::Points(points) if known > 0 => {
+        Start::Points(points) if known > 0 => {
             let found = points.len().saturating_sub(known);
             format!("{} of the data set and {found} found in {places}", counted(known, "point"))
         }
-        Initial::Points(points) => format!("{} found in {places}", counted(points.len(), "point")),
+        Start::Points(points) => format!("{} found in {places}", counted(points.len(), "point")),
         _ => format!("random points, because too few were found in {places}"),
     })
 }
 
 /// Where a training begins.
-enum Start {
+enum TrainStart {
     Fresh {
         settings: Box<TrainSettings>,
-        initial: Initial,
+        initial: Start,
         /// The initial Gaussians in words.
         description: String,
     },
@@ -130,7 +130,7 @@ enum Start {
     Resumed(Box<Checkpoint>, PathBuf),
 }
 
-impl Start {
+impl TrainStart {
     /// The trainer at the start, its log so far, and the start in words.
     fn begin<'r>(
         self,

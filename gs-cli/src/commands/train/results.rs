@@ -10,10 +10,7 @@ use gs_core::{
     effects::{Antialias, Effect, EffectDecision},
 };
 use gs_io::{TrainedWith, WorldFrame, WriteOptions3d, dataset::SplitOrigin, write_3d, write_png};
-use gs_lab::{
-    price::sampled,
-    report::figure::{curve::CurvePoint, ellipses},
-};
+use gs_lab::report::{curve::CurvePoint, ellipses};
 use gs_train::{
     MetricsLog, Trainer3d,
     train::{ColorMatched, DRIFT_DB, DepthMapCounts, Evaluation, ExposureReport, TrainSummary, TrainingViews, Views},
@@ -23,7 +20,7 @@ use serde::Serialize;
 use super::{Input, pictures::ViewPictures};
 use crate::{
     failure::Failure,
-    flags::effects_args,
+    flags::{cameras::sampled, effects_args},
     terminal::output::{self, Verbosity},
     training::{
         job::Run,

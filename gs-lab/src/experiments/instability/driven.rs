@@ -14,16 +14,16 @@ use gs_train::Error;
 
 /// The results for a needle, turned by many angles, one of whose scales goes down to 1e-12 px.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Drive {
-    pub(crate) guard: Guard,
+pub(super) struct Drive {
+    pub(super) guard: Guard,
     /// Number of angles.
-    pub(crate) angles: usize,
+    pub(super) angles: usize,
     /// Number of angles at which the loss or a gradient stops being finite.
-    pub(crate) not_finite: usize,
+    pub(super) not_finite: usize,
     /// The largest scale at which it does, px.
-    pub(crate) from_px: Option<f64>,
+    pub(super) from_px: Option<f64>,
     /// The largest scale at which the Gaussian is left out, px, as this project's guards do.
-    pub(crate) left_out_px: Option<f64>,
+    pub(super) left_out_px: Option<f64>,
 }
 
 impl Drive {

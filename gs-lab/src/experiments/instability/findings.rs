@@ -3,7 +3,7 @@
 use super::{guard::NEEDLE_PX, small_fits::SMALL_GAUSSIANS, *};
 
 impl InstabilityMeasured {
-    pub(in crate::experiments) fn findings(&self) -> Findings {
+    pub(super) fn findings(&self) -> Findings {
         let error = |label, value: fn(&Determinant) -> f64| {
             let determinants = self.precision.determinants.iter().rev();
             Series::line(label, determinants.map(|d| (d.short_px, value(d).max(1e-9))).collect())
@@ -173,12 +173,8 @@ impl InstabilityMeasured {
                 scale(drive.left_out_px),
             ]
         };
-        Table {
-            name: "driven",
-            title: "A scale that is driven to zero".to_owned(),
-            columns: vec!["guard", "angles", "not finite at", "from σ, px", "left out from σ, px"],
-            rows: self.drives.iter().map(row).collect(),
-        }
+        let columns = ["guard", "angles", "not finite at", "from σ, px", "left out from σ, px"];
+        Table::new("driven", "A scale that is driven to zero", &columns, self.drives.iter().map(row).collect())
     }
 
     fn free_table(&self) -> Table {
@@ -192,11 +188,7 @@ impl InstabilityMeasured {
                 free.psnr().map(|psnr| Cell::Fixed(psnr, 2)).into(),
             ]
         };
-        Table {
-            name: "free",
-            title: "Small fits to thin lines".to_owned(),
-            columns: vec!["guard", "Adam's step of σ", "fits", "diverged", "smallest |σ|, px", "PSNR, dB"],
-            rows: self.free.iter().map(row).collect(),
-        }
+        let columns = ["guard", "Adam's step of σ", "fits", "diverged", "smallest |σ|, px", "PSNR, dB"];
+        Table::new("free", "Small fits to thin lines", &columns, self.free.iter().map(row).collect())
     }
 }

@@ -13,7 +13,7 @@ mod precision;
 mod small_fits;
 mod textbook;
 
-use gs_core::{Optimizer, Scene2d};
+use gs_backend::AnyRasterizer;
 use gs_train::Error;
 
 use self::{
@@ -22,16 +22,18 @@ use self::{
     precision::{Determinant, Precision},
     small_fits::{Free, Trajectory},
 };
-use super::{Cell, ExperimentSize, Findings, Table};
 use crate::{
-    report::figure::{Axis, Figure, Marks, Series},
+    report::{
+        Cell, Findings, Table,
+        figure::{Axis, Figure, Marks, Series},
+    },
     result::{Circumstance, Claim, Number, significant},
     synthetic::SyntheticTarget,
 };
 
 /// The results of the experiment.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct InstabilityMeasured {
+struct InstabilityMeasured {
     /// The determinant of a needle of 10 px.
     precision: Precision,
     /// A scale that is set to ever smaller values, as in [`Guard::ALL`].
@@ -41,18 +43,15 @@ pub(super) struct InstabilityMeasured {
 }
 
 /// Sets a scale to ever smaller values with every guard, and makes small fits.
-pub(super) fn measure<R: Optimizer<Scene2d>>(
-    rasterizer: &R,
-    size: ExperimentSize,
-    note: &dyn Fn(&str),
-) -> Result<InstabilityMeasured, Error> {
+pub(super) fn measure(on: &AnyRasterizer, is_quick: bool, note: &dyn Fn(&str)) -> Result<Findings, Error> {
     let small = SyntheticTarget::THIN_LINES_24_PX.image();
     note("a scale that is driven to zero");
-    let drives = Guard::ALL.iter().map(|&guard| Drive::measure(rasterizer, guard, &small, size.choose(32, 8)));
-    let drives = drives.collect::<Result<_, Error>>()?;
+    let angles = if is_quick { 8 } else { 32 };
+    let drives = Guard::ALL.map(|guard| Drive::measure(on, guard, &small, angles));
+    let drives = drives.into_iter().collect::<Result<_, Error>>()?;
     note("small fits with and without guards");
-    let free = Free::measure_all(rasterizer, size, &small)?;
-    Ok(InstabilityMeasured { precision: Precision::of_needle(), drives, free })
+    let free = Free::measure_all(on, is_quick, &small)?;
+    Ok(InstabilityMeasured { precision: Precision::of_needle(), drives, free }.findings())
 }
 
 impl InstabilityMeasured {

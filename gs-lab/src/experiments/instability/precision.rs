@@ -7,26 +7,26 @@ use super::textbook::covariance;
 
 /// The precision of a determinant in `f32`.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Precision {
+pub(super) struct Precision {
     /// Determinants by falling short scale.
-    pub(crate) determinants: Vec<Determinant>,
+    pub(super) determinants: Vec<Determinant>,
     /// The largest short scale at which a·c − b² is off by more than a tenth, px.
-    pub(crate) wrong_below_px: f64,
+    pub(super) wrong_below_px: f64,
     /// The largest short scale at which it is not positive, px; Σ is then not a covariance.
-    pub(crate) singular_below_px: f64,
+    pub(super) singular_below_px: f64,
 }
 
 /// The determinant of a needle's covariance, the worst over many angles.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Determinant {
+pub(super) struct Determinant {
     /// The short scale, px.
-    pub(crate) short_px: f64,
+    pub(super) short_px: f64,
     /// Relative error of a·c − b² of Σ.
-    pub(crate) of_covariance: f64,
+    pub(super) of_covariance: f64,
     /// Relative error of the squared determinant of the covariance factor R S.
-    pub(crate) of_factor: f64,
+    pub(super) of_factor: f64,
     /// Whether a·c − b² is positive at all angles.
-    pub(crate) is_positive: bool,
+    pub(super) is_positive: bool,
 }
 
 impl Precision {

@@ -4,9 +4,9 @@ use gs_backend::FutureExt as _;
 use gs_core::{Image, Loss, Optimizer, Scene2d};
 use gs_density::Policy;
 
-use super::guard::{Guard, unless_diverged};
+use super::guard::Guard;
 use super::textbook::Textbook;
-use crate::{experiments::ExperimentSize, result::mean};
+use crate::result::mean;
 use gs_train::{Error, FitSettings, Init, InitialCount, Rounds, Trainer, init::Random, l1_and_psnr};
 
 /// Number of Gaussians.
@@ -18,29 +18,29 @@ const SCALE_RATES_PX: [f32; 3] = [0.05, 0.2, 1.0];
 
 /// Small fits with a guard.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Free {
-    pub(crate) guard: Guard,
+pub(super) struct Free {
+    pub(super) guard: Guard,
     /// Step size of Adam for scales, px; `None` for the product, which moves their logarithms.
-    pub(crate) scale_rate_px: Option<f32>,
+    pub(super) scale_rate_px: Option<f32>,
     /// A fit per seed.
-    pub(crate) trajectories: Vec<Trajectory>,
+    pub(super) trajectories: Vec<Trajectory>,
 }
 
 /// A small fit.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Trajectory {
+pub(super) struct Trajectory {
     /// Whether the loss or the gradients stopped being finite.
-    pub(crate) diverged: bool,
+    pub(super) diverged: bool,
     /// The smallest |σ| before any step and after the last, px.
-    pub(crate) smallest_scale_px: f64,
+    pub(super) smallest_scale_px: f64,
     /// Final PSNR, dB; `None` if it diverged.
-    pub(crate) psnr: Option<f64>,
+    pub(super) psnr: Option<f64>,
     /// (step, smallest |σ| before it in px), at every fourth step.
-    pub(crate) scales: Vec<(f64, f64)>,
+    pub(super) scales: Vec<(f64, f64)>,
 }
 
 /// The product's fit of a small scene: L1, no growth, as many steps as with the textbook solver.
-pub(crate) fn small_settings(seed: u32) -> FitSettings {
+pub(super) fn small_settings(seed: u32) -> FitSettings {
     FitSettings::paper().with(|s| {
         s.seed = seed;
         s.gaussians = SMALL_GAUSSIANS;
@@ -57,11 +57,10 @@ impl Free {
     /// Fits with all guards; those of the textbook solver with each step size.
     pub(super) fn measure_all<R: Optimizer<Scene2d>>(
         rasterizer: &R,
-        size: ExperimentSize,
+        is_quick: bool,
         target: &Image,
     ) -> Result<Vec<Self>, Error> {
-        let rates = size.choose(&SCALE_RATES_PX[..], &SCALE_RATES_PX[2..]);
-        let seeds = 0..size.choose(20, 10);
+        let (rates, seeds) = if is_quick { (&SCALE_RATES_PX[2..], 0..10) } else { (&SCALE_RATES_PX[..], 0..20) };
         let mut all = Vec::new();
         for guard in Guard::ALL {
             let Some(guards) = guard.of_textbook() else {
@@ -83,21 +82,21 @@ impl Free {
         Ok(all)
     }
 
-    pub(crate) fn fits(&self) -> usize {
+    pub(super) fn fits(&self) -> usize {
         self.trajectories.len()
     }
 
-    pub(crate) fn diverged(&self) -> usize {
+    pub(super) fn diverged(&self) -> usize {
         self.trajectories.iter().filter(|trajectory| trajectory.diverged).count()
     }
 
     /// The smallest |σ| of all fits, px.
-    pub(crate) fn smallest_scale_px(&self) -> f64 {
+    pub(super) fn smallest_scale_px(&self) -> f64 {
         self.trajectories.iter().map(|trajectory| trajectory.smallest_scale_px).fold(f64::INFINITY, f64::min)
     }
 
     /// Mean final PSNR of the fits that did not diverge, dB; `None` if all did.
-    pub(crate) fn psnr(&self) -> Option<f64> {
+    pub(super) fn psnr(&self) -> Option<f64> {
         let psnr = mean(self.trajectories.iter().filter_map(|trajectory| trajectory.psnr));
         (!psnr.is_nan()).then_some(psnr)
     }
@@ -135,8 +134,9 @@ impl Trajectory {
         let mut trainer = Trainer::new(rasterizer, target, small_settings(seed)).block_on()?;
         while !trainer.is_finished() {
             trajectory.note(trainer.step() + 1, smallest_scale_px(&trainer.scene().block_on()?));
-            if unless_diverged(trainer.step_once().block_on())?.is_none() {
-                return Ok(Self { diverged: true, ..trajectory });
+            match trainer.step_once().block_on() {
+                Err(Error::Diverged { .. }) => return Ok(Self { diverged: true, ..trajectory }),
+                stepped => drop(stepped?),
             }
         }
         let scene = trainer.scene().block_on()?;

@@ -10,20 +10,11 @@ use gs_core::{Gaussian2d, Image, Scene2d, sigmoid};
 
 /// Guards against vanishing scales.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Guards {
+pub(super) struct Guards {
     /// Minimum scale after a step, px; `None` without a clamp.
-    pub(crate) min_scale_px: Option<f32>,
+    pub(super) min_scale_px: Option<f32>,
     /// Number added to the determinant of Σ, px⁴.
-    pub(crate) epsilon_px4: f32,
-}
-
-impl Guards {
-    /// No guards.
-    pub(crate) const OFF: Self = Self { min_scale_px: None, epsilon_px4: 0.0 };
-    /// An ε on the determinant, no clamp.
-    pub(crate) const EPSILON: Self = Self { min_scale_px: None, epsilon_px4: 1e-6 };
-    /// The paper's guards (§3.4.2). The paper does not state its ε.
-    pub(crate) const PAPER: Self = Self { min_scale_px: Some(1.0), epsilon_px4: 1e-6 };
+    pub(super) epsilon_px4: f32,
 }
 
 /// Step sizes of Adam, those of [`Adam::default`](gs_core::Adam). The one for scales, which here
@@ -42,7 +33,7 @@ type Parameters = [f32; PARAMETERS];
 
 /// A fit by this solver.
 #[derive(Debug, Clone)]
-pub(crate) struct Textbook {
+pub(super) struct Textbook {
     gaussians: Vec<Parameters>,
     first: Vec<Parameters>,
     second: Vec<Parameters>,
@@ -54,13 +45,13 @@ pub(crate) struct Textbook {
 
 /// The result of a step.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Step {
+pub(super) struct Step {
     /// Mean |C − Y| before the step.
-    pub(crate) loss: f32,
+    pub(super) loss: f32,
     /// The smallest |scale| before the step, px.
-    pub(crate) smallest_scale_px: f32,
+    pub(super) smallest_scale_px: f32,
     /// Whether all gradients are finite.
-    pub(crate) has_finite_gradients: bool,
+    pub(super) has_finite_gradients: bool,
 }
 
 /// Σ⁻¹ by the determinant, as (xx, xy, yy), px⁻².
@@ -71,7 +62,7 @@ fn inverse_covariance(s1: f32, s2: f32, angle: f32, epsilon: f32) -> [f32; 3] {
 }
 
 /// Σ as (xx, xy, yy), px².
-pub(crate) fn covariance(s1: f32, s2: f32, angle: f32) -> [f32; 3] {
+pub(super) fn covariance(s1: f32, s2: f32, angle: f32) -> [f32; 3] {
     let (sin, cos) = angle.sin_cos();
     let (v1, v2) = (s1 * s1, s2 * s2);
     [v1 * cos * cos + v2 * sin * sin, (v1 - v2) * sin * cos, v1 * sin * sin + v2 * cos * cos]
@@ -79,7 +70,7 @@ pub(crate) fn covariance(s1: f32, s2: f32, angle: f32) -> [f32; 3] {
 
 impl Textbook {
     /// Starts with a scene; `scale_rate_px` is Adam's step size for scales.
-    pub(crate) fn new(scene: &Scene2d, background: [f32; 3], guards: Guards, scale_rate_px: f32) -> Self {
+    pub(super) fn new(scene: &Scene2d, background: [f32; 3], guards: Guards, scale_rate_px: f32) -> Self {
         let mut rates = RATES;
         rates[S1..=S2].fill(scale_rate_px);
         let gaussians: Vec<Parameters> = scene.iter().map(|g| parameters(&g)).collect();
@@ -88,20 +79,20 @@ impl Textbook {
     }
 
     /// Clamps the scales as after a step.
-    pub(crate) fn clamped(mut self) -> Self {
+    pub(super) fn clamped(mut self) -> Self {
         self.clamp();
         self
     }
 
     /// Renders the present scene.
-    pub(crate) fn render(&self, width: u32, height: u32) -> Result<Image, gs_core::Error> {
+    pub(super) fn render(&self, width: u32, height: u32) -> Result<Image, gs_core::Error> {
         let conics = self.conics();
         let mut layers = vec![Layer::default(); self.gaussians.len()];
         Image::from_fn(width, height, |x, y| self.pixel(&conics, [x as f32 + 0.5, y as f32 + 0.5], &mut layers))
     }
 
     /// One step of Adam on the mean absolute difference from `target`.
-    pub(crate) fn step(&mut self, target: &Image) -> Step {
+    pub(super) fn step(&mut self, target: &Image) -> Step {
         let conics = self.conics();
         let mut gradients = vec![[0.0f32; PARAMETERS]; self.gaussians.len()];
         let mut layers = vec![Layer::default(); self.gaussians.len()];
@@ -126,7 +117,7 @@ impl Textbook {
     }
 
     /// The smallest |scale| of the present scene, px.
-    pub(crate) fn smallest_scale_px(&self) -> f32 {
+    pub(super) fn smallest_scale_px(&self) -> f32 {
         self.gaussians.iter().flat_map(|g| [g[S1].abs(), g[S2].abs()]).fold(f32::INFINITY, f32::min)
     }
 
@@ -244,7 +235,7 @@ mod tests {
     #[test]
     fn gradients_are_those_of_finite_differences() {
         let target = Image::filled(11, 10, [2.0, -1.0, 3.0]).unwrap(); // so far away that no difference changes its sign
-        let textbook = Textbook::new(&scene(), [1.0; 3], Guards::OFF, 0.05);
+        let textbook = Textbook::new(&scene(), [1.0; 3], Guards { min_scale_px: None, epsilon_px4: 0.0 }, 0.05);
         let loss = |fit: &Textbook| {
             let image = fit.render(11, 10).unwrap();
             gs_core::metrics::mean_absolute_error(&image, &target).unwrap()

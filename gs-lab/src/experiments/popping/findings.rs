@@ -1,100 +1,12 @@
-//! The findings of camera flights, for the experiment and for any scene.
+//! The findings of camera flights around scenes whose popping is known.
 
 use super::*;
-
-/// Factor by which differences are enlarged.
-pub(super) const DIFFERENCE_GAIN: f32 = 4.0;
 
 /// Half the step leaves at least this share of a jump's highest flicker, and a quarter of motion's.
 const STAYS: f64 = 0.8;
 
-/// The caption of a picture made by [`pictures::picture`].
-pub(super) fn caption(what: &str, step_degrees: f64) -> String {
-    format!(
-        "{what}: above with the global sort, below with the per-pixel sort. Two frames {step_degrees:.3}° apart, and their \
-         difference, {DIFFERENCE_GAIN} times as large, around grey."
-    )
-}
-
-impl PoppingComparison {
-    /// Table, chart and picture of a scene with the name `what`. `picture` is made by
-    /// [`PoppingComparison::picture`].
-    pub fn findings(&self, what: &str, picture: Picture) -> Findings {
-        let AtStep { step_degrees, orders } = self.finest();
-        Findings {
-            method: format!(
-                "{what}: {} stretches of an orbit, frames {step_degrees:.4}° apart, rendered in both orders. Jumps are measured by the second difference \
-                 of three frames, averaged with SSIM's window: half the step leaves a quarter of motion, and all of a jump.",
-                orders[0].squares_per_degree.len(),
-            ),
-            claims: Vec::new(),
-            charts: vec![trajectory_chart(what, self)],
-            tables: vec![Table { rows: rows(self), ..table("popping", format!("{what}: what jumps"), &STEP_COLUMNS) }],
-            pictures: vec![picture],
-        }
-    }
-
-    /// A picture of the place where popping shows best. The arguments are those of [`compare`].
-    ///
-    /// # Errors
-    /// Those of the backend.
-    pub fn picture<R: gs_core::Optimizer<Scene3d>>(
-        &self,
-        rasterizer: &R,
-        scene: &Scene3d,
-        render: &RenderSettings,
-        what: &str,
-    ) -> Result<Picture, Error> {
-        let caption = caption(what, self.finest().step_degrees);
-        pictures::picture(rasterizer, scene, &self.moment, render, ("popping", caption))
-    }
-
-    /// The share of the highest flicker that half the step leaves, for each of [`ORDERS`].
-    pub(crate) fn left_by_half_a_step(&self) -> [f64; 2] {
-        [0, 1].map(|order| self.steps[0].orders[order].highest / self.steps[1].orders[order].highest)
-    }
-}
-
-const STEP_COLUMNS: [&str; 5] =
-    ["step, °", "order", "jumps, levels² per degree", "visible jumps per pixel and degree", "highest flicker, levels"];
-
-fn table(name: &'static str, title: String, columns: &[&'static str]) -> Table {
-    Table { name, title, columns: columns.to_vec(), rows: Vec::new() }
-}
-
-fn rows(comparison: &PoppingComparison) -> Vec<Vec<Cell>> {
-    let of_step = |at: &AtStep| {
-        let of_order = |(order, popping): (Order, &Popping)| -> Vec<Cell> {
-            vec![
-                Cell::Significant(at.step_degrees, 3),
-                order.name().into(),
-                Cell::Significant(popping.squares(), 3),
-                Cell::Significant(popping.times(), 3),
-                Cell::Significant(popping.highest, 3),
-            ]
-        };
-        ORDERS.into_iter().zip(&at.orders).map(of_order).collect::<Vec<_>>()
-    };
-    comparison.steps.iter().flat_map(of_step).collect()
-}
-
-fn trajectory_chart(what: &str, comparison: &PoppingComparison) -> Figure {
-    let curve = |(order, popping): (Order, &Popping)| {
-        let points = (1..).zip(&popping.trajectory).map(|(triple, &levels)| (f64::from(triple), levels));
-        Series::line(order.name(), points.collect())
-    };
-    Figure {
-        name: "flicker".to_owned(),
-        title: format!("{what}: flicker, frame by frame"),
-        x: Axis::linear("frame, stretch after stretch"),
-        y: Axis::linear("root mean square second difference, 8-bit levels"),
-        marks: Marks::lines(ORDERS.into_iter().zip(&comparison.finest().orders).map(curve).collect()),
-    }
-}
-
 impl PoppingMeasured {
-    pub(crate) fn findings(&self) -> Findings {
-        let discs = table("discs", "Two discs through each other".to_owned(), &STEP_COLUMNS);
+    pub(super) fn findings(&self) -> Findings {
         let sizes = self.ball.iter();
         Findings {
             method: format!(
@@ -103,17 +15,21 @@ impl PoppingMeasured {
                  orders. Jumps are distinguished from motion by the second difference of three frames, averaged with SSIM's window: half \
                  the step leaves a quarter of motion, and all of a jump.",
                 sizes.map(|of| of.sigma_px.to_string()).collect::<Vec<_>>().join(", "),
-                self.extent.choose(8, 4)
+                if self.is_quick { 4 } else { 8 }
             ),
             claims: vec![self.pops_claim(), self.size_claim()],
             charts: vec![trajectory_chart("Two discs", &self.discs), self.size_chart()],
-            tables: vec![Table { rows: rows(&self.discs), ..discs }, self.size_table()],
+            tables: vec![
+                Table::new("discs", "Two discs through each other", &STEP_COLUMNS, rows(&self.discs)),
+                self.size_table(),
+            ],
             pictures: self.pictures.clone(),
         }
     }
 
     fn pops_claim(&self) -> Claim {
-        let [tile, _] = self.discs.left_by_half_a_step();
+        // The share of the highest flicker that half the step leaves, with the global sort.
+        let tile = self.discs.steps[0].tile().highest / self.discs.steps[1].tile().highest;
         let highest = self.discs.finest().orders.each_ref().map(|popping| popping.highest);
         let coarse = self.ball[0].comparison.finest();
         let more = |of: &OfSize| of.comparison.finest().tile().squares() > of.comparison.finest().pixel().squares();
@@ -221,6 +137,6 @@ impl PoppingMeasured {
             let head: [Cell; 2] = [Cell::Significant(of.sigma_px.into(), 2), of.gaussians.into()];
             rows(&of.comparison).into_iter().map(move |row| head.iter().cloned().chain(row).collect())
         });
-        Table { rows: rows.collect(), ..table("ball", "A ball in a sea".to_owned(), &columns.collect::<Vec<_>>()) }
+        Table::new("ball", "A ball in a sea", &columns.collect::<Vec<_>>(), rows.collect())
     }
 }

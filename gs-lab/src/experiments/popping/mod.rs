@@ -5,22 +5,25 @@
 //! known.
 
 mod findings;
-mod pictures;
 
-use gs_backend::FutureExt as _;
+use gs_backend::{AnyRasterizer, FutureExt as _};
 use gs_core::{
-    Blend, Camera, Optimizer, RenderSettings, Scene3d,
+    Blend, Camera, Rasterizer as _, RenderSettings, Scene3d,
     effects::{Antialias, Order},
 };
-
-use super::{Cell, ExperimentSize, Findings, Picture, Table};
-use crate::price::popping::{
-    AtStep, ORDERS, Popping, PoppingComparison, VISIBLE_LEVELS, ball_flight, ball_in_sea, compare, discs, discs_flight,
-    ordered, px_per_unit,
-};
-use crate::report::figure::{Axis, Figure, Marks, Series};
-use crate::result::{Circumstance, Claim, Number};
 use gs_train::Error;
+
+use crate::{
+    price::popping::{
+        ORDERS, PoppingComparison, STEP_COLUMNS, VISIBLE_LEVELS, ball_flight, ball_in_sea, compare, discs,
+        discs_flight, ordered, picture, px_per_unit, rows, trajectory_chart,
+    },
+    report::{
+        Cell, Findings, Picture, Table,
+        figure::{Axis, Figure, Marks, Series},
+    },
+    result::{Circumstance, Claim, Number},
+};
 
 /// Side of the pictures of the synthetic scenes, px.
 const SIDE_PX: u32 = 240;
@@ -33,59 +36,54 @@ const GRID_PX: (u32, u32) = (5, 11);
 
 /// The ball in the sea with Gaussians of one size.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct OfSize {
+struct OfSize {
     /// σ in the middle of the picture, px.
-    pub(crate) sigma_px: f32,
-    pub(crate) gaussians: usize,
-    pub(crate) comparison: PoppingComparison,
+    sigma_px: f32,
+    gaussians: usize,
+    comparison: PoppingComparison,
 }
 
 /// The results of the experiment.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct PoppingMeasured {
+struct PoppingMeasured {
     /// Two intersecting discs, whose means change their depth order once.
-    pub(crate) discs: PoppingComparison,
+    discs: PoppingComparison,
     /// The ball in the sea, by falling size.
-    pub(crate) ball: Vec<OfSize>,
+    ball: Vec<OfSize>,
     /// Largest difference between pictures with shifted tile grids, 8-bit levels, with the global
     /// sort.
-    pub(crate) grid_trace: f64,
-    extent: ExperimentSize,
+    grid_trace: f64,
+    is_quick: bool,
     pictures: Vec<Picture>,
 }
 
 /// Flies around both synthetic scenes.
-pub(crate) fn measure<R: Optimizer<Scene3d>>(
-    rasterizer: &R,
-    extent: ExperimentSize,
-    note: &dyn Fn(&str),
-) -> Result<PoppingMeasured, Error> {
+pub(super) fn measure(on: &AnyRasterizer, is_quick: bool, note: &dyn Fn(&str)) -> Result<Findings, Error> {
     let render = usual_settings();
     let mut pictures = Vec::new();
 
     note("two discs through each other");
     let (scene, (flight, first)) = (discs(), discs_flight(SIDE_PX, 24, STEP_DEGREES));
-    let of_discs = compare(rasterizer, &scene, &flight, &first, &render)?;
-    let caption = findings::caption("Two discs through each other", of_discs.finest().step_degrees);
-    pictures.push(pictures::picture(rasterizer, &scene, &of_discs.moment, &render, ("discs", caption))?);
+    let of_discs = compare(on, &scene, &flight, &first, &render)?;
+    pictures.push(picture(on, &scene, &of_discs, &render, ("discs", "Two discs through each other"))?);
 
-    let sizes: &[f32] = extent.choose(&[16.0, 8.0, 4.0, 2.0, 1.0], &[16.0, 8.0, 4.0, 2.0]);
-    let (flight, first) = ball_flight(SIDE_PX, extent.choose(8, 4), extent.choose(25, 13), STEP_DEGREES);
+    let (places, frames, smallest) = if is_quick { (4, 13, 2.0) } else { (8, 25, 1.0) };
+    let sizes = [16.0, 8.0, 4.0, 2.0, 1.0].into_iter().filter(|&size| size >= smallest);
+    let (flight, first) = ball_flight(SIDE_PX, places, frames, STEP_DEGREES);
     let mut ball = Vec::new();
-    for &sigma_px in sizes {
+    let mut grid_trace = 0.0;
+    for sigma_px in sizes {
         note(&format!("ball in a sea, Gaussians of {sigma_px} px"));
         let scene = ball_in_sea(sigma_px / px_per_unit(SIDE_PX));
-        let comparison = compare(rasterizer, &scene, &flight, &first, &render)?;
-        if sigma_px == sizes[0] {
+        let comparison = compare(on, &scene, &flight, &first, &render)?;
+        if ball.is_empty() {
             let what = format!("A ball in a sea, of Gaussians of {sigma_px} px");
-            let caption = findings::caption(&what, comparison.finest().step_degrees);
-            pictures.push(pictures::picture(rasterizer, &scene, &comparison.moment, &render, ("ball", caption))?);
+            pictures.push(picture(on, &scene, &comparison, &render, ("ball", &what))?);
+            grid_trace = trace_of_grid(on, &scene, &first, &render)?;
         }
         ball.push(OfSize { sigma_px, gaussians: scene.means.len(), comparison });
     }
-    let scene = ball_in_sea(sizes[0] / px_per_unit(SIDE_PX));
-    let grid_trace = grid_trace(rasterizer, &scene, &first, &render)?;
-    Ok(PoppingMeasured { discs: of_discs, ball, grid_trace, extent, pictures })
+    Ok(PoppingMeasured { discs: of_discs, ball, grid_trace, is_quick, pictures }.findings())
 }
 
 /// The settings with which 3DGS shows scenes.
@@ -97,12 +95,7 @@ fn usual_settings() -> RenderSettings {
 
 /// How much a picture depends on the tile grid: the largest difference, in 8-bit levels, to a
 /// picture with a shifted grid, with the global sort.
-fn grid_trace<R: Optimizer<Scene3d>>(
-    rasterizer: &R,
-    scene: &Scene3d,
-    camera: &Camera,
-    render: &RenderSettings,
-) -> Result<f64, Error> {
+fn trace_of_grid(on: &AnyRasterizer, scene: &Scene3d, camera: &Camera, render: &RenderSettings) -> Result<f64, Error> {
     let (right, down) = GRID_PX;
     let moved = Camera {
         center: camera.center + glam::Vec2::new(right as f32, down as f32),
@@ -110,7 +103,7 @@ fn grid_trace<R: Optimizer<Scene3d>>(
         height: camera.height + down,
         ..*camera
     };
-    let picture = |camera| rasterizer.render(scene, camera, &ordered(render, Order::Global)).block_on();
+    let picture = |camera| on.for_3d().render(scene, camera, &ordered(render, Order::Global)).block_on();
     let (there, moved) = (picture(camera)?, picture(&moved)?);
     let difference = |(x, y): (u32, u32)| {
         let (a, b) = (there.pixel(x, y), moved.pixel(x + right, y + down));

@@ -70,9 +70,9 @@ fn a_flight_that_is_not_possible_is_refused() {
 fn the_claims_are_judged_by_what_jumps() {
     let of_size = |sigma_px: f32, scene: &Scene3d| OfSize { sigma_px, gaussians: 2, comparison: flown(scene, 0.05) };
     let verdicts = |discs: &Scene3d, ball: [OfSize; 2]| {
-        let (extent, pictures) = (ExperimentSize::Quick, Vec::new());
+        let (is_quick, pictures) = (true, Vec::new());
         let measured =
-            PoppingMeasured { discs: flown(discs, 0.05), ball: ball.into(), grid_trace: 0.0, extent, pictures };
+            PoppingMeasured { discs: flown(discs, 0.05), ball: ball.into(), grid_trace: 0.0, is_quick, pictures };
         let claims = measured.findings().claims;
         let held = |claim: &Claim| claim.circumstances.iter().map(|c| (c.held, c.of)).collect::<Vec<_>>();
         (held(&claims[0]), held(&claims[1]))

@@ -2,18 +2,19 @@
 //! others.
 
 use gs_core::{counted, profile::Quantiles};
-use gs_lab::price::{
-    Noise, Verifiable,
-    frontier::{Budget, Choice, Field, Frontier, Measured, Missed, Verification},
-};
 use serde::Serialize;
 
-use crate::failure::Failure;
+use super::{
+    super::reference::Verifiable,
+    Frontier, Measured, Sweep,
+    budget::{Budget, Choice, Missed, Verification},
+};
+use crate::error::Error;
 
 /// Settings that keep a budget.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub(super) struct Answer {
+pub(crate) struct Answer {
     budget: Budget,
     /// The differences from the default, in words.
     settings: String,
@@ -30,25 +31,22 @@ impl Answer {
     pub(super) fn new<S: Verifiable>(
         budget: Budget,
         choice: Choice,
-        field: &Field<'_, S>,
+        sweep: &Sweep<'_, S>,
         frontier: &Frontier,
         what: &str,
-    ) -> Result<Self, Failure> {
+    ) -> Result<Self, Error> {
         let row = &frontier.rows[choice.row];
-        let comment = comment(budget, &choice, row, frontier.noise_of(&row.backend), what);
+        let comment = comment(budget, &choice, row, frontier.noise_of(&row.backend).factor, what);
         let comment: String = comment.lines().map(|line| format!("# {line}\n")).collect();
-        let file = comment + "\n" + &field.settings_of(row).to_toml().map_err(Failure::failed)?;
+        let file = comment + "\n" + &sweep.settings_of(row).to_toml()?;
         Ok(Self { budget, settings: row.name(), machine: row.machine.clone(), choice, file })
     }
 }
 
-/// The failure where no settings keep the budget on the views of the search and on so many others.
-pub(super) fn missed(budget: Budget, why: Missed, others: usize) -> Failure {
-    let (flag, most) = match budget {
-        Budget::MaxError(most) => ("--max-error", most),
-        Budget::MaxSeconds(most) => ("--max-ms", 1e3 * most),
-    };
-    let (why, more) = match (why, budget) {
+/// Why no settings keep the budget on the views of the search and on so many others, and what helps
+/// besides a larger budget.
+pub(super) fn missed(budget: Budget, why: Missed, others: usize) -> (String, &'static str) {
+    match (why, budget) {
         (Missed::OutOfReach(best), Budget::MaxError(_)) => {
             (format!("the most exact settings are off by {best:.1e}"), "")
         }
@@ -60,11 +58,10 @@ pub(super) fn missed(budget: Budget, why: Missed, others: usize) -> Failure {
             let more = ", as a margin for other views, or let the search see more with --views";
             (format!("kept by {settings} on the views of the search, but by none on {views}"), more)
         }
-    };
-    Failure::failed(format_args!("{flag} {most}: {why}")).hint(format_args!("give a larger {flag}{more}"))
+    }
 }
 
-fn comment(budget: Budget, choice: &Choice, row: &Measured, noise: Noise, what: &str) -> String {
+fn comment(budget: Budget, choice: &Choice, row: &Measured, noise: f64, what: &str) -> String {
     let asked = match budget {
         Budget::MaxError(most) => format!("the quickest within {most:.2e} at every pixel"),
         Budget::MaxSeconds(most) => format!("the most exact within {:.3} ms a view", 1e3 * most),
@@ -79,7 +76,7 @@ fn comment(budget: Budget, choice: &Choice, row: &Measured, noise: Noise, what: 
         0 => String::new(),
         count => format!(
             "\nThe noise is {:.0} %; within it, {} the budget as quickly, of which another run may choose one.",
-            100.0 * (noise.factor - 1.0),
+            100.0 * (noise - 1.0),
             if count == 1 { "1 other setting keeps".to_owned() } else { format!("{count} other settings keep") }
         ),
     };

@@ -6,8 +6,8 @@ use gs_core::Error;
 use serde::Serialize;
 
 use super::{
-    super::{noise::TimeComparison, picture_error::PictureError, truth::Verifiable},
-    Field, Frontier, Measured, Role,
+    super::{noise::TimeComparison, picture_error::PictureError, reference::Verifiable},
+    Frontier, Measured, Role, Sweep,
     pareto::ROUNDING,
 };
 
@@ -24,33 +24,33 @@ pub enum Budget {
 /// The error and time of settings on views that the search has not used.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub struct Verification {
+pub(crate) struct Verification {
     /// Number of views.
-    pub views: usize,
+    pub(super) views: usize,
     /// The error of their pictures.
-    pub error: PictureError,
+    pub(super) error: PictureError,
     /// Median seconds a view.
-    pub seconds: f64,
+    pub(super) seconds: f64,
 }
 
 /// Settings that keep a budget, also on views that the search has not used.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub struct Choice {
+pub(crate) struct Choice {
     /// Index of their row.
     #[serde(skip)]
-    pub row: usize,
+    pub(super) row: usize,
     /// Error and time on the other views.
-    pub verification: Verification,
-    /// Number of better candidates that kept the budget on the search's views only.
-    pub failed: usize,
-    /// Number of other candidates whose times do not differ from theirs beyond the noise.
-    pub within_noise: usize,
+    pub(super) verification: Verification,
+    /// Number of better settings that kept the budget on the search's views only.
+    pub(super) failed: usize,
+    /// Number of other settings whose times do not differ from theirs beyond the noise.
+    pub(super) within_noise: usize,
 }
 
 /// Why no settings are chosen.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Missed {
+pub(crate) enum Missed {
     /// No measured settings keep the budget. Holds the least error, or the shortest time, that was
     /// measured.
     OutOfReach(f64),
@@ -70,7 +70,7 @@ impl Budget {
     /// The rows that keep the budget by their own measurement, best first. Times decide by their
     /// medians, even within the noise, so that settings that are more exact than necessary are not
     /// preferred. Errors below a rounding are equal.
-    fn candidates(self, frontier: &Frontier) -> Vec<usize> {
+    fn ranked(self, frontier: &Frontier) -> Vec<usize> {
         let of = |row: &Measured| (row.median(), row.error.max);
         let is_kept = |&i: &usize| {
             let (seconds, error) = of(&frontier.rows[i]);
@@ -97,9 +97,9 @@ impl Budget {
     ///
     /// # Errors
     /// Those of rendering, and of the oracle; [`Error::Setting`] if `unseen` is empty.
-    pub fn choose<S: Verifiable>(
+    pub(super) fn choose<S: Verifiable>(
         self,
-        field: &Field<'_, S>,
+        sweep: &Sweep<'_, S>,
         frontier: &Frontier,
         unseen: &[S::View],
         seconds: f64,
@@ -107,15 +107,15 @@ impl Budget {
         if unseen.is_empty() {
             return Err(Error::setting("the number of views to verify on", 0, "at least 1"));
         }
-        let truths = field.truths(unseen)?;
-        let candidates = self.candidates(frontier);
-        for (failed, &row) in candidates.iter().enumerate() {
+        let references = sweep.references(unseen)?;
+        let ranked = self.ranked(frontier);
+        for (failed, &row) in ranked.iter().enumerate() {
             let measured = &frontier.rows[row];
-            if field.refusal(measured.contender, &measured.settings, unseen)?.is_some() {
+            if sweep.refusal(measured.candidate, &measured.settings, unseen)?.is_some() {
                 continue;
             }
-            let error = field.error(measured.contender, &measured.settings, unseen, &truths)?;
-            let times = field.times(std::slice::from_ref(measured), unseen, seconds / candidates.len() as f64)?;
+            let error = sweep.error(measured.candidate, &measured.settings, unseen, &references)?;
+            let times = sweep.times(std::slice::from_ref(measured), unseen, seconds / ranked.len() as f64)?;
             let verification = Verification { views: unseen.len(), error, seconds: median(&times[0]) };
             if self.is_kept(error.max, verification.seconds) {
                 let noise = frontier.noise_of(&measured.backend);
@@ -123,12 +123,12 @@ impl Budget {
                     let seconds = frontier.rows[*other].median();
                     *other != row && noise.compare(seconds, measured.median()) == TimeComparison::NoDifference
                 };
-                let within_noise = candidates.iter().filter(|other| is_alike(other)).count();
+                let within_noise = ranked.iter().filter(|other| is_alike(other)).count();
                 return Ok(Ok(Choice { row, verification, failed, within_noise }));
             }
         }
-        if !candidates.is_empty() {
-            return Ok(Err(Missed::NotElsewhere(candidates.len())));
+        if !ranked.is_empty() {
+            return Ok(Err(Missed::NotElsewhere(ranked.len())));
         }
         let least = |of: fn(&Measured) -> f64| frontier.rows.iter().map(of).fold(f64::INFINITY, f64::min);
         Ok(Err(Missed::OutOfReach(match self {
@@ -149,7 +149,7 @@ mod tests {
         Measured {
             backend: "cpu".to_owned(),
             machine: "one thread".to_owned(),
-            contender: 0,
+            candidate: 0,
             role: Role::Alone,
             changes: Vec::new(),
             settings: RenderSettings::default(),
@@ -167,8 +167,8 @@ mod tests {
         let rows = vec![row(1.3, 1e-4, true), row(1.0, 1e-3, false), row(1.1, 9e-4, false), row(9.0, 1e-8, true)];
         let noise = vec![BackendNoise { backend: "cpu".to_owned(), noise: Noise { factor: 1.33, again: 1.0 } }];
         let frontier = Frontier { rows, refused: Vec::new(), noise, views: 1, sampled: 0, uncertainty: 0.0 };
-        assert_eq!(Budget::MaxError(2e-3).candidates(&frontier), [1, 2, 0, 3]);
-        assert_eq!(Budget::MaxError(5e-4).candidates(&frontier), [0, 3]);
-        assert_eq!(Budget::MaxSeconds(2.0).candidates(&frontier), [0, 2, 1]);
+        assert_eq!(Budget::MaxError(2e-3).ranked(&frontier), [1, 2, 0, 3]);
+        assert_eq!(Budget::MaxError(5e-4).ranked(&frontier), [0, 3]);
+        assert_eq!(Budget::MaxSeconds(2.0).ranked(&frontier), [0, 2, 1]);
     }
 }

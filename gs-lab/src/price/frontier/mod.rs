@@ -1,35 +1,142 @@
 //! The price of accuracy: every approximation of a rendering is a setting, and its cost in time and
 //! error is measured on the given scene, views and machine.
 //!
-//! A [`Field`] is a scene on several [`Contender`](super::Contender)s: backends, instruction sets and configurations.
-//! [`search`] measures every setting alone, predicts which combinations lie on the frontier, and
+//! A `Sweep` is a scene on several candidates: backends, instruction sets and configurations.
+//! [`Search::run`] measures every setting alone, predicts which combinations lie on the frontier, and
 //! measures those: their times, and their errors against the 64-bit oracle. Measurements are
 //! interleaved, after a warm-up. Each backend's default is measured twice, as if it were two
-//! settings; their difference is the noise below which nothing counts as faster
-//! ([`Noise`](super::Noise)).
-//! [`Budget::choose`] picks the cheapest settings that are exact enough, and verifies them on views
-//! that the search has not used. [`FrontierSettings`] are those settings in a file.
+//! settings; their difference is the noise below which nothing counts as faster. For a [`Budget`], it
+//! picks the cheapest settings that are exact enough, and verifies them on views that the search has
+//! not used. [`FrontierSettings`] are those settings in a file.
 //!
 //! The exact picture has the effects of the default settings and no cut-offs: no α cut, no early
-//!   stop at full pixels. Other sort orders, other antialiasing and fewer SH coefficients make
-//!   other pictures; their errors are the differences from the exact one.
+//! stop at full pixels. Other sort orders, other antialiasing and fewer SH coefficients make
+//! other pictures; their errors are the differences from the exact one.
 //!
 //! `Binning::Reuse` is left out: it is an approximation of training steps, not of a picture.
 
+mod answer;
 mod budget;
-mod field;
 mod outcome;
 mod pareto;
 mod predict;
 mod setting;
-mod settings_file;
+pub(crate) mod settings_file;
+mod sweep;
 #[cfg(test)]
 mod tests;
 
-pub use self::{
-    budget::{Budget, Choice, Missed, Verification},
-    field::{Field, SearchLimits, search},
-    outcome::{Frontier, Measured},
-    settings_file::{FrontierEffects, FrontierMachine, FrontierSettings},
+use std::fmt;
+
+use gs_backend::AnyRasterizer;
+use gs_core::{Image, Optimizer, RenderSettings, Scene, counted};
+use serde::Serialize;
+
+use self::{
+    answer::Answer,
+    outcome::{Frontier, Measured, Role},
+    sweep::{SearchLimits, Sweep, search},
 };
-pub(crate) use self::{outcome::Role, setting::Change};
+use super::{machine::candidates, reference::Verifiable};
+use crate::error::Error;
+
+pub(crate) use self::setting::Change;
+pub use self::{
+    budget::Budget,
+    settings_file::{FrontierMachine, FrontierSettings},
+};
+
+/// Share of the time for timing that verification takes.
+const VERIFYING: f64 = 0.1;
+
+/// A search for the frontier of a scene.
+#[derive(Debug)]
+pub struct Search<'a, S: Scene> {
+    /// The scene, and what it is in words.
+    pub scene: (&'a S, &'a str),
+    /// A rasterizer of each backend, whose other configurations are candidates, too.
+    pub backends: Vec<AnyRasterizer>,
+    /// The default settings of all backends. Their effects define the exact picture.
+    pub shown: RenderSettings,
+    /// The views of the search.
+    pub views: &'a [S::View],
+    /// The views that verify its answer.
+    pub unseen: &'a [S::View],
+    /// Seconds for timing. At least seven rounds are measured, however long they take.
+    pub seconds: f64,
+    /// What the settings that are looked for must keep.
+    pub budget: Option<Budget>,
+}
+
+impl<S: Verifiable> Search<'_, S>
+where
+    AnyRasterizer: Optimizer<S>,
+{
+    /// Measures every setting alone and the combinations that are worth it, on every backend, and
+    /// finds settings for the budget. Reports its progress to `watch`.
+    ///
+    /// # Errors
+    /// Those of the backends, and of the oracle for effects that it does not have;
+    /// [`gs_core::Error::Setting`] without a view or a backend.
+    pub fn run(self, watch: &mut dyn FnMut(&str)) -> Result<FrontierReport, Error> {
+        let Self { scene: (scene, what), backends, shown, views, unseen, seconds, budget } = self;
+        let mut all = Vec::new();
+        for base in backends {
+            all.extend(candidates(base, scene, shown.effects.blend)?);
+        }
+        let sweep = Sweep { scene, candidates: all, shown };
+        let limits = SearchLimits { seconds, ..SearchLimits::default() };
+        let frontier = search(&sweep, views, limits, watch)?;
+        let (mut answer, mut missed) = (None, None);
+        if let Some(budget) = budget {
+            let others = counted(unseen.len(), "view");
+            watch(&format!("verifying on {others} that the search did not use"));
+            match budget.choose(&sweep, &frontier, unseen, VERIFYING * seconds)? {
+                Ok(choice) => answer = Some(Answer::new(budget, choice, &sweep, &frontier, what)?),
+                Err(why) => missed = Some(answer::missed(budget, why, unseen.len())),
+            }
+        }
+        Ok(FrontierReport { frontier, answer, missed })
+    }
+}
+
+/// The frontier of a scene, and settings that keep a budget.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[non_exhaustive]
+pub struct FrontierReport {
+    #[serde(flatten)]
+    frontier: Frontier,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    answer: Option<Answer>,
+    /// Why no settings keep the budget, and what helps besides a larger one.
+    #[serde(skip)]
+    pub missed: Option<(String, &'static str)>,
+}
+
+impl FrontierReport {
+    /// The table as CSV.
+    pub fn csv(&self) -> String {
+        self.frontier.table().csv()
+    }
+
+    /// The figure of error against time, as SVG and as pixels.
+    ///
+    /// # Errors
+    /// [`Error::Picture`] with what the drawing library reports.
+    pub fn figure(&self, title: &str) -> Result<(String, Image), Error> {
+        let figure = self.frontier.figure(title);
+        Ok((figure.svg_file()?, figure.image()?))
+    }
+
+    /// The settings file that keeps the budget.
+    pub fn settings_file(&self) -> Option<&str> {
+        Some(&self.answer.as_ref()?.file)
+    }
+}
+
+/// The table with what is to be known about it.
+impl fmt::Display for FrontierReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.frontier.text())
+    }
+}

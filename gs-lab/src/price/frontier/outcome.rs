@@ -23,7 +23,6 @@ const LEAST_ERROR: f64 = 1e-8;
 /// The role of a row.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-#[non_exhaustive]
 pub(crate) enum Role {
     /// The default settings.
     Default,
@@ -39,28 +38,27 @@ pub(crate) enum Role {
     Together,
 }
 
-/// A row: settings on a contender, with their times and error.
+/// A row: settings on a candidate, with their times and error.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-#[non_exhaustive]
-pub struct Measured {
+pub(crate) struct Measured {
     /// The backend.
-    pub backend: String,
+    pub(crate) backend: String,
     /// The machine: "cpu (avx512, 2 threads)".
-    pub machine: String,
-    /// Index of the contender.
+    pub(crate) machine: String,
+    /// Index of the candidate.
     #[serde(skip)]
-    pub(crate) contender: usize,
+    pub(crate) candidate: usize,
     /// The role of the row.
     pub(crate) role: Role,
     /// Differences from the backend's default.
     pub(crate) changes: Vec<Change>,
     /// All settings.
-    pub settings: RenderSettings,
+    pub(crate) settings: RenderSettings,
     /// Seconds per view, one value for each round.
-    pub seconds: Times,
+    pub(crate) seconds: Times,
     /// The error of the pictures.
-    pub error: PictureError,
+    pub(crate) error: PictureError,
     /// Whether nothing of the same backend is both quicker and as exact.
     pub(crate) on_frontier: bool,
     /// The time compared with that of the backend's default.
@@ -74,7 +72,7 @@ impl Measured {
     }
 
     /// The differences from the default, in words.
-    pub fn name(&self) -> String {
+    pub(super) fn name(&self) -> String {
         match self.role {
             Role::Default => "default".to_owned(),
             Role::Again => "default, again".to_owned(),
@@ -108,10 +106,9 @@ pub(crate) struct BackendNoise {
 /// The result of a search.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-#[non_exhaustive]
-pub struct Frontier {
+pub(crate) struct Frontier {
     /// All measured rows, by backend, quickest first.
-    pub rows: Vec<Measured>,
+    pub(crate) rows: Vec<Measured>,
     /// Settings that were not measured because a backend does not support them.
     pub(crate) refused: Vec<Refused>,
     /// The noise of each backend.
@@ -130,13 +127,13 @@ type Kind = (&'static str, Dots, fn(&Measured) -> bool);
 
 impl Frontier {
     /// The noise of a backend; none if it is unknown.
-    pub fn noise_of(&self, backend: &str) -> Noise {
+    pub(super) fn noise_of(&self, backend: &str) -> Noise {
         let found = self.noise.iter().find(|noise| noise.backend == backend);
         found.map_or(Noise::NONE, |found| found.noise)
     }
 
     /// All rows. Those marked with `*` are on the frontier of their backend.
-    pub fn table(&self) -> Table {
+    pub(super) fn table(&self) -> Table {
         let columns = [
             "",
             "backend",
@@ -169,11 +166,11 @@ impl Frontier {
                 Cell::Fixed(100.0 * row.error.share_visible, 2),
             ]
         };
-        Table::new("frontier", &columns, self.rows.iter().map(row).collect())
+        Table::new("frontier", "", &columns, self.rows.iter().map(row).collect())
     }
 
     /// The table with what is to be known about it.
-    pub fn text(&self) -> String {
+    pub(super) fn text(&self) -> String {
         let mut text = self.table().text();
         for Refused { backend, what, why } in &self.refused {
             text += &format!("{backend}: {what}: not supported ({why})\n");
@@ -197,7 +194,7 @@ impl Frontier {
 
     /// A figure of the largest error against time, both logarithmic: the frontier of each backend as a
     /// line, all other settings as points, the default and 3DGS marked.
-    pub fn figure(&self, title: &str) -> Figure {
+    pub(super) fn figure(&self, title: &str) -> Figure {
         let point = |row: &Measured| {
             let (x, y) = (1e3 * row.median(), row.error.max.max(LEAST_ERROR));
             FigurePoint { x, y, low: y, high: y }

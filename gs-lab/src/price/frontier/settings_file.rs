@@ -18,13 +18,12 @@ use crate::error::Error;
 /// `gs render --settings` and `gs fit --settings` take.
 ///
 /// ```
-/// use gs_lab::price::frontier::FrontierSettings;
+/// use gs_lab::price::FrontierSettings;
 ///
 /// let text = "[accuracy]\nalpha-cut = 0.001\n[machine]\nflags = ['--backend', 'cpu']\n";
 /// let settings = FrontierSettings::from_toml(text, "settings.toml".as_ref())?;
-/// settings.validate()?;
 /// assert_eq!(settings.machine.flags, ["--backend", "cpu"]);
-/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// # Ok::<(), String>(())
 /// ```
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "kebab-case")]
@@ -35,7 +34,7 @@ pub struct FrontierSettings {
     pub accuracy: Accuracy,
     /// The effects of a 3D scene; a 2D scene has its own.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub effects: Option<FrontierEffects>,
+    pub(crate) effects: Option<FrontierEffects>,
     /// The backend and machine that compute.
     pub machine: FrontierMachine,
 }
@@ -44,13 +43,13 @@ pub struct FrontierSettings {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "kebab-case")]
 #[non_exhaustive]
-pub struct FrontierEffects {
+pub(crate) struct FrontierEffects {
     /// Order of blending.
-    pub order: Order,
+    pub(crate) order: Order,
     /// Treatment of Gaussians narrower than a pixel.
-    pub antialias: Antialias,
+    pub(crate) antialias: Antialias,
     /// Highest degree of SH, 0 to 3. A scene with fewer is rendered with those that it has.
-    pub sh_degree: u8,
+    pub(crate) sh_degree: u8,
 }
 
 /// What computes.
@@ -68,8 +67,6 @@ pub struct FrontierMachine {
     pub kernels: Option<Kernels>,
 }
 
-gs_core::impl_with!(FrontierSettings, FrontierMachine);
-
 impl FrontierSettings {
     /// Whether the text of a settings file holds settings of the frontier: that of a fit or a
     /// training has no table `machine`.
@@ -77,30 +74,24 @@ impl FrontierSettings {
         text.parse::<toml::Table>().is_ok_and(|table| table.contains_key("machine"))
     }
 
-    /// Parses the text of a settings file; `file` is its name for the error. Ranges are checked by
-    /// [`Self::validate`].
+    /// Parses the text of a settings file; `file` is its name for the error. The flags are not checked.
     ///
     /// # Errors
-    /// Those of [`parse_settings`].
-    pub fn from_toml(text: &str, file: &Path) -> Result<Self, Error> {
-        Ok(parse_settings(text, file)?)
+    /// What is wrong and where: a text that is no such file, or the first number outside its range.
+    pub fn from_toml(text: &str, file: &Path) -> Result<Self, String> {
+        let settings: Self = parse_settings(text, file).map_err(|error| error.to_string())?;
+        let render = settings.applied_to(RenderSettings::default()).validate();
+        let checked = render.and_then(|()| settings.machine.cpu.unwrap_or_default().validate());
+        checked.map_err(|error| format!("{}: {error}", file.display()))?;
+        Ok(settings)
     }
 
     /// The settings as the text of a TOML file.
     ///
     /// # Errors
     /// Those of [`settings_to_toml`].
-    pub fn to_toml(&self) -> Result<String, Error> {
+    pub(crate) fn to_toml(&self) -> Result<String, Error> {
         Ok(settings_to_toml(self)?)
-    }
-
-    /// Fails where a number is outside its range. The flags are not checked.
-    ///
-    /// # Errors
-    /// [`gs_core::Error::Setting`] naming the first offender.
-    pub fn validate(&self) -> Result<(), gs_core::Error> {
-        self.applied_to(RenderSettings::default()).validate()?;
-        self.machine.cpu.unwrap_or_default().validate()
     }
 
     /// Render settings with this accuracy, and with these effects if there are any.
@@ -116,7 +107,7 @@ impl FrontierSettings {
 
 impl FrontierEffects {
     /// Returns the effects among these that the frontier chooses.
-    pub const fn of(&Effects { order, antialias, sh_degree, .. }: &Effects) -> Self {
+    pub(crate) const fn of(&Effects { order, antialias, sh_degree, .. }: &Effects) -> Self {
         Self { order, antialias, sh_degree }
     }
 }
@@ -145,8 +136,8 @@ mod tests {
     fn impossible_values_are_refused_and_other_settings_files_recognised() {
         for bad in ["[machine]\n[accuracy]\nalpha-cut = 7\n", "[machine]\ncpu = { tile-rows = 3 }\n"] {
             assert!(FrontierSettings::is_in(bad));
-            let settings = FrontierSettings::from_toml(bad, "settings.toml".as_ref()).unwrap();
-            assert!(matches!(settings.validate(), Err(gs_core::Error::Setting { .. })), "{bad}");
+            let message = FrontierSettings::from_toml(bad, "settings.toml".as_ref()).unwrap_err();
+            assert!(message.starts_with("settings.toml: ") && message.contains("must be"), "{message}");
         }
         assert!(!FrontierSettings::is_in("iterations = 7\n"));
     }

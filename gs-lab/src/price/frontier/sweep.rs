@@ -4,11 +4,11 @@ use gs_core::{Accuracy, Error, Extent, RenderSettings, Scene, effects::Order};
 
 use super::{
     super::{
-        machine::Contender,
+        machine::Candidate,
         noise::{Noise, TimeComparison},
         picture_error::PictureError,
-        timing::{Candidate, ROUNDS, Rounds, Times, interleaved},
-        truth::{Truth, Verifiable},
+        reference::{Reference, Verifiable},
+        timing::{ROUNDS, Rounds, Timed, Times, interleaved},
     },
     outcome::{BackendNoise, Frontier, Measured, Refused, Role},
     pareto::frontier_of,
@@ -21,29 +21,26 @@ use crate::result::median;
 /// Share of the time for finding out which combinations are worth measuring.
 const SCOUTING: f64 = 0.25;
 
-/// A scene with the contenders that render it.
+/// A scene with the candidates that render it.
 #[derive(Debug)]
-pub struct Field<'a, S: Scene> {
+pub(crate) struct Sweep<'a, S: Scene> {
     /// The scene.
-    pub scene: &'a S,
-    /// The contenders, at least one. Those of a backend are neighbours, the one that its default is
+    pub(super) scene: &'a S,
+    /// The candidates, at least one. Those of a backend are neighbours, the one that its default is
     /// measured on first.
-    pub contenders: Vec<Contender<'a, S::View>>,
+    pub(super) candidates: Vec<Candidate<'a, S::View>>,
     /// The default settings of all backends. Their effects define the true picture.
-    pub shown: RenderSettings,
+    pub(super) shown: RenderSettings,
 }
 
 /// Limits of a search.
 #[derive(Debug, Clone, Copy, PartialEq)]
-#[non_exhaustive]
-pub struct SearchLimits {
+pub(crate) struct SearchLimits {
     /// Seconds for timing. At least seven rounds are measured, however long they take.
-    pub seconds: f64,
+    pub(super) seconds: f64,
     /// Largest number of combinations of settings per backend.
-    pub combinations: usize,
+    pub(super) combinations: usize,
 }
-
-gs_core::impl_with!(SearchLimits);
 
 impl Default for SearchLimits {
     fn default() -> Self {
@@ -51,33 +48,33 @@ impl Default for SearchLimits {
     }
 }
 
-impl<S: Verifiable> Field<'_, S> {
+impl<S: Verifiable> Sweep<'_, S> {
     /// The default settings without cut-offs, which the true picture has.
     fn tightest(&self) -> RenderSettings {
         self.shown.with(|s| s.accuracy = Accuracy::TIGHTEST)
     }
 
-    /// The first contender of each backend.
+    /// The first candidate of each backend.
     fn bases(&self) -> Vec<usize> {
-        let is_first = |&i: &usize| self.contenders[i].change.is_none();
-        (0..self.contenders.len()).filter(is_first).collect()
+        let is_first = |&i: &usize| self.candidates[i].change.is_none();
+        (0..self.candidates.len()).filter(is_first).collect()
     }
 
     /// The settings file of a row, with the effects that a 3D scene has.
-    pub fn settings_of(&self, row: &Measured) -> FrontierSettings {
+    pub(super) fn settings_of(&self, row: &Measured) -> FrontierSettings {
         let RenderSettings { accuracy, effects, .. } = row.settings;
         let is_3d = self.shown.effects.order != Order::Index;
-        let machine = self.contenders[row.contender].machine.clone();
+        let machine = self.candidates[row.candidate].machine.clone();
         FrontierSettings { accuracy, effects: is_3d.then(|| FrontierEffects::of(&effects)), machine }
     }
 
     /// A row that is not measured yet.
-    fn row(&self, contender: usize, settings: RenderSettings, role: Role, changes: &[Setting]) -> Measured {
-        let Contender { backend, name, change, .. } = &self.contenders[contender];
+    fn row(&self, candidate: usize, settings: RenderSettings, role: Role, changes: &[Setting]) -> Measured {
+        let Candidate { backend, name, change, .. } = &self.candidates[candidate];
         Measured {
             backend: backend.clone(),
             machine: name.clone(),
-            contender,
+            candidate,
             role,
             changes: change.iter().cloned().chain(changes.iter().map(Setting::change)).collect(),
             settings,
@@ -89,7 +86,7 @@ impl<S: Verifiable> Field<'_, S> {
     }
 
     /// The rows of a backend that are measured in any case: the default twice, no cut-offs, 3DGS, each
-    /// setting alone, and each other contender.
+    /// setting alone, and each other candidate.
     fn single_rows(&self, base: usize, views: &[S::View]) -> Result<Vec<Measured>, Error> {
         let mut three_dgs = self.shown.with(|s| s.accuracy = Accuracy::THREE_DGS);
         if self.refusal(base, &three_dgs, views)?.is_some() {
@@ -101,15 +98,15 @@ impl<S: Verifiable> Field<'_, S> {
             (self.tightest(), Role::Tightest),
             (three_dgs, Role::ThreeDgs),
         ];
-        let backend = &self.contenders[base].backend;
-        let others = (0..self.contenders.len()).filter(|&i| i != base && self.contenders[i].backend == *backend);
+        let backend = &self.candidates[base].backend;
+        let others = (0..self.candidates.len()).filter(|&i| i != base && self.candidates[i].backend == *backend);
         let alone = alternatives(&self.shown).into_iter();
         let all = landmarks.into_iter().map(|(settings, role)| self.row(base, settings, role, &[]));
         let all = all.chain(alone.map(|s| self.row(base, s.applied_to(&self.shown), Role::Alone, &[s])));
         Ok(all.chain(others.map(|other| self.row(other, self.shown, Role::Alone, &[]))).collect())
     }
 
-    /// Splits rows into those that their contenders can render and the others. The default has to be
+    /// Splits rows into those that their candidates can render and the others. The default has to be
     /// rendered.
     fn admitted(
         &self,
@@ -120,7 +117,7 @@ impl<S: Verifiable> Field<'_, S> {
         let mut admitted = Vec::with_capacity(rows.len());
         for row in rows {
             let is_default = matches!(row.role, Role::Default | Role::Again);
-            let refusal = if is_default { None } else { self.refusal(row.contender, &row.settings, views)? };
+            let refusal = if is_default { None } else { self.refusal(row.candidate, &row.settings, views)? };
             match refusal {
                 None => admitted.push(row),
                 Some(why) => refused.push(Refused { backend: row.backend.clone(), what: row.name(), why }),
@@ -129,15 +126,15 @@ impl<S: Verifiable> Field<'_, S> {
         Ok(admitted)
     }
 
-    /// The reason why a contender cannot render these views with these settings, if it cannot.
+    /// The reason why a candidate cannot render these views with these settings, if it cannot.
     pub(super) fn refusal(
         &self,
-        contender: usize,
+        candidate: usize,
         settings: &RenderSettings,
         views: &[S::View],
     ) -> Result<Option<String>, Error> {
         for view in views {
-            match self.contenders[contender].renderer.seconds(view, settings) {
+            match self.candidates[candidate].renderer.seconds(view, settings) {
                 Err(Error::Unsupported { effect, .. }) => return Ok(Some(effect)),
                 // An example is too many Gaussians at a pixel to be sorted. A lost device fails for
                 // all settings, including the default.
@@ -161,35 +158,35 @@ impl<S: Verifiable> Field<'_, S> {
 
     /// The true pictures of the views. Their worst pixels are found on the first backend that can
     /// render without cut-offs.
-    pub(super) fn truths(&self, views: &[S::View]) -> Result<Vec<Truth<S>>, Error> {
+    pub(super) fn references(&self, views: &[S::View]) -> Result<Vec<Reference<S>>, Error> {
         let (scene, settings) = (self.scene.rows(), self.tightest());
         let able = self.able(&settings, views)?.unwrap_or_default();
-        let truth = |view: &S::View| {
-            let tightest = self.contenders[able].renderer.image(view, &settings)?;
-            Truth::new(&scene, view, &settings, tightest, views.len())
+        let reference = |view: &S::View| {
+            let tightest = self.candidates[able].renderer.image(view, &settings)?;
+            Reference::new(&scene, view, &settings, tightest, views.len())
         };
-        views.iter().map(truth).collect()
+        views.iter().map(reference).collect()
     }
 
-    /// The error of a contender's pictures.
+    /// The error of a candidate's pictures.
     pub(super) fn error(
         &self,
-        contender: usize,
+        candidate: usize,
         settings: &RenderSettings,
         views: &[S::View],
-        truths: &[Truth<S>],
+        references: &[Reference<S>],
     ) -> Result<PictureError, Error> {
-        let renderer = &self.contenders[contender].renderer;
-        let one = |(view, truth): (&S::View, &Truth<S>)| truth.error(&renderer.image(view, settings)?);
-        let errors = views.iter().zip(truths).map(one).collect::<Result<Vec<_>, Error>>()?;
+        let renderer = &self.candidates[candidate].renderer;
+        let one = |(view, reference): (&S::View, &Reference<S>)| reference.error(&renderer.image(view, settings)?);
+        let errors = views.iter().zip(references).map(one).collect::<Result<Vec<_>, Error>>()?;
         Ok(PictureError::of_views(&errors))
     }
 
     /// Seconds per view of each row, measured in turn.
     pub(super) fn times(&self, rows: &[Measured], views: &[S::View], seconds: f64) -> Result<Vec<Vec<f64>>, Error> {
         let candidate = |row: &Measured| {
-            let Contender { renderer, backend, .. } = &self.contenders[row.contender];
-            Candidate { renderer: renderer.as_ref(), group: backend, settings: row.settings }
+            let Candidate { renderer, backend, .. } = &self.candidates[row.candidate];
+            Timed { renderer: renderer.as_ref(), group: backend, settings: row.settings }
         };
         interleaved(&rows.iter().map(candidate).collect::<Vec<_>>(), views, Rounds::Within(seconds))
     }
@@ -201,7 +198,7 @@ impl<S: Verifiable> Field<'_, S> {
         let renderings = (2 + 2 * (1 + ROUNDS[0])) * views.len();
         let (mut settings, mut seconds) = (0, 0.0);
         for base in self.bases() {
-            let Contender { renderer, backend, .. } = &self.contenders[base];
+            let Candidate { renderer, backend, .. } = &self.candidates[base];
             let own = rows.iter().filter(|row| row.backend == *backend).count() + limits.combinations;
             renderer.seconds(&views[0], &self.shown)?;
             seconds += renderer.seconds(&views[0], &self.shown)? * (own * renderings) as f64;
@@ -219,7 +216,7 @@ impl<S: Verifiable> Field<'_, S> {
 
     /// The largest error of each value of each setting, the default's included, if it is the only
     /// approximation; measured on the first backend that supports it.
-    fn only(&self, views: &[S::View], truths: &[Truth<S>]) -> Result<Vec<(Setting, f64)>, Error> {
+    fn only(&self, views: &[S::View], references: &[Reference<S>]) -> Result<Vec<(Setting, f64)>, Error> {
         let tightest = self.tightest();
         let mut all: Vec<(Setting, f64)> = Vec::new();
         for setting in alternatives(&self.shown).into_iter().flat_map(|setting| [setting.of(&self.shown), setting]) {
@@ -228,13 +225,13 @@ impl<S: Verifiable> Field<'_, S> {
                 continue;
             }
             if let Some(able) = self.able(&settings, views)? {
-                all.push((setting, self.error(able, &settings, views, truths)?.max));
+                all.push((setting, self.error(able, &settings, views, references)?.max));
             }
         }
         Ok(all)
     }
 
-    /// The combinations that are worth measuring on the quickest contender of a backend, of which
+    /// The combinations that are worth measuring on the quickest candidate of a backend, of which
     /// `scouted` rows have a time each.
     fn together(&self, scouted: &[(&Measured, f64)], only: &[(Setting, f64)], most: usize) -> Vec<Measured> {
         let Some(&(base, default)) = scouted.iter().find(|(row, _)| row.role == Role::Default) else {
@@ -258,15 +255,15 @@ impl<S: Verifiable> Field<'_, S> {
             axes.last_mut().into_iter().for_each(|values| values.push(alone.clone()));
         }
         let noise = noise_of(scouted.iter().map(|(row, _)| *row));
-        let mut quickest = (base.contender, default);
-        for &(row, time) in scouted.iter().filter(|(row, _)| row.contender != base.contender) {
+        let mut quickest = (base.candidate, default);
+        for &(row, time) in scouted.iter().filter(|(row, _)| row.candidate != base.candidate) {
             if noise.compare(time, quickest.1) == TimeComparison::Faster {
-                quickest = (row.contender, time);
+                quickest = (row.candidate, time);
             }
         }
         let found = combinations(&axes, most).into_iter().filter_map(|Predicted { settings: changes, .. }| {
             let settings = changes.iter().fold(self.shown, |settings, s| s.applied_to(&settings));
-            let is_new = changes.len() > 1 || (quickest.0 != base.contender && !changes.is_empty());
+            let is_new = changes.len() > 1 || (quickest.0 != base.candidate && !changes.is_empty());
             is_new.then(|| self.row(quickest.0, settings, Role::Together, &changes))
         });
         found.collect()
@@ -274,57 +271,57 @@ impl<S: Verifiable> Field<'_, S> {
 }
 
 /// Measures every setting alone and the combinations that are worth it, on every backend of the
-/// field. Reports its progress to `watch`.
+/// sweep. Reports its progress to `watch`.
 ///
 /// # Errors
 /// Those of rendering, and of the oracle for effects that it does not have; [`Error::Setting`]
-/// without a view or a contender.
-pub fn search<S: Verifiable>(
-    field: &Field<'_, S>,
+/// without a view or a candidate.
+pub(super) fn search<S: Verifiable>(
+    sweep: &Sweep<'_, S>,
     views: &[S::View],
     limits: SearchLimits,
     watch: &mut dyn FnMut(&str),
 ) -> Result<Frontier, Error> {
-    if views.is_empty() || field.contenders.is_empty() {
-        return Err(Error::setting("the number of views or contenders", 0, "at least 1"));
+    if views.is_empty() || sweep.candidates.is_empty() {
+        return Err(Error::setting("the number of views or candidates", 0, "at least 1"));
     }
     let mut rows = Vec::new();
-    for base in field.bases() {
-        rows.extend(field.single_rows(base, views)?);
+    for base in sweep.bases() {
+        rows.extend(sweep.single_rows(base, views)?);
     }
-    watch(&field.announcement(&rows, views, limits)?);
+    watch(&sweep.announcement(&rows, views, limits)?);
     watch("computing true pictures with the 64-bit oracle");
-    let truths = field.truths(views)?;
+    let references = sweep.references(views)?;
     let mut refused = Vec::new();
-    let mut rows = field.admitted(rows, views, &mut refused)?;
+    let mut rows = sweep.admitted(rows, views, &mut refused)?;
     watch(&format!("scouting {} settings", rows.len()));
-    let scouted = field.times(&rows, views, SCOUTING * limits.seconds)?;
+    let scouted = sweep.times(&rows, views, SCOUTING * limits.seconds)?;
     rows.iter_mut().zip(scouted).for_each(|(row, times)| row.seconds = times.into());
     watch("predicting which combinations are worth measuring");
-    let only = field.only(views, &truths)?;
+    let only = sweep.only(views, &references)?;
     let mut together = Vec::new();
-    for base in field.bases() {
-        let own = rows.iter().filter(|row| row.backend == field.contenders[base].backend);
+    for base in sweep.bases() {
+        let own = rows.iter().filter(|row| row.backend == sweep.candidates[base].backend);
         let own: Vec<(&Measured, f64)> = own.map(|row| (row, median(&row.seconds.samples))).collect();
-        together.extend(field.together(&own, &only, limits.combinations));
+        together.extend(sweep.together(&own, &only, limits.combinations));
     }
-    rows.extend(field.admitted(together, views, &mut refused)?);
+    rows.extend(sweep.admitted(together, views, &mut refused)?);
     watch(&format!("measuring {} settings in turn", rows.len()));
-    let times = field.times(&rows, views, (1.0 - SCOUTING) * limits.seconds)?;
+    let times = sweep.times(&rows, views, (1.0 - SCOUTING) * limits.seconds)?;
     for (row, times) in rows.iter_mut().zip(times) {
         row.seconds = Times::from(times);
-        row.error = field.error(row.contender, &row.settings, views, &truths)?;
+        row.error = sweep.error(row.candidate, &row.settings, views, &references)?;
     }
-    let noise = field.bases().into_iter().map(|base| judge(&field.contenders[base].backend, &mut rows)).collect();
-    let place = |row: &Measured| field.contenders.iter().position(|contender| contender.backend == row.backend);
+    let noise = sweep.bases().into_iter().map(|base| judge(&sweep.candidates[base].backend, &mut rows)).collect();
+    let place = |row: &Measured| sweep.candidates.iter().position(|candidate| candidate.backend == row.backend);
     rows.sort_by(|a, b| place(a).cmp(&place(b)).then(a.median().total_cmp(&b.median())));
     Ok(Frontier {
         rows,
         refused,
         noise,
         views: views.len(),
-        sampled: truths.iter().map(Truth::sampled).sum(),
-        uncertainty: truths.iter().map(Truth::uncertainty).fold(0.0, f64::max),
+        sampled: references.iter().map(Reference::sampled).sum(),
+        uncertainty: references.iter().map(Reference::uncertainty).fold(0.0, f64::max),
     })
 }
 

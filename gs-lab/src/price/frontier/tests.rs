@@ -3,8 +3,10 @@
 use std::cell::Cell;
 
 use super::{
-    super::{Contender, Loaded, Renderer, noise::TimeComparison},
-    Budget, Change, Field, Frontier, FrontierMachine, Missed, Role, SearchLimits, search,
+    super::{Loaded, Renderer, machine::Candidate, noise::TimeComparison},
+    Budget, Change, Frontier, FrontierMachine, Role, SearchLimits, Sweep,
+    budget::Missed,
+    search,
 };
 use glam::{Vec2, Vec3};
 use gs_core::{Blend, Canvas, Error, Gaussian2d, Image, RenderSettings, Scene2d};
@@ -87,8 +89,8 @@ fn loaded(scene: &Scene2d) -> Loaded<Box<CpuRasterizer>, Scene2d> {
     Loaded::new(Box::new(CpuRasterizer::new(settings).unwrap()), scene).unwrap()
 }
 
-fn contender<'a>(backend: &str, value: Option<&str>, renderer: impl Renderer<Canvas> + 'a) -> Contender<'a, Canvas> {
-    Contender {
+fn candidate<'a>(backend: &str, value: Option<&str>, renderer: impl Renderer<Canvas> + 'a) -> Candidate<'a, Canvas> {
+    Candidate {
         backend: backend.to_owned(),
         name: "one thread".to_owned(),
         change: value.map(|value| Change { axis: "handicap".to_owned(), value: value.to_owned() }),
@@ -97,16 +99,16 @@ fn contender<'a>(backend: &str, value: Option<&str>, renderer: impl Renderer<Can
     }
 }
 
-fn field(scene: &Scene2d, blend: Blend) -> Field<'_, Scene2d> {
-    let handicapped = |value: Option<&str>, slower, off| contender("cpu", value, Pretending::new(scene, slower, off));
-    let contenders =
+fn sweep(scene: &Scene2d, blend: Blend) -> Sweep<'_, Scene2d> {
+    let handicapped = |value: Option<&str>, slower, off| candidate("cpu", value, Pretending::new(scene, slower, off));
+    let candidates =
         vec![handicapped(None, 0.0, 0.0), handicapped(Some("slow"), 0.02, 0.0), handicapped(Some("wrong"), 0.0, 0.25)];
-    Field { scene, contenders, shown: RenderSettings::blended(blend) }
+    Sweep { scene, candidates, shown: RenderSettings::blended(blend) }
 }
 
 fn found(blend: Blend) -> Frontier {
     let scene = scene();
-    search(&field(&scene, blend), &[Canvas::new(64, 48)], LIMITS, &mut |_| ()).unwrap()
+    search(&sweep(&scene, blend), &[Canvas::new(64, 48)], LIMITS, &mut |_| ()).unwrap()
 }
 
 fn row<'f>(frontier: &'f Frontier, name: &str) -> &'f super::Measured {
@@ -140,8 +142,8 @@ fn errors_and_times_are_those_of_the_settings() {
 #[test]
 fn a_search_says_before_it_starts_how_much_it_will_measure() {
     let (scene, mut lines) = (scene(), Vec::new());
-    let limits = LIMITS.with(|s| s.combinations = 0);
-    let frontier = search(&field(&scene, Blend::Sum), &[Canvas::new(64, 48)], limits, &mut |line| {
+    let limits = SearchLimits { combinations: 0, ..LIMITS };
+    let frontier = search(&sweep(&scene, Blend::Sum), &[Canvas::new(64, 48)], limits, &mut |line| {
         lines.push(line.to_owned());
     });
     let settings = frontier.unwrap().rows.len();
@@ -180,11 +182,11 @@ fn all_forms_of_the_result_have_all_rows() {
 #[test]
 fn a_budget_is_kept_on_other_views_too_or_said_to_be_out_of_reach() {
     let scene = scene();
-    let field = field(&scene, Blend::Over);
+    let sweep = sweep(&scene, Blend::Over);
     let view = Canvas::new(64, 48);
-    let frontier = search(&field, &[view], LIMITS, &mut |_| ()).unwrap();
+    let frontier = search(&sweep, &[view], LIMITS, &mut |_| ()).unwrap();
     let unseen = [view.resized(40, 30), view.showing(Vec2::new(8.0, 8.0), Vec2::new(32.0, 24.0))];
-    let choose = |budget: Budget| budget.choose(&field, &frontier, &unseen, 0.05).unwrap();
+    let choose = |budget: Budget| budget.choose(&sweep, &frontier, &unseen, 0.05).unwrap();
     let Ok(choice) = choose(Budget::MaxError(2e-3)) else { panic!("out of reach") };
     assert!(choice.verification.error.max <= 2e-3 && choice.verification.views == 2);
     let row = &frontier.rows[choice.row];
@@ -196,7 +198,7 @@ fn a_budget_is_kept_on_other_views_too_or_said_to_be_out_of_reach() {
     let Err(Missed::OutOfReach(best)) = choose(Budget::MaxError(1e-12)) else { panic!("rounding is more") };
     assert!(best > 1e-12 && best < 1e-5);
     assert!(matches!(choose(Budget::MaxSeconds(1e-9)), Err(Missed::OutOfReach(_))));
-    assert!(Budget::MaxError(2e-3).choose(&field, &frontier, &[], 0.05).is_err(), "nothing is verified by no view");
+    assert!(Budget::MaxError(2e-3).choose(&sweep, &frontier, &[], 0.05).is_err(), "nothing is verified by no view");
     // Every measured row can be chosen, whether or not it is on the frontier.
     for row in frontier.rows.iter().filter(|row| row.role != Role::Again) {
         let found = choose(Budget::MaxError(row.error.max));
@@ -208,13 +210,13 @@ fn a_budget_is_kept_on_other_views_too_or_said_to_be_out_of_reach() {
 fn settings_that_keep_a_budget_on_no_other_view_are_reported_separately() {
     let scene = scene();
     let shown = RenderSettings::blended(Blend::Over);
-    let field = |off: f32| Field {
+    let sweep = |off: f32| Sweep {
         scene: &scene,
-        contenders: vec![contender("cpu", None, Pretending::new(&scene, 0.0, off))],
+        candidates: vec![candidate("cpu", None, Pretending::new(&scene, 0.0, off))],
         shown,
     };
-    let frontier = search(&field(0.0), &[Canvas::new(64, 48)], LIMITS, &mut |_| ()).unwrap();
-    let chosen = Budget::MaxError(0.1).choose(&field(0.5), &frontier, &[Canvas::new(40, 30)], 0.05).unwrap();
+    let frontier = search(&sweep(0.0), &[Canvas::new(64, 48)], LIMITS, &mut |_| ()).unwrap();
+    let chosen = Budget::MaxError(0.1).choose(&sweep(0.5), &frontier, &[Canvas::new(40, 30)], 0.05).unwrap();
     assert!(matches!(chosen, Err(Missed::NotElsewhere(count)) if count > 3), "{chosen:?}");
 }
 
@@ -236,12 +238,12 @@ fn what_a_backend_does_not_offer_is_listed_and_ends_no_search() {
         ),
     ];
     for (refuses, expected) in refusals {
-        let contenders = vec![
-            contender("choosy", None, Choosy(Pretending::new(&scene, 0.0, 0.0), refuses)),
-            contender("cpu", None, Pretending::new(&scene, 0.0, 0.0)),
+        let candidates = vec![
+            candidate("choosy", None, Choosy(Pretending::new(&scene, 0.0, 0.0), refuses)),
+            candidate("cpu", None, Pretending::new(&scene, 0.0, 0.0)),
         ];
-        let field = Field { scene: &scene, contenders, shown };
-        let frontier = search(&field, &[Canvas::new(64, 48)], LIMITS, &mut |_| ()).unwrap();
+        let sweep = Sweep { scene: &scene, candidates, shown };
+        let frontier = search(&sweep, &[Canvas::new(64, 48)], LIMITS, &mut |_| ()).unwrap();
         let refused: Vec<&str> = frontier.refused.iter().map(|refused| refused.what.as_str()).collect();
         assert!(refused.iter().any(|what| what.contains(expected)), "{expected}: {refused:?}");
         assert!(frontier.rows.iter().any(|row| row.backend == "choosy" && row.on_frontier));
@@ -253,14 +255,14 @@ fn what_a_backend_does_not_offer_is_listed_and_ends_no_search() {
 #[test]
 fn what_is_not_a_number_is_not_exact() {
     let scene = scene();
-    let field = field(&scene, Blend::Sum);
+    let sweep = sweep(&scene, Blend::Sum);
     let view = Canvas::new(64, 48);
-    let truths = field.truths(&[view]).unwrap();
+    let references = sweep.references(&[view]).unwrap();
     for broken in [f32::NAN, f32::INFINITY] {
         for at in [0, 1234, 64 * 48 - 1] {
-            let mut picture = field.contenders[0].renderer.image(&view, &field.shown).unwrap();
+            let mut picture = sweep.candidates[0].renderer.image(&view, &sweep.shown).unwrap();
             picture.pixels_mut()[at][2] = broken;
-            let error = truths[0].error(&picture).unwrap();
+            let error = references[0].error(&picture).unwrap();
             assert_eq!((error.max, error.mean), (f64::INFINITY, f64::INFINITY), "{broken} at {at}");
         }
     }
@@ -269,7 +271,7 @@ fn what_is_not_a_number_is_not_exact() {
 #[test]
 fn nothing_to_look_at_is_an_error() {
     let scene = scene();
-    assert!(search(&field(&scene, Blend::Sum), &[], LIMITS, &mut |_| ()).is_err());
+    assert!(search(&sweep(&scene, Blend::Sum), &[], LIMITS, &mut |_| ()).is_err());
 }
 
 #[test]

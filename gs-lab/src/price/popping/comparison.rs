@@ -27,7 +27,7 @@ use crate::result::mean;
 pub(crate) const ORDERS: [Order; 2] = [Order::Global, Order::PerPixel];
 
 /// Distances between the frames of a triple: the finest step and its multiples.
-pub const STRIDES: [usize; 3] = [1, 2, 4];
+const STRIDES: [usize; 3] = [1, 2, 4];
 
 /// Visible flicker: more than four 8-bit levels over a window. Popping is counted above this.
 pub(crate) const VISIBLE_LEVELS: f64 = 4.0;
@@ -46,14 +46,19 @@ const MOST_PIXELS: u64 = 1 << 23;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SlowOrbit {
     /// The orbit. As many stretches as it has frames begin evenly spread along it.
-    pub orbit: Orbit,
+    pub(crate) orbit: Orbit,
     /// Frames per stretch: 9, which the coarsest triple needs, to 10,000.
-    pub frames: u32,
+    pub(crate) frames: u32,
     /// Angle between two frames, degrees: above 0, at most 5.
-    pub step_degrees: f32,
+    pub(crate) step_degrees: f32,
 }
 
 impl SlowOrbit {
+    /// A flight whose coarsest triples have frames `step_degrees` apart.
+    pub fn new(orbit: Orbit, frames: u32, step_degrees: f32) -> Self {
+        Self { orbit, frames, step_degrees: step_degrees / STRIDES[STRIDES.len() - 1] as f32 }
+    }
+
     /// The cameras of each stretch; the first begins with `first`.
     ///
     /// # Errors
@@ -115,7 +120,7 @@ impl Popping {
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct AtStep {
     /// Angle between frames, degrees.
-    pub step_degrees: f64,
+    pub(crate) step_degrees: f64,
     /// Results of the two orders, in the order of [`ORDERS`].
     pub(crate) orders: [Popping; 2],
 }
@@ -145,7 +150,7 @@ pub(crate) struct Moment {
 
 /// The result of a flight.
 #[derive(Debug, Clone, PartialEq)]
-pub struct PoppingComparison {
+pub(crate) struct PoppingComparison {
     /// Results for each of [`STRIDES`], the finest first.
     pub(crate) steps: Vec<AtStep>,
     /// Where popping shows best.
@@ -165,7 +170,7 @@ impl PoppingComparison {
 /// # Errors
 /// [`CoreError::Setting`] where the flight is not possible; those of the backend, such as
 /// [`CoreError::Unsupported`] where it does not support both orders.
-pub fn compare<R: Optimizer<Scene3d>>(
+pub(crate) fn compare<R: Optimizer<Scene3d>>(
     rasterizer: &R,
     scene: &Scene3d,
     flight: &SlowOrbit,

@@ -2,13 +2,16 @@
 
 use gs_core::{Image, Optimizer, RenderSettings, Scene3d, constants::SSIM_WINDOW};
 
-use super::findings::DIFFERENCE_GAIN;
-use crate::experiments::Picture;
-use crate::price::{
-    Loaded, Renderer as _,
-    popping::{Moment, ORDERS, ordered},
-};
 use gs_train::Error;
+
+use super::comparison::{ORDERS, PoppingComparison, ordered};
+use crate::{
+    price::{Loaded, Renderer as _},
+    report::Picture,
+};
+
+/// Factor by which differences are enlarged.
+const DIFFERENCE_GAIN: f32 = 4.0;
 
 /// Longest side of the part that is shown, px.
 const PART_PX: u32 = 96;
@@ -19,15 +22,21 @@ const SHOWN_PX: u32 = 384;
 /// Gap between two parts, px.
 const GAP_PX: u32 = 8;
 
-/// The part of the picture around a moment: a row for each of [`ORDERS`], with the frame before the
-/// jump, the one after it, and the difference ½ + gain · (after − before).
-pub(super) fn picture<R: Optimizer<Scene3d>>(
+/// A picture of the place where popping shows best in a flight around the scene `what`: a row for
+/// each of [`ORDERS`], with the frame before the jump, the one after it, and the difference
+/// ½ + gain · (after − before).
+pub(crate) fn picture<R: Optimizer<Scene3d>>(
     rasterizer: &R,
     scene: &Scene3d,
-    moment: &Moment,
+    compared: &PoppingComparison,
     render: &RenderSettings,
-    (name, caption): (&'static str, String),
+    (name, what): (&'static str, &str),
 ) -> Result<Picture, Error> {
+    let (moment, step_degrees) = (&compared.moment, compared.finest().step_degrees);
+    let caption = format!(
+        "{what}: above with the global sort, below with the per-pixel sort. Two frames {step_degrees:.3}° apart, and their \
+         difference, {DIFFERENCE_GAIN} times as large, around grey."
+    );
     let on = Loaded::new(rasterizer, scene)?;
     let row = |order| {
         let frame = |camera| on.image(camera, &ordered(render, order));
@@ -57,7 +66,7 @@ pub(super) fn picture<R: Optimizer<Scene3d>>(
         }
         cell_color(&rows[row], column, (x / factor, y / factor))
     })?;
-    Ok(Picture { name, caption, image, ellipses: None })
+    Ok(Picture { name, caption, image })
 }
 
 /// Index of a cell in a row or column, and the position in it; beyond `side` is the gap.

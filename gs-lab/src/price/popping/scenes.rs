@@ -18,7 +18,7 @@ const DISTANCE: f32 = 4.0;
 
 /// Two intersecting flat Gaussians, a warm and a cold one, each with one half in front. Their means
 /// swap the order of their depths in the middle of a flight around them.
-pub fn discs() -> Scene3d {
+pub(crate) fn discs() -> Scene3d {
     let turned = |degrees: f32| Quat::from_rotation_y(degrees.to_radians());
     let disc = |side: f32, color: Vec3| {
         // The normal of a flat Gaussian is its z axis.

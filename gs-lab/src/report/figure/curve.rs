@@ -2,6 +2,7 @@
 //! (paper Fig. 8), and PSNR.
 
 use gs_core::Image;
+use gs_train::MetricsRow;
 
 use super::{Axis, Dots, Figure, Marks, Series};
 use crate::error::Error;
@@ -18,24 +19,17 @@ pub struct CurvePoint {
     pub loss: f32,
 }
 
-/// The PSNR after a step, dB.
-pub type Psnr = (u32, f64);
-
-/// The measured PSNR of a log.
-pub fn measured(rows: &[gs_train::MetricsRow]) -> Vec<Psnr> {
-    rows.iter().filter_map(|row| Some((row.step, row.psnr?))).collect()
-}
-
-/// Draws the curves under a title. Without a finite PSNR its figure is left out.
+/// Draws the curves under a title; the PSNR is that of the rows of a log. Without a finite PSNR its
+/// figure is left out.
 ///
 /// # Errors
 /// [`Error::Picture`] with what the drawing library reports.
-pub fn draw(points: &[CurvePoint], psnrs: &[Psnr], title: &str) -> Result<Image, Error> {
+pub fn draw(points: &[CurvePoint], rows: &[MetricsRow], title: &str) -> Result<Image, Error> {
     let counts = points.iter().map(|p| (f64::from(p.step), f64::from(p.count))).collect();
     let losses = points.iter().map(|p| (f64::from(p.step), f64::from(p.loss)));
     let losses = losses.filter(|(_, loss)| loss.is_finite() && *loss > 0.0).collect();
-    let psnrs: Vec<(f64, f64)> =
-        psnrs.iter().filter(|psnr| psnr.1.is_finite()).map(|&(step, psnr)| (f64::from(step), psnr)).collect();
+    let psnrs = rows.iter().filter_map(|row| Some((f64::from(row.step), row.psnr?)));
+    let psnrs: Vec<(f64, f64)> = psnrs.filter(|(_, psnr)| psnr.is_finite()).collect();
     let mut panels = vec![
         panel(title, 0, Axis::linear("Gaussians"), thinned(counts), Dots::Last),
         panel("", 1, Axis::logarithmic("loss"), thinned(losses), Dots::Last),
@@ -76,7 +70,13 @@ fn thinned(line: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::figure::COLORS;
+    use crate::{report::figure::COLORS, run::tests::finished};
+
+    /// Rows of a log with a PSNR after each of these steps.
+    fn rows(psnrs: &[(u32, f64)]) -> Vec<MetricsRow> {
+        let row = finished(0.0).trajectory[0];
+        psnrs.iter().map(|&(step, psnr)| MetricsRow { step, psnr: Some(psnr), ..row }).collect()
+    }
 
     /// Number of pixels of the colour of a style.
     fn count_of(image: &Image, style: usize) -> usize {
@@ -89,8 +89,8 @@ mod tests {
     fn all_curves_and_the_title_are_there() {
         let points: Vec<CurvePoint> =
             (0..200).map(|step| CurvePoint { step, count: 20 + 3 * step, loss: 0.2 / (1.0 + step as f32) }).collect();
-        let psnrs: Vec<Psnr> = (0..10).map(|i| (20 * i, 20.0 + f64::from(i))).collect();
-        let drawn = draw(&points, &psnrs, "count and loss").unwrap();
+        let psnrs: Vec<(u32, f64)> = (0..10).map(|i| (20 * i, 20.0 + f64::from(i))).collect();
+        let drawn = draw(&points, &rows(&psnrs), "count and loss").unwrap();
         assert!((0..3).all(|style| count_of(&drawn, style) > 500));
         let without = draw(&points, &[], "count and loss").unwrap();
         assert_eq!((2 * drawn.height(), count_of(&without, 2)), (3 * without.height(), 0));
@@ -110,16 +110,17 @@ mod tests {
     }
 
     #[test]
+    #[expect(clippy::type_complexity, reason = "a table of cases")]
     fn any_points_make_a_picture() {
         let at = |step, count, loss| CurvePoint { step, count, loss };
-        let cases: [(&[CurvePoint], &[Psnr]); 4] = [
+        let cases: [(&[CurvePoint], &[(u32, f64)]); 4] = [
             (&[], &[]),
             (&[at(0, 1, 0.5)], &[(0, f64::INFINITY)]),
             (&[at(1, 0, 0.0), at(2, 0, f32::NAN)], &[(0, -3.0), (9, 1e9)]),
             (&[at(1, 5, f32::INFINITY), at(4_000_000_000, 4_000_000_000, 1e-30)], &[(7, 0.0)]),
         ];
         for (points, psnrs) in cases {
-            draw(points, psnrs, "").unwrap_or_else(|error| panic!("{points:?}, {psnrs:?}: {error}"));
+            draw(points, &rows(psnrs), "").unwrap_or_else(|error| panic!("{points:?}, {psnrs:?}: {error}"));
         }
     }
 }

@@ -57,43 +57,43 @@ const SHARPNESS: u32 = 2;
 
 /// A figure, ready to be drawn.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Figure {
+pub(crate) struct Figure {
     /// File name without extension.
-    pub name: String,
+    pub(crate) name: String,
     /// The title above the figure; in a page, the caption.
-    pub title: String,
+    pub(crate) title: String,
     /// The horizontal axis.
-    pub x: Axis,
+    pub(crate) x: Axis,
     /// The vertical axis; unused by [`Marks::Intervals`], which has names there.
-    pub y: Axis,
+    pub(crate) y: Axis,
     /// What is drawn.
-    pub marks: Marks,
+    pub(crate) marks: Marks,
 }
 
 /// An axis of a figure.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Axis {
+pub(crate) struct Axis {
     /// Quantity and unit.
-    pub label: String,
+    pub(crate) label: String,
     /// Linear or logarithmic.
-    pub scale: Scale,
+    pub(crate) scale: Scale,
 }
 
 impl Axis {
     /// A linear axis.
-    pub fn linear(label: impl Into<String>) -> Self {
+    pub(crate) fn linear(label: impl Into<String>) -> Self {
         Self { label: label.into(), scale: Scale::Linear }
     }
 
     /// A logarithmic axis; values that are not positive are left out.
-    pub fn logarithmic(label: impl Into<String>) -> Self {
+    pub(crate) fn logarithmic(label: impl Into<String>) -> Self {
         Self { label: label.into(), scale: Scale::Logarithmic }
     }
 }
 
 /// The scale of an axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Scale {
+pub(crate) enum Scale {
     /// Equal steps are equal differences.
     Linear,
     /// Equal steps are equal ratios.
@@ -102,7 +102,7 @@ pub enum Scale {
 
 /// The content of a figure.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Marks {
+pub(crate) enum Marks {
     /// Lines, each with a band.
     Lines(Vec<Series>),
     /// Means with intervals, one below the other.
@@ -112,7 +112,7 @@ pub enum Marks {
 impl Marks {
     /// Lines in the order of the legend. Every other line is dashed, so that lines on top of each
     /// other remain visible.
-    pub fn lines(series: Vec<Series>) -> Self {
+    pub(crate) fn lines(series: Vec<Series>) -> Self {
         let styled = |(index, series): (usize, Series)| {
             let style = index % COLORS.len() + COLORS.len() * (index % 2);
             Series { style, ..series }
@@ -123,7 +123,7 @@ impl Marks {
 
 /// Which points of a line have a marker.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Dots {
+pub(crate) enum Dots {
     /// Every point.
     All,
     /// The last point.
@@ -134,20 +134,20 @@ pub enum Dots {
 
 /// A line with a band.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Series {
+pub(crate) struct Series {
     /// Index of the line's colour and marker.
-    pub style: usize,
+    pub(crate) style: usize,
     /// Name of the line in the legend.
-    pub name: String,
+    pub(crate) name: String,
     /// Points of the line, by rising x. Points that are not finite are left out.
-    pub points: Vec<FigurePoint>,
+    pub(crate) points: Vec<FigurePoint>,
     /// Which points have a marker.
-    pub dots: Dots,
+    pub(crate) dots: Dots,
 }
 
 impl Series {
     /// A line through (x, y), by rising x.
-    pub fn line(name: impl Into<String>, points: Vec<(f64, f64)>) -> Self {
+    pub(crate) fn line(name: impl Into<String>, points: Vec<(f64, f64)>) -> Self {
         let points = points.into_iter().map(|(x, y)| FigurePoint { x, y, low: y, high: y }).collect();
         Self { style: 0, name: name.into(), points, dots: Dots::Last }
     }
@@ -160,30 +160,30 @@ impl Series {
 
 /// A point of a line and of its band.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct FigurePoint {
+pub(crate) struct FigurePoint {
     /// Horizontal position.
-    pub x: f64,
+    pub(crate) x: f64,
     /// The line's value.
-    pub y: f64,
+    pub(crate) y: f64,
     /// The band's lower edge.
-    pub low: f64,
+    pub(crate) low: f64,
     /// The band's upper edge.
-    pub high: f64,
+    pub(crate) high: f64,
 }
 
 /// A mean with its interval.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Bar {
+pub(crate) struct Bar {
     /// Style of the bar, as [`Series::style`].
-    pub style: usize,
+    pub(crate) style: usize,
     /// The bar's label: what the mean is of.
-    pub label: String,
+    pub(crate) label: String,
     /// The mean.
-    pub mean: f64,
+    pub(crate) mean: f64,
     /// The interval of the mean, if there are enough runs for one.
-    pub interval: Option<Interval>,
+    pub(crate) interval: Option<Interval>,
     /// Whether a verdict rests on the mean; the bar is drawn hollow otherwise.
-    pub is_judged: bool,
+    pub(crate) is_judged: bool,
 }
 
 /// The background of a figure.
@@ -208,7 +208,7 @@ pub(crate) fn embed_font() {
 
 impl Figure {
     /// The lines; empty for a figure of intervals.
-    pub fn lines(&self) -> &[Series] {
+    pub(crate) fn lines(&self) -> &[Series] {
         match &self.marks {
             Marks::Lines(series) => series,
             Marks::Intervals(_) => &[],
@@ -227,7 +227,7 @@ impl Figure {
     ///
     /// # Errors
     /// [`Error::Picture`] with what the drawing library reports.
-    pub fn svg_file(&self) -> Result<String, Error> {
+    pub(crate) fn svg_file(&self) -> Result<String, Error> {
         self.svg(Paper::White)
     }
 
@@ -235,7 +235,7 @@ impl Figure {
     ///
     /// # Errors
     /// [`Error::Picture`] with what the drawing library reports.
-    pub fn image(&self) -> Result<Image, Error> {
+    pub(crate) fn image(&self) -> Result<Image, Error> {
         let (width, height) = (WIDTH * SHARPNESS, self.height() * SHARPNESS);
         let mut bytes = vec![255; 3 * (width * height) as usize];
         let surface = Surface::Pixels(BitMapBackend::with_buffer(&mut bytes, (width, height)));

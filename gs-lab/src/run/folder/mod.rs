@@ -47,13 +47,24 @@ pub enum Existing {
     Resume,
 }
 
-/// Which files a study must not replace.
-#[derive(Debug, Clone, Default)]
-pub struct Safety {
-    /// Files that the caller reads. The images of the study need not be listed.
+/// How the folder of a study is prepared.
+#[derive(Debug, Clone)]
+pub struct Preparation {
+    /// What to do if the folder already holds results.
+    pub existing: Existing,
+    /// Files that the caller reads, which must not be replaced. The images of the study need not be listed.
     pub inputs: Vec<PathBuf>,
     /// Whether files that no run wrote may be replaced.
     pub overwrite: bool,
+    /// The object store that records, claims, checkpoints and pictures go to; a study that is resumed
+    /// remembers its store.
+    pub store: Option<StoreAddress>,
+}
+
+impl From<Existing> for Preparation {
+    fn from(existing: Existing) -> Self {
+        Self { existing, inputs: Vec::new(), overwrite: false, store: None }
+    }
 }
 
 /// The output folder of a study. Any number of processes may do its runs at the same time.
@@ -88,32 +99,18 @@ impl StudyFolder {
     /// # Errors
     /// [`Error::Folder`] where the folder holds another study, or this one and `existing` is
     /// [`Existing::Refuse`], or cannot be written to; [`Error::Io`] where a file that no run wrote
-    /// would be replaced, or another process writes tables or a report there for minutes.
-    pub fn prepare(path: &Path, plan: &Plan, existing: Existing) -> Result<Self, Error> {
-        Self::prepare_with(path, plan, existing, &Safety::default(), None)
-    }
-
-    /// Prepares the folder as [`Self::prepare`] does, with further files to protect, or with
-    /// permission to replace files. Records, claims, checkpoints and pictures go to the object store
-    /// of an address, if one is given; a study that is resumed remembers its store.
-    ///
-    /// # Errors
-    /// As [`Self::prepare`], and [`Error::Jobs`] where the store cannot be used.
-    pub fn prepare_with(
-        path: &Path,
-        plan: &Plan,
-        existing: Existing,
-        safety: &Safety,
-        store: Option<&StoreAddress>,
-    ) -> Result<Self, Error> {
+    /// would be replaced, or another process writes tables or a report there for minutes; [`Error::Jobs`]
+    /// where the store cannot be used.
+    pub fn prepare(path: &Path, plan: &Plan, how: impl Into<Preparation>) -> Result<Self, Error> {
+        let Preparation { existing, inputs, overwrite, store } = how.into();
         let is_held = refuse_held(path, plan, existing)?;
-        let store = store_of(path, is_held, store)?;
+        let store = store_of(path, is_held, store.as_ref())?;
         store.as_ref().map_or(Ok(()), store::check)?;
         let read = plan.targets.iter().flat_map(StudyTarget::files);
-        let inputs = Inputs::from_iter(read.chain(safety.inputs.iter().cloned()));
+        let inputs = Inputs::from_iter(read.chain(inputs));
         // When a study is resumed from the file in its own folder, that file stays as it is.
         let is_input = inputs.contain(&path.join(STUDY));
-        let results = FolderClaim { inputs, overwrite: safety.overwrite, ..results_claim(path) };
+        let results = FolderClaim { inputs, overwrite, ..results_claim(path) };
         let mut claim = results.clone();
         claim.files.extend([IMAGES, MACHINE].into_iter().chain((!is_input).then_some(STUDY)).map(str::to_owned));
         let output = begin(claim)?;
@@ -139,20 +136,12 @@ impl StudyFolder {
         Ok(folder)
     }
 
-    /// Opens the folder of a study.
-    ///
-    /// # Errors
-    /// [`Error::Folder`] where there is no study in it.
-    pub fn open(path: &Path) -> Result<Self, Error> {
-        Self::open_with(path, &Safety::default())
-    }
-
-    /// Opens the folder of a study as [`Self::open`] does, to write its tables and report with
-    /// further files to protect, or with permission to replace files.
+    /// Opens the folder of a study. Its tables and report replace files that no run wrote only if
+    /// `overwrite` says so.
     ///
     /// # Errors
     /// [`Error::Folder`] where there is no study in it; [`Error::Jobs`] where its store cannot be used.
-    pub fn open_with(path: &Path, safety: &Safety) -> Result<Self, Error> {
+    pub fn open(path: &Path, overwrite: bool) -> Result<Self, Error> {
         let study = path.join(STUDY);
         if !study.is_file() {
             return Err(Error::Folder {
@@ -161,8 +150,8 @@ impl StudyFolder {
                 mend: "name the --output of a gs study",
             });
         }
-        let inputs = Inputs::from_iter(safety.inputs.iter().chain([&study]));
-        let results = FolderClaim { inputs, overwrite: safety.overwrite, ..results_claim(path) };
+        let inputs = Inputs::from_iter([&study]);
+        let results = FolderClaim { inputs, overwrite, ..results_claim(path) };
         let address = origin(path).and_then(|origin| origin.store);
         Ok(Self { path: path.to_owned(), results, store: store::open(path, address.as_ref())? })
     }
@@ -210,12 +199,14 @@ impl StudyFolder {
         Ok(running)
     }
 
-    /// Removes the records of those of `unread` that are damaged, such as cut short, so that the runs
-    /// are done again. Returns their rows. `unread` are runs of which no record could be read.
+    /// Removes what processes that died have left in the folder, and the records of those of `unread` that
+    /// are damaged, such as cut short, so that the runs are done again. Returns their rows. `unread` are
+    /// runs of which no record could be read.
     ///
     /// # Errors
-    /// [`Error::Path`] where a file cannot be removed.
+    /// [`Error::Jobs`] where a file cannot be removed.
     pub fn remove_damaged<'r>(&self, unread: impl IntoIterator<Item = &'r Run>) -> Result<Vec<usize>, Error> {
+        self.sweep()?;
         let mut rows = Vec::new();
         for run in unread {
             let name = files::record(&run.address);
@@ -232,7 +223,7 @@ impl StudyFolder {
     ///
     /// # Errors
     /// [`Error::Path`] and [`Error::Io`] where the folder cannot be read or written to.
-    pub fn sweep(&self) -> Result<(), Error> {
+    pub(crate) fn sweep(&self) -> Result<(), Error> {
         Ok(self.claims(&WorkSettings::default()).sweep()?)
     }
 
@@ -290,7 +281,7 @@ impl StudyFolder {
     ///
     /// # Errors
     /// [`Error::Jobs`] where it cannot be read.
-    pub fn record(&self, run: &Run) -> Result<Option<Record>, Error> {
+    pub(crate) fn record(&self, run: &Run) -> Result<Option<Record>, Error> {
         let Some(text) = self.store.read(&files::record(&run.address))? else { return Ok(None) };
         let Ok(mut record) = serde_json::from_slice::<Record>(&text) else { return Ok(None) };
         if let RunOutcome::Finished(finished) = &mut record.outcome {
@@ -369,7 +360,7 @@ impl StudyFolder {
     }
 
     /// A stored picture of a run's scene, counted from 0.
-    pub fn picture(&self, run: &Run, index: usize) -> Option<Image> {
+    pub(crate) fn picture(&self, run: &Run, index: usize) -> Option<Image> {
         let bytes = self.store.read(&run_files::picture(&run.address, index)).ok()??;
         let picture = image::load_from_memory(&bytes).ok()?.into_rgb8();
         let (width, height) = picture.dimensions();

@@ -5,7 +5,7 @@ use gs_core::{Blend, Canvas, Error as CoreError, Gaussian2d, Optimizer, Paramete
 use gs_io::{Checkpoint, WorldFrame};
 use gs_train::{Error as TrainError, FitSettings, FitSummary, Recovery, Trainer};
 
-use super::{AnyScene, Measured, StudyTask, shapes, start};
+use super::{Measured, ReplayedScene, StudyTask, shapes, start};
 use crate::study::{Arm, Clock, Column, Measure, StudyTarget, digest};
 
 impl StudyTask for Scene2d {
@@ -76,8 +76,8 @@ impl StudyTask for Scene2d {
         4 * (8 * self.means.len() + opacities) as u64
     }
 
-    fn wrapped(self) -> AnyScene {
-        AnyScene::In2d(self)
+    fn wrapped(self) -> ReplayedScene {
+        ReplayedScene::TwoD(self)
     }
 }
 

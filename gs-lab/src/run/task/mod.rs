@@ -13,10 +13,10 @@ use gs_io::{Checkpoint, WorldFrame};
 use gs_train::{Error as TrainError, Trainer};
 
 use super::record::ViewResult;
-use crate::study::{Arm, Clock, Column, Measure, Planned, RunSettings, StudyTarget};
+use crate::study::{Arm, ArmSettings, Clock, Column, Measure, Planned, StudyTarget};
 
 /// A backend that conducts studies of both kinds. All backends of this project do.
-pub trait StudyBackend: Optimizer<Scene2d> + Optimizer<Scene3d> {}
+pub(crate) trait StudyBackend: Optimizer<Scene2d> + Optimizer<Scene3d> {}
 
 impl<R: Optimizer<Scene2d> + Optimizer<Scene3d>> StudyBackend for R {}
 
@@ -80,20 +80,20 @@ pub(crate) trait StudyTask: Planned {
     fn bytes(&self) -> u64;
 
     /// The scene as one of either kind.
-    fn wrapped(self) -> AnyScene;
+    fn wrapped(self) -> ReplayedScene;
 }
 
 /// A scene of either kind.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
-pub enum AnyScene {
+pub enum ReplayedScene {
     /// The fit of an image.
-    In2d(Scene2d),
+    TwoD(Scene2d),
     /// A trained scene.
-    In3d(Scene3d),
+    ThreeD(Scene3d),
 }
 
-impl RunSettings {
+impl ArmSettings {
     /// Draws one Gaussian on one pixel with other settings of rendering, to find out what a backend
     /// supports.
     pub(crate) fn draw_one<R: StudyBackend>(&self, rasterizer: &R, render: &RenderSettings) -> Result<(), CoreError> {

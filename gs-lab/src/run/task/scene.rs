@@ -10,7 +10,7 @@ use gs_train::{
     train::{PosedView, ViewQuality},
 };
 
-use super::{AnyScene, Measured, StudyTask, image::wrong_kind};
+use super::{Measured, ReplayedScene, StudyTask, image::wrong_kind};
 use crate::{
     run::record::ViewResult,
     study::{Arm, Clock, Column, Measure, StudyTarget, digest},
@@ -115,7 +115,7 @@ impl StudyTask for Scene3d {
         4 * (11 * self.means.len() + 3 * self.sh.len()) as u64
     }
 
-    fn wrapped(self) -> AnyScene {
-        AnyScene::In3d(self)
+    fn wrapped(self) -> ReplayedScene {
+        ReplayedScene::ThreeD(self)
     }
 }

@@ -13,17 +13,16 @@ use crate::{
 /// with factors are all combinations of their levels.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "kebab-case")]
-#[non_exhaustive]
-pub struct Factor {
+pub(crate) struct Factor {
     /// A short name, for tables.
-    pub name: String,
+    pub(crate) name: String,
     /// A description, one sentence.
     #[serde(default, skip_serializing_if = "String::is_empty")]
-    pub about: String,
+    pub(crate) about: String,
     /// The levels, at least two; effects are differences from the first. The arm of a combination
     /// has the names of its levels, joined by `+`.
     #[serde(rename = "level")]
-    pub levels: Vec<Arm>,
+    pub(crate) levels: Vec<Arm>,
 }
 
 /// Joins the names of levels to that of an arm.

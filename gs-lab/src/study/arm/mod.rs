@@ -9,7 +9,7 @@ use gs_io::dataset::Dataset;
 use gs_train::{CustomPolicy, TrainSettings, train::StartName};
 use serde::{Deserialize, Serialize};
 
-pub use self::factor::Factor;
+pub(crate) use self::factor::Factor;
 use super::key_lines::KeyLines;
 
 gs_core::impl_with!(Arm);
@@ -51,7 +51,7 @@ pub struct Arm {
     /// A policy that settings cannot name. A study's file keeps its fingerprint, so that every program
     /// finds the runs and reports them; only a program with the policy can do them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub own_policy: Option<OwnPolicy>,
+    pub(crate) own_policy: Option<OwnPolicy>,
     /// Settings that differ from the study's and from those that the keys above choose.
     #[serde(default, skip_serializing_if = "toml::Table::is_empty")]
     pub settings: toml::Table,
@@ -83,7 +83,8 @@ impl Arm {
     }
 
     /// An arm that differs from the settings of a study of images only in its policy. `fingerprint`
-    /// is explained at [`OwnPolicy::fingerprint`].
+    /// describes everything that the policy's plans depend on: two policies that plan differently must have
+    /// different ones, or a study reuses the results of one for the other.
     pub fn with_policy(name: impl Into<String>, fingerprint: impl Into<String>, policy: CustomPolicy) -> Self {
         Self::with_any_policy(name, fingerprint, AnyPolicy::In2d(policy))
     }
@@ -113,7 +114,7 @@ impl Arm {
 
     /// Line of the study file with the arm's name, counted from 1; `None` for an arm that is not
     /// from a file.
-    pub fn line(&self) -> Option<usize> {
+    pub(crate) fn line(&self) -> Option<usize> {
         self.lines.get("name")
     }
 }
@@ -121,12 +122,12 @@ impl Arm {
 /// A policy that settings cannot name.
 #[derive(Clone, Serialize, Deserialize)]
 #[serde(from = "String", into = "String")]
-pub struct OwnPolicy {
+pub(crate) struct OwnPolicy {
     /// Describes everything that the policy's plans depend on. Two policies that plan differently
     /// must have different fingerprints, or a study reuses the results of one for the other.
-    pub fingerprint: String,
+    pub(crate) fingerprint: String,
     /// The policy.
-    pub policy: AnyPolicy,
+    pub(crate) policy: AnyPolicy,
 }
 
 impl From<String> for OwnPolicy {
@@ -145,7 +146,7 @@ impl From<OwnPolicy> for String {
 /// A policy for either kind of scene.
 #[derive(Clone)]
 #[non_exhaustive]
-pub enum AnyPolicy {
+pub(crate) enum AnyPolicy {
     /// For fits of images.
     In2d(CustomPolicy),
     /// For the training of 3D scenes.

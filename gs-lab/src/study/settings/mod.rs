@@ -59,8 +59,7 @@ pub(crate) trait Planned: Trainable {
 
 /// The settings of a run.
 #[derive(Debug, Clone, PartialEq)]
-#[non_exhaustive]
-pub enum RunSettings {
+pub(crate) enum ArmSettings {
     /// Those of the fit of an image.
     Image(Box<FitSettings>),
     /// Those of the training of a scene.
@@ -71,34 +70,34 @@ pub enum RunSettings {
 macro_rules! of_either {
     ($settings:expr, $of:ident => $expression:expr) => {
         match $settings {
-            RunSettings::Image($of) => $expression,
-            RunSettings::Scene($of) => $expression,
+            ArmSettings::Image($of) => $expression,
+            ArmSettings::Scene($of) => $expression,
         }
     };
 }
 
-impl RunSettings {
+impl ArmSettings {
     /// The settings as the text of a TOML file, which `gs fit --settings` or `gs train --settings`
     /// reads.
     ///
     /// # Errors
     /// [`gs_train::Error::UnwritableSettings`] where TOML has no form for them.
-    pub fn to_toml(&self) -> Result<String, TrainError> {
+    pub(crate) fn to_toml(&self) -> Result<String, TrainError> {
         of_either!(self, settings => settings.to_toml())
     }
 
     /// Largest number of Gaussians.
-    pub fn gaussians(&self) -> u32 {
+    pub(crate) fn gaussians(&self) -> u32 {
         of_either!(self, settings => settings.gaussians)
     }
 
     /// Number of steps.
-    pub fn iterations(&self) -> u32 {
+    pub(crate) fn iterations(&self) -> u32 {
         of_either!(self, settings => settings.iterations)
     }
 
     /// Settings of renderings.
-    pub fn render(&self) -> &RenderSettings {
+    pub(crate) fn render(&self) -> &RenderSettings {
         of_either!(self, settings => &settings.render)
     }
 
@@ -109,32 +108,31 @@ impl RunSettings {
             Self::Scene(settings) => gs_density::DensityPolicy::<Scene3d>::statistics(&settings.policy),
         }
     }
-
-    /// The settings of a fit; `None` for a training.
-    pub fn of_image(&self) -> Option<&FitSettings> {
-        match self {
-            Self::Image(settings) => Some(settings),
-            Self::Scene(_) => None,
-        }
-    }
-
-    /// The settings of a training; `None` for a fit.
-    pub fn of_scene(&self) -> Option<&TrainSettings> {
-        match self {
-            Self::Image(_) => None,
-            Self::Scene(settings) => Some(settings),
-        }
-    }
 }
 
-impl From<FitSettings> for RunSettings {
+impl From<FitSettings> for ArmSettings {
     fn from(settings: FitSettings) -> Self {
         Self::Image(settings.into())
     }
 }
 
-impl From<TrainSettings> for RunSettings {
+impl From<TrainSettings> for ArmSettings {
     fn from(settings: TrainSettings) -> Self {
         Self::Scene(settings.into())
+    }
+}
+
+#[cfg(test)]
+impl ArmSettings {
+    /// The settings of a fit.
+    pub(crate) fn of_image(&self) -> &FitSettings {
+        let Self::Image(settings) = self else { panic!("a training") };
+        settings
+    }
+
+    /// The settings of a training.
+    pub(crate) fn of_scene(&self) -> &TrainSettings {
+        let Self::Scene(settings) = self else { panic!("a fit") };
+        settings
     }
 }

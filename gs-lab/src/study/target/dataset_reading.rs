@@ -37,7 +37,7 @@ pub struct DatasetReading {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub images: Option<String>,
     /// What the alpha channel of the images means. Default opacity.
-    pub alpha: Alpha,
+    pub alpha: AlphaMeaning,
     /// Largest number of training views, evenly spread over those that there are. By default all.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub views: Option<NonZeroU32>,
@@ -46,38 +46,19 @@ pub struct DatasetReading {
     pub test_views: Option<NonZeroU32>,
 }
 
-/// The meaning of an alpha channel, as [`AlphaMeaning`].
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Alpha {
-    /// Opacity of the object.
-    #[default]
-    Opacity,
-    /// Which pixels count.
-    Mask,
-}
-
 impl Default for DatasetReading {
     fn default() -> Self {
-        Self { max_size: 1600, holdout: 8, images: None, alpha: Alpha::Opacity, views: None, test_views: None }
+        Self { max_size: 1600, holdout: 8, images: None, alpha: AlphaMeaning::Opacity, views: None, test_views: None }
     }
 }
 
 impl DatasetReading {
-    /// Reads a data set, and leaves out the views that are not used. Pixels are read when they are
-    /// needed.
+    /// Reads a data set into a frame, such as that of a scene, or into one that suits it; leaves out the
+    /// views that are not used. Pixels are read when they are needed.
     ///
     /// # Errors
     /// Those of [`read_dataset`].
-    pub fn read(&self, path: &Path) -> Result<Dataset, gs_io::Error> {
-        self.read_in(None, path)
-    }
-
-    /// Reads a data set as [`Self::read`] does, into this frame, such as that of a scene.
-    ///
-    /// # Errors
-    /// Those of [`read_dataset`].
-    pub fn read_in(&self, frame: Option<WorldFrame>, path: &Path) -> Result<Dataset, gs_io::Error> {
+    pub fn read(&self, frame: Option<WorldFrame>, path: &Path) -> Result<Dataset, gs_io::Error> {
         let mut dataset = read_dataset(path, &self.settings().with(|s| s.frame = frame))?;
         self.thin(&mut dataset);
         Ok(dataset)
@@ -88,10 +69,7 @@ impl DatasetReading {
         DatasetSettings::default().with(|s| {
             s.image_folder = self.images.clone();
             s.test_every = NonZeroU32::new(self.holdout);
-            s.alpha = match self.alpha {
-                Alpha::Opacity => AlphaMeaning::Opacity,
-                Alpha::Mask => AlphaMeaning::Mask,
-            };
+            s.alpha = self.alpha;
             s.max_side = NonZeroU32::new(self.max_size);
         })
     }

@@ -8,7 +8,7 @@ use std::{
     sync::{Arc, Mutex, OnceLock, PoisonError},
 };
 
-pub use self::dataset_reading::{Alpha, DatasetReading};
+pub use self::dataset_reading::DatasetReading;
 use super::digest;
 use crate::{error::Error, synthetic::SyntheticTarget};
 use gs_core::{Image, metrics::mean};
@@ -31,15 +31,15 @@ pub struct Places {
 
 /// What a study's runs are about: an image to fit, or a scene to train from views.
 #[derive(Debug, Clone)]
-pub struct StudyTarget {
+pub(crate) struct StudyTarget {
     /// The name in the study.
-    pub name: String,
+    pub(crate) name: String,
     /// The file of the image, or the data set; `None` for a synthetic target.
-    pub path: Option<PathBuf>,
+    pub(crate) path: Option<PathBuf>,
     /// Digest of everything that results depend on: size and pixels, or poses, files and points.
-    pub digest: String,
+    pub(crate) digest: String,
     /// The image or the views.
-    pub content: TargetContent,
+    pub(crate) content: TargetContent,
     /// What runs on a scene have in common, once one of them has made it.
     shared: Arc<SharedByRuns>,
 }
@@ -60,7 +60,7 @@ const HELD_BYTES: u64 = 1 << 30;
 /// The content of a [`StudyTarget`].
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
-pub enum TargetContent {
+pub(crate) enum TargetContent {
     /// The pixels, composited over white.
     Image(Image),
     /// The views that the study uses, with the points of the data set.
@@ -76,10 +76,10 @@ impl StudyTarget {
     ///
     /// # Errors
     /// [`Error::NoImage`], [`Error::NoTarget`], and [`Error::Io`] where the file is not an image.
-    pub fn load_image(name: &str, places: &Places) -> Result<Self, Error> {
-        let (path, image) = match SyntheticTarget::from_name(name) {
-            Ok(target) => (None, target.image()),
-            Err(_) => {
+    pub(crate) fn load_image(name: &str, places: &Places) -> Result<Self, Error> {
+        let (path, image) = match SyntheticTarget::named(name) {
+            Some(target) => (None, target.image()),
+            None => {
                 let path = places.find(name, Path::is_file).ok_or_else(|| places.without_image(name))?;
                 let image = gs_io::read_image(&path)?.image;
                 (Some(path), image)
@@ -94,22 +94,22 @@ impl StudyTarget {
     ///
     /// # Errors
     /// [`Error::NoScene`], and [`Error::Io`] where it is not a data set.
-    pub fn load_scene(name: &str, places: &Places, reading: &DatasetReading) -> Result<Self, Error> {
+    pub(crate) fn load_scene(name: &str, places: &Places, reading: &DatasetReading) -> Result<Self, Error> {
         let path = places
             .find(name, Path::exists)
             .ok_or_else(|| Error::NoScene { scene: name.to_owned(), looked: places.looked() })?;
-        let dataset = reading.read(&path)?;
+        let dataset = reading.read(None, &path)?;
         let digest = digest::of_dataset(&dataset)?;
         Ok(Self::new(name, Some(path), digest, TargetContent::Scene(dataset)))
     }
 
     /// The name without folder and extension.
-    pub fn label(&self) -> &str {
+    pub(crate) fn label(&self) -> &str {
         Path::new(&self.name).file_stem().and_then(|stem| stem.to_str()).unwrap_or(&self.name)
     }
 
     /// The image; `None` for a scene.
-    pub fn image(&self) -> Option<&Image> {
+    pub(crate) fn image(&self) -> Option<&Image> {
         match &self.content {
             TargetContent::Image(image) => Some(image),
             TargetContent::Scene(_) => None,
@@ -117,7 +117,7 @@ impl StudyTarget {
     }
 
     /// The data set; `None` for an image.
-    pub fn dataset(&self) -> Option<&Dataset> {
+    pub(crate) fn dataset(&self) -> Option<&Dataset> {
         match &self.content {
             TargetContent::Image(_) => None,
             TargetContent::Scene(dataset) => Some(dataset),
@@ -172,7 +172,7 @@ impl StudyTarget {
 
     /// Pixels of an image that a step of the optimizer draws: all of an image, or the mean over the
     /// training views.
-    pub fn pixels_per_step(&self) -> f64 {
+    pub(crate) fn pixels_per_step(&self) -> f64 {
         match &self.content {
             TargetContent::Image(image) => image.pixels().len() as f64,
             TargetContent::Scene(dataset) => mean(

@@ -2,7 +2,7 @@
 
 use std::{fs, path::Path};
 
-use gs_lab::{
+use crate::{
     Existing, Plan, Results, StudyFolder, conduct,
     result::write_tables,
     run::{Conducted, Watcher},

@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use gs_lab::{Existing, Plan, StudyFolder, run::Safety, study::VERSION};
+use crate::{Existing, Plan, StudyFolder, run::Preparation, study::VERSION};
 
 use super::{laid_out, place, study};
 
@@ -60,9 +60,8 @@ fn a_study_replaces_no_file_that_is_not_a_studys() {
     let plan = laid_out(study(), place.path());
     fs::create_dir(&output).unwrap();
     fs::write(output.join("report.html"), "mine").unwrap();
-    let prepare = |existing, overwrite| {
-        let safety = Safety { overwrite, ..Safety::default() };
-        StudyFolder::prepare_with(&output, &plan, existing, &safety, None)
+    let prepare = |existing: Existing, overwrite| {
+        StudyFolder::prepare(&output, &plan, Preparation { overwrite, ..existing.into() })
     };
     let refused = prepare(Existing::Refuse, false).unwrap_err().to_string();
     assert!(refused.contains("report.html: is in the way"), "{refused}");
@@ -77,7 +76,7 @@ fn a_study_replaces_no_file_that_is_not_a_studys() {
     let own = output.join("study.toml");
     let text = format!("# mine\n{}", fs::read_to_string(&own).unwrap());
     fs::write(&own, &text).unwrap();
-    let safety = Safety { inputs: vec![own.clone()], overwrite: false };
-    StudyFolder::prepare_with(&output, &plan, Existing::Resume, &safety, None).unwrap();
+    let how = Preparation { inputs: vec![own.clone()], ..Existing::Resume.into() };
+    StudyFolder::prepare(&output, &plan, how).unwrap();
     assert_eq!(fs::read_to_string(&own).unwrap(), text);
 }

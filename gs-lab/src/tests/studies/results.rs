@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use gs_lab::{
+use crate::{
     Results,
     result::{Metric, ResultRemark, Verdict},
     study::{Matching, VERSION},

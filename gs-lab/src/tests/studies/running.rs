@@ -2,8 +2,8 @@
 
 use std::{fs, thread};
 
+use crate::{Error, Existing, Results, StudyFolder, conduct, conduct_with, result::write_tables, run::Conducted};
 use gs_jobs::{Shard, WorkSettings};
-use gs_lab::{Error, Existing, Results, StudyFolder, conduct, conduct_with, result::write_tables, run::Conducted};
 
 use super::{Counter, conducted, cpu, laid_out, place, record, study, tables};
 
@@ -59,7 +59,7 @@ fn processes_share_the_runs_of_a_folder() {
             scope.spawn(move || {
                 let shard = index.checked_sub(1).map(|index| Shard { index: index as u32, count: 2 });
                 let settings = WorkSettings::default().with(|s| s.shard = shard);
-                let folder = StudyFolder::open(path).unwrap();
+                let folder = StudyFolder::open(path, false).unwrap();
                 assert_eq!(conduct_with(plan, &[&cpu(1)], &folder, &settings, counter).unwrap(), Conducted::Whole);
             });
         }
