@@ -36,7 +36,7 @@ pub use crate::{
     image::{Image, TargetImage, check_size, rounded_to_8_bits, to_8_bits},
     rasterizer::{Added, Backend, Binning, Optimizer, Rasterizer, TrainStep, Wait},
     scene::{Gaussian2d, Gaussian3d, NotFinite3d, Scene, Scene2d, Scene3d, ValueQuantiles, logit, sigmoid},
-    settings::{Accuracy, Choice, Cut, Dropout, Extent, Output, RenderSettings},
+    settings::{Accuracy, Choice, Cut, Dropout, Output, RenderSettings},
     state::{SavedState, SavedTensor, SplatsState, Tensor, TensorData, TensorType},
     training::{CullCause, Culled, DensityStatistics, Loss, MeanNoise},
     view::{Camera, Canvas},

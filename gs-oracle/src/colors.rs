@@ -6,7 +6,7 @@ use gs_core::{
     effects::{Blend, Order},
 };
 
-use super::{Oracle, OracleView, Projection, Splat, pixel::cut_of};
+use super::{Oracle, OracleView, Projection, Splat};
 
 impl<V: OracleView> Oracle<V> {
     /// The unclamped colours of the pixels in these columns and rows.
@@ -27,7 +27,7 @@ impl<V: OracleView> Oracle<V> {
         let seen = drawable.filter_map(|splat| {
             let opacity = if over { splat.appearance().opacity } else { 1.0 };
             let value = opacity * (-splat.sigma(p)).exp();
-            (accuracy.cut == Cut::Smooth || value >= cut_of(accuracy, opacity)).then_some((splat, value))
+            (accuracy.cut == Cut::Smooth || value >= f64::from(accuracy.alpha_cut)).then_some((splat, value))
         });
         if !over {
             return seen.fold(background, |color, (splat, w)| {

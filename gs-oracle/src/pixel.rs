@@ -5,7 +5,7 @@
 //! B = colour behind it, `v_x` = ∂L/∂x.
 
 use gs_core::{
-    Accuracy, Cut, Extent, RenderSettings,
+    Accuracy, Cut, RenderSettings,
     effects::{Blend, Order},
 };
 
@@ -105,7 +105,7 @@ impl Pixel {
             let w = (-exponent.sigma).exp();
             let value_rounding = exponent.rounding + OPERATIONS * F32_ROUNDING;
             let change = seen.color.map(|c| w * c.abs());
-            if !self.survives_cut(w, 1.0, value_rounding, accuracy, lean, change) {
+            if !self.survives_cut(w, value_rounding, accuracy, lean, change) {
                 continue;
             }
             self.count_decision(seen.undecided, change);
@@ -144,7 +144,7 @@ impl Pixel {
             let (seen, value, value_rounding) = (candidate.splat.appearance(), candidate.value, candidate.rounding);
             // This decides whether a share α of the colour behind becomes its own colour.
             let change = brightest.map(|b| 2.0 * t * value * b);
-            if !self.survives_cut(value, seen.opacity, value_rounding, accuracy, lean, change) {
+            if !self.survives_cut(value, value_rounding, accuracy, lean, change) {
                 continue;
             }
             self.count_decision(seen.undecided, change);
@@ -208,19 +208,11 @@ impl Pixel {
 
     /// Applies the cut, and counts decisions within rounding; `change` is the colour that depends
     /// on it.
-    fn survives_cut(
-        &mut self,
-        value: f64,
-        opacity: f64,
-        rounding: f64,
-        accuracy: &Accuracy,
-        lean: Lean,
-        change: [f64; 3],
-    ) -> bool {
+    fn survives_cut(&mut self, value: f64, rounding: f64, accuracy: &Accuracy, lean: Lean, change: [f64; 3]) -> bool {
         if accuracy.cut == Cut::Smooth {
             return true;
         }
-        let cut = cut_of(accuracy, opacity);
+        let cut = f64::from(accuracy.alpha_cut);
         let band = NEAR_CUT.max(ROUNDINGS * rounding);
         self.count_decision((value / cut - 1.0).abs() <= band, change);
         lean.reaches(value, cut, band)
@@ -341,15 +333,6 @@ impl Pixel {
     }
 }
 
-/// The smallest o·w with which a Gaussian of this opacity contributes.
-pub(crate) fn cut_of(accuracy: &Accuracy, opacity: f64) -> f64 {
-    let cut = f64::from(accuracy.alpha_cut);
-    match accuracy.extent {
-        Extent::AlphaCut => cut,
-        Extent::Sigmas(k) => cut.max(opacity * (-0.5 * f64::from(k) * f64::from(k)).exp()),
-    }
-}
-
 /// All Gaussians that may survive the cut at the pixel centre `p`, in the order of the scene.
 fn candidates<'s, T: Splat>(splats: &'s [Option<T>], p: [f64; 2], accuracy: &Accuracy) -> Vec<Candidate<'s, T>> {
     let there = splats.iter().enumerate().filter_map(|(i, splat)| splat.as_ref().map(|s| (i, s)));
@@ -360,7 +343,7 @@ fn candidates<'s, T: Splat>(splats: &'s [Option<T>], p: [f64; 2], accuracy: &Acc
         Candidate { index, splat, exponent, weight, value: seen.opacity * weight, rounding, tied: false }
     });
     all.filter(|c| {
-        let cut = cut_of(accuracy, c.splat.appearance().opacity);
+        let cut = f64::from(accuracy.alpha_cut);
         let band = NEAR_CUT.max(ROUNDINGS * c.rounding);
         accuracy.cut == Cut::Smooth || Lean::More.reaches(c.value, cut, band) || c.value >= cut * (1.0 - band)
     })

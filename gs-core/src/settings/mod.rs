@@ -44,23 +44,6 @@ pub enum Cut {
     Smooth,
 }
 
-/// Distance from its mean up to which a Gaussian is evaluated. Exhaustive: a backend must handle or
-/// refuse each value.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, rename_all = "kebab-case")]
-pub enum Extent {
-    /// The ellipse on which α falls to [`Accuracy::alpha_cut`], so that nothing above the cut is
-    /// lost. It reaches √(2 ln(o / cut)) σ, so a faint Gaussian is small.
-    #[default]
-    AlphaCut,
-    /// The ellipse of [`Self::AlphaCut`], but at most this many standard deviations, 1 to 6: dᵀ
-    /// Σ′⁻¹ d ≤ k². Backends may refuse it.
-    ///
-    /// 3DGS uses 3 for the square by which it picks tiles. Opaque Gaussians have a step of
-    /// exp(−k²/2) at their edge.
-    Sigmas(f32),
-}
-
 crate::choices! {
     /// What the pixels of a rendering show. Exhaustive: a backend must handle or refuse each value.
     #[derive(Default)]
@@ -94,7 +77,7 @@ impl Output {
 #[non_exhaustive]
 pub struct Accuracy {
     /// The α cut: α (under [`Blend::Sum`]: weight) below this adds nothing. 1e-6..=0.5, default
-    /// [`ALPHA_CUT`].
+    /// [`ALPHA_CUT`]. A Gaussian reaches √(2 ln(o / cut)) σ, so a faint one is small.
     pub alpha_cut: f32,
     /// Hard or smooth cut.
     pub cut: Cut,
@@ -102,19 +85,11 @@ pub struct Accuracy {
     pub alpha_max: f32,
     /// Transmittance below which a pixel is full. 0..=0.5, default [`TRANSMITTANCE_MIN`].
     pub transmittance_min: f32,
-    /// Distance from its mean up to which a Gaussian is evaluated. Default [`Extent::AlphaCut`].
-    pub extent: Extent,
 }
 
 impl Default for Accuracy {
     fn default() -> Self {
-        Self {
-            alpha_cut: ALPHA_CUT,
-            cut: Cut::Hard,
-            alpha_max: ALPHA_MAX,
-            transmittance_min: TRANSMITTANCE_MIN,
-            extent: Extent::AlphaCut,
-        }
+        Self { alpha_cut: ALPHA_CUT, cut: Cut::Hard, alpha_max: ALPHA_MAX, transmittance_min: TRANSMITTANCE_MIN }
     }
 }
 
@@ -122,30 +97,14 @@ impl Accuracy {
     /// The most accurate settings that [`RenderSettings::validate`] allows with a hard cut, from
     /// which errors are measured. With n Gaussians at a pixel, the cut changes the pixel by less
     /// than n · 1e-6 and the bound of α by 1e-4.
-    pub const TIGHTEST: Self =
-        Self { alpha_cut: 1e-6, cut: Cut::Hard, alpha_max: 0.9999, transmittance_min: 0.0, extent: Extent::AlphaCut };
+    pub const TIGHTEST: Self = Self { alpha_cut: 1e-6, cut: Cut::Hard, alpha_max: 0.9999, transmittance_min: 0.0 };
 
-    /// The settings of 3DGS: α up to 0.99, and three standard deviations. *Source:* Kerbl et al.
-    /// 2023, `forward.cu`.
+    /// The settings of 3DGS: α up to 0.99. *Source:* Kerbl et al. 2023, `forward.cu`.
     ///
-    /// There the three standard deviations pick tiles, so pixels beyond them are drawn in listed
-    /// tiles; here they are a sharp bound.
-    pub const THREE_DGS: Self = Self {
-        alpha_cut: ALPHA_CUT,
-        cut: Cut::Hard,
-        alpha_max: 0.99,
-        transmittance_min: TRANSMITTANCE_MIN,
-        extent: Extent::Sigmas(3.0),
-    };
-
-    /// Least α = o·w that counts, for a Gaussian of opacity `o` (under [`Blend::Sum`]: 1): the cut,
-    /// or α at the edge of the extent.
-    pub fn cut_of(&self, opacity: f32) -> f32 {
-        match self.extent {
-            Extent::AlphaCut => self.alpha_cut,
-            Extent::Sigmas(k) => self.alpha_cut.max(opacity * (-0.5 * k * k).exp()),
-        }
-    }
+    /// The square of three standard deviations by which 3DGS picks tiles, and which leaves out a
+    /// part of opaque Gaussians, is not imitated.
+    pub const THREE_DGS: Self =
+        Self { alpha_cut: ALPHA_CUT, cut: Cut::Hard, alpha_max: 0.99, transmittance_min: TRANSMITTANCE_MIN };
 }
 
 /// Everything that a rendering depends on besides the scene and the view.
@@ -237,11 +196,6 @@ impl RenderSettings {
         if !(0.0..=0.5).contains(&a.transmittance_min) {
             return Err(Error::setting("transmittance-min", a.transmittance_min, "0 to 0.5"));
         }
-        if let Extent::Sigmas(k) = a.extent
-            && !(1.0..=6.0).contains(&k)
-        {
-            return Err(Error::setting("extent", format!("{k} standard deviations"), "1 to 6"));
-        }
         if self.effects.sh_degree > 3 {
             return Err(Error::setting("sh-degree", self.effects.sh_degree, "0 to 3"));
         }
@@ -268,15 +222,6 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_extent_is_a_cut_of_its_own_for_each_opacity() {
-        let three = Accuracy { extent: Extent::Sigmas(3.0), ..Accuracy::default() };
-        assert_eq!(Accuracy::default().cut_of(1.0), ALPHA_CUT);
-        assert!((three.cut_of(1.0) - 0.011_109).abs() < 1e-6);
-        // The ellipse of a faint Gaussian's cut is within three standard deviations anyway.
-        assert_eq!(three.cut_of(0.3), ALPHA_CUT);
-    }
-
-    #[test]
     fn outputs_have_the_names_of_settings_files() {
         for output in [Output::Color, Output::InverseDepth, Output::Alpha] {
             assert_eq!(serde_json::to_string(&output).unwrap(), format!("\"{}\"", output.name()));
@@ -298,10 +243,6 @@ mod tests {
             settings.validate().unwrap();
             let file = serde_json::to_string(&settings).unwrap();
             assert_eq!(serde_json::from_str::<RenderSettings>(&file).unwrap(), settings, "{file}");
-        }
-        for k in [0.5, 7.0, f32::NAN] {
-            let accuracy = Accuracy { extent: Extent::Sigmas(k), ..Accuracy::default() };
-            assert!(RenderSettings { accuracy, ..RenderSettings::default() }.validate().is_err(), "{k}");
         }
     }
 }

@@ -51,8 +51,7 @@ fn project(
     if !(opacity >= settings.accuracy.alpha_cut) {
         return Err(CullCause::Transparent);
     }
-    let cut = settings.accuracy.cut_of(opacity);
-    Ok(Splat::new(mean, Covariance { xx, xy, yy, determinant }, color, (opacity, cut), longest))
+    Ok(Splat::new(mean, Covariance { xx, xy, yy, determinant }, color, (opacity, settings.accuracy.alpha_cut), longest))
 }
 
 /// Projects all Gaussians in the order `order` (rank → index) into `tiles`, and counts the culled.

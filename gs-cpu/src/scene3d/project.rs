@@ -80,7 +80,7 @@ fn project(
     let p = eye.perspective.project(&splats::ellipsoid(row))?;
     let [xx, xy, yy] = p.covariance;
     let covariance = Covariance { xx, xy, yy, determinant: p.determinant };
-    let mut splat = Splat::new(p.mean, covariance, [0.0; 3], (p.opacity, settings.accuracy.cut_of(p.opacity)), longest);
+    let mut splat = Splat::new(p.mean, covariance, [0.0; 3], (p.opacity, settings.accuracy.alpha_cut), longest);
     if !touches(&splat, (splat.reach * yy).sqrt(), grid) {
         return Err(CullCause::Outside);
     }

@@ -6,7 +6,7 @@ use crate::{
     price::{FrontierMachine, FrontierSettings, frontier::settings_file::FrontierEffects},
 };
 use gs_core::{
-    Accuracy, Effects, Extent,
+    Accuracy, Effects,
     effects::{Antialias, Order},
     view::CameraPath,
 };
@@ -109,7 +109,7 @@ fn frontier_settings() -> FrontierSettings {
     let cpu = CpuTuning::default().with(|s| (s.bounds, s.tile_rows) = (Bounds::Box, Some(16)));
     let flags = ["--backend", "cpu"].map(str::to_owned).to_vec();
     FrontierSettings {
-        accuracy: Accuracy::default().with(|a| (a.alpha_cut, a.extent) = (1.0 / 1024.0, Extent::Sigmas(3.5))),
+        accuracy: Accuracy::default().with(|a| a.alpha_cut = 1.0 / 1024.0),
         effects: Some(FrontierEffects::of(&effects)),
         machine: FrontierMachine { flags, cpu: Some(cpu), kernels: Some(Kernels::Portable) },
     }

@@ -203,7 +203,7 @@ fn find_within(value: &Spanned<DeValue<'_>>, word: &str, path: &str, places: &mu
 
 #[cfg(test)]
 mod tests {
-    use gs_core::{Extent, Loss, adam::Schedule};
+    use gs_core::{Loss, adam::Schedule};
     use gs_density::{LongAxisSplit, Policy, SizeThreshold, SplitPlacement};
     use toml::Table;
 
@@ -291,7 +291,6 @@ mod tests {
             settings.adam.mean = settings.adam.mean.with(|s| s.schedule = schedules[index % schedules.len()]);
             settings.recovery = Recovery::Never;
             settings.loss = Loss::PAPER;
-            settings.render.accuracy.extent = Extent::Sigmas(3.0);
             held(&settings);
         }
     }

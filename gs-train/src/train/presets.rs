@@ -32,8 +32,8 @@ gs_core::choices! {
         Quick = "quick": "For a first look",
         /// The settings of 3DGS (Kerbl et al. 2023), 30,000 steps, for comparison with other work. Two
         /// numbers differ from the code of 3DGS: α is at most 0.999 instead of 0.99, as in gsplat, and
-        /// Gaussians reach as far as α is above the cut instead of three standard deviations. With
-        /// [`Accuracy::THREE_DGS`](gs_core::Accuracy::THREE_DGS) as `render.accuracy` they are the same.
+        /// Gaussians reach as far as α is above the cut instead of three standard deviations.
+        /// [`Accuracy::THREE_DGS`](gs_core::Accuracy::THREE_DGS) as `render.accuracy` has 0.99.
         #[default]
         ThreeDgs = "3dgs": "3D Gaussian Splatting as published",
         /// The settings of 3DGS-MCMC (Kheradmand et al. 2024), 30,000 steps, for a fixed number of

@@ -21,7 +21,7 @@ pub(super) fn unseen<'a>(
         views.iter().any(|(perspective, size)| {
             let Ok(seen) = perspective.project(&g) else { return false };
             // The box around the ellipse on which α falls to the cut.
-            let sigmas2 = 2.0 * (seen.opacity / render.accuracy.cut_of(seen.opacity)).ln();
+            let sigmas2 = 2.0 * (seen.opacity / render.accuracy.alpha_cut).ln();
             if !(sigmas2 > 0.0) {
                 return false;
             }

@@ -4,8 +4,8 @@ use std::array;
 
 use glam::{Mat3, Quat, Vec2, Vec3};
 use gs_core::{
-    Adam, AdamRates, Binning, Camera, Canvas, Extent, Gaussian2d, Gaussian3d, Image, Loss, Parameterization,
-    RenderSettings, Scene, Scene2d, Scene3d,
+    Adam, AdamRates, Binning, Camera, Canvas, Gaussian2d, Gaussian3d, Image, Loss, Parameterization, RenderSettings,
+    Scene, Scene2d, Scene3d,
     adam::{Group, Participants, Penalty},
     effects::{Antialias, Blend, Order, Statistics},
 };
@@ -141,9 +141,6 @@ fn settings(bytes: &mut Bytes<'_>, orders: [Order; 3]) -> RenderSettings {
         settings.accuracy.alpha_cut = bytes.wild(1e-6..0.5, RARITY);
         settings.accuracy.alpha_max = bytes.wild(0.5..0.9999, RARITY);
         settings.accuracy.transmittance_min = bytes.wild(0.0..0.5, RARITY);
-    }
-    if bytes.below(8) == 1 {
-        settings.accuracy.extent = Extent::Sigmas(bytes.wild(1.0..6.0, RARITY));
     }
     settings
 }

@@ -1,5 +1,4 @@
-//! Accuracy settings: extents in standard deviations match the oracle; tunings of the CPU backend
-//! do not change the image; the oracle's fast and full renderings agree; and the effect of the
+//! Accuracy settings: tunings of the CPU backend do not change the image; the oracle's fast and full renderings agree; and the effect of the
 //! default cut-offs.
 
 use gs_conformance::{
@@ -13,7 +12,7 @@ use gs_conformance::{
 };
 use gs_core::Rasterizer as _;
 use gs_core::{
-    Accuracy, Blend, Cut, Extent, Loss, Optimizer, Parameterization, RenderSettings, Scene2d, Scene3d,
+    Accuracy, Blend, Cut, Loss, Optimizer, Parameterization, RenderSettings, Scene2d, Scene3d,
     constants::HALF_DISPLAY_STEP,
     effects::{Antialias, Order},
 };
@@ -51,43 +50,6 @@ where
         Err(failure) => panic!("{:?}: {failure}", draw.settings.accuracy),
     };
     judge(check_image(cpu, draw)) + judge(check_gradients(cpu, draw, &Loss::L2, Parameterization::ScaleRotation))
-}
-
-#[test]
-fn extents_in_standard_deviations_match_the_oracle() {
-    let mut compared = 0;
-    for level in SimdLevel::available() {
-        let cpu = cpu(level, CpuTuning::default());
-        for (seed, sigmas) in (900..).zip([1.0, 1.7, 3.0]) {
-            let accuracy = Accuracy::default().with(|s| {
-                s.extent = Extent::Sigmas(sigmas);
-                s.alpha_cut = 1e-3;
-            });
-            for blend in BLENDS {
-                let mut draw = scene_2d(blend, seed);
-                draw.settings.accuracy = accuracy;
-                compared += check(&cpu, &draw);
-                for order in [Order::Global, Order::PerPixel] {
-                    let mut draw = scene_3d(blend, order, seed);
-                    draw.settings.accuracy = accuracy;
-                    compared += check(&cpu, &draw);
-                }
-            }
-        }
-    }
-    assert!(compared > 12 * SimdLevel::available().len(), "only {compared} comparisons");
-}
-
-/// The extent is the only difference, and cuts weights above the α cut.
-#[test]
-fn an_extent_cuts_weights_beyond_it() {
-    let draw = scene_2d(Blend::Sum, 7);
-    let mut narrow = draw.clone();
-    narrow.settings.accuracy.extent = Extent::Sigmas(1.0);
-    let cpu = cpu(SimdLevel::best(), CpuTuning::default());
-    let [wide, narrow] =
-        [draw, narrow].map(|d| cpu.for_2d().render(&d.scene, &d.view, &d.settings).block_on().unwrap());
-    assert!(gs_core::metrics::psnr(&wide, &narrow).unwrap() < 40.0);
 }
 
 #[test]

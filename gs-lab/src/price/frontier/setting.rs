@@ -3,7 +3,7 @@
 use std::fmt;
 
 use gs_core::{
-    Blend, Extent, RenderSettings,
+    Blend, RenderSettings,
     effects::{Effect, Order},
 };
 
@@ -16,8 +16,6 @@ pub(super) enum Axis {
     TransmittanceMin,
     /// Upper limit of α.
     AlphaMax,
-    /// How far from its mean a Gaussian is evaluated.
-    Extent,
     /// An effect.
     Effect(Effect),
 }
@@ -44,7 +42,6 @@ impl Setting {
             Axis::AlphaCut => accuracy.alpha_cut = source.alpha_cut,
             Axis::TransmittanceMin => accuracy.transmittance_min = source.transmittance_min,
             Axis::AlphaMax => accuracy.alpha_max = source.alpha_max,
-            Axis::Extent => accuracy.extent = source.extent,
             Axis::Effect(effect) => settings.effects = effect.copied(&self.source.effects, &settings.effects),
         }
         settings
@@ -62,10 +59,6 @@ impl Setting {
             Axis::AlphaCut => ("alpha cut", fraction(accuracy.alpha_cut)),
             Axis::TransmittanceMin => ("full below", fraction(accuracy.transmittance_min)),
             Axis::AlphaMax => ("alpha max", accuracy.alpha_max.to_string()),
-            Axis::Extent => match accuracy.extent {
-                Extent::AlphaCut => ("extent", "of the cut".to_owned()),
-                Extent::Sigmas(k) => ("extent", format!("{k} sigma")),
-            },
             Axis::Effect(effect) => (effect.name(), effect.value(effects).to_owned()),
         };
         Change { axis: axis.to_owned(), value }
@@ -96,7 +89,6 @@ pub(super) fn alternatives(base: &RenderSettings) -> Vec<Setting> {
     };
     let cuts = [16.0f32, 32.0, 64.0, 128.0, 255.0, 512.0, 1024.0, 2048.0, 4096.0, 16384.0, 1e6].map(f32::recip);
     try_each(Axis::AlphaCut, &cuts, |s, cut| s.accuracy.alpha_cut = cut);
-    try_each(Axis::Extent, &[2.0, 2.5, 3.0, 4.0], |s, k| s.accuracy.extent = Extent::Sigmas(k));
     if base.effects.blend == Blend::Over {
         let full = [0.1, 0.03, 1e-2, 1e-3, 1e-4, 1e-5, 0.0];
         try_each(Axis::TransmittanceMin, &full, |s, least| s.accuracy.transmittance_min = least);
@@ -147,13 +139,12 @@ pub(super) mod tests {
         assert_eq!(said(Axis::AlphaCut, |a| a.alpha_cut = 1.0 / 16.0), "alpha cut 0.0625");
         assert_eq!(said(Axis::TransmittanceMin, |a| a.transmittance_min = 0.0), "full below 0");
         assert_eq!(said(Axis::TransmittanceMin, |a| a.transmittance_min = 1e-4), "full below 1e-4");
-        assert_eq!(said(Axis::Extent, |a| a.extent = Extent::Sigmas(2.5)), "extent 2.5 sigma");
     }
 
     #[test]
     fn only_what_a_scene_can_have_is_tried_and_never_what_it_has() {
         let tried = alternatives(&RenderSettings::blended(Blend::Sum));
-        assert!(tried.iter().all(|s| matches!(s.axis, Axis::AlphaCut | Axis::Extent)), "{tried:?}");
+        assert!(tried.iter().all(|s| s.axis == Axis::AlphaCut), "{tried:?}");
         let mut space = RenderSettings::blended(Blend::Over);
         space.effects.order = Order::Global;
         space.effects.sh_degree = 2;

@@ -1,6 +1,6 @@
 //! The search for the frontier.
 
-use gs_core::{Accuracy, Error, Extent, RenderSettings, Scene, effects::Order};
+use gs_core::{Accuracy, Error, RenderSettings, Scene, effects::Order};
 
 use super::{
     super::{
@@ -87,11 +87,8 @@ impl<S: Verifiable> Sweep<'_, S> {
 
     /// The rows of a backend that are measured in any case: the default twice, no cut-offs, 3DGS, each
     /// setting alone, and each other candidate.
-    fn single_rows(&self, base: usize, views: &[S::View]) -> Result<Vec<Measured>, Error> {
-        let mut three_dgs = self.shown.with(|s| s.accuracy = Accuracy::THREE_DGS);
-        if self.refusal(base, &three_dgs, views)?.is_some() {
-            three_dgs.accuracy.extent = Extent::AlphaCut;
-        }
+    fn single_rows(&self, base: usize) -> Vec<Measured> {
+        let three_dgs = self.shown.with(|s| s.accuracy = Accuracy::THREE_DGS);
         let landmarks = [
             (self.shown, Role::Default),
             (self.shown, Role::Again),
@@ -103,7 +100,7 @@ impl<S: Verifiable> Sweep<'_, S> {
         let alone = alternatives(&self.shown).into_iter();
         let all = landmarks.into_iter().map(|(settings, role)| self.row(base, settings, role, &[]));
         let all = all.chain(alone.map(|s| self.row(base, s.applied_to(&self.shown), Role::Alone, &[s])));
-        Ok(all.chain(others.map(|other| self.row(other, self.shown, Role::Alone, &[]))).collect())
+        all.chain(others.map(|other| self.row(other, self.shown, Role::Alone, &[]))).collect()
     }
 
     /// Splits rows into those that their candidates can render and the others. The default has to be
@@ -287,7 +284,7 @@ pub(super) fn search<S: Verifiable>(
     }
     let mut rows = Vec::new();
     for base in sweep.bases() {
-        rows.extend(sweep.single_rows(base, views)?);
+        rows.extend(sweep.single_rows(base));
     }
     watch(&sweep.announcement(&rows, views, limits)?);
     watch("computing true pictures with the 64-bit oracle");

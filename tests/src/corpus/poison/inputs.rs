@@ -2,7 +2,7 @@
 
 use glam::{Vec2, Vec3};
 use gs_core::{
-    AdamRates, Binning, Camera, Canvas, Error, Extent, Image, Loss, Optimizer, Parameterization, RenderSettings, Scene,
+    AdamRates, Binning, Camera, Canvas, Error, Image, Loss, Optimizer, Parameterization, RenderSettings, Scene,
     Scene2d, Scene3d, TrainStep, Wait,
     effects::{Blend, Order},
 };
@@ -171,8 +171,7 @@ fn pictures<S: Scene>() -> Vec<Slot<S>> {
         "target blue": |i, v| i.target.pixels_mut()[7][2] = v,
         "lambda" [1.0]: |i, v| i.loss = Loss::L1Dssim { lambda: v },
     ];
-    let extent: [Slot<S>; 1] = slots!["extent" [1.0, 6.0]: |i, v| i.settings.accuracy.extent = Extent::Sigmas(v)];
-    slots.into_iter().chain(optional(extent)).collect()
+    slots.into()
 }
 
 /// The further slots on which a step depends.

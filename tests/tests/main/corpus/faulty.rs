@@ -5,7 +5,7 @@ mod fallible;
 use std::cell::RefCell;
 
 use gs_core::{
-    AdamRates, Added, Backend, Culled, DensityStatistics, EditPlan, Error, Extent, Image, Loss, MeanNoise, Optimizer,
+    AdamRates, Added, Backend, Culled, DensityStatistics, EditPlan, Error, Image, Loss, MeanNoise, Optimizer,
     Parameterization, Rasterizer, RenderSettings, SplatsState, TargetImage, TensorData, TrainStep, Wait,
     edit::{AfterEdit, Change, Moments},
     effects::{Antialias, Order},
@@ -39,8 +39,6 @@ pub(crate) enum Fault {
     TakesAnyLoss,
     /// Unusual but valid settings are refused.
     RefusesTheUnusual,
-    /// Extents in standard deviations are ignored.
-    IgnoresTheExtent,
     /// α is clamped at another value.
     ClampsElsewhere,
     /// The cut is two ulps lower.
@@ -100,13 +98,11 @@ impl<'r, R> Faulty<'r, R> {
     }
 
     fn altered(&self, settings: &RenderSettings) -> RenderSettings {
-        let is_possible = settings.validate().is_ok();
         let mut settings = *settings;
         let RenderSettings { accuracy, effects, .. } = &mut settings;
         match self.fault {
             ClampsElsewhere => accuracy.alpha_max = accuracy.alpha_max.min(0.99),
             CutsTwoUlpsLower => accuracy.alpha_cut = accuracy.alpha_cut.next_down().next_down(),
-            IgnoresTheExtent if is_possible => accuracy.extent = Extent::AlphaCut,
             OrdersByIndex => effects.order = Order::Index,
             OrdersByMean if effects.order == Order::PerPixel => effects.order = Order::Global,
             DropsSh => effects.sh_degree = effects.sh_degree.min(2),

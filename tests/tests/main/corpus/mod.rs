@@ -144,8 +144,6 @@ const FOUND_BY: &[(Fault, By)] = {
         (TakesAnyLoss, TwoD("poison, over: lambda")),
         (RefusesTheUnusual, TwoD("poison, over: alpha_max")),
         (RefusesTheUnusual, ThreeD("poison, by pixel depth: alpha_max")),
-        (IgnoresTheExtent, TwoD("poison, over: extent")),
-        (IgnoresTheExtent, ThreeD("poison, by mean depth: extent")),
         (ClampsElsewhere, TwoD("logits")),
         (ClampsElsewhere, ThreeD("logits")),
         (CutsTwoUlpsLower, TwoD("α two ulps below the cut")),
