@@ -83,7 +83,8 @@ impl CountSchedule {
             false => importance(observation, index),
         };
         let ranking = Ranking::new(left_alone.iter().map(|&index| (index, score(index))), WhenFlat::Forced);
-        let mut chosen = ranking.all()[..ranking.all().len().min(missing)].to_vec();
+        let all = ranking.at_least(0.0);
+        let mut chosen = all[..all.len().min(missing)].to_vec();
         chosen.sort_unstable();
         for index in chosen {
             let (change, birth) = self.densify.grow(index, observation, rng);

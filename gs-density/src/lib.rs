@@ -21,7 +21,7 @@
 //!
 //! ```
 //! use gs_core::{EditPlan, Error, Gaussian2d, effects::Statistics};
-//! use gs_density::{Actions, DensityPolicy, Observation, Rng, Round, WhenFlat};
+//! use gs_density::{Actions, DensityPolicy, Needs, Observation, Rng, Round, WhenFlat};
 //!
 //! #[derive(Default)]
 //! struct MovingMass {
@@ -37,12 +37,8 @@
 //!         Ok(round.grow(ranking.top_percent(20.0), rng))
 //!     }
 //!
-//!     fn statistics(&self) -> Statistics {
-//!         Statistics::MeanGradient
-//!     }
-//!
-//!     fn needs_residual(&self) -> bool {
-//!         false
+//!     fn needs(&self) -> Needs {
+//!         Needs { statistics: Statistics::MeanGradient, ..Needs::default() }
 //!     }
 //! }
 //!
@@ -91,15 +87,15 @@ pub use self::{
     merge::merged,
     noise::Noise,
     observation::{
-        DensityGaussian, DensityPolicy, DensityScene, Evidence, EvidenceRequest, Observation, PixelSums, Residual, Rng,
-        Signal, ViewEvidence,
+        DensityGaussian, DensityPolicy, DensityScene, Evidence, EvidenceRequest, Needs, Observation, PixelSums,
+        Residual, Rng, Signal, ViewEvidence,
     },
     policy::{
         Combine, ErrorAddition, FORCED_GROWTH_PERCENT, FastGs, Grow, GrowthLimit, ImprovedGs, Mcmc, Mrnf, Policy,
         ResidualGrowth, ScoreWeights, SteepGs, Taming,
     },
     round::{
-        Actions, ClonePlacement, Densify, LongAxisSplit, MomentHeir, OpacityCorrection, OpacityReset, Prune, Ranking,
-        Round, SizeThreshold, SplitPlacement, WhenFlat, scheduled_count, share_of,
+        Actions, Densify, LongAxisSplit, OpacityCorrection, OpacityReset, Prune, Ranking, Round, SizeThreshold,
+        SplitPlacement, WhenFlat, scheduled_count, share_of,
     },
 };

@@ -55,7 +55,7 @@ impl Noise {
     ///
     /// # Errors
     /// [`Error::Setting`] naming the first value outside its range.
-    pub fn validate(&self) -> Result<(), Error> {
+    pub(crate) fn validate(&self) -> Result<(), Error> {
         if !(self.strength >= 0.0 && self.strength.is_finite()) {
             return Err(Error::setting("noise.strength", self.strength, "0 or more, and finite"));
         }

@@ -7,7 +7,7 @@ use std::{error::Error, sync::Arc};
 
 use gs_core::{EditPlan, Gaussian2d, effects::Statistics};
 use gs_cpu::{CpuRasterizer, CpuSettings};
-use gs_density::{Actions, DensityPolicy, Observation, Rng, Round, WhenFlat};
+use gs_density::{Actions, DensityPolicy, Needs, Observation, Rng, Round, WhenFlat};
 use gs_lab::{Existing, Places, Plan, Results, Study, StudyFolder, conduct, report, study::Arm};
 
 struct RestlessMass(f32);
@@ -19,11 +19,8 @@ impl DensityPolicy for RestlessMass {
         let ranking = round.rank_by(mass, WhenFlat::Nothing);
         Ok(round.grow(ranking.top_percent(self.0), rng))
     }
-    fn statistics(&self) -> Statistics {
-        Statistics::MeanGradient
-    }
-    fn needs_residual(&self) -> bool {
-        false
+    fn needs(&self) -> Needs {
+        Needs { statistics: Statistics::MeanGradient, ..Needs::default() }
     }
 }
 

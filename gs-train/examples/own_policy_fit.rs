@@ -7,7 +7,7 @@ use std::{error::Error, sync::Arc};
 
 use gs_core::{EditPlan, Gaussian2d, effects::Statistics};
 use gs_cpu::{CpuRasterizer, CpuSettings};
-use gs_density::{Actions, DensityPolicy, Observation, Rng, Round, WhenFlat};
+use gs_density::{Actions, DensityPolicy, Needs, Observation, Rng, Round, WhenFlat};
 use gs_train::{FitSettings, Trainer, paper_target};
 use pollster::FutureExt as _;
 
@@ -24,13 +24,8 @@ impl DensityPolicy for RestlessMass {
     }
 
     /// What training collects for `seen.statistics`.
-    fn statistics(&self) -> Statistics {
-        Statistics::MeanGradient
-    }
-
-    /// Whether the policy reads `seen.residual`, which costs a rendering in each round.
-    fn needs_residual(&self) -> bool {
-        false
+    fn needs(&self) -> Needs {
+        Needs { statistics: Statistics::MeanGradient, ..Needs::default() }
     }
 }
 

@@ -119,12 +119,12 @@ impl FitSettings {
     pub fn peak_bytes(&self, (width, height): (u32, u32)) -> u64 {
         let pixels = pixels(width, height);
         let target = 2 * IMAGE + of_target(self.loss);
-        let policy: &dyn DensityPolicy = &self.policy;
-        let step = of_step(&self.render, self.loss, policy.statistics());
+        let needs = self.policy.needs();
+        let step = of_step(&self.render, self.loss, needs.statistics);
         // A policy uses the rendering, weights of all pixels, and their order. Results are drawn
         // side by side: two renderings, the pictures of the ellipses and of the curve, and what
         // encodes them.
-        let residual = if policy.needs_residual() { 2 * PLANE } else { 0 };
+        let residual = if needs.residual { 2 * PLANE } else { 0 };
         // Weights are kept for the policy and for the backend, beside what they are made from.
         let weights = if self.tune == Tune::Psnr { 0 } else { 3 * WEIGHT };
         overhead(pixels) + pixels * (target + step + 6 * IMAGE + residual + weights) + self.of_gaussians(pixels)
@@ -153,8 +153,7 @@ impl TrainSettings {
         // Kept images are counted without what D-SSIM adds to them.
         let beside = if is_compact(all) { 0 } else { of_target(self.loss) };
         let kept = all.min(keep_bytes / IMAGE) * (IMAGE + beside);
-        let policy: &dyn DensityPolicy<Scene3d> = &self.policy;
-        let step = of_step(&self.render, self.loss, policy.statistics());
+        let step = of_step(&self.render, self.loss, self.policy.needs().statistics);
         // An image on its way to the backend, a rendering, and the target of the step.
         let passing = 4 * IMAGE + of_target(self.loss) + step;
         let numbers = 3 * ((u64::from(self.render.effects.sh_degree) + 1).pow(2) - 1);
@@ -170,7 +169,7 @@ impl TrainSettings {
     /// scene.
     fn of_evidence(&self, views: u64, gaussian: u64) -> u64 {
         let policy: &dyn DensityPolicy<Scene3d> = &self.policy;
-        if !policy.needs_evidence() {
+        if !self.policy.needs().evidence {
             return 0;
         }
         let of_round = |step: u32| {

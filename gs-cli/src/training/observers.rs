@@ -8,7 +8,7 @@ use std::{
     time::Instant,
 };
 
-use gs_core::{SavedState, edit::EditCounts};
+use gs_core::SavedState;
 use gs_io::Checkpoint;
 use gs_lab::report::curve::CurvePoint;
 use gs_train::{Control, Error, MetricsLog, Observer, Progress};
@@ -75,10 +75,6 @@ pub(crate) fn write_table(folder: &OutputFolder, log: &MetricsLog) -> Result<(),
 }
 
 impl Observer for LogFile<'_> {
-    fn on_edit(&mut self, progress: &Progress, counts: &EditCounts) {
-        self.log.on_edit(progress, counts);
-    }
-
     fn wants_quality(&mut self, progress: &Progress) -> bool {
         self.log.wants_quality(progress)
     }

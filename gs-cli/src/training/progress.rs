@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use gs_core::{counted, edit::EditCounts};
-use gs_train::{Control, FreshStart, Observer, Progress};
+use gs_train::{Control, Observer, Progress};
 use indicatif::{ProgressBar, TermLike};
 
 use super::{problems::Problems, status::Status};
@@ -127,27 +127,31 @@ fn round(progress: &Progress, counts: &EditCounts) -> String {
     format!("step {}: {edits}; {}", progress.step, counted(progress.count, "Gaussian"))
 }
 
+impl Display {
+    /// Counts and prints the edits and the restart that followed a step.
+    fn report_changes(&mut self, progress: &Progress) {
+        if let Some(counts) = &progress.edits {
+            self.problems.add_edits(counts);
+            if self.verbosity == Verbosity::Verbose {
+                self.printer().print(round(progress, counts));
+            }
+        }
+        if let Some(fresh_start) = &progress.fresh_start {
+            // The restart counts as reported, as it is printed here.
+            self.problems.add_restart();
+            self.reported.add_restart();
+            if progress.is_last() {
+                self.printer().print(
+                    "note: the last Gaussians are worse than the first, which are the result: lower the learning rates",
+                );
+            } else {
+                self.printer().print(format_args!("note: step {}: {fresh_start}", progress.step));
+            }
+        }
+    }
+}
+
 impl Observer for Display {
-    fn on_edit(&mut self, progress: &Progress, counts: &EditCounts) {
-        self.problems.add_edits(counts);
-        if self.verbosity == Verbosity::Verbose {
-            self.printer().print(round(progress, counts));
-        }
-    }
-
-    fn on_fresh_start(&mut self, progress: &Progress, fresh_start: &FreshStart) {
-        // The restart counts as reported, as it is printed here.
-        self.problems.add_restart();
-        self.reported.add_restart();
-        if progress.is_last() {
-            self.printer().print(
-                "note: the last Gaussians are worse than the first, which are the result: lower the learning rates",
-            );
-        } else {
-            self.printer().print(format_args!("note: step {}: {fresh_start}", progress.step));
-        }
-    }
-
     fn wants_quality(&mut self, progress: &Progress) -> bool {
         let due = Instant::now() >= self.measure_at;
         let wanted = progress.psnr_estimate.is_none() && matches!(self.kind, ProgressForm::Bar(_)) && due;
@@ -156,6 +160,7 @@ impl Observer for Display {
     }
 
     fn on_step(&mut self, progress: &Progress) -> Control {
+        self.report_changes(progress);
         self.psnr = progress.psnr().or(self.psnr);
         if let Some(quality) = &progress.quality {
             self.problems.measure(quality.culled, quality.clamped);

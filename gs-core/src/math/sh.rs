@@ -54,7 +54,7 @@ pub fn basis(degree: u8, d: Vec3) -> [f32; MOST_COEFFICIENTS] {
 /// It is Σ √((2l + 1)/4π)·‖coefficients of degree l‖ over the degrees l left out, as Σ Y_k² = (2l +
 /// 1)/4π over a degree's functions in every direction (Unsöld's theorem) and by the inequality of
 /// Cauchy and Schwarz.
-pub fn change_bound(degree: u8, sh: &[Vec3]) -> f32 {
+pub(crate) fn change_bound(degree: u8, sh: &[Vec3]) -> f32 {
     let kept = usize::from(degree) + 1;
     let mut sum = Vec3::ZERO;
     for l in kept..kept + 3 {

@@ -49,7 +49,7 @@ impl Dropout {
     }
 
     /// The factor by which the opacities of the remaining Gaussians are multiplied.
-    pub fn gain(&self) -> f32 {
+    pub(crate) fn gain(&self) -> f32 {
         1.0 / (1.0 - self.rate)
     }
 
@@ -57,7 +57,7 @@ impl Dropout {
     ///
     /// # Errors
     /// [`Error::Setting`] where it is out of range.
-    pub fn validate(&self) -> Result<(), Error> {
+    pub(crate) fn validate(&self) -> Result<(), Error> {
         match (0.0..=0.9).contains(&self.rate) {
             true => Ok(()),
             false => Err(Error::setting("dropout", self.rate, "0 to 0.9")),

@@ -43,7 +43,7 @@ impl MeanNoise {
 
     /// η of Gaussian `index`; 2D scenes use the first two components.
     #[inline]
-    pub fn normals(&self, index: u32) -> Vec3 {
+    pub(crate) fn normals(&self, index: u32) -> Vec3 {
         let [a, b, c, d] = random_words([self.seed, self.step, index, 0]).map(uniform);
         let (sin, cos) = (std::f32::consts::TAU * b).sin_cos();
         let (radius, other) = ((-2.0 * a.ln()).sqrt(), (-2.0 * c.ln()).sqrt());

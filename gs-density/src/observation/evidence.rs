@@ -117,7 +117,7 @@ impl Evidence {
     ///
     /// # Panics
     /// Where a view's array is shorter than `len`.
-    pub fn sum<'a>(
+    pub(crate) fn sum<'a>(
         &'a self,
         len: usize,
         weight: impl Fn(&ViewEvidence) -> f32,

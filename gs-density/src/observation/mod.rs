@@ -73,7 +73,7 @@ pub struct Observation<'a, S = Scene2d> {
     pub scene: &'a S,
     /// Statistics since the last edit, `[N]`.
     pub statistics: &'a DensityStatistics,
-    /// Target and rendering, where [`DensityPolicy::needs_residual`].
+    /// Target and rendering, where [`Needs::residual`].
     pub residual: Option<&'a Residual>,
     /// Evidence over several training views, where [`DensityPolicy::evidence`] requests it.
     pub evidence: Option<&'a Evidence>,
@@ -105,7 +105,7 @@ impl<S: DensityScene> Observation<'_, S> {
     /// # Errors
     /// Those of [`Scene::check_lengths`](gs_core::Scene::check_lengths); [`Error::Length`] for the
     /// statistics.
-    pub fn check_lengths(&self) -> Result<(), Error> {
+    pub(crate) fn check_lengths(&self) -> Result<(), Error> {
         let Self { scene, statistics, .. } = self;
         scene.check_lengths()?;
         let expected = scene.len();
@@ -115,6 +115,23 @@ impl<S: DensityScene> Observation<'_, S> {
             None => Ok(()),
         }
     }
+}
+
+/// What training must do for a policy. By default nothing.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Needs {
+    /// Statistic that training must collect.
+    pub statistics: Statistics,
+    /// Depth from which gradients count fully in [`Statistics::PixelGradient`], in extents of the
+    /// scene; at 0 all count fully.
+    pub full_depth: f32,
+    /// Whether the policy needs the residual, which costs a rendering per round.
+    pub residual: bool,
+    /// Whether some round needs evidence over several training views. Only training in 3D has it;
+    /// elsewhere such a policy is refused before the first step.
+    pub evidence: bool,
+    /// Noise that training adds to the means between steps.
+    pub noise: Option<Noise>,
 }
 
 /// A policy of density control for scenes of kind `S`.
@@ -129,32 +146,15 @@ pub trait DensityPolicy<S: DensityScene = Scene2d> {
     /// missing.
     fn plan(&self, observation: &Observation<'_, S>, rng: &mut Rng) -> Result<EditPlan<S::Gaussian>, Error>;
 
-    /// Statistic that training must collect for this policy.
-    fn statistics(&self) -> Statistics;
-
-    /// Depth from which gradients count fully in [`Statistics::PixelGradient`], in extents of the
-    /// scene. Default 0: all count fully.
-    fn full_depth(&self) -> f32 {
-        0.0
-    }
-
-    /// Whether the policy needs the residual, which costs a rendering per round.
-    fn needs_residual(&self) -> bool;
-
-    /// Whether some round needs evidence over several training views. Only training in 3D has it;
-    /// elsewhere such a policy is refused before the first step.
-    fn needs_evidence(&self) -> bool {
-        false
+    /// What training must do for this policy. By default nothing, as for a policy that reads the scene
+    /// alone.
+    fn needs(&self) -> Needs {
+        Needs::default()
     }
 
     /// The evidence that the round after `step` (from 0) at this progress needs; both as in
     /// [`Observation`]. Default none. Each view costs about two training steps.
     fn evidence(&self, _step: u32, _progress: f32) -> Option<EvidenceRequest> {
-        None
-    }
-
-    /// Noise that training adds to the means between steps; none for most policies.
-    fn noise(&self) -> Option<Noise> {
         None
     }
 }

@@ -32,7 +32,7 @@ pub enum Signal {
 
 impl Signal {
     /// Statistic that training must collect.
-    pub fn statistics(self) -> Statistics {
+    pub(crate) fn statistics(self) -> Statistics {
         match self {
             Self::MeanGradient => Statistics::MeanGradient,
             Self::AbsoluteGradient => Statistics::AbsoluteGradient,
@@ -43,7 +43,7 @@ impl Signal {
 
     /// Default growth threshold, in the signal's unit: [`TAU_POSITION`], [`TAU_ABSOLUTE`] or
     /// [`TAU_ERROR`].
-    pub fn threshold(self) -> f32 {
+    pub(crate) fn threshold(self) -> f32 {
         match self {
             Self::MeanGradient | Self::PixelGradient => TAU_POSITION,
             Self::AbsoluteGradient => TAU_ABSOLUTE,
@@ -53,12 +53,12 @@ impl Signal {
 
     /// Depth from which gradients count fully by default, in extents of the scene: 0.37 for the
     /// pixel-aware gradient (*source:* Pixel-GS), 0 for all others.
-    pub fn full_depth(self) -> f32 {
+    pub(crate) fn full_depth(self) -> f32 {
         if self == Self::PixelGradient { FULL_DEPTH } else { 0.0 }
     }
 
     /// Name in messages.
-    pub fn name(self) -> &'static str {
+    pub(crate) fn name(self) -> &'static str {
         match self {
             Self::MeanGradient => "mean gradient",
             Self::AbsoluteGradient => "absolute gradient",

@@ -93,19 +93,6 @@ macro_rules! policies {
                 }
             }
 
-            /// Checks the ranges of all settings.
-            ///
-            /// # Errors
-            /// [`Error::Setting`] naming the first value outside its range.
-            pub fn validate(&self) -> Result<(), Error> {
-                match self {
-                    Self::Grow(policy) => policy.validate(),
-                    $(Self::$variant(policy) => policy.validate(),)*
-                    $(Self::$flat_variant(policy) => policy.validate(),)*
-                    Self::None => Ok(()),
-                }
-            }
-
             fn rule(&self) -> &dyn Rule {
                 match self {
                     Self::Grow(policy) => policy,
@@ -158,10 +145,6 @@ macro_rules! declare_listed {
 
             fn own_actions_mut(&mut self) -> &mut Actions {
                 &mut self.actions
-            }
-
-            fn check(&self) -> Result<(), Error> {
-                self.validate()
             }
         }
     };

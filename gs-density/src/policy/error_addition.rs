@@ -4,7 +4,6 @@ use glam::Vec3;
 use gs_core::{
     EditPlan, Error, Gaussian2d, Scene2d,
     edit::{Birth, Moments, Origin, Place},
-    effects::Statistics,
     logit,
 };
 use rand::RngExt;
@@ -12,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use super::rule::Rule;
 use crate::{
-    observation::{DensityPolicy, Observation, Residual, Rng},
+    observation::{DensityPolicy, Needs, Observation, Residual, Rng},
     round::Prune,
     seed::Plane,
 };
@@ -60,29 +59,6 @@ impl Default for ErrorAddition {
 }
 
 impl ErrorAddition {
-    /// Checks the ranges of all settings.
-    ///
-    /// # Errors
-    /// [`Error::Setting`] naming the first value outside its range.
-    pub fn validate(&self) -> Result<(), Error> {
-        if !(0.0..=1.0).contains(&self.start_fraction) {
-            return Err(Error::setting("start-fraction", self.start_fraction, "0 to 1"));
-        }
-        if self.additions == 0 {
-            return Err(Error::setting("additions", self.additions, "at least 1"));
-        }
-        if !(0.5..=8.0).contains(&self.exponent) {
-            return Err(Error::setting("exponent", self.exponent, "0.5 to 8"));
-        }
-        if !(self.sigma_px > 0.0 && self.sigma_px.is_finite()) {
-            return Err(Error::setting("sigma-px", self.sigma_px, "positive and finite"));
-        }
-        if !(self.opacity > 0.0 && self.opacity < 1.0) {
-            return Err(Error::setting("opacity", self.opacity, "above 0 and below 1"));
-        }
-        Ok(())
-    }
-
     /// Number of Gaussians wanted after the round.
     fn target(&self, observation: &Observation<'_>) -> usize {
         let additions = f64::from(self.additions);
@@ -124,7 +100,26 @@ impl ErrorAddition {
     }
 }
 
-impl Rule for ErrorAddition {}
+impl Rule for ErrorAddition {
+    fn validate(&self) -> Result<(), Error> {
+        if !(0.0..=1.0).contains(&self.start_fraction) {
+            return Err(Error::setting("start-fraction", self.start_fraction, "0 to 1"));
+        }
+        if self.additions == 0 {
+            return Err(Error::setting("additions", self.additions, "at least 1"));
+        }
+        if !(0.5..=8.0).contains(&self.exponent) {
+            return Err(Error::setting("exponent", self.exponent, "0.5 to 8"));
+        }
+        if !(self.sigma_px > 0.0 && self.sigma_px.is_finite()) {
+            return Err(Error::setting("sigma-px", self.sigma_px, "positive and finite"));
+        }
+        if !(self.opacity > 0.0 && self.opacity < 1.0) {
+            return Err(Error::setting("opacity", self.opacity, "above 0 and below 1"));
+        }
+        Ok(())
+    }
+}
 
 impl DensityPolicy for ErrorAddition {
     fn plan(&self, observation: &Observation<'_>, rng: &mut Rng) -> Result<EditPlan<Gaussian2d>, Error> {
@@ -148,12 +143,8 @@ impl DensityPolicy for ErrorAddition {
         Ok(EditPlan { removed, added: pixels.iter().map(birth).collect(), ..EditPlan::default() })
     }
 
-    fn statistics(&self) -> Statistics {
-        Statistics::None
-    }
-
-    fn needs_residual(&self) -> bool {
-        true
+    fn needs(&self) -> Needs {
+        Needs { residual: true, ..Needs::default() }
     }
 }
 

@@ -152,12 +152,12 @@ impl FastGs {
         };
         (0..pruning.len() as u32).filter_map(removal).collect()
     }
+}
 
-    /// Checks the ranges of all settings.
-    ///
-    /// # Errors
-    /// [`Error::Setting`] naming the first value outside its range.
-    pub fn validate(&self) -> Result<(), Error> {
+impl ByEvidence for FastGs {
+    const STATISTICS: Statistics = Statistics::AbsoluteGradient;
+
+    fn check(&self) -> Result<(), Error> {
         for (what, value) in [("threshold", self.threshold), ("pixels", self.pixels)] {
             if !(value >= 0.0) {
                 return Err(Error::setting(what, value, "0 or more"));
@@ -179,12 +179,8 @@ impl FastGs {
         if self.final_every == 0 {
             return Err(Error::setting("final-every", 0, "at least 1"));
         }
-        self.actions.validate()
+        Ok(())
     }
-}
-
-impl ByEvidence for FastGs {
-    const STATISTICS: Statistics = Statistics::AbsoluteGradient;
 
     fn aims_at_budget(&self) -> bool {
         false

@@ -2,13 +2,13 @@
 
 mod named;
 
-use gs_core::{EditPlan, Error, effects::Statistics};
+use gs_core::{EditPlan, Error};
 
 pub(crate) use self::named::{GrowForm, NAMED, kind, name};
 
-use super::rule::check_percent;
+use super::rule::Rule as _;
 use crate::{
-    observation::{DensityPolicy, DensityScene, Observation, Rng, Signal},
+    observation::{DensityPolicy, DensityScene, Needs, Observation, Rng, Signal},
     round::{Actions, Densify, Round, SizeThreshold, WhenFlat},
 };
 
@@ -129,21 +129,6 @@ impl Grow {
     pub fn with_actions(self, actions: Actions) -> Self {
         Self { actions, ..self }
     }
-
-    /// Checks the ranges of all settings.
-    ///
-    /// # Errors
-    /// [`Error::Setting`] naming the first value outside its range.
-    pub fn validate(&self) -> Result<(), Error> {
-        check_percent(self.percent)?;
-        if !(self.threshold >= 0.0) {
-            return Err(Error::setting("threshold", self.threshold, "0 or more"));
-        }
-        if !(self.full_depth >= 0.0 && self.full_depth.is_finite()) {
-            return Err(Error::setting("full-depth", self.full_depth, "0 or more, and finite"));
-        }
-        self.actions.validate()
-    }
 }
 
 impl<S: DensityScene> DensityPolicy<S> for Grow {
@@ -168,19 +153,7 @@ impl<S: DensityScene> DensityPolicy<S> for Grow {
         Ok(round.grow(candidates, rng))
     }
 
-    fn statistics(&self) -> Statistics {
-        self.signal.statistics()
-    }
-
-    fn full_depth(&self) -> f32 {
-        self.full_depth
-    }
-
-    fn needs_residual(&self) -> bool {
-        false
-    }
-
-    fn needs_evidence(&self) -> bool {
-        false
+    fn needs(&self) -> Needs {
+        Needs { statistics: self.signal.statistics(), full_depth: self.full_depth, ..Needs::default() }
     }
 }

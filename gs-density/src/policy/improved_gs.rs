@@ -100,22 +100,17 @@ impl ImprovedGs {
         removed.sort_unstable_by_key(|r| r.index);
         removed
     }
-
-    /// Checks the ranges of all settings.
-    ///
-    /// # Errors
-    /// [`Error::Setting`] naming the first value outside its range.
-    pub fn validate(&self) -> Result<(), Error> {
-        if !(self.threshold >= 0.0) {
-            return Err(Error::setting("threshold", self.threshold, "0 or more"));
-        }
-        check_percent(self.recovery_percent)?;
-        self.actions.validate()
-    }
 }
 
 impl ByEvidence for ImprovedGs {
     const STATISTICS: Statistics = Statistics::AbsoluteGradient;
+
+    fn check(&self) -> Result<(), Error> {
+        if !(self.threshold >= 0.0) {
+            return Err(Error::setting("threshold", self.threshold, "0 or more"));
+        }
+        check_percent(self.recovery_percent)
+    }
 
     fn growth_limit(&self) -> GrowthLimit {
         let condition = format!("that draw edges and whose absolute gradient is at least {}", self.threshold);

@@ -4,7 +4,6 @@ use gs_core::{
     EditPlan, Error,
     constants::PRUNE_OPACITY,
     edit::{Birth, Change, Moments, Origin, Place, PruneCause},
-    effects::Statistics,
     logit, sigmoid,
 };
 use rand::RngExt;
@@ -13,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use super::rule::{GrowthLimit, Rule, check_percent};
 use crate::{
     noise::Noise,
-    observation::{DensityGaussian, DensityPolicy, DensityScene, Observation, Rng},
+    observation::{DensityGaussian, DensityPolicy, DensityScene, Needs, Observation, Rng},
     round::{Prune, check_newcomers, share_of},
 };
 
@@ -61,11 +60,14 @@ impl Default for Mcmc {
 }
 
 impl Mcmc {
-    /// Checks the ranges of all settings.
-    ///
-    /// # Errors
-    /// [`Error::Setting`] naming the first value outside its range.
-    pub fn validate(&self) -> Result<(), Error> {
+    /// Number of Gaussians wanted after a round with `len`.
+    fn target(&self, len: usize, budget: usize) -> usize {
+        (len + share_of(len, self.percent)).min(budget)
+    }
+}
+
+impl Rule for Mcmc {
+    fn validate(&self) -> Result<(), Error> {
         if !(0.0..1.0).contains(&self.dead_opacity) {
             return Err(Error::setting("dead-opacity", self.dead_opacity, "0 or more, and below 1"));
         }
@@ -74,13 +76,6 @@ impl Mcmc {
         self.noise.validate()
     }
 
-    /// Number of Gaussians wanted after a round with `len`.
-    fn target(&self, len: usize, budget: usize) -> usize {
-        (len + share_of(len, self.percent)).min(budget)
-    }
-}
-
-impl Rule for Mcmc {
     fn growth_limit(&self) -> GrowthLimit {
         GrowthLimit { percent: Some(self.percent), ..GrowthLimit::default() }
     }
@@ -120,16 +115,8 @@ impl<S: DensityScene> DensityPolicy<S> for Mcmc {
         Ok(plan)
     }
 
-    fn statistics(&self) -> Statistics {
-        Statistics::None
-    }
-
-    fn needs_residual(&self) -> bool {
-        false
-    }
-
-    fn noise(&self) -> Option<Noise> {
-        (self.noise.strength > 0.0).then_some(self.noise)
+    fn needs(&self) -> Needs {
+        Needs { noise: (self.noise.strength > 0.0).then_some(self.noise), ..Needs::default() }
     }
 }
 

@@ -31,7 +31,7 @@ pub use self::{
 
 use std::sync::LazyLock;
 
-use gs_core::{EditPlan, Error, Gaussian2d, Gaussian3d, Scene2d, Scene3d, edit::Moments, effects::Statistics};
+use gs_core::{EditPlan, Error, Gaussian2d, Gaussian3d, Scene2d, Scene3d, edit::Moments};
 use serde::{Deserialize, Serialize};
 
 use self::{
@@ -39,8 +39,7 @@ use self::{
     rule::{Listed, Rule},
 };
 use crate::{
-    noise::Noise,
-    observation::{DensityPolicy, DensityScene, EvidenceRequest, Observation, Rng},
+    observation::{DensityPolicy, DensityScene, EvidenceRequest, Needs, Observation, Rng},
     round::{Actions, Prune, SizeThreshold},
 };
 
@@ -95,7 +94,7 @@ static LIST: LazyLock<String> = LazyLock::new(|| format!("one of {}", Policy::NA
 
 /// The names of policies for images, for messages.
 static LIST_2D: LazyLock<String> = LazyLock::new(|| {
-    let fits = |name: &&str| Policy::from_name(name).is_ok_and(|policy| !policy.of_2d_scenes().needs_evidence());
+    let fits = |name: &&str| Policy::from_name(name).is_ok_and(|policy| !policy.needs().evidence);
     format!("one of {} for an image", Policy::NAMES.into_iter().filter(fits).collect::<Vec<_>>().join(", "))
 });
 
@@ -136,6 +135,14 @@ impl Policy {
     /// [`Self::NAMES`].
     pub fn summary(name: &str) -> Option<&'static str> {
         named().find(|named| named.name == name).map(|named| named.summary)
+    }
+
+    /// Checks the ranges of all settings.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] naming the first value outside its range.
+    pub fn validate(&self) -> Result<(), Error> {
+        self.rule().validate()
     }
 
     /// Whether the policy tries to reach the budget. Under a threshold the budget is only a bound.
@@ -183,7 +190,7 @@ impl Policy {
     /// # Errors
     /// [`Error::Setting`] naming the policy; those of [`Self::validate`].
     pub fn validate_2d(&self) -> Result<(), Error> {
-        if self.of_2d_scenes().needs_evidence() {
+        if self.needs().evidence {
             let found = format!("`{}`, which needs several views of a 3D scene", self.name());
             return Err(Error::setting("policy", found, &LIST_2D));
         }
@@ -212,44 +219,10 @@ impl Policy {
         }
     }
 
-    /// Statistic that training must collect for this policy, for scenes of either kind.
-    pub fn statistics(&self) -> Statistics {
-        self.of_2d_scenes().statistics()
+    /// What training must do for this policy, for scenes of either kind.
+    pub fn needs(&self) -> Needs {
+        self.of_2d_scenes().needs()
     }
-
-    /// Noise that training adds to the means between steps, for scenes of either kind.
-    pub fn noise(&self) -> Option<Noise> {
-        self.of_2d_scenes().noise()
-    }
-}
-
-/// The answers of a policy that do not depend on the kind of scene.
-macro_rules! answers {
-    () => {
-        fn statistics(&self) -> Statistics {
-            self.of_2d_scenes().statistics()
-        }
-
-        fn full_depth(&self) -> f32 {
-            self.of_2d_scenes().full_depth()
-        }
-
-        fn needs_residual(&self) -> bool {
-            self.of_2d_scenes().needs_residual()
-        }
-
-        fn needs_evidence(&self) -> bool {
-            self.of_2d_scenes().needs_evidence()
-        }
-
-        fn evidence(&self, step: u32, progress: f32) -> Option<EvidenceRequest> {
-            self.of_2d_scenes().evidence(step, progress)
-        }
-
-        fn noise(&self) -> Option<Noise> {
-            self.of_2d_scenes().noise()
-        }
-    };
 }
 
 impl DensityPolicy for Policy {
@@ -257,7 +230,9 @@ impl DensityPolicy for Policy {
         self.of_2d_scenes().plan(observation, rng)
     }
 
-    answers!();
+    fn needs(&self) -> Needs {
+        self.needs()
+    }
 }
 
 impl DensityPolicy<Scene3d> for Policy {
@@ -266,13 +241,23 @@ impl DensityPolicy<Scene3d> for Policy {
         self.of_3d_scenes().unwrap_or(&NoGrowth).plan(observation, rng)
     }
 
-    answers!();
+    fn needs(&self) -> Needs {
+        self.needs()
+    }
+
+    fn evidence(&self, step: u32, progress: f32) -> Option<EvidenceRequest> {
+        self.of_2d_scenes().evidence(step, progress)
+    }
 }
 
 /// [`Policy::None`].
 struct NoGrowth;
 
 impl Rule for NoGrowth {
+    fn validate(&self) -> Result<(), Error> {
+        Ok(())
+    }
+
     fn aims_at_budget(&self) -> bool {
         false
     }
@@ -283,14 +268,6 @@ impl<S: DensityScene> DensityPolicy<S> for NoGrowth {
         observation.check_lengths()?;
         let removed = Prune::NOT_FINITE_ONLY.removals(observation);
         Ok(EditPlan { removed, ..EditPlan::default() })
-    }
-
-    fn statistics(&self) -> Statistics {
-        Statistics::None
-    }
-
-    fn needs_residual(&self) -> bool {
-        false
     }
 }
 

@@ -110,25 +110,20 @@ impl Mrnf {
             .max(1.0);
         share_of(candidates, self.percent).min((missing as f64 / left).ceil() as usize)
     }
+}
 
-    /// Checks the ranges of all settings.
-    ///
-    /// # Errors
-    /// [`Error::Setting`] naming the first value outside its range.
-    pub fn validate(&self) -> Result<(), Error> {
+impl ByEvidence for Mrnf {
+    const STATISTICS: Statistics = Statistics::None;
+
+    fn check(&self) -> Result<(), Error> {
         if !(self.error >= 0.0) {
             return Err(Error::setting("error", self.error, "0 or more"));
         }
         if !(0.0..=1.0).contains(&self.power) {
             return Err(Error::setting("power", self.power, "0 to 1"));
         }
-        check_percent(self.percent)?;
-        self.actions.validate()
+        check_percent(self.percent)
     }
-}
-
-impl ByEvidence for Mrnf {
-    const STATISTICS: Statistics = Statistics::None;
 
     fn growth_limit(&self) -> GrowthLimit {
         let condition = format!("whose error in some view is at least {} px", self.error);

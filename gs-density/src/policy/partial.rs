@@ -5,12 +5,10 @@
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-use gs_core::edit::{Moments, Place};
+use gs_core::edit::Moments;
 
 use super::rule::Rule;
-use crate::round::{
-    Actions, ClonePlacement, Densify, MomentHeir, OpacityCorrection, OpacityReset, Prune, SizeThreshold, SplitPlacement,
-};
+use crate::round::{Actions, Densify, OpacityCorrection, OpacityReset, Prune, SizeThreshold, SplitPlacement};
 
 /// The form of a `T` in which any part may be missing.
 pub(crate) trait Over<T>: Sized {
@@ -106,12 +104,8 @@ form!(DensifyForm of Densify {
     split_above: Option<SizeThreshold>,
     shrink: Option<f32>,
     split_placement: Option<SplitPlacement>,
-    clone_placement: Option<ClonePlacement>,
     opacity_correction: Option<OpacityCorrection>,
-    split_moments: Option<MomentHeir>,
-    clone_moments: Option<MomentHeir>,
     newcomers: Option<Moments>,
-    copy_place: Option<Place>,
 });
 
 form!(PruneForm of Prune {

@@ -5,14 +5,13 @@ use glam::Vec3;
 use gs_core::{
     EditPlan, Error, Gaussian2d, Scene, Scene2d,
     edit::{AfterEdit, Birth, Moments, Origin, Place, PruneCause, Removal},
-    effects::Statistics,
     logit, sigmoid,
 };
 use serde::{Deserialize, Serialize};
 
 use super::rule::Rule;
 use crate::{
-    observation::{DensityPolicy, Observation, Residual, Rng},
+    observation::{DensityPolicy, Needs, Observation, Residual, Rng},
     seed::{DensityMap, HilbertOrder, Plane, SeedShape, Structure, mean_around, seed_gaussians},
 };
 
@@ -94,55 +93,8 @@ impl Default for ResidualGrowth {
     }
 }
 
-impl Rule for ResidualGrowth {}
-
-impl DensityPolicy for ResidualGrowth {
-    fn plan(&self, observation: &Observation<'_>, rng: &mut Rng) -> Result<EditPlan<Gaussian2d>, Error> {
-        self.validate()?;
-        let scene = observation.scene;
-        let found = observation.statistics.signal_sum.len();
-        if found != scene.len() {
-            return Err(Error::Length { what: "density statistics", expected: scene.len(), found });
-        }
-        let Some(residual) = observation.residual else {
-            return Err(Error::State("policy `residual` needs a residual".into()));
-        };
-        residual.check()?;
-
-        let (removed, added) = self.census(observation, not_finite(scene).count());
-        let added = self.seeds(residual, scene.has_opacity(), added, rng);
-        Ok(EditPlan {
-            removed: least_important(scene, residual, removed),
-            added: added
-                .into_iter()
-                .map(|gaussian| Birth {
-                    gaussian,
-                    parent: None,
-                    moments: Moments::Fresh,
-                    origin: Origin::Seed,
-                    place: Place::First,
-                })
-                .collect(),
-            statistics: AfterEdit::Restart,
-            ..EditPlan::default()
-        })
-    }
-
-    fn statistics(&self) -> Statistics {
-        Statistics::None
-    }
-
-    fn needs_residual(&self) -> bool {
-        true
-    }
-}
-
-impl ResidualGrowth {
-    /// Checks the ranges of all settings.
-    ///
-    /// # Errors
-    /// [`Error::Setting`] naming the first value outside its range.
-    pub fn validate(&self) -> Result<(), Error> {
+impl Rule for ResidualGrowth {
+    fn validate(&self) -> Result<(), Error> {
         let positive = |what, value: f32| {
             let fine = value > 0.0 && value.is_finite();
             if fine { Ok(()) } else { Err(Error::setting(what, value, "positive and finite")) }
@@ -180,7 +132,46 @@ impl ResidualGrowth {
         }
         Ok(())
     }
+}
 
+impl DensityPolicy for ResidualGrowth {
+    fn plan(&self, observation: &Observation<'_>, rng: &mut Rng) -> Result<EditPlan<Gaussian2d>, Error> {
+        self.validate()?;
+        let scene = observation.scene;
+        let found = observation.statistics.signal_sum.len();
+        if found != scene.len() {
+            return Err(Error::Length { what: "density statistics", expected: scene.len(), found });
+        }
+        let Some(residual) = observation.residual else {
+            return Err(Error::State("policy `residual` needs a residual".into()));
+        };
+        residual.check()?;
+
+        let (removed, added) = self.census(observation, not_finite(scene).count());
+        let added = self.seeds(residual, scene.has_opacity(), added, rng);
+        Ok(EditPlan {
+            removed: least_important(scene, residual, removed),
+            added: added
+                .into_iter()
+                .map(|gaussian| Birth {
+                    gaussian,
+                    parent: None,
+                    moments: Moments::Fresh,
+                    origin: Origin::Seed,
+                    place: Place::First,
+                })
+                .collect(),
+            statistics: AfterEdit::Restart,
+            ..EditPlan::default()
+        })
+    }
+
+    fn needs(&self) -> Needs {
+        Needs { residual: true, ..Needs::default() }
+    }
+}
+
+impl ResidualGrowth {
     /// Numbers of Gaussians that a round removes and adds.
     fn census(&self, observation: &Observation<'_>, not_finite: usize) -> (usize, usize) {
         let (len, budget) = (observation.scene.len(), observation.budget);

@@ -5,7 +5,7 @@
 use gs_core::{EditPlan, Error, effects::Statistics};
 
 use crate::{
-    observation::{DensityPolicy, DensityScene, Evidence, EvidenceRequest, Observation, Rng},
+    observation::{DensityPolicy, DensityScene, Evidence, EvidenceRequest, Needs, Observation, Rng},
     round::{Actions, Round},
 };
 
@@ -23,6 +23,9 @@ pub struct GrowthLimit {
 
 /// Properties of a policy with defaults that fit most policies.
 pub(crate) trait Rule {
+    /// Checks the ranges of all settings.
+    fn validate(&self) -> Result<(), Error>;
+
     /// The actions of a policy that clones and splits.
     fn actions(&self) -> Option<&Actions> {
         None
@@ -57,15 +60,15 @@ pub(crate) trait Listed {
 
     /// [`Self::own_actions`], mutable.
     fn own_actions_mut(&mut self) -> &mut Actions;
-
-    /// Checks the ranges of all settings.
-    fn check(&self) -> Result<(), Error>;
 }
 
 /// A policy that reads [`Evidence`] while the number of Gaussians grows.
 pub(crate) trait ByEvidence: Listed {
     /// Statistic that training must collect.
     const STATISTICS: Statistics;
+
+    /// Checks the ranges of the settings besides the actions.
+    fn check(&self) -> Result<(), Error>;
 
     /// Whether the policy tries to reach the budget.
     fn aims_at_budget(&self) -> bool {
@@ -103,6 +106,11 @@ pub(crate) trait ByEvidence: Listed {
 }
 
 impl<P: ByEvidence> Rule for P {
+    fn validate(&self) -> Result<(), Error> {
+        self.check()?;
+        self.own_actions().validate()
+    }
+
     fn actions(&self) -> Option<&Actions> {
         Some(self.own_actions())
     }
@@ -122,7 +130,7 @@ impl<P: ByEvidence> Rule for P {
 
 impl<S: DensityScene, P: ByEvidence> DensityPolicy<S> for P {
     fn plan(&self, observation: &Observation<'_, S>, rng: &mut Rng) -> Result<EditPlan<S::Gaussian>, Error> {
-        self.check()?;
+        self.validate()?;
         observation.check_lengths()?;
         match self.reads_evidence(observation.step, observation.progress) {
             true => self.plan_with(observation, observation.requested(P::NAME, &self.request())?, rng),
@@ -130,16 +138,8 @@ impl<S: DensityScene, P: ByEvidence> DensityPolicy<S> for P {
         }
     }
 
-    fn statistics(&self) -> Statistics {
-        P::STATISTICS
-    }
-
-    fn needs_residual(&self) -> bool {
-        false
-    }
-
-    fn needs_evidence(&self) -> bool {
-        true
+    fn needs(&self) -> Needs {
+        Needs { statistics: P::STATISTICS, evidence: true, ..Needs::default() }
     }
 
     fn evidence(&self, step: u32, progress: f32) -> Option<EvidenceRequest> {

@@ -104,23 +104,19 @@ impl SteepGs {
         });
         densify.replaced(index, observation, pair, if is_split { Origin::Split } else { Origin::Clone })
     }
+}
 
-    /// Checks the ranges of all settings.
-    ///
-    /// # Errors
-    /// [`Error::Setting`] naming the first value outside its range.
-    pub fn validate(&self) -> Result<(), Error> {
+impl ByEvidence for SteepGs {
+    const STATISTICS: Statistics = Statistics::MeanGradient;
+
+    fn check(&self) -> Result<(), Error> {
         for (what, value) in [("threshold", self.threshold), ("eigenvalue", self.eigenvalue), ("step", self.step)] {
             if !(value >= 0.0 && value.is_finite()) {
                 return Err(Error::setting(what, value, "0 or more, and finite"));
             }
         }
-        self.actions.validate()
+        Ok(())
     }
-}
-
-impl ByEvidence for SteepGs {
-    const STATISTICS: Statistics = Statistics::MeanGradient;
 
     fn aims_at_budget(&self) -> bool {
         false

@@ -116,12 +116,12 @@ impl Taming {
         }
         scores
     }
+}
 
-    /// Checks the ranges of all settings.
-    ///
-    /// # Errors
-    /// [`Error::Setting`] naming the first value outside its range.
-    pub fn validate(&self) -> Result<(), Error> {
+impl ByEvidence for Taming {
+    const STATISTICS: Statistics = Statistics::MeanGradient;
+
+    fn check(&self) -> Result<(), Error> {
         let ScoreWeights { gradient, opacity, depth, radius, volume, error, pixels, blending, distance } = self.weights;
         for (what, value) in [
             ("threshold", self.threshold),
@@ -139,12 +139,8 @@ impl Taming {
                 return Err(Error::setting(what, value, "0 or more, and finite"));
             }
         }
-        self.actions.validate()
+        Ok(())
     }
-}
-
-impl ByEvidence for Taming {
-    const STATISTICS: Statistics = Statistics::MeanGradient;
 
     fn growth_limit(&self) -> GrowthLimit {
         let condition = format!("whose mean gradient is at least {}", self.threshold);

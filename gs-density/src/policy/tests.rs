@@ -127,10 +127,10 @@ fn actions_that_are_not_given_stay_those_of_the_policy() {
 
 #[test]
 fn pixel_gs_fades_gradients_near_the_camera() {
-    let full_depth = |name| DensityPolicy::<Scene3d>::full_depth(&Policy::from_name(name).unwrap());
+    let full_depth = |name| Policy::from_name(name).unwrap().needs().full_depth;
     assert_eq!(["pixel-gs", "percentile-pixel-gs", "abs-gs", "fastgs"].map(full_depth), [0.37, 0.37, 0.0, 0.0]);
     let nearer: Policy = toml::from_str("kind = 'absolute'\nsignal = 'pixel-gradient'\nfull-depth = 0.0").unwrap();
-    assert_eq!((nearer.name(), DensityPolicy::<Scene3d>::full_depth(&nearer)), ("pixel-gs", 0.0));
+    assert_eq!((nearer.name(), nearer.needs().full_depth), ("pixel-gs", 0.0));
     assert_eq!(toml::from_str::<Policy>(&toml::to_string(&nearer).unwrap()).unwrap(), nearer);
 }
 

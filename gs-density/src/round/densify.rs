@@ -17,19 +17,6 @@ use crate::observation::{DensityGaussian, DensityScene, Observation, Rng};
 
 gs_core::impl_with!(Densify, LongAxisSplit);
 
-/// Position of the copy that cloning adds.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-#[non_exhaustive]
-pub enum ClonePlacement {
-    /// At the position of the original, which stays (as in the code of 3DGS). The two separate only
-    /// by their different moments, under [`Blend::Over`](gs_core::Blend) also by their order.
-    #[default]
-    OnOriginal,
-    /// At a point drawn from the original, which stays.
-    Drawn,
-}
-
 /// Positions of the two halves of a split.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "kebab-case")]
@@ -116,35 +103,6 @@ pub(crate) fn check_newcomers(moments: Moments) -> Result<(), Error> {
     Ok(())
 }
 
-/// Which of the two Gaussians inherits the Adam moments of the one that they replace; the other
-/// starts at [`Densify::newcomers`].
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-#[non_exhaustive]
-pub enum MomentHeir {
-    /// The Gaussian in the parent's slot.
-    #[default]
-    Original,
-    /// The added Gaussian.
-    Copy,
-    /// Both Gaussians.
-    Both,
-    /// Neither Gaussian.
-    Neither,
-}
-
-impl MomentHeir {
-    /// Moments of the original and of the copy, where others start at `newcomers`.
-    fn moments(self, newcomers: Moments) -> (Moments, Moments) {
-        match self {
-            Self::Original => (Moments::Inherit, newcomers),
-            Self::Copy => (newcomers, Moments::Inherit),
-            Self::Both => (Moments::Inherit, Moments::Inherit),
-            Self::Neither => (newcomers, newcomers),
-        }
-    }
-}
-
 /// Settings of cloning and splitting. The defaults follow 3DGS, except [`Self::newcomers`].
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, rename_all = "kebab-case", deny_unknown_fields)]
@@ -158,21 +116,11 @@ pub struct Densify {
     pub shrink: f32,
     /// Positions of the halves of a split. Default drawn.
     pub split_placement: SplitPlacement,
-    /// Position of a clone. Default on its original.
-    pub clone_placement: ClonePlacement,
     /// Correction of the opacities. Default none.
     pub opacity_correction: OpacityCorrection,
-    /// Which half of a split inherits the moments. Default neither, as both have moved.
-    pub split_moments: MomentHeir,
-    /// Which of original and clone inherits the moments. Default the original.
-    pub clone_moments: MomentHeir,
-    /// Moments of Gaussians that inherit none: fresh, the default, or zeroed, as in the code of
-    /// 3DGS.
+    /// Moments of clones and of both halves of a split, which have moved: fresh, the default, or
+    /// zeroed, as in the code of 3DGS. The original of a clone keeps its own.
     pub newcomers: Moments,
-    /// Place of the copy in the order of blending. Default behind its parent, as in 3D.
-    ///
-    /// An engine that appends to its arrays puts copies last, behind all large Gaussians.
-    pub copy_place: Place,
 }
 
 impl Default for Densify {
@@ -181,12 +129,8 @@ impl Default for Densify {
             split_above: SizeThreshold::ExtentFraction(0.01),
             shrink: SPLIT_PHI,
             split_placement: SplitPlacement::Drawn,
-            clone_placement: ClonePlacement::OnOriginal,
             opacity_correction: OpacityCorrection::None,
-            split_moments: MomentHeir::Neither,
-            clone_moments: MomentHeir::Original,
             newcomers: Moments::Fresh,
-            copy_place: Place::BehindParent,
         }
     }
 }
@@ -225,7 +169,9 @@ impl Densify {
         let (pair, origin) = if self.split_above.is_exceeded(&parent, observation.extent) {
             (self.split(&parent, observation.scene.has_opacity(), rng), Origin::Split)
         } else {
-            (self.clone_of(&parent, rng), Origin::Clone)
+            // The clone stands where its original does, as in the code of 3DGS. The two separate by
+            // their different moments, under `Blend::Over` also by their order.
+            ([parent.clone(), parent], Origin::Clone)
         };
         self.replaced(index, observation, pair, origin)
     }
@@ -243,18 +189,18 @@ impl Densify {
             self.opacity_correction.apply(half, observation.scene.has_opacity());
         }
         let [original, copy] = pair;
-        let heir = if origin == Origin::Split { self.split_moments } else { self.clone_moments };
-        let (original_moments, copy_moments) = heir.moments(self.newcomers);
-        let is_touched = original != observation.scene.gaussian(index as usize) || original_moments != Moments::Inherit;
-        let change = is_touched.then_some(Change { index, gaussian: original, moments: original_moments });
-        (change, Birth { gaussian: copy, parent: Some(index), moments: copy_moments, origin, place: self.copy_place })
+        let moments = if origin == Origin::Split { self.newcomers } else { Moments::Inherit };
+        let is_touched = original != observation.scene.gaussian(index as usize) || moments != Moments::Inherit;
+        let change = is_touched.then_some(Change { index, gaussian: original, moments });
+        let (parent, place) = (Some(index), Place::BehindParent);
+        (change, Birth { gaussian: copy, parent, moments: self.newcomers, origin, place })
     }
 
     /// Checks the ranges of all settings.
     ///
     /// # Errors
     /// [`Error::Setting`] naming the first value outside its range.
-    pub fn validate(&self) -> Result<(), Error> {
+    pub(crate) fn validate(&self) -> Result<(), Error> {
         if !(self.shrink >= 1.0 && self.shrink.is_finite()) {
             return Err(Error::setting("densify.shrink", self.shrink, "at least 1 and finite"));
         }
@@ -273,13 +219,5 @@ impl Densify {
         };
         halves.iter_mut().for_each(|half| half.resize(-self.shrink.ln()));
         halves
-    }
-
-    fn clone_of<G: DensityGaussian>(&self, parent: &G, rng: &mut Rng) -> [G; 2] {
-        let copy = match self.clone_placement {
-            ClonePlacement::OnOriginal => parent.clone(),
-            ClonePlacement::Drawn => parent.drawn(rng),
-        };
-        [parent.clone(), copy]
     }
 }

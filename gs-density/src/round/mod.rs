@@ -12,7 +12,7 @@ mod size;
 
 pub use self::{
     correction::OpacityCorrection,
-    densify::{ClonePlacement, Densify, LongAxisSplit, MomentHeir, SplitPlacement},
+    densify::{Densify, LongAxisSplit, SplitPlacement},
     prune::Prune,
     ranking::{Ranking, WhenFlat, share_of},
     reset::OpacityReset,
@@ -114,7 +114,7 @@ impl<'a, S: DensityScene> Round<'a, S> {
     ///
     /// # Errors
     /// As [`Self::open`].
-    pub fn with_removed(
+    pub(crate) fn with_removed(
         actions: &Actions,
         observation: &'a Observation<'a, S>,
         removed: Vec<Removal>,
@@ -136,7 +136,7 @@ impl<'a, S: DensityScene> Round<'a, S> {
     }
 
     /// Ranks the survivors by the mean of the collected statistic, in its unit.
-    pub fn rank_by_statistic(&self, when_flat: WhenFlat) -> Ranking {
+    pub(crate) fn rank_by_statistic(&self, when_flat: WhenFlat) -> Ranking {
         self.rank_by(|index| self.observation.statistics.mean_signal(index), when_flat)
     }
 

@@ -63,7 +63,7 @@ impl Prune {
     }
 
     /// All Gaussians of the observed scene that are pruned, by index.
-    pub fn removals<S: DensityScene>(&self, observation: &Observation<'_, S>) -> Vec<Removal> {
+    pub(crate) fn removals<S: DensityScene>(&self, observation: &Observation<'_, S>) -> Vec<Removal> {
         let Observation { scene, extent, step, .. } = *observation;
         let removal = |index: u32| {
             let cause = self.cause(&scene.gaussian(index as usize), extent, step.saturating_add(1))?;
@@ -76,7 +76,7 @@ impl Prune {
     ///
     /// # Errors
     /// [`Error::Setting`] naming the first value outside its range.
-    pub fn validate(&self) -> Result<(), Error> {
+    pub(crate) fn validate(&self) -> Result<(), Error> {
         if !(0.0..=1.0).contains(&self.opacity) {
             return Err(Error::setting("prune.opacity", self.opacity, "0 to 1"));
         }

@@ -42,11 +42,6 @@ impl Ranking {
         Self { indices, scores, population }
     }
 
-    /// All candidates.
-    pub fn all(&self) -> &[u32] {
-        &self.indices
-    }
-
     /// The candidates whose score is at least `threshold`.
     pub fn at_least(&self, threshold: f32) -> &[u32] {
         &self.indices[..self.scores.partition_point(|&score| score >= threshold)]
@@ -81,8 +76,8 @@ mod tests {
     #[test]
     fn the_most_urgent_come_first_and_ties_by_index() {
         let scores = [0.2, f32::NAN, 0.5, 0.0, 0.2, f32::INFINITY, -1.0, -0.0];
-        assert_eq!(ranking(&scores, WhenFlat::Nothing).all(), [2, 0, 4]);
-        assert_eq!(ranking(&scores, WhenFlat::Forced).all(), [2, 0, 4, 3, 7]);
+        assert_eq!(ranking(&scores, WhenFlat::Nothing).at_least(0.0), [2, 0, 4]);
+        assert_eq!(ranking(&scores, WhenFlat::Forced).at_least(0.0), [2, 0, 4, 3, 7]);
         assert_eq!(ranking(&scores, WhenFlat::Nothing).at_least(0.2), [2, 0, 4]);
         assert_eq!(ranking(&scores, WhenFlat::Nothing).at_least(0.3), [2]);
         assert_eq!(ranking(&scores, WhenFlat::Nothing).at_least(f32::NAN), [0u32; 0]);

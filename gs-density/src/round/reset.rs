@@ -54,7 +54,7 @@ impl OpacityReset {
     ///
     /// # Errors
     /// [`Error::Setting`] naming the first value outside its range.
-    pub fn validate(&self) -> Result<(), Error> {
+    pub(crate) fn validate(&self) -> Result<(), Error> {
         if self.to > 0.0 && self.to <= 1.0 {
             return Ok(());
         }

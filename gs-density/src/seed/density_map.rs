@@ -67,18 +67,13 @@ impl DensityMap {
     }
 
     /// Expected number of Gaussians in each pixel, row-major.
-    pub fn values(&self) -> &[f32] {
+    pub(crate) fn values(&self) -> &[f32] {
         &self.per_pixel.values
     }
 
     /// Size as (columns, rows).
-    pub fn size(&self) -> (u32, u32) {
+    pub(crate) fn size(&self) -> (u32, u32) {
         self.per_pixel.size()
-    }
-
-    /// Number of Gaussians for which the map was made.
-    pub fn count(&self) -> usize {
-        self.count
     }
 
     /// Density at a place of the plane, px⁻²; outside the image that of the nearest pixel.
@@ -89,7 +84,8 @@ impl DensityMap {
         values[y * width + x]
     }
 
-    /// Draws exactly [`Self::count`] positions, px, distributed as the density and spread evenly.
+    /// Draws a position, px, for each of the Gaussians that the map was made for, distributed as the
+    /// density and spread evenly.
     ///
     /// The mass along `order` is cut into `count` equal strata, and one position is drawn in each,
     /// at the cost of one random number. The positions are in that order, so neighbours in it are

@@ -53,12 +53,12 @@ impl HilbertOrder {
     }
 
     /// Row-major indices of all pixels, in order, `[H · W]`: a permutation.
-    pub fn pixels(&self) -> &[u32] {
+    pub(crate) fn pixels(&self) -> &[u32] {
         &self.pixels
     }
 
     /// Size as (columns, rows).
-    pub fn size(&self) -> (u32, u32) {
+    pub(crate) fn size(&self) -> (u32, u32) {
         (self.width, self.height)
     }
 }

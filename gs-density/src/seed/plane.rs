@@ -29,7 +29,7 @@ impl Plane {
     }
 
     /// Size as (columns, rows).
-    pub fn size(&self) -> (u32, u32) {
+    pub(crate) fn size(&self) -> (u32, u32) {
         (self.width as u32, self.height as u32)
     }
 

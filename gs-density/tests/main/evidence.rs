@@ -243,7 +243,7 @@ fn missing_evidence_is_an_error_that_names_the_policy() {
     let short = evidence(&[(0.1, &[1.0])]);
     for name in ["fastgs", "taming", "improved-gs", "steep-gs", "mrnf"] {
         let policy = Policy::from_name(name).unwrap();
-        assert!(DensityPolicy::<Scene3d>::needs_evidence(&policy));
+        assert!(policy.needs().evidence);
         let round = |evidence| Round {
             scene: &scene,
             gradients: &[0.1; 2],

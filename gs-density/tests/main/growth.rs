@@ -6,9 +6,7 @@ use gs_core::{
     edit::{Birth, Change, Moments, Origin, Place},
     sigmoid,
 };
-use gs_density::{
-    ClonePlacement, Densify, MomentHeir, Observation, OpacityCorrection, Rng, SizeThreshold, SplitPlacement,
-};
+use gs_density::{Densify, Observation, OpacityCorrection, Rng, SizeThreshold, SplitPlacement};
 
 fn parent() -> Gaussian2d {
     Gaussian2d {
@@ -66,12 +64,6 @@ fn a_small_one_is_cloned_and_left_alone() {
             place: Place::BehindParent
         }
     );
-
-    let drawn = small().with(|s| s.clone_placement = ClonePlacement::Drawn);
-    let (change, birth) = grow(&drawn, parent(), &mut Rng::new(1, 2));
-    assert_eq!(change, None);
-    assert_ne!(birth.gaussian.mean, parent().mean);
-    assert_eq!(Gaussian2d { mean: parent().mean, ..birth.gaussian }, parent());
 }
 
 #[test]
@@ -89,23 +81,11 @@ fn a_large_one_is_split_into_smaller_ones() {
 }
 
 #[test]
-fn moments_go_to_the_heir() {
-    use Moments::{Fresh, Inherit};
-    for (heir, expected) in [
-        (MomentHeir::Original, (Inherit, Fresh)),
-        (MomentHeir::Copy, (Fresh, Inherit)),
-        (MomentHeir::Both, (Inherit, Inherit)),
-        (MomentHeir::Neither, (Fresh, Fresh)),
-    ] {
-        let split = Densify::default().with(|s| s.split_moments = heir);
+fn both_halves_of_a_split_have_the_moments_of_newcomers() {
+    for newcomers in [Moments::Fresh, Moments::Zeroed] {
+        let split = Densify::default().with(|s| s.newcomers = newcomers);
         let (change, birth) = grow(&split, parent(), &mut Rng::new(1, 2));
-        assert_eq!((change.unwrap().moments, birth.moments), expected);
-
-        // A cloned original that keeps everything needs no change; one whose moments go does.
-        let clone = small().with(|s| s.clone_moments = heir);
-        let (change, birth) = grow(&clone, parent(), &mut Rng::new(1, 2));
-        assert_eq!((change.as_ref().map_or(Inherit, |c| c.moments), birth.moments), expected);
-        assert!(change.is_none_or(|c| c.gaussian == parent()));
+        assert_eq!((change.unwrap().moments, birth.moments), (newcomers, newcomers));
     }
 }
 

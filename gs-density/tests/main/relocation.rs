@@ -118,9 +118,9 @@ fn where_all_are_dead_none_goes() {
 #[test]
 fn only_mcmc_asks_for_noise() {
     for name in Policy::NAMES {
-        assert_eq!(Policy::from_name(name).unwrap().noise().is_some(), name == "mcmc", "{name}");
+        assert_eq!(Policy::from_name(name).unwrap().needs().noise.is_some(), name == "mcmc", "{name}");
     }
-    assert_eq!(Policy::Mcmc(Mcmc::default().with(|s| s.noise = Noise::NONE)).noise(), None);
+    assert_eq!(Policy::Mcmc(Mcmc::default().with(|s| s.noise = Noise::NONE)).needs().noise, None);
 }
 
 #[test]

@@ -104,7 +104,7 @@ fn begin<'r, S: StudyTask, R: Optimizer<S>>(
     rasterizer: &'r R,
     interruptions: &Interruptions<'_>,
 ) -> Result<(Trainer<'r, R, S>, Trajectory), TrainError> {
-    let (arm, target, iterations) = (plan.arm(run), plan.target(run), settings.iterations());
+    let (arm, target, iterations) = (plan.arm(run), plan.target(run), settings.of_loop().iterations);
     let clock = plan.study.clock;
     let resume = |checkpoint: Checkpoint| {
         let trajectory = Trajectory::resumed(iterations, &checkpoint.metadata)?;

@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 
-use gs_core::{SavedState, edit::EditCounts};
+use gs_core::SavedState;
 use gs_io::Checkpoint;
 use gs_train::{Control, Error, MetricsLog, MetricsRow, Observer, Progress};
 
@@ -49,10 +49,6 @@ impl Trajectory {
 }
 
 impl Observer for Trajectory {
-    fn on_edit(&mut self, progress: &Progress, counts: &EditCounts) {
-        self.log.on_edit(progress, counts);
-    }
-
     fn wants_quality(&mut self, progress: &Progress) -> bool {
         self.log.wants_quality(progress)
     }

@@ -7,7 +7,7 @@ use crate::{
     run::RunOutcome,
     study::{Arm, Clock},
 };
-use gs_core::{EditPlan, Error as CoreError, Gaussian2d, effects::Statistics};
+use gs_core::{EditPlan, Error as CoreError, Gaussian2d};
 use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_density::{DensityPolicy, Observation, Rng};
 
@@ -50,14 +50,6 @@ impl DensityPolicy for Sleeper {
     fn plan(&self, _: &Observation<'_>, _: &mut Rng) -> Result<EditPlan<Gaussian2d>, CoreError> {
         thread::sleep(SLEEP);
         Ok(EditPlan::default())
-    }
-
-    fn statistics(&self) -> Statistics {
-        Statistics::None
-    }
-
-    fn needs_residual(&self) -> bool {
-        false
     }
 }
 

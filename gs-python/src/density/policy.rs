@@ -3,7 +3,7 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use gs_core::{EditPlan, Error, effects::Statistics};
-use gs_density::{Actions, DensityPolicy, Observation, Policy, Rng};
+use gs_density::{Actions, DensityPolicy, Needs, Observation, Policy, Rng};
 use pyo3::{exceptions::PyTypeError, prelude::*, types::PyAny};
 use rand::Rng as _;
 
@@ -24,8 +24,7 @@ pub(crate) type Raised = Arc<Mutex<Option<PyErr>>>;
 pub(crate) struct PythonPolicy {
     object: Py<PyAny>,
     actions: Actions,
-    statistics: Statistics,
-    needs_residual: bool,
+    needs: Needs,
     raised: Raised,
 }
 
@@ -74,8 +73,9 @@ impl PythonPolicy {
             }
             None => Statistics::MeanGradient,
         };
-        let needs_residual = attribute("needs_residual")?.is_some_and(|needs| needs.is_truthy().unwrap_or(false));
-        Ok(Self { object: object.clone().unbind(), actions, statistics, needs_residual, raised })
+        let residual = attribute("needs_residual")?.is_some_and(|needs| needs.is_truthy().unwrap_or(false));
+        let needs = Needs { statistics, residual, ..Needs::default() };
+        Ok(Self { object: object.clone().unbind(), actions, needs, raised })
     }
 }
 
@@ -97,11 +97,7 @@ impl<S: PythonScene + SeenScene> DensityPolicy<S> for PythonPolicy {
         })
     }
 
-    fn statistics(&self) -> Statistics {
-        self.statistics
-    }
-
-    fn needs_residual(&self) -> bool {
-        self.needs_residual
+    fn needs(&self) -> Needs {
+        self.needs
     }
 }

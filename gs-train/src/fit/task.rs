@@ -4,7 +4,7 @@ use gs_core::{
     Blend, Canvas, Culled, Effects, Gaussian2d, Image, Loss, Optimizer, Parameterization, RenderSettings, Scene,
     Scene2d, TargetImage, TrainStep, metrics::psnr_of_mse,
 };
-use gs_density::{Evidence, EvidenceRequest, Residual};
+use gs_density::Residual;
 use gs_io::Checkpoint;
 use web_time::Instant;
 
@@ -13,7 +13,8 @@ use super::{settings::FitSettings, summary::FitSummary};
 use crate::{
     error::Error,
     run::{
-        Clamped, Quality, Record, SceneTask, StepContext, Trainer, TrainingTask, impl_run_settings, l1_and_psnr, random,
+        At, Clamped, Quality, Record, RunSettings, SceneTask, StepContext, Trainer, TrainingTask, l1_and_psnr, random,
+        same_settings,
     },
 };
 
@@ -50,8 +51,10 @@ impl SceneTask for Scene2d {
     }
 }
 
-impl_run_settings!(FitSettings, Scene2d, {
+impl RunSettings<Scene2d> for FitSettings {
     const FORMAT: &'static str = "fit-2d-1";
+
+    same_settings!(Scene2d);
 
     fn parameterization(&self) -> Parameterization {
         self.parameterization
@@ -72,7 +75,7 @@ impl_run_settings!(FitSettings, Scene2d, {
     fn bins_afresh_after(&self, step: u32) -> bool {
         step.is_multiple_of(self.rebin_every) || step.saturating_add(self.rebin_every) >= self.iterations
     }
-});
+}
 
 impl<R: Optimizer<Scene2d>> TrainingTask<R, Scene2d> for ImageTask<R> {
     const HAS_VIEWS: bool = false;
@@ -103,25 +106,8 @@ impl<R: Optimizer<Scene2d>> TrainingTask<R, Scene2d> for ImageTask<R> {
         Ok(on.train_step(splats, &self.canvas, &self.target, &step).await?)
     }
 
-    async fn evidence(
-        &mut self,
-        _: &R,
-        _: (&Scene2d, &R::Splats),
-        _: &FitSettings,
-        _: (u32, &Effects),
-        _: EvidenceRequest,
-    ) -> Result<Option<Evidence>, Error> {
-        Ok(None)
-    }
-
-    async fn residual(
-        &mut self,
-        on: &R,
-        splats: &R::Splats,
-        settings: &FitSettings,
-        effects: &Effects,
-    ) -> Result<Option<&Residual>, Error> {
-        self.residual.rendered = self.render(on, splats, settings, effects).await?.0;
+    async fn residual(&mut self, at: At<'_, R, Scene2d>) -> Result<Option<&Residual>, Error> {
+        self.residual.rendered = self.render(at).await?.0;
         Ok(Some(&self.residual))
     }
 
@@ -136,14 +122,8 @@ impl<R: Optimizer<Scene2d>> TrainingTask<R, Scene2d> for ImageTask<R> {
         self.solve_colors(on, splats, settings, effects, settings.color_solve.after_edit).await
     }
 
-    async fn quality(
-        &self,
-        on: &R,
-        splats: &R::Splats,
-        settings: &FitSettings,
-        effects: &Effects,
-    ) -> Result<Quality, Error> {
-        let (image, culled) = self.render(on, splats, settings, effects).await?;
+    async fn quality(&self, at: At<'_, R, Scene2d>) -> Result<Quality, Error> {
+        let (image, culled) = self.render(at).await?;
         let (l1, psnr) = l1_and_psnr(&image, &self.residual.target)?;
         Ok(Quality { l1, psnr, culled, clamped: Clamped::default(), views: Vec::new() })
     }
@@ -161,15 +141,8 @@ impl<R: Optimizer<Scene2d>> ImageTask<R> {
         Ok(Self { canvas, target, residual })
     }
 
-    async fn render(
-        &self,
-        on: &R,
-        splats: &R::Splats,
-        settings: &FitSettings,
-        effects: &Effects,
-    ) -> Result<(Image, Culled), Error> {
-        let render = settings.render.with(|s| s.effects = *effects);
-        Ok(on.draw(splats, &self.canvas, &render).await?)
+    async fn render(&self, At { on, splats, settings, effects }: At<'_, R, Scene2d>) -> Result<(Image, Culled), Error> {
+        Ok(on.draw(splats, &self.canvas, &settings.render.with(|s| s.effects = effects)).await?)
     }
 
     async fn solve_colors(
@@ -280,7 +253,7 @@ impl<'a, R: Optimizer<Scene2d>> Trainer<'a, R> {
     /// # Errors
     /// Those of the backend.
     pub async fn render(&self) -> Result<(Image, Culled), Error> {
-        self.task.render(self.rasterizer, &self.splats, &self.record.settings, &self.effects()).await
+        self.task.render(self.at()).await
     }
 
     /// Loss of the current scene, in the unit of the loss of the settings; [`Trainer::loss`] is

@@ -42,7 +42,7 @@ const LUMINANCE: [f32; 3] = [0.299, 0.587, 0.114];
 impl Tune {
     /// How much each pixel of this image counts, `[height · width]`, row-major; `None` where all
     /// count 1.
-    pub fn weights(self, image: &Image) -> Option<Vec<f32>> {
+    pub(crate) fn weights(self, image: &Image) -> Option<Vec<f32>> {
         match self {
             Self::Psnr => None,
             Self::Ssim => Some(by_contrast(image)),

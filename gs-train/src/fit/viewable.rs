@@ -11,7 +11,7 @@ use glam::{Vec2, Vec3};
 use gs_core::{
     Blend, Canvas, EditPlan, Gaussian2d, Image, Optimizer, Rasterizer, RenderSettings, Scene2d, Scene3d,
     edit::{Change, Moments},
-    effects::{Antialias, Order, Statistics},
+    effects::{Antialias, Order},
     examination, logit, metrics,
 };
 use gs_density::{DensityPolicy, Observation, Rng};
@@ -196,13 +196,5 @@ impl DensityPolicy for KeepColors {
             (color != g.color).then_some(Change { index: index as u32, gaussian, moments: Moments::Inherit })
         });
         Ok(EditPlan { changed: changed.collect(), ..EditPlan::default() })
-    }
-
-    fn statistics(&self) -> Statistics {
-        Statistics::None
-    }
-
-    fn needs_residual(&self) -> bool {
-        false
     }
 }

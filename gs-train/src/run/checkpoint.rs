@@ -85,7 +85,7 @@ impl<C> Record<C> {
         if let Some(start) = record.fresh_starts.iter().find(|start| start.step > record.step) {
             return Err(Error::Checkpoint(format!("it restarted at step {}, after its own step", start.step)));
         }
-        let iterations = record.settings.iterations();
+        let iterations = record.settings.of_loop().iterations;
         if record.step > iterations {
             return Err(Error::Checkpoint(format!("it is at step {} of {iterations}", record.step)));
         }

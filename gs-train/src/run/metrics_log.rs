@@ -67,7 +67,6 @@ pub struct MetricsLog {
     rows: Vec<MetricsRow>,
     /// Rows whose loss has not arrived.
     awaiting: VecDeque<MetricsRow>,
-    edits: EditCounts,
 }
 
 impl MetricsLog {
@@ -75,7 +74,7 @@ impl MetricsLog {
     /// rendering.
     pub fn new(every: u32) -> Self {
         let (rows, awaiting) = (Vec::new(), VecDeque::new());
-        Self { every: every.max(1), measured_every: 1, rows, awaiting, edits: EditCounts::default() }
+        Self { every: every.max(1), measured_every: 1, rows, awaiting }
     }
 
     /// A log with about a hundred rows and those of density control, for a run of this many steps.
@@ -238,10 +237,6 @@ fn row_of(cells: &[&str]) -> Option<MetricsRow> {
 }
 
 impl Observer for MetricsLog {
-    fn on_edit(&mut self, _: &Progress, counts: &EditCounts) {
-        self.edits.accumulate(counts);
-    }
-
     fn wants_quality(&mut self, progress: &Progress) -> bool {
         self.is_measured(progress)
     }
@@ -255,7 +250,7 @@ impl Observer for MetricsLog {
                 step: progress.step,
                 seconds: progress.seconds,
                 count: progress.count,
-                edits: std::mem::take(&mut self.edits),
+                edits: progress.edits.unwrap_or_default(),
                 loss: progress.loss,
                 l1: quality.map(|q| q.l1),
                 psnr: quality.map(|q| q.psnr),

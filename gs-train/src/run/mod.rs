@@ -21,7 +21,7 @@ mod trainer;
 pub(crate) use self::{
     checkpoint::{Record, digest, fingerprint},
     quality::{infinite_where_null, psnr_float},
-    task::{StepContext, impl_run_settings},
+    task::{At, LoopSettings, StepContext, same_settings},
     toml_value::from_toml,
     trainer::random,
 };

@@ -82,29 +82,18 @@ impl Progress {
 
 /// An observer of a run. Every method has a default that does nothing; `()` is an observer.
 ///
-/// The calls after each step are [`on_edit`](Self::on_edit) where density control ran,
-/// [`on_fresh_start`](Self::on_fresh_start) where the run restarts,
-/// [`wants_quality`](Self::wants_quality), [`on_step`](Self::on_step),
+/// The calls after each step are [`wants_quality`](Self::wants_quality), [`on_step`](Self::on_step),
 /// [`wants_checkpoint`](Self::wants_checkpoint) and, at once or a few steps later,
 /// [`on_losses`](Self::on_losses) and [`on_checkpoint`](Self::on_checkpoint).
 pub trait Observer {
-    /// Density control ran after the step; `counts` are also in `progress.edits`.
-    fn on_edit(&mut self, progress: &Progress, counts: &EditCounts) {
-        let _ = (progress, counts);
-    }
-
-    /// The run restarts after the step; `fresh_start` is also in `progress`.
-    fn on_fresh_start(&mut self, progress: &Progress, fresh_start: &FreshStart) {
-        let _ = (progress, fresh_start);
-    }
-
     /// Whether to measure the quality; it is then in the `progress` of [`on_step`](Self::on_step).
     fn wants_quality(&mut self, progress: &Progress) -> bool {
         let _ = progress;
         false
     }
 
-    /// A step is done.
+    /// A step is done, and so is what follows it: [`Progress::edits`] where density control ran,
+    /// [`Progress::fresh_start`] where the run restarts.
     fn on_step(&mut self, progress: &Progress) -> Control {
         let _ = progress;
         Control::Continue
@@ -139,14 +128,6 @@ pub trait Observer {
 impl Observer for () {}
 
 impl<O: Observer + ?Sized> Observer for &mut O {
-    fn on_edit(&mut self, progress: &Progress, counts: &EditCounts) {
-        (**self).on_edit(progress, counts);
-    }
-
-    fn on_fresh_start(&mut self, progress: &Progress, fresh_start: &FreshStart) {
-        (**self).on_fresh_start(progress, fresh_start);
-    }
-
     fn wants_quality(&mut self, progress: &Progress) -> bool {
         (**self).wants_quality(progress)
     }
@@ -170,16 +151,6 @@ impl<O: Observer + ?Sized> Observer for &mut O {
 
 /// Two observers; either can stop the run, and both receive every checkpoint.
 impl<A: Observer, B: Observer> Observer for (A, B) {
-    fn on_edit(&mut self, progress: &Progress, counts: &EditCounts) {
-        self.0.on_edit(progress, counts);
-        self.1.on_edit(progress, counts);
-    }
-
-    fn on_fresh_start(&mut self, progress: &Progress, fresh_start: &FreshStart) {
-        self.0.on_fresh_start(progress, fresh_start);
-        self.1.on_fresh_start(progress, fresh_start);
-    }
-
     fn wants_quality(&mut self, progress: &Progress) -> bool {
         let (first, second) = (self.0.wants_quality(progress), self.1.wants_quality(progress));
         first || second

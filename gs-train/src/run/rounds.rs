@@ -37,7 +37,7 @@ impl Rounds {
     }
 
     /// Step of the last round in a run of `iterations`; 0 where there is none.
-    pub fn last(&self, iterations: u32) -> u32 {
+    pub(crate) fn last(&self, iterations: u32) -> u32 {
         self.span(iterations).map_or(0, |(_, last)| last * self.every)
     }
 
@@ -55,7 +55,7 @@ impl Rounds {
     ///
     /// # Errors
     /// [`Error::Setting`] where they do.
-    pub fn validate(&self) -> Result<(), Error> {
+    pub(crate) fn validate(&self) -> Result<(), Error> {
         if self.every > 0 && self.from > self.until {
             let window = format!("from step {} until {}", self.from, self.until);
             return Err(Error::setting("the window of density control", window, "one that ends after it begins"));

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     recovery::FreshStart,
-    task::{RunSettings, Trainable},
+    task::{LoopSettings, RunSettings, Trainable},
     trainer::Trainer,
 };
 
@@ -50,9 +50,8 @@ impl<R: Optimizer<S>, S: Trainable> Trainer<'_, R, S> {
     /// is the default and the policy of the settings does not aim at it, such as that of 3DGS: it is
     /// then only a bound.
     pub fn shortfall(&self) -> Option<Shortfall> {
-        let (gaussians, budget) = (self.count(), self.settings().budget());
-        let policy = Some(self.settings().named_policy()).filter(|_| !self.has_custom_policy());
-        let exactly = self.settings().count_schedule().is_some();
+        let LoopSettings { budget, exactly, policy, .. } = self.settings().of_loop();
+        let (gaussians, policy) = (self.count(), Some(policy).filter(|_| !self.has_custom_policy()));
         let least = if exactly { 1.0 } else { CLEARLY };
         let is_bound = policy.is_some() && self.settings().budget_is_bound();
         if !self.is_finished() || is_bound || f64::from(gaussians) >= least * f64::from(budget) {

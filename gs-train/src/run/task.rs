@@ -1,12 +1,10 @@
 //! The part of the training loop that differs between kinds of training: settings, and the task,
 //! which knows the target images.
 
-use std::{fmt::Debug, future::Future};
+use std::fmt::Debug;
 
 use gs_core::{Effects, Loss, Optimizer, Parameterization};
-use gs_density::{
-    CountSchedule, DensityGaussian as _, DensityPolicy, DensityScene, Evidence, EvidenceRequest, Policy, Residual,
-};
+use gs_density::{DensityGaussian as _, DensityPolicy, DensityScene, Evidence, EvidenceRequest, Policy, Residual};
 
 use super::{observer::Quality, recovery::Recovery, rounds::Rounds, settings_file::SettingsFile, suspect::Suspect};
 use crate::error::Error;
@@ -56,6 +54,27 @@ impl Suspect {
     }
 }
 
+/// The settings of a run that the loop reads as they are.
+#[derive(Debug, Clone, Copy)]
+pub struct LoopSettings<'s> {
+    /// Number of steps.
+    pub iterations: u32,
+    /// Seed of all random numbers.
+    pub seed: u32,
+    /// Largest number of Gaussians.
+    pub budget: u32,
+    /// Whether the run ends with exactly as many.
+    pub exactly: bool,
+    /// Rounds of density control.
+    pub rounds: &'s Rounds,
+    /// Policy of density control.
+    pub policy: &'s Policy,
+    /// Loss to minimise.
+    pub loss: Loss,
+    /// What happens to a diverging run.
+    pub recovery: Recovery,
+}
+
 /// Settings of a run as the loop needs them.
 pub trait RunSettings<S: SceneTask>: SettingsFile + Clone + Debug + PartialEq {
     /// Format name in checkpoints, so that a checkpoint of another kind of training is refused.
@@ -66,24 +85,14 @@ pub trait RunSettings<S: SceneTask>: SettingsFile + Clone + Debug + PartialEq {
     /// # Errors
     /// [`gs_core::Error::Setting`] naming the first value outside its range.
     fn validate(&self) -> Result<(), gs_core::Error>;
-    /// Number of steps.
-    fn iterations(&self) -> u32;
-    /// Seed of all random numbers.
-    fn seed(&self) -> u32;
-    /// Largest number of Gaussians.
-    fn budget(&self) -> u32;
-    /// Holds the policy to a schedule that ends at exactly the budget, if asked for.
-    fn count_schedule(&self) -> Option<CountSchedule>;
-    /// Rounds of density control.
-    fn rounds(&self) -> &Rounds;
+    /// The settings that have the same meaning for both kinds of scenes.
+    fn of_loop(&self) -> LoopSettings<'_>;
+    /// Policy of density control.
+    fn policy(&self) -> &dyn DensityPolicy<S>;
     /// Coordinates in which the optimizer moves.
     fn parameterization(&self) -> Parameterization {
         Parameterization::ScaleRotation
     }
-    /// Policy of density control.
-    fn policy(&self) -> &dyn DensityPolicy<S>;
-    /// The same policy by its kind.
-    fn named_policy(&self) -> &Policy;
     /// Whether the budget is only a bound: a default that the policy does not aim at.
     fn budget_is_bound(&self) -> bool {
         false
@@ -95,64 +104,30 @@ pub trait RunSettings<S: SceneTask>: SettingsFile + Clone + Debug + PartialEq {
     fn mean_factor(&self, step: u32) -> f32;
     /// Lower and upper bound of every scale, in the scene's unit.
     fn scale_bounds(&self) -> (f32, f32);
-    /// Loss to minimise.
-    fn loss(&self) -> Loss;
-    /// What happens to a diverging run.
-    fn recovery(&self) -> Recovery;
     /// Whether the step after `step` steps always makes new lists.
     fn bins_afresh_after(&self, step: u32) -> bool;
 }
 
-/// Implements [`RunSettings`] for settings whose fields have the usual names; the block has what differs.
-macro_rules! impl_run_settings {
-    ($Settings:ty, $Scene:ty, { $($own:tt)* }) => {
-        impl $crate::run::RunSettings<$Scene> for $Settings {
-            $($own)*
+/// The methods of [`RunSettings`] that say the same of settings whose fields have the same names.
+macro_rules! same_settings {
+    ($Scene:ty) => {
+        fn validate(&self) -> Result<(), gs_core::Error> {
+            self.validate()
+        }
 
-            fn validate(&self) -> Result<(), gs_core::Error> {
-                self.validate()
-            }
+        fn of_loop(&self) -> crate::run::LoopSettings<'_> {
+            let Self { iterations, seed, gaussians: budget, exactly, loss, recovery, .. } = *self;
+            let (rounds, policy) = (&self.rounds, &self.policy);
+            crate::run::LoopSettings { iterations, seed, budget, exactly, rounds, policy, loss, recovery }
+        }
 
-            fn iterations(&self) -> u32 {
-                self.iterations
-            }
-
-            fn seed(&self) -> u32 {
-                self.seed
-            }
-
-            fn budget(&self) -> u32 {
-                self.gaussians
-            }
-
-            fn count_schedule(&self) -> Option<gs_density::CountSchedule> {
-                self.exactly.then(|| gs_density::CountSchedule::from(&self.policy))
-            }
-
-            fn rounds(&self) -> &$crate::run::Rounds {
-                &self.rounds
-            }
-
-            fn policy(&self) -> &dyn gs_density::DensityPolicy<$Scene> {
-                &self.policy
-            }
-
-            fn named_policy(&self) -> &gs_density::Policy {
-                &self.policy
-            }
-
-            fn loss(&self) -> gs_core::Loss {
-                self.loss
-            }
-
-            fn recovery(&self) -> $crate::run::Recovery {
-                self.recovery
-            }
+        fn policy(&self) -> &dyn gs_density::DensityPolicy<$Scene> {
+            &self.policy
         }
     };
 }
 
-pub(crate) use impl_run_settings;
+pub(crate) use same_settings;
 
 /// Context of a step that a task sends.
 #[derive(Debug, Clone, Copy)]
@@ -170,7 +145,21 @@ pub struct StepContext {
     pub binning: gs_core::Binning,
 }
 
+/// The state of a run that a task is asked about.
+#[expect(missing_debug_implementations, reason = "splats have none")]
+pub struct At<'r, R: Optimizer<S>, S: SceneTask> {
+    /// The backend.
+    pub on: &'r R,
+    /// The Gaussians.
+    pub splats: &'r R::Splats,
+    /// The settings.
+    pub settings: &'r S::Settings,
+    /// The effects of the scene, without statistics.
+    pub effects: Effects,
+}
+
 /// The part of the loop that knows the target images.
+#[expect(async_fn_in_trait, reason = "the trait is sealed, and its futures are not `Send`")]
 pub trait TrainingTask<R: Optimizer<S>, S: SceneTask> {
     /// Whether there are views to gather evidence from.
     const HAS_VIEWS: bool;
@@ -190,14 +179,8 @@ pub trait TrainingTask<R: Optimizer<S>, S: SceneTask> {
     ///
     /// # Errors
     /// Those of the backend, and of reading an image.
-    fn prepare(
-        &mut self,
-        _on: &R,
-        _splats: &R::Splats,
-        _settings: &S::Settings,
-        _context: StepContext,
-    ) -> impl Future<Output = Result<(), Error>> {
-        async { Ok(()) }
+    async fn prepare(&mut self, _at: At<'_, R, S>, _step: u32) -> Result<(), Error> {
+        Ok(())
     }
 
     /// Keys and texts of the task's own state in the metadata of a checkpoint.
@@ -212,39 +195,36 @@ pub trait TrainingTask<R: Optimizer<S>, S: SceneTask> {
     ///
     /// # Errors
     /// Those of the backend, and of reading an image.
-    fn send(
+    async fn send(
         &mut self,
         on: &R,
         splats: &mut R::Splats,
         settings: &S::Settings,
         context: StepContext,
-    ) -> impl Future<Output = Result<(), Error>>;
+    ) -> Result<(), Error>;
 
     /// The residual for a policy that needs it, where there is one.
     ///
     /// # Errors
     /// Those of the backend.
-    fn residual(
-        &mut self,
-        on: &R,
-        splats: &R::Splats,
-        settings: &S::Settings,
-        effects: &Effects,
-    ) -> impl Future<Output = Result<Option<&Residual>, Error>>;
+    async fn residual(&mut self, _at: At<'_, R, S>) -> Result<Option<&Residual>, Error> {
+        Ok(None)
+    }
 
-    /// The evidence for a policy that requests it, of the scene of these splats after `step` steps;
-    /// `None` without views.
+    /// The evidence for a policy that requests it, of this scene, which is that of the splats, after
+    /// `step` steps; `None` without views.
     ///
     /// # Errors
     /// Those of the backend, and of reading an image.
-    fn evidence(
+    async fn evidence(
         &mut self,
-        on: &R,
-        of: (&S, &R::Splats),
-        settings: &S::Settings,
-        at: (u32, &Effects),
-        request: EvidenceRequest,
-    ) -> impl Future<Output = Result<Option<Evidence>, Error>>;
+        _at: At<'_, R, S>,
+        _scene: &S,
+        _step: u32,
+        _request: EvidenceRequest,
+    ) -> Result<Option<Evidence>, Error> {
+        Ok(None)
+    }
 
     /// Gaussians of this scene that the end of the run removes, by index, ascending.
     fn unwanted(&self, _scene: &S, _settings: &S::Settings, _effects: &Effects) -> Vec<u32> {
@@ -255,23 +235,19 @@ pub trait TrainingTask<R: Optimizer<S>, S: SceneTask> {
     ///
     /// # Errors
     /// Those of the backend.
-    fn after_edit(
+    async fn after_edit(
         &mut self,
-        on: &R,
-        splats: &mut R::Splats,
-        settings: &S::Settings,
-        effects: &Effects,
-    ) -> impl Future<Output = Result<(), Error>>;
+        _on: &R,
+        _splats: &mut R::Splats,
+        _settings: &S::Settings,
+        _effects: &Effects,
+    ) -> Result<(), Error> {
+        Ok(())
+    }
 
-    /// Quality of the scene with these effects; the loop adds [`Quality::clamped`].
+    /// Quality of the scene; the loop adds [`Quality::clamped`].
     ///
     /// # Errors
     /// Those of the backend, and of reading an image.
-    fn quality(
-        &self,
-        on: &R,
-        splats: &R::Splats,
-        settings: &S::Settings,
-        effects: &Effects,
-    ) -> impl Future<Output = Result<Quality, Error>>;
+    async fn quality(&self, at: At<'_, R, S>) -> Result<Quality, Error>;
 }

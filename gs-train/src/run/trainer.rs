@@ -27,7 +27,7 @@ use super::{
     recovery::{FreshStart, Watch, lr_scale},
     rounds::Rounds,
     suspect::Suspect,
-    task::{RunSettings, StepContext, Trainable, TrainingTask},
+    task::{At, RunSettings, StepContext, Trainable, TrainingTask},
 };
 use crate::error::Error;
 
@@ -131,12 +131,6 @@ impl<'a, R: Optimizer<S>, S: Trainable> Trainer<'a, R, S> {
         let (mut stop, mut checkpoint) = (false, false);
         while !self.is_finished() {
             let mut progress = self.step_once().await?;
-            if let Some(counts) = &progress.edits {
-                observer.on_edit(&progress, counts);
-            }
-            if let Some(fresh_start) = &progress.fresh_start {
-                observer.on_fresh_start(&progress, fresh_start);
-            }
             if observer.wants_quality(&progress) {
                 self.settle().await?;
                 let Progress { edits, fresh_start, .. } = progress;
@@ -172,11 +166,11 @@ impl<'a, R: Optimizer<S>, S: Trainable> Trainer<'a, R, S> {
     /// [`Error::Finished`] after the last step, [`gs_core::Error::State`] where a policy of the
     /// caller's own needs evidence and there are no views, and those of the backend.
     pub async fn step_once(&mut self) -> Result<Progress, Error> {
-        let iterations = self.record.settings.iterations();
+        let iterations = self.iterations();
         if self.is_finished() {
             return Err(Error::Finished { iterations });
         }
-        if self.policy().needs_evidence() && !S::TrainingTask::<R>::HAS_VIEWS {
+        if self.policy().needs().evidence && !S::TrainingTask::<R>::HAS_VIEWS {
             let message = "the policy needs evidence over several views, which only training in 3D has";
             return Err(gs_core::Error::State(message.to_owned()).into());
         }
@@ -204,12 +198,17 @@ impl<'a, R: Optimizer<S>, S: Trainable> Trainer<'a, R, S> {
         self.progress(edits, fresh_start)
     }
 
+    /// The current state, for the task.
+    pub(crate) fn at(&self) -> At<'_, R, S> {
+        At { on: self.rasterizer, splats: &self.splats, settings: &self.record.settings, effects: self.effects() }
+    }
+
     /// State of the run for observers.
     fn progress(&self, edits: Option<EditCounts>, fresh_start: Option<FreshStart>) -> Result<Progress, Error> {
         let loss = self.losses.last().ok_or_else(|| self.missing_losses())?;
         Ok(Progress {
             step: self.record.step,
-            iterations: self.record.settings.iterations(),
+            iterations: self.iterations(),
             seconds: self.record.seconds,
             count: self.count(),
             loss,
@@ -224,16 +223,16 @@ impl<'a, R: Optimizer<S>, S: Trainable> Trainer<'a, R, S> {
     /// Rounds of density control; none in a run that has restarted twice.
     fn rounds(&self) -> &Rounds {
         match self.record.fresh_starts.len() {
-            0 | 1 => self.record.settings.rounds(),
+            0 | 1 => self.record.settings.of_loop().rounds,
             _ => &Rounds::NEVER,
         }
     }
 
     /// Number of rounds of density control since the start or the last restart, until this progress.
     pub(crate) fn rounds_of_scene(&self, until: f32) -> u32 {
-        let Record { settings, step, fresh_starts, .. } = &self.record;
+        let Record { step, fresh_starts, .. } = &self.record;
         let since = fresh_starts.last().map_or(0, |start| start.step);
-        let counts = |at: &u32| self.rounds().progress(*at, settings.iterations()).is_some_and(|now| now <= until);
+        let counts = |at: &u32| self.rounds().progress(*at, self.iterations()).is_some_and(|now| now <= until);
         (since + 1..=*step).filter(counts).count() as u32
     }
 
@@ -250,16 +249,18 @@ impl<'a, R: Optimizer<S>, S: Trainable> Trainer<'a, R, S> {
     /// Sends one step of the optimizer.
     async fn optimise(&mut self) -> Result<(), Error> {
         let Record { settings, step, .. } = &self.record;
+        let needs = self.policy().needs();
         // Statistics that no later round uses are not collected.
-        let statistics = match *step < self.rounds().last(settings.iterations()) {
-            true => self.policy().statistics(),
+        let statistics = match *step < self.rounds().last(self.iterations()) {
+            true => needs.statistics,
             false => Statistics::None,
         };
         let effects = Effects { statistics, ..settings.effects_after(*step) };
-        let full_depth = self.policy().full_depth() * self.task.extent();
+        let full_depth = needs.full_depth * self.task.extent();
         let context =
             StepContext { step: *step, effects, full_depth, lr_scale: self.lr_scale(), binning: self.binning };
-        self.task.prepare(self.rasterizer, &self.splats, settings, context).await?;
+        let at = At { on: self.rasterizer, splats: &self.splats, settings, effects };
+        self.task.prepare(at, *step).await?;
         self.task.send(self.rasterizer, &mut self.splats, settings, context).await
     }
 
@@ -321,7 +322,7 @@ impl<'a, R: Optimizer<S>, S: Trainable> Trainer<'a, R, S> {
     /// # Errors
     /// Those of the backend, and of reading an image.
     pub async fn quality(&self) -> Result<Quality, Error> {
-        let quality = self.task.quality(self.rasterizer, &self.splats, &self.record.settings, &self.effects()).await?;
+        let quality = self.task.quality(self.at()).await?;
         Ok(Quality { clamped: self.clamped().await?, ..quality })
     }
 
@@ -366,7 +367,7 @@ impl<'a, R: Optimizer<S>, S: Trainable> Trainer<'a, R, S> {
     pub async fn saved(&mut self) -> Result<Checkpoint<SavedState<'_>>, Error> {
         if !self.can_checkpoint() {
             let Record { settings, step, .. } = &self.record;
-            let next = (step + 1..).find(|&next| settings.bins_afresh_after(next)).unwrap_or(settings.iterations());
+            let next = (step + 1..).find(|&next| settings.bins_afresh_after(next)).unwrap_or(self.iterations());
             return Err(Error::BetweenCheckpoints { step: *step, next });
         }
         self.settle().await?;
@@ -382,12 +383,12 @@ impl<'a, R: Optimizer<S>, S: Trainable> Trainer<'a, R, S> {
 
     /// Steps in all.
     pub fn iterations(&self) -> u32 {
-        self.record.settings.iterations()
+        self.record.settings.of_loop().iterations
     }
 
     /// Whether all steps are done.
     pub fn is_finished(&self) -> bool {
-        self.record.step >= self.record.settings.iterations()
+        self.record.step >= self.iterations()
     }
 
     /// Number of Gaussians.

@@ -66,7 +66,7 @@ impl PointInit {
     ///
     /// # Errors
     /// [`Error::Setting`] naming the first value outside its range.
-    pub fn validate(&self) -> Result<(), Error> {
+    pub(crate) fn validate(&self) -> Result<(), Error> {
         if !(self.opacity > 0.0 && self.opacity < 1.0) {
             return Err(Error::setting("the initial opacity", self.opacity, "above 0 and below 1"));
         }

@@ -69,7 +69,7 @@ impl DepthLoss {
     pub const USUAL_WEIGHT: f32 = 1.0;
 
     /// Whether depth maps are not part of the loss.
-    pub fn is_off(&self) -> bool {
+    pub(crate) fn is_off(&self) -> bool {
         self.weight == 0.0
     }
 
@@ -77,7 +77,7 @@ impl DepthLoss {
     ///
     /// # Errors
     /// [`gs_core::Error::Setting`] naming the first value outside its range.
-    pub fn validate(&self) -> Result<(), gs_core::Error> {
+    pub(crate) fn validate(&self) -> Result<(), gs_core::Error> {
         if !(self.weight >= 0.0 && self.weight.is_finite()) {
             return Err(gs_core::Error::setting("depth-loss.weight", self.weight, "at least 0 and finite"));
         }

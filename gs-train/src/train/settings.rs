@@ -8,7 +8,7 @@ use gs_density::Policy;
 use serde::{Deserialize, Serialize};
 
 use super::{depth_loss::DepthLoss, exposure::Exposure};
-use crate::run::{Recovery, Rounds, impl_run_settings};
+use crate::run::{Recovery, Rounds, RunSettings, same_settings};
 use crate::{
     start::{PointInit, is_zero},
     views::Resolution,
@@ -112,7 +112,7 @@ impl TrainSettings {
     /// Returns these settings with the largest number of Gaussians for a start from this many points
     /// ([`Self::gaussians_per_point`]).
     #[must_use]
-    pub fn for_points(self, points: usize) -> Self {
+    pub(crate) fn for_points(self, points: usize) -> Self {
         let wanted = (f64::from(self.gaussians_per_point) * points as f64) as u32;
         let gaussians = wanted.clamp(self.gaussians, self.most_for_points());
         self.with_gaussians(gaussians)
@@ -236,8 +236,10 @@ impl TrainSettings {
     }
 }
 
-impl_run_settings!(TrainSettings, Scene3d, {
+impl RunSettings<Scene3d> for TrainSettings {
     const FORMAT: &'static str = "training-3d-1";
+
+    same_settings!(Scene3d);
 
     fn budget_is_bound(&self) -> bool {
         self.gaussians == Self::default().gaussians && !self.policy.aims_at_budget()
@@ -260,7 +262,7 @@ impl_run_settings!(TrainSettings, Scene3d, {
     fn bins_afresh_after(&self, _: u32) -> bool {
         true
     }
-});
+}
 
 #[cfg(test)]
 mod tests {

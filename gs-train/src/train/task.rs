@@ -7,7 +7,7 @@ use gs_core::{
     effects::{Background, Statistics},
     metrics::mean,
 };
-use gs_density::{Evidence, EvidenceRequest, Residual, Rng};
+use gs_density::{Evidence, EvidenceRequest, Rng};
 use rand::{RngExt, SeedableRng};
 
 use super::{
@@ -22,7 +22,7 @@ use crate::views::{Images, Order, PosedView, Views, images, possible, reduced_ca
 use crate::{
     error::Error,
     memory,
-    run::{Clamped, Quality, SceneTask, StepContext, TrainingTask},
+    run::{At, Clamped, Quality, SceneTask, StepContext, TrainingTask},
 };
 
 /// Stream of random numbers for backgrounds.
@@ -108,7 +108,7 @@ impl<R: Optimizer<Scene3d>> ViewsTask<R> {
     }
 
     /// The views.
-    pub fn views(&self) -> &Views {
+    pub(crate) fn views(&self) -> &Views {
         &self.views
     }
 
@@ -143,12 +143,9 @@ impl<R: Optimizer<Scene3d>> ViewsTask<R> {
     /// Quality on a sample of the training views.
     pub(super) async fn training_views(
         &self,
-        on: &R,
-        splats: &R::Splats,
-        settings: &TrainSettings,
-        effects: &Effects,
+        At { on, splats, settings, effects }: At<'_, R, Scene3d>,
     ) -> Result<TrainingViews, Error> {
-        let render = shown(settings, effects);
+        let render = shown(settings, &effects);
         let (mut psnr, mut losses) = (Vec::new(), Vec::new());
         for index in self.sample() {
             let view = &self.views.train[index];
@@ -209,23 +206,21 @@ impl<R: Optimizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
 
     async fn prepare(
         &mut self,
-        on: &R,
-        splats: &R::Splats,
-        settings: &TrainSettings,
-        context: StepContext,
+        At { on, splats, settings, effects }: At<'_, R, Scene3d>,
+        step: u32,
     ) -> Result<(), Error> {
         let views = self.views.train.len() as u32;
-        if self.exposures.is_due(settings.exposure, views, context.step, settings.iterations) {
-            let render = shown(settings, &Effects { statistics: Statistics::None, ..context.effects });
+        if self.exposures.is_due(settings.exposure, views, step, settings.iterations) {
+            let render = shown(settings, &Effects { statistics: Statistics::None, ..effects });
             let were_used = self.exposures.are_used();
-            let factor = settings.resolution.factor(context.step as f32 / settings.iterations as f32);
+            let factor = settings.resolution.factor(step as f32 / settings.iterations as f32);
             self.exposures.solve((on, splats), &self.views.train, &render, (settings.exposure, factor)).await?;
             if were_used || self.exposures.are_used() {
                 self.images.forget();
             }
         }
-        if self.depths.is_due(context.step, settings.iterations) {
-            let render = shown(settings, &context.effects);
+        if self.depths.is_due(step, settings.iterations) {
+            let render = shown(settings, &effects);
             self.depths.fit_to_renderings((on, splats), &self.views.train, &render).await?;
         }
         Ok(())
@@ -270,25 +265,14 @@ impl<R: Optimizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
         Ok(on.train_step_with(splats, &camera, target, &step, added).await?)
     }
 
-    async fn residual(
-        &mut self,
-        _: &R,
-        _: &R::Splats,
-        _: &TrainSettings,
-        _: &Effects,
-    ) -> Result<Option<&Residual>, Error> {
-        Ok(None)
-    }
-
     async fn evidence(
         &mut self,
-        on: &R,
-        of: (&Scene3d, &R::Splats),
-        settings: &TrainSettings,
-        (step, effects): (u32, &Effects),
+        At { on, splats, settings, effects }: At<'_, R, Scene3d>,
+        scene: &Scene3d,
+        step: u32,
         request: EvidenceRequest,
     ) -> Result<Option<Evidence>, Error> {
-        let mut gathering = Gathering::new(on, of, shown(settings, effects), request)?;
+        let mut gathering = Gathering::new(on, (scene, splats), shown(settings, &effects), request)?;
         for index in views_of_round(settings.seed, step, self.views.train.len(), &request) {
             let (camera, factor) = self.reduced(index, settings, step);
             let posed = images::training_image(&self.views.train[index], factor, self.exposures.map(index))?;
@@ -304,20 +288,10 @@ impl<R: Optimizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
         }
     }
 
-    async fn after_edit(&mut self, _: &R, _: &mut R::Splats, _: &TrainSettings, _: &Effects) -> Result<(), Error> {
-        Ok(())
-    }
-
     /// Means over the test views (or their replacements) in which some pixel counts, and the
     /// Gaussians left out, summed over them.
-    async fn quality(
-        &self,
-        on: &R,
-        splats: &R::Splats,
-        settings: &TrainSettings,
-        effects: &Effects,
-    ) -> Result<Quality, Error> {
-        let render = shown(settings, effects);
+    async fn quality(&self, At { on, splats, settings, effects }: At<'_, R, Scene3d>) -> Result<Quality, Error> {
+        let render = shown(settings, &effects);
         let views = self.evaluation_views();
         let (mut l1, mut psnr, mut culled) = (Vec::new(), Vec::new(), Culled::default());
         for view in &views {

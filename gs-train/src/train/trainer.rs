@@ -1,7 +1,6 @@
 //! Starting, resuming and evaluating the training of a 3D scene.
 
 use gs_core::{Camera, Image, Optimizer, Parameterization, RenderSettings, Scene, Scene3d};
-use gs_density::DensityPolicy;
 use gs_io::{Checkpoint, dataset::AlphaMeaning};
 use web_time::Instant;
 
@@ -152,15 +151,14 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
     ///
     /// # Errors
     /// Those of the backend, and of reading an image.
-    pub async fn training_views(&self) -> Result<TrainingViews, Error> {
-        self.task.training_views(self.rasterizer, &self.splats, &self.record.settings, &self.effects()).await
+    pub(crate) async fn training_views(&self) -> Result<TrainingViews, Error> {
+        self.task.training_views(self.at()).await
     }
 }
 
 /// The views, with their images in memory where the policy looks at some in each round.
 fn for_evidence(views: Views, settings: &TrainSettings) -> Result<Views, Error> {
-    let policy: &dyn DensityPolicy<Scene3d> = &settings.policy;
-    match policy.needs_evidence() {
+    match settings.policy.needs().evidence {
         true => views.holding_training_images(MOST_FOR_EVIDENCE),
         false => Ok(views),
     }

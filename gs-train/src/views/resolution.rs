@@ -48,7 +48,7 @@ impl Resolution {
     ///
     /// # Errors
     /// [`Error::Setting`] naming the first value outside its range.
-    pub fn validate(self) -> Result<(), Error> {
+    pub(crate) fn validate(self) -> Result<(), Error> {
         let Self::CoarseToFine { from, full_after } = self else { return Ok(()) };
         if ![2, 4, 8].contains(&from) {
             return Err(Error::setting("resolution.from", from, "2, 4 or 8"));

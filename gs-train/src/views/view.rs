@@ -234,7 +234,7 @@ impl Views {
     ///
     /// # Errors
     /// Those of [`PosedView::image`].
-    pub fn holding_training_images(mut self, most_bytes: u64) -> Result<Self, Error> {
+    pub(crate) fn holding_training_images(mut self, most_bytes: u64) -> Result<Self, Error> {
         if Self::image_bytes(&self.train) <= most_bytes {
             let held = |view: PosedView| {
                 let image = (!view.source.is_in_memory()).then(|| view.image()).transpose()?;
@@ -275,7 +275,7 @@ impl Views {
     ///
     /// # Errors
     /// [`gs_core::Error::Setting`] naming the view.
-    pub fn validate(&self) -> Result<(), gs_core::Error> {
+    pub(crate) fn validate(&self) -> Result<(), gs_core::Error> {
         if self.train.is_empty() {
             return Err(gs_core::Error::setting("the number of views to train with", 0, "at least 1"));
         }

@@ -6,8 +6,8 @@ use std::sync::{
     atomic::{AtomicU32, Ordering::Relaxed},
 };
 
-use gs_core::{EditPlan, Error as CoreError, Gaussian2d, Image, Scene, Scene2d, Scene3d, effects::Statistics};
-use gs_density::{DensityPolicy, EvidenceRequest, Observation, Policy, Rng};
+use gs_core::{EditPlan, Error as CoreError, Gaussian2d, Image, Scene, Scene2d, Scene3d};
+use gs_density::{DensityPolicy, EvidenceRequest, Needs, Observation, Policy, Rng};
 use gs_train::{
     Error, FitSettings, Rounds, Trainer, Trainer3d,
     train::{PosedView, Start, Views},
@@ -179,16 +179,8 @@ impl DensityPolicy for CuriousIn2d {
         Ok(EditPlan::default())
     }
 
-    fn statistics(&self) -> Statistics {
-        Statistics::None
-    }
-
-    fn needs_residual(&self) -> bool {
-        false
-    }
-
-    fn needs_evidence(&self) -> bool {
-        true
+    fn needs(&self) -> Needs {
+        Needs { evidence: true, ..Needs::default() }
     }
 }
 

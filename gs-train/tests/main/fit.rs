@@ -348,9 +348,6 @@ fn an_observer_stops_a_run_and_sees_the_checkpoints_it_wants() {
         edits: u32,
     }
     impl Observer for Watch {
-        fn on_edit(&mut self, _: &Progress, counts: &gs_core::edit::EditCounts) {
-            self.edits += counts.added();
-        }
         fn wants_checkpoint(&mut self, progress: &Progress) -> bool {
             progress.step == 5
         }
@@ -359,6 +356,7 @@ fn an_observer_stops_a_run_and_sees_the_checkpoints_it_wants() {
             Ok(())
         }
         fn on_step(&mut self, progress: &Progress) -> Control {
+            self.edits += progress.edits.map_or(0, |counts| counts.added());
             if progress.step >= 13 { Control::Stop } else { Control::Continue }
         }
     }

@@ -4,12 +4,10 @@ use std::sync::{Arc, Mutex};
 
 use glam::{Vec2, Vec3};
 use gs_core::{
-    Blend, Camera, EditPlan, Gaussian3d, Rasterizer, RenderSettings, Scene, Scene3d,
-    constants::SH_C0,
-    effects::{Order, Statistics},
+    Blend, Camera, EditPlan, Gaussian3d, Rasterizer, RenderSettings, Scene, Scene3d, constants::SH_C0, effects::Order,
 };
 use gs_cpu::{CpuRasterizer, CpuSettings};
-use gs_density::{DensityPolicy, Evidence, EvidenceRequest, Observation, Rng};
+use gs_density::{DensityPolicy, Evidence, EvidenceRequest, Needs, Observation, Rng};
 use gs_io::dataset::PosedImage;
 use gs_train::{
     Rounds, TrainPreset, TrainSettings,
@@ -122,16 +120,8 @@ impl DensityPolicy<Scene3d> for Curious {
         Ok(EditPlan::default())
     }
 
-    fn statistics(&self) -> Statistics {
-        Statistics::None
-    }
-
-    fn needs_residual(&self) -> bool {
-        false
-    }
-
-    fn needs_evidence(&self) -> bool {
-        self.request.is_some()
+    fn needs(&self) -> Needs {
+        Needs { evidence: self.request.is_some(), ..Needs::default() }
     }
 
     fn evidence(&self, _: u32, _: f32) -> Option<EvidenceRequest> {

@@ -27,9 +27,10 @@ fn hasty(recovery: Recovery) -> FitSettings {
 struct Reports(Vec<FreshStart>);
 
 impl Observer for Reports {
-    fn on_fresh_start(&mut self, progress: &Progress, fresh_start: &FreshStart) {
-        assert_eq!((progress.fresh_start, progress.step), (Some(*fresh_start), fresh_start.step));
-        self.0.push(*fresh_start);
+    fn on_step(&mut self, progress: &Progress) -> Control {
+        assert!(progress.fresh_start.is_none_or(|start| start.step == progress.step));
+        self.0.extend(progress.fresh_start);
+        Control::Continue
     }
 }
 
@@ -134,11 +135,10 @@ fn a_fit_that_fails_again_and_again_goes_on_without_density_control() {
         fresh_starts: Vec<u32>,
     }
     impl Observer for Steps {
-        fn on_edit(&mut self, progress: &Progress, _: &EditCounts) {
-            self.rounds.push(progress.step);
-        }
-        fn on_fresh_start(&mut self, progress: &Progress, _: &FreshStart) {
-            self.fresh_starts.push(progress.step);
+        fn on_step(&mut self, progress: &Progress) -> Control {
+            self.rounds.extend(progress.edits.map(|_| progress.step));
+            self.fresh_starts.extend(progress.fresh_start.map(|_| progress.step));
+            Control::Continue
         }
     }
     let mut settings = hasty(Recovery::BeginAgain).with(|s| s.iterations = 250);

@@ -16,11 +16,8 @@ struct Reports {
 impl Observer for Reports {
     fn on_step(&mut self, progress: &Progress) -> Control {
         self.left_out = self.left_out.max(progress.quality.as_ref().map_or(0, |quality| quality.culled.not_finite));
+        self.removed += progress.edits.map_or(0, |counts| counts.pruned_not_finite);
         Control::Continue
-    }
-
-    fn on_edit(&mut self, _: &Progress, counts: &gs_core::edit::EditCounts) {
-        self.removed += counts.pruned_not_finite;
     }
 }
 

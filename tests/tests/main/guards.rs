@@ -50,7 +50,7 @@ checks! {
 #[test]
 fn an_infinite_score_is_no_reason_to_grow() {
     let ranking = Ranking::new([(0, f32::INFINITY), (1, 0.5), (2, f32::NAN)], WhenFlat::Nothing);
-    assert_eq!(ranking.all(), [1]);
+    assert_eq!(ranking.at_least(0.0), [1]);
 }
 
 const SIZE: (u32, u32) = (24, 19);

@@ -1,5 +1,6 @@
 //! [`Grow`] by name, in settings files, and in words.
 
+use gs_core::Error;
 use serde::{Deserialize, Serialize};
 
 use super::{Combine, Grow};
@@ -8,7 +9,7 @@ use crate::{
     policy::{
         Named, Policy,
         partial::{ActionsForm, Over as _},
-        rule::{GrowthLimit, Rule},
+        rule::{GrowthLimit, Rule, check_percent},
     },
     round::{Actions, Densify, SplitPlacement, WhenFlat},
 };
@@ -93,26 +94,29 @@ pub(crate) fn kind(grow: &Grow) -> &'static str {
 
 /// Name of a rule, as in [`NAMED`], by its kind, signal and split.
 pub(crate) fn name(grow: &Grow) -> &'static str {
-    use Signal::{AbsoluteGradient, MeanGradient, PixelError, PixelGradient};
-    match (kind(grow), grow.actions.densify.split_placement, grow.signal) {
-        ("paper", ..) => "paper",
-        ("absolute", SplitPlacement::LongAxisSplit(_), AbsoluteGradient) => "long-axis",
-        ("absolute", _, MeanGradient) => "absolute",
-        ("absolute", _, AbsoluteGradient) => "abs-gs",
-        ("absolute", _, PixelGradient) => "pixel-gs",
-        ("absolute", _, PixelError) => "absolute-error",
-        ("percentile", _, MeanGradient) => "percentile",
-        ("percentile", _, AbsoluteGradient) => "percentile-abs-gs",
-        ("percentile", _, PixelGradient) => "percentile-pixel-gs",
-        ("percentile", _, PixelError) => "percentile-error",
-        (_, _, MeanGradient) => "hybrid",
-        (_, _, AbsoluteGradient) => "hybrid-abs-gs",
-        (_, _, PixelGradient) => "hybrid-pixel-gs",
-        (_, _, PixelError) => "hybrid-error",
-    }
+    let splits_along = matches!(grow.actions.densify.split_placement, SplitPlacement::LongAxisSplit(_));
+    let names = match (kind(grow), grow.signal) {
+        ("paper", _) => return "paper",
+        ("absolute", Signal::AbsoluteGradient) if splits_along => return "long-axis",
+        ("absolute", _) => ["absolute", "abs-gs", "pixel-gs", "absolute-error"],
+        ("percentile", _) => ["percentile", "percentile-abs-gs", "percentile-pixel-gs", "percentile-error"],
+        _ => ["hybrid", "hybrid-abs-gs", "hybrid-pixel-gs", "hybrid-error"],
+    };
+    names[grow.signal as usize]
 }
 
 impl Rule for Grow {
+    fn validate(&self) -> Result<(), Error> {
+        check_percent(self.percent)?;
+        if !(self.threshold >= 0.0) {
+            return Err(Error::setting("threshold", self.threshold, "0 or more"));
+        }
+        if !(self.full_depth >= 0.0 && self.full_depth.is_finite()) {
+            return Err(Error::setting("full-depth", self.full_depth, "0 or more, and finite"));
+        }
+        self.actions.validate()
+    }
+
     fn actions(&self) -> Option<&Actions> {
         Some(&self.actions)
     }

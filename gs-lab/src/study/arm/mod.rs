@@ -159,8 +159,8 @@ impl AnyPolicy {
     /// The densification statistics that the policy needs, where this program has it.
     pub(crate) fn statistics(&self) -> Option<Statistics> {
         match self {
-            Self::In2d(policy) => Some(policy.statistics()),
-            Self::In3d(policy) => Some(policy.statistics()),
+            Self::In2d(policy) => Some(policy.needs().statistics),
+            Self::In3d(policy) => Some(policy.needs().statistics),
             Self::Elsewhere => None,
         }
     }

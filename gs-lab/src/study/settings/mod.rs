@@ -3,7 +3,7 @@
 mod image;
 mod scene;
 
-use gs_core::{RenderSettings, Scene2d, Scene3d, effects::Statistics};
+use gs_core::{RenderSettings, effects::Statistics};
 use gs_train::{CustomPolicy, Error as TrainError, FitSettings, SettingsFile as _, TrainSettings, Trainable};
 
 use super::{
@@ -104,8 +104,8 @@ impl ArmSettings {
     /// The densification statistics that the policy needs.
     pub(crate) fn statistics(&self) -> Statistics {
         match self {
-            Self::Image(settings) => gs_density::DensityPolicy::<Scene2d>::statistics(&settings.policy),
-            Self::Scene(settings) => gs_density::DensityPolicy::<Scene3d>::statistics(&settings.policy),
+            Self::Image(settings) => settings.policy.needs().statistics,
+            Self::Scene(settings) => settings.policy.needs().statistics,
         }
     }
 }

@@ -8,7 +8,7 @@ use crate::{
     run::replay,
     study::{Arm, Matching},
 };
-use gs_core::{EditPlan, Error as CoreError, Gaussian2d, effects::Statistics};
+use gs_core::{EditPlan, Error as CoreError, Gaussian2d};
 use gs_density::{DensityPolicy, Observation, Rng};
 
 use super::{Counter, conducted, cpu, laid_out, place, study};
@@ -22,14 +22,6 @@ impl DensityPolicy for Moody {
             30 => Err(CoreError::State("not today".to_owned())),
             _ => panic!("not at all"),
         }
-    }
-
-    fn statistics(&self) -> Statistics {
-        Statistics::None
-    }
-
-    fn needs_residual(&self) -> bool {
-        false
     }
 }
 

@@ -98,7 +98,7 @@ impl Init {
     ///
     /// # Errors
     /// [`Error::Setting`] naming the first value outside its range.
-    pub fn validate(&self) -> Result<(), Error> {
+    pub(crate) fn validate(&self) -> Result<(), Error> {
         let opacity = match self {
             Self::Random(random) => {
                 positive("the initial scale", random.scale_px)?;

@@ -6,14 +6,14 @@ use gs_core::{
     edit::{AfterEdit, EditCounts, PruneCause, Removal},
     effects::Statistics,
 };
-use gs_density::{DensityGaussian, Observation};
+use gs_density::{CountSchedule, DensityGaussian, Observation};
 
 use crate::run::trainer::{Trainer, policy, random};
 use crate::{
     error::Error,
     run::{
         checkpoint::Record,
-        task::{RunSettings, Trainable, TrainingTask},
+        task::{At, LoopSettings, RunSettings, Trainable, TrainingTask},
     },
 };
 
@@ -21,26 +21,27 @@ impl<R: Optimizer<S>, S: Trainable> Trainer<'_, R, S> {
     /// Runs a round of density control; `progress` as in [`Observation`].
     pub(super) async fn control_density(&mut self, progress: f32) -> Result<EditCounts, Error> {
         let Record { settings, step, .. } = &self.record;
+        let LoopSettings { iterations, seed, budget, exactly, policy: named, .. } = settings.of_loop();
         let policy = policy(&self.custom, settings);
         let scene = self.rasterizer.download(&self.splats).await?;
-        let statistics = match policy.statistics() {
+        let needs = policy.needs();
+        let statistics = match needs.statistics {
             Statistics::None => DensityStatistics::zeros(scene.len()),
             _ => self.rasterizer.statistics(&self.splats).await?,
         };
         let extent = self.task.extent();
         let effects = self.effects();
         let rounds = self.rounds();
-        let progress_before =
-            rounds.progress(step.saturating_sub(rounds.every), settings.iterations()).unwrap_or_default();
+        let progress_before = rounds.progress(step.saturating_sub(rounds.every), iterations).unwrap_or_default();
         let evidence = match policy.evidence(step - 1, progress) {
             Some(request) => {
-                let of = (&scene, &self.splats);
-                self.task.evidence(self.rasterizer, of, settings, (*step, &effects), request).await?
+                let at = At { on: self.rasterizer, splats: &self.splats, settings, effects };
+                self.task.evidence(at, &scene, *step, request).await?
             }
             None => None,
         };
-        let residual = match policy.needs_residual() {
-            true => self.task.residual(self.rasterizer, &self.splats, settings, &effects).await?,
+        let residual = match needs.residual {
+            true => self.task.residual(At { on: self.rasterizer, splats: &self.splats, settings, effects }).await?,
             false => None,
         };
         let observation = Observation {
@@ -52,12 +53,12 @@ impl<R: Optimizer<S>, S: Trainable> Trainer<'_, R, S> {
             step: step - 1,
             progress,
             progress_before,
-            budget: settings.budget() as usize,
+            budget: budget as usize,
         };
-        let rng = &mut random(settings.seed(), *step);
-        let plan = match settings.count_schedule() {
-            Some(schedule) => schedule.plan(policy, &observation, rng)?,
-            None => policy.plan(&observation, rng)?,
+        let rng = &mut random(seed, *step);
+        let plan = match exactly {
+            true => CountSchedule::from(named).plan(policy, &observation, rng)?,
+            false => policy.plan(&observation, rng)?,
         };
         let counts = plan.counts();
         // The edit needs memory of about the scene's size.
@@ -76,11 +77,11 @@ impl<R: Optimizer<S>, S: Trainable> Trainer<'_, R, S> {
     /// Adds the policy's noise after this step, except the last, after which nothing could adapt.
     pub(super) fn add_noise(&mut self) -> Result<(), Error> {
         let Record { settings, step, .. } = &self.record;
-        let Some(noise) = self.policy().noise().filter(|noise| noise.is_due(*step) && !self.is_finished()) else {
+        let Some(noise) = self.policy().needs().noise.filter(|noise| noise.is_due(*step) && !self.is_finished()) else {
             return Ok(());
         };
         let rate = self.lr_scale() * settings.mean_factor(*step);
-        let noise = noise.of_step::<S>(self.task.extent(), rate, settings.seed(), *step);
+        let noise = noise.of_step::<S>(self.task.extent(), rate, settings.of_loop().seed, *step);
         Ok(self.rasterizer.add_noise(&mut self.splats, &noise)?)
     }
 

@@ -39,11 +39,11 @@ fn loss_of_error(loss: Loss, error: f32) -> f64 {
 impl<R: Optimizer<S>, S: Trainable> Trainer<'_, R, S> {
     /// Whether divergence is checked after the step just done.
     pub(super) fn is_judged(&self) -> bool {
-        self.recovers() && Watch::ends_window(self.record.step, self.record.settings.iterations())
+        self.recovers() && Watch::ends_window(self.record.step, self.iterations())
     }
 
     fn recovers(&self) -> bool {
-        self.record.settings.recovery() == Recovery::BeginAgain
+        self.record.settings.of_loop().recovery == Recovery::BeginAgain
     }
 
     /// Keeps the Gaussians that this run starts with, for a restart.
@@ -89,7 +89,7 @@ impl<R: Optimizer<S>, S: Trainable> Trainer<'_, R, S> {
         if judgement.loss <= self.loss_of(&S::default()).await? / 4.0 {
             return Ok(false);
         }
-        let kind = self.record.settings.loss();
+        let kind = self.record.settings.of_loop().loss;
         if !self.is_finished() {
             return Ok(judgement.loss > loss_of_error(kind, SMALL_ERROR));
         }
