@@ -84,6 +84,11 @@ pub enum ConversionLoss {
 }
 
 impl ConversionLoss {
+    /// What lowering an SH degree drops.
+    pub(super) fn of_degree(from: u8, to: u8) -> Option<Self> {
+        (to < from).then_some(Self::Sh { from, to })
+    }
+
     /// What finite logits in place of infinite ones change.
     pub(super) fn of_infinite_logits(scene: &Scene3d) -> Option<Self> {
         let gaussians = scene.opacity_logits.iter().filter(|logit| logit.is_infinite()).count();

@@ -66,10 +66,7 @@ pub(crate) fn encode(
         // The cast saturates: 1 becomes 255, which is 127/128; readers normalise.
         bytes.extend(rotations.get(i).map(|q| (q * 128.0 + 128.0).round() as u8));
     }
-    let mut losses = Vec::new();
-    if scene.sh_degree > 0 {
-        losses.push(ConversionLoss::Sh { from: scene.sh_degree, to: 0 });
-    }
+    let mut losses = Vec::from_iter(ConversionLoss::of_degree(scene.sh_degree, 0));
     let rounded = |what| ConversionLoss::Rounded { what, to: "8 bits".to_owned() };
     losses.extend(["colours", "opacities", "the parts of quaternions"].map(rounded));
     losses.extend(clamp.loss());

@@ -41,9 +41,7 @@ pub(crate) fn encode(
         ConversionLoss::Rounded { what: "opacities", to: "24 bits of 0..1".to_owned() },
         ConversionLoss::Rounded { what: "scales", to: "24 bits".to_owned() },
     ];
-    if !rotations.all_unit() {
-        losses.push(ConversionLoss::QuaternionLengths);
-    }
+    losses.extend(rotations.loss());
     if format == Format3d::Glb {
         return Ok(Encoded3d::of(format, binary(path, &json, &buffer)?, losses));
     }

@@ -18,7 +18,7 @@ use crate::{
         File3d, Format3d,
         conversion_loss::ConversionLoss,
         source::Source,
-        values::{MAX_DEGREE, degree_of_rest, logit_of_step},
+        values::{MAX_DEGREE, degree_of_rest, logit_of_step, with_largest},
     },
 };
 
@@ -78,10 +78,11 @@ pub(super) fn read(source: &Source<'_>, header: &Header) -> Result<File3d, Error
     let losses = match header.find("sh") {
         None => {
             scene.sh = dc;
-            Vec::new()
+            None
         }
         Some(sh) => read_sh(source, header, sh, &mut scene, &dc)?,
     };
+    let losses = Vec::from_iter(losses);
     Ok(File3d { losses, trained_with: header.trained_with(), ..File3d::of(Format3d::CompressedPly, scene) })
 }
 
@@ -110,7 +111,7 @@ fn read_sh(
     place: usize,
     scene: &mut Scene3d,
     dc: &[glam::Vec3],
-) -> Result<Vec<ConversionLoss>, Error> {
+) -> Result<Option<ConversionLoss>, Error> {
     let element = &header.elements[place];
     if element.count != dc.len() as u64 {
         return Err(source.damaged(0, format!("{} rows of element sh", dc.len()), format!("{}", element.count)));
@@ -119,7 +120,7 @@ fn read_sh(
     if wanted.is_empty() {
         // Rows may have no bytes here, and there is nothing to read.
         scene.sh = dc.to_vec();
-        return Ok(Vec::new());
+        return Ok(None);
     }
     let file_degree = degree_of_rest(wanted.len()).unwrap_or(0);
     scene.sh_degree = file_degree.min(MAX_DEGREE);
@@ -131,8 +132,7 @@ fn read_sh(
         let value = |channel: usize, k: usize| sh_of_byte(row[channel * per_channel + k]);
         scene.sh.extend((0..kept).map(|k| glam::Vec3::new(value(0, k), value(1, k), value(2, k))));
     })?;
-    let cut = scene.sh_degree < file_degree;
-    Ok(if cut { vec![ConversionLoss::Sh { from: file_degree, to: scene.sh_degree }] } else { Vec::new() })
+    Ok(ConversionLoss::of_degree(file_degree, scene.sh_degree))
 }
 
 /// A coefficient from a byte: the middle of a 256th of −4..4, but at the ends the ends themselves.
@@ -155,13 +155,7 @@ fn unpack_111011(bits: u32) -> [f32; 3] {
 
 fn unpack_rotation(bits: u32) -> [f32; 4] {
     let part = |shift: u32| ((bits >> shift & 1023) as f32 / 1023.0 - 0.5) * std::f32::consts::SQRT_2;
-    let others = [part(20), part(10), part(0)];
-    let largest = (1.0 - others.iter().map(|v| v * v).sum::<f32>()).max(0.0).sqrt();
-    let mut q = [0.0; 4];
-    let place = (bits >> 30) as usize;
-    q[place] = largest;
-    (0..4).filter(|&k| k != place).zip(others).for_each(|(k, value)| q[k] = value);
-    q
+    with_largest((bits >> 30) as usize, [part(20), part(10), part(0)])
 }
 
 #[cfg(test)]

@@ -65,8 +65,7 @@ pub(crate) fn read(source: &Source<'_>, _: Format3d) -> Result<File3d, Error> {
         let rest = |channel: usize, k: usize| value(14 + channel * per_channel + k);
         scene.sh.extend((0..kept).map(|k| glam::Vec3::new(rest(0, k), rest(1, k), rest(2, k))));
     })?;
-    let mut losses =
-        if degree < file_degree { vec![ConversionLoss::Sh { from: file_degree, to: degree }] } else { Vec::new() };
+    let mut losses = Vec::from_iter(ConversionLoss::of_degree(file_degree, degree));
     let mut trained_with = header.trained_with();
     match header.comments.iter().find_map(|comment| world_frame_of(comment)) {
         Some(frame) => trained_with.frame = take_to_frame(&mut scene, &means, frame),

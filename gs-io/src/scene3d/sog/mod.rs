@@ -41,7 +41,7 @@ use super::{
     Encoded3d, File3d, Format3d, TrainedWith, WriteOptions3d,
     conversion_loss::{Clamp, ConversionLoss},
     source::Source,
-    values::{UnitRotations, byte_of_logit, logit_of_step, rest_of_degree},
+    values::{UnitRotations, byte_of_logit, largest_of, logit_of_step, rest_of_degree, with_largest},
 };
 use crate::error::Error;
 
@@ -135,15 +135,12 @@ fn with_palette(
 fn rotation(&[a, b, c, index]: &[u8; 4]) -> Option<[f32; 4]> {
     let largest = usize::from(index.checked_sub(LARGEST)?);
     let smaller = [a, b, c].map(|byte| (f32::from(byte) / 255.0 - 0.5) * std::f32::consts::SQRT_2);
-    let rest = 1.0 - smaller.iter().map(|v| v * v).sum::<f32>();
-    let mut smaller = smaller.into_iter();
-    // The largest component is taken out of order; the others follow in theirs.
-    Some(std::array::from_fn(|k| if k == largest { rest.max(0.0).sqrt() } else { smaller.next().unwrap_or(0.0) }))
+    Some(with_largest(largest, smaller))
 }
 
 /// The pixel of a unit quaternion.
 fn pixel_of_rotation(q: [f32; 4]) -> [u8; 4] {
-    let largest = (1..4).fold(0, |largest, k| if q[k].abs() > q[largest].abs() { k } else { largest });
+    let largest = largest_of(q);
     let sign = 1.0_f32.copysign(q[largest]);
     let byte = |v: f32| ((sign * v / std::f32::consts::SQRT_2 + 0.5) * 255.0).round() as u8;
     let mut smaller = (0..4).filter(|&k| k != largest).map(|k| byte(q[k]));
@@ -278,9 +275,7 @@ fn losses(
     if let Some(palette) = palette {
         losses.push(rounded("higher SH coefficients", &format!("a palette of {}", palette.count)));
     }
-    if !rotations.all_unit() {
-        losses.push(ConversionLoss::QuaternionLengths);
-    }
+    losses.extend(rotations.loss());
     let kept = match trained_with.antialias {
         Some(_) => TrainedWith::of_spz_flag(trained_with.spz_flag()),
         None => TrainedWith::default(),

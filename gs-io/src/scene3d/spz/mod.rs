@@ -58,8 +58,7 @@ pub(crate) fn read(source: &Source<'_>, format: Format3d) -> Result<File3d, Erro
         None => AXES.apply(&mut scene),
         Some(axes) => _ = transform(&mut scene, &DAffine3::from_mat3(axes)),
     }
-    let cut = degree < head.degree;
-    let losses = if cut { vec![ConversionLoss::Sh { from: head.degree, to: degree }] } else { Vec::new() };
+    let losses = Vec::from_iter(ConversionLoss::of_degree(head.degree, degree));
     let trained_with = TrainedWith::of_spz_flag(head.antialiased);
     Ok(File3d { losses, trained_with, ..File3d::of(format, scene) })
 }

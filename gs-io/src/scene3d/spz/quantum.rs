@@ -19,7 +19,7 @@ use crate::scene3d::options::SpzOptions;
 use crate::scene3d::{
     conversion_loss::{Clamp, ConversionLoss},
     range::farthest,
-    values::{UnitRotations, byte_of_logit, logit_of_step},
+    values::{UnitRotations, byte_of_logit, largest_of, logit_of_step, with_largest},
 };
 
 /// Factor of coefficients of degree 0; for colours it would be 0.282.
@@ -94,14 +94,13 @@ pub(super) fn rotation_of_three(bytes: [u8; 3]) -> [f32; 4] {
 pub(super) fn rotation_of_smallest(bytes: [u8; 4]) -> [f32; 4] {
     let mut bits = u32::from_le_bytes(bytes);
     let largest = (bits >> 30) as usize;
-    let mut xyzw = [0.0_f32; 4];
-    for k in (0..4).rev().filter(|&k| k != largest) {
+    let mut others = [0.0_f32; 3];
+    for other in others.iter_mut().rev() {
         let magnitude = (bits & PART_MAX) as f32 / PART_MAX as f32 * FRAC_1_SQRT_2;
-        xyzw[k] = if bits >> 9 & 1 == 1 { -magnitude } else { magnitude };
+        *other = if bits >> 9 & 1 == 1 { -magnitude } else { magnitude };
         bits >>= 10;
     }
-    xyzw[largest] = (1.0 - xyzw.iter().map(|v| v * v).sum::<f32>()).max(0.0).sqrt();
-    let [x, y, z, w] = xyzw;
+    let [x, y, z, w] = with_largest(largest, others);
     [w, x, y, z]
 }
 
@@ -157,7 +156,7 @@ impl Packing {
     /// becomes positive.
     pub(super) fn rotation(&self, [w, x, y, z]: [f32; 4]) -> [u8; 4] {
         let xyzw = [x, y, z, w];
-        let largest = (0..4).fold(0, |best, k| if xyzw[k].abs() > xyzw[best].abs() { k } else { best });
+        let largest = largest_of(xyzw);
         let mut bits = largest as u32;
         for k in (0..4).filter(|&k| k != largest) {
             let negative = (xyzw[k] < 0.0) != (xyzw[largest] < 0.0);
@@ -186,9 +185,7 @@ impl Packing {
             losses.push(rounded("coefficients of higher degrees", bits(self.options.higher_degree_bits)));
         }
         losses.extend([&self.log_scales, &self.colors, &self.sh].into_iter().filter_map(Clamp::loss));
-        if !rotations.all_unit() {
-            losses.push(ConversionLoss::QuaternionLengths);
-        }
+        losses.extend(rotations.loss());
         losses
     }
 }

@@ -17,5 +17,5 @@ pub(crate) use self::{
     },
     sh_degree::{MAX_DEGREE, MAX_FILE_DEGREE, degree_of_rest, rest_of_degree},
     transform::apply as transform,
-    unit::UnitRotations,
+    unit::{UnitRotations, largest_of, with_largest},
 };

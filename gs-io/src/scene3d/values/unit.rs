@@ -4,7 +4,7 @@ use std::path::Path;
 
 use gs_core::{Scene3d, constants::MIN_QUATERNION_NORM2};
 
-use crate::error::Error;
+use crate::{error::Error, scene3d::ConversionLoss};
 
 /// Tolerance of a squared length of 1: a few roundings of `f32`.
 const UNIT_TOLERANCE: f32 = 1e-6;
@@ -38,10 +38,24 @@ impl<'a> UnitRotations<'a> {
         q.map(|v| (f64::from(v) / length) as f32)
     }
 
-    /// Whether all quaternions have unit length already.
-    pub(crate) fn all_unit(&self) -> bool {
-        self.0.rotations.iter().all(is_unit)
+    /// The loss of lengths, if not all are 1 already.
+    pub(crate) fn loss(&self) -> Option<ConversionLoss> {
+        (!self.0.rotations.iter().all(is_unit)).then_some(ConversionLoss::QuaternionLengths)
     }
+}
+
+/// The index of the largest component of a quaternion: the first of equal ones.
+pub(crate) fn largest_of(q: [f32; 4]) -> usize {
+    (1..4).fold(0, |largest, k| if q[k].abs() > q[largest].abs() { k } else { largest })
+}
+
+/// The unit quaternion with these three components in their order and the one at `largest`, which
+/// follows from them.
+pub(crate) fn with_largest(largest: usize, others: [f32; 3]) -> [f32; 4] {
+    let rest = 1.0 - others.iter().map(|v| v * v).sum::<f32>();
+    let mut others = others.into_iter();
+    // The largest is taken out of order; the others follow in theirs.
+    std::array::from_fn(|k| if k == largest { rest.max(0.0).sqrt() } else { others.next().unwrap_or(0.0) })
 }
 
 fn norm2(q: &[f32; 4]) -> f32 {
