@@ -8,6 +8,7 @@ use std::{error::Error, sync::Arc};
 use gs_core::{EditPlan, Gaussian2d, effects::Statistics};
 use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_density::{Actions, DensityPolicy, Needs, Observation, Rng, Round, WhenFlat};
+use gs_jobs::WorkSettings;
 use gs_lab::{Existing, Places, Plan, Results, Study, StudyFolder, conduct, report, study::Arm};
 
 struct RestlessMass(f32);
@@ -30,7 +31,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let cpu = CpuRasterizer::new(CpuSettings::default())?;
     let plan = Plan::new(study, &Places::default(), format!("cpu {}", cpu.simd_level()))?;
     let folder = StudyFolder::prepare("gs-out/own-policy".as_ref(), &plan, Existing::Resume)?;
-    conduct(&plan, &[&cpu], &folder, &())?;
+    conduct(&plan, &[&cpu], &folder, &WorkSettings::default(), &())?;
     let results = Results::read(&plan, &folder)?;
     Ok(report::write(&results, &folder, "cargo run --release -p gs-lab --example own_policy")?)
 }

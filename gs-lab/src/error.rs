@@ -49,14 +49,6 @@ pub enum Error {
         /// The built-in studies.
         known: String,
     },
-    /// An image of the study was not found.
-    #[error("{image}: no such file in {looked}: name the folder that has it with --data or GS_DATA")]
-    NoImage {
-        /// The image, as the study names it.
-        image: String,
-        /// The folders that were searched.
-        looked: String,
-    },
     /// An image of the study is neither a file nor a synthetic target.
     #[error("{image}: is neither an image file nor a synthetic target: those are {known}")]
     NoTarget {
@@ -65,11 +57,13 @@ pub enum Error {
         /// The synthetic targets.
         known: String,
     },
-    /// A data set of the study was not found.
-    #[error("{scene}: no such data set in {looked}: name the folder that has it with --data or GS_DATA")]
-    NoScene {
-        /// The scene, as the study names it.
-        scene: String,
+    /// An image or a data set of the study was not found.
+    #[error("{name}: no such {what} in {looked}: name the folder that has it with --data or GS_DATA")]
+    NotFound {
+        /// The image or the scene, as the study names it.
+        name: String,
+        /// "file" or "data set".
+        what: &'static str,
         /// The folders that were searched.
         looked: String,
     },
@@ -127,54 +121,14 @@ pub enum Error {
         /// The backend's error.
         source: gs_core::Error,
     },
-    /// A replay on another machine than recorded the row; it would end in another scene.
-    #[error("row {row}: recorded on {recorded}, but this is {found}: {mend}")]
-    OtherMachine {
+    /// A replay of a row that was recorded on another machine, by another version or with other settings
+    /// or data, or that ended in another scene.
+    #[error("row {row}: {message}")]
+    Replay {
         /// The row.
         row: usize,
-        /// The machine of the record.
-        recorded: String,
-        /// The machine of the replay.
-        found: String,
-        /// How to get the recorded machine.
-        mend: String,
-    },
-    /// A replay by another version than recorded the row; it may end in another scene.
-    #[error(
-        "row {row}: recorded by version {recorded}, but this is {found}: replay it with that version, or do the study again"
-    )]
-    OtherVersion {
-        /// The row.
-        row: usize,
-        /// The version that recorded it.
-        recorded: String,
-        /// The version of this program.
-        found: &'static str,
-    },
-    /// A replay of a row whose settings or image have changed since it was recorded.
-    #[error(
-        "row {row}: its settings, its image or its data set are not those recorded (address {found} instead of {recorded}): put study.toml \
-         and the data back as they were, or let gs study --resume do the row again"
-    )]
-    OtherRun {
-        /// The row.
-        row: usize,
-        /// The run's address as recorded.
-        recorded: String,
-        /// The run's address now.
-        found: String,
-    },
-    /// A replay that ended in another scene than the recorded one.
-    #[error(
-        "row {row}: the scene is not the recorded one ({found} instead of {recorded}), though nothing that is known differs"
-    )]
-    NotReplayed {
-        /// The row.
-        row: usize,
-        /// Digest of the recorded scene.
-        recorded: String,
-        /// Digest of the scene found.
-        found: String,
+        /// What differs, and what to do.
+        message: String,
     },
     /// An error of a file: see [`gs_io::Error`].
     #[error(transparent)]

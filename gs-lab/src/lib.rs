@@ -31,6 +31,6 @@ mod tests;
 pub use crate::{
     error::Error,
     result::Results,
-    run::{Existing, StudyFolder, conduct, conduct_with},
+    run::{Existing, StudyFolder, conduct},
     study::{Places, Plan, Study, built_in},
 };

@@ -15,7 +15,7 @@ use gs_backend::{AnyRasterizer, host_threads};
 use gs_core::{Scene2d, Scene3d};
 use gs_jobs::{AtEnd, Shard, WorkSettings, slurm};
 use gs_lab::{
-    Existing, Places, Plan, Results, StudyFolder, conduct_with, report,
+    Existing, Places, Plan, Results, StudyFolder, conduct, report,
     run::{Conducted, Replayed, ReplayedScene, RunOutcome, Watcher},
     study::{Arm, Machine, Run},
 };
@@ -240,7 +240,7 @@ impl Study {
         let mut told = 0;
         let conducted = py.detach(|| {
             thread::scope(|scope| {
-                let conducting = scope.spawn(|| conduct_with(plan, &team, folder, work, &watch));
+                let conducting = scope.spawn(|| conduct(plan, &team, folder, work, &watch));
                 while !conducting.is_finished() {
                     thread::sleep(Duration::from_millis(50));
                     let ended = watch.ended.load(Relaxed);

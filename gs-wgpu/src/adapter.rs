@@ -3,6 +3,7 @@
 use std::fmt;
 
 use gs_core::Error;
+use serde::Serialize;
 
 use crate::{fault::backend_error, shaders::Kernels};
 
@@ -19,7 +20,7 @@ const NONE: &str = "this browser offers no WebGPU: it needs a recent browser tha
 const LEAST_SUBGROUP: u32 = 4;
 
 /// An adapter of this machine.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct AdapterSummary {
     /// The adapter's name, by which [`WgpuSettings::adapter`](crate::WgpuSettings::adapter) finds
     /// it.

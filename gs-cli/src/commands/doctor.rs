@@ -97,7 +97,7 @@ pub(crate) fn run(args: &DoctorArgs) -> Result<(), Failure> {
     let fixed = args.output.as_deref().map(|output| fix(scene, output)).transpose()?;
     let is_fixed = fixed.is_some();
     let report = Report::new(&path, kind, &examination, fixed);
-    if args.json { output::json(&report) } else { output::result(text(&report)) }?;
+    output::answer(args.json, &report, || text(&report))?;
     if examination.is_sound() || is_fixed {
         return Ok(());
     }

@@ -17,7 +17,7 @@ use crate::{
     files::output_folder::{self, OutputFolder, OverwriteArgs},
     flags::{
         backend::BackendArgs,
-        values::{Bytes, Color, by_name, positive, whole},
+        values::{Color, by_name, bytes, positive, whole},
     },
     image_fit::batch::{self, BatchImage, Done, Row},
     memory::{self, Need},
@@ -64,8 +64,8 @@ pub(crate) struct EncodeArgs {
     #[arg(long, value_name = "R,G,B")]
     background: Option<Color>,
     /// Memory to take at most: larger images are encoded in bands
-    #[arg(long, value_name = "SIZE", default_value = "4G")]
-    memory: Bytes,
+    #[arg(long, value_name = "SIZE", default_value = "4G", value_parser = bytes)]
+    memory: u64,
     /// Seed of all random numbers
     #[arg(long, value_name = "S", default_value_t = 0)]
     seed: u32,
@@ -87,8 +87,8 @@ struct TargetArgs {
     #[arg(long, value_name = "BITS", value_parser = positive)]
     bpp: Option<f64>,
     /// Largest size, such as 40k or 40000 bytes
-    #[arg(long, value_name = "SIZE")]
-    bytes: Option<Bytes>,
+    #[arg(long, value_name = "SIZE", value_parser = bytes)]
+    bytes: Option<u64>,
     /// Least PSNR, dB: the smallest file that has it
     #[arg(long, value_name = "DB", value_parser = positive)]
     psnr: Option<f64>,
@@ -102,7 +102,7 @@ impl TargetArgs {
         let pixels = f64::from(width) * f64::from(height);
         match (self.bpp, self.bytes, self.psnr) {
             (Some(bits), ..) => EncodeTarget::Bytes((bits * pixels / 8.0) as u64),
-            (_, Some(Bytes(bytes)), _) => EncodeTarget::Bytes(bytes),
+            (_, Some(bytes), _) => EncodeTarget::Bytes(bytes),
             (.., Some(psnr)) => EncodeTarget::Psnr(psnr),
             _ => EncodeTarget::Quality(self.quality.unwrap_or(50)),
         }
@@ -261,7 +261,7 @@ impl EncodeArgs {
                 _ => EncodeLayers::One,
             };
             s.tune = self.tune.unwrap_or(s.tune);
-            s.memory = self.memory.0;
+            s.memory = self.memory;
             s.seed = self.seed;
         })
     }

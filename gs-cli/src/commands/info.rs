@@ -7,9 +7,9 @@ mod scene3d;
 use std::{collections::BTreeMap, fmt::Write, path::PathBuf};
 
 use clap::Args;
-use gs_core::{RenderSettings, Scene, Scene2d, ValueQuantiles, counted, sigmoid};
+use gs_core::{RenderSettings, Scene, ValueQuantiles, counted, sigmoid};
 use gs_io::{
-    AnyScene, IccProfile, SceneFile, Values,
+    AnyScene, File2d, SceneFile, Values,
     dataset::{may_be_dataset, read_dataset},
     readable_in,
 };
@@ -20,7 +20,7 @@ use crate::{
     failure::Failure,
     files::scene,
     flags::dataset::DatasetArgs,
-    terminal::output::{self, Format, printable},
+    terminal::output::{self, printable},
 };
 
 /// The flags of `gs info`.
@@ -49,10 +49,10 @@ struct Info {
     bytes_per_gaussian: Option<f64>,
     gaussians: usize,
     /// Width of the image that the scene was made for, px.
-    width: Option<u32>,
-    height: Option<u32>,
+    width: u32,
+    height: u32,
     /// How the scene is rendered.
-    render: Option<RenderSettings>,
+    render: RenderSettings,
     /// Whether the file has alpha; the scene is the picture on white then.
     alpha: bool,
     /// ICC profile of the colours; `null` for sRGB.
@@ -73,12 +73,6 @@ struct Profile {
     bytes: usize,
 }
 
-impl From<&IccProfile> for Profile {
-    fn from(profile: &IccProfile) -> Self {
-        Self { name: profile.name(), bytes: profile.bytes().len() }
-    }
-}
-
 #[derive(Debug, Clone, Copy, Serialize)]
 #[serde(rename_all = "lowercase")]
 enum Kind {
@@ -95,20 +89,19 @@ struct Range {
 
 /// Prints the content of a file, or lists the adapters.
 pub(crate) fn run(args: &InfoArgs) -> Result<(), Failure> {
-    let format = if args.json { Format::Json } else { Format::Text };
     // The command line has either the file or --adapters.
     let Some(file) = &args.file else {
-        return adapters::run(format);
+        return adapters::run(args.json);
     };
     if may_be_dataset(file) {
         match read_dataset(file, &args.images.settings()) {
             Err(gs_io::Error::NotADataset { .. }) if readable_in(file).is_some() => {}
-            dataset => return dataset::print(&dataset?, format),
+            dataset => return dataset::print(&dataset?, args.json),
         }
     }
     let SceneFile { path, scene, metadata, has_alpha, .. } = scene::read(file, Values::Any)?;
     let scene_2d = match scene {
-        AnyScene::ThreeD(file) => return scene3d::print(*file, metadata, format),
+        AnyScene::ThreeD(file) => return scene3d::print(*file, metadata, args.json),
         AnyScene::TwoD(scene_2d) => scene_2d,
     };
     let bytes = std::fs::metadata(&path).map_or(0, |file| file.len());
@@ -116,23 +109,13 @@ pub(crate) fn run(args: &InfoArgs) -> Result<(), Failure> {
     if metadata.is_none() {
         scene_2d.validate().map_err(|source| Failure::of_scene(gs_io::Error::Content { path, source }))?;
     }
-    let info = Info {
-        width: Some(scene_2d.width),
-        height: Some(scene_2d.height),
-        render: Some(scene_2d.settings),
-        alpha: has_alpha,
-        profile: scene_2d.profile.as_ref().map(Profile::from),
-        metadata: metadata.unwrap_or_default(),
-        ..Info::of(kind, bytes, &scene_2d.scene)
-    };
-    match format {
-        Format::Json => output::json(&info),
-        Format::Text => output::result(text(&info)),
-    }
+    let info = Info { alpha: has_alpha, metadata: metadata.unwrap_or_default(), ..Info::of(kind, bytes, &scene_2d) };
+    output::answer(args.json, &info, || text(&info))
 }
 
 impl Info {
-    fn of(kind: Kind, bytes: u64, scene: &Scene2d) -> Self {
+    fn of(kind: Kind, bytes: u64, file: &File2d) -> Self {
+        let File2d { scene, width, height, settings, profile, .. } = file;
         let gaussians = scene.len();
         let mut ranges = BTreeMap::new();
         let mut add = |name, values: Vec<f32>| {
@@ -153,11 +136,11 @@ impl Info {
             bytes,
             bytes_per_gaussian: (gaussians > 0).then(|| bytes as f64 / gaussians as f64),
             gaussians,
-            width: None,
-            height: None,
-            render: None,
+            width: *width,
+            height: *height,
+            render: *settings,
             alpha: false,
-            profile: None,
+            profile: profile.as_ref().map(|profile| Profile { name: profile.name(), bytes: profile.bytes().len() }),
             ranges,
             not_finite: scene.not_finite(),
             metadata: BTreeMap::new(),
@@ -177,33 +160,29 @@ fn text(info: &Info) -> String {
         Kind::Checkpoint => "checkpoint of a 2D fit",
     };
     let mut rows = vec![("kind", kind.to_owned()), ("Gaussians", info.gaussians.to_string())];
-    if let (Some(width), Some(height)) = (info.width, info.height) {
-        rows.push(("canvas", format!("{width}x{height} px")));
-    }
+    rows.push(("canvas", format!("{}x{} px", info.width, info.height)));
     let each = info.bytes_per_gaussian.map_or_else(String::new, |each| format!(", {each:.1} a Gaussian"));
     rows.push(("size", format!("{}{each}", counted(info.bytes, "byte"))));
-    if let Some(render) = &info.render {
-        rows.push(("blend", render.effects.blend.name().to_owned()));
-        rows.push(("background", format!("{:?}", render.background_color())));
-    }
+    rows.push(("blend", info.render.effects.blend.name().to_owned()));
+    rows.push(("background", format!("{:?}", info.render.background_color())));
     if info.alpha {
         rows.push(("alpha", "yes; the values here are those of the picture on white".to_owned()));
     }
     if let Some(Profile { name, bytes }) = &info.profile {
-        rows.push(("profile", format!("{}, {}", printable(name), counted(*bytes, "byte"))));
+        rows.push(("profile", format!("{name}, {}", counted(*bytes, "byte"))));
     }
     rows.push(("not finite", info.not_finite.to_string()));
-    let mut text = String::new();
-    for (name, value) in &rows {
-        let _ = writeln!(text, "{name:<20}{value}");
-    }
     for (name, Range { min, median, max }) in &info.ranges {
         let [min, median, max] = [min, median, max].map(|value| number(*value));
-        let _ = writeln!(text, "{name:<20}{min} to {max}, median {median}");
+        rows.push((name, format!("{min} to {max}, median {median}")));
     }
-    text += &metadata_text(&info.metadata);
-    text.truncate(text.trim_end().len());
-    text
+    rows_text(&rows, &info.metadata)
+}
+
+/// A line for each fact, and those of a checkpoint's metadata.
+fn rows_text(rows: &[(&str, String)], metadata: &BTreeMap<String, String>) -> String {
+    let lines: String = rows.iter().map(|(name, value)| format!("{name:<20}{}\n", printable(value))).collect();
+    (lines + &metadata_text(metadata)).trim_end().to_owned()
 }
 
 /// A value of a parameter, to five significant digits.
@@ -231,7 +210,11 @@ fn metadata_text(metadata: &BTreeMap<String, String>) -> String {
 mod tests {
     use super::*;
     use glam::{Vec2, Vec3};
-    use gs_core::Gaussian2d;
+    use gs_core::{Gaussian2d, Scene2d};
+
+    fn file(scene: Scene2d) -> File2d {
+        File2d { scene, width: 8, height: 8, settings: RenderSettings::default(), profile: None }
+    }
 
     #[test]
     fn values_that_are_not_finite_are_counted_and_left_out_of_the_ranges() {
@@ -243,7 +226,7 @@ mod tests {
             color: Vec3::new(red, 0.5, 0.5),
         };
         let scene = [gaussian(3.0, 0.1), gaussian(f32::NAN, 0.2), gaussian(5.0, f32::INFINITY)].into_iter().collect();
-        let info = Info::of(Kind::Scene, 300, &scene);
+        let info = Info::of(Kind::Scene, 300, &file(scene));
         assert_eq!((info.gaussians, info.not_finite, info.bytes_per_gaussian), (3, 2, Some(100.0)));
         assert_eq!(info.ranges["x (px)"], Range { min: 3.0, median: 5.0, max: 5.0 });
         assert_eq!(info.ranges["red"], Range { min: 0.1, median: 0.2, max: 0.2 });
@@ -252,7 +235,7 @@ mod tests {
 
     #[test]
     fn an_empty_scene_has_no_ranges() {
-        let info = Info::of(Kind::Scene, 100, &Scene2d::default());
+        let info = Info::of(Kind::Scene, 100, &file(Scene2d::default()));
         assert!(info.ranges.is_empty() && info.bytes_per_gaussian.is_none());
         assert!(text(&info).contains("Gaussians           0"));
     }

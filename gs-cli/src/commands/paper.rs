@@ -9,6 +9,7 @@ use clap::{
 use gs_backend::AnyRasterizer;
 use gs_core::counted;
 use gs_io::Inputs;
+use gs_jobs::WorkSettings;
 use gs_lab::{
     Existing, Places, Plan, Results, StudyFolder, conduct,
     experiments::{Chapter, EXPERIMENTS, Experiment, claims_csv, page, verdicts},
@@ -150,7 +151,7 @@ fn chapter(
     for (plan, of_study) in studies {
         output::note(format_args!("{}: {}", plan.study.name, counted(plan.runs.len(), "run")));
         let display = Display::new(plan, of_study)?;
-        let conducted = conduct(plan, &[on], of_study, &display.stopped_by(interrupt));
+        let conducted = conduct(plan, &[on], of_study, &WorkSettings::default(), &display.stopped_by(interrupt));
         display.printer().clear_bar();
         if conducted? != Conducted::Whole {
             return Err(Failure::interrupted("stopped; the same command goes on"));

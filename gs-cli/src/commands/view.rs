@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use glam::Vec3;
 
 use crate::{
     failure::Failure,
@@ -11,7 +12,7 @@ use crate::{
         dataset::ReadingArgs,
         effects_args::EffectsArgs,
         render_args::RenderArgs3d,
-        values::{Axis, Size, ViewName},
+        values::{Size, ViewName, axis},
     },
 };
 
@@ -41,8 +42,8 @@ pub(crate) struct ViewArgs {
     camera: Option<ViewName>,
     /// Up direction, around which the camera turns: x, y, z, -x, -y or -z [default: that of the
     /// data set, otherwise -y]
-    #[arg(long, value_name = "AXIS", allow_hyphen_values = true, help_heading = "Camera")]
-    up: Option<Axis>,
+    #[arg(long, value_name = "AXIS", value_parser = axis, allow_hyphen_values = true, help_heading = "Camera")]
+    up: Option<Vec3>,
     #[command(flatten)]
     reading: ReadingArgs,
     #[command(flatten)]
@@ -97,9 +98,8 @@ mod window {
 
     fn run_3d(args: &ViewArgs, file: &File3d) -> Result<(), Failure> {
         let scene = &file.scene;
-        let up = args.up.map(|axis| axis.0);
         let (Home { camera, target, up }, dataset) =
-            Home::named(args.camera.as_ref(), &args.reading, file, args.size, up)?;
+            Home::named(args.camera.as_ref(), &args.reading, file, args.size, args.up)?;
         let settings = args.render.settings(file, dataset.as_ref());
         camera.validate().map_err(|error| Failure::usage(error).at("--camera or --size"))?;
         let size = size(args, camera.width, camera.height)?;

@@ -120,9 +120,9 @@ impl OutputFolder {
         self.write_text_durably(name, &(json + "\n"))
     }
 
-    /// Removes a file of an earlier run that this run does not write.
-    pub(crate) fn leave_out(&self, name: &str) -> Result<(), Failure> {
-        Ok(self.remove(name)?)
+    /// Removes files of an earlier run that this run does not write.
+    pub(crate) fn leave_out<N: AsRef<str>>(&self, names: impl IntoIterator<Item = N>) -> Result<(), Failure> {
+        Ok(names.into_iter().try_for_each(|name| self.remove(name.as_ref()))?)
     }
 
     /// Claims and writes files, given by name and content.

@@ -46,24 +46,17 @@ pub(crate) fn one_of<T: Choice>(choices: &'static [T]) -> impl TypedValueParser<
     PossibleValuesParser::new(possible).map(|name| T::from_name(&name).expect("it is one of the possible values"))
 }
 
-/// A number of bytes, with k for thousands and M for millions.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Bytes(pub(crate) u64);
-
-impl FromStr for Bytes {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let (number, unit) = match text.char_indices().last() {
-            Some((end, 'k' | 'K')) => (&text[..end], 1e3),
-            Some((end, 'm' | 'M')) => (&text[..end], 1e6),
-            Some((end, 'g' | 'G')) => (&text[..end], 1e9),
-            _ => (text, 1.0),
-        };
-        match number.parse::<f64>() {
-            Ok(count) if count > 0.0 && count * unit < 1e12 => Ok(Self((count * unit) as u64)),
-            _ => Err("write it as a number of bytes, such as 40000, 40k, 1.5M or 4G".to_owned()),
-        }
+/// A parser of numbers of bytes, with k for thousands and M for millions.
+pub(crate) fn bytes(text: &str) -> Result<u64, String> {
+    let (number, unit) = match text.char_indices().last() {
+        Some((end, 'k' | 'K')) => (&text[..end], 1e3),
+        Some((end, 'm' | 'M')) => (&text[..end], 1e6),
+        Some((end, 'g' | 'G')) => (&text[..end], 1e9),
+        _ => (text, 1.0),
+    };
+    match number.parse::<f64>() {
+        Ok(count) if count > 0.0 && count * unit < 1e12 => Ok((count * unit) as u64),
+        _ => Err("write it as a number of bytes, such as 40000, 40k, 1.5M or 4G".to_owned()),
     }
 }
 
@@ -232,58 +225,35 @@ impl FromStr for ViewName {
     }
 }
 
-/// A positive number, also as a fraction such as 1/255.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Tolerance(pub(crate) f64);
+/// A parser of positive numbers, also as a fraction such as 1/255.
+pub(crate) fn tolerance(text: &str) -> Result<f64, String> {
+    let number = |text: &str| text.trim().parse::<f64>().ok();
+    let value = match text.split_once('/') {
+        Some((above, below)) => number(above).zip(number(below)).map(|(above, below)| above / below),
+        None => number(text),
+    };
+    let value = value.filter(|value| *value > 0.0 && value.is_finite());
+    value.ok_or_else(|| "write a positive number, or a fraction such as 1/255".to_owned())
+}
 
-impl FromStr for Tolerance {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let number = |text: &str| text.trim().parse::<f64>().ok();
-        let value = match text.split_once('/') {
-            Some((above, below)) => number(above).zip(number(below)).map(|(above, below)| above / below),
-            None => number(text),
-        };
-        match value {
-            Some(value) if value > 0.0 && value.is_finite() => Ok(Self(value)),
-            _ => Err("write a positive number, or a fraction such as 1/255".into()),
-        }
+/// A parser of times in minutes, above 0.
+pub(crate) fn minutes(text: &str) -> Result<f64, String> {
+    match text.trim().parse::<f64>() {
+        Ok(minutes) if minutes > 0.0 && minutes <= 1e6 => Ok(minutes),
+        _ => Err("write a number of minutes above 0, such as 5 or 0.5".to_owned()),
     }
 }
 
-/// A time in minutes, above 0.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Minutes(pub(crate) f64);
-
-impl FromStr for Minutes {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        match text.trim().parse::<f64>() {
-            Ok(minutes) if minutes > 0.0 && minutes <= 1e6 => Ok(Self(minutes)),
-            _ => Err("write a number of minutes above 0, such as 5 or 0.5".into()),
-        }
-    }
-}
-
-/// An axis of space, written x, y, z, -x, -y or -z.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Axis(pub(crate) Vec3);
-
-impl FromStr for Axis {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        Ok(Self(match text {
-            "x" => Vec3::X,
-            "y" => Vec3::Y,
-            "z" => Vec3::Z,
-            "-x" => Vec3::NEG_X,
-            "-y" => Vec3::NEG_Y,
-            "-z" => Vec3::NEG_Z,
-            _ => return Err("write x, y, z, -x, -y or -z".into()),
-        }))
+/// A parser of axes of space, written x, y, z, -x, -y or -z.
+pub(crate) fn axis(text: &str) -> Result<Vec3, String> {
+    match text {
+        "x" => Ok(Vec3::X),
+        "y" => Ok(Vec3::Y),
+        "z" => Ok(Vec3::Z),
+        "-x" => Ok(Vec3::NEG_X),
+        "-y" => Ok(Vec3::NEG_Y),
+        "-z" => Ok(Vec3::NEG_Z),
+        _ => Err("write x, y, z, -x, -y or -z".to_owned()),
     }
 }
 
@@ -305,23 +275,20 @@ mod tests {
         assert_eq!("0,1,0".parse(), Ok(TrainBackground::Solid(Color([0.0, 1.0, 0.0]))));
         assert_eq!("white".parse(), Ok(TrainBackground::Solid(Color([1.0; 3]))));
         assert_eq!("random".parse(), Ok(TrainBackground::Random));
-        assert_eq!(("1/250".parse(), "0.004".parse()), (Ok(Tolerance(0.004)), Ok(Tolerance(0.004))));
+        assert_eq!((tolerance("1/250"), tolerance("0.004")), (Ok(0.004), Ok(0.004)));
         for bad in ["1/0", "0", "-1", "x", "nan", "1/"] {
-            assert!(bad.parse::<Tolerance>().is_err(), "{bad}");
+            assert!(tolerance(bad).is_err(), "{bad}");
         }
         let view = ViewName { dataset: "C:/dataset".into(), view: "a/b.png".to_owned() };
         assert_eq!("C:/dataset:a/b.png".parse(), Ok(view));
-        assert_eq!("-y".parse(), Ok(Axis(Vec3::NEG_Y)));
+        assert_eq!(axis("-y"), Ok(Vec3::NEG_Y));
     }
 
     #[test]
     fn sizes_have_units() {
-        assert_eq!(
-            ["40000", "40k", "1.5M", "4G"].map(|text| text.parse::<Bytes>()),
-            [40_000, 40_000, 1_500_000, 4_000_000_000].map(|b| Ok(Bytes(b)))
-        );
+        assert_eq!(["40000", "40k", "1.5M", "4G"].map(bytes), [40_000, 40_000, 1_500_000, 4_000_000_000].map(Ok));
         for wrong in ["", "k", "-4k", "40kB", "1e30"] {
-            assert!(wrong.parse::<Bytes>().is_err(), "{wrong}");
+            assert!(bytes(wrong).is_err(), "{wrong}");
         }
     }
 
@@ -358,6 +325,6 @@ mod tests {
         for view in ["", "dataset", ":a", "dataset:"] {
             assert!(view.parse::<ViewName>().is_err(), "{view}");
         }
-        assert!("up".parse::<Axis>().is_err());
+        assert!(axis("up").is_err());
     }
 }

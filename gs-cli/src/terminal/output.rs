@@ -17,15 +17,6 @@ use serde::Serialize;
 use super::help;
 use crate::failure::Failure;
 
-/// The format of a command's result.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Format {
-    /// Text.
-    Text,
-    /// One JSON object on standard output and nothing else there.
-    Json,
-}
-
 /// How much a long-running command prints.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(crate) enum Verbosity {
@@ -76,6 +67,11 @@ fn lines(text: impl Display) -> String {
 pub(crate) fn result(text: impl Display) -> Result<(), Failure> {
     let columns = Term::stdout().size_checked().map(|(_, columns)| columns.into());
     write_result(&wrapped(&lines(text), columns))
+}
+
+/// Prints a result as the flag `--json` asks: as JSON, or as text.
+pub(crate) fn answer<D: Display>(json: bool, value: &impl Serialize, text: impl FnOnce() -> D) -> Result<(), Failure> {
+    if json { self::json(value) } else { result(text()) }
 }
 
 /// Prints the content of a file to standard output.

@@ -21,9 +21,8 @@ use gs_train::{MetricsLog, Observer as _, Outcome, Trainable, Trainer};
 pub(crate) use self::frames::Frames;
 use self::{
     checkpoints::{Checkpoints, StoreCheckpoints},
-    frames::PauseAt,
     job::Run,
-    observers::{Curve, LogFile, StopAtEnd, StopOnInterrupt},
+    observers::{Curve, LogFile, StopIf},
     progress::Display,
     results::Summary,
 };
@@ -145,17 +144,21 @@ where
 {
     let printer = display.printer();
     let mut curve = Curve::begun_by(log);
-    let mut stop = StopOnInterrupt(interrupt);
-    let mut at_end = StopAtEnd::new(end);
+    let mut is_over = false;
     let mut file = LogFile::begin(folder, log, printer.clone())?;
     let mut store = StoreCheckpoints::new(checkpoints, printer.clone());
     let outcome = loop {
-        let mut pause = PauseAt(frames.map(Frames::next));
-        let mut stops = (&mut stop, (&mut at_end, &mut pause));
+        // Pausing a run changes nothing about its result.
+        let pause = frames.map(Frames::next);
+        let is_pause = |step: u32| pause.is_some_and(|at| step >= at);
+        let mut stops = StopIf(|step| {
+            is_over |= end.is_some_and(|end| Instant::now() >= end);
+            is_over || interrupt.requested() || is_pause(step)
+        });
         let outcome = trainer.run(&mut ((&mut display, &mut file), (&mut curve, (&mut store, &mut stops)))).block_on();
-        let is_pause = pause.is_reached(trainer.step()) && matches!(outcome, Ok(Outcome::Stopped));
+        let is_paused = is_pause(trainer.step()) && matches!(outcome, Ok(Outcome::Stopped));
         match frames {
-            Some(frames) if is_pause && !interrupt.requested() && !at_end.stopped => frames.take(trainer)?,
+            Some(frames) if is_paused && !interrupt.requested() && !is_over => frames.take(trainer)?,
             _ => break outcome,
         }
     };
@@ -172,5 +175,5 @@ where
             Err(error) => checkpoints.failure = Some(error.into()),
         }
     }
-    Ok((outcome, curve, at_end.stopped && !interrupt.requested()))
+    Ok((outcome, curve, is_over && !interrupt.requested()))
 }

@@ -5,7 +5,6 @@ use std::{
     fs::{self, File},
     io::Write,
     path::PathBuf,
-    time::Instant,
 };
 
 use gs_core::SavedState;
@@ -13,11 +12,7 @@ use gs_io::Checkpoint;
 use gs_lab::report::curve::CurvePoint;
 use gs_train::{Control, Error, MetricsLog, Observer, Progress};
 
-use crate::{
-    failure::Failure,
-    files::output_folder::OutputFolder,
-    terminal::{interrupt::Interrupt, progress_bar::Printer},
-};
+use crate::{failure::Failure, files::output_folder::OutputFolder, terminal::progress_bar::Printer};
 
 /// The table of a finished run.
 const TABLE: &str = "metrics.csv";
@@ -93,32 +88,12 @@ impl Observer for LogFile<'_> {
     }
 }
 
-/// Stops the run on Ctrl-C.
-pub(crate) struct StopOnInterrupt<'a>(pub(crate) &'a Interrupt);
+/// Stops the run after a step for which the function returns true.
+pub(crate) struct StopIf<F>(pub(crate) F);
 
-impl Observer for StopOnInterrupt<'_> {
-    fn on_step(&mut self, _: &Progress) -> Control {
-        if self.0.requested() { Control::Stop } else { Control::Continue }
-    }
-}
-
-/// Stops the run at a time limit, if it has one.
-pub(crate) struct StopAtEnd {
-    end: Option<Instant>,
-    /// Whether this stopped the run.
-    pub(crate) stopped: bool,
-}
-
-impl StopAtEnd {
-    pub(crate) fn new(end: Option<Instant>) -> Self {
-        Self { end, stopped: false }
-    }
-}
-
-impl Observer for StopAtEnd {
-    fn on_step(&mut self, _: &Progress) -> Control {
-        self.stopped |= self.end.is_some_and(|end| Instant::now() >= end);
-        if self.stopped { Control::Stop } else { Control::Continue }
+impl<F: FnMut(u32) -> bool> Observer for StopIf<F> {
+    fn on_step(&mut self, progress: &Progress) -> Control {
+        if (self.0)(progress.step) { Control::Stop } else { Control::Continue }
     }
 }
 

@@ -64,6 +64,22 @@ impl ProgramSummary {
     }
 }
 
+/// Writes the summary, or removes what an earlier run left of these files, and fails with the first
+/// failure among the results.
+pub(crate) fn end<T: Serialize, const N: usize>(
+    folder: &OutputFolder,
+    mut tried: Vec<Result<(), Failure>>,
+    summary: Result<T, Failure>,
+    files: [&str; N],
+) -> Result<T, Failure> {
+    match &summary {
+        Ok(summary) => tried.push(folder.write_json("summary.json", summary)),
+        Err(failure) => tried.extend([Err(failure.clone()), folder.leave_out(files)]),
+    }
+    Failure::first_of(tried)?;
+    summary
+}
+
 /// Draws the curve of count, loss and PSNR.
 pub(crate) fn write_curve(
     folder: &OutputFolder,

@@ -76,16 +76,16 @@ impl fmt::Display for Circumstance {
     }
 }
 
-/// The verdict on a claim.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub(crate) enum ClaimVerdict {
-    /// All circumstances hold in all cases.
-    Confirmed,
-    /// No circumstance holds in any case.
-    Refuted,
-    /// Some circumstances hold, or hold in some cases.
-    Partly,
+gs_core::choices! {
+    /// The verdict on a claim.
+    pub(crate) enum ClaimVerdict {
+        /// All circumstances hold in all cases.
+        Confirmed = "confirmed",
+        /// Some circumstances hold, or hold in some cases.
+        Partly = "partly",
+        /// No circumstance holds in any case.
+        Refuted = "refuted",
+    }
 }
 
 impl ClaimVerdict {
@@ -99,16 +99,6 @@ impl ClaimVerdict {
         } else {
             Self::Partly
         }
-    }
-}
-
-impl fmt::Display for ClaimVerdict {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Confirmed => "confirmed",
-            Self::Refuted => "refuted",
-            Self::Partly => "partly",
-        })
     }
 }
 
@@ -146,8 +136,8 @@ pub(super) fn in_words(value: f64) -> String {
 /// "3 claims: 2 confirmed, 1 partly".
 pub(crate) fn verdicts<'a>(claims: impl IntoIterator<Item = &'a Claim>) -> String {
     let verdicts: Vec<_> = claims.into_iter().map(Claim::verdict).collect();
-    let all = [ClaimVerdict::Confirmed, ClaimVerdict::Partly, ClaimVerdict::Refuted].into_iter();
-    let of = all.map(|verdict| (verdicts.iter().filter(|&&of| of == verdict).count(), verdict));
+    let of =
+        ClaimVerdict::ALL.into_iter().map(|verdict| (verdicts.iter().filter(|&&of| of == verdict).count(), verdict));
     let words: Vec<String> = of.filter(|(n, _)| *n > 0).map(|(n, verdict)| format!("{n} {verdict}")).collect();
     format!("{}: {}", counted(verdicts.len(), "claim"), words.join(", "))
 }

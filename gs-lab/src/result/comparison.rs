@@ -4,47 +4,22 @@ use serde::Serialize;
 
 use super::{
     contrast::{Cell, Contrast, Judged},
-    remark::{Pairing, ResultRemark},
-    statistics::Interval,
     tables::{Metric, Results},
-    verdict::Verdict,
 };
 use crate::study::Matching;
 
 /// How much better an arm is than another.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub(crate) struct Difference {
-    /// What is held equal between the arms.
-    pub(crate) matching: Matching,
-    /// What is measured.
-    pub(crate) metric: Metric,
+pub(crate) type Difference = Judged<Pair>;
+
+/// Two arms at a budget.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub(crate) struct Pair {
     /// The largest number of Gaussians allowed.
     pub(crate) budget: u32,
     /// The arm that is judged.
     pub(crate) arm: String,
     /// The arm that it is compared with.
     pub(crate) against: String,
-    /// What the interval is over.
-    pub(crate) pairing: Pairing,
-    /// Number of pairs: of images or seeds, and in 3D of views, of which several belong to one scene
-    /// or one run.
-    pub(crate) pairs: usize,
-    /// Mean difference, in the metric's unit; `None` without pairs and where it is not finite.
-    pub(crate) mean: Option<f64>,
-    /// 95 % interval of the mean difference.
-    pub(crate) interval: Option<Interval>,
-    /// The verdict.
-    pub(crate) verdict: Verdict,
-    /// What the reader must know besides the numbers, such as why there is no verdict.
-    pub(crate) remarks: Vec<ResultRemark>,
-}
-
-impl Difference {
-    /// The first remark that forbids a verdict.
-    pub(crate) fn obstacle(&self) -> Option<&ResultRemark> {
-        self.remarks.iter().find(|remark| remark.forbids_verdict())
-    }
 }
 
 impl Results<'_> {
@@ -84,19 +59,7 @@ impl Results<'_> {
         against: usize,
     ) -> Difference {
         let contrast = Contrast(vec![(Cell { arm, budget }, 1.0), (Cell { arm: against, budget }, -1.0)]);
-        let Judged { pairing, pairs, mean, interval, verdict, remarks } = self.judge(&contrast, matching, metric);
-        Difference {
-            matching,
-            metric,
-            budget,
-            arm: self.plan.study.arms[arm].name.clone(),
-            against: self.plan.study.arms[against].name.clone(),
-            pairing,
-            pairs,
-            mean,
-            interval,
-            verdict,
-            remarks,
-        }
+        let name = |arm: usize| self.plan.study.arms[arm].name.clone();
+        self.judge(Pair { budget, arm: name(arm), against: name(against) }, &contrast, matching, metric)
     }
 }

@@ -4,6 +4,8 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use serde::Serialize;
+
 use super::{
     reach::Reach,
     remark::{FEWEST_SEEDS, Pairing, ResultRemark},
@@ -31,15 +33,37 @@ pub(crate) struct Cell {
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Contrast(pub(crate) Vec<(Cell, f64)>);
 
-/// A contrast with its interval and verdict.
-#[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Judged {
+/// A contrast with its interval and verdict: a difference between arms, or an effect of factors.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) struct Judged<Of> {
+    /// What is held equal between the arms.
+    pub(crate) matching: Matching,
+    /// What is measured.
+    pub(crate) metric: Metric,
+    /// What the contrast is of.
+    #[serde(flatten)]
+    pub(crate) of: Of,
+    /// What the interval is over.
     pub(crate) pairing: Pairing,
+    /// Number of pairs: of images or seeds, and in 3D of views, of which several belong to one scene
+    /// or one run.
     pub(crate) pairs: usize,
+    /// The value, in the metric's unit; `None` without pairs and where it is not finite.
     pub(crate) mean: Option<f64>,
+    /// 95 % interval of the value.
     pub(crate) interval: Option<Interval>,
+    /// The verdict.
     pub(crate) verdict: Verdict,
+    /// What the reader must know besides the numbers, such as why there is no verdict.
     pub(crate) remarks: Vec<ResultRemark>,
+}
+
+impl<Of> Judged<Of> {
+    /// The first remark that forbids a verdict.
+    pub(crate) fn obstacle(&self) -> Option<&ResultRemark> {
+        self.remarks.iter().find(|remark| remark.forbids_verdict())
+    }
 }
 
 /// Image or scene, and seed, of runs that are compared.
@@ -50,7 +74,7 @@ type Ends<'r> = Vec<&'r Finished>;
 
 impl Results<'_> {
     /// The value of a contrast at equal count, iterations or time, with its interval.
-    pub(crate) fn judge(&self, contrast: &Contrast, matching: Matching, metric: Metric) -> Judged {
+    pub(crate) fn judge<Of>(&self, of: Of, contrast: &Contrast, matching: Matching, metric: Metric) -> Judged<Of> {
         let ends = self.ends(contrast);
         let values = self.values(contrast, &ends, matching, metric);
         let pairing = self.pairing();
@@ -79,7 +103,7 @@ impl Results<'_> {
         };
         let pairs = strata.iter().flatten().map(Vec::len).sum();
         let mean = Some(mean_of_strata(&strata)).filter(|mean| mean.is_finite());
-        Judged { pairing, pairs, mean, interval, verdict, remarks }
+        Judged { matching, metric, of, pairing, pairs, mean, interval, verdict, remarks }
     }
 
     /// The finished runs of all cells, at the places where all of them have finished.

@@ -6,7 +6,8 @@ use serde::Serialize;
 
 use super::{
     claim::claims_csv,
-    comparison::Difference,
+    comparison::{Difference, Pair},
+    contrast::Judged,
     factorial::{Effect, EffectOf},
     remark::ResultRemark,
     tables::{Results, RunQuality, Spread},
@@ -144,21 +145,9 @@ fn quality_csv(rows: &[RunQuality]) -> String {
 fn differences_csv(rows: &[Difference]) -> String {
     let header = "match,metric,budget,arm,against,paired,pairs,mean,low,high,verdict,remarks";
     let lines = rows.iter().map(|d| {
-        let cells = [
-            d.matching.name().to_owned(),
-            d.metric.name().to_owned(),
-            d.budget.to_string(),
-            d.arm.clone(),
-            d.against.clone(),
-            d.pairing.words().to_owned(),
-            d.pairs.to_string(),
-            number(d.mean, 6),
-            number(d.interval.map(|interval| interval.low), 6),
-            number(d.interval.map(|interval| interval.high), 6),
-            d.verdict.words().to_owned(),
-            remarks(&d.remarks),
-        ];
-        csv_row(cells)
+        let Pair { budget, arm, against } = &d.of;
+        let head = [d.matching.name(), d.metric.name(), &budget.to_string(), arm, against].map(str::to_owned);
+        csv_row(head.into_iter().chain(judged_cells(d)))
     });
     table(header, lines)
 }
@@ -176,23 +165,23 @@ fn effects_csv(rows: &[Effect]) -> String {
             }
         };
         let head = [e.matching.name(), e.metric.name(), kind].map(str::to_owned);
-        let measured = [
-            e.pairing.words().to_owned(),
-            e.pairs.to_string(),
-            number(e.mean, 6),
-            number(e.interval.map(|interval| interval.low), 6),
-            number(e.interval.map(|interval| interval.high), 6),
-            e.verdict.words().to_owned(),
-            remarks(&e.remarks),
-        ];
-        csv_row(head.into_iter().chain(factors.into_iter().flatten().cloned()).chain(measured))
+        csv_row(head.into_iter().chain(factors.into_iter().flatten().cloned()).chain(judged_cells(e)))
     });
     table(header, lines)
 }
 
-/// A cell with remarks.
-fn remarks(remarks: &[ResultRemark]) -> String {
-    remarks.iter().map(ResultRemark::to_string).collect::<Vec<_>>().join("; ")
+/// The cells of a contrast after those that say what it is of.
+fn judged_cells<Of>(judged: &Judged<Of>) -> [String; 7] {
+    let Judged { pairing, pairs, mean, interval, verdict, remarks, .. } = judged;
+    [
+        pairing.words().to_owned(),
+        pairs.to_string(),
+        number(*mean, 6),
+        number(interval.map(|interval| interval.low), 6),
+        number(interval.map(|interval| interval.high), 6),
+        verdict.words().to_owned(),
+        remarks.iter().map(ResultRemark::to_string).collect::<Vec<_>>().join("; "),
+    ]
 }
 
 fn times_csv(results: &Results<'_>) -> String {

@@ -5,10 +5,7 @@ use serde::Serialize;
 
 use super::{
     contrast::{Cell, Contrast, Judged},
-    remark::{Pairing, ResultRemark},
-    statistics::Interval,
-    tables::{Metric, Results},
-    verdict::Verdict,
+    tables::Results,
 };
 use crate::study::Matching;
 
@@ -52,38 +49,9 @@ impl EffectOf {
     }
 }
 
-/// An effect in a factorial design, at equal count, iterations or time.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub(crate) struct Effect {
-    /// What is held equal between the arms of each budget.
-    pub(crate) matching: Matching,
-    /// What is measured.
-    pub(crate) metric: Metric,
-    /// What the effect is of.
-    #[serde(flatten)]
-    pub(crate) of: EffectOf,
-    /// What the interval is over.
-    pub(crate) pairing: Pairing,
-    /// As [`Difference::pairs`](crate::result::Difference::pairs).
-    pub(crate) pairs: usize,
-    /// The effect, in the metric's unit; `None` without runs of all combinations, and where it is
-    /// not finite.
-    pub(crate) mean: Option<f64>,
-    /// 95 % interval of the effect.
-    pub(crate) interval: Option<Interval>,
-    /// The verdict: better and worse are greater and less than 0.
-    pub(crate) verdict: Verdict,
-    /// What the reader must know besides the numbers, such as why there is no verdict.
-    pub(crate) remarks: Vec<ResultRemark>,
-}
-
-impl Effect {
-    /// The first remark that forbids a verdict.
-    pub(crate) fn obstacle(&self) -> Option<&ResultRemark> {
-        self.remarks.iter().find(|remark| remark.forbids_verdict())
-    }
-}
+/// An effect in a factorial design, at equal count, iterations or time. It has a value if all
+/// combinations have runs; better and worse are greater and less than 0.
+pub(crate) type Effect = Judged<EffectOf>;
 
 /// A factor with the names of its levels.
 struct Axis {
@@ -99,12 +67,7 @@ impl Results<'_> {
         let measures = self.measures(matchings);
         let contrasts = contrasts(&axes, &self.cells());
         let all = measures.into_iter().flat_map(|measure| contrasts.iter().map(move |contrast| (measure, contrast)));
-        all.map(|((matching, metric), (of, contrast))| self.effect(matching, metric, of.clone(), contrast)).collect()
-    }
-
-    fn effect(&self, matching: Matching, metric: Metric, of: EffectOf, contrast: &Contrast) -> Effect {
-        let Judged { pairing, pairs, mean, interval, verdict, remarks } = self.judge(contrast, matching, metric);
-        Effect { matching, metric, of, pairing, pairs, mean, interval, verdict, remarks }
+        all.map(|((matching, metric), (of, contrast))| self.judge(of.clone(), contrast, matching, metric)).collect()
     }
 
     fn axes(&self) -> Vec<Axis> {

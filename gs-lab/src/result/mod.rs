@@ -20,7 +20,7 @@ pub use self::{claim::significant, tables::Results};
 pub(crate) use self::{
     claim::{Circumstance, Claim, ClaimVerdict, Number, claims_csv, verdicts},
     comparison::Difference,
-    contrast::EQUAL_COUNT,
+    contrast::{EQUAL_COUNT, Judged},
     export::{csv_row, write_tables},
     factorial::{Effect, EffectOf},
     reach::Reach,

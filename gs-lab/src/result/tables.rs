@@ -20,32 +20,19 @@ pub struct Results<'a> {
     pub(crate) records: Vec<Option<Record>>,
 }
 
-/// A quality metric, measured at the end of a run. More is better.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-#[non_exhaustive]
-pub(crate) enum Metric {
-    /// Peak signal-to-noise ratio, dB.
-    Psnr,
-    /// Structural similarity, 0 to 1.
-    Ssim,
-    /// Multi-scale structural similarity, 0 to 1; not for images below 161 px.
-    MsSsim,
+gs_core::choices! {
+    /// A quality metric, measured at the end of a run. More is better.
+    pub(crate) enum Metric {
+        /// Peak signal-to-noise ratio, dB.
+        Psnr = "psnr",
+        /// Structural similarity, 0 to 1.
+        Ssim = "ssim",
+        /// Multi-scale structural similarity, 0 to 1; not for images below 161 px.
+        MsSsim = "ms-ssim",
+    }
 }
 
 impl Metric {
-    /// All metrics.
-    pub(crate) const ALL: [Self; 3] = [Self::Psnr, Self::Ssim, Self::MsSsim];
-
-    /// The metric's name in tables.
-    pub(crate) const fn name(self) -> &'static str {
-        match self {
-            Self::Psnr => "psnr",
-            Self::Ssim => "ssim",
-            Self::MsSsim => "ms-ssim",
-        }
-    }
-
     pub(crate) fn of_view(self, view: &ViewResult) -> Option<f64> {
         match self {
             Self::Psnr => Some(view.psnr),

@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use super::{
-    comparison::Difference,
+    contrast::Judged,
     statistics::mean,
     tables::{Metric, Results, Spread},
 };
@@ -189,12 +189,12 @@ fn differences(results: &Results<'_>, budget: u32) -> Vec<TextTable> {
     let matchings = study.matchings.iter().filter(|matching| **matching != Matching::Time);
     let table = |&matching: &Matching| {
         let row = |&arm: &usize| {
-            let Difference { arm, mean, interval, verdict, .. } =
+            let Judged { of, mean, interval, verdict, .. } =
                 results.difference(matching, Metric::Psnr, budget, arm, baseline);
             let signed = |value: f64| format!("{value:+.2}").replace('-', "−");
             let mean = mean.map_or_else(|| "–".to_owned(), signed);
             let interval = interval.map(|i| format!("{} to {}", signed(i.low), signed(i.high)));
-            let cells = [arm, mean, interval.unwrap_or_else(|| "–".to_owned()), verdict.words().to_owned()];
+            let cells = [of.arm, mean, interval.unwrap_or_else(|| "–".to_owned()), verdict.words().to_owned()];
             cells.map(Cell::from).to_vec()
         };
         TextTable {

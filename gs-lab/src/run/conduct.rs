@@ -38,7 +38,8 @@ pub enum Conducted {
 }
 
 /// Does all runs of a plan that have no record, in the order of their rows, one at a time on each
-/// rasterizer of `team`. Other processes may work in the same folder: each run is done by one.
+/// rasterizer of `team`; with other settings it begins with a part of the study, or leaves before its
+/// end. Other processes may work in the same folder: each run is done by one.
 ///
 /// Results depend neither on the size of the team nor on its threads. Runs that fail or panic are
 /// recorded and do not stop the others. If a backend fails for good, no further run begins, and
@@ -46,22 +47,10 @@ pub enum Conducted {
 ///
 /// # Errors
 /// As for [`refuse_unsupported`], [`Error::Backend`] where a backend fails for good,
-/// [`Error::Io`] and [`Error::Path`] where a run cannot be claimed or its result not be stored, and
-/// [`Error::TwoResults`] where a run that was taken over ended in two results.
+/// [`Error::Io`] and [`Error::Path`] where a run cannot be claimed or its result not be stored,
+/// [`Error::TwoResults`] where a run that was taken over ended in two results, and [`Error::Work`] for
+/// settings out of their range.
 pub fn conduct<R: Optimizer<Scene2d> + Optimizer<Scene3d> + Sync>(
-    plan: &Plan,
-    team: &[&R],
-    folder: &StudyFolder,
-    watcher: &dyn Watcher,
-) -> Result<Conducted, Error> {
-    conduct_with(plan, team, folder, &WorkSettings::default(), watcher)
-}
-
-/// Does runs as [`conduct`] does, beginning with a part of the study, or leaving before its end.
-///
-/// # Errors
-/// As [`conduct`], and [`Error::Work`] for settings out of their range.
-pub fn conduct_with<R: Optimizer<Scene2d> + Optimizer<Scene3d> + Sync>(
     plan: &Plan,
     team: &[&R],
     folder: &StudyFolder,

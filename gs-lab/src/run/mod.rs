@@ -5,8 +5,6 @@
 
 mod conduct;
 mod folder;
-#[cfg(all(test, feature = "object-store-tests"))]
-mod in_object_store;
 mod record;
 mod recorded;
 mod replay;
@@ -20,7 +18,7 @@ mod watcher;
 #[cfg(test)]
 pub(crate) use self::record::tests;
 pub use self::{
-    conduct::{Conducted, conduct, conduct_with, refuse_unsupported},
+    conduct::{Conducted, conduct, refuse_unsupported},
     folder::{Existing, Preparation, RunningRun, StudyFolder},
     record::{Finished, RunOutcome},
     replay::replay,

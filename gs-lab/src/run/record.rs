@@ -57,7 +57,7 @@ impl RunOutcome {
 /// The numbers of a finished run. Quality is that of the 8-bit image, as in
 /// [`gs_train::FitSummary`], or for scenes the mean over the held-out views, as in
 /// [`gs_train::train::Evaluation`].
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Finished {
     /// Gaussians at the end.

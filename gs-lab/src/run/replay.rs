@@ -25,10 +25,9 @@ struct End {
 /// in the folder suffice; the files of the runs may be missing. `begun` is called first with the run.
 ///
 /// # Errors
-/// [`Error::NoRow`]; [`Error::Folder`] where the row has not been done; [`Error::OtherMachine`],
-/// [`Error::OtherVersion`] or [`Error::OtherRun`] where the record is of something else, before
-/// anything is computed; [`Error::Arm`] where this program does not have the arm's policy;
-/// [`Error::NotReplayed`] where the scene differs from the recorded one; [`Error::Fit`] where the run
+/// [`Error::NoRow`]; [`Error::Folder`] where the row has not been done; [`Error::Replay`] where the record
+/// is of something else, before anything is computed, and where the scene differs from the recorded
+/// one; [`Error::Arm`] where this program does not have the arm's policy; [`Error::Fit`] where the run
 /// fails.
 pub fn replay<R: Optimizer<Scene2d> + Optimizer<Scene3d>>(
     plan: &Plan,
@@ -54,10 +53,11 @@ pub fn replay<R: Optimizer<Scene2d> + Optimizer<Scene3d>>(
     if arm.own_policy.as_ref().is_some_and(|own| matches!(own.policy, AnyPolicy::Elsewhere)) {
         return Err(plan.policy_is_elsewhere(arm));
     }
-    let differs = |recorded: &str, found: &str| Error::NotReplayed {
-        row,
-        recorded: recorded.to_owned(),
-        found: found.to_owned(),
+    let differs = |recorded: &str, found: &str| {
+        let message = format!(
+            "the scene is not the recorded one ({found} instead of {recorded}), though nothing that is known differs"
+        );
+        Error::Replay { row, message }
     };
     let replayed = train(plan, run, rasterizer, Interruptions::new(run, &(), None))?
         .ok_or_else(|| differs(end.scene.as_deref().unwrap_or("none"), "none"))?;
@@ -70,22 +70,28 @@ pub fn replay<R: Optimizer<Scene2d> + Optimizer<Scene3d>>(
 
 /// The error that says how a run differs from the recorded one.
 fn difference(plan: &Plan, run: &Run, end: &End) -> Error {
-    let row = run.row;
+    let (row, recorded, found) = (run.row, &end.address, &run.address);
     if end.machine.name != plan.machine.name {
         return other_machine(row, &end.machine, &plan.machine);
     }
-    if end.version != VERSION {
-        return Error::OtherVersion { row, recorded: end.version.clone(), found: VERSION };
-    }
-    Error::OtherRun { row, recorded: end.address.clone(), found: run.address.clone() }
+    let message = match end.version.as_str() {
+        VERSION => format!(
+            "its settings, its image or its data set are not those recorded (address {found} instead of {recorded}): \
+             put study.toml and the data back as they were, or let gs study --resume do the row again"
+        ),
+        version => format!(
+            "recorded by version {version}, but this is {VERSION}: replay it with that version, or do the study again"
+        ),
+    };
+    Error::Replay { row, message }
 }
 
-fn other_machine(row: usize, recorded: &Machine, found: &Machine) -> Error {
-    let mend = match recorded.flags.is_empty() {
+fn other_machine(row: usize, recorded: &Machine, Machine { name, .. }: &Machine) -> Error {
+    let hint = match recorded.flags.is_empty() {
         true => "replay it there".to_owned(),
         false => format!("add {}", recorded.typed_flags()),
     };
-    Error::OtherMachine { row, recorded: recorded.name.clone(), found: found.name.clone(), mend }
+    Error::Replay { row, message: format!("recorded on {}, but this is {name}: {hint}", recorded.name) }
 }
 
 /// The run of a row in the folder's `runs.csv`. If only a part of the study was conducted last,

@@ -1,7 +1,5 @@
 //! Does one run of a study, from its beginning or its checkpoint on.
 
-use std::collections::BTreeMap;
-
 use gs_backend::FutureExt as _;
 use gs_core::{Error as CoreError, Image, Optimizer, RenderSettings, Scene2d, Scene3d};
 use gs_io::{Checkpoint, WorldFrame};
@@ -63,36 +61,28 @@ fn train_task<S: StudyTask, R: Optimizer<S>>(
     if !trainer.is_finished() {
         return Ok(None);
     }
-    let mut measured = S::measure(&trainer)?;
-    for (index, view) in measured.views.iter_mut().enumerate() {
-        view.curve = trajectory.curve(index);
-    }
     let scene = trainer.scene().block_on()?;
-    let mut further = BTreeMap::new();
-    for &measure in &plan.study.measure {
-        further.extend(S::further(measure, rasterizer, plan.target(run), settings, &scene)?);
-    }
-    further.retain(|_, value| value.is_finite());
-    let finished = Finished {
+    let mut finished = Finished {
         gaussians: trainer.count(),
         bytes: scene.bytes(),
         iterations: trainer.step(),
-        psnr: measured.psnr,
-        ssim: measured.ssim,
-        ms_ssim: measured.ms_ssim,
-        l1: measured.l1,
-        loss: measured.loss,
         edits: *trainer.edits(),
-        culled: measured.culled,
         scene: scene.digest(),
         seconds: trainer.seconds(),
         backend: trainer.backend(),
         side_by_side: 1,
         trajectory: trajectory.rows().to_vec(),
-        views: measured.views,
-        measured: further,
+        ..Finished::default()
     };
-    let (pictures, settings, frame) = (measured.pictures, measured.render, measured.frame);
+    let pictures = S::measure(&trainer, &mut finished)?;
+    for (index, view) in finished.views.iter_mut().enumerate() {
+        view.curve = trajectory.curve(index);
+    }
+    for &measure in &plan.study.measure {
+        finished.measured.extend(S::further(measure, rasterizer, plan.target(run), settings, &scene)?);
+    }
+    finished.measured.retain(|_, value| value.is_finite());
+    let (frame, settings) = S::shown(&trainer);
     Ok(Some(Replayed { run: run.clone(), scene: scene.wrapped(), frame, pictures, settings, finished }))
 }
 

@@ -60,23 +60,13 @@ pub(crate) enum Column {
     DiscEdgeSize,
 }
 
-/// What is measured of every run of a study besides the usual, and stored with it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub(crate) enum Measure {
-    /// The gradients before the first step.
-    Start,
-    /// Number and shape of the Gaussians on the paper's disc and square, and at their edges.
-    Shapes,
-}
-
-impl Measure {
-    /// The name in study files.
-    pub(crate) const fn name(self) -> &'static str {
-        match self {
-            Self::Start => "start",
-            Self::Shapes => "shapes",
-        }
+gs_core::choices! {
+    /// What is measured of every run of a study besides the usual, and stored with it.
+    pub(crate) enum Measure {
+        /// The gradients before the first step.
+        Start = "start",
+        /// Number and shape of the Gaussians on the paper's disc and square, and at their edges.
+        Shapes = "shapes",
     }
 }
 

@@ -41,7 +41,7 @@ pub struct Study {
     /// Seeds of all random numbers, the same for every arm.
     pub(crate) seeds: Vec<u32>,
     /// What is held equal when arms are compared.
-    #[serde(default = "Matching::all", rename = "match")]
+    #[serde(default = "all_matchings", rename = "match")]
     pub(crate) matchings: Vec<Matching>,
     /// What is measured as the time of a run.
     #[serde(default, skip_serializing_if = "Clock::is_wall")]
@@ -93,33 +93,20 @@ fn standard() -> String {
     "standard".to_owned()
 }
 
-/// What is held equal when two arms are compared.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-#[non_exhaustive]
-pub(crate) enum Matching {
-    /// The number of Gaussians: the ends of runs whose counts are equal.
-    Count,
-    /// The number of steps: the largest that all arms of the study have reached.
-    Iterations,
-    /// The time spent on training: that of the study's fastest arm.
-    Time,
+gs_core::choices! {
+    /// What is held equal when two arms are compared.
+    pub(crate) enum Matching {
+        /// The number of Gaussians: the ends of runs whose counts are equal.
+        Count = "count",
+        /// The number of steps: the largest that all arms of the study have reached.
+        Iterations = "iterations",
+        /// The time spent on training: that of the study's fastest arm.
+        Time = "time",
+    }
 }
 
-impl Matching {
-    /// All ways to match arms.
-    pub(crate) fn all() -> Vec<Self> {
-        vec![Self::Count, Self::Iterations, Self::Time]
-    }
-
-    /// The name in study files.
-    pub(crate) const fn name(self) -> &'static str {
-        match self {
-            Self::Count => "count",
-            Self::Iterations => "iterations",
-            Self::Time => "time",
-        }
-    }
+fn all_matchings() -> Vec<Matching> {
+    Matching::ALL.to_vec()
 }
 
 impl Study {

@@ -77,8 +77,8 @@ impl Plan {
     /// see [`Machine::name`].
     ///
     /// # Errors
-    /// [`Error::Study`], [`Error::Arm`] where settings are not possible, [`Error::NoImage`] or
-    /// [`Error::NoScene`], and [`Error::Io`] for images and data sets.
+    /// [`Error::Study`], [`Error::Arm`] where settings are not possible, [`Error::NotFound`],
+    /// and [`Error::Io`] for images and data sets.
     pub fn new(study: Study, places: &Places, machine: impl Into<Machine>) -> Result<Self, Error> {
         study.validate()?;
         let machine = machine.into();

@@ -10,6 +10,7 @@ use crate::{
 use gs_core::{EditPlan, Error as CoreError, Gaussian2d};
 use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_density::{DensityPolicy, Observation, Rng};
+use gs_jobs::WorkSettings;
 
 const STUDY: &str = "name = 'clocks'\nimages = ['paper-64px']\nbudgets = [30]\nseeds = [0]\npreset = 'paper'\n\
     iterations = 20\nclock = 'cpu'\nsettings.rounds = { every = 1, from = 1, until = 11 }\n\
@@ -61,7 +62,7 @@ fn seconds(clock: Clock) -> [f64; 2] {
     let plan = plan_of(study);
     let place = tempfile::tempdir().unwrap();
     let folder = StudyFolder::prepare(place.path(), &plan, Existing::Refuse).unwrap();
-    conduct(&plan, &[&one_thread()], &folder, &()).unwrap();
+    conduct(&plan, &[&one_thread()], &folder, &WorkSettings::default(), &()).unwrap();
     match folder.record(&plan.runs[0]).unwrap().unwrap().outcome {
         RunOutcome::Finished(finished) => [finished.seconds, finished.trajectory.last().unwrap().seconds],
         RunOutcome::Failed { error } => panic!("{error}"),
@@ -83,7 +84,7 @@ fn runs_that_would_share_a_clock_are_refused_before_any_begins() {
     let plan = plan(STUDY);
     let place = tempfile::tempdir().unwrap();
     let folder = StudyFolder::prepare(place.path(), &plan, Existing::Refuse).unwrap();
-    let error = conduct(&plan, &[&one_thread(), &one_thread()], &folder, &()).unwrap_err();
+    let error = conduct(&plan, &[&one_thread(), &one_thread()], &folder, &WorkSettings::default(), &()).unwrap_err();
     assert!(matches!(error, Error::Work { .. }), "{error:?}");
     let words = error.to_string();
     assert!(words.contains("2 runs side by side in one process share its CPU time"), "{words}");

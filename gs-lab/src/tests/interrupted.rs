@@ -16,6 +16,7 @@ use crate::{
 };
 use gs_density::Policy;
 use gs_io::{read_checkpoint, write_checkpoint};
+use gs_jobs::WorkSettings;
 
 use super::scenes::{self, cpu, laid_out};
 
@@ -70,11 +71,11 @@ fn count(folder: &StudyFolder, ending: &str) -> usize {
 /// Stops each run of a plan after 1, 8, 15, … further steps until it ends, and compares its record
 /// with that of an uninterrupted run.
 fn check_that_no_stop_changes_a_record(plan: &Plan, alone: &StudyFolder, paused: &StudyFolder) {
-    conduct(plan, &[&cpu()], alone, &()).unwrap();
+    conduct(plan, &[&cpu()], alone, &WorkSettings::default(), &()).unwrap();
     let mut resumed = Vec::new();
     for attempt in 0.. {
         let watcher = Stop::after(2 + 7 * attempt);
-        let conducted = conduct(plan, &[&cpu()], paused, &watcher).unwrap();
+        let conducted = conduct(plan, &[&cpu()], paused, &WorkSettings::default(), &watcher).unwrap();
         assert!(watcher.warnings.into_inner().unwrap().is_empty());
         resumed.extend(watcher.resumed.into_inner().unwrap());
         if conducted == Conducted::Whole {
@@ -126,7 +127,10 @@ fn one_training(place: &Path, seed: u32) -> Plan {
 /// A folder with a checkpoint of the only run of a plan.
 fn paused(path: &Path, plan: &Plan) -> (StudyFolder, PathBuf) {
     let folder = StudyFolder::prepare(path, plan, Existing::Refuse).unwrap();
-    assert_eq!(conduct(plan, &[&cpu()], &folder, &Stop::after(9)).unwrap(), Conducted::Stopped);
+    assert_eq!(
+        conduct(plan, &[&cpu()], &folder, &WorkSettings::default(), &Stop::after(9)).unwrap(),
+        Conducted::Stopped
+    );
     let file = checkpoint_of(&folder, &plan.runs[0]);
     (folder, file)
 }
@@ -136,7 +140,7 @@ fn a_checkpoint_that_is_damaged_or_of_another_run_is_left_aside_with_one_line() 
     let place = scenes::place(1);
     let (plan, other) = (one_training(place.path(), 0), one_training(place.path(), 1));
     let alone = StudyFolder::prepare(&place.path().join("alone"), &plan, Existing::Refuse).unwrap();
-    conduct(&plan, &[&cpu()], &alone, &()).unwrap();
+    conduct(&plan, &[&cpu()], &alone, &WorkSettings::default(), &()).unwrap();
     let (_, foreign) = paused(&place.path().join("foreign"), &other);
     let (folder, file) = paused(&place.path().join("paused"), &plan);
     let good = fs::read(&file).unwrap();
@@ -165,7 +169,7 @@ fn a_checkpoint_that_is_damaged_or_of_another_run_is_left_aside_with_one_line() 
     ] {
         fs::write(&file, bytes).unwrap();
         let watcher = Stop::after(3);
-        conduct(&plan, &[&cpu()], &folder, &watcher).unwrap();
+        conduct(&plan, &[&cpu()], &folder, &WorkSettings::default(), &watcher).unwrap();
         let warnings = watcher.warnings.into_inner().unwrap();
         let [warning] = &warnings[..] else { panic!("{expected}: {warnings:?}") };
         assert!(warning.starts_with("row 1: begins anew, as its checkpoint cannot be used: "), "{warning}");
@@ -174,7 +178,7 @@ fn a_checkpoint_that_is_damaged_or_of_another_run_is_left_aside_with_one_line() 
     }
     fs::write(&file, &good).unwrap();
     let watcher = Stop::default();
-    assert_eq!(conduct(&plan, &[&cpu()], &folder, &watcher).unwrap(), Conducted::Whole);
+    assert_eq!(conduct(&plan, &[&cpu()], &folder, &WorkSettings::default(), &watcher).unwrap(), Conducted::Whole);
     assert_eq!((watcher.resumed.into_inner().unwrap().len(), watcher.warnings.into_inner().unwrap().len()), (1, 0));
     assert_eq!(still(&folder, &plan.runs[0]), still(&alone, &plan.runs[0]));
     assert_eq!(count(&folder, ".safetensors"), 0);
@@ -188,12 +192,12 @@ fn a_checkpoint_that_cannot_be_stored_costs_no_result() {
     // A folder in the way of the file.
     fs::create_dir(checkpoint_of(&folder, &plan.runs[0])).unwrap();
     let watcher = Stop::after(9);
-    assert_eq!(conduct(&plan, &[&cpu()], &folder, &watcher).unwrap(), Conducted::Stopped);
+    assert_eq!(conduct(&plan, &[&cpu()], &folder, &WorkSettings::default(), &watcher).unwrap(), Conducted::Stopped);
     let warnings = watcher.warnings.into_inner().unwrap();
     assert_eq!(warnings.len(), 2, "{warnings:?}");
     assert!(
         warnings[1].starts_with("row 1: goes on without a checkpoint, which could not be stored: "),
         "{warnings:?}"
     );
-    assert_eq!(conduct(&plan, &[&cpu()], &folder, &()).unwrap(), Conducted::Whole);
+    assert_eq!(conduct(&plan, &[&cpu()], &folder, &WorkSettings::default(), &()).unwrap(), Conducted::Whole);
 }

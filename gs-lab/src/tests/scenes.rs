@@ -20,6 +20,7 @@ use gs_conformance::posed::{small_scene, write_dataset};
 use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_density::Policy;
 use gs_io::dataset::{DatasetSettings, read_dataset};
+use gs_jobs::WorkSettings;
 use gs_train::{
     MetricsRow, Trainer3d,
     train::{StartName, Views, evaluate},
@@ -88,15 +89,15 @@ fn a_study_of_scenes_runs_resumes_and_replays() {
     let plan = laid_out(STUDY, place.path()).unwrap();
     assert_eq!((plan.runs.len(), plan.targets[0].dataset().unwrap().views.len()), (12, 8));
     let alone = StudyFolder::prepare(&place.path().join("alone"), &plan, Existing::Refuse).unwrap();
-    assert_eq!(conduct(&plan, &[&cpu()], &alone, &()).unwrap(), Conducted::Whole);
+    assert_eq!(conduct(&plan, &[&cpu()], &alone, &WorkSettings::default(), &()).unwrap(), Conducted::Whole);
     written(&plan, &alone);
 
     // Stopped within a run, and resumed by two workers.
     let paused = StudyFolder::prepare(&place.path().join("paused"), &plan, Existing::Refuse).unwrap();
     let watcher = StopAfter { whole: 3, ended: AtomicUsize::new(0), asked: AtomicUsize::new(0) };
-    assert_eq!(conduct(&plan, &[&cpu()], &paused, &watcher).unwrap(), Conducted::Stopped);
+    assert_eq!(conduct(&plan, &[&cpu()], &paused, &WorkSettings::default(), &watcher).unwrap(), Conducted::Stopped);
     assert_eq!(Results::read(&plan, &paused).unwrap().records.iter().flatten().count(), 3);
-    conduct(&plan, &[&cpu(), &cpu()], &paused, &()).unwrap();
+    conduct(&plan, &[&cpu(), &cpu()], &paused, &WorkSettings::default(), &()).unwrap();
     written(&plan, &paused);
     assert_eq!(outputs(&alone), outputs(&paused));
 
@@ -131,7 +132,7 @@ fn a_study_of_scenes_runs_resumes_and_replays() {
     let json = fs::read_to_string(alone.file("results.json")).unwrap();
     fs::remove_dir_all(alone.file("runs")).unwrap();
     fs::write(alone.file("results.json"), json.replace(&end.scene, "0123")).unwrap();
-    assert!(matches!(replay(&plan, 2, &cpu(), &alone, &|_| ()), Err(Error::NotReplayed { row: 2, .. })));
+    assert!(matches!(replay(&plan, 2, &cpu(), &alone, &|_| ()), Err(Error::Replay { row: 2, .. })));
 }
 
 #[test]
@@ -139,7 +140,7 @@ fn the_report_shows_held_out_views_with_their_errors() {
     let place = place(2);
     let plan = laid_out(STUDY, place.path()).unwrap();
     let folder = StudyFolder::prepare(&place.path().join("out"), &plan, Existing::Refuse).unwrap();
-    conduct(&plan, &[&cpu()], &folder, &()).unwrap();
+    conduct(&plan, &[&cpu()], &folder, &WorkSettings::default(), &()).unwrap();
     written(&plan, &folder);
     let page = fs::read_to_string(folder.file("report.html")).unwrap();
     for expected in [
@@ -234,7 +235,7 @@ fn intervals_over_few_scenes_are_about_these_scenes() {
         vec![arm - 2.5, arm + 2.5]
     };
     let results = made_up(&plan, gain);
-    for matching in Matching::all() {
+    for matching in Matching::ALL {
         let difference = results.difference(matching, Metric::Psnr, 60, 1, 0);
         assert_eq!((difference.pairing, difference.pairs), (Pairing::SeedsOfScenes, 16));
         assert_eq!(difference.verdict, Verdict::Better);
@@ -425,7 +426,7 @@ fn a_policy_of_ones_own_trains_scenes_too_and_views_can_be_limited() {
     // Of 0 to 7, 0 and 4 are held out; of the six others, every second.
     assert_eq!(names, ["images/0.png", "images/1.png", "images/3.png", "images/6.png"]);
     let folder = StudyFolder::prepare(&place.path().join("out"), &plan, Existing::Refuse).unwrap();
-    conduct(&plan, &[&cpu()], &folder, &()).unwrap();
+    conduct(&plan, &[&cpu()], &folder, &WorkSettings::default(), &()).unwrap();
     let results = Results::read(&plan, &folder).unwrap();
     let scenes = |arm: usize| results.finished(arm, 60).map(|(_, end)| end.scene.clone()).collect::<Vec<_>>();
     assert_eq!((scenes(2), scenes(0).len()), (scenes(0), 1));

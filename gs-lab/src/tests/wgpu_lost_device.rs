@@ -9,6 +9,7 @@ use crate::{
     run::{RunOutcome, Watcher},
     study::Run,
 };
+use gs_jobs::WorkSettings;
 use gs_wgpu::{WgpuRasterizer, WgpuSettings};
 
 const STUDY: &str = "name = 'lost'\nimages = ['paper']\nbudgets = [20]\nseeds = [0, 1, 2, 3]\npreset = 'paper'\niterations = 3\n\
@@ -45,7 +46,7 @@ fn a_lost_device_stops_the_study_and_records_nothing() {
     let folder = StudyFolder::prepare(place.path(), &plan, Existing::Refuse).unwrap();
     let lost = wgpu();
     let watcher = LoseAt { rasterizer: &lost, row: 3, begun: AtomicUsize::new(0) };
-    let error = conduct(&plan, &[&lost], &folder, &watcher).unwrap_err();
+    let error = conduct(&plan, &[&lost], &folder, &WorkSettings::default(), &watcher).unwrap_err();
     assert!(matches!(error, Error::Backend { row: 3, .. }), "{error:?}");
     let words = error.to_string();
     assert!(words.contains("row 3 (none, paper, 20 Gaussians, seed 2)") && words.contains("lost"), "{words}");
@@ -54,7 +55,7 @@ fn a_lost_device_stops_the_study_and_records_nothing() {
     let ended: Vec<bool> = Results::read(&plan, &folder).unwrap().records.iter().map(Option::is_some).collect();
     assert_eq!(ended, [true, true, false, false]);
 
-    conduct(&plan, &[&wgpu()], &folder, &()).unwrap();
+    conduct(&plan, &[&wgpu()], &folder, &WorkSettings::default(), &()).unwrap();
     let results = Results::read(&plan, &folder).unwrap();
     assert!(results.records.iter().flatten().all(|record| matches!(record.outcome, RunOutcome::Finished(_))));
     assert_eq!(results.missing().count(), 0);
@@ -66,7 +67,7 @@ fn what_a_backend_does_not_offer_is_refused_before_any_run() {
     let plan = plan(&format!("{STUDY}{arm}"));
     let place = tempfile::tempdir().unwrap();
     let folder = StudyFolder::prepare(place.path(), &plan, Existing::Refuse).unwrap();
-    let refused = conduct(&plan, &[&wgpu()], &folder, &()).unwrap_err().to_string();
+    let refused = conduct(&plan, &[&wgpu()], &folder, &WorkSettings::default(), &()).unwrap_err().to_string();
     assert!(refused.starts_with("study `lost`: line 11: arm `smooth`: backend wgpu does not offer"), "{refused}");
     assert!(Results::read(&plan, &folder).unwrap().records.iter().all(Option::is_none));
 }

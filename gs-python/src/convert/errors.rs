@@ -57,7 +57,7 @@ impl IntoPython for gs_lab::Error {
             Self::Io(error) => error.into_python(),
             Self::Fit(error) => error.into_python(),
             Self::Jobs(error) => error.into_python(),
-            Self::NoImage { .. } | Self::NoScene { .. } | Self::Path { .. } => PyOSError::new_err(text(&self)),
+            Self::NotFound { .. } | Self::Path { .. } => PyOSError::new_err(text(&self)),
             _ => PyValueError::new_err(text(&self)),
         }
     }

@@ -97,7 +97,7 @@ pub(super) fn run(args: &ConvertArgs, from: &Path, mut file: File2d, has_alpha: 
         lost,
         psnr,
     };
-    if args.json { output::json(&conversion) } else { output::result(text(&conversion, form == Form::Scene)) }
+    output::answer(args.json, &conversion, || text(&conversion, form == Form::Scene))
 }
 
 /// Trains Gaussians that viewers show as the scene, and writes them; returns their number and their

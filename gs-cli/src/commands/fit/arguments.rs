@@ -6,7 +6,7 @@ use clap::Args;
 
 use crate::{
     failure::Failure,
-    flags::values::{Bytes, positive},
+    flags::values::{bytes, positive},
     image_fit::FitSettingsArgs,
     training::{arguments::RunArgs, job::Job},
 };
@@ -68,8 +68,8 @@ pub(crate) struct CountArgs {
     #[arg(long, value_name = "DB", value_parser = positive, conflicts_with_all = ["gaussians", "bytes", "resume"])]
     pub(crate) psnr: Option<f64>,
     /// Size of a .gsi file, such as 40k: as many Gaussians as gs encode --bytes puts into it
-    #[arg(long, value_name = "SIZE", conflicts_with_all = ["gaussians", "resume"])]
-    pub(crate) bytes: Option<Bytes>,
+    #[arg(long, value_name = "SIZE", value_parser = bytes, conflicts_with_all = ["gaussians", "resume"])]
+    pub(crate) bytes: Option<u64>,
 }
 
 /// The flags of `gs fit`.

@@ -15,7 +15,7 @@ impl CountArgs {
 
     /// Fails where a flag is out of range, before anything is read.
     pub(super) fn validate(&self) -> Result<(), Failure> {
-        let targets = [self.psnr.map(EncodeTarget::Psnr), self.bytes.map(|bytes| EncodeTarget::Bytes(bytes.0))];
+        let targets = [self.psnr.map(EncodeTarget::Psnr), self.bytes.map(EncodeTarget::Bytes)];
         targets.into_iter().flatten().try_for_each(|target| Ok(target.validate()?))
     }
 
@@ -32,9 +32,9 @@ impl CountArgs {
                 (count_for_psnr(on, &target.image, psnr, with).block_on()?, format!("for {psnr} dB"))
             }
             (None, Some(bytes)) => {
-                let encoding = encoding(EncodeTarget::Bytes(bytes.0), &settings);
+                let encoding = encoding(EncodeTarget::Bytes(bytes), &settings);
                 let encoded = encode(on, &target.image, &encoding).block_on()?;
-                (encoded.gaussians as u32, format!("in a .gsi file of {} bytes", bytes.0))
+                (encoded.gaussians as u32, format!("in a .gsi file of {bytes} bytes"))
             }
             (None, None) => return Ok(settings),
         };

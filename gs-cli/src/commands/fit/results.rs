@@ -115,9 +115,7 @@ impl Results<'_> {
                     settings.and_then(|text| self.run.folder.write("settings.toml", &text)),
                     match self.explains() {
                         true => write_curve(&self.run.folder, points, log, &title),
-                        false => {
-                            ["ellipses.png", "curve.png"].iter().try_for_each(|name| self.run.folder.leave_out(name))
-                        }
+                        false => self.run.folder.leave_out(["ellipses.png", "curve.png"]),
                     },
                 ]
             });
@@ -134,17 +132,12 @@ impl Results<'_> {
         }
         tried.push(match self.film {
             Some(film) => film.write(&self.run.folder.file("growth.apng"), trainer),
-            None => self.run.folder.leave_out("growth.apng"),
+            None => self.run.folder.leave_out(["growth.apng"]),
         });
         // An existing file is of an earlier training.
-        tried.push(self.run.folder.leave_out("evaluation.json"));
+        tried.push(self.run.folder.leave_out(["evaluation.json"]));
         let summary = fit.and_then(|fit| self.summary(fit, &file));
-        match &summary {
-            Ok(summary) => tried.push(self.run.folder.write_json("summary.json", summary)),
-            Err(failure) => tried.extend([Err(failure.clone()), self.run.folder.leave_out("summary.json")]),
-        }
-        Failure::first_of(tried)?;
-        summary
+        results::end(&self.run.folder, tried, summary, ["summary.json"])
     }
 
     /// Whether pictures that explain the result are drawn.
@@ -202,11 +195,11 @@ impl Results<'_> {
     /// conversion is a training of its own.
     fn write_ply(&self, file: &File2d) -> Result<(), Failure> {
         if file.settings.effects.blend == Blend::Sum {
-            return self.run.folder.leave_out("scene.ply");
+            return self.run.folder.leave_out(["scene.ply"]);
         }
         if file.scene.is_empty() {
             output::note("note: no Gaussian is left, so there is no scene.ply");
-            return self.run.folder.leave_out("scene.ply");
+            return self.run.folder.leave_out(["scene.ply"]);
         }
         let Viewable { file, psnr, .. } =
             on_cpu(self.backend, |cpu| viewable(cpu, file, ColorRange::NotNegative).block_on())??;

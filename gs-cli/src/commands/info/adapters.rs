@@ -6,29 +6,17 @@ use gs_core::Error;
 use gs_wgpu::{AdapterSummary, WgpuRasterizer, WgpuSettings};
 use serde::Serialize;
 
-use crate::{
-    failure::Failure,
-    flags::backend::BackendArgs,
-    terminal::output::{self, Format},
-};
+use crate::{failure::Failure, flags::backend::BackendArgs, terminal::output};
 
 /// What `gs info --adapters --json` prints.
 #[derive(Debug, Serialize)]
 struct Adapters {
     /// The first is the one that `--backend wgpu` takes.
-    adapters: Vec<Adapter>,
+    adapters: Vec<AdapterSummary>,
     /// What `--backend auto` takes.
     auto: Auto,
     /// What to install where there is no adapter.
     advice: Option<String>,
-}
-
-#[derive(Debug, Serialize)]
-struct Adapter {
-    name: String,
-    kind: &'static str,
-    interface: String,
-    driver: String,
 }
 
 #[derive(Debug, Serialize)]
@@ -40,14 +28,14 @@ struct Auto {
 }
 
 /// Lists the adapters.
-pub(crate) fn run(format: Format) -> Result<(), Failure> {
+pub(crate) fn run(json: bool) -> Result<(), Failure> {
     let found = gs_wgpu::adapters().block_on();
     let backend = BackendArgs::default().open()?;
     let advice = if found.is_empty() { advice() } else { None };
-    if format == Format::Json {
+    if json {
         let adapter = backend.rasterizer.adapter().map(str::to_owned);
         let auto = Auto { backend: backend.rasterizer.name(), adapter, reason: backend.reason };
-        return output::json(&Adapters { adapters: found.into_iter().map(Adapter::from).collect(), auto, advice });
+        return output::json(&Adapters { adapters: found, auto, advice });
     }
     let adapters = found.iter().map(ToString::to_string).chain(advice);
     let lines: Vec<String> = adapters.chain([format!("--backend auto takes {}", backend.reason)]).collect();
@@ -59,12 +47,5 @@ fn advice() -> Option<String> {
     match WgpuRasterizer::new(WgpuSettings::default()).block_on().err()? {
         Error::Backend { message, .. } => Some(message),
         error => Some(error.to_string()),
-    }
-}
-
-impl From<AdapterSummary> for Adapter {
-    fn from(found: AdapterSummary) -> Self {
-        let AdapterSummary { name, kind, interface, driver } = found;
-        Self { name, kind, interface, driver }
     }
 }

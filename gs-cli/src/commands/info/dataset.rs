@@ -1,16 +1,13 @@
 //! `gs info` of a data set: its views, cameras and points, and the reader's remarks.
 
-use std::fmt::Write;
+use std::{collections::BTreeMap, fmt::Write};
 
 use gs_core::counted;
 use gs_io::dataset::{Dataset, DatasetKind, SourceCamera, Split, SplitOrigin, View};
 use serde::Serialize;
 
-use crate::{
-    failure::Failure,
-    flags::dataset::remark_text,
-    terminal::output::{self, Format, printable},
-};
+use super::rows_text;
+use crate::{failure::Failure, flags::dataset::remark_text, terminal::output};
 
 /// Cameras that are printed in full. The others are counted.
 const CAMERAS_SHOWN: usize = 4;
@@ -52,12 +49,9 @@ struct CameraInfo {
 }
 
 /// Prints the content of a data set.
-pub(super) fn print(dataset: &Dataset, format: Format) -> Result<(), Failure> {
+pub(super) fn print(dataset: &Dataset, json: bool) -> Result<(), Failure> {
     let info = Info::of(dataset);
-    match format {
-        Format::Json => output::json(&info),
-        Format::Text => output::result(text(&info)),
-    }
+    output::answer(json, &info, || text(&info))
 }
 
 impl Info {
@@ -149,6 +143,5 @@ fn text(info: &Info) -> String {
         rows.push(("depth maps", info.depth_maps.to_string()));
     }
     rows.extend(info.remarks.iter().map(|remark| ("remark", remark.clone())));
-    let lines: Vec<String> = rows.iter().map(|(name, value)| format!("{name:<20}{}", printable(value))).collect();
-    lines.join("\n")
+    rows_text(&rows, &BTreeMap::new())
 }

@@ -1,7 +1,7 @@
 //! `gs info` of a 3D scene or a checkpoint of one: number, positions, sizes and opacities of its
 //! Gaussians.
 
-use std::{collections::BTreeMap, fmt::Write};
+use std::collections::BTreeMap;
 
 use gs_core::{
     NotFinite3d, Scene, Scene3d, ValueQuantiles,
@@ -11,11 +11,8 @@ use gs_core::{
 use gs_io::{File3d, WorldFrame};
 use serde::Serialize;
 
-use super::{metadata_text, number};
-use crate::{
-    failure::Failure,
-    terminal::output::{self, Format, printable},
-};
+use super::{number, rows_text};
+use crate::{failure::Failure, terminal::output};
 
 /// What `gs info --json` prints of a 3D scene.
 #[derive(Debug, Serialize)]
@@ -60,7 +57,7 @@ struct Bounds {
 }
 
 /// Prints the content of a 3D scene, or of a checkpoint with this metadata.
-pub(super) fn print(file: File3d, metadata: Option<BTreeMap<String, String>>, format: Format) -> Result<(), Failure> {
+pub(super) fn print(file: File3d, metadata: Option<BTreeMap<String, String>>, json: bool) -> Result<(), Failure> {
     let File3d { scene, format: kind, bytes, losses, picture, trained_with, .. } = file;
     let losses = losses.iter().map(ToString::to_string).collect();
     let info = match metadata {
@@ -69,17 +66,11 @@ pub(super) fn print(file: File3d, metadata: Option<BTreeMap<String, String>>, fo
     };
     let (antialias, order) = (trained_with.antialias.map(Antialias::name), trained_with.order.map(Order::name));
     let frame = Some(trained_with.frame).filter(|frame| !frame.is_world());
-    Info { antialias, order, frame, losses, picture, ..info }.print(format)
+    let info = Info { antialias, order, frame, losses, picture, ..info };
+    output::answer(json, &info, || text(&info))
 }
 
 impl Info {
-    fn print(&self, format: Format) -> Result<(), Failure> {
-        match format {
-            Format::Json => output::json(self),
-            Format::Text => output::result(text(self)),
-        }
-    }
-
     fn of(kind: &'static str, bytes: u64, scene: &Scene3d) -> Self {
         let mut quantiles = BTreeMap::new();
         let mut add = |name, values: Vec<f32>| _ = ValueQuantiles::of(values).map(|q| quantiles.insert(name, q));
@@ -140,13 +131,7 @@ fn text(info: &Info) -> String {
     rows.extend(trained_with.into_iter().filter_map(|(name, value)| Some((name, format!("{} in training", value?)))));
     rows.extend(info.frame.map(|frame| ("frame", frame.to_string())));
     rows.extend(info.losses.iter().map(|loss| ("lost in reading", loss.clone())));
-    let mut text = String::new();
-    for (name, value) in &rows {
-        let _ = writeln!(text, "{name:<20}{}", printable(value));
-    }
-    text += &metadata_text(&info.metadata);
-    text.truncate(text.trim_end().len());
-    text
+    rows_text(&rows, &info.metadata)
 }
 
 #[cfg(test)]

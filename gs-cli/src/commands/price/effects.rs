@@ -4,8 +4,6 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use gs_backend::AnyRasterizer;
-use gs_core::{Optimizer, effects::RequiresEffects};
 use gs_lab::price::{EffectPrices, TrainingPrices, effect_prices, training_prices};
 use gs_train::train::Views;
 use serde::Serialize;
@@ -78,32 +76,21 @@ pub(crate) fn run(args: &EffectsCommandArgs) -> Result<(), Failure> {
     subject.check_work("measuring the effects of", |size| gs_train::memory::comparing(size, 1))?;
     let backend = subject.open(&args.subject)?;
     subject.fit_first(&backend.rasterizer)?;
-    let prices = match &subject {
-        Subject::TwoD(seen) => examine(&backend.rasterizer, seen, args),
-        Subject::ThreeD(seen, _) => examine(&backend.rasterizer, seen, args),
+    let Subject { seen, render, facts, .. } = &subject;
+    let (rasterizer, repetitions) = (&backend.rasterizer, args.repetitions as usize);
+    let prices = match seen {
+        Seen::TwoD(scene, views) => effect_prices(rasterizer, scene, views, render, repetitions),
+        Seen::ThreeD(scene, views, _) => effect_prices(rasterizer, scene, views, render, repetitions),
     }?;
-    let training = match (&subject, args.train) {
-        (Subject::ThreeD(seen, Some(dataset)), Some(steps)) => {
-            let views = || Views::of_dataset(dataset);
-            Some(training_prices(&backend.rasterizer, &seen.scene, views, &seen.render, steps)?)
+    let training = match (seen, args.train) {
+        (Seen::ThreeD(scene, _, Some(dataset)), Some(steps)) => {
+            Some(training_prices(rasterizer, scene, || Views::of_dataset(dataset), render, steps)?)
         }
         _ => None,
     };
-    let report = Report { facts: subject.facts(), prices, training };
-    if args.json {
-        return output::json(&report);
-    }
-    let training = report.training.iter().map(|training| format!("\n\n{training}"));
-    output::result(format_args!("{}\n\n{}{}", report.facts.text(), report.prices, training.collect::<String>()))
-}
-
-fn examine<S: RequiresEffects>(
-    rasterizer: &AnyRasterizer,
-    seen: &Seen<S>,
-    args: &EffectsCommandArgs,
-) -> Result<EffectPrices, Failure>
-where
-    AnyRasterizer: Optimizer<S>,
-{
-    Ok(effect_prices(rasterizer, &seen.scene, &seen.views, &seen.render, args.repetitions as usize)?)
+    let report = Report { facts, prices, training };
+    output::answer(args.json, &report, || {
+        let training: String = report.training.iter().map(|training| format!("\n\n{training}")).collect();
+        format!("{}\n\n{}{training}", facts.text(), report.prices)
+    })
 }

@@ -22,7 +22,7 @@ use crate::{
     },
     flags::{
         backend::BackendArgs,
-        values::{Tolerance, whole},
+        values::{tolerance, whole},
     },
     image_fit::FitSettingsArgs,
     terminal::output,
@@ -63,11 +63,11 @@ pub(crate) struct FrontierArgs {
     overwrite: OverwriteArgs,
     /// Choose the fastest settings with at most this error at every pixel: a number, or a fraction
     /// such as 1/255
-    #[arg(long, value_name = "E", conflicts_with = "max_ms")]
-    max_error: Option<Tolerance>,
+    #[arg(long, value_name = "E", value_parser = tolerance, conflicts_with = "max_ms")]
+    max_error: Option<f64>,
     /// Choose the most exact settings with at most this many milliseconds per view
-    #[arg(long, value_name = "T")]
-    max_ms: Option<Tolerance>,
+    #[arg(long, value_name = "T", value_parser = tolerance)]
+    max_ms: Option<f64>,
     /// Print JSON on standard output, and nothing else there
     #[arg(long, conflicts_with_all = ["max_error", "max_ms"])]
     json: bool,
@@ -89,8 +89,8 @@ const FILES: [&str; 5] = ["frontier.csv", "frontier.json", "frontier.svg", "fron
 
 impl FrontierArgs {
     fn budget(&self) -> Option<Budget> {
-        let error = self.max_error.map(|most| Budget::MaxError(most.0));
-        error.or(self.max_ms.map(|most| Budget::MaxSeconds(1e-3 * most.0)))
+        let error = self.max_error.map(Budget::MaxError);
+        error.or(self.max_ms.map(|most| Budget::MaxSeconds(1e-3 * most)))
     }
 }
 
@@ -114,19 +114,18 @@ pub(crate) fn run(args: &FrontierArgs) -> Result<(), Failure> {
     let fit = FitSettingsArgs { iterations: args.subject.iterations, ..FitSettingsArgs::default() };
     let mut subject = Subject::load(Some(&args.input), &args.subject, cameras, fit)?;
     subject.check_work("measuring the frontier of", |size| gs_train::memory::comparing(size, args.views.into()))?;
-    if matches!(&subject, Subject::TwoD(seen) if seen.fit.is_some()) {
-        let backend = args.subject.seen.backend.open_to_render_2d(subject.render())?;
+    if subject.fit.is_some() {
+        let backend = args.subject.seen.backend.open_to_render_2d(&subject.render)?;
         subject.fit_first(&backend.rasterizer)?;
     }
     let folder = claim.map(OutputFolder::begin).transpose()?;
-    match subject {
-        Subject::TwoD(seen) => {
-            let unseen = unseen_canvases(seen.views[0]);
-            measure(args, &seen, (&seen.views, &unseen), folder.as_ref())
+    match &subject.seen {
+        Seen::TwoD(scene, views) => {
+            measure(args, &subject, scene, (views, &unseen_canvases(views[0])), folder.as_ref())
         }
-        Subject::ThreeD(seen, _) => {
-            let (views, unseen) = unseen_cameras(&seen.views);
-            measure(args, &seen, (&views, &unseen), folder.as_ref())
+        Seen::ThreeD(scene, cameras, _) => {
+            let (views, unseen) = unseen_cameras(cameras);
+            measure(args, &subject, scene, (&views, &unseen), folder.as_ref())
         }
     }
 }
@@ -153,7 +152,8 @@ fn backends(flags: &BackendArgs) -> Result<Vec<AnyRasterizer>, Failure> {
 /// Measures the scene in views, and verifies the answer on unseen ones.
 fn measure<S>(
     args: &FrontierArgs,
-    seen: &Seen<S>,
+    Subject { render, facts, .. }: &Subject,
+    scene: &S,
     (views, unseen): (&[S::View], &[S::View]),
     folder: Option<&OutputFolder>,
 ) -> Result<(), Failure>
@@ -161,17 +161,17 @@ where
     S: Verifiable,
     AnyRasterizer: Optimizer<S>,
 {
-    let what = seen.facts.text();
+    let what = facts.text();
     let search = Search {
-        scene: (&seen.scene, &what),
+        scene: (scene, &what),
         backends: backends(&args.subject.seen.backend)?,
-        shown: seen.render,
+        shown: *render,
         views,
         unseen,
         seconds: f64::from(args.seconds),
         budget: args.budget(),
     };
-    let report = Report { facts: &seen.facts, found: search.run(&mut |what| output::note(what))? };
+    let report = Report { facts, found: search.run(&mut |what| output::note(what))? };
     let found = &report.found;
     let text = format!("{what}\n\n{found}");
     match found.settings_file() {
@@ -190,7 +190,7 @@ where
         gs_io::write_png(folder.file("frontier.png"), &image)?;
         match found.settings_file() {
             Some(settings) => folder.write("settings.toml", settings)?,
-            None => folder.leave_out("settings.toml")?,
+            None => folder.leave_out(["settings.toml"])?,
         }
         output::note(format_args!("wrote the frontier in {}", folder.path().display()));
     }
@@ -203,6 +203,6 @@ where
 }
 
 /// The failure where no settings keep the budget that a flag sets.
-fn missed(flag: &str, Tolerance(most): Tolerance, (why, more): &(String, &'static str)) -> Failure {
+fn missed(flag: &str, most: f64, (why, more): &(String, &'static str)) -> Failure {
     Failure::failed(format_args!("{flag} {most}: {why}")).hint(format_args!("give a larger {flag}{more}"))
 }

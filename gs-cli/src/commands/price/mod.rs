@@ -10,8 +10,9 @@ mod views;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use glam::Vec3;
 use gs_backend::{AnyRasterizer, Chosen};
-use gs_core::{Camera, RenderSettings, Scene, Scene2d, Scene3d, counted, view::Orbit};
+use gs_core::{Camera, Canvas, RenderSettings, Scene, Scene2d, Scene3d, counted, view::Orbit};
 use gs_io::{AnyScene, File3d, dataset::Dataset};
 use gs_train::{FitSettings, train::Views};
 use serde::Serialize;
@@ -24,7 +25,7 @@ use crate::{
         cameras::{Home, sampled},
         dataset::ReadingArgs,
         render_args::RenderArgs3d,
-        values::{Axis, Size, ViewName, canvas, whole},
+        values::{Size, ViewName, axis, canvas, whole},
     },
     image_fit::{self, FitImage, FitSettingsArgs, SettingsFile, fit_image},
     memory,
@@ -41,8 +42,8 @@ pub(crate) struct SeenArgs {
     #[arg(long, value_name = "WxH")]
     size: Option<Size>,
     /// Up direction, around which cameras are placed: x, y, z, -x, -y or -z [default: -y]
-    #[arg(long, value_name = "AXIS", allow_hyphen_values = true)]
-    up: Option<Axis>,
+    #[arg(long, value_name = "AXIS", value_parser = axis, allow_hyphen_values = true)]
+    up: Option<Vec3>,
     #[command(flatten)]
     render: RenderArgs3d,
     #[command(flatten)]
@@ -115,19 +116,18 @@ impl Facts {
 }
 
 /// A scene with views of it, at least one.
-struct Seen<S: Scene> {
-    scene: S,
-    views: Vec<S::View>,
+enum Seen {
+    TwoD(Scene2d, [Canvas; 1]),
+    ThreeD(Scene3d, Vec<Camera>, Option<Dataset>),
+}
+
+/// What is measured.
+struct Subject {
+    seen: Seen,
     render: RenderSettings,
     /// The image that the scene is fitted to first, and how.
     fit: Option<(FitImage, FitSettings)>,
     facts: Facts,
-}
-
-/// What is measured.
-enum Subject {
-    TwoD(Box<Seen<Scene2d>>),
-    ThreeD(Box<Seen<Scene3d>>, Option<Dataset>),
 }
 
 impl Subject {
@@ -162,8 +162,7 @@ impl Subject {
                 args.seen.render.note_guess(&file);
                 let render = args.seen.render.settings(&file, dataset.as_ref());
                 let facts = facts(&seen, (views[0].width, views[0].height), file.scene.len());
-                let seen = Seen { scene: file.scene, views, render, fit: None, facts };
-                return Ok(Self::ThreeD(Box::new(seen), dataset));
+                return Ok(Self { seen: Seen::ThreeD(file.scene, views, dataset), render, fit: None, facts });
             }
             _ if has_cameras => {
                 let message = "is not a 3D scene; only those have cameras, an order and a background to choose";
@@ -181,37 +180,23 @@ impl Subject {
             }
         };
         let facts = facts("its canvas", (canvas.width, canvas.height), scene.len());
-        Ok(Self::TwoD(Box::new(Seen { scene, views: vec![canvas], render, fit, facts })))
-    }
-
-    fn facts(&self) -> &Facts {
-        match self {
-            Self::TwoD(seen) => &seen.facts,
-            Self::ThreeD(seen, _) => &seen.facts,
-        }
-    }
-
-    fn render(&self) -> &RenderSettings {
-        match self {
-            Self::TwoD(seen) => &seen.render,
-            Self::ThreeD(seen, _) => &seen.render,
-        }
+        Ok(Self { seen: Seen::TwoD(scene, [canvas]), render, fit, facts })
     }
 
     /// Fails where measuring pictures of this subject takes too much memory; `bytes` are for their size.
     fn check_work(&self, work: &str, bytes: impl Fn((u32, u32)) -> u64) -> Result<(), Failure> {
-        let Facts { input, width, height, .. } = self.facts();
+        let Facts { input, width, height, .. } = &self.facts;
         memory::check_work(work, fit_image::name(input.as_deref()), (*width, *height), bytes((*width, *height)))
     }
 
     /// Opens the backend for this subject.
     fn open(&mut self, args: &SubjectArgs) -> Result<Chosen, Failure> {
         let flags = &args.seen.backend;
-        let (chosen, facts) = match self {
-            Self::TwoD(seen) => (flags.open_to_render_2d(&seen.render)?, &mut seen.facts),
-            Self::ThreeD(seen, _) => (flags.open()?, &mut seen.facts),
+        let chosen = match self.seen {
+            Seen::TwoD(..) => flags.open_to_render_2d(&self.render)?,
+            Seen::ThreeD(..) => flags.open()?,
         };
-        facts.backend = Some(BackendFacts {
+        self.facts.backend = Some(BackendFacts {
             backend: chosen.rasterizer.name(),
             adapter: chosen.rasterizer.adapter().map(str::to_owned),
             threads: chosen.threads,
@@ -223,12 +208,10 @@ impl Subject {
 
     /// Fits the image, if the subject is one.
     fn fit_first(&mut self, rasterizer: &AnyRasterizer) -> Result<(), Failure> {
-        if let Self::TwoD(seen) = self
-            && let Some((target, settings)) = &seen.fit
-        {
-            seen.facts.fitted_steps = Some(settings.iterations);
-            seen.scene = image_fit::fit_first(rasterizer, target, settings.clone())?;
-            seen.facts.gaussians = seen.scene.len();
+        if let (Seen::TwoD(scene, _), Some((target, settings))) = (&mut self.seen, &self.fit) {
+            self.facts.fitted_steps = Some(settings.iterations);
+            *scene = image_fit::fit_first(rasterizer, target, settings.clone())?;
+            self.facts.gaussians = scene.len();
         }
         Ok(())
     }
@@ -272,7 +255,7 @@ fn of_3d(
 
 /// An orbit of so many frames around a 3D scene, with its first camera.
 fn around(file: &File3d, args: &SeenArgs, frames: u32) -> Result<(Orbit, Camera), Failure> {
-    let Home { camera, target, up } = Home::of(file, args.size, args.up.map(|axis| axis.0))?;
+    let Home { camera, target, up } = Home::of(file, args.size, args.up)?;
     camera.validate().map_err(|error| Failure::usage(error).at("--size"))?;
     Ok((Orbit { center: target, axis: up, frames }, camera))
 }

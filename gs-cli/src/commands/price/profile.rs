@@ -3,8 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use gs_backend::AnyRasterizer;
-use gs_core::{Blend, Choice as _, Effects, Loss, Parameterization, Scene, profile::Profiler};
+use gs_core::{Blend, Choice as _, Effects, Loss, Parameterization};
 use gs_io::Inputs;
 use gs_lab::price::{StagePrices, stage_prices};
 use serde::Serialize;
@@ -104,39 +103,26 @@ pub(crate) fn run(args: &ProfileArgs) -> Result<(), Failure> {
     let cameras = args.camera.as_ref().map_or(Cameras::Around(1), Cameras::View);
     let mut subject = Subject::load(args.input.as_deref(), &args.subject, cameras, fit)?;
     subject.check_work("profiling", gs_train::memory::profiling)?;
-    let usual = match &subject {
-        Subject::TwoD(seen) => {
-            let fit = seen.fit.as_ref().map(|(_, fit)| (fit.loss, fit.parameterization));
-            fit.unwrap_or((Loss::L2, Parameterization::CovarianceFactor))
-        }
-        Subject::ThreeD(..) => (Loss::PAPER, Parameterization::ScaleRotation),
+    let is_3d = matches!(subject.seen, Seen::ThreeD(..));
+    let usual = match &subject.fit {
+        Some((_, fit)) => (fit.loss, fit.parameterization),
+        None if is_3d => (Loss::PAPER, Parameterization::ScaleRotation),
+        None => (Loss::L2, Parameterization::CovarianceFactor),
     };
     let (loss, parameterization) = (args.loss.unwrap_or(usual.0), args.parameterization.unwrap_or(usual.1));
-    if matches!(subject, Subject::ThreeD(..)) {
+    if is_3d {
         parameterization.check_3d()?;
     }
     let backend = subject.open(&args.subject)?;
     let folder = claim.map(OutputFolder::begin).transpose()?;
     subject.fit_first(&backend.rasterizer)?;
-    match &mut subject {
-        Subject::TwoD(seen) => report(args, seen, &backend.rasterizer, (loss, parameterization), folder.as_ref()),
-        Subject::ThreeD(seen, _) => report(args, seen, &backend.rasterizer, (loss, parameterization), folder.as_ref()),
-    }
-}
-
-fn report<S: Scene>(
-    args: &ProfileArgs,
-    Seen { scene, views, render, facts, .. }: &mut Seen<S>,
-    rasterizer: &AnyRasterizer,
-    (loss, parameterization): (Loss, Parameterization),
-    folder: Option<&OutputFolder>,
-) -> Result<(), Failure>
-where
-    AnyRasterizer: Profiler<S>,
-{
+    let (seen, facts, mut render) = (&subject.seen, &subject.facts, subject.render);
     render.effects.blend = args.blend.unwrap_or(render.effects.blend);
-    let repetitions = args.repetitions;
-    let prices = stage_prices(rasterizer, scene, &views[0], render, (loss, parameterization), repetitions as usize)?;
+    let (rasterizer, repetitions, how) = (&backend.rasterizer, args.repetitions, (loss, parameterization));
+    let prices = match seen {
+        Seen::TwoD(scene, [canvas]) => stage_prices(rasterizer, scene, canvas, &render, how, repetitions as usize),
+        Seen::ThreeD(scene, views, _) => stage_prices(rasterizer, scene, &views[0], &render, how, repetitions as usize),
+    }?;
     let report = Report { facts, effects: render.effects, loss, parameterization, repetitions, prices };
     if let Some(folder) = folder {
         folder.write("profile.csv", report.prices.csv())?;
@@ -144,6 +130,8 @@ where
         output::note(format_args!("wrote profile.csv and profile.json in {}", folder.path().display()));
     }
     let (loss, parameterization) = (loss.name(), parameterization.name());
-    let text = || format!("{}\n{}, {loss}, {parameterization}\n{}", facts.text(), render.effects, report.prices);
-    if args.json { output::json(&report) } else { output::result(text().trim_end()) }
+    output::answer(args.json, &report, || {
+        let text = format!("{}\n{}, {loss}, {parameterization}\n{}", facts.text(), render.effects, report.prices);
+        text.trim_end().to_owned()
+    })
 }

@@ -6,6 +6,7 @@ mod scene3d;
 use std::path::PathBuf;
 
 use clap::Args;
+use glam::Vec3;
 
 use gs_core::{Scene as _, counted};
 use gs_io::{AnyScene, Extent, GsiFile, is_gsi, read_gsi};
@@ -20,7 +21,7 @@ use crate::{
         effects_args::{EffectsArgs, EffectsChoice},
         frontier_settings,
         render_args::RenderArgs3d,
-        values::{Axis, Behind, Region, Size, ViewName, whole},
+        values::{Behind, Region, Size, ViewName, axis, whole},
     },
     terminal::output::{self, printable},
 };
@@ -125,8 +126,8 @@ struct CameraArgs {
     path: Option<PathBuf>,
     /// Up direction and axis of an orbit: x, y, z, -x, -y or -z [default: that of the data set,
     /// otherwise -y]
-    #[arg(long, value_name = "AXIS", allow_hyphen_values = true)]
-    up: Option<Axis>,
+    #[arg(long, value_name = "AXIS", value_parser = axis, allow_hyphen_values = true)]
+    up: Option<Vec3>,
     /// Frames per second of an animated PNG
     #[arg(long, value_name = "F", default_value_t = 24, value_parser = whole::<u16>(1..=240))]
     fps: u16,

@@ -128,8 +128,7 @@ fn cameras(args: &CameraArgs, size: Option<Size>, file: &File3d) -> Result<(Vec<
         let cameras = read_path(file)?.cameras().map_err(|error| Failure::usage(error).at(file.display()))?;
         return Ok((cameras, None));
     }
-    let up = args.up.map(|axis| axis.0);
-    let (Home { camera, target, up }, dataset) = Home::named(args.camera.as_ref(), &args.reading, file, size, up)?;
+    let (Home { camera, target, up }, dataset) = Home::named(args.camera.as_ref(), &args.reading, file, size, args.up)?;
     let cameras = match args.orbit {
         None => vec![camera],
         Some(frames) => Orbit { center: target, axis: up, frames }.cameras(&camera),
@@ -182,8 +181,7 @@ fn render_frames(
         (None, _) => write(output, frame(&cameras[0])?)?,
         (Some(claim), _) => {
             let folder = OutputFolder::begin(claim)?;
-            let longer = frames_after(cameras.len(), folder.claimed("frame-"));
-            longer.iter().try_for_each(|name| folder.leave_out(name))?;
+            folder.leave_out(frames_after(cameras.len(), folder.claimed("frame-")))?;
             for (number, camera) in cameras.iter().enumerate() {
                 write(&folder.file(&frame_name(number)), frame(camera)?)?;
             }

@@ -10,6 +10,7 @@ mod submit;
 mod work;
 
 use gs_core::counted;
+use gs_jobs::WorkSettings;
 use gs_lab::{Results, StudyFolder, conduct, run::Conducted};
 
 pub(crate) use self::{arguments::StudyArgs, progress::Display};
@@ -48,7 +49,7 @@ fn conduct_study(args: &ConductArgs) -> Result<(), Failure> {
     let interrupt = Interrupt::listen(display.printer(), AT_NEXT_STEP);
     let team = rasterizers(&backends);
     let results = loop {
-        let conducted = conduct(&plan, &team, &folder, &display.stopped_by(&interrupt));
+        let conducted = conduct(&plan, &team, &folder, &WorkSettings::default(), &display.stopped_by(&interrupt));
         display.printer().clear_bar();
         if conducted? != Conducted::Whole {
             return Err(Failure::interrupted(format_args!("stopped; to go on: {command} --resume")));

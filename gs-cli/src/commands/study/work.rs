@@ -10,7 +10,7 @@ use gs_backend::Chosen;
 use gs_core::counted;
 use gs_jobs::{AtEnd, WorkSettings, slurm};
 use gs_lab::{
-    Plan, conduct_with,
+    Plan, conduct,
     run::{Conducted, RunOutcome, Watcher},
     study::{Machine, Run},
 };
@@ -44,7 +44,7 @@ pub(super) fn run(args: &WorkArgs) -> Result<(), Failure> {
     output::note(&backends[0].reason);
     let printer = Printer::above(None);
     let log = Log { plan: &plan, interrupt: Interrupt::listen(printer, AT_NEXT_STEP), done: AtomicUsize::new(0) };
-    let conducted = conduct_with(&plan, &rasterizers(&backends), folder, &settings, &log)?;
+    let conducted = conduct(&plan, &rasterizers(&backends), folder, &settings, &log)?;
     let done = counted(log.done.into_inner(), "run");
     let folder = quoted(folder.path());
     match conducted {

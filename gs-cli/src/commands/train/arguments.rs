@@ -15,7 +15,7 @@ use crate::{
     flags::{
         dataset::DatasetArgs,
         render_args::DEPTH_ORDERS,
-        values::{Minutes, TrainBackground, by_name, one_of, whole},
+        values::{TrainBackground, by_name, minutes, one_of, whole},
     },
     training::arguments::{RunArgs, policy_by_name},
 };
@@ -93,8 +93,8 @@ pub(crate) struct TrainSettingsArgs {
     pub(crate) exactly: bool,
     /// Finish within M minutes on this machine: a trial of some seconds measures its speed, from
     /// which steps, Gaussians and first resolution are chosen
-    #[arg(long, value_name = "M", conflicts_with_all = ["preset", "settings", "iterations", "coarse"])]
-    pub(crate) minutes: Option<Minutes>,
+    #[arg(long, value_name = "M", value_parser = minutes, conflicts_with_all = ["preset", "settings", "iterations", "coarse"])]
+    pub(crate) minutes: Option<f64>,
     /// Steps of the optimizer, one view each; the preset's schedules follow [default: 40 a
     /// view, 2000 to 8000; quick: 2000, 3dgs and mcmc: 30000]
     #[arg(short, long, value_name = "K", value_parser = whole::<u32>(0..))]

@@ -64,7 +64,7 @@ pub(super) struct ViewPictures<'o> {
 impl<'o> ViewPictures<'o> {
     /// Removes the pictures of an earlier training, and the folder if it is empty then.
     pub(super) fn clear(output: &OutputFolder) -> Result<(), Failure> {
-        output.claimed(&format!("{FOLDER}/")).iter().try_for_each(|name| output.leave_out(name))?;
+        output.leave_out(output.claimed(&format!("{FOLDER}/")))?;
         // Fails if there are other files, which is intended.
         let _ = fs::remove_dir(output.path().join(FOLDER));
         Ok(())

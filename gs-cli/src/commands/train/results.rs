@@ -159,11 +159,9 @@ impl Results<'_> {
                 .map_err(Failure::failed)
                 .and_then(|text| self.run.folder.write("settings.toml", &text)),
             // Existing files are of an earlier fit.
-            ["scene.gs2d.safetensors", "reconstruction.png", "growth.apng"]
-                .iter()
-                .try_for_each(|name| self.run.folder.leave_out(name)),
+            self.run.folder.leave_out(["scene.gs2d.safetensors", "reconstruction.png", "growth.apng"]),
             match !self.run.job.pictures {
-                true => ["ellipses.png", "curve.png"].iter().try_for_each(|name| self.run.folder.leave_out(name)),
+                true => self.run.folder.leave_out(["ellipses.png", "curve.png"]),
                 false => self.write_curve(trainer.count(), points, log),
             },
         ];
@@ -185,15 +183,7 @@ impl Results<'_> {
             tried.push(self.run.folder.write_json("evaluation.json", &evaluation));
             self.summary(trainer, evaluation, gaussians, effects?.decisions)
         });
-        match &summary {
-            Ok(summary) => tried.push(self.run.folder.write_json("summary.json", summary)),
-            Err(failure) => tried.extend([
-                Err(failure.clone()),
-                ["evaluation.json", "summary.json"].iter().try_for_each(|name| self.run.folder.leave_out(name)),
-            ]),
-        }
-        Failure::first_of(tried)?;
-        summary
+        results::end(&self.run.folder, tried, summary, ["evaluation.json", "summary.json"])
     }
 
     /// Evaluates the scene and writes its views beside their images. Failures of pictures are added
@@ -258,7 +248,7 @@ impl Results<'_> {
     fn write_scene(&self, scene: &Scene3d, shown: &RenderSettings, frame: WorldFrame) -> Result<(), Failure> {
         if scene.is_empty() {
             output::note("note: no Gaussian is left, so there is no scene.ply");
-            return self.run.folder.leave_out("scene.ply");
+            return self.run.folder.leave_out(["scene.ply"]);
         }
         let trained_with = TrainedWith::default().with(|s| {
             s.antialias = Some(shown.effects.antialias);

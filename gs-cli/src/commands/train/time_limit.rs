@@ -12,7 +12,7 @@ use gs_train::{
 };
 
 use super::{arguments::TrainSettingsArgs, not_begun, settings::with_flags};
-use crate::{failure::Failure, flags::values::Minutes, terminal::output};
+use crate::{failure::Failure, terminal::output};
 
 /// Share of the remaining time that the chosen settings may use. The rest is a reserve for what the
 /// trial cannot measure, such as other programs on the machine.
@@ -39,7 +39,7 @@ pub(super) struct TimeLimit<'a> {
 }
 
 impl<'a> TimeLimit<'a> {
-    pub(super) fn new(started: Instant, Minutes(minutes): Minutes, flags: &'a TrainSettingsArgs) -> Self {
+    pub(super) fn new(started: Instant, minutes: f64, flags: &'a TrainSettingsArgs) -> Self {
         Self { flags, started, minutes, afterwards: 0.0 }
     }
 

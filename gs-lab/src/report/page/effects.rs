@@ -4,14 +4,10 @@ use maud::{Markup, html};
 
 use crate::{
     error::Error,
-    report::{
-        html,
-        page::{
-            Page,
-            figures::figure,
-            numbers::{remark, value_cells},
-            words::{at_equal, capital},
-        },
+    report::page::{
+        Page,
+        numbers::{remark, table},
+        words::{at_equal, capital},
     },
     result::{Effect, EffectOf, Metric},
     study::Matching,
@@ -26,10 +22,7 @@ impl Page<'_> {
         }
         let mut parts = Vec::new();
         for &matching in &study.matchings {
-            let drawn = match figure(self.figures, &format!("effects-at-equal-{}", matching.name())) {
-                Some(figure) => html::figure(figure)?,
-                None => Markup::default(),
-            };
+            let drawn = self.figure(&format!("effects-at-equal-{}", matching.name()))?;
             parts.push(html! {
                 h3 { (capital(at_equal(matching))) }
                 div.beside { (drawn) (self.effects_table(matching)) }
@@ -53,34 +46,16 @@ impl Page<'_> {
 
     fn effects_table(&self, matching: Matching) -> Markup {
         let effects = self.results.effects(&[matching]);
-        let second = (matching == Matching::Count && self.has_ms_ssim()).then_some(Metric::MsSsim);
-        let of = |metric: Metric| effects.iter().filter(move |effect| effect.metric == metric);
-        let columns = if second.is_some() { 5 } else { 3 };
+        let second = self.second_metric(matching);
+        let of = |metric: Metric| effects.iter().filter(move |effect| effect.metric == metric).cloned();
         let name = |effect: &Effect| match &effect.of {
             EffectOf::Main { factor, level, against } => format!("{factor}: {level} instead of {against}"),
             EffectOf::Interaction { .. } => effect.of.label(),
         };
-        html! {
-            div.wide { table.small {
-                thead { tr {
-                    th { "effect" } th.number { "PSNR, dB" } th { }
-                    @if second.is_some() { th.number { "MS-SSIM" } th { } }
-                } }
-                tbody {
-                    @for (index, effect) in of(Metric::Psnr).enumerate() {
-                        tr.remarked[remark(&effect.remarks).is_some()] {
-                            td { (self.swatch(index)) (name(effect)) }
-                            (value_cells(effect.mean, effect.interval, effect.verdict, 2))
-                            @if let Some(other) = second.and_then(|metric| of(metric).nth(index)) {
-                                (value_cells(other.mean, other.interval, other.verdict, 4))
-                            }
-                        }
-                        @if let Some(text) = remark(&effect.remarks) {
-                            tr.remark { td.quiet colspan=(columns) { (text) } }
-                        }
-                    }
-                }
-            } }
-        }
+        let rows = of(Metric::Psnr).enumerate().map(|(index, effect)| {
+            let name = html! { td { (self.swatch(index)) (name(&effect)) } };
+            (name, remark(&effect.remarks), effect, second.and_then(|metric| of(metric).nth(index)))
+        });
+        table(&["effect"], second, rows)
     }
 }

@@ -5,28 +5,22 @@ use maud::{Markup, html};
 use crate::{
     error::Error,
     report::{
-        figure::Figure,
         html,
         page::{Page, words::gaussians},
         pictures::FULL_SCALE,
     },
 };
 
-/// The figure of that name.
-pub(super) fn figure<'a>(figures: &'a [Figure], name: &str) -> Option<&'a Figure> {
-    figures.iter().find(|figure| figure.name == name)
-}
-
 impl Page<'_> {
+    /// The figure of that name; nothing where there is none.
+    pub(super) fn figure(&self, name: &str) -> Result<Markup, Error> {
+        self.figures.iter().find(|figure| figure.name == name).map_or_else(|| Ok(Markup::default()), html::figure)
+    }
+
     pub(super) fn curves(&self) -> Result<Markup, Error> {
-        let mut drawn = Vec::new();
-        for figure in self
-            .figures
-            .iter()
-            .filter(|figure| !["differences", "effects"].iter().any(|start| figure.name.starts_with(start)))
-        {
-            drawn.push(html::figure(figure)?);
-        }
+        let is_curve = |name: &str| !["differences", "effects"].iter().any(|start| name.starts_with(start));
+        let curves = self.figures.iter().filter(|figure| is_curve(&figure.name));
+        let drawn = curves.map(html::figure).collect::<Result<Vec<_>, _>>()?;
         Ok(html! {
             section {
                 h2 { "Curves" }

@@ -5,15 +5,11 @@ use maud::{Markup, html};
 
 use crate::{
     error::Error,
-    report::{
-        html,
-        page::{
-            Page,
-            figures::figure,
-            words::{at_equal, capital, grouped, signed},
-        },
+    report::page::{
+        Page,
+        words::{at_equal, capital, grouped, signed},
     },
-    result::{Difference, FEWEST, FEWEST_SEEDS, Interval, Metric, ResultRemark, RunQuality, Spread, Verdict},
+    result::{Difference, FEWEST, FEWEST_SEEDS, Judged, Metric, ResultRemark, RunQuality, Spread, Verdict},
     study::Matching,
 };
 
@@ -73,13 +69,8 @@ impl Page<'_> {
         let others: Vec<usize> = (0..study.arms.len()).filter(|&arm| arm != baseline).collect();
         let mut parts = Vec::new();
         for &matching in &study.matchings {
-            let drawn = match figure(self.figures, &format!("differences-at-equal-{}", matching.name())) {
-                Some(figure) => html::figure(figure)?,
-                None => Markup::default(),
-            };
-            // Other metrics than PSNR are measured at the end of fits only.
-            let second = (matching == Matching::Count && self.has_ms_ssim()).then_some(Metric::MsSsim);
-            let columns = if second.is_some() { 6 } else { 4 };
+            let drawn = self.figure(&format!("differences-at-equal-{}", matching.name()))?;
+            let second = self.second_metric(matching);
             let rows: Vec<(u32, usize)> =
                 study.budgets.iter().flat_map(|&budget| others.iter().map(move |&arm| (budget, arm))).collect();
             let of = |metric: Metric, (budget, arm): (u32, usize)| {
@@ -96,29 +87,14 @@ impl Page<'_> {
                 @if let Some(shared) = &shared { p.quiet { "For every arm: " (shared) "." } }
                 div.beside {
                     (drawn)
-                    div.wide { table.small {
-                        thead { tr {
-                            th { "budget" } th { "arm" } th.number { "PSNR, dB" } th { }
-                            @if second.is_some() { th.number { "MS-SSIM" } th { } }
-                        } }
-                        tbody {
-                            @for &row in &rows {
-                                @let psnr = of(Metric::Psnr, row);
-                                tr.remarked[own(&psnr).is_some()] {
-                                    td { (grouped(row.0)) }
-                                    td.name { (self.swatch(row.1)) (study.arms[row.1].name) }
-                                    (value_cells(psnr.mean, psnr.interval, psnr.verdict, 2))
-                                    @if let Some(metric) = second {
-                                        @let other = of(metric, row);
-                                        (value_cells(other.mean, other.interval, other.verdict, 4))
-                                    }
-                                }
-                                @if let Some(text) = own(&psnr) {
-                                    tr.remark { td {} td.quiet colspan=(columns - 1) { (text) } }
-                                }
-                            }
-                        }
-                    } }
+                    (table(&["budget", "arm"], second, rows.iter().map(|&row| {
+                        let psnr = of(Metric::Psnr, row);
+                        let name = html! {
+                            td { (grouped(row.0)) }
+                            td.name { (self.swatch(row.1)) (study.arms[row.1].name) }
+                        };
+                        (name, own(&psnr), psnr, second.map(|metric| of(metric, row)))
+                    })))
                 }
             });
         }
@@ -143,14 +119,46 @@ impl Page<'_> {
         })
     }
 
-    pub(super) fn has_ms_ssim(&self) -> bool {
-        let mut finished = self.results.records.iter().flatten().filter_map(|record| record.outcome.finished());
-        finished.any(|run| run.ms_ssim.is_some())
+    /// The metric beside PSNR; others are measured at the end of runs only.
+    pub(super) fn second_metric(&self, matching: Matching) -> Option<Metric> {
+        Some(Metric::MsSsim).filter(|&metric| matching == Matching::Count && self.results.is_measured(metric))
+    }
+}
+
+/// A table of judged values. A row has the cells of its name, a remark in a row of its own, a value in
+/// PSNR, and one in the second metric.
+pub(super) fn table<Of>(
+    names: &[&str],
+    second: Option<Metric>,
+    rows: impl Iterator<Item = (Markup, Option<String>, Judged<Of>, Option<Judged<Of>>)>,
+) -> Markup {
+    let columns = 3 + if second.is_some() { 2 } else { 0 };
+    html! {
+        div.wide { table.small {
+            thead { tr {
+                @for name in names { th { (name) } }
+                th.number { "PSNR, dB" } th { }
+                @if second.is_some() { th.number { "MS-SSIM" } th { } }
+            } }
+            tbody {
+                @for (name, remark, psnr, other) in rows {
+                    tr.remarked[remark.is_some()] {
+                        (name)
+                        (value_cells(&psnr, 2))
+                        @if let Some(other) = other { (value_cells(&other, 4)) }
+                    }
+                    @if let Some(text) = remark {
+                        tr.remark { @for _ in 1..names.len() { td {} } td.quiet colspan=(columns) { (text) } }
+                    }
+                }
+            }
+        } }
     }
 }
 
 /// Two cells: the mean with its interval, and the verdict.
-pub(super) fn value_cells(mean: Option<f64>, interval: Option<Interval>, verdict: Verdict, digits: usize) -> Markup {
+fn value_cells<Of>(judged: &Judged<Of>, digits: usize) -> Markup {
+    let Judged { mean, interval, verdict, .. } = judged;
     let class = match verdict {
         Verdict::Better => "verdict better",
         Verdict::Worse => "verdict worse",
@@ -158,7 +166,7 @@ pub(super) fn value_cells(mean: Option<f64>, interval: Option<Interval>, verdict
     };
     html! {
         td.number {
-            @if let Some(mean) = mean { (signed(mean, digits)) } @else { "–" }
+            @if let Some(mean) = mean { (signed(*mean, digits)) } @else { "–" }
             @if let Some(interval) = interval {
                 br; span.quiet { (signed(interval.low, digits)) " to " (signed(interval.high, digits)) }
             }

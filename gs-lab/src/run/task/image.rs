@@ -1,11 +1,13 @@
 //! Runs on images: fits of 2D Gaussians.
 
 use gs_backend::FutureExt as _;
-use gs_core::{Blend, Canvas, Error as CoreError, Gaussian2d, Optimizer, Parameterization, RenderSettings, Scene2d};
+use gs_core::{
+    Blend, Canvas, Error as CoreError, Gaussian2d, Image, Optimizer, Parameterization, RenderSettings, Scene2d,
+};
 use gs_io::{Checkpoint, WorldFrame};
 use gs_train::{Error as TrainError, FitSettings, FitSummary, Recovery, Trainer};
 
-use super::{Measured, ReplayedScene, StudyTask, shapes, start};
+use super::{Finished, ReplayedScene, StudyTask, shapes, start};
 use crate::study::{Arm, Clock, Column, Measure, StudyTarget, digest};
 
 impl StudyTask for Scene2d {
@@ -33,11 +35,18 @@ impl StudyTask for Scene2d {
         Trainer::resume(rasterizer, image, checkpoint)
     }
 
-    fn measure<R: Optimizer<Self>>(trainer: &Trainer<'_, R, Self>) -> Result<Measured, TrainError> {
+    fn measure<R: Optimizer<Self>>(
+        trainer: &Trainer<'_, R, Self>,
+        finished: &mut Finished,
+    ) -> Result<Vec<Image>, TrainError> {
         let (image, culled) = trainer.render().block_on()?;
         let FitSummary { psnr, ssim, ms_ssim, l1, loss, .. } = FitSummary::new(trainer, &image, culled).block_on()?;
-        let (views, pictures, render) = (Vec::new(), vec![image], trainer.shown());
-        Ok(Measured { psnr, ssim, ms_ssim, l1, loss, culled, views, pictures, render, frame: WorldFrame::WORLD })
+        *finished = Finished { psnr, ssim, ms_ssim, l1, loss, culled, ..finished.clone() };
+        Ok(vec![image])
+    }
+
+    fn shown<R: Optimizer<Self>>(trainer: &Trainer<'_, R, Self>) -> (WorldFrame, RenderSettings) {
+        (WorldFrame::WORLD, trainer.shown())
     }
 
     fn further<R: Optimizer<Self>>(

@@ -8,34 +8,17 @@ mod start;
 
 pub(crate) use scene::PICTURED_VIEWS;
 
-use gs_core::{Culled, Error as CoreError, Image, Optimizer, RenderSettings, Scene2d, Scene3d};
+use gs_core::{Error as CoreError, Image, Optimizer, RenderSettings, Scene2d, Scene3d};
 use gs_io::{Checkpoint, WorldFrame};
 use gs_train::{Error as TrainError, Trainer};
 
-use super::record::ViewResult;
+use super::record::Finished;
 use crate::study::{Arm, ArmSettings, Clock, Column, Measure, Planned, StudyTarget};
 
 /// A backend that conducts studies of both kinds. All backends of this project do.
 pub(crate) trait StudyBackend: Optimizer<Scene2d> + Optimizer<Scene3d> {}
 
 impl<R: Optimizer<Scene2d> + Optimizer<Scene3d>> StudyBackend for R {}
-
-/// How a run ended, measured on its image or on its held-out views.
-pub(crate) struct Measured {
-    pub(crate) psnr: f64,
-    pub(crate) ssim: f64,
-    pub(crate) ms_ssim: Option<f64>,
-    pub(crate) l1: f64,
-    pub(crate) loss: Option<f32>,
-    pub(crate) culled: Culled,
-    /// Each held-out view; none for an image. Curves are added later.
-    pub(crate) views: Vec<ViewResult>,
-    /// The rendering of the image, or of the views that are shown.
-    pub(crate) pictures: Vec<Image>,
-    pub(crate) render: RenderSettings,
-    /// The frame of a 3D scene.
-    pub(crate) frame: WorldFrame,
-}
 
 /// The kind of scene of a run, as far as doing the run needs it.
 pub(crate) trait StudyTask: Planned {
@@ -58,8 +41,15 @@ pub(crate) trait StudyTask: Planned {
         checkpoint: Checkpoint,
     ) -> Result<Trainer<'r, R, Self>, TrainError>;
 
-    /// Measures a finished run.
-    fn measure<R: Optimizer<Self>>(trainer: &Trainer<'_, R, Self>) -> Result<Measured, TrainError>;
+    /// Measures a finished run: sets the quality, the loss, what was culled, and held-out views, whose curves
+    /// are added later. Returns the rendering of the image, or of the views that are shown.
+    fn measure<R: Optimizer<Self>>(
+        trainer: &Trainer<'_, R, Self>,
+        finished: &mut Finished,
+    ) -> Result<Vec<Image>, TrainError>;
+
+    /// The frame of the scene, and settings for rendering it.
+    fn shown<R: Optimizer<Self>>(trainer: &Trainer<'_, R, Self>) -> (WorldFrame, RenderSettings);
 
     /// What a study measures of a finished run besides the usual; `scene` is its end.
     fn further<R: Optimizer<Self>>(

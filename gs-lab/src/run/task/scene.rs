@@ -4,13 +4,13 @@ use gs_backend::FutureExt as _;
 use gs_core::{
     Camera, Error as CoreError, Gaussian3d, Image, Optimizer, Parameterization, RenderSettings, Scene3d, math::sh,
 };
-use gs_io::Checkpoint;
+use gs_io::{Checkpoint, WorldFrame};
 use gs_train::{
     Error as TrainError, Recovery, TrainSettings, Trainer, Trainer3d,
-    train::{PosedView, ViewQuality},
+    train::{Evaluation, PosedView, ViewQuality},
 };
 
-use super::{Measured, ReplayedScene, StudyTask, image::wrong_kind};
+use super::{Finished, ReplayedScene, StudyTask, image::wrong_kind};
 use crate::{
     run::record::ViewResult,
     study::{Arm, Clock, Column, Measure, StudyTarget, digest},
@@ -46,7 +46,10 @@ impl StudyTask for Scene3d {
         Trainer3d::resume_views(rasterizer, target.views(dataset)?, checkpoint)
     }
 
-    fn measure<R: Optimizer<Self>>(trainer: &Trainer<'_, R, Self>) -> Result<Measured, TrainError> {
+    fn measure<R: Optimizer<Self>>(
+        trainer: &Trainer<'_, R, Self>,
+        finished: &mut Finished,
+    ) -> Result<Vec<Image>, TrainError> {
         let names: Vec<String> = trainer.evaluation_views().iter().map(|view| view.name.clone()).collect();
         let shown = names.len().min(PICTURED_VIEWS);
         let shown: Vec<&String> = (0..shown).map(|index| &names[index * names.len() / shown]).collect();
@@ -68,18 +71,14 @@ impl StudyTask for Scene3d {
             l1: view.l1,
             curve: Vec::new(),
         };
-        Ok(Measured {
-            psnr: evaluation.psnr,
-            ssim: evaluation.ssim,
-            ms_ssim: evaluation.ms_ssim,
-            l1: evaluation.l1,
-            loss: None,
-            culled: evaluation.culled,
-            views: evaluation.views.into_iter().map(view).collect(),
-            pictures: rendered.into_iter().map(|(_, image)| image).collect(),
-            render: trainer.shown(),
-            frame: trainer.views().frame,
-        })
+        let Evaluation { psnr, ssim, ms_ssim, l1, culled, views, .. } = evaluation;
+        let views = views.into_iter().map(view).collect();
+        *finished = Finished { psnr, ssim, ms_ssim, l1, culled, views, ..finished.clone() };
+        Ok(rendered.into_iter().map(|(_, image)| image).collect())
+    }
+
+    fn shown<R: Optimizer<Self>>(trainer: &Trainer<'_, R, Self>) -> (WorldFrame, RenderSettings) {
+        (trainer.views().frame, trainer.shown())
     }
 
     fn further<R: Optimizer<Self>>(

@@ -75,7 +75,7 @@ impl StudyTarget {
     /// Makes the synthetic target of that name, or finds and reads the image file.
     ///
     /// # Errors
-    /// [`Error::NoImage`], [`Error::NoTarget`], and [`Error::Io`] where the file is not an image.
+    /// [`Error::NotFound`], [`Error::NoTarget`], and [`Error::Io`] where the file is not an image.
     pub(crate) fn load_image(name: &str, places: &Places) -> Result<Self, Error> {
         let (path, image) = match SyntheticTarget::named(name) {
             Some(target) => (None, target.image()),
@@ -93,11 +93,9 @@ impl StudyTarget {
     /// read when they are needed.
     ///
     /// # Errors
-    /// [`Error::NoScene`], and [`Error::Io`] where it is not a data set.
+    /// [`Error::NotFound`], and [`Error::Io`] where it is not a data set.
     pub(crate) fn load_scene(name: &str, places: &Places, reading: &DatasetReading) -> Result<Self, Error> {
-        let path = places
-            .find(name, Path::exists)
-            .ok_or_else(|| Error::NoScene { scene: name.to_owned(), looked: places.looked() })?;
+        let path = places.find(name, Path::exists).ok_or_else(|| places.not_found(name, "data set"))?;
         let dataset = reading.read(None, &path)?;
         let digest = digest::of_dataset(&dataset)?;
         Ok(Self::new(name, Some(path), digest, TargetContent::Scene(dataset)))
@@ -225,12 +223,6 @@ impl Places {
         self.data.iter().chain(&self.beside)
     }
 
-    /// The folders that were searched, in words.
-    fn looked(&self) -> String {
-        let looked = self.folders().map(|folder| folder.display().to_string()).collect::<Vec<_>>().join(" or ");
-        if looked.is_empty() { "any folder".to_owned() } else { looked }
-    }
-
     fn without_image(&self, name: &str) -> Error {
         let path = Path::new(name);
         // A bare word was probably meant as a synthetic target.
@@ -238,7 +230,13 @@ impl Places {
             let known = SyntheticTarget::ALL.map(|target| target.name()).join(", ");
             return Error::NoTarget { image: name.to_owned(), known };
         }
-        Error::NoImage { image: name.to_owned(), looked: self.looked() }
+        self.not_found(name, "file")
+    }
+
+    fn not_found(&self, name: &str, what: &'static str) -> Error {
+        let looked = self.folders().map(|folder| folder.display().to_string()).collect::<Vec<_>>().join(" or ");
+        let looked = if looked.is_empty() { "any folder".to_owned() } else { looked };
+        Error::NotFound { name: name.to_owned(), what, looked }
     }
 }
 

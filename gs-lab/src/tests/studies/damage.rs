@@ -8,6 +8,7 @@ use crate::{
     run::{Conducted, Watcher},
     study::Run,
 };
+use gs_jobs::WorkSettings;
 
 use super::{Counter, conducted, cpu, laid_out, place, record, study, tables};
 
@@ -26,7 +27,7 @@ fn damaged_records_are_no_rows_and_their_runs_are_done_again() {
     assert_eq!(results.records.iter().flatten().count(), plan.runs.len() - 3);
     assert_eq!(folder.remove_damaged(results.missing()).unwrap(), [2, 5, 6]);
     let counter = Counter::default();
-    conduct(&plan, &[&cpu(1)], &folder, &counter).unwrap();
+    conduct(&plan, &[&cpu(1)], &folder, &WorkSettings::default(), &counter).unwrap();
     assert_eq!(counter.begun.into_inner(), 3);
     write_tables(&Results::read(&plan, &folder).unwrap(), &folder).unwrap();
     assert_eq!(tables(&folder), whole);
@@ -55,7 +56,13 @@ fn a_run_done_twice_must_have_one_result_and_the_first_record_stays() {
     drop(conducted(&plan, &place.path().join("whole"), 1, 2));
     let meddled = |name: &str, changed| {
         let folder = StudyFolder::prepare(&place.path().join(name), &plan, Existing::Refuse).unwrap();
-        let conducted = conduct(&plan, &[&cpu(1)], &folder, &Meddler { folder: folder.path(), plan: &plan, changed });
+        let conducted = conduct(
+            &plan,
+            &[&cpu(1)],
+            &folder,
+            &WorkSettings::default(),
+            &Meddler { folder: folder.path(), plan: &plan, changed },
+        );
         (conducted, fs::read_to_string(record(folder.path(), &plan, 1)).unwrap())
     };
     let (same, kept) = meddled("same", ("\"seconds\":", "\"seconds\":1"));
@@ -77,11 +84,11 @@ fn a_result_that_cannot_be_stored_ends_the_work_and_leaves_the_run_to_others() {
     let folder = StudyFolder::prepare(&place.path().join("out"), &plan, Existing::Refuse).unwrap();
     // Pictures of the first seed cannot be stored.
     fs::remove_dir(folder.file("pictures")).unwrap();
-    let line = conduct(&plan, &[&cpu(1)], &folder, &()).unwrap_err().to_string();
+    let line = conduct(&plan, &[&cpu(1)], &folder, &WorkSettings::default(), &()).unwrap_err().to_string();
     assert!(line.contains("cannot be written: there is no folder "), "{line}");
     assert_eq!(folder.running(&plan).unwrap(), [], "given back");
     fs::create_dir(folder.file("pictures")).unwrap();
-    assert_eq!(conduct(&plan, &[&cpu(1)], &folder, &()).unwrap(), Conducted::Whole);
+    assert_eq!(conduct(&plan, &[&cpu(1)], &folder, &WorkSettings::default(), &()).unwrap(), Conducted::Whole);
     let names: Vec<_> = fs::read_dir(folder.file("runs")).unwrap().map(|entry| entry.unwrap().file_name()).collect();
     assert_eq!(names.len(), plan.runs.len(), "{names:?}");
 }

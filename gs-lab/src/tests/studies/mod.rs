@@ -25,6 +25,7 @@ use crate::{
     study::Run,
 };
 use gs_cpu::{CpuRasterizer, CpuSettings};
+use gs_jobs::WorkSettings;
 
 const STUDY: &str = "name = 'small'\nquestion = 'Does growth help?'\nimages = ['paper', 'stripes.png']\nbudgets = [30, 60]\nseeds = [0, 1]\n\
     preset = 'paper'\niterations = 30\n[settings]\nrounds = { every = 5, from = 5, until = 25 }\n\
@@ -61,7 +62,7 @@ fn study() -> Study {
 fn conducted(plan: &Plan, output: &Path, jobs: usize, threads: usize) -> StudyFolder {
     let folder = StudyFolder::prepare(output, plan, Existing::Resume).unwrap();
     let team: Vec<CpuRasterizer> = (0..jobs).map(|_| cpu(threads)).collect();
-    let done = conduct(plan, &team.iter().collect::<Vec<_>>(), &folder, &()).unwrap();
+    let done = conduct(plan, &team.iter().collect::<Vec<_>>(), &folder, &WorkSettings::default(), &()).unwrap();
     assert_eq!(done, Conducted::Whole);
     let results = Results::read(plan, &folder).unwrap();
     assert_eq!(results.missing().count(), 0);

@@ -10,6 +10,7 @@ use crate::{
 };
 use gs_core::{EditPlan, Error as CoreError, Gaussian2d};
 use gs_density::{DensityPolicy, Observation, Rng};
+use gs_jobs::WorkSettings;
 
 use super::{Counter, conducted, cpu, laid_out, place, study};
 
@@ -33,7 +34,7 @@ fn a_run_that_fails_is_recorded_and_does_not_stop_the_others() {
     let plan = laid_out(with_moods, place.path());
     let folder = StudyFolder::prepare(&place.path().join("out"), &plan, Existing::Refuse).unwrap();
     let counter = Counter::default();
-    conduct(&plan, &[&cpu(1), &cpu(1)], &folder, &counter).unwrap();
+    conduct(&plan, &[&cpu(1), &cpu(1)], &folder, &WorkSettings::default(), &counter).unwrap();
     assert_eq!(counter.failed.lock().unwrap().len(), 8);
     let results = Results::read(&plan, &folder).unwrap();
     write_tables(&results, &folder).unwrap();
@@ -58,7 +59,7 @@ fn a_run_that_fails_is_recorded_and_does_not_stop_the_others() {
     // Failed runs are tried again when the study is resumed, and not before.
     let begun = |folder: &StudyFolder| {
         let again = Counter::default();
-        conduct(&plan, &[&cpu(1)], folder, &again).unwrap();
+        conduct(&plan, &[&cpu(1)], folder, &WorkSettings::default(), &again).unwrap();
         again.begun.into_inner()
     };
     assert_eq!(begun(&folder), 0);
@@ -90,7 +91,7 @@ fn a_policy_of_ones_own_takes_part_under_its_fingerprint() {
     let read = laid_out(Study::from_toml(&file, "study.toml").unwrap(), place.path());
     assert_eq!(addresses(&read), addresses(&plan));
     let refused = [
-        conduct(&read, &[&cpu(1)], &folder, &()).unwrap_err().to_string(),
+        conduct(&read, &[&cpu(1)], &folder, &WorkSettings::default(), &()).unwrap_err().to_string(),
         replay(&read, 3, &cpu(1), &folder, &|_| ()).unwrap_err().to_string(),
     ];
     for message in refused {

@@ -36,7 +36,7 @@ fn every_row_is_a_fit_that_ends_in_the_recorded_scene() {
     let refused = replay(&elsewhere, 2, &rasterizer, &folder, &|_| ()).unwrap_err().to_string();
     assert_eq!(refused, "row 2: recorded on test, but this is another machine: replay it there");
     let other_settings = laid_out(study().with(|s| s.iterations = Some(31)), place.path());
-    assert!(matches!(replay(&other_settings, 2, &rasterizer, &folder, &|_| ()), Err(Error::OtherRun { row: 2, .. })));
+    assert!(matches!(replay(&other_settings, 2, &rasterizer, &folder, &|_| ()), Err(Error::Replay { row: 2, .. })));
     let json = fs::read_to_string(folder.file("results.json")).unwrap();
     let scene = replay(&plan, 2, &rasterizer, &folder, &|_| ()).unwrap().finished.scene;
     fs::write(folder.file("results.json"), json.replace(&scene, "0123")).unwrap();

@@ -2,7 +2,7 @@
 
 use std::{fs, thread};
 
-use crate::{Error, Existing, Results, StudyFolder, conduct, conduct_with, result::write_tables, run::Conducted};
+use crate::{Error, Existing, Results, StudyFolder, conduct, result::write_tables, run::Conducted};
 use gs_jobs::{Shard, WorkSettings};
 
 use super::{Counter, conducted, cpu, laid_out, place, record, study, tables};
@@ -17,7 +17,7 @@ fn tables_depend_neither_on_jobs_nor_on_threads_nor_on_a_pause() {
 
     let paused = StudyFolder::prepare(&place.path().join("paused"), &plan, Existing::Refuse).unwrap();
     let counter = Counter { stop_after: Some(5), ..Counter::default() };
-    assert_eq!(conduct(&plan, &[&cpu(1)], &paused, &counter).unwrap(), Conducted::Stopped);
+    assert_eq!(conduct(&plan, &[&cpu(1)], &paused, &WorkSettings::default(), &counter).unwrap(), Conducted::Stopped);
     drop(paused);
     let paused = place.path().join("paused");
     assert!(matches!(StudyFolder::prepare(&paused, &plan, Existing::Refuse), Err(Error::Folder { .. })));
@@ -31,7 +31,7 @@ fn what_is_finished_is_not_done_again_and_what_is_new_is() {
     let plan = laid_out(study(), place.path());
     let folder = conducted(&plan, &output, 1, 1);
     let again = Counter::default();
-    conduct(&plan, &[&cpu(1)], &folder, &again).unwrap();
+    conduct(&plan, &[&cpu(1)], &folder, &WorkSettings::default(), &again).unwrap();
     assert_eq!(again.begun.into_inner(), 0);
     drop(folder);
 
@@ -42,7 +42,7 @@ fn what_is_finished_is_not_done_again_and_what_is_new_is() {
     fs::write(record(&output, &plan, 3), "{\"address\": ").unwrap();
     let folder = StudyFolder::prepare(&output, &plan, Existing::Resume).unwrap();
     let counter = Counter::default();
-    conduct(&plan, &[&cpu(1)], &folder, &counter).unwrap();
+    conduct(&plan, &[&cpu(1)], &folder, &WorkSettings::default(), &counter).unwrap();
     assert_eq!(counter.begun.into_inner(), 8 + 1);
 }
 
@@ -60,7 +60,7 @@ fn processes_share_the_runs_of_a_folder() {
                 let shard = index.checked_sub(1).map(|index| Shard { index: index as u32, count: 2 });
                 let settings = WorkSettings::default().with(|s| s.shard = shard);
                 let folder = StudyFolder::open(path, false).unwrap();
-                assert_eq!(conduct_with(plan, &[&cpu(1)], &folder, &settings, counter).unwrap(), Conducted::Whole);
+                assert_eq!(conduct(plan, &[&cpu(1)], &folder, &settings, counter).unwrap(), Conducted::Whole);
             });
         }
     });

@@ -2,11 +2,13 @@
 
 use gs_jobs::{files::RUNS, store::test_server::Server};
 
-use super::{Conducted, Existing, StudyFolder, conduct};
 use crate::{
-    result::{Results, write_tables},
+    Existing, StudyFolder, conduct,
+    result::Results,
+    run::Conducted,
     study::{Places, Plan, Study},
 };
+use gs_jobs::WorkSettings;
 
 #[test]
 fn the_tables_of_a_study_in_an_object_store_are_those_of_one_in_a_folder() {
@@ -18,12 +20,11 @@ fn the_tables_of_a_study_in_an_object_store_are_those_of_one_in_a_folder() {
     let cpu = || gs_cpu::CpuRasterizer::new(gs_cpu::CpuSettings::default().with(|s| s.threads = Some(1))).unwrap();
     let prepared = |name: &str| StudyFolder::prepare(&place.path().join(name), &plan, Existing::Refuse).unwrap();
     let (alone, shared) = (prepared("alone"), prepared("shared").with_store(server.store("study")));
-    assert_eq!(conduct(&plan, &[&cpu()], &alone, &()).unwrap(), Conducted::Whole);
-    assert_eq!(conduct(&plan, &[&cpu(), &cpu()], &shared, &()).unwrap(), Conducted::Whole);
+    assert_eq!(conduct(&plan, &[&cpu()], &alone, &WorkSettings::default(), &()).unwrap(), Conducted::Whole);
+    assert_eq!(conduct(&plan, &[&cpu(), &cpu()], &shared, &WorkSettings::default(), &()).unwrap(), Conducted::Whole);
     let written = |folder: &StudyFolder| {
         let results = Results::read(&plan, folder).unwrap();
         assert_eq!(results.missing().count(), 0);
-        write_tables(&results, folder).unwrap();
         crate::report::write(&results, folder, "gs study x.toml").unwrap();
         let read = |name: &str| std::fs::read_to_string(folder.file(name)).unwrap();
         let page = read("report.html");
