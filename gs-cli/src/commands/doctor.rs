@@ -7,7 +7,7 @@ use std::{
 
 use clap::Args;
 use gs_core::{
-    Scene, counted,
+    Choice as _, Scene, counted,
     examination::{Examinable, Examination, Finding, Remedy, Repair, examine, repair},
 };
 use gs_io::{AnyScene, ConversionLoss, Format3d, SceneFile, Values, WriteOptions3d};
@@ -164,7 +164,7 @@ impl Report {
     fn new(file: &Path, kind: String, examination: &Examination, fixed: Option<Fixed>) -> Self {
         let findings = examination.cases.iter().map(|case| Line {
             finding: case.finding,
-            meaning: case.finding.to_string(),
+            meaning: case.finding.summary().to_owned(),
             count: case.count,
             first: case.first,
             remedy: case.finding.remedy(),

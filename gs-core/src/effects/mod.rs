@@ -11,8 +11,6 @@ mod required;
 
 use serde::{Deserialize, Serialize};
 
-#[doc(hidden)]
-pub use self::required::Decide;
 pub use self::{
     effect::Effect,
     required::{EffectDecision, RequiredEffects, Requirement, RequiresEffects},

@@ -1,7 +1,5 @@
 //! The findings of an examination, each with its meaning in words and its remedy.
 
-use std::fmt;
-
 use serde::Serialize;
 
 /// Ratio of axes above which a Gaussian is a needle. Unit: none.
@@ -33,54 +31,59 @@ pub const EXTREME_COLOR: f32 = 1000.0;
 /// do. Unit: ln(px or world units).
 pub const SMALLEST_LOG_SCALE: f32 = -87.336_55;
 
-/// A possible fault of a Gaussian.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
-#[serde(rename_all = "kebab-case")]
-#[non_exhaustive]
-pub enum Finding {
-    /// The mean is NaN or infinite.
-    MeanNotFinite,
-    /// A ln-scale is NaN or +∞, or so large that the scale is infinite in `f32`.
-    ScaleNotFinite,
-    /// The rotation is NaN or infinite.
-    RotationNotFinite,
-    /// The opacity logit is NaN.
-    OpacityNotANumber,
-    /// The colour, or an SH coefficient, is NaN or infinite.
-    ColorNotFinite,
-    /// The quaternion is shorter than
-    /// [`MIN_QUATERNION_NORM2`](crate::constants::MIN_QUATERNION_NORM2) allows. 3D scenes.
-    NoRotation,
-    /// A scale is exactly 0: its ln is −∞.
-    ZeroScale,
-    /// Too small to be resolved: the longest axis is shorter than the distance between neighbouring
-    /// `f32` at the mean, or, in 2D, det Σ is below
-    /// [`MIN_DETERMINANT_PX4`](crate::constants::MIN_DETERMINANT_PX4). Such a Gaussian is drawn
-    /// only if an [`Antialias`](crate::effects::Antialias) widens it, or magnified.
-    Vanishing,
-    /// Too large: the variance, but not the scale, is infinite in `f32`. Such a Gaussian is drawn
-    /// only from afar, where it is smaller in pixels.
-    Enormous,
-    /// The axes differ by more than [`NEEDLE_ASPECT`].
-    Needle,
-    /// Mean, scales and rotation equal an earlier Gaussian's, bit for bit (0 and −0 are the
-    /// same); opacity and colour may differ.
-    Duplicate,
-    /// The opacity is below [`ALPHA_CUT`](crate::constants::ALPHA_CUT): under `Over` the Gaussian
-    /// is never visible.
-    Transparent,
-    /// The opacity logit is finite, but beyond [`OUT_OF_RANGE_LOGIT`].
-    OpacityOutOfRange,
-    /// A colour is beyond [`EXTREME_COLOR`].
-    ExtremeColor,
-    /// The Gaussian is further than [`OUTLIER_DISTANCES`] from the others.
-    Outlier,
-    /// The scales of the whole scene look as if they were stored without their logarithm: all ln-scales
-    /// are above 0, and spread as sizes do. 3D scenes.
-    ActivatedScale,
-    /// The opacities of the whole scene look as if they were stored without their logit: all are
-    /// between 0 and 1. 3D scenes.
-    ActivatedOpacity,
+crate::choices! {
+    /// A possible fault of a Gaussian. Its summary completes "a Gaussian whose …".
+    #[derive(PartialOrd, Ord)]
+    #[non_exhaustive]
+    pub enum Finding {
+        /// The mean is NaN or infinite.
+        MeanNotFinite = "mean-not-finite": "mean is NaN or infinite",
+        /// A ln-scale is NaN or +∞, or so large that the scale is infinite in `f32`.
+        ScaleNotFinite = "scale-not-finite": "scale is NaN or infinite",
+        /// The rotation is NaN or infinite.
+        RotationNotFinite = "rotation-not-finite": "rotation is NaN or infinite",
+        /// The opacity logit is NaN.
+        OpacityNotANumber = "opacity-not-a-number": "opacity is NaN",
+        /// The colour, or an SH coefficient, is NaN or infinite.
+        ColorNotFinite = "color-not-finite": "colour is NaN or infinite",
+        /// The quaternion is shorter than
+        /// [`MIN_QUATERNION_NORM2`](crate::constants::MIN_QUATERNION_NORM2) allows. 3D scenes.
+        NoRotation = "no-rotation": "quaternion is 0",
+        /// A scale is exactly 0: its ln is −∞.
+        ZeroScale = "zero-scale": "scale is 0",
+        /// Too small to be resolved: the longest axis is shorter than the distance between neighbouring
+        /// `f32` at the mean, or, in 2D, det Σ is below
+        /// [`MIN_DETERMINANT_PX4`](crate::constants::MIN_DETERMINANT_PX4). Such a Gaussian is drawn
+        /// only if an [`Antialias`](crate::effects::Antialias) widens it, or magnified.
+        Vanishing = "vanishing": "size is too small to be resolved; drawn only if widened",
+        /// Too large: the variance, but not the scale, is infinite in `f32`. Such a Gaussian is drawn
+        /// only from afar, where it is smaller in pixels.
+        Enormous = "enormous": "size is too large for its square; drawn only from afar",
+        /// The axes differ by more than [`NEEDLE_ASPECT`].
+        Needle = "needle": "shape is a needle, more than 1000 times as long as wide",
+        /// Mean, scales and rotation equal an earlier Gaussian's, bit for bit (0 and −0 are the
+        /// same); opacity and colour may differ.
+        Duplicate = "duplicate": "place and shape are those of an earlier one",
+        /// The opacity is below [`ALPHA_CUT`](crate::constants::ALPHA_CUT): under `Over` the Gaussian
+        /// is never visible.
+        Transparent = "transparent": "opacity is below 1/255, never seen",
+        /// The opacity logit is finite, but beyond [`OUT_OF_RANGE_LOGIT`].
+        OpacityOutOfRange = "opacity-out-of-range": "opacity logit is finite but beyond ±88",
+        /// A colour is beyond [`EXTREME_COLOR`].
+        ExtremeColor = "extreme-color": "colour is beyond ±1000",
+        /// The Gaussian is further than [`OUTLIER_DISTANCES`] from the others.
+        Outlier = "outlier": "place is more than 1000 times as far off as half of them",
+        /// The scales of the whole scene look as if they were stored without their logarithm: all ln-scales
+        /// are above 0, and spread as sizes do. 3D scenes.
+        ActivatedScale = "activated-scale":
+            "scale is probably stored as it is, not as its logarithm: all are above 0 and spread as sizes do; \
+                 take their logarithm in the program that wrote the file",
+        /// The opacities of the whole scene look as if they were stored without their logit: all are
+        /// between 0 and 1. 3D scenes.
+        ActivatedOpacity = "activated-opacity":
+            "opacity is probably stored as it is, not as its logit: all are between 0 and 1; \
+                 take their logit in the program that wrote the file",
+    }
 }
 
 /// Action of a repair on a finding, the mildest first.
@@ -131,37 +134,20 @@ impl Finding {
 /// This project's choice: the ln-scales of trained scenes have 0.3 to 1, their scales 4 to 12.
 pub(super) const SIZE_SKEW: f32 = 2.5;
 
-/// Writes the finding in words that complete "a Gaussian whose …".
-impl fmt::Display for Finding {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::MeanNotFinite => f.write_str("mean is NaN or infinite"),
-            Self::ScaleNotFinite => f.write_str("scale is NaN or infinite"),
-            Self::RotationNotFinite => f.write_str("rotation is NaN or infinite"),
-            Self::OpacityNotANumber => f.write_str("opacity is NaN"),
-            Self::ColorNotFinite => f.write_str("colour is NaN or infinite"),
-            Self::NoRotation => f.write_str("quaternion is 0"),
-            Self::ZeroScale => f.write_str("scale is 0"),
-            Self::Vanishing => f.write_str("size is too small to be resolved; drawn only if widened"),
-            Self::Enormous => f.write_str("size is too large for its square; drawn only from afar"),
-            Self::Needle => write!(f, "shape is a needle, more than {NEEDLE_ASPECT} times as long as wide"),
-            Self::Duplicate => f.write_str("place and shape are those of an earlier one"),
-            Self::Transparent => f.write_str("opacity is below 1/255, never seen"),
-            Self::OpacityOutOfRange => {
-                write!(f, "opacity logit is finite but beyond ±{OUT_OF_RANGE_LOGIT}")
-            }
-            Self::ExtremeColor => write!(f, "colour is beyond ±{EXTREME_COLOR}"),
-            Self::Outlier => {
-                write!(f, "place is more than {OUTLIER_DISTANCES} times as far off as half of them")
-            }
-            Self::ActivatedScale => f.write_str(
-                "scale is probably stored as it is, not as its logarithm: all are above 0 and spread as sizes do; \
-                 take their logarithm in the program that wrote the file",
-            ),
-            Self::ActivatedOpacity => f.write_str(
-                "opacity is probably stored as it is, not as its logit: all are between 0 and 1; \
-                 take their logit in the program that wrote the file",
-            ),
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Choice as _;
+
+    #[test]
+    fn summaries_have_the_numbers_that_findings_are_judged_by() {
+        for (finding, number) in [
+            (Finding::Needle, NEEDLE_ASPECT),
+            (Finding::OpacityOutOfRange, OUT_OF_RANGE_LOGIT),
+            (Finding::ExtremeColor, EXTREME_COLOR),
+            (Finding::Outlier, OUTLIER_DISTANCES),
+        ] {
+            assert!(finding.summary().contains(&number.to_string()), "{finding}");
         }
     }
 }

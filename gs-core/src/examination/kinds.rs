@@ -8,17 +8,9 @@ use crate::{
     scene::{Scene, Scene2d, Scene3d, sigmoid},
 };
 
-/// A scene that can be examined and repaired: [`Scene2d`] and [`Scene3d`].
-///
-/// Sealed: the methods are those that [`examine`](super::examine) and [`repair`](super::repair)
-/// need, and may change.
-pub trait Examinable: Inspect {}
-
-impl Examinable for Scene2d {}
-impl Examinable for Scene3d {}
-
-/// The sealed part of [`Examinable`].
-pub trait Inspect: Scene {
+/// A scene that can be examined and repaired: [`Scene2d`] and [`Scene3d`]. Its methods are those that
+/// [`examine`](super::examine) and [`repair`](super::repair) need.
+pub trait Examinable: Scene {
     /// Reports the findings about Gaussian `index` that do not depend on the others.
     fn examine_one(&self, index: usize, found: &mut dyn FnMut(Finding));
 
@@ -39,7 +31,7 @@ pub trait Inspect: Scene {
     fn retain(&mut self, keep: &[bool]);
 }
 
-impl Inspect for Scene2d {
+impl Examinable for Scene2d {
     fn examine_one(&self, index: usize, found: &mut dyn FnMut(Finding)) {
         let g = self.gaussian(index);
         let finite = g.mean.is_finite();
@@ -83,7 +75,7 @@ impl Inspect for Scene2d {
     }
 }
 
-impl Inspect for Scene3d {
+impl Examinable for Scene3d {
     fn examine_one(&self, index: usize, found: &mut dyn FnMut(Finding)) {
         let (mean, rotation) = (self.means[index], self.rotations[index]);
         let finite = mean.is_finite();

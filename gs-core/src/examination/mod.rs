@@ -31,8 +31,6 @@ mod finding;
 mod kinds;
 mod whole;
 
-#[doc(hidden)]
-pub use self::kinds::Inspect;
 pub use self::{
     finding::{
         EXTREME_COLOR, Finding, NEEDLE_ASPECT, OUT_OF_RANGE_LOGIT, OUTLIER_DISTANCES, Remedy, SMALLEST_LOG_SCALE,

@@ -46,14 +46,13 @@ impl<C> Record<C> {
     where
         C: RunSettings<S>,
     {
-        let unwritable = |e: toml::ser::Error| Error::Checkpoint(format!("its settings cannot be written: {e}"));
         Ok([
             ("format", C::FORMAT.to_owned()),
             ("settings", self.settings.to_toml()?),
             ("step", self.step.to_string()),
             ("seconds", format!("{:?}", self.seconds)),
-            ("edits", toml::to_string(&self.edits).map_err(unwritable)?),
-            ("health", toml::to_string(&Health::of(self)).map_err(unwritable)?),
+            ("edits", to_table("edits", &self.edits)?),
+            ("health", to_table("health", &Health { fresh_starts: self.fresh_starts.clone() })?),
             ("target", self.images.clone()),
         ]
         .map(|(key, value)| (key.to_owned(), value))
@@ -103,12 +102,6 @@ struct Health {
     fresh_starts: Vec<FreshStart>,
 }
 
-impl Health {
-    fn of<C>(record: &Record<C>) -> Self {
-        Self { fresh_starts: record.fresh_starts.clone() }
-    }
-}
-
 /// Steps done in a checkpoint with this metadata, of any kind of training.
 pub(crate) fn step_of(metadata: &BTreeMap<String, String>) -> Result<u32, Error> {
     parsed(metadata, "step")
@@ -124,8 +117,20 @@ fn parsed<T: FromStr<Err: Display>>(metadata: &BTreeMap<String, String>, key: &s
     text.parse().map_err(|e| Error::Checkpoint(format!("its `{key}` is `{text}`: {e}")))
 }
 
-fn table<T: DeserializeOwned>(metadata: &BTreeMap<String, String>, key: &str) -> Result<T, Error> {
+/// The value of a key whose text is a table in TOML.
+///
+/// # Errors
+/// [`Error::Checkpoint`] where it is missing or no such table.
+pub(crate) fn table<T: DeserializeOwned>(metadata: &BTreeMap<String, String>, key: &str) -> Result<T, Error> {
     from_toml(value(metadata, key)?).map_err(|e| Error::Checkpoint(format!("its `{key}`: {e}")))
+}
+
+/// The text that [`table`] reads.
+///
+/// # Errors
+/// [`Error::Checkpoint`] where TOML has no form for it.
+pub(crate) fn to_table(key: &str, table: &impl Serialize) -> Result<String, Error> {
+    toml::to_string(table).map_err(|e| Error::Checkpoint(format!("its `{key}` cannot be written: {e}")))
 }
 
 /// Size and hash of an image as text. Images that differ have different ones, except for a chance

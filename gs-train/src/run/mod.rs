@@ -19,10 +19,9 @@ mod toml_value;
 mod trainer;
 
 pub(crate) use self::{
-    checkpoint::{Record, digest, fingerprint},
+    checkpoint::{Record, digest, fingerprint, table, to_table},
     quality::{infinite_where_null, psnr_float},
     task::{At, LoopSettings, StepContext, same_settings},
-    toml_value::from_toml,
     trainer::random,
 };
 pub use self::{

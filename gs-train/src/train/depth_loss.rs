@@ -22,7 +22,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::error::Error;
-use crate::run::from_toml;
+use crate::run::{table, to_table};
 use crate::{
     start::searched_camera,
     views::{Fit, Images, PosedView, Sample, fits, possible, reduced_camera, samples, training_image, values_at},
@@ -152,8 +152,10 @@ impl Guides {
     /// # Errors
     /// [`Error::Checkpoint`] where they are not those of such a run.
     pub(super) fn from_metadata(metadata: &BTreeMap<String, String>, views: usize) -> Result<Self, Error> {
-        let Some(text) = metadata.get(KEY) else { return Ok(Self::default()) };
-        let found: Self = from_toml(text).map_err(|e| Error::Checkpoint(format!("its `{KEY}`: {e}")))?;
+        if !metadata.contains_key(KEY) {
+            return Ok(Self::default());
+        }
+        let found: Self = table(metadata, KEY)?;
         let in_order = found.of_views.windows(2).all(|pair| pair[0].view < pair[1].view);
         if !in_order || found.of_views.last().is_some_and(|last| last.view >= views) {
             return Err(Error::Checkpoint(format!("its `{KEY}` are not those of {views} views")));
@@ -196,8 +198,7 @@ impl<T> DepthMaps<T> {
         if self.guides.of_views.is_empty() {
             return Ok(None);
         }
-        let unwritable = |e| Error::Checkpoint(format!("its `{KEY}` cannot be written: {e}"));
-        Ok(Some((KEY, toml::to_string(&self.guides).map_err(unwritable)?)))
+        Ok(Some((KEY, to_table(KEY, &self.guides)?)))
     }
 
     /// Whether maps are to be fitted to renderings before the step after `step` of `iterations`

@@ -13,7 +13,7 @@ use gs_io::dataset::PosedImage;
 use serde::{Deserialize, Serialize};
 
 use crate::error::Error;
-use crate::run::from_toml;
+use crate::run::{table, to_table};
 use crate::views::{ColorMap, ColorPair, PosedView, possible, reduced, reduced_camera};
 
 gs_core::choices! {
@@ -153,8 +153,10 @@ impl Exposures {
     /// # Errors
     /// [`Error::Checkpoint`] where they are not those of such a run.
     pub(super) fn from_metadata(metadata: &BTreeMap<String, String>, views: usize) -> Result<Self, Error> {
-        let Some(text) = metadata.get(KEY) else { return Ok(Self::default()) };
-        let maps: Maps = from_toml(text).map_err(|e| Error::Checkpoint(format!("its `{KEY}`: {e}")))?;
+        if !metadata.contains_key(KEY) {
+            return Ok(Self::default());
+        }
+        let maps: Maps = table(metadata, KEY)?;
         let found = maps.of_views.len();
         if found != 0 && found != views {
             return Err(Error::Checkpoint(format!("its `{KEY}` is of {found} views, not of {views}")));
@@ -170,8 +172,7 @@ impl Exposures {
         if self.maps == Maps::default() {
             return Ok(None);
         }
-        let unwritable = |e| Error::Checkpoint(format!("its `{KEY}` cannot be written: {e}"));
-        Ok(Some((KEY, toml::to_string(&self.maps).map_err(unwritable)?)))
+        Ok(Some((KEY, to_table(KEY, &self.maps)?)))
     }
 
     /// Report of the last solution.

@@ -77,11 +77,8 @@ pub(super) type Decision = (Effects, String);
 /// A scene whose required effects can be found: [`Scene2d`](crate::Scene2d) and
 /// [`Scene3d`](crate::Scene3d).
 ///
-/// Sealed: every effect needs a bound, and the list of effects may grow.
-pub trait RequiresEffects: Decide {}
-
-/// The sealed part of [`RequiresEffects`].
-pub trait Decide: Scene {
+/// Every effect needs a bound, and the list of effects may grow.
+pub trait RequiresEffects: Scene {
     /// What is required of each effect of these valid settings, in the order of [`Effect::ALL`].
     fn decide(&self, views: &[Self::View], settings: &RenderSettings) -> [Decision; Effect::ALL.len()];
 }

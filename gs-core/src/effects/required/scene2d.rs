@@ -1,7 +1,7 @@
 //! Effects that a 2D scene requires: no depth order and no SH; for the rest see the
 //! [module](super).
 
-use super::{Decide, Decision, RequiresEffects, background};
+use super::{Decision, RequiresEffects, background};
 use crate::{
     constants::NARROW_PX,
     effects::{Antialias, Blend, Effect},
@@ -11,9 +11,7 @@ use crate::{
     words::there_are,
 };
 
-impl RequiresEffects for Scene2d {}
-
-impl Decide for Scene2d {
+impl RequiresEffects for Scene2d {
     fn decide(&self, views: &[Canvas], settings: &RenderSettings) -> [Decision; Effect::ALL.len()] {
         Effect::ALL.map(|effect| decide(self, effect, views, settings))
     }

@@ -4,7 +4,7 @@
 mod sh;
 
 use self::sh::ShDegree;
-use super::{Decide, Decision, RequiresEffects, background, overlap::Shown};
+use super::{Decision, RequiresEffects, background, overlap::Shown};
 use crate::{
     effects::{Antialias, Blend, Effect, Effects, Order},
     scene::Scene3d,
@@ -13,9 +13,7 @@ use crate::{
     words::{counted, there_are},
 };
 
-impl RequiresEffects for Scene3d {}
-
-impl Decide for Scene3d {
+impl RequiresEffects for Scene3d {
     fn decide(&self, views: &[Camera], settings: &RenderSettings) -> [Decision; Effect::ALL.len()] {
         let effects = settings.effects;
         let mut order = Orders::of(views, settings);
