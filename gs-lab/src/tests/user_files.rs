@@ -130,7 +130,7 @@ fn frontier_settings_are_read_as_they_were_written() {
 fn every_key_of_frontier_settings_is_known_and_no_other() {
     let whole: Table = frontier_settings().to_toml().unwrap().parse().unwrap();
     let all = misspelt(&whole);
-    assert_eq!(all.len(), 18, "{whole}");
+    assert_eq!(all.len(), 17, "{whole}");
     for (wrong, table) in all {
         let text = toml::to_string(&table).unwrap();
         let (line, nearest) = named(&text, &wrong);
