@@ -63,6 +63,7 @@ impl Camera {
     }
 
     /// A world point in camera coordinates.
+    #[inline]
     pub fn to_camera(&self, world: Vec3) -> Vec3 {
         self.rotation * world + self.translation
     }
@@ -74,6 +75,7 @@ impl Camera {
 
     /// Projects a world point: its place on the image, px (u = fx·x/z + cx; pixel centres are at
     /// j + ½), and its depth z. `None` nearer than the near plane.
+    #[inline]
     pub fn project(&self, world: Vec3) -> Option<(Vec2, f32)> {
         let p = self.to_camera(world);
         (p.z >= self.near).then(|| (self.focal * p.truncate() / p.z + self.center, p.z))

@@ -57,8 +57,14 @@ const LEAST_COSINE: f32 = 0.7;
 /// Pixels from the centre to the edge of a patch.
 const RADIUS: i32 = 2;
 
+/// Pixels of a row or column of a patch.
+const PATCH_SIDE: usize = 2 * RADIUS as usize + 1;
+
 /// Pixels of a patch.
-const PATCH: usize = ((2 * RADIUS + 1) * (2 * RADIUS + 1)) as usize;
+const PATCH: usize = PATCH_SIDE * PATCH_SIDE;
+
+/// The rows or columns of a patch, from its centre.
+const STEPS: [i32; PATCH_SIDE] = [-2, -1, 0, 1, 2];
 
 /// Least standard deviation of luma in a patch that can be recognized.
 const LEAST_CONTRAST: f32 = 0.02;
@@ -214,17 +220,23 @@ impl SearchedImage {
         if !((at - reach).cmpge(Vec2::ZERO).all() && (at + reach).cmple(last).all()) {
             return None;
         }
+        let columns = STEPS.map(|dx| at + dx as f32 * right);
         let (mut sum, mut squares, mut product) = (0.0f32, 0.0f32, 0.0f32);
-        for (&reference, (dx, dy)) in patch.iter().zip(offsets()) {
-            let place = at + dx as f32 * right + dy as f32 * down;
-            let (x, y) = (place.x as usize, place.y as usize);
-            let (u, v) = (place.x - x as f32, place.y - y as f32);
-            let row = &self.luma[y * width + x..];
-            let (top, bottom) = (row[0] + u * (row[1] - row[0]), row[width] + u * (row[width + 1] - row[width]));
-            let value = top + v * (bottom - top);
-            sum += value;
-            squares += value * value;
-            product += reference * value;
+        for (references, dy) in patch.as_chunks::<PATCH_SIDE>().0.iter().zip(STEPS) {
+            let below = dy as f32 * down;
+            for (&reference, column) in references.iter().zip(columns) {
+                let place = column + below;
+                // The conversion to i32 is the fastest; no image has that many columns.
+                let (x, y) = (place.x as i32, place.y as i32);
+                let (u, v) = (place.x - x as f32, place.y - y as f32);
+                let start = y as usize * width + x as usize;
+                let rows = &self.luma[start..start + width + 2];
+                let (top, bottom) = (rows[0] + u * (rows[1] - rows[0]), rows[width] + u * (rows[width + 1] - rows[width]));
+                let value = top + v * (bottom - top);
+                sum += value;
+                squares += value * value;
+                product += reference * value;
+            }
         }
         let variance = squares - sum * sum / PATCH as f32;
         let least = LEAST_CONTRAST * LEAST_CONTRAST * PATCH as f32;
@@ -233,7 +245,7 @@ impl SearchedImage {
 }
 
 fn offsets() -> impl Iterator<Item = (i32, i32)> {
-    (-RADIUS..=RADIUS).flat_map(|dy| (-RADIUS..=RADIUS).map(move |dx| (dx, dy)))
+    STEPS.into_iter().flat_map(|dy| STEPS.into_iter().map(move |dx| (dx, dy)))
 }
 
 /// The views to compare view `index` with: those whose rays meet its own at about [`BEST_ANGLE`] in
@@ -277,7 +289,9 @@ impl Depths {
 struct Pixel<'a> {
     image: &'a SearchedImage,
     neighbours: &'a [&'a SearchedImage],
-    at: Vec2,
+    /// The directions of the pixel, of the one to its right and of the one below, as long as one
+    /// unit of depth, world axes.
+    rays: [Vec3; 3],
     patch: [f32; PATCH],
 }
 
@@ -285,8 +299,7 @@ impl Pixel<'_> {
     /// How well the neighbours that see the point at this depth agree.
     fn score(&self, depth: f32) -> Score {
         let origin = self.image.camera.position();
-        let place = |offset: Vec2| origin + depth * self.image.ray(self.at + offset);
-        let [centre, right, below] = [Vec2::ZERO, Vec2::X, Vec2::Y].map(place);
+        let [centre, right, below] = self.rays.map(|ray| origin + depth * ray);
         let mut best = [-1.0f32; AGREEING];
         let mut seeing = 0;
         for image in self.neighbours {
@@ -379,7 +392,8 @@ fn sweep(images: &[SearchedImage], index: usize, (distance, nearest): (f32, f32)
             let at = Vec2::new(x as f32, y as f32) + 0.5;
             match image.patch(x, y) {
                 Some(patch) => {
-                    let pixel = Pixel { image, neighbours: &neighbours, at, patch };
+                    let rays = [Vec2::ZERO, Vec2::X, Vec2::Y].map(|offset| image.ray(at + offset));
+                    let pixel = Pixel { image, neighbours: &neighbours, rays, patch };
                     known.extend(pixel.depth(depths).map(|depth| (at, depth)));
                 }
                 None => flat.push(at),

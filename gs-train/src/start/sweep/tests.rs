@@ -73,7 +73,7 @@ fn depths_that_enough_neighbours_see_are_preferred() {
     let image = SearchedImage::read(&views_of_plane(waves)[0]).unwrap();
     let patch = image.patch(16, 16).unwrap();
     // Without neighbours, no depth between these is better.
-    let pixel = Pixel { image: &image, neighbours: &[], at: Vec2::splat(16.5), patch };
+    let pixel = Pixel { image: &image, neighbours: &[], rays: [Vec3::Z; 3], patch };
     let depths = Depths { count: 64, inverse: [0.05, 1.0] };
     let mut scores = vec![Score { seeing: 3, mean: 0.0 }; 64];
     scores[10].mean = 0.85;
