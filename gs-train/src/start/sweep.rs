@@ -226,12 +226,13 @@ impl SearchedImage {
             let below = dy as f32 * down;
             for (&reference, column) in references.iter().zip(columns) {
                 let place = column + below;
-                // The conversion to i32 is the fastest; no image has that many columns.
+                // i32 suffices for any image and converts fastest.
                 let (x, y) = (place.x as i32, place.y as i32);
                 let (u, v) = (place.x - x as f32, place.y - y as f32);
                 let start = y as usize * width + x as usize;
                 let rows = &self.luma[start..start + width + 2];
-                let (top, bottom) = (rows[0] + u * (rows[1] - rows[0]), rows[width] + u * (rows[width + 1] - rows[width]));
+                let (top, bottom) =
+                    (rows[0] + u * (rows[1] - rows[0]), rows[width] + u * (rows[width + 1] - rows[width]));
                 let value = top + v * (bottom - top);
                 sum += value;
                 squares += value * value;
