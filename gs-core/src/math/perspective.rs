@@ -66,7 +66,7 @@ pub struct Projection {
     /// det Σ′, px⁴.
     pub determinant: f32,
     /// o: the sigmoid of the logit, times ρ where [`Antialias::compensates`] and times
-    /// [`Dropout::gain`](crate::Dropout::gain), which may raise it above 1. It is 1 under
+    /// 1 / (1 − rate) of [`Dropout`](crate::Dropout), which may raise it above 1. It is 1 under
     /// [`Blend::Sum`].
     pub opacity: f32,
     /// cov(z, (u, v)) Σ′⁻¹, world units per px; it orders Gaussians under

@@ -58,7 +58,7 @@ pub(crate) fn applied<T: SettingsFile>(settings: &T, over: &Table) -> Result<T, 
 
 /// `settings` with the rounds of density control of `over`. Call this before a policy is chosen,
 /// because some policies depend on the rounds. Rounds that are not possible are ignored here;
-/// [`applied`] reports them.
+/// [`applied_to`] reports them.
 pub fn with_rounds<T: SettingsFile>(settings: T, over: &Table) -> T {
     let Some(rounds) = over.get("rounds") else { return settings };
     applied(&settings, &Table::from_iter([("rounds".to_owned(), rounds.clone())])).unwrap_or(settings)

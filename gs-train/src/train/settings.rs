@@ -118,7 +118,8 @@ impl TrainSettings {
         self.with_gaussians(gaussians)
     }
 
-    /// Whether [`Self::for_points`] gives this number for some number of points.
+    /// Whether a start from enough points raises the largest number of Gaussians to this number
+    /// ([`Self::gaussians_per_point`]).
     pub fn may_be_raised_to(&self, gaussians: u32) -> bool {
         self.gaussians_per_point > 0.0 && (self.gaussians..=self.most_for_points()).contains(&gaussians)
     }

@@ -15,7 +15,7 @@ use super::key_lines::KeyLines;
 gs_core::impl_with!(Arm);
 
 /// An arm of a study: a policy, or any other settings of a run. The levels of a
-/// [`Factor`](crate::study::Factor) have the same keys.
+/// factor have the same keys.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "kebab-case")]
 #[non_exhaustive]
