@@ -37,11 +37,16 @@ pub fn draw(points: &[CurvePoint], rows: &[MetricsRow], title: &str) -> Result<I
     if !psnrs.is_empty() {
         panels.push(panel("", 2, Axis::linear("PSNR, dB"), psnrs, Dots::All));
     }
-    let images = panels.iter().map(Figure::image).collect::<Result<Vec<_>, _>>()?;
-    let height = images.iter().map(Image::height).sum();
-    let pixels = images.iter().flat_map(|image| image.pixels().iter().copied()).collect();
+    // One panel at a time: large runs write their results in little more memory than training takes.
+    let (mut width, mut height, mut pixels) = (0, 0, Vec::new());
+    for panel in &panels {
+        let image = panel.image()?;
+        pixels.reserve_exact(image.pixels().len());
+        pixels.extend_from_slice(image.pixels());
+        (width, height) = (image.width(), height + image.height());
+    }
     let failed = |error: gs_core::Error| Error::Picture { name: "curve".to_owned(), message: error.to_string() };
-    Image::from_pixels(images[0].width(), height, pixels).map_err(failed)
+    Image::from_pixels(width, height, pixels).map_err(failed)
 }
 
 fn panel(title: &str, style: usize, y: Axis, points: Vec<(f64, f64)>, dots: Dots) -> Figure {
