@@ -3,7 +3,9 @@
 use gs_backend::AnyRasterizer;
 use gs_core::{Image, Scene as _, Scene2d, edit::EditCounts, sigmoid};
 use gs_io::{File2d, decode_checkpoint, encode_2d, encode_checkpoint, png_bytes};
-use gs_train::{EncodeSettings, EncodeTarget, FitSettings, Progress, Trainer, encode, parse_settings};
+use gs_train::{
+    EncodeSettings, EncodeTarget, FitSettings, Progress, SettingsFile as _, Trainer, encode, parse_settings,
+};
 use serde::{Deserialize, Serialize};
 use wasm_bindgen::prelude::*;
 use web_time::Instant;
