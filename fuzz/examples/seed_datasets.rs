@@ -3,8 +3,11 @@
 
 use std::{fs, io, path::Path};
 
+// `made.rs` is also part of gs-io and finds these at the root of its crate.
+use gs_io::{dataset, write_png};
+
 #[allow(dead_code)]
-#[path = "../../gs-io/tests/datasets/made.rs"]
+#[path = "../../gs-io/src/dataset/tests/made.rs"]
 mod made;
 
 fn main() -> io::Result<()> {
@@ -15,9 +18,9 @@ fn main() -> io::Result<()> {
     write("colmap_text", &made::text(&model).join(&0))?;
     for camera in model.cameras.values() {
         let parameters = camera.parameters.iter().flat_map(|v| v.to_le_bytes());
-        write("lens", &std::iter::once(camera.model.id() as u8).chain(parameters).collect::<Vec<u8>>())?;
+        write("lens", &std::iter::once(camera.model as u8).chain(parameters).collect::<Vec<u8>>())?;
     }
-    let pass = r#"{"file_path": "./a.png", "transform_matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,4],[0,0,0,1]]}"#;
+    let frame = r#"{"file_path": "./a.png", "transform_matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,4],[0,0,0,1]]}"#;
     for camera in [
         r#""fl_x": 30, "w": 20, "h": 10, "k1": 0.01, "p1": -0.002, "camera_model": "OPENCV""#,
         r#""camera_angle_x": 0.7, "is_fisheye": true, "k2": -0.02, "applied_scale": 2.0, "test_filenames": ["a.png"]"#,
