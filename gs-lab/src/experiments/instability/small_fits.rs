@@ -134,9 +134,8 @@ impl Trajectory {
         let mut trainer = Trainer::new(rasterizer, target, small_settings(seed)).block_on()?;
         while !trainer.is_finished() {
             trajectory.note(trainer.step() + 1, smallest_scale_px(&trainer.scene().block_on()?));
-            match trainer.step_once().block_on() {
-                Err(Error::Diverged { .. }) => return Ok(Self { diverged: true, ..trajectory }),
-                stepped => drop(stepped?),
+            if unless_diverged(trainer.step_once().block_on())?.is_none() {
+                return Ok(Self { diverged: true, ..trajectory });
             }
         }
         let scene = trainer.scene().block_on()?;
@@ -147,4 +146,27 @@ impl Trajectory {
 
 fn smallest_scale_px(scene: &Scene2d) -> f64 {
     scene.iter().map(|g| f64::from(g.log_scale.min_element().exp())).fold(f64::INFINITY, f64::min)
+}
+
+/// The result of a step; `None` if it diverged, which the experiment counts. Other errors end the
+/// experiment.
+fn unless_diverged<T>(stepped: Result<T, Error>) -> Result<Option<T>, Error> {
+    match stepped {
+        Err(Error::Diverged { .. }) => Ok(None),
+        stepped => stepped.map(Some),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_divergence_is_counted_and_other_errors_are_not() {
+        let diverged = Error::Diverged { step: 3, loss: f32::NAN, suspect: None };
+        assert_eq!(unless_diverged::<()>(Err(diverged)).unwrap(), None);
+        assert_eq!(unless_diverged(Ok(7)).unwrap(), Some(7));
+        let error = unless_diverged::<()>(Err(Error::Finished { iterations: 3 })).unwrap_err();
+        assert!(matches!(error, Error::Finished { iterations: 3 }), "{error:?}");
+    }
 }
