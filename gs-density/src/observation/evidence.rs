@@ -113,11 +113,12 @@ pub struct Evidence {
 }
 
 impl Evidence {
-    /// The sum of one quantity over the views, each view times `weight(view)`, `[len]`.
+    /// The sum of one quantity over the views, each view times `weight(view)`, for the first `len`
+    /// Gaussians (`[len]`), in the quantity's unit.
     ///
     /// # Panics
-    /// Where a view's array is shorter than `len`.
-    pub(crate) fn sum<'a>(
+    /// Where a view's array is shorter than `len`, as an array that was not requested is.
+    pub fn sum<'a>(
         &'a self,
         len: usize,
         weight: impl Fn(&ViewEvidence) -> f32,

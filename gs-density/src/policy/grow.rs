@@ -60,8 +60,8 @@ pub struct Grow {
     pub when_flat: WhenFlat,
     /// Depth from which gradients count fully, in extents of the scene; nearer ones count by the
     /// square of the ratio, so that few Gaussians grow close to a camera (*source:* Pixel-GS). Only
-    /// for [`Signal::PixelGradient`] in 3D. Not negative. Default: Pixel-GS's
-    /// for that signal, 0 for others.
+    /// for [`Signal::PixelGradient`] in 3D. Not negative. Default: 0.37, the value of Pixel-GS, for
+    /// that signal, and 0 for the others.
     pub full_depth: f32,
     /// What is done to the Gaussians.
     pub actions: Actions,

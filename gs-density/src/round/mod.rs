@@ -109,18 +109,24 @@ impl<'a, S: DensityScene> Round<'a, S> {
         Self::with_removed(actions, observation, actions.prune.removals(observation))
     }
 
-    /// Starts a round in which the policy has decided what [`Prune`] would: `removed`, ordered by
-    /// index.
+    /// Starts a round that removes what the policy has chosen, where [`Self::open`] would remove
+    /// [`Prune::removals`]: `removed`, in ascending order of distinct indices.
     ///
     /// # Errors
-    /// As [`Self::open`].
-    pub(crate) fn with_removed(
+    /// As [`Self::open`]; [`Error::Plan`] where `removed` has another order or an index that the
+    /// scene does not have.
+    pub fn with_removed(
         actions: &Actions,
         observation: &'a Observation<'a, S>,
         removed: Vec<Removal>,
     ) -> Result<Self, Error> {
         actions.validate()?;
         observation.check_lengths()?;
+        let len = observation.scene.len();
+        if !removed.is_sorted_by(|a, b| a.index < b.index) || removed.last().is_some_and(|r| r.index as usize >= len) {
+            let expected = format!("distinct indices below {len} in ascending order");
+            return Err(Error::Plan(format!("the removed Gaussians of a round must have {expected}")));
+        }
         Ok(Self { actions: *actions, observation, removed })
     }
 
@@ -176,5 +182,53 @@ impl<'a, S: DensityScene> Round<'a, S> {
         }
         plan.removed = self.removed;
         plan
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{Vec2, Vec3};
+    use gs_core::{DensityStatistics, Gaussian2d, edit::PruneCause};
+
+    use super::*;
+
+    #[test]
+    fn a_policy_chooses_what_is_removed_by_distinct_indices_in_order() {
+        let gaussian = |opacity_logit| Gaussian2d {
+            mean: Vec2::ONE,
+            log_scale: Vec2::ONE,
+            rotation: 0.0,
+            opacity_logit,
+            color: Vec3::ONE,
+        };
+        let scene: Scene2d = [3.0, -9.0, 3.0, 3.0].map(gaussian).into_iter().collect();
+        let statistics = DensityStatistics { signal_sum: vec![1.0; 4], visible: vec![1; 4] };
+        let observation = Observation {
+            scene: &scene,
+            statistics: &statistics,
+            residual: None,
+            evidence: None,
+            extent: 32.0,
+            step: 99,
+            progress: 0.1,
+            progress_before: 0.0,
+            budget: 10,
+        };
+        let actions = Actions::default();
+        let with = |indices: &[u32]| {
+            let removal = |&index: &u32| Removal { index, cause: PruneCause::Unimportant };
+            Round::with_removed(&actions, &observation, indices.iter().map(removal).collect())
+        };
+        let mut removed = actions.prune.removals(&observation);
+        assert_eq!(removed, [Removal { index: 1, cause: PruneCause::Transparent }]);
+        removed.push(Removal { index: 3, cause: PruneCause::Unimportant });
+        let round = Round::with_removed(&actions, &observation, removed.clone()).unwrap();
+        assert_eq!((round.survivors().collect::<Vec<_>>(), round.room()), (vec![0, 2], 8));
+        assert_eq!(round.grow(&[], &mut Rng::new(0, 0)).removed, removed);
+        assert_eq!(with(&[]).unwrap().room(), 6);
+        for wrong in [&[3, 1][..], &[1, 1], &[0, 4], &[0, 1, 2, 3, 3]] {
+            let error = with(wrong).unwrap_err().to_string();
+            assert!(error.contains("distinct indices below 4 in ascending order"), "{error}");
+        }
     }
 }

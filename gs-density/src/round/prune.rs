@@ -62,8 +62,9 @@ impl Prune {
         }
     }
 
-    /// All Gaussians of the observed scene that are pruned, by index.
-    pub(crate) fn removals<S: DensityScene>(&self, observation: &Observation<'_, S>) -> Vec<Removal> {
+    /// All Gaussians of the observed scene that are pruned, in ascending order of their indices. A
+    /// policy can change this list and begin a [`Round`](super::Round) with it.
+    pub fn removals<S: DensityScene>(&self, observation: &Observation<'_, S>) -> Vec<Removal> {
         let Observation { scene, extent, step, .. } = *observation;
         let removal = |index: u32| {
             let cause = self.cause(&scene.gaussian(index as usize), extent, step.saturating_add(1))?;
