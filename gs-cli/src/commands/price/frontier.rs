@@ -171,7 +171,8 @@ where
         seconds: f64::from(args.seconds),
         budget: args.budget(),
     };
-    let report = Report { facts, found: search.run(&mut |what| output::note(what))? };
+    let mut report = Report { facts, found: search.run(&mut |what| output::note(what))? };
+    let failure = report.found.failure.take();
     let found = &report.found;
     let text = format!("{what}\n\n{found}");
     match found.settings_file() {
@@ -194,7 +195,8 @@ where
         }
         output::note(format_args!("wrote the frontier in {}", folder.path().display()));
     }
-    // The frontier is printed and written even if the budget cannot be kept.
+    // The frontier is printed and written even if the budget cannot be kept or verified.
+    failure.map_or(Ok(()), Err)?;
     match (&found.missed, args.max_error, args.max_ms) {
         (Some(why), Some(most), _) => Err(missed("--max-error", most, why)),
         (Some(why), None, Some(most)) => Err(missed("--max-ms", most, why)),

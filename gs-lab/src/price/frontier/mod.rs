@@ -77,7 +77,8 @@ where
     ///
     /// # Errors
     /// Those of the backends, and of the oracle for effects that it does not have;
-    /// [`gs_core::Error::Setting`] without a view or a backend.
+    /// [`gs_core::Error::Setting`] without a view or a backend. An error of the verification, after
+    /// all measurements, is [`FrontierReport::failure`] instead.
     pub fn run(self, watch: &mut dyn FnMut(&str)) -> Result<FrontierReport, Error> {
         let Self { scene: (scene, what), backends, shown, views, unseen, seconds, budget } = self;
         let mut all = Vec::new();
@@ -87,30 +88,37 @@ where
         let sweep = Sweep { scene, candidates: all, shown };
         let limits = SearchLimits { seconds, ..SearchLimits::default() };
         let frontier = search(&sweep, views, limits, watch)?;
-        let (mut answer, mut missed) = (None, None);
+        let (mut answer, mut missed, mut failure) = (None, None, None);
         if let Some(budget) = budget {
             let others = counted(unseen.len(), "view");
             watch(&format!("verifying on {others} that the search did not use"));
-            match budget.choose(&sweep, &frontier, unseen, VERIFYING * seconds)? {
-                Ok(choice) => answer = Some(Answer::new(budget, choice, &sweep, &frontier, what)?),
-                Err(why) => missed = Some(answer::missed(budget, why, unseen.len())),
+            match budget.choose(&sweep, &frontier, unseen, VERIFYING * seconds) {
+                Ok(Ok(choice)) => match Answer::new(budget, choice, &sweep, &frontier, what) {
+                    Ok(found) => answer = Some(found),
+                    Err(error) => failure = Some(error),
+                },
+                Ok(Err(why)) => missed = Some(answer::missed(budget, why, unseen.len())),
+                Err(error) => failure = Some(error.into()),
             }
         }
-        Ok(FrontierReport { frontier, answer, missed })
+        Ok(FrontierReport { frontier, answer, missed, failure })
     }
 }
 
 /// The frontier of a scene, and settings that keep a budget.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Serialize)]
 #[non_exhaustive]
 pub struct FrontierReport {
     #[serde(flatten)]
     frontier: Frontier,
     #[serde(skip_serializing_if = "Option::is_none")]
     answer: Option<Answer>,
-    /// Why no settings keep the budget, and what helps besides a larger one.
+    /// Why no settings keep the budget, and what helps besides a larger budget.
     #[serde(skip)]
     pub missed: Option<(String, &'static str)>,
+    /// Why settings for the budget could not be verified. The measurements are complete.
+    #[serde(skip)]
+    pub failure: Option<Error>,
 }
 
 impl FrontierReport {

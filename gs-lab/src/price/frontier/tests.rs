@@ -4,11 +4,12 @@ use std::cell::Cell;
 
 use super::{
     super::{Loaded, Renderer, machine::Candidate, noise::TimeComparison},
-    Budget, Change, Frontier, FrontierMachine, Role, SearchLimits, Sweep,
+    Budget, Change, Frontier, FrontierMachine, Role, Search, SearchLimits, Sweep,
     budget::Missed,
     search,
 };
 use glam::{Vec2, Vec3};
+use gs_backend::AnyRasterizer;
 use gs_core::{Blend, Canvas, Error, Gaussian2d, Image, RenderSettings, Scene2d};
 use gs_cpu::{CpuRasterizer, CpuSettings};
 
@@ -204,6 +205,31 @@ fn a_budget_is_kept_on_other_views_too_or_said_to_be_out_of_reach() {
         let found = choose(Budget::MaxError(row.error.max));
         assert!(!matches!(found, Err(Missed::OutOfReach(_))), "{}: {found:?}", row.name());
     }
+}
+
+/// The view that verifies has no pixels.
+#[test]
+fn a_failed_verification_keeps_the_measured_frontier() {
+    let scene = scene();
+    let report = |budget| {
+        let cpu = CpuRasterizer::new(CpuSettings::default().with(|s| (s.threads, s.level) = (Some(1), None))).unwrap();
+        let search = Search {
+            scene: (&scene, "discs"),
+            backends: vec![AnyRasterizer::Cpu(Box::new(cpu))],
+            shown: RenderSettings::blended(Blend::Over),
+            views: &[Canvas::new(64, 48)],
+            unseen: &[Canvas::new(0, 48)],
+            seconds: 0.1,
+            budget,
+        };
+        search.run(&mut |_| ()).unwrap()
+    };
+    let failed = report(Some(Budget::MaxError(0.1)));
+    let error = failed.failure.as_ref().expect("a picture of no pixels").to_string();
+    assert!(error.contains("0x48") || error.contains("0×48"), "{error}");
+    assert!(failed.settings_file().is_none() && failed.missed.is_none());
+    assert!(failed.csv().contains("no cut-offs") && failed.to_string().contains("alpha cut"), "{failed}");
+    assert!(report(None).failure.is_none(), "without a budget nothing is verified");
 }
 
 #[test]
