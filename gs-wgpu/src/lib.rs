@@ -6,8 +6,8 @@
 //!
 //! # Limits
 //!
-//! Every order, blend and statistic is supported. The smooth cut, extents in standard deviations,
-//! and for 3D scenes the parameterization `CovarianceFactor` and solving for colours are an
+//! Every order, blend and statistic is supported. The smooth cut, and for 3D scenes the
+//! parameterization `CovarianceFactor` and solving for colours, are an
 //! [`Error::Unsupported`](gs_core::Error::Unsupported).
 //!
 //! Each array is one buffer, whose size adapters bound: GPUs at 2 GiB or more, Mesa's software

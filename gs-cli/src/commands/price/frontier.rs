@@ -33,9 +33,9 @@ A scene is measured as it is; an image is fitted first. A 3D scene is seen from 
 --dataset, or from an orbit around it.
 
 Every setting is measured alone, and the combinations on the frontier, if times multiply and \
-errors add up: cut of alpha, extent, full pixels, order, antialiasing, SH degree; on the CPU every \
-SIMD level, one thread, exp in place of the recurrence, tiles, bounds; on a GPU every kind of \
-kernels. Settings are timed in turn, after a warm-up. The default is measured twice, as if it were \
+errors add up: cut and bound of alpha, full pixels, order, antialiasing, SH degree; on the CPU \
+every SIMD level, one thread, exp in place of the recurrence, tiles, bounds; on a GPU every kind \
+of kernels. Settings are timed in turn, after a warm-up. The default is measured twice, as if it were \
 two settings: their difference is the noise, and smaller differences are `no difference`. The \
 error is that of the worst channel of any pixel, not clamped, against the 64-bit oracle without \
 any cut-off, with the effects of the scene. Other effects change the picture; their error is that \
