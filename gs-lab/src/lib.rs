@@ -7,12 +7,13 @@
 //! - [`conduct`] does the runs that are missing, side by side, and stores each as one file. Any
 //!   number of processes may do so in one folder; each claims its runs.
 //! - [`Results`] makes tables with intervals and judges the claims of the study, [`report`] makes a
-//!   page.
+//!   page. Programs read the numbers from the files of [`report::write`]: `results.json` has those
+//!   of the runs and their comparisons, and each table is a CSV file.
 //! - [`price`] measures what approximations cost, and [`experiments`] names the studies of the paper
 //!   and makes their page.
 //!
-//! A room uses only those before it: [`study`], [`run`], `result`, [`report`], [`price`],
-//! [`experiments`].
+//! Each module uses only those before it in this list: [`study`], [`run`], `result`, [`report`],
+//! [`price`], [`experiments`].
 
 mod error;
 pub mod experiments;
