@@ -78,10 +78,10 @@ pub fn is_scene(path: impl AsRef<Path>) -> Result<bool, Error> {
 /// training.
 ///
 /// # Errors
-/// [`Error::NoScene`] for a folder without one, or [`Error::Unusable`] for one of another kind; those of
-/// [`read_2d`], [`read_gsi`], [`read_3d`] and
-/// [`read_checkpoint`]; [`Error::Content`] for a checkpoint whose metadata do not say how its scene
-/// is rendered.
+/// - [`Error::NoScene`] for a folder without a scene.
+/// - [`Error::Unusable`] for a kind of scene that cannot be read.
+/// - [`Error::Content`] for a checkpoint whose metadata do not say how its scene is rendered.
+/// - Those of [`read_2d`], [`read_gsi`], [`read_3d`] and [`read_checkpoint`].
 pub fn read_scene(path: impl AsRef<Path>, values: Values) -> Result<SceneFile, Error> {
     let path = path.as_ref();
     if !path.is_dir() {
@@ -117,8 +117,8 @@ pub fn scene_in(folder: impl AsRef<Path>) -> Option<PathBuf> {
     SCENE_NAMES.iter().map(|name| folder.as_ref().join(name)).find(|file| file.is_file())
 }
 
-/// The file of a folder that [`read_scene`] opens: that of [`scene_in`], or one that describes a scene of many
-/// files, so that the error names its kind.
+/// The file of a folder that [`read_scene`] opens: that of [`scene_in`], or a file that describes a
+/// scene of many files, which is an error that names its kind.
 pub fn readable_in(folder: impl AsRef<Path>) -> Option<PathBuf> {
     let foreign = foreign::FOLDER_NAMES.map(|name| folder.as_ref().join(name));
     scene_in(folder).or_else(|| foreign.into_iter().find(|file| file.is_file()))

@@ -151,8 +151,8 @@ pub enum Error {
         /// What was found.
         found: String,
     },
-    /// A file that can be read but not used: of another kind, incomplete, impossible in what it says,
-    /// beyond a limit, or with a feature that is not supported.
+    /// A file that can be read but not used. It is of another kind or incomplete, contradicts
+    /// itself, exceeds a limit, or has a feature that is not supported.
     #[error("{}: {problem}; {remedy}", one_line(path))]
     Unusable {
         /// The file.

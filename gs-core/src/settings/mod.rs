@@ -44,8 +44,8 @@ pub enum Cut {
     Smooth,
 }
 
-/// How far a Gaussian reaches: to where α falls to the cut. There is no other way, but scene files and
-/// settings files have a key for it.
+/// How far a Gaussian reaches: to where α falls to the cut. There is no other value. The type exists
+/// for the key `extent` of scene files and settings files, which earlier versions had a choice for.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum Extent {
@@ -94,7 +94,7 @@ pub struct Accuracy {
     pub alpha_max: f32,
     /// Transmittance below which a pixel is full. 0..=0.5, default [`TRANSMITTANCE_MIN`].
     pub transmittance_min: f32,
-    /// Written to files, so that other versions can read them.
+    /// The key `extent` of files; see [`Extent`].
     extent: Extent,
 }
 

@@ -8,7 +8,8 @@
 //!
 //! [`read_dataset`] recognises the kind and reads everything but the pixels. Of the images it reads
 //! the headers, so that intrinsics fit the files that exist. [`View::read_image`] reads and
-//! undistorts an image when it is needed; a 360° image is six views, the faces of a cube. [`Dataset::remarks`] says what was left out, and why.
+//! undistorts an image when it is needed; a 360° image is six views, the faces of a cube.
+//! [`Dataset::remarks`] says what was left out, and why.
 //!
 //! Poses and points are read in `f64`, and taken into the frame of [`Dataset::frame`] before they are
 //! rounded. World axes are the data set's own.
@@ -41,13 +42,13 @@ pub use self::{
 };
 use crate::error::Error;
 
-/// What its files are, where something else is found.
+/// The kind of file for messages about one that is something else.
 const FILE: &str = "a file of a data set";
 
 const LOOKED_FOR: &str = "transforms_train.json (Blender), transforms.json (Nerfstudio), and cameras.bin or cameras.txt in sparse, \
                           colmap/sparse, dense/sparse, undistorted/sparse, distorted/sparse, their subfolders and the folder itself (COLMAP)";
 
-/// Whether a path may be that of a data set: a folder, or a JSON file other than those of scenes:
+/// Whether a path can be a data set: a folder, or a JSON file. The JSON files of scenes cannot:
 /// `meta.json` and `lod-meta.json` of SOG, and `tileset.json` of 3D Tiles.
 pub fn may_be_dataset(path: &Path) -> bool {
     let is_json = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("json"));
@@ -60,9 +61,13 @@ pub fn may_be_dataset(path: &Path) -> bool {
 /// Reads a data set: a folder, whose content determines the kind, or a `transforms.json`.
 ///
 /// # Errors
-/// [`Error::Missing`], [`Error::NotADataset`], [`Error::NoViews`], [`Error::LeavesDataset`]; for
-/// its files [`Error::Read`] and [`Error::Damaged`]; [`Error::Unusable`] for what they cannot say, such
-/// as an unknown camera model, and for a split that leaves nothing to train on.
+/// - [`Error::Missing`] where there is no such path.
+/// - [`Error::NotADataset`] where it contains no data set.
+/// - [`Error::Read`] and [`Error::Damaged`] where one of its files cannot be read.
+/// - [`Error::Unusable`] where a file has content that is not supported, such as an unknown camera
+///   model, and where the split leaves no view for training.
+/// - [`Error::LeavesDataset`] where a file refers to a path outside of the folder.
+/// - [`Error::NoViews`] where no view can be used.
 pub fn read_dataset(path: impl AsRef<Path>, settings: &DatasetSettings) -> Result<Dataset, Error> {
     let path = path.as_ref();
     let metadata = std::fs::metadata(path).map_err(|source| Error::read(path, source))?;

@@ -6,6 +6,10 @@ use thiserror::Error;
 use crate::image::ImageRemark;
 
 /// A remark on a data set. The order is that of reports.
+///
+/// A remark is not a failure: `Error` is derived only for the texts (`Display`). The same is true
+/// of [`Skip`], [`SplitOrigin`](super::SplitOrigin), [`ImageRemark`] and
+/// [`ConversionLoss`](crate::ConversionLoss).
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Error)]
 #[non_exhaustive]
 pub enum Remark {

@@ -72,10 +72,12 @@ pub fn read_image(path: impl AsRef<Path>) -> Result<LoadedImage, Error> {
 /// the stored values, as browsers do: c·α + behind·(1 − α).
 ///
 /// # Errors
-/// [`Error::Missing`], [`Error::NotAFile`] or [`Error::Read`]; [`Error::NotAnImage`] for other
-/// content and for CMYK; [`Error::Unusable`] for no pixels or a side longer than
-/// [`MAX_SIDE_PX`](gs_core::constants::MAX_SIDE_PX), before memory is allocated for them;
-/// for one cut short, and for pixels that are not finite.
+/// - [`Error::Missing`], [`Error::NotAFile`] or [`Error::Read`] where the file cannot be read.
+/// - [`Error::NotAnImage`] for other content and for CMYK.
+/// - [`Error::Unusable`] for an image without pixels or with a side longer than
+///   [`MAX_SIDE_PX`](gs_core::constants::MAX_SIDE_PX), before memory is allocated for it, for a
+///   truncated or damaged file, and for pixels that are not finite.
+/// - [`Error::Content`] where memory is not sufficient.
 pub fn read_image_on(path: impl AsRef<Path>, behind: [f32; 3]) -> Result<LoadedImage, Error> {
     let path = path.as_ref();
     let stored = decode(path, Orientation::Exif)?;

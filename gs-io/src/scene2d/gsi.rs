@@ -66,11 +66,12 @@ pub fn is_gsi(path: impl AsRef<Path>) -> bool {
     path.extension().is_some_and(|ending| ending == GSI_EXTENSION) || begins() == Some(true)
 }
 
-/// Reads a `.gsi` file: the whole, or what is there of one that may be truncated.
+/// Reads a `.gsi` file. [`Extent::Prefix`] reads what is there of a file that may be truncated.
 ///
 /// # Errors
-/// [`Error::Missing`], [`Error::NotAFile`], [`Error::Read`]; [`Error::Compressed`] for a file that is
-/// damaged, of a later version, or truncated: as a whole, or already in its header.
+/// [`Error::Missing`], [`Error::NotAFile`] or [`Error::Read`] where the file cannot be read;
+/// [`Error::Compressed`] where it is damaged, of a later version, or truncated. With
+/// [`Extent::Prefix`], a truncated file is an error only if it ends within its header.
 pub fn read_gsi(path: impl AsRef<Path>, extent: Extent) -> Result<GsiFile, Error> {
     let path = path.as_ref();
     let bytes = read_file(path, "a .gsi file")?;

@@ -132,11 +132,11 @@ pub(crate) fn is_2d(path: &Path) -> bool {
 /// Reads what [`write_2d`] wrote: the same scene, bit for bit. The scene may be empty.
 ///
 /// # Errors
-/// [`Error::Missing`], [`Error::NotAFile`] or [`Error::Read`]; [`Error::Damaged`] for a truncated
-/// file or another kind of file, [`Error::TooNew`] for one of a later version, [`Error::Unusable`]
-/// for a tensor of the wrong type or shape, [`Error::Content`] for an impossible canvas or
-/// settings
-/// or values that are not possible (NaN).
+/// - [`Error::Missing`], [`Error::NotAFile`] or [`Error::Read`] where the file cannot be read.
+/// - [`Error::Damaged`] for a truncated file or another kind of file.
+/// - [`Error::TooNew`] for a file of a later version.
+/// - [`Error::Unusable`] for a tensor of the wrong type or shape.
+/// - [`Error::Content`] for an impossible canvas, impossible settings, and values such as NaN.
 pub fn read_2d(path: impl AsRef<Path>) -> Result<File2d, Error> {
     let path = path.as_ref();
     let file = read_2d_unchecked(path)?;

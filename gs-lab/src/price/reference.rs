@@ -1,4 +1,4 @@
-//! The true picture of a view: by the 64-bit oracle at some pixels, by a backend's tightest
+//! The reference picture of a view: by the 64-bit oracle at some pixels, by a backend's tightest
 //! settings elsewhere.
 //!
 //! The oracle is dense: a pixel costs time in proportion to the number of Gaussians. It computes a
@@ -42,7 +42,7 @@ where
 
 type SplatOf<S> = <<S as Scene>::View as OracleView>::Splat;
 
-/// The true picture of a view.
+/// The reference picture of a view.
 pub(crate) struct Reference<S: Verifiable> {
     oracle: Oracle<S::View>,
     projected: Vec<Projection<SplatOf<S>>>,
@@ -61,7 +61,7 @@ impl<S: Verifiable> std::fmt::Debug for Reference<S> {
 }
 
 impl<S: Verifiable> Reference<S> {
-    /// The true picture of one of `views` views of a scene. `settings` have no cut-offs, and
+    /// The reference picture of one of `views` views of a scene. `settings` have no cut-offs, and
     /// `tightest` is a backend's rendering with them.
     pub(crate) fn new(
         scene: &OracleScene,

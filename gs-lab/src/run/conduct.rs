@@ -37,19 +37,24 @@ pub enum Conducted {
     Left,
 }
 
-/// Does all runs of a plan that have no record, in the order of their rows, one at a time on each
-/// rasterizer of `team`; with other settings it begins with a part of the study, or leaves before its
-/// end. Other processes may work in the same folder: each run is done by one.
+/// Does all runs of a plan that have no record.
+///
+/// Each rasterizer of `team` does one run at a time, and runs begin in the order of their rows.
+/// `settings` can choose a part of the study to begin with, or end the work before the whole study
+/// is done. Other processes may work in the same folder: each run is done by one process.
 ///
 /// Results depend neither on the size of the team nor on its threads. Runs that fail or panic are
 /// recorded and do not stop the others. If a backend fails for good, no further run begins, and
 /// nothing is recorded of the run in which it failed.
 ///
 /// # Errors
-/// As for [`refuse_unsupported`], [`Error::Backend`] where a backend fails for good,
-/// [`Error::Io`] and [`Error::Path`] where a run cannot be claimed or its result not be stored,
-/// [`Error::TwoResults`] where a run that was taken over ended in two results, and [`Error::Work`] for
-/// settings out of their range.
+/// - Those of [`refuse_unsupported`].
+/// - [`Error::Backend`] where a backend fails for good.
+/// - [`Error::Io`] and [`Error::Path`] where a run cannot be claimed or its result cannot be
+///   stored.
+/// - [`Error::TwoResults`] where a run was taken over and both processes ended it, in two results.
+/// - [`Error::Work`] for settings out of their range, and for a team that the study's clock does
+///   not allow.
 pub fn conduct<R: Optimizer<Scene2d> + Optimizer<Scene3d> + Sync>(
     plan: &Plan,
     team: &[&R],
@@ -114,12 +119,12 @@ fn conduct_from<R: StudyBackend>(queue: &Queue<'_>, rasterizer: &R, at: &Place<'
     Ok(())
 }
 
-/// Fails, before any run begins, where the backend does not support what an arm needs, where this
-/// program does not have an arm's policy, or where the study's clock does not count what the backend
-/// does.
+/// Checks, before any run begins, that this program and the backend can do the runs of a plan.
 ///
 /// # Errors
-/// [`Error::Arm`] with what is missing, [`Error::Study`] for the clock.
+/// [`Error::Arm`] where the backend does not support the effects of an arm, or where this program
+/// does not have the arm's policy; [`Error::Study`] where the study's clock does not count what the
+/// backend does.
 pub fn refuse_unsupported<R>(plan: &Plan, rasterizer: &R) -> Result<(), Error>
 where
     R: Optimizer<Scene2d> + Optimizer<Scene3d>,

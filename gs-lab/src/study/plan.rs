@@ -158,7 +158,7 @@ impl Plan {
         wrong(&self.study, arm, None, message.to_owned())
     }
 
-    /// The runs in words, which are those of a part of a study of `all` runs:
+    /// The runs of this plan in words. The plan may be a part of a study, which has `all` runs:
     /// "small: 8 of 16 runs (2 arms, 1 image, 2 budgets, 2 seeds)".
     pub fn summary(&self, all: usize) -> String {
         let runs = match self.runs.len() {

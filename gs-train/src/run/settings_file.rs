@@ -66,8 +66,10 @@ fn parse<T: DeserializeOwned>(text: &str) -> Result<T, (usize, String)> {
     })
 }
 
-/// Settings as the text of a TOML file. What [`parse_settings`] and [`settings_to_toml`] do, compiled
-/// once for each type of settings instead of in each crate that uses them.
+/// Settings that are read from and written to TOML files.
+///
+/// The methods do what [`parse_settings`] and [`settings_to_toml`] do. They are compiled once for
+/// each type of settings instead of in each crate that uses them.
 pub trait SettingsFile: Sized {
     /// Parses the text of a settings file; `file` is its name for the error.
     ///

@@ -154,7 +154,8 @@ pub struct At<'r, R: Optimizer<S>, S: SceneTask> {
     pub splats: &'r R::Splats,
     /// The settings.
     pub settings: &'r S::Settings,
-    /// The effects of the scene, without statistics.
+    /// The effects of the scene. Statistics are off, except in [`TrainingTask::prepare`]: it gets
+    /// those of the step.
     pub effects: Effects,
 }
 

@@ -77,7 +77,8 @@ pub(super) type Decision = (Effects, String);
 /// A scene whose required effects can be found: [`Scene2d`](crate::Scene2d) and
 /// [`Scene3d`](crate::Scene3d).
 ///
-/// Every effect needs a bound, and the list of effects may grow.
+/// Other crates should not implement it. `decide` must have a bound for every effect, and later
+/// versions may add effects.
 pub trait RequiresEffects: Scene {
     /// What is required of each effect of these valid settings, in the order of [`Effect::ALL`].
     fn decide(&self, views: &[Self::View], settings: &RenderSettings) -> [Decision; Effect::ALL.len()];

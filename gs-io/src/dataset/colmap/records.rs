@@ -1,4 +1,4 @@
-//! What the records of COLMAP's three files have, in whichever encoding.
+//! Reads the records of COLMAP's three files, whether they are binary or text.
 
 use std::{collections::BTreeMap, str::FromStr};
 
@@ -7,12 +7,12 @@ use glam::{DQuat, DVec2, DVec3};
 use super::{CameraModel, ColmapCamera, ColmapImage, ColmapObservation, ColmapPoint};
 use crate::error::Error;
 
-/// What each of the files is, for messages.
+/// The kind of each of the files, for messages.
 pub(super) const WHAT: &str = "a file of a COLMAP model";
 
-/// The records of a file, one after the other. What is expected is for messages.
+/// The records of a file, one after the other. A method's `expected` names its value in messages.
 pub(super) trait Records: Sized {
-    /// Goes to the next record; whether there is one.
+    /// Goes to the next record. Returns whether there is one.
     fn next(&mut self) -> Result<bool, Error>;
 
     fn number<T: Number>(&mut self, expected: &str) -> Result<T, Error>;
@@ -37,19 +37,20 @@ pub(super) trait Records: Sized {
         self.numbers("a keypoint x y").map(DVec2::from_array)
     }
 
-    /// Passes over the images that show a point.
+    /// Skips the list of images that show a point.
     fn pass_over_track(&mut self) -> Result<(), Error>;
 
-    /// Fails where more follows in the record.
+    /// Fails if the record has more values.
     fn end(&mut self) -> Result<(), Error>;
 }
 
 /// A number of a record.
 pub(super) trait Number: FromStr {
-    /// Its bytes in binary files.
+    /// Size in binary files, bytes.
     const BYTES: usize = size_of::<Self>();
 
-    /// The number of so many little-endian bytes.
+    /// The number from its little-endian bytes; `None` for another number of bytes than
+    /// [`Self::BYTES`].
     fn of_bytes(bytes: &[u8]) -> Option<Self>;
 }
 

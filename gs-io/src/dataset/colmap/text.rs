@@ -28,7 +28,7 @@ impl<'a> Text<'a> {
         Ok(Self { path, lines: utf8_text(path, bytes)?.split(|byte| *byte == b'\n'), line: 0, rest: "" })
     }
 
-    /// Goes to the next line, empty or not; whether there is one.
+    /// Goes to the next line, which may be empty. Returns whether there is one.
     fn next_line(&mut self) -> Result<bool, Error> {
         let Some(bytes) = self.lines.next() else { return Ok(false) };
         self.line += 1;
@@ -39,7 +39,7 @@ impl<'a> Text<'a> {
         Ok(true)
     }
 
-    /// Fails where the line is the first of another image, not the keypoints of the image of this name.
+    /// Fails if the line is the first one of another image instead of the keypoints of `name`.
     fn check_keypoints(&self, name: &str) -> Result<(), Error> {
         let is_number = |word: &str| word.parse::<f64>().is_ok();
         let mut words = self.rest.split_whitespace();

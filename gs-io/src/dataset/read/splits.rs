@@ -4,8 +4,9 @@ use std::num::NonZeroU32;
 
 use crate::dataset::{DatasetSettings, Remark, Split, SplitOrigin, View};
 
-/// Decides the split of all views, which have that of the data set: by it, or every n-th image. The
-/// views of an image follow each other. `None` if no view is for training.
+/// Sets the split of all views, and returns where it comes from: the data set's own split, which
+/// `views` already have and `stated` names, or every n-th image. The views of an image must be
+/// neighbours. Returns `None` if no view is for training.
 pub(crate) fn apply(
     stated: Option<SplitOrigin>,
     views: &mut [View],
@@ -25,8 +26,8 @@ pub(crate) fn apply(
     }
 }
 
-/// Holds out the views for validation if there are none for tests; returns whether there is a view for
-/// training.
+/// Holds out the views for validation if there are none for tests. Returns whether there is a view
+/// for training.
 fn hold_out_tests(views: &mut [View], remarks: &mut Vec<Remark>) -> bool {
     let count = |views: &[View], split: Split| views.iter().filter(|view| view.split == split).count();
     if count(views, Split::Test) == 0 {
@@ -39,8 +40,11 @@ fn hold_out_tests(views: &mut [View], remarks: &mut Vec<Remark>) -> bool {
     count(views, Split::Train) > 0
 }
 
-/// Holds out every n-th image of a data set without a split, unless that would leave none. The faces of
-/// a 360° image stay together, because each shows what its neighbours border on.
+/// Holds out every n-th image, or none if that would leave no view for training.
+///
+/// Neighbouring views of the same image file count as one image. So the faces of a 360° image stay
+/// together, because each shows what its neighbours border on. Neighbouring frames of a
+/// `transforms.json` that name the same file stay together, too, though their poses may differ.
 fn hold_out(views: &mut [View], every: Option<NonZeroU32>, remarks: &mut Vec<Remark>) -> SplitOrigin {
     views.iter_mut().for_each(|view| view.split = Split::Train);
     let Some(every) = every else { return SplitOrigin::None };

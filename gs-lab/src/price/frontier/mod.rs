@@ -1,19 +1,20 @@
-//! The price of accuracy: every approximation of a rendering is a setting, and its cost in time and
-//! error is measured on the given scene, views and machine.
+//! What accuracy costs in time: every approximation of a rendering is a setting, and its time and
+//! its error are measured on the given scene, views and machine.
 //!
 //! A `Sweep` is a scene on several candidates: backends, instruction sets and configurations.
 //! [`Search::run`] measures every setting alone, predicts which combinations lie on the frontier, and
 //! measures those: their times, and their errors against the 64-bit oracle. Measurements are
 //! interleaved, after a warm-up. Each backend's default is measured twice, as if it were two
-//! settings; their difference is the noise below which nothing counts as faster. For a [`Budget`], it
-//! picks the cheapest settings that are exact enough, and verifies them on views that the search has
-//! not used. [`FrontierSettings`] are those settings in a file.
+//! settings. Differences in time below the difference of these two are noise. For a [`Budget`], the
+//! search picks the fastest settings that are exact enough, or the most exact that are fast enough,
+//! and verifies them on views that it has not used. [`FrontierSettings`] are these settings in a
+//! file.
 //!
-//! The exact picture has the effects of the default settings and no cut-offs: no α cut, no early
-//! stop at full pixels. Other sort orders, other antialiasing and fewer SH coefficients make
-//! other pictures; their errors are the differences from the exact one.
+//! The reference picture has the effects of the default settings and no cut-offs: no α cut, no
+//! early stop at full pixels. Other sort orders, other antialiasing and fewer SH coefficients
+//! change the picture; their error is the difference from the reference.
 //!
-//! `Binning::Reuse` is left out: it is an approximation of training steps, not of a picture.
+//! `Binning::Reuse` is not measured: it is an approximation of training steps, not of a picture.
 
 mod answer;
 mod budget;
@@ -54,9 +55,9 @@ const VERIFYING: f64 = 0.1;
 pub struct Search<'a, S: Scene> {
     /// The scene, and what it is in words.
     pub scene: (&'a S, &'a str),
-    /// A rasterizer of each backend, whose other configurations are candidates, too.
+    /// A rasterizer of each backend. Other configurations of the backend are candidates, too.
     pub backends: Vec<AnyRasterizer>,
-    /// The default settings of all backends. Their effects define the exact picture.
+    /// The default settings of all backends. Their effects define the reference picture.
     pub shown: RenderSettings,
     /// The views of the search.
     pub views: &'a [S::View],
@@ -64,7 +65,7 @@ pub struct Search<'a, S: Scene> {
     pub unseen: &'a [S::View],
     /// Seconds for timing. At least seven rounds are measured, however long they take.
     pub seconds: f64,
-    /// What the settings that are looked for must keep.
+    /// The largest error or time of the settings to find; `None` for the frontier alone.
     pub budget: Option<Budget>,
 }
 
@@ -142,7 +143,7 @@ impl FrontierReport {
     }
 }
 
-/// The table with what is to be known about it.
+/// The table, followed by notes on noise, errors and refused settings.
 impl fmt::Display for FrontierReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&self.frontier.text())

@@ -169,7 +169,7 @@ impl Frontier {
         Table::new("frontier", "", &columns, self.rows.iter().map(row).collect())
     }
 
-    /// The table with what is to be known about it.
+    /// The table, followed by notes on refused settings, noise and errors.
     pub(super) fn text(&self) -> String {
         let mut text = self.table().text();
         for Refused { backend, what, why } in &self.refused {

@@ -29,7 +29,7 @@ pub(crate) struct Sweep<'a, S: Scene> {
     /// The candidates, at least one. Those of a backend are neighbours, the one that its default is
     /// measured on first.
     pub(super) candidates: Vec<Candidate<'a, S::View>>,
-    /// The default settings of all backends. Their effects define the true picture.
+    /// The default settings of all backends. Their effects define the reference picture.
     pub(super) shown: RenderSettings,
 }
 
@@ -49,7 +49,7 @@ impl Default for SearchLimits {
 }
 
 impl<S: Verifiable> Sweep<'_, S> {
-    /// The default settings without cut-offs, which the true picture has.
+    /// The default settings without cut-offs, which the reference picture has.
     fn tightest(&self) -> RenderSettings {
         self.shown.with(|s| s.accuracy = Accuracy::TIGHTEST)
     }
@@ -153,8 +153,8 @@ impl<S: Verifiable> Sweep<'_, S> {
         Ok(None)
     }
 
-    /// The true pictures of the views. Their worst pixels are found on the first backend that can
-    /// render without cut-offs.
+    /// The reference pictures of the views. Their worst pixels are found on the first backend that
+    /// can render without cut-offs.
     pub(super) fn references(&self, views: &[S::View]) -> Result<Vec<Reference<S>>, Error> {
         let (scene, settings) = (self.scene.rows(), self.tightest());
         let able = self.able(&settings, views)?.unwrap_or_default();
@@ -206,7 +206,7 @@ impl<S: Verifiable> Sweep<'_, S> {
         let time = if seconds < 100.0 { format!("{seconds:.0} s") } else { format!("{:.0} min", seconds / 60.0) };
         Ok(format!(
             "measuring up to {settings} settings in {} or more renderings of about {milliseconds:.1} ms: about {time}, \
-             and some seconds for true pictures",
+             and some seconds for reference pictures",
             settings * renderings
         ))
     }
@@ -287,7 +287,7 @@ pub(super) fn search<S: Verifiable>(
         rows.extend(sweep.single_rows(base));
     }
     watch(&sweep.announcement(&rows, views, limits)?);
-    watch("computing true pictures with the 64-bit oracle");
+    watch("computing reference pictures with the 64-bit oracle");
     let references = sweep.references(views)?;
     let mut refused = Vec::new();
     let mut rows = sweep.admitted(rows, views, &mut refused)?;
