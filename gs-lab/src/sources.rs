@@ -93,6 +93,18 @@ mod tests {
     }
 
     #[test]
+    fn sources_of_every_backend_count() {
+        let manifest = include_str!("../../gs-backend/Cargo.toml").parse::<toml::Table>().unwrap();
+        let dependencies = manifest["dependencies"].as_table().unwrap();
+        let is_optional = |value: &toml::Value| value.get("optional").is_some();
+        let backends: Vec<_> = dependencies.iter().filter(|(_, value)| is_optional(value)).collect();
+        assert!(backends.len() >= 2, "{backends:?}");
+        for (backend, _) in backends {
+            assert!(SOURCES.contains(&&*format!("{backend}/src")), "{backend}");
+        }
+    }
+
+    #[test]
     fn every_source_of_a_result_counts_and_nothing_else() {
         let place = workspace();
         let before = digest(place.path()).unwrap();

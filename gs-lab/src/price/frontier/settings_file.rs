@@ -107,7 +107,10 @@ impl FrontierSettings {
 
 impl FrontierEffects {
     /// Returns the effects among these that the frontier chooses.
-    pub(crate) const fn of(&Effects { order, antialias, sh_degree, .. }: &Effects) -> Self {
+    pub(crate) const fn of(effects: &Effects) -> Self {
+        // Each effect is named, so that a new one cannot be forgotten: a 3D scene has a kind of
+        // blending of its own, and backgrounds and statistics do not change what is compared.
+        let &Effects { order, antialias, sh_degree, blend: _, background: _, statistics: _ } = effects;
         Self { order, antialias, sh_degree }
     }
 }
