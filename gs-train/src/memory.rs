@@ -157,7 +157,9 @@ impl TrainSettings {
         // An image on its way to the backend, a rendering, and the target of the step.
         let passing = 4 * IMAGE + of_target(self.loss) + step;
         let numbers = 3 * ((u64::from(self.render.effects.sh_degree) + 1).pow(2) - 1);
-        let gaussian = GAUSSIAN_3D + numbers * PARAMETER_3D;
+        // The sum of several scenes has each of a Gaussian's numbers, too.
+        let sum = if self.average_last > 0.0 { (14 + numbers) * PLANE } else { 0 };
+        let gaussian = GAUSSIAN_3D + numbers * PARAMETER_3D + sum;
         let of_evidence = self.of_evidence(count, gaussian);
         let for_evidence = if of_evidence > 0 { Some(all * (IMAGE + PLANE)) } else { None };
         let for_evidence = for_evidence.filter(|&bytes| bytes <= MOST_FOR_EVIDENCE).unwrap_or_default();

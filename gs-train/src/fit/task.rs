@@ -1,5 +1,6 @@
 //! The task of fitting 2D Gaussians to one image.
 
+use bytemuck::cast_slice_mut;
 use gs_core::{
     Blend, Canvas, Culled, Effects, Gaussian2d, Image, Loss, Optimizer, Parameterization, RenderSettings, Scene,
     Scene2d, TargetImage, TrainStep, metrics::psnr_of_mse,
@@ -48,6 +49,12 @@ impl SceneTask for Scene2d {
 
     fn log_scale_range(&self, index: usize) -> (f32, f32) {
         (self.log_scales[index].min_element(), self.log_scales[index].max_element())
+    }
+
+    fn numbers_mut(&mut self) -> Vec<&mut [f32]> {
+        let Self { means, log_scales, rotations, opacity_logits, colors } = self;
+        let [means, log_scales] = [means, log_scales].map(|vectors| cast_slice_mut(vectors));
+        vec![means, log_scales, rotations, opacity_logits, cast_slice_mut(colors)]
     }
 }
 

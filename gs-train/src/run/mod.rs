@@ -22,7 +22,7 @@ pub(crate) use self::{
     checkpoint::{Record, digest, fingerprint, table, to_table},
     quality::{infinite_where_null, psnr_float},
     task::{At, LoopSettings, StepContext, same_settings},
-    trainer::random,
+    trainer::{Average, random},
 };
 pub use self::{
     clamped::Clamped,

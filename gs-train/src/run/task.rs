@@ -33,6 +33,9 @@ pub trait SceneTask: DensityScene {
     /// # Panics
     /// Where there is no such Gaussian.
     fn log_scale_range(&self, index: usize) -> (f32, f32);
+
+    /// All parameters of all Gaussians, an array for each kind.
+    fn numbers_mut(&mut self) -> Vec<&mut [f32]>;
 }
 
 impl Suspect {
@@ -92,6 +95,10 @@ pub trait RunSettings<S: SceneTask>: SettingsFile + Clone + Debug + PartialEq {
     /// Coordinates in which the optimizer moves.
     fn parameterization(&self) -> Parameterization {
         Parameterization::ScaleRotation
+    }
+    /// Share of the run, at its end, whose scenes are averaged.
+    fn average_last(&self) -> f32 {
+        0.0
     }
     /// Whether the budget is only a bound: a default that the policy does not aim at.
     fn budget_is_bound(&self) -> bool {

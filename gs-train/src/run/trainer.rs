@@ -2,6 +2,7 @@
 //! from which a run resumes bit for bit. What differs between kinds of training is their
 //! [`TrainingTask`].
 
+mod average;
 mod density;
 mod fresh_start;
 
@@ -17,6 +18,7 @@ use gs_io::Checkpoint;
 use rand::SeedableRng;
 use web_time::Instant;
 
+pub(crate) use average::Average;
 use fresh_start::Start;
 
 use super::{
@@ -61,6 +63,8 @@ pub struct Trainer<'a, R: Optimizer<S>, S: Trainable = Scene2d> {
     /// Policy in place of that of the settings.
     custom: Option<CustomPolicy<S>>,
     clock: fn() -> Duration,
+    /// Scenes of the last steps.
+    pub(crate) average: Average,
 }
 
 /// A policy of the caller's own, which settings cannot name; see [`Trainer::controlled_by`].
@@ -96,6 +100,7 @@ impl<'a, R: Optimizer<S>, S: Trainable> Trainer<'a, R, S> {
             start: None,
             custom: None,
             clock: wall,
+            average: Average::default(),
         }
     }
 
@@ -190,6 +195,7 @@ impl<'a, R: Optimizer<S>, S: Trainable> Trainer<'a, R, S> {
             None => None,
         };
         self.add_noise()?;
+        self.average().await?;
         if self.is_finished() {
             self.clean_up(&mut edits).await?;
         }
@@ -373,7 +379,9 @@ impl<'a, R: Optimizer<S>, S: Trainable> Trainer<'a, R, S> {
         self.settle().await?;
         let mut metadata = self.record.to_metadata()?;
         metadata.extend(self.task.state()?.into_iter().map(|(key, text)| (key.to_owned(), text)));
-        Ok(Checkpoint { state: self.rasterizer.saved(&self.splats).await?, metadata })
+        let mut state = self.rasterizer.saved(&self.splats).await?;
+        self.average.save(&mut state);
+        Ok(Checkpoint { state, metadata })
     }
 
     /// Steps done.

@@ -65,6 +65,9 @@ const GAUSSIANS_PER_POINT: f32 = 5.0;
 /// share of the largest number of Gaussians.
 const FEW_POINTS: f32 = 0.25;
 
+/// Share of a run of minutes whose scenes are averaged: most of the steps after density control.
+const AVERAGE_LAST: f32 = 0.3;
+
 /// Bounds of the number of Gaussians that follows from the pixels.
 const STANDARD_GAUSSIANS: [u64; 2] = [20_000, 1_000_000];
 
@@ -179,6 +182,7 @@ fn three_dgs(iterations: u32) -> TrainSettings {
         }),
         init: PointInit { far_points: Some(false), ..PointInit::default() },
         dropout: 0.0,
+        average_last: 0.0,
         policy: Policy::Grow(Grow::absolute(Signal::MeanGradient).with_actions(actions)),
         rounds: published_rounds(iterations, 0.5),
         remove_unseen: false,
@@ -244,6 +248,7 @@ fn standard(iterations: u32) -> TrainSettings {
         adam: faster(usual.adam, 3.0, 2.5),
         policy: Policy::Grow(policy),
         rounds: rounds(iterations, 500, 0.67),
+        average_last: AVERAGE_LAST,
         remove_unseen: true,
         init: PointInit { search_below: FEW_POINTS, ..PointInit::default() },
         resolution: Resolution::from_coarse(2),

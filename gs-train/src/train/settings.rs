@@ -82,6 +82,13 @@ pub struct TrainSettings {
     pub policy: Policy,
     /// Rounds of density control.
     pub rounds: Rounds,
+    /// Share of the run, at its end, whose scenes are averaged, 0..=1: the run ends with the mean of
+    /// each parameter over at most 32 scenes, evenly spread over these steps. After a round of
+    /// density control the mean begins again, because there are other Gaussians. (*Source:* Izmailov
+    /// et al. 2018, *Averaging Weights Leads to Wider Optima and Better Generalization*, arXiv
+    /// 1803.05407.) Default 0: the run ends with the last scene.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub average_last: f32,
     /// Whether Gaussians that no training view shows are removed after the last step, because other
     /// views may show them: those whose ellipse reaches into no image, and those that are too
     /// transparent to be drawn. A run that ends with [`Self::exactly`] its number of Gaussians keeps
@@ -216,6 +223,9 @@ impl TrainSettings {
         if self.extent.is_some_and(|extent| !(extent > 0.0 && extent.is_finite())) {
             return Err(Error::setting("the extent", self.extent.unwrap_or_default(), "positive and finite"));
         }
+        if !(0.0..=1.0).contains(&self.average_last) {
+            return Err(Error::setting("average-last", self.average_last, "0 to 1"));
+        }
         self.init.validate()?;
         self.policy.validate_3d()?;
         self.rounds.validate()?;
@@ -241,6 +251,10 @@ impl RunSettings<Scene3d> for TrainSettings {
     const FORMAT: &'static str = "training-3d-1";
 
     same_settings!(Scene3d);
+
+    fn average_last(&self) -> f32 {
+        self.average_last
+    }
 
     fn budget_is_bound(&self) -> bool {
         self.gaussians == Self::default().gaussians && !self.policy.aims_at_budget()
@@ -376,7 +390,8 @@ mod tests {
     #[test]
     fn what_cannot_work_is_refused() {
         type Spoil = fn(&mut TrainSettings);
-        let cases: [(&str, Spoil); 10] = [
+        let cases: [(&str, Spoil); 11] = [
+            ("average-last", |s| s.average_last = f32::NAN),
             ("number of Gaussians", |s| s.gaussians = 0),
             ("gaussians-per-point", |s| s.gaussians_per_point = f32::NAN),
             ("extent", |s| s.extent = Some(f32::NAN)),

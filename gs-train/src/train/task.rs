@@ -2,6 +2,7 @@
 
 use std::{collections::BTreeMap, fmt};
 
+use bytemuck::cast_slice_mut;
 use gs_core::{
     Added, Camera, Culled, Effects, Gaussian3d, Image, Optimizer, RenderSettings, Scene3d, TrainStep,
     effects::{Background, Statistics},
@@ -95,6 +96,12 @@ impl SceneTask for Scene3d {
 
     fn log_scale_range(&self, index: usize) -> (f32, f32) {
         (self.log_scales[index].min_element(), self.log_scales[index].max_element())
+    }
+
+    fn numbers_mut(&mut self) -> Vec<&mut [f32]> {
+        let Self { means, log_scales, rotations, opacity_logits, sh, sh_degree: _ } = self;
+        let [means, log_scales, sh] = [means, log_scales, sh].map(|vectors| cast_slice_mut(vectors));
+        vec![means, log_scales, rotations.as_flattened_mut(), opacity_logits, sh]
     }
 }
 

@@ -14,7 +14,7 @@ use super::{
 use crate::{
     error::Error,
     memory::MOST_FOR_EVIDENCE,
-    run::{Record, Trainer, digest, random},
+    run::{Average, Record, Trainer, digest, random},
 };
 use crate::{
     start::Start,
@@ -94,10 +94,14 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
             return Err(Error::Checkpoint("its settings lack the extent".to_owned()));
         };
         let views = for_evidence(views, &record.settings)?;
+        let average = Average::of_state(&checkpoint.state, &mut checkpoint.state.scene_3d()?)?;
         let splats = rasterizer.restore(&checkpoint.state)?;
         let exposures = Exposures::from_metadata(&checkpoint.metadata, views.train.len())?;
         let guides = Guides::from_metadata(&checkpoint.metadata, views.train.len())?;
-        Ok(Self::assemble(rasterizer, record, splats, ViewsTask::new(views, digests, extent, exposures, guides)))
+        let task = ViewsTask::new(views, digests, extent, exposures, guides);
+        let mut trainer = Self::assemble(rasterizer, record, splats, task);
+        trainer.average = average;
+        Ok(trainer)
     }
 
     /// The views.

@@ -4,7 +4,7 @@
 use std::sync::Arc;
 
 use crate::fixture_3d::{LENS, changed, rasterizer, render, short, thirty, views};
-use gs_core::{Adam, Image, Participants, Scene, Scene3d, TensorData, adam::Group};
+use gs_core::{Adam, Image, Participants, Scene, Scene3d, TensorData, adam::{Group, Schedule}};
 use gs_density::Policy;
 use gs_io::dataset::{Point, PosedImage};
 use gs_train::{
@@ -144,6 +144,7 @@ fn a_resumed_training_ends_bit_identical() {
         let mut settings = short(60).with_policy(Policy::from_name(name).unwrap());
         settings.exposure = exposure;
         settings.dropout = 0.2;
+        settings.average_last = 0.5;
         settings.background = StepBackground::Random;
         settings.resolution = Resolution::CoarseToFine { from: 2, full_after: 0.5 };
         let first = rasterizer();
@@ -173,6 +174,26 @@ fn a_resumed_training_ends_bit_identical() {
         assert_eq!(pieces, 5);
         assert!(last == bits_of(&mut whole), "{name}");
     }
+}
+
+/// Steps of a constant length leave a scene that jumps; the mean of such scenes is nearer to the
+/// pictures.
+#[test]
+fn the_mean_of_the_last_scenes_is_better_than_the_last() {
+    let rasterizer = rasterizer();
+    let quality = |average_last: f32| {
+        let mut settings = short(120);
+        settings.policy = Policy::None;
+        settings.adam = settings.adam.with(|adam| {
+            adam.mean.schedule = Schedule::Constant;
+            adam.mean.learning_rate *= 8.0;
+            adam.color.learning_rate *= 8.0;
+        });
+        settings.average_last = average_last;
+        trained(settings, views(&rasterizer), Start::Scene(thirty())).1.psnr
+    };
+    let [last, mean] = [0.0, 0.5].map(quality);
+    assert!(mean > last + 1.0, "{last} dB, as a mean {mean} dB");
 }
 
 #[test]

@@ -69,6 +69,7 @@ impl<R: Optimizer<S>, S: Trainable> Trainer<'_, R, S> {
             self.watch.record_reset(self.record.step);
         }
         self.record.edits.accumulate(&counts);
+        self.forget_average();
         self.binning = Binning::Fresh;
         self.task.after_edit(self.rasterizer, &mut self.splats, &self.record.settings, &effects).await?;
         Ok(counts)

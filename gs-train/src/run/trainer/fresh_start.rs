@@ -72,6 +72,7 @@ impl<R: Optimizer<S>, S: Trainable> Trainer<'_, R, S> {
             return Ok(None);
         }
         self.splats = self.rasterizer.upload(&start.scene, self.record.settings.parameterization())?;
+        self.forget_average();
         self.binning = Binning::Fresh;
         self.record.edits = start.edits;
         let fresh_start = FreshStart { step: self.record.step, loss: judgement.loss, first: judgement.first };
