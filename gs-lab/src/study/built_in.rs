@@ -18,7 +18,7 @@ pub const BUILT_IN: [(&str, &str); 13] = [
     ("density-in-3d", include_str!("../../studies/density-in-3d.toml")),
     ("init-by-density", include_str!("../../studies/init-by-density.toml")),
     ("accuracy-in-3d-training", include_str!("../../studies/accuracy-in-3d-training.toml")),
-    ("presets", include_str!("../../studies/presets.toml")),
+    ("defaults", include_str!("../../studies/defaults.toml")),
 ];
 
 /// Other names of built-in studies. `paper` is the paper's main experiment, the set-up.

@@ -26,7 +26,8 @@ gs_core::choices! {
         /// Runs of minutes, 2,000 to 8,000 steps: 3DGS with growth by rank of AbsGS's gradients, longer
         /// steps, learning rates that decay within the run, half the resolution at first, points found
         /// in the images where the data set has few, no opacity resets, no density control in the last
-        /// third, and moments of SH above degree 0 in 16 bits.
+        /// third, the mean of the last scenes as the result, and moments of SH above degree 0 in 16
+        /// bits.
         Standard = "standard": "For runs of minutes",
         /// A first look in 2,000 steps, at half resolution first, with the same moments.
         Quick = "quick": "For a first look",
