@@ -4,7 +4,10 @@
 use std::sync::Arc;
 
 use crate::fixture_3d::{LENS, changed, rasterizer, render, short, thirty, views};
-use gs_core::{Adam, Image, Participants, Scene, Scene3d, TensorData, adam::{Group, Schedule}};
+use gs_core::{
+    Adam, Image, Participants, Scene, Scene3d, TensorData,
+    adam::{Group, Schedule},
+};
 use gs_density::Policy;
 use gs_io::dataset::{Point, PosedImage};
 use gs_train::{

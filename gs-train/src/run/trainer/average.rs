@@ -136,13 +136,12 @@ mod tests {
 
     #[test]
     fn the_mean_is_that_of_each_number_and_survives_a_checkpoint() {
-        let scene = |at: f32| {
-            let mut scene = Scene2d::default();
-            scene.means = vec![glam::Vec2::new(at, 2.0 * at)];
-            scene.log_scales = vec![glam::Vec2::ZERO];
-            scene.rotations = vec![0.5];
-            scene.colors = vec![glam::Vec3::splat(at)];
-            scene
+        let scene = |at: f32| Scene2d {
+            means: vec![glam::Vec2::new(at, 2.0 * at)],
+            log_scales: vec![glam::Vec2::ZERO],
+            rotations: vec![0.5],
+            opacity_logits: Vec::new(),
+            colors: vec![glam::Vec3::splat(at)],
         };
         let mut average = Average::default();
         assert_eq!(average.tensors().count(), 0);
