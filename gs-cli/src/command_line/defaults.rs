@@ -21,10 +21,8 @@ pub(crate) fn of_fit(flag: Arg) -> Arg {
         "seed" => |s| s.seed.to_string(),
         _ => return flag,
     };
-    // The default first; sorting keeps the order of the others.
-    let mut presets = Preset::ALL;
-    presets.sort_by_key(|preset| *preset != Preset::Standard);
-    with_default(flag, presets.map(|preset| (preset.name(), value(&preset.settings(1, (768, 512))))))
+    let order = [Preset::Standard, Preset::Quick, Preset::Best, Preset::Paper];
+    with_default(flag, order.map(|preset| (preset.name(), value(&preset.settings(1, (768, 512))))))
 }
 
 /// A flag of `gs train` with its default in each preset.

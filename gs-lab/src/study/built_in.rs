@@ -52,7 +52,7 @@ mod tests {
     fn every_one_is_possible_and_called_as_its_file() {
         let place = tempfile::tempdir().unwrap();
         let cpu = gs_cpu::CpuRasterizer::new(gs_cpu::CpuSettings::default()).unwrap();
-        for scene in ["lego", "room", "banana", "lund_door"] {
+        for scene in ["lego", "room", "banana", "lund_door", "fox", "desk", "mouse", "few"] {
             write_dataset(&place.path().join(scene), &small_scene(0), &cpu, true).unwrap();
         }
         let places = Places { data: Some(place.path().to_owned()), ..Places::default() };
