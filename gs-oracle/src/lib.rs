@@ -9,7 +9,6 @@
 // Guards are phrased so that NaN fails them: `!(x > 0.0)` is not `x <= 0.0`.
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
 
-mod adam;
 mod colors;
 mod least_squares;
 mod loss;
@@ -25,12 +24,8 @@ mod statistics;
 use gs_core::{Canvas, CullCause, Culled, Error, Image, Loss, RenderSettings, effects::Blend};
 
 pub use self::{
-    adam::{AdamReference, rate_of},
     least_squares::best_colors,
-    parameters::{
-        COLOR, OPACITY, OPACITY_3D, OracleScene, PARAMETER_NAMES, Parameters, QUATERNION, ROTATION, SH_3D,
-        rows_of_gradients,
-    },
+    parameters::{COLOR, OPACITY, OPACITY_3D, OracleScene, PARAMETER_NAMES, Parameters, QUATERNION, ROTATION, SH_3D},
     perspective::Splat3d,
     rounded::Rounded,
     scene2d::Splat2d,

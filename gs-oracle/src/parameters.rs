@@ -62,12 +62,3 @@ impl From<&Scene3d> for OracleScene {
         Self { gaussians: gaussians.collect() }
     }
 }
-
-/// A backend's gradients (a scene of derivatives) as rows. A missing opacity gradient is 0.
-pub fn rows_of_gradients(gradients: &Scene2d) -> Vec<Parameters> {
-    let mut rows = OracleScene::from(gradients).gaussians;
-    if !gradients.has_opacity() {
-        rows.iter_mut().for_each(|row| row[OPACITY] = 0.0);
-    }
-    rows
-}

@@ -14,6 +14,7 @@
 #[doc = include_str!("../../README.md")]
 struct Readme;
 
+pub mod adam_reference;
 pub mod bits;
 pub mod conformance;
 pub mod corpus;

@@ -9,7 +9,7 @@ use gs_core::{
 };
 
 use crate::{
-    oracle::{OracleScene, OracleView, PARAMETER_NAMES, Parameters, SH_3D, rows_of_gradients},
+    oracle::{OPACITY, OracleScene, OracleView, PARAMETER_NAMES, Parameters, SH_3D},
     scenes::{Draw, Kind2d, Kind3d},
 };
 
@@ -78,7 +78,7 @@ pub trait Subject: Scene<View: OracleView + PartialEq> {
         picked
     }
 
-    /// The rows of a scene of derivatives.
+    /// The rows of a scene of derivatives. A missing opacity gradient is 0.
     fn rows_of_gradients(&self) -> Vec<Parameters>;
 
     /// The name of entry `index` of a row.
@@ -152,7 +152,11 @@ impl Subject for Scene2d {
     }
 
     fn rows_of_gradients(&self) -> Vec<Parameters> {
-        rows_of_gradients(self)
+        let mut rows = OracleScene::from(self).gaussians;
+        if !self.has_opacity() {
+            rows.iter_mut().for_each(|row| row[OPACITY] = 0.0);
+        }
+        rows
     }
 
     fn parameter_name(index: usize) -> String {

@@ -2,7 +2,8 @@
 
 use glam::{Vec2, Vec3};
 use gs_conformance::{
-    oracle::{AdamReference, Oracle, OracleScene, PARAMETER_NAMES, best_colors},
+    adam_reference::AdamReference,
+    oracle::{Oracle, OracleScene, PARAMETER_NAMES, best_colors},
     scenes::{self, Draw, Kind2d},
 };
 use gs_core::{

@@ -11,8 +11,9 @@ use crate::conformance::{
     training::{compare_parameters, distinct},
 };
 use crate::{
+    adam_reference::AdamReference,
     failure::Failure,
-    oracle::{AdamReference, Oracle},
+    oracle::Oracle,
     scenes::{Draw, Kind3d},
     subject::Subject,
 };

@@ -10,8 +10,9 @@ use gs_core::{
 use pollster::FutureExt as _;
 
 use crate::{
+    adam_reference::{AdamReference, rate_of},
     failure::Failure,
-    oracle::{AdamReference, OracleScene, Parameters, rate_of},
+    oracle::{OracleScene, Parameters},
     scenes::{Draw, Kind2d},
     subject::Subject,
     tolerance::ADAM_SHARE,

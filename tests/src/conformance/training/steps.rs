@@ -10,8 +10,9 @@ use pollster::FutureExt as _;
 
 use crate::conformance::{LOSSES, losses_of, parameterizations, training::weights_of};
 use crate::{
+    adam_reference::rate_of,
     failure::Failure,
-    oracle::{Oracle, OracleScene, best_colors, rate_of, rows_of_gradients},
+    oracle::{Oracle, OracleScene, best_colors},
     scenes::{Draw, Kind2d},
     subject::Subject,
     tolerance::{FUSED_SHARE, LEAST_SQUARES, STATISTICS_SHARE, WEIGHTED_SLOPE},
@@ -182,7 +183,7 @@ pub(crate) fn statistics_are_the_positional_gradients<R: Optimizer<Scene2d>>(ras
             for steps in 0..4 {
                 let pass = rasterizer.forward(&splats, &view, &draw.settings).block_on()?;
                 let (_, gradients) = rasterizer.backward(&splats, pass, &target, &Loss::L2).block_on()?;
-                let rows = rows_of_gradients(&rasterizer.gradients(&splats, &gradients).block_on()?);
+                let rows = rasterizer.gradients(&splats, &gradients).block_on()?.rows_of_gradients();
                 for (sum, row) in expected.iter_mut().zip(&rows) {
                     *sum += (row[0] / pixels.x * half[0]).hypot(row[1] / pixels.y * half[1]);
                 }

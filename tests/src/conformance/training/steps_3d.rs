@@ -12,8 +12,9 @@ use crate::conformance::{
     training::{compare_parameters, distinct, step},
 };
 use crate::{
+    adam_reference::AdamReference,
     failure::Failure,
-    oracle::{AdamReference, Oracle},
+    oracle::Oracle,
     scenes::{Draw, Kind3d},
     subject::Subject,
     tolerance::FUSED_SHARE,

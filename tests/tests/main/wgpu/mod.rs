@@ -7,9 +7,10 @@ use std::sync::OnceLock;
 
 use gs_conformance::{
     Failure,
+    adam_reference::AdamReference,
     bits::bits,
     conformance::{check_gradients, check_image, conformance},
-    oracle::{AdamReference, Oracle, OracleScene},
+    oracle::{Oracle, OracleScene},
     properties::{judge, losses, repeatable},
     scenes::{Draw, Kind2d, draws},
 };

@@ -1,7 +1,8 @@
 //! The splats of the faulty backend, with edits, saving and restoring.
 
 use gs_conformance::{
-    oracle::{AdamReference, OPACITY_3D, Oracle, OracleScene, Parameters, Rendering, SH_3D},
+    adam_reference::AdamReference,
+    oracle::{OPACITY_3D, Oracle, OracleScene, Parameters, Rendering, SH_3D},
     subject::Subject,
 };
 use gs_core::{AdamRates, Camera, Gaussian3d, Scene, Scene3d};

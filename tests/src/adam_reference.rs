@@ -3,7 +3,7 @@
 
 use gs_core::adam::{AdamRates, Rate};
 
-use super::parameters::{
+use crate::oracle::{
     COLOR, OPACITY, OPACITY_3D, OracleScene, PARAMETER_NAMES, Parameters, QUATERNION, ROTATION, SH_3D,
 };
 
