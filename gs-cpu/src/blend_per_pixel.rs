@@ -6,11 +6,13 @@
 //! depth, so they are nearly sorted. The backward pass repeats this and adds each pixel's gradients
 //! to the entries' slots: one task, one order of sums.
 //!
-//! One pixel's arithmetic is [`over`] of gs-core. Legend: that of `at_pixel`.
+//! One pixel's arithmetic is in [`over`]. Legend: that of `at_pixel`.
+
+mod over;
 
 use fearless_simd::Simd;
-use gs_core::math::splat::over::{self, Backward, Forward};
 
+use self::over::{Backward, Forward};
 use crate::{
     blend_over::STRIDE,
     collect::Collect,

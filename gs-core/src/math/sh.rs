@@ -18,7 +18,7 @@ pub fn coefficients(degree: u8) -> usize {
 
 /// Y_k(d) for all k; 0 above `degree`.
 #[inline(always)]
-pub fn basis(degree: u8, d: Vec3) -> [f32; MOST_COEFFICIENTS] {
+pub(crate) fn basis(degree: u8, d: Vec3) -> [f32; MOST_COEFFICIENTS] {
     let mut y_k = [0.0; MOST_COEFFICIENTS];
     y_k[0] = SH_C0;
     if degree == 0 {

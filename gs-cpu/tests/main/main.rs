@@ -1,5 +1,4 @@
 //! The CPU backend's own tests. Only `allocations` needs a process of its own.
 
 mod compact;
-mod reference;
 mod scene3d;
