@@ -86,7 +86,7 @@ where
 }
 
 /// Whether a file is a checkpoint. Only its header is read, so the rest may be damaged.
-pub fn is_checkpoint(path: impl AsRef<Path>) -> bool {
+pub(crate) fn is_checkpoint(path: impl AsRef<Path>) -> bool {
     container::format_of(path.as_ref()).is_some_and(|format| format == KIND.format)
 }
 

@@ -29,6 +29,8 @@ mod checkpoint;
 mod container;
 pub mod dataset;
 mod error;
+#[doc(hidden)]
+pub mod fuzzing;
 mod image;
 mod inputs;
 mod output_folder;
@@ -44,7 +46,7 @@ pub use crate::{
     animation::{Animation, write_animation},
     any_scene::{AnyScene, FRAME_ENTRY, SceneFile, Values, decode_scene, is_scene, read_scene, readable_in, scene_in},
     atomic::{abandon_writes, prepare_folder, remove_leftovers, write_atomically, write_durably},
-    checkpoint::{Checkpoint, decode_checkpoint, encode_checkpoint, is_checkpoint, read_checkpoint, write_checkpoint},
+    checkpoint::{Checkpoint, decode_checkpoint, encode_checkpoint, read_checkpoint, write_checkpoint},
     error::Error,
     image::{
         IccProfile, ImageRemark, LoadedImage, Orientation, PngExtras, StoredImage, image_files, png_bytes,

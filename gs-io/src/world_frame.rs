@@ -63,7 +63,7 @@ impl WorldFrame {
     /// their median position, is between 0.7 and 7 units. So the same capture in metres and in
     /// millimetres gives the same numbers. The origin stays that of the world, unless the cameras are
     /// farther than 32 spreads from it.
-    pub fn of(cameras: &[DVec3], points: &[DVec3]) -> Self {
+    pub(crate) fn of(cameras: &[DVec3], points: &[DVec3]) -> Self {
         let center = DVec3::from([0, 1, 2].map(|axis| median(cameras.iter().map(|c| c[axis])).unwrap_or(0.0)));
         let distance = |positions: &[DVec3]| median(positions.iter().map(|p| p.distance(center))).unwrap_or(0.0);
         let (of_cameras, of_points) = (distance(cameras), distance(points));
@@ -108,7 +108,7 @@ impl WorldFrame {
     }
 
     /// The map from coordinates of this frame to those of another.
-    pub fn to(&self, other: &Self) -> DAffine3 {
+    pub(crate) fn to(&self, other: &Self) -> DAffine3 {
         let scale = self.unit / other.unit;
         let shift = (self.origin - other.origin) / other.unit;
         DAffine3::from_mat3_translation(DMat3::from_diagonal(DVec3::splat(scale)), shift)
@@ -118,7 +118,7 @@ impl WorldFrame {
     ///
     /// # Errors
     /// What is wrong, for a text that [`Self::to_toml`] did not write.
-    pub fn from_toml(text: &str) -> Result<Self, String> {
+    pub(crate) fn from_toml(text: &str) -> Result<Self, String> {
         let frame: Self = toml::from_str(text).map_err(|error| error.message().to_owned())?;
         if frame.is_valid() {
             Ok(frame)

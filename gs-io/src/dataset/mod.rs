@@ -30,10 +30,10 @@ mod transforms;
 use std::path::Path;
 
 use self::camera::{AriaFisheye, BrownConrady, CubeFace, Distortion, Fisheye, Lens};
+pub(crate) use self::colmap::{CameraModel, ColmapCamera, ColmapModel};
 use self::how_to_begin::how_to_begin;
 pub use self::{
     camera::SourceCamera,
-    colmap::{CameraModel, ColmapCamera, ColmapImage, ColmapModel, ColmapObservation, ColmapPoint},
     data_set::{Dataset, DatasetKind, Point},
     images::{DepthFile, DepthMap, PosedImage, View, read_images},
     remark::{Remark, Skip},

@@ -19,7 +19,7 @@ gs_core::choices! {
     #[repr(u8)]
     #[allow(missing_docs, reason = "the names are COLMAP's, and so are their parameters")]
     #[non_exhaustive]
-    pub enum CameraModel {
+    pub(crate) enum CameraModel {
         SimplePinhole = "SIMPLE_PINHOLE",
         Pinhole = "PINHOLE",
         SimpleRadial = "SIMPLE_RADIAL",

@@ -21,7 +21,7 @@ impl ColmapModel {
     /// # Errors
     /// [`Error::Missing`] or [`Error::Read`]; those of [`Self::from_binary`] or
     /// [`Self::from_text`].
-    pub fn read(folder: &Path) -> Result<Self, Error> {
+    pub(crate) fn read(folder: &Path) -> Result<Self, Error> {
         Self::read_either(folder).map(|(model, _, _)| model)
     }
 
@@ -64,7 +64,12 @@ impl ColmapModel {
     /// # Errors
     /// [`Error::Damaged`] where a file ends early or claims more than it can contain,
     /// [`Error::Unusable`] for an unknown camera model.
-    pub fn from_binary(folder: &Path, cameras: &[u8], images: &[u8], points: Option<&[u8]>) -> Result<Self, Error> {
+    pub(crate) fn from_binary(
+        folder: &Path,
+        cameras: &[u8],
+        images: &[u8],
+        points: Option<&[u8]>,
+    ) -> Result<Self, Error> {
         let file = |name: &str| folder.join(name).with_extension("bin");
         let points = points.map(|bytes| records::points(Binary::new(&file("points3D"), bytes, POINTS)?));
         Ok(Self {
@@ -79,7 +84,12 @@ impl ColmapModel {
     ///
     /// # Errors
     /// Those of [`Self::from_binary`].
-    pub fn from_text(folder: &Path, cameras: &[u8], images: &[u8], points: Option<&[u8]>) -> Result<Self, Error> {
+    pub(crate) fn from_text(
+        folder: &Path,
+        cameras: &[u8],
+        images: &[u8],
+        points: Option<&[u8]>,
+    ) -> Result<Self, Error> {
         let file = |name: &str| folder.join(name).with_extension("txt");
         let points = points.map(|bytes| records::points(Text::new(&file("points3D"), bytes)?));
         Ok(Self {

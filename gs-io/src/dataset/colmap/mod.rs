@@ -18,7 +18,7 @@ mod text;
 use std::path::{Path, PathBuf};
 
 use self::candidate::{Candidate, read_largest};
-pub use self::{
+pub(crate) use self::{
     camera_model::CameraModel,
     model::{ColmapCamera, ColmapImage, ColmapModel, ColmapObservation, ColmapPoint},
 };

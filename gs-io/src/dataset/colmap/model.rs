@@ -12,26 +12,26 @@ pub(super) const NO_POINT: u64 = u64::MAX;
 
 /// A sparse model as stored in its files. Only the format is checked.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct ColmapModel {
+pub(crate) struct ColmapModel {
     /// Cameras by id.
-    pub cameras: BTreeMap<u32, ColmapCamera>,
+    pub(crate) cameras: BTreeMap<u32, ColmapCamera>,
     /// Registered images, in file order.
-    pub images: Vec<ColmapImage>,
+    pub(crate) images: Vec<ColmapImage>,
     /// Points, in file order.
-    pub points: Vec<ColmapPoint>,
+    pub(crate) points: Vec<ColmapPoint>,
 }
 
 /// A camera, which several images may share.
 #[derive(Debug, Clone, PartialEq)]
-pub struct ColmapCamera {
+pub(crate) struct ColmapCamera {
     /// The model, which defines the parameters.
-    pub model: CameraModel,
+    pub(crate) model: CameraModel,
     /// Columns of the camera's images, px.
-    pub width: u64,
+    pub(crate) width: u64,
     /// Rows of the camera's images, px.
-    pub height: u64,
+    pub(crate) height: u64,
     /// The parameters, in the order in which COLMAP documents them.
-    pub parameters: Vec<f64>,
+    pub(crate) parameters: Vec<f64>,
 }
 
 impl ColmapCamera {
@@ -39,7 +39,7 @@ impl ColmapCamera {
     ///
     /// # Errors
     /// [`Skip::BadCamera`] or [`Skip::Panorama`].
-    pub fn source(&self) -> Result<SourceCamera, Skip> {
+    pub(crate) fn source(&self) -> Result<SourceCamera, Skip> {
         let size = dvec2(self.width as f64, self.height as f64);
         let intrinsics = self.model.intrinsics(&self.parameters, size)?;
         let lens = Lens::new(intrinsics.distortion).ok_or(Skip::BadCamera)?;
@@ -51,42 +51,42 @@ impl ColmapCamera {
 
 /// A registered image.
 #[derive(Debug, Clone, PartialEq)]
-pub struct ColmapImage {
+pub(crate) struct ColmapImage {
     /// The id.
-    pub id: u32,
+    pub(crate) id: u32,
     /// World-to-camera rotation, not normalised.
-    pub rotation: DQuat,
+    pub(crate) rotation: DQuat,
     /// World-to-camera translation, world units.
-    pub translation: DVec3,
+    pub(crate) translation: DVec3,
     /// The id of the image's camera.
-    pub camera_id: u32,
+    pub(crate) camera_id: u32,
     /// The path below the image folder.
-    pub name: String,
+    pub(crate) name: String,
     /// The image's keypoints.
-    pub observations: Vec<ColmapObservation>,
+    pub(crate) observations: Vec<ColmapObservation>,
 }
 
 /// A keypoint of an image.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ColmapObservation {
+pub(crate) struct ColmapObservation {
     /// Position in px of the distorted image, from its top-left corner; pixel (i, j) has its centre
     /// at (i + ½, j + ½).
-    pub position: DVec2,
+    pub(crate) position: DVec2,
     /// The id of the keypoint's point, if it was triangulated.
-    pub point: Option<u64>,
+    pub(crate) point: Option<u64>,
 }
 
 /// A triangulated point.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ColmapPoint {
+pub(crate) struct ColmapPoint {
     /// The id.
-    pub id: u64,
+    pub(crate) id: u64,
     /// Position, world units.
-    pub position: DVec3,
+    pub(crate) position: DVec3,
     /// Colour, RGB.
-    pub color: [u8; 3],
+    pub(crate) color: [u8; 3],
     /// Mean reprojection error, px; −1 where COLMAP did not compute it.
-    pub error: f64,
+    pub(crate) error: f64,
 }
 
 /// Points in the engine's form; those that are not finite are counted later.

@@ -7,8 +7,9 @@ use std::{
 };
 
 use crate::dataset::{
-    CameraModel, ColmapCamera, ColmapImage, ColmapModel, ColmapObservation, ColmapPoint, Dataset, DatasetSettings,
-    Remark, Skip, read_dataset,
+    CameraModel, ColmapCamera, ColmapModel, Dataset, DatasetSettings, Remark, Skip,
+    colmap::{ColmapImage, ColmapObservation, ColmapPoint},
+    read_dataset,
 };
 use glam::{DQuat, dvec2, dvec3};
 use gs_core::Image;

@@ -43,7 +43,7 @@ fn colmap(root: &Path, count: u32, (width, height): (u32, u32)) -> Vec<DMat3> {
     model.images.iter_mut().for_each(|image| image.rotation *= DQuat::from_rotation_z(0.4));
     write_model(&root.join("sparse/0"), &binary(&model), "bin");
     fs::create_dir_all(root.join("images")).unwrap();
-    let write = |image: &crate::dataset::ColmapImage| {
+    let write = |image: &crate::dataset::colmap::ColmapImage| {
         let rotation = DMat3::from_quat(image.rotation);
         let size = (width as u32, height as u32);
         crate::write_png(root.join("images").join(&image.name), &panorama(rotation, size)).unwrap();

@@ -20,7 +20,7 @@ fn ring(offset: DVec3, scale: f64) -> ColmapModel {
         image.rotation = DQuat::from_rotation_y(-angle);
         image.translation = -(image.rotation * (offset + scale * eye));
         let position = offset + scale * (0.3 * eye + DVec3::Y);
-        model.points.push(crate::dataset::ColmapPoint { id: i as u64, position, ..point });
+        model.points.push(crate::dataset::colmap::ColmapPoint { id: i as u64, position, ..point });
     }
     model
 }
