@@ -206,6 +206,9 @@ mod tests {
             }
         }
         assert_eq!(count, 5_000);
+        assert_eq!(scheduled_count(100, 1_100, 0.0, 0.5), 850);
+        assert_eq!(scheduled_count(850, 1_100, 0.5, 1.0), 1_100);
+        assert_eq!(scheduled_count(500, 300, 0.5, 1.0), 300);
         assert_eq!(scheduled_count(7, 9, 1.0, 1.0), 9);
         assert_eq!(scheduled_count(7, 9, 0.5, f32::NAN), 7);
     }

@@ -96,6 +96,6 @@ pub use self::{
     },
     round::{
         Actions, Densify, LongAxisSplit, OpacityCorrection, OpacityReset, Prune, Ranking, Round, SizeThreshold,
-        SplitPlacement, WhenFlat, scheduled_count, share_of,
+        SplitPlacement, WhenFlat, share_of,
     },
 };

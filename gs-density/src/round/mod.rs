@@ -16,12 +16,12 @@ pub use self::{
     prune::Prune,
     ranking::{Ranking, WhenFlat, share_of},
     reset::OpacityReset,
-    schedule::scheduled_count,
     size::SizeThreshold,
 };
 pub(crate) use self::{
     densify::check_newcomers,
     sample::{add_normalised, sample},
+    schedule::scheduled_count,
 };
 
 use gs_core::{

@@ -7,15 +7,7 @@
 /// and flat at the end. Each round continues the schedule from the current count, so that later
 /// rounds replace Gaussians that were pruned. At progress 1 the result is the budget for any
 /// `count`. *Source:* the schedule of Taming 3DGS (Mallick et al. 2024).
-///
-/// ```
-/// use gs_density::scheduled_count;
-///
-/// assert_eq!(scheduled_count(100, 1_100, 0.0, 0.5), 850);
-/// assert_eq!(scheduled_count(850, 1_100, 0.5, 1.0), 1_100);
-/// assert_eq!(scheduled_count(500, 300, 0.5, 1.0), 300);
-/// ```
-pub fn scheduled_count(count: usize, budget: usize, previous: f32, progress: f32) -> usize {
+pub(crate) fn scheduled_count(count: usize, budget: usize, previous: f32, progress: f32) -> usize {
     let left = |progress: f32| f64::from(1.0 - progress.clamp(0.0, 1.0)).powi(2);
     let rest = if left(previous) > 0.0 { left(progress) / left(previous) } else { 0.0 };
     let (count, budget) = (count as f64, budget as f64);

@@ -24,11 +24,9 @@ pub struct SeedShape {
 
 /// Creates a Gaussian at each position.
 ///
-/// σ follows the density. The longer axis lies along the edge; the ratio of axes is
-/// [`EdgeOrientation::aspect`] at the area of a round Gaussian. `color(mean, σ)` is the Gaussian's
-/// colour.
-///
-/// [`EdgeOrientation::aspect`]: super::EdgeOrientation::aspect
+/// σ follows the density. The longer axis lies along the edge; the ratio of axes is the fourth root
+/// of the ratio of the structure tensor's eigenvalues, at the area of a round Gaussian. `color(mean,
+/// σ)` is the Gaussian's colour.
 pub fn seed_gaussians(
     positions: &[Vec2],
     density: &DensityMap,

@@ -14,6 +14,4 @@ mod structure;
 
 pub(crate) use gaussians::mean_around;
 pub use gaussians::{SeedShape, mean_color, seed_gaussians};
-pub use {
-    density_map::DensityMap, hilbert::HilbertOrder, plane::Plane, structure::EdgeOrientation, structure::Structure,
-};
+pub use {density_map::DensityMap, hilbert::HilbertOrder, plane::Plane, structure::Structure};

@@ -29,16 +29,16 @@ pub struct Structure<'a> {
 
 /// Direction of the edge through a place, and the shape of a Gaussian there.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct EdgeOrientation {
+pub(crate) struct EdgeOrientation {
     /// Direction along the edge, rad, from +x towards +y, in (−π/2, π/2].
-    pub angle: f32,
+    pub(crate) angle: f32,
     /// Best ratio of axes for a Gaussian there, at least 1: the fourth root of the ratio of the
     /// tensor's eigenvalues.
     ///
     /// The eigenvalues are squared gradients. Curvatures across and along the edge have the ratio
     /// of the gradients, and a piecewise approximation has the least error where its elements'
     /// extents are proportional to one over the square root of the curvatures.
-    pub aspect: f32,
+    pub(crate) aspect: f32,
 }
 
 impl<'a> Structure<'a> {
@@ -47,8 +47,8 @@ impl<'a> Structure<'a> {
         Self { image }
     }
 
-    /// EdgeOrientation at a place of the image, px; outside it, at the nearest pixel.
-    pub fn at(&self, place: Vec2) -> EdgeOrientation {
+    /// The edge at a place of the image, px; outside it, at the nearest pixel.
+    pub(crate) fn at(&self, place: Vec2) -> EdgeOrientation {
         let [xx, xy, yy] = self.tensor(place);
         let (mean, half_difference) = (0.5 * (xx + yy), 0.5 * (xx - yy));
         let spread = half_difference.hypot(xy);
