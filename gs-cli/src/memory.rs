@@ -21,6 +21,18 @@ const LARGE: u64 = 1_000_000_000;
 /// used.
 const THREADS_TO_COME: u64 = 2 * 66_000_000;
 
+/// A pixel of an image: three `f32`.
+const IMAGE: u64 = 12;
+
+/// A pixel of one channel.
+const PLANE: u64 = 4;
+
+/// Memory for code, threads and tables.
+const BASE: u64 = 60_000_000;
+
+/// A part of an image that is drawn in parts.
+const PART: u64 = 32 << 20;
+
 /// The peak memory of a piece of work.
 pub(crate) struct Need<'a> {
     /// The work: "fitting photo.jpg (8000x6000 px)".
@@ -64,9 +76,32 @@ pub(crate) fn check_image(path: &Path) -> Result<(), Failure> {
     Need { what, bytes, held: 0, less: "take a smaller image" }.check()
 }
 
+/// Memory for drawing an image of this size, the image included, bytes.
+fn drawing(size: (u32, u32)) -> u64 {
+    let image = pixels(size) * IMAGE;
+    BASE + image + image.min(PART)
+}
+
+/// Memory for comparing renderings of this size of a scene with `references` others of it, bytes.
+pub(crate) fn comparing(size: (u32, u32), references: u64) -> u64 {
+    // The forward pass, its transmittance, and the rendering.
+    BASE + pixels(size) * ((2 + references) * IMAGE + PLANE)
+}
+
+/// Memory for profiling the steps of a training on an image of this size, bytes.
+pub(crate) fn profiling(size: (u32, u32)) -> u64 {
+    // The image and the target, what D-SSIM adds to it, and two passes.
+    BASE + pixels(size) * (5 * IMAGE + 2 * (2 * IMAGE + PLANE))
+}
+
+/// Number of pixels in strips of 16 columns.
+fn pixels((width, height): (u32, u32)) -> u64 {
+    u64::from(width.next_multiple_of(16)) * u64::from(height)
+}
+
 /// Fails where a picture is too large to be rendered; prints a large need.
 pub(crate) fn check_picture(what: impl Display, size: (u32, u32)) -> Result<(), Failure> {
-    check_work("a picture of", what, size, gs_train::memory::drawing(size))
+    check_work("a picture of", what, size, drawing(size))
 }
 
 /// Fails where work on pictures of a scene takes too many `bytes`; prints a large need. `work` is
@@ -86,7 +121,7 @@ pub(crate) fn check_work(
 pub(crate) fn check_3d(path: &Path) -> Result<(), Failure> {
     let Some(format) = format_3d(path)? else { return Ok(()) };
     let file = fs::metadata(path).map_or(0, |file| file.len());
-    let bytes = gs_train::memory::reading_3d(format, file);
+    let bytes = format.memory_per_byte() * file;
     let less = "prune the scene, or reduce its SH degree";
     Need { what: format!("reading {}", path.display()), bytes, held: 0, less }.check_and_print()
 }

@@ -17,7 +17,7 @@ pub fn reserved<T>(len: usize, what: &'static str) -> Result<Vec<T>, Error> {
 ///
 /// # Errors
 /// [`Error::Memory`] where the system refuses.
-pub fn filled<T: Clone>(len: usize, value: T, what: &'static str) -> Result<Vec<T>, Error> {
+pub(crate) fn filled<T: Clone>(len: usize, value: T, what: &'static str) -> Result<Vec<T>, Error> {
     let mut list = reserved(len, what)?;
     list.resize(len, value);
     Ok(list)

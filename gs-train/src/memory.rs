@@ -6,7 +6,6 @@
 
 use gs_core::{Blend, Loss, RenderSettings, Scene3d, effects::Statistics};
 use gs_density::DensityPolicy;
-use gs_io::Format3d;
 
 use crate::{
     encode::{EncodeSettings, LEAST_FITTED_ROWS},
@@ -61,24 +60,6 @@ pub(crate) const TRANSPARENT: u64 = IMAGE + PLANE;
 /// A pixel's weight.
 pub(crate) const WEIGHT: u64 = PLANE;
 
-/// Memory for drawing an image of this size, the image included, bytes.
-pub fn drawing((width, height): (u32, u32)) -> u64 {
-    let image = pixels(width, height) * IMAGE;
-    BASE + image + image.min(PART)
-}
-
-/// Memory for comparing renderings of this size of a scene with `references` others of it, bytes.
-pub fn comparing((width, height): (u32, u32), references: u64) -> u64 {
-    // The forward pass, its transmittance, and the rendering.
-    BASE + pixels(width, height) * ((2 + references) * IMAGE + PLANE)
-}
-
-/// Memory for profiling the steps of a training on an image of this size, bytes.
-pub fn profiling((width, height): (u32, u32)) -> u64 {
-    // The image and the target, what D-SSIM adds to it, and two passes.
-    BASE + pixels(width, height) * (5 * IMAGE + 2 * (2 * IMAGE + PLANE))
-}
-
 /// Memory for reading an image of this size, the image included, bytes.
 pub fn reading((width, height): (u32, u32)) -> u64 {
     pixels(width, height) * (2 * IMAGE + PLANE)
@@ -100,12 +81,6 @@ pub fn encoding((width, height): (u32, u32), transparent: bool, settings: &Encod
 pub(crate) fn encoding_at_once((width, height): (u32, u32), most: u64) -> u64 {
     let pixels = pixels(width, height);
     pixels.min(most.saturating_sub(BASE + pixels * IMAGE) / ENCODED)
-}
-
-/// Memory for reading and processing a 3D scene from a file of this many bytes in this format,
-/// bytes.
-pub fn reading_3d(format: Format3d, file_bytes: u64) -> u64 {
-    format.memory_per_byte() * file_bytes
 }
 
 /// Memory that training on images of this many pixels takes in any case.

@@ -3,11 +3,12 @@
 mod adapters;
 mod dataset;
 mod scene3d;
+mod values;
 
 use std::{collections::BTreeMap, fmt::Write, path::PathBuf};
 
 use clap::Args;
-use gs_core::{RenderSettings, Scene, ValueQuantiles, counted, sigmoid};
+use gs_core::{RenderSettings, Scene, counted, sigmoid};
 use gs_io::{
     AnyScene, File2d, SceneFile, Values,
     dataset::{may_be_dataset, read_dataset},
@@ -16,6 +17,7 @@ use gs_io::{
 use gs_lab::report::significant;
 use serde::Serialize;
 
+use self::values::{ValueQuantiles, not_finite_2d};
 use crate::{
     failure::Failure,
     files::scene,
@@ -142,7 +144,7 @@ impl Info {
             alpha: false,
             profile: profile.as_ref().map(|profile| Profile { name: profile.name(), bytes: profile.bytes().len() }),
             ranges,
-            not_finite: scene.not_finite(),
+            not_finite: not_finite_2d(scene),
             metadata: BTreeMap::new(),
         }
     }

@@ -3,13 +3,11 @@
 
 mod scene2d;
 mod scene3d;
-mod values;
 
 use std::fmt::Debug;
 
 pub use scene2d::{Gaussian2d, Scene2d};
 pub use scene3d::{Gaussian3d, Scene3d};
-pub use values::{NotFinite3d, ValueQuantiles};
 
 use crate::error::Error;
 

@@ -1,6 +1,5 @@
 //! What keeps a training within limits: of time ([`Speed`]) and of Gaussians ([`reduce`]).
 
-mod idle;
 mod reduction;
 mod speed;
 

@@ -4,14 +4,17 @@
 use std::collections::BTreeMap;
 
 use gs_core::{
-    NotFinite3d, Scene, Scene3d, ValueQuantiles,
+    Scene, Scene3d,
     effects::{Antialias, Order},
     sigmoid,
 };
 use gs_io::{File3d, WorldFrame};
 use serde::Serialize;
 
-use super::{number, rows_text};
+use super::{
+    number, rows_text,
+    values::{NotFinite3d, ValueQuantiles, bounds, without_rotation},
+};
 use crate::{failure::Failure, terminal::output};
 
 /// What `gs info --json` prints of a 3D scene.
@@ -85,10 +88,10 @@ impl Info {
             gaussians: scene.len(),
             sh_degree: scene.sh_degree,
             picture: None,
-            bounds: scene.bounds().map(|(min, max)| Bounds { min: min.to_array(), max: max.to_array() }),
+            bounds: bounds(scene).map(|(min, max)| Bounds { min: min.to_array(), max: max.to_array() }),
             quantiles,
-            not_finite: scene.not_finite(),
-            without_rotation: scene.without_rotation(),
+            not_finite: NotFinite3d::of(scene),
+            without_rotation: without_rotation(scene),
             antialias: None,
             order: None,
             frame: None,

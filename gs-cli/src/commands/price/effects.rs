@@ -9,7 +9,7 @@ use gs_train::train::Views;
 use serde::Serialize;
 
 use super::{Cameras, Facts, ITERATIONS, Seen, Subject, SubjectArgs};
-use crate::{failure::Failure, flags::values::whole, image_fit::FitSettingsArgs, terminal::output};
+use crate::{failure::Failure, flags::values::whole, image_fit::FitSettingsArgs, memory, terminal::output};
 
 const AFTER_HELP: &str = "\
 INPUT is a 3D scene, a 2D scene, or an image, which is fitted first in a few steps.
@@ -73,7 +73,7 @@ pub(crate) fn run(args: &EffectsCommandArgs) -> Result<(), Failure> {
     let iterations = args.subject.iterations.or(Some(ITERATIONS));
     let fit = FitSettingsArgs { iterations, ..FitSettingsArgs::default() };
     let mut subject = Subject::load(Some(&args.input), &args.subject, cameras, fit)?;
-    subject.check_work("measuring the effects of", |size| gs_train::memory::comparing(size, 1))?;
+    subject.check_work("measuring the effects of", |size| memory::comparing(size, 1))?;
     let backend = subject.open(&args.subject)?;
     subject.fit_first(&backend.rasterizer)?;
     let Subject { seen, render, facts, .. } = &subject;

@@ -25,6 +25,7 @@ use crate::{
         values::{tolerance, whole},
     },
     image_fit::FitSettingsArgs,
+    memory,
     terminal::output,
 };
 
@@ -113,7 +114,7 @@ pub(crate) fn run(args: &FrontierArgs) -> Result<(), Failure> {
     let cameras = cameras.map_or(Cameras::Around(2 * args.views), |path| Cameras::Dataset(path, 2 * args.views));
     let fit = FitSettingsArgs { iterations: args.subject.iterations, ..FitSettingsArgs::default() };
     let mut subject = Subject::load(Some(&args.input), &args.subject, cameras, fit)?;
-    subject.check_work("measuring the frontier of", |size| gs_train::memory::comparing(size, args.views.into()))?;
+    subject.check_work("measuring the frontier of", |size| memory::comparing(size, args.views.into()))?;
     if subject.fit.is_some() {
         let backend = args.subject.seen.backend.open_to_render_2d(&subject.render)?;
         subject.fit_first(&backend.rasterizer)?;

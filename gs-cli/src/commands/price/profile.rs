@@ -17,6 +17,7 @@ use crate::{
     },
     flags::values::{ViewName, by_name, whole},
     image_fit::FitSettingsArgs,
+    memory,
     terminal::output,
 };
 
@@ -102,7 +103,7 @@ pub(crate) fn run(args: &ProfileArgs) -> Result<(), Failure> {
     };
     let cameras = args.camera.as_ref().map_or(Cameras::Around(1), Cameras::View);
     let mut subject = Subject::load(args.input.as_deref(), &args.subject, cameras, fit)?;
-    subject.check_work("profiling", gs_train::memory::profiling)?;
+    subject.check_work("profiling", memory::profiling)?;
     let is_3d = matches!(subject.seen, Seen::ThreeD(..));
     let usual = match &subject.fit {
         Some((_, fit)) => (fit.loss, fit.parameterization),

@@ -4,6 +4,7 @@
 //! first step.
 
 mod arguments;
+mod idle;
 mod pictures;
 mod results;
 mod settings;
@@ -86,7 +87,7 @@ fn train(
     command: String,
 ) -> Result<(), Failure> {
     let (trainer, log, description) = start.begin(&backend.rasterizer, input.dataset, limit.as_mut())?;
-    trainer.settings().idle_part().iter().for_each(|part| output::note(format_args!("note: {part}")));
+    idle::idle_part(trainer.settings()).iter().for_each(|part| output::note(format_args!("note: {part}")));
     check_memory(input.path, &trainer)?;
     let iterations = trainer.settings().iterations;
     let every = (iterations >= LONG).then_some(iterations / 10);
