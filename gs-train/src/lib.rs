@@ -36,8 +36,8 @@ pub use crate::{
     },
     run::{
         Clamped, Control, CustomPolicy, FreshStart, ImageQuality, MetricsLog, MetricsRow, Observer, Outcome, Progress,
-        Quality, Recovery, Rounds, SettingsFile, Shortfall, Suspect, Trainable, Trainer, l1_and_psnr, parse_json,
-        parse_settings, settings_to_toml,
+        Quality, Recovery, Rounds, SettingsFile, Shortfall, Suspect, Trainable, Trainer, parse_json, parse_settings,
+        settings_to_toml,
     },
     train::{TrainPreset, TrainSettings, Trainer3d},
 };

@@ -3,8 +3,9 @@
 use std::error::Error;
 
 use gs_codec::Extent;
+use gs_core::metrics::l1_and_psnr;
 use gs_cpu::CpuRasterizer;
-use gs_train::{EncodeLayers, EncodeSettings, EncodeTarget, Encoded, encode, l1_and_psnr};
+use gs_train::{EncodeLayers, EncodeSettings, EncodeTarget, Encoded, encode};
 use pollster::FutureExt as _;
 
 use crate::{

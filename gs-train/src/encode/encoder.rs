@@ -7,7 +7,7 @@ use glam::Vec2;
 use gs_codec::{Extent, Layer, LayerHead, Picture, Quantizer, decode};
 use gs_core::{
     Blend, Image, Optimizer, RenderSettings, Scene as _, Scene2d,
-    metrics::{mse_of_psnr, psnr_of_mse},
+    metrics::{l1_and_psnr, mse_of_psnr, psnr_of_mse},
 };
 
 use super::{
@@ -21,7 +21,6 @@ use crate::{
     error::Error,
     fit::{FitSettings, FitTarget, Forecast, Preset, fit},
     memory::WEIGHT,
-    run::l1_and_psnr,
 };
 
 /// A picture as it is in a file.

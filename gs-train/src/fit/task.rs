@@ -3,7 +3,8 @@
 use bytemuck::cast_slice_mut;
 use gs_core::{
     Blend, Canvas, Culled, Effects, Gaussian2d, Image, Loss, Optimizer, Parameterization, RenderSettings, Scene,
-    Scene2d, TargetImage, TrainStep, metrics::psnr_of_mse,
+    Scene2d, TargetImage, TrainStep,
+    metrics::{l1_and_psnr, psnr_of_mse},
 };
 use gs_density::Residual;
 use gs_io::Checkpoint;
@@ -14,8 +15,7 @@ use super::{settings::FitSettings, summary::FitSummary};
 use crate::{
     error::Error,
     run::{
-        At, Clamped, Quality, Record, RunSettings, SceneTask, StepContext, Trainer, TrainingTask, l1_and_psnr, random,
-        same_settings,
+        At, Clamped, Quality, Record, RunSettings, SceneTask, StepContext, Trainer, TrainingTask, random, same_settings,
     },
 };
 

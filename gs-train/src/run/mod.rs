@@ -28,7 +28,7 @@ pub use self::{
     clamped::Clamped,
     metrics_log::{MetricsLog, MetricsRow},
     observer::{Control, Observer, Progress, Quality},
-    quality::{ImageQuality, l1_and_psnr},
+    quality::ImageQuality,
     recovery::{FreshStart, Recovery},
     rounds::Rounds,
     settings_file::{SettingsFile, parse_json, parse_settings, settings_to_toml},

@@ -1,4 +1,5 @@
-//! Quality of images against their targets. All figures of this project are computed here.
+//! Quality of images against their targets. L1 and PSNR alone, which observers of a training want
+//! often, are computed by [`metrics::l1_and_psnr`].
 //!
 //! A figure of a rendering is that of its 8-bit image ([`Image::rounded_to_8_bits`]) against the
 //! target, as read from its file or, where a program has made it, in floats. So a comparison of the
@@ -68,43 +69,6 @@ pub(crate) fn psnr_float(rendered: &Image, target: &Image) -> Result<f64, Error>
     Ok(metrics::psnr_of_mse(squared / (3 * target.pixels().len()) as f64))
 }
 
-/// L1 (0 to 1) and PSNR (dB) of a rendering, rounded to 8 bits, against `target`.
-///
-/// The same as [`ImageQuality::as_written`] without the other measures, so that observing a
-/// training stays cheap.
-///
-/// # Errors
-/// [`Error::SizesDiffer`] where the images differ in size.
-pub fn l1_and_psnr(rendered: &Image, target: &Image) -> Result<(f64, f64), Error> {
-    rendered.same_size(target)?;
-    let row = rendered.width() as usize * 3;
-    let (rendered, wanted) = (rendered.pixels().as_flattened(), target.pixels().as_flattened());
-    let (mut absolute, mut squared) = (0.0f64, 0.0f64);
-    for (rendered, wanted) in rendered.chunks(row).zip(wanted.chunks(row)) {
-        let (mut row_absolute, mut row_squared) = ([0.0f32; 8], [0.0f32; 8]);
-        let mut add = |lane: usize, a: f32, b: f32| {
-            let difference = rounded_to_8_bits(a) - b.clamp(0.0, 1.0);
-            row_absolute[lane] += difference.abs();
-            row_squared[lane] += difference * difference;
-        };
-        // Eight sums side by side, so that the compiler may use vectors.
-        let (a, a_rest) = rendered.as_chunks::<8>();
-        let (b, b_rest) = wanted.as_chunks::<8>();
-        for (a, b) in a.iter().zip(b) {
-            for lane in 0..8 {
-                add(lane, a[lane], b[lane]);
-            }
-        }
-        for (lane, (&a, &b)) in a_rest.iter().zip(b_rest).enumerate() {
-            add(lane, a, b);
-        }
-        absolute += row_absolute.iter().map(|&v| f64::from(v)).sum::<f64>();
-        squared += row_squared.iter().map(|&v| f64::from(v)).sum::<f64>();
-    }
-    let values = wanted.len() as f64;
-    Ok((absolute / values, metrics::psnr_of_mse(squared / values)))
-}
-
 /// JSON has no infinity and writes `null`.
 pub(crate) fn infinite_where_null<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
     Ok(Option::<f64>::deserialize(deserializer)?.unwrap_or(f64::INFINITY))
@@ -114,27 +78,10 @@ pub(crate) fn infinite_where_null<'de, D: Deserializer<'de>>(deserializer: D) ->
 mod tests {
     use super::*;
 
-    fn wave(phase: f32) -> Image {
-        let value = |x: u32, y: u32| [0.0, 0.7, 1.3].map(|c| (x as f32 * 0.7 + y as f32 + c + phase).sin());
-        Image::from_fn(37, 21, value).unwrap()
-    }
-
-    #[test]
-    fn the_quick_figures_are_those_of_the_slow_ones() {
-        let (a, b) = (wave(0.0), wave(0.1));
-        let (l1, psnr) = l1_and_psnr(&a, &b).unwrap();
-        let slow = ImageQuality::as_written(&a, &b).unwrap();
-        assert!((l1 - slow.l1).abs() < 1e-7 && (psnr - slow.psnr).abs() < 1e-4, "{l1} {psnr} {slow:?}");
-        assert!(psnr > 10.0 && psnr < 60.0, "{psnr}");
-        let written = a.rounded_to_8_bits();
-        assert_eq!(l1_and_psnr(&a, &written), Ok((0.0, f64::INFINITY)));
-    }
-
     #[test]
     fn images_of_different_sizes_are_refused() {
         let [wide, tall] = [(12, 2), (2, 12)].map(|(w, h)| Image::filled(w, h, [0.5; 3]).unwrap());
         let expected = Error::SizesDiffer { left_width: 12, left_height: 2, right_width: 2, right_height: 12 };
-        assert_eq!(l1_and_psnr(&wide, &tall), Err(expected.clone()));
         assert_eq!(psnr_float(&wide, &tall), Err(expected.clone()));
         assert_eq!(ImageQuality::between(&wide, &tall), Err(expected));
     }

@@ -336,7 +336,7 @@ impl<'a, R: Optimizer<S>, S: Trainable> Trainer<'a, R, S> {
     ///
     /// # Errors
     /// Those of the backend.
-    pub async fn clamped(&self) -> Result<Clamped, Error> {
+    pub(crate) async fn clamped(&self) -> Result<Clamped, Error> {
         Ok(Clamped::of(&self.scene().await?, &self.record.settings))
     }
 
@@ -422,7 +422,7 @@ impl<'a, R: Optimizer<S>, S: Trainable> Trainer<'a, R, S> {
 
     /// Effects that the scene is trained with: those of the last step, or of the first one before
     /// any step.
-    pub fn effects(&self) -> Effects {
+    pub(crate) fn effects(&self) -> Effects {
         self.record.effects()
     }
 

@@ -3,17 +3,14 @@
 
 use gs_core::{
     Culled, Image, Parameterization, Rasterizer, RenderSettings, Scene3d,
-    metrics::{self, mean, psnr_of_mse},
+    metrics::{self, l1_and_psnr, mean, psnr_of_mse},
 };
 use gs_io::dataset::PosedImage;
 use serde::{Deserialize, Serialize};
 
 use super::task::where_masked;
 use crate::views::{ColorMap, PosedView};
-use crate::{
-    error::Error,
-    run::{infinite_where_null, l1_and_psnr},
-};
+use crate::{error::Error, run::infinite_where_null};
 
 /// Quality where differences in exposure and white balance do not count: an affine map of colours
 /// is fitted from the left half of the 8-bit rendering to that of the image, and the right half is

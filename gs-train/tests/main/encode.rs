@@ -3,13 +3,13 @@
 use gs_codec::{Extent, decode};
 use gs_core::{
     Canvas, Image, Rasterizer as _,
-    metrics::{mse_of_psnr, psnr_of_mse},
+    metrics::{l1_and_psnr, mse_of_psnr, psnr_of_mse},
 };
 use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_io::{File2d, GsiFile, decode_gsi, premultiplied, straight};
 use gs_train::{
     EncodeImage, EncodeLayers, EncodeSettings, EncodeTarget, EncodeWork, Encoded, Error, ImageQuality, Tune, encode,
-    encode_observed, l1_and_psnr,
+    encode_observed,
 };
 use pollster::FutureExt as _;
 

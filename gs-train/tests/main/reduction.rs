@@ -1,8 +1,8 @@
 //! Reducing scenes.
 
 use glam::{Vec2, Vec3};
-use gs_core::{Gaussian3d, Rasterizer, Scene, Scene3d, logit};
-use gs_train::{l1_and_psnr, limits::reduce};
+use gs_core::{Gaussian3d, Rasterizer, Scene, Scene3d, logit, metrics::l1_and_psnr};
+use gs_train::limits::reduce;
 use pollster::FutureExt as _;
 
 use crate::fixture_3d::{camera, rasterizer, render, thirty};

@@ -3,9 +3,9 @@
 use std::fmt;
 
 use gs_backend::FutureExt as _;
-use gs_core::{Camera, Rasterizer as _, Scene as _, counted, view::Orbit};
+use gs_core::{Camera, Rasterizer as _, Scene as _, counted, metrics::l1_and_psnr, view::Orbit};
 use gs_io::{File3d, dataset::Dataset};
-use gs_train::{l1_and_psnr, limits};
+use gs_train::limits;
 use serde::Serialize;
 
 use super::quality::QualityArgs;

@@ -1,13 +1,13 @@
 //! Small fits in which the optimizer may shrink a scale to zero by itself.
 
 use gs_backend::FutureExt as _;
-use gs_core::{Image, Loss, Optimizer, Scene2d};
+use gs_core::{Image, Loss, Optimizer, Scene2d, metrics::l1_and_psnr};
 use gs_density::Policy;
 
 use super::guard::Guard;
 use super::textbook::Textbook;
 use crate::result::mean;
-use gs_train::{Error, FitSettings, Init, InitialCount, Rounds, Trainer, init::Random, l1_and_psnr};
+use gs_train::{Error, FitSettings, Init, InitialCount, Rounds, Trainer, init::Random};
 
 /// Number of Gaussians.
 pub(super) const SMALL_GAUSSIANS: u32 = 6;
