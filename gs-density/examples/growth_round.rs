@@ -1,4 +1,4 @@
-//! Time of one round of growth by residual, and of the parts of initialization.
+//! Time of one round of growth by residual.
 //!
 //! `cargo run --release -p gs-density --example growth_round` prints the best and the median of 31
 //! rounds on a 768×512 picture.
@@ -8,10 +8,7 @@ use std::time::Instant;
 
 use glam::{Vec2, Vec3};
 use gs_core::{DensityStatistics, Gaussian2d, Image, Scene2d};
-use gs_density::{
-    DensityPolicy, Observation, Residual, ResidualGrowth, Rng,
-    seed::{DensityMap, HilbertOrder, Structure},
-};
+use gs_density::{DensityPolicy, Observation, Residual, ResidualGrowth, Rng};
 use rand::SeedableRng;
 
 const WIDTH: u32 = 768;
@@ -29,27 +26,6 @@ fn main() -> Result<(), gs_core::Error> {
     })?;
     let residual = Residual::new(target, rendered);
 
-    report("Hilbert order", || HilbertOrder::new(WIDTH, HEIGHT));
-    let weights = Structure::new(&residual.target).gradient_magnitude();
-    report("gradient magnitude", || Structure::new(&residual.target).gradient_magnitude());
-    report("smoothing, two passes", || {
-        let mut plane = weights.clone();
-        plane.smooth(2);
-        plane
-    });
-    report("density map", || DensityMap::from_weights(weights.clone(), 720, 0.3));
-    let order = HilbertOrder::shared(WIDTH, HEIGHT);
-    for count in [720, 9_000] {
-        let map = DensityMap::from_weights(weights.clone(), count, 0.3);
-        let mut rng = Rng::seed_from_u64(1);
-        report(&format!("{count} strata"), || map.stratified(&order, &mut rng));
-        let positions = map.stratified(&order, &mut rng);
-        report(&format!("two Lloyd steps of {count}"), || {
-            let mut positions = positions.clone();
-            map.relax(&mut positions, 2);
-            positions
-        });
-    }
     for (count, budget, progress) in
         [(2_800, 9_000, 0.2), (9_000, 9_000, 0.6), (22_000, 70_000, 0.2), (70_000, 70_000, 0.6)]
     {

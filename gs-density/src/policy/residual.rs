@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use super::rule::Rule;
 use crate::{
     observation::{DensityPolicy, Needs, Observation, Residual, Rng},
-    seed::{DensityMap, HilbertOrder, Plane, SeedShape, Structure, mean_around, seed_gaussians},
+    seed::{Plane, Seeding, mean_around},
 };
 
 gs_core::impl_with!(ResidualGrowth);
@@ -195,21 +195,20 @@ impl ResidualGrowth {
         let (width, height) = target.size();
         let mut wanted = self.wanted(residual);
         wanted.smooth(self.smoothing_passes);
-        let density = DensityMap::from_weights(wanted, count, self.max_per_pixel);
-        let positions = density.stratified(&HilbertOrder::shared(width, height), rng);
-        let shape = SeedShape {
+        let seeding = Seeding {
+            max_per_pixel: self.max_per_pixel,
+            lloyd_steps: 0,
             sigma_factor: self.sigma_factor,
             sigma_range_px: [self.min_sigma_px, self.max_sigma_px],
             max_aspect: self.max_aspect,
             opacity_logit: if has_opacity { logit(self.opacity) } else { f32::INFINITY },
         };
-        let structure = Structure::new(target);
         let of_target = |pixel: usize| Vec3::from_array(target.pixels()[pixel]);
         let missing = |pixel: usize| {
             let r = (of_target(pixel) - Vec3::from_array(rendered.pixels()[pixel])) * self.color_share;
             if r.is_finite() { r } else { Vec3::ZERO }
         };
-        seed_gaussians(&positions, &density, &structure, &shape, |mean, sigma| {
+        seeding.gaussians(target, wanted, count, rng, |mean, sigma, _| {
             if has_opacity {
                 mean_around((width, height), mean, sigma, of_target)
             } else {

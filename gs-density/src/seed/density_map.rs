@@ -19,7 +19,7 @@ const CHUNK: usize = 64;
 
 /// Expected number of Gaussians in each pixel, `[H, W]`, px⁻².
 #[derive(Debug, Clone, PartialEq)]
-pub struct DensityMap {
+pub(crate) struct DensityMap {
     per_pixel: Plane,
     count: usize,
 }
@@ -30,7 +30,7 @@ impl DensityMap {
     /// The excess of capped pixels goes to the others, in proportion. Where the image is too small
     /// for `count` under the cap, the density is uniform, above the cap. Weights that are negative
     /// or not finite count as 0; where all are 0 the density is uniform.
-    pub fn from_weights(mut weights: Plane, count: usize, max_per_pixel: f32) -> Self {
+    pub(crate) fn from_weights(mut weights: Plane, count: usize, max_per_pixel: f32) -> Self {
         let pixels = weights.values.len();
         let wanted = count as f64;
         let cap = if max_per_pixel > 0.0 { max_per_pixel } else { f32::INFINITY };
@@ -77,7 +77,7 @@ impl DensityMap {
     }
 
     /// Density at a place of the plane, px⁻²; outside the image that of the nearest pixel.
-    pub fn at(&self, place: Vec2) -> f32 {
+    pub(crate) fn at(&self, place: Vec2) -> f32 {
         let Plane { width, height, ref values } = self.per_pixel;
         // `as` takes negative numbers and NaN to 0.
         let (x, y) = ((place.x as usize).min(width - 1), (place.y as usize).min(height - 1));
@@ -93,7 +93,7 @@ impl DensityMap {
     ///
     /// # Panics
     /// Where `order` is of another size than the map.
-    pub fn stratified(&self, order: &HilbertOrder, rng: &mut Rng) -> Vec<Vec2> {
+    pub(crate) fn stratified(&self, order: &HilbertOrder, rng: &mut Rng) -> Vec<Vec2> {
         assert_eq!(order.size(), self.size(), "an order of another size than the density map");
         let mut positions = Vec::with_capacity(self.count);
         if self.per_pixel.values.is_empty() || self.count == 0 {

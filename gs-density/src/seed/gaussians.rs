@@ -4,14 +4,19 @@ use glam::{Vec2, Vec3};
 use gs_core::{Gaussian2d, Image};
 use rayon::prelude::*;
 
-use super::{DensityMap, Structure};
+use super::{DensityMap, HilbertOrder, Plane, Structure};
+use crate::observation::Rng;
 
 /// Radius of the largest square of pixels that a seed's colour is the mean of, px.
 const MAX_COLOR_RADIUS_PX: f32 = 4.0;
 
-/// Shape of seeds, apart from their positions.
+/// Number and shape of seeds for their density.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct SeedShape {
+pub struct Seeding {
+    /// Largest average number of seeds per pixel; positive.
+    pub max_per_pixel: f32,
+    /// Lloyd steps, which spread the positions further.
+    pub lloyd_steps: u32,
     /// σ = `sigma_factor` / √density: in units of the distance between seeds. Positive.
     pub sigma_factor: f32,
     /// Smallest and largest σ (the geometric mean of both axes'), px.
@@ -22,16 +27,43 @@ pub struct SeedShape {
     pub opacity_logit: f32,
 }
 
+impl Seeding {
+    /// `count` Gaussians for an image, with a density proportional to `weights`.
+    ///
+    /// `color(mean, σ, density)` is a Gaussian's colour at its mean (px), for its σ (px) and the
+    /// density of Gaussians there (px⁻²).
+    pub fn gaussians(
+        &self,
+        image: &Image,
+        weights: Plane,
+        count: usize,
+        rng: &mut Rng,
+        color: impl Fn(Vec2, f32, f32) -> Vec3 + Sync,
+    ) -> Vec<Gaussian2d> {
+        let (width, height) = image.size();
+        let density = DensityMap::from_weights(weights, count, self.max_per_pixel);
+        let mut positions = density.stratified(&HilbertOrder::shared(width, height), rng);
+        density.relax(&mut positions, self.lloyd_steps);
+        let color = |mean, sigma| color(mean, sigma, density.at(mean));
+        seed_gaussians(&positions, &density, &Structure::new(image), self, color)
+    }
+}
+
+/// ‖∇Y‖ of the luminance Y = (R + 2 G + B)/4 at every pixel of an image, px⁻¹.
+pub fn gradient_magnitude(image: &Image) -> Plane {
+    Structure::new(image).gradient_magnitude()
+}
+
 /// Creates a Gaussian at each position.
 ///
 /// σ follows the density. The longer axis lies along the edge; the ratio of axes is the fourth root
 /// of the ratio of the structure tensor's eigenvalues, at the area of a round Gaussian. `color(mean,
 /// σ)` is the Gaussian's colour.
-pub fn seed_gaussians(
+fn seed_gaussians(
     positions: &[Vec2],
     density: &DensityMap,
     structure: &Structure<'_>,
-    shape: &SeedShape,
+    shape: &Seeding,
     color: impl Fn(Vec2, f32) -> Vec3 + Sync,
 ) -> Vec<Gaussian2d> {
     let [smallest, largest] = shape.sigma_range_px;
@@ -78,10 +110,15 @@ pub(crate) fn mean_around((width, height): (u32, u32), mean: Vec2, sigma: f32, v
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::seed::Plane;
 
-    const SHAPE: SeedShape =
-        SeedShape { sigma_factor: 0.5, sigma_range_px: [0.7, 12.0], max_aspect: 3.0, opacity_logit: f32::INFINITY };
+    const SHAPE: Seeding = Seeding {
+        max_per_pixel: 1.0,
+        lloyd_steps: 0,
+        sigma_factor: 0.5,
+        sigma_range_px: [0.7, 12.0],
+        max_aspect: 3.0,
+        opacity_logit: f32::INFINITY,
+    };
 
     fn uniform(count: usize) -> DensityMap {
         DensityMap::from_weights(Plane::from_rows(40, 40, |_, row| row.fill(1.0)), count, 1.0)

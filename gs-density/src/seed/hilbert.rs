@@ -12,7 +12,7 @@ use glam::IVec2;
 /// Červený's recursion for rectangles). Consecutive pixels share an edge where both sides are even,
 /// a power of two above all; an odd side costs at most a few diagonal steps.
 #[derive(Clone, PartialEq, Eq)]
-pub struct HilbertOrder {
+pub(crate) struct HilbertOrder {
     width: u32,
     height: u32,
     pixels: Vec<u32>,
@@ -29,7 +29,7 @@ static LAST: Mutex<Option<Arc<HilbertOrder>>> = Mutex::new(None);
 impl HilbertOrder {
     /// The order for an image of `width` × `height` px; empty where a side is 0. Four bytes a
     /// pixel.
-    pub fn new(width: u32, height: u32) -> Self {
+    pub(crate) fn new(width: u32, height: u32) -> Self {
         let mut pixels = Vec::with_capacity(width as usize * height as usize);
         let (right, down) = (IVec2::new(width as i32, 0), IVec2::new(0, height as i32));
         if width > 0 && height > 0 {
@@ -40,7 +40,7 @@ impl HilbertOrder {
     }
 
     /// [`Self::new`], cached until another size is requested if it has less than 17 megapixels.
-    pub fn shared(width: u32, height: u32) -> Arc<Self> {
+    pub(crate) fn shared(width: u32, height: u32) -> Arc<Self> {
         if width as usize * height as usize > MOST_KEPT_PX {
             return Arc::new(Self::new(width, height));
         }

@@ -24,7 +24,7 @@ impl DensityMap {
     /// centroids of a mass m have the density √m in 2D), so dense regions stay dense. The plane is
     /// cut into square blocks, some 40 for each position, and each block belongs to its nearest
     /// position as a whole.
-    pub fn relax(&self, positions: &mut [Vec2], steps: u32) {
+    pub(crate) fn relax(&self, positions: &mut [Vec2], steps: u32) {
         if positions.is_empty() || steps == 0 {
             return;
         }

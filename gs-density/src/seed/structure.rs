@@ -23,7 +23,7 @@ const NOISE: f32 = 1.0 / (255.0 * 255.0);
 /// A tensor costs the work of some hundred pixels. There are far fewer seeds than pixels, so
 /// tensors are computed per seed.
 #[derive(Debug, Clone, Copy)]
-pub struct Structure<'a> {
+pub(crate) struct Structure<'a> {
     image: &'a Image,
 }
 
@@ -43,7 +43,7 @@ pub(crate) struct EdgeOrientation {
 
 impl<'a> Structure<'a> {
     /// The structure of an image.
-    pub fn new(image: &'a Image) -> Self {
+    pub(crate) fn new(image: &'a Image) -> Self {
         Self { image }
     }
 
@@ -94,7 +94,7 @@ impl<'a> Structure<'a> {
     }
 
     /// ‖∇Y‖ of every pixel, px⁻¹.
-    pub fn gradient_magnitude(&self) -> Plane {
+    pub(crate) fn gradient_magnitude(&self) -> Plane {
         let (width, height) = self.image.size();
         let row_of = |y: usize| self.image.row((y as u32).min(height - 1)).iter().map(|&pixel| luminance(pixel));
         Plane::from_rows(width, height, |y, row| {

@@ -8,7 +8,7 @@ use std::ops::Range;
 
 use glam::Vec2;
 use gs_core::{Canvas, Image, Scene2d};
-use gs_density::seed::Structure;
+use gs_density::seed::gradient_magnitude;
 
 use crate::{error::Error, memory::encoding_at_once};
 
@@ -66,7 +66,7 @@ pub(super) fn bands(image: &Image, memory: u64) -> Result<Vec<Band>, Error> {
 
 /// Sum of the magnitudes of luminance's gradient.
 fn gradient(image: &Image) -> f64 {
-    Structure::new(image).gradient_magnitude().values().iter().map(|&value| f64::from(value)).sum()
+    gradient_magnitude(image).values().iter().map(|&value| f64::from(value)).sum()
 }
 
 impl Band {

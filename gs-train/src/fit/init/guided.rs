@@ -4,7 +4,7 @@ use glam::Vec3;
 use gs_core::{Blend, Error, Gaussian2d, Image};
 use gs_density::{
     Rng,
-    seed::{DensityMap, HilbertOrder, Plane, SeedShape, Structure, mean_color, seed_gaussians},
+    seed::{Plane, Seeding, gradient_magnitude, mean_color},
 };
 use serde::{Deserialize, Serialize};
 
@@ -77,9 +77,7 @@ impl Guided {
 
     /// Density by the magnitude of luminance's gradient.
     pub(super) fn by_gradient(&self, target: &Image, count: usize, blend: Blend, rng: &mut Rng) -> Vec<Gaussian2d> {
-        let structure = Structure::new(target);
-        let weights = structure.gradient_magnitude();
-        self.gaussians(target, &structure, weights, count, blend, rng)
+        self.gaussians(target, gradient_magnitude(target), count, blend, rng)
     }
 
     /// Density by the squared difference from the mean colour.
@@ -91,13 +89,12 @@ impl Guided {
                 *out = (Vec3::from_array(pixel) - mean).length_squared();
             }
         });
-        self.gaussians(target, &Structure::new(target), weights, count, blend, rng)
+        self.gaussians(target, weights, count, blend, rng)
     }
 
     fn gaussians(
         &self,
         target: &Image,
-        structure: &Structure<'_>,
         mut weights: Plane,
         count: usize,
         blend: Blend,
@@ -106,17 +103,16 @@ impl Guided {
         let (width, height) = target.size();
         weights.smooth(self.smoothing_passes);
         weights.mix_uniform(self.uniform_fraction);
-        let density = DensityMap::from_weights(weights, count, self.max_per_pixel);
-        let mut positions = density.stratified(&HilbertOrder::shared(width, height), rng);
-        density.relax(&mut positions, self.lloyd_steps);
-        let shape = SeedShape {
+        let seeding = Seeding {
+            max_per_pixel: self.max_per_pixel,
+            lloyd_steps: self.lloyd_steps,
             sigma_factor: self.sigma_factor,
             sigma_range_px: [MIN_SIGMA_PX, (width.max(height) as f32 * MAX_SIGMA_SHARE).max(MIN_SIGMA_PX)],
             max_aspect: self.max_aspect,
             opacity_logit: opacity_logit(blend, self.opacity),
         };
-        seed_gaussians(&positions, &density, structure, &shape, |mean, sigma| {
-            shared_color(mean_color(target, mean, sigma), blend, sigma, density.at(mean))
+        seeding.gaussians(target, weights, count, rng, |mean, sigma, density| {
+            shared_color(mean_color(target, mean, sigma), blend, sigma, density)
         })
     }
 }
