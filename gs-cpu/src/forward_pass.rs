@@ -70,17 +70,6 @@ impl<S: Kind> ForwardPass<S> {
         let tiles = &self.workspace().tiles;
         tiles.grid.image_of(&tiles.rows)
     }
-
-    /// Number of pixel–Gaussian pairs that the kernels visit, including pixels that a vector covers
-    /// outside an ellipse.
-    pub fn pairs(&self) -> u64 {
-        self.workspace().tiles.bins.pairs()
-    }
-
-    /// Number of entries in all tiles' lists.
-    pub fn entries(&self) -> usize {
-        self.workspace().tiles.bins.entries.len()
-    }
 }
 
 impl<S: Kind> Gradients<S> {

@@ -101,7 +101,7 @@ pub fn decode_scene(bytes: &[u8], name: &Path) -> Result<AnyScene, Error> {
     if gs_codec::is_gsi(bytes) || name.extension().is_some_and(|ending| ending == GSI_EXTENSION) {
         let file = decode_gsi(bytes, Extent::Whole);
         let file = file.map_err(|source| Error::Compressed { path: name.to_owned(), source })?;
-        return Ok(AnyScene::TwoD(Box::new(file.on_white())));
+        return Ok(AnyScene::TwoD(Box::new(file.on([1.0; 3]))));
     }
     if let Ok(checkpoint) = decode_checkpoint(bytes, name) {
         return of_checkpoint(name, checkpoint, Values::Checked).map(|file| file.scene);
@@ -129,7 +129,7 @@ fn read_file(path: &Path, values: Values) -> Result<SceneFile, Error> {
     if is_gsi(path) {
         let file = read_gsi(path, Extent::Whole)?;
         let has_alpha = file.alpha.is_some();
-        return Ok(SceneFile { has_alpha, ..of(AnyScene::TwoD(Box::new(file.on_white())))? });
+        return Ok(SceneFile { has_alpha, ..of(AnyScene::TwoD(Box::new(file.on([1.0; 3]))))? });
     }
     // A file with the name of a 3D scene is read as one, so that the reader says what is wrong with
     // it.

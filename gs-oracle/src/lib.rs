@@ -98,11 +98,6 @@ impl Rendering {
         let pixels = self.pixels.iter().map(|p| p.map(|v| v as f32)).collect();
         Image::from_pixels(self.width, self.height, pixels).expect("a canvas has a valid size")
     }
-
-    /// Whether pixel `index` (row-major) is within rounding of a discontinuity.
-    pub fn is_near_discontinuity(&self, index: usize) -> bool {
-        self.flip[index].iter().any(|&v| v > 0.0)
-    }
 }
 
 impl<V: OracleView> Oracle<V> {

@@ -88,7 +88,7 @@ pub(crate) fn encode(
     });
     settings.validate().map_err(IntoPython::into_python)?;
     let chosen = backend::chosen(py, backend)?;
-    let encoded = chosen.compute_within(py, |on| block_on(gs_train::encode(on, &image, &settings)))?;
+    let encoded = chosen.compute_within(py, |on| block_on(gs_train::encode(on, &image, &settings, &|_| ())))?;
     let data = PyBytes::new(py, &encoded.bytes).unbind();
     Ok(Encoded { data, gaussians: encoded.gaussians, psnr: encoded.psnr, seconds: encoded.seconds })
 }
@@ -97,7 +97,7 @@ pub(crate) fn encode(
 #[pyfunction]
 #[pyo3(signature = (data, *, partial = false))]
 pub(crate) fn decode(py: Python<'_>, data: &[u8], partial: bool) -> PyResult<Scene2d> {
-    decoded(py, data, partial).map(|file| Scene2d::of_file(file.on_white()))
+    decoded(py, data, partial).map(|file| Scene2d::of_file(file.on([1.0; 3])))
 }
 
 #[doc = doc!("decode_image")]

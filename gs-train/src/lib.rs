@@ -26,7 +26,7 @@ pub use crate::run::{RunSettings, SceneTask, TrainingTask};
 pub use crate::{
     encode::{
         EncodeImage, EncodeLayers, EncodeProgress, EncodeSettings, EncodeTarget, EncodeWork, Encoded, count_for_psnr,
-        draw_picture, encode, encode_observed,
+        draw_picture, encode,
     },
     error::Error,
     fit::{

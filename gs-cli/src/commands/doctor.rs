@@ -98,7 +98,7 @@ pub(crate) fn run(args: &DoctorArgs) -> Result<(), Failure> {
     let is_fixed = fixed.is_some();
     let report = Report::new(&path, kind, &examination, fixed);
     output::answer(args.json, &report, || text(&report))?;
-    if examination.is_sound() || is_fixed {
+    if examination.broken() == 0 || is_fixed {
         return Ok(());
     }
     let scene = quoted(&args.scene);

@@ -8,7 +8,7 @@ use clap::Args;
 use gs_backend::{Chosen, FutureExt as _};
 use gs_core::{Blend, RenderSettings, counted};
 use gs_io::{GSI_EXTENSION, IccProfile, Inputs, StoredImage, read_stored_image, write_durably};
-use gs_train::{EncodeLayers, EncodeProgress, EncodeSettings, EncodeTarget, Encoded, Tune, encode_observed};
+use gs_train::{EncodeLayers, EncodeProgress, EncodeSettings, EncodeTarget, Encoded, Tune, encode};
 use serde::Serialize;
 
 use self::progress::Display;
@@ -232,7 +232,7 @@ impl<'a> Work<'a> {
         let StoredImage { image, alpha, profile, .. } = &self.image;
         let (width, height) = image.size();
         let Encoded { bytes, gaussians, psnr, seconds, .. } =
-            encode_observed(&on.rasterizer, &self.image, &self.settings, observer).block_on()?;
+            encode(&on.rasterizer, &self.image, &self.settings, observer).block_on()?;
         write_durably(path, |file| file.write_all(&bytes))?;
         Ok(Summary {
             image: batch::shown(self.file),

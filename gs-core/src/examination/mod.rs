@@ -23,7 +23,7 @@
 //! let case = examination.cases[0];
 //! assert_eq!((case.finding, case.count, case.first), (Finding::MeanNotFinite, 1, 0));
 //! assert_eq!(repair(&mut scene)?.removed, 1);
-//! assert!(examine(&scene)?.is_sound());
+//! assert_eq!(examine(&scene)?.broken(), 0);
 //! # Ok::<(), gs_core::Error>(())
 //! ```
 
@@ -68,11 +68,6 @@ pub struct Examination {
 }
 
 impl Examination {
-    /// Whether no Gaussian is broken.
-    pub fn is_sound(&self) -> bool {
-        self.removed.is_empty() && self.widened.is_empty()
-    }
-
     /// Number of broken Gaussians.
     pub fn broken(&self) -> usize {
         self.removed.len() + self.widened.len()

@@ -20,22 +20,14 @@ pub struct Image {
 }
 
 impl Image {
-    /// A black image, to fill with [`Self::pixels_mut`].
+    /// An image of one colour, to fill with [`Self::pixels_mut`].
     ///
     /// ```
-    /// let mut image = gs_core::Image::new(3, 2)?;
+    /// let mut image = gs_core::Image::filled(3, 2, [0.0; 3])?;
     /// image.pixels_mut()[5] = [1.0, 0.5, 0.0];
     /// assert_eq!((image.pixel(0, 0), image.pixel(2, 1)), ([0.0; 3], [1.0, 0.5, 0.0]));
     /// # Ok::<(), gs_core::Error>(())
     /// ```
-    ///
-    /// # Errors
-    /// As [`Self::filled`].
-    pub fn new(width: u32, height: u32) -> Result<Self, Error> {
-        Self::filled(width, height, [0.0; 3])
-    }
-
-    /// An image of one colour.
     ///
     /// # Errors
     /// [`Error::Size`] where a side is 0 or longer than [`MAX_SIDE_PX`]; [`Error::Memory`] where

@@ -324,16 +324,10 @@ impl Perspective {
         (v_direction - d * d.dot(v_direction)) * inverse_distance
     }
 
-    /// 1/z of a mean that is not nearer than the near plane, inverse world units.
-    #[inline]
-    pub fn inverse_depth(&self, mean: Vec3) -> f32 {
-        1.0 / (self.rotation * mean + self.translation).z
-    }
-
-    /// v_μ from v_(1/z).
+    /// v_μ from v_(1/z), z being [`Self::depth`] of a mean that is not nearer than the near plane.
     #[inline]
     pub fn inverse_depth_vjp(&self, mean: Vec3, v_inverse: f32) -> Vec3 {
-        let inverse = self.inverse_depth(mean);
+        let inverse = 1.0 / self.depth(mean);
         self.rotation.row(2) * (-v_inverse * inverse * inverse)
     }
 

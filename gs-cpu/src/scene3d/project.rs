@@ -32,7 +32,7 @@ impl Eye {
         let mean = splats::mean(row);
         match self.output {
             Output::Color => sh::color(self.degree, self.direction(mean), splats::sh(row)),
-            Output::InverseDepth => [self.perspective.inverse_depth(mean); 3],
+            Output::InverseDepth => [1.0 / self.perspective.depth(mean); 3],
             Output::Alpha => [1.0; 3],
         }
     }

@@ -29,6 +29,7 @@ pub struct GsiFile {
 
 impl GsiFile {
     /// The picture on a colour of its own colour space, as one scene: the sum c + `behind`·(1 − α).
+    /// Readers of images show transparent pixels on white, `[1.0; 3]`.
     pub fn on(self, behind: [f32; 3]) -> File2d {
         let Self { colors: mut file, alpha, .. } = self;
         let Some(File2d { scene, settings, .. }) = alpha else { return file };
@@ -41,11 +42,6 @@ impl GsiFile {
             file.scene.push(gs_core::Gaussian2d { color, ..gaussian });
         }
         file
-    }
-
-    /// The picture on white, as readers of images show transparent pixels.
-    pub fn on_white(self) -> File2d {
-        self.on([1.0; 3])
     }
 }
 

@@ -75,7 +75,7 @@ pub fn gsi(bytes: &[u8]) {
     for extent in [Extent::Whole, Extent::Prefix] {
         if let Ok(file) = decode_gsi(&with_checksums(bytes), extent) {
             file.colors.validate().expect("a decoded scene can be drawn");
-            file.on_white().validate().expect("so it can on white");
+            file.on([1.0; 3]).validate().expect("so it can on white");
         }
     }
     if let Err(error) = decode_gsi(bytes, Extent::Whole) {

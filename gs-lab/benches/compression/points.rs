@@ -85,7 +85,7 @@ impl Points {
             s.target = EncodeTarget::Bytes((bpp * pixels / 8.0) as u64);
             s.tune = if format == TUNED { Tune::Ssim } else { Tune::Psnr };
         });
-        let encoded = encode(rasterizer, &of.image, &settings).block_on()?;
+        let encoded = encode(rasterizer, &of.image, &settings, &|_| ()).block_on()?;
         let median = |times: Vec<f64>| Quantiles::of(&times).median;
         let decoding = median(try_time(5, || decode_gsi(&encoded.bytes, Extent::Whole))?);
         let to_pixels = median(try_time(5, || rendered(rasterizer, &encoded.bytes, Extent::Whole))?);

@@ -143,7 +143,7 @@ pub(crate) fn prefixes(points: &Points, rasterizer: &CpuRasterizer, sets: &[Set]
             s.target = EncodeTarget::Bytes((PROGRESSIVE * pixels / 8.0) as u64);
             s.layers = EncodeLayers::Progressive;
         });
-        let Encoded { bytes, seconds, .. } = encode(rasterizer, &image.image, &settings).block_on()?;
+        let Encoded { bytes, seconds, .. } = encode(rasterizer, &image.image, &settings, &|_| ()).block_on()?;
         let curve = points.curve(&image.name, OURS, Measure::Psnr);
         for (part, less) in [&bytes[..], &bytes[..bytes.len() / 3]].into_iter().zip(&mut less) {
             let picture = rendered(rasterizer, part, Extent::Prefix)?;

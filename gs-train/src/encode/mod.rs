@@ -74,24 +74,14 @@ pub struct Encoded {
 
 /// Encodes an image. The target holds for the colours and for alpha; a size holds for both together.
 ///
+/// `observer` is told how far it is at the beginning of each stage and after each of its steps.
+///
 /// # Errors
 /// [`gs_core::Error::Setting`] for a target or an alpha out of range, for a profile that is too long and
 /// for a transparent image that the memory would divide into bands,
 /// [`gs_core::Error::Pixel`] where the image is not finite, [`gs_core::Error::Length`] for an alpha of
 /// another size, [`Error::Unreachable`] where the target cannot be met, and those of the backend.
 pub async fn encode<R: Optimizer<Scene2d>>(
-    rasterizer: &R,
-    image: impl Into<EncodeImage<'_>>,
-    settings: &EncodeSettings,
-) -> Result<Encoded, Error> {
-    encode_observed(rasterizer, image, settings, &|_| ()).await
-}
-
-/// [`encode`], which reports how far it is at the beginning of each stage and after each of its steps.
-///
-/// # Errors
-/// Those of [`encode`].
-pub async fn encode_observed<R: Optimizer<Scene2d>>(
     rasterizer: &R,
     image: impl Into<EncodeImage<'_>>,
     settings: &EncodeSettings,

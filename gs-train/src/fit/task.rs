@@ -268,7 +268,7 @@ impl<'a, R: Optimizer<Scene2d>> Trainer<'a, R> {
     ///
     /// # Errors
     /// Those of the backend.
-    pub async fn scene_loss(&self) -> Result<f32, Error> {
+    pub(super) async fn scene_loss(&self) -> Result<f32, Error> {
         let pass = self.rasterizer.forward(&self.splats, &self.task.canvas, &self.shown()).await?;
         Ok(self.rasterizer.loss(&self.splats, pass, &self.task.target, &self.record.settings.loss).await?)
     }

@@ -32,9 +32,4 @@ impl Clamped {
         }
         clamped
     }
-
-    /// Sum of both; a Gaussian at both bounds counts twice.
-    pub fn total(self) -> u64 {
-        u64::from(self.smallest) + u64::from(self.largest)
-    }
 }

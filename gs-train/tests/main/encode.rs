@@ -9,7 +9,6 @@ use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_io::{File2d, GsiFile, decode_gsi, premultiplied, straight};
 use gs_train::{
     EncodeImage, EncodeLayers, EncodeSettings, EncodeTarget, EncodeWork, Encoded, Error, ImageQuality, Tune, encode,
-    encode_observed,
 };
 use pollster::FutureExt as _;
 
@@ -35,7 +34,8 @@ fn encoded_in<'a>(
     layers: EncodeLayers,
 ) -> Result<Encoded, Error> {
     let cpu = CpuRasterizer::new(CpuSettings::default()).unwrap();
-    encode(&cpu, image, &EncodeSettings::default().with(|s| (s.target, s.layers) = (target, layers))).block_on()
+    encode(&cpu, image, &EncodeSettings::default().with(|s| (s.target, s.layers) = (target, layers)), &|_| ())
+        .block_on()
 }
 
 #[test]
@@ -44,8 +44,8 @@ fn an_encoder_reports_its_stages_from_beginning_to_end() {
     let reports = std::cell::RefCell::new(Vec::new());
     let settings = EncodeSettings::default().with(|s| s.target = EncodeTarget::Bytes(500));
     let observer = |progress| reports.borrow_mut().push(progress);
-    let watched = encode_observed(&cpu, &image, &settings, &observer).block_on().unwrap();
-    assert_eq!(watched.bytes, encode(&cpu, &image, &settings).block_on().unwrap().bytes);
+    let watched = encode(&cpu, &image, &settings, &observer).block_on().unwrap();
+    assert_eq!(watched.bytes, encode(&cpu, &image, &settings, &|_| ()).block_on().unwrap().bytes);
     let reports = reports.into_inner();
     let stages: Vec<_> = reports.chunk_by(|a, b| a.stage == b.stage).collect();
     let works: Vec<EncodeWork> = stages.iter().map(|stage| stage[0].work).collect();
@@ -66,7 +66,7 @@ fn a_file_tuned_for_ssim_has_more_of_it() {
     let cpu = CpuRasterizer::new(CpuSettings::default()).unwrap();
     let quality = |tune| {
         let settings = EncodeSettings::default().with(|s| (s.target, s.tune) = (EncodeTarget::Bytes(500), tune));
-        let bytes = encode(&cpu, &image, &settings).block_on().unwrap().bytes;
+        let bytes = encode(&cpu, &image, &settings, &|_| ()).block_on().unwrap().bytes;
         ImageQuality::as_written(&rendered(&decode_gsi(&bytes, Extent::Whole).unwrap().colors), &image).unwrap()
     };
     let [plain, tuned] = [Tune::Psnr, Tune::Ssim].map(quality);
@@ -131,9 +131,9 @@ fn an_image_encoded_in_bands_has_no_seams() {
     let image = Image::from_fn(48, 640, pixel).unwrap();
     let settings = EncodeSettings::default().with(|s| s.target = EncodeTarget::Bytes(6000));
     let cpu = CpuRasterizer::new(CpuSettings::default()).unwrap();
-    let whole = encode(&cpu, &image, &settings).block_on().unwrap();
+    let whole = encode(&cpu, &image, &settings, &|_| ()).block_on().unwrap();
     // The least memory, so the least height: bands of 214 rows.
-    let bands = encode(&cpu, &image, &settings.with(|s| s.memory = 0)).block_on().unwrap();
+    let bands = encode(&cpu, &image, &settings.with(|s| s.memory = 0), &|_| ()).block_on().unwrap();
     assert_ne!(bands.bytes, whole.bytes);
     assert!(bands.bytes.len() <= 6000 && (psnr(&bands.bytes, &image) - bands.psnr).abs() < 1e-3);
     // Each band learns its probabilities anew, which costs a tenth of so small a file.
@@ -205,10 +205,10 @@ fn a_transparent_image_is_not_encoded_in_bands() {
     let source = EncodeImage { image: &image, alpha: Some(&alpha), profile: &[] };
     let cpu = CpuRasterizer::new(CpuSettings::default()).unwrap();
     let settings = EncodeSettings::default().with(|s| (s.target, s.memory) = (EncodeTarget::Bytes(900), 60_500_000));
-    let refused = encode(&cpu, source, &settings).block_on().unwrap_err().to_string();
+    let refused = encode(&cpu, source, &settings, &|_| ()).block_on().unwrap_err().to_string();
     assert!(refused.contains("transparent image is 60500000 of the 60") && refused.contains("bands"), "{refused}");
     // An opaque one is.
-    encode(&cpu, &image, &settings).block_on().unwrap();
+    encode(&cpu, &image, &settings, &|_| ()).block_on().unwrap();
 }
 
 #[test]

@@ -107,8 +107,10 @@ fn a_fit_is_judged_by_the_picture_that_is_written_of_it() {
     )
     .block_on()
     .unwrap()
-    .scene_loss()
+    .summary()
     .block_on()
+    .unwrap()
+    .loss
     .unwrap();
     assert!((again / summary.loss.unwrap() - 1.0).abs() < 1e-3, "{again} {:?}", summary.loss);
     let float = 10f64.powf(-summary.psnr_float / 10.0);

@@ -33,7 +33,7 @@ impl CountArgs {
             }
             (None, Some(bytes)) => {
                 let encoding = encoding(EncodeTarget::Bytes(bytes), &settings);
-                let encoded = encode(on, &target.image, &encoding).block_on()?;
+                let encoded = encode(on, &target.image, &encoding, &|_| ()).block_on()?;
                 (encoded.gaussians as u32, format!("in a .gsi file of {bytes} bytes"))
             }
             (None, None) => return Ok(settings),
