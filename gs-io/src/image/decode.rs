@@ -138,7 +138,9 @@ fn read_pixels(path: &Path, orientation: Orientation) -> Result<(Pixels, Colors,
         decoded.apply_orientation(turned);
     }
     let pixels = Pixels::of_image(decoded);
-    match pixels.first_not_finite() {
+    // Integers are finite.
+    let not_finite = if pixels.bits_per_channel > 16 { pixels.first_not_finite() } else { None };
+    match not_finite {
         Some((x, y, value)) => {
             let problem = format!("pixel ({x}, {y}) is {value}, not a finite number");
             Err(Error::unusable(path, problem, "repair it in an image editor"))
