@@ -66,22 +66,27 @@ pub struct Comparison {
 
 /// All measures of two images in one pass over their rows.
 ///
-/// Each value of an image is first mapped by the image's function, such as `|v| v.clamp(0.0, 1.0)`,
-/// without a copy of the image.
+/// Values are clamped to 0..=1 first, and those of `a` rounded to 8 bits if `rounded`, without a
+/// copy of the images.
 ///
 /// # Errors
 /// [`Error::SizesDiffer`] where the images differ in size.
-pub fn compare(
-    (a, value_of_a): (&Image, impl Fn(f32) -> f32),
-    (b, value_of_b): (&Image, impl Fn(f32) -> f32),
-) -> Result<Comparison, Error> {
+pub fn compare(a: &Image, b: &Image, rounded: bool) -> Result<Comparison, Error> {
     a.same_size(b)?;
+    Ok(if rounded { compare_by(a, rounded_to_8_bits, b) } else { compare_by(a, clamped, b) })
+}
+
+fn clamped(value: f32) -> f32 {
+    value.clamp(0.0, 1.0)
+}
+
+fn compare_by(a: &Image, value_of_a: impl Fn(f32) -> f32, b: &Image) -> Comparison {
     let mut scales = ms_ssim::Scale::all(a.width() as usize, a.height() as usize);
     let (mut absolute, mut squared) = (0.0, 0.0);
     let (mut row_a, mut row_b) = (vec![[0.0; 3]; a.width() as usize], vec![[0.0; 3]; a.width() as usize]);
     for y in 0..a.height() {
         row_a.iter_mut().zip(a.row(y)).for_each(|(out, pixel)| *out = pixel.map(&value_of_a));
-        row_b.iter_mut().zip(b.row(y)).for_each(|(out, pixel)| *out = pixel.map(&value_of_b));
+        row_b.iter_mut().zip(b.row(y)).for_each(|(out, pixel)| *out = pixel.map(clamped));
         for (&a, &b) in row_a.as_flattened().iter().zip(row_b.as_flattened()) {
             let difference = f64::from(a) - f64::from(b);
             absolute += difference.abs();
@@ -90,12 +95,12 @@ pub fn compare(
         scales.push(&row_a, &row_b);
     }
     let values = (3 * a.pixels().len()) as f64;
-    Ok(Comparison {
+    Comparison {
         l1: absolute / values,
         psnr: psnr_of_mse(squared / values),
         ssim: scales.finest().mean_ssim(),
         ms_ssim: scales.has_coarser().then(|| scales.ms_ssim()),
-    })
+    }
 }
 
 /// L1 (0 to 1) and PSNR (dB) of a rendering, rounded to 8 bits, against `target`.
@@ -156,9 +161,9 @@ mod tests {
                 ssim: ssim(&a, &clamped).unwrap(),
                 ms_ssim: ms_ssim(&a, &clamped).unwrap(),
             };
-            let found = compare((&a, |v| v), (&b, |v| v.clamp(0.0, 1.0))).unwrap();
+            let found = compare(&a, &b, false).unwrap();
             assert_eq!(found, expected, "{width}x{height}");
-            assert_ne!(compare((&a, |v| v), (&b, |v| v)).unwrap(), expected);
+            assert_ne!(compare(&a, &b, true).unwrap(), expected);
         }
     }
 
@@ -171,7 +176,7 @@ mod tests {
     fn the_quick_figures_are_those_of_the_slow_ones() {
         let (a, b) = (wave(0.0), wave(0.1));
         let (l1, psnr) = l1_and_psnr(&a, &b).unwrap();
-        let slow = compare((&a, rounded_to_8_bits), (&b, |v| v.clamp(0.0, 1.0))).unwrap();
+        let slow = compare(&a, &b, true).unwrap();
         assert!((l1 - slow.l1).abs() < 1e-7 && (psnr - slow.psnr).abs() < 1e-4, "{l1} {psnr} {slow:?}");
         assert!(psnr > 10.0 && psnr < 60.0, "{psnr}");
         let written = a.rounded_to_8_bits();

@@ -9,7 +9,6 @@
 use gs_core::{
     Error, Image,
     metrics::{self, Comparison},
-    rounded_to_8_bits,
 };
 use serde::{Deserialize, Deserializer, Serialize};
 
@@ -35,7 +34,7 @@ impl ImageQuality {
     /// # Errors
     /// [`Error::SizesDiffer`] where the images differ in size.
     pub fn between(a: &Image, b: &Image) -> Result<Self, Error> {
-        Ok(metrics::compare((a, held), (b, held))?.into())
+        Ok(metrics::compare(a, b, false)?.into())
     }
 
     /// Compares a rendering, rounded to 8 bits, with its target.
@@ -43,7 +42,7 @@ impl ImageQuality {
     /// # Errors
     /// [`Error::SizesDiffer`] where the images differ in size.
     pub fn as_written(rendered: &Image, target: &Image) -> Result<Self, Error> {
-        Ok(metrics::compare((rendered, rounded_to_8_bits), (target, held))?.into())
+        Ok(metrics::compare(rendered, target, true)?.into())
     }
 }
 
