@@ -63,7 +63,7 @@ impl WorldFrame {
     /// their median position, is between 0.7 and 7 units. So the same capture in metres and in
     /// millimetres gives the same numbers. The origin stays that of the world, unless the cameras are
     /// farther than 32 spreads from it.
-    pub(crate) fn of(cameras: &[DVec3], points: &[DVec3]) -> Self {
+    pub fn of(cameras: &[DVec3], points: &[DVec3]) -> Self {
         let center = DVec3::from([0, 1, 2].map(|axis| median(cameras.iter().map(|c| c[axis])).unwrap_or(0.0)));
         let distance = |positions: &[DVec3]| median(positions.iter().map(|p| p.distance(center))).unwrap_or(0.0);
         let (of_cameras, of_points) = (distance(cameras), distance(points));
