@@ -14,8 +14,8 @@ use crate::{
     round::{Densify, Ranking, WhenFlat, scheduled_count},
 };
 
-/// Corrects the plans of a policy to [`scheduled_count`], so that a run ends with exactly as many
-/// Gaussians as its budget.
+/// Corrects the plans of a policy to a schedule of counts, that of Taming 3DGS, so that a run ends with
+/// exactly as many Gaussians as its budget.
 ///
 /// The scheduled count bounds the growth that the policy plans. If the policy adds too few
 /// Gaussians, those with the highest densification statistic among the ones that it left alone grow

@@ -188,7 +188,7 @@ impl Policy {
     /// Checks the policy for fits of images, which have no views to gather evidence from.
     ///
     /// # Errors
-    /// [`Error::Setting`] naming the policy; those of [`Self::validate`].
+    /// [`Error::Setting`] naming the policy, or the first value outside its range.
     pub fn validate_2d(&self) -> Result<(), Error> {
         if self.needs().evidence {
             let found = format!("`{}`, which needs several views of a 3D scene", self.name());
@@ -200,7 +200,7 @@ impl Policy {
     /// Checks the policy for 3D scenes, where growth by residual and sizes in px are not possible.
     ///
     /// # Errors
-    /// [`Error::Setting`] naming what is possible; those of [`Self::validate`].
+    /// [`Error::Setting`] naming what is possible, or the first value outside its range.
     pub fn validate_3d(&self) -> Result<(), Error> {
         if let Some(Actions { densify, prune, .. }) = self.actions() {
             for bound in [Some(densify.split_above), prune.larger_than].into_iter().flatten() {

@@ -2,8 +2,8 @@
 //!
 //! Weights per pixel (a gradient, a residual) become a capped density. Positions are drawn from it
 //! in strata along a Hilbert curve, which spreads them far more evenly than independent draws. Steps
-//! of Lloyd's algorithm spread them further. [`Seeding`] gives
-//! each a size from the local density and a shape from the local [`Structure`].
+//! of Lloyd's algorithm spread them further. [`Seeding`] gives each a size from the local density and
+//! a shape from the local structure of the image.
 
 mod density_map;
 mod gaussians;
