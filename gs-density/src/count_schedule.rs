@@ -14,7 +14,7 @@ use crate::{
     round::{Densify, Ranking, WhenFlat, scheduled_count},
 };
 
-/// Corrects the plans of a policy to a schedule of counts, that of Taming 3DGS, so that a run ends with
+/// Corrects the plans of a policy to the schedule of counts of Taming 3DGS, so that a run ends with
 /// exactly as many Gaussians as its budget.
 ///
 /// The scheduled count bounds the growth that the policy plans. If the policy adds too few

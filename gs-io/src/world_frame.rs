@@ -114,11 +114,11 @@ impl WorldFrame {
         DAffine3::from_mat3_translation(DMat3::from_diagonal(DVec3::splat(scale)), shift)
     }
 
-    /// The frame as TOML, as checkpoints store it.
+    /// The frame of a TOML text, as checkpoints store it.
     ///
     /// # Errors
     /// What is wrong, for a text that [`Self::to_toml`] did not write.
-    pub(crate) fn from_toml(text: &str) -> Result<Self, String> {
+    pub fn from_toml(text: &str) -> Result<Self, String> {
         let frame: Self = toml::from_str(text).map_err(|error| error.message().to_owned())?;
         if frame.is_valid() {
             Ok(frame)

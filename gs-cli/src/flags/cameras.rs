@@ -8,11 +8,10 @@ use gs_io::{
     File3d,
     dataset::{Dataset, View},
 };
-use gs_train::train::{Focus, extent_of};
+use gs_train::train::{Flat, Focus, extent_of};
 
 use super::{
     dataset::ReadingArgs,
-    flat::Flat,
     values::{Size, ViewName},
 };
 use crate::failure::Failure;

@@ -4,7 +4,6 @@ pub(crate) mod backend;
 pub(crate) mod cameras;
 pub(crate) mod dataset;
 pub(crate) mod effects_args;
-mod flat;
 pub(crate) mod frontier_settings;
 pub(crate) mod render_args;
 pub(crate) mod values;

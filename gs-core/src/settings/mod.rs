@@ -44,8 +44,8 @@ pub enum Cut {
     Smooth,
 }
 
-/// How far a Gaussian reaches: to where α falls to the cut. There is no other value. The type exists
-/// for the key `extent` of scene files and settings files, which earlier versions had a choice for.
+/// How far a Gaussian reaches: to where α falls to the cut. There is no other value. The type
+/// exists for the key `extent` of scene files and settings files, which earlier versions had a choice for.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum Extent {

@@ -74,7 +74,7 @@ pub struct Encoded {
 
 /// Encodes an image. The target holds for the colours and for alpha; a size holds for both together.
 ///
-/// `observer` is told how far it is at the beginning of each stage and after each of its steps.
+/// Calls `observer` with the progress at the beginning of each stage and after each of its steps.
 ///
 /// # Errors
 /// [`gs_core::Error::Setting`] for a target or an alpha out of range, for a profile that is too long and

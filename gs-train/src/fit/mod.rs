@@ -3,6 +3,7 @@
 mod flat;
 mod forecast;
 pub mod init;
+mod plane_scene;
 mod presets;
 mod settings;
 mod summary;
@@ -16,6 +17,7 @@ pub(crate) use self::forecast::Forecast;
 pub use self::{
     flat::mean_color,
     init::{Init, InitKind},
+    plane_scene::Flat,
     presets::Preset,
     settings::{ColorSolve, FitSettings, InitialCount},
     summary::FitSummary,

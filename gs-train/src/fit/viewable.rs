@@ -7,18 +7,17 @@
 
 use std::sync::Arc;
 
-use glam::{Mat3, Vec2, Vec3};
+use glam::{Vec2, Vec3};
 use gs_core::{
-    Blend, Camera, Canvas, EditPlan, Gaussian2d, Image, Optimizer, Rasterizer, RenderSettings, Scene2d, Scene3d,
-    constants::NEAR_WORLD,
+    Blend, Canvas, EditPlan, Gaussian2d, Image, Optimizer, Rasterizer, RenderSettings, Scene2d, Scene3d,
     edit::{Change, Moments},
     effects::{Antialias, Order},
     examination, logit, metrics,
 };
 use gs_density::{DensityPolicy, Observation, Rng};
-use gs_io::{File2d, PICTURE_DISTANCE_WORLD, PICTURE_WORLD, flat_scene};
+use gs_io::{File2d, flat_scene};
 
-use super::settings::FitSettings;
+use super::{plane_scene::Flat, settings::FitSettings};
 use crate::{
     error::Error,
     run::{Rounds, Trainer},
@@ -112,24 +111,10 @@ where
 
 /// PSNR of a scene as a viewer shows it, dB.
 async fn psnr_of<R: Optimizer<Scene3d>>(on: &R, file: &File2d, target: &Image) -> Result<f64, Error> {
-    let image = on.render(&flat_scene(file)?, &front_of(file), &as_viewers_do()).await?;
+    let size = (file.width, file.height);
+    let camera = Flat::picture(size).camera(size);
+    let image = on.render(&flat_scene(file)?, &camera, &as_viewers_do()).await?;
     Ok(metrics::psnr(&image.rounded_to_8_bits(), &target.rounded_to_8_bits())?)
-}
-
-/// The camera that shows the flat scene of a file from the front, filling the image.
-fn front_of(file: &File2d) -> Camera {
-    let size = Vec2::new(file.width as f32, file.height as f32);
-    let extent = size * (PICTURE_WORLD / size.max_element());
-    let distance = PICTURE_DISTANCE_WORLD / PICTURE_WORLD * extent.max_element();
-    Camera {
-        rotation: Mat3::IDENTITY,
-        translation: distance * Vec3::Z,
-        focal: Vec2::splat((size / extent).min_element() * distance),
-        center: 0.5 * size,
-        width: file.width,
-        height: file.height,
-        near: NEAR_WORLD.min(0.01 * distance),
-    }
 }
 
 /// Render settings of viewers of 3D scenes.

@@ -90,7 +90,7 @@ impl<'a> Place<'a> {
             },
             DeValue::Boolean(value) => visitor.visit_bool(*value),
             DeValue::Datetime(date) => {
-                self.refuse(format!("{date} is a date, which no setting is: put the text in quotes"))
+                self.refuse(format!("{date} is a date, but no setting is a date: put text in quotes"))
             }
             DeValue::Array(values) => {
                 let mut elements = Elements(values.iter());
@@ -315,7 +315,7 @@ mod tests {
         ] {
             assert!(text.contains(from), "{from}");
             let text = text.replacen(from, to, 1);
-            let expected = "1979-05-27 is a date, which no setting is: put the text in quotes";
+            let expected = "1979-05-27 is a date, but no setting is a date: put text in quotes";
             assert_eq!(error::<Everything>(&text), (text.find("1979"), expected.to_owned()));
         }
         let quoted = text.replacen("\"a\\nb\"", "'1979-05-27'", 1);

@@ -63,7 +63,7 @@ pub struct Trainer<'a, R: Optimizer<S>, S: Trainable = Scene2d> {
     /// Policy in place of that of the settings.
     custom: Option<CustomPolicy<S>>,
     clock: fn() -> Duration,
-    /// Scenes of the last steps.
+    /// Sum of the scenes of the last steps.
     pub(crate) average: Average,
 }
 
@@ -422,7 +422,7 @@ impl<'a, R: Optimizer<S>, S: Trainable> Trainer<'a, R, S> {
 
     /// Effects that the scene is trained with: those of the last step, or of the first one before
     /// any step.
-    pub(crate) fn effects(&self) -> Effects {
+    pub fn effects(&self) -> Effects {
         self.record.effects()
     }
 

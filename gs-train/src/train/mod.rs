@@ -27,6 +27,7 @@ pub use self::{
 };
 pub(crate) use self::{evidence::plain, task::STAND_INS};
 pub use crate::{
+    fit::Flat,
     start::{PointInit, Start, StartName},
     views::{Counting, Focus, ImageSource, PosedView, Resolution, Views, extent_of},
 };

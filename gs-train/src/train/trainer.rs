@@ -1,6 +1,6 @@
 //! Starting, resuming and evaluating the training of a 3D scene.
 
-use gs_core::{Camera, Image, Optimizer, Parameterization, RenderSettings, Scene, Scene3d};
+use gs_core::{Camera, Image, Optimizer, Parameterization, RenderSettings, Scene, Scene3d, SplatsState};
 use gs_io::{Checkpoint, dataset::AlphaMeaning};
 use web_time::Instant;
 
@@ -94,7 +94,7 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
             return Err(Error::Checkpoint("its settings lack the extent".to_owned()));
         };
         let views = for_evidence(views, &record.settings)?;
-        let average = Average::of_state(&checkpoint.state, &mut checkpoint.state.scene_3d()?)?;
+        let average = Average::of_state(&checkpoint.state, SplatsState::scene_3d)?;
         let splats = rasterizer.restore(&checkpoint.state)?;
         let exposures = Exposures::from_metadata(&checkpoint.metadata, views.train.len())?;
         let guides = Guides::from_metadata(&checkpoint.metadata, views.train.len())?;

@@ -109,4 +109,12 @@ mod tests {
         assert_eq!(ValueQuantiles::of(vec![2.0, f32::INFINITY, 1.0]).unwrap().median, 2.0);
         assert_eq!(ValueQuantiles::of(vec![f32::NAN]), None);
     }
+
+    #[test]
+    fn bounds_are_those_of_finite_means() {
+        let means = vec![Vec3::new(1.0, -2.0, 3.0), Vec3::new(0.0, f32::NAN, 9.0), Vec3::new(-1.0, 5.0, 3.0)];
+        let scene = Scene3d { means, ..Scene3d::default() };
+        assert_eq!(bounds(&scene), Some((Vec3::new(-1.0, -2.0, 3.0), Vec3::new(1.0, 5.0, 3.0))));
+        assert_eq!(bounds(&Scene3d::default()), None);
+    }
 }

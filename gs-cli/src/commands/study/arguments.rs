@@ -31,7 +31,7 @@ losses; on the same images
 lund_door (--data)
   init-by-density          start x policy, a factorial design, on room, banana and lund_door
   accuracy-in-3d-training  what approximations cost and buy in training 3D scenes
-  defaults                 the presets of gs train, on eight data sets; takes hours
+  defaults                 the presets of gs train, on eight data sets; a dozen CPU hours
 
 The images of a study are files, or these synthetic targets:
   paper                    the paper's circle and square; in 8 bits a channel: paper-8bit

@@ -1,6 +1,7 @@
 //! Data sets: small ones made here, valid and broken, and real ones if they are there.
 
 mod colmap;
+mod corpus;
 mod depth;
 mod dialects;
 mod images;

@@ -1,8 +1,8 @@
 //! The mean of a scene over the last steps of a run.
 //!
-//! Steps of a constant length jump around the minimum that they would reach with shorter ones. The
-//! mean of several scenes of such a run is nearer to it, and fits unseen views better than the last
-//! scene. *Source:* stochastic weight averaging (Izmailov et al. 2018, arXiv 1803.05407).
+//! Steps of constant length jump around a minimum. The mean of several scenes of such a run is
+//! nearer to it, and fits unseen views better than the last scene. *Source:* stochastic weight
+//! averaging (Izmailov et al. 2018, arXiv 1803.05407).
 
 use gs_core::{Optimizer, SavedState, SavedTensor, SplatsState, Tensor, TensorData, TensorType};
 
@@ -15,11 +15,12 @@ use crate::{
 /// Most scenes that a mean is taken of.
 const SCENES: u32 = 32;
 
-/// Names of the tensors in a checkpoint: the number of scenes, and a sum for each array of the scene.
+/// Names of the tensors in a checkpoint: the number of scenes, and a sum for each array of the
+/// scene.
 const COUNT: &str = "average.scenes";
 const SUM: &str = "average.sum";
 
-/// Sums of the parameters of scenes with the same Gaussians.
+/// The sum of each parameter over several scenes that have the same Gaussians.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(crate) struct Average {
     scenes: u32,
@@ -36,8 +37,8 @@ fn is_due(share: f32, step: u32, iterations: u32) -> bool {
 }
 
 impl Average {
-    fn add<S: Trainable>(&mut self, scene: &mut S) {
-        let arrays = scene.numbers_mut();
+    /// Adds a scene with these parameters.
+    fn add(&mut self, arrays: Vec<&mut [f32]>) {
         self.scenes += 1;
         self.sums.resize_with(arrays.len(), Vec::new);
         for (sum, array) in self.sums.iter_mut().zip(arrays) {
@@ -49,9 +50,9 @@ impl Average {
         }
     }
 
-    /// Gives the scene, which is one of those added, the mean of all.
-    fn assign_to<S: Trainable>(&self, scene: &mut S) {
-        for (array, sum) in scene.numbers_mut().into_iter().zip(&self.sums) {
+    /// Gives one of the scenes, with these parameters, the mean of all.
+    fn assign_to(&self, arrays: Vec<&mut [f32]>) {
+        for (array, sum) in arrays.into_iter().zip(&self.sums) {
             array.iter_mut().zip(sum).for_each(|(number, sum)| *number = *sum / self.scenes as f32);
         }
     }
@@ -75,8 +76,12 @@ impl Average {
     ///
     /// # Errors
     /// [`Error::Checkpoint`] where they do not fit the Gaussians of the state.
-    pub(crate) fn of_state<S: Trainable>(state: &SplatsState, scene: &mut S) -> Result<Self, Error> {
+    pub(crate) fn of_state<S: Trainable>(
+        state: &SplatsState,
+        scene: impl Fn(&SplatsState) -> Result<S, gs_core::Error>,
+    ) -> Result<Self, Error> {
         let Some(count) = state.tensors.get(COUNT) else { return Ok(Self::default()) };
+        let mut scene = scene(state)?;
         let wrong = || Error::Checkpoint("its average does not fit its Gaussians".to_owned());
         let TensorData::U32(count) = &count.data else { return Err(wrong()) };
         let sum = |(index, array): (usize, &mut [f32])| match state.tensors.get(&format!("{SUM}{index}")) {
@@ -85,7 +90,7 @@ impl Average {
         };
         let sums: Option<Vec<_>> = scene.numbers_mut().into_iter().enumerate().map(sum).collect();
         match (&count[..], sums) {
-            (&[scenes], Some(sums)) if scenes > 0 => Ok(Self { scenes, sums }),
+            (&[scenes], Some(sums)) if (1..=SCENES).contains(&scenes) => Ok(Self { scenes, sums }),
             _ => Err(wrong()),
         }
     }
@@ -100,10 +105,13 @@ impl<R: Optimizer<S>, S: Trainable> Trainer<'_, R, S> {
             return Ok(());
         }
         let mut scene = self.rasterizer.download(&self.splats).await?;
-        self.average.add(&mut scene);
+        self.average.add(scene.numbers_mut());
         if self.is_finished() {
-            std::mem::take(&mut self.average).assign_to(&mut scene);
-            self.splats = self.rasterizer.upload(&scene, self.record.settings.parameterization())?;
+            std::mem::take(&mut self.average).assign_to(scene.numbers_mut());
+            let parameterization = self.record.settings.parameterization();
+            // Frees the memory of the last scene first.
+            self.splats = self.rasterizer.upload(&S::default(), parameterization)?;
+            self.splats = self.rasterizer.upload(&scene, parameterization)?;
         }
         Ok(())
     }
@@ -119,6 +127,7 @@ mod tests {
     use gs_core::Scene2d;
 
     use super::*;
+    use crate::run::SceneTask as _;
 
     #[test]
     fn at_most_32_scenes_are_averaged_evenly_and_the_last_one_always() {
@@ -145,18 +154,21 @@ mod tests {
         };
         let mut average = Average::default();
         assert_eq!(average.tensors().count(), 0);
-        [1.0, 2.0].into_iter().for_each(|at| average.add(&mut scene(at)));
+        [1.0, 2.0].into_iter().for_each(|at| average.add(scene(at).numbers_mut()));
         let mut state = SplatsState::new(gs_core::Parameterization::ScaleRotation);
         let tensors = SavedState { parameterization: state.parameterization, tensors: average.tensors().collect() };
         state.tensors = tensors.collect().tensors;
-        let mut read = Average::of_state(&state, &mut scene(0.0)).unwrap();
+        let mut read = Average::of_state(&state, |_| Ok(scene(0.0))).unwrap();
         assert_eq!(read, average);
-        read.add(&mut scene(6.0));
+        read.add(scene(6.0).numbers_mut());
         let mut mean = scene(6.0);
-        read.assign_to(&mut mean);
+        read.assign_to(mean.numbers_mut());
         assert_eq!(mean, scene(3.0));
-        let mut two = scene(0.0);
-        two.rotations.push(0.0);
-        assert!(matches!(Average::of_state(&state, &mut two), Err(Error::Checkpoint(_))));
+        let two = Scene2d { rotations: vec![0.0; 2], ..scene(0.0) };
+        let found = |state: &SplatsState, scene: &Scene2d| Average::of_state(state, |_| Ok(scene.clone()));
+        assert!(matches!(found(&state, &two), Err(Error::Checkpoint(_))));
+        state.insert_u32(COUNT, vec![SCENES + 1]);
+        assert!(matches!(found(&state, &scene(0.0)), Err(Error::Checkpoint(_))));
+        assert_eq!(found(&SplatsState::new(state.parameterization), &scene(0.0)).unwrap(), Average::default());
     }
 }

@@ -1,16 +1,12 @@
-//! Writes the small models of gs-io's tests as each target's first corpus: `cargo run --example
-//! seed_datasets`, in this folder.
+//! The small models of these tests as the first corpus of the fuzz targets.
 
 use std::{fs, io, path::Path};
 
-// `made.rs` is also part of gs-io and finds these at the root of its crate.
-use gs_io::{dataset, write_png};
+use super::made;
 
-#[allow(dead_code)]
-#[path = "../../gs-io/src/dataset/tests/made.rs"]
-mod made;
-
-fn main() -> io::Result<()> {
+#[test]
+#[ignore = "writes into fuzz/corpus"]
+fn small_models_as_the_first_corpus_of_the_fuzz_targets() -> io::Result<()> {
     let model = made::model(3);
     let [cameras, images, points] = made::binary(&model);
     let lengths = [cameras.len(), images.len()].map(|length| (length as u16).to_le_bytes());
@@ -40,7 +36,7 @@ fn main() -> io::Result<()> {
 
 /// A file of its own for each content.
 fn write(target: &str, bytes: &[u8]) -> io::Result<()> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("corpus").join(target);
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../fuzz/corpus").join(target);
     fs::create_dir_all(&folder)?;
     fs::write(folder.join(format!("made-{}", bytes.len())), bytes)
 }

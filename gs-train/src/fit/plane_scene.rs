@@ -22,7 +22,7 @@ const SIDE_PX: f32 = 800.0;
 
 /// A rectangle in 3D that holds a flat scene.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Flat {
+pub struct Flat {
     /// Centre, world units.
     center: Vec3,
     /// Width and height, world units.
@@ -35,7 +35,7 @@ pub(crate) struct Flat {
 
 impl Flat {
     /// The rectangle of an exported 2D scene of this size ([`gs_io::write_ply`]).
-    fn picture(size: (u32, u32)) -> Self {
+    pub fn picture(size: (u32, u32)) -> Self {
         let sides = Vec2::new(size.0 as f32, size.1 as f32);
         let extent = sides * (PICTURE_WORLD / sides.max_element());
         Self { center: Vec3::ZERO, extent, axes: Mat3::IDENTITY, picture: Some(size) }
@@ -46,7 +46,7 @@ impl Flat {
     /// Its front is the view along +z with −y up, along +x with −y up, or along +y with +z up.
     /// `picture` is the size in its file, which is used where the scene lies in the rectangle of an
     /// exported 2D scene.
-    pub(crate) fn of(scene: &Scene3d, picture: Option<(u32, u32)>) -> Option<Self> {
+    pub fn of(scene: &Scene3d, picture: Option<(u32, u32)>) -> Option<Self> {
         let known = picture.map(Self::picture);
         if let Some(known) = known.filter(|known| bounds(scene, OUTSIDE).is_some_and(|bounds| known.holds(bounds))) {
             return Some(known);
@@ -74,13 +74,13 @@ impl Flat {
 
     /// Columns and rows of an image of the flat scene: those of the file, or else 800 px along the
     /// longer side.
-    pub(crate) fn size(&self) -> (u32, u32) {
+    pub fn size(&self) -> (u32, u32) {
         let sides = self.extent * (SIDE_PX / self.extent.max_element());
         self.picture.unwrap_or((sides.x.round().max(1.0) as u32, sides.y.round().max(1.0) as u32))
     }
 
     /// The camera that shows the front upright and as large as an image of this size can hold.
-    pub(crate) fn camera(&self, (width, height): (u32, u32)) -> Camera {
+    pub fn camera(&self, (width, height): (u32, u32)) -> Camera {
         let size = Vec2::new(width as f32, height as f32);
         let distance = PICTURE_DISTANCE_WORLD / PICTURE_WORLD * self.extent.max_element();
         let focal = (size / self.extent).min_element() * distance;
@@ -97,12 +97,12 @@ impl Flat {
     }
 
     /// Centre of the scene, world units.
-    pub(crate) fn center(&self) -> Vec3 {
+    pub fn center(&self) -> Vec3 {
         self.center
     }
 
     /// Direction that is up in a view of the front.
-    pub(crate) fn up(&self) -> Vec3 {
+    pub fn up(&self) -> Vec3 {
         -self.axes.row(1)
     }
 
