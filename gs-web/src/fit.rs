@@ -226,7 +226,7 @@ impl Fit {
             }
             "gsi" => {
                 let settings = EncodeSettings::default().with(|s| s.target = EncodeTarget::Quality(50));
-                Ok(encode(self.engine.on, target, &settings).await.map_err(failure)?.bytes)
+                Ok(encode(self.engine.on, target, &settings, &|_| {}).await.map_err(failure)?.bytes)
             }
             other => Err(JsError::new(&format!("`{other}` is no file of a fit"))),
         }
