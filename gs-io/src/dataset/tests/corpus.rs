@@ -5,7 +5,7 @@ use std::{fs, io, path::Path};
 use super::made;
 
 #[test]
-#[ignore = "writes into fuzz/corpus"]
+#[ignore = "writes into fuzz/corpus; fuzz/README.md has the command"]
 fn small_models_as_the_first_corpus_of_the_fuzz_targets() -> io::Result<()> {
     let model = made::model(3);
     let [cameras, images, points] = made::binary(&model);
