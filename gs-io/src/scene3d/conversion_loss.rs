@@ -124,6 +124,7 @@ impl Clamp {
         Self { what, low, high, tolerance, values: 0 }
     }
 
+    #[inline]
     pub(crate) fn apply(&mut self, value: f32) -> f32 {
         if value < self.low - self.tolerance || value > self.high + self.tolerance {
             self.values += 1;

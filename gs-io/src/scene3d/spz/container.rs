@@ -17,6 +17,7 @@ use std::io::{self, Read, Write};
 
 use flate2::{Compression, read::GzDecoder, write::GzEncoder};
 use glam::{DMat3, DVec3};
+use rayon::prelude::*;
 
 #[cfg(feature = "zstd")]
 use zstd::bulk::{compress, decompress};
@@ -51,8 +52,12 @@ const MAX_EXTENSION_BYTES: u64 = 1 << 16;
 /// Adobe's extension with the orientation of a file's axes.
 const AXES_EXTENSION: u32 = 0xadbe_0003;
 
-/// zstd's level in Niantic's library. Lower levels make larger files, higher ones hardly smaller.
-const ZSTD_LEVEL: i32 = 12;
+/// zstd's level for SH above degree 0. At Niantic's, 12, files are at most 2 % smaller, and take
+/// nearly twice as long.
+const SH_LEVEL: i32 = 9;
+
+/// zstd's level for the other parameters, whose streams hardly shrink at any level.
+const ZSTD_LEVEL: i32 = 6;
 
 /// The content of the head.
 #[derive(Debug, Clone, Copy)]
@@ -277,13 +282,15 @@ pub(super) fn write(head: &Head, streams: &Streams<Vec<u8>>) -> io::Result<Vec<u
         streams.into_iter().try_for_each(|bytes| stream.write_all(bytes))?;
         return stream.finish();
     }
-    let streams: Vec<&Vec<u8>> = streams.into_iter().filter(|bytes| !bytes.is_empty()).collect();
+    let levels = [ZSTD_LEVEL, ZSTD_LEVEL, ZSTD_LEVEL, ZSTD_LEVEL, ZSTD_LEVEL, SH_LEVEL];
+    let streams: Vec<(&Vec<u8>, i32)> =
+        streams.into_iter().zip(levels).filter(|(bytes, _)| !bytes.is_empty()).collect();
     start.push(streams.len() as u8);
     start.extend((HEAD_BYTES as u32).to_le_bytes());
     start.resize(HEAD_BYTES, 0);
     let compressed: Vec<Vec<u8>> =
-        streams.iter().map(|bytes| compress(bytes, ZSTD_LEVEL)).collect::<io::Result<_>>()?;
-    for (part, bytes) in compressed.iter().zip(&streams) {
+        streams.par_iter().map(|&(bytes, level)| compress(bytes, level)).collect::<io::Result<_>>()?;
+    for (part, (bytes, _)) in compressed.iter().zip(&streams) {
         start.extend([part.len() as u64, bytes.len() as u64].map(u64::to_le_bytes).concat());
     }
     compressed.iter().for_each(|part| start.extend(part));

@@ -83,7 +83,15 @@ pub(crate) fn encode(
     let fraction = FractionalBits::for_means(&scene.means);
     let mut packing = quantum::Packing::new(options, fraction);
     let rest = scene.sh_len() - 1;
-    let mut streams = Streams::<Vec<u8>>::default();
+    let room = |each: usize| Vec::with_capacity(each * scene.len());
+    let mut streams = Streams {
+        positions: room(9),
+        opacities: room(1),
+        colors: room(3),
+        scales: room(3),
+        rotations: room(4),
+        sh: room(3 * rest),
+    };
     for i in 0..scene.len() {
         streams.positions.extend(packing.position(AXES.mean(scene.means[i])));
         streams.opacities.push(packing.opacity(scene.opacity_logits[i]));

@@ -104,6 +104,14 @@ pub(super) fn rotation_of_smallest(bytes: [u8; 4]) -> [f32; 4] {
     [w, x, y, z]
 }
 
+/// The nearest whole number, away from 0 from the middle between two, without the call that `round`
+/// is on most machines. The sum is exact in 64 bits.
+#[inline]
+fn rounded(value: f32) -> i32 {
+    let value = f64::from(value);
+    (value + 0.5_f64.copysign(value)) as i32
+}
+
 /// Quantises numbers, and counts what does not fit.
 #[derive(Debug)]
 pub(super) struct Packing {
@@ -137,19 +145,24 @@ impl Packing {
     }
 
     pub(super) fn log_scale(&mut self, log: Vec3) -> [u8; 3] {
-        log.to_array().map(|v| ((self.log_scales.apply(v) + 10.0) * 16.0).round() as u8)
+        log.to_array().map(|v| rounded((self.log_scales.apply(v) + 10.0) * 16.0) as u8)
     }
 
     pub(super) fn color(&mut self, dc: Vec3) -> [u8; 3] {
-        dc.to_array().map(|v| ((self.colors.apply(v) * COLOR_SCALE + 0.5) * 255.0).round() as u8)
+        dc.to_array().map(|v| rounded((self.colors.apply(v) * COLOR_SCALE + 0.5) * 255.0) as u8)
     }
 
     /// SH coefficient `k` ≥ 1, rounded to the nearest multiple of the step; 128 stands for 0.
     pub(super) fn sh(&mut self, k: usize, c: Vec3) -> [u8; 3] {
         let bits = if k < 4 { self.options.degree_1_bits } else { self.options.higher_degree_bits };
         let step = (1_u32 << (8 - bits)) as f32;
-        // The cast saturates: what rounds up to 256 becomes 255.
-        c.to_array().map(|v| ((self.sh.apply(v) * 128.0 / step).round() * step + 128.0) as u8)
+        let mut bytes = [0; 3];
+        // A loop, because most of a file are these bytes, and `map` would call a function for each.
+        for (byte, v) in bytes.iter_mut().zip(c.to_array()) {
+            // The cast saturates: what rounds up to 256 becomes 255.
+            *byte = (rounded(self.sh.apply(v) * 128.0 / step) as f32 * step + 128.0) as u8;
+        }
+        bytes
     }
 
     /// A unit quaternion (w, x, y, z). q and −q are the same rotation: the largest component
@@ -160,7 +173,7 @@ impl Packing {
         let mut bits = largest as u32;
         for k in (0..4).filter(|&k| k != largest) {
             let negative = (xyzw[k] < 0.0) != (xyzw[largest] < 0.0);
-            let magnitude = (xyzw[k].abs() / FRAC_1_SQRT_2 * PART_MAX as f32).round() as u32;
+            let magnitude = rounded(xyzw[k].abs() / FRAC_1_SQRT_2 * PART_MAX as f32) as u32;
             bits = bits << 10 | u32::from(negative) << 9 | magnitude.min(PART_MAX);
         }
         bits.to_le_bytes()
