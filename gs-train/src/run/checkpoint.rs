@@ -7,8 +7,8 @@ use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 use super::{
     recovery::FreshStart,
+    settings_file::toml_value::from_toml,
     task::{RunSettings, Trainable},
-    toml_value::from_toml,
 };
 use crate::error::Error;
 

@@ -15,7 +15,6 @@ mod settings_file;
 mod shortfall;
 mod suspect;
 mod task;
-mod toml_value;
 mod trainer;
 
 pub(crate) use self::{

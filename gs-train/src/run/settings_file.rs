@@ -1,6 +1,8 @@
 //! Settings in TOML files, and what users write as JSON, with errors that name the line, the key
 //! and the nearest known key.
 
+pub(super) mod toml_value;
+
 use std::{fmt, path::Path};
 
 use serde::{Serialize, de::DeserializeOwned};
@@ -9,7 +11,7 @@ use toml::{
     de::{DeTable, DeValue},
 };
 
-use super::toml_value::{Misread, from_toml};
+use self::toml_value::{Misread, from_toml};
 use crate::error::Error;
 
 /// Parses the text of a settings file. `file` is its name for the error.

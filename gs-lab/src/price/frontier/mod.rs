@@ -31,7 +31,7 @@ use std::fmt;
 
 use gs_backend::AnyRasterizer;
 use gs_core::{Image, Optimizer, RenderSettings, Scene, counted};
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 
 use self::{
     answer::Answer,
@@ -118,8 +118,12 @@ pub struct FrontierReport {
     #[serde(skip)]
     pub missed: Option<(String, &'static str)>,
     /// Why settings for the budget could not be verified. The measurements are complete.
-    #[serde(skip)]
+    #[serde(skip_serializing_if = "Option::is_none", serialize_with = "as_message")]
     pub failure: Option<Error>,
+}
+
+fn as_message<S: Serializer>(failure: &Option<Error>, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_str(&failure.iter().map(Error::to_string).collect::<String>())
 }
 
 impl FrontierReport {

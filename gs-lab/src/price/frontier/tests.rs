@@ -227,6 +227,7 @@ fn a_failed_verification_keeps_the_measured_frontier() {
     let failed = report(Some(Budget::MaxError(0.1)));
     let error = failed.failure.as_ref().expect("a picture of no pixels").to_string();
     assert!(error.contains("0x48") || error.contains("0×48"), "{error}");
+    assert_eq!(serde_json::to_value(&failed).unwrap()["failure"], error);
     assert!(failed.settings_file().is_none() && failed.missed.is_none());
     assert!(failed.csv().contains("no cut-offs") && failed.to_string().contains("alpha cut"), "{failed}");
     assert!(report(None).failure.is_none(), "without a budget nothing is verified");
