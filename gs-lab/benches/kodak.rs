@@ -5,19 +5,19 @@
 
 #![allow(clippy::print_stdout)]
 
+#[path = "measure/images.rs"]
+mod images;
 mod measure;
 
 use pollster::FutureExt as _;
 use std::{error::Error, fmt::Write, path::PathBuf};
 
 use clap::Parser;
+use gs_core::{metrics::mean, profile::Quantiles};
 use gs_cpu::{CpuRasterizer, SimdLevel};
 use gs_train::{Control, FitSummary, Observer, Preset, Progress, fit};
-use measure::{
-    Options, Outcome, Quantiles,
-    images::{BenchImage, BenchImages},
-    mean, print_columns, print_head, print_row, print_section,
-};
+use images::{BenchImage, BenchImages};
+use measure::{Options, Outcome, print_columns, print_head, print_row, print_section};
 
 /// The count for which quality against time is measured.
 const GAUSSIANS: u32 = 9_000;

@@ -11,6 +11,8 @@
 
 mod codec;
 mod curve;
+#[path = "../measure/images.rs"]
+mod images;
 #[path = "../measure/mod.rs"]
 mod measure;
 mod plots;
@@ -21,11 +23,8 @@ use std::{error::Error, fs, path::PathBuf};
 
 use clap::Parser;
 use gs_conformance::data;
-use measure::{
-    Options, Outcome,
-    images::{BenchImage, BenchImages},
-    print_head,
-};
+use images::{BenchImage, BenchImages};
+use measure::{Options, Outcome, print_head};
 
 use self::{
     codec::CODECS,

@@ -2,14 +2,13 @@
 
 use std::{error::Error, fs, path::Path};
 
-use gs_core::counted;
+use gs_core::{counted, metrics::mean};
 use gs_lab::report::line_chart;
 
 use crate::{
     Set,
     codec::CODECS,
     curve::RateCurve,
-    measure::mean,
     points::{Measure, OURS, Points, TUNED},
 };
 

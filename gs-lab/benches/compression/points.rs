@@ -3,7 +3,7 @@
 use std::{error::Error, fmt::Write as _, hint::black_box, time::Instant};
 
 use gs_codec::Extent;
-use gs_core::{Canvas, Image, Rasterizer as _};
+use gs_core::{Canvas, Image, Rasterizer as _, profile::Quantiles};
 use gs_cpu::CpuRasterizer;
 use gs_io::decode_gsi;
 use gs_train::{EncodeSettings, EncodeTarget, ImageQuality, Tune, encode};
@@ -13,7 +13,7 @@ use ssimulacra2::{ColorPrimaries, Rgb, TransferCharacteristic, compute_frame_ssi
 use crate::{
     codec::{CODECS, Original},
     curve::{RateCurve, ms_ssim_decibels},
-    measure::{Quantiles, images::BenchImage},
+    images::BenchImage,
 };
 
 /// Names of our format, tuned for PSNR and for SSIM.

@@ -3,7 +3,7 @@
 use std::error::Error;
 
 use gs_codec::Extent;
-use gs_core::metrics::l1_and_psnr;
+use gs_core::metrics::{l1_and_psnr, mean};
 use gs_cpu::CpuRasterizer;
 use gs_train::{EncodeLayers, EncodeSettings, EncodeTarget, Encoded, encode};
 use pollster::FutureExt as _;
@@ -11,7 +11,8 @@ use pollster::FutureExt as _;
 use crate::{
     Set,
     codec::CODECS,
-    measure::{images::BenchImage, mean, print_columns, print_row, print_section},
+    images::BenchImage,
+    measure::{print_columns, print_row, print_section},
     points::{Measure, OURS, Point, Points, TUNED, rendered},
 };
 

@@ -1,11 +1,8 @@
 //! What all benchmarks share: options, the head of a report, timing, and table cells.
 
-pub(crate) mod images;
-
 use std::error::Error;
 
 use clap::Parser;
-pub(crate) use gs_core::profile::Quantiles;
 use gs_cpu::{CpuRasterizer, CpuSettings, SimdLevel};
 
 /// The result of a benchmark's `main`.
@@ -103,10 +100,4 @@ pub(crate) fn print_columns(names: &[&str]) {
 pub(crate) fn print_row<T: AsRef<str>>(cells: &[T]) {
     let cells: Vec<&str> = cells.iter().map(AsRef::as_ref).collect();
     println!("| {} |", cells.join(" | "));
-}
-
-/// The mean; NaN of none.
-pub(crate) fn mean(numbers: impl IntoIterator<Item = f64>) -> f64 {
-    let (sum, count) = numbers.into_iter().fold((0.0, 0.0), |(sum, count), x| (sum + x, count + 1.0));
-    sum / count
 }
