@@ -101,7 +101,7 @@ pub trait Kind: Scene + 'static {
     fn bin(workspace: &mut Workspace<Self::Buffers>) -> Result<(), Error>;
 
     /// Runs stage `project_bwd`: every Gaussian's gradient, times `scale`.
-    fn project_bwd(workspace: &mut Workspace<Self::Buffers>, splats: &Self::Splats, scale: f32);
+    fn project_bwd(workspace: &mut Workspace<Self::Buffers>, splats: &Self::Splats, level: Level, scale: f32);
 
     /// Adds `weight` times other gradients of `project_bwd`, of as many Gaussians, to those of the
     /// Gaussians that some tile lists in both.
@@ -135,7 +135,7 @@ pub trait Kind: Scene + 'static {
         workspace: &mut Workspace<Self::Buffers>,
         scale: f32,
     ) {
-        Self::project_bwd(workspace, splats, scale);
+        Self::project_bwd(workspace, splats, level, scale);
         Self::adam(splats, bias, rates, level, workspace);
     }
 

@@ -141,6 +141,18 @@ pub(crate) fn masked<S: Simd, V: Floats<S>>(vector: V, mask: V) -> V {
     V::from_bits(vector.to_bits() & mask.to_bits())
 }
 
+/// Transposes 16 rows of 16 numbers: each round interleaves rows that are half the number apart.
+#[inline(always)]
+pub(crate) fn transpose<S: Simd>(rows: &mut [Whole<S>; LANES]) {
+    for _ in 0..LANES.ilog2() {
+        let before = *rows;
+        for k in 0..LANES / 2 {
+            rows[2 * k] = before[k].zip_low(before[k + LANES / 2]);
+            rows[2 * k + 1] = before[k].zip_high(before[k + LANES / 2]);
+        }
+    }
+}
+
 /// The sums over lanes of eight vectors. Every addition works on full registers.
 #[inline(always)]
 pub(crate) fn sums<S: Simd, V: Floats<S>>([a, b, c, d, e, f, g, h]: [V; 8]) -> [f32; 8] {
@@ -199,6 +211,30 @@ mod tests {
         let values = [f32::NEG_INFINITY, -1e30, -88.0, f32::NAN, 0.0];
         let got = values.map(|x| dispatch!(token, simd => exp(simd, Whole::splat(simd, x)).as_slice()[0]));
         assert_eq!(got, [0.0, 0.0, 0.0, 0.0, 1.0]);
+    }
+
+    #[test]
+    fn rows_become_columns() {
+        for level in SimdLevel::available() {
+            let token = level.instructions().unwrap();
+            let columns = dispatch!(token, simd => transposed(simd));
+            for (k, column) in columns.iter().enumerate() {
+                assert_eq!(*column, std::array::from_fn(|row| (100 * row + k) as f32), "{level}");
+            }
+        }
+    }
+
+    /// The columns of 0, 1, …, 15; 100, 101, …, 115; …
+    #[inline(always)]
+    fn transposed<S: Simd>(simd: S) -> [[f32; LANES]; LANES] {
+        let mut rows = [splat::<S, Whole<S>>(simd, 0.0); LANES];
+        for (k, row) in rows.iter_mut().enumerate() {
+            *row = iota::<S, Whole<S>>(simd, 0) + (100 * k) as f32;
+        }
+        transpose::<S>(&mut rows);
+        let mut columns = [[0.0; LANES]; LANES];
+        rows.iter().zip(&mut columns).for_each(|(row, column)| store(*row, column, 0));
+        columns
     }
 
     #[test]

@@ -37,7 +37,7 @@ impl<S: Kind> Pass<'_, S> {
             Stage::Fused => {
                 workspace.tiles.blend_l2_fused(level, target)?;
             }
-            Stage::ProjectBwd => S::project_bwd(workspace, splats, 1.0),
+            Stage::ProjectBwd => S::project_bwd(workspace, splats, level, 1.0),
             Stage::Adam => S::adam(splats, bias, &self.rates, level, workspace),
             Stage::Update => S::update(splats, bias, &self.rates, level, workspace, 1.0),
         }

@@ -194,7 +194,7 @@ impl<S: Kind> Rasterizer<S> for CpuRasterizer {
         let value = self.install(|| {
             let value = loss::loss(&mut workspace.tiles, target, loss, self.level)?;
             workspace.tiles.blend_bwd(self.level)?;
-            S::project_bwd(workspace, splats, 1.0);
+            S::project_bwd(workspace, splats, self.level, 1.0);
             Ok::<f64, Error>(value)
         })?;
         Ok((value as f32, pass.into_gradients()))
@@ -230,7 +230,7 @@ impl<S: Kind> Rasterizer<S> for CpuRasterizer {
         self.install(|| {
             loss::take(&mut workspace.tiles, v_image)?;
             workspace.tiles.blend_bwd(self.level)?;
-            S::project_bwd(workspace, splats, 1.0);
+            S::project_bwd(workspace, splats, self.level, 1.0);
             Ok::<(), Error>(())
         })?;
         Ok(pass.into_gradients())
@@ -308,7 +308,7 @@ impl<S: Kind> Optimizer<S> for CpuRasterizer {
             match added {
                 None => S::update(splats, bias, step.rates, self.level, &mut workspace, scale),
                 Some(Added { gradients, weight }) => {
-                    S::project_bwd(&mut workspace, splats, scale);
+                    S::project_bwd(&mut workspace, splats, self.level, scale);
                     S::add_gradients(&mut workspace, gradients.workspace(), weight)?;
                     S::adam(splats, bias, step.rates, self.level, &workspace);
                 }

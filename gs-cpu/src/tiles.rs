@@ -285,28 +285,12 @@ impl Tiles {
         self.sum_of(self.bins.slots_of(rank))
     }
 
-    /// [`Self::received`] of several ranks, `None` where a rank is `None`.
-    ///
-    /// A splat's slots are far from those of the splat before. Looking them up and adding them in
-    /// two loops of little work lets the processor wait for many of them at a time.
-    #[inline(always)]
-    pub(crate) fn gather<const N: usize>(&self, ranks: [Option<usize>; N]) -> [Option<Received>; N] {
-        let mut slots = [&[][..]; N];
-        for (slots, rank) in slots.iter_mut().zip(ranks) {
-            if let Some(rank) = rank {
-                *slots = self.bins.slots_of(rank);
-            }
-        }
-        let mut received = [None; N];
-        for (received, slots) in received.iter_mut().zip(slots) {
-            *received = self.sum_of(slots);
-        }
-        received
-    }
-
     /// The sum of these slots; `None` without any.
+    ///
+    /// A splat's slots are far from those of the splat before. Looking up those of several splats, then
+    /// adding them, in two loops of little work, lets the processor wait for many of them at a time.
     #[inline(always)]
-    fn sum_of(&self, slots: &[u32]) -> Option<Received> {
+    pub(crate) fn sum_of(&self, slots: &[u32]) -> Option<Received> {
         if slots.is_empty() {
             return None;
         }

@@ -131,7 +131,7 @@ impl Kind for Scene2d {
         }
     }
 
-    fn project_bwd(workspace: &mut Workspace<Buffers2d>, splats: &Splats2d, scale: f32) {
+    fn project_bwd(workspace: &mut Workspace<Buffers2d>, splats: &Splats2d, _: Level, scale: f32) {
         project_bwd::all(workspace, splats, scale);
     }
 

@@ -1,6 +1,8 @@
 //! Stage `adam`: one step of every Gaussian, a vector of 16 parameters at a time, and its
 //! statistics. Parallel over Gaussians.
 
+use std::ops::Range;
+
 use fearless_simd::{Simd, prelude::*};
 use gs_core::{
     AdamRates, DensityStatistics, Participants, Penalty, adam::Rate, constants::VANISHING_MOMENT, effects::Statistics,
@@ -108,23 +110,40 @@ impl<'a> Rows<'a> {
         (rows, others)
     }
 
-    /// Runs `work(index of the first Gaussian, rows)` for blocks of [`BLOCK`] Gaussians, in
+    /// Runs `work(index of the first Gaussian, rows)` for chunks of at most [`CHUNK`] Gaussians, in
     /// parallel; `first` is the index of the first of all.
-    fn for_each_block(self, first: usize, pitch: usize, work: &(impl Fn(usize, Rows<'_>) + Sync)) {
-        match self.steps.len() {
-            ..=BLOCK => work(first, self),
-            count if count > CHUNK => {
-                let half = (count / 2).next_multiple_of(BLOCK);
-                let (rows, others) = self.split(half, pitch);
-                rayon::join(
-                    || rows.for_each_block(first, pitch, work),
-                    || others.for_each_block(first + half, pitch, work),
-                );
+    fn for_each_chunk(self, first: usize, pitch: usize, work: &(impl Fn(usize, Rows<'_>) + Sync)) {
+        let count = self.steps.len();
+        if count <= CHUNK {
+            return work(first, self);
+        }
+        let half = count / 2;
+        let (rows, others) = self.split(half, pitch);
+        rayon::join(|| rows.for_each_chunk(first, pitch, work), || others.for_each_chunk(first + half, pitch, work));
+    }
+
+    /// Moves the Gaussians of these places, along the gradients of a block, and adds to the statistics
+    /// if they are collected; `first` is the index of the first of all.
+    #[inline(always)]
+    fn step_to<S: Simd>(
+        &mut self,
+        simd: S,
+        first: usize,
+        places: Range<usize>,
+        block: &Block,
+        step: &Step<'_>,
+        collect: bool,
+    ) {
+        let mut members = block.members[..block.len].iter().zip(&block.rows).zip(block.shares).peekable();
+        for i in places {
+            let listed = members.next_if(|((place, _), _)| **place == i);
+            if listed.is_none() && step.rates.participants == Participants::Visible {
+                continue;
             }
-            _ => {
-                let (rows, others) = self.split(BLOCK, pitch);
-                work(first, rows);
-                others.for_each_block(first + BLOCK, pitch, work);
+            let gradient = listed.map(|((_, row), _)| &row[..step.width]);
+            self.step(simd, (i, (first + i) as u32), gradient, step);
+            if let Some((_, share)) = listed.filter(|_| collect) {
+                share.add_to(&mut self.signal_sum[i], &mut self.visible[i]);
             }
         }
     }
@@ -182,15 +201,22 @@ pub(crate) fn step(
     level: Level,
     workspace: &Workspace<Buffers3d>,
 ) {
-    let width = workspace.buffers.gradient_pitch();
-    step_along(splats, table, rates, level, workspace, |first, count, _, block| {
-        for i in 0..count {
-            let listed = workspace.lists(first + i);
-            block.shares[i] = listed.then(|| workspace.buffers.shares[first + i]);
-            if listed {
-                block.rows[i][..width].copy_from_slice(workspace.buffers.gradient(first + i));
+    let (width, pitch) = (workspace.buffers.gradient_pitch(), splats.pitch());
+    step_along(splats, table, rates, level, workspace, |(first, from), parameters, block| {
+        let count = parameters.len() / pitch;
+        block.len = 0;
+        for place in from..count {
+            if workspace.lists(first + place) {
+                block.members[block.len] = place;
+                block.rows[block.len][..width].copy_from_slice(workspace.buffers.gradient(first + place));
+                block.shares[block.len] = workspace.buffers.shares[first + place];
+                block.len += 1;
+                if block.len == BLOCK {
+                    return place + 1;
+                }
             }
         }
+        count
     });
 }
 
@@ -206,20 +232,21 @@ pub(crate) fn update(
     scale: f32,
 ) {
     let Some(backward) = Backward::new(workspace, splats, scale) else { return };
-    step_along(splats, table, rates, level, workspace, |first, _, parameters, block| {
-        dispatch!(level, _simd => backward.block(first, parameters, block));
+    step_along(splats, table, rates, level, workspace, |at, parameters, block| {
+        backward.block(level, at, parameters, block)
     });
 }
 
-/// Takes one Adam step along the gradients that `gradients(first, count, parameters, block)` finds
-/// of `count` Gaussians from `first` on.
+/// Takes one Adam step along gradients. Of a chunk that begins with the Gaussian `first`,
+/// `gradients((first, from), parameters, block)` finds those of the next listed Gaussians from place
+/// `from` on, and returns the place up to which it came.
 fn step_along(
     splats: &mut Splats3d,
     table: &mut BiasTable<GROUPS>,
     rates: &AdamRates,
     level: Level,
     workspace: &Workspace<Buffers3d>,
-    gradients: impl Fn(usize, usize, &[f32], &mut Block) + Sync,
+    gradients: impl Fn((usize, usize), &[f32], &mut Block) -> usize + Sync,
 ) {
     splats.moments.convert(rates.color_rest_moments);
     let groups = [rates.mean, rates.scale, rates.rotation, rates.opacity, rates.color, rates.color_rest];
@@ -232,20 +259,14 @@ fn step_along(
     let pitch = splats.pitch();
     let width = workspace.buffers.gradient_pitch().min(pitch);
     let step = Step { pitch, width, groups, rates, bias: table, log_scales, penalty };
-    Rows::of(splats).for_each_block(0, pitch, &|first, mut rows: Rows<'_>| {
+    Rows::of(splats).for_each_chunk(0, pitch, &|first, mut rows: Rows<'_>| {
         let mut block = Block::EMPTY;
-        gradients(first, rows.steps.len(), rows.parameters, &mut block);
-        dispatch!(level, simd => for i in 0..rows.steps.len() {
-            let share = block.shares[i];
-            if share.is_none() && rates.participants == Participants::Visible {
-                continue;
-            }
-            let gradient = share.is_some().then_some(&block.rows[i][..width]);
-            rows.step(simd, (i, (first + i) as u32), gradient, &step);
-            if let Some(share) = share.filter(|_| collect) {
-                share.add_to(&mut rows.signal_sum[i], &mut rows.visible[i]);
-            }
-        });
+        let mut from = 0;
+        while from < rows.steps.len() {
+            let end = gradients((first, from), rows.parameters, &mut block);
+            dispatch!(level, simd => rows.step_to(simd, first, from..end, &block, &step, collect));
+            from = end;
+        }
     });
 }
 

@@ -3,9 +3,8 @@
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 use gs_core::{
-    AdamRates, Binning, Blend, Camera, Error, Output, RenderSettings, Scene3d,
-    effects::Order,
-    math::perspective::{Ellipsoid, Perspective},
+    AdamRates, Binning, Blend, Camera, Error, Output, RenderSettings, Scene3d, effects::Order,
+    math::perspective::Ellipsoid,
 };
 use rayon::prelude::*;
 
@@ -63,8 +62,7 @@ impl Kind for Scene3d {
             Output::Color => settings.effects.sh_degree.min(splats.sh_degree),
             Output::InverseDepth | Output::Alpha => 0,
         };
-        workspace.buffers.eye =
-            Some(Eye { perspective: Perspective::new(camera, settings), degree, output: settings.output });
+        workspace.buffers.eye = Some(Eye::new(camera, settings, degree));
         Self::project(workspace, splats);
         Self::sort(workspace, splats);
         Self::bin(workspace)?;
@@ -102,8 +100,8 @@ impl Kind for Scene3d {
         });
     }
 
-    fn project_bwd(workspace: &mut Workspace<Buffers3d>, splats: &Splats3d, scale: f32) {
-        project_bwd::all(workspace, splats, scale);
+    fn project_bwd(workspace: &mut Workspace<Buffers3d>, splats: &Splats3d, level: Level, scale: f32) {
+        project_bwd::all(workspace, splats, level, scale);
     }
 
     fn add_gradients(

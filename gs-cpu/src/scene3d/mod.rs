@@ -4,6 +4,7 @@ mod adam;
 mod buffers;
 mod depth_sort;
 mod kind;
+mod lanes_vjp;
 mod moments;
 mod project;
 mod project_bwd;

@@ -3,7 +3,7 @@
 
 use glam::Vec3;
 use gs_core::{
-    CullCause, Culled, Dropout, Output, RenderSettings,
+    Blend, Camera, CullCause, Culled, Dropout, Effects, Output, RenderSettings,
     math::{perspective::Perspective, sh},
 };
 use rayon::prelude::*;
@@ -23,9 +23,36 @@ pub(crate) struct Eye {
     /// The evaluated degree of the SH.
     pub(crate) degree: u8,
     pub(crate) output: Output,
+    /// Rows of the rotation from the world's to the camera's axes, and the translation after it.
+    pub(crate) rotation: [[f32; 3]; 3],
+    pub(crate) translation: [f32; 3],
+    /// Place in the world.
+    pub(crate) position: [f32; 3],
+    /// Focal length, px.
+    pub(crate) focal: [f32; 2],
+    /// The dilation, px², where opacities compensate for it.
+    pub(crate) compensated_dilation: Option<f32>,
+    pub(crate) is_over: bool,
 }
 
 impl Eye {
+    /// Of a valid camera with valid settings.
+    pub(crate) fn new(camera: &Camera, settings: &RenderSettings, degree: u8) -> Self {
+        let Effects { antialias, blend, .. } = settings.effects;
+        let is_over = blend == Blend::Over;
+        Self {
+            perspective: Perspective::new(camera, settings),
+            degree,
+            output: settings.output,
+            rotation: camera.rotation.transpose().to_cols_array_2d(),
+            translation: camera.translation.to_array(),
+            position: camera.position().to_array(),
+            focal: camera.focal.to_array(),
+            compensated_dilation: (antialias.compensates() && is_over).then(|| antialias.dilation()),
+            is_over,
+        }
+    }
+
     /// What a Gaussian shows.
     #[inline(always)]
     fn color(&self, row: &[f32]) -> [f32; 3] {

@@ -1,40 +1,52 @@
 //! Stage `project_bwd`: computes the gradient of a Gaussian's parameters from those of its entries.
-//! Parallel over Gaussians.
+//! Parallel over Gaussians, a lane for each of those that some tile lists.
 //!
 //! With Σ′⁻¹ d = A (dx, u) and t = o·w·v_(o·w): v_μ′ = Σ t Σ′⁻¹ d and v_Σ′ = ½ Σ t (Σ′⁻¹ d)(Σ′⁻¹
 //! d)ᵀ, both linear in the kernels' sums.
 
-use std::sync::atomic::Ordering::Relaxed;
+use std::{ops::Range, sync::atomic::Ordering::Relaxed};
 
+use fearless_simd::Simd;
 use glam::{Mat2, Vec2};
-use gs_core::{effects::Statistics, math::perspective::ProjectionGradient};
+use gs_core::{Output, effects::Statistics, math::perspective::ProjectionGradient};
 use rayon::prelude::*;
 
 use super::{
     buffers::{Buffers3d, NO_RANK},
+    lanes_vjp::{self, Columns, Lanes},
     project::Eye,
     splats::{self, LOG_SCALE, MEAN, MOST_NUMBERS, OPACITY, ROTATION, SH, Splats3d},
 };
 use crate::{
+    lanes::{LANES, load, splat, store, transpose},
+    level::{Level, dispatch},
     splat::{CHUNK, Received, Share, Splat},
     tiles::Tiles,
     workspace::Workspace,
 };
 
-/// Gaussians whose gradients are computed one after the other, from entries gathered at once.
-pub(crate) const BLOCK: usize = 16;
+/// Listed Gaussians whose gradients are computed at a time, a lane for each.
+pub(crate) const BLOCK: usize = LANES;
 
-/// The gradients of up to [`BLOCK`] Gaussians.
+/// The gradients of up to [`BLOCK`] neighbouring Gaussians that some tile lists.
 pub(crate) struct Block {
-    /// Rows, laid out as the splats' parameters, up to the evaluated SH. Unspecified for Gaussians
-    /// that no tile lists.
+    /// The Gaussians, by their places in a chunk.
+    pub(crate) members: [usize; BLOCK],
+    /// How many there are.
+    pub(crate) len: usize,
+    /// Rows, laid out as the splats' parameters, up to the evaluated SH.
     pub(crate) rows: [[f32; MOST_NUMBERS]; BLOCK],
-    /// Contributions to the statistic; `None` for Gaussians that no tile lists.
-    pub(crate) shares: [Option<Share>; BLOCK],
+    /// Contributions to the statistic.
+    pub(crate) shares: [Share; BLOCK],
 }
 
 impl Block {
-    pub(crate) const EMPTY: Self = Self { rows: [[0.0; MOST_NUMBERS]; BLOCK], shares: [None; BLOCK] };
+    pub(crate) const EMPTY: Self = Self {
+        members: [0; BLOCK],
+        len: 0,
+        rows: [[0.0; MOST_NUMBERS]; BLOCK],
+        shares: [Share { signal: 0.0, weight: 0 }; BLOCK],
+    };
 }
 
 /// What gradients are computed from.
@@ -54,42 +66,141 @@ impl<'a> Backward<'a> {
         Some(Self { tiles, buffers, eye: buffers.eye?, pitch: splats.pitch(), scale })
     }
 
-    /// Computes the gradients of the Gaussians from `first` on that have these parameters.
-    #[inline(always)]
-    pub(crate) fn block(&self, first: usize, parameters: &[f32], block: &mut Block) {
-        let rank = |i: usize| {
-            let rank = self.buffers.rank_of.get(first + i).map_or(NO_RANK, |rank| rank.load(Relaxed));
-            (rank != NO_RANK).then_some(rank as usize)
-        };
-        let received = self.tiles.gather::<BLOCK>(std::array::from_fn(rank));
-        let width = self.buffers.gradient_pitch();
-        for (i, parameters) in parameters.chunks_exact(self.pitch).enumerate() {
-            let (splat, row) = (&self.tiles.projected[first + i], &mut block.rows[i][..width]);
-            block.shares[i] = received[i]
-                .map(|received| gradient(self.tiles, &self.eye, received, splat, parameters, self.scale, row));
+    /// Computes the gradients of the next listed Gaussians of a chunk, which begins with the Gaussian
+    /// `first` and has these parameters, from place `from` on. Returns the place up to which it came.
+    pub(crate) fn block(
+        &self,
+        level: Level,
+        (first, from): (usize, usize),
+        parameters: &[f32],
+        block: &mut Block,
+    ) -> usize {
+        let mut slots = [&[][..]; BLOCK];
+        let end = self.find(first, from..parameters.len() / self.pitch, &mut slots, block);
+        if block.len > 0 {
+            dispatch!(level, simd => self.compute(simd, first, parameters, &slots, block));
         }
+        end
+    }
+
+    /// Finds the next listed Gaussians among these places, and their slots.
+    fn find(&self, first: usize, places: Range<usize>, slots: &mut [&'a [u32]; BLOCK], block: &mut Block) -> usize {
+        block.len = 0;
+        for place in places.clone() {
+            let rank = self.buffers.rank_of.get(first + place).map_or(NO_RANK, |rank| rank.load(Relaxed));
+            let of_rank = if rank == NO_RANK { &[] } else { self.tiles.bins.slots_of(rank as usize) };
+            if !of_rank.is_empty() {
+                (block.members[block.len], slots[block.len]) = (place, of_rank);
+                block.len += 1;
+                if block.len == BLOCK {
+                    return place + 1;
+                }
+            }
+        }
+        places.end
+    }
+
+    #[inline(always)]
+    fn compute<S: Simd>(&self, simd: S, first: usize, parameters: &[f32], slots: &[&[u32]; BLOCK], block: &mut Block) {
+        let mut received = [Received::default(); BLOCK];
+        for (received, slots) in received.iter_mut().zip(&slots[..block.len]) {
+            *received = self.tiles.sum_of(slots).unwrap_or_default();
+        }
+        let width = self.buffers.gradient_pitch();
+        let mut lanes = Lanes::ZERO;
+        for (lane, (received, place)) in received[..block.len].iter().zip(block.members).enumerate() {
+            let splat = &self.tiles.projected[first + place];
+            put(&mut lanes.ridge, lane, [splat.inverse_xx, splat.slope, splat.c]);
+            put(&mut lanes.color, lane, received.color);
+            put(&mut lanes.first, lane, received.first.to_array());
+            put(&mut lanes.second, lane, received.second);
+            put(&mut lanes.zeroth, lane, [received.zeroth]);
+        }
+        let (mut given, mut out): (Columns, Columns) = ([[0.0; LANES]; MOST_NUMBERS], [[0.0; LANES]; MOST_NUMBERS]);
+        for at in (0..width.min(self.pitch)).step_by(LANES) {
+            let mut rows = [splat(simd, 0.0); LANES];
+            for lane in 0..block.len {
+                rows[lane] = load(simd, &parameters[block.members[lane] * self.pitch..], at);
+            }
+            transpose::<S>(&mut rows);
+            for (column, row) in given[at..at + LANES].iter_mut().zip(rows) {
+                store(row, column, 0);
+            }
+        }
+        let extreme = match self.eye.output {
+            Output::Color => lanes_vjp::gradients(simd, &self.eye, self.scale, &given, &mut lanes, &mut out),
+            Output::InverseDepth | Output::Alpha => u64::MAX,
+        };
+        for at in (0..width).step_by(LANES) {
+            let mut columns = [splat(simd, 0.0); LANES];
+            for (column, from) in columns.iter_mut().zip(&out[at..]) {
+                *column = load(simd, from, 0);
+            }
+            transpose::<S>(&mut columns);
+            for lane in 0..block.len {
+                store(columns[lane], &mut block.rows[lane], at);
+            }
+        }
+        for lane in 0..block.len {
+            let place = block.members[lane];
+            let row = &parameters[place * self.pitch..][..self.pitch];
+            let mut v_mean = Vec2::new(lanes.v_mean[0][lane], lanes.v_mean[1][lane]);
+            if extreme >> lane & 1 == 1 {
+                let splat = &self.tiles.projected[first + place];
+                v_mean = gradient(&self.eye, received[lane], splat, row, self.scale, &mut block.rows[lane][..width]);
+            }
+            block.shares[lane] = self.share(&received[lane], v_mean, row);
+        }
+    }
+
+    /// What a Gaussian contributes to the statistic.
+    #[inline(always)]
+    fn share(&self, received: &Received, v_mean: Vec2, row: &[f32]) -> Share {
+        let Self { tiles, eye, scale, .. } = self;
+        let mean_gradient = || (v_mean * tiles.half_size()).length();
+        match tiles.settings.effects.statistics {
+            Statistics::None => Share::default(),
+            Statistics::MeanGradient => Share::once(mean_gradient()),
+            Statistics::AbsoluteGradient => {
+                Share::once((Vec2::from_array(received.collected) * *scale * tiles.half_size()).length())
+            }
+            Statistics::PixelGradient => {
+                let near = tiles.settings.statistic_weight(eye.perspective.depth(splats::mean(row)));
+                Share::weighted(near * mean_gradient(), received.collected[0])
+            }
+            // The pixel errors do not depend on the loss, so `scale` does not apply.
+            Statistics::PixelError => Share::once(received.collected[0]),
+        }
+    }
+}
+
+/// Writes numbers into a lane.
+#[inline(always)]
+fn put<const N: usize>(rows: &mut [[f32; LANES]; N], lane: usize, numbers: [f32; N]) {
+    for k in 0..N {
+        rows[k][lane] = numbers[k];
     }
 }
 
 /// Writes the gradients of all listed Gaussians, times `scale`, into `own.gradients` and
 /// `own.shares`.
-pub(crate) fn all(workspace: &mut Workspace<Buffers3d>, splats: &Splats3d, scale: f32) {
+pub(crate) fn all(workspace: &mut Workspace<Buffers3d>, splats: &Splats3d, level: Level, scale: f32) {
     let buffers = &mut workspace.buffers;
     let (mut gradients, mut shares) = (std::mem::take(&mut buffers.gradients), std::mem::take(&mut buffers.shares));
     let (width, pitch) = (buffers.gradient_pitch(), splats.pitch());
     gradients.resize(splats.len() * width, 0.0);
     shares.resize(splats.len(), Share::default());
     if let Some(backward) = Backward::new(workspace, splats, scale) {
-        let out = gradients.par_chunks_mut(BLOCK * width).zip(shares.par_chunks_mut(BLOCK));
-        let blocks = out.zip(splats.parameters.par_chunks(BLOCK * pitch)).enumerate().with_min_len(CHUNK / BLOCK);
-        blocks.for_each(|(number, ((gradients, shares), parameters))| {
+        let out = gradients.par_chunks_mut(CHUNK * width).zip(shares.par_chunks_mut(CHUNK));
+        let chunks = out.zip(splats.parameters.par_chunks(CHUNK * pitch)).enumerate();
+        chunks.for_each(|(number, ((gradients, shares), parameters))| {
             let mut block = Block::EMPTY;
-            backward.block(number * BLOCK, parameters, &mut block);
-            let found = block.rows.iter().zip(block.shares);
-            for ((out, share), (row, found)) in gradients.chunks_exact_mut(width).zip(shares).zip(found) {
-                if let Some(found) = found {
-                    out.copy_from_slice(&row[..width]);
-                    *share = found;
+            let mut from = 0;
+            while from < shares.len() {
+                from = backward.block(level, (number * CHUNK, from), parameters, &mut block);
+                for (lane, &place) in block.members[..block.len].iter().enumerate() {
+                    gradients[place * width..][..width].copy_from_slice(&block.rows[lane][..width]);
+                    shares[place] = block.shares[lane];
                 }
             }
         });
@@ -110,18 +221,11 @@ pub(crate) fn add(workspace: &mut Workspace<Buffers3d>, added: &Workspace<Buffer
     workspace.buffers.gradients = gradients;
 }
 
-/// Writes one Gaussian's gradient, from what its entries received, into `row`, and returns its
-/// contribution to the statistic.
-#[inline(always)]
-fn gradient(
-    tiles: &Tiles,
-    eye: &Eye,
-    received: Received,
-    splat: &Splat,
-    parameters: &[f32],
-    scale: f32,
-    row: &mut [f32],
-) -> Share {
+/// Writes one Gaussian's gradient, from what its entries received, into `row`, and returns that by its
+/// mean on the image: for extreme numbers, and outputs other than colours.
+#[cold]
+#[inline(never)]
+fn gradient(eye: &Eye, received: Received, splat: &Splat, parameters: &[f32], scale: f32, row: &mut [f32]) -> Vec2 {
     let conic = splat.conic_of_ridge();
     let v_mean = conic * received.first * scale;
     let [xx, xu, uu] = received.second.map(|v| 0.5 * scale * v);
@@ -139,18 +243,5 @@ fn gradient(
     v.log_scale.write_to_slice(&mut row[LOG_SCALE]);
     row[ROTATION].copy_from_slice(&v.rotation);
     row[OPACITY] = v.opacity_logit;
-    let mean_gradient = || (v_mean * tiles.half_size()).length();
-    match tiles.settings.effects.statistics {
-        Statistics::None => Share::default(),
-        Statistics::MeanGradient => Share::once(mean_gradient()),
-        Statistics::AbsoluteGradient => {
-            Share::once((Vec2::from_array(received.collected) * scale * tiles.half_size()).length())
-        }
-        Statistics::PixelGradient => {
-            let near = tiles.settings.statistic_weight(eye.perspective.depth(splats::mean(parameters)));
-            Share::weighted(near * mean_gradient(), received.collected[0])
-        }
-        // The pixel errors do not depend on the loss, so `scale` does not apply.
-        Statistics::PixelError => Share::once(received.collected[0]),
-    }
+    v_mean
 }
