@@ -1,0 +1,229 @@
+//! The program COLMAP: its version, and the names of its options.
+
+use std::{
+    io,
+    path::Path,
+    process::{Command, Stdio},
+};
+
+use crate::{
+    error::Error,
+    plan::{OVERLAP, Plan},
+    settings::Settings,
+};
+
+/// The oldest version that is used.
+const OLDEST: [u32; 3] = [3, 7, 0];
+
+/// The version from which comparing photographs does not need time by the square of the features.
+const FAST: [u32; 3] = [4, 1, 1];
+
+/// Versions between which comparing photographs is slow: the first, and the one that repairs it.
+const SLOW: [[u32; 3]; 2] = [[4, 0, 0], FAST];
+
+/// The most photographs that are added one by one, where COLMAP can also take all at once.
+const ONE_BY_ONE: usize = 250;
+
+/// The program COLMAP.
+#[derive(Debug, Clone)]
+pub struct Colmap {
+    pub(crate) program: &'static str,
+    version: [u32; 3],
+    /// Whether it computes on a GPU, and there is one.
+    gpu: bool,
+    /// The help of its commands, for the names of options.
+    extraction: String,
+    matching: String,
+    has_global_mapper: bool,
+}
+
+impl Colmap {
+    /// Finds COLMAP on the `PATH`.
+    ///
+    /// # Errors
+    /// [`Error::NoColmap`], [`Error::TooOld`].
+    pub fn find() -> Result<Self, Error> {
+        // On Windows, COLMAP is started by a batch file.
+        let names: &[&str] = if cfg!(windows) { &["colmap", "COLMAP.bat"] } else { &["colmap"] };
+        let found = names.iter().find_map(|name| Some((*name, said(name, &["help"]).ok()?)));
+        let (program, help) = found.ok_or(Error::NoColmap)?;
+        let version = version(&help);
+        let Some(numbers) = version.filter(|version| *version >= OLDEST) else {
+            let version =
+                version.map_or_else(|| "of unknown version".to_owned(), |[major, minor, _]| format!("{major}.{minor}"));
+            return Err(Error::TooOld { program: program.to_owned(), version });
+        };
+        let help_of = |command| said_or_empty(program, &[command, "-h"]);
+        let (extraction, matching) = (help_of("feature_extractor"), help_of("exhaustive_matcher"));
+        let built_for_gpu = [&help, &extraction].iter().any(|text| text.contains("with CUDA"));
+        let gpu = built_for_gpu && said("nvidia-smi", &["-L"]).is_ok_and(|list| list.contains("GPU "));
+        let has_global_mapper = help.contains("global_mapper");
+        Ok(Self { program, version: numbers, gpu, extraction, matching, has_global_mapper })
+    }
+
+    /// The version: "3.8".
+    pub fn version(&self) -> String {
+        let [major, minor, patch] = self.version;
+        if patch == 0 { format!("{major}.{minor}") } else { format!("{major}.{minor}.{patch}") }
+    }
+
+    /// Whether this version compares photographs several times more slowly than the next ones.
+    pub fn is_slow(&self) -> bool {
+        (SLOW[0]..SLOW[1]).contains(&self.version)
+    }
+
+    /// How many times as many features it compares in the same time as version 3.8 on a CPU.
+    pub(crate) fn pace(&self) -> u32 {
+        if self.gpu || self.version >= FAST { 2 } else { 1 }
+    }
+
+    /// The command that finds the features of a group of photographs.
+    pub(crate) fn extract(
+        &self,
+        place: &Place<'_>,
+        plan: &Plan,
+        (model, list, masks): (&str, &Path, bool),
+        settings: &Settings,
+    ) -> Arguments {
+        let mut arguments = Arguments::new("feature_extractor");
+        arguments.path("database_path", place.database).path("image_path", place.images).path("image_list_path", list);
+        arguments.set("ImageReader.single_camera", 1).set("ImageReader.camera_model", model);
+        if masks {
+            arguments.path("ImageReader.mask_path", place.masks);
+        }
+        let named = |name: &str| renamed(&self.extraction, ["FeatureExtraction", "SiftExtraction"], name);
+        arguments.set(&named("use_gpu"), u8::from(self.gpu)).set(&named("max_image_size"), plan.max_size);
+        arguments.set("SiftExtraction.max_num_features", plan.features);
+        arguments.set("SiftExtraction.first_octave", if plan.doubled { "-1" } else { "0" });
+        if let Some(threads) = settings.threads {
+            arguments.set(&named("num_threads"), threads);
+        }
+        arguments
+    }
+
+    /// The command that compares the photographs.
+    pub(crate) fn compare(&self, place: &Place<'_>, plan: &Plan, settings: &Settings) -> Arguments {
+        let mut arguments = Arguments::new(if plan.all_pairs { "exhaustive_matcher" } else { "sequential_matcher" });
+        arguments.path("database_path", place.database);
+        let named = |name: &str| renamed(&self.matching, ["FeatureMatching", "SiftMatching"], name);
+        arguments.set(&named("use_gpu"), u8::from(self.gpu));
+        if let Some(threads) = settings.threads {
+            arguments.set(&named("num_threads"), threads);
+        }
+        if plan.all_pairs {
+            // Smaller blocks show more of the progress.
+            arguments.set("ExhaustiveMatching.block_size", 20);
+        } else {
+            arguments.set("SequentialMatching.overlap", OVERLAP);
+            if let Some(tree) = &settings.vocabulary {
+                arguments.set("SequentialMatching.loop_detection", 1).path("SequentialMatching.vocab_tree_path", tree);
+            }
+        }
+        arguments
+    }
+
+    /// Whether all cameras are found at once.
+    pub(crate) fn maps_at_once(&self, plan: &Plan) -> bool {
+        self.has_global_mapper && plan.photographs() > ONE_BY_ONE
+    }
+
+    /// The command that finds the poses, and puts each piece into a folder of `models`. A lenient one
+    /// also takes what few matches suggest.
+    pub(crate) fn map(&self, place: &Place<'_>, plan: &Plan, lenient: bool, settings: &Settings) -> Arguments {
+        let at_once = self.maps_at_once(plan) && !lenient;
+        let mut arguments = Arguments::new(if at_once { "global_mapper" } else { "mapper" });
+        arguments
+            .path("database_path", place.database)
+            .path("image_path", place.images)
+            .path("output_path", place.models);
+        if at_once {
+            return arguments;
+        }
+        // Stops when the cost changes by less than a millionth instead of never.
+        arguments.set("Mapper.ba_global_function_tolerance", "0.000001");
+        if lenient {
+            arguments.set("Mapper.init_min_tri_angle", 4).set("Mapper.init_min_num_inliers", 50);
+            arguments.set("Mapper.abs_pose_min_num_inliers", 15).set("Mapper.min_num_matches", 10);
+        }
+        if let Some(threads) = settings.threads {
+            arguments.set("Mapper.num_threads", threads);
+        }
+        arguments
+    }
+}
+
+/// Where COLMAP works; absolute paths.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Place<'a> {
+    pub(crate) database: &'a Path,
+    pub(crate) images: &'a Path,
+    pub(crate) masks: &'a Path,
+    pub(crate) models: &'a Path,
+}
+
+/// The arguments of a command.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Arguments(pub(crate) Vec<std::ffi::OsString>);
+
+impl Arguments {
+    pub(crate) fn new(command: &str) -> Self {
+        Self(vec![command.into()])
+    }
+
+    pub(crate) fn set(&mut self, name: &str, value: impl ToString) -> &mut Self {
+        self.0.extend([format!("--{name}").into(), value.to_string().into()]);
+        self
+    }
+
+    pub(crate) fn path(&mut self, name: &str, value: &Path) -> &mut Self {
+        self.0.extend([format!("--{name}").into(), value.into()]);
+        self
+    }
+}
+
+/// The name of an option: in the first of two groups if the help has it there, as since version 4, else in
+/// the second.
+fn renamed(help: &str, [new, old]: [&str; 2], name: &str) -> String {
+    let newer = format!("{new}.{name}");
+    if help.contains(&format!("--{newer}")) { newer } else { format!("{old}.{name}") }
+}
+
+/// What a program prints.
+fn said(program: &str, arguments: &[&str]) -> io::Result<String> {
+    let output =
+        Command::new(program).args(arguments).stdin(Stdio::null()).env("QT_QPA_PLATFORM", "offscreen").output()?;
+    Ok(format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr)))
+}
+
+fn said_or_empty(program: &str, arguments: &[&str]) -> String {
+    said(program, arguments).unwrap_or_default()
+}
+
+/// The version in COLMAP's help: "COLMAP 3.8 -- Structure-from-Motion and Multi-View Stereo".
+fn version(help: &str) -> Option<[u32; 3]> {
+    let mut words = help.split_whitespace().skip_while(|word| *word != "COLMAP").skip(1);
+    let mut numbers = words.next()?.split(['.', '-']).map_while(|part| part.parse().ok());
+    Some([numbers.next()?, numbers.next()?, numbers.next().unwrap_or(0)])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn versions_are_read() {
+        let debian = "COLMAP 3.8 -- Structure-from-Motion and Multi-View Stereo\n (Commit Unknown without CUDA)";
+        assert_eq!(version(debian), Some([3, 8, 0]));
+        assert_eq!(version("COLMAP 4.1.1 -- Structure\n"), Some([4, 1, 1]));
+        assert_eq!(version("COLMAP 3.12.0.dev0 -- Structure\n"), Some([3, 12, 0]));
+        assert_eq!((version("bash: colmap"), version("COLMAP\n")), (None, None));
+    }
+
+    #[test]
+    fn options_have_the_names_of_the_version() {
+        let options = ["FeatureExtraction", "SiftExtraction"];
+        assert_eq!(renamed("  --SiftExtraction.use_gpu arg", options, "use_gpu"), "SiftExtraction.use_gpu");
+        let newer = "  --FeatureExtraction.use_gpu arg\n  --SiftExtraction.max_num_features arg";
+        assert_eq!(renamed(newer, options, "use_gpu"), "FeatureExtraction.use_gpu");
+    }
+}

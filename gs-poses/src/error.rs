@@ -1,0 +1,88 @@
+//! Errors of finding poses. Each is one line that says what, where and what to do.
+
+use std::{io, path::PathBuf};
+
+use thiserror::Error;
+
+/// An error of finding the poses of photographs.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// Too few photographs for a scene.
+    #[error("{}: holds {found}, but poses need at least 2 (20 to 200 are usual) that overlap by two thirds", folder.display())]
+    TooFew {
+        /// The folder.
+        folder: PathBuf,
+        /// What was found: "no photograph", "1 photograph".
+        found: String,
+    },
+    /// There is no COLMAP.
+    #[error(
+        "poses are found by COLMAP, which is not installed (no `colmap` on the PATH): on Linux apt install colmap, on macOS \
+         brew install colmap, on Windows unpack a release of github.com/colmap/colmap and add its folder to the PATH"
+    )]
+    NoColmap,
+    /// COLMAP is too old or does not say its version.
+    #[error("{program} is COLMAP {version}, but 3.7 or later is needed: install a newer one")]
+    TooOld {
+        /// The program.
+        program: String,
+        /// Its version.
+        version: String,
+    },
+    /// COLMAP failed, or was killed.
+    #[error("COLMAP {how} while {stage}{}: see {}; what is done so far is kept, and --resume continues", said.as_ref().map_or_else(String::new, |said| format!(" ({said})")), log.display())]
+    Failed {
+        /// What it did, such as "matching the photographs".
+        stage: &'static str,
+        /// How it ended: "ended with status 1", "was killed by signal 9 (out of memory?)".
+        how: String,
+        /// The last error that it wrote.
+        said: Option<String>,
+        /// Its log.
+        log: PathBuf,
+    },
+    /// The photographs cannot be reconstructed.
+    #[error("{}: no poses were found: {why}; COLMAP's log is {}", folder.display(), log.display())]
+    NoPoses {
+        /// The folder of the photographs.
+        folder: PathBuf,
+        /// Why, and what to do.
+        why: String,
+        /// COLMAP's log.
+        log: PathBuf,
+    },
+    /// The observer cancelled the work.
+    #[error("stopped while {stage}; what is done so far is kept")]
+    Cancelled {
+        /// What was being done.
+        stage: &'static str,
+    },
+    /// A model that COLMAP wrote cannot be understood.
+    #[error("{}: is not a model of COLMAP: {what}", path.display())]
+    Model {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        what: &'static str,
+    },
+    /// A file or folder cannot be read or written.
+    #[error("{}: {source}", path.display())]
+    Path {
+        /// The path.
+        path: PathBuf,
+        /// The error of the operating system.
+        source: io::Error,
+    },
+    /// An error of reading or writing a file.
+    #[error(transparent)]
+    Io(#[from] gs_io::Error),
+}
+
+impl Error {
+    /// An error of the operating system at a path.
+    pub(crate) fn at(path: impl Into<PathBuf>) -> impl FnOnce(io::Error) -> Self {
+        let path = path.into();
+        move |source| Self::Path { path, source }
+    }
+}

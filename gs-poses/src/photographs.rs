@@ -1,0 +1,176 @@
+//! The photographs of a folder, with what their files say about the camera.
+
+use std::{
+    fs,
+    fs::File,
+    io::BufReader,
+    path::{Path, PathBuf},
+};
+
+use exif::{In, Tag, Value};
+use gs_core::counted;
+
+use crate::error::Error;
+
+/// Folders inside the named one that hold the photographs, if it has none itself.
+const INNER: [&str; 2] = ["images", "input"];
+
+/// Names of folders of other pictures.
+const OTHERS: [&str; 6] = ["mask", "masks", "depth", "depths", "normals", "sparse"];
+
+/// How deep folders of photographs may be nested.
+const DEEPEST: usize = 3;
+
+/// The photographs of a folder.
+#[derive(Debug, Clone)]
+pub struct Photographs {
+    /// The folder that was named.
+    pub folder: PathBuf,
+    /// The photographs, sorted by name; at least two.
+    pub files: Vec<Photograph>,
+    /// Files that were left out, each with the reason.
+    pub left_out: Vec<String>,
+}
+
+/// A photograph.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Photograph {
+    /// The path below the folder of photographs, with `/`.
+    pub name: String,
+    /// The file.
+    pub path: PathBuf,
+    /// Its mask, a PNG that is black where pixels are to be ignored.
+    pub mask: Option<PathBuf>,
+    /// Columns and rows as stored, px.
+    pub size: (u32, u32),
+    /// What its EXIF data says.
+    pub exif: Exif,
+}
+
+/// What the EXIF data of a photograph says about how it was taken.
+#[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord, Default)]
+pub struct Exif {
+    /// Maker, model and lens, as far as they are there.
+    pub camera: String,
+    /// Focal length, hundredths of a millimetre.
+    pub focal: Option<u32>,
+    /// Focal length for 35 mm film, mm.
+    pub focal_35mm: Option<u32>,
+    /// How the stored pixels are turned to be shown: 1 to 8, and 1 without EXIF data.
+    pub orientation: u8,
+}
+
+impl Photographs {
+    /// Finds the photographs of a folder: those in it and in its subfolders, or in its `images` or
+    /// `input` if it has any there. Masks are in a folder `masks` inside or next to it, by the names
+    /// of their photographs.
+    ///
+    /// # Errors
+    /// [`Error::TooFew`] for fewer than two, [`Error::Path`] where the folder cannot be read.
+    pub fn find(folder: &Path) -> Result<Self, Error> {
+        fs::read_dir(folder).map_err(Error::at(folder))?;
+        let has_images = |folder: &PathBuf| gs_io::image_files(folder).is_ok_and(|files| !files.is_empty());
+        let inner = INNER.iter().map(|name| folder.join(name)).find(has_images);
+        let root = inner.filter(|_| !has_images(&folder.to_owned())).unwrap_or_else(|| folder.to_owned());
+        let mut found = Self { folder: folder.to_owned(), files: Vec::new(), left_out: Vec::new() };
+        let masks = [root.join("masks"), folder.join("masks"), root.join("../masks")];
+        let masks = masks.into_iter().find(|folder| folder.is_dir());
+        found.add(&root, &root, 0, masks.as_deref())?;
+        found.files.sort_by(|a, b| a.name.cmp(&b.name));
+        if found.files.len() < 2 {
+            let unreadable = gs_io::unreadable_photographs(&root);
+            let count = match found.files.len() {
+                0 => "no photograph".to_owned(),
+                count => counted(count, "photograph"),
+            };
+            let found =
+                unreadable.or(found.left_out.first().cloned()).map_or(count.clone(), |why| format!("{count} ({why})"));
+            return Err(Error::TooFew { folder: folder.to_owned(), found });
+        }
+        Ok(found)
+    }
+
+    fn add(&mut self, root: &Path, folder: &Path, depth: usize, masks: Option<&Path>) -> Result<(), Error> {
+        for path in gs_io::image_files(folder)? {
+            let Some(name) = name_below(root, &path) else {
+                self.left_out.push(format!("{}: its name is not one that COLMAP reads", path.display()));
+                continue;
+            };
+            match gs_io::read_image_size(&path) {
+                Ok(size) => {
+                    let mask = masks.and_then(|masks| mask_of(masks, &name));
+                    let exif = Exif::read(&path);
+                    self.files.push(Photograph { name, path, mask, size, exif });
+                }
+                Err(error) => self.left_out.push(error.to_string()),
+            }
+        }
+        if depth == DEEPEST {
+            return Ok(());
+        }
+        let entries = fs::read_dir(folder).map_err(Error::at(folder))?.flatten().map(|entry| entry.path());
+        let is_other = |path: &Path| {
+            let name = path.file_name().unwrap_or_default().to_string_lossy().to_lowercase();
+            name.starts_with('.') || OTHERS.contains(&name.as_str())
+        };
+        let mut folders: Vec<PathBuf> = entries.filter(|path| path.is_dir() && !is_other(path)).collect();
+        // What an earlier run made of these photographs.
+        folders.retain(|folder| !folder.join(crate::FILES[0]).is_file() && !folder.join(".gs-files.json").is_file());
+        folders.sort();
+        folders.iter().try_for_each(|folder| self.add(root, folder, depth + 1, masks))
+    }
+
+    /// The paths of all photographs and masks.
+    pub fn paths(&self) -> impl Iterator<Item = &Path> {
+        self.files
+            .iter()
+            .flat_map(|photograph| [Some(&photograph.path), photograph.mask.as_ref()])
+            .flatten()
+            .map(|path| &**path)
+    }
+}
+
+/// The path below a folder, with `/`; `None` for one that a list of COLMAP, a name per line without blanks
+/// around it, cannot hold.
+fn name_below(root: &Path, path: &Path) -> Option<String> {
+    let parts: Option<Vec<&str>> =
+        path.strip_prefix(root).ok()?.components().map(|part| part.as_os_str().to_str()).collect();
+    let name = parts?.join("/");
+    (name.trim() == name && !name.starts_with('#') && !name.contains(char::is_control)).then_some(name)
+}
+
+/// The mask of the photograph of this name: `NAME.png`, also without the name's own extension.
+fn mask_of(masks: &Path, name: &str) -> Option<PathBuf> {
+    let named = masks.join(name);
+    [masks.join(format!("{name}.png")), named.with_extension("png")].into_iter().find(|path| path.is_file())
+}
+
+impl Exif {
+    /// Reads the EXIF data of a file; without any, or with damaged data, nothing is known.
+    fn read(path: &Path) -> Self {
+        let upright = Self { orientation: 1, ..Self::default() };
+        let Ok(file) = File::open(path) else { return upright };
+        let Ok(data) = exif::Reader::new().read_from_container(&mut BufReader::new(file)) else { return upright };
+        let field = |tag| data.get_field(tag, In::PRIMARY);
+        let text = |tag| match &field(tag)?.value {
+            Value::Ascii(lines) => lines.first().map(|line| String::from_utf8_lossy(line).trim().to_owned()),
+            _ => None,
+        };
+        let number = |tag| field(tag)?.value.get_uint(0);
+        let focal = match field(Tag::FocalLength).map(|field| &field.value) {
+            Some(Value::Rational(values)) => values.first().map(|value| value.to_f64()),
+            _ => None,
+        };
+        let parts =
+            [Tag::Make, Tag::Model, Tag::LensModel].into_iter().filter_map(text).filter(|part| !part.is_empty());
+        Self {
+            camera: parts.collect::<Vec<_>>().join(" "),
+            focal: focal.filter(|focal| *focal > 0.0 && *focal < 1e5).map(|focal| (focal * 100.0).round() as u32),
+            focal_35mm: number(Tag::FocalLengthIn35mmFilm).filter(|focal| *focal > 0),
+            orientation: number(Tag::Orientation)
+                .and_then(|n| u8::try_from(n).ok())
+                .filter(|n| (1..=8).contains(n))
+                .unwrap_or(1),
+        }
+    }
+}

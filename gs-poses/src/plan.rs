@@ -1,0 +1,180 @@
+//! The choices: which photographs share a camera, its lens, how many features, which pairs.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    photographs::{Exif, Photograph},
+    settings::{LensKind, Pairs, Settings},
+};
+
+/// Photographs before and after each by which it is compared if not all pairs are.
+pub(crate) const OVERLAP: usize = 10;
+
+/// The most photographs of which all pairs are compared by default.
+const ALL_PAIRS: usize = 150;
+
+/// The fewest and the most features of a photograph that are looked for.
+const FEATURES: [f64; 2] = [1024.0, 4096.0];
+
+/// Features times the root of the number of pairs: COLMAP 3.8 compares that in about 4 minutes of a CPU, as
+/// a pair takes time by the square of the features.
+const WORK: f64 = 42_000.0;
+
+/// Size up to which features are also looked for in an image of twice the size, px.
+const SMALL: u32 = 1000;
+
+/// Photographs of a camera from which its lens is described by eight numbers instead of four.
+const FULL_LENS: usize = 8;
+
+/// The longest focal length of a fish-eye, mm on 35 mm film, of a camera that is made for sports.
+const ACTION_MM: u32 = 19;
+
+/// What COLMAP is asked to do.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub(crate) struct Plan {
+    /// The photographs by camera.
+    pub(crate) groups: Vec<Group>,
+    /// Whether all pairs are compared.
+    pub(crate) all_pairs: bool,
+    /// Features of a photograph that are looked for.
+    pub(crate) features: u32,
+    /// Whether features are also looked for in an image of twice the size.
+    pub(crate) doubled: bool,
+    /// The longer side of the images in which features are looked for, px.
+    pub(crate) max_size: u32,
+}
+
+/// Photographs that one camera took.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub(crate) struct Group {
+    /// COLMAP's model of the camera.
+    pub(crate) model: String,
+    /// The names of the photographs.
+    pub(crate) names: Vec<String>,
+}
+
+impl Plan {
+    /// The plan for a COLMAP that compares `pace` times as many features as version 3.8 on a CPU.
+    pub(crate) fn new(photographs: &[Photograph], settings: &Settings, pace: u32) -> Self {
+        type Key<'a> = (&'a str, Option<u32>, (u32, u32), &'a str);
+        let mut groups: BTreeMap<Key<'_>, Vec<&Photograph>> = BTreeMap::new();
+        for photograph in photographs {
+            let Photograph { exif, size, name, .. } = photograph;
+            // Without EXIF data, folders are cameras.
+            let folder =
+                if exif.camera.is_empty() { name.rsplit_once('/').map_or("", |(folder, _)| folder) } else { "" };
+            groups.entry((&exif.camera, exif.focal, *size, folder)).or_default().push(photograph);
+        }
+        let longest = photographs.iter().map(|photograph| photograph.size.0.max(photograph.size.1)).max().unwrap_or(0);
+        let groups = groups.into_values().map(|of_camera| Group {
+            model: model(&of_camera[0].exif, of_camera.len(), settings.lens).to_owned(),
+            names: of_camera.iter().map(|photograph| photograph.name.clone()).collect(),
+        });
+        let count = photographs.len();
+        let all_pairs = match settings.pairs {
+            Pairs::Auto => count <= ALL_PAIRS,
+            Pairs::All => true,
+            Pairs::Neighbours => false,
+        };
+        let pairs = pairs(count, all_pairs) as f64;
+        let features = (WORK / pairs.max(1.0).sqrt()).clamp(FEATURES[0], FEATURES[1]) * f64::from(pace);
+        Self {
+            groups: groups.collect(),
+            all_pairs,
+            features: features as u32,
+            doubled: longest.min(settings.max_size) <= SMALL,
+            max_size: settings.max_size,
+        }
+    }
+
+    /// The plan with twice as many features, for photographs in which few match.
+    pub(crate) fn thorough(&self) -> Self {
+        Self { features: self.features * 2, doubled: true, ..self.clone() }
+    }
+
+    pub(crate) fn photographs(&self) -> usize {
+        self.groups.iter().map(|group| group.names.len()).sum()
+    }
+}
+
+fn pairs(photographs: usize, all: bool) -> usize {
+    if all { photographs * photographs.saturating_sub(1) / 2 } else { photographs * OVERLAP }
+}
+
+/// COLMAP's model of a camera.
+fn model(exif: &Exif, photographs: usize, lens: LensKind) -> &'static str {
+    let name = exif.camera.to_lowercase();
+    let is_named = ["fisheye", "fish-eye", "fish eye"].iter().any(|word| name.contains(word));
+    let is_action = ["gopro", "insta360"].iter().any(|maker| name.contains(maker));
+    let is_wide = exif.focal_35mm.is_some_and(|focal| focal <= ACTION_MM);
+    match lens {
+        LensKind::Fisheye => "OPENCV_FISHEYE",
+        LensKind::Auto if is_named || is_action && is_wide => "OPENCV_FISHEYE",
+        _ if photographs >= FULL_LENS => "OPENCV",
+        _ => "SIMPLE_RADIAL",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn photograph(name: &str, camera: &str, focal: u32, size: (u32, u32)) -> Photograph {
+        let exif =
+            Exif { camera: camera.to_owned(), focal: (focal > 0).then_some(focal), orientation: 1, ..Exif::default() };
+        Photograph { name: name.to_owned(), path: name.into(), mask: None, size, exif }
+    }
+
+    #[test]
+    fn photographs_of_one_camera_share_intrinsics() {
+        let mut photographs = vec![
+            photograph("a.jpg", "Nikon", 3500, (4000, 3000)),
+            photograph("b.jpg", "Nikon", 3500, (4000, 3000)),
+            photograph("c.jpg", "Nikon", 5000, (4000, 3000)),
+            photograph("d.jpg", "Nikon", 3500, (3000, 4000)),
+            photograph("e.jpg", "Canon", 3500, (4000, 3000)),
+            photograph("left/f.jpg", "", 0, (4000, 3000)),
+            photograph("right/f.jpg", "", 0, (4000, 3000)),
+        ];
+        let names = |photographs: &[Photograph]| -> Vec<Vec<String>> {
+            let mut groups: Vec<_> =
+                Plan::new(photographs, &Settings::default(), 1).groups.into_iter().map(|group| group.names).collect();
+            groups.sort();
+            groups
+        };
+        let expected = [&["a.jpg", "b.jpg"][..], &["c.jpg"], &["d.jpg"], &["e.jpg"], &["left/f.jpg"], &["right/f.jpg"]];
+        assert_eq!(names(&photographs), expected);
+        // Pixels are used as they are stored: how they are turned to be shown makes no other camera.
+        photographs[1].exif.orientation = 6;
+        assert_eq!(names(&photographs), expected);
+    }
+
+    #[test]
+    fn the_number_of_photographs_decides_pairs_features_and_lens() {
+        let plan = |count: usize, settings: &Settings| {
+            let photographs: Vec<_> =
+                (0..count).map(|i| photograph(&format!("{i:04}.jpg"), "", 0, (2000, 1500))).collect();
+            Plan::new(&photographs, settings, 1)
+        };
+        let settings = Settings::default();
+        let [three, many, most] = [3, 150, 151].map(|count| plan(count, &settings));
+        assert_eq!((three.groups[0].model.as_str(), three.features), ("SIMPLE_RADIAL", 4096));
+        assert_eq!((many.groups[0].model.as_str(), many.features), ("OPENCV", 1024));
+        assert!(many.all_pairs && !most.all_pairs);
+        assert!(plan(400, &settings.clone().with(|s| s.pairs = Pairs::All)).all_pairs);
+        let fisheye = settings.with(|s| s.lens = LensKind::Fisheye);
+        assert_eq!(plan(3, &fisheye).groups[0].model, "OPENCV_FISHEYE");
+    }
+
+    #[test]
+    fn fish_eyes_are_known_by_their_names() {
+        let model = |camera: &str, focal_35mm| {
+            model(&Exif { camera: camera.to_owned(), focal_35mm, ..Exif::default() }, 20, LensKind::Auto)
+        };
+        assert_eq!(model("NIKON D60 AF DX Fisheye-Nikkor 10.5mm", Some(16)), "OPENCV_FISHEYE");
+        assert_eq!(model("GoPro HERO9 Black", Some(15)), "OPENCV_FISHEYE");
+        assert_eq!((model("GoPro HERO9 Black", Some(27)), model("Apple iPhone 13", Some(13))), ("OPENCV", "OPENCV"));
+    }
+}
