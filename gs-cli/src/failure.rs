@@ -167,6 +167,15 @@ impl From<gs_train::Error> for Failure {
     }
 }
 
+impl From<gs_poses::Error> for Failure {
+    fn from(error: gs_poses::Error) -> Self {
+        match error {
+            gs_poses::Error::Io(error) => error.into(),
+            _ => Self::failed(error),
+        }
+    }
+}
+
 impl From<gs_lab::Error> for Failure {
     fn from(error: gs_lab::Error) -> Self {
         use gs_lab::Error::{Arm, Backend, Fit, Form, Io, NoRow, NoTarget, Study, Unknown};

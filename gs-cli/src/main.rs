@@ -60,6 +60,7 @@ fn run(parsed: Parsed) -> Result<ExitCode, Failure> {
     match command {
         Command::Fit(args) => commands::fit::run(&args),
         Command::Encode(args) => commands::encode::run(&args),
+        Command::Poses(args) => commands::poses::run(&args),
         Command::Train(args) => commands::train::run(&args),
         Command::Render(args) => commands::render::run(&args),
         Command::View(args) => commands::view::run(&args),

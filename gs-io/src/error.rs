@@ -100,6 +100,8 @@ pub enum Error {
         looked_for: &'static str,
         /// What to do.
         hint: String,
+        /// The folder of photographs without poses that it holds.
+        photographs: Option<PathBuf>,
     },
     /// A data set refers to a file outside its folder.
     #[error(

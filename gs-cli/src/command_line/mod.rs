@@ -20,6 +20,7 @@ use crate::{
         info::InfoArgs,
         page::PageArgs,
         paper::PaperArgs,
+        poses::PosesArgs,
         price::{effects::EffectsCommandArgs, frontier::FrontierArgs, popping::PoppingArgs, profile::ProfileArgs},
         render::RenderArgs,
         serve::ServeArgs,
@@ -49,6 +50,8 @@ Examples:
       make a file for splat viewers of a fit
   gs info images/
       show what is in a COLMAP, Nerfstudio or Blender data set
+  gs poses photos/ -o images
+      find the camera poses of photographs, by COLMAP
   gs train images/ -o out
       train a 3D scene; --preset 3dgs does it as published
   gs view out
@@ -90,7 +93,9 @@ pub(crate) enum Command {
     Fit(Box<FitArgs>),
     /// Compress images as .gsi files
     Encode(Box<EncodeArgs>),
-    /// Train a 3D scene from posed images
+    /// Find the camera poses of photographs with COLMAP, and make a data set of them
+    Poses(Box<PosesArgs>),
+    /// Train a 3D scene from posed images, or from photographs
     Train(Box<TrainArgs>),
     /// Render a scene as a PNG of any size, or from moving cameras
     #[command(visible_alias = "decode")]
@@ -212,7 +217,7 @@ const FOR_DATASET: [&str; 7] = ["holdout", "images", "alpha", "max_size", "allow
 /// The commands, in the groups and the order of docs/guide.md.
 const GROUPS: [(&str, &[&str]); 7] = [
     ("Images", &["fit", "encode"]),
-    ("3D scenes", &["train"]),
+    ("3D scenes", &["poses", "train"]),
     ("Looking at scenes", &["render", "view", "page", "serve"]),
     ("Quality", &["eval"]),
     ("Files", &["convert", "info", "doctor"]),

@@ -8,6 +8,7 @@ pub(crate) mod fit;
 pub(crate) mod info;
 pub(crate) mod page;
 pub(crate) mod paper;
+pub(crate) mod poses;
 pub(crate) mod price;
 pub(crate) mod render;
 pub(crate) mod serve;

@@ -4,7 +4,7 @@ use std::{fmt, num::NonZeroU32, path::Path, str::FromStr};
 
 use clap::Args;
 use gs_io::{
-    File3d, WorldFrame,
+    File3d,
     dataset::{AlphaMeaning, Dataset, DatasetSettings, Remark, read_dataset},
 };
 
@@ -77,17 +77,13 @@ pub(crate) struct DatasetArgs {
 
 impl DatasetArgs {
     /// Reads a data set to train with, in a frame that suits it.
-    pub(crate) fn read(&self, path: &Path) -> Result<Dataset, Failure> {
-        self.read_in(None, path)
+    pub(crate) fn read(&self, path: &Path) -> Result<Dataset, gs_io::Error> {
+        read_dataset(path, &self.settings())
     }
 
     /// Reads the data set that a scene is evaluated with, in the frame of the scene.
     pub(crate) fn read_for(&self, scene: &File3d, path: &Path) -> Result<Dataset, Failure> {
-        self.read_in(Some(scene.trained_with.frame), path)
-    }
-
-    fn read_in(&self, frame: Option<WorldFrame>, path: &Path) -> Result<Dataset, Failure> {
-        Ok(read_dataset(path, &self.settings().with(|s| s.frame = frame))?)
+        Ok(read_dataset(path, &self.settings().with(|s| s.frame = Some(scene.trained_with.frame)))?)
     }
 
     /// The settings of the library.

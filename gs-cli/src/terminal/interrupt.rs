@@ -2,7 +2,7 @@
 
 use std::{
     sync::{
-        Arc, OnceLock,
+        Arc, Mutex, OnceLock, PoisonError,
         atomic::{AtomicBool, Ordering},
     },
     time::{Duration, Instant},
@@ -87,8 +87,16 @@ impl Interrupt {
     }
 }
 
+/// What a signal does, as the part of the command that listened last has it.
+static HANDLER: Mutex<Option<Box<dyn FnMut() + Send>>> = Mutex::new(None);
+
 fn handle(handler: impl FnMut() + Send + 'static) {
-    if let Err(error) = ctrlc::set_handler(handler) {
+    let lock = || HANDLER.lock().unwrap_or_else(PoisonError::into_inner);
+    if lock().replace(Box::new(handler)).is_some() {
+        return;
+    }
+    let call = move || lock().iter_mut().for_each(|handler| handler());
+    if let Err(error) = ctrlc::set_handler(call) {
         output::note(format_args!("note: Ctrl-C will end the program at once, without saving anything: {error}"));
     }
 }

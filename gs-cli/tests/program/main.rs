@@ -13,6 +13,8 @@ mod output_folder;
 mod page;
 mod paper;
 mod ply;
+mod poses;
+mod poses_real;
 mod price;
 mod process;
 mod quality;

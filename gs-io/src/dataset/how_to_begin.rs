@@ -18,8 +18,9 @@ use crate::{
 /// How deep files are in a data set.
 const PARTS: usize = 3;
 
-/// Advice for a folder that is not a data set; if it contains images, how to find their cameras.
-pub(super) fn how_to_begin(folder: &Path) -> String {
+/// Advice for a folder that is not a data set; if it contains images without poses, how to find these, and
+/// where the images are.
+pub(super) fn how_to_begin(folder: &Path) -> (String, Option<PathBuf>) {
     let images_in = |folder: &Path| image_files(folder).map_or(0, |files| files.len());
     let below = data_sets_below(folder);
     if let Some(first) = below.first() {
@@ -29,24 +30,22 @@ pub(super) fn how_to_begin(folder: &Path) -> String {
         } else {
             " with the folder of its images by --images"
         };
-        return format!("name {}{others}{images}", quoted(first));
+        return (format!("name {}{others}{images}", quoted(first)), None);
     }
     let is_data_set = |folder: &&Path| has_transforms(folder) || !models_of(folder).is_empty();
     if let Some(above) = whole(folder).ancestors().skip(1).take(PARTS).find(is_data_set) {
-        return format!("it is part of the data set {}: name that", quoted(above));
+        return (format!("it is part of the data set {}: name that", quoted(above)), None);
     }
     let places = [folder.to_owned(), folder.join(IMAGE_FOLDERS[0]), folder.join("input")];
     if let Some(unreadable) = places.iter().find_map(unreadable_photographs) {
-        return format!("it holds {unreadable}");
+        return (format!("it holds {unreadable}"), None);
     }
     match places.iter().map(|place| (images_in(place), place)).find(|(count, _)| *count > 1) {
-        None => "name the folder that holds one of them".to_owned(),
-        Some((count, images)) => format!(
-            "it holds {count} images without camera poses: estimate these first, for example with COLMAP: \
-             colmap automatic_reconstructor --workspace_path {} --image_path {} --dense 0",
-            quoted(folder),
-            quoted(images)
-        ),
+        None => ("name the folder that holds one of them".to_owned(), None),
+        Some((count, images)) => {
+            let command = format!("gs poses {} -o DATASET", quoted(images));
+            (format!("it holds {count} images without camera poses: {command} finds them"), Some(images.to_owned()))
+        }
     }
 }
 

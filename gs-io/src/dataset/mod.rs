@@ -92,5 +92,6 @@ pub fn read_dataset(path: impl AsRef<Path>, settings: &DatasetSettings) -> Resul
 }
 
 fn not_a_dataset(path: &Path) -> Error {
-    Error::NotADataset { path: path.to_owned(), looked_for: LOOKED_FOR, hint: how_to_begin(path) }
+    let (hint, photographs) = how_to_begin(path);
+    Error::NotADataset { path: path.to_owned(), looked_for: LOOKED_FOR, hint, photographs }
 }

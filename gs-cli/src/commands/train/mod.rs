@@ -30,6 +30,7 @@ use gs_train::{
 pub(crate) use self::arguments::TrainArgs;
 use self::{results::Results, time_limit::TimeLimit};
 use crate::{
+    commands::poses,
     failure::Failure,
     files::output_folder,
     flags::dataset::{DatasetArgs, remark_text},
@@ -44,10 +45,18 @@ const LONG: u32 = 2_000;
 /// Trains a scene from a data set and writes the results.
 pub(crate) fn run(args: &TrainArgs) -> Result<(), Failure> {
     let started = Instant::now();
-    let (path, resumed, output) = (args.dataset.as_path(), args.resume.as_deref(), args.run.output.as_path());
+    let (resumed, output) = (args.resume.as_deref(), args.run.output.as_path());
     let mut inputs = args.files();
     output_folder::check(&args.run.claim(output, &inputs, resumed))?;
-    let dataset = args.images.read(path)?;
+    let mut path = args.dataset.clone();
+    let dataset = match args.images.read(&path) {
+        Err(gs_io::Error::NotADataset { photographs: Some(_), .. }) => {
+            path = poses::dataset_of(&path, output, args.run.backend.threads)?;
+            args.images.read(&path)
+        }
+        read => read,
+    }?;
+    let path = path.as_path();
     pictures::keep_off(&dataset, output)?;
     inputs.extend(dataset.files());
     let job = Job { started, ..args.run.job(output, &inputs, resumed)? };

@@ -204,18 +204,14 @@ fn for_images_alone_the_error_says_how_to_make_a_data_set() {
     for root in [place.path().join("a"), place.path().join("with blank")] {
         ["x.JPG", "y.png"].iter().for_each(|name| drop(picture(root.join(name), 4, 3)));
         let error = refusal(&root);
-        assert!(
-            error.contains("holds 2 images without camera poses") && error.contains("colmap automatic_reconstructor"),
-            "{error}"
-        );
+        assert!(error.contains("holds 2 images without camera poses") && error.contains("gs poses "), "{error}");
     }
     let (plain, quoted) = (place.path().join("a"), place.path().join("with blank"));
-    let paths = format!("--workspace_path {0} --image_path {0} ", plain.display());
-    assert!(refusal(&plain).contains(&paths));
-    assert!(refusal(&quoted).contains(&format!("--workspace_path '{}'", quoted.display())));
+    assert!(refusal(&plain).contains(&format!("gs poses {} -o ", plain.display())));
+    assert!(refusal(&quoted).contains(&format!("gs poses '{}' -o ", quoted.display())));
     let nested = place.path().join("nested");
     ["x.png", "y.png"].iter().for_each(|name| drop(picture(nested.join("images").join(name), 4, 3)));
-    assert!(refusal(&nested).contains(&format!("--image_path {} ", nested.join("images").display())));
+    assert!(refusal(&nested).contains(&format!("gs poses {} -o ", nested.join("images").display())));
 
     // The result of the suggested command: a model beside the images.
     let model = model(2);

@@ -1,0 +1,163 @@
+//! `gs poses`: photographs become a data set, with camera poses that COLMAP finds.
+
+mod display;
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
+
+use clap::Args;
+use gs_io::{Inputs, OutputFolder};
+use gs_poses::{Colmap, Error, FILES, LensKind, Pairs, Photographs, Quality, Settings, Verdict, find_poses};
+
+use self::display::Display;
+use crate::{
+    failure::Failure,
+    files::output_folder::{self, OverwriteArgs},
+    flags::values::{by_name, whole},
+    terminal::output::{self, quoted},
+};
+
+const AFTER_HELP: &str = "\
+PHOTOS is a folder of photographs, also in subfolders. A mask for photo.jpg is masks/photo.jpg.png: \
+black pixels are ignored. COLMAP 3.7 or later must be installed.
+
+DIR is then a data set for gs train:
+  images/      the photographs: links where the file system has them, else copies
+  masks/       the masks, if there are any
+  sparse/0/    cameras, poses and points in COLMAP's format; -y is up
+  poses.json   the verdict
+  poses.log    all that COLMAP said
+
+Photographs share a camera by their EXIF data and size. All pairs of up to 150 photographs are \
+compared, and neighbours by name of more. Of several pieces, the one with most photographs is taken.
+
+Ctrl-C stops; what is done is kept in DIR/.gs-poses, and --resume continues there.";
+
+/// The flags of `gs poses`.
+#[derive(Debug, Clone, Args)]
+#[command(after_help = AFTER_HELP)]
+pub(crate) struct PosesArgs {
+    /// The folder of photographs
+    photos: PathBuf,
+    /// Folder for the data set; made if necessary
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    /// Find features in photographs whose longer side is scaled down to this many pixels
+    #[arg(long, value_name = "PX", default_value_t = Settings::default().max_size, value_parser = whole::<u32>(100..))]
+    max_size: u32,
+    /// The kind of lens
+    #[arg(long, value_parser = by_name::<LensKind>(), default_value_t)]
+    lens: LensKind,
+    /// Which pairs of photographs are compared
+    #[arg(long, value_parser = by_name::<Pairs>(), default_value_t)]
+    pairs: Pairs,
+    /// A vocabulary tree of COLMAP: where neighbours are compared, also compare what looks alike
+    #[arg(long, value_name = "FILE")]
+    vocabulary: Option<PathBuf>,
+    /// Number of threads [default: one for each core]
+    #[arg(long, value_name = "T", value_parser = whole::<u32>(1..=1024))]
+    threads: Option<u32>,
+    /// Continue what an interrupted run with the same flags has done
+    #[arg(long)]
+    resume: bool,
+    /// Print the verdict as JSON on standard output, and nothing else there
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    overwrite: OverwriteArgs,
+}
+
+/// Finds the poses of photographs.
+pub(crate) fn run(args: &PosesArgs) -> Result<(), Failure> {
+    let photographs = Photographs::find(&args.photos)?;
+    let settings = Settings::default().with(|s| {
+        s.max_size = args.max_size;
+        s.lens = args.lens;
+        s.pairs = args.pairs;
+        s.vocabulary = args.vocabulary.clone();
+        s.threads = args.threads;
+    });
+    let command = format!("gs poses {} -o {}", quoted(&args.photos), quoted(&args.output));
+    let verdict = find(&photographs, &settings, (&args.output, args.overwrite, args.resume), &command)?;
+    if args.json {
+        return output::json(&verdict);
+    }
+    let output = quoted(&args.output);
+    output::result(format_args!(
+        "{verdict}\nthe data set is {output}: gs train {output} -o gs-out trains a scene of it"
+    ))
+}
+
+/// Makes the data set `output/dataset` of a folder of photographs without poses, unless an earlier run did.
+pub(crate) fn dataset_of(path: &Path, output: &Path, threads: Option<u16>) -> Result<PathBuf, Failure> {
+    let photographs = Photographs::find(path)?;
+    let dataset = output.join("dataset");
+    output::note(format_args!(
+        "{} holds {} without camera poses: COLMAP finds them first, and the data set is kept in {}",
+        path.display(),
+        gs_core::counted(photographs.files.len(), "photograph"),
+        dataset.display()
+    ));
+    let settings = Settings::default().with(|s| s.threads = threads.map(u32::from));
+    let command = format!("gs train {} -o {}", quoted(path), quoted(output));
+    let verdict = find(&photographs, &settings, (&dataset, OverwriteArgs::default(), true), &command)?;
+    output::note(&verdict);
+    match verdict.quality {
+        Quality::Poor => Err(Failure::failed("too few poses were found to train a scene")
+            .at(path.display())
+            .hint(format_args!("gs train {} does so nevertheless", quoted(&dataset)))),
+        _ => Ok(dataset),
+    }
+}
+
+/// Finds poses in a folder, resuming what is there if that is asked for. `command` does it again.
+fn find(
+    photographs: &Photographs,
+    settings: &Settings,
+    (output, overwrite, resume): (&Path, OverwriteArgs, bool),
+    command: &str,
+) -> Result<Verdict, Failure> {
+    let colmap = Colmap::find()?;
+    let inputs: Inputs = photographs.paths().collect();
+    let claim = overwrite.claim(output, FILES, inputs);
+    output_folder::check(&claim)?;
+    refuse_other_models(output)?;
+    let folder: OutputFolder = claim.begin()?;
+    photographs.left_out.iter().for_each(|what| output::note(format_args!("note: left out: {what}")));
+    if colmap.is_slow() {
+        let version = colmap.version();
+        output::note(format_args!(
+            "note: COLMAP {version} compares photographs 4 to 6 times more slowly than 4.1.1 does"
+        ));
+    }
+    let mut display = Display::new();
+    let found = find_poses(photographs, settings, &colmap, (&folder, resume), &mut display);
+    display.clear();
+    found.map_err(|error| match error {
+        error @ Error::Cancelled { .. } => {
+            let flag = if command.starts_with("gs poses") { " --resume" } else { "" };
+            Failure::interrupted(error).hint(format_args!("{command}{flag} continues"))
+        }
+        error => error.into(),
+    })
+}
+
+/// Fails where the folder has a model that this run would not replace: it would still be read.
+fn refuse_other_models(output: &Path) -> Result<(), Failure> {
+    let names = [
+        "transforms.json",
+        "transforms_train.json",
+        "cameras.txt",
+        "cameras.bin",
+        "sparse/cameras.bin",
+        "sparse/0/cameras.txt",
+    ];
+    match names.iter().map(|name| output.join(name)).find(|file| fs::symlink_metadata(file).is_ok()) {
+        Some(file) => Err(Failure::failed("has camera poses already")
+            .at(file.display())
+            .hint("choose another folder with --output")),
+        None => Ok(()),
+    }
+}
