@@ -1,10 +1,11 @@
 //! The project's own commands: `cargo xtask test` runs all the tests, `cargo xtask cluster` a study
-//! on a cluster of this machine, `cargo xtask python` builds and tests the Python module, and
-//! `cargo xtask web` the page.
+//! on a cluster of this machine, `cargo xtask poses` finds the poses of photographs, `cargo xtask
+//! python` builds and tests the Python module, and `cargo xtask web` the page.
 //!
 //! This program depends on no crate, so that it compiles within a second on a fresh machine.
 
 mod cluster;
+mod poses;
 mod python;
 mod system;
 mod test;
@@ -15,6 +16,7 @@ use std::process::ExitCode;
 const HELP: &str = "\
 Usage: cargo xtask test [--install] [--slow]
        cargo xtask cluster [--install]
+       cargo xtask poses [--test] [--install]
        cargo xtask python [--test] [--install]
        cargo xtask web [--test] [--install]
 
@@ -34,6 +36,13 @@ an array of jobs of which one is cancelled and one killed. The tables must be th
 
 Options:
   --install  install Debian's slurm-wlm and munge; without it and without them, nothing is checked
+
+cargo xtask poses shows the COLMAP that gs poses would run.
+
+Options:
+  --test     find the poses of photographs of the test data with it, compare them with the given ones,
+             and train briefly, which takes minutes
+  --install  install Debian's colmap; without it and without that, nothing is checked
 
 cargo xtask python builds the Python module as a wheel into target/wheels, with maturin from PyPI in
 an environment of its own. Without Python 3.9 or later it says so and builds nothing.
@@ -60,6 +69,7 @@ Options:
 enum Task {
     Test(test::Options),
     Cluster { install: bool },
+    Poses(poses::Options),
     Python(python::Options),
     Web(web::Options),
 }
@@ -68,13 +78,14 @@ fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let words: Vec<&str> = arguments.iter().map(String::as_str).collect();
     let task = match &words[..] {
-        [] | ["help" | "-h" | "--help"] | ["test" | "cluster" | "python" | "web", "-h" | "--help"] => {
+        [] | ["help" | "-h" | "--help"] | ["test" | "cluster" | "poses" | "python" | "web", "-h" | "--help"] => {
             eprintln!("{HELP}");
             return ExitCode::SUCCESS;
         }
         ["test", flags @ ..] => test::Options::parse(flags).map(Task::Test),
         ["cluster"] => Ok(Task::Cluster { install: false }),
         ["cluster", "--install"] => Ok(Task::Cluster { install: true }),
+        ["poses", flags @ ..] => poses::Options::parse(flags).map(Task::Poses),
         ["python", flags @ ..] => python::Options::parse(flags).map(Task::Python),
         ["web", flags @ ..] => web::Options::parse(flags).map(Task::Web),
         ["cluster", flag, ..] => Err(format!("unknown flag {flag}")),
@@ -90,6 +101,7 @@ fn main() -> ExitCode {
     let ended = match task {
         Task::Test(options) => test::run(options),
         Task::Cluster { install } => cluster::run(install),
+        Task::Poses(options) => poses::run(options),
         Task::Python(options) => python::run(options),
         Task::Web(options) => web::run(options),
     };
