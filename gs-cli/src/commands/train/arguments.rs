@@ -22,7 +22,8 @@ use crate::{
 
 const AFTER_HELP: &str = "\
 DATASET is a folder that COLMAP, Nerfstudio or Blender wrote, or a transforms.json; gs info shows \
-what is in it.
+what is in it. In a folder of photographs without poses, COLMAP finds these first, as gs poses does, \
+and the data set is kept in DIR/dataset.
 
 DIR then holds:
   scene.ply        the Gaussians, for splat viewers; gs convert makes other formats of it
@@ -51,7 +52,7 @@ after a second or more quits at once.";
 #[derive(Debug, Clone, Args)]
 #[command(after_help = AFTER_HELP)]
 pub(crate) struct TrainArgs {
-    /// The data set of posed images
+    /// The data set of posed images, or a folder of photographs
     pub(crate) dataset: PathBuf,
     #[command(flatten)]
     pub(crate) images: DatasetArgs,
