@@ -19,12 +19,14 @@ const IMAGE: u64 = 12;
 /// A pixel of one channel.
 const PLANE: u64 = 4;
 
+/// A pixel of an image that is kept as its file stores it: three of 8 bits.
+const COMPACT: u64 = 3;
+
+/// Images that are read ahead.
+pub(crate) const READ_AHEAD: u64 = 8;
+
 /// Pixels of all targets above which they are kept compact.
 const COMPACT_FROM: u64 = 25_000_000;
-
-/// Most bytes of images for training that are kept in memory for the evidence of policies, besides
-/// the targets.
-pub(crate) const MOST_FOR_EVIDENCE: u64 = 1 << 30;
 
 /// Memory for code, threads and tables.
 const BASE: u64 = 60_000_000;
@@ -116,8 +118,8 @@ impl FitSettings {
 }
 
 impl TrainSettings {
-    /// Peak memory of training this many Gaussians from views of these sizes, whose images are kept
-    /// up to `keep_bytes`, bytes. Depth maps in the loss add [`Self::depth_bytes`].
+    /// Peak memory of training this many Gaussians from views of these sizes, whose images and targets
+    /// are kept up to `keep_bytes`, bytes. Depth maps in the loss add [`Self::depth_bytes`].
     pub fn peak_bytes(&self, views: impl IntoIterator<Item = (u32, u32)>, keep_bytes: u64, gaussians: u64) -> u64 {
         let (mut all, mut largest, mut count) = (0, 0, 0);
         for (width, height) in views {
@@ -125,20 +127,20 @@ impl TrainSettings {
             all += pixels(width, height);
             largest = largest.max(pixels(width, height));
         }
-        // Kept images are counted without what D-SSIM adds to them.
+        let images = (all * COMPACT).min(keep_bytes);
+        // Kept targets are counted without what D-SSIM adds to them.
         let beside = if is_compact(all) { 0 } else { of_target(self.loss) };
-        let kept = all.min(keep_bytes / IMAGE) * (IMAGE + beside);
+        let kept = images + all.min((keep_bytes - images) / IMAGE) * (IMAGE + beside);
         let step = of_step(&self.render, self.loss, self.policy.needs().statistics);
-        // An image on its way to the backend, a rendering, and the target of the step.
-        let passing = 4 * IMAGE + of_target(self.loss) + step;
+        // An image on its way to the backend, a rendering, the target of the step, and images that are
+        // read ahead.
+        let passing = 4 * IMAGE + of_target(self.loss) + step + READ_AHEAD * COMPACT;
         let numbers = 3 * ((u64::from(self.render.effects.sh_degree) + 1).pow(2) - 1);
         // The sum of several scenes has each of a Gaussian's numbers, too.
         let sum = if self.average_last > 0.0 { (14 + numbers) * PLANE } else { 0 };
         let gaussian = GAUSSIAN_3D + numbers * PARAMETER_3D + sum;
         let of_evidence = self.of_evidence(count, gaussian);
-        let for_evidence = if of_evidence > 0 { Some(all * (IMAGE + PLANE)) } else { None };
-        let for_evidence = for_evidence.filter(|&bytes| bytes <= MOST_FOR_EVIDENCE).unwrap_or_default();
-        overhead(largest) + kept + for_evidence + largest * passing + gaussians * (gaussian + of_evidence)
+        overhead(largest) + kept + largest * passing + gaussians * (gaussian + of_evidence)
     }
 
     /// Memory of the evidence in the round that needs most, for each Gaussian: the evidence itself,
@@ -215,12 +217,10 @@ mod tests {
         let bytes = |settings: &TrainSettings, views: usize| {
             settings.peak_bytes(vec![(64, 64); views], 0, 1_000) - plain.peak_bytes(vec![(64, 64); views], 0, 1_000)
         };
-        // The images are kept for the evidence.
-        let images = |views: u64| 16 * 64 * 64 * views;
         let mut taming = plain.clone();
         taming.policy = Policy::from_name("taming").unwrap();
         // Eight numbers in each of ten views, and a copy of the scene.
-        let of_taming = |views: u64| images(views) + 1_000 * (views.min(10) * 32 + GAUSSIAN_3D);
+        let of_taming = |views: u64| 1_000 * (views.min(10) * 32 + GAUSSIAN_3D);
         assert_eq!([bytes(&taming, 4), bytes(&taming, 500)], [4, 500].map(of_taming));
     }
 }

@@ -113,7 +113,8 @@ fn evaluate_3d(args: &EvalArgs, file: &File3d) -> Result<(), Failure> {
     let scene = &file.scene;
     let dataset = args.images.read_for(file, &args.b)?;
     let render = args.render.settings(file, Some(&dataset));
-    let views = Views::of_dataset(&dataset);
+    // Each image is used once.
+    let views = Views { keep_bytes: 0, ..Views::of_dataset(&dataset) }.cached();
     let backend = args.backend.open()?;
     let evaluation = evaluate(&backend.rasterizer, scene, views.test_or_train(), &render).block_on()?;
     args.render.note_guess(file);

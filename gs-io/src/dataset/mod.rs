@@ -35,7 +35,7 @@ use self::how_to_begin::how_to_begin;
 pub use self::{
     camera::SourceCamera,
     data_set::{Dataset, DatasetKind, Point},
-    images::{DepthFile, DepthMap, PosedImage, View, read_images},
+    images::{CompactImage, DepthFile, DepthMap, PosedImage, View, read_images},
     remark::{Remark, Skip},
     settings::{AlphaMeaning, DatasetSettings},
     split::{Split, SplitOrigin},

@@ -13,7 +13,9 @@ use image::{
     codecs::tiff::TiffDecoder, metadata::Orientation as Turn,
 };
 
-use super::{IccProfile, ImageRemark, Orientation, StoredImage, color::Colors, kind, whole, wide_tiff::WideTiff};
+use super::{
+    AnyPixels, IccProfile, ImageRemark, Orientation, StoredImage, color::Colors, kind, whole, wide_tiff::WideTiff,
+};
 use crate::{atomic::open, error::Error};
 
 /// The most memory a decoder may allocate: an image of the largest size with four 16-bit channels
@@ -55,6 +57,19 @@ pub(crate) fn decode(path: &Path, orientation: Orientation) -> Result<StoredImag
     colors.apply(&mut pixels.colors);
     let remarks = with_remark(remarks, &colors);
     pixels.stored(path, None, remarks)
+}
+
+/// Reads an image in sRGB, in the samples of its file: converted colours are rounded to them.
+pub(crate) fn decode_samples(path: &Path, orientation: Orientation) -> Result<AnyPixels, Error> {
+    let (decoded, colors, _) = read_decoded(path, orientation, 0)?;
+    let pixels = AnyPixels::of_image(decoded, &colors);
+    if let AnyPixels::Floats(pixels) = &pixels
+        && let Some(place) = pixels.samples.iter().position(|sample| !sample.is_finite())
+    {
+        let pixel = (place / pixels.channels()) as u32;
+        return Err(not_finite(path, (pixel % pixels.width, pixel / pixels.width, pixels.samples[place])));
+    }
+    Ok(pixels)
 }
 
 /// Reads an image as it is stored, if it can be kept so with its profile, or else in sRGB.
@@ -126,35 +141,47 @@ fn with_remark(mut remarks: Vec<ImageRemark>, colors: &Colors) -> Vec<ImageRemar
 
 /// The stored pixels, how to convert their colours, and remarks on the file.
 fn read_pixels(path: &Path, orientation: Orientation) -> Result<(Pixels, Colors, Vec<ImageRemark>), Error> {
+    let (decoded, colors, remarks) = read_decoded(path, orientation, size_of::<[f32; 4]>())?;
+    let pixels = Pixels::of_image(decoded);
+    // Integers are finite.
+    let broken = if pixels.bits_per_channel > 16 { pixels.first_not_finite() } else { None };
+    match broken {
+        Some(found) => Err(not_finite(path, found)),
+        None => Ok((pixels, colors, remarks)),
+    }
+}
+
+fn not_finite(path: &Path, (x, y, value): (u32, u32, f32)) -> Error {
+    Error::unusable(path, format!("pixel ({x}, {y}) is {value}, not a finite number"), "repair it in an image editor")
+}
+
+/// The decoded image, how to convert its colours, and remarks on the file. The caller needs `beside`
+/// more bytes for each pixel.
+fn read_decoded(
+    path: &Path,
+    orientation: Orientation,
+    beside: usize,
+) -> Result<(DynamicImage, Colors, Vec<ImageRemark>), Error> {
     let mut file = ImageFile::open(path)?;
     file.check_end()?;
     let format = file.format;
     let damaged = |error| decoder_error(path, format, error);
     let (mut decoder, colors, remarks) = file.decoder()?;
     let turned = decoder.orientation().map_err(damaged)?;
-    check_memory(&decoder).map_err(Error::content(path))?;
+    check_memory(&decoder, beside).map_err(Error::content(path))?;
     let mut decoded = DynamicImage::from_decoder(decoder).map_err(damaged)?;
     if orientation == Orientation::Exif {
         decoded.apply_orientation(turned);
     }
-    let pixels = Pixels::of_image(decoded);
-    // Integers are finite.
-    let not_finite = if pixels.bits_per_channel > 16 { pixels.first_not_finite() } else { None };
-    match not_finite {
-        Some((x, y, value)) => {
-            let problem = format!("pixel ({x}, {y}) is {value}, not a finite number");
-            Err(Error::unusable(path, problem, "repair it in an image editor"))
-        }
-        None => Ok((pixels, colors, remarks)),
-    }
+    Ok((decoded, colors, remarks))
 }
 
 /// Allocates and frees the memory that decoding needs, because decoders abort where allocation
 /// fails.
-fn check_memory(decoder: &impl ImageDecoder) -> Result<(), gs_core::Error> {
+fn check_memory(decoder: &impl ImageDecoder, beside: usize) -> Result<(), gs_core::Error> {
     let (width, height) = decoder.dimensions();
     let pixels = u64::from(width) * u64::from(height);
-    let bytes = decoder.total_bytes() + pixels * size_of::<[f32; 4]>() as u64;
+    let bytes = decoder.total_bytes() + pixels * beside as u64;
     memory::reserved::<u8>(usize::try_from(bytes).unwrap_or(usize::MAX), "decoding the image").map(drop)
 }
 

@@ -8,6 +8,7 @@ mod kind;
 mod png_file;
 mod profile;
 mod remark;
+mod samples;
 mod stored;
 mod whole;
 mod wide_tiff;
@@ -18,8 +19,9 @@ use gs_core::Image;
 
 pub(crate) use self::{
     alpha::composite,
-    decode::{ImageHeader, decode, decode_grey, decode_mask, grey_size, read_header},
+    decode::{ImageHeader, decode, decode_grey, decode_mask, decode_samples, grey_size, read_header},
     folder::{how_to_convert, is_unreadable},
+    samples::{AnyPixels, Pixels, Sample, with_pixels},
 };
 pub use self::{
     alpha::{premultiplied, straight},

@@ -165,7 +165,7 @@ impl Speed {
                 // With the Gaussians of half of the schedule. In the second half, at full
                 // resolution, their number goes back to the first.
                 let clock = Instant::now();
-                let views = trainer.evaluation_views().len();
+                let views = trainer.measured_views().len();
                 trainer.quality().await?;
                 (view, viewed) = (clock.elapsed().as_secs_f64() / views.max(1) as f64, count);
                 trainer.record.settings.gaussians = thin;

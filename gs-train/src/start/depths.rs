@@ -135,6 +135,8 @@ fn difference(position: Vec3, image: &SearchedImage, depths: &[f32]) -> Option<f
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
     use gs_core::{Camera, Image};
     use gs_io::dataset::{DepthMap, PosedImage};
 
@@ -187,7 +189,7 @@ mod tests {
                     posed: PosedImage { image, alpha: None, mask: None },
                     map: DepthMap { camera: small, values, unit },
                 };
-                PosedView { name: format!("{number}"), camera, source: Box::new(source) }
+                PosedView { name: format!("{number}"), camera, source: Arc::new(source) }
             })
             .collect()
     }

@@ -8,7 +8,7 @@ use gs_core::{
 use gs_io::dataset::PosedImage;
 use serde::{Deserialize, Serialize};
 
-use super::task::where_masked;
+use super::task::{AHEAD, where_masked};
 use crate::views::{ColorMap, PosedView};
 use crate::{error::Error, run::infinite_where_null};
 
@@ -184,7 +184,8 @@ pub(super) async fn evaluate_splats<R: Rasterizer<Scene3d>>(
     }
     let mut culled = Culled::default();
     let (mut qualities, mut unmeasured) = (Vec::with_capacity(views.len()), Vec::new());
-    for view in views {
+    for (number, view) in views.iter().enumerate() {
+        views.iter().skip(number).take(AHEAD as usize).for_each(|next| next.source.read_ahead());
         let (rendered, left_out) = rasterizer.draw(splats, &view.camera, render).await?;
         culled = culled.plus(left_out);
         look(view, &rendered)?;

@@ -29,5 +29,5 @@ pub(crate) use self::{evidence::plain, task::STAND_INS};
 pub use crate::{
     fit::Flat,
     start::{PointInit, Start, StartName},
-    views::{Counting, Focus, ImageSource, PosedView, Resolution, Views, extent_of},
+    views::{Counting, Focus, ImageReading, ImageSource, PosedView, Resolution, Views, extent_of},
 };

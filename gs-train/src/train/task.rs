@@ -1,6 +1,6 @@
 //! The task of training from views.
 
-use std::{collections::BTreeMap, fmt};
+use std::{collections::BTreeMap, fmt, sync::OnceLock};
 
 use bytemuck::cast_slice_mut;
 use gs_core::{
@@ -22,7 +22,7 @@ use super::{
 use crate::views::{Images, Order, PosedView, Views, images, possible, reduced_camera};
 use crate::{
     error::Error,
-    memory,
+    memory::{self, READ_AHEAD},
     run::{At, Clamped, Quality, SceneTask, StepContext, TrainingTask},
 };
 
@@ -31,6 +31,9 @@ const BACKGROUND_STREAM: u64 = 0x6261_636b;
 
 /// Number of training views, evenly spread, that replace missing test views.
 pub(crate) const STAND_INS: usize = 8;
+
+/// Steps whose images are read ahead.
+pub(super) const AHEAD: u32 = READ_AHEAD as u32;
 
 /// Largest sample of training views for their quality: their mean is known to half a dB, and they
 /// cost less than the test views.
@@ -45,17 +48,22 @@ pub struct ViewsTask<R: Optimizer<Scene3d>> {
     views: Views,
     extent: f32,
     order: Order,
+    /// The order of the steps whose images are read ahead, and the first step that has not been.
+    ahead: (Order, u32),
     images: Images<R::Target>,
     /// Whether the images' targets take as little memory as possible.
     compact: bool,
     exposures: Exposures,
     depths: DepthMaps<R::Target>,
-    /// Checksums of the views' images.
-    digests: Vec<u32>,
+    /// Checksums of the views' images, those that are known.
+    digests: Vec<OnceLock<u32>>,
 }
 
 /// The entry of a checkpoint's metadata with the checksums of the views' images.
 const DIGESTS_ENTRY: &str = "image-digests";
+
+/// In place of the checksum of an image that could not be read: it had no part in the run.
+const UNKNOWN: &str = "-";
 
 /// Fails if the images of the views are others than those of a checkpoint with this metadata.
 pub(super) fn check_images(metadata: &BTreeMap<String, String>, views: &Views, digests: &[u32]) -> Result<(), Error> {
@@ -64,11 +72,15 @@ pub(super) fn check_images(metadata: &BTreeMap<String, String>, views: &Views, d
     let mut stored = stored.split(' ');
     let all = views.train.iter().chain(&views.test).zip(digests);
     let changed: Vec<&str> =
-        all.filter(|(_, digest)| stored.next() != Some(&*text_of(**digest))).map(|(view, _)| &*view.name).collect();
+        all.filter(|(_, digest)| !is_same(stored.next(), **digest)).map(|(view, _)| &*view.name).collect();
     match changed.first() {
         None => Ok(()),
         Some(first) => Err(Error::OtherImages { count: changed.len(), first: (*first).to_owned() }),
     }
+}
+
+fn is_same(stored: Option<&str>, digest: u32) -> bool {
+    stored.is_some_and(|stored| stored == UNKNOWN || stored == text_of(digest))
 }
 
 fn text_of(digest: u32) -> String {
@@ -106,12 +118,16 @@ impl SceneTask for Scene3d {
 }
 
 impl<R: Optimizer<Scene3d>> ViewsTask<R> {
-    pub(super) fn new(views: Views, digests: Vec<u32>, extent: f32, exposures: Exposures, guides: Guides) -> Self {
+    /// `digests` are the checksums of the images, where they are known.
+    pub(super) fn new(views: Views, digests: &[u32], extent: f32, exposures: Exposures, guides: Guides) -> Self {
         let pixels = views.train_cameras().map(|camera| u64::from(camera.width) * u64::from(camera.height)).sum();
-        let images = Images::new(views.keep_bytes);
+        let images = Images::new(views.keep_bytes.saturating_sub(views.cached_bytes()));
+        let of_view = |index| digests.get(index).map_or_else(OnceLock::new, |&digest| OnceLock::from(digest));
+        let digests = (0..views.train.len() + views.test.len()).map(of_view).collect();
         let depths = DepthMaps::new(guides, views.keep_bytes / DEPTH_SHARE);
         let compact = memory::is_compact(pixels);
-        Self { views, extent, order: Order::default(), images, compact, exposures, depths, digests }
+        let (order, ahead) = (Order::default(), (Order::default(), 0));
+        Self { views, extent, order, ahead, images, compact, exposures, depths, digests }
     }
 
     /// The views.
@@ -138,6 +154,32 @@ impl<R: Optimizer<Scene3d>> ViewsTask<R> {
         train.iter().step_by(train.len().div_ceil(STAND_INS)).collect()
     }
 
+    /// The views that are measured while the scene is trained: [`Self::evaluation_views`], or
+    /// [`Views::most_measured`] of them, evenly spread.
+    pub(super) fn measured_views(&self) -> Vec<&PosedView> {
+        let views = self.evaluation_views();
+        let count = views.len().min(self.views.most_measured.max(1));
+        (0..count).map(|number| views[number * views.len() / count]).collect()
+    }
+
+    /// Lets the images of the next steps be read.
+    fn read_ahead(&mut self, settings: &TrainSettings, step: u32) {
+        let (order, next) = &mut self.ahead;
+        for step in (*next).max(step)..(step + AHEAD).min(settings.iterations) {
+            let index = order.view(settings.seed, step, self.views.train.len());
+            if !self.images.has(index) {
+                self.views.train[index].source.read_ahead();
+            }
+        }
+        *next = step + AHEAD;
+    }
+
+    /// The checksum of a view's image in a checkpoint.
+    fn digest(&self, index: usize, view: &PosedView) -> String {
+        let digest = self.digests[index].get().copied().or_else(|| view.source.digest().ok());
+        digest.map_or_else(|| UNKNOWN.to_owned(), |digest| text_of(*self.digests[index].get_or_init(|| digest)))
+    }
+
     /// A sample of the training views, evenly spread: as many as there are test views, at most
     /// [`MOST_SAMPLED`].
     fn sample(&self) -> impl Iterator<Item = usize> {
@@ -154,7 +196,13 @@ impl<R: Optimizer<Scene3d>> ViewsTask<R> {
     ) -> Result<TrainingViews, Error> {
         let render = shown(settings, &effects);
         let (mut psnr, mut losses) = (Vec::new(), Vec::new());
-        for index in self.sample() {
+        let sample: Vec<usize> = self.sample().collect();
+        for (number, &index) in sample.iter().enumerate() {
+            sample
+                .iter()
+                .skip(number)
+                .take(AHEAD as usize)
+                .for_each(|&next| self.views.train[next].source.read_ahead());
             let view = &self.views.train[index];
             let posed = images::training_image(view, 1, self.exposures.map(index))?;
             let pass = on.forward(splats, &view.camera, &render).await?;
@@ -236,7 +284,8 @@ impl<R: Optimizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
     fn state(&self) -> Result<Vec<(&'static str, String)>, Error> {
         let frame = self.views.frame;
         let frame = (!frame.is_world()).then(|| (gs_io::FRAME_ENTRY, frame.to_toml()));
-        let digests = self.digests.iter().map(|digest| text_of(*digest)).collect::<Vec<_>>().join(" ");
+        let views = self.views.train.iter().chain(&self.views.test).enumerate();
+        let digests = views.map(|(index, view)| self.digest(index, view)).collect::<Vec<_>>().join(" ");
         let own = [self.exposures.to_metadata()?, self.depths.to_metadata()?, frame, Some((DIGESTS_ENTRY, digests))];
         Ok(own.into_iter().flatten().collect())
     }
@@ -249,6 +298,7 @@ impl<R: Optimizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
         context: StepContext,
     ) -> Result<(), Error> {
         let StepContext { step, effects, full_depth, lr_scale, binning } = context;
+        self.read_ahead(settings, step);
         let progress = step as f32 / settings.iterations as f32;
         let index = self.order.view(settings.seed, step, self.views.train.len());
         let (camera, factor) = self.reduced(index, settings, step);
@@ -280,7 +330,9 @@ impl<R: Optimizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
         request: EvidenceRequest,
     ) -> Result<Option<Evidence>, Error> {
         let mut gathering = Gathering::new(on, (scene, splats), shown(settings, &effects), request)?;
-        for index in views_of_round(settings.seed, step, self.views.train.len(), &request) {
+        let drawn = views_of_round(settings.seed, step, self.views.train.len(), &request);
+        for (number, &index) in drawn.iter().enumerate() {
+            drawn.iter().skip(number).take(AHEAD as usize).for_each(|&next| self.views.train[next].source.read_ahead());
             let (camera, factor) = self.reduced(index, settings, step);
             let posed = images::training_image(&self.views.train[index], factor, self.exposures.map(index))?;
             gathering.add(&camera, posed, &settings.loss).await?;
@@ -295,11 +347,12 @@ impl<R: Optimizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
         }
     }
 
-    /// Means over the test views (or their replacements) in which some pixel counts, and the
+    /// Means over a few of the test views (or their replacements) in which some pixel counts, and the
     /// Gaussians left out, summed over them.
     async fn quality(&self, At { on, splats, settings, effects }: At<'_, R, Scene3d>) -> Result<Quality, Error> {
         let render = shown(settings, &effects);
-        let views = self.evaluation_views();
+        let views = self.measured_views();
+        views.iter().for_each(|view| view.source.read_ahead());
         let (mut l1, mut psnr, mut culled) = (Vec::new(), Vec::new(), Culled::default());
         for view in &views {
             let (rendered, left_out) = on.draw(splats, &view.camera, &render).await?;

@@ -13,7 +13,6 @@ use super::{
 };
 use crate::{
     error::Error,
-    memory::MOST_FOR_EVIDENCE,
     run::{Average, Record, Trainer, digest, random},
 };
 use crate::{
@@ -46,7 +45,7 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
         }
         settings.remove_unseen &= !matches!(start, Start::Scene(_));
         let cameras: Vec<Camera> = views.train_cameras().copied().collect();
-        let views = for_evidence(views, &settings)?;
+        let views = views.cached();
         let mut start = start.searched(&views.train)?;
         let points = start.points(&settings.init);
         settings = settings.for_points(points);
@@ -62,13 +61,13 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
         let extent = *settings.extent.get_or_insert_with(|| extent_of(&cameras, &scene.means));
         settings.validate()?;
         let splats = rasterizer.upload(&scene, Parameterization::ScaleRotation)?;
-        let (images, digests) = (fingerprint(&views), views.digests()?);
+        let images = fingerprint(&views);
         let guides = match settings.depth_loss.is_off() {
             true => Guides::default(),
             false => Guides::of(&views.train, &scene.means)?,
         };
         let record = Record::beginning(settings, images);
-        let task = ViewsTask::new(views, digests, extent, Exposures::default(), guides);
+        let task = ViewsTask::new(views, &[], extent, Exposures::default(), guides);
         let mut trainer = Self::assemble(rasterizer, record, splats, task);
         trainer.record.seconds = started.elapsed().as_secs_f64();
         Ok(trainer)
@@ -88,17 +87,17 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
         if record.images != found {
             return Err(Error::WrongTarget { expected: record.images, found });
         }
+        let views = views.cached();
         let digests = views.digests()?;
         check_images(&checkpoint.metadata, &views, &digests)?;
         let Some(extent) = record.settings.extent else {
             return Err(Error::Checkpoint("its settings lack the extent".to_owned()));
         };
-        let views = for_evidence(views, &record.settings)?;
         let average = Average::of_state(&checkpoint.state, SplatsState::scene_3d)?;
         let splats = rasterizer.restore(&checkpoint.state)?;
         let exposures = Exposures::from_metadata(&checkpoint.metadata, views.train.len())?;
         let guides = Guides::from_metadata(&checkpoint.metadata, views.train.len())?;
-        let task = ViewsTask::new(views, digests, extent, exposures, guides);
+        let task = ViewsTask::new(views, &digests, extent, exposures, guides);
         let mut trainer = Self::assemble(rasterizer, record, splats, task);
         trainer.average = average;
         Ok(trainer)
@@ -131,6 +130,12 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
         self.task.depth_maps()
     }
 
+    /// The views that [`Self::quality`] measures: at most [`Views::most_measured`] of
+    /// [`Self::evaluation_views`], evenly spread.
+    pub fn measured_views(&self) -> Vec<&PosedView> {
+        self.task.measured_views()
+    }
+
     /// Renders the current scene for a camera, not clamped.
     ///
     /// # Errors
@@ -157,14 +162,6 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
     /// Those of the backend, and of reading an image.
     pub(crate) async fn training_views(&self) -> Result<TrainingViews, Error> {
         self.task.training_views(self.at()).await
-    }
-}
-
-/// The views, with their images in memory where the policy looks at some in each round.
-fn for_evidence(views: Views, settings: &TrainSettings) -> Result<Views, Error> {
-    match settings.policy.needs().evidence {
-        true => views.holding_training_images(MOST_FOR_EVIDENCE),
-        false => Ok(views),
     }
 }
 

@@ -6,7 +6,7 @@ use std::sync::{
     atomic::{AtomicU64, Ordering::Relaxed},
 };
 
-use gs_io::dataset::{DepthMap, PosedImage, View, read_images};
+use gs_io::dataset::{CompactImage, DepthMap, PosedImage, View, read_images};
 
 use super::view::{Counting, ImageSource};
 
@@ -24,54 +24,53 @@ struct Face {
 struct Whole {
     faces: Vec<View>,
     /// Faces that were made when another was read, until they are read themselves.
-    made: Mutex<Vec<Option<PosedImage>>>,
+    made: Mutex<Vec<Option<CompactImage>>>,
     /// Bytes of such faces, of all images together.
     held: Arc<AtomicU64>,
 }
 
 /// The sources of these views, in their order. Faces of one image are neighbours.
-pub(crate) fn sources(views: Vec<View>) -> Vec<Box<dyn ImageSource>> {
+pub(crate) fn sources(views: Vec<View>) -> Vec<Arc<dyn ImageSource>> {
     let held = Arc::new(AtomicU64::new(0));
-    let mut sources: Vec<Box<dyn ImageSource>> = Vec::with_capacity(views.len());
+    let mut sources: Vec<Arc<dyn ImageSource>> = Vec::with_capacity(views.len());
     for faces in views.chunk_by(|a, b| a.source.is_face() && a.image == b.image) {
         if let [view] = faces {
-            sources.push(Box::new(view.clone()));
+            sources.push(Arc::new(view.clone()));
             continue;
         }
         let made = Mutex::new(faces.iter().map(|_| None).collect());
         let of = Arc::new(Whole { faces: faces.to_vec(), made, held: Arc::clone(&held) });
         sources
-            .extend((0..faces.len()).map(|index| -> Box<dyn ImageSource> { Box::new(Face { index, of: of.clone() }) }));
+            .extend((0..faces.len()).map(|index| -> Arc<dyn ImageSource> { Arc::new(Face { index, of: of.clone() }) }));
     }
     sources
 }
 
-fn bytes_of(posed: &PosedImage) -> u64 {
-    let PosedImage { image, alpha, mask } = posed;
-    let alpha = alpha.as_ref().map_or(0, |alpha| size_of_val(&alpha[..]));
-    (size_of_val(image.pixels()) + alpha + mask.as_ref().map_or(0, Vec::len)) as u64
-}
-
 impl ImageSource for Face {
     fn read(&self) -> Result<PosedImage, gs_io::Error> {
+        let failed = |source| gs_io::Error::Content { path: self.of.faces[self.index].image.clone(), source };
+        self.read_compact()?.to_posed().map_err(failed)
+    }
+
+    fn read_compact(&self) -> Result<CompactImage, gs_io::Error> {
         let Whole { faces, made, held } = &*self.of;
         let mut made = match made.try_lock() {
             Ok(made) => made,
             Err(TryLockError::Poisoned(made)) => made.into_inner(),
             // Another job is making the faces. Waiting for it could take forever, because it may wait
             // for this thread.
-            Err(TryLockError::WouldBlock) => return faces[self.index].read_image(),
+            Err(TryLockError::WouldBlock) => return faces[self.index].read_compact(),
         };
-        if let Some(posed) = made[self.index].take() {
-            held.fetch_sub(bytes_of(&posed), Relaxed);
-            return Ok(posed);
+        if let Some(face) = made[self.index].take() {
+            held.fetch_sub(face.bytes(), Relaxed);
+            return Ok(face);
         }
         if held.load(Relaxed) >= MOST_BYTES {
-            return faces[self.index].read_image();
+            return faces[self.index].read_compact();
         }
-        let mut images: Vec<Option<PosedImage>> = read_images(faces)?.into_iter().map(Some).collect();
+        let mut images: Vec<Option<CompactImage>> = read_images(faces)?.into_iter().map(Some).collect();
         let read = images[self.index].take();
-        let bytes = |images: &[Option<PosedImage>]| images.iter().flatten().map(bytes_of).sum::<u64>();
+        let bytes = |images: &[Option<CompactImage>]| images.iter().flatten().map(CompactImage::bytes).sum::<u64>();
         held.fetch_add(bytes(&images), Relaxed);
         held.fetch_sub(bytes(&made), Relaxed);
         *made = images;

@@ -1,4 +1,4 @@
-//! The images of a training, read when they are first needed and kept as far as memory allows.
+//! The targets of a training's steps, made when they are first needed and kept as far as memory allows.
 
 use std::collections::{BTreeMap, btree_map::Entry};
 
@@ -24,6 +24,11 @@ impl<T> Images<T> {
     /// An empty cache for at most this many bytes of targets.
     pub(crate) fn new(limit: u64) -> Self {
         Self { kept: BTreeMap::new(), factor: 1, bytes: 0, limit, passing: None }
+    }
+
+    /// Whether the target of a view is kept.
+    pub(crate) fn has(&self, index: usize) -> bool {
+        self.kept.contains_key(&index)
     }
 
     /// Forgets all targets: what they were made with has changed.

@@ -1,6 +1,7 @@
 //! The views that a 3D scene is trained from: their images, order and sizes, and what follows from
 //! their cameras.
 
+mod cache;
 mod color_map;
 mod depth_fit;
 mod faces;
@@ -10,15 +11,16 @@ mod order;
 mod resolution;
 mod view;
 
+pub use self::{
+    cache::ImageReading,
+    geometry::{Focus, extent_of},
+    resolution::Resolution,
+    view::{Counting, ImageSource, PosedView, Views},
+};
 pub(crate) use self::{
     color_map::{ColorMap, ColorPair},
     depth_fit::{Fit, Sample, fits, samples, values_at},
     images::{Images, training_image},
     order::Order,
     resolution::{possible, reduced, reduced_camera},
-};
-pub use self::{
-    geometry::{Focus, extent_of},
-    resolution::Resolution,
-    view::{Counting, ImageSource, PosedView, Views},
 };

@@ -1,15 +1,18 @@
 //! Training views and test views.
 
-use std::{fmt, sync::Arc};
+use std::{fmt, path::PathBuf, sync::Arc};
 
 use gs_core::{Camera, Image};
 use gs_io::{
     WorldFrame,
-    dataset::{AlphaMeaning, Dataset, DepthMap, PosedImage, Split, View},
+    dataset::{AlphaMeaning, CompactImage, Dataset, DepthMap, PosedImage, Split, View},
 };
 use rayon::prelude::*;
 
-use super::faces;
+use super::{
+    cache::{ImageCache, ImageReading},
+    faces,
+};
 use crate::{error::Error, run::digest};
 
 /// Source of a view's image: memory, or a file that is read when it is needed.
@@ -19,6 +22,22 @@ pub trait ImageSource: Send + Sync {
     /// # Errors
     /// Those of reading a file.
     fn read(&self) -> Result<PosedImage, gs_io::Error>;
+
+    /// [`Self::read`] in fewer bytes, if the source has the image so; otherwise in as many.
+    ///
+    /// # Errors
+    /// Those of [`Self::read`].
+    fn read_compact(&self) -> Result<CompactImage, gs_io::Error> {
+        Ok(CompactImage::from(&self.read()?))
+    }
+
+    /// Says that the image will soon be read. By default, nothing is done about it.
+    fn read_ahead(&self) {}
+
+    /// What reading has cost so far, for all sources together that are read ahead; `None` for others.
+    fn reading(&self) -> Option<ImageReading> {
+        None
+    }
 
     /// Reads the view's depth map, if there is one.
     ///
@@ -38,8 +57,8 @@ pub trait ImageSource: Send + Sync {
         Counting::default()
     }
 
-    /// Whether the image is in memory, so that reading it is a copy.
-    fn is_in_memory(&self) -> bool {
+    /// Whether the source keeps the image, so that reading it again costs little.
+    fn keeps_image(&self) -> bool {
         false
     }
 
@@ -75,7 +94,7 @@ impl ImageSource for PosedImage {
         Counting { masked: self.mask.is_some(), ..Counting::default() }
     }
 
-    fn is_in_memory(&self) -> bool {
+    fn keeps_image(&self) -> bool {
         true
     }
 }
@@ -83,6 +102,10 @@ impl ImageSource for PosedImage {
 impl ImageSource for View {
     fn read(&self) -> Result<PosedImage, gs_io::Error> {
         self.read_image()
+    }
+
+    fn read_compact(&self) -> Result<CompactImage, gs_io::Error> {
+        Self::read_compact(self)
     }
 
     fn depth(&self) -> Result<Option<DepthMap>, gs_io::Error> {
@@ -102,14 +125,15 @@ impl ImageSource for View {
     }
 }
 
-/// An image and its camera.
+/// An image and its camera. A clone shares the source.
+#[derive(Clone)]
 pub struct PosedView {
     /// Name for tables.
     pub name: String,
     /// Pose and intrinsics at the image's size.
     pub camera: Camera,
     /// Source of the image.
-    pub source: Box<dyn ImageSource>,
+    pub source: Arc<dyn ImageSource>,
 }
 
 impl fmt::Debug for PosedView {
@@ -122,13 +146,7 @@ impl PosedView {
     /// A view of an opaque image in memory.
     pub fn of_image(name: impl Into<String>, camera: Camera, image: Image) -> Self {
         let posed = PosedImage { image, alpha: None, mask: None };
-        Self { name: name.into(), camera, source: Box::new(posed) }
-    }
-
-    /// Returns the view with its image in memory; depth map and mask stay those of the source.
-    #[must_use]
-    pub fn holding(self, image: Arc<PosedImage>) -> Self {
-        Self { source: Box::new(Held { image, source: self.source }), ..self }
+        Self { name: name.into(), camera, source: Arc::new(posed) }
     }
 
     /// Reads the image.
@@ -157,59 +175,37 @@ impl PosedView {
     }
 }
 
-/// A source whose image has been read.
-struct Held {
-    image: Arc<PosedImage>,
-    source: Box<dyn ImageSource>,
-}
-
-impl ImageSource for Held {
-    fn read(&self) -> Result<PosedImage, gs_io::Error> {
-        Ok((*self.image).clone())
-    }
-
-    fn depth(&self) -> Result<Option<DepthMap>, gs_io::Error> {
-        self.source.depth()
-    }
-
-    fn digest(&self) -> Result<u32, gs_io::Error> {
-        self.source.digest()
-    }
-
-    fn counting(&self) -> Counting {
-        self.source.counting()
-    }
-
-    fn is_face(&self) -> bool {
-        self.source.is_face()
-    }
-
-    fn is_in_memory(&self) -> bool {
-        true
-    }
-}
-
-/// Training views and test views.
-#[derive(Debug)]
+/// Training views and test views. A clone shares their images.
+#[derive(Debug, Clone)]
 pub struct Views {
     /// Training views, at least one.
     pub train: Vec<PosedView>,
     /// Test views, which are held out. Without any, a scene is evaluated on a few training views.
     pub test: Vec<PosedView>,
-    /// Largest number of bytes of images that are kept in memory, by default 4 GiB; other images
-    /// are read for each step that needs them.
+    /// Largest number of bytes of images that are kept in memory, by default 2 GiB, besides the few
+    /// that are read ahead.
     pub keep_bytes: u64,
+    /// Folder for a file with the images that exceed the memory; it has no name, and is gone with the
+    /// views. Without a folder, such images are read each time that they are needed.
+    pub cache_folder: Option<PathBuf>,
+    /// Largest number of test views, evenly spread, that are measured while a scene is trained, by
+    /// default 8: a curve needs no more. The result is evaluated on all.
+    pub most_measured: usize,
     /// The frame of the cameras, which is also that of the scene.
     pub frame: WorldFrame,
 }
 
 impl Views {
-    /// Default of [`Self::keep_bytes`]: 4 GiB.
-    pub const KEEP_BYTES: u64 = 4 << 30;
+    /// Default of [`Self::keep_bytes`]: 2 GiB.
+    pub const KEEP_BYTES: u64 = 2 << 30;
 
-    /// Views with the default limit of memory, in coordinates of the world.
+    /// Default of [`Self::most_measured`].
+    pub const MOST_MEASURED: usize = 8;
+
+    /// Views with the default limits, in coordinates of the world.
     pub fn new(train: Vec<PosedView>, test: Vec<PosedView>) -> Self {
-        Self { train, test, keep_bytes: Self::KEEP_BYTES, frame: WorldFrame::WORLD }
+        let (keep_bytes, frame) = (Self::KEEP_BYTES, WorldFrame::WORLD);
+        Self { train, test, keep_bytes, cache_folder: None, most_measured: Self::MOST_MEASURED, frame }
     }
 
     /// The views of a data set, by its own split; validation views are left out.
@@ -229,25 +225,30 @@ impl Views {
         16 * views.into_iter().map(pixels).sum::<u64>()
     }
 
-    /// Returns these views with the images for training in memory, unless they take more than
-    /// `most_bytes`.
+    /// Returns these views with images that are read once, ahead of the steps that need them, and kept
+    /// in few bytes within the limits of [`Self::keep_bytes`] and [`Self::cache_folder`]. Images that
+    /// their sources keep already stay there.
     ///
-    /// # Errors
-    /// Those of [`PosedView::image`].
-    pub(crate) fn holding_training_images(mut self, most_bytes: u64) -> Result<Self, Error> {
-        if Self::image_bytes(&self.train) <= most_bytes {
-            let held = |view: PosedView| {
-                let image = (!view.source.is_in_memory()).then(|| view.image()).transpose()?;
-                Ok(match image {
-                    Some(image) => view.holding(Arc::new(image)),
-                    None => view,
-                })
-            };
-            let held: Vec<_> = self.train.into_par_iter().map(held).collect();
-            // The first error, whichever thread was faster.
-            self.train = held.into_iter().collect::<Result<_, Error>>()?;
-        }
-        Ok(self)
+    /// Trainings do this with their views. Done before, it lets several of them share the images.
+    #[must_use]
+    pub fn cached(mut self) -> Self {
+        let uncached = |view: &&mut PosedView| !view.source.keeps_image();
+        let mut views: Vec<&mut PosedView> = self.train.iter_mut().chain(&mut self.test).filter(uncached).collect();
+        let sources = views.iter().map(|view| Arc::clone(&view.source)).collect();
+        let cached = ImageCache::sources(sources, self.keep_bytes, self.cache_folder.clone());
+        views.iter_mut().zip(cached).for_each(|(view, source)| view.source = source);
+        self
+    }
+
+    /// Bytes that the images of these views take in a cache, if they have 8 bits a channel.
+    pub fn cached_bytes(&self) -> u64 {
+        let cached = self.train.iter().chain(&self.test).filter(|view| view.source.reading().is_some());
+        3 * cached.map(|view| u64::from(view.camera.width) * u64::from(view.camera.height)).sum::<u64>()
+    }
+
+    /// What reading the images has cost so far; `None` where all were in memory from the start.
+    pub fn reading(&self) -> Option<ImageReading> {
+        self.train.iter().chain(&self.test).find_map(|view| view.source.reading())
     }
 
     /// The views to evaluate a scene with: those held out, or all if there are none.

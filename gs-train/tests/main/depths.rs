@@ -1,5 +1,7 @@
 //! Trainings with depth maps.
 
+use std::sync::Arc;
+
 use glam::Vec3;
 use gs_conformance::bits::bits;
 use gs_core::{Camera, Image, Output, Rasterizer as _, RenderSettings, Scene3d, effects::Background};
@@ -44,7 +46,7 @@ fn mapped(on: &CpuRasterizer, unit: Option<f32>, value: impl Fn(usize, f32) -> f
         let image = inverse_depths(on, &thirty(), &view.camera);
         let values = image.pixels().iter().map(|[inverse, ..]| value(number, *inverse)).collect();
         let map = DepthMap { camera: view.camera, values, unit };
-        PosedView { source: Box::new(Mapped(view.image().unwrap(), map)), ..view }
+        PosedView { source: Arc::new(Mapped(view.image().unwrap(), map)), ..view }
     };
     Views { train: views.train.into_iter().enumerate().map(with_map).collect(), ..views }
 }

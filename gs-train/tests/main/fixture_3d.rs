@@ -79,7 +79,7 @@ pub(crate) fn views(rasterizer: &CpuRasterizer) -> Views {
 pub(crate) fn changed(views: Views, change: impl Fn(usize, PosedImage) -> PosedImage) -> Views {
     let change = |(i, view): (usize, PosedView)| {
         let image = change(i, view.image().expect("it is in memory"));
-        PosedView { source: Box::new(image), ..view }
+        PosedView { source: Arc::new(image), ..view }
     };
     let train = views.train.into_iter().enumerate().map(change).collect();
     Views { train, ..views }

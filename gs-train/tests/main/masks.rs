@@ -1,5 +1,7 @@
 //! What is masked or transparent counts as it should.
 
+use std::sync::Arc;
+
 use crate::{
     fixture_3d::{changed, rasterizer, render, short, thirty, views},
     train::trained,
@@ -93,7 +95,7 @@ fn a_test_view_of_which_no_pixel_counts_is_in_no_mean() {
         for view in &mut views.test[..hidden] {
             let posed = view.image().unwrap();
             let mask = Some(vec![false; posed.image.pixels().len()]);
-            view.source = Box::new(PosedImage { mask, ..posed });
+            view.source = Arc::new(PosedImage { mask, ..posed });
         }
         views
     };

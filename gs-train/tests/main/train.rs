@@ -1,8 +1,9 @@
 //! Whole trainings in 3D: a scene comes back from its pictures, and runs repeat and resume bit for
 //! bit.
 
-use std::sync::Arc;
+use std::sync::{Arc, atomic::Ordering::Relaxed};
 
+use crate::evidence::counted;
 use crate::fixture_3d::{LENS, changed, rasterizer, render, short, thirty, views};
 use gs_core::{
     Adam, Image, Participants, Scene, Scene3d, TensorData,
@@ -76,7 +77,7 @@ fn points_get_a_shell_on_request_and_among_faces_of_wide_images() {
         settings.init.far_points = far_points;
         let mut views = views(&rasterizer);
         if faces {
-            let face = |view: PosedView| PosedView { source: Box::new(FaceOf(view.image().unwrap())), ..view };
+            let face = |view: PosedView| PosedView { source: Arc::new(FaceOf(view.image().unwrap())), ..view };
             views.train = views.train.into_iter().map(face).collect();
         }
         Trainer3d::from_views(&rasterizer, views, start, settings).block_on().unwrap().count()
@@ -330,10 +331,35 @@ fn views_that_see_nothing_and_steps_that_are_over_are_errors() {
 }
 
 #[test]
-fn pictures_that_there_is_no_room_for_are_read_again() {
+fn images_in_memory_and_in_a_file_give_the_same_bits() {
+    let (rasterizer, place) = (rasterizer(), tempfile::tempdir().unwrap());
+    let with = |keep_bytes, is_file: bool| {
+        let (reads, cache_folder) = (Arc::default(), is_file.then(|| place.path().to_owned()));
+        let views = counted(Views { keep_bytes, cache_folder, ..views(&rasterizer) }, &reads);
+        (bits(&trained(short(30), views, Start::Random).0), reads.load(Relaxed))
+    };
+    let in_memory = with(u64::MAX, true);
+    assert_eq!(in_memory.1, 12, "each image is read once");
+    // An image of these views takes 7 kB.
+    assert!(with(20_000, true) == in_memory && with(0, true) == in_memory);
+    let without_file = with(0, false);
+    assert!(without_file.0 == in_memory.0 && without_file.1 >= 30);
+}
+
+#[test]
+fn few_held_out_views_are_measured_while_all_are_evaluated() {
     let rasterizer = rasterizer();
-    let with = |keep_bytes| trained(short(30), Views { keep_bytes, ..views(&rasterizer) }, Start::Random).0;
-    assert!(bits(&with(0)) == bits(&with(u64::MAX)));
+    let mut all = views(&rasterizer);
+    all.test = all.train.iter().cloned().enumerate().map(|(k, v)| PosedView { name: format!("{k}"), ..v }).collect();
+    let with = |most_measured| {
+        let views = Views { most_measured, ..all.clone() };
+        let trainer = Trainer3d::from_views(&rasterizer, views, Start::Random, short(1)).block_on().unwrap();
+        let names: Vec<String> = trainer.measured_views().iter().map(|view| view.name.clone()).collect();
+        (names.join(" "), trainer.quality().block_on().unwrap().views.len(), trainer.evaluation_views().len())
+    };
+    assert_eq!(with(8), ("0 1 3 4 6 7 9 10".to_owned(), 8, 12));
+    assert_eq!(with(5), ("0 2 4 7 9".to_owned(), 5, 12));
+    assert_eq!(with(usize::MAX).1, 12);
 }
 
 #[test]
@@ -365,7 +391,7 @@ fn the_summary_holds_how_well_the_views_are_fitted_that_it_trained_with() {
     for view in &mut others.test {
         let posed = view.image().unwrap();
         let image = Image::filled(LENS.0, LENS.1, [0.9, 0.1, 0.5]).unwrap();
-        view.source = Box::new(PosedImage { image, ..posed });
+        view.source = Arc::new(PosedImage { image, ..posed });
     }
     let drifted = summary(others, 20);
     let apart = drifted.training.unwrap().psnr.unwrap() - drifted.evaluation.psnr;

@@ -52,7 +52,7 @@ impl QualityArgs {
 
     /// Evaluates both scenes, each rendered as its file says.
     pub(super) fn measure(&self, dataset: &Dataset, before: &File3d, after: &File3d) -> Result<Quality, Failure> {
-        let views = Views::of_dataset(dataset);
+        let views = Views::of_dataset(dataset).cached();
         let rasterizer = self.open()?;
         let evaluation = |file: &File3d| {
             let render = self.render.settings(file, Some(dataset));

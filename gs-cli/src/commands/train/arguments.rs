@@ -15,8 +15,9 @@ use crate::{
     flags::{
         dataset::DatasetArgs,
         render_args::DEPTH_ORDERS,
-        values::{TrainBackground, by_name, minutes, one_of, whole},
+        values::{TrainBackground, by_name, bytes, minutes, one_of, whole},
     },
+    memory,
     training::arguments::{RunArgs, policy_by_name},
 };
 
@@ -31,8 +32,8 @@ DIR then holds:
   ellipses.png     the first of these views, with the most important Gaussians drawn over it as \
 ellipses
   evaluation.json  PSNR, SSIM, MS-SSIM and L1 of each held-out view, and their means
-  metrics.csv      count, edits and loss over the steps, now and then with PSNR and L1 over the \
-held-out views; metrics.part.csv until the end
+  metrics.csv      count, edits and loss over the steps, now and then with PSNR and L1 over at most \
+8 of the held-out views; metrics.part.csv until the end
   curve.png        count, loss and PSNR over the steps
   settings.toml    all settings, to repeat the training with --settings
   summary.json     what --json prints
@@ -60,13 +61,27 @@ pub(crate) struct TrainArgs {
     pub(crate) settings: TrainSettingsArgs,
     #[command(flatten)]
     pub(crate) run: RunArgs,
+    /// The most memory for the images, such as 800M; what exceeds it is kept in a file in the output
+    /// folder, which goes when the training ends [default: an eighth of this machine's memory, at most
+    /// 2G]
+    #[arg(long, value_name = "BYTES", value_parser = bytes, help_heading = "Data sets")]
+    pub(crate) image_memory: Option<u64>,
     /// Resume a training from its checkpoint, given the same data set; the result is the same as
     /// without the interruption
     #[arg(long, value_name = "FILE", conflicts_with_all = ["TrainSettingsArgs", "effects"], help_heading = "Checkpoints")]
     pub(crate) resume: Option<PathBuf>,
 }
 
+/// Largest default of --image-memory.
+const IMAGE_MEMORY: u64 = 2_000_000_000;
+
 impl TrainArgs {
+    /// Memory for the images, bytes.
+    pub(super) fn image_memory(&self) -> u64 {
+        let of_machine = || memory::room().map_or(IMAGE_MEMORY, |room| (room / 8).min(IMAGE_MEMORY));
+        self.image_memory.unwrap_or_else(of_machine)
+    }
+
     /// The files that the flags name for reading, except for the checkpoint to resume.
     pub(super) fn files(&self) -> Vec<PathBuf> {
         let start = self.settings.start.as_ref().map(|start| scene::file_of(start.as_ref()));

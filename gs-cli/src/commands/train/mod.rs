@@ -16,7 +16,7 @@ use std::{
 };
 
 use gs_backend::{AnyRasterizer, Chosen, FutureExt as _};
-use gs_core::counted;
+use gs_core::{counted, memory::amount};
 use gs_io::{
     Checkpoint,
     dataset::{AlphaMeaning, Dataset, Remark, Split},
@@ -74,8 +74,10 @@ pub(crate) fn run(args: &TrainArgs) -> Result<(), Failure> {
     output::note(&backend.reason);
     dataset.remarks.iter().for_each(|remark| output::note(format_args!("note: {}", remark_text(remark))));
     let names_gaussians = args.settings.gaussians.is_some() || args.settings.exactly;
-    let command = command(path, &args.images, output);
-    train(job, Input { path, dataset: &dataset, names_gaussians }, (start, limit), &backend, command)
+    let command = command(args);
+    let (keep_bytes, cache_folder) = (args.image_memory(), Some(output.to_owned()));
+    let views = Views { keep_bytes, cache_folder, ..Views::of_dataset(&dataset) }.cached();
+    train(job, (Input { path, dataset: &dataset, names_gaussians }, views), (start, limit), &backend, command)
 }
 
 /// What a training reads.
@@ -90,12 +92,12 @@ struct Input<'a> {
 
 fn train(
     job: Job,
-    input: Input<'_>,
+    (input, views): (Input<'_>, Views),
     (start, mut limit): (TrainStart, Option<TimeLimit<'_>>),
     backend: &Chosen,
     command: String,
 ) -> Result<(), Failure> {
-    let (trainer, log, description) = start.begin(&backend.rasterizer, input.dataset, limit.as_mut())?;
+    let (trainer, log, description) = start.begin(&backend.rasterizer, (input.dataset, views), limit.as_mut())?;
     idle::idle_part(trainer.settings()).iter().for_each(|part| output::note(format_args!("note: {part}")));
     check_memory(input.path, &trainer)?;
     let iterations = trainer.settings().iterations;
@@ -145,17 +147,16 @@ impl TrainStart {
     fn begin<'r>(
         self,
         rasterizer: &'r AnyRasterizer,
-        dataset: &Dataset,
+        (dataset, views): (&Dataset, Views),
         limit: Option<&mut TimeLimit<'_>>,
     ) -> Result<(Trainer3d<'r, AnyRasterizer>, MetricsLog, String), Failure> {
-        let views = Views::of_dataset(dataset);
         match self {
             Self::Fresh { settings, initial, description } => {
                 let asked = initial.clone();
                 let initial = initial.searched(&views.train)?;
                 let description = found(&asked, &initial).unwrap_or(description);
                 let (settings, log) = match limit {
-                    Some(limit) => limit.choose(rasterizer, dataset, &initial, &settings)?,
+                    Some(limit) => limit.choose(rasterizer, (dataset, &views), &initial, &settings)?,
                     None => {
                         let log = MetricsLog::for_steps(settings.iterations);
                         (*settings, log)
@@ -241,14 +242,23 @@ fn announce(
         counted(settings.iterations - trainer.step(), "step"),
         folder.display()
     ));
+    let (bytes, most) = (trainer.views().cached_bytes(), trainer.views().keep_bytes);
+    if bytes > most {
+        let (bytes, most) = (amount(bytes), amount(most));
+        output::note(format_args!(
+            "the images take {bytes}: {most} of memory (--image-memory), and a file in the output folder until the end"
+        ));
+    }
 }
 
 /// The command that resumes the training, without its flag `--resume`.
-fn command(dataset: &Path, args: &DatasetArgs, output: &Path) -> String {
-    let DatasetArgs { holdout, images, alpha, reading } = args;
+fn command(args: &TrainArgs) -> String {
+    let (dataset, output) = (args.dataset.as_path(), args.run.output.as_path());
+    let DatasetArgs { holdout, images, alpha, reading } = &args.images;
     let holdout = holdout.map_or_else(String::new, |holdout| format!(" --holdout {holdout}"));
     let images = images.as_ref().map_or_else(String::new, |images| format!(" --images {}", quoted(Path::new(images))));
     let alpha = if *alpha == AlphaMeaning::Mask { " --alpha mask" } else { "" };
+    let memory = args.image_memory.map_or_else(String::new, |bytes| format!(" --image-memory {bytes}"));
     let (dataset, output, reading) = (quoted(dataset), quoted(output), reading.flags());
-    format!("gs train {dataset}{holdout}{images}{alpha}{reading} -o {output}")
+    format!("gs train {dataset}{holdout}{images}{alpha}{reading}{memory} -o {output}")
 }

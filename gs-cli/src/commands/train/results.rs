@@ -13,7 +13,10 @@ use gs_io::{TrainedWith, WorldFrame, WriteOptions3d, dataset::SplitOrigin, write
 use gs_lab::report::{curve::CurvePoint, ellipses};
 use gs_train::{
     MetricsLog, Trainer3d,
-    train::{ColorMatched, DRIFT_DB, DepthMapCounts, Evaluation, ExposureReport, TrainSummary, TrainingViews, Views},
+    train::{
+        ColorMatched, DRIFT_DB, DepthMapCounts, Evaluation, ExposureReport, ImageReading, TrainSummary, TrainingViews,
+        Views,
+    },
 };
 use serde::Serialize;
 
@@ -44,6 +47,8 @@ pub(super) struct Summary {
     /// Whether the user named a number of Gaussians, so that a shortfall is worth a note.
     #[serde(skip)]
     names_gaussians: bool,
+    /// What reading the images cost, in seconds and in bytes.
+    images: Option<ImageReading>,
     /// Which effects the scene requires in the views that evaluate it, and why.
     effects: Vec<EffectDecision>,
 }
@@ -117,7 +122,10 @@ impl results::Summary for Summary {
             )
         });
         let shortfall = shortfall.as_ref().filter(|_| self.names_gaussians || verbosity == Verbosity::Verbose);
-        let notes = [drift, exposure, depths, antialias, shortfall.map(ToString::to_string)].into_iter().flatten();
+        let images = self.images.as_ref().and_then(|images| images.failure.clone());
+        let images = images.map(|failure| format!("{failure}; images were read again instead"));
+        let shortfall = shortfall.map(ToString::to_string);
+        let notes = [drift, exposure, depths, antialias, images, shortfall].into_iter().flatten();
         let notes: String = notes.map(|note| format!("\nnote: {note}")).collect();
         format!(
             "{} after {} in {seconds:.1} s ({:.1} s in all): PSNR {:.2} dB, SSIM {:.4}{matched} over {evaluated}{unmeasured}{trained}{problems}; \
@@ -230,6 +238,7 @@ impl Results<'_> {
             training,
             program: ProgramSummary::new(self.backend, self.run),
             dataset: self.input.path.display().to_string(),
+            images: trainer.views().reading(),
             split: self.input.dataset.split,
             effects,
         })

@@ -52,12 +52,12 @@ impl<'a> TimeLimit<'a> {
     pub(super) fn choose(
         &mut self,
         rasterizer: &AnyRasterizer,
-        dataset: &Dataset,
+        (dataset, views): (&Dataset, &Views),
         start: &Start,
         usual: &TrainSettings,
     ) -> Result<(TrainSettings, MetricsLog), Failure> {
         let clock = Instant::now();
-        let speed = Speed::measure(rasterizer, Views::of_dataset(dataset), start.clone(), usual).block_on();
+        let speed = Speed::measure(rasterizer, views.clone(), start.clone(), usual).block_on();
         let speed = speed.map_err(|error| not_begun(error, &dataset.root))?;
         let trial = clock.elapsed().as_secs_f64();
         let left = PLANNED * (self.seconds() - self.started.elapsed().as_secs_f64());

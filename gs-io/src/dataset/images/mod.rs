@@ -4,6 +4,7 @@
 //! views.
 
 mod border;
+mod compact_image;
 mod depth;
 mod posed_image;
 mod read_image;
@@ -13,6 +14,7 @@ mod shrink;
 mod view;
 
 pub use self::{
+    compact_image::CompactImage,
     depth::DepthMap,
     posed_image::PosedImage,
     read_image::read_images,

@@ -1,26 +1,28 @@
 //! Reads the image of a view on demand: decoded, undistorted and masked.
 
-use super::{PosedImage, View, border::mask_border, resample::undistorted, shape::same_shape, shrink::shrunk};
+use super::{
+    CompactImage, PosedImage, View, border::mask_border, resample::undistorted, shape::same_shape, shrink::shrunk,
+};
 use crate::{
     atomic::read_file,
     dataset::{AlphaMeaning, FILE},
     error::Error,
-    image::{decode, decode_mask},
+    image::{AnyPixels, Pixels, Sample, decode_mask, decode_samples, with_pixels},
 };
 
-/// The images of views, as [`View::read_image`] reads each. A file that neighbouring views share, such
+/// The images of views, as [`View::read_compact`] reads each. A file that neighbouring views share, such
 /// as the 360° image of six faces, is decoded once.
 ///
 /// # Errors
 /// Those of [`View::read_image`].
-pub fn read_images(views: &[View]) -> Result<Vec<PosedImage>, Error> {
+pub fn read_images(views: &[View]) -> Result<Vec<CompactImage>, Error> {
     let mut images = Vec::with_capacity(views.len());
     for shared in views.chunk_by(View::shares_files) {
         match shared {
-            [view] => images.push(view.read_image()?),
+            [view] => images.push(view.read_compact()?),
             [first, ..] => {
                 let whole = first.read_whole()?;
-                images.extend(shared.iter().map(|view| view.undistorted(&whole)).collect::<Result<Vec<_>, _>>()?);
+                images.extend(shared.iter().map(|view| view.undistorted(&whole)));
             }
             [] => {}
         }
@@ -32,10 +34,10 @@ impl View {
     /// Reads the image, undistorts it, applies the mask, and scales it to the size of the view's
     /// camera. Nothing is cached.
     ///
-    /// Views can be read in parallel. The threads of rayon's pool share the work of one view, too, so
-    /// hold no lock meanwhile that a job of this pool waits for.
+    /// One thread does all the work: read several views in parallel.
     ///
-    /// Undistorted pixels are interpolated by Catmull-Rom's cubic, with premultiplied colours if
+    /// Pixels are rounded to 8 bits a channel after each of these, or to 16 where the file has more; a
+    /// file of floating-point numbers stays one. Undistorted pixels are interpolated by Catmull-Rom's cubic, with premultiplied colours if
     /// there is alpha, clamped to the range of the contributing pixels.
     ///
     /// # Errors
@@ -43,8 +45,16 @@ impl View {
     /// [`Error::BadView`] if they concern the content; [`Error::Unusable`] if a shape has changed
     /// since the data set was opened.
     pub fn read_image(&self) -> Result<PosedImage, Error> {
+        self.read_compact()?.to_posed().map_err(Error::content(&self.image))
+    }
+
+    /// [`Self::read_image`] in the samples of the file.
+    ///
+    /// # Errors
+    /// Those of [`Self::read_image`].
+    pub fn read_compact(&self) -> Result<CompactImage, Error> {
         let whole = self.read_whole()?;
-        if self.source.lens.is_pinhole() { self.scaled(whole) } else { self.undistorted(&whole) }
+        Ok(if self.source.lens.is_pinhole() { self.scaled(whole) } else { self.undistorted(&whole) })
     }
 
     /// A checksum of the bytes of the view's files: image, mask and depth map. Views with other files
@@ -65,42 +75,32 @@ impl View {
     }
 
     /// The image of this view, from that of its file.
-    fn undistorted(&self, whole: &PosedImage) -> Result<PosedImage, Error> {
-        self.scaled(undistorted(whole, &self.source, &self.full).map_err(Error::content(&self.image))?)
+    fn undistorted(&self, whole: &CompactImage) -> CompactImage {
+        self.scaled(undistorted(whole, &self.source, &self.full))
     }
 
     /// The image at the size of the view's camera.
-    fn scaled(&self, posed: PosedImage) -> Result<PosedImage, Error> {
+    fn scaled(&self, image: CompactImage) -> CompactImage {
         let size = (self.camera.width, self.camera.height);
-        if posed.image.size() == size {
-            return Ok(posed);
-        }
-        shrunk(&posed, size).map_err(Error::content(&self.image))
+        if image.size() == size { image } else { shrunk(&image, size) }
     }
 
     /// The image file with its alpha and mask, as the camera took it.
-    fn read_whole(&self) -> Result<PosedImage, Error> {
-        let decoded = decode(&self.image, self.orientation).map_err(leave_out)?;
+    fn read_whole(&self) -> Result<CompactImage, Error> {
+        let mut pixels = decode_samples(&self.image, self.orientation).map_err(leave_out)?;
         let expected = (self.source.width, self.source.height);
-        if decoded.image.size() != expected {
-            return Err(Error::image_shape(&self.image, decoded.image.size(), expected));
+        if pixels.size() != expected {
+            return Err(Error::image_shape(&self.image, pixels.size(), expected));
         }
         let mut mask = self.mask.is_some().then(|| self.read_mask()).transpose()?;
-        let alpha = match self.alpha {
-            AlphaMeaning::Opacity => decoded.alpha,
-            AlphaMeaning::Mask => {
-                if let Some(alpha) = decoded.alpha {
-                    let mask = mask.get_or_insert_with(|| vec![true; alpha.len()]);
-                    mask.iter_mut().zip(alpha).for_each(|(counts, alpha)| *counts &= alpha >= 0.5);
-                }
-                None
-            }
-        };
-        let mut posed = PosedImage { image: decoded.image, alpha, mask };
-        if self.source.face().is_some() && !self.source.is_panorama() {
-            mask_border(&mut posed, self.source.center);
+        if self.alpha == AlphaMeaning::Mask {
+            pixels = with_pixels!(pixels, pixels => without_alpha(pixels, &mut mask));
         }
-        Ok(posed)
+        let mut whole = CompactImage { pixels, mask };
+        if self.source.face().is_some() && !self.source.is_panorama() {
+            mask_border(&mut whole, self.source.center);
+        }
+        Ok(whole)
     }
 
     /// Whether another view is made of the same files: another face of the same image.
@@ -127,6 +127,18 @@ impl View {
         };
         Ok((0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| counts(x, y)).collect())
     }
+}
+
+/// Pixels without their alpha, which leaves out those that are rather transparent than opaque.
+fn without_alpha<S: Sample>(pixels: Pixels<S>, mask: &mut Option<Vec<bool>>) -> AnyPixels {
+    if !pixels.has_alpha {
+        return S::any(pixels);
+    }
+    let of_pixels = pixels.samples.as_chunks::<4>().0;
+    let mask = mask.get_or_insert_with(|| vec![true; of_pixels.len()]);
+    mask.iter_mut().zip(of_pixels).for_each(|(counts, pixel)| *counts &= pixel[3].number() / S::WHITE >= 0.5);
+    let samples = of_pixels.iter().flat_map(|&[r, g, b, _]| [r, g, b]).collect();
+    S::any(Pixels { has_alpha: false, samples, ..pixels })
 }
 
 /// Advises to leave out a file that seemed whole when the data set was opened.

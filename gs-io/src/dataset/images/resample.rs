@@ -2,42 +2,51 @@
 //! a 360° image's face covers several of the image, it is the mean over points spread within it.
 
 use glam::{DVec2, dvec2};
-use gs_core::{Camera, Image};
-use rayon::prelude::*;
+use gs_core::Camera;
 
-use super::PosedImage;
-use crate::dataset::SourceCamera;
+use super::CompactImage;
+use crate::{
+    dataset::SourceCamera,
+    image::{AnyPixels, Pixels, Sample, with_pixels},
+};
 
 /// The picture that the pinhole `camera` would have seen from the place of `source`.
-pub(crate) fn undistorted(
-    posed: &PosedImage,
+pub(crate) fn undistorted(whole: &CompactImage, source: &SourceCamera, camera: &Camera) -> CompactImage {
+    let mask = whole.mask.as_deref();
+    let (pixels, mask) = with_pixels!(&whole.pixels, pixels => of_samples(pixels, mask, source, camera));
+    CompactImage { pixels, mask }
+}
+
+fn of_samples<S: Sample>(
+    pixels: &Pixels<S>,
+    mask: Option<&[bool]>,
     source: &SourceCamera,
     camera: &Camera,
-) -> Result<PosedImage, gs_core::Error> {
-    let PosedImage { image, alpha, mask } = posed;
-    match alpha {
-        None => {
-            let grid = Grid::new(image.pixels(), source);
-            let (colors, mask) = grid.warp(source, camera, mask.as_deref());
-            Ok(PosedImage { image: Image::from_pixels(camera.width, camera.height, colors)?, alpha: None, mask })
-        }
-        Some(alpha) => {
-            // Transparent pixels have arbitrary colours, which must not bleed into their
-            // neighbours.
-            let premultiplied = image.pixels().iter().zip(alpha.iter().map(|a| a.clamp(0.0, 1.0)));
-            let premultiplied: Vec<[f32; 4]> = premultiplied.map(|(&[r, g, b], a)| [r * a, g * a, b * a, a]).collect();
-            let (pixels, mask) = Grid::new(&premultiplied, source).warp(source, camera, mask.as_deref());
-            let straight = |&[r, g, b, a]: &[f32; 4]| if a > 1e-4 { [r / a, g / a, b / a] } else { [0.0; 3] };
-            let colors = pixels.iter().map(straight).collect();
-            let alpha = Some(pixels.iter().map(|pixel| pixel[3]).collect());
-            Ok(PosedImage { image: Image::from_pixels(camera.width, camera.height, colors)?, alpha, mask })
-        }
-    }
+) -> (AnyPixels, Option<Vec<bool>>) {
+    let Pixels { has_alpha, samples, .. } = pixels;
+    let (samples, mask) = if *has_alpha {
+        // Transparent pixels have arbitrary colours, which must not bleed into their neighbours.
+        let premultiplied = |&[r, g, b, a]: &[S; 4]| {
+            let opacity = (a.number() / S::WHITE).clamp(0.0, 1.0);
+            [r.number() * opacity, g.number() * opacity, b.number() * opacity, opacity]
+        };
+        let straight = |[r, g, b, a]: [f32; 4]| {
+            let color = if a > 1e-4 { [r / a, g / a, b / a] } else { [0.0; 3] };
+            [color[0], color[1], color[2], a * S::WHITE].map(S::nearest)
+        };
+        Grid::new(samples.as_chunks().0, source, premultiplied).warp(source, camera, mask, straight)
+    } else {
+        let numbers = |pixel: &[S; 3]| pixel.map(S::number);
+        Grid::new(samples.as_chunks().0, source, numbers).warp(source, camera, mask, |pixel| pixel.map(S::nearest))
+    };
+    (S::any(Pixels { width: camera.width, height: camera.height, has_alpha: *has_alpha, samples }), mask)
 }
 
 /// Pixels with interpolation.
-struct Grid<'a, const N: usize> {
-    pixels: &'a [[f32; N]],
+struct Grid<'a, P, F> {
+    pixels: &'a [P],
+    /// The numbers of a pixel.
+    numbers: F,
     width: u32,
     height: u32,
     /// Whether the left and right borders continue each other.
@@ -57,26 +66,28 @@ fn samples(ray: DVec2, seen: Option<DVec2>, focal: DVec2, source: &SourceCamera)
     pixels.ceil().clamp(1.0, MOST_SAMPLES) as u32
 }
 
-impl<'a, const N: usize> Grid<'a, N> {
-    fn new(pixels: &'a [[f32; N]], source: &SourceCamera) -> Self {
-        Self { pixels, width: source.width, height: source.height, closed: source.is_panorama() }
+impl<'a, S: Sample, const N: usize, F: Fn(&[S; N]) -> [f32; N]> Grid<'a, [S; N], F> {
+    fn new(pixels: &'a [[S; N]], source: &SourceCamera, numbers: F) -> Self {
+        Self { pixels, numbers, width: source.width, height: source.height, closed: source.is_panorama() }
     }
 
-    /// The pixels of the pinhole picture, row-major, 0 where there are none, and a mask if not all
-    /// are valid.
+    /// The samples of the pinhole picture, row-major, made by `stored`, 0 where there are none, and a
+    /// mask if not all are valid.
     fn warp(
         &self,
         source: &SourceCamera,
         camera: &Camera,
         mask: Option<&[bool]>,
-    ) -> (Vec<[f32; N]>, Option<Vec<bool>>) {
+        stored: impl Fn([f32; N]) -> [S; N],
+    ) -> (Vec<S>, Option<Vec<bool>>) {
         let (focal, center) = (camera.focal.as_dvec2(), camera.center.as_dvec2());
         let size = dvec2(f64::from(self.width), f64::from(self.height));
         let width = camera.width as usize;
         let count = width * camera.height as usize;
-        let (mut pixels, mut counts) = (vec![[0.0; N]; count], vec![false; count]);
-        let rows = pixels.par_chunks_mut(width.max(1)).zip(counts.par_chunks_mut(width.max(1))).enumerate();
-        rows.for_each(|(y, (pixels, counts))| {
+        let (mut warped, mut counts) = (vec![S::default(); N * count], vec![false; count]);
+        let pixels = warped.as_chunks_mut::<N>().0;
+        let rows = pixels.chunks_mut(width.max(1)).zip(counts.chunks_mut(width.max(1))).enumerate();
+        for (y, (pixels, counts)) in rows {
             for (x, (pixel, is_valid)) in pixels.iter_mut().zip(counts).enumerate() {
                 let ray = |within: DVec2| (dvec2(x as f64, y as f64) + within - center) / focal;
                 let place = |within: DVec2| {
@@ -84,15 +95,15 @@ impl<'a, const N: usize> Grid<'a, N> {
                 };
                 let seen = place(DVec2::splat(0.5));
                 let samples = if self.closed { samples(ray(DVec2::splat(0.5)), seen, focal, source) } else { 1 };
-                *pixel = match samples {
+                *pixel = stored(match samples {
                     1 => seen.map_or([0.0; N], |place| self.between(place)),
                     _ => self.mean(samples, place),
-                };
+                });
                 *is_valid = seen.is_some_and(|place| mask.is_none_or(|mask| mask[self.nearest(place)]));
             }
-        });
+        }
         let all = mask.is_none() && counts.iter().all(|counts| *counts);
-        (pixels, (!all).then_some(counts))
+        (warped, (!all).then_some(counts))
     }
 
     /// The pixel at a position inside the frame.
@@ -131,7 +142,7 @@ impl<'a, const N: usize> Grid<'a, N> {
         for (k, weight) in (-1..).zip(catmull_rom(fraction.y as f32)) {
             let line = &self.pixels[row(k) * self.width as usize..];
             for (j, &x) in columns.iter().enumerate() {
-                let values = line[x];
+                let values = (self.numbers)(&line[x]);
                 for (c, value) in values.into_iter().enumerate() {
                     sums[j][c] += weight * value;
                     lows[j][c] = if value < lows[j][c] { value } else { lows[j][c] };

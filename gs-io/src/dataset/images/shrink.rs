@@ -1,9 +1,9 @@
 //! Scales images down by averaging over areas.
 
-use gs_core::{Camera, Error, Image};
-use rayon::prelude::*;
+use gs_core::Camera;
 
-use super::PosedImage;
+use super::CompactImage;
+use crate::image::{AnyPixels, Pixels, Sample, with_pixels};
 
 /// A pixel counts if at least this share of its area is covered; less is rounding.
 const COVERED: f32 = 1e-4;
@@ -28,44 +28,81 @@ pub(crate) fn within((width, height): (u32, u32), max_side: u32) -> (u32, u32) {
     if longer > max_side { (scaled(width), scaled(height)) } else { (width, height) }
 }
 
+/// The image at a size no larger than its own: means of (premultiplied) colours over the area that
+/// counts. A pixel counts if any of its area does.
+pub(crate) fn shrunk(image: &CompactImage, size: (u32, u32)) -> CompactImage {
+    let (pixels, mask) = with_pixels!(&image.pixels, pixels => match (pixels.has_alpha, &image.mask) {
+        (false, None) => (means(pixels, size), None),
+        (_, mask) => weighted_means(pixels, mask.as_deref(), size),
+    });
+    CompactImage { pixels, mask }
+}
+
+/// The means of opaque pixels.
+fn means<S: Sample>(pixels: &Pixels<S>, (width, height): (u32, u32)) -> AnyPixels {
+    let (columns, rows) = (spans(pixels.width, width), spans(pixels.height, height));
+    let stride = 3 * pixels.width as usize;
+    let mut samples = vec![S::default(); 3 * width as usize * height as usize];
+    let mut line = vec![0.0; stride];
+    for (samples, row) in samples.chunks_mut(3 * columns.len().max(1)).zip(&rows) {
+        line.fill(0.0);
+        for (y, weight) in row.parts() {
+            let stored = &pixels.samples[y * stride..][..stride];
+            line.iter_mut().zip(stored).for_each(|(sum, sample)| *sum += weight * sample.number());
+        }
+        let line = line.as_chunks::<3>().0;
+        for (pixel, column) in samples.as_chunks_mut::<3>().0.iter_mut().zip(&columns) {
+            let mut sums = [0.0; 3];
+            for (values, weight) in line[column.first..].iter().zip(&column.weights) {
+                sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += weight * value);
+            }
+            *pixel = sums.map(S::nearest);
+        }
+    }
+    S::any(Pixels { width, height, has_alpha: false, samples })
+}
+
 /// Sums over the counting pixels below a new pixel: colour times alpha, alpha, and area.
 type Sums = [f32; 5];
 
-/// The image at a size no larger than its own: means of (premultiplied) colours over the area that
-/// counts. A pixel counts if any of its area does.
-pub(crate) fn shrunk(posed: &PosedImage, (width, height): (u32, u32)) -> Result<PosedImage, Error> {
-    let PosedImage { image, alpha, mask } = posed;
-    let (columns, rows) = (spans(image.width(), width), spans(image.height(), height));
-    let stride = image.width() as usize;
+/// The means over pixels that count, weighted by their alpha.
+fn weighted_means<S: Sample>(
+    pixels: &Pixels<S>,
+    mask: Option<&[bool]>,
+    (width, height): (u32, u32),
+) -> (AnyPixels, Option<Vec<bool>>) {
+    let (columns, rows) = (spans(pixels.width, width), spans(pixels.height, height));
+    let stride = pixels.width as usize;
     let mut sums: Vec<Sums> = vec![[0.0; 5]; width as usize * height as usize];
-    let lines = sums.par_chunks_mut(columns.len().max(1)).zip(&rows);
-    lines.for_each_init(
-        || vec![[0.0; 5]; stride],
-        |line, (sums, row)| {
-            line.fill([0.0; 5]);
-            for (y, weight) in row.parts() {
-                for (x, sums) in line.iter_mut().enumerate() {
-                    let index = y * stride + x;
-                    if mask.as_ref().is_none_or(|mask| mask[index]) {
-                        let alpha = alpha.as_ref().map_or(1.0, |alpha| alpha[index]);
-                        let [r, g, b] = image.pixels()[index];
-                        add(sums, &[r * alpha, g * alpha, b * alpha, alpha, 1.0], weight);
-                    }
+    let mut line: Vec<Sums> = vec![[0.0; 5]; stride];
+    for (sums, row) in sums.chunks_mut(columns.len().max(1)).zip(&rows) {
+        line.fill([0.0; 5]);
+        for (y, weight) in row.parts() {
+            for (x, sums) in line.iter_mut().enumerate() {
+                let index = y * stride + x;
+                if mask.is_none_or(|mask| mask[index]) {
+                    let [r, g, b, alpha] = pixels.number(index);
+                    let alpha = alpha / S::WHITE;
+                    add(sums, &[r * alpha, g * alpha, b * alpha, alpha, 1.0], weight);
                 }
             }
-            for (sums, column) in sums.iter_mut().zip(&columns) {
-                column.parts().for_each(|(x, weight)| add(sums, &line[x], weight));
-            }
-        },
-    );
+        }
+        for (sums, column) in sums.iter_mut().zip(&columns) {
+            column.parts().for_each(|(x, weight)| add(sums, &line[x], weight));
+        }
+    }
     let color = |&[r, g, b, opacity, _]: &Sums| {
         if opacity > 0.0 { [r / opacity, g / opacity, b / opacity] } else { [0.0; 3] }
     };
-    let colors = sums.iter().map(color).collect();
-    let alphas = || sums.iter().map(|&[.., opacity, area]| if area > 0.0 { opacity / area } else { 0.0 }).collect();
+    let alpha = |&[.., opacity, area]: &Sums| if area > 0.0 { S::WHITE * opacity / area } else { 0.0 };
+    let channels = pixels.channels();
+    let pixel = |sums: &Sums| {
+        let [r, g, b] = color(sums);
+        [r, g, b, alpha(sums)].map(S::nearest).into_iter().take(channels)
+    };
+    let samples = sums.iter().flat_map(pixel).collect();
     let counts = || sums.iter().map(|&[.., area]| area > COVERED).collect();
-    let image = Image::from_pixels(width, height, colors)?;
-    Ok(PosedImage { image, alpha: alpha.as_ref().map(|_| alphas()), mask: mask.as_ref().map(|_| counts()) })
+    (S::any(Pixels { width, height, has_alpha: pixels.has_alpha, samples }), mask.map(|_| counts()))
 }
 
 fn add(sums: &mut Sums, values: &Sums, weight: f32) {
@@ -100,8 +137,16 @@ fn spans(old: u32, new: u32) -> Vec<Span> {
 mod tests {
     use super::*;
 
+    use gs_core::Image;
+
+    use super::super::PosedImage;
+
     fn opaque(width: u32, height: u32, color: impl Fn(u32, u32) -> [f32; 3]) -> PosedImage {
         PosedImage { image: Image::from_fn(width, height, color).unwrap(), alpha: None, mask: None }
+    }
+
+    fn shrunk(posed: &PosedImage, size: (u32, u32)) -> PosedImage {
+        super::shrunk(&CompactImage::from(posed), size).to_posed().unwrap()
     }
 
     #[test]
@@ -115,26 +160,37 @@ mod tests {
     #[test]
     fn each_pixel_is_the_mean_of_its_area() {
         let picture = opaque(5, 2, |x, y| [x as f32, y as f32, 1.0]);
-        let small = shrunk(&picture, (2, 1)).unwrap();
+        let small = shrunk(&picture, (2, 1));
         // Two and a half columns each: (0 + 1 + 2/2) / 2.5 and (2/2 + 3 + 4) / 2.5.
         let expected = [[0.8, 0.5, 1.0], [3.2, 0.5, 1.0]];
         for (pixel, expected) in small.image.pixels().iter().zip(expected) {
             assert!(pixel.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-6), "{pixel:?} {expected:?}");
         }
         assert_eq!((small.alpha, small.mask), (None, None));
-        assert_eq!(shrunk(&picture, (5, 2)).unwrap(), picture, "at its own size nothing changes");
+        assert_eq!(shrunk(&picture, (5, 2)), picture, "at its own size nothing changes");
+    }
+
+    #[test]
+    fn means_are_rounded_to_the_samples_of_the_file() {
+        let samples = vec![12, 0, 255, 20, 1, 255, 32, 1, 255, 41, 2, 255];
+        let pixels = u8::any(Pixels { width: 4, height: 1, has_alpha: false, samples });
+        let small = super::shrunk(&CompactImage { pixels, mask: None }, (3, 1));
+        // A column and a third each: (12 + 20/3) · 3/4 = 14, (20 + 32)/2 = 26 and (32/3 + 41) · 3/4 = 38.75.
+        let expected = [14, 0, 255, 26, 1, 255, 39, 2, 255];
+        let AnyPixels::Bits8(found) = &small.pixels else { panic!("{small:?}") };
+        assert_eq!(found.samples, expected);
     }
 
     #[test]
     fn transparent_and_masked_pixels_give_no_colour() {
         let mut picture = opaque(4, 1, |x, _| [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]][x as usize % 2]);
         picture.alpha = Some(vec![1.0, 0.0, 0.5, 0.5]);
-        let small = shrunk(&picture, (2, 1)).unwrap();
+        let small = shrunk(&picture, (2, 1));
         assert_eq!(small.image.pixels(), [[1.0, 0.0, 0.0], [0.5, 0.5, 0.0]]);
         assert_eq!(small.alpha, Some(vec![0.5, 0.5]));
         picture.alpha = None;
         picture.mask = Some(vec![false, true, false, false]);
-        let small = shrunk(&picture, (2, 1)).unwrap();
+        let small = shrunk(&picture, (2, 1));
         assert_eq!(small.image.pixels(), [[0.0, 1.0, 0.0], [0.0; 3]]);
         assert_eq!(small.mask, Some(vec![true, false]));
     }

@@ -90,9 +90,9 @@ fn each_face_shows_what_a_pinhole_there_would_have_seen() {
     }
     let positions: Vec<Vec3> = dataset.views.iter().map(|view| view.camera.position()).collect();
     assert!(positions[..6].iter().all(|position| position.distance(positions[0]) < 1e-6));
-    // Half a step of 8 bits and the interpolation's error.
+    // Half a step of 8 bits in the file and in the face, and the interpolation's error.
     let worst = worst(&dataset);
-    assert!(worst < 0.004, "{worst}");
+    assert!(worst < 0.006, "{worst}");
     let lines: Vec<String> = dataset.remarks.iter().map(ToString::to_string).collect();
     let expected = "2 360° images split into the six faces of a cube each: 12 views".to_owned();
     assert!(lines.contains(&expected), "{lines:?}");

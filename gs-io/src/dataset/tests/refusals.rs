@@ -239,7 +239,8 @@ fn large_images_are_scaled_down_with_their_cameras() {
         let mean = |image: &Image| {
             image.pixels().iter().map(|pixel| f64::from(pixel[0])).sum::<f64>() / image.pixels().len() as f64
         };
-        assert!((mean(&whole) - mean(&read)).abs() < 1e-4, "light is kept");
+        // But for the rounding to 8 bits.
+        assert!((mean(&whole) - mean(&read)).abs() < 3e-4, "light is kept");
     }
     assert!(small.remarks.contains(&Remark::Reduced { count: 3, max_side: 20, from: (40, 30), to: (20, 15) }));
     let same = sized(64);

@@ -12,7 +12,7 @@ pub use self::dataset_reading::DatasetReading;
 use super::digest;
 use crate::{error::Error, synthetic::SyntheticTarget};
 use gs_core::{Image, metrics::mean};
-use gs_io::dataset::{Dataset, PosedImage, Split};
+use gs_io::dataset::{Dataset, Split};
 use gs_train::{
     Error as TrainError,
     train::{PosedView, Start, StartName, Views},
@@ -49,12 +49,12 @@ pub(crate) struct StudyTarget {
 struct SharedByRuns {
     /// Starts of trainings, for which the images were searched.
     starts: Mutex<BTreeMap<&'static str, Start>>,
-    /// The images of the views for training and of those held out, unless they are too large.
-    images: OnceLock<[Vec<Arc<PosedImage>>; 2]>,
+    /// The views, which share their images.
+    views: OnceLock<Views>,
 }
 
-/// Most bytes of a scene's images that a study keeps in memory; larger ones are read whenever they
-/// are needed.
+/// Most bytes of a scene's images that a study keeps in memory; others are read whenever they are
+/// needed.
 const HELD_BYTES: u64 = 1 << 30;
 
 /// The content of a [`StudyTarget`].
@@ -142,25 +142,18 @@ impl StudyTarget {
     /// # Errors
     /// Those of [`PosedView::image`].
     pub(crate) fn views(&self, dataset: &Dataset) -> Result<Views, TrainError> {
-        let mut views = Views::of_dataset(dataset);
-        if Views::image_bytes(views.train.iter().chain(&views.test)) > HELD_BYTES {
-            return Ok(views);
+        if let Some(views) = self.shared.views.get() {
+            return Ok(views.clone());
         }
-        let images = match self.shared.images.get() {
-            Some(images) => images,
-            None => {
-                let read = |views: &[PosedView]| views.iter().map(|view| view.image().map(Arc::new)).collect();
-                let images: [Result<Vec<_>, TrainError>; 2] = [read(&views.train), read(&views.test)];
-                let [train, test] = images;
-                let images = [train?, test?];
-                self.shared.images.get_or_init(|| images)
-            }
-        };
-        for (views, images) in [&mut views.train, &mut views.test].into_iter().zip(images) {
-            let held = std::mem::take(views).into_iter().zip(images);
-            *views = held.map(|(view, image)| view.holding(image.clone())).collect();
+        let views = Views { keep_bytes: HELD_BYTES, most_measured: usize::MAX, ..Views::of_dataset(dataset) }.cached();
+        let all = || views.train.iter().chain(&views.test);
+        if Views::image_bytes(all()) <= HELD_BYTES {
+            all().try_for_each(|view| {
+                view.source.read_ahead();
+                view.image().map(drop)
+            })?;
         }
-        Ok(views)
+        Ok(self.shared.views.get_or_init(|| views).clone())
     }
 
     /// All files that are read, which must not be replaced.

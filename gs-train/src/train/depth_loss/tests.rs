@@ -1,3 +1,5 @@
+use std::sync::Arc;
+
 use gs_core::{Gaussian3d, Parameterization, Rasterizer as _, Scene};
 use gs_cpu::{CpuRasterizer, CpuSettings};
 use gs_io::dataset::{DepthMap, PosedImage};
@@ -41,7 +43,7 @@ fn views(unit: Option<f32>, value: impl Fn(usize, usize, f32) -> f32) -> Vec<Pos
         let values = at.enumerate().map(|(i, (x, y))| value(number, i, depth_of_plane(&camera, x, y))).collect();
         let map = (number > 0).then_some(DepthMap { camera, values, unit });
         let image = Image::filled(SIDE, SIDE, [0.5; 3]).unwrap();
-        PosedView { name: format!("{number}"), camera, source: Box::new(Mapped { image, map }) }
+        PosedView { name: format!("{number}"), camera, source: Arc::new(Mapped { image, map }) }
     };
     (0..4).map(view).collect()
 }

@@ -83,7 +83,7 @@ fn of_training(
     let pixels = (width * height) as usize;
     let alpha = masked.then(|| (0..pixels).map(|i| if i % 3 == 0 { 0.5 } else { 1.0 }).collect());
     let mask = masked.then(|| (0..pixels).map(|i| i % 5 != 0).collect());
-    let source = Box::new(PosedImage { image: target((width, height)), alpha, mask });
+    let source = std::sync::Arc::new(PosedImage { image: target((width, height)), alpha, mask });
     let lens = Camera::looking_forward(width, height, 0.7);
     let camera = Camera { width, height, focal: lens.focal, center: lens.center, ..fixture_3d::camera(0) };
     let views = Views::new(vec![PosedView { name: "view".to_owned(), camera, source }], Vec::new());
