@@ -13,12 +13,15 @@ use crate::{
 };
 use crate::{
     start::Start,
-    train::{Exposure, STAND_INS, TrainPreset, TrainSettings, Trainer3d},
+    train::{Exposure, TrainPreset, TrainSettings, Trainer3d},
     views::{PosedView, Resolution, Views},
 };
 
 /// Steps of a trial: enough for a dozen steps without a round at each of the two resolutions.
 const STEPS: u32 = 48;
+
+/// Least number of steps at each resolution of a trial that takes long.
+const LEAST_STEPS: u32 = 8;
 
 /// Steps between two rounds of density control in a trial.
 const ROUND_EVERY: u32 = 4;
@@ -82,7 +85,6 @@ pub struct Speed {
     /// Number of points that the training starts from.
     points: usize,
     training_views: usize,
-    test_views: usize,
 }
 
 /// Seconds as a linear function of the number of Gaussians.
@@ -115,9 +117,9 @@ fn median(mut values: Vec<f64>) -> f64 {
 }
 
 impl Speed {
-    /// Measures the speed by a trial: 48 steps with these settings on a few of the views, first at
-    /// half and then at full resolution, with numbers of Gaussians up to 200,000. Its scene is
-    /// discarded.
+    /// Measures the speed by a trial: at most 48 steps with these settings on a few of the views, first
+    /// at half and then at full resolution, with numbers of Gaussians up to 200,000. It ends after about
+    /// `most_seconds`, but not before some steps at each resolution. Its scene is discarded.
     ///
     /// # Errors
     /// Those of [`Trainer3d::from_views`] and of training.
@@ -126,12 +128,14 @@ impl Speed {
         views: Views,
         start: Start,
         settings: &TrainSettings,
+        most_seconds: f64,
     ) -> Result<Self, Error> {
-        let (training_views, test_views) = (views.train.len(), evaluated(&views));
+        let started = Instant::now();
+        let training_views = views.train.len();
         let start = start.searched(&views.train)?;
         let views =
             Views { train: few(views.train, MOST_TRAINING_VIEWS), test: few(views.test, MOST_TEST_VIEWS), ..views };
-        let resolution = match settings.resolution {
+        let mut resolution = match settings.resolution {
             Resolution::Full => Resolution::Full,
             Resolution::CoarseToFine { from, .. } => Resolution::CoarseToFine { from, full_after: 0.5 },
         };
@@ -160,8 +164,16 @@ impl Speed {
         let mut rounds = Vec::new();
         let (mut view, mut viewed) = (0.0, thin);
         let (mut before, mut count) = (trainer.seconds(), thin);
+        let mut at_full = None;
         while !trainer.is_finished() {
-            if trainer.step() == STEPS / 2 {
+            let (step, share) = (trainer.step(), started.elapsed().as_secs_f64() / most_seconds);
+            if at_full.is_some_and(|at| step >= at + LEAST_STEPS && share >= 1.0) {
+                break;
+            }
+            if at_full.is_none() && (step == STEPS / 2 || step >= LEAST_STEPS && share >= 0.4) {
+                at_full = Some(step);
+                resolution = Resolution::Full;
+                trainer.record.settings.resolution = resolution;
                 // With the Gaussians of half of the schedule. In the second half, at full
                 // resolution, their number goes back to the first.
                 let clock = Instant::now();
@@ -170,7 +182,7 @@ impl Speed {
                 (view, viewed) = (clock.elapsed().as_secs_f64() / views.max(1) as f64, count);
                 trainer.record.settings.gaussians = thin;
             }
-            let factor = resolution.factor(trainer.step() as f32 / STEPS as f32);
+            let factor = resolution.factor(step as f32 / STEPS as f32);
             let progress = trainer.step_once().await?;
             let seconds = progress.seconds - before;
             match progress.edits {
@@ -181,15 +193,15 @@ impl Speed {
         }
         let step = steps.into_iter().map(|(factor, points)| (factor, Line::through(&points))).collect();
         let round = Line::through(&rounds);
-        Ok(Self { step, round, view, viewed, first, given, points, training_views, test_views })
+        Ok(Self { step, round, view, viewed, first, given, points, training_views })
     }
 
-    /// Seconds of one measurement of all test views with as many Gaussians as these settings allow
-    /// for the points of the trial. This is an upper estimate, which assumes that the time is
-    /// proportional to the number of Gaussians.
-    pub fn evaluation_seconds(&self, settings: &TrainSettings) -> f64 {
+    /// Seconds for rendering and measuring one view with as many Gaussians as these settings allow for
+    /// the points of the trial. This is an upper estimate, which assumes that the time is proportional
+    /// to the number of Gaussians.
+    pub fn view_seconds(&self, settings: &TrainSettings) -> f64 {
         let more = (self.gaussians(settings) / f64::from(self.viewed.max(1))).max(1.0);
-        self.view * more * self.test_views as f64
+        self.view * more
     }
 
     /// Largest number of Gaussians for the points of the trial.
@@ -198,8 +210,8 @@ impl Speed {
     }
 
     /// Estimated seconds of a training with these settings: reading each training view once, maps of
-    /// colours, steps, rounds, and `evaluations` measurements of all test views.
-    pub fn seconds(&self, settings: &TrainSettings, evaluations: usize) -> f64 {
+    /// colours, steps, rounds, and measuring `measured` views.
+    pub fn seconds(&self, settings: &TrainSettings, measured: usize) -> f64 {
         let budget = self.gaussians(settings);
         let first = (self.first as f64).min(budget);
         let last_round = settings.rounds.last(settings.iterations).max(1);
@@ -223,7 +235,7 @@ impl Speed {
             Exposure::Affine => 4,
         };
         let reading = self.view * (self.training_views * (1 + solutions)) as f64;
-        steps + rounds + reading + self.evaluation_seconds(settings) * evaluations as f64
+        steps + rounds + reading + self.view_seconds(settings) * measured as f64
     }
 }
 
@@ -231,11 +243,6 @@ impl Speed {
 fn few(views: Vec<PosedView>, most: usize) -> Vec<PosedView> {
     let every = views.len().div_ceil(most).max(1);
     views.into_iter().step_by(every).collect()
-}
-
-/// Number of views that a scene is evaluated with while it is trained.
-fn evaluated(views: &Views) -> usize {
-    if views.test.is_empty() { views.train.len().min(STAND_INS) } else { views.test.len() }
 }
 
 /// The start with at most `most` Gaussians, evenly drawn, and the number that it has with these
@@ -259,8 +266,7 @@ fn thinned(start: Start, most: usize, settings: &TrainSettings) -> (Start, usize
 
 impl TrainPreset {
     /// Settings of [`TrainPreset::Standard`] for training with the views of these cameras, from a
-    /// data set of this kind, in at most `seconds`, including `evaluations` measurements of all test
-    /// views.
+    /// data set of this kind, in at most `seconds`, including measuring `measured` views.
     ///
     /// With enough time there are up to 3 times the steps and 2 times the Gaussians of `standard` for
     /// these views and points; with fewer than 50 views, up to 2 times the steps and no more
@@ -273,7 +279,7 @@ impl TrainPreset {
         kind: DatasetKind,
         cameras: impl IntoIterator<Item = &'a Camera>,
         gaussians: Option<u32>,
-        evaluations: usize,
+        measured: usize,
     ) -> Option<TrainSettings> {
         let cameras: Vec<&Camera> = cameras.into_iter().collect();
         let usual = Self::Standard.settings_for(None, kind, cameras.iter().copied()).for_points(speed.points);
@@ -292,7 +298,7 @@ impl TrainPreset {
             }
             settings
         };
-        sizes.into_iter().map(settings).find(|settings| speed.seconds(settings, evaluations) <= seconds)
+        sizes.into_iter().map(settings).find(|settings| speed.seconds(settings, measured) <= seconds)
     }
 }
 
@@ -303,6 +309,9 @@ mod tests {
     use super::*;
 
     const COLMAP: DatasetKind = DatasetKind::Colmap;
+
+    /// Views that are measured: ten, five times.
+    const MEASURED: usize = 50;
 
     /// Steps of 10 ms and 1 µs a Gaussian at full resolution, a third of that at half.
     fn speed(training_views: usize) -> Speed {
@@ -316,13 +325,12 @@ mod tests {
             given: 0,
             points: 0,
             training_views,
-            test_views: 10,
         }
     }
 
     fn within(seconds: f64, views: usize) -> Option<TrainSettings> {
         let camera = Camera::looking_forward(400, 400, 1.0);
-        TrainPreset::settings_within(seconds, &speed(views), COLMAP, &vec![camera; views], None, 5)
+        TrainPreset::settings_within(seconds, &speed(views), COLMAP, &vec![camera; views], None, MEASURED)
     }
 
     #[test]
@@ -341,7 +349,7 @@ mod tests {
         for seconds in [30.0, 60.0, 120.0, 300.0, 900.0, 3_000.0] {
             let settings = within(seconds, 100).unwrap();
             settings.validate().unwrap();
-            assert!(speed(100).seconds(&settings, 5) <= seconds);
+            assert!(speed(100).seconds(&settings, MEASURED) <= seconds);
             assert!(settings.iterations >= before, "{seconds} s: {} steps", settings.iterations);
             before = settings.iterations;
         }
@@ -357,7 +365,8 @@ mod tests {
         assert_eq!(settings, usual.for_points(0));
         // Many points raise the number as they do without a time limit.
         let from_points = Speed { points: 7_000, ..speed(12) };
-        let settings = TrainPreset::settings_within(1e6, &from_points, COLMAP, &vec![camera; 12], None, 5).unwrap();
+        let settings =
+            TrainPreset::settings_within(1e6, &from_points, COLMAP, &vec![camera; 12], None, MEASURED).unwrap();
         assert_eq!(settings.gaussians, 35_000);
     }
 
@@ -365,7 +374,7 @@ mod tests {
     fn rendered_images_have_their_antialiasing_within_a_time_limit_too() {
         let camera = Camera::looking_forward(400, 400, 1.0);
         let settings =
-            TrainPreset::settings_within(60.0, &speed(100), DatasetKind::Blender, &vec![camera; 100], None, 5);
+            TrainPreset::settings_within(60.0, &speed(100), DatasetKind::Blender, &vec![camera; 100], None, MEASURED);
         let render = settings.unwrap().render;
         assert_eq!((render.effects.antialias, render.background), (Antialias::Mip, [1.0; 3]));
     }
@@ -374,7 +383,8 @@ mod tests {
     fn a_given_number_of_gaussians_stays() {
         let camera = Camera::looking_forward(400, 400, 1.0);
         let settings =
-            TrainPreset::settings_within(60.0, &speed(100), COLMAP, &vec![camera; 100], Some(77_000), 5).unwrap();
+            TrainPreset::settings_within(60.0, &speed(100), COLMAP, &vec![camera; 100], Some(77_000), MEASURED)
+                .unwrap();
         assert_eq!(settings.gaussians, 77_000);
     }
 }

@@ -16,6 +16,7 @@ mod trainer;
 mod unseen;
 mod usual_start;
 
+pub(crate) use self::evidence::plain;
 pub use self::{
     depth_loss::{DepthLoss, DepthMapCounts},
     evaluation::{ColorMatched, Evaluation, TrainingViews, ViewQuality, evaluate},
@@ -25,7 +26,6 @@ pub use self::{
     summary::{DRIFT_DB, TrainSummary},
     trainer::Trainer3d,
 };
-pub(crate) use self::{evidence::plain, task::STAND_INS};
 pub use crate::{
     fit::Flat,
     start::{PointInit, Start, StartName},

@@ -19,7 +19,7 @@ use super::{
     settings::{StepBackground, TrainSettings},
     unseen::unseen,
 };
-use crate::views::{Images, Order, PosedView, Views, images, possible, reduced_camera};
+use crate::views::{Images, Order, PosedView, STAND_INS, Views, images, possible, reduced_camera};
 use crate::{
     error::Error,
     memory::{self, READ_AHEAD},
@@ -28,9 +28,6 @@ use crate::{
 
 /// Stream of random numbers for backgrounds.
 const BACKGROUND_STREAM: u64 = 0x6261_636b;
-
-/// Number of training views, evenly spread, that replace missing test views.
-pub(crate) const STAND_INS: usize = 8;
 
 /// Steps whose images are read ahead.
 pub(super) const AHEAD: u32 = READ_AHEAD as u32;

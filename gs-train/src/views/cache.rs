@@ -309,7 +309,7 @@ mod tests {
     impl ImageSource for Counted {
         fn read(&self) -> Result<PosedImage, gs_io::Error> {
             if self.gone.load(Relaxed) {
-                return Err(gs_io::Error::Missing { path: "gone.png".into(), what: "an image file" });
+                return Err(gs_io::Error::Missing { path: "gone.png".into() });
             }
             self.reads.fetch_add(1, Relaxed);
             Ok(PosedImage { image: Image::filled(8, 4, [self.level; 3]).unwrap(), alpha: None, mask: None })

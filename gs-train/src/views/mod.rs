@@ -23,4 +23,5 @@ pub(crate) use self::{
     images::{Images, training_image},
     order::Order,
     resolution::{possible, reduced, reduced_camera},
+    view::STAND_INS,
 };

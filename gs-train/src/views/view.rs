@@ -15,6 +15,9 @@ use super::{
 };
 use crate::{error::Error, run::digest};
 
+/// Number of training views, evenly spread, that replace missing test views.
+pub(crate) const STAND_INS: usize = 8;
+
 /// Source of a view's image: memory, or a file that is read when it is needed.
 pub trait ImageSource: Send + Sync {
     /// Reads the image, which has the size of its view's camera.
@@ -254,6 +257,12 @@ impl Views {
     /// The views to evaluate a scene with: those held out, or all if there are none.
     pub fn test_or_train(&self) -> &[PosedView] {
         if self.test.is_empty() { &self.train } else { &self.test }
+    }
+
+    /// Number of views that a scene is evaluated with, and of those that are measured while it is trained.
+    pub fn evaluated(&self) -> (usize, usize) {
+        let evaluated = if self.test.is_empty() { self.train.len().min(STAND_INS) } else { self.test.len() };
+        (evaluated, evaluated.min(self.most_measured.max(1)))
     }
 
     /// Checksums of the images of all views, those for training first.

@@ -1,5 +1,5 @@
 //! Evidence over several views: its sums are compared with renderings of single Gaussians, policies
-//! that do not request it read no extra images, and image fits refuse policies that need it.
+//! that request it read no image twice, and image fits refuse policies that need it.
 
 use std::sync::{
     Arc,

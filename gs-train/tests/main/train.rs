@@ -289,7 +289,8 @@ fn a_governed_training_ends_with_exactly_its_budget() {
 fn a_trial_measures_the_speed_of_steps() {
     let rasterizer = rasterizer();
     let settings = TrainPreset::Standard.settings(None).with(|s| s.gaussians = 600);
-    let speed = Speed::measure(&rasterizer, views(&rasterizer), Start::Random, &settings).block_on().unwrap();
+    let speed =
+        Speed::measure(&rasterizer, views(&rasterizer), Start::Random, &settings, f64::INFINITY).block_on().unwrap();
     let seconds = |iterations: u32| speed.seconds(&TrainPreset::Standard.settings(Some(iterations)), 0);
     let (short, long) = (seconds(1_000), seconds(2_000));
     assert!(short > 0.0 && long > 1.5 * short && long < 2.5 * short, "{short} s, {long} s");
@@ -297,7 +298,7 @@ fn a_trial_measures_the_speed_of_steps() {
         speed.seconds(&TrainPreset::Standard.settings(Some(1_000)).with(|s| s.gaussians = gaussians), 0)
     };
     assert!(with(1_000_000) > 3.0 * with(1_000), "{} s, {} s", with(1_000_000), with(1_000));
-    assert!(speed.evaluation_seconds(&settings) > 0.0);
+    assert!(speed.view_seconds(&settings) > 0.0);
 }
 
 #[test]

@@ -21,6 +21,9 @@ const PLANNED: f64 = 0.85;
 /// Largest share of the planned time for measuring the held-out views during the training.
 const MEASURED: f64 = 0.08;
 
+/// Largest share of the time limit for the trial.
+const TRIAL: f64 = 0.08;
+
 /// Seconds for writing the results, not counting measurements.
 const WRITING: f64 = 1.0;
 
@@ -57,20 +60,21 @@ impl<'a> TimeLimit<'a> {
         usual: &TrainSettings,
     ) -> Result<(TrainSettings, MetricsLog), Failure> {
         let clock = Instant::now();
-        let speed = Speed::measure(rasterizer, views.clone(), start.clone(), usual).block_on();
+        let speed = Speed::measure(rasterizer, views.clone(), start.clone(), usual, TRIAL * self.seconds()).block_on();
         let speed = speed.map_err(|error| not_begun(error, &dataset.root))?;
         let trial = clock.elapsed().as_secs_f64();
         let left = PLANNED * (self.seconds() - self.started.elapsed().as_secs_f64());
-        let times = (MEASURED * left / speed.evaluation_seconds(usual)) as usize;
+        let (evaluated, measured) = views.evaluated();
+        let times = (MEASURED * left / (speed.view_seconds(usual) * measured as f64)) as usize;
         let times = times.clamp(1, 20);
-        let (gaussians, evaluations) = (self.flags.gaussians, times + 1 + AFTERWARDS);
+        let (gaussians, measured) = (self.flags.gaussians, (times + 1) * measured + AFTERWARDS * evaluated);
         let cameras = dataset.views_of(Split::Train).map(|view| &view.camera);
-        let chosen = TrainPreset::settings_within(left, &speed, dataset.kind, cameras, gaussians, evaluations);
+        let chosen = TrainPreset::settings_within(left, &speed, dataset.kind, cameras, gaussians, measured);
         let Some(chosen) = chosen else {
             let short = format!("--minutes {}: too short for this data set on this machine", self.minutes);
             return Err(Failure::usage(short).hint("give more minutes, or smaller images with --max-size"));
         };
-        self.afterwards = AFTERWARDS as f64 * speed.evaluation_seconds(&chosen);
+        self.afterwards = (AFTERWARDS * evaluated) as f64 * speed.view_seconds(&chosen);
         let mut chosen = with_flags(self.flags, chosen)?;
         chosen.render = usual.render;
         chosen.depth_loss = usual.depth_loss;
@@ -83,7 +87,7 @@ impl<'a> TimeLimit<'a> {
             self.minutes,
             counted(chosen.iterations, "step"),
             counted(chosen.gaussians, "Gaussian"),
-            (self.started.elapsed().as_secs_f64() + speed.seconds(&chosen, evaluations)) / 60.0,
+            (self.started.elapsed().as_secs_f64() + speed.seconds(&chosen, measured)) / 60.0,
         ));
         let log = MetricsLog::for_steps(chosen.iterations).measured_at_most(times as u32, chosen.iterations);
         Ok((chosen, log))
