@@ -323,7 +323,7 @@ mod tests {
             Arc::new(Counted { level: number as f32 / 20.0, reads, gone })
         };
         let sources: Vec<_> = (0..20).map(source).collect();
-        let all = sources.iter().map(|source| -> Arc<dyn ImageSource> { source.clone() }).collect();
+        let all = sources.iter().map(|source| Arc::clone(source) as Arc<dyn ImageSource>).collect();
         (sources, ImageCache::sources(all, limit, folder.map(Path::to_owned)))
     }
 
