@@ -209,15 +209,18 @@ impl ImageCache {
 fn append(file: &mut Option<File>, folder: &Path, bytes: &[u8]) -> io::Result<u64> {
     let file = match file {
         Some(file) => file,
-        none => {
-            // A run makes its output folder when it begins, which may be later.
-            std::fs::create_dir_all(folder)?;
-            none.insert(tempfile::tempfile_in(folder)?)
-        }
+        none => none.insert(tempfile::tempfile_in(existing(folder))?),
     };
     let place = file.seek(SeekFrom::End(0))?;
     file.write_all(bytes)?;
     Ok(place)
+}
+
+/// The folder, or the nearest above it that is there: a run makes its output folder when it begins,
+/// which may be later or never.
+fn existing(folder: &Path) -> &Path {
+    let mut above = folder.ancestors().map(|above| if above.as_os_str().is_empty() { Path::new(".") } else { above });
+    above.find(|above| above.is_dir()).unwrap_or(folder)
 }
 
 impl Slot {
@@ -358,13 +361,24 @@ mod tests {
         let (sources, without_file) = cached(0, None);
         assert!(is_right(&without_file) && reads(&sources) >= 60);
         assert_eq!(without_file[0].reading().unwrap().failure, None);
-        let missing = tempfile::tempdir().unwrap().path().join("file");
-        std::fs::create_dir_all(missing.parent().unwrap()).unwrap();
-        std::fs::write(&missing, "not a folder").unwrap();
-        let (sources, failed) = cached(0, Some(&missing));
+    }
+
+    /// No file can be made below `/proc`.
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn images_that_no_file_can_keep_are_read_again_and_the_reason_is_known() {
+        let (sources, failed) = cached(0, Some(Path::new("/proc/self/fd/out")));
         assert!(is_right(&failed) && reads(&sources) >= 60);
         let failure = failed[0].reading().unwrap().failure.unwrap();
         assert!(failure.contains("cannot keep images there"), "{failure}");
+    }
+
+    #[test]
+    fn a_folder_that_is_not_there_yet_is_not_made() {
+        let place = tempfile::tempdir().unwrap();
+        let (sources, cached) = cached(0, Some(&place.path().join("out/images")));
+        assert!(is_right(&cached) && reads(&sources) == 20);
+        assert_eq!(std::fs::read_dir(place.path()).unwrap().count(), 0);
     }
 
     #[test]
