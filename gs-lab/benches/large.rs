@@ -73,8 +73,7 @@ struct Part {
     peak_bytes: Option<u64>,
 }
 
-/// Does a part and notes what it took. The most memory is that of all parts so far, where the
-/// system can begin to count anew.
+/// Does a part and notes what it took.
 fn part<T>(parts: &mut Vec<Part>, name: &'static str, work: impl FnOnce() -> T) -> T {
     let (wall, cpu) = (Instant::now(), cpu_time::ProcessTime::now());
     let result = work();

@@ -8,6 +8,12 @@ use thiserror::Error;
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum Error {
+    /// What was named is no folder.
+    #[error("{}: there is no such folder; name the one that holds the photographs", path.display())]
+    NotAFolder {
+        /// The path that was named.
+        path: PathBuf,
+    },
     /// Too few photographs for a scene.
     #[error("{}: holds {found}, but poses need at least 2 (20 to 200 are usual) that overlap by two thirds", folder.display())]
     TooFew {

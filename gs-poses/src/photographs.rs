@@ -66,8 +66,12 @@ impl Photographs {
     /// of their photographs.
     ///
     /// # Errors
-    /// [`Error::TooFew`] for fewer than two, [`Error::Path`] where the folder cannot be read.
+    /// [`Error::NotAFolder`], [`Error::TooFew`] for fewer than two, [`Error::Path`] where the folder
+    /// cannot be read.
     pub fn find(folder: &Path) -> Result<Self, Error> {
+        if !folder.is_dir() {
+            return Err(Error::NotAFolder { path: folder.to_owned() });
+        }
         fs::read_dir(folder).map_err(Error::at(folder))?;
         let has_images = |folder: &PathBuf| gs_io::image_files(folder).is_ok_and(|files| !files.is_empty());
         let inner = INNER.iter().map(|name| folder.join(name)).find(has_images);
@@ -171,6 +175,20 @@ impl Exif {
                 .and_then(|n| u8::try_from(n).ok())
                 .filter(|n| (1..=8).contains(n))
                 .unwrap_or(1),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_a_folder_holds_photographs() {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        for path in [file.path(), Path::new("no/such/folder")] {
+            let error = Photographs::find(path).unwrap_err();
+            assert!(matches!(&error, Error::NotAFolder { path: found } if found == path), "{error}");
         }
     }
 }

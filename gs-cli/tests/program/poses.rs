@@ -150,7 +150,7 @@ fn photographs_become_a_data_set_with_a_verdict() {
         "{log}"
     );
 
-    // Again: what is found is not looked for twice if that is asked for, and else found anew.
+    // With --resume, poses that were found are kept; without it, they are found again.
     let verdict = scene.gs(&["poses", "photos", "-o", "set", "--resume", "--json"]).json();
     assert_eq!((&verdict["quality"], &verdict["left_out"][0]["name"]), (&"usable".into(), &"z.png".into()));
     assert_eq!(scene.calls().len(), 0);

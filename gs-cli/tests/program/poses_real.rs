@@ -20,7 +20,7 @@ use crate::{
 type Pose = (DQuat, DVec3);
 
 #[test]
-#[ignore = "runs COLMAP for minutes"]
+#[ignore = "runs COLMAP for minutes; `cargo xtask poses --test` runs it"]
 fn poses_of_real_photographs_are_found_again() {
     if Command::new("colmap").arg("help").stdout(Stdio::null()).stderr(Stdio::null()).status().is_err() {
         return eprintln!("skipped: COLMAP is not installed");
