@@ -69,9 +69,9 @@ Options:
 enum Task {
     Test(test::Options),
     Cluster { install: bool },
-    Poses(poses::Options),
-    Python(python::Options),
-    Web(web::Options),
+    Poses(system::Options),
+    Python(system::Options),
+    Web(system::Options),
 }
 
 fn main() -> ExitCode {
@@ -85,9 +85,9 @@ fn main() -> ExitCode {
         ["test", flags @ ..] => test::Options::parse(flags).map(Task::Test),
         ["cluster"] => Ok(Task::Cluster { install: false }),
         ["cluster", "--install"] => Ok(Task::Cluster { install: true }),
-        ["poses", flags @ ..] => poses::Options::parse(flags).map(Task::Poses),
-        ["python", flags @ ..] => python::Options::parse(flags).map(Task::Python),
-        ["web", flags @ ..] => web::Options::parse(flags).map(Task::Web),
+        ["poses", flags @ ..] => system::Options::parse(flags).map(Task::Poses),
+        ["python", flags @ ..] => system::Options::parse(flags).map(Task::Python),
+        ["web", flags @ ..] => system::Options::parse(flags).map(Task::Web),
         ["cluster", flag, ..] => Err(format!("unknown flag {flag}")),
         [other, ..] => Err(format!("unknown command {other}")),
     };

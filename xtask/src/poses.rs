@@ -2,31 +2,10 @@
 
 use std::process::Command;
 
-use crate::system::{cargo, install_packages};
+use crate::system::{Options, cargo, install_packages};
 
 /// The test that runs COLMAP, and the one of how it compares.
 const TESTS: &str = "poses_real::";
-
-/// What is asked for.
-#[derive(Clone, Copy, Default)]
-pub(crate) struct Options {
-    install: bool,
-    test: bool,
-}
-
-impl Options {
-    pub(crate) fn parse(flags: &[&str]) -> Result<Self, String> {
-        let mut options = Self::default();
-        for flag in flags {
-            match *flag {
-                "--install" => options.install = true,
-                "--test" => options.test = true,
-                other => return Err(format!("unknown flag {other}")),
-            }
-        }
-        Ok(options)
-    }
-}
 
 /// Installs COLMAP, shows its version, and runs the tests, as far as that is asked for.
 pub(crate) fn run(options: Options) -> Result<(), String> {

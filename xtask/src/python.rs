@@ -6,37 +6,13 @@ use std::{
     process::{Command, Stdio},
 };
 
-use crate::system::{cargo_program, install_packages, step, target, workspace};
+use crate::system::{Options, cargo_program, install_packages, step, target, workspace};
 
 /// What builds wheels, from PyPI.
 const MATURIN: &str = "maturin>=1.9,<2";
 
 /// The packages of Debian and Ubuntu with a Python that can make environments.
 const PYTHON: [&str; 2] = ["python3", "python3-venv"];
-
-/// What the command line asks for.
-#[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Options {
-    /// Test the module.
-    test: bool,
-    /// Install Python, where there is none.
-    install: bool,
-}
-
-impl Options {
-    /// Reads the flags after `python`.
-    pub(crate) fn parse(flags: &[&str]) -> Result<Self, String> {
-        let mut options = Self::default();
-        for flag in flags {
-            match *flag {
-                "--test" => options.test = true,
-                "--install" => options.install = true,
-                other => return Err(format!("unknown flag {other}")),
-            }
-        }
-        Ok(options)
-    }
-}
 
 /// Builds a wheel into `target/wheels`: for use, or without optimising what does not compute, to be
 /// tested.

@@ -7,6 +7,30 @@ use std::{
     process::Command,
 };
 
+/// What the command line of `poses`, `python` and `web` asks for.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Options {
+    /// Test.
+    pub(crate) test: bool,
+    /// Install what is needed.
+    pub(crate) install: bool,
+}
+
+impl Options {
+    /// Reads the flags.
+    pub(crate) fn parse(flags: &[&str]) -> Result<Self, String> {
+        let mut options = Self::default();
+        for flag in flags {
+            match *flag {
+                "--test" => options.test = true,
+                "--install" => options.install = true,
+                other => return Err(format!("unknown flag {other}")),
+            }
+        }
+        Ok(options)
+    }
+}
+
 /// Whether this process runs as root.
 pub(crate) fn is_root() -> bool {
     Command::new("id").arg("-u").output().is_ok_and(|output| output.stdout.trim_ascii() == b"0")

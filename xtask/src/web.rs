@@ -6,7 +6,7 @@ use std::{
     process::{Command, Stdio},
 };
 
-use crate::system::{built_program, cargo_program, install_packages, step, target, workspace};
+use crate::system::{Options, built_program, cargo_program, install_packages, step, target, workspace};
 
 const TARGET: &str = "wasm32-unknown-unknown";
 
@@ -28,27 +28,6 @@ const THREADS_RUSTFLAGS: &str = "-C target-feature=+simd128,+atomics,+bulk-memor
 
 /// What drives a browser, as Debian's packages.
 const PACKAGES: [&str; 3] = ["chromium", "nodejs", "npm"];
-
-/// What is asked for.
-#[derive(Clone, Copy, Default)]
-pub(crate) struct Options {
-    install: bool,
-    test: bool,
-}
-
-impl Options {
-    pub(crate) fn parse(flags: &[&str]) -> Result<Self, String> {
-        let mut options = Self::default();
-        for flag in flags {
-            match *flag {
-                "--install" => options.install = true,
-                "--test" => options.test = true,
-                other => return Err(format!("unknown flag {other}")),
-            }
-        }
-        Ok(options)
-    }
-}
 
 /// Builds the page into `target/page`, or tests one that was built without optimising what does not
 /// compute, which takes half the time.
