@@ -1,9 +1,9 @@
 //! Any of the backends behind one type.
 
 use gs_core::{
-    AdamRates, Added, Backend, Culled, DensityStatistics, EditPlan, Error, Image, Loss, MeanNoise, Optimizer,
-    Parameterization, Rasterizer, RenderSettings, SavedState, Scene, Scene2d, Scene3d, SplatsState, TargetImage,
-    TrainStep, Wait,
+    AdamRates, Added, Backend, CameraGradient, Culled, DensityStatistics, EditPlan, Error, Image, Loss, MeanNoise,
+    Optimizer, Parameterization, Rasterizer, RenderSettings, SavedState, Scene, Scene2d, Scene3d, SplatsState,
+    TargetImage, TrainStep, Wait,
     profile::{Profile, Profiler},
 };
 
@@ -268,6 +268,12 @@ macro_rules! for_scene {
                 on!(self as on, splats, gradients => on.gradients(splats, gradients).await, else Err(mismatch()))
             }
 
+            async fn camera_gradient(&self, gradients: &Self::Gradients) -> Result<CameraGradient, Error> {
+                on!(self as on, gradients => {
+                    Rasterizer::<$scene>::camera_gradient(on, gradients).await
+                }, else Err(mismatch()))
+            }
+
             async fn download(&self, splats: &Self::Splats) -> Result<$scene, Error> {
                 on!(self as on, splats => on.download(splats).await, else Err(mismatch()))
             }
@@ -312,6 +318,17 @@ macro_rules! for_scene {
             async fn losses(&self, splats: &mut Self::Splats, wait: Wait, losses: &mut Vec<f32>) -> Result<(), Error> {
                 on!(self as on, splats => {
                     Optimizer::<$scene>::losses(on, splats, wait, losses).await
+                }, else Err(mismatch()))
+            }
+
+            async fn camera_gradients(
+                &self,
+                splats: &mut Self::Splats,
+                wait: Wait,
+                gradients: &mut Vec<CameraGradient>,
+            ) -> Result<(), Error> {
+                on!(self as on, splats => {
+                    Optimizer::<$scene>::camera_gradients(on, splats, wait, gradients).await
                 }, else Err(mismatch()))
             }
 

@@ -39,6 +39,6 @@ pub use crate::{
     settings::{Accuracy, Choice, Cut, Dropout, Output, RenderSettings},
     state::{SavedState, SavedTensor, SplatsState, Tensor, TensorData, TensorType},
     training::{CullCause, Culled, DensityStatistics, Loss, MeanNoise},
-    view::{Camera, Canvas},
+    view::{Camera, CameraGradient, Canvas},
     words::counted,
 };

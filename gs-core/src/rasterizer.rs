@@ -24,6 +24,7 @@ use crate::{
     settings::RenderSettings,
     state::{SavedState, SplatsState},
     training::{Culled, DensityStatistics, Loss, MeanNoise},
+    view::CameraGradient,
 };
 
 /// Whether a training step may reuse the previous step's lists of which Gaussian touches which
@@ -180,6 +181,18 @@ pub trait Rasterizer<S: Scene>: Backend {
     /// [`Error::Backend`] where the device is lost.
     fn gradients(&self, splats: &Self::Splats, gradients: &Self::Gradients) -> impl Future<Output = Result<S, Error>>;
 
+    /// The gradient by the camera of [`Self::backward`] or [`Self::image_vjp`], whose forward pass
+    /// asked for it by [`RenderSettings::camera_gradient`].
+    ///
+    /// A backend that refuses that setting leaves this method as it is.
+    ///
+    /// # Errors
+    /// [`Error::State`] where the forward pass did not ask for it, [`Error::Backend`] where the
+    /// device is lost.
+    fn camera_gradient(&self, _gradients: &Self::Gradients) -> impl Future<Output = Result<CameraGradient, Error>> {
+        async { Err(CameraGradient::not_asked_for()) }
+    }
+
     /// Downloads the scene.
     ///
     /// # Errors
@@ -286,6 +299,24 @@ pub trait Optimizer<S: Scene>: Rasterizer<S> {
         wait: Wait,
         losses: &mut Vec<f32>,
     ) -> impl Future<Output = Result<(), Error>>;
+
+    /// Appends to `gradients` the gradient by the camera of each training step of these splats since
+    /// the last call that asked for it by [`RenderSettings::camera_gradient`], in order and each
+    /// once. It is of the step's own loss, before the step.
+    ///
+    /// In all else this is like [`Self::losses`]; splats keep 40 bytes a step until the gradients
+    /// are collected. A backend that refuses that setting leaves this method as it is.
+    ///
+    /// # Errors
+    /// Those of [`Self::losses`].
+    fn camera_gradients(
+        &self,
+        _splats: &mut Self::Splats,
+        _wait: Wait,
+        _gradients: &mut Vec<CameraGradient>,
+    ) -> impl Future<Output = Result<(), Error>> {
+        async { Ok(()) }
+    }
 
     /// Moves the splats against the gradients and adds to their statistics: the stage `adam`.
     ///

@@ -158,6 +158,12 @@ pub struct RenderSettings {
     /// Training sets it for each step.
     #[serde(skip_serializing_if = "Dropout::is_none")]
     pub dropout: Dropout,
+    /// Whether backward passes and training steps also differentiate by the camera: see
+    /// [`Rasterizer::camera_gradient`](crate::Rasterizer::camera_gradient) and
+    /// [`Optimizer::camera_gradients`](crate::Optimizer::camera_gradients). Only for 3D scenes;
+    /// backends may refuse it. Default: no. Images do not depend on it.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub camera_gradient: bool,
 }
 
 /// Settings files leave out default values.

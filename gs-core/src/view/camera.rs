@@ -1,6 +1,6 @@
 //! Views of 3D scenes: posed pinhole cameras.
 
-use glam::{Mat3, Vec2, Vec3};
+use glam::{DMat3, DQuat, Mat3, Vec2, Vec3};
 use serde::{Deserialize, Serialize};
 
 use crate::{constants::NEAR_WORLD, error::Error, image::check_size};
@@ -60,6 +60,25 @@ impl Camera {
         })?;
         let rotation = Mat3::from_cols(right, forward.cross(right), forward).transpose();
         Some(Self { rotation, translation: -(rotation * position), ..*self })
+    }
+
+    /// Returns this camera moved by a twist: a point p in its coordinates goes to
+    /// exp([`rotation`]×) p + `translation`, with `rotation` in radians about the camera's axes and
+    /// `translation` in world units along them. A turn leaves the rotation orthonormal up to
+    /// rounding, so that any number of moves keeps a valid camera valid.
+    ///
+    /// [`CameraGradient`](super::CameraGradient) has the derivatives by these six numbers at 0.
+    #[must_use]
+    pub fn moved(&self, translation: Vec3, rotation: Vec3) -> Self {
+        if rotation == Vec3::ZERO {
+            return Self { translation: self.translation + translation, ..*self };
+        }
+        let turn = DMat3::from_quat(DQuat::from_scaled_axis(rotation.as_dvec3()));
+        let turned = turn * self.rotation.as_dmat3();
+        // Newton's step to the nearest orthonormal matrix.
+        let rotation = turned * (1.5 * DMat3::IDENTITY - 0.5 * turned.transpose() * turned);
+        let translation = turn * self.translation.as_dvec3() + translation.as_dvec3();
+        Self { rotation: rotation.as_mat3(), translation: translation.as_vec3(), ..*self }
     }
 
     /// A world point in camera coordinates.
@@ -138,6 +157,37 @@ mod tests {
         assert!(above.y < 24.0 && (above.x - 32.0).abs() < 1e-3, "{above}");
         assert_eq!(lens.looking_at(position, position, Vec3::Z), None);
         assert_eq!(lens.looking_at(position, position + Vec3::Z, Vec3::Z), None);
+    }
+
+    #[test]
+    fn a_move_is_the_exponential_of_its_twist() {
+        let camera = Camera::looking_forward(64, 48, 1.0);
+        let camera = camera.looking_at(Vec3::new(1.0, 2.0, 3.0), Vec3::X, Vec3::Z).unwrap();
+        let point = Vec3::new(0.3, -0.2, 0.9);
+        let (by, axis, angle) = (Vec3::new(0.1, 0.2, -0.3), Vec3::new(2.0, -1.0, 2.0) / 3.0, 2.5);
+        let expected = Mat3::from_axis_angle(axis, angle) * camera.to_camera(point) + by;
+        assert!(camera.moved(by, axis * angle).to_camera(point).distance(expected) < 1e-5);
+        assert_eq!(camera.moved(by, Vec3::ZERO).rotation, camera.rotation);
+        // Half of the turn twice; the translation of the first half is turned by the second.
+        let halves = camera.moved(by, 0.5 * angle * axis).moved(by, 0.5 * angle * axis);
+        let turned = Mat3::from_axis_angle(axis, 0.5 * angle) * by;
+        assert!(halves.to_camera(point).distance(expected + turned) < 1e-5);
+    }
+
+    #[test]
+    fn many_moves_keep_a_camera_valid() {
+        let mut camera = Camera::looking_forward(64, 48, 1.0);
+        for i in 0..20_000u32 {
+            let twist = |k: u32| 0.01 * ((i * 7 + k) as f32).sin();
+            camera = camera.moved(Vec3::ZERO, Vec3::new(twist(0), twist(1), twist(2)));
+        }
+        let error = camera.rotation * camera.rotation.transpose();
+        assert!(error.abs_diff_eq(Mat3::IDENTITY, 1e-6), "{error}");
+        // As crooked as `validate` lets pass.
+        camera.rotation *= 1.0004;
+        camera.validate().unwrap();
+        let straight = camera.moved(Vec3::ZERO, 1e-3 * Vec3::X).rotation;
+        assert!((straight * straight.transpose()).abs_diff_eq(Mat3::IDENTITY, 2e-6), "{straight}");
     }
 
     #[test]

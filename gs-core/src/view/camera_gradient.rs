@@ -1,0 +1,35 @@
+//! The gradient of a loss by the camera.
+
+use glam::{Vec2, Vec3};
+
+use crate::error::Error;
+
+/// ∂L/∂ the pose and the intrinsics of a [`Camera`](super::Camera), at the camera as it is.
+///
+/// The pose is moved by a twist (v, ω) on the left of the world-to-camera pose: a point p in camera
+/// coordinates goes to exp([ω]×) p + v, as by [`Camera::moved`](super::Camera::moved). The
+/// derivatives are by the twist at 0.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct CameraGradient {
+    /// ∂L/∂v along the camera's axes, per world unit.
+    pub translation: Vec3,
+    /// ∂L/∂ω about the camera's axes, per radian.
+    pub rotation: Vec3,
+    /// ∂L/∂(fx, fy), per px.
+    pub focal: Vec2,
+    /// ∂L/∂(cx, cy), per px.
+    pub center: Vec2,
+}
+
+impl CameraGradient {
+    /// The error of [`Rasterizer::camera_gradient`](crate::Rasterizer::camera_gradient) for a
+    /// forward pass that did not ask for the gradient.
+    #[doc(hidden)]
+    pub fn not_asked_for() -> Error {
+        Error::State(
+            "there is no gradient by the camera, because the forward pass did not ask for it by \
+             RenderSettings::camera_gradient"
+                .to_owned(),
+        )
+    }
+}
