@@ -62,10 +62,12 @@ impl Camera {
         Some(Self { rotation, translation: -(rotation * position), ..*self })
     }
 
-    /// Returns this camera moved by a twist: a point p in its coordinates goes to
-    /// exp([`rotation`]×) p + `translation`, with `rotation` in radians about the camera's axes and
-    /// `translation` in world units along them. A turn leaves the rotation orthonormal up to
-    /// rounding, so that any number of moves keeps a valid camera valid.
+    /// Returns this camera moved by a twist: a point in camera coordinates is turned by `rotation`
+    /// and then shifted by `translation`.
+    ///
+    /// `rotation` is an angle in radians times a unit axis, and `translation` is in world units,
+    /// both along the camera's axes. A turn leaves the camera's rotation orthonormal up to rounding,
+    /// so that any number of moves keeps a valid camera valid.
     ///
     /// [`CameraGradient`](super::CameraGradient) has the derivatives by these six numbers at 0.
     #[must_use]

@@ -7,8 +7,8 @@ use crate::error::Error;
 /// ∂L/∂ the pose and the intrinsics of a [`Camera`](super::Camera), at the camera as it is.
 ///
 /// The pose is moved by a twist (v, ω) on the left of the world-to-camera pose: a point p in camera
-/// coordinates goes to exp([ω]×) p + v, as by [`Camera::moved`](super::Camera::moved). The
-/// derivatives are by the twist at 0.
+/// coordinates goes to exp(ω×) p + v, as by [`Camera::moved`](super::Camera::moved). The derivatives
+/// are by the twist at 0.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct CameraGradient {
     /// ∂L/∂v along the camera's axes, per world unit.
