@@ -33,6 +33,7 @@ mod error;
 pub mod fuzzing;
 mod image;
 mod inputs;
+mod npy;
 mod output_folder;
 mod picture;
 mod scene2d;

@@ -18,6 +18,7 @@ use crate::{
     dataset::{FILE, SourceCamera},
     error::Error,
     image::{decode_grey, grey_size},
+    npy::Npy,
 };
 
 /// Largest accepted header of a NumPy array, bytes. It usually has 128.
@@ -46,7 +47,7 @@ impl View {
     pub fn read_depth(&self) -> Result<Option<DepthMap>, Error> {
         let Some(DepthFile { path, unit }) = &self.depth else { return Ok(None) };
         let (size, values) = match is_npy(path) {
-            true => Npy::open(path)?.values(path)?,
+            true => npy_values(path)?,
             false => decode_grey(path)?,
         };
         check_shape(path, size, &self.source)?;
@@ -87,7 +88,10 @@ pub(crate) fn find(folder: &Path, file: &Path) -> Option<PathBuf> {
 
 /// Checks the header of a depth map against the camera of its image.
 pub(crate) fn check(path: &Path, source: &SourceCamera) -> Result<(), Error> {
-    let size = if is_npy(path) { Npy::open(path)?.size } else { grey_size(path)? };
+    let size = match is_npy(path) {
+        true => npy(path).map(|Npy { columns, rows, .. }| (columns, rows))?,
+        false => grey_size(path)?,
+    };
     check_shape(path, size, source)
 }
 
@@ -102,94 +106,23 @@ fn is_npy(path: &Path) -> bool {
     path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("npy"))
 }
 
-/// A NumPy array of two dimensions (*source:* NumPy Enhancement Proposal 1).
-struct Npy {
-    /// Columns and rows.
-    size: (u32, u32),
-    kind: Kind,
-    /// Byte offset of the numbers in the file.
-    start: usize,
-}
-
-/// The type of an array's numbers.
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum Kind {
-    F32,
-    F64,
-    U16,
-}
-
-impl Npy {
-    /// Reads the header, whose claim must be that of the file's size.
-    fn open(path: &Path) -> Result<Self, Error> {
-        let (file, metadata) = open(path, "a depth map")?;
-        let mut bytes = Vec::new();
-        file.take(HEADER_BYTES).read_to_end(&mut bytes).map_err(|source| Error::read(path, source))?;
-        Self::header(&bytes, metadata.len()).map_err(|message| Error::bad_depth(path, message))
-    }
-
-    /// The header in the first bytes of a file of `file_bytes`.
-    fn header(bytes: &[u8], file_bytes: u64) -> Result<Self, String> {
-        let not = "it is not a NumPy array (.npy)";
-        let rest = bytes.strip_prefix(b"\x93NUMPY").ok_or(not)?;
-        let (length, start) = match *rest {
-            [1, _, a, b, ..] => (usize::from(u16::from_le_bytes([a, b])), 10),
-            [2 | 3, _, a, b, c, d, ..] => (u32::from_le_bytes([a, b, c, d]) as usize, 12),
-            _ => return Err(not.to_owned()),
-        };
-        let text = bytes.get(start..).and_then(|rest| rest.get(..length)).ok_or("its header is cut off")?;
-        let text = std::str::from_utf8(text).map_err(|_| not)?;
-        let value = |key: &str| {
-            let (_, rest) = text.split_once(&format!("'{key}':"))?;
-            Some(rest.trim_start())
-        };
-        let (descr, order, shape) =
-            value("descr").zip(value("fortran_order")).zip(value("shape")).map(|((a, b), c)| (a, b, c)).ok_or(not)?;
-        let kinds = [("'<f4'", Kind::F32), ("'<f8'", Kind::F64), ("'<u2'", Kind::U16)];
-        let kind = kinds.iter().find(|(name, _)| descr.starts_with(name)).map(|(_, kind)| *kind);
-        let kind = kind.ok_or("its numbers must be of type float32, float64 or uint16, little-endian")?;
-        if !order.starts_with("False") {
-            return Err("it must be in C order".to_owned());
-        }
-        let shape = shape.strip_prefix('(').and_then(|rest| rest.split_once(')')).map(|(inside, _)| inside);
-        let sides: Vec<u32> = shape.ok_or(not)?.split(',').filter_map(|side| side.trim().parse().ok()).collect();
-        let &[height, width] = &sides[..] else {
-            return Err(format!(
-                "it must have two dimensions (rows, columns), not ({})",
-                shape.unwrap_or_default().trim()
-            ));
-        };
-        check_size(width, height).map_err(|_| format!("it has {height} rows and {width} columns"))?;
-        let expected = u64::from(width) * u64::from(height) * kind.bytes() as u64;
-        let found = file_bytes.saturating_sub((start + length) as u64);
-        if found != expected {
-            return Err(format!("it has {found} bytes of numbers, but {expected} are needed"));
-        }
-        Ok(Self { size: (width, height), kind, start: start + length })
-    }
-
-    /// The size and the numbers, row-major.
-    fn values(&self, path: &Path) -> Result<((u32, u32), Vec<f32>), Error> {
-        let bytes = read_file(path, FILE)?;
-        let numbers = bytes.get(self.start..).unwrap_or_default();
-        let values: Vec<f32> = match self.kind {
-            Kind::F32 => numbers.as_chunks::<4>().0.iter().map(|b| f32::from_le_bytes(*b)).collect(),
-            Kind::F64 => numbers.as_chunks::<8>().0.iter().map(|b| f64::from_le_bytes(*b) as f32).collect(),
-            Kind::U16 => numbers.as_chunks::<2>().0.iter().map(|b| f32::from(u16::from_le_bytes(*b))).collect(),
-        };
-        match values.len() == self.size.0 as usize * self.size.1 as usize {
-            true => Ok((self.size, values)),
-            false => Err(Error::bad_depth(path, "it has changed while it was read")),
-        }
+/// The header of a NumPy array.
+fn npy(path: &Path) -> Result<Npy, Error> {
+    let (file, metadata) = open(path, "a depth map")?;
+    let mut bytes = Vec::new();
+    file.take(HEADER_BYTES).read_to_end(&mut bytes).map_err(|source| Error::read(path, source))?;
+    let npy = Npy::header(&bytes, metadata.len()).map_err(|message| Error::bad_depth(path, message))?;
+    let Npy { rows, columns, .. } = npy;
+    match check_size(columns, rows) {
+        Ok(()) => Ok(npy),
+        Err(_) => Err(Error::bad_depth(path, format!("it has {rows} rows and {columns} columns"))),
     }
 }
 
-impl Kind {
-    fn bytes(self) -> usize {
-        match self {
-            Self::F32 => 4,
-            Self::F64 => 8,
-            Self::U16 => 2,
-        }
-    }
+/// The size of a NumPy array and its numbers, row-major.
+fn npy_values(path: &Path) -> Result<((u32, u32), Vec<f32>), Error> {
+    let npy = npy(path)?;
+    let bytes = read_file(path, FILE)?;
+    let numbers = npy.numbers(&bytes).ok_or_else(|| Error::bad_depth(path, "it has changed while it was read"))?;
+    Ok(((npy.columns, npy.rows), numbers.map(|number| number as f32).collect()))
 }

@@ -158,7 +158,7 @@ fn what_is_no_depth_map_of_the_image_is_one_clear_error_where_it_is_used() {
     let right = counted(|v| f32::from(v).to_le_bytes().to_vec());
     for (bytes, expected) in [
         (npy(&header("<f4", "(20, 15)"), &right), "the image is 15x20 px, but 40x30 px or its shape is needed"),
-        (npy(&header("<f4", "(15, 20)"), &right[1..]), "1199 bytes of numbers, but 1200 are needed"),
+        (npy(&header("<f4", "(15, 20)"), &right[1..]), "1199 bytes of numbers where 1200 are needed"),
         (npy(&header("<f4", "(15, 20, 1)"), &right), "two dimensions (rows, columns), not (15, 20, 1)"),
         (npy(&header("<f4", "(0, 20)"), &[]), "0 rows and 20 columns"),
         (npy(&header("<f4", "(4000000000, 4000000000)"), &right), "rows and"),
