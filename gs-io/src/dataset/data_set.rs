@@ -19,6 +19,8 @@ pub enum DatasetKind {
     Nerfstudio,
     /// `transforms_train.json` and its companions.
     Blender,
+    /// A `poses_bounds.npy`.
+    Llff,
 }
 
 impl DatasetKind {
@@ -28,6 +30,7 @@ impl DatasetKind {
             Self::Colmap => "COLMAP",
             Self::Nerfstudio => "Nerfstudio",
             Self::Blender => "Blender",
+            Self::Llff => "LLFF",
         }
     }
 

@@ -7,8 +7,8 @@ use std::{
 
 use super::{
     colmap::{data_set_of, has_photographs, is_model, models_of},
+    kinds::has_file,
     read::{IMAGE_FOLDERS, walk, whole},
-    transforms::{BLENDER_TRAIN, NERFSTUDIO},
 };
 use crate::{
     image::{image_files, unreadable_photographs},
@@ -25,14 +25,11 @@ pub(super) fn how_to_begin(folder: &Path) -> (String, Option<PathBuf>) {
     let below = data_sets_below(folder);
     if let Some(first) = below.first() {
         let others = if below.len() > 1 { format!(", one of {} data sets in it", below.len()) } else { String::new() };
-        let images = if has_transforms(first) || has_photographs(first) {
-            ""
-        } else {
-            " with the folder of its images by --images"
-        };
+        let images =
+            if has_file(first) || has_photographs(first) { "" } else { " with the folder of its images by --images" };
         return (format!("name {}{others}{images}", quoted(first)), None);
     }
-    let is_data_set = |folder: &&Path| has_transforms(folder) || !models_of(folder).is_empty();
+    let is_data_set = |folder: &&Path| has_file(folder) || !models_of(folder).is_empty();
     if let Some(above) = whole(folder).ancestors().skip(1).take(PARTS).find(is_data_set) {
         return (format!("it is part of the data set {}: name that", quoted(above)), None);
     }
@@ -49,15 +46,11 @@ pub(super) fn how_to_begin(folder: &Path) -> (String, Option<PathBuf>) {
     }
 }
 
-fn has_transforms(folder: &Path) -> bool {
-    [NERFSTUDIO, BLENDER_TRAIN].iter().any(|name| folder.join(name).is_file())
-}
-
 /// The data sets below a folder, by absolute paths.
 fn data_sets_below(folder: &Path) -> BTreeSet<PathBuf> {
     let mut found = BTreeSet::new();
     walk(&whole(folder), |folder, _| {
-        if has_transforms(folder) {
+        if has_file(folder) {
             found.insert(folder.to_owned());
         } else if is_model(folder) {
             found.insert(data_set_of(folder));

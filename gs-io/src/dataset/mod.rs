@@ -5,7 +5,9 @@
 //! | [`Blender`](DatasetKind::Blender) | NeRF-synthetic and its like | `transforms_train.json`, with `_val` and `_test` next to it |
 //! | [`Nerfstudio`](DatasetKind::Nerfstudio) | Nerfstudio, instant-ngp, Polycam | `transforms.json` |
 //! | [`Colmap`](DatasetKind::Colmap) | COLMAP and what writes its files | `cameras`, `images`, `points3D`, `.bin` or `.txt`, in `sparse`, `colmap/sparse`, `dense/sparse`, `undistorted/sparse`, `distorted/sparse`, a subfolder of these, or the folder itself |
+//! | [`Llff`](DatasetKind::Llff) | LLFF | `poses_bounds.npy` |
 //!
+//! Of several, the first in this table counts, but `transforms.json` before COLMAP's model.
 //! [`read_dataset`] recognises the kind and reads everything but the pixels. Of the images it reads
 //! the headers, so that intrinsics fit the files that exist. [`View::read_image`] reads and
 //! undistorts an image when it is needed; a 360° image is six views, the faces of a cube.
@@ -19,6 +21,8 @@ mod colmap;
 mod data_set;
 mod how_to_begin;
 mod images;
+mod kinds;
+mod llff;
 mod read;
 mod remark;
 mod settings;
@@ -32,6 +36,7 @@ use std::path::Path;
 use self::camera::{AriaFisheye, BrownConrady, CubeFace, Distortion, Fisheye, Lens};
 pub(crate) use self::colmap::{CameraModel, ColmapCamera, ColmapModel};
 use self::how_to_begin::how_to_begin;
+use self::kinds::{LOOKED_FOR, other_in, reader_of, transforms_in};
 pub use self::{
     camera::SourceCamera,
     data_set::{Dataset, DatasetKind, Point},
@@ -45,20 +50,13 @@ use crate::error::Error;
 /// The kind of file for messages about one that is something else.
 const FILE: &str = "a file of a data set";
 
-const LOOKED_FOR: &str = "transforms_train.json (Blender), transforms.json (Nerfstudio), and cameras.bin or cameras.txt in sparse, \
-                          colmap/sparse, dense/sparse, undistorted/sparse, distorted/sparse, their subfolders and the folder itself (COLMAP)";
-
-/// Whether a path can be a data set: a folder, or a JSON file. The JSON files of scenes cannot:
-/// `meta.json` and `lod-meta.json` of SOG, and `tileset.json` of 3D Tiles.
+/// Whether a path can be a data set: a folder, or the file of one by its name, such as a JSON file
+/// that is not of a scene.
 pub fn may_be_dataset(path: &Path) -> bool {
-    let is_json = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("json"));
-    let is_of_scene = ["meta.json", "lod-meta.json", "tileset.json"]
-        .iter()
-        .any(|name| path.file_name().is_some_and(|found| found.eq_ignore_ascii_case(name)));
-    path.is_dir() || is_json && !is_of_scene
+    path.is_dir() || reader_of(path).is_some()
 }
 
-/// Reads a data set: a folder, whose content determines the kind, or a `transforms.json`.
+/// Reads a data set: a folder, whose content determines the kind, or its file, such as a `transforms.json`.
 ///
 /// # Errors
 /// - [`Error::Missing`] where there is no such path.
@@ -72,23 +70,18 @@ pub fn read_dataset(path: impl AsRef<Path>, settings: &DatasetSettings) -> Resul
     let path = path.as_ref();
     let metadata = std::fs::metadata(path).map_err(|source| Error::read(path, source))?;
     if !metadata.is_dir() {
-        if !may_be_dataset(path) {
-            return Err(not_a_dataset(path));
-        }
-        let root = path.parent().unwrap_or(Path::new(""));
-        return transforms::read_nerfstudio(root, path, settings);
+        let read = reader_of(path).ok_or_else(|| not_a_dataset(path))?;
+        return read(path.parent().unwrap_or(Path::new("")), path, settings);
     }
-    if path.join(transforms::BLENDER_TRAIN).is_file() {
-        return transforms::read_blender(path, settings);
+    if let Some((file, read)) = transforms_in(path) {
+        return read(path, &file, settings);
     }
-    let nerfstudio = path.join(transforms::NERFSTUDIO);
-    if nerfstudio.is_file() {
-        return transforms::read_nerfstudio(path, &nerfstudio, settings);
+    let models = colmap::models_of(path);
+    if !models.is_empty() {
+        return colmap::read(path, &models, settings);
     }
-    match colmap::models_of(path) {
-        models if models.is_empty() => Err(not_a_dataset(path)),
-        models => colmap::read(path, &models, settings),
-    }
+    let (file, read) = other_in(path).ok_or_else(|| not_a_dataset(path))?;
+    read(path, &file, settings)
 }
 
 fn not_a_dataset(path: &Path) -> Error {

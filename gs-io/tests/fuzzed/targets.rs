@@ -19,7 +19,7 @@ pub type Target = fn(&[u8]);
 
 /// The targets by their names, which are also those of the files in `fuzz/fuzz_targets` and of the
 /// corpus's folders.
-pub const TARGETS: [(&str, Target); 12] = [
+pub const TARGETS: [(&str, Target); 13] = [
     ("colmap_binary", colmap_binary),
     ("colmap_text", colmap_text),
     ("compressed_ply", compressed_ply),
@@ -28,6 +28,7 @@ pub const TARGETS: [(&str, Target); 12] = [
     ("ksplat", ksplat),
     ("lens", lens),
     ("ply", ply),
+    ("poses", poses),
     ("sog", sog),
     ("splat", splat),
     ("spz", spz),
@@ -172,7 +173,22 @@ pub fn transforms(bytes: &[u8]) {
     };
     fs::write(&file, json).expect("a file that can be written");
     fs::write(FOLDER.path().join("a.ply"), points).expect("a file that can be written");
-    let Some(dataset) = one_line(read_dataset(&file, &DatasetSettings::default())) else { return };
+    data_set(&file);
+}
+
+/// The files of other programs with poses.
+const POSES: [&str; 1] = ["poses_bounds.npy"];
+
+/// Poses of other programs, of an image `a.png`: the number of one of [`POSES`], and its content.
+pub fn poses(bytes: &[u8]) {
+    let Some((which, content)) = bytes.split_first() else { return };
+    let file = FOLDER.path().join(POSES[usize::from(*which) % POSES.len()]);
+    fs::write(&file, content).expect("a file that can be written");
+    data_set(&file);
+}
+
+fn data_set(file: &Path) {
+    let Some(dataset) = one_line(read_dataset(file, &DatasetSettings::default())) else { return };
     assert!(dataset.points.iter().all(|point| point.position.is_finite()));
     for view in dataset.views {
         view.camera.validate().expect("a possible camera");

@@ -22,8 +22,8 @@ use crate::{
 };
 
 const AFTER_HELP: &str = "\
-DATASET is a folder that COLMAP, Nerfstudio or Blender wrote, or a transforms.json; gs info shows \
-what is in it. In a folder of photographs without poses, COLMAP finds these first, as gs poses does, \
+DATASET is a folder that COLMAP, Nerfstudio, Blender or LLFF wrote, or its file, such as a \
+transforms.json; gs info shows what is in it. In a folder of photographs without poses, COLMAP finds these first, as gs poses does, \
 and the data set is kept in DIR/dataset.
 
 DIR then holds:

@@ -13,22 +13,14 @@ use super::{
 };
 use crate::{
     dataset::{
-        DatasetSettings, DepthFile, Remark, Skip,
+        DatasetSettings, Remark, Skip,
         camera::Pose,
-        images::find_depth,
         read::{
-            Draft, Finder, IMAGE_FOLDERS, NamePart, Place, Refusal, Stated, check_inside, find_image, localize, plain,
-            search_folders,
+            Draft, Finder, IMAGE_FOLDERS, NamePart, Place, Refusal, Stated, check_inside, localize, search_folders,
         },
     },
     error::Error,
 };
-
-/// The folder of masks: `masks/NAME.png` for the image `images/NAME`.
-const MASK_FOLDER: &str = "masks";
-
-/// The folder of depth maps: `depths/NAME` for the image `images/NAME`, ending in `.png` or `.npy`.
-const DEPTH_FOLDER: &str = "depths";
 
 /// Where the images of a model may be, in the order of preference.
 fn places(root: &Path, model: &Path, settings: &DatasetSettings) -> Result<Vec<Place>, Error> {
@@ -102,14 +94,8 @@ fn draft(model: &ColmapModel, root: &Path, file: &str, image: &ColmapImage) -> D
         let numbers = camera.model.parameter_names().iter().copied().zip(camera.parameters.iter().copied());
         Stated { place: format!("camera {} of {file}", image.camera_id), numbers: numbers.collect() }
     });
-    let name = plain(&image.name);
-    let file = Some(PathBuf::from(&name));
-    let mask = find_image(&root.join(MASK_FOLDER).join(&name));
-    let depth = find_depth(&root.join(DEPTH_FOLDER), Path::new(&name));
-    let depth = depth.map(|path| DepthFile { path, unit: None });
     let pose = Pose::world_to_camera(image.rotation, image.translation);
-    let stated = stated.unwrap_or_default();
-    Draft { name, written: None, file, mask, depth, intrinsics, stated, pose, split: None }
+    Draft::of_image(root, &image.name, intrinsics, stated.unwrap_or_default(), pose)
 }
 
 /// Reads the model with most photographs, then images; of equal ones an undistorted one, or the first.

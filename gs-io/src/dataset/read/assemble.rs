@@ -11,8 +11,9 @@ use glam::DVec3;
 use super::{
     Draft, Finder, Place, Refusal, WorldPoint,
     finder::is_bare,
-    place::search_folders,
+    place::{check_inside, search_folders},
     points::{points_in, without_copies},
+    split_lists::{apply as apply_lists, in_files as lists_in_files},
     splits,
     tally::Tally,
     views::{Lenses, Made, make_views},
@@ -40,6 +41,15 @@ pub(crate) struct Parts<'a> {
     /// Where the data set states its split; `None` if it has none.
     pub(crate) split: Option<SplitOrigin>,
     pub(crate) remarks: Vec<Remark>,
+}
+
+/// Assembles the data set of a file that names images, with the split of lists beside it.
+pub(crate) fn assemble_named(mut parts: Parts<'_>, file: &Path, settings: &DatasetSettings) -> Result<Dataset, Error> {
+    let names = parts.drafts.iter().map(|draft| ("the image name", draft.name.as_str()));
+    check_inside(parts.root, file, names, settings)?;
+    let lists = lists_in_files(parts.root, None, settings)?;
+    parts.split = apply_lists(lists, &mut parts.drafts, &mut parts.remarks, settings)?;
+    assemble(parts, settings)
 }
 
 /// Assembles the data set.
@@ -173,8 +183,8 @@ fn unused_masks(kind: DatasetKind, root: &Path, drafts: &[Draft], remarks: &[Rem
     }
     let folder = ["masks", "mask"].into_iter().find(|folder| root.join(folder).is_dir())?;
     let how = match kind {
-        DatasetKind::Colmap => "the mask of an image is masks/NAME, by the name of the image",
-        _ => "name the mask of each frame in its mask_path",
+        DatasetKind::Nerfstudio | DatasetKind::Blender => "name the mask of each frame in its mask_path",
+        _ => "the mask of an image is masks/NAME, by the name of the image",
     };
     Some(Remark::MasksUnused { folder, how })
 }

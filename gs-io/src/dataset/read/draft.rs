@@ -5,11 +5,13 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use super::{names::plain, place::find_image};
 use crate::{
     WorldFrame,
     dataset::{
         DepthFile, Skip, Split,
         camera::{Intrinsics, Pose},
+        images::find_depth,
     },
     error::Error,
 };
@@ -33,7 +35,29 @@ pub(crate) struct Draft {
     pub(crate) split: Option<Split>,
 }
 
+/// The folder of masks: `masks/NAME.png` for the image `images/NAME`.
+const MASK_FOLDER: &str = "masks";
+
+/// The folder of depth maps: `depths/NAME` for the image `images/NAME`, ending in `.png` or `.npy`.
+const DEPTH_FOLDER: &str = "depths";
+
 impl Draft {
+    /// The view of an image of this name, with the mask and the depth map of the name below `root`.
+    pub(crate) fn of_image(
+        root: &Path,
+        name: &str,
+        intrinsics: Result<Intrinsics, Refusal>,
+        stated: Stated,
+        pose: Result<Pose, Skip>,
+    ) -> Self {
+        let name = plain(name);
+        let mask = find_image(&root.join(MASK_FOLDER).join(&name));
+        let depth = find_depth(&root.join(DEPTH_FOLDER), Path::new(&name));
+        let depth = depth.map(|path| DepthFile { path, unit: None });
+        let file = Some(PathBuf::from(&name));
+        Self { name, written: None, file, mask, depth, intrinsics, stated, pose, split: None }
+    }
+
     /// Takes the pose, and the unit of depths, from the world to a frame.
     pub(crate) fn move_to(&mut self, frame: &WorldFrame) {
         let is_finite = |pose: &Pose| pose.translation.as_vec3().is_finite();

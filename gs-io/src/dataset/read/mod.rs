@@ -16,12 +16,12 @@ mod tally;
 mod views;
 
 pub(super) use self::{
-    assemble::{Parts, assemble},
+    assemble::{Parts, assemble, assemble_named},
     draft::{Draft, Refusal, Stated},
     finder::{Finder, Folders, entries, walk},
     json::{Matrix, Number, number_of, parse, shown},
     names::plain,
-    place::{IMAGE_FOLDERS, NamePart, Place, check_inside, ending_inside, find_image, localize, search_folders, whole},
+    place::{IMAGE_FOLDERS, NamePart, Place, check_inside, ending_inside, localize, search_folders, whole},
     points::WorldPoint,
     split_lists::{apply as apply_lists, in_files as lists_in_files},
 };

@@ -43,6 +43,12 @@ impl Place {
         Ok(Some(Self::new(root, name, part)))
     }
 
+    /// The usual folders of images whose names are paths below them, or the one that the settings name.
+    pub(crate) fn usual(root: &Path, settings: &DatasetSettings) -> Result<Vec<Self>, Error> {
+        let usual = || IMAGE_FOLDERS.iter().chain(&[""]).map(|name| Self::new(root, name, NamePart::Path)).collect();
+        Ok(Self::chosen(root, settings, NamePart::Path)?.map_or_else(usual, |place| vec![place]))
+    }
+
     /// A folder whose name ends in `_4` contains images of a quarter of the size.
     pub(crate) fn new(root: &Path, name: &str, part: NamePart) -> Self {
         let folder = root.join(name);

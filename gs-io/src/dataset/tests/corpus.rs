@@ -2,7 +2,7 @@
 
 use std::{fs, io, path::Path};
 
-use super::made;
+use super::{llff, made};
 
 #[test]
 #[ignore = "writes into fuzz/corpus; fuzz/README.md has the command"]
@@ -30,6 +30,9 @@ fn small_models_as_the_first_corpus_of_the_fuzz_targets() -> io::Result<()> {
             );
             write("transforms", (json.clone() + &points).as_bytes())?;
         }
+    }
+    for file in llff::seeds() {
+        write("poses", &[&[0], &file[..]].concat())?;
     }
     Ok(())
 }

@@ -11,7 +11,7 @@ use crate::dataset::{
     colmap::{ColmapImage, ColmapObservation, ColmapPoint},
     read_dataset,
 };
-use glam::{DQuat, dvec2, dvec3};
+use glam::{DQuat, DVec2, DVec3, dvec2, dvec3};
 use gs_core::Image;
 
 pub(crate) fn folder() -> tempfile::TempDir {
@@ -153,6 +153,19 @@ pub(crate) fn skipped(dataset: &Dataset, reason: Skip) -> usize {
         _ => None,
     };
     dataset.remarks.iter().find_map(count).unwrap_or(0)
+}
+
+/// Where a view's image file shows a point of the world, px; `None` if it does not.
+pub(crate) fn pixel(dataset: &Dataset, name: &str, point: DVec3) -> Option<DVec2> {
+    let view = dataset.views.iter().find(|view| view.name == name)?;
+    let seen = view.camera.rotation.as_dmat3() * point + view.camera.translation.as_dvec3();
+    (seen.z > 0.0).then(|| view.source.to_pixel(seen.truncate() / seen.z))?
+}
+
+/// Points around the origin.
+pub(crate) fn world_points() -> impl Iterator<Item = DVec3> {
+    let at = |i: u32| 0.4 * (f64::from(i) - 1.0);
+    (0..27).map(move |i| dvec3(at(i % 3), at(i / 3 % 3), at(i / 9)))
 }
 
 /// The error of reading this; its text must be one line that names the folder.

@@ -6,6 +6,7 @@ mod depth;
 mod dialects;
 mod images;
 mod lens;
+mod llff;
 mod made;
 mod models;
 mod mutated;
