@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use glam::Vec3;
 use serde::Serialize;
 
-use super::{Remark, Split, SplitOrigin, View, colmap::models_of};
+use super::{Remark, Split, SplitOrigin, View, colmap::models_of, opensfm};
 use crate::WorldFrame;
 
 /// The kind of a data set.
@@ -19,6 +19,8 @@ pub enum DatasetKind {
     Nerfstudio,
     /// `transforms_train.json` and its companions.
     Blender,
+    /// A `reconstruction.json`.
+    OpenSfm,
     /// A `poses_bounds.npy`.
     Llff,
 }
@@ -30,6 +32,7 @@ impl DatasetKind {
             Self::Colmap => "COLMAP",
             Self::Nerfstudio => "Nerfstudio",
             Self::Blender => "Blender",
+            Self::OpenSfm => "OpenSfM",
             Self::Llff => "LLFF",
         }
     }
@@ -66,16 +69,16 @@ impl Dataset {
     }
 
     /// All files of the data set, which a program that reads it must not replace: images, masks,
-    /// depth maps, and everything else in its folder and in COLMAP's `sparse`, such as poses and points.
+    /// depth maps, and everything else in its folder and in those of its poses and points, such as COLMAP's `sparse`.
     pub fn files(&self) -> Vec<PathBuf> {
         let depth = |view: &View| view.depth.as_ref().map(|depth| depth.path.clone());
         let files = |view: &View| [Some(view.image.clone()), view.mask.clone(), depth(view)];
         let of_views = self.views.iter().flat_map(files).flatten();
         let root = if self.root.as_os_str().is_empty() { Path::new(".") } else { &self.root };
-        let models = models_of(root);
+        let (models, inner) = (models_of(root), root.join(opensfm::FOLDER));
         let above = models.iter().filter_map(|model| model.parent());
         let folders: Vec<&Path> =
-            std::iter::once(root).chain(above).chain(models.iter().map(|model| &**model)).collect();
+            [root, &inner].into_iter().chain(above).chain(models.iter().map(|model| &**model)).collect();
         let entries = folders.into_iter().flat_map(|folder| std::fs::read_dir(folder).into_iter().flatten().flatten());
         of_views.chain(entries.map(|entry| entry.path()).filter(|path| path.is_file())).collect()
     }

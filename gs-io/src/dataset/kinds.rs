@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::{
-    Dataset, DatasetSettings, llff,
+    Dataset, DatasetSettings, llff, opensfm,
     transforms::{BLENDER_TRAIN, NERFSTUDIO, read_blender, read_nerfstudio},
 };
 use crate::error::Error;
@@ -14,7 +14,7 @@ pub(super) type Reader = fn(&Path, &Path, &DatasetSettings) -> Result<Dataset, E
 /// What is looked for in a folder, in words.
 pub(super) const LOOKED_FOR: &str = "transforms_train.json (Blender), transforms.json (Nerfstudio), cameras.bin or cameras.txt in sparse, \
                                      colmap/sparse, dense/sparse, undistorted/sparse, distorted/sparse, their subfolders and the folder itself \
-                                     (COLMAP), and poses_bounds.npy (LLFF)";
+                                     (COLMAP), reconstruction.json, also in opensfm (OpenSfM, ODM), and poses_bounds.npy (LLFF)";
 
 /// A `transforms.json`, or the first of Blender's, before which COLMAP's models do not count.
 pub(super) fn transforms_in(folder: &Path) -> Option<(PathBuf, Reader)> {
@@ -24,7 +24,10 @@ pub(super) fn transforms_in(folder: &Path) -> Option<(PathBuf, Reader)> {
 
 /// The file of another program than COLMAP, Nerfstudio and Blender.
 pub(super) fn other_in(folder: &Path) -> Option<(PathBuf, Reader)> {
-    named(folder, llff::POSES, llff::read)
+    let opensfm = |folder: &Path| named(folder, opensfm::RECONSTRUCTION, opensfm::read);
+    opensfm(folder)
+        .or_else(|| opensfm(&folder.join(opensfm::FOLDER)))
+        .or_else(|| named(folder, llff::POSES, llff::read))
 }
 
 /// Whether a folder has a file of a data set, apart from COLMAP's.
@@ -39,6 +42,7 @@ pub(super) fn reader_of(file: &Path) -> Option<Reader> {
     let extension = Path::new(&name).extension()?.to_str()?;
     match (&*name, extension) {
         ("meta.json" | "lod-meta.json" | "tileset.json", _) => None,
+        (opensfm::RECONSTRUCTION, _) => Some(opensfm::read),
         (_, "json") => Some(read_nerfstudio),
         (llff::POSES, _) => Some(llff::read),
         _ => None,

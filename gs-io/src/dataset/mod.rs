@@ -5,6 +5,7 @@
 //! | [`Blender`](DatasetKind::Blender) | NeRF-synthetic and its like | `transforms_train.json`, with `_val` and `_test` next to it |
 //! | [`Nerfstudio`](DatasetKind::Nerfstudio) | Nerfstudio, instant-ngp, Polycam | `transforms.json` |
 //! | [`Colmap`](DatasetKind::Colmap) | COLMAP and what writes its files | `cameras`, `images`, `points3D`, `.bin` or `.txt`, in `sparse`, `colmap/sparse`, `dense/sparse`, `undistorted/sparse`, `distorted/sparse`, a subfolder of these, or the folder itself |
+//! | [`OpenSfm`](DatasetKind::OpenSfm) | OpenSfM, OpenDroneMap | `reconstruction.json`, also in `opensfm` |
 //! | [`Llff`](DatasetKind::Llff) | LLFF | `poses_bounds.npy` |
 //!
 //! Of several, the first in this table counts, but `transforms.json` before COLMAP's model.
@@ -23,6 +24,7 @@ mod how_to_begin;
 mod images;
 mod kinds;
 mod llff;
+mod opensfm;
 mod read;
 mod remark;
 mod settings;

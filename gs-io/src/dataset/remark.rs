@@ -200,8 +200,8 @@ pub enum Remark {
         /// The file, as the data set names it.
         file: String,
     },
-    /// The data set has several COLMAP models; the one with most photographs is read.
-    #[error("of several COLMAP models, {read} is read, not {}", others.join(", "))]
+    /// The data set has several models; the one with most photographs is read.
+    #[error("of several models, {read} is read, not {}", others.join(", "))]
     OtherModels {
         /// The folder of the model, and its number of images.
         read: String,
@@ -304,7 +304,7 @@ pub enum Skip {
     #[error("a 360° image (equirectangular) must be twice as wide as high")]
     Panorama,
     /// There is no pose.
-    #[error("there is no pose (transform_matrix)")]
+    #[error("there is no pose")]
     NoPose,
     /// The pose has NaN or infinite numbers.
     #[error("the pose contains NaN or infinity")]

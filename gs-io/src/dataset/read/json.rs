@@ -68,7 +68,7 @@ pub(crate) fn parse<T: DeserializeOwned>(path: &Path) -> Result<T, Error> {
     let bytes = read_file(path, FILE)?;
     serde_json::from_slice(&without_literals(utf8_text(path, &bytes)?)).map_err(|error| {
         let message = error.to_string().split_whitespace().collect::<Vec<_>>().join(" ");
-        Error::unusable(path, message, "it is damaged or not a transforms.json: write or fetch it again")
+        Error::unusable(path, message, "it is damaged or of another program: write or fetch it again")
     })
 }
 

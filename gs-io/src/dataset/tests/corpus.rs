@@ -2,7 +2,7 @@
 
 use std::{fs, io, path::Path};
 
-use super::{llff, made};
+use super::{llff, made, opensfm};
 
 #[test]
 #[ignore = "writes into fuzz/corpus; fuzz/README.md has the command"]
@@ -31,8 +31,10 @@ fn small_models_as_the_first_corpus_of_the_fuzz_targets() -> io::Result<()> {
             write("transforms", (json.clone() + &points).as_bytes())?;
         }
     }
-    for file in llff::seeds() {
-        write("poses", &[&[0], &file[..]].concat())?;
+    for (program, files) in [llff::seeds(), opensfm::seeds()].into_iter().enumerate() {
+        for file in files {
+            write("poses", &[&[program as u8], &file[..]].concat())?;
+        }
     }
     Ok(())
 }
@@ -41,5 +43,5 @@ fn small_models_as_the_first_corpus_of_the_fuzz_targets() -> io::Result<()> {
 fn write(target: &str, bytes: &[u8]) -> io::Result<()> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../fuzz/corpus").join(target);
     fs::create_dir_all(&folder)?;
-    fs::write(folder.join(format!("made-{}", bytes.len())), bytes)
+    fs::write(folder.join(format!("made-{:08x}", crc32fast::hash(bytes))), bytes)
 }

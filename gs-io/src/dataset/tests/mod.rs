@@ -11,6 +11,7 @@ mod made;
 mod models;
 mod mutated;
 mod names;
+mod opensfm;
 mod panorama;
 mod real;
 mod refusals;
