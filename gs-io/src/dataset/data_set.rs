@@ -21,6 +21,8 @@ pub enum DatasetKind {
     Blender,
     /// A `reconstruction.json`.
     OpenSfm,
+    /// Agisoft XML.
+    Metashape,
     /// A `poses_bounds.npy`.
     Llff,
 }
@@ -33,6 +35,7 @@ impl DatasetKind {
             Self::Nerfstudio => "Nerfstudio",
             Self::Blender => "Blender",
             Self::OpenSfm => "OpenSfM",
+            Self::Metashape => "Metashape",
             Self::Llff => "LLFF",
         }
     }

@@ -6,6 +6,7 @@
 //! | [`Nerfstudio`](DatasetKind::Nerfstudio) | Nerfstudio, instant-ngp, Polycam | `transforms.json` |
 //! | [`Colmap`](DatasetKind::Colmap) | COLMAP and what writes its files | `cameras`, `images`, `points3D`, `.bin` or `.txt`, in `sparse`, `colmap/sparse`, `dense/sparse`, `undistorted/sparse`, `distorted/sparse`, a subfolder of these, or the folder itself |
 //! | [`OpenSfm`](DatasetKind::OpenSfm) | OpenSfM, OpenDroneMap | `reconstruction.json`, also in `opensfm` |
+//! | [`Metashape`](DatasetKind::Metashape) | Agisoft Metashape | an XML file with its cameras |
 //! | [`Llff`](DatasetKind::Llff) | LLFF | `poses_bounds.npy` |
 //!
 //! Of several, the first in this table counts, but `transforms.json` before COLMAP's model.
@@ -24,6 +25,7 @@ mod how_to_begin;
 mod images;
 mod kinds;
 mod llff;
+mod metashape;
 mod opensfm;
 mod read;
 mod remark;
@@ -38,7 +40,7 @@ use std::path::Path;
 use self::camera::{AriaFisheye, BrownConrady, CubeFace, Distortion, Fisheye, Lens};
 pub(crate) use self::colmap::{CameraModel, ColmapCamera, ColmapModel};
 use self::how_to_begin::how_to_begin;
-use self::kinds::{LOOKED_FOR, other_in, reader_of, transforms_in};
+use self::kinds::{LOOKED_FOR, others_in, reader_of, transforms_in};
 pub use self::{
     camera::SourceCamera,
     data_set::{Dataset, DatasetKind, Point},
@@ -82,8 +84,16 @@ pub fn read_dataset(path: impl AsRef<Path>, settings: &DatasetSettings) -> Resul
     if !models.is_empty() {
         return colmap::read(path, &models, settings);
     }
-    let (file, read) = other_in(path).ok_or_else(|| not_a_dataset(path))?;
-    read(path, &file, settings)
+    match &others_in(path)[..] {
+        [] => Err(not_a_dataset(path)),
+        [(file, read)] => read(path, file, settings),
+        several => {
+            let names: Vec<_> =
+                several.iter().filter_map(|(file, _)| Some(file.file_name()?.to_string_lossy())).collect();
+            let problem = format!("it has several files of cameras: {}", names.join(", "));
+            Err(Error::unusable(path, problem, "name one of them instead of the folder"))
+        }
+    }
 }
 
 fn not_a_dataset(path: &Path) -> Error {

@@ -177,7 +177,7 @@ pub fn transforms(bytes: &[u8]) {
 }
 
 /// The files of other programs with poses.
-const POSES: [&str; 2] = ["poses_bounds.npy", "reconstruction.json"];
+const POSES: [&str; 3] = ["poses_bounds.npy", "reconstruction.json", "cameras.xml"];
 
 /// Poses of other programs, of an image `a.png`: the number of one of [`POSES`], and its content.
 pub fn poses(bytes: &[u8]) {

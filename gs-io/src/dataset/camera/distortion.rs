@@ -51,14 +51,18 @@ pub(crate) enum Distortion {
 
 /// Radial and tangential distortion (Brown 1966, Conrady 1919), as OpenCV has it: d = p · (1 + k₁r²
 /// + k₂r⁴ + k₃r⁶ + k₄r⁸) / (1 + m₁r² + m₂r⁴ + m₃r⁶) + (2p₁xy + p₂(r² + 2x²), 2p₂xy + p₁(r² + 2y²)).
+///
+/// With a skew s, d.x + s d.y takes the place of d.x.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct BrownConrady {
-    /// k₁ … k₄; only Nerfstudio has a fourth.
+    /// k₁ … k₄; COLMAP and OpenCV have no fourth.
     pub(crate) radial: [f64; 4],
     /// m₁, m₂, m₃: what OpenCV calls k₄, k₅, k₆.
     pub(crate) divisor: [f64; 3],
     /// p₁, p₂.
     pub(crate) tangential: [f64; 2],
+    /// s: the skew of the pixels' axes over fx; only Metashape has it.
+    pub(crate) skew: f64,
 }
 
 /// An equidistant fish-eye: q = p θ/r, then d = q · (1 + k₁θ² + k₂θ⁴ + k₃θ⁶ + k₄θ⁸) + tangential
@@ -100,7 +104,9 @@ impl Distortion {
         let finite = |values: &[f64]| values.iter().all(|v| v.is_finite());
         match self {
             Self::None | Self::Equirectangular { .. } => true,
-            Self::BrownConrady(c) => finite(&c.radial) && finite(&c.divisor) && finite(&c.tangential),
+            Self::BrownConrady(c) => {
+                finite(&c.radial) && finite(&c.divisor) && finite(&c.tangential) && c.skew.is_finite()
+            }
             Self::FieldOfView { omega } => omega.abs() < std::f64::consts::PI,
             Self::Division { k } => k.is_finite(),
             Self::EnhancedUnified { alpha, beta } => (0.0..=1.0).contains(alpha) && *beta > 0.0 && beta.is_finite(),
@@ -135,7 +141,10 @@ impl Distortion {
         let r2 = p.length_squared();
         match self {
             Self::None => p,
-            Self::BrownConrady(c) => p * (series(&c.radial, r2) / series(&c.divisor, r2)) + tangential(c.tangential, p),
+            Self::BrownConrady(c) => {
+                let d = p * (series(&c.radial, r2) / series(&c.divisor, r2)) + tangential(c.tangential, p);
+                dvec2(d.x + c.skew * d.y, d.y)
+            }
             Self::FieldOfView { omega } if omega.abs() < 1e-9 => p,
             Self::FieldOfView { omega } => {
                 let slope = 2.0 * (0.5 * omega).tan();

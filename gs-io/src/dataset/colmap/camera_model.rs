@@ -96,7 +96,7 @@ impl CameraModel {
     fn distortion(self, coefficients: &[f64]) -> Option<Distortion> {
         let brown = |radial: [f64; 3], divisor: [f64; 3], tangential: [f64; 2]| {
             let [k1, k2, k3] = radial;
-            let lens = BrownConrady { radial: [k1, k2, k3, 0.0], divisor, tangential };
+            let lens = BrownConrady { radial: [k1, k2, k3, 0.0], divisor, tangential, skew: 0.0 };
             if lens == BrownConrady::default() { Distortion::None } else { Distortion::BrownConrady(lens) }
         };
         let fisheye = |radial, tangential, prism| Distortion::Fisheye(Fisheye { radial, tangential, prism });

@@ -15,9 +15,7 @@ use crate::{
     dataset::{
         DatasetSettings, Remark, Skip,
         camera::Pose,
-        read::{
-            Draft, Finder, IMAGE_FOLDERS, NamePart, Place, Refusal, Stated, check_inside, localize, search_folders,
-        },
+        read::{Draft, Finder, IMAGE_FOLDERS, NamePart, Place, Refusal, Stated, check_inside, search_folders},
     },
     error::Error,
 };
@@ -52,19 +50,12 @@ pub(super) struct Candidate {
 
 impl Candidate {
     fn read(root: &Path, folder: &Path, settings: &DatasetSettings) -> Result<Self, Error> {
-        let (mut model, extension, damaged) = ColmapModel::read_either(folder)?;
-        let mut names: Vec<&mut String> = model.images.iter_mut().map(|image| &mut image.name).collect();
-        let written = localize(root, &mut names, settings);
-        // Names are relative to the folder of images.
-        let in_images = |name: &str| Some(name.strip_prefix(IMAGE_FOLDERS[0])?.strip_prefix('/')?.to_owned());
-        for (name, _) in names.into_iter().zip(&written).filter(|(_, written)| written.is_some()) {
-            *name = in_images(name).unwrap_or_else(|| std::mem::take(name));
-        }
-        let names = model.images.iter().map(|image| ("the image name", image.name.as_str()));
-        check_inside(root, &folder.join("images").with_extension(extension), names, settings)?;
+        let (model, extension, damaged) = ColmapModel::read_either(folder)?;
         let cameras = format!("cameras.{extension}");
-        let images = model.images.iter().zip(written);
-        let drafts = images.map(|(image, written)| Draft { written, ..draft(&model, root, &cameras, image) }).collect();
+        let mut drafts: Vec<Draft> = model.images.iter().map(|image| draft(&model, root, &cameras, image)).collect();
+        Draft::localize(&mut drafts, root, settings);
+        let names = drafts.iter().map(|draft| ("the image name", draft.name.as_str()));
+        check_inside(root, &folder.join("images").with_extension(extension), names, settings)?;
         Ok(Self { folder: folder.to_owned(), model, drafts, places: places(root, folder, settings)?, damaged })
     }
 

@@ -45,6 +45,7 @@ pub(crate) struct Parts<'a> {
 
 /// Assembles the data set of a file that names images, with the split of lists beside it.
 pub(crate) fn assemble_named(mut parts: Parts<'_>, file: &Path, settings: &DatasetSettings) -> Result<Dataset, Error> {
+    Draft::localize(&mut parts.drafts, parts.root, settings);
     let names = parts.drafts.iter().map(|draft| ("the image name", draft.name.as_str()));
     check_inside(parts.root, file, names, settings)?;
     let lists = lists_in_files(parts.root, None, settings)?;

@@ -5,11 +5,14 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use super::{names::plain, place::find_image};
+use super::{
+    names::plain,
+    place::{IMAGE_FOLDERS, find_image, localize},
+};
 use crate::{
     WorldFrame,
     dataset::{
-        DepthFile, Skip, Split,
+        DatasetSettings, DepthFile, Skip, Split,
         camera::{Intrinsics, Pose},
         images::find_depth,
     },
@@ -56,6 +59,19 @@ impl Draft {
         let depth = depth.map(|path| DepthFile { path, unit: None });
         let file = Some(PathBuf::from(&name));
         Self { name, written: None, file, mask, depth, intrinsics, stated, pose, split: None }
+    }
+
+    /// Takes images at absolute paths of another machine for those below `root` that end alike
+    /// ([`localize`]). Names are relative to the folder of the images.
+    pub(crate) fn localize(drafts: &mut [Self], root: &Path, settings: &DatasetSettings) {
+        let mut names: Vec<&mut String> = drafts.iter_mut().map(|draft| &mut draft.name).collect();
+        let written = localize(root, &mut names, settings);
+        let in_images = |name: &str| Some(name.strip_prefix(IMAGE_FOLDERS[0])?.strip_prefix('/')?.to_owned());
+        for (draft, written) in drafts.iter_mut().zip(written).filter(|(_, written)| written.is_some()) {
+            let Self { name, intrinsics, stated, pose, .. } = draft.clone();
+            let name = in_images(&name).unwrap_or(name);
+            *draft = Self { written, ..Self::of_image(root, &name, intrinsics, stated, pose) };
+        }
     }
 
     /// Takes the pose, and the unit of depths, from the world to a frame.

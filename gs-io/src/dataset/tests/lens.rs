@@ -159,9 +159,13 @@ fn the_picture_of_a_barrel_lens_holds_all_that_has_no_blank_pixels() {
 fn any_distortion() -> impl Strategy<Value = Distortion> {
     let k = || -0.4..0.4_f64;
     let small = || -0.02..0.02_f64;
-    let brown =
-        ([k(), -0.1..0.1, -0.02..0.02, -0.005..0.005], [-0.1..0.1, -0.05..0.05, -0.01..0.01], [small(), small()])
-            .prop_map(|(radial, divisor, tangential)| BrownConrady { radial, divisor, tangential });
+    let brown = (
+        [k(), -0.1..0.1, -0.02..0.02, -0.005..0.005],
+        [-0.1..0.1, -0.05..0.05, -0.01..0.01],
+        [small(), small()],
+        small(),
+    )
+        .prop_map(|(radial, divisor, tangential, skew)| BrownConrady { radial, divisor, tangential, skew });
     let fisheye = ([k(), -0.1..0.1, -0.02..0.02, -0.005..0.005], [small(), small()], [small(), small()])
         .prop_map(|(radial, tangential, prism)| Fisheye { radial, tangential, prism });
     let aria = (prop::array::uniform6(-0.05..0.05), [small(), small()], prop::array::uniform4(small()))
@@ -181,19 +185,17 @@ fn any_distortion() -> impl Strategy<Value = Distortion> {
 fn wild_distortion() -> impl Strategy<Value = Distortion> {
     let any = || any::<f64>();
     prop_oneof![
-        (prop::array::uniform4(any()), prop::array::uniform3(any()), prop::array::uniform2(any())).prop_map(
-            |(radial, divisor, tangential)| Distortion::BrownConrady(BrownConrady { radial, divisor, tangential })
-        ),
+        (prop::array::uniform4(any()), prop::array::uniform3(any()), prop::array::uniform2(any()), any())
+            .prop_map(|(radial, divisor, tangential, skew)| BrownConrady { radial, divisor, tangential, skew })
+            .prop_map(Distortion::BrownConrady),
         (
             prop::array::uniform4(-9.0..9.0_f64),
             prop::array::uniform3(-9.0..9.0_f64),
-            prop::array::uniform2(-9.0..9.0_f64)
+            prop::array::uniform2(-9.0..9.0_f64),
+            -9.0..9.0_f64
         )
-            .prop_map(|(radial, divisor, tangential)| Distortion::BrownConrady(BrownConrady {
-                radial,
-                divisor,
-                tangential
-            })),
+            .prop_map(|(radial, divisor, tangential, skew)| BrownConrady { radial, divisor, tangential, skew })
+            .prop_map(Distortion::BrownConrady),
         (prop::array::uniform4(any()), prop::array::uniform2(any()), prop::array::uniform2(any()))
             .prop_map(|(radial, tangential, prism)| Distortion::Fisheye(Fisheye { radial, tangential, prism })),
         (prop::array::uniform6(-9.0..9.0_f64), prop::array::uniform2(any()), prop::array::uniform4(any()))

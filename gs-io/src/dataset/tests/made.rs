@@ -158,6 +158,7 @@ pub(crate) fn skipped(dataset: &Dataset, reason: Skip) -> usize {
 /// Where a view's image file shows a point of the world, px; `None` if it does not.
 pub(crate) fn pixel(dataset: &Dataset, name: &str, point: DVec3) -> Option<DVec2> {
     let view = dataset.views.iter().find(|view| view.name == name)?;
+    let point = dataset.frame.to_frame(point);
     let seen = view.camera.rotation.as_dmat3() * point + view.camera.translation.as_dvec3();
     (seen.z > 0.0).then(|| view.source.to_pixel(seen.truncate() / seen.z))?
 }

@@ -8,6 +8,7 @@ mod images;
 mod lens;
 mod llff;
 mod made;
+mod metashape;
 mod models;
 mod mutated;
 mod names;
