@@ -13,7 +13,7 @@
 //! | 2D scenes as a flat 3DGS PLY, for viewers | by [`read_3d`] | [`write_ply`] |
 //! | 2D scenes as SVG | – | [`write_svg`] |
 //! | 3D scenes: PLY, `.splat`, SPZ, SOG, glTF; `.ksplat` is read only | [`read_3d`] | [`write_3d`] |
-//! | data sets of posed images: COLMAP, Nerfstudio, Blender, OpenSfM, Metashape, LLFF | [`dataset::read_dataset`] | – |
+//! | data sets of posed images: COLMAP, Nerfstudio, Blender, OpenSfM, Metashape, RealityScan, LLFF | [`dataset::read_dataset`] | – |
 //!
 //! [`write_atomically`] makes a file appear complete or not at all; [`write_durably`], used for
 //! scenes and checkpoints, also syncs it to the disk before it replaces another. A [`FolderClaim`]

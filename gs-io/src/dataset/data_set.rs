@@ -23,6 +23,8 @@ pub enum DatasetKind {
     OpenSfm,
     /// Agisoft XML.
     Metashape,
+    /// A CSV of internal and external camera parameters.
+    RealityScan,
     /// A `poses_bounds.npy`.
     Llff,
 }
@@ -36,6 +38,7 @@ impl DatasetKind {
             Self::Blender => "Blender",
             Self::OpenSfm => "OpenSfM",
             Self::Metashape => "Metashape",
+            Self::RealityScan => "RealityScan",
             Self::Llff => "LLFF",
         }
     }

@@ -9,6 +9,7 @@ use std::{
 use super::{
     Dataset, DatasetSettings, llff, metashape, opensfm,
     read::entries,
+    realityscan,
     transforms::{BLENDER_TRAIN, NERFSTUDIO, read_blender, read_nerfstudio},
 };
 use crate::error::Error;
@@ -19,7 +20,8 @@ pub(super) type Reader = fn(&Path, &Path, &DatasetSettings) -> Result<Dataset, E
 /// What is looked for in a folder, in words.
 pub(super) const LOOKED_FOR: &str = "transforms_train.json (Blender), transforms.json (Nerfstudio), cameras.bin or cameras.txt in sparse, \
                                      colmap/sparse, dense/sparse, undistorted/sparse, distorted/sparse, their subfolders and the folder itself \
-                                     (COLMAP), reconstruction.json, also in opensfm (OpenSfM, ODM), an XML file of cameras (Metashape), and \
+                                     (COLMAP), reconstruction.json, also in opensfm (OpenSfM, ODM), an XML file of cameras (Metashape), a CSV of \
+                                     camera parameters (RealityScan), and \
                                      poses_bounds.npy (LLFF)";
 
 /// Bytes at the beginning of a file by which it is recognised.
@@ -71,6 +73,7 @@ fn export(file: &Path) -> Option<Reader> {
     let extension = file.extension()?.to_str()?.to_lowercase();
     let (begins, reader): (fn(&str) -> bool, Reader) = match &*extension {
         "xml" => (metashape::begins, metashape::read),
+        "csv" => (realityscan::begins, realityscan::read),
         _ => return None,
     };
     let mut bytes = Vec::new();

@@ -7,9 +7,10 @@
 //! | [`Colmap`](DatasetKind::Colmap) | COLMAP and what writes its files | `cameras`, `images`, `points3D`, `.bin` or `.txt`, in `sparse`, `colmap/sparse`, `dense/sparse`, `undistorted/sparse`, `distorted/sparse`, a subfolder of these, or the folder itself |
 //! | [`OpenSfm`](DatasetKind::OpenSfm) | OpenSfM, OpenDroneMap | `reconstruction.json`, also in `opensfm` |
 //! | [`Metashape`](DatasetKind::Metashape) | Agisoft Metashape | an XML file with its cameras |
+//! | [`RealityScan`](DatasetKind::RealityScan) | RealityScan, once RealityCapture | a CSV file with its cameras |
 //! | [`Llff`](DatasetKind::Llff) | LLFF | `poses_bounds.npy` |
 //!
-//! Of several, the first in this table counts, but `transforms.json` before COLMAP's model.
+//! Of several, the first in this table counts.
 //! [`read_dataset`] recognises the kind and reads everything but the pixels. Of the images it reads
 //! the headers, so that intrinsics fit the files that exist. [`View::read_image`] reads and
 //! undistorts an image when it is needed; a 360° image is six views, the faces of a cube.
@@ -28,6 +29,7 @@ mod llff;
 mod metashape;
 mod opensfm;
 mod read;
+mod realityscan;
 mod remark;
 mod settings;
 mod split;

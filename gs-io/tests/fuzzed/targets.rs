@@ -177,7 +177,7 @@ pub fn transforms(bytes: &[u8]) {
 }
 
 /// The files of other programs with poses.
-const POSES: [&str; 3] = ["poses_bounds.npy", "reconstruction.json", "cameras.xml"];
+const POSES: [&str; 4] = ["poses_bounds.npy", "reconstruction.json", "cameras.xml", "cameras.csv"];
 
 /// Poses of other programs, of an image `a.png`: the number of one of [`POSES`], and its content.
 pub fn poses(bytes: &[u8]) {

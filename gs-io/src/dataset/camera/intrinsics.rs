@@ -31,6 +31,7 @@ impl Intrinsics {
         let scale = dvec2(f64::from(width), f64::from(height)) / calibrated;
         let focal = match self.focal {
             Focal::Lengths(focal) => focal,
+            Focal::Relative { length, .. } => DVec2::splat(length * calibrated.max_element()),
             Focal::Sphere => calibrated / dvec2(TAU, PI),
             Focal::Angles(x, y) => {
                 let length = |side: f64, angle: Option<f64>| angle.map(|angle| 0.5 * side / (0.5 * angle).tan());
@@ -38,10 +39,13 @@ impl Intrinsics {
                 dvec2(x.or(y).unwrap_or(f64::NAN), y.or(x).unwrap_or(f64::NAN))
             }
         };
-        let center = self.center.unwrap_or(0.5 * calibrated) * scale;
+        let center = match self.focal {
+            Focal::Relative { offset, .. } => 0.5 * calibrated + offset * calibrated.max_element(),
+            _ => self.center.unwrap_or(0.5 * calibrated),
+        };
         // The image circle is one in the image as it was calibrated.
         let lens = self.circle.map_or(lens, |radius| lens.within(radius / focal));
-        SourceCamera { width, height, focal: focal * scale, center, lens }
+        SourceCamera { width, height, focal: focal * scale, center: center * scale, lens }
     }
 }
 
@@ -50,6 +54,9 @@ impl Intrinsics {
 pub(crate) enum Focal {
     /// Focal lengths, px.
     Lengths(DVec2),
+    /// The focal length relative to the longer side of the image, and the principal point from its centre
+    /// likewise.
+    Relative { length: f64, offset: DVec2 },
     /// Horizontal and vertical angle of view, rad. Without one of them, pixels are square.
     Angles(Option<f64>, Option<f64>),
     /// All directions: 2π over the width, π over the height.

@@ -216,6 +216,9 @@ fn no_data_set_says_what_was_looked_for() {
     let place = folder();
     let error = refusal(place.path());
     assert!(error.contains("transforms.json") && error.contains("sparse") && error.contains("cameras.bin"), "{error}");
+    for program in ["OpenSfM", "Metashape", "RealityScan", "LLFF"] {
+        assert!(error.contains(&format!("({program}")), "{error}");
+    }
     let file = place.path().join("a.txt");
     fs::write(&file, "").unwrap();
     assert!(refusal(&file).contains("no data set"));

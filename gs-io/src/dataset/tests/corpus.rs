@@ -2,7 +2,7 @@
 
 use std::{fs, io, path::Path};
 
-use super::{llff, made, metashape, opensfm};
+use super::{llff, made, metashape, opensfm, realityscan};
 
 #[test]
 #[ignore = "writes into fuzz/corpus; fuzz/README.md has the command"]
@@ -31,7 +31,9 @@ fn small_models_as_the_first_corpus_of_the_fuzz_targets() -> io::Result<()> {
             write("transforms", (json.clone() + &points).as_bytes())?;
         }
     }
-    for (program, files) in [llff::seeds(), opensfm::seeds(), metashape::seeds()].into_iter().enumerate() {
+    for (program, files) in
+        [llff::seeds(), opensfm::seeds(), metashape::seeds(), realityscan::seeds()].into_iter().enumerate()
+    {
         for file in files {
             write("poses", &[&[program as u8], &file[..]].concat())?;
         }

@@ -15,6 +15,7 @@ mod names;
 mod opensfm;
 mod panorama;
 mod real;
+mod realityscan;
 mod refusals;
 mod splits;
 mod transforms;
