@@ -6,7 +6,11 @@ use crate::dataset::{ColmapModel, DatasetSettings, read_dataset};
 use gs_conformance::properties::fresh;
 use proptest::prelude::*;
 
-use super::made::{binary, colmap, folder, model, picture, text};
+use super::{
+    llff,
+    made::{binary, colmap, folder, model, picture, text},
+    metashape, opensfm, realityscan,
+};
 
 /// Changes of a file's bytes: a relative position, and a byte to overwrite, drop or insert.
 fn any_changes() -> impl Strategy<Value = Vec<(f64, u8, u8)>> {
@@ -86,6 +90,25 @@ proptest! {
             Ok(dataset) => {
                 let view = &dataset.views[0];
                 prop_assert_eq!(view.read_image().unwrap().image.size(), (view.camera.width, view.camera.height));
+            }
+            Err(error) => prop_assert!(!error.to_string().contains('\n')),
+        }
+    }
+
+    #[test]
+    fn mutated_poses_of_other_programs(program in 0..4_usize, which in 0..4_usize, changes in any_changes()) {
+        let place = folder();
+        picture(place.path().join("a.png"), 20, 10);
+        let seeds = [llff::seeds(), opensfm::seeds(), metashape::seeds(), realityscan::seeds()];
+        let name = ["poses_bounds.npy", "reconstruction.json", "cameras.xml", "cameras.csv"][program];
+        fs::write(place.path().join(name), changed(&seeds[program][which], &changes)).unwrap();
+        match read_dataset(place.path().join(name), &DatasetSettings::default()) {
+            Ok(dataset) => {
+                for view in dataset.views {
+                    view.camera.validate().unwrap();
+                    prop_assert_eq!(view.read_image().unwrap().image.size(), (view.camera.width, view.camera.height));
+                }
+                prop_assert!(dataset.points.iter().all(|point| point.position.is_finite()));
             }
             Err(error) => prop_assert!(!error.to_string().contains('\n')),
         }
