@@ -10,8 +10,8 @@ use std::{
 };
 
 use gs_core::{
-    AdamRates, Binning, DensityStatistics, EditPlan, Error, MeanNoise, Parameterization, RenderSettings, SavedState,
-    Scene, Scene2d, Scene3d, SplatsState,
+    AdamRates, Binning, CameraGradient, DensityStatistics, EditPlan, Error, MeanNoise, Parameterization,
+    RenderSettings, SavedState, Scene, Scene2d, Scene3d, SplatsState,
 };
 
 use crate::{
@@ -116,6 +116,11 @@ pub trait Kind: Scene + 'static {
     /// The gradients of `project_bwd` as a scene of derivatives.
     fn derivatives(workspace: &Workspace<Self::Buffers>, splats: &Self::Splats) -> Self;
 
+    /// The gradient by the camera of `project_bwd` or `update`, where the settings ask for it.
+    fn camera_gradient(_workspace: &Workspace<Self::Buffers>) -> Option<CameraGradient> {
+        None
+    }
+
     /// Runs stage `adam`: one step along the gradients of `project_bwd`, and the statistics.
     fn adam(
         splats: &mut Self::Splats,
@@ -164,13 +169,15 @@ pub struct Shared<S: Kind> {
     pub(crate) workspace: Option<Workspace<S::Buffers>>,
     /// Losses of training steps that the caller has not taken yet.
     pub(crate) losses: Vec<f32>,
+    /// Gradients by the camera of training steps that the caller has not taken yet.
+    pub(crate) camera_gradients: Vec<CameraGradient>,
     /// A number that is unique to these splats since their last edit. It identifies invalid lists.
     pub(crate) version: u64,
 }
 
 impl<S: Kind> Shared<S> {
     pub(crate) fn new(statistics: DensityStatistics) -> Self {
-        Self { statistics, workspace: None, losses: Vec::new(), version: next_version() }
+        Self { statistics, workspace: None, losses: Vec::new(), camera_gradients: Vec::new(), version: next_version() }
     }
 
     /// Number of Gaussians.

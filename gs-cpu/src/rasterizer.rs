@@ -7,9 +7,9 @@ mod tests;
 use std::{fmt, sync::PoisonError};
 
 use gs_core::{
-    AdamRates, Added, Backend, Binning, Culled, DensityStatistics, EditPlan, Error, Image, Loss, MeanNoise, Optimizer,
-    Parameterization, Rasterizer, RenderSettings, SavedState, Scene2d, Scene3d, SplatsState, TargetImage, TrainStep,
-    Wait, counted, profile::Profiler,
+    AdamRates, Added, Backend, Binning, CameraGradient, Culled, DensityStatistics, EditPlan, Error, Image, Loss,
+    MeanNoise, Optimizer, Parameterization, Rasterizer, RenderSettings, SavedState, Scene2d, Scene3d, SplatsState,
+    TargetImage, TrainStep, Wait, counted, profile::Profiler,
 };
 
 use crate::{
@@ -241,6 +241,10 @@ impl<S: Kind> Rasterizer<S> for CpuRasterizer {
         Ok(S::derivatives(gradients.workspace(), splats))
     }
 
+    async fn camera_gradient(&self, gradients: &Gradients<S>) -> Result<CameraGradient, Error> {
+        S::camera_gradient(gradients.workspace()).ok_or_else(CameraGradient::not_asked_for)
+    }
+
     /// Also frees the buffers of passes, so that the scene does not add to them: a round of density
     /// control would else be the peak of a training's memory.
     async fn download(&self, splats: &S::Splats) -> Result<S, Error> {
@@ -315,6 +319,7 @@ impl<S: Kind> Optimizer<S> for CpuRasterizer {
             }
             Ok::<f64, Error>(value)
         })?;
+        let by_camera = S::camera_gradient(&workspace);
         let shared = splats.shared_mut();
         if S::REUSES_LISTS {
             shared.workspace = Some(workspace);
@@ -322,11 +327,22 @@ impl<S: Kind> Optimizer<S> for CpuRasterizer {
             pool.give(workspace);
         }
         shared.losses.push(value as f32);
+        shared.camera_gradients.extend(by_camera);
         Ok(())
     }
 
     async fn losses(&self, splats: &mut S::Splats, _: Wait, losses: &mut Vec<f32>) -> Result<(), Error> {
         losses.append(&mut splats.shared_mut().losses);
+        Ok(())
+    }
+
+    async fn camera_gradients(
+        &self,
+        splats: &mut S::Splats,
+        _: Wait,
+        gradients: &mut Vec<CameraGradient>,
+    ) -> Result<(), Error> {
+        gradients.append(&mut splats.shared_mut().camera_gradients);
         Ok(())
     }
 

@@ -112,17 +112,21 @@ fn bytes_of_warm_steps_3d(cpu: &impl Optimizer<Scene3d>, steps: usize) -> usize 
     let mut splats = cpu.upload(&scene, Parameterization::ScaleRotation).unwrap();
     let mut settings = RenderSettings::blended(Blend::Over);
     settings.effects.sh_degree = 3;
+    settings.camera_gradient = true;
     // Gaussians that do not move keep the length of the lists, whose growth would be counted.
     let mut rates = still();
     rates.color_rest_moments = MomentFormat::Bf16;
     let step = TrainStep { settings: &settings, loss: Loss::PAPER, rates: &rates, binning: Binning::Fresh };
     let camera = Camera::looking_forward(width, height, 1.0);
-    let mut losses = Vec::new();
+    let (mut losses, mut by_camera) = (Vec::new(), Vec::new());
     let mut run = |steps| {
         for _ in 0..steps {
             cpu.train_step(&mut splats, &camera, &target, &step).block_on().unwrap();
             losses.clear();
             cpu.losses(&mut splats, Wait::All, &mut losses).block_on().unwrap();
+            by_camera.clear();
+            cpu.camera_gradients(&mut splats, Wait::All, &mut by_camera).block_on().unwrap();
+            assert_eq!(by_camera.len(), 1);
         }
     };
     // As in 2D, the table of bias corrections does not grow after 140 steps.

@@ -15,6 +15,7 @@
 //! × r₁ the minors, D = det Σ, D′ = det Σ′, ρ = √(D/D′) the compensation of the opacity
 //! ([`Antialias::compensates`]), `v_x` = ∂L/∂x.
 
+mod camera;
 mod splitting;
 
 use glam::{Mat3, Quat, Vec2, Vec3};
@@ -205,14 +206,11 @@ impl Perspective {
         let rows = self.rows(&turned.rotation, g.log_scale);
         let Returned { v_p, projected: [r0, r1], v_projected: [v_r0, v_r1], v_rows, opacity_logit } =
             self.project_rows_vjp(p, &rows, g.opacity_logit, v);
-        let ([m0, m1, m2], [v_m0, v_m1, v_m2]) = (rows, v_rows);
-        // A turn ω of the camera's axes, then of the world's: dM = ω × M.
-        let turn = Vec3::new(m1.dot(v_m2) - m2.dot(v_m1), m2.dot(v_m0) - m0.dot(v_m2), m0.dot(v_m1) - m1.dot(v_m0));
         let to_world = self.rotation.transpose();
         Ellipsoid {
             mean: to_world * v_p,
             log_scale: v_r0 * r0 + v_r1 * r1,
-            rotation: quaternion_vjp(turned.unit, turned.inverse_norm, to_world * turn),
+            rotation: quaternion_vjp(turned.unit, turned.inverse_norm, to_world * turn_vjp(&rows, &v_rows)),
             opacity_logit,
         }
     }
@@ -388,6 +386,12 @@ impl Quaternion {
         let scaled = q.map(|c| c * QUATERNION_SHRINK);
         Self { scaled, norm2: norm2(scaled), scale: QUATERNION_SHRINK }
     }
+}
+
+/// v_ω of a turn ω about the camera's axes, dM = ω × M.
+#[inline(always)]
+fn turn_vjp([m0, m1, m2]: &[Vec3; 3], [v_m0, v_m1, v_m2]: &[Vec3; 3]) -> Vec3 {
+    Vec3::new(m1.dot(*v_m2) - m2.dot(*v_m1), m2.dot(*v_m0) - m0.dot(*v_m2), m0.dot(*v_m1) - m1.dot(*v_m0))
 }
 
 #[inline(always)]

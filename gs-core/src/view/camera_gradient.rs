@@ -1,5 +1,7 @@
 //! The gradient of a loss by the camera.
 
+use std::ops::Add;
+
 use glam::{Vec2, Vec3};
 
 use crate::error::Error;
@@ -22,6 +24,23 @@ pub struct CameraGradient {
 }
 
 impl CameraGradient {
+    /// The ten numbers: those of the translation, the rotation, the focal length and the principal
+    /// point.
+    pub fn to_array(self) -> [f32; 10] {
+        let ([a, b, c], [d, e, f]) = (self.translation.to_array(), self.rotation.to_array());
+        [a, b, c, d, e, f, self.focal.x, self.focal.y, self.center.x, self.center.y]
+    }
+
+    /// The gradient of the ten numbers that [`Self::to_array`] returns.
+    pub fn from_array([a, b, c, d, e, f, g, h, i, j]: [f32; 10]) -> Self {
+        Self {
+            translation: Vec3::new(a, b, c),
+            rotation: Vec3::new(d, e, f),
+            focal: Vec2::new(g, h),
+            center: Vec2::new(i, j),
+        }
+    }
+
     /// The error of [`Rasterizer::camera_gradient`](crate::Rasterizer::camera_gradient) for a
     /// forward pass that did not ask for the gradient.
     #[doc(hidden)]
@@ -31,5 +50,18 @@ impl CameraGradient {
              RenderSettings::camera_gradient"
                 .to_owned(),
         )
+    }
+}
+
+impl Add for CameraGradient {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        Self {
+            translation: self.translation + other.translation,
+            rotation: self.rotation + other.rotation,
+            focal: self.focal + other.focal,
+            center: self.center + other.center,
+        }
     }
 }

@@ -37,6 +37,9 @@ impl Kind for Scene2d {
     fn check(view: &Canvas, settings: &RenderSettings) -> Result<(), Error> {
         view.validate()?;
         check_settings(settings)?;
+        if settings.camera_gradient {
+            return Err(unsupported("the gradient by the camera of a 2D scene, which has no camera"));
+        }
         if settings.output != Output::Color {
             return Err(unsupported(format!(
                 "output \"{}\" of a 2D scene, which shows colours only",

@@ -11,6 +11,7 @@ use gs_core::{
 
 use super::{
     buffers::Buffers3d,
+    camera_sum::CameraSum,
     moments::{self, Moments, Rest},
     project_bwd::{BLOCK, Backward, Block},
     splats::{LOG_SCALE, MEAN, OPACITY, ROTATION, SH, Splats3d},
@@ -111,15 +112,23 @@ impl<'a> Rows<'a> {
     }
 
     /// Runs `work(index of the first Gaussian, rows)` for chunks of at most [`CHUNK`] Gaussians, in
-    /// parallel; `first` is the index of the first of all.
-    fn for_each_chunk(self, first: usize, pitch: usize, work: &(impl Fn(usize, Rows<'_>) + Sync)) {
+    /// parallel; `first` is the index of the first of all. Returns the sum, whose order depends on
+    /// the number of Gaussians only.
+    fn for_each_chunk(
+        self,
+        first: usize,
+        pitch: usize,
+        work: &(impl Fn(usize, Rows<'_>) -> CameraSum + Sync),
+    ) -> CameraSum {
         let count = self.steps.len();
         if count <= CHUNK {
             return work(first, self);
         }
         let half = count / 2;
         let (rows, others) = self.split(half, pitch);
-        rayon::join(|| rows.for_each_chunk(first, pitch, work), || others.for_each_chunk(first + half, pitch, work));
+        let second = || others.for_each_chunk(first + half, pitch, work);
+        let (sum, after) = rayon::join(|| rows.for_each_chunk(first, pitch, work), second);
+        sum.plus(after)
     }
 
     /// Moves the Gaussians of these places, along the gradients of a block, and adds to the statistics
@@ -228,18 +237,19 @@ pub(crate) fn update(
     table: &mut BiasTable<GROUPS>,
     rates: &AdamRates,
     level: Level,
-    workspace: &Workspace<Buffers3d>,
+    workspace: &mut Workspace<Buffers3d>,
     scale: f32,
 ) {
     let Some(backward) = Backward::new(workspace, splats, scale) else { return };
-    step_along(splats, table, rates, level, workspace, |at, parameters, block| {
+    let sum = step_along(splats, table, rates, level, workspace, |at, parameters, block| {
         backward.block(level, at, parameters, block)
     });
+    workspace.set_camera_gradient(sum);
 }
 
 /// Takes one Adam step along gradients. Of a chunk that begins with the Gaussian `first`,
 /// `gradients((first, from), parameters, block)` finds those of the next listed Gaussians from place
-/// `from` on, and returns the place up to which it came.
+/// `from` on, and returns the place up to which it came. Returns the sum over the blocks' cameras.
 fn step_along(
     splats: &mut Splats3d,
     table: &mut BiasTable<GROUPS>,
@@ -247,7 +257,7 @@ fn step_along(
     level: Level,
     workspace: &Workspace<Buffers3d>,
     gradients: impl Fn((usize, usize), &[f32], &mut Block) -> usize + Sync,
-) {
+) -> CameraSum {
     splats.moments.convert(rates.color_rest_moments);
     let groups = [rates.mean, rates.scale, rates.rotation, rates.opacity, rates.color, rates.color_rest];
     table.prepare(groups.map(|g| [g.beta1, g.beta2]), &splats.steps);
@@ -267,7 +277,8 @@ fn step_along(
             dispatch!(level, simd => rows.step_to(simd, first, from..end, &block, &step, collect));
             from = end;
         }
-    });
+        block.camera
+    })
 }
 
 /// Keeps the log-scales of a row within their bounds.

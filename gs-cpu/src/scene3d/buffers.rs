@@ -2,7 +2,9 @@
 
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
-use super::{depth_sort::DepthSort, project::Eye, splats::pitch_of};
+use gs_core::CameraGradient;
+
+use super::{camera_sum::CameraSum, depth_sort::DepthSort, project::Eye, splats::pitch_of};
 use crate::{splat::Share, workspace::Workspace};
 
 /// The rank of a Gaussian that is not drawn.
@@ -21,6 +23,10 @@ pub struct Buffers3d {
     /// Contributions of this step to the statistic, by index. Unspecified for Gaussians that no
     /// tile lists.
     pub(crate) shares: Vec<Share>,
+    /// Sums over chunks of Gaussians.
+    pub(crate) camera_sums: Vec<CameraSum>,
+    /// The gradient by the camera; `None` before a backward pass and where none was asked for.
+    pub(crate) camera_gradient: Option<CameraGradient>,
 }
 
 impl Buffers3d {
@@ -38,6 +44,11 @@ impl Buffers3d {
 }
 
 impl Workspace<Buffers3d> {
+    /// Sets the gradient by the camera, if it was asked for, from the sum over all Gaussians.
+    pub(crate) fn set_camera_gradient(&mut self, sum: CameraSum) {
+        self.buffers.camera_gradient = self.tiles.settings.camera_gradient.then(|| sum.gradient());
+    }
+
     /// Whether some tile lists Gaussian `index`.
     #[inline(always)]
     pub(crate) fn lists(&self, index: usize) -> bool {

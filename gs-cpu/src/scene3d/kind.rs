@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 use gs_core::{
-    AdamRates, Binning, Blend, Camera, Error, Output, RenderSettings, Scene3d, effects::Order,
+    AdamRates, Binning, Blend, Camera, CameraGradient, Error, Output, RenderSettings, Scene3d, effects::Order,
     math::perspective::Ellipsoid,
 };
 use rayon::prelude::*;
@@ -63,6 +63,7 @@ impl Kind for Scene3d {
             Output::InverseDepth | Output::Alpha => 0,
         };
         workspace.buffers.eye = Some(Eye::new(camera, settings, degree));
+        workspace.buffers.camera_gradient = None;
         Self::project(workspace, splats);
         Self::sort(workspace, splats);
         Self::bin(workspace)?;
@@ -123,6 +124,10 @@ impl Kind for Scene3d {
             false => (Ellipsoid::default(), &zeros[..]),
         };
         splats.scene_of((0..splats.len()).map(row))
+    }
+
+    fn camera_gradient(workspace: &Workspace<Buffers3d>) -> Option<CameraGradient> {
+        workspace.buffers.camera_gradient
     }
 
     fn adam(

@@ -16,6 +16,10 @@ use crate::lanes::{Floats, LANES, exp_less, fma, load, splat, splat3, store};
 /// Rows of up to [`LANES`] Gaussians, transposed: a row for each number, a lane for each Gaussian.
 pub(super) type Columns = [[f32; LANES]; MOST_NUMBERS];
 
+/// Gradients by the camera: a row for each number of `CameraGradient::to_array`, a lane for each
+/// Gaussian.
+pub(super) type CameraLanes = [[f32; LANES]; 10];
+
 /// Largest magnitude of a logarithm or logit whose exponential is computed in lanes.
 const SAFE_LOGARITHM: f32 = 80.0;
 
@@ -43,35 +47,36 @@ impl Lanes {
     };
 }
 
-/// Writes the gradients by all numbers up to the evaluated SH, times `scale`.
+/// Writes the gradients by all numbers up to the evaluated SH, times `scale`; with `CAMERA` also
+/// those by the camera, `Perspective::camera_vjp`.
 ///
 /// Returns the lanes, as bits, whose numbers are too extreme for it, and whose gradients are
 /// unspecified.
 #[inline(always)]
-pub(super) fn gradients<S: Simd>(
+pub(super) fn gradients<S: Simd, const CAMERA: bool>(
     simd: S,
-    eye: &Eye,
-    scale: f32,
+    (eye, scale): (&Eye, f32),
     given: &Columns,
     lanes: &mut Lanes,
     out: &mut Columns,
+    camera: &mut CameraLanes,
 ) -> u64 {
     let mut extreme = 0;
     for lane in (0..LANES).step_by(S::f32s::LEN) {
-        extreme |= part::<S, S::f32s>(simd, eye, scale, given, lanes, out, lane) << lane;
+        extreme |= part::<S, S::f32s, CAMERA>(simd, (eye, scale), given, lanes, out, camera, lane) << lane;
     }
     extreme
 }
 
 /// [`gradients`] of the lanes of one vector, as bits from 0 on.
 #[inline(always)]
-fn part<S: Simd, V: Floats<S>>(
+fn part<S: Simd, V: Floats<S>, const CAMERA: bool>(
     simd: S,
-    eye: &Eye,
-    scale: f32,
+    (eye, scale): (&Eye, f32),
     given: &Columns,
     lanes: &mut Lanes,
     out: &mut Columns,
+    camera: &mut CameraLanes,
     lane: usize,
 ) -> u64 {
     let zero: V = splat(simd, 0.0);
@@ -144,9 +149,11 @@ fn part<S: Simd, V: Floats<S>>(
     }
     let (v_m0, v_m1) = (scaled(v_r0, fx), scaled(v_r1, fy));
     let v_m2 = added(scaled(v_m0, zero - cx), v_m1, zero - cy);
-    let v_sx = v_u * eye.focal[0] - sx.simd_eq(cx).select(dot(v_m0, m2), zero);
-    let v_sy = v_v * eye.focal[1] - sy.simd_eq(cy).select(dot(v_m1, m2), zero);
-    let along = fma(v_sx, sx, v_sy * sy) + dot(v_r0, r0) + dot(v_r1, r1);
+    let (of_x, of_y) = (dot(v_m0, m2), dot(v_m1, m2));
+    let v_sx = v_u * eye.focal[0] - sx.simd_eq(cx).select(of_x, zero);
+    let v_sy = v_v * eye.focal[1] - sy.simd_eq(cy).select(of_y, zero);
+    let (by_r0, by_r1) = (dot(v_r0, r0), dot(v_r1, r1));
+    let along = fma(v_sx, sx, v_sy * sy) + by_r0 + by_r1;
     let v_p = [inverse_z * v_sx, inverse_z * v_sy, zero - inverse_z * along];
     let mut v_mean = [zero; 3];
     for (row, v) in turn.into_iter().zip(v_p) {
@@ -156,6 +163,19 @@ fn part<S: Simd, V: Floats<S>>(
         store(fma(v_r0[k], r0[k], v_r1[k] * r1[k]), &mut out[LOG_SCALE.start + k], lane);
     }
     let v_turn = [dot(m1, v_m2) - dot(m2, v_m1), dot(m2, v_m0) - dot(m0, v_m2), dot(m0, v_m1) - dot(m1, v_m0)];
+    if CAMERA {
+        let (by_x, by_y) = (sx.simd_eq(cx).select(zero, of_x), sy.simd_eq(cy).select(zero, of_y));
+        let [inverse_fx, inverse_fy] = eye.focal.map(|f| 1.0 / f);
+        let focal = [fma(v_u, sx, fma(by_x, cx, by_r0) * inverse_fx), fma(v_v, sy, fma(by_y, cy, by_r1) * inverse_fy)];
+        store_all(v_p, &mut camera[0..3], lane);
+        store_all(added(cross(p, v_p), v_turn, one), &mut camera[3..6], lane);
+        store_all(focal, &mut camera[6..8], lane);
+        store_all(
+            [fma(by_x, splat(simd, inverse_fx), v_u), fma(by_y, splat(simd, inverse_fy), v_v)],
+            &mut camera[8..10],
+            lane,
+        );
+    }
     let mut v_world = [zero; 3];
     for (row, v) in turn.into_iter().zip(v_turn) {
         v_world = added(v_world, row, v);
@@ -184,6 +204,10 @@ fn part<S: Simd, V: Floats<S>>(
         let v_d = color_gradients(simd, eye.degree, d, v_color, given, out, lane);
         let tangential = added(v_d, d, zero - dot(d, v_d));
         v_mean = added(v_mean, tangential, inverse);
+        if CAMERA {
+            let of_camera = [dot(turn[0], tangential), dot(turn[1], tangential), dot(turn[2], tangential)];
+            store_all(added(v_p, of_camera, inverse), &mut camera[0..3], lane);
+        }
     }
     for k in 0..3 {
         store(v_mean[k], &mut out[MEAN.start + k], lane);
@@ -310,6 +334,14 @@ fn load_all<S: Simd, V: Floats<S>, const N: usize>(
         all[k] = load(simd, &rows[first + k], lane);
     }
     all
+}
+
+/// Stores N vectors in as many rows.
+#[inline(always)]
+fn store_all<S: Simd, V: Floats<S>, const N: usize>(all: [V; N], rows: &mut [[f32; LANES]], lane: usize) {
+    for k in 0..N {
+        store(all[k], &mut rows[k], lane);
+    }
 }
 
 #[inline(always)]

@@ -2,6 +2,7 @@
 
 mod adam;
 mod buffers;
+mod camera_sum;
 mod depth_sort;
 mod kind;
 mod lanes_vjp;

@@ -3,8 +3,11 @@
 
 use glam::Vec3;
 use gs_core::{
-    Blend, Camera, CullCause, Culled, Dropout, Effects, Output, RenderSettings,
-    math::{perspective::Perspective, sh},
+    Blend, Camera, CameraGradient, CullCause, Culled, Dropout, Effects, Output, RenderSettings,
+    math::{
+        perspective::{Perspective, ProjectionGradient},
+        sh,
+    },
 };
 use rayon::prelude::*;
 
@@ -78,6 +81,18 @@ impl Eye {
             Output::InverseDepth => self.perspective.inverse_depth_vjp(mean, v_color.iter().sum()),
             Output::Alpha => Vec3::ZERO,
         }
+    }
+
+    /// The gradient by the camera through a Gaussian, from those by its projection and, through its
+    /// colour, by its mean.
+    pub(crate) fn camera_vjp(&self, row: &[f32], v: &ProjectionGradient, by_color: Vec3) -> CameraGradient {
+        let Self { perspective, .. } = self;
+        let through_color = match self.output {
+            Output::Color => perspective.direction_camera_vjp(by_color),
+            Output::InverseDepth => perspective.inverse_depth_camera_vjp(splats::mean(row), by_color),
+            Output::Alpha => CameraGradient::default(),
+        };
+        perspective.camera_vjp(&splats::ellipsoid(row), v) + through_color
     }
 
     /// The direction from which a Gaussian is seen. Arbitrary at degree 0, where colours do not

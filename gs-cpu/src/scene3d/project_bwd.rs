@@ -7,13 +7,14 @@
 use std::{ops::Range, sync::atomic::Ordering::Relaxed};
 
 use fearless_simd::Simd;
-use glam::{Mat2, Vec2};
+use glam::{Mat2, Vec2, Vec3};
 use gs_core::{Output, effects::Statistics, math::perspective::ProjectionGradient};
 use rayon::prelude::*;
 
 use super::{
     buffers::{Buffers3d, NO_RANK},
-    lanes_vjp::{self, Columns, Lanes},
+    camera_sum::CameraSum,
+    lanes_vjp::{self, CameraLanes, Columns, Lanes},
     project::Eye,
     splats::{self, LOG_SCALE, MEAN, MOST_NUMBERS, OPACITY, ROTATION, SH, Splats3d},
 };
@@ -38,6 +39,8 @@ pub(crate) struct Block {
     pub(crate) rows: [[f32; MOST_NUMBERS]; BLOCK],
     /// Contributions to the statistic.
     pub(crate) shares: [Share; BLOCK],
+    /// The gradient by the camera of this block and of those before it, if it is asked for.
+    pub(crate) camera: CameraSum,
 }
 
 impl Block {
@@ -46,6 +49,7 @@ impl Block {
         len: 0,
         rows: [[0.0; MOST_NUMBERS]; BLOCK],
         shares: [Share { signal: 0.0, weight: 0 }; BLOCK],
+        camera: CameraSum::ZERO,
     };
 }
 
@@ -78,7 +82,10 @@ impl<'a> Backward<'a> {
         let mut slots = [&[][..]; BLOCK];
         let end = self.find(first, from..parameters.len() / self.pitch, &mut slots, block);
         if block.len > 0 {
-            dispatch!(level, simd => self.compute(simd, first, parameters, &slots, block));
+            match self.tiles.settings.camera_gradient {
+                false => dispatch!(level, simd => self.compute::<_, false>(simd, first, parameters, &slots, block)),
+                true => dispatch!(level, simd => self.compute::<_, true>(simd, first, parameters, &slots, block)),
+            }
         }
         end
     }
@@ -101,7 +108,14 @@ impl<'a> Backward<'a> {
     }
 
     #[inline(always)]
-    fn compute<S: Simd>(&self, simd: S, first: usize, parameters: &[f32], slots: &[&[u32]; BLOCK], block: &mut Block) {
+    fn compute<S: Simd, const CAMERA: bool>(
+        &self,
+        simd: S,
+        first: usize,
+        parameters: &[f32],
+        slots: &[&[u32]; BLOCK],
+        block: &mut Block,
+    ) {
         let mut received = [Received::default(); BLOCK];
         for (received, slots) in received.iter_mut().zip(&slots[..block.len]) {
             *received = self.tiles.sum_of(slots).unwrap_or_default();
@@ -127,8 +141,12 @@ impl<'a> Backward<'a> {
                 store(row, column, 0);
             }
         }
+        let mut camera: CameraLanes = [[0.0; LANES]; 10];
         let extreme = match self.eye.output {
-            Output::Color => lanes_vjp::gradients(simd, &self.eye, self.scale, &given, &mut lanes, &mut out),
+            Output::Color => {
+                let eye = (&self.eye, self.scale);
+                lanes_vjp::gradients::<S, CAMERA>(simd, eye, &given, &mut lanes, &mut out, &mut camera)
+            }
             Output::InverseDepth | Output::Alpha => u64::MAX,
         };
         for at in (0..width).step_by(LANES) {
@@ -147,9 +165,18 @@ impl<'a> Backward<'a> {
             let mut v_mean = Vec2::new(lanes.v_mean[0][lane], lanes.v_mean[1][lane]);
             if extreme >> lane & 1 == 1 {
                 let splat = &self.tiles.projected[first + place];
-                v_mean = gradient(&self.eye, received[lane], splat, row, self.scale, &mut block.rows[lane][..width]);
+                let upstream = upstream(&received[lane], splat, self.scale);
+                v_mean = upstream.mean;
+                let by_color =
+                    gradient(&self.eye, received[lane], &upstream, row, self.scale, &mut block.rows[lane][..width]);
+                if CAMERA {
+                    put(&mut camera, lane, self.eye.camera_vjp(row, &upstream, by_color).to_array());
+                }
             }
             block.shares[lane] = self.share(&received[lane], v_mean, row);
+        }
+        if CAMERA {
+            block.camera.add(&camera, block.len);
         }
     }
 
@@ -187,13 +214,15 @@ fn put<const N: usize>(rows: &mut [[f32; LANES]; N], lane: usize, numbers: [f32;
 pub(crate) fn all(workspace: &mut Workspace<Buffers3d>, splats: &Splats3d, level: Level, scale: f32) {
     let buffers = &mut workspace.buffers;
     let (mut gradients, mut shares) = (std::mem::take(&mut buffers.gradients), std::mem::take(&mut buffers.shares));
+    let mut sums = std::mem::take(&mut buffers.camera_sums);
     let (width, pitch) = (buffers.gradient_pitch(), splats.pitch());
     gradients.resize(splats.len() * width, 0.0);
     shares.resize(splats.len(), Share::default());
+    sums.resize(splats.len().div_ceil(CHUNK), CameraSum::ZERO);
     if let Some(backward) = Backward::new(workspace, splats, scale) {
-        let out = gradients.par_chunks_mut(CHUNK * width).zip(shares.par_chunks_mut(CHUNK));
+        let out = gradients.par_chunks_mut(CHUNK * width).zip(shares.par_chunks_mut(CHUNK)).zip(&mut sums);
         let chunks = out.zip(splats.parameters.par_chunks(CHUNK * pitch)).enumerate();
-        chunks.for_each(|(number, ((gradients, shares), parameters))| {
+        chunks.for_each(|(number, (((gradients, shares), sum), parameters))| {
             let mut block = Block::EMPTY;
             let mut from = 0;
             while from < shares.len() {
@@ -203,9 +232,13 @@ pub(crate) fn all(workspace: &mut Workspace<Buffers3d>, splats: &Splats3d, level
                     shares[place] = block.shares[lane];
                 }
             }
+            *sum = block.camera;
         });
+        let total = sums.iter().fold(CameraSum::ZERO, |sum, &after| sum.plus(after));
+        workspace.set_camera_gradient(total);
     }
     (workspace.buffers.gradients, workspace.buffers.shares) = (gradients, shares);
+    workspace.buffers.camera_sums = sums;
 }
 
 /// Adds `weight` times the added gradients to those of `own.gradients`, for Gaussians that some tile
@@ -221,27 +254,39 @@ pub(crate) fn add(workspace: &mut Workspace<Buffers3d>, added: &Workspace<Buffer
     workspace.buffers.gradients = gradients;
 }
 
-/// Writes one Gaussian's gradient, from what its entries received, into `row`, and returns that by its
-/// mean on the image: for extreme numbers, and outputs other than colours.
+/// ∂L/∂ the projection of a Gaussian, from what its entries received.
 #[cold]
 #[inline(never)]
-fn gradient(eye: &Eye, received: Received, splat: &Splat, parameters: &[f32], scale: f32, row: &mut [f32]) -> Vec2 {
+fn upstream(received: &Received, splat: &Splat, scale: f32) -> ProjectionGradient {
     let conic = splat.conic_of_ridge();
-    let v_mean = conic * received.first * scale;
     let [xx, xu, uu] = received.second.map(|v| 0.5 * scale * v);
     let v_covariance = conic * Mat2::from_cols_array(&[xx, xu, xu, uu]) * conic.transpose();
-    let upstream = ProjectionGradient {
-        mean: v_mean,
+    ProjectionGradient {
+        mean: conic * received.first * scale,
         covariance: [v_covariance.x_axis.x, v_covariance.x_axis.y, v_covariance.y_axis.y],
         log_opacity: received.zeroth * scale,
-    };
+    }
+}
+
+/// Writes one Gaussian's gradient into `row`, and returns that by its mean through its colour: for
+/// extreme numbers, and outputs other than colours.
+#[cold]
+#[inline(never)]
+fn gradient(
+    eye: &Eye,
+    received: Received,
+    upstream: &ProjectionGradient,
+    parameters: &[f32],
+    scale: f32,
+    row: &mut [f32],
+) -> Vec3 {
     let v_color = received.color.map(|v| v * scale);
     row[SH..].fill(0.0);
     let by_color = eye.color_vjp(parameters, v_color, row[SH..].as_chunks_mut().0);
-    let v = eye.perspective.project_vjp(&splats::ellipsoid(parameters), &upstream);
+    let v = eye.perspective.project_vjp(&splats::ellipsoid(parameters), upstream);
     (v.mean + by_color).write_to_slice(&mut row[MEAN]);
     v.log_scale.write_to_slice(&mut row[LOG_SCALE]);
     row[ROTATION].copy_from_slice(&v.rotation);
     row[OPACITY] = v.opacity_logit;
-    v_mean
+    by_color
 }

@@ -57,24 +57,26 @@ fn the_projection_is_that_of_the_covariance() {
     assert!((back - by_z).length() < 1e-4, "{back} {by_z}");
 }
 
+const UPSTREAM: ProjectionGradient =
+    ProjectionGradient { mean: Vec2::new(0.7, -0.4), covariance: [0.3, -0.2, 0.5], log_opacity: 0.9 };
+
+/// A loss with these gradients by the projection.
+fn loss(perspective: &Perspective, g: &Ellipsoid, v: &ProjectionGradient) -> f64 {
+    let p = perspective.project(g).unwrap();
+    let ([xx, xy, yy], [a, b, c]) = (p.covariance.map(f64::from), v.covariance.map(f64::from));
+    let of_shape = f64::from(v.mean.dot(p.mean)) + a * xx + 2.0 * b * xy + c * yy;
+    of_shape + f64::from(v.log_opacity) * f64::from(p.opacity).ln()
+}
+
 #[test]
 fn gradients_are_central_differences() {
-    let v = ProjectionGradient { mean: Vec2::new(0.7, -0.4), covariance: [0.3, -0.2, 0.5], log_opacity: 0.9 };
+    let v = UPSTREAM;
     for (antialias, mean) in Antialias::ALL.into_iter().flat_map(|a| MEANS.map(|m| (a, m))) {
         let perspective = Perspective::new(&camera(), &settings(antialias));
         let g = ellipsoid(mean);
         let scale = perspective.project(&g).unwrap().covariance[0].max(1.0);
-        let loss = |g: &Ellipsoid| -> f64 {
-            let p = perspective.project(g).unwrap();
-            let [xx, xy, yy] = p.covariance.map(f64::from);
-            let [a, b, c] = v.covariance.map(|c| f64::from(c / scale));
-            f64::from(v.mean.dot(p.mean))
-                + a * xx
-                + 2.0 * b * xy
-                + c * yy
-                + f64::from(v.log_opacity) * f64::from(p.opacity).ln()
-        };
         let scaled = ProjectionGradient { covariance: v.covariance.map(|c| c / scale), ..v };
+        let loss = |g: &Ellipsoid| loss(&perspective, g, &scaled);
         let found = perspective.project_vjp(&g, &scaled);
         let dot: f32 = found.rotation.iter().zip(g.rotation).map(|(a, b)| a * b).sum();
         assert!(dot.abs() < 1e-4, "not orthogonal to q: {dot}");
@@ -98,6 +100,56 @@ fn gradients_are_central_differences() {
             let error = (f64::from(flat(&found)[k]) - numeric).abs();
             assert!(error < 2e-3 * f64::from(largest), "{antialias:?} {mean} {k}: {} {numeric}", flat(&found)[k]);
         }
+    }
+}
+
+#[test]
+fn gradients_by_the_camera_are_central_differences() {
+    for (antialias, mean) in Antialias::ALL.into_iter().flat_map(|a| MEANS.map(|m| (a, m))) {
+        let (g, settings, camera) = (ellipsoid(mean), settings(antialias), camera());
+        let perspective = Perspective::new(&camera, &settings);
+        let scale = perspective.project(&g).unwrap().covariance[0].max(1.0);
+        let v = ProjectionGradient { covariance: UPSTREAM.covariance.map(|c| c / scale), ..UPSTREAM };
+        let moved = |k: usize, by: f32| {
+            let mut moved = camera;
+            match k {
+                0..3 => moved = camera.moved(Vec3::AXES[k] * by, Vec3::ZERO),
+                3..6 => moved = camera.moved(Vec3::ZERO, Vec3::AXES[k - 3] * by),
+                6..8 => moved.focal[k - 6] += 100.0 * by,
+                _ => moved.center[k - 8] += 100.0 * by,
+            }
+            loss(&Perspective::new(&moved, &settings), &g, &v)
+        };
+        let found = perspective.camera_vjp(&g, &v).to_array();
+        for (k, &found_k) in found.iter().enumerate() {
+            let step = if k < 6 { 8e-3 } else { 0.8 };
+            let numeric = (moved(k, 4e-3) - moved(k, -4e-3)) / step;
+            let of_kind = if k < 6 { &found[k / 3 * 3..][..3] } else { &found[k / 2 * 2..][..2] };
+            let largest = of_kind.iter().fold(0.0f32, |m, v| m.max(v.abs()));
+            let error = (f64::from(found_k) - numeric).abs();
+            assert!(error < 3e-3 * f64::from(largest), "{antialias:?} {mean} {k}: {found_k} {numeric}");
+        }
+    }
+}
+
+#[test]
+fn gradients_by_the_camera_through_colours_are_central_differences() {
+    let (camera, settings, mean) = (camera(), settings(Antialias::None), MEANS[0]);
+    let perspective = Perspective::new(&camera, &settings);
+    let (v_direction, v_inverse) = (Vec3::new(0.3, -0.5, 0.8), 0.7);
+    let by_direction = perspective.direction_camera_vjp(perspective.direction_vjp(mean, v_direction)).to_array();
+    let by_depth =
+        perspective.inverse_depth_camera_vjp(mean, perspective.inverse_depth_vjp(mean, v_inverse)).to_array();
+    for k in 0..6 {
+        let at = |by: f32| {
+            let twist =
+                [0, 3].map(|first| if (first..first + 3).contains(&k) { Vec3::AXES[k % 3] * by } else { Vec3::ZERO });
+            let moved = Perspective::new(&camera.moved(twist[0], twist[1]), &settings);
+            (moved.direction(mean).dot(v_direction), v_inverse / moved.depth(mean))
+        };
+        let ((up, near), (down, far)) = (at(1e-2), at(-1e-2));
+        assert!((by_direction[k] - (up - down) / 2e-2).abs() < 1e-4, "{k}: {} {}", by_direction[k], (up - down) / 2e-2);
+        assert!((by_depth[k] - (near - far) / 2e-2).abs() < 1e-4, "{k}: {} {}", by_depth[k], (near - far) / 2e-2);
     }
 }
 

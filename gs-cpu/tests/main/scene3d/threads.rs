@@ -24,6 +24,7 @@ fn results_have_the_same_bits_for_every_number_of_threads() {
         settings.effects.blend = blend;
         settings.effects.antialias = antialias;
         settings.effects.statistics = statistics;
+        settings.camera_gradient = true;
         let results = [1, 2, 5].map(|threads| {
             let r = rasterizer(threads);
             let r = r.for_3d();
@@ -32,6 +33,7 @@ fn results_have_the_same_bits_for_every_number_of_threads() {
             let pass = r.forward(&splats, &view, &settings).block_on().unwrap();
             let rendered = r.image(&pass).block_on().unwrap();
             let (_, gradients) = r.backward(&splats, pass, &target, &Loss::PAPER).block_on().unwrap();
+            let mut by_camera = vec![r.camera_gradient(&gradients).block_on().unwrap()];
             let gradients = r.gradients(&splats, &gradients).block_on().unwrap();
             assert!(gradients.means.iter().any(|g| g.length() > 0.0));
             let mut rates = Adam::default().with(|s| s.min_scale = 1e-4).at(0.0);
@@ -45,7 +47,10 @@ fn results_have_the_same_bits_for_every_number_of_threads() {
             let mut losses = Vec::new();
             r.losses(&mut splats, Wait::All, &mut losses).block_on().unwrap();
             assert!(losses.iter().all(|loss| loss.is_finite()));
-            (rendered, gradients, losses, r.save(&splats).block_on().unwrap())
+            r.camera_gradients(&mut splats, Wait::All, &mut by_camera).block_on().unwrap();
+            assert!(by_camera.len() == 4 && by_camera[1..].iter().all(|g| g.to_array().iter().all(|v| *v != 0.0)));
+            let saved = r.save(&splats).block_on().unwrap();
+            (rendered, gradients, (losses, by_camera), saved)
         });
         assert!(results[0].3.rows::<1>("gradient_sum").unwrap().iter().any(|[g]| *g > 0.0));
         assert!(results[0] == results[1] && results[1] == results[2], "{blend:?} {order:?}");
