@@ -20,17 +20,19 @@ mod scene2d;
 mod spherical_harmonics;
 mod splat;
 mod statistics;
+mod view_gradients;
 
 use gs_core::{Canvas, CullCause, Culled, Error, Image, Loss, RenderSettings, effects::Blend};
 
 pub use self::{
     least_squares::best_colors,
     parameters::{COLOR, OPACITY, OPACITY_3D, OracleScene, PARAMETER_NAMES, Parameters, QUATERNION, ROTATION, SH_3D},
-    perspective::Splat3d,
+    perspective::{MovedCamera, Splat3d},
     rounded::Rounded,
     scene2d::Splat2d,
     splat::{Appearance, Depth, Exponent, Lean, OracleView, Projection, Splat},
     statistics::StepStatistics,
+    view_gradients::ViewGradients,
 };
 use self::{loss::LossSlopes, pixel::Pixel, splat::Share};
 
@@ -87,6 +89,8 @@ pub struct Gradients {
     pub rounding: Vec<Parameters>,
     /// Change of each gradient by decisions within rounding, `[N]`.
     pub flip: Vec<Parameters>,
+    /// The gradient by the view.
+    pub view: ViewGradients,
 }
 
 impl Rendering {
@@ -194,7 +198,10 @@ impl<V: OracleView> Oracle<V> {
         let width = rendering.width as usize;
         let at_exact = slopes(width, &rendering.pixels, &rendering.rounding, 0.0);
         let count = scene.gaussians.len();
-        let chain = Chain::of(&self.project(scene), scene);
+        let projected = self.project(scene);
+        let chain = Chain::of(&projected, scene);
+        let by_view = Chain::of_view(&projected);
+        let (mut view, mut view_rounding) = (ViewGradients::zeros(V::NUMBERS), vec![vec![0.0; V::NUMBERS]; count]);
         let mut shares = vec![[0.0; 9]; count];
         let mut rounding: Vec<Parameters> = scene.gaussians.iter().map(|g| vec![0.0; g.len()]).collect();
         let (mut loss_rounding, mut loss_flip) = (0.0, 0.0);
@@ -203,13 +210,18 @@ impl<V: OracleView> Oracle<V> {
             add(&mut shares, &pixel.gradients(v));
             for (g, together, own) in pixel.gradient_rounding(v, v_rounding) {
                 chain.add_rounding(g, &together, &own, &mut rounding[g]);
+                by_view.add_rounding(g, &together, &own, &mut view_rounding[g]);
             }
             for k in 0..3 {
                 loss_rounding += v[k].abs() * rendering.rounding[p][k];
                 loss_flip += 2.0 * v[k].abs() * rendering.flip[p][k];
             }
         }
-        (0..count).for_each(|g| chain.add_own_rounding(g, &shares[g], &mut rounding[g]));
+        for (g, share) in shares.iter().enumerate() {
+            chain.add_own_rounding(g, share, &mut rounding[g]);
+            by_view.add_own_rounding(g, share, &mut view_rounding[g]);
+            view.add(&by_view.parameters(g, share), &view_rounding[g]);
+        }
         let mut gradients = Gradients {
             loss: value(width, &rendering.pixels),
             loss_rounding,
@@ -217,6 +229,7 @@ impl<V: OracleView> Oracle<V> {
             values: (0..count).map(|g| chain.parameters(g, &shares[g])).collect(),
             rounding,
             flip: scene.gaussians.iter().map(|g| vec![0.0; g.len()]).collect(),
+            view,
         };
         // Repeats the blend with every decision within rounding taken to either side.
         for (lean, direction) in [(Lean::More, 1.0), (Lean::Fewer, -1.0)] {
@@ -230,7 +243,9 @@ impl<V: OracleView> Oracle<V> {
                     continue;
                 }
                 for (g, change) in differences(&pixel.gradients(v), &twin.gradients(v_other)) {
-                    for (flip, change) in gradients.flip[g].iter_mut().zip(chain.parameters(g, &change)) {
+                    let of_gaussian = gradients.flip[g].iter_mut().zip(chain.parameters(g, &change));
+                    let of_view = gradients.view.flip.iter_mut().zip(by_view.parameters(g, &change));
+                    for (flip, change) in of_gaussian.chain(of_view) {
                         *flip += several.max(1.0) * change.abs();
                     }
                 }
@@ -294,9 +309,9 @@ impl<V: OracleView> Oracle<V> {
     }
 }
 
-/// The Jacobians of the projected Gaussians by their parameters.
+/// The Jacobians of the projected Gaussians by their parameters, or by the numbers of the view.
 struct Chain {
-    /// ∂(share)/∂(parameters) of each Gaussian, a row for each parameter; zeros for culled
+    /// ∂(share)/∂(parameters) of each Gaussian, a row for each parameter; zeros or no rows for culled
     /// Gaussians.
     jacobians: Vec<Vec<[Rounded; 9]>>,
 }
@@ -306,6 +321,14 @@ impl Chain {
         let jacobians = projected.iter().zip(&scene.gaussians).map(|(projection, g)| match projection {
             Projection::Drawable(splat) => splat.jacobian(),
             Projection::Left(_) => vec![[Rounded::ZERO; 9]; g.len()],
+        });
+        Self { jacobians: jacobians.collect() }
+    }
+
+    fn of_view<T: Splat>(projected: &[Projection<T>]) -> Self {
+        let jacobians = projected.iter().map(|projection| match projection {
+            Projection::Drawable(splat) => splat.view_jacobian(),
+            Projection::Left(_) => Vec::new(),
         });
         Self { jacobians: jacobians.collect() }
     }

@@ -47,6 +47,7 @@ impl OracleView for Canvas {
     type Splat = Splat2d;
 
     const HAS_DEPTH: bool = false;
+    const NUMBERS: usize = 0;
 
     fn check(&self, settings: &RenderSettings) -> Result<(), Error> {
         self.validate()?;
@@ -216,6 +217,10 @@ impl Splat for Splat2d {
             rows[parameter][OPACITY] = by;
         }
         rows
+    }
+
+    fn view_jacobian(&self) -> Vec<[Rounded; 9]> {
+        Vec::new()
     }
 }
 

@@ -25,6 +25,9 @@ pub trait OracleView: Copy + Debug + Send + Sync {
     /// Whether Gaussians have depths.
     const HAS_DEPTH: bool;
 
+    /// Numbers of the view by which gradients are taken: of a camera ten, of a canvas none.
+    const NUMBERS: usize;
+
     /// Fails for an invalid view, and for effects that the oracle does not have for this kind of
     /// view.
     ///
@@ -67,6 +70,9 @@ pub trait Splat: Debug + Clone {
 
     /// ∂(share)/∂(parameters): a row for each parameter.
     fn jacobian(&self) -> Vec<[Rounded; 9]>;
+
+    /// ∂(share)/∂(numbers of the view): a row for each of [`OracleView::NUMBERS`].
+    fn view_jacobian(&self) -> Vec<[Rounded; 9]>;
 }
 
 /// σ of a Gaussian at a pixel, with its derivatives.

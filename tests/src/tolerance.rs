@@ -6,12 +6,12 @@
 //! Numbers within rounding of a discontinuity may also differ by its height, but only a limited
 //! share of them.
 
-use gs_core::Image;
+use gs_core::{CameraGradient, Image};
 pub use gs_oracle::{NEAR_CUT, ROUNDINGS};
 
 use crate::{
     failure::Failure,
-    oracle::{Gradients, Parameters, Rendering},
+    oracle::{Gradients, Parameters, Rendering, ViewGradients},
     subject::Subject,
 };
 
@@ -27,6 +27,10 @@ pub const GRADIENT_FLIP_SHARE: f64 = 0.1;
 /// Largest norm of the tolerances as a share of the gradient's norm. Beyond it, a comparison is
 /// meaningless.
 pub const MEANINGFUL_SHARE: f64 = 0.1;
+
+/// The same for the parts of a gradient by the camera, which are sums over all Gaussians that nearly
+/// cancel in random scenes.
+pub const MEANINGFUL_CAMERA_SHARE: f64 = 0.25;
 
 /// Largest difference of a parameter from Adam in `f64`, as a share of the step size, per step;
 /// in addition to one rounding of the parameter itself. gs-cpu is within 1e-5 at every SIMD level.
@@ -161,6 +165,47 @@ pub fn compare_gradients<S: Subject>(expected: &Gradients, found: &S) -> Result<
     compare(pairs, "gradients", GRADIENT_FLIP_SHARE, |i| {
         format!("gradient of Gaussian {}, {}", i / width, S::parameter_name(i % width))
     })
+}
+
+/// Compares a backend's gradient by the camera with the oracle's.
+///
+/// # Errors
+/// [`Failure::Nothing`] if the oracle's gradient by translation, rotation, focal length or principal
+/// point is zero or too uncertain; [`Failure::Differs`] with the worst; [`Failure::TooManyFlips`].
+pub fn compare_camera_gradients(expected: &ViewGradients, found: CameraGradient) -> Result<Agreement, Failure> {
+    const PARTS: [(&str, usize); 4] =
+        [("translation", 3), ("rotation", 3), ("focal length", 2), ("principal point", 2)];
+    let found = found.to_array();
+    let mut pairs = Vec::new();
+    for (part, count) in PARTS {
+        let places = pairs.len()..pairs.len() + count;
+        let norm = |numbers: &[f64]| numbers[places.clone()].iter().map(|v| v * v).sum::<f64>().sqrt();
+        let (size, flip) = (norm(&expected.values), norm(&expected.flip));
+        let rounding = ROUNDINGS * norm(&expected.rounding);
+        if !(size > 0.0 && rounding + flip <= MEANINGFUL_CAMERA_SHARE * size) {
+            return Err(Failure::Nothing(format!(
+                "a gradient by the {part} of norm {size:e} with tolerances of {rounding:e} for rounding, {flip:e} for \
+                 flips"
+            )));
+        }
+        pairs.extend(places.map(|i| Pair {
+            expected: expected.values[i],
+            found: f64::from(found[i]),
+            rounding: expected.rounding[i],
+            flip: expected.flip[i],
+            scale: size,
+        }));
+    }
+    let name = |i: usize| {
+        let (part, first) = match i {
+            0..3 => ("translation", 0),
+            3..6 => ("rotation", 3),
+            6..8 => ("focal length", 6),
+            _ => ("principal point", 8),
+        };
+        format!("gradient by the {part} along axis {}", i - first)
+    };
+    compare(pairs.into_iter(), "gradients by the camera", GRADIENT_FLIP_SHARE, name)
 }
 
 /// Compares a backend's loss with the oracle's.

@@ -6,6 +6,7 @@
 //! after; `v_x` = ∂L/∂x.
 
 mod backward;
+mod moved;
 
 use gs_core::{
     Camera, CullCause, Error, Output, RenderSettings,
@@ -14,6 +15,7 @@ use gs_core::{
 };
 
 use self::backward::Chain;
+pub use self::moved::MovedCamera;
 use super::{
     parameters::{OPACITY_3D, SH_3D, sh_len},
     rounded::{F32_ROUNDING, Matrix, Rounded, applied, dot, product, transposed},
@@ -72,6 +74,7 @@ impl OracleView for Camera {
     type Splat = Splat3d;
 
     const HAS_DEPTH: bool = true;
+    const NUMBERS: usize = 10;
 
     fn check(&self, _: &RenderSettings) -> Result<(), Error> {
         self.validate()
@@ -86,7 +89,7 @@ impl OracleView for Camera {
     }
 
     fn project(&self, g: &[f64], settings: &RenderSettings, lean: Lean) -> Projection<Splat3d> {
-        match projected(self, g, settings, lean) {
+        match projected(&Pinhole::new(self), g, settings, lean) {
             Ok(splat) => Projection::Drawable(splat),
             Err(cause) => Projection::Left(cause),
         }
@@ -94,14 +97,13 @@ impl OracleView for Camera {
 }
 
 /// The projection of a Gaussian, or the reason why it is culled.
-fn projected(camera: &Camera, g: &[f64], settings: &RenderSettings, lean: Lean) -> Result<Splat3d, CullCause> {
+fn projected(pinhole: &Pinhole, g: &[f64], settings: &RenderSettings, lean: Lean) -> Result<Splat3d, CullCause> {
     let effects = settings.effects;
     let finite = g.iter().enumerate().filter(|&(i, _)| i != OPACITY_3D).all(|(_, v)| v.is_finite());
     if !finite || g[OPACITY_3D].is_nan() {
         return Err(CullCause::NotFinite);
     }
     let mut guards = Guards { lean, undecided: false };
-    let pinhole = Pinhole::new(camera);
     let mean = [0, 1, 2].map(|i| Rounded::exact(g[i]));
     let point = pinhole.in_front(&mean, &mut guards)?;
     let center = pinhole.center(&point);
@@ -128,6 +130,8 @@ fn projected(camera: &Camera, g: &[f64], settings: &RenderSettings, lean: Lean) 
         appearance: appearance(&opacity, &shading, guards.undecided),
         chain: Chain {
             world: pinhole.world,
+            translation: pinhole.translation,
+            mean,
             focal: pinhole.focal,
             slopes,
             clamped,
@@ -414,6 +418,17 @@ fn rotation_of(&[w, x, y, z]: &[Rounded; 4]) -> Matrix<3, 3> {
     ]
 }
 
+/// The unit vectors of a share.
+const UNITS: [[Rounded; 9]; 9] = {
+    let mut units = [[Rounded::ZERO; 9]; 9];
+    let mut i = 0;
+    while i < 9 {
+        units[i][i] = Rounded::ONE;
+        i += 1;
+    }
+    units
+};
+
 impl Splat for Splat3d {
     /// The exponent σ and its gradients: with q = Σ′⁻¹ d, ∂σ/∂(u, v) = −q and ∂σ/∂Σ′ = −½ q qᵀ.
     ///
@@ -479,10 +494,13 @@ impl Splat for Splat3d {
     }
 
     fn jacobian(&self) -> Vec<[Rounded; 9]> {
-        let columns: [Vec<Rounded>; 9] = std::array::from_fn(|j| {
-            self.chain.vjp(std::array::from_fn(|i| if i == j { Rounded::ONE } else { Rounded::ZERO }), self.point)
-        });
+        let columns = UNITS.map(|unit| self.chain.vjp(unit, self.point));
         (0..SH_3D + 3 * self.chain.sh_len).map(|row| std::array::from_fn(|j| columns[j][row])).collect()
+    }
+
+    fn view_jacobian(&self) -> Vec<[Rounded; 9]> {
+        let columns = UNITS.map(|unit| self.chain.camera_vjp(unit, self.point));
+        (0..10).map(|row| std::array::from_fn(|j| columns[j][row])).collect()
     }
 }
 

@@ -19,6 +19,7 @@
 //! }
 //! ```
 
+mod camera_gradients;
 mod checks;
 mod editing;
 mod errors;
@@ -165,6 +166,10 @@ pub fn cases_3d<R: Optimizer<Scene3d>>() -> Vec<Case<R>> {
             gradients_match_in_all_orders<R>,
             antialiased_gradients_match<R>,
             sh_gradients_match<R>,
+        }
+        camera_gradients {
+            camera_gradients_match<R>,
+            camera_gradients_of_steps_match<R>,
         }
         image_vjps {
             image_vjps_match<Scene3d, R>,

@@ -3,12 +3,12 @@
 
 use glam::{Mat3, Vec2, Vec3};
 use gs_conformance::{
-    oracle::{OPACITY_3D, Oracle, Projection, QUATERNION, SH_3D, Splat},
+    oracle::{MovedCamera, OPACITY_3D, Oracle, Projection, QUATERNION, SH_3D, Splat},
     scenes::{Draw, Kind3d},
     subject::Subject,
 };
 use gs_core::{
-    Camera, Error, Gaussian3d, Loss, RenderSettings, Scene, Scene3d,
+    Camera, Error, Gaussian3d, Loss, Output, RenderSettings, Scene, Scene3d,
     effects::{Antialias, Blend, Order},
 };
 
@@ -48,7 +48,64 @@ fn differentiate(draw: &Draw<Scene3d>, loss: &Loss) -> Vec<usize> {
             counted[i] += usize::from(value.abs() > 1e-6);
         }
     }
+    differentiate_by_the_camera(draw, loss);
     counted
+}
+
+/// Does the same for the gradient by the camera.
+fn differentiate_by_the_camera(draw: &Draw<Scene3d>, loss: &Loss) {
+    let (settings, scene, target) = (smooth(draw.settings), draw.scene.rows(), draw.target().unwrap());
+    let analytic = Oracle::new(draw.view, settings).unwrap().gradients(&scene, &target, loss).unwrap().view;
+    assert_eq!(analytic.values.len(), 10);
+    for (k, &value) in analytic.values.iter().enumerate() {
+        let at = |step: f64| {
+            let mut moved = MovedCamera { camera: draw.view, by: [0.0; 10] };
+            moved.by[k] = step;
+            Oracle::new(moved, settings).unwrap().loss(&scene, &target, loss).unwrap()
+        };
+        let step = if k < 6 { 1e-6 } else { 1e-5 };
+        let numeric = (at(step) - at(-step)) / (2.0 * step);
+        let relative = ((value - numeric).abs() - 1e-9) / value.abs().max(1e-12);
+        let effects = draw.settings.effects;
+        assert!(
+            relative <= 1e-3,
+            "{:?} {loss:?} {effects:?}: number {k} of the camera: {value:e} against {numeric:e}",
+            draw.kind
+        );
+    }
+}
+
+/// The gradient by the camera counts the depth where it is shown.
+#[test]
+fn gradients_by_the_camera_hold_for_every_output() {
+    for output in [Output::InverseDepth, Output::Alpha] {
+        for (seed, kind) in (80..).zip([Kind3d::Typical, Kind3d::Near, Kind3d::Edge]) {
+            let mut draw = Draw::for_3d(kind, Blend::Over, 5, (12, 9), seed);
+            draw.settings.output = output;
+            differentiate(&draw, &Loss::L2);
+        }
+    }
+}
+
+/// The oracle moves a camera as gs-core does.
+#[test]
+fn a_moved_camera_is_the_one_of_gs_core() {
+    let draw = Draw::for_3d(Kind3d::Typical, Blend::Over, 8, (20, 16), 7);
+    let by = [0.1, -0.05, 0.07, 0.06, 0.03, -0.04, 1.5, -0.7, 0.4, 0.9];
+    let moved = MovedCamera { camera: draw.view, by };
+    let [vx, vy, vz, wx, wy, wz, fx, fy, cx, cy] = by.map(|v| v as f32);
+    let camera = draw.view.moved(Vec3::new(vx, vy, vz), Vec3::new(wx, wy, wz));
+    let camera =
+        Camera { focal: camera.focal + Vec2::new(fx, fy), center: camera.center + Vec2::new(cx, cy), ..camera };
+    let scene = draw.scene.rows();
+    let before = Oracle::new(draw.view, draw.settings).unwrap().render(&scene).pixels;
+    let after = Oracle::new(moved, draw.settings).unwrap().render(&scene).pixels;
+    let expected = Oracle::new(camera, draw.settings).unwrap().render(&scene).pixels;
+    let off = |a: &[[f64; 3]], b: &[[f64; 3]]| {
+        a.as_flattened().iter().zip(b.as_flattened()).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+    };
+    let (moved, wrong) = (off(&before, &expected), off(&after, &expected));
+    assert!(moved > 0.05 && wrong < 1e-4, "moved by {moved}, off by {wrong}");
 }
 
 /// Checks every kind, blend and loss, with SH of every degree.

@@ -1,13 +1,13 @@
 //! The oracle as a backend, `f64` inside and `f32` in its results, with one fault or none.
 
 use gs_conformance::{
-    oracle::{OPACITY_3D, Oracle, OracleScene, SH_3D},
+    oracle::{OPACITY_3D, Oracle, OracleScene, SH_3D, ViewGradients},
     subject::Subject,
 };
 use gs_core::{
-    AdamRates, Added, Backend, Camera, Culled, DensityStatistics, Dropout, EditPlan, Error, Gaussian3d, Image, Loss,
-    MeanNoise, Optimizer, Output, Parameterization, Participants, Rasterizer, RenderSettings, Scene, Scene3d,
-    SplatsState, TargetImage, TrainStep, Wait,
+    AdamRates, Added, Backend, Camera, CameraGradient, Culled, DensityStatistics, Dropout, EditPlan, Error, Gaussian3d,
+    Image, Loss, MeanNoise, Optimizer, Output, Parameterization, Participants, Rasterizer, RenderSettings, Scene,
+    Scene3d, SplatsState, TargetImage, TrainStep, Wait,
     effects::{Antialias, Background, Order, Statistics},
     logit,
 };
@@ -41,6 +41,10 @@ pub(crate) enum Fault {
     ForgetsTheGain,
     LeavesOutTheSame,
     NegatesGivenGradients,
+    NegatesTurns,
+    MovesTheWrongWay,
+    AnswersUnasked,
+    KeepsCameraGradients,
     NormalisesQuaternions,
     ForgetsMomentsOnRestore,
     StepsUphill,
@@ -82,6 +86,19 @@ pub(crate) struct Faulty(pub(crate) Fault);
 impl Faulty {
     fn is(&self, fault: Fault) -> bool {
         self.0 == fault
+    }
+
+    /// The gradient by the camera, if it is asked for.
+    fn by_camera(&self, oracle: &Oracle<Camera>, found: &ViewGradients) -> Option<CameraGradient> {
+        let numbers: Vec<f32> = found.values.iter().map(|&v| v as f32).collect();
+        let mut gradient = CameraGradient::from_array(numbers.try_into().expect("a camera has ten numbers"));
+        match self.0 {
+            NegatesTurns => gradient.rotation *= -1.0,
+            MovesTheWrongWay => gradient.translation = oracle.view().rotation.transpose() * gradient.translation,
+            GradientsInWrongUnits => gradient.focal *= 1.01,
+            _ => {}
+        }
+        oracle.settings().camera_gradient.then_some(gradient)
     }
 
     /// The inputs after a fault.
@@ -201,9 +218,10 @@ impl Rasterizer<Scene3d> for Faulty {
         let Pass { oracle, scene, rendering } = pass;
         if let Some(weights) = &target.weights {
             let (value, v_image) = target.weighted(weights, &rendering.image(), *loss)?;
-            let rows = oracle.image_vjp(&scene, &v_image)?.values;
+            let found = oracle.image_vjp(&scene, &v_image)?;
+            let (rows, camera) = (found.values, self.by_camera(&oracle, &found.view));
             let (statistic, weight) = (vec![0.0; rows.len()], vec![1; rows.len()]);
-            return Ok((value as f32, Gradients { rows, statistic, weight, drawn: rendering.drawn }));
+            return Ok((value as f32, Gradients { rows, statistic, weight, drawn: rendering.drawn, camera }));
         }
         let target = &target.completed(&rendering.image(), oracle.settings().background_color());
         let mut gradients = oracle.gradients(&scene, target, loss)?;
@@ -215,6 +233,7 @@ impl Rasterizer<Scene3d> for Faulty {
             for (row, flat) in gradients.values.iter_mut().zip(&flat.values) {
                 row[0..3].copy_from_slice(&flat[0..3]);
             }
+            gradients.view.values = flat.view.values;
         }
         let of_step = oracle.statistics(&scene, target, loss)?;
         let statistic = match oracle.settings().effects.statistics {
@@ -234,7 +253,8 @@ impl Rasterizer<Scene3d> for Faulty {
             _ => vec![1; scene.gaussians.len()],
         };
         let drawn = rendering.drawn.iter().map(|&drawn| drawn || self.is(SeesEverything)).collect();
-        Ok((gradients.loss as f32, Gradients { rows: gradients.values, statistic, weight, drawn }))
+        let camera = self.by_camera(&oracle, &gradients.view);
+        Ok((gradients.loss as f32, Gradients { rows: gradients.values, statistic, weight, drawn, camera }))
     }
 
     async fn image_vjp(&self, _: &Splats, pass: Pass, v_image: &Image) -> Result<Gradients, Error> {
@@ -243,10 +263,19 @@ impl Rasterizer<Scene3d> for Faulty {
         let mut gradients = oracle.image_vjp(&scene, v_image)?;
         if self.is(NegatesGivenGradients) {
             gradients.values.iter_mut().flatten().for_each(|v| *v = -*v);
+            gradients.view.values.iter_mut().for_each(|v| *v = -*v);
         }
         let statistic = vec![0.0; scene.gaussians.len()];
         let weight = vec![1; statistic.len()];
-        Ok(Gradients { rows: gradients.values, statistic, weight, drawn: rendering.drawn })
+        let camera = self.by_camera(&oracle, &gradients.view);
+        Ok(Gradients { rows: gradients.values, statistic, weight, drawn: rendering.drawn, camera })
+    }
+
+    async fn camera_gradient(&self, gradients: &Gradients) -> Result<CameraGradient, Error> {
+        match gradients.camera {
+            None if self.is(AnswersUnasked) => Ok(CameraGradient::default()),
+            found => found.ok_or_else(CameraGradient::not_asked_for),
+        }
     }
 
     async fn gradients(&self, splats: &Splats, gradients: &Gradients) -> Result<Scene3d, Error> {
@@ -373,6 +402,20 @@ impl Optimizer<Scene3d> for Faulty {
         }
         splats.last_view = Some(*view);
         splats.losses.push(loss);
+        splats.camera_gradients.extend(gradients.camera);
+        Ok(())
+    }
+
+    async fn camera_gradients(
+        &self,
+        splats: &mut Splats,
+        _: Wait,
+        gradients: &mut Vec<CameraGradient>,
+    ) -> Result<(), Error> {
+        gradients.extend(&splats.camera_gradients);
+        if !self.is(KeepsCameraGradients) {
+            splats.camera_gradients.clear();
+        }
         Ok(())
     }
 

@@ -5,7 +5,7 @@ use gs_conformance::{
     oracle::{OPACITY_3D, Oracle, OracleScene, Parameters, Rendering, SH_3D},
     subject::Subject,
 };
-use gs_core::{AdamRates, Camera, Gaussian3d, Scene, Scene3d};
+use gs_core::{AdamRates, Camera, CameraGradient, Gaussian3d, Scene, Scene3d};
 
 #[derive(Clone, Default)]
 pub(crate) struct Splats {
@@ -18,6 +18,7 @@ pub(crate) struct Splats {
     pub(super) signal_sum: Vec<f32>,
     pub(super) visible: Vec<u32>,
     pub(super) losses: Vec<f32>,
+    pub(super) camera_gradients: Vec<CameraGradient>,
     pub(super) last_view: Option<Camera>,
 }
 
@@ -33,6 +34,8 @@ pub(crate) struct Gradients {
     /// Weight of each value in the statistic.
     pub(super) weight: Vec<u32>,
     pub(super) drawn: Vec<bool>,
+    /// The gradient by the camera, if it was asked for.
+    pub(super) camera: Option<CameraGradient>,
 }
 
 pub(super) fn narrow(rows: &[Parameters]) -> Vec<Vec<f32>> {
