@@ -108,8 +108,7 @@ impl Image {
 
     /// The image with every value clamped to 0..=1.
     pub fn clamped(&self) -> Self {
-        let pixels: Vec<_> = self.pixels.iter().map(|p| p.map(|v| v.clamp(0.0, 1.0))).collect();
-        Self { pixels: Arc::new(pixels), ..*self }
+        self.with_values(|value| value.clamp(0.0, 1.0))
     }
 
     /// The values in 8 bits a channel, row-major, as an 8-bit file stores them.
@@ -122,7 +121,14 @@ impl Image {
     /// The image rounded to 8 bits a channel: what a program reads from a file of
     /// [`Self::to_8_bits`].
     pub fn rounded_to_8_bits(&self) -> Self {
-        let pixels: Vec<_> = self.pixels.iter().map(|pixel| pixel.map(rounded_to_8_bits)).collect();
+        self.with_values(rounded_to_8_bits)
+    }
+
+    /// The image of these functions of its values. A plain loop over all values becomes vector
+    /// instructions; one that maps each pixel does not.
+    fn with_values(&self, of: impl Fn(f32) -> f32) -> Self {
+        let mut pixels = Vec::clone(&self.pixels);
+        pixels.as_flattened_mut().iter_mut().for_each(|value| *value = of(*value));
         Self { pixels: Arc::new(pixels), ..*self }
     }
 

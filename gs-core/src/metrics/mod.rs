@@ -85,8 +85,8 @@ fn compare_by(a: &Image, value_of_a: impl Fn(f32) -> f32, b: &Image) -> Comparis
     let (mut absolute, mut squared) = (0.0, 0.0);
     let (mut row_a, mut row_b) = (vec![[0.0; 3]; a.width() as usize], vec![[0.0; 3]; a.width() as usize]);
     for y in 0..a.height() {
-        row_a.iter_mut().zip(a.row(y)).for_each(|(out, pixel)| *out = pixel.map(&value_of_a));
-        row_b.iter_mut().zip(b.row(y)).for_each(|(out, pixel)| *out = pixel.map(clamped));
+        set_values(&mut row_a, a.row(y), &value_of_a);
+        set_values(&mut row_b, b.row(y), clamped);
         for (&a, &b) in row_a.as_flattened().iter().zip(row_b.as_flattened()) {
             let difference = f64::from(a) - f64::from(b);
             absolute += difference.abs();
@@ -101,6 +101,10 @@ fn compare_by(a: &Image, value_of_a: impl Fn(f32) -> f32, b: &Image) -> Comparis
         ssim: scales.finest().mean_ssim(),
         ms_ssim: scales.has_coarser().then(|| scales.ms_ssim()),
     }
+}
+
+fn set_values(row: &mut [[f32; 3]], of: &[[f32; 3]], value: impl Fn(f32) -> f32) {
+    row.as_flattened_mut().iter_mut().zip(of.as_flattened()).for_each(|(out, &number)| *out = value(number));
 }
 
 /// L1 (0 to 1) and PSNR (dB) of a rendering, rounded to 8 bits, against `target`.

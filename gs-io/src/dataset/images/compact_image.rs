@@ -120,7 +120,7 @@ fn floats<S: Sample>(pixels: &Pixels<S>) -> (Vec<[f32; 3]>, Option<Vec<f32>>) {
     }
     chunks.for_each(|(colors, samples)| {
         for (color, pixel) in colors.iter_mut().zip(samples.as_chunks::<4>().0) {
-            *color = [pixel[0], pixel[1], pixel[2]].map(value);
+            color.iter_mut().zip(pixel).for_each(|(color, &sample)| *color = value(sample));
         }
     });
     let alpha = pixels.samples.as_chunks::<4>().0.iter().map(|pixel| value(pixel[3])).collect();

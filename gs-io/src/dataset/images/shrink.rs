@@ -56,7 +56,8 @@ fn means<S: Sample>(pixels: &Pixels<S>, (width, height): (u32, u32)) -> AnyPixel
             for (values, weight) in line[column.first..].iter().zip(&column.weights) {
                 sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += weight * value);
             }
-            *pixel = sums.map(S::nearest);
+            // Not `map`, which is not inlined.
+            pixel.iter_mut().zip(sums).for_each(|(sample, sum)| *sample = S::nearest(sum));
         }
     }
     S::any(Pixels { width, height, has_alpha: false, samples })
