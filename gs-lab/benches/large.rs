@@ -136,7 +136,7 @@ fn main() -> Outcome {
     let mut log = MetricsLog::for_steps(steps);
     part(&mut parts, "steps, with the log's evaluations", || trainer.run(&mut log).block_on())?;
     let of_steps = trainer.seconds() - beginning;
-    let evaluation = part(&mut parts, "evaluation", || trainer.evaluate(&mut |_, _| Ok(())).block_on())?;
+    let evaluation = part(&mut parts, "evaluation", || trainer.evaluate(&|_, _, _| Ok(())).block_on())?;
 
     let Capture { city, views, width, .. } = capture;
     let data = format!(

@@ -1,9 +1,6 @@
 //! Flags that `gs fit` and `gs train` share.
 
-use std::{
-    path::{Path, PathBuf},
-    time::Instant,
-};
+use std::path::{Path, PathBuf};
 
 use clap::{
     Args,
@@ -12,7 +9,7 @@ use clap::{
 use gs_density::Policy;
 use gs_io::{FolderClaim, Inputs};
 
-use super::{checkpoints::CheckpointPlan, job::Job, results};
+use super::{checkpoints::CheckpointPlan, job::Job, phases::Phases, results};
 use crate::{
     failure::Failure,
     files::output_folder::OverwriteArgs,
@@ -72,7 +69,7 @@ impl RunArgs {
             verbosity: if self.verbose { Verbosity::Verbose } else { Verbosity::Normal },
             checkpoints,
             effects: self.effects.choice(),
-            started: Instant::now(),
+            phases: Phases::begin(),
         })
     }
 

@@ -1,13 +1,14 @@
 //! A run of `gs fit` or `gs train` as its flags ask for it.
 
-use std::time::Instant;
-
 use gs_backend::AnyRasterizer;
 use gs_core::Optimizer;
 use gs_io::FolderClaim;
 use gs_train::{Trainable, Trainer};
 
-use super::checkpoints::{CheckpointPlan, Checkpoints};
+use super::{
+    checkpoints::{CheckpointPlan, Checkpoints},
+    phases::Phases,
+};
 use crate::{
     failure::Failure, files::output_folder::OutputFolder, flags::effects_args::EffectsChoice,
     terminal::output::Verbosity,
@@ -27,8 +28,8 @@ pub(crate) struct Job {
     pub(crate) checkpoints: CheckpointPlan,
     /// Which effects are simulated.
     pub(crate) effects: EffectsChoice,
-    /// When the program began, or the work on one of several images.
-    pub(crate) started: Instant,
+    /// How long the phases take.
+    pub(crate) phases: Phases,
 }
 
 /// A run that has its folder.
@@ -43,7 +44,7 @@ pub(crate) struct Run {
 impl Run {
     /// The whole time of the program, including that of the run before it was resumed, s.
     pub(crate) fn seconds(&self) -> f64 {
-        self.seconds_before + self.job.started.elapsed().as_secs_f64()
+        self.seconds_before + self.job.phases.started().elapsed().as_secs_f64()
     }
 }
 

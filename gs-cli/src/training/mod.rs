@@ -6,6 +6,7 @@ pub(crate) mod checkpoints;
 mod frames;
 pub(crate) mod job;
 mod observers;
+pub(crate) mod phases;
 mod problems;
 mod progress;
 pub(crate) mod results;

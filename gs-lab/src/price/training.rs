@@ -117,7 +117,7 @@ pub fn training_prices<R: Optimizer<Scene3d>>(
         let before = trainer.seconds();
         trainer.run(&mut ()).block_on()?;
         let milliseconds = 1e3 * (trainer.seconds() - before) / f64::from(steps.max(1));
-        let evaluation = trainer.evaluate(&mut |_, _| Ok(())).block_on()?;
+        let evaluation = trainer.evaluate(&|_, _, _| Ok(())).block_on()?;
         let color_matched = evaluation.color_matched.map(|matched| matched.psnr);
         Ok(TrainingOutcome { milliseconds, psnr: evaluation.psnr, color_matched })
     };

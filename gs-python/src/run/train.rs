@@ -101,7 +101,7 @@ impl TrainRun {
                     trainer = trainer.controlled_by(own);
                 }
                 conduct(&mut trainer, reporter, start.file.as_deref())?;
-                let evaluation = block_on(trainer.evaluate(&mut |_, _| Ok(())))?;
+                let evaluation = block_on(trainer.evaluate(&|_, _, _| Ok(())))?;
                 let summary = block_on(TrainSummary::new(&trainer, evaluation))?;
                 Ok(TrainDone { scene: block_on(trainer.scene())?, render: trainer.shown(), summary })
             })

@@ -14,7 +14,7 @@ use crate::{
 use crate::{
     start::Start,
     train::{Exposure, TrainPreset, TrainSettings, Trainer3d},
-    views::{PosedView, Resolution, Views},
+    views::{ImageReading, PosedView, Resolution, Views},
 };
 
 /// Steps of a trial: enough for a dozen steps without a round at each of the two resolutions.
@@ -75,8 +75,12 @@ pub struct Speed {
     step: BTreeMap<u32, Line>,
     /// Seconds of a round of density control.
     round: Line,
-    /// Seconds for reading a view, rendering it and measuring its quality, with `viewed` Gaussians.
+    /// Seconds for reading the image of a view from its file while the run goes on.
+    read: f64,
+    /// Seconds for rendering a view with `viewed` Gaussians and comparing it with its image.
     view: f64,
+    /// Seconds for evaluating a view after the training, likewise.
+    evaluation: f64,
     viewed: u32,
     /// Number of Gaussians at the start.
     first: usize,
@@ -85,6 +89,8 @@ pub struct Speed {
     /// Number of points that the training starts from.
     points: usize,
     training_views: usize,
+    /// Number of views whose images are still to be read.
+    unread: usize,
 }
 
 /// Seconds as a linear function of the number of Gaussians.
@@ -132,9 +138,12 @@ impl Speed {
     ) -> Result<Self, Error> {
         let started = Instant::now();
         let training_views = views.train.len();
+        let images = training_views + views.test.len();
+        let views = views.cached();
         let start = start.searched(&views.train)?;
         let views =
             Views { train: few(views.train, MOST_TRAINING_VIEWS), test: few(views.test, MOST_TEST_VIEWS), ..views };
+        let reading = read_all(&views)?;
         let mut resolution = match settings.resolution {
             Resolution::Full => Resolution::Full,
             Resolution::CoarseToFine { from, .. } => Resolution::CoarseToFine { from, full_after: 0.5 },
@@ -162,7 +171,7 @@ impl Speed {
         let thin = trainer.count();
         let mut steps = BTreeMap::<u32, Vec<(u32, f64)>>::new();
         let mut rounds = Vec::new();
-        let (mut view, mut viewed) = (0.0, thin);
+        let (mut view, mut evaluation, mut viewed) = (0.0, 0.0, thin);
         let (mut before, mut count) = (trainer.seconds(), thin);
         let mut at_full = None;
         while !trainer.is_finished() {
@@ -180,6 +189,9 @@ impl Speed {
                 let views = trainer.measured_views().len();
                 trainer.quality().await?;
                 (view, viewed) = (clock.elapsed().as_secs_f64() / views.max(1) as f64, count);
+                let clock = Instant::now();
+                let views = trainer.evaluate(&|_, _, _| Ok(())).await?.views.len();
+                evaluation = clock.elapsed().as_secs_f64() / views.max(1) as f64;
                 trainer.record.settings.gaussians = thin;
             }
             let factor = resolution.factor(step as f32 / STEPS as f32);
@@ -193,15 +205,28 @@ impl Speed {
         }
         let step = steps.into_iter().map(|(factor, points)| (factor, Line::through(&points))).collect();
         let round = Line::through(&rounds);
-        Ok(Self { step, round, view, viewed, first, given, points, training_views })
+        // Threads read while others train, and share the cores with them.
+        let read = reading.seconds / (reading.read.max(1) * rayon::current_num_threads()) as f64;
+        let unread = images.saturating_sub(reading.read);
+        Ok(Self { step, round, read, view, evaluation, viewed, first, given, points, training_views, unread })
     }
 
-    /// Seconds for rendering and measuring one view with as many Gaussians as these settings allow for
-    /// the points of the trial. This is an upper estimate, which assumes that the time is proportional
-    /// to the number of Gaussians.
+    /// Seconds for rendering and measuring one view during a training, with as many Gaussians as these
+    /// settings allow for the points of the trial. This is an upper estimate, which assumes that the
+    /// time is proportional to the number of Gaussians.
     pub fn view_seconds(&self, settings: &TrainSettings) -> f64 {
-        let more = (self.gaussians(settings) / f64::from(self.viewed.max(1))).max(1.0);
-        self.view * more
+        self.view * self.more(settings)
+    }
+
+    /// Seconds for evaluating one view after a training, an upper estimate like
+    /// [`Self::view_seconds`].
+    pub fn evaluation_seconds(&self, settings: &TrainSettings) -> f64 {
+        self.evaluation * self.more(settings)
+    }
+
+    /// How many times as many Gaussians there may be as when views were measured.
+    fn more(&self, settings: &TrainSettings) -> f64 {
+        (self.gaussians(settings) / f64::from(self.viewed.max(1))).max(1.0)
     }
 
     /// Largest number of Gaussians for the points of the trial.
@@ -209,9 +234,10 @@ impl Speed {
         settings.clone().for_points(self.points).gaussians.into()
     }
 
-    /// Estimated seconds of a training with these settings: reading each training view once, maps of
-    /// colours, steps, rounds, and measuring `measured` views.
-    pub fn seconds(&self, settings: &TrainSettings, measured: usize) -> f64 {
+    /// Estimated seconds of a training with these settings: reading each image once, maps of colours,
+    /// steps, rounds, measuring `measured` views during the training, and evaluating `evaluated` views
+    /// after it.
+    pub fn seconds(&self, settings: &TrainSettings, [measured, evaluated]: [usize; 2]) -> f64 {
         let budget = self.gaussians(settings);
         let first = (self.first as f64).min(budget);
         let last_round = settings.rounds.last(settings.iterations).max(1);
@@ -234,9 +260,19 @@ impl Speed {
             Exposure::Auto => 1,
             Exposure::Affine => 4,
         };
-        let reading = self.view * (self.training_views * (1 + solutions)) as f64;
-        steps + rounds + reading + self.view_seconds(settings) * measured as f64
+        let maps = self.view * (self.training_views * solutions) as f64;
+        let measuring = self.view_seconds(settings) * measured as f64;
+        let evaluation = self.evaluation_seconds(settings) * evaluated as f64;
+        steps + rounds + self.read * self.unread as f64 + maps + measuring + evaluation
     }
+}
+
+/// Reads the images of all views, several at the same time, and says what reading has cost.
+fn read_all(views: &Views) -> Result<ImageReading, Error> {
+    let all = || views.train.iter().chain(&views.test);
+    all().for_each(|view| view.source.read_ahead());
+    all().try_for_each(|view| view.source.read().map(drop))?;
+    Ok(views.reading().unwrap_or_default())
 }
 
 /// At most `most` of the views, evenly spread.
@@ -266,7 +302,8 @@ fn thinned(start: Start, most: usize, settings: &TrainSettings) -> (Start, usize
 
 impl TrainPreset {
     /// Settings of [`TrainPreset::Standard`] for training with the views of these cameras, from a
-    /// data set of this kind, in at most `seconds`, including measuring `measured` views.
+    /// data set of this kind, in at most `seconds`, including the views that are measured during the
+    /// training and evaluated after it ([`Speed::seconds`]).
     ///
     /// With enough time there are up to 3 times the steps and 2 times the Gaussians of `standard` for
     /// these views and points; with fewer than 50 views, up to 2 times the steps and no more
@@ -279,7 +316,7 @@ impl TrainPreset {
         kind: DatasetKind,
         cameras: impl IntoIterator<Item = &'a Camera>,
         gaussians: Option<u32>,
-        measured: usize,
+        views: [usize; 2],
     ) -> Option<TrainSettings> {
         let cameras: Vec<&Camera> = cameras.into_iter().collect();
         let usual = Self::Standard.settings_for(None, kind, cameras.iter().copied()).for_points(speed.points);
@@ -298,7 +335,7 @@ impl TrainPreset {
             }
             settings
         };
-        sizes.into_iter().map(settings).find(|settings| speed.seconds(settings, measured) <= seconds)
+        sizes.into_iter().map(settings).find(|settings| speed.seconds(settings, views) <= seconds)
     }
 }
 
@@ -310,8 +347,8 @@ mod tests {
 
     const COLMAP: DatasetKind = DatasetKind::Colmap;
 
-    /// Views that are measured: ten, five times.
-    const MEASURED: usize = 50;
+    /// Views that are measured, ten each time, and evaluated.
+    const MEASURED: [usize; 2] = [40, 10];
 
     /// Steps of 10 ms and 1 µs a Gaussian at full resolution, a third of that at half.
     fn speed(training_views: usize) -> Speed {
@@ -319,12 +356,15 @@ mod tests {
         Speed {
             step: BTreeMap::from([(1, line(1.0)), (2, line(1.0 / 3.0))]),
             round: line(2.0),
+            read: 0.05,
             view: 0.05,
+            evaluation: 0.1,
             viewed: 100_000,
             first: 10_000,
             given: 0,
             points: 0,
             training_views,
+            unread: training_views,
         }
     }
 

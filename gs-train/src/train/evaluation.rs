@@ -3,12 +3,13 @@
 
 use gs_core::{
     Culled, Image, Parameterization, Rasterizer, RenderSettings, Scene3d,
-    metrics::{self, l1_and_psnr, mean, psnr_of_mse},
+    metrics::{self, Comparison, compare, l1_and_psnr, mean, psnr_of_mse},
 };
 use gs_io::dataset::PosedImage;
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::task::{AHEAD, where_masked};
+use super::task::where_masked;
 use crate::views::{ColorMap, PosedView};
 use crate::{error::Error, run::infinite_where_null};
 
@@ -109,7 +110,11 @@ pub(super) struct Pair {
 
 /// Pairs a rendering with its image; `None` where no pixel counts.
 pub(super) fn measure(rendered: &Image, posed: PosedImage, background: [f32; 3]) -> Result<Option<Pair>, Error> {
-    let rendered = rendered.rounded_to_8_bits();
+    paired(rendered.rounded_to_8_bits(), posed, background)
+}
+
+/// [`measure`] of a rendering that is rounded.
+fn paired(rendered: Image, posed: PosedImage, background: [f32; 3]) -> Result<Option<Pair>, Error> {
     let mask = posed.mask.clone();
     let target = posed.over(background)?.clamped();
     let (target, share) = match mask {
@@ -128,9 +133,9 @@ pub(super) fn measure(rendered: &Image, posed: PosedImage, background: [f32; 3])
 /// Variance of colours that say nothing about the map of a view: half a level of 255.
 const PRIOR: f64 = 4e-6;
 
-/// Quality with matched colours; `None` where no pixel of one half counts.
+/// Quality with matched colours of a rendering that is rounded; `None` where no pixel of one half counts.
 fn color_matched(rendered: &Image, posed: &PosedImage, background: [f32; 3]) -> Result<Option<ColorMatched>, Error> {
-    let (rendered, target) = (rendered.rounded_to_8_bits(), posed.clone().over(background)?);
+    let target = posed.clone().over(background)?;
     let (width, middle) = (target.width() as usize, target.width() / 2);
     let is_left = |index: &usize| index % width < middle as usize;
     let counts = |index: &usize| posed.mask.as_ref().is_none_or(|mask| mask[*index]);
@@ -140,11 +145,13 @@ fn color_matched(rendered: &Image, posed: &PosedImage, background: [f32; 3]) -> 
         return Ok(None);
     }
     let map = ColorMap::fit(&pairs, PRIOR);
-    let right =
-        |image: &Image| Image::from_fn(image.width() - middle, image.height(), |x, y| image.pixel(x + middle, y));
+    let right = |image: &Image| {
+        let rows = (0..image.height()).map(|y| &image.row(y)[middle as usize..]);
+        Image::from_pixels(image.width() - middle, image.height(), rows.collect::<Vec<_>>().concat())
+    };
     let mask = posed.mask.as_ref().map(|mask| (0..mask.len()).filter(|i| !is_left(i)).map(|i| mask[i]).collect());
     let posed = PosedImage { image: right(&target)?, alpha: None, mask };
-    let Some(pair) = measure(&map.image(&right(&rendered)?), posed, background)? else { return Ok(None) };
+    let Some(pair) = measure(&map.image(&right(rendered)?), posed, background)? else { return Ok(None) };
     let (_, psnr) = pair.l1_and_psnr()?;
     Ok(Some(ColorMatched { psnr, ssim: metrics::ssim(&pair.rendered, &pair.target)? }))
 }
@@ -152,7 +159,12 @@ fn color_matched(rendered: &Image, posed: &PosedImage, background: [f32; 3]) -> 
 impl Pair {
     pub(super) fn l1_and_psnr(&self) -> Result<(f64, f64), Error> {
         let (l1, psnr) = l1_and_psnr(&self.rendered, &self.target)?;
-        Ok((l1 * self.share, psnr + psnr_of_mse(self.share)))
+        Ok(self.of_counted(l1, psnr))
+    }
+
+    /// Of measures over all pixels, those over the pixels that count: the others are equal.
+    fn of_counted(&self, l1: f64, psnr: f64) -> (f64, f64) {
+        (l1 * self.share, psnr + psnr_of_mse(self.share))
     }
 }
 
@@ -168,37 +180,56 @@ pub async fn evaluate<R: Rasterizer<Scene3d>>(
     render: &RenderSettings,
 ) -> Result<Evaluation, Error> {
     let splats = rasterizer.upload(scene, Parameterization::ScaleRotation)?;
-    evaluate_splats(rasterizer, &splats, &views.iter().collect::<Vec<_>>(), render, &mut |_, _| Ok(())).await
+    evaluate_splats(rasterizer, &splats, &views.iter().collect::<Vec<_>>(), render, &|_, _, _| Ok(())).await
 }
 
-/// [`evaluate`] for splats; `look` receives each view's rendering, not clamped.
+/// Receives views of an evaluation on several threads: the number of a view, its image and its
+/// rendering, not clamped.
+pub type Look<'a> = dyn Fn(usize, &PosedImage, &Image) -> Result<(), Error> + Sync + 'a;
+
+/// Bytes for each pixel of a view that is being measured: the rendering and the image, and copies of
+/// both, rounded and with mapped colours.
+const BYTES_PER_PIXEL: u64 = 72;
+
+/// Most bytes of the views that are measured at the same time, unless a single view needs more.
+const MOST_BYTES: u64 = 512 << 20;
+
+/// [`evaluate`] for splats. Some views are rendered, one after the other; then they are measured at the
+/// same time, a thread for each.
 pub(super) async fn evaluate_splats<R: Rasterizer<Scene3d>>(
     rasterizer: &R,
     splats: &R::Splats,
     views: &[&PosedView],
     render: &RenderSettings,
-    look: &mut dyn FnMut(&PosedView, &Image) -> Result<(), Error>,
+    look: &Look<'_>,
 ) -> Result<Evaluation, Error> {
     if views.is_empty() {
         return Err(gs_core::Error::setting("the number of test views", 0, "at least 1").into());
     }
     let mut culled = Culled::default();
     let (mut qualities, mut unmeasured) = (Vec::with_capacity(views.len()), Vec::new());
-    for (number, view) in views.iter().enumerate() {
-        views.iter().skip(number).take(AHEAD as usize).for_each(|next| next.source.read_ahead());
-        let (rendered, left_out) = rasterizer.draw(splats, &view.camera, render).await?;
-        culled = culled.plus(left_out);
-        look(view, &rendered)?;
-        let (posed, background) = (view.image()?, render.background_color());
-        let color_matched = color_matched(&rendered, &posed, background)?;
-        let Some(pair) = measure(&rendered, posed, background)? else {
-            unmeasured.push(view.name.clone());
-            continue;
-        };
-        let (l1, psnr) = pair.l1_and_psnr()?;
-        let ssim = metrics::ssim(&pair.rendered, &pair.target)?;
-        let ms_ssim = metrics::ms_ssim(&pair.rendered, &pair.target)?;
-        qualities.push(ViewQuality { name: view.name.clone(), psnr, ssim, ms_ssim, l1, color_matched });
+    let together = together(views.iter().copied());
+    for (number, batch) in views.chunks(together).enumerate() {
+        let first = number * together;
+        views[first..].iter().take(2 * together).for_each(|next| next.source.read_ahead());
+        let mut renderings = Vec::with_capacity(batch.len());
+        for view in batch {
+            let (rendered, left_out) = rasterizer.draw(splats, &view.camera, render).await?;
+            culled = culled.plus(left_out);
+            renderings.push(rendered);
+        }
+        let measured = batch.par_iter().zip(renderings).enumerate().map(|(place, (view, rendered))| {
+            let posed = view.image()?;
+            look(first + place, &posed, &rendered)?;
+            quality_of(&view.name, rendered, posed, render.background_color())
+        });
+        // The first error, whichever thread was faster.
+        for (view, quality) in batch.iter().zip(measured.collect::<Vec<_>>()) {
+            match quality? {
+                Some(quality) => qualities.push(quality),
+                None => unmeasured.push(view.name.clone()),
+            }
+        }
     }
     if qualities.is_empty() {
         return Err(Error::NothingCounts { views: views.len() });
@@ -213,6 +244,28 @@ pub(super) async fn evaluate_splats<R: Rasterizer<Scene3d>>(
     let ms_ssims: Vec<f64> = qualities.iter().filter_map(|view| view.ms_ssim).collect();
     let ms_ssim = (!ms_ssims.is_empty()).then(|| metrics::mean(&ms_ssims));
     Ok(Evaluation { psnr, ssim, ms_ssim, l1, color_matched, culled, views: qualities, unmeasured })
+}
+
+/// Number of these views to measure at the same time.
+pub(super) fn together<'a>(views: impl IntoIterator<Item = &'a PosedView>) -> usize {
+    let pixels = |view: &PosedView| u64::from(view.camera.width) * u64::from(view.camera.height);
+    let largest = BYTES_PER_PIXEL * views.into_iter().map(pixels).max().unwrap_or(0);
+    rayon::current_num_threads().min((MOST_BYTES / largest.max(1)) as usize).max(1)
+}
+
+/// Quality of a view; `None` where no pixel counts.
+fn quality_of(
+    name: &str,
+    rendered: Image,
+    posed: PosedImage,
+    background: [f32; 3],
+) -> Result<Option<ViewQuality>, Error> {
+    let rendered = rendered.rounded_to_8_bits();
+    let color_matched = color_matched(&rendered, &posed, background)?;
+    let Some(pair) = paired(rendered, posed, background)? else { return Ok(None) };
+    let Comparison { l1, psnr, ssim, ms_ssim, .. } = compare(&pair.rendered, &pair.target, false)?;
+    let (l1, psnr) = pair.of_counted(l1, psnr);
+    Ok(Some(ViewQuality { name: name.to_owned(), psnr, ssim, ms_ssim, l1, color_matched }))
 }
 
 #[cfg(test)]

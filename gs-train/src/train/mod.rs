@@ -19,7 +19,7 @@ mod usual_start;
 pub(crate) use self::evidence::plain;
 pub use self::{
     depth_loss::{DepthLoss, DepthMapCounts},
-    evaluation::{ColorMatched, Evaluation, TrainingViews, ViewQuality, evaluate},
+    evaluation::{ColorMatched, Evaluation, Look, TrainingViews, ViewQuality, evaluate},
     exposure::{Exposure, ExposureReport},
     presets::TrainPreset,
     settings::{StepBackground, TrainSettings},

@@ -10,10 +10,11 @@ use gs_core::{
 };
 use gs_density::{Evidence, EvidenceRequest, Rng};
 use rand::{RngExt, SeedableRng};
+use rayon::prelude::*;
 
 use super::{
     depth_loss::{DepthMapCounts, DepthMaps, Guides},
-    evaluation::{TrainingViews, measure},
+    evaluation::{TrainingViews, measure, together},
     evidence::{Gathering, views_of_round},
     exposure::{ExposureReport, Exposures},
     settings::{StepBackground, TrainSettings},
@@ -194,21 +195,22 @@ impl<R: Optimizer<Scene3d>> ViewsTask<R> {
         let render = shown(settings, &effects);
         let (mut psnr, mut losses) = (Vec::new(), Vec::new());
         let sample: Vec<usize> = self.sample().collect();
-        for (number, &index) in sample.iter().enumerate() {
-            sample
-                .iter()
-                .skip(number)
-                .take(AHEAD as usize)
-                .for_each(|&next| self.views.train[next].source.read_ahead());
-            let view = &self.views.train[index];
-            let posed = images::training_image(view, 1, self.exposures.map(index))?;
-            let pass = on.forward(splats, &view.camera, &render).await?;
-            let background = render.background_color();
-            let (target, _) = images::target(on, posed.clone(), Some(background), true)?;
-            if let Some(pair) = measure(&on.image(&pass).await?, posed, background)? {
-                psnr.push(pair.l1_and_psnr()?.1);
+        let together = together(sample.iter().map(|&index| &self.views.train[index]));
+        for (number, batch) in sample.chunks(together).enumerate() {
+            let ahead = sample[number * together..].iter().take(2 * together);
+            ahead.for_each(|&next| self.views.train[next].source.read_ahead());
+            let (train, exposures) = (&self.views.train, &self.exposures);
+            let image = |&index: &usize| images::training_image(&train[index], 1, exposures.map(index));
+            for (&index, posed) in batch.iter().zip(batch.par_iter().map(image).collect::<Vec<_>>()) {
+                let posed = posed?;
+                let pass = on.forward(splats, &self.views.train[index].camera, &render).await?;
+                let background = render.background_color();
+                let (target, _) = images::target(on, posed.clone(), Some(background), true)?;
+                if let Some(pair) = measure(&on.image(&pass).await?, posed, background)? {
+                    psnr.push(pair.l1_and_psnr()?.1);
+                }
+                losses.push(f64::from(on.loss(splats, pass, &target, &settings.loss).await?));
             }
-            losses.push(f64::from(on.loss(splats, pass, &target, &settings.loss).await?));
         }
         let measured = !psnr.is_empty();
         Ok(TrainingViews { views: psnr.len(), psnr: measured.then(|| mean(psnr)), loss: mean(losses) as f32 })

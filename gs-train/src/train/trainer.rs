@@ -6,7 +6,7 @@ use web_time::Instant;
 
 use super::{
     depth_loss::{DepthMapCounts, Guides},
-    evaluation::{Evaluation, TrainingViews, evaluate_splats},
+    evaluation::{Evaluation, Look, TrainingViews, evaluate_splats},
     exposure::{Exposure, ExposureReport, Exposures},
     settings::TrainSettings,
     task::{ViewsTask, check_images, shown},
@@ -144,15 +144,11 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
         Ok(self.rasterizer.draw(&self.splats, camera, &self.shown()).await?.0)
     }
 
-    /// Evaluates the scene on [`Self::evaluation_views`]; `look` receives each view, in order, and its
-    /// rendering.
+    /// Evaluates the scene on [`Self::evaluation_views`], which `look` receives, too.
     ///
     /// # Errors
     /// Those of the backend, of reading an image, and of `look`.
-    pub async fn evaluate(
-        &self,
-        look: &mut dyn FnMut(&PosedView, &Image) -> Result<(), Error>,
-    ) -> Result<Evaluation, Error> {
+    pub async fn evaluate(&self, look: &Look<'_>) -> Result<Evaluation, Error> {
         evaluate_splats(self.rasterizer, &self.splats, &self.task.evaluation_views(), &self.shown(), look).await
     }
 

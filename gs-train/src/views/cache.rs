@@ -26,6 +26,8 @@ use super::view::{Counting, ImageSource};
 pub struct ImageReading {
     /// Number of images that were read from their files.
     pub read: usize,
+    /// Seconds of the threads that read them, added up.
+    pub seconds: f64,
     /// Seconds for which the run waited for an image, or read one itself.
     pub waited: f64,
     /// Bytes of images in memory.
@@ -125,10 +127,12 @@ impl ImageCache {
             self.state().slots[index].image = ahead.then(|| Arc::clone(&image));
             return Ok(image);
         }
+        let started = Instant::now();
         let image = Arc::new(self.sources[index].read_compact()?);
         let bytes = image.bytes();
         let mut state = self.state();
         state.reading.read += 1;
+        state.reading.seconds += started.elapsed().as_secs_f64();
         let stays = state.reading.in_memory + bytes <= self.limit;
         if stays {
             state.reading.in_memory += bytes;

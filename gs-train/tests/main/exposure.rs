@@ -35,7 +35,7 @@ fn differences_in_exposure_are_corrected_where_there_are_any() {
         grey.sh.fill(glam::Vec3::ZERO);
         let mut trainer = Trainer3d::from_views(&rasterizer, views, Start::Scene(grey), settings).block_on().unwrap();
         trainer.run(&mut ()).block_on().unwrap();
-        let matched = trainer.evaluate(&mut |_, _| Ok(())).block_on().unwrap().color_matched.unwrap();
+        let matched = trainer.evaluate(&|_, _, _| Ok(())).block_on().unwrap().color_matched.unwrap();
         (matched.psnr, trainer.exposure())
     };
     let all = || views(&rasterizer);

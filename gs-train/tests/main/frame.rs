@@ -23,7 +23,7 @@ fn the_frame_of_the_views_is_that_of_checkpoint_and_summary() {
             panic!("a 2D scene")
         };
         assert_eq!(read.trained_with.frame, frame);
-        let evaluation = trainer.evaluate(&mut |_, _| Ok(())).block_on().unwrap();
+        let evaluation = trainer.evaluate(&|_, _, _| Ok(())).block_on().unwrap();
         assert_eq!(TrainSummary::new(&trainer, evaluation).block_on().unwrap().frame, frame);
     }
 }

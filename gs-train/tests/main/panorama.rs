@@ -106,7 +106,7 @@ fn a_scene_is_as_good_in_the_faces_as_it_is() {
     let views = Views::of_dataset(&dataset);
     let mut trainer = Trainer3d::from_views(&rasterizer, views, Start::Scene(around()), settings).block_on().unwrap();
     trainer.run(&mut ()).block_on().unwrap();
-    let trained = trainer.evaluate(&mut |_, _| Ok(())).block_on().unwrap();
+    let trained = trainer.evaluate(&|_, _, _| Ok(())).block_on().unwrap();
     assert!(trained.psnr > 36.0, "{}", trained.psnr);
 }
 

@@ -25,7 +25,7 @@ pub(crate) fn trained(settings: TrainSettings, views: Views, start: Start) -> (S
     let rasterizer = rasterizer();
     let mut trainer = Trainer3d::from_views(&rasterizer, views, start, settings).block_on().unwrap();
     assert_eq!(trainer.run(&mut ()).block_on().unwrap(), Outcome::Finished);
-    (trainer.scene().block_on().unwrap(), trainer.evaluate(&mut |_, _| Ok(())).block_on().unwrap())
+    (trainer.scene().block_on().unwrap(), trainer.evaluate(&|_, _, _| Ok(())).block_on().unwrap())
 }
 
 /// The parameters' bits, so that −0 is not 0 and NaN is itself.
@@ -291,14 +291,14 @@ fn a_trial_measures_the_speed_of_steps() {
     let settings = TrainPreset::Standard.settings(None).with(|s| s.gaussians = 600);
     let speed =
         Speed::measure(&rasterizer, views(&rasterizer), Start::Random, &settings, f64::INFINITY).block_on().unwrap();
-    let seconds = |iterations: u32| speed.seconds(&TrainPreset::Standard.settings(Some(iterations)), 0);
+    let seconds = |iterations: u32| speed.seconds(&TrainPreset::Standard.settings(Some(iterations)), [0; 2]);
     let (short, long) = (seconds(1_000), seconds(2_000));
     assert!(short > 0.0 && long > 1.5 * short && long < 2.5 * short, "{short} s, {long} s");
     let with = |gaussians: u32| {
-        speed.seconds(&TrainPreset::Standard.settings(Some(1_000)).with(|s| s.gaussians = gaussians), 0)
+        speed.seconds(&TrainPreset::Standard.settings(Some(1_000)).with(|s| s.gaussians = gaussians), [0; 2])
     };
     assert!(with(1_000_000) > 3.0 * with(1_000), "{} s, {} s", with(1_000_000), with(1_000));
-    assert!(speed.view_seconds(&settings) > 0.0);
+    assert!(speed.view_seconds(&settings) > 0.0 && speed.evaluation_seconds(&settings) > 0.0);
 }
 
 #[test]
@@ -372,7 +372,7 @@ fn the_summary_holds_how_well_the_views_are_fitted_that_it_trained_with() {
         let start = Start::Scene(fainter.clone());
         let mut trainer = Trainer3d::from_views(&rasterizer, views, start, short(iterations)).block_on().unwrap();
         trainer.run(&mut ()).block_on().unwrap();
-        let evaluation = trainer.evaluate(&mut |_, _| Ok(())).block_on().unwrap();
+        let evaluation = trainer.evaluate(&|_, _, _| Ok(())).block_on().unwrap();
         TrainSummary::new(&trainer, evaluation).block_on().unwrap()
     };
     let usual = summary(views(&rasterizer), 0);
@@ -410,7 +410,7 @@ fn the_summary_holds_how_well_the_views_are_fitted_that_it_trained_with() {
     let settings = short(4).with(|s| s.gaussians = TrainSettings::default().gaussians);
     let trainer =
         Trainer3d::from_views(&rasterizer, views(&rasterizer), Start::Scene(thirty()), settings).block_on().unwrap();
-    let evaluation = trainer.evaluate(&mut |_, _| Ok(())).block_on().unwrap();
+    let evaluation = trainer.evaluate(&|_, _, _| Ok(())).block_on().unwrap();
     assert_eq!(TrainSummary::new(&trainer, evaluation).block_on().unwrap().shortfall, None);
 }
 

@@ -10,10 +10,7 @@ mod results;
 mod settings;
 mod time_limit;
 
-use std::{
-    path::{Path, PathBuf},
-    time::Instant,
-};
+use std::path::{Path, PathBuf};
 
 use gs_backend::{AnyRasterizer, Chosen, FutureExt as _};
 use gs_core::{counted, memory::amount};
@@ -36,7 +33,7 @@ use crate::{
     flags::dataset::{DatasetArgs, remark_text},
     memory::Need,
     terminal::output::{self, printable, quoted},
-    training::{self, job::Job},
+    training::{self, job::Job, phases::Phases},
 };
 
 /// Number of steps from which a training stores checkpoints by default.
@@ -44,7 +41,7 @@ const LONG: u32 = 2_000;
 
 /// Trains a scene from a data set and writes the results.
 pub(crate) fn run(args: &TrainArgs) -> Result<(), Failure> {
-    let started = Instant::now();
+    let phases = Phases::begin();
     let (resumed, output) = (args.resume.as_deref(), args.run.output.as_path());
     let mut inputs = args.files();
     output_folder::check(&args.run.claim(output, &inputs, resumed))?;
@@ -59,8 +56,9 @@ pub(crate) fn run(args: &TrainArgs) -> Result<(), Failure> {
     let path = path.as_path();
     pictures::keep_off(&dataset, output)?;
     inputs.extend(dataset.files());
-    let job = Job { started, ..args.run.job(output, &inputs, resumed)? };
-    let limit = args.settings.minutes.map(|minutes| TimeLimit::new(started, minutes, &args.settings));
+    let limit = args.settings.minutes.map(|minutes| TimeLimit::new(phases.started(), minutes, &args.settings));
+    phases.end("dataset");
+    let job = Job { phases, ..args.run.job(output, &inputs, resumed)? };
     let start = match resumed {
         Some(file) => TrainStart::Resumed(Box::new(read_checkpoint(file)?), file.to_owned()),
         None => {
@@ -71,6 +69,7 @@ pub(crate) fn run(args: &TrainArgs) -> Result<(), Failure> {
         }
     };
     let backend = args.run.backend.open()?;
+    job.phases.end("backend");
     output::note(&backend.reason);
     dataset.remarks.iter().for_each(|remark| output::note(format_args!("note: {}", remark_text(remark))));
     let names_gaussians = args.settings.gaussians.is_some() || args.settings.exactly;
@@ -97,13 +96,15 @@ fn train(
     backend: &Chosen,
     command: String,
 ) -> Result<(), Failure> {
-    let (trainer, log, description) = start.begin(&backend.rasterizer, (input.dataset, views), limit.as_mut())?;
+    let (trainer, log, description) =
+        start.begin(&backend.rasterizer, (input.dataset, views), limit.as_mut(), &job.phases)?;
     idle::idle_part(trainer.settings()).iter().for_each(|part| output::note(format_args!("note: {part}")));
     check_memory(input.path, &trainer)?;
     let iterations = trainer.settings().iterations;
     let every = (iterations >= LONG).then_some(iterations / 10);
     let (run, checkpoints) = job.begin(&trainer, every, command)?;
     announce(input, run.folder.path(), &description, &trainer);
+    run.job.phases.end("start");
     let results = Results { run: &run, input, backend };
     let limits = (limit.map(|limit| limit.end_of_training()), None);
     training::run(&run, checkpoints, (trainer, log), limits, |trainer, log, points| results.write(trainer, log, points))
@@ -149,14 +150,20 @@ impl TrainStart {
         rasterizer: &'r AnyRasterizer,
         (dataset, views): (&Dataset, Views),
         limit: Option<&mut TimeLimit<'_>>,
+        phases: &Phases,
     ) -> Result<(Trainer3d<'r, AnyRasterizer>, MetricsLog, String), Failure> {
         match self {
             Self::Fresh { settings, initial, description } => {
                 let asked = initial.clone();
                 let initial = initial.searched(&views.train)?;
                 let description = found(&asked, &initial).unwrap_or(description);
+                phases.end("points");
                 let (settings, log) = match limit {
-                    Some(limit) => limit.choose(rasterizer, (dataset, &views), &initial, &settings)?,
+                    Some(limit) => {
+                        let chosen = limit.choose(rasterizer, (dataset, &views), &initial, &settings)?;
+                        phases.end("trial");
+                        chosen
+                    }
                     None => {
                         let log = MetricsLog::for_steps(settings.iterations);
                         (*settings, log)

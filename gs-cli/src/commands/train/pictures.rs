@@ -115,12 +115,13 @@ fn beside(image: Image, rendered: &Image) -> Result<Image, gs_core::Error> {
     if total > MAX_SIDE_PX {
         return Ok(rendered.clamped());
     }
-    let rendered = rendered.clamped();
-    Image::from_fn(total, height, |x, y| match x.checked_sub(width + GAP_PX) {
-        Some(x) => rendered.pixel(x, y),
-        None if x < width => image.pixel(x, y),
-        None => [1.0; 3],
-    })
+    let mut pixels = Vec::with_capacity(total as usize * height as usize);
+    for y in 0..height {
+        pixels.extend_from_slice(image.row(y));
+        pixels.extend([[1.0; 3]; GAP_PX as usize]);
+        pixels.extend_from_slice(rendered.row(y));
+    }
+    Ok(Image::from_pixels(total, height, pixels)?.clamped())
 }
 
 #[cfg(test)]

@@ -2,7 +2,10 @@
 //! does not keep the others from being written. The summary comes last.
 
 use gs_train::SettingsFile as _;
-use std::path::Path;
+use std::{
+    path::Path,
+    sync::{Mutex, PoisonError},
+};
 
 use gs_backend::{AnyRasterizer, Chosen, FutureExt as _, block_on};
 use gs_core::{
@@ -27,6 +30,7 @@ use crate::{
     terminal::output::{self, Verbosity},
     training::{
         job::Run,
+        phases::Phases,
         results::{self, Problems, ProgramSummary, without_broken, write_curve, write_table},
     },
 };
@@ -34,9 +38,12 @@ use crate::{
 /// The most views for which required effects are decided.
 const EFFECT_VIEWS: usize = 8;
 
+/// The most views, evenly spread, of which pictures are written.
+const MOST_PICTURES: usize = 32;
+
 /// What `summary.json` holds and `--json` prints.
 #[derive(Debug, Serialize)]
-pub(super) struct Summary {
+pub(super) struct Summary<'a> {
     #[serde(flatten)]
     training: TrainSummary,
     #[serde(flatten)]
@@ -49,11 +56,14 @@ pub(super) struct Summary {
     names_gaussians: bool,
     /// What reading the images cost, in seconds and in bytes.
     images: Option<ImageReading>,
+    /// Seconds of each phase of this command, in order; the training is all steps, with what is
+    /// measured and stored between them.
+    phases: &'a Phases,
     /// Which effects the scene requires in the views that evaluate it, and why.
     effects: Vec<EffectDecision>,
 }
 
-impl results::Summary for Summary {
+impl results::Summary for Summary<'_> {
     fn text(&self, folder: &Path, verbosity: Verbosity) -> String {
         let TrainSummary {
             gaussians,
@@ -155,7 +165,9 @@ impl Results<'_> {
         trainer: &Trainer3d<'_, AnyRasterizer>,
         log: &MetricsLog,
         points: &[CurvePoint],
-    ) -> Result<Summary, Failure> {
+    ) -> Result<Summary<'_>, Failure> {
+        let phases = &self.run.job.phases;
+        phases.end("training");
         // All other results can be made of the scene.
         let scene = without_broken(trainer.scene().block_on()?)?;
         let mut tried = vec![
@@ -176,48 +188,54 @@ impl Results<'_> {
         if self.run.job.pictures {
             tried.push(self.write_ellipses(trainer, &scene));
         }
+        phases.end("scene");
         let effects = self.run.job.effects.choose(&scene, &cameras(trainer.views()), &trainer.shown());
         let gaussians = scene.len();
         // Else this copy would be there when the passes below take the most memory.
         drop(scene);
+        phases.end("effects");
         let evaluation = match !self.run.job.pictures {
             true => {
                 tried.push(ViewPictures::clear(&self.run.folder));
-                trainer.evaluate(&mut |_, _| Ok(())).block_on().map_err(Failure::from)
+                trainer.evaluate(&|_, _, _| Ok(())).block_on().map_err(Failure::from)
             }
             false => self.write_views(trainer, &mut tried),
         };
         let summary = evaluation.and_then(|evaluation| {
+            phases.end("evaluation");
             tried.push(self.run.folder.write_json("evaluation.json", &evaluation));
             self.summary(trainer, evaluation, gaussians, effects?.decisions)
         });
         results::end(&self.run.folder, tried, summary, ["evaluation.json", "summary.json"])
     }
 
-    /// Evaluates the scene and writes its views beside their images. Failures of pictures are added
-    /// to `tried`: they do not stop the evaluation.
+    /// Evaluates the scene and writes some of its views beside their images. Failures of pictures are
+    /// added to `tried`: they do not stop the evaluation.
     fn write_views(
         &self,
         trainer: &Trainer3d<'_, AnyRasterizer>,
         tried: &mut Vec<Result<(), Failure>>,
     ) -> Result<Evaluation, Failure> {
         let background = trainer.shown().background_color();
-        let views = trainer.evaluation_views().into_iter().map(|view| view.name.as_str());
-        let (pictures, names) = match ViewPictures::prepare(&self.run.folder, views) {
-            Ok((pictures, names)) => (Some(pictures), names),
-            Err(failure) => {
-                tried.push(Err(failure));
-                (None, Vec::new())
-            }
-        };
-        let mut names = names.iter();
-        let evaluation = block_on(trainer.evaluate(&mut |view, rendered| {
-            if let Some((pictures, name)) = pictures.as_ref().zip(names.next()) {
-                let image = view.image()?.over(background)?;
-                tried.push(pictures.write(name, image, rendered).map_err(Failure::from));
+        let views = trainer.evaluation_views();
+        let count = views.len().min(MOST_PICTURES);
+        let chosen: Vec<usize> = (0..count).map(|picture| picture * views.len() / count).collect();
+        let names = chosen.iter().map(|&view| views[view].name.as_str());
+        let prepared = ViewPictures::prepare(&self.run.folder, names);
+        let failures = Mutex::new(Vec::new());
+        let evaluation = block_on(trainer.evaluate(&|number, posed, rendered| {
+            let Ok((pictures, names)) = &prepared else { return Ok(()) };
+            let Ok(picture) = chosen.binary_search(&number) else { return Ok(()) };
+            let written = pictures.write(&names[picture], posed.clone().over(background)?, rendered);
+            if let Err(error) = written {
+                failures.lock().unwrap_or_else(PoisonError::into_inner).push((picture, Failure::from(error)));
             }
             Ok(())
         }));
+        let mut failures = failures.into_inner().unwrap_or_else(PoisonError::into_inner);
+        failures.sort_unstable_by_key(|(picture, _)| *picture);
+        tried.extend(failures.into_iter().map(|(_, failure)| Err(failure)));
+        tried.extend(prepared.err().map(Err));
         Ok(evaluation?)
     }
 
@@ -227,8 +245,9 @@ impl Results<'_> {
         evaluation: Evaluation,
         gaussians: usize,
         effects: Vec<EffectDecision>,
-    ) -> Result<Summary, Failure> {
+    ) -> Result<Summary<'_>, Failure> {
         let mut training = TrainSummary::new(trainer, evaluation).block_on()?;
+        self.run.job.phases.end("training-views");
         // The file has no Gaussians that are not finite.
         training.gaussians = gaussians as u32;
         training.backend = self.backend.rasterizer.name().to_owned();
@@ -239,6 +258,7 @@ impl Results<'_> {
             program: ProgramSummary::new(self.backend, self.run),
             dataset: self.input.path.display().to_string(),
             images: trainer.views().reading(),
+            phases: &self.run.job.phases,
             split: self.input.dataset.split,
             effects,
         })

@@ -27,9 +27,9 @@ const TRIAL: f64 = 0.08;
 /// Seconds for writing the results, not counting measurements.
 const WRITING: f64 = 1.0;
 
-/// Time for the results after the training, as a number of measurements of the held-out views. The
-/// results are the quality, the sample of training views, the pictures and the effects.
-const AFTERWARDS: usize = 6;
+/// Time for the results after the training, as a multiple of that for evaluating the held-out views.
+/// The results are the quality, the sample of training views, the pictures and the effects.
+const AFTERWARDS: usize = 3;
 
 /// The time limit of a training.
 pub(super) struct TimeLimit<'a> {
@@ -67,14 +67,14 @@ impl<'a> TimeLimit<'a> {
         let (evaluated, measured) = views.evaluated();
         let times = (MEASURED * left / (speed.view_seconds(usual) * measured as f64)) as usize;
         let times = times.clamp(1, 20);
-        let (gaussians, measured) = (self.flags.gaussians, (times + 1) * measured + AFTERWARDS * evaluated);
+        let (gaussians, measured) = (self.flags.gaussians, [(times + 1) * measured, AFTERWARDS * evaluated]);
         let cameras = dataset.views_of(Split::Train).map(|view| &view.camera);
         let chosen = TrainPreset::settings_within(left, &speed, dataset.kind, cameras, gaussians, measured);
         let Some(chosen) = chosen else {
             let short = format!("--minutes {}: too short for this data set on this machine", self.minutes);
             return Err(Failure::usage(short).hint("give more minutes, or smaller images with --max-size"));
         };
-        self.afterwards = (AFTERWARDS * evaluated) as f64 * speed.view_seconds(&chosen);
+        self.afterwards = (AFTERWARDS * evaluated) as f64 * speed.evaluation_seconds(&chosen);
         let mut chosen = with_flags(self.flags, chosen)?;
         chosen.render = usual.render;
         chosen.depth_loss = usual.depth_loss;

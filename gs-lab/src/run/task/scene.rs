@@ -1,5 +1,10 @@
 //! Runs on scenes: trainings of 3D Gaussians from views.
 
+use std::{
+    collections::BTreeMap,
+    sync::{Mutex, PoisonError},
+};
+
 use gs_backend::FutureExt as _;
 use gs_core::{
     Camera, Error as CoreError, Gaussian3d, Image, Optimizer, Parameterization, RenderSettings, Scene3d, math::sh,
@@ -7,7 +12,7 @@ use gs_core::{
 use gs_io::{Checkpoint, WorldFrame};
 use gs_train::{
     Error as TrainError, Recovery, TrainSettings, Trainer, Trainer3d,
-    train::{Evaluation, PosedView, ViewQuality},
+    train::{Evaluation, ViewQuality},
 };
 
 use super::{Finished, ReplayedScene, StudyTask, image::wrong_kind};
@@ -52,18 +57,22 @@ impl StudyTask for Scene3d {
     ) -> Result<Vec<Image>, TrainError> {
         let names: Vec<String> = trainer.evaluation_views().iter().map(|view| view.name.clone()).collect();
         let shown = names.len().min(PICTURED_VIEWS);
-        let shown: Vec<&String> = (0..shown).map(|index| &names[index * names.len() / shown]).collect();
-        let mut rendered = Vec::new();
-        let mut look = |view: &PosedView, image: &Image| {
-            if shown.contains(&&view.name) {
-                rendered.push((view.name.clone(), image.clone()));
-            }
-            Ok(())
-        };
-        let evaluation = trainer.evaluate(&mut look).block_on()?;
+        let shown: Vec<usize> = (0..shown).map(|index| index * names.len() / shown).collect();
+        let rendered = Mutex::new(BTreeMap::new());
+        let evaluation = trainer
+            .evaluate(&|number, _, image| {
+                if shown.contains(&number) {
+                    rendered.lock().unwrap_or_else(PoisonError::into_inner).insert(number, image.clone());
+                }
+                Ok(())
+            })
+            .block_on()?;
+        let rendered = rendered.into_inner().unwrap_or_else(PoisonError::into_inner);
+        let mut rendered: Vec<(&String, Image)> =
+            rendered.into_iter().map(|(number, image)| (&names[number], image)).collect();
         rendered.retain(|(name, _)| !evaluation.unmeasured.contains(name));
         let view = |view: ViewQuality| ViewResult {
-            is_shown: rendered.iter().any(|(name, _)| *name == view.name),
+            is_shown: rendered.iter().any(|(name, _)| **name == view.name),
             name: view.name,
             psnr: view.psnr,
             ssim: view.ssim,
