@@ -143,6 +143,11 @@ impl Checkpoints {
         format!("to go on from the last checkpoint: {}", self.resume_command(file))
     }
 
+    /// Adds to a failure how to go on from the checkpoint that was stored because of it.
+    pub(super) fn with_stored(&self, failure: Failure) -> Failure {
+        if self.failure.is_none() { failure.hint(self.resume_hint(&self.file)) } else { failure }
+    }
+
     /// Adds the last checkpoint to a failure of the backend or a divergence. Other failures stay as
     /// they are.
     pub(crate) fn with_resume_hint(&self, failure: Failure) -> Failure {

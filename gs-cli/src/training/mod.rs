@@ -17,7 +17,7 @@ use std::time::Instant;
 use gs_backend::{AnyRasterizer, FutureExt as _};
 use gs_core::Optimizer;
 use gs_lab::report::curve::CurvePoint;
-use gs_train::{MetricsLog, Observer as _, Outcome, Trainable, Trainer};
+use gs_train::{Error, MetricsLog, Observer as _, Outcome, Trainable, Trainer};
 
 pub(crate) use self::frames::Frames;
 use self::{
@@ -164,17 +164,36 @@ where
         }
     };
     printer.clear_bar();
-    let outcome = outcome?;
-    if outcome == Outcome::Stopped {
-        // The results are written even if this checkpoint fails.
-        let taken = trainer.saved().block_on().and_then(|mut checkpoint| {
-            log.on_checkpoint(&mut checkpoint)?;
-            Ok(checkpoint)
-        });
-        match taken {
-            Ok(checkpoint) => checkpoints.store(&checkpoint),
-            Err(error) => checkpoints.failure = Some(error.into()),
+    let outcome = match outcome {
+        Ok(Outcome::Stopped) => {
+            // The results are written even if this checkpoint fails.
+            store_now(trainer, log, checkpoints);
+            Outcome::Stopped
         }
-    }
+        // An image that cannot be read leaves the scene as the steps before made it.
+        Err(error @ Error::Io(_)) if trainer.step() > 0 => {
+            store_now(trainer, log, checkpoints);
+            return Err(checkpoints.with_stored(error.into()));
+        }
+        outcome => outcome?,
+    };
     Ok((outcome, curve, is_over && !interrupt.requested()))
+}
+
+/// Stores a checkpoint of the current step.
+fn store_now<S: Trainable>(
+    trainer: &mut Trainer<'_, AnyRasterizer, S>,
+    log: &mut MetricsLog,
+    checkpoints: &mut Checkpoints,
+) where
+    AnyRasterizer: Optimizer<S>,
+{
+    let taken = trainer.saved().block_on().and_then(|mut checkpoint| {
+        log.on_checkpoint(&mut checkpoint)?;
+        Ok(checkpoint)
+    });
+    match taken {
+        Ok(checkpoint) => checkpoints.store(&checkpoint),
+        Err(error) => checkpoints.failure = Some(error.into()),
+    }
 }

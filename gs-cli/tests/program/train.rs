@@ -201,6 +201,28 @@ fn results_that_cannot_be_written_do_not_take_the_others_with_them() {
 }
 
 #[test]
+fn a_training_with_a_damaged_image_can_go_on_once_it_is_whole() {
+    let place = folder();
+    let (dataset, _) = dataset_and_scene(place.path());
+    let [whole, cut] = ["whole", "cut"].map(|name| place.path().join(name));
+    let flags = ["--holdout", "4", "--start", "random"];
+    gs(small(&dataset, &whole).into_iter().chain(flags)).done();
+    let image = dataset.join("images/5.png");
+    let bytes = fs::read(&image).unwrap();
+    let mut damaged = bytes.clone();
+    damaged[bytes.len() / 2..][..32].fill(0);
+    fs::write(&image, damaged).unwrap();
+    let run = gs(small(&dataset, &cut).into_iter().chain(flags));
+    let checkpoint = cut.join("checkpoint.safetensors");
+    let error = run.stderr.lines().last().unwrap_or_default();
+    assert!(run.status == Some(1) && error.contains("5.png"), "{run:?}");
+    assert!(error.contains("--resume") && checkpoint.is_file(), "{run:?}");
+    fs::write(&image, bytes).unwrap();
+    gs(["train", text(&dataset), "-o", text(&cut), "--holdout", "4", "--resume", text(&checkpoint)]).done();
+    assert_eq!(fs::read(cut.join("scene.ply")).unwrap(), fs::read(whole.join("scene.ply")).unwrap());
+}
+
+#[test]
 fn a_stopped_training_goes_on_to_the_same_scene() {
     let place = folder();
     let (dataset, _) = dataset_and_scene(place.path());

@@ -69,6 +69,8 @@ struct Slot {
     stays: bool,
     /// Whether a thread reads it.
     is_read: bool,
+    /// Whether the last attempt to read it failed.
+    has_failed: bool,
     /// Place and length in the file.
     stored: Option<(u64, usize)>,
 }
@@ -128,7 +130,9 @@ impl ImageCache {
             return Ok(image);
         }
         let started = Instant::now();
-        let image = Arc::new(self.sources[index].read_compact()?);
+        let read = self.sources[index].read_compact();
+        self.state().slots[index].has_failed = read.is_err();
+        let image = Arc::new(read?);
         let bytes = image.bytes();
         let mut state = self.state();
         state.reading.read += 1;
@@ -282,6 +286,10 @@ impl ImageSource for Cached {
     }
 
     fn digest(&self) -> Result<u32, gs_io::Error> {
+        if self.cache.state().slots[self.index].has_failed {
+            // What cannot be read has no part in the run, whatever its bytes.
+            self.source().read_compact()?;
+        }
         self.source().digest()
     }
 
