@@ -9,6 +9,8 @@ struct Counted {
     overflow: atomic<u32>,
     longest: atomic<u32>,
     loss: f32,
+    // The gradient by the camera, if it was asked for, as `CameraGradient::to_array` of gs-core.
+    by_camera: array<f32, 10>,
     near: atomic<u32>,
     not_finite: atomic<u32>,
     degenerate: atomic<u32>,

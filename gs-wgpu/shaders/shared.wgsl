@@ -177,6 +177,8 @@ struct Status {
     // either.
     longest: u32,
     loss: f32,
+    // The gradient by the camera, if it was asked for, as `CameraGradient::to_array` of gs-core.
+    by_camera: array<f32, 10>,
     near: u32,
     not_finite: u32,
     degenerate: u32,

@@ -2,7 +2,7 @@
 
 use std::{fmt, sync::Arc};
 
-use gs_core::{Culled, Error, Image, RenderSettings};
+use gs_core::{CameraGradient, Culled, Error, Image, RenderSettings};
 
 use crate::{
     gpu::Gpu,
@@ -65,6 +65,8 @@ pub struct Gradients<S: Kind> {
     /// The view of the forward pass, which the uniform of an Adam step needs.
     pub(crate) view: S::View,
     pub(crate) settings: RenderSettings,
+    /// The gradient by the camera, if the forward pass asked for it.
+    pub(crate) by_camera: Option<CameraGradient>,
 }
 
 impl<S: Kind> Gradients<S> {

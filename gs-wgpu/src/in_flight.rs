@@ -15,7 +15,7 @@ use std::{
     task::{Poll, Waker},
 };
 
-use gs_core::{AdamRates, Binning, Error, Loss, MeanNoise, RenderSettings, TrainStep, Wait};
+use gs_core::{AdamRates, Binning, CameraGradient, Error, Loss, MeanNoise, RenderSettings, TrainStep, Wait};
 
 use crate::{
     answer::Answer,
@@ -172,11 +172,20 @@ pub(crate) struct InFlight<S: Kind> {
     noise: Option<wgpu::Buffer>,
     /// Losses of finished steps that the caller has not taken yet.
     pub(crate) losses: Vec<f32>,
+    /// Gradients by the camera of finished steps that asked for them, not taken yet either.
+    pub(crate) camera_gradients: Vec<CameraGradient>,
 }
 
 impl<S: Kind> Default for InFlight<S> {
     fn default() -> Self {
-        Self { workspace: None, sent: VecDeque::new(), free: Vec::new(), noise: None, losses: Vec::new() }
+        Self {
+            workspace: None,
+            sent: VecDeque::new(),
+            free: Vec::new(),
+            noise: None,
+            losses: Vec::new(),
+            camera_gradients: Vec::new(),
+        }
     }
 }
 
@@ -220,8 +229,9 @@ impl<S: Kind> InFlight<S> {
     async fn finish_oldest(&mut self, gpu: &Gpu, splats: &Splats<S>, wait: Wait) -> Result<bool, Error> {
         let finished = self.try_finish_oldest(gpu, splats, wait).await;
         if finished.is_err() {
-            let losses = std::mem::take(&mut self.losses);
-            *self = Self { losses, ..Self::default() };
+            let (losses, camera_gradients) =
+                (std::mem::take(&mut self.losses), std::mem::take(&mut self.camera_gradients));
+            *self = Self { losses, camera_gradients, ..Self::default() };
         }
         finished
     }
@@ -239,6 +249,7 @@ impl<S: Kind> InFlight<S> {
         status.check()?;
         if status.overflow == 0 {
             self.losses.push(status.loss);
+            self.camera_gradients.extend(status.camera_gradient(&oldest.request.settings));
             self.free.push(oldest.status);
             return Ok(true);
         }

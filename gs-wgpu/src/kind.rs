@@ -94,7 +94,7 @@ pub trait Kind: Scene<View: PartialEq> + 'static {
     }
 
     /// Bytes of each buffer of gradients.
-    fn gradient_bytes(splats: &Splats<Self>) -> Vec<u64>;
+    fn gradient_bytes(splats: &Splats<Self>, settings: &RenderSettings) -> Vec<u64>;
 
     /// Adds this kind's numbers to the uniform of a pass.
     fn describe(view: &Self::View, settings: &RenderSettings, splats: &Splats<Self>, step: &mut Step);

@@ -4,7 +4,7 @@
 use std::mem::offset_of;
 
 use bytemuck::{Pod, Zeroable};
-use gs_core::{Culled, Error};
+use gs_core::{CameraGradient, Culled, Error, RenderSettings};
 
 use crate::fault::backend_error;
 
@@ -131,6 +131,8 @@ pub(crate) struct Status {
     /// neither is `overflow`.
     pub(crate) longest: u32,
     pub(crate) loss: f32,
+    /// The gradient by the camera, if it was asked for, as by [`gs_core::CameraGradient::to_array`].
+    pub(crate) by_camera: [f32; 10],
     pub(crate) near: u32,
     pub(crate) not_finite: u32,
     pub(crate) degenerate: u32,
@@ -145,6 +147,11 @@ impl Status {
     pub(crate) fn culled(&self) -> Culled {
         let Self { not_finite, near, degenerate, transparent, outside, .. } = *self;
         Culled { not_finite, near, degenerate, transparent, outside }
+    }
+
+    /// The gradient by the camera of a pass with these settings, if they ask for it.
+    pub(crate) fn camera_gradient(&self, settings: &RenderSettings) -> Option<CameraGradient> {
+        settings.camera_gradient.then(|| CameraGradient::from_array(self.by_camera))
     }
 
     /// Offset of the counts, bytes.
@@ -304,7 +311,19 @@ mod tests {
         same_layout!(m, Source { parameters, moments, steps, statistics, is_fresh });
         same_layout!(
             m,
-            Status { entries, overflow, longest, loss, near, not_finite, degenerate, transparent, unfinished, outside }
+            Status {
+                entries,
+                overflow,
+                longest,
+                loss,
+                by_camera,
+                near,
+                not_finite,
+                degenerate,
+                transparent,
+                unfinished,
+                outside
+            }
         );
         same_layout!(
             m,
@@ -387,7 +406,7 @@ mod tests {
 
     /// Every combination of the flags that select lines.
     fn variants() -> impl Iterator<Item = Variant> {
-        (0..2048).map(|bits: u32| Variant {
+        (0..4096).map(|bits: u32| Variant {
             over: bits & 1 != 0,
             covariance_factor: bits & 2 != 0,
             lists: bits & 4 != 0,
@@ -405,6 +424,7 @@ mod tests {
             // No shader depends on both.
             weighted: bits & 1024 != 0,
             packed: bits & 1024 != 0,
+            camera: bits & 2048 != 0,
             ..Variant::default()
         })
     }
@@ -421,6 +441,7 @@ mod tests {
                 (variant.on_cpu, "ON_CPU"),
                 (variant.scene_3d, "SCENE_3D"),
                 (variant.by_pixel, "PER_PIXEL"),
+                (variant.camera, "CAMERA"),
                 (variant.pass == Pass::Backward, "BACKWARD"),
             ];
             let is_new = selects.iter().all(|(is_set, name)| !is_set || depends(name));

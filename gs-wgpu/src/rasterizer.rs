@@ -3,9 +3,9 @@
 use std::sync::{Arc, PoisonError};
 
 use gs_core::{
-    AdamRates, Added, Backend, Culled, DensityStatistics, EditPlan, Error, Image, Loss, MeanNoise, Optimizer,
-    Parameterization, Rasterizer, RenderSettings, Scene2d, Scene3d, SplatsState, TargetImage, TrainStep, Wait,
-    profile::Profiler,
+    AdamRates, Added, Backend, CameraGradient, Culled, DensityStatistics, EditPlan, Error, Image, Loss, MeanNoise,
+    Optimizer, Parameterization, Rasterizer, RenderSettings, Scene2d, Scene3d, SplatsState, TargetImage, TrainStep,
+    Wait, profile::Profiler,
 };
 
 use crate::{
@@ -140,7 +140,9 @@ impl WgpuRasterizer {
         let status = workspace.tiles.read_status(gpu).await?;
         status.check()?;
         let view = workspace.view.clone().expect("a forward pass has a view");
-        let gradients = Gradients { buffers, len: splats.len, view, settings: workspace.tiles.settings };
+        let settings = workspace.tiles.settings;
+        let by_camera = status.camera_gradient(&settings);
+        let gradients = Gradients { buffers, len: splats.len, view, settings, by_camera };
         Ok((status, gradients))
     }
 }
@@ -235,6 +237,10 @@ impl<S: Kind> Rasterizer<S> for WgpuRasterizer {
         S::derivatives(&self.gpu, splats, &gradients.buffers, gradients.len).await
     }
 
+    async fn camera_gradient(&self, gradients: &Gradients<S>) -> Result<CameraGradient, Error> {
+        gradients.by_camera.ok_or_else(CameraGradient::not_asked_for)
+    }
+
     async fn download(&self, splats: &Splats<S>) -> Result<S, Error> {
         splats.settle(&self.gpu).await?;
         splats.state.scene(&self.gpu, splats.len).await
@@ -272,6 +278,18 @@ impl<S: Kind> Optimizer<S> for WgpuRasterizer {
         let mut in_flight = splats.in_flight().await;
         in_flight.settle(&self.gpu, splats, wait).await?;
         losses.append(&mut in_flight.losses);
+        Ok(())
+    }
+
+    async fn camera_gradients(
+        &self,
+        splats: &mut Splats<S>,
+        wait: Wait,
+        gradients: &mut Vec<CameraGradient>,
+    ) -> Result<(), Error> {
+        let mut in_flight = splats.in_flight().await;
+        in_flight.settle(&self.gpu, splats, wait).await?;
+        gradients.append(&mut in_flight.camera_gradients);
         Ok(())
     }
 

@@ -62,6 +62,8 @@ pub(crate) struct Variant {
     pub(crate) scene_3d: bool,
     /// Pixels have weights, for `loss`.
     pub(crate) weighted: bool,
+    /// `project_bwd` also differentiates by the camera.
+    pub(crate) camera: bool,
     /// Adam's moments of SH coefficients are in `MomentFormat::Bf16`.
     pub(crate) packed: bool,
     /// `project` counts tiles for new lists.
@@ -126,7 +128,7 @@ macro_rules! shaders {
 
 shaders! {
     "shared", "at_pixel", "counted", "least_depth", "moments", "noise", "queued", "random", "received",
-    "scene3d/shared", "sources";
+    "scene3d/camera_sum", "scene3d/shared", "sources";
     "scene2d/project": ["project"],
     "scene3d/project": ["project_3d"],
     "scene3d/place": ["place"],
@@ -144,6 +146,7 @@ shaders! {
     "blend_bwd": ["blend_bwd"],
     "scene2d/project_bwd": ["project_bwd"],
     "scene3d/project_bwd": ["project_bwd_3d"],
+    "scene3d/camera_gradient": ["camera_gradient_3d"],
     "scene2d/adam": ["adam"],
     "scene3d/add": ["add_gradients_3d"],
     "scene3d/adam": ["adam_3d"],
@@ -292,6 +295,7 @@ fn preprocess(source: &str, variant: Variant) -> String {
         "SCENE_3D" => variant.scene_3d,
         "WEIGHTED" => variant.weighted,
         "PACKED" => variant.packed,
+        "CAMERA" => variant.camera,
         "PER_PIXEL" => variant.by_pixel,
         "ON_CPU" => variant.on_cpu,
         "BACKWARD" => variant.pass == Pass::Backward,

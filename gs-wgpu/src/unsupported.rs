@@ -15,8 +15,5 @@ pub(crate) fn check_settings(settings: &RenderSettings) -> Result<(), Error> {
     if settings.accuracy.cut != Cut::Hard {
         return Err(unsupported("a smooth cut, which would touch every pixel"));
     }
-    if settings.camera_gradient {
-        return Err(unsupported("the gradient by the camera"));
-    }
     Ok(())
 }

@@ -101,7 +101,7 @@ impl<S: Kind> Workspace<S> {
         commands: &mut Commands,
         splats: &Splats<S>,
     ) -> Result<(), Error> {
-        let sizes = S::gradient_bytes(splats);
+        let sizes = S::gradient_bytes(splats, &self.tiles.settings);
         while self.gradients.len() < sizes.len() {
             self.gradients.push(Growing::new(gpu, "gradients")?);
         }

@@ -3,13 +3,18 @@
 //
 // With Sigma'^-1 d = A (dx, u): v_mean' = sum t Sigma'^-1 d, v_Sigma' = ½ sum t (Sigma'^-1
 // d)(Sigma'^-1 d)^T, linear in the slots' sums.
+//
+// With CAMERA, each work group also sums what its Gaussians add to the gradient by the camera, in a
+// fixed order; `camera_gradient_3d` sums the groups.
 
 #import prelude: SH_C1, SH_C2, SH_C3
 #import shared: Ellipsoid, EllipsoidGradient, evaluated, flat, sigmoid, step
 #import received: offsets, projected, received, statistic_of, weight_of
-#import scene3d/shared: basis, Camera, in_camera, in_world, intermediate, towards
+#import scene3d/camera_sum: CameraGradient, camera_row, sum_of_group
+#import scene3d/shared: basis, Camera, in_camera, in_world, intermediate, towards, turned
 
 @group(0) @binding(1) var<uniform> camera: Camera;
+// [N]; with CAMERA, rows of sums follow, one per work group.
 @group(0) @binding(5) var<storage, read_write> gradients: array<EllipsoidGradient>;
 @group(0) @binding(6) var<storage, read> ellipsoids: array<Ellipsoid>;
 // [N, coefficients, 3]
@@ -17,6 +22,11 @@
 @group(0) @binding(8) var<storage, read_write> v_sh: array<f32>;
 // Place -> index.
 @group(0) @binding(9) var<storage, read> order: array<u32>;
+
+#if CAMERA
+// What this invocation's Gaussian adds to the gradient by the camera.
+var<private> by_camera: CameraGradient;
+#endif
 
 // Sum of a_k grad Y_k(d) up to the evaluated degree.
 fn weighted_gradients(d: vec3f, a: ptr<function, array<f32, 16>>) -> vec3f {
@@ -106,7 +116,7 @@ fn inverse_depth_bwd(mean: vec3f, v_color: vec3f) -> vec3f {
 }
 
 // The gradient by the parameters from v_mean', v_Sigma' (xx; xy and yx each; yy) and v_(ln o),
-// without the mean's part through the colour.
+// without the mean's part through the colour. With CAMERA, also sets `by_camera`.
 fn geometry_bwd(e: Ellipsoid, v_mean: vec2f, v_covariance: vec3f, v_log_opacity: f32) -> EllipsoidGradient {
     let p = in_camera(camera, e.mean);
     let i = intermediate(camera, e, p);
@@ -135,15 +145,23 @@ fn geometry_bwd(e: Ellipsoid, v_mean: vec2f, v_covariance: vec3f, v_log_opacity:
     let v_slope = camera.focal * v_mean + select(vec2f(0.0), v_clamped, i.slope == i.clamped);
     let v_depth = -i.inverse_z * (dot(v_slope, i.slope) + dot(v_r0, i.r0) + dot(v_r1, i.r1));
     // A rotation about the camera's axes, then about the world's.
-    let turn = in_world(camera, vec3f(
+    let v_turn = vec3f(
         dot(i.m[1], v_m2) - dot(i.m[2], v_m1),
         dot(i.m[2], v_m0) - dot(i.m[0], v_m2),
         dot(i.m[0], v_m1) - dot(i.m[1], v_m0),
-    )) * (2.0 * i.inverse_norm);
+    );
+    let turn = in_world(camera, v_turn) * (2.0 * i.inverse_norm);
     let axis = i.unit.yzw;
     let imaginary = i.unit.x * turn + cross(turn, axis);
+    let v_p = vec3f(i.inverse_z * v_slope, v_depth);
+#if CAMERA
+    // u = fx x/z + cx, and the bounds of tx are (-cx and W - cx, less and plus a share of W)/fx.
+    let v_bound = select(v_clamped, vec2f(0.0), i.slope == i.clamped) / camera.focal;
+    let v_focal = v_mean * i.slope + vec2f(dot(v_r0, i.r0), dot(v_r1, i.r1)) / camera.focal - v_bound * i.clamped;
+    by_camera = CameraGradient(v_p, cross(p, v_p) + v_turn, v_focal, v_mean - v_bound);
+#endif
     var g: EllipsoidGradient;
-    g.mean = in_world(camera, vec3f(i.inverse_z * v_slope, v_depth));
+    g.mean = in_world(camera, v_p);
     g.log_scale = v_r0 * i.r0 + v_r1 * i.r1;
     g.rotation = vec4f(-dot(turn, axis), imaginary);
     if step.opaque == 0u {
@@ -153,12 +171,7 @@ fn geometry_bwd(e: Ellipsoid, v_mean: vec2f, v_covariance: vec3f, v_log_opacity:
     return g;
 }
 
-@compute @workgroup_size(64)
-fn project_bwd_3d(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
-    let place = flat(group, groups) * 64u + lane;
-    if place >= step.gaussians {
-        return;
-    }
+fn differentiate(place: u32) {
     let sums = received(place);
     let index = order[place];
     let s = projected[place];
@@ -171,11 +184,22 @@ fn project_bwd_3d(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) 
         let e = ellipsoids[index];
         gradient = geometry_bwd(e, v_mean, vec3f(v_covariance[0].xy, v_covariance[1].y), sums.zeroth);
         if step.output == 0u {
-            gradient.mean += color_bwd(index, e.mean, sums.color);
+            let by_color = color_bwd(index, e.mean, sums.color);
+            gradient.mean += by_color;
+#if CAMERA
+            // A turn of the camera about its own place changes no direction.
+            by_camera.translation += turned(camera, by_color);
+#endif
         } else {
             sh_without_effect_bwd(index);
             if step.output == 1u {
-                gradient.mean += inverse_depth_bwd(e.mean, sums.color);
+                let by_color = inverse_depth_bwd(e.mean, sums.color);
+                gradient.mean += by_color;
+#if CAMERA
+                let v_p = turned(camera, by_color);
+                by_camera.translation += v_p;
+                by_camera.rotation += cross(in_camera(camera, e.mean), v_p);
+#endif
             }
         }
         if step.collect == 1u {
@@ -190,4 +214,19 @@ fn project_bwd_3d(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) 
         }
     }
     gradients[index] = gradient;
+}
+
+@compute @workgroup_size(64)
+fn project_bwd_3d(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+    let block = flat(group, groups);
+    let place = block * 64u + lane;
+    if place < step.gaussians {
+        differentiate(place);
+    }
+#if CAMERA
+    let sum = sum_of_group(lane, by_camera);
+    if lane == 0u && block * 64u < step.gaussians {
+        gradients[step.gaussians + block] = camera_row(sum);
+    }
+#endif
 }

@@ -36,6 +36,12 @@ fn in_world(camera: Camera, v: vec3f) -> vec3f {
     return w[0].xyz * v.x + w[1].xyz * v.y + w[2].xyz * v.z;
 }
 
+// W v.
+fn turned(camera: Camera, v: vec3f) -> vec3f {
+    let w = camera.world_to_camera;
+    return vec3f(dot(w[0].xyz, v), dot(w[1].xyz, v), dot(w[2].xyz, v));
+}
+
 // A quaternion times a power of two that keeps its square finite, and that power.
 struct Quaternion {
     scaled: vec4f,

@@ -55,6 +55,9 @@ impl Kind for Scene2d {
         if !settings.dropout.is_none() {
             return Err(unsupported("dropout in a 2D scene"));
         }
+        if settings.camera_gradient {
+            return Err(unsupported("the gradient by the camera in a 2D scene, which has no camera"));
+        }
         Ok(())
     }
 
@@ -80,7 +83,7 @@ impl Kind for Scene2d {
         })
     }
 
-    fn gradient_bytes(splats: &Splats<Self>) -> Vec<u64> {
+    fn gradient_bytes(splats: &Splats<Self>, _: &RenderSettings) -> Vec<u64> {
         vec![(splats.len * size_of::<Gradient>()) as u64]
     }
 

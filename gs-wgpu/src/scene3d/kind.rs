@@ -65,10 +65,12 @@ impl Kind for Scene3d {
         buffers.depths.iter_mut().chain(&mut buffers.order).try_for_each(|growing| growing.ensure(gpu, n * 4))
     }
 
-    /// Bytes of the gradients by the ellipsoids, and by the SH coefficients.
-    fn gradient_bytes(splats: &Splats<Self>) -> Vec<u64> {
+    /// Bytes of the gradients by the ellipsoids, with those by the camera of each work group if they
+    /// are asked for, and by the SH coefficients.
+    fn gradient_bytes(splats: &Splats<Self>, settings: &RenderSettings) -> Vec<u64> {
         let n = splats.len as u64;
-        vec![n * size_of::<EllipsoidGradient>() as u64, n * splats.state.coefficients() as u64 * COLOR_BYTES]
+        let sums = if settings.camera_gradient { n.div_ceil(64) } else { 0 };
+        vec![(n + sums) * size_of::<EllipsoidGradient>() as u64, n * splats.state.coefficients() as u64 * COLOR_BYTES]
     }
 
     fn describe(_: &Camera, settings: &RenderSettings, splats: &Splats<Self>, step: &mut Step) {

@@ -118,7 +118,8 @@ impl Workspace<Scene3d> {
         if by_depth { DEPTH_PASSES } else { 0 }
     }
 
-    /// Records stage `project_bwd`.
+    /// Records stage `project_bwd`, with the gradient by the camera into the status if it is asked
+    /// for.
     pub(crate) fn encode_splats_bwd(&self, gpu: &Gpu, commands: &mut Commands, splats: &Splats<Scene3d>) {
         let Self { tiles, buffers, gradients, .. } = self;
         let bindings = [
@@ -134,7 +135,12 @@ impl Workspace<Scene3d> {
             &buffers.order[0].buffer,
         ];
         let groups = groups_of(gpu, u64::from(tiles.gaussians), 64);
-        dispatch(gpu, commands, "project_bwd_3d", tiles.variant(), &bindings, groups);
+        let camera = tiles.settings.camera_gradient;
+        dispatch(gpu, commands, "project_bwd_3d", Variant { camera, ..tiles.variant() }, &bindings, groups);
+        if camera {
+            let bindings = [&tiles.step, &gradients[0].buffer, &tiles.status];
+            dispatch(gpu, commands, "camera_gradient_3d", Variant::default(), &bindings, Groups::Direct(1, 1));
+        }
     }
 
     /// Records the addition of a further loss's gradients.

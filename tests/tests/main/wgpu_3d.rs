@@ -28,9 +28,8 @@ use crate::gpus::rasterizers;
 fn conforms_with_all_kernels() {
     for (kernels, rasterizer) in rasterizers() {
         let skipped = conformance_3d(rasterizer).unwrap_or_else(|failure| panic!("{kernels:?}: {failure}"));
-        // The only optional features that it refuses.
-        let refuses = |refused: &str| refused.contains("covariance-factor") || refused == "gradients by the camera";
-        let others: Vec<_> = skipped.iter().filter(|skipped| !refuses(&skipped.refused)).collect();
+        // Covariance factors are the only optional feature that it refuses.
+        let others: Vec<_> = skipped.iter().filter(|skipped| !skipped.refused.contains("covariance-factor")).collect();
         assert!(others.is_empty(), "{kernels:?}: {others:?}");
     }
 }
@@ -168,6 +167,37 @@ fn results_have_the_same_bits_with_and_without_repeated_steps() {
         assert_eq!((losses.len(), &losses), (3, &again), "{kernels:?}");
         assert!(losses[2] < losses[0], "{kernels:?}: {losses:?}");
         assert_ne!(bits(&one), bits(&trained(&r, draw, &rates(Participants::All), 2).0), "a step changes nothing");
+    }
+}
+
+/// Steps that are repeated report their gradients by the camera once, and with the same bits.
+#[test]
+fn gradients_by_the_camera_have_the_same_bits_with_and_without_repeated_steps() {
+    let mut draw = large();
+    draw.settings.camera_gradient = true;
+    let all = rates(Participants::All);
+    for kernels in rasterizers().iter().map(|&(kernels, _)| kernels) {
+        let r = WgpuRasterizer::new(WgpuSettings::default().with(|s| s.kernels = Some(kernels))).block_on().unwrap();
+        let target = r.for_3d().upload_target(&draw.target().unwrap()).unwrap();
+        let four_steps = || {
+            let before = r.bytes_moved();
+            let mut splats = r.upload(&draw.scene, Parameterization::ScaleRotation).unwrap();
+            let mut gradients = Vec::new();
+            for loss in [Loss::L2, Loss::PAPER, Loss::L1, Loss::L2] {
+                let step = TrainStep { settings: &draw.settings, loss, rates: &all, binning: Binning::Fresh };
+                r.train_step(&mut splats, &draw.view, &target, &step).block_on().unwrap();
+                r.camera_gradients(&mut splats, Wait::Arrived, &mut gradients).block_on().unwrap();
+            }
+            r.camera_gradients(&mut splats, Wait::All, &mut gradients).block_on().unwrap();
+            (gradients.iter().map(|g| g.to_array().map(f32::to_bits)).collect::<Vec<_>>(), r.bytes_moved() - before)
+        };
+        let (repeated, more_bytes) = four_steps();
+        // The pool has large buffers from now on.
+        r.render(&draw.scene, &draw.view, &draw.settings).block_on().unwrap();
+        let (at_once, bytes_moved) = four_steps();
+        assert!(more_bytes > bytes_moved, "{kernels:?}: no step was repeated");
+        assert_eq!((repeated.len(), &repeated), (4, &at_once), "{kernels:?}");
+        assert!(repeated.iter().flatten().all(|v| *v != 0), "{kernels:?}: {repeated:?}");
     }
 }
 
