@@ -159,12 +159,7 @@ fn color_matched(rendered: &Image, posed: &PosedImage, background: [f32; 3]) -> 
 impl Pair {
     pub(super) fn l1_and_psnr(&self) -> Result<(f64, f64), Error> {
         let (l1, psnr) = l1_and_psnr(&self.rendered, &self.target)?;
-        Ok(self.of_counted(l1, psnr))
-    }
-
-    /// Of measures over all pixels, those over the pixels that count: the others are equal.
-    fn of_counted(&self, l1: f64, psnr: f64) -> (f64, f64) {
-        (l1 * self.share, psnr + psnr_of_mse(self.share))
+        Ok((l1 * self.share, psnr + psnr_of_mse(self.share)))
     }
 }
 
@@ -263,8 +258,9 @@ fn quality_of(
     let rendered = rendered.rounded_to_8_bits();
     let color_matched = color_matched(&rendered, &posed, background)?;
     let Some(pair) = paired(rendered, posed, background)? else { return Ok(None) };
-    let Comparison { l1, psnr, ssim, ms_ssim, .. } = compare(&pair.rendered, &pair.target, false)?;
-    let (l1, psnr) = pair.of_counted(l1, psnr);
+    // The bits of what is measured during a training.
+    let (l1, psnr) = pair.l1_and_psnr()?;
+    let Comparison { ssim, ms_ssim, .. } = compare(&pair.rendered, &pair.target, false)?;
     Ok(Some(ViewQuality { name: name.to_owned(), psnr, ssim, ms_ssim, l1, color_matched }))
 }
 
