@@ -13,7 +13,7 @@ use crate::{
 };
 use crate::{
     start::Start,
-    train::{Exposure, TrainPreset, TrainSettings, Trainer3d},
+    train::{TrainPreset, TrainSettings, Trainer3d},
     views::{ImageReading, PosedView, Resolution, Views},
 };
 
@@ -221,7 +221,8 @@ impl Speed {
     /// Seconds for evaluating one view after a training, an upper estimate like
     /// [`Self::view_seconds`].
     pub fn evaluation_seconds(&self, settings: &TrainSettings) -> f64 {
-        self.evaluation * self.more(settings)
+        // Only the rendering takes longer with more Gaussians.
+        self.evaluation + self.view * (self.more(settings) - 1.0)
     }
 
     /// How many times as many Gaussians there may be as when views were measured.
@@ -255,11 +256,7 @@ impl Speed {
         let is_round = |step: &u32| settings.rounds.progress(*step, settings.iterations).is_some();
         let steps: f64 = (0..settings.iterations).map(step).sum();
         let rounds: f64 = (1..=settings.iterations).filter(is_round).map(|step| self.round.at(count(step))).sum();
-        let solutions = match settings.exposure {
-            Exposure::Off => 0,
-            Exposure::Auto => 1,
-            Exposure::Affine => 4,
-        };
+        let solutions = settings.exposure.solutions(self.training_views as u32, settings.iterations);
         let maps = self.view * (self.training_views * solutions) as f64;
         let measuring = self.view_seconds(settings) * measured as f64;
         let evaluation = self.evaluation_seconds(settings) * evaluated as f64;

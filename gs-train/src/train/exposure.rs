@@ -37,6 +37,18 @@ impl Exposure {
     pub(super) fn is_off(&self) -> bool {
         *self == Self::Off
     }
+
+    /// Number of solutions in a run with this many training views and steps, where the images do not
+    /// differ.
+    pub(crate) fn solutions(self, views: u32, iterations: u32) -> usize {
+        let least = LEAST_STEPS_PER_VIEW.saturating_mul(views);
+        let is_late = |share: f64| (share * f64::from(iterations)).round() >= f64::from(least);
+        match self {
+            Self::Off => 0,
+            Self::Affine => SOLVED_AT.len(),
+            Self::Auto => usize::from(SOLVED_AT.into_iter().any(is_late)),
+        }
+    }
 }
 
 /// Shares of a run after which the maps are solved: late enough for recognizable renderings, early
