@@ -42,6 +42,42 @@ def test_3d_against_finite_differences(scene_3d: gs.Scene3d, camera: gs.Camera) 
     check(scene_3d, camera=camera)
 
 
+def test_the_gradient_by_the_camera(scene_3d: gs.Scene3d, camera: gs.Camera) -> None:
+    settings = {**SMOOTH, "camera-gradient": True}
+    first = gs.forward(scene_3d, camera, settings=settings, backend="cpu")
+    v_image = np.random.default_rng(7).normal(size=first.image.shape).astype(np.float32)
+    with pytest.raises(RuntimeError, match="backward"):
+        first.camera_gradient  # noqa: B018
+    first.backward(v_image)
+    gradient = first.camera_gradient
+    shapes = {name: part.shape for name, part in gradient.items()}
+    assert shapes == {"translation": (3,), "rotation": (3,), "focal": (2,), "center": (2,)}
+    for name, part in gradient.items():
+        size = np.abs(part).max()
+        for axis, expected in enumerate(part):
+            # In px, an intrinsic moves the image far less than a unit of the pose does.
+            step = 2e-3 if part.size == 3 else 0.05
+
+            def loss(by: float, name: str = name, axis: int = axis, n: int = part.size) -> float:
+                moved = camera.moved(**{name: by * np.eye(n)[axis]})
+                image = gs.render(scene_3d, moved, settings=SMOOTH, backend="cpu")
+                return float(np.sum(image.astype(np.float64) * v_image))
+
+            found = (loss(step) - loss(-step)) / (2 * step)
+            assert found == pytest.approx(expected, rel=0.02, abs=0.02 * size), (name, axis)
+
+
+def test_a_gradient_by_the_camera_that_nobody_asked_for(
+    scene_2d: gs.Scene2d, scene_3d: gs.Scene3d, camera: gs.Camera
+) -> None:
+    first = gs.forward(scene_3d, camera, backend="cpu")
+    first.backward(np.ones_like(first.image))
+    with pytest.raises(RuntimeError, match="camera-gradient"):
+        first.camera_gradient  # noqa: B018
+    with pytest.raises(ValueError, match="2D"):
+        gs.forward(scene_2d, size=(8, 6), settings={"camera-gradient": True}, backend="cpu")
+
+
 def check_oracle(scene: gs.Scene2d | gs.Scene3d, **view: Any) -> None:
     """Compare the image and all gradients with those of the oracle."""
     first = gs.forward(scene, backend="cpu", **view)

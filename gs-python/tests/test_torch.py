@@ -57,6 +57,35 @@ def test_3d(scene_3d: gs.Scene3d, camera: gs.Camera) -> None:
     check(scene_3d, render_3d, camera=camera)
 
 
+def test_the_camera(scene_3d: gs.Scene3d, camera: gs.Camera) -> None:
+    """Compare the gradient by a large and a zero offset of the camera with finite differences."""
+    from gaussian_splats.torch import render_3d
+
+    values = {name: tensor.detach() for name, tensor in tensors(scene_3d).items()}
+    far = [0.1, -0.05, 0.08, 0.2, -0.3, 0.25, 1.5, -2.0, 0.7, 0.4]
+    for start in (torch.zeros(10, dtype=torch.float64), torch.tensor(far, dtype=torch.float64)):
+
+        def render(offset: Any) -> Any:
+            return render_3d(
+                **values, camera=camera, camera_offset=offset, settings=SMOOTH, backend="cpu"
+            )
+
+        offset = start.clone().requires_grad_()
+        image = render(offset)
+        v_image = torch.tensor(np.random.default_rng(5).normal(size=image.shape))
+        (image * v_image).sum().backward()
+        for k in range(10):
+            step = torch.zeros(10, dtype=torch.float64)
+            step[k] = 2e-3 if k < 6 else 0.05
+            found = float(
+                ((render(start + step) - render(start - step)) * v_image).sum() / (2 * step[k])
+            )
+            size = offset.grad[:6].abs().max() if k < 6 else offset.grad[6:].abs().max()
+            assert found == pytest.approx(
+                float(offset.grad[k]), rel=0.02, abs=0.02 * float(size)
+            ), k
+
+
 def test_an_optimizer_of_pytorch(scene_2d: gs.Scene2d) -> None:
     from gaussian_splats.torch import render_2d
 

@@ -78,6 +78,25 @@ class Camera:
             points down.
         :raises ValueError: where the target is at the position, or straight up or down from it.
         """
+    def moved(
+        self,
+        translation: npt.ArrayLike | None = None,
+        rotation: npt.ArrayLike | None = None,
+        *,
+        focal: npt.ArrayLike | None = None,
+        center: npt.ArrayLike | None = None,
+    ) -> Camera:
+        """The camera after a small move: against ``ForwardPass.camera_gradient``, for instance.
+
+        A point in camera coordinates is turned by ``rotation`` and then shifted by ``translation``.
+        All are 0 by default.
+
+        :param translation: (3,), world units, along the camera's axes.
+        :param rotation: an angle in radians times a unit axis, (3,), along the camera's axes.
+        :param focal: added to the focal length, (2,), px.
+        :param center: added to the principal point, (2,), px.
+        :raises ValueError: where the camera would be impossible.
+        """
     def resized(self, width: int, height: int) -> Camera:
         """The same view in an image of another size."""
     @property
@@ -290,6 +309,17 @@ class ForwardPass:
 
         :param v_image: the gradient of the loss with respect to the image, float32 of its shape.
         :raises RuntimeError: if this forward pass has been used already.
+        """
+    @property
+    def camera_gradient(self) -> dict[str, Floats]:
+        """The gradient of the loss with respect to the camera, after :meth:`backward`.
+
+        Only for 3D scenes rendered with ``settings={"camera-gradient": True}``. The keys are the
+        arguments of :meth:`Camera.moved`, by which the gradient is taken at 0: ``"translation"``,
+        (3,), per world unit; ``"rotation"``, (3,), per radian; ``"focal"`` and ``"center"``, (2,),
+        per px.
+
+        :raises RuntimeError: before :meth:`backward`, and where the settings do not ask for it.
         """
 
 def oracle_render(

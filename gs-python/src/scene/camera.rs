@@ -73,6 +73,28 @@ impl Camera {
         Ok(Self { camera })
     }
 
+    #[doc = doc!("Camera.moved")]
+    #[pyo3(signature = (translation = None, rotation = None, *, focal = None, center = None))]
+    fn moved(
+        &self,
+        translation: Option<&Bound<'_, PyAny>>,
+        rotation: Option<&Bound<'_, PyAny>>,
+        focal: Option<&Bound<'_, PyAny>>,
+        center: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Self> {
+        let translation = translation.map_or(Ok(Vec3::ZERO), |translation| point("translation", translation))?;
+        let rotation = rotation.map_or(Ok(Vec3::ZERO), |rotation| point("rotation", rotation))?;
+        let pair = |argument: &str, value: Option<&Bound<'_, PyAny>>| match value {
+            Some(value) => arrays::small(argument, value, &[2]).map(|numbers| Vec2::from_slice(&numbers)),
+            None => Ok(Vec2::ZERO),
+        };
+        let mut camera = self.camera.moved(translation, rotation);
+        camera.focal += pair("focal", focal)?;
+        camera.center += pair("center", center)?;
+        camera.validate().map_err(IntoPython::into_python)?;
+        Ok(Self { camera })
+    }
+
     #[doc = doc!("Camera.resized")]
     fn resized(&self, width: u32, height: u32) -> PyResult<Self> {
         let camera = self.camera.resized(width, height);
