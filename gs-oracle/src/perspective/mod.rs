@@ -7,19 +7,22 @@
 
 mod backward;
 mod moved;
+mod shading;
 
 use gs_core::{
     Camera, CullCause, Error, Output, RenderSettings,
     constants::{MIN_DETERMINANT_PX4, MIN_QUATERNION_NORM2},
-    effects::{Antialias, Blend, Order},
+    effects::{Antialias, Order},
 };
 
-use self::backward::Chain;
 pub use self::moved::MovedCamera;
+use self::{
+    backward::Chain,
+    shading::{Opacity, Shading, appearance},
+};
 use super::{
     parameters::{OPACITY_3D, SH_3D, sh_len},
     rounded::{F32_ROUNDING, Matrix, Rounded, applied, dot, product, transposed},
-    spherical_harmonics,
     splat::{Appearance, Depth, Exponent, Lean, OracleView, Projection, Splat},
 };
 use crate::ROUNDINGS;
@@ -319,93 +322,6 @@ impl Covariance {
         let half = |adjugate: Rounded, wide: Rounded| 0.5 * (adjugate / root - compensation * wide);
         (compensation, [half(vv, precision[0]), 2.0 * half(-uv, precision[1]), half(uu, precision[2])])
     }
-}
-
-/// A Gaussian's opacity.
-struct Opacity {
-    /// sigmoid(logit), or 1.
-    stored: Rounded,
-    /// The antialiasing factor times the dropout gain.
-    compensation: Rounded,
-    /// ∂(compensation)/∂Σ, where uv stands for both entries.
-    compensation_slope: [Rounded; 3],
-    /// The opacity in pixels.
-    shown: Rounded,
-    /// ∂(shown)/∂(the opacity's entry of a share).
-    slope: f64,
-}
-
-impl Opacity {
-    fn new(logit: f64, settings: &RenderSettings, covariance: &Covariance) -> Self {
-        let (compensation, compensation_slope) = covariance.compensation(settings.effects.antialias);
-        let gain = Rounded::ONE / (Rounded::ONE - Rounded::exact(settings.dropout.rate.into()));
-        let (compensation, compensation_slope) = (compensation * gain, compensation_slope.map(|slope| slope * gain));
-        let (stored, shown, slope) = match settings.effects.blend {
-            // Without an opacity there is nothing to compensate.
-            Blend::Sum => (Rounded::ONE, Rounded::ONE, 0.0),
-            Blend::Over => {
-                let stored = sigmoid(logit);
-                (stored, stored * compensation, 1.0)
-            }
-        };
-        Self { stored, compensation, compensation_slope, shown, slope }
-    }
-}
-
-/// A Gaussian's colour as seen from the camera.
-struct Shading {
-    /// Evaluated coefficients, `[k][channel]`.
-    sh: Vec<[f64; 3]>,
-    /// RGB, clamped at 0.
-    color: [Rounded; 3],
-    /// Channels that are not clamped.
-    shows: [bool; 3],
-}
-
-impl Shading {
-    fn new(g: &[f64], direction: &[Rounded; 3], degree: u8) -> Result<Self, CullCause> {
-        let evaluated = sh_len(g).min((usize::from(degree) + 1).pow(2));
-        let sh: Vec<[f64; 3]> = (0..evaluated).map(|k| [0, 1, 2].map(|channel| g[SH_3D + 3 * k + channel])).collect();
-        let color = [0, 1, 2].map(|channel| {
-            let sum = (0..evaluated)
-                .map(|k| Rounded::exact(sh[k][channel]) * spherical_harmonics::basis(k, direction))
-                .sum::<Rounded>();
-            Rounded::exact(0.5) + sum
-        });
-        if !color.into_iter().all(Rounded::is_finite) {
-            return Err(CullCause::NotFinite);
-        }
-        let shows = color.map(|c| c.value > 0.0);
-        let color = [0, 1, 2].map(|k| if shows[k] { color[k] } else { Rounded::ZERO });
-        Ok(Self { sh, color, shows })
-    }
-
-    /// A value in place of the colour.
-    fn constant(value: Rounded) -> Self {
-        Self { sh: Vec::new(), color: [value; 3], shows: [true; 3] }
-    }
-}
-
-fn appearance(opacity: &Opacity, shading: &Shading, undecided: bool) -> Appearance {
-    Appearance {
-        opacity: opacity.shown.value,
-        opacity_rounding: opacity.shown.relative(),
-        opacity_slope: opacity.slope,
-        color: shading.color.map(|c| c.value),
-        color_rounding: shading.color.map(|c| c.error),
-        undecided,
-    }
-}
-
-/// 1 / (1 + exp(−logit)); 0 and 1 at ±∞.
-fn sigmoid(logit: f64) -> Rounded {
-    if logit.is_infinite() {
-        return Rounded::exact(f64::from(u8::from(logit > 0.0)));
-    }
-    // This form of the two has the exponential that does not overflow.
-    let small = Rounded::exact(-logit.abs()).exp();
-    let part = if logit < 0.0 { small } else { Rounded::ONE };
-    part / (Rounded::ONE + small)
 }
 
 /// R of a unit quaternion (w, x, y, z).
