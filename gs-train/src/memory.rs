@@ -25,6 +25,13 @@ const COMPACT: u64 = 3;
 /// Images that are read ahead.
 pub(crate) const READ_AHEAD: u64 = 8;
 
+/// A pixel of a view that is evaluated: the rendering and the image, and copies of both, rounded and
+/// with mapped colours.
+const EVALUATED: u64 = 72;
+
+/// Most bytes of the views that are evaluated at the same time, unless a single view needs more.
+const MOST_EVALUATED: u64 = 512 << 20;
+
 /// Pixels of all targets above which they are kept compact.
 const COMPACT_FROM: u64 = 25_000_000;
 
@@ -135,12 +142,14 @@ impl TrainSettings {
         // An image on its way to the backend, a rendering, the target of the step, and images that are
         // read ahead.
         let passing = 4 * IMAGE + of_target(self.loss) + step + READ_AHEAD * COMPACT;
+        // Views are evaluated when the last step is over.
+        let evaluated = largest * EVALUATED * evaluated_at_once(largest) as u64;
         let numbers = 3 * ((u64::from(self.render.effects.sh_degree) + 1).pow(2) - 1);
         // The sum of several scenes has each of a Gaussian's numbers, too.
         let sum = if self.average_last > 0.0 { (14 + numbers) * PLANE } else { 0 };
         let gaussian = GAUSSIAN_3D + numbers * PARAMETER_3D + sum;
         let of_evidence = self.of_evidence(count, gaussian);
-        overhead(largest) + kept + largest * passing + gaussians * (gaussian + of_evidence)
+        overhead(largest) + kept + (largest * passing).max(evaluated) + gaussians * (gaussian + of_evidence)
     }
 
     /// Memory of the evidence in the round that needs most, for each Gaussian: the evidence itself,
@@ -171,6 +180,11 @@ impl TrainSettings {
         let numbers = 3 * (u64::from(self.render.effects.sh_degree) + 1).pow(2);
         all * (IMAGE + PLANE) / 4 + 2 * largest * IMAGE + gaussians * (DEPTH_GAUSSIAN + numbers * PLANE)
     }
+}
+
+/// Number of views of at most this many pixels that are evaluated at the same time, a thread for each.
+pub(crate) fn evaluated_at_once(pixels: u64) -> usize {
+    rayon::current_num_threads().min((MOST_EVALUATED / (EVALUATED * pixels).max(1)) as usize).max(1)
 }
 
 /// Whether so many pixels are kept as [`gs_core::TargetImage::compact`] targets: with what D-SSIM

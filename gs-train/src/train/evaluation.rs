@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use super::task::where_masked;
 use crate::views::{ColorMap, PosedView};
-use crate::{error::Error, run::infinite_where_null};
+use crate::{error::Error, memory::evaluated_at_once, run::infinite_where_null};
 
 /// Quality where differences in exposure and white balance do not count: an affine map of colours
 /// is fitted from the left half of the 8-bit rendering to that of the image, and the right half is
@@ -182,13 +182,6 @@ pub async fn evaluate<R: Rasterizer<Scene3d>>(
 /// rendering, not clamped.
 pub type Look<'a> = dyn Fn(usize, &PosedImage, &Image) -> Result<(), Error> + Sync + 'a;
 
-/// Bytes for each pixel of a view that is being measured: the rendering and the image, and copies of
-/// both, rounded and with mapped colours.
-const BYTES_PER_PIXEL: u64 = 72;
-
-/// Most bytes of the views that are measured at the same time, unless a single view needs more.
-const MOST_BYTES: u64 = 512 << 20;
-
 /// [`evaluate`] for splats. Some views are rendered, one after the other; then they are measured at the
 /// same time, a thread for each.
 pub(super) async fn evaluate_splats<R: Rasterizer<Scene3d>>(
@@ -244,8 +237,7 @@ pub(super) async fn evaluate_splats<R: Rasterizer<Scene3d>>(
 /// Number of these views to measure at the same time.
 pub(super) fn together<'a>(views: impl IntoIterator<Item = &'a PosedView>) -> usize {
     let pixels = |view: &PosedView| u64::from(view.camera.width) * u64::from(view.camera.height);
-    let largest = BYTES_PER_PIXEL * views.into_iter().map(pixels).max().unwrap_or(0);
-    rayon::current_num_threads().min((MOST_BYTES / largest.max(1)) as usize).max(1)
+    evaluated_at_once(views.into_iter().map(pixels).max().unwrap_or(0))
 }
 
 /// Quality of a view; `None` where no pixel counts.

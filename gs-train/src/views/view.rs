@@ -19,6 +19,9 @@ use crate::{error::Error, run::digest};
 pub(crate) const STAND_INS: usize = 8;
 
 /// Source of a view's image: memory, or a file that is read when it is needed.
+///
+/// Sources are read on several threads, among them those of rayon's global pool, all of which may wait
+/// for the same image: reading must not itself wait for that pool.
 pub trait ImageSource: Send + Sync {
     /// Reads the image, which has the size of its view's camera.
     ///
