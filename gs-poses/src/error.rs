@@ -9,7 +9,7 @@ use thiserror::Error;
 #[non_exhaustive]
 pub enum Error {
     /// What was named is no folder.
-    #[error("{}: there is no such folder; name the one that holds the photographs", path.display())]
+    #[error("{}: there is no such folder or video; name the folder that holds the photographs", path.display())]
     NotAFolder {
         /// The path that was named.
         path: PathBuf,
@@ -35,6 +35,23 @@ pub enum Error {
         program: String,
         /// Its version.
         version: String,
+    },
+    /// There is no ffmpeg.
+    #[error(
+        "{}: the frames of a video are read by ffmpeg, which is not installed (no `ffmpeg` and `ffprobe` on the PATH): on \
+         Linux apt install ffmpeg, on macOS brew install ffmpeg, on Windows winget install ffmpeg", path.display()
+    )]
+    NoFfmpeg {
+        /// The video.
+        path: PathBuf,
+    },
+    /// A video that gives no photographs.
+    #[error("{}: {problem}", path.display())]
+    Video {
+        /// The video.
+        path: PathBuf,
+        /// What is wrong, and what to do.
+        problem: String,
     },
     /// COLMAP failed, or was killed.
     #[error("COLMAP {how} while {stage}{}: see {}; what is done so far is kept, and --resume continues", said.as_ref().map_or_else(String::new, |said| format!(" ({said})")), log.display())]

@@ -107,6 +107,11 @@ impl Grey {
         Some(Self::of(&image))
     }
 
+    /// A copy by the brightness of its pixels, 0 to 255.
+    pub(crate) fn from_bytes(width: usize, pixels: &[u8]) -> Self {
+        Self { width, values: pixels.iter().map(|value| f32::from(*value) / 255.0).collect() }
+    }
+
     /// The means of squares of pixels.
     pub(crate) fn of(image: &Image) -> Self {
         let side = image.width().div_ceil(WIDTH).max(1);

@@ -9,8 +9,10 @@ mod plan;
 mod process;
 mod run;
 mod settings;
+mod source;
 mod upright;
 mod verdict;
+mod video;
 
 pub use self::{
     colmap::Colmap,
@@ -18,5 +20,7 @@ pub use self::{
     photographs::{Exif, Photograph, Photographs},
     run::{FILES, Observer, Stage, find_poses},
     settings::{LensKind, Pairs, Settings},
+    source::Source,
     verdict::{LeftOut, Quality, Verdict},
+    video::{Video, is_video},
 };

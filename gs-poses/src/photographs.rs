@@ -5,6 +5,7 @@ use std::{
     fs::File,
     io::BufReader,
     path::{Path, PathBuf},
+    time::UNIX_EPOCH,
 };
 
 use exif::{In, Tag, Value};
@@ -76,13 +77,18 @@ impl Photographs {
         let has_images = |folder: &PathBuf| gs_io::image_files(folder).is_ok_and(|files| !files.is_empty());
         let inner = INNER.iter().map(|name| folder.join(name)).find(has_images);
         let root = inner.filter(|_| !has_images(&folder.to_owned())).unwrap_or_else(|| folder.to_owned());
+        Self::of(folder, &root)
+    }
+
+    /// The photographs below `root`, of what the user named `folder`.
+    pub(crate) fn of(folder: &Path, root: &Path) -> Result<Self, Error> {
         let mut found = Self { folder: folder.to_owned(), files: Vec::new(), left_out: Vec::new() };
         let masks = [root.join("masks"), folder.join("masks"), root.join("../masks")];
         let masks = masks.into_iter().find(|folder| folder.is_dir());
-        found.add(&root, &root, 0, masks.as_deref())?;
+        found.add(root, root, 0, masks.as_deref())?;
         found.files.sort_by(|a, b| a.name.cmp(&b.name));
         if found.files.len() < 2 {
-            let unreadable = gs_io::unreadable_photographs(&root);
+            let unreadable = gs_io::unreadable_photographs(root);
             let count = match found.files.len() {
                 0 => "no photograph".to_owned(),
                 count => counted(count, "photograph"),
@@ -132,6 +138,16 @@ impl Photographs {
             .flatten()
             .map(|path| &**path)
     }
+}
+
+/// Name, size and time of a file.
+pub(crate) type Identity = (String, u64, u64);
+
+/// The identity of a file, by a name for it.
+pub(crate) fn identity(name: &str, path: &Path) -> Identity {
+    let metadata = fs::metadata(path).ok();
+    let time = metadata.as_ref().and_then(|metadata| metadata.modified().ok()?.duration_since(UNIX_EPOCH).ok());
+    (name.to_owned(), metadata.map_or(0, |metadata| metadata.len()), time.map_or(0, |time| time.as_secs()))
 }
 
 /// The path below a folder, with `/`; `None` for one that a list of COLMAP, a name per line without blanks

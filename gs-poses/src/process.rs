@@ -13,7 +13,7 @@ use std::{
 use crate::{colmap::Arguments, error::Error};
 
 /// How often the caller is asked whether to go on.
-const PAUSE: Duration = Duration::from_millis(100);
+pub(crate) const PAUSE: Duration = Duration::from_millis(100);
 
 /// COLMAP's log.
 #[derive(Debug)]

@@ -4,7 +4,6 @@ use std::{
     collections::{BTreeMap, BTreeSet},
     fs,
     path::{Path, PathBuf},
-    time::UNIX_EPOCH,
 };
 
 use gs_io::OutputFolder;
@@ -15,10 +14,11 @@ use crate::{
     error::Error,
     inspection::why_none,
     model::{self, Model, models_in},
-    photographs::{Photograph, Photographs},
+    photographs::{Identity, Photograph, Photographs, identity},
     plan::Plan,
     process::{Log, features_in, fraction},
     settings::Settings,
+    source::Source,
     upright::upright,
     verdict::Verdict,
 };
@@ -29,7 +29,7 @@ pub const FILES: [&str; 5] =
     ["poses.json", "poses.log", "sparse/0/points3D.bin", "sparse/0/images.bin", "sparse/0/cameras.bin"];
 
 /// The folder of unfinished work in that of the data set.
-const WORK: &str = ".gs-poses";
+pub(crate) const WORK: &str = ".gs-poses";
 
 /// What is done, in [`WORK`].
 const STATE: &str = "state.json";
@@ -44,6 +44,10 @@ const SHARED: usize = 3;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Stage {
+    /// Looking at the frames of a video.
+    Video,
+    /// Writing the frames of a video that become photographs.
+    Frames,
     /// Finding features in each photograph.
     Features,
     /// Comparing pairs of photographs.
@@ -58,6 +62,8 @@ impl Stage {
     /// What is being done, in words.
     pub fn words(self) -> &'static str {
         match self {
+            Self::Video => "looking for sharp frames",
+            Self::Frames => "writing the frames",
             Self::Features => "finding features",
             Self::Matching => "matching the photographs",
             Self::Mapping => "finding the poses",
@@ -68,7 +74,7 @@ impl Stage {
 
 /// Is told about the work, and can end it.
 pub trait Observer {
-    /// How far a stage is: `done` of `total` photographs or blocks of pairs.
+    /// How far a stage is: `done` of `total` frames, photographs or blocks of pairs.
     fn progress(&mut self, stage: Stage, done: usize, total: usize);
 
     /// Something worth a line.
@@ -82,7 +88,7 @@ pub trait Observer {
 #[derive(Debug, Serialize, Deserialize, PartialEq)]
 struct State {
     /// The photographs by name, size and time, and the choices.
-    photographs: Vec<(String, u64, u64)>,
+    photographs: Vec<Identity>,
     plan: Plan,
     extracted: bool,
     matched: bool,
@@ -93,25 +99,28 @@ struct State {
 struct Stored {
     verdict: Verdict,
     /// As in [`State`].
-    photographs: Vec<(String, u64, u64)>,
+    photographs: Vec<Identity>,
 }
 
 /// Finds the poses of photographs and makes a data set of them: `images` (links where the file system has
-/// them, else copies), `masks`, and the model in `sparse/0`, whose −y is up. `poses.json` has the verdict,
+/// them, else copies; frames of a video), `masks`, and the model in `sparse/0`, whose −y is up. `poses.json` has the verdict,
 /// and `poses.log` all that COLMAP said.
 ///
 /// The folder must have claimed [`FILES`]. With `resume`, stages that an earlier run finished for the same
 /// photographs and settings are not repeated, nor is anything where it found the poses.
 ///
 /// # Errors
-/// Those of COLMAP, of its model and of the files; [`Error::NoPoses`] where there are none to be found.
+/// Those of COLMAP, of its model, of the video and of the files; [`Error::NoPoses`] where there are none to be
+/// found.
 pub fn find_poses(
-    photographs: &Photographs,
+    source: &Source,
     settings: &Settings,
     colmap: &Colmap,
     (folder, resume): (&OutputFolder, bool),
     observer: &mut dyn Observer,
 ) -> Result<Verdict, Error> {
+    let photographs = &source.photographs((folder, resume), observer)?;
+    photographs.left_out.iter().for_each(|what| observer.note(&format!("left out: {what}")));
     if let Some(verdict) = found_before(photographs, folder.path()).filter(|_| resume) {
         return Ok(verdict);
     }
@@ -142,13 +151,8 @@ fn found_before(photographs: &Photographs, folder: &Path) -> Option<Verdict> {
 }
 
 /// Name, size and time of photographs.
-fn identities(photographs: &[Photograph]) -> Vec<(String, u64, u64)> {
-    let identity = |photograph: &Photograph| {
-        let metadata = fs::metadata(&photograph.path).ok();
-        let time = metadata.as_ref().and_then(|metadata| metadata.modified().ok()?.duration_since(UNIX_EPOCH).ok());
-        (photograph.name.clone(), metadata.map_or(0, |metadata| metadata.len()), time.map_or(0, |time| time.as_secs()))
-    };
-    photographs.iter().map(identity).collect()
+fn identities(photographs: &[Photograph]) -> Vec<Identity> {
+    photographs.iter().map(|photograph| identity(&photograph.name, &photograph.path)).collect()
 }
 
 /// Puts the photographs and masks into the data set; returns whether there are masks.
@@ -194,7 +198,7 @@ fn place_file(folder: &OutputFolder, name: &str, path: &Path) -> Result<(), Erro
 }
 
 /// Removes a folder of unfinished work.
-fn remove(work: &Path) -> Result<(), Error> {
+pub(crate) fn remove(work: &Path) -> Result<(), Error> {
     match fs::remove_dir_all(work) {
         Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(Error::at(work)(error)),
         _ => Ok(()),

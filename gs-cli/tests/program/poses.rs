@@ -38,32 +38,37 @@ esac
 const NAMES: [&str; 5] = ["a b.png", "inner/é.png", "inner/写真.png", "m.png", "z.png"];
 
 /// A place with the program, photographs of these names, and a model of the first four.
-struct Scene {
+pub(crate) struct Scene {
     place: tempfile::TempDir,
 }
 
 impl Scene {
     fn new(color: impl Fn(usize, u32, u32) -> [f32; 3]) -> Self {
         let place = folder();
-        let colmap = place.path().join("bin/colmap");
         fs::create_dir_all(place.path().join("bin/model")).unwrap();
         fs::create_dir_all(place.path().join("photos/inner")).unwrap();
-        fs::write(&colmap, COLMAP).unwrap();
-        fs::set_permissions(&colmap, fs::Permissions::from_mode(0o755)).unwrap();
         for (index, name) in NAMES.iter().enumerate() {
             let image = Image::from_fn(64, 48, |x, y| color(index, x, y)).unwrap();
             gs_io::write_png(place.path().join("photos").join(name), &image).unwrap();
         }
         let scene = Self { place };
-        scene.write_model();
+        scene.program("colmap", COLMAP);
+        scene.write_model(&NAMES[..4]);
         scene
     }
 
-    fn textured() -> Self {
+    pub(crate) fn textured() -> Self {
         Self::new(|index, x, y| [((x * 7 + y * 13 + index as u32 * 5) % 17) as f32 / 16.0; 3])
     }
 
-    fn path(&self, name: &str) -> PathBuf {
+    /// Puts a program on the `PATH`.
+    pub(crate) fn program(&self, name: &str, script: &str) {
+        let path = self.path("bin").join(name);
+        fs::write(&path, script).unwrap();
+        fs::set_permissions(&path, fs::Permissions::from_mode(0o755)).unwrap();
+    }
+
+    pub(crate) fn path(&self, name: &str) -> PathBuf {
         self.place.path().join(name)
     }
 
@@ -72,29 +77,29 @@ impl Scene {
         fs::write(self.path(&format!("bin/{command}.sh")), script).unwrap();
     }
 
-    fn calls(&self) -> Vec<String> {
+    pub(crate) fn calls(&self) -> Vec<String> {
         let calls = fs::read_to_string(self.path("bin/calls")).unwrap_or_default();
         fs::write(self.path("bin/calls"), "").unwrap();
         calls.lines().map(str::to_owned).collect()
     }
 
-    fn command(&self, arguments: &[&str]) -> Command {
+    pub(crate) fn command(&self, arguments: &[&str]) -> Command {
         let mut command = command();
         let path = format!("{}:/usr/bin:/bin", self.path("bin").display());
         command.args(arguments).current_dir(self.place.path()).env("PATH", path);
         command
     }
 
-    fn gs(&self, arguments: &[&str]) -> Run {
+    pub(crate) fn gs(&self, arguments: &[&str]) -> Run {
         Run::of(&mut self.command(arguments))
     }
 
     /// Cameras side by side that look along z, and 200 points in front of them.
-    fn write_model(&self) {
+    pub(crate) fn write_model(&self, names: &[&str]) {
         let folder = self.path("bin/model");
-        let (images, points) = (4_u64, 200_u64);
+        let (images, points) = (names.len() as u64, 200_u64);
         let mut bytes = images.to_le_bytes().to_vec();
-        for (id, name) in (1_u32..).zip(&NAMES[..4]) {
+        for (id, name) in (1_u32..).zip(names) {
             bytes.extend(id.to_le_bytes());
             let pose = [1.0, 0.0, 0.0, 0.0, -0.5 * f64::from(id), 0.0, 0.0];
             pose.iter().for_each(|value: &f64| bytes.extend(value.to_le_bytes()));
@@ -122,7 +127,7 @@ impl Scene {
     }
 }
 
-fn last_line(run: &Run) -> &str {
+pub(crate) fn last_line(run: &Run) -> &str {
     run.stderr.lines().last().unwrap_or_default()
 }
 

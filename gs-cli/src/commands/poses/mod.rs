@@ -1,4 +1,4 @@
-//! `gs poses`: photographs become a data set, with camera poses that COLMAP finds.
+//! `gs poses`: photographs or a video become a data set, with camera poses that COLMAP finds.
 
 mod display;
 
@@ -8,8 +8,9 @@ use std::{
 };
 
 use clap::Args;
+use gs_core::counted;
 use gs_io::{Inputs, OutputFolder};
-use gs_poses::{Colmap, Error, FILES, LensKind, Pairs, Photographs, Quality, Settings, Verdict, find_poses};
+use gs_poses::{Colmap, Error, FILES, LensKind, Pairs, Quality, Settings, Source, Verdict, find_poses};
 
 use self::display::Display;
 use crate::{
@@ -23,10 +24,15 @@ const AFTER_HELP: &str = "\
 PHOTOS is a folder of photographs, also in subfolders. A mask for photo.jpg is masks/photo.jpg.png: \
 black pixels are ignored. COLMAP 3.7 or later must be installed.
 
+PHOTOS can also be a video, which ffmpeg must be installed for: at most 300 of its frames become \
+photographs, the sharpest wherever the picture has moved by a tenth of its longer side, or less in \
+short videos.
+
 DIR is then a data set for gs train:
-  images/      the photographs: links where the file system has them, else copies
+  images/      the photographs: links where the file system has them, else copies; frames of a video
   masks/       the masks, if there are any
   sparse/0/    cameras, poses and points in COLMAP's format; -y is up
+  frames.json  the times of the frames of a video
   poses.json   the verdict
   poses.log    all that COLMAP said
 
@@ -39,7 +45,7 @@ Ctrl-C stops; what is done is kept in DIR/.gs-poses, and --resume continues ther
 #[derive(Debug, Clone, Args)]
 #[command(after_help = AFTER_HELP)]
 pub(crate) struct PosesArgs {
-    /// The folder of photographs
+    /// The folder of photographs, or a video
     photos: PathBuf,
     /// Folder for the data set; made if necessary
     #[arg(short, long, value_name = "DIR")]
@@ -71,7 +77,7 @@ pub(crate) struct PosesArgs {
 
 /// Finds the poses of photographs.
 pub(crate) fn run(args: &PosesArgs) -> Result<(), Failure> {
-    let photographs = Photographs::find(&args.photos)?;
+    let source = Source::find(&args.photos)?;
     let settings = Settings::default().with(|s| {
         s.max_size = args.max_size;
         s.lens = args.lens;
@@ -80,7 +86,7 @@ pub(crate) fn run(args: &PosesArgs) -> Result<(), Failure> {
         s.threads = args.threads;
     });
     let command = format!("gs poses {} -o {}", quoted(&args.photos), quoted(&args.output));
-    let verdict = find(&photographs, &settings, (&args.output, args.overwrite, args.resume), &command)?;
+    let verdict = find(&source, &settings, (&args.output, args.overwrite, args.resume), &command)?;
     if args.json {
         return output::json(&verdict);
     }
@@ -90,19 +96,24 @@ pub(crate) fn run(args: &PosesArgs) -> Result<(), Failure> {
     ))
 }
 
-/// Makes the data set `output/dataset` of a folder of photographs without poses, unless an earlier run did.
+/// Makes the data set `output/dataset` of photographs or a video without poses, unless an earlier run did.
 pub(crate) fn dataset_of(path: &Path, output: &Path, threads: Option<u16>) -> Result<PathBuf, Failure> {
-    let photographs = Photographs::find(path)?;
+    let source = Source::find(path)?;
     let dataset = output.join("dataset");
+    let what = match &source {
+        Source::Folder(photographs) => {
+            format!("holds {} without camera poses", counted(photographs.files.len(), "photograph"))
+        }
+        _ => "is a video without camera poses".to_owned(),
+    };
     output::note(format_args!(
-        "{} holds {} without camera poses: COLMAP finds them first, and the data set is kept in {}",
+        "{} {what}: COLMAP finds them first, and the data set is kept in {}",
         path.display(),
-        gs_core::counted(photographs.files.len(), "photograph"),
         dataset.display()
     ));
     let settings = Settings::default().with(|s| s.threads = threads.map(u32::from));
     let command = format!("gs train {} -o {}", quoted(path), quoted(output));
-    let verdict = find(&photographs, &settings, (&dataset, OverwriteArgs::default(), true), &command)?;
+    let verdict = find(&source, &settings, (&dataset, OverwriteArgs::default(), true), &command)?;
     output::note(&verdict);
     match verdict.quality {
         Quality::Poor => Err(Failure::failed("too few poses were found to train a scene")
@@ -112,20 +123,19 @@ pub(crate) fn dataset_of(path: &Path, output: &Path, threads: Option<u16>) -> Re
     }
 }
 
-/// Finds poses in a folder, resuming what is there if that is asked for. `command` does it again.
+/// Finds poses, resuming what is there if that is asked for. `command` does it again.
 fn find(
-    photographs: &Photographs,
+    source: &Source,
     settings: &Settings,
     (output, overwrite, resume): (&Path, OverwriteArgs, bool),
     command: &str,
 ) -> Result<Verdict, Failure> {
     let colmap = Colmap::find()?;
-    let inputs: Inputs = photographs.paths().collect();
+    let inputs: Inputs = source.paths().into_iter().collect();
     let claim = overwrite.claim(output, FILES, inputs);
     output_folder::check(&claim)?;
     refuse_other_models(output)?;
     let folder: OutputFolder = claim.begin()?;
-    photographs.left_out.iter().for_each(|what| output::note(format_args!("note: left out: {what}")));
     if colmap.is_slow() {
         let version = colmap.version();
         output::note(format_args!(
@@ -133,7 +143,7 @@ fn find(
         ));
     }
     let mut display = Display::new();
-    let found = find_poses(photographs, settings, &colmap, (&folder, resume), &mut display);
+    let found = find_poses(source, settings, &colmap, (&folder, resume), &mut display);
     display.clear();
     found.map_err(|error| match error {
         error @ Error::Cancelled { .. } => {

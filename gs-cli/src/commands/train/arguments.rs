@@ -23,8 +23,9 @@ use crate::{
 
 const AFTER_HELP: &str = "\
 DATASET is a folder that COLMAP, Nerfstudio, Blender, OpenSfM, Metashape, RealityScan or LLFF wrote, \
-or its file, such as a transforms.json; gs info shows what is in it. In a folder of photographs \
-without poses, COLMAP finds these first, as gs poses does, and the data set is kept in DIR/dataset.
+or its file, such as a transforms.json; gs info shows what is in it. Of a folder of photographs \
+without poses, or of a video, COLMAP finds these first, as gs poses does, and the data set is kept in \
+DIR/dataset.
 
 DIR then holds:
   scene.ply        the Gaussians, for splat viewers; gs convert makes other formats of it

@@ -19,6 +19,7 @@ use gs_io::{
     dataset::{AlphaMeaning, Dataset, Remark, Split},
     read_checkpoint,
 };
+use gs_poses::is_video;
 use gs_train::{
     MetricsLog, TrainSettings, Trainer3d,
     train::{Start, Views},
@@ -47,7 +48,7 @@ pub(crate) fn run(args: &TrainArgs) -> Result<(), Failure> {
     output_folder::check(&args.run.claim(output, &inputs, resumed))?;
     let mut path = args.dataset.clone();
     let dataset = match args.images.read(&path) {
-        Err(gs_io::Error::NotADataset { photographs: Some(_), .. }) => {
+        Err(gs_io::Error::NotADataset { photographs, .. }) if photographs.is_some() || is_video(&path) => {
             path = poses::dataset_of(&path, output, args.run.backend.threads)?;
             args.images.read(&path)
         }

@@ -1,0 +1,61 @@
+//! What poses are found of: a folder of photographs, or a video.
+
+use std::path::Path;
+
+use gs_io::OutputFolder;
+
+use crate::{
+    error::Error,
+    photographs::Photographs,
+    run::Observer,
+    video::{RECORD, Video},
+};
+
+/// A folder of photographs, or a video.
+#[derive(Debug, Clone)]
+#[non_exhaustive]
+pub enum Source {
+    /// Photographs.
+    Folder(Photographs),
+    /// A video, of which the sharpest frames become photographs.
+    Video(Video),
+}
+
+impl Source {
+    /// Finds the photographs of a folder ([`Photographs::find`]), or looks into a video.
+    ///
+    /// # Errors
+    /// Those of [`Photographs::find`]; [`Error::NoFfmpeg`], [`Error::Video`] for a file that is no video.
+    pub fn find(path: &Path) -> Result<Self, Error> {
+        if path.is_file() { Video::open(path).map(Self::Video) } else { Photographs::find(path).map(Self::Folder) }
+    }
+
+    /// The files that are read.
+    pub fn paths(&self) -> Vec<&Path> {
+        match self {
+            Self::Folder(photographs) => photographs.paths().collect(),
+            Self::Video(video) => vec![&video.path],
+        }
+    }
+
+    /// The photographs. Frames of a video are put into `images` of the folder, and `frames.json` says when they were
+    /// taken; with `resume`, those of an earlier run stay.
+    ///
+    /// # Errors
+    /// [`Error::Video`] for a video that gives no photographs, [`Error::Cancelled`], and those of files.
+    pub fn photographs(
+        &self,
+        (folder, resume): (&OutputFolder, bool),
+        observer: &mut dyn Observer,
+    ) -> Result<Photographs, Error> {
+        match self {
+            Self::Folder(photographs) => {
+                if !folder.claimed(RECORD).is_empty() {
+                    folder.remove(RECORD)?;
+                }
+                Ok(photographs.clone())
+            }
+            Self::Video(video) => video.photographs((folder, resume), observer),
+        }
+    }
+}
