@@ -24,6 +24,9 @@ const SLOW: [[u32; 3]; 2] = [[4, 0, 0], FAST];
 /// The most photographs that are added one by one, where COLMAP can also take all at once.
 const ONE_BY_ONE: usize = 250;
 
+/// The fewest photographs of a piece that is kept.
+const LEAST_PIECE: usize = 3;
+
 /// The program COLMAP.
 #[derive(Debug, Clone)]
 pub struct Colmap {
@@ -139,6 +142,8 @@ impl Colmap {
         if at_once {
             return arguments;
         }
+        // By default, COLMAP throws pieces of fewer than ten photographs away.
+        arguments.set("Mapper.min_model_size", LEAST_PIECE);
         // Stops when the cost changes by less than a millionth instead of never.
         arguments.set("Mapper.ba_global_function_tolerance", "0.000001");
         if lenient {
