@@ -3,9 +3,9 @@
 
 pub(crate) mod arguments;
 pub(crate) mod checkpoints;
-mod frames;
 pub(crate) mod job;
 mod observers;
+mod pauses;
 pub(crate) mod phases;
 mod problems;
 mod progress;
@@ -19,7 +19,7 @@ use gs_core::Optimizer;
 use gs_lab::report::curve::CurvePoint;
 use gs_train::{Error, MetricsLog, Observer as _, Outcome, Trainable, Trainer};
 
-pub(crate) use self::frames::Frames;
+pub(crate) use self::pauses::Pauses;
 use self::{
     checkpoints::{Checkpoints, StoreCheckpoints},
     job::Run,
@@ -36,13 +36,13 @@ use crate::{
     },
 };
 
-/// Trains to the last step, until `end` or until Ctrl-C, then writes the results and prints the
+/// Trains to the last step, until the end of its time or until Ctrl-C, then writes the results and prints the
 /// summary.
 pub(crate) fn run<S: Trainable, T: Summary>(
     run: &Run,
     checkpoints: Checkpoints,
     (trainer, log): (Trainer<'_, AnyRasterizer, S>, MetricsLog),
-    (end, frames): (Option<Instant>, Option<&dyn Frames<S>>),
+    pauses: Option<&dyn Pauses<S>>,
     write_results: impl FnOnce(&Trainer<'_, AnyRasterizer, S>, &MetricsLog, &[CurvePoint]) -> Result<T, Failure>,
 ) -> Result<(), Failure>
 where
@@ -51,7 +51,7 @@ where
     let Run { job, folder, .. } = run;
     let display = Display::new(trainer.step(), trainer.iterations(), job.verbosity);
     let interrupt = Interrupt::listen(display.printer(), AT_NEXT_STEP);
-    let watched = Watched { display, interrupt: &interrupt, end, frames };
+    let watched = Watched { display, interrupt: &interrupt, pauses };
     let ended = complete(watched, folder, checkpoints, (trainer, log), write_results)?;
     if job.json {
         output::json(&ended.summary)?;
@@ -68,10 +68,8 @@ where
 {
     display: Display,
     interrupt: &'a Interrupt,
-    /// The end of the time that the run may take.
-    end: Option<Instant>,
-    /// What looks at the scene between steps.
-    frames: Option<&'a dyn Frames<S>>,
+    /// What is done between steps.
+    pauses: Option<&'a dyn Pauses<S>>,
 }
 
 impl<'a, S: Trainable> Watched<'a, S>
@@ -79,8 +77,8 @@ where
     AnyRasterizer: Optimizer<S>,
 {
     /// A run beside others, which prints problems only.
-    pub(crate) fn silently(interrupt: &'a Interrupt, frames: Option<&'a dyn Frames<S>>) -> Self {
-        Self { display: Display::silent(), interrupt, end: None, frames }
+    pub(crate) fn silently(interrupt: &'a Interrupt, pauses: Option<&'a dyn Pauses<S>>) -> Self {
+        Self { display: Display::silent(), interrupt, pauses }
     }
 }
 
@@ -134,7 +132,7 @@ where
 /// Trains with the observers of a run. The curve holds what they saw; the last value is whether the
 /// end of the time stopped the run.
 fn train<S: Trainable>(
-    Watched { mut display, interrupt, end, frames }: Watched<'_, S>,
+    Watched { mut display, interrupt, pauses }: Watched<'_, S>,
     trainer: &mut Trainer<'_, AnyRasterizer, S>,
     log: &mut MetricsLog,
     folder: &OutputFolder,
@@ -149,8 +147,8 @@ where
     let mut file = LogFile::begin(folder, log, printer.clone())?;
     let mut store = StoreCheckpoints::new(checkpoints, printer.clone());
     let outcome = loop {
-        // Pausing a run changes nothing about its result.
-        let pause = frames.map(Frames::next);
+        // Stopping and going on changes nothing about the result of a run.
+        let (pause, end) = (pauses.map(Pauses::next), pauses.and_then(Pauses::end));
         let is_pause = |step: u32| pause.is_some_and(|at| step >= at);
         let mut stops = StopIf(|step| {
             is_over |= end.is_some_and(|end| Instant::now() >= end);
@@ -158,8 +156,8 @@ where
         });
         let outcome = trainer.run(&mut ((&mut display, &mut file), (&mut curve, (&mut store, &mut stops)))).block_on();
         let is_paused = is_pause(trainer.step()) && matches!(outcome, Ok(Outcome::Stopped));
-        match frames {
-            Some(frames) if is_paused && !interrupt.requested() && !is_over => frames.take(trainer)?,
+        match pauses {
+            Some(pauses) if is_paused && !interrupt.requested() && !is_over => pauses.pause(trainer)?,
             _ => break outcome,
         }
     };

@@ -173,6 +173,7 @@ impl Observer for Display {
         let since = self.drawn.elapsed();
         match &self.kind {
             ProgressForm::Bar(bar) if since >= REDRAW || progress.is_last() => {
+                bar.set_length(u64::from(progress.iterations));
                 bar.set_position(u64::from(progress.step));
                 bar.set_message(self.status(progress).within(Terminal::default().width().into()));
                 self.drawn = Instant::now();

@@ -37,7 +37,7 @@ impl Rounds {
     }
 
     /// Step of the last round in a run of `iterations`; 0 where there is none.
-    pub(crate) fn last(&self, iterations: u32) -> u32 {
+    pub fn last(&self, iterations: u32) -> u32 {
         self.span(iterations).map_or(0, |(_, last)| last * self.every)
     }
 

@@ -73,6 +73,14 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
         Ok(trainer)
     }
 
+    /// Changes the number of steps of this run to `iterations`, or one more than are done if it is less.
+    /// What depends on the share of the steps that are done, such as the learning rate of positions,
+    /// goes on at the new share. A mean of the last scenes begins again.
+    pub fn end_after(&mut self, iterations: u32) {
+        self.record.settings.iterations = iterations.max(self.record.step + 1);
+        self.forget_average();
+    }
+
     /// Resumes a training from a checkpoint. On the same backend it ends bit for bit as if it had
     /// never stopped, unless it restarts ([`Recovery`](crate::Recovery)).
     ///

@@ -180,6 +180,26 @@ fn a_resumed_training_ends_bit_identical() {
     }
 }
 
+#[test]
+fn a_run_may_end_earlier_or_later_than_planned() {
+    let rasterizer = rasterizer();
+    let mut settings = short(60);
+    settings.average_last = 0.5;
+    for (end, expected) in [(40, 40), (90, 90), (3, 46)] {
+        let mut trainer =
+            Trainer3d::from_views(&rasterizer, views(&rasterizer), Start::Random, settings.clone()).block_on().unwrap();
+        trainer.run(&mut StopAt(vec![if end == 40 { 35 } else { 45 }])).block_on().unwrap();
+        trainer.end_after(end);
+        // The mean of the last scenes, and the rest of the run, are those of a run of this length.
+        let checkpoint = trainer.checkpoint().block_on().unwrap();
+        trainer.run(&mut ()).block_on().unwrap();
+        assert_eq!((trainer.step(), trainer.settings().iterations), (expected, expected));
+        let mut resumed = Trainer3d::resume_views(&rasterizer, views(&rasterizer), checkpoint).unwrap();
+        resumed.run(&mut ()).block_on().unwrap();
+        assert_eq!(resumed.scene().block_on().unwrap(), trainer.scene().block_on().unwrap(), "{end}");
+    }
+}
+
 /// Steps of a constant length leave a scene that jumps; the mean of such scenes is nearer to the
 /// pictures.
 #[test]

@@ -11,7 +11,7 @@ use gs_io::{Animation, write_animation};
 use gs_lab::report::captioned;
 use gs_train::Trainer;
 
-use crate::{failure::Failure, training::Frames};
+use crate::{failure::Failure, training::Pauses};
 
 /// Frames of the whole fit, about; the first shows the initial Gaussians, the last the result.
 const FRAMES: u32 = 40;
@@ -60,8 +60,21 @@ impl<'a> Film<'a> {
     }
 
     /// What takes the frames.
-    pub(super) fn as_frames(&self) -> &dyn Frames<Scene2d> {
+    pub(super) fn as_pauses(&self) -> &dyn Pauses<Scene2d> {
         self
+    }
+
+    /// Takes a frame of the present state.
+    fn take(&self, trainer: &Trainer<'_, AnyRasterizer>) -> Result<(), Failure> {
+        let scene = trainer.scene().block_on()?;
+        let picture = self.on.render(&scene, &self.canvas, &trainer.shown()).block_on()?;
+        let text = format!("step {} of {}: {}", trainer.step(), self.iterations, counted(trainer.count(), "Gaussian"));
+        let frame = captioned(&picture, &text)?;
+        let mut taken = self.taken();
+        taken.size = frame.size();
+        taken.frames.push(frame.to_8_bits());
+        taken.last = Some(trainer.step());
+        Ok(())
     }
 
     /// Writes the frames, the last of which is the present state.
@@ -80,22 +93,14 @@ impl<'a> Film<'a> {
     }
 }
 
-impl Frames<Scene2d> for Film<'_> {
+impl Pauses<Scene2d> for Film<'_> {
     /// The number grows at first and hardly changes later, so frames are closer at first.
     fn next(&self) -> u32 {
         let share = f64::from(self.taken().frames.len() as u32) / f64::from(FRAMES - 1);
         (f64::from(self.iterations) * share.powf(1.5)).ceil() as u32
     }
 
-    fn take(&self, trainer: &Trainer<'_, AnyRasterizer>) -> Result<(), Failure> {
-        let scene = trainer.scene().block_on()?;
-        let picture = self.on.render(&scene, &self.canvas, &trainer.shown()).block_on()?;
-        let text = format!("step {} of {}: {}", trainer.step(), self.iterations, counted(trainer.count(), "Gaussian"));
-        let frame = captioned(&picture, &text)?;
-        let mut taken = self.taken();
-        taken.size = frame.size();
-        taken.frames.push(frame.to_8_bits());
-        taken.last = Some(trainer.step());
-        Ok(())
+    fn pause(&self, trainer: &mut Trainer<'_, AnyRasterizer>) -> Result<(), Failure> {
+        self.take(trainer)
     }
 }

@@ -134,8 +134,8 @@ fn fit(job: Job, target: &FitImage, start: FitStart, backend: &Chosen, films: bo
     let film = films.then(|| Film::begin(&backend.rasterizer, &trainer)).transpose()?;
     let film = film.as_ref();
     let results = Results { run: &run, target, backend, film };
-    let limits = (None, film.map(Film::as_frames));
-    training::run(&run, checkpoints, (trainer, log), limits, |trainer, log, points| results.write(trainer, log, points))
+    let pauses = film.map(Film::as_pauses);
+    training::run(&run, checkpoints, (trainer, log), pauses, |trainer, log, points| results.write(trainer, log, points))
 }
 
 /// How to reduce the memory of a fit.

@@ -71,7 +71,7 @@ fn fit_one(
     let film = args.film.then(|| Film::begin(&on.rasterizer, &trainer)).transpose()?;
     let film = film.as_ref();
     let results = Results { run: &run, target: &target, backend: on, film };
-    let watched = Watched::silently(interrupt, film.map(Film::as_frames));
+    let watched = Watched::silently(interrupt, film.map(Film::as_pauses));
     let ended = training::complete(watched, &run.folder, checkpoints, (trainer, log), |trainer, log, points| {
         results.write(trainer, log, points)
     })?;

@@ -8,7 +8,10 @@ use gs_core::{
     effects::{Antialias, Order},
 };
 use gs_density::Policy;
-use gs_train::{TrainPreset, train::Exposure};
+use gs_train::{
+    TrainPreset,
+    train::{Exposure, Views},
+};
 
 use crate::{
     files::scene,
@@ -64,7 +67,7 @@ pub(crate) struct TrainArgs {
     pub(crate) run: RunArgs,
     /// The most memory for the images, such as 800M; what exceeds it is kept in a file in the output
     /// folder, which goes when the training ends [default: an eighth of this machine's memory, at most
-    /// 2G]
+    /// 2G, or 500M on the CPU where all images take more]
     #[arg(long, value_name = "BYTES", value_parser = bytes, help_heading = "Data sets")]
     pub(crate) image_memory: Option<u64>,
     /// Resume a training from its checkpoint, given the same data set; the result is the same as
@@ -76,10 +79,17 @@ pub(crate) struct TrainArgs {
 /// Largest default of --image-memory.
 const IMAGE_MEMORY: u64 = 2_000_000_000;
 
+/// The same where the CPU trains on images that take more: their file is read in less time than a
+/// hundredth of a step takes there.
+const ON_CPU: u64 = 500_000_000;
+
 impl TrainArgs {
-    /// Memory for the images, bytes.
-    pub(super) fn image_memory(&self) -> u64 {
-        let of_machine = || memory::room().map_or(IMAGE_MEMORY, |room| (room / 8).min(IMAGE_MEMORY));
+    /// Memory for the images of these views, bytes.
+    pub(super) fn image_memory(&self, views: &Views, on_cpu: bool) -> u64 {
+        let cameras = views.train.iter().chain(&views.test).map(|view| &view.camera);
+        let all = 3 * cameras.map(|camera| u64::from(camera.width) * u64::from(camera.height)).sum::<u64>();
+        let most = if on_cpu && all > ON_CPU { ON_CPU } else { IMAGE_MEMORY };
+        let of_machine = || memory::room().map_or(most, |room| (room / 8).min(most));
         self.image_memory.unwrap_or_else(of_machine)
     }
 

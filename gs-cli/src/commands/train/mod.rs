@@ -13,7 +13,7 @@ mod time_limit;
 use std::path::{Path, PathBuf};
 
 use gs_backend::{AnyRasterizer, Chosen, FutureExt as _};
-use gs_core::{counted, memory::amount};
+use gs_core::{Scene3d, counted, memory::amount};
 use gs_io::{
     Checkpoint,
     dataset::{AlphaMeaning, Dataset, Remark, Split},
@@ -34,7 +34,7 @@ use crate::{
     flags::dataset::{DatasetArgs, remark_text},
     memory::Need,
     terminal::output::{self, printable, quoted},
-    training::{self, job::Job, phases::Phases},
+    training::{self, Pauses, job::Job, phases::Phases},
 };
 
 /// Number of steps from which a training stores checkpoints by default.
@@ -75,8 +75,9 @@ pub(crate) fn run(args: &TrainArgs) -> Result<(), Failure> {
     dataset.remarks.iter().for_each(|remark| output::note(format_args!("note: {}", remark_text(remark))));
     let names_gaussians = args.settings.gaussians.is_some() || args.settings.exactly;
     let command = command(args);
-    let (keep_bytes, cache_folder) = (args.image_memory(), Some(output.to_owned()));
-    let views = Views { keep_bytes, cache_folder, ..Views::of_dataset(&dataset) }.cached();
+    let views = Views::of_dataset(&dataset);
+    let keep_bytes = args.image_memory(&views, backend.rasterizer.name() == "cpu");
+    let views = Views { keep_bytes, cache_folder: Some(output.to_owned()), ..views }.cached();
     train(job, (Input { path, dataset: &dataset, names_gaussians }, views), (start, limit), &backend, command)
 }
 
@@ -107,8 +108,8 @@ fn train(
     announce(input, run.folder.path(), &description, &trainer);
     run.job.phases.end("start");
     let results = Results { run: &run, input, backend };
-    let limits = (limit.map(|limit| limit.end_of_training()), None);
-    training::run(&run, checkpoints, (trainer, log), limits, |trainer, log, points| results.write(trainer, log, points))
+    let pauses = limit.as_ref().map(|limit| limit as &dyn Pauses<Scene3d>);
+    training::run(&run, checkpoints, (trainer, log), pauses, |trainer, log, points| results.write(trainer, log, points))
 }
 
 /// What a search for points has found, in words; `None` where nothing was searched.
@@ -156,6 +157,9 @@ impl TrainStart {
         match self {
             Self::Fresh { settings, initial, description } => {
                 let asked = initial.clone();
+                if matches!(asked, Start::Images | Start::PointsAndImages(_)) {
+                    output::note("searching the images for points");
+                }
                 let initial = initial.searched(&views.train)?;
                 let description = found(&asked, &initial).unwrap_or(description);
                 phases.end("points");

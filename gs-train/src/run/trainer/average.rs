@@ -116,8 +116,8 @@ impl<R: Optimizer<S>, S: Trainable> Trainer<'_, R, S> {
         Ok(())
     }
 
-    /// Begins the mean again: there are other Gaussians now.
-    pub(super) fn forget_average(&mut self) {
+    /// Begins the mean again.
+    pub(crate) fn forget_average(&mut self) {
         self.average = Average::default();
     }
 }
