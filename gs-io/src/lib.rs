@@ -50,7 +50,7 @@ pub use crate::{
     checkpoint::{Checkpoint, decode_checkpoint, encode_checkpoint, read_checkpoint, write_checkpoint},
     error::Error,
     image::{
-        IccProfile, ImageRemark, LoadedImage, Orientation, PngExtras, StoredImage, image_files, png_bytes,
+        IccProfile, ImageRemark, LoadedImage, Orientation, PngExtras, StoredImage, heic_files, image_files, png_bytes,
         png_bytes_with, premultiplied, read_image, read_image_on, read_image_size, read_stored_image, straight,
         unreadable_photographs, write_png, write_png_with,
     },

@@ -45,6 +45,16 @@ pub enum Error {
         /// The video.
         path: PathBuf,
     },
+    /// There is no program that converts HEIC photographs.
+    #[error(
+        "{}: HEIC photographs are converted by heif-convert or ImageMagick, neither of which is installed: on Linux apt \
+         install libheif-examples, on macOS brew install libheif, on Windows winget install ImageMagick.ImageMagick",
+        path.display()
+    )]
+    NoConverter {
+        /// A photograph.
+        path: PathBuf,
+    },
     /// A video that gives no photographs.
     #[error("{}: {problem}", path.display())]
     Video {

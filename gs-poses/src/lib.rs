@@ -2,6 +2,7 @@
 
 mod colmap;
 mod error;
+mod heic;
 mod inspection;
 mod model;
 mod photographs;

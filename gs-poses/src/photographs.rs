@@ -10,8 +10,13 @@ use std::{
 
 use exif::{In, Tag, Value};
 use gs_core::counted;
+use gs_io::OutputFolder;
 
-use crate::error::Error;
+use crate::{
+    error::Error,
+    heic::{Converter, Heic},
+    run::{Observer, Stage, WORK, remove},
+};
 
 /// Folders inside the named one that hold the photographs, if it has none itself.
 const INNER: [&str; 2] = ["images", "input"];
@@ -27,10 +32,12 @@ const DEEPEST: usize = 3;
 pub struct Photographs {
     /// The folder that was named.
     pub folder: PathBuf,
-    /// The photographs, sorted by name; at least two.
+    /// The photographs, sorted by name; at least two with those that are to be converted.
     pub files: Vec<Photograph>,
     /// Files that were left out, each with the reason.
     pub left_out: Vec<String>,
+    /// HEIC photographs, to be converted.
+    pub(crate) heic: Vec<Heic>,
 }
 
 /// A photograph.
@@ -74,7 +81,9 @@ impl Photographs {
             return Err(Error::NotAFolder { path: folder.to_owned() });
         }
         fs::read_dir(folder).map_err(Error::at(folder))?;
-        let has_images = |folder: &PathBuf| gs_io::image_files(folder).is_ok_and(|files| !files.is_empty());
+        let has_images = |folder: &PathBuf| {
+            gs_io::image_files(folder).is_ok_and(|files| !files.is_empty()) || !gs_io::heic_files(folder).is_empty()
+        };
         let inner = INNER.iter().map(|name| folder.join(name)).find(has_images);
         let root = inner.filter(|_| !has_images(&folder.to_owned())).unwrap_or_else(|| folder.to_owned());
         Self::of(folder, &root)
@@ -82,22 +91,74 @@ impl Photographs {
 
     /// The photographs below `root`, of what the user named `folder`.
     pub(crate) fn of(folder: &Path, root: &Path) -> Result<Self, Error> {
-        let mut found = Self { folder: folder.to_owned(), files: Vec::new(), left_out: Vec::new() };
+        let mut found = Self { folder: folder.to_owned(), files: Vec::new(), left_out: Vec::new(), heic: Vec::new() };
         let masks = [root.join("masks"), folder.join("masks"), root.join("../masks")];
         let masks = masks.into_iter().find(|folder| folder.is_dir());
         found.add(root, root, 0, masks.as_deref())?;
         found.files.sort_by(|a, b| a.name.cmp(&b.name));
-        if found.files.len() < 2 {
-            let unreadable = gs_io::unreadable_photographs(root);
-            let count = match found.files.len() {
-                0 => "no photograph".to_owned(),
-                count => counted(count, "photograph"),
-            };
-            let found =
-                unreadable.or(found.left_out.first().cloned()).map_or(count.clone(), |why| format!("{count} ({why})"));
-            return Err(Error::TooFew { folder: folder.to_owned(), found });
+        let Self { files, heic, .. } = &mut found;
+        // Many were exported next to the originals.
+        heic.retain(|heic| files.iter().all(|photograph| photograph.name != heic.name));
+        if found.count() < 2 {
+            return Err(found.too_few(root));
         }
         Ok(found)
+    }
+
+    fn too_few(&self, root: &Path) -> Error {
+        let count = match self.files.len() {
+            0 => "no photograph".to_owned(),
+            count => counted(count, "photograph"),
+        };
+        let why = gs_io::unreadable_photographs(root).or(self.left_out.first().cloned());
+        let found = why.map_or(count.clone(), |why| format!("{count} ({why})"));
+        Error::TooFew { folder: self.folder.clone(), found }
+    }
+
+    /// Converts the HEIC photographs, and puts them into `images` of the folder, unless an earlier run did.
+    pub(crate) fn converted(mut self, folder: &OutputFolder, observer: &mut dyn Observer) -> Result<Self, Error> {
+        let heic = std::mem::take(&mut self.heic);
+        let Some(first) = heic.first() else { return Ok(self) };
+        let converter = Converter::find(&first.path)?;
+        let work = folder.path().join(WORK).join("heic");
+        for (done, Heic { name, path, mask }) in heic.iter().enumerate() {
+            observer.progress(Stage::Converting, done, heic.len());
+            if observer.is_cancelled() {
+                return Err(Error::Cancelled { stage: Stage::Converting.words() });
+            }
+            let name_there = format!("images/{name}");
+            let target = folder.path().join(&name_there);
+            let time = |path: &Path| fs::metadata(path).and_then(|metadata| metadata.modified()).ok();
+            if folder.claimed(&name_there).is_empty() || time(&target) < time(path) {
+                remove(&work)?;
+                fs::create_dir_all(&work).map_err(Error::at(&work))?;
+                match converter.convert(path, &work) {
+                    Ok(file) => {
+                        folder.claim([&*name_there])?;
+                        fs::create_dir_all(target.parent().unwrap_or(&work)).map_err(Error::at(&target))?;
+                        fs::rename(file, folder.file(&name_there)).map_err(Error::at(&target))?;
+                    }
+                    Err(why) => {
+                        self.left_out.push(why);
+                        continue;
+                    }
+                }
+            }
+            self.add_file(name.clone(), target, mask.clone());
+        }
+        remove(&work)?;
+        self.files.sort_by(|a, b| a.name.cmp(&b.name));
+        if self.files.len() < 2 { Err(self.too_few(&self.folder)) } else { Ok(self) }
+    }
+
+    fn add_file(&mut self, name: String, path: PathBuf, mask: Option<PathBuf>) {
+        match gs_io::read_image_size(&path) {
+            Ok(size) => {
+                let exif = Exif::read(&path);
+                self.files.push(Photograph { name, path, mask, size, exif });
+            }
+            Err(error) => self.left_out.push(error.to_string()),
+        }
     }
 
     fn add(&mut self, root: &Path, folder: &Path, depth: usize, masks: Option<&Path>) -> Result<(), Error> {
@@ -106,13 +167,13 @@ impl Photographs {
                 self.left_out.push(format!("{}: its name is not one that COLMAP reads", path.display()));
                 continue;
             };
-            match gs_io::read_image_size(&path) {
-                Ok(size) => {
-                    let mask = masks.and_then(|masks| mask_of(masks, &name));
-                    let exif = Exif::read(&path);
-                    self.files.push(Photograph { name, path, mask, size, exif });
-                }
-                Err(error) => self.left_out.push(error.to_string()),
+            let mask = masks.and_then(|masks| mask_of(masks, &name));
+            self.add_file(name, path, mask);
+        }
+        for path in gs_io::heic_files(folder) {
+            if let Some(name) = name_below(root, &path.with_extension("jpg")) {
+                let mask = masks.and_then(|masks| mask_of(masks, &name_below(root, &path)?).or(mask_of(masks, &name)));
+                self.heic.push(Heic { name, path, mask });
             }
         }
         if depth == DEEPEST {
@@ -130,11 +191,17 @@ impl Photographs {
         folders.iter().try_for_each(|folder| self.add(root, folder, depth + 1, masks))
     }
 
+    /// How many there are, with those that are to be converted.
+    pub fn count(&self) -> usize {
+        self.files.len() + self.heic.len()
+    }
+
     /// The paths of all photographs and masks.
     pub fn paths(&self) -> impl Iterator<Item = &Path> {
         self.files
             .iter()
             .flat_map(|photograph| [Some(&photograph.path), photograph.mask.as_ref()])
+            .chain(self.heic.iter().flat_map(|heic| [Some(&heic.path), heic.mask.as_ref()]))
             .flatten()
             .map(|path| &**path)
     }

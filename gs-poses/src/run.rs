@@ -48,6 +48,8 @@ pub enum Stage {
     Video,
     /// Writing the frames of a video that become photographs.
     Frames,
+    /// Converting HEIC photographs.
+    Converting,
     /// Finding features in each photograph.
     Features,
     /// Comparing pairs of photographs.
@@ -64,6 +66,7 @@ impl Stage {
         match self {
             Self::Video => "looking for sharp frames",
             Self::Frames => "writing the frames",
+            Self::Converting => "converting HEIC photographs",
             Self::Features => "finding features",
             Self::Matching => "matching the photographs",
             Self::Mapping => "finding the poses",

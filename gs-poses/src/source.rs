@@ -6,6 +6,7 @@ use gs_io::OutputFolder;
 
 use crate::{
     error::Error,
+    heic::Converter,
     photographs::Photographs,
     run::Observer,
     video::{RECORD, Video},
@@ -25,9 +26,14 @@ impl Source {
     /// Finds the photographs of a folder ([`Photographs::find`]), or looks into a video.
     ///
     /// # Errors
-    /// Those of [`Photographs::find`]; [`Error::NoFfmpeg`], [`Error::Video`] for a file that is no video.
+    /// Those of [`Photographs::find`]; [`Error::NoConverter`], [`Error::NoFfmpeg`], [`Error::Video`] for a file that is no video.
     pub fn find(path: &Path) -> Result<Self, Error> {
-        if path.is_file() { Video::open(path).map(Self::Video) } else { Photographs::find(path).map(Self::Folder) }
+        if path.is_file() {
+            return Video::open(path).map(Self::Video);
+        }
+        let photographs = Photographs::find(path)?;
+        photographs.heic.first().map(|heic| Converter::find(&heic.path)).transpose()?;
+        Ok(Self::Folder(photographs))
     }
 
     /// The files that are read.
@@ -38,7 +44,7 @@ impl Source {
         }
     }
 
-    /// The photographs. Frames of a video are put into `images` of the folder, and `frames.json` says when they were
+    /// The photographs. HEIC photographs are converted, and frames of a video are put into `images` of the folder, and `frames.json` says when they were
     /// taken; with `resume`, those of an earlier run stay.
     ///
     /// # Errors
@@ -53,7 +59,7 @@ impl Source {
                 if !folder.claimed(RECORD).is_empty() {
                     folder.remove(RECORD)?;
                 }
-                Ok(photographs.clone())
+                photographs.clone().converted(folder, observer)
             }
             Self::Video(video) => video.photographs((folder, resume), observer),
         }

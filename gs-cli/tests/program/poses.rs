@@ -266,3 +266,35 @@ fn a_training_finds_the_poses_of_photographs_once() {
     assert!(line.contains("it is part of the data set"), "{line}");
     assert!(gs(["info", text(&scene.path("photos"))]).refusal().contains("gs poses "));
 }
+
+#[test]
+fn heic_photographs_are_converted_into_the_data_set() {
+    let scene = Scene::textured();
+    let convert = "[ $1 = -version ] && exit; echo convert >> \"${0%/*}/calls\"; grep -q broken \"$3\" && exit 1; cp \"$3\" \"$4\"";
+    scene.program("heif-dec", &format!("#!/bin/sh\n{convert}"));
+    fs::rename(scene.path("photos/m.png"), scene.path("photos/inner/m.HEIC")).unwrap();
+    fs::copy(scene.path("photos/z.png"), scene.path("photos/y.heic")).unwrap();
+    fs::write(scene.path("photos/z.heif"), "broken").unwrap();
+    // An original of a photograph that was exported.
+    fs::rename(scene.path("photos/z.png"), scene.path("photos/z.jpg")).unwrap();
+    fs::write(scene.path("photos/z.heic"), "broken").unwrap();
+    fs::write(scene.path("photos/x.heic"), "broken").unwrap();
+    fs::create_dir(scene.path("photos/masks")).unwrap();
+    fs::copy(scene.path("photos/a b.png"), scene.path("photos/masks/y.heic.png")).unwrap();
+    let run = scene.gs(&["poses", "photos", "-o", "set"]).done();
+    assert!(run.stderr.contains("note: left out: photos/x.heic: heif-dec cannot convert it"), "{run:?}");
+    assert_eq!(names_in(&scene.path("set/images")), ["a b.png", "inner", "y.jpg", "z.jpg"]);
+    assert_eq!(names_in(&scene.path("set/images/inner")), ["m.jpg", "é.png", "写真.png"]);
+    assert!(scene.path("set/masks/y.jpg.png").is_file() && !scene.path("set/.gs-poses").exists());
+    assert_eq!(names_in(&scene.path("photos/inner")), ["m.HEIC", "é.png", "写真.png"], "nothing is put beside them");
+    assert_eq!(scene.calls().iter().filter(|call| *call == "convert").count(), 3);
+    scene.gs(&["poses", "photos", "-o", "set", "--resume"]).done();
+    assert_eq!(scene.calls(), ["convert"], "only what could not be converted");
+    fs::remove_file(scene.path("bin/heif-dec")).unwrap();
+    let run = Run::of(scene.command(&["poses", "photos", "-o", "other"]).env("PATH", scene.path("bin")));
+    let line = run.refusal();
+    assert!(
+        ["apt install libheif-examples", "brew install", "winget"].iter().all(|part| line.contains(part)),
+        "{line}"
+    );
+}

@@ -11,7 +11,7 @@ use super::{
     read::{IMAGE_FOLDERS, walk, whole},
 };
 use crate::{
-    image::{image_files, unreadable_photographs},
+    image::{heic_files, image_files, unreadable_photographs},
     text::quoted,
 };
 
@@ -34,8 +34,8 @@ pub(super) fn how_to_begin(folder: &Path) -> (String, Option<PathBuf>) {
         return (format!("it is part of the data set {}: name that", quoted(above)), None);
     }
     let places = [folder.to_owned(), folder.join(IMAGE_FOLDERS[0]), folder.join("input")];
-    if let Some(unreadable) = places.iter().find_map(unreadable_photographs) {
-        return (format!("it holds {unreadable}"), None);
+    if let Some((unreadable, place)) = places.iter().find_map(|place| Some((unreadable_photographs(place)?, place))) {
+        return (format!("it holds {unreadable}"), (!heic_files(place).is_empty()).then(|| place.clone()));
     }
     match places.iter().map(|place| (images_in(place), place)).find(|(count, _)| *count > 1) {
         None => ("name the folder that holds one of them".to_owned(), None),

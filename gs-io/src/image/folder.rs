@@ -15,6 +15,9 @@ const ENDINGS: [&str; 13] =
 const UNREADABLE: [&str; 15] =
     ["heic", "heif", "avif", "jxl", "dng", "cr2", "cr3", "nef", "nrw", "arw", "raf", "orf", "rw2", "pef", "srw"];
 
+/// How many of the first of [`UNREADABLE`] are HEIC photographs.
+const HEIC: usize = 2;
+
 /// Whether a file's name has one of these endings, in letters of any case.
 fn ends_in(file: &Path, endings: &[&str]) -> bool {
     let ending = file.extension().map(|ending| ending.to_string_lossy().to_lowercase());
@@ -43,6 +46,17 @@ pub fn unreadable_photographs(folder: impl AsRef<Path>) -> Option<String> {
     let first = files.first().filter(|_| files.len() > readable)?;
     let name = first.file_name()?.to_string_lossy();
     Some(format!("{}, such as {name}, which {}", gs_core::counted(files.len(), "photograph"), how_to_convert(first)))
+}
+
+/// The HEIC photographs in a folder, without those of folders in it, by their names; sorted. None where the
+/// folder cannot be read.
+pub fn heic_files(folder: impl AsRef<Path>) -> Vec<PathBuf> {
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+    let visible = entries.filter(|entry| !entry.file_name().to_string_lossy().starts_with('.'));
+    let mut files: Vec<PathBuf> = visible.map(|entry| entry.path()).collect();
+    files.retain(|path| ends_in(path, &UNREADABLE[..HEIC]) && path.is_file());
+    files.sort();
+    files
 }
 
 /// The files in a folder, without those of folders in it, whose names end as an image's do; sorted.

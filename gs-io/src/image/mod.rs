@@ -25,7 +25,7 @@ pub(crate) use self::{
 };
 pub use self::{
     alpha::{premultiplied, straight},
-    folder::{image_files, unreadable_photographs},
+    folder::{heic_files, image_files, unreadable_photographs},
     png_file::{PngExtras, png_bytes, png_bytes_with, write_png, write_png_with},
     profile::IccProfile,
     remark::ImageRemark,

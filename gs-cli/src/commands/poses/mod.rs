@@ -22,14 +22,16 @@ use crate::{
 
 const AFTER_HELP: &str = "\
 PHOTOS is a folder of photographs, also in subfolders. A mask for photo.jpg is masks/photo.jpg.png: \
-black pixels are ignored. COLMAP 3.7 or later must be installed.
+black pixels are ignored. COLMAP 3.7 or later must be installed. HEIC photographs are converted by \
+heif-convert or ImageMagick.
 
 PHOTOS can also be a video, which ffmpeg must be installed for: at most 300 of its frames become \
 photographs, the sharpest wherever the picture has moved by a tenth of its longer side, or less in \
 short videos.
 
 DIR is then a data set for gs train:
-  images/      the photographs: links where the file system has them, else copies; frames of a video
+  images/      the photographs: links where the file system has them, else copies; frames of a video, \
+and converted photographs
   masks/       the masks, if there are any
   sparse/0/    cameras, poses and points in COLMAP's format; -y is up
   frames.json  the times of the frames of a video
@@ -102,7 +104,7 @@ pub(crate) fn dataset_of(path: &Path, output: &Path, threads: Option<u16>) -> Re
     let dataset = output.join("dataset");
     let what = match &source {
         Source::Folder(photographs) => {
-            format!("holds {} without camera poses", counted(photographs.files.len(), "photograph"))
+            format!("holds {} without camera poses", counted(photographs.count(), "photograph"))
         }
         _ => "is a video without camera poses".to_owned(),
     };
