@@ -1,19 +1,17 @@
-//! The program COLMAP: its version, and the names of its options.
+//! COLMAP's version, and the names of its options.
 
-use std::{
-    io,
-    path::Path,
-    process::{Command, Stdio},
-};
+use std::{env, path::Path, process::Command};
 
 use crate::{
     error::Error,
     plan::{OVERLAP, Plan},
+    program::{PYTHON, Program, said},
     settings::Settings,
 };
 
-/// The oldest version that is used.
+/// The oldest version that is used, and that of PyCOLMAP.
 const OLDEST: [u32; 3] = [3, 7, 0];
+const OLDEST_PYTHON: [u32; 3] = FAST;
 
 /// The version from which comparing photographs does not need time by the square of the features.
 const FAST: [u32; 3] = [4, 1, 1];
@@ -27,10 +25,10 @@ const ONE_BY_ONE: usize = 250;
 /// The fewest photographs of a piece that is kept.
 const LEAST_PIECE: usize = 3;
 
-/// The program COLMAP.
+/// COLMAP, or PyCOLMAP of a Python.
 #[derive(Debug, Clone)]
 pub struct Colmap {
-    pub(crate) program: &'static str,
+    pub(crate) program: Program,
     version: [u32; 3],
     /// Whether it computes on a GPU, and there is one.
     gpu: bool,
@@ -41,33 +39,37 @@ pub struct Colmap {
 }
 
 impl Colmap {
-    /// Finds COLMAP on the `PATH`.
+    /// Finds COLMAP on the `PATH`, or else PyCOLMAP of the Python that `GS_PYTHON` names (`python3`).
     ///
     /// # Errors
-    /// [`Error::NoColmap`], [`Error::TooOld`].
+    /// [`Error::NoColmap`], [`Error::NoPycolmap`], [`Error::TooOld`].
     pub fn find() -> Result<Self, Error> {
-        // On Windows, COLMAP is started by a batch file.
-        let names: &[&str] = if cfg!(windows) { &["colmap", "COLMAP.bat"] } else { &["colmap"] };
-        let found = names.iter().find_map(|name| Some((*name, said(name, &["help"]).ok()?)));
-        let (program, help) = found.ok_or(Error::NoColmap)?;
-        let version = version(&help);
-        let Some(numbers) = version.filter(|version| *version >= OLDEST) else {
-            let version =
-                version.map_or_else(|| "of unknown version".to_owned(), |[major, minor, _]| format!("{major}.{minor}"));
-            return Err(Error::TooOld { program: program.to_owned(), version });
+        let help = |program: &Program| {
+            let (succeeds, help) = program.said(&["help"]).ok()?;
+            (succeeds || matches!(program, Program::Colmap(_))).then_some(help)
         };
-        let help_of = |command| said_or_empty(program, &[command, "-h"]);
+        let found = Program::candidates().find_map(|program| Some((help(&program)?, program)));
+        let (help, program) = found.ok_or_else(|| match env::var(PYTHON) {
+            Ok(python) => Error::NoPycolmap { python },
+            Err(_) => Error::NoColmap,
+        })?;
+        let version = version(&help);
+        let oldest = if matches!(program, Program::Python(_)) { OLDEST_PYTHON } else { OLDEST };
+        let Some(numbers) = version.filter(|version| *version >= oldest) else {
+            return Err(Error::too_old(&program, version, oldest));
+        };
+        let help_of = |command| program.said(&[command, "-h"]).map(|(_, help)| help).unwrap_or_default();
         let (extraction, matching) = (help_of("feature_extractor"), help_of("exhaustive_matcher"));
         let built_for_gpu = [&help, &extraction].iter().any(|text| text.contains("with CUDA"));
-        let gpu = built_for_gpu && said("nvidia-smi", &["-L"]).is_ok_and(|list| list.contains("GPU "));
+        let gpu =
+            built_for_gpu && said(Command::new("nvidia-smi").arg("-L")).is_ok_and(|(_, list)| list.contains("GPU "));
         let has_global_mapper = help.contains("global_mapper");
         Ok(Self { program, version: numbers, gpu, extraction, matching, has_global_mapper })
     }
 
     /// The version: "3.8".
     pub fn version(&self) -> String {
-        let [major, minor, patch] = self.version;
-        if patch == 0 { format!("{major}.{minor}") } else { format!("{major}.{minor}.{patch}") }
+        dotted(self.version)
     }
 
     /// Whether this version compares photographs several times more slowly than the next ones.
@@ -193,15 +195,9 @@ fn renamed(help: &str, [new, old]: [&str; 2], name: &str) -> String {
     if help.contains(&format!("--{newer}")) { newer } else { format!("{old}.{name}") }
 }
 
-/// What a program prints.
-fn said(program: &str, arguments: &[&str]) -> io::Result<String> {
-    let output =
-        Command::new(program).args(arguments).stdin(Stdio::null()).env("QT_QPA_PLATFORM", "offscreen").output()?;
-    Ok(format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr)))
-}
-
-fn said_or_empty(program: &str, arguments: &[&str]) -> String {
-    said(program, arguments).unwrap_or_default()
+/// A version in words, without a patch of 0.
+pub(crate) fn dotted([major, minor, patch]: [u32; 3]) -> String {
+    if patch == 0 { format!("{major}.{minor}") } else { format!("{major}.{minor}.{patch}") }
 }
 
 /// The version in COLMAP's help: "COLMAP 3.8 -- Structure-from-Motion and Multi-View Stereo".
@@ -221,6 +217,7 @@ mod tests {
         assert_eq!(version(debian), Some([3, 8, 0]));
         assert_eq!(version("COLMAP 4.1.1 -- Structure\n"), Some([4, 1, 1]));
         assert_eq!(version("COLMAP 3.12.0.dev0 -- Structure\n"), Some([3, 12, 0]));
+        assert_eq!(version("COLMAP 4.2.1 -- PyCOLMAP (without CUDA)"), Some([4, 2, 1]));
         assert_eq!((version("bash: colmap"), version("COLMAP\n")), (None, None));
     }
 

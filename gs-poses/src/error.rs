@@ -4,6 +4,8 @@ use std::{io, path::PathBuf};
 
 use thiserror::Error;
 
+use crate::{colmap::dotted, program::Program};
+
 /// An error of finding the poses of photographs.
 #[derive(Debug, Error)]
 #[non_exhaustive]
@@ -24,17 +26,31 @@ pub enum Error {
     },
     /// There is no COLMAP.
     #[error(
-        "poses are found by COLMAP, which is not installed (no `colmap` on the PATH): on Linux apt install colmap, on macOS \
-         brew install colmap, on Windows unpack a release of github.com/colmap/colmap and add its folder to the PATH"
+        "poses are found by COLMAP, which is not installed (no `colmap` on the PATH, no pycolmap in python3): on Linux apt \
+         install colmap, on macOS brew install colmap, on Windows unpack a release of github.com/colmap/colmap and add its \
+         folder to the PATH; or anywhere python3 -m pip install pycolmap"
     )]
     NoColmap,
+    /// The Python that the user named has no PyCOLMAP.
+    #[error(
+        "poses are found by COLMAP, which is not installed (no `colmap` on the PATH), and the Python that GS_PYTHON names \
+         cannot import pycolmap: {python} -m pip install pycolmap"
+    )]
+    NoPycolmap {
+        /// The Python.
+        python: String,
+    },
     /// COLMAP is too old or does not say its version.
-    #[error("{program} is COLMAP {version}, but 3.7 or later is needed: install a newer one")]
+    #[error("{program} is COLMAP {version}, but {oldest} or later is needed: {how}")]
     TooOld {
         /// The program.
         program: String,
         /// Its version.
         version: String,
+        /// The oldest version that is used.
+        oldest: String,
+        /// How to install a newer one.
+        how: String,
     },
     /// There is no ffmpeg.
     #[error(
@@ -113,6 +129,16 @@ pub enum Error {
 }
 
 impl Error {
+    /// An error about a version, if it is known.
+    pub(crate) fn too_old(program: &Program, version: Option<[u32; 3]>, oldest: [u32; 3]) -> Self {
+        let how = match program {
+            Program::Colmap(_) => "install a newer one".to_owned(),
+            Program::Python(python) => format!("{} -m pip install --upgrade pycolmap", python.to_string_lossy()),
+        };
+        let version = version.map_or_else(|| "of unknown version".to_owned(), dotted);
+        Self::TooOld { program: program.to_string(), version, oldest: dotted(oldest), how }
+    }
+
     /// An error of the operating system at a path.
     pub(crate) fn at(path: impl Into<PathBuf>) -> impl FnOnce(io::Error) -> Self {
         let path = path.into();

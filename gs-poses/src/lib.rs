@@ -8,6 +8,7 @@ mod model;
 mod photographs;
 mod plan;
 mod process;
+mod program;
 mod run;
 mod settings;
 mod source;

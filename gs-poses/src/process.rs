@@ -4,13 +4,13 @@ use std::{
     fs::{File, OpenOptions},
     io::{BufRead, BufReader, Read, Write},
     path::{Path, PathBuf},
-    process::{Command, ExitStatus, Stdio},
+    process::{ExitStatus, Stdio},
     sync::mpsc::{RecvTimeoutError, Sender, channel},
     thread,
     time::Duration,
 };
 
-use crate::{colmap::Arguments, error::Error};
+use crate::{colmap::Arguments, error::Error, program::Program};
 
 /// How often the caller is asked whether to go on.
 pub(crate) const PAUSE: Duration = Duration::from_millis(100);
@@ -37,7 +37,7 @@ impl Log {
     /// Runs a command of COLMAP; `each` is told its lines, and `cancelled` ends it.
     pub(crate) fn run(
         &mut self,
-        program: &str,
+        program: &Program,
         arguments: &Arguments,
         stage: &'static str,
         each: &mut dyn FnMut(&str),
@@ -45,10 +45,10 @@ impl Log {
     ) -> Result<(), Error> {
         let shown: Vec<_> = arguments.0.iter().map(|argument| argument.to_string_lossy()).collect();
         self.line(&format!("$ {program} {}", shown.join(" ")));
-        let mut command = Command::new(program);
-        command.args(&arguments.0).env("QT_QPA_PLATFORM", "offscreen");
-        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
-        let mut child = command.spawn().map_err(Error::at(program))?;
+        let mut command = program.command();
+        command.args(&arguments.0).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let failed = |error| Error::at(program.to_string())(error);
+        let mut child = command.spawn().map_err(failed)?;
         let (sender, lines) = channel();
         child.stdout.take().into_iter().for_each(|pipe| forward(pipe, sender.clone()));
         child.stderr.take().into_iter().for_each(|pipe| forward(pipe, sender.clone()));
@@ -63,10 +63,10 @@ impl Log {
                     }
                     each(without_prefix(&line));
                 }
-                Err(RecvTimeoutError::Disconnected) => break child.wait().map_err(Error::at(program))?,
+                Err(RecvTimeoutError::Disconnected) => break child.wait().map_err(failed)?,
                 // Another process may still hold the pipes.
                 Err(RecvTimeoutError::Timeout) => {
-                    if let Some(status) = child.try_wait().map_err(Error::at(program))? {
+                    if let Some(status) = child.try_wait().map_err(failed)? {
                         break status;
                     }
                 }

@@ -357,7 +357,7 @@ impl Run<'_> {
             }
         };
         let cancelled = || observer.borrow().is_cancelled();
-        self.log.run(self.colmap.program, arguments, stage.words(), &mut each, &cancelled)
+        self.log.run(&self.colmap.program, arguments, stage.words(), &mut each, &cancelled)
     }
 
     /// Stores what is done of the first attempt.

@@ -22,7 +22,8 @@ use crate::{
 
 const AFTER_HELP: &str = "\
 PHOTOS is a folder of photographs, also in subfolders. A mask for photo.jpg is masks/photo.jpg.png: \
-black pixels are ignored. COLMAP 3.7 or later must be installed. HEIC photographs are converted by \
+black pixels are ignored. COLMAP 3.7 or later must be installed, \
+or pycolmap 4.1.1 or later in python3 or in the Python that GS_PYTHON names. HEIC photographs are converted by \
 heif-convert or ImageMagick.
 
 PHOTOS can also be a video, which ffmpeg must be installed for: at most 300 of its frames become \
