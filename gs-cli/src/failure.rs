@@ -171,6 +171,7 @@ impl From<gs_poses::Error> for Failure {
     fn from(error: gs_poses::Error) -> Self {
         match error {
             gs_poses::Error::Io(error) => error.into(),
+            gs_poses::Error::HasPoses { .. } => Self::failed(error).hint("choose another folder with --output"),
             _ => Self::failed(error),
         }
     }

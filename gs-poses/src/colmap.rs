@@ -1,6 +1,10 @@
 //! COLMAP's version, and the names of its options.
 
-use std::{env, path::Path, process::Command};
+use std::{
+    env,
+    path::{Path, PathBuf},
+    process::Command,
+};
 
 use crate::{
     error::Error,
@@ -44,11 +48,24 @@ impl Colmap {
     /// # Errors
     /// [`Error::NoColmap`], [`Error::NoPycolmap`], [`Error::TooOld`].
     pub fn find() -> Result<Self, Error> {
+        Self::first(Program::candidates(None))
+    }
+
+    /// As [`Self::find`], but without `GS_PYTHON` this Python takes the place of `python3`.
+    ///
+    /// # Errors
+    /// Those of [`Self::find`].
+    pub fn find_or(python: PathBuf) -> Result<Self, Error> {
+        Self::first(Program::candidates(Some(python.into())))
+    }
+
+    /// The first program that is there.
+    fn first(mut candidates: impl Iterator<Item = Program>) -> Result<Self, Error> {
         let help = |program: &Program| {
             let (succeeds, help) = program.said(&["help"]).ok()?;
             (succeeds || matches!(program, Program::Colmap(_))).then_some(help)
         };
-        let found = Program::candidates().find_map(|program| Some((help(&program)?, program)));
+        let found = candidates.find_map(|program| Some((help(&program)?, program)));
         let (help, program) = found.ok_or_else(|| match env::var(PYTHON) {
             Ok(python) => Error::NoPycolmap { python },
             Err(_) => Error::NoColmap,

@@ -107,6 +107,12 @@ pub enum Error {
         /// What was being done.
         stage: &'static str,
     },
+    /// The folder for the data set has a model that would be read instead.
+    #[error("{}: has camera poses already", path.display())]
+    HasPoses {
+        /// The file of the model.
+        path: PathBuf,
+    },
     /// A model that COLMAP wrote cannot be understood.
     #[error("{}: is not a model of COLMAP: {what}", path.display())]
     Model {

@@ -20,7 +20,7 @@ pub use self::{
     colmap::Colmap,
     error::Error,
     photographs::{Exif, Photograph, Photographs},
-    run::{FILES, Observer, Stage, find_poses},
+    run::{FILES, Observer, Stage, find_poses, refuse_other_models},
     settings::{LensKind, Pairs, Settings},
     source::Source,
     verdict::{LeftOut, Quality, Verdict},

@@ -23,12 +23,12 @@ pub(crate) enum Program {
 }
 
 impl Program {
-    /// The programs that are looked for, the preferred one first.
-    pub(crate) fn candidates() -> impl Iterator<Item = Self> {
+    /// The programs that are looked for, the preferred one first; `python` is used if the environment names no other.
+    pub(crate) fn candidates(python: Option<OsString>) -> impl Iterator<Item = Self> {
         // On Windows, COLMAP is started by a batch file.
-        let (colmap, python): (&[_], _) =
+        let (colmap, usual): (&[_], _) =
             if cfg!(windows) { (&["colmap", "COLMAP.bat"], "python") } else { (&["colmap"], "python3") };
-        let python = env::var_os(PYTHON).unwrap_or_else(|| python.into());
+        let python = env::var_os(PYTHON).or(python).unwrap_or_else(|| usual.into());
         colmap.iter().map(|name| Self::Colmap(name)).chain([Self::Python(python)])
     }
 

@@ -146,6 +146,23 @@ pub fn find_poses(
     run.finish(models, folder)
 }
 
+/// Fails where the folder has a model that [`find_poses`] would not replace: it would still be read.
+///
+/// # Errors
+/// [`Error::HasPoses`].
+pub fn refuse_other_models(folder: &Path) -> Result<(), Error> {
+    let names = [
+        "transforms.json",
+        "transforms_train.json",
+        "cameras.txt",
+        "cameras.bin",
+        "sparse/cameras.bin",
+        "sparse/0/cameras.txt",
+    ];
+    let mut files = names.iter().map(|name| folder.join(name));
+    files.find(|file| fs::symlink_metadata(file).is_ok()).map_or(Ok(()), |path| Err(Error::HasPoses { path }))
+}
+
 /// The verdict on these photographs of an earlier run that is finished.
 fn found_before(photographs: &Photographs, folder: &Path) -> Option<Verdict> {
     let stored: Stored = serde_json::from_slice(&fs::read(folder.join(FILES[0])).ok()?).ok()?;

@@ -13,6 +13,7 @@ mod convert;
 mod density;
 mod gradients;
 mod oracle;
+mod poses;
 mod quality;
 mod render;
 mod run;
@@ -31,6 +32,7 @@ mod _native {
         density::{observation::Observation, plan::Plan},
         gradients::{ForwardPass, forward},
         oracle::{oracle_gradient, oracle_render},
+        poses::poses,
         quality::{compare, evaluate, read_image, write_png},
         render::render,
         run::{Fit, FitRun, Progress, TrainRun, Training, stop_runs},

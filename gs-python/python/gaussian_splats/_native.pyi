@@ -443,6 +443,43 @@ def evaluate(
     :raises OSError: for a data set that cannot be read.
     """
 
+def poses(
+    photos: Path,
+    output: Path,
+    *,
+    lens: Literal["auto", "perspective", "fisheye"] = "auto",
+    pairs: Literal["auto", "all", "neighbours"] = "auto",
+    max_size: int | None = None,
+    vocabulary: Path | None = None,
+    threads: int | None = None,
+    resume: bool = False,
+    overwrite: bool = False,
+    progress: Callable[[str, int, int], object] | None = None,
+) -> dict[str, Any]:
+    """Find the camera poses of photographs or a video, and make a data set, as ``gs poses`` does.
+
+    COLMAP does it if it is on the PATH, otherwise PyCOLMAP of this Python (the extra ``poses``).
+    The result is the verdict, as in ``poses.json``: "quality" ("good", "usable" or "poor"),
+    "registered" of "photographs", "left_out" with the reasons, "points", "error_px", "advice", and
+    more. Notes, such as files that were left out, are warnings.
+
+    :param photos: a folder of photographs, or a video.
+    :param output: folder for the data set; made if necessary.
+    :param lens: the kind of lens; by default by the EXIF data.
+    :param pairs: which pairs are compared; by default all of up to 150 photographs, otherwise
+        neighbours by name.
+    :param max_size: longer side of the images in which features are found, px; by default 1600.
+    :param vocabulary: a vocabulary tree of COLMAP, to compare what looks alike besides neighbours.
+    :param threads: by default one for each core.
+    :param resume: continue what an interrupted call with the same arguments has done.
+    :param overwrite: replace files of the names of results that gs did not write.
+    :param progress: is called with what is being done, and how much of how much is done.
+    :raises OSError: for files that cannot be read or written, or are in the way.
+    :raises ValueError: for too few photographs, an unusable video, and impossible arguments.
+    :raises RuntimeError: where COLMAP, ffmpeg or what converts HEIC is missing or fails, and where
+        no poses are found.
+    """
+
 def read_image(path: Path) -> Floats:
     """Read a PNG, JPEG, BMP, TIFF, WebP, GIF or PNM as float32 of shape (H, W, 3), 0 to 1.
 

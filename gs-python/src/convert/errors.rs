@@ -72,6 +72,18 @@ impl IntoPython for gs_jobs::Error {
     }
 }
 
+impl IntoPython for gs_poses::Error {
+    fn into_python(self) -> PyErr {
+        use gs_poses::Error as E;
+        match self {
+            E::Io(error) => error.into_python(),
+            E::NotAFolder { .. } | E::Path { .. } | E::HasPoses { .. } => PyOSError::new_err(text(&self)),
+            E::TooFew { .. } | E::Video { .. } => PyValueError::new_err(text(&self)),
+            _ => PyRuntimeError::new_err(text(&self)),
+        }
+    }
+}
+
 /// An error with what caused it.
 fn text(error: &dyn std::error::Error) -> String {
     let mut text = error.to_string();

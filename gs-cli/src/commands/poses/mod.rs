@@ -2,15 +2,14 @@
 
 mod display;
 
-use std::{
-    fs,
-    path::{Path, PathBuf},
-};
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 use gs_core::counted;
 use gs_io::{Inputs, OutputFolder};
-use gs_poses::{Colmap, Error, FILES, LensKind, Pairs, Quality, Settings, Source, Verdict, find_poses};
+use gs_poses::{
+    Colmap, Error, FILES, LensKind, Pairs, Quality, Settings, Source, Verdict, find_poses, refuse_other_models,
+};
 
 use self::display::Display;
 use crate::{
@@ -155,22 +154,4 @@ fn find(
         }
         error => error.into(),
     })
-}
-
-/// Fails where the folder has a model that this run would not replace: it would still be read.
-fn refuse_other_models(output: &Path) -> Result<(), Failure> {
-    let names = [
-        "transforms.json",
-        "transforms_train.json",
-        "cameras.txt",
-        "cameras.bin",
-        "sparse/cameras.bin",
-        "sparse/0/cameras.txt",
-    ];
-    match names.iter().map(|name| output.join(name)).find(|file| fs::symlink_metadata(file).is_ok()) {
-        Some(file) => Err(Failure::failed("has camera poses already")
-            .at(file.display())
-            .hint("choose another folder with --output")),
-        None => Ok(()),
-    }
 }
