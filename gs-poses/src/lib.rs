@@ -2,6 +2,7 @@
 
 mod colmap;
 mod error;
+mod gps;
 mod heic;
 mod inspection;
 mod model;
@@ -19,6 +20,7 @@ mod video;
 pub use self::{
     colmap::Colmap,
     error::Error,
+    gps::Gps,
     photographs::{Exif, Photograph, Photographs},
     run::{FILES, Observer, Stage, find_poses, refuse_other_models},
     settings::{LensKind, Pairs, Settings},

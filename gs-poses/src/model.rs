@@ -61,19 +61,21 @@ impl Model {
         Ok(Self { images, errors, files, poses_at, points_at })
     }
 
-    /// Turns the world.
-    pub(crate) fn turn(&mut self, rotation: DQuat) {
+    /// Turns the world, and makes it so many times as large.
+    pub(crate) fn turn(&mut self, rotation: DQuat, scale: f64) {
         let back = rotation.inverse();
         for (image, at) in self.images.iter_mut().zip(&self.poses_at) {
             image.rotation = (image.rotation * back).normalize();
             let DQuat { x, y, z, w } = image.rotation;
-            put(&mut self.files[1], *at, &[w, x, y, z]);
+            image.translation *= scale;
+            let [tx, ty, tz] = image.translation.to_array();
+            put(&mut self.files[1], *at, &[w, x, y, z, tx, ty, tz]);
         }
         let matrix = DMat3::from_quat(rotation);
         for at in &self.points_at {
             let mut bytes = Bytes { rest: &self.files[0][*at..] };
             let Some([x, y, z]) = bytes.numbers() else { continue };
-            let turned = matrix * dvec3(x, y, z);
+            let turned = matrix * dvec3(x, y, z) * scale;
             put(&mut self.files[0], *at, &turned.to_array());
         }
     }
@@ -209,16 +211,16 @@ pub(crate) mod tests {
         let mut model = Model::read(folder.path()).unwrap();
         assert_eq!((model.images[0].name.as_str(), model.images[0].observations), ("a b.jpg", 1));
         let turn = DQuat::from_rotation_z(0.7) * DQuat::from_rotation_x(-0.4);
-        model.turn(turn);
+        model.turn(turn, 2.0);
         for (name, bytes) in model.files() {
             fs::write(folder.path().join(name), bytes).unwrap();
         }
         let turned = Model::read(folder.path()).unwrap();
         let image = &turned.images[0];
-        let in_camera = |rotation: DQuat, point: DVec3| rotation * point + translation;
-        assert!(in_camera(image.rotation, turn * point).abs_diff_eq(in_camera(rotation, point), 1e-12));
+        let shown = image.rotation * (turn * point * 2.0) + image.translation;
+        assert!(shown.abs_diff_eq((rotation * point + translation) * 2.0, 1e-12));
         let mut bytes = Bytes { rest: &turned.files[0][turned.points_at[0]..] };
-        assert!(DVec3::from(bytes.numbers::<3>().unwrap()).abs_diff_eq(turn * point, 1e-12));
+        assert!(DVec3::from(bytes.numbers::<3>().unwrap()).abs_diff_eq(turn * point * 2.0, 1e-12));
         assert_eq!(turned.errors, [0.5]);
     }
 

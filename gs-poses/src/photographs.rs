@@ -66,6 +66,8 @@ pub struct Exif {
     pub focal_35mm: Option<u32>,
     /// How the stored pixels are turned to be shown: 1 to 8, and 1 without EXIF data.
     pub orientation: u8,
+    /// Latitude and longitude, billionths of a degree, and altitude, mm.
+    pub gps: Option<[i64; 3]>,
 }
 
 impl Photographs {
@@ -258,13 +260,64 @@ impl Exif {
                 .and_then(|n| u8::try_from(n).ok())
                 .filter(|n| (1..=8).contains(n))
                 .unwrap_or(1),
+            gps: position(&data),
         }
     }
+}
+
+/// The GPS position in EXIF data: latitude and longitude, billionths of a degree, and altitude, mm. All zero stands for
+/// none.
+fn position(data: &exif::Exif) -> Option<[i64; 3]> {
+    let value = |tag| data.get_field(tag, In::PRIMARY).map(|field| &field.value);
+    let number = |tag, unit: f64, most: f64| {
+        let Value::Rational(parts) = value(tag)? else { return None };
+        let sum: f64 = parts.iter().zip([1.0, 60.0, 3600.0]).map(|(part, of)| part.to_f64() / of).sum();
+        (sum <= most).then_some((sum * unit).round() as i64)
+    };
+    let is = |tag, letter: u8| match value(tag) {
+        Some(Value::Ascii(texts)) => texts.first().and_then(|text| text.first()) == Some(&letter),
+        Some(Value::Byte(bytes)) => bytes.first() == Some(&letter),
+        _ => false,
+    };
+    let signed = |value: i64, is_negative: bool| if is_negative { -value } else { value };
+    let latitude = signed(number(Tag::GPSLatitude, 1e9, 90.0)?, is(Tag::GPSLatitudeRef, b'S'));
+    let longitude = signed(number(Tag::GPSLongitude, 1e9, 180.0)?, is(Tag::GPSLongitudeRef, b'W'));
+    let altitude = signed(number(Tag::GPSAltitude, 1e3, 1e5)?, is(Tag::GPSAltitudeRef, 1));
+    (latitude != 0 || longitude != 0).then_some([latitude, longitude, altitude])
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn positions_are_read_with_their_signs() {
+        let rational = |parts: &[(u32, u32)]| {
+            Value::Rational(parts.iter().map(|(num, denom)| exif::Rational { num: *num, denom: *denom }).collect())
+        };
+        let read = |latitude: &[(u32, u32)], side: &[u8], altitude: &[(u32, u32)]| {
+            let fields = [
+                (Tag::GPSLatitude, rational(latitude)),
+                (Tag::GPSLatitudeRef, Value::Ascii(vec![side.to_vec()])),
+                (Tag::GPSLongitude, rational(&[(7, 1), (12, 1), (36, 1)])),
+                (Tag::GPSLongitudeRef, Value::Ascii(vec![b"W".to_vec()])),
+                (Tag::GPSAltitude, rational(altitude)),
+                (Tag::GPSAltitudeRef, Value::Byte(vec![1])),
+            ];
+            let fields = fields.map(|(tag, value)| exif::Field { tag, ifd_num: In::PRIMARY, value });
+            let mut writer = exif::experimental::Writer::new();
+            fields.iter().for_each(|field| writer.push_field(field));
+            let file = tempfile::NamedTempFile::new().unwrap();
+            writer.write(&mut File::create(file.path()).unwrap(), false).unwrap();
+            Exif::read(file.path()).gps
+        };
+        let place = [(57, 1), (30, 1), (3600, 100)];
+        assert_eq!(read(&place, b"S", &[(125, 10)]), Some([-57_510_000_000, -7_210_000_000, -12_500]));
+        assert_eq!(read(&place, b"N", &[(125, 10)]).unwrap()[0], 57_510_000_000);
+        assert_eq!(read(&[(91, 1)], b"N", &[(1, 1)]), None);
+        assert_eq!(read(&[(1, 0)], b"N", &[(1, 1)]), None);
+        assert_eq!(read(&place, b"N", &[(0, 0)]), None);
+    }
 
     #[test]
     fn only_a_folder_holds_photographs() {

@@ -12,9 +12,10 @@ use serde::{Deserialize, Serialize};
 use crate::{
     colmap::{Arguments, Colmap, Place},
     error::Error,
+    gps::align,
     inspection::why_none,
     model::{self, Model, models_in},
-    photographs::{Identity, Photograph, Photographs, identity},
+    photographs::{Exif, Identity, Photograph, Photographs, identity},
     plan::Plan,
     process::{Log, features_in, fraction},
     settings::Settings,
@@ -389,12 +390,15 @@ impl Run<'_> {
 
     /// Writes the largest model, upright, and the verdict, and removes the unfinished work.
     fn finish(self, mut models: Vec<Model>, folder: &OutputFolder) -> Result<Verdict, Error> {
-        let orientations: BTreeMap<&str, u8> =
-            self.photographs.files.iter().map(|photograph| (&*photograph.name, photograph.exif.orientation)).collect();
-        let turn = upright(&models[0].images, |name| orientations.get(name).copied().unwrap_or(1));
-        models[0].turn(turn);
+        let exif: BTreeMap<&str, &Exif> =
+            self.photographs.files.iter().map(|photograph| (&*photograph.name, &photograph.exif)).collect();
+        let turn = upright(&models[0].images, |name| exif.get(name).map_or(1, |exif| exif.orientation));
+        models[0].turn(turn, 1.0);
+        let aligned = align(&models[0].images, |name| exif.get(name)?.gps);
+        aligned.iter().for_each(|aligned| models[0].turn(aligned.rotation, aligned.scale));
         let features = features_in(&self.log.path);
-        let verdict = Verdict::new(self.photographs, &models, &features, self.colmap.version());
+        let mut verdict = Verdict::new(self.photographs, &models, &features, self.colmap.version());
+        verdict.gps = aligned.map(|aligned| aligned.gps);
         let sparse = folder.path().join("sparse/0");
         fs::create_dir_all(&sparse).map_err(Error::at(&sparse))?;
         for (name, bytes) in models[0].files() {

@@ -6,6 +6,7 @@ use gs_core::counted;
 use serde::{Deserialize, Serialize};
 
 use crate::{
+    gps::Gps,
     inspection::Inspection,
     model::Model,
     photographs::{Photograph, Photographs},
@@ -66,6 +67,9 @@ pub struct Verdict {
     pub observations: f64,
     /// Number of photographs of each other piece, which hangs together with the first by nothing.
     pub pieces: Vec<usize>,
+    /// By which GPS positions a unit is a metre, x is east and z is north; `None` where none say so.
+    #[serde(default)]
+    pub gps: Option<Gps>,
     /// What could be better, and what to do.
     pub advice: Vec<String>,
     /// COLMAP's version.
@@ -114,6 +118,7 @@ impl Verdict {
             error_px: mean(model.errors.iter().filter(|error| **error >= 0.0).sum(), model.errors.len()),
             observations: mean(observations, model.images.len()),
             pieces: others.iter().map(own).filter(|count| *count > 0).collect(),
+            gps: None,
             advice: Vec::new(),
             colmap,
         };
@@ -209,6 +214,13 @@ impl std::fmt::Display for Verdict {
             let shown: Vec<String> =
                 names.iter().take(NAMES_SHOWN).map(|name| name.escape_debug().to_string()).collect();
             write!(f, "\nleft out: {}{more}, because {why}", shown.join(", "))?;
+        }
+        if let Some(Gps { positions, fitting, residual_m }) = &self.gps {
+            write!(
+                f,
+                "\na unit is 1 m, x is east and z is north by GPS: {fitting} of {positions} positions fit, and miss the cameras \
+                 by {residual_m:.1} m (median)"
+            )?;
         }
         self.advice.iter().try_for_each(|advice| write!(f, "\nadvice: {advice}"))
     }

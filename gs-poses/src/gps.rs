@@ -1,0 +1,244 @@
+//! Scale and directions by the GPS positions of photographs.
+
+use glam::{DMat3, DQuat, DVec3, DVec4, dvec3};
+use serde::{Deserialize, Serialize};
+
+use crate::model::Registered;
+
+/// Likely error of a position, m.
+const ERROR: f64 = 5.0;
+
+/// Positions within this many times [`ERROR`] fit.
+const FITS: f64 = 3.0;
+
+/// Steps from a tolerance that takes all positions to one of [`ERROR`].
+const STEPS: i32 = 20;
+
+/// Steps of the power iteration.
+const POWERS: usize = 5_000;
+
+/// Radius of the Earth at the equator, m, and the square of its eccentricity (WGS 84).
+const EARTH: (f64, f64) = (6_378_137.0, 0.006_694_379_990_14);
+
+/// A position: latitude and longitude, billionths of a degree, and altitude, mm.
+pub(crate) type Position = [i64; 3];
+
+/// What GPS positions say about a model.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Gps {
+    /// Number of photographs with a pose and a position.
+    pub positions: usize,
+    /// Number of those whose position fits the others.
+    pub fitting: usize,
+    /// Median distance of these positions from the cameras, m.
+    pub residual_m: f64,
+}
+
+/// How a model is turned and scaled: afterwards, a unit is a metre, x is east, −y is up and z is north.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Alignment {
+    pub(crate) rotation: DQuat,
+    pub(crate) scale: f64,
+    pub(crate) gps: Gps,
+}
+
+/// A camera's centre in the model, its position on Earth (east, down, north, m), and how far that is trusted.
+#[derive(Debug, Clone, Copy)]
+struct Pair {
+    camera: DVec3,
+    position: DVec3,
+    weight: f64,
+}
+
+/// The alignment of a model whose −y is up with the positions; `None` where these are too few, too close to each
+/// other for their error, or contradict each other.
+pub(crate) fn align(images: &[Registered], position: impl Fn(&str) -> Option<Position>) -> Option<Alignment> {
+    let of = |image: &Registered| Some((-(image.rotation.inverse() * image.translation), position(&image.name)?));
+    let found: Vec<(DVec3, Position)> = images.iter().filter_map(of).collect();
+    let middle = median(found.iter().map(|(_, [latitude, ..])| *latitude as f64).collect())?;
+    let first = found[0].1;
+    let pair = |(camera, place): &(DVec3, Position)| Pair {
+        camera: *camera,
+        position: metres(*place, first, middle),
+        weight: 1.0,
+    };
+    let mut pairs: Vec<Pair> = found.iter().map(pair).collect();
+    let widest = pairs.iter().map(|pair| pair.position.distance(pairs[0].position)).fold(ERROR, f64::max);
+    let mut fit = Fit::of(&pairs)?;
+    for step in 0..=STEPS {
+        let tolerance = ERROR * (widest / ERROR).powf(1.0 - f64::from(step) / f64::from(STEPS));
+        for pair in &mut pairs {
+            let ratio = fit.residual(pair) / tolerance;
+            pair.weight = (1.0 + ratio * ratio).powi(-2);
+        }
+        fit = Fit::of(&pairs)?;
+    }
+    let residuals: Vec<f64> =
+        pairs.iter().map(|pair| fit.residual(pair)).filter(|residual| *residual < FITS * ERROR).collect();
+    let fitting = residuals.len();
+    let residual_m = median(residuals)?;
+    let is_possible = fitting >= 3 && fitting * 2 > pairs.len() && fit.spread > ERROR && fit.spread > 2.0 * residual_m;
+    let gps = Gps { positions: pairs.len(), fitting, residual_m };
+    is_possible.then_some(Alignment { rotation: fit.rotation, scale: fit.scale, gps })
+}
+
+/// Metres east, down and north of another position, near a latitude.
+fn metres(position: Position, from: Position, latitude: f64) -> DVec3 {
+    let sine = (latitude * 1e-9).to_radians().sin();
+    let flattened = 1.0 - EARTH.1 * sine * sine;
+    let across = EARTH.0 / flattened.sqrt();
+    let along = across * (1.0 - EARTH.1) / flattened;
+    let angle = |axis: usize| ((position[axis] - from[axis]) as f64 * 1e-9).to_radians();
+    let down = (from[2] - position[2]) as f64 * 1e-3;
+    dvec3(angle(1) * across * (1.0 - sine * sine).sqrt(), down, angle(0) * along)
+}
+
+/// The similarity from cameras to positions.
+struct Fit {
+    rotation: DQuat,
+    scale: f64,
+    /// Weighted means of cameras and of positions.
+    means: (DVec3, DVec3),
+    /// Root mean square distance of the positions from their mean, m.
+    spread: f64,
+}
+
+impl Fit {
+    /// By least squares, with the direction up as certain as a position is wrong.
+    fn of(pairs: &[Pair]) -> Option<Self> {
+        let total: f64 = pairs.iter().map(|pair| pair.weight).sum();
+        let mean = |of: fn(&Pair) -> DVec3| pairs.iter().map(|pair| of(pair) * pair.weight).sum::<DVec3>() / total;
+        let (from, to) = (mean(|pair| pair.camera), mean(|pair| pair.position));
+        let spread = |of: fn(&Pair) -> DVec3, mean: DVec3| {
+            (pairs.iter().map(|pair| pair.weight * of(pair).distance_squared(mean)).sum::<f64>() / total).sqrt()
+        };
+        let (size, spread) = (spread(|pair| pair.camera, from), spread(|pair| pair.position, to));
+        let known = DMat3::from_diagonal(DVec3::Y) * (total * ERROR * size * (ERROR / spread));
+        let covariance = pairs.iter().fold(known, |sum, pair| {
+            let (a, b) = ((pair.position - to) * pair.weight, pair.camera - from);
+            sum + DMat3::from_cols(a * b.x, a * b.y, a * b.z)
+        });
+        let rotation = best_rotation(covariance);
+        let along = |pair: &Pair| pair.weight * (pair.position - to).dot(rotation * (pair.camera - from));
+        let scale = pairs.iter().map(along).sum::<f64>() / (total * size * size);
+        let is_valid = scale.is_finite() && scale > 0.0 && rotation.is_finite() && spread > 0.0;
+        is_valid.then_some(Self { rotation, scale, means: (from, to), spread })
+    }
+
+    /// Distance of a position from the camera, m.
+    fn residual(&self, pair: &Pair) -> f64 {
+        (self.rotation * (pair.camera - self.means.0) * self.scale).distance(pair.position - self.means.1)
+    }
+}
+
+fn median(mut values: Vec<f64>) -> Option<f64> {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied()
+}
+
+/// The rotation R for which tr(R covariance') is largest; the covariance is the sum of position × camera'.
+///
+/// *Source:* Horn, "Closed-form solution of absolute orientation using unit quaternions", 1987.
+fn best_rotation(covariance: DMat3) -> DQuat {
+    let s = covariance.to_cols_array_2d();
+    let trace = s[0][0] + s[1][1] + s[2][2];
+    let between = |a: usize, b: usize| s[a][b] + s[b][a];
+    let (x, y, z) = (s[1][2] - s[2][1], s[2][0] - s[0][2], s[0][1] - s[1][0]);
+    let rows = [
+        DVec4::new(trace, x, y, z),
+        DVec4::new(x, 2.0 * s[0][0] - trace, between(0, 1), between(0, 2)),
+        DVec4::new(y, between(0, 1), 2.0 * s[1][1] - trace, between(1, 2)),
+        DVec4::new(z, between(0, 2), between(1, 2), 2.0 * s[2][2] - trace),
+    ];
+    // Above the size of every eigenvalue, so that the largest is found.
+    let shift = rows.iter().map(|row| row.abs().element_sum()).fold(0.0, f64::max);
+    let mut q = DVec4::new(1.0, 0.1, 0.2, 0.3).normalize();
+    for _ in 0..POWERS {
+        q = (DVec4::from_array(rows.map(|row| row.dot(q))) + q * shift).normalize();
+    }
+    DQuat::from_xyzw(q.y, q.z, q.w, q.x)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Error of the positions, m: a fixed pattern within 3 m.
+    fn noise(i: usize) -> DVec3 {
+        let angle = i as f64 * 2.4;
+        dvec3(3.0 * angle.sin(), 2.0 * (angle * 1.7).cos(), 3.0 * (angle * 2.3).cos())
+    }
+
+    /// Cameras on a path in metres (east, down, north), in a model that is turned about the vertical and smaller.
+    fn model(path: impl Fn(usize) -> DVec3, count: usize) -> (DQuat, Vec<Registered>) {
+        let turn = DQuat::from_rotation_y(1.9);
+        let camera = |i: usize| {
+            let rotation = DQuat::from_euler(glam::EulerRot::XYZ, 0.3 * i as f64, 0.1, 0.2);
+            let translation = -(rotation * (turn.inverse() * path(i) / 40.0 + DVec3::splat(7.0)));
+            Registered { name: i.to_string(), rotation, translation, observations: 0 }
+        };
+        (turn, (0..count).map(camera).collect())
+    }
+
+    /// The position on Earth at these metres from a place on the equator, 1e-5° at a time.
+    fn place(metres: DVec3) -> Position {
+        let degrees = |metres: f64, of_degree: f64| (metres / of_degree * 1e9).round() as i64;
+        [degrees(metres.z, 110_574.3), degrees(metres.x, 111_319.5) + 12_000_000_000, 80_000 - (metres.y * 1e3) as i64]
+    }
+
+    fn flight(i: usize) -> DVec3 {
+        dvec3(20.0 * (i % 5) as f64, -30.0, 15.0 * (i / 5) as f64)
+    }
+
+    fn aligned(path: fn(usize) -> DVec3, count: usize, moved: impl Fn(usize) -> DVec3) -> Option<(DQuat, Alignment)> {
+        let (turn, images) = model(path, count);
+        let position = |name: &str| {
+            let i: usize = name.parse().unwrap();
+            Some(place(path(i) + moved(i)))
+        };
+        align(&images, position).map(|found| (turn, found))
+    }
+
+    #[test]
+    fn scale_and_directions_are_found_despite_outliers() {
+        for outliers in [0, 3] {
+            let moved = |i: usize| if i % 6 == 1 && i / 6 < outliers { dvec3(900.0, 0.0, -2000.0) } else { noise(i) };
+            let (turn, found) = aligned(flight, 20, moved).unwrap();
+            assert!((found.scale / 40.0 - 1.0).abs() < 0.04, "{found:?}");
+            assert!(found.rotation.angle_between(turn).to_degrees() < 3.0, "{found:?}");
+            let Gps { positions, fitting, residual_m } = found.gps;
+            assert_eq!((positions, fitting), (20, 20 - outliers));
+            assert!((1.0..4.5).contains(&residual_m), "{residual_m}");
+        }
+    }
+
+    #[test]
+    fn a_straight_path_keeps_the_direction_up() {
+        let (turn, found) = aligned(|i| dvec3(8.0 * i as f64, 0.0, 0.0), 12, noise).unwrap();
+        assert!((found.rotation * DVec3::Y).angle_between(DVec3::Y).to_degrees() < 8.0, "{found:?}");
+        assert!(found.rotation.angle_between(turn).to_degrees() < 10.0, "{found:?}");
+        assert!((found.scale / 40.0 - 1.0).abs() < 0.05, "{found:?}");
+    }
+
+    #[test]
+    fn positions_that_say_nothing_change_nothing() {
+        let near = |i: usize| dvec3((i % 3) as f64, 0.0, (i / 3) as f64);
+        assert_eq!(aligned(near, 9, noise), None, "closer than their error");
+        assert_eq!(aligned(flight, 2, |_| DVec3::ZERO), None, "too few");
+        assert_eq!(aligned(flight, 20, |i| flight(i * i * 7 % 20) * 9.0), None, "contradictions");
+        assert_eq!(aligned(|_| DVec3::ZERO, 9, |_| DVec3::ZERO), None, "all at one place");
+        let (_, images) = model(flight, 5);
+        assert_eq!(align(&images, |_| None), None);
+    }
+
+    #[test]
+    fn a_degree_has_its_length_by_the_latitude() {
+        // WGS 84: 1° of latitude and of longitude at 0° and at 60°, m.
+        for (latitude, north, east) in [(0, 110_574.3, 111_319.5), (60, 111_412.2, 55_800.0)] {
+            let from = [latitude * 1_000_000_000, 5_000_000_000, 100_000];
+            let to = [from[0] + 1_000_000, from[1] + 1_000_000, 99_000];
+            let found = metres(to, from, from[0] as f64);
+            assert!((found - dvec3(east * 1e-3, 1.0, north * 1e-3)).abs().max_element() < 1e-3, "{found}");
+        }
+    }
+}
