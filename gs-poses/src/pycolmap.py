@@ -37,8 +37,8 @@ def commands():
 def put(owners, name, text):
     """Sets an option, in its own type."""
     owner = next(owner for owner in owners if hasattr(owner, name))
-    kind = type(getattr(owner, name))
-    setattr(owner, name, text == "1" if kind is bool else kind(text) if kind in (int, float) else text)
+    readers = {bool: lambda text: text == "1", int: int, float: float}
+    setattr(owner, name, readers.get(type(getattr(owner, name)), str)(text))
 
 
 def run(command, words):

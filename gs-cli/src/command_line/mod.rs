@@ -51,7 +51,7 @@ Examples:
   gs info images/
       show what is in a COLMAP, Nerfstudio or Blender data set
   gs poses photos/ -o images
-      find the camera poses of photographs, by COLMAP
+      find the camera poses of photographs or a video, by COLMAP
   gs train images/ -o out
       train a 3D scene; --preset 3dgs does it as published
   gs view out
@@ -93,9 +93,9 @@ pub(crate) enum Command {
     Fit(Box<FitArgs>),
     /// Compress images as .gsi files
     Encode(Box<EncodeArgs>),
-    /// Find the camera poses of photographs with COLMAP, and make a data set of them
+    /// Find the camera poses of photographs or a video with COLMAP, and make a data set of them
     Poses(Box<PosesArgs>),
-    /// Train a 3D scene from posed images, or from photographs
+    /// Train a 3D scene from posed images, photographs or a video
     Train(Box<TrainArgs>),
     /// Render a scene as a PNG of any size, or from moving cameras
     #[command(visible_alias = "decode")]
