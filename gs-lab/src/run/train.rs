@@ -98,7 +98,7 @@ fn begin<'r, S: StudyTask, R: Optimizer<S>>(
     let clock = plan.study.clock;
     let resume = |checkpoint: Checkpoint| {
         let trajectory = Trajectory::resumed(iterations, &checkpoint.metadata)?;
-        Ok((clock.go_on(S::resume(rasterizer, target, checkpoint)?), trajectory))
+        Ok((clock.go_on(S::resume(rasterizer, target, (arm, run.seed), checkpoint)?), trajectory))
     };
     match interruptions.checkpoint().map(resume) {
         Some(Ok(resumed)) => {

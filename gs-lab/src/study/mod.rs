@@ -29,7 +29,7 @@ pub(crate) use self::{
     target::{StudyTarget, TargetContent},
 };
 pub use self::{
-    arm::Arm,
+    arm::{Arm, PoseError},
     built_in::{BUILT_IN, built_in},
     definition::Study,
     machine::Machine,

@@ -263,7 +263,9 @@ fn address(
     // Times of two clocks are never mixed.
     let clock = (study.clock != Clock::Wall).then(|| study.clock.unit());
     let measured = study.measure.iter().map(|measure| measure.name());
-    Ok(digest::of_texts(all.into_iter().chain(start).chain(clock).chain(measured)))
+    let poses = arm.pose_error.map(|error| format!("{error:?}"));
+    let rest = start.into_iter().chain(clock).chain(measured).chain(poses.as_deref());
+    Ok(digest::of_texts(all.into_iter().chain(rest)))
 }
 
 #[cfg(test)]

@@ -307,6 +307,26 @@ fn an_arm_like_gs_train_has_the_number_and_the_start_of_its_preset() {
     assert!(message.contains("arm `alike`: like-gs-train: is for scenes"), "{message}");
 }
 
+#[test]
+fn an_arm_may_have_wrong_poses() {
+    let place = place(2);
+    let study = |percent: &str| {
+        format!(
+            "name = 'x'\nscenes = ['one']\nbudgets = [100]\nseeds = [0]\niterations = 20\npreset = 'standard'\n\
+            [[arm]]\nname = 'right'\n\
+            [[arm]]\nname = 'wrong'\npose-error = {{ degrees = 3.0, percent = {percent} }}\n"
+        )
+    };
+    let plan = laid_out(&study("3.0"), place.path()).unwrap();
+    assert_ne!(plan.runs[0].address, plan.runs[1].address);
+    assert_ne!(plan.runs[1].address, laid_out(&study("2.0"), place.path()).unwrap().runs[1].address);
+    let message = laid_out(&study("-1.0"), place.path()).unwrap_err().to_string();
+    assert!(message.contains("arm `wrong`: pose-error: degrees and percent must be"), "{message}");
+    let image = study("3.0").replace("scenes = ['one']", "images = ['paper']");
+    let message = laid_out(&image, place.path()).unwrap_err().to_string();
+    assert!(message.contains("arm `wrong`: pose-error: is for scenes"), "{message}");
+}
+
 /// The preset has a round every 10 of these 300 steps, and FastGS prunes at every tenth of them.
 #[test]
 fn a_policy_follows_the_rounds_of_the_study() {

@@ -46,8 +46,9 @@ A study file; preset, iterations and settings may be given for all arms or for o
     "
 A study of 3D scenes has scenes in place of images: data sets as gs train reads them, in --data or \
 beside the file. Its arms may also have start, as gs train --start. With like-gs-train = true they \
-have the number of Gaussians and the start that gs train chooses for their preset. All keys of a \
-training's settings.toml go under settings. Factors expand into arms, one for each combination of their levels:
+have the number of Gaussians and the start that gs train chooses for their preset, and \
+pose-error = { degrees = 0.5, percent = 0.5 } makes the camera poses wrong. All keys of a training's \
+settings.toml go under settings. Factors expand into arms, one for each combination of their levels:
 
 ",
     include_str!("example-3d.toml"),

@@ -34,6 +34,9 @@ impl Page<'_> {
                     @if let Some(preset) = &arm.preset { p { "Preset " code { (preset) } "." } }
                     @if let Some(iterations) = arm.iterations { p { (iterations) " iterations." } }
                     @if let Some(start) = arm.start { p { "Start from " code { (start) } "." } }
+                    @if let Some(error) = arm.pose_error {
+                        p { "Poses wrong by " (error.degrees) "° and " (error.percent) " % of the cameras' extent." }
+                    }
                     @if arm.like_gs_train { p { "Number of Gaussians and start as in " code { "gs train" } "." } }
                     @if let Some(policy) = &arm.policy { p { "Policy " code { (policy) } "." } }
                     @if let Some(parameterization) = arm.parameterization { p { "Parameterization " code { (parameterization.name()) } "." } }

@@ -29,6 +29,7 @@ impl StudyTask for Scene2d {
     fn resume<'r, R: Optimizer<Self>>(
         rasterizer: &'r R,
         target: &StudyTarget,
+        _: (&Arm, u32),
         checkpoint: Checkpoint,
     ) -> Result<Trainer<'r, R, Self>, TrainError> {
         let Some(image) = target.image() else { return Err(wrong_kind(target)) };

@@ -34,10 +34,11 @@ pub(crate) trait StudyTask: Planned {
         clock: Clock,
     ) -> Result<Trainer<'r, R, Self>, TrainError>;
 
-    /// Resumes a run from its checkpoint.
+    /// Resumes a run of an arm with a seed from its checkpoint.
     fn resume<'r, R: Optimizer<Self>>(
         rasterizer: &'r R,
         target: &StudyTarget,
+        of: (&Arm, u32),
         checkpoint: Checkpoint,
     ) -> Result<Trainer<'r, R, Self>, TrainError>;
 

@@ -9,10 +9,10 @@ use gs_backend::FutureExt as _;
 use gs_core::{
     Camera, Error as CoreError, Gaussian3d, Image, Optimizer, Parameterization, RenderSettings, Scene3d, math::sh,
 };
-use gs_io::{Checkpoint, WorldFrame};
+use gs_io::{Checkpoint, WorldFrame, dataset::Dataset};
 use gs_train::{
     Error as TrainError, Recovery, TrainSettings, Trainer, Trainer3d,
-    train::{Evaluation, ViewQuality},
+    train::{Evaluation, ViewQuality, Views},
 };
 
 use super::{Finished, ReplayedScene, StudyTask, image::wrong_kind};
@@ -37,18 +37,23 @@ impl StudyTask for Scene3d {
         clock: Clock,
     ) -> Result<Trainer<'r, R, Self>, TrainError> {
         let Some(dataset) = target.dataset() else { return Err(wrong_kind(target)) };
-        let views = target.views(dataset)?;
-        let start = target.start(arm.start(dataset, &settings), dataset, &views.train)?;
+        let views = views(target, dataset, arm, settings.seed)?;
+        let start = arm.start(dataset, &settings);
+        let start = match arm.pose_error {
+            Some(_) => start.of(dataset)?.searched(&views.train)?,
+            None => target.start(start, dataset, &views.train)?,
+        };
         clock.begin(|| Trainer3d::from_views(rasterizer, views, start, settings).block_on())
     }
 
     fn resume<'r, R: Optimizer<Self>>(
         rasterizer: &'r R,
         target: &StudyTarget,
+        (arm, seed): (&Arm, u32),
         checkpoint: Checkpoint,
     ) -> Result<Trainer<'r, R, Self>, TrainError> {
         let Some(dataset) = target.dataset() else { return Err(wrong_kind(target)) };
-        Trainer3d::resume_views(rasterizer, target.views(dataset)?, checkpoint)
+        Trainer3d::resume_views(rasterizer, views(target, dataset, arm, seed)?, checkpoint)
     }
 
     fn measure<R: Optimizer<Self>>(
@@ -126,4 +131,13 @@ impl StudyTask for Scene3d {
     fn wrapped(self) -> ReplayedScene {
         ReplayedScene::ThreeD(self)
     }
+}
+
+/// The views of a run: those of the target, with the poses of the arm.
+fn views(target: &StudyTarget, dataset: &Dataset, arm: &Arm, seed: u32) -> Result<Views, TrainError> {
+    let views = target.views(dataset)?;
+    Ok(match arm.pose_error {
+        Some(error) => error.applied(views, seed),
+        None => views,
+    })
 }

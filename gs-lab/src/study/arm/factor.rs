@@ -83,6 +83,7 @@ fn combined(arm: &Arm, level: &Arm, index: usize) -> Result<Arm, String> {
         iterations: either("iterations", &arm.iterations, &level.iterations)?,
         start: either("start", &arm.start, &level.start)?,
         like_gs_train: arm.like_gs_train || level.like_gs_train,
+        pose_error: either("pose-error", &arm.pose_error, &level.pose_error)?,
         policy: either("policy", &arm.policy, &level.policy)?,
         parameterization: either("parameterization", &arm.parameterization, &level.parameterization)?,
         own_policy: level.own_policy.as_ref().or(arm.own_policy.as_ref()).cloned(),

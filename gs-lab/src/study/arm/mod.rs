@@ -1,6 +1,7 @@
 //! An arm of a study.
 
 mod factor;
+mod pose_error;
 
 use std::fmt;
 
@@ -10,6 +11,7 @@ use gs_train::{CustomPolicy, TrainSettings, train::StartName};
 use serde::{Deserialize, Serialize};
 
 pub(crate) use self::factor::Factor;
+pub use self::pose_error::PoseError;
 use super::key_lines::KeyLines;
 
 gs_core::impl_with!(Arm);
@@ -41,6 +43,9 @@ pub struct Arm {
     /// of it only. Studies of scenes only.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub like_gs_train: bool,
+    /// Wrong camera poses; studies of scenes only.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pose_error: Option<PoseError>,
     /// A policy by its name, with its source's parameters: one of [`gs_density::Policy::NAMES`]. In
     /// studies of scenes it prunes and resets opacities as the preset does.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -73,6 +78,7 @@ impl Arm {
             iterations: None,
             start: None,
             like_gs_train: false,
+            pose_error: None,
             policy: None,
             parameterization: None,
             own_policy: None,

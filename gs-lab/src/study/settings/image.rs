@@ -22,6 +22,9 @@ impl Planned for Scene2d {
         if asked.arm.like_gs_train {
             return Err(WrongKey::new("like-gs-train", "is for scenes"));
         }
+        if asked.arm.pose_error.is_some() {
+            return Err(WrongKey::new("pose-error", "is for scenes"));
+        }
         let mut settings = match (preset, asked.iterations()) {
             (Preset::Paper, iterations) => {
                 let paper = Preset::Paper.settings(asked.budget, size);

@@ -22,6 +22,9 @@ impl Planned for Scene3d {
         if let Some(start) = asked.arm.start {
             start.of(dataset).map_err(|error| WrongKey::new("start", format!("{error} ({})", target.label())))?;
         }
+        if let Some(error) = &asked.arm.pose_error {
+            error.validate().map_err(|error| WrongKey::new("pose-error", error))?;
+        }
         let cameras = dataset.views_of(Split::Train).map(|view| &view.camera);
         let mut settings = preset.settings_for(asked.iterations(), dataset.kind, cameras);
         settings = match asked.arm.like_gs_train {
