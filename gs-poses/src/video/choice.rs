@@ -140,6 +140,11 @@ mod tests {
         assert!(choice.step < STEP && choice.frames.len() >= 10, "{choice:?}");
         let still: Vec<Frame> = (0..30).map(|_| frame(0, 0)).collect();
         assert_eq!(choose(&still).frames, [0]);
+        // Along stripes, all places are alike.
+        let stripes = |i: usize| {
+            Frame::of(160, &(0..160 * 96).map(|at| ((at / 160 / 12 * 90 + i % 2) % 250) as u8).collect::<Vec<_>>())
+        };
+        assert_eq!(choose(&(0..30).map(stripes).collect::<Vec<_>>()).frames, [0]);
         // Nothing is found again from one to the next.
         let fast: Vec<Frame> = (0..310).map(|i| frame(777 * i, 0)).collect();
         let choice = choose(&fast);

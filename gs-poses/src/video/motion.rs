@@ -15,6 +15,13 @@ const REACH: i32 = 12;
 /// How far around its expected place a block is searched, px.
 const AROUND: i32 = 4;
 
+/// How much more similar the whole must be for each pixel of its shift, levels of brightness.
+const STILL: f64 = 0.05;
+
+/// How much more similar a block must be for each pixel that its place is off the expected one, levels of all its
+/// pixels together: along an edge, all places are alike.
+const STEADY: i32 = 30;
+
 /// Mean deviation from its mean above which a block has texture, levels of brightness of 255.
 const TEXTURE: f64 = 3.0;
 
@@ -84,11 +91,11 @@ impl Small {
     pub(super) fn shift(&self, to: &Self) -> Shift {
         let [from, to] = [self, to].map(|small| Self::reduced(small.width, &small.values, COARSE));
         let reach = |side: usize| REACH.min(side as i32 / 2);
-        let offset = (to.mean - from.mean) as i32;
+        let offset = (to.mean - from.mean).round() as i32;
         let mut best = (f64::INFINITY, (0, 0));
         for y in -reach(from.height)..=reach(from.height) {
             for x in -reach(from.width)..=reach(from.width) {
-                let difference = from.difference(&to, (x, y), offset);
+                let difference = from.difference(&to, (x, y), offset) + STILL * f64::from(x.abs() + y.abs());
                 if difference < best.0 {
                     best = (difference, (x, y));
                 }
@@ -136,11 +143,11 @@ impl<'a> Tracker<'a> {
     /// How far the blocks have moved in the next frame, on average, of the longer side of the image; infinite
     /// where most are not found. `shift` is that of the whole picture since the frame before.
     pub(super) fn motion(&mut self, frame: &Small, shift: Shift) -> f64 {
-        let offset = (frame.mean - self.key.mean) as i32;
+        let offset = (frame.mean - self.key.mean).round() as i32;
         let (mut sum, mut found) = (0.0, 0);
         for block in &mut self.blocks {
             let moved = (block.shift.0 + shift.0, block.shift.1 + shift.1);
-            let places = &[moved, block.shift][..if shift == (0, 0) { 1 } else { 2 }];
+            let places = &[block.shift, moved][..if shift == (0, 0) { 1 } else { 2 }];
             let matches = places.iter().filter_map(|expected| block.search(self.key, frame, *expected, offset));
             let best = matches.min_by(|a, b| a.0.total_cmp(&b.0));
             // A block may leave the image.
@@ -160,7 +167,7 @@ impl<'a> Tracker<'a> {
 impl Block {
     /// The most similar place around an expected shift, and its mean difference; `None` outside of the image.
     fn search(&self, key: &Small, frame: &Small, expected: Shift, offset: i32) -> Option<(f64, Shift)> {
-        let mut best: Option<(i32, Shift)> = None;
+        let mut best: Option<(i32, i32, Shift)> = None;
         for y in expected.1 - AROUND..=expected.1 + AROUND {
             for x in expected.0 - AROUND..=expected.0 + AROUND {
                 let place = (self.at.0 as i32 + x, self.at.1 as i32 + y);
@@ -179,11 +186,12 @@ impl Block {
                         differences.sum::<i32>()
                     })
                     .sum();
-                if best.is_none_or(|best| sum < best.0) {
-                    best = Some((sum, (x, y)));
+                let cost = sum + STEADY * ((x - expected.0).abs() + (y - expected.1).abs());
+                if best.is_none_or(|best| cost < best.0) {
+                    best = Some((cost, sum, (x, y)));
                 }
             }
         }
-        best.map(|(sum, shift)| (f64::from(sum) / (BLOCK * BLOCK) as f64, shift))
+        best.map(|(_, sum, shift)| (f64::from(sum) / (BLOCK * BLOCK) as f64, shift))
     }
 }
