@@ -240,3 +240,28 @@ fn broken_json_is_refused_in_one_line() {
     fs::write(place.path().join("transforms.json"), "{\"frames\": []}").unwrap();
     assert!(refusal(place.path()).contains("it lists none"));
 }
+
+#[test]
+fn a_data_set_is_written_with_other_cameras_and_read_again() {
+    let place = folder();
+    super::made::colmap(place.path(), 9);
+    let dataset = super::made::read(place.path());
+    let moved = |view: &crate::dataset::View| view.camera.moved(glam::Vec3::new(0.1, -0.2, 0.3), 0.02 * glam::Vec3::Y);
+    let refined = place.path().join("refined");
+    fs::create_dir(&refined).unwrap();
+    fs::write(refined.join("transforms.json"), dataset.transforms_json(moved, Some("points.ply")).unwrap()).unwrap();
+    fs::write(refined.join("points.ply"), dataset.points_ply()).unwrap();
+    let again = read_dataset(&refined, &DatasetSettings::default().with(|s| s.allow_outside = true)).unwrap();
+    assert_eq!((again.views.len(), again.points.len()), (dataset.views.len(), dataset.points.len()));
+    for (view, of_file) in dataset.views.iter().zip(&again.views) {
+        let (camera, found) = (moved(view), of_file.camera);
+        assert_eq!((view.split, &view.image), (of_file.split, &of_file.image));
+        assert_eq!((camera.focal, camera.center, camera.width), (found.focal, found.center, found.width));
+        assert!(camera.rotation.abs_diff_eq(found.rotation, 1e-6), "{camera:?} {found:?}");
+        assert!(camera.translation.abs_diff_eq(found.translation, 1e-5), "{camera:?} {found:?}");
+    }
+    for (point, found) in dataset.points.iter().zip(&again.points) {
+        assert!(point.position.abs_diff_eq(found.position, 1e-6), "{point:?} {found:?}");
+        assert!(point.color.iter().zip(found.color).all(|(a, b)| (a - b).abs() < 1e-6), "{point:?} {found:?}");
+    }
+}

@@ -10,6 +10,7 @@
 
 mod camera_fields;
 mod point_cloud;
+mod write;
 
 use std::path::{Path, PathBuf};
 
