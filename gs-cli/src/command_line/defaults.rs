@@ -34,6 +34,7 @@ pub(crate) fn of_train(flag: Arg) -> Arg {
         "order" => |s| s.render.effects.order.to_string(),
         "coarse" => |s| s.resolution.factor(0.0).to_string(),
         "exposure" => |s| s.exposure.to_string(),
+        "refine_poses" => |s| s.refine_poses.to_string(),
         "depth_weight" => |s| s.depth_loss.weight.to_string(),
         "participants" => |s| s.adam.participants.to_string(),
         "opacity_weight" => |s| s.adam.penalty.opacity.to_string(),

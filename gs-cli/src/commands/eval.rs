@@ -11,7 +11,7 @@ use gs_io::{
 };
 use gs_train::{
     ImageQuality, draw_picture,
-    train::{ColorMatched, ViewQuality, Views, evaluate},
+    train::{ColorMatched, PoseMatched, ViewQuality, Views, evaluate, evaluate_aligned},
 };
 use serde::Serialize;
 
@@ -38,6 +38,9 @@ pub(crate) struct EvalArgs {
     /// Print JSON
     #[arg(long)]
     json: bool,
+    /// Also measure with the pose of each view aligned to the left half of its image, on the right half
+    #[arg(long)]
+    refine_poses: bool,
     #[command(flatten)]
     images: DatasetArgs,
     #[command(flatten)]
@@ -116,7 +119,11 @@ fn evaluate_3d(args: &EvalArgs, file: &File3d) -> Result<(), Failure> {
     // Each image is used once.
     let views = Views { keep_bytes: 0, ..Views::of_dataset(&dataset) }.cached();
     let backend = args.backend.open()?;
-    let evaluation = evaluate(&backend.rasterizer, scene, views.test_or_train(), &render).block_on()?;
+    let (rasterizer, used) = (&backend.rasterizer, views.test_or_train());
+    let evaluation = match args.refine_poses {
+        true => evaluate_aligned(rasterizer, scene, used, &render).block_on()?,
+        false => evaluate(rasterizer, scene, used, &render).block_on()?,
+    };
     args.render.note_guess(file);
     output::note(format_args!("rendered with {}", render_args::describe(&render)));
     if let Some(why) = why_empty(evaluation.culled, scene.len(), views.test_or_train().len()) {
@@ -143,6 +150,12 @@ fn evaluate_3d(args: &EvalArgs, file: &File3d) -> Result<(), Failure> {
     if let Some(ColorMatched { psnr, ssim, .. }) = evaluation.color_matched {
         text += &format!(
             "{psnr:>9.3} dB {ssim:>9.5} {:>10}  mean of the right halves, colours matched on the left halves\n",
+            ""
+        );
+    }
+    if let Some(PoseMatched { psnr, ssim, .. }) = evaluation.pose_matched {
+        text += &format!(
+            "{psnr:>9.3} dB {ssim:>9.5} {:>10}  mean of the right halves, poses aligned to the left halves\n",
             ""
         );
     }

@@ -261,7 +261,7 @@ impl<T> DepthMaps<T> {
 }
 
 /// Settings for rendering inverse depths, 0 where nothing is.
-fn inverse_depths(render: &RenderSettings) -> RenderSettings {
+pub(super) fn inverse_depths(render: &RenderSettings) -> RenderSettings {
     render.with(|s| {
         s.output = Output::InverseDepth;
         s.effects.background = Background::None;

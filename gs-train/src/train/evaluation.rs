@@ -9,7 +9,7 @@ use gs_io::dataset::PosedImage;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::task::where_masked;
+use super::{poses::align, task::where_masked};
 use crate::views::{ColorMap, PosedView};
 use crate::{error::Error, memory::evaluated_at_once, run::infinite_where_null};
 
@@ -23,6 +23,22 @@ use crate::{error::Error, memory::evaluated_at_once, run::infinite_where_null};
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub struct ColorMatched {
+    /// PSNR over the pixels of the right half that count, dB; ∞ for equal images, which JSON writes
+    /// as `null`.
+    #[serde(deserialize_with = "infinite_where_null")]
+    pub psnr: f64,
+    /// Structural similarity of the right half.
+    pub ssim: f64,
+}
+
+/// Quality where errors of a view's pose do not count: the camera is aligned to the left half of its image,
+/// and the right half of the rendering from there is measured.
+///
+/// *Source:* as for [`ColorMatched`]; the alignment is that of [`RefinePoses`](super::RefinePoses).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
+pub struct PoseMatched {
     /// PSNR over the pixels of the right half that count, dB; ∞ for equal images, which JSON writes
     /// as `null`.
     #[serde(deserialize_with = "infinite_where_null")]
@@ -52,6 +68,9 @@ pub struct ViewQuality {
     /// Quality with matched colours; `None` where no pixel of one half counts.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub color_matched: Option<ColorMatched>,
+    /// Quality at the aligned pose, where poses are matched; `None` where no pixel of the right half counts.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pose_matched: Option<PoseMatched>,
 }
 
 /// Quality of a scene over several views.
@@ -72,6 +91,9 @@ pub struct Evaluation {
     /// Means of the views' quality with matched colours.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub color_matched: Option<ColorMatched>,
+    /// Means of the views' quality at aligned poses.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pose_matched: Option<PoseMatched>,
     /// Gaussians that the renderings left out, summed over the views.
     pub culled: Culled,
     /// Quality of each view in which some pixel counts.
@@ -145,15 +167,27 @@ fn color_matched(rendered: &Image, posed: &PosedImage, background: [f32; 3]) -> 
         return Ok(None);
     }
     let map = ColorMap::fit(&pairs, PRIOR);
+    let measured = right_half(rendered, posed, background, |right| map.image(&right))?;
+    Ok(measured.map(|(psnr, ssim)| ColorMatched { psnr, ssim }))
+}
+
+/// PSNR and SSIM of the right half of a rendering after a change; `None` where none of its pixels counts.
+fn right_half(
+    rendered: &Image,
+    posed: &PosedImage,
+    background: [f32; 3],
+    change: impl Fn(Image) -> Image,
+) -> Result<Option<(f64, f64)>, Error> {
+    let target = posed.clone().over(background)?;
+    let (width, middle) = (target.width() as usize, target.width() as usize / 2);
     let right = |image: &Image| {
-        let rows = (0..image.height()).map(|y| &image.row(y)[middle as usize..]);
-        Image::from_pixels(image.width() - middle, image.height(), rows.collect::<Vec<_>>().concat())
+        let rows = (0..image.height()).map(|y| &image.row(y)[middle..]);
+        Image::from_pixels(image.width() - middle as u32, image.height(), rows.collect::<Vec<_>>().concat())
     };
-    let mask = posed.mask.as_ref().map(|mask| (0..mask.len()).filter(|i| !is_left(i)).map(|i| mask[i]).collect());
-    let posed = PosedImage { image: right(&target)?, alpha: None, mask };
-    let Some(pair) = measure(&map.image(&right(rendered)?), posed, background)? else { return Ok(None) };
-    let (_, psnr) = pair.l1_and_psnr()?;
-    Ok(Some(ColorMatched { psnr, ssim: metrics::ssim(&pair.rendered, &pair.target)? }))
+    let half = |mask: &Vec<bool>| (0..mask.len()).filter(|i| i % width >= middle).map(|i| mask[i]).collect();
+    let posed = PosedImage { image: right(&target)?, alpha: None, mask: posed.mask.as_ref().map(half) };
+    let Some(pair) = measure(&change(right(rendered)?), posed, background)? else { return Ok(None) };
+    Ok(Some((pair.l1_and_psnr()?.1, metrics::ssim(&pair.rendered, &pair.target)?)))
 }
 
 impl Pair {
@@ -175,7 +209,32 @@ pub async fn evaluate<R: Rasterizer<Scene3d>>(
     render: &RenderSettings,
 ) -> Result<Evaluation, Error> {
     let splats = rasterizer.upload(scene, Parameterization::ScaleRotation)?;
-    evaluate_splats(rasterizer, &splats, &views.iter().collect::<Vec<_>>(), render, &|_, _, _| Ok(())).await
+    let views = views.iter().collect::<Vec<_>>();
+    evaluate_splats(rasterizer, &splats, (&views, Matching::Colors), render, &|_, _, _| Ok(())).await
+}
+
+/// [`evaluate`], also at poses that are aligned to the left halves of the images ([`PoseMatched`]).
+///
+/// # Errors
+/// Those of [`evaluate`].
+pub async fn evaluate_aligned<R: Rasterizer<Scene3d>>(
+    rasterizer: &R,
+    scene: &Scene3d,
+    views: &[PosedView],
+    render: &RenderSettings,
+) -> Result<Evaluation, Error> {
+    let splats = rasterizer.upload(scene, Parameterization::ScaleRotation)?;
+    let views = views.iter().collect::<Vec<_>>();
+    evaluate_splats(rasterizer, &splats, (&views, Matching::Poses), render, &|_, _, _| Ok(())).await
+}
+
+/// What is matched on the left halves of views.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Matching {
+    /// Only colours.
+    Colors,
+    /// Also poses.
+    Poses,
 }
 
 /// Receives views of an evaluation on several threads: the number of a view, its image and its
@@ -187,7 +246,7 @@ pub type Look<'a> = dyn Fn(usize, &PosedImage, &Image) -> Result<(), Error> + Sy
 pub(super) async fn evaluate_splats<R: Rasterizer<Scene3d>>(
     rasterizer: &R,
     splats: &R::Splats,
-    views: &[&PosedView],
+    (views, matching): (&[&PosedView], Matching),
     render: &RenderSettings,
     look: &Look<'_>,
 ) -> Result<Evaluation, Error> {
@@ -204,12 +263,19 @@ pub(super) async fn evaluate_splats<R: Rasterizer<Scene3d>>(
         for view in batch {
             let (rendered, left_out) = rasterizer.draw(splats, &view.camera, render).await?;
             culled = culled.plus(left_out);
-            renderings.push(rendered);
+            let aligned = match matching {
+                Matching::Colors => None,
+                Matching::Poses => Some(draw_aligned((rasterizer, splats), view, render).await?),
+            };
+            renderings.push((rendered, aligned));
         }
-        let measured = batch.par_iter().zip(renderings).enumerate().map(|(place, (view, rendered))| {
-            let posed = view.image()?;
+        let measured = batch.par_iter().zip(renderings).enumerate().map(|(place, (view, (rendered, aligned)))| {
+            let (posed, background) = (view.image()?, render.background_color());
             look(first + place, &posed, &rendered)?;
-            quality_of(&view.name, rendered, posed, render.background_color())
+            let at_pose = aligned.map(|aligned| right_half(&aligned, &posed, background, |right| right)).transpose()?;
+            let pose_matched = at_pose.flatten().map(|(psnr, ssim)| PoseMatched { psnr, ssim });
+            let quality = quality_of(&view.name, rendered, posed, background)?;
+            Ok::<_, Error>(quality.map(|quality| ViewQuality { pose_matched, ..quality }))
         });
         // The first error, whichever thread was faster.
         for (view, quality) in batch.iter().zip(measured.collect::<Vec<_>>()) {
@@ -229,9 +295,24 @@ pub(super) async fn evaluate_splats<R: Rasterizer<Scene3d>>(
         psnr: metrics::mean(matched.iter().map(|m| m.psnr)),
         ssim: metrics::mean(matched.iter().map(|m| m.ssim)),
     });
+    let at_poses: Vec<PoseMatched> = qualities.iter().filter_map(|view| view.pose_matched).collect();
+    let pose_matched = (!at_poses.is_empty()).then(|| PoseMatched {
+        psnr: metrics::mean(at_poses.iter().map(|m| m.psnr)),
+        ssim: metrics::mean(at_poses.iter().map(|m| m.ssim)),
+    });
     let ms_ssims: Vec<f64> = qualities.iter().filter_map(|view| view.ms_ssim).collect();
     let ms_ssim = (!ms_ssims.is_empty()).then(|| metrics::mean(&ms_ssims));
-    Ok(Evaluation { psnr, ssim, ms_ssim, l1, color_matched, culled, views: qualities, unmeasured })
+    Ok(Evaluation { psnr, ssim, ms_ssim, l1, color_matched, pose_matched, culled, views: qualities, unmeasured })
+}
+
+/// The rendering of a view whose camera is aligned to the left half of its image.
+async fn draw_aligned<R: Rasterizer<Scene3d>>(
+    scene: (&R, &R::Splats),
+    view: &PosedView,
+    render: &RenderSettings,
+) -> Result<Image, Error> {
+    let camera = align::to_left_half(scene, view, render).await?;
+    Ok(scene.0.draw(scene.1, &camera, render).await?.0)
 }
 
 /// Number of these views to measure at the same time.
@@ -253,7 +334,7 @@ fn quality_of(
     // The bits of what is measured during a training.
     let (l1, psnr) = pair.l1_and_psnr()?;
     let Comparison { ssim, ms_ssim, .. } = compare(&pair.rendered, &pair.target, false)?;
-    Ok(Some(ViewQuality { name: name.to_owned(), psnr, ssim, ms_ssim, l1, color_matched }))
+    Ok(Some(ViewQuality { name: name.to_owned(), psnr, ssim, ms_ssim, l1, color_matched, pose_matched: None }))
 }
 
 #[cfg(test)]

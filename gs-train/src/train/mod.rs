@@ -8,6 +8,7 @@ mod depth_loss;
 mod evaluation;
 mod evidence;
 mod exposure;
+mod poses;
 mod presets;
 mod settings;
 mod summary;
@@ -19,8 +20,9 @@ mod usual_start;
 pub(crate) use self::evidence::plain;
 pub use self::{
     depth_loss::{DepthLoss, DepthMapCounts},
-    evaluation::{ColorMatched, Evaluation, Look, TrainingViews, ViewQuality, evaluate},
+    evaluation::{ColorMatched, Evaluation, Look, PoseMatched, TrainingViews, ViewQuality, evaluate, evaluate_aligned},
     exposure::{Exposure, ExposureReport},
+    poses::{PosesReport, RefinePoses},
     presets::TrainPreset,
     settings::{StepBackground, TrainSettings},
     summary::{DRIFT_DB, TrainSummary},

@@ -13,6 +13,7 @@ use gs_io::dataset::DatasetKind;
 use super::{
     depth_loss::DepthLoss,
     exposure::Exposure,
+    poses::RefinePoses,
     settings::{StepBackground, TrainSettings},
 };
 use crate::run::{Recovery, Rounds};
@@ -189,6 +190,7 @@ fn three_dgs(iterations: u32) -> TrainSettings {
         remove_unseen: false,
         resolution: Resolution::Full,
         exposure: Exposure::Off,
+        refine_poses: RefinePoses::Off,
         depth_loss: DepthLoss::default(),
     }
 }

@@ -7,7 +7,7 @@ use gs_core::{
 use gs_density::Policy;
 use serde::{Deserialize, Serialize};
 
-use super::{depth_loss::DepthLoss, exposure::Exposure};
+use super::{depth_loss::DepthLoss, exposure::Exposure, poses::RefinePoses};
 use crate::run::{Recovery, Rounds, RunSettings, same_settings};
 use crate::{
     start::{PointInit, is_zero},
@@ -104,6 +104,9 @@ pub struct TrainSettings {
     /// What happens to differences in exposure and white balance between images.
     #[serde(skip_serializing_if = "Exposure::is_off")]
     pub exposure: Exposure,
+    /// Whether the poses of the training views' cameras are refined along with the scene.
+    #[serde(skip_serializing_if = "RefinePoses::is_off")]
+    pub refine_poses: RefinePoses,
     /// Weight of the training views' depth maps in the loss; without depth maps it has no effect.
     #[serde(skip_serializing_if = "DepthLoss::is_off")]
     pub depth_loss: DepthLoss,

@@ -13,6 +13,7 @@ use super::{
     depth_loss::DepthMapCounts,
     evaluation::{Evaluation, TrainingViews},
     exposure::ExposureReport,
+    poses::PosesReport,
     settings::TrainSettings,
     trainer::Trainer3d,
 };
@@ -70,6 +71,9 @@ pub struct TrainSummary {
     /// Differences in exposure that the training found between its views.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub exposure: Option<ExposureReport>,
+    /// Refinement of the training views' poses.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub poses: Option<PosesReport>,
     /// Depth maps of the training views, where they are part of the loss.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub depth_maps: Option<DepthMapCounts>,
@@ -103,6 +107,7 @@ impl TrainSummary {
             evaluation,
             training: Some(training),
             exposure: trainer.exposure(),
+            poses: trainer.poses(),
             depth_maps: trainer.depth_maps(),
             settings: settings.clone(),
         })

@@ -17,6 +17,7 @@ use super::{
     evaluation::{TrainingViews, measure, together},
     evidence::{Gathering, views_of_round},
     exposure::{ExposureReport, Exposures},
+    poses::{Poses, PosesReport},
     settings::{StepBackground, TrainSettings},
     unseen::unseen,
 };
@@ -52,6 +53,7 @@ pub struct ViewsTask<R: Optimizer<Scene3d>> {
     /// Whether the images' targets take as little memory as possible.
     compact: bool,
     exposures: Exposures,
+    poses: Poses,
     depths: DepthMaps<R::Target>,
     /// Checksums of the views' images, those that are known.
     digests: Vec<OnceLock<u32>>,
@@ -117,7 +119,8 @@ impl SceneTask for Scene3d {
 
 impl<R: Optimizer<Scene3d>> ViewsTask<R> {
     /// `digests` are the checksums of the images, where they are known.
-    pub(super) fn new(views: Views, digests: &[u32], extent: f32, exposures: Exposures, guides: Guides) -> Self {
+    pub(super) fn new(views: Views, digests: &[u32], extent: f32, solved: (Exposures, Poses), guides: Guides) -> Self {
+        let (exposures, poses) = solved;
         let pixels = views.train_cameras().map(|camera| u64::from(camera.width) * u64::from(camera.height)).sum();
         let images = Images::new(views.keep_bytes.saturating_sub(views.cached_bytes()));
         let of_view = |index| digests.get(index).map_or_else(OnceLock::new, |&digest| OnceLock::from(digest));
@@ -125,7 +128,7 @@ impl<R: Optimizer<Scene3d>> ViewsTask<R> {
         let depths = DepthMaps::new(guides, views.keep_bytes / DEPTH_SHARE);
         let compact = memory::is_compact(pixels);
         let (order, ahead) = (Order::default(), (Order::default(), 0));
-        Self { views, extent, order, ahead, images, compact, exposures, depths, digests }
+        Self { views, extent, order, ahead, images, compact, exposures, poses, depths, digests }
     }
 
     /// The views.
@@ -136,6 +139,11 @@ impl<R: Optimizer<Scene3d>> ViewsTask<R> {
     /// What was found about the exposure of the training views, if it has been solved.
     pub(super) fn exposure_report(&self) -> Option<ExposureReport> {
         self.exposures.report()
+    }
+
+    /// What was found about the poses of the training views, if they have been aligned.
+    pub(super) fn poses_report(&self) -> Option<PosesReport> {
+        self.poses.report()
     }
 
     /// Numbers of depth maps in the loss, if there are any.
@@ -273,6 +281,14 @@ impl<R: Optimizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
                 self.images.forget();
             }
         }
+        if let Some(pixels) = self.poses.due(settings.refine_poses, views, step, settings.iterations) {
+            let render = shown(settings, &Effects { statistics: Statistics::None, ..effects });
+            let factor = settings.resolution.factor(step as f32 / settings.iterations as f32);
+            let how = (settings.refine_poses, pixels, factor);
+            self.poses
+                .refine((on, splats), &mut self.views.train, (&render, self.extent, &self.exposures), how)
+                .await?;
+        }
         if self.depths.is_due(step, settings.iterations) {
             let render = shown(settings, &effects);
             self.depths.fit_to_renderings((on, splats), &self.views.train, &render).await?;
@@ -285,7 +301,13 @@ impl<R: Optimizer<Scene3d>> TrainingTask<R, Scene3d> for ViewsTask<R> {
         let frame = (!frame.is_world()).then(|| (gs_io::FRAME_ENTRY, frame.to_toml()));
         let views = self.views.train.iter().chain(&self.views.test).enumerate();
         let digests = views.map(|(index, view)| self.digest(index, view)).collect::<Vec<_>>().join(" ");
-        let own = [self.exposures.to_metadata()?, self.depths.to_metadata()?, frame, Some((DIGESTS_ENTRY, digests))];
+        let own = [
+            self.exposures.to_metadata()?,
+            self.poses.to_metadata()?,
+            self.depths.to_metadata()?,
+            frame,
+            Some((DIGESTS_ENTRY, digests)),
+        ];
         Ok(own.into_iter().flatten().collect())
     }
 

@@ -6,8 +6,9 @@ use web_time::Instant;
 
 use super::{
     depth_loss::{DepthMapCounts, Guides},
-    evaluation::{Evaluation, Look, TrainingViews, evaluate_splats},
+    evaluation::{Evaluation, Look, Matching, TrainingViews, evaluate_splats},
     exposure::{Exposure, ExposureReport, Exposures},
+    poses::{Poses, PosesReport, RefinePoses},
     settings::TrainSettings,
     task::{ViewsTask, check_images, shown},
 };
@@ -43,6 +44,10 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
             let allowed = "off or auto with a single training view, whose exposure differs from no other";
             return Err(gs_core::Error::setting("exposure", "affine", allowed).into());
         }
+        if settings.refine_poses != RefinePoses::Off && views.train.iter().any(|view| view.source.is_face()) {
+            let allowed = "off with 360° images or wide fish-eyes, whose views share a camera";
+            return Err(gs_core::Error::setting("refine-poses", settings.refine_poses, allowed).into());
+        }
         settings.remove_unseen &= !matches!(start, Start::Scene(_));
         let cameras: Vec<Camera> = views.train_cameras().copied().collect();
         let views = views.cached();
@@ -67,7 +72,7 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
             false => Guides::of(&views.train, &scene.means)?,
         };
         let record = Record::beginning(settings, images);
-        let task = ViewsTask::new(views, &[], extent, Exposures::default(), guides);
+        let task = ViewsTask::new(views, &[], extent, (Exposures::default(), Poses::default()), guides);
         let mut trainer = Self::assemble(rasterizer, record, splats, task);
         trainer.record.seconds = started.elapsed().as_secs_f64();
         Ok(trainer)
@@ -95,7 +100,7 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
         if record.images != found {
             return Err(Error::WrongTarget { expected: record.images, found });
         }
-        let views = views.cached();
+        let mut views = views.cached();
         let digests = views.digests()?;
         check_images(&checkpoint.metadata, &views, &digests)?;
         let Some(extent) = record.settings.extent else {
@@ -104,8 +109,9 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
         let average = Average::of_state(&checkpoint.state, SplatsState::scene_3d)?;
         let splats = rasterizer.restore(&checkpoint.state)?;
         let exposures = Exposures::from_metadata(&checkpoint.metadata, views.train.len())?;
+        let poses = Poses::from_metadata(&checkpoint.metadata, &mut views.train)?;
         let guides = Guides::from_metadata(&checkpoint.metadata, views.train.len())?;
-        let task = ViewsTask::new(views, &digests, extent, exposures, guides);
+        let task = ViewsTask::new(views, &digests, extent, (exposures, poses), guides);
         let mut trainer = Self::assemble(rasterizer, record, splats, task);
         trainer.average = average;
         Ok(trainer)
@@ -130,6 +136,12 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
     /// where it is [`Exposure::Off`](super::Exposure::Off).
     pub fn exposure(&self) -> Option<ExposureReport> {
         self.task.exposure_report()
+    }
+
+    /// What was found about the poses of the training views' cameras; `None` before the first alignment, or
+    /// where they are not refined ([`RefinePoses`](super::RefinePoses)).
+    pub fn poses(&self) -> Option<PosesReport> {
+        self.task.poses_report()
     }
 
     /// Numbers of the training views' depth maps; `None` without any, or where they are not part of the
@@ -157,7 +169,10 @@ impl<'a, R: Optimizer<Scene3d>> Trainer<'a, R, Scene3d> {
     /// # Errors
     /// Those of the backend, of reading an image, and of `look`.
     pub async fn evaluate(&self, look: &Look<'_>) -> Result<Evaluation, Error> {
-        evaluate_splats(self.rasterizer, &self.splats, &self.task.evaluation_views(), &self.shown(), look).await
+        let refined = self.poses().is_some_and(|poses| poses.used);
+        let matching = if refined { Matching::Poses } else { Matching::Colors };
+        let views = self.task.evaluation_views();
+        evaluate_splats(self.rasterizer, &self.splats, (&views, matching), &self.shown(), look).await
     }
 
     /// Quality on a sample of the training views.

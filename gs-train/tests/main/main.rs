@@ -10,6 +10,7 @@ mod fixture_3d;
 mod frame;
 mod masks;
 mod panorama;
+mod poses;
 mod recovery;
 mod reduction;
 mod regularization;

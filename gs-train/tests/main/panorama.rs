@@ -14,7 +14,7 @@ use gs_io::{
 };
 use gs_train::{
     Trainer3d,
-    train::{PosedView, Start, Views, evaluate},
+    train::{PosedView, RefinePoses, Start, Views, evaluate},
 };
 use pollster::FutureExt as _;
 use rayon::prelude::*;
@@ -98,6 +98,10 @@ fn a_scene_is_as_good_in_the_faces_as_it_is() {
     let judged = evaluate(&rasterizer, &around(), &all, &render()).block_on().unwrap();
     let worst = judged.views.iter().map(|view| view.psnr).fold(f64::INFINITY, f64::min);
     assert!(worst > 40.0, "{worst} dB; {:?}", judged.views);
+
+    let refined = short(40).with(|s| s.refine_poses = RefinePoses::Auto);
+    let refused = Trainer3d::from_views(&rasterizer, Views::of_dataset(&dataset), Start::Random, refined).block_on();
+    assert!(refused.unwrap_err().to_string().contains("360"), "the faces of an image have one pose");
 
     // Steps on these faces find nothing to change.
     let mut settings = short(40);

@@ -10,7 +10,7 @@ use gs_core::{
 use gs_density::Policy;
 use gs_train::{
     TrainPreset,
-    train::{Exposure, Views},
+    train::{Exposure, RefinePoses, Views},
 };
 
 use crate::{
@@ -35,6 +35,7 @@ DIR then holds:
   views/           each held-out view: the image, and its rendering to the right
   ellipses.png     the first of these views, with the most important Gaussians drawn over it as \
 ellipses
+  refined/         with refined poses, the data set with them: transforms.json, and its points
   evaluation.json  PSNR, SSIM, MS-SSIM and L1 of each held-out view, and their means
   metrics.csv      count, edits and loss over the steps, now and then with PSNR and L1 over at most \
 8 of the held-out views; metrics.part.csv until the end
@@ -159,6 +160,9 @@ pub(crate) struct TrainSettingsArgs {
     /// How to treat differences in exposure and white balance between the images
     #[arg(long, value_parser = by_name::<Exposure>(), value_name = "WHICH")]
     pub(crate) exposure: Option<Exposure>,
+    /// Whether to align each camera to its image a few times during the training, for poses that are not exact
+    #[arg(long, value_parser = by_name::<RefinePoses>(), value_name = "WHICH")]
+    pub(crate) refine_poses: Option<RefinePoses>,
     /// Weight of the data set's depth maps in the loss of the first step; it falls to a hundredth of
     /// that. 1 is usual. With 0, depth maps only give initial Gaussians
     #[arg(long, value_name = "W")]

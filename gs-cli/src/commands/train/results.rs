@@ -3,6 +3,7 @@
 
 use gs_train::SettingsFile as _;
 use std::{
+    collections::HashMap,
     path::Path,
     sync::{Mutex, PoisonError},
 };
@@ -12,13 +13,17 @@ use gs_core::{
     Camera, Canvas, Choice as _, RenderSettings, Scene as _, Scene3d, counted,
     effects::{Antialias, Effect, EffectDecision},
 };
-use gs_io::{TrainedWith, WorldFrame, WriteOptions3d, dataset::SplitOrigin, write_3d, write_png};
+use gs_io::{
+    TrainedWith, WorldFrame, WriteOptions3d,
+    dataset::{Split, SplitOrigin, View},
+    write_3d, write_png,
+};
 use gs_lab::report::{curve::CurvePoint, ellipses};
 use gs_train::{
     MetricsLog, Trainer3d,
     train::{
-        ColorMatched, DRIFT_DB, DepthMapCounts, Evaluation, ExposureReport, ImageReading, TrainSummary, TrainingViews,
-        Views,
+        ColorMatched, DRIFT_DB, DepthMapCounts, Evaluation, ExposureReport, ImageReading, PoseMatched, PosesReport,
+        TrainSummary, TrainingViews, Views,
     },
 };
 use serde::Serialize;
@@ -77,6 +82,7 @@ impl results::Summary for Summary<'_> {
             fresh_starts,
             shortfall,
             exposure,
+            poses,
             depth_maps,
             ..
         } = &self.training;
@@ -113,6 +119,7 @@ impl results::Summary for Summary<'_> {
             }
             (false, _) => None,
         });
+        let poses = poses.and_then(|report| poses_line(&report, evaluation.pose_matched, verbosity));
         let depths = depth_maps.and_then(|DepthMapCounts { maps, used, .. }| match maps - used {
             0 => None,
             unused => {
@@ -135,7 +142,7 @@ impl results::Summary for Summary<'_> {
         let images = self.images.as_ref().and_then(|images| images.failure.clone());
         let images = images.map(|failure| format!("{failure}; images were read again instead"));
         let shortfall = shortfall.map(ToString::to_string);
-        let notes = [drift, exposure, depths, antialias, images, shortfall].into_iter().flatten();
+        let notes = [drift, exposure, poses, depths, antialias, images, shortfall].into_iter().flatten();
         let notes: String = notes.map(|note| format!("\nnote: {note}")).collect();
         format!(
             "{} after {} in {seconds:.1} s ({:.1} s in all): PSNR {:.2} dB, SSIM {:.4}{matched} over {evaluated}{unmeasured}{trained}{problems}; \
@@ -150,6 +157,28 @@ impl results::Summary for Summary<'_> {
         )
     }
 }
+
+/// What the refinement of poses did, in words.
+fn poses_line(report: &PosesReport, matched: Option<PoseMatched>, verbosity: Verbosity) -> Option<String> {
+    let PosesReport { used, gain_db, median_degrees, most_degrees, median_percent, most_percent, .. } = *report;
+    if !used {
+        let line = format!("poses were not refined: that would have gained only {gain_db:.2} dB");
+        return (verbosity == Verbosity::Verbose).then_some(line);
+    }
+    let matched = matched.map_or_else(String::new, |PoseMatched { psnr, ssim, .. }| {
+        format!(
+            "; with the poses of held-out views aligned to the left halves of their images, the right halves have \
+             {psnr:.2} dB, {ssim:.4}"
+        )
+    });
+    Some(format!(
+        "poses were refined: cameras turned by {median_degrees:.3} degrees and moved by {median_percent:.3} % of the \
+         scene in the median, by {most_degrees:.3} degrees and {most_percent:.3} % at most{matched}"
+    ))
+}
+
+/// The folder of the data set with refined cameras among the results.
+const CAMERAS: &str = "refined";
 
 /// Where results go, and what else they contain.
 pub(super) struct Results<'a> {
@@ -180,6 +209,7 @@ impl Results<'_> {
                 .and_then(|text| self.run.folder.write("settings.toml", &text)),
             // Existing files are of an earlier fit.
             self.run.folder.leave_out(["scene.gs2d.safetensors", "reconstruction.png", "growth.apng"]),
+            self.write_cameras(trainer),
             match !self.run.job.pictures {
                 true => self.run.folder.leave_out(["ellipses.png", "curve.png"]),
                 false => self.write_curve(trainer.count(), points, log),
@@ -287,6 +317,33 @@ impl Results<'_> {
         let options = WriteOptions3d::default().with(|s| s.trained_with = trained_with);
         let write = |path: &Path| write_3d(path, scene, &options).map(drop);
         self.run.folder.write_precious("scene.ply", write)
+    }
+
+    /// Writes the data set with the refined cameras into [`CAMERAS`], if there are any.
+    fn write_cameras(&self, trainer: &Trainer3d<'_, AnyRasterizer>) -> Result<(), Failure> {
+        let folder = &self.run.folder;
+        let [file, points] = ["transforms.json", "points.ply"].map(|name| format!("{CAMERAS}/{name}"));
+        folder.leave_out(folder.claimed(&format!("{CAMERAS}/")))?;
+        // Fails if there are other files, which is intended.
+        let _ = std::fs::remove_dir(folder.path().join(CAMERAS));
+        if !trainer.poses().is_some_and(|poses| poses.used) {
+            return Ok(());
+        }
+        let dataset = self.input.dataset;
+        let refined =
+            dataset.views_of(Split::Train).map(|view| view.name.as_str()).zip(trainer.views().train_cameras());
+        let refined: HashMap<&str, &Camera> = refined.collect();
+        let has_points = !dataset.points.is_empty();
+        let camera = |view: &View| refined.get(&*view.name).map_or(view.camera, |camera| **camera);
+        let Some(text) = dataset.transforms_json(camera, has_points.then_some("points.ply")) else {
+            output::note(
+                "note: the refined cameras were not written, because transforms.json has no form for their lens",
+            );
+            return Ok(());
+        };
+        folder.make(CAMERAS)?;
+        let points = has_points.then(|| (points, dataset.points_ply().into_bytes()));
+        folder.write_all(std::iter::once((file, text.into_bytes())).chain(points).collect())
     }
 
     fn write_curve(&self, count: u32, points: &[CurvePoint], log: &MetricsLog) -> Result<(), Failure> {
