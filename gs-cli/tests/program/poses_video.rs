@@ -27,6 +27,8 @@ for at in $(seq "$count"); do
     echo "frame=$at"
     [ -f "$here/slow" ] && touch "$here/begun" && exec sleep 60
 done
+[ -f "$here/fails" ] && exit 1
+[ -f "$here/empty" ] && : > "$(printf "$last" 2)"
 exit 0
 "#;
 
@@ -134,6 +136,7 @@ fn ctrl_c_leaves_no_part_of_the_frames() {
     signal(&child, "-INT", 1);
     let run = Run::ended(child.wait_with_output().unwrap());
     assert_eq!(run.status, Some(130), "{run:?}");
+    assert!(last_line(&run).starts_with("stopped while writing the frames; "), "{run:?}");
     assert!(last_line(&run).ends_with("gs poses clip.mp4 -o set --resume continues"), "{run:?}");
     assert_eq!(names_in(&scene.path("set")), [".gs-poses"]);
     assert_eq!(names_in(&scene.path("set/.gs-poses")), [""; 0]);
@@ -153,7 +156,7 @@ fn a_video_that_cannot_be_used_says_why() {
     };
     let put = |name: &str, text: &str| fs::write(scene.path("bin").join(name), text).unwrap();
     fs::create_dir(scene.path("set")).unwrap();
-    refused("the camera hardly moves in it: only 1 frame of 120 differ");
+    refused("the camera hardly moves in it: 1 of 120 frames show it from a new place, but 5 are needed");
     put("frames.pgm", "P5\n2 1\n255\n\x01\x02P5\n2 1\n255\n\x01");
     refused("it has only 1 frame, too few");
     put("frames.pgm", &"P5\n4 2\n255\n\0\0\0\0\0\0\0\0".repeat(30));
@@ -171,4 +174,18 @@ fn a_video_that_cannot_be_used_says_why() {
     assert!(
         ["apt install", "brew install", "winget install"].iter().all(|part| line.contains(&format!("{part} ffmpeg")))
     );
+}
+
+#[test]
+fn frames_that_are_not_written_whole_are_no_success() {
+    let scene = scene(8);
+    for fault in ["fails", "empty"] {
+        fs::write(scene.path("bin").join(fault), "").unwrap();
+        let run = scene.gs(&["poses", "clip.mp4", "-o", "set"]);
+        assert_eq!(run.status, Some(1), "{run:?}");
+        assert!(last_line(&run).starts_with("error: clip.mp4: ffmpeg could not write its frames ("), "{run:?}");
+        assert!(!scene.path("set/images").exists() && !scene.path("set/frames.json").exists());
+        fs::remove_file(scene.path("bin").join(fault)).unwrap();
+    }
+    scene.gs(&["poses", "clip.mp4", "-o", "set"]).done();
 }

@@ -91,16 +91,16 @@ impl Drop for Running {
     }
 }
 
-/// Reads a video through filters, at work in `folder`. `arguments` say what becomes of the frames, and `next` takes the next part of what
-/// ffmpeg writes to standard output. `each` is told each part, and `None` about ten times a second; its error ends the
-/// work. Returns what ffmpeg complained about.
+/// Reads a video through filters, at work in `folder`. `arguments` say what becomes of the frames, and `next` takes the
+/// next part of what ffmpeg writes to standard output. `each` is told each part, and `None` about ten times a second;
+/// its error ends the work. Returns whether ffmpeg succeeded, and what it complained about.
 pub(super) fn read<T: Send + 'static>(
     path: &Path,
     (filters, folder): (&str, &Path),
     arguments: &[&str],
     next: impl Fn(&mut BufReader<ChildStdout>) -> Option<T> + Send + 'static,
     mut each: impl FnMut(Option<T>) -> Result<(), Error>,
-) -> Result<Option<String>, Error> {
+) -> Result<(bool, Option<String>), Error> {
     let mut command = Command::new("ffmpeg");
     command.args(["-nostdin", "-y", "-v", "error", "-i"]).arg(whole(path)).args(["-map", "0:V:0", "-vf", filters]);
     command.args(arguments).current_dir(folder).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
@@ -128,7 +128,8 @@ pub(super) fn read<T: Send + 'static>(
     each(None)?;
     let status = running.0.wait().map_err(Error::at("ffmpeg"))?;
     let said = said.join().unwrap_or_default();
-    Ok((!status.success() || !said.trim().is_empty()).then(|| complaint(&said)))
+    let complaint = (!status.success() || !said.trim().is_empty()).then(|| complaint(&said));
+    Ok((status.success(), complaint))
 }
 
 /// Width and pixels of the next frame of a stream of PGM images; `None` at its end.

@@ -42,6 +42,9 @@ const FEWEST: usize = 5;
 /// Frames below which a video is too short.
 const ENOUGH: usize = 10;
 
+/// Filters that give each frame one tick at 25 frames per second, so that ffmpeg neither repeats one nor leaves one out.
+const TICKS: &str = "settb=1/25,setpts=N";
+
 /// What was made of a video, in the folder of the data set.
 pub(crate) const RECORD: &str = "frames.json";
 
@@ -110,6 +113,8 @@ impl Video {
             Some(seconds) => self.probe.rate.min(LOOKED_AT / seconds),
             None => self.probe.rate.min(RATE),
         };
+        // As ffmpeg is told it.
+        let rate = ((rate * 1e4).round() / 1e4).max(1e-4);
         let (frames, complaint) = self.look(rate, observer)?;
         let choice = choose(&frames);
         self.check(&choice, frames.len(), complaint.as_deref())?;
@@ -129,15 +134,16 @@ impl Video {
     /// Looks at frames of the video, and returns what ffmpeg complained about.
     fn look(&self, rate: f64, observer: &mut dyn Observer) -> Result<(Vec<Frame>, Option<String>), Error> {
         let total = self.probe.seconds.map_or(0, |seconds| (seconds * rate) as usize);
-        let filters =
-            format!("fps={rate:.4},scale={SIDE}:{SIDE}:force_original_aspect_ratio=decrease:flags=area,format=gray");
+        let filters = format!(
+            "fps={rate:.4},scale={SIDE}:{SIDE}:force_original_aspect_ratio=decrease:flags=area,format=gray,{TICKS}"
+        );
         let mut frames: Vec<Frame> = Vec::new();
         let next = |pipe: &mut BufReader<_>| next_frame(pipe).map(|(width, pixels)| Frame::of(width, &pixels));
-        let arguments = ["-f", "image2pipe", "-c:v", "pgm", "-"];
-        let complaint = read(&self.path, (&filters, Path::new(".")), &arguments, next, |frame| {
+        let arguments = ["-r", "25", "-f", "image2pipe", "-c:v", "pgm", "-"];
+        let (_, complaint) = read(&self.path, (&filters, Path::new(".")), &arguments, next, |frame| {
             frames.extend(frame);
             observer.progress(Stage::Video, frames.len(), total.max(frames.len()));
-            cancelled(observer)
+            cancelled(observer, Stage::Video)
         })?;
         Ok((frames, complaint))
     }
@@ -159,8 +165,9 @@ impl Video {
                 "most of it is dark or shows plain surfaces: film with more light, and what has texture".to_owned()
             }
             _ => format!(
-                "the camera hardly moves in it: only {} of {frames} differ enough; walk around while you film",
-                counted(choice.frames.len(), "frame")
+                "the camera hardly moves in it: {} of {frames} frames show it from a new place, but {FEWEST} are needed; \
+                 walk around while you film",
+                choice.frames.len()
             ),
         };
         Err(Error::Video { path: self.path.clone(), problem })
@@ -170,18 +177,17 @@ impl Video {
     fn write(&self, rate: f64, frames: &[usize], to: &Path, observer: &mut dyn Observer) -> Result<(), Error> {
         fs::create_dir_all(to).map_err(Error::at(to))?;
         let numbers: Vec<String> = frames.iter().map(|frame| format!("eq(n,{frame})")).collect();
-        // With one tick for each frame, none is repeated.
-        let filters = format!("fps={rate:.4},select='{}',settb=1/25,setpts=N", numbers.join("+"));
+        let filters = format!("fps={rate:.4},select='{}',{TICKS}", sum(&numbers));
         let arguments = ["-r", "25", "-q:v", "2", "-progress", "-", "-nostats", "%04d.jpg"];
         let next = |pipe: &mut BufReader<_>| pipe.lines().next()?.ok();
-        let complaint = read(&self.path, (&filters, to), &arguments, next, |line| {
+        let (succeeded, complaint) = read(&self.path, (&filters, to), &arguments, next, |line| {
             if let Some(done) = line.and_then(|line| line.strip_prefix("frame=")?.trim().parse().ok()) {
                 observer.progress(Stage::Frames, done, frames.len());
             }
-            cancelled(observer)
+            cancelled(observer, Stage::Frames)
         })?;
-        let last = to.join(name(frames.len() - 1));
-        if last.is_file() {
+        let is_written = |at| fs::metadata(to.join(name(at))).is_ok_and(|file| file.len() > 0);
+        if succeeded && (0..frames.len()).all(is_written) {
             return Ok(());
         }
         let why = complaint.unwrap_or_else(|| "some are missing".to_owned());
@@ -211,8 +217,20 @@ fn name(at: usize) -> String {
     format!("{:04}.jpg", at + 1)
 }
 
-fn cancelled(observer: &dyn Observer) -> Result<(), Error> {
-    if observer.is_cancelled() { Err(Error::Cancelled { stage: Stage::Video.words() }) } else { Ok(()) }
+/// An expression of ffmpeg for a sum. Halves are summed first, because ffmpeg nests at most 100 terms.
+fn sum(terms: &[String]) -> String {
+    match terms {
+        [] => "0".to_owned(),
+        [term] => term.clone(),
+        _ => {
+            let (first, second) = terms.split_at(terms.len() / 2);
+            format!("({}+{})", sum(first), sum(second))
+        }
+    }
+}
+
+fn cancelled(observer: &dyn Observer, stage: Stage) -> Result<(), Error> {
+    if observer.is_cancelled() { Err(Error::Cancelled { stage: stage.words() }) } else { Ok(()) }
 }
 
 /// What was chosen, in words.
@@ -229,4 +247,27 @@ fn sentence(choice: &Choice, (frames, thinned): (usize, bool)) -> String {
         step * 100.0,
         frames - chosen.len() - blurred - choice.plain
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sums_of_many_terms_are_not_nested_deeply() {
+        for count in [0, 1, 2, 101, MOST] {
+            let terms: Vec<String> = (0..count).map(|at| format!("t{at}")).collect();
+            let text = sum(&terms);
+            let found: Vec<&str> =
+                text.split(['(', ')', '+']).filter(|term| !term.is_empty() && *term != "0").collect();
+            assert_eq!(found, terms, "{text}");
+            let depths = text.chars().scan(0_i32, |depth, c| {
+                *depth += i32::from(c == '(') - i32::from(c == ')');
+                Some(*depth)
+            });
+            assert!(depths.max().unwrap_or(0) <= 9, "{text}");
+            // Each sum has two terms.
+            assert_eq!(text.matches('+').count(), text.matches('(').count());
+        }
+    }
 }
