@@ -69,6 +69,9 @@ pub(crate) fn run(args: &EvalArgs) -> Result<(), Failure> {
         None if may_be_dataset(&args.b) => return evaluate_3d(args, &scene::read_3d(&args.a)?),
         None => (read(&args.a)?, read(&args.b)?),
     };
+    if args.refine_poses {
+        return Err(Failure::usage("--refine-poses: only a 3D scene is compared at poses").hint("leave it out"));
+    }
     if a.size() != b.size() {
         let size =
             |path: &Path, image: &Image| format!("{} is {}x{} px", path.display(), image.width(), image.height());

@@ -23,7 +23,7 @@ use gs_train::{
     MetricsLog, Trainer3d,
     train::{
         ColorMatched, DRIFT_DB, DepthMapCounts, Evaluation, ExposureReport, ImageReading, PoseMatched, PosesReport,
-        TrainSummary, TrainingViews, Views,
+        RefinePoses, TrainSummary, TrainingViews, Views,
     },
 };
 use serde::Serialize;
@@ -119,7 +119,17 @@ impl results::Summary for Summary<'_> {
             }
             (false, _) => None,
         });
-        let poses = poses.and_then(|report| poses_line(&report, evaluation.pose_matched, verbosity));
+        let views = self.training.train_views;
+        let poses = match poses {
+            Some(report) => Some(poses_line(report, evaluation.pose_matched)),
+            None if self.training.settings.refine_poses == RefinePoses::Off => None,
+            None => Some(format!(
+                "poses were not refined: {} are too few for {}; at least {} are needed (-i)",
+                counted(*iterations, "step"),
+                counted(views, "view"),
+                RefinePoses::least_steps(views)
+            )),
+        };
         let depths = depth_maps.and_then(|DepthMapCounts { maps, used, .. }| match maps - used {
             0 => None,
             unused => {
@@ -159,11 +169,13 @@ impl results::Summary for Summary<'_> {
 }
 
 /// What the refinement of poses did, in words.
-fn poses_line(report: &PosesReport, matched: Option<PoseMatched>, verbosity: Verbosity) -> Option<String> {
+fn poses_line(report: &PosesReport, matched: Option<PoseMatched>) -> String {
     let PosesReport { used, gain_db, median_degrees, most_degrees, median_percent, most_percent, .. } = *report;
     if !used {
-        let line = format!("poses were not refined: that would have gained only {gain_db:.2} dB");
-        return (verbosity == Verbosity::Verbose).then_some(line);
+        return format!(
+            "poses were not refined: cameras aligned with half of each image change the other half by only \
+             {gain_db:+.2} dB"
+        );
     }
     let matched = matched.map_or_else(String::new, |PoseMatched { psnr, ssim, .. }| {
         format!(
@@ -171,10 +183,10 @@ fn poses_line(report: &PosesReport, matched: Option<PoseMatched>, verbosity: Ver
              {psnr:.2} dB, {ssim:.4}"
         )
     });
-    Some(format!(
+    format!(
         "poses were refined: cameras turned by {median_degrees:.3} degrees and moved by {median_percent:.3} % of the \
          scene in the median, by {most_degrees:.3} degrees and {most_percent:.3} % at most{matched}"
-    ))
+    )
 }
 
 /// The folder of the data set with refined cameras among the results.

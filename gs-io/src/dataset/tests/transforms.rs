@@ -253,6 +253,7 @@ fn a_data_set_is_written_with_other_cameras_and_read_again() {
     fs::write(refined.join("points.ply"), dataset.points_ply()).unwrap();
     let again = read_dataset(&refined, &DatasetSettings::default().with(|s| s.allow_outside = true)).unwrap();
     assert_eq!((again.views.len(), again.points.len()), (dataset.views.len(), dataset.points.len()));
+    assert!(again.views.iter().any(|view| view.split == crate::dataset::Split::Test));
     for (view, of_file) in dataset.views.iter().zip(&again.views) {
         let (camera, found) = (moved(view), of_file.camera);
         assert_eq!((view.split, &view.image), (of_file.split, &of_file.image));
@@ -263,5 +264,28 @@ fn a_data_set_is_written_with_other_cameras_and_read_again() {
     for (point, found) in dataset.points.iter().zip(&again.points) {
         assert!(point.position.abs_diff_eq(found.position, 1e-6), "{point:?} {found:?}");
         assert!(point.color.iter().zip(found.color).all(|(a, b)| (a - b).abs() < 1e-6), "{point:?} {found:?}");
+    }
+}
+
+#[test]
+fn lenses_are_written_and_read_again() {
+    for fields in [
+        json!({"k1": 0.1, "k2": -0.02, "p1": 0.005, "p2": 0.006}),
+        json!({"camera_model": "OPENCV_FISHEYE", "k1": 0.1, "k2": 0.01, "k3": 0.002, "k4": -0.001}),
+    ] {
+        let place = folder();
+        let mut all = pinhole();
+        all.as_object_mut().unwrap().extend(fields.as_object().unwrap().clone());
+        nerfstudio(place.path(), all);
+        let dataset = read(place.path());
+        let written = place.path().join("written");
+        fs::create_dir(&written).unwrap();
+        fs::write(written.join("transforms.json"), dataset.transforms_json(|view| view.camera, None).unwrap()).unwrap();
+        let again = read_dataset(&written, &DatasetSettings::default().with(|s| s.allow_outside = true)).unwrap();
+        let lenses = |dataset: &crate::dataset::Dataset| -> Vec<Distortion> {
+            dataset.views.iter().map(|view| *view.source.lens.distortion()).collect()
+        };
+        assert!(lenses(&dataset).iter().all(|lens| *lens != Distortion::None));
+        assert_eq!(lenses(&again), lenses(&dataset));
     }
 }

@@ -7,22 +7,26 @@ use serde_json::{Map, Value, json};
 
 use crate::dataset::{BrownConrady, Dataset, Distortion, Fisheye, SourceCamera, Split, View};
 
+/// The key of a camera's model.
+const MODEL: &str = "camera_model";
+
 impl Dataset {
-    /// This data set as the text of a `transforms.json`, which Nerfstudio and [`read_dataset`](super::super::read_dataset)
-    /// read: the training and test views with these cameras in place of [`View::camera`], of which only the pose
-    /// counts. Images are named by absolute paths where they can be found, and points by `points`, the path of a
-    /// [`Self::points_ply`] next to the file.
+    /// This data set as the text of a `transforms.json`: the training and test views with these cameras in place of
+    /// [`View::camera`], of which only the pose counts. Images and masks are named by absolute paths, and points by
+    /// `points`, the path of a [`Self::points_ply`] next to the file. Depth maps are left out.
+    ///
+    /// [`read_dataset`](super::super::read_dataset) finds the split in each frame's `split`. Nerfstudio reads the
+    /// file, too, and holds out views of its own choice.
     ///
     /// `None` where the format has no form for a view: a face of a 360° image or of a wide fish-eye, or a lens
     /// that is neither OpenCV's nor its fish-eye.
     pub fn transforms_json(&self, camera: impl Fn(&View) -> Camera, points: Option<&str>) -> Option<String> {
         let absolute = |path: &std::path::Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
-        let mut lists = [Vec::new(), Vec::new()];
         let mut frames = Vec::new();
         for view in self.views.iter().filter(|view| view.split != Split::Validation) {
             let mut frame = intrinsics(&view.source)?;
-            let file = absolute(&view.image).display().to_string();
-            frame.insert("file_path".to_owned(), json!(file));
+            frame.insert("file_path".to_owned(), json!(absolute(&view.image).display().to_string()));
+            frame.insert("split".to_owned(), json!(if view.split == Split::Test { "test" } else { "train" }));
             if let Some(mask) = &view.mask {
                 frame.insert("mask_path".to_owned(), json!(absolute(mask).display().to_string()));
             }
@@ -32,17 +36,16 @@ impl Dataset {
             let [right, down, forward] = [0, 1, 2].map(|row| camera.rotation.as_dmat3().row(row));
             let row = |axis: usize| [right[axis], -down[axis], -forward[axis], position[axis]];
             frame.insert("transform_matrix".to_owned(), json!([row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]]));
-            lists[usize::from(view.split == Split::Test)].push(file);
-            frames.push(Value::Object(frame));
+            frames.push(frame);
         }
-        let [train, test] = lists;
         let mut file = Map::new();
         if let Some(points) = points {
             file.insert("ply_file_path".to_owned(), json!(points));
         }
-        file.insert("train_filenames".to_owned(), json!(train));
-        if !test.is_empty() {
-            file.insert("test_filenames".to_owned(), json!(test));
+        // Nerfstudio looks for the model only here.
+        let model = frames.first().and_then(|frame| frame.get(MODEL)).cloned();
+        if let Some(model) = model.filter(|model| frames.iter().all(|frame| frame.get(MODEL) == Some(model))) {
+            file.insert(MODEL.to_owned(), model);
         }
         file.insert("frames".to_owned(), json!(frames));
         serde_json::to_string_pretty(&file).ok()
@@ -79,12 +82,13 @@ fn intrinsics(source: &SourceCamera) -> Option<Map<String, Value>> {
         _ => return None,
     };
     let mut fields = Map::new();
-    fields.insert("camera_model".to_owned(), json!(model));
+    fields.insert(MODEL.to_owned(), json!(model));
+    fields.insert("w".to_owned(), json!(source.width));
+    fields.insert("h".to_owned(), json!(source.height));
     let (focal, center) = (source.focal, source.center);
-    let size = [("w", f64::from(source.width)), ("h", f64::from(source.height))];
     let numbers = [("fl_x", focal.x), ("fl_y", focal.y), ("cx", center.x), ("cy", center.y)];
     let lens = ["k1", "k2", "k3", "k4"].into_iter().zip(radial).chain(["p1", "p2"].into_iter().zip(tangential));
-    for (key, value) in size.into_iter().chain(numbers).chain(lens.filter(|(_, value)| *value != 0.0)) {
+    for (key, value) in numbers.into_iter().chain(lens.filter(|(_, value)| *value != 0.0)) {
         fields.insert(key.to_owned(), json!(value));
     }
     Some(fields)

@@ -41,6 +41,12 @@ impl RefinePoses {
     pub(super) fn is_off(&self) -> bool {
         *self == Self::Off
     }
+
+    /// Fewest steps of a run in which the cameras of this many training views are aligned.
+    pub fn least_steps(views: usize) -> u32 {
+        let last = ALIGNED_AT.iter().map(|(share, _)| *share).fold(0.0, f64::max);
+        (f64::from(LEAST_STEPS_PER_VIEW) * views as f64 / last).ceil() as u32
+    }
 }
 
 /// Shares of a run after which cameras are aligned, and numbers of pixels for it: late enough for sharp
