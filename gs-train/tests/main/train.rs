@@ -314,11 +314,6 @@ fn a_trial_measures_the_speed_of_steps() {
     let seconds = |iterations: u32| speed.seconds(&TrainPreset::Standard.settings(Some(iterations)), [0; 2]);
     let (short, long) = (seconds(1_000), seconds(2_000));
     assert!(short > 0.0 && long > 1.5 * short && long < 2.5 * short, "{short} s, {long} s");
-    let with = |gaussians: u32| {
-        speed.seconds(&TrainPreset::Standard.settings(Some(1_000)).with(|s| s.gaussians = gaussians), [0; 2])
-    };
-    // How much more depends on what else the machine does.
-    assert!(with(1_000_000) >= with(1_000), "{} s, {} s", with(1_000_000), with(1_000));
     assert!(speed.view_seconds(&settings) > 0.0 && speed.evaluation_seconds(&settings) > 0.0);
 }
 

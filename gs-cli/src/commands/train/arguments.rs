@@ -80,8 +80,8 @@ pub(crate) struct TrainArgs {
 /// Largest default of --image-memory.
 const IMAGE_MEMORY: u64 = 2_000_000_000;
 
-/// The same where the CPU trains on images that take more: their file is read in less time than a
-/// hundredth of a step takes there.
+/// The same where the CPU trains on images that take more: reading one from the file costs little next
+/// to a step there.
 const ON_CPU: u64 = 500_000_000;
 
 impl TrainArgs {

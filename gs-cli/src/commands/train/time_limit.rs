@@ -24,6 +24,9 @@ const PLANNED: f64 = 0.95;
 /// after the last round of density control, so that Gaussians and resolution do not change any more.
 const ADJUSTED_AT: [f64; 2] = [0.7, 0.87];
 
+/// Share of the steps to which a run does not go back when it becomes longer.
+const LEAST_SHARE: f64 = 0.5;
+
 /// Share of the time left for steps that they may use.
 const USED: f64 = 0.97;
 
@@ -154,7 +157,9 @@ impl Pauses<Scene3d> for TimeLimit<'_> {
             planned.settings.replace_with(|settings| settings.clone().with_gaussians(trainer.count()));
             let left = self.end().map_or(0.0, |end| end.saturating_duration_since(now).as_secs_f64());
             let steps = step.saturating_add((USED * left / seconds) as u32);
-            trainer.end_after(steps.min(planned.most_steps));
+            // Not so many that what began after a share of the steps, such as full resolution, is undone.
+            let most = (f64::from(step) / LEAST_SHARE) as u32;
+            trainer.end_after(steps.min(planned.most_steps).min(most));
         }
         paused.push((now, step));
         Ok(())
