@@ -1,7 +1,6 @@
 //! COLMAP's version, and the names of its options.
 
 use std::{
-    env,
     path::{Path, PathBuf},
     process::Command,
 };
@@ -9,7 +8,7 @@ use std::{
 use crate::{
     error::Error,
     plan::{OVERLAP, Plan},
-    program::{PYTHON, Program, said},
+    program::{Program, said},
     settings::Settings,
 };
 
@@ -46,7 +45,7 @@ impl Colmap {
     /// Finds COLMAP on the `PATH`, or else PyCOLMAP of the Python that `GS_PYTHON` names (`python3`).
     ///
     /// # Errors
-    /// [`Error::NoColmap`], [`Error::NoPycolmap`], [`Error::TooOld`].
+    /// [`Error::NoColmap`], [`Error::TooOld`].
     pub fn find() -> Result<Self, Error> {
         Self::first(Program::candidates(None))
     }
@@ -65,11 +64,14 @@ impl Colmap {
             let (succeeds, help) = program.said(&["help"]).ok()?;
             (succeeds || matches!(program, Program::Colmap(_))).then_some(help)
         };
-        let found = candidates.find_map(|program| Some((help(&program)?, program)));
-        let (help, program) = found.ok_or_else(|| match env::var(PYTHON) {
-            Ok(python) => Error::NoPycolmap { python },
-            Err(_) => Error::NoColmap,
-        })?;
+        let mut python = String::new();
+        let found = candidates.find_map(|program| {
+            if let Program::Python(name) = &program {
+                python = name.to_string_lossy().into_owned();
+            }
+            Some((help(&program)?, program))
+        });
+        let (help, program) = found.ok_or(Error::NoColmap { python })?;
         let version = version(&help);
         let oldest = if matches!(program, Program::Python(_)) { OLDEST_PYTHON } else { OLDEST };
         let Some(numbers) = version.filter(|version| *version >= oldest) else {

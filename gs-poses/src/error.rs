@@ -26,18 +26,12 @@ pub enum Error {
     },
     /// There is no COLMAP.
     #[error(
-        "poses are found by COLMAP, which is not installed (no `colmap` on the PATH, no pycolmap in python3): on Linux apt \
-         install colmap, on macOS brew install colmap, on Windows unpack a release of github.com/colmap/colmap and add its \
-         folder to the PATH; or anywhere python3 -m pip install pycolmap"
+        "poses are found by COLMAP, which is not installed (no `colmap` on the PATH, no pycolmap in {python}): on Linux \
+         apt install colmap, on macOS brew install colmap, on Windows unpack a release of github.com/colmap/colmap and add \
+         its folder to the PATH; or anywhere {python} -m pip install pycolmap"
     )]
-    NoColmap,
-    /// The Python that the user named has no PyCOLMAP.
-    #[error(
-        "poses are found by COLMAP, which is not installed (no `colmap` on the PATH), and the Python that GS_PYTHON names \
-         cannot import pycolmap: {python} -m pip install pycolmap"
-    )]
-    NoPycolmap {
-        /// The Python.
+    NoColmap {
+        /// The Python that was tried.
         python: String,
     },
     /// COLMAP is too old or does not say its version.

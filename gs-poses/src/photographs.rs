@@ -1,6 +1,7 @@
 //! The photographs of a folder, with what their files say about the camera.
 
 use std::{
+    collections::BTreeSet,
     fs,
     fs::File,
     io::BufReader,
@@ -100,7 +101,8 @@ impl Photographs {
         found.files.sort_by(|a, b| a.name.cmp(&b.name));
         let Self { files, heic, .. } = &mut found;
         // Many were exported next to the originals.
-        heic.retain(|heic| files.iter().all(|photograph| photograph.name != heic.name));
+        let mut keys: BTreeSet<String> = files.iter().map(|photograph| key(&photograph.name)).collect();
+        heic.retain(|heic| keys.insert(key(&heic.name)));
         if found.count() < 2 {
             return Err(found.too_few(root));
         }
@@ -108,17 +110,24 @@ impl Photographs {
     }
 
     fn too_few(&self, root: &Path) -> Error {
-        let count = match self.files.len() {
+        let count = match self.count() {
             0 => "no photograph".to_owned(),
             count => counted(count, "photograph"),
         };
-        let why = gs_io::unreadable_photographs(root).or(self.left_out.first().cloned());
+        // HEIC photographs can be converted.
+        let unreadable = || gs_io::unreadable_photographs(root).filter(|_| gs_io::heic_files(root).is_empty());
+        let why = self.left_out.first().cloned().or_else(unreadable);
         let found = why.map_or(count.clone(), |why| format!("{count} ({why})"));
         Error::TooFew { folder: self.folder.clone(), found }
     }
 
-    /// Converts the HEIC photographs, and puts them into `images` of the folder, unless an earlier run did.
-    pub(crate) fn converted(mut self, folder: &OutputFolder, observer: &mut dyn Observer) -> Result<Self, Error> {
+    /// Converts the HEIC photographs, and puts them into `images` of the folder, unless an earlier run did and `resume`
+    /// is set. The time of a JPEG tells of which file it was made.
+    pub(crate) fn converted(
+        mut self,
+        (folder, resume): (&OutputFolder, bool),
+        observer: &mut dyn Observer,
+    ) -> Result<Self, Error> {
         let heic = std::mem::take(&mut self.heic);
         let Some(first) = heic.first() else { return Ok(self) };
         let converter = Converter::find(&first.path)?;
@@ -131,13 +140,18 @@ impl Photographs {
             let name_there = format!("images/{name}");
             let target = folder.path().join(&name_there);
             let time = |path: &Path| fs::metadata(path).and_then(|metadata| metadata.modified()).ok();
-            if folder.claimed(&name_there).is_empty() || time(&target) < time(path) {
+            let is_same = time(path).is_some_and(|made_of| time(&target) == Some(made_of));
+            if !(resume && is_same && folder.claimed(&name_there).contains(&name_there)) {
                 remove(&work)?;
                 fs::create_dir_all(&work).map_err(Error::at(&work))?;
                 match converter.convert(path, &work) {
                     Ok(file) => {
                         folder.claim([&*name_there])?;
                         fs::create_dir_all(target.parent().unwrap_or(&work)).map_err(Error::at(&target))?;
+                        if let (Some(time), Ok(file)) = (time(path), File::options().write(true).open(&file)) {
+                            // Without it, the next run converts the photograph again.
+                            let _ = file.set_modified(time);
+                        }
                         fs::rename(file, folder.file(&name_there)).map_err(Error::at(&target))?;
                     }
                     Err(why) => {
@@ -217,6 +231,11 @@ pub(crate) fn identity(name: &str, path: &Path) -> Identity {
     let metadata = fs::metadata(path).ok();
     let time = metadata.as_ref().and_then(|metadata| metadata.modified().ok()?.duration_since(UNIX_EPOCH).ok());
     (name.to_owned(), metadata.map_or(0, |metadata| metadata.len()), time.map_or(0, |time| time.as_secs()))
+}
+
+/// A name without its ending and in lower case: files of the same are versions of one photograph.
+fn key(name: &str) -> String {
+    Path::new(name).with_extension("").to_string_lossy().to_lowercase()
 }
 
 /// The path below a folder, with `/`; `None` for one that a list of COLMAP, a name per line without blanks

@@ -11,7 +11,7 @@ use std::{
 const SCRIPT: &str = include_str!("pycolmap.py");
 
 /// The variable of the environment that names a Python that has PyCOLMAP.
-pub(crate) const PYTHON: &str = "GS_PYTHON";
+const PYTHON: &str = "GS_PYTHON";
 
 /// A program that takes COLMAP's commands.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -28,7 +28,8 @@ impl Program {
         // On Windows, COLMAP is started by a batch file.
         let (colmap, usual): (&[_], _) =
             if cfg!(windows) { (&["colmap", "COLMAP.bat"], "python") } else { (&["colmap"], "python3") };
-        let python = env::var_os(PYTHON).or(python).unwrap_or_else(|| usual.into());
+        let named = env::var_os(PYTHON).filter(|python| !python.is_empty());
+        let python = named.or(python).unwrap_or_else(|| usual.into());
         colmap.iter().map(|name| Self::Colmap(name)).chain([Self::Python(python)])
     }
 

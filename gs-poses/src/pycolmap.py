@@ -36,7 +36,9 @@ def commands():
 
 def put(owners, name, text):
     """Sets an option, in its own type."""
-    owner = next(owner for owner in owners if hasattr(owner, name))
+    owner = next((owner for owner in owners if hasattr(owner, name)), None)
+    if owner is None:
+        raise ValueError(f"PyCOLMAP {pycolmap.__version__} has no option {name}")
     readers = {bool: lambda text: text == "1", int: int, float: float}
     setattr(owner, name, readers.get(type(getattr(owner, name)), str)(text))
 

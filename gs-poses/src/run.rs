@@ -107,8 +107,8 @@ struct Stored {
 }
 
 /// Finds the poses of photographs and makes a data set of them: `images` (links where the file system has
-/// them, else copies; frames of a video), `masks`, and the model in `sparse/0`, whose −y is up. `poses.json` has the verdict,
-/// and `poses.log` all that COLMAP said.
+/// them, else copies; frames of a video), `masks`, and the model in `sparse/0`, whose −y is up. `poses.json` has the
+/// verdict, and `poses.log` all that COLMAP said.
 ///
 /// The folder must have claimed [`FILES`]. With `resume`, stages that an earlier run finished for the same
 /// photographs and settings are not repeated, nor is anything where it found the poses.
@@ -126,6 +126,8 @@ pub fn find_poses(
     let photographs = &source.photographs((folder, resume), observer)?;
     photographs.left_out.iter().for_each(|what| observer.note(&format!("left out: {what}")));
     if let Some(verdict) = found_before(photographs, folder.path()).filter(|_| resume) {
+        // Photographs may have been converted in it.
+        let _ = fs::remove_dir(folder.path().join(WORK));
         return Ok(verdict);
     }
     let root = std::path::absolute(folder.path()).map_err(Error::at(folder.path()))?;

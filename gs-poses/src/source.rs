@@ -1,4 +1,4 @@
-//! What poses are found of: a folder of photographs, or a video.
+//! The input: a folder of photographs, or a video.
 
 use std::path::Path;
 
@@ -12,7 +12,7 @@ use crate::{
     video::{RECORD, Video},
 };
 
-/// A folder of photographs, or a video.
+/// The input: a folder of photographs, or a video.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub enum Source {
@@ -26,7 +26,8 @@ impl Source {
     /// Finds the photographs of a folder ([`Photographs::find`]), or looks into a video.
     ///
     /// # Errors
-    /// Those of [`Photographs::find`]; [`Error::NoConverter`], [`Error::NoFfmpeg`], [`Error::Video`] for a file that is no video.
+    /// Those of [`Photographs::find`]; [`Error::NoConverter`], [`Error::NoFfmpeg`], [`Error::Video`] for a file that is
+    /// no video.
     pub fn find(path: &Path) -> Result<Self, Error> {
         if path.is_file() {
             return Video::open(path).map(Self::Video);
@@ -44,8 +45,8 @@ impl Source {
         }
     }
 
-    /// The photographs. HEIC photographs are converted, and frames of a video are put into `images` of the folder, and `frames.json` says when they were
-    /// taken; with `resume`, those of an earlier run stay.
+    /// The photographs. HEIC photographs are converted into `images` of the folder. Frames of a video are put there,
+    /// too, and `frames.json` says when they were taken. With `resume`, those of an earlier run stay.
     ///
     /// # Errors
     /// [`Error::Video`] for a video that gives no photographs, [`Error::Cancelled`], and those of files.
@@ -59,7 +60,7 @@ impl Source {
                 if !folder.claimed(RECORD).is_empty() {
                     folder.remove(RECORD)?;
                 }
-                photographs.clone().converted(folder, observer)
+                photographs.clone().converted((folder, resume), observer)
             }
             Self::Video(video) => video.photographs((folder, resume), observer),
         }

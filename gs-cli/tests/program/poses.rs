@@ -7,7 +7,7 @@ use std::{
     os::unix::fs::PermissionsExt,
     path::PathBuf,
     process::{Command, Stdio},
-    time::{Duration, Instant},
+    time::{Duration, Instant, SystemTime},
 };
 
 use gs_core::Image;
@@ -276,20 +276,33 @@ fn heic_photographs_are_converted_into_the_data_set() {
     fs::copy(scene.path("photos/z.png"), scene.path("photos/y.heic")).unwrap();
     fs::write(scene.path("photos/z.heif"), "broken").unwrap();
     // An original of a photograph that was exported.
-    fs::rename(scene.path("photos/z.png"), scene.path("photos/z.jpg")).unwrap();
+    fs::rename(scene.path("photos/z.png"), scene.path("photos/Z.JPG")).unwrap();
     fs::write(scene.path("photos/z.heic"), "broken").unwrap();
     fs::write(scene.path("photos/x.heic"), "broken").unwrap();
+    fs::write(scene.path("photos/y.heif"), "broken").unwrap();
     fs::create_dir(scene.path("photos/masks")).unwrap();
     fs::copy(scene.path("photos/a b.png"), scene.path("photos/masks/y.heic.png")).unwrap();
     let run = scene.gs(&["poses", "photos", "-o", "set"]).done();
     assert!(run.stderr.contains("note: left out: photos/x.heic: heif-dec cannot convert it"), "{run:?}");
-    assert_eq!(names_in(&scene.path("set/images")), ["a b.png", "inner", "y.jpg", "z.jpg"]);
+    assert_eq!(names_in(&scene.path("set/images")), ["Z.JPG", "a b.png", "inner", "y.jpg"]);
     assert_eq!(names_in(&scene.path("set/images/inner")), ["m.jpg", "é.png", "写真.png"]);
     assert!(scene.path("set/masks/y.jpg.png").is_file() && !scene.path("set/.gs-poses").exists());
     assert_eq!(names_in(&scene.path("photos/inner")), ["m.HEIC", "é.png", "写真.png"], "nothing is put beside them");
     assert_eq!(scene.calls().iter().filter(|call| *call == "convert").count(), 3);
     scene.gs(&["poses", "photos", "-o", "set", "--resume"]).done();
     assert_eq!(scene.calls(), ["convert"], "only what could not be converted");
+    assert!(!scene.path("set/.gs-poses").exists());
+    // Another photograph of the same name, older than the JPEG.
+    fs::copy(scene.path("photos/a b.png"), scene.path("photos/y.heic")).unwrap();
+    let file = fs::File::options().write(true).open(scene.path("photos/y.heic")).unwrap();
+    file.set_modified(SystemTime::UNIX_EPOCH + Duration::from_secs(1_000_000_000)).unwrap();
+    for resume in [&["--resume"][..], &[]] {
+        scene.gs(&[&["poses", "photos", "-o", "set"], resume].concat()).done();
+        assert_eq!(fs::read(scene.path("set/images/y.jpg")).unwrap(), fs::read(scene.path("photos/y.heic")).unwrap());
+        // With --resume, that one and the broken one; without it, all.
+        let converted = scene.calls().iter().filter(|call| *call == "convert").count();
+        assert_eq!(converted, if resume.is_empty() { 3 } else { 2 });
+    }
     fs::remove_file(scene.path("bin/heif-dec")).unwrap();
     let run = Run::of(scene.command(&["poses", "photos", "-o", "other"]).env("PATH", scene.path("bin")));
     let line = run.refusal();
@@ -297,6 +310,20 @@ fn heic_photographs_are_converted_into_the_data_set() {
         ["apt install libheif-examples", "brew install", "winget"].iter().all(|part| line.contains(part)),
         "{line}"
     );
+}
+
+#[test]
+fn too_few_heic_photographs_say_why() {
+    let scene = Scene::textured();
+    scene.program("heif-dec", "#!/bin/sh\n[ $1 = -version ] && exit\necho 'no such codec' >&2; exit 1\n");
+    fs::create_dir(scene.path("few")).unwrap();
+    fs::write(scene.path("few/a.heic"), "").unwrap();
+    let line = scene.gs(&["poses", "few", "-o", "set"]).refusal().to_owned();
+    assert!(line.contains("few: holds 1 photograph, but poses need"), "{line}");
+    fs::write(scene.path("few/b.HEIC"), "").unwrap();
+    let run = scene.gs(&["poses", "few", "-o", "set"]);
+    let why = "few: holds no photograph (few/a.heic: heif-dec cannot convert it (no such codec)), but poses need";
+    assert!(run.status == Some(1) && last_line(&run).contains(why), "{run:?}");
 }
 
 /// Takes the place of a Python with PyCOLMAP: `python3 -c SCRIPT COMMAND ...`.
@@ -319,7 +346,8 @@ fn without_colmap_pycolmap_does_the_same() {
     let gs = |python: &str| {
         let mut command = scene.command(&["poses", "photos", "-o", "set"]);
         command.env("PATH", scene.path("bin"));
-        Run::of(if python.is_empty() { &mut command } else { command.env("GS_PYTHON", python) })
+        // One that is empty is none.
+        Run::of(command.env("GS_PYTHON", python))
     };
     gs("").done();
     assert_eq!(scene.calls(), ["feature_extractor", "feature_extractor", "exhaustive_matcher", "mapper"]);
@@ -337,10 +365,9 @@ fn without_colmap_pycolmap_does_the_same() {
     assert!(gs("").refusal().contains("or anywhere python3 -m pip install pycolmap"));
     let named = scene.path("bin/python3");
     let line = gs(text(&named)).refusal().to_owned();
-    assert!(
-        line.contains("the Python that GS_PYTHON names") && line.contains("python3 -m pip install pycolmap"),
-        "{line}"
-    );
+    let python = named.display();
+    assert!(line.contains(&format!("no pycolmap in {python})")), "{line}");
+    assert!(line.ends_with(&format!("; or anywhere {python} -m pip install pycolmap")), "{line}");
 }
 
 /// Takes the place of the module: says what it is called with.
@@ -400,4 +427,7 @@ fn commands_become_calls_of_pycolmap() {
     }
     let failed = python("model_merger").unwrap();
     assert!(failed.status == Some(2) && failed.stderr.starts_with("ERROR: KeyError"), "{failed:?}");
+    let failed = python("mapper --Mapper.other 1").unwrap();
+    let expected = "ERROR: ValueError: PyCOLMAP 4.2.1 has no option other\n";
+    assert!(failed.status == Some(2) && failed.stderr == expected, "{failed:?}");
 }

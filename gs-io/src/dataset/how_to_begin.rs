@@ -5,6 +5,8 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use gs_core::counted;
+
 use super::{
     colmap::{data_set_of, has_photographs, is_model, models_of},
     kinds::has_file,
@@ -35,7 +37,13 @@ pub(super) fn how_to_begin(folder: &Path) -> (String, Option<PathBuf>) {
     }
     let places = [folder.to_owned(), folder.join(IMAGE_FOLDERS[0]), folder.join("input")];
     if let Some((unreadable, place)) = places.iter().find_map(|place| Some((unreadable_photographs(place)?, place))) {
-        return (format!("it holds {unreadable}"), (!heic_files(place).is_empty()).then(|| place.clone()));
+        let heic = heic_files(place).len();
+        if heic == 0 {
+            return (format!("it holds {unreadable}"), None);
+        }
+        let (count, place_words) = (counted(heic + images_in(place), "photograph"), quoted(place));
+        let how = format!("gs poses {place_words} -o DATASET converts them and finds these");
+        return (format!("it holds {count} without camera poses: {how}"), Some(place.clone()));
     }
     match places.iter().map(|place| (images_in(place), place)).find(|(count, _)| *count > 1) {
         None => ("name the folder that holds one of them".to_owned(), None),

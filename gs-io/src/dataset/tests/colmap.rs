@@ -191,12 +191,16 @@ fn a_model_without_points_is_fine_and_says_so() {
 #[test]
 fn photographs_that_cannot_be_read_are_named() {
     let place = folder();
-    fs::create_dir(place.path().join("images")).unwrap();
-    for i in 0..4 {
-        fs::write(place.path().join(format!("images/IMG_{i}.HEIC")), b"").unwrap();
-    }
+    let images = place.path().join("images");
+    fs::create_dir(&images).unwrap();
+    let put = |ending: &str| (0..4).for_each(|i| fs::write(images.join(format!("IMG_{i}.{ending}")), b"").unwrap());
+    put("NEF");
     let error = refusal(place.path());
-    assert!(error.contains("4 photographs, such as IMG_0.HEIC") && error.contains("images/*.HEIC"), "{error}");
+    assert!(error.contains("4 photographs, such as IMG_0.NEF") && error.contains("images/*.NEF"), "{error}");
+    put("HEIC");
+    let error = refusal(place.path());
+    let how = format!("gs poses {} -o DATASET converts them and finds these", images.display());
+    assert!(error.contains(&format!("it holds 4 photographs without camera poses: {how}")), "{error}");
 }
 
 #[test]
