@@ -104,7 +104,7 @@ struct Fit {
 }
 
 impl Fit {
-    /// By least squares, with the direction up as certain as a position is wrong.
+    /// Least squares. The model's up direction counts as one more observation, weighted by the error of a position.
     fn of(pairs: &[Pair]) -> Option<Self> {
         let total: f64 = pairs.iter().map(|pair| pair.weight).sum();
         let mean = |of: fn(&Pair) -> DVec3| pairs.iter().map(|pair| of(pair) * pair.weight).sum::<DVec3>() / total;

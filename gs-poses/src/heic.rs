@@ -66,8 +66,8 @@ fn output(command: &mut Command) -> Option<Output> {
     command.stdin(Stdio::null()).output().ok()
 }
 
-/// Sets the orientation in a JPEG's EXIF data to upright. A HEIC file says how its pixels are turned besides
-/// its EXIF data, and converters turn them accordingly.
+/// Sets the orientation in a JPEG's EXIF data to upright. A HEIC file has its own rotation in addition to the EXIF
+/// orientation. Converters apply that rotation, so the EXIF orientation must be reset.
 fn set_upright(jpeg: &mut [u8]) -> Option<()> {
     let tiff = jpeg.windows(6).position(|bytes| bytes == b"Exif\0\0")? + 6;
     let little = jpeg.get(tiff..)?.starts_with(b"II");

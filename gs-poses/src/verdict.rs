@@ -67,7 +67,8 @@ pub struct Verdict {
     pub observations: f64,
     /// Number of photographs of each other piece, which hangs together with the first by nothing.
     pub pieces: Vec<usize>,
-    /// By which GPS positions a unit is a metre, x is east and z is north; `None` where none say so.
+    /// GPS positions that gave the model its scale (metres) and directions (x east, z north); `None` if there were too
+    /// few.
     #[serde(default)]
     pub gps: Option<Gps>,
     /// What could be better, and what to do.

@@ -1,4 +1,4 @@
-//! Photographs of a video: frames that are sharp and a step apart.
+//! Photographs of a video: sharp frames at regular distances of motion.
 
 mod choice;
 mod ffmpeg;

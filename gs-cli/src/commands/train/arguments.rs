@@ -26,8 +26,8 @@ use crate::{
 
 const AFTER_HELP: &str = "\
 DATASET is a folder that COLMAP, Nerfstudio, Blender, OpenSfM, Metashape, RealityScan or LLFF wrote, \
-or its file, such as a transforms.json; gs info shows what is in it. Of a folder of photographs \
-without poses, or of a video, COLMAP finds these first, as gs poses does, and the data set is kept in \
+or its file, such as a transforms.json; gs info shows what is in it. For a folder of photographs \
+without poses, or a video, COLMAP finds the poses first, as gs poses does; the data set is kept in \
 DIR/dataset.
 
 DIR then holds:
