@@ -64,7 +64,7 @@ def test_the_gradient_by_the_camera(scene_3d: gs.Scene3d, camera: gs.Camera) -> 
                 return float(np.sum(image.astype(np.float64) * v_image))
 
             found = (loss(step) - loss(-step)) / (2 * step)
-            assert found == pytest.approx(expected, rel=0.02, abs=0.02 * size), (name, axis)
+            assert found == pytest.approx(expected, rel=0.02, abs=0.02 * float(size)), (name, axis)
 
 
 def test_a_gradient_by_the_camera_that_nobody_asked_for(
