@@ -16,14 +16,18 @@ pub(crate) const OVERLAP: usize = 10;
 const ALL_PAIRS: usize = 150;
 
 /// The fewest and the most features of a photograph that are looked for.
-const FEATURES: [f64; 2] = [1024.0, 4096.0];
+const FEATURES: [f64; 2] = [1024.0, 8192.0];
 
-/// Features times the root of the number of pairs: COLMAP 3.8 compares that in about 4 minutes of a CPU, as
-/// a pair takes time by the square of the features.
-const WORK: f64 = 42_000.0;
+/// Features times the root of the number of pairs, which COLMAP 3.8 compares in some minutes of a CPU: a
+/// pair takes time by the square of the features.
+const WORK: f64 = 66_000.0;
 
 /// Size up to which features are also looked for in an image of twice the size, px.
 const SMALL: u32 = 1000;
+
+/// Features from which they are also looked for in larger images of twice the size: COLMAP keeps the
+/// coarsest, so that the finest, which make poses precise, are only among many.
+const MANY: f64 = 4096.0;
 
 /// Photographs of a camera from which its lens is described by eight numbers instead of four.
 const FULL_LENS: usize = 8;
@@ -84,7 +88,7 @@ impl Plan {
             groups: groups.collect(),
             all_pairs,
             features: features as u32,
-            doubled: longest.min(settings.max_size) <= SMALL,
+            doubled: longest.min(settings.max_size) <= SMALL || features >= MANY,
             max_size: settings.max_size,
         }
     }
@@ -160,9 +164,10 @@ mod tests {
         };
         let settings = Settings::default();
         let [three, many, most] = [3, 150, 151].map(|count| plan(count, &settings));
-        assert_eq!((three.groups[0].model.as_str(), three.features), ("SIMPLE_RADIAL", 4096));
+        assert_eq!((three.groups[0].model.as_str(), three.features), ("SIMPLE_RADIAL", 8192));
         assert_eq!((many.groups[0].model.as_str(), many.features), ("OPENCV", 1024));
         assert!(many.all_pairs && !most.all_pairs);
+        assert!(three.doubled && !many.doubled);
         assert!(plan(400, &settings.clone().with(|s| s.pairs = Pairs::All)).all_pairs);
         let fisheye = settings.with(|s| s.lens = LensKind::Fisheye);
         assert_eq!(plan(3, &fisheye).groups[0].model, "OPENCV_FISHEYE");
