@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use gs_core::Image;
 
-use crate::photographs::{Photograph, Photographs};
+use crate::input::photographs::{Photograph, Photographs};
 
 /// Photographs with a pose that those without are compared with.
 const COMPARED: usize = 12;

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    photographs::{Exif, Photograph},
+    input::photographs::{Exif, Photograph},
     settings::{LensKind, Pairs, Settings},
 };
 

@@ -7,9 +7,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     gps::Gps,
+    input::photographs::{Photograph, Photographs},
     inspection::Inspection,
     model::Model,
-    photographs::{Photograph, Photographs},
 };
 
 /// Features below which a photograph has too few.

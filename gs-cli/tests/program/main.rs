@@ -15,6 +15,7 @@ mod paper;
 mod ply;
 mod poses;
 mod poses_real;
+mod poses_refined;
 mod poses_video;
 mod price;
 mod process;

@@ -20,7 +20,7 @@ use self::{
 };
 use crate::{
     error::Error,
-    photographs::{Identity, Photographs, identity},
+    input::photographs::{Identity, Photographs, identity},
     run::{Observer, Stage, WORK, remove},
 };
 

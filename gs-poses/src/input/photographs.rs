@@ -15,7 +15,7 @@ use gs_io::OutputFolder;
 
 use crate::{
     error::Error,
-    heic::{Converter, Heic},
+    input::heic::{Converter, Heic},
     run::{Observer, Stage, WORK, remove},
 };
 

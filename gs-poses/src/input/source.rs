@@ -6,10 +6,10 @@ use gs_io::OutputFolder;
 
 use crate::{
     error::Error,
-    heic::Converter,
-    photographs::Photographs,
+    input::heic::Converter,
+    input::photographs::Photographs,
+    input::video::{RECORD, Video},
     run::Observer,
-    video::{RECORD, Video},
 };
 
 /// The input: a folder of photographs, or a video.
