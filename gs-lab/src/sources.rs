@@ -6,7 +6,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use sha2::{Digest, Sha256};
+use hmac_sha256::Hash;
 
 /// Files and folders of the workspace that the result of a run depends on. The paper's experiments,
 /// tables and reports may change without invalidating results, so they are left out.
@@ -46,7 +46,7 @@ pub(crate) fn digest(workspace: &Path) -> Option<String> {
     let name = |file: &PathBuf| Some(file.strip_prefix(workspace).ok()?.to_str()?.replace('\\', "/"));
     let mut named = files.iter().map(|file| Some((name(file)?, file))).collect::<Option<Vec<_>>>()?;
     named.sort();
-    let mut hash = Sha256::new();
+    let mut hash = Hash::new();
     for (name, file) in named {
         let content = fs::read(file).ok()?;
         for part in [name.as_bytes(), &content] {

@@ -3,9 +3,9 @@
 pub(crate) use crate::median::median;
 pub(crate) use gs_core::metrics::mean;
 use gs_density::Rng;
+use probability::distribution::{Beta, Distribution, Gaussian, Inverse};
 use rand::{RngExt, SeedableRng};
 use serde::{Deserialize, Serialize};
-use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
 
 /// Number of bootstrap resamples.
 pub(crate) const RESAMPLES: usize = 10_000;
@@ -118,9 +118,11 @@ fn expanded_tail(n: usize, freedom: usize) -> Option<f64> {
     if n < 2 {
         return None;
     }
-    let student = StudentsT::new(0.0, 1.0, freedom as f64).ok()?.inverse_cdf(0.5 + 0.5 * CONFIDENCE);
-    let normal = Normal::new(0.0, 1.0).ok()?;
-    Some(normal.cdf(-(n as f64 / (n - 1) as f64).sqrt() * student))
+    // ν / (ν + t²) has a beta distribution.
+    let half = 0.5 * freedom as f64;
+    let share = Beta::new(half, 0.5, 0.0, 1.0).inverse(1.0 - CONFIDENCE);
+    let student = (freedom as f64 * (1.0 - share) / share).sqrt();
+    Some(Gaussian::new(0.0, 1.0).distribution(-(n as f64 / (n - 1) as f64).sqrt() * student))
 }
 
 /// The quantile of sorted values, linearly interpolated.
@@ -141,8 +143,19 @@ mod tests {
 
     /// `n` normally distributed values.
     fn normal(rng: &mut Rng, n: usize, mean: f64, sd: f64) -> Vec<f64> {
-        let law = Normal::new(mean, sd).unwrap();
-        (0..n).map(|_| law.inverse_cdf(rng.random_range(1e-12..1.0 - 1e-12))).collect()
+        let law = Gaussian::new(mean, sd);
+        (0..n).map(|_| law.inverse(rng.random_range(1e-12..1.0 - 1e-12))).collect()
+    }
+
+    #[test]
+    fn tails_are_those_of_students_tables() {
+        // Student's quantiles for 97.5 %, to three digits as in tables.
+        for (freedom, student) in [(2, 4.303), (7, 2.365), (30, 2.042), (1000, 1.962)] {
+            let n = freedom + 1;
+            let expected = Gaussian::new(0.0, 1.0).distribution(-(n as f64 / freedom as f64).sqrt() * student);
+            let tail = expanded_tail(n, freedom).unwrap();
+            assert!((tail / expected - 1.0).abs() < 5e-3, "{freedom}: {tail}, not {expected}");
+        }
     }
 
     #[test]

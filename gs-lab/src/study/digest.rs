@@ -11,7 +11,7 @@ use gs_io::{
     Checkpoint,
     dataset::{Dataset, View},
 };
-use sha2::{Digest, Sha256};
+use hmac_sha256::Hash;
 
 use crate::error::Error;
 
@@ -23,7 +23,7 @@ pub(crate) const DIGITS: usize = 32;
 
 /// The digest of several texts, which depends on where one ends and the next begins.
 pub(crate) fn of_texts<'a>(texts: impl IntoIterator<Item = &'a str>) -> String {
-    let mut hash = Sha256::new();
+    let mut hash = Hash::new();
     for text in texts {
         hash.update((text.len() as u64).to_le_bytes());
         hash.update(text);
@@ -33,7 +33,7 @@ pub(crate) fn of_texts<'a>(texts: impl IntoIterator<Item = &'a str>) -> String {
 
 /// The digest of an image: its size and the bit patterns of its values.
 pub(crate) fn of_image(image: &Image) -> String {
-    let mut hash = Sha256::new();
+    let mut hash = Hash::new();
     hash.update([image.width(), image.height()].map(u32::to_le_bytes).as_flattened());
     hash_floats(&mut hash, image.pixels().as_flattened().iter().copied());
     digits(hash)
@@ -45,7 +45,7 @@ pub(crate) fn of_image(image: &Image) -> String {
 /// # Errors
 /// [`Error::Path`] where a file cannot be read.
 pub(crate) fn of_dataset(dataset: &Dataset) -> Result<String, Error> {
-    let mut hash = Sha256::new();
+    let mut hash = Hash::new();
     let mut add = |text: &str| {
         hash.update((text.len() as u64).to_le_bytes());
         hash.update(text);
@@ -74,12 +74,14 @@ pub(crate) fn of_dataset(dataset: &Dataset) -> Result<String, Error> {
 
 fn of_file(path: &Path) -> Result<String, Error> {
     let bytes = fs::read(path).map_err(|source| Error::Path { path: path.to_owned(), source })?;
-    Ok(digits(Sha256::new_with_prefix(bytes)))
+    let mut hash = Hash::new();
+    hash.update(bytes);
+    Ok(digits(hash))
 }
 
 /// The digest of a 3D scene. Two scenes have the same digest only if they are bit-identical.
 pub(crate) fn of_scene_3d(scene: &Scene3d) -> String {
-    let mut hash = Sha256::new();
+    let mut hash = Hash::new();
     hash.update((scene.means.len() as u64).to_le_bytes());
     hash.update([scene.sh_degree]);
     hash_floats(&mut hash, scene.means.iter().flat_map(|v| v.to_array()));
@@ -92,7 +94,7 @@ pub(crate) fn of_scene_3d(scene: &Scene3d) -> String {
 
 /// The digest of a scene. Two scenes have the same digest only if they are bit-identical.
 pub(crate) fn of_scene(scene: &Scene2d) -> String {
-    let mut hash = Sha256::new();
+    let mut hash = Hash::new();
     hash.update((scene.means.len() as u64).to_le_bytes());
     hash.update((scene.opacity_logits.len() as u64).to_le_bytes());
     hash_floats(&mut hash, scene.means.iter().flat_map(|v| v.to_array()));
@@ -110,7 +112,7 @@ where
 {
     let metadata = &checkpoint.metadata;
     let SavedState { parameterization, mut tensors } = (&checkpoint.state).into();
-    let mut hash = Sha256::new();
+    let mut hash = Hash::new();
     let mut add = |text: &str| {
         hash.update((text.len() as u64).to_le_bytes());
         hash.update(text);
@@ -130,17 +132,17 @@ where
     digits(hash)
 }
 
-fn hash_words(hash: &mut Sha256, words: &[u32]) {
+fn hash_words(hash: &mut Hash, words: &[u32]) {
     let bytes: Vec<[u8; 4]> = words.iter().map(|word| word.to_le_bytes()).collect();
     hash.update(bytes.as_flattened());
 }
 
-fn hash_floats(hash: &mut Sha256, values: impl Iterator<Item = f32>) {
+fn hash_floats(hash: &mut Hash, values: impl Iterator<Item = f32>) {
     let bytes: Vec<[u8; 4]> = values.map(f32::to_le_bytes).collect();
     hash.update(bytes.as_flattened());
 }
 
-fn digits(hash: Sha256) -> String {
+fn digits(hash: Hash) -> String {
     let mut digits: String = hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect();
     digits.truncate(DIGITS);
     digits

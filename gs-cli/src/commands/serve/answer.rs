@@ -1,19 +1,15 @@
 //! Answers to requests: which are allowed, and with which files.
 
 use std::{
-    fs,
+    fs::{self, File},
     net::IpAddr,
     path::{Component, Path, PathBuf},
 };
 
-use http_body_util::Full;
-use hyper::{
-    Method, Request, Response, StatusCode,
-    body::Bytes,
-    header::{self, HeaderValue},
+use super::{
+    http::{Answer, Body, Request},
+    listing,
 };
-
-use super::listing;
 
 /// What is served.
 #[derive(Debug)]
@@ -24,8 +20,6 @@ pub(super) struct Site {
     pub(super) folder: PathBuf,
 }
 
-type Answer = Response<Full<Bytes>>;
-
 /// What tells the page that it is served.
 const MARK: &str = "<meta name=\"gs-serve\" content=\"1\">\n</head>";
 
@@ -33,11 +27,16 @@ const MARK: &str = "<meta name=\"gs-serve\" content=\"1\">\n</head>";
 const POLICY: &str = "default-src 'self'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self' 'unsafe-inline'; \
                       img-src 'self' data: blob:; connect-src 'self' data:; frame-ancestors 'none'";
 
-/// Makes the page cross-origin isolated, so that its engine may have threads.
-const ISOLATION: [(&str, &str); 3] = [
-    ("cross-origin-opener-policy", "same-origin"),
-    ("cross-origin-embedder-policy", "require-corp"),
-    ("cross-origin-resource-policy", "same-origin"),
+/// Headers of every answer. The last three make the page cross-origin isolated, so that its engine may have
+/// threads.
+const HEADERS: [(&str, &str); 7] = [
+    ("Cache-Control", "no-store"),
+    ("X-Content-Type-Options", "nosniff"),
+    ("Content-Security-Policy", POLICY),
+    ("Referrer-Policy", "no-referrer"),
+    ("Cross-Origin-Opener-Policy", "same-origin"),
+    ("Cross-Origin-Embedder-Policy", "require-corp"),
+    ("Cross-Origin-Resource-Policy", "same-origin"),
 ];
 
 const KINDS: [(&str, &str); 5] = [
@@ -49,40 +48,27 @@ const KINDS: [(&str, &str); 5] = [
 ];
 
 impl Site {
-    pub(super) fn answer<B>(&self, request: &Request<B>) -> Answer {
-        let found = check(request).and_then(|()| self.content(request.uri().path()));
+    pub(super) fn answer(&self, request: &Request<'_>) -> Answer {
+        let path = request.target.split('?').next().unwrap_or_default();
+        let found = check(request).and_then(|()| self.content(path));
         let (status, kind, body) = match found {
-            Ok((kind, body)) => (StatusCode::OK, kind, body),
-            Err((status, text)) => (status, "text/plain; charset=utf-8", text.as_bytes().to_vec()),
+            Ok((kind, body)) => ("200 OK", kind, body),
+            Err((status, text)) => (status, "text/plain; charset=utf-8", Body::Bytes(text.as_bytes().to_vec())),
         };
-        let mut answer = Response::new(Full::new(Bytes::from(body)));
-        *answer.status_mut() = status;
-        let headers = answer.headers_mut();
-        for (name, value) in [
-            (header::CONTENT_TYPE, kind),
-            (header::CACHE_CONTROL, "no-store"),
-            (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
-            (header::CONTENT_SECURITY_POLICY, POLICY),
-            (header::REFERRER_POLICY, "no-referrer"),
-        ] {
-            headers.insert(name, HeaderValue::from_static(value));
-        }
-        for (name, value) in ISOLATION {
-            headers.insert(name, HeaderValue::from_static(value));
-        }
-        answer
+        Answer { status, headers: [("Content-Type", kind)].into_iter().chain(HEADERS).collect(), body }
     }
 
-    /// The kind and the bytes of what a path names.
-    fn content(&self, path: &str) -> Result<(&'static str, Vec<u8>), Refusal> {
-        let path = decoded(path).ok_or((StatusCode::BAD_REQUEST, "the path is not readable"))?;
+    /// The kind and the content of what a path names.
+    fn content(&self, path: &str) -> Result<(&'static str, Body), Refusal> {
+        let path = decoded(path).ok_or(("400 Bad Request", "the path is not readable"))?;
         if path == "/serve/list" {
             let list = serde_json::to_vec(&listing::of(&self.folder)).unwrap_or_default();
-            return Ok(("application/json", list));
+            return Ok(("application/json", Body::Bytes(list)));
         }
         if let Some(file) = path.strip_prefix("/serve/file/") {
-            let bytes = fs::read(inside(&self.folder, file)?).map_err(|_| NOT_FOUND)?;
-            return Ok(("application/octet-stream", bytes));
+            let file = File::open(inside(&self.folder, file)?).map_err(|_| NOT_FOUND)?;
+            let length = file.metadata().map_err(|_| NOT_FOUND)?.len();
+            return Ok(("application/octet-stream", Body::File(file, length)));
         }
         let name = if path == "/" { "index.html" } else { path.trim_start_matches('/') };
         let file = inside(&self.page, name)?;
@@ -92,30 +78,30 @@ impl Site {
         if name == "index.html" {
             bytes = String::from_utf8_lossy(&bytes).replacen("</head>", MARK, 1).into_bytes();
         }
-        Ok((kind, bytes))
+        Ok((kind, Body::Bytes(bytes)))
     }
 }
 
-type Refusal = (StatusCode, &'static str);
+/// Status and text.
+type Refusal = (&'static str, &'static str);
 
-const NOT_FOUND: Refusal = (StatusCode::NOT_FOUND, "there is no such file in the folder");
+const NOT_FOUND: Refusal = ("404 Not Found", "there is no such file in the folder");
 
 /// Whether a request is one of the page's own.
 ///
 /// A site elsewhere that resolves its name to this machine sends that name as Host, and one that
 /// sends requests across sends its Origin.
-fn check<B>(request: &Request<B>) -> Result<(), Refusal> {
-    if ![Method::GET, Method::HEAD].contains(request.method()) {
-        return Err((StatusCode::METHOD_NOT_ALLOWED, "only GET is answered"));
+fn check(request: &Request<'_>) -> Result<(), Refusal> {
+    if !["GET", "HEAD"].contains(&request.method) {
+        return Err(("405 Method Not Allowed", "only GET is answered"));
     }
-    let text = |name| request.headers().get(name).map(|value: &HeaderValue| value.to_str().unwrap_or_default());
-    let host = text(header::HOST).unwrap_or_default();
+    let host = request.header("Host").unwrap_or_default();
     if !is_address(host) {
-        return Err((StatusCode::FORBIDDEN, "the Host header names neither localhost nor an address"));
+        return Err(("403 Forbidden", "the Host header names neither localhost nor an address"));
     }
-    match text(header::ORIGIN) {
+    match request.header("Origin") {
         Some(origin) if origin.strip_prefix("http://") != Some(host) => {
-            Err((StatusCode::FORBIDDEN, "the request comes from another site"))
+            Err(("403 Forbidden", "the request comes from another site"))
         }
         _ => Ok(()),
     }
@@ -172,12 +158,14 @@ mod tests {
         (place, site)
     }
 
+    fn answer(site: &Site, method: &str, target: &str, headers: &[(&str, &str)]) -> Answer {
+        let headers: Vec<_> =
+            headers.iter().map(|&(name, value)| httparse::Header { name, value: value.as_bytes() }).collect();
+        site.answer(&Request { method, target, headers: &headers })
+    }
+
     fn status(site: &Site, path: &str, headers: &[(&str, &str)]) -> u16 {
-        let mut request = Request::builder().uri(path);
-        for (name, value) in headers {
-            request = request.header(*name, *value);
-        }
-        site.answer(&request.body(()).unwrap()).status().as_u16()
+        answer(site, "GET", path, headers).status[..3].parse().unwrap()
     }
 
     #[test]
@@ -213,12 +201,14 @@ mod tests {
     fn every_answer_lets_the_page_have_threads() {
         let (_place, site) = site();
         for path in ["/", "/serve/list", "/absent.js"] {
-            let request = Request::builder().uri(path).header("host", "localhost").body(()).unwrap();
-            let answer = site.answer(&request);
-            let value = |name: &str| answer.headers()[name].to_str().unwrap().to_owned();
-            assert_eq!(value("cross-origin-opener-policy"), "same-origin", "{path}");
-            assert_eq!(value("cross-origin-embedder-policy"), "require-corp", "{path}");
-            assert_eq!(value("cross-origin-resource-policy"), "same-origin", "{path}");
+            let answer = answer(&site, "GET", path, &[("host", "localhost")]);
+            for header in [
+                ("Cross-Origin-Opener-Policy", "same-origin"),
+                ("Cross-Origin-Embedder-Policy", "require-corp"),
+                ("Cross-Origin-Resource-Policy", "same-origin"),
+            ] {
+                assert!(answer.headers.contains(&header), "{path}: {header:?}");
+            }
         }
     }
 
@@ -237,7 +227,6 @@ mod tests {
         for origin in ["http://evil.example", "null", "https://localhost:7860", "http://localhost:1"] {
             assert_eq!(from(origin), 403, "{origin}");
         }
-        let post = Request::builder().method("POST").uri("/").header("host", "localhost").body(()).unwrap();
-        assert_eq!(site.answer(&post).status(), StatusCode::METHOD_NOT_ALLOWED);
+        assert!(answer(&site, "POST", "/", &[("host", "localhost")]).status.starts_with("405"));
     }
 }

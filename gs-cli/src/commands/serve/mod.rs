@@ -1,18 +1,15 @@
 //! `gs serve`: the page, and the scenes and runs of a folder, for browsers of this machine.
 
 mod answer;
+mod http;
 mod listing;
 
 use std::{
-    net::{IpAddr, Ipv4Addr, SocketAddr},
+    net::{IpAddr, Ipv4Addr, SocketAddr, TcpListener},
     path::PathBuf,
-    rc::Rc,
 };
 
 use clap::Args;
-use hyper::{server::conn::http1, service::service_fn};
-use hyper_util::rt::{TokioIo, TokioTimer};
-use tokio::{net::TcpListener, runtime, task::LocalSet};
 
 use self::answer::Site;
 use crate::{failure::Failure, files::page_files, terminal::output};
@@ -45,30 +42,12 @@ pub(crate) fn run(args: &ServeArgs) -> Result<(), Failure> {
     if !folder.is_dir() {
         return Err(Failure::usage("is no folder").at(args.folder.display()).hint("name the folder of the scene"));
     }
-    let runtime = runtime::Builder::new_current_thread().enable_all().build().map_err(Failure::failed)?;
-    LocalSet::new().block_on(&runtime, serve(SocketAddr::new(args.host, args.port), Site { page, folder }))
-}
-
-async fn serve(address: SocketAddr, site: Site) -> Result<(), Failure> {
+    let address = SocketAddr::new(args.host, args.port);
     let busy = |error| Failure::failed(error).at(address).hint("--port names another port");
-    let listener = TcpListener::bind(address).await.map_err(busy)?;
+    let listener = TcpListener::bind(address).map_err(busy)?;
     let bound = listener.local_addr().map_err(Failure::failed)?;
-    output::result(format_args!("http://{bound}/ shows {}; Ctrl-C ends it", site.folder.display()))?;
-    let site = Rc::new(site);
-    loop {
-        // A connection that fails before it is accepted is no reason to end.
-        let Ok((stream, _)) = listener.accept().await else { continue };
-        let site = site.clone();
-        tokio::task::spawn_local(async move {
-            let service = service_fn(move |request| {
-                let site = site.clone();
-                async move { Ok::<_, std::convert::Infallible>(site.answer(&request)) }
-            });
-            let mut http = http1::Builder::new();
-            // The timer ends connections that never send a request.
-            http.timer(TokioTimer::new());
-            // A browser may close a connection at any time.
-            let _closed = http.serve_connection(TokioIo::new(stream), service).await;
-        });
-    }
+    output::result(format_args!("http://{bound}/ shows {}; Ctrl-C ends it", folder.display()))?;
+    let site = Site { page, folder };
+    http::serve(&listener, |request| site.answer(request));
+    Ok(())
 }
