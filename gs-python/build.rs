@@ -1,5 +1,6 @@
 //! Makes the docstrings of the compiled module: those of its stub, `_native.pyi`, so that editors and
 //! `help()` show the same text and it is written once. The macro `doc!("Class.member")` gives each.
+//! Also makes the module call the functions of gs-libm that it contains.
 
 use std::{env, error::Error, fmt::Write as _, fs, path::Path};
 
@@ -7,6 +8,10 @@ const STUB: &str = "python/gaussian_splats/_native.pyi";
 
 fn main() -> Result<(), Box<dyn Error>> {
     println!("cargo::rerun-if-changed={STUB}");
+    if env::var("CARGO_CFG_TARGET_OS")? == "linux" {
+        // Without this, a library loaded before the module, as the C library is, has precedence.
+        println!("cargo::rustc-link-arg-cdylib=-Wl,-Bsymbolic");
+    }
     let mut rules = String::new();
     for (name, text) in docstrings(&fs::read_to_string(STUB)?) {
         writeln!(rules, "({name:?}) => {{ {text:?} }};")?;

@@ -19,6 +19,9 @@ mod training;
 
 use std::process::ExitCode;
 
+// Results have the same bits on every system.
+use gs_libm as _;
+
 use crate::{
     command_line::{Command, Parsed},
     failure::Failure,
@@ -76,6 +79,8 @@ fn run(parsed: Parsed) -> Result<ExitCode, Failure> {
         Command::Popping(args) => commands::price::popping::run(&args),
         Command::Study(args) => commands::study::run(&args),
         Command::Frontier(args) => commands::price::frontier::run(&args),
+        #[cfg(feature = "manual")]
+        Command::Manual(args) => commands::manual::run(&args),
     }?;
     Ok(ExitCode::SUCCESS)
 }

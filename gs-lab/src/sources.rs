@@ -10,9 +10,10 @@ use hmac_sha256::Hash;
 
 /// Files and folders of the workspace that the result of a run depends on. The paper's experiments,
 /// tables and reports may change without invalidating results, so they are left out.
-pub(crate) const SOURCES: [&str; 19] = [
+pub(crate) const SOURCES: [&str; 20] = [
     "Cargo.lock",
     "gs-core/src",
+    "gs-libm/src",
     "gs-cpu/src",
     "gs-wgpu/src",
     "gs-density/src",

@@ -20,6 +20,8 @@ mod run;
 mod scene;
 mod study;
 
+// Results have the same bits on every system.
+use gs_libm as _;
 use pyo3::prelude::*;
 
 /// The module as Python imports it.

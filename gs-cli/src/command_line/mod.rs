@@ -126,6 +126,10 @@ pub(crate) enum Command {
     Study(Box<StudyArgs>),
     /// Repeat the paper's experiments, and compare its claims with measurements
     Paper(Box<PaperArgs>),
+    /// Write the man pages and the completions of shells
+    #[cfg(feature = "manual")]
+    #[command(hide = true)]
+    Manual(crate::commands::manual::ManualArgs),
 }
 
 /// The parsed command line.
@@ -162,23 +166,28 @@ pub(crate) fn parse() -> Result<Parsed, Failure> {
     }
 }
 
+/// The command line, with texts wrapped for the terminal.
+fn command() -> clap::Command {
+    let command = unwrapped();
+    let groups = grouped(&command);
+    help::wrapped(command, &groups)
+}
+
 /// The command line. "-5" is the value of a flag rather than a flag, so that the error says what is
 /// wrong with the number.
-fn command() -> clap::Command {
+pub(crate) fn unwrapped() -> clap::Command {
     fn with_negative_numbers(command: clap::Command) -> clap::Command {
         let takes_value = |arg: &clap::Arg| arg.get_action().takes_values() && !arg.is_positional();
         let command = command.mut_args(|arg| if takes_value(&arg) { arg.allow_negative_numbers(true) } else { arg });
         command.mut_subcommands(with_negative_numbers)
     }
     let command = with_negative_numbers(CommandLine::command());
-    let command = command.mut_subcommands(|command| match command.get_name() {
+    command.mut_subcommands(|command| match command.get_name() {
         "convert" => command.mut_args(requires_dataset),
         "fit" => command.mut_args(defaults::of_fit),
         "train" => command.mut_args(defaults::of_train),
         _ => command,
-    });
-    let groups = grouped(&command);
-    help::wrapped(command, &groups)
+    })
 }
 
 /// The list of commands, in groups.
@@ -263,7 +272,8 @@ mod tests {
     #[test]
     fn the_command_line_is_consistent() {
         command().debug_assert();
-        let known: Vec<_> = command().get_subcommands().map(|c| c.get_name().to_owned()).collect();
+        let command = command();
+        let known: Vec<_> = command.get_subcommands().filter(|c| !c.is_hide_set()).map(|c| c.get_name()).collect();
         assert_eq!(known, GROUPS.iter().flat_map(|(_, names)| *names).copied().collect::<Vec<_>>());
     }
 

@@ -6,6 +6,8 @@ pub(crate) mod encode;
 pub(crate) mod eval;
 pub(crate) mod fit;
 pub(crate) mod info;
+#[cfg(feature = "manual")]
+pub(crate) mod manual;
 pub(crate) mod page;
 pub(crate) mod paper;
 pub(crate) mod poses;

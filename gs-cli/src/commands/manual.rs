@@ -1,0 +1,52 @@
+//! `gs manual`: man pages, and completions of shells.
+
+use std::{
+    fs, io,
+    path::{Path, PathBuf},
+};
+
+use clap::Args;
+use clap_complete::Shell;
+
+use crate::{command_line, failure::Failure};
+
+/// The flags of `gs manual`.
+#[derive(Debug, Clone, Args)]
+pub(crate) struct ManualArgs {
+    /// The folder to write: man/ for man pages, completions/ for bash, zsh, fish and PowerShell
+    folder: PathBuf,
+}
+
+/// Writes the folder.
+pub(crate) fn run(args: &ManualArgs) -> Result<(), Failure> {
+    write(&args.folder).map_err(|error| Failure::failed(error).at(args.folder.display()))
+}
+
+fn write(folder: &Path) -> io::Result<()> {
+    let [man, completions] = ["man", "completions"].map(|name| folder.join(name));
+    fs::create_dir_all(&man)?;
+    clap_mangen::generate_to(command_line::unwrapped(), &man)?;
+    fs::create_dir_all(&completions)?;
+    for shell in [Shell::Bash, Shell::Zsh, Shell::Fish, Shell::PowerShell] {
+        clap_complete::generate_to(shell, &mut command_line::unwrapped(), "gs", &completions)?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_command_has_a_page_and_completions() {
+        let place = tempfile::tempdir().unwrap();
+        write(place.path()).unwrap();
+        let text = |name: &str| fs::read_to_string(place.path().join(name)).unwrap();
+        assert!(text("man/gs-fit.1").contains("\\-\\-gaussians"), "{}", text("man/gs-fit.1"));
+        for shell in ["gs.bash", "_gs", "gs.fish", "_gs.ps1"] {
+            let text = text(&format!("completions/{shell}"));
+            assert!(text.contains("train") && text.contains("gaussians") && !text.contains("manual"), "{text}");
+        }
+        assert!(!place.path().join("man/gs-manual.1").exists());
+    }
+}
