@@ -1,10 +1,12 @@
 //! The project's own commands: `cargo xtask test` runs all the tests, `cargo xtask cluster` a study
 //! on a cluster of this machine, `cargo xtask poses` finds the poses of photographs, `cargo xtask
-//! python` builds and tests the Python module, and `cargo xtask web` the page.
+//! python` builds and tests the Python module, `cargo xtask web` the page, and `cargo xtask dist` makes a
+//! release.
 //!
 //! This program depends on no crate, so that it compiles within a second on a fresh machine.
 
 mod cluster;
+mod dist;
 mod poses;
 mod python;
 mod system;
@@ -19,6 +21,7 @@ Usage: cargo xtask test [--install] [--slow]
        cargo xtask poses [--test] [--install]
        cargo xtask python [--test] [--install]
        cargo xtask web [--test] [--install]
+       cargo xtask dist [--test] [--install]
 
 cargo xtask test runs the tests of the workspace, documentation tests included.
 
@@ -63,7 +66,20 @@ Options:
              Without node, npm and Chromium, nothing is checked
   --install  install the target and the component, and put the page where a gs of cargo install finds
              it, into share/gs/page of cargo's folder; with --test install Debian's chromium, nodejs
-             and npm, and packages of npm";
+             and npm, and packages of npm
+
+cargo xtask dist builds a release into target/dist, for Linux (x86-64 and 64-bit Arm, glibc 2.28 or
+later) and Windows (x86-64): archives of the program with the page, completions, man pages and
+licences, an SBOM for each, wheels, Debian packages, and SHA256SUMS. The same commit gives the same
+bits. The tools come from PyPI, in an environment of their own. It runs on x86-64 Linux.
+
+Options:
+  --test     then test it: the Windows program under Wine, the Arm program and its kernels under
+             QEMU, the archive and the package in a bare Debian, the wheel in a fresh environment,
+             the same bits on Linux and Windows, and cargo check for macOS. It takes minutes. What a
+             machine cannot run is skipped by name
+  --install  install Rust's targets and the component rust-src; with --test Debian's debootstrap,
+             qemu-user-static and wine";
 
 /// What the command line asks for.
 enum Task {
@@ -72,13 +88,16 @@ enum Task {
     Poses(system::Options),
     Python(system::Options),
     Web(system::Options),
+    Dist(system::Options),
 }
 
 fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let words: Vec<&str> = arguments.iter().map(String::as_str).collect();
     let task = match &words[..] {
-        [] | ["help" | "-h" | "--help"] | ["test" | "cluster" | "poses" | "python" | "web", "-h" | "--help"] => {
+        []
+        | ["help" | "-h" | "--help"]
+        | ["test" | "cluster" | "poses" | "python" | "web" | "dist", "-h" | "--help"] => {
             eprintln!("{HELP}");
             return ExitCode::SUCCESS;
         }
@@ -88,6 +107,7 @@ fn main() -> ExitCode {
         ["poses", flags @ ..] => system::Options::parse(flags).map(Task::Poses),
         ["python", flags @ ..] => system::Options::parse(flags).map(Task::Python),
         ["web", flags @ ..] => system::Options::parse(flags).map(Task::Web),
+        ["dist", flags @ ..] => system::Options::parse(flags).map(Task::Dist),
         ["cluster", flag, ..] => Err(format!("unknown flag {flag}")),
         [other, ..] => Err(format!("unknown command {other}")),
     };
@@ -104,6 +124,7 @@ fn main() -> ExitCode {
         Task::Poses(options) => poses::run(options),
         Task::Python(options) => python::run(options),
         Task::Web(options) => web::run(options),
+        Task::Dist(options) => dist::run(options),
     };
     match ended {
         Ok(()) => ExitCode::SUCCESS,

@@ -17,11 +17,7 @@ const PYTHON: [&str; 2] = ["python3", "python3-venv"];
 /// Builds a wheel into `target/wheels`: for use, or without optimising what does not compute, to be
 /// tested.
 pub(crate) fn run(options: Options) -> Result<(), String> {
-    let found = || ["python3", "python"].into_iter().find(|program| has_venv(program));
-    if found().is_none() && options.install {
-        install_packages(&PYTHON)?;
-    }
-    let Some(python) = found() else {
+    let Some(python) = with_environments(options.install)? else {
         eprintln!("skipped: there is no Python 3.9 or later with the module venv: the Python module");
         return Ok(());
     };
@@ -64,6 +60,15 @@ pub(crate) fn run(options: Options) -> Result<(), String> {
 /// by the build, which takes it from there.
 const STUBTEST: [&str; 4] =
     ["gaussian_splats._native", "--ignore-missing-stub", "--mypy-config-file", "pyproject.toml"];
+
+/// The name of a Python that can make environments.
+pub(crate) fn with_environments(install: bool) -> Result<Option<&'static str>, String> {
+    let found = || ["python3", "python"].into_iter().find(|program| has_venv(program));
+    if found().is_none() && install {
+        install_packages(&PYTHON)?;
+    }
+    Ok(found())
+}
 
 /// Whether this is a Python that can make an environment.
 fn has_venv(program: &str) -> bool {

@@ -104,6 +104,41 @@ pub(crate) fn step(command: &mut Command) -> Result<(), String> {
     }
 }
 
+/// Checks that the compiler has a target, or installs it.
+pub(crate) fn need_target(triple: &str, install: bool) -> Result<(), String> {
+    // Without rustup, the compiler says what it lacks.
+    let listed = Command::new("rustup").args(["target", "list", "--installed"]).output();
+    if listed.map_or(true, |output| String::from_utf8_lossy(&output.stdout).lines().any(|line| line == triple)) {
+        return Ok(());
+    }
+    if install {
+        return step(Command::new("rustup").args(["target", "add", triple]));
+    }
+    Err(format!("the target {triple} isn't installed: rustup target add {triple}, or --install"))
+}
+
+/// What the compiler prints, without the line's end; empty if it cannot be run.
+pub(crate) fn rustc(arguments: &[&str]) -> String {
+    let rustc = env::var_os("RUSTC").unwrap_or_else(|| "rustc".into());
+    let printed = Command::new(rustc).args(arguments).current_dir(workspace()).output();
+    printed.map_or_else(|_| String::new(), |output| String::from_utf8_lossy(&output.stdout).trim_end().to_owned())
+}
+
+/// The compiler's flags that keep this machine's folders out of what it builds, so that the same sources
+/// give the same bits anywhere.
+pub(crate) fn remapped_paths() -> Vec<String> {
+    let home = || env::home_dir().map(|home| home.join(".cargo"));
+    let mut folders = vec![(workspace(), "gs".to_owned()), (target(), "target".to_owned())];
+    folders.extend(env::var_os("CARGO_HOME").map(PathBuf::from).or_else(home).map(|home| (home, "cargo".to_owned())));
+    let version = rustc(&["-vV"]);
+    // As without the component rust-src.
+    if let Some(commit) = version.lines().find_map(|line| line.strip_prefix("commit-hash: ")) {
+        let sources = Path::new(&rustc(&["--print", "sysroot"])).join("lib/rustlib/src/rust");
+        folders.push((sources, format!("/rustc/{commit}")));
+    }
+    folders.iter().map(|(folder, name)| format!("--remap-path-prefix={}={name}", folder.display())).collect()
+}
+
 /// The cargo that runs this program, so that both use one toolchain.
 pub(crate) fn cargo_program() -> OsString {
     env::var_os("CARGO").unwrap_or_else(|| "cargo".into())

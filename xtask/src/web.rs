@@ -6,15 +6,16 @@ use std::{
     process::{Command, Stdio},
 };
 
-use crate::system::{Options, built_program, cargo_program, install_packages, step, target, workspace};
+use crate::system::{
+    Options, built_program, cargo_program, install_packages, need_target, remapped_paths, rustc, step, target,
+    workspace,
+};
 
-const TARGET: &str = "wasm32-unknown-unknown";
+/// The target of the page.
+pub(crate) const TARGET: &str = "wasm32-unknown-unknown";
 
 /// The component of Rust with the sources of the standard library, which threads need.
 const STD_SOURCES: &str = "rust-src";
-
-/// The environment variable with the compiler's flags for [`TARGET`].
-const FLAGS: &str = "CARGO_TARGET_WASM32_UNKNOWN_UNKNOWN_RUSTFLAGS";
 
 /// The instructions that the page uses beyond those of the target. Browsers have had them since 2023.
 const RUSTFLAGS: &str = "-C target-feature=+simd128";
@@ -36,20 +37,24 @@ pub(crate) fn run(options: Options) -> Result<(), String> {
     if options.install {
         install(options.test)?;
     }
-    if !has_target() {
-        return Err(format!("the target {TARGET} isn't installed: rustup target add {TARGET}, or --install"));
-    }
+    need_target(TARGET, options.install)?;
     check_versions()?;
     if options.test {
         return test(&target, options.install);
     }
-    let page = target.join("page");
-    build(&target, "web", "release", &page)?;
-    eprintln!("built {}", page.display());
+    let page = built_page()?;
     match installed_page().filter(|_| options.install) {
         Some(installed) => copy_folder(&page, &installed),
         None => Ok(()),
     }
+}
+
+/// Builds the page into `target/page`, and returns the folder.
+pub(crate) fn built_page() -> Result<PathBuf, String> {
+    let page = target().join("page");
+    build(&target(), "web", "release", &page)?;
+    eprintln!("built {}", page.display());
+    Ok(page)
 }
 
 /// Where a `gs` that `cargo install` made looks for the page.
@@ -60,7 +65,7 @@ fn installed_page() -> Option<PathBuf> {
 }
 
 /// Replaces a folder by a copy of another one.
-fn copy_folder(from: &Path, to: &Path) -> Result<(), String> {
+pub(crate) fn copy_folder(from: &Path, to: &Path) -> Result<(), String> {
     fn copy(from: &Path, to: &Path) -> io::Result<()> {
         fs::create_dir_all(to)?;
         for entry in fs::read_dir(from)? {
@@ -80,7 +85,7 @@ fn copy_folder(from: &Path, to: &Path) -> Result<(), String> {
 
 /// Builds the page with a profile of the workspace, by a tool that is built with a profile of its own.
 fn build(target: &Path, profile: &str, tool_profile: &str, page: &Path) -> Result<(), String> {
-    let wasm = compile(target, profile, |wasm| wasm.env(FLAGS, RUSTFLAGS))?;
+    let wasm = compile(target, profile, RUSTFLAGS, |wasm| wasm)?;
     let threaded = has_std_sources().then(|| compile_threaded(target, profile)).transpose()?;
     if threaded.is_none() {
         eprintln!("skipped: threads: rustup component add {STD_SOURCES}, or --install; the page has one thread");
@@ -93,8 +98,15 @@ fn build(target: &Path, profile: &str, tool_profile: &str, page: &Path) -> Resul
 }
 
 /// Builds the WebAssembly, and returns its path.
-fn compile(target: &Path, profile: &str, with: impl FnOnce(&mut Command) -> &mut Command) -> Result<PathBuf, String> {
+fn compile(
+    target: &Path,
+    profile: &str,
+    flags: &str,
+    with: impl FnOnce(&mut Command) -> &mut Command,
+) -> Result<PathBuf, String> {
     let mut wasm = Command::new(cargo_program());
+    let flags: Vec<String> = flags.split_whitespace().map(str::to_owned).chain(remapped_paths()).collect();
+    wasm.env("CARGO_ENCODED_RUSTFLAGS", flags.join("\x1f"));
     wasm.args(["build", "--locked", "-p", "gs-web", "--profile", profile, "--target", TARGET]);
     step(with(&mut wasm).arg("--target-dir").arg(target).current_dir(workspace()))?;
     let folder = if profile == "dev" { "debug" } else { profile };
@@ -106,37 +118,35 @@ fn compile(target: &Path, profile: &str, with: impl FnOnce(&mut Command) -> &mut
 /// A stable compiler does so only with `RUSTC_BOOTSTRAP`. Build scripts look at that, too: in the folder
 /// of other builds, each would compile again what the one before it has compiled.
 fn compile_threaded(target: &Path, profile: &str) -> Result<PathBuf, String> {
-    compile(&target.join("web-threads"), profile, |wasm| {
-        wasm.args(["-Z", "build-std=std,panic_abort"]).env("RUSTC_BOOTSTRAP", "1").env(FLAGS, THREADS_RUSTFLAGS)
+    compile(&target.join("web-threads"), profile, THREADS_RUSTFLAGS, |wasm| {
+        wasm.args(["-Z", "build-std=std,panic_abort"]).env("RUSTC_BOOTSTRAP", "1")
     })
 }
 
 /// Whether the sources of the standard library are there.
 fn has_std_sources() -> bool {
-    let rustc = env::var_os("RUSTC").unwrap_or_else(|| "rustc".into());
-    let printed = Command::new(rustc).args(["--print", "sysroot"]).current_dir(workspace()).output();
-    printed.is_ok_and(|output| {
-        let root = String::from_utf8_lossy(&output.stdout).trim().to_owned();
-        Path::new(&root).join("lib/rustlib/src/rust/library/std").is_dir()
-    })
+    Path::new(&rustc(&["--print", "sysroot"])).join("lib/rustlib/src/rust/library/std").is_dir()
+}
+
+/// Checks that the page can have threads, or installs what they need.
+pub(crate) fn need_std_sources(install: bool) -> Result<(), String> {
+    match (has_std_sources(), install) {
+        (true, _) => Ok(()),
+        (false, true) => install_std_sources(),
+        (false, false) => Err(format!("the page has no threads: rustup component add {STD_SOURCES}, or --install")),
+    }
+}
+
+fn install_std_sources() -> Result<(), String> {
+    step(Command::new("rustup").args(["component", "add", STD_SOURCES]))
 }
 
 fn install(for_test: bool) -> Result<(), String> {
-    step(Command::new("rustup").args(["target", "add", TARGET]))?;
-    step(Command::new("rustup").args(["component", "add", STD_SOURCES]))?;
+    install_std_sources()?;
     // Node may be another than Debian's.
     let missing: Vec<&str> =
         PACKAGES.into_iter().filter(|name| !has_program(if *name == "nodejs" { "node" } else { name })).collect();
     if for_test && !missing.is_empty() { install_packages(&missing) } else { Ok(()) }
-}
-
-fn has_target() -> bool {
-    let listed = Command::new("rustup").args(["target", "list", "--installed"]).output();
-    match listed {
-        Ok(output) => String::from_utf8_lossy(&output.stdout).lines().any(|line| line == TARGET),
-        // Without rustup, the compiler says what it lacks.
-        Err(_) => true,
-    }
 }
 
 /// The tool that makes the bindings must be of the version that the page is compiled with.

@@ -1,0 +1,111 @@
+//! `cargo xtask dist`: everything that a release has, in `target/dist`, and its test where it will run.
+
+mod archive;
+mod build;
+mod debian;
+mod test;
+mod tools;
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
+
+use crate::{
+    system::{Options, target, workspace},
+    web,
+};
+use tools::Tools;
+
+/// A system that a release is for.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct System {
+    /// Its name in the names of files.
+    name: &'static str,
+    /// Rust's name for it.
+    triple: &'static str,
+    /// The oldest glibc that is enough, appended to the triple for the linker.
+    glibc: &'static str,
+    /// Python's name of it.
+    wheel: &'static str,
+    /// Debian's name of the architecture.
+    debian: Option<&'static str>,
+}
+
+impl System {
+    fn is_windows(&self) -> bool {
+        self.triple.contains("windows")
+    }
+}
+
+/// The systems.
+const SYSTEMS: [System; 3] = [
+    System {
+        name: "x86_64-linux",
+        triple: "x86_64-unknown-linux-gnu",
+        glibc: ".2.28",
+        wheel: "manylinux_2_28_x86_64",
+        debian: Some("amd64"),
+    },
+    System {
+        name: "aarch64-linux",
+        triple: "aarch64-unknown-linux-gnu",
+        glibc: ".2.28",
+        wheel: "manylinux_2_28_aarch64",
+        debian: Some("arm64"),
+    },
+    System { name: "x86_64-windows", triple: "x86_64-pc-windows-gnu", glibc: "", wheel: "win_amd64", debian: None },
+];
+
+/// The version of the workspace.
+const VERSION: &str = env!("CARGO_PKG_VERSION");
+
+/// Builds the release, and tests it on request.
+pub(crate) fn run(options: Options) -> Result<(), String> {
+    let tools = Tools::prepare(options.install)?;
+    let out = target().join("dist");
+    release(&tools, &out)?;
+    if options.test { test::run(&tools, &out, options.install) } else { Ok(()) }
+}
+
+/// Builds the release into a folder, which it replaces.
+fn release(tools: &Tools, out: &Path) -> Result<(), String> {
+    let page = web::built_page()?;
+    let built = build::all(tools)?;
+    let manual = build::manual(tools, &built)?;
+    empty(out)?;
+    for (system, built) in SYSTEMS.iter().zip(&built) {
+        let contents = archive::Contents { program: built.program.clone(), manual: manual.clone(), page: page.clone() };
+        let notices = archive::pack(tools, system, &contents, out)?;
+        build::wheel(tools, system, built, &notices, out)?;
+    }
+    tools.script("sums.py", [out])?;
+    eprintln!("built {}", out.display());
+    Ok(())
+}
+
+/// Where the trees of the archives are put together.
+fn staging(system: &System) -> PathBuf {
+    target().join("dist-tools").join("trees").join(format!("gs-{VERSION}-{}", system.name))
+}
+
+/// Makes an empty folder, in place of one that may be there.
+fn empty(folder: &Path) -> Result<(), String> {
+    let made = match folder.exists() {
+        true => fs::remove_dir_all(folder),
+        false => Ok(()),
+    };
+    made.and_then(|()| fs::create_dir_all(folder)).map_err(|error| format!("{}: {error}", folder.display()))
+}
+
+/// Copies a file, and makes the folders above it.
+fn copy(from: &Path, to: &Path) -> Result<(), String> {
+    let folder = to.parent().unwrap_or(to);
+    let copied = fs::create_dir_all(folder).and_then(|()| fs::copy(from, to));
+    copied.map(drop).map_err(|error| format!("{} to {}: {error}", from.display(), to.display()))
+}
+
+/// A file of the workspace.
+fn source(name: &str) -> PathBuf {
+    workspace().join(name)
+}

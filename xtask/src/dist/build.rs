@@ -1,0 +1,68 @@
+//! The programs and the wheels of all systems.
+
+use std::{
+    env,
+    path::{Path, PathBuf},
+};
+
+use super::{SYSTEMS, System, VERSION, archive::NOTICES, copy, empty, source, tools::Tools};
+use crate::system::{step, target};
+
+/// The profile of Cargo.toml.
+const PROFILE: &str = "dist";
+
+/// What was built for a system.
+#[derive(Debug, Clone)]
+pub(crate) struct Built {
+    /// The program `gs`.
+    pub(crate) program: PathBuf,
+    /// The library that Python loads.
+    pub(crate) module: PathBuf,
+}
+
+/// Builds the program and the Python module for each system, together, since they share their crates.
+pub(crate) fn all(tools: &Tools) -> Result<Vec<Built>, String> {
+    SYSTEMS.iter().map(|system| built(tools, system)).collect()
+}
+
+fn built(tools: &Tools, system: &System) -> Result<Built, String> {
+    let mut build = tools.command("cargo-zigbuild");
+    build.args(["zigbuild", "--locked", "--profile", PROFILE, "-p", "gs-cli", "-p", "gs-python"]);
+    build.args(["--features", "gs-cli/manual", "--target", &format!("{}{}", system.triple, system.glibc)]);
+    // The module is for each Python with the stable ABI, and uses the symbols of the process that loads it.
+    build.env("PYO3_NO_PYTHON", "1").env("PYO3_BUILD_EXTENSION_MODULE", "1");
+    step(build.arg("--target-dir").arg(target()))?;
+    let [program, module] = if system.is_windows() { ["gs.exe", "_native.dll"] } else { ["gs", "lib_native.so"] };
+    let folder = target().join(system.triple).join(PROFILE);
+    Ok(Built { program: folder.join(program), module: folder.join(module) })
+}
+
+/// Writes man pages and completions, by the program for this machine.
+pub(crate) fn manual(tools: &Tools, built: &[Built]) -> Result<PathBuf, String> {
+    let here = |system: &System| {
+        let mut parts = system.name.split('-');
+        parts.next() == Some(env::consts::ARCH) && parts.next() == Some(env::consts::OS)
+    };
+    let program = SYSTEMS.iter().position(here).map(|index| &built[index].program);
+    let program = program.ok_or("releases are built on x86-64 Linux or Windows, or on 64-bit Arm Linux")?;
+    let folder = target().join("dist-tools").join("manual");
+    empty(&folder)?;
+    let mut write = std::process::Command::new(program);
+    step(write.arg("manual").arg(&folder).env("SOURCE_DATE_EPOCH", &tools.epoch))?;
+    Ok(folder)
+}
+
+/// Packs the wheel for a system, with the licences of what it is made of, into a folder.
+pub(crate) fn wheel(tools: &Tools, system: &System, built: &Built, notices: &Path, out: &Path) -> Result<(), String> {
+    let tree = target().join("dist-tools/wheels").join(system.name).join(format!("gaussian_splats-{VERSION}"));
+    empty(&tree)?;
+    let module = if system.is_windows() { "_native.pyd" } else { "_native.abi3.so" };
+    copy(&built.module, &tree.join("gaussian_splats").join(module))?;
+    let licenses = tree.join(format!("gaussian_splats-{VERSION}.dist-info/licenses"));
+    for file in ["LICENSE-APACHE", "LICENSE-MIT"] {
+        copy(&source(file), &licenses.join(file))?;
+    }
+    copy(notices, &licenses.join(NOTICES))?;
+    tools.script("wheel_tree.py", [tree.as_os_str(), VERSION.as_ref(), system.wheel.as_ref()])?;
+    step(tools.command("wheel").arg("pack").arg("--dest-dir").arg(out).arg(&tree))
+}

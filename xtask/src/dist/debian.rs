@@ -1,0 +1,64 @@
+//! The Debian package of an archive's tree.
+
+use std::{
+    fs,
+    path::Path,
+    process::{Command, Stdio},
+};
+
+use super::{VERSION, copy, empty, tools::Tools};
+use crate::web::copy_folder;
+
+/// The package and its command. Debian's `gs` is Ghostscript, so the names of the tree are not free.
+const NAME: &str = "gaussian-splats";
+
+/// Packs a tree of `bin` and `share` as a package, where dpkg-deb is.
+pub(crate) fn pack(tools: &Tools, architecture: &str, tree: &Path, out: &Path) -> Result<(), String> {
+    let file = format!("{NAME}_{VERSION}_{architecture}.deb");
+    if Command::new("dpkg-deb").arg("--version").stdout(Stdio::null()).status().is_err() {
+        eprintln!("skipped: {file}: there is no dpkg-deb");
+        return Ok(());
+    }
+    let root = tree.with_file_name(format!("{NAME}_{architecture}"));
+    empty(&root)?;
+    let (library, share) = (root.join("usr/lib").join(NAME), root.join("usr/share"));
+    copy(&tree.join("bin/gs"), &library.join("bin/gs"))?;
+    copy_folder(&tree.join("share/gs"), &library.join("share/gs"))?;
+    copy_folder(&tree.join("share/doc/gs"), &share.join("doc").join(NAME))?;
+    copy_folder(&tree.join("share/man"), &share.join("man"))?;
+    let failed = |error: std::io::Error| format!("{}: {error}", root.display());
+    let man = share.join("man/man1");
+    fs::rename(man.join("gs.1"), man.join(format!("{NAME}.1"))).map_err(failed)?;
+    fs::create_dir_all(root.join("usr/bin")).map_err(failed)?;
+    link(&format!("../lib/{NAME}/bin/gs"), &root.join("usr/bin").join(NAME)).map_err(failed)?;
+    fs::create_dir_all(root.join("DEBIAN")).map_err(failed)?;
+    fs::write(root.join("DEBIAN/control"), control(architecture)).map_err(failed)?;
+    tools.script("pack.py", [&root, &out.join(file)])
+}
+
+fn control(architecture: &str) -> String {
+    format!(
+        "Package: {NAME}\n\
+         Version: {VERSION}\n\
+         Architecture: {architecture}\n\
+         Maintainer: {}\n\
+         Section: graphics\n\
+         Priority: optional\n\
+         Depends: libc6 (>= 2.28)\n\
+         Recommends: libvulkan1, mesa-vulkan-drivers\n\
+         Description: Gaussian-splatting engine\n \
+         Turns images into 2D Gaussians and posed images into 3D scenes, on the CPU or a GPU.\n \
+         The command is {NAME}, since gs is Ghostscript in Debian.\n",
+        env!("CARGO_PKG_AUTHORS")
+    )
+}
+
+#[cfg(unix)]
+fn link(to: &str, path: &Path) -> std::io::Result<()> {
+    std::os::unix::fs::symlink(to, path)
+}
+
+#[cfg(not(unix))]
+fn link(_: &str, _: &Path) -> std::io::Result<()> {
+    Err(std::io::Error::other("Debian packages are made on Unix"))
+}

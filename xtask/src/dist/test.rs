@@ -1,0 +1,123 @@
+//! `cargo xtask dist --test`: the release where it will run.
+
+mod arm;
+mod bare;
+mod bits;
+mod mac;
+mod program;
+mod wheel;
+mod windows;
+
+use std::{
+    env,
+    path::{Path, PathBuf},
+    process::Command,
+    time::Instant,
+};
+
+use super::{VERSION, empty, tools::Tools};
+use crate::system::{install_packages, target, workspace};
+
+/// What the parts of the test share.
+#[derive(Debug)]
+pub(crate) struct Bench<'a> {
+    tools: &'a Tools,
+    /// The folder of the release.
+    release: &'a Path,
+    /// The folder with the test data, if it is there.
+    data: Option<PathBuf>,
+    /// Install what is needed.
+    install: bool,
+}
+
+/// How a part ended: what was seen, or why it did not run.
+enum Outcome {
+    Passed(String),
+    Skipped(String),
+}
+
+/// A part of the test.
+type Part = fn(&Bench<'_>) -> Result<Outcome, String>;
+
+const PARTS: [(&str, Part); 6] = [
+    ("the Windows program under Wine", windows::test),
+    ("the Arm program and its kernels under QEMU", arm::test),
+    ("the same bits on each system", bits::test),
+    ("the archive and the package on a bare Debian", bare::test),
+    ("the wheels", wheel::test),
+    ("the workspace for macOS", mac::test),
+];
+
+/// Runs all parts, and fails after the last one if any has failed.
+pub(crate) fn run(tools: &Tools, release: &Path, install: bool) -> Result<(), String> {
+    let data = env::var_os("GS_DATA").map_or_else(|| workspace().join("../shared/data"), PathBuf::from);
+    let data = data.canonicalize().ok().filter(|data| data.join("banana").is_dir());
+    let bench = Bench { tools, release, data, install };
+    let mut failed = Vec::new();
+    for (name, part) in PARTS {
+        let started = Instant::now();
+        match part(&bench) {
+            Ok(Outcome::Passed(seen)) => {
+                eprintln!("passed: {name}, in {:.0} s: {seen}", started.elapsed().as_secs_f64())
+            }
+            Ok(Outcome::Skipped(why)) => eprintln!("skipped: {name}: {why}"),
+            Err(error) => {
+                eprintln!("failed: {name}: {error}");
+                failed.push(name);
+            }
+        }
+    }
+    if failed.is_empty() { Ok(()) } else { Err(format!("failed: {}", failed.join(", "))) }
+}
+
+impl Bench<'_> {
+    /// An empty folder for a part.
+    fn folder(&self, name: &str) -> Result<PathBuf, String> {
+        let folder = target().join("dist-test").join(name);
+        empty(&folder)?;
+        Ok(folder)
+    }
+
+    /// Unpacks the archive for a system, and returns the folder in it.
+    fn unpack(&self, system: &str, into: &Path) -> Result<PathBuf, String> {
+        let name = format!("gs-{VERSION}-{system}");
+        let ending = if system.contains("windows") { "zip" } else { "tar.gz" };
+        let archive = self.release.join(format!("{name}.{ending}"));
+        let module = if ending == "zip" { "zipfile" } else { "tarfile" };
+        output(self.tools.command("python").args(["-m", module, "-e"]).args([&archive, into]))?;
+        Ok(into.join(name))
+    }
+
+    /// Whether a program is there, after its packages of Debian were installed if that was asked for.
+    fn has(&self, program: &str, packages: &[&str]) -> Result<bool, String> {
+        let found = || Command::new(program).arg("--version").output().is_ok();
+        if !found() && self.install {
+            install_packages(packages)?;
+        }
+        Ok(found())
+    }
+
+    /// The sources of a photograph and of a data set, if the test data is there.
+    fn data(&self) -> Option<(PathBuf, PathBuf)> {
+        self.data.as_ref().map(|data| (data.join("kodak/kodim07.png"), data.join("banana")))
+    }
+}
+
+/// Why parts that read the test data do not run.
+fn no_data() -> Outcome {
+    Outcome::Skipped("there is no test data".to_owned())
+}
+
+/// What a command prints to both streams, or else an error with it.
+fn output(command: &mut Command) -> Result<String, String> {
+    let line = program::line(command);
+    eprintln!("== {line}");
+    let output = command.output().map_err(|error| format!("{line}: could not be started: {error}"))?;
+    let text = [output.stdout, output.stderr].map(|bytes| String::from_utf8_lossy(&bytes).into_owned()).concat();
+    if output.status.success() { Ok(text) } else { Err(format!("{line}: {}: {text}", output.status)) }
+}
+
+/// An error if something that was expected does not hold.
+fn expect(holds: bool, what: impl FnOnce() -> String) -> Result<(), String> {
+    if holds { Ok(()) } else { Err(what()) }
+}

@@ -1,0 +1,50 @@
+//! A bare Debian, with neither Rust nor a C compiler, in which the archive is unpacked and the package installed.
+
+use std::{path::Path, process::Command, time::Instant};
+
+use super::{Bench, Outcome, VERSION, expect, output};
+use crate::{
+    dist::copy,
+    system::{is_root, step, target},
+};
+
+/// The longest time from the archive to a picture, seconds.
+const LIMIT: f64 = 20.0;
+
+pub(super) fn test(bench: &Bench<'_>) -> Result<Outcome, String> {
+    if cfg!(not(all(target_arch = "x86_64", target_os = "linux"))) || !is_root() {
+        return Ok(Outcome::Skipped("it needs root on x86-64 Linux".to_owned()));
+    }
+    if !bench.has("debootstrap", &["debootstrap"])? {
+        return Ok(Outcome::Skipped("there is no debootstrap; --install installs it".to_owned()));
+    }
+    let root = target().join("dist-tools/debian");
+    if !root.join("usr/bin/dpkg").exists() {
+        step(Command::new("debootstrap").args(["--variant=minbase", "bookworm"]).arg(&root))?;
+    }
+    let archive = format!("gs-{VERSION}-x86_64-linux");
+    let package = format!("gaussian-splats_{VERSION}_amd64.deb");
+    for file in [format!("{archive}.tar.gz"), package.clone()] {
+        copy(&bench.release.join(&file), &root.join("root").join(&file))?;
+    }
+    let inside = |script: &str| output(Command::new("chroot").arg(&root).args(["sh", "-ec", script]));
+    inside("cd /root; rm -rf gs-out gs-[0-9]*[!z]; ! command -v cc rustc cargo python3")?;
+    let started = Instant::now();
+    inside(&format!("cd /root; tar -xf {archive}.tar.gz; {archive}/bin/gs fit; test -s gs-out/reconstruction.png"))?;
+    let seconds = started.elapsed().as_secs_f64();
+    expect(seconds <= LIMIT, || format!("{seconds:.1} s from the archive to a picture, and not {LIMIT}"))?;
+    inside(&format!("cd /root; {archive}/bin/gs page gs-out -o page.html; test -s page.html"))?;
+    in_package(&inside, &package, &root)?;
+    Ok(Outcome::Passed(format!(
+        "{seconds:.1} s from the archive to a picture of gs fit; the package installs and runs"
+    )))
+}
+
+/// Installs the package, uses it, and removes it.
+fn in_package(inside: &dyn Fn(&str) -> Result<String, String>, package: &str, root: &Path) -> Result<(), String> {
+    inside(&format!(
+        "cd /root; dpkg -i {package}; rm -rf gs-out; gaussian-splats fit; test -s gs-out/reconstruction.png"
+    ))?;
+    inside("cd /root; gaussian-splats page gs-out -o page.html; dpkg -r gaussian-splats; rm -rf gs-out page.html")?;
+    expect(!root.join("usr/lib/gaussian-splats").exists(), || "the package leaves files behind".to_owned())
+}

@@ -1,0 +1,49 @@
+//! The wheels: the one for this machine in a fresh environment, and what the others hold.
+
+use std::{fs, path::PathBuf, process::Command};
+
+use super::{Bench, Outcome, expect, output};
+use crate::system::step;
+
+/// The largest size of a wheel, bytes.
+const LIMIT: u64 = 10_000_000;
+
+/// What a user of the module does first.
+const SCRIPT: &str = "
+import gaussian_splats as gs, numpy as np
+x = np.linspace(0, 1, 96, dtype=np.float32)
+image = np.stack(np.broadcast_arrays(x[:, None], x[None, :], 0.5 + 0 * x[:, None] * x), axis=-1)
+fit = gs.fit(image, 200)
+assert fit.psnr > 30, fit.psnr
+print('PSNR', fit.psnr)
+";
+
+pub(super) fn test(bench: &Bench<'_>) -> Result<Outcome, String> {
+    let folder = bench.folder("wheels")?;
+    let files = fs::read_dir(bench.release).map_err(|error| format!("{}: {error}", bench.release.display()))?;
+    let mut wheels: Vec<PathBuf> = files.flatten().map(|entry| entry.path()).collect();
+    wheels.retain(|path| path.extension().is_some_and(|ending| ending == "whl"));
+    expect(wheels.len() == super::super::SYSTEMS.len(), || format!("{} wheels", wheels.len()))?;
+    for wheel in &wheels {
+        let size = fs::metadata(wheel).map_or(0, |data| data.len());
+        expect((1..=LIMIT).contains(&size), || format!("{}: {size} bytes", wheel.display()))?;
+        let listed = output(bench.tools.command("python").args(["-m", "zipfile", "-l"]).arg(wheel))?;
+        let windows = wheel.to_string_lossy().contains("win_amd64");
+        let module = if windows { "_native.pyd" } else { "_native.abi3.so" };
+        for part in [module, "_native.pyi", "py.typed", "licenses/"] {
+            expect(listed.contains(part), || format!("{} has no {part}: {listed}", wheel.display()))?;
+        }
+    }
+    let tag = if cfg!(windows) { "win_amd64".to_owned() } else { format!("_{}", std::env::consts::ARCH) };
+    let Some(wheel) = wheels.iter().find(|wheel| wheel.to_string_lossy().contains(&format!("{tag}.whl"))) else {
+        return Ok(Outcome::Skipped("no wheel is for this machine; what each holds is right".to_owned()));
+    };
+    step(bench.tools.command("python").args(["-m", "venv"]).arg(&folder))?;
+    let python = folder.join(if cfg!(windows) { "Scripts/python" } else { "bin/python" });
+    step(Command::new(&python).args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check"]).arg(wheel))?;
+    let seen = output(Command::new(&python).args(["-X", "dev", "-c", SCRIPT]).current_dir(&folder))?;
+    Ok(Outcome::Passed(format!(
+        "a fit in a fresh environment, {}; the other wheels are complete, but not run",
+        seen.trim()
+    )))
+}
