@@ -9,7 +9,7 @@ use super::{SYSTEMS, System, VERSION, archive::NOTICES, copy, empty, source, too
 use crate::system::{step, target};
 
 /// The profile of Cargo.toml.
-const PROFILE: &str = "dist";
+pub(crate) const PROFILE: &str = "shipped";
 
 /// What was built for a system.
 #[derive(Debug, Clone)]

@@ -6,7 +6,7 @@ use super::{
     Bench, Outcome, expect, output,
     program::{ON_ARM, Program, equal},
 };
-use crate::system::target;
+use crate::{dist::build::PROFILE, system::target};
 
 const TRIPLE: &str = "aarch64-unknown-linux-gnu";
 
@@ -35,7 +35,7 @@ pub(super) fn test(bench: &Bench<'_>) -> Result<Outcome, String> {
 /// The test program of gs-conformance for Arm, with the kernels of the release, under QEMU.
 fn conformance(bench: &Bench<'_>) -> Result<Command, String> {
     let mut build = bench.tools.command("cargo-zigbuild");
-    build.args(["zigbuild", "--locked", "--profile", "dist", "-p", "gs-conformance", "--test", "main"]);
+    build.args(["zigbuild", "--locked", "--profile", PROFILE, "-p", "gs-conformance", "--test", "main"]);
     build.args(["--target", &format!("{TRIPLE}.2.28"), "--message-format", "json-render-diagnostics"]);
     let messages = output(build.arg("--target-dir").arg(target()))?;
     // The only message with a program that can be run.
