@@ -23,7 +23,7 @@ pub(super) fn test(bench: &Bench<'_>) -> Result<Outcome, String> {
         return Ok(Outcome::Skipped("there is no QEMU for 64-bit Arm; --install installs it".to_owned()));
     };
     for threads in ["1", "2"] {
-        gs.run(&folder, &["fit", "-n", "300", "-i", "30", "--threads", threads, "-o", threads])?;
+        gs.run(&folder, &["fit", "-n", "300", "-i", "10", "--threads", threads, "-o", threads])?;
     }
     let scenes = ["1", "2"].map(|threads| folder.join(threads).join("scene.gs2d.safetensors"));
     expect(equal(&scenes[0], &scenes[1])?, || "a fit with two threads differs from one with one".to_owned())?;
