@@ -1,7 +1,7 @@
 //! A fit of an image that the page watches, pauses and steps through.
 
 use gs_backend::AnyRasterizer;
-use gs_core::{Image, Scene as _, Scene2d, edit::EditCounts, sigmoid};
+use gs_core::{Image, Scene as _, Scene2d, edit::EditCounts, sigmoid, to_8_bits};
 use gs_io::{File2d, decode_checkpoint, encode_2d, encode_checkpoint, png_bytes};
 use gs_train::{
     EncodeSettings, EncodeTarget, FitSettings, Progress, SettingsFile as _, Trainer, encode, parse_settings,
@@ -90,7 +90,7 @@ impl Engine {
     /// Starts a fit of an image of RGBA bytes. `choices` is JSON with any of `preset`, `gaussians`,
     /// `iterations`, `policy`, `blend` and `seed`.
     pub async fn fit(&self, rgba: Vec<u8>, width: u32, height: u32, choices: String) -> Result<Fit, JsError> {
-        let target = pixels::image_of(&rgba, width, height)?;
+        let target = image_of(&rgba, width, height)?;
         drop(rgba);
         let settings = parsed::<Choices>(&choices)?.settings(&target)?;
         Fit::of(*self, &target, settings).await
@@ -99,7 +99,7 @@ impl Engine {
     /// Starts a fit with the settings of a file, as `gs fit --settings` does.
     #[wasm_bindgen(js_name = fitWith)]
     pub async fn fit_with(&self, rgba: Vec<u8>, width: u32, height: u32, settings: String) -> Result<Fit, JsError> {
-        let target = pixels::image_of(&rgba, width, height)?;
+        let target = image_of(&rgba, width, height)?;
         let settings: FitSettings = parse_settings(&settings, "settings".as_ref()).map_err(failure)?;
         Fit::of(*self, &target, settings).await
     }
@@ -108,7 +108,7 @@ impl Engine {
     /// been made by another backend.
     #[wasm_bindgen(js_name = resumeFit)]
     pub fn resume_fit(&self, rgba: Vec<u8>, width: u32, height: u32, checkpoint: Vec<u8>) -> Result<Fit, JsError> {
-        let target = pixels::image_of(&rgba, width, height)?;
+        let target = image_of(&rgba, width, height)?;
         let checkpoint = decode_checkpoint(&checkpoint, "checkpoint".as_ref()).map_err(failure)?;
         let trainer = Trainer::<_, Scene2d>::resume(self.on, &target, checkpoint).map_err(failure)?;
         check_memory(trainer.settings(), &target)?;
@@ -193,7 +193,7 @@ impl Fit {
             return Ok(pixels::rgba_of(target));
         }
         let (image, _) = self.trainer.render().await.map_err(failure)?;
-        Ok(if kind == "error" { pixels::difference(&image, target, ERROR_GAIN) } else { pixels::rgba_of(&image) })
+        Ok(if kind == "error" { difference(&image, target) } else { pixels::rgba_of(&image) })
     }
 
     /// The Gaussians as ellipses, nine numbers each: x, y, two standard deviations, all in px, the
@@ -231,4 +231,17 @@ impl Fit {
             other => Err(JsError::new(&format!("`{other}` is no file of a fit"))),
         }
     }
+}
+
+/// The image of opaque RGBA pixels; alpha is not read.
+fn image_of(rgba: &[u8], width: u32, height: u32) -> Result<Image, JsError> {
+    let pixels = rgba.as_chunks::<4>().0.iter();
+    let pixels = pixels.map(|&[r, g, b, _]| [r, g, b].map(|byte| f32::from(byte) / 255.0)).collect();
+    Image::from_pixels(width, height, pixels).map_err(failure)
+}
+
+/// The difference of two images of one size, [`ERROR_GAIN`] times as strong.
+fn difference(image: &Image, target: &Image) -> Vec<u8> {
+    let pairs = image.pixels().iter().zip(target.pixels());
+    pixels::opaque(pairs.map(|(a, b)| std::array::from_fn(|k| to_8_bits(ERROR_GAIN * (a[k] - b[k]).abs()))))
 }

@@ -4,21 +4,34 @@
 //! JSON. A failure is an `Error` whose message can be shown.
 #![cfg(target_family = "wasm")]
 
+#[cfg(feature = "viewer")]
 mod engine;
+#[cfg(feature = "page")]
 mod fit;
+#[cfg(feature = "picture")]
+mod picture;
+#[cfg(feature = "viewer")]
 mod pixels;
+#[cfg(feature = "page")]
 mod settings;
+#[cfg(feature = "page")]
 mod threads;
+#[cfg(feature = "viewer")]
 mod view;
 
 use wasm_bindgen::prelude::*;
 
+#[cfg(feature = "viewer")]
+pub use crate::engine::Engine;
+#[cfg(feature = "picture")]
+pub use crate::picture::Picture;
+#[cfg(feature = "viewer")]
+pub use crate::view::View;
+#[cfg(feature = "page")]
 pub use crate::{
-    engine::Engine,
     fit::Fit,
     settings::policies,
     threads::{run_thread, start_threads},
-    view::View,
 };
 
 /// The text of any error, for JavaScript.
@@ -27,6 +40,7 @@ fn failure(error: impl std::fmt::Display) -> JsError {
 }
 
 /// What a JSON argument holds.
+#[cfg(feature = "viewer")]
 fn parsed<T: serde::de::DeserializeOwned>(json: &str) -> Result<T, JsError> {
     serde_json::from_str(json).map_err(failure)
 }

@@ -10,7 +10,9 @@ use gs_core::{
     effects::{Antialias, Order},
     view::Bulk,
 };
-use gs_io::{AnyScene, ConversionLoss, File2d, File3d, WriteOptions3d, decode_scene, encode_2d, encode_3d, png_bytes};
+use gs_io::{AnyScene, ConversionLoss, File2d, File3d, decode_scene};
+#[cfg(feature = "page")]
+use gs_io::{WriteOptions3d, encode_2d, encode_3d, png_bytes};
 use gs_train::train::Flat;
 use serde::{Deserialize, Serialize};
 use wasm_bindgen::prelude::*;
@@ -147,11 +149,13 @@ impl View {
     }
 
     /// The PNG of a picture.
+    #[cfg(feature = "page")]
     pub async fn png(&self, frame: String) -> Result<Vec<u8>, JsError> {
         Ok(png_bytes(&self.draw(&parsed(&frame)?).await?))
     }
 
     /// The scene as a file in the format of this name's ending.
+    #[cfg(feature = "page")]
     pub fn file(&self, name: String) -> Result<Vec<u8>, JsError> {
         match &self.shown {
             Shown::TwoD { file, .. } => encode_2d(file).map_err(failure),

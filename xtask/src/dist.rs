@@ -62,6 +62,9 @@ const VERSION: &str = env!("CARGO_PKG_VERSION");
 
 /// Builds the release, and tests it on request.
 pub(crate) fn run(options: Options) -> Result<(), String> {
+    if options.install {
+        web::install(true)?;
+    }
     let tools = Tools::prepare(options.install)?;
     let out = target().join("dist");
     release(&tools, &out)?;
@@ -79,6 +82,7 @@ fn release(tools: &Tools, out: &Path) -> Result<(), String> {
         let notices = archive::pack(tools, system, &contents, out)?;
         build::wheel(tools, system, built, &notices, out)?;
     }
+    web::package(out, |tree| tools.script("notices.py", [Path::new(web::TARGET), &tree.join(archive::NOTICES)]))?;
     tools.script("sums.py", [out])?;
     eprintln!("built {}", out.display());
     Ok(())

@@ -20,7 +20,7 @@ Usage: cargo xtask test [--install] [--slow]
        cargo xtask cluster [--install]
        cargo xtask poses [--test] [--install]
        cargo xtask python [--test] [--install]
-       cargo xtask web [--test] [--install]
+       cargo xtask web [--package] [--test] [--install]
        cargo xtask dist [--test] [--install]
 
 cargo xtask test runs the tests of the workspace, documentation tests included.
@@ -65,8 +65,10 @@ Options:
              Chromium and against the program, in target/web-test, where screenshots are kept.
              Without node, npm and Chromium, nothing is checked
   --install  install the target and the component, and put the page where a gs of cargo install finds
-             it, into share/gs/page of cargo's folder; with --test install Debian's chromium, nodejs
-             and npm, and packages of npm
+             it, into share/gs/page of cargo's folder; with --test or --package install Debian's
+             chromium, nodejs and npm, and packages of npm
+  --package  as the first flag: instead build the npm package, the viewer and the decoder of .gsi files,
+             into target/dist, and with --test test that
 
 cargo xtask dist builds a release into target/dist, for Linux (x86-64 and 64-bit Arm, glibc 2.28 or
 later) and Windows (x86-64): archives of the program with the page, completions, man pages and
@@ -88,6 +90,7 @@ enum Task {
     Poses(system::Options),
     Python(system::Options),
     Web(system::Options),
+    Package(system::Options),
     Dist(system::Options),
 }
 
@@ -106,6 +109,7 @@ fn main() -> ExitCode {
         ["cluster", "--install"] => Ok(Task::Cluster { install: true }),
         ["poses", flags @ ..] => system::Options::parse(flags).map(Task::Poses),
         ["python", flags @ ..] => system::Options::parse(flags).map(Task::Python),
+        ["web", "--package", flags @ ..] => system::Options::parse(flags).map(Task::Package),
         ["web", flags @ ..] => system::Options::parse(flags).map(Task::Web),
         ["dist", flags @ ..] => system::Options::parse(flags).map(Task::Dist),
         ["cluster", flag, ..] => Err(format!("unknown flag {flag}")),
@@ -124,6 +128,7 @@ fn main() -> ExitCode {
         Task::Poses(options) => poses::run(options),
         Task::Python(options) => python::run(options),
         Task::Web(options) => web::run(options),
+        Task::Package(options) => web::run_package(options),
         Task::Dist(options) => dist::run(options),
     };
     match ended {

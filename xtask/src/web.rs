@@ -1,4 +1,6 @@
-//! `cargo xtask web`: builds the page, and tests it in a browser.
+//! `cargo xtask web`: builds the page and the npm package, and tests them in a browser.
+
+mod package;
 
 use std::{
     env, fs, io,
@@ -10,6 +12,8 @@ use crate::system::{
     Options, built_program, cargo_program, install_packages, need_target, remapped_paths, rustc, step, target,
     workspace,
 };
+
+pub(crate) use package::{archive, package, test_package};
 
 /// The target of the page.
 pub(crate) const TARGET: &str = "wasm32-unknown-unknown";
@@ -47,6 +51,17 @@ pub(crate) fn run(options: Options) -> Result<(), String> {
         Some(installed) => copy_folder(&page, &installed),
         None => Ok(()),
     }
+}
+
+/// Builds the npm package into `target/dist`, and tests it if that is asked for.
+pub(crate) fn run_package(options: Options) -> Result<(), String> {
+    if options.install {
+        install(true)?;
+    }
+    need_target(TARGET, options.install)?;
+    check_versions()?;
+    let archive = package(&target().join("dist"), |_| Ok(()))?;
+    if options.test { test_package(&archive, options.install).map(drop) } else { Ok(()) }
 }
 
 /// Builds the page into `target/page`, and returns the folder.
@@ -90,11 +105,15 @@ fn build(target: &Path, profile: &str, tool_profile: &str, page: &Path) -> Resul
     if threaded.is_none() {
         eprintln!("skipped: threads: rustup component add {STD_SOURCES}, or --install; the page has one thread");
     }
+    step(tool(target, tool_profile).arg(wasm).arg("gs-web/page").arg(page).args(threaded))
+}
+
+/// The tool that makes bindings and the page, built with a profile of its own; to be given its arguments.
+fn tool(target: &Path, profile: &str) -> Command {
     let mut tool = Command::new(cargo_program());
-    tool.args(["run", "--quiet", "--locked", "--profile", tool_profile, "--manifest-path", "gs-web/tool/Cargo.toml"]);
-    tool.arg("--target-dir").arg(target.join("web-tool")).arg("--");
-    tool.arg(wasm).arg("gs-web/page").arg(page).args(threaded);
-    step(tool.current_dir(workspace()))
+    tool.args(["run", "--quiet", "--locked", "--profile", profile, "--manifest-path", "gs-web/tool/Cargo.toml"]);
+    tool.arg("--target-dir").arg(target.join("web-tool")).arg("--").current_dir(workspace());
+    tool
 }
 
 /// Builds the WebAssembly, and returns its path.
@@ -141,7 +160,8 @@ fn install_std_sources() -> Result<(), String> {
     step(Command::new("rustup").args(["component", "add", STD_SOURCES]))
 }
 
-fn install(for_test: bool) -> Result<(), String> {
+/// Installs what the page and the package are built with, and what tests them.
+pub(crate) fn install(for_test: bool) -> Result<(), String> {
     install_std_sources()?;
     // Node may be another than Debian's.
     let missing: Vec<&str> =
@@ -165,27 +185,46 @@ fn check_versions() -> Result<(), String> {
     Err(format!("wasm-bindgen is {page} in Cargo.lock, but {tool} in gs-web/tool/Cargo.lock: make them equal"))
 }
 
-/// Runs the tests in a browser, and says what is skipped if that isn't there.
-fn test(target: &Path, install: bool) -> Result<(), String> {
-    let browser = ["chromium", "chromium-browser", "google-chrome"].into_iter().find(|name| has_program(name));
-    let Some(browser) = browser.filter(|_| has_program("node") && has_program("npm")) else {
-        eprintln!("skipped: the page in a browser: node, npm and chromium are needed; --install installs them");
-        return Ok(());
-    };
-    let (place, tests) = (target.join("web-test"), workspace().join("gs-web/tests"));
-    fs::create_dir_all(&place).map_err(|error| format!("{}: {error}", place.display()))?;
+/// What drives a browser in tests.
+struct Driver {
+    browser: &'static str,
+    /// The folder with the packages of npm, where files and screenshots are kept.
+    place: PathBuf,
+}
+
+impl Driver {
+    /// Finds what `what` is tested with; says what is skipped if it isn't there.
+    fn found(what: &str, install: bool) -> Result<Option<Self>, String> {
+        let browser = ["chromium", "chromium-browser", "google-chrome"].into_iter().find(|name| has_program(name));
+        let Some(browser) = browser.filter(|_| has_program("node") && has_program("npm")) else {
+            eprintln!("skipped: {what}: node, npm and chromium are needed; --install installs them");
+            return Ok(None);
+        };
+        let place = target().join("web-test");
+        if install {
+            install_packages_of_npm(&workspace().join("gs-web/tests"), &place)?;
+        }
+        if !place.join("node_modules/puppeteer-core").exists() {
+            eprintln!("skipped: {what}: the tests' packages of npm aren't there; --install installs them");
+            return Ok(None);
+        }
+        Ok(Some(Self { browser, place }))
+    }
+}
+
+/// Installs the packages that a folder's `package-lock.json` names into another folder.
+fn install_packages_of_npm(from: &Path, to: &Path) -> Result<(), String> {
+    fs::create_dir_all(to).map_err(|error| format!("{}: {error}", to.display()))?;
     for file in ["package.json", "package-lock.json"] {
-        fs::copy(tests.join(file), place.join(file)).map_err(|error| format!("{file}: {error}"))?;
+        fs::copy(from.join(file), to.join(file)).map_err(|error| format!("{file}: {error}"))?;
     }
-    if install {
-        let mut npm = Command::new("npm");
-        step(npm.args(["ci", "--ignore-scripts", "--no-audit", "--no-fund"]).current_dir(&place))?;
-    }
-    if !place.join("node_modules/puppeteer-core").exists() {
-        eprintln!("skipped: the page in a browser: its packages of npm aren't there; --install installs them");
-        return Ok(());
-    }
-    let page = place.join("page");
+    step(Command::new("npm").args(["ci", "--ignore-scripts", "--no-audit", "--no-fund"]).current_dir(to))
+}
+
+/// Runs the tests in a browser.
+fn test(target: &Path, install: bool) -> Result<(), String> {
+    let Some(Driver { browser, place }) = Driver::found("the page in a browser", install)? else { return Ok(()) };
+    let (page, tests) = (place.join("page"), workspace().join("gs-web/tests"));
     build(target, "dev", "dev", &page)?;
     let gs = built_program()?;
     step(Command::new("node").arg(tests.join("sog.mjs")).arg(&gs).arg(&place))?;

@@ -15,6 +15,14 @@ use super::{
 };
 use crate::error::Error;
 
+/// What writes a format.
+type Encode = fn(Format3d, &Path, &Scene3d, &WriteOptions3d) -> Result<Encoded3d, Error>;
+
+/// What writes a format, or the refusal to where formats are only read.
+const fn written(encode: Encode) -> Encode {
+    if cfg!(feature = "write") { encode } else { ROW.encode }
+}
+
 /// A format.
 pub(super) struct Row {
     pub(super) format: Format3d,
@@ -27,7 +35,7 @@ pub(super) struct Row {
     /// Whether a file is of the format, by its first bytes and its path.
     recognises: fn(&[u8], &Path) -> bool,
     pub(super) read: fn(&Source<'_>, Format3d) -> Result<File3d, Error>,
-    pub(super) encode: fn(Format3d, &Path, &Scene3d, &WriteOptions3d) -> Result<Encoded3d, Error>,
+    pub(super) encode: Encode,
     /// The further files that writing a scene of an SH degree to a path makes.
     pub(super) beside: fn(&Path, u8, &WriteOptions3d) -> Vec<PathBuf>,
     /// Whether files have the frame of their scene.
@@ -48,7 +56,7 @@ const FORMATS: &[Row] = &[
         ending: Some(".ply"),
         recognises: |start, _| start.starts_with(b"ply\n") || start.starts_with(b"ply\r\n"),
         read: ply::read,
-        encode: ply::encode,
+        encode: written(ply::encode),
         stores_frame: true,
         ..ROW
     },
@@ -61,7 +69,7 @@ const FORMATS: &[Row] = &[
         ending: Some(".spz"),
         recognises: |start, _| start.starts_with(b"NGSP") || start.starts_with(&[0x1f, 0x8b, 8]),
         read: spz::read,
-        encode: spz::encode,
+        encode: written(spz::encode),
         largest: ((1 << 23) - 1) as f64,
         memory: 14,
         ..ROW
@@ -75,7 +83,7 @@ const FORMATS: &[Row] = &[
             sog::recognises_bundle(start) || (start.starts_with(b"PK") && has_ending(path, "sog"))
         },
         read: sog::read,
-        encode: sog::encode,
+        encode: written(sog::encode),
         memory: 14,
         ..ROW
     },
@@ -86,7 +94,7 @@ const FORMATS: &[Row] = &[
         ending: Some(sog::META),
         recognises: |start, path| gltf::recognises(start) && has_name(path, sog::META),
         read: sog::read,
-        encode: sog::encode,
+        encode: written(sog::encode),
         beside: |path, sh_degree, _| sog::image_names(sh_degree).iter().map(|name| path.with_file_name(name)).collect(),
         memory: 14,
         ..ROW
@@ -98,7 +106,7 @@ const FORMATS: &[Row] = &[
         ending: Some(".glb"),
         recognises: |start, _| start.starts_with(b"glTF"),
         read: gltf::read,
-        encode: gltf::encode,
+        encode: written(gltf::encode),
         stores_frame: true,
         ..ROW
     },
@@ -109,7 +117,7 @@ const FORMATS: &[Row] = &[
         ending: Some(".gltf"),
         recognises: |start, _| gltf::recognises(start),
         read: gltf::read,
-        encode: gltf::encode,
+        encode: written(gltf::encode),
         beside: |path, _, options| match options.gltf_buffer {
             GltfBuffer::Beside => vec![path.with_extension("bin")],
             GltfBuffer::Inside => Vec::new(),
@@ -124,7 +132,7 @@ const FORMATS: &[Row] = &[
         ending: Some(".splat"),
         recognises: |_, path| has_ending(path, "splat"),
         read: splat::read,
-        encode: splat::encode,
+        encode: written(splat::encode),
         memory: 4,
         ..ROW
     },

@@ -4,6 +4,8 @@
 //! OUT gets the page's files, the bindings with their types (`gs_web.d.ts`), and `one-file.html`:
 //! the same page as a single file, in which `gs page` puts a scene. With THREADED, the WebAssembly
 //! for several threads, the folder `threads` in OUT gets that, its bindings and the worker.
+//!
+//! `gs-web-tool bind WASM OUT NAME`: makes the bindings alone, for the npm package.
 
 mod bundle;
 
@@ -21,6 +23,9 @@ use flate2::{Compression, write::GzEncoder};
 use wasm_bindgen_cli_support::Bindgen;
 
 type Result<T = (), E = Box<dyn Error>> = std::result::Result<T, E>;
+
+/// The name of the page's bindings.
+const NAME: &str = "gs_web";
 
 /// The WebAssembly beside the page.
 const WASM: &str = "gs_web_bg.wasm";
@@ -44,11 +49,17 @@ const FEATURES: [&str; 7] = [
 
 fn main() -> ExitCode {
     let arguments: Vec<PathBuf> = env::args_os().skip(1).map(PathBuf::from).collect();
-    let [wasm, page, out, threaded @ ..] = arguments.as_slice() else {
-        eprintln!("error: usage: gs-web-tool WASM PAGE OUT [THREADED]");
-        return ExitCode::from(2);
+    let made = match arguments.as_slice() {
+        [bind_only, wasm, out, name] if bind_only == Path::new("bind") => {
+            bind(wasm, out, &name.to_string_lossy(), "-Oz")
+        }
+        [wasm, page, out, threaded @ ..] => make(wasm, page, out, threaded.first()),
+        _ => {
+            eprintln!("error: usage: gs-web-tool WASM PAGE OUT [THREADED], or gs-web-tool bind WASM OUT NAME");
+            return ExitCode::from(2);
+        }
     };
-    match make(wasm, page, out, threaded.first()) {
+    match made {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("error: {error}");
@@ -58,7 +69,7 @@ fn main() -> ExitCode {
 }
 
 fn make(wasm: &Path, page: &Path, out: &Path, threaded: Option<&PathBuf>) -> Result {
-    bind(wasm, out)?;
+    bind(wasm, out, NAME, "-O3")?;
     for entry in fs::read_dir(page)? {
         let path = entry?.path();
         if let Some(name) = path.file_name().filter(|_| path.is_file()) {
@@ -72,7 +83,7 @@ fn make(wasm: &Path, page: &Path, out: &Path, threaded: Option<&PathBuf>) -> Res
         fs::remove_dir_all(&threads)?;
     }
     let Some(threaded) = threaded else { return Ok(()) };
-    bind(threaded, &threads)?;
+    bind(threaded, &threads, NAME, "-O3")?;
     for name in WORKER {
         fs::copy(page.join(name), threads.join(name))?;
     }
@@ -80,11 +91,11 @@ fn make(wasm: &Path, page: &Path, out: &Path, threaded: Option<&PathBuf>) -> Res
     Ok(fs::write(&index, replaced(&fs::read_to_string(&index)?, "</head>", MARK)?)?)
 }
 
-/// Writes WebAssembly with its bindings into a folder.
-fn bind(wasm: &Path, out: &Path) -> Result {
+/// Writes WebAssembly with its bindings into a folder, under a name, optimized at a level of wasm-opt.
+fn bind(wasm: &Path, out: &Path, name: &str, level: &str) -> Result {
     fs::create_dir_all(out)?;
-    Bindgen::new().input_path(wasm).out_name("gs_web").web(true)?.typescript(true).generate(out)?;
-    optimize(&out.join(WASM))
+    Bindgen::new().input_path(wasm).out_name(name).web(true)?.typescript(true).generate(out)?;
+    optimize(&out.join(format!("{name}_bg.wasm")), level)
 }
 
 /// The first wasm-opt that keeps tables of references as they are: version 108 writes a module that
@@ -92,7 +103,7 @@ fn bind(wasm: &Path, out: &Path) -> Result {
 const LEAST_VERSION: u32 = 117;
 
 /// Runs wasm-opt of binaryen, if it is there and new enough.
-fn optimize(wasm: &Path) -> Result {
+fn optimize(wasm: &Path, level: &str) -> Result {
     let version = Command::new("wasm-opt").arg("--version").output().ok().and_then(|output| {
         let text = String::from_utf8_lossy(&output.stdout).into_owned();
         text.split_whitespace().find_map(|word| word.parse::<u32>().ok())
@@ -103,7 +114,7 @@ fn optimize(wasm: &Path) -> Result {
         return Ok(());
     }
     let result = wasm.with_extension("optimized");
-    let run = Command::new("wasm-opt").args(FEATURES).arg("-O3").arg(wasm).arg("-o").arg(&result).status()?;
+    let run = Command::new("wasm-opt").args(FEATURES).arg(level).arg(wasm).arg("-o").arg(&result).status()?;
     if run.success() { Ok(fs::rename(result, wasm)?) } else { Err(format!("wasm-opt failed: {run}").into()) }
 }
 

@@ -1,4 +1,4 @@
-"""notices.py TRIPLE NOTICES SBOM: what a release for a system is made of.
+"""notices.py TRIPLE NOTICES [SBOM]: what a release for a system, or the npm package, is made of.
 
 NOTICES gets the licence texts of the crates in the program, the page and the Python module, each
 text once. SBOM gets the crates of the program and the page in CycloneDX's JSON. Cargo says which
@@ -28,8 +28,8 @@ CARGO = os.environ["CARGO"]
 # Names of files with licences, in the folder of a crate or of what it contains.
 LICENCE = re.compile(r"(LICEN[CS]E|COPYING|COPYRIGHT|NOTICE|UNLICENSE|OFL|UFL)", re.IGNORECASE)
 INTRODUCTION = """\
-The program, its page and the Python module contain Rust's standard library (MIT OR Apache-2.0) and
-these crates. Their licence texts follow."""
+This contains Rust's standard library (MIT OR Apache-2.0) and these crates. Their licence texts
+follow."""
 CODE = {".rs", ".c", ".h", ".py", ".html", ".toml", ".json"}
 
 
@@ -109,9 +109,14 @@ def sbom(root: dict, packages: list[dict], nodes: dict[str, list[str]]) -> str:
     return text + "\n"
 
 
-def main(triple: str, notices_path: str, sbom_path: str) -> None:
+def main(triple: str, notices_path: str, sbom_path: str | None = None) -> None:
     metadata = json.loads(cargo("metadata", "--format-version", "1", "--features", "gs-cli/manual"))
     known = {(package["name"], package["version"]): package for package in metadata["packages"]}
+    if sbom_path is None:
+        package = crates_of("gs-web", triple, "--no-default-features", "--features", "viewer,picture")
+        others = [known[crate] for crate in sorted(package) if known[crate]["source"]]
+        Path(notices_path).write_bytes(notices(others).encode())
+        return
     program = crates_of("gs-cli", triple, "--features", "manual") | crates_of("gs-web", "wasm32-unknown-unknown")
     everything = [known[crate] for crate in sorted(program | crates_of("gs-python", triple))]
     others = [package for package in everything if package["source"]]

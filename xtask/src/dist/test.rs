@@ -4,6 +4,7 @@ mod arm;
 mod bare;
 mod bits;
 mod mac;
+mod npm;
 mod program;
 mod wheel;
 mod windows;
@@ -39,12 +40,13 @@ enum Outcome {
 /// A part of the test.
 type Part = fn(&Bench<'_>) -> Result<Outcome, String>;
 
-const PARTS: [(&str, Part); 6] = [
+const PARTS: [(&str, Part); 7] = [
     ("the Windows program under Wine", windows::test),
     ("the Arm program and its kernels under QEMU", arm::test),
     ("the same bits on each system", bits::test),
     ("the archive and the package on a bare Debian", bare::test),
     ("the wheels", wheel::test),
+    ("the npm package", npm::test),
     ("the workspace for macOS", mac::test),
 ];
 

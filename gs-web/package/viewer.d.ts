@@ -1,0 +1,103 @@
+/** A camera. World axes are x right, y down, z forward. */
+export interface Camera {
+  /** Where it is, world units. */
+  position: [number, number, number];
+  /** What it looks at. */
+  target: [number, number, number];
+  /** Which way is up: the sign of y counts. */
+  up: [number, number, number];
+  /** Field of view of the picture's shorter side, degrees. */
+  fov: number;
+}
+
+/** What a scene is. */
+export interface SceneInfo {
+  kind: "2d" | "3d";
+  /** The file's format, such as "SOG". */
+  format: string;
+  gaussians: number;
+  /** Degree of the spherical harmonics, 0 to 3. */
+  shDegree: number;
+  /** What was lost or changed when the file was read, in sentences. */
+  losses: string[];
+  /** Columns and rows of a 2D scene, px. */
+  size: [number, number] | null;
+  /** The first camera of a 3D scene. */
+  home: Camera | null;
+}
+
+/** A scene: an address, a file, or its bytes. */
+export type Source = string | URL | Blob | ArrayBuffer | ArrayBufferView;
+
+export interface ViewerOptions {
+  /** What computes. "fastest", the default, is WebGPU where the browser has it. */
+  backend?: "fastest" | "cpu" | "wgpu";
+  /** Colour behind the scene, red, green and blue, 0 to 1. Default: the scene's own. */
+  background?: [number, number, number];
+  /** Whether pointers, wheel and keys move the camera. Default: true. */
+  controls?: boolean;
+  /** What a screen reader says of the canvas. */
+  label?: string;
+  /** After each picture: its size, px, and the time that it took, ms. */
+  ondraw?: (picture: { width: number; height: number; took: number }) => void;
+  /** The engine has stopped, and could not be started again. */
+  onerror?: (error: Error) => void;
+}
+
+export interface LoadOptions {
+  /** The file name of bytes, whose ending says the format where the content doesn't (`.splat`). */
+  name?: string;
+  /** Ends the download. */
+  signal?: AbortSignal;
+  /** The download so far, bytes. */
+  progress?: (download: Progress) => void;
+  /** What differs from the scene's first camera. */
+  camera?: Partial<Camera>;
+}
+
+export interface Progress {
+  loaded: number;
+  /** `undefined` where the server doesn't say. */
+  total: number | undefined;
+}
+
+/** A viewer, in a canvas of its own, in an element whose size it takes. */
+export class Viewer {
+  constructor(place: Element, options?: ViewerOptions);
+  /**
+   * Opens a scene: PLY, compressed PLY, `.splat`, `.ksplat`, SPZ, SOG, glTF with its buffer inside, 2D scenes, or
+   * `.gsi`. It is drawn when the promise is fulfilled. The promise is rejected with an `Error` if the file
+   * can't be had or read, and with an `AbortError` if another scene is asked for before.
+   */
+  load(source: Source, options?: LoadOptions): Promise<SceneInfo>;
+  /** The last scene that was opened. */
+  readonly info: SceneInfo | undefined;
+  /** The backend that computes and why it was chosen, after the first scene was opened. */
+  readonly engine: { backend: "cpu" | "wgpu"; reason: string } | undefined;
+  /** The camera of a 3D scene. What is set may leave out what stays. */
+  get camera(): Camera;
+  set camera(camera: Partial<Camera>);
+  set background(color: [number, number, number] | undefined);
+  /** Takes the scene's first camera again. */
+  reset(): void;
+  /** A PNG of what is shown, in the size of the element or in `[columns, rows]` px. */
+  snapshot(size?: [number, number]): Promise<Blob>;
+  /** Ends the worker and removes the canvas. */
+  dispose(): void;
+}
+
+/**
+ * `<gs-viewer src poster background camera fov alt backend controls="none">`. What is inside the element is shown if
+ * the scene can't be. Events: `load` (detail: `SceneInfo`), `progress` (detail: `Progress`) and `error` (detail:
+ * `error`, `message`).
+ */
+export class GsViewerElement extends HTMLElement {
+  src: string;
+  readonly viewer: Viewer | undefined;
+}
+
+declare global {
+  interface HTMLElementTagNameMap {
+    "gs-viewer": GsViewerElement;
+  }
+}

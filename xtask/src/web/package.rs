@@ -1,0 +1,93 @@
+//! `cargo xtask web --package`: the npm package with the viewer and the decoder of `.gsi` files.
+
+use std::{
+    env, fs,
+    path::{Path, PathBuf},
+    process::Command,
+};
+
+use super::{Driver, RUSTFLAGS, compile, has_program, install_packages_of_npm, tool};
+use crate::system::{built_program, step, target, workspace};
+
+/// The features of gs-web of which each file of WebAssembly is made, and the names of their bindings.
+const PARTS: [(&str, &str); 2] = [("viewer", "gs_viewer"), ("picture", "gs_picture")];
+
+/// Modules that the package shares with the page.
+const SHARED: [&str; 3] = ["engine.js", "orbit.js", "stage.js"];
+
+/// Builds the package, packs it into a folder, and returns the path of the archive. The bits do not depend on
+/// when or where it is built. `complete` may add files to the folder that is packed.
+pub(crate) fn package(out: &Path, complete: impl FnOnce(&Path) -> Result<(), String>) -> Result<PathBuf, String> {
+    for program in ["node", "npm"] {
+        if !has_program(program) {
+            return Err(format!("the npm package needs {program}; --install installs it"));
+        }
+    }
+    let (target, sources) = (target(), workspace().join("gs-web/package"));
+    let (tools, tree) = (target.join("web-package"), target.join("web-package/tree"));
+    install_packages_of_npm(&sources.join("tools"), &tools)?;
+    if tree.exists() {
+        fs::remove_dir_all(&tree).map_err(|error| format!("{}: {error}", tree.display()))?;
+    }
+    for (feature, name) in PARTS {
+        let features = ["--no-default-features", "--features", feature];
+        let wasm = compile(&target, "npm", RUSTFLAGS, |build| build.args(features))?;
+        let mut bind = tool(&target, "release");
+        let path = env::var_os("PATH").unwrap_or_default();
+        let folders = [tools.join("node_modules/.bin")].into_iter().chain(env::split_paths(&path));
+        bind.env("PATH", env::join_paths(folders).map_err(|error| format!("PATH: {error}"))?);
+        step(bind.arg("bind").arg(wasm).arg(&tree).arg(name))?;
+        // They describe the bindings, which are no part of the package's interface.
+        for ending in [".d.ts", "_bg.wasm.d.ts"] {
+            let file = tree.join(format!("{name}{ending}"));
+            fs::remove_file(&file).map_err(|error| format!("{}: {error}", file.display()))?;
+        }
+    }
+    copy_files(&sources, &tree, |_| true)?;
+    copy_files(&workspace().join("gs-web/page"), &tree, |name| SHARED.contains(&name))?;
+    copy_files(&workspace(), &tree, |name| name.starts_with("LICENSE-"))?;
+    check_version(&tree)?;
+    complete(&tree)?;
+    fs::create_dir_all(out).map_err(|error| format!("{}: {error}", out.display()))?;
+    let out = out.canonicalize().map_err(|error| format!("{}: {error}", out.display()))?;
+    step(Command::new("npm").args(["pack", "--silent", "--pack-destination"]).arg(&out).current_dir(&tree))?;
+    let archive = archive(&out);
+    eprintln!("built {}", archive.display());
+    Ok(archive)
+}
+
+/// Installs the package in a fresh folder, checks its types, and shows both entries in a browser. Returns false if
+/// there is none.
+pub(crate) fn test_package(archive: &Path, install: bool) -> Result<bool, String> {
+    let Some(Driver { browser, place }) = Driver::found("the npm package", install)? else { return Ok(false) };
+    let gs = built_program()?;
+    let mut test = Command::new("node");
+    test.arg(workspace().join("gs-web/tests/package.mjs")).arg(browser).arg(archive).args([&gs, &place]);
+    step(test.arg(target().join("web-package"))).map(|()| true)
+}
+
+/// The archive of this version in a folder.
+pub(crate) fn archive(folder: &Path) -> PathBuf {
+    folder.join(format!("gaussian-splats-{}.tgz", env!("CARGO_PKG_VERSION")))
+}
+
+/// The package has the version of the workspace.
+fn check_version(tree: &Path) -> Result<(), String> {
+    let file = tree.join("package.json");
+    let text = fs::read_to_string(&file).map_err(|error| format!("{}: {error}", file.display()))?;
+    let version = concat!("\"version\": \"", env!("CARGO_PKG_VERSION"), "\"");
+    if text.contains(version) { Ok(()) } else { Err(format!("gs-web/package/package.json must have {version}")) }
+}
+
+/// Copies those files of a folder, but not its folders, whose names are wanted.
+fn copy_files(from: &Path, to: &Path, is_wanted: impl Fn(&str) -> bool) -> Result<(), String> {
+    let failed = |error| format!("{}: {error}", from.display());
+    for entry in fs::read_dir(from).map_err(failed)? {
+        let path = entry.map_err(failed)?.path();
+        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        if path.is_file() && is_wanted(&name) {
+            fs::copy(&path, to.join(&name)).map_err(failed)?;
+        }
+    }
+    Ok(())
+}
