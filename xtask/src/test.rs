@@ -42,6 +42,8 @@ impl Options {
 pub(crate) fn run(options: Options) -> Result<(), String> {
     report_data();
     let adapter = find_adapter(options.install)?;
+    // A test of gs-backend runs it.
+    built_example("window")?;
     let skip: &[&str] = if adapter { &[] } else { &["--", "--skip", NEEDS_ADAPTER] };
     if has_nextest() {
         // nextest runs the test programs side by side, but no documentation tests.

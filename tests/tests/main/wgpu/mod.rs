@@ -31,6 +31,7 @@ use proptest::prelude::*;
 use crate::gpus::rasterizers;
 
 mod drawn;
+mod host_device;
 mod long_lists;
 mod pending_steps;
 
