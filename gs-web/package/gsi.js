@@ -8,7 +8,10 @@ let loaded;
 
 /** Loads the decoder. `decode` does so itself; `wasm` is for places that keep the file elsewhere. */
 export function load(wasm) {
-  loaded ??= (async () => init({ module_or_path: wasm ?? (await wasmOf(WASM)) }))();
+  loaded ??= (async () => init({ module_or_path: wasm ?? (await wasmOf(WASM)) }))().catch((error) => {
+    loaded = undefined;
+    throw error;
+  });
   return loaded;
 }
 
@@ -63,18 +66,21 @@ function decodeAside(bytes) {
 }
 
 function started() {
-  const worker = new Worker(new URL("./gsi-worker.js", import.meta.url), { type: "module" });
-  worker.onmessage = ({ data: { id, image, error } }) => {
+  const decoder = new Worker(new URL("./gsi-worker.js", import.meta.url), { type: "module" });
+  decoder.onmessage = ({ data: { id, image, error } }) => {
     const { resolve, reject } = waiting.get(id);
     waiting.delete(id);
     image ? resolve(image) : reject(new Error(error));
   };
-  worker.onerror = (event) => {
+  decoder.onerror = (event) => {
     event.preventDefault();
     for (const { reject } of waiting.values()) reject(new Error(event.message ?? "the decoder did not start"));
     waiting.clear();
+    // The next image tries again.
+    decoder.terminate();
+    worker = undefined;
   };
-  return worker;
+  return decoder;
 }
 
 const STYLE = `

@@ -176,15 +176,19 @@ const STYLE = `
 canvas:focus-visible { outline: 2px solid Highlight; outline-offset: -2px; }
 `;
 
+/** On a server, which has no elements, the package can be imported all the same. */
+const Base = typeof HTMLElement === "undefined" ? class {} : HTMLElement;
+
 /** <gs-viewer src="scene.sog">. */
-export class GsViewerElement extends HTMLElement {
+export class GsViewerElement extends Base {
   static observedAttributes = ["src", "poster", "background", "camera", "fov", "alt"];
   #viewer;
-  #root = this.attachShadow({ mode: "open" });
+  #root;
   #abort;
 
   constructor() {
     super();
+    this.#root = this.attachShadow({ mode: "open" });
     this.#root.innerHTML = `<style>${STYLE}</style><div id="place"></div><slot hidden></slot>`;
   }
 
@@ -247,6 +251,7 @@ export class GsViewerElement extends HTMLElement {
   /** What is inside the element is shown instead. */
   #fail(error) {
     this.#close();
+    this.#root.getElementById("poster")?.remove();
     this.#root.querySelector("slot").hidden = false;
     this.#tell("error", { error, message: error?.message ?? String(error) });
   }
@@ -292,4 +297,6 @@ function colorOf(text) {
   return [...context.getImageData(0, 0, 1, 1).data.slice(0, 3)].map((byte) => byte / 255);
 }
 
-if (!customElements.get("gs-viewer")) customElements.define("gs-viewer", GsViewerElement);
+if (typeof customElements !== "undefined" && !customElements.get("gs-viewer")) {
+  customElements.define("gs-viewer", GsViewerElement);
+}
