@@ -54,7 +54,7 @@ const SYSTEMS: [System; 3] = [
         wheel: "manylinux_2_28_aarch64",
         debian: Some("arm64"),
     },
-    System { name: "x86_64-windows", triple: "x86_64-pc-windows-gnu", glibc: "", wheel: "win_amd64", debian: None },
+    System { name: "x86_64-windows", triple: "x86_64-pc-windows-gnullvm", glibc: "", wheel: "win_amd64", debian: None },
 ];
 
 /// The version of the workspace.
