@@ -24,6 +24,13 @@ mod study;
 use gs_libm as _;
 use pyo3::prelude::*;
 
+/// What the linker exports: otherwise, Zig's exports everything, and nothing can be left out of the file.
+#[cfg(all(windows, target_env = "gnu"))]
+#[used]
+#[expect(unsafe_code, reason = "the section is that of instructions for the linker")]
+#[unsafe(link_section = ".drectve")]
+static EXPORTS: [u8; 23] = *b" -export:PyInit__native";
+
 /// The module as Python imports it.
 #[pymodule]
 mod _native {
