@@ -3,7 +3,7 @@ FROM debian:trixie-slim
 RUN apt-get update \
     && apt-get install --yes --no-install-recommends libvulkan1 mesa-vulkan-drivers \
     && rm -rf /var/lib/apt/lists/*
-ARG TARGETARCH=amd64
+ARG TARGETARCH
 COPY target/dist/*_${TARGETARCH}.deb /tmp/
 RUN dpkg --install /tmp/*.deb && rm /tmp/*.deb
 WORKDIR /data

@@ -61,7 +61,8 @@ impl App {
                 home.looking_at(position, center, Vec3::NEG_Y)
             };
             let camera = home.and_then(turned).ok_or("there is no camera")?;
-            let wgpu::CurrentSurfaceTexture::Success(target) = surface.get_current_texture() else { return Ok(()) };
+            use wgpu::CurrentSurfaceTexture::{Suboptimal, Success};
+            let (Success(target) | Suboptimal(target)) = surface.get_current_texture() else { return Ok(()) };
             block_on(rasterizer.draw_to_texture(&splats, &camera, &settings, &target.texture))?;
             queue.present(target);
             Ok(())

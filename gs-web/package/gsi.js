@@ -39,6 +39,7 @@ async function bytesOf(source) {
   if (source instanceof Uint8Array) return source;
   if (ArrayBuffer.isView(source)) return new Uint8Array(source.buffer, source.byteOffset, source.byteLength);
   if (source instanceof ArrayBuffer) return new Uint8Array(source);
+  if (source.ok === false) throw new Error(`${source.url}: the server answers ${source.status} ${source.statusText}`.trim());
   return new Uint8Array(await source.arrayBuffer());
 }
 

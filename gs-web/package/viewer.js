@@ -38,7 +38,7 @@ export class Viewer {
     const called = name ?? nameOf(source);
     const info = await this.#open(bytes, called, stale);
     this.#source = { bytes, called };
-    if (camera) info.home = { ...info.home, ...camera };
+    if (camera && info.home) info.home = { ...info.home, ...camera };
     await this.#stage.show(info);
     return info;
   }
@@ -86,6 +86,7 @@ export class Viewer {
   }
 
   #start(wanted) {
+    this.#worker?.close();
     const canvas = document.createElement("canvas");
     Object.assign(canvas.style, { display: "block", width: "100%", height: "100%", touchAction: "none" });
     canvas.tabIndex = 0;
@@ -257,6 +258,7 @@ export class GsViewerElement extends Base {
   }
 
   #close() {
+    this.#abort?.abort();
     this.#viewer?.dispose();
     this.#viewer = undefined;
   }

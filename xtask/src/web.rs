@@ -31,6 +31,9 @@ const THREADS_RUSTFLAGS: &str = "-C target-feature=+simd128,+atomics,+bulk-memor
      -C link-arg=--export=__heap_base -C link-arg=--export=__wasm_init_tls \
      -C link-arg=--export=__tls_size -C link-arg=--export=__tls_align -C link-arg=--export=__tls_base";
 
+/// The names of browsers that can be driven.
+const BROWSERS: [&str; 3] = ["chromium", "chromium-browser", "google-chrome"];
+
 /// What drives a browser, as Debian's packages.
 const PACKAGES: [&str; 3] = ["chromium", "nodejs", "npm"];
 
@@ -163,9 +166,13 @@ fn install_std_sources() -> Result<(), String> {
 /// Installs what the page and the package are built with, and what tests them.
 pub(crate) fn install(for_test: bool) -> Result<(), String> {
     install_std_sources()?;
-    // Node may be another than Debian's.
-    let missing: Vec<&str> =
-        PACKAGES.into_iter().filter(|name| !has_program(if *name == "nodejs" { "node" } else { name })).collect();
+    // Node and the browser may be others than Debian's.
+    let is_there = |name: &&str| match *name {
+        "chromium" => BROWSERS.into_iter().any(has_program),
+        "nodejs" => has_program("node"),
+        name => has_program(name),
+    };
+    let missing: Vec<&str> = PACKAGES.into_iter().filter(|name| !is_there(name)).collect();
     if for_test && !missing.is_empty() { install_packages(&missing) } else { Ok(()) }
 }
 
@@ -195,7 +202,7 @@ struct Driver {
 impl Driver {
     /// Finds what `what` is tested with; says what is skipped if it isn't there.
     fn found(what: &str, install: bool) -> Result<Option<Self>, String> {
-        let browser = ["chromium", "chromium-browser", "google-chrome"].into_iter().find(|name| has_program(name));
+        let browser = BROWSERS.into_iter().find(|name| has_program(name));
         let Some(browser) = browser.filter(|_| has_program("node") && has_program("npm")) else {
             eprintln!("skipped: {what}: node, npm and chromium are needed; --install installs them");
             return Ok(None);

@@ -19,7 +19,7 @@ const MAX_HEADERS: usize = 100;
 const PATIENCE: Duration = Duration::from_secs(30);
 
 /// Most connections at a time; what comes beyond them is closed. Browsers open about six each.
-const MAX_CONNECTIONS: usize = 256;
+const MAX_CONNECTIONS: usize = 64;
 
 /// The head of a request.
 #[derive(Debug, Clone, Copy)]
@@ -60,8 +60,11 @@ pub(super) fn serve(listener: &TcpListener, answer: impl Fn(&Request<'_>) -> Ans
     let (open, answer) = (AtomicUsize::new(0), &answer);
     thread::scope(|scope| {
         loop {
-            // A connection that fails before it is accepted is no reason to end.
-            let Ok((stream, _)) = listener.accept() else { continue };
+            // A connection that fails before it is accepted is no reason to end; nor are too many open files.
+            let Ok((stream, _)) = listener.accept() else {
+                thread::sleep(Duration::from_millis(50));
+                continue;
+            };
             if open.fetch_add(1, Ordering::Relaxed) >= MAX_CONNECTIONS {
                 open.fetch_sub(1, Ordering::Relaxed);
                 continue;
