@@ -18,6 +18,9 @@ const MAX_HEADERS: usize = 100;
 /// Time within which a request must be complete, and within which each part of an answer must be taken.
 const PATIENCE: Duration = Duration::from_secs(30);
 
+/// Time that a browser has to close a connection after its answer.
+const FAREWELL: Duration = Duration::from_secs(1);
+
 /// Most connections at a time; what comes beyond them is closed. Browsers open about six each.
 const MAX_CONNECTIONS: usize = 64;
 
@@ -65,28 +68,39 @@ pub(super) fn serve(listener: &TcpListener, answer: impl Fn(&Request<'_>) -> Ans
                 thread::sleep(Duration::from_millis(50));
                 continue;
             };
-            if open.fetch_add(1, Ordering::Relaxed) >= MAX_CONNECTIONS {
-                open.fetch_sub(1, Ordering::Relaxed);
-                continue;
-            }
-            let open = &open;
-            let started = thread::Builder::new().spawn_scoped(scope, move || {
+            let Some(counted) = Counted::new(&open) else { continue };
+            // Where no thread can be started, this closes the connection.
+            let _started = thread::Builder::new().spawn_scoped(scope, move || {
+                let _counted = counted;
                 // A browser may close a connection at any time.
                 let _closed = converse(stream, answer);
-                open.fetch_sub(1, Ordering::Relaxed);
             });
-            if started.is_err() {
-                open.fetch_sub(1, Ordering::Relaxed);
-            }
         }
     });
+}
+
+/// One of the open connections, until it is dropped: also if the thread that answers panics.
+struct Counted<'a>(&'a AtomicUsize);
+
+impl<'a> Counted<'a> {
+    /// Counts one more connection, unless there are [`MAX_CONNECTIONS`].
+    fn new(open: &'a AtomicUsize) -> Option<Self> {
+        let counted = Self(open);
+        (open.fetch_add(1, Ordering::Relaxed) < MAX_CONNECTIONS).then_some(counted)
+    }
+}
+
+impl Drop for Counted<'_> {
+    fn drop(&mut self) {
+        self.0.fetch_sub(1, Ordering::Relaxed);
+    }
 }
 
 /// Reads one request and answers it.
 fn converse(mut stream: TcpStream, answer: &(impl Fn(&Request<'_>) -> Answer + Sync)) -> io::Result<()> {
     stream.set_nodelay(true)?;
     stream.set_write_timeout(Some(PATIENCE))?;
-    let head = read_head(&mut stream)?;
+    let head = read_head(&stream)?;
     let mut headers = [httparse::EMPTY_HEADER; MAX_HEADERS];
     let mut parsed = httparse::Request::new(&mut headers);
     let is_complete = parsed.parse(&head).is_ok_and(|status| status.is_complete());
@@ -99,17 +113,37 @@ fn converse(mut stream: TcpStream, answer: &(impl Fn(&Request<'_>) -> Answer + S
     send(&mut stream, answer, with_body)?;
     // If something unread were left, closing would discard what the browser has not yet taken.
     stream.shutdown(Shutdown::Write)?;
-    stream.set_read_timeout(Some(Duration::from_secs(1)))?;
-    io::copy(&mut stream.take(1 << 20), &mut io::sink()).map(drop)
+    io::copy(&mut Timed::new(&stream, FAREWELL), &mut io::sink()).map(drop)
+}
+
+/// Reads until a deadline, however small the parts are that arrive before.
+struct Timed<'a> {
+    stream: &'a TcpStream,
+    deadline: Instant,
+}
+
+impl<'a> Timed<'a> {
+    fn new(stream: &'a TcpStream, patience: Duration) -> Self {
+        Self { stream, deadline: Instant::now() + patience }
+    }
+}
+
+impl Read for Timed<'_> {
+    fn read(&mut self, part: &mut [u8]) -> io::Result<usize> {
+        let left = self.deadline.saturating_duration_since(Instant::now());
+        if left.is_zero() {
+            return Err(io::ErrorKind::TimedOut.into());
+        }
+        self.stream.set_read_timeout(Some(left))?;
+        self.stream.read(part)
+    }
 }
 
 /// What was sent up to the end of the headers, or less if that doesn't come within [`MAX_HEAD`].
-fn read_head(stream: &mut TcpStream) -> io::Result<Vec<u8>> {
-    let (start, mut head) = (Instant::now(), Vec::new());
+fn read_head(stream: &TcpStream) -> io::Result<Vec<u8>> {
+    let (mut stream, mut head) = (Timed::new(stream, PATIENCE), Vec::new());
     let mut part = [0; 2048];
     while head.len() < MAX_HEAD {
-        let left = PATIENCE.checked_sub(start.elapsed()).filter(|left| !left.is_zero());
-        stream.set_read_timeout(Some(left.ok_or(io::ErrorKind::TimedOut)?))?;
         let count = stream.read(&mut part)?;
         // The end may have come in two parts.
         let searched = head.len().saturating_sub(3);
@@ -187,5 +221,48 @@ mod tests {
         }
         let many: String = (0..200).map(|i| format!("H{i}: v\r\n")).collect();
         assert!(answered(&[format!("GET / HTTP/1.1\r\n{many}\r\n").as_bytes()]).starts_with("HTTP/1.1 400"));
+    }
+
+    #[test]
+    fn connections_whose_answer_panics_are_no_longer_counted() {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let address = listener.local_addr().unwrap();
+        thread::spawn(move || {
+            serve(&listener, |request| {
+                assert_ne!(request.target, "/fault");
+                Answer { status: "200 OK", headers: Vec::new(), body: Body::Bytes(Vec::new()) }
+            });
+        });
+        let asked = |target: &str| {
+            let mut client = TcpStream::connect(address).unwrap();
+            client.write_all(format!("GET {target} HTTP/1.1\r\n\r\n").as_bytes()).unwrap();
+            let mut text = String::new();
+            client.read_to_string(&mut text).map(|_| text)
+        };
+        for _ in 0..MAX_CONNECTIONS {
+            assert_eq!(asked("/fault").unwrap_or_default(), "");
+        }
+        // The last thread may still be ending.
+        assert!((0..100).any(|_| {
+            thread::sleep(Duration::from_millis(20));
+            asked("/").unwrap_or_default().starts_with("HTTP/1.1 200")
+        }));
+    }
+
+    #[test]
+    fn a_client_that_sends_on_slowly_is_left_after_its_answer() {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let mut client = TcpStream::connect(listener.local_addr().unwrap()).unwrap();
+        let (stream, _) = listener.accept().unwrap();
+        let nothing = |_: &Request<'_>| Answer { status: "200 OK", headers: Vec::new(), body: Body::Bytes(Vec::new()) };
+        let conversation = thread::spawn(move || converse(stream, &nothing));
+        client.write_all(b"GET / HTTP/1.1\r\n\r\n").unwrap();
+        let start = Instant::now();
+        while !conversation.is_finished() && start.elapsed() < 10 * FAREWELL {
+            // Its end refuses what is still sent.
+            let _refused = client.write_all(b"x");
+            thread::sleep(FAREWELL / 10);
+        }
+        assert!(conversation.is_finished(), "still there after {:?}", start.elapsed());
     }
 }
