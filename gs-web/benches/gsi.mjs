@@ -1,6 +1,6 @@
 // Times the decoder of the npm package in Node and in headless Chromium, on images as .gsi files.
 //
-// node gs-web/benches/gsi.mjs chromium target/dist/gaussian-splats-0.1.0.tgz target/release/gs target/web-test IMAGE...
+// node gs-web/benches/gsi.mjs chromium target/web-package/gaussian-splats-0.1.0.tgz target/release/gs target/web-test IMAGE...
 //
 // Each image is encoded at 0.5 bits per pixel and decoded 21 times; the first times, in which the module is
 // loaded and compiled, are left out.

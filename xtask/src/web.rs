@@ -13,6 +13,7 @@ use crate::system::{
     workspace,
 };
 
+use package::package_folder;
 pub(crate) use package::{archive, package, test_package};
 
 /// The target of the page.
@@ -56,14 +57,15 @@ pub(crate) fn run(options: Options) -> Result<(), String> {
     }
 }
 
-/// Builds the npm package into `target/dist`, and tests it if that is asked for.
+/// Builds the npm package into `target/web-package`, and tests it if that is asked for. Only a release, which adds
+/// the licences of all parts, goes into `target/dist`.
 pub(crate) fn run_package(options: Options) -> Result<(), String> {
     if options.install {
         install(true)?;
     }
     need_target(TARGET, options.install)?;
     check_versions()?;
-    let archive = package(&target().join("dist"), |_| Ok(()))?;
+    let archive = package(&package_folder(), |_| Ok(()))?;
     if options.test { test_package(&archive, options.install).map(drop) } else { Ok(()) }
 }
 

@@ -15,6 +15,11 @@ const PARTS: [(&str, &str); 2] = [("viewer", "gs_viewer"), ("picture", "gs_pictu
 /// Modules that the package shares with the page.
 const SHARED: [&str; 3] = ["engine.js", "orbit.js", "stage.js"];
 
+/// Where the package is put together, and what that takes.
+pub(super) fn package_folder() -> PathBuf {
+    target().join("web-package")
+}
+
 /// Builds the package, packs it into a folder, and returns the path of the archive. The bits do not depend on
 /// when or where it is built. `complete` may add files to the folder that is packed.
 pub(crate) fn package(out: &Path, complete: impl FnOnce(&Path) -> Result<(), String>) -> Result<PathBuf, String> {
@@ -24,7 +29,7 @@ pub(crate) fn package(out: &Path, complete: impl FnOnce(&Path) -> Result<(), Str
         }
     }
     let (target, sources) = (target(), workspace().join("gs-web/package"));
-    let (tools, tree) = (target.join("web-package"), target.join("web-package/tree"));
+    let (tools, tree) = (package_folder(), package_folder().join("tree"));
     install_packages_of_npm(&sources.join("tools"), &tools)?;
     if tree.exists() {
         fs::remove_dir_all(&tree).map_err(|error| format!("{}: {error}", tree.display()))?;
@@ -63,7 +68,7 @@ pub(crate) fn test_package(archive: &Path, install: bool) -> Result<bool, String
     let gs = built_program()?;
     let mut test = Command::new("node");
     test.arg(workspace().join("gs-web/tests/package.mjs")).arg(browser).arg(archive).args([&gs, &place]);
-    step(test.arg(target().join("web-package"))).map(|()| true)
+    step(test.arg(package_folder())).map(|()| true)
 }
 
 /// The archive of this version in a folder.
