@@ -5,24 +5,11 @@
 
 import { close } from "./browser.mjs";
 import * as fit from "./fit.mjs";
+import { runTests } from "./runner.mjs";
 import * as serve from "./serve.mjs";
 import * as threads from "./threads.mjs";
 import * as trouble from "./trouble.mjs";
 import * as view from "./view.mjs";
 
-const only = new RegExp(process.argv[6] ?? "");
-let failed = 0;
-for (const [name, test] of [fit, threads, view, trouble, serve].flatMap(({ tests }) => Object.entries(tests))) {
-  if (!only.test(name)) continue;
-  const started = Date.now();
-  try {
-    await test();
-    console.log(`ok ${name} (${((Date.now() - started) / 1000).toFixed(1)} s)`);
-  } catch (error) {
-    failed += 1;
-    console.log(`FAILED ${name}\n${error.stack}`);
-  }
-}
-await close();
-console.log(failed === 0 ? "all tests passed" : `${failed} failed`);
-process.exitCode = failed === 0 ? 0 : 1;
+const tests = Object.assign({}, ...[fit, threads, view, trouble, serve].map(({ tests }) => tests));
+await runTests(tests, process.argv[6], close);
