@@ -15,8 +15,8 @@ export interface DecodedImage {
 
 /**
  * Decodes a `.gsi` file, in the thread that calls it: an `ImageData` in sRGB; in Node, which has none, an object
- * with the same properties. The promise is rejected with an `Error` whose message
- * says what is wrong with the file.
+ * with the same properties. The promise is rejected with an `Error` whose message says what is wrong with the file,
+ * and names it if the source is a `Response` or a `File`.
  */
 export function decode(
   source: ArrayBuffer | ArrayBufferView | Blob | Response,

@@ -1,6 +1,6 @@
 // Decodes .gsi images: the function `decode`, and the element <gsi-img>. gsi.d.ts says what each takes and gives.
 
-import init, { Picture } from "./gs_picture.js";
+import init, { Picture, __wbg_reset_state as restart } from "./gs_picture.js";
 
 const WASM = new URL("./gs_picture_bg.wasm", import.meta.url);
 
@@ -25,14 +25,25 @@ async function wasmOf(address) {
 /** Decodes the bytes of a file, a `Blob` or a `Response`. */
 export async function decode(source, { partial = false } = {}) {
   await load();
-  const bytes = await bytesOf(source);
-  const picture = await Picture.decode(bytes, partial);
-  const { width, height } = picture;
-  const profile = picture.profile();
-  const pixels = picture.pixels();
+  const { width, height, profile, pixels } = decoded(await bytesOf(source), partial, source.url || source.name);
   const data = new Uint8ClampedArray(pixels.buffer);
   if (typeof ImageData === "undefined") return { width, height, data, ...(profile.length > 0 && { profile }) };
   return profile.length > 0 ? inSrgb(width, height, pixels, profile) : new ImageData(data, width, height);
+}
+
+/** What a file contains. An error starts with its name, if it has one. */
+function decoded(bytes, partial, name) {
+  try {
+    const picture = Picture.decode(bytes, partial);
+    const { width, height } = picture;
+    return { width, height, profile: picture.profile(), pixels: picture.pixels() };
+  } catch (cause) {
+    const hasStopped = cause instanceof WebAssembly.RuntimeError || cause instanceof RangeError;
+    // The next picture gets a new instance.
+    if (hasStopped) restart();
+    const words = [name, hasStopped && "the decoder stopped", cause.message].filter(Boolean);
+    throw new Error(words.join(": "), { cause });
+  }
 }
 
 async function bytesOf(source) {
@@ -57,11 +68,11 @@ let worker;
 const waiting = new Map();
 let next = 1;
 
-function decodeAside(bytes) {
+function decodeAside(bytes, name) {
   worker ??= started();
   return new Promise((resolve, reject) => {
     const id = next++;
-    waiting.set(id, { resolve, reject });
+    waiting.set(id, { resolve, reject: (words) => reject(new Error(`${name}: ${words}`)) });
     worker.postMessage({ id, bytes }, [bytes]);
   });
 }
@@ -71,13 +82,13 @@ function started() {
   decoder.onmessage = ({ data: { id, image, error } }) => {
     const { resolve, reject } = waiting.get(id);
     waiting.delete(id);
-    image ? resolve(image) : reject(new Error(error));
+    image ? resolve(image) : reject(error);
   };
   decoder.onerror = (event) => {
     event.preventDefault();
-    for (const { reject } of waiting.values()) reject(new Error(event.message ?? "the decoder did not start"));
+    for (const { reject } of waiting.values()) reject(event.message ?? "the decoder did not start");
     waiting.clear();
-    // The next image tries again.
+    // The next image starts another one.
     decoder.terminate();
     worker = undefined;
   };
@@ -97,6 +108,8 @@ export class GsiImageElement extends Base {
   static observedAttributes = ["src", "alt"];
   #root;
   #abort;
+  /** The source that is shown, or on its way. */
+  #asked;
 
   constructor() {
     super();
@@ -105,11 +118,18 @@ export class GsiImageElement extends Base {
   }
 
   connectedCallback() {
-    this.#show();
+    // An element that is moved has its image, and one that is upgraded has begun with its attributes.
+    if (this.getAttribute("src") !== this.#asked) this.#show();
   }
 
   disconnectedCallback() {
+    // An element that is only moved is back in the page by then.
+    queueMicrotask(() => this.isConnected || this.#leave());
+  }
+
+  #leave() {
     this.#abort?.abort();
+    this.#asked = undefined;
   }
 
   attributeChangedCallback(name, before, after) {
@@ -120,13 +140,13 @@ export class GsiImageElement extends Base {
 
   async #show() {
     this.#abort?.abort();
-    const source = this.getAttribute("src");
+    const source = (this.#asked = this.getAttribute("src"));
     if (!source) return this.#put();
     const { signal } = (this.#abort = new AbortController());
     try {
       const response = await fetch(source, { signal });
       if (!response.ok) throw new Error(`${source}: the server answers ${response.status} ${response.statusText}`.trim());
-      const image = await decodeAside(await response.arrayBuffer());
+      const image = await decodeAside(await response.arrayBuffer(), source);
       if (signal.aborted) return;
       const canvas = Object.assign(document.createElement("canvas"), { width: image.width, height: image.height });
       canvas.getContext("2d").putImageData(image, 0, 0);

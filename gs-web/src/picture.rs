@@ -26,11 +26,14 @@ pub struct Picture {
 #[wasm_bindgen]
 impl Picture {
     /// Decodes a file. With `partial`, it may end anywhere after its header.
-    pub async fn decode(bytes: Vec<u8>, partial: bool) -> Result<Picture, JsError> {
+    ///
+    /// The CPU draws at once. As the caller waits for it, a fault is an exception for the caller; a promise would
+    /// stay pending.
+    pub fn decode(bytes: Vec<u8>, partial: bool) -> Result<Picture, JsError> {
         let file = decode_gsi(&bytes, if partial { Extent::Prefix } else { Extent::Whole }).map_err(failure)?;
         let (width, height) = (file.colors.width, file.colors.height);
         let on = CpuRasterizer::new(CpuSettings::default().with(|s| s.threads = Some(1))).map_err(failure)?;
-        let drawn = draw_picture(&on, &file, &Canvas::new(width, height)).await.map_err(failure)?;
+        let drawn = pollster::block_on(draw_picture(&on, &file, &Canvas::new(width, height))).map_err(failure)?;
         let StoredImage { image, alpha, profile, .. } = drawn;
         let alphas = alpha.into_iter().flatten().chain(std::iter::repeat(1.0));
         let pixels = image.pixels().iter().zip(alphas);

@@ -31,7 +31,7 @@ const NAME: &str = "gs_web";
 const WASM: &str = "gs_web_bg.wasm";
 
 /// The modules that run in a worker, beside the bindings.
-const WORKER: [&str; 2] = ["worker.js", "targets.js"];
+const WORKER: [&str; 3] = ["worker.js", "answer.js", "targets.js"];
 
 /// What tells the page that there is an engine with threads.
 const MARK: &str = "<meta name=\"gs-threads\" content=\"1\">\n</head>";
@@ -51,7 +51,8 @@ fn main() -> ExitCode {
     let arguments: Vec<PathBuf> = env::args_os().skip(1).map(PathBuf::from).collect();
     let made = match arguments.as_slice() {
         [bind_only, wasm, out, name] if bind_only == Path::new("bind") => {
-            bind(wasm, out, &name.to_string_lossy(), "-Oz")
+            // An instance that has stopped can be replaced.
+            bind(Bindgen::new().reset_state_function(true), wasm, out, &name.to_string_lossy(), "-Oz")
         }
         [wasm, page, out, threaded @ ..] => make(wasm, page, out, threaded.first()),
         _ => {
@@ -69,7 +70,7 @@ fn main() -> ExitCode {
 }
 
 fn make(wasm: &Path, page: &Path, out: &Path, threaded: Option<&PathBuf>) -> Result {
-    bind(wasm, out, NAME, "-O3")?;
+    bind(&mut Bindgen::new(), wasm, out, NAME, "-O3")?;
     for entry in fs::read_dir(page)? {
         let path = entry?.path();
         if let Some(name) = path.file_name().filter(|_| path.is_file()) {
@@ -83,7 +84,7 @@ fn make(wasm: &Path, page: &Path, out: &Path, threaded: Option<&PathBuf>) -> Res
         fs::remove_dir_all(&threads)?;
     }
     let Some(threaded) = threaded else { return Ok(()) };
-    bind(threaded, &threads, NAME, "-O3")?;
+    bind(&mut Bindgen::new(), threaded, &threads, NAME, "-O3")?;
     for name in WORKER {
         fs::copy(page.join(name), threads.join(name))?;
     }
@@ -92,9 +93,9 @@ fn make(wasm: &Path, page: &Path, out: &Path, threaded: Option<&PathBuf>) -> Res
 }
 
 /// Writes WebAssembly with its bindings into a folder, under a name, optimized at a level of wasm-opt.
-fn bind(wasm: &Path, out: &Path, name: &str, level: &str) -> Result {
+fn bind(bindings: &mut Bindgen, wasm: &Path, out: &Path, name: &str, level: &str) -> Result {
     fs::create_dir_all(out)?;
-    Bindgen::new().input_path(wasm).out_name(name).web(true)?.typescript(true).generate(out)?;
+    bindings.input_path(wasm).out_name(name).web(true)?.typescript(true).generate(out)?;
     optimize(&out.join(format!("{name}_bg.wasm")), level)
 }
 
