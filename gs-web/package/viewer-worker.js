@@ -1,11 +1,13 @@
 // The worker of a viewer: it holds the engine and draws into the viewer's canvas. Requests are answered in
 // order, one at a time.
 
+import { answer } from "./answer.js";
 import init, { Engine } from "./gs_viewer.js";
 
 let engine;
-let view;
 let canvas;
+/** Scenes that are open, by the viewer's number for them. */
+const views = new Map();
 let queue = Promise.resolve();
 
 const requests = {
@@ -16,30 +18,36 @@ const requests = {
     return { backend: engine.name, reason: engine.reason };
   },
 
-  show({ bytes, name }) {
-    const opened = engine.view(new Uint8Array(bytes), name);
-    view?.free();
-    view = opened;
+  show({ scene, bytes, name }) {
+    const view = engine.view(new Uint8Array(bytes), name);
+    views.set(scene, view);
     return JSON.parse(view.info());
   },
 
-  async frame({ frame }) {
+  close({ scene }) {
+    views.get(scene)?.free();
+    views.delete(scene);
+  },
+
+  async frame({ scene, frame }) {
     const started = performance.now();
-    const image = await drawn(frame);
+    const image = await drawn(scene, frame);
     const took = performance.now() - started;
     put(image, canvas);
     return { took };
   },
 
-  async png({ frame }) {
-    const image = await drawn(frame);
+  async png({ scene, frame }) {
+    const image = await drawn(scene, frame);
     const canvas = new OffscreenCanvas(image.width, image.height);
     put(image, canvas);
     return canvas.convertToBlob({ type: "image/png" });
   },
 };
 
-async function drawn(frame) {
+async function drawn(scene, frame) {
+  const view = views.get(scene);
+  if (!view) throw new Error("the scene is no longer open");
   const pixels = await view.pixels(JSON.stringify(frame));
   return new ImageData(new Uint8ClampedArray(pixels.buffer), frame.width, frame.height);
 }
@@ -51,26 +59,5 @@ function put(image, canvas) {
 }
 
 self.onmessage = ({ data }) => {
-  queue = queue.then(() => answer(data));
+  queue = queue.then(() => answer(data, requests, engine));
 };
-
-async function answer({ id, request, ...rest }) {
-  try {
-    const result = await requests[request](rest);
-    postMessage({ id, result });
-  } catch (error) {
-    postMessage({ id, error: words(error), fatal: await isFatal(error) });
-  }
-}
-
-/** Whether the engine can't go on: it has stopped within a computation, or its device is lost. */
-async function isFatal(error) {
-  if (error instanceof WebAssembly.RuntimeError) return true;
-  return engine !== undefined && !(await engine.works().catch(() => false));
-}
-
-function words(error) {
-  if (error instanceof WebAssembly.RuntimeError) return `the engine stopped: ${error.message}`;
-  if (error instanceof RangeError) return "there is not enough memory for this scene";
-  return error?.message ?? String(error);
-}

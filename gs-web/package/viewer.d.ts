@@ -40,7 +40,10 @@ export interface ViewerOptions {
   label?: string;
   /** After each picture: its size, px, and the time that it took, ms. */
   ondraw?: (picture: { width: number; height: number; took: number }) => void;
-  /** The engine has stopped, and could not be started again. */
+  /**
+   * The engine has stopped while it drew the open scene, and so has the next one, on the CPU. No scene is open then;
+   * another one can be loaded.
+   */
   onerror?: (error: Error) => void;
 }
 
@@ -66,19 +69,20 @@ export class Viewer {
   constructor(place: Element, options?: ViewerOptions);
   /**
    * Opens a scene: PLY, compressed PLY, `.splat`, `.ksplat`, SPZ, SOG, glTF with its buffer inside, 2D scenes, or
-   * `.gsi`. It is drawn when the promise is fulfilled. The promise is rejected with an `Error` if the file
-   * can't be had or read, and with an `AbortError` if another scene is asked for before.
+   * `.gsi`. It is drawn when the promise is fulfilled, unless the element has no size yet. The promise is rejected
+   * with an `Error` if the file can't be had, read or drawn; what was open before stays open. It is rejected with an
+   * `AbortError` if another scene is asked for, or the viewer is disposed of, before.
    */
   load(source: Source, options?: LoadOptions): Promise<SceneInfo>;
-  /** The last scene that was opened. */
+  /** The scene that is open. */
   readonly info: SceneInfo | undefined;
-  /** The backend that computes and why it was chosen, after the first scene was opened. */
+  /** The backend that computes and why it was chosen. `undefined` while no engine is open. */
   readonly engine: { backend: "cpu" | "wgpu"; reason: string } | undefined;
   /** The camera of a 3D scene. What is set may leave out what stays. */
   get camera(): Camera;
   set camera(camera: Partial<Camera>);
   set background(color: [number, number, number] | undefined);
-  /** Takes the scene's first camera again. */
+  /** Takes the scene's first camera again: that of the file, or of `load`. */
   reset(): void;
   /** A PNG of what is shown, in the size of the element or in `[columns, rows]` px. */
   snapshot(size?: [number, number]): Promise<Blob>;

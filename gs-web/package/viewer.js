@@ -6,50 +6,71 @@ import { Stage } from "./stage.js";
 
 /** A viewer in an element of the page, whose size it takes. */
 export class Viewer {
-  /** What the last scene is, once it is open. */
-  info;
   /** The backend that computes, and why. */
   engine;
   #place;
   #options;
   #canvas;
+  #stage;
+  /** The backend to start with. */
+  #wanted;
+  /** The connection to the worker, and a promise of it, which is fulfilled when its engine is open. */
   #worker;
   #opening;
-  #stage;
-  /** Opens what is open again, if the engine has to be started anew. */
-  #source;
+  /** Done when the worker has answered what it was asked last. */
+  #turn = Promise.resolve();
   #loads = 0;
+  /** The scene that is open: `{ id, bytes, name, info, worker, camera }`, where `worker` is the one that has it. */
+  #scene;
+  /** The scene on the stage: that one, or one whose first picture is being drawn. */
+  #staged;
   #resized = new ResizeObserver(() => this.#stage.draw());
 
   constructor(place, options = {}) {
     this.#place = place;
-    this.#options = options;
+    this.#options = { ...options };
+    this.#wanted = options.backend ?? "fastest";
     this.#stage = new Stage({ size: () => this.#size(), draw: (frame) => this.#drawn(frame) });
-    this.#start(options.backend ?? "fastest");
+    const canvas = document.createElement("canvas");
+    Object.assign(canvas.style, { display: "block", width: "100%", height: "100%", touchAction: "none" });
+    canvas.tabIndex = 0;
+    canvas.setAttribute("role", "img");
+    canvas.setAttribute("aria-label", options.label ?? "A 3D scene. Drag or press arrow keys to turn it.");
+    this.#canvas = place.appendChild(canvas);
+    this.#opening = this.#open(this.#wanted);
+    // The first scene tries again, and says what is wrong.
+    this.#opening.catch(() => {});
     this.#resized.observe(place);
+  }
+
+  /** What the open scene is. */
+  get info() {
+    return this.#scene?.info;
   }
 
   /** Opens a scene. Of several calls, the last one counts. */
   async load(source, { name, signal, progress, camera } = {}) {
-    const load = ++this.#loads;
-    const stale = () => load !== this.#loads;
-    const bytes = await bytesOf(source, { signal, progress });
-    if (stale()) throw abandoned();
-    const called = name ?? nameOf(source);
-    const info = await this.#open(bytes, called, stale);
-    this.#source = { bytes, called };
-    if (camera && info.home) info.home = { ...info.home, ...camera };
-    await this.#stage.show(info);
-    return info;
-  }
-
-  async #open(bytes, name, stale = () => false) {
-    this.engine = await this.#opening;
-    // A copy stays here, so that the scene can be opened again.
-    const info = await this.#worker.ask("show", { bytes, name });
-    if (stale()) throw abandoned();
-    this.info = info;
-    return info;
+    const scene = { id: ++this.#loads };
+    const isLast = () => scene.id === this.#loads;
+    try {
+      scene.bytes = await bytesOf(source, { signal, progress });
+      scene.name = name ?? nameOf(source);
+      if (isLast()) await this.#ask(scene);
+      if (isLast()) {
+        const { home } = scene.info;
+        if (home) scene.info.home = { ...home, ...camera };
+        await this.#show(scene);
+      }
+      if (!isLast()) throw abandoned();
+    } catch (error) {
+      // What was open before stays open.
+      this.#close(scene);
+      if (this.#staged === scene) this.#show(this.#scene);
+      throw isLast() ? error : abandoned();
+    }
+    this.#close(this.#scene);
+    this.#scene = scene;
+    return scene.info;
   }
 
   /** The camera of a 3D scene; another one can be set. */
@@ -58,7 +79,7 @@ export class Viewer {
   }
 
   set camera(camera) {
-    this.#stage.orbit.start({ ...this.camera, ...camera });
+    this.#stage.orbit.look({ ...this.camera, ...camera });
   }
 
   /** Takes the first camera again. */
@@ -73,47 +94,120 @@ export class Viewer {
 
   /** A PNG of what is shown, `[columns, rows]` px. */
   async snapshot(size = this.#size()) {
-    if (!this.info) throw new Error("no scene is open");
-    return this.#worker.ask("png", { frame: this.#colored(this.#stage.frame(size)) });
+    if (!this.#staged) throw new Error("no scene is open");
+    return this.#ask(this.#staged, "png", { frame: this.#colored(this.#stage.frame(size)) });
   }
 
   /** Ends the worker and removes the canvas. */
   dispose() {
     this.#loads++;
+    this.#scene = undefined;
+    this.#show(undefined);
     this.#resized.disconnect();
-    this.#worker.close("the viewer was disposed of");
+    this.#worker?.close();
+    this.#worker = undefined;
+    this.#opening = Promise.reject(new Error("the viewer was disposed of"));
+    this.#opening.catch(() => {});
     this.#canvas.remove();
   }
 
-  #start(wanted) {
-    this.#worker?.close();
-    const canvas = document.createElement("canvas");
-    Object.assign(canvas.style, { display: "block", width: "100%", height: "100%", touchAction: "none" });
-    canvas.tabIndex = 0;
-    canvas.setAttribute("role", "img");
-    canvas.setAttribute("aria-label", this.#options.label ?? "A 3D scene. Drag or press arrow keys to turn it.");
-    this.#canvas?.remove();
-    this.#canvas = this.#place.appendChild(canvas);
+  /** Starts a worker, and gives the connection to it once its engine is open. */
+  async #open(wanted) {
+    // A canvas can be handed over once only. It takes the place of the other one with its first picture.
+    const canvas = this.#canvas.cloneNode();
     if (this.#options.controls !== false) this.#stage.orbit.attach(canvas);
     // Bundlers find the worker by this form.
-    const worker = new Worker(new URL("./viewer-worker.js", import.meta.url), { type: "module" });
-    this.#worker = new Connection(worker, (event) => this.#failed(event));
-    const target = canvas.transferControlToOffscreen();
-    this.#opening = this.#worker.ask("open", { wanted, target }, [target]);
-    this.#opening.then(() => (this.#worker.opened = true), () => {});
+    const started = new Worker(new URL("./viewer-worker.js", import.meta.url), { type: "module" });
+    const worker = new Connection(started, () => this.#stopped(worker));
+    this.#worker = Object.assign(worker, { canvas });
+    try {
+      const target = canvas.transferControlToOffscreen();
+      this.engine = await worker.ask("open", { wanted, target }, [target]);
+      return Object.assign(worker, { opened: true });
+    } catch (error) {
+      this.#stopped(worker);
+      throw error;
+    }
   }
 
-  /** Goes on without the GPU after the engine has stopped, or says that it can't. */
-  async #failed({ error }) {
-    const source = this.#source;
-    if (this.engine?.backend !== "wgpu" || !source) return this.#options.onerror?.(new Error(error));
+  /** The worker can't go on. What is asked next starts another one. */
+  #stopped(worker) {
+    if (worker !== this.#worker) return;
+    worker.close();
+    if (this.engine?.backend === "wgpu") this.#wanted = "cpu";
+    this.engine = this.#worker = this.#opening = undefined;
+  }
+
+  /**
+   * Asks the worker about a scene, or only opens it, one thing at a time. If the engine stops, a new one tries it
+   * once more, on the CPU.
+   */
+  #ask(scene, request, rest) {
+    const attempt = (wanted) => this.#attempt(wanted, scene, request, rest);
+    const answer = this.#turn.then(() =>
+      attempt(this.#wanted).catch((error) => {
+        if (!hasStopped(error)) throw error;
+        return attempt("cpu");
+      }));
+    this.#turn = answer.catch(() => {});
+    return answer;
+  }
+
+  async #attempt(wanted, scene, request, rest) {
+    const worker = await (this.#opening ??= this.#open(wanted));
+    const { id, bytes, name } = scene;
     try {
-      this.#start("cpu");
-      this.engine = undefined;
-      await this.#stage.show(await this.#open(source.bytes, source.called), true);
+      if (scene.worker !== worker) {
+        // A copy of the bytes stays here, for another worker.
+        const info = await worker.ask("show", { scene: id, bytes, name });
+        Object.assign(scene, { worker, info: scene.info ?? info });
+      }
+      return request && (await worker.ask(request, { scene: id, ...rest }));
     } catch (error) {
-      this.#options.onerror?.(error);
+      if (hasStopped(error)) this.#stopped(worker);
+      throw error;
     }
+  }
+
+  /** Lets the worker forget a scene. */
+  #close(scene) {
+    scene?.worker?.ask("close", { scene: scene.id }).catch(() => {});
+  }
+
+  /** Puts a scene on the stage, or none. One that was there before gets its camera back. */
+  #show(scene) {
+    if (this.#staged) this.#staged.camera = this.camera;
+    this.#staged = scene;
+    if (!scene) return (this.#stage.info = undefined);
+    const drawn = this.#stage.show(scene.info);
+    if (scene.camera) this.camera = scene.camera;
+    return drawn;
+  }
+
+  async #drawn(frame) {
+    const scene = this.#staged;
+    try {
+      const { took } = await this.#ask(scene, "frame", { frame: this.#colored(frame) });
+      if (this.#canvas !== scene.worker.canvas) this.#replace(scene.worker.canvas);
+      this.#options.ondraw?.({ width: frame.width, height: frame.height, took });
+      return took;
+    } catch (error) {
+      if (hasStopped(error) && scene === this.#scene && scene === this.#staged) {
+        this.#scene = undefined;
+        this.#show(undefined);
+        this.#options.onerror?.(error);
+      }
+      throw error;
+    }
+  }
+
+  /** Shows the canvas of another worker. */
+  #replace(canvas) {
+    const hasFocus = this.#canvas.matches(":focus");
+    canvas.setAttribute("aria-label", this.#canvas.getAttribute("aria-label"));
+    this.#canvas.replaceWith(canvas);
+    this.#canvas = canvas;
+    if (hasFocus) canvas.focus({ preventScroll: true });
   }
 
   /** Columns and rows of the picture, px. */
@@ -126,20 +220,12 @@ export class Viewer {
     const { background } = this.#options;
     return background ? { ...frame, background } : frame;
   }
-
-  async #drawn(frame) {
-    try {
-      const { took } = await this.#worker.ask("frame", { frame: this.#colored(frame) });
-      this.#options.ondraw?.({ width: frame.width, height: frame.height, took });
-      return took;
-    } catch (error) {
-      if (error.fatal) this.#failed({ error: error.message });
-      return undefined;
-    }
-  }
 }
 
-const abandoned = () => new DOMException("another scene was asked for", "AbortError");
+const abandoned = () => new DOMException("another scene was asked for, or the viewer was disposed of", "AbortError");
+
+/** Whether an error is the end of a worker: its engine has stopped, or it was closed for that reason. */
+const hasStopped = ({ fatal, closed }) => Boolean(fatal || closed);
 
 /** The bytes of an address, a file, or an array. */
 async function bytesOf(source, { signal, progress }) {
@@ -186,6 +272,8 @@ export class GsViewerElement extends Base {
   #viewer;
   #root;
   #abort;
+  /** The source that is shown, or on its way. */
+  #asked;
 
   constructor() {
     super();
@@ -208,7 +296,8 @@ export class GsViewerElement extends Base {
 
   connectedCallback() {
     this.#poster();
-    this.#load();
+    // An element that is moved has its scene, and one that is upgraded has begun with its attributes.
+    if (this.src !== this.#asked) this.#load();
   }
 
   disconnectedCallback() {
@@ -230,6 +319,7 @@ export class GsViewerElement extends Base {
     this.#abort?.abort();
     if (!this.src) return this.#close();
     const { signal } = (this.#abort = new AbortController());
+    this.#asked = this.src;
     try {
       this.#viewer ??= new Viewer(this.#root.getElementById("place"), {
         backend: this.getAttribute("backend") ?? undefined,
@@ -260,7 +350,7 @@ export class GsViewerElement extends Base {
   #close() {
     this.#abort?.abort();
     this.#viewer?.dispose();
-    this.#viewer = undefined;
+    this.#viewer = this.#asked = undefined;
   }
 
   #tell(name, detail) {
@@ -272,7 +362,7 @@ export class GsViewerElement extends Base {
     const before = this.#root.getElementById("poster");
     if (!source || this.#viewer?.info) return before?.remove();
     const poster = before ?? this.#root.appendChild(document.createElement("img"));
-    Object.assign(poster, { id: "poster", src: source, alt: "" });
+    if (poster.getAttribute("src") !== source) Object.assign(poster, { id: "poster", src: source, alt: "" });
   }
 
   /** The camera of the attributes: `camera="x y z, x y z"` (from, to), `fov="50"`. */

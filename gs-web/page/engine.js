@@ -24,7 +24,7 @@ export class Connection {
     };
     worker.onerror = (event) => {
       event.preventDefault();
-      this.#broken(event.message ?? "the worker of the page did not start");
+      this.#broken(event.message ?? "the worker did not start");
     };
   }
 

@@ -13,19 +13,25 @@ export class Orbit {
     this.start({ position: [0, 0, -1], target: [0, 0, 0], up: [0, -1, 0], fov: 50 });
   }
 
-  /** Takes a camera: its position, what it looks at, which way is up, its field of view. */
+  /** Takes the first camera of a scene, to which it comes back. */
   start(home) {
-    const ahead = add(home.target, home.position, -1);
+    this.home = home;
+    this.look(home);
+  }
+
+  /** Takes a camera: its position, what it looks at, which way is up, its field of view. */
+  look({ position, target, up, fov }) {
+    const ahead = add(target, position, -1);
     const distance = Math.hypot(...ahead);
-    Object.assign(this, { home, target: home.target, fov: home.fov, distance, size: distance });
-    this.up = home.up[1] > 0 ? 1 : -1;
+    Object.assign(this, { target, fov, distance, size: distance });
+    this.up = up[1] > 0 ? 1 : -1;
     this.yaw = Math.atan2(ahead[0], ahead[2]);
     this.pitch = Math.asin(-this.up * (ahead[1] / distance));
     this.changed();
   }
 
   restart() {
-    this.start(this.home);
+    this.look(this.home);
   }
 
   /** Below the horizon by the pitch. */

@@ -14,8 +14,11 @@ export class Stage {
   orbit;
   #size;
   #draw;
-  #busy = false;
-  #again = false;
+  /** Done when the last picture is drawn, or could not be. */
+  #last = Promise.resolve();
+  /** The picture after the one that is being drawn, if it is wanted; and whether it may be coarse. */
+  #next;
+  #moving = false;
   #coarse = 1;
   #rest = 0;
   /** The rectangle of a 2D scene, px of its image. */
@@ -23,7 +26,7 @@ export class Stage {
 
   /**
    * `size` gives columns and rows of the canvas, px, 0 while it is hidden; `draw` draws a frame, and gives
-   * the time that it took, ms, or `undefined` if it could not.
+   * the time that it took, ms.
    */
   constructor({ size, draw }) {
     this.#size = size;
@@ -31,7 +34,7 @@ export class Stage {
     this.orbit = new Orbit(() => this.#moved());
   }
 
-  /** Takes a scene; with `again`, the camera stays where it is. */
+  /** Takes a scene and draws it; with `again`, the camera stays where it is. */
   show(info, again = false) {
     const { kind, size, home } = info;
     this.info = info;
@@ -67,22 +70,26 @@ export class Stage {
     this.draw(true);
   }
 
-  /** Draws the scene; one picture at a time, and the last view always. */
-  async draw(moving = false) {
+  /**
+   * Draws the scene; one picture at a time, and the last view always. The promise is fulfilled when a picture of
+   * this view or of a later one is drawn, and rejected if it could not be.
+   */
+  draw(moving = false) {
+    this.#moving = moving && (this.#moving || !this.#next);
+    this.#next ??= this.#last.then(() => this.#picture());
+    return this.#next;
+  }
+
+  async #picture() {
+    const moving = this.#moving;
+    this.#last = this.#next.catch(() => {});
+    this.#next = undefined;
+    if (!moving) clearTimeout(this.#rest);
     if (!this.info || this.size().includes(0)) return;
-    if (this.#busy) {
-      this.#again = true;
-      return;
-    }
-    this.#busy = true;
     const size = this.size(moving ? this.#coarse : 1).map((side) => Math.max(1, side));
     const took = await this.#draw(this.frame(size));
     if (moving && took > MOVING_MS && this.#coarse < 8) this.#coarse *= 1.5;
     else if (moving && took < MOVING_MS / 4 && this.#coarse > 1) this.#coarse = Math.max(1, this.#coarse / 1.5);
-    this.#busy = false;
-    const again = this.#again && took !== undefined;
-    this.#again = false;
-    if (again) this.draw(true);
   }
 }
 

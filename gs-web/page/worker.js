@@ -4,6 +4,7 @@
 //
 // Further workers may compute in the engine's memory. They are asked to `load` and to `runThread` only.
 
+import { answer, failure } from "./answer.js";
 import init, { Engine, memoryBytes, policies, runThread, startThreads } from "./gs_web.js";
 import { builtInTarget } from "./targets.js";
 
@@ -137,29 +138,8 @@ self.onmessage = ({ data }) => {
     pageIsBusy = false;
     return report();
   }
-  queue = queue.then(() => answer(data));
+  queue = queue.then(() => answer(data, requests, engine));
 };
-
-async function answer({ id, request, ...rest }) {
-  try {
-    const result = await requests[request](rest);
-    postMessage({ id, result }, result instanceof Uint8Array ? [result.buffer] : []);
-  } catch (error) {
-    postMessage({ id, error: words(error), fatal: await isFatal(error) });
-  }
-}
-
-/** Whether the engine can't go on: it has stopped within a computation, or its device is lost. */
-async function isFatal(error) {
-  if (error instanceof WebAssembly.RuntimeError) return true;
-  return engine !== undefined && !(await engine.works().catch(() => false));
-}
-
-function words(error) {
-  if (error instanceof WebAssembly.RuntimeError) return `the engine stopped: ${error.message}`;
-  if (error instanceof RangeError) return "there is not enough memory for this; use a smaller image or scene";
-  return error?.message ?? String(error);
-}
 
 function stop(slot) {
   fits[slot]?.fit.free();
@@ -203,7 +183,7 @@ function schedule() {
         await goOn(slot);
       } catch (error) {
         if (fits[slot]) fits[slot].running = false;
-        postMessage({ event: "failure", slot, error: words(error), fatal: await isFatal(error) });
+        postMessage({ event: "failure", slot, ...(await failure(error, engine)) });
       }
     }
     if (Object.values(fits).some((fit) => fit.running)) soon.port2.postMessage(null);

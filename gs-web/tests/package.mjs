@@ -11,8 +11,10 @@ import fs from "node:fs";
 import http from "node:http";
 import path from "node:path";
 import { pathToFileURL } from "node:url";
+import { gzipSync } from "node:zlib";
 import { at, close, launch, makeScene, place, psnr, report, run } from "./browser.mjs";
 import { picture } from "./fit.mjs";
+import { runTests } from "./runner.mjs";
 
 const [archive, tools] = [process.argv[3], process.argv[6]].map((name) => path.resolve(name));
 const site = at("site");
@@ -31,6 +33,8 @@ execFileSync("npm", ["install", "--ignore-scripts", "--no-audit", "--no-fund", "
 makeScene(at("made.ply"));
 run("convert", at("made.ply"), inSite("scene.sog"));
 run("convert", at("made.ply"), inSite("second.splat"));
+const rows = fs.readFileSync(at("made.ply"), "utf8").trim().split("\n");
+fs.writeFileSync(inSite("half.ply"), rows.slice(0, -200).join("\n").replace("vertex 400", "vertex 200"));
 run("render", inSite("scene.sog"), "-o", at("scene.png"), "--backend", "cpu", "--size", "256x256");
 run("render", inSite("scene.sog"), "-o", inSite("poster.png"), "--backend", "cpu", "--size", "60x40");
 fs.writeFileSync(inSite("broken.sog"), fs.readFileSync(inSite("scene.sog")).subarray(0, 400));
@@ -44,16 +48,32 @@ const body = (more) => `
   <gsi-img src="photo.gsi" fallback="fallback.png" alt="Patches" style="width: 240px; aspect-ratio: 3 / 2"></gsi-img>`;
 fs.writeFileSync(inSite("index.html"), HTML(body("")));
 fs.writeFileSync(inSite("wgpu.html"), HTML(body('backend="wgpu"')));
+fs.writeFileSync(inSite("place.html"), HTML('<div id="place" style="width: 300px; height: 200px"></div>'));
 
 const TYPES = { html: "text/html", js: "text/javascript", wasm: "application/wasm", png: "image/png" };
 /** Files that the server pretends not to have. */
 const withheld = new Set();
+/** Files that the server changes: what is put into their text, and after which part of it. */
+const changed = new Map();
+/** What the server was asked for, since a test has emptied it. */
+const asked = [];
 const server = http.createServer(({ url }, response) => {
   const { pathname } = new URL(url, "http://localhost");
   const file = inSite(pathname === "/" ? "index.html" : pathname);
+  asked.push(path.basename(file));
   if (!fs.existsSync(file) || withheld.has(path.basename(file))) return response.writeHead(404).end("no");
-  response.writeHead(200, { "content-type": TYPES[path.extname(file).slice(1)] ?? "application/octet-stream" }).end(fs.readFileSync(file));
+  response.writeHead(200, { "content-type": TYPES[path.extname(file).slice(1)] ?? "application/octet-stream" }).end(contents(file));
 });
+function contents(file) {
+  const insertions = changed.get(path.basename(file));
+  if (!insertions) return fs.readFileSync(file);
+  let text = fs.readFileSync(file, "utf8");
+  for (const [after, inserted] of Object.entries(insertions)) {
+    assert.ok(text.includes(after), `${file} has no ${after}`);
+    text = text.replace(after, `${after}\n${inserted}`);
+  }
+  return text;
+}
 await new Promise((resolve) => server.listen(0, "localhost", resolve));
 const home = `http://localhost:${server.address().port}/`;
 
@@ -88,6 +108,54 @@ async function opened(browser, name = "") {
 /** Waits until an element has told that it shows something, or why not. */
 const told = (page, name, after = 0) =>
   page.waitForFunction((name, after) => told.slice(after).some(([of, event]) => of === name && event !== "progress"), { timeout: 60_000 }, name, after);
+
+// What stops an engine: from then on, each use of its WebAssembly throws, as after a panic.
+const STOP = 'wasm = new Proxy({}, { get() { throw new WebAssembly.RuntimeError("unreachable"); } });';
+// A scene's name says what goes wrong with it.
+const FAULTS = {
+  "view(bytes, name) {": `globalThis.fault = name;
+    if (name.includes("slow")) for (const end = performance.now() + 500; performance.now() < end; );
+    if (name.endsWith("stops")) ${STOP}`,
+  "Object.create(View.prototype);": "obj.fault = globalThis.fault;",
+  "pixels(frame) {": `if (this.fault === "slow picture") for (const end = performance.now() + 1000; performance.now() < end; );
+    if (this.fault.endsWith("has no picture")) throw new Error("no picture of this");
+    if (this.fault === "stops in a picture" || JSON.parse(frame).width === 77) ${STOP}
+    if (this.fault === "stops in a task") {
+      setTimeout(() => { throw new WebAssembly.RuntimeError("unreachable"); });
+      return new Promise(() => {});
+    }`,
+};
+
+/**
+ * A page with an empty viewer, `open(scene, name)`, which opens a scene of the site and gives what comes of it, and
+ * `shown()`, which gives the Gaussians of what is open and a number for its picture.
+ */
+async function placed(browser, options = {}) {
+  const page = await browser.newPage();
+  const [workers, complaints] = [[], []];
+  page.on("workercreated", (worker) => workers.push(worker.url()));
+  page.on("pageerror", (error) => complaints.push(error.message));
+  await page.goto(`${home}place.html`);
+  await page.waitForFunction("globalThis.api");
+  await page.evaluate(async (options) => {
+    globalThis.errors = [];
+    const onerror = ({ message }) => errors.push(message);
+    globalThis.viewer = new api.Viewer(document.getElementById("place"), { ...options, onerror });
+    const files = {};
+    for (const name of ["scene.sog", "half.ply", "broken.sog"]) files[name] = await (await fetch(name)).arrayBuffer();
+    globalThis.open = (scene, name = scene, more = {}) =>
+      viewer.load(files[scene], { name, ...more }).then(({ gaussians }) => gaussians, ({ name, message }) => `${name}: ${message}`);
+    globalThis.shown = async () => {
+      const bitmap = await createImageBitmap(await viewer.snapshot([90, 60]));
+      const context = new OffscreenCanvas(90, 60).getContext("2d");
+      context.drawImage(bitmap, 0, 0);
+      const { data } = context.getImageData(0, 0, 90, 60);
+      return [viewer.info.gaussians, data.reduce((hash, byte) => (Math.imul(hash, 31) + byte) | 0, 0)];
+    };
+  }, options);
+  const open = (...words) => page.evaluate((...words) => globalThis.open(...words), ...words);
+  return { page, open, workers, complaints, shown: () => page.evaluate(() => globalThis.shown()) };
+}
 
 /** Sets an attribute of the viewer, and returns what it tells. */
 async function set(page, element, attribute, value) {
@@ -206,6 +274,224 @@ await viewer.load(3);
     await browser.close();
   },
 
+  async "a scene whose first picture fails is refused, and the one before stays open"() {
+    changed.set("gs_viewer.js", FAULTS);
+    const browser = await launch();
+    const { page, open, workers, shown } = await placed(browser);
+    assert.equal(await open("half.ply", "has no picture"), "Error: no picture of this");
+    assert.equal(await page.evaluate(() => viewer.info), undefined);
+    assert.equal(await open("scene.sog"), 400);
+    await page.evaluate(() => (viewer.camera = { fov: 70 }));
+    const before = await shown();
+    assert.equal(await open("half.ply", "has no picture"), "Error: no picture of this");
+    assert.deepEqual(await shown(), before);
+    assert.equal(await open("half.ply"), 200);
+    assert.equal(workers.length, 1);
+    changed.clear();
+    await browser.close();
+  },
+
+  async "after the engine has stopped, another one shows what was open"() {
+    changed.set("gs_viewer.js", FAULTS);
+    const browser = await launch();
+    for (const name of ["stops", "stops in a picture", "stops in a task"]) {
+      const { page, open, workers, complaints, shown } = await placed(browser);
+      assert.match(await open("half.ply", name), /^Error: .*unreachable/, name);
+      assert.equal(await open("scene.sog"), 400, name);
+      await page.evaluate(() => (viewer.camera = { fov: 70 }));
+      const before = await shown();
+      const count = workers.length;
+      const refused = await open("half.ply", name);
+      report(name, refused);
+      assert.match(refused, /^Error: .*unreachable/);
+      assert.deepEqual(await shown(), before, name);
+      assert.equal(workers.length, count + 2, "one that tries again, and one for what was open");
+      assert.equal(await open("half.ply"), 200, name);
+      assert.deepEqual([...complaints, ...(await page.evaluate(() => errors))], [], name);
+      await page.close();
+    }
+    const { page, open, workers, shown } = await placed(browser);
+    await open("scene.sog");
+    const before = await shown();
+    const seen = async () => (await page.$("#place")).screenshot();
+    const picture = await seen();
+    assert.match(await page.evaluate(() => viewer.snapshot([77, 50]).catch(({ message }) => message)), /unreachable/);
+    assert.deepEqual(await seen(), picture, "the canvas keeps its picture");
+    assert.deepEqual(await shown(), before);
+    assert.equal(workers.length, 3);
+    await page.evaluate(() => viewer.reset());
+    await page.waitForFunction(() => viewer.engine);
+    assert.deepEqual(await seen(), picture, "another canvas has the same one");
+    changed.clear();
+    await browser.close();
+  },
+
+  async "an open scene with which each engine stops is closed, and another one can be opened"() {
+    changed.set("gs_viewer.js", FAULTS);
+    const browser = await launch();
+    const { page, open, workers, complaints, shown } = await placed(browser);
+    await open("scene.sog");
+    await page.$eval("#place", (element) => (element.style.width = "77px"));
+    await page.waitForFunction(() => errors.length > 0);
+    // Time for more, if it goes on.
+    await new Promise((resolve) => setTimeout(resolve, 1000));
+    assert.match((await page.evaluate(() => errors)).join(), /^[^,]*unreachable$/);
+    assert.equal(workers.length, 2);
+    assert.equal(await page.evaluate(() => viewer.info), undefined);
+    await page.$eval("#place", (element) => (element.style.width = "80px"));
+    assert.equal(await open("half.ply"), 200);
+    assert.equal((await shown())[0], 200);
+    assert.equal(await page.$$eval("canvas", (all) => all.length), 1);
+    assert.deepEqual(complaints, []);
+    changed.clear();
+    await browser.close();
+  },
+
+  async "an engine that stops while it is opened leaves it to the CPU, or to the next scene"() {
+    const browser = await launch();
+    for (const [condition, first] of [['wanted !== "cpu"', 400], ["true", "Error: the engine stopped: unreachable"]]) {
+      changed.set("gs_viewer.js", { "static open(wanted) {": `if (${condition}) ${STOP}` });
+      const { page, open } = await placed(browser);
+      assert.equal(await open("scene.sog"), first);
+      changed.clear();
+      assert.equal(await open("half.ply"), 200);
+      assert.equal(await page.evaluate(() => viewer.engine.backend), "cpu");
+      await page.close();
+    }
+    await browser.close();
+  },
+
+  async "of several scenes the last one counts, whatever the others end with"() {
+    changed.set("gs_viewer.js", FAULTS);
+    const browser = await launch();
+    const { page, open, complaints, shown } = await placed(browser);
+    /** Opens two scenes, the second one while the engine is busy with the first one. */
+    const both = (first, second) => page.evaluate(async (first, second) => {
+      const opening = open(...first);
+      await new Promise((resolve) => setTimeout(resolve, 200));
+      return Promise.all([opening, open(...second)]);
+    }, first, second);
+    const abandoned = /^AbortError: /;
+    assert.equal(await open("scene.sog"), 400);
+    const before = await shown();
+    for (const first of [["half.ply", "slow"], ["half.ply", "slow picture"], ["half.ply", "slow, has no picture"], ["half.ply", "slow, stops"], ["broken.sog", "slow"]]) {
+      for (const [second, expected] of [["broken.sog", /^Error: /], ["scene.sog", /^400$/]]) {
+        const found = await both(first, [second]);
+        assert.match(found[0], abandoned, `${first} ${second}`);
+        assert.match(String(found[1]), expected, `${first} ${second}`);
+        assert.deepEqual(await shown(), before, `${first} ${second}`);
+      }
+    }
+    assert.deepEqual(await page.evaluate(() => errors), []);
+    const disposed = await page.evaluate(async () => {
+      const opening = open("half.ply", "slow");
+      await new Promise((resolve) => setTimeout(resolve, 200));
+      viewer.dispose();
+      return [await opening, await open("half.ply")];
+    });
+    assert.match(disposed[0], abandoned);
+    assert.equal(disposed[1], "Error: the viewer was disposed of");
+    assert.deepEqual(complaints, []);
+    changed.clear();
+    await browser.close();
+  },
+
+  async "reset takes the first camera, of the file or of the call, and not one that was set"() {
+    const browser = await launch();
+    const { page, open } = await placed(browser);
+    const position = () => page.evaluate(() => viewer.camera.position.map((number) => Math.round(1e4 * number) / 1e4));
+    await open("scene.sog");
+    const first = await position();
+    await page.evaluate(() => (viewer.camera = { position: [0, 0, -9] }));
+    assert.deepEqual(await position(), [0, 0, -9]);
+    await page.evaluate(() => viewer.reset());
+    assert.deepEqual(await position(), first);
+    await open("scene.sog", undefined, { camera: { position: [1, 0, -4], target: [0, 0, 0] } });
+    assert.deepEqual(await position(), [1, 0, -4]);
+    await page.evaluate(() => (viewer.camera = { fov: 20, position: [0, 2, -9] }));
+    await page.evaluate(() => viewer.reset());
+    assert.deepEqual(await position(), [1, 0, -4]);
+    assert.notEqual(await page.evaluate(() => viewer.camera.fov), 20);
+    await browser.close();
+  },
+
+  async "elements fetch their source once, also when they are moved"() {
+    const browser = await launch();
+    asked.length = 0;
+    const { page } = await opened(browser);
+    const count = () => ["scene.sog", "photo.gsi", "poster.png", "viewer-worker.js"].map((name) => asked.filter((other) => other === name).length);
+    assert.deepEqual(await count(), [1, 1, 1, 1]);
+    const before = await snapshot(page, [64, 48]);
+    const isSame = await page.evaluate(async () => {
+      const elements = [...document.querySelectorAll("gs-viewer, gsi-img")];
+      const { viewer } = elements[0];
+      const inside = document.body.appendChild(document.createElement("section"));
+      inside.append(...elements);
+      await new Promise((resolve) => setTimeout(resolve, 500));
+      return elements[0].viewer === viewer && elements[1].shadowRoot.querySelector("canvas") !== null;
+    });
+    assert.ok(isSame);
+    assert.ok(before.equals(await snapshot(page, [64, 48])));
+    assert.deepEqual(await count(), [1, 1, 1, 1]);
+    // A source that is set on the way counts.
+    const after = await page.evaluate(() => told.length);
+    await page.evaluate(() => {
+      const element = document.querySelector("gs-viewer");
+      element.remove();
+      element.src = "half.ply";
+      document.body.append(element);
+    });
+    await told(page, "gs-viewer", after);
+    assert.equal(await page.$eval("gs-viewer", ({ viewer }) => viewer.info.gaussians), 200);
+    await browser.close();
+  },
+
+  async "after the decoder or its worker has stopped, the next image is decoded"() {
+    changed.set("gs_picture.js", { "static decode(bytes, partial) {": `if (bytes.length === 60) ${STOP}` });
+    changed.set("gsi-worker.js", { "queue = queue.then(async () => {": `if (bytes.byteLength === 61) {
+      setTimeout(() => { throw new Error("the worker broke"); }, 500);
+      await new Promise(() => {});
+    }` });
+    for (const length of [60, 61]) fs.writeFileSync(inSite(`stops-${length}.gsi`), fs.readFileSync(inSite("photo.gsi")).subarray(0, length));
+    const browser = await launch();
+    const { page } = await opened(browser);
+    const decoded = (name) => page.evaluate(async (name) => gsi.decode(await fetch(name)).then(({ width }) => width, ({ message }) => message), name);
+    assert.match(await decoded("stops-60.gsi"), /^http.*\/stops-60\.gsi: the decoder stopped: unreachable/);
+    assert.equal(await decoded("photo.gsi"), 48);
+    for (const [name, expected] of [["stops-60.gsi", "stops-60.gsi: the decoder stopped: unreachable"], ["stops-61.gsi", /^stops-61\.gsi: .*the worker broke/]]) {
+      const [[, event, message]] = await set(page, "gsi-img", "src", name);
+      report(message);
+      assert.equal(event, "error");
+      assert.match(message, new RegExp(expected));
+      assert.deepEqual(await set(page, "gsi-img", "src", "photo.gsi"), [["gsi-img", "load", 48]]);
+    }
+    // Another image waits for the one at which the worker breaks.
+    const messages = await page.evaluate(() => Promise.all(["stops-61.gsi", "photo.gsi"].map((name) => new Promise((resolve) => {
+      const element = document.body.appendChild(document.createElement("gsi-img"));
+      for (const event of ["load", "error"]) element.addEventListener(event, ({ detail }) => resolve(detail.message ?? event));
+      element.setAttribute("src", name);
+    }))));
+    assert.match(messages[0], /^stops-61\.gsi: .*the worker broke/);
+    assert.match(messages[1], /^photo\.gsi: .*the worker broke/);
+    changed.clear();
+    await browser.close();
+  },
+
+  "the package is small"() {
+    const folder = inSite("node_modules/gaussian-splats");
+    const sizes = Object.fromEntries(fs.readdirSync(folder).map((name) => [name, gzipSync(fs.readFileSync(path.join(folder, name)), { level: 9 }).length]));
+    const decoder = Object.keys(sizes).filter((name) => /^(gsi|gs_picture|png)/.test(name));
+    const parts = [
+      ["the package", 900_000, fs.statSync(archive).size, Object.keys(sizes)],
+      ["the decoder", 250_000, decoder.reduce((sum, name) => sum + sizes[name], 0), decoder],
+    ];
+    for (const [part, limit, size, names] of parts) {
+      report(part, size, "bytes, compressed");
+      const list = names.sort((a, b) => sizes[b] - sizes[a]).map((name) => `${name} ${sizes[name]}`).join(", ");
+      assert.ok(size <= limit, `${part} has ${size} bytes and may have ${limit}, compressed: ${list}`);
+    }
+  },
+
   async "what can't be had at first is shown when it can"() {
     const browser = await launch();
     for (const name of ["scene.sog", "gsi-worker.js"]) withheld.add(name);
@@ -294,20 +580,7 @@ function displayP3() {
   return Buffer.concat([header, table, ...tags.map(([, content]) => content)]);
 }
 
-let failed = 0;
-const only = new RegExp(process.argv[7] ?? "");
-for (const [name, test] of Object.entries(tests).filter(([name]) => only.test(name))) {
-  const started = Date.now();
-  try {
-    await test();
-    console.log(`ok ${name} (${((Date.now() - started) / 1000).toFixed(1)} s)`);
-  } catch (error) {
-    failed += 1;
-    console.log(`FAILED ${name}\n${error.stdout ?? ""}${error.stack}`);
-  }
-}
-server.close();
-await close();
-console.log(failed === 0 ? "all tests passed" : `${failed} failed`);
-// Browsers of tests that failed are still open.
-process.exit(failed === 0 ? 0 : 1);
+await runTests(tests, process.argv[7], async () => {
+  server.close();
+  await close();
+});
