@@ -1,7 +1,8 @@
 # `gs` as a container: `cargo xtask dist` first, then `docker build -t gs .`; docs/install.md has more.
 FROM debian:trixie-slim
+# NVIDIA's driver, which the container toolkit brings, needs libxext6.
 RUN apt-get update \
-    && apt-get install --yes --no-install-recommends libvulkan1 mesa-vulkan-drivers \
+    && apt-get install --yes --no-install-recommends libvulkan1 libxext6 mesa-vulkan-drivers \
     && rm -rf /var/lib/apt/lists/*
 ARG TARGETARCH
 COPY target/dist/*_${TARGETARCH}.deb /tmp/

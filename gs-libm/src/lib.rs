@@ -1,11 +1,14 @@
-//! Gives a program `exp`, `sin` and the like with the same bits on every system.
+//! Gives a program `exp`, `sin` and the like with the same bits on Linux and Windows.
 //!
-//! C libraries round these functions differently, and glibc does so from one processor to the next. The
-//! standard library calls them by their names in C. This crate defines these names by the crate
-//! [`libm`], and the linker prefers the program's own definitions to those of a C library. It has nothing
-//! to call: `use gs_libm as _;` in a program is enough. In WebAssembly, the standard library has its own.
+//! C libraries round these functions differently, and glibc's results depend on the processor. The
+//! standard library calls them by their names in C. This crate defines these names with the functions of the
+//! crate [`libm`], and the linker prefers a program's own definitions to those of a C library. The crate
+//! has nothing to call: `use gs_libm as _;` in a program is enough.
+//!
+//! It is empty for macOS and for Windows' MSVC targets, where the compiler calls some of these functions by
+//! other names, and for WebAssembly, where the standard library contains [`libm`].
 
-#![cfg(not(target_family = "wasm"))]
+#![cfg(any(target_os = "linux", all(windows, target_env = "gnu")))]
 
 /// Defines functions of C by those of [`libm`] with the same name.
 macro_rules! define {

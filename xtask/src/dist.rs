@@ -75,17 +75,49 @@ pub(crate) fn run(options: Options) -> Result<(), String> {
 fn release(tools: &Tools, out: &Path) -> Result<(), String> {
     let page = web::built_page()?;
     let built = build::all(tools)?;
-    let manual = build::manual(tools, &built)?;
+    let [manual, debian_manual] = ["gs", debian::NAME].map(|name| build::manual(tools, &built, name));
+    let (manual, debian_manual) = (manual?, debian_manual?);
     empty(out)?;
     for (system, built) in SYSTEMS.iter().zip(&built) {
-        let contents = archive::Contents { program: built.program.clone(), manual: manual.clone(), page: page.clone() };
-        let notices = archive::pack(tools, system, &contents, out)?;
-        build::wheel(tools, system, built, &notices, out)?;
+        let papers = Papers::write(tools, system)?;
+        let contents = archive::Contents {
+            program: built.program.clone(),
+            manual: manual.clone(),
+            debian_manual: debian_manual.clone(),
+            page: page.clone(),
+        };
+        archive::pack(tools, system, &contents, &papers, out)?;
+        build::wheel(tools, system, built, &papers, out)?;
     }
-    web::package(out, |tree| tools.script("notices.py", [Path::new(web::TARGET), &tree.join(archive::NOTICES)]))?;
+    web::package(out, |tree| tools.script("notices.py", [Path::new(web::TARGET), &tree.join(NOTICES)]))?;
     tools.script("sums.py", [out])?;
     eprintln!("built {}", out.display());
     Ok(())
+}
+
+/// The licences of what a file of the release is made of.
+const NOTICES: &str = "THIRD-PARTY-LICENSES.txt";
+
+/// What a release for a system is made of.
+#[derive(Debug)]
+struct Papers {
+    /// The licences of everything.
+    notices: PathBuf,
+    /// The SBOM of the program and the page.
+    program: PathBuf,
+    /// The SBOM of the Python module.
+    module: PathBuf,
+}
+
+impl Papers {
+    fn write(tools: &Tools, system: &System) -> Result<Self, String> {
+        let folder = target().join("dist-tools/papers").join(system.name);
+        empty(&folder)?;
+        let [notices, program, module] =
+            [NOTICES, "gs.cdx.json", "gaussian_splats.cdx.json"].map(|name| folder.join(name));
+        tools.script("notices.py", [Path::new(system.triple), &notices, &program, &module])?;
+        Ok(Self { notices, program, module })
+    }
 }
 
 /// Where the trees of the archives are put together.

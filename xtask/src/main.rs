@@ -73,13 +73,14 @@ Options:
 cargo xtask dist builds a release into target/dist, for Linux (x86-64 and 64-bit Arm, glibc 2.28 or
 later) and Windows (x86-64): archives of the program with the page, completions, man pages and
 licences, an SBOM for each, wheels, Debian packages, and SHA256SUMS. The same commit gives the same
-bits. The tools come from PyPI, in an environment of their own. It runs on x86-64 Linux.
+bits. The tools come from PyPI, in an environment of their own. It runs on x86-64 Linux, with Python
+3.11 or later, Node and npm.
 
 Options:
   --test     then test it: the Windows program under Wine, the Arm program and its kernels under
              QEMU, the archive and the package in a bare Debian, the wheel in a fresh environment,
-             the same bits on Linux and Windows, and cargo check for macOS. It takes minutes. What a
-             machine cannot run is skipped by name
+             the same bits on Linux and Windows, and cargo check for macOS, with root or sudo. It takes
+             minutes. What a machine cannot run is skipped by name, and with --install an error
   --install  install Rust's targets and the component rust-src; with --test Debian's debootstrap,
              qemu-user-static and wine";
 

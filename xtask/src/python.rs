@@ -17,7 +17,7 @@ const PYTHON: [&str; 2] = ["python3", "python3-venv"];
 /// Builds a wheel into `target/wheels`: for use, or without optimising what does not compute, to be
 /// tested.
 pub(crate) fn run(options: Options) -> Result<(), String> {
-    let Some(python) = with_environments(options.install)? else {
+    let Some(python) = with_environments(9, options.install)? else {
         eprintln!("skipped: there is no Python 3.9 or later with the module venv: the Python module");
         return Ok(());
     };
@@ -61,9 +61,9 @@ pub(crate) fn run(options: Options) -> Result<(), String> {
 const STUBTEST: [&str; 4] =
     ["gaussian_splats._native", "--ignore-missing-stub", "--mypy-config-file", "pyproject.toml"];
 
-/// The name of a Python that can make environments.
-pub(crate) fn with_environments(install: bool) -> Result<Option<&'static str>, String> {
-    let found = || ["python3", "python"].into_iter().find(|program| has_venv(program));
+/// The name of a Python 3 of at least a minor version that can make environments.
+pub(crate) fn with_environments(minor: u32, install: bool) -> Result<Option<&'static str>, String> {
+    let found = || ["python3", "python"].into_iter().find(|program| has_venv(program, minor));
     if found().is_none() && install {
         install_packages(&PYTHON)?;
     }
@@ -71,9 +71,9 @@ pub(crate) fn with_environments(install: bool) -> Result<Option<&'static str>, S
 }
 
 /// Whether this is a Python that can make an environment.
-fn has_venv(program: &str) -> bool {
-    let check = "import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 9))";
-    let status = Command::new(program).args(["-c", check]).stdout(Stdio::null()).stderr(Stdio::null()).status();
+fn has_venv(program: &str, minor: u32) -> bool {
+    let check = format!("import sys, venv, ensurepip; sys.exit(sys.version_info < (3, {minor}))");
+    let status = Command::new(program).args(["-c", &check]).stdout(Stdio::null()).stderr(Stdio::null()).status();
     status.is_ok_and(|status| status.success())
 }
 

@@ -14,7 +14,7 @@ use crate::system::{
 };
 
 use package::package_folder;
-pub(crate) use package::{archive, package, test_package};
+pub(crate) use package::{archive, need_npm, package, test_package};
 
 /// The target of the page.
 pub(crate) const TARGET: &str = "wasm32-unknown-unknown";

@@ -15,20 +15,26 @@ use crate::{command_line, failure::Failure};
 pub(crate) struct ManualArgs {
     /// The folder to write: man/ for man pages, completions/ for bash, zsh, fish and PowerShell
     folder: PathBuf,
+    /// The name of the command, where that is not gs
+    #[arg(default_value = "gs")]
+    name: String,
 }
 
 /// Writes the folder.
 pub(crate) fn run(args: &ManualArgs) -> Result<(), Failure> {
-    write(&args.folder).map_err(|error| Failure::failed(error).at(args.folder.display()))
+    write(&args.folder, &args.name).map_err(|error| Failure::failed(error).at(args.folder.display()))
 }
 
-fn write(folder: &Path) -> io::Result<()> {
+fn write(folder: &Path, name: &str) -> io::Result<()> {
+    // What it is called lives as long as the program.
+    let name: &'static str = name.to_owned().leak();
+    let command = || command_line::unwrapped().name(name).bin_name(name);
     let [man, completions] = ["man", "completions"].map(|name| folder.join(name));
     fs::create_dir_all(&man)?;
-    clap_mangen::generate_to(command_line::unwrapped(), &man)?;
+    clap_mangen::generate_to(command(), &man)?;
     fs::create_dir_all(&completions)?;
     for shell in [Shell::Bash, Shell::Zsh, Shell::Fish, Shell::PowerShell] {
-        clap_complete::generate_to(shell, &mut command_line::unwrapped(), "gs", &completions)?;
+        clap_complete::generate_to(shell, &mut command(), name, &completions)?;
     }
     Ok(())
 }
@@ -40,7 +46,7 @@ mod tests {
     #[test]
     fn each_command_has_a_page_and_completions() {
         let place = tempfile::tempdir().unwrap();
-        write(place.path()).unwrap();
+        write(place.path(), "gs").unwrap();
         let text = |name: &str| fs::read_to_string(place.path().join(name)).unwrap();
         assert!(text("man/gs-fit.1").contains("\\-\\-gaussians"), "{}", text("man/gs-fit.1"));
         for shell in ["gs.bash", "_gs", "gs.fish", "_gs.ps1"] {
@@ -48,5 +54,16 @@ mod tests {
             assert!(text.contains("train") && text.contains("gaussians") && !text.contains("manual"), "{text}");
         }
         assert!(!place.path().join("man/gs-manual.1").exists());
+    }
+
+    #[test]
+    fn another_name_is_that_of_pages_and_completions() {
+        let place = tempfile::tempdir().unwrap();
+        write(place.path(), "splats").unwrap();
+        let text = |name: &str| fs::read_to_string(place.path().join(name)).unwrap();
+        for file in ["man/splats.1", "man/splats-fit.1"] {
+            assert!(text(file).contains("splats") && !text(file).contains("gs\\-"), "{}", text(file));
+        }
+        assert!(text("completions/splats.bash").contains("complete -F _splats"), "{}", text("completions/splats.bash"));
     }
 }

@@ -20,14 +20,6 @@ use proptest::prelude::*;
 
 const THREADS: [usize; 3] = [1, 2, 7];
 
-/// Every number of threads at the fastest level, and every other level with two threads: threads
-/// and levels do not depend on each other.
-pub(crate) fn levels_and_threads() -> Vec<(SimdLevel, usize)> {
-    let best = SimdLevel::best();
-    let others = SimdLevel::available().into_iter().filter(|level| *level != best).map(|level| (level, 2));
-    others.chain(THREADS.map(|threads| (best, threads))).collect()
-}
-
 pub(crate) fn rasterizer(level: SimdLevel, threads: usize) -> CpuRasterizer {
     CpuRasterizer::new(CpuSettings::default().with(|s| {
         s.threads = Some(threads);
@@ -36,20 +28,46 @@ pub(crate) fn rasterizer(level: SimdLevel, threads: usize) -> CpuRasterizer {
     .unwrap()
 }
 
-#[test]
-fn conforms_at_every_level_and_number_of_threads() {
-    let mut failures = Vec::new();
-    for (level, threads) in levels_and_threads() {
-        let rasterizer = rasterizer(level, threads);
-        let rasterizer = rasterizer.for_2d();
-        assert!(rasterizer.describe().contains(&level.to_string()), "{} is not {level}", rasterizer.describe());
-        match conformance(rasterizer) {
-            Ok(skipped) => assert_eq!(skipped, []),
-            Err(failure) => failures.push(format!("{}: {failure}", rasterizer.describe())),
-        }
+fn assert_conforms(level: SimdLevel, threads: usize) {
+    let rasterizer = rasterizer(level, threads);
+    let rasterizer = rasterizer.for_2d();
+    assert!(rasterizer.describe().contains(&level.to_string()), "{} is not {level}", rasterizer.describe());
+    match conformance(rasterizer) {
+        Ok(skipped) => assert_eq!(skipped, []),
+        Err(failure) => panic!("{}: {failure}", rasterizer.describe()),
     }
-    assert!(failures.is_empty(), "{}", failures.join("\n"));
 }
+
+/// Tests of every number of threads at the fastest level, and of every other level with two threads: threads
+/// and levels do not depend on each other. They are given what checks a level and a number of threads.
+macro_rules! conforms_at_every_level_and_number_of_threads {
+    ($check:path) => {
+        #[test]
+        fn conforms_with_one_thread() {
+            $check(SimdLevel::best(), 1);
+        }
+
+        #[test]
+        fn conforms_with_two_threads() {
+            $check(SimdLevel::best(), 2);
+        }
+
+        #[test]
+        fn conforms_with_seven_threads() {
+            $check(SimdLevel::best(), 7);
+        }
+
+        #[test]
+        fn conforms_at_the_other_levels() {
+            let others = SimdLevel::available().into_iter().filter(|level| *level != SimdLevel::best());
+            others.for_each(|level| $check(level, 2));
+        }
+    };
+}
+
+pub(crate) use conforms_at_every_level_and_number_of_threads;
+
+conforms_at_every_level_and_number_of_threads!(assert_conforms);
 
 /// More Gaussians than fit into one task, and more tiles than threads.
 fn many(blend: Blend) -> Draw {

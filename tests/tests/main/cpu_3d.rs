@@ -9,19 +9,16 @@ use gs_conformance::{
 use gs_core::Parameterization;
 use proptest::prelude::*;
 
-use super::cpu::{levels, levels_and_threads, rasterizer};
+use super::cpu::{conforms_at_every_level_and_number_of_threads, levels, rasterizer};
 
-#[test]
-fn conforms_at_every_level_and_number_of_threads() {
-    let mut failures = Vec::new();
-    for (level, threads) in levels_and_threads() {
-        match conformance_3d(&rasterizer(level, threads)) {
-            Ok(skipped) => assert_eq!(skipped, []),
-            Err(failure) => failures.push(format!("{level}, {threads} threads: {failure}")),
-        }
+fn assert_conforms(level: SimdLevel, threads: usize) {
+    match conformance_3d(&rasterizer(level, threads)) {
+        Ok(skipped) => assert_eq!(skipped, []),
+        Err(failure) => panic!("{level}, {threads} threads: {failure}"),
     }
-    assert!(failures.is_empty(), "{}", failures.join("\n"));
 }
+
+conforms_at_every_level_and_number_of_threads!(assert_conforms);
 
 proptest! {
     #![proptest_config(repeatable(300, 2026))]

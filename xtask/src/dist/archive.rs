@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::{System, VERSION, copy, debian, empty, source, staging, tools::Tools};
+use super::{NOTICES, Papers, System, VERSION, copy, debian, empty, source, staging, tools::Tools};
 use crate::web::copy_folder;
 
 /// What all archives hold, besides files of the workspace.
@@ -12,6 +12,8 @@ pub(crate) struct Contents {
     pub(crate) program: PathBuf,
     /// The folder with `man` and `completions`.
     pub(crate) manual: PathBuf,
+    /// The same for the name of the command in the Debian package.
+    pub(crate) debian_manual: PathBuf,
     /// The folder of the page.
     pub(crate) page: PathBuf,
 }
@@ -19,11 +21,14 @@ pub(crate) struct Contents {
 /// The documents of an archive.
 const DOCUMENTS: [&str; 4] = ["README.md", "CHANGELOG.md", "LICENSE-APACHE", "LICENSE-MIT"];
 
-/// The licences of what the program is made of.
-pub(crate) const NOTICES: &str = "THIRD-PARTY-LICENSES.txt";
-
-/// Packs the archive of a system, its SBOM, and its Debian package. Returns the path of the notices.
-pub(crate) fn pack(tools: &Tools, system: &System, contents: &Contents, out: &Path) -> Result<PathBuf, String> {
+/// Packs the archive of a system, its SBOM, and its Debian package.
+pub(super) fn pack(
+    tools: &Tools,
+    system: &System,
+    contents: &Contents,
+    papers: &Papers,
+    out: &Path,
+) -> Result<(), String> {
     let tree = staging(system);
     empty(&tree)?;
     let documents = if system.is_windows() { tree.clone() } else { tree.join("share/doc/gs") };
@@ -36,15 +41,14 @@ pub(crate) fn pack(tools: &Tools, system: &System, contents: &Contents, out: &Pa
         linux(contents, &tree)?
     }
     let name = format!("gs-{VERSION}-{}", system.name);
-    let sbom = out.join(format!("{name}.cdx.json"));
-    let notices = documents.join(NOTICES);
-    tools.script("notices.py", [system.triple.as_ref(), notices.as_path(), &sbom])?;
+    copy(&papers.notices, &documents.join(NOTICES))?;
+    copy(&papers.program, &out.join(format!("{name}.cdx.json")))?;
     let ending = if system.is_windows() { "zip" } else { "tar.gz" };
     tools.script("pack.py", [&tree, &out.join(format!("{name}.{ending}"))])?;
     if let Some(architecture) = system.debian {
-        debian::pack(tools, architecture, &tree, out)?;
+        debian::pack(tools, architecture, &tree, &contents.debian_manual, out)?;
     }
-    Ok(notices)
+    Ok(())
 }
 
 /// The folders of a prefix like `/usr/local` or `~/.local`, into which the archive can be unpacked.
@@ -52,13 +56,18 @@ fn linux(contents: &Contents, tree: &Path) -> Result<(), String> {
     let share = tree.join("share");
     copy(&contents.program, &tree.join("bin/gs"))?;
     copy_folder(&contents.page, &share.join("gs/page"))?;
-    copy_folder(&contents.manual.join("man"), &share.join("man/man1"))?;
+    shells(&contents.manual, "gs", &share)
+}
+
+/// Man pages and completions, where man and the shells look for them.
+pub(super) fn shells(manual: &Path, name: &str, share: &Path) -> Result<(), String> {
+    copy_folder(&manual.join("man"), &share.join("man/man1"))?;
     for (from, to) in [
-        ("gs.bash", "bash-completion/completions/gs"),
-        ("_gs", "zsh/site-functions/_gs"),
-        ("gs.fish", "fish/vendor_completions.d/gs.fish"),
+        (format!("{name}.bash"), format!("bash-completion/completions/{name}")),
+        (format!("_{name}"), format!("zsh/site-functions/_{name}")),
+        (format!("{name}.fish"), format!("fish/vendor_completions.d/{name}.fish")),
     ] {
-        copy(&contents.manual.join("completions").join(from), &share.join(to))?;
+        copy(&manual.join("completions").join(from), &share.join(to))?;
     }
     Ok(())
 }

@@ -5,7 +5,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use super::{SYSTEMS, System, VERSION, archive::NOTICES, copy, empty, source, tools::Tools};
+use super::{NOTICES, Papers, SYSTEMS, System, VERSION, copy, empty, source, tools::Tools};
 use crate::system::{step, target};
 
 /// The profile of Cargo.toml.
@@ -37,32 +37,35 @@ fn built(tools: &Tools, system: &System) -> Result<Built, String> {
     Ok(Built { program: folder.join(program), module: folder.join(module) })
 }
 
-/// Writes man pages and completions, by the program for this machine.
-pub(crate) fn manual(tools: &Tools, built: &[Built]) -> Result<PathBuf, String> {
+/// Writes man pages and completions for a name of the command, by the program for this machine.
+pub(super) fn manual(tools: &Tools, built: &[Built], name: &str) -> Result<PathBuf, String> {
     let here = |system: &System| {
         let mut parts = system.name.split('-');
         parts.next() == Some(env::consts::ARCH) && parts.next() == Some(env::consts::OS)
     };
     let program = SYSTEMS.iter().position(here).map(|index| &built[index].program);
     let program = program.ok_or("releases are built on x86-64 Linux or Windows, or on 64-bit Arm Linux")?;
-    let folder = target().join("dist-tools").join("manual");
+    let folder = target().join("dist-tools/manual").join(name);
     empty(&folder)?;
     let mut write = std::process::Command::new(program);
-    step(write.arg("manual").arg(&folder).env("SOURCE_DATE_EPOCH", &tools.epoch))?;
+    step(write.arg("manual").arg(&folder).arg(name).env("SOURCE_DATE_EPOCH", &tools.epoch))?;
     Ok(folder)
 }
 
-/// Packs the wheel for a system, with the licences of what it is made of, into a folder.
-pub(crate) fn wheel(tools: &Tools, system: &System, built: &Built, notices: &Path, out: &Path) -> Result<(), String> {
+/// Packs the wheel for a system, with what it is made of, into a folder.
+pub(super) fn wheel(tools: &Tools, system: &System, built: &Built, papers: &Papers, out: &Path) -> Result<(), String> {
     let tree = target().join("dist-tools/wheels").join(system.name).join(format!("gaussian_splats-{VERSION}"));
     empty(&tree)?;
     let module = if system.is_windows() { "_native.pyd" } else { "_native.abi3.so" };
     copy(&built.module, &tree.join("gaussian_splats").join(module))?;
-    let licenses = tree.join(format!("gaussian_splats-{VERSION}.dist-info/licenses"));
+    let info = tree.join(format!("gaussian_splats-{VERSION}.dist-info"));
+    let licenses = info.join("licenses");
     for file in ["LICENSE-APACHE", "LICENSE-MIT"] {
         copy(&source(file), &licenses.join(file))?;
     }
-    copy(notices, &licenses.join(NOTICES))?;
+    copy(&papers.notices, &licenses.join(NOTICES))?;
+    // The place that PEP 770 gives it.
+    copy(&papers.module, &info.join("sboms/gaussian_splats.cdx.json"))?;
     tools.script("wheel_tree.py", [tree.as_os_str(), VERSION.as_ref(), system.wheel.as_ref()])?;
     step(tools.command("wheel").arg("pack").arg("--dest-dir").arg(out).arg(&tree))
 }

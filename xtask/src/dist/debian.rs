@@ -6,14 +6,22 @@ use std::{
     process::{Command, Stdio},
 };
 
-use super::{VERSION, copy, empty, tools::Tools};
+use super::{VERSION, archive, copy, empty, tools::Tools};
 use crate::web::copy_folder;
 
 /// The package and its command. Debian's `gs` is Ghostscript, so the names of the tree are not free.
-const NAME: &str = "gaussian-splats";
+pub(super) const NAME: &str = "gaussian-splats";
+
+/// The file in which Debian looks for licences.
+const COPYRIGHT: &str = concat!(
+    "Format: https://www.debian.org/doc/packaging-manuals/copyright-format/1.0/\n\nFiles: *\nCopyright: ",
+    env!("CARGO_PKG_AUTHORS"),
+    "\nLicense: MIT or Apache-2.0\nComment: LICENSE-MIT and LICENSE-APACHE beside this file have the texts.\n \
+     THIRD-PARTY-LICENSES.txt has those of what the program contains.\n"
+);
 
 /// Packs a tree of `bin` and `share` as a package, where dpkg-deb is.
-pub(crate) fn pack(tools: &Tools, architecture: &str, tree: &Path, out: &Path) -> Result<(), String> {
+pub(super) fn pack(tools: &Tools, architecture: &str, tree: &Path, manual: &Path, out: &Path) -> Result<(), String> {
     let file = format!("{NAME}_{VERSION}_{architecture}.deb");
     if Command::new("dpkg-deb").arg("--version").stdout(Stdio::null()).status().is_err() {
         eprintln!("skipped: {file}: there is no dpkg-deb");
@@ -24,11 +32,11 @@ pub(crate) fn pack(tools: &Tools, architecture: &str, tree: &Path, out: &Path) -
     let (library, share) = (root.join("usr/lib").join(NAME), root.join("usr/share"));
     copy(&tree.join("bin/gs"), &library.join("bin/gs"))?;
     copy_folder(&tree.join("share/gs"), &library.join("share/gs"))?;
-    copy_folder(&tree.join("share/doc/gs"), &share.join("doc").join(NAME))?;
-    copy_folder(&tree.join("share/man"), &share.join("man"))?;
+    let documents = share.join("doc").join(NAME);
+    copy_folder(&tree.join("share/doc/gs"), &documents)?;
+    archive::shells(manual, NAME, &share)?;
     let failed = |error: std::io::Error| format!("{}: {error}", root.display());
-    let man = share.join("man/man1");
-    fs::rename(man.join("gs.1"), man.join(format!("{NAME}.1"))).map_err(failed)?;
+    fs::write(documents.join("copyright"), COPYRIGHT).map_err(failed)?;
     fs::create_dir_all(root.join("usr/bin")).map_err(failed)?;
     link(&format!("../lib/{NAME}/bin/gs"), &root.join("usr/bin").join(NAME)).map_err(failed)?;
     fs::create_dir_all(root.join("DEBIAN")).map_err(failed)?;

@@ -6,6 +6,7 @@ mod bits;
 mod mac;
 mod npm;
 mod program;
+mod sizes;
 mod wheel;
 mod windows;
 
@@ -25,8 +26,12 @@ pub(crate) struct Bench<'a> {
     tools: &'a Tools,
     /// The folder of the release.
     release: &'a Path,
-    /// The folder with the test data, if it is there.
-    data: Option<PathBuf>,
+    /// A photograph.
+    image: PathBuf,
+    /// A data set of views with their poses.
+    dataset: PathBuf,
+    /// The test program of gs-conformance for Arm.
+    conformance: PathBuf,
     /// Install what is needed.
     install: bool,
 }
@@ -40,7 +45,8 @@ enum Outcome {
 /// A part of the test.
 type Part = fn(&Bench<'_>) -> Result<Outcome, String>;
 
-const PARTS: [(&str, Part); 7] = [
+const PARTS: [(&str, Part); 8] = [
+    ("the sizes", sizes::test),
     ("the Windows program under Wine", windows::test),
     ("the Arm program and its kernels under QEMU", arm::test),
     ("the same bits on each system", bits::test),
@@ -50,26 +56,47 @@ const PARTS: [(&str, Part); 7] = [
     ("the workspace for macOS", mac::test),
 ];
 
-/// Runs all parts, and fails after the last one if any has failed.
+/// Runs all parts, and fails after the last one if any has failed, or was skipped although everything that is
+/// needed was to be installed.
 pub(crate) fn run(tools: &Tools, release: &Path, install: bool) -> Result<(), String> {
-    let data = env::var_os("GS_DATA").map_or_else(|| workspace().join("../shared/data"), PathBuf::from);
-    let data = data.canonicalize().ok().filter(|data| data.join("banana").is_dir());
-    let bench = Bench { tools, release, data, install };
-    let mut failed = Vec::new();
+    let (image, dataset) = inputs(tools)?;
+    // Building belongs to the release, not to what its test takes.
+    let conformance = arm::built(tools)?;
+    let bench = Bench { tools, release, image, dataset, conformance, install };
+    let (all, mut failed) = (Instant::now(), Vec::new());
     for (name, part) in PARTS {
         let started = Instant::now();
         match part(&bench) {
             Ok(Outcome::Passed(seen)) => {
                 eprintln!("passed: {name}, in {:.0} s: {seen}", started.elapsed().as_secs_f64())
             }
-            Ok(Outcome::Skipped(why)) => eprintln!("skipped: {name}: {why}"),
+            Ok(Outcome::Skipped(why)) => {
+                eprintln!("skipped: {name}: {why}");
+                failed.extend(install.then_some(name));
+            }
             Err(error) => {
                 eprintln!("failed: {name}: {error}");
                 failed.push(name);
             }
         }
     }
-    if failed.is_empty() { Ok(()) } else { Err(format!("failed: {}", failed.join(", "))) }
+    eprintln!("tested in {:.0} s", all.elapsed().as_secs_f64());
+    if failed.is_empty() { Ok(()) } else { Err(format!("failed or skipped: {}", failed.join(", "))) }
+}
+
+/// A photograph and a data set: those of the test data, or else generated ones.
+fn inputs(tools: &Tools) -> Result<(PathBuf, PathBuf), String> {
+    let data = env::var_os("GS_DATA").map_or_else(|| workspace().join("../shared/data"), PathBuf::from);
+    if let Ok(data) = data.canonicalize() {
+        let inputs = (data.join("kodak/kodim07.png"), data.join("banana"));
+        if inputs.0.is_file() && inputs.1.is_dir() {
+            return Ok(inputs);
+        }
+    }
+    let folder = target().join("dist-test/inputs");
+    empty(&folder)?;
+    tools.script("test/scene.py", [&folder])?;
+    Ok((folder.join("photo.png"), folder.join("dataset")))
 }
 
 impl Bench<'_> {
@@ -98,16 +125,6 @@ impl Bench<'_> {
         }
         Ok(found())
     }
-
-    /// The sources of a photograph and of a data set, if the test data is there.
-    fn data(&self) -> Option<(PathBuf, PathBuf)> {
-        self.data.as_ref().map(|data| (data.join("kodak/kodim07.png"), data.join("banana")))
-    }
-}
-
-/// Why parts that read the test data do not run.
-fn no_data() -> Outcome {
-    Outcome::Skipped("there is no test data".to_owned())
 }
 
 /// What a command prints to both streams, or else an error with it.

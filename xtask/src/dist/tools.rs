@@ -14,15 +14,8 @@ use crate::{
     web,
 };
 
-/// The tools, from PyPI. Zig is the linker and the C compiler for each system.
-const PACKAGES: [&str; 6] = [
-    "cargo-zigbuild==0.24.1",
-    "cyclonedx-python-lib[json-validation]==11.12.0",
-    "pyproject-metadata==0.12.1",
-    "tomli==2.5.0",
-    "wheel==0.48.0",
-    "ziglang==0.17.1",
-];
+/// The tools, from PyPI, with the checksums of their files. Zig is the linker and the C compiler for each system.
+const PACKAGES: &str = "xtask/src/dist/tools.txt";
 
 /// The tools.
 #[derive(Debug)]
@@ -40,13 +33,14 @@ impl Tools {
         }
         system::need_target(web::TARGET, install)?;
         web::need_std_sources(install)?;
-        let python = python::with_environments(install)?
-            .ok_or("there is no Python 3.9 or later with the module venv; --install installs it")?;
+        web::need_npm()?;
+        let python = python::with_environments(11, install)?
+            .ok_or("there is no Python 3.11 or later with the module venv; --install installs it")?;
         let tools = Self { folder: target().join("dist-tools"), epoch: epoch()? };
         step(Command::new(python).args(["-m", "venv"]).arg(tools.folder.join("python")))?;
         let mut pip = tools.command("python");
         pip.args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--retries", "2"]);
-        step(pip.args(PACKAGES))?;
+        step(pip.args(["--require-hashes", "--requirement", PACKAGES]))?;
         Ok(tools)
     }
 

@@ -29,6 +29,7 @@ def main(tree: Path, version: str, platform: str) -> None:
     metadata.version = version
     metadata.dynamic = []
     info = tree / f"gaussian_splats-{version}.dist-info"
+    metadata.license_files = sorted(path.relative_to(info / "licenses") for path in (info / "licenses").iterdir())
     (info / "METADATA").write_bytes(bytes(metadata.as_rfc822()))
     python = pyproject["project"]["requires-python"].removeprefix(">=").replace(".", "")
     (info / "WHEEL").write_text(TAGS.format(python=python, platform=platform))

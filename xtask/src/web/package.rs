@@ -23,11 +23,7 @@ pub(super) fn package_folder() -> PathBuf {
 /// Builds the package, packs it into a folder, and returns the path of the archive. The bits do not depend on
 /// when or where it is built. `complete` may add files to the folder that is packed.
 pub(crate) fn package(out: &Path, complete: impl FnOnce(&Path) -> Result<(), String>) -> Result<PathBuf, String> {
-    for program in ["node", "npm"] {
-        if !has_program(program) {
-            return Err(format!("the npm package needs {program}; --install installs it"));
-        }
-    }
+    need_npm()?;
     let (target, sources) = (target(), workspace().join("gs-web/package"));
     let (tools, tree) = (package_folder(), package_folder().join("tree"));
     install_packages_of_npm(&sources.join("tools"), &tools)?;
@@ -59,6 +55,12 @@ pub(crate) fn package(out: &Path, complete: impl FnOnce(&Path) -> Result<(), Str
     let archive = archive(&out);
     eprintln!("built {}", archive.display());
     Ok(archive)
+}
+
+/// Checks that what packs the package is there.
+pub(crate) fn need_npm() -> Result<(), String> {
+    let missing = ["node", "npm"].into_iter().find(|program| !has_program(program));
+    missing.map_or(Ok(()), |program| Err(format!("the npm package needs {program}; --install installs it")))
 }
 
 /// Installs the package in a fresh folder, checks its types, and shows both entries in a browser. Returns false if

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::{
-    Bench, Outcome, expect, no_data,
+    Bench, Outcome, expect,
     program::{Program, equal},
 };
 
@@ -12,15 +12,14 @@ const FILES: [&str; 3] = ["fit/scene.gs2d.safetensors", "image.gsi", "scene/scen
 
 pub(super) fn test(bench: &Bench<'_>) -> Result<Outcome, String> {
     let folder = bench.folder("bits")?;
-    let Some((image, dataset)) = bench.data() else { return Ok(no_data()) };
     let Some(linux) = Program::linux(bench, &folder)? else {
         return Ok(Outcome::Skipped("this is not x86-64 Linux".to_owned()));
     };
-    let on_linux = results(&linux, &folder.join("linux"), &image, &dataset)?;
+    let on_linux = results(&linux, &folder.join("linux"), &bench.image, &bench.dataset)?;
     let Some(windows) = Program::windows(bench, &folder)? else {
         return Ok(Outcome::Skipped("there is no Wine; --install installs it".to_owned()));
     };
-    let on_windows = results(&windows, &folder.join("windows"), &image, &dataset)?;
+    let on_windows = results(&windows, &folder.join("windows"), &bench.image, &bench.dataset)?;
     for file in FILES {
         expect(equal(&on_linux.join(file), &on_windows.join(file))?, || {
             format!("{file} differs on Linux and Windows")
@@ -30,7 +29,7 @@ pub(super) fn test(bench: &Bench<'_>) -> Result<Outcome, String> {
 }
 
 /// Makes the files in a new folder.
-pub(super) fn results(gs: &Program, folder: &Path, image: &Path, dataset: &Path) -> Result<PathBuf, String> {
+fn results(gs: &Program, folder: &Path, image: &Path, dataset: &Path) -> Result<PathBuf, String> {
     super::empty(folder)?;
     let [image, dataset] = [image, dataset].map(|path| path.display().to_string());
     let level = ["--simd", "baseline"];

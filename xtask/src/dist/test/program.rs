@@ -106,6 +106,13 @@ pub(super) struct Running {
     line: String,
 }
 
+impl Drop for Running {
+    fn drop(&mut self) {
+        // It may have ended.
+        let _ended = self.child.kill().and_then(|()| self.child.wait());
+    }
+}
+
 impl Running {
     /// Sends Ctrl-C, upon which the program must keep what it has and end with the status of that.
     pub(super) fn interrupt(mut self) -> Result<(), String> {

@@ -2,19 +2,18 @@
 
 use std::{fs, path::Path};
 
-use super::{Bench, Outcome, expect, no_data, program::Program};
+use super::{Bench, Outcome, expect, program::Program};
 
 pub(super) fn test(bench: &Bench<'_>) -> Result<Outcome, String> {
     let folder = bench.folder("windows")?.join("Größe 図");
     fs::create_dir_all(folder.join("Bilder")).map_err(|error| format!("{}: {error}", folder.display()))?;
-    let Some((image, dataset)) = bench.data() else { return Ok(no_data()) };
     let Some(gs) = Program::windows(bench, &folder)? else {
         return Ok(Outcome::Skipped("there is no Wine; --install installs it".to_owned()));
     };
-    super::super::copy(&image, &folder.join("Bilder").join("Fähre 七.png"))?;
+    super::super::copy(&bench.image, &folder.join("Bilder").join("Fähre 七.png"))?;
     let photo = r"Bilder\Fähre 七.png";
     images(&gs, &folder, photo)?;
-    training(&gs, &folder, &format!("Z:{}", dataset.display()).replace('/', r"\"))?;
+    training(&gs, &folder, &format!("Z:{}", bench.dataset.display()).replace('/', r"\"))?;
     // A second run into the folder of one at work, and one into the folder of one that has ended.
     let run = ["fit", photo, "-o", r"aus\lang", "-n", "9000", "-i", "40000"];
     let busy = gs.start(&folder, &run)?;
