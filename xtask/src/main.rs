@@ -68,7 +68,7 @@ Options:
              it, into share/gs/page of cargo's folder; with --test or --package install Debian's
              chromium, nodejs and npm, and packages of npm
   --package  as the first flag: instead build the npm package, the viewer and the decoder of .gsi files,
-             into target/web-package, and with --test test that
+             into target/web-package; with --test, test it
 
 cargo xtask dist builds a release into target/dist, for Linux (x86-64 and 64-bit Arm, glibc 2.28 or
 later) and Windows (x86-64): archives of the program with the page, completions, man pages and

@@ -66,7 +66,7 @@ pub(crate) fn run_package(options: Options) -> Result<(), String> {
     need_target(TARGET, options.install)?;
     check_versions()?;
     let archive = package(&package_folder(), |_| Ok(()))?;
-    if options.test { test_package(&archive, options.install).map(drop) } else { Ok(()) }
+    if options.test { test_package(&archive, built_program, options.install).map(drop) } else { Ok(()) }
 }
 
 /// Builds the page into `target/page`, and returns the folder.

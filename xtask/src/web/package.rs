@@ -7,7 +7,7 @@ use std::{
 };
 
 use super::{Driver, RUSTFLAGS, compile, has_program, install_packages_of_npm, tool};
-use crate::system::{built_program, step, target, workspace};
+use crate::system::{step, target, workspace};
 
 /// The features of gs-web of which each file of WebAssembly is made, and the names of their bindings.
 const PARTS: [(&str, &str); 2] = [("viewer", "gs_viewer"), ("picture", "gs_picture")];
@@ -63,11 +63,15 @@ pub(crate) fn need_npm() -> Result<(), String> {
     missing.map_or(Ok(()), |program| Err(format!("the npm package needs {program}; --install installs it")))
 }
 
-/// Installs the package in a fresh folder, checks its types, and shows both entries in a browser. Returns false if
-/// there is none.
-pub(crate) fn test_package(archive: &Path, install: bool) -> Result<bool, String> {
+/// Installs the package in a fresh folder, checks its types, and shows both entries in a browser, whose pictures
+/// are compared with those of the program. Returns false if there is no browser.
+pub(crate) fn test_package(
+    archive: &Path,
+    program: impl FnOnce() -> Result<PathBuf, String>,
+    install: bool,
+) -> Result<bool, String> {
     let Some(Driver { browser, place }) = Driver::found("the npm package", install)? else { return Ok(false) };
-    let gs = built_program()?;
+    let gs = program()?;
     let mut test = Command::new("node");
     test.arg(workspace().join("gs-web/tests/package.mjs")).arg(browser).arg(archive).args([&gs, &place]);
     step(test.arg(package_folder())).map(|()| true)

@@ -57,6 +57,11 @@ impl Program {
         Ok(Some(Self { path: bench.unpack("aarch64-linux", folder)?.join("bin/gs"), runner: ON_ARM.to_vec() }))
     }
 
+    /// Its file.
+    pub(super) fn path(&self) -> &Path {
+        &self.path
+    }
+
     /// The command with these arguments, to be run in a folder. Wine's messages of its own are off.
     fn command(&self, folder: &Path, arguments: &[&str]) -> Command {
         let words = self.runner.iter().map(AsRef::as_ref).chain([self.path.as_os_str()]);

@@ -5,8 +5,7 @@ use std::fs;
 use super::{Bench, Outcome, expect};
 
 /// The endings of files, and the most bytes that one may have.
-const LIMITS: [(&str, u64); 5] =
-    [("gz", 25_000_000), ("zip", 25_000_000), ("deb", 25_000_000), ("whl", 10_000_000), ("tgz", 900_000)];
+const LIMITS: [(&str, u64); 4] = [("gz", 25_000_000), ("zip", 25_000_000), ("deb", 25_000_000), ("whl", 10_000_000)];
 
 pub(super) fn test(bench: &Bench<'_>) -> Result<Outcome, String> {
     let failed = |error| format!("{}: {error}", bench.release.display());
