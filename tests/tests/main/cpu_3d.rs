@@ -7,6 +7,7 @@ use gs_conformance::{
     scenes::draws_3d,
 };
 use gs_core::Parameterization;
+use gs_cpu::SimdLevel;
 use proptest::prelude::*;
 
 use super::cpu::{conforms_at_every_level_and_number_of_threads, levels, rasterizer};

@@ -132,8 +132,11 @@ fn output(command: &mut Command) -> Result<String, String> {
     let line = program::line(command);
     eprintln!("== {line}");
     let output = command.output().map_err(|error| format!("{line}: could not be started: {error}"))?;
-    let text = [output.stdout, output.stderr].map(|bytes| String::from_utf8_lossy(&bytes).into_owned()).concat();
-    if output.status.success() { Ok(text) } else { Err(format!("{line}: {}: {text}", output.status)) }
+    let [results, errors] = [output.stdout, output.stderr].map(|bytes| String::from_utf8_lossy(&bytes).into_owned());
+    match output.status.success() {
+        true => Ok(results + &errors),
+        false => Err(format!("{line}: {}: {}", output.status, if errors.is_empty() { results } else { errors })),
+    }
 }
 
 /// An error if something that was expected does not hold.
