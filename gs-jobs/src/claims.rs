@@ -13,8 +13,8 @@
 //! - **The record is looked for again after the claim was created,** because the job may have ended
 //!   in between. Records and claims lie in one folder, so that creating the claim renews what an
 //!   NFS client knows of the folder.
-//! - **Ages are differences of times that the file server or the object store has set:** that of the
-//!   claim and that of a file made for the comparison. The clocks of the machines do not matter.
+//! - **Ages are differences of times that the file server has set:** that of the claim and that of a
+//!   file made for the comparison. The clocks of the machines do not matter.
 //!
 //! A process also locks its claims. Where another process of the same running system gets the lock,
 //! the owner is dead, and the job need not wait for the end of the lease.
@@ -68,10 +68,10 @@ pub struct ClaimNote {
 /// The claims in a store, made by one process.
 #[derive(Debug)]
 pub struct Claims {
-    store: Arc<dyn JobStore>,
+    store: JobStore,
     worker: String,
     lease: Duration,
-    system: Option<String>,
+    system: String,
     /// The claims that this process holds.
     held: Mutex<Vec<Arc<OwnClaim>>>,
     /// The time of the store, and when it was read.
@@ -81,7 +81,7 @@ pub struct Claims {
 /// The file of a claim of this process.
 #[derive(Debug)]
 struct OwnClaim {
-    file: Box<dyn OwnFile>,
+    file: OwnFile,
     /// What follows the first word.
     note: Vec<u8>,
 }
@@ -128,7 +128,7 @@ pub enum State {
 
 impl Claims {
     /// Claims in a store. `worker` names this process in its claims.
-    pub fn new(store: Arc<dyn JobStore>, worker: String, lease: Duration) -> Self {
+    pub fn new(store: JobStore, worker: String, lease: Duration) -> Self {
         let system = store.system();
         Self { store, worker, lease, system, held: Mutex::default(), clock: Mutex::default() }
     }
@@ -136,9 +136,9 @@ impl Claims {
     /// Tries to claim a job. `job` describes it for people.
     ///
     /// # Errors
-    /// [`Error::Write`] or [`Error::Store`] where the claim cannot be written.
+    /// [`Error::Write`] where the claim cannot be written.
     pub(crate) fn attempt(&self, address: &str, job: &str) -> Result<Attempt<'_>, Error> {
-        if self.has_record(address)? {
+        if self.has_record(address) {
             return Ok(Attempt::Ended);
         }
         let token = system::token();
@@ -146,19 +146,19 @@ impl Claims {
         let mut generation = 0;
         let file = loop {
             let name = files::claim(address, generation);
-            if let Some(file) = self.store.create(&name, &|locked| [WORKING, &note(locked)].concat())? {
+            if let Some(file) = self.store.create(&name, |locked| [WORKING, &note(locked)].concat())? {
                 break file;
             }
             match self.state(&name)? {
                 State::Live { .. } => return Ok(Attempt::Taken),
                 State::Released | State::Expired { .. } => generation += 1,
-                State::Gone => return Ok(if self.has_record(address)? { Attempt::Ended } else { Attempt::Taken }),
+                State::Gone => return Ok(if self.has_record(address) { Attempt::Ended } else { Attempt::Taken }),
             }
         };
         let own = Arc::new(OwnClaim { note: note(file.locked()), file });
         self.held().push(own.clone());
         let claim = Claim { claims: self, address: address.to_owned(), generation, own: Some(own) };
-        if self.has_record(address)? {
+        if self.has_record(address) {
             claim.finish();
             return Ok(Attempt::Ended);
         }
@@ -178,16 +178,16 @@ impl Claims {
     /// The state of a claim.
     ///
     /// # Errors
-    /// [`Error::Write`] or [`Error::Store`] where it or the store's time cannot be read.
+    /// [`Error::Write`] where the store's time cannot be read.
     pub fn state(&self, name: &str) -> Result<State, Error> {
-        let Some(seen) = self.store.look(name)? else { return Ok(State::Gone) };
+        let Some(seen) = self.store.look(name) else { return Ok(State::Gone) };
         if seen.content.starts_with(RELEASED) {
             return Ok(State::Released);
         }
         // A claim without a complete note has just been created, or its owner died then.
         let note = seen.content.strip_prefix(WORKING).and_then(|note| serde_json::from_slice(note).ok());
         let note: Option<ClaimNote> = note;
-        let is_here = note.as_ref().is_some_and(|note| note.locked && Some(&note.system) == self.system.as_ref());
+        let is_here = note.as_ref().is_some_and(|note| note.locked && note.system == self.system);
         if is_here && seen.is_free() {
             return Ok(State::Expired { note });
         }
@@ -200,9 +200,9 @@ impl Claims {
     /// Whether a file was last written longer ago than a lease, by the store's clock.
     ///
     /// # Errors
-    /// [`Error::Write`] or [`Error::Store`] where it or the store's time cannot be read.
+    /// [`Error::Write`] where the store's time cannot be read.
     pub(crate) fn is_old(&self, name: &str) -> Result<bool, Error> {
-        let Some(written) = self.store.look(name)?.and_then(|seen| seen.written) else { return Ok(false) };
+        let Some(written) = self.store.look(name).and_then(|seen| seen.written) else { return Ok(false) };
         Ok(self.now()?.duration_since(written).is_ok_and(|age| age > self.lease))
     }
 
@@ -255,14 +255,14 @@ impl Claims {
             worker: self.worker.clone(),
             job: job.to_owned(),
             lease: self.lease.as_secs_f64(),
-            system: self.system.clone().unwrap_or_default(),
+            system: self.system.clone(),
             locked: locked == Locked::Yes,
             token: token.to_owned(),
         };
         serde_json::to_vec(&note).unwrap_or_default()
     }
 
-    fn has_record(&self, address: &str) -> Result<bool, Error> {
+    fn has_record(&self, address: &str) -> bool {
         self.store.has(&files::record(address))
     }
 
@@ -309,4 +309,4 @@ impl Drop for Claim<'_> {
 }
 
 #[cfg(test)]
-pub(crate) mod tests;
+mod tests;

@@ -24,14 +24,6 @@ pub enum Error {
         /// The error of the operating system.
         source: io::Error,
     },
-    /// A store cannot be used, or not be reached.
-    #[error("{place}: {what}")]
-    Store {
-        /// The store's address, or that of an object in it.
-        place: String,
-        /// What is wrong with it, and how to fix it.
-        what: String,
-    },
     /// A setting of [`WorkSettings`](crate::WorkSettings) is out of its range.
     #[error("{message}")]
     Work {

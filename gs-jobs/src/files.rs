@@ -70,8 +70,8 @@ impl Listing {
     /// Lists the folder.
     ///
     /// # Errors
-    /// [`Error::Path`] or [`Error::Store`] where it cannot be read.
-    pub fn of(store: &dyn JobStore) -> Result<Self, Error> {
+    /// [`Error::Path`] where it cannot be read.
+    pub fn of(store: &JobStore) -> Result<Self, Error> {
         let mut listing = Self::default();
         for name in store.names(RUNS)? {
             match JobFile::of(&name) {

@@ -7,7 +7,7 @@ mod error;
 pub mod files;
 mod queue;
 pub mod slurm;
-pub mod store;
+mod store;
 mod system;
 mod work;
 
@@ -16,6 +16,6 @@ pub use self::{
     error::Error,
     files::Listing,
     queue::{Overseer, Queue},
-    store::{FolderStore, JobStore, Keep, StoreAddress},
+    store::{Content, JobStore, Keep},
     work::{AtEnd, Shard, WorkSettings},
 };

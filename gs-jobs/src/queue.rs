@@ -3,7 +3,7 @@
 
 use std::{
     collections::VecDeque,
-    sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, mpsc},
+    sync::{Condvar, Mutex, MutexGuard, PoisonError, mpsc},
     thread,
     time::{Duration, Instant},
 };
@@ -53,7 +53,7 @@ impl Overseer for () {}
 pub struct Queue<'a> {
     /// The addresses of all jobs, in the order given.
     addresses: Vec<&'a str>,
-    store: Arc<dyn JobStore>,
+    store: JobStore,
     claims: Claims,
     settings: &'a WorkSettings,
     order: Mutex<Order>,
@@ -88,7 +88,7 @@ enum Look {
 
 impl<'a> Queue<'a> {
     /// A queue of jobs whose records and claims are in `store`.
-    pub fn new(addresses: Vec<&'a str>, store: Arc<dyn JobStore>, settings: &'a WorkSettings) -> Self {
+    pub fn new(addresses: Vec<&'a str>, store: JobStore, settings: &'a WorkSettings) -> Self {
         let claims = Claims::new(store.clone(), settings.worker.clone(), settings.lease);
         Self { addresses, store, claims, settings, order: Mutex::default(), changed: Condvar::new() }
     }
@@ -138,7 +138,7 @@ impl<'a> Queue<'a> {
     /// # Errors
     /// [`Error::Path`] where the folder cannot be read.
     pub fn left(&self) -> Result<usize, Error> {
-        let ended = Listing::of(&*self.store)?.ended;
+        let ended = Listing::of(&self.store)?.ended;
         Ok(self.addresses.iter().filter(|&&address| !ended.contains(address)).count())
     }
 
@@ -180,7 +180,7 @@ impl<'a> Queue<'a> {
             Some(_) if order.is_last => return Ok(Look::Nothing),
             _ => {}
         }
-        let listing = Listing::of(&*self.store)?;
+        let listing = Listing::of(&self.store)?;
         let left = (0..self.addresses.len()).filter(|&index| !listing.ended.contains(self.addresses[index]));
         let (taken, free): (Vec<usize>, Vec<usize>) =
             left.partition(|&index| listing.claimed.contains_key(self.addresses[index]));

@@ -12,7 +12,6 @@ use super::*;
 use crate::{
     files::{self, Listing},
     queue::{Overseer, Queue},
-    store::FolderStore,
     work::{AtEnd, Shard, WorkSettings},
 };
 
@@ -29,12 +28,8 @@ fn place() -> tempfile::TempDir {
     place
 }
 
-fn folder_store(folder: &Path) -> Arc<dyn JobStore> {
-    Arc::new(FolderStore::new(folder))
-}
-
 fn claims(folder: &Path) -> Claims {
-    Claims::new(folder_store(folder), "a test".to_owned(), LEASE)
+    Claims::new(JobStore::new(folder), "a test".to_owned(), LEASE)
 }
 
 fn claimed(attempt: Attempt<'_>) -> Claim<'_> {
@@ -45,12 +40,12 @@ fn claimed(attempt: Attempt<'_>) -> Claim<'_> {
 }
 
 /// Stores what counts as a record. Fails where there is one.
-fn store(to: &dyn JobStore, address: &str) {
-    let created = to.create(&files::record(address), &|_| system::token().into_bytes()).unwrap();
+fn store(to: &JobStore, address: &str) {
+    let created = to.create(&files::record(address), |_| system::token().into_bytes()).unwrap();
     created.expect("no run is done twice");
 }
 
-fn names(of: &dyn JobStore) -> Vec<String> {
+fn names(of: &JobStore) -> Vec<String> {
     let mut names: Vec<String> = of.names(RUNS).unwrap().iter().map(|name| format!("{RUNS}/{name}")).collect();
     names.sort();
     names
@@ -87,11 +82,11 @@ fn a_run_is_claimed_once_and_is_free_again_when_given_back() {
     assert!(age < LEASE);
     drop(claim);
     let second = claimed(other.attempt(&run, "a job").unwrap());
-    assert_eq!(names(&*folder_store(place.path())).len(), 2, "claims are only added");
-    store(&*folder_store(place.path()), &run);
+    assert_eq!(names(&JobStore::new(place.path())).len(), 2, "claims are only added");
+    store(&JobStore::new(place.path()), &run);
     second.finish();
     assert!(matches!(one.attempt(&run, "a job").unwrap(), Attempt::Ended));
-    assert_eq!(names(&*folder_store(place.path())), [files::record(&run)]);
+    assert_eq!(names(&JobStore::new(place.path())), [files::record(&run)]);
 }
 
 #[test]
@@ -168,7 +163,7 @@ fn a_run_that_ended_while_it_was_claimed_is_not_done_again() {
         for _ in 0..4 {
             scope.spawn(|| match claims.attempt(&run, "a job").unwrap() {
                 Attempt::Claimed(claim) => {
-                    store(&*folder_store(place.path()), &run);
+                    store(&JobStore::new(place.path()), &run);
                     claim.finish();
                 }
                 Attempt::Ended | Attempt::Taken => {}
@@ -177,7 +172,7 @@ fn a_run_that_ended_while_it_was_claimed_is_not_done_again() {
     });
     assert!(matches!(claims.attempt(&run, "a job").unwrap(), Attempt::Ended));
     claims.sweep().unwrap();
-    assert_eq!(names(&*folder_store(place.path())), [files::record(&run)]);
+    assert_eq!(names(&JobStore::new(place.path())), [files::record(&run)]);
 }
 
 #[test]
@@ -190,7 +185,7 @@ fn what_the_dead_have_left_is_swept_and_the_rest_stays() {
         fs::write(&path, "x").unwrap();
         File::options().write(true).open(&path).unwrap().set_modified(time).unwrap();
     };
-    store(&*folder_store(place.path()), &address(1));
+    store(&JobStore::new(place.path()), &address(1));
     foreign(place.path(), &address(1), 0, old);
     foreign(place.path(), &address(2), 0, old);
     for run in [1, 2] {
@@ -208,7 +203,7 @@ fn what_the_dead_have_left_is_swept_and_the_rest_stays() {
         &files::checkpoint(&address(2)),
         "runs/notes.txt",
     ];
-    assert_eq!(names(&*folder_store(place.path())), kept);
+    assert_eq!(names(&JobStore::new(place.path())), kept);
 }
 
 /// A process that dies, gives up or goes on, at random but for its seed.
@@ -226,7 +221,7 @@ impl Fate {
 /// Does jobs as one process of many: some are given back, and some processes die. Returns whether it
 /// died.
 fn take_part(
-    store_of_runs: &Arc<dyn JobStore>,
+    store_of_runs: &JobStore,
     addresses: &[String],
     settings: &WorkSettings,
     fate: &mut Fate,
@@ -239,7 +234,7 @@ fn take_part(
                 0 => drop(claim.close()),
                 1 => {}
                 _ => {
-                    store(&**store_of_runs, &addresses[index]);
+                    store(store_of_runs, &addresses[index]);
                     claim.finish();
                     done.fetch_add(1, Ordering::Relaxed);
                     continue;
@@ -251,49 +246,41 @@ fn take_part(
     })
 }
 
-/// Lets `processes` at a time work on `runs`; those that die are replaced. Each opens the store.
-pub(crate) fn check_that_each_run_is_done_once(
-    open: impl Fn() -> Arc<dyn JobStore> + Sync,
-    (processes, runs): (usize, usize),
-    shares: bool,
-    lease: Duration,
-) {
+/// Lets `processes` at a time work on `runs`; those that die are replaced.
+fn check_that_each_run_is_done_once(processes: usize, runs: usize, shares: bool) {
+    let place = place();
+    let store = JobStore::new(place.path());
     let addresses: Vec<String> = (0..runs).map(address).collect();
     let done = AtomicUsize::new(0);
     thread::scope(|scope| {
         for process in 0..processes {
-            let (addresses, done, open) = (&addresses, &done, &open);
+            let (addresses, done, store) = (&addresses, &done, &store);
             let shard = shares.then_some(Shard { index: process as u32, count: processes as u32 });
-            let settings = WorkSettings::default().with(|s| (s.shard, s.at_end, s.lease) = (shard, AtEnd::Wait, lease));
+            let settings = WorkSettings::default().with(|s| (s.shard, s.at_end, s.lease) = (shard, AtEnd::Wait, LEASE));
             let mut fate = Fate(process as u64 + 1);
-            let body = move || while take_part(&open(), addresses, &settings, &mut fate, done) {};
+            let body = move || while take_part(store, addresses, &settings, &mut fate, done) {};
             thread::Builder::new().stack_size(256 << 10).spawn_scoped(scope, body).unwrap();
         }
     });
     assert_eq!(done.into_inner(), runs);
-    assert_eq!(Listing::of(&*open()).unwrap().ended.len(), runs);
-    assert_eq!(names(&*open()).len(), runs, "nothing else is left");
-}
-
-fn check_in_a_folder(processes: usize, runs: usize, shares: bool) {
-    let place = place();
-    check_that_each_run_is_done_once(|| folder_store(place.path()), (processes, runs), shares, LEASE);
+    assert_eq!(Listing::of(&store).unwrap().ended.len(), runs);
+    assert_eq!(names(&store).len(), runs, "nothing else is left");
 }
 
 #[test]
 fn of_tasks_that_die_and_give_up_none_loses_a_run_or_does_it_twice() {
-    check_in_a_folder(150, 600, true);
+    check_that_each_run_is_done_once(150, 600, true);
 }
 
 #[test]
 #[ignore = "slow: a thousand threads; `cargo xtask test --slow` runs it"]
 fn crashed_workers_lose_no_run() {
-    check_in_a_folder(1000, 2000, true);
+    check_that_each_run_is_done_once(1000, 2000, true);
 }
 
 #[test]
 fn without_shares_all_begin_at_the_same_run_and_none_is_done_twice() {
-    check_in_a_folder(40, 600, false);
+    check_that_each_run_is_done_once(40, 600, false);
 }
 
 /// Counts what it is shown.
@@ -316,11 +303,11 @@ fn a_process_begins_with_its_share_and_leaves_what_others_are_doing() {
     });
     let others = claims(place.path());
     let held = claimed(others.attempt(&addresses[4], "a job").unwrap());
-    let queue = Queue::new(addresses.iter().map(String::as_str).collect(), folder_store(place.path()), &settings);
+    let queue = Queue::new(addresses.iter().map(String::as_str).collect(), JobStore::new(place.path()), &settings);
     let (mut order, seen) = (Vec::new(), Seen::default());
     while let Some((index, claim)) = queue.next(|index| index.to_string(), &seen).unwrap() {
         order.push(index);
-        store(&*folder_store(place.path()), &addresses[index]);
+        store(&JobStore::new(place.path()), &addresses[index]);
         claim.finish();
     }
     assert_eq!(order, [1, 0, 2, 3, 5, 6]);

@@ -98,7 +98,7 @@ impl<'a> Results<'a> {
             let record = folder.record(run)?;
             Ok(record.map(|record| Record { settings: String::new(), ..record }))
         };
-        let records: Result<_, Error> = folder.at_once(|| plan.runs.par_iter().map(record).collect());
+        let records: Result<_, Error> = plan.runs.par_iter().map(record).collect();
         Ok(Self { plan, records: records? })
     }
 

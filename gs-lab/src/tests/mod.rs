@@ -3,8 +3,6 @@
 mod claims;
 mod clock;
 mod comparisons;
-#[cfg(feature = "object-store-tests")]
-mod in_object_store;
 mod interrupted;
 mod scenes;
 mod studies;

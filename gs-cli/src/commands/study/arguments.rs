@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
-use gs_jobs::{Shard, StoreAddress};
+use gs_jobs::Shard;
 use gs_lab::study::Selection;
 
 use crate::{
@@ -134,10 +134,6 @@ pub(crate) struct PrepareArgs {
     /// Folder of the images or data sets [default: $GS_DATA, or that of the study's file]
     #[arg(long, value_name = "DIR")]
     pub(crate) data: Option<PathBuf>,
-    /// Keep records, claims, checkpoints and pictures of the runs in an object store, not in DIR;
-    /// credentials and endpoint are those of the environment (AWS_ACCESS_KEY_ID, AWS_ENDPOINT, ...)
-    #[arg(long, value_name = "s3://BUCKET/PREFIX")]
-    pub(crate) store: Option<StoreAddress>,
     /// Continue the study in DIR; finished runs are not repeated
     #[arg(long)]
     pub(crate) resume: bool,

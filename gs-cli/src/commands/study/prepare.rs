@@ -52,8 +52,8 @@ pub(super) fn prepare(args: &PrepareArgs, jobs: usize) -> Result<Prepared, Failu
     if args.resume {
         note_other_origin(&output, &plan);
     }
-    let (inputs, overwrite, store) = (vec![name.to_owned()], args.overwrite.overwrite, args.store.clone());
-    let folder = StudyFolder::prepare(&output, &plan, Preparation { existing, inputs, overwrite, store })?;
+    let (inputs, overwrite) = (vec![name.to_owned()], args.overwrite.overwrite);
+    let folder = StudyFolder::prepare(&output, &plan, Preparation { existing, inputs, overwrite })?;
     let words = plan.summary(of);
     Ok(Prepared { plan, folder, backends, places, words })
 }

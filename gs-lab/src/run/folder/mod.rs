@@ -9,16 +9,14 @@ use std::{
     collections::{BTreeMap, HashSet},
     fs,
     path::{Path, PathBuf},
-    sync::Arc,
     time::Duration,
 };
 
 use gs_core::{Image, SavedState};
 use gs_io::{Checkpoint, FolderClaim, Inputs, decode_checkpoint, encode_checkpoint, png_bytes};
 use gs_jobs::{
-    Claims, JobStore, Keep, Listing, Queue, State, StoreAddress, WorkSettings,
+    Claims, JobStore, Keep, Listing, Queue, State, WorkSettings,
     files::{self, RUNS},
-    store,
 };
 use serde::Serialize;
 
@@ -56,14 +54,11 @@ pub struct Preparation {
     pub inputs: Vec<PathBuf>,
     /// Whether files that no run wrote may be replaced.
     pub overwrite: bool,
-    /// The object store that records, claims, checkpoints and pictures go to; a study that is resumed
-    /// remembers its store.
-    pub store: Option<StoreAddress>,
 }
 
 impl From<Existing> for Preparation {
     fn from(existing: Existing) -> Self {
-        Self { existing, inputs: Vec::new(), overwrite: false, store: None }
+        Self { existing, inputs: Vec::new(), overwrite: false }
     }
 }
 
@@ -73,8 +68,8 @@ pub struct StudyFolder {
     path: PathBuf,
     /// The files of tables and report, which one process at a time writes.
     results: FolderClaim,
-    /// Where the files of the runs are: in the folder, or in an object store.
-    store: Arc<dyn JobStore>,
+    /// The files of the runs.
+    store: JobStore,
 }
 
 /// A run that a process has claimed.
@@ -99,13 +94,10 @@ impl StudyFolder {
     /// # Errors
     /// [`Error::Folder`] where the folder holds another study, or this one and `existing` is
     /// [`Existing::Refuse`], or cannot be written to; [`Error::Io`] where a file that no run wrote
-    /// would be replaced, or another process writes tables or a report there for minutes; [`Error::Jobs`]
-    /// where the store cannot be used.
+    /// would be replaced, or another process writes tables or a report there for minutes.
     pub fn prepare(path: &Path, plan: &Plan, how: impl Into<Preparation>) -> Result<Self, Error> {
-        let Preparation { existing, inputs, overwrite, store } = how.into();
+        let Preparation { existing, inputs, overwrite } = how.into();
         let is_held = refuse_held(path, plan, existing)?;
-        let store = store_of(path, is_held, store.as_ref())?;
-        store.as_ref().map_or(Ok(()), store::check)?;
         let read = plan.targets.iter().flat_map(StudyTarget::files);
         let inputs = Inputs::from_iter(read.chain(inputs));
         // When a study is resumed from the file in its own folder, that file stays as it is.
@@ -118,21 +110,19 @@ impl StudyFolder {
             // Another process may have prepared the folder since.
             refuse_held(path, plan, existing)?;
         }
-        let folder = Self { path: path.to_owned(), results, store: store::open(path, store.as_ref())? };
-        if store.is_none() {
-            for part in [folder.file(RUNS), folder.file(PICTURES)] {
-                fs::create_dir_all(&part).map_err(|source| Error::Path { path: part, source })?;
-            }
+        let folder = Self { path: path.to_owned(), results, store: JobStore::new(path) };
+        for part in [folder.file(RUNS), folder.file(PICTURES)] {
+            fs::create_dir_all(&part).map_err(|source| Error::Path { path: part, source })?;
         }
         let canonical = |path: &PathBuf| fs::canonicalize(path).unwrap_or_else(|_| path.clone());
         let found: BTreeMap<_, _> = plan.places().into_iter().map(|(name, path)| (name, canonical(path))).collect();
         write(&output, IMAGES, &json(&found))?;
-        write(&output, MACHINE, &json(&Origin::of(plan, store)))?;
+        write(&output, MACHINE, &json(&Origin::of(plan)))?;
         if !is_input {
             write(&output, STUDY, &plan.study.to_toml()?)?;
         }
         folder.sweep()?;
-        folder.at_once(|| run_files::remove_unfinished(&*folder.store))?;
+        run_files::remove_unfinished(&folder.store)?;
         Ok(folder)
     }
 
@@ -140,7 +130,7 @@ impl StudyFolder {
     /// `overwrite` says so.
     ///
     /// # Errors
-    /// [`Error::Folder`] where there is no study in it; [`Error::Jobs`] where its store cannot be used.
+    /// [`Error::Folder`] where there is no study in it.
     pub fn open(path: &Path, overwrite: bool) -> Result<Self, Error> {
         let study = path.join(STUDY);
         if !study.is_file() {
@@ -152,8 +142,7 @@ impl StudyFolder {
         }
         let inputs = Inputs::from_iter([&study]);
         let results = FolderClaim { inputs, overwrite, ..results_claim(path) };
-        let address = origin(path).and_then(|origin| origin.store);
-        Ok(Self { path: path.to_owned(), results, store: store::open(path, address.as_ref())? })
+        Ok(Self { path: path.to_owned(), results, store: JobStore::new(path) })
     }
 
     /// Fails where a plan's runs are not those that the folder was prepared for: where this is
@@ -183,7 +172,7 @@ impl StudyFolder {
     /// # Errors
     /// [`Error::Path`] and [`Error::Io`] where the folder cannot be read.
     pub fn running(&self, plan: &Plan) -> Result<Vec<RunningRun>, Error> {
-        let listing = Listing::of(&*self.store)?;
+        let listing = Listing::of(&self.store)?;
         let claims = self.claims(&WorkSettings::default());
         let claimed = plan.runs.iter().filter(|run| !listing.ended.contains(&run.address));
         let claimed = claimed.filter_map(|run| Some((run, *listing.claimed.get(&run.address)?)));
@@ -211,7 +200,7 @@ impl StudyFolder {
         for run in unread {
             let name = files::record(&run.address);
             // It may have been stored since the results were read.
-            if self.store.has(&name)? && self.record(run)?.is_none() {
+            if self.store.has(&name) && self.record(run)?.is_none() {
                 self.store.remove(&name)?;
                 rows.push(run.row);
             }
@@ -230,12 +219,6 @@ impl StudyFolder {
     /// Locks the folder's tables and report to write them. Waits where another process has them.
     pub(crate) fn lock_results(&self) -> Result<LockedResults<'_>, Error> {
         Ok(LockedResults { folder: self, output: begin(self.results.clone())? })
-    }
-
-    /// This folder with the files of its runs elsewhere.
-    #[cfg(all(test, feature = "object-store-tests"))]
-    pub(crate) fn with_store(self, store: Arc<dyn JobStore>) -> Self {
-        Self { store, ..self }
     }
 
     /// The folder's path.
@@ -259,17 +242,9 @@ impl StudyFolder {
         Some(self.origin()?.machine)
     }
 
+    /// What the results in the folder come from, if that was stored.
     fn origin(&self) -> Option<Origin> {
-        origin(&self.path)
-    }
-
-    /// Does what waits for many files, with as many threads as the store is worth.
-    pub(crate) fn at_once<T: Send>(&self, work: impl FnOnce() -> T + Send) -> T {
-        let pool = self.store.width().and_then(|width| rayon::ThreadPoolBuilder::new().num_threads(width).build().ok());
-        match pool {
-            Some(pool) => pool.install(work),
-            None => work(),
-        }
+        serde_json::from_slice(&fs::read(self.file(MACHINE)).ok()?).ok()
     }
 
     /// The path of the study file.
@@ -296,7 +271,7 @@ impl StudyFolder {
     /// # Errors
     /// [`Error::Path`] where the folder cannot be read.
     pub fn ended(&self) -> Result<HashSet<String>, Error> {
-        Ok(Listing::of(&*self.store)?.ended)
+        Ok(Listing::of(&self.store)?.ended)
     }
 
     /// Stores the record of a run. It is on the disk before this returns, so that a power cut does
@@ -366,25 +341,6 @@ impl StudyFolder {
         let (width, height) = picture.dimensions();
         let pixels = picture.pixels().map(|pixel| pixel.0.map(|value| f32::from(value) / 255.0));
         Image::from_pixels(width, height, pixels.collect()).ok()
-    }
-}
-
-/// What the results in a folder come from, if that was stored.
-fn origin(path: &Path) -> Option<Origin> {
-    serde_json::from_slice(&fs::read(path.join(MACHINE)).ok()?).ok()
-}
-
-/// The store of a study that is prepared: the one that is asked for, or that it has.
-fn store_of(path: &Path, is_held: bool, asked: Option<&StoreAddress>) -> Result<Option<StoreAddress>, Error> {
-    let held = is_held.then(|| origin(path)).flatten();
-    match (held.map(|origin| origin.store), asked) {
-        (None, asked) => Ok(asked.cloned()),
-        (Some(held), asked) if asked.is_none() || asked == held.as_ref() => Ok(held),
-        (Some(held), _) => Err(Error::Folder {
-            folder: path.to_owned(),
-            what: held.map_or_else(|| "has its runs in itself".to_owned(), |held| format!("has its runs in {held}")),
-            mend: "leave out --store, or choose another folder with --output",
-        }),
     }
 }
 

@@ -5,7 +5,6 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use crate::study::{Machine, Plan, VERSION};
-use gs_jobs::StoreAddress;
 
 /// What the results in a folder come from, in `machine.json`.
 #[derive(Debug, Serialize, Deserialize)]
@@ -18,16 +17,13 @@ pub(crate) struct Origin {
     /// Digests of the images or scenes by their names in the study.
     #[serde(default)]
     images: BTreeMap<String, String>,
-    /// Where the files of the runs are, if not in the folder.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) store: Option<StoreAddress>,
 }
 
 impl Origin {
-    /// The origin of a plan's results, whose files are in this store.
-    pub(crate) fn of(plan: &Plan, store: Option<StoreAddress>) -> Self {
+    /// The origin of a plan's results.
+    pub(crate) fn of(plan: &Plan) -> Self {
         let images = plan.targets.iter().map(|target| (target.name.clone(), target.digest.clone())).collect();
-        Self { machine: plan.machine.clone(), version: Some(VERSION.to_owned()), images, store }
+        Self { machine: plan.machine.clone(), version: Some(VERSION.to_owned()), images }
     }
 
     /// Fails where a plan's results come from something else, with the difference and what to do.

@@ -33,7 +33,7 @@ pub(crate) fn picture(address: &str, index: usize) -> String {
 ///
 /// # Errors
 /// [`Error::Jobs`] where the folder cannot be read or a file cannot be removed.
-pub(crate) fn remove_unfinished(store: &dyn JobStore) -> Result<(), Error> {
+pub(crate) fn remove_unfinished(store: &JobStore) -> Result<(), Error> {
     let names = store.names(RUNS)?;
     let records = names.par_iter().filter(|name| matches!(JobFile::of(name), Some(JobFile::Record(_))));
     records.map(|name| format!("{RUNS}/{name}")).try_for_each(|name| match is_finished(store, &name)? {
@@ -43,7 +43,7 @@ pub(crate) fn remove_unfinished(store: &dyn JobStore) -> Result<(), Error> {
 }
 
 /// Whether a file is the record of a run that finished. One that has just been removed counts as one.
-fn is_finished(store: &dyn JobStore, name: &str) -> Result<bool, Error> {
+fn is_finished(store: &JobStore, name: &str) -> Result<bool, Error> {
     if store.end(name, END_OF_FINISHED.len())?.is_none_or(|end| end == END_OF_FINISHED) {
         return Ok(true);
     }
